@@ -1,0 +1,54 @@
+//! Angles: wrapping, and the two places where degrees exist (reading and writing).
+//!
+//! Inside the crate every angle is in radians. Counter-clockwise is positive.
+
+use core::f64::consts::{PI, TAU};
+
+/// Wraps an angle to `[0, 2 pi)`.
+///
+/// An angle a rounding error below zero comes back as exactly 0, never as `2 pi`.
+#[must_use]
+pub fn wrap_positive(angle: f64) -> f64 {
+    let mut wrapped = libm::fmod(angle, TAU);
+    if wrapped < 0.0 {
+        wrapped += TAU;
+    }
+    if wrapped >= TAU { 0.0 } else { wrapped }
+}
+
+/// Wraps an angle to `(-pi, pi]`.
+#[must_use]
+pub fn wrap_signed(angle: f64) -> f64 {
+    let wrapped = wrap_positive(angle);
+    if wrapped > PI { wrapped - TAU } else { wrapped }
+}
+
+/// Degrees to radians.
+#[must_use]
+pub fn radians(degrees: f64) -> f64 {
+    degrees * (PI / 180.0)
+}
+
+/// Radians to degrees.
+#[must_use]
+pub fn degrees(radians: f64) -> f64 {
+    radians * (180.0 / PI)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn wrapping_stays_in_range_at_the_edges() {
+        for angle in [-1e-300, -1e-17, -TAU, TAU, 3.0 * TAU, -1e6, 1e6, 0.0] {
+            let positive = wrap_positive(angle);
+            assert!((0.0..TAU).contains(&positive), "{angle} wrapped to {positive}");
+            let signed = wrap_signed(angle);
+            assert!(signed > -PI && signed <= PI, "{angle} wrapped to {signed}");
+        }
+        assert_eq!(wrap_positive(-1e-17), 0.0);
+        assert_eq!(wrap_signed(PI), PI);
+        assert_eq!(wrap_signed(-PI), PI);
+    }
+}

@@ -1,0 +1,40 @@
+//! The one hash of growbot: CRC-64/XZ, for telling machines, plans and message schemas apart.
+//!
+//! It guards against mix-ups, not against malice.
+
+use crc::{CRC_64_XZ, Crc, Digest, Table};
+
+static CRC: Crc<u64, Table<1>> = Crc::<u64, Table<1>>::new(&CRC_64_XZ);
+
+/// A CRC-64/XZ under way.
+pub struct Hasher(Digest<'static, u64, Table<1>>);
+
+impl Default for Hasher {
+    fn default() -> Self {
+        Self(CRC.digest())
+    }
+}
+
+impl Hasher {
+    /// The hash of some bytes.
+    #[must_use]
+    pub fn of(bytes: &[u8]) -> u64 {
+        CRC.checksum(bytes)
+    }
+
+    /// Takes more bytes.
+    pub fn bytes(&mut self, bytes: &[u8]) {
+        self.0.update(bytes);
+    }
+
+    /// Takes a number, as its eight little-endian bytes: every bit counts.
+    pub fn f64(&mut self, value: f64) {
+        self.bytes(&value.to_le_bytes());
+    }
+
+    /// The hash of all that was taken.
+    #[must_use]
+    pub fn finish(self) -> u64 {
+        self.0.finalize()
+    }
+}

@@ -1,0 +1,204 @@
+//! How a growing tip moves: one step (Eq 4), a chain of steps (Eq 5), and the configuration-space rates (Eq 6).
+//!
+//! Del Dottore et al. 2019, Front. Robot. AI 6:45, in its corrected form. What the printed Eq 4 gets
+//! wrong: the group is SE(3), not SO(4); the first row has `C_phi`; the y translation is
+//! `s sin(b) (1 - cos phi) / phi`; and the matrix bends **towards** its angle, which is therefore
+//! the bend direction `b = alpha + pi`, opposite to the point of greatest deposition `alpha`.
+
+use nalgebra::{Matrix3, Rotation3, Translation3, Vector3};
+
+use crate::pose::{Frame, Pose};
+
+/// `tip_from_next_tip` of one step of growth (Eq 4, corrected).
+///
+/// - `alpha`: angle of greatest deposition from the tip's x axis, radians; the tip bends away from it.
+/// - `bend`: rotation within this step, radians. The radius of curvature is `length / bend`.
+/// - `length`: arc length of this step, mm.
+///
+/// Continuous in `bend` through 0, where it is a pure translation along z.
+///
+/// ```
+/// use growbot_core::kinematics::step;
+/// // A quarter circle of radius 100 mm with the material at alpha = 0 bends towards -x.
+/// let quarter = std::f64::consts::FRAC_PI_2;
+/// let tip_from_end = step(0.0, quarter, 100.0 * quarter);
+/// let end = tip_from_end.translation.vector;
+/// assert!((end - nalgebra::Vector3::new(-100.0, 0.0, 100.0)).norm() < 1e-12);
+/// ```
+#[must_use]
+pub fn step(alpha: f64, bend: f64, length: f64) -> Frame {
+    let (sin_alpha, cos_alpha) = libm::sincos(alpha);
+    // The bend direction is alpha + pi.
+    let (sin_b, cos_b) = (-sin_alpha, -cos_alpha);
+    let sin_bend = libm::sin(bend);
+    let half = libm::sin(0.5 * bend);
+    let versine = 2.0 * half * half; // 1 - cos(bend), without cancellation
+    let sideways = length * versine_ratio(bend);
+    #[rustfmt::skip]
+    let rotation = Matrix3::new(
+        1.0 - cos_b * cos_b * versine, -cos_b * sin_b * versine,      cos_b * sin_bend,
+        -cos_b * sin_b * versine,      1.0 - sin_b * sin_b * versine, sin_b * sin_bend,
+        -cos_b * sin_bend,             -sin_b * sin_bend,             1.0 - versine,
+    );
+    Frame::from_parts(
+        Translation3::new(cos_b * sideways, sin_b * sideways, length * sine_ratio(bend)),
+        Rotation3::from_matrix_unchecked(rotation),
+    )
+}
+
+/// Below this many radians the two ratios come from their series, whose first term left out is under 1e-20 there.
+const SERIES_BELOW: f64 = 0.01;
+
+/// `sin(x) / x`.
+fn sine_ratio(x: f64) -> f64 {
+    if x.abs() > SERIES_BELOW {
+        return libm::sin(x) / x;
+    }
+    let x2 = x * x;
+    1.0 - x2 / 6.0 * (1.0 - x2 / 20.0 * (1.0 - x2 / 42.0))
+}
+
+/// `(1 - cos(x)) / x`.
+fn versine_ratio(x: f64) -> f64 {
+    if x.abs() > SERIES_BELOW {
+        let half = libm::sin(0.5 * x);
+        return 2.0 * half * half / x;
+    }
+    let x2 = x * x;
+    0.5 * x * (1.0 - x2 / 12.0 * (1.0 - x2 / 30.0 * (1.0 - x2 / 56.0)))
+}
+
+/// `base_from_tip` at the end of a chain of steps (Eq 5), from `base_from_start` on.
+///
+/// Steps are `(alpha, bend, length)` as for [`step`].
+#[must_use]
+pub fn chain(base_from_start: &Frame, steps: impl IntoIterator<Item = (f64, f64, f64)>) -> Frame {
+    steps.into_iter().fold(*base_from_start, |base_from_tip, (alpha, bend, length)| base_from_tip * step(alpha, bend, length))
+}
+
+/// The configuration-space rates of a growing tip (Eq 6).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Rates {
+    /// Velocity of the tip, mm/s.
+    pub velocity: Vector3<f64>,
+    /// Rate of heading, rad/s.
+    pub heading: f64,
+    /// Rate of pitch, rad/s.
+    pub pitch: f64,
+}
+
+/// The inputs of the configuration-space model: growth velocity and the two steering rates, all signed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Inputs {
+    /// Growth velocity `g`, mm/s.
+    pub growth: f64,
+    /// `u1`, rate of heading, rad/s.
+    pub heading_rate: f64,
+    /// `u2`, rate of pitch, rad/s.
+    pub pitch_rate: f64,
+}
+
+impl Inputs {
+    /// The rates that these inputs give at a pose (Eq 6).
+    #[must_use]
+    pub fn rates(&self, pose: &Pose) -> Rates {
+        Rates { velocity: pose.direction() * self.growth, heading: self.heading_rate, pitch: self.pitch_rate }
+    }
+
+    /// How fast the tip turns at a given pitch, rad/s: `sqrt(u1^2 cos^2 gamma + u2^2)`.
+    #[must_use]
+    pub fn turning_rate(&self, pitch: f64) -> f64 {
+        libm::hypot(self.heading_rate * libm::cos(pitch), self.pitch_rate)
+    }
+
+    /// Whether a robot of this least radius (mm) can follow the inputs at this pitch (Eq 8, corrected).
+    ///
+    /// The printed box `|u_i| <= g / R_min` lets the curvature reach `sqrt(2) / R_min`; the bound that holds
+    /// couples the inputs: `u1^2 cos^2 gamma + u2^2 <= (g / R_min)^2`.
+    #[must_use]
+    pub fn within_curvature(&self, pitch: f64, least_radius: f64) -> bool {
+        self.turning_rate(pitch) * least_radius <= self.growth.abs()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use core::f64::consts::{FRAC_PI_2, PI, TAU};
+    use proptest::prelude::*;
+
+    /// Eq 4 the long way: turn to the bend direction, go round the centre of curvature, turn back.
+    fn step_by_composition(alpha: f64, bend: f64, length: f64) -> Frame {
+        let radius = length / bend;
+        let turn = Frame::rotation(Vector3::z() * (alpha + PI));
+        let to_centre = Frame::translation(radius, 0.0, 0.0);
+        let round = Frame::rotation(Vector3::y() * bend);
+        turn * to_centre * round * to_centre.inverse() * turn.inverse()
+    }
+
+    fn distance(a: &Frame, b: &Frame) -> f64 {
+        (a.to_homogeneous() - b.to_homogeneous()).norm()
+    }
+
+    proptest! {
+        #[test]
+        fn the_closed_form_is_the_composition(alpha in 0.0..TAU, bend in 1e-3..6.0, length in 0.01..500.0) {
+            prop_assert!(distance(&step(alpha, bend, length), &step_by_composition(alpha, bend, length)) < 1e-9);
+        }
+
+        #[test]
+        fn two_halves_make_a_whole(alpha in 0.0..TAU, bend in -6.0..6.0, length in 0.01..500.0) {
+            let half = step(alpha, 0.5 * bend, 0.5 * length);
+            prop_assert!(distance(&(half * half), &step(alpha, bend, length)) < 1e-10);
+        }
+
+        #[test]
+        fn nothing_jumps_where_the_series_take_over(alpha in 0.0..TAU, sign in prop_oneof![Just(1.0), Just(-1.0)]) {
+            let below = step(alpha, sign * SERIES_BELOW * (1.0 - 1e-12), 1.0);
+            let above = step(alpha, sign * SERIES_BELOW * (1.0 + 1e-12), 1.0);
+            prop_assert!(distance(&below, &above) < 1e-13);
+        }
+
+        #[test]
+        fn growth_never_rolls_the_tip(alpha in 0.0..TAU, bend in 0.0..3.0) {
+            // The rotation axis lies in the deposition plane, so the rotation has no component about z.
+            let rotation = step(alpha, bend, 1.0).rotation;
+            prop_assert!((rotation.matrix()[(0, 1)] - rotation.matrix()[(1, 0)]).abs() < 1e-15);
+        }
+    }
+
+    #[test]
+    fn no_bend_is_a_translation_along_z() {
+        let straight = step(1.0, 0.0, 3.0);
+        assert_eq!(straight.translation.vector, Vector3::new(0.0, 0.0, 3.0));
+        assert_eq!(straight.rotation.matrix(), &Matrix3::identity());
+    }
+
+    #[test]
+    fn steering_is_bounded_by_curvature_not_by_a_box() {
+        let growth = 0.043;
+        let greatest = growth / 98.2;
+        let corner = Inputs { growth, heading_rate: greatest, pitch_rate: greatest };
+        assert!(!corner.within_curvature(0.0, 98.2));
+        assert!(!corner.within_curvature(1.0, 98.2));
+        assert!(Inputs { pitch_rate: 0.0, ..corner }.within_curvature(0.0, 98.2));
+        // Near the vertical a change of heading costs no curvature.
+        assert!(Inputs { heading_rate: 100.0 * greatest, pitch_rate: 0.0, growth }.within_curvature(FRAC_PI_2, 98.2));
+    }
+
+    #[test]
+    fn rates_follow_a_step_to_first_order() {
+        let pose = Pose::from_degrees([10.0, 20.0, 30.0, 40.0, 50.0]).unwrap();
+        let inputs = Inputs { growth: 0.043, heading_rate: 2e-4, pitch_rate: -3e-4 };
+        let dt = 1e-3;
+        let rates = inputs.rates(&pose);
+        // In the tip frame a rising pitch turns towards -x and a rising heading towards +y.
+        let (towards_x, towards_y) = (-rates.pitch * dt, rates.heading * libm::cos(pose.pitch()) * dt);
+        let bend = libm::hypot(towards_x, towards_y);
+        let alpha = libm::atan2(towards_y, towards_x) + PI;
+        let next = Pose::from_frame(&(pose.frame() * step(alpha, bend, inputs.growth * dt)));
+        assert!((next.heading() - pose.heading() - rates.heading * dt).abs() < 1e-12);
+        assert!((next.pitch() - pose.pitch() - rates.pitch * dt).abs() < 1e-12);
+        assert!((next.position() - pose.position() - rates.velocity * dt).norm() < 1e-10);
+    }
+}

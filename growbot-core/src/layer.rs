@@ -1,0 +1,112 @@
+//! One layer: a ring of material laid in one turn of the head, higher on one side.
+//!
+//! A layer of mean height `h` tilted by `phi` has, at angle `psi` round the ring of radius `r_t`, the height
+//! `h(psi) = h + r_t phi cos(psi - alpha)`. Laying it moves the tip by one step of Eq 4: `step(alpha, phi, h)`.
+
+use crate::kinematics;
+use crate::pose::Frame;
+
+/// Sectors into which a turn of the head is divided: at the edges of each, head and feed stand exactly, to the step, where
+/// the closed form of [`Layer::share_of_material`] puts them; within each, both run evenly.
+pub const SECTORS: usize = 64;
+
+/// One layer.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Layer {
+    /// Angle of greatest deposition from the tip's x axis, `[0, 2 pi)`, radians; 0 where the layer is even.
+    pub alpha: f64,
+    /// Mean height, mm.
+    pub height: f64,
+    /// Tilt, radians, not negative.
+    pub tilt: f64,
+}
+
+/// Why a layer cannot be laid. Heights in mm, tilts in radians.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum LayerError {
+    /// A number is NaN or infinite.
+    #[error("the layer holds a number that is not finite")]
+    NotFinite,
+    /// The outer side would be higher than the nozzle can lay.
+    #[error("the layer is {height} mm high on its outer side; the robot lays {limit} mm at most")]
+    TooHigh {
+        /// Height of the outer side, mm.
+        height: f64,
+        /// The robot's limit, mm.
+        limit: f64,
+    },
+    /// The tilt is negative or greater than the robot can lay.
+    #[error("the layer tilts by {tilt} rad; the robot lays 0 to {limit} rad")]
+    Tilt {
+        /// The layer's tilt, radians.
+        tilt: f64,
+        /// The robot's limit, radians.
+        limit: f64,
+    },
+    /// The inner side would need no material, or less.
+    #[error("the layer is {height} mm high on its inner side; there must be some material all round")]
+    NoMaterial {
+        /// Height of the inner side, mm.
+        height: f64,
+    },
+}
+
+impl Layer {
+    /// Height at angle `psi` from the tip's x axis, on a ring of this radius, mm.
+    #[must_use]
+    pub fn height_at(&self, psi: f64, tip_radius: f64) -> f64 {
+        self.height + tip_radius * self.tilt * libm::cos(psi - self.alpha)
+    }
+
+    /// Height of the outer side of the bend, mm.
+    #[must_use]
+    pub fn greatest_height(&self, tip_radius: f64) -> f64 {
+        self.height + tip_radius * self.tilt
+    }
+
+    /// Height of the inner side of the bend, mm.
+    #[must_use]
+    pub fn least_height(&self, tip_radius: f64) -> f64 {
+        self.height - tip_radius * self.tilt
+    }
+
+    /// Share of the layer's material that lies between angle 0 and `psi` (0 to `2 pi`), 0 to 1:
+    /// `(h psi + r_t phi (sin(psi - alpha) + sin alpha)) / (2 pi h)`.
+    #[must_use]
+    pub fn share_of_material(&self, psi: f64, tip_radius: f64) -> f64 {
+        let lean = tip_radius * self.tilt * (libm::sin(psi - self.alpha) + libm::sin(self.alpha));
+        (psi + lean / self.height) / core::f64::consts::TAU
+    }
+
+    /// `tip_from_next_tip`: how laying this layer moves the tip (Eq 4).
+    #[must_use]
+    pub fn step(&self) -> Frame {
+        kinematics::step(self.alpha, self.tilt, self.height)
+    }
+}
+
+/// `base_from_tip` after laying these layers (Eq 5).
+#[must_use]
+pub fn grow(base_from_start: &Frame, layers: impl IntoIterator<Item = Layer>) -> Frame {
+    layers.into_iter().fold(*base_from_start, |base_from_tip, layer| base_from_tip * layer.step())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use core::f64::consts::TAU;
+
+    #[test]
+    fn the_share_of_material_is_the_integral_of_the_height() {
+        let (layer, tip_radius) = (Layer { alpha: 2.0, height: 0.77, tilt: 0.0077 }, 22.0);
+        assert_eq!(layer.share_of_material(0.0, tip_radius), 0.0);
+        assert!((layer.share_of_material(TAU, tip_radius) - 1.0).abs() < 1e-15);
+        let (mut sum, n) = (0.0, 20_000);
+        for i in 0..n {
+            let psi = TAU * (f64::from(i) + 0.5) / f64::from(n);
+            sum += layer.height_at(psi, tip_radius) / (layer.height * f64::from(n));
+            let upto = TAU * f64::from(i + 1) / f64::from(n);
+            assert!((layer.share_of_material(upto, tip_radius) - sum).abs() < 1e-8);
+        }
+    }
+}

@@ -1,0 +1,156 @@
+//! A layer in 12 bytes: what the link carries and the board holds.
+//!
+//! Three little-endian `u32` in fixed point: alpha in 2^-32 turns, height in 2^-24 mm, tilt in 2^-32 rad. Height and tilt
+//! of a segment are rarely a whole number of these units; the [`Encoder`] carries what it rounded off forward to the next
+//! layer, so that a path of any length is off by half a unit (30 pm, 0.1 nrad) and not by that for each layer.
+
+use crate::angle::wrap_positive;
+use crate::layer::{Layer, LayerError};
+use crate::robot::Robot;
+use crate::slicing::LIMIT_SLACK;
+
+/// A layer as it travels.
+pub type LayerBytes = [u8; 12];
+
+/// Units of height in a mm.
+pub const HEIGHT_UNITS: f64 = 16_777_216.0;
+/// Units of tilt in a radian.
+pub const TILT_UNITS: f64 = 4_294_967_296.0;
+/// Units of alpha in a turn.
+const ALPHA_UNITS: f64 = 4_294_967_296.0;
+
+/// Encodes layers one after the other, carrying the rounding forward.
+#[derive(Debug, Clone, Default)]
+pub struct Encoder {
+    height_owed: f64,
+    tilt_owed: f64,
+}
+
+/// Rounds to a `u32`, saturating.
+fn units(value: f64) -> u32 {
+    libm::rint(value) as u32
+}
+
+impl Encoder {
+    /// The next layer in bytes.
+    pub fn encode(&mut self, layer: &Layer) -> LayerBytes {
+        let wanted_height = layer.height * HEIGHT_UNITS + self.height_owed;
+        let wanted_tilt = layer.tilt * TILT_UNITS + self.tilt_owed;
+        let (height, tilt) = (units(wanted_height), units(wanted_tilt));
+        self.height_owed = wanted_height - f64::from(height);
+        self.tilt_owed = wanted_tilt - f64::from(tilt);
+        // A full turn is 0 again: the wrapping cast from u64 does that.
+        let alpha = libm::rint(wrap_positive(layer.alpha) / core::f64::consts::TAU * ALPHA_UNITS) as u64 as u32;
+        Fields { alpha, height, tilt }.to_bytes()
+    }
+}
+
+/// The three numbers of a layer in their units.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Fields {
+    /// 2^-32 turns.
+    pub alpha: u32,
+    /// 2^-24 mm.
+    pub height: u32,
+    /// 2^-32 rad.
+    pub tilt: u32,
+}
+
+impl Fields {
+    /// Takes the 12 bytes apart.
+    #[must_use]
+    pub fn of(bytes: &LayerBytes) -> Self {
+        let [a0, a1, a2, a3, h0, h1, h2, h3, t0, t1, t2, t3] = *bytes;
+        Self {
+            alpha: u32::from_le_bytes([a0, a1, a2, a3]),
+            height: u32::from_le_bytes([h0, h1, h2, h3]),
+            tilt: u32::from_le_bytes([t0, t1, t2, t3]),
+        }
+    }
+
+    /// Puts the 12 bytes together.
+    #[must_use]
+    pub fn to_bytes(self) -> LayerBytes {
+        let ([a0, a1, a2, a3], [h0, h1, h2, h3], [t0, t1, t2, t3]) =
+            (self.alpha.to_le_bytes(), self.height.to_le_bytes(), self.tilt.to_le_bytes());
+        [a0, a1, a2, a3, h0, h1, h2, h3, t0, t1, t2, t3]
+    }
+
+    /// The layer that these numbers mean.
+    #[must_use]
+    pub fn layer(&self) -> Layer {
+        Layer {
+            alpha: f64::from(self.alpha) / ALPHA_UNITS * core::f64::consts::TAU,
+            height: f64::from(self.height) / HEIGHT_UNITS,
+            tilt: f64::from(self.tilt) / TILT_UNITS,
+        }
+    }
+}
+
+/// The layer that 12 bytes mean.
+#[must_use]
+pub fn decode(bytes: &LayerBytes) -> Layer {
+    Fields::of(bytes).layer()
+}
+
+/// Decodes a layer that arrived and checks it against the robot's limits, allowing for one unit of rounding.
+///
+/// # Errors
+/// The limit that it breaks.
+pub fn decode_checked(bytes: &LayerBytes, robot: &Robot) -> Result<Layer, LayerError> {
+    let layer = decode(bytes);
+    let height_unit = 1.0 / (HEIGHT_UNITS * robot.description().layer.height_max_mm);
+    let tilt_unit = 1.0 / (TILT_UNITS * robot.greatest_tilt());
+    robot.check_layer(&layer, LIMIT_SLACK + height_unit + tilt_unit)?;
+    Ok(layer)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::robot_a;
+
+    #[test]
+    fn rounding_is_carried_and_never_adds_up() {
+        let layer = Layer { alpha: 1.234_567, height: 0.774 / 3.0, tilt: 0.007_74 / 7.0 };
+        let mut encoder = Encoder::default();
+        let (mut height, mut tilt) = (0.0, 0.0);
+        for i in 1..=100_000 {
+            let again = decode(&encoder.encode(&layer));
+            height += again.height;
+            tilt += again.tilt;
+            assert!((again.alpha - layer.alpha).abs() < 1e-9);
+            if i % 10_000 == 0 {
+                assert!((height - f64::from(i) * layer.height).abs() < 1e-7);
+                assert!((tilt - f64::from(i) * layer.tilt).abs() < 1e-9);
+            }
+        }
+    }
+
+    #[test]
+    fn a_layer_at_the_limit_passes_however_it_was_rounded() {
+        let robot = robot_a();
+        let curvature = 1.0 / 98.2;
+        let height = robot.greatest_mean_height(curvature) * (1.0 + LIMIT_SLACK);
+        let mut encoder = Encoder::default();
+        for _ in 0..1000 {
+            let bytes = encoder.encode(&Layer { alpha: 6.283_185_307, height, tilt: height * curvature });
+            decode_checked(&bytes, &robot).unwrap();
+        }
+    }
+
+    #[test]
+    fn any_bytes_decode_without_harm() {
+        for byte in [0x00, 0xff, 0x80] {
+            let _ = decode_checked(&[byte; 12], &robot_a());
+        }
+        assert_eq!(decode(&[0; 12]), Layer::default());
+        assert!(decode_checked(&[0; 12], &robot_a()).is_err());
+    }
+
+    #[test]
+    fn a_full_turn_is_encoded_as_none() {
+        let layer = Layer { alpha: core::f64::consts::TAU * (1.0 - 1e-16), height: 0.5, tilt: 0.001 };
+        assert_eq!(Fields::of(&Encoder::default().encode(&layer)).alpha, 0);
+    }
+}

@@ -1,0 +1,214 @@
+//! Frames: how a message travels as bytes.
+//!
+//! ```text
+//! COBS( version u8 | kind u8 | session u32 | seq u16 | ack u16 | body, up to 224 bytes | CRC-32C u32 ) 00
+//! ```
+//!
+//! Numbers are little-endian. A zero byte ends a frame and occurs nowhere inside it, so that a receiver finds its feet again
+//! at the next zero whatever came before. CRC-32C (Castagnoli) over everything before it keeps a Hamming distance of 6 at
+//! this length: any five flipped bits are seen.
+
+use crc::{CRC_32_ISCSI, Crc, Table};
+use heapless::Vec;
+
+static CRC: Crc<u32, Table<1>> = Crc::<u32, Table<1>>::new(&CRC_32_ISCSI);
+
+/// Version of the frame and of its header.
+pub const VERSION: u8 = 1;
+/// The longest body, bytes.
+pub const LONGEST_BODY: usize = 224;
+/// Version, kind, session, sequence number, acknowledgement.
+const HEADER: usize = 10;
+const CHECKSUM: usize = 4;
+/// The longest frame before COBS.
+const LONGEST_RAW: usize = HEADER + LONGEST_BODY + CHECKSUM;
+/// The longest frame on the wire: COBS adds one byte to up to 254, and the zero at the end.
+pub const LONGEST_FRAME: usize = LONGEST_RAW + 2;
+
+/// What a frame says about its message.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Header {
+    /// Which message the body is ([`super::message`]).
+    pub kind: u8,
+    /// The session that the host opened with its `Hello`; 0 for a board that knows none.
+    pub session: u32,
+    /// Number of this frame in its direction, wrapping.
+    pub seq: u16,
+    /// The sequence number of the frame that this one answers; 0 where it answers none.
+    pub ack: u16,
+}
+
+/// A frame that arrived whole.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Frame {
+    /// What it says about its message.
+    pub header: Header,
+    /// The message in postcard form.
+    pub body: Vec<u8, LONGEST_BODY>,
+}
+
+/// A frame as it travels, with its ending zero.
+pub type FrameBytes = Vec<u8, LONGEST_FRAME>;
+
+/// Why bytes are no frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum FrameError {
+    /// Not COBS, or too short, or the checksum does not match.
+    #[error("garbled frame: noise on the wire, a wrong baud rate, or no growbot at the other end")]
+    Garbled,
+    /// More bytes without a zero than a frame can have.
+    #[error("{LONGEST_FRAME} bytes without the end of a frame: a wrong baud rate, or no growbot at the other end")]
+    TooLong,
+    /// A whole frame of another version.
+    #[error("the other side speaks version {version} of the link, this one {VERSION}: flash or install the same release")]
+    Version {
+        /// The version of the frame.
+        version: u8,
+    },
+}
+
+/// Puts a message into a frame.
+///
+/// # Errors
+/// [`FrameError::TooLong`] for a body beyond [`LONGEST_BODY`].
+pub fn encode(header: &Header, body: &[u8]) -> Result<FrameBytes, FrameError> {
+    let mut raw: Vec<u8, LONGEST_RAW> = Vec::new();
+    let mut put = |bytes: &[u8]| raw.extend_from_slice(bytes).map_err(|_| FrameError::TooLong);
+    put(&[VERSION, header.kind])?;
+    put(&header.session.to_le_bytes())?;
+    put(&header.seq.to_le_bytes())?;
+    put(&header.ack.to_le_bytes())?;
+    if body.len() > LONGEST_BODY {
+        return Err(FrameError::TooLong);
+    }
+    put(body)?;
+    let checksum = CRC.checksum(&raw);
+    raw.extend_from_slice(&checksum.to_le_bytes()).map_err(|_| FrameError::TooLong)?;
+
+    let mut stuffed = [0; LONGEST_FRAME];
+    let length = cobs::try_encode(&raw, &mut stuffed).map_err(|_| FrameError::TooLong)?;
+    // The byte after the stuffed ones is still 0: the end of the frame.
+    let whole = stuffed.get(..=length).ok_or(FrameError::TooLong)?;
+    FrameBytes::from_slice(whole).map_err(|_| FrameError::TooLong)
+}
+
+/// Takes a frame apart. `bytes` are those between two zeros.
+fn decode(bytes: &mut [u8]) -> Result<Frame, FrameError> {
+    let length = cobs::decode_in_place(bytes).map_err(|_| FrameError::Garbled)?;
+    let raw = bytes.get(..length).ok_or(FrameError::Garbled)?;
+    let (content, checksum) = raw.split_last_chunk::<CHECKSUM>().ok_or(FrameError::Garbled)?;
+    if CRC.checksum(content) != u32::from_le_bytes(*checksum) {
+        return Err(FrameError::Garbled);
+    }
+    let (header, body) = content.split_first_chunk::<HEADER>().ok_or(FrameError::Garbled)?;
+    let [version, kind, s0, s1, s2, s3, q0, q1, a0, a1] = *header;
+    if version != VERSION {
+        return Err(FrameError::Version { version });
+    }
+    Ok(Frame {
+        header: Header {
+            kind,
+            session: u32::from_le_bytes([s0, s1, s2, s3]),
+            seq: u16::from_le_bytes([q0, q1]),
+            ack: u16::from_le_bytes([a0, a1]),
+        },
+        body: Vec::from_slice(body).map_err(|_| FrameError::Garbled)?,
+    })
+}
+
+/// Finds frames in a stream of bytes.
+#[derive(Debug, Clone, Default)]
+pub struct Receiver {
+    bytes: Vec<u8, LONGEST_FRAME>,
+    /// Too many bytes came without a zero: what is left of them is passed over.
+    overrun: bool,
+}
+
+impl Receiver {
+    /// Takes a byte. Where it ends a frame, that frame, or why it is none.
+    pub fn push(&mut self, byte: u8) -> Option<Result<Frame, FrameError>> {
+        if byte != 0 {
+            if self.bytes.push(byte).is_err() {
+                self.overrun = true;
+            }
+            return None;
+        }
+        let overrun = core::mem::take(&mut self.overrun);
+        if self.bytes.is_empty() {
+            return None; // zeros between frames are silence
+        }
+        let frame = if overrun { Err(FrameError::TooLong) } else { decode(&mut self.bytes) };
+        self.bytes.clear();
+        Some(frame)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use std::vec::Vec as StdVec;
+
+    fn receive(bytes: &[u8]) -> StdVec<Result<Frame, FrameError>> {
+        let mut receiver = Receiver::default();
+        bytes.iter().filter_map(|byte| receiver.push(*byte)).collect()
+    }
+
+    fn header() -> impl Strategy<Value = Header> {
+        (any::<u8>(), any::<u32>(), any::<u16>(), any::<u16>())
+            .prop_map(|(kind, session, seq, ack)| Header { kind, session, seq, ack })
+    }
+
+    proptest! {
+        #[test]
+        fn what_was_sent_arrives(header in header(), body in prop::collection::vec(any::<u8>(), 0..=LONGEST_BODY)) {
+            let bytes = encode(&header, &body).unwrap();
+            let frames = receive(&bytes);
+            prop_assert_eq!(frames.len(), 1);
+            let frame = frames[0].clone().unwrap();
+            prop_assert_eq!(frame.header, header);
+            prop_assert_eq!(&frame.body[..], &body[..]);
+        }
+
+        #[test]
+        fn a_flipped_bit_is_seen(body in prop::collection::vec(any::<u8>(), 0..=LONGEST_BODY), at in any::<prop::sample::Index>(), bit in 0..8) {
+            let header = Header { kind: 1, session: 2, seq: 3, ack: 4 };
+            let mut bytes = encode(&header, &body).unwrap();
+            let index = at.index(bytes.len());
+            bytes[index] ^= 1 << bit;
+            for frame in receive(&bytes) {
+                prop_assert!(frame.is_err());
+            }
+        }
+
+        #[test]
+        fn noise_is_no_frame_and_does_no_harm(noise in prop::collection::vec(any::<u8>(), 0..1000)) {
+            prop_assert!(receive(&noise).iter().all(Result::is_err));
+        }
+
+        #[test]
+        fn a_frame_after_noise_arrives(noise in prop::collection::vec(any::<u8>(), 0..600)) {
+            let header = Header { kind: 9, session: 8, seq: 7, ack: 6 };
+            let mut bytes = noise;
+            bytes.push(0);
+            bytes.extend_from_slice(&encode(&header, b"body").unwrap());
+            prop_assert_eq!(receive(&bytes).last().unwrap().as_ref().unwrap().header, header);
+        }
+    }
+
+    #[test]
+    fn a_body_too_long_is_refused() {
+        let header = Header { kind: 1, session: 2, seq: 3, ack: 4 };
+        assert_eq!(encode(&header, &[1; LONGEST_BODY + 1]), Err(FrameError::TooLong));
+        assert_eq!(encode(&header, &[1; LONGEST_BODY]).unwrap().len(), LONGEST_FRAME);
+    }
+
+    #[test]
+    fn another_version_is_told_apart_from_noise() {
+        let mut raw = std::vec![VERSION + 1, 1, 0, 0, 0, 0, 0, 0, 0, 0];
+        raw.extend_from_slice(&CRC.checksum(&raw).to_le_bytes());
+        let mut stuffed = [0; LONGEST_FRAME];
+        let length = cobs::try_encode(&raw, &mut stuffed).unwrap();
+        assert_eq!(receive(&stuffed[..=length]), [Err(FrameError::Version { version: VERSION + 1 })]);
+    }
+}

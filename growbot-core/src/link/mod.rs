@@ -1,0 +1,4 @@
+//! The link between host and board: frames of bytes, and the messages in them. PROTOCOL.md is the specification.
+
+pub mod frame;
+pub mod message;

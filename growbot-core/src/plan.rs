@@ -1,0 +1,223 @@
+//! Plans: from two poses and a radius to a path that has been checked to end at its goal.
+
+use crate::path::{Path, PathFull};
+use crate::pose::{Frame, Pose, angle_between, tip_direction};
+use crate::robot::Robot;
+use crate::two_plane::two_plane;
+
+/// How a path is found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize, postcard_schema::Schema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Planner {
+    /// The paper's: two planar Dubins paths ([`crate::two_plane`]).
+    TwoPlane,
+}
+
+/// Why there is no plan.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum PlanError {
+    /// The radius is below what the robot can bend to.
+    #[error("radius is {radius} mm, below R_min = {limit} mm of this robot: ask for at least that")]
+    RadiusTooSmall {
+        /// The radius asked for, mm.
+        radius: f64,
+        /// The robot's least radius, mm.
+        limit: f64,
+    },
+    /// The radius is not finite or absurdly large.
+    #[error("radius is {radius} mm: give a number up to {limit} mm")]
+    RadiusTooLarge {
+        /// The radius asked for, mm.
+        radius: f64,
+        /// The greatest that is taken, mm.
+        limit: f64,
+    },
+    /// The path found does not end at the goal.
+    #[error("the path found ends {distance} mm and {angle} rad from the goal, more than {limit} mm: please report these poses")]
+    Missed {
+        /// Distance from the goal, mm.
+        distance: f64,
+        /// Angle between the directions, radians.
+        angle: f64,
+        /// The greatest distance that is taken, mm.
+        limit: f64,
+    },
+    /// The path has more segments than a path holds.
+    #[error(transparent)]
+    TooManySegments(#[from] PathFull),
+}
+
+/// The greatest radius that is taken, mm (1 km).
+pub const GREATEST_RADIUS: f64 = 1e6;
+/// A path arrives if it ends within this of the goal, in radii and radians, for goals within 100 radii; beyond, in proportion.
+const ARRIVED: f64 = 1e-9;
+/// Segments shorter than this, in radii, are rounding...
+const SHORTEST_SEGMENT: f64 = 1e-9;
+/// ...if the path without them still ends within this of the goal, in radii and radians.
+const UNMOVED: f64 = 1e-11;
+
+/// How far a frame is from a goal.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Miss {
+    /// Distance, mm.
+    pub distance: f64,
+    /// Angle between the directions of growth, radians.
+    pub angle: f64,
+}
+
+/// How far a tip is from a goal.
+#[must_use]
+pub fn miss(base_from_tip: &Frame, goal: &Pose) -> Miss {
+    Miss {
+        distance: (base_from_tip.translation.vector - goal.position()).norm(),
+        angle: angle_between(&tip_direction(base_from_tip), &goal.direction()),
+    }
+}
+
+/// Plans a path of this radius (mm) and checks, by chaining Eq 4, that it ends at the goal.
+///
+/// # Errors
+/// A radius that the robot cannot bend to, or, never yet seen, a path that misses.
+pub fn plan(robot: &Robot, start: &Pose, goal: &Pose, radius: f64, planner: Planner) -> Result<Path, PlanError> {
+    let limit = robot.least_radius();
+    if radius < limit {
+        return Err(PlanError::RadiusTooSmall { radius, limit });
+    }
+    if !(radius <= GREATEST_RADIUS) {
+        return Err(PlanError::RadiusTooLarge { radius, limit: GREATEST_RADIUS });
+    }
+    let path = match planner {
+        Planner::TwoPlane => two_plane(start, goal, radius)?,
+    };
+    let scale = ((goal.position() - start.position()).norm() / (100.0 * radius)).max(1.0);
+    let within = |path: &Path, share: f64| {
+        let miss = miss(&path.end(&start.frame()), goal);
+        (miss.distance <= share * scale * radius && miss.angle <= share * scale, miss)
+    };
+    let short = path.filtered(|segment| segment.length() >= SHORTEST_SEGMENT * radius);
+    if short.segments().len() < path.segments().len() && within(&short, UNMOVED).0 {
+        return Ok(short);
+    }
+    match within(&path, ARRIVED) {
+        (true, _) => Ok(path),
+        (false, Miss { distance, angle }) => {
+            Err(PlanError::Missed { distance, angle, limit: ARRIVED * scale * radius })
+        }
+    }
+}
+
+/// What a plan asks of the robot.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Needs {
+    /// Arc length, mm.
+    pub length: f64,
+    /// Layers, by exact slicing.
+    pub layers: usize,
+    /// Time to lay them, s.
+    pub duration: f64,
+    /// Filament, mm.
+    pub filament: f64,
+}
+
+/// What a path asks of the robot: length, layers, time and filament.
+#[must_use]
+pub fn needs(path: &Path, robot: &Robot) -> Needs {
+    let layers = crate::slicing::layers(path, robot, crate::slicing::Slicing::Exact).size_hint().0;
+    let length = path.length();
+    Needs {
+        length,
+        layers,
+        duration: layers as f64 * robot.description().layer.period_s,
+        filament: length * robot.filament_per_length(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::robot_a;
+    use nalgebra::Vector3;
+    use proptest::prelude::*;
+
+    fn assert_plans(start: &Pose, goal: &Pose, radius: f64) -> Path {
+        let path = plan(&robot_a(), start, goal, radius, Planner::TwoPlane)
+            .unwrap_or_else(|error| panic!("{start:?} to {goal:?}: {error}"));
+        let miss = miss(&path.end(&start.frame()), goal);
+        assert!(miss.distance < 1e-6 && miss.angle < 1e-8, "{start:?} to {goal:?}: {miss:?}");
+        path
+    }
+
+    fn pose() -> impl Strategy<Value = Pose> {
+        (-2000.0..2000.0, -2000.0..2000.0, -2000.0..2000.0, -180.0..180.0, -90.0..90.0)
+            .prop_map(|(x, y, z, heading, pitch)| Pose::from_degrees([x, y, z, heading, pitch]).unwrap())
+    }
+
+    /// Directions that make planes degenerate, give or take a little.
+    fn special_angle() -> impl Strategy<Value = f64> {
+        let exact = prop::sample::select(std::vec![-180.0, -90.0, 0.0, 45.0, 90.0, 180.0]);
+        let off = prop_oneof![Just(0.0), -15.0..-5.0];
+        (exact, off, any::<bool>()).prop_map(|(angle, exponent, up)| {
+            let off = if exponent == 0.0 { 0.0 } else { libm::pow(10.0, exponent) };
+            if up { angle + off } else { angle - off }
+        })
+    }
+
+    fn special_pose() -> impl Strategy<Value = Pose> {
+        let coordinate = || prop_oneof![Just(0.0), Just(100.0), Just(-200.0), Just(4000.0), -1e-9..1e-9, -1e-3..1e-3];
+        (coordinate(), coordinate(), coordinate(), special_angle(), special_angle()).prop_map(|(x, y, z, heading, pitch)| {
+            Pose::from_degrees([x, y, z, heading, pitch.clamp(-90.0, 90.0)]).unwrap()
+        })
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(10_000))]
+
+        #[test]
+        fn random_poses_are_reached(start in pose(), goal in pose()) {
+            assert_plans(&start, &goal, 100.0);
+        }
+
+        #[test]
+        fn degenerate_poses_are_reached(start in special_pose(), goal in special_pose()) {
+            assert_plans(&start, &goal, 100.0);
+        }
+
+        #[test]
+        fn one_point_is_reached_in_any_direction(start in pose(), heading in special_angle(), pitch in -90.0..90.0) {
+            let goal = Pose::new(start.position(), heading, pitch / 57.3).unwrap();
+            assert_plans(&start, &goal, 98.2);
+        }
+
+        #[test]
+        fn goals_nearly_ahead_are_reached(start in pose(), distance in 0.0..4000.0, exponent in -16.0..0.0, side in -1.0..1.0) {
+            let off = libm::pow(10.0, exponent);
+            let across = start.frame().rotation * Vector3::new(side, 1.0, 0.0) * off;
+            let position = start.position() + start.direction() * distance + across;
+            let goal = Pose::new(position, start.heading() + off, start.pitch()).unwrap();
+            assert_plans(&start, &goal, 100.0);
+        }
+    }
+
+    #[test]
+    fn start_is_goal() {
+        let pose = Pose::from_degrees([1.0, 2.0, 3.0, 4.0, 5.0]).unwrap();
+        assert!(assert_plans(&pose, &pose, 100.0).segments().is_empty());
+    }
+
+    #[test]
+    fn straight_ahead_is_a_straight_line() {
+        let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
+        let goal = Pose::from_degrees([0.0, 0.0, 500.0, 0.0, 90.0]).unwrap();
+        assert!((assert_plans(&start, &goal, 100.0).length() - 500.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn what_cannot_be_bent_is_refused_with_the_limit() {
+        let pose = Pose::from_degrees([0.0; 5]).unwrap();
+        let refused = |radius| plan(&robot_a(), &pose, &pose, radius, Planner::TwoPlane).unwrap_err();
+        assert!(matches!(refused(98.1), PlanError::RadiusTooSmall { limit, .. } if (limit - 98.2).abs() < 1e-9));
+        assert!(matches!(refused(f64::NAN), PlanError::RadiusTooLarge { .. }));
+        assert!(matches!(refused(f64::INFINITY), PlanError::RadiusTooLarge { .. }));
+        assert!(matches!(refused(-1.0), PlanError::RadiusTooSmall { .. }));
+    }
+}

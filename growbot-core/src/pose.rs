@@ -1,0 +1,211 @@
+//! Poses and frames.
+//!
+//! A [`Pose`] is what a person asks for: a point and a direction. The direction of a tip with
+//! heading `theta` and pitch `gamma` is `(cos gamma cos theta, cos gamma sin theta, sin gamma)`.
+//!
+//! A [`Frame`] is what the robot has: `base_from_tip`, whose z axis is the direction of growth and
+//! whose x and y axes span the deposition plane. With no roll given, a pose's frame is
+//! `Rz(heading) * Ry(90 deg - pitch)`. Growth never rolls the tip about its own z, so from there
+//! on the frame is carried along the body without twist.
+
+use nalgebra::{IsometryMatrix3, Matrix3, Rotation3, Translation3, Vector3};
+
+use crate::angle::{degrees, radians, wrap_signed};
+
+/// A rigid transform, named by what it converts: `base_from_tip * point_in_tip`.
+pub type Frame = IsometryMatrix3<f64>;
+
+/// Where a tip is and which way it grows. Position in mm, angles in radians.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pose {
+    position: Vector3<f64>,
+    heading: f64,
+    pitch: f64,
+}
+
+/// Why a pose was refused.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum PoseError {
+    /// A field is NaN or infinite.
+    #[error("{field} is {value}: give a finite number")]
+    NotFinite {
+        /// Which of the five numbers.
+        field: &'static str,
+        /// What it was.
+        value: f64,
+    },
+    /// A coordinate lies further out than [`Pose::GREATEST_COORDINATE`].
+    #[error("{field} is {value} mm: keep coordinates within {limit} mm of the origin")]
+    TooFar {
+        /// Which coordinate.
+        field: &'static str,
+        /// What it was, mm.
+        value: f64,
+        /// The limit, mm.
+        limit: f64,
+    },
+    /// The pitch lies beyond straight up or straight down.
+    #[error("pitch is {value} deg: it must lie between -90 (straight down) and 90 (straight up)")]
+    Pitch {
+        /// What it was, degrees.
+        value: f64,
+    },
+}
+
+impl Pose {
+    /// The furthest coordinate that is taken, mm (10 km): beyond it a micrometre is no longer told apart reliably.
+    pub const GREATEST_COORDINATE: f64 = 1e7;
+
+    /// A pose from mm and radians. The heading is wrapped to `(-pi, pi]`.
+    ///
+    /// # Errors
+    /// Anything not finite, a coordinate beyond [`Self::GREATEST_COORDINATE`], a pitch beyond `+-pi/2`.
+    pub fn new(position: Vector3<f64>, heading: f64, pitch: f64) -> Result<Self, PoseError> {
+        let named = [("x", position.x), ("y", position.y), ("z", position.z), ("heading", heading), ("pitch", pitch)];
+        for (field, value) in named {
+            if !value.is_finite() {
+                return Err(PoseError::NotFinite { field, value });
+            }
+        }
+        for (field, value) in &named[..3] {
+            if value.abs() > Self::GREATEST_COORDINATE {
+                return Err(PoseError::TooFar { field, value: *value, limit: Self::GREATEST_COORDINATE });
+            }
+        }
+        if pitch.abs() > core::f64::consts::FRAC_PI_2 {
+            return Err(PoseError::Pitch { value: degrees(pitch) });
+        }
+        Ok(Self { position, heading: wrap_signed(heading), pitch })
+    }
+
+    /// A pose from five numbers as people write them: x, y, z in mm, heading and pitch in degrees.
+    ///
+    /// ```
+    /// use growbot_core::pose::Pose;
+    /// let up = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
+    /// assert!((up.direction() - nalgebra::Vector3::z()).norm() < 1e-15);
+    /// assert!(Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 91.0]).is_err());
+    /// ```
+    ///
+    /// # Errors
+    /// As [`Pose::new`].
+    pub fn from_degrees([x, y, z, heading, pitch]: [f64; 5]) -> Result<Self, PoseError> {
+        if pitch.is_finite() && pitch.abs() > 90.0 {
+            return Err(PoseError::Pitch { value: pitch });
+        }
+        Self::new(Vector3::new(x, y, z), radians(heading), radians(pitch))
+    }
+
+    /// The five numbers as people read them: x, y, z in mm, heading and pitch in degrees.
+    #[must_use]
+    pub fn to_degrees(&self) -> [f64; 5] {
+        [self.position.x, self.position.y, self.position.z, degrees(self.heading), degrees(self.pitch)]
+    }
+
+    /// The pose of a tip whose frame is known. Straight up or down, where a direction has no heading, it is 0.
+    #[must_use]
+    pub fn from_frame(base_from_tip: &Frame) -> Self {
+        let direction = tip_direction(base_from_tip);
+        Self {
+            position: base_from_tip.translation.vector,
+            heading: wrap_signed(libm::atan2(direction.y, direction.x)),
+            pitch: libm::atan2(direction.z, libm::hypot(direction.x, direction.y)),
+        }
+    }
+
+    /// Where the tip is, mm.
+    #[must_use]
+    pub fn position(&self) -> Vector3<f64> {
+        self.position
+    }
+
+    /// Heading in `(-pi, pi]`, radians: the direction's angle in the x-y plane.
+    #[must_use]
+    pub fn heading(&self) -> f64 {
+        self.heading
+    }
+
+    /// Pitch in `[-pi/2, pi/2]`, radians: the direction's angle above the x-y plane.
+    #[must_use]
+    pub fn pitch(&self) -> f64 {
+        self.pitch
+    }
+
+    /// The direction of growth, a unit vector.
+    #[must_use]
+    pub fn direction(&self) -> Vector3<f64> {
+        tip_direction(&self.frame())
+    }
+
+    /// `base_from_tip` with no roll: `Rz(heading) * Ry(90 deg - pitch)`.
+    #[must_use]
+    pub fn frame(&self) -> Frame {
+        let (sin_heading, cos_heading) = libm::sincos(self.heading);
+        let (sin_pitch, cos_pitch) = libm::sincos(self.pitch);
+        #[rustfmt::skip]
+        let rotation = Matrix3::new(
+            cos_heading * sin_pitch, -sin_heading, cos_heading * cos_pitch,
+            sin_heading * sin_pitch,  cos_heading, sin_heading * cos_pitch,
+            -cos_pitch,               0.0,         sin_pitch,
+        );
+        Frame::from_parts(Translation3::from(self.position), Rotation3::from_matrix_unchecked(rotation))
+    }
+}
+
+/// The direction of growth of a tip: the z axis of its frame.
+#[must_use]
+pub fn tip_direction(base_from_tip: &Frame) -> Vector3<f64> {
+    base_from_tip.rotation.matrix().column(2).into_owned()
+}
+
+/// The angle between two unit vectors, radians, exact near 0 and near pi.
+#[must_use]
+pub fn angle_between(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
+    libm::atan2(a.cross(b).norm(), a.dot(b))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn a_frame_gives_its_pose_back(x in -1e4..1e4, heading in -179.9..180.0, pitch in -89.9..89.9) {
+            let pose = Pose::from_degrees([x, 2.0, 3.0, heading, pitch]).unwrap();
+            let again = Pose::from_frame(&pose.frame());
+            prop_assert!((again.heading() - pose.heading()).abs() < 1e-12);
+            prop_assert!((again.pitch() - pose.pitch()).abs() < 1e-12);
+            prop_assert_eq!(again.position(), pose.position());
+        }
+
+        #[test]
+        fn the_frame_is_rz_times_ry(heading in -180.0..180.0, pitch in -90.0..90.0) {
+            let pose = Pose::from_degrees([0.0, 0.0, 0.0, heading, pitch]).unwrap();
+            let expected = Rotation3::from_axis_angle(&Vector3::z_axis(), pose.heading())
+                * Rotation3::from_axis_angle(&Vector3::y_axis(), core::f64::consts::FRAC_PI_2 - pose.pitch());
+            prop_assert!((pose.frame().rotation.matrix() - expected.matrix()).norm() < 1e-14);
+        }
+    }
+
+    #[test]
+    fn straight_up_the_heading_still_sets_the_frame() {
+        let pose = Pose::from_degrees([0.0, 0.0, 0.0, 90.0, 90.0]).unwrap();
+        let x_axis = pose.frame().rotation * Vector3::x();
+        assert!((x_axis - Vector3::y()).norm() < 1e-15);
+    }
+
+    #[test]
+    fn what_is_no_pose_is_refused_with_its_value() {
+        assert!(matches!(Pose::from_degrees([0.0, f64::NAN, 0.0, 0.0, 0.0]), Err(PoseError::NotFinite { field: "y", .. })));
+        assert!(matches!(Pose::from_degrees([0.0, 0.0, 2e7, 0.0, 0.0]), Err(PoseError::TooFar { field: "z", .. })));
+        assert!(matches!(Pose::from_degrees([0.0, 0.0, 0.0, 0.0, -90.5]), Err(PoseError::Pitch { value: -90.5 })));
+    }
+
+    #[test]
+    fn the_angle_between_directions_is_exact_at_both_ends() {
+        let tilted = Vector3::new(1e-9, 0.0, 1.0);
+        assert!((angle_between(&Vector3::z(), &tilted) - 1e-9).abs() < 1e-20);
+        assert_eq!(angle_between(&Vector3::z(), &-Vector3::z()), core::f64::consts::PI);
+    }
+}

@@ -1,0 +1,47 @@
+//! Why a robot description was refused.
+
+/// Why a robot description was refused: the field, its value, the limit, and what to do.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum RobotError {
+    /// A number is NaN or infinite.
+    #[error("{field} is {value}: give a finite number")]
+    NotFinite {
+        /// The field, as written in a robot file.
+        field: &'static str,
+        /// What it was.
+        value: f64,
+    },
+    /// A number is too small.
+    #[error("{field} is {value}, below {limit}: {advice}")]
+    TooSmall {
+        /// The field, as written in a robot file.
+        field: &'static str,
+        /// What it was.
+        value: f64,
+        /// The least that is taken.
+        limit: f64,
+        /// Where the limit comes from and what to do.
+        advice: &'static str,
+    },
+    /// A number is too large.
+    #[error("{field} is {value}, above {limit}: {advice}")]
+    TooLarge {
+        /// The field, as written in a robot file.
+        field: &'static str,
+        /// What it was.
+        value: f64,
+        /// The greatest that is taken.
+        limit: f64,
+        /// Where the limit comes from and what to do.
+        advice: &'static str,
+    },
+    /// The name has a character that would not survive in a file name or a command.
+    #[error("name may hold lower-case letters, digits and hyphens only, and not be empty: rename the robot")]
+    Name,
+    /// Too long to encode.
+    #[error("the description does not fit its 512 bytes: shorten the name")]
+    TooLong,
+    /// The bytes are not a description at all.
+    #[error("the bytes are no robot description of this version: build the firmware and the desktop from the same source")]
+    Unreadable,
+}

@@ -1,0 +1,172 @@
+//! A robot: its description as written, and the validated [`Robot`] that everything else takes.
+//!
+//! A [`RobotDescription`] is what a robot file says, in mm, degrees, seconds and degrees Celsius. [`Robot::new`] checks
+//! it once; after that no code needs to ask again whether a radius is positive or a limit makes sense.
+
+mod description;
+mod error;
+mod validate;
+
+pub use description::{
+    Feed, FeedStrategy, Geometry, Head, Heater, LayerDescription, Motion, RobotDescription, Thermistor, Wall,
+};
+pub use error::RobotError;
+
+use crate::angle::radians;
+use crate::curvature::{greatest_mean_height, least_radius_of_geometry, least_radius_of_layers};
+use crate::hash::Hasher;
+use crate::layer::{Layer, LayerError};
+
+/// A robot whose description has been checked.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Robot {
+    description: RobotDescription,
+    hash: u64,
+}
+
+/// The longest description in postcard form, bytes.
+pub const LONGEST_ENCODED: usize = 512;
+
+impl Robot {
+    /// Checks a description.
+    ///
+    /// # Errors
+    /// The first field that is not finite, not of its range, or at odds with another, with its value and limit.
+    pub fn new(description: RobotDescription) -> Result<Self, RobotError> {
+        validate::check(&description)?;
+        let mut bytes = [0; LONGEST_ENCODED];
+        let encoded = postcard::to_slice(&description, &mut bytes).map_err(|_| RobotError::TooLong)?;
+        let hash = Hasher::of(encoded);
+        Ok(Self { description, hash })
+    }
+
+    /// Reads the postcard form that a board carries ([`Robot::encode`]).
+    ///
+    /// # Errors
+    /// [`RobotError::Unreadable`] where the bytes are no description; else as [`Robot::new`].
+    pub fn decode(bytes: &[u8]) -> Result<Self, RobotError> {
+        Self::new(postcard::from_bytes(bytes).map_err(|_| RobotError::Unreadable)?)
+    }
+
+    /// The postcard form of the description: what a board carries and what [`Robot::hash`] is taken over.
+    ///
+    /// # Errors
+    /// [`RobotError::TooLong`] where `buffer` (up to [`LONGEST_ENCODED`] bytes are needed) is too short.
+    pub fn encode<'a>(&self, buffer: &'a mut [u8]) -> Result<&'a [u8], RobotError> {
+        postcard::to_slice(&self.description, buffer).map(|bytes| &*bytes).map_err(|_| RobotError::TooLong)
+    }
+
+    /// The description that was checked.
+    #[must_use]
+    pub fn description(&self) -> &RobotDescription {
+        &self.description
+    }
+
+    /// The robot's name.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.description.name
+    }
+
+    /// CRC-64 over the postcard form of the whole description: equal hashes mean the same machine.
+    #[must_use]
+    pub fn hash(&self) -> u64 {
+        self.hash
+    }
+
+    /// `r_t`, from the centreline to where material is laid, mm.
+    #[must_use]
+    pub fn tip_radius(&self) -> f64 {
+        self.description.geometry.tip_radius_mm
+    }
+
+    /// The greatest tilt of a layer, radians.
+    #[must_use]
+    pub fn greatest_tilt(&self) -> f64 {
+        radians(self.description.layer.tilt_max_deg)
+    }
+
+    /// The least radius by the mechanics (Eq 7), mm.
+    #[must_use]
+    pub fn least_radius_of_geometry(&self) -> f64 {
+        let geometry = &self.description.geometry;
+        least_radius_of_geometry(geometry.tip_radius_mm, geometry.inner_radius_mm, geometry.inner_length_mm)
+    }
+
+    /// The least radius by the limits of a layer, mm.
+    #[must_use]
+    pub fn least_radius_of_layers(&self) -> f64 {
+        let layer = &self.description.layer;
+        let tilt_max = self.greatest_tilt();
+        least_radius_of_layers(self.tip_radius(), layer.height_mm, layer.height_min_mm, layer.height_max_mm, tilt_max)
+    }
+
+    /// The least radius of the centreline, mm: the larger of mechanics and layers.
+    #[must_use]
+    pub fn least_radius(&self) -> f64 {
+        self.least_radius_of_geometry().max(self.least_radius_of_layers())
+    }
+
+    /// The highest mean height of a layer on a bend of this curvature (1/mm), mm.
+    #[must_use]
+    pub fn greatest_mean_height(&self, curvature: f64) -> f64 {
+        let layer = &self.description.layer;
+        let tilt_max = self.greatest_tilt();
+        greatest_mean_height(self.tip_radius(), layer.height_mm, layer.height_max_mm, tilt_max, curvature)
+    }
+
+    /// Whether this layer can be laid: nowhere above the greatest height or tilt, and material all round.
+    ///
+    /// `slack` is how far a limit may be passed to allow for rounding, as a share of it. A layer thinner than the
+    /// least height is worth a warning and can be laid; one that would need negative material cannot.
+    ///
+    /// # Errors
+    /// The limit that the layer breaks, with the value.
+    pub fn check_layer(&self, layer: &Layer, slack: f64) -> Result<(), LayerError> {
+        let limits = &self.description.layer;
+        if !(layer.alpha.is_finite() && layer.height.is_finite() && layer.tilt.is_finite()) {
+            return Err(LayerError::NotFinite);
+        }
+        if layer.tilt < 0.0 {
+            return Err(LayerError::Tilt { tilt: layer.tilt, limit: 0.0 });
+        }
+        let tilt_max = self.greatest_tilt();
+        if layer.tilt > tilt_max * (1.0 + slack) {
+            return Err(LayerError::Tilt { tilt: layer.tilt, limit: tilt_max });
+        }
+        let outer = layer.greatest_height(self.tip_radius());
+        if outer > limits.height_max_mm * (1.0 + slack) {
+            return Err(LayerError::TooHigh { height: outer, limit: limits.height_max_mm });
+        }
+        let inner = layer.least_height(self.tip_radius());
+        if inner <= 0.0 {
+            return Err(LayerError::NoMaterial { height: inner });
+        }
+        Ok(())
+    }
+
+    /// Cross-section of the printed wall, mm^2: a ring of mean radius `r_t`.
+    #[must_use]
+    pub fn wall_area(&self) -> f64 {
+        core::f64::consts::TAU * self.tip_radius() * self.description.wall.width_mm
+    }
+
+    /// Cross-section of the filament, mm^2.
+    #[must_use]
+    pub fn filament_area(&self) -> f64 {
+        let diameter = self.description.feed.filament_diameter_mm;
+        core::f64::consts::FRAC_PI_4 * diameter * diameter
+    }
+
+    /// Filament for a mm of body, mm.
+    #[must_use]
+    pub fn filament_per_length(&self) -> f64 {
+        self.wall_area() / self.filament_area()
+    }
+
+    /// Feed steps for a mm of body.
+    #[must_use]
+    pub fn feed_steps_per_length(&self) -> f64 {
+        self.filament_per_length() * self.description.feed.steps_per_mm
+    }
+}

@@ -1,0 +1,176 @@
+//! The checks of a robot description, in the order in which a person would fix what they find.
+
+use super::{RobotDescription, RobotError};
+use crate::angle::radians;
+use crate::curvature::{least_radius_of_geometry, least_radius_of_layers};
+use crate::layer::SECTORS;
+
+/// No size of a robot is taken beyond this, mm.
+const GREATEST_SIZE: f64 = 1e4;
+/// Nothing about a robot is smaller than this, mm.
+const LEAST_SIZE: f64 = 1e-3;
+
+/// A field with its name and value, and the checks on it.
+struct Field(&'static str, f64);
+
+impl Field {
+    fn between(&self, least: f64, greatest: f64, advice: &'static str) -> Result<(), RobotError> {
+        let &Self(field, value) = self;
+        if !value.is_finite() {
+            return Err(RobotError::NotFinite { field, value });
+        }
+        if value < least {
+            return Err(RobotError::TooSmall { field, value, limit: least, advice });
+        }
+        if value > greatest {
+            return Err(RobotError::TooLarge { field, value, limit: greatest, advice });
+        }
+        Ok(())
+    }
+
+    fn size(&self) -> Result<(), RobotError> {
+        self.between(LEAST_SIZE, GREATEST_SIZE, "sizes are in mm; check the unit")
+    }
+}
+
+/// Checks everything; the first finding is the error.
+pub(super) fn check(robot: &RobotDescription) -> Result<(), RobotError> {
+    let plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-';
+    if robot.name.is_empty() || !robot.name.chars().all(plain) {
+        return Err(RobotError::Name);
+    }
+    check_geometry(robot)?;
+    check_layer(robot)?;
+    check_radius(robot)?;
+    check_motors(robot)?;
+    check_heater(robot)?;
+    check_step_rates(robot)
+}
+
+fn check_geometry(robot: &RobotDescription) -> Result<(), RobotError> {
+    let geometry = &robot.geometry;
+    Field("geometry.tip_radius_mm", geometry.tip_radius_mm).size()?;
+    Field("geometry.inner_radius_mm", geometry.inner_radius_mm).size()?;
+    Field("geometry.inner_length_mm", geometry.inner_length_mm).size()?;
+    if geometry.tip_radius_mm <= geometry.inner_radius_mm {
+        return Err(RobotError::TooSmall {
+            field: "geometry.tip_radius_mm",
+            value: geometry.tip_radius_mm,
+            limit: geometry.inner_radius_mm,
+            advice: "the tube (r_t) must be wider than the parts inside it (geometry.inner_radius_mm, r_r)",
+        });
+    }
+    Field("wall.width_mm", robot.wall.width_mm).between(
+        LEAST_SIZE,
+        geometry.tip_radius_mm,
+        "the wall must be thinner than the tip's radius",
+    )
+}
+
+fn check_layer(robot: &RobotDescription) -> Result<(), RobotError> {
+    let layer = &robot.layer;
+    Field("layer.height_mm", layer.height_mm).size()?;
+    Field("layer.height_min_mm", layer.height_min_mm).between(
+        LEAST_SIZE,
+        layer.height_mm * (1.0 - 1e-6),
+        "the least height must be positive and below layer.height_mm",
+    )?;
+    // 255 mm is what a layer's bytes on the link can say.
+    Field("layer.height_max_mm", layer.height_max_mm).between(
+        layer.height_mm,
+        255.0,
+        "the greatest height lies between layer.height_mm and what the link carries",
+    )?;
+    Field("layer.tilt_max_deg", layer.tilt_max_deg).between(1e-3, 57.0, "a layer's tilt lies between 0.001 and 57 degrees")?;
+    Field("layer.period_s", layer.period_s).between(1e-3, 86_400.0, "a layer takes between a millisecond and a day")
+}
+
+fn check_radius(robot: &RobotDescription) -> Result<(), RobotError> {
+    let (geometry, layer) = (&robot.geometry, &robot.layer);
+    let by_geometry =
+        least_radius_of_geometry(geometry.tip_radius_mm, geometry.inner_radius_mm, geometry.inner_length_mm);
+    let by_layers = least_radius_of_layers(
+        geometry.tip_radius_mm,
+        layer.height_mm,
+        layer.height_min_mm,
+        layer.height_max_mm,
+        radians(layer.tilt_max_deg),
+    );
+    Field("planning_radius_mm", robot.planning_radius_mm).between(
+        by_geometry.max(by_layers),
+        GREATEST_SIZE,
+        "the radius of plans cannot be below R_min, the larger of what the mechanics (Eq 7) and the layers allow",
+    )
+}
+
+fn check_motors(robot: &RobotDescription) -> Result<(), RobotError> {
+    let (motion, head, feed) = (&robot.motion, &robot.head, &robot.feed);
+    Field("motion.tick_hz", f64::from(motion.tick_hz)).between(100.0, 1e6, "the step interrupt runs at 100 Hz to 1 MHz")?;
+    Field("head.steps_per_turn", f64::from(head.steps_per_turn)).between(8.0, 1e6, "a turn takes 8 to 1,000,000 steps")?;
+    Field("head.homing_turns_per_s", head.homing_turns_per_s).between(
+        1e-4,
+        f64::from(motion.tick_hz) / (2.0 * f64::from(head.steps_per_turn)),
+        "homing takes a step every two ticks at most: lower it, lower head.steps_per_turn or raise motion.tick_hz",
+    )?;
+    Field("head.index_angle_deg", head.index_angle_deg).between(-360.0, 360.0, "an angle within one turn")?;
+    Field("head.index_width_deg", head.index_width_deg).between(
+        2.0 * 360.0 / f64::from(head.steps_per_turn),
+        180.0,
+        "the index mark spans two head steps at least and half a turn at most",
+    )?;
+    Field("feed.steps_per_mm", feed.steps_per_mm).between(1e-3, 1e6, "steps of the feed motor for a mm of filament")?;
+    Field("feed.filament_diameter_mm", feed.filament_diameter_mm).size()
+}
+
+fn check_heater(robot: &RobotDescription) -> Result<(), RobotError> {
+    let (heater, thermistor) = (&robot.heater, &robot.thermistor);
+    Field("heater.max_c", heater.max_c).between(40.0, 500.0, "the limit of the nozzle lies between 40 and 500 C")?;
+    Field("heater.target_c", heater.target_c).between(
+        30.0,
+        heater.max_c - 5.0,
+        "the target must stay 5 C below heater.max_c and above 30 C",
+    )?;
+    Field("heater.extrusion_min_c", heater.extrusion_min_c).between(
+        25.0,
+        heater.target_c - heater.band_c,
+        "filament is fed above this: it must lie below the target by heater.band_c at least",
+    )?;
+    Field("heater.band_c", heater.band_c).between(0.1, 20.0, "the band round the target, in degrees")?;
+    Field("heater.heating_timeout_s", heater.heating_timeout_s).between(1.0, 3600.0, "seconds from cold to hot")?;
+    Field("heater.kp", heater.kp).between(1e-9, 100.0, "duty per degree; heating needs a positive gain")?;
+    Field("heater.ki", heater.ki).between(0.0, 100.0, "duty per degree and second")?;
+    Field("heater.kd", heater.kd).between(0.0, 100.0, "duty per degree a second")?;
+    Field("heater.power_w", heater.power_w).between(0.1, 10_000.0, "watts at full duty")?;
+    Field("heater.heat_capacity_j_per_k", heater.heat_capacity_j_per_k).between(0.01, 1e5, "joules per kelvin")?;
+    Field("heater.loss_w_per_k", heater.loss_w_per_k).between(1e-6, 1e3, "watts per kelvin")?;
+    Field("thermistor.r25_ohm", thermistor.r25_ohm).between(10.0, 1e7, "ohms at 25 C")?;
+    Field("thermistor.beta_k", thermistor.beta_k).between(500.0, 10_000.0, "kelvin")?;
+    Field("thermistor.pull_up_ohm", thermistor.pull_up_ohm).between(10.0, 1e7, "ohms")
+}
+
+/// The step interrupt must carry the busiest sector of the steepest layer.
+fn check_step_rates(robot: &RobotDescription) -> Result<(), RobotError> {
+    let layer = &robot.layer;
+    let ticks = layer.period_s * f64::from(robot.motion.tick_hz);
+    Field("layer.period_s * motion.tick_hz", ticks).between(
+        4.0 * f64::from(SECTORS as u32),
+        f64::from(u32::MAX / 4),
+        "a layer takes at least four ticks a sector: raise motion.tick_hz",
+    )?;
+    // Share of the busiest sector in the layer's plastic, relative to an even one.
+    let lean = robot.geometry.tip_radius_mm / robot.planning_radius_mm;
+    let sectors = SECTORS as f64;
+    let ticks_a_sector = libm::floor(ticks / sectors);
+    let filament_area = core::f64::consts::FRAC_PI_4 * robot.feed.filament_diameter_mm * robot.feed.filament_diameter_mm;
+    let wall_area = core::f64::consts::TAU * robot.geometry.tip_radius_mm * robot.wall.width_mm;
+    let feed_steps = layer.height_mm * wall_area / filament_area * robot.feed.steps_per_mm;
+    let head_steps = f64::from(robot.head.steps_per_turn);
+    let (head_ticks, feed_peak) = match robot.motion.strategy {
+        super::FeedStrategy::Feed => (ticks_a_sector, feed_steps * (1.0 + lean)),
+        super::FeedStrategy::Speed => (libm::floor(ticks / sectors * (1.0 - lean)), feed_steps),
+    };
+    let busiest = |steps: f64| libm::floor(steps / sectors) + 1.0;
+    let advice = "the step interrupt makes a step every two ticks at most: lower the steps, raise motion.tick_hz or layer.period_s";
+    Field("head steps in the busiest sector", busiest(head_steps)).between(0.0, libm::floor(head_ticks / 2.0), advice)?;
+    Field("feed steps in the busiest sector", busiest(feed_peak)).between(0.0, libm::floor(ticks_a_sector / 2.0), advice)
+}

@@ -1,0 +1,129 @@
+//! The paper's planner: two planar paths that meet on the line from start to goal.
+//!
+//! Del Dottore et al. 2019, Eqs 9 to 25, after Babaei and Mortazavi 2010. The line from start to goal, of direction `v_se`,
+//! lies in two planes: one holds the start's direction `v_s`, the other the goal's `v_e`. A waypoint on the line
+//! (Eqs 12 to 14) is reached in the first plane with direction `v_se`, and left in the second. Each half is a planar
+//! Dubins path.
+//!
+//! Corrected, or closed where the paper leaves a gap:
+//! - A direction parallel to the line spans no plane (Eqs 9, 10): then the other pose's plane serves, so that the path
+//!   stays planar; if that has none either, any plane that holds the line.
+//! - In the first plane `v_se` lies at *minus* the angle of Eq 23; here headings come from components, by `atan2`.
+//! - The point of deposition (Eq 25) comes from the bend direction in the tip's frame: `alpha = bend direction + pi`.
+//! - Where start and goal are one point there is no line: one plane that holds both directions serves.
+
+use nalgebra::Vector3;
+
+use crate::angle::wrap_positive;
+use crate::dubins2::{self, Direction, PlanarPose};
+use crate::path::{Path, PathFull, Segment};
+use crate::pose::{Frame, Pose, tip_direction};
+
+/// Start and goal this near each other (radii) are one point.
+const ONE_POINT: f64 = 1e-12;
+/// Unit vectors whose cross product is below this are parallel: the plane they span is nothing but rounding.
+const PARALLEL: f64 = 1e-12;
+
+/// The two-plane path of a given radius (mm).
+///
+/// # Errors
+/// Only if a path could not hold its at most six segments.
+pub fn two_plane(start: &Pose, goal: &Pose, radius: f64) -> Result<Path, PathFull> {
+    let (from, to) = (start.direction(), goal.direction());
+    let offset = (goal.position() - start.position()) / radius;
+    let distance = offset.norm();
+    let mut builder = Builder { path: Path::new(), base_from_tip: start.frame(), radius };
+    if distance <= ONE_POINT {
+        let normal = normal(&from, &to).unwrap_or_else(|| any_normal(&from));
+        builder.planar(&from, &normal, &offset, &to)?;
+        return Ok(builder.path);
+    }
+    let along = offset / distance;
+    let (start_normal, goal_normal) = (normal(&from, &along), normal(&along, &to));
+    let fallback = any_normal(&along);
+    let first = start_normal.or(goal_normal).unwrap_or(fallback);
+    let second = goal_normal.or(start_normal).unwrap_or(fallback);
+    let to_waypoint = waypoint_distance(&from, &along);
+    builder.planar(&from, &first, &(along * to_waypoint), &along)?;
+    builder.planar(&along, &second, &(along * (distance - to_waypoint)), &to)?;
+    Ok(builder.path)
+}
+
+/// Distance of the waypoint from the start, along the line, radii (Eqs 13 and 14, with `epsilon` 0):
+/// where a circle that starts along `from` touches one that ends on the line.
+fn waypoint_distance(from: &Vector3<f64>, along: &Vector3<f64>) -> f64 {
+    let cos_rho = from.dot(along).clamp(-1.0, 1.0);
+    let sin_rho = from.cross(along).norm();
+    let height = 1.0 + cos_rho;
+    sin_rho + libm::sqrt((4.0 - height * height).max(0.0))
+}
+
+/// Unit normal of the plane of two unit vectors, none if they are parallel.
+fn normal(a: &Vector3<f64>, b: &Vector3<f64>) -> Option<Vector3<f64>> {
+    let cross = a.cross(b);
+    let norm = cross.norm();
+    (norm > PARALLEL).then(|| perpendicular(&(cross / norm), a))
+}
+
+/// `vector` without its part along `axis`, as a unit vector.
+///
+/// Where `a` and `b` are nearly parallel the rounding of their cross product is large beside the product itself;
+/// without this step the plane would miss `a` by that much.
+fn perpendicular(vector: &Vector3<f64>, axis: &Vector3<f64>) -> Vector3<f64> {
+    (vector - axis * axis.dot(vector)).normalize()
+}
+
+/// Some unit vector perpendicular to a unit vector.
+fn any_normal(axis: &Vector3<f64>) -> Vector3<f64> {
+    let least = axis.iamin();
+    let mut other = Vector3::zeros();
+    if let Some(component) = other.get_mut(least) {
+        *component = 1.0;
+    }
+    perpendicular(&axis.cross(&other), axis)
+}
+
+/// Appends planar paths to a path in space, carrying the tip's frame along.
+struct Builder {
+    path: Path,
+    base_from_tip: Frame,
+    radius: f64,
+}
+
+impl Builder {
+    /// Appends the shortest path in the plane with this normal, from the tip, whose direction is `from`, by `offset`
+    /// (radii) to direction `to`.
+    fn planar(
+        &mut self,
+        from: &Vector3<f64>,
+        normal: &Vector3<f64>,
+        offset: &Vector3<f64>,
+        to: &Vector3<f64>,
+    ) -> Result<(), PathFull> {
+        let normal = perpendicular(normal, from);
+        let left = normal.cross(from);
+        let goal = PlanarPose {
+            x: offset.dot(from),
+            y: offset.dot(&left),
+            heading: libm::atan2(to.dot(&left), to.dot(from)),
+        };
+        for (direction, length) in dubins2::shortest(&goal).pieces() {
+            let segment = match direction {
+                Direction::Straight => Segment::Straight { length: length * self.radius },
+                Direction::Left => self.arc(&normal, length),
+                Direction::Right => self.arc(&-normal, length),
+            };
+            self.base_from_tip *= segment.step();
+            self.path.push(segment)?;
+        }
+        Ok(())
+    }
+
+    /// The arc that turns the tip counter-clockwise about `axis` (Eq 25, by `atan2`).
+    fn arc(&self, axis: &Vector3<f64>, bend: f64) -> Segment {
+        let towards = axis.cross(&tip_direction(&self.base_from_tip));
+        let in_tip = self.base_from_tip.rotation.inverse() * towards;
+        let alpha = wrap_positive(libm::atan2(in_tip.y, in_tip.x) + core::f64::consts::PI);
+        Segment::Arc { alpha, bend, length: bend * self.radius }
+    }
+}
