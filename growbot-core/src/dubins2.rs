@@ -248,7 +248,8 @@ impl Best<'_> {
         let straight = path.word.directions()[1] == Straight;
         if straight && middle < NEAR_FULL_TURN {
             // Coinciding circles: the line between the centres has no direction, and one arc may make the whole turn.
-            let whole = wrap_positive(if matches!(path.word, Word::Lsl | Word::Rsr) { first + last } else { first - last });
+            let whole =
+                wrap_positive(if matches!(path.word, Word::Lsl | Word::Rsr) { first + last } else { first - last });
             self.take_if_it_arrives(PlanarPath { lengths: [whole, 0.0, 0.0], ..path });
             self.take_if_it_arrives(PlanarPath { lengths: [0.0; 3], ..path });
         }
@@ -297,7 +298,11 @@ mod tests {
 
     fn assert_arrives(goal: &PlanarPose) -> PlanarPath {
         let path = shortest(goal);
-        assert!(path.miss(goal) < 1e-12 * (1.0 + libm::hypot(goal.x, goal.y)), "{goal:?}: {path:?} misses by {}", path.miss(goal));
+        assert!(
+            path.miss(goal) < 1e-12 * (1.0 + libm::hypot(goal.x, goal.y)),
+            "{goal:?}: {path:?} misses by {}",
+            path.miss(goal)
+        );
         path
     }
 

@@ -73,7 +73,9 @@ fn versine_ratio(x: f64) -> f64 {
 /// Steps are `(alpha, bend, length)` as for [`step`].
 #[must_use]
 pub fn chain(base_from_start: &Frame, steps: impl IntoIterator<Item = (f64, f64, f64)>) -> Frame {
-    steps.into_iter().fold(*base_from_start, |base_from_tip, (alpha, bend, length)| base_from_tip * step(alpha, bend, length))
+    steps
+        .into_iter()
+        .fold(*base_from_start, |base_from_tip, (alpha, bend, length)| base_from_tip * step(alpha, bend, length))
 }
 
 /// The configuration-space rates of a growing tip (Eq 6).

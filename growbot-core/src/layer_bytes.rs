@@ -134,7 +134,7 @@ mod tests {
         let height = robot.greatest_mean_height(curvature) * (1.0 + LIMIT_SLACK);
         let mut encoder = Encoder::default();
         for _ in 0..1000 {
-            let bytes = encoder.encode(&Layer { alpha: 6.283_185_307, height, tilt: height * curvature });
+            let bytes = encoder.encode(&Layer { alpha: 6.25, height, tilt: height * curvature });
             decode_checked(&bytes, &robot).unwrap();
         }
     }

@@ -33,7 +33,9 @@ pub enum PlanError {
         limit: f64,
     },
     /// The path found does not end at the goal.
-    #[error("the path found ends {distance} mm and {angle} rad from the goal, more than {limit} mm: please report these poses")]
+    #[error(
+        "the path found ends {distance} mm and {angle} rad from the goal, more than {limit} mm: please report these poses"
+    )]
     Missed {
         /// Distance from the goal, mm.
         distance: f64,
@@ -83,7 +85,7 @@ pub fn plan(robot: &Robot, start: &Pose, goal: &Pose, radius: f64, planner: Plan
     if radius < limit {
         return Err(PlanError::RadiusTooSmall { radius, limit });
     }
-    if !(radius <= GREATEST_RADIUS) {
+    if radius.is_nan() || radius > GREATEST_RADIUS {
         return Err(PlanError::RadiusTooLarge { radius, limit: GREATEST_RADIUS });
     }
     let path = match planner {
@@ -164,9 +166,9 @@ mod tests {
 
     fn special_pose() -> impl Strategy<Value = Pose> {
         let coordinate = || prop_oneof![Just(0.0), Just(100.0), Just(-200.0), Just(4000.0), -1e-9..1e-9, -1e-3..1e-3];
-        (coordinate(), coordinate(), coordinate(), special_angle(), special_angle()).prop_map(|(x, y, z, heading, pitch)| {
-            Pose::from_degrees([x, y, z, heading, pitch.clamp(-90.0, 90.0)]).unwrap()
-        })
+        (coordinate(), coordinate(), coordinate(), special_angle(), special_angle()).prop_map(
+            |(x, y, z, heading, pitch)| Pose::from_degrees([x, y, z, heading, pitch.clamp(-90.0, 90.0)]).unwrap(),
+        )
     }
 
     proptest! {

@@ -197,7 +197,10 @@ mod tests {
 
     #[test]
     fn what_is_no_pose_is_refused_with_its_value() {
-        assert!(matches!(Pose::from_degrees([0.0, f64::NAN, 0.0, 0.0, 0.0]), Err(PoseError::NotFinite { field: "y", .. })));
+        assert!(matches!(
+            Pose::from_degrees([0.0, f64::NAN, 0.0, 0.0, 0.0]),
+            Err(PoseError::NotFinite { field: "y", .. })
+        ));
         assert!(matches!(Pose::from_degrees([0.0, 0.0, 2e7, 0.0, 0.0]), Err(PoseError::TooFar { field: "z", .. })));
         assert!(matches!(Pose::from_degrees([0.0, 0.0, 0.0, 0.0, -90.5]), Err(PoseError::Pitch { value: -90.5 })));
     }

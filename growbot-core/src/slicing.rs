@@ -64,8 +64,7 @@ pub struct Layers<'a> {
 /// ```
 #[must_use]
 pub fn layers<'a>(path: &'a Path, robot: &'a Robot, slicing: Slicing) -> Layers<'a> {
-    let mut layers =
-        Layers { segments: path.segments(), robot, slicing, segment: 0, left: 0, layer: Layer::default() };
+    let mut layers = Layers { segments: path.segments(), robot, slicing, segment: 0, left: 0, layer: Layer::default() };
     layers.cut_from(0);
     layers
 }
@@ -130,7 +129,7 @@ mod tests {
 
     fn segment() -> impl Strategy<Value = Segment> {
         prop_oneof![
-            (0.0..6.28, 1e-9..6.28, 98.2..1e4).prop_map(|(alpha, bend, radius)| Segment::Arc {
+            (0.0..6.2, 1e-9..6.2, 98.2..1e4).prop_map(|(alpha, bend, radius)| Segment::Arc {
                 alpha,
                 bend,
                 length: bend * radius

@@ -102,11 +102,8 @@ impl Builder {
     ) -> Result<(), PathFull> {
         let normal = perpendicular(normal, from);
         let left = normal.cross(from);
-        let goal = PlanarPose {
-            x: offset.dot(from),
-            y: offset.dot(&left),
-            heading: libm::atan2(to.dot(&left), to.dot(from)),
-        };
+        let goal =
+            PlanarPose { x: offset.dot(from), y: offset.dot(&left), heading: libm::atan2(to.dot(&left), to.dot(from)) };
         for (direction, length) in dubins2::shortest(&goal).pieces() {
             let segment = match direction {
                 Direction::Straight => Segment::Straight { length: length * self.radius },

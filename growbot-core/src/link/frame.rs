@@ -60,7 +60,9 @@ pub enum FrameError {
     #[error("{LONGEST_FRAME} bytes without the end of a frame: a wrong baud rate, or no growbot at the other end")]
     TooLong,
     /// A whole frame of another version.
-    #[error("the other side speaks version {version} of the link, this one {VERSION}: flash or install the same release")]
+    #[error(
+        "the other side speaks version {version} of the link, this one {VERSION}: flash or install the same release"
+    )]
     Version {
         /// The version of the frame.
         version: u8,
@@ -155,8 +157,12 @@ mod tests {
     }
 
     fn header() -> impl Strategy<Value = Header> {
-        (any::<u8>(), any::<u32>(), any::<u16>(), any::<u16>())
-            .prop_map(|(kind, session, seq, ack)| Header { kind, session, seq, ack })
+        (any::<u8>(), any::<u32>(), any::<u16>(), any::<u16>()).prop_map(|(kind, session, seq, ack)| Header {
+            kind,
+            session,
+            seq,
+            ack,
+        })
     }
 
     proptest! {
@@ -171,11 +177,11 @@ mod tests {
         }
 
         #[test]
-        fn a_flipped_bit_is_seen(body in prop::collection::vec(any::<u8>(), 0..=LONGEST_BODY), at in any::<prop::sample::Index>(), bit in 0..8) {
+        fn a_flipped_bit_is_seen(body in prop::collection::vec(any::<u8>(), 0..=LONGEST_BODY), at in any::<prop::sample::Index>(), bit in 0_u8..8) {
             let header = Header { kind: 1, session: 2, seq: 3, ack: 4 };
             let mut bytes = encode(&header, &body).unwrap();
             let index = at.index(bytes.len());
-            bytes[index] ^= 1 << bit;
+            bytes[index] ^= 1_u8 << bit;
             for frame in receive(&bytes) {
                 prop_assert!(frame.is_err());
             }

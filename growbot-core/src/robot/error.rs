@@ -42,6 +42,8 @@ pub enum RobotError {
     #[error("the description does not fit its 512 bytes: shorten the name")]
     TooLong,
     /// The bytes are not a description at all.
-    #[error("the bytes are no robot description of this version: build the firmware and the desktop from the same source")]
+    #[error(
+        "the bytes are no robot description of this version: build the firmware and the desktop from the same source"
+    )]
     Unreadable,
 }

@@ -81,7 +81,11 @@ fn check_layer(robot: &RobotDescription) -> Result<(), RobotError> {
         255.0,
         "the greatest height lies between layer.height_mm and what the link carries",
     )?;
-    Field("layer.tilt_max_deg", layer.tilt_max_deg).between(1e-3, 57.0, "a layer's tilt lies between 0.001 and 57 degrees")?;
+    Field("layer.tilt_max_deg", layer.tilt_max_deg).between(
+        1e-3,
+        57.0,
+        "a layer's tilt lies between 0.001 and 57 degrees",
+    )?;
     Field("layer.period_s", layer.period_s).between(1e-3, 86_400.0, "a layer takes between a millisecond and a day")
 }
 
@@ -105,8 +109,16 @@ fn check_radius(robot: &RobotDescription) -> Result<(), RobotError> {
 
 fn check_motors(robot: &RobotDescription) -> Result<(), RobotError> {
     let (motion, head, feed) = (&robot.motion, &robot.head, &robot.feed);
-    Field("motion.tick_hz", f64::from(motion.tick_hz)).between(100.0, 1e6, "the step interrupt runs at 100 Hz to 1 MHz")?;
-    Field("head.steps_per_turn", f64::from(head.steps_per_turn)).between(8.0, 1e6, "a turn takes 8 to 1,000,000 steps")?;
+    Field("motion.tick_hz", f64::from(motion.tick_hz)).between(
+        100.0,
+        1e6,
+        "the step interrupt runs at 100 Hz to 1 MHz",
+    )?;
+    Field("head.steps_per_turn", f64::from(head.steps_per_turn)).between(
+        8.0,
+        1e6,
+        "a turn takes 8 to 1,000,000 steps",
+    )?;
     Field("head.homing_turns_per_s", head.homing_turns_per_s).between(
         1e-4,
         f64::from(motion.tick_hz) / (2.0 * f64::from(head.steps_per_turn)),
@@ -161,7 +173,8 @@ fn check_step_rates(robot: &RobotDescription) -> Result<(), RobotError> {
     let lean = robot.geometry.tip_radius_mm / robot.planning_radius_mm;
     let sectors = SECTORS as f64;
     let ticks_a_sector = libm::floor(ticks / sectors);
-    let filament_area = core::f64::consts::FRAC_PI_4 * robot.feed.filament_diameter_mm * robot.feed.filament_diameter_mm;
+    let filament_area =
+        core::f64::consts::FRAC_PI_4 * robot.feed.filament_diameter_mm * robot.feed.filament_diameter_mm;
     let wall_area = core::f64::consts::TAU * robot.geometry.tip_radius_mm * robot.wall.width_mm;
     let feed_steps = layer.height_mm * wall_area / filament_area * robot.feed.steps_per_mm;
     let head_steps = f64::from(robot.head.steps_per_turn);
@@ -171,6 +184,14 @@ fn check_step_rates(robot: &RobotDescription) -> Result<(), RobotError> {
     };
     let busiest = |steps: f64| libm::floor(steps / sectors) + 1.0;
     let advice = "the step interrupt makes a step every two ticks at most: lower the steps, raise motion.tick_hz or layer.period_s";
-    Field("head steps in the busiest sector", busiest(head_steps)).between(0.0, libm::floor(head_ticks / 2.0), advice)?;
-    Field("feed steps in the busiest sector", busiest(feed_peak)).between(0.0, libm::floor(ticks_a_sector / 2.0), advice)
+    Field("head steps in the busiest sector", busiest(head_steps)).between(
+        0.0,
+        libm::floor(head_ticks / 2.0),
+        advice,
+    )?;
+    Field("feed steps in the busiest sector", busiest(feed_peak)).between(
+        0.0,
+        libm::floor(ticks_a_sector / 2.0),
+        advice,
+    )
 }

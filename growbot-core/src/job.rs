@@ -1,0 +1,60 @@
+//! A job: the layers of a path as the board gets them, and the hashes that name them.
+
+use crate::hash::Hasher;
+use crate::layer_bytes::{Encoder, LayerBytes};
+use crate::path::Path;
+use crate::robot::Robot;
+use crate::slicing::{Layers, Slicing, layers};
+
+/// The layers of a path in bytes, in order.
+#[derive(Debug, Clone)]
+pub struct JobLayers<'a> {
+    layers: Layers<'a>,
+    encoder: Encoder,
+}
+
+/// The layers of a path in bytes, by exact slicing.
+#[must_use]
+pub fn job_layers<'a>(path: &'a Path, robot: &'a Robot) -> JobLayers<'a> {
+    JobLayers { layers: layers(path, robot, Slicing::Exact), encoder: Encoder::default() }
+}
+
+impl Iterator for JobLayers<'_> {
+    type Item = LayerBytes;
+
+    fn next(&mut self) -> Option<LayerBytes> {
+        self.layers.next().map(|sliced| self.encoder.encode(&sliced.layer))
+    }
+
+    fn size_hint(&self) -> (usize, Option<usize>) {
+        self.layers.size_hint()
+    }
+}
+
+/// What names a job and what proves that two sides computed the same one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct JobSummary {
+    /// Hash of the robot's hash and of all layers' bytes: the job's name on the link. Never 0, which stands for no job.
+    pub plan_id: u64,
+    /// Hash of alpha, height and tilt of all layers in full precision.
+    pub exact_hash: u64,
+    /// How many layers.
+    pub layers: u32,
+}
+
+/// The hashes of a path's layers.
+#[must_use]
+pub fn summarize(path: &Path, robot: &Robot) -> JobSummary {
+    let (mut bytes, mut exact) = (Hasher::default(), Hasher::default());
+    let mut encoder = Encoder::default();
+    let mut count = 0;
+    bytes.bytes(&robot.hash().to_le_bytes());
+    for sliced in layers(path, robot, Slicing::Exact) {
+        bytes.bytes(&encoder.encode(&sliced.layer));
+        exact.f64(sliced.layer.alpha);
+        exact.f64(sliced.layer.height);
+        exact.f64(sliced.layer.tilt);
+        count += 1;
+    }
+    JobSummary { plan_id: bytes.finish().max(1), exact_hash: exact.finish(), layers: count }
+}
