@@ -83,6 +83,8 @@ pub struct Motion {
     pub tick_hz: u32,
     /// How material is varied round a turn.
     pub strategy: FeedStrategy,
+    /// Whether the stepper drivers are enabled by a low level, as most are.
+    pub enable_low: bool,
 }
 
 /// The head, which turns the nozzle round the deposition plane.
@@ -95,7 +97,8 @@ pub struct Head {
     pub direction_high_is_positive: bool,
     /// Speed of homing, turns a second.
     pub homing_turns_per_s: f64,
-    /// Where the leading edge of the index mark lies, from the tip's x axis, degrees.
+    /// Angle of the head, from the tip's x axis, at the step at which the index sensor first sees the mark in a positive
+    /// turn, degrees. Taken to the nearest step.
     pub index_angle_deg: f64,
     /// Width of the index mark, degrees.
     pub index_width_deg: f64,
