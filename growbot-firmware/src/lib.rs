@@ -1,1 +1,30 @@
+//! The controller of a robot that moves by growing: heats, homes the head, lays layer after layer, and answers its host.
+//!
+//! Generic over embedded-hal 1.0 traits, so the same code runs on the robot, in an emulator and in a simulation on the
+//! desktop. To follow a layer through it:
+//!
+//! 1. [`link`] and [`controller`]: it arrives in a `Layers` message, is checked and kept in the [`layer_store`];
+//! 2. [`stepping::Turn`]: it becomes steps and ticks of 64 sectors;
+//! 3. [`stepping::Handover`]: it passes to the step interrupt;
+//! 4. [`stepping::Engine`]: it becomes step pulses, tick by tick;
+//! 5. and back: the steps made become the layer as built, and a `Laid` message.
+//!
+//! Beside it [`heater`] and [`thermistor`] keep the nozzle hot, and switch it off when anything is wrong.
+//! [`hal`] says what a board must have. The boards themselves are the binaries `an386` (emulated) and `stm32f405` (the robot's).
+#![no_std]
+#![forbid(unsafe_code)]
 
+#[cfg(test)]
+extern crate std;
+
+pub mod controller;
+pub mod emulated_tip;
+pub mod hal;
+pub mod heater;
+pub mod layer_store;
+pub mod link;
+pub mod polarity;
+pub mod stepping;
+#[cfg(test)]
+mod testing;
+pub mod thermistor;

@@ -100,6 +100,8 @@ pub struct Head {
     /// Angle of the head, from the tip's x axis, at the step at which the index sensor first sees the mark in a positive
     /// turn, degrees. Taken to the nearest step.
     pub index_angle_deg: f64,
+    /// Whether the index pin is low while the sensor sees the mark, as most are.
+    pub index_low_on_mark: bool,
     /// Width of the index mark, degrees.
     pub index_width_deg: f64,
 }

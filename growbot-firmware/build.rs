@@ -1,0 +1,54 @@
+//! Chooses the memory map and the linker arguments of the board being built; does nothing for the desktop.
+
+use std::path::{Path, PathBuf};
+use std::{env, fs, process};
+
+fn main() {
+    println!("cargo:rerun-if-changed=build.rs");
+    println!("cargo:rerun-if-changed=memory");
+
+    let board = match (feature("AN386"), feature("STM32F405")) {
+        (false, false) => return,
+        (true, false) => "an386",
+        (false, true) => "stm32f405",
+        (true, true) => stop(
+            "the features `an386` and `stm32f405` exclude each other: build one board a call, with `cargo build-an386` or `cargo build-robot`",
+        ),
+    };
+
+    let target = env::var("TARGET").unwrap_or_default();
+    if target != "thumbv7em-none-eabihf" {
+        stop(&format!(
+            "the feature `{board}` is for --target thumbv7em-none-eabihf, not {target}: use `cargo build-an386` or `cargo build-robot`"
+        ));
+    }
+
+    let (Some(out), Some(here)) = (directory("OUT_DIR"), directory("CARGO_MANIFEST_DIR")) else {
+        stop("OUT_DIR or CARGO_MANIFEST_DIR is not set: this script is run by cargo");
+    };
+    let map = here.join("memory").join(format!("{board}.x"));
+    if let Err(error) = fs::copy(&map, out.join("board.x")) {
+        stop(&format!("cannot copy {}: {error}", map.display()));
+    }
+
+    // The linker finds the workspace's `memory.x` in cargo's working directory, and the `board.x` it includes here.
+    println!("cargo:rustc-link-search={}", out.display());
+    for script in ["link.x", "defmt.x"] {
+        println!("cargo:rustc-link-arg-bin={board}=-T{script}");
+    }
+    // lld would otherwise fill page-sized gaps between segments, which probes then flash.
+    println!("cargo:rustc-link-arg-bin={board}=--nmagic");
+}
+
+fn feature(name: &str) -> bool {
+    env::var_os(format!("CARGO_FEATURE_{name}")).is_some()
+}
+
+fn directory(variable: &str) -> Option<PathBuf> {
+    env::var_os(variable).map(|path| Path::new(&path).to_path_buf())
+}
+
+fn stop(message: &str) -> ! {
+    eprintln!("error: {message}");
+    process::exit(1)
+}

@@ -1,0 +1,84 @@
+//! The step interrupt: TIMER0, and the clock that counts its ticks.
+
+use core::sync::atomic::{AtomicU32, Ordering};
+
+use crate::interrupt_owned::InterruptOwned;
+use crate::placeholder::Engine;
+use crate::registers::Register;
+use crate::tip::{self, Step, Wire};
+
+const BASE: usize = 0x4000_0000;
+// SAFETY: the registers of TIMER0, which only this file uses.
+const CONTROL: Register = unsafe { Register::at(BASE) };
+// SAFETY: as above.
+const VALUE: Register = unsafe { Register::at(BASE + 0x04) };
+// SAFETY: as above.
+const RELOAD: Register = unsafe { Register::at(BASE + 0x08) };
+// SAFETY: as above.
+const INTERRUPT_CLEAR: Register = unsafe { Register::at(BASE + 0x0C) };
+
+const CONTROL_ENABLE: u32 = 1 << 0;
+const CONTROL_INTERRUPT: u32 = 1 << 3;
+
+/// What runs in the step interrupt.
+pub type StepEngine = Engine<Step, Wire, Step, Wire>;
+
+static ENGINE: InterruptOwned<StepEngine> = InterruptOwned::empty();
+
+static TICKS_LO: AtomicU32 = AtomicU32::new(0);
+static TICKS_HI: AtomicU32 = AtomicU32::new(0);
+
+/// The board's clock. It counts step ticks, so that an emulator which falls behind slows down steps and time alike.
+#[derive(Clone, Copy)]
+pub struct Clock {
+    tick_hz: u32,
+}
+
+/// Starts the ticks (they come once the interrupts are let through). The rate is kept within 1 Hz and 100 kHz.
+pub fn start(engine: StepEngine, tick_hz: u32, clock_hz: u32) -> Clock {
+    let tick_hz = tick_hz.clamp(1, 100_000);
+    ENGINE.give(engine);
+    tip::set_tick_hz(tick_hz);
+    let reload = (clock_hz / tick_hz).saturating_sub(1);
+    RELOAD.write(reload);
+    VALUE.write(reload);
+    CONTROL.write(CONTROL_ENABLE | CONTROL_INTERRUPT);
+    Clock { tick_hz }
+}
+
+/// The step interrupt.
+pub fn on_tick() {
+    INTERRUPT_CLEAR.write(1);
+    let low = TICKS_LO.load(Ordering::Relaxed).wrapping_add(1);
+    let high = TICKS_HI.load(Ordering::Relaxed).wrapping_add(u32::from(low == 0));
+    // High before low: `ticks` reads them the other way round and so notices a carry.
+    TICKS_HI.store(high, Ordering::Release);
+    TICKS_LO.store(low, Ordering::Release);
+    tip::publish_tick(low, high);
+    // SAFETY: only the step interrupt calls this.
+    unsafe { ENGINE.with(StepEngine::tick) };
+}
+
+/// Ticks since the board started.
+pub fn ticks() -> u64 {
+    loop {
+        let high = TICKS_HI.load(Ordering::Acquire);
+        let low = TICKS_LO.load(Ordering::Acquire);
+        if high == TICKS_HI.load(Ordering::Acquire) {
+            return u64::from(high) << 32 | u64::from(low);
+        }
+    }
+}
+
+impl Clock {
+    /// Microseconds since the board started.
+    pub fn now_us(self) -> u64 {
+        microseconds(ticks(), self.tick_hz)
+    }
+}
+
+/// Whole seconds apart, so that nothing overflows in the life of a board.
+fn microseconds(ticks: u64, tick_hz: u32) -> u64 {
+    let hz = u64::from(tick_hz.max(1));
+    (ticks / hz) * 1_000_000 + (ticks % hz) * 1_000_000 / hz
+}

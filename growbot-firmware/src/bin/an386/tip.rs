@@ -1,0 +1,333 @@
+//! The emulated tip, from the board's side: pins and sensors that are words of `growbot_firmware::emulated_tip`.
+
+use core::convert::Infallible;
+use core::sync::atomic::{Ordering, fence};
+
+use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
+use embedded_hal::pwm::{self, SetDutyCycle};
+use growbot_firmware::Thermistor;
+use growbot_firmware::emulated_tip::{self as table, Axis, StepRecord};
+
+use crate::registers::Register;
+
+/// The word at a byte offset. An offset that is no word of the memory falls onto one that is.
+fn word(offset: usize) -> Register {
+    let inside = offset & (table::SIZE - 4);
+    // SAFETY: aligned and inside the expansion RAM, which no linker region covers, so that Rust code owns nothing there.
+    unsafe { Register::at(table::ADDRESS + inside) }
+}
+
+fn count(offset: usize) {
+    word(offset).write(word(offset).read().wrapping_add(1));
+}
+
+/// Everything the firmware can drive or read, each thing once.
+pub struct Tip {
+    /// STEP of the head.
+    pub head_step: Step,
+    /// DIR of the head.
+    pub head_direction: Wire,
+    /// High: the head's driver is energised.
+    pub head_enable: Switch,
+    /// STEP of the feed.
+    pub feed_step: Step,
+    /// DIR of the feed.
+    pub feed_direction: Wire,
+    /// High: the feed's driver is energised.
+    pub feed_enable: Switch,
+    /// Heater power.
+    pub heater: Heater,
+    /// High: the second switch in the heater's supply is closed.
+    pub heater_enable: Switch,
+    /// Heater temperature.
+    pub thermistor: TipThermistor,
+    /// Low: the head is on its index mark.
+    pub index: IndexSensor,
+}
+
+impl Tip {
+    /// Writes the board's words for a new boot, all outputs off, and hands out the pins. Call it once.
+    ///
+    /// `cause` is told whether this is the first boot on this memory and says why the board started.
+    pub fn start(cause: impl FnOnce(bool) -> u32) -> Self {
+        let first_boot =
+            word(table::MAGIC).read() != table::MAGIC_VALUE || word(table::VERSION).read() != table::VERSION_VALUE;
+        make_safe();
+        if first_boot {
+            for survivor in [table::BOOTS, table::HEAD_STEPS, table::FEED_STEPS, table::STEP_WRITE_INDEX] {
+                word(survivor).write(0);
+            }
+        }
+        for fresh in [
+            table::WATCHDOG_FEEDS,
+            table::TICKS_LO,
+            table::TICKS_HI,
+            table::HEATER_ENERGY_LO,
+            table::HEATER_ENERGY_HI,
+            table::STEP_OVERRUN,
+            table::LINK_BYTES_LOST,
+        ] {
+            word(fresh).write(0);
+        }
+        word(table::RESET_CAUSE).write(cause(first_boot));
+        word(table::BOOT_WRITE_INDEX).write(word(table::STEP_WRITE_INDEX).read());
+        word(table::VERSION).write(table::VERSION_VALUE);
+        word(table::MAGIC).write(table::MAGIC_VALUE);
+        fence(Ordering::Release);
+        count(table::BOOTS);
+
+        Tip {
+            head_step: Step { axis: Axis::Head, high: false },
+            head_direction: Wire { axis: Axis::Head },
+            head_enable: Switch { offset: table::HEAD_ENABLE },
+            feed_step: Step { axis: Axis::Feed, high: false },
+            feed_direction: Wire { axis: Axis::Feed },
+            feed_enable: Switch { offset: table::FEED_ENABLE },
+            heater: Heater(()),
+            heater_enable: Switch { offset: table::HEATER_ENABLE },
+            thermistor: TipThermistor { taken: 0 },
+            index: IndexSensor(()),
+        }
+    }
+}
+
+/// Heater and both drivers off, now, from any context.
+pub fn make_safe() {
+    for output in [table::HEATER_ENABLE, table::HEATER_DUTY, table::HEAD_ENABLE, table::FEED_ENABLE] {
+        word(output).write(0);
+    }
+}
+
+/// Why this boot began, a `RESET_*` of the table.
+pub fn reset_cause() -> u32 {
+    word(table::RESET_CAUSE).read()
+}
+
+/// A number that no other boot of any run has, as far as the host's entropy goes.
+pub fn boot_id() -> u32 {
+    // An odd factor spreads the small boot counter over all bits and keeps it one-to-one.
+    word(table::ENTROPY).read() ^ word(table::BOOTS).read().wrapping_mul(0x9E37_79B1)
+}
+
+/// Copies the machine description that the host has put there and says how long it is: 0 for none, and for one that doesn't fit.
+pub fn copy_machine_description(into: &mut [u8]) -> usize {
+    let length = word(table::MACHINE_LENGTH).read() as usize;
+    if length > table::MACHINE_CAPACITY || length > into.len() {
+        return 0;
+    }
+    for (index, bytes) in into[..length].chunks_mut(4).enumerate() {
+        let word = word(table::MACHINE + 4 * index).read().to_le_bytes();
+        for (byte, from) in bytes.iter_mut().zip(word) {
+            *byte = from;
+        }
+    }
+    length
+}
+
+/// Tells the host the tick rate.
+pub fn set_tick_hz(tick_hz: u32) {
+    word(table::TICK_HZ).write(tick_hz);
+}
+
+/// Tells the host the time, and adds up the heat of the tick that has just passed. Called by the step interrupt.
+pub fn publish_tick(low: u32, high: u32) {
+    if low == 0 {
+        word(table::TICKS_HI).write(high);
+    }
+    word(table::TICKS_LO).write(low);
+    if word(table::HEATER_ENABLE).read() == 1 {
+        let before = word(table::HEATER_ENERGY_LO).read();
+        let after = before.wrapping_add(word(table::HEATER_DUTY).read());
+        if after < before {
+            count(table::HEATER_ENERGY_HI);
+        }
+        word(table::HEATER_ENERGY_LO).write(after);
+    }
+}
+
+/// Counts a feed of the watchdog.
+pub fn count_feed() {
+    count(table::WATCHDOG_FEEDS);
+}
+
+/// Counts a received byte that found the queue full.
+pub fn count_lost_byte() {
+    count(table::LINK_BYTES_LOST);
+}
+
+const fn enable_of(axis: Axis) -> usize {
+    match axis {
+        Axis::Head => table::HEAD_ENABLE,
+        Axis::Feed => table::FEED_ENABLE,
+    }
+}
+
+const fn steps_of(axis: Axis) -> usize {
+    match axis {
+        Axis::Head => table::HEAD_STEPS,
+        Axis::Feed => table::FEED_STEPS,
+    }
+}
+
+/// Level of the DIR pins. Not in the shared memory: the host learns it from each step.
+static FORWARD: [core::sync::atomic::AtomicBool; 2] = [const { core::sync::atomic::AtomicBool::new(false) }; 2];
+
+const fn wire_of(axis: Axis) -> &'static core::sync::atomic::AtomicBool {
+    let [head, feed] = &FORWARD;
+    match axis {
+        Axis::Head => head,
+        Axis::Feed => feed,
+    }
+}
+
+/// A DIR pin.
+pub struct Wire {
+    axis: Axis,
+}
+
+impl ErrorType for Wire {
+    type Error = Infallible;
+}
+
+impl OutputPin for Wire {
+    fn set_low(&mut self) -> Result<(), Infallible> {
+        wire_of(self.axis).store(false, Ordering::Relaxed);
+        Ok(())
+    }
+
+    fn set_high(&mut self) -> Result<(), Infallible> {
+        wire_of(self.axis).store(true, Ordering::Relaxed);
+        Ok(())
+    }
+}
+
+/// A STEP pin. Both are driven from the step interrupt only: they share the write index of the ring.
+pub struct Step {
+    axis: Axis,
+    high: bool,
+}
+
+impl ErrorType for Step {
+    type Error = Infallible;
+}
+
+impl OutputPin for Step {
+    fn set_low(&mut self) -> Result<(), Infallible> {
+        self.high = false;
+        Ok(())
+    }
+
+    fn set_high(&mut self) -> Result<(), Infallible> {
+        if !self.high {
+            self.high = true;
+            rising_edge(self.axis);
+        }
+        Ok(())
+    }
+}
+
+fn rising_edge(axis: Axis) {
+    let forward = wire_of(axis).load(Ordering::Relaxed);
+    let enabled = word(enable_of(axis)).read() == 1;
+    if enabled {
+        let steps = word(steps_of(axis));
+        let change = if forward { 1 } else { u32::MAX };
+        steps.write(steps.read().wrapping_add(change));
+    }
+
+    let index = word(table::STEP_WRITE_INDEX).read();
+    let unread = index.wrapping_sub(word(table::STEP_READ_INDEX).read());
+    if unread >= table::STEP_RING_RECORDS {
+        count(table::STEP_OVERRUN);
+        return;
+    }
+    let record = StepRecord { axis, forward, enabled, tick: word(table::TICKS_LO).read() };
+    word(table::step_record_offset(index)).write(record.to_word());
+    fence(Ordering::Release);
+    word(table::STEP_WRITE_INDEX).write(index.wrapping_add(1));
+}
+
+/// An output that is one word, 0 or 1.
+pub struct Switch {
+    offset: usize,
+}
+
+impl ErrorType for Switch {
+    type Error = Infallible;
+}
+
+impl OutputPin for Switch {
+    fn set_low(&mut self) -> Result<(), Infallible> {
+        word(self.offset).write(0);
+        Ok(())
+    }
+
+    fn set_high(&mut self) -> Result<(), Infallible> {
+        word(self.offset).write(1);
+        Ok(())
+    }
+}
+
+/// The heater's power.
+pub struct Heater(());
+
+impl pwm::ErrorType for Heater {
+    type Error = Infallible;
+}
+
+impl SetDutyCycle for Heater {
+    fn max_duty_cycle(&self) -> u16 {
+        u16::MAX
+    }
+
+    fn set_duty_cycle(&mut self, duty: u16) -> Result<(), Infallible> {
+        word(table::HEATER_DUTY).write(u32::from(duty));
+        Ok(())
+    }
+}
+
+/// The thermistor: each of the host's samples once.
+pub struct TipThermistor {
+    taken: u32,
+}
+
+impl Thermistor for TipThermistor {
+    fn sample(&mut self) -> Option<u16> {
+        let samples = word(table::THERMISTOR_SAMPLES).read();
+        if samples == self.taken {
+            return None;
+        }
+        self.taken = samples;
+        fence(Ordering::Acquire);
+        Some((word(table::THERMISTOR_RAW).read() & 0xFFF) as u16)
+    }
+}
+
+/// The index sensor of the head, low on its mark.
+pub struct IndexSensor(());
+
+impl ErrorType for IndexSensor {
+    type Error = Infallible;
+}
+
+impl IndexSensor {
+    fn level(&self) -> bool {
+        table::index_level(
+            word(table::HEAD_STEPS).read().cast_signed(),
+            word(table::INDEX_STEPS_PER_TURN).read(),
+            word(table::INDEX_POSITION).read(),
+            word(table::INDEX_WIDTH).read(),
+            word(table::INDEX_FAULT).read(),
+        )
+    }
+}
+
+impl InputPin for IndexSensor {
+    fn is_high(&mut self) -> Result<bool, Infallible> {
+        Ok(self.level())
+    }
+
+    fn is_low(&mut self) -> Result<bool, Infallible> {
+        Ok(!self.level())
+    }
+}

@@ -1,0 +1,41 @@
+//! The watchdog of the board: a first expiry is a non-maskable interrupt, a second one resets.
+
+use growbot_firmware::Watchdog;
+
+use crate::registers::Register;
+use crate::tip;
+
+const BASE: usize = 0x4000_8000;
+// SAFETY: the registers of the watchdog, which only this file uses.
+const LOAD: Register = unsafe { Register::at(BASE) };
+// SAFETY: as above.
+const CONTROL: Register = unsafe { Register::at(BASE + 0x08) };
+// SAFETY: as above.
+const INTERRUPT_CLEAR: Register = unsafe { Register::at(BASE + 0x0C) };
+// SAFETY: as above.
+const LOCK: Register = unsafe { Register::at(BASE + 0xC00) };
+
+const UNLOCK: u32 = 0x1ACC_E551;
+const CONTROL_INTERRUPT: u32 = 1 << 0;
+const CONTROL_RESET: u32 = 1 << 1;
+
+/// The running watchdog. It cannot be stopped again.
+pub struct BoardWatchdog(());
+
+/// Starts the watchdog: the tip is made safe 1 s after the last feed, and the board resets another second later.
+pub fn start(clock_hz: u32) -> BoardWatchdog {
+    LOCK.write(UNLOCK);
+    LOAD.write(clock_hz);
+    CONTROL.write(CONTROL_INTERRUPT | CONTROL_RESET);
+    LOCK.write(0);
+    BoardWatchdog(())
+}
+
+impl Watchdog for BoardWatchdog {
+    fn feed(&mut self) {
+        LOCK.write(UNLOCK);
+        INTERRUPT_CLEAR.write(1);
+        LOCK.write(0);
+        tip::count_feed();
+    }
+}

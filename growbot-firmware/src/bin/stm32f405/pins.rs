@@ -1,0 +1,105 @@
+//! What is wired where: the one table of the robot's pins.
+//!
+//! | signal | pin | kind | safe level |
+//! |---|---|---|---|
+//! | head STEP | PC6 | push-pull output | low |
+//! | head DIR | PC7 | push-pull output | any |
+//! | head EN | PC8 | push-pull output, active low | high |
+//! | feed STEP | PB12 | push-pull output | low |
+//! | feed DIR | PB13 | push-pull output | any |
+//! | feed EN | PB14 | push-pull output, active low | high |
+//! | heater power | PA6 | TIM3 channel 1, PWM | low |
+//! | heater second switch | PA7 | push-pull output | low |
+//! | thermistor | PC0 | ADC1 channel 10, analog | |
+//! | index sensor | PB6 | input with pull-up, low on the mark | |
+//! | link, board to host | PA2 | USART2 TX | |
+//! | link, host to board | PA3 | USART2 RX | |
+//! | oscillator | PH0, PH1 | 8 MHz crystal | |
+//! | debug probe | PA13, PA14 | SWD | |
+//!
+//! Which pins the published robots use is not known: this table is an assumption, for an STM32F405RG in its 64-pin package. The
+//! board needs pull-ups on both EN lines and pull-downs on both heater lines, so that everything is off while the
+//! processor is in reset and its pins float.
+
+use stm32f4xx_hal::gpio::{Alternate, Input, Output, PA2, PA3, PA6, PA7, PB6, PB12, PB13, PB14, PC6, PC7, PC8};
+use stm32f4xx_hal::gpio::{Analog, GpioExt, PC0, PinState};
+use stm32f4xx_hal::pac;
+use stm32f4xx_hal::rcc::Rcc;
+
+use crate::active_low::ActiveLow;
+
+/// STEP of the head.
+pub type HeadStep = PC6<Output>;
+/// DIR of the head.
+pub type HeadDirection = PC7<Output>;
+/// EN of the head; high for the controller is energised.
+pub type HeadEnable = ActiveLow<PC8<Output>>;
+/// STEP of the feed.
+pub type FeedStep = PB12<Output>;
+/// DIR of the feed.
+pub type FeedDirection = PB13<Output>;
+/// EN of the feed; high for the controller is energised.
+pub type FeedEnable = ActiveLow<PB14<Output>>;
+/// The second switch in the heater's supply.
+pub type HeaterEnable = PA7<Output>;
+/// The index sensor.
+pub type Index = PB6<Input>;
+
+/// All pins, each in its role and at its safe level.
+pub struct Pins {
+    /// STEP of the head.
+    pub head_step: HeadStep,
+    /// DIR of the head.
+    pub head_direction: HeadDirection,
+    /// EN of the head.
+    pub head_enable: HeadEnable,
+    /// STEP of the feed.
+    pub feed_step: FeedStep,
+    /// DIR of the feed.
+    pub feed_direction: FeedDirection,
+    /// EN of the feed.
+    pub feed_enable: FeedEnable,
+    /// Output of the heater's PWM.
+    pub heater: PA6<Alternate<2>>,
+    /// The second switch in the heater's supply.
+    pub heater_enable: HeaterEnable,
+    /// Divider of the thermistor.
+    pub thermistor: PC0<Analog>,
+    /// Index sensor of the head.
+    pub index: Index,
+    /// TX of the link.
+    pub link_tx: PA2<Alternate<7>>,
+    /// RX of the link.
+    pub link_rx: PA3<Alternate<7>>,
+}
+
+impl Pins {
+    /// Takes the ports and gives each pin its role. Outputs get their level before they become outputs.
+    pub fn new(a: pac::GPIOA, b: pac::GPIOB, c: pac::GPIOC, rcc: &mut Rcc) -> Self {
+        let (a, b, c) = (a.split(rcc), b.split(rcc), c.split(rcc));
+        Pins {
+            head_step: c.pc6.into_push_pull_output_in_state(PinState::Low),
+            head_direction: c.pc7.into_push_pull_output_in_state(PinState::Low),
+            head_enable: ActiveLow(c.pc8.into_push_pull_output_in_state(PinState::High)),
+            feed_step: b.pb12.into_push_pull_output_in_state(PinState::Low),
+            feed_direction: b.pb13.into_push_pull_output_in_state(PinState::Low),
+            feed_enable: ActiveLow(b.pb14.into_push_pull_output_in_state(PinState::High)),
+            heater: a.pa6.into_alternate(),
+            heater_enable: a.pa7.into_push_pull_output_in_state(PinState::Low),
+            thermistor: c.pc0.into_analog(),
+            index: b.pb6.into_pull_up_input(),
+            link_tx: a.pa2.into_alternate(),
+            link_rx: a.pa3.into_alternate(),
+        }
+    }
+}
+
+/// Heater and both drivers off, now, from any context, whoever owns the pins.
+pub fn make_safe() {
+    // SAFETY: `bsrr` sets and clears single pins in one write, so that no other pin's owner is disturbed.
+    let (a, b, c) = unsafe { (&*pac::GPIOA::ptr(), &*pac::GPIOB::ptr(), &*pac::GPIOC::ptr()) };
+    a.bsrr().write(|w| w.br7().set_bit());
+    c.bsrr().write(|w| w.bs8().set_bit());
+    b.bsrr().write(|w| w.bs14().set_bit());
+    crate::heater::off();
+}

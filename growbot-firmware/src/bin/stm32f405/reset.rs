@@ -1,0 +1,119 @@
+//! Why the board started, which boot this is, and the ways to an orderly end.
+
+use core::cell::UnsafeCell;
+use core::mem::MaybeUninit;
+use core::panic::PanicInfo;
+
+use cortex_m::peripheral::SCB;
+use cortex_m_rt::{ExceptionFrame, exception};
+use stm32f4xx_hal::pac;
+
+/// Why the board started.
+#[derive(Clone, Copy, PartialEq, Eq, defmt::Format)]
+pub enum ResetCause {
+    /// The supply came up.
+    PowerOn,
+    /// The supply sagged.
+    BrownOut,
+    /// The watchdog was not fed.
+    Watchdog,
+    /// The firmware panicked.
+    Panic,
+    /// The processor faulted.
+    Fault,
+    /// The reset pin, a debug probe, or a reset that software asked for.
+    External,
+}
+
+/// Three words that survive a reset: nothing loads or clears this section.
+#[unsafe(link_section = ".uninit.reset_notes")]
+static NOTES: Notes = Notes(UnsafeCell::new(MaybeUninit::uninit()));
+
+struct Notes(UnsafeCell<MaybeUninit<[u32; 3]>>);
+
+// SAFETY: only reached through `read` and `write`, each a single access of a whole word.
+unsafe impl Sync for Notes {}
+
+/// Word 0: how the last boot ended.
+const END: usize = 0;
+/// Word 1: the boot id.
+const BOOT: usize = 1;
+/// Word 2: the complement of word 1, which shows whether both are a former boot's or chance.
+const CHECK: usize = 2;
+
+const PANICKED: u32 = 0x6E0F_E501;
+const FAULTED: u32 = 0x6E0F_E502;
+
+impl Notes {
+    fn word(&self, index: usize) -> *mut u32 {
+        self.0.get().cast::<u32>().wrapping_add(index % 3)
+    }
+
+    fn read(&self, index: usize) -> u32 {
+        // SAFETY: one of the three words; RAM may be read before it was written, whatever it holds.
+        unsafe { self.word(index).read_volatile() }
+    }
+
+    fn write(&self, index: usize, value: u32) {
+        // SAFETY: one of the three words, which only this file uses.
+        unsafe { self.word(index).write_volatile(value) }
+    }
+}
+
+/// Reads and clears the flags of the last reset and the note of the last boot. Call it once.
+pub fn take_cause(rcc: &pac::RCC) -> ResetCause {
+    let flags = rcc.csr().read();
+    rcc.csr().modify(|_, w| w.rmvf().set_bit());
+    let end = NOTES.read(END);
+    NOTES.write(END, 0);
+    // A power-on sets the brown-out flag too, and every cause the pin's.
+    if flags.porrstf().bit_is_set() {
+        ResetCause::PowerOn
+    } else if flags.borrstf().bit_is_set() {
+        ResetCause::BrownOut
+    } else if flags.wdgrstf().bit_is_set() || flags.wwdgrstf().bit_is_set() {
+        ResetCause::Watchdog
+    } else if end == PANICKED {
+        ResetCause::Panic
+    } else if end == FAULTED {
+        ResetCause::Fault
+    } else {
+        ResetCause::External
+    }
+}
+
+/// A number that tells this boot from the ones before. Call it once.
+///
+/// It counts up while the RAM is kept. After a loss of power it starts anew at what the cells came up with, which differs from
+/// board to board and, in part, from time to time.
+pub fn next_boot_id() -> u32 {
+    let (boot, check) = (NOTES.read(BOOT), NOTES.read(CHECK));
+    let next = if boot == !check { boot.wrapping_add(1) } else { boot.rotate_left(16) ^ check };
+    NOTES.write(BOOT, next);
+    NOTES.write(CHECK, !next);
+    next
+}
+
+fn end(note: u32) -> ! {
+    cortex_m::interrupt::disable();
+    crate::pins::make_safe();
+    NOTES.write(END, note);
+    SCB::sys_reset()
+}
+
+#[panic_handler]
+fn panic(info: &PanicInfo) -> ! {
+    cortex_m::interrupt::disable();
+    crate::pins::make_safe();
+    // The place only: formatting the message would pull `core::fmt` in.
+    match info.location() {
+        Some(place) => defmt::error!("panic at {=str}:{=u32}", place.file(), place.line()),
+        None => defmt::error!("panic"),
+    }
+    end(PANICKED)
+}
+
+#[exception]
+unsafe fn HardFault(_frame: &ExceptionFrame) -> ! {
+    end(FAULTED)
+}

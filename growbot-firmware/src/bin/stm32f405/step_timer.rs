@@ -1,0 +1,29 @@
+//! The step interrupt's timer: TIM2, 32 bits, so that every rate is met to a clock.
+
+use stm32f4xx_hal::pac;
+use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
+
+/// The running timer.
+pub struct StepTimer(pac::TIM2);
+
+impl StepTimer {
+    /// Starts interrupts at a rate, kept within 1 Hz and 100 kHz.
+    pub fn start(timer: pac::TIM2, tick_hz: u32, rcc: &mut Rcc) -> Self {
+        let tick_hz = tick_hz.clamp(1, 100_000);
+        pac::TIM2::enable(rcc);
+        pac::TIM2::reset(rcc);
+        let period = rcc.clocks.timclk1().raw() / tick_hz;
+        timer.psc().write(|w| w.psc().set(0));
+        timer.arr().write(|w| w.arr().set(period.saturating_sub(1)));
+        timer.cnt().write(|w| w.cnt().set(0));
+        timer.sr().write(|w| w.uif().clear());
+        timer.dier().write(|w| w.uie().set_bit());
+        timer.cr1().write(|w| w.cen().set_bit());
+        StepTimer(timer)
+    }
+
+    /// Says that the interrupt has been seen.
+    pub fn acknowledge(&mut self) {
+        self.0.sr().write(|w| w.uif().clear());
+    }
+}

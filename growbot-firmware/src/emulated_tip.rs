@@ -1,0 +1,331 @@
+//! The memory that the emulated board and the simulated tip share: one table for both sides.
+//!
+//! QEMU's mps2-an386 has no pins. Its firmware drives these words instead of a heater and two stepper drivers, and reads
+//! them instead of a thermistor and an index sensor; the desktop maps the same memory (QEMU's `memory-backend-file`, at
+//! [`ADDRESS`] for the board) and plays the tip.
+//!
+//! Every word is a little-endian `u32`, named here by its byte offset. Each word has one writer:
+//!
+//! | offset | word | writer | unit |
+//! |---|---|---|---|
+//! | `0x000` | [`MAGIC`] | board | [`MAGIC_VALUE`] once the board's words are valid |
+//! | `0x004` | [`VERSION`] | board | [`VERSION_VALUE`] |
+//! | `0x010` | [`BOOTS`] | board | boots since the memory was zero; 1 on the first |
+//! | `0x014` | [`RESET_CAUSE`] | board | `RESET_*` |
+//! | `0x018` | [`BOOT_WRITE_INDEX`] | board | [`STEP_WRITE_INDEX`] when this boot began |
+//! | `0x01C` | [`WATCHDOG_FEEDS`] | board | times the watchdog was fed in this boot, wrapping |
+//! | `0x020` | [`TICKS_LO`], [`TICKS_HI`] | board | step interrupts since this boot began: the board's clock |
+//! | `0x028` | [`TICK_HZ`] | board | ticks a second |
+//! | `0x030` | [`HEATER_DUTY`] | board | 0 to 65535, full power |
+//! | `0x034` | [`HEATER_ENABLE`] | board | 1: the second switch in the heater's supply is closed |
+//! | `0x038` | [`HEAD_ENABLE`] | board | 1: the head's driver is energised |
+//! | `0x03C` | [`FEED_ENABLE`] | board | 1: the feed's driver is energised |
+//! | `0x040` | [`HEAD_STEPS`] | board | `i32`: steps the head has turned, survives a reset of the board |
+//! | `0x044` | [`FEED_STEPS`] | board | `i32`: steps the feed has turned, survives a reset of the board |
+//! | `0x048` | [`HEATER_ENERGY_LO`], [`HEATER_ENERGY_HI`] | board | duty x ticks while the heater was on, in this boot |
+//! | `0x050` | [`STEP_WRITE_INDEX`] | board | records written, wrapping, survives a reset of the board |
+//! | `0x054` | [`STEP_OVERRUN`] | board | records dropped because the ring was full, in this boot |
+//! | `0x058` | [`LINK_BYTES_LOST`] | board | received bytes dropped because the queue was full, in this boot |
+//! | `0x100` | [`THERMISTOR_RAW`] | host | 0 to 4095, as the board's converter would read |
+//! | `0x104` | [`THERMISTOR_SAMPLES`] | host | samples so far, wrapping; 0 until there is one |
+//! | `0x108` | [`STEP_READ_INDEX`] | host | records read, wrapping |
+//! | `0x110` | [`INDEX_STEPS_PER_TURN`] | host | head steps in a turn; 0: there is no index mark |
+//! | `0x114` | [`INDEX_POSITION`] | host | where the mark begins, in head steps from 0 |
+//! | `0x118` | [`INDEX_WIDTH`] | host | width of the mark in head steps |
+//! | `0x11C` | [`INDEX_FAULT`] | host | `INDEX_FAULT_*` |
+//! | `0x120` | [`ENTROPY`] | host | any number, another one for each run: makes boot ids differ |
+//! | `0x124` | [`MACHINE_LENGTH`] | host | bytes of [`MACHINE`] that are valid, at most [`MACHINE_CAPACITY`] |
+//! | `0x1000` | [`MACHINE`] | host | the machine description, bytes |
+//! | `0x10_0000` | [`STEP_RING`] | board | [`STEP_RING_RECORDS`] step records, see [`StepRecord`] |
+//!
+//! # Who does what, in which order
+//!
+//! - The host makes the memory ([`SIZE`] bytes of zero), writes its words, then starts the board. The board leaves the host's words
+//!   alone in every boot, and its own running indices too when it finds [`MAGIC_VALUE`]; all its outputs start at 0.
+//! - A new boot shows as a change of [`BOOTS`], which the board writes last. Records from [`BOOT_WRITE_INDEX`] on are of this boot.
+//! - The board writes a record, then [`STEP_WRITE_INDEX`]; the host reads the index, then the records below it, then writes
+//!   [`STEP_READ_INDEX`]. The board never waits: when the ring is full it drops the record and counts it in [`STEP_OVERRUN`]. The
+//!   positions [`HEAD_STEPS`] and [`FEED_STEPS`] count such steps all the same.
+//! - The host writes [`THERMISTOR_RAW`], then [`THERMISTOR_SAMPLES`]. The board takes each sample once, so a host that stops
+//!   counting is a sensor that has stopped.
+//! - Pairs (`_LO`, `_HI`) are read high, low, high, until both highs agree; each pair lies in eight aligned bytes.
+//!
+//! # What the pins mean
+//!
+//! A step counts at the rising edge of STEP; DIR high turns forward (counts up). A driver that is not energised doesn't turn, so its
+//! edges are recorded with `enabled` false and don't count in the positions. The index sensor pulls its line low while
+//! `(HEAD_STEPS - INDEX_POSITION) mod INDEX_STEPS_PER_TURN < INDEX_WIDTH`. The board computes it from its own edges, so that homing takes
+//! the same steps in every run; a host that wants the head to slip moves [`INDEX_POSITION`].
+//!
+//! Not modelled here: step pulse widths, set-up times of DIR, micro-step tables, and the two directions of a worn gear.
+
+/// Where the board finds the memory: the expansion RAM of the mps2 boards.
+pub const ADDRESS: usize = 0x2100_0000;
+/// Bytes of the memory, a power of two. QEMU wants the file to be exactly this long.
+pub const SIZE: usize = 16 * 1024 * 1024;
+
+/// Offset: [`MAGIC_VALUE`] once the board's words are valid.
+pub const MAGIC: usize = 0x000;
+/// Offset: version of this table.
+pub const VERSION: usize = 0x004;
+/// What [`MAGIC`] holds: `GBTP`.
+pub const MAGIC_VALUE: u32 = u32::from_le_bytes(*b"GBTP");
+/// What [`VERSION`] holds.
+pub const VERSION_VALUE: u32 = 1;
+
+/// Offset, board to host: boots since the memory was zero.
+pub const BOOTS: usize = 0x010;
+/// Offset, board to host: why the board started, one of `RESET_*`.
+pub const RESET_CAUSE: usize = 0x014;
+/// Offset, board to host: [`STEP_WRITE_INDEX`] when this boot began.
+pub const BOOT_WRITE_INDEX: usize = 0x018;
+/// Offset, board to host: times the watchdog was fed in this boot.
+pub const WATCHDOG_FEEDS: usize = 0x01C;
+/// Offset, board to host: low half of the board's clock, in ticks of [`TICK_HZ`].
+pub const TICKS_LO: usize = 0x020;
+/// Offset, board to host: high half of the board's clock.
+pub const TICKS_HI: usize = 0x024;
+/// Offset, board to host: ticks a second.
+pub const TICK_HZ: usize = 0x028;
+/// Offset, board to host: heater duty, 0 to 65535. Heats only while [`HEATER_ENABLE`] is 1.
+pub const HEATER_DUTY: usize = 0x030;
+/// Offset, board to host: 1 while the heater's second switch is closed.
+pub const HEATER_ENABLE: usize = 0x034;
+/// Offset, board to host: 1 while the head's driver is energised.
+pub const HEAD_ENABLE: usize = 0x038;
+/// Offset, board to host: 1 while the feed's driver is energised.
+pub const FEED_ENABLE: usize = 0x03C;
+/// Offset, board to host: steps the head has turned, as an `i32`.
+pub const HEAD_STEPS: usize = 0x040;
+/// Offset, board to host: steps the feed has turned, as an `i32`.
+pub const FEED_STEPS: usize = 0x044;
+/// Offset, board to host: low half of the sum of the duty over the ticks with the heater on. What the tip got between two looks is
+/// their difference, however rarely the host looks.
+pub const HEATER_ENERGY_LO: usize = 0x048;
+/// Offset, board to host: high half of [`HEATER_ENERGY_LO`].
+pub const HEATER_ENERGY_HI: usize = 0x04C;
+/// Offset, board to host: step records written.
+pub const STEP_WRITE_INDEX: usize = 0x050;
+/// Offset, board to host: step records dropped in this boot, the host being too slow.
+pub const STEP_OVERRUN: usize = 0x054;
+/// Offset, board to host: received bytes dropped in this boot.
+pub const LINK_BYTES_LOST: usize = 0x058;
+
+/// Offset, host to board: thermistor reading, 0 to 4095.
+pub const THERMISTOR_RAW: usize = 0x100;
+/// Offset, host to board: thermistor samples so far; 0 until there is one.
+pub const THERMISTOR_SAMPLES: usize = 0x104;
+/// Offset, host to board: step records read.
+pub const STEP_READ_INDEX: usize = 0x108;
+/// Offset, host to board: head steps in a turn; 0 for no index mark.
+pub const INDEX_STEPS_PER_TURN: usize = 0x110;
+/// Offset, host to board: the head step at which the mark begins.
+pub const INDEX_POSITION: usize = 0x114;
+/// Offset, host to board: width of the mark in head steps.
+pub const INDEX_WIDTH: usize = 0x118;
+/// Offset, host to board: a broken index sensor, one of `INDEX_FAULT_*`.
+pub const INDEX_FAULT: usize = 0x11C;
+/// Offset, host to board: a number that differs from run to run.
+pub const ENTROPY: usize = 0x120;
+/// Offset, host to board: length of the machine description in bytes; 0 for none.
+pub const MACHINE_LENGTH: usize = 0x124;
+/// Offset, host to board: the machine description.
+pub const MACHINE: usize = 0x1000;
+/// The longest machine description, in bytes.
+pub const MACHINE_CAPACITY: usize = 0x1000;
+
+/// Offset, board to host: the step records. Record `i` is at `STEP_RING + 4 * (i % STEP_RING_RECORDS)`.
+pub const STEP_RING: usize = 0x10_0000;
+/// Records in the ring, a power of two: over four minutes at one step a tick and 4 kHz.
+pub const STEP_RING_RECORDS: u32 = 1 << 20;
+
+/// [`RESET_CAUSE`]: the first start on this memory.
+pub const RESET_POWER_ON: u32 = 1;
+/// [`RESET_CAUSE`]: the watchdog was not fed.
+pub const RESET_WATCHDOG: u32 = 2;
+/// [`RESET_CAUSE`]: the firmware panicked.
+pub const RESET_PANIC: u32 = 3;
+/// [`RESET_CAUSE`]: the processor faulted.
+pub const RESET_FAULT: u32 = 4;
+/// [`RESET_CAUSE`]: reset from outside, by the emulator's monitor.
+pub const RESET_EXTERNAL: u32 = 5;
+
+/// [`INDEX_FAULT`]: the sensor works.
+pub const INDEX_FAULT_NONE: u32 = 0;
+/// [`INDEX_FAULT`]: the line stays low, as if always on the mark.
+pub const INDEX_FAULT_STUCK_LOW: u32 = 1;
+/// [`INDEX_FAULT`]: the line stays high, as if never on the mark.
+pub const INDEX_FAULT_STUCK_HIGH: u32 = 2;
+
+/// One rising edge of a STEP pin, as the ring holds it:
+///
+/// | bits | meaning |
+/// |---|---|
+/// | 31 | axis: 0 head, 1 feed |
+/// | 30 | DIR: 1 forward |
+/// | 29 | the driver was energised |
+/// | 28..0 | low bits of the tick at which the edge came |
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct StepRecord {
+    /// Which motor.
+    pub axis: Axis,
+    /// Whether DIR was high.
+    pub forward: bool,
+    /// Whether the driver was energised, so that the motor turned.
+    pub enabled: bool,
+    /// The tick modulo 2^29 (37 hours at 4 kHz); see [`StepRecord::tick_after`].
+    pub tick: u32,
+}
+
+/// The two motors of the tip.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Axis {
+    /// Turns the print head.
+    Head,
+    /// Pushes the filament.
+    Feed,
+}
+
+const AXIS_BIT: u32 = 1 << 31;
+const FORWARD_BIT: u32 = 1 << 30;
+const ENABLED_BIT: u32 = 1 << 29;
+const TICK_MASK: u32 = ENABLED_BIT - 1;
+
+impl StepRecord {
+    /// The record as the ring holds it. Bits of the tick above 28 are dropped.
+    pub const fn to_word(self) -> u32 {
+        let axis = match self.axis {
+            Axis::Head => 0,
+            Axis::Feed => AXIS_BIT,
+        };
+        let forward = if self.forward { FORWARD_BIT } else { 0 };
+        let enabled = if self.enabled { ENABLED_BIT } else { 0 };
+        axis | forward | enabled | (self.tick & TICK_MASK)
+    }
+
+    /// Reads a word of the ring. Every word is a record.
+    pub const fn from_word(word: u32) -> Self {
+        StepRecord {
+            axis: if word & AXIS_BIT == 0 { Axis::Head } else { Axis::Feed },
+            forward: word & FORWARD_BIT != 0,
+            enabled: word & ENABLED_BIT != 0,
+            tick: word & TICK_MASK,
+        }
+    }
+
+    /// The whole tick number, given that of an earlier record (or the start of the boot) less than 2^29 ticks before.
+    pub const fn tick_after(self, earlier: u64) -> u64 {
+        let modulus = TICK_MASK as u64 + 1;
+        let gap = (self.tick as u64).wrapping_sub(earlier) % modulus;
+        earlier.wrapping_add(gap)
+    }
+}
+
+/// Byte offset of the record with a running index.
+pub const fn step_record_offset(index: u32) -> usize {
+    STEP_RING + 4 * (index % STEP_RING_RECORDS) as usize
+}
+
+/// Level of the index line (`true` is high) for a head at `head_steps`, as the sensor's words describe it.
+///
+/// ```
+/// use growbot_firmware::emulated_tip::{INDEX_FAULT_NONE, index_level};
+///
+/// // A mark 5 steps wide that begins at step 100 of a turn of 3200.
+/// assert!(index_level(99, 3200, 100, 5, INDEX_FAULT_NONE));
+/// assert!(!index_level(100, 3200, 100, 5, INDEX_FAULT_NONE));
+/// assert!(!index_level(100 - 3200, 3200, 100, 5, INDEX_FAULT_NONE));
+/// ```
+pub const fn index_level(head_steps: i32, steps_per_turn: u32, position: u32, width: u32, fault: u32) -> bool {
+    match fault {
+        INDEX_FAULT_STUCK_LOW => false,
+        INDEX_FAULT_STUCK_HIGH => true,
+        _ if steps_per_turn == 0 => true,
+        _ => {
+            let from_mark = (head_steps as i64).wrapping_sub(position as i64);
+            from_mark.rem_euclid(steps_per_turn as i64) >= width as i64
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_record_survives_the_ring() {
+        for axis in [Axis::Head, Axis::Feed] {
+            for (forward, enabled) in [(false, false), (false, true), (true, false), (true, true)] {
+                let record = StepRecord { axis, forward, enabled, tick: 0x1234_5678 & TICK_MASK };
+                assert_eq!(StepRecord::from_word(record.to_word()), record);
+            }
+        }
+    }
+
+    #[test]
+    fn ticks_are_whole_again_across_the_wrap() {
+        let record = |tick| StepRecord { axis: Axis::Head, forward: true, enabled: true, tick };
+        assert_eq!(record(7).tick_after(7), 7);
+        assert_eq!(record(3).tick_after((1 << 29) - 2), (1 << 29) + 3);
+        assert_eq!(record(1).tick_after((5 << 29) + 1), (5 << 29) + 1);
+    }
+
+    #[test]
+    fn the_ring_wraps_where_the_index_does() {
+        assert_eq!(step_record_offset(0), STEP_RING);
+        assert_eq!(step_record_offset(STEP_RING_RECORDS), STEP_RING);
+        assert_eq!(step_record_offset(u32::MAX), STEP_RING + 4 * (STEP_RING_RECORDS as usize - 1));
+        assert!(step_record_offset(u32::MAX) + 4 <= SIZE);
+    }
+
+    #[test]
+    fn the_index_line_is_low_on_the_mark_only() {
+        let low = (0..3200).filter(|&step| !index_level(step, 3200, 3198, 5, INDEX_FAULT_NONE)).count();
+        assert_eq!(low, 5);
+        assert!(!index_level(0, 3200, 3198, 5, INDEX_FAULT_NONE));
+        assert!(!index_level(-2, 3200, 3198, 5, INDEX_FAULT_NONE));
+        assert!(index_level(-3, 3200, 3198, 5, INDEX_FAULT_NONE));
+        assert!(index_level(0, 0, 0, 5, INDEX_FAULT_NONE));
+        assert!(!index_level(1000, 3200, 0, 5, INDEX_FAULT_STUCK_LOW));
+        assert!(index_level(0, 3200, 0, 5, INDEX_FAULT_STUCK_HIGH));
+    }
+
+    #[test]
+    fn words_do_not_overlap() {
+        let words = [
+            MAGIC,
+            VERSION,
+            BOOTS,
+            RESET_CAUSE,
+            BOOT_WRITE_INDEX,
+            WATCHDOG_FEEDS,
+            TICKS_LO,
+            TICKS_HI,
+            TICK_HZ,
+            HEATER_DUTY,
+            HEATER_ENABLE,
+            HEAD_ENABLE,
+            FEED_ENABLE,
+            HEAD_STEPS,
+            FEED_STEPS,
+            HEATER_ENERGY_LO,
+            HEATER_ENERGY_HI,
+            STEP_WRITE_INDEX,
+            STEP_OVERRUN,
+            LINK_BYTES_LOST,
+            THERMISTOR_RAW,
+            THERMISTOR_SAMPLES,
+            STEP_READ_INDEX,
+            INDEX_STEPS_PER_TURN,
+            INDEX_POSITION,
+            INDEX_WIDTH,
+            INDEX_FAULT,
+            ENTROPY,
+            MACHINE_LENGTH,
+            MACHINE,
+        ];
+        assert!(words.windows(2).all(|pair| pair[0] + 4 <= pair[1]));
+        assert!(words.iter().all(|offset| offset % 4 == 0));
+        assert!(MACHINE + MACHINE_CAPACITY <= STEP_RING);
+    }
+}

@@ -1,0 +1,233 @@
+//! The heater: regulation of the nozzle's temperature, and the conditions under which it is cut off.
+//!
+//! A PID controller on the temperature, ten times a second. The derivative is taken of the temperature, not of the error, so
+//! that a new target gives no kick; the integral grows only while the power is not saturated, so that the long way up
+//! leaves nothing to overshoot by.
+//!
+//! Power flows only while a reading is younger than half a second. A broken thermistor and too high a temperature are
+//! faults whether the heater is on or not; a silent or broken thermistor matters only while it is on.
+
+use growbot_core::link::message::Fault;
+use growbot_core::robot::RobotDescription;
+
+use crate::thermistor::{Broken, temperature};
+
+/// Between two updates of the regulation, us.
+pub const PERIOD_US: u64 = 100_000;
+/// The oldest reading on which power flows, us.
+const OLDEST_READING_US: u64 = 500_000;
+/// How long the temperature must stay in its band to count as hot, us.
+const SETTLING_US: u64 = 2_000_000;
+
+/// The heater's regulation and limits.
+#[derive(Debug, Clone, Default)]
+pub struct Heater {
+    /// Degrees Celsius, none while off.
+    target: Option<f64>,
+    /// The latest reading, degrees Celsius, and when it was taken, us.
+    reading: Option<(f64, u64)>,
+    /// The reading before it, for the derivative.
+    previous: Option<f64>,
+    /// What is wrong with the sensor.
+    broken: Option<Broken>,
+    /// Integral of the error, as duty.
+    integral: f64,
+    /// The latest duty, 0 to 1.
+    duty: f64,
+    /// When the heater was switched on, us.
+    on_since: u64,
+    /// Since when the temperature has been in its band, us.
+    in_band_since: Option<u64>,
+}
+
+impl Heater {
+    /// Switches the heater on.
+    pub fn switch_on(&mut self, target: f64, now: u64) {
+        *self = Self { target: Some(target), on_since: now, reading: self.reading, broken: self.broken, ..Self::default() };
+    }
+
+    /// Switches the heater off.
+    pub fn switch_off(&mut self) {
+        *self = Self { reading: self.reading, broken: self.broken, ..Self::default() };
+    }
+
+    /// The target, degrees Celsius, none while off.
+    #[must_use]
+    pub fn target(&self) -> Option<f64> {
+        self.target
+    }
+
+    /// The temperature, degrees Celsius, none without a recent reading.
+    #[must_use]
+    pub fn temperature(&self, now: u64) -> Option<f64> {
+        let (temperature, taken) = self.reading?;
+        (self.broken.is_none() && now.saturating_sub(taken) <= OLDEST_READING_US).then_some(temperature)
+    }
+
+    /// The duty that the latest update gave, 0 to 1.
+    #[must_use]
+    pub fn duty(&self) -> f64 {
+        self.duty
+    }
+
+    /// Whether the temperature has settled at the target.
+    #[must_use]
+    pub fn is_hot(&self, now: u64) -> bool {
+        self.in_band_since.is_some_and(|since| now.saturating_sub(since) >= SETTLING_US)
+    }
+
+    /// One update: takes a new reading if there is one and gives the duty, 0 to 1. To be called every [`PERIOD_US`].
+    ///
+    /// # Errors
+    /// The fault for which the heater must be cut off.
+    pub fn update(&mut self, raw: Option<u16>, robot: &RobotDescription, now: u64) -> Result<f64, Fault> {
+        self.duty = 0.0;
+        self.duty = self.regulate(raw, robot, now)?;
+        Ok(self.duty)
+    }
+
+    fn regulate(&mut self, raw: Option<u16>, robot: &RobotDescription, now: u64) -> Result<f64, Fault> {
+        let limits = &robot.heater;
+        if let Some(raw) = raw {
+            match temperature(raw, &robot.thermistor) {
+                Ok(temperature) => {
+                    self.previous = self.reading.map(|(before, _)| before);
+                    self.reading = Some((temperature, now));
+                    self.broken = None;
+                    if temperature > limits.max_c {
+                        return Err(Fault::OverTemperature);
+                    }
+                }
+                Err(broken) => self.broken = Some(broken),
+            }
+        }
+        let Some(target) = self.target else { return Ok(0.0) };
+        match self.broken {
+            Some(Broken::Open) => return Err(Fault::ThermistorOpen),
+            Some(Broken::Short) => return Err(Fault::ThermistorShort),
+            None => {}
+        }
+        let Some(temperature) = self.temperature(now) else {
+            // Just switched on, the first reading may still be on its way.
+            let waiting = now.saturating_sub(self.on_since) <= OLDEST_READING_US;
+            return if waiting { Ok(0.0) } else { Err(Fault::ThermistorSilent) };
+        };
+        let error = target - temperature;
+        self.watch_band(error, limits.band_c, now);
+        if !self.has_been_hot() && now.saturating_sub(self.on_since) > seconds(limits.heating_timeout_s) {
+            return Err(Fault::HeatingTooSlow);
+        }
+        let dt = PERIOD_US as f64 * 1e-6;
+        let rate = self.previous.map_or(0.0, |before| (temperature - before) / dt);
+        let unsaturated = limits.kp * error + self.integral - limits.kd * rate;
+        if (0.0..1.0).contains(&unsaturated) {
+            self.integral = (self.integral + limits.ki * error * dt).clamp(0.0, 1.0);
+        }
+        Ok(unsaturated.clamp(0.0, 1.0))
+    }
+
+    fn watch_band(&mut self, error: f64, band: f64, now: u64) {
+        if error.abs() > band {
+            // Once hot, a dip is for the least extrusion temperature to judge.
+            if !self.is_hot(now) {
+                self.in_band_since = None;
+            }
+        } else if self.in_band_since.is_none() {
+            self.in_band_since = Some(now);
+        }
+    }
+
+    fn has_been_hot(&self) -> bool {
+        self.in_band_since.is_some()
+    }
+}
+
+/// Seconds to us.
+fn seconds(seconds: f64) -> u64 {
+    (seconds * 1e6) as u64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::robot_a;
+    use crate::thermistor::reading;
+
+    /// Robot A's nozzle as a lump of heat: `C dT/dt = P duty - k (T - 25)`.
+    struct Nozzle(f64);
+
+    impl Nozzle {
+        fn heat(&mut self, duty: f64, robot: &RobotDescription) {
+            let heater = &robot.heater;
+            let power = heater.power_w * duty - heater.loss_w_per_k * (self.0 - 25.0);
+            self.0 += power / heater.heat_capacity_j_per_k * PERIOD_US as f64 * 1e-6;
+        }
+    }
+
+    #[test]
+    fn the_nozzle_gets_hot_and_stays_so() {
+        let robot = robot_a();
+        let robot = robot.description();
+        let (mut heater, mut nozzle, mut greatest) = (Heater::default(), Nozzle(25.0), 0.0_f64);
+        heater.switch_on(200.0, 0);
+        let mut hot_at = None;
+        for step in 1..6000 {
+            let now = step * PERIOD_US;
+            let duty = heater.update(Some(reading(nozzle.0, &robot.thermistor)), robot, now).unwrap();
+            nozzle.heat(duty, robot);
+            greatest = greatest.max(nozzle.0);
+            if heater.is_hot(now) {
+                let since = *hot_at.get_or_insert(now);
+                assert!(now - since < 20_000_000 || (nozzle.0 - 200.0).abs() < 1.5, "{} at {now}", nozzle.0);
+            }
+        }
+        assert!(hot_at.unwrap() < 120_000_000);
+        assert!(greatest < 204.0, "overshoot to {greatest}");
+    }
+
+    fn hot_heater() -> Heater {
+        let mut heater = Heater::default();
+        heater.switch_on(200.0, 0);
+        heater
+    }
+
+    #[test]
+    fn a_broken_thermistor_cuts_the_heater_off() {
+        let robot = robot_a();
+        assert_eq!(hot_heater().update(Some(4095), robot.description(), 1), Err(Fault::ThermistorOpen));
+        assert_eq!(hot_heater().update(Some(0), robot.description(), 1), Err(Fault::ThermistorShort));
+        let mut heater = hot_heater();
+        let room = reading(25.0, &robot.description().thermistor);
+        assert!(heater.update(Some(room), robot.description(), 1).unwrap() > 0.5);
+        assert!(heater.update(None, robot.description(), 400_000).is_ok());
+        assert_eq!(heater.update(None, robot.description(), 600_000), Err(Fault::ThermistorSilent));
+    }
+
+    #[test]
+    fn over_temperature_is_a_fault_even_with_the_heater_off() {
+        let robot = robot_a();
+        let raw = reading(250.0, &robot.description().thermistor);
+        assert_eq!(hot_heater().update(Some(raw), robot.description(), 1), Err(Fault::OverTemperature));
+        assert_eq!(Heater::default().update(Some(raw), robot.description(), 1), Err(Fault::OverTemperature));
+    }
+
+    #[test]
+    fn a_heater_without_effect_is_too_slow() {
+        let robot = robot_a();
+        let room = reading(25.0, &robot.description().thermistor);
+        let mut heater = hot_heater();
+        assert!(heater.update(Some(room), robot.description(), 300_000_000).is_ok());
+        assert_eq!(heater.update(Some(room), robot.description(), 300_100_000), Err(Fault::HeatingTooSlow));
+    }
+
+    #[test]
+    fn switched_off_there_is_no_power() {
+        let robot = robot_a();
+        let room = reading(25.0, &robot.description().thermistor);
+        let mut heater = hot_heater();
+        heater.switch_off();
+        assert_eq!(heater.update(Some(room), robot.description(), 1), Ok(0.0));
+        assert_eq!(heater.update(Some(4095), robot.description(), 2), Ok(0.0));
+        assert_eq!(heater.temperature(2), None);
+    }
+}

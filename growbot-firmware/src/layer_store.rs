@@ -1,0 +1,93 @@
+//! The layers that the board holds: those accepted and not yet laid.
+
+use growbot_core::layer_bytes::LayerBytes;
+use heapless::Deque;
+
+/// How many layers the board holds: 3.2 m of robot A.
+pub const CAPACITY: usize = 4096;
+
+/// Layers of one job, in order. Those laid make room for those to come.
+#[derive(Debug, Default)]
+pub struct LayerStore {
+    layers: Deque<LayerBytes, CAPACITY>,
+    /// Index, in the job, of the first layer held.
+    first: u32,
+}
+
+impl LayerStore {
+    /// An empty store.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { layers: Deque::new(), first: 0 }
+    }
+
+    /// Forgets everything; the next layer is number 0.
+    pub fn clear(&mut self) {
+        self.layers.clear();
+        self.first = 0;
+    }
+
+    /// Index of the next layer to be taken in.
+    #[must_use]
+    pub fn next_index(&self) -> u32 {
+        self.first + self.layers.len() as u32
+    }
+
+    /// Room for so many more.
+    #[must_use]
+    pub fn room(&self) -> u32 {
+        (CAPACITY - self.layers.len()) as u32
+    }
+
+    /// Takes in the next layer. False if there is no room.
+    #[must_use]
+    pub fn push(&mut self, layer: LayerBytes) -> bool {
+        self.layers.push_back(layer).is_ok()
+    }
+
+    /// The layer of this index, if it is held.
+    #[must_use]
+    pub fn get(&self, index: u32) -> Option<LayerBytes> {
+        let offset = usize::try_from(index.checked_sub(self.first)?).ok()?;
+        self.layers.get(offset).copied()
+    }
+
+    /// Drops the first layer held, which has been laid.
+    pub fn drop_first(&mut self) {
+        if self.layers.pop_front().is_some() {
+            self.first += 1;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn layers_keep_their_index_while_earlier_ones_are_dropped() {
+        let mut store = LayerStore::new();
+        for i in 0..10 {
+            assert!(store.push([i; 12]));
+        }
+        store.drop_first();
+        store.drop_first();
+        assert_eq!(store.get(1), None);
+        assert_eq!(store.get(2), Some([2; 12]));
+        assert_eq!(store.get(9), Some([9; 12]));
+        assert_eq!(store.get(10), None);
+        assert_eq!(store.next_index(), 10);
+    }
+
+    #[test]
+    fn a_full_store_takes_no_more() {
+        let mut store = LayerStore::new();
+        for _ in 0..CAPACITY {
+            assert!(store.push([0; 12]));
+        }
+        assert_eq!(store.room(), 0);
+        assert!(!store.push([0; 12]));
+        store.drop_first();
+        assert!(store.push([0; 12]));
+    }
+}

@@ -1,0 +1,131 @@
+//! Robots and pins for this crate's tests.
+
+use core::convert::Infallible;
+use std::cell::RefCell;
+use std::rc::Rc;
+use std::vec::Vec;
+
+use embedded_hal::digital::{ErrorKind, ErrorType, InputPin, OutputPin};
+use growbot_core::robot::{FeedStrategy, Robot, RobotDescription};
+
+fn description_a() -> RobotDescription {
+    toml::from_str(include_str!("../../robots/growbot-a.toml")).expect("robots/growbot-a.toml is readable")
+}
+
+/// The paper's robot A.
+pub fn robot_a() -> Robot {
+    Robot::new(description_a()).expect("robots/growbot-a.toml is valid")
+}
+
+/// Robot A with a strategy.
+pub fn robot_a_by(strategy: FeedStrategy) -> Robot {
+    let mut description = description_a();
+    description.motion.strategy = strategy;
+    Robot::new(description).expect("either strategy is valid")
+}
+
+/// Seven pins whose levels a test can see, set and break.
+#[derive(Clone, Default)]
+pub struct FakePins(Rc<RefCell<Levels>>);
+
+#[derive(Default)]
+struct Levels {
+    high: Vec<bool>,
+    failed: Vec<usize>,
+}
+
+impl FakePins {
+    /// The pin of a number.
+    pub fn pin(&self, number: usize) -> FakePin {
+        let mut levels = self.0.borrow_mut();
+        if levels.high.len() <= number {
+            levels.high.resize(number + 1, false);
+        }
+        FakePin { pins: self.clone(), number }
+    }
+
+    /// The level of a pin.
+    pub fn level(&self, number: usize) -> bool {
+        self.0.borrow().high[number]
+    }
+
+    /// Sets the level of a pin, as the world outside does.
+    pub fn set(&self, number: usize, high: bool) {
+        self.0.borrow_mut().high[number] = high;
+    }
+
+    /// From now on the pin refuses.
+    pub fn fail(&self, number: usize) {
+        self.0.borrow_mut().failed.push(number);
+    }
+}
+
+/// One of them.
+pub struct FakePin {
+    pins: FakePins,
+    number: usize,
+}
+
+/// A pin that was told to fail.
+#[derive(Debug)]
+pub struct PinFailed;
+
+impl embedded_hal::digital::Error for PinFailed {
+    fn kind(&self) -> ErrorKind {
+        ErrorKind::Other
+    }
+}
+
+impl ErrorType for FakePin {
+    type Error = PinFailed;
+}
+
+impl FakePin {
+    fn check(&self) -> Result<(), PinFailed> {
+        if self.pins.0.borrow().failed.contains(&self.number) { Err(PinFailed) } else { Ok(()) }
+    }
+}
+
+impl OutputPin for FakePin {
+    fn set_low(&mut self) -> Result<(), PinFailed> {
+        self.check()?;
+        self.pins.set(self.number, false);
+        Ok(())
+    }
+
+    fn set_high(&mut self) -> Result<(), PinFailed> {
+        self.check()?;
+        self.pins.set(self.number, true);
+        Ok(())
+    }
+}
+
+impl InputPin for FakePin {
+    fn is_high(&mut self) -> Result<bool, PinFailed> {
+        self.check()?;
+        Ok(self.pins.level(self.number))
+    }
+
+    fn is_low(&mut self) -> Result<bool, PinFailed> {
+        self.is_high().map(|high| !high)
+    }
+}
+
+/// A heater's power that a test can see.
+#[derive(Clone, Default)]
+pub struct FakePower(pub Rc<RefCell<u16>>);
+
+impl embedded_hal::pwm::ErrorType for FakePower {
+    type Error = Infallible;
+}
+
+impl embedded_hal::pwm::SetDutyCycle for FakePower {
+    fn max_duty_cycle(&self) -> u16 {
+        10_000
+    }
+
+    fn set_duty_cycle(&mut self, duty: u16) -> Result<(), Infallible> {
+        *self.0.borrow_mut() = duty;
+        Ok(())
+    }
+}
