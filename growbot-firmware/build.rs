@@ -1,11 +1,15 @@
-//! Chooses the memory map and the linker arguments of the board being built; does nothing for the desktop.
+//! Chooses the memory map, the linker arguments and the robot's description of the board being built; does nothing for the
+//! desktop.
 
 use std::path::{Path, PathBuf};
 use std::{env, fs, process};
 
+use growbot_core::robot::{LONGEST_ENCODED, Robot};
+
 fn main() {
     println!("cargo:rerun-if-changed=build.rs");
     println!("cargo:rerun-if-changed=memory");
+    println!("cargo:rerun-if-env-changed=GROWBOT_ROBOT");
 
     let board = match (feature("AN386"), feature("STM32F405")) {
         (false, false) => return,
@@ -31,6 +35,11 @@ fn main() {
         stop(&format!("cannot copy {}: {error}", map.display()));
     }
 
+    let machine = describe(&here);
+    if let Err(error) = fs::write(out.join("machine.bin"), machine) {
+        stop(&format!("cannot write machine.bin: {error}"));
+    }
+
     // The linker finds the workspace's `memory.x` in cargo's working directory, and the `board.x` it includes here.
     println!("cargo:rustc-link-search={}", out.display());
     for script in ["link.x", "defmt.x"] {
@@ -38,6 +47,28 @@ fn main() {
     }
     // lld would otherwise fill page-sized gaps between segments, which probes then flash.
     println!("cargo:rustc-link-arg-bin={board}=--nmagic");
+}
+
+/// The description of the robot that the firmware is for, in postcard form.
+fn describe(here: &Path) -> Vec<u8> {
+    let name = env::var("GROWBOT_ROBOT").unwrap_or_else(|_| "growbot-a".to_string());
+    let file = if name.ends_with(".toml") {
+        PathBuf::from(&name)
+    } else {
+        here.join("../robots").join(format!("{name}.toml"))
+    };
+    println!("cargo:rerun-if-changed={}", file.display());
+    let text = fs::read_to_string(&file).unwrap_or_else(|error| {
+        stop(&format!("cannot read the robot {}: {error}; GROWBOT_ROBOT names it", file.display()))
+    });
+    let description =
+        toml::from_str(&text).unwrap_or_else(|error| stop(&format!("{} is no robot file: {error}", file.display())));
+    let robot = Robot::new(description).unwrap_or_else(|error| stop(&format!("{}: {error}", file.display())));
+    let mut buffer = [0; LONGEST_ENCODED];
+    match robot.encode(&mut buffer) {
+        Ok(bytes) => bytes.to_vec(),
+        Err(error) => stop(&format!("{}: {error}", file.display())),
+    }
 }
 
 fn feature(name: &str) -> bool {

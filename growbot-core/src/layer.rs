@@ -49,6 +49,9 @@ pub enum LayerError {
         /// Height of the inner side, mm.
         height: f64,
     },
+    /// Head or feed would have to step more than once in two ticks of the step interrupt.
+    #[error("the layer asks for more than one step in two ticks: raise motion.tick_hz or lower the steps")]
+    StepRate,
 }
 
 impl Layer {

@@ -20,13 +20,14 @@ use core::ops::{Deref, DerefMut};
 
 use embedded_hal::digital::OutputPin;
 use embedded_hal::pwm::SetDutyCycle;
-use growbot_core::layer_bytes::{Encoder, LayerBytes};
-use growbot_core::link::message::{Fault, Laid, Message, ResetCause, State, StateChanged, Status};
+use growbot_core::layer_bytes::{Encoder, LayerBytes, decode_checked};
+use growbot_core::link::message::{Fault, Laid, Message, Refusal, ResetCause, State, StateChanged, Status};
 use growbot_core::robot::Robot;
 use heapless::Deque;
 
 use crate::hal::{Board, Parts, Thermistor, Watchdog};
 use crate::heater::{self, Heater};
+use crate::layer_store::LayerStore;
 use crate::link::Link;
 use crate::stepping::{Handover, Homing, Material, Order, Report, Turn, TurnReport, as_built};
 
@@ -298,24 +299,19 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    fn store(&self) -> &crate::layer_store::LayerStore {
+    fn store(&self) -> &LayerStore {
         self.parts.store.deref()
     }
 
-    fn store_mut(&mut self) -> &mut crate::layer_store::LayerStore {
+    fn store_mut(&mut self) -> &mut LayerStore {
         self.parts.store.deref_mut()
     }
 
     /// Takes a layer into the store after checking it. The robot's limits are the board's own: nothing that a host sends
     /// lifts them.
-    fn hold_layer(&mut self, bytes: LayerBytes) -> Result<(), growbot_core::link::message::Refusal> {
-        use growbot_core::link::message::Refusal;
+    fn hold_layer(&mut self, bytes: LayerBytes) -> Result<(), Refusal> {
         let index = self.store().next_index();
-        let lays = growbot_core::layer_bytes::decode_checked(&bytes, &self.robot).is_ok()
-            && Turn::new(&bytes, Material::default(), &self.robot).is_ok();
-        if !lays {
-            return Err(Refusal::BadLayer { index });
-        }
+        decode_checked(&bytes, &self.robot).map_err(|_| Refusal::BadLayer { index })?;
         if self.store_mut().push(bytes) { Ok(()) } else { Err(Refusal::Full) }
     }
 }

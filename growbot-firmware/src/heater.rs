@@ -43,7 +43,8 @@ pub struct Heater {
 impl Heater {
     /// Switches the heater on.
     pub fn switch_on(&mut self, target: f64, now: u64) {
-        *self = Self { target: Some(target), on_since: now, reading: self.reading, broken: self.broken, ..Self::default() };
+        *self =
+            Self { target: Some(target), on_since: now, reading: self.reading, broken: self.broken, ..Self::default() };
     }
 
     /// Switches the heater off.

@@ -23,6 +23,8 @@ pub mod hal;
 pub mod heater;
 pub mod layer_store;
 pub mod link;
+#[cfg(any(feature = "an386", feature = "stm32f405"))]
+pub mod machine;
 pub mod polarity;
 pub mod stepping;
 #[cfg(test)]

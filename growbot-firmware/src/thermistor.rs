@@ -63,7 +63,10 @@ mod tests {
         for celsius in [-20.0, 0.0, 25.0, 100.0, 180.0, 200.0, 240.0, 300.0] {
             let again = temperature(reading(celsius, &thermistor), &thermistor).unwrap();
             // One count of the converter is up to 3 degrees at the cold end and 0.5 at 200.
-            assert!((again - celsius).abs() < if celsius < 100.0 { 3.0 } else { 1.0 }, "{celsius} came back as {again}");
+            assert!(
+                (again - celsius).abs() < if celsius < 100.0 { 3.0 } else { 1.0 },
+                "{celsius} came back as {again}"
+            );
         }
     }
 

@@ -40,6 +40,23 @@ pub enum State {
     Fault,
 }
 
+impl State {
+    /// The state in a word.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Idle => "idle",
+            Self::Heating => "heating",
+            Self::Homing => "homing",
+            Self::Growing => "growing",
+            Self::Hold => "hold",
+            Self::Done => "done",
+            Self::Stopped => "stopped",
+            Self::Fault => "fault",
+        }
+    }
+}
+
 /// What went wrong. Any of them switches heater and steppers off.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub enum Fault {
@@ -61,6 +78,50 @@ pub enum Fault {
     StepRate,
     /// The board's own hardware refused a command.
     Hardware,
+}
+
+impl Fault {
+    /// The fault as a code.
+    #[must_use]
+    pub const fn code(self) -> &'static str {
+        match self {
+            Self::ThermistorOpen => "thermistor-open",
+            Self::ThermistorShort => "thermistor-short",
+            Self::ThermistorSilent => "thermistor-silent",
+            Self::OverTemperature => "over-temperature",
+            Self::UnderTemperature => "under-temperature",
+            Self::HeatingTooSlow => "heating-too-slow",
+            Self::IndexNotFound => "index-not-found",
+            Self::StepRate => "step-rate",
+            Self::Hardware => "hardware",
+        }
+    }
+
+    /// What happened and what to look at.
+    #[must_use]
+    pub const fn explanation(self) -> &'static str {
+        match self {
+            Self::ThermistorOpen => "the thermistor reads as if its wire were cut: check its connector",
+            Self::ThermistorShort => "the thermistor reads as if its wires touched: check its insulation",
+            Self::ThermistorSilent => "no temperature reading for half a second: check the board",
+            Self::OverTemperature => {
+                "the nozzle got hotter than heater.max_c: check the heater's switches and the thermistor's seat"
+            }
+            Self::UnderTemperature => {
+                "the nozzle cooled below heater.extrusion_min_c while growing: check heater, fan and draught"
+            }
+            Self::HeatingTooSlow => {
+                "the nozzle was not hot within heater.heating_timeout_s: check heater, supply and the thermistor's seat"
+            }
+            Self::IndexNotFound => {
+                "the head turned one and a half turns without passing its index mark: check the sensor, the motor and its driver"
+            }
+            Self::StepRate => {
+                "a layer asks for more than one step in two ticks: raise motion.tick_hz or lower the steps"
+            }
+            Self::Hardware => "a pin or the heater's output refused a command: check the board",
+        }
+    }
 }
 
 /// Why a request was refused. The board did nothing.
@@ -121,18 +182,33 @@ pub enum Refusal {
 /// Why the board started.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub enum ResetCause {
-    /// Power came on.
+    /// The supply came up.
     PowerOn,
-    /// The reset pin, or a debugger.
-    Pin,
-    /// The watchdog: the firmware had stopped.
-    Watchdog,
-    /// The firmware itself.
-    Software,
-    /// The supply dipped.
+    /// The supply sagged.
     BrownOut,
-    /// The hardware does not say.
-    Unknown,
+    /// The watchdog was not fed: the firmware had stopped.
+    Watchdog,
+    /// The firmware panicked.
+    Panic,
+    /// The processor faulted.
+    ProcessorFault,
+    /// The reset pin, a debug probe, or a reset that software asked for.
+    External,
+}
+
+impl ResetCause {
+    /// The cause in words.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::PowerOn => "power on",
+            Self::BrownOut => "brown-out",
+            Self::Watchdog => "watchdog",
+            Self::Panic => "panic",
+            Self::ProcessorFault => "processor fault",
+            Self::External => "reset from outside",
+        }
+    }
 }
 
 /// A pose on the link: mm and radians.
@@ -479,7 +555,7 @@ mod tests {
             Message::BoardHello(BoardHello {
                 schema: u64::MAX,
                 boot_id: u32::MAX,
-                reset_cause: ResetCause::Unknown,
+                reset_cause: ResetCause::External,
                 firmware: [255; 3],
                 robot_name: name,
                 robot: u64::MAX,

@@ -5,6 +5,7 @@
 
 mod description;
 mod error;
+mod step_rate;
 mod validate;
 
 pub use description::{
@@ -115,7 +116,8 @@ impl Robot {
         greatest_mean_height(self.tip_radius(), layer.height_mm, layer.height_max_mm, tilt_max, curvature)
     }
 
-    /// Whether this layer can be laid: nowhere above the greatest height or tilt, and material all round.
+    /// Whether this layer can be laid: nowhere above the greatest height or tilt, material all round, and steps no faster than
+    /// the step interrupt makes them.
     ///
     /// `slack` is how far a limit may be passed to allow for rounding, as a share of it. A layer thinner than the
     /// least height is worth a warning and can be laid; one that would need negative material cannot.
@@ -141,6 +143,9 @@ impl Robot {
         let inner = layer.least_height(self.tip_radius());
         if inner <= 0.0 {
             return Err(LayerError::NoMaterial { height: inner });
+        }
+        if !step_rate::BusiestSector::of(&self.description, layer.height, layer.tilt).can_be_carried() {
+            return Err(LayerError::StepRate);
         }
         Ok(())
     }

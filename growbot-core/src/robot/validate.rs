@@ -1,5 +1,6 @@
 //! The checks of a robot description, in the order in which a person would fix what they find.
 
+use super::step_rate::BusiestSector;
 use super::{RobotDescription, RobotError};
 use crate::angle::radians;
 use crate::curvature::{least_radius_of_geometry, least_radius_of_layers};
@@ -169,29 +170,11 @@ fn check_step_rates(robot: &RobotDescription) -> Result<(), RobotError> {
         f64::from(u32::MAX / 4),
         "a layer takes at least four ticks a sector: raise motion.tick_hz",
     )?;
-    // Share of the busiest sector in the layer's plastic, relative to an even one.
-    let lean = robot.geometry.tip_radius_mm / robot.planning_radius_mm;
-    let sectors = SECTORS as f64;
-    let ticks_a_sector = libm::floor(ticks / sectors);
-    let filament_area =
-        core::f64::consts::FRAC_PI_4 * robot.feed.filament_diameter_mm * robot.feed.filament_diameter_mm;
-    let wall_area = core::f64::consts::TAU * robot.geometry.tip_radius_mm * robot.wall.width_mm;
-    let feed_steps = layer.height_mm * wall_area / filament_area * robot.feed.steps_per_mm;
-    let head_steps = f64::from(robot.head.steps_per_turn);
-    let (head_ticks, feed_peak) = match robot.motion.strategy {
-        super::FeedStrategy::Feed => (ticks_a_sector, feed_steps * (1.0 + lean)),
-        super::FeedStrategy::Speed => (libm::floor(ticks / sectors * (1.0 - lean)), feed_steps),
-    };
-    let busiest = |steps: f64| libm::floor(steps / sectors) + 1.0;
+    // The steepest layer of a plan at the planning radius.
+    let tilt = layer.height_mm / robot.planning_radius_mm;
+    let busiest = BusiestSector::of(robot, layer.height_mm, tilt);
     let advice = "the step interrupt makes a step every two ticks at most: lower the steps, raise motion.tick_hz or layer.period_s";
-    Field("head steps in the busiest sector", busiest(head_steps)).between(
-        0.0,
-        libm::floor(head_ticks / 2.0),
-        advice,
-    )?;
-    Field("feed steps in the busiest sector", busiest(feed_peak)).between(
-        0.0,
-        libm::floor(ticks_a_sector / 2.0),
-        advice,
-    )
+    let most = libm::floor(busiest.ticks / 2.0);
+    Field("head steps in the busiest sector", busiest.head).between(0.0, most, advice)?;
+    Field("feed steps in the busiest sector", busiest.feed).between(0.0, most, advice)
 }

@@ -25,8 +25,7 @@ impl<B: Board> Controller<B> {
             Ok(message) => self.carry_out(message, header.session, handover),
             Err(_) => Err(Refusal::NotUnderstood),
         };
-        let answer =
-            answer.unwrap_or_else(|refusal| Message::Refused(Refused { kind: header.kind, refusal }));
+        let answer = answer.unwrap_or_else(|refusal| Message::Refused(Refused { kind: header.kind, refusal }));
         self.link.answer(&header, &answer);
     }
 

@@ -91,11 +91,7 @@ impl Turn {
                 FeedStrategy::Feed => even,
                 FeedStrategy::Speed => share,
             };
-            [
-                libm::rint(ticks * time),
-                libm::rint(head_steps * even),
-                laid.feed_steps(robot, fields.height, share),
-            ]
+            [libm::rint(ticks * time), libm::rint(head_steps * even), laid.feed_steps(robot, fields.height, share)]
         };
         let mut sectors = [Sector::default(); SECTORS];
         let mut from = edge(0);
@@ -145,7 +141,11 @@ mod tests {
     use proptest::prelude::*;
 
     fn layer() -> impl Strategy<Value = Layer> {
-        (0.0..TAU, 0.1..0.774, 98.2..1e5).prop_map(|(alpha, height, radius)| Layer { alpha, height, tilt: height / radius })
+        (0.0..TAU, 0.1..0.774, 98.2..1e5).prop_map(|(alpha, height, radius)| Layer {
+            alpha,
+            height,
+            tilt: height / radius,
+        })
     }
 
     fn bytes(layer: &Layer) -> LayerBytes {
@@ -189,6 +189,21 @@ mod tests {
             };
             // Each edge is rounded by half a step at most; in the first harmonic that is far less than the sum of all.
             prop_assert!((tilt(&built) - tilt(&layer)).norm() < 4.0 * step, "{built:?} for {layer:?}");
+        }
+    }
+
+    #[test]
+    fn every_layer_that_passes_its_check_has_a_turn() {
+        for strategy in [FeedStrategy::Feed, FeedStrategy::Speed] {
+            let robot = robot_a_by(strategy);
+            for height in 1..200 {
+                for tilt in 0..50 {
+                    let layer = Layer { alpha: 1.0, height: f64::from(height) * 0.005, tilt: f64::from(tilt) * 0.0002 };
+                    if robot.check_layer(&layer, 0.0).is_ok() {
+                        Turn::new(&bytes(&layer), Material::default(), &robot).unwrap();
+                    }
+                }
+            }
         }
     }
 

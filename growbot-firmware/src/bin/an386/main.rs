@@ -9,8 +9,6 @@
 mod interrupt_owned;
 mod interrupts;
 mod line;
-#[path = "../placeholder.rs"]
-mod placeholder;
 mod registers;
 mod reset;
 mod step_timer;
@@ -19,60 +17,97 @@ mod watchdog;
 
 use cortex_m_rt::entry;
 use defmt_rtt as _;
+use growbot_core::robot::Robot;
+use growbot_firmware::controller::{Controller, Identity};
+use growbot_firmware::hal::{Board, Parts};
+use growbot_firmware::layer_store::LayerStore;
+use growbot_firmware::machine;
+use growbot_firmware::polarity::Polarized;
+use growbot_firmware::stepping::{Axis, Engine, Handover};
 
 use crate::line::Line;
-use crate::placeholder::{Controller, Engine};
 use crate::tip::Tip;
 
 /// The board's only clock.
 const CLOCK_HZ: u32 = 25_000_000;
-/// Step interrupts a second.
-const TICK_HZ: u32 = 4_000;
 
-defmt::timestamp!("{=u64:us}", step_timer::ticks() * 1_000_000 / u64::from(TICK_HZ));
+defmt::timestamp!("{=u64:us}", step_timer::now_us());
+
+/// Where the controller and the step interrupt meet.
+static HANDOVER: Handover = Handover::new();
+
+/// The parts of this board.
+struct An386;
+
+impl Board for An386 {
+    type HeaterPower = tip::Heater;
+    type HeaterEnable = tip::Switch;
+    type Thermistor = tip::TipThermistor;
+    type Watchdog = watchdog::BoardWatchdog;
+    type Store = &'static mut LayerStore;
+}
 
 #[entry]
 fn main() -> ! {
     let tip = Tip::start(reset::take_cause);
     let watchdog = watchdog::start(CLOCK_HZ);
-    let (Some(mut core), Some((received, to_send))) = (cortex_m::Peripherals::take(), line::queues()) else {
-        // `main` runs once, so both are there.
+    let store = cortex_m::singleton!(: LayerStore = LayerStore::new());
+    let (Some(mut core), Some((received, to_send)), Some(store), Ok(robot)) =
+        (cortex_m::Peripherals::take(), line::queues(), store, robot())
+    else {
+        // `main` runs once and the built-in robot was checked when it was built, so all of them are there.
         cortex_m::peripheral::SCB::sys_reset()
     };
 
     let mut line = Line::start(received, to_send, CLOCK_HZ);
-    let engine = Engine {
-        head_step: tip.head_step,
-        head_direction: tip.head_direction,
-        feed_step: tip.feed_step,
-        feed_direction: tip.feed_direction,
-        phase: 0,
-    };
-    let clock = step_timer::start(engine, TICK_HZ, CLOCK_HZ);
+    let engine = Engine::new(
+        Axis { step: tip.head_step, direction: tip.head_direction, enable: tip.head_enable },
+        Axis { step: tip.feed_step, direction: tip.feed_direction, enable: tip.feed_enable },
+        // The emulated sensor pulls its line low on the mark.
+        Polarized::new(tip.index, true),
+    );
+    step_timer::start(engine, robot.description().motion.tick_hz, CLOCK_HZ);
     interrupts::start(&mut core.NVIC);
-    defmt::info!("an386, boot id {=u32:08x}, reset cause {=u32}", tip::boot_id(), tip::reset_cause());
+    let identity = Identity { boot_id: tip::boot_id(), reset_cause: reset::named(tip::reset_cause()) };
+    defmt::info!(
+        "an386 for {=str}, boot id {=u32:08x}, started by {=str}",
+        robot.name(),
+        identity.boot_id,
+        identity.reset_cause.name()
+    );
 
-    let mut machine = [0; growbot_firmware::emulated_tip::MACHINE_CAPACITY];
-    let machine_length = tip::copy_machine_description(&mut machine);
-    defmt::info!("machine description of {=usize} bytes", machine_length);
-
-    let mut controller = Controller {
-        drivers: (tip.head_enable, tip.feed_enable),
-        heater: tip.heater,
+    let parts = Parts {
+        heater_power: tip.heater,
         heater_enable: tip.heater_enable,
         thermistor: tip.thermistor,
-        index: tip.index,
         watchdog,
-        feeding: true,
-        reading: 0,
+        store,
     };
-    for &byte in b"growbot an386\n" {
-        let _ = line.to_send.enqueue(byte);
-    }
+    let mut controller = Controller::<An386>::new(robot, identity, parts, &HANDOVER);
+    let mut logged = controller.state();
     loop {
-        controller.poll(clock.now_us(), &mut line.received, &mut line.to_send);
+        while let Some(byte) = line.received.dequeue() {
+            controller.receive(byte, &HANDOVER);
+        }
+        controller.poll(step_timer::now_us(), &HANDOVER);
+        while line.to_send.ready() {
+            let Some(byte) = controller.transmit() else { break };
+            let _ = line.to_send.enqueue(byte);
+        }
         line.send_queued();
+        if controller.state() != logged {
+            logged = controller.state();
+            let fault = controller.fault().map_or("none", |fault| fault.code());
+            defmt::info!("{=str}, fault {=str}", logged.name(), fault);
+        }
         // The next step tick ends it at the latest.
         cortex_m::asm::wfi();
     }
+}
+
+/// The robot whose description the desktop has put into the tip's memory; without one, that the firmware was built for.
+fn robot() -> Result<Robot, growbot_core::robot::RobotError> {
+    let mut bytes = [0; growbot_core::robot::LONGEST_ENCODED];
+    let length = tip::copy_machine_description(&mut bytes);
+    bytes.get(..length).filter(|bytes| !bytes.is_empty()).map_or_else(machine::built_for, Robot::decode)
 }

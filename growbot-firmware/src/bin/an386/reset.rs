@@ -5,6 +5,7 @@ use core::panic::PanicInfo;
 
 use cortex_m::peripheral::SCB;
 use cortex_m_rt::{ExceptionFrame, exception};
+use growbot_core::link::message::ResetCause;
 use growbot_firmware::emulated_tip;
 
 use crate::registers::Register;
@@ -37,6 +38,17 @@ pub fn take_cause(first_boot: bool) -> u32 {
         left & 0xFF
     } else {
         emulated_tip::RESET_EXTERNAL
+    }
+}
+
+/// A `RESET_*` of the tip's table as the link names it.
+pub fn named(cause: u32) -> ResetCause {
+    match cause {
+        emulated_tip::RESET_POWER_ON => ResetCause::PowerOn,
+        emulated_tip::RESET_WATCHDOG => ResetCause::Watchdog,
+        emulated_tip::RESET_PANIC => ResetCause::Panic,
+        emulated_tip::RESET_FAULT => ResetCause::ProcessorFault,
+        _ => ResetCause::External,
     }
 }
 

@@ -2,10 +2,13 @@
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
+use growbot_firmware::polarity::Polarized;
+use growbot_firmware::stepping::Engine;
+
+use crate::HANDOVER;
 use crate::interrupt_owned::InterruptOwned;
-use crate::placeholder::Engine;
 use crate::registers::Register;
-use crate::tip::{self, Step, Wire};
+use crate::tip::{self, IndexSensor, Step, Switch, Wire};
 
 const BASE: usize = 0x4000_0000;
 // SAFETY: the registers of TIMER0, which only this file uses.
@@ -21,29 +24,25 @@ const CONTROL_ENABLE: u32 = 1 << 0;
 const CONTROL_INTERRUPT: u32 = 1 << 3;
 
 /// What runs in the step interrupt.
-pub type StepEngine = Engine<Step, Wire, Step, Wire>;
+pub type StepEngine = Engine<Step, Wire, Switch, Step, Wire, Switch, Polarized<IndexSensor>>;
 
 static ENGINE: InterruptOwned<StepEngine> = InterruptOwned::empty();
 
 static TICKS_LO: AtomicU32 = AtomicU32::new(0);
 static TICKS_HI: AtomicU32 = AtomicU32::new(0);
 
-/// The board's clock. It counts step ticks, so that an emulator which falls behind slows down steps and time alike.
-#[derive(Clone, Copy)]
-pub struct Clock {
-    tick_hz: u32,
-}
+static TICK_HZ: AtomicU32 = AtomicU32::new(1);
 
 /// Starts the ticks (they come once the interrupts are let through). The rate is kept within 1 Hz and 100 kHz.
-pub fn start(engine: StepEngine, tick_hz: u32, clock_hz: u32) -> Clock {
+pub fn start(engine: StepEngine, tick_hz: u32, clock_hz: u32) {
     let tick_hz = tick_hz.clamp(1, 100_000);
     ENGINE.give(engine);
+    TICK_HZ.store(tick_hz, Ordering::Relaxed);
     tip::set_tick_hz(tick_hz);
     let reload = (clock_hz / tick_hz).saturating_sub(1);
     RELOAD.write(reload);
     VALUE.write(reload);
     CONTROL.write(CONTROL_ENABLE | CONTROL_INTERRUPT);
-    Clock { tick_hz }
 }
 
 /// The step interrupt.
@@ -56,11 +55,11 @@ pub fn on_tick() {
     TICKS_LO.store(low, Ordering::Release);
     tip::publish_tick(low, high);
     // SAFETY: only the step interrupt calls this.
-    unsafe { ENGINE.with(StepEngine::tick) };
+    unsafe { ENGINE.with(|engine| engine.tick(&HANDOVER)) };
 }
 
 /// Ticks since the board started.
-pub fn ticks() -> u64 {
+fn ticks() -> u64 {
     loop {
         let high = TICKS_HI.load(Ordering::Acquire);
         let low = TICKS_LO.load(Ordering::Acquire);
@@ -70,11 +69,10 @@ pub fn ticks() -> u64 {
     }
 }
 
-impl Clock {
-    /// Microseconds since the board started.
-    pub fn now_us(self) -> u64 {
-        microseconds(ticks(), self.tick_hz)
-    }
+/// Microseconds since the board started. They count step ticks, so that an emulator which falls behind slows down steps and
+/// time alike.
+pub fn now_us() -> u64 {
+    microseconds(ticks(), TICK_HZ.load(Ordering::Relaxed))
 }
 
 /// Whole seconds apart, so that nothing overflows in the life of a board.

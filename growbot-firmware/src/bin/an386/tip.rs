@@ -5,8 +5,8 @@ use core::sync::atomic::{Ordering, fence};
 
 use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
 use embedded_hal::pwm::{self, SetDutyCycle};
-use growbot_firmware::Thermistor;
 use growbot_firmware::emulated_tip::{self as table, Axis, StepRecord};
+use growbot_firmware::hal::Thermistor;
 
 use crate::registers::Register;
 

@@ -1,6 +1,6 @@
 //! The watchdog of the board: a first expiry is a non-maskable interrupt, a second one resets.
 
-use growbot_firmware::Watchdog;
+use growbot_firmware::hal::Watchdog;
 
 use crate::registers::Register;
 use crate::tip;

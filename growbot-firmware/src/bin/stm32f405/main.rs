@@ -10,13 +10,10 @@
 #![no_std]
 #![no_main]
 
-mod active_low;
 mod clock;
 mod heater;
 mod line;
 mod pins;
-#[path = "../placeholder.rs"]
-mod placeholder;
 mod reset;
 mod step_timer;
 mod thermistor;
@@ -28,6 +25,12 @@ defmt::timestamp!("{=u64:ms}", clock::milliseconds());
 
 #[rtic::app(device = stm32f4xx_hal::pac, peripherals = true)]
 mod app {
+    use growbot_core::link::message::State;
+    use growbot_firmware::controller::{Controller, Identity};
+    use growbot_firmware::hal::{Board, Parts};
+    use growbot_firmware::layer_store::LayerStore;
+    use growbot_firmware::machine;
+    use growbot_firmware::stepping::{Axis, Engine, Handover};
     use heapless::spsc::{Consumer, Producer, Queue};
     use stm32f4xx_hal::pac;
     use stm32f4xx_hal::prelude::*;
@@ -36,24 +39,34 @@ mod app {
     use crate::heater::Heater;
     use crate::line::{self, Line};
     use crate::pins::{self, Pins};
-    use crate::placeholder::{Controller, Engine};
     use crate::step_timer::StepTimer;
     use crate::thermistor::BoardThermistor;
     use crate::watchdog::BoardWatchdog;
     use crate::{clock, reset, watchdog};
 
-    /// Step interrupts a second.
-    const TICK_HZ: u32 = 4_000;
+    /// Where the controller and the step interrupt meet.
+    static HANDOVER: Handover = Handover::new();
 
-    type StepEngine = Engine<pins::HeadStep, pins::HeadDirection, pins::FeedStep, pins::FeedDirection>;
-    type BoardController = Controller<
-        (pins::HeadEnable, pins::FeedEnable),
-        Heater,
-        pins::HeaterEnable,
-        BoardThermistor,
+    type StepEngine = Engine<
+        pins::HeadStep,
+        pins::HeadDirection,
+        pins::HeadEnable,
+        pins::FeedStep,
+        pins::FeedDirection,
+        pins::FeedEnable,
         pins::Index,
-        BoardWatchdog,
     >;
+
+    /// The parts of this board.
+    pub struct Stm32f405;
+
+    impl Board for Stm32f405 {
+        type HeaterPower = Heater;
+        type HeaterEnable = pins::HeaterEnable;
+        type Thermistor = BoardThermistor;
+        type Watchdog = BoardWatchdog;
+        type Store = &'static mut LayerStore;
+    }
 
     #[shared]
     struct Shared {}
@@ -63,7 +76,8 @@ mod app {
         engine: StepEngine,
         step_timer: StepTimer,
         line: Line,
-        controller: BoardController,
+        controller: Controller<Stm32f405>,
+        logged: State,
         received: Consumer<'static, u8>,
         to_send: Producer<'static, u8>,
     }
@@ -71,52 +85,67 @@ mod app {
     #[init(local = [
         receive_queue: Queue<u8, { line::QUEUE }> = Queue::new(),
         send_queue: Queue<u8, { line::QUEUE }> = Queue::new(),
+        store: LayerStore = LayerStore::new(),
     ])]
     fn init(cx: init::Context) -> (Shared, Local) {
         let device = cx.device;
         let mut core = cx.core;
-        let cause = reset::take_cause(&device.RCC);
-        let boot_id = reset::next_boot_id();
+        let identity = Identity { reset_cause: reset::take_cause(&device.RCC), boot_id: reset::next_boot_id() };
+        let Ok(robot) = machine::built_for() else {
+            // It was checked when the firmware was built.
+            cortex_m::peripheral::SCB::sys_reset()
+        };
 
         let mut rcc = device.RCC.freeze(Config::hse(8.MHz()).sysclk(168.MHz()));
-        let pins = Pins::new(device.GPIOA, device.GPIOB, device.GPIOC, &mut rcc);
+        let pins = Pins::new(robot.description(), device.GPIOA, device.GPIOB, device.GPIOC, &mut rcc);
         let watchdog = watchdog::start(device.IWDG, &device.DBGMCU);
         clock::start(&mut core.SYST, rcc.clocks.hclk().raw());
 
         let (receiver, received) = cx.local.receive_queue.split();
-        let (mut to_send, transmitter) = cx.local.send_queue.split();
+        let (to_send, transmitter) = cx.local.send_queue.split();
         let line = Line::start(device.USART2, (pins.link_tx, pins.link_rx), receiver, transmitter, &mut rcc);
 
-        let engine = Engine {
-            head_step: pins.head_step,
-            head_direction: pins.head_direction,
-            feed_step: pins.feed_step,
-            feed_direction: pins.feed_direction,
-            phase: 0,
-        };
-        let controller = Controller {
-            drivers: (pins.head_enable, pins.feed_enable),
-            heater: Heater::new(device.TIM3, pins.heater, &mut rcc),
+        let engine = Engine::new(
+            Axis { step: pins.head_step, direction: pins.head_direction, enable: pins.head_enable },
+            Axis { step: pins.feed_step, direction: pins.feed_direction, enable: pins.feed_enable },
+            pins.index,
+        );
+        let parts = Parts {
+            heater_power: Heater::new(device.TIM3, pins.heater, &mut rcc),
             heater_enable: pins.heater_enable,
             thermistor: BoardThermistor::new(device.ADC1, device.ADC_COMMON, pins.thermistor, &mut rcc),
-            index: pins.index,
             watchdog,
-            feeding: true,
-            reading: 0,
+            store: cx.local.store,
         };
-        let step_timer = StepTimer::start(device.TIM2, TICK_HZ, &mut rcc);
-
-        for &byte in b"growbot stm32f405\n" {
-            let _ = to_send.enqueue(byte);
-        }
-        defmt::info!("stm32f405, boot id {=u32:08x}, reset cause {}", boot_id, cause);
-        (Shared {}, Local { engine, step_timer, line, controller, received, to_send })
+        let step_timer = StepTimer::start(device.TIM2, robot.description().motion.tick_hz, &mut rcc);
+        defmt::info!(
+            "stm32f405 for {=str}, boot id {=u32:08x}, started by {=str}",
+            robot.name(),
+            identity.boot_id,
+            identity.reset_cause.name()
+        );
+        let controller = Controller::new(robot, identity, parts, &HANDOVER);
+        let logged = controller.state();
+        (Shared {}, Local { engine, step_timer, line, controller, logged, received, to_send })
     }
 
-    #[idle(local = [controller, received, to_send])]
+    #[idle(local = [controller, logged, received, to_send])]
     fn idle(cx: idle::Context) -> ! {
+        let idle::LocalResources { controller, logged, received, to_send, .. } = cx.local;
         loop {
-            cx.local.controller.poll(clock::now_us(), cx.local.received, cx.local.to_send);
+            while let Some(byte) = received.dequeue() {
+                controller.receive(byte, &HANDOVER);
+            }
+            controller.poll(clock::now_us(), &HANDOVER);
+            while to_send.ready() {
+                let Some(byte) = controller.transmit() else { break };
+                let _ = to_send.enqueue(byte);
+            }
+            if controller.state() != *logged {
+                *logged = controller.state();
+                let fault = controller.fault().map_or("none", |fault| fault.code());
+                defmt::info!("{=str}, fault {=str}", logged.name(), fault);
+            }
             rtic::pend(pac::Interrupt::USART2);
             // The next SysTick ends it at the latest.
             cortex_m::asm::wfi();
@@ -126,7 +155,7 @@ mod app {
     #[task(binds = TIM2, priority = 4, local = [engine, step_timer])]
     fn step(cx: step::Context) {
         cx.local.step_timer.acknowledge();
-        cx.local.engine.tick();
+        cx.local.engine.tick(&HANDOVER);
     }
 
     #[task(binds = USART2, priority = 3, local = [line])]

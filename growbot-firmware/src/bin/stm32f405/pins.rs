@@ -4,46 +4,52 @@
 //! |---|---|---|---|
 //! | head STEP | PC6 | push-pull output | low |
 //! | head DIR | PC7 | push-pull output | any |
-//! | head EN | PC8 | push-pull output, active low | high |
+//! | head EN | PC8 | push-pull output | off |
 //! | feed STEP | PB12 | push-pull output | low |
 //! | feed DIR | PB13 | push-pull output | any |
-//! | feed EN | PB14 | push-pull output, active low | high |
+//! | feed EN | PB14 | push-pull output | off |
 //! | heater power | PA6 | TIM3 channel 1, PWM | low |
 //! | heater second switch | PA7 | push-pull output | low |
 //! | thermistor | PC0 | ADC1 channel 10, analog | |
-//! | index sensor | PB6 | input with pull-up, low on the mark | |
+//! | index sensor | PB6 | input with pull-up | |
 //! | link, board to host | PA2 | USART2 TX | |
 //! | link, host to board | PA3 | USART2 RX | |
 //! | oscillator | PH0, PH1 | 8 MHz crystal | |
 //! | debug probe | PA13, PA14 | SWD | |
 //!
 //! Which pins the published robots use is not known: this table is an assumption, for an STM32F405RG in its 64-pin package. The
-//! board needs pull-ups on both EN lines and pull-downs on both heater lines, so that everything is off while the
+//! levels of DIR, EN and the index sensor are the robot description's (`direction_high_is_positive`, `enable_low`, ...). The
+//! board needs resistors that hold both EN lines at "off" and pull-downs on both heater lines, so that everything is off while the
 //! processor is in reset and its pins float.
 
+use core::sync::atomic::{AtomicBool, Ordering};
+
+use growbot_core::robot::RobotDescription;
+use growbot_firmware::polarity::Polarized;
 use stm32f4xx_hal::gpio::{Alternate, Input, Output, PA2, PA3, PA6, PA7, PB6, PB12, PB13, PB14, PC6, PC7, PC8};
 use stm32f4xx_hal::gpio::{Analog, GpioExt, PC0, PinState};
 use stm32f4xx_hal::pac;
 use stm32f4xx_hal::rcc::Rcc;
 
-use crate::active_low::ActiveLow;
-
 /// STEP of the head.
 pub type HeadStep = PC6<Output>;
 /// DIR of the head.
-pub type HeadDirection = PC7<Output>;
-/// EN of the head; high for the controller is energised.
-pub type HeadEnable = ActiveLow<PC8<Output>>;
+pub type HeadDirection = Polarized<PC7<Output>>;
+/// EN of the head; high is energised.
+pub type HeadEnable = Polarized<PC8<Output>>;
 /// STEP of the feed.
 pub type FeedStep = PB12<Output>;
 /// DIR of the feed.
-pub type FeedDirection = PB13<Output>;
-/// EN of the feed; high for the controller is energised.
-pub type FeedEnable = ActiveLow<PB14<Output>>;
+pub type FeedDirection = Polarized<PB13<Output>>;
+/// EN of the feed; high is energised.
+pub type FeedEnable = Polarized<PB14<Output>>;
 /// The second switch in the heater's supply.
 pub type HeaterEnable = PA7<Output>;
 /// The index sensor.
-pub type Index = PB6<Input>;
+pub type Index = Polarized<PB6<Input>>;
+
+/// Whether a low level enables the drivers: [`make_safe`] must know it whoever owns the pins.
+static ENABLE_LOW: AtomicBool = AtomicBool::new(true);
 
 /// All pins, each in its role and at its safe level.
 pub struct Pins {
@@ -75,19 +81,24 @@ pub struct Pins {
 
 impl Pins {
     /// Takes the ports and gives each pin its role. Outputs get their level before they become outputs.
-    pub fn new(a: pac::GPIOA, b: pac::GPIOB, c: pac::GPIOC, rcc: &mut Rcc) -> Self {
+    pub fn new(robot: &RobotDescription, a: pac::GPIOA, b: pac::GPIOB, c: pac::GPIOC, rcc: &mut Rcc) -> Self {
+        let enable_low = robot.motion.enable_low;
+        ENABLE_LOW.store(enable_low, Ordering::Relaxed);
+        let off = PinState::from(enable_low);
+        let head_backwards = !robot.head.direction_high_is_positive;
+        let feed_backwards = !robot.feed.direction_high_is_forward;
         let (a, b, c) = (a.split(rcc), b.split(rcc), c.split(rcc));
         Pins {
             head_step: c.pc6.into_push_pull_output_in_state(PinState::Low),
-            head_direction: c.pc7.into_push_pull_output_in_state(PinState::Low),
-            head_enable: ActiveLow(c.pc8.into_push_pull_output_in_state(PinState::High)),
+            head_direction: Polarized::new(c.pc7.into_push_pull_output_in_state(PinState::Low), head_backwards),
+            head_enable: Polarized::new(c.pc8.into_push_pull_output_in_state(off), enable_low),
             feed_step: b.pb12.into_push_pull_output_in_state(PinState::Low),
-            feed_direction: b.pb13.into_push_pull_output_in_state(PinState::Low),
-            feed_enable: ActiveLow(b.pb14.into_push_pull_output_in_state(PinState::High)),
+            feed_direction: Polarized::new(b.pb13.into_push_pull_output_in_state(PinState::Low), feed_backwards),
+            feed_enable: Polarized::new(b.pb14.into_push_pull_output_in_state(off), enable_low),
             heater: a.pa6.into_alternate(),
             heater_enable: a.pa7.into_push_pull_output_in_state(PinState::Low),
             thermistor: c.pc0.into_analog(),
-            index: b.pb6.into_pull_up_input(),
+            index: Polarized::new(b.pb6.into_pull_up_input(), robot.head.index_low_on_mark),
             link_tx: a.pa2.into_alternate(),
             link_rx: a.pa3.into_alternate(),
         }
@@ -99,7 +110,12 @@ pub fn make_safe() {
     // SAFETY: `bsrr` sets and clears single pins in one write, so that no other pin's owner is disturbed.
     let (a, b, c) = unsafe { (&*pac::GPIOA::ptr(), &*pac::GPIOB::ptr(), &*pac::GPIOC::ptr()) };
     a.bsrr().write(|w| w.br7().set_bit());
-    c.bsrr().write(|w| w.bs8().set_bit());
-    b.bsrr().write(|w| w.bs14().set_bit());
+    if ENABLE_LOW.load(Ordering::Relaxed) {
+        c.bsrr().write(|w| w.bs8().set_bit());
+        b.bsrr().write(|w| w.bs14().set_bit());
+    } else {
+        c.bsrr().write(|w| w.br8().set_bit());
+        b.bsrr().write(|w| w.br14().set_bit());
+    }
     crate::heater::off();
 }

@@ -6,24 +6,8 @@ use core::panic::PanicInfo;
 
 use cortex_m::peripheral::SCB;
 use cortex_m_rt::{ExceptionFrame, exception};
+use growbot_core::link::message::ResetCause;
 use stm32f4xx_hal::pac;
-
-/// Why the board started.
-#[derive(Clone, Copy, PartialEq, Eq, defmt::Format)]
-pub enum ResetCause {
-    /// The supply came up.
-    PowerOn,
-    /// The supply sagged.
-    BrownOut,
-    /// The watchdog was not fed.
-    Watchdog,
-    /// The firmware panicked.
-    Panic,
-    /// The processor faulted.
-    Fault,
-    /// The reset pin, a debug probe, or a reset that software asked for.
-    External,
-}
 
 /// Three words that survive a reset: nothing loads or clears this section.
 #[unsafe(link_section = ".uninit.reset_notes")]
@@ -76,7 +60,7 @@ pub fn take_cause(rcc: &pac::RCC) -> ResetCause {
     } else if end == PANICKED {
         ResetCause::Panic
     } else if end == FAULTED {
-        ResetCause::Fault
+        ResetCause::ProcessorFault
     } else {
         ResetCause::External
     }

@@ -2,7 +2,7 @@
 //!
 //! The converter is switched on by the first call of `sample`, not at start-up: the link answers first.
 
-use growbot_firmware::Thermistor;
+use growbot_firmware::hal::Thermistor;
 use stm32f4xx_hal::gpio::{Analog, PC0};
 use stm32f4xx_hal::pac;
 use stm32f4xx_hal::rcc::{Enable, Rcc};

@@ -1,6 +1,6 @@
 //! The independent watchdog: resets about 1 s after it was last fed (0.7 to 2 s, over the tolerance of its oscillator).
 
-use growbot_firmware::Watchdog;
+use growbot_firmware::hal::Watchdog;
 use stm32f4xx_hal::pac;
 use stm32f4xx_hal::prelude::*;
 use stm32f4xx_hal::watchdog::IndependentWatchdog;
