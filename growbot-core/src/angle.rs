@@ -16,9 +16,12 @@ pub fn wrap_positive(angle: f64) -> f64 {
     if wrapped >= TAU { 0.0 } else { wrapped }
 }
 
-/// Wraps an angle to `(-pi, pi]`.
+/// Wraps an angle to `(-pi, pi]`. An angle that lies there already comes back to its last bit.
 #[must_use]
 pub fn wrap_signed(angle: f64) -> f64 {
+    if angle > -PI && angle <= PI {
+        return angle;
+    }
     let wrapped = wrap_positive(angle);
     if wrapped > PI { wrapped - TAU } else { wrapped }
 }
@@ -48,6 +51,7 @@ mod tests {
             assert!(signed > -PI && signed <= PI, "{angle} wrapped to {signed}");
         }
         assert_eq!(wrap_positive(-1e-17), 0.0);
+        assert_eq!(wrap_signed(radians(-30.0)), radians(-30.0));
         assert_eq!(wrap_signed(PI), PI);
         assert_eq!(wrap_signed(-PI), PI);
     }

@@ -27,7 +27,7 @@
 //! | `0x054` | [`STEP_OVERRUN`] | board | records dropped because the ring was full, in this boot |
 //! | `0x058` | [`LINK_BYTES_LOST`] | board | received bytes dropped because the queue was full, in this boot |
 //! | `0x100` | [`THERMISTOR_RAW`] | host | 0 to 4095, as the board's converter would read |
-//! | `0x104` | [`THERMISTOR_SAMPLES`] | host | samples so far, wrapping; 0 until there is one |
+//! | `0x104` | [`THERMISTOR_LIVE`] | host | 1: the converter delivers readings; 0: it has stopped |
 //! | `0x108` | [`STEP_READ_INDEX`] | host | records read, wrapping |
 //! | `0x110` | [`INDEX_STEPS_PER_TURN`] | host | head steps in a turn; 0: there is no index mark |
 //! | `0x114` | [`INDEX_POSITION`] | host | where the mark begins, in head steps from 0 |
@@ -46,8 +46,8 @@
 //! - The board writes a record, then [`STEP_WRITE_INDEX`]; the host reads the index, then the records below it, then writes
 //!   [`STEP_READ_INDEX`]. The board never waits: when the ring is full it drops the record and counts it in [`STEP_OVERRUN`]. The
 //!   positions [`HEAD_STEPS`] and [`FEED_STEPS`] count such steps all the same.
-//! - The host writes [`THERMISTOR_RAW`], then [`THERMISTOR_SAMPLES`]. The board takes each sample once, so a host that stops
-//!   counting is a sensor that has stopped.
+//! - The host writes [`THERMISTOR_RAW`], then 1 to [`THERMISTOR_LIVE`]. From then on the board reads the latest value as often
+//!   as it likes, as it would a converter of its own: a host that is slow is not a sensor that is broken.
 //! - Pairs (`_LO`, `_HI`) are read high, low, high, until both highs agree; each pair lies in eight aligned bytes.
 //!
 //! # What the pins mean
@@ -113,8 +113,8 @@ pub const LINK_BYTES_LOST: usize = 0x058;
 
 /// Offset, host to board: thermistor reading, 0 to 4095.
 pub const THERMISTOR_RAW: usize = 0x100;
-/// Offset, host to board: thermistor samples so far; 0 until there is one.
-pub const THERMISTOR_SAMPLES: usize = 0x104;
+/// Offset, host to board: 1 while the thermistor's converter delivers readings.
+pub const THERMISTOR_LIVE: usize = 0x104;
 /// Offset, host to board: step records read.
 pub const STEP_READ_INDEX: usize = 0x108;
 /// Offset, host to board: head steps in a turn; 0 for no index mark.
@@ -314,7 +314,7 @@ mod tests {
             STEP_OVERRUN,
             LINK_BYTES_LOST,
             THERMISTOR_RAW,
-            THERMISTOR_SAMPLES,
+            THERMISTOR_LIVE,
             STEP_READ_INDEX,
             INDEX_STEPS_PER_TURN,
             INDEX_POSITION,
@@ -326,6 +326,6 @@ mod tests {
         ];
         assert!(words.windows(2).all(|pair| pair[0] + 4 <= pair[1]));
         assert!(words.iter().all(|offset| offset % 4 == 0));
-        assert!(MACHINE + MACHINE_CAPACITY <= STEP_RING);
+        const { assert!(MACHINE + MACHINE_CAPACITY <= STEP_RING) };
     }
 }

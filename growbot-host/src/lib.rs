@@ -1,1 +1,36 @@
+//! The library behind the `growbot` command.
+//!
+//! The geometry is growbot-core's; here are the files, texts and streams around it:
+//!
+//! - [`robot_file`]: descriptions of robots, built in or from TOML files;
+//! - [`pose_text`]: poses as people type them;
+//! - [`plan`]: a path with all that is said about it, and [`warning`], what speaks against growing it;
+//! - [`plan_file`] and [`plan_check`]: plans as JSON, and what is checked before one is believed;
+//! - [`batch`]: many plans from a CSV stream;
+//! - [`layer_table`]: the layers of a plan as CSV;
+//! - [`port`]: where a robot is: simulated here, emulated, or at the end of a line; [`tip`], what a simulated one does;
+//! - [`client`]: requests to its board and their answers; [`growth`], a whole job; [`arrival`], how near it came; [`run_log`];
+//! - [`input`], [`output`], [`progress`]: bounded reading, whole files or none, pipes that close, progress.
+//!
+//! Lengths are in mm. Angles are in radians inside and in degrees in every text and file; names carry the unit.
+#![forbid(unsafe_code)]
 
+pub mod arrival;
+pub mod batch;
+pub mod client;
+pub mod degrees;
+pub mod growth;
+pub mod input;
+pub mod layer_table;
+pub mod nearest;
+pub mod output;
+pub mod plan;
+pub mod plan_check;
+pub mod plan_file;
+pub mod port;
+pub mod pose_text;
+pub mod progress;
+pub mod robot_file;
+pub mod run_log;
+pub mod tip;
+pub mod warning;

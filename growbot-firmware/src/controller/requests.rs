@@ -56,6 +56,8 @@ impl<B: Board> Controller<B> {
             return Err(Refusal::OtherSchema { board: SCHEMA_HASH });
         }
         self.link.open(session);
+        // What happened before is told by the status below.
+        self.events.clear();
         Ok(Message::BoardHello(BoardHello {
             schema: SCHEMA_HASH,
             boot_id: self.identity.boot_id,

@@ -9,6 +9,7 @@ use growbot_core::layer::SECTORS;
 use super::turn::Turn;
 
 /// What the engine is to do next.
+#[expect(clippy::large_enum_variant, reason = "one of each exists, and there is no heap to box a turn on")]
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Order {
     /// Find the index mark and stop at the tip's x axis.
@@ -29,6 +30,7 @@ pub struct Homing {
 }
 
 /// What the engine has done.
+#[expect(clippy::large_enum_variant, reason = "one of each exists, and there is no heap to box a turn on")]
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Report {
     /// The head stands at the tip's x axis.

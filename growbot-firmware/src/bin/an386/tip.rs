@@ -85,7 +85,7 @@ impl Tip {
             feed_enable: Switch { offset: table::FEED_ENABLE },
             heater: Heater(()),
             heater_enable: Switch { offset: table::HEATER_ENABLE },
-            thermistor: TipThermistor { taken: 0 },
+            thermistor: TipThermistor(()),
             index: IndexSensor(()),
         }
     }
@@ -286,18 +286,14 @@ impl SetDutyCycle for Heater {
     }
 }
 
-/// The thermistor: each of the host's samples once.
-pub struct TipThermistor {
-    taken: u32,
-}
+/// The thermistor.
+pub struct TipThermistor(());
 
 impl Thermistor for TipThermistor {
     fn sample(&mut self) -> Option<u16> {
-        let samples = word(table::THERMISTOR_SAMPLES).read();
-        if samples == self.taken {
+        if word(table::THERMISTOR_LIVE).read() != 1 {
             return None;
         }
-        self.taken = samples;
         fence(Ordering::Acquire);
         Some((word(table::THERMISTOR_RAW).read() & 0xFFF) as u16)
     }

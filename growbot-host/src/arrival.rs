@@ -1,0 +1,56 @@
+//! How near a tip came to its goal (Eqs 26 to 28, with angles wrapped).
+
+use growbot_core::angle::{degrees, wrap_signed};
+use growbot_core::plan::miss;
+use growbot_core::pose::{Frame, Pose};
+
+/// Where a tip is, and how far that is from where it was to be.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Arrival {
+    /// Where the tip is.
+    pub reached: Pose,
+    /// Distance from the goal, mm.
+    pub position_error_mm: f64,
+    /// That, over the length of the planned path (Eq 26); 0 for a path of no length.
+    pub normalized_position_error: f64,
+    /// Difference of the headings, degrees, 0 to 180 (Eq 27). It says little at steep pitch.
+    pub heading_error_deg: f64,
+    /// Difference of the pitches, degrees (Eq 28).
+    pub pitch_error_deg: f64,
+    /// Angle between the two directions, degrees: what counts at any pitch.
+    pub direction_error_deg: f64,
+}
+
+impl Arrival {
+    /// Compares a tip with its goal. `path_length` in mm.
+    #[must_use]
+    pub fn of(base_from_tip: &Frame, goal: &Pose, path_length: f64) -> Self {
+        let reached = Pose::from_frame(base_from_tip);
+        let missed = miss(base_from_tip, goal);
+        Self {
+            reached,
+            position_error_mm: missed.distance,
+            normalized_position_error: if path_length > 0.0 { missed.distance / path_length } else { 0.0 },
+            heading_error_deg: degrees(wrap_signed(reached.heading() - goal.heading()).abs()),
+            pitch_error_deg: degrees((reached.pitch() - goal.pitch()).abs()),
+            direction_error_deg: degrees(missed.angle),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn headings_are_compared_the_short_way_round() {
+        let goal = Pose::from_degrees([0.0, 0.0, 0.0, 179.0, 0.0]).unwrap();
+        let tip = Pose::from_degrees([3.0, 4.0, 0.0, -179.0, 0.0]).unwrap();
+        let arrival = Arrival::of(&tip.frame(), &goal, 100.0);
+        assert!((arrival.heading_error_deg - 2.0).abs() < 1e-9);
+        assert!((arrival.direction_error_deg - 2.0).abs() < 1e-9);
+        assert!((arrival.position_error_mm - 5.0).abs() < 1e-9);
+        assert!((arrival.normalized_position_error - 0.05).abs() < 1e-12);
+        assert_eq!(Arrival::of(&tip.frame(), &goal, 0.0).normalized_position_error, 0.0);
+    }
+}

@@ -1,0 +1,261 @@
+//! Many plans from a stream of queries in CSV, in the order of the queries.
+//!
+//! One query is in memory at a time, so that a stream may be as long as it likes. A query that is at fault has an error
+//! of its own and the rest go on; a header that is at fault is refused before the first query.
+
+mod columns;
+
+use std::io::Read;
+
+use csv::{ByteRecord, Reader, ReaderBuilder};
+use growbot_core::plan::{PlanError, Planner};
+use growbot_core::pose::{Pose, PoseError};
+use growbot_core::robot::Robot;
+use serde::Serialize;
+use serde::de::value::{Error as ValueError, StrDeserializer};
+use serde::de::{Deserialize, IntoDeserializer};
+
+pub use columns::HeaderError;
+use columns::{Column, Columns};
+
+use crate::plan::Plan;
+use crate::plan_file::PlanFile;
+use crate::pose_text::{parse_number, pose_of_numbers};
+
+/// What holds where a query does not say.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Defaults {
+    /// Radius of the arcs, mm.
+    pub radius: f64,
+    /// How paths are found.
+    pub planner: Planner,
+}
+
+/// Why a batch cannot go on.
+#[derive(Debug, thiserror::Error)]
+pub enum BatchError {
+    /// The header is at fault.
+    #[error(transparent)]
+    Header(#[from] HeaderError),
+    /// Reading broke off.
+    #[error("reading broke off: {0}")]
+    Reading(csv::Error),
+}
+
+/// Why a query has no plan.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum QueryError {
+    /// The line has more or fewer fields than the header.
+    #[error("the line has {found} fields, and the header has {expected}")]
+    Fields {
+        /// Fields of the line.
+        found: usize,
+        /// Fields of the header.
+        expected: usize,
+    },
+    /// A field is no number.
+    #[error("{column} is {text:?}, which is no number")]
+    NotANumber {
+        /// The column.
+        column: &'static str,
+        /// What it holds.
+        text: String,
+    },
+    /// There is no such planner.
+    #[error("planner: {reason}")]
+    Planner {
+        /// What there is instead.
+        reason: String,
+    },
+    /// Five numbers are no pose.
+    #[error("{which}: {error}")]
+    Pose {
+        /// From or to.
+        which: &'static str,
+        /// What is wrong.
+        error: PoseError,
+    },
+    /// There is no path.
+    #[error(transparent)]
+    Plan(#[from] PlanError),
+}
+
+/// What became of one query.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Answer {
+    /// The query's name.
+    pub id: String,
+    /// Its plan, or why there is none.
+    pub outcome: Result<Plan, QueryError>,
+}
+
+impl Answer {
+    /// The answer as one line of JSON, with its newline: the plan and `"id"`, or `"id"` and `"error"`.
+    #[must_use]
+    pub fn to_line(&self) -> String {
+        #[derive(Serialize)]
+        struct Failed<'a> {
+            id: &'a str,
+            error: String,
+        }
+        match &self.outcome {
+            Ok(plan) => PlanFile { id: Some(self.id.clone()), ..PlanFile::from(plan) }.to_line(),
+            Err(error) => {
+                let failed = Failed { id: &self.id, error: error.to_string() };
+                serde_json::to_string(&failed).unwrap_or_default() + "\n"
+            }
+        }
+    }
+}
+
+/// A batch under way.
+pub struct Batch<R> {
+    reader: Reader<R>,
+    columns: Columns,
+    record: ByteRecord,
+    defaults: Defaults,
+}
+
+impl<R: Read> Batch<R> {
+    /// Reads the header.
+    ///
+    /// # Errors
+    /// A header that is at fault, or nothing to read.
+    pub fn open(source: R, defaults: Defaults) -> Result<Self, BatchError> {
+        let mut reader = ReaderBuilder::new().flexible(true).from_reader(source);
+        let columns = Columns::find(reader.byte_headers().map_err(BatchError::Reading)?)?;
+        Ok(Self { reader, columns, record: ByteRecord::new(), defaults })
+    }
+
+    /// Bytes read so far.
+    pub fn bytes_read(&self) -> u64 {
+        self.reader.position().byte()
+    }
+
+    /// Answers the next query; none at the end.
+    ///
+    /// # Errors
+    /// [`BatchError::Reading`] where the source fails.
+    pub fn next(&mut self, robot: &Robot) -> Result<Option<Answer>, BatchError> {
+        if !self.reader.read_byte_record(&mut self.record).map_err(BatchError::Reading)? {
+            return Ok(None);
+        }
+        let id = String::from_utf8_lossy(self.record.get(self.columns.id).unwrap_or_default()).into_owned();
+        Ok(Some(Answer { id, outcome: self.plan(robot) }))
+    }
+
+    fn plan(&self, robot: &Robot) -> Result<Plan, QueryError> {
+        let (found, expected) = (self.record.len(), self.columns.count);
+        if found != expected {
+            return Err(QueryError::Fields { found, expected });
+        }
+        let start = self.pose("from", &self.columns.from)?;
+        let goal = self.pose("to", &self.columns.to)?;
+        let radius = match self.columns.radius {
+            Some(column) if !self.text(column).is_empty() => self.number(column)?,
+            _ => self.defaults.radius,
+        };
+        let planner = match self.columns.planner {
+            Some(column) if !self.text(column).is_empty() => planner_of_name(&self.text(column))?,
+            _ => self.defaults.planner,
+        };
+        Ok(Plan::make(robot, &start, &goal, radius, planner)?)
+    }
+
+    fn pose(&self, which: &'static str, columns: &[Column; 5]) -> Result<Pose, QueryError> {
+        let mut numbers = [0.0; 5];
+        for (number, column) in numbers.iter_mut().zip(columns) {
+            *number = self.number(*column)?;
+        }
+        pose_of_numbers(numbers).map_err(|error| QueryError::Pose { which, error })
+    }
+
+    fn number(&self, column: Column) -> Result<f64, QueryError> {
+        let text = self.text(column);
+        parse_number(&text).ok_or(QueryError::NotANumber { column: column.name, text })
+    }
+
+    /// A field without the spaces round it. Bytes that are no text show as such in the error that follows.
+    fn text(&self, column: Column) -> String {
+        String::from_utf8_lossy(self.record.get(column.index).unwrap_or_default()).trim().to_owned()
+    }
+}
+
+/// The planner of this name, as in plan files.
+fn planner_of_name(name: &str) -> Result<Planner, QueryError> {
+    let name: StrDeserializer<ValueError> = name.into_deserializer();
+    Planner::deserialize(name).map_err(|error| QueryError::Planner { reason: error.to_string() })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::robot_file;
+
+    const HEADER: &str = "id,from_x_mm,from_y_mm,from_z_mm,from_heading_deg,from_pitch_deg,to_x_mm,to_y_mm,to_z_mm,to_heading_deg,to_pitch_deg";
+
+    fn answers(text: &str) -> Vec<Answer> {
+        let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
+        let defaults = Defaults { radius: 100.0, planner: Planner::TwoPlane };
+        let mut batch = Batch::open(text.as_bytes(), defaults).unwrap();
+        let mut answers = Vec::new();
+        while let Some(answer) = batch.next(&robot).unwrap() {
+            answers.push(answer);
+        }
+        answers
+    }
+
+    #[test]
+    fn every_query_is_answered_in_order_and_faults_stay_where_they_are() {
+        let answers = answers(&format!(
+            "\u{feff}{HEADER},radius_mm,planner\r\n\
+             a, 0, 0, 0, 0, 90, 0, 0, 500, 0, 90,,\r\n\
+             b,0,0,0,0,90,0,0,500,0,95,,\n\
+             \"c, d\",0,0,0,0,90,0,0,500,0,90,150,two-plane\n\
+             \n\
+             e,0,0,0,0,90,0,0,5oo,0,90,,\n\
+             f,0,0,0,0,90\n\
+             g,0,0,0,0,90,0,0,500,0,90,50,\n\
+             h,0,0,0,0,90,0,0,500,0,90,,teleport\n\
+             i,0,0,0,0,90,0,0,nan,0,90,,\n\
+             ,0,0,0,0,90,0,0,500,0,90,,\n"
+        ));
+        let ids: Vec<&str> = answers.iter().map(|answer| answer.id.as_str()).collect();
+        assert_eq!(ids, ["a", "b", "c, d", "e", "f", "g", "h", "i", ""]);
+        let error = |i: usize| answers[i].outcome.as_ref().unwrap_err().to_string();
+        assert_eq!(answers[0].outcome.as_ref().unwrap().radius, 100.0);
+        assert_eq!(answers[2].outcome.as_ref().unwrap().radius, 150.0);
+        assert!(answers[8].outcome.is_ok());
+        for (index, part) in [
+            (1, "to: pitch is 95 deg"),
+            (3, "to_z_mm is \"5oo\""),
+            (4, "6 fields, and the header has 13"),
+            (5, "radius is 50 mm, below R_min = 98.2 mm"),
+            (6, "unknown variant `teleport`, expected `two-plane`"),
+            (7, "to: z is NaN"),
+        ] {
+            assert!(error(index).contains(part), "{}", error(index));
+        }
+    }
+
+    #[test]
+    fn a_line_of_output_is_the_plan_and_its_id_or_the_error() {
+        let answers = answers(&format!("{HEADER}\n7,0,0,0,0,90,0,0,500,0,90\n8,0\n"));
+        let (plan, error) = (answers[0].to_line(), answers[1].to_line());
+        assert!(plan.starts_with("{\"id\":\"7\",\"format\":\"growbot-plan/1\"") && plan.ends_with("}\n"));
+        assert_eq!(error, "{\"id\":\"8\",\"error\":\"the line has 2 fields, and the header has 11\"}\n");
+        assert_eq!(plan.matches('\n').count(), 1);
+    }
+
+    #[test]
+    fn bytes_that_are_no_text_spoil_their_line_only() {
+        let mut bytes = format!("{HEADER}\n1,0,0,0,0,90,0,0,").into_bytes();
+        bytes.extend(b"\xff,0,90\n2,0,0,0,0,90,0,0,500,0,90\n");
+        let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
+        let defaults = Defaults { radius: 100.0, planner: Planner::TwoPlane };
+        let mut batch = Batch::open(&bytes[..], defaults).unwrap();
+        assert!(batch.next(&robot).unwrap().unwrap().outcome.is_err());
+        assert!(batch.next(&robot).unwrap().unwrap().outcome.is_ok());
+        assert!(batch.next(&robot).unwrap().is_none());
+    }
+}

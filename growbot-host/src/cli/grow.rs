@@ -1,0 +1,260 @@
+//! `growbot grow`: the main job, and what `growbot` alone does.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use clap::{Args, Parser};
+use growbot_core::link::message::State;
+use growbot_core::pose::Pose;
+use growbot_core::robot::Robot;
+use growbot_host::arrival::Arrival;
+use growbot_host::client::{Client, ClientError};
+use growbot_host::growth::{Grown, GrowthError, Job, News, Outcome, grow_job};
+use growbot_host::output::print;
+use growbot_host::plan::Plan;
+use growbot_host::plan_file::{self, WrittenPose};
+use growbot_host::pose_text::parse_pose;
+use growbot_host::progress::{Progress, Results};
+use growbot_host::run_log::RunLog;
+use growbot_host::{port, robot_file};
+use serde_json::{Value, json};
+
+use super::growth_table;
+use super::plan::PlannerName;
+use super::{Failure, PortArg};
+
+/// Grow a body: a plan, or straight from a pose
+///
+/// Hands the layers to the robot's board, which heats, homes its head and lays them one by one; shows how far it is, and at the end
+/// where the tip arrived, measured from the steps that were made. Ctrl-C stops the robot.
+///
+/// Without a robot (--port sim, the default) the same controller runs in this program against a simulated tip, on a virtual clock.
+#[derive(Args)]
+#[command(after_help = AFTER_HELP)]
+pub struct GrowArgs {
+    /// The plan, as `growbot plan -o` writes it
+    #[arg(value_name = "PLAN", conflicts_with_all = ["from", "to", "planner", "radius"], required_unless_present = "to")]
+    plan: Option<PathBuf>,
+    /// Where the tip starts: X,Y,Z,HEADING,PITCH in mm and degrees
+    #[arg(long, value_name = "POSE", default_value = "0,0,0,0,90", allow_hyphen_values = true, value_parser = parse_pose)]
+    from: Pose,
+    /// Where it is to arrive, and pointing where: X,Y,Z,HEADING,PITCH
+    #[arg(long, value_name = "POSE", allow_hyphen_values = true, value_parser = parse_pose)]
+    to: Option<Pose>,
+    /// How the path is found
+    #[arg(long, value_enum, default_value_t = PlannerName::TwoPlane)]
+    planner: PlannerName,
+    /// Radius of the arcs, mm [default: the robot's planning radius]
+    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
+    radius: Option<f64>,
+    /// The robot: a built-in name or a TOML file [default: the plan's, or
+    /// growbot-a]
+    #[arg(long, value_name = "FILE|NAME")]
+    robot: Option<PathBuf>,
+    #[command(flatten)]
+    port: PortArg,
+    /// Write what happens to this new file, one JSON object a line
+    #[arg(long, value_name = "FILE")]
+    log: Option<PathBuf>,
+    /// Grow although the plan's warnings say that it cannot succeed
+    #[arg(long)]
+    force: bool,
+    /// End with one line of JSON instead of a table
+    #[arg(long)]
+    json: bool,
+}
+
+const AFTER_HELP: &str = "\
+Examples:
+  growbot grow --to 200,100,600,0,45
+  growbot grow plan.json --port /dev/ttyACM0 --log run.jsonl
+  growbot grow --robot growbot-a2 --to 0,60,120,90,30 --port emulator
+
+Exit codes: 0, the body is grown; 1, stopped, refused or a fault; 2, something
+was wrong before the job.";
+
+/// What `growbot` alone grows: 1 m of robot A to a pose that needs both planes.
+const MAIN_JOB: [&str; 3] = ["growbot grow", "--to", "550,345,610,120,-25"];
+
+/// Warnings that a growth heeds.
+const PREVENTING: [&str; 3] = ["self-collision", "filament-short", "layer-limit"];
+
+/// The arguments of a command on their own, for [`MAIN_JOB`].
+#[derive(Parser)]
+struct Alone {
+    #[command(flatten)]
+    grow: GrowArgs,
+}
+
+/// Runs the main job.
+pub fn run_main_job() -> Result<(), Failure> {
+    let Alone { grow } = Alone::try_parse_from(MAIN_JOB).map_err(Failure::bad_input)?;
+    eprintln!("growbot: no command given, so the simulated robot A grows {} {}", MAIN_JOB[1], MAIN_JOB[2]);
+    eprintln!("growbot: `growbot --help` shows what else there is");
+    run(&grow)
+}
+
+/// Runs the command.
+pub fn run(args: &GrowArgs) -> Result<(), Failure> {
+    let (robot, plan) = args.robot_and_plan()?;
+    let preventing: Vec<_> =
+        plan.warnings.iter().filter(|warning| PREVENTING.contains(&warning.code.as_str())).collect();
+    for warning in &plan.warnings {
+        eprintln!("growbot: warning, {}: {}", warning.code, warning.message);
+    }
+    if !preventing.is_empty() && !args.force {
+        let codes: Vec<_> = preventing.iter().map(|warning| warning.code.as_str()).collect();
+        refuse(args, &plan)?;
+        return Err(Failure::answered_no(format!(
+            "not grown because of {}: change the plan, or grow it all the same with --force",
+            codes.join(", ")
+        )));
+    }
+    let name = args.port.name()?;
+    let mut log = match &args.log {
+        Some(path) => RunLog::begin(path, &plan, args.port.text()).map_err(Failure::bad_input)?,
+        None => RunLog::none(),
+    };
+    let mut client = Client::new(port::open(&name, &robot)?, args.port.text());
+    let job = Job { robot: &robot, start: &plan.start, goal: &plan.goal, path: &plan.path };
+
+    let stop = stop_on_interrupt();
+    let mut show = Show::new(plan.needs.layers);
+    let mut log_error = None;
+    let grown = grow_job(&mut client, &job, &stop, &mut |news| {
+        show.tell(news);
+        if let Err(error) = log.news(news) {
+            log_error.get_or_insert(error);
+        }
+    });
+    show.end();
+    if let Some(error) = log_error {
+        eprintln!("growbot: {error}");
+    }
+    let grown = match grown {
+        Ok(grown) => grown,
+        Err(GrowthError::Before(ClientError::Refused { request, refusal })) => {
+            refuse(args, &plan)?;
+            return Err(ClientError::Refused { request, refusal }.into());
+        }
+        Err(GrowthError::Before(error)) => return Err(error.into()),
+        Err(error @ GrowthError::During(_)) => return Err(Failure::answered_no(error)),
+    };
+    let result = json_of(grown.outcome.name(), Some(&grown), &plan);
+    log.end(&result).map_err(Failure::answered_no)?;
+    print(&if args.json { format!("{result}\n") } else { growth_table::table(&plan, &robot, &grown) })?;
+    match grown.outcome {
+        Outcome::Done => Ok(()),
+        Outcome::Stopped => Err(Failure::answered_no("stopped before the last layer: heater and steppers are off")),
+        Outcome::Fault(fault) => Err(Failure::answered_no(format!(
+            "fault {}: {}; heater and steppers are off",
+            fault.code(),
+            fault.explanation()
+        ))),
+    }
+}
+
+impl GrowArgs {
+    fn robot_and_plan(&self) -> Result<(Robot, Plan), Failure> {
+        if let Some(path) = &self.plan {
+            return Ok(plan_file::open(path, self.robot.as_deref())?);
+        }
+        let robot = robot_file::load(self.robot.as_deref().unwrap_or(robot_file::DEFAULT.as_ref()))?;
+        let radius = self.radius.unwrap_or(robot.description().planning_radius_mm);
+        let goal = self.to.as_ref().ok_or_else(|| Failure::bad_input("give a plan, or a goal with --to"))?;
+        let plan = Plan::make(&robot, &self.from, goal, radius, self.planner.into())?;
+        Ok((robot, plan))
+    }
+}
+
+/// The line of JSON of a growth that did not begin.
+fn refuse(args: &GrowArgs, plan: &Plan) -> Result<(), Failure> {
+    if args.json {
+        print(&format!("{}\n", json_of("refused", None, plan)))?;
+    }
+    Ok(())
+}
+
+/// The result as scripts read it. What was not grown is where it started.
+fn json_of(outcome: &str, grown: Option<&Grown>, plan: &Plan) -> Value {
+    let arrival =
+        grown.map_or_else(|| Arrival::of(&plan.start.frame(), &plan.goal, plan.path.length()), |grown| grown.arrival);
+    let body = grown.map_or(&[][..], |grown| &grown.body);
+    json!({
+        "outcome": outcome,
+        "layers": body.len(),
+        "length_mm": body.iter().map(|layer| layer.height).sum::<f64>(),
+        "final": WrittenPose::from(&arrival.reached),
+        "position_error_mm": arrival.position_error_mm,
+        "normalized_position_error": arrival.normalized_position_error,
+        "heading_error_deg": arrival.heading_error_deg,
+        "pitch_error_deg": arrival.pitch_error_deg,
+        "direction_error_deg": arrival.direction_error_deg,
+        // Nothing in a growth is drawn by chance yet.
+        "seed": Value::Null,
+        "duration_s": grown.map_or(0.0, |grown| grown.duration_s),
+        "filament_mm": grown.map_or(0.0, |grown| grown.filament_mm),
+    })
+}
+
+/// Set by Ctrl-C. A second Ctrl-C ends the program, as people expect of one that seems to hang.
+fn stop_on_interrupt() -> Arc<AtomicBool> {
+    let stop = Arc::new(AtomicBool::new(false));
+    let seen = Arc::clone(&stop);
+    let installed = ctrlc::set_handler(move || {
+        if seen.swap(true, Ordering::Relaxed) {
+            std::process::exit(1);
+        }
+        eprintln!("growbot: stopping; press Ctrl-C again to leave without waiting for the robot");
+    });
+    if let Err(error) = installed {
+        eprintln!("growbot: Ctrl-C will end this program without stopping the robot ({error})");
+    }
+    stop
+}
+
+/// Shows a growth on standard error.
+struct Show {
+    progress: Progress,
+    layers: usize,
+    laid: u64,
+    state: &'static str,
+}
+
+impl Show {
+    fn new(layers: usize) -> Self {
+        Self { progress: Progress::start(Some(layers as u64), Results::AtEnd), layers, laid: 0, state: "starting" }
+    }
+
+    fn tell(&mut self, news: &News) {
+        match news {
+            News::State(state) => {
+                self.state = state.name();
+                if matches!(state, State::Heating | State::Homing | State::Growing | State::Hold) {
+                    self.progress.say(self.state);
+                }
+            }
+            News::Status(status) => self.state = status.state.name(),
+            News::Laid(index, _) => self.laid = u64::from(*index) + 1,
+        }
+        let Self { state, laid, layers, .. } = *self;
+        self.progress.at(laid, || format!("{state}, layer {laid} of {layers}"));
+    }
+
+    fn end(&self) {
+        self.progress.finish();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_main_job_is_a_valid_command() {
+        Alone::command().debug_assert();
+        Alone::try_parse_from(MAIN_JOB).unwrap();
+    }
+}

@@ -1,0 +1,34 @@
+//! The table that a growth ends with.
+
+use growbot_core::robot::Robot;
+use growbot_host::growth::Grown;
+use growbot_host::plan::Plan;
+
+use super::plan_table::duration;
+
+/// Wanted, reached, and by how much the one missed the other.
+pub fn table(plan: &Plan, robot: &Robot, grown: &Grown) -> String {
+    let row = |name: &str, [x, y, z, heading, pitch]: [f64; 5]| {
+        format!("{name:<10}{x:>11.3}{y:>11.3}{z:>11.3}{heading:>13.3}{pitch:>12.3}\n")
+    };
+    let arrival = &grown.arrival;
+    let length: f64 = grown.body.iter().map(|layer| layer.height).sum();
+    let mut table =
+        format!("{:<10}{:>11}{:>11}{:>11}{:>13}{:>12}\n", "", "x mm", "y mm", "z mm", "heading deg", "pitch deg");
+    table += &row("wanted", plan.goal.to_degrees());
+    table += &row("reached", arrival.reached.to_degrees());
+    table += &format!(
+        "error     {:.3} mm, {:.4} % of the length, {:.3} deg between the directions\n",
+        arrival.position_error_mm,
+        100.0 * arrival.normalized_position_error,
+        arrival.direction_error_deg
+    );
+    table += &format!("body      {} layers of {}, {length:.1} mm\n", grown.body.len(), plan.needs.layers);
+    table += &format!(
+        "growth    {} on {}, {:.2} m of filament\n",
+        duration(grown.duration_s),
+        robot.name(),
+        grown.filament_mm / 1000.0
+    );
+    table
+}

@@ -1,0 +1,37 @@
+//! `growbot layers`: what the head lays, turn by turn.
+
+use std::io::{self, BufWriter, Write};
+use std::path::PathBuf;
+
+use clap::Args;
+use growbot_host::layer_table::write_layers;
+use growbot_host::output::OutputError;
+use growbot_host::plan_file;
+
+use super::Failure;
+
+/// Print the layers of a plan as CSV
+///
+/// The columns are layer,segment,alpha_deg,height_mm,tilt_deg: layers and segments count from 0, alpha is where most material goes, in
+/// the tip's frame, and tilt is by how much the tip bends away from there.
+#[derive(Args)]
+#[command(
+    after_help = "Examples:\n  growbot layers plan.json > layers.csv\n  growbot plan --to 0,0,500,0,90 --json | growbot layers -"
+)]
+pub struct LayersArgs {
+    /// The plan, as `growbot plan -o` writes it (- for standard input)
+    #[arg(value_name = "PLAN")]
+    plan: PathBuf,
+    /// The robot: a built-in name or a TOML file [default: the built-in one that
+    /// the plan names]
+    #[arg(long, value_name = "FILE|NAME")]
+    robot: Option<PathBuf>,
+}
+
+/// Runs the command.
+pub fn run(args: &LayersArgs) -> Result<(), Failure> {
+    let (robot, plan) = plan_file::open(&args.plan, args.robot.as_deref())?;
+    let mut out = BufWriter::new(io::stdout().lock());
+    write_layers(&mut out, &plan.path, &robot).and_then(|()| out.flush()).map_err(OutputError::from)?;
+    Ok(())
+}

@@ -1,0 +1,187 @@
+//! The command line: one file a command, each with its arguments and a `run`.
+//!
+//! Results go to standard output, everything else to standard error. Exit codes: 0, done; 1, a valid request was
+//! answered no; 2, something was wrong before the job.
+
+mod console;
+mod grow;
+mod growth_table;
+mod layers;
+mod plan;
+mod plan_table;
+mod rmin;
+mod status;
+mod stop;
+
+use std::fmt::Display;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::{Args, Parser, Subcommand};
+use growbot_core::robot::Robot;
+use growbot_host::batch::BatchError;
+use growbot_host::client::ClientError;
+use growbot_host::input::InputError;
+use growbot_host::output::OutputError;
+use growbot_host::plan_file::PlanFileError;
+use growbot_host::port::{PortError, PortName};
+use growbot_host::robot_file::{self, RobotFileError};
+
+/// Plan, slice and grow: the control stack of robots that grow by printing their
+/// own body.
+#[derive(Parser)]
+#[command(name = "growbot", version, max_term_width = 80, after_help = AFTER_HELP)]
+struct Cli {
+    #[command(subcommand)]
+    command: Option<Command>,
+}
+
+const AFTER_HELP: &str = "\
+Lengths are in mm, angles in degrees. A pose is X,Y,Z,HEADING,PITCH: pitch 90
+is straight up, heading 0 is along x. Results go to standard output, messages to
+standard error.
+
+Examples:
+  growbot                                   a simulated robot grows 1 m
+  growbot plan --to 200,100,600,0,45 -o plan.json
+  growbot grow plan.json --port /dev/ttyACM0
+
+Exit codes: 0, done; 1, the answer is no; 2, something was wrong before the job.";
+
+#[derive(Subcommand)]
+enum Command {
+    Rmin(rmin::RminArgs),
+    Plan(plan::PlanArgs),
+    Layers(layers::LayersArgs),
+    Grow(grow::GrowArgs),
+    Status(status::StatusArgs),
+    Stop(stop::StopArgs),
+    Console(console::ConsoleArgs),
+}
+
+/// Reads the command line and runs the command.
+pub fn run() -> ExitCode {
+    let done = match Cli::parse().command {
+        Some(Command::Rmin(args)) => rmin::run(&args),
+        Some(Command::Plan(args)) => plan::run(&args),
+        Some(Command::Layers(args)) => layers::run(&args),
+        Some(Command::Grow(args)) => grow::run(&args),
+        Some(Command::Status(args)) => status::run(&args),
+        Some(Command::Stop(args)) => stop::run(&args),
+        Some(Command::Console(args)) => console::run(&args),
+        None => grow::run_main_job(),
+    };
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => failure.report(),
+    }
+}
+
+/// Why a command did not do what it was asked: the exit code, and what to say.
+pub struct Failure {
+    code: u8,
+    message: Option<String>,
+}
+
+impl Failure {
+    /// Something was wrong before the job started.
+    pub fn bad_input(message: impl Display) -> Self {
+        Self { code: 2, message: Some(message.to_string()) }
+    }
+
+    /// A valid request was answered no.
+    pub fn answered_no(message: impl Display) -> Self {
+        Self { code: 1, message: Some(message.to_string()) }
+    }
+
+    /// Whoever read the results has had enough: nothing failed.
+    fn reader_gone() -> Self {
+        Self { code: 0, message: None }
+    }
+
+    /// Whether whoever read the results has gone.
+    pub fn is_reader_gone(&self) -> bool {
+        self.code == 0
+    }
+
+    /// Says it, in one line, and gives the exit code.
+    fn report(self) -> ExitCode {
+        self.say();
+        ExitCode::from(self.code)
+    }
+
+    /// Says it, in one line.
+    pub fn say(&self) {
+        if let Some(message) = &self.message {
+            // What a file or an argument holds must not break the line or move the cursor.
+            let line: String = message.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
+            eprintln!("growbot: {line}");
+        }
+    }
+}
+
+impl From<OutputError> for Failure {
+    fn from(error: OutputError) -> Self {
+        match error {
+            OutputError::Closed => Self::reader_gone(),
+            error => Self::bad_input(error),
+        }
+    }
+}
+
+/// Errors that all mean: something was wrong before the job started.
+macro_rules! bad_input {
+    ($($error:ty),*) => {
+        $(impl From<$error> for Failure {
+            fn from(error: $error) -> Self {
+                Self::bad_input(error)
+            }
+        })*
+    };
+}
+
+bad_input!(BatchError, InputError, PlanFileError, PortError, RobotFileError);
+
+impl From<ClientError> for Failure {
+    fn from(error: ClientError) -> Self {
+        match error {
+            ClientError::Refused { .. } => Self::answered_no(error),
+            error => Self::bad_input(error),
+        }
+    }
+}
+
+/// `--port`, where a robot is talked to.
+#[derive(Args)]
+pub struct PortArg {
+    /// Where the robot is: sim, emulator, tcp:HOST:PORT or a serial device
+    #[arg(long, value_name = "PORT", default_value = "sim")]
+    port: String,
+}
+
+impl PortArg {
+    /// The port's name, understood.
+    fn name(&self) -> Result<PortName, Failure> {
+        Ok(self.port.parse()?)
+    }
+
+    /// The port's name as it was given.
+    fn text(&self) -> &str {
+        &self.port
+    }
+}
+
+/// `--robot`, where a robot must be known.
+#[derive(Args)]
+pub struct RobotArg {
+    /// The robot: a built-in name (growbot-a, -a1 to -a8, -b, -c) or a TOML file
+    #[arg(long, value_name = "FILE|NAME", default_value = robot_file::DEFAULT)]
+    robot: PathBuf,
+}
+
+impl RobotArg {
+    /// Reads and checks the description.
+    fn load(&self) -> Result<Robot, Failure> {
+        Ok(robot_file::load(&self.robot)?)
+    }
+}

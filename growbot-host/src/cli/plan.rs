@@ -1,0 +1,142 @@
+//! `growbot plan`: from two poses to a path, or from a file of queries to as many.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use clap::{Args, ValueEnum};
+use growbot_core::plan::{PlanError, Planner};
+use growbot_core::pose::Pose;
+use growbot_core::robot::Robot;
+use growbot_host::batch::{Batch, Defaults};
+use growbot_host::input;
+use growbot_host::output::{print, replace_file};
+use growbot_host::plan::Plan;
+use growbot_host::plan_file::PlanFile;
+use growbot_host::pose_text::parse_pose;
+use growbot_host::progress::{Progress, Results};
+
+use super::{Failure, RobotArg, plan_table};
+
+/// Plan a path from one pose to another: arcs and straight lines
+///
+/// Prints a table, or the plan as one line of JSON with --json; -o writes the plan to a file, for `growbot layers` and the like. What
+/// speaks against growing the path is said in the plan's warnings.
+#[derive(Args)]
+#[command(override_usage = USAGE, after_help = AFTER_HELP)]
+pub struct PlanArgs {
+    /// Where the tip starts: X,Y,Z,HEADING,PITCH in mm and degrees
+    #[arg(long, value_name = "POSE", default_value = "0,0,0,0,90", allow_hyphen_values = true, value_parser = parse_pose)]
+    from: Pose,
+    /// Where it is to arrive, and pointing where: X,Y,Z,HEADING,PITCH
+    #[arg(long, value_name = "POSE", required_unless_present = "batch", allow_hyphen_values = true, value_parser = parse_pose)]
+    to: Option<Pose>,
+    /// How the path is found
+    #[arg(long, value_enum, default_value_t = PlannerName::TwoPlane)]
+    planner: PlannerName,
+    /// Radius of the arcs, mm [default: the robot's planning radius]
+    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
+    radius: Option<f64>,
+    #[command(flatten)]
+    robot: RobotArg,
+    /// Print the plan as one line of JSON
+    #[arg(long)]
+    json: bool,
+    /// Write the plan to this file
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+    /// Plan every query of a CSV file (- for standard input); needs --json
+    #[arg(long, value_name = "CSV", conflicts_with_all = ["from", "to", "output"])]
+    batch: Option<PathBuf>,
+}
+
+const USAGE: &str = "growbot plan [--from <POSE>] --to <POSE> [OPTIONS]
+       growbot plan --batch <CSV> --json [OPTIONS]";
+
+const AFTER_HELP: &str = "\
+Examples:
+  growbot plan --to 200,100,600,0,45 -o plan.json
+  growbot plan --from 0,0,0,0,90 --to -120,0,400,180,0 --radius 120 --json
+  growbot plan --batch queries.csv --json > plans.jsonl
+
+A batch has the header
+  id,from_x_mm,from_y_mm,from_z_mm,from_heading_deg,from_pitch_deg,
+  to_x_mm,to_y_mm,to_z_mm,to_heading_deg,to_pitch_deg
+in one line and in any order, and perhaps columns radius_mm and planner. Each
+query is answered by one line: its plan, or its id and an error. The exit code
+is 1 if any failed.";
+
+/// The planners, as the command line calls them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum PlannerName {
+    /// Two planar paths that meet on the line from start to goal (the paper's)
+    TwoPlane,
+}
+
+impl From<PlannerName> for Planner {
+    fn from(name: PlannerName) -> Self {
+        match name {
+            PlannerName::TwoPlane => Self::TwoPlane,
+        }
+    }
+}
+
+impl From<PlanError> for Failure {
+    fn from(error: PlanError) -> Self {
+        match error {
+            PlanError::RadiusTooSmall { .. } | PlanError::RadiusTooLarge { .. } => Self::bad_input(error),
+            PlanError::Missed { .. } | PlanError::TooManySegments(_) => Self::answered_no(error),
+        }
+    }
+}
+
+/// Runs the command.
+pub fn run(args: &PlanArgs) -> Result<(), Failure> {
+    let robot = args.robot.load()?;
+    let radius = args.radius.unwrap_or(robot.description().planning_radius_mm);
+    let planner = args.planner.into();
+    match (&args.batch, &args.to) {
+        (Some(queries), _) => run_batch(args, queries, &robot, Defaults { radius, planner }),
+        (None, Some(goal)) => run_one(args, &Plan::make(&robot, &args.from, goal, radius, planner)?),
+        (None, None) => Err(Failure::bad_input("give a goal with --to, or queries with --batch")),
+    }
+}
+
+fn run_one(args: &PlanArgs, plan: &Plan) -> Result<(), Failure> {
+    let written = PlanFile::from(plan);
+    if let Some(path) = &args.output {
+        if input::is_standard_input(path) {
+            return Err(Failure::bad_input("-o takes a file: for standard output use --json"));
+        }
+        replace_file(path, written.to_text().as_bytes())?;
+        eprintln!("growbot: plan written to {}", path.display());
+    }
+    Ok(print(&if args.json { written.to_line() } else { plan_table::table(plan) })?)
+}
+
+fn run_batch(args: &PlanArgs, queries: &Path, robot: &Robot, defaults: Defaults) -> Result<(), Failure> {
+    if !args.json {
+        return Err(Failure::bad_input("--batch prints one JSON object a line: add --json"));
+    }
+    // A radius that no query can have is a fault of the command, not of each query.
+    let start = args.from;
+    Plan::make(robot, &start, &start, defaults.radius, defaults.planner)?;
+
+    let name = input::name_of(queries);
+    let total = fs::metadata(queries).ok().filter(fs::Metadata::is_file).map(|file| file.len());
+    let named = |error| Failure::bad_input(format!("{name}: {error}"));
+    let mut batch = Batch::open(input::open(queries)?, defaults).map_err(named)?;
+    let mut progress = Progress::start(total, Results::Streamed);
+    let (mut done, mut failed) = (0_u64, 0_u64);
+    while let Some(answer) = batch.next(robot).map_err(named)? {
+        done += 1;
+        failed += u64::from(answer.outcome.is_err());
+        // Each line leaves at once: a program may wait for it before it asks the next.
+        print(&answer.to_line())?;
+        progress.at(batch.bytes_read(), || format!("{done} planned, {failed} failed"));
+    }
+    progress.finish();
+    if failed > 0 {
+        return Err(Failure::answered_no(format!("{failed} of {done} queries failed: see the lines with \"error\"")));
+    }
+    Ok(())
+}

@@ -1,0 +1,48 @@
+//! `growbot rmin`: the tightest bend of a robot.
+
+use clap::Args;
+use growbot_host::output::print;
+use serde::Serialize;
+
+use super::{Failure, RobotArg};
+
+/// Print the tightest bend of a robot, R_min, in mm
+///
+/// R_min is the least radius of the centreline: the larger of what the mechanics allow (the parts inside the tube must pass the bend: Eq 7 of Del Dottore et
+/// al. 2019) and what the layers allow (their least and greatest heights and their greatest tilt).
+#[derive(Args)]
+#[command(after_help = "Example:\n  growbot rmin --robot growbot-b")]
+pub struct RminArgs {
+    #[command(flatten)]
+    robot: RobotArg,
+    /// Print one line of JSON
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Serialize)]
+struct Rmin<'a> {
+    robot: &'a str,
+    r_min_mm: f64,
+    r_min_geometry_mm: f64,
+    r_min_layers_mm: f64,
+}
+
+/// Runs the command.
+pub fn run(args: &RminArgs) -> Result<(), Failure> {
+    let robot = args.robot.load()?;
+    let rmin = Rmin {
+        robot: robot.name(),
+        r_min_mm: robot.least_radius(),
+        r_min_geometry_mm: robot.least_radius_of_geometry(),
+        r_min_layers_mm: robot.least_radius_of_layers(),
+    };
+    if args.json {
+        let line = serde_json::to_string(&rmin).map_err(Failure::bad_input)?;
+        return Ok(print(&(line + "\n"))?);
+    }
+    let Rmin { robot, r_min_mm, r_min_geometry_mm, r_min_layers_mm } = rmin;
+    Ok(print(&format!(
+        "{robot}: R_min is {r_min_mm:.2} mm\n  by its mechanics {r_min_geometry_mm:>8.2} mm\n  by its layers    {r_min_layers_mm:>8.2} mm\n"
+    ))?)
+}

@@ -1,0 +1,27 @@
+//! `growbot stop`: heater and steppers off.
+
+use clap::Args;
+use growbot_core::link::message::{Empty, Message};
+use growbot_host::client::Client;
+use growbot_host::output::print;
+use growbot_host::port;
+
+use super::{Failure, PortArg, RobotArg};
+
+/// Stop the robot: heater and steppers off at once, the job is over
+#[derive(Args)]
+#[command(after_help = "Example:\n  growbot stop --port /dev/ttyACM0")]
+pub struct StopArgs {
+    #[command(flatten)]
+    port: PortArg,
+    #[command(flatten)]
+    robot: RobotArg,
+}
+
+/// Runs the command. A board of another release or robot is stopped all the same: no hello is asked for.
+pub fn run(args: &StopArgs) -> Result<(), Failure> {
+    let robot = args.robot.load()?;
+    let mut client = Client::new(port::open(&args.port.name()?, &robot)?, args.port.text());
+    client.request("to stop", &Message::Stop(Empty {}))?;
+    Ok(print("stopped: heater and steppers are off\n")?)
+}

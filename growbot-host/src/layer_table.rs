@@ -1,0 +1,59 @@
+//! The layers of a plan as CSV: what the head lays, turn by turn.
+
+use std::io::{self, Write};
+
+use growbot_core::angle::degrees;
+use growbot_core::layer::Layer;
+use growbot_core::path::Path;
+use growbot_core::robot::Robot;
+use growbot_core::slicing::{SlicedLayer, Slicing, layers};
+
+use crate::degrees::degrees_below_turn;
+
+/// The header.
+pub const HEADER: &str = "layer,segment,alpha_deg,height_mm,tilt_deg";
+
+/// Writes the layers of a path, by exact slicing, in full precision: layers and segments count from 0, `alpha_deg` lies in
+/// `[0, 360)` and is 0 where a layer is straight.
+///
+/// # Errors
+/// What `out` fails with.
+pub fn write_layers(out: &mut impl Write, path: &Path, robot: &Robot) -> io::Result<()> {
+    writeln!(out, "{HEADER}")?;
+    // The layers of a segment are alike: their numbers are put into text once.
+    let mut last = Layer::default();
+    let mut row = String::new();
+    for (index, SlicedLayer { segment, layer }) in layers(path, robot, Slicing::Exact).enumerate() {
+        if row.is_empty() || layer != last {
+            let alpha = if layer.tilt > 0.0 { degrees_below_turn(layer.alpha) } else { 0.0 };
+            row = format!("{},{},{}", alpha, layer.height, degrees(layer.tilt));
+            last = layer;
+        }
+        writeln!(out, "{index},{segment},{row}")?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::robot_file;
+    use growbot_core::path::Segment;
+    use std::f64::consts::TAU;
+
+    #[test]
+    fn rows_count_from_zero_and_stay_in_range() {
+        let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
+        let mut path = Path::new();
+        path.push(Segment::Straight { length: 1.0 }).unwrap();
+        path.push(Segment::Arc { alpha: TAU, bend: 0.005, length: 0.5 }).unwrap();
+        path.push(Segment::Arc { alpha: 2.0, bend: 0.0, length: 0.5 }).unwrap();
+        let mut out = Vec::new();
+        write_layers(&mut out, &path, &robot).unwrap();
+        let tilt = degrees(0.005);
+        assert_eq!(
+            String::from_utf8(out).unwrap(),
+            format!("{HEADER}\n0,0,0,0.5,0\n1,0,0,0.5,0\n2,1,0,0.5,{tilt}\n3,2,0,0.5,0\n")
+        );
+    }
+}

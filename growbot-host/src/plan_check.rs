@@ -1,0 +1,306 @@
+//! What is checked before a plan from a file is believed.
+//!
+//! The plan must be for this very robot, its numbers must make sense, its bends must be ones that the robot can make,
+//! its totals must be those of its segments, and chaining Eq 4 over the segments from the start must end at the goal.
+//! Warnings are found anew: those in the file are for people and scripts.
+
+use growbot_core::angle::{radians, wrap_positive};
+use growbot_core::path::{MOST_SEGMENTS, Path, PathFull, Segment};
+use growbot_core::plan::{GREATEST_RADIUS, Miss, miss};
+use growbot_core::pose::{Pose, PoseError};
+use growbot_core::robot::Robot;
+
+use crate::plan::Plan;
+use crate::plan_file::{PlanFile, WrittenPose, WrittenSegment, written_hash};
+use crate::pose_text::pose_of_numbers;
+
+/// Why a plan is not believed: what, the value, the limit, what to do.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum PlanFault {
+    /// The plan is for a robot of another name.
+    #[error(
+        "the plan is for robot {plan:?}, not for {robot:?}: plan again for this robot, or choose that one with --robot"
+    )]
+    OtherRobot {
+        /// Name in the plan.
+        plan: String,
+        /// Name of the robot at hand.
+        robot: String,
+    },
+    /// The robot's description has changed since.
+    #[error(
+        "the plan is for {robot} of hash {plan}, and this {robot} has hash {here}: the description has changed; plan again, or give the old one with --robot FILE"
+    )]
+    OtherHash {
+        /// The robot.
+        robot: String,
+        /// Hash in the plan.
+        plan: String,
+        /// Hash of the robot at hand.
+        here: String,
+    },
+    /// Start or goal are no poses.
+    #[error("{which}: {error}")]
+    Pose {
+        /// Start or goal.
+        which: &'static str,
+        /// What is wrong.
+        error: PoseError,
+    },
+    /// A number out of its range.
+    #[error("{what} is {value}; it must lie between {least} and {greatest}: plan again")]
+    Range {
+        /// Which number.
+        what: String,
+        /// What it is.
+        value: f64,
+        /// The least that is taken.
+        least: f64,
+        /// The greatest that is taken.
+        greatest: f64,
+    },
+    /// A bend that the robot cannot make.
+    #[error(
+        "segment {segment} has a radius of {radius} mm, below R_min = {limit} mm of this robot: plan again with a larger --radius"
+    )]
+    TooTight {
+        /// Which segment, from 0.
+        segment: usize,
+        /// Its radius, mm.
+        radius: f64,
+        /// The robot's least radius, mm.
+        limit: f64,
+    },
+    /// Too many segments.
+    #[error("the plan has {found} segments: {full}")]
+    TooManySegments {
+        /// How many there are.
+        found: usize,
+        /// The limit.
+        full: PathFull,
+    },
+    /// A total that is not the sum of the segments.
+    #[error("{what} is {value}, and the segments give {expected}: the plan was changed by hand; plan again")]
+    Total {
+        /// Which total.
+        what: &'static str,
+        /// What the file says.
+        value: f64,
+        /// What the segments give.
+        expected: f64,
+    },
+    /// The segments lead elsewhere.
+    #[error(
+        "the segments end {} mm and {} rad from the goal, more than {} mm and {} rad: the plan was changed by hand; plan again",
+        .miss.distance, .miss.angle, .limit.distance, .limit.angle
+    )]
+    Missed {
+        /// How far off they end.
+        miss: Miss,
+        /// How far off they may.
+        limit: Miss,
+    },
+}
+
+/// No segment is longer than this, mm: from one corner of the space of poses to the other and back.
+const LONGEST_SEGMENT: f64 = 8.0 * Pose::GREATEST_COORDINATE;
+/// Limits hold to this share of themselves: degrees and radians do not convert exactly.
+const ROUNDING: f64 = 1e-9;
+/// A plan of ordinary size ends this near its goal, mm.
+const ARRIVED_DISTANCE: f64 = 1e-6;
+/// And in this direction, radians; for plans beyond 100 radii in proportion, as the planner's own check.
+const ARRIVED_ANGLE: f64 = 1e-8;
+
+impl PlanFile {
+    /// The plan, if it is for this robot and holds together.
+    ///
+    /// # Errors
+    /// The first thing that does not.
+    pub fn check(&self, robot: &Robot) -> Result<Plan, PlanFault> {
+        self.check_robot(robot)?;
+        range("radius_mm", self.radius_mm, robot.least_radius(), GREATEST_RADIUS)?;
+        let start = pose("start", &self.start)?;
+        let goal = pose("goal", &self.goal)?;
+        let path = self.path(robot)?;
+        check_arrival(&path, &start, &goal, self.radius_mm)?;
+        let plan = Plan::of_path(robot, &start, &goal, self.radius_mm, self.planner, path);
+        self.check_totals(&plan, robot)?;
+        Ok(plan)
+    }
+
+    fn check_robot(&self, robot: &Robot) -> Result<(), PlanFault> {
+        if self.robot != robot.name() {
+            return Err(PlanFault::OtherRobot { plan: self.robot.clone(), robot: robot.name().to_owned() });
+        }
+        let here = written_hash(robot.hash());
+        if self.robot_hash != here {
+            return Err(PlanFault::OtherHash { robot: self.robot.clone(), plan: self.robot_hash.clone(), here });
+        }
+        Ok(())
+    }
+
+    fn path(&self, robot: &Robot) -> Result<Path, PlanFault> {
+        let found = self.segments.len();
+        if found > MOST_SEGMENTS {
+            return Err(PlanFault::TooManySegments { found, full: PathFull });
+        }
+        let mut path = Path::new();
+        for (index, written) in self.segments.iter().enumerate() {
+            let segment = segment(index, written, robot.least_radius())?;
+            path.push(segment).map_err(|full| PlanFault::TooManySegments { found, full })?;
+        }
+        Ok(path)
+    }
+
+    /// Totals that do not fit show that segments were changed, dropped or doubled.
+    fn check_totals(&self, plan: &Plan, robot: &Robot) -> Result<(), PlanFault> {
+        let needs = &plan.needs;
+        // Where a segment is a whole number of layers to the last digit, rounding may decide for one more or less.
+        let layers_off = plan.path.segments().len() as f64;
+        let duration_off = layers_off * robot.description().layer.period_s;
+        for (what, value, expected, off) in [
+            ("length_mm", self.length_mm, needs.length, 0.0),
+            ("layers", self.layers as f64, needs.layers as f64, layers_off),
+            ("duration_s", self.duration_s, needs.duration, duration_off),
+            ("filament_mm", self.filament_mm, needs.filament, 0.0),
+        ] {
+            if (value - expected).abs() > off + ROUNDING * expected {
+                return Err(PlanFault::Total { what, value, expected });
+            }
+        }
+        Ok(())
+    }
+}
+
+fn range(what: impl Into<String>, value: f64, least: f64, greatest: f64) -> Result<(), PlanFault> {
+    if (least..=greatest).contains(&value) {
+        return Ok(());
+    }
+    Err(PlanFault::Range { what: what.into(), value, least, greatest })
+}
+
+fn pose(which: &'static str, written: &WrittenPose) -> Result<Pose, PlanFault> {
+    let &WrittenPose { x_mm, y_mm, z_mm, heading_deg, pitch_deg } = written;
+    pose_of_numbers([x_mm, y_mm, z_mm, heading_deg, pitch_deg]).map_err(|error| PlanFault::Pose { which, error })
+}
+
+fn segment(index: usize, written: &WrittenSegment, least_radius: f64) -> Result<Segment, PlanFault> {
+    let named = |field: &str| format!("{field} of segment {index}");
+    let check_length = |length_mm| range(named("length_mm"), length_mm, f64::MIN_POSITIVE, LONGEST_SEGMENT);
+    match *written {
+        WrittenSegment::Straight { length_mm } => {
+            check_length(length_mm)?;
+            Ok(Segment::Straight { length: length_mm })
+        }
+        WrittenSegment::Arc { alpha_deg, beta_deg, length_mm } => {
+            check_length(length_mm)?;
+            range(named("alpha_deg"), alpha_deg, -360.0, 360.0)?;
+            range(named("beta_deg"), beta_deg, 0.0, f64::MAX)?;
+            let bend = radians(beta_deg);
+            if bend * least_radius > length_mm * (1.0 + ROUNDING) {
+                return Err(PlanFault::TooTight { segment: index, radius: length_mm / bend, limit: least_radius });
+            }
+            Ok(Segment::Arc { alpha: wrap_positive(radians(alpha_deg)), bend, length: length_mm })
+        }
+    }
+}
+
+fn check_arrival(path: &Path, start: &Pose, goal: &Pose, radius: f64) -> Result<(), PlanFault> {
+    let distance = (goal.position() - start.position()).norm();
+    let scale = (distance / (100.0 * radius)).max(1.0);
+    let limit = Miss { distance: ARRIVED_DISTANCE.max(1e-8 * scale * radius), angle: ARRIVED_ANGLE * scale };
+    let miss = miss(&path.end(&start.frame()), goal);
+    if miss.distance <= limit.distance && miss.angle <= limit.angle {
+        return Ok(());
+    }
+    Err(PlanFault::Missed { miss, limit })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::pose_text::parse_pose;
+    use crate::robot_file;
+    use growbot_core::layer::Layer;
+    use growbot_core::plan::Planner;
+    use growbot_core::slicing::{Slicing, layers};
+
+    fn robot(name: &str) -> Robot {
+        robot_file::load(name.as_ref()).unwrap()
+    }
+
+    fn plan() -> Plan {
+        let (start, goal) = (parse_pose("1,2,3,40,50").unwrap(), parse_pose("-300,200,900,170,-20").unwrap());
+        Plan::make(&robot("growbot-a"), &start, &goal, 100.0, Planner::TwoPlane).unwrap()
+    }
+
+    /// What is said of a plan after a change.
+    fn fault(change: impl Fn(&mut PlanFile)) -> String {
+        let mut written = PlanFile::from(&plan());
+        change(&mut written);
+        written.check(&robot("growbot-a")).unwrap_err().to_string()
+    }
+
+    fn sliced(path: &Path, robot: &Robot) -> Vec<Layer> {
+        layers(path, robot, Slicing::Exact).map(|sliced| sliced.layer).collect()
+    }
+
+    #[test]
+    fn a_plan_that_was_written_has_the_same_layers() {
+        let (plan, robot) = (plan(), robot("growbot-a"));
+        let again = PlanFile::from(&plan).check(&robot).unwrap();
+        assert_eq!((again.start, again.goal, again.needs), (plan.start, plan.goal, plan.needs));
+        let (before, after) = (sliced(&plan.path, &robot), sliced(&again.path, &robot));
+        assert_eq!(before.len(), after.len());
+        for (before, after) in before.iter().zip(&after) {
+            assert!((before.alpha - after.alpha).abs() < 1e-14);
+            assert!((before.tilt - after.tilt).abs() < 1e-17);
+            assert_eq!(before.height, after.height);
+        }
+    }
+
+    #[test]
+    fn a_plan_for_another_robot_shows_both() {
+        let written = PlanFile::from(&plan());
+        let message = written.check(&robot("growbot-b")).unwrap_err().to_string();
+        assert!(message.contains("\"growbot-a\"") && message.contains("\"growbot-b\""), "{message}");
+        let here = written_hash(robot("growbot-a").hash());
+        let message = fault(|plan| plan.robot_hash = "0123456789abcdef".to_owned());
+        assert!(message.contains("0123456789abcdef") && message.contains(&here), "{message}");
+    }
+
+    #[test]
+    fn what_does_not_hold_together_is_refused_with_value_and_limit() {
+        fn arc(plan: &mut PlanFile) -> (&mut f64, &mut f64, &mut f64) {
+            plan.segments
+                .iter_mut()
+                .find_map(|segment| match segment {
+                    WrittenSegment::Arc { alpha_deg, beta_deg, length_mm } => Some((alpha_deg, beta_deg, length_mm)),
+                    WrittenSegment::Straight { .. } => None,
+                })
+                .unwrap()
+        }
+        type Change = fn(&mut PlanFile);
+        let cases: [(Change, &str); 13] = [
+            (|plan| plan.radius_mm = 98.0, "radius_mm is 98; it must lie between 98.2 and"),
+            (|plan| plan.radius_mm = f64::NAN, "radius_mm is NaN"),
+            (|plan| plan.start.pitch_deg = 91.0, "start: pitch is 91 deg"),
+            (|plan| plan.goal.x_mm = f64::INFINITY, "goal: x is inf"),
+            (|plan| *arc(plan).2 = 0.0, "length_mm of segment 0 is 0"),
+            (|plan| *arc(plan).2 = -5.0, "length_mm of segment 0 is -5"),
+            (|plan| *arc(plan).1 = -1.0, "beta_deg of segment 0 is -1"),
+            (|plan| *arc(plan).1 *= 1.05, "below R_min = 98.2 mm"),
+            (|plan| *arc(plan).0 = 400.0, "alpha_deg of segment 0 is 400"),
+            (|plan| plan.goal.z_mm += 1e-4, "from the goal"),
+            (|plan| plan.goal.heading_deg += 1e-5, "from the goal"),
+            (|plan| plan.layers += 20, "layers is"),
+            (|plan| plan.filament_mm *= 1.001, "filament_mm is"),
+        ];
+        for (change, part) in cases {
+            let message = fault(change);
+            assert!(message.contains(part), "{part}: {message}");
+        }
+        let message = fault(|plan| plan.segments = vec![WrittenSegment::Straight { length_mm: 1.0 }; 17]);
+        assert!(message.contains("17 segments") && message.contains("16"), "{message}");
+    }
+}

@@ -1,0 +1,260 @@
+//! The robot's firmware in QEMU, with the simulated tip behind the memory that both share.
+//!
+//! A thread plays the tip: it takes the steps out of the ring, warms the nozzle by the energy that the board has counted,
+//! and writes the thermistor's reading. The steps themselves depend only on the firmware, so however the machine's load
+//! stretches time, the body is the same.
+
+use std::io;
+use std::os::unix::fs::FileExt;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+
+use growbot_core::robot::{LONGEST_ENCODED, Robot};
+use growbot_firmware::emulated_tip as table;
+use growbot_firmware::thermistor;
+
+use super::qemu::{EmulatedRobot, QemuError, TipMemory, doing};
+use super::stream::Stream;
+use super::{Port, PortError, TipRecord};
+use crate::tip::{IndexMark, Motor, Tip};
+
+/// How often the tip looks at its memory.
+const LOOK: Duration = Duration::from_millis(1);
+/// Where the firmware image lies, from cargo's target directory.
+const FIRMWARE: &str = "thumbv7em-none-eabihf/release/an386";
+
+/// The robot's firmware in QEMU.
+pub struct Emulator {
+    // The order is the one they are dropped in: first the thread that reads the memory, then the board and its memory.
+    player: Player,
+    stream: Stream,
+    board: EmulatedRobot,
+}
+
+impl Emulator {
+    /// Starts QEMU with a firmware image (the one that was built last where none is given) and a robot's description.
+    ///
+    /// # Errors
+    /// QEMU or the image are missing, or the board does not start.
+    pub fn start(robot: &Robot, firmware: Option<&Path>) -> Result<Self, PortError> {
+        let firmware = firmware.map_or_else(built_last, Path::to_path_buf);
+        let memory = TipMemory::create(table::SIZE as u64)?;
+        prepare(&memory, robot)?;
+        let words = Words(memory.file().try_clone().map_err(doing("share the tip's memory"))?);
+        let board = EmulatedRobot::start(&firmware, memory, &[])?;
+        let line = board.line().try_clone().map_err(doing("share the emulator's line"))?;
+        let stream =
+            Stream::over("the emulated board".to_string(), line).map_err(doing("set up the emulator's line"))?;
+        Ok(Self { player: Player::start(words, robot.clone()), stream, board })
+    }
+
+    /// The emulator and the memory of its tip.
+    pub fn board(&mut self) -> &mut EmulatedRobot {
+        &mut self.board
+    }
+}
+
+impl Port for Emulator {
+    fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+        self.stream.send(bytes)
+    }
+
+    fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, PortError> {
+        self.stream.receive(buffer, timeout)
+    }
+
+    fn tip(&mut self) -> Result<Option<TipRecord>, PortError> {
+        self.player.record().map(Some)
+    }
+}
+
+/// The firmware image that was built last: beside this program, or in the working directory's `target`.
+fn built_last() -> PathBuf {
+    let beside = std::env::current_exe().ok().and_then(|program| {
+        // target/release/growbot, or target/debug/deps/some-test
+        program.ancestors().map(|folder| folder.join(FIRMWARE)).find(|image| image.is_file())
+    });
+    beside.unwrap_or_else(|| Path::new("target").join(FIRMWARE))
+}
+
+/// Writes the host's words before the board starts.
+fn prepare(memory: &TipMemory, robot: &Robot) -> Result<(), QemuError> {
+    let words = Words(memory.file().try_clone().map_err(doing("share the tip's memory"))?);
+    let mark = IndexMark::of(robot);
+    let mut buffer = [0; LONGEST_ENCODED];
+    let machine = robot.encode(&mut buffer).unwrap_or_default();
+    let write = |offset: usize, value: u32| words.write(offset, value).map_err(doing("write the tip's memory"));
+    write(table::INDEX_STEPS_PER_TURN, mark.steps_per_turn)?;
+    write(table::INDEX_POSITION, mark.position)?;
+    write(table::INDEX_WIDTH, mark.width)?;
+    write(table::ENTROPY, entropy())?;
+    write(table::MACHINE_LENGTH, machine.len() as u32)?;
+    words.0.write_all_at(machine, table::MACHINE as u64).map_err(doing("write the tip's memory"))?;
+    let room = thermistor::reading(crate::tip::ROOM_C, &robot.description().thermistor);
+    write(table::THERMISTOR_RAW, u32::from(room))?;
+    write(table::THERMISTOR_LIVE, 1)
+}
+
+/// A number that differs from run to run.
+fn entropy() -> u32 {
+    let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
+    now.subsec_nanos() ^ std::process::id().rotate_left(16)
+}
+
+/// The words of the tip's memory.
+struct Words(std::fs::File);
+
+impl Words {
+    fn read(&self, offset: usize) -> io::Result<u32> {
+        let mut bytes = [0; 4];
+        self.0.read_exact_at(&mut bytes, offset as u64)?;
+        Ok(u32::from_le_bytes(bytes))
+    }
+
+    /// A counter that the board may be changing: read until two readings agree.
+    fn read_counter(&self, offset: usize) -> io::Result<u32> {
+        let mut value = self.read(offset)?;
+        loop {
+            let again = self.read(offset)?;
+            if again == value {
+                return Ok(value);
+            }
+            value = again;
+        }
+    }
+
+    fn read_pair(&self, low: usize, high: usize) -> io::Result<u64> {
+        loop {
+            let before = self.read_counter(high)?;
+            let value = u64::from(self.read_counter(low)?);
+            if self.read_counter(high)? == before {
+                return Ok(u64::from(before) << 32 | value);
+            }
+        }
+    }
+
+    fn write(&self, offset: usize, value: u32) -> io::Result<()> {
+        self.0.write_all_at(&value.to_le_bytes(), offset as u64)
+    }
+}
+
+/// The tip and how far its memory has been followed.
+struct Followed {
+    words: Words,
+    tip: Tip,
+    steps_read: u32,
+    ticks: u64,
+    energy: u64,
+    lost_steps: u32,
+}
+
+impl Followed {
+    /// Takes what the board has done since the last look.
+    fn look(&mut self) -> io::Result<()> {
+        if self.words.read(table::MAGIC)? != table::MAGIC_VALUE {
+            return Ok(()); // not booted yet
+        }
+        self.warm()?;
+        self.step()
+    }
+
+    fn warm(&mut self) -> io::Result<()> {
+        let tick_hz = self.words.read(table::TICK_HZ)?.max(1);
+        let ticks = self.words.read_pair(table::TICKS_LO, table::TICKS_HI)?;
+        let energy = self.words.read_pair(table::HEATER_ENERGY_LO, table::HEATER_ENERGY_HI)?;
+        if ticks < self.ticks || energy < self.energy {
+            // The board has started anew.
+            (self.ticks, self.energy) = (0, 0);
+        }
+        let passed = ticks - self.ticks;
+        if passed > 0 {
+            let duty = (energy - self.energy) as f64 / passed as f64 / f64::from(u16::MAX);
+            self.tip.nozzle_mut().heat(duty.min(1.0), passed as f64 / f64::from(tick_hz));
+            (self.ticks, self.energy) = (ticks, energy);
+        }
+        let reading = self.tip.nozzle().temperature();
+        let thermistor = self.tip.robot().description().thermistor;
+        self.words.write(table::THERMISTOR_RAW, u32::from(thermistor::reading(reading, &thermistor)))
+    }
+
+    fn step(&mut self) -> io::Result<()> {
+        let written = self.words.read_counter(table::STEP_WRITE_INDEX)?;
+        while self.steps_read != written {
+            // As many records as lie in one piece of the ring.
+            let at = table::step_record_offset(self.steps_read);
+            let to_end = (table::STEP_RING + 4 * table::STEP_RING_RECORDS as usize - at) / 4;
+            let count = (written.wrapping_sub(self.steps_read) as usize).min(to_end).min(4096);
+            let mut bytes = vec![0; 4 * count];
+            self.words.0.read_exact_at(&mut bytes, at as u64)?;
+            let (records, _) = bytes.as_chunks::<4>();
+            for record in records {
+                let record = table::StepRecord::from_word(u32::from_le_bytes(*record));
+                let motor = match record.axis {
+                    table::Axis::Head => Motor::Head,
+                    table::Axis::Feed => Motor::Feed,
+                };
+                self.tip.enable(motor, record.enabled);
+                self.tip.direct(motor, record.forward);
+                self.tip.step(motor);
+            }
+            self.steps_read = self.steps_read.wrapping_add(count as u32);
+            self.words.write(table::STEP_READ_INDEX, self.steps_read)?;
+        }
+        self.lost_steps = self.words.read(table::STEP_OVERRUN)?;
+        Ok(())
+    }
+}
+
+/// The thread that plays the tip.
+struct Player {
+    followed: Arc<Mutex<Followed>>,
+    over: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Player {
+    fn start(words: Words, robot: Robot) -> Self {
+        // The board counts its head from where it stands when it is switched on, and places the index mark there too.
+        let tip = Tip::new(robot, 0);
+        let followed = Followed { words, tip, steps_read: 0, ticks: 0, energy: 0, lost_steps: 0 };
+        let followed = Arc::new(Mutex::new(followed));
+        let over = Arc::new(AtomicBool::new(false));
+        let thread = thread::spawn({
+            let (followed, over) = (Arc::clone(&followed), Arc::clone(&over));
+            move || {
+                while !over.load(Ordering::Relaxed) {
+                    // A memory that cannot be read shows when the record is asked for.
+                    let _ = followed.lock().unwrap_or_else(PoisonError::into_inner).look();
+                    thread::sleep(LOOK);
+                }
+            }
+        });
+        Self { followed, over, thread: Some(thread) }
+    }
+
+    fn record(&self) -> Result<TipRecord, PortError> {
+        let mut followed = self.followed.lock().unwrap_or_else(PoisonError::into_inner);
+        followed.look().map_err(|error| QemuError::Io("read the tip's memory", error))?;
+        if followed.lost_steps > 0 {
+            let what = format!("{} steps were lost before the tip could read them", followed.lost_steps);
+            return Err(PortError::Lost("the emulated tip".to_string(), what));
+        }
+        Ok(TipRecord {
+            body: followed.tip.body(),
+            feed_steps: followed.tip.feed_steps(),
+            temperature_c: followed.tip.nozzle().temperature(),
+        })
+    }
+}
+
+impl Drop for Player {
+    fn drop(&mut self) {
+        self.over.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}

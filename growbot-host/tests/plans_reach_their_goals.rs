@@ -1,0 +1,223 @@
+//! Plans and layers, checked by who knows only the published format: Eq 4 is written out here again, from the corrected
+//! form of Del Dottore et al. 2019, with matrices of its own, and shares nothing with growbot-core.
+
+mod running;
+
+use running::{growbot, growbot_reading};
+use serde_json::Value;
+
+type Matrix = [[f64; 4]; 4];
+
+fn product(a: &Matrix, b: &Matrix) -> Matrix {
+    let mut c = [[0.0; 4]; 4];
+    for i in 0..4 {
+        for j in 0..4 {
+            c[i][j] = (0..4).map(|k| a[i][k] * b[k][j]).sum();
+        }
+    }
+    c
+}
+
+/// One step of growth (Eq 4): bend direction `alpha + pi`, bend `phi`, arc length `s`, angles in degrees.
+fn eq_4(alpha_deg: f64, phi_deg: f64, s: f64) -> Matrix {
+    let (b, phi) = (alpha_deg.to_radians() + std::f64::consts::PI, phi_deg.to_radians());
+    let (sb, cb) = b.sin_cos();
+    let (sine, cosine) = phi.sin_cos();
+    // R_c (1 - C) and R_c S, by their series where R_c = s / phi is of no use.
+    let (aside, along) = if phi < 1e-3 {
+        (s * phi / 2.0 * (1.0 - phi * phi / 12.0), s * (1.0 - phi * phi / 6.0))
+    } else {
+        (s / phi * 2.0 * (phi / 2.0).sin().powi(2), s / phi * sine)
+    };
+    [
+        [cb * cb * cosine + sb * sb, cb * sb * (cosine - 1.0), cb * sine, cb * aside],
+        [cb * sb * (cosine - 1.0), cb * cb + sb * sb * cosine, sb * sine, sb * aside],
+        [-cb * sine, -sb * sine, cosine, along],
+        [0.0, 0.0, 0.0, 1.0],
+    ]
+}
+
+fn number(value: &Value, field: &str) -> f64 {
+    value[field].as_f64().unwrap_or_else(|| panic!("no number {field} in {value}"))
+}
+
+/// `Rz(heading) Ry(90 deg - pitch)` at the position.
+fn frame(pose: &Value) -> Matrix {
+    let (sh, ch) = number(pose, "heading_deg").to_radians().sin_cos();
+    let (sp, cp) = (90.0 - number(pose, "pitch_deg")).to_radians().sin_cos();
+    let turn = [[ch, -sh, 0.0, 0.0], [sh, ch, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]];
+    let lean = [[cp, 0.0, sp, 0.0], [0.0, 1.0, 0.0, 0.0], [-sp, 0.0, cp, 0.0], [0.0, 0.0, 0.0, 1.0]];
+    let mut frame = product(&turn, &lean);
+    for (row, field) in frame.iter_mut().zip(["x_mm", "y_mm", "z_mm"]) {
+        row[3] = number(pose, field);
+    }
+    frame
+}
+
+/// How far apart two frames are: mm, and radians between the directions of growth.
+fn apart(a: &Matrix, b: &Matrix) -> (f64, f64) {
+    let column = |m: &Matrix, j: usize| [m[0][j], m[1][j], m[2][j]];
+    let norm = |v: [f64; 3]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
+    let minus = |a: [f64; 3], b: [f64; 3]| [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
+    // The chord between unit vectors is their angle, as long as that is small.
+    (norm(minus(column(a, 3), column(b, 3))), norm(minus(column(a, 2), column(b, 2))))
+}
+
+fn assert_arrives(frame_at_end: &Matrix, plan: &Value, what: &str) {
+    let (distance, angle) = apart(frame_at_end, &frame(&plan["goal"]));
+    assert!(distance < 1e-6 && angle < 1e-8, "{what} end {distance} mm and {angle} rad off: {plan}");
+}
+
+/// What this test knows of a robot.
+struct Robot {
+    name: &'static str,
+    tip_radius: f64,
+    height: f64,
+    least_height: f64,
+    greatest_height: f64,
+}
+
+const ROBOTS: [Robot; 3] = [
+    Robot { name: "growbot-a", tip_radius: 22.0, height: 0.774, least_height: 0.3, greatest_height: 0.95 },
+    Robot { name: "growbot-b", tip_radius: 57.5, height: 62.64, least_height: 25.0, greatest_height: 70.0 },
+    Robot { name: "growbot-c", tip_radius: 19.0, height: 20.0, least_height: 10.0, greatest_height: 30.0 },
+];
+
+fn check_segments(plan: &Value, radius: f64) {
+    let mut at = frame(&plan["start"]);
+    let mut length = 0.0;
+    for segment in plan["segments"].as_array().unwrap() {
+        let s = number(segment, "length_mm");
+        length += s;
+        at = match segment["kind"].as_str().unwrap() {
+            "arc" => {
+                let (alpha, beta) = (number(segment, "alpha_deg"), number(segment, "beta_deg"));
+                assert!((0.0..360.0).contains(&alpha) && beta > 0.0, "{segment}");
+                assert!((s / beta.to_radians() - radius).abs() < 1e-9 * radius, "{segment}");
+                product(&at, &eq_4(alpha, beta, s))
+            }
+            "straight" => product(&at, &eq_4(0.0, 0.0, s)),
+            kind => panic!("unknown kind {kind}"),
+        };
+    }
+    assert!((length - number(plan, "length_mm")).abs() <= 1e-12 * length, "{plan}");
+    assert_arrives(&at, plan, "the segments");
+}
+
+fn check_layers(plan: &Value, csv: &str, robot: &Robot) {
+    let mut lines = csv.lines();
+    assert_eq!(lines.next(), Some("layer,segment,alpha_deg,height_mm,tilt_deg"));
+    let segments = plan["segments"].as_array().unwrap();
+    let mut at = frame(&plan["start"]);
+    let mut laid = vec![0.0; segments.len()];
+    let mut thin = vec![false; segments.len()];
+    let mut count = 0;
+    for line in lines {
+        let fields: Vec<&str> = line.split(',').collect();
+        let [layer, segment, alpha, height, tilt] = fields[..] else { panic!("{line}") };
+        assert_eq!(layer, count.to_string());
+        let segment: usize = segment.parse().unwrap();
+        let [alpha, height, tilt]: [f64; 3] = [alpha, height, tilt].map(|field| field.parse().unwrap());
+        assert!((0.0..360.0).contains(&alpha) && height > 0.0 && tilt >= 0.0, "{line}");
+        assert_eq!(tilt > 0.0, segments[segment]["kind"] == "arc", "{line}");
+        assert!(tilt > 0.0 || alpha == 0.0, "{line}");
+        let lean = robot.tip_radius * tilt.to_radians();
+        assert!(height <= robot.height * (1.0 + 2e-9) && height - lean > 0.0, "{line}");
+        assert!(height + lean <= robot.greatest_height * (1.0 + 2e-9), "{line}");
+        thin[segment] |= height - lean < robot.least_height * (1.0 - 1e-8);
+        laid[segment] += height;
+        at = product(&at, &eq_4(alpha, tilt, height));
+        count += 1;
+    }
+    assert_eq!(plan["layers"], count);
+    assert_arrives(&at, plan, "the layers");
+    for (laid, segment) in laid.iter().zip(segments) {
+        assert!((laid - number(segment, "length_mm")).abs() < 1e-9 * laid, "{segment}");
+    }
+    // Every segment of thin layers is named in the warnings, and no other.
+    let warnings = plan["warnings"].as_array().unwrap();
+    assert_eq!(warnings.len(), thin.iter().filter(|thin| **thin).count(), "{plan}");
+    for (index, _) in thin.iter().enumerate().filter(|(_, thin)| **thin) {
+        let named = |warning: &Value| warning["message"].as_str().unwrap().starts_with(&format!("segment {index} "));
+        let warning = warnings.iter().find(|warning| named(warning)).unwrap();
+        assert_eq!(warning["code"], "thin-layer");
+        assert_eq!(number(warning, "limit"), robot.least_height);
+        assert!(number(warning, "value") < robot.least_height);
+    }
+}
+
+/// Numbers for queries: splitmix64, so that a seed says it all.
+struct Random(u64);
+
+impl Random {
+    fn bits(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+
+    fn between(&mut self, least: f64, greatest: f64) -> f64 {
+        least + (greatest - least) * (self.bits() >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    fn one_of(&mut self, values: &[f64]) -> f64 {
+        values[(self.bits() % values.len() as u64) as usize]
+    }
+
+    fn pose(&mut self) -> [f64; 5] {
+        let mut coordinate = || self.between(-2000.0, 2000.0);
+        let (x, y, z) = (coordinate(), coordinate(), coordinate());
+        [x, y, z, self.between(-180.0, 180.0), self.between(-90.0, 90.0)]
+    }
+
+    /// Poses that make planes, lines or circles coincide, exactly or nearly.
+    fn special_pose(&mut self) -> [f64; 5] {
+        let mut coordinate = || self.one_of(&[0.0, 0.0, 1e-9, -1e-3, 100.0, -200.0, 400.0, 800.0]);
+        let (x, y, z) = (coordinate(), coordinate(), coordinate());
+        let heading = self.one_of(&[0.0, 0.0, 90.0, 180.0, -180.0, 45.0, 359.999_999_999, 1e-10]);
+        [x, y, z, heading, self.one_of(&[90.0, 90.0, -90.0, 0.0, 0.0, 45.0, 89.999_999_999, -1e-10])]
+    }
+}
+
+fn queries(seed: u64, random: usize, special: usize) -> String {
+    let mut numbers = Random(seed);
+    let ends =
+        ["from", "to"].map(|end| ["x_mm", "y_mm", "z_mm", "heading_deg", "pitch_deg"].map(|f| format!("{end}_{f}")));
+    let mut text = format!("id,{}\n", ends.as_flattened().join(","));
+    for i in 0..random + special {
+        let poses = if i < random {
+            [numbers.pose(), numbers.pose()]
+        } else {
+            [numbers.special_pose(), numbers.special_pose()]
+        };
+        let fields: Vec<String> = poses.as_flattened().iter().map(f64::to_string).collect();
+        text += &format!("{i},{}\n", fields.join(","));
+    }
+    text
+}
+
+#[test]
+fn segments_and_layers_of_every_plan_end_at_the_goal() {
+    let seed = 20_190_045;
+    println!("seed {seed}");
+    for (robot, (random, special)) in ROBOTS.iter().zip([(120, 160), (60, 40), (60, 40)]) {
+        let rmin: Value = serde_json::from_str(&growbot(&["rmin", "--json", "--robot", robot.name]).out).unwrap();
+        assert_eq!(rmin["robot"], robot.name);
+        let queries = queries(seed, random, special);
+        let ran = growbot_reading(&["plan", "--batch", "-", "--json", "--robot", robot.name], &queries);
+        assert_eq!((ran.code, ran.err.as_str()), (Some(0), ""));
+        let lines: Vec<&str> = ran.out.lines().collect();
+        assert_eq!(lines.len(), random + special);
+        for (i, line) in lines.iter().enumerate() {
+            let plan: Value = serde_json::from_str(line).unwrap();
+            assert_eq!(plan["id"], i.to_string());
+            let radius = number(&plan, "radius_mm");
+            assert!(radius >= number(&rmin, "r_min_mm"));
+            check_segments(&plan, radius);
+            let layers = growbot_reading(&["layers", "-"], line);
+            assert_eq!((layers.code, layers.err.as_str()), (Some(0), ""), "{line}");
+            check_layers(&plan, &layers.out, robot);
+        }
+    }
+}
