@@ -1,1 +1,18 @@
+//! What the tests that cross crates share: where the firmware's images are, and the robot's board in the emulator.
 
+pub mod netduinoplus2;
+
+use std::path::{Path, PathBuf};
+
+/// The image of a board (`an386` or `stm32f405`), as `cargo build-an386` and `cargo build-robot` leave it.
+///
+/// # Panics
+/// If it has not been built: a test without its image has nothing to say.
+#[must_use]
+pub fn firmware(board: &str) -> PathBuf {
+    let target = std::env::var_os("CARGO_TARGET_DIR")
+        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../target"), PathBuf::from);
+    let image = target.join("thumbv7em-none-eabihf/release").join(board);
+    assert!(image.is_file(), "there is no image {}: run tests/run, or `cargo build-an386` and `cargo build-robot`", image.display());
+    image
+}

@@ -34,7 +34,7 @@ use super::{Failure, PortArg};
 #[command(after_help = AFTER_HELP)]
 pub struct GrowArgs {
     /// The plan, as `growbot plan -o` writes it
-    #[arg(value_name = "PLAN", conflicts_with_all = ["from", "to", "planner", "radius"], required_unless_present = "to")]
+    #[arg(value_name = "PLAN", conflicts_with_all = ["from", "to", "planner", "radius"])]
     plan: Option<PathBuf>,
     /// Where the tip starts: X,Y,Z,HEADING,PITCH in mm and degrees
     #[arg(long, value_name = "POSE", default_value = "0,0,0,0,90", allow_hyphen_values = true, value_parser = parse_pose)]
@@ -162,7 +162,7 @@ impl GrowArgs {
         }
         let robot = robot_file::load(self.robot.as_deref().unwrap_or(robot_file::DEFAULT.as_ref()))?;
         let radius = self.radius.unwrap_or(robot.description().planning_radius_mm);
-        let goal = self.to.as_ref().ok_or_else(|| Failure::bad_input("give a plan, or a goal with --to"))?;
+        let goal = self.to.as_ref().ok_or_else(|| Failure::bad_input("there is nothing to grow: give a plan's file, or a goal with --to"))?;
         let plan = Plan::make(&robot, &self.from, goal, radius, self.planner.into())?;
         Ok((robot, plan))
     }

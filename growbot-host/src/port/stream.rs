@@ -2,6 +2,7 @@
 
 use std::io::{self, Read, Write};
 use std::net::{TcpStream, ToSocketAddrs};
+use std::path::Path;
 use std::time::Duration;
 
 use super::{Port, PortError};
@@ -69,8 +70,8 @@ fn serial_error(device: &str, error: &serialport::Error) -> PortError {
     let name = device.to_string();
     match error.kind() {
         serialport::ErrorKind::Io(io::ErrorKind::PermissionDenied) => PortError::Forbidden(name),
-        serialport::ErrorKind::NoDevice if error.description.contains("busy") => PortError::Busy(name),
-        serialport::ErrorKind::Io(io::ErrorKind::ResourceBusy) => PortError::Busy(name),
+        // On Unix a device that is there and locked comes back as "no device".
+        serialport::ErrorKind::NoDevice if Path::new(device).exists() => PortError::Busy(name),
         serialport::ErrorKind::NoDevice | serialport::ErrorKind::Io(io::ErrorKind::NotFound) => {
             PortError::Missing(name, there_are())
         }

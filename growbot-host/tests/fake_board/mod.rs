@@ -1,0 +1,127 @@
+//! Boards at the other end of a line: a simulated robot that is served over TCP or a serial line, and boards that misbehave.
+
+use std::io::{ErrorKind, Read, Write};
+use std::net::{TcpListener, TcpStream};
+use std::thread;
+use std::time::Duration;
+
+use growbot_core::link::frame::{self, Header, LONGEST_BODY, Receiver};
+use growbot_core::link::message::{Message, Refusal, Refused};
+use growbot_host::port::Port;
+use growbot_host::port::sim::Sim;
+use growbot_host::robot_file;
+use serialport::TTYPort;
+
+/// A board that listens for one connection. Its thread ends with the connection, or with the tests.
+pub struct FakeBoard {
+    port: u16,
+}
+
+impl FakeBoard {
+    fn serving(serve: impl FnOnce(TcpStream) + Send + 'static) -> Self {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let port = listener.local_addr().unwrap().port();
+        thread::spawn(move || {
+            if let Ok((stream, _)) = listener.accept() {
+                serve(stream);
+            }
+        });
+        Self { port }
+    }
+
+    /// What to give to `--port`.
+    pub fn port(&self) -> String {
+        format!("tcp:127.0.0.1:{}", self.port)
+    }
+
+    /// A board that takes everything and says nothing.
+    pub fn silent() -> Self {
+        Self::serving(|mut stream| while matches!(stream.read(&mut [0; 256]), Ok(1..)) {})
+    }
+
+    /// A device that talks all the time, but not our language.
+    pub fn garbage() -> Self {
+        Self::serving(|mut stream| while stream.write_all(b"$GPGGA,123519,4807.038,N\r\n\0").is_ok() {})
+    }
+
+    /// A board that is closed as soon as it is spoken to.
+    pub fn that_hangs_up() -> Self {
+        Self::serving(|mut stream| {
+            let _ = stream.read(&mut [0; 256]);
+        })
+    }
+
+    /// A board whose frames are of another version.
+    pub fn of_frame_version(version: u8) -> Self {
+        Self::serving(move |mut stream| {
+            while matches!(stream.read(&mut [0; 256]), Ok(1..)) {
+                let header = Header { kind: 0x41, session: 1, seq: 1, ack: 1 };
+                let mut raw = [0; 256];
+                let bytes = frame::encode(&header, &[]).unwrap();
+                let length = cobs_decode(&bytes[..bytes.len() - 1], &mut raw);
+                raw[0] = version;
+                let checksum = crc::Crc::<u32>::new(&crc::CRC_32_ISCSI).checksum(&raw[..length - 4]);
+                raw[length - 4..length].copy_from_slice(&checksum.to_le_bytes());
+                let mut again = vec![0; 300];
+                let count = cobs::encode(&raw[..length], &mut again);
+                let _ = stream.write_all(&again[..=count]);
+            }
+        })
+    }
+
+    /// A board whose messages are of another schema.
+    pub fn of_schema(board: u64) -> Self {
+        Self::serving(move |mut stream| {
+            let mut receiver = Receiver::default();
+            let mut byte = [0];
+            while matches!(stream.read(&mut byte), Ok(1)) {
+                let Some(Ok(request)) = receiver.push(byte[0]) else { continue };
+                let refusal = Refusal::OtherSchema { board };
+                let message = Message::Refused(Refused { kind: request.header.kind, refusal });
+                let mut buffer = [0; LONGEST_BODY];
+                let body = message.encode(&mut buffer).unwrap();
+                let header = Header { kind: message.kind(), ack: request.header.seq, ..request.header };
+                let _ = stream.write_all(&frame::encode(&header, body).unwrap());
+            }
+        })
+    }
+
+    /// A simulated robot behind a TCP connection.
+    pub fn simulated(robot: &'static str) -> Self {
+        Self::serving(move |stream| {
+            stream.set_nodelay(true).unwrap();
+            stream.set_read_timeout(Some(Duration::from_millis(1))).unwrap();
+            serve(stream, robot);
+        })
+    }
+
+    /// A simulated robot behind a serial line.
+    pub fn on_serial(master: TTYPort, robot: &'static str) -> thread::JoinHandle<()> {
+        thread::spawn(move || serve(master, robot))
+    }
+}
+
+/// Moves bytes between a line and a simulated robot, whose time passes a second for each look at the line.
+fn serve(mut line: impl Read + Write, robot: &str) {
+    let mut sim = Sim::new(robot_file::load(robot.as_ref()).unwrap());
+    let mut buffer = [0; 256];
+    loop {
+        match line.read(&mut buffer) {
+            Ok(0) => return,
+            Ok(count) => sim.send(&buffer[..count]).unwrap(),
+            Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {}
+            Err(_) => return,
+        }
+        let count = sim.receive(&mut buffer, Duration::from_secs(1)).unwrap();
+        if line.write_all(&buffer[..count]).is_err() {
+            return;
+        }
+    }
+}
+
+fn cobs_decode(stuffed: &[u8], into: &mut [u8]) -> usize {
+    let mut bytes = stuffed.to_vec();
+    let length = cobs::decode_in_place(&mut bytes).unwrap();
+    into[..length].copy_from_slice(&bytes[..length]);
+    length
+}

@@ -1,0 +1,212 @@
+//! grow, status, stop and console, run as a user runs them: on the simulated robot, over TCP and over a serial line.
+
+mod fake_board;
+mod running;
+
+use serde_json::Value;
+
+use fake_board::FakeBoard;
+use running::{Ran, growbot, growbot_reading};
+
+fn json(ran: &Ran) -> Value {
+    serde_json::from_str(ran.out.lines().last().unwrap_or_default())
+        .unwrap_or_else(|error| panic!("{error}: {:?}, {:?}", ran.out, ran.err))
+}
+
+fn number(value: &Value, field: &str) -> f64 {
+    value[field].as_f64().unwrap_or_else(|| panic!("no {field} in {value}"))
+}
+
+/// One message, one line, exit 2, and this in it.
+fn assert_refused(ran: &Ran, parts: &[&str]) {
+    assert_eq!(ran.code, Some(2), "{}", ran.err);
+    for part in parts {
+        assert!(ran.err.contains(part), "{part:?} is not in {:?}", ran.err);
+    }
+    assert!(ran.out.is_empty(), "{}", ran.out);
+    assert!(!ran.err.contains("panicked"));
+}
+
+#[test]
+fn the_main_job_grows_a_metre_to_its_pose() {
+    let ran = growbot(&[]);
+    assert_eq!(ran.code, Some(0), "{}", ran.err);
+    for part in ["wanted", "reached", "error", "body", "growth", "filament", " mm"] {
+        assert!(ran.out.contains(part), "no {part}: {}", ran.out);
+    }
+    assert!(ran.out.lines().all(|line| line.len() <= 80), "{}", ran.out);
+}
+
+#[test]
+fn a_growth_ends_with_what_the_steps_really_built() {
+    let ran = growbot(&["grow", "--to", "550,345,610,120,-25", "--json"]);
+    assert_eq!(ran.code, Some(0), "{}", ran.err);
+    let result = json(&ran);
+    assert_eq!(result["outcome"], "done");
+    assert!(number(&result, "layers") >= 1300.0);
+    assert!((number(&result, "length_mm") - 1006.4).abs() < 0.1, "{result}");
+    assert!(number(&result, "position_error_mm") <= 0.0005 * number(&result, "length_mm"), "{result}");
+    assert!(number(&result, "normalized_position_error") <= 0.0005, "{result}");
+    assert!(number(&result, "direction_error_deg") <= 0.1, "{result}");
+    assert!((number(&result["final"], "x_mm") - 550.0).abs() < 0.5);
+    // 18 s a layer, on the board's clock.
+    assert!((number(&result, "duration_s") / (18.0 * number(&result, "layers")) - 1.0).abs() < 0.001);
+}
+
+#[test]
+fn both_feed_strategies_arrive() {
+    let directory = tempfile::tempdir().unwrap();
+    let text = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/growbot-a.toml")).unwrap();
+    let file = directory.path().join("by-speed.toml");
+    std::fs::write(&file, text.replace("strategy = \"feed\"", "strategy = \"speed\"")).unwrap();
+    let ran = growbot(&["grow", "--robot", file.to_str().unwrap(), "--to", "300,200,500,30,10", "--json"]);
+    assert_eq!(ran.code, Some(0), "{}", ran.err);
+    assert!(number(&json(&ran), "normalized_position_error") <= 0.0005, "{}", ran.out);
+}
+
+#[test]
+fn a_plan_from_a_file_grows_and_leaves_a_log() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = |name: &str| directory.path().join(name).to_str().unwrap().to_owned();
+    let (plan, log) = (path("plan.json"), path("run.jsonl"));
+    assert_eq!(growbot(&["plan", "--to", "0,0,38.7,0,90", "-o", &plan]).code, Some(0));
+    let ran = growbot(&["grow", &plan, "--log", &log, "--json"]);
+    assert_eq!(ran.code, Some(0), "{}", ran.err);
+    assert_eq!(number(&json(&ran), "layers"), 50.0);
+
+    let lines: Vec<Value> =
+        std::fs::read_to_string(&log).unwrap().lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    assert_eq!(lines[0]["format"], "growbot-run/1");
+    assert_eq!(lines[0]["plan"]["robot"], "growbot-a");
+    assert_eq!(lines.iter().filter(|line| line["event"] == "laid").count(), 50);
+    assert_eq!(lines.last().unwrap()["result"]["outcome"], "done");
+
+    // The log of a body is never overwritten.
+    assert_refused(&growbot(&["grow", &plan, "--log", &log]), &["run log", "--log"]);
+}
+
+#[test]
+fn a_body_of_no_length_is_grown_at_once() {
+    let ran = growbot(&["grow", "--to", "0,0,0,0,90", "--json"]);
+    assert_eq!(ran.code, Some(0), "{}", ran.err);
+    assert_eq!(number(&json(&ran), "normalized_position_error"), 0.0);
+}
+
+#[test]
+fn what_cannot_be_grown_is_told_before_anything_starts() {
+    assert_refused(&growbot(&["grow"]), &["--to"]);
+    assert_refused(&growbot(&["grow", "plan.json", "--to", "0,0,100,0,90"]), &["cannot be used with"]);
+    assert_refused(&growbot(&["grow", "missing.json"]), &["missing.json"]);
+    assert_refused(&growbot(&["grow", "--to", "0,0,100,0,90", "--radius", "50"]), &["50", "98.2"]);
+    assert_refused(&growbot(&["grow", "--to", "0,0,100,0,90", "--log", "/nowhere/run.jsonl"]), &["/nowhere/run.jsonl"]);
+}
+
+#[test]
+fn ports_that_are_not_there_are_told() {
+    let status = |port: &str| growbot(&["status", "--port", port]);
+    assert_refused(&status("simulator"), &["simulator", "emulator", "tcp:HOST:PORT"]);
+    assert_refused(&status("/dev/ttyNONE7"), &["/dev/ttyNONE7", "not there"]);
+    assert_refused(&status("emulator:/no/such.elf"), &["/no/such.elf", "build-an386"]);
+    // A port that was free a moment ago.
+    let free = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    assert_refused(&status(&format!("tcp:127.0.0.1:{free}")), &["nobody answers"]);
+}
+
+#[test]
+fn boards_that_do_not_answer_properly_are_told() {
+    let status = |board: &FakeBoard| growbot(&["status", "--port", &board.port()]);
+    assert_refused(&status(&FakeBoard::silent()), &["does not answer", "power"]);
+    assert_refused(&status(&FakeBoard::garbage()), &["no growbot frame", "115200"]);
+    assert_refused(&status(&FakeBoard::of_frame_version(9)), &["version 9", "this one 1"]);
+    assert_refused(&status(&FakeBoard::of_schema(0x1234)), &["0000000000001234", "flash"]);
+    assert_refused(&status(&FakeBoard::that_hangs_up()), &["broke", "closed"]);
+}
+
+#[test]
+fn a_board_of_another_robot_grows_nothing() {
+    let board = FakeBoard::simulated("growbot-b");
+    let ran = growbot(&["grow", "--to", "0,0,100,0,90", "--port", &board.port()]);
+    assert_refused(&ran, &["growbot-b", "growbot-a", "--robot"]);
+}
+
+#[test]
+fn a_body_grows_over_tcp_as_the_board_reports_it() {
+    let board = FakeBoard::simulated("growbot-a");
+    let ran = growbot(&["grow", "--to", "0,0,77.4,0,90", "--port", &board.port(), "--json"]);
+    assert_eq!(ran.code, Some(0), "{}", ran.err);
+    let result = json(&ran);
+    assert_eq!(number(&result, "layers"), 100.0);
+    assert!(number(&result, "position_error_mm") < 0.05, "{result}");
+}
+
+#[test]
+fn status_says_who_and_how() {
+    let ran = growbot(&["status"]);
+    assert_eq!(ran.code, Some(0));
+    for part in ["growbot-a", "idle", "heater off", "power on"] {
+        assert!(ran.out.contains(part), "{}", ran.out);
+    }
+    let status = json(&growbot(&["status", "--robot", "growbot-b", "--json"]));
+    assert_eq!(status["robot"], "growbot-b");
+    assert_eq!(status["plan_id"], Value::Null);
+    assert_eq!(number(&status, "capacity"), 4096.0);
+}
+
+#[test]
+fn stop_stops() {
+    let ran = growbot(&["stop"]);
+    assert_eq!(ran.code, Some(0));
+    assert!(ran.out.contains("off"));
+}
+
+#[test]
+fn the_console_works_in_a_pipe() {
+    let commands = "plan 0,0,2.3,0,90\nlayers\nstart\nwait 600\nstatus\nquit\nstart\n";
+    let ran = growbot_reading(&["console"], commands);
+    assert_eq!(ran.code, Some(0), "{}", ran.err);
+    for part in ["3 layers", "layer,alpha_deg", "heating", "homing", "growing", "layer 2", "done"] {
+        assert!(ran.out.contains(part), "no {part}: {}", ran.out);
+    }
+    // Nothing after `quit` is carried out.
+    assert!(ran.out.trim_end().ends_with("boot 00000001"), "{}", ran.out);
+}
+
+#[test]
+fn the_console_says_what_is_wrong_and_goes_on() {
+    let ran = growbot_reading(&["console"], "dance\nplan 1,2,3\nstart\nwait soon\nlayers -1\nclear\nhelp\n");
+    assert_eq!(ran.code, Some(1));
+    for part in ["\"dance\"", "five numbers", "holds no plan", "\"soon\"", "\"-1\"", "5 commands failed"] {
+        assert!(ran.err.contains(part), "no {part}: {}", ran.err);
+    }
+    assert!(ran.out.contains("plan POSE"));
+}
+
+#[cfg(unix)]
+mod serial {
+    use super::*;
+    use serialport::{SerialPort, TTYPort};
+
+    /// The far end of a serial line, the near end's name, and a handle that keeps it from being hung up.
+    fn line() -> (TTYPort, String, std::fs::File) {
+        let (master, slave) = TTYPort::pair().unwrap();
+        let name = slave.name().unwrap();
+        let open = std::fs::File::open(&name).unwrap();
+        (master, name, open)
+    }
+
+    #[test]
+    fn a_robot_on_a_serial_line_answers() {
+        let (master, name, _open) = line();
+        let _board = FakeBoard::on_serial(master, "growbot-a");
+        let ran = growbot(&["grow", "--to", "0,0,7.74,0,90", "--port", &name, "--json"]);
+        assert_eq!(ran.code, Some(0), "{}", ran.err);
+        assert_eq!(number(&json(&ran), "layers"), 10.0);
+    }
+
+    #[test]
+    fn a_serial_line_that_is_taken_is_told() {
+        let (_master, name, open) = line();
+        open.try_lock().unwrap();
+        assert_refused(&growbot(&["status", "--port", &name]), &[&name, "busy"]);
+    }
+}

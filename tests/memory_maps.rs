@@ -1,0 +1,80 @@
+//! Each image lies where its board has memory: `memory.x` is easy to get wrong silently.
+
+use std::ops::Range;
+
+use growbot_tests::firmware;
+use object::{Object, ObjectSection, ObjectSegment, ObjectSymbol, SectionFlags, elf};
+
+/// Where a board has memory.
+struct Map {
+    flash: Range<u64>,
+    /// RAM of any kind.
+    ram: &'static [Range<u64>],
+    /// Where the stack begins.
+    stack_top: u64,
+}
+
+const AN386: Map =
+    Map { flash: 0..0x40_0000, ram: &[0x2000_0000..0x2040_0000], stack_top: 0x2040_0000 };
+
+/// The last 256 KiB of flash are the journal's.
+const STM32F405: Map = Map {
+    flash: 0x0800_0000..0x080c_0000,
+    ram: &[0x2000_0000..0x2002_0000, 0x1000_0000..0x1001_0000],
+    stack_top: 0x2002_0000,
+};
+
+fn within(inner: &Range<u64>, outer: &Range<u64>) -> bool {
+    outer.start <= inner.start && inner.end <= outer.end
+}
+
+fn check(board: &str, map: &Map) {
+    let image = std::fs::read(firmware(board)).unwrap();
+    let file = object::File::parse(&*image).unwrap();
+
+    let mut flash_end = map.flash.start;
+    for segment in file.segments().filter(|segment| segment.file_range().1 > 0) {
+        let loaded = segment.address()..segment.address() + segment.file_range().1;
+        assert!(
+            within(&loaded, &map.flash) || map.ram.iter().any(|ram| within(&loaded, ram)),
+            "{board}: a segment at {loaded:#x?} is in no memory"
+        );
+        flash_end = flash_end.max(if within(&loaded, &map.flash) { loaded.end } else { 0 });
+    }
+    assert!(flash_end > map.flash.start + 1024, "{board}: there is hardly any code in flash");
+
+    for section in file.sections() {
+        let SectionFlags::Elf { sh_flags, .. } = section.flags() else { panic!("{board} is no ELF") };
+        if !sh_flags.contains(elf::SHF_ALLOC) || section.size() == 0 {
+            continue;
+        }
+        let place = section.address()..section.address() + section.size();
+        let name = section.name().unwrap().to_owned();
+        assert!(
+            within(&place, &map.flash) || map.ram.iter().any(|ram| within(&place, ram)),
+            "{board}: section {name} at {place:#x?} is in no memory"
+        );
+    }
+
+    // The vector table opens the flash: initial stack pointer, then the reset handler with its Thumb bit.
+    let vectors = file.section_by_name(".vector_table").unwrap();
+    assert_eq!(vectors.address(), map.flash.start, "{board}: vector table");
+    let words = vectors.data().unwrap().as_chunks::<4>().0;
+    assert_eq!(u64::from(u32::from_le_bytes(words[0])), map.stack_top, "{board}: initial stack pointer");
+    let reset = u64::from(u32::from_le_bytes(words[1]));
+    assert!(reset & 1 == 1 && map.flash.contains(&reset), "{board}: reset handler at {reset:#x}");
+
+    let has_symbol = |wanted: &str| file.symbols().any(|symbol| symbol.name() == Ok(wanted));
+    assert!(has_symbol("_SEGGER_RTT"), "{board}: no log buffer");
+    assert!(file.section_by_name(".defmt").is_some(), "{board}: no log strings");
+}
+
+#[test]
+fn the_emulated_boards_image_fits_its_memory() {
+    check("an386", &AN386);
+}
+
+#[test]
+fn the_robots_image_fits_its_memory_and_leaves_the_journal_alone() {
+    check("stm32f405", &STM32F405);
+}

@@ -1,0 +1,96 @@
+//! Host and microcontroller plan the same goals to the same bits.
+//!
+//! The emulated board plans by itself; the hash of its layers in full precision and every one of their bytes must be the
+//! desktop's. The emulator computes in the M4's instructions, so what is compared is two compilations for two processors.
+
+use growbot_core::job::{job_layers, summarize};
+use growbot_core::layer_bytes::LayerBytes;
+use growbot_core::link::message::{HeldLayers, Message, PlanRequest, Planned, ReadLayers};
+use growbot_core::plan::{Planner, plan};
+use growbot_core::pose::Pose;
+use growbot_host::client::Client;
+use growbot_host::port::emulator::Emulator;
+use growbot_host::robot_file;
+use growbot_tests::firmware;
+
+/// Goals all round the start, near and far, in any direction.
+const RANDOM_GOALS: u32 = 48;
+
+/// Planes and circles that degenerate.
+const SPECIAL_GOALS: [[f64; 5]; 12] = [
+    [0.0, 0.0, 0.0, 0.0, 90.0],
+    [0.0, 0.0, 0.0, 0.0, -90.0],
+    [0.0, 0.0, 0.0, 45.0, 0.0],
+    [0.0, 0.0, 500.0, 0.0, 90.0],
+    [0.0, 0.0, 500.0, 0.0, -90.0],
+    [0.0, 0.0, -500.0, 0.0, 90.0],
+    [400.0, 0.0, 0.0, 0.0, 0.0],
+    [400.0, 0.0, 0.0, 180.0, 0.0],
+    [0.0, 300.0, 300.0, 90.0, 45.0],
+    [1e-9, 0.0, 500.0, 0.0, 90.0],
+    [1e-3, 1e-6, 0.0, 1e-7, 90.0],
+    [100.0, 0.0, 100.0, 0.0, 0.0],
+];
+
+/// A number in [0, 1) for each n: Weyl's sequence, the same on every machine.
+fn spread(n: u32, factor: f64) -> f64 {
+    let value = f64::from(n + 1) * factor;
+    value - value.floor()
+}
+
+fn goals() -> impl Iterator<Item = [f64; 5]> {
+    let random = (0..RANDOM_GOALS).map(|n| {
+        let around = |factor: f64| spread(n, factor) - 0.5;
+        [
+            1200.0 * around(0.754_877_666_246_692_7),
+            1200.0 * around(0.569_840_290_998_053_2),
+            1200.0 * around(0.430_159_709_001_946_7),
+            360.0 * around(0.618_033_988_749_894_9),
+            180.0 * around(0.819_172_513_396_164_4),
+        ]
+    });
+    random.chain(SPECIAL_GOALS)
+}
+
+#[test]
+fn the_board_plans_the_desktops_layers_bit_for_bit() {
+    let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
+    let emulator = Emulator::start(&robot, Some(&firmware("an386"))).unwrap();
+    let mut client = Client::new(Box::new(emulator), "the emulated board");
+    client.hello_robot(&robot).unwrap();
+    let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
+
+    let (mut goals_compared, mut layers_compared) = (0, 0);
+    for goal in goals() {
+        let goal = Pose::from_degrees(goal).unwrap();
+        let path = plan(&robot, &start, &goal, 100.0, Planner::TwoPlane).unwrap();
+        let expected = summarize(&path, &robot);
+
+        let request = PlanRequest { start: (&start).into(), goal: (&goal).into(), radius: 100.0, planner: Planner::TwoPlane };
+        let Message::Planned(planned) = client.request("to plan", &Message::Plan(request)).unwrap() else {
+            panic!("no plan for {goal:?}");
+        };
+        let wanted = Planned {
+            plan_id: expected.plan_id,
+            exact_hash: expected.exact_hash,
+            layers: expected.layers,
+            length: path.length(),
+        };
+        assert_eq!(planned, wanted, "{goal:?}");
+
+        let mut held: Vec<LayerBytes> = Vec::new();
+        while held.len() < expected.layers as usize {
+            let read = Message::ReadLayers(ReadLayers { first: held.len() as u32 });
+            let Message::HeldLayers(HeldLayers { layers, .. }) = client.request("for layers", &read).unwrap() else {
+                panic!("no layers for {goal:?}");
+            };
+            assert!(!layers.is_empty(), "{} layers of {} for {goal:?}", held.len(), expected.layers);
+            held.extend(layers);
+        }
+        assert!(held.iter().copied().eq(job_layers(&path, &robot)), "{goal:?}");
+        goals_compared += 1;
+        layers_compared += held.len();
+    }
+    assert!(goals_compared >= 50);
+    println!("{goals_compared} goals, {layers_compared} layers: every bit alike");
+}
