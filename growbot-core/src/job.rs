@@ -11,19 +11,24 @@ use crate::slicing::{Layers, Slicing, layers};
 pub struct JobLayers<'a> {
     layers: Layers<'a>,
     encoder: Encoder,
+    tip_radius: f64,
 }
 
 /// The layers of a path in bytes, by exact slicing.
 #[must_use]
 pub fn job_layers<'a>(path: &'a Path, robot: &'a Robot) -> JobLayers<'a> {
-    JobLayers { layers: layers(path, robot, Slicing::Exact), encoder: Encoder::default() }
+    JobLayers {
+        layers: layers(path, robot, Slicing::Exact),
+        encoder: Encoder::default(),
+        tip_radius: robot.tip_radius(),
+    }
 }
 
 impl Iterator for JobLayers<'_> {
     type Item = LayerBytes;
 
     fn next(&mut self) -> Option<LayerBytes> {
-        self.layers.next().map(|sliced| self.encoder.encode(&sliced.layer))
+        self.layers.next().map(|sliced| self.encoder.encode_layable(&sliced.layer, self.tip_radius))
     }
 
     fn size_hint(&self) -> (usize, Option<usize>) {
@@ -50,7 +55,7 @@ pub fn summarize(path: &Path, robot: &Robot) -> JobSummary {
     let mut count = 0;
     bytes.bytes(&robot.hash().to_le_bytes());
     for sliced in layers(path, robot, Slicing::Exact) {
-        bytes.bytes(&encoder.encode(&sliced.layer));
+        bytes.bytes(&encoder.encode_layable(&sliced.layer, robot.tip_radius()));
         exact.f64(sliced.layer.alpha);
         exact.f64(sliced.layer.height);
         exact.f64(sliced.layer.tilt);

@@ -34,9 +34,23 @@ fn units(value: f64) -> u32 {
 impl Encoder {
     /// The next layer in bytes.
     pub fn encode(&mut self, layer: &Layer) -> LayerBytes {
+        self.encode_rounded(layer, units, units)
+    }
+
+    /// The next layer in bytes, as a board lays it: a layer of a few units must not be rounded to one without height or with
+    /// no material on its inner side. What that takes away or adds is carried forward too.
+    pub fn encode_layable(&mut self, layer: &Layer, tip_radius: f64) -> LayerBytes {
+        let height = |wanted: f64| units(wanted).max(1);
+        let mut encoder = self.clone();
+        let least = Fields::of(&encoder.encode_rounded(layer, height, units)).height;
+        let greatest_tilt = (f64::from(least) / HEIGHT_UNITS / tip_radius * TILT_UNITS - 1.0).max(0.0);
+        self.encode_rounded(layer, height, |wanted| units(wanted.min(greatest_tilt)))
+    }
+
+    fn encode_rounded(&mut self, layer: &Layer, height: impl Fn(f64) -> u32, tilt: impl Fn(f64) -> u32) -> LayerBytes {
         let wanted_height = layer.height * HEIGHT_UNITS + self.height_owed;
         let wanted_tilt = layer.tilt * TILT_UNITS + self.tilt_owed;
-        let (height, tilt) = (units(wanted_height), units(wanted_tilt));
+        let (height, tilt) = (height(wanted_height), tilt(wanted_tilt));
         self.height_owed = wanted_height - f64::from(height);
         self.tilt_owed = wanted_tilt - f64::from(tilt);
         // A full turn is 0 again: the wrapping cast from u64 does that.
@@ -136,6 +150,20 @@ mod tests {
         for _ in 0..1000 {
             let bytes = encoder.encode(&Layer { alpha: 6.25, height, tilt: height * curvature });
             decode_checked(&bytes, &robot).unwrap();
+        }
+    }
+
+    #[test]
+    fn layers_of_a_few_units_stay_layable() {
+        let robot = robot_a();
+        for height in [1e-12, 3e-8, 6e-8, 1e-7, 2.5e-7, 1e-6] {
+            for radius in [98.2, 33.0, 23.0, 1e6] {
+                let mut encoder = Encoder::default();
+                for _ in 0..10 {
+                    let layer = Layer { alpha: 1.0, height, tilt: height / radius };
+                    decode_checked(&encoder.encode_layable(&layer, robot.tip_radius()), &robot).unwrap();
+                }
+            }
         }
     }
 

@@ -53,10 +53,10 @@ pub enum PlanError {
 pub const GREATEST_RADIUS: f64 = 1e6;
 /// A path arrives if it ends within this of the goal, in radii and radians, for goals within 100 radii; beyond, in proportion.
 const ARRIVED: f64 = 1e-9;
-/// Segments shorter than this, in radii, are rounding...
+/// Segments shorter than this, in radii, are rounding, and are dropped...
 const SHORTEST_SEGMENT: f64 = 1e-9;
 /// ...if the path without them still ends within this of the goal, in radii and radians.
-const UNMOVED: f64 = 1e-11;
+const UNMOVED: f64 = 1e-10;
 
 /// How far a frame is from a goal.
 #[derive(Debug, Clone, Copy, PartialEq)]

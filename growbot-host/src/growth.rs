@@ -120,6 +120,8 @@ struct Growth<'a> {
     laid: u32,
     /// Layers that the board can still take.
     room: u32,
+    /// What a simulated tip had laid before: layers, and feed steps.
+    laid_before: (usize, u64),
     /// The body as the board reports it.
     reported: Vec<Layer>,
     reported_feed: u64,
@@ -132,6 +134,7 @@ impl<'a> Growth<'a> {
     /// Hands the job to the board: as many layers as it holds.
     fn hand_over(client: &'a mut Client, job: &'a Job<'a>) -> Result<Self, ClientError> {
         client.hello_robot(job.robot)?;
+        let laid_before = client.port().tip()?.map_or((0, 0), |tip| (tip.body.len(), tip.feed_steps));
         let summary = summarize(job.path, job.robot);
         let layers: Vec<LayerBytes> = job_layers(job.path, job.robot).collect();
         let begin = Begin { plan_id: summary.plan_id, layers: summary.layers, robot: job.robot.hash() };
@@ -144,6 +147,7 @@ impl<'a> Growth<'a> {
             accepted: 0,
             laid: 0,
             room: 0,
+            laid_before,
             reported: Vec::new(),
             reported_feed: 0,
             began_ms: None,
@@ -218,7 +222,9 @@ impl<'a> Growth<'a> {
                 // Quiet: perhaps an event was lost.
                 None => {
                     let status = self.client.status()?;
-                    if let Some(outcome) = outcome(status.state, status.fault) {
+                    // A board that has restarted, or that another host has taken, knows nothing of this job.
+                    let lost = (status.plan_id != self.plan_id).then_some(Outcome::Stopped);
+                    if let Some(outcome) = outcome(status.state, status.fault).or(lost) {
                         return self.end(outcome);
                     }
                     tell(&News::Status(status));
@@ -234,8 +240,9 @@ impl<'a> Growth<'a> {
 
     /// The body from the steps: the simulated tip's where there is one, else as the board reports it.
     fn measure(self, outcome: Outcome) -> Result<Grown, ClientError> {
+        let (layers_before, feed_before) = self.laid_before;
         let (body, feed_steps) = match self.client.port().tip()? {
-            Some(tip) => (tip.body, tip.feed_steps),
+            Some(mut tip) => (tip.body.split_off(layers_before.min(tip.body.len())), tip.feed_steps - feed_before),
             None => (self.reported, self.reported_feed),
         };
         let end = grow(&self.job.start.frame(), body.iter().copied());
@@ -255,8 +262,6 @@ fn outcome(state: State, fault: Option<Fault>) -> Option<Outcome> {
         State::Done => Some(Outcome::Done),
         State::Stopped => Some(Outcome::Stopped),
         State::Fault => Some(Outcome::Fault(fault.unwrap_or(Fault::Hardware))),
-        // A board that has restarted knows of no job.
-        State::Idle => Some(Outcome::Stopped),
-        State::Heating | State::Homing | State::Growing | State::Hold => None,
+        State::Idle | State::Heating | State::Homing | State::Growing | State::Hold => None,
     }
 }

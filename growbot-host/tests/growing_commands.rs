@@ -172,6 +172,15 @@ fn the_console_works_in_a_pipe() {
 }
 
 #[test]
+fn one_board_grows_one_body_after_the_other() {
+    let ran = growbot_reading(&["console"], "grow 0,0,7.74,0,90\ngrow 0,0,7.74,0,90\ngrow 0,0,3,0,90\n");
+    assert_eq!(ran.code, Some(0), "{}", ran.err);
+    assert_eq!(ran.out.matches("10 layers of 10,").count(), 2, "{}", ran.out);
+    assert_eq!(ran.out.matches("4 layers of 4,").count(), 1, "{}", ran.out);
+    assert_eq!(ran.out.matches("\ndone\n").count(), 3, "{}", ran.out);
+}
+
+#[test]
 fn the_console_says_what_is_wrong_and_goes_on() {
     let ran = growbot_reading(&["console"], "dance\nplan 1,2,3\nstart\nwait soon\nlayers -1\nclear\nhelp\n");
     assert_eq!(ran.code, Some(1));

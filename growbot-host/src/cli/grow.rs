@@ -14,15 +14,15 @@ use growbot_host::growth::{Grown, GrowthError, Job, News, Outcome, grow_job};
 use growbot_host::output::print;
 use growbot_host::plan::Plan;
 use growbot_host::plan_file::{self, WrittenPose};
+use growbot_host::port::{self, PortName};
 use growbot_host::pose_text::parse_pose;
 use growbot_host::progress::{Progress, Results};
+use growbot_host::robot_file;
 use growbot_host::run_log::RunLog;
-use growbot_host::{port, robot_file};
 use serde_json::{Value, json};
 
-use super::growth_table;
 use super::plan::PlannerName;
-use super::{Failure, PortArg};
+use super::{Failure, PortArg, growth_table, plan_table};
 
 /// Grow a body: a plan, or straight from a pose
 ///
@@ -116,6 +116,10 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
         Some(path) => RunLog::begin(path, &plan, args.port.text()).map_err(Failure::bad_input)?,
         None => RunLog::none(),
     };
+    if matches!(name, PortName::Emulator(_)) {
+        let time = plan_table::duration(plan.needs.duration);
+        eprintln!("growbot: the emulated board runs in real time: the layers alone take {time}");
+    }
     let mut client = Client::new(port::open(&name, &robot)?, args.port.text());
     let job = Job { robot: &robot, start: &plan.start, goal: &plan.goal, path: &plan.path };
 
@@ -162,7 +166,10 @@ impl GrowArgs {
         }
         let robot = robot_file::load(self.robot.as_deref().unwrap_or(robot_file::DEFAULT.as_ref()))?;
         let radius = self.radius.unwrap_or(robot.description().planning_radius_mm);
-        let goal = self.to.as_ref().ok_or_else(|| Failure::bad_input("there is nothing to grow: give a plan's file, or a goal with --to"))?;
+        let goal = self
+            .to
+            .as_ref()
+            .ok_or_else(|| Failure::bad_input("there is nothing to grow: give a plan's file, or a goal with --to"))?;
         let plan = Plan::make(&robot, &self.from, goal, radius, self.planner.into())?;
         Ok((robot, plan))
     }

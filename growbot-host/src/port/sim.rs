@@ -69,7 +69,7 @@ impl Sim {
         };
         let identity = Identity { boot_id: 1, reset_cause: ResetCause::PowerOn };
         let controller = Controller::new(robot, identity, parts, &handover);
-        Self {
+        let mut sim = Self {
             wires,
             engine,
             handover,
@@ -79,7 +79,9 @@ impl Sim {
             next_poll: 0,
             heated_until: 0,
             from_board: VecDeque::new(),
-        }
+        };
+        sim.poll();
+        sim
     }
 
     /// Lets time pass up to the next moment at which something happens, or until `deadline` (ticks).

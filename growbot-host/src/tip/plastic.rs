@@ -41,6 +41,8 @@ pub(super) struct Plastic {
     ring: Ring,
     /// Steps laid with the head on the tip's x axis, where one turn ends and the next begins.
     on_axis: f64,
+    /// What of those the turn under way was given for a beginning.
+    given: f64,
     done: Vec<Ring>,
 }
 
@@ -60,6 +62,7 @@ impl Plastic {
             turn: 0,
             ring: Ring::default(),
             on_axis: 0.0,
+            given: 0.0,
             done: Vec::new(),
         }
     }
@@ -72,13 +75,20 @@ impl Plastic {
             return;
         }
         self.turn = turn;
-        let mut over = std::mem::take(&mut self.ring);
         let on_axis = std::mem::take(&mut self.on_axis);
-        let before = if over.steps > 0.0 { 0.5 * on_axis } else { 0.0 };
-        self.ring.lay(on_axis - before, AXIS);
-        if over.steps > 0.0 {
-            over.lay(before, AXIS);
+        let mut over = std::mem::take(&mut self.ring);
+        let given = std::mem::take(&mut self.given);
+        if over.steps == 0.0 {
+            // The head turned without laying anything: what the turn was given belongs to the one before.
+            match self.done.last_mut() {
+                Some(before) => before.lay(given, AXIS),
+                None => self.given = given,
+            }
+            self.given += on_axis;
+        } else {
+            over.lay(given + 0.5 * on_axis, AXIS);
             self.done.push(over);
+            self.given = 0.5 * on_axis;
         }
     }
 
@@ -92,9 +102,18 @@ impl Plastic {
 
     /// The turns as layers, that under way included.
     pub fn layers(&self, robot: &Robot) -> Vec<Layer> {
-        let mut under_way = self.ring;
-        under_way.lay(self.on_axis, AXIS);
-        let under_way = (under_way.steps > 0.0).then_some(under_way);
-        self.done.iter().copied().chain(under_way).map(|ring| ring.layer(robot)).collect()
+        let mut rings = self.done.clone();
+        let on_axis = self.given + self.on_axis;
+        match rings.last_mut() {
+            Some(last) if self.ring.steps == 0.0 => last.lay(on_axis, AXIS),
+            _ => {
+                let mut under_way = self.ring;
+                under_way.lay(on_axis, AXIS);
+                if under_way.steps > 0.0 {
+                    rings.push(under_way);
+                }
+            }
+        }
+        rings.iter().map(|ring| ring.layer(robot)).collect()
     }
 }

@@ -10,7 +10,7 @@ use growbot_core::link::message::{Message, Refusal, Refused};
 use growbot_host::port::Port;
 use growbot_host::port::sim::Sim;
 use growbot_host::robot_file;
-use serialport::TTYPort;
+use serialport::{SerialPort, TTYPort};
 
 /// A board that listens for one connection. Its thread ends with the connection, or with the tests.
 pub struct FakeBoard {
@@ -96,7 +96,8 @@ impl FakeBoard {
     }
 
     /// A simulated robot behind a serial line.
-    pub fn on_serial(master: TTYPort, robot: &'static str) -> thread::JoinHandle<()> {
+    pub fn on_serial(mut master: TTYPort, robot: &'static str) -> thread::JoinHandle<()> {
+        master.set_timeout(Duration::from_millis(1)).unwrap();
         thread::spawn(move || serve(master, robot))
     }
 }
