@@ -15,6 +15,8 @@
 //! The controller never waits: [`Controller::poll`] is called at least every 20 ms with a clock in us, and returns.
 
 mod requests;
+#[cfg(test)]
+mod tests;
 
 use core::ops::{Deref, DerefMut};
 
@@ -122,8 +124,11 @@ impl<B: Board> Controller<B> {
     /// Does what is due at this time (us since the start).
     pub fn poll(&mut self, now: u64, handover: &Handover) {
         self.now = now;
+        if self.heater.is_blind(now) {
+            self.fail(Fault::ThermistorSilent, handover);
+        }
         if now >= self.next_update {
-            self.next_update = now + heater::PERIOD_US;
+            self.next_update = now.saturating_add(heater::PERIOD_US);
             self.regulate(handover);
             self.parts.watchdog.feed();
         }
@@ -307,11 +312,13 @@ impl<B: Board> Controller<B> {
         self.parts.store.deref_mut()
     }
 
-    /// Takes a layer into the store after checking it. The robot's limits are the board's own: nothing that a host sends
-    /// lifts them.
+    /// Whether a layer can be laid. The robot's limits are the board's own: nothing that a host sends lifts them.
+    fn check_layer(&self, index: u32, bytes: &LayerBytes) -> Result<(), Refusal> {
+        decode_checked(bytes, &self.robot).map(|_| ()).map_err(|_| Refusal::BadLayer { index })
+    }
+
+    /// Takes a layer into the store.
     fn hold_layer(&mut self, bytes: LayerBytes) -> Result<(), Refusal> {
-        let index = self.store().next_index();
-        decode_checked(&bytes, &self.robot).map_err(|_| Refusal::BadLayer { index })?;
         if self.store_mut().push(bytes) { Ok(()) } else { Err(Refusal::Full) }
     }
 }

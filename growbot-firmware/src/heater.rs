@@ -27,7 +27,7 @@ pub struct Heater {
     /// The latest reading, degrees Celsius, and when it was taken, us.
     reading: Option<(f64, u64)>,
     /// The reading before it, for the derivative.
-    previous: Option<f64>,
+    previous: Option<(f64, u64)>,
     /// What is wrong with the sensor.
     broken: Option<Broken>,
     /// Integral of the error, as duty.
@@ -77,6 +77,12 @@ impl Heater {
         self.in_band_since.is_some_and(|since| now.saturating_sub(since) >= SETTLING_US)
     }
 
+    /// Whether power flows on a reading that has grown too old since the latest update.
+    #[must_use]
+    pub fn is_blind(&self, now: u64) -> bool {
+        self.duty > 0.0 && self.temperature(now).is_none()
+    }
+
     /// One update: takes a new reading if there is one and gives the duty, 0 to 1. To be called every [`PERIOD_US`].
     ///
     /// # Errors
@@ -92,7 +98,7 @@ impl Heater {
         if let Some(raw) = raw {
             match temperature(raw, &robot.thermistor) {
                 Ok(temperature) => {
-                    self.previous = self.reading.map(|(before, _)| before);
+                    self.previous = self.reading;
                     self.reading = Some((temperature, now));
                     self.broken = None;
                     if temperature > limits.max_c {
@@ -115,13 +121,12 @@ impl Heater {
         };
         let error = target - temperature;
         self.watch_band(error, limits.band_c, now);
-        if !self.has_been_hot() && now.saturating_sub(self.on_since) > seconds(limits.heating_timeout_s) {
+        if self.in_band_since.is_none() && now.saturating_sub(self.on_since) > seconds(limits.heating_timeout_s) {
             return Err(Fault::HeatingTooSlow);
         }
-        let dt = PERIOD_US as f64 * 1e-6;
-        let rate = self.previous.map_or(0.0, |before| (temperature - before) / dt);
-        let unsaturated = limits.kp * error + self.integral - limits.kd * rate;
+        let unsaturated = limits.kp * error + self.integral - limits.kd * self.rate();
         if (0.0..1.0).contains(&unsaturated) {
+            let dt = PERIOD_US as f64 * 1e-6;
             self.integral = (self.integral + limits.ki * error * dt).clamp(0.0, 1.0);
         }
         Ok(unsaturated.clamp(0.0, 1.0))
@@ -138,8 +143,10 @@ impl Heater {
         }
     }
 
-    fn has_been_hot(&self) -> bool {
-        self.in_band_since.is_some()
+    /// How fast the temperature rises, degrees a second. Between the times of the readings, since some may be missing.
+    fn rate(&self) -> f64 {
+        let (Some((before, earlier)), Some((after, later))) = (self.previous, self.reading) else { return 0.0 };
+        (after - before) / (later.saturating_sub(earlier).max(1) as f64 * 1e-6)
     }
 }
 
@@ -219,6 +226,24 @@ mod tests {
         let mut heater = hot_heater();
         assert!(heater.update(Some(room), robot.description(), 300_000_000).is_ok());
         assert_eq!(heater.update(Some(room), robot.description(), 300_100_000), Err(Fault::HeatingTooSlow));
+    }
+
+    #[test]
+    fn a_reading_after_a_gap_is_no_jump() {
+        let robot = robot_a();
+        let robot = robot.description();
+        let duty = |times: [u64; 3]| {
+            let mut heater = hot_heater();
+            // A steady degree a second, near the target.
+            times.map(|now| {
+                let raw = reading(190.0 + now as f64 * 1e-6, &robot.thermistor);
+                heater.update(Some(raw), robot, now).unwrap()
+            })[2]
+        };
+        let (dense, sparse) = (duty([0, 3_900_000, 4_000_000]), duty([0, 3_600_000, 4_000_000]));
+        // One count of the converter in 0.1 s is 3 degrees a second.
+        assert!((dense - sparse).abs() < 0.05 * 4.0 + 0.01, "{dense} and {sparse}");
+        assert!((sparse - (0.03 * 6.0 - 0.05)).abs() < 0.05 * 1.5, "{sparse}");
     }
 
     #[test]

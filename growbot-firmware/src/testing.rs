@@ -6,6 +6,7 @@ use std::rc::Rc;
 use std::vec::Vec;
 
 use embedded_hal::digital::{ErrorKind, ErrorType, InputPin, OutputPin};
+use embedded_hal::pwm::SetDutyCycle;
 use growbot_core::robot::{FeedStrategy, Robot, RobotDescription};
 
 fn description_a() -> RobotDescription {
@@ -24,7 +25,15 @@ pub fn robot_a_by(strategy: FeedStrategy) -> Robot {
     Robot::new(description).expect("either strategy is valid")
 }
 
-/// Seven pins whose levels a test can see, set and break.
+/// A robot that lays a layer in 0.18 s: the motion of robot A2 with the nozzle of robot A.
+pub fn fast_robot() -> Robot {
+    let text = include_str!("../../robots/growbot-a2.toml");
+    let mut description: RobotDescription = toml::from_str(text).expect("robots/growbot-a2.toml is readable");
+    description.heater = description_a().heater;
+    Robot::new(description).expect("robots/growbot-a2.toml is valid with any nozzle")
+}
+
+/// Pins whose levels a test can see, set and break.
 #[derive(Clone, Default)]
 pub struct FakePins(Rc<RefCell<Levels>>);
 
@@ -113,13 +122,20 @@ impl InputPin for FakePin {
 
 /// A heater's power that a test can see.
 #[derive(Clone, Default)]
-pub struct FakePower(pub Rc<RefCell<u16>>);
+pub struct FakePower(Rc<RefCell<u16>>);
+
+impl FakePower {
+    /// The share of full power, 0 to 1.
+    pub fn share(&self) -> f64 {
+        f64::from(*self.0.borrow()) / f64::from(self.max_duty_cycle())
+    }
+}
 
 impl embedded_hal::pwm::ErrorType for FakePower {
     type Error = Infallible;
 }
 
-impl embedded_hal::pwm::SetDutyCycle for FakePower {
+impl SetDutyCycle for FakePower {
     fn max_duty_cycle(&self) -> u16 {
         10_000
     }

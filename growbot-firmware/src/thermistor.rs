@@ -40,6 +40,10 @@ pub fn temperature(raw: u16, thermistor: &Thermistor) -> Result<f64, Broken> {
     let ratio = f64::from(raw) / f64::from(FULL_SCALE - raw);
     let resistance = ratio * thermistor.pull_up_ohm;
     let inverse = 1.0 / ROOM + libm::log(resistance / thermistor.r25_ohm) / thermistor.beta_k;
+    // Beyond what the equation can mean: it would come out as colder than absolute zero, and call for heat.
+    if inverse <= 0.0 {
+        return Err(Broken::Short);
+    }
     Ok(1.0 / inverse - ZERO_C)
 }
 
@@ -67,6 +71,18 @@ mod tests {
                 (again - celsius).abs() < if celsius < 100.0 { 3.0 } else { 1.0 },
                 "{celsius} came back as {again}"
             );
+        }
+    }
+
+    #[test]
+    fn no_reading_of_any_thermistor_is_colder_than_absolute_zero() {
+        for beta_k in [500.0, 3950.0, 10_000.0] {
+            for pull_up_ohm in [10.0, 4700.0, 1e7] {
+                let thermistor = Thermistor { r25_ohm: 100_000.0, beta_k, pull_up_ohm };
+                for raw in 0..=u16::MAX {
+                    assert!(temperature(raw, &thermistor).is_err() || temperature(raw, &thermistor).unwrap() > -ZERO_C);
+                }
+            }
         }
     }
 

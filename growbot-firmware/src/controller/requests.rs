@@ -6,8 +6,8 @@
 use growbot_core::job::{job_layers, summarize};
 use growbot_core::link::frame::Frame;
 use growbot_core::link::message::{
-    Accepted, Begin, BoardHello, Fault, HeldLayers, HostHello, Layers, Message, PlanRequest, Planned, Refusal, Refused,
-    SCHEMA_HASH, Start, State,
+    Accepted, Begin, BoardHello, Fault, HeldLayers, HostHello, Layers, MOST_LAYERS, Message, PlanRequest, Planned,
+    Refusal, Refused, SCHEMA_HASH, Start, State,
 };
 use growbot_core::plan::plan;
 use growbot_core::pose::Pose;
@@ -55,9 +55,11 @@ impl<B: Board> Controller<B> {
         if hello.schema != SCHEMA_HASH {
             return Err(Refusal::OtherSchema { board: SCHEMA_HASH });
         }
-        self.link.open(session);
-        // What happened before is told by the status below.
-        self.events.clear();
+        if !self.link.is_open(session) {
+            self.link.open(session);
+            // What happened before is told by the status below.
+            self.events.clear();
+        }
         Ok(Message::BoardHello(BoardHello {
             schema: SCHEMA_HASH,
             boot_id: self.identity.boot_id,
@@ -87,14 +89,15 @@ impl<B: Board> Controller<B> {
         if begin.robot != self.robot.hash() {
             return Err(Refusal::OtherRobot { board: self.robot.hash() });
         }
-        let repeated = begin.plan_id == self.job.plan_id && !matches!(self.state, State::Done | State::Stopped);
-        if repeated && self.state != State::Fault {
-            return Ok(self.accepted());
-        }
-        self.only_at_rest()?;
         if begin.plan_id == 0 {
             return Err(Refusal::NotUnderstood);
         }
+        let repeated = (begin.plan_id, begin.layers) == (self.job.plan_id, self.job.layers);
+        // After an end it is the wish for another growth of the same plan.
+        if repeated && !matches!(self.state, State::Done | State::Stopped | State::Fault) {
+            return Ok(self.accepted());
+        }
+        self.only_at_rest()?;
         self.set_job(begin.plan_id, begin.layers);
         Ok(self.accepted())
     }
@@ -122,7 +125,7 @@ impl<B: Board> Controller<B> {
 
     fn hold_layers(&mut self, batch: &Layers) -> Result<Message, Refusal> {
         self.this_plan(batch.plan_id)?;
-        if matches!(self.state, State::Done | State::Stopped | State::Fault) {
+        if matches!(self.state, State::Stopped | State::Fault) {
             return Err(Refusal::WrongState { state: self.state });
         }
         let expected = self.store().next_index();
@@ -130,14 +133,18 @@ impl<B: Board> Controller<B> {
             return Err(Refusal::OutOfOrder { expected });
         }
         let already_held = (expected - batch.first) as usize;
-        for bytes in batch.layers.iter().skip(already_held) {
-            let index = self.store().next_index();
-            if index >= self.job.layers {
-                return Err(Refusal::BadLayer { index });
-            }
-            if self.store().room() == 0 {
-                return Err(Refusal::Full);
-            }
+        let new = batch.layers.get(already_held..).unwrap_or_default();
+        // All are checked before any is taken: a batch is held as a whole or not at all.
+        for (index, bytes) in (expected..self.job.layers).zip(new) {
+            self.check_layer(index, bytes)?;
+        }
+        if new.len() > self.job.layers.saturating_sub(expected) as usize {
+            return Err(Refusal::BadLayer { index: self.job.layers });
+        }
+        if new.len() > self.store().room() as usize {
+            return Err(Refusal::Full);
+        }
+        for bytes in new {
             self.hold_layer(*bytes)?;
         }
         Ok(self.accepted())
@@ -157,7 +164,7 @@ impl<B: Board> Controller<B> {
                 Ok(self.accepted())
             }
             // Repeated.
-            State::Heating | State::Homing | State::Growing | State::Hold => Ok(self.accepted()),
+            State::Heating | State::Homing | State::Growing | State::Hold | State::Done => Ok(self.accepted()),
             state => Err(Refusal::WrongState { state }),
         }
     }
@@ -195,6 +202,10 @@ impl<B: Board> Controller<B> {
             return Err(Refusal::PlanTooLong { layers, capacity: CAPACITY as u32 });
         }
         let summary = summarize(&path, &self.robot);
+        // A radius below the robot's planning radius may ask for steps that its motors do not make.
+        for (index, bytes) in (0..).zip(job_layers(&path, &self.robot)) {
+            self.check_layer(index, &bytes)?;
+        }
         self.set_job(summary.plan_id, summary.layers);
         for bytes in job_layers(&path, &self.robot.clone()) {
             self.hold_layer(bytes)?;
@@ -208,7 +219,8 @@ impl<B: Board> Controller<B> {
     }
 
     fn read_layers(&self, first: u32) -> Message {
-        let layers = (first..).map_while(|index| self.store().get(index)).take(16).collect();
+        let end = first.saturating_add(MOST_LAYERS as u32);
+        let layers = (first..end).map_while(|index| self.store().get(index)).collect();
         Message::HeldLayers(HeldLayers { first, layers })
     }
 }

@@ -180,7 +180,7 @@ where
 
     /// Ticks until something happens, that tick included. `u32::MAX` where nothing will without an order.
     pub fn ticks_to_event(&self, handover: &Handover) -> u32 {
-        if self.head.raised || self.feed.raised {
+        if self.head.raised || self.feed.raised || handover.halt_waits() {
             return 1;
         }
         match &self.mode {
@@ -413,6 +413,7 @@ mod tests {
         }
         assert!(pins.level(2) && pins.level(5));
         handover.halt();
+        assert_eq!(engine.ticks_to_event(&handover), 1);
         engine.tick(&handover);
         assert!((0..6).all(|pin| !pins.level(pin) || pin == 1 || pin == 4));
         assert_eq!(engine.ticks_to_event(&handover), u32::MAX);

@@ -53,6 +53,9 @@ pub struct TurnReport {
 }
 
 /// Shared by the controller and the step interrupt. Every access is short and none waits.
+///
+/// The flags spare the interrupt a critical section in each tick. A flag and what it stands for change in one critical section,
+/// so that no tick falls between the two.
 pub struct Handover {
     order: Mutex<Cell<Option<Order>>>,
     report: Mutex<Cell<Option<Report>>>,
@@ -88,8 +91,10 @@ impl Handover {
 
     /// Controller: gives an order; one that still waits is replaced.
     pub fn give(&self, order: Order) {
-        critical_section::with(|cs| self.order.borrow(cs).set(Some(order)));
-        self.order_waits.store(true, Ordering::Release);
+        critical_section::with(|cs| {
+            self.order.borrow(cs).set(Some(order));
+            self.order_waits.store(true, Ordering::Release);
+        });
     }
 
     /// Controller: takes the report.
@@ -97,26 +102,32 @@ impl Handover {
         if !self.report_waits.load(Ordering::Acquire) {
             return None;
         }
-        let report = critical_section::with(|cs| self.report.borrow(cs).take());
-        self.report_waits.store(false, Ordering::Release);
-        report
+        critical_section::with(|cs| {
+            self.report_waits.store(false, Ordering::Release);
+            self.report.borrow(cs).take()
+        })
     }
 
     /// Controller: stops the steppers and lets go of them at the next tick. Orders and reports that wait are forgotten.
     pub fn halt(&self) {
-        self.halt.store(true, Ordering::Release);
         critical_section::with(|cs| {
+            self.halt.store(true, Ordering::Release);
             self.order.borrow(cs).take();
             self.report.borrow(cs).take();
+            self.order_waits.store(false, Ordering::Release);
+            self.report_waits.store(false, Ordering::Release);
         });
-        self.order_waits.store(false, Ordering::Release);
-        self.report_waits.store(false, Ordering::Release);
+    }
+
+    /// Engine: whether the controller wants a halt.
+    pub(super) fn halt_waits(&self) -> bool {
+        self.halt.load(Ordering::Acquire)
     }
 
     /// Engine: whether to halt now. Asking clears it.
     pub(super) fn take_halt(&self) -> bool {
         // A load first: a swap in each tick would cost more than the rest of an idle tick.
-        self.halt.load(Ordering::Acquire) && self.halt.swap(false, Ordering::AcqRel)
+        self.halt_waits() && self.halt.swap(false, Ordering::AcqRel)
     }
 
     /// Engine: whether an order waits and its report would find room.
@@ -133,14 +144,17 @@ impl Handover {
 
     /// Engine: takes the order.
     pub(super) fn take_order(&self) -> Option<Order> {
-        let order = critical_section::with(|cs| self.order.borrow(cs).take());
-        self.order_waits.store(false, Ordering::Release);
-        order
+        critical_section::with(|cs| {
+            self.order_waits.store(false, Ordering::Release);
+            self.order.borrow(cs).take()
+        })
     }
 
     /// Engine: leaves a report.
     pub(super) fn report(&self, report: Report) {
-        critical_section::with(|cs| self.report.borrow(cs).set(Some(report)));
-        self.report_waits.store(true, Ordering::Release);
+        critical_section::with(|cs| {
+            self.report.borrow(cs).set(Some(report));
+            self.report_waits.store(true, Ordering::Release);
+        });
     }
 }
