@@ -14,8 +14,7 @@ struct Map {
     stack_top: u64,
 }
 
-const AN386: Map =
-    Map { flash: 0..0x40_0000, ram: &[0x2000_0000..0x2040_0000], stack_top: 0x2040_0000 };
+const AN386: Map = Map { flash: 0..0x40_0000, ram: &[0x2000_0000..0x2040_0000], stack_top: 0x2040_0000 };
 
 /// The last 256 KiB of flash are the journal's.
 const STM32F405: Map = Map {

@@ -66,7 +66,8 @@ fn the_board_plans_the_desktops_layers_bit_for_bit() {
         let path = plan(&robot, &start, &goal, 100.0, Planner::TwoPlane).unwrap();
         let expected = summarize(&path, &robot);
 
-        let request = PlanRequest { start: (&start).into(), goal: (&goal).into(), radius: 100.0, planner: Planner::TwoPlane };
+        let request =
+            PlanRequest { start: (&start).into(), goal: (&goal).into(), radius: 100.0, planner: Planner::TwoPlane };
         let Message::Planned(planned) = client.request("to plan", &Message::Plan(request)).unwrap() else {
             panic!("no plan for {goal:?}");
         };

@@ -261,7 +261,7 @@ impl<B: Board> Controller<B> {
             ticks_per_step: (f64::from(description.motion.tick_hz) / steps_a_second).max(2.0) as u32,
             // A turn to pass the mark, and half a turn for a start within it.
             most_steps: head.steps_per_turn + head.steps_per_turn / 2,
-            steps_to_zero: (head.steps_per_turn - index_steps % head.steps_per_turn) % head.steps_per_turn,
+            steps_to_zero: if index_steps == 0 { 0 } else { head.steps_per_turn.saturating_sub(index_steps) },
         }
     }
 

@@ -4,8 +4,8 @@
 //! that a new target gives no kick; the integral grows only while the power is not saturated, so that the long way up
 //! leaves nothing to overshoot by.
 //!
-//! Power flows only while a reading is younger than half a second. A broken thermistor and too high a temperature are
-//! faults whether the heater is on or not; a silent or broken thermistor matters only while it is on.
+//! Power flows only while a reading is younger than half a second. Too high a temperature is a fault whether the heater is on
+//! or not; a silent or broken thermistor matters only while it is on.
 
 use growbot_core::link::message::Fault;
 use growbot_core::robot::RobotDescription;

@@ -13,6 +13,10 @@ pub fn firmware(board: &str) -> PathBuf {
     let target = std::env::var_os("CARGO_TARGET_DIR")
         .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../target"), PathBuf::from);
     let image = target.join("thumbv7em-none-eabihf/release").join(board);
-    assert!(image.is_file(), "there is no image {}: run tests/run, or `cargo build-an386` and `cargo build-robot`", image.display());
+    assert!(
+        image.is_file(),
+        "there is no image {}: run tests/run, or `cargo build-an386` and `cargo build-robot`",
+        image.display()
+    );
     image
 }

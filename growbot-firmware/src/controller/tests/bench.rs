@@ -1,0 +1,387 @@
+//! A bench: the controller, its step engine and a tip in lock step, and a host at the other end of the link.
+//!
+//! What must hold at every moment is asserted at every moment: [`Bench::check`] after each poll and each tick.
+
+use std::boxed::Box;
+use std::rc::Rc;
+use std::vec::Vec;
+
+use growbot_core::layer::Layer;
+use growbot_core::layer_bytes::{Encoder, LayerBytes};
+use growbot_core::link::frame::{self, Header, LONGEST_BODY, Receiver};
+use growbot_core::link::message::{
+    Accepted, Begin, Empty, HostHello, Laid, Layers, MOST_LAYERS, Message, Refusal, Refused, ResetCause, SCHEMA_HASH,
+    Start, State, Status,
+};
+use growbot_core::robot::Robot;
+
+use super::tip::{FEED, FakeThermistor, FakeWatchdog, HEAD, HEATER_ENABLE, HeaterWires, INDEX, Motors, Wire, World};
+use crate::controller::{Controller, Identity};
+use crate::hal::{Board, Parts};
+use crate::layer_store::LayerStore;
+use crate::stepping::{Axis, Engine, Handover};
+use crate::testing::{FakePin, FakePins, FakePower};
+
+pub const SESSION: u32 = 7;
+pub const PLAN: u64 = 0x1234;
+/// Between two polls, us.
+const POLL_US: u64 = 10_000;
+/// A nozzle this warm is hot within seconds.
+pub const WARM: f64 = 190.0;
+
+pub struct Bench {
+    pub robot: Robot,
+    pub controller: Controller<TestBoard>,
+    pub world: Rc<World>,
+    pub motors: Motors,
+    pub heater: HeaterWires,
+    pub fed: FakeWatchdog,
+    /// Events as they came, unless the host does not read.
+    pub events: Vec<Message>,
+    /// Each request is sent twice, and both answers must be alike.
+    pub stutters: bool,
+    pub reads: bool,
+    engine: TestEngine,
+    handover: Handover,
+    tick: u64,
+    next_poll: u64,
+    receiver: Receiver,
+    seq: u16,
+}
+
+type TestEngine = Engine<FakePin, FakePin, FakePin, FakePin, FakePin, FakePin, FakePin>;
+
+pub struct TestBoard;
+
+impl Board for TestBoard {
+    type HeaterPower = FakePower;
+    type HeaterEnable = FakePin;
+    type Thermistor = FakeThermistor;
+    type Watchdog = FakeWatchdog;
+    type Store = Box<LayerStore>;
+}
+
+/// States in which nothing may be warm or move.
+pub fn at_rest(state: State) -> bool {
+    matches!(state, State::Idle | State::Done | State::Stopped | State::Fault)
+}
+
+impl Bench {
+    /// A board that has just been switched on, its nozzle at this temperature.
+    pub fn new(robot: Robot, nozzle_c: f64) -> Self {
+        let (pins, power, fed) = (FakePins::default(), FakePower::default(), FakeWatchdog::default());
+        let world = World::new(&robot, nozzle_c);
+        let axis = |at: usize| Axis { step: pins.pin(at), direction: pins.pin(at + 1), enable: pins.pin(at + 2) };
+        let engine = Engine::new(axis(HEAD), axis(FEED), pins.pin(INDEX));
+        let handover = Handover::new();
+        let parts = Parts {
+            heater_power: power.clone(),
+            heater_enable: pins.pin(HEATER_ENABLE),
+            thermistor: FakeThermistor(Rc::clone(&world)),
+            watchdog: fed.clone(),
+            store: Box::new(LayerStore::new()),
+        };
+        let identity = Identity { boot_id: 5, reset_cause: ResetCause::PowerOn };
+        Self {
+            controller: Controller::new(robot.clone(), identity, parts, &handover),
+            motors: Motors::new(pins.clone(), &robot, 17),
+            heater: HeaterWires { power, pins },
+            robot,
+            world,
+            fed,
+            events: Vec::new(),
+            stutters: false,
+            reads: true,
+            engine,
+            handover,
+            tick: 0,
+            next_poll: 0,
+            receiver: Receiver::default(),
+            seq: 0,
+        }
+    }
+
+    /// The same with a session open.
+    pub fn greeted(robot: Robot, nozzle_c: f64) -> Self {
+        let mut bench = Self::new(robot, nozzle_c);
+        bench.run(0.2);
+        bench.hello();
+        bench
+    }
+
+    fn tick_hz(&self) -> u64 {
+        u64::from(self.robot.description().motion.tick_hz)
+    }
+
+    /// Lets some time pass.
+    pub fn run(&mut self, seconds: f64) {
+        let until = self.tick + (seconds * self.tick_hz() as f64) as u64;
+        while self.tick < until {
+            self.advance(until);
+        }
+    }
+
+    /// Lets time pass until something is so. Fails where it takes too long.
+    pub fn run_until(&mut self, seconds: f64, is_so: impl Fn(&Self) -> bool) {
+        let until = self.tick + (seconds * self.tick_hz() as f64) as u64;
+        while !is_so(self) {
+            assert!(self.tick < until, "still {:?} after {seconds} s", self.controller.state());
+            self.advance(until);
+        }
+    }
+
+    pub fn run_to(&mut self, state: State, seconds: f64) {
+        self.run_until(seconds, |bench| bench.controller.state() == state);
+    }
+
+    /// One tick in which something happens, or all up to the next poll in which nothing does.
+    fn advance(&mut self, until: u64) {
+        let quiet = u32::try_from(self.next_poll.min(until).saturating_sub(self.tick).max(1)).unwrap_or(u32::MAX);
+        let ticks = self.engine.ticks_to_event(&self.handover).min(quiet);
+        self.engine.skip(ticks - 1);
+        self.tick_once(u64::from(ticks));
+        if self.tick >= self.next_poll || self.handover.report_waits() {
+            self.poll();
+        }
+    }
+
+    fn tick_once(&mut self, ticks: u64) {
+        self.engine.tick(&self.handover);
+        self.tick += ticks;
+        let seconds = ticks as f64 / self.tick_hz() as f64;
+        self.world.heat(self.heater.share(), seconds);
+        self.world.now.set(self.now_us());
+        let (feed, risen) = (self.motors.moved.feed, self.motors.watch());
+        let state = self.controller.state();
+        assert!(!(at_rest(state) && risen), "a step in {state:?}");
+        assert!(!(at_rest(state) && self.motors.enabled()), "motors are held in {state:?}");
+        assert!(!(state == State::Heating && risen), "a step while cold");
+        let least = self.robot.description().heater.extrusion_min_c;
+        if self.motors.moved.feed > feed && self.world.wire.get() == Wire::Whole {
+            // The reading is up to a period of the regulation old, and has its own grain.
+            assert!(self.world.nozzle_c.get() > least - 5.0, "feed at {} C", self.world.nozzle_c.get());
+        }
+        self.check();
+    }
+
+    fn now_us(&self) -> u64 {
+        self.tick * 1_000_000 / self.tick_hz()
+    }
+
+    /// Polls the controller and reads what it sends.
+    pub fn poll(&mut self) {
+        self.controller.poll(self.now_us(), &self.handover);
+        self.next_poll = self.tick + POLL_US * self.tick_hz() / 1_000_000;
+        self.check();
+        if self.reads {
+            let events = self.read(None).0;
+            self.events.extend(events);
+        }
+    }
+
+    /// What holds at every moment.
+    fn check(&self) {
+        let state = self.controller.state();
+        if at_rest(state) {
+            assert!(self.heater.off(), "the heater is on in {state:?}");
+        }
+        assert_eq!(state == State::Fault, self.controller.fault().is_some(), "{state:?}");
+        if self.heater.share() > 0.0 {
+            let age = self.now_us() - self.world.sampled_at.get();
+            assert!(age <= 500_000 + POLL_US, "power on a reading {age} us old");
+        }
+    }
+
+    /// Bytes to the board, as they are.
+    pub fn send(&mut self, bytes: &[u8]) {
+        for byte in bytes {
+            self.controller.receive(*byte, &self.handover);
+            self.check();
+        }
+    }
+
+    /// Reads all that the board has sent: the events, and the answers to this request.
+    pub fn read(&mut self, ack: Option<u16>) -> (Vec<Message>, Vec<Message>) {
+        let (mut events, mut answers) = (Vec::new(), Vec::new());
+        while let Some(byte) = self.controller.transmit() {
+            let Some(frame) = self.receiver.push(byte) else { continue };
+            let frame = frame.expect("the board sends whole frames");
+            let message = Message::decode(frame.header.kind, &frame.body).expect("the board sends messages");
+            match frame.header.ack {
+                0 => events.push(message),
+                other if Some(other) == ack => answers.push(message),
+                _ => {}
+            }
+        }
+        (events, answers)
+    }
+
+    /// Asks with any kind and body, in any session.
+    pub fn ask_raw(&mut self, session: u32, kind: u8, body: &[u8]) -> Message {
+        self.seq = self.seq.wrapping_add(1).max(1);
+        let header = Header { kind, session, seq: self.seq, ack: 0 };
+        let bytes = frame::encode(&header, body).unwrap();
+        let mut answer = None;
+        for _ in 0..if self.stutters { 2 } else { 1 } {
+            self.send(&bytes);
+            let (events, mut answers) = self.read(Some(self.seq));
+            self.events.extend(events);
+            assert_eq!(answers.len(), 1, "a request has an answer");
+            let this = answers.remove(0);
+            assert!(answer.is_none() || answer.as_ref() == Some(&this), "{answer:?}, then {this:?}");
+            answer = Some(this);
+        }
+        answer.unwrap()
+    }
+
+    pub fn ask_in(&mut self, session: u32, message: &Message) -> Message {
+        let mut buffer = [0; LONGEST_BODY];
+        let body = message.encode(&mut buffer).unwrap();
+        self.ask_raw(session, message.kind(), body)
+    }
+
+    pub fn ask(&mut self, message: &Message) -> Message {
+        self.ask_in(SESSION, message)
+    }
+
+    /// Asks for something that must be accepted.
+    pub fn accepted(&mut self, message: &Message) -> Accepted {
+        match self.ask(message) {
+            Message::Accepted(accepted) => accepted,
+            other => panic!("{message:?} was answered by {other:?}"),
+        }
+    }
+
+    /// Asks for something that must be refused: why. State and status stay as they were.
+    pub fn refused(&mut self, message: &Message) -> Refusal {
+        let before = self.status();
+        let answer = self.ask(message);
+        assert_eq!(self.status(), before, "{message:?} was refused and changed something");
+        match answer {
+            Message::Refused(Refused { kind, refusal }) if kind == message.kind() => refusal,
+            other => panic!("{message:?} was answered by {other:?}"),
+        }
+    }
+
+    pub fn hello(&mut self) {
+        let answer = self.ask(&Message::Hello(HostHello { schema: SCHEMA_HASH }));
+        assert!(matches!(answer, Message::BoardHello(_)), "{answer:?}");
+    }
+
+    pub fn status(&mut self) -> Status {
+        match self.ask(&Message::AskStatus(Empty {})) {
+            Message::Status(status) => status,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    pub fn begin(&mut self, layers: usize) {
+        self.accepted(&begin(&self.robot, PLAN, layers as u32));
+    }
+
+    /// Hands over layers in batches, from this index on.
+    pub fn hand_over(&mut self, first: usize, layers: &[LayerBytes]) {
+        for (batch, bytes) in layers.chunks(MOST_LAYERS).enumerate() {
+            self.accepted(&batch_of(first + batch * MOST_LAYERS, bytes));
+        }
+    }
+
+    pub fn start(&mut self) {
+        self.accepted(&start());
+    }
+
+    /// A job of these layers, all handed over and started.
+    pub fn grow(&mut self, layers: &[LayerBytes]) {
+        self.begin(layers.len());
+        self.hand_over(0, layers);
+        self.start();
+    }
+
+    /// What was reported as laid.
+    pub fn laid(&self) -> Vec<Laid> {
+        let laid = |event: &Message| if let Message::Laid(laid) = event { Some(laid.clone()) } else { None };
+        self.events.iter().filter_map(laid).collect()
+    }
+
+    /// The states that were reported, in order.
+    pub fn states(&self) -> Vec<State> {
+        let state =
+            |event: &Message| if let Message::StateChanged(changed) = event { Some(changed.state) } else { None };
+        self.events.iter().filter_map(state).collect()
+    }
+
+    /// Brings the board into a state by what leads there. A warm nozzle saves the time of heating.
+    pub fn in_state(state: State) -> Self {
+        let robot = crate::testing::fast_robot();
+        let mut bench = Self::greeted(robot, if state == State::Heating { 60.0 } else { WARM });
+        bench.begin(40);
+        let layers = bends(if state == State::Done { 40 } else { 30 });
+        bench.hand_over(0, &layers);
+        if state != State::Idle {
+            bench.start();
+        }
+        match state {
+            State::Idle => {}
+            State::Stopped => {
+                bench.run_to(State::Growing, 60.0);
+                bench.accepted(&stop());
+            }
+            State::Fault => {
+                bench.run_to(State::Growing, 60.0);
+                bench.world.wire.set(Wire::Cut);
+                bench.run_to(State::Fault, 1.0);
+                bench.world.wire.set(Wire::Whole);
+                bench.run(0.5);
+            }
+            state => bench.run_to(state, 120.0),
+        }
+        // Anywhere within the state.
+        bench.run(0.33);
+        assert_eq!(bench.controller.state(), state);
+        bench
+    }
+}
+
+/// Every state.
+pub const STATES: [State; 8] = [
+    State::Idle,
+    State::Heating,
+    State::Homing,
+    State::Growing,
+    State::Hold,
+    State::Done,
+    State::Stopped,
+    State::Fault,
+];
+
+pub fn begin(robot: &Robot, plan_id: u64, layers: u32) -> Message {
+    Message::Begin(Begin { plan_id, layers, robot: robot.hash() })
+}
+
+pub fn batch_of(first: usize, layers: &[LayerBytes]) -> Message {
+    let layers = layers.iter().copied().collect();
+    Message::Layers(Layers { plan_id: PLAN, first: first as u32, layers })
+}
+
+pub fn start() -> Message {
+    Message::Start(Start { plan_id: PLAN })
+}
+
+pub fn stop() -> Message {
+    Message::Stop(Empty {})
+}
+
+pub fn clear() -> Message {
+    Message::ClearFault(Empty {})
+}
+
+/// Layers of a body that bends this way and that.
+pub fn bends(count: usize) -> Vec<LayerBytes> {
+    let mut encoder = Encoder::default();
+    let layer = |i: usize| Layer {
+        alpha: i as f64 * 0.37,
+        height: 0.76 - 0.003 * (i % 7) as f64,
+        tilt: 0.0009 * (i % 9) as f64,
+    };
+    (0..count).map(|i| encoder.encode(&layer(i))).collect()
+}

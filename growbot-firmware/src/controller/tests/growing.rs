@@ -1,0 +1,311 @@
+//! What a job comes to.
+
+use std::vec::Vec;
+
+use growbot_core::angle::radians;
+use growbot_core::job::{job_layers, summarize};
+use growbot_core::layer_bytes::{Fields, HEIGHT_UNITS, LayerBytes, decode};
+use growbot_core::link::message::{
+    HeldLayers, MOST_LAYERS, Message, PlanRequest, Planned, PoseFields, ReadLayers, Refusal, State,
+};
+use growbot_core::plan::{Planner, plan};
+use growbot_core::pose::Pose;
+use growbot_core::robot::{FeedStrategy, Robot};
+use nalgebra::Vector2;
+
+use super::bench::{Bench, PLAN, STATES, WARM, at_rest, batch_of, bends, start, stop};
+use crate::layer_store::CAPACITY;
+use crate::testing::{fast_robot, robot_a, robot_a_by};
+
+/// Feed steps that these layers amount to.
+fn feed_steps(layers: &[LayerBytes], robot: &Robot) -> u64 {
+    let units: u64 = layers.iter().map(|bytes| u64::from(Fields::of(bytes).height)).sum();
+    libm::rint(units as f64 / HEIGHT_UNITS * robot.feed_steps_per_length()) as u64
+}
+
+/// Checks every report and every step of a job that is done.
+fn assert_laid(bench: &mut Bench, layers: &[LayerBytes]) {
+    assert_eq!(bench.controller.state(), State::Done);
+    bench.run(0.01);
+    assert!(bench.heater.off() && !bench.motors.enabled());
+    let status = bench.status();
+    assert_eq!((status.laid, status.next, status.plan_id), (layers.len() as u32, layers.len() as u32, PLAN));
+    assert_eq!((status.target_centi_c, status.duty), (None, 0));
+
+    let laid = bench.laid();
+    assert_eq!(laid.len(), layers.len());
+    let (radius, step) = (bench.robot.tip_radius(), 1.0 / bench.robot.feed_steps_per_length());
+    let turn = bench.robot.description().head.steps_per_turn;
+    let lean = |bytes: &LayerBytes| {
+        let layer = decode(bytes);
+        let (sin, cos) = libm::sincos(layer.alpha);
+        Vector2::new(cos, sin) * layer.tilt * radius
+    };
+    for (index, (laid, asked)) in laid.iter().zip(layers).enumerate() {
+        assert_eq!((laid.plan_id, laid.index, laid.head_steps), (PLAN, index as u32, turn));
+        assert!((decode(&laid.as_built).height - decode(asked).height).abs() <= step, "height of layer {index}");
+        // Every sector begins and ends within half a step of where it should; that is what the sum of all comes to at most.
+        assert!((lean(&laid.as_built) - lean(asked)).norm() <= 4.0 * step, "lean of layer {index}");
+    }
+    assert_eq!(laid.iter().map(|laid| u64::from(laid.feed_steps)).sum::<u64>(), bench.motors.moved.feed);
+    assert_eq!(bench.motors.moved.feed, feed_steps(layers, &bench.robot));
+    // Every layer is a whole turn from the tip's x axis.
+    assert_eq!(bench.motors.moved.head % i64::from(turn), 0);
+    let states = [State::Idle, State::Heating, State::Homing, State::Growing, State::Done];
+    assert!(states.ends_with(&bench.states()), "{:?}", bench.states());
+}
+
+#[test]
+fn a_job_is_laid_to_the_step() {
+    for (robot, count) in
+        [(fast_robot(), 100), (robot_a_by(FeedStrategy::Feed), 6), (robot_a_by(FeedStrategy::Speed), 6)]
+    {
+        let mut bench = Bench::greeted(robot, 25.0);
+        let layers = bends(count);
+        bench.grow(&layers);
+        bench.run_to(State::Done, 600.0);
+        assert_laid(&mut bench, &layers);
+        assert!(*bench.fed.0.borrow() > 100, "the watchdog is fed");
+    }
+}
+
+#[test]
+fn both_strategies_build_the_same_body() {
+    let built = [FeedStrategy::Feed, FeedStrategy::Speed].map(|strategy| {
+        let mut bench = Bench::greeted(robot_a_by(strategy), WARM);
+        bench.grow(&bends(5));
+        bench.run_to(State::Done, 300.0);
+        bench.laid()
+    });
+    // As-built layers are computed from the feed steps of each sector.
+    assert_eq!(built[0].len(), 5);
+    assert_eq!(built[0], built[1]);
+}
+
+#[test]
+fn requests_that_are_repeated_change_nothing() {
+    let layers = bends(60);
+    let bodies = [false, true].map(|stutters| {
+        let mut bench = Bench::new(fast_robot(), WARM);
+        bench.stutters = stutters;
+        bench.hello();
+        bench.grow(&layers);
+        bench.run_to(State::Growing, 60.0);
+        // Late repetitions.
+        bench.grow(&layers);
+        bench.run_to(State::Done, 60.0);
+        bench.start();
+        assert_laid(&mut bench, &layers);
+        bench.laid()
+    });
+    assert_eq!(bodies[0], bodies[1]);
+}
+
+#[test]
+fn more_layers_than_the_board_holds_stream() {
+    let mut bench = Bench::greeted(fast_robot(), WARM);
+    let layers = bends(CAPACITY + 600);
+    bench.begin(layers.len());
+    let (held, rest) = layers.split_at(CAPACITY);
+    bench.hand_over(0, held);
+    assert_eq!(bench.refused(&batch_of(CAPACITY, &rest[..1])), Refusal::Full);
+    bench.start();
+    for (batch, bytes) in rest.chunks(MOST_LAYERS).enumerate() {
+        let laid = batch * MOST_LAYERS + bytes.len();
+        if batch == 0 {
+            bench.run_until(200.0, |bench| bench.laid().len() >= laid - 1);
+            assert_eq!(
+                bench.refused(&batch_of(CAPACITY, bytes)),
+                Refusal::Full,
+                "nothing of a batch that does not fit"
+            );
+        }
+        bench.run_until(60.0, |bench| bench.events.len() > laid + 3);
+        bench.hand_over(CAPACITY + batch * MOST_LAYERS, bytes);
+    }
+    bench.run_to(State::Done, 1000.0);
+    assert_laid(&mut bench, &layers);
+}
+
+#[test]
+fn without_layers_it_holds_and_goes_on_when_they_come() {
+    let mut bench = Bench::greeted(fast_robot(), WARM);
+    let layers = bends(20);
+    bench.begin(20);
+    bench.start();
+    bench.run_to(State::Hold, 60.0);
+    for at in [0, 5, 10] {
+        bench.hand_over(at, &layers[at..at + 5]);
+        bench.run_to(State::Growing, 0.1);
+        bench.run_to(State::Hold, 2.0);
+        let (moved, temperature) = (bench.motors.moved, bench.world.nozzle_c.get());
+        bench.run(20.0);
+        assert_eq!(bench.motors.moved, moved, "it only holds");
+        assert!(temperature > 180.0 && bench.world.nozzle_c.get() > 195.0, "hot");
+        assert!(bench.motors.enabled(), "the head keeps its place");
+    }
+    bench.hand_over(15, &layers[15..]);
+    bench.run_to(State::Done, 10.0);
+    assert_eq!(bench.laid().len(), 20);
+    assert_eq!(bench.motors.moved.feed, feed_steps(&layers, &bench.robot));
+    assert_eq!(bench.motors.moved.head % 200, 0);
+}
+
+#[test]
+fn a_stop_switches_everything_off_in_every_state() {
+    for state in STATES {
+        let mut bench = Bench::in_state(state);
+        bench.accepted(&stop());
+        // The heater before anything else, the motors with the next tick (the bench looks after each).
+        assert!(bench.heater.off(), "{state:?}");
+        let expected = if state == State::Fault { State::Fault } else { State::Stopped };
+        assert_eq!(bench.controller.state(), expected);
+        bench.run(1.0 / 4000.0);
+        assert!(!bench.motors.enabled(), "{state:?}");
+        let (moved, laid) = (bench.motors.moved, bench.status().laid);
+        bench.run(30.0);
+        assert_eq!((bench.motors.moved, bench.status().laid), (moved, laid));
+        assert_eq!(bench.controller.state(), expected);
+    }
+}
+
+#[test]
+fn a_stop_is_obeyed_in_any_session() {
+    let mut bench = Bench::in_state(State::Growing);
+    assert!(matches!(bench.ask_in(99, &stop()), Message::Accepted(_)));
+    assert_eq!(bench.controller.state(), State::Stopped);
+}
+
+#[test]
+fn a_job_after_a_stop_is_a_new_one() {
+    let mut bench = Bench::in_state(State::Growing);
+    let before = bench.laid().len();
+    assert!(before > 0);
+    bench.accepted(&stop());
+    assert_eq!(bench.refused(&start()), Refusal::WrongState { state: State::Stopped });
+    // In the very moment, before the next tick and poll.
+    let layers = bends(12);
+    bench.grow(&layers);
+    assert_eq!(bench.status().laid, 0);
+    let fed = bench.motors.moved.feed;
+    bench.run_to(State::Done, 200.0);
+    let laid = bench.laid().split_off(before);
+    assert_eq!(laid.iter().map(|laid| laid.index).collect::<Vec<_>>(), (0..12).collect::<Vec<_>>());
+    assert_eq!(bench.motors.moved.feed - fed, feed_steps(&layers, &bench.robot));
+}
+
+#[test]
+fn nothing_heats_or_moves_without_a_start() {
+    let mut bench = Bench::new(fast_robot(), 200.0);
+    bench.run(5.0);
+    bench.hello();
+    bench.begin(20);
+    bench.hand_over(0, &bends(20));
+    bench.run(20.0);
+    // The bench has looked at every tick; and this was the whole of it.
+    assert_eq!((bench.motors.moved.pulses, bench.controller.state()), (0, State::Idle));
+    assert!(bench.world.nozzle_c.get() < 175.0, "the nozzle cools");
+}
+
+#[test]
+fn a_job_of_no_layers_is_done_at_once() {
+    let mut bench = Bench::greeted(fast_robot(), 25.0);
+    bench.stutters = true;
+    bench.begin(0);
+    bench.start();
+    assert_eq!(bench.controller.state(), State::Done);
+    bench.run(5.0);
+    assert_eq!(bench.motors.moved.pulses, 0);
+}
+
+#[test]
+fn events_that_nobody_reads_are_dropped_and_the_newest_kept() {
+    let mut bench = Bench::greeted(fast_robot(), WARM);
+    let layers = bends(300);
+    bench.grow(&layers);
+    bench.reads = false;
+    bench.run_to(State::Done, 120.0);
+    bench.run(0.1);
+    bench.reads = true;
+    bench.run(0.1);
+    let laid = bench.laid();
+    assert!(laid.len() < 100, "{} are kept", laid.len());
+    assert_eq!(laid.last().unwrap().index, 299);
+    assert_eq!(bench.states().last(), Some(&State::Done));
+    assert_eq!(bench.status().laid, 300);
+}
+
+#[test]
+fn a_host_that_does_not_read_is_answered_once_it_does() {
+    let mut bench = Bench::in_state(State::Growing);
+    bench.reads = false;
+    let mut buffer = [0; growbot_core::link::frame::LONGEST_BODY];
+    let status = Message::AskStatus(growbot_core::link::message::Empty {});
+    let body = status.encode(&mut buffer).unwrap();
+    let header = growbot_core::link::frame::Header { kind: status.kind(), session: 1, seq: 1, ack: 0 };
+    let request = growbot_core::link::frame::encode(&header, body).unwrap();
+    for _ in 0..1000 {
+        bench.send(&request);
+    }
+    bench.run(1.0);
+    // Whole frames only, and then the link is free again.
+    let (_, answers) = bench.read(Some(1));
+    assert!((5..100).contains(&answers.len()), "{} answers", answers.len());
+    bench.reads = true;
+    assert_eq!(bench.status().state, State::Growing);
+}
+
+#[test]
+fn the_board_plans_as_the_desktop_does() {
+    let robot = robot_a();
+    let mut bench = Bench::greeted(robot.clone(), WARM);
+    let pose = |position: [f64; 3], heading: f64, pitch: f64| PoseFields {
+        position,
+        heading: radians(heading),
+        pitch: radians(pitch),
+    };
+    let start = pose([0.0; 3], 0.0, 90.0);
+    for goal in [pose([300.0, 120.0, 400.0], 40.0, -20.0), pose([-50.0, 900.0, 10.0], 200.0, 5.0), start] {
+        let request = PlanRequest { start, goal, radius: 100.0, planner: Planner::TwoPlane };
+        let Message::Planned(planned) = bench.ask(&Message::Plan(request)) else { panic!() };
+        let [from, to] = [start, goal].map(|fields| Pose::try_from(fields).unwrap());
+        let path = plan(&robot, &from, &to, 100.0, Planner::TwoPlane).unwrap();
+        let summary = summarize(&path, &robot);
+        assert_eq!(
+            planned,
+            Planned {
+                plan_id: summary.plan_id,
+                exact_hash: summary.exact_hash,
+                layers: summary.layers,
+                length: path.length(),
+            }
+        );
+        let mut held = Vec::new();
+        loop {
+            let first = held.len() as u32;
+            let Message::HeldLayers(HeldLayers { layers, .. }) = bench.ask(&Message::ReadLayers(ReadLayers { first }))
+            else {
+                panic!()
+            };
+            held.extend_from_slice(&layers);
+            if layers.len() < MOST_LAYERS {
+                break;
+            }
+        }
+        assert_eq!(held, job_layers(&path, &robot).collect::<Vec<_>>());
+    }
+}
+
+#[test]
+fn the_states_at_rest_are_those_after_which_a_job_may_begin() {
+    for state in STATES {
+        let mut bench = Bench::in_state(state);
+        let other = super::bench::begin(&bench.robot.clone(), PLAN + 1, 3);
+        if at_rest(state) && state != State::Fault {
+            assert_eq!(bench.accepted(&other).next, 0);
+            assert_eq!(bench.status().laid, 0);
+        } else {
+            assert_eq!(bench.refused(&other), Refusal::WrongState { state });
+        }
+    }
+}

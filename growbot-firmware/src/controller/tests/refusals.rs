@@ -1,0 +1,212 @@
+//! What the board refuses, and that it then does nothing.
+
+use growbot_core::layer::Layer;
+use growbot_core::layer_bytes::{Encoder, LayerBytes};
+use growbot_core::link::message::{
+    Begin, HeldLayers, HostHello, LayerBatch, Layers, MOST_LAYERS, Message, PlanRequest, PoseFields, ReadLayers,
+    Refusal, Refused, SCHEMA_HASH, Start, State,
+};
+use growbot_core::plan::Planner;
+use growbot_core::robot::{FeedStrategy, Robot};
+
+use super::bench::{Bench, PLAN, SESSION, STATES, at_rest, batch_of, begin, bends, clear, start};
+use crate::layer_store::CAPACITY;
+use crate::testing::{fast_robot, robot_a};
+
+/// An idle board with a job of 40 layers, 30 of them held.
+fn idle() -> Bench {
+    Bench::in_state(State::Idle)
+}
+
+fn layers_of(plan_id: u64, first: u32, layers: &[LayerBytes]) -> Message {
+    Message::Layers(Layers { plan_id, first, layers: layers.iter().copied().collect() })
+}
+
+#[test]
+fn what_does_not_decode_is_not_understood() {
+    for state in STATES {
+        let mut bench = Bench::in_state(state);
+        let before = bench.status();
+        for (kind, body) in
+            [(0x00, &[][..]), (0x0a, &[1, 2, 3]), (0xff, &[]), (0x05, &[]), (0x05, &[0xff; 100]), (0x04, &[1])]
+        {
+            let answer = bench.ask_raw(SESSION, kind, body);
+            assert_eq!(answer, Message::Refused(Refused { kind, refusal: Refusal::NotUnderstood }), "{state:?}");
+        }
+        // What only boards say.
+        assert_eq!(
+            bench.refused(&Message::Accepted(growbot_core::link::message::Accepted { plan_id: 0, next: 0, room: 0 })),
+            Refusal::NotUnderstood
+        );
+        assert_eq!(bench.status(), before);
+    }
+}
+
+#[test]
+fn another_schema_opens_no_session() {
+    let mut bench = Bench::new(fast_robot(), 25.0);
+    let hello = |schema| Message::Hello(HostHello { schema });
+    assert_eq!(bench.refused(&hello(SCHEMA_HASH + 1)), Refusal::OtherSchema { board: SCHEMA_HASH });
+    let message = begin(&bench.robot.clone(), PLAN, 1);
+    assert_eq!(bench.refused(&message), Refusal::NoSession);
+    // A session that is open stays so.
+    bench.hello();
+    assert_eq!(bench.refused(&hello(0)), Refusal::OtherSchema { board: SCHEMA_HASH });
+    bench.accepted(&message);
+}
+
+#[test]
+fn only_the_session_opened_last_may_change_anything() {
+    let mut bench = idle();
+    let requests = [begin(&bench.robot.clone(), PLAN + 1, 2), batch_of(30, &bends(1)), start(), clear()];
+    for request in &requests {
+        let before = bench.status();
+        let answer = bench.ask_in(SESSION + 1, request);
+        assert_eq!(answer, Message::Refused(Refused { kind: request.kind(), refusal: Refusal::NoSession }));
+        assert_eq!(bench.status(), before);
+    }
+    bench.ask_in(SESSION + 1, &Message::Hello(HostHello { schema: SCHEMA_HASH }));
+    for request in &requests {
+        assert_eq!(bench.refused(request), Refusal::NoSession);
+    }
+}
+
+#[test]
+fn a_job_for_another_robot_or_without_a_name_is_refused() {
+    let mut bench = idle();
+    let board = bench.robot.hash();
+    assert_eq!(bench.refused(&begin(&robot_a(), PLAN, 40)), Refusal::OtherRobot { board });
+    for state in STATES {
+        let mut bench = Bench::in_state(state);
+        let nameless = Message::Begin(Begin { plan_id: 0, layers: 1, robot: board });
+        assert_eq!(bench.refused(&nameless), Refusal::NotUnderstood, "{state:?}");
+    }
+    let mut fresh = Bench::greeted(fast_robot(), 25.0);
+    assert_eq!(fresh.refused(&Message::Begin(Begin { plan_id: 0, layers: 1, robot: board })), Refusal::NotUnderstood);
+}
+
+#[test]
+fn the_same_plan_with_another_number_of_layers_is_another_job() {
+    let mut bench = idle();
+    let robot = bench.robot.clone();
+    assert_eq!(bench.accepted(&begin(&robot, PLAN, 40)).next, 30);
+    assert_eq!(bench.accepted(&begin(&robot, PLAN, 41)).next, 0);
+    let mut bench = Bench::in_state(State::Growing);
+    assert_eq!(bench.refused(&begin(&robot, PLAN, 41)), Refusal::WrongState { state: State::Growing });
+}
+
+#[test]
+fn another_plan_than_the_one_held_is_refused_in_every_state() {
+    for state in STATES {
+        let mut bench = Bench::in_state(state);
+        for plan_id in [0, PLAN + 1, u64::MAX] {
+            let refusal = Refusal::OtherPlan { board: PLAN };
+            assert_eq!(bench.refused(&layers_of(plan_id, 30, &bends(1))), refusal);
+            assert_eq!(bench.refused(&Message::Start(Start { plan_id })), refusal);
+        }
+    }
+    let mut fresh = Bench::greeted(fast_robot(), 25.0);
+    assert_eq!(fresh.refused(&Message::Start(Start { plan_id: 0 })), Refusal::OtherPlan { board: 0 });
+}
+
+#[test]
+fn layers_must_follow_on_those_held() {
+    let mut bench = idle();
+    let expected = Refusal::OutOfOrder { expected: 30 };
+    assert_eq!(bench.refused(&batch_of(31, &bends(1))), expected);
+    assert_eq!(bench.refused(&layers_of(PLAN, u32::MAX, &bends(16))), expected);
+    // An overlap is what a repeated request looks like.
+    assert_eq!(bench.accepted(&batch_of(25, &bends(7))).next, 32);
+    assert_eq!(bench.accepted(&batch_of(0, &bends(16))).next, 32);
+    assert_eq!(bench.accepted(&batch_of(32, &[])).next, 32);
+}
+
+#[test]
+fn layers_beyond_a_limit_or_the_end_are_refused_with_their_whole_batch() {
+    let bad = |height: f64, tilt: f64| Encoder::default().encode(&Layer { alpha: 1.0, height, tilt });
+    for bad in [bad(1.0, 0.0), bad(0.7, 0.01), bad(0.1, 0.007), [0; 12], [0xff; 12], bad(0.0, 0.0)] {
+        let mut bench = idle();
+        let mut batch = bends(5);
+        batch[3] = bad;
+        assert_eq!(bench.refused(&batch_of(30, &batch)), Refusal::BadLayer { index: 33 });
+        assert_eq!(bench.refused(&batch_of(28, &batch)), Refusal::BadLayer { index: 31 });
+    }
+    let mut bench = idle();
+    assert_eq!(bench.refused(&batch_of(30, &bends(11))), Refusal::BadLayer { index: 40 });
+    assert_eq!(bench.accepted(&batch_of(30, &bends(10))).next, 40);
+    assert_eq!(bench.refused(&batch_of(40, &bends(1))), Refusal::BadLayer { index: 40 });
+}
+
+#[test]
+fn requests_come_in_their_states_only() {
+    for state in STATES {
+        let mut bench = Bench::in_state(state);
+        let wrong = Refusal::WrongState { state };
+        if matches!(state, State::Stopped | State::Fault) {
+            assert_eq!(bench.refused(&batch_of(30, &bends(1))), wrong);
+            assert_eq!(bench.refused(&start()), wrong);
+        }
+        if !at_rest(state) || state == State::Fault {
+            assert_eq!(bench.refused(&plan_to([100.0, 0.0, 300.0], 100.0)), wrong);
+        }
+        if state != State::Fault {
+            let before = bench.status();
+            bench.accepted(&clear());
+            assert_eq!(bench.status(), before, "without a fault there is nothing to clear");
+        }
+    }
+}
+
+fn plan_to(position: [f64; 3], radius: f64) -> Message {
+    let start = PoseFields { position: [0.0; 3], heading: 0.0, pitch: core::f64::consts::FRAC_PI_2 };
+    let goal = PoseFields { position, heading: 0.0, pitch: 0.0 };
+    Message::Plan(PlanRequest { start, goal, radius, planner: Planner::TwoPlane })
+}
+
+#[test]
+fn poses_and_radii_that_are_none_have_no_plan() {
+    let mut bench = idle();
+    for x in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e300, -1e8] {
+        assert_eq!(bench.refused(&plan_to([x, 0.0, 0.0], 100.0)), Refusal::NoPlan);
+    }
+    for radius in [f64::NAN, f64::INFINITY, -f64::INFINITY, 0.0, -100.0, 98.0, 1e300, f64::MIN_POSITIVE] {
+        assert_eq!(bench.refused(&plan_to([100.0, 0.0, 300.0], radius)), Refusal::NoPlan);
+    }
+    let far = bench.refused(&plan_to([1e7, 0.0, 0.0], 100.0));
+    assert!(
+        matches!(far, Refusal::PlanTooLong { layers: 10_000_000.., capacity } if capacity as usize == CAPACITY),
+        "{far:?}"
+    );
+}
+
+#[test]
+fn a_plan_that_the_motors_cannot_follow_is_refused_as_a_whole() {
+    // Steady feed turns the head fastest on the inner side: too fast for these steps on a tight bend.
+    let mut description = fast_robot().description().clone();
+    description.motion.strategy = FeedStrategy::Speed;
+    description.head.steps_per_turn = 256;
+    description.planning_radius_mm = 1000.0;
+    let mut bench = Bench::greeted(Robot::new(description).unwrap(), 25.0);
+    bench.begin(40);
+    bench.hand_over(0, &bends(1));
+    let refusal = bench.refused(&plan_to([100.0, 0.0, 300.0], 100.0));
+    assert!(matches!(refusal, Refusal::BadLayer { .. }), "{refusal:?}");
+}
+
+#[test]
+fn the_greatest_numbers_do_no_harm() {
+    let mut bench = idle();
+    let robot = bench.robot.clone();
+    let read = |first| Message::ReadLayers(ReadLayers { first });
+    for first in [30, 4096, u32::MAX - 1, u32::MAX] {
+        assert_eq!(bench.ask(&read(first)), Message::HeldLayers(HeldLayers { first, layers: LayerBatch::new() }));
+    }
+    bench.accepted(&Message::Begin(Begin { plan_id: u64::MAX, layers: u32::MAX, robot: robot.hash() }));
+    for batch in 0..CAPACITY / MOST_LAYERS {
+        let first = (batch * MOST_LAYERS) as u32;
+        bench.accepted(&layers_of(u64::MAX, first, &bends(MOST_LAYERS)));
+    }
+    assert_eq!(bench.refused(&layers_of(u64::MAX, CAPACITY as u32, &bends(1))), Refusal::Full);
+    bench.accepted(&Message::Start(Start { plan_id: u64::MAX }));
+    assert_eq!(bench.controller.state(), State::Heating);
+}

@@ -1,0 +1,179 @@
+//! The tip on the desktop: a nozzle that warms and cools, a thermistor that can break, a head with an index mark.
+
+use std::cell::{Cell, RefCell};
+use std::rc::Rc;
+
+use growbot_core::robot::Robot;
+
+use crate::hal;
+use crate::testing::{FakePins, FakePower};
+use crate::thermistor::{FULL_SCALE, reading};
+
+/// Pins by number: step, direction, enable of the head, then of the feed; index sensor; the heater's second switch.
+pub const HEAD: usize = 0;
+pub const FEED: usize = 3;
+pub const INDEX: usize = 6;
+pub const HEATER_ENABLE: usize = 7;
+/// The surroundings, degrees Celsius.
+const ROOM: f64 = 25.0;
+
+/// What the thermistor's wires are like.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Wire {
+    Whole,
+    Cut,
+    Shorted,
+    /// The converter gives nothing.
+    Silent,
+    /// It fell off the nozzle and reads the room.
+    Detached,
+}
+
+/// What the controller and the tip share.
+pub struct World {
+    pub nozzle_c: Cell<f64>,
+    pub wire: Cell<Wire>,
+    /// How much faster than in still air the nozzle loses heat.
+    pub draught: Cell<f64>,
+    /// The tick at which the converter gave its latest reading.
+    pub sampled_at: Cell<u64>,
+    pub now: Cell<u64>,
+    robot: Robot,
+}
+
+impl World {
+    pub fn new(robot: &Robot, nozzle_c: f64) -> Rc<Self> {
+        Rc::new(Self {
+            nozzle_c: Cell::new(nozzle_c),
+            wire: Cell::new(Wire::Whole),
+            draught: Cell::new(1.0),
+            sampled_at: Cell::new(0),
+            now: Cell::new(0),
+            robot: robot.clone(),
+        })
+    }
+
+    /// Robot A's nozzle as a lump of heat: `C dT/dt = P duty - k (T - room)`.
+    pub fn heat(&self, duty: f64, seconds: f64) {
+        let heater = &self.robot.description().heater;
+        let loss = heater.loss_w_per_k * self.draught.get();
+        let power = heater.power_w * duty - loss * (self.nozzle_c.get() - ROOM);
+        self.nozzle_c.set(self.nozzle_c.get() + power / heater.heat_capacity_j_per_k * seconds);
+    }
+}
+
+/// The thermistor on the nozzle.
+pub struct FakeThermistor(pub Rc<World>);
+
+impl hal::Thermistor for FakeThermistor {
+    fn sample(&mut self) -> Option<u16> {
+        let thermistor = &self.0.robot.description().thermistor;
+        let raw = match self.0.wire.get() {
+            Wire::Whole => reading(self.0.nozzle_c.get(), thermistor),
+            Wire::Detached => reading(ROOM, thermistor),
+            Wire::Cut => FULL_SCALE,
+            Wire::Shorted => 0,
+            Wire::Silent => return None,
+        };
+        self.0.sampled_at.set(self.0.now.get());
+        Some(raw)
+    }
+}
+
+/// Counts how often it is fed.
+#[derive(Clone, Default)]
+pub struct FakeWatchdog(pub Rc<RefCell<u32>>);
+
+impl hal::Watchdog for FakeWatchdog {
+    fn feed(&mut self) {
+        *self.0.borrow_mut() += 1;
+    }
+}
+
+/// What the step pins have moved, seen from outside: rising edges of a driver that is enabled.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Moved {
+    /// Where the head stands, steps from the tip's x axis.
+    pub head: i64,
+    pub feed: u64,
+    /// Rising edges of either step pin.
+    pub pulses: u64,
+}
+
+/// The motors and the index sensor.
+pub struct Motors {
+    pub pins: FakePins,
+    pub moved: Moved,
+    before: [bool; 2],
+    steps_per_turn: i64,
+    mark: i64,
+    mark_width: i64,
+    /// The sensor sees nothing any more.
+    pub index_dead: bool,
+}
+
+impl Motors {
+    pub fn new(pins: FakePins, robot: &Robot, head: i64) -> Self {
+        let turn = &robot.description().head;
+        let steps = |degrees: f64| libm::rint(degrees / 360.0 * f64::from(turn.steps_per_turn)) as i64;
+        let mut motors = Self {
+            pins,
+            moved: Moved { head, ..Moved::default() },
+            before: [false; 2],
+            steps_per_turn: i64::from(turn.steps_per_turn),
+            mark: steps(turn.index_angle_deg),
+            mark_width: steps(turn.index_width_deg),
+            index_dead: false,
+        };
+        motors.show_index();
+        motors
+    }
+
+    /// Looks at the step pins after a tick. Whether either has risen.
+    pub fn watch(&mut self) -> bool {
+        let mut risen = false;
+        for (axis, at) in [HEAD, FEED].into_iter().enumerate() {
+            let level = self.pins.level(at);
+            if level && !self.before[axis] {
+                assert!(self.pins.level(at + 1), "a step backwards of pin {at}");
+                assert!(self.pins.level(at + 2), "a step of pin {at} that its driver does not make");
+                risen = true;
+                self.moved.pulses += 1;
+                match at {
+                    HEAD => self.moved.head += 1,
+                    _ => self.moved.feed += 1,
+                }
+            }
+            self.before[axis] = level;
+        }
+        self.show_index();
+        risen
+    }
+
+    fn show_index(&mut self) {
+        let beyond = (self.moved.head - self.mark).rem_euclid(self.steps_per_turn);
+        self.pins.set(INDEX, beyond < self.mark_width && !self.index_dead);
+    }
+
+    pub fn enabled(&self) -> bool {
+        self.pins.level(HEAD + 2) || self.pins.level(FEED + 2)
+    }
+}
+
+/// The heater's two switches.
+pub struct HeaterWires {
+    pub power: FakePower,
+    pub pins: FakePins,
+}
+
+impl HeaterWires {
+    /// The share of full power that reaches the nozzle.
+    pub fn share(&self) -> f64 {
+        if self.pins.level(HEATER_ENABLE) { self.power.share() } else { 0.0 }
+    }
+
+    /// Both are open; one that is broken cannot be.
+    pub fn off(&self) -> bool {
+        self.power.share() == 0.0 && !(self.pins.level(HEATER_ENABLE) && self.pins.works(HEATER_ENABLE))
+    }
+}

@@ -1,0 +1,150 @@
+//! Anything at all on the line. The bench asserts at every moment what must always hold.
+
+use std::vec::Vec;
+
+use growbot_core::link::frame::{self, Header, LONGEST_BODY};
+use growbot_core::link::message::{
+    Begin, Empty, HostHello, Layers, Message, PlanRequest, PoseFields, ReadLayers, SCHEMA_HASH, Start, State,
+};
+use growbot_core::plan::Planner;
+
+use super::bench::{Bench, PLAN, SESSION, WARM, bends};
+use super::tip::Wire;
+use crate::testing::fast_robot;
+
+/// SplitMix64 (Steele, Lea, Flood 2014): the same numbers for the same seed.
+struct Random(u64);
+
+impl Random {
+    fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        z ^ (z >> 31)
+    }
+
+    /// 0 to `end`, without it.
+    fn below(&mut self, end: u64) -> u64 {
+        self.next() % end
+    }
+
+    fn one_of<T: Copy>(&mut self, all: &[T]) -> T {
+        all[self.below(all.len() as u64) as usize]
+    }
+
+    fn number(&mut self) -> f64 {
+        let near = self.below(4000) as f64 - 2000.0;
+        let any = f64::from_bits(self.next());
+        self.one_of(&[near, near, near, near / 1000.0, any, f64::NAN, f64::INFINITY, 0.0])
+    }
+
+    /// Any request, more often one that could be meant.
+    fn request(&mut self, bench: &mut Bench) -> Message {
+        let next = bench.status().next;
+        let plan_id = self.one_of(&[PLAN, PLAN, PLAN, PLAN, PLAN, 0, PLAN + 1, u64::MAX]);
+        match self.below(40) {
+            0 => Message::Hello(HostHello { schema: self.one_of(&[SCHEMA_HASH, SCHEMA_HASH, 0]) }),
+            1 if self.below(20) == 0 => Message::Stop(Empty {}),
+            1 => Message::AskStatus(Empty {}),
+            2..6 => Message::ClearFault(Empty {}),
+            6..11 => {
+                let robot = self.one_of(&[bench.robot.hash(), bench.robot.hash(), bench.robot.hash(), 0]);
+                Message::Begin(Begin { plan_id, layers: self.one_of(&[30, 30, 30, 30, 0, 1, u32::MAX]), robot })
+            }
+            11..21 => Message::Start(Start { plan_id }),
+            21 => {
+                let pose = |random: &mut Self| PoseFields {
+                    position: core::array::from_fn(|_| random.number()),
+                    heading: random.number(),
+                    pitch: random.number(),
+                };
+                let radius = self.one_of(&[100.0, 100.0, 98.2, 99.0, 1000.0, f64::NAN, -1.0, f64::MAX]);
+                Message::Plan(PlanRequest { start: pose(self), goal: pose(self), radius, planner: Planner::TwoPlane })
+            }
+            22 => Message::ReadLayers(ReadLayers { first: self.one_of(&[0, next, u32::MAX, 4096]) }),
+            _ => {
+                let first =
+                    self.one_of(&[next, next, next, next, next.saturating_sub(3), 0, next.saturating_add(1), u32::MAX]);
+                let mut layers = bends(self.below(17) as usize);
+                if self.below(10) == 0 && !layers.is_empty() {
+                    layers[0] = core::array::from_fn(|_| self.next() as u8);
+                }
+                Message::Layers(Layers { plan_id, first, layers: layers.into_iter().collect() })
+            }
+        }
+    }
+}
+
+#[test]
+fn random_requests_in_random_order_never_break_what_must_hold() {
+    let mut seen = Vec::new();
+    let mut laid = 0;
+    for seed in 0..20 {
+        std::println!("seed {seed}");
+        let mut random = Random(seed);
+        let mut bench = Bench::greeted(fast_robot(), WARM);
+        for _ in 0..10_000 {
+            let request = random.request(&mut bench);
+            let session = random.one_of(&[SESSION, SESSION, SESSION, SESSION, SESSION, SESSION, SESSION, 0]);
+            bench.ask_in(session, &request);
+            match random.below(400) {
+                0..20 => bench.run(0.05),
+                20..30 => bench.run(8.0),
+                30 if random.below(4) == 0 => {
+                    bench.world.wire.set(random.one_of(&[Wire::Cut, Wire::Shorted, Wire::Silent]));
+                }
+                31..40 => bench.world.wire.set(Wire::Whole),
+                40 if random.below(4) == 0 => bench.world.nozzle_c.set(260.0),
+                41..51 => bench.world.nozzle_c.set(199.0),
+                51 => bench.world.draught.set(20.0),
+                52..60 => bench.world.draught.set(1.0),
+                60 => bench.motors.index_dead = random.below(4) == 0,
+                _ => {}
+            }
+            let state = bench.controller.state();
+            if !seen.contains(&state) {
+                seen.push(state);
+            }
+        }
+        laid += bench.laid().len();
+    }
+    assert_eq!(seen.len(), 8, "only {seen:?} were reached");
+    assert!(laid > 1000, "{laid} layers were laid");
+}
+
+#[test]
+fn random_bytes_change_nothing() {
+    for state in [State::Idle, State::Hold, State::Stopped, State::Fault] {
+        let mut bench = Bench::in_state(state);
+        let mut random = Random(state as u64);
+        let laid = bench.status().laid;
+        for _ in 0..1000 {
+            let noise: Vec<u8> = (0..random.below(200)).map(|_| random.next() as u8).collect();
+            bench.send(&noise);
+        }
+        bench.run(0.1);
+        bench.send(&[0]);
+        let status = bench.status();
+        assert_eq!((status.state, status.laid), (state, laid));
+    }
+}
+
+#[test]
+fn whole_frames_of_random_bodies_do_no_harm() {
+    let mut random = Random(1);
+    let mut bench = Bench::in_state(State::Hold);
+    for count in 0..200_000 {
+        let body: Vec<u8> = (0..random.below(LONGEST_BODY as u64 + 1)).map(|_| random.next() as u8).collect();
+        // Of any kind but a stop, which would be a true one.
+        let kind = random.one_of(&[0x01, 0x02, 0x03, 0x04, 0x05, 0x07, 0x09, 0x0a, 0x43, 0x50, 0xff]);
+        let header = Header { kind, session: SESSION, seq: 1, ack: random.next() as u16 };
+        let bytes = frame::encode(&header, &body[..body.len() >> random.below(8)]).unwrap();
+        bench.send(&bytes);
+        bench.read(None);
+        if count % 1000 == 0 {
+            bench.run(0.01);
+        }
+    }
+    assert_eq!(bench.controller.state(), State::Hold);
+}
