@@ -1,4 +1,59 @@
 //! Geometry, planning, layers and link messages of robots that move by growing.
+//!
+//! Such a robot prints the tube behind its tip, layer by layer, as a root grows. A layer that is higher on one side
+//! bends the tube away from that side; many such layers are a curve, and where the curve ends is where the robot has
+//! got to. This crate turns "be there, pointing that way" into those layers. It has no I/O, no clock and no heap, and gives
+//! the same bits on the desktop and on the robot's microcontroller. The model is that of Del Dottore et al. 2019, Front. Robot. AI
+//! 6:45, doi 10.3389/frobt.2019.00045; what its printed equations get wrong is said where they are used.
+//!
+//! # Conventions
+//!
+//! - Millimetres, radians, seconds, degrees Celsius, all `f64`. Degrees exist where people read and write: there the name says so,
+//!   as in `tilt_max_deg` or [`pose::Pose::from_degrees`].
+//! - Right-handed frames; counter-clockwise is positive.
+//! - A [`pose::Pose`] is a point and a direction: *heading*, the angle in the x-y plane, and *pitch*, the angle above it. Pitch 90
+//!   degrees is straight up. It says nothing of roll.
+//! - A [`pose::Frame`] is named by what it converts, `base_from_tip`, so that products read right:
+//!   `base_from_tip * tip_from_next_tip`. The tip's z axis is the direction of growth; x and y span the plane in which
+//!   material is laid. Growth carries the frame along without twist.
+//! - *alpha* is the angle, from the tip's x axis, of the point of **greatest deposition**. The tip bends **away** from it.
+//! - Errors are small enums that hold the value and the limit. No input panics.
+//!
+//! # From a goal to layers, in file order
+//!
+//! | file | what |
+//! |---|---|
+//! | [`angle`], [`pose`] | angles wrapped; poses and frames |
+//! | [`kinematics`] | one step of growth (Eq 4), chained (Eq 5) |
+//! | [`curvature`], [`robot`] | the tightest bend (Eq 7); a robot's description, checked once |
+//! | [`dubins2`], [`two_plane`], [`plan`] | the shortest path in a plane; two of them in space; the path, checked to arrive |
+//! | [`path`] | arcs and straight lines, what a plan consists of |
+//! | [`slicing`], [`layer`] | a path cut into layers; what one layer is |
+//! | [`layer_bytes`], [`job`], [`hash`] | a layer in 12 bytes; the job that a board gets, and its name |
+//! | [`link`] | frames and messages (PROTOCOL.md) |
+//!
+//! ```
+//! use growbot_core::layer::grow;
+//! use growbot_core::plan::{Planner, miss, plan};
+//! use growbot_core::pose::Pose;
+//! use growbot_core::robot::Robot;
+//! use growbot_core::slicing::{Slicing, layers};
+//!
+//! # let file = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/growbot-a.toml"));
+//! // `file` is the text of robots/growbot-a.toml.
+//! let robot = Robot::new(toml::from_str(file).unwrap()).unwrap();
+//! let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
+//! let goal = Pose::from_degrees([200.0, 100.0, 600.0, 0.0, 45.0]).unwrap();
+//!
+//! let path = plan(&robot, &start, &goal, 100.0, Planner::TwoPlane).unwrap();
+//! assert_eq!(path.segments().len(), 5);
+//!
+//! // Laid one on the other, the layers end where the goal is.
+//! let layers: Vec<_> = layers(&path, &robot, Slicing::Exact).map(|sliced| sliced.layer).collect();
+//! assert_eq!(layers.len(), 833);
+//! let base_from_tip = grow(&start.frame(), layers);
+//! assert!(miss(&base_from_tip, &goal).distance < 1e-9);
+//! ```
 #![no_std]
 #![forbid(unsafe_code)]
 

@@ -31,7 +31,7 @@ use crate::hal::{Board, Parts, Thermistor, Watchdog};
 use crate::heater::{self, Heater};
 use crate::layer_store::LayerStore;
 use crate::link::Link;
-use crate::stepping::{Handover, Homing, Material, Order, Report, Turn, TurnReport, as_built};
+use crate::stepping::{Handover, Homing, Material, Order, Report, TurnReport, as_built};
 
 /// Events that wait for room on the link. Beyond that the oldest go; the status always tells how many layers are laid.
 const EVENTS: usize = 16;
@@ -276,10 +276,9 @@ impl<B: Board> Controller<B> {
             }
             return;
         };
-        match Turn::new(&bytes, self.job.material, &self.robot) {
+        match self.job.material.lay(&bytes, &self.robot) {
             Ok(turn) => {
                 handover.give(Order::Lay(turn));
-                self.job.material.add(&bytes);
                 self.job.given += 1;
                 self.enter(State::Growing);
             }

@@ -4,7 +4,7 @@
 //! desktop. To follow a layer through it:
 //!
 //! 1. [`link`] and [`controller`]: it arrives in a `Layers` message, is checked and kept in the [`layer_store`];
-//! 2. [`stepping::Turn`]: it becomes steps and ticks of 64 sectors;
+//! 2. [`stepping::Material`] and [`stepping::Turn`]: it becomes steps and ticks of 64 sectors;
 //! 3. [`stepping::Handover`]: it passes to the step interrupt;
 //! 4. [`stepping::Engine`]: it becomes step pulses, tick by tick;
 //! 5. and back: the steps made become the layer as built, and a `Laid` message.

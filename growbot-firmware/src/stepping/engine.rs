@@ -335,7 +335,7 @@ mod tests {
 
     fn turn() -> Turn {
         let layer = Layer { alpha: 1.0, height: 0.774, tilt: 0.0077 };
-        Turn::new(&Encoder::default().encode(&layer), Material::default(), &robot_a()).unwrap()
+        Material::default().lay(&Encoder::default().encode(&layer), &robot_a()).unwrap()
     }
 
     /// Ticks (from 1) at which head and feed rise, until the report.

@@ -9,13 +9,12 @@
 //! `speed` gives every sector time in proportion to its material, so that the feed is steady and the head slower where
 //! more is due.
 //!
-//! Feed steps are counted from the beginning of the job ([`Material`]), so that what one layer rounds off the next one lays.
+//! Turns come from [`Material::lay`](super::Material::lay), which knows what the layers before have left owing.
 
 use core::f64::consts::{PI, TAU};
 
 use growbot_core::angle::wrap_positive;
 use growbot_core::layer::{Layer, SECTORS};
-use growbot_core::layer_bytes::{Fields, HEIGHT_UNITS, LayerBytes};
 use growbot_core::robot::{FeedStrategy, Robot};
 
 /// Steps and ticks of one sector. Neither axis makes more than one step in two ticks.
@@ -36,29 +35,9 @@ pub struct Turn {
     pub sectors: [Sector; SECTORS],
 }
 
-/// How much the job has laid so far: the origin from which feed steps are counted.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Material {
-    /// Sum of the heights of all layers, in the units of [`Fields::height`].
-    height_units: u64,
-}
-
 /// A layer asks for steps faster than one in two ticks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct StepRate;
-
-impl Material {
-    /// The feed's position, steps, after this share of a layer.
-    fn feed_steps(self, robot: &Robot, height_units: u32, share: f64) -> f64 {
-        let height = (self.height_units as f64 + f64::from(height_units) * share) / HEIGHT_UNITS;
-        libm::rint(height * robot.feed_steps_per_length())
-    }
-
-    /// Counts a layer as laid.
-    pub fn add(&mut self, bytes: &LayerBytes) {
-        self.height_units += u64::from(Fields::of(bytes).height);
-    }
-}
 
 /// By how much running evenly within a sector flattens the first harmonic of a profile.
 fn flattening() -> f64 {
@@ -68,25 +47,18 @@ fn flattening() -> f64 {
 }
 
 impl Turn {
-    /// The turn that lays a layer after the given material.
+    /// The turn that lays this profile from one position of the feed to another: `feed_steps` gives the position, in steps
+    /// and not rounded, after a share of the layer.
     ///
     /// # Errors
-    /// [`StepRate`] if a sector asks for more than one step in two ticks, or the layer for no height or for feed taken back.
-    /// No layer does that which [`growbot_core::layer_bytes::decode_checked`] has passed.
-    pub fn new(bytes: &LayerBytes, laid: Material, robot: &Robot) -> Result<Self, StepRate> {
-        let fields = Fields::of(bytes);
-        if fields.height == 0 {
-            return Err(StepRate);
-        }
-        let layer = fields.layer();
-        let steeper = Layer { tilt: layer.tilt / flattening(), ..layer };
+    /// [`StepRate`] if a sector asks for more than one step in two ticks, or for feed taken back.
+    pub(super) fn new(profile: &Layer, feed_steps: impl Fn(f64) -> f64, robot: &Robot) -> Result<Self, StepRate> {
+        let steeper = Layer { tilt: profile.tilt / flattening(), ..*profile };
         // The check of a layer knows of no steeper one, so a layer close to its limits goes as it is.
-        Self::of_profile(&steeper, fields.height, laid, robot)
-            .or_else(|StepRate| Self::of_profile(&layer, fields.height, laid, robot))
+        Self::of_profile(&steeper, &feed_steps, robot).or_else(|StepRate| Self::of_profile(profile, &feed_steps, robot))
     }
 
-    /// The turn that lays this profile, as high as `height_units` say.
-    fn of_profile(profile: &Layer, height_units: u32, laid: Material, robot: &Robot) -> Result<Self, StepRate> {
+    fn of_profile(profile: &Layer, feed_steps: &impl Fn(f64) -> f64, robot: &Robot) -> Result<Self, StepRate> {
         let description = robot.description();
         let ticks = description.layer.period_s * f64::from(description.motion.tick_hz);
         let head_steps = f64::from(description.head.steps_per_turn);
@@ -99,7 +71,7 @@ impl Turn {
                 FeedStrategy::Feed => even,
                 FeedStrategy::Speed => share,
             };
-            [libm::rint(ticks * time), libm::rint(head_steps * even), laid.feed_steps(robot, height_units, share)]
+            [libm::rint(ticks * time), libm::rint(head_steps * even), libm::rint(feed_steps(share))]
         };
         let mut sectors = [Sector::default(); SECTORS];
         let mut from = edge(0);
@@ -114,6 +86,12 @@ impl Turn {
             from = to;
         }
         Ok(Self { sectors })
+    }
+
+    /// The layer that this turn lays.
+    #[must_use]
+    pub fn layer(&self, robot: &Robot) -> Layer {
+        as_built(&self.sectors.map(|sector| sector.feed), robot)
     }
 }
 
@@ -144,8 +122,7 @@ pub fn as_built(feed: &[u32; SECTORS], robot: &Robot) -> Layer {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::{fast_robot, robot_a, robot_a_by};
-    use growbot_core::layer_bytes::{Encoder, decode, decode_checked};
+    use crate::testing::{robot_a, robot_a_by};
     use proptest::prelude::*;
 
     fn layer() -> impl Strategy<Value = Layer> {
@@ -156,15 +133,15 @@ mod tests {
         })
     }
 
-    fn bytes(layer: &Layer) -> LayerBytes {
-        Encoder::default().encode(layer)
+    fn lay(layer: &Layer, robot: &Robot) -> Result<Turn, StepRate> {
+        Turn::new(layer, |share| share * layer.height * robot.feed_steps_per_length(), robot)
     }
 
     proptest! {
         #[test]
         fn every_sector_is_within_a_step_of_the_closed_form(layer in layer()) {
             let robot = robot_a();
-            let turn = Turn::new(&bytes(&layer), Material::default(), &robot).unwrap();
+            let turn = lay(&layer, &robot).unwrap();
             let steps = layer.height * robot.feed_steps_per_length();
             for (index, sector) in turn.sectors.iter().enumerate() {
                 let share = |edge: usize| layer.share_of_material(TAU * edge as f64 / SECTORS as f64, robot.tip_radius());
@@ -176,7 +153,7 @@ mod tests {
         #[test]
         fn both_strategies_lay_the_same_steps_in_the_same_sectors(layer in layer()) {
             let (by_feed, by_speed) = (robot_a_by(FeedStrategy::Feed), robot_a_by(FeedStrategy::Speed));
-            let [feed, speed] = [&by_feed, &by_speed].map(|robot| Turn::new(&bytes(&layer), Material::default(), robot).unwrap());
+            let [feed, speed] = [&by_feed, &by_speed].map(|robot| lay(&layer, robot).unwrap());
             for (a, b) in feed.sectors.iter().zip(&speed.sectors) {
                 prop_assert_eq!((a.head, a.feed), (b.head, b.feed));
             }
@@ -187,8 +164,8 @@ mod tests {
         #[test]
         fn what_was_asked_for_is_what_is_built(layer in layer()) {
             let robot = robot_a();
-            let turn = Turn::new(&bytes(&layer), Material::default(), &robot).unwrap();
-            let built = as_built(&turn.sectors.map(|sector| sector.feed), &robot);
+            let turn = lay(&layer, &robot).unwrap();
+            let built = turn.layer(&robot);
             let step = 1.0 / robot.feed_steps_per_length();
             prop_assert!((built.height - layer.height).abs() <= 0.5 * step + 1e-6);
             let tilt = |layer: &Layer| {
@@ -208,7 +185,7 @@ mod tests {
                 for tilt in 0..50 {
                     let layer = Layer { alpha: 1.0, height: f64::from(height) * 0.005, tilt: f64::from(tilt) * 0.0002 };
                     if robot.check_layer(&layer, 0.0).is_ok() {
-                        Turn::new(&bytes(&layer), Material::default(), &robot).unwrap();
+                        lay(&layer, &robot).unwrap();
                     }
                 }
             }
@@ -216,61 +193,12 @@ mod tests {
     }
 
     #[test]
-    fn layers_at_a_limit_have_a_turn_however_their_steps_are_rounded() {
-        let quick = fast_robot();
-        let mut by_speed = quick.description().clone();
-        by_speed.motion.strategy = FeedStrategy::Speed;
-        let by_speed = Robot::new(by_speed).unwrap();
-        // Nearly nothing on the inner side; and nearly more than one head step in two ticks there.
-        for (robot, height, leans) in [(robot_a(), 0.17, 0.999..1.0), (by_speed, 0.5, 0.2888..0.2889)] {
-            let (mut material, mut laid) = (Material::default(), 0);
-            for i in 0..4000 {
-                let lean = leans.start + (leans.end - leans.start) * f64::from(i) / 4000.0;
-                let alpha = wrap_positive(f64::from(i) * 0.37);
-                let bytes = bytes(&Layer { alpha, height, tilt: lean * height / robot.tip_radius() });
-                if decode_checked(&bytes, &robot).is_ok() {
-                    let turn = Turn::new(&bytes, material, &robot).unwrap();
-                    assert!(turn.sectors.iter().all(|sector| 2 * sector.head.max(sector.feed) <= sector.ticks));
-                    material.add(&bytes);
-                    laid += 1;
-                }
-            }
-            assert!(laid > 2000, "{laid} passed their check");
-        }
-    }
-
-    #[test]
-    fn feed_steps_never_drift_over_five_thousand_layers() {
-        let robot = robot_a();
-        let layer = Layer { alpha: 1.0, height: 0.7731, tilt: 0.0077 };
-        let (mut encoder, mut material, mut steps, mut height) = (Encoder::default(), Material::default(), 0_u64, 0.0);
-        for _ in 0..5000 {
-            let bytes = encoder.encode(&layer);
-            let turn = Turn::new(&bytes, material, &robot).unwrap();
-            material.add(&bytes);
-            steps += turn.sectors.iter().map(|sector| u64::from(sector.feed)).sum::<u64>();
-            height += decode(&bytes).height;
-            assert!((steps as f64 - height * robot.feed_steps_per_length()).abs() < 0.51);
-        }
-    }
-
-    #[test]
     fn the_steady_feed_is_steady() {
         let robot = robot_a_by(FeedStrategy::Speed);
         let layer = Layer { alpha: 0.3, height: 0.77, tilt: 0.0077 };
-        let turn = Turn::new(&bytes(&layer), Material::default(), &robot).unwrap();
+        let turn = lay(&layer, &robot).unwrap();
         let rate = |sector: &Sector| f64::from(sector.feed) / f64::from(sector.ticks);
         let mean = turn.sectors.iter().map(rate).sum::<f64>() / SECTORS as f64;
         assert!(turn.sectors.iter().all(|sector| (rate(sector) / mean - 1.0).abs() < 0.02));
-    }
-
-    #[test]
-    fn what_the_step_interrupt_cannot_carry_is_refused() {
-        let robot = robot_a();
-        assert_eq!(Turn::new(&[0; 12], Material::default(), &robot), Err(StepRate));
-        let absurd = Layer { alpha: 0.0, height: 200.0, tilt: 0.1 };
-        assert_eq!(Turn::new(&bytes(&absurd), Material::default(), &robot), Err(StepRate));
-        let more_lean_than_height = Layer { alpha: 0.0, height: 0.1, tilt: 0.1 };
-        assert_eq!(Turn::new(&bytes(&more_lean_than_height), Material::default(), &robot), Err(StepRate));
     }
 }

@@ -1,0 +1,417 @@
+//! PROTOCOL.md says what the code does: its examples byte for byte, its table of messages, its types and its numbers.
+//!
+//! What is read there, and must be there:
+//!
+//! - fenced blocks ` ```frame NAME `: lines `header`, `body`, `crc` and `wire`, each with bytes in hex, which go on in lines that begin
+//!   with a space; `#` begins a comment. Header, body and crc are the frame before COBS, wire is what travels;
+//! - fenced blocks ` ```type NAME `: a struct's fields or an enum's variants, one a line, comments as above;
+//! - rows ``| `0x01` | `Name` | direction | `Body` | ...`` for the messages, and ``| name | `value` | ...`` for the constants.
+//!
+//! Where an example is wrong, the failure shows how it must read.
+
+use std::collections::BTreeMap;
+use std::fmt::Write;
+
+use growbot_core::hash::Hasher;
+use growbot_core::job::{job_layers, summarize};
+use growbot_core::layer::Layer;
+use growbot_core::layer_bytes::{self, Encoder, LayerBytes};
+use growbot_core::link::frame::{self, Frame, Header, LONGEST_BODY, LONGEST_FRAME, Receiver, VERSION};
+use growbot_core::link::message::{
+    Accepted, Begin, BoardHello, Empty, HeldLayers, HostHello, Laid, Layers, MOST_LAYERS, Message, PlanRequest,
+    Planned, ReadLayers, Refusal, Refused, ResetCause, SCHEMA_HASH, Start, State, StateChanged, Status,
+};
+use growbot_core::path::{Path, Segment};
+use growbot_core::plan::{Planner, plan};
+use growbot_core::pose::Pose;
+use growbot_core::robot::Robot;
+use postcard_schema::Schema;
+use postcard_schema::schema::{DataModelType, DataModelVariant, NamedType};
+
+const PROTOCOL: &str = include_str!("../../PROTOCOL.md");
+
+/// Checks a CRC-32C of its own, bit by bit, against the one in the frames.
+fn crc_32c(bytes: &[u8]) -> u32 {
+    !bytes.iter().fold(u32::MAX, |crc, byte| {
+        (0..8).fold(crc ^ u32::from(*byte), |crc, _| (crc >> 1) ^ if crc & 1 == 1 { 0x82F6_3B78 } else { 0 })
+    })
+}
+
+/// The fenced blocks whose info string is `KIND NAME`: name and lines, comments taken away.
+fn blocks(kind: &str) -> Vec<(String, Vec<String>)> {
+    let mut found: Vec<(String, Vec<String>)> = Vec::new();
+    let mut inside = None;
+    for line in PROTOCOL.lines() {
+        match (inside, line.strip_prefix("```")) {
+            (None, Some(info)) => {
+                let name = info.strip_prefix(kind).and_then(|rest| rest.strip_prefix(' '));
+                inside = Some(name.is_some());
+                found.extend(name.map(|name| (name.trim().to_owned(), Vec::new())));
+            }
+            (Some(_), Some(_)) => inside = None,
+            (Some(true), None) => {
+                let text = line.split('#').next().unwrap_or_default().trim_end();
+                let (_, lines) = found.last_mut().unwrap();
+                lines.extend((!text.is_empty()).then(|| text.to_owned()));
+            }
+            _ => {}
+        }
+    }
+    assert_eq!(inside, None, "a fence is not closed");
+    found
+}
+
+/// The four parts of an example.
+#[derive(Debug, PartialEq, Default)]
+struct Example {
+    header: Vec<u8>,
+    body: Vec<u8>,
+    crc: Vec<u8>,
+    wire: Vec<u8>,
+}
+
+impl Example {
+    fn parse(name: &str, lines: &[String]) -> Self {
+        let mut example = Self::default();
+        let mut part = String::new();
+        for line in lines {
+            let mut words = line.split_whitespace();
+            if !line.starts_with(' ') {
+                part = words.next().unwrap().to_owned();
+            }
+            let bytes = match part.as_str() {
+                "header" => &mut example.header,
+                "body" => &mut example.body,
+                "crc" => &mut example.crc,
+                "wire" => &mut example.wire,
+                other => panic!("example {name} has a line {other:?}"),
+            };
+            for word in words {
+                assert_eq!(word.len(), 2, "example {name}: {word:?} is no byte");
+                bytes.push(u8::from_str_radix(word, 16).unwrap());
+            }
+        }
+        example
+    }
+
+    /// What the code makes of a message.
+    fn of(header: &Header, message: &Message) -> Self {
+        assert_eq!(header.kind, message.kind());
+        let mut buffer = [0; LONGEST_BODY];
+        let body = message.encode(&mut buffer).unwrap();
+        let wire = frame::encode(header, body).unwrap().to_vec();
+        let mut raw = wire[..wire.len() - 1].to_vec();
+        let length = cobs::decode_in_place(&mut raw).unwrap();
+        let (content, crc) = raw[..length].split_at(length - 4);
+        assert_eq!(crc, crc_32c(content).to_le_bytes());
+        Self { header: content[..10].to_vec(), body: content[10..].to_vec(), crc: crc.to_vec(), wire }
+    }
+
+    fn text(&self) -> String {
+        let mut text = String::new();
+        for (name, bytes) in [("header", &self.header), ("body", &self.body), ("crc", &self.crc), ("wire", &self.wire)]
+        {
+            text += name;
+            for byte in bytes {
+                write!(text, " {byte:02x}").unwrap();
+            }
+            text += "\n";
+        }
+        text
+    }
+}
+
+fn robot() -> Robot {
+    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/growbot-a.toml");
+    Robot::new(toml::from_str(&std::fs::read_to_string(file).unwrap()).unwrap()).unwrap()
+}
+
+/// The job of the examples: two layers of an arc, whose tilt is no whole number of units.
+fn job() -> Path {
+    let mut path = Path::new();
+    path.push(Segment::Arc { alpha: std::f64::consts::FRAC_PI_2, bend: 0.015, length: 1.5 }).unwrap();
+    path
+}
+
+/// A conversation: names as in PROTOCOL.md, sequence number, acknowledgement, message.
+fn conversation() -> Vec<(&'static str, u16, u16, Message)> {
+    let robot = robot();
+    let job_id = summarize(&job(), &robot).plan_id;
+    let layers = job_layers(&job(), &robot).collect();
+    let idle = Status {
+        state: State::Idle,
+        fault: None,
+        temperature_centi_c: Some(2213),
+        target_centi_c: None,
+        duty: 0,
+        plan_id: 0,
+        layers: 0,
+        next: 0,
+        laid: 0,
+        uptime_ms: 1500,
+    };
+    let growing = Status {
+        state: State::Growing,
+        temperature_centi_c: Some(20_004),
+        target_centi_c: Some(20_000),
+        duty: 33_000,
+        plan_id: job_id,
+        layers: 2,
+        next: 2,
+        laid: 1,
+        uptime_ms: 120_000,
+        ..idle.clone()
+    };
+    let up = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
+    let goal = Pose::from_degrees([0.0, 0.0, 1.5, 0.0, 90.0]).unwrap();
+    let path = plan(&robot, &up, &goal, 100.0, Planner::TwoPlane).unwrap();
+    let planned = summarize(&path, &robot);
+    // What robot A's step engine makes of the first layer: 3200 steps of the head, 6207 of the feed.
+    let as_built =
+        Layer { alpha: 1.570_351_470_414_044_2, height: 0.750_036_991_003_787_8, tilt: 0.007_501_530_553_559_996 };
+    vec![
+        ("Hello", 1, 0, Message::Hello(HostHello { schema: SCHEMA_HASH })),
+        (
+            "BoardHello",
+            1,
+            1,
+            Message::BoardHello(BoardHello {
+                schema: SCHEMA_HASH,
+                boot_id: 0x986b_155d,
+                reset_cause: ResetCause::PowerOn,
+                firmware: [0, 1, 0],
+                robot_name: "growbot-a".try_into().unwrap(),
+                robot: robot.hash(),
+                capacity: 4096,
+                status: idle,
+            }),
+        ),
+        ("Begin", 2, 0, Message::Begin(Begin { plan_id: job_id, layers: 2, robot: robot.hash() })),
+        ("Accepted", 2, 2, Message::Accepted(Accepted { plan_id: job_id, next: 0, room: 4096 })),
+        ("Layers", 3, 0, Message::Layers(Layers { plan_id: job_id, first: 0, layers })),
+        ("Start", 4, 0, Message::Start(Start { plan_id: job_id })),
+        ("StateChanged", 5, 0, Message::StateChanged(StateChanged { state: State::Heating, fault: None })),
+        (
+            "Laid",
+            8,
+            0,
+            Message::Laid(Laid {
+                plan_id: job_id,
+                index: 0,
+                as_built: Encoder::default().encode(&as_built),
+                head_steps: 3200,
+                feed_steps: 6207,
+            }),
+        ),
+        ("AskStatus", 5, 0, Message::AskStatus(Empty {})),
+        ("Status", 9, 5, Message::Status(growing)),
+        (
+            "Plan",
+            6,
+            0,
+            Message::Plan(PlanRequest {
+                start: (&up).into(),
+                goal: (&goal).into(),
+                radius: 100.0,
+                planner: Planner::TwoPlane,
+            }),
+        ),
+        (
+            "Refused",
+            10,
+            6,
+            Message::Refused(Refused { kind: 0x08, refusal: Refusal::WrongState { state: State::Growing } }),
+        ),
+        (
+            "Planned",
+            15,
+            9,
+            Message::Planned(Planned {
+                plan_id: planned.plan_id,
+                exact_hash: planned.exact_hash,
+                layers: planned.layers,
+                length: path.length(),
+            }),
+        ),
+    ]
+}
+
+/// The session of the examples.
+const SESSION: u32 = 0x1a2b_3c4d;
+
+#[test]
+fn the_examples_are_what_the_code_sends_and_reads() {
+    let blocks = blocks("frame");
+    let written: Vec<&str> = blocks.iter().map(|(name, _)| name.as_str()).collect();
+    let conversation = conversation();
+    assert_eq!(written, conversation.iter().map(|(name, ..)| *name).collect::<Vec<_>>());
+
+    let mut wrong = String::new();
+    for ((name, lines), (_, seq, ack, message)) in blocks.iter().zip(&conversation) {
+        let header = Header { kind: message.kind(), session: SESSION, seq: *seq, ack: *ack };
+        let written = Example::parse(name, lines);
+        let expected = Example::of(&header, message);
+        if written != expected {
+            write!(wrong, "```frame {name}\n{}```\n\n", expected.text()).unwrap();
+            continue;
+        }
+        let mut receiver = Receiver::default();
+        let frames: Vec<_> = written.wire.iter().filter_map(|byte| receiver.push(*byte)).collect();
+        let [Ok(Frame { header: arrived, body })] = &frames[..] else { panic!("{name}: {frames:?}") };
+        assert_eq!(*arrived, header, "{name}");
+        assert_eq!(body[..], written.body, "{name}");
+        assert_eq!(Message::decode(arrived.kind, body).as_ref(), Ok(message), "{name}");
+    }
+    assert!(wrong.is_empty(), "these examples must read:\n\n{wrong}");
+}
+
+/// A row of the table of messages.
+struct Row {
+    kind: u8,
+    name: &'static str,
+    direction: &'static str,
+    body: &'static str,
+}
+
+fn table() -> Vec<Row> {
+    let row = |line: &'static str| {
+        let cells: Vec<&str> = line.split('|').map(|cell| cell.trim().trim_matches('`')).collect();
+        let kind = u8::from_str_radix(cells[1].strip_prefix("0x").unwrap(), 16).unwrap();
+        Row { kind, name: cells[2], direction: cells[3], body: cells[4] }
+    };
+    PROTOCOL.lines().filter(|line| line.starts_with("| `0x")).map(row).collect()
+}
+
+#[test]
+fn the_table_lists_every_message_and_no_other() {
+    let kinds: Vec<(u8, &str)> = table().iter().map(|row| (row.kind, row.name)).collect();
+    assert_eq!(kinds, Message::KINDS);
+    for Row { kind, name, direction, .. } in table() {
+        let expected = if kind < 0x40 { "host to board" } else { "board to host" };
+        assert_eq!(direction, expected, "{name}");
+    }
+}
+
+#[test]
+fn the_numbers_quoted_are_the_codes() {
+    let expected = BTreeMap::from([
+        ("Link version", VERSION.to_string()),
+        ("Schema hash", format!("{SCHEMA_HASH:016x}")),
+        ("Longest body", LONGEST_BODY.to_string()),
+        ("Longest frame", LONGEST_FRAME.to_string()),
+        ("Layers in one message", MOST_LAYERS.to_string()),
+        ("CRC-32C check value", format!("{:08x}", crc_32c(b"123456789"))),
+        ("CRC-64/XZ check value", format!("{:016x}", Hasher::of(b"123456789"))),
+        ("Robot hash of growbot-a", format!("{:016x}", robot().hash())),
+    ]);
+    for (name, value) in expected {
+        let rows: Vec<&str> = PROTOCOL.lines().filter(|line| line.starts_with(&format!("| {name} |"))).collect();
+        let [row] = rows[..] else { panic!("{name} must have one row: {rows:?}") };
+        assert_eq!(row.split('|').nth(2).unwrap().trim(), format!("`{value}`"), "{name}");
+    }
+}
+
+#[test]
+fn a_plan_id_is_the_crc_of_robot_hash_and_layers() {
+    let robot = robot();
+    let layers: Vec<LayerBytes> = job_layers(&job(), &robot).collect();
+    let mut bytes = robot.hash().to_le_bytes().to_vec();
+    bytes.extend(layers.concat());
+    assert_eq!(summarize(&job(), &robot).plan_id, Hasher::of(&bytes));
+
+    // The rounding of the first layer is made good by the second, as the text says.
+    let tilts: Vec<u32> = layers.iter().map(|bytes| layer_bytes::Fields::of(bytes).tilt).collect();
+    assert_eq!(tilts, [32_212_255, 32_212_254]);
+}
+
+/// A type as PROTOCOL.md writes it where it is a part of another.
+fn short(ty: &NamedType) -> String {
+    match ty.ty {
+        DataModelType::U8 => "u8".to_owned(),
+        DataModelType::U16 => "u16".to_owned(),
+        DataModelType::U32 => "u32".to_owned(),
+        DataModelType::U64 => "u64".to_owned(),
+        DataModelType::I32 => "i32".to_owned(),
+        DataModelType::F64 => "f64".to_owned(),
+        DataModelType::String => "string".to_owned(),
+        DataModelType::Option(inner) => format!("option {}", short(inner)),
+        DataModelType::Seq(inner) => format!("list of {}", short(inner)),
+        DataModelType::Tuple(parts) => format!("[{}; {}]", short(parts[0]), parts.len()),
+        DataModelType::Struct(_) | DataModelType::Enum(_) => ty.name.to_owned(),
+        other => panic!("PROTOCOL.md has no word for {other:?}"),
+    }
+}
+
+/// A type and all that it is made of, as PROTOCOL.md writes them out.
+fn write_out(ty: &NamedType, into: &mut BTreeMap<String, Vec<String>>) {
+    let mut inner: Vec<&NamedType> = Vec::new();
+    match ty.ty {
+        DataModelType::Struct(fields) => {
+            let line = |name: &str, ty| format!("{name}: {}", short(ty));
+            into.insert(ty.name.to_owned(), fields.iter().map(|field| line(field.name, field.ty)).collect());
+            inner.extend(fields.iter().map(|field| field.ty));
+        }
+        DataModelType::Enum(variants) => {
+            let line = |index: usize, name: &str, fields: String| format!("{index} {name}{fields}");
+            let mut lines = Vec::new();
+            for (index, variant) in variants.iter().enumerate() {
+                let fields = match variant.ty {
+                    DataModelVariant::UnitVariant => String::new(),
+                    DataModelVariant::StructVariant(fields) => {
+                        inner.extend(fields.iter().map(|field| field.ty));
+                        let parts: Vec<_> =
+                            fields.iter().map(|field| format!("{}: {}", field.name, short(field.ty))).collect();
+                        format!(" {{ {} }}", parts.join(", "))
+                    }
+                    other => panic!("PROTOCOL.md has no word for {other:?}"),
+                };
+                lines.push(line(index, variant.name, fields));
+            }
+            into.insert(ty.name.to_owned(), lines);
+        }
+        DataModelType::Option(part) | DataModelType::Seq(part) => inner.push(part),
+        DataModelType::Tuple(parts) => inner.push(parts[0]),
+        _ => {}
+    }
+    for part in inner {
+        write_out(part, into);
+    }
+}
+
+#[test]
+fn the_types_written_out_are_the_codes() {
+    // In the order of the table of messages.
+    let bodies = [
+        HostHello::SCHEMA,
+        Empty::SCHEMA,
+        Begin::SCHEMA,
+        Layers::SCHEMA,
+        Start::SCHEMA,
+        Empty::SCHEMA,
+        Empty::SCHEMA,
+        PlanRequest::SCHEMA,
+        ReadLayers::SCHEMA,
+        BoardHello::SCHEMA,
+        Status::SCHEMA,
+        Accepted::SCHEMA,
+        Refused::SCHEMA,
+        Planned::SCHEMA,
+        HeldLayers::SCHEMA,
+        Laid::SCHEMA,
+        StateChanged::SCHEMA,
+    ];
+    assert_eq!(table().iter().map(|row| row.body).collect::<Vec<_>>(), bodies.map(|body| body.name));
+    let mut expected = BTreeMap::new();
+    for body in bodies {
+        write_out(body, &mut expected);
+    }
+    let blocks = blocks("type");
+    let count = blocks.len();
+    let written: BTreeMap<_, _> = blocks.into_iter().collect();
+    assert_eq!(written.len(), count, "a type is written out twice");
+    for (name, lines) in &expected {
+        assert_eq!(written.get(name), Some(lines), "type {name}");
+    }
+    let unknown: Vec<_> = written.keys().filter(|name| !expected.contains_key(*name)).collect();
+    assert!(unknown.is_empty(), "no message has these types: {unknown:?}");
+}
