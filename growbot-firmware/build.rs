@@ -52,10 +52,12 @@ fn main() {
 /// The description of the robot that the firmware is for, in postcard form.
 fn describe(here: &Path) -> Vec<u8> {
     let name = env::var("GROWBOT_ROBOT").unwrap_or_else(|_| "growbot-a".to_string());
+    // Cargo runs this in the package's folder; a path is meant from where cargo was called, which is the workspace.
+    let workspace = here.join("..");
     let file = if name.ends_with(".toml") {
-        PathBuf::from(&name)
+        workspace.join(&name)
     } else {
-        here.join("../robots").join(format!("{name}.toml"))
+        workspace.join("robots").join(format!("{name}.toml"))
     };
     println!("cargo:rerun-if-changed={}", file.display());
     let text = fs::read_to_string(&file).unwrap_or_else(|error| {

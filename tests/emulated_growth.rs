@@ -44,5 +44,5 @@ fn the_emulated_board_lays_the_layers_that_the_simulation_lays() {
     assert_eq!(emulated.arrival, simulated.arrival);
     assert_eq!(emulated.filament_mm, simulated.filament_mm);
     // What is left is what 200 head steps and 178 feed steps a layer cannot say.
-    assert!(emulated.arrival.position_error_mm < 0.005 * path.length(), "{:?}", emulated.arrival);
+    assert!(emulated.arrival.normalized_position_error < 0.001, "{:?}", emulated.arrival);
 }

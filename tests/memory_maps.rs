@@ -14,7 +14,10 @@ struct Map {
     stack_top: u64,
 }
 
-const AN386: Map = Map { flash: 0..0x40_0000, ram: &[0x2000_0000..0x2040_0000], stack_top: 0x2040_0000 };
+#[expect(clippy::single_range_in_vec_init, reason = "a board with one piece of RAM")]
+const RAM_OF_AN386: [Range<u64>; 1] = [0x2000_0000..0x2040_0000];
+
+const AN386: Map = Map { flash: 0..0x40_0000, ram: &RAM_OF_AN386, stack_top: 0x2040_0000 };
 
 /// The last 256 KiB of flash are the journal's.
 const STM32F405: Map = Map {

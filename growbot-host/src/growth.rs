@@ -1,5 +1,6 @@
 //! One growth: a plan's layers handed to a board, followed until the last of them is laid.
 
+use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
@@ -68,6 +69,16 @@ pub struct Grown {
     pub duration_s: f64,
     /// Filament that was fed, mm.
     pub filament_mm: f64,
+    /// Layers that the board laid and whose report was lost: in the body they stand as planned.
+    pub unreported: usize,
+}
+
+impl Grown {
+    /// Length of the body, mm.
+    #[must_use]
+    pub fn length_mm(&self) -> f64 {
+        self.body.iter().fold(0.0, |length, layer| length + layer.height)
+    }
 }
 
 /// News of a growth.
@@ -122,9 +133,10 @@ struct Growth<'a> {
     room: u32,
     /// What a simulated tip had laid before: layers, and feed steps.
     laid_before: (usize, u64),
-    /// The body as the board reports it.
-    reported: Vec<Layer>,
-    reported_feed: u64,
+    /// The layers as the board reports them, each with its feed steps.
+    reported: BTreeMap<u32, (Layer, u32)>,
+    /// Layers that the board can hold.
+    capacity: u32,
     /// When growing began and ended, ms on the board's clock.
     began_ms: Option<u64>,
     ended_ms: u64,
@@ -133,7 +145,7 @@ struct Growth<'a> {
 impl<'a> Growth<'a> {
     /// Hands the job to the board: as many layers as it holds.
     fn hand_over(client: &'a mut Client, job: &'a Job<'a>) -> Result<Self, ClientError> {
-        client.hello_robot(job.robot)?;
+        let hello = client.hello_robot(job.robot)?;
         let laid_before = client.port().tip()?.map_or((0, 0), |tip| (tip.body.len(), tip.feed_steps));
         let summary = summarize(job.path, job.robot);
         let layers: Vec<LayerBytes> = job_layers(job.path, job.robot).collect();
@@ -148,8 +160,8 @@ impl<'a> Growth<'a> {
             laid: 0,
             room: 0,
             laid_before,
-            reported: Vec::new(),
-            reported_feed: 0,
+            reported: BTreeMap::new(),
+            capacity: hello.capacity,
             began_ms: None,
             ended_ms: 0,
         };
@@ -194,16 +206,25 @@ impl<'a> Growth<'a> {
 
     fn follow(&mut self, stop: &AtomicBool, tell: &mut dyn FnMut(&News)) -> Result<Outcome, ClientError> {
         let mut asked_to_stop = false;
+        // A body of no length is done at once.
+        let mut ask = true;
         loop {
             if stop.load(Ordering::Relaxed) && !asked_to_stop {
                 self.client.request("to stop", &Message::Stop(Empty {}))?;
                 asked_to_stop = true;
+                ask = true;
+            }
+            if std::mem::take(&mut ask) {
+                let status = self.client.status()?;
+                if let Some(outcome) = self.take_status(&status)? {
+                    return Ok(outcome);
+                }
+                tell(&News::Status(status));
             }
             match self.client.event(QUIET)? {
                 Some(Message::Laid(laid)) if laid.plan_id == self.plan_id => {
                     let layer = decode(&laid.as_built);
-                    self.reported.push(layer);
-                    self.reported_feed += u64::from(laid.feed_steps);
+                    self.reported.insert(laid.index, (layer, laid.feed_steps));
                     self.laid = laid.index + 1;
                     self.room = self.room.saturating_add(1);
                     tell(&News::Laid(laid.index, layer));
@@ -211,39 +232,48 @@ impl<'a> Growth<'a> {
                 }
                 Some(Message::StateChanged(change)) => {
                     tell(&News::State(change.state));
-                    if change.state == State::Growing && self.began_ms.is_none() {
-                        self.began_ms = Some(self.client.status()?.uptime_ms);
-                    }
-                    if let Some(outcome) = outcome(change.state, change.fault) {
-                        return self.end(outcome);
-                    }
+                    // The news may be of the job before: only the status says how this one stands.
+                    ask = true;
                 }
                 Some(_) => {}
                 // Quiet: perhaps an event was lost.
-                None => {
-                    let status = self.client.status()?;
-                    // A board that has restarted, or that another host has taken, knows nothing of this job.
-                    let lost = (status.plan_id != self.plan_id).then_some(Outcome::Stopped);
-                    if let Some(outcome) = outcome(status.state, status.fault).or(lost) {
-                        return self.end(outcome);
-                    }
-                    tell(&News::Status(status));
-                }
+                None => ask = true,
             }
         }
     }
 
-    fn end(&mut self, outcome: Outcome) -> Result<Outcome, ClientError> {
-        self.ended_ms = self.client.status()?.uptime_ms;
-        Ok(outcome)
+    /// Takes what the board says of itself: how the job ended, if it did.
+    fn take_status(&mut self, status: &Status) -> Result<Option<Outcome>, ClientError> {
+        if status.state == State::Growing && self.began_ms.is_none() {
+            self.began_ms = Some(status.uptime_ms);
+        }
+        // A board that has restarted, or that another host has taken, knows nothing of this job.
+        let lost = (status.plan_id != self.plan_id).then_some(Outcome::Stopped);
+        if let Some(outcome) = outcome(status.state, status.fault).or(lost) {
+            self.ended_ms = status.uptime_ms;
+            self.laid = status.laid;
+            return Ok(Some(outcome));
+        }
+        (self.accepted, self.laid) = (status.next, status.laid);
+        self.room = self.capacity.saturating_sub(status.next.saturating_sub(status.laid));
+        while self.send_batch()? {}
+        Ok(None)
     }
 
     /// The body from the steps: the simulated tip's where there is one, else as the board reports it.
     fn measure(self, outcome: Outcome) -> Result<Grown, ClientError> {
         let (layers_before, feed_before) = self.laid_before;
+        let mut unreported = 0;
         let (body, feed_steps) = match self.client.port().tip()? {
             Some(mut tip) => (tip.body.split_off(layers_before.min(tip.body.len())), tip.feed_steps - feed_before),
-            None => (self.reported, self.reported_feed),
+            None => {
+                let body = (0..self.laid).zip(&self.layers).map(|(index, planned)| {
+                    let reported = self.reported.get(&index);
+                    unreported += usize::from(reported.is_none());
+                    reported.map_or_else(|| decode(planned), |(layer, _)| *layer)
+                });
+                (body.collect(), self.reported.values().map(|(_, steps)| u64::from(*steps)).sum())
+            }
         };
         let end = grow(&self.job.start.frame(), body.iter().copied());
         Ok(Grown {
@@ -252,6 +282,7 @@ impl<'a> Growth<'a> {
             body,
             duration_s: self.began_ms.map_or(0.0, |began| self.ended_ms.saturating_sub(began) as f64 / 1000.0),
             filament_mm: feed_steps as f64 / self.job.robot.description().feed.steps_per_mm,
+            unreported,
         })
     }
 }

@@ -140,6 +140,16 @@ fn a_body_grows_over_tcp_as_the_board_reports_it() {
 }
 
 #[test]
+fn reports_that_are_lost_are_told() {
+    let board = FakeBoard::losing_reports("growbot-a");
+    let ran = growbot(&["grow", "--to", "0,0,15.48,0,90", "--port", &board.port(), "--json"]);
+    assert_eq!(ran.code, Some(0), "{}", ran.err);
+    let result = json(&ran);
+    assert_eq!((number(&result, "layers"), number(&result, "unreported_layers")), (20.0, 10.0));
+    assert!(number(&result, "position_error_mm") < 0.05, "{result}");
+}
+
+#[test]
 fn status_says_who_and_how() {
     let ran = growbot(&["status"]);
     assert_eq!(ran.code, Some(0));
@@ -178,6 +188,13 @@ fn one_board_grows_one_body_after_the_other() {
     assert_eq!(ran.out.matches("10 layers of 10,").count(), 2, "{}", ran.out);
     assert_eq!(ran.out.matches("4 layers of 4,").count(), 1, "{}", ran.out);
     assert_eq!(ran.out.matches("\ndone\n").count(), 3, "{}", ran.out);
+}
+
+#[test]
+fn a_stop_does_not_end_the_growth_after_it() {
+    let ran = growbot_reading(&["console"], "grow 0,0,3,0,90\nstop\ngrow 0,0,7.74,0,90\n");
+    assert_eq!(ran.code, Some(0), "{}", ran.err);
+    assert_eq!(ran.out.matches("10 layers of 10,").count(), 1, "{}", ran.out);
 }
 
 #[test]

@@ -30,7 +30,7 @@ pub const LONGEST_FRAME: usize = LONGEST_RAW + 2;
 pub struct Header {
     /// Which message the body is ([`super::message`]).
     pub kind: u8,
-    /// The session that the host opened with its `Hello`; 0 for a board that knows none.
+    /// The session that the host opened with its `Hello`. An answer is of the session of its request.
     pub session: u32,
     /// Number of this frame in its direction, wrapping.
     pub seq: u16,

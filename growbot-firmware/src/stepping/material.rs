@@ -90,7 +90,12 @@ mod tests {
                     let bytes = bytes(&layer);
                     let turn = material.lay(&bytes, &robot).unwrap();
                     owed += lean(&decode(&bytes), &robot) - lean(&turn.layer(&robot), &robot);
-                    assert!(owed.norm() <= MOST_OWED_STEPS * step, "{} owes {} steps", robot.name(), owed.norm() / step);
+                    assert!(
+                        owed.norm() <= MOST_OWED_STEPS * step,
+                        "{} owes {} steps",
+                        robot.name(),
+                        owed.norm() / step
+                    );
                 }
             }
         }

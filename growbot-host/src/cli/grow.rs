@@ -187,11 +187,10 @@ fn refuse(args: &GrowArgs, plan: &Plan) -> Result<(), Failure> {
 fn json_of(outcome: &str, grown: Option<&Grown>, plan: &Plan) -> Value {
     let arrival =
         grown.map_or_else(|| Arrival::of(&plan.start.frame(), &plan.goal, plan.path.length()), |grown| grown.arrival);
-    let body = grown.map_or(&[][..], |grown| &grown.body);
     json!({
         "outcome": outcome,
-        "layers": body.len(),
-        "length_mm": body.iter().map(|layer| layer.height).sum::<f64>(),
+        "layers": grown.map_or(0, |grown| grown.body.len()),
+        "length_mm": grown.map_or(0.0, Grown::length_mm),
         "final": WrittenPose::from(&arrival.reached),
         "position_error_mm": arrival.position_error_mm,
         "normalized_position_error": arrival.normalized_position_error,
@@ -202,6 +201,7 @@ fn json_of(outcome: &str, grown: Option<&Grown>, plan: &Plan) -> Value {
         "seed": Value::Null,
         "duration_s": grown.map_or(0.0, |grown| grown.duration_s),
         "filament_mm": grown.map_or(0.0, |grown| grown.filament_mm),
+        "unreported_layers": grown.map_or(0, |grown| grown.unreported),
     })
 }
 

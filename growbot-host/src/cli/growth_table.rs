@@ -12,7 +12,7 @@ pub fn table(plan: &Plan, robot: &Robot, grown: &Grown) -> String {
         format!("{name:<10}{x:>11.3}{y:>11.3}{z:>11.3}{heading:>13.3}{pitch:>12.3}\n")
     };
     let arrival = &grown.arrival;
-    let length: f64 = grown.body.iter().map(|layer| layer.height).sum();
+    let length = grown.length_mm();
     let mut table =
         format!("{:<10}{:>11}{:>11}{:>11}{:>13}{:>12}\n", "", "x mm", "y mm", "z mm", "heading deg", "pitch deg");
     table += &row("wanted", plan.goal.to_degrees());
@@ -30,5 +30,8 @@ pub fn table(plan: &Plan, robot: &Robot, grown: &Grown) -> String {
         robot.name(),
         grown.filament_mm / 1000.0
     );
+    if grown.unreported > 0 {
+        table += &format!("caution   {} layers went unreported and are counted as planned\n", grown.unreported);
+    }
     table
 }

@@ -154,7 +154,8 @@ impl From<ClientError> for Failure {
 /// `--port`, where a robot is talked to.
 #[derive(Args)]
 pub struct PortArg {
-    /// Where the robot is: sim, emulator, tcp:HOST:PORT or a serial device
+    /// Where the robot is: sim, emulator, emulator:ELF, tcp:HOST:PORT or a
+    /// serial device
     #[arg(long, value_name = "PORT", default_value = "sim")]
     port: String,
 }

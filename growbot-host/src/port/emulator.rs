@@ -146,6 +146,8 @@ struct Followed {
     words: Words,
     tip: Tip,
     steps_read: u32,
+    /// Tick of the latest step.
+    step_tick: u64,
     ticks: u64,
     energy: u64,
     lost_steps: u32,
@@ -198,7 +200,8 @@ impl Followed {
                 };
                 self.tip.enable(motor, record.enabled);
                 self.tip.direct(motor, record.forward);
-                self.tip.step(motor);
+                self.step_tick = record.tick_after(self.step_tick);
+                self.tip.step(motor, self.step_tick);
             }
             self.steps_read = self.steps_read.wrapping_add(count as u32);
             self.words.write(table::STEP_READ_INDEX, self.steps_read)?;
@@ -219,7 +222,7 @@ impl Player {
     fn start(words: Words, robot: Robot) -> Self {
         // The board counts its head from where it stands when it is switched on, and places the index mark there too.
         let tip = Tip::new(robot, 0);
-        let followed = Followed { words, tip, steps_read: 0, ticks: 0, energy: 0, lost_steps: 0 };
+        let followed = Followed { words, tip, steps_read: 0, step_tick: 0, ticks: 0, energy: 0, lost_steps: 0 };
         let followed = Arc::new(Mutex::new(followed));
         let over = Arc::new(AtomicBool::new(false));
         let thread = thread::spawn({

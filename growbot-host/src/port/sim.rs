@@ -3,7 +3,7 @@
 //! Time passes only while the host waits for bytes, and then as fast as the machine computes it, so that a growth of
 //! hours takes seconds and every run of the same job is the same.
 
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::collections::VecDeque;
 use std::convert::Infallible;
 use std::rc::Rc;
@@ -49,6 +49,7 @@ impl Sim {
     pub fn new(robot: Robot) -> Self {
         let wires = Rc::new(Wires {
             tip: RefCell::new(Tip::new(robot.clone(), HEAD_AT_FIRST)),
+            tick: Cell::new(0),
             heater: RefCell::default(),
             thermistor: robot.description().thermistor,
         });
@@ -90,8 +91,9 @@ impl Sim {
         let until = u32::try_from(until).unwrap_or(u32::MAX);
         let ticks = self.engine.ticks_to_event(&self.handover).min(until);
         self.engine.skip(ticks - 1);
-        self.engine.tick(&self.handover);
         self.tick += u64::from(ticks);
+        self.wires.tick.set(self.tick);
+        self.engine.tick(&self.handover);
         if self.tick >= self.next_poll || self.handover.report_waits() {
             self.poll();
         }
@@ -145,6 +147,8 @@ impl Port for Sim {
 /// What connects the controller with the tip.
 struct Wires {
     tip: RefCell<Tip>,
+    /// Ticks since the start: the board's clock, which tells the tip when a pulse came.
+    tick: Cell<u64>,
     heater: RefCell<HeaterWires>,
     thermistor: ThermistorDescription,
 }
@@ -205,7 +209,7 @@ impl OutputPin for StepPin {
 
     /// The engine raises a pin only after lowering it, so each time is an edge.
     fn set_high(&mut self) -> Result<(), Infallible> {
-        self.wires.tip.borrow_mut().step(self.motor);
+        self.wires.tip.borrow_mut().step(self.motor, self.wires.tick.get());
         Ok(())
     }
 }

@@ -46,7 +46,7 @@ impl Tip {
     /// A cold tip whose head stands somewhere, `head_steps` from the tip's x axis.
     #[must_use]
     pub fn new(robot: Robot, head_steps: i64) -> Self {
-        let plastic = Plastic::new(&robot);
+        let plastic = Plastic::new(&robot, head_steps);
         Self {
             nozzle: Nozzle::new(&robot.description().heater),
             plastic,
@@ -77,19 +77,20 @@ impl Tip {
         }
     }
 
-    /// A step pulse.
-    pub fn step(&mut self, motor: Motor) {
+    /// A step pulse at this tick of the board's clock.
+    pub fn step(&mut self, motor: Motor, tick: u64) {
         match motor {
             Motor::Head if self.head_enabled => {
                 self.head += if self.head_forwards { 1 } else { -1 };
-                self.plastic.turn_to(self.head);
+                self.plastic.turn_to(self.head, tick);
             }
             Motor::Feed if self.feed_enabled && self.feed_forwards => {
                 self.feed_steps += 1;
                 if self.nozzle.temperature() < self.robot.description().heater.extrusion_min_c {
                     self.cold_feed_steps += 1;
+                    self.plastic.pass(tick);
                 } else {
-                    self.plastic.lay(self.head);
+                    self.plastic.lay(tick);
                 }
             }
             // A driver that is off lets its motor stand; filament pulled back lays nothing.
@@ -191,7 +192,7 @@ mod tests {
         let mut edges = 0;
         let mut before = tip.on_index();
         for _ in 0..5 * 3200 {
-            tip.step(Motor::Head);
+            tip.step(Motor::Head, 0);
             edges += u32::from(tip.on_index() && !before);
             before = tip.on_index();
         }
@@ -201,8 +202,8 @@ mod tests {
     #[test]
     fn motors_that_are_not_held_do_nothing() {
         let mut tip = Tip::new(robot(), 17);
-        tip.step(Motor::Head);
-        tip.step(Motor::Feed);
+        tip.step(Motor::Head, 1);
+        tip.step(Motor::Feed, 2);
         assert_eq!((tip.head, tip.feed_steps), (17, 0));
     }
 
@@ -211,7 +212,7 @@ mod tests {
         let mut tip = Tip::new(robot(), 0);
         tip.enable(Motor::Feed, true);
         tip.direct(Motor::Feed, true);
-        tip.step(Motor::Feed);
+        tip.step(Motor::Feed, 1);
         assert_eq!((tip.feed_steps(), tip.cold_feed_steps()), (1, 1));
         assert!(tip.body().is_empty());
     }
@@ -219,12 +220,14 @@ mod tests {
     #[test]
     fn more_plastic_on_one_side_tilts_the_layer_away_from_it() {
         let mut tip = hot_tip();
+        let mut tick = 0;
         for step in 0..3200 {
-            tip.step(Motor::Head);
             // Twice the plastic in the quarter round 90 degrees.
             for _ in 0..if (400..1200).contains(&step) { 4 } else { 2 } {
-                tip.step(Motor::Feed);
+                tick += 1;
+                tip.step(Motor::Feed, tick);
             }
+            tip.step(Motor::Head, tick);
         }
         let body = tip.body();
         assert_eq!(body.len(), 1);

@@ -5,7 +5,7 @@ use std::net::{TcpListener, TcpStream};
 use std::thread;
 use std::time::Duration;
 
-use growbot_core::link::frame::{self, Header, LONGEST_BODY, Receiver};
+use growbot_core::link::frame::{self, Frame, Header, LONGEST_BODY, Receiver};
 use growbot_core::link::message::{Message, Refusal, Refused};
 use growbot_host::port::Port;
 use growbot_host::port::sim::Sim;
@@ -91,20 +91,35 @@ impl FakeBoard {
         Self::serving(move |stream| {
             stream.set_nodelay(true).unwrap();
             stream.set_read_timeout(Some(Duration::from_millis(1))).unwrap();
-            serve(stream, robot);
+            serve(stream, robot, |_| true);
+        })
+    }
+
+    /// A simulated robot on a wire that loses every other report of a layer.
+    pub fn losing_reports(robot: &'static str) -> Self {
+        Self::serving(move |stream| {
+            stream.set_nodelay(true).unwrap();
+            stream.set_read_timeout(Some(Duration::from_millis(1))).unwrap();
+            let mut reports = 0;
+            serve(stream, robot, move |frame| {
+                reports += u32::from(frame.header.kind == 0x50);
+                frame.header.kind != 0x50 || reports % 2 == 1
+            });
         })
     }
 
     /// A simulated robot behind a serial line.
     pub fn on_serial(mut master: TTYPort, robot: &'static str) -> thread::JoinHandle<()> {
         master.set_timeout(Duration::from_millis(1)).unwrap();
-        thread::spawn(move || serve(master, robot))
+        thread::spawn(move || serve(master, robot, |_| true))
     }
 }
 
-/// Moves bytes between a line and a simulated robot, whose time passes a second for each look at the line.
-fn serve(mut line: impl Read + Write, robot: &str) {
+/// Moves frames between a line and a simulated robot, whose time passes a second for each look at the line. Of the robot's frames
+/// those pass that `passes` lets through.
+fn serve(mut line: impl Read + Write, robot: &str, mut passes: impl FnMut(&Frame) -> bool) {
     let mut sim = Sim::new(robot_file::load(robot.as_ref()).unwrap());
+    let mut receiver = Receiver::default();
     let mut buffer = [0; 256];
     loop {
         match line.read(&mut buffer) {
@@ -114,8 +129,11 @@ fn serve(mut line: impl Read + Write, robot: &str) {
             Err(_) => return,
         }
         let count = sim.receive(&mut buffer, Duration::from_secs(1)).unwrap();
-        if line.write_all(&buffer[..count]).is_err() {
-            return;
+        for byte in &buffer[..count] {
+            let Some(Ok(frame)) = receiver.push(*byte) else { continue };
+            if passes(&frame) && line.write_all(&frame::encode(&frame.header, &frame.body).unwrap()).is_err() {
+                return;
+            }
         }
     }
 }
