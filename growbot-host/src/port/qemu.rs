@@ -128,7 +128,7 @@ impl Qemu {
         if !firmware.is_file() {
             return Err(QemuError::NoFirmware(firmware.to_path_buf()));
         }
-        let mut child = Command::new(PROGRAM)
+        let mut child = command()
             .args(["-M", machine, "-display", "none", "-monitor", "none", "-kernel"])
             .arg(firmware)
             .args(arguments)
@@ -196,6 +196,18 @@ impl Drop for Qemu {
     }
 }
 
+/// QEMU as a child that does not outlive this program, however that ends: where util-linux's `setpriv` is there, it asks the
+/// system to see to it.
+fn command() -> Command {
+    let bound = Command::new("setpriv").arg("--version").stdin(Stdio::null()).stdout(Stdio::null()).status();
+    if !bound.is_ok_and(|status| status.success()) {
+        return Command::new(PROGRAM);
+    }
+    let mut command = Command::new("setpriv");
+    command.args(["--pdeathsig", "KILL", "--", PROGRAM]);
+    command
+}
+
 fn spawn_error(error: io::Error) -> QemuError {
     if error.kind() == io::ErrorKind::NotFound {
         QemuError::Missing
@@ -243,6 +255,8 @@ impl EmulatedRobot {
         let arguments = own.into_iter().chain(further.iter().map(OsString::from));
         let mut qemu = Qemu::start("mps2-an386,memory-backend=tip", firmware, arguments)?;
         let line = qemu.connect(&line)?;
+        // QEMU has mapped it and we hold it open: without a name it goes with the two of us, however we end.
+        let _ = std::fs::remove_file(tip.path());
         Ok(EmulatedRobot { qemu, line, tip })
     }
 
