@@ -13,6 +13,7 @@ use growbot_core::robot::Robot;
 use crate::plan::Plan;
 use crate::plan_file::{PlanFile, WrittenPose, WrittenSegment, written_hash};
 use crate::pose_text::pose_of_numbers;
+use crate::warning::THIN_LAYER;
 
 /// Why a plan is not believed: what, the value, the limit, what to do.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -48,7 +49,7 @@ pub enum PlanFault {
         error: PoseError,
     },
     /// A number out of its range.
-    #[error("{what} is {value}; it must lie between {least} and {greatest}: plan again")]
+    #[error("{what} is {value:?}; it must lie between {least:?} and {greatest:?}: plan again")]
     Range {
         /// Which number.
         what: String,
@@ -123,7 +124,9 @@ impl PlanFile {
         let goal = pose("goal", &self.goal)?;
         let path = self.path(robot)?;
         check_arrival(&path, &start, &goal, self.radius_mm)?;
-        let plan = Plan::of_path(robot, &start, &goal, self.radius_mm, self.planner, path);
+        let mut plan = Plan::of_path(robot, &start, &goal, self.radius_mm, self.planner, path);
+        // What can be computed anew has been; what another planner or a person has found stands.
+        plan.warnings.extend(self.warnings.iter().filter(|warning| warning.code != THIN_LAYER).cloned());
         self.check_totals(&plan, robot)?;
         Ok(plan)
     }
@@ -195,7 +198,7 @@ fn segment(index: usize, written: &WrittenSegment, least_radius: f64) -> Result<
         WrittenSegment::Arc { alpha_deg, beta_deg, length_mm } => {
             check_length(length_mm)?;
             range(named("alpha_deg"), alpha_deg, -360.0, 360.0)?;
-            range(named("beta_deg"), beta_deg, 0.0, f64::MAX)?;
+            range(named("beta_deg"), beta_deg, 0.0, 360.0)?;
             let bend = radians(beta_deg);
             if bend * least_radius > length_mm * (1.0 + ROUNDING) {
                 return Err(PlanFault::TooTight { segment: index, radius: length_mm / bend, limit: least_radius });
@@ -282,7 +285,7 @@ mod tests {
         }
         type Change = fn(&mut PlanFile);
         let cases: [(Change, &str); 13] = [
-            (|plan| plan.radius_mm = 98.0, "radius_mm is 98; it must lie between 98.2 and"),
+            (|plan| plan.radius_mm = 98.0, "radius_mm is 98.0; it must lie between 98.2 and"),
             (|plan| plan.radius_mm = f64::NAN, "radius_mm is NaN"),
             (|plan| plan.start.pitch_deg = 91.0, "start: pitch is 91 deg"),
             (|plan| plan.goal.x_mm = f64::INFINITY, "goal: x is inf"),

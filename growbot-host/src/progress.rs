@@ -48,9 +48,9 @@ impl Progress {
             self.said = Instant::now();
             match self.total {
                 Some(total) if total > 0 => {
-                    eprintln!("growbot: {}, {} %", message(), (100 * u128::from(position)) / u128::from(total));
+                    crate::tell!("growbot: {}, {} %", message(), (100 * u128::from(position)) / u128::from(total));
                 }
-                _ => eprintln!("growbot: {}", message()),
+                _ => crate::tell!("growbot: {}", message()),
             }
         }
     }
@@ -58,7 +58,7 @@ impl Progress {
     /// Something has happened: a line where there is no bar to show it.
     pub fn say(&self, message: &str) {
         if self.bar.is_none() {
-            eprintln!("growbot: {message}");
+            crate::tell!("growbot: {message}");
         }
     }
 

@@ -73,6 +73,13 @@ impl RunLog {
         }
     }
 
+    /// Takes the log of a job that never began away: there is no body to remember.
+    pub fn discard(self) {
+        if let Some((_, name)) = self.0 {
+            let _ = std::fs::remove_file(name);
+        }
+    }
+
     /// Writes how it ended.
     ///
     /// # Errors

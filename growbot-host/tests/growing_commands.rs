@@ -102,6 +102,41 @@ fn what_cannot_be_grown_is_told_before_anything_starts() {
 }
 
 #[test]
+fn a_plan_that_warns_of_a_collision_is_grown_by_force_only() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("plan.json");
+    let file = file.to_str().unwrap();
+    let plan = growbot(&["plan", "--to", "0,0,7.74,0,90", "--json"]).out;
+    let warning = r#""warnings":[{"code":"self-collision","message":"it meets itself","value":31.0,"limit":47.1}]"#;
+    std::fs::write(file, plan.replace(r#""warnings":[]"#, warning)).unwrap();
+    let ran = growbot(&["grow", file, "--json"]);
+    assert_eq!((ran.code, json(&ran)["outcome"].as_str()), (Some(1), Some("refused")), "{}", ran.err);
+    assert!(ran.err.contains("self-collision") && ran.err.contains("--force"), "{}", ran.err);
+    assert_eq!(growbot(&["grow", file, "--force"]).code, Some(0));
+}
+
+#[test]
+fn a_listener_that_goes_away_does_not_end_a_growth() {
+    let ran = std::process::Command::new(env!("CARGO_BIN_EXE_growbot"))
+        .args(["grow", "--to", "0,0,7.74,0,90", "--json"])
+        .stderr(std::fs::File::create("/dev/full").unwrap())
+        .output()
+        .unwrap();
+    assert_eq!(ran.status.code(), Some(0));
+    assert!(String::from_utf8(ran.stdout).unwrap().contains("\"outcome\":\"done\""));
+}
+
+#[test]
+fn a_log_of_a_job_that_never_began_does_not_stay() {
+    let directory = tempfile::tempdir().unwrap();
+    let log = directory.path().join("run.jsonl");
+    let board = FakeBoard::simulated("growbot-b");
+    let args = ["grow", "--to", "0,0,100,0,90", "--port", &board.port(), "--log", log.to_str().unwrap()];
+    assert_refused(&growbot(&args), &["growbot-b"]);
+    assert!(!log.exists());
+}
+
+#[test]
 fn ports_that_are_not_there_are_told() {
     let status = |port: &str| growbot(&["status", "--port", port]);
     assert_refused(&status("simulator"), &["simulator", "emulator", "tcp:HOST:PORT"]);

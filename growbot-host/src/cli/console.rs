@@ -1,7 +1,8 @@
 //! `growbot console`: commands line by line, on a terminal or in a pipe.
 
 use std::io::{self, BufRead, IsTerminal};
-use std::sync::atomic::AtomicBool;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use clap::Args;
@@ -20,6 +21,7 @@ use growbot_host::pose_text::{parse_number, parse_pose};
 use rustyline::DefaultEditor;
 use rustyline::error::ReadlineError;
 
+use super::interrupt::stop_on_interrupt;
 use super::{Failure, PortArg, RobotArg, growth_table, status};
 
 /// Type commands, see the robot; works in a pipe
@@ -56,7 +58,7 @@ pub fn run(args: &ConsoleArgs) -> Result<(), Failure> {
     let hello = client.hello()?;
     print(&status::text_of(&hello))?;
     let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).map_err(Failure::bad_input)?;
-    let mut console = Console { client, robot, start };
+    let mut console = Console { client, robot, start, stop: stop_on_interrupt() };
     if io::stdin().is_terminal() { console.interact() } else { console.read_pipe() }
 }
 
@@ -65,6 +67,8 @@ struct Console {
     client: Client,
     robot: Robot,
     start: Pose,
+    /// Set by Ctrl-C.
+    stop: Arc<AtomicBool>,
 }
 
 /// What to do after a command.
@@ -95,8 +99,10 @@ impl Console {
 
     fn read_pipe(&mut self) -> Result<(), Failure> {
         let mut refused = 0;
-        for line in io::stdin().lock().lines() {
-            match self.command(&line.map_err(Failure::bad_input)?) {
+        for line in io::stdin().lock().split(b'\n') {
+            // Bytes that are no text make a command that there is not, and the next line is read all the same.
+            let line = line.map_err(Failure::bad_input)?;
+            match self.command(&String::from_utf8_lossy(&line)) {
                 Ok(Next::GoOn) => {}
                 Ok(Next::Quit) => break,
                 Err(failure) if failure.is_reader_gone() => return Err(failure),
@@ -170,14 +176,14 @@ impl Console {
         let radius = self.robot.description().planning_radius_mm;
         let plan = Plan::make(&self.robot, &self.start, goal, radius, Planner::TwoPlane)?;
         let job = Job { robot: &self.robot, start: &plan.start, goal: &plan.goal, path: &plan.path };
-        let never = AtomicBool::new(false);
-        let grown = grow_job(&mut self.client, &job, &never, &mut |news| {
+        let grown = grow_job(&mut self.client, &job, &self.stop, &mut |news| {
             if let News::State(state) = news {
                 // A reader that is gone is noticed when the table is printed.
                 let _ = print(&format!("{}\n", state.name()));
             }
         })
         .map_err(Failure::answered_no)?;
+        self.stop.store(false, Ordering::Relaxed);
         Ok(print(&growth_table::table(&plan, &self.robot, &grown))?)
     }
 
@@ -203,7 +209,7 @@ impl Console {
         let until = clock(&mut self.client)? + (seconds * 1000.0) as u64;
         loop {
             let now = clock(&mut self.client)?;
-            if now >= until {
+            if now >= until || self.stop.swap(false, Ordering::Relaxed) {
                 return Ok(());
             }
             let left = Duration::from_millis((until - now).min(1000));

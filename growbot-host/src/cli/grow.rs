@@ -1,8 +1,6 @@
 //! `growbot grow`: the main job, and what `growbot` alone does.
 
 use std::path::PathBuf;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::{Args, Parser};
 use growbot_core::link::message::State;
@@ -21,6 +19,7 @@ use growbot_host::robot_file;
 use growbot_host::run_log::RunLog;
 use serde_json::{Value, json};
 
+use super::interrupt::stop_on_interrupt;
 use super::plan::PlannerName;
 use super::{Failure, PortArg, growth_table, plan_table};
 
@@ -90,8 +89,8 @@ struct Alone {
 /// Runs the main job.
 pub fn run_main_job() -> Result<(), Failure> {
     let Alone { grow } = Alone::try_parse_from(MAIN_JOB).map_err(Failure::bad_input)?;
-    eprintln!("growbot: no command given, so the simulated robot A grows {} {}", MAIN_JOB[1], MAIN_JOB[2]);
-    eprintln!("growbot: `growbot --help` shows what else there is");
+    growbot_host::tell!("growbot: no command given, so the simulated robot A grows {} {}", MAIN_JOB[1], MAIN_JOB[2]);
+    growbot_host::tell!("growbot: `growbot --help` shows what else there is");
     run(&grow)
 }
 
@@ -101,7 +100,7 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     let preventing: Vec<_> =
         plan.warnings.iter().filter(|warning| PREVENTING.contains(&warning.code.as_str())).collect();
     for warning in &plan.warnings {
-        eprintln!("growbot: warning, {}: {}", warning.code, warning.message);
+        growbot_host::tell!("growbot: warning, {}: {}", warning.code, warning.message);
     }
     if !preventing.is_empty() && !args.force {
         let codes: Vec<_> = preventing.iter().map(|warning| warning.code.as_str()).collect();
@@ -112,15 +111,15 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
         )));
     }
     let name = args.port.name()?;
+    if matches!(name, PortName::Emulator(_)) {
+        let time = plan_table::duration(plan.needs.duration);
+        growbot_host::tell!("growbot: the emulated board runs in real time: the layers alone take {time}");
+    }
+    let mut client = Client::new(port::open(&name, &robot)?, args.port.text());
     let mut log = match &args.log {
         Some(path) => RunLog::begin(path, &plan, args.port.text()).map_err(Failure::bad_input)?,
         None => RunLog::none(),
     };
-    if matches!(name, PortName::Emulator(_)) {
-        let time = plan_table::duration(plan.needs.duration);
-        eprintln!("growbot: the emulated board runs in real time: the layers alone take {time}");
-    }
-    let mut client = Client::new(port::open(&name, &robot)?, args.port.text());
     let job = Job { robot: &robot, start: &plan.start, goal: &plan.goal, path: &plan.path };
 
     let stop = stop_on_interrupt();
@@ -134,15 +133,19 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     });
     show.end();
     if let Some(error) = log_error {
-        eprintln!("growbot: {error}");
+        growbot_host::tell!("growbot: {error}");
     }
     let grown = match grown {
         Ok(grown) => grown,
         Err(GrowthError::Before(ClientError::Refused { request, refusal })) => {
+            log.discard();
             refuse(args, &plan)?;
             return Err(ClientError::Refused { request, refusal }.into());
         }
-        Err(GrowthError::Before(error)) => return Err(error.into()),
+        Err(GrowthError::Before(error)) => {
+            log.discard();
+            return Err(error.into());
+        }
         Err(error @ GrowthError::During(_)) => return Err(Failure::answered_no(error)),
     };
     let result = json_of(grown.outcome.name(), Some(&grown), &plan);
@@ -203,22 +206,6 @@ fn json_of(outcome: &str, grown: Option<&Grown>, plan: &Plan) -> Value {
         "filament_mm": grown.map_or(0.0, |grown| grown.filament_mm),
         "unreported_layers": grown.map_or(0, |grown| grown.unreported),
     })
-}
-
-/// Set by Ctrl-C. A second Ctrl-C ends the program, as people expect of one that seems to hang.
-fn stop_on_interrupt() -> Arc<AtomicBool> {
-    let stop = Arc::new(AtomicBool::new(false));
-    let seen = Arc::clone(&stop);
-    let installed = ctrlc::set_handler(move || {
-        if seen.swap(true, Ordering::Relaxed) {
-            std::process::exit(1);
-        }
-        eprintln!("growbot: stopping; press Ctrl-C again to leave without waiting for the robot");
-    });
-    if let Err(error) = installed {
-        eprintln!("growbot: Ctrl-C will end this program without stopping the robot ({error})");
-    }
-    stop
 }
 
 /// Shows a growth on standard error.

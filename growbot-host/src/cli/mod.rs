@@ -6,6 +6,7 @@
 mod console;
 mod grow;
 mod growth_table;
+mod interrupt;
 mod layers;
 mod plan;
 mod plan_table;
@@ -115,7 +116,7 @@ impl Failure {
         if let Some(message) = &self.message {
             // What a file or an argument holds must not break the line or move the cursor.
             let line: String = message.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
-            eprintln!("growbot: {line}");
+            growbot_host::tell!("growbot: {line}");
         }
     }
 }

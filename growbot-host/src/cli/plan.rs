@@ -108,7 +108,7 @@ fn run_one(args: &PlanArgs, plan: &Plan) -> Result<(), Failure> {
             return Err(Failure::bad_input("-o takes a file: for standard output use --json"));
         }
         replace_file(path, written.to_text().as_bytes())?;
-        eprintln!("growbot: plan written to {}", path.display());
+        growbot_host::tell!("growbot: plan written to {}", path.display());
     }
     Ok(print(&if args.json { written.to_line() } else { plan_table::table(plan) })?)
 }

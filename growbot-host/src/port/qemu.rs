@@ -9,6 +9,7 @@ use std::fmt;
 use std::fs::{File, OpenOptions};
 use std::io::{self, Read};
 use std::net::{Ipv4Addr, TcpListener, TcpStream};
+use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -129,6 +130,8 @@ impl Qemu {
             return Err(QemuError::NoFirmware(firmware.to_path_buf()));
         }
         let mut child = command()
+            // Ctrl-C is for this program, which stops the robot first.
+            .process_group(0)
             .args(["-M", machine, "-display", "none", "-monitor", "none", "-kernel"])
             .arg(firmware)
             .args(arguments)
