@@ -2,23 +2,31 @@
 
 use std::sync::atomic::AtomicBool;
 
+use growbot_core::layer::Layer;
 use growbot_core::path::{Path, Segment};
-use growbot_core::pose::Pose;
+use growbot_core::pose::{Pose, angle_between};
 use growbot_core::robot::Robot;
 use growbot_host::client::Client;
-use growbot_host::growth::{Grown, Job, Outcome, grow_job};
+use growbot_host::growth::{Grown, Job, News, Outcome, grow_job};
 use growbot_host::port::Port;
 use growbot_host::port::emulator::Emulator;
 use growbot_host::port::sim::Sim;
 use growbot_host::robot_file;
 use growbot_tests::firmware;
 
-fn grow_on(port: Box<dyn Port>, robot: &Robot, path: &Path) -> Grown {
+/// What grew, and each layer as the board counted its steps, sector by sector.
+fn grow_on(port: Box<dyn Port>, robot: &Robot, path: &Path) -> (Grown, Vec<(u32, Layer)>) {
     let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
     let goal = Pose::from_frame(&path.end(&start.frame()));
     let job = Job { robot, start: &start, goal: &goal, path };
     let mut client = Client::new(port, "a board under test");
-    grow_job(&mut client, &job, &AtomicBool::new(false), &mut |news| println!("{news:?}")).unwrap()
+    let mut counted = Vec::new();
+    let grown = grow_job(&mut client, &job, &AtomicBool::new(false), &mut |news| {
+        if let News::Laid(index, layer) = news {
+            counted.push((*index, *layer));
+        }
+    });
+    (grown.unwrap(), counted)
 }
 
 #[test]
@@ -35,14 +43,23 @@ fn the_emulated_board_lays_the_layers_that_the_simulation_lays() {
         path.push(segment).unwrap();
     }
 
-    let emulated = grow_on(Box::new(Emulator::start(&robot, Some(&firmware("an386"))).unwrap()), &robot, &path);
-    let simulated = grow_on(Box::new(Sim::new(robot.clone())), &robot, &path);
+    let emulator = Emulator::start(&robot, Some(&firmware("an386"))).unwrap();
+    let (emulated, emulated_steps) = grow_on(Box::new(emulator), &robot, &path);
+    let (simulated, simulated_steps) = grow_on(Box::new(Sim::new(robot.clone())), &robot, &path);
 
     assert_eq!(emulated.outcome, Outcome::Done);
     assert!(emulated.body.len() >= 100, "{} layers", emulated.body.len());
-    assert_eq!(emulated.body, simulated.body);
-    assert_eq!(emulated.arrival, simulated.arrival);
+    // The steps of every sector of every layer are the same.
+    assert_eq!(emulated_steps, simulated_steps);
     assert_eq!(emulated.filament_mm, simulated.filament_mm);
+    assert_eq!(emulated.body.len(), simulated.body.len());
+    // Where the tip ends is measured from the steps and their times. A busy machine delays the emulated board's next layer now and
+    // then by some ticks, in which a step's plastic flows on: that is all the difference there may be.
+    let (here, there) = (emulated.arrival.reached, simulated.arrival.reached);
+    let apart = (here.position() - there.position()).norm();
+    assert!(apart < 0.0005 * path.length(), "{apart} mm apart");
+    assert!(angle_between(&here.direction(), &there.direction()) < 0.1_f64.to_radians());
     // What is left is what 200 head steps and 178 feed steps a layer cannot say.
     assert!(emulated.arrival.normalized_position_error < 0.001, "{:?}", emulated.arrival);
+    println!("{} layers, {apart:.6} mm between emulator and simulation", emulated.body.len());
 }
