@@ -1,8 +1,8 @@
 //! The robot's firmware in QEMU, with the simulated tip behind the memory that both share.
 //!
 //! A thread plays the tip: it takes the steps out of the ring, warms the nozzle by the energy that the board has counted,
-//! and writes the thermistor's reading. The steps themselves depend only on the firmware, so however the machine's load
-//! stretches time, the body is the same.
+//! and writes the thermistor's reading. The steps themselves depend only on the firmware: the machine's load stretches time
+//! and changes none of them.
 
 use std::io;
 use std::os::unix::fs::FileExt;
