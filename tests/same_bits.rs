@@ -75,7 +75,7 @@ fn the_board_plans_the_desktops_layers_bit_for_bit() {
             plan_id: expected.plan_id,
             exact_hash: expected.exact_hash,
             layers: expected.layers,
-            length: path.length(),
+            length: growbot_core::path::length(&path),
         };
         assert_eq!(planned, wanted, "{goal:?}");
 

@@ -2,7 +2,7 @@
 
 use crate::hash::Hasher;
 use crate::layer_bytes::{Encoder, LayerBytes};
-use crate::path::Path;
+use crate::path::Segment;
 use crate::robot::Robot;
 use crate::slicing::{Layers, Slicing, layers};
 
@@ -16,7 +16,7 @@ pub struct JobLayers<'a> {
 
 /// The layers of a path in bytes, by exact slicing.
 #[must_use]
-pub fn job_layers<'a>(path: &'a Path, robot: &'a Robot) -> JobLayers<'a> {
+pub fn job_layers<'a>(path: &'a [Segment], robot: &'a Robot) -> JobLayers<'a> {
     JobLayers {
         layers: layers(path, robot, Slicing::Exact),
         encoder: Encoder::default(),
@@ -49,7 +49,7 @@ pub struct JobSummary {
 
 /// The hashes of a path's layers.
 #[must_use]
-pub fn summarize(path: &Path, robot: &Robot) -> JobSummary {
+pub fn summarize(path: &[Segment], robot: &Robot) -> JobSummary {
     let (mut bytes, mut exact) = (Hasher::default(), Hasher::default());
     let mut encoder = Encoder::default();
     let mut count = 0;

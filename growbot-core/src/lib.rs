@@ -27,7 +27,7 @@
 //! | [`kinematics`] | one step of growth (Eq 4), chained (Eq 5) |
 //! | [`curvature`], [`robot`] | the tightest bend (Eq 7); a robot's description, checked once |
 //! | [`dubins2`], [`two_plane`], [`plan`] | the shortest path in a plane; two of them in space; the path, checked to arrive |
-//! | [`path`] | arcs and straight lines, what a plan consists of |
+//! | [`path`], [`helicoid`] | arcs, straight lines and helicoidal arcs, what a plan consists of |
 //! | [`slicing`], [`layer`] | a path cut into layers; what one layer is |
 //! | [`layer_bytes`], [`job`], [`hash`] | a layer in 12 bytes; the job that a board gets, and its name |
 //! | [`link`] | frames and messages (PROTOCOL.md) |
@@ -46,7 +46,7 @@
 //! let goal = Pose::from_degrees([200.0, 100.0, 600.0, 0.0, 45.0]).unwrap();
 //!
 //! let path = plan(&robot, &start, &goal, 100.0, Planner::TwoPlane).unwrap();
-//! assert_eq!(path.segments().len(), 5);
+//! assert_eq!(path.len(), 5);
 //!
 //! // Laid one on the other, the layers end where the goal is.
 //! let layers: Vec<_> = layers(&path, &robot, Slicing::Exact).map(|sliced| sliced.layer).collect();
@@ -64,6 +64,7 @@ pub mod angle;
 pub mod curvature;
 pub mod dubins2;
 pub mod hash;
+pub mod helicoid;
 pub mod job;
 pub mod kinematics;
 pub mod layer;

@@ -1,14 +1,21 @@
-//! A path: arcs and straight lines, each named by what the tip does (the paper's actions `alpha, beta, S`).
+//! A path: circular arcs, straight lines and helicoidal arcs, each named by what the tip does (the paper's actions
+//! `alpha, beta, S`).
+//!
+//! A path is a slice of segments, `&[Segment]`, in the order in which they grow; [`Path`] is what a planner puts together.
+
+use core::ops::Deref;
 
 use heapless::Vec;
 
+use crate::angle::wrap_positive;
+use crate::helicoid::Helicoid;
 use crate::kinematics::step;
 use crate::pose::Frame;
 
-/// The most segments in a path.
-pub const MOST_SEGMENTS: usize = 16;
+/// The most segments that a planner puts together: two planar paths take up to six.
+pub const MOST_SEGMENTS: usize = 8;
 
-/// One piece of constant curvature.
+/// One piece of a path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Segment {
     /// A circular arc. The radius is `length / bend`.
@@ -25,32 +32,33 @@ pub enum Segment {
         /// Length, mm.
         length: f64,
     },
+    /// A helicoidal arc: bent to one radius throughout, towards a side that changes.
+    Helicoid {
+        /// The curve, in the frame of the tip that starts it and in units of the radius.
+        curve: Helicoid,
+        /// Radius, mm.
+        radius: f64,
+        /// Length, mm.
+        length: f64,
+    },
 }
 
 impl Segment {
-    /// Arc length, mm.
+    /// Length along the segment, mm.
     #[must_use]
     pub fn length(&self) -> f64 {
         match *self {
-            Self::Arc { length, .. } | Self::Straight { length } => length,
+            Self::Arc { length, .. } | Self::Straight { length } | Self::Helicoid { length, .. } => length,
         }
     }
 
-    /// Angle of greatest deposition, radians; 0 for a straight line.
-    #[must_use]
-    pub fn alpha(&self) -> f64 {
-        match *self {
-            Self::Arc { alpha, .. } => alpha,
-            Self::Straight { .. } => 0.0,
-        }
-    }
-
-    /// Angle of the arc, radians; 0 for a straight line.
+    /// How far the direction of growth turns along the segment, radians: the angle of an arc, 0 for a straight line.
     #[must_use]
     pub fn bend(&self) -> f64 {
         match *self {
             Self::Arc { bend, .. } => bend,
             Self::Straight { .. } => 0.0,
+            Self::Helicoid { radius, length, .. } => length / radius,
         }
     }
 
@@ -60,20 +68,50 @@ impl Segment {
         self.bend() / self.length()
     }
 
-    /// `start_from_end` of the segment (Eq 4).
+    /// `start_from_end` of the segment (Eq 4; a helicoidal arc is integrated).
     #[must_use]
     pub fn step(&self) -> Frame {
-        step(self.alpha(), self.bend(), self.length())
+        match *self {
+            Self::Arc { alpha, bend, length } => step(alpha, bend, length),
+            Self::Straight { length } => step(0.0, 0.0, length),
+            Self::Helicoid { curve, radius, length } => {
+                let mut start_from_end = curve.frame_after(length / radius);
+                start_from_end.translation.vector *= radius;
+                start_from_end
+            }
+        }
+    }
+
+    /// The same segment grown from a tip that is turned by `roll` about its direction of growth (radians, counter-clockwise).
+    #[must_use]
+    pub fn rolled(&self, roll: f64) -> Self {
+        match *self {
+            Self::Arc { alpha, bend, length } => Self::Arc { alpha: wrap_positive(alpha - roll), bend, length },
+            Self::Straight { .. } => *self,
+            Self::Helicoid { curve, radius, length } => Self::Helicoid { curve: curve.rolled(roll), radius, length },
+        }
     }
 }
 
-/// Segments in the order in which they grow. At most [`MOST_SEGMENTS`].
+/// Length of a path, mm.
+#[must_use]
+pub fn length(path: &[Segment]) -> f64 {
+    path.iter().map(Segment::length).sum()
+}
+
+/// `base_from_tip` at the end of a path (Eq 5).
+#[must_use]
+pub fn end(path: &[Segment], base_from_start: &Frame) -> Frame {
+    path.iter().fold(*base_from_start, |base_from_tip, segment| base_from_tip * segment.step())
+}
+
+/// At most [`MOST_SEGMENTS`] segments.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Path(Vec<Segment, MOST_SEGMENTS>);
 
 /// A path has no room for another segment.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[error("a path holds at most {MOST_SEGMENTS} segments: split the job")]
+#[error("a planned path holds at most {MOST_SEGMENTS} segments: please report these poses")]
 pub struct PathFull;
 
 impl Path {
@@ -91,27 +129,17 @@ impl Path {
         self.0.push(segment).map_err(|_| PathFull)
     }
 
-    /// The segments.
-    #[must_use]
-    pub fn segments(&self) -> &[Segment] {
-        &self.0
-    }
-
-    /// Arc length, mm.
-    #[must_use]
-    pub fn length(&self) -> f64 {
-        self.0.iter().map(Segment::length).sum()
-    }
-
-    /// `base_from_tip` at the end of the path (Eq 5).
-    #[must_use]
-    pub fn end(&self, base_from_start: &Frame) -> Frame {
-        self.0.iter().fold(*base_from_start, |base_from_tip, segment| base_from_tip * segment.step())
-    }
-
     /// The path without the segments that `keep` turns down.
     #[must_use]
     pub fn filtered(&self, keep: impl Fn(&Segment) -> bool) -> Self {
         Self(self.0.iter().copied().filter(keep).collect())
+    }
+}
+
+impl Deref for Path {
+    type Target = [Segment];
+
+    fn deref(&self) -> &[Segment] {
+        &self.0
     }
 }

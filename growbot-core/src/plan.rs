@@ -1,6 +1,6 @@
 //! Plans: from two poses and a radius to a path that has been checked to end at its goal.
 
-use crate::path::{Path, PathFull};
+use crate::path::{self, Path, PathFull, Segment};
 use crate::pose::{Frame, Pose, angle_between, tip_direction};
 use crate::robot::Robot;
 use crate::two_plane::two_plane;
@@ -93,11 +93,11 @@ pub fn plan(robot: &Robot, start: &Pose, goal: &Pose, radius: f64, planner: Plan
     };
     let scale = ((goal.position() - start.position()).norm() / (100.0 * radius)).max(1.0);
     let within = |path: &Path, share: f64| {
-        let miss = miss(&path.end(&start.frame()), goal);
+        let miss = miss(&path::end(path, &start.frame()), goal);
         (miss.distance <= share * scale * radius && miss.angle <= share * scale, miss)
     };
     let short = path.filtered(|segment| segment.length() >= SHORTEST_SEGMENT * radius);
-    if short.segments().len() < path.segments().len() && within(&short, UNMOVED).0 {
+    if short.len() < path.len() && within(&short, UNMOVED).0 {
         return Ok(short);
     }
     match within(&path, ARRIVED) {
@@ -123,9 +123,9 @@ pub struct Needs {
 
 /// What a path asks of the robot: length, layers, time and filament.
 #[must_use]
-pub fn needs(path: &Path, robot: &Robot) -> Needs {
+pub fn needs(path: &[Segment], robot: &Robot) -> Needs {
     let layers = crate::slicing::layers(path, robot, crate::slicing::Slicing::Exact).size_hint().0;
-    let length = path.length();
+    let length = path::length(path);
     Needs {
         length,
         layers,
@@ -144,7 +144,7 @@ mod tests {
     fn assert_plans(start: &Pose, goal: &Pose, radius: f64) -> Path {
         let path = plan(&robot_a(), start, goal, radius, Planner::TwoPlane)
             .unwrap_or_else(|error| panic!("{start:?} to {goal:?}: {error}"));
-        let miss = miss(&path.end(&start.frame()), goal);
+        let miss = miss(&path::end(&path, &start.frame()), goal);
         assert!(miss.distance < 1e-6 && miss.angle < 1e-8, "{start:?} to {goal:?}: {miss:?}");
         path
     }
@@ -203,14 +203,14 @@ mod tests {
     #[test]
     fn start_is_goal() {
         let pose = Pose::from_degrees([1.0, 2.0, 3.0, 4.0, 5.0]).unwrap();
-        assert!(assert_plans(&pose, &pose, 100.0).segments().is_empty());
+        assert!(assert_plans(&pose, &pose, 100.0).is_empty());
     }
 
     #[test]
     fn straight_ahead_is_a_straight_line() {
         let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
         let goal = Pose::from_degrees([0.0, 0.0, 500.0, 0.0, 90.0]).unwrap();
-        assert!((assert_plans(&start, &goal, 100.0).length() - 500.0).abs() < 1e-9);
+        assert!((path::length(&assert_plans(&start, &goal, 100.0)) - 500.0).abs() < 1e-9);
     }
 
     #[test]

@@ -21,7 +21,7 @@ use growbot_core::link::message::{
     Accepted, Begin, BoardHello, Empty, HeldLayers, HostHello, Laid, Layers, MOST_LAYERS, Message, PlanRequest,
     Planned, ReadLayers, Refusal, Refused, ResetCause, SCHEMA_HASH, Start, State, StateChanged, Status,
 };
-use growbot_core::path::{Path, Segment};
+use growbot_core::path::Segment;
 use growbot_core::plan::{Planner, plan};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
@@ -127,10 +127,8 @@ fn robot() -> Robot {
 }
 
 /// The job of the examples: two layers of an arc, whose tilt is no whole number of units.
-fn job() -> Path {
-    let mut path = Path::new();
-    path.push(Segment::Arc { alpha: std::f64::consts::FRAC_PI_2, bend: 0.015, length: 1.5 }).unwrap();
-    path
+fn job() -> [Segment; 1] {
+    [Segment::Arc { alpha: std::f64::consts::FRAC_PI_2, bend: 0.015, length: 1.5 }]
 }
 
 /// A conversation: names as in PROTOCOL.md, sequence number, acknowledgement, message.
@@ -230,7 +228,7 @@ fn conversation() -> Vec<(&'static str, u16, u16, Message)> {
                 plan_id: planned.plan_id,
                 exact_hash: planned.exact_hash,
                 layers: planned.layers,
-                length: path.length(),
+                length: growbot_core::path::length(&path),
             }),
         ),
     ]

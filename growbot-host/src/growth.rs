@@ -10,7 +10,7 @@ use growbot_core::layer_bytes::{LayerBytes, decode};
 use growbot_core::link::message::{
     Accepted, Begin, Empty, Fault, LayerBatch, Layers, MOST_LAYERS, Message, Refusal, Start, State, Status,
 };
-use growbot_core::path::Path;
+use growbot_core::path::{Segment, length};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 
@@ -30,7 +30,7 @@ pub struct Job<'a> {
     /// Where its tip is to arrive.
     pub goal: &'a Pose,
     /// The path between.
-    pub path: &'a Path,
+    pub path: &'a [Segment],
 }
 
 /// How a growth ended.
@@ -278,7 +278,7 @@ impl<'a> Growth<'a> {
         let end = grow(&self.job.start.frame(), body.iter().copied());
         Ok(Grown {
             outcome,
-            arrival: Arrival::of(&end, self.job.goal, self.job.path.length()),
+            arrival: Arrival::of(&end, self.job.goal, length(self.job.path)),
             body,
             duration_s: self.began_ms.map_or(0.0, |began| self.ended_ms.saturating_sub(began) as f64 / 1000.0),
             filament_mm: feed_steps as f64 / self.job.robot.description().feed.steps_per_mm,

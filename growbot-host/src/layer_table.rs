@@ -4,7 +4,7 @@ use std::io::{self, Write};
 
 use growbot_core::angle::degrees;
 use growbot_core::layer::Layer;
-use growbot_core::path::Path;
+use growbot_core::path::Segment;
 use growbot_core::robot::Robot;
 use growbot_core::slicing::{SlicedLayer, Slicing, layers};
 
@@ -18,7 +18,7 @@ pub const HEADER: &str = "layer,segment,alpha_deg,height_mm,tilt_deg";
 ///
 /// # Errors
 /// What `out` fails with.
-pub fn write_layers(out: &mut impl Write, path: &Path, robot: &Robot) -> io::Result<()> {
+pub fn write_layers(out: &mut impl Write, path: &[Segment], robot: &Robot) -> io::Result<()> {
     writeln!(out, "{HEADER}")?;
     // The layers of a segment are alike: their numbers are put into text once.
     let mut last = Layer::default();
@@ -38,16 +38,16 @@ pub fn write_layers(out: &mut impl Write, path: &Path, robot: &Robot) -> io::Res
 mod tests {
     use super::*;
     use crate::robot_file;
-    use growbot_core::path::Segment;
     use std::f64::consts::TAU;
 
     #[test]
     fn rows_count_from_zero_and_stay_in_range() {
         let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
-        let mut path = Path::new();
-        path.push(Segment::Straight { length: 1.0 }).unwrap();
-        path.push(Segment::Arc { alpha: TAU, bend: 0.005, length: 0.5 }).unwrap();
-        path.push(Segment::Arc { alpha: 2.0, bend: 0.0, length: 0.5 }).unwrap();
+        let path = [
+            Segment::Straight { length: 1.0 },
+            Segment::Arc { alpha: TAU, bend: 0.005, length: 0.5 },
+            Segment::Arc { alpha: 2.0, bend: 0.0, length: 0.5 },
+        ];
         let mut out = Vec::new();
         write_layers(&mut out, &path, &robot).unwrap();
         let tilt = degrees(0.005);

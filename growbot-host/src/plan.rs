@@ -1,6 +1,6 @@
 //! A plan: a path that has been checked to end at its goal, with all that is said about it.
 
-use growbot_core::path::Path;
+use growbot_core::path::Segment;
 use growbot_core::plan::{self as planning, Needs, PlanError, Planner};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
@@ -23,7 +23,7 @@ pub struct Plan {
     /// Where it is to arrive.
     pub goal: Pose,
     /// The path from start to goal.
-    pub path: Path,
+    pub path: Vec<Segment>,
     /// Length, layers, time and filament.
     pub needs: Needs,
     /// What speaks against growing it.
@@ -46,11 +46,18 @@ impl Plan {
     /// As [`growbot_core::plan::plan`]: a radius that the robot cannot bend to, above all.
     pub fn make(robot: &Robot, start: &Pose, goal: &Pose, radius: f64, planner: Planner) -> Result<Self, PlanError> {
         let path = planning::plan(robot, start, goal, radius, planner)?;
-        Ok(Self::of_path(robot, start, goal, radius, planner, path))
+        Ok(Self::of_path(robot, start, goal, radius, planner, path.to_vec()))
     }
 
     /// The plan of a path that is known to lead from start to goal.
-    pub(crate) fn of_path(robot: &Robot, start: &Pose, goal: &Pose, radius: f64, planner: Planner, path: Path) -> Self {
+    pub(crate) fn of_path(
+        robot: &Robot,
+        start: &Pose,
+        goal: &Pose,
+        radius: f64,
+        planner: Planner,
+        path: Vec<Segment>,
+    ) -> Self {
         Self {
             robot: robot.name().to_owned(),
             robot_hash: robot.hash(),

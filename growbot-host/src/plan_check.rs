@@ -5,10 +5,12 @@
 //! Warnings are found anew: those in the file are for people and scripts.
 
 use growbot_core::angle::{radians, wrap_positive};
-use growbot_core::path::{MOST_SEGMENTS, Path, PathFull, Segment};
+use growbot_core::helicoid::Helicoid;
+use growbot_core::path::{Segment, end};
 use growbot_core::plan::{GREATEST_RADIUS, Miss, miss};
-use growbot_core::pose::{Pose, PoseError};
+use growbot_core::pose::{Frame, Pose, PoseError};
 use growbot_core::robot::Robot;
+use nalgebra::Vector3;
 
 use crate::plan::Plan;
 use crate::plan_file::{PlanFile, WrittenPose, WrittenSegment, written_hash};
@@ -73,12 +75,22 @@ pub enum PlanFault {
         limit: f64,
     },
     /// Too many segments.
-    #[error("the plan has {found} segments: {full}")]
+    #[error("the plan has {found} segments; growbot reads {MOST_SEGMENTS} at most: split it")]
     TooManySegments {
         /// How many there are.
         found: usize,
-        /// The limit.
-        full: PathFull,
+    },
+    /// A helicoidal arc whose tip would not only bend but twist.
+    #[error(
+        "m0 of segment {segment} is not perpendicular to the tip there: {value} of it points ahead, {limit} may; plan again"
+    )]
+    NotPerpendicular {
+        /// Which segment, from 0.
+        segment: usize,
+        /// The part of m0 along the tip's direction, as a share.
+        value: f64,
+        /// The greatest that is taken.
+        limit: f64,
     },
     /// A total that is not the sum of the segments.
     #[error("{what} is {value}, and the segments give {expected}: the plan was changed by hand; plan again")]
@@ -103,8 +115,18 @@ pub enum PlanFault {
     },
 }
 
+/// More segments than this are no plan: what they ask for could not be grown in a lifetime.
+const MOST_SEGMENTS: usize = 10_000;
 /// No segment is longer than this, mm: from one corner of the space of poses to the other and back.
 const LONGEST_SEGMENT: f64 = 8.0 * Pose::GREATEST_COORDINATE;
+/// No helicoidal arc is longer than this, in radii.
+const MOST_TURNS: f64 = 1e3;
+/// No number of `m0` and `p` is greater than this...
+const GREATEST_MOMENT: f64 = 1e6;
+/// ...and not all of them are smaller than this.
+const LEAST_MOMENT: f64 = 1e-6;
+/// `m0` is perpendicular to the tip to this share of it.
+const PERPENDICULAR: f64 = 1e-9;
 /// Limits hold to this share of themselves: degrees and radians do not convert exactly.
 const ROUNDING: f64 = 1e-9;
 /// A plan of ordinary size ends this near its goal, mm.
@@ -122,7 +144,7 @@ impl PlanFile {
         range("radius_mm", self.radius_mm, robot.least_radius(), GREATEST_RADIUS)?;
         let start = pose("start", &self.start)?;
         let goal = pose("goal", &self.goal)?;
-        let path = self.path(robot)?;
+        let path = self.path(robot, &start)?;
         check_arrival(&path, &start, &goal, self.radius_mm)?;
         let mut plan = Plan::of_path(robot, &start, &goal, self.radius_mm, self.planner, path);
         // What can be computed anew has been; what another planner or a person has found stands.
@@ -142,15 +164,17 @@ impl PlanFile {
         Ok(())
     }
 
-    fn path(&self, robot: &Robot) -> Result<Path, PlanFault> {
+    fn path(&self, robot: &Robot, start: &Pose) -> Result<Vec<Segment>, PlanFault> {
         let found = self.segments.len();
         if found > MOST_SEGMENTS {
-            return Err(PlanFault::TooManySegments { found, full: PathFull });
+            return Err(PlanFault::TooManySegments { found });
         }
-        let mut path = Path::new();
+        let mut path = Vec::with_capacity(found);
+        let mut base_from_tip = start.frame();
         for (index, written) in self.segments.iter().enumerate() {
-            let segment = segment(index, written, robot.least_radius())?;
-            path.push(segment).map_err(|full| PlanFault::TooManySegments { found, full })?;
+            let segment = segment(index, written, self.radius_mm, &base_from_tip, robot.least_radius())?;
+            base_from_tip *= segment.step();
+            path.push(segment);
         }
         Ok(path)
     }
@@ -159,7 +183,7 @@ impl PlanFile {
     fn check_totals(&self, plan: &Plan, robot: &Robot) -> Result<(), PlanFault> {
         let needs = &plan.needs;
         // Where a segment is a whole number of layers to the last digit, rounding may decide for one more or less.
-        let layers_off = plan.path.segments().len() as f64;
+        let layers_off = plan.path.len() as f64;
         let duration_off = layers_off * robot.description().layer.period_s;
         for (what, value, expected, off) in [
             ("length_mm", self.length_mm, needs.length, 0.0),
@@ -187,7 +211,13 @@ fn pose(which: &'static str, written: &WrittenPose) -> Result<Pose, PlanFault> {
     pose_of_numbers([x_mm, y_mm, z_mm, heading_deg, pitch_deg]).map_err(|error| PlanFault::Pose { which, error })
 }
 
-fn segment(index: usize, written: &WrittenSegment, least_radius: f64) -> Result<Segment, PlanFault> {
+fn segment(
+    index: usize,
+    written: &WrittenSegment,
+    radius: f64,
+    base_from_tip: &Frame,
+    least_radius: f64,
+) -> Result<Segment, PlanFault> {
     let named = |field: &str| format!("{field} of segment {index}");
     let check_length = |length_mm| range(named("length_mm"), length_mm, f64::MIN_POSITIVE, LONGEST_SEGMENT);
     match *written {
@@ -205,14 +235,35 @@ fn segment(index: usize, written: &WrittenSegment, least_radius: f64) -> Result<
             }
             Ok(Segment::Arc { alpha: wrap_positive(radians(alpha_deg)), bend, length: length_mm })
         }
+        WrittenSegment::Helicoid { length_mm, m0, p } => {
+            check_length(length_mm)?;
+            // Beyond some turns the integration of something that no planner gives would only take time.
+            range(named("length_mm"), length_mm, f64::MIN_POSITIVE, MOST_TURNS * radius)?;
+            for value in m0.into_iter().chain(p) {
+                range(named("m0 and p"), value, -GREATEST_MOMENT, GREATEST_MOMENT)?;
+            }
+            let tip_from_base = base_from_tip.rotation.inverse();
+            let (m0, p) = (tip_from_base * Vector3::from(m0), tip_from_base * Vector3::from(p));
+            let scale = m0.norm().max(p.norm());
+            range(format!("the scale of m0 and p of segment {index}"), scale, LEAST_MOMENT, GREATEST_MOMENT)?;
+            if m0.z.abs() > PERPENDICULAR * scale {
+                return Err(PlanFault::NotPerpendicular { segment: index, value: m0.z / scale, limit: PERPENDICULAR });
+            }
+            // What rounding has left along the tip is removed: it would add up along the curve.
+            Ok(Segment::Helicoid {
+                curve: Helicoid { m0: Vector3::new(m0.x, m0.y, 0.0), p },
+                radius,
+                length: length_mm,
+            })
+        }
     }
 }
 
-fn check_arrival(path: &Path, start: &Pose, goal: &Pose, radius: f64) -> Result<(), PlanFault> {
+fn check_arrival(path: &[Segment], start: &Pose, goal: &Pose, radius: f64) -> Result<(), PlanFault> {
     let distance = (goal.position() - start.position()).norm();
     let scale = (distance / (100.0 * radius)).max(1.0);
     let limit = Miss { distance: ARRIVED_DISTANCE.max(1e-8 * scale * radius), angle: ARRIVED_ANGLE * scale };
-    let miss = miss(&path.end(&start.frame()), goal);
+    let miss = miss(&end(path, &start.frame()), goal);
     if miss.distance <= limit.distance && miss.angle <= limit.angle {
         return Ok(());
     }
@@ -244,7 +295,7 @@ mod tests {
         written.check(&robot("growbot-a")).unwrap_err().to_string()
     }
 
-    fn sliced(path: &Path, robot: &Robot) -> Vec<Layer> {
+    fn sliced(path: &[Segment], robot: &Robot) -> Vec<Layer> {
         layers(path, robot, Slicing::Exact).map(|sliced| sliced.layer).collect()
     }
 
@@ -279,7 +330,7 @@ mod tests {
                 .iter_mut()
                 .find_map(|segment| match segment {
                     WrittenSegment::Arc { alpha_deg, beta_deg, length_mm } => Some((alpha_deg, beta_deg, length_mm)),
-                    WrittenSegment::Straight { .. } => None,
+                    _ => None,
                 })
                 .unwrap()
         }
@@ -303,7 +354,7 @@ mod tests {
             let message = fault(change);
             assert!(message.contains(part), "{part}: {message}");
         }
-        let message = fault(|plan| plan.segments = vec![WrittenSegment::Straight { length_mm: 1.0 }; 17]);
-        assert!(message.contains("17 segments") && message.contains("16"), "{message}");
+        let message = fault(|plan| plan.segments = vec![WrittenSegment::Straight { length_mm: 1.0 }; 10_001]);
+        assert!(message.contains("10001 segments") && message.contains("10000"), "{message}");
     }
 }

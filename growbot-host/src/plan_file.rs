@@ -7,7 +7,7 @@ use std::path::Path as FilePath;
 
 use growbot_core::path::Segment;
 use growbot_core::plan::Planner;
-use growbot_core::pose::Pose;
+use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::Robot;
 use serde::{Deserialize, Serialize};
 
@@ -103,16 +103,42 @@ pub enum WrittenSegment {
         /// Length, mm.
         length_mm: f64,
     },
+    /// A helicoidal arc of the plan's radius: `x'' = w x x'`, `w = m/|m|`, `m = m0 + p x x`, in world axes, with x from the segment's
+    /// start and lengths in units of the radius.
+    Helicoid {
+        /// Length, mm.
+        length_mm: f64,
+        /// `m` at the segment's start.
+        m0: [f64; 3],
+        /// How `m` changes.
+        p: [f64; 3],
+    },
 }
 
-impl From<&Segment> for WrittenSegment {
-    fn from(segment: &Segment) -> Self {
+impl WrittenSegment {
+    /// A segment that grows from a tip of this frame.
+    fn new(segment: &Segment, base_from_tip: &Frame) -> Self {
         match *segment {
             Segment::Arc { alpha, bend, length } => {
                 Self::Arc { alpha_deg: degrees_below_turn(alpha), beta_deg: shortest_degrees(bend), length_mm: length }
             }
             Segment::Straight { length } => Self::Straight { length_mm: length },
+            Segment::Helicoid { curve, length, .. } => Self::Helicoid {
+                length_mm: length,
+                m0: (base_from_tip.rotation * curve.m0).into(),
+                p: (base_from_tip.rotation * curve.p).into(),
+            },
         }
+    }
+
+    /// A whole path, from a tip of this frame.
+    fn path(path: &[Segment], base_from_start: &Frame) -> Vec<Self> {
+        let grown = |base_from_tip: &mut Frame, segment: &Segment| {
+            let written = Self::new(segment, base_from_tip);
+            *base_from_tip *= segment.step();
+            Some(written)
+        };
+        path.iter().scan(*base_from_start, grown).collect()
     }
 }
 
@@ -137,7 +163,7 @@ impl From<&Plan> for PlanFile {
             layers: plan.needs.layers,
             duration_s: plan.needs.duration,
             filament_mm: plan.needs.filament,
-            segments: plan.path.segments().iter().map(WrittenSegment::from).collect(),
+            segments: WrittenSegment::path(&plan.path, &plan.start.frame()),
             warnings: plan.warnings.clone(),
         }
     }

@@ -1,6 +1,6 @@
 //! What speaks against growing a path: said with the plan, which is given all the same.
 
-use growbot_core::path::{Path, Segment};
+use growbot_core::path::Segment;
 use growbot_core::robot::Robot;
 use growbot_core::slicing::{LIMIT_SLACK, Slicing, layers};
 use serde::{Deserialize, Serialize};
@@ -24,15 +24,13 @@ pub const THIN_LAYER: &str = "thin-layer";
 
 /// All that speaks against growing this path on this robot.
 #[must_use]
-pub fn warnings(path: &Path, robot: &Robot) -> Vec<Warning> {
-    path.segments().iter().enumerate().filter_map(|(index, segment)| thin_layer(index, segment, robot)).collect()
+pub fn warnings(path: &[Segment], robot: &Robot) -> Vec<Warning> {
+    path.iter().enumerate().filter_map(|(index, segment)| thin_layer(index, segment, robot)).collect()
 }
 
 /// The layers of a segment are all alike: its first one tells whether they are too thin (value and limit in mm).
 fn thin_layer(index: usize, segment: &Segment, robot: &Robot) -> Option<Warning> {
-    let mut alone = Path::new();
-    alone.push(*segment).ok()?;
-    let mut layers = layers(&alone, robot, Slicing::Exact);
+    let mut layers = layers(std::slice::from_ref(segment), robot, Slicing::Exact);
     let count = layers.size_hint().0;
     let value = layers.next()?.layer.least_height(robot.tip_radius());
     let limit = robot.description().layer.height_min_mm;
@@ -42,6 +40,7 @@ fn thin_layer(index: usize, segment: &Segment, robot: &Robot) -> Option<Warning>
     let (kind, side) = match segment {
         Segment::Arc { .. } => ("arc", " on the inner side of the bend"),
         Segment::Straight { .. } => ("straight", ""),
+        Segment::Helicoid { .. } => ("helicoid", " on the inner side of the bend"),
     };
     let layers = if count == 1 { "1 layer" } else { &format!("{count} layers") };
     let (length, thinnest) = (readable(segment.length()), readable(value));
@@ -64,16 +63,13 @@ mod tests {
     #[test]
     fn only_segments_with_thin_layers_are_named() {
         let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
-        let mut path = Path::new();
-        for segment in [
+        let path = [
             Segment::Straight { length: 100.0 },
             Segment::Straight { length: 0.2 },
             Segment::Arc { alpha: 1.0, bend: 0.5, length: 50.0 },
             Segment::Arc { alpha: 1.0, bend: 0.003, length: 0.3 },
             Segment::Straight { length: 0.3 },
-        ] {
-            path.push(segment).unwrap();
-        }
+        ];
         let warnings = warnings(&path, &robot);
         assert!(warnings.iter().all(|warning| warning.code == "thin-layer" && warning.limit == 0.3));
         let [line, arc] = &warnings[..] else { panic!("{warnings:?}") };

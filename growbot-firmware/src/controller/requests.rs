@@ -214,7 +214,7 @@ impl<B: Board> Controller<B> {
             plan_id: summary.plan_id,
             exact_hash: summary.exact_hash,
             layers: summary.layers,
-            length: path.length(),
+            length: growbot_core::path::length(&path),
         }))
     }
 

@@ -12,12 +12,12 @@ use growbot_host::plan::Plan;
 pub fn table(plan: &Plan) -> String {
     let mut text = format!("Plan for {}, arcs of radius {} mm\n", plan.robot, plan.radius);
     text += &format!("  from      {}\n  to        {}\n", pose(&plan.start), pose(&plan.goal));
-    if plan.path.segments().is_empty() {
+    if plan.path.is_empty() {
         text += "\nThe tip is there already: nothing to grow.\n";
         return text;
     }
     text += "\nsegment  kind      length, mm  bend, deg  material at, deg\n";
-    for (index, segment) in plan.path.segments().iter().enumerate() {
+    for (index, segment) in plan.path.iter().enumerate() {
         // Writing to a String cannot fail.
         let _ = match segment {
             Segment::Arc { alpha, bend, length } => {
@@ -29,6 +29,13 @@ pub fn table(plan: &Plan) -> String {
                 )
             }
             Segment::Straight { length } => writeln!(text, "{index:>7}  straight  {length:>10.2}"),
+            Segment::Helicoid { length, .. } => {
+                writeln!(
+                    text,
+                    "{index:>7}  helicoid  {length:>10.2}  {:>9.2}           changing",
+                    degrees(segment.bend())
+                )
+            }
         };
     }
     let needs = &plan.needs;

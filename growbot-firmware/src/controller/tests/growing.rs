@@ -280,7 +280,7 @@ fn the_board_plans_as_the_desktop_does() {
                 plan_id: summary.plan_id,
                 exact_hash: summary.exact_hash,
                 layers: summary.layers,
-                length: path.length(),
+                length: growbot_core::path::length(&path),
             }
         );
         let mut held = Vec::new();

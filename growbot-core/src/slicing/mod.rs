@@ -4,14 +4,20 @@
 //! `beta / n`, with the least `n` that keeps every layer within the robot's limits
 //! (`h <= min(nominal, R tilt_max, h_max / (1 + r_t / R))`, to 1e-9 of the limit): the sum of the layers is the path.
 //!
+//! A helicoidal arc is cut in the same way, and the angle of deposition changes from layer to layer ([`mod@helicoid`]).
+//!
 //! *Whole* slicing is the paper's: a segment is cut into steps of one height, and the last step is laid whole, so that the
 //! tip passes the end of the segment by up to a step. It is there to reproduce the paper's tables.
 
 use core::iter::FusedIterator;
 
 use crate::layer::Layer;
-use crate::path::{Path, Segment};
+use crate::path::Segment;
 use crate::robot::Robot;
+
+mod helicoid;
+
+use helicoid::HelicoidLayers;
 
 /// How a path is cut into layers.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -45,42 +51,78 @@ pub struct Layers<'a> {
     slicing: Slicing,
     /// Index of the segment that is being cut.
     segment: usize,
-    /// What is left of it: how many layers, all alike.
+    /// What is left of it: how many layers, and which.
     left: u64,
-    layer: Layer,
+    cut: Cut,
+    /// How far the tip is rolled from where the path has it, radians: what the layers of helicoidal arcs leave.
+    roll: f64,
+}
+
+/// How the layers of a segment follow on each other.
+#[derive(Debug, Clone)]
+#[expect(clippy::large_enum_variant, reason = "there is no heap to put the larger one on")]
+enum Cut {
+    /// All alike.
+    Alike(Layer),
+    /// The layers of a helicoidal arc of this radius, mm.
+    Helicoid(HelicoidLayers, f64),
 }
 
 /// The layers of a path on this robot.
 ///
 /// ```
-/// use growbot_core::{layer, path::{Path, Segment}, slicing::{Slicing, layers}};
+/// use growbot_core::{layer, path::Segment, slicing::{Slicing, layers}};
 /// # let file = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/growbot-a.toml"));
 /// # let robot = growbot_core::robot::Robot::new(toml::from_str(file).unwrap()).unwrap();
-/// let mut path = Path::new();
-/// path.push(Segment::Arc { alpha: 1.0, bend: 0.5, length: 50.0 }).unwrap();
+/// let path = [Segment::Arc { alpha: 1.0, bend: 0.5, length: 50.0 }];
 /// assert_eq!(layers(&path, &robot, Slicing::Exact).count(), 65);
 /// let heights: f64 = layers(&path, &robot, Slicing::Exact).map(|sliced| sliced.layer.height).sum();
 /// assert!((heights - 50.0).abs() < 1e-12);
 /// ```
 #[must_use]
-pub fn layers<'a>(path: &'a Path, robot: &'a Robot, slicing: Slicing) -> Layers<'a> {
-    let mut layers = Layers { segments: path.segments(), robot, slicing, segment: 0, left: 0, layer: Layer::default() };
+pub fn layers<'a>(path: &'a [Segment], robot: &'a Robot, slicing: Slicing) -> Layers<'a> {
+    let none = Cut::Alike(Layer::default());
+    let mut layers = Layers { segments: path, robot, slicing, segment: 0, left: 0, cut: none, roll: 0.0 };
     layers.cut_from(0);
     layers
 }
 
-/// Number of layers and the layer itself, for one segment.
-fn cut(segment: &Segment, robot: &Robot, slicing: Slicing) -> (u64, Layer) {
+/// The least number of equal layers, none of them longer than the limit.
+fn least_count(length: f64, limit: f64) -> f64 {
+    libm::ceil(length / (limit * (1.0 + LIMIT_SLACK))).max(1.0)
+}
+
+/// Number of layers and the layers themselves, for one segment.
+fn cut(segment: &Segment, robot: &Robot, slicing: Slicing) -> (u64, Cut) {
     let length = segment.length();
-    match slicing {
-        Slicing::Exact => {
-            let limit = robot.greatest_mean_height(segment.curvature());
-            let n = libm::ceil(length / (limit * (1.0 + LIMIT_SLACK))).max(1.0);
-            (n as u64, Layer { alpha: segment.alpha(), height: length / n, tilt: segment.bend() / n })
+    let limit = robot.greatest_mean_height(segment.curvature());
+    let count = match slicing {
+        Slicing::Exact => least_count(length, limit),
+        Slicing::Whole { step } => libm::ceil(length / step * (1.0 - LIMIT_SLACK)).max(1.0),
+    };
+    let height = match slicing {
+        Slicing::Exact => length / count,
+        Slicing::Whole { step } => step,
+    };
+    let alike = |alpha, tilt| Cut::Alike(Layer { alpha, height, tilt });
+    match (*segment, slicing) {
+        (Segment::Arc { alpha, bend, .. }, Slicing::Exact) => (count as u64, alike(alpha, bend / count)),
+        (Segment::Arc { alpha, .. }, Slicing::Whole { .. }) => {
+            (count as u64, alike(alpha, segment.curvature() * height))
         }
-        Slicing::Whole { step } => {
-            let n = libm::ceil(length / step * (1.0 - LIMIT_SLACK)).max(1.0);
-            (n as u64, Layer { alpha: segment.alpha(), height: step, tilt: segment.curvature() * step })
+        (Segment::Straight { .. }, _) => (count as u64, alike(0.0, 0.0)),
+        (Segment::Helicoid { curve, radius, .. }, Slicing::Exact) => {
+            let layers = HelicoidLayers::exact(&curve, length / radius, count as u64);
+            let steepest = layers.steepest(radius);
+            if steepest.height <= limit * (1.0 + LIMIT_SLACK) && robot.check_layer(&steepest, LIMIT_SLACK).is_ok() {
+                return (count as u64, Cut::Helicoid(layers, radius));
+            }
+            // Corrected, the layers pass the limit by a trace: one more layer makes them lower.
+            let more = count as u64 + 1;
+            (more, Cut::Helicoid(HelicoidLayers::exact(&curve, length / radius, more), radius))
+        }
+        (Segment::Helicoid { curve, radius, .. }, Slicing::Whole { .. }) => {
+            (count as u64, Cut::Helicoid(HelicoidLayers::steps(&curve, height / radius, count as u64), radius))
         }
     }
 }
@@ -90,8 +132,17 @@ impl Layers<'_> {
     fn cut_from(&mut self, segment: usize) {
         self.segment = segment;
         if let Some(next) = self.segments.get(segment) {
-            (self.left, self.layer) = cut(next, self.robot, self.slicing);
+            (self.left, self.cut) = cut(&next.rolled(self.roll), self.robot, self.slicing);
         }
+    }
+
+    fn next_segment(&mut self) {
+        if let (Cut::Helicoid(layers, _), Slicing::Exact) = (&self.cut, self.slicing)
+            && self.segment + 1 < self.segments.len()
+        {
+            self.roll += layers.roll();
+        }
+        self.cut_from(self.segment + 1);
     }
 }
 
@@ -102,10 +153,14 @@ impl Iterator for Layers<'_> {
         if self.left == 0 {
             return None;
         }
-        let sliced = SlicedLayer { segment: self.segment, layer: self.layer };
+        let layer = match &mut self.cut {
+            Cut::Alike(layer) => *layer,
+            Cut::Helicoid(layers, radius) => layers.next(*radius),
+        };
+        let sliced = SlicedLayer { segment: self.segment, layer };
         self.left -= 1;
         if self.left == 0 {
-            self.cut_from(self.segment + 1);
+            self.next_segment();
         }
         Some(sliced)
     }
@@ -122,9 +177,12 @@ impl FusedIterator for Layers<'_> {}
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::helicoid::Helicoid;
     use crate::layer::grow;
+    use crate::path::end;
     use crate::pose::Frame;
     use crate::testing::robot_a;
+    use nalgebra::Vector3;
     use proptest::prelude::*;
 
     fn segment() -> impl Strategy<Value = Segment> {
@@ -135,21 +193,33 @@ mod tests {
                 length: bend * radius
             }),
             (1e-7..5e3).prop_map(|length| Segment::Straight { length }),
+            helicoid(),
         ]
+    }
+
+    fn helicoid() -> impl Strategy<Value = Segment> {
+        (0.0..6.2, -2.0..0.0, -1.0..1.0, -1.0..1.0, 0.1..1.0, 98.2..500.0, 0.01..7.0).prop_map(
+            |(angle, exponent, x, y, along, radius, bend): (f64, f64, f64, f64, f64, f64, f64)| {
+                let size = libm::pow(10.0, exponent);
+                let (axis, side) = (
+                    Vector3::new(libm::cos(angle), libm::sin(angle), 0.0),
+                    Vector3::new(-libm::sin(angle), libm::cos(angle), 0.0),
+                );
+                let p = axis * along + side * x + Vector3::z() * y;
+                Segment::Helicoid { curve: Helicoid { m0: axis * size, p }, radius, length: bend * radius }
+            },
+        )
     }
 
     proptest! {
         #[test]
         fn exact_layers_sum_to_the_path_and_keep_every_limit(segments in prop::collection::vec(segment(), 0..6)) {
             let robot = robot_a();
-            let mut path = Path::new();
-            for segment in segments {
-                path.push(segment).unwrap();
-            }
+            let path = segments;
             let start = Frame::identity();
-            let end = grow(&start, layers(&path, &robot, Slicing::Exact).map(|sliced| sliced.layer));
-            let wanted = path.end(&start);
-            prop_assert!((end.translation.vector - wanted.translation.vector).norm() < 1e-6);
+            let tip = grow(&start, layers(&path, &robot, Slicing::Exact).map(|sliced| sliced.layer));
+            let wanted = end(&path, &start);
+            prop_assert!((tip.translation.vector - wanted.translation.vector).norm() < 1e-6);
             let limits = robot.description().layer;
             for SlicedLayer { layer, .. } in layers(&path, &robot, Slicing::Exact) {
                 prop_assert!(robot.check_layer(&layer, LIMIT_SLACK * 1.001).is_ok(), "{layer:?}");
@@ -160,8 +230,7 @@ mod tests {
         #[test]
         fn the_number_of_layers_is_the_least(length in 0.1..100.0) {
             let robot = robot_a();
-            let mut path = Path::new();
-            path.push(Segment::Straight { length }).unwrap();
+            let path = [Segment::Straight { length }];
             let n = layers(&path, &robot, Slicing::Exact).count() as f64;
             prop_assert!(length / n <= 0.774 * (1.0 + 1e-8));
             prop_assert!(n == 1.0 || length / (n - 1.0) > 0.774);
@@ -170,27 +239,21 @@ mod tests {
         #[test]
         fn size_hint_counts(segments in prop::collection::vec(segment(), 0..6)) {
             let robot = robot_a();
-            let mut path = Path::new();
-            for segment in segments {
-                path.push(segment).unwrap();
-            }
-            let layers = layers(&path, &robot, Slicing::Exact);
+            let layers = layers(&segments, &robot, Slicing::Exact);
             prop_assert_eq!(layers.size_hint().0, layers.count());
         }
     }
 
     #[test]
     fn a_segment_of_whole_layers_is_not_cut_once_more() {
-        let mut path = Path::new();
-        path.push(Segment::Straight { length: 0.774 * 10.0 }).unwrap();
+        let path = [Segment::Straight { length: 0.774 * 10.0 }];
         assert_eq!(layers(&path, &robot_a(), Slicing::Exact).count(), 10);
         assert_eq!(layers(&path, &robot_a(), Slicing::Whole { step: 0.774 }).count(), 10);
     }
 
     #[test]
     fn whole_steps_pass_the_end_by_less_than_a_step() {
-        let mut path = Path::new();
-        path.push(Segment::Arc { alpha: 0.0, bend: 1.0, length: 100.0 }).unwrap();
+        let path = [Segment::Arc { alpha: 0.0, bend: 1.0, length: 100.0 }];
         let laid: f64 = layers(&path, &robot_a(), Slicing::Whole { step: 3.096 }).map(|s| s.layer.height).sum();
         assert!(laid > 100.0 && laid < 103.096);
     }

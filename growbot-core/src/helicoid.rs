@@ -1,0 +1,212 @@
+//! Helicoidal arcs: curves of constant curvature whose torsion varies, the third kind of piece of which shortest paths in
+//! space consist, beside circular arcs and straight lines.
+//!
+//! Sussmann 1995 ("Shortest 3-dimensional paths with a prescribed curvature bound", CDC) shows that a shortest path of bounded
+//! curvature is made of arcs and lines or is one helicoidal arc. In units of the radius it is the curve
+//!
+//! ```text
+//! x'' = w x x',   w = m / |m|,   m = m0 + p x (x - x0)
+//! ```
+//!
+//! with constant vectors `m0`, perpendicular to the direction in which the curve starts, and `p`; their common scale is free.
+//! The tip turns about `w` by one radian per radius of length, and `w` itself turns about the tip: the body bends as tightly
+//! as it may throughout, and only the angle of deposition changes from layer to layer.
+
+use nalgebra::{Matrix3, Rotation3, Translation3, Vector3};
+
+use crate::pose::Frame;
+
+/// A helicoidal arc, without its length: `m0` and `p` in the frame of the tip that starts it, lengths in radii.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Helicoid {
+    /// `m` at the start: the axis about which the tip turns, times any positive scale.
+    pub m0: Vector3<f64>,
+    /// How `m` changes along the curve: `m' = p x x'`.
+    pub p: Vector3<f64>,
+}
+
+/// Longest step of the integration, radii.
+const LONGEST_STEP: f64 = 0.25;
+/// Near a point where `m` vanishes its direction turns fast: no step is longer than this share of the way to it.
+const SHARE_OF_WAY: f64 = 0.25;
+/// Yet none is shorter than this, radii: `w` turns half a turn within such a step at most, which moves the end by its square.
+const SHORTEST_STEP: f64 = 1e-6;
+/// Substeps of the midpoint rule whose results are extrapolated: order 10.
+const SUBSTEPS: [u32; 5] = [2, 4, 6, 8, 10];
+
+/// A point on a helicoidal arc: position, direction of growth and x axis of the tip, as the columns of a matrix.
+type State = Matrix3<f64>;
+
+impl Helicoid {
+    /// `m` at a point.
+    #[must_use]
+    pub fn m(&self, position: &Vector3<f64>) -> Vector3<f64> {
+        self.m0 + self.p.cross(position)
+    }
+
+    /// The same curve grown from a tip that is turned by `roll` about its direction of growth (radians, counter-clockwise).
+    #[must_use]
+    pub fn rolled(&self, roll: f64) -> Self {
+        let back = Rotation3::from_axis_angle(&Vector3::z_axis(), -roll);
+        Self { m0: back * self.m0, p: back * self.p }
+    }
+
+    /// `start_from_tip` after this length, both in radii.
+    #[must_use]
+    pub fn frame_after(&self, length: f64) -> Frame {
+        let mut walk = Walk::new(self);
+        walk.advance(length);
+        walk.frame()
+    }
+
+    fn rate(&self, state: &State) -> State {
+        let m = self.m(&state.column(0).into_owned());
+        let norm = m.norm();
+        let w = if norm > 0.0 { m / norm } else { Vector3::zeros() };
+        let direction = state.column(1).into_owned();
+        State::from_columns(&[direction, w.cross(&direction), w.cross(&state.column(2))])
+    }
+
+    /// The midpoint rule in so many substeps over one step.
+    fn midpoint(&self, state: &State, step: f64, substeps: u32) -> State {
+        let short = step / f64::from(substeps);
+        let (mut before, mut here) = (*state, state + self.rate(state) * short);
+        for _ in 1..substeps {
+            (before, here) = (here, before + self.rate(&here) * (2.0 * short));
+        }
+        // Gragg's smoothing is not needed: extrapolation in even powers holds for an even number of substeps.
+        here
+    }
+
+    /// One step, extrapolated (Bulirsch and Stoer 1966, with polynomials).
+    fn step(&self, state: &State, step: f64) -> State {
+        let mut row = [State::zeros(); SUBSTEPS.len()];
+        for (index, substeps) in SUBSTEPS.into_iter().enumerate() {
+            let mut value = self.midpoint(state, step, substeps);
+            // Neville's scheme: `row` holds the row before, from its left end.
+            for (column, kept) in row.iter_mut().enumerate().take(index + 1) {
+                let next = match index.checked_sub(column + 1).and_then(|earlier| SUBSTEPS.get(earlier)) {
+                    Some(earlier) => {
+                        let ratio = f64::from(substeps) / f64::from(*earlier);
+                        value + (value - *kept) / (ratio * ratio - 1.0)
+                    }
+                    None => value,
+                };
+                *kept = value;
+                value = next;
+            }
+        }
+        row[SUBSTEPS.len() - 1]
+    }
+}
+
+/// A tip on its way along a helicoidal arc.
+#[derive(Debug, Clone)]
+pub struct Walk {
+    curve: Helicoid,
+    state: State,
+}
+
+impl Walk {
+    /// At the start.
+    #[must_use]
+    pub fn new(curve: &Helicoid) -> Self {
+        Self { curve: *curve, state: State::from_columns(&[Vector3::zeros(), Vector3::z(), Vector3::x()]) }
+    }
+
+    /// Goes on by this length, radii.
+    pub fn advance(&mut self, length: f64) {
+        let slope = self.curve.p.norm();
+        let mut left = length;
+        while left > 0.0 {
+            let m = self.curve.m(&self.state.column(0).into_owned()).norm();
+            let safe = (SHARE_OF_WAY * m / slope.max(f64::MIN_POSITIVE)).clamp(SHORTEST_STEP, LONGEST_STEP);
+            // The last two steps are equal, so that none is nothing but rounding.
+            let step = if left <= safe {
+                left
+            } else if left < 2.0 * safe {
+                0.5 * left
+            } else {
+                safe
+            };
+            self.state = self.curve.step(&self.state, step);
+            left -= step;
+        }
+    }
+
+    /// `start_from_tip` here, lengths in radii.
+    #[must_use]
+    pub fn frame(&self) -> Frame {
+        let z = self.state.column(1).normalize();
+        let x = self.state.column(2).into_owned();
+        let x = (x - z * z.dot(&x)).normalize();
+        let rotation = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[x, z.cross(&x), z]));
+        Frame::from_parts(Translation3::from(self.state.column(0).into_owned()), rotation)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::kinematics;
+    use proptest::prelude::*;
+
+    /// Curves on which `m` does not come nearer to 0 than some 1e-4: where it passes through 0, `w` jumps.
+    fn helicoid() -> impl Strategy<Value = Helicoid> {
+        (0.0..6.28, -3.0..0.0, -1.0..1.0, -1.0..1.0, 0.1..1.0, any::<bool>()).prop_map(
+            |(angle, exponent, x, y, along, up): (f64, f64, f64, f64, f64, bool)| {
+                let size = libm::pow(10.0, exponent);
+                let (axis, side) = (
+                    Vector3::new(libm::cos(angle), libm::sin(angle), 0.0),
+                    Vector3::new(-libm::sin(angle), libm::cos(angle), 0.0),
+                );
+                let along = if up { along } else { -along };
+                Helicoid { m0: axis * size, p: axis * along + side * x + Vector3::z() * y }
+            },
+        )
+    }
+
+    /// The classical Runge-Kutta method in many small steps.
+    fn by_small_steps(curve: &Helicoid, length: f64, steps: u32) -> State {
+        let step = length / f64::from(steps);
+        let mut state = Walk::new(curve).state;
+        for _ in 0..steps {
+            let first = curve.rate(&state);
+            let second = curve.rate(&(state + first * (0.5 * step)));
+            let third = curve.rate(&(state + second * (0.5 * step)));
+            let fourth = curve.rate(&(state + third * step));
+            state += (first + (second + third) * 2.0 + fourth) * (step / 6.0);
+        }
+        state
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(300))]
+
+        #[test]
+        fn the_integration_agrees_with_one_in_small_steps(curve in helicoid(), length in 0.0..8.0) {
+            let mut walk = Walk::new(&curve);
+            walk.advance(length);
+            let apart = (walk.state - by_small_steps(&curve, length, 100_000)).amax();
+            prop_assert!(apart < 1e-9, "{curve:?} over {length}: {apart:e} apart");
+        }
+
+        #[test]
+        fn growth_in_pieces_is_growth(curve in helicoid(), length in 0.0..8.0) {
+            let mut walk = Walk::new(&curve);
+            for _ in 0..1000 {
+                walk.advance(length / 1000.0);
+            }
+            let (pieces, whole) = (walk.frame().to_homogeneous(), curve.frame_after(length).to_homogeneous());
+            prop_assert!((pieces - whole).amax() < 1e-9, "{:e}", (pieces - whole).amax());
+        }
+    }
+
+    #[test]
+    fn a_constant_axis_gives_a_circle() {
+        let circle = Helicoid { m0: Vector3::y(), p: Vector3::zeros() };
+        // About +y the tip bends towards +x: the material is laid at alpha = pi.
+        let arc = kinematics::step(core::f64::consts::PI, 2.5, 2.5);
+        assert!((circle.frame_after(2.5).to_homogeneous() - arc.to_homogeneous()).amax() < 1e-12);
+    }
+}

@@ -1,0 +1,172 @@
+//! Cutting a helicoidal arc into layers that end where it ends.
+//!
+//! Each layer is a short circular arc that bends towards where the curve goes meanwhile. A chain of such arcs strays from the
+//! curve by the square of a layer's tilt, so the angles of deposition, the height of all layers and, where these do not help (a
+//! curve that stays in a plane), the tilts are corrected by the least (in squares) that brings the chain's end to the curve's: to
+//! the last digits, in a few rounds.
+
+use nalgebra::{Matrix5, Vector3, Vector5};
+
+use crate::angle::wrap_positive;
+use crate::helicoid::{Helicoid, Walk};
+use crate::layer::Layer;
+use crate::pose::{Frame, tip_direction};
+
+/// A correction is good when it ends within this of the curve's end, radii and radians.
+const ARRIVED: f64 = 1e-14;
+/// Rounds of correction at most; each gains a factor of some 1/tilt.
+const ROUNDS: usize = 12;
+/// What a share of tilt counts for, beside a radian of alpha: tilts change only where alpha cannot help.
+const TILT_WEIGHT: f64 = 0.01;
+/// Added to the diagonal of the normal equations, as a share of their trace, so that they can always be solved.
+const DAMPING: f64 = 1e-13;
+
+/// The correction of a chain of layers.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Correction {
+    /// With `u = force x (end - x) + moment` for a layer at `x` that bends towards `n` about `b`: `n . u` is added to alpha, and
+    /// `-TILT_WEIGHT^2 b . u` of itself to the tilt.
+    force: Vector3<f64>,
+    moment: Vector3<f64>,
+    /// Factor of all heights, and of the tilts with them.
+    scale: f64,
+}
+
+/// The layers of a helicoidal arc, one after the other, in the frame of the tip that starts it. Lengths in radii.
+#[derive(Debug, Clone)]
+pub(super) struct HelicoidLayers {
+    curve: Helicoid,
+    /// How far along the curve a layer leads, before correction: also its tilt, radians.
+    tilt: f64,
+    count: u64,
+    /// The end of the curve.
+    end: Frame,
+    correction: Correction,
+    /// The tip on the curve, at the next layer, and its frame there.
+    walk: Walk,
+    here: Frame,
+}
+
+impl HelicoidLayers {
+    /// Layers that end where the curve does after `length` radii, `count` of them.
+    pub(super) fn exact(curve: &Helicoid, length: f64, count: u64) -> Self {
+        let mut layers = Self::steps(curve, length / count as f64, count);
+        layers.end = curve.frame_after(length);
+        layers.correct();
+        layers
+    }
+
+    /// Uncorrected layers of this tilt.
+    pub(super) fn steps(curve: &Helicoid, tilt: f64, count: u64) -> Self {
+        let none = Correction { force: Vector3::zeros(), moment: Vector3::zeros(), scale: 1.0 };
+        let (walk, start) = (Walk::new(curve), Frame::identity());
+        Self { curve: *curve, tilt, count, end: start, correction: none, walk, here: start }
+    }
+
+    /// The next layer. Beyond the last it goes on along the curve.
+    pub(super) fn next(&mut self, radius: f64) -> Layer {
+        let before = self.here;
+        let arm = self.end.translation.vector - before.translation.vector;
+        let bend = self.go_on();
+        let on_layer = self.correction.force.cross(&arm) + self.correction.moment;
+        let axis = tip_direction(&before).cross(&bend);
+        let in_tip = before.rotation.inverse() * bend;
+        let alpha = libm::atan2(in_tip.y, in_tip.x) + core::f64::consts::PI + bend.dot(&on_layer);
+        let height = self.tilt * self.correction.scale;
+        let tilt = height * (1.0 - TILT_WEIGHT * TILT_WEIGHT * axis.dot(&on_layer));
+        Layer { alpha: wrap_positive(alpha), height: height * radius, tilt }
+    }
+
+    /// The layer that tilts most.
+    pub(super) fn steepest(&self, radius: f64) -> Layer {
+        let mut layers = self.rewound();
+        let all = (0..self.count).map(|_| layers.next(radius));
+        all.fold(Layer::default(), |most, layer| if layer.tilt > most.tilt { layer } else { most })
+    }
+
+    /// How far the tip of the chain is rolled from that of the curve at the end, radians.
+    pub(super) fn roll(&self) -> f64 {
+        let end_from_tip = self.end.rotation.inverse() * self.chain_end().rotation;
+        let x = end_from_tip.matrix().column(0).into_owned();
+        libm::atan2(x.y, x.x)
+    }
+
+    /// Goes on by a layer: the direction, perpendicular to the tip, in which the curve bends meanwhile.
+    fn go_on(&mut self) -> Vector3<f64> {
+        let here = tip_direction(&self.here);
+        self.walk.advance(self.tilt);
+        self.here = self.walk.frame();
+        let next = tip_direction(&self.here);
+        (next - here * here.dot(&next)).try_normalize(f64::MIN_POSITIVE).unwrap_or_else(Vector3::zeros)
+    }
+
+    fn rewound(&self) -> Self {
+        Self { walk: Walk::new(&self.curve), here: Frame::identity(), ..self.clone() }
+    }
+
+    /// Where the chain of layers ends.
+    fn chain_end(&self) -> Frame {
+        let mut layers = self.rewound();
+        (0..self.count).fold(Frame::identity(), |start_from_tip, _| start_from_tip * layers.next(1.0).step())
+    }
+
+    /// What the chain lacks at its end: position in the axes of the start, direction in those of the end.
+    fn lack(&self) -> Vector5<f64> {
+        let chain = self.chain_end();
+        let offset = self.end.translation.vector - chain.translation.vector;
+        let turn = self.end.rotation.inverse() * tip_direction(&chain);
+        Vector5::new(offset.x, offset.y, offset.z, -turn.x, -turn.y)
+    }
+
+    /// Finds the correction: `lambda` of the least squares `sum J J^T lambda = lack`, where `J` says how the end moves with one
+    /// layer's alpha, and one more `J` how it moves with the scale of all layers.
+    fn correct(&mut self) {
+        let end_axes = self.end.rotation.matrix();
+        let (end_x, end_y) = (end_axes.column(0).into_owned(), end_axes.column(1).into_owned());
+        let end_direction = tip_direction(&self.end);
+        let moved = |turn: &Vector3<f64>, arm: &Vector3<f64>| {
+            let (offset, turned) = (turn.cross(arm), turn.cross(&end_direction));
+            Vector5::new(offset.x, offset.y, offset.z, turned.dot(&end_x), turned.dot(&end_y))
+        };
+
+        let mut layers = self.rewound();
+        let (mut sum, mut by_scale) = (Matrix5::zeros(), Vector5::zeros());
+        for _ in 0..self.count {
+            let direction = tip_direction(&layers.here);
+            let arm = self.end.translation.vector - layers.here.translation.vector;
+            let bend = layers.go_on();
+            let by_alpha = moved(&(-bend * self.tilt), &arm);
+            let by_tilt = moved(&(direction.cross(&bend) * self.tilt), &arm);
+            let weighted = by_tilt * TILT_WEIGHT;
+            sum += by_alpha * by_alpha.transpose() + weighted * weighted.transpose();
+            let ahead = direction * self.tilt;
+            by_scale += by_tilt + Vector5::new(ahead.x, ahead.y, ahead.z, 0.0, 0.0);
+        }
+        sum += by_scale * by_scale.transpose();
+        let damping = sum.trace() * DAMPING;
+        for index in 0..5 {
+            sum[(index, index)] += damping;
+        }
+        let Some(normal_equations) = sum.cholesky() else { return };
+
+        let (mut best, mut least) = (self.correction, f64::INFINITY);
+        for _ in 0..ROUNDS {
+            let lack = self.lack();
+            let miss = lack.amax();
+            if miss < least {
+                (best, least) = (self.correction, miss);
+            }
+            if miss <= ARRIVED || miss.is_nan() {
+                break;
+            }
+            let lambda = normal_equations.solve(&lack);
+            // `J . lambda` for any layer, with what does not depend on the layer taken together.
+            let on_position = Vector3::new(lambda[0], lambda[1], lambda[2]);
+            let on_direction = end_x * lambda[3] + end_y * lambda[4];
+            self.correction.force += on_position * self.tilt;
+            self.correction.moment += on_direction.cross(&end_direction) * self.tilt;
+            self.correction.scale += by_scale.dot(&lambda);
+        }
+        self.correction = best;
+    }
+}
