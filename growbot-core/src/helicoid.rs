@@ -149,11 +149,12 @@ impl Walk {
 mod tests {
     use super::*;
     use crate::kinematics;
+    use core::f64::consts::TAU;
     use proptest::prelude::*;
 
     /// Curves on which `m` does not come nearer to 0 than some 1e-4: where it passes through 0, `w` jumps.
     fn helicoid() -> impl Strategy<Value = Helicoid> {
-        (0.0..6.28, -3.0..0.0, -1.0..1.0, -1.0..1.0, 0.1..1.0, any::<bool>()).prop_map(
+        (0.0..TAU, -3.0..0.0, -1.0..1.0, -1.0..1.0, 0.1..1.0, any::<bool>()).prop_map(
             |(angle, exponent, x, y, along, up): (f64, f64, f64, f64, f64, bool)| {
                 let size = libm::pow(10.0, exponent);
                 let (axis, side) = (

@@ -189,7 +189,7 @@ fn refuse(args: &GrowArgs, plan: &Plan) -> Result<(), Failure> {
 /// The result as scripts read it. What was not grown is where it started.
 fn json_of(outcome: &str, grown: Option<&Grown>, plan: &Plan) -> Value {
     let arrival =
-        grown.map_or_else(|| Arrival::of(&plan.start.frame(), &plan.goal, plan.path.length()), |grown| grown.arrival);
+        grown.map_or_else(|| Arrival::of(&plan.start.frame(), &plan.goal, length(&plan.path)), |grown| grown.arrival);
     json!({
         "outcome": outcome,
         "layers": grown.map_or(0, |grown| grown.body.len()),
