@@ -3,7 +3,7 @@
 use std::sync::atomic::AtomicBool;
 
 use growbot_core::layer::Layer;
-use growbot_core::path::{Segment, length};
+use growbot_core::path::{Segment, end, length};
 use growbot_core::pose::{Pose, angle_between};
 use growbot_core::robot::Robot;
 use growbot_host::client::Client;
@@ -17,7 +17,7 @@ use growbot_tests::firmware;
 /// What grew, and each layer as the board counted its steps, sector by sector.
 fn grow_on(port: Box<dyn Port>, robot: &Robot, path: &[Segment]) -> (Grown, Vec<(u32, Layer)>) {
     let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
-    let goal = Pose::from_frame(&path.end(&start.frame()));
+    let goal = Pose::from_frame(&end(path, &start.frame()));
     let job = Job { robot, start: &start, goal: &goal, path };
     let mut client = Client::new(port, "a board under test");
     let mut counted = Vec::new();

@@ -63,7 +63,7 @@ fn the_board_plans_the_desktops_layers_bit_for_bit() {
     let (mut goals_compared, mut layers_compared) = (0, 0);
     for goal in goals() {
         let goal = Pose::from_degrees(goal).unwrap();
-        let path = plan(&robot, &start, &goal, 100.0, Planner::TwoPlane).unwrap();
+        let path = plan(&robot, &start, &goal, 100.0, Planner::TwoPlane).unwrap().path;
         let expected = summarize(&path, &robot);
 
         let request =

@@ -45,7 +45,7 @@
 //! let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
 //! let goal = Pose::from_degrees([200.0, 100.0, 600.0, 0.0, 45.0]).unwrap();
 //!
-//! let path = plan(&robot, &start, &goal, 100.0, Planner::TwoPlane).unwrap();
+//! let path = plan(&robot, &start, &goal, 100.0, Planner::TwoPlane).unwrap().path;
 //! assert_eq!(path.len(), 5);
 //!
 //! // Laid one on the other, the layers end where the goal is.

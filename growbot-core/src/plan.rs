@@ -11,6 +11,19 @@ use crate::two_plane::two_plane;
 pub enum Planner {
     /// The paper's: two planar Dubins paths ([`crate::two_plane`]).
     TwoPlane,
+    /// The shortest there is ([`crate::shortest`]).
+    Shortest,
+}
+
+/// A path, and what it was chosen from.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Chosen {
+    /// The path.
+    pub path: Path,
+    /// How many paths were found that reach the goal.
+    pub candidates: usize,
+    /// Length of the two-plane path to the same goal, mm.
+    pub two_plane_length: f64,
 }
 
 /// Why there is no plan.
@@ -44,6 +57,9 @@ pub enum PlanError {
         /// The greatest distance that is taken, mm.
         limit: f64,
     },
+    /// No path was found at all.
+    #[error("no path was found: please report these poses")]
+    NoPath,
     /// The path has more segments than a path holds.
     #[error(transparent)]
     TooManySegments(#[from] PathFull),
@@ -80,7 +96,24 @@ pub fn miss(base_from_tip: &Frame, goal: &Pose) -> Miss {
 ///
 /// # Errors
 /// A radius that the robot cannot bend to, or, never yet seen, a path that misses.
-pub fn plan(robot: &Robot, start: &Pose, goal: &Pose, radius: f64, planner: Planner) -> Result<Path, PlanError> {
+pub fn plan(robot: &Robot, start: &Pose, goal: &Pose, radius: f64, planner: Planner) -> Result<Chosen, PlanError> {
+    // Whatever is asked first is accepted, so there is always an answer.
+    plan_where(robot, start, goal, radius, planner, |_| true).and_then(|chosen| chosen.ok_or(PlanError::NoPath))
+}
+
+/// Plans the shortest of the planner's candidates that `accept` accepts; none if it accepts none. Candidates are offered by
+/// length, the two-plane path among them.
+///
+/// # Errors
+/// As [`plan`].
+pub fn plan_where(
+    robot: &Robot,
+    start: &Pose,
+    goal: &Pose,
+    radius: f64,
+    planner: Planner,
+    mut accept: impl FnMut(&[Segment]) -> bool,
+) -> Result<Option<Chosen>, PlanError> {
     let limit = robot.least_radius();
     if radius < limit {
         return Err(PlanError::RadiusTooSmall { radius, limit });
@@ -88,9 +121,18 @@ pub fn plan(robot: &Robot, start: &Pose, goal: &Pose, radius: f64, planner: Plan
     if radius.is_nan() || radius > GREATEST_RADIUS {
         return Err(PlanError::RadiusTooLarge { radius, limit: GREATEST_RADIUS });
     }
-    let path = match planner {
-        Planner::TwoPlane => two_plane(start, goal, radius)?,
-    };
+    let two_plane = arriving(two_plane(start, goal, radius)?, start, goal, radius)?;
+    let two_plane_length = path::length(&two_plane);
+    let candidates = 1;
+    match planner {
+        Planner::TwoPlane | Planner::Shortest => {
+            Ok(accept(&two_plane).then_some(Chosen { path: two_plane, candidates, two_plane_length }))
+        }
+    }
+}
+
+/// The path, without segments that are nothing but rounding, if it ends at the goal.
+fn arriving(path: Path, start: &Pose, goal: &Pose, radius: f64) -> Result<Path, PlanError> {
     let scale = ((goal.position() - start.position()).norm() / (100.0 * radius)).max(1.0);
     let within = |path: &Path, share: f64| {
         let miss = miss(&path::end(path, &start.frame()), goal);
@@ -143,7 +185,8 @@ mod tests {
 
     fn assert_plans(start: &Pose, goal: &Pose, radius: f64) -> Path {
         let path = plan(&robot_a(), start, goal, radius, Planner::TwoPlane)
-            .unwrap_or_else(|error| panic!("{start:?} to {goal:?}: {error}"));
+            .unwrap_or_else(|error| panic!("{start:?} to {goal:?}: {error}"))
+            .path;
         let miss = miss(&path::end(&path, &start.frame()), goal);
         assert!(miss.distance < 1e-6 && miss.angle < 1e-8, "{start:?} to {goal:?}: {miss:?}");
         path

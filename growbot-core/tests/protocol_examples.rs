@@ -162,7 +162,7 @@ fn conversation() -> Vec<(&'static str, u16, u16, Message)> {
     };
     let up = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
     let goal = Pose::from_degrees([0.0, 0.0, 1.5, 0.0, 90.0]).unwrap();
-    let path = plan(&robot, &up, &goal, 100.0, Planner::TwoPlane).unwrap();
+    let path = plan(&robot, &up, &goal, 100.0, Planner::TwoPlane).unwrap().path;
     let planned = summarize(&path, &robot);
     // What robot A's step engine makes of the first layer: 3200 steps of the head, 6207 of the feed.
     let as_built =

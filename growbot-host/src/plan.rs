@@ -45,7 +45,7 @@ impl Plan {
     /// # Errors
     /// As [`growbot_core::plan::plan`]: a radius that the robot cannot bend to, above all.
     pub fn make(robot: &Robot, start: &Pose, goal: &Pose, radius: f64, planner: Planner) -> Result<Self, PlanError> {
-        let path = planning::plan(robot, start, goal, radius, planner)?;
+        let path = planning::plan(robot, start, goal, radius, planner)?.path;
         Ok(Self::of_path(robot, start, goal, radius, planner, path.to_vec()))
     }
 

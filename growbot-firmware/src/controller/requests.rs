@@ -195,7 +195,7 @@ impl<B: Board> Controller<B> {
         self.only_at_rest()?;
         let start = Pose::try_from(request.start).map_err(|_| Refusal::NoPlan)?;
         let goal = Pose::try_from(request.goal).map_err(|_| Refusal::NoPlan)?;
-        let path = plan(&self.robot, &start, &goal, request.radius, request.planner).map_err(|_| Refusal::NoPlan)?;
+        let path = plan(&self.robot, &start, &goal, request.radius, request.planner).map_err(|_| Refusal::NoPlan)?.path;
         let layers = job_layers(&path, &self.robot).size_hint().0;
         if layers > CAPACITY {
             let layers = u32::try_from(layers).unwrap_or(u32::MAX);

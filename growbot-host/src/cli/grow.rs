@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser};
 use growbot_core::link::message::State;
+use growbot_core::path::length;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_host::arrival::Arrival;

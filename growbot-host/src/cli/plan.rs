@@ -68,6 +68,8 @@ is 1 if any failed.";
 /// The planners, as the command line calls them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum PlannerName {
+    /// The shortest there is
+    Shortest,
     /// Two planar paths that meet on the line from start to goal (the paper's)
     TwoPlane,
 }
@@ -76,6 +78,7 @@ impl From<PlannerName> for Planner {
     fn from(name: PlannerName) -> Self {
         match name {
             PlannerName::TwoPlane => Self::TwoPlane,
+            PlannerName::Shortest => Self::Shortest,
         }
     }
 }
@@ -84,7 +87,7 @@ impl From<PlanError> for Failure {
     fn from(error: PlanError) -> Self {
         match error {
             PlanError::RadiusTooSmall { .. } | PlanError::RadiusTooLarge { .. } => Self::bad_input(error),
-            PlanError::Missed { .. } | PlanError::TooManySegments(_) => Self::answered_no(error),
+            PlanError::Missed { .. } | PlanError::NoPath | PlanError::TooManySegments(_) => Self::answered_no(error),
         }
     }
 }

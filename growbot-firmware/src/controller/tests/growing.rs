@@ -272,7 +272,7 @@ fn the_board_plans_as_the_desktop_does() {
         let request = PlanRequest { start, goal, radius: 100.0, planner: Planner::TwoPlane };
         let Message::Planned(planned) = bench.ask(&Message::Plan(request)) else { panic!() };
         let [from, to] = [start, goal].map(|fields| Pose::try_from(fields).unwrap());
-        let path = plan(&robot, &from, &to, 100.0, Planner::TwoPlane).unwrap();
+        let path = plan(&robot, &from, &to, 100.0, Planner::TwoPlane).unwrap().path;
         let summary = summarize(&path, &robot);
         assert_eq!(
             planned,
