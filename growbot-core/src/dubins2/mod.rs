@@ -4,18 +4,19 @@
 //! A shortest path is one of six words, LSL, RSR, LSR, RSL, LRL, RLR, or a part of one (S, C, SC, CS, CC): a part is a
 //! word with angles or lengths of 0.
 //!
-//! Each word is built from the centres of its circles (Shkel and Lumelsky 2001 classify the same words by their angles);
-//! words that begin to the right are those that begin to the left, in the mirrored plane (`words.rs`). Square roots of
-//! values that rounding put below 0 are taken as 0: there, the lengths that follow are stationary, and the word is taken if
-//! it ends at the goal.
+//! Each word is built from the centres of its circles (Shkel and Lumelsky 2001 classify the same words by their
+//! angles); words that begin to the right are those that begin to the left, in the mirrored plane (`words.rs`). Square
+//! roots of values that rounding put below 0 are taken as 0: there, the lengths that follow are stationary, and the
+//! word is taken if it ends at the goal.
 //!
-//! What classic implementations get wrong is handled explicitly: where an angle is a rounding error short of a full turn,
-//! or two circles coincide and the line between their centres has no direction, the word without that turn is tried and
-//! taken if it ends at the goal.
+//! What classic implementations get wrong is handled explicitly: where an angle is a rounding error short of a full
+//! turn, or two circles coincide and the line between their centres has no direction, the word without that turn is
+//! tried and taken if it ends at the goal.
 //!
 //! Six words take twelve arc tangents, and one of them is wanted. So this is a branch and bound: each word first gets a
 //! lower bound of its length, in single precision and with a short polynomial for the arc tangent (`bounds.rs`), and
-//! only words whose bound is below the best length found are built. The bounds decide what is computed, never what is returned.
+//! only words whose bound is below the best length found are built. The bounds decide what is computed, never what is
+//! returned.
 
 mod bounds;
 #[cfg(test)]
@@ -159,7 +160,8 @@ pub fn shortest(goal: &PlanarPose) -> PlanarPath {
     shortest_within(&goal, bounds::lower_bounds(&goal))
 }
 
-/// The shortest path, built only from words whose lower bound leaves that possible. Whatever the bounds, the result is the same.
+/// The shortest path, built only from words whose lower bound leaves that possible. Whatever the bounds, the result is
+/// the same.
 #[inline(always)]
 fn shortest_within(goal: &Goal, bounds: [f32; 6]) -> PlanarPath {
     let mut likeliest = Word::Lsl;
@@ -179,8 +181,8 @@ fn shortest_within(goal: &Goal, bounds: [f32; 6]) -> PlanarPath {
     }
 }
 
-/// Whether a word of that bound is certainly longer than the shortest. A bound that is not a number rules nothing out; the rounding to
-/// single precision is within the bounds' margins.
+/// Whether a word of that bound is certainly longer than the shortest. A bound that is not a number rules nothing out;
+/// the rounding to single precision is within the bounds' margins.
 fn is_longer(bound: f32, shortest: f64) -> bool {
     bound > (shortest + TIE) as f32
 }

@@ -141,10 +141,11 @@ impl Tangent {
         Built { lengths: [first, self.straight, last], square: self.square, doubtful }
     }
 
-    /// LRL, if the circles are near enough. The middle arc is longer than pi: with a shorter one it is never the shortest path.
+    /// LRL, if the circles are near enough. The middle arc is longer than pi: with a shorter one it is never the
+    /// shortest path.
     ///
-    /// The middle centre is 2 from both others. It lies in the direction of the line between them, turned by the angle `base` of
-    /// (distance, height); the first arc ends a quarter turn further.
+    /// The middle centre is 2 from both others. It lies in the direction of the line between them, turned by the angle
+    /// `base` of (distance, height); the first arc ends a quarter turn further.
     fn three_arcs(&self) -> Built {
         let &Self { x, y, heading, straight: distance, .. } = self;
         let square = (4.0 - distance) * (4.0 + distance);
@@ -157,7 +158,8 @@ impl Tangent {
     }
 }
 
-/// For a vector that is steep (1), points backwards (2), points downwards (4): from where its angle counts, and which way.
+/// For a vector that is steep (1), points backwards (2), points downwards (4): from where its angle counts, and which
+/// way.
 const OCTANTS: [(f64, f64); 8] = [
     (0.0, 1.0),
     (FRAC_PI_2, -1.0),
@@ -171,8 +173,8 @@ const OCTANTS: [(f64, f64); 8] = [
 
 /// The direction of a vector in [0, 2 pi).
 ///
-/// This is an arc tangent of two arguments without branches that depend on these: a vector in the upper half of an octant is turned by
-/// an eighth of a turn, so that `atan` always gets an argument that it need not reduce.
+/// This is an arc tangent of two arguments without branches that depend on these: a vector in the upper half of an
+/// octant is turned by an eighth of a turn, so that `atan` always gets an argument that it need not reduce.
 #[inline(always)]
 fn direction(x: f64, y: f64) -> f64 {
     let (along, across) = (x.abs(), y.abs());
