@@ -177,7 +177,7 @@ fn shortest_within(goal: &Goal, bounds: [f32; 6]) -> PlanarPath {
     let longer = bounds.map(|bound| is_longer(bound, shortest));
     match first {
         Some(path) if longer.into_iter().filter(|longer| *longer).count() == longer.len() - 1 => path,
-        _ => shortest_of_several(goal, bounds, shortest),
+        _ => shortest_of_several(goal, bounds, likeliest, first),
     }
 }
 
@@ -187,16 +187,18 @@ fn is_longer(bound: f32, shortest: f64) -> bool {
     bound > (shortest + TIE) as f32
 }
 
-/// [`shortest_within`], where more than one word may be the shortest.
+/// [`shortest_within`], where more than one word may be the shortest; one of them is built already.
 #[cold]
-fn shortest_of_several(goal: &Goal, bounds: [f32; 6], mut shortest: f64) -> PlanarPath {
+fn shortest_of_several(goal: &Goal, bounds: [f32; 6], built: Word, first: Option<PlanarPath>) -> PlanarPath {
     let mut found = [None; 6];
+    let mut shortest = first.as_ref().map_or(f64::INFINITY, PlanarPath::length);
     for (path, (word, bound)) in found.iter_mut().zip(Word::ALL.into_iter().zip(bounds)) {
-        if is_longer(bound, shortest) {
-            continue;
+        if word == built {
+            *path = first;
+        } else if !is_longer(bound, shortest) {
+            *path = goal.build(word);
+            shortest = path.as_ref().map_or(shortest, |path| path.length().min(shortest));
         }
-        *path = goal.build(word);
-        shortest = path.as_ref().map_or(shortest, |path| path.length().min(shortest));
     }
     let as_short = |path: &PlanarPath| path.length() <= shortest + TIE;
     // LSL always exists, so there is always a path, unless the goal is not in numbers.

@@ -78,8 +78,8 @@ impl<'a> Goal<'a> {
         let mut shortest = Shortest { goal: self.pose, word: path.word, path: None };
         if matches!(path.word, Word::Lsl | Word::Rsr) && middle < NEAR_FULL_TURN {
             // The line between the centres has no direction, and one arc may make the whole turn.
-            shortest.take_if_it_arrives([between.heading, 0.0, 0.0]);
             shortest.take_if_it_arrives([0.0; 3]);
+            shortest.take_if_it_arrives([between.heading, 0.0, 0.0]);
         }
         // What an arc falls short of a full turn goes to the arc at the other end, so that the heading stays.
         let same_side = !matches!(path.word, Word::Lsr | Word::Rsl);
@@ -88,14 +88,14 @@ impl<'a> Goal<'a> {
             (if same_side { angle - missing } else { angle + missing }).max(0.0)
         };
         let (drop_first, drop_last) = (first > TAU - NEAR_FULL_TURN, last > TAU - NEAR_FULL_TURN);
+        if drop_first && drop_last {
+            shortest.take_if_it_arrives([0.0, middle, 0.0]);
+        }
         if drop_first {
             shortest.take_if_it_arrives([0.0, middle, other(last, first)]);
         }
         if drop_last {
             shortest.take_if_it_arrives([other(first, last), middle, 0.0]);
-        }
-        if drop_first && drop_last {
-            shortest.take_if_it_arrives([0.0, middle, 0.0]);
         }
         if square >= 0.0 {
             shortest.take(path.lengths);
@@ -203,17 +203,23 @@ struct Shortest<'a> {
 }
 
 impl Shortest<'_> {
+    /// Integrating it forwards is what costs, so that comes last.
     fn take_if_it_arrives(&mut self, lengths: [f64; 3]) {
-        let tolerance = ARRIVED.max(ARRIVED_AT_DISTANCE * libm::hypot(self.goal.x, self.goal.y));
-        if (PlanarPath { word: self.word, lengths }).miss(self.goal) <= tolerance {
-            self.take(lengths);
+        let path = PlanarPath { word: self.word, lengths };
+        let tolerance = || ARRIVED.max(ARRIVED_AT_DISTANCE * libm::hypot(self.goal.x, self.goal.y));
+        if self.is_shorter(&path) && path.miss(self.goal) <= tolerance() {
+            self.path = Some(path);
         }
     }
 
     fn take(&mut self, lengths: [f64; 3]) {
         let path = PlanarPath { word: self.word, lengths };
-        if self.path.is_none_or(|shortest| path.length() < shortest.length() - TIE) {
+        if self.is_shorter(&path) {
             self.path = Some(path);
         }
+    }
+
+    fn is_shorter(&self, path: &PlanarPath) -> bool {
+        self.path.is_none_or(|shortest| path.length() < shortest.length() - TIE)
     }
 }
