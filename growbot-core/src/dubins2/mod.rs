@@ -13,9 +13,9 @@
 //! turn, or two circles coincide and the line between their centres has no direction, the word without that turn is
 //! tried and taken if it ends at the goal.
 //!
-//! Six words take twelve arc tangents, and one of them is wanted. So this is a branch and bound: each word first gets a
-//! lower bound of its length, in single precision and with a short polynomial for the arc tangent (`bounds.rs`), and
-//! only words whose bound is below the best length found are built. The bounds decide what is computed, never what is
+//! Building six words for the sake of one is mostly wasted. So this is a branch and bound: each word first gets a lower
+//! bound of its length, in single precision and with a short polynomial for the arc tangent (`bounds.rs`), and only
+//! words whose bound is below the best length found are built. The bounds decide what is computed, never what is
 //! returned.
 
 mod bounds;

@@ -28,9 +28,9 @@ pub(super) struct Goal<'a> {
 pub(super) struct Tangent {
     /// Which of the two tangents: 1 for the outer one, of LSL, -1 for the inner one, of LSR.
     pub(super) side: f64,
-    /// Its direction, in which these have a length of no meaning: none, if the circles are one.
+    /// A vector in its direction. For the outer one: from one centre to the other.
     pub(super) x: f64,
-    /// Across.
+    /// The other component of that.
     pub(super) y: f64,
     /// The square of its length, before rounding below 0 is mended: if it is below 0 there is no such tangent.
     pub(super) square: f64,
@@ -64,6 +64,7 @@ impl<'a> Goal<'a> {
     /// The shortest of a word and its parts, if there is one that leads to the goal.
     #[inline(always)]
     pub(super) fn build(&self, word: Word) -> Option<PlanarPath> {
+        // In the order of the words: after the four with a tangent come the two between the first two pairs of circles.
         let index = word as usize;
         let between = &self.tangents[index & 3];
         let built = if index < 4 { between.straight() } else { between.three_arcs() };
