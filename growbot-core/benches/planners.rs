@@ -60,8 +60,11 @@ fn planar_goal(n: u32, farthest: f64) -> PlanarPose {
     PlanarPose { x: distance * x, y: distance * y, heading: TAU * spread(n, 0.618_033_988_749_894_9) }
 }
 
+/// A kind of goals, and the goal for each n.
+type Family = (&'static str, fn(u32) -> PlanarPose);
+
 /// The families of goals for which words degenerate, each the end of a path that is a part of a word.
-const FAMILIES: [(&str, fn(u32) -> PlanarPose); 7] = [
+const FAMILIES: [Family; 7] = [
     ("arc below pi", |n| laid(Word::Lsl, [0.5 * angle(n), 0.0, 0.0])),
     ("arc above pi", |n| laid(Word::Lsl, [PI + 0.5 * angle(n), 0.0, 0.0])),
     ("tangent arcs", |n| laid(Word::Lsr, [angle(n), 0.0, other_angle(n)])),
