@@ -129,7 +129,7 @@ fn planned_paths_are_as_short_as_those_searched_now() {
     /// Names cases and searches that the table does not have.
     const SEED: u64 = 2026;
     let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
-    let helicoid = helicoid::Effort { shots: 40, chains: 6, rounds: 1, most_rounds: 6, hits: 4 };
+    let helicoid = helicoid::Effort { shots: 40, lines: 15, chains: 6, rounds: 1, most_rounds: 6, hits: 4 };
     let effort = Effort { csc_starts: 150, helicoid: Some(helicoid) };
     let strata = [Stratum::Near, Stratum::Near, Stratum::Near, Stratum::Middle, Stratum::Far];
     for (number, stratum) in strata.into_iter().enumerate() {
@@ -138,12 +138,13 @@ fn planned_paths_are_as_short_as_those_searched_now() {
         let best = shortest(&problem, &effort, &mut Random::new(&[SEED, number as u64]));
         let planned = planned_length(&robot, &problem.goal, &problem.tangent);
         println!(
-            "{} {number} at {:.3} radii: planned {planned:.9}, best {} {:.9}, found by {} shots and {} chains, in {:.1} s",
+            "{} {number} at {:.3} radii: planned {planned:.9}, best {} {:.9}, found by {} shots, {} lines and {} chains, in {:.1} s",
             stratum.name(),
             problem.goal.norm(),
             best.word,
             best.curve.length(),
             best.helicoids.by_shots,
+            best.helicoids.by_lines,
             best.helicoids.by_chains,
             began.elapsed().as_secs_f64()
         );

@@ -18,7 +18,7 @@ use growbot_tests::slow_shortest::{Best, Effort, helicoid, shortest};
 const IMPROVED: f64 = 1e-6;
 
 fn effort(stratum: Stratum) -> Effort {
-    let helicoid = helicoid::Effort { shots: 60, chains: 8, rounds: 2, most_rounds: 12, hits: 8 };
+    let helicoid = helicoid::Effort { shots: 60, lines: 15, chains: 8, rounds: 2, most_rounds: 12, hits: 8 };
     match stratum {
         Stratum::Near | Stratum::Coplanar => Effort { csc_starts: 400, helicoid: Some(helicoid) },
         Stratum::Middle => Effort { csc_starts: 400, helicoid: Some(helicoid::Effort { rounds: 1, ..helicoid }) },
@@ -46,15 +46,17 @@ fn main() {
                 let found = shortest(&problem, &effort(stratum), &mut random);
                 let helicoids = found.helicoids;
                 eprintln!(
-                    "{} {number} pass {pass} at {:.3}: {} {:.12}; csc hits {}, H hits {} + {} in {} rounds; least chain {:+.6}; {:.1} s",
+                    "{} {number} pass {pass} at {:.3}: {} {:.12}; csc hits {}, H hits {} + {} + {} in {} rounds, {} refused; least chain {:+.6}; {:.1} s",
                     stratum.name(),
                     problem.goal.norm(),
                     found.word,
                     found.curve.length(),
                     found.csc_hits,
                     helicoids.by_shots,
+                    helicoids.by_lines,
                     helicoids.by_chains,
                     helicoids.rounds,
+                    helicoids.refused,
                     helicoids.least_chain - found.curve.length(),
                     began.elapsed().as_secs_f64()
                 );

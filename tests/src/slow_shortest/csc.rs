@@ -37,16 +37,28 @@ fn gap(problem: &Problem, unknowns: &Unknowns) -> Vector6<f64> {
     Vector6::new(across.x, across.y, across.z, turn.x, turn.y, turn.z)
 }
 
-/// The shortest arc, line, arc that any of so many random starts leads to, and how many led to it.
-pub fn shortest(problem: &Problem, starts: usize, random: &mut Random) -> Option<(Curve, usize)> {
-    let mut best: Option<(Curve, usize)> = None;
+/// What so many random starts lead to.
+#[derive(Debug, Clone, Default)]
+pub struct Found {
+    /// The shortest arc, line, arc.
+    pub best: Option<Curve>,
+    /// How many starts led to it.
+    pub hits: usize,
+    /// The angles and lengths of those whose line would have to be walked backwards: no curves, but where the line is
+    /// short, there is a helicoidal arc close by.
+    pub backwards: Vec<[f64; 3]>,
+}
+
+/// Searches from so many random starts.
+pub fn search(problem: &Problem, starts: usize, random: &mut Random) -> Found {
+    let mut all = Found::default();
     for _ in 0..starts {
         let mut bend = || {
             let (sin, cos) = libm::sincos(random.between(0.0, TAU));
             Vector2::new(cos, sin) * random.between(0.0, TAU)
         };
         let (first, last) = (bend(), bend());
-        let line = random.between(0.0, problem.goal.norm() + 2.0);
+        let line = random.between(-1.0, problem.goal.norm() + 2.0);
         let start = Unknowns::from([first.x, first.y, line, last.x, last.y]);
         let residual = |at: &Unknowns| Some(gap(problem, at));
         let slopes = |at: &Unknowns, there: &Vector6<f64>| levenberg::differences(at, there, 1e-7, residual);
@@ -57,22 +69,28 @@ pub fn shortest(problem: &Problem, starts: usize, random: &mut Random) -> Option
         let (Piece::Arc { axis, angle }, Piece::Arc { axis: back_axis, angle: back_angle }) = (first, last) else {
             continue;
         };
-        if found[2] < -1e-12 {
+        let (angle, line, back_angle) = (angle % TAU, found[2], back_angle % TAU);
+        if line < -1e-12 {
+            let extents = [angle, line, back_angle];
+            let is_known = |known: &[f64; 3]| known.iter().zip(extents).all(|(a, b)| (a - b).abs() < 1e-6);
+            if !all.backwards.iter().any(is_known) {
+                all.backwards.push(extents);
+            }
             continue;
         }
         let curve = Curve::Pieces(vec![
-            Piece::Arc { axis, angle: angle % TAU },
-            Piece::Line { length: found[2].max(0.0) },
-            Piece::Arc { axis: -back_axis, angle: back_angle % TAU },
+            Piece::Arc { axis, angle },
+            Piece::Line { length: line.max(0.0) },
+            Piece::Arc { axis: -back_axis, angle: back_angle },
         ]);
         if !problem.is_reached_by(&curve) {
             continue;
         }
-        match &mut best {
-            Some((shortest, hits)) if (curve.length() - shortest.length()).abs() < 1e-9 => *hits += 1,
-            Some((shortest, _)) if curve.length() > shortest.length() => {}
-            _ => best = Some((curve, 1)),
+        match &all.best {
+            Some(shortest) if (curve.length() - shortest.length()).abs() < 1e-9 => all.hits += 1,
+            Some(shortest) if curve.length() > shortest.length() => {}
+            _ => (all.best, all.hits) = (Some(curve), 1),
         }
     }
-    best
+    all
 }

@@ -1,19 +1,32 @@
 //! Helicoidal arcs (Sussmann 1995): curves of curvature exactly 1 that bend about w = m / |m|, where m = m0 + p x position,
 //! with constant vectors m0, perpendicular to the first tangent, and p.
 //!
-//! Which m0, p and length reach a goal is searched by shooting: from random curves, and from curves that
-//! [`super::bent_chain`] has straightened directly, Levenberg and Marquardt's method leads to a curve that arrives, or not.
+//! Which of them reach a goal is searched by shooting: from random curves, from curves close to an arc, a line and an arc
+//! whose line is a little too short to be walked, and from those that [`super::bent_chain`] has shortened directly,
+//! Levenberg and Marquardt's method leads to a curve that arrives, or not.
 
-use nalgebra::{Matrix6, SMatrix, SymmetricEigen, Vector3, Vector6};
+use nalgebra::{Matrix3, Matrix6, SMatrix, SymmetricEigen, Vector3, Vector4, Vector5, Vector6};
 
 use super::bent_chain::{self, Chain};
 use super::levenberg;
 use super::random::Random;
 use super::{Problem, Tip};
 
-/// The error per step that is taken while searching, and in the end, radii.
-const ROUGH: f64 = 1e-8;
-const FINE: f64 = 1e-13;
+/// How exactly a curve is searched.
+struct Precision {
+    /// The error per step of a walk, radii.
+    error: f64,
+    /// The difference in a parameter by which slopes are taken.
+    difference: f64,
+    /// A curve arrives within this of the goal, radii and radians.
+    arrived: f64,
+}
+
+const ROUGH: Precision = Precision { error: 1e-8, difference: 1e-4, arrived: 1e-5 };
+const FINE: Precision = Precision { error: 1e-13, difference: 3e-7, arrived: 1e-11 };
+const FINEST: Precision = Precision { error: 1e-14, difference: 1e-8, arrived: 1e-10 };
+/// Lines walked backwards further than this have no helicoidal arc close by, radii.
+const LONGEST_LINE: f64 = 1.0;
 /// A curve that needs more steps than this is given up.
 const MOST_STEPS: usize = 20_000;
 
@@ -26,6 +39,74 @@ pub struct Helicoid {
     pub p: Vector3<f64>,
     /// Arc length, radii.
     pub length: f64,
+}
+
+/// Position and tangent.
+type State = Vector6<f64>;
+
+fn tip(state: &State) -> Tip {
+    Tip { position: Vector3::new(state[0], state[1], state[2]), tangent: Vector3::new(state[3], state[4], state[5]) }
+}
+
+fn state(tip: &Tip) -> State {
+    let Tip { position, tangent } = tip;
+    State::new(position.x, position.y, position.z, tangent.x, tangent.y, tangent.z)
+}
+
+/// How position and tangent change along a curve with this m0 and p.
+fn rate(m0: &Vector3<f64>, p: &Vector3<f64>, at: &State) -> State {
+    let Tip { position, tangent } = tip(at);
+    let m = m0 + p.cross(&position);
+    state(&Tip { position: tangent, tangent: m.cross(&tangent) / m.norm() })
+}
+
+/// Walks a curve by Dormand and Prince's steps of order 5, each with at most this error; backwards, if the length is
+/// negative.
+fn walk(m0: &Vector3<f64>, p: &Vector3<f64>, from: State, length: f64, error: f64) -> Option<State> {
+    let rate = |state: &State| rate(m0, p, state);
+    let mut state = from;
+    let mut left = length;
+    let mut step: f64 = 0.01;
+    let mut k1 = rate(&state);
+    for _ in 0..MOST_STEPS {
+        if left == 0.0 {
+            return Some(state);
+        }
+        let is_last = step >= left.abs();
+        let h = if is_last { left } else { step.copysign(left) };
+        let k2 = rate(&(state + h * (k1 / 5.0)));
+        let k3 = rate(&(state + h * (k1 * (3.0 / 40.0) + k2 * (9.0 / 40.0))));
+        let k4 = rate(&(state + h * (k1 * (44.0 / 45.0) - k2 * (56.0 / 15.0) + k3 * (32.0 / 9.0))));
+        let k5 = rate(
+            &(state
+                + h * (k1 * (19372.0 / 6561.0) - k2 * (25360.0 / 2187.0) + k3 * (64448.0 / 6561.0)
+                    - k4 * (212.0 / 729.0))),
+        );
+        let k6 = rate(
+            &(state
+                + h * (k1 * (9017.0 / 3168.0) - k2 * (355.0 / 33.0) + k3 * (46732.0 / 5247.0) + k4 * (49.0 / 176.0)
+                    - k5 * (5103.0 / 18656.0))),
+        );
+        let next = state
+            + h * (k1 * (35.0 / 384.0) + k3 * (500.0 / 1113.0) + k4 * (125.0 / 192.0) - k5 * (2187.0 / 6784.0)
+                + k6 * (11.0 / 84.0));
+        let k7 = rate(&next);
+        let off = (h
+            * (k1 * (71.0 / 57600.0) - k3 * (71.0 / 16695.0) + k4 * (71.0 / 1920.0) - k5 * (17253.0 / 339_200.0)
+                + k6 * (22.0 / 525.0)
+                - k7 / 40.0))
+            .norm();
+        if off.is_nan() {
+            return None;
+        }
+        if off <= error {
+            state = next;
+            k1 = k7;
+            left = if is_last { 0.0 } else { left - h };
+        }
+        step = (h.abs() * (0.9 * libm::pow(error / off.max(1e-30), 0.2)).clamp(0.2, 4.0)).min(0.5);
+    }
+    None
 }
 
 /// (m0 x, m0 y, p x, p y, p z, length).
@@ -45,143 +126,191 @@ impl Helicoid {
         Unknowns::new(self.m0.x, self.m0.y, self.p.x, self.p.y, self.p.z, self.length)
     }
 
-    /// How position and tangent change along the curve.
-    fn rate(&self, state: &Vector6<f64>) -> Vector6<f64> {
-        let position = Vector3::new(state[0], state[1], state[2]);
-        let tangent = Vector3::new(state[3], state[4], state[5]);
-        let m = self.m0 + self.p.cross(&position);
-        let bend = m.cross(&tangent) / m.norm();
-        Vector6::new(tangent.x, tangent.y, tangent.z, bend.x, bend.y, bend.z)
-    }
-
-    /// Walks the curve by Dormand and Prince's steps of order 5, each with at most this error; `visit` sees every step.
-    fn walk(&self, error: f64, mut visit: impl FnMut(f64, &Vector6<f64>)) -> Option<Vector6<f64>> {
-        let mut state = Vector6::new(0.0, 0.0, 0.0, 0.0, 0.0, 1.0);
-        let mut walked = 0.0;
-        let mut step: f64 = 0.01;
-        let mut k1 = self.rate(&state);
-        for _ in 0..MOST_STEPS {
-            if walked >= self.length {
-                return Some(state);
+    /// Where the curve ends, walked from the start by another method than the search's: classic Runge-Kutta steps of order
+    /// 4, each of them as long as two of half its length confirm to 1e-14.
+    #[must_use]
+    pub fn end(&self) -> Option<Tip> {
+        let rate = |at: &State| rate(&self.m0, &self.p, at);
+        let step = |state: &State, h: f64| {
+            let k1 = rate(state);
+            let k2 = rate(&(state + k1 * (h / 2.0)));
+            let k3 = rate(&(state + k2 * (h / 2.0)));
+            let k4 = rate(&(state + k3 * h));
+            state + (k1 + (k2 + k3) * 2.0 + k4) * (h / 6.0)
+        };
+        let mut state = state(&Tip::start());
+        let mut left = self.length;
+        let mut h: f64 = 1e-3;
+        for _ in 0..1_000_000 {
+            if left == 0.0 {
+                return Some(tip(&state));
             }
-            let is_last = step >= self.length - walked;
-            let h = if is_last { self.length - walked } else { step };
-            let k2 = self.rate(&(state + h * (k1 / 5.0)));
-            let k3 = self.rate(&(state + h * (k1 * (3.0 / 40.0) + k2 * (9.0 / 40.0))));
-            let k4 = self.rate(&(state + h * (k1 * (44.0 / 45.0) - k2 * (56.0 / 15.0) + k3 * (32.0 / 9.0))));
-            let k5 = self.rate(
-                &(state
-                    + h * (k1 * (19372.0 / 6561.0) - k2 * (25360.0 / 2187.0) + k3 * (64448.0 / 6561.0)
-                        - k4 * (212.0 / 729.0))),
-            );
-            let k6 = self.rate(
-                &(state
-                    + h * (k1 * (9017.0 / 3168.0) - k2 * (355.0 / 33.0)
-                        + k3 * (46732.0 / 5247.0)
-                        + k4 * (49.0 / 176.0)
-                        - k5 * (5103.0 / 18656.0))),
-            );
-            let next = state
-                + h * (k1 * (35.0 / 384.0) + k3 * (500.0 / 1113.0) + k4 * (125.0 / 192.0) - k5 * (2187.0 / 6784.0)
-                    + k6 * (11.0 / 84.0));
-            let k7 = self.rate(&next);
-            let off = (h
-                * (k1 * (71.0 / 57600.0) - k3 * (71.0 / 16695.0) + k4 * (71.0 / 1920.0) - k5 * (17253.0 / 339_200.0)
-                    + k6 * (22.0 / 525.0)
-                    - k7 / 40.0))
-                .norm();
+            let length = h.min(left);
+            let halves = step(&step(&state, length / 2.0), length / 2.0);
+            let off = (halves - step(&state, length)).norm() / 15.0;
             if off.is_nan() {
                 return None;
             }
-            if off <= error {
-                state = next;
-                k1 = k7;
-                walked = if is_last { self.length } else { walked + h };
-                visit(walked, &state);
-            }
-            step = (h * (0.9 * libm::pow(error / off.max(1e-30), 0.2)).clamp(0.2, 4.0)).min(0.5);
-        }
-        None
-    }
-
-    /// Where the curve ends, by another method than the search's: the classic Runge-Kutta steps of order 4, halved until
-    /// the end stays where it is to 1e-11.
-    #[must_use]
-    pub fn end(&self) -> Option<Tip> {
-        let walk = |steps: u32| {
-            let h = self.length / f64::from(steps);
-            (0..steps).fold(Vector6::new(0.0, 0.0, 0.0, 0.0, 0.0, 1.0), |state, _| {
-                let k1 = self.rate(&state);
-                let k2 = self.rate(&(state + k1 * (h / 2.0)));
-                let k3 = self.rate(&(state + k2 * (h / 2.0)));
-                let k4 = self.rate(&(state + k3 * h));
-                state + (k1 + (k2 + k3) * 2.0 + k4) * (h / 6.0)
-            })
-        };
-        let mut end = walk(1 << 9);
-        for doublings in 10..21 {
-            let closer = walk(1 << doublings);
-            let moved = (closer - end).norm();
-            end = closer;
-            if moved < 1e-11 {
-                return Some(tip(&end));
+            if off <= 1e-14 {
+                state = halves;
+                left = if length == left { 0.0 } else { left - length };
+                h = length * 1.3;
+            } else {
+                h = length / 2.0;
             }
         }
         None
     }
 }
 
-fn tip(state: &Vector6<f64>) -> Tip {
-    Tip { position: Vector3::new(state[0], state[1], state[2]), tangent: Vector3::new(state[3], state[4], state[5]) }
-}
-
-fn goal(problem: &Problem) -> Vector6<f64> {
-    let Problem { goal, tangent } = problem;
-    Vector6::new(goal.x, goal.y, goal.z, tangent.x, tangent.y, tangent.z)
-}
-
-/// The curve that arrives, to `tolerance`, nearest to a start; not one longer than `longest`.
-fn shoot(problem: &Problem, start: &Helicoid, longest: f64, error: f64, tolerance: f64) -> Option<Helicoid> {
-    let goal = goal(problem);
+/// The curve from the origin along z that arrives nearest to a start; not one longer than `longest`.
+fn shoot(problem: &Problem, start: &Helicoid, longest: f64, precision: &Precision) -> Option<Helicoid> {
+    let goal = state(&Tip { position: problem.goal, tangent: problem.tangent });
     let residual = |at: &Unknowns| {
         if at[5] <= 0.0 || at[5] > 1.5 * longest {
             return None;
         }
-        Some(Helicoid::from_unknowns(at).walk(error, |_, _| {})? - goal)
+        let curve = Helicoid::from_unknowns(at);
+        Some(walk(&curve.m0, &curve.p, state(&Tip::start()), curve.length, precision.error)? - goal)
     };
-    let difference = libm::sqrt(error);
-    let slopes = |at: &Unknowns, there: &Vector6<f64>| {
-        let mut slopes: Matrix6<f64> = levenberg::differences(at, there, difference, residual)?;
+    let slopes = |at: &Unknowns, there: &State| {
+        let mut slopes: Matrix6<f64> = levenberg::differences(at, there, precision.difference, residual)?;
         // The slope along the length is known: it is the curve's own direction.
-        slopes.set_column(5, &Helicoid::from_unknowns(at).rate(&(there + goal)));
+        let curve = Helicoid::from_unknowns(at);
+        slopes.set_column(5, &rate(&curve.m0, &curve.p, &(there + goal)));
         Some(slopes)
     };
-    let found = Helicoid::from_unknowns(&levenberg::solve(start.to_unknowns(), tolerance, residual, slopes)?);
+    let found = Helicoid::from_unknowns(&levenberg::solve(start.to_unknowns(), precision.arrived, residual, slopes)?);
     (found.length <= longest).then_some(found)
 }
 
-/// As [`shoot`], first roughly, then finely, then checked by [`Helicoid::end`].
+/// As [`shoot`], first roughly, then finely.
 fn arrive(problem: &Problem, start: &Helicoid, longest: f64) -> Option<Helicoid> {
-    let rough = shoot(problem, start, longest + 1e-4, ROUGH, 1e-5)?;
-    shoot(problem, &rough, longest + 1e-9, FINE, 3e-12)
+    let rough = shoot(problem, start, longest + 1e-4, &ROUGH)?;
+    shoot(problem, &rough, longest + 1e-9, &FINE)
 }
 
-/// The best of so many random curves: the one that passes the goal, in its direction, most closely.
-fn random_start(problem: &Problem, longest: f64, among: usize, random: &mut Random) -> Helicoid {
-    let goal = goal(problem);
-    let mut best = (f64::INFINITY, Helicoid { m0: Vector3::x(), p: Vector3::zeros(), length: longest });
-    for _ in 0..among {
-        let m0 = random.normal_vector().component_mul(&Vector3::new(1.0, 1.0, 0.0));
-        let p = random.normal_vector() * libm::exp(random.normal());
-        // What the maximum principle leaves of all curves of this form: |m| + p . tangent, a constant, is not negative.
-        let p = if m0.norm() + p.z < 0.0 { -p } else { p };
-        let curve = Helicoid { m0, p, length: longest };
-        let _ = curve.walk(1e-4, |walked, state| {
-            let miss = (state - goal).norm();
-            if miss < best.0 && walked > 0.5 * problem.goal.norm() {
-                best = (miss, Helicoid { length: walked, ..curve });
+/// A helicoidal arc seen from its narrow point, where m is shortest, wherever it lies: there, with unit vectors t along
+/// the tangent and a along m, m = size a, and p = cos psi t + sin psi a. Where m is short, the curve turns from one circle
+/// to the other within about the square root of `size`, for any `skew` = psi / sqrt(size / (1 + size)).
+///
+/// These four numbers are as many as there are of poses to reach, but for how they are placed in space.
+#[derive(Debug, Clone, Copy)]
+struct Narrow {
+    log_size: f64,
+    skew: f64,
+    /// Arc lengths from the start to the narrow point, and from there to the end; either may be negative.
+    before: f64,
+    after: f64,
+}
+
+impl Narrow {
+    fn from_unknowns(unknowns: &Vector4<f64>) -> Self {
+        Self { log_size: unknowns[0], skew: unknowns[1], before: unknowns[2], after: unknowns[3] }
+    }
+
+    fn to_unknowns(self) -> Vector4<f64> {
+        Vector4::new(self.log_size, self.skew, self.before, self.after)
+    }
+
+    /// m and p at the narrow point, which is the origin, with t = z and a = x.
+    fn m_and_p(&self) -> (Vector3<f64>, Vector3<f64>) {
+        let size = libm::exp(self.log_size);
+        let (sin, cos) = libm::sincos(self.skew * libm::sqrt(size / (1.0 + size)));
+        (Vector3::new(size, 0.0, 0.0), Vector3::new(sin, 0.0, cos))
+    }
+
+    /// The first and the last tip.
+    fn ends(&self, error: f64) -> Option<(Tip, Tip)> {
+        let (m, p) = self.m_and_p();
+        let narrow = state(&Tip::start());
+        Some((tip(&walk(&m, &p, narrow, -self.before, error)?), tip(&walk(&m, &p, narrow, self.after, error)?)))
+    }
+
+    /// Placed so that it begins at the origin along z and ends as nearly as it can at the goal.
+    fn placed(&self, problem: &Problem) -> Option<Helicoid> {
+        let (start, end) = self.ends(FINEST.error)?;
+        // The rotation that takes the three vectors here to those there, in the least squares (Kabsch 1976).
+        let here = Matrix3::from_columns(&[start.tangent, end.position - start.position, end.tangent]);
+        let there = Matrix3::from_columns(&[Vector3::z(), problem.goal, problem.tangent]);
+        let parts = (there * here.transpose()).svd(true, true);
+        let (u, v) = (parts.u?, parts.v_t?);
+        let handed = Vector3::new(1.0, 1.0, (u * v).determinant().signum());
+        let turn = u * Matrix3::from_diagonal(&handed) * v;
+        let (m, p) = self.m_and_p();
+        let m0 = turn * (m + p.cross(&start.position));
+        Some(Helicoid { m0: Vector3::new(m0.x, m0.y, 0.0), p: turn * p, length: self.before + self.after })
+    }
+
+    /// One at random, of the lengths that may be shortest.
+    fn random(problem: &Problem, longest: f64, random: &mut Random) -> Self {
+        let log_size = random.between(libm::log(1e-8), libm::log(5.0));
+        let skew = random.normal() * libm::exp(random.between(-1.0, 2.0));
+        let length = random.between(problem.goal.norm().min(longest), longest);
+        let before = length * random.between(-0.1, 1.1);
+        Self { log_size, skew, before, after: length - before }
+    }
+
+    /// One at random near arc, line, arc, with a short line that would have to be walked backwards.
+    fn near([first, line, last]: &[f64; 3], random: &mut Random) -> Self {
+        Self {
+            log_size: random.between(-16.0, 0.0),
+            skew: random.normal() * libm::exp(random.between(-1.0, 2.0)),
+            before: first + line / 2.0,
+            after: last + line / 2.0,
+        }
+    }
+
+    /// The arc that arrives nearest to this one.
+    fn shoot(&self, problem: &Problem, longest: f64, precision: &Precision) -> Option<Self> {
+        let goal = shape(&Tip::start(), &Tip { position: problem.goal, tangent: problem.tangent });
+        let residual = |at: &Vector4<f64>| {
+            if !(-20.0..5.0).contains(&at[0]) || !(0.0..1.5 * longest).contains(&(at[2] + at[3])) || at[2].abs() > 20.0
+            {
+                return None;
             }
-        });
+            let (start, end) = Self::from_unknowns(at).ends(precision.error)?;
+            Some(shape(&start, &end) - goal)
+        };
+        let slopes =
+            |at: &Vector4<f64>, there: &Vector5<f64>| levenberg::differences(at, there, precision.difference, residual);
+        let found = Self::from_unknowns(&levenberg::solve(self.to_unknowns(), precision.arrived, residual, slopes)?);
+        (found.before + found.after <= longest).then_some(found)
+    }
+
+    /// As [`Self::shoot`], first roughly, then finely, and placed.
+    fn arrive(&self, problem: &Problem, longest: f64) -> Option<Helicoid> {
+        let rough = self.shoot(problem, longest + 1e-4, &ROUGH)?;
+        let placed = rough.shoot(problem, longest + 1e-9, &FINE)?.placed(problem)?;
+        // Walked from its start, a narrow curve magnifies what rounding left.
+        shoot(problem, &placed, longest + 1e-9, &FINEST)
+    }
+}
+
+/// What two tips have in common wherever they are placed in space, except for their rolls.
+fn shape(start: &Tip, end: &Tip) -> Vector5<f64> {
+    let across = end.position - start.position;
+    Vector5::new(
+        across.norm(),
+        across.dot(&start.tangent),
+        across.dot(&end.tangent),
+        start.tangent.dot(&end.tangent),
+        start.tangent.cross(&end.tangent).dot(&across),
+    )
+}
+
+/// The best of so many random arcs: the one whose ends are placed most nearly as start and goal are.
+fn random_start(problem: &Problem, longest: f64, among: usize, random: &mut Random) -> Narrow {
+    let goal = shape(&Tip::start(), &Tip { position: problem.goal, tangent: problem.tangent });
+    let mut best = (f64::INFINITY, Narrow::random(problem, longest, random));
+    for _ in 0..among {
+        let arc = Narrow::random(problem, longest, random);
+        if let Some((start, end)) = arc.ends(1e-4) {
+            let miss = (shape(&start, &end) - goal).norm();
+            if miss < best.0 {
+                best = (miss, arc);
+            }
+        }
     }
     best.1
 }
@@ -213,6 +342,8 @@ fn fitted(chain: &Chain) -> Helicoid {
 pub struct Effort {
     /// Random shots per round.
     pub shots: usize,
+    /// Shots per round near each arc, line, arc with a line walked backwards.
+    pub lines: usize,
     /// Chains straightened per round.
     pub chains: usize,
     /// Rounds at least.
@@ -230,58 +361,74 @@ pub struct Found {
     pub best: Option<Helicoid>,
     /// How many shots from random curves led to it.
     pub by_shots: usize,
+    /// How many starts near arc, line, arc with a line walked backwards led to it.
+    pub by_lines: usize,
     /// How many straightened chains led to it.
     pub by_chains: usize,
     /// Rounds searched.
     pub rounds: usize,
+    /// How many curves were turned down as walking them forwards by the other method did not confirm that they arrive.
+    pub refused: usize,
     /// The length of the shortest straightened chain, of whatever kind, radii; infinite if there is none.
     pub least_chain: f64,
 }
 
 impl Default for Found {
     fn default() -> Self {
-        Self { best: None, by_shots: 0, by_chains: 0, rounds: 0, least_chain: f64::INFINITY }
+        Self { best: None, by_shots: 0, by_lines: 0, by_chains: 0, rounds: 0, refused: 0, least_chain: f64::INFINITY }
     }
 }
 
-/// The shortest helicoidal arc that a search finds; none longer than `longest`, radii.
-pub fn shortest(problem: &Problem, longest: f64, effort: &Effort, random: &mut Random) -> Found {
+impl Found {
+    fn hits(&self) -> usize {
+        self.by_shots + self.by_lines + self.by_chains
+    }
+}
+
+/// How a curve was found.
+#[derive(Clone, Copy, PartialEq)]
+enum Way {
+    Shot,
+    Line([f64; 3]),
+    Chain,
+}
+
+/// The shortest helicoidal arc that a search finds; none longer than `longest`, radii. `backwards` are the arcs, lines,
+/// arcs that [`super::csc::search`] found with a line to be walked backwards.
+pub fn search(problem: &Problem, longest: f64, backwards: &[[f64; 3]], effort: &Effort, random: &mut Random) -> Found {
+    let mut ways = vec![Way::Shot; effort.shots];
+    for line in backwards.iter().filter(|[_, line, _]| *line > -LONGEST_LINE) {
+        ways.extend(vec![Way::Line(*line); effort.lines]);
+    }
+    ways.extend(vec![Way::Chain; effort.chains]);
+
     let mut found = Found::default();
-    let mut refused = Vec::new();
     while found.rounds < effort.rounds
-        || (found.rounds < effort.most_rounds && found.best.is_some() && found.by_shots + found.by_chains < effort.hits)
+        || (found.rounds < effort.most_rounds && found.best.is_some() && found.hits() < effort.hits)
     {
         found.rounds += 1;
-        for start in 0..effort.shots + effort.chains {
+        for (index, way) in ways.iter().enumerate() {
             let limit = found.best.map_or(longest, |best| best.length);
-            let is_shot = start < effort.shots;
-            let begin = if is_shot {
-                let among = [1, 4, 16][start % 3];
-                random_start(problem, limit, among, random)
-            } else {
-                let Some(chain) = bent_chain::straightened(problem, random) else { continue };
-                found.least_chain = found.least_chain.min(chain.length);
-                if chain.length > 1.1 * limit {
-                    continue;
-                }
-                fitted(&chain)
+            let arrived = match way {
+                Way::Shot => random_start(problem, limit, [1, 4, 16][index % 3], random).arrive(problem, limit),
+                Way::Line(line) => Narrow::near(line, random).arrive(problem, limit),
+                Way::Chain => bent_chain::straightened(problem, random).and_then(|chain| {
+                    found.least_chain = found.least_chain.min(chain.length);
+                    if chain.length > 1.1 * limit { None } else { arrive(problem, &fitted(&chain), limit) }
+                }),
             };
-            let Some(curve) = arrive(problem, &begin, limit) else { continue };
+            let Some(curve) = arrived else { continue };
             if found.best.is_none_or(|best| curve.length < best.length - 1e-9) {
-                // Whatever fails the check by the other method is left aside, once.
-                if refused.iter().any(|length: &f64| (length - curve.length).abs() < 1e-9) {
-                    continue;
-                }
                 if !curve.end().is_some_and(|end| problem.is_reached_at(&end)) {
-                    refused.push(curve.length);
+                    found.refused += 1;
                     continue;
                 }
-                (found.best, found.by_shots, found.by_chains) = (Some(curve), 0, 0);
+                found = Found { best: Some(curve), by_shots: 0, by_lines: 0, by_chains: 0, ..found };
             }
-            if is_shot {
-                found.by_shots += 1;
-            } else {
-                found.by_chains += 1;
+            match way {
+                Way::Shot => found.by_shots += 1,
+                Way::Line(_) => found.by_lines += 1,
+                Way::Chain => found.by_chains += 1,
             }
         }
     }

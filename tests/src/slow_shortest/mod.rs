@@ -173,7 +173,7 @@ pub struct Best {
 /// # Panics
 /// If nothing at all was found, which more starts for arc, line, arc would mend.
 pub fn shortest(problem: &Problem, effort: &Effort, random: &mut Random) -> Best {
-    let (csc, csc_hits) = csc::shortest(problem, effort.csc_starts, random).unzip();
+    let csc::Found { best: csc, hits: csc_hits, backwards } = csc::search(problem, effort.csc_starts, random);
     let planar = planar::shortest(problem);
     let mut candidates: Vec<(Curve, &'static str)> = planar.into_iter().collect();
     candidates.extend(csc.map(|curve| (curve, "CSC")));
@@ -183,10 +183,10 @@ pub fn shortest(problem: &Problem, effort: &Effort, random: &mut Random) -> Best
     };
     let Some(best) = least(candidates) else { panic!("nothing reaches {problem:?}: more starts are needed") };
     let longest = best.0.length();
-    let helicoids = effort
-        .helicoid
-        .map_or_else(helicoid::Found::default, |effort| helicoid::shortest(problem, longest, &effort, random));
+    let helicoids = effort.helicoid.map_or_else(helicoid::Found::default, |effort| {
+        helicoid::search(problem, longest, &backwards, &effort, random)
+    });
     let helicoid = helicoids.best.filter(|curve| curve.length < longest - 1e-9);
     let (curve, word) = helicoid.map_or(best, |curve| (Curve::Helicoid(curve), "H"));
-    Best { curve, word, csc_hits: csc_hits.unwrap_or(0), helicoids }
+    Best { curve, word, csc_hits, helicoids }
 }
