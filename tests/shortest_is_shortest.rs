@@ -109,17 +109,22 @@ fn planned_paths_are_as_short_as_the_best_known() {
         Comparison::of(&robot, rows.into_iter()).print(stratum.name());
     }
     let is_near = |row: &&Row| row.problem.goal.norm() < NEAR;
-    let near = Comparison::of(&robot, rows.iter().filter(is_near));
+    // Cases picked for being hard do not count among the share of those that are drawn evenly.
+    let is_picked =
+        |row: &&Row| [Stratum::NearlyCoplanar, Stratum::Narrow].iter().any(|stratum| stratum.name() == row.stratum);
     let far = Comparison::of(&robot, rows.iter().filter(|row| !is_near(row)));
-    near.print("all within 3 radii");
+    let near = Comparison::of(&robot, rows.iter().filter(is_near));
+    let drawn = Comparison::of(&robot, rows.iter().filter(is_near).filter(|row| !is_picked(row)));
     far.print("all from 3 radii");
+    near.print("all within 3 radii");
+    drawn.print("all within 3 radii but those picked");
 
     assert_eq!(far.longer, 0, "from {NEAR} radii every path is as short as the best: worst {:?}", far.worst);
-    let share = 1.0 - near.longer as f64 / near.count() as f64;
+    let share = 1.0 - drawn.longer as f64 / drawn.count() as f64;
     assert!(
         share >= LEAST_SHARE,
         "within {NEAR} radii {share} of the paths are as short as the best: {:?}",
-        near.worst
+        drawn.worst
     );
     assert!(near.ratio <= GREATEST_RATIO, "{} times as long as the best: {:?}", near.ratio, near.worst);
 }
@@ -131,8 +136,10 @@ fn planned_paths_are_as_short_as_those_searched_now() {
     let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
     let helicoid = helicoid::Effort { shots: 40, lines: 15, chains: 6, rounds: 1, most_rounds: 6, hits: 4 };
     let effort = Effort { csc_starts: 150, helicoid: Some(helicoid) };
-    let strata = [Stratum::Near, Stratum::Near, Stratum::Near, Stratum::Middle, Stratum::Far];
-    for (number, stratum) in strata.into_iter().enumerate() {
+    let counts = [16, 4, 4, 4, 4, 4];
+    let strata = Stratum::ALL.into_iter().zip(counts).flat_map(|(stratum, count)| std::iter::repeat_n(stratum, count));
+    let mut longer = Vec::new();
+    for (number, stratum) in strata.enumerate() {
         let began = Instant::now();
         let problem = stratum.case(SEED, number as u64);
         let best = shortest(&problem, &effort, &mut Random::new(&[SEED, number as u64]));
@@ -148,6 +155,11 @@ fn planned_paths_are_as_short_as_those_searched_now() {
             best.helicoids.by_chains,
             began.elapsed().as_secs_f64()
         );
-        assert!(planned <= best.curve.length() + SAME, "{planned} is longer than {}: {best:?}", best.curve.length());
+        let is_near = problem.goal.norm() < NEAR;
+        let most = if is_near { best.curve.length() * GREATEST_RATIO } else { best.curve.length() + SAME };
+        if planned > most {
+            longer.push((planned, best.curve.length(), problem));
+        }
     }
+    assert!(longer.is_empty(), "planned, shorter, goal and direction: {longer:?}");
 }

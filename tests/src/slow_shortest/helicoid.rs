@@ -5,12 +5,14 @@
 //! whose line is a little too short to be walked, and from those that [`super::bent_chain`] has shortened directly,
 //! Levenberg and Marquardt's method leads to a curve that arrives, or not.
 
-use nalgebra::{Matrix3, Matrix6, SMatrix, SymmetricEigen, Vector3, Vector4, Vector5, Vector6};
+use core::f64::consts::PI;
+
+use nalgebra::{Matrix3, Matrix6, SMatrix, SVector, SymmetricEigen, Vector3, Vector4, Vector5, Vector6};
 
 use super::bent_chain::{self, Chain};
 use super::levenberg;
 use super::random::Random;
-use super::{Problem, Tip};
+use super::{Curve, Problem, Tip};
 
 /// How exactly a curve is searched.
 struct Precision {
@@ -23,22 +25,26 @@ struct Precision {
 }
 
 const ROUGH: Precision = Precision { error: 1e-8, difference: 1e-4, arrived: 1e-5 };
-const FINE: Precision = Precision { error: 1e-13, difference: 3e-7, arrived: 1e-11 };
-const FINEST: Precision = Precision { error: 1e-14, difference: 1e-8, arrived: 1e-10 };
+const FINE: Precision = Precision { error: 1e-14, difference: 1e-6, arrived: 1e-11 };
 /// Lines walked backwards further than this have no helicoidal arc close by, radii.
 const LONGEST_LINE: f64 = 1.0;
 /// A curve that needs more steps than this is given up.
 const MOST_STEPS: usize = 20_000;
 
-/// A helicoidal arc from the origin along z.
+/// A helicoidal arc from the origin along z, given by what it is at one of its points, the anchor. Where m is very short,
+/// only curves that are walked from there, to both sides, end where they should: rounding at the start would be magnified.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Helicoid {
-    /// What the curve bends about at the start, up to its length; perpendicular to z.
-    pub m0: Vector3<f64>,
+    /// The anchor, and the tangent there.
+    pub anchor: Tip,
+    /// What the curve bends about at the anchor, up to its length; perpendicular to the tangent.
+    pub m: Vector3<f64>,
     /// How that changes with the position.
     pub p: Vector3<f64>,
-    /// Arc length, radii.
-    pub length: f64,
+    /// Arc length from the start to the anchor, radii.
+    pub before: f64,
+    /// Arc length from the anchor to the end, radii.
+    pub after: f64,
 }
 
 /// Position and tangent.
@@ -116,21 +122,35 @@ impl Helicoid {
     fn from_unknowns(unknowns: &Unknowns) -> Self {
         let scale = unknowns.fixed_rows::<5>(0).norm();
         Self {
-            m0: Vector3::new(unknowns[0], unknowns[1], 0.0) / scale,
+            anchor: Tip::start(),
+            m: Vector3::new(unknowns[0], unknowns[1], 0.0) / scale,
             p: Vector3::new(unknowns[2], unknowns[3], unknowns[4]) / scale,
-            length: unknowns[5],
+            before: 0.0,
+            after: unknowns[5],
         }
     }
 
     fn to_unknowns(self) -> Unknowns {
-        Unknowns::new(self.m0.x, self.m0.y, self.p.x, self.p.y, self.p.z, self.length)
+        let m = self.m - self.p.cross(&self.anchor.position);
+        Unknowns::new(m.x, m.y, self.p.x, self.p.y, self.p.z, self.length())
     }
 
-    /// Where the curve ends, walked from the start by another method than the search's: classic Runge-Kutta steps of order
-    /// 4, each of them as long as two of half its length confirm to 1e-14.
+    /// Arc length, radii.
     #[must_use]
-    pub fn end(&self) -> Option<Tip> {
-        let rate = |at: &State| rate(&self.m0, &self.p, at);
+    pub fn length(&self) -> f64 {
+        self.before + self.after
+    }
+
+    /// Where the curve begins and ends, walked from its anchor.
+    #[must_use]
+    pub fn ends(&self) -> Option<(Tip, Tip)> {
+        Some((self.walk(-self.before)?, self.walk(self.after)?))
+    }
+
+    /// Walks from the anchor by another method than the search's: classic Runge-Kutta steps of order 4, each of them as
+    /// long as two of half its length confirm to 1e-14.
+    fn walk(&self, length: f64) -> Option<Tip> {
+        let rate = |at: &State| rate(&self.m, &self.p, at);
         let step = |state: &State, h: f64| {
             let k1 = rate(state);
             let k2 = rate(&(state + k1 * (h / 2.0)));
@@ -138,14 +158,17 @@ impl Helicoid {
             let k4 = rate(&(state + k3 * h));
             state + (k1 + (k2 + k3) * 2.0 + k4) * (h / 6.0)
         };
-        let mut state = state(&Tip::start());
-        let mut left = self.length;
+        // Positions from the anchor.
+        let mut state = state(&Tip { position: Vector3::zeros(), tangent: self.anchor.tangent });
+        let mut left = length;
         let mut h: f64 = 1e-3;
         for _ in 0..1_000_000 {
             if left == 0.0 {
-                return Some(tip(&state));
+                let Tip { position, tangent } = tip(&state);
+                return Some(Tip { position: self.anchor.position + position, tangent });
             }
-            let length = h.min(left);
+            let is_last = h >= left.abs();
+            let length = if is_last { left } else { h.copysign(left) };
             let halves = step(&step(&state, length / 2.0), length / 2.0);
             let off = (halves - step(&state, length)).norm() / 15.0;
             if off.is_nan() {
@@ -153,10 +176,10 @@ impl Helicoid {
             }
             if off <= 1e-14 {
                 state = halves;
-                left = if length == left { 0.0 } else { left - length };
-                h = length * 1.3;
+                left = if is_last { 0.0 } else { left - length };
+                h = length.abs() * 1.3;
             } else {
-                h = length / 2.0;
+                h = length.abs() / 2.0;
             }
         }
         None
@@ -171,17 +194,17 @@ fn shoot(problem: &Problem, start: &Helicoid, longest: f64, precision: &Precisio
             return None;
         }
         let curve = Helicoid::from_unknowns(at);
-        Some(walk(&curve.m0, &curve.p, state(&Tip::start()), curve.length, precision.error)? - goal)
+        Some(walk(&curve.m, &curve.p, state(&Tip::start()), curve.after, precision.error)? - goal)
     };
     let slopes = |at: &Unknowns, there: &State| {
         let mut slopes: Matrix6<f64> = levenberg::differences(at, there, precision.difference, residual)?;
         // The slope along the length is known: it is the curve's own direction.
         let curve = Helicoid::from_unknowns(at);
-        slopes.set_column(5, &rate(&curve.m0, &curve.p, &(there + goal)));
+        slopes.set_column(5, &rate(&curve.m, &curve.p, &(there + goal)));
         Some(slopes)
     };
     let found = Helicoid::from_unknowns(&levenberg::solve(start.to_unknowns(), precision.arrived, residual, slopes)?);
-    (found.length <= longest).then_some(found)
+    (found.length() <= longest).then_some(found)
 }
 
 /// As [`shoot`], first roughly, then finely.
@@ -228,24 +251,25 @@ impl Narrow {
     }
 
     /// Placed so that it begins at the origin along z and ends as nearly as it can at the goal.
-    fn placed(&self, problem: &Problem) -> Option<Helicoid> {
-        let (start, end) = self.ends(FINEST.error)?;
-        // The rotation that takes the three vectors here to those there, in the least squares (Kabsch 1976).
-        let here = Matrix3::from_columns(&[start.tangent, end.position - start.position, end.tangent]);
-        let there = Matrix3::from_columns(&[Vector3::z(), problem.goal, problem.tangent]);
-        let parts = (there * here.transpose()).svd(true, true);
-        let (u, v) = (parts.u?, parts.v_t?);
-        let handed = Vector3::new(1.0, 1.0, (u * v).determinant().signum());
-        let turn = u * Matrix3::from_diagonal(&handed) * v;
+    fn placed(&self, problem: &Problem, error: f64) -> Option<Helicoid> {
+        let (start, end) = self.ends(error)?;
+        let turn = turn_onto(&vectors(&start, &end), &goal_vectors(problem))?;
         let (m, p) = self.m_and_p();
-        let m0 = turn * (m + p.cross(&start.position));
-        Some(Helicoid { m0: Vector3::new(m0.x, m0.y, 0.0), p: turn * p, length: self.before + self.after })
+        let anchor = Tip { position: -(turn * start.position), tangent: turn * Vector3::z() };
+        Some(Helicoid { anchor, m: turn * m, p: turn * p, before: self.before, after: self.after })
     }
 
     /// One at random, of the lengths that may be shortest.
     fn random(problem: &Problem, longest: f64, random: &mut Random) -> Self {
         let log_size = random.between(libm::log(1e-8), libm::log(5.0));
-        let skew = random.normal() * libm::exp(random.between(-1.0, 2.0));
+        let size = libm::exp(log_size);
+        // Half of them with any psi, half of them turning from one circle to another where they are narrow.
+        let psi = random.between(-PI, PI);
+        let skew = if random.unit() < 0.5 && libm::cos(psi) + size > 0.0 {
+            psi / libm::sqrt(size / (1.0 + size))
+        } else {
+            random.normal() * libm::exp(random.between(-1.0, 2.0))
+        };
         let length = random.between(problem.goal.norm().min(longest), longest);
         let before = length * random.between(-0.1, 1.1);
         Self { log_size, skew, before, after: length - before }
@@ -254,59 +278,89 @@ impl Narrow {
     /// One at random near arc, line, arc, with a short line that would have to be walked backwards.
     fn near([first, line, last]: &[f64; 3], random: &mut Random) -> Self {
         Self {
-            log_size: random.between(-16.0, 0.0),
+            log_size: 2.0 * libm::log(-line) + random.between(-4.0, 4.0),
             skew: random.normal() * libm::exp(random.between(-1.0, 2.0)),
             before: first + line / 2.0,
             after: last + line / 2.0,
         }
     }
 
-    /// The arc that arrives nearest to this one.
-    fn shoot(&self, problem: &Problem, longest: f64, precision: &Precision) -> Option<Self> {
-        let goal = shape(&Tip::start(), &Tip { position: problem.goal, tangent: problem.tangent });
+    /// The arc that arrives nearest to this one, by its shape: quick, but not exact where the shape hardly tells poses
+    /// apart, as for tips in one plane.
+    fn shoot_shape(&self, problem: &Problem, longest: f64) -> Option<Self> {
+        let goal = shape(&goal_vectors(problem));
         let residual = |at: &Vector4<f64>| {
-            if !(-20.0..5.0).contains(&at[0]) || !(0.0..1.5 * longest).contains(&(at[2] + at[3])) || at[2].abs() > 20.0
-            {
-                return None;
-            }
-            let (start, end) = Self::from_unknowns(at).ends(precision.error)?;
-            Some(shape(&start, &end) - goal)
+            let (start, end) = Self::admitted(at, longest)?.ends(ROUGH.error)?;
+            Some(shape(&vectors(&start, &end)) - goal)
         };
         let slopes =
-            |at: &Vector4<f64>, there: &Vector5<f64>| levenberg::differences(at, there, precision.difference, residual);
-        let found = Self::from_unknowns(&levenberg::solve(self.to_unknowns(), precision.arrived, residual, slopes)?);
-        (found.before + found.after <= longest).then_some(found)
+            |at: &Vector4<f64>, there: &Vector5<f64>| levenberg::differences(at, there, ROUGH.difference, residual);
+        let found = levenberg::solve(self.to_unknowns(), ROUGH.arrived, residual, slopes)?;
+        Some(Self::from_unknowns(&found)).filter(|found| found.before + found.after <= longest)
     }
 
-    /// As [`Self::shoot`], first roughly, then finely, and placed.
+    /// The arc that arrives nearest to this one, when it is placed as nearly as it can be.
+    fn shoot_placed(&self, problem: &Problem, longest: f64) -> Option<Self> {
+        let goal = goal_vectors(problem);
+        let residual = |at: &Vector4<f64>| {
+            let (start, end) = Self::admitted(at, longest)?.ends(FINE.error)?;
+            let here = vectors(&start, &end);
+            let off = turn_onto(&here, &goal)? * here - goal;
+            Some(SVector::<f64, 9>::from_column_slice(off.as_slice()))
+        };
+        let slopes =
+            |at: &Vector4<f64>, there: &SVector<f64, 9>| levenberg::differences(at, there, FINE.difference, residual);
+        let found = levenberg::solve(self.to_unknowns(), FINE.arrived, residual, slopes)?;
+        Some(Self::from_unknowns(&found)).filter(|found| found.before + found.after <= longest)
+    }
+
+    /// What these unknowns mean, if they mean anything that may be walked.
+    fn admitted(unknowns: &Vector4<f64>, longest: f64) -> Option<Self> {
+        let narrow = Self::from_unknowns(unknowns);
+        let is_admitted = (-40.0..5.0).contains(&narrow.log_size)
+            && (0.0..1.5 * longest).contains(&(narrow.before + narrow.after))
+            && narrow.before.abs() < 20.0;
+        is_admitted.then_some(narrow)
+    }
+
+    /// First by its shape, then exactly.
     fn arrive(&self, problem: &Problem, longest: f64) -> Option<Helicoid> {
-        let rough = self.shoot(problem, longest + 1e-4, &ROUGH)?;
-        let placed = rough.shoot(problem, longest + 1e-9, &FINE)?.placed(problem)?;
-        // Walked from its start, a narrow curve magnifies what rounding left.
-        shoot(problem, &placed, longest + 1e-9, &FINEST)
+        let rough = self.shoot_shape(problem, longest + 1e-4)?;
+        rough.shoot_placed(problem, longest + 1e-9)?.placed(problem, FINE.error)
     }
 }
 
-/// What two tips have in common wherever they are placed in space, except for their rolls.
-fn shape(start: &Tip, end: &Tip) -> Vector5<f64> {
-    let across = end.position - start.position;
-    Vector5::new(
-        across.norm(),
-        across.dot(&start.tangent),
-        across.dot(&end.tangent),
-        start.tangent.dot(&end.tangent),
-        start.tangent.cross(&end.tangent).dot(&across),
-    )
+/// What tells how two tips lie to each other: the first tangent, the way from one to the other, and the last tangent.
+fn vectors(start: &Tip, end: &Tip) -> Matrix3<f64> {
+    Matrix3::from_columns(&[start.tangent, end.position - start.position, end.tangent])
+}
+
+fn goal_vectors(problem: &Problem) -> Matrix3<f64> {
+    vectors(&Tip::start(), &Tip { position: problem.goal, tangent: problem.tangent })
+}
+
+/// The rotation that takes three vectors to three others, in the least squares (Kabsch 1976).
+fn turn_onto(from: &Matrix3<f64>, to: &Matrix3<f64>) -> Option<Matrix3<f64>> {
+    let parts = (to * from.transpose()).svd(true, true);
+    let (u, v) = (parts.u?, parts.v_t?);
+    let handed = Vector3::new(1.0, 1.0, (u * v).determinant().signum());
+    Some(u * Matrix3::from_diagonal(&handed) * v)
+}
+
+/// What the three vectors have in common however they are turned.
+fn shape(vectors: &Matrix3<f64>) -> Vector5<f64> {
+    let [start, across, end] = [0, 1, 2].map(|index| vectors.column(index));
+    Vector5::new(across.norm(), across.dot(&start), across.dot(&end), start.dot(&end), vectors.determinant())
 }
 
 /// The best of so many random arcs: the one whose ends are placed most nearly as start and goal are.
 fn random_start(problem: &Problem, longest: f64, among: usize, random: &mut Random) -> Narrow {
-    let goal = shape(&Tip::start(), &Tip { position: problem.goal, tangent: problem.tangent });
+    let goal = shape(&goal_vectors(problem));
     let mut best = (f64::INFINITY, Narrow::random(problem, longest, random));
     for _ in 0..among {
         let arc = Narrow::random(problem, longest, random);
         if let Some((start, end)) = arc.ends(1e-4) {
-            let miss = (shape(&start, &end) - goal).norm();
+            let miss = (shape(&vectors(&start, &end)) - goal).norm();
             if miss < best.0 {
                 best = (miss, arc);
             }
@@ -334,7 +388,7 @@ fn fitted(chain: &Chain) -> Helicoid {
     let p = Vector3::new(fit[2], fit[3], fit[4]);
     let along: f64 = chain.arcs.iter().map(|(position, axis)| (m0 + p.cross(position)).dot(axis)).sum();
     let sign = if along < 0.0 { -1.0 } else { 1.0 };
-    Helicoid { m0: m0 * sign, p: p * sign, length: chain.length }
+    Helicoid { anchor: Tip::start(), m: m0 * sign, p: p * sign, before: 0.0, after: chain.length }
 }
 
 /// How long to search.
@@ -408,7 +462,7 @@ pub fn search(problem: &Problem, longest: f64, backwards: &[[f64; 3]], effort: &
     {
         found.rounds += 1;
         for (index, way) in ways.iter().enumerate() {
-            let limit = found.best.map_or(longest, |best| best.length);
+            let limit = found.best.map_or(longest, |best| best.length());
             let arrived = match way {
                 Way::Shot => random_start(problem, limit, [1, 4, 16][index % 3], random).arrive(problem, limit),
                 Way::Line(line) => Narrow::near(line, random).arrive(problem, limit),
@@ -418,8 +472,8 @@ pub fn search(problem: &Problem, longest: f64, backwards: &[[f64; 3]], effort: &
                 }),
             };
             let Some(curve) = arrived else { continue };
-            if found.best.is_none_or(|best| curve.length < best.length - 1e-9) {
-                if !curve.end().is_some_and(|end| problem.is_reached_at(&end)) {
+            if found.best.is_none_or(|best| curve.length() < best.length() - 1e-9) {
+                if !problem.is_reached_by(&Curve::Helicoid(curve)) {
                     found.refused += 1;
                     continue;
                 }

@@ -32,7 +32,8 @@ pub fn solve<const PARAMETERS: usize, const RESIDUALS: usize>(
         let normal = slopes.transpose() * slopes;
         let descent = slopes.transpose() * miss;
         loop {
-            let damped = normal + SMatrix::<f64, PARAMETERS, PARAMETERS>::identity() * damping;
+            let mut damped = normal;
+            (0..PARAMETERS).for_each(|index| damped[(index, index)] += damping * (normal[(index, index)] + 1e-15));
             let next = at - damped.cholesky()?.solve(&descent);
             match residual(&next) {
                 Some(next_miss) if next_miss.norm() < miss.norm() => {

@@ -7,7 +7,7 @@
 //! of Dubins' words; parts may vanish (H. J. Sussmann, "Shortest 3-dimensional paths with a prescribed curvature bound",
 //! Proc. 34th IEEE Conference on Decision and Control, 1995). Each kind is searched from many random starts ([`csc`],
 //! [`helicoid`], helped by [`bent_chain`], which knows nothing of kinds) or written down ([`planar`]). Nothing is proven
-//! shortest; whatever is returned arrives to [`ARRIVED`] when walked forwards from the start.
+//! shortest; whatever is returned arrives to [`ARRIVED`] when it is walked.
 
 pub mod bent_chain;
 pub mod csc;
@@ -35,16 +35,11 @@ pub struct Problem {
 }
 
 impl Problem {
-    /// Whether a tip is at the goal, in its direction.
-    #[must_use]
-    pub fn is_reached_at(&self, tip: &Tip) -> bool {
-        (tip.position - self.goal).norm() <= ARRIVED && (tip.tangent - self.tangent).norm() <= ARRIVED
-    }
-
-    /// Whether a curve, walked from the start, ends at the goal.
+    /// Whether a curve, when walked, begins at the start and ends at the goal.
     #[must_use]
     pub fn is_reached_by(&self, curve: &Curve) -> bool {
-        curve.end().is_some_and(|end| self.is_reached_at(&end))
+        let goal = Tip { position: self.goal, tangent: self.tangent };
+        curve.ends().is_some_and(|(first, last)| first.is_at(&Tip::start()) && last.is_at(&goal))
     }
 }
 
@@ -62,6 +57,12 @@ impl Tip {
     #[must_use]
     pub fn start() -> Self {
         Self { position: Vector3::zeros(), tangent: Vector3::z() }
+    }
+
+    /// Whether this is the other, to [`ARRIVED`].
+    #[must_use]
+    pub fn is_at(&self, other: &Self) -> bool {
+        (self.position - other.position).norm() <= ARRIVED && (self.tangent - other.tangent).norm() <= ARRIVED
     }
 }
 
@@ -124,16 +125,18 @@ impl Curve {
     pub fn length(&self) -> f64 {
         match self {
             Self::Pieces(pieces) => pieces.iter().map(Piece::length).sum(),
-            Self::Helicoid(helicoid) => helicoid.length,
+            Self::Helicoid(helicoid) => helicoid.length(),
         }
     }
 
-    /// Where it ends, walked from the start; nothing if it cannot be told exactly.
+    /// Where it begins and ends when it is walked; nothing if that cannot be told exactly.
     #[must_use]
-    pub fn end(&self) -> Option<Tip> {
+    pub fn ends(&self) -> Option<(Tip, Tip)> {
         match self {
-            Self::Pieces(pieces) => Some(pieces.iter().fold(Tip::start(), |tip, piece| piece.walk(&tip))),
-            Self::Helicoid(helicoid) => helicoid.end(),
+            Self::Pieces(pieces) => {
+                Some((Tip::start(), pieces.iter().fold(Tip::start(), |tip, piece| piece.walk(&tip))))
+            }
+            Self::Helicoid(helicoid) => helicoid.ends(),
         }
     }
 }
@@ -186,7 +189,7 @@ pub fn shortest(problem: &Problem, effort: &Effort, random: &mut Random) -> Best
     let helicoids = effort.helicoid.map_or_else(helicoid::Found::default, |effort| {
         helicoid::search(problem, longest, &backwards, &effort, random)
     });
-    let helicoid = helicoids.best.filter(|curve| curve.length < longest - 1e-9);
+    let helicoid = helicoids.best.filter(|curve| curve.length() < longest - 1e-9);
     let (curve, word) = helicoid.map_or(best, |curve| (Curve::Helicoid(curve), "H"));
     Best { curve, word, csc_hits, helicoids }
 }

@@ -5,8 +5,8 @@ use core::fmt;
 
 use nalgebra::Vector3;
 
-use super::Problem;
 use super::random::Random;
+use super::{Piece, Problem, Tip, across};
 
 /// Cases of one kind.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -19,11 +19,17 @@ pub enum Stratum {
     Far,
     /// Goals at 0.2 to 8 radii, in one plane with both directions.
     Coplanar,
+    /// The same, and then goal and direction moved out of the plane by 0.1 to 1e-7.
+    NearlyCoplanar,
+    /// The ends of arc, line, arc with a line walked backwards by 0.3 to 3e-4 radii: shortest there is, in most cases, a
+    /// helicoidal arc that turns from one circle to another within about this length.
+    Narrow,
 }
 
 impl Stratum {
     /// All of them.
-    pub const ALL: [Self; 4] = [Self::Near, Self::Middle, Self::Far, Self::Coplanar];
+    pub const ALL: [Self; 6] =
+        [Self::Near, Self::Middle, Self::Far, Self::Coplanar, Self::NearlyCoplanar, Self::Narrow];
 
     /// Its name in the table.
     #[must_use]
@@ -33,17 +39,8 @@ impl Stratum {
             Self::Middle => "middle",
             Self::Far => "far",
             Self::Coplanar => "coplanar",
-        }
-    }
-
-    /// The least and the greatest distance of a goal, radii.
-    #[must_use]
-    pub fn distances(self) -> (f64, f64) {
-        match self {
-            Self::Near => (0.2, 3.0),
-            Self::Middle => (3.0, 4.5),
-            Self::Far => (4.5, 32.0),
-            Self::Coplanar => (0.2, 8.0),
+            Self::NearlyCoplanar => "nearly-coplanar",
+            Self::Narrow => "narrow",
         }
     }
 
@@ -51,23 +48,49 @@ impl Stratum {
     #[must_use]
     pub fn case(self, seed: u64, number: u64) -> Problem {
         let mut random = Random::new(&[seed, self as u64, number]);
-        let (least, greatest) = self.distances();
-        let distance = random.between(least, greatest);
-        if self == Self::Coplanar {
-            if let Some([x, z, tangent_x, tangent_z]) = SPECIAL.get(number as usize) {
-                let problem = |x, z| Vector3::new(x, 0.0, z);
-                return Problem { goal: problem(*x, *z), tangent: problem(*tangent_x, *tangent_z) };
+        match self {
+            Self::Near => anywhere(random.between(0.2, 3.0), &mut random),
+            Self::Middle => anywhere(random.between(3.0, 4.5), &mut random),
+            Self::Far => anywhere(random.between(4.5, 32.0), &mut random),
+            Self::Coplanar => match SPECIAL.get(number as usize) {
+                Some([x, z, tangent_x, tangent_z]) => {
+                    Problem { goal: Vector3::new(*x, 0.0, *z), tangent: Vector3::new(*tangent_x, 0.0, *tangent_z) }
+                }
+                None => in_a_plane(number, &mut random),
+            },
+            Self::NearlyCoplanar => {
+                let Problem { goal, tangent } = in_a_plane(number, &mut random);
+                let off = libm::pow(10.0, random.between(-7.0, -1.0));
+                let mut beside = || random.normal_vector() * off;
+                Problem { goal: goal + beside(), tangent: (tangent + beside()).normalize() }
             }
-            // In the x-z plane, and in any other.
-            let azimuth = if number.is_multiple_of(2) { 0.0 } else { random.between(0.0, TAU) };
-            let mut direction = || {
+            Self::Narrow => {
+                let first = Piece::Arc { axis: Vector3::x(), angle: random.between(0.3, 4.5) };
+                let corner = first.walk(&Tip::start());
                 let (sin, cos) = libm::sincos(random.between(0.0, TAU));
-                Vector3::new(sin * libm::cos(azimuth), sin * libm::sin(azimuth), cos)
-            };
-            return Problem { goal: direction() * distance, tangent: direction() };
+                let (side, other) = across(&corner.tangent);
+                let last = Piece::Arc { axis: side * cos + other * sin, angle: random.between(0.3, 4.5) };
+                let line = Piece::Line { length: -libm::pow(10.0, random.between(-3.5, -0.5)) };
+                let Tip { position, tangent } = last.walk(&line.walk(&corner));
+                Problem { goal: position, tangent: tangent.normalize() }
+            }
         }
-        Problem { goal: random.direction() * distance, tangent: random.direction() }
     }
+}
+
+fn anywhere(distance: f64, random: &mut Random) -> Problem {
+    Problem { goal: random.direction() * distance, tangent: random.direction() }
+}
+
+/// In the x-z plane, or, if the number is odd, in any other.
+fn in_a_plane(number: u64, random: &mut Random) -> Problem {
+    let distance = random.between(0.2, 8.0);
+    let azimuth = if number.is_multiple_of(2) { 0.0 } else { random.between(0.0, TAU) };
+    let mut direction = || {
+        let (sin, cos) = libm::sincos(random.between(0.0, TAU));
+        Vector3::new(sin * libm::cos(azimuth), sin * libm::sin(azimuth), cos)
+    };
+    Problem { goal: direction() * distance, tangent: direction() }
 }
 
 /// Cases on a plane's or circle's edge: x and z of the goal, x and z of the direction there.
