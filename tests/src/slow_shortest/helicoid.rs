@@ -28,6 +28,8 @@ const ROUGH: Precision = Precision { error: 1e-8, difference: 1e-4, arrived: 1e-
 const FINE: Precision = Precision { error: 1e-14, difference: 1e-6, arrived: 1e-11 };
 /// Lines walked backwards further than this have no helicoidal arc close by, radii.
 const LONGEST_LINE: f64 = 1.0;
+/// A chain shorter than the best curve by more than this tells of a better one: chains end not exactly at the goal, radii.
+const BEATEN: f64 = 2e-4;
 /// A curve that needs more steps than this is given up.
 const MOST_STEPS: usize = 20_000;
 
@@ -402,7 +404,7 @@ pub struct Effort {
     pub chains: usize,
     /// Rounds at least.
     pub rounds: usize,
-    /// Rounds at most: more than `rounds` only while the best has been found less than `hits` times.
+    /// Rounds at most: more than `rounds` only while the best has been found less than `hits` times, or a chain is shorter.
     pub most_rounds: usize,
     /// How often the best has to be found.
     pub hits: usize,
@@ -457,9 +459,13 @@ pub fn search(problem: &Problem, longest: f64, backwards: &[[f64; 3]], effort: &
     ways.extend(vec![Way::Chain; effort.chains]);
 
     let mut found = Found::default();
-    while found.rounds < effort.rounds
-        || (found.rounds < effort.most_rounds && found.best.is_some() && found.hits() < effort.hits)
-    {
+    loop {
+        let is_rarely_found = found.best.is_some() && found.hits() < effort.hits;
+        let is_beaten = found.least_chain < found.best.map_or(longest, |best| best.length()) - BEATEN;
+        let rounds = if is_rarely_found || is_beaten { effort.most_rounds } else { effort.rounds };
+        if found.rounds >= rounds {
+            return found;
+        }
         found.rounds += 1;
         for (index, way) in ways.iter().enumerate() {
             let limit = found.best.map_or(longest, |best| best.length());
@@ -486,5 +492,4 @@ pub fn search(problem: &Problem, longest: f64, backwards: &[[f64; 3]], effort: &
             }
         }
     }
-    found
 }
