@@ -29,7 +29,7 @@ const FINE: Precision = Precision { error: 1e-14, difference: 1e-6, arrived: 1e-
 /// Lines walked backwards further than this have no helicoidal arc close by, radii.
 const LONGEST_LINE: f64 = 1.0;
 /// A chain shorter than the best curve by more than this tells of a better one: chains end not exactly at the goal, radii.
-const BEATEN: f64 = 2e-4;
+pub const BEATEN: f64 = 2e-4;
 /// A curve that needs more steps than this is given up.
 const MOST_STEPS: usize = 20_000;
 
