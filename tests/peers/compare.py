@@ -7,6 +7,7 @@ round; a ratio is the median of the rounds' ratios.
 import argparse
 import collections
 import datetime
+import functools
 import gc
 import importlib.metadata
 import json
@@ -23,6 +24,9 @@ from ompl import base, util
 TOO_LONG = 1e-9
 # ...and arrives if it ends this close to the goal, radii and radians: close enough to be no shorter for it by TOO_LONG.
 ARRIVES = 1e-10
+# So many queries of a family are timed, again and again: few enough that all planners find them in the processor's
+# cache, however they keep them.
+TIMED = 500
 # Interpolation at 1 returns the goal itself, wherever the path ends: it is asked for this much less.
 NEARLY_ALL = 1 - 2.0**-40
 
@@ -133,11 +137,12 @@ class Helper:
         except BrokenPipeError:
             reply = ""
         if not reply:
-            raise SystemExit(f"compare.py: {self.process.args[0]} gave no answer to {request['do']}: see its message above")
+            program = self.process.args[0]
+            raise SystemExit(f"compare.py: {program} gave no answer to {request['do']}: see its message above")
         return json.loads(reply)
 
 
-class Theirs:
+class Helped:
     """A planner asked through the helper. Found paths are (length, how far from the goal it ends) or None."""
 
     call = None
@@ -224,14 +229,35 @@ def timed(function, starts, goals, passes):
     return nanoseconds / (passes * len(starts))
 
 
-def compare(planners, bounds, rounds, batch):
-    """Asks all planners for all paths, and times them. `bounds` are lengths of paths known beforehand."""
-    found = {name: list(planner.found()) for name, planner in planners.items()}
+def in_plane(helper, pairs):
+    """All planners in the plane, by name."""
+    helper.ask(do="load_plane", pairs=pairs)
+    planners = {name: Helped(helper, name, pairs) for name in ("growbot", "dubins_paths", "dubins")}
+    return planners | {"ompl": Ompl(base.DubinsStateSpace(1.0), 2, *zip(*pairs))}
+
+
+def in_space(helper, ours, pairs):
+    """All planners in space, by name."""
+    helper.ask(do="load_space", pairs=pairs)
+    planners = {name: Helped(helper, name, pairs) for name in ours}
+    spaces = {"vana": base.VanaStateSpace, "vana-owen": base.VanaOwenStateSpace}
+    return planners | {name: Ompl(space(1.0, math.pi / 2), 3, *zip(*pairs)) for name, space in spaces.items()}
+
+
+def compare(load, pairs, bounds, rounds, batch):
+    """Asks all planners for all paths, and times them.
+
+    `load` gives the planners of some pairs of start and goal, `bounds` are lengths of paths known beforehand, a batch is
+    in ns.
+    """
+    found = {name: list(planner.found()) for name, planner in load(pairs).items()}
     best = [
         min([bound, *(path[0] for path in paths if path and path[1] <= ARRIVES)])
         for bound, *paths in zip(bounds, *found.values())
     ]
-    passes = {name: max(1, round(batch / (planner.time(1) * len(bounds)))) for name, planner in planners.items()}
+    pairs = pairs[:TIMED]
+    planners = load(pairs)
+    passes = {name: max(1, round(batch / (planner.time(1) * len(pairs)))) for name, planner in planners.items()}
     times, calls = collections.defaultdict(list), collections.defaultdict(list)
     for _ in range(rounds):
         for name, planner in planners.items():
@@ -323,7 +349,8 @@ def printed(rows):
 
 def cpu():
     with open("/proc/cpuinfo", encoding="utf-8") as file:
-        return next((line.split(":", 1)[1].strip() for line in file if line.startswith("model name")), platform.machine())
+        names = [line.split(":", 1)[1].strip() for line in file if line.startswith("model name")]
+    return names[0] if names else platform.machine()
 
 
 def main():
@@ -339,7 +366,7 @@ def main():
 
     util.noOutputHandler()
     rounds, batch = (5, 5e6) if args.quick else (21, 20e6)
-    in_plane, in_space = (1000, 100) if args.quick else (10_000, 1000)
+    plane_queries, space_queries = (1000, 100) if args.quick else (10_000, 1000)
     helper = Helper(args.helper)
     ours = helper.ask(do="planners")["space"]
     called = {
@@ -354,56 +381,48 @@ def main():
 
     for family, query in PLANE.items():
         rng = random.Random(f"growbot {family}")
-        queries = [query(rng) for _ in range(in_plane)]
+        queries = [query(rng) for _ in range(plane_queries)]
         pairs = [(start, goal) for start, goal, _ in queries]
-        helper.ask(do="load_plane", pairs=pairs)
-        planners = {name: Theirs(helper, name, pairs) for name in ("growbot", "dubins_paths", "dubins")}
-        planners["ompl"] = Ompl(base.DubinsStateSpace(1.0), 2, *zip(*pairs))
-        results = figures[family] = compare(planners, [bound for _, _, bound in queries], rounds, batch)
+        bounds = [bound for _, _, bound in queries]
+        results = figures[family] = compare(functools.partial(in_plane, helper), pairs, bounds, rounds, batch)
         for name in ("dubins_paths", "dubins", "ompl"):
             rows.append((family, "growbot", name, results))
 
     for distance in DISTANCES:
         family = f"in space, {distance} R away"
         rng = random.Random(f"growbot {family}")
-        pairs = [pair_of_poses(rng, distance) for _ in range(in_space)]
-        helper.ask(do="load_space", pairs=pairs)
-        planners = {name: Theirs(helper, name, pairs) for name in ours}
-        for name, space in (("vana", base.VanaStateSpace), ("vana-owen", base.VanaOwenStateSpace)):
-            planners[name] = Ompl(space(1.0, math.pi / 2), 3, *zip(*pairs))
-        results = figures[family] = compare(planners, [math.inf] * len(pairs), rounds, batch)
+        pairs = [pair_of_poses(rng, distance) for _ in range(space_queries)]
+        bounds = [math.inf] * len(pairs)
+        results = figures[family] = compare(functools.partial(in_space, helper, ours), pairs, bounds, rounds, batch)
         rows += [(family, mine, name, results) for mine in ours for name in ("vana", "vana-owen")]
 
     table = printed(
         [row(goals, called.get(a, a), called[b], results[a], results[b]) for goals, a, b, results in rows]
     )
     every = [(family, name, result) for family, results in figures.items() for name, result in results.items()]
-    calls = statistics.median(ns for _, _, result in every for ns in result["call_ns"] if ns)
+    calls = statistics.median(ns for family in PLANE for ns in figures[family]["ompl"]["call_ns"])
     worst = collections.defaultdict(float)
     for _, name, result in every:
         if result["misses"]:
             worst[name] = max(worst[name], result["worst_miss"])
-    missing = [f"{called.get(name, name)} by at most {miss:.0e}" for name, miss in worst.items()]
-    without = [
-        f"{family}: {called.get(name, name)} {percent(result['no_path'])}"
-        for family, name, result in every
-        if result["no_path"]
-    ]
+    missing = "; ".join(f"{called.get(name, name)} by at most {miss:.0e}" for name, miss in worst.items()) or "None do"
+    nowhere = [(family, name, percent(result["no_path"])) for family, name, result in every if result["no_path"]]
+    without = "; ".join(f"{family}: {called.get(name, name)} {share}" for family, name, share in nowhere) or "never"
     text = f"""\
 {datetime.date.today()}, {cpu()}; {args.versions}, OMPL {OMPL}{", quick run" if args.quick else ""}
 
 {table}
 
-- {in_plane} queries a family in the plane, {in_space} in space; {rounds} rounds, times the medians of the rounds' ratios.
+- {plane_queries} queries a family in the plane, {space_queries} in space. Times: medians of {rounds} rounds' ratios.
 - growbot's planner in the plane takes goals as the start sees them: converting them is in its time. Its planners in
   space check that the path arrives: that is in their time. OMPL is called from Python; "less the call": without what an
   empty call from Python takes ({calls:.0f} ns here).
 - Vana and Vana-Owen: pitch from -90 to 90 deg.
 - Too long: by more than {TOO_LONG:.0e} R, beside the shortest path that is known to arrive: the one by which the goal was
   laid out, or any planner's that does. In space that is the best of those compared, not the shortest there is.
-- Miss: end further from the goal than {ARRIVES:.0e} R, or rad. {"; ".join(missing) if missing else "None do"}.
+- Miss: end further from the goal than {ARRIVES:.0e} R, or rad. {missing}.
 - Length, ours - theirs: in percent of theirs, negative where growbot's path is shorter; only where both arrive.
-- No path at all: {"; ".join(without) if without else "never"}.
+- No path at all: {without}.
 """
     print(text)
     with open(args.table, "w", encoding="utf-8") as file:

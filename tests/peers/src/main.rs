@@ -1,8 +1,9 @@
-//! Finds and times paths, on request: growbot's own, those of the crate `dubins_paths`, and those of the C library behind
-//! the Python package `dubins`.
+//! Finds and times paths, on request: growbot's own, those of the crate `dubins_paths`, and those of the C library
+//! behind the Python package `dubins`.
 //!
-//! Requests are lines of JSON on standard input, replies lines of JSON on standard output. So whoever asks can alternate
-//! between these planners and others, batch by batch, and a moment in which the machine is slow strikes all alike.
+//! Requests are lines of JSON on standard input, replies lines of JSON on standard output. So whoever asks can
+//! alternate between these planners and others, batch by batch, and a moment in which the machine is slow strikes all
+//! alike.
 //!
 //! Lengths are in turning radii, angles in radians.
 
