@@ -247,8 +247,8 @@ def in_space(helper, ours, pairs):
 def compare(load, pairs, bounds, rounds, batch):
     """Asks all planners for all paths, and times them.
 
-    `load` gives the planners of some pairs of start and goal, `bounds` are lengths of paths known beforehand, a batch is
-    in ns.
+    `load` gives the planners of some pairs of start and goal, `bounds` are lengths of paths known beforehand, a batch
+    is in ns.
     """
     found = {name: list(planner.found()) for name, planner in load(pairs).items()}
     best = [
@@ -418,8 +418,8 @@ def main():
   space check that the path arrives: that is in their time. OMPL is called from Python; "less the call": without what an
   empty call from Python takes ({calls:.0f} ns here).
 - Vana and Vana-Owen: pitch from -90 to 90 deg.
-- Too long: by more than {TOO_LONG:.0e} R, beside the shortest path that is known to arrive: the one by which the goal was
-  laid out, or any planner's that does. In space that is the best of those compared, not the shortest there is.
+- Too long: by more than {TOO_LONG:.0e} R, beside the shortest path that is known to arrive: the one by which the goal
+  was laid out, or any planner's that does. In space that is the best of those compared, not the shortest there is.
 - Miss: end further from the goal than {ARRIVES:.0e} R, or rad. {missing}.
 - Length, ours - theirs: in percent of theirs, negative where growbot's path is shorter; only where both arrive.
 - No path at all: {without}.
