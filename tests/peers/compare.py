@@ -317,14 +317,14 @@ def row(goals, ours_name, theirs_name, ours, theirs):
     both = [(a, b) for a, b in zip(ours["arriving"], theirs["arriving"]) if a is not None and b is not None]
     differences = [0.0 if abs(a - b) <= TOO_LONG else (a - b) / b if b > 0 else math.inf for a, b in both]
     whole = statistics.median(a / b for a, b in zip(ours["ns"], theirs["ns"]))
-    net = [(a, b - c) for a, b, c in zip(ours["ns"], theirs["ns"], theirs["call_ns"])]
-    called = any(theirs["call_ns"])
+    call = statistics.median(theirs["call_ns"])
+    net = statistics.median(a / (b - call) for a, b in zip(ours["ns"], theirs["ns"])) if call else None
     return (
         goals,
         ours_name,
         theirs_name,
         ratio(whole),
-        ratio(statistics.median(a / b for a, b in net)) if called and all(b > 0 for _, b in net) else "-",
+        ratio(net) if net else "-",
         percent(ours["too_long"]),
         percent(theirs["too_long"]),
         excess(ours["longest_excess"]),
