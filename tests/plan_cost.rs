@@ -15,8 +15,14 @@ use growbot_tests::firmware;
 
 /// The planar planner's median of random goals may be this many instructions.
 const PLANAR_INSTRUCTIONS: u64 = 35_000;
-/// No plan may take more stack than this, in bytes: a sixteenth of the robot's memory.
+/// The shortest path's median of goals from 4 R out, where no helicoidal arcs are looked for.
+const SHORTEST_INSTRUCTIONS: u64 = 2_500_000;
+/// No planar or two-plane plan may take more stack than this, in bytes: a sixteenth of the robot's memory.
 const STACK: u64 = 8 * 1024;
+/// Nor the shortest path more than this, which includes its list of candidates, 1.4 kB, and 1 kB of what the caller gets.
+const SHORTEST_STACK: u64 = 10 * 1024;
+/// Nor with helicoidal arcs.
+const HELICOIDS_STACK: u64 = 14 * 1024;
 
 /// How long the board may take to the next plan. Each takes milliseconds.
 const NEXT: Duration = Duration::from_secs(60);
@@ -106,10 +112,18 @@ fn planning_fits_the_microcontroller() {
         );
     }
     for row in &rows {
-        assert!(row.stack <= STACK, "{}, {}: {} B of stack", row.planner, row.goals, row.stack);
-        if row.planner == "planar" {
-            assert!(row.median() <= PLANAR_INSTRUCTIONS, "planar, {}: {} instructions", row.goals, row.median());
-        }
+        let (stack, instructions) = match (row.planner.as_str(), row.goals.as_str()) {
+            ("planar", _) => (STACK, PLANAR_INSTRUCTIONS),
+            ("two-plane", _) => (STACK, u64::MAX),
+            ("shortest", "from 4 R") => (SHORTEST_STACK, SHORTEST_INSTRUCTIONS),
+            ("shortest", _) => (HELICOIDS_STACK, u64::MAX),
+            _ => panic!("no limits for {}, {}", row.planner, row.goals),
+        };
+        assert!(row.stack <= stack, "{}, {}: {} B of stack, over {stack}", row.planner, row.goals, row.stack);
+        let median = row.median();
+        assert!(median <= instructions, "{}, {}: {median} instructions, over {instructions}", row.planner, row.goals);
     }
-    assert!(rows.iter().any(|row| row.planner == "planar") && rows.iter().any(|row| row.planner == "two-plane"));
+    for planner in ["planar", "two-plane", "shortest"] {
+        assert!(rows.iter().any(|row| row.planner == planner), "nothing was measured of {planner}");
+    }
 }

@@ -6,6 +6,7 @@
 use growbot_core::job::{job_layers, summarize};
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::message::{HeldLayers, Message, PlanRequest, Planned, ReadLayers};
+use growbot_core::path::{Segment, length};
 use growbot_core::plan::{Planner, plan};
 use growbot_core::pose::Pose;
 use growbot_host::client::Client;
@@ -60,14 +61,14 @@ fn the_board_plans_the_desktops_layers_bit_for_bit() {
     client.hello_robot(&robot).unwrap();
     let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
 
-    let (mut goals_compared, mut layers_compared) = (0, 0);
-    for goal in goals() {
+    let (mut plans_compared, mut layers_compared, mut helicoids) = (0, 0, 0);
+    for (goal, planner) in goals().flat_map(|goal| [(goal, Planner::TwoPlane), (goal, Planner::Shortest)]) {
         let goal = Pose::from_degrees(goal).unwrap();
-        let path = plan(&robot, &start, &goal, 100.0, Planner::TwoPlane).unwrap().path;
+        let path = plan(&robot, &start, &goal, 100.0, planner).unwrap().path;
+        helicoids += u32::from(path.iter().any(|segment| matches!(segment, Segment::Helicoid { .. })));
         let expected = summarize(&path, &robot);
 
-        let request =
-            PlanRequest { start: (&start).into(), goal: (&goal).into(), radius: 100.0, planner: Planner::TwoPlane };
+        let request = PlanRequest { start: (&start).into(), goal: (&goal).into(), radius: 100.0, planner };
         let Message::Planned(planned) = client.request("to plan", &Message::Plan(request)).unwrap() else {
             panic!("no plan for {goal:?}");
         };
@@ -75,9 +76,9 @@ fn the_board_plans_the_desktops_layers_bit_for_bit() {
             plan_id: expected.plan_id,
             exact_hash: expected.exact_hash,
             layers: expected.layers,
-            length: growbot_core::path::length(&path),
+            length: length(&path),
         };
-        assert_eq!(planned, wanted, "{goal:?}");
+        assert_eq!(planned, wanted, "{goal:?}, {planner:?}");
 
         let mut held: Vec<LayerBytes> = Vec::new();
         while held.len() < expected.layers as usize {
@@ -89,9 +90,9 @@ fn the_board_plans_the_desktops_layers_bit_for_bit() {
             held.extend(layers);
         }
         assert!(held.iter().copied().eq(job_layers(&path, &robot)), "{goal:?}");
-        goals_compared += 1;
+        plans_compared += 1;
         layers_compared += held.len();
     }
-    assert!(goals_compared >= 50);
-    println!("{goals_compared} goals, {layers_compared} layers: every bit alike");
+    assert!(plans_compared >= 100 && helicoids > 0);
+    println!("{plans_compared} plans, {helicoids} of them helicoidal arcs, {layers_compared} layers: every bit alike");
 }

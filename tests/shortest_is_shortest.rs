@@ -4,6 +4,7 @@
 
 use std::time::Instant;
 
+use growbot_core::path::length;
 use growbot_core::plan::{Planner, plan};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
@@ -27,19 +28,19 @@ const RADIUS: f64 = 100.0;
 /// The length of the planned path from the origin along z to a goal (radii) with a direction, radii.
 fn planned_length(robot: &Robot, goal: &Vector3<f64>, tangent: &Vector3<f64>) -> f64 {
     // The planner under test: this is the only place that names it.
-    let planner = Planner::TwoPlane;
+    let planner = Planner::Shortest;
 
     let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
     let heading = libm::atan2(tangent.y, tangent.x);
     let pitch = libm::atan2(tangent.z, libm::hypot(tangent.x, tangent.y));
     let goal = Pose::new(goal * RADIUS, heading, pitch).unwrap();
     // A path that does not arrive is an error of its own.
-    let path = plan(robot, &start, &goal, RADIUS, planner).unwrap_or_else(|error| panic!("{goal:?}: {error}"));
-    for segment in path.segments() {
+    let path = plan(robot, &start, &goal, RADIUS, planner).unwrap_or_else(|error| panic!("{goal:?}: {error}")).path;
+    for segment in path.iter() {
         let bends = segment.bend() * RADIUS;
         assert!(bends <= segment.length() * (1.0 + 1e-9), "{goal:?}: {segment:?} bends tighter than {RADIUS} mm");
     }
-    path.length() / RADIUS
+    length(&path) / RADIUS
 }
 
 /// How the planned paths of some cases compare with the best.

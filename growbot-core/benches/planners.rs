@@ -6,8 +6,7 @@ use std::time::Duration;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use growbot_core::dubins2::{self, PlanarPath, PlanarPose, Word};
-use growbot_core::path::Path;
-use growbot_core::plan::{Planner, plan};
+use growbot_core::plan::{Chosen, Planner, plan};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 
@@ -28,6 +27,8 @@ fn planners(criterion: &mut Criterion) {
     }
     bench(criterion, "two-plane", "from 4 R", |n| goal(n, 4.0, 12.0), |goal| to(&robot, goal, Planner::TwoPlane));
     bench(criterion, "two-plane", "0 to 4 R", |n| goal(n, 0.0, 4.0), |goal| to(&robot, goal, Planner::TwoPlane));
+    bench(criterion, "shortest", "from 4 R", |n| goal(n, 4.0, 12.0), |goal| to(&robot, goal, Planner::Shortest));
+    bench(criterion, "shortest", "0 to 4 R", |n| goal(n, 0.0, 4.0), |goal| to(&robot, goal, Planner::Shortest));
 }
 
 fn bench<G, P>(criterion: &mut Criterion, planner: &str, goals: &str, goal: impl Fn(u32) -> G, plan: impl Fn(&G) -> P) {
@@ -42,7 +43,7 @@ fn bench<G, P>(criterion: &mut Criterion, planner: &str, goals: &str, goal: impl
 }
 
 /// From the origin, straight up.
-fn to(robot: &Robot, goal: &Pose, planner: Planner) -> Path {
+fn to(robot: &Robot, goal: &Pose, planner: Planner) -> Chosen {
     let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
     plan(robot, &start, goal, RADIUS, planner).unwrap()
 }

@@ -26,11 +26,16 @@ pub struct Helicoid {
 }
 
 /// Longest step of the integration, radii.
-const LONGEST_STEP: f64 = 0.25;
-/// Near a point where `m` vanishes its direction turns fast: no step is longer than this share of the way to it.
+const LONGEST_STEP: f64 = 0.2;
+/// Near a point where `m` vanishes its direction turns fast: no step is longer than this share of the length in which `m`, as it
+/// changes there, would vanish...
 const SHARE_OF_WAY: f64 = 0.25;
+/// ...nor than this share of that in which it would at the rate at which its change changes.
+const SHARE_OF_TURN: f64 = 0.25;
 /// Yet none is shorter than this, radii: `w` turns half a turn within such a step at most, which moves the end by its square.
-const SHORTEST_STEP: f64 = 1e-6;
+const SHORTEST_STEP: f64 = 1e-9;
+/// Steps up to this, such as layers, may be short ones.
+const SHORT: f64 = 0.01;
 /// Substeps of the midpoint rule whose results are extrapolated: order 10.
 const SUBSTEPS: [u32; 5] = [2, 4, 6, 8, 10];
 
@@ -53,6 +58,7 @@ impl Helicoid {
 
     /// `start_from_tip` after this length, both in radii.
     #[must_use]
+    #[inline(never)] // Its room on the stack is not the caller's.
     pub fn frame_after(&self, length: f64) -> Frame {
         let mut walk = Walk::new(self);
         walk.advance(length);
@@ -76,6 +82,15 @@ impl Helicoid {
         }
         // Gragg's smoothing is not needed: extrapolation in even powers holds for an even number of substeps.
         here
+    }
+
+    /// A step that is so short that the classical Runge-Kutta method is exact to the last digits.
+    fn short_step(&self, state: &State, step: f64) -> State {
+        let first = self.rate(state);
+        let second = self.rate(&(state + first * (0.5 * step)));
+        let third = self.rate(&(state + second * (0.5 * step)));
+        let fourth = self.rate(&(state + third * step));
+        state + (first + (second + third) * 2.0 + fourth) * (step / 6.0)
     }
 
     /// One step, extrapolated (Bulirsch and Stoer 1966, with polynomials).
@@ -116,11 +131,13 @@ impl Walk {
 
     /// Goes on by this length, radii.
     pub fn advance(&mut self, length: f64) {
-        let slope = self.curve.p.norm();
+        let force = self.curve.p.norm().max(f64::MIN_POSITIVE);
         let mut left = length;
         while left > 0.0 {
             let m = self.curve.m(&self.state.column(0).into_owned()).norm();
-            let safe = (SHARE_OF_WAY * m / slope.max(f64::MIN_POSITIVE)).clamp(SHORTEST_STEP, LONGEST_STEP);
+            let slope = self.curve.p.cross(&self.state.column(1)).norm().max(f64::MIN_POSITIVE);
+            let safe = (SHARE_OF_WAY * m / slope).min(SHARE_OF_TURN * libm::sqrt(m / force));
+            let safe = safe.clamp(SHORTEST_STEP, LONGEST_STEP);
             // The last two steps are equal, so that none is nothing but rounding.
             let step = if left <= safe {
                 left
@@ -129,7 +146,9 @@ impl Walk {
             } else {
                 safe
             };
-            self.state = self.curve.step(&self.state, step);
+            let short = step <= SHORT && step <= 0.05 * safe;
+            self.state =
+                if short { self.curve.short_step(&self.state, step) } else { self.curve.step(&self.state, step) };
             left -= step;
         }
     }
@@ -167,16 +186,12 @@ mod tests {
         )
     }
 
-    /// The classical Runge-Kutta method in many small steps.
+    /// Many small steps.
     fn by_small_steps(curve: &Helicoid, length: f64, steps: u32) -> State {
         let step = length / f64::from(steps);
         let mut state = Walk::new(curve).state;
         for _ in 0..steps {
-            let first = curve.rate(&state);
-            let second = curve.rate(&(state + first * (0.5 * step)));
-            let third = curve.rate(&(state + second * (0.5 * step)));
-            let fourth = curve.rate(&(state + third * step));
-            state += (first + (second + third) * 2.0 + fourth) * (step / 6.0);
+            state = curve.short_step(&state, step);
         }
         state
     }

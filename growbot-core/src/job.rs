@@ -4,31 +4,33 @@ use crate::hash::Hasher;
 use crate::layer_bytes::{Encoder, LayerBytes};
 use crate::path::Segment;
 use crate::robot::Robot;
-use crate::slicing::{Layers, Slicing, layers};
+use crate::slicing::{Layers, Slicing, layers_meanwhile};
 
 /// The layers of a path in bytes, in order.
 #[derive(Debug, Clone)]
 pub struct JobLayers<'a> {
     layers: Layers<'a>,
     encoder: Encoder,
-    tip_radius: f64,
+    robot: &'a Robot,
 }
 
 /// The layers of a path in bytes, by exact slicing.
 #[must_use]
 pub fn job_layers<'a>(path: &'a [Segment], robot: &'a Robot) -> JobLayers<'a> {
-    JobLayers {
-        layers: layers(path, robot, Slicing::Exact),
-        encoder: Encoder::default(),
-        tip_radius: robot.tip_radius(),
-    }
+    job_layers_meanwhile(path, robot, &mut || ())
+}
+
+/// As [`job_layers`], for boards (see [`layers_meanwhile`]).
+#[must_use]
+pub fn job_layers_meanwhile<'a>(path: &'a [Segment], robot: &'a Robot, meanwhile: &mut dyn FnMut()) -> JobLayers<'a> {
+    JobLayers { layers: layers_meanwhile(path, robot, Slicing::Exact, meanwhile), encoder: Encoder::default(), robot }
 }
 
 impl Iterator for JobLayers<'_> {
     type Item = LayerBytes;
 
     fn next(&mut self) -> Option<LayerBytes> {
-        self.layers.next().map(|sliced| self.encoder.encode_layable(&sliced.layer, self.tip_radius))
+        self.layers.next().map(|sliced| self.encoder.encode_layable(&sliced.layer, self.robot.tip_radius()))
     }
 
     fn size_hint(&self) -> (usize, Option<usize>) {
@@ -47,19 +49,27 @@ pub struct JobSummary {
     pub layers: u32,
 }
 
+impl JobLayers<'_> {
+    /// The hashes of these layers.
+    #[must_use]
+    pub fn summary(&self) -> JobSummary {
+        let (mut bytes, mut exact) = (Hasher::default(), Hasher::default());
+        let mut encoder = self.encoder.clone();
+        let mut count = 0;
+        bytes.bytes(&self.robot.hash().to_le_bytes());
+        for sliced in self.layers.clone() {
+            bytes.bytes(&encoder.encode_layable(&sliced.layer, self.robot.tip_radius()));
+            exact.f64(sliced.layer.alpha);
+            exact.f64(sliced.layer.height);
+            exact.f64(sliced.layer.tilt);
+            count += 1;
+        }
+        JobSummary { plan_id: bytes.finish().max(1), exact_hash: exact.finish(), layers: count }
+    }
+}
+
 /// The hashes of a path's layers.
 #[must_use]
 pub fn summarize(path: &[Segment], robot: &Robot) -> JobSummary {
-    let (mut bytes, mut exact) = (Hasher::default(), Hasher::default());
-    let mut encoder = Encoder::default();
-    let mut count = 0;
-    bytes.bytes(&robot.hash().to_le_bytes());
-    for sliced in layers(path, robot, Slicing::Exact) {
-        bytes.bytes(&encoder.encode_layable(&sliced.layer, robot.tip_radius()));
-        exact.f64(sliced.layer.alpha);
-        exact.f64(sliced.layer.height);
-        exact.f64(sliced.layer.tilt);
-        count += 1;
-    }
-    JobSummary { plan_id: bytes.finish().max(1), exact_hash: exact.finish(), layers: count }
+    job_layers(path, robot).summary()
 }

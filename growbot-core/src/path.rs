@@ -13,7 +13,7 @@ use crate::kinematics::step;
 use crate::pose::Frame;
 
 /// The most segments that a planner puts together: two planar paths take up to six.
-pub const MOST_SEGMENTS: usize = 8;
+pub const MOST_SEGMENTS: usize = 6;
 
 /// One piece of a path.
 #[derive(Debug, Clone, Copy, PartialEq)]

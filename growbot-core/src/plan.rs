@@ -1,9 +1,11 @@
 //! Plans: from two poses and a radius to a path that has been checked to end at its goal.
 
+use core::cmp::Ordering;
+
 use crate::path::{self, Path, PathFull, Segment};
 use crate::pose::{Frame, Pose, angle_between, tip_direction};
 use crate::robot::Robot;
-use crate::shortest::{self, Problem};
+use crate::shortest::{self, Candidate, Candidates, Problem};
 use crate::two_plane::two_plane;
 
 /// How a path is found.
@@ -139,7 +141,7 @@ fn search(
     goal: &Pose,
     radius: f64,
     planner: Planner,
-    mut accept: impl FnMut(&[Segment]) -> bool,
+    accept: impl FnMut(&[Segment]) -> bool,
     meanwhile: &mut dyn FnMut(),
 ) -> Result<Option<Chosen>, PlanError> {
     let limit = robot.least_radius();
@@ -149,32 +151,74 @@ fn search(
     if radius.is_nan() || radius > GREATEST_RADIUS {
         return Err(PlanError::RadiusTooLarge { radius, limit: GREATEST_RADIUS });
     }
-    let two_plane = arriving(two_plane(start, goal, radius)?, start, goal, radius)?;
-    let two_plane_length = path::length(&two_plane);
-    let mut choose =
-        |path: Path, candidates: usize| accept(&path).then_some(Chosen { path, candidates, two_plane_length });
-    if planner == Planner::TwoPlane {
-        return Ok(choose(two_plane, 1));
+    match planner {
+        Planner::TwoPlane => two_plane_only(start, goal, radius, accept),
+        Planner::Shortest => shortest_of_all(start, goal, radius, accept, meanwhile),
     }
+}
+
+#[inline(never)] // Its room on the stack is not the caller's.
+fn two_plane_only(
+    start: &Pose,
+    goal: &Pose,
+    radius: f64,
+    mut accept: impl FnMut(&[Segment]) -> bool,
+) -> Result<Option<Chosen>, PlanError> {
+    let path = arriving_two_plane(start, goal, radius)?;
+    let two_plane_length = path::length(&path);
+    Ok(accept(&path).then_some(Chosen { path, candidates: 1, two_plane_length }))
+}
+
+#[inline(never)]
+fn shortest_of_all(
+    start: &Pose,
+    goal: &Pose,
+    radius: f64,
+    mut accept: impl FnMut(&[Segment]) -> bool,
+    meanwhile: &mut dyn FnMut(),
+) -> Result<Option<Chosen>, PlanError> {
+    let two_plane_length = two_plane_length(start, goal, radius)?;
     let problem = Problem::between(start, goal, radius);
-    let found = shortest::candidates(&problem, two_plane_length / radius, meanwhile);
+    let mut found = Candidates::new();
+    shortest::candidates(&problem, two_plane_length / radius, &mut found, meanwhile);
     let count = found.len() + 1;
-    let mut two_plane = Some(two_plane);
-    for candidate in &found {
-        if candidate.length() * radius >= two_plane_length
-            && let Some(path) = two_plane.take()
-            && let Some(chosen) = choose(path, count)
-        {
-            return Ok(Some(chosen));
-        }
+    // The two-plane path takes its turn among the others.
+    let shorter = found.partition_point(|candidate| candidate.length() * radius < two_plane_length);
+    for index in 0..count {
+        let path = match index.cmp(&shorter) {
+            Ordering::Equal => arriving_two_plane(start, goal, radius),
+            Ordering::Less => arriving_candidate(found.get(index), start, goal, radius),
+            Ordering::Greater => arriving_candidate(found.get(index - 1), start, goal, radius),
+        };
         // What does not arrive in the last resort is left out.
-        if let Ok(path) = arriving(candidate.path(radius)?, start, goal, radius)
-            && let Some(chosen) = choose(path, count)
+        if let Ok(path) = path
+            && accept(&path)
         {
-            return Ok(Some(chosen));
+            return Ok(Some(Chosen { path, candidates: count, two_plane_length }));
         }
     }
-    Ok(two_plane.and_then(|path| choose(path, count)))
+    Ok(None)
+}
+
+/// Length of the two-plane path, mm.
+#[inline(never)] // Its room on the stack is not the caller's.
+fn two_plane_length(start: &Pose, goal: &Pose, radius: f64) -> Result<f64, PlanError> {
+    arriving_two_plane(start, goal, radius).map(|path| path::length(&path))
+}
+
+#[inline(never)]
+fn arriving_two_plane(start: &Pose, goal: &Pose, radius: f64) -> Result<Path, PlanError> {
+    arriving(two_plane(start, goal, radius)?, start, goal, radius)
+}
+
+#[inline(never)]
+fn arriving_candidate(
+    candidate: Option<&Candidate>,
+    start: &Pose,
+    goal: &Pose,
+    radius: f64,
+) -> Result<Path, PlanError> {
+    arriving(candidate.ok_or(PlanError::NoPath)?.path(radius)?, start, goal, radius)
 }
 
 /// The path, without segments that are nothing but rounding, if it ends at the goal.

@@ -28,6 +28,7 @@ const PARALLEL: f64 = 1e-12;
 ///
 /// # Errors
 /// Only if a path could not hold its at most six segments.
+#[inline(never)] // Its room on the stack is not the caller's.
 pub fn two_plane(start: &Pose, goal: &Pose, radius: f64) -> Result<Path, PathFull> {
     let (from, to) = (start.direction(), goal.direction());
     let offset = (goal.position() - start.position()) / radius;

@@ -13,6 +13,8 @@ use crate::port::{Port, PortError};
 
 /// How long an answer may take before the request is repeated.
 const ANSWER: Duration = Duration::from_millis(1000);
+/// How long a plan may take: a board needs seconds for a near goal, and emulated by a busy machine some times that.
+const PLAN: Duration = Duration::from_secs(60);
 /// How often a request is sent before the board counts as silent.
 const TRIES: u32 = 4;
 /// Frames, events and noise that may come before the answer does.
@@ -200,11 +202,12 @@ impl Client {
         let header = Header { kind: request.kind(), session: self.session, seq, ack: 0 };
         let bytes = frame::encode(&header, body)
             .map_err(|_| ClientError::Unexpected { request: what, kind: request.kind() })?;
+        let patience = if matches!(request, Message::Plan(_)) { PLAN } else { ANSWER };
         let mut heard = None;
         for _ in 0..TRIES {
             self.port.send(&bytes)?;
             for _ in 0..MOST_FRAMES {
-                match self.next_frame(ANSWER)? {
+                match self.next_frame(patience)? {
                     None => break,
                     Some(Ok(frame)) if frame.header.session == self.session && frame.header.ack == seq => {
                         return answer(what, &frame);

@@ -35,12 +35,16 @@ pub struct Csc {
 }
 
 /// Probes in each half of the range of the first arc's angle...
-const PROBES_FAR: u32 = 48;
+const PROBES_FAR: u32 = 36;
 /// ...and for goals nearer than this, radii, where the branches crowd.
 const PROBES_NEAR: u32 = 256;
 const NEAR: f64 = 4.0;
 /// The most paths that are kept.
-pub const MOST: usize = 12;
+pub const MOST: usize = 8;
+/// The most that is kept of what is nearly a path.
+const MOST_OVERLAPPING: usize = 8;
+/// How much shorter than nothing a line may be there.
+const OVERLAP: f64 = 1.0;
 /// A path is worth polishing if it ends within this of the goal.
 const NEARLY: f64 = 0.05;
 /// Two paths whose numbers all agree to this are one.
@@ -94,18 +98,23 @@ struct Corner {
     across: Vector3<f64>,
 }
 
-/// All paths of this kind, shortest first.
-pub(super) fn paths(problem: &Problem) -> Vec<Csc, MOST> {
-    let mut search = Search { problem, found: Vec::new() };
+/// What would be a path if its line were not a little shorter than nothing: a helicoidal arc is mostly near it.
+pub(super) type Overlapping = Vec<Csc, MOST_OVERLAPPING>;
+
+/// Looks for all paths of this kind, shortest first, and what would be.
+#[inline(never)] // Its room on the stack is not the caller's.
+pub(super) fn search(problem: &Problem, paths: &mut Vec<Csc, MOST>, overlapping: &mut Overlapping) {
+    let mut search = Search { problem, paths, overlapping };
     search.half(1.0);
     search.half(-1.0);
     search.special_lines();
-    search.found
+    search.crossing_lines();
 }
 
 struct Search<'a> {
     problem: &'a Problem,
-    found: Vec<Csc, MOST>,
+    paths: &'a mut Vec<Csc, MOST>,
+    overlapping: &'a mut Overlapping,
 }
 
 impl Search<'_> {
@@ -143,6 +152,7 @@ impl Search<'_> {
     }
 
     /// Looks for roots of `h` in one half of the range.
+    #[inline(never)]
     fn half(&mut self, sign: f64) {
         let mut last: [[Option<Probe>; 2]; 4] = [[None; 2]; 4];
         let probes = if self.problem.goal.norm() < NEAR { PROBES_NEAR } else { PROBES_FAR };
@@ -254,7 +264,7 @@ impl Search<'_> {
         let corner = self.corner(tau);
         let Some((cos, sin, length)) = self.line(&corner, branch) else { return };
         let straight = length - tau;
-        if straight < -NEARLY {
+        if straight < -OVERLAP {
             return;
         }
         let across = corner.across;
@@ -269,11 +279,54 @@ impl Search<'_> {
         let (x, y) = if tau < 0.0 { (-u.x, -u.y) } else { (u.x, u.y) };
         let first_towards = libm::atan2(y, x);
         let last_towards = in_tip(&axes_after(first_towards, first), &towards);
-        self.keep(Csc { first_towards, first, straight, last_towards, last });
+        let path = Csc { first_towards, first, straight, last_towards, last };
+        if straight < 0.0 && self.problem.goal.norm() < NEAR {
+            // Full ones lose nothing: seven is the most that there are.
+            let _ = self.overlapping.push(path);
+        }
+        if straight > -NEARLY {
+            self.keep(path);
+        }
+    }
+
+    /// Where the lines through start and goal cross, or nearly so, the plane of the last arc is open: the corners of both arcs fall
+    /// together, and the line leaves the plane to one side or the other.
+    #[inline(never)]
+    fn crossing_lines(&mut self) {
+        let Problem { goal, direction, .. } = *self.problem;
+        let ahead = Vector3::z();
+        let cosine_between = direction.z;
+        let det = 1.0 - cosine_between * cosine_between;
+        let normal = ahead.cross(&direction);
+        if det < 1e-6 || goal.dot(&normal).abs() > NEARLY {
+            return;
+        }
+        // Of [1 c; c 1] [x; y] = [a; b].
+        let solve = |a: f64, b: f64| ((a - cosine_between * b) / det, (b - cosine_between * a) / det);
+        let (first_tau, last_tau) = solve(goal.z, goal.dot(&direction));
+        let straight = -(first_tau + last_tau);
+        let (first_cosine, last_cosine) = (cosine(first_tau), cosine(last_tau));
+        let (along_start, along_goal) = solve(first_cosine, last_cosine);
+        let off = 1.0 - (along_start * first_cosine + along_goal * last_cosine);
+        if straight < -NEARLY || off < -NEARLY {
+            return;
+        }
+        let angle = |tau: f64| if tau < 0.0 { TAU + 2.0 * libm::atan(tau) } else { 2.0 * libm::atan(tau) };
+        let (first, last) = (angle(first_tau), angle(last_tau));
+        let off = libm::sqrt(off.max(0.0)) / libm::sqrt(det);
+        for side in [off, -off] {
+            let u = ahead * along_start + direction * along_goal + normal * side;
+            let first_towards = if first_tau < 0.0 { libm::atan2(-u.y, -u.x) } else { libm::atan2(u.y, u.x) };
+            let towards = direction - u * last_cosine;
+            let towards = if last_tau < 0.0 { -towards } else { towards };
+            let last_towards = in_tip(&axes_after(first_towards, first), &towards);
+            self.keep(Csc { first_towards, first, straight, last_towards, last });
+        }
     }
 
     /// Lines along the start or the goal, forwards or backwards, where a root has no bracket: an arc of no length, or of half
     /// a turn, whose plane is free.
+    #[inline(never)]
     fn special_lines(&mut self) {
         let Problem { goal, direction, .. } = *self.problem;
         let ahead = Vector3::z();
@@ -330,6 +383,7 @@ impl Search<'_> {
     }
 
     /// Keeps a path that ends at the goal, if need be after polishing, in order of length.
+    #[inline(never)]
     fn keep(&mut self, path: Csc) {
         let Some(path) = self.problem.polished(path) else { return };
         let same = |other: &Csc| {
@@ -337,17 +391,17 @@ impl Search<'_> {
                 && (other.first - path.first).abs() < SAME
                 && (other.straight - path.straight).abs() < SAME
         };
-        if self.found.iter().any(same) {
+        if self.paths.iter().any(same) {
             return;
         }
-        let at = self.found.partition_point(|other| other.length() <= path.length());
-        if self.found.is_full() {
+        let at = self.paths.partition_point(|other| other.length() <= path.length());
+        if self.paths.is_full() {
             if at == MOST {
                 return;
             }
-            self.found.pop();
+            self.paths.pop();
         }
-        let _ = self.found.insert(at, path);
+        let _ = self.paths.insert(at, path);
     }
 }
 
@@ -400,11 +454,7 @@ impl Problem {
             if miss.is_nan() || miss > NEARLY * (1.0 + 4.0 * self.scale) {
                 return None;
             }
-            let jacobian = self.jacobian(&path, &chain);
-            let square = jacobian * jacobian.transpose();
-            // The least change that closes the gap: where an arc is nothing, so is the effect of its direction.
-            let damped = square + Matrix5::identity() * (square.trace() * 1e-14);
-            let step = jacobian.transpose() * damped.cholesky()?.solve(&lack);
+            let step = self.newton_step(&path, &chain, &lack)?;
             path.first_towards += step[0];
             path.first += step[1];
             path.straight += step[2];
@@ -414,8 +464,20 @@ impl Problem {
         None
     }
 
+    /// The least change of the five numbers that makes up for a lack: where an arc is nothing, so is the effect of its direction.
+    #[inline(never)]
+    fn newton_step(&self, path: &Csc, chain: &Chain, lack: &Vector5<f64>) -> Option<Vector5<f64>> {
+        let jacobian = self.jacobian(path, chain);
+        let mut square = jacobian * jacobian.transpose();
+        let damping = square.trace() * 1e-14;
+        for index in 0..5 {
+            square[(index, index)] += damping;
+        }
+        Some(jacobian.tr_mul(&square.cholesky()?.solve(lack)))
+    }
+
     /// Position and direction in the axes across the goal's.
-    fn column(&self, offset: &Vector3<f64>, turned: &Vector3<f64>) -> Vector5<f64> {
+    pub(super) fn column(&self, offset: &Vector3<f64>, turned: &Vector3<f64>) -> Vector5<f64> {
         let [e1, e2] = &self.across;
         Vector5::new(offset.x, offset.y, offset.z, turned.dot(e1), turned.dot(e2))
     }
@@ -464,6 +526,7 @@ struct Chain {
 }
 
 impl Chain {
+    #[inline(never)]
     fn new(path: &Csc) -> Self {
         let first = step(path.first_towards + PI, path.first, path.first);
         let last = step(path.last_towards + PI, path.last, path.last);

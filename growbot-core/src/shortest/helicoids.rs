@@ -14,19 +14,52 @@ use heapless::Vec;
 use nalgebra::{Matrix3, Matrix5, Matrix6x5, Vector3, Vector5, Vector6};
 
 use super::Problem;
+use super::csc::Csc;
+use crate::angle::wrap_signed;
 use crate::helicoid::{Helicoid, Walk};
+use crate::pose::{Frame, tip_direction};
 
-/// A helicoidal arc and its length.
+/// A piece of a helicoidal arc.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct HelicoidalArc {
-    /// The curve, in the frame of the tip that starts it.
+pub struct Piece {
+    /// The curve, in the frame of the tip that starts the piece.
     pub curve: Helicoid,
-    /// Its length, radii.
+    /// Length, radii.
     pub length: f64,
 }
 
+impl Piece {
+    /// `start_from_end`, lengths in radii.
+    fn frame(&self) -> Frame {
+        self.curve.frame_after(self.length)
+    }
+}
+
+/// A helicoidal arc. One with a narrow neck comes in two pieces that meet there: grown from its start, the least rounding before the neck
+/// would turn all that follows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HelicoidalArc {
+    /// The first piece, or the only one.
+    pub first: Piece,
+    /// What follows the neck.
+    pub second: Option<Piece>,
+}
+
+impl HelicoidalArc {
+    /// The pieces in order.
+    pub fn pieces(&self) -> impl Iterator<Item = Piece> + use<> {
+        [Some(self.first), self.second].into_iter().flatten()
+    }
+
+    /// Length, radii.
+    #[must_use]
+    pub fn length(&self) -> f64 {
+        self.pieces().map(|piece| piece.length).sum()
+    }
+}
+
 /// The most arcs that are kept.
-pub const MOST: usize = 4;
+pub const MOST: usize = 3;
 /// No helicoidal arc of this length or more is a shortest path (the longest found among 10,000 was 7.4).
 const LONGEST: f64 = 8.4;
 
@@ -48,12 +81,13 @@ const SEEDS: usize = 80;
 const WORST_FIT: f32 = 0.6;
 
 /// Seeds nearer to each other than this (in the two logarithms and the two lengths) are one.
-const BESIDE: (f64, f64, f64) = (0.6, 0.5, 0.5);
+const BESIDE: (f32, f32, f32) = (0.6, 0.5, 0.5);
 
 /// Step of the integration while an arc is mended.
 const STEP: f64 = 0.15;
 /// Rounds of mending, coarse and fine.
 const ROUNDS: usize = 15;
+const FINE_ROUNDS: usize = 12;
 /// An arc is mended coarsely to this, which the length of the steps allows...
 const MENDED: f64 = 3e-3;
 /// ...and then finely to this.
@@ -62,6 +96,24 @@ const ARRIVED: f64 = 1e-11;
 const FALL: f64 = 0.5;
 /// Mending changes the length of an arc by this at most, mostly: seeds longer than the best arc so far by more are left.
 const MARGIN: f64 = 0.5;
+/// Arcs whose coarse lengths differ by less than this are taken for one...
+const SAME_LENGTH: f64 = 2e-3;
+/// ...and remembered, so many of them.
+const MOST_MENDED: usize = 16;
+/// So many are given up on finely before the search ends.
+const MOST_FAILED: u32 = 10;
+/// Arcs that overlap by less than this are mended finely at once.
+const LITTLE_OVERLAP: f64 = 0.02;
+/// Below this logarithm of narrowness a neck divides its arc in two pieces...
+const NARROW: f64 = -3.0;
+/// ...if both are longer than this.
+const SHORTEST_PIECE: f64 = 1e-3;
+/// Grown from its start, an arc ends within this of the goal, radii and radians.
+const GROWN_TO_GOAL: f64 = 3e-10;
+/// The share by which a neck is widened to see what that does.
+const WIDER: f64 = 1e-4;
+/// Narrowness of a neck where two arcs meet that overlap, as a share of what is expected.
+const AT_JOINT: [f64; 3] = [0.2, 1.0, 5.0];
 /// Coarse and fine length of an arc differ by less than this.
 const COARSE_LENGTH: f64 = 0.02;
 
@@ -107,11 +159,17 @@ impl Neck {
         Point { position: middle + direction * (0.5 * length), direction }
     }
 
-    /// From a point at one distance from the neck to one further on.
-    fn walk(&self, mut point: Point, length: f64) -> Point {
-        let steps = libm::ceil(length / STEP);
-        for _ in 0..steps as u32 {
-            point = self.step(&point, length / steps);
+    /// From a point at one distance from the neck to one further on, in steps that are short where the neck is narrow.
+    fn walk(&self, mut point: Point, from: f64, to: f64) -> Point {
+        // A power of 2, so that the steps stay the same while the narrowness changes a little.
+        let width = libm::ldexp(1.0, libm::ilogb(libm::sqrt(self.narrowness)));
+        let mut at = from;
+        while at < to {
+            let step = STEP.min((0.5 * width).max(0.4 * at));
+            // The last step takes in what would be less than half a step.
+            let step = if at + 1.5 * step > to { to - at } else { step };
+            point = self.step(&point, step);
+            at += step;
         }
         point
     }
@@ -132,8 +190,8 @@ impl Neck {
             walk.advance(far - near);
             (at_near, here(&walk))
         } else {
-            let at_near = self.walk(neck, near);
-            (at_near, self.walk(at_near, far - near))
+            let at_near = self.walk(neck, 0.0, near);
+            (at_near, self.walk(at_near, near, far))
         };
         let (at_start, at_end) = if first < second { (at_near, at_far) } else { (at_far, at_near) };
         (before_if(start < 0.0, &at_start), before_if(end < 0.0, &at_end))
@@ -180,8 +238,6 @@ struct Seed {
     /// Length before the neck and after it.
     before: f64,
     after: f64,
-    /// Square of the misfit.
-    misfit: f64,
 }
 
 impl Seed {
@@ -196,64 +252,195 @@ impl Seed {
 
     fn in_range(&self, longest: f64) -> bool {
         (0.01..longest + 1.0).contains(&self.length())
-            && (-16.0..3.0).contains(&self.narrowness)
-            && (-8.0..4.0).contains(&self.twist)
+            && (-28.0..3.0).contains(&self.narrowness)
+            && (-14.0..4.0).contains(&self.twist)
             && self.before.abs() < 12.0
             && self.after.abs() < 12.0
     }
 }
 
-/// Helicoidal arcs to the goal that are shorter than `longest`, shortest first. `meanwhile` is called every few milliseconds of a
-/// microcontroller.
-pub(super) fn arcs(problem: &Problem, longest: f64, meanwhile: &mut dyn FnMut()) -> Vec<HelicoidalArc, MOST> {
+/// Helicoidal arcs to the goal that are shorter than `longest`, shortest first. `overlapping` are paths of arc, line and arc whose
+/// line is shorter than nothing. `meanwhile` is called every few milliseconds of a microcontroller.
+#[inline(never)] // Its room on the stack is not the caller's.
+pub(super) fn search(
+    problem: &Problem,
+    overlapping: &[Csc],
+    longest: f64,
+    found: &mut Vec<HelicoidalArc, MOST>,
+    meanwhile: &mut dyn FnMut(),
+) {
     let longest = longest.min(LONGEST);
-    let mut seeds = Grid::new(problem).seeds(longest, meanwhile);
-    // Short ones first: what is found bounds what is worth mending.
-    seeds.sort_unstable_by(|a, b| a.length().total_cmp(&b.length()));
-    let mut found: Vec<HelicoidalArc, MOST> = Vec::new();
-    for seed in &seeds {
-        meanwhile();
-        let best = found.first().map_or(longest, |arc| arc.length);
-        if seed.length() > best + MARGIN {
-            continue;
-        }
-        let Some(coarse) = mended(problem, seed, best, false) else { continue };
-        let length = coarse.length();
-        let known = found.iter().any(|arc| (arc.length - length).abs() < 2e-3);
-        if length > best + COARSE_LENGTH || known {
-            continue;
-        }
-        meanwhile();
-        if let Some(fine) = mended(problem, &coarse, best, true)
-            && let Some(arc) = arc_of(problem, &fine)
-            && arc.length < longest
-        {
-            let at = found.partition_point(|other| other.length <= arc.length);
-            if found.is_full() {
-                found.pop();
+    let mut search = Search { problem, longest, found, mended: Vec::new(), failed: 0 };
+    for path in overlapping {
+        for seed in at_joint(path) {
+            meanwhile();
+            if path.straight > -LITTLE_OVERLAP {
+                // Coarse steps would not see so little.
+                search.mend_finely(&seed, meanwhile);
+            } else {
+                search.mend(&seed, meanwhile);
             }
-            let _ = found.insert(at.min(found.len()), arc);
         }
     }
-    found
+    let mut seeds = Vec::new();
+    Grid::new(problem).seeds(longest, &mut seeds, meanwhile);
+    // Short ones first: what is found bounds what is worth mending.
+    while let Some(shortest) = (0..seeds.len()).min_by(|a, b| seeds[*a].length().total_cmp(&seeds[*b].length())) {
+        meanwhile();
+        let seed = seeds.swap_remove(shortest).seed();
+        search.mend(&seed, meanwhile);
+    }
 }
 
-/// The arc of a seed that has been mended finely.
+/// Narrow necks where two arcs meet whose line is shorter than nothing: the bend turns over there from the plane of the first arc to that
+/// of the last, while two arcs would turn it at once.
+///
+/// Near such a neck `m'' = m/|m|`. While the plane turns by `psi`, little, the square of `twist` is `narrowness psi^2 2/pi^2`, and the
+/// bend lasts for `psi^2 sqrt(2 narrowness)/8` longer than that of two arcs: so much may they overlap. Tangents of half the angle
+/// carry both on to greater angles, roughly.
+fn at_joint(path: &Csc) -> [Seed; 3] {
+    let turned = wrap_signed(path.last_towards - path.first_towards);
+    let tangent = libm::tan(0.5 * turned.abs().clamp(0.1, 3.0));
+    let overlap = -path.straight;
+    AT_JOINT.map(|share| {
+        let narrowness = (share * 2.0 * overlap * overlap / (tangent * tangent * tangent * tangent)).clamp(1e-9, 1.0);
+        Seed {
+            narrowness: libm::log(narrowness),
+            twist: libm::log((0.9 * tangent * libm::sqrt(narrowness)).clamp(1e-5, 3.0)),
+            mirrored: turned > 0.0,
+            before: (path.first - 0.5 * overlap).max(0.05),
+            after: (path.last - 0.5 * overlap).max(0.05),
+        }
+    })
+}
+
+/// Arcs that have been found, and what has been tried.
+struct Search<'a> {
+    problem: &'a Problem,
+    longest: f64,
+    found: &'a mut Vec<HelicoidalArc, MOST>,
+    /// Coarse lengths of the arcs that have been mended finely.
+    mended: Vec<f64, MOST_MENDED>,
+    /// How many could not be.
+    failed: u32,
+}
+
+impl Search<'_> {
+    /// Mends a seed and keeps the arc, if it may be the shortest.
+    #[inline(never)]
+    fn mend(&mut self, seed: &Seed, meanwhile: &mut dyn FnMut()) {
+        let best = self.found.first().map_or(self.longest, HelicoidalArc::length);
+        if seed.length() > best + MARGIN {
+            return;
+        }
+        if let Some(coarse) = mended(self.problem, seed, best, false, meanwhile) {
+            self.mend_finely(&coarse, meanwhile);
+        }
+    }
+
+    /// Mends a seed that is nearly right, and keeps the arc.
+    #[inline(never)]
+    fn mend_finely(&mut self, coarse: &Seed, meanwhile: &mut dyn FnMut()) {
+        let best = self.found.first().map_or(self.longest, HelicoidalArc::length);
+        let length = coarse.length();
+        let known = self.mended.iter().any(|mended| (mended - length).abs() < SAME_LENGTH);
+        if length > best + COARSE_LENGTH || known || self.failed > MOST_FAILED {
+            return;
+        }
+        self.failed += 1;
+        if let Some(fine) = mended(self.problem, coarse, best, true, meanwhile)
+            && let Some(arc) = arc_of(self.problem, &fine)
+        {
+            self.failed -= 1;
+            // Full, it only lets an arc be mended again.
+            let _ = self.mended.push(length);
+            if arc.length() >= self.longest {
+                return;
+            }
+            let at = self.found.partition_point(|other| other.length() <= arc.length());
+            if self.found.is_full() {
+                self.found.pop();
+            }
+            let _ = self.found.insert(at.min(self.found.len()), arc);
+        }
+    }
+}
+
+/// The arc of a seed that has been mended finely, if it arrives when it is grown from its start.
+#[inline(never)]
 fn arc_of(problem: &Problem, seed: &Seed) -> Option<HelicoidalArc> {
     let neck = seed.neck();
     let (start, end) = neck.ends(-seed.before, seed.after, true);
     let start_from_neck = axes(problem, &start, &end).transpose();
     let curve = neck.curve();
-    let (m0, p) = (start_from_neck * curve.m(&start.position), start_from_neck * curve.p);
-    // The scale is free: the larger of the two is made 1.
+    let first = in_tip(&start_from_neck, &curve.m(&start.position), &curve.p)?;
+    if seed.narrowness >= NARROW || seed.before.min(seed.after) < SHORTEST_PIECE {
+        let first = Piece { curve: first, length: seed.length() };
+        return lack(problem, &first.frame()).is_none().then_some(HelicoidalArc { first, second: None });
+    }
+    let tip = first.frame_after(seed.before);
+    let tip_from_neck = tip.rotation.inverse().matrix() * start_from_neck;
+    let second = in_tip(&tip_from_neck, &curve.m0, &curve.p)?;
+    let second = Piece { curve: second, length: seed.after };
+    joined(problem, Piece { curve: first, length: seed.before }, second)
+}
+
+/// Two pieces that meet at a neck, rolled, lengthened and (the second) narrowed by what rounding before the neck makes necessary.
+#[inline(never)]
+fn joined(problem: &Problem, mut first: Piece, mut second: Piece) -> Option<HelicoidalArc> {
+    for _ in 0..4 {
+        let joint = first.frame();
+        let end = joint * second.frame();
+        let Some(lack) = lack(problem, &end) else { return Some(HelicoidalArc { first, second: Some(second) }) };
+        let (about, tip) = (joint.translation.vector, tip_direction(&joint));
+        let (at_end, direction) = (end.translation.vector, tip_direction(&end));
+        let turn = |axis: &Vector3<f64>, about: &Vector3<f64>| {
+            problem.column(&axis.cross(&(at_end - about)), &axis.cross(&direction))
+        };
+        let ahead = |direction: &Vector3<f64>| problem.column(direction, &Vector3::zeros());
+        // Longer by a little, a piece goes on about its axis at its end.
+        let axis_after = |piece: &Piece| {
+            let frame = piece.frame();
+            let m = piece.curve.m(&frame.translation.vector);
+            m / m.norm().max(f64::MIN_POSITIVE)
+        };
+        let end_axis = joint.rotation * axis_after(&second);
+        let wider = Piece { curve: Helicoid { m0: second.curve.m0 * (1.0 + WIDER), ..second.curve }, ..second };
+        let wider_end = joint * wider.frame();
+        let by_width = problem.column(
+            &((wider_end.translation.vector - at_end) / WIDER),
+            &((tip_direction(&wider_end) - direction) / WIDER),
+        );
+        let jacobian = Matrix5::from_columns(&[
+            turn(&Vector3::z(), &Vector3::zeros()),
+            turn(&axis_after(&first), &about) + ahead(&tip),
+            turn(&tip, &about),
+            turn(&end_axis, &at_end) + ahead(&direction),
+            by_width,
+        ]);
+        let step = jacobian.lu().solve(&lack)?;
+        if step.amax() > 0.1 {
+            return None;
+        }
+        first = Piece { curve: first.curve.rolled(-step[0]), length: first.length + step[1] };
+        let Helicoid { m0, p } = second.curve.rolled(-step[2]);
+        second = Piece { curve: Helicoid { m0: m0 * (1.0 + step[4]), p }, length: second.length + step[3] };
+    }
+    None
+}
+
+/// What a path lacks that ends here, none if it arrives.
+fn lack(problem: &Problem, end: &Frame) -> Option<Vector5<f64>> {
+    let (off, direction) = (problem.goal - end.translation.vector, tip_direction(end));
+    let miss = off.norm().max((direction - problem.direction).norm());
+    (miss > GROWN_TO_GOAL).then(|| problem.column(&off, &-direction))
+}
+
+/// A curve in the frame of a tip. The scale of `m` and `p` is free: the greater of the two is made 1.
+fn in_tip(tip_from_neck: &Matrix3<f64>, m: &Vector3<f64>, p: &Vector3<f64>) -> Option<Helicoid> {
+    let (m0, p) = (tip_from_neck * m, tip_from_neck * p);
     let scale = m0.norm().max(p.norm());
-    let curve = Helicoid { m0: Vector3::new(m0.x / scale, m0.y / scale, 0.0), p: p / scale };
-    let arc = HelicoidalArc { curve, length: seed.length() };
-    // What counts is where the curve leads when it is grown from its start.
-    let frame = curve.frame_after(arc.length);
-    let off = (frame.translation.vector - problem.goal).norm();
-    let turned = (frame.rotation * Vector3::z() - problem.direction).norm();
-    (off.max(turned) <= super::ARRIVED * 5.0).then_some(arc)
+    (scale > 0.0).then(|| Helicoid { m0: Vector3::new(m0.x / scale, m0.y / scale, 0.0), p: p / scale })
 }
 
 /// `neck_from_start`: axes of a start that grows along the curve, rolled so that the goal falls on the end as nearly as it can.
@@ -330,16 +517,17 @@ fn shortest_turn(from: &Vector3<f64>, to: &Vector3<f64>) -> Matrix3<f64> {
 }
 
 /// The arc next to a seed that leads to the goal.
-fn mended(problem: &Problem, seed: &Seed, longest: f64, fine: bool) -> Option<Seed> {
+#[inline(never)]
+fn mended(problem: &Problem, seed: &Seed, longest: f64, fine: bool, meanwhile: &mut dyn FnMut()) -> Option<Seed> {
     let arrived = if fine { ARRIVED } else { MENDED };
     let mut seed = *seed;
     let mut fit = Fit::new(problem, &seed, fine);
-    let mut damping = if fine { 0.0 } else { 1e-3 };
+    let mut damping = if fine { 1e-6 } else { 1e-3 };
     let mut before = f64::INFINITY;
-    for round in 0..ROUNDS {
+    for round in 0..if fine { FINE_ROUNDS } else { ROUNDS } {
+        meanwhile();
         let square = fit.misfit.norm_squared();
         if square <= arrived * arrived {
-            seed.misfit = square;
             return Some(seed);
         }
         if round % 3 == 0 {
@@ -380,6 +568,35 @@ fn mended(problem: &Problem, seed: &Seed, longest: f64, fine: bool) -> Option<Se
     None
 }
 
+/// A seed from the grid, in few bytes.
+#[derive(Debug, Clone, Copy)]
+struct GridSeed {
+    narrowness: f32,
+    twist: f32,
+    mirrored: bool,
+    before: f32,
+    after: f32,
+    /// Square of the misfit.
+    misfit: f32,
+}
+
+impl GridSeed {
+    fn length(&self) -> f32 {
+        self.before + self.after
+    }
+
+    fn seed(&self) -> Seed {
+        let Self { narrowness, twist, mirrored, before, after, .. } = *self;
+        Seed {
+            narrowness: narrowness.into(),
+            twist: twist.into(),
+            mirrored,
+            before: before.into(),
+            after: after.into(),
+        }
+    }
+}
+
 /// What start and goal are to each other, whatever the roll, in numbers that a hardware of single precision computes: the grid need not be
 /// better than that.
 struct Grid {
@@ -409,8 +626,7 @@ impl Grid {
         }
     }
 
-    fn seeds(&self, longest: f64, meanwhile: &mut dyn FnMut()) -> Vec<Seed, SEEDS> {
-        let mut seeds = Vec::new();
+    fn seeds(&self, longest: f64, seeds: &mut Vec<GridSeed, SEEDS>, meanwhile: &mut dyn FnMut()) {
         let at = |(from, to, count): (f64, f64, u32), index: u32| {
             from + (to - from) * (f64::from(index) + 0.5) / f64::from(count)
         };
@@ -420,12 +636,11 @@ impl Grid {
                 let neck = Neck { narrowness: libm::exp(narrowness), twist: libm::exp(twist) };
                 // With less twist `|m|` would be greatest here.
                 if neck.twist * neck.twist >= neck.narrowness * (neck.narrowness - 1.0) {
-                    self.search(&neck, narrowness, twist, longest, &mut seeds);
+                    self.search(&neck, narrowness, twist, longest, seeds);
                     meanwhile();
                 }
             }
         }
-        seeds
     }
 
     fn points(&self, neck: &Neck) -> Points {
@@ -439,14 +654,18 @@ impl Grid {
                     points.direction[axis][at] = direction[axis] as f32;
                 }
             }
-            let middle = neck.step(&point, 0.5 * GRID_STEP);
-            point = neck.step(&middle, 0.5 * GRID_STEP);
+            point = if index == 0 {
+                neck.walk(point, 0.0, GRID_STEP)
+            } else {
+                neck.step(&neck.step(&point, 0.5 * GRID_STEP), 0.5 * GRID_STEP)
+            };
         }
         points
     }
 
     /// Finds the arcs of one curve that fit better than those next to them.
-    fn search(&self, neck: &Neck, narrowness: f64, twist: f64, longest: f64, seeds: &mut Vec<Seed, SEEDS>) {
+    #[inline(never)]
+    fn search(&self, neck: &Neck, narrowness: f64, twist: f64, longest: f64, seeds: &mut Vec<GridSeed, SEEDS>) {
         let points = self.points(neck);
         let steps = ((longest / GRID_STEP) as usize).min(LONGEST_STEPS);
         let mut rows = [[f32::INFINITY; LONGEST_STEPS + 2]; 3];
@@ -474,18 +693,18 @@ impl Grid {
                 let handedness = handedness(&points, first - 1, first - 1 + length);
                 let twisted = 0.3 * (handedness.abs() - self.handedness.abs());
                 let before = (SIDE as f64 - (first - 1) as f64) * GRID_STEP;
-                let seed = Seed {
-                    narrowness,
-                    twist,
+                let seed = GridSeed {
+                    narrowness: narrowness as f32,
+                    twist: twist as f32,
                     mirrored: handedness * self.handedness < 0.0,
-                    before,
-                    after: length as f64 * GRID_STEP - before,
-                    misfit: f64::from(misfit) + twisted * twisted,
+                    before: before as f32,
+                    after: (length as f64 * GRID_STEP - before) as f32,
+                    misfit: misfit + (twisted * twisted) as f32,
                 };
                 keep(seeds, seed);
                 // Near a plane either hand will do.
                 if self.handedness.abs() < 0.1 || handedness.abs() < 0.1 {
-                    keep(seeds, Seed { mirrored: !seed.mirrored, ..seed });
+                    keep(seeds, GridSeed { mirrored: !seed.mirrored, ..seed });
                 }
             }
         }
@@ -522,8 +741,8 @@ fn handedness(points: &Points, first: usize, last: usize) -> f64 {
 }
 
 /// Keeps the seeds that fit best, of those next to each other in the grid only the best.
-fn keep(seeds: &mut Vec<Seed, SEEDS>, seed: Seed) {
-    let beside = |other: &Seed| {
+fn keep(seeds: &mut Vec<GridSeed, SEEDS>, seed: GridSeed) {
+    let beside = |other: &GridSeed| {
         other.mirrored == seed.mirrored
             && (other.narrowness - seed.narrowness).abs() < BESIDE.0
             && (other.twist - seed.twist).abs() < BESIDE.1

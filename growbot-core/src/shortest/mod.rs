@@ -20,8 +20,8 @@ use crate::pose::Pose;
 pub mod csc;
 pub mod helicoids;
 
-use csc::Csc;
-use helicoids::HelicoidalArc;
+use csc::{Csc, Overlapping};
+use helicoids::{HelicoidalArc, Piece};
 
 /// A path arrives if it ends within this of the goal, in radii and radians, for goals within 100 radii; beyond, in proportion.
 const ARRIVED: f64 = 1e-10;
@@ -32,7 +32,7 @@ const NO_PLANE: f64 = 1e-9;
 /// Helicoidal arcs win only against goals nearer than this, radii.
 const HELICOIDS_WITHIN: f64 = 4.0;
 /// The most candidates.
-const MOST: usize = csc::MOST + helicoids::MOST + 1;
+pub const MOST: usize = csc::MOST + helicoids::MOST + 1;
 
 /// Where to, seen from the tip that starts.
 #[derive(Debug, Clone, Copy)]
@@ -92,7 +92,7 @@ impl Candidate {
         match self {
             Self::Csc(path) => path.length(),
             Self::Planar(path, _) => path.length(),
-            Self::Helicoid(arc) => arc.length,
+            Self::Helicoid(arc) => arc.length(),
         }
     }
 
@@ -121,41 +121,65 @@ impl Candidate {
                     })?;
                 }
             }
-            Self::Helicoid(HelicoidalArc { curve, length }) => {
-                push(Segment::Helicoid { curve, radius, length: length * radius })?;
+            Self::Helicoid(arc) => {
+                for Piece { curve, length } in arc.pieces() {
+                    push(Segment::Helicoid { curve, radius, length: length * radius })?;
+                }
             }
         }
         Ok(path)
     }
 }
 
-/// All candidates that were found and lead to the goal, shortest first.
+/// Candidates, shortest first.
+pub type Candidates = Vec<Candidate, MOST>;
+
+/// Finds candidates that lead to the goal.
 ///
 /// Helicoidal arcs are looked for below `longest` (radii, e.g. the length of a path that is known) and take hundreds of times as long as
 /// the rest; `meanwhile` is called now and then, so that a board can feed its watchdog.
-#[must_use]
-pub fn candidates(problem: &Problem, longest: f64, meanwhile: &mut dyn FnMut()) -> Vec<Candidate, MOST> {
-    let mut found: Vec<Candidate, MOST> = Vec::new();
-    for path in csc::paths(problem) {
-        keep(&mut found, Candidate::Csc(path));
-    }
+#[inline(never)] // Its room on the stack is not the caller's.
+pub fn candidates(problem: &Problem, longest: f64, found: &mut Candidates, meanwhile: &mut dyn FnMut()) {
+    let mut overlapping = Vec::new();
+    arcs_and_lines(problem, found, &mut overlapping);
     if let Some(planar) = planar(problem) {
         // Mostly it has been found already.
         if found.iter().all(|other| (other.length() - planar.length()).abs() > ARRIVED) {
-            keep(&mut found, planar);
+            keep(found, planar);
         }
     }
     if problem.goal.norm() < HELICOIDS_WITHIN {
-        let shortest = found.first().map_or(longest, |best| best.length().min(longest));
-        for arc in helicoids::arcs(problem, shortest, meanwhile) {
-            keep(&mut found, Candidate::Helicoid(arc));
-        }
+        helicoidal_arcs(problem, &overlapping, longest, found, meanwhile);
     }
-    found
+}
+
+#[inline(never)]
+fn arcs_and_lines(problem: &Problem, found: &mut Candidates, overlapping: &mut Overlapping) {
+    let mut paths = Vec::new();
+    csc::search(problem, &mut paths, overlapping);
+    for path in paths {
+        keep(found, Candidate::Csc(path));
+    }
+}
+
+#[inline(never)]
+fn helicoidal_arcs(
+    problem: &Problem,
+    overlapping: &Overlapping,
+    longest: f64,
+    found: &mut Candidates,
+    meanwhile: &mut dyn FnMut(),
+) {
+    let shortest = found.first().map_or(longest, |best| best.length().min(longest));
+    let mut arcs = Vec::new();
+    helicoids::search(problem, overlapping, shortest, &mut arcs, meanwhile);
+    for arc in arcs {
+        keep(found, Candidate::Helicoid(arc));
+    }
 }
 
 /// Keeps a candidate in its place; of those equally long, the one found first stays first.
-fn keep(found: &mut Vec<Candidate, MOST>, candidate: Candidate) {
+fn keep(found: &mut Candidates, candidate: Candidate) {
     let at = found.partition_point(|other| other.length() <= candidate.length());
     // There is room for all that can be found.
     let _ = found.insert(at, candidate);
@@ -210,7 +234,8 @@ mod tests {
     fn shortest_to_end_of(laid: &[Segment]) -> f64 {
         let (goal, direction) = ends_of(laid);
         let problem = Problem::new(&goal, &direction);
-        let found = candidates(&problem, f64::INFINITY, &mut || ());
+        let mut found = Candidates::new();
+        candidates(&problem, f64::INFINITY, &mut found, &mut || ());
         for candidate in &found {
             let path = candidate.path(1.0).unwrap();
             let (reached, pointing) = ends_of(&path);
@@ -277,7 +302,9 @@ mod tests {
         #[test]
         fn every_goal_is_reached(distance in 0.0..4.0, towards in direction(), pointing in direction()) {
             let problem = Problem::new(&(towards * distance), &pointing);
-            prop_assert!(!candidates(&problem, f64::INFINITY, &mut || ()).is_empty());
+            let mut found = Candidates::new();
+            candidates(&problem, f64::INFINITY, &mut found, &mut || ());
+            prop_assert!(!found.is_empty());
         }
     }
 }

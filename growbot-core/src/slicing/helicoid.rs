@@ -13,7 +13,7 @@ use crate::layer::Layer;
 use crate::pose::{Frame, tip_direction};
 
 /// A correction is good when it ends within this of the curve's end, radii and radians.
-const ARRIVED: f64 = 1e-14;
+const ARRIVED: f64 = 1e-13;
 /// Rounds of correction at most; each gains a factor of some 1/tilt.
 const ROUNDS: usize = 12;
 /// What a share of tilt counts for, beside a radian of alpha: tilts change only where alpha cannot help.
@@ -49,10 +49,10 @@ pub(super) struct HelicoidLayers {
 
 impl HelicoidLayers {
     /// Layers that end where the curve does after `length` radii, `count` of them.
-    pub(super) fn exact(curve: &Helicoid, length: f64, count: u64) -> Self {
+    pub(super) fn exact(curve: &Helicoid, length: f64, count: u64, meanwhile: &mut dyn FnMut()) -> Self {
         let mut layers = Self::steps(curve, length / count as f64, count);
         layers.end = curve.frame_after(length);
-        layers.correct();
+        layers.correct(meanwhile);
         layers
     }
 
@@ -120,7 +120,7 @@ impl HelicoidLayers {
 
     /// Finds the correction: `lambda` of the least squares `sum J J^T lambda = lack`, where `J` says how the end moves with one
     /// layer's alpha, and one more `J` how it moves with the scale of all layers.
-    fn correct(&mut self) {
+    fn correct(&mut self, meanwhile: &mut dyn FnMut()) {
         let end_axes = self.end.rotation.matrix();
         let (end_x, end_y) = (end_axes.column(0).into_owned(), end_axes.column(1).into_owned());
         let end_direction = tip_direction(&self.end);
@@ -151,6 +151,7 @@ impl HelicoidLayers {
 
         let (mut best, mut least) = (self.correction, f64::INFINITY);
         for _ in 0..ROUNDS {
+            meanwhile();
             let lack = self.lack();
             let miss = lack.amax();
             if miss < least {

@@ -81,9 +81,21 @@ enum Cut {
 /// ```
 #[must_use]
 pub fn layers<'a>(path: &'a [Segment], robot: &'a Robot, slicing: Slicing) -> Layers<'a> {
+    layers_meanwhile(path, robot, slicing, &mut || ())
+}
+
+/// As [`layers()`], for boards: fitting the layers of a first helicoidal arc takes a second of a microcontroller, and `meanwhile` is called
+/// several times in it.
+#[must_use]
+pub fn layers_meanwhile<'a>(
+    path: &'a [Segment],
+    robot: &'a Robot,
+    slicing: Slicing,
+    meanwhile: &mut dyn FnMut(),
+) -> Layers<'a> {
     let none = Cut::Alike(Layer::default());
     let mut layers = Layers { segments: path, robot, slicing, segment: 0, left: 0, cut: none, roll: 0.0 };
-    layers.cut_from(0);
+    layers.cut_from(0, meanwhile);
     layers
 }
 
@@ -93,7 +105,7 @@ fn least_count(length: f64, limit: f64) -> f64 {
 }
 
 /// Number of layers and the layers themselves, for one segment.
-fn cut(segment: &Segment, robot: &Robot, slicing: Slicing) -> (u64, Cut) {
+fn cut(segment: &Segment, robot: &Robot, slicing: Slicing, meanwhile: &mut dyn FnMut()) -> (u64, Cut) {
     let length = segment.length();
     let limit = robot.greatest_mean_height(segment.curvature());
     let count = match slicing {
@@ -112,14 +124,14 @@ fn cut(segment: &Segment, robot: &Robot, slicing: Slicing) -> (u64, Cut) {
         }
         (Segment::Straight { .. }, _) => (count as u64, alike(0.0, 0.0)),
         (Segment::Helicoid { curve, radius, .. }, Slicing::Exact) => {
-            let layers = HelicoidLayers::exact(&curve, length / radius, count as u64);
+            let layers = HelicoidLayers::exact(&curve, length / radius, count as u64, meanwhile);
             let steepest = layers.steepest(radius);
             if steepest.height <= limit * (1.0 + LIMIT_SLACK) && robot.check_layer(&steepest, LIMIT_SLACK).is_ok() {
                 return (count as u64, Cut::Helicoid(layers, radius));
             }
             // Corrected, the layers pass the limit by a trace: one more layer makes them lower.
             let more = count as u64 + 1;
-            (more, Cut::Helicoid(HelicoidLayers::exact(&curve, length / radius, more), radius))
+            (more, Cut::Helicoid(HelicoidLayers::exact(&curve, length / radius, more, meanwhile), radius))
         }
         (Segment::Helicoid { curve, radius, .. }, Slicing::Whole { .. }) => {
             (count as u64, Cut::Helicoid(HelicoidLayers::steps(&curve, height / radius, count as u64), radius))
@@ -129,10 +141,10 @@ fn cut(segment: &Segment, robot: &Robot, slicing: Slicing) -> (u64, Cut) {
 
 impl Layers<'_> {
     /// Cuts the first segment from this index on.
-    fn cut_from(&mut self, segment: usize) {
+    fn cut_from(&mut self, segment: usize, meanwhile: &mut dyn FnMut()) {
         self.segment = segment;
         if let Some(next) = self.segments.get(segment) {
-            (self.left, self.cut) = cut(&next.rolled(self.roll), self.robot, self.slicing);
+            (self.left, self.cut) = cut(&next.rolled(self.roll), self.robot, self.slicing, meanwhile);
         }
     }
 
@@ -142,7 +154,7 @@ impl Layers<'_> {
         {
             self.roll += layers.roll();
         }
-        self.cut_from(self.segment + 1);
+        self.cut_from(self.segment + 1, &mut || ());
     }
 }
 
@@ -166,7 +178,11 @@ impl Iterator for Layers<'_> {
     }
 
     fn size_hint(&self) -> (usize, Option<usize>) {
-        let later = self.segments.iter().skip(self.segment + 1).map(|segment| cut(segment, self.robot, self.slicing).0);
+        let later = self
+            .segments
+            .iter()
+            .skip(self.segment + 1)
+            .map(|segment| cut(segment, self.robot, self.slicing, &mut || ()).0);
         let all = self.left + later.sum::<u64>();
         usize::try_from(all).map_or((usize::MAX, None), |exact| (exact, Some(exact)))
     }

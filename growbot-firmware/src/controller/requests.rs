@@ -3,17 +3,17 @@
 //! Requests may be repeated, since an answer may be lost: each says what it is about (a plan, an index), so that doing it
 //! a second time is recognised and answered like the first.
 
-use growbot_core::job::{job_layers, summarize};
+use growbot_core::job::job_layers_meanwhile;
 use growbot_core::link::frame::Frame;
 use growbot_core::link::message::{
     Accepted, Begin, BoardHello, Fault, HeldLayers, HostHello, Layers, MOST_LAYERS, Message, PlanRequest, Planned,
     Refusal, Refused, SCHEMA_HASH, Start, State,
 };
-use growbot_core::plan::plan;
+use growbot_core::plan::plan_meanwhile;
 use growbot_core::pose::Pose;
 
 use super::{Controller, Job};
-use crate::hal::Board;
+use crate::hal::{Board, Watchdog};
 use crate::layer_store::CAPACITY;
 use crate::stepping::Handover;
 
@@ -195,19 +195,27 @@ impl<B: Board> Controller<B> {
         self.only_at_rest()?;
         let start = Pose::try_from(request.start).map_err(|_| Refusal::NoPlan)?;
         let goal = Pose::try_from(request.goal).map_err(|_| Refusal::NoPlan)?;
-        let path = plan(&self.robot, &start, &goal, request.radius, request.planner).map_err(|_| Refusal::NoPlan)?.path;
-        let layers = job_layers(&path, &self.robot).size_hint().0;
-        if layers > CAPACITY {
-            let layers = u32::try_from(layers).unwrap_or(u32::MAX);
+        // A near goal takes a second or two. The heater is off, so nothing needs the controller meanwhile but the watchdog.
+        let robot = self.robot.clone();
+        let watchdog = &mut self.parts.watchdog;
+        let path = plan_meanwhile(&robot, &start, &goal, request.radius, request.planner, &mut || watchdog.feed())
+            .map_err(|_| Refusal::NoPlan)?
+            .path;
+        let layers = job_layers_meanwhile(&path, &robot, &mut || watchdog.feed());
+        let count = layers.size_hint().0;
+        if count > CAPACITY {
+            let layers = u32::try_from(count).unwrap_or(u32::MAX);
             return Err(Refusal::PlanTooLong { layers, capacity: CAPACITY as u32 });
         }
-        let summary = summarize(&path, &self.robot);
+        let summary = layers.summary();
+        self.parts.watchdog.feed();
         // A radius below the robot's planning radius may ask for steps that its motors do not make.
-        for (index, bytes) in (0..).zip(job_layers(&path, &self.robot)) {
+        for (index, bytes) in (0..).zip(layers.clone()) {
             self.check_layer(index, &bytes)?;
         }
+        self.parts.watchdog.feed();
         self.set_job(summary.plan_id, summary.layers);
-        for bytes in job_layers(&path, &self.robot.clone()) {
+        for bytes in layers {
             self.hold_layer(bytes)?;
         }
         Ok(Message::Planned(Planned {

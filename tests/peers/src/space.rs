@@ -2,7 +2,7 @@
 
 use std::hint::black_box;
 
-use growbot_core::path::Path;
+use growbot_core::path::{Path, length};
 use growbot_core::plan::{Planner, miss, plan};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
@@ -10,11 +10,11 @@ use nalgebra::Vector3;
 use serde::Serialize;
 
 /// growbot's planners.
-const PLANNERS: &[(&str, Planner)] = &[("two-plane", Planner::TwoPlane)];
+const PLANNERS: &[(&str, Planner)] = &[("two-plane", Planner::TwoPlane), ("shortest", Planner::Shortest)];
 
 /// The one call of a planner.
 fn find(robot: &Robot, start: &Pose, goal: &Pose, planner: Planner) -> Option<Path> {
-    plan(robot, start, goal, RADIUS, planner).ok()
+    plan(robot, start, goal, RADIUS, planner).ok().map(|chosen| chosen.path)
 }
 
 /// The turning radius, mm.
@@ -56,7 +56,7 @@ impl Space {
         let found = |(start, goal): &(Pose, Pose)| {
             find(&self.robot, start, goal, planner).map(|path| {
                 let miss = miss(&path.end(&start.frame()), goal);
-                Found { length: path.length() / RADIUS, miss: (miss.distance / RADIUS).max(miss.angle) }
+                Found { length: length(&path) / RADIUS, miss: (miss.distance / RADIUS).max(miss.angle) }
             })
         };
         Ok(self.pairs.iter().map(found).collect())
