@@ -5,6 +5,7 @@
 //! - [`robot_file`]: descriptions of robots, built in or from TOML files;
 //! - [`pose_text`]: poses as people type them;
 //! - [`plan`]: a path with all that is said about it, and [`warning`], what speaks against growing it;
+//! - [`clearance`]: whether a body would run into itself;
 //! - [`plan_file`] and [`plan_check`]: plans as JSON, and what is checked before one is believed;
 //! - [`batch`]: many plans from a CSV stream;
 //! - [`layer_table`]: the layers of a plan as CSV;
@@ -17,6 +18,7 @@
 
 pub mod arrival;
 pub mod batch;
+pub mod clearance;
 pub mod client;
 pub mod degrees;
 pub mod growth;
