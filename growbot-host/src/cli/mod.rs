@@ -11,6 +11,7 @@ mod layers;
 mod plan;
 mod plan_table;
 mod rmin;
+mod search;
 mod status;
 mod stop;
 
