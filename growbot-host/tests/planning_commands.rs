@@ -58,7 +58,15 @@ fn rmin_of_robot_a_is_98_20() {
 #[test]
 fn help_has_examples_and_fits_80_columns() {
     assert!(growbot(&["--version"]).out.starts_with("growbot 0."));
-    for args in [&["--help"][..], &["rmin", "--help"], &["plan", "--help"], &["plan", "-h"], &["layers", "--help"]] {
+    for args in [
+        &["--help"][..],
+        &["rmin", "--help"],
+        &["plan", "--help"],
+        &["plan", "-h"],
+        &["layers", "--help"],
+        &["grow", "--help"],
+        &["workspace", "--help"],
+    ] {
         let ran = growbot(args);
         assert!(ran.out.contains("Usage: growbot") && ran.out.contains("Example"), "{}", ran.out);
         assert!(ran.out.lines().all(|line| line.chars().count() <= 80), "{}", ran.out);
@@ -438,4 +446,43 @@ fn a_full_disk_is_told() {
     let ran = Command::new(env!("CARGO_BIN_EXE_growbot")).args(with(&TO, &["--json"])).stdout(full()).output().unwrap();
     assert_eq!(ran.status.code(), Some(2));
     assert!(String::from_utf8(ran.stderr).unwrap().starts_with("growbot: cannot write to standard output"));
+}
+
+#[test]
+fn a_workspace_is_a_table_a_line_or_a_picture() {
+    let directory = tempfile::tempdir().unwrap();
+    let picture = directory.path().join("reach.svg").display().to_string();
+    let any = ["workspace", "--length", "1000", "--planner", "two-plane"];
+    let ran = growbot(&with(&any, &["-o", &picture]));
+    assert_eq!(ran.code, Some(0), "{}", ran.err);
+    assert!(ran.out.contains("ahead       1000 mm") && ran.out.contains("900 -  1000"), "{}", ran.out);
+    assert!(ran.out.lines().all(|line| line.len() <= 80), "{}", ran.out);
+    let svg = fs::read_to_string(&picture).unwrap();
+    assert!(svg.starts_with("<svg xmlns=") && svg.ends_with("</svg>\n") && svg.len() < 1_000_000);
+    assert!(!svg.contains("NaN") && !svg.contains("inf"));
+
+    let told = json(&growbot(&with(&any, &["--json"])).out);
+    assert_eq!(told, json(&growbot(&with(&any, &["--json"])).out), "the same question has the same answer");
+    assert_eq!((number(&told, "ahead_mm"), number(&told, "radius_mm")), (1000.0, 100.0));
+    assert_eq!(told["shares"].as_array().unwrap().len(), 10);
+    assert!(number(&told, "behind_mm") < number(&told, "aside_towards_x_mm"));
+
+    let down = growbot(&with(&any, &["--heading", "0", "--pitch", "-90", "--json"]));
+    let down = json(&down.out);
+    assert!(number(&down, "volume_mm3") < number(&told, "volume_mm3") && number(&down, "volume_error_mm3") > 0.0);
+    assert_eq!(down["directions"], 1);
+    // A goal that is told to be within reach has a plan of that length.
+    let goal = format!("0,0,{},0,-90", number(&down, "ahead_mm"));
+    let plan = json(&growbot(&["plan", "--to", &goal, "--planner", "two-plane", "--json"]).out);
+    assert!(number(&plan, "length_mm") <= 1000.0, "{plan}");
+
+    let refused =
+        |more: &[&str], parts: &[&str]| assert_refused_in_a_line(&growbot(&with(&["workspace"], more)), 2, parts);
+    refused(&["--length", "0"], &["length is 0 mm", "1000000 mm"]);
+    refused(&["--length", "nan"], &["length is NaN mm"]);
+    refused(&["--radius", "50"], &["50 mm", "R_min = 98.2 mm"]);
+    refused(&["--heading", "0", "--pitch", "91"], &["pitch is 91 deg"]);
+    refused(&["--length", "100", "-o", "-"], &["-o takes a file"]);
+    refused(&["--length", "100", "-o", "/no/such/place.svg"], &["no directory /no/such"]);
+    assert_refused(&growbot(&["workspace", "--heading", "0"]), 2, &["--pitch"]);
 }
