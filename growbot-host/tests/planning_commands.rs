@@ -182,6 +182,11 @@ fn clear_of_self_never_takes_a_colliding_path_where_there_is_a_clear_one() {
         assert!(collides(&shortest) || clear == shortest, "{to}: {shortest} is clear");
         assert_eq!(clear.get("passed_over").is_some(), clear["segments"] != shortest["segments"], "{clear}");
         assert!(!collides(&clear) || clear == shortest, "{to}: {clear} is neither clear nor the shortest");
+        // For a batch it holds for every query.
+        let queries = format!("{HEADER}\n1,0,0,0,0,90,{to}\n");
+        let mut answer = json(&growbot_reading(&["plan", "--batch", "-", "--clear-of-self", "--json"], &queries).out);
+        assert_eq!(answer.as_object_mut().unwrap().remove("id"), Some("1".into()));
+        assert_eq!(answer, clear);
     }
 }
 

@@ -54,12 +54,13 @@ pub fn table(plan: &Plan) -> String {
         let length = length(path);
         let measured = if legs.len() == 1 { String::new() } else { format!(" ({length:.1} mm)") };
         let choice = leg.choice.map(|choice| format!(", {}", chosen(plan.planner, &choice, length)));
-        text += &format!("  {name:<9} {}{measured}{}\n", word(path), choice.unwrap_or_default());
+        let words = format!("{}{measured}{}", word(path), choice.unwrap_or_default());
+        text += &wrapped(&format!("  {name:<9} "), &words, 12);
     }
     text += &format!("  length    {:.1} mm\n  layers    {}\n", needs.length, needs.layers);
     text += &format!("  time      {}\n  filament  {:.2} m\n", duration(needs.duration), needs.filament / 1000.0);
     for warning in &plan.warnings {
-        text += &format!("\n{}", wrapped(&format!("warning ({}): {}", warning.code, warning.message)));
+        text += &format!("\n{}", wrapped("", &format!("warning ({}): {}", warning.code, warning.message), 2));
     }
     text
 }
@@ -73,8 +74,8 @@ fn chosen(planner: Planner, choice: &Choice, length: f64) -> String {
     let rank = match (candidates, passed_over) {
         (1, _) => "the only path found".to_owned(),
         (_, 0) => format!("the shortest of {candidates} paths"),
-        (_, 1) => format!("of {candidates} paths; a shorter one hits the body"),
-        _ => format!("of {candidates} paths; {passed_over} shorter ones hit the body"),
+        (_, 1) => format!("of {candidates} paths the shortest but 1, which runs into the body"),
+        _ => format!("of {candidates} paths the shortest but {passed_over}, which run into the body"),
     };
     let percent = choice.two_plane_longer_percent(length);
     let compared = match (format!("{:.1}", percent.abs()).as_str(), percent > 0.0) {
@@ -97,20 +98,23 @@ fn pose(pose: &Pose) -> String {
     )
 }
 
-/// The words in lines that fit a terminal.
-fn wrapped(words: &str) -> String {
-    let (mut text, mut column) = (String::new(), 0);
+/// The words behind a head, in lines that fit a terminal; later lines are indented by so much.
+fn wrapped(head: &str, words: &str, indent: usize) -> String {
+    let mut text = head.to_owned();
+    let mut column = head.chars().count();
+    let mut begun = true;
     for word in words.split_whitespace() {
         let width = word.chars().count();
-        if column > 0 && column + 1 + width > WIDTH {
-            text += "\n  ";
-            column = 2;
-        } else if column > 0 {
+        if !begun && column + 1 + width > WIDTH {
+            text += &format!("\n{:indent$}", "");
+            column = indent;
+        } else if !begun {
             text.push(' ');
             column += 1;
         }
         text += word;
         column += width;
+        begun = false;
     }
     text + "\n"
 }
@@ -132,6 +136,18 @@ pub fn duration(seconds: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn long_lines_are_broken_between_words() {
+        let text = wrapped("  word      ", &"eleven long ".repeat(20), 12);
+        assert!(text.lines().count() == 4 && text.lines().all(|line| line.len() <= 80), "{text}");
+        assert!(
+            text.lines()
+                .skip(1)
+                .all(|line| line.starts_with("            eleven") || line.starts_with("            long"))
+        );
+        assert_eq!(wrapped("", "", 2), "\n");
+    }
 
     #[test]
     fn times_are_rounded_to_what_matters() {
