@@ -38,7 +38,7 @@ pub const LAYER_LIMIT: &str = "layer-limit";
 pub const PREVENTING: [&str; 3] = [SELF_COLLISION, FILAMENT_SHORT, LAYER_LIMIT];
 
 /// The layers of a helicoidal arc differ. Of all in a path so many are looked at, the first.
-const MOST_LAYERS: usize = 1_000_000;
+const MOST_LAYERS: usize = 100_000;
 
 /// All that speaks against growing this path, which needs this much, on this robot.
 #[must_use]

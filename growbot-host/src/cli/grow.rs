@@ -37,11 +37,11 @@ pub struct GrowArgs {
     /// The plan, as `growbot plan -o` writes it
     #[arg(value_name = "PLAN", conflicts_with_all = ["from", "via", "to", "planner", "radius", "clear_of_self"])]
     plan: Option<PathBuf>,
-    #[command(flatten)]
-    search: SearchArgs,
     /// Where it is to arrive, and pointing where: X,Y,Z,HEADING,PITCH
     #[arg(long, value_name = "POSE", allow_hyphen_values = true, value_parser = parse_pose)]
     to: Option<Pose>,
+    #[command(flatten)]
+    search: SearchArgs,
     /// Take the shortest path that does not run into the body; so it is without
     /// --planner, which alone gives the shortest path of all
     #[arg(long)]

@@ -28,11 +28,11 @@ use super::{Failure, RobotArg, plan_table};
 #[derive(Args)]
 #[command(override_usage = USAGE, after_help = AFTER_HELP)]
 pub struct PlanArgs {
-    #[command(flatten)]
-    search: SearchArgs,
     /// Where it is to arrive, and pointing where: X,Y,Z,HEADING,PITCH
     #[arg(long, value_name = "POSE", required_unless_present = "batch", allow_hyphen_values = true, value_parser = parse_pose)]
     to: Option<Pose>,
+    #[command(flatten)]
+    search: SearchArgs,
     /// Take the shortest path that does not run into the body instead of the
     /// shortest of all; if every one does, the shortest of all
     #[arg(long)]

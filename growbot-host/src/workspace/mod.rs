@@ -2,7 +2,7 @@
 //!
 //! Positions are told in the frame of the start: ahead, along the direction of growth, and aside of it. Where the tip may point
 //! anywhere, everything is the same round the start's direction, and the shortest body to a position has a closed form
-//! ([`mod@anywhere`]); how many final directions can be had there, the planner tells. Where the final direction is given, the planner
+//! ([`shortest_to`]); how many final directions can be had there, the planner tells. Where the final direction is given, the planner
 //! tells all. Whether a body runs into itself is not looked at.
 
 mod anywhere;
