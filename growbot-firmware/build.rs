@@ -47,6 +47,10 @@ fn main() {
     }
     // lld would otherwise fill page-sized gaps between segments, which probes then flash.
     println!("cargo:rustc-link-arg-bin={board}=--nmagic");
+    if board == "an386" {
+        // It does not log.
+        println!("cargo:rustc-link-arg-bin=plan_cost=-Tlink.x");
+    }
 }
 
 /// The description of the robot that the firmware is for, in postcard form.

@@ -74,6 +74,7 @@ pub mod path;
 pub mod plan;
 pub mod pose;
 pub mod robot;
+pub mod shortest;
 pub mod slicing;
 #[cfg(test)]
 mod testing;

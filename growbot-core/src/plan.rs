@@ -3,6 +3,7 @@
 use crate::path::{self, Path, PathFull, Segment};
 use crate::pose::{Frame, Pose, angle_between, tip_direction};
 use crate::robot::Robot;
+use crate::shortest::{self, Problem};
 use crate::two_plane::two_plane;
 
 /// How a path is found.
@@ -97,8 +98,23 @@ pub fn miss(base_from_tip: &Frame, goal: &Pose) -> Miss {
 /// # Errors
 /// A radius that the robot cannot bend to, or, never yet seen, a path that misses.
 pub fn plan(robot: &Robot, start: &Pose, goal: &Pose, radius: f64, planner: Planner) -> Result<Chosen, PlanError> {
-    // Whatever is asked first is accepted, so there is always an answer.
-    plan_where(robot, start, goal, radius, planner, |_| true).and_then(|chosen| chosen.ok_or(PlanError::NoPath))
+    plan_meanwhile(robot, start, goal, radius, planner, &mut || ())
+}
+
+/// As [`plan`], for boards: `meanwhile` is called now and then, at least every few milliseconds of a microcontroller.
+///
+/// # Errors
+/// As [`plan`].
+pub fn plan_meanwhile(
+    robot: &Robot,
+    start: &Pose,
+    goal: &Pose,
+    radius: f64,
+    planner: Planner,
+    meanwhile: &mut dyn FnMut(),
+) -> Result<Chosen, PlanError> {
+    // Whatever is offered first is accepted, so there is always an answer.
+    search(robot, start, goal, radius, planner, |_| true, meanwhile).and_then(|chosen| chosen.ok_or(PlanError::NoPath))
 }
 
 /// Plans the shortest of the planner's candidates that `accept` accepts; none if it accepts none. Candidates are offered by
@@ -112,7 +128,19 @@ pub fn plan_where(
     goal: &Pose,
     radius: f64,
     planner: Planner,
+    accept: impl FnMut(&[Segment]) -> bool,
+) -> Result<Option<Chosen>, PlanError> {
+    search(robot, start, goal, radius, planner, accept, &mut || ())
+}
+
+fn search(
+    robot: &Robot,
+    start: &Pose,
+    goal: &Pose,
+    radius: f64,
+    planner: Planner,
     mut accept: impl FnMut(&[Segment]) -> bool,
+    meanwhile: &mut dyn FnMut(),
 ) -> Result<Option<Chosen>, PlanError> {
     let limit = robot.least_radius();
     if radius < limit {
@@ -123,12 +151,30 @@ pub fn plan_where(
     }
     let two_plane = arriving(two_plane(start, goal, radius)?, start, goal, radius)?;
     let two_plane_length = path::length(&two_plane);
-    let candidates = 1;
-    match planner {
-        Planner::TwoPlane | Planner::Shortest => {
-            Ok(accept(&two_plane).then_some(Chosen { path: two_plane, candidates, two_plane_length }))
+    let mut choose =
+        |path: Path, candidates: usize| accept(&path).then_some(Chosen { path, candidates, two_plane_length });
+    if planner == Planner::TwoPlane {
+        return Ok(choose(two_plane, 1));
+    }
+    let problem = Problem::between(start, goal, radius);
+    let found = shortest::candidates(&problem, two_plane_length / radius, meanwhile);
+    let count = found.len() + 1;
+    let mut two_plane = Some(two_plane);
+    for candidate in &found {
+        if candidate.length() * radius >= two_plane_length
+            && let Some(path) = two_plane.take()
+            && let Some(chosen) = choose(path, count)
+        {
+            return Ok(Some(chosen));
+        }
+        // What does not arrive in the last resort is left out.
+        if let Ok(path) = arriving(candidate.path(radius)?, start, goal, radius)
+            && let Some(chosen) = choose(path, count)
+        {
+            return Ok(Some(chosen));
         }
     }
+    Ok(two_plane.and_then(|path| choose(path, count)))
 }
 
 /// The path, without segments that are nothing but rounding, if it ends at the goal.
@@ -184,9 +230,13 @@ mod tests {
     use proptest::prelude::*;
 
     fn assert_plans(start: &Pose, goal: &Pose, radius: f64) -> Path {
-        let path = plan(&robot_a(), start, goal, radius, Planner::TwoPlane)
-            .unwrap_or_else(|error| panic!("{start:?} to {goal:?}: {error}"))
-            .path;
+        assert_plans_by(Planner::TwoPlane, start, goal, radius)
+    }
+
+    fn assert_plans_by(planner: Planner, start: &Pose, goal: &Pose, radius: f64) -> Path {
+        let Chosen { path, two_plane_length, .. } = plan(&robot_a(), start, goal, radius, planner)
+            .unwrap_or_else(|error| panic!("{start:?} to {goal:?}: {error}"));
+        assert!(path::length(&path) <= two_plane_length);
         let miss = miss(&path::end(&path, &start.frame()), goal);
         assert!(miss.distance < 1e-6 && miss.angle < 1e-8, "{start:?} to {goal:?}: {miss:?}");
         path
@@ -223,6 +273,14 @@ mod tests {
         }
 
         #[test]
+        fn random_poses_are_reached_the_shortest_way(start in pose(), goal in pose()) {
+            // Near ones take long, and are tried below.
+            if (goal.position() - start.position()).norm() > 400.0 {
+                assert_plans_by(Planner::Shortest, &start, &goal, 100.0);
+            }
+        }
+
+        #[test]
         fn degenerate_poses_are_reached(start in special_pose(), goal in special_pose()) {
             assert_plans(&start, &goal, 100.0);
         }
@@ -240,6 +298,30 @@ mod tests {
             let position = start.position() + start.direction() * distance + across;
             let goal = Pose::new(position, start.heading() + off, start.pitch()).unwrap();
             assert_plans(&start, &goal, 100.0);
+        }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(300))]
+
+        #[test]
+        fn degenerate_poses_are_reached_the_shortest_way(start in special_pose(), goal in special_pose()) {
+            assert_plans_by(Planner::Shortest, &start, &goal, 100.0);
+        }
+
+        #[test]
+        fn one_point_is_reached_in_any_direction_the_shortest_way(start in pose(), heading in special_angle(), pitch in -90.0..90.0) {
+            let goal = Pose::new(start.position(), heading, pitch / 57.3).unwrap();
+            assert_plans_by(Planner::Shortest, &start, &goal, 98.2);
+        }
+
+        #[test]
+        fn goals_nearly_ahead_are_reached_the_shortest_way(start in pose(), distance in 0.0..4000.0, exponent in -16.0..0.0, side in -1.0..1.0) {
+            let off = libm::pow(10.0, exponent);
+            let across = start.frame().rotation * Vector3::new(side, 1.0, 0.0) * off;
+            let position = start.position() + start.direction() * distance + across;
+            let goal = Pose::new(position, start.heading() + off, start.pitch()).unwrap();
+            assert_plans_by(Planner::Shortest, &start, &goal, 100.0);
         }
     }
 

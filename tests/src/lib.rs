@@ -1,6 +1,8 @@
-//! What the tests that cross crates share: where the firmware's images are, and the robot's board in the emulator.
+//! What the tests that cross crates share: where the firmware's images are, the robot's board in the emulator, and a slow
+//! search for shortest paths.
 
 pub mod netduinoplus2;
+pub mod slow_shortest;
 
 use std::path::{Path, PathBuf};
 

@@ -1,0 +1,90 @@
+//! What a word's length cannot be below.
+//!
+//! The angles are in single precision, which a microcontroller may have in hardware where double precision is software,
+//! by a short arc tangent and without branches, so that a desktop does four words at once. The margins are some times
+//! the errors; `tests.rs` holds every bound against the word it is for.
+
+use core::array;
+use core::f32::consts::{FRAC_PI_2, FRAC_PI_4, PI, TAU};
+
+use super::words::Goal;
+
+/// An angle this close below a full turn counts as 0, which it may be. An angle is wrong by the 0.004 of the arc
+/// tangent, a difference of two by twice that.
+const ANGLE_MARGIN: f32 = 0.01;
+/// What is taken off a length for the errors of its angles...
+const LENGTH_MARGIN: f32 = 0.03;
+/// ...and what for each radius of a line.
+const RELATIVE_MARGIN: f32 = 1e-6;
+/// Circles nearer to each other than this may be one, which is another case altogether.
+const COINCIDING: f32 = 1e-4;
+/// A square below 0 by more than this is so by more than rounding.
+const EDGE: f32 = 1e-4;
+
+/// For each of [`super::Word::ALL`], what its length cannot be below: infinite if there is no such word. Beyond the
+/// range of single precision the bounds are not numbers, and rule nothing out.
+#[inline(always)]
+pub(super) fn lower_bounds(goal: &Goal) -> [f32; 6] {
+    let tangents = goal.tangents.each_ref();
+    let x = tangents.map(|tangent| tangent.x as f32);
+    let y = tangents.map(|tangent| tangent.y as f32);
+    let square = tangents.map(|tangent| tangent.square as f32);
+    let straight = tangents.map(|tangent| tangent.straight as f32);
+    let heading = tangents.map(|tangent| tangent.heading as f32);
+    let side = tangents.map(|tangent| tangent.side as f32);
+    let first = array::from_fn::<_, 4, _>(|word| direction(x[word], y[word]));
+    let [lsl, rsr, lsr, rsl] = array::from_fn(|word| {
+        let last = wrap(side[word] * (heading[word] - first[word]));
+        let bound = straight[word] + turn(first[word]) + turn(last) - margin(straight[word]);
+        let bound = if straight[word] < COINCIDING { 0.0 } else { bound };
+        if square[word] < -EDGE { f32::INFINITY } else { bound }
+    });
+    let [lrl, rlr] = array::from_fn(|word| three_arcs(straight[word], first[word], heading[word]));
+    [lsl, rsr, lsr, rsl, lrl, rlr]
+}
+
+/// Of LRL, from the distance and the direction between the outer circles.
+fn three_arcs(distance: f32, along: f32, heading: f32) -> f32 {
+    let square = (4.0 - distance) * (4.0 + distance);
+    if square < -EDGE {
+        return f32::INFINITY;
+    }
+    if distance < COINCIDING {
+        return 0.0;
+    }
+    let base = direction(distance, libm::sqrtf(if square > 0.0 { square } else { 0.0 }));
+    let first = wrap(along + (base + FRAC_PI_2) - TAU);
+    let last = wrap(wrap(heading - first) + (2.0 * base - PI));
+    PI + 2.0 * base + turn(first) + turn(last) - margin(distance)
+}
+
+#[inline(always)]
+fn margin(line: f32) -> f32 {
+    LENGTH_MARGIN + RELATIVE_MARGIN * line
+}
+
+/// What an angle adds to a bound.
+#[inline(always)]
+fn turn(angle: f32) -> f32 {
+    if angle > TAU - ANGLE_MARGIN { 0.0 } else { angle }
+}
+
+/// Wraps an angle between -2 pi and 2 pi to [0, 2 pi].
+#[inline(always)]
+fn wrap(angle: f32) -> f32 {
+    angle + (PI - PI.copysign(angle))
+}
+
+/// The direction of a vector in [0, 2 pi], to 0.004 (the arc tangent is of Rajan et al. 2006).
+#[inline(always)]
+fn direction(x: f32, y: f32) -> f32 {
+    let (along, across) = (x.abs(), y.abs());
+    let (sum, difference) = (along + across, along - across);
+    // The less of the two by the greater.
+    let ratio = (sum - difference.abs()) / (sum + difference.abs());
+    let octant = ratio * ((FRAC_PI_4 + 0.273) - 0.273 * ratio);
+    // An octant counts from a multiple of pi/2, upwards or downwards.
+    let (shallow, ahead, up) = (1.0_f32.copysign(difference), 1.0_f32.copysign(x), 1.0_f32.copysign(y));
+    let from = PI - up * (FRAC_PI_2 + ahead * (FRAC_PI_4 + shallow * FRAC_PI_4));
+    from + up * ahead * shallow * octant
+}

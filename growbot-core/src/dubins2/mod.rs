@@ -1,0 +1,206 @@
+//! The shortest path in a plane between two poses, of curvature at most 1 (Dubins 1957).
+//!
+//! Lengths are in units of the turning radius; the start is at the origin with heading 0; left is counter-clockwise.
+//! A shortest path is one of six words, LSL, RSR, LSR, RSL, LRL, RLR, or a part of one (S, C, SC, CS, CC): a part is a
+//! word with angles or lengths of 0.
+//!
+//! Each word is built from the centres of its circles (Shkel and Lumelsky 2001 classify the same words by their
+//! angles); words that begin to the right are those that begin to the left, in the mirrored plane (`words.rs`). Square
+//! roots of values that rounding put below 0 are taken as 0: there, the lengths that follow are stationary, and the
+//! word is taken if it ends at the goal.
+//!
+//! What classic implementations get wrong is handled explicitly: where an angle is a rounding error short of a full
+//! turn, or two circles coincide and the line between their centres has no direction, the word without that turn is
+//! tried and taken if it ends at the goal.
+//!
+//! Building six words for the sake of one is mostly wasted. So this is a branch and bound: each word first gets a lower
+//! bound of its length, in single precision and with a short polynomial for the arc tangent (`bounds.rs`), and only
+//! words whose bound is below the best length found are built. The bounds decide what is computed, never what is
+//! returned.
+
+mod bounds;
+#[cfg(test)]
+mod tests;
+mod words;
+
+use core::f64::consts::TAU;
+
+use crate::angle::wrap_positive;
+use words::Goal;
+
+/// A pose in the plane: x, y in radii, heading in radians.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PlanarPose {
+    /// Forwards from the start, radii.
+    pub x: f64,
+    /// To the left of the start, radii.
+    pub y: f64,
+    /// Counter-clockwise from the start's, radians.
+    pub heading: f64,
+}
+
+/// Which way a piece of a planar path goes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Direction {
+    /// An arc, counter-clockwise.
+    Left,
+    /// An arc, clockwise.
+    Right,
+    /// A straight line.
+    Straight,
+}
+
+use Direction::{Left, Right, Straight};
+
+/// One of the six words.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Word {
+    /// Left, straight, left.
+    Lsl,
+    /// Right, straight, right.
+    Rsr,
+    /// Left, straight, right.
+    Lsr,
+    /// Right, straight, left.
+    Rsl,
+    /// Left, right, left.
+    Lrl,
+    /// Right, left, right.
+    Rlr,
+}
+
+impl Word {
+    /// All words, in the order in which ties are decided.
+    pub const ALL: [Self; 6] = [Self::Lsl, Self::Rsr, Self::Lsr, Self::Rsl, Self::Lrl, Self::Rlr];
+
+    /// The three pieces.
+    #[must_use]
+    pub fn directions(self) -> [Direction; 3] {
+        match self {
+            Self::Lsl => [Left, Straight, Left],
+            Self::Rsr => [Right, Straight, Right],
+            Self::Lsr => [Left, Straight, Right],
+            Self::Rsl => [Right, Straight, Left],
+            Self::Lrl => [Left, Right, Left],
+            Self::Rlr => [Right, Left, Right],
+        }
+    }
+}
+
+/// A path of one word. Pieces may have no length.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PlanarPath {
+    /// The word.
+    pub word: Word,
+    /// Length of each piece, radii; for an arc that is its angle.
+    pub lengths: [f64; 3],
+}
+
+impl PlanarPath {
+    /// Length of the whole path, radii.
+    #[must_use]
+    pub fn length(&self) -> f64 {
+        self.lengths.iter().sum()
+    }
+
+    /// The pieces that have a length, in order.
+    pub fn pieces(&self) -> impl Iterator<Item = (Direction, f64)> + use<> {
+        self.word.directions().into_iter().zip(self.lengths).filter(|(_, length)| *length > 0.0)
+    }
+
+    /// Where the path ends: the forward integration by which every doubtful word is checked.
+    #[must_use]
+    pub fn end(&self) -> PlanarPose {
+        let mut at = PlanarPose { x: 0.0, y: 0.0, heading: 0.0 };
+        let (mut sin, mut cos) = (0.0, 1.0);
+        for (direction, length) in self.pieces() {
+            match direction {
+                Straight => {
+                    at.x += length * cos;
+                    at.y += length * sin;
+                }
+                Left | Right => {
+                    let side = if direction == Left { 1.0 } else { -1.0 };
+                    at.heading += side * length;
+                    let (sin_after, cos_after) = libm::sincos(at.heading);
+                    at.x += side * (sin_after - sin);
+                    at.y -= side * (cos_after - cos);
+                    (sin, cos) = (sin_after, cos_after);
+                }
+            }
+        }
+        at
+    }
+
+    /// How far from the goal the path ends: the larger of distance (radii) and angle (radians).
+    #[must_use]
+    pub fn miss(&self, goal: &PlanarPose) -> f64 {
+        let end = self.end();
+        let turned = wrap_positive(end.heading - goal.heading);
+        libm::hypot(end.x - goal.x, end.y - goal.y).max(turned.min(TAU - turned))
+    }
+}
+
+/// A word that is longer than the shortest by no more than this is as short: the first of them, in the order of
+/// [`Word::ALL`], is returned, so that ties fall the same way everywhere.
+const TIE: f64 = 1e-12;
+
+/// The shortest path to a goal.
+///
+/// ```
+/// use growbot_core::dubins2::{PlanarPose, Word, shortest};
+/// let path = shortest(&PlanarPose { x: 10.0, y: 0.0, heading: 0.0 });
+/// assert_eq!(path.length(), 10.0);
+/// let behind = shortest(&PlanarPose { x: -1.0, y: 0.0, heading: 0.0 });
+/// assert!(matches!(behind.word, Word::Lrl | Word::Rlr | Word::Lsl | Word::Rsr));
+/// ```
+#[must_use]
+pub fn shortest(goal: &PlanarPose) -> PlanarPath {
+    let goal = Goal::new(goal);
+    shortest_within(&goal, bounds::lower_bounds(&goal))
+}
+
+/// The shortest path, built only from words whose lower bound leaves that possible. Whatever the bounds, the result is
+/// the same.
+#[inline(always)]
+fn shortest_within(goal: &Goal, bounds: [f32; 6]) -> PlanarPath {
+    let mut likeliest = Word::Lsl;
+    let mut least = f32::INFINITY;
+    for (word, bound) in Word::ALL.into_iter().zip(bounds) {
+        if bound < least {
+            (likeliest, least) = (word, bound);
+        }
+    }
+    // After the likeliest word there is mostly no other left.
+    let first = goal.build(likeliest);
+    let shortest = first.as_ref().map_or(f64::INFINITY, PlanarPath::length);
+    let longer = bounds.map(|bound| is_longer(bound, shortest));
+    match first {
+        Some(path) if longer.into_iter().filter(|longer| *longer).count() == longer.len() - 1 => path,
+        _ => shortest_of_several(goal, bounds, likeliest, first),
+    }
+}
+
+/// Whether a word of that bound is certainly longer than the shortest. A bound that is not a number rules nothing out;
+/// the rounding to single precision is within the bounds' margins.
+fn is_longer(bound: f32, shortest: f64) -> bool {
+    bound > (shortest + TIE) as f32
+}
+
+/// [`shortest_within`], where more than one word may be the shortest; one of them is built already.
+#[cold]
+fn shortest_of_several(goal: &Goal, bounds: [f32; 6], built: Word, first: Option<PlanarPath>) -> PlanarPath {
+    let mut found = [None; 6];
+    let mut shortest = first.as_ref().map_or(f64::INFINITY, PlanarPath::length);
+    for (path, (word, bound)) in found.iter_mut().zip(Word::ALL.into_iter().zip(bounds)) {
+        if word == built {
+            *path = first;
+        } else if !is_longer(bound, shortest) {
+            *path = goal.build(word);
+            shortest = path.as_ref().map_or(shortest, |path| path.length().min(shortest));
+        }
+    }
+    let as_short = |path: &PlanarPath| path.length() <= shortest + TIE;
+    // LSL always exists, so there is always a path, unless the goal is not in numbers.
+    found.into_iter().flatten().find(as_short).unwrap_or(PlanarPath { word: Word::Lsl, lengths: [f64::NAN; 3] })
+}

@@ -1,0 +1,287 @@
+//! Each family of goals for which words degenerate, and that the bounds decide nothing but the time.
+
+use core::f64::consts::{FRAC_PI_2, PI, TAU};
+
+use proptest::prelude::*;
+
+use super::words::{ARRIVED, ARRIVED_AT_DISTANCE};
+use super::*;
+
+/// A goal and the length of a path to it, which was laid out by hand.
+#[derive(Debug, Clone, Copy)]
+struct Laid {
+    goal: PlanarPose,
+    length: f64,
+}
+
+fn laid(word: Word, lengths: [f64; 3]) -> Laid {
+    let path = PlanarPath { word, lengths };
+    Laid { goal: path.end(), length: path.length() }
+}
+
+fn assert_arrives(goal: &PlanarPose) -> PlanarPath {
+    let path = shortest(goal);
+    let miss = path.miss(goal);
+    let tolerance = ARRIVED.max(ARRIVED_AT_DISTANCE * libm::hypot(goal.x, goal.y));
+    assert!(miss <= tolerance, "{goal:?}: {path:?} misses by {miss}");
+    path
+}
+
+/// Not off the goal, and not too long.
+fn assert_as_short(laid: &Laid) {
+    let path = assert_arrives(&laid.goal);
+    assert!(path.length() <= laid.length + 1e-9, "{laid:?}: {path:?} is {} long", path.length());
+}
+
+fn any_word() -> impl Strategy<Value = Word> + Clone {
+    prop::sample::select(&Word::ALL)
+}
+
+/// LSL or RSR.
+fn outer() -> impl Strategy<Value = Word> {
+    prop::sample::select(&[Word::Lsl, Word::Rsr])
+}
+
+/// LSR or RSL.
+fn inner() -> impl Strategy<Value = Word> {
+    prop::sample::select(&[Word::Lsr, Word::Rsl])
+}
+
+/// Ten to a power in a range.
+fn magnitude(exponents: core::ops::Range<f64>) -> impl Strategy<Value = f64> {
+    exponents.prop_map(|exponent| libm::pow(10.0, exponent))
+}
+
+fn random_goal() -> impl Strategy<Value = PlanarPose> {
+    (-40.0..40.0, -40.0..40.0, -7.0..7.0).prop_map(|(x, y, heading)| PlanarPose { x, y, heading })
+}
+
+fn near_goal() -> impl Strategy<Value = PlanarPose> {
+    (-5.0..5.0, -5.0..5.0, -7.0..7.0).prop_map(|(x, y, heading)| PlanarPose { x, y, heading })
+}
+
+fn far_goal() -> impl Strategy<Value = PlanarPose> {
+    (magnitude(0.0..300.0), random_goal()).prop_map(|(scale, goal)| PlanarPose {
+        x: goal.x * scale,
+        y: goal.y * scale,
+        heading: goal.heading,
+    })
+}
+
+fn whole_word() -> impl Strategy<Value = Laid> {
+    (any_word(), 0.0..TAU, 0.0..TAU, 0.0..TAU).prop_map(|(word, first, middle, last)| laid(word, [first, middle, last]))
+}
+
+fn arc_below_pi() -> impl Strategy<Value = Laid> {
+    (outer(), 0.0..PI).prop_map(|(word, angle)| laid(word, [angle, 0.0, 0.0]))
+}
+
+fn arc_above_pi() -> impl Strategy<Value = Laid> {
+    (outer(), PI..TAU).prop_map(|(word, angle)| laid(word, [angle, 0.0, 0.0]))
+}
+
+fn tangent_arcs() -> impl Strategy<Value = Laid> {
+    (inner(), 0.0..TAU, 0.0..TAU).prop_map(|(word, first, last)| laid(word, [first, 0.0, last]))
+}
+
+fn arc_then_line() -> impl Strategy<Value = Laid> {
+    (outer(), 0.0..TAU, 0.0..40.0).prop_map(|(word, angle, line)| laid(word, [angle, line, 0.0]))
+}
+
+fn line_then_arc() -> impl Strategy<Value = Laid> {
+    (outer(), 0.0..40.0, 0.0..TAU).prop_map(|(word, line, angle)| laid(word, [0.0, line, angle]))
+}
+
+/// To the last digit, or a rounding error aside.
+fn line() -> impl Strategy<Value = Laid> {
+    (0.0..40.0, -1e-13..1e-13, -1e-14..1e-14, any::<bool>()).prop_map(|(x, y, heading, exact)| {
+        let goal = if exact { PlanarPose { x, y: 0.0, heading: 0.0 } } else { PlanarPose { x, y, heading } };
+        Laid { goal, length: x }
+    })
+}
+
+/// The start, a rounding error aside, with any number of turns.
+fn coincident() -> impl Strategy<Value = Laid> {
+    (-4e-13..4e-13, -4e-13..4e-13, -4e-13..4e-13, -3_i8..4).prop_map(|(x, y, off, turns)| Laid {
+        goal: PlanarPose { x, y, heading: off + f64::from(turns) * TAU },
+        length: 0.0,
+    })
+}
+
+/// The goal's direction is the start's, reversed.
+fn antiparallel() -> impl Strategy<Value = Laid> {
+    (any_word(), 0.0..TAU, 0.0..TAU).prop_map(|(word, first, middle)| {
+        let last = match word {
+            Word::Lsl | Word::Rsr => PI - first,
+            Word::Lsr | Word::Rsl => first - PI,
+            Word::Lrl | Word::Rlr => PI - first + middle,
+        };
+        let Laid { goal, length } = laid(word, [first, middle, wrap_positive(last)]);
+        Laid { goal: PlanarPose { heading: PI, ..goal }, length }
+    })
+}
+
+fn tiny_step() -> impl Strategy<Value = Laid> {
+    (magnitude(-12.0..-3.0), 0.0..1.0, any_word())
+        .prop_map(|(size, share, word)| laid(word, [size * share, size * (1.0 - share), size * share * share]))
+}
+
+/// Every family, and each also by a rounding error or more off its edge.
+fn any_goal() -> impl Strategy<Value = PlanarPose> {
+    let laid = prop_oneof![
+        whole_word(),
+        arc_below_pi(),
+        arc_above_pi(),
+        tangent_arcs(),
+        arc_then_line(),
+        line_then_arc(),
+        line(),
+        coincident(),
+        antiparallel(),
+        tiny_step(),
+    ];
+    let off = (laid, prop_oneof![Just(0.0), magnitude(-17.0..-1.0)], [-1.0..1.0, -1.0..1.0, -1.0..1.0]).prop_map(
+        |(Laid { goal, .. }, size, [x, y, heading])| PlanarPose {
+            x: goal.x + size * x,
+            y: goal.y + size * y,
+            heading: goal.heading + size * heading,
+        },
+    );
+    prop_oneof![2 => random_goal(), 2 => near_goal(), 1 => far_goal(), 5 => off]
+}
+
+fn bits(path: &PlanarPath) -> (Word, [u64; 3]) {
+    (path.word, path.lengths.map(f64::to_bits))
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(20_000))]
+
+    #[test]
+    fn random_goals_are_reached(goal in random_goal()) {
+        assert_arrives(&goal);
+    }
+
+    #[test]
+    fn near_goals_are_reached(goal in near_goal()) {
+        assert_arrives(&goal);
+    }
+
+    #[test]
+    fn no_path_is_longer_than_one_laid_out_by_hand(laid in whole_word()) {
+        assert_as_short(&laid);
+    }
+
+    #[test]
+    fn arcs_below_pi_have_no_extra_turn(laid in arc_below_pi()) {
+        assert_as_short(&laid);
+    }
+
+    #[test]
+    fn arcs_above_pi_have_no_extra_turn(laid in arc_above_pi()) {
+        assert_as_short(&laid);
+    }
+
+    #[test]
+    fn tangent_arcs_have_no_extra_turn(laid in tangent_arcs()) {
+        assert_as_short(&laid);
+    }
+
+    #[test]
+    fn an_arc_and_a_line_have_no_extra_turn(laid in arc_then_line()) {
+        assert_as_short(&laid);
+    }
+
+    #[test]
+    fn a_line_and_an_arc_have_no_extra_turn(laid in line_then_arc()) {
+        assert_as_short(&laid);
+    }
+
+    #[test]
+    fn a_line_has_no_turn(laid in line()) {
+        assert_as_short(&laid);
+    }
+
+    #[test]
+    fn a_goal_that_is_the_start_takes_no_path(laid in coincident()) {
+        assert_as_short(&laid);
+    }
+
+    #[test]
+    fn antiparallel_goals_are_reached_the_short_way(laid in antiparallel()) {
+        assert_as_short(&laid);
+    }
+
+    #[test]
+    fn tiny_steps_are_tiny(laid in tiny_step()) {
+        assert_as_short(&laid);
+    }
+
+    #[test]
+    fn the_bounds_decide_nothing_but_the_time(goal in any_goal()) {
+        let pruned = shortest(&goal);
+        let of_all = shortest_within(&Goal::new(&goal), [0.0; 6]);
+        prop_assert_eq!(bits(&pruned), bits(&of_all));
+    }
+
+    #[test]
+    fn no_word_is_shorter_than_its_bound(goal in any_goal()) {
+        let goal = Goal::new(&goal);
+        for (word, bound) in Word::ALL.into_iter().zip(bounds::lower_bounds(&goal)) {
+            if let Some(path) = goal.build(word) {
+                let excludes = f64::from(bound) > path.length();
+                prop_assert!(!excludes, "{:?} is bounded by {}", path, bound);
+            }
+        }
+    }
+}
+
+#[test]
+fn start_is_goal() {
+    for heading in [0.0, TAU, -TAU, -1e-17] {
+        assert_eq!(shortest(&PlanarPose { x: 0.0, y: 0.0, heading }).length(), 0.0);
+    }
+}
+
+#[test]
+fn turning_round_on_the_spot_takes_three_arcs() {
+    let path = assert_arrives(&PlanarPose { x: 0.0, y: 0.0, heading: PI });
+    // pi/3 + 5 pi/3 + pi/3: the classic turn about.
+    assert!((path.length() - 7.0 * PI / 3.0).abs() < 1e-12, "{path:?}");
+}
+
+#[test]
+fn goals_at_the_edges_of_the_words_are_reached() {
+    for distance in [2.0, 4.0, 4.0 - 1e-16, 4.0 + 1e-15, 2.0 - 1e-13, 2.0 - 1e-10, 4.0 + 1e-10, 1e-300] {
+        for heading in [0.0, PI, FRAC_PI_2, -FRAC_PI_2] {
+            for angle in [0.0, FRAC_PI_2, PI, 1.0] {
+                let (y, x) = libm::sincos(angle);
+                assert_arrives(&PlanarPose { x: distance * x, y: distance * y, heading });
+            }
+        }
+    }
+}
+
+#[test]
+fn ties_begin_to_the_left() {
+    for x in [-7.0, -4.0, -3.0, -1.0, -0.1, 0.0, 0.1, 1.0, 3.0, 7.0] {
+        for heading in [0.0, PI, -PI] {
+            let path = assert_arrives(&PlanarPose { x, y: 0.0, heading });
+            assert!(matches!(path.word, Word::Lsl | Word::Lsr | Word::Lrl), "{x} {heading}: {path:?}");
+        }
+    }
+}
+
+#[test]
+fn nothing_panics() {
+    let values = [0.0, -0.0, 1.0, 1e-320, 1e20, 1e155, -1e308, f64::INFINITY, f64::NEG_INFINITY, f64::NAN];
+    for x in values {
+        for y in values {
+            for heading in values {
+                let goal = PlanarPose { x, y, heading };
+                let of_all = shortest_within(&Goal::new(&goal), [0.0; 6]);
+                assert_eq!(shortest(&goal).pieces().count(), of_all.pieces().count(), "{goal:?}");
+            }
+        }
+    }
+}

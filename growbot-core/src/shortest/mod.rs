@@ -1,0 +1,283 @@
+//! The shortest path in space between two poses, of curvature at most 1, with free roll.
+//!
+//! Sussmann 1995 ("Shortest 3-dimensional paths with a prescribed curvature bound", CDC): a shortest path is CSC (arc, line, arc, each
+//! arc in a plane of its own), CCC (in one plane), a part of these, or a helicoidal arc H. All CSC paths are found ([`csc`]), the
+//! planar ones by their six words ([`crate::dubins2`]) where start and goal lie in one plane, and near the start, where alone they
+//! can win, helicoidal arcs ([`helicoids`]).
+//!
+//! Lengths are in units of the radius, and everything is in the frame of the tip that starts: it grows along z from the origin.
+
+use core::f64::consts::PI;
+
+use heapless::Vec;
+use nalgebra::{Matrix3, Vector3};
+
+use crate::angle::wrap_positive;
+use crate::dubins2::{self, Direction, PlanarPath, PlanarPose};
+use crate::path::{Path, PathFull, Segment};
+use crate::pose::Pose;
+
+pub mod csc;
+pub mod helicoids;
+
+use csc::Csc;
+use helicoids::HelicoidalArc;
+
+/// A path arrives if it ends within this of the goal, in radii and radians, for goals within 100 radii; beyond, in proportion.
+const ARRIVED: f64 = 1e-10;
+/// Start and goal lie in one plane if neither the goal nor its direction leaves it by more than this, in radii and radians.
+const IN_PLANE: f64 = 1e-10;
+/// Vectors shorter than this span no plane.
+const NO_PLANE: f64 = 1e-9;
+/// Helicoidal arcs win only against goals nearer than this, radii.
+const HELICOIDS_WITHIN: f64 = 4.0;
+/// The most candidates.
+const MOST: usize = csc::MOST + helicoids::MOST + 1;
+
+/// Where to, seen from the tip that starts.
+#[derive(Debug, Clone, Copy)]
+pub struct Problem {
+    /// Position of the goal, radii.
+    goal: Vector3<f64>,
+    /// Direction of the goal, a unit vector.
+    direction: Vector3<f64>,
+    /// Two unit vectors across it.
+    across: [Vector3<f64>; 2],
+    /// How much further than 100 radii the goal is, at least 1.
+    scale: f64,
+}
+
+impl Problem {
+    /// From a tip at the origin that grows along z, to this goal (radii) in this direction (a unit vector).
+    #[must_use]
+    pub fn new(goal: &Vector3<f64>, direction: &Vector3<f64>) -> Self {
+        let e1 = any_perpendicular(direction);
+        let e2 = direction.cross(&e1);
+        Self { goal: *goal, direction: *direction, across: [e1, e2], scale: (0.01 * goal.norm()).max(1.0) }
+    }
+
+    /// From pose to pose, with arcs of this radius (mm).
+    #[must_use]
+    pub fn between(start: &Pose, goal: &Pose, radius: f64) -> Self {
+        let tip_from_base = start.frame().rotation.inverse();
+        let offset = (goal.position() - start.position()) / radius;
+        Self::new(&(tip_from_base * offset), &(tip_from_base * goal.direction()))
+    }
+}
+
+/// Some unit vector perpendicular to a unit vector.
+fn any_perpendicular(axis: &Vector3<f64>) -> Vector3<f64> {
+    let mut other = Vector3::zeros();
+    if let Some(component) = other.get_mut(axis.iamin()) {
+        *component = 1.0;
+    }
+    axis.cross(&other).normalize()
+}
+
+/// A path that leads to the goal.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Candidate {
+    /// Arc, line, arc.
+    Csc(Csc),
+    /// A path in one plane, whose left lies at this angle in the deposition plane, radians.
+    Planar(PlanarPath, f64),
+    /// A helicoidal arc.
+    Helicoid(HelicoidalArc),
+}
+
+impl Candidate {
+    /// Length, radii.
+    #[must_use]
+    pub fn length(&self) -> f64 {
+        match self {
+            Self::Csc(path) => path.length(),
+            Self::Planar(path, _) => path.length(),
+            Self::Helicoid(arc) => arc.length,
+        }
+    }
+
+    /// The path with arcs of this radius, mm.
+    ///
+    /// # Errors
+    /// Never: no candidate has more than three pieces.
+    pub fn path(&self, radius: f64) -> Result<Path, PathFull> {
+        let mut path = Path::new();
+        let arc =
+            |towards: f64, bend: f64| Segment::Arc { alpha: wrap_positive(towards + PI), bend, length: bend * radius };
+        let straight = |length: f64| Segment::Straight { length: length * radius };
+        let mut push = |segment: Segment| if segment.length() > 0.0 { path.push(segment) } else { Ok(()) };
+        match *self {
+            Self::Csc(Csc { first_towards, first, straight: line, last_towards, last }) => {
+                push(arc(first_towards, first))?;
+                push(straight(line))?;
+                push(arc(last_towards, last))?;
+            }
+            Self::Planar(planar, left) => {
+                for (direction, length) in planar.pieces() {
+                    push(match direction {
+                        Direction::Left => arc(left, length),
+                        Direction::Right => arc(left + PI, length),
+                        Direction::Straight => straight(length),
+                    })?;
+                }
+            }
+            Self::Helicoid(HelicoidalArc { curve, length }) => {
+                push(Segment::Helicoid { curve, radius, length: length * radius })?;
+            }
+        }
+        Ok(path)
+    }
+}
+
+/// All candidates that were found and lead to the goal, shortest first.
+///
+/// Helicoidal arcs are looked for below `longest` (radii, e.g. the length of a path that is known) and take hundreds of times as long as
+/// the rest; `meanwhile` is called now and then, so that a board can feed its watchdog.
+#[must_use]
+pub fn candidates(problem: &Problem, longest: f64, meanwhile: &mut dyn FnMut()) -> Vec<Candidate, MOST> {
+    let mut found: Vec<Candidate, MOST> = Vec::new();
+    for path in csc::paths(problem) {
+        keep(&mut found, Candidate::Csc(path));
+    }
+    if let Some(planar) = planar(problem) {
+        // Mostly it has been found already.
+        if found.iter().all(|other| (other.length() - planar.length()).abs() > ARRIVED) {
+            keep(&mut found, planar);
+        }
+    }
+    if problem.goal.norm() < HELICOIDS_WITHIN {
+        let shortest = found.first().map_or(longest, |best| best.length().min(longest));
+        for arc in helicoids::arcs(problem, shortest, meanwhile) {
+            keep(&mut found, Candidate::Helicoid(arc));
+        }
+    }
+    found
+}
+
+/// Keeps a candidate in its place; of those equally long, the one found first stays first.
+fn keep(found: &mut Vec<Candidate, MOST>, candidate: Candidate) {
+    let at = found.partition_point(|other| other.length() <= candidate.length());
+    // There is room for all that can be found.
+    let _ = found.insert(at, candidate);
+}
+
+/// The shortest path in the plane of start and goal, if they lie in one.
+fn planar(problem: &Problem) -> Option<Candidate> {
+    let Problem { goal, direction, .. } = problem;
+    let ahead = Vector3::z();
+    let (by_goal, by_direction) = (ahead.cross(goal), ahead.cross(direction));
+    let normal = if by_goal.norm_squared() > by_direction.norm_squared() { by_goal } else { by_direction };
+    let normal = if normal.norm() > NO_PLANE { normal.normalize() } else { Vector3::x() };
+    if normal.dot(goal).abs() > IN_PLANE * problem.scale || normal.dot(direction).abs() > IN_PLANE {
+        return None;
+    }
+    let left = normal.cross(&ahead);
+    let heading = libm::atan2(direction.dot(&left), direction.z);
+    let path = dubins2::shortest(&PlanarPose { x: goal.z, y: goal.dot(&left), heading });
+    Some(Candidate::Planar(path, libm::atan2(left.y, left.x)))
+}
+
+/// The axes of a tip after an arc that bends towards this angle of its deposition plane, in the axes of the tip before.
+fn axes_after(towards: f64, angle: f64) -> Matrix3<f64> {
+    crate::kinematics::step(towards + PI, angle, angle).rotation.into_inner()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::path::{end, length};
+    use crate::pose::{Frame, tip_direction};
+    use core::f64::consts::TAU;
+    use proptest::prelude::*;
+
+    fn direction() -> impl Strategy<Value = Vector3<f64>> {
+        (-1.0..1.0, 0.0..TAU).prop_map(|(up, round): (f64, f64)| {
+            let across = libm::sqrt(1.0 - up * up);
+            Vector3::new(across * libm::cos(round), across * libm::sin(round), up)
+        })
+    }
+
+    fn ends_of(segments: &[Segment]) -> (Vector3<f64>, Vector3<f64>) {
+        let tip = end(segments, &Frame::identity());
+        (tip.translation.vector, tip_direction(&tip))
+    }
+
+    fn arc(alpha: f64, bend: f64) -> Segment {
+        Segment::Arc { alpha, bend, length: bend }
+    }
+
+    /// The shortest candidate to where a path laid out by hand ends; all candidates are checked to arrive.
+    fn shortest_to_end_of(laid: &[Segment]) -> f64 {
+        let (goal, direction) = ends_of(laid);
+        let problem = Problem::new(&goal, &direction);
+        let found = candidates(&problem, f64::INFINITY, &mut || ());
+        for candidate in &found {
+            let path = candidate.path(1.0).unwrap();
+            let (reached, pointing) = ends_of(&path);
+            let miss = (reached - goal).norm().max((pointing - direction).norm());
+            assert!(miss < 1e-9, "{candidate:?} misses by {miss:e}");
+            assert!((length(&path) - candidate.length()).abs() < 1e-12);
+        }
+        found.first().map_or(f64::INFINITY, Candidate::length)
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(2_000))]
+
+        #[test]
+        fn far_goals_are_reached_no_longer_than_by_hand(first in 0.0..TAU, alpha in 0.0..TAU, line in 4.0..40.0, beta in 0.0..TAU, last in 0.0..TAU) {
+            let laid = [arc(alpha, first), Segment::Straight { length: line }, arc(beta, last)];
+            prop_assert!(shortest_to_end_of(&laid) <= length(&laid) + 1e-9);
+        }
+
+        #[test]
+        fn half_turns_are_found(alpha in 0.0..TAU, line in 4.0..40.0, beta in 0.0..TAU, last in 0.0..TAU, exponent in -16.0..-2.0, turned_round in any::<bool>()) {
+            let off = libm::pow(10.0, exponent);
+            let (first, last) = if turned_round { (last, PI - off) } else { (PI + off, last) };
+            let laid = [arc(alpha, first), Segment::Straight { length: line }, arc(beta, last)];
+            prop_assert!(shortest_to_end_of(&laid) <= length(&laid) + 1e-9, "{} for {}", shortest_to_end_of(&laid), length(&laid));
+        }
+
+        #[test]
+        fn parts_are_found(alpha in 0.0..TAU, bend in 0.0..TAU, line in 4.0..40.0, arc_first in any::<bool>()) {
+            let laid = if arc_first { [arc(alpha, bend), Segment::Straight { length: line }] } else { [Segment::Straight { length: line }, arc(alpha, bend)] };
+            prop_assert!(shortest_to_end_of(&laid) <= length(&laid) + 1e-9);
+        }
+
+        #[test]
+        fn two_half_turns_are_found(alpha in 0.0..TAU, beta in 0.0..TAU, line in 4.0..40.0) {
+            let laid = [arc(alpha, PI), Segment::Straight { length: line }, arc(beta, PI)];
+            prop_assert!(shortest_to_end_of(&laid) <= length(&laid) + 1e-9);
+        }
+
+        #[test]
+        fn planar_goals_are_reached_no_longer_than_in_their_plane(alpha in 0.0..TAU, x in -40.0..40.0, y in 4.0..40.0, heading in 0.0..TAU) {
+            let planar = dubins2::shortest(&PlanarPose { x, y, heading });
+            let laid = Candidate::Planar(planar, alpha).path(1.0).unwrap();
+            prop_assert!(shortest_to_end_of(&laid) <= planar.length() + 1e-9);
+        }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(60))]
+
+        #[test]
+        fn near_goals_are_reached_no_longer_than_by_three_arcs(alpha in 0.0..TAU, beta in 0.0..TAU, gamma in 0.0..TAU, first in 0.0..3.0, middle in 0.0..3.0, last in 0.0..3.0) {
+            let laid = [arc(alpha, first), arc(beta, middle), arc(gamma, last)];
+            prop_assert!(shortest_to_end_of(&laid) <= length(&laid) + 1e-9);
+        }
+
+        #[test]
+        fn near_goals_are_reached_no_longer_than_in_their_plane(alpha in 0.0..TAU, x in -3.0..3.0, y in -3.0..3.0, heading in 0.0..TAU) {
+            let planar = dubins2::shortest(&PlanarPose { x, y, heading });
+            let laid = Candidate::Planar(planar, alpha).path(1.0).unwrap();
+            prop_assert!(shortest_to_end_of(&laid) <= planar.length() + 1e-9);
+        }
+
+        #[test]
+        fn every_goal_is_reached(distance in 0.0..4.0, towards in direction(), pointing in direction()) {
+            let problem = Problem::new(&(towards * distance), &pointing);
+            prop_assert!(!candidates(&problem, f64::INFINITY, &mut || ()).is_empty());
+        }
+    }
+}

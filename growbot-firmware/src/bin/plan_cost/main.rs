@@ -1,0 +1,116 @@
+//! What planning costs on the microcontroller: instructions and stack of each plan, measured on QEMU's mps2-an386.
+//!
+//! For each plan one line goes out over UART0, `planner,goals,instructions,stack`, and `end` at last;
+//! `tests/plan_cost.rs` runs this and makes the table. It counts instructions, not cycles: QEMU must run it with
+//! `-icount shift=10`, that is 1024 ns an instruction.
+
+#![no_std]
+#![no_main]
+
+mod measure;
+#[path = "../an386/registers.rs"]
+mod registers;
+mod uart;
+
+use core::f64::consts::{PI, TAU};
+use core::fmt::Write;
+use core::hint::black_box;
+use core::panic::PanicInfo;
+
+use cortex_m_rt::entry;
+use growbot_core::dubins2::{self, PlanarPath, PlanarPose, Word};
+use growbot_core::plan::{Planner, plan};
+use growbot_core::pose::Pose;
+use growbot_core::robot::Robot;
+use growbot_firmware::machine;
+
+use crate::measure::measure;
+use crate::uart::Uart;
+
+/// mm; near what the built-in robot can bend to.
+const RADIUS: f64 = 100.0;
+
+#[entry]
+fn main() -> ! {
+    let mut uart = Uart::start();
+    if let Ok(robot) = machine::built_for() {
+        measure_all(&mut uart, &robot);
+    }
+    let _ = writeln!(uart, "end");
+    loop {
+        cortex_m::asm::wfi();
+    }
+}
+
+/// One line for each planner and kind of goals: a further one is a further line.
+fn measure_all(to: &mut Uart, robot: &Robot) {
+    run(to, "planar", "0 to 40 R", 512, |n| planar_goal(n, 40.0), dubins2::shortest);
+    run(to, "planar", "0 to 5 R", 512, |n| planar_goal(n, 5.0), dubins2::shortest);
+    run(to, "planar", "degenerate", 512, degenerate_goal, dubins2::shortest);
+    run(to, "two-plane", "from 4 R", 64, |n| goal(n, 4.0, 12.0), |goal| plan_to(robot, goal, Planner::TwoPlane));
+    run(to, "two-plane", "0 to 4 R", 64, |n| goal(n, 0.0, 4.0), |goal| plan_to(robot, goal, Planner::TwoPlane));
+}
+
+fn run<G, P>(to: &mut Uart, planner: &str, goals: &str, count: u32, goal: impl Fn(u32) -> G, plan: impl Fn(&G) -> P) {
+    for n in 0..count {
+        let goal = black_box(goal(n));
+        let cost = measure(&mut || {
+            black_box(plan(&goal));
+        });
+        let _ = writeln!(to, "{planner},{goals},{},{}", cost.instructions, cost.stack);
+    }
+}
+
+/// From the origin, straight up.
+fn plan_to(robot: &Robot, goal: &Option<Pose>, planner: Planner) -> Option<growbot_core::path::Path> {
+    let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).ok()?;
+    plan(robot, &start, goal.as_ref()?, RADIUS, planner).ok()
+}
+
+/// A number in [0, 1) for each n: Weyl's sequence, evenly spread.
+fn spread(n: u32, factor: f64) -> f64 {
+    let value = f64::from(n + 1) * factor;
+    value - libm::floor(value)
+}
+
+/// Evenly spread over distance, direction and heading.
+fn planar_goal(n: u32, farthest: f64) -> PlanarPose {
+    let distance = farthest * spread(n, 0.754_877_666_246_692_7);
+    let (y, x) = libm::sincos(TAU * spread(n, 0.569_840_290_998_053_2));
+    PlanarPose { x: distance * x, y: distance * y, heading: TAU * spread(n, 0.618_033_988_749_894_9) }
+}
+
+/// The ends of parts of words, one after the other: C, CC, CS, SC, S, and nothing.
+fn degenerate_goal(n: u32) -> PlanarPose {
+    let (first, last) = (TAU * spread(n, 0.754_877_666_246_692_7), TAU * spread(n, 0.569_840_290_998_053_2));
+    let line = 40.0 * spread(n, 0.618_033_988_749_894_9);
+    let (word, lengths) = match n % 6 {
+        0 => (Word::Lsl, [first, 0.0, 0.0]),
+        1 => (Word::Lsr, [first, 0.0, last]),
+        2 => (Word::Rsr, [first, line, 0.0]),
+        3 => (Word::Lsl, [0.0, line, last]),
+        4 => (Word::Lsl, [0.0, line, 0.0]),
+        _ => (Word::Lsl, [0.0; 3]),
+    };
+    PlanarPath { word, lengths }.end()
+}
+
+/// Evenly spread over distance (radii), direction, heading and pitch.
+fn goal(n: u32, nearest: f64, farthest: f64) -> Option<Pose> {
+    let distance = RADIUS * (nearest + (farthest - nearest) * spread(n, 0.754_877_666_246_692_7));
+    let (y, x) = libm::sincos(TAU * spread(n, 0.569_840_290_998_053_2));
+    let z = 2.0 * spread(n, 0.430_159_709_001_946_7) - 1.0;
+    let across = libm::sqrt(1.0 - z * z);
+    let position = [across * x, across * y, z].map(|part| distance * part);
+    let heading = TAU * spread(n, 0.618_033_988_749_894_9) - PI;
+    let pitch = PI * (spread(n, 0.819_172_513_396_164_4) - 0.5);
+    Pose::new(position.into(), heading, pitch).ok()
+}
+
+#[panic_handler]
+fn panic(_info: &PanicInfo) -> ! {
+    let _ = writeln!(Uart::start(), "panic");
+    loop {
+        cortex_m::asm::wfi();
+    }
+}

@@ -1,0 +1,115 @@
+//! What planning costs on the microcontroller, as a table: `cargo plan-cost`.
+//!
+//! Builds the program that measures it (`growbot-firmware/src/bin/plan_cost/`) and runs it in the emulator, which
+//! counts each instruction, so that the figures are the same on every machine. They are instructions, not cycles: a
+//! Cortex-M4 takes somewhat more cycles.
+
+use std::env;
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::Command;
+use std::time::Duration;
+
+use growbot_host::port::qemu::{Line, Qemu};
+use growbot_tests::firmware;
+
+/// The planar planner's median of random goals may be this many instructions.
+const PLANAR_INSTRUCTIONS: u64 = 35_000;
+/// No plan may take more stack than this, in bytes: a sixteenth of the robot's memory.
+const STACK: u64 = 8 * 1024;
+
+/// How long the board may take to the next plan. Each takes milliseconds.
+const NEXT: Duration = Duration::from_secs(60);
+
+/// All plans of one planner for one kind of goals.
+struct Row {
+    planner: String,
+    goals: String,
+    instructions: Vec<u64>,
+    stack: u64,
+}
+
+impl Row {
+    fn median(&self) -> u64 {
+        let mut sorted = self.instructions.clone();
+        sorted.sort_unstable();
+        sorted[sorted.len() / 2]
+    }
+
+    fn worst(&self) -> u64 {
+        self.instructions.iter().copied().max().unwrap_or(0)
+    }
+}
+
+fn build() {
+    let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let status = Command::new(env::var_os("CARGO").unwrap_or("cargo".into()))
+        .arg("build-plan-cost")
+        .arg("--quiet")
+        .current_dir(workspace)
+        .status()
+        .unwrap();
+    assert!(status.success(), "cargo build-plan-cost failed");
+}
+
+fn measure() -> Vec<Row> {
+    let line = Line::open("serial line").unwrap();
+    let serial = line.argument().unwrap();
+    let arguments = ["-icount", "shift=10,sleep=off", "-serial", &serial];
+    let mut qemu = Qemu::start("mps2-an386", &firmware("plan_cost"), arguments).unwrap();
+    let stream = qemu.connect(&line).unwrap();
+    stream.set_read_timeout(Some(NEXT)).unwrap();
+
+    let mut rows: Vec<Row> = Vec::new();
+    for line in BufReader::new(stream).lines() {
+        let line = line.unwrap();
+        if line == "end" {
+            return rows;
+        }
+        let [planner, goals, instructions, stack] = line.split(',').collect::<Vec<_>>()[..] else {
+            panic!("the board said: {line}");
+        };
+        let (instructions, stack) = (instructions.parse().unwrap(), stack.parse().unwrap());
+        match rows.last_mut() {
+            Some(row) if row.planner == planner && row.goals == goals => {
+                row.instructions.push(instructions);
+                row.stack = row.stack.max(stack);
+            }
+            _ => rows.push(Row {
+                planner: planner.to_owned(),
+                goals: goals.to_owned(),
+                instructions: vec![instructions],
+                stack,
+            }),
+        }
+    }
+    panic!("the board ended before its last plan: {}", qemu.messages());
+}
+
+#[test]
+fn planning_fits_the_microcontroller() {
+    build();
+    let rows = measure();
+    println!(
+        "{:<12} {:<12} {:>6} {:>14} {:>14} {:>10}",
+        "planner", "goals", "plans", "instructions", "worst", "stack (B)"
+    );
+    for row in &rows {
+        println!(
+            "{:<12} {:<12} {:>6} {:>14} {:>14} {:>10}",
+            row.planner,
+            row.goals,
+            row.instructions.len(),
+            row.median(),
+            row.worst(),
+            row.stack
+        );
+    }
+    for row in &rows {
+        assert!(row.stack <= STACK, "{}, {}: {} B of stack", row.planner, row.goals, row.stack);
+        if row.planner == "planar" {
+            assert!(row.median() <= PLANAR_INSTRUCTIONS, "planar, {}: {} instructions", row.goals, row.median());
+        }
+    }
+    assert!(rows.iter().any(|row| row.planner == "planar") && rows.iter().any(|row| row.planner == "two-plane"));
+}

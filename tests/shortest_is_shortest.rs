@@ -1,0 +1,165 @@
+//! A planned path is no longer than the best that a slow and independent search knows.
+//!
+//! The table `best_known.csv` was made by `examples/best_known.rs`, which says how; a few more goals are searched here.
+
+use std::time::Instant;
+
+use growbot_core::plan::{Planner, plan};
+use growbot_core::pose::Pose;
+use growbot_core::robot::Robot;
+use growbot_host::robot_file;
+use growbot_tests::slow_shortest::random::Random;
+use growbot_tests::slow_shortest::table::{Row, Stratum, read};
+use growbot_tests::slow_shortest::{Effort, Problem, helicoid, shortest};
+use nalgebra::Vector3;
+
+/// Lengths that differ by no more than this are the same, radii.
+const SAME: f64 = 1e-6;
+/// For goals nearer than this (radii) a few paths may be longer than the best: shortest curves are hard to find there.
+const NEAR: f64 = 3.0;
+/// What share of those must not be longer.
+const LEAST_SHARE: f64 = 0.99;
+/// No path may be longer than the best by more than this factor.
+const GREATEST_RATIO: f64 = 1.005;
+/// Turning radius, mm.
+const RADIUS: f64 = 100.0;
+
+/// The length of the planned path from the origin along z to a goal (radii) with a direction, radii.
+fn planned_length(robot: &Robot, goal: &Vector3<f64>, tangent: &Vector3<f64>) -> f64 {
+    // The planner under test: this is the only place that names it.
+    let planner = Planner::TwoPlane;
+
+    let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
+    let heading = libm::atan2(tangent.y, tangent.x);
+    let pitch = libm::atan2(tangent.z, libm::hypot(tangent.x, tangent.y));
+    let goal = Pose::new(goal * RADIUS, heading, pitch).unwrap();
+    // A path that does not arrive is an error of its own.
+    let path = plan(robot, &start, &goal, RADIUS, planner).unwrap_or_else(|error| panic!("{goal:?}: {error}"));
+    for segment in path.segments() {
+        let bends = segment.bend() * RADIUS;
+        assert!(bends <= segment.length() * (1.0 + 1e-9), "{goal:?}: {segment:?} bends tighter than {RADIUS} mm");
+    }
+    path.length() / RADIUS
+}
+
+/// How the planned paths of some cases compare with the best.
+#[derive(Default)]
+struct Comparison {
+    same: usize,
+    shorter: usize,
+    longer: usize,
+    worst: Option<(f64, Problem)>,
+    /// The largest ratio of planned and best length.
+    ratio: f64,
+    shortest: f64,
+}
+
+impl Comparison {
+    fn of<'a>(robot: &Robot, rows: impl Iterator<Item = &'a Row>) -> Self {
+        let mut comparison = Self::default();
+        for Row { problem, length, .. } in rows {
+            let planned = planned_length(robot, &problem.goal, &problem.tangent);
+            let excess = planned - length;
+            match excess {
+                _ if excess > SAME => comparison.longer += 1,
+                _ if excess < -SAME => comparison.shorter += 1,
+                _ => comparison.same += 1,
+            }
+            comparison.ratio = comparison.ratio.max(planned / length);
+            comparison.shortest = comparison.shortest.min(excess);
+            if comparison.worst.is_none_or(|(worst, _)| excess > worst) {
+                comparison.worst = Some((excess, *problem));
+            }
+        }
+        comparison
+    }
+
+    fn count(&self) -> usize {
+        self.same + self.shorter + self.longer
+    }
+
+    fn print(&self, name: &str) {
+        let Self { same, shorter, longer, ratio, .. } = self;
+        println!(
+            "{name}: {} cases; as long as the best {same}, shorter {shorter}, longer {longer} ({:.2} %)",
+            self.count(),
+            100.0 * *longer as f64 / self.count() as f64
+        );
+        if let Some((excess, Problem { goal, tangent })) = self.worst {
+            println!(
+                "  worst by {excess:+.3e} radii, ratio up to {ratio:.6}: at {:.3} radii, goal {:?}, direction {:?}",
+                goal.norm(),
+                goal.as_slice(),
+                tangent.as_slice()
+            );
+        }
+        if *shorter > 0 {
+            println!("  shorter by up to {:.3e} radii: the table does not know the best there", -self.shortest);
+        }
+    }
+}
+
+#[test]
+fn planned_paths_are_as_short_as_the_best_known() {
+    let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
+    let rows = read(include_str!("best_known.csv"));
+    for stratum in Stratum::ALL {
+        let rows: Vec<&Row> = rows.iter().filter(|row| row.stratum == stratum.name()).collect();
+        assert!(!rows.is_empty(), "the table has no stratum {}", stratum.name());
+        Comparison::of(&robot, rows.into_iter()).print(stratum.name());
+    }
+    let is_near = |row: &&Row| row.problem.goal.norm() < NEAR;
+    // Cases picked for being hard do not count among the share of those that are drawn evenly.
+    let is_picked =
+        |row: &&Row| [Stratum::NearlyCoplanar, Stratum::Narrow].iter().any(|stratum| stratum.name() == row.stratum);
+    let far = Comparison::of(&robot, rows.iter().filter(|row| !is_near(row)));
+    let near = Comparison::of(&robot, rows.iter().filter(is_near));
+    let drawn = Comparison::of(&robot, rows.iter().filter(is_near).filter(|row| !is_picked(row)));
+    far.print("all from 3 radii");
+    near.print("all within 3 radii");
+    drawn.print("all within 3 radii but those picked");
+
+    assert_eq!(far.longer, 0, "from {NEAR} radii every path is as short as the best: worst {:?}", far.worst);
+    let share = 1.0 - drawn.longer as f64 / drawn.count() as f64;
+    assert!(
+        share >= LEAST_SHARE,
+        "within {NEAR} radii {share} of the paths are as short as the best: {:?}",
+        drawn.worst
+    );
+    assert!(near.ratio <= GREATEST_RATIO, "{} times as long as the best: {:?}", near.ratio, near.worst);
+}
+
+#[test]
+fn planned_paths_are_as_short_as_those_searched_now() {
+    /// Names cases and searches that the table does not have.
+    const SEED: u64 = 2026;
+    let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
+    let helicoid = helicoid::Effort { shots: 40, lines: 15, chains: 6, rounds: 1, most_rounds: 6, hits: 4 };
+    let effort = Effort { csc_starts: 150, helicoid: Some(helicoid) };
+    let counts = [16, 4, 4, 4, 4, 4];
+    let strata = Stratum::ALL.into_iter().zip(counts).flat_map(|(stratum, count)| std::iter::repeat_n(stratum, count));
+    let mut longer = Vec::new();
+    for (number, stratum) in strata.enumerate() {
+        let began = Instant::now();
+        let problem = stratum.case(SEED, number as u64);
+        let best = shortest(&problem, &effort, &mut Random::new(&[SEED, number as u64]));
+        let planned = planned_length(&robot, &problem.goal, &problem.tangent);
+        println!(
+            "{} {number} at {:.3} radii: planned {planned:.9}, best {} {:.9}, found by {} shots, {} lines and {} chains, in {:.1} s",
+            stratum.name(),
+            problem.goal.norm(),
+            best.word,
+            best.curve.length(),
+            best.helicoids.by_shots,
+            best.helicoids.by_lines,
+            best.helicoids.by_chains,
+            began.elapsed().as_secs_f64()
+        );
+        let is_near = problem.goal.norm() < NEAR;
+        let most = if is_near { best.curve.length() * GREATEST_RATIO } else { best.curve.length() + SAME };
+        if planned > most {
+            longer.push((planned, best.curve.length(), problem));
+        }
+    }
+    assert!(longer.is_empty(), "planned, shorter, goal and direction: {longer:?}");
+}

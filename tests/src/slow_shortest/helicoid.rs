@@ -1,0 +1,495 @@
+//! Helicoidal arcs (Sussmann 1995): curves of curvature exactly 1 that bend about w = m / |m|, where m = m0 + p x position,
+//! with constant vectors m0, perpendicular to the first tangent, and p.
+//!
+//! Which of them reach a goal is searched by shooting: from random curves, from curves close to an arc, a line and an arc
+//! whose line is a little too short to be walked, and from those that [`super::bent_chain`] has shortened directly,
+//! Levenberg and Marquardt's method leads to a curve that arrives, or not.
+
+use core::f64::consts::PI;
+
+use nalgebra::{Matrix3, Matrix6, SMatrix, SVector, SymmetricEigen, Vector3, Vector4, Vector5, Vector6};
+
+use super::bent_chain::{self, Chain};
+use super::levenberg;
+use super::random::Random;
+use super::{Curve, Problem, Tip};
+
+/// How exactly a curve is searched.
+struct Precision {
+    /// The error per step of a walk, radii.
+    error: f64,
+    /// The difference in a parameter by which slopes are taken.
+    difference: f64,
+    /// A curve arrives within this of the goal, radii and radians.
+    arrived: f64,
+}
+
+const ROUGH: Precision = Precision { error: 1e-8, difference: 1e-4, arrived: 1e-5 };
+const FINE: Precision = Precision { error: 1e-14, difference: 1e-6, arrived: 1e-11 };
+/// Lines walked backwards further than this have no helicoidal arc close by, radii.
+const LONGEST_LINE: f64 = 1.0;
+/// A chain shorter than the best curve by more than this tells of a better one: chains end not exactly at the goal, radii.
+pub const BEATEN: f64 = 2e-4;
+/// A curve that needs more steps than this is given up.
+const MOST_STEPS: usize = 20_000;
+
+/// A helicoidal arc from the origin along z, given by what it is at one of its points, the anchor. Where m is very short,
+/// only curves that are walked from there, to both sides, end where they should: rounding at the start would be magnified.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Helicoid {
+    /// The anchor, and the tangent there.
+    pub anchor: Tip,
+    /// What the curve bends about at the anchor, up to its length; perpendicular to the tangent.
+    pub m: Vector3<f64>,
+    /// How that changes with the position.
+    pub p: Vector3<f64>,
+    /// Arc length from the start to the anchor, radii.
+    pub before: f64,
+    /// Arc length from the anchor to the end, radii.
+    pub after: f64,
+}
+
+/// Position and tangent.
+type State = Vector6<f64>;
+
+fn tip(state: &State) -> Tip {
+    Tip { position: Vector3::new(state[0], state[1], state[2]), tangent: Vector3::new(state[3], state[4], state[5]) }
+}
+
+fn state(tip: &Tip) -> State {
+    let Tip { position, tangent } = tip;
+    State::new(position.x, position.y, position.z, tangent.x, tangent.y, tangent.z)
+}
+
+/// How position and tangent change along a curve with this m0 and p.
+fn rate(m0: &Vector3<f64>, p: &Vector3<f64>, at: &State) -> State {
+    let Tip { position, tangent } = tip(at);
+    let m = m0 + p.cross(&position);
+    state(&Tip { position: tangent, tangent: m.cross(&tangent) / m.norm() })
+}
+
+/// Walks a curve by Dormand and Prince's steps of order 5, each with at most this error; backwards, if the length is
+/// negative.
+fn walk(m0: &Vector3<f64>, p: &Vector3<f64>, from: State, length: f64, error: f64) -> Option<State> {
+    let rate = |state: &State| rate(m0, p, state);
+    let mut state = from;
+    let mut left = length;
+    let mut step: f64 = 0.01;
+    let mut k1 = rate(&state);
+    for _ in 0..MOST_STEPS {
+        if left == 0.0 {
+            return Some(state);
+        }
+        let is_last = step >= left.abs();
+        let h = if is_last { left } else { step.copysign(left) };
+        let k2 = rate(&(state + h * (k1 / 5.0)));
+        let k3 = rate(&(state + h * (k1 * (3.0 / 40.0) + k2 * (9.0 / 40.0))));
+        let k4 = rate(&(state + h * (k1 * (44.0 / 45.0) - k2 * (56.0 / 15.0) + k3 * (32.0 / 9.0))));
+        let k5 = rate(
+            &(state
+                + h * (k1 * (19372.0 / 6561.0) - k2 * (25360.0 / 2187.0) + k3 * (64448.0 / 6561.0)
+                    - k4 * (212.0 / 729.0))),
+        );
+        let k6 = rate(
+            &(state
+                + h * (k1 * (9017.0 / 3168.0) - k2 * (355.0 / 33.0) + k3 * (46732.0 / 5247.0) + k4 * (49.0 / 176.0)
+                    - k5 * (5103.0 / 18656.0))),
+        );
+        let next = state
+            + h * (k1 * (35.0 / 384.0) + k3 * (500.0 / 1113.0) + k4 * (125.0 / 192.0) - k5 * (2187.0 / 6784.0)
+                + k6 * (11.0 / 84.0));
+        let k7 = rate(&next);
+        let off = (h
+            * (k1 * (71.0 / 57600.0) - k3 * (71.0 / 16695.0) + k4 * (71.0 / 1920.0) - k5 * (17253.0 / 339_200.0)
+                + k6 * (22.0 / 525.0)
+                - k7 / 40.0))
+            .norm();
+        if off.is_nan() {
+            return None;
+        }
+        if off <= error {
+            state = next;
+            k1 = k7;
+            left = if is_last { 0.0 } else { left - h };
+        }
+        step = (h.abs() * (0.9 * libm::pow(error / off.max(1e-30), 0.2)).clamp(0.2, 4.0)).min(0.5);
+    }
+    None
+}
+
+/// (m0 x, m0 y, p x, p y, p z, length).
+type Unknowns = Vector6<f64>;
+
+impl Helicoid {
+    fn from_unknowns(unknowns: &Unknowns) -> Self {
+        let scale = unknowns.fixed_rows::<5>(0).norm();
+        Self {
+            anchor: Tip::start(),
+            m: Vector3::new(unknowns[0], unknowns[1], 0.0) / scale,
+            p: Vector3::new(unknowns[2], unknowns[3], unknowns[4]) / scale,
+            before: 0.0,
+            after: unknowns[5],
+        }
+    }
+
+    fn to_unknowns(self) -> Unknowns {
+        let m = self.m - self.p.cross(&self.anchor.position);
+        Unknowns::new(m.x, m.y, self.p.x, self.p.y, self.p.z, self.length())
+    }
+
+    /// Arc length, radii.
+    #[must_use]
+    pub fn length(&self) -> f64 {
+        self.before + self.after
+    }
+
+    /// Where the curve begins and ends, walked from its anchor.
+    #[must_use]
+    pub fn ends(&self) -> Option<(Tip, Tip)> {
+        Some((self.walk(-self.before)?, self.walk(self.after)?))
+    }
+
+    /// Walks from the anchor by another method than the search's: classic Runge-Kutta steps of order 4, each of them as
+    /// long as two of half its length confirm to 1e-14.
+    fn walk(&self, length: f64) -> Option<Tip> {
+        let rate = |at: &State| rate(&self.m, &self.p, at);
+        let step = |state: &State, h: f64| {
+            let k1 = rate(state);
+            let k2 = rate(&(state + k1 * (h / 2.0)));
+            let k3 = rate(&(state + k2 * (h / 2.0)));
+            let k4 = rate(&(state + k3 * h));
+            state + (k1 + (k2 + k3) * 2.0 + k4) * (h / 6.0)
+        };
+        // Positions from the anchor.
+        let mut state = state(&Tip { position: Vector3::zeros(), tangent: self.anchor.tangent });
+        let mut left = length;
+        let mut h: f64 = 1e-3;
+        for _ in 0..1_000_000 {
+            if left == 0.0 {
+                let Tip { position, tangent } = tip(&state);
+                return Some(Tip { position: self.anchor.position + position, tangent });
+            }
+            let is_last = h >= left.abs();
+            let length = if is_last { left } else { h.copysign(left) };
+            let halves = step(&step(&state, length / 2.0), length / 2.0);
+            let off = (halves - step(&state, length)).norm() / 15.0;
+            if off.is_nan() {
+                return None;
+            }
+            if off <= 1e-14 {
+                state = halves;
+                left = if is_last { 0.0 } else { left - length };
+                h = length.abs() * 1.3;
+            } else {
+                h = length.abs() / 2.0;
+            }
+        }
+        None
+    }
+}
+
+/// The curve from the origin along z that arrives nearest to a start; not one longer than `longest`.
+fn shoot(problem: &Problem, start: &Helicoid, longest: f64, precision: &Precision) -> Option<Helicoid> {
+    let goal = state(&Tip { position: problem.goal, tangent: problem.tangent });
+    let residual = |at: &Unknowns| {
+        if at[5] <= 0.0 || at[5] > 1.5 * longest {
+            return None;
+        }
+        let curve = Helicoid::from_unknowns(at);
+        Some(walk(&curve.m, &curve.p, state(&Tip::start()), curve.after, precision.error)? - goal)
+    };
+    let slopes = |at: &Unknowns, there: &State| {
+        let mut slopes: Matrix6<f64> = levenberg::differences(at, there, precision.difference, residual)?;
+        // The slope along the length is known: it is the curve's own direction.
+        let curve = Helicoid::from_unknowns(at);
+        slopes.set_column(5, &rate(&curve.m, &curve.p, &(there + goal)));
+        Some(slopes)
+    };
+    let found = Helicoid::from_unknowns(&levenberg::solve(start.to_unknowns(), precision.arrived, residual, slopes)?);
+    (found.length() <= longest).then_some(found)
+}
+
+/// As [`shoot`], first roughly, then finely.
+fn arrive(problem: &Problem, start: &Helicoid, longest: f64) -> Option<Helicoid> {
+    let rough = shoot(problem, start, longest + 1e-4, &ROUGH)?;
+    shoot(problem, &rough, longest + 1e-9, &FINE)
+}
+
+/// A helicoidal arc seen from its narrow point, where m is shortest, wherever it lies: there, with unit vectors t along
+/// the tangent and a along m, m = size a, and p = cos psi t + sin psi a. Where m is short, the curve turns from one circle
+/// to the other within about the square root of `size`, for any `skew` = psi / sqrt(size / (1 + size)).
+///
+/// These four numbers are as many as there are of poses to reach, but for how they are placed in space.
+#[derive(Debug, Clone, Copy)]
+struct Narrow {
+    log_size: f64,
+    skew: f64,
+    /// Arc lengths from the start to the narrow point, and from there to the end; either may be negative.
+    before: f64,
+    after: f64,
+}
+
+impl Narrow {
+    fn from_unknowns(unknowns: &Vector4<f64>) -> Self {
+        Self { log_size: unknowns[0], skew: unknowns[1], before: unknowns[2], after: unknowns[3] }
+    }
+
+    fn to_unknowns(self) -> Vector4<f64> {
+        Vector4::new(self.log_size, self.skew, self.before, self.after)
+    }
+
+    /// m and p at the narrow point, which is the origin, with t = z and a = x.
+    fn m_and_p(&self) -> (Vector3<f64>, Vector3<f64>) {
+        let size = libm::exp(self.log_size);
+        let (sin, cos) = libm::sincos(self.skew * libm::sqrt(size / (1.0 + size)));
+        (Vector3::new(size, 0.0, 0.0), Vector3::new(sin, 0.0, cos))
+    }
+
+    /// The first and the last tip.
+    fn ends(&self, error: f64) -> Option<(Tip, Tip)> {
+        let (m, p) = self.m_and_p();
+        let narrow = state(&Tip::start());
+        Some((tip(&walk(&m, &p, narrow, -self.before, error)?), tip(&walk(&m, &p, narrow, self.after, error)?)))
+    }
+
+    /// Placed so that it begins at the origin along z and ends as nearly as it can at the goal.
+    fn placed(&self, problem: &Problem, error: f64) -> Option<Helicoid> {
+        let (start, end) = self.ends(error)?;
+        let turn = turn_onto(&vectors(&start, &end), &goal_vectors(problem))?;
+        let (m, p) = self.m_and_p();
+        let anchor = Tip { position: -(turn * start.position), tangent: turn * Vector3::z() };
+        Some(Helicoid { anchor, m: turn * m, p: turn * p, before: self.before, after: self.after })
+    }
+
+    /// One at random, of the lengths that may be shortest.
+    fn random(problem: &Problem, longest: f64, random: &mut Random) -> Self {
+        let log_size = random.between(libm::log(1e-8), libm::log(5.0));
+        let size = libm::exp(log_size);
+        // Half of them with any psi, half of them turning from one circle to another where they are narrow.
+        let psi = random.between(-PI, PI);
+        let skew = if random.unit() < 0.5 && libm::cos(psi) + size > 0.0 {
+            psi / libm::sqrt(size / (1.0 + size))
+        } else {
+            random.normal() * libm::exp(random.between(-1.0, 2.0))
+        };
+        let length = random.between(problem.goal.norm().min(longest), longest);
+        let before = length * random.between(-0.1, 1.1);
+        Self { log_size, skew, before, after: length - before }
+    }
+
+    /// One at random near arc, line, arc, with a short line that would have to be walked backwards.
+    fn near([first, line, last]: &[f64; 3], random: &mut Random) -> Self {
+        Self {
+            log_size: 2.0 * libm::log(-line) + random.between(-4.0, 4.0),
+            skew: random.normal() * libm::exp(random.between(-1.0, 2.0)),
+            before: first + line / 2.0,
+            after: last + line / 2.0,
+        }
+    }
+
+    /// The arc that arrives nearest to this one, by its shape: quick, but not exact where the shape hardly tells poses
+    /// apart, as for tips in one plane.
+    fn shoot_shape(&self, problem: &Problem, longest: f64) -> Option<Self> {
+        let goal = shape(&goal_vectors(problem));
+        let residual = |at: &Vector4<f64>| {
+            let (start, end) = Self::admitted(at, longest)?.ends(ROUGH.error)?;
+            Some(shape(&vectors(&start, &end)) - goal)
+        };
+        let slopes =
+            |at: &Vector4<f64>, there: &Vector5<f64>| levenberg::differences(at, there, ROUGH.difference, residual);
+        let found = levenberg::solve(self.to_unknowns(), ROUGH.arrived, residual, slopes)?;
+        Some(Self::from_unknowns(&found)).filter(|found| found.before + found.after <= longest)
+    }
+
+    /// The arc that arrives nearest to this one, when it is placed as nearly as it can be.
+    fn shoot_placed(&self, problem: &Problem, longest: f64) -> Option<Self> {
+        let goal = goal_vectors(problem);
+        let residual = |at: &Vector4<f64>| {
+            let (start, end) = Self::admitted(at, longest)?.ends(FINE.error)?;
+            let here = vectors(&start, &end);
+            let off = turn_onto(&here, &goal)? * here - goal;
+            Some(SVector::<f64, 9>::from_column_slice(off.as_slice()))
+        };
+        let slopes =
+            |at: &Vector4<f64>, there: &SVector<f64, 9>| levenberg::differences(at, there, FINE.difference, residual);
+        let found = levenberg::solve(self.to_unknowns(), FINE.arrived, residual, slopes)?;
+        Some(Self::from_unknowns(&found)).filter(|found| found.before + found.after <= longest)
+    }
+
+    /// What these unknowns mean, if they mean anything that may be walked.
+    fn admitted(unknowns: &Vector4<f64>, longest: f64) -> Option<Self> {
+        let narrow = Self::from_unknowns(unknowns);
+        let is_admitted = (-40.0..5.0).contains(&narrow.log_size)
+            && (0.0..1.5 * longest).contains(&(narrow.before + narrow.after))
+            && narrow.before.abs() < 20.0;
+        is_admitted.then_some(narrow)
+    }
+
+    /// First by its shape, then exactly.
+    fn arrive(&self, problem: &Problem, longest: f64) -> Option<Helicoid> {
+        let rough = self.shoot_shape(problem, longest + 1e-4)?;
+        rough.shoot_placed(problem, longest + 1e-9)?.placed(problem, FINE.error)
+    }
+}
+
+/// What tells how two tips lie to each other: the first tangent, the way from one to the other, and the last tangent.
+fn vectors(start: &Tip, end: &Tip) -> Matrix3<f64> {
+    Matrix3::from_columns(&[start.tangent, end.position - start.position, end.tangent])
+}
+
+fn goal_vectors(problem: &Problem) -> Matrix3<f64> {
+    vectors(&Tip::start(), &Tip { position: problem.goal, tangent: problem.tangent })
+}
+
+/// The rotation that takes three vectors to three others, in the least squares (Kabsch 1976).
+fn turn_onto(from: &Matrix3<f64>, to: &Matrix3<f64>) -> Option<Matrix3<f64>> {
+    let parts = (to * from.transpose()).svd(true, true);
+    let (u, v) = (parts.u?, parts.v_t?);
+    let handed = Vector3::new(1.0, 1.0, (u * v).determinant().signum());
+    Some(u * Matrix3::from_diagonal(&handed) * v)
+}
+
+/// What the three vectors have in common however they are turned.
+fn shape(vectors: &Matrix3<f64>) -> Vector5<f64> {
+    let [start, across, end] = [0, 1, 2].map(|index| vectors.column(index));
+    Vector5::new(across.norm(), across.dot(&start), across.dot(&end), start.dot(&end), vectors.determinant())
+}
+
+/// The best of so many random arcs: the one whose ends are placed most nearly as start and goal are.
+fn random_start(problem: &Problem, longest: f64, among: usize, random: &mut Random) -> Narrow {
+    let goal = shape(&goal_vectors(problem));
+    let mut best = (f64::INFINITY, Narrow::random(problem, longest, random));
+    for _ in 0..among {
+        let arc = Narrow::random(problem, longest, random);
+        if let Some((start, end)) = arc.ends(1e-4) {
+            let miss = (shape(&vectors(&start, &end)) - goal).norm();
+            if miss < best.0 {
+                best = (miss, arc);
+            }
+        }
+    }
+    best.1
+}
+
+/// The m0 and p that fit best to a chain: those whose m0 + p x position has, in the sum of squares, least across the axes
+/// that its arcs bend about.
+fn fitted(chain: &Chain) -> Helicoid {
+    let mut squares = SMatrix::<f64, 5, 5>::zeros();
+    let columns = |position: &Vector3<f64>, axis: &Vector3<f64>| {
+        let (x, y, z) = (Vector3::x(), Vector3::y(), Vector3::z());
+        let of_p = |unit: &Vector3<f64>| unit.cross(position).cross(axis);
+        SMatrix::<f64, 3, 5>::from_columns(&[x.cross(axis), y.cross(axis), of_p(&x), of_p(&y), of_p(&z)])
+    };
+    for (position, axis) in &chain.arcs {
+        let columns = columns(position, axis);
+        squares += columns.transpose() * columns;
+    }
+    let eigen = SymmetricEigen::new(squares);
+    let fit = eigen.eigenvectors.column(eigen.eigenvalues.imin()).into_owned();
+    let m0 = Vector3::new(fit[0], fit[1], 0.0);
+    let p = Vector3::new(fit[2], fit[3], fit[4]);
+    let along: f64 = chain.arcs.iter().map(|(position, axis)| (m0 + p.cross(position)).dot(axis)).sum();
+    let sign = if along < 0.0 { -1.0 } else { 1.0 };
+    Helicoid { anchor: Tip::start(), m: m0 * sign, p: p * sign, before: 0.0, after: chain.length }
+}
+
+/// How long to search.
+#[derive(Debug, Clone, Copy)]
+pub struct Effort {
+    /// Random shots per round.
+    pub shots: usize,
+    /// Shots per round near each arc, line, arc with a line walked backwards.
+    pub lines: usize,
+    /// Chains straightened per round.
+    pub chains: usize,
+    /// Rounds at least.
+    pub rounds: usize,
+    /// Rounds at most: more than `rounds` only while the best has been found less than `hits` times, or a chain is shorter.
+    pub most_rounds: usize,
+    /// How often the best has to be found.
+    pub hits: usize,
+}
+
+/// What a search found.
+#[derive(Debug, Clone, Copy)]
+pub struct Found {
+    /// The shortest curve.
+    pub best: Option<Helicoid>,
+    /// How many shots from random curves led to it.
+    pub by_shots: usize,
+    /// How many starts near arc, line, arc with a line walked backwards led to it.
+    pub by_lines: usize,
+    /// How many straightened chains led to it.
+    pub by_chains: usize,
+    /// Rounds searched.
+    pub rounds: usize,
+    /// How many curves were turned down as walking them forwards by the other method did not confirm that they arrive.
+    pub refused: usize,
+    /// The length of the shortest straightened chain, of whatever kind, radii; infinite if there is none.
+    pub least_chain: f64,
+}
+
+impl Default for Found {
+    fn default() -> Self {
+        Self { best: None, by_shots: 0, by_lines: 0, by_chains: 0, rounds: 0, refused: 0, least_chain: f64::INFINITY }
+    }
+}
+
+impl Found {
+    fn hits(&self) -> usize {
+        self.by_shots + self.by_lines + self.by_chains
+    }
+}
+
+/// How a curve was found.
+#[derive(Clone, Copy, PartialEq)]
+enum Way {
+    Shot,
+    Line([f64; 3]),
+    Chain,
+}
+
+/// The shortest helicoidal arc that a search finds; none longer than `longest`, radii. `backwards` are the arcs, lines,
+/// arcs that [`super::csc::search`] found with a line to be walked backwards.
+pub fn search(problem: &Problem, longest: f64, backwards: &[[f64; 3]], effort: &Effort, random: &mut Random) -> Found {
+    let mut ways = vec![Way::Shot; effort.shots];
+    for line in backwards.iter().filter(|[_, line, _]| *line > -LONGEST_LINE) {
+        ways.extend(vec![Way::Line(*line); effort.lines]);
+    }
+    ways.extend(vec![Way::Chain; effort.chains]);
+
+    let mut found = Found::default();
+    loop {
+        let is_rarely_found = found.best.is_some() && found.hits() < effort.hits;
+        let is_beaten = found.least_chain < found.best.map_or(longest, |best| best.length()) - BEATEN;
+        let rounds = if is_rarely_found || is_beaten { effort.most_rounds } else { effort.rounds };
+        if found.rounds >= rounds {
+            return found;
+        }
+        found.rounds += 1;
+        for (index, way) in ways.iter().enumerate() {
+            let limit = found.best.map_or(longest, |best| best.length());
+            let arrived = match way {
+                Way::Shot => random_start(problem, limit, [1, 4, 16][index % 3], random).arrive(problem, limit),
+                Way::Line(line) => Narrow::near(line, random).arrive(problem, limit),
+                Way::Chain => bent_chain::straightened(problem, random).and_then(|chain| {
+                    found.least_chain = found.least_chain.min(chain.length);
+                    if chain.length > 1.1 * limit { None } else { arrive(problem, &fitted(&chain), limit) }
+                }),
+            };
+            let Some(curve) = arrived else { continue };
+            if found.best.is_none_or(|best| curve.length() < best.length() - 1e-9) {
+                if !problem.is_reached_by(&Curve::Helicoid(curve)) {
+                    found.refused += 1;
+                    continue;
+                }
+                found = Found { best: Some(curve), by_shots: 0, by_lines: 0, by_chains: 0, ..found };
+            }
+            match way {
+                Way::Shot => found.by_shots += 1,
+                Way::Line(_) => found.by_lines += 1,
+                Way::Chain => found.by_chains += 1,
+            }
+        }
+    }
+}

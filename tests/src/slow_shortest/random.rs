@@ -1,0 +1,53 @@
+//! Random numbers that are the same on every machine: splitmix64 (Steele, Lea and Flood 2014).
+
+use core::f64::consts::TAU;
+
+use nalgebra::Vector3;
+
+/// A stream of random numbers.
+#[derive(Debug, Clone)]
+pub struct Random(u64);
+
+impl Random {
+    /// The stream that these numbers name; any two differing lists name unrelated streams.
+    #[must_use]
+    pub fn new(names: &[u64]) -> Self {
+        names.iter().fold(Self(0), |mut stream, name| {
+            stream.0 ^= name.wrapping_mul(0xd1b5_4a32_d192_ed03);
+            Self(stream.bits())
+        })
+    }
+
+    fn bits(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+
+    /// Uniform in [0, 1).
+    pub fn unit(&mut self) -> f64 {
+        (self.bits() >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    /// Uniform in [least, greatest).
+    pub fn between(&mut self, least: f64, greatest: f64) -> f64 {
+        least + (greatest - least) * self.unit()
+    }
+
+    /// Of mean 0 and deviation 1 (Box and Muller).
+    pub fn normal(&mut self) -> f64 {
+        libm::sqrt(-2.0 * libm::log(1.0 - self.unit())) * libm::cos(TAU * self.unit())
+    }
+
+    /// A vector whose three coordinates are each [`Self::normal`].
+    pub fn normal_vector(&mut self) -> Vector3<f64> {
+        Vector3::new(self.normal(), self.normal(), self.normal())
+    }
+
+    /// A direction, uniform on the sphere.
+    pub fn direction(&mut self) -> Vector3<f64> {
+        self.normal_vector().normalize()
+    }
+}

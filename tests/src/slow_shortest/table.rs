@@ -1,0 +1,160 @@
+//! The cases of `tests/best_known.csv` and its lines: stratum, goal (radii), direction there, best known length (radii), word.
+
+use core::f64::consts::TAU;
+use core::fmt;
+
+use nalgebra::Vector3;
+
+use super::random::Random;
+use super::{Piece, Problem, Tip, across};
+
+/// Cases of one kind.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stratum {
+    /// Goals at 0.2 to 3 radii.
+    Near,
+    /// Goals at 3 to 4.5 radii: from 4 radii outwards no shortest curve is helicoidal.
+    Middle,
+    /// Goals at 4.5 to 32 radii.
+    Far,
+    /// Goals at 0.2 to 8 radii, in one plane with both directions.
+    Coplanar,
+    /// The same, and then goal and direction moved out of the plane by 0.1 to 1e-7.
+    NearlyCoplanar,
+    /// The ends of arc, line, arc with a line walked backwards by 0.3 to 3e-4 radii: shortest there is, in most cases, a
+    /// helicoidal arc that turns from one circle to another within about this length.
+    Narrow,
+}
+
+impl Stratum {
+    /// All of them.
+    pub const ALL: [Self; 6] =
+        [Self::Near, Self::Middle, Self::Far, Self::Coplanar, Self::NearlyCoplanar, Self::Narrow];
+
+    /// Its name in the table.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Near => "near",
+            Self::Middle => "middle",
+            Self::Far => "far",
+            Self::Coplanar => "coplanar",
+            Self::NearlyCoplanar => "nearly-coplanar",
+            Self::Narrow => "narrow",
+        }
+    }
+
+    /// The case of this number: distances, and directions on the sphere (or the circle), are distributed uniformly.
+    #[must_use]
+    pub fn case(self, seed: u64, number: u64) -> Problem {
+        let mut random = Random::new(&[seed, self as u64, number]);
+        match self {
+            Self::Near => anywhere(random.between(0.2, 3.0), &mut random),
+            Self::Middle => anywhere(random.between(3.0, 4.5), &mut random),
+            Self::Far => anywhere(random.between(4.5, 32.0), &mut random),
+            Self::Coplanar => match SPECIAL.get(number as usize) {
+                Some([x, z, tangent_x, tangent_z]) => {
+                    Problem { goal: Vector3::new(*x, 0.0, *z), tangent: Vector3::new(*tangent_x, 0.0, *tangent_z) }
+                }
+                None => in_a_plane(number, &mut random),
+            },
+            Self::NearlyCoplanar => {
+                let Problem { goal, tangent } = in_a_plane(number, &mut random);
+                let off = libm::pow(10.0, random.between(-7.0, -1.0));
+                let mut beside = || random.normal_vector() * off;
+                Problem { goal: goal + beside(), tangent: (tangent + beside()).normalize() }
+            }
+            Self::Narrow => {
+                let first = Piece::Arc { axis: Vector3::x(), angle: random.between(0.3, 4.5) };
+                let corner = first.walk(&Tip::start());
+                let (sin, cos) = libm::sincos(random.between(0.0, TAU));
+                let (side, other) = across(&corner.tangent);
+                let last = Piece::Arc { axis: side * cos + other * sin, angle: random.between(0.3, 4.5) };
+                let line = Piece::Line { length: -libm::pow(10.0, random.between(-3.5, -0.5)) };
+                let Tip { position, tangent } = last.walk(&line.walk(&corner));
+                Problem { goal: position, tangent: tangent.normalize() }
+            }
+        }
+    }
+}
+
+fn anywhere(distance: f64, random: &mut Random) -> Problem {
+    Problem { goal: random.direction() * distance, tangent: random.direction() }
+}
+
+/// In the x-z plane, or, if the number is odd, in any other.
+fn in_a_plane(number: u64, random: &mut Random) -> Problem {
+    let distance = random.between(0.2, 8.0);
+    let azimuth = if number.is_multiple_of(2) { 0.0 } else { random.between(0.0, TAU) };
+    let mut direction = || {
+        let (sin, cos) = libm::sincos(random.between(0.0, TAU));
+        Vector3::new(sin * libm::cos(azimuth), sin * libm::sin(azimuth), cos)
+    };
+    Problem { goal: direction() * distance, tangent: direction() }
+}
+
+/// Cases on a plane's or circle's edge: x and z of the goal, x and z of the direction there.
+const SPECIAL: [[f64; 4]; 12] = [
+    [0.0, 5.0, 0.0, 1.0],
+    [0.0, -5.0, 0.0, 1.0],
+    [0.0, 5.0, 0.0, -1.0],
+    [0.0, -5.0, 0.0, -1.0],
+    [0.0, -1.0, 0.0, 1.0],
+    [0.0, 1.0, 0.0, -1.0],
+    [2.0, 0.0, 0.0, -1.0],
+    [1.0, 1.0, 1.0, 0.0],
+    [2.0, 0.0, 0.0, 1.0],
+    [4.0, 0.0, 0.0, -1.0],
+    [4.0, 0.0, 0.0, 1.0],
+    [0.0, 1.0, 1.0, 0.0],
+];
+
+/// A line of the table.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Row {
+    /// The stratum's name.
+    pub stratum: String,
+    /// The case.
+    pub problem: Problem,
+    /// The least length known, radii.
+    pub length: f64,
+    /// The word of the curve of that length.
+    pub word: String,
+}
+
+/// The names of the columns.
+pub const COLUMNS: &str = "stratum,goal_x,goal_y,goal_z,tangent_x,tangent_y,tangent_z,length,word";
+
+impl fmt::Display for Row {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Problem { goal, tangent } = self.problem;
+        write!(f, "{},{:?},{:?},{:?}", self.stratum, goal.x, goal.y, goal.z)?;
+        write!(f, ",{:?},{:?},{:?},{:?},{}", tangent.x, tangent.y, tangent.z, self.length, self.word)
+    }
+}
+
+/// The lines of a table; comments begin with `#`.
+///
+/// # Panics
+/// If the text is no such table.
+#[must_use]
+pub fn read(text: &str) -> Vec<Row> {
+    let mut lines = text.lines().filter(|line| !line.starts_with('#'));
+    assert_eq!(lines.next(), Some(COLUMNS), "the first line names the columns");
+    lines
+        .map(|line| {
+            let fields: Vec<&str> = line.split(',').collect();
+            assert_eq!(fields.len(), 9, "{line}");
+            let number = |index: usize| -> f64 { fields[index].parse().unwrap_or_else(|_| panic!("{line}")) };
+            Row {
+                stratum: fields[0].to_owned(),
+                problem: Problem {
+                    goal: Vector3::new(number(1), number(2), number(3)),
+                    tangent: Vector3::new(number(4), number(5), number(6)),
+                },
+                length: number(7),
+                word: fields[8].to_owned(),
+            }
+        })
+        .collect()
+}
