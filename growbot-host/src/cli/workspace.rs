@@ -26,8 +26,9 @@ use super::{Failure, RobotArg};
 /// over rings of 1/500. The share of final directions is counted over 48 directions, spread evenly, planned at each position of
 /// a coarser grid: 1/30 of the length, or more where much of it is near the start.
 ///
-/// With --heading and --pitch every position is planned: on a grid of 1/60 of the length or coarser in the plane of the start's
-/// direction and its x axis; the volume is estimated from 1000 positions, and the furthest reach from 200 along each axis.
+/// With --heading and --pitch everything is planned: the volume is estimated from 1000 positions, the furthest reach from 200
+/// along each axis, and for -o the plane of the start's direction and its x axis is planned on a grid of 1/60 of the length or
+/// coarser, which takes longest where much of it is near the start.
 ///
 /// Only length and radius count here: whether a body would run into itself is not looked at.
 #[derive(Args)]
@@ -94,6 +95,7 @@ pub fn run(args: &WorkspaceArgs) -> Result<(), Failure> {
         radius: args.radius.unwrap_or(robot.description().planning_radius_mm),
         planner: args.planner.into(),
         direction,
+        section: args.output.is_some(),
     };
     let mut progress: Option<Progress> = None;
     let answer = workspace(&question, |done, of| {
@@ -174,7 +176,7 @@ fn json_of(args: &WorkspaceArgs, question: &Question, answer: &Workspace) -> Val
         "behind_mm": reach(3),
         "directions": question.direction.map_or(2 * DIRECTIONS, |_| 1),
         "shares": answer.shares.iter().map(|band| json!({ "to_mm": band.to, "share": band.share })).collect::<Vec<_>>(),
-        "section_spacing_mm": answer.section.spacing,
+        "section_spacing_mm": answer.section.as_ref().map(|section| section.spacing),
         "share_spacing_mm": answer.share_section.as_ref().map(|section| section.spacing),
     })
 }

@@ -35,6 +35,8 @@ pub struct Question<'a> {
     pub planner: Planner,
     /// Heading and pitch of the tip at the end, radians; none: any direction will do.
     pub direction: Option<(f64, f64)>,
+    /// Whether the section is wanted: where the direction is given, that takes most of the time.
+    pub section: bool,
 }
 
 /// The answer.
@@ -47,8 +49,9 @@ pub struct Workspace {
     pub reach: [Option<f64>; 4],
     /// Share of final directions within reach, by distance from the start. Empty where the direction is given.
     pub shares: Vec<Band>,
-    /// The section through the start, in the plane of its direction and its x axis.
-    pub section: Section,
+    /// The section through the start, in the plane of its direction and its x axis, if it is wanted: the shortest body to each
+    /// position, mm. What is longer than the body asked for may be told too short.
+    pub section: Option<Section>,
     /// The share of final directions, over the same plane. None where the direction is given.
     pub share_section: Option<Section>,
 }
@@ -77,8 +80,9 @@ pub struct Section {
     pub values: Vec<f64>,
 }
 
-/// Near the start planning takes long: so many plans, nearer than [`NEAR`] radii, may be made for a section...
+/// Near the start planning takes long: so many plans, nearer than [`NEAR`] radii, may be asked for, of shares and of lengths...
 const MOST_NEAR: f64 = 3000.0;
+const MOST_NEAR_IN_DIRECTION: f64 = 400.0;
 /// ...and this is what counts as near, radii.
 const NEAR: f64 = 4.0;
 /// Final directions for each position: this many over the half sphere on one side of the section; the other mirrors it.
@@ -92,7 +96,7 @@ const FINEST_CLOSED: f64 = 120.0;
 /// Positions from which a volume is estimated.
 pub const POSITIONS: usize = 1000;
 /// Positions tried along each axis.
-const ALONG_AXIS: usize = 200;
+pub const ALONG_AXIS: usize = 200;
 
 /// Computes the workspace. `at` hears how much is done: steps, of how many.
 ///
@@ -130,10 +134,32 @@ impl Question<'_> {
             .map_or(f64::INFINITY, |chosen| path::length(&chosen.path))
     }
 
+    /// A length that no body to this position and direction is shorter than, mm: it can be no shorter than the shortest that
+    /// may point anywhere, nor, seen from its end, than the shortest that may start anyhow.
+    fn at_least(&self, position: Vector3<f64>, heading: f64, pitch: f64) -> f64 {
+        let forth = shortest_to(position.z, libm::hypot(position.x, position.y), self.radius);
+        let Ok(goal) = Pose::new(self.position(position), heading, pitch) else { return f64::INFINITY };
+        let back = goal.position() - self.start.position();
+        let ahead = back.dot(&goal.direction());
+        let aside = (back - goal.direction() * ahead).norm();
+        forth.max(shortest_to(ahead, aside, self.radius))
+    }
+
+    /// Whether a body of the length reaches this position and direction. The planner is asked only where neither a bound nor the
+    /// two-plane path, which is quickly found, decides.
+    fn within(&self, position: Vector3<f64>, heading: f64, pitch: f64) -> bool {
+        if self.at_least(position, heading, pitch) > self.length * (1.0 + 1e-9) {
+            return false;
+        }
+        let two_plane = Self { planner: Planner::TwoPlane, ..*self };
+        two_plane.planned(position, heading, pitch) <= self.length
+            || self.planner != Planner::TwoPlane && self.planned(position, heading, pitch) <= self.length
+    }
+
     fn anywhere(&self, mut at: impl FnMut(u64, u64)) -> Workspace {
         let shortest = |ahead: f64, aside: f64| shortest_to(ahead, aside, self.radius);
         let spacing = self.length / FINEST_CLOSED;
-        let section = Section::on_a_half_plane(self.length, spacing, shortest);
+        let section = self.section.then(|| Section::on_a_half_plane(self.length, spacing, shortest));
 
         // Rings round the start's direction, as in `share_section`.
         let near = FRAC_PI_2 * self.near() * self.near();
@@ -151,7 +177,7 @@ impl Question<'_> {
             }
             let within = directions.iter().filter(|direction| {
                 let (heading, pitch) = heading_and_pitch(&(self.start_frame().rotation * **direction));
-                self.planned(Vector3::new(aside, 0.0, ahead), heading, pitch) <= self.length
+                self.within(Vector3::new(aside, 0.0, ahead), heading, pitch)
             });
             within.count() as f64 / DIRECTIONS as f64
         };
@@ -202,46 +228,51 @@ impl Question<'_> {
 
     fn in_direction(&self, heading: f64, pitch: f64, mut at: impl FnMut(u64, u64)) -> Workspace {
         let near = PI * self.near() * self.near();
-        let spacing = (self.length / FINEST_PLANNED).max(libm::sqrt(near / MOST_NEAR));
+        let spacing = (self.length / FINEST_PLANNED).max(libm::sqrt(near / MOST_NEAR_IN_DIRECTION));
         let rows = libm::ceil(self.length / spacing);
         let spacing = self.length / rows;
-        let columns = 2 * rows as usize + 1;
+        let columns = if self.section { 2 * rows as usize + 1 } else { 0 };
         let place = |index: usize| index as f64 * spacing - self.length;
-        let mut positions: Vec<Vector3<f64>> = (0..columns)
+        let in_plane: Vec<Vector3<f64>> = (0..columns)
             .flat_map(|row| (0..columns).map(move |column| Vector3::new(place(column), 0.0, place(row))))
             .collect();
-        let in_section = positions.len();
-        positions.extend((0..POSITIONS).map(|index| in_ball(index) * self.length));
         let axes = [Vector3::z(), Vector3::x(), -Vector3::x(), -Vector3::z()];
-        let along = |step: usize| self.length * step as f64 / ALONG_AXIS as f64;
-        positions.extend(axes.iter().flat_map(|axis| (1..=ALONG_AXIS).map(move |step| axis * along(step))));
+        let of = (axes.len() + POSITIONS + in_plane.len()) as u64;
+
+        // The furthest along an axis, looked for from far to near.
+        let furthest = |axis: &Vector3<f64>| {
+            let along = |step: usize| self.length * step as f64 / ALONG_AXIS as f64;
+            (1..=ALONG_AXIS).rev().map(along).find(|distance| self.within(axis * *distance, heading, pitch))
+        };
+        let reach = parallel::map(&axes, furthest, |done| at(done as u64, of));
+        let in_space: Vec<Vector3<f64>> = (0..POSITIONS).map(|index| in_ball(index) * self.length).collect();
+        let before = axes.len();
+        let within = parallel::map(
+            &in_space,
+            |position| self.within(*position, heading, pitch),
+            |done| at((before + done) as u64, of),
+        );
+        let before = before + POSITIONS;
         let values = parallel::map(
-            &positions,
-            |position| self.planned(*position, heading, pitch),
-            |done| at(done as u64, positions.len() as u64),
+            &in_plane,
+            |position| match self.at_least(*position, heading, pitch) {
+                // Near the edge the lengths themselves are wanted: it is drawn between them.
+                beyond if beyond > self.length + 2.0 * spacing => beyond,
+                _ => self.planned(*position, heading, pitch),
+            },
+            |done| at((before + done) as u64, of),
         );
 
-        let (in_plane, rest) = values.split_at(in_section);
-        let (in_space, on_axes) = rest.split_at(POSITIONS);
-        let share = in_space.iter().filter(|length| **length <= self.length).count() as f64 / POSITIONS as f64;
+        let share = within.iter().filter(|within| **within).count() as f64 / POSITIONS as f64;
         let ball = 4.0 / 3.0 * PI * self.length * self.length * self.length;
         let error = libm::sqrt(share * (1.0 - share) / POSITIONS as f64);
-        let reach = std::array::from_fn(|axis| {
-            let lengths = on_axes.iter().skip(axis * ALONG_AXIS).take(ALONG_AXIS);
-            let furthest = lengths.enumerate().rfind(|(_, length)| **length <= self.length);
-            furthest.map(|(step, _)| along(step + 1))
-        });
+        let corner = -self.length;
+        let section = Section { spacing, columns, aside_from: corner, ahead_from: corner, values };
         Workspace {
             volume: (share * ball, error * ball),
-            reach,
+            reach: std::array::from_fn(|axis| reach.get(axis).copied().flatten()),
             shares: Vec::new(),
-            section: Section {
-                spacing,
-                columns,
-                aside_from: -self.length,
-                ahead_from: -self.length,
-                values: in_plane.to_vec(),
-            },
+            section: self.section.then_some(section),
             share_section: None,
         }
     }
@@ -328,6 +359,7 @@ mod tests {
             radius: 100.0,
             planner: Planner::TwoPlane,
             direction: None,
+            section: true,
         }
     }
 
@@ -341,6 +373,7 @@ mod tests {
             let aside = libm::hypot(position.x, position.y);
             let planned = question.planned(position, heading, pitch);
             assert!(planned >= shortest_to(position.z, aside, 100.0) - 1e-6, "{position:?}");
+            assert!(planned >= question.at_least(position, heading, pitch) - 1e-6, "{position:?}");
         }
     }
 

@@ -54,7 +54,9 @@ pub fn svg(question: &Question, workspace: &Workspace) -> String {
     if let Some(shares) = &workspace.share_section {
         plot.shares(&mut svg, shares);
     }
-    plot.lengths(&mut svg, &workspace.section);
+    if let Some(lengths) = &workspace.section {
+        plot.lengths(&mut svg, lengths);
+    }
     plot.axes(&mut svg, question);
     plot.legend(&mut svg, workspace.share_section.is_some());
     svg + "</svg>\n"
