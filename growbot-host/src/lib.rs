@@ -5,7 +5,9 @@
 //! - [`robot_file`]: descriptions of robots, built in or from TOML files;
 //! - [`pose_text`]: poses as people type them;
 //! - [`plan`]: a path with all that is said about it, and [`warning`], what speaks against growing it;
+//! - [`clearance`]: whether a body would run into itself;
 //! - [`plan_file`] and [`plan_check`]: plans as JSON, and what is checked before one is believed;
+//! - [`workspace`]: which goals are within reach, in numbers and as a picture;
 //! - [`batch`]: many plans from a CSV stream;
 //! - [`layer_table`]: the layers of a plan as CSV;
 //! - [`port`]: where a robot is: simulated here, emulated, or at the end of a line; [`tip`], what a simulated one does;
@@ -17,6 +19,7 @@
 
 pub mod arrival;
 pub mod batch;
+pub mod clearance;
 pub mod client;
 pub mod degrees;
 pub mod growth;
@@ -34,3 +37,4 @@ pub mod robot_file;
 pub mod run_log;
 pub mod tip;
 pub mod warning;
+pub mod workspace;

@@ -2,20 +2,21 @@
 //!
 //! The plan must be for this very robot, its numbers must make sense, its bends must be ones that the robot can make,
 //! its totals must be those of its segments, and chaining Eq 4 over the segments from the start must end at the goal.
-//! Warnings are found anew: those in the file are for people and scripts.
+//! With poses on the way it must pass through each of them. Warnings are found anew; of those in the file, the ones whose
+//! code is not among them stand: another program or a person may know more.
 
 use growbot_core::angle::{radians, wrap_positive};
 use growbot_core::helicoid::Helicoid;
-use growbot_core::path::{Segment, end};
+use growbot_core::path::{Segment, end, length};
 use growbot_core::plan::{GREATEST_RADIUS, Miss, miss};
 use growbot_core::pose::{Frame, Pose, PoseError};
 use growbot_core::robot::Robot;
 use nalgebra::Vector3;
 
-use crate::plan::Plan;
-use crate::plan_file::{PlanFile, WrittenPose, WrittenSegment, written_hash};
+use crate::plan::{Choice, Leg, Plan, word};
+use crate::plan_file::{PlanFile, WrittenLeg, WrittenPose, WrittenSegment, written_hash};
 use crate::pose_text::pose_of_numbers;
-use crate::warning::THIN_LAYER;
+use crate::warning::{THIN_LAYER, Warning};
 
 /// Why a plan is not believed: what, the value, the limit, what to do.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -102,12 +103,32 @@ pub enum PlanFault {
         /// What the segments give.
         expected: f64,
     },
+    /// Letters that are not those of the segments.
+    #[error("word is {found:?}, and the segments give {expected:?}: the plan was changed by hand; plan again")]
+    Word {
+        /// What the file says.
+        found: String,
+        /// What the segments give.
+        expected: String,
+    },
+    /// Legs that are not those between the poses.
+    #[error(
+        "the plan has {found} legs, and its via poses ask for {expected}: the plan was changed by hand; plan again"
+    )]
+    Legs {
+        /// How many there are.
+        found: usize,
+        /// How many there must be: one more than via poses, and none without.
+        expected: usize,
+    },
     /// The segments lead elsewhere.
     #[error(
-        "the segments end {} mm and {} rad from the goal, more than {} mm and {} rad: the plan was changed by hand; plan again",
+        "the segments end {} mm and {} rad from {which}, more than {} mm and {} rad: the plan was changed by hand; plan again",
         .miss.distance, .miss.angle, .limit.distance, .limit.angle
     )]
     Missed {
+        /// The goal, or which of the poses on the way.
+        which: String,
         /// How far off they end.
         miss: Miss,
         /// How far off they may.
@@ -119,8 +140,12 @@ pub enum PlanFault {
 const MOST_SEGMENTS: usize = 10_000;
 /// No segment is longer than this, mm: from one corner of the space of poses to the other and back.
 const LONGEST_SEGMENT: f64 = 8.0 * Pose::GREATEST_COORDINATE;
-/// No helicoidal arc is longer than this, in radii.
-const MOST_TURNS: f64 = 1e3;
+/// All helicoidal arcs together are no longer than this, in radii: to integrate more, which no planner gives, would only take time.
+const MOST_TURNS: f64 = 1e4;
+/// No planner looks at more paths.
+const MOST_CANDIDATES: f64 = 1e9;
+/// So many letters of a word are shown.
+const LONGEST_WORD: usize = 40;
 /// No number of `m0` and `p` is greater than this...
 const GREATEST_MOMENT: f64 = 1e6;
 /// ...and not all of them are smaller than this.
@@ -145,11 +170,15 @@ impl PlanFile {
         let start = pose("start", &self.start)?;
         let goal = pose("goal", &self.goal)?;
         let path = self.path(robot, &start)?;
-        check_arrival(&path, &start, &goal, self.radius_mm)?;
-        let mut plan = Plan::of_path(robot, &start, &goal, self.radius_mm, self.planner, path);
-        // What can be computed anew has been; what another planner or a person has found stands.
-        plan.warnings.extend(self.warnings.iter().filter(|warning| warning.code != THIN_LAYER).cloned());
+        let legs = self.legs(&start, &goal, &path)?;
+        let mut plan = Plan::of_path(robot, &start, self.radius_mm, self.planner, legs, path);
+        let stands = |warning: &&Warning| {
+            warning.code != THIN_LAYER && plan.warnings.iter().all(|found| found.code != warning.code)
+        };
+        let standing: Vec<_> = self.warnings.iter().filter(stands).cloned().collect();
+        plan.warnings.extend(standing);
         self.check_totals(&plan, robot)?;
+        self.check_words(&plan)?;
         Ok(plan)
     }
 
@@ -171,12 +200,85 @@ impl PlanFile {
         }
         let mut path = Vec::with_capacity(found);
         let mut base_from_tip = start.frame();
+        let mut turns = 0.0;
         for (index, written) in self.segments.iter().enumerate() {
+            if let WrittenSegment::Helicoid { length_mm, .. } = written {
+                turns += length_mm / self.radius_mm;
+                range(format!("the helicoids' length up to segment {index}, in radii,"), turns, 0.0, MOST_TURNS)?;
+            }
             let segment = segment(index, written, self.radius_mm, &base_from_tip, robot.least_radius())?;
             base_from_tip *= segment.step();
             path.push(segment);
         }
         Ok(path)
+    }
+
+    /// The legs: each ends at its own pose, the last at the goal.
+    fn legs(&self, start: &Pose, goal: &Pose, path: &[Segment]) -> Result<Vec<Leg>, PlanFault> {
+        let (found, expected) = (self.legs.len(), if self.via.is_empty() { 0 } else { self.via.len() + 1 });
+        if found != expected {
+            return Err(PlanFault::Legs { found, expected });
+        }
+        let whole;
+        let written = if self.legs.is_empty() {
+            let (candidates, two_plane_length_mm, passed_over) =
+                (self.candidates, self.two_plane_length_mm, self.passed_over);
+            whole = [WrittenLeg {
+                segments: path.len(),
+                word: self.word.clone().unwrap_or_else(|| word(path)),
+                length_mm: self.length_mm,
+                candidates,
+                passed_over,
+                two_plane_length_mm,
+            }];
+            &whole[..]
+        } else {
+            &self.legs
+        };
+        let sum = written.iter().map(|leg| leg.segments as u128).sum::<u128>();
+        if sum != path.len() as u128 {
+            return Err(PlanFault::Total {
+                what: "the number of segments in the legs",
+                value: sum as f64,
+                expected: path.len() as f64,
+            });
+        }
+        let mut legs = Vec::with_capacity(written.len());
+        let (mut base_from_tip, mut from, mut rest) = (start.frame(), *start, path);
+        for (index, leg) in written.iter().enumerate() {
+            let to = match self.via.get(index) {
+                Some(written) => pose("via", written)?,
+                None => *goal,
+            };
+            let (own, after) = rest.split_at_checked(leg.segments).unwrap_or((rest, &[]));
+            rest = after;
+            base_from_tip = end(own, &base_from_tip);
+            let which = if index + 1 < written.len() { format!("via {}", index + 1) } else { "the goal".to_owned() };
+            check_arrival(which, &base_from_tip, &from, &to, self.radius_mm)?;
+            check_word(&leg.word, own)?;
+            check_total("length_mm of a leg", leg.length_mm, length(own), 0.0)?;
+            legs.push(Leg { goal: to, segments: leg.segments, choice: leg.choice()? });
+            from = to;
+        }
+        Ok(legs)
+    }
+
+    /// What is said of the path in words and by comparison.
+    fn check_words(&self, plan: &Plan) -> Result<(), PlanFault> {
+        if let Some(word) = &self.word {
+            check_word(word, &plan.path)?;
+        }
+        let Some(choice) = plan.choice() else { return Ok(()) };
+        let percent = choice.two_plane_longer_percent(plan.needs.length);
+        for (what, value, expected) in [
+            ("candidates", self.candidates.map(|count| count as f64), choice.candidates as f64),
+            ("passed_over", Some(self.passed_over as f64), choice.passed_over as f64),
+            ("two_plane_length_mm", self.two_plane_length_mm, choice.two_plane_length),
+        ] {
+            check_total(what, value.unwrap_or(expected), expected, 0.0)?;
+        }
+        // A difference of two lengths, in percent.
+        check_total("two_plane_longer_percent", self.two_plane_longer_percent.unwrap_or(percent), percent, 1e-6)
     }
 
     /// Totals that do not fit show that segments were changed, dropped or doubled.
@@ -191,12 +293,39 @@ impl PlanFile {
             ("duration_s", self.duration_s, needs.duration, duration_off),
             ("filament_mm", self.filament_mm, needs.filament, 0.0),
         ] {
-            if (value - expected).abs() > off + ROUNDING * expected {
-                return Err(PlanFault::Total { what, value, expected });
-            }
+            check_total(what, value, expected, off)?;
         }
         Ok(())
     }
+}
+
+impl WrittenLeg {
+    fn choice(&self) -> Result<Option<Choice>, PlanFault> {
+        let (Some(candidates), Some(two_plane_length)) = (self.candidates, self.two_plane_length_mm) else {
+            return Ok(None);
+        };
+        range("candidates", candidates as f64, 1.0, MOST_CANDIDATES)?;
+        range("passed_over", self.passed_over as f64, 0.0, candidates as f64 - 1.0)?;
+        range("two_plane_length_mm", two_plane_length, 0.0, LONGEST_SEGMENT)?;
+        Ok(Some(Choice { candidates, passed_over: self.passed_over, two_plane_length }))
+    }
+}
+
+/// A total may be off by so much, and by rounding.
+fn check_total(what: &'static str, value: f64, expected: f64, off: f64) -> Result<(), PlanFault> {
+    // What is no number is off too.
+    if (value - expected).abs() <= off + ROUNDING * expected.abs() {
+        return Ok(());
+    }
+    Err(PlanFault::Total { what, value, expected })
+}
+
+fn check_word(found: &str, path: &[Segment]) -> Result<(), PlanFault> {
+    let expected = word(path);
+    if found == expected {
+        return Ok(());
+    }
+    Err(PlanFault::Word { found: found.chars().take(LONGEST_WORD).collect(), expected })
 }
 
 fn range(what: impl Into<String>, value: f64, least: f64, greatest: f64) -> Result<(), PlanFault> {
@@ -237,8 +366,6 @@ fn segment(
         }
         WrittenSegment::Helicoid { length_mm, m0, p } => {
             check_length(length_mm)?;
-            // Beyond some turns the integration of something that no planner gives would only take time.
-            range(named("length_mm"), length_mm, f64::MIN_POSITIVE, MOST_TURNS * radius)?;
             for value in m0.into_iter().chain(p) {
                 range(named("m0 and p"), value, -GREATEST_MOMENT, GREATEST_MOMENT)?;
             }
@@ -259,15 +386,21 @@ fn segment(
     }
 }
 
-fn check_arrival(path: &[Segment], start: &Pose, goal: &Pose, radius: f64) -> Result<(), PlanFault> {
+fn check_arrival(
+    which: String,
+    base_from_tip: &Frame,
+    start: &Pose,
+    goal: &Pose,
+    radius: f64,
+) -> Result<(), PlanFault> {
     let distance = (goal.position() - start.position()).norm();
     let scale = (distance / (100.0 * radius)).max(1.0);
     let limit = Miss { distance: ARRIVED_DISTANCE.max(1e-8 * scale * radius), angle: ARRIVED_ANGLE * scale };
-    let miss = miss(&end(path, &start.frame()), goal);
+    let miss = miss(base_from_tip, goal);
     if miss.distance <= limit.distance && miss.angle <= limit.angle {
         return Ok(());
     }
-    Err(PlanFault::Missed { miss, limit })
+    Err(PlanFault::Missed { which, miss, limit })
 }
 
 #[cfg(test)]

@@ -5,7 +5,7 @@
 
 use std::path::Path as FilePath;
 
-use growbot_core::path::Segment;
+use growbot_core::path::{Segment, length};
 use growbot_core::plan::Planner;
 use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::Robot;
@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::degrees::{degrees_below_turn, shortest_degrees, shortest_heading};
 use crate::input::{self, InputError};
-use crate::plan::Plan;
+use crate::plan::{Leg, Plan, word};
 use crate::plan_check::PlanFault;
 use crate::robot_file::{self, RobotFileError};
 use crate::warning::Warning;
@@ -42,6 +42,9 @@ pub struct PlanFile {
     pub start: WrittenPose,
     /// Where it is to arrive.
     pub goal: WrittenPose,
+    /// Poses on the way, in order. Not written where there are none.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub via: Vec<WrittenPose>,
     /// Arc length, mm.
     pub length_mm: f64,
     /// How many layers.
@@ -50,6 +53,24 @@ pub struct PlanFile {
     pub duration_s: f64,
     /// Filament, mm.
     pub filament_mm: f64,
+    /// The pieces of the path in order: C for an arc, S for a straight line, H for a helicoidal arc. Older plans do not say.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub word: Option<String>,
+    /// How many paths were found that reach the goal; of several legs, the sum. Older plans do not say.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub candidates: Option<usize>,
+    /// How many shorter ones were passed over because the body would have run into itself. Not written where that is 0.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub passed_over: usize,
+    /// Length of the two-plane path, mm. Older plans do not say.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub two_plane_length_mm: Option<f64>,
+    /// By how much that is longer than this path, percent; 0 for a path of no length. Older plans do not say.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub two_plane_longer_percent: Option<f64>,
+    /// The legs, where there are poses on the way: one more than those.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub legs: Vec<WrittenLeg>,
     /// The path.
     pub segments: Vec<WrittenSegment>,
     /// What speaks against growing it.
@@ -83,6 +104,46 @@ impl From<&Pose> for WrittenPose {
             pitch_deg: shortest_degrees(pose.pitch()),
         }
     }
+}
+
+/// A leg as written: from the pose before to the next one.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct WrittenLeg {
+    /// How many segments of the plan are this leg's.
+    pub segments: usize,
+    /// Its pieces in order, as in the plan.
+    pub word: String,
+    /// Its length, mm.
+    pub length_mm: f64,
+    /// How many paths were found.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub candidates: Option<usize>,
+    /// How many shorter ones were passed over.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub passed_over: usize,
+    /// Length of the two-plane path, mm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub two_plane_length_mm: Option<f64>,
+}
+
+impl WrittenLeg {
+    fn new(leg: &Leg, path: &[Segment]) -> Self {
+        Self {
+            segments: leg.segments,
+            word: word(path),
+            length_mm: length(path),
+            candidates: leg.choice.map(|choice| choice.candidates),
+            passed_over: leg.choice.map_or(0, |choice| choice.passed_over),
+            two_plane_length_mm: leg.choice.map(|choice| choice.two_plane_length),
+        }
+    }
+}
+
+/// serde hands over a reference.
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "the form that serde calls")]
+fn is_zero(count: &usize) -> bool {
+    *count == 0
 }
 
 /// A segment as written.
@@ -150,6 +211,9 @@ pub fn written_hash(hash: u64) -> String {
 
 impl From<&Plan> for PlanFile {
     fn from(plan: &Plan) -> Self {
+        let choice = plan.choice();
+        let via = plan.via();
+        let legs = plan.legs_with_paths().map(|(leg, path)| WrittenLeg::new(leg, path));
         Self {
             id: None,
             format: FORMAT.to_owned(),
@@ -159,10 +223,17 @@ impl From<&Plan> for PlanFile {
             radius_mm: plan.radius,
             start: WrittenPose::from(&plan.start),
             goal: WrittenPose::from(&plan.goal),
+            legs: if via.is_empty() { Vec::new() } else { legs.collect() },
+            via: via.iter().map(WrittenPose::from).collect(),
             length_mm: plan.needs.length,
             layers: plan.needs.layers,
             duration_s: plan.needs.duration,
             filament_mm: plan.needs.filament,
+            word: Some(plan.word()),
+            candidates: choice.map(|choice| choice.candidates),
+            passed_over: choice.map_or(0, |choice| choice.passed_over),
+            two_plane_length_mm: choice.map(|choice| choice.two_plane_length),
+            two_plane_longer_percent: choice.map(|choice| choice.two_plane_longer_percent(plan.needs.length)),
             segments: WrittenSegment::path(&plan.path, &plan.start.frame()),
             warnings: plan.warnings.clone(),
         }
@@ -340,7 +411,8 @@ mod tests {
             ("\"radius_mm\"", "\"radius\""),
             ("\"beta_deg\"", "\"beta\""),
             ("\"arc\"", "\"helicoid\""),
-            ("\"two-plane\"", "\"shortest\""),
+            ("\"two-plane\"", "\"teleport\""),
+            ("\"candidates\": ", "\"candidates\": -"),
             ("\"layers\": ", "\"layers\": -"),
             ("\"x_mm\": ", "\"roll_deg\": 0.0, \"x_mm\": "),
         ] {

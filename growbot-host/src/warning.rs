@@ -1,15 +1,20 @@
 //! What speaks against growing a path: said with the plan, which is given all the same.
 
+use growbot_core::angle::degrees;
+use growbot_core::layer::LayerError;
 use growbot_core::path::Segment;
+use growbot_core::plan::Needs;
 use growbot_core::robot::Robot;
 use growbot_core::slicing::{LIMIT_SLACK, Slicing, layers};
 use serde::{Deserialize, Serialize};
+
+use crate::clearance::{Collision, first_collision};
 
 /// One thing that speaks against growing a plan.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Warning {
-    /// What kind of thing, for scripts: `thin-layer`.
+    /// What kind of thing, for scripts: `thin-layer`, `self-collision`, `filament-short`, `layer-limit`.
     pub code: String,
     /// What it is, for people.
     pub message: String,
@@ -19,13 +24,83 @@ pub struct Warning {
     pub limit: f64,
 }
 
-/// Code of the warning of layers that are thinner, on the inner side of the bend, than what prints well.
+/// Code of the warning of layers that are thinner, on the inner side of the bend, than what prints well (mm).
 pub const THIN_LAYER: &str = "thin-layer";
+/// Code of the warning of a body that would run into itself: least distance of its centreline, outer diameter of the tube (mm).
+pub const SELF_COLLISION: &str = "self-collision";
+/// Code of the warning of a body that takes more filament than the spool holds (mm).
+pub const FILAMENT_SHORT: &str = "filament-short";
+/// Code of the warning of layers that the robot cannot lay: too high (mm), too tilted (degrees), without material somewhere
+/// (mm), or with too many steps (value and limit are 0).
+pub const LAYER_LIMIT: &str = "layer-limit";
 
-/// All that speaks against growing this path on this robot.
+/// The warnings of what cannot succeed: a growth heeds them.
+pub const PREVENTING: [&str; 3] = [SELF_COLLISION, FILAMENT_SHORT, LAYER_LIMIT];
+
+/// The layers of a helicoidal arc differ. Of all in a path so many are looked at, the first.
+const MOST_LAYERS: usize = 100_000;
+
+/// All that speaks against growing this path, which needs this much, on this robot.
 #[must_use]
-pub fn warnings(path: &[Segment], robot: &Robot) -> Vec<Warning> {
-    path.iter().enumerate().filter_map(|(index, segment)| thin_layer(index, segment, robot)).collect()
+pub fn warnings(path: &[Segment], needs: &Needs, robot: &Robot) -> Vec<Warning> {
+    let mut left = MOST_LAYERS;
+    let mut found: Vec<Warning> = self_collision(path, robot).into_iter().collect();
+    found.extend(filament_short(needs, robot));
+    for (index, segment) in path.iter().enumerate() {
+        found.extend(layer_limit(index, segment, robot, &mut left));
+        found.extend(thin_layer(index, segment, robot));
+    }
+    found
+}
+
+fn self_collision(path: &[Segment], robot: &Robot) -> Option<Warning> {
+    let limit = robot.outer_diameter();
+    let Collision { distance: value, at: [from, to] } = first_collision(path, limit, 0.0)?;
+    let message = format!(
+        "the body runs into itself: after {to:.0} mm its centreline comes within {value:.1} mm of where it was after {from:.0} mm, \
+         and the tube is {limit:.1} mm wide"
+    );
+    Some(Warning { code: SELF_COLLISION.to_owned(), message, value, limit })
+}
+
+fn filament_short(needs: &Needs, robot: &Robot) -> Option<Warning> {
+    let (value, limit) = (needs.filament, robot.description().filament.spool_mm);
+    (value > limit).then(|| {
+        let (takes, holds) = (value / 1000.0, limit / 1000.0);
+        let enough = needs.length * limit / value;
+        let message = format!(
+            "the body takes {takes:.1} m of filament, and the spool holds {holds:.1} m: enough for {enough:.0} mm of {:.0}",
+            needs.length
+        );
+        Warning { code: FILAMENT_SHORT.to_owned(), message, value, limit }
+    })
+}
+
+/// The first layer of a segment that the robot cannot lay.
+fn layer_limit(index: usize, segment: &Segment, robot: &Robot, left: &mut usize) -> Option<Warning> {
+    let all_alike = !matches!(segment, Segment::Helicoid { .. });
+    let looked_at = if all_alike { 1 } else { *left };
+    let error = layers(std::slice::from_ref(segment), robot, Slicing::Exact).take(looked_at).find_map(|sliced| {
+        *left = left.saturating_sub(usize::from(!all_alike));
+        robot.check_layer(&sliced.layer, 2.0 * LIMIT_SLACK).err()
+    })?;
+    let (value, limit) = match error {
+        LayerError::TooHigh { height, limit } => (height, limit),
+        LayerError::Tilt { tilt, limit } => (degrees(tilt), degrees(limit)),
+        LayerError::NoMaterial { height } => (height, 0.0),
+        LayerError::NotFinite | LayerError::StepRate => (0.0, 0.0),
+    };
+    let message = format!("segment {index} ({}) cannot be laid: {error}", kind(segment));
+    Some(Warning { code: LAYER_LIMIT.to_owned(), message, value, limit })
+}
+
+/// What a segment is called.
+fn kind(segment: &Segment) -> &'static str {
+    match segment {
+        Segment::Arc { .. } => "arc",
+        Segment::Straight { .. } => "straight",
+        Segment::Helicoid { .. } => "helicoid",
+    }
 }
 
 /// The layers of a segment are all alike: its first one tells whether they are too thin (value and limit in mm).
@@ -37,11 +112,8 @@ fn thin_layer(index: usize, segment: &Segment, robot: &Robot) -> Option<Warning>
     if value >= limit * (1.0 - LIMIT_SLACK) {
         return None;
     }
-    let (kind, side) = match segment {
-        Segment::Arc { .. } => ("arc", " on the inner side of the bend"),
-        Segment::Straight { .. } => ("straight", ""),
-        Segment::Helicoid { .. } => ("helicoid", " on the inner side of the bend"),
-    };
+    let kind = kind(segment);
+    let side = if matches!(segment, Segment::Straight { .. }) { "" } else { " on the inner side of the bend" };
     let layers = if count == 1 { "1 layer" } else { &format!("{count} layers") };
     let (length, thinnest) = (readable(segment.length()), readable(value));
     let message = format!(
@@ -59,6 +131,44 @@ fn readable(length: f64) -> String {
 mod tests {
     use super::*;
     use crate::robot_file;
+    use growbot_core::plan::needs;
+    use std::f64::consts::{PI, TAU};
+
+    fn codes(path: &[Segment], robot: &str) -> Vec<String> {
+        let robot = robot_file::load(robot.as_ref()).unwrap();
+        warnings(path, &needs(path, &robot), &robot).into_iter().map(|warning| warning.code).collect()
+    }
+
+    fn arc(alpha: f64, bend: f64, radius: f64) -> Segment {
+        Segment::Arc { alpha, bend, length: bend * radius }
+    }
+
+    #[test]
+    fn a_loop_runs_into_itself_and_a_bend_does_not() {
+        let straight = Segment::Straight { length: 200.0 };
+        assert_eq!(codes(&[straight, arc(1.0, TAU, 100.0), straight], "growbot-a"), [SELF_COLLISION]);
+        assert!(codes(&[straight, arc(1.0, PI, 100.0), straight], "growbot-a").is_empty());
+        let robot = robot_file::load("growbot-a".as_ref()).unwrap();
+        let path = [straight, arc(1.0, TAU, 100.0), straight];
+        let warnings = warnings(&path, &needs(&path, &robot), &robot);
+        let found = &warnings[0];
+        assert_eq!((found.value, found.limit), (0.0, 45.6));
+        assert!(found.message.contains("after 8") && found.message.contains("45.6 mm wide"), "{}", found.message);
+    }
+
+    #[test]
+    fn a_body_longer_than_its_filament_is_told() {
+        // Robot A: 330 m of filament are 3589 mm of body.
+        assert!(codes(&[Segment::Straight { length: 3588.0 }], "growbot-a").is_empty());
+        assert_eq!(codes(&[Segment::Straight { length: 3590.0 }], "growbot-a"), [FILAMENT_SHORT]);
+    }
+
+    #[test]
+    fn layers_that_cannot_be_laid_are_told_of_each_segment() {
+        // Tighter than the nozzle can lay: on the inner side there would be no material.
+        let path = [arc(0.0, 0.1, 100.0), arc(0.0, 0.1, 15.0), arc(1.0, 0.1, 15.0)];
+        assert_eq!(codes(&path, "growbot-a"), [LAYER_LIMIT, THIN_LAYER, LAYER_LIMIT, THIN_LAYER]);
+    }
 
     #[test]
     fn only_segments_with_thin_layers_are_named() {
@@ -70,7 +180,7 @@ mod tests {
             Segment::Arc { alpha: 1.0, bend: 0.003, length: 0.3 },
             Segment::Straight { length: 0.3 },
         ];
-        let warnings = warnings(&path, &robot);
+        let warnings = warnings(&path, &needs(&path, &robot), &robot);
         assert!(warnings.iter().all(|warning| warning.code == "thin-layer" && warning.limit == 0.3));
         let [line, arc] = &warnings[..] else { panic!("{warnings:?}") };
         assert!(line.message.starts_with("segment 1 (straight") && line.value == 0.2, "{line:?}");

@@ -39,7 +39,7 @@ fn the_main_job_grows_a_metre_to_its_pose() {
 
 #[test]
 fn a_growth_ends_with_what_the_steps_really_built() {
-    let ran = growbot(&["grow", "--to", "550,345,610,120,-25", "--json"]);
+    let ran = growbot(&["grow", "--to", "550,345,610,120,-25", "--planner", "two-plane", "--json"]);
     assert_eq!(ran.code, Some(0), "{}", ran.err);
     let result = json(&ran);
     assert_eq!(result["outcome"], "done");

@@ -8,7 +8,8 @@ use std::path::Path;
 use running::{Ran, growbot, growbot_reading};
 use serde_json::Value;
 
-const TO: [&str; 3] = ["plan", "--to", "200,100,600,0,45"];
+/// A plan whose figures are known; by the two planes, which do not change when a better planner does.
+const TO: [&str; 5] = ["plan", "--to", "200,100,600,0,45", "--planner", "two-plane"];
 const HEADER: &str = "id,from_x_mm,from_y_mm,from_z_mm,from_heading_deg,from_pitch_deg,to_x_mm,to_y_mm,to_z_mm,to_heading_deg,to_pitch_deg";
 const ROBOT_A: &str = include_str!("../../robots/growbot-a.toml");
 
@@ -57,7 +58,15 @@ fn rmin_of_robot_a_is_98_20() {
 #[test]
 fn help_has_examples_and_fits_80_columns() {
     assert!(growbot(&["--version"]).out.starts_with("growbot 0."));
-    for args in [&["--help"][..], &["rmin", "--help"], &["plan", "--help"], &["plan", "-h"], &["layers", "--help"]] {
+    for args in [
+        &["--help"][..],
+        &["rmin", "--help"],
+        &["plan", "--help"],
+        &["plan", "-h"],
+        &["layers", "--help"],
+        &["grow", "--help"],
+        &["workspace", "--help"],
+    ] {
         let ran = growbot(args);
         assert!(ran.out.contains("Usage: growbot") && ran.out.contains("Example"), "{}", ran.out);
         assert!(ran.out.lines().all(|line| line.chars().count() <= 80), "{}", ran.out);
@@ -86,6 +95,146 @@ fn a_plan_is_a_table_a_line_or_a_file() {
     assert_eq!(written["start"], json(r#"{"x_mm":0.0,"y_mm":0.0,"z_mm":0.0,"heading_deg":0.0,"pitch_deg":90.0}"#));
     assert_eq!(written["goal"], json(r#"{"x_mm":200.0,"y_mm":100.0,"z_mm":600.0,"heading_deg":0.0,"pitch_deg":45.0}"#));
     assert_eq!(written["duration_s"].as_f64(), Some(833.0 * 18.0));
+    assert_eq!(written["word"], "CCCSC");
+    assert_eq!(written["candidates"], 1);
+    assert_eq!(written["two_plane_length_mm"], written["length_mm"]);
+    assert_eq!(written["two_plane_longer_percent"], 0.0);
+    let absent = ["via", "legs", "passed_over"];
+    assert!(absent.iter().all(|field| written.get(field).is_none()), "{written}");
+}
+
+fn number(value: &Value, field: &str) -> f64 {
+    value[field].as_f64().unwrap_or_else(|| panic!("no number {field} in {value}"))
+}
+
+#[test]
+fn the_shortest_path_is_the_default_and_never_longer_than_the_two_plane_path() {
+    for to in ["200,100,600,0,45", "-150,80,-40,200,-60", "0,0,500,0,90", "0,0,0,0,90", "0,0,30,0,-90"] {
+        let plan = json(&growbot(&["plan", "--to", to, "--json"]).out);
+        let two_plane = json(&growbot(&["plan", "--to", to, "--json", "--planner", "two-plane"]).out);
+        assert_eq!((plan["planner"].as_str(), two_plane["planner"].as_str()), (Some("shortest"), Some("two-plane")));
+        assert!(number(&plan, "length_mm") <= number(&two_plane, "length_mm") * (1.0 + 1e-9), "{to}");
+        assert_eq!(plan["two_plane_length_mm"], two_plane["length_mm"], "{to}");
+        let percent = 100.0 * (number(&two_plane, "length_mm") / number(&plan, "length_mm") - 1.0);
+        let percent = if percent.is_finite() { percent } else { 0.0 };
+        assert!((number(&plan, "two_plane_longer_percent") - percent).abs() < 1e-6, "{plan}");
+        assert!(number(&plan, "candidates") >= 1.0, "{plan}");
+        assert_eq!(plan["word"].as_str().unwrap().len(), plan["segments"].as_array().unwrap().len());
+    }
+}
+
+#[test]
+fn plans_of_older_versions_are_read() {
+    let mut plan = json(&growbot(&with(&TO, &["--json"])).out);
+    for field in ["word", "candidates", "two_plane_length_mm", "two_plane_longer_percent"] {
+        assert!(plan.as_object_mut().unwrap().remove(field).is_some(), "{field}");
+    }
+    let layers = growbot_reading(&["layers", "-"], &plan.to_string());
+    assert_eq!((layers.code, layers.out.lines().count()), (Some(0), 834), "{}", layers.err);
+}
+
+/// Codes of the warnings of a plan.
+fn codes(plan: &Value) -> Vec<&str> {
+    plan["warnings"].as_array().unwrap().iter().map(|warning| warning["code"].as_str().unwrap()).collect()
+}
+
+/// Behind the start and pointing on: the two-plane path loops over itself.
+const LOOP: [&str; 6] = ["--to", "0,0,-40,0,90", "--planner", "two-plane", "--radius", "100"];
+
+#[test]
+fn what_speaks_against_growing_is_said_and_refused() {
+    let ran = growbot(&with(&["plan", "--json"], &LOOP));
+    let plan = json(&ran.out);
+    assert_eq!(ran.code, Some(0), "a warning is no failure");
+    assert!(codes(&plan).contains(&"self-collision"), "{plan}");
+    let warning = plan["warnings"].as_array().unwrap().iter().find(|w| w["code"] == "self-collision").unwrap();
+    assert!(number(warning, "value") < 45.6 && number(warning, "limit") == 45.6, "{warning}");
+    assert!(warning["message"].as_str().unwrap().contains("mm"), "{warning}");
+    let table = growbot(&with(&["plan"], &LOOP)).out;
+    assert!(table.contains("warning (self-collision): ") && table.lines().all(|line| line.len() <= 80), "{table}");
+
+    // 330 m of filament are 3.6 m of body.
+    let long = json(&growbot(&["plan", "--to", "0,0,3600,0,90", "--json"]).out);
+    assert_eq!(codes(&long), ["filament-short"]);
+    assert_eq!(number(&long["warnings"][0], "limit"), 330_000.0);
+    assert_eq!(long["warnings"][0]["value"], long["filament_mm"]);
+
+    for args in [&LOOP[..], &["--to", "0,0,3600,0,90"]] {
+        let ran = growbot(&with(&["grow", "--json"], args));
+        assert_eq!(ran.code, Some(1), "{}", ran.err);
+        assert_eq!(json(&ran.out)["outcome"], "refused");
+        assert!(ran.err.contains("--force"), "{}", ran.err);
+    }
+
+    // Read from a file, what it says is not said twice.
+    let layers = growbot_reading(&["grow", "-", "--json"], &plan.to_string());
+    assert_eq!(layers.code, Some(1));
+    assert_eq!(layers.err.matches("warning, self-collision").count(), 1, "{}", layers.err);
+}
+
+#[test]
+fn clear_of_self_never_takes_a_colliding_path_where_there_is_a_clear_one() {
+    for to in ["0,0,-40,0,90", "30,0,-100,0,90", "0,0,150,0,-90", "400,0,300,90,0"] {
+        let shortest = json(&growbot(&["plan", "--to", to, "--json"]).out);
+        let clear = json(&growbot(&["plan", "--to", to, "--clear-of-self", "--json"]).out);
+        let collides = |plan: &Value| codes(plan).contains(&"self-collision");
+        assert!(number(&clear, "length_mm") >= number(&shortest, "length_mm") * (1.0 - 1e-12));
+        assert!(collides(&shortest) || clear == shortest, "{to}: {shortest} is clear");
+        assert_eq!(clear.get("passed_over").is_some(), clear["segments"] != shortest["segments"], "{clear}");
+        assert!(!collides(&clear) || clear == shortest, "{to}: {clear} is neither clear nor the shortest");
+        // For a batch it holds for every query.
+        let queries = format!("{HEADER}\n1,0,0,0,0,90,{to}\n");
+        let mut answer = json(&growbot_reading(&["plan", "--batch", "-", "--clear-of-self", "--json"], &queries).out);
+        assert_eq!(answer.as_object_mut().unwrap().remove("id"), Some("1".into()));
+        assert_eq!(answer, clear);
+    }
+}
+
+#[test]
+fn poses_on_the_way_are_passed_in_order() {
+    let via = ["plan", "--via", "200,0,400,0,0", "--via", "600,0,300,0,-45", "--to", "800,0,0,0,-90"];
+    let plan = json(&growbot(&with(&via, &["--json"])).out);
+    assert_eq!(plan["via"].as_array().unwrap().len(), 2);
+    assert_eq!(plan["via"][1], json(r#"{"x_mm":600.0,"y_mm":0.0,"z_mm":300.0,"heading_deg":0.0,"pitch_deg":-45.0}"#));
+    let legs = plan["legs"].as_array().unwrap();
+    assert_eq!(legs.len(), 3);
+    let sum = |field: &str| legs.iter().map(|leg| number(leg, field)).sum::<f64>();
+    assert!((sum("length_mm") - number(&plan, "length_mm")).abs() < 1e-9);
+    assert!((sum("two_plane_length_mm") - number(&plan, "two_plane_length_mm")).abs() < 1e-9);
+    assert_eq!(sum("candidates"), number(&plan, "candidates"));
+    assert_eq!(sum("segments") as usize, plan["segments"].as_array().unwrap().len());
+    let words: String = legs.iter().map(|leg| leg["word"].as_str().unwrap()).collect();
+    assert_eq!(plan["word"], words);
+
+    let table = growbot(&via).out;
+    assert!(table.contains("  via       600, 0, 300 mm") && table.contains("  leg 3 "), "{table}");
+    assert!(table.lines().all(|line| line.chars().count() <= 80), "{table}");
+
+    assert_refused(&growbot(&["plan", "--via", "1,2,3", "--to", "0,0,9,0,90"]), 2, &["--via", "this is 3"]);
+    let batch = growbot(&["plan", "--batch", "-", "--json", "--via", "1,2,3,4,5"]);
+    assert_refused(&batch, 2, &["--batch", "--via"]);
+}
+
+#[test]
+fn a_plan_that_misses_its_poses_on_the_way_is_refused() {
+    let good = growbot(&["plan", "--via", "200,0,400,0,0", "--to", "800,0,0,0,-90", "--json"]).out;
+    assert_eq!(growbot_reading(&["layers", "-"], &good).code, Some(0));
+    let refused = |change: &dyn Fn(&mut Value), parts: &[&str]| {
+        let mut plan = json(&good);
+        change(&mut plan);
+        assert_refused_in_a_line(&growbot_reading(&["layers", "-"], &plan.to_string()), 2, parts);
+    };
+    refused(&|plan| plan["via"][0]["x_mm"] = 200.001.into(), &["from via 1", "plan again"]);
+    refused(&|plan| plan["via"][0]["pitch_deg"] = 0.1.into(), &["from via 1", "rad"]);
+    refused(&|plan| plan["via"][0]["pitch_deg"] = 91.into(), &["via: pitch is 91"]);
+    refused(&|plan| drop(plan["legs"].as_array_mut().unwrap().pop()), &["1 legs", "2"]);
+    refused(&|plan| drop(plan.as_object_mut().unwrap().remove("via")), &["2 legs"]);
+    refused(&|plan| plan["legs"][0]["segments"] = 0.into(), &["number of segments in the legs"]);
+    refused(&|plan| plan["legs"][0]["word"] = "X".into(), &["word is \"X\""]);
+    refused(&|plan| plan["legs"][1]["length_mm"] = 1.into(), &["length_mm of a leg is 1"]);
+    refused(&|plan| plan["word"] = "HHH".into(), &["word is \"HHH\""]);
+    refused(&|plan| plan["candidates"] = 1_000_000.into(), &["candidates is 1000000"]);
+    refused(&|plan| plan["two_plane_longer_percent"] = 99.5.into(), &["two_plane_longer_percent is 99.5"]);
 }
 
 #[test]
@@ -125,7 +274,7 @@ fn a_radius_is_the_robots_or_at_least_r_min() {
         assert_refused_in_a_line(&growbot(&with(&TO, &["--radius", text])), 2, &parts);
     }
     assert_refused(&growbot(&with(&TO, &["--radius", "wide"])), 2, &["--radius", "wide"]);
-    assert_refused(&growbot(&with(&TO, &["--planner", "teleport"])), 2, &["teleport", "two-plane"]);
+    assert_refused(&growbot(&with(&TO[..3], &["--planner", "teleport"])), 2, &["teleport", "two-plane"]);
 }
 
 #[test]
@@ -182,7 +331,7 @@ fn files_that_are_no_plan_of_this_robot_are_refused() {
         2,
         &["\"growbot-plan/2\"", "\"growbot-plan/1\"", "plan again"],
     );
-    assert_refused_in_a_line(&changed("\"arc\"", "\"helicoid\""), 2, &["helicoid", "arc"]);
+    assert_refused_in_a_line(&changed("\"arc\"", "\"spiral\""), 2, &["spiral", "helicoid"]);
     assert_refused_in_a_line(&changed("\"goal\"", "\"gaol\""), 2, &["gaol"]);
     assert_refused_in_a_line(&changed(&hash, "0123456789abcdef"), 2, &["0123456789abcdef", &hash, "growbot-a"]);
     assert_refused_in_a_line(&changed("growbot-a\"", "growbot-b\""), 2, &["growbot-b", &hash]);
@@ -302,4 +451,43 @@ fn a_full_disk_is_told() {
     let ran = Command::new(env!("CARGO_BIN_EXE_growbot")).args(with(&TO, &["--json"])).stdout(full()).output().unwrap();
     assert_eq!(ran.status.code(), Some(2));
     assert!(String::from_utf8(ran.stderr).unwrap().starts_with("growbot: cannot write to standard output"));
+}
+
+#[test]
+fn a_workspace_is_a_table_a_line_or_a_picture() {
+    let directory = tempfile::tempdir().unwrap();
+    let picture = directory.path().join("reach.svg").display().to_string();
+    let any = ["workspace", "--length", "1000", "--planner", "two-plane"];
+    let ran = growbot(&with(&any, &["-o", &picture]));
+    assert_eq!(ran.code, Some(0), "{}", ran.err);
+    assert!(ran.out.contains("ahead       1000 mm") && ran.out.contains("900 -  1000"), "{}", ran.out);
+    assert!(ran.out.lines().all(|line| line.len() <= 80), "{}", ran.out);
+    let svg = fs::read_to_string(&picture).unwrap();
+    assert!(svg.starts_with("<svg xmlns=") && svg.ends_with("</svg>\n") && svg.len() < 1_000_000);
+    assert!(!svg.contains("NaN") && !svg.contains("inf"));
+
+    let told = json(&growbot(&with(&any, &["--json"])).out);
+    assert_eq!(told, json(&growbot(&with(&any, &["--json"])).out), "the same question has the same answer");
+    assert_eq!((number(&told, "ahead_mm"), number(&told, "radius_mm")), (1000.0, 100.0));
+    assert_eq!(told["shares"].as_array().unwrap().len(), 10);
+    assert!(number(&told, "behind_mm") < number(&told, "aside_towards_x_mm"));
+
+    let down = growbot(&with(&any, &["--heading", "0", "--pitch", "-90", "--json"]));
+    let down = json(&down.out);
+    assert!(number(&down, "volume_mm3") < number(&told, "volume_mm3") && number(&down, "volume_error_mm3") > 0.0);
+    assert_eq!(down["directions"], 1);
+    // A goal that is told to be within reach has a plan of that length.
+    let goal = format!("0,0,{},0,-90", number(&down, "ahead_mm"));
+    let plan = json(&growbot(&["plan", "--to", &goal, "--planner", "two-plane", "--json"]).out);
+    assert!(number(&plan, "length_mm") <= 1000.0, "{plan}");
+
+    let refused =
+        |more: &[&str], parts: &[&str]| assert_refused_in_a_line(&growbot(&with(&["workspace"], more)), 2, parts);
+    refused(&["--length", "0"], &["length is 0 mm", "1000000 mm"]);
+    refused(&["--length", "nan"], &["length is NaN mm"]);
+    refused(&["--radius", "50"], &["50 mm", "R_min = 98.2 mm"]);
+    refused(&["--heading", "0", "--pitch", "91"], &["pitch is 91 deg"]);
+    refused(&["--length", "100", "-o", "-"], &["-o takes a file"]);
+    refused(&["--length", "100", "-o", "/no/such/place.svg"], &["no directory /no/such"]);
+    assert_refused(&growbot(&["workspace", "--heading", "0"]), 2, &["--pitch"]);
 }

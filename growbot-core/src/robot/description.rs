@@ -23,6 +23,8 @@ pub struct RobotDescription {
     pub head: Head,
     /// The feed, which pushes filament.
     pub feed: Feed,
+    /// The filament that it has.
+    pub filament: Filament,
     /// The nozzle's heater.
     pub heater: Heater,
     /// The nozzle's temperature sensor.
@@ -116,6 +118,14 @@ pub struct Feed {
     pub direction_high_is_forward: bool,
     /// Diameter of the filament, mm.
     pub filament_diameter_mm: f64,
+}
+
+/// The filament that the robot has: a full spool.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Filament {
+    /// Length on the spool when growth begins, mm. A plan that needs more is warned of (`filament-short`).
+    pub spool_mm: f64,
 }
 
 /// The nozzle's heater: limits, regulation, and the figures that a simulation of it takes.

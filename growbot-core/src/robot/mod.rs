@@ -9,7 +9,7 @@ mod step_rate;
 mod validate;
 
 pub use description::{
-    Feed, FeedStrategy, Geometry, Head, Heater, LayerDescription, Motion, RobotDescription, Thermistor, Wall,
+    Feed, FeedStrategy, Filament, Geometry, Head, Heater, LayerDescription, Motion, RobotDescription, Thermistor, Wall,
 };
 pub use error::RobotError;
 
@@ -79,6 +79,12 @@ impl Robot {
     #[must_use]
     pub fn tip_radius(&self) -> f64 {
         self.description.geometry.tip_radius_mm
+    }
+
+    /// Diameter of the printed tube over its wall, mm: the wall is a ring of mean radius `r_t`.
+    #[must_use]
+    pub fn outer_diameter(&self) -> f64 {
+        2.0 * self.tip_radius() + self.description.wall.width_mm
     }
 
     /// The greatest tilt of a layer, radians.

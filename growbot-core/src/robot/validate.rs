@@ -132,7 +132,12 @@ fn check_motors(robot: &RobotDescription) -> Result<(), RobotError> {
         "the index mark spans two head steps at least and half a turn at most",
     )?;
     Field("feed.steps_per_mm", feed.steps_per_mm).between(1e-3, 1e6, "steps of the feed motor for a mm of filament")?;
-    Field("feed.filament_diameter_mm", feed.filament_diameter_mm).size()
+    Field("feed.filament_diameter_mm", feed.filament_diameter_mm).size()?;
+    Field("filament.spool_mm", robot.filament.spool_mm).between(
+        1.0,
+        1e9,
+        "the length of filament on the spool, in mm: a spool of 1 kg of 1.75 mm holds some 330,000",
+    )
 }
 
 fn check_heater(robot: &RobotDescription) -> Result<(), RobotError> {

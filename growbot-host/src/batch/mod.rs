@@ -18,18 +18,9 @@ use serde::de::{Deserialize, IntoDeserializer};
 pub use columns::HeaderError;
 use columns::{Column, Columns};
 
-use crate::plan::Plan;
+use crate::plan::{Plan, Search};
 use crate::plan_file::PlanFile;
 use crate::pose_text::{parse_number, pose_of_numbers};
-
-/// What holds where a query does not say.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Defaults {
-    /// Radius of the arcs, mm.
-    pub radius: f64,
-    /// How paths are found.
-    pub planner: Planner,
-}
 
 /// Why a batch cannot go on.
 #[derive(Debug, thiserror::Error)]
@@ -113,15 +104,16 @@ pub struct Batch<R> {
     reader: Reader<R>,
     columns: Columns,
     record: ByteRecord,
-    defaults: Defaults,
+    /// What holds where a query does not say.
+    defaults: Search,
 }
 
 impl<R: Read> Batch<R> {
-    /// Reads the header.
+    /// Reads the header. Queries are planned by these defaults where they do not say.
     ///
     /// # Errors
     /// A header that is at fault, or nothing to read.
-    pub fn open(source: R, defaults: Defaults) -> Result<Self, BatchError> {
+    pub fn open(source: R, defaults: Search) -> Result<Self, BatchError> {
         let mut reader = ReaderBuilder::new().flexible(true).from_reader(source);
         let columns = Columns::find(reader.byte_headers().map_err(BatchError::Reading)?)?;
         Ok(Self { reader, columns, record: ByteRecord::new(), defaults })
@@ -159,7 +151,8 @@ impl<R: Read> Batch<R> {
             Some(column) if !self.text(column).is_empty() => planner_of_name(&self.text(column))?,
             _ => self.defaults.planner,
         };
-        Ok(Plan::make(robot, &start, &goal, radius, planner)?)
+        let search = Search { radius, planner, ..self.defaults };
+        Ok(Plan::through(robot, &start, &[], &goal, &search)?)
     }
 
     fn pose(&self, which: &'static str, columns: &[Column; 5]) -> Result<Pose, QueryError> {
@@ -196,7 +189,7 @@ mod tests {
 
     fn answers(text: &str) -> Vec<Answer> {
         let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
-        let defaults = Defaults { radius: 100.0, planner: Planner::TwoPlane };
+        let defaults = Search { radius: 100.0, planner: Planner::TwoPlane, clear_of_self: false };
         let mut batch = Batch::open(text.as_bytes(), defaults).unwrap();
         let mut answers = Vec::new();
         while let Some(answer) = batch.next(&robot).unwrap() {
@@ -252,7 +245,7 @@ mod tests {
         let mut bytes = format!("{HEADER}\n1,0,0,0,0,90,0,0,").into_bytes();
         bytes.extend(b"\xff,0,90\n2,0,0,0,0,90,0,0,500,0,90\n");
         let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
-        let defaults = Defaults { radius: 100.0, planner: Planner::TwoPlane };
+        let defaults = Search { radius: 100.0, planner: Planner::TwoPlane, clear_of_self: false };
         let mut batch = Batch::open(&bytes[..], defaults).unwrap();
         assert!(batch.next(&robot).unwrap().unwrap().outcome.is_err());
         assert!(batch.next(&robot).unwrap().unwrap().outcome.is_ok());

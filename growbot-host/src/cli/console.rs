@@ -15,7 +15,7 @@ use growbot_host::client::Client;
 use growbot_host::degrees::degrees_below_turn;
 use growbot_host::growth::{Job, News, grow_job};
 use growbot_host::output::print;
-use growbot_host::plan::Plan;
+use growbot_host::plan::{Plan, Search};
 use growbot_host::port;
 use growbot_host::pose_text::{parse_number, parse_pose};
 use rustyline::DefaultEditor;
@@ -153,7 +153,7 @@ impl Console {
             start: (&self.start).into(),
             goal: goal.into(),
             radius: self.robot.description().planning_radius_mm,
-            planner: Planner::TwoPlane,
+            planner: Planner::Shortest,
         };
         match self.client.request("to plan", &Message::Plan(request))? {
             Message::Planned(planned) => Ok(print(&format!(
@@ -174,7 +174,8 @@ impl Console {
 
     fn grow(&mut self, goal: &Pose) -> Result<(), Failure> {
         let radius = self.robot.description().planning_radius_mm;
-        let plan = Plan::make(&self.robot, &self.start, goal, radius, Planner::TwoPlane)?;
+        let search = Search { radius, planner: Planner::Shortest, clear_of_self: true };
+        let plan = Plan::through(&self.robot, &self.start, &[], goal, &search)?;
         let job = Job { robot: &self.robot, start: &plan.start, goal: &plan.goal, path: &plan.path };
         let grown = grow_job(&mut self.client, &job, &self.stop, &mut |news| {
             if let News::State(state) = news {

@@ -18,10 +18,11 @@ use growbot_host::pose_text::parse_pose;
 use growbot_host::progress::{Progress, Results};
 use growbot_host::robot_file;
 use growbot_host::run_log::RunLog;
+use growbot_host::warning::PREVENTING;
 use serde_json::{Value, json};
 
 use super::interrupt::stop_on_interrupt;
-use super::plan::PlannerName;
+use super::search::SearchArgs;
 use super::{Failure, PortArg, growth_table, plan_table};
 
 /// Grow a body: a plan, or straight from a pose
@@ -34,20 +35,17 @@ use super::{Failure, PortArg, growth_table, plan_table};
 #[command(after_help = AFTER_HELP)]
 pub struct GrowArgs {
     /// The plan, as `growbot plan -o` writes it
-    #[arg(value_name = "PLAN", conflicts_with_all = ["from", "to", "planner", "radius"])]
+    #[arg(value_name = "PLAN", conflicts_with_all = ["from", "via", "to", "planner", "radius", "clear_of_self"])]
     plan: Option<PathBuf>,
-    /// Where the tip starts: X,Y,Z,HEADING,PITCH in mm and degrees
-    #[arg(long, value_name = "POSE", default_value = "0,0,0,0,90", allow_hyphen_values = true, value_parser = parse_pose)]
-    from: Pose,
     /// Where it is to arrive, and pointing where: X,Y,Z,HEADING,PITCH
     #[arg(long, value_name = "POSE", allow_hyphen_values = true, value_parser = parse_pose)]
     to: Option<Pose>,
-    /// How the path is found
-    #[arg(long, value_enum, default_value_t = PlannerName::TwoPlane)]
-    planner: PlannerName,
-    /// Radius of the arcs, mm [default: the robot's planning radius]
-    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
-    radius: Option<f64>,
+    #[command(flatten)]
+    search: SearchArgs,
+    /// Take the shortest path that does not run into the body; so it is without
+    /// --planner, which alone gives the shortest path of all
+    #[arg(long)]
+    clear_of_self: bool,
     /// The robot: a built-in name or a TOML file [default: the plan's, or
     /// growbot-a]
     #[arg(long, value_name = "FILE|NAME")]
@@ -57,7 +55,7 @@ pub struct GrowArgs {
     /// Write what happens to this new file, one JSON object a line
     #[arg(long, value_name = "FILE")]
     log: Option<PathBuf>,
-    /// Grow although the plan's warnings say that it cannot succeed
+    /// Grow in spite of self-collision, filament-short or layer-limit
     #[arg(long)]
     force: bool,
     /// End with one line of JSON instead of a table
@@ -76,9 +74,6 @@ was wrong before the job.";
 
 /// What `growbot` alone grows: 1 m of robot A to a pose that needs both planes.
 const MAIN_JOB: [&str; 3] = ["growbot grow", "--to", "550,345,610,120,-25"];
-
-/// Warnings that a growth heeds.
-const PREVENTING: [&str; 3] = ["self-collision", "filament-short", "layer-limit"];
 
 /// The arguments of a command on their own, for [`MAIN_JOB`].
 #[derive(Parser)]
@@ -169,12 +164,12 @@ impl GrowArgs {
             return Ok(plan_file::open(path, self.robot.as_deref())?);
         }
         let robot = robot_file::load(self.robot.as_deref().unwrap_or(robot_file::DEFAULT.as_ref()))?;
-        let radius = self.radius.unwrap_or(robot.description().planning_radius_mm);
         let goal = self
             .to
             .as_ref()
             .ok_or_else(|| Failure::bad_input("there is nothing to grow: give a plan's file, or a goal with --to"))?;
-        let plan = Plan::make(&robot, &self.from, goal, radius, self.planner.into())?;
+        let search = self.search.search(&robot, self.clear_of_self || self.search.planner.is_none());
+        let plan = Plan::through(&robot, &self.search.from, &self.search.via, goal, &search)?;
         Ok((robot, plan))
     }
 }

@@ -11,8 +11,10 @@ mod layers;
 mod plan;
 mod plan_table;
 mod rmin;
+mod search;
 mod status;
 mod stop;
+mod workspace;
 
 use std::fmt::Display;
 use std::path::PathBuf;
@@ -54,6 +56,7 @@ enum Command {
     Rmin(rmin::RminArgs),
     Plan(plan::PlanArgs),
     Layers(layers::LayersArgs),
+    Workspace(workspace::WorkspaceArgs),
     Grow(grow::GrowArgs),
     Status(status::StatusArgs),
     Stop(stop::StopArgs),
@@ -66,6 +69,7 @@ pub fn run() -> ExitCode {
         Some(Command::Rmin(args)) => rmin::run(&args),
         Some(Command::Plan(args)) => plan::run(&args),
         Some(Command::Layers(args)) => layers::run(&args),
+        Some(Command::Workspace(args)) => workspace::run(&args),
         Some(Command::Grow(args)) => grow::run(&args),
         Some(Command::Status(args)) => status::run(&args),
         Some(Command::Stop(args)) => stop::run(&args),

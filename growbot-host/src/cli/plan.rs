@@ -3,39 +3,40 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use clap::{Args, ValueEnum};
-use growbot_core::plan::{PlanError, Planner};
+use clap::Args;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
-use growbot_host::batch::{Batch, Defaults};
+use growbot_host::batch::Batch;
 use growbot_host::input;
 use growbot_host::output::{print, replace_file};
-use growbot_host::plan::Plan;
+use growbot_host::plan::{Plan, Search};
 use growbot_host::plan_file::PlanFile;
 use growbot_host::pose_text::parse_pose;
 use growbot_host::progress::{Progress, Results};
 
+use super::search::SearchArgs;
 use super::{Failure, RobotArg, plan_table};
 
-/// Plan a path from one pose to another: arcs and straight lines
+/// Plan a path from one pose to another, or through several
 ///
-/// Prints a table, or the plan as one line of JSON with --json; -o writes the plan to a file, for `growbot layers` and the like. What
-/// speaks against growing the path is said in the plan's warnings.
+/// A path is made of arcs (C), straight lines (S) and helicoidal arcs (H). Prints a table, or the plan as one line of JSON with
+/// --json; -o writes the plan to a file, for `growbot layers` and the like.
+///
+/// What speaks against growing the path is said in the plan's warnings: thin-layer, self-collision (the body would run into
+/// itself), filament-short (the spool does not hold enough), layer-limit (a layer that the robot cannot lay). `growbot grow`
+/// refuses the last three.
 #[derive(Args)]
 #[command(override_usage = USAGE, after_help = AFTER_HELP)]
 pub struct PlanArgs {
-    /// Where the tip starts: X,Y,Z,HEADING,PITCH in mm and degrees
-    #[arg(long, value_name = "POSE", default_value = "0,0,0,0,90", allow_hyphen_values = true, value_parser = parse_pose)]
-    from: Pose,
     /// Where it is to arrive, and pointing where: X,Y,Z,HEADING,PITCH
     #[arg(long, value_name = "POSE", required_unless_present = "batch", allow_hyphen_values = true, value_parser = parse_pose)]
     to: Option<Pose>,
-    /// How the path is found
-    #[arg(long, value_enum, default_value_t = PlannerName::TwoPlane)]
-    planner: PlannerName,
-    /// Radius of the arcs, mm [default: the robot's planning radius]
-    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
-    radius: Option<f64>,
+    #[command(flatten)]
+    search: SearchArgs,
+    /// Take the shortest path that does not run into the body instead of the
+    /// shortest of all; if every one does, the shortest of all
+    #[arg(long)]
+    clear_of_self: bool,
     #[command(flatten)]
     robot: RobotArg,
     /// Print the plan as one line of JSON
@@ -45,7 +46,7 @@ pub struct PlanArgs {
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
     /// Plan every query of a CSV file (- for standard input); needs --json
-    #[arg(long, value_name = "CSV", conflicts_with_all = ["from", "to", "output"])]
+    #[arg(long, value_name = "CSV", conflicts_with_all = ["from", "via", "to", "output"])]
     batch: Option<PathBuf>,
 }
 
@@ -56,50 +57,27 @@ const AFTER_HELP: &str = "\
 Examples:
   growbot plan --to 200,100,600,0,45 -o plan.json
   growbot plan --from 0,0,0,0,90 --to -120,0,400,180,0 --radius 120 --json
+  growbot plan --via 200,0,400,0,0 --via 600,0,300,0,-45 --to 800,0,0,0,-90
+  growbot plan --to 0,0,-300,0,90 --clear-of-self
   growbot plan --batch queries.csv --json > plans.jsonl
 
 A batch has the header
   id,from_x_mm,from_y_mm,from_z_mm,from_heading_deg,from_pitch_deg,
   to_x_mm,to_y_mm,to_z_mm,to_heading_deg,to_pitch_deg
-in one line and in any order, and perhaps columns radius_mm and planner. Each
-query is answered by one line: its plan, or its id and an error. The exit code
-is 1 if any failed.";
-
-/// The planners, as the command line calls them.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum PlannerName {
-    /// The shortest there is
-    Shortest,
-    /// Two planar paths that meet on the line from start to goal (the paper's)
-    TwoPlane,
-}
-
-impl From<PlannerName> for Planner {
-    fn from(name: PlannerName) -> Self {
-        match name {
-            PlannerName::TwoPlane => Self::TwoPlane,
-            PlannerName::Shortest => Self::Shortest,
-        }
-    }
-}
-
-impl From<PlanError> for Failure {
-    fn from(error: PlanError) -> Self {
-        match error {
-            PlanError::RadiusTooSmall { .. } | PlanError::RadiusTooLarge { .. } => Self::bad_input(error),
-            PlanError::Missed { .. } | PlanError::NoPath | PlanError::TooManySegments(_) => Self::answered_no(error),
-        }
-    }
-}
+in one line and in any order, and perhaps columns radius_mm and planner; the
+options hold where a query does not say. There are no columns for poses on the
+way. Each query is answered by one line: its plan, or its id and an error. The
+exit code is 1 if any failed.";
 
 /// Runs the command.
 pub fn run(args: &PlanArgs) -> Result<(), Failure> {
     let robot = args.robot.load()?;
-    let radius = args.radius.unwrap_or(robot.description().planning_radius_mm);
-    let planner = args.planner.into();
+    let search = args.search.search(&robot, args.clear_of_self);
     match (&args.batch, &args.to) {
-        (Some(queries), _) => run_batch(args, queries, &robot, Defaults { radius, planner }),
-        (None, Some(goal)) => run_one(args, &Plan::make(&robot, &args.from, goal, radius, planner)?),
+        (Some(queries), _) => run_batch(args, queries, &robot, search),
+        (None, Some(goal)) => {
+            run_one(args, &Plan::through(&robot, &args.search.from, &args.search.via, goal, &search)?)
+        }
         (None, None) => Err(Failure::bad_input("give a goal with --to, or queries with --batch")),
     }
 }
@@ -116,18 +94,18 @@ fn run_one(args: &PlanArgs, plan: &Plan) -> Result<(), Failure> {
     Ok(print(&if args.json { written.to_line() } else { plan_table::table(plan) })?)
 }
 
-fn run_batch(args: &PlanArgs, queries: &Path, robot: &Robot, defaults: Defaults) -> Result<(), Failure> {
+fn run_batch(args: &PlanArgs, queries: &Path, robot: &Robot, search: Search) -> Result<(), Failure> {
     if !args.json {
         return Err(Failure::bad_input("--batch prints one JSON object a line: add --json"));
     }
     // A radius that no query can have is a fault of the command, not of each query.
-    let start = args.from;
-    Plan::make(robot, &start, &start, defaults.radius, defaults.planner)?;
+    let start = args.search.from;
+    Plan::through(robot, &start, &[], &start, &search)?;
 
     let name = input::name_of(queries);
     let total = fs::metadata(queries).ok().filter(fs::Metadata::is_file).map(|file| file.len());
     let named = |error| Failure::bad_input(format!("{name}: {error}"));
-    let mut batch = Batch::open(input::open(queries)?, defaults).map_err(named)?;
+    let mut batch = Batch::open(input::open(queries)?, search).map_err(named)?;
     let mut progress = Progress::start(total, Results::Streamed);
     let (mut done, mut failed) = (0_u64, 0_u64);
     while let Some(answer) = batch.next(robot).map_err(named)? {

@@ -3,15 +3,23 @@
 use std::fmt::Write;
 
 use growbot_core::angle::degrees;
-use growbot_core::path::Segment;
+use growbot_core::path::{Segment, length};
+use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
 use growbot_host::degrees::{shortest_degrees, shortest_heading};
-use growbot_host::plan::Plan;
+use growbot_host::plan::{Choice, Plan, word};
 
-/// The table, some 70 columns wide.
+/// Columns of a terminal.
+const WIDTH: usize = 80;
+
+/// The table, within 80 columns.
 pub fn table(plan: &Plan) -> String {
-    let mut text = format!("Plan for {}, arcs of radius {} mm\n", plan.robot, plan.radius);
-    text += &format!("  from      {}\n  to        {}\n", pose(&plan.start), pose(&plan.goal));
+    let mut text = format!("Plan for {}, bends of radius {} mm\n", plan.robot, plan.radius);
+    text += &format!("  from      {}\n", pose(&plan.start));
+    for via in plan.via() {
+        text += &format!("  via       {}\n", pose(&via));
+    }
+    text += &format!("  to        {}\n", pose(&plan.goal));
     if plan.path.is_empty() {
         text += "\nThe tip is there already: nothing to grow.\n";
         return text;
@@ -39,12 +47,43 @@ pub fn table(plan: &Plan) -> String {
         };
     }
     let needs = &plan.needs;
-    text += &format!("\n  length    {:.1} mm\n  layers    {}\n", needs.length, needs.layers);
+    text += "\n";
+    let legs: Vec<_> = plan.legs_with_paths().collect();
+    for (index, (leg, path)) in legs.iter().enumerate() {
+        let name = if legs.len() == 1 { "word".to_owned() } else { format!("leg {}", index + 1) };
+        let length = length(path);
+        let measured = if legs.len() == 1 { String::new() } else { format!(" ({length:.1} mm)") };
+        let choice = leg.choice.map(|choice| format!(", {}", chosen(plan.planner, &choice, length)));
+        let words = format!("{}{measured}{}", word(path), choice.unwrap_or_default());
+        text += &wrapped(&format!("  {name:<9} "), &words, 12);
+    }
+    text += &format!("  length    {:.1} mm\n  layers    {}\n", needs.length, needs.layers);
     text += &format!("  time      {}\n  filament  {:.2} m\n", duration(needs.duration), needs.filament / 1000.0);
     for warning in &plan.warnings {
-        text += &format!("\nwarning ({}): {}\n", warning.code, warning.message);
+        text += &format!("\n{}", wrapped("", &format!("warning ({}): {}", warning.code, warning.message), 2));
     }
     text
+}
+
+/// What a path of this length (mm) was chosen from.
+fn chosen(planner: Planner, choice: &Choice, length: f64) -> String {
+    if planner == Planner::TwoPlane {
+        return "two-plane".to_owned();
+    }
+    let &Choice { candidates, passed_over, .. } = choice;
+    let rank = match (candidates, passed_over) {
+        (1, _) => "the only path found".to_owned(),
+        (_, 0) => format!("the shortest of {candidates} paths"),
+        (_, 1) => format!("of {candidates} paths the shortest but 1, which runs into the body"),
+        _ => format!("of {candidates} paths the shortest but {passed_over}, which run into the body"),
+    };
+    let percent = choice.two_plane_longer_percent(length);
+    let compared = match (format!("{:.1}", percent.abs()).as_str(), percent > 0.0) {
+        ("0.0", _) => "as long".to_owned(),
+        (percent, true) => format!("{percent} % longer"),
+        (percent, false) => format!("{percent} % shorter"),
+    };
+    format!("{rank}; two-plane is {compared}")
 }
 
 fn pose(pose: &Pose) -> String {
@@ -57,6 +96,27 @@ fn pose(pose: &Pose) -> String {
         shortest_heading(pose.heading()),
         shortest_degrees(pose.pitch())
     )
+}
+
+/// The words behind a head, in lines that fit a terminal; later lines are indented by so much.
+fn wrapped(head: &str, words: &str, indent: usize) -> String {
+    let mut text = head.to_owned();
+    let mut column = head.chars().count();
+    let mut begun = true;
+    for word in words.split_whitespace() {
+        let width = word.chars().count();
+        if !begun && column + 1 + width > WIDTH {
+            text += &format!("\n{:indent$}", "");
+            column = indent;
+        } else if !begun {
+            text.push(' ');
+            column += 1;
+        }
+        text += word;
+        column += width;
+        begun = false;
+    }
+    text + "\n"
 }
 
 /// A time in the two units that matter.
@@ -76,6 +136,18 @@ pub fn duration(seconds: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn long_lines_are_broken_between_words() {
+        let text = wrapped("  word      ", &"eleven long ".repeat(20), 12);
+        assert!(text.lines().count() == 4 && text.lines().all(|line| line.len() <= 80), "{text}");
+        assert!(
+            text.lines()
+                .skip(1)
+                .all(|line| line.starts_with("            eleven") || line.starts_with("            long"))
+        );
+        assert_eq!(wrapped("", "", 2), "\n");
+    }
 
     #[test]
     fn times_are_rounded_to_what_matters() {

@@ -1,0 +1,190 @@
+//! `growbot workspace`: which goals are within reach of a body of a given length.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use growbot_core::pose::Pose;
+use growbot_core::robot::Robot;
+use growbot_host::input;
+use growbot_host::output::{print, replace_file};
+use growbot_host::plan_file::WrittenPose;
+use growbot_host::pose_text::{parse_pose, pose_of_numbers};
+use growbot_host::progress::{Progress, Results};
+use growbot_host::workspace::{DIRECTIONS, POSITIONS, Question, Workspace, svg, workspace};
+use serde_json::{Value, json};
+
+use super::search::PlannerName;
+use super::{Failure, RobotArg};
+
+/// Show which goals are within reach of a body
+///
+/// Which positions can a body of this length bring its tip to, and how many final directions can it have there? Prints a table,
+/// or one line of JSON with --json; -o draws a section through the start: an SVG, colour by length of the body.
+///
+/// Without a final direction (the tip may point anywhere) all is the same round the start's direction. The shortest body to a
+/// position is then an arc and a line, or two arcs, computed exactly, on a grid of 1/120 of the length; the volume is summed
+/// over rings of 1/500. The share of final directions is counted over 48 directions, spread evenly, planned at each position of
+/// a coarser grid: 1/30 of the length, or more where much of it is near the start.
+///
+/// With --heading and --pitch everything is planned: the volume is estimated from 1000 positions, the furthest reach from 200
+/// along each axis, and for -o the plane of the start's direction and its x axis is planned on a grid of 1/60 of the length or
+/// coarser, which takes longest where much of it is near the start.
+///
+/// Only length and radius count here: whether a body would run into itself is not looked at.
+#[derive(Args)]
+#[command(after_help = AFTER_HELP)]
+pub struct WorkspaceArgs {
+    /// Length of the body, mm [default: what the robot's spool gives]
+    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
+    length: Option<f64>,
+    /// Where the tip starts: X,Y,Z,HEADING,PITCH in mm and degrees
+    #[arg(long, value_name = "POSE", default_value = "0,0,0,0,90", allow_hyphen_values = true, value_parser = parse_pose)]
+    from: Pose,
+    /// Heading of the tip at the end, degrees [default: any direction]
+    #[arg(long, value_name = "DEG", requires = "pitch", allow_negative_numbers = true)]
+    heading: Option<f64>,
+    /// Pitch of the tip at the end, degrees [default: any direction]
+    #[arg(long, value_name = "DEG", requires = "heading", allow_negative_numbers = true)]
+    pitch: Option<f64>,
+    /// How paths are found
+    #[arg(long, value_enum, default_value_t = PlannerName::Shortest)]
+    planner: PlannerName,
+    /// Radius of the bends, mm [default: the robot's planning radius]
+    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
+    radius: Option<f64>,
+    #[command(flatten)]
+    robot: RobotArg,
+    /// Print one line of JSON
+    #[arg(long)]
+    json: bool,
+    /// Draw a section to this file (SVG)
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+}
+
+const AFTER_HELP: &str = "\
+Examples:
+  growbot workspace --length 1000 -o reach.svg
+  growbot workspace --length 800 --heading 0 --pitch -90
+  growbot workspace --robot growbot-b --length 20000 --json";
+
+/// The longest body that is looked at, mm.
+const LONGEST: f64 = 1e6;
+
+/// Runs the command.
+pub fn run(args: &WorkspaceArgs) -> Result<(), Failure> {
+    let robot = args.robot.load()?;
+    let length = args.length.unwrap_or_else(|| robot.description().filament.spool_mm / robot.filament_per_length());
+    if !(1.0..=LONGEST).contains(&length) {
+        return Err(Failure::bad_input(format!("length is {length} mm: give one from 1 to {LONGEST} mm")));
+    }
+    let direction = match (args.heading, args.pitch) {
+        (Some(heading), Some(pitch)) => {
+            let pose = pose_of_numbers([0.0, 0.0, 0.0, heading, pitch]).map_err(Failure::bad_input)?;
+            Some((pose.heading(), pose.pitch()))
+        }
+        _ => None,
+    };
+    if args.output.as_deref().is_some_and(input::is_standard_input) {
+        return Err(Failure::bad_input("-o takes a file: the picture goes nowhere else"));
+    }
+    let question = Question {
+        robot: &robot,
+        start: args.from,
+        length,
+        radius: args.radius.unwrap_or(robot.description().planning_radius_mm),
+        planner: args.planner.into(),
+        direction,
+        section: args.output.is_some(),
+    };
+    let mut progress: Option<Progress> = None;
+    let answer = workspace(&question, |done, of| {
+        let progress = progress.get_or_insert_with(|| Progress::start(Some(of), Results::AtEnd));
+        progress.at(done, || format!("{done} of {of} positions"));
+    });
+    if let Some(progress) = progress {
+        progress.finish();
+    }
+    let answer = answer?;
+    if let Some(path) = &args.output {
+        replace_file(path, svg(&question, &answer).as_bytes())?;
+        growbot_host::tell!("growbot: section drawn to {}", path.display());
+    }
+    let text = if args.json { format!("{}\n", json_of(args, &question, &answer)) } else { table(&question, &answer) };
+    Ok(print(&text)?)
+}
+
+fn table(question: &Question, answer: &Workspace) -> String {
+    let robot: &Robot = question.robot;
+    let length = round(question.length);
+    let mut text =
+        format!("{}: within reach of a body of {length} mm, bends of radius {} mm\n\n", robot.name(), question.radius);
+    let (volume, error) = answer.volume;
+    let ball = 4.0 / 3.0 * std::f64::consts::PI * question.length * question.length * question.length;
+    // As many digits as tell something.
+    let digits = if volume >= 1e8 {
+        0
+    } else if volume >= 1e6 {
+        1
+    } else {
+        3
+    };
+    let litres = |volume: f64| format!("{:.digits$}", volume / 1e6);
+    let give_or_take = if error > 0.0 { format!(" +- {}", litres(error)) } else { String::new() };
+    let percent = 100.0 * volume / ball;
+    text += &format!("  volume      {}{give_or_take} l, {percent:.1} % of the ball of that radius\n", litres(volume));
+    let reach = |distance: Option<f64>| distance.map_or("nothing".to_owned(), |mm| format!("{} mm", round(mm)));
+    let [ahead, towards, against, behind] = answer.reach.map(reach);
+    let aside = if question.direction.is_none() {
+        towards
+    } else {
+        format!("{towards} towards the start's x axis, {against} against it")
+    };
+    text += &format!("  ahead       {ahead}\n  aside       {aside}\n  behind      {behind}\n");
+    if !answer.shares.is_empty() {
+        text += &format!("\ndistance, mm  final directions within reach (of {})\n", 2 * DIRECTIONS);
+        let mut from = 0.0;
+        for band in &answer.shares {
+            let percent = 100.0 * band.share;
+            let bar = "#".repeat((percent / 2.5).round() as usize);
+            let line = format!("{:>5} - {:>5} {percent:>6.1} %  {bar}", round_to_mm(from), round_to_mm(band.to));
+            text += line.trim_end();
+            text.push('\n');
+            from = band.to;
+        }
+    }
+    text
+}
+
+fn json_of(args: &WorkspaceArgs, question: &Question, answer: &Workspace) -> Value {
+    let (volume, error) = answer.volume;
+    let reach = |index: usize| json!(answer.reach.get(index).copied().flatten());
+    json!({
+        "robot": question.robot.name(),
+        "planner": question.planner,
+        "length_mm": question.length,
+        "radius_mm": question.radius,
+        "start": WrittenPose::from(&question.start),
+        "heading_deg": args.heading,
+        "pitch_deg": args.pitch,
+        "volume_mm3": volume,
+        "volume_error_mm3": error,
+        "volume_positions": question.direction.map(|_| POSITIONS),
+        "ahead_mm": reach(0),
+        "aside_towards_x_mm": reach(1),
+        "aside_against_x_mm": reach(2),
+        "behind_mm": reach(3),
+        "directions": question.direction.map_or(2 * DIRECTIONS, |_| 1),
+        "shares": answer.shares.iter().map(|band| json!({ "to_mm": band.to, "share": band.share })).collect::<Vec<_>>(),
+        "section_spacing_mm": answer.section.as_ref().map(|section| section.spacing),
+        "share_spacing_mm": answer.share_section.as_ref().map(|section| section.spacing),
+    })
+}
+
+fn round(mm: f64) -> f64 {
+    (mm * 10.0).round() / 10.0
+}
+
+fn round_to_mm(mm: f64) -> f64 {
+    mm.round()
+}

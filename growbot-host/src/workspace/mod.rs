@@ -1,0 +1,407 @@
+//! Which goals are within reach of a body of a given length.
+//!
+//! Positions are told in the frame of the start: ahead, along the direction of growth, and aside of it. Where the tip may point
+//! anywhere, everything is the same round the start's direction, and the shortest body to a position has a closed form
+//! ([`shortest_to`]); how many final directions can be had there, the planner tells. Where the final direction is given, the planner
+//! tells all. Whether a body runs into itself is not looked at.
+
+mod anywhere;
+mod parallel;
+mod picture;
+
+use std::f64::consts::{FRAC_PI_2, PI, TAU};
+
+use growbot_core::path;
+use growbot_core::plan::{PlanError, Planner, plan};
+use growbot_core::pose::{Frame, Pose};
+use growbot_core::robot::Robot;
+use nalgebra::{Point3, Vector3};
+
+pub use anywhere::shortest_to;
+pub use picture::svg;
+
+/// What is asked.
+#[derive(Debug, Clone, Copy)]
+pub struct Question<'a> {
+    /// The robot.
+    pub robot: &'a Robot,
+    /// Where the body begins.
+    pub start: Pose,
+    /// Length of the body, mm.
+    pub length: f64,
+    /// Radius of the bends, mm.
+    pub radius: f64,
+    /// How paths are found.
+    pub planner: Planner,
+    /// Heading and pitch of the tip at the end, radians; none: any direction will do.
+    pub direction: Option<(f64, f64)>,
+    /// Whether the section is wanted: where the direction is given, that takes most of the time.
+    pub section: bool,
+}
+
+/// The answer.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Workspace {
+    /// Volume of the positions within reach, mm^3, and its standard error, mm^3 (0 where it is integrated).
+    pub volume: (f64, f64),
+    /// The furthest positions within reach straight ahead of the start, beside it towards its x axis and against it, and
+    /// behind it, mm; none: not even the nearest tried.
+    pub reach: [Option<f64>; 4],
+    /// Share of final directions within reach, by distance from the start. Empty where the direction is given.
+    pub shares: Vec<Band>,
+    /// The section through the start, in the plane of its direction and its x axis, if it is wanted: the shortest body to each
+    /// position, mm. What is longer than the body asked for may be told too short.
+    pub section: Option<Section>,
+    /// The share of final directions, over the same plane. None where the direction is given.
+    pub share_section: Option<Section>,
+}
+
+/// Positions in a shell round the start.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Band {
+    /// The shell's outer radius, mm. Its inner one is the outer one of the band before.
+    pub to: f64,
+    /// Share of all final directions at all its positions that are within reach, 0 to 1.
+    pub share: f64,
+}
+
+/// Values on a grid of positions in a plane.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Section {
+    /// Distance between neighbours, mm.
+    pub spacing: f64,
+    /// Positions in a row, along `aside` from `aside_from`.
+    pub columns: usize,
+    /// `aside` of the first column, mm.
+    pub aside_from: f64,
+    /// `ahead` of the first row, mm.
+    pub ahead_from: f64,
+    /// Row by row from behind to ahead: the shortest body, mm, or a share.
+    pub values: Vec<f64>,
+}
+
+/// Near the start planning takes long: so many plans, nearer than [`NEAR`] radii, may be asked for, of shares and of lengths...
+const MOST_NEAR: f64 = 3000.0;
+const MOST_NEAR_IN_DIRECTION: f64 = 400.0;
+/// ...and this is what counts as near, radii.
+const NEAR: f64 = 4.0;
+/// Final directions for each position: this many over the half sphere on one side of the section; the other mirrors it.
+pub const DIRECTIONS: usize = 24;
+/// Shells in [`Workspace::shares`].
+const BANDS: usize = 10;
+/// Rows from the start to the end of the section, at most.
+const FINEST_SHARES: f64 = 30.0;
+const FINEST_PLANNED: f64 = 60.0;
+const FINEST_CLOSED: f64 = 120.0;
+/// Positions from which a volume is estimated.
+pub const POSITIONS: usize = 1000;
+/// Positions tried along each axis.
+pub const ALONG_AXIS: usize = 200;
+
+/// Computes the workspace. `at` hears how much is done: steps, of how many.
+///
+/// # Errors
+/// As [`plan`]: a radius that the robot cannot bend to, above all.
+pub fn workspace(question: &Question, at: impl FnMut(u64, u64)) -> Result<Workspace, PlanError> {
+    // What is wrong with the radius is wrong everywhere.
+    plan(question.robot, &question.start, &question.start, question.radius, question.planner)?;
+    match question.direction {
+        None => Ok(question.anywhere(at)),
+        Some((heading, pitch)) => Ok(question.in_direction(heading, pitch, at)),
+    }
+}
+
+impl Question<'_> {
+    /// Radius, on the section, within which planning takes long, mm.
+    fn near(&self) -> f64 {
+        (NEAR * self.radius).min(self.length)
+    }
+
+    fn start_frame(&self) -> Frame {
+        self.start.frame()
+    }
+
+    /// A position in the start's frame, in the base's.
+    fn position(&self, position: Vector3<f64>) -> Vector3<f64> {
+        (self.start_frame() * Point3::from(position)).coords
+    }
+
+    /// Length of the planned body to a position in the start's frame; infinite where there is none.
+    fn planned(&self, position: Vector3<f64>, heading: f64, pitch: f64) -> f64 {
+        Pose::new(self.position(position), heading, pitch)
+            .ok()
+            .and_then(|goal| plan(self.robot, &self.start, &goal, self.radius, self.planner).ok())
+            .map_or(f64::INFINITY, |chosen| path::length(&chosen.path))
+    }
+
+    /// A length that no body to this position and direction is shorter than, mm: it can be no shorter than the shortest that
+    /// may point anywhere, nor, seen from its end, than the shortest that may start anyhow.
+    fn at_least(&self, position: Vector3<f64>, heading: f64, pitch: f64) -> f64 {
+        let forth = shortest_to(position.z, libm::hypot(position.x, position.y), self.radius);
+        let Ok(goal) = Pose::new(self.position(position), heading, pitch) else { return f64::INFINITY };
+        let back = goal.position() - self.start.position();
+        let ahead = back.dot(&goal.direction());
+        let aside = (back - goal.direction() * ahead).norm();
+        forth.max(shortest_to(ahead, aside, self.radius))
+    }
+
+    /// Whether a body of the length reaches this position and direction. The planner is asked only where neither a bound nor the
+    /// two-plane path, which is quickly found, decides.
+    fn within(&self, position: Vector3<f64>, heading: f64, pitch: f64) -> bool {
+        if self.at_least(position, heading, pitch) > self.length * (1.0 + 1e-9) {
+            return false;
+        }
+        let two_plane = Self { planner: Planner::TwoPlane, ..*self };
+        two_plane.planned(position, heading, pitch) <= self.length
+            || self.planner != Planner::TwoPlane && self.planned(position, heading, pitch) <= self.length
+    }
+
+    fn anywhere(&self, mut at: impl FnMut(u64, u64)) -> Workspace {
+        let shortest = |ahead: f64, aside: f64| shortest_to(ahead, aside, self.radius);
+        let spacing = self.length / FINEST_CLOSED;
+        let section = self.section.then(|| Section::on_a_half_plane(self.length, spacing, shortest));
+
+        // Rings round the start's direction, as in `share_section`.
+        let near = FRAC_PI_2 * self.near() * self.near();
+        let coarse = (self.length / FINEST_SHARES).max(libm::sqrt(near * DIRECTIONS as f64 / MOST_NEAR));
+        let rows = libm::ceil(self.length / coarse);
+        let coarse = self.length / rows;
+        let cells: Vec<(f64, f64)> = (0..2 * rows as usize)
+            .flat_map(|row| (0..rows as usize).map(move |column| (row, column)))
+            .map(|(row, column)| ((row as f64 + 0.5) * coarse - self.length, (column as f64 + 0.5) * coarse))
+            .collect();
+        let directions = half_sphere();
+        let share = |&(ahead, aside): &(f64, f64)| {
+            if shortest(ahead, aside) > self.length {
+                return 0.0;
+            }
+            let within = directions.iter().filter(|direction| {
+                let (heading, pitch) = heading_and_pitch(&(self.start_frame().rotation * **direction));
+                self.within(Vector3::new(aside, 0.0, ahead), heading, pitch)
+            });
+            within.count() as f64 / DIRECTIONS as f64
+        };
+        let values = parallel::map(&cells, share, |done| at(done as u64, cells.len() as u64));
+
+        let bands = (0..BANDS).map(|band| {
+            let to = self.length * (band + 1) as f64 / BANDS as f64;
+            let from = self.length * band as f64 / BANDS as f64;
+            let inside = |&(&(ahead, aside), _): &(&(f64, f64), &f64)| (from..to).contains(&libm::hypot(ahead, aside));
+            let (weight, sum) = cells
+                .iter()
+                .zip(&values)
+                .filter(inside)
+                .fold((0.0, 0.0), |(weight, sum), (cell, value)| (weight + cell.1, sum + cell.1 * value));
+            Band { to, share: if weight > 0.0 { sum / weight } else { 0.0 } }
+        });
+        let aside = furthest(self.length, |distance| shortest(0.0, distance));
+        Workspace {
+            volume: (self.volume_of_rings(shortest), 0.0),
+            reach: [Some(self.length), aside, aside, furthest(self.length, |distance| shortest(-distance, 0.0))],
+            shares: bands.collect(),
+            section,
+            share_section: Some(Section {
+                spacing: coarse,
+                columns: rows as usize,
+                aside_from: 0.5 * coarse,
+                ahead_from: 0.5 * coarse - self.length,
+                values,
+            }),
+        }
+    }
+
+    /// Volume of the positions that a body of the length reaches, by rings of a fine grid.
+    fn volume_of_rings(&self, shortest: impl Fn(f64, f64) -> f64) -> f64 {
+        let rows = 500;
+        let step = self.length / f64::from(rows);
+        let mut volume = 0.0;
+        for row in -rows..rows {
+            for column in 0..rows {
+                let (ahead, aside) = ((f64::from(row) + 0.5) * step, (f64::from(column) + 0.5) * step);
+                if shortest(ahead, aside) <= self.length {
+                    volume += TAU * aside * step * step;
+                }
+            }
+        }
+        volume
+    }
+
+    fn in_direction(&self, heading: f64, pitch: f64, mut at: impl FnMut(u64, u64)) -> Workspace {
+        let near = PI * self.near() * self.near();
+        let spacing = (self.length / FINEST_PLANNED).max(libm::sqrt(near / MOST_NEAR_IN_DIRECTION));
+        let rows = libm::ceil(self.length / spacing);
+        let spacing = self.length / rows;
+        let columns = if self.section { 2 * rows as usize + 1 } else { 0 };
+        let place = |index: usize| index as f64 * spacing - self.length;
+        let in_plane: Vec<Vector3<f64>> = (0..columns)
+            .flat_map(|row| (0..columns).map(move |column| Vector3::new(place(column), 0.0, place(row))))
+            .collect();
+        let axes = [Vector3::z(), Vector3::x(), -Vector3::x(), -Vector3::z()];
+        let of = (axes.len() + POSITIONS + in_plane.len()) as u64;
+
+        // The furthest along an axis, looked for from far to near.
+        let furthest = |axis: &Vector3<f64>| {
+            let along = |step: usize| self.length * step as f64 / ALONG_AXIS as f64;
+            (1..=ALONG_AXIS).rev().map(along).find(|distance| self.within(axis * *distance, heading, pitch))
+        };
+        let reach = parallel::map(&axes, furthest, |done| at(done as u64, of));
+        let in_space: Vec<Vector3<f64>> = (0..POSITIONS).map(|index| in_ball(index) * self.length).collect();
+        let before = axes.len();
+        let within = parallel::map(
+            &in_space,
+            |position| self.within(*position, heading, pitch),
+            |done| at((before + done) as u64, of),
+        );
+        let before = before + POSITIONS;
+        let values = parallel::map(
+            &in_plane,
+            |position| match self.at_least(*position, heading, pitch) {
+                // Near the edge the lengths themselves are wanted: it is drawn between them.
+                beyond if beyond > self.length + 2.0 * spacing => beyond,
+                _ => self.planned(*position, heading, pitch),
+            },
+            |done| at((before + done) as u64, of),
+        );
+
+        let share = within.iter().filter(|within| **within).count() as f64 / POSITIONS as f64;
+        let ball = 4.0 / 3.0 * PI * self.length * self.length * self.length;
+        let error = libm::sqrt(share * (1.0 - share) / POSITIONS as f64);
+        let corner = -self.length;
+        let section = Section { spacing, columns, aside_from: corner, ahead_from: corner, values };
+        Workspace {
+            volume: (share * ball, error * ball),
+            reach: std::array::from_fn(|axis| reach.get(axis).copied().flatten()),
+            shares: Vec::new(),
+            section: self.section.then_some(section),
+            share_section: None,
+        }
+    }
+}
+
+impl Section {
+    /// Of the half plane on the side of the x axis.
+    fn on_a_half_plane(length: f64, spacing: f64, value: impl Fn(f64, f64) -> f64) -> Self {
+        let side = libm::round(length / spacing) as usize;
+        let columns = side + 1;
+        let place = |row: usize, column: usize| (row as f64 * spacing - length, column as f64 * spacing);
+        let values = (0..=2 * side)
+            .flat_map(|row| (0..columns).map(move |column| (row, column)))
+            .map(|(row, column)| place(row, column))
+            .map(|(ahead, aside)| value(ahead, aside))
+            .collect();
+        Self { spacing, columns, aside_from: 0.0, ahead_from: -length, values }
+    }
+
+    /// The value at a row and a column, and where that is: aside and ahead, mm.
+    #[must_use]
+    pub fn at(&self, row: usize, column: usize) -> Option<(f64, f64, f64)> {
+        let value = (column < self.columns).then(|| self.values.get(row * self.columns + column)).flatten()?;
+        let aside = self.aside_from + column as f64 * self.spacing;
+        Some((*value, aside, self.ahead_from + row as f64 * self.spacing))
+    }
+
+    /// How many rows there are.
+    #[must_use]
+    pub fn rows(&self) -> usize {
+        self.values.len().checked_div(self.columns).unwrap_or(0)
+    }
+}
+
+/// The furthest distance, in steps of a thousandth, at which the shortest body is no longer than this.
+fn furthest(length: f64, shortest: impl Fn(f64) -> f64) -> Option<f64> {
+    (1..=1000).rev().map(|step| length * f64::from(step) / 1000.0).find(|distance| shortest(*distance) <= length)
+}
+
+/// Directions spread evenly over the half sphere of positive y.
+fn half_sphere() -> Vec<Vector3<f64>> {
+    let golden = PI * (3.0 - libm::sqrt(5.0));
+    let direction = |index: usize| {
+        let y = (index as f64 + 0.5) / DIRECTIONS as f64;
+        let across = libm::sqrt(1.0 - y * y);
+        let (sin, cos) = libm::sincos(golden * index as f64);
+        Vector3::new(across * cos, y, across * sin)
+    };
+    (0..DIRECTIONS).map(direction).collect()
+}
+
+/// Points spread evenly through the unit ball (Roberts's sequence in three dimensions).
+fn in_ball(index: usize) -> Vector3<f64> {
+    // The root of x^4 = x + 1.
+    let root = 1.220_744_084_605_759_5;
+    let part = |power: f64| {
+        let sum = 0.5 + (index as f64 + 1.0) / power;
+        sum - libm::floor(sum)
+    };
+    let [radius, up, round] = [part(root), part(root * root), part(root * root * root)];
+    let (radius, up) = (libm::cbrt(radius), 2.0 * up - 1.0);
+    let across = libm::sqrt(1.0 - up * up);
+    let (sin, cos) = libm::sincos(TAU * round);
+    Vector3::new(across * cos, across * sin, up) * radius
+}
+
+fn heading_and_pitch(direction: &Vector3<f64>) -> (f64, f64) {
+    (
+        libm::atan2(direction.y, direction.x),
+        libm::atan2(direction.z, libm::hypot(direction.x, direction.y)).clamp(-FRAC_PI_2, FRAC_PI_2),
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::robot_file;
+
+    fn question(robot: &Robot, length: f64) -> Question<'_> {
+        Question {
+            robot,
+            start: Pose::from_degrees([10.0, 20.0, 30.0, 40.0, 50.0]).unwrap(),
+            length,
+            radius: 100.0,
+            planner: Planner::TwoPlane,
+            direction: None,
+            section: true,
+        }
+    }
+
+    #[test]
+    fn no_planned_body_is_shorter_than_the_shortest_to_anywhere() {
+        let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
+        let question = question(&robot, 1000.0);
+        for index in 0..2000 {
+            let position = in_ball(index) * 1000.0;
+            let (heading, pitch) = heading_and_pitch(&in_ball(index + 2000));
+            let aside = libm::hypot(position.x, position.y);
+            let planned = question.planned(position, heading, pitch);
+            assert!(planned >= shortest_to(position.z, aside, 100.0) - 1e-6, "{position:?}");
+            assert!(planned >= question.at_least(position, heading, pitch) - 1e-6, "{position:?}");
+        }
+    }
+
+    #[test]
+    fn a_long_body_reaches_nearly_the_whole_ball_and_a_short_one_only_ahead() {
+        let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
+        let ball = |length: f64| 4.0 / 3.0 * PI * length * length * length;
+        let short = workspace(&question(&robot, 100.0), |_, _| {}).unwrap();
+        // A body of a radius: a plume ahead, nothing behind or beside.
+        assert!(short.volume.0 < 0.2 * ball(100.0) && short.reach[0] == Some(100.0));
+        assert!(short.reach[3].is_none() || short.reach[3] < Some(1.0), "{:?}", short.reach);
+        let long = workspace(&question(&robot, 5000.0), |_, _| {}).unwrap();
+        assert!(long.volume.0 > 0.85 * ball(5000.0), "{}", long.volume.0 / ball(5000.0));
+        assert!(long.shares[7].share > 0.9 && long.shares[9].share < 0.9, "{:?}", long.shares);
+        assert_eq!(long.shares.len(), BANDS);
+    }
+
+    #[test]
+    fn a_given_direction_reaches_less_than_any() {
+        let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
+        let any = workspace(&question(&robot, 600.0), |_, _| {}).unwrap();
+        let down = Question { direction: Some((0.0, -1.5)), ..question(&robot, 600.0) };
+        let mut told = (0, 0);
+        let down = workspace(&down, |done, of| told = (done, of)).unwrap();
+        assert!(down.volume.0 + 3.0 * down.volume.1 < any.volume.0 && down.volume.0 > 0.0);
+        assert!(down.reach[0] < any.reach[0] && down.shares.is_empty() && down.share_section.is_none());
+        assert!(told.1 > 1000 && told.0 <= told.1);
+        let tight = Question { radius: 50.0, ..question(&robot, 600.0) };
+        assert!(matches!(workspace(&tight, |_, _| {}), Err(PlanError::RadiusTooSmall { .. })));
+    }
+}

@@ -1,0 +1,48 @@
+//! The same work on many items, on all cores.
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::thread;
+use std::time::Duration;
+
+/// Time between two looks at how far the work is.
+const LOOK: Duration = Duration::from_millis(50);
+
+/// The results in the order of the items. `at` hears how many are done.
+pub fn map<T: Sync, U: Send>(items: &[T], work: impl Fn(&T) -> U + Sync, mut at: impl FnMut(usize)) -> Vec<U> {
+    let workers = thread::available_parallelism().map_or(1, usize::from);
+    let (next, done) = (AtomicUsize::new(0), AtomicUsize::new(0));
+    let take = || {
+        let mut mine = Vec::new();
+        while let Some((index, item)) =
+            Some(next.fetch_add(1, Ordering::Relaxed)).and_then(|i| Some((i, items.get(i)?)))
+        {
+            mine.push((index, work(item)));
+            done.fetch_add(1, Ordering::Relaxed);
+        }
+        mine
+    };
+    let mut results: Vec<(usize, U)> = thread::scope(|scope| {
+        let workers: Vec<_> = (0..workers).map(|_| scope.spawn(take)).collect();
+        while workers.iter().any(|worker| !worker.is_finished()) {
+            at(done.load(Ordering::Relaxed));
+            thread::sleep(LOOK);
+        }
+        // A worker that panicked has said so; its panic goes on here.
+        workers
+            .into_iter()
+            .flat_map(|worker| worker.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
+            .collect()
+    });
+    results.sort_by_key(|(index, _)| *index);
+    results.into_iter().map(|(_, result)| result).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn results_keep_their_order() {
+        let items: Vec<u64> = (0..1000).collect();
+        assert_eq!(super::map(&items, |item| item * item, |_| {}), items.iter().map(|i| i * i).collect::<Vec<_>>());
+        assert!(super::map(&[0_u8; 0], |item| *item, |_| {}).is_empty());
+    }
+}

@@ -1,0 +1,375 @@
+//! A workspace as a picture: one SVG, drawn here.
+
+use std::fmt::Write;
+
+use growbot_core::angle::degrees;
+
+use super::{Question, Section, Workspace};
+
+/// Width and height of the picture, and of the square that the section fills, with its left upper corner.
+const SIZE: (f64, f64) = (880.0, 780.0);
+const SQUARE: f64 = 600.0;
+const CORNER: (f64, f64) = (80.0, 100.0);
+/// Left edge of the legend.
+const LEGEND: f64 = 720.0;
+
+/// Colours of lengths, from short to long: viridis, in which equal steps look equal.
+const VIRIDIS: [[u8; 3]; 9] = [
+    [253, 231, 37],
+    [173, 220, 48],
+    [94, 201, 98],
+    [40, 174, 128],
+    [33, 145, 140],
+    [44, 114, 142],
+    [59, 82, 139],
+    [71, 45, 123],
+    [68, 1, 84],
+];
+/// Colours of shares, from none to all.
+const BLUES: [[u8; 3]; 5] = [[247, 251, 255], [198, 219, 239], [107, 174, 214], [33, 113, 181], [8, 48, 107]];
+/// Steps of the scale of shares.
+const SHARE_STEPS: usize = 10;
+
+const STYLE: &str = "text{font-family:system-ui,'Segoe UI','DejaVu Sans',sans-serif;font-size:13px;fill:#1c2430}\
+.title{font-size:18px;font-weight:600}.note{font-size:12px;fill:#4a5565}.mid{text-anchor:middle}.end{text-anchor:end}\
+.axis{stroke:#1c2430;stroke-width:1;fill:none}.grid{stroke:#1c2430;stroke-opacity:.12;fill:none}\
+.line{stroke:#fff;stroke-opacity:.75;stroke-width:.8;fill:none}\
+.edge{stroke:#1c2430;stroke-width:1.6;fill:none;stroke-linejoin:round;stroke-linecap:round}\
+.ball{stroke:#1c2430;stroke-opacity:.45;stroke-dasharray:5 5;fill:none}\
+.tube{fill:#e8590c;stroke:#fff;stroke-width:1}.way{stroke:#e8590c;stroke-width:2;fill:none}";
+
+/// The picture: on the right the shortest body to each position, on the left the share of final directions; where the final
+/// direction is given, lengths on both sides.
+#[must_use]
+pub fn svg(question: &Question, workspace: &Workspace) -> String {
+    let (width, height) = SIZE;
+    let mut svg = format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {height}\" width=\"{width}\" height=\"{height}\" \
+         role=\"img\">\n<title>{}</title>\n<style>{STYLE}</style>\n\
+         <rect width=\"{width}\" height=\"{height}\" rx=\"8\" fill=\"#fff\"/>\n",
+        title(question)
+    );
+    let plot = Plot { scale: SQUARE / (2.0 * question.length), length: question.length };
+    plot.texts(&mut svg, question);
+    if let Some(shares) = &workspace.share_section {
+        plot.shares(&mut svg, shares);
+    }
+    if let Some(lengths) = &workspace.section {
+        plot.lengths(&mut svg, lengths);
+    }
+    plot.axes(&mut svg, question);
+    plot.legend(&mut svg, workspace.share_section.is_some());
+    svg + "</svg>\n"
+}
+
+fn title(question: &Question) -> String {
+    // A robot's name holds letters, digits and hyphens only.
+    format!(
+        "{}: within reach of a body of {} mm, bends of radius {} mm",
+        question.robot.name(),
+        libm::round(question.length * 10.0) / 10.0,
+        question.radius
+    )
+}
+
+/// The colour at a place of a scale, 0 to 1.
+fn colour(scale: &[[u8; 3]], at: f64) -> String {
+    let place = at.clamp(0.0, 1.0) * (scale.len() - 1) as f64;
+    let first = (place as usize).min(scale.len() - 2);
+    let (a, b, share) = (scale[first], scale[first + 1], place - first as f64);
+    let mixed: [u8; 3] =
+        std::array::from_fn(|i| (f64::from(a[i]) + share * (f64::from(b[i]) - f64::from(a[i]))).round() as u8);
+    format!("#{:02x}{:02x}{:02x}", mixed[0], mixed[1], mixed[2])
+}
+
+/// 1, 2 or 5 times a power of ten: the least that divides this into no more than so many parts.
+fn round_step(whole: f64, most: f64) -> f64 {
+    let power = libm::pow(10.0, libm::floor(libm::log10(whole / most)));
+    [1.0, 2.0, 5.0, 10.0].into_iter().map(|step| step * power).find(|step| whole / step <= most).unwrap_or(whole)
+}
+
+struct Plot {
+    /// Pixels for a mm.
+    scale: f64,
+    /// Length of the body, mm.
+    length: f64,
+}
+
+impl Plot {
+    /// Where a position is in the picture.
+    fn place(&self, aside: f64, ahead: f64) -> (f64, f64) {
+        (CORNER.0 + SQUARE / 2.0 + aside * self.scale, CORNER.1 + SQUARE / 2.0 - ahead * self.scale)
+    }
+
+    /// Body lengths at which the colour changes: the last one is the whole length.
+    fn levels(&self) -> Vec<f64> {
+        let step = round_step(self.length, 12.0);
+        let mut levels: Vec<f64> =
+            (1..=12).map(|i| step * f64::from(i)).take_while(|level| *level < self.length * (1.0 - 1e-9)).collect();
+        levels.push(self.length);
+        levels
+    }
+
+    fn level_colour(&self, index: usize, count: usize) -> String {
+        colour(&VIRIDIS, (index as f64 + 0.5) / count as f64)
+    }
+
+    /// Filled contours, the widest first, and the lines between them.
+    fn lengths(&self, svg: &mut String, section: &Section) {
+        let levels = self.levels();
+        for (index, level) in levels.iter().enumerate().rev() {
+            let (area, line) = self.contour(section, *level);
+            let class = if index + 1 == levels.len() { "edge" } else { "line" };
+            let fill = self.level_colour(index, levels.len());
+            // Writing to a String cannot fail.
+            let _ = writeln!(svg, "<path fill=\"{fill}\" d=\"{area}\"/>\n<path class=\"{class}\" d=\"{line}\"/>");
+        }
+    }
+
+    /// Where the values are up to this level: the area, and the line that bounds it.
+    fn contour(&self, section: &Section, level: f64) -> (String, String) {
+        let (mut area, mut line) = (String::new(), String::new());
+        let polygon = |text: &mut String, points: &[(f64, f64)], close: &str| {
+            for (index, (aside, ahead)) in points.iter().enumerate() {
+                let (x, y) = self.place(*aside, *ahead);
+                let _ = write!(text, "{}{x:.1} {y:.1}", if index == 0 { "M" } else { "L" });
+            }
+            text.push_str(close);
+        };
+        for row in 0..section.rows().saturating_sub(1) {
+            let mut run: Option<[(f64, f64); 2]> = None;
+            let close_run = |run: &mut Option<[(f64, f64); 2]>| {
+                run.take().map(|[from, to]| [from, (to.0, from.1), to, (from.0, to.1)])
+            };
+            for column in 0..section.columns.saturating_sub(1) {
+                let corners = [(0, 0), (0, 1), (1, 1), (1, 0)].map(|(up, over)| section.at(row + up, column + over));
+                let [Some(a), Some(b), Some(c), Some(d)] = corners else { continue };
+                let corners = [a, b, c, d];
+                if corners.iter().all(|(value, ..)| *value <= level) {
+                    let from = run.map_or((a.1, a.2), |[from, _]| from);
+                    run = Some([from, (c.1, c.2)]);
+                    continue;
+                }
+                if let Some(rectangle) = close_run(&mut run) {
+                    polygon(&mut area, &rectangle, "Z");
+                }
+                let (inside, crossings) = clip(&corners, level, 4.0 * self.length);
+                if !inside.is_empty() {
+                    polygon(&mut area, &inside, "Z");
+                }
+                for pair in crossings.chunks_exact(2) {
+                    polygon(&mut line, pair, "");
+                }
+            }
+            if let Some(rectangle) = close_run(&mut run) {
+                polygon(&mut area, &rectangle, "Z");
+            }
+        }
+        (area, line)
+    }
+
+    /// Squares, mirrored to the left; neighbours of one colour are one rectangle.
+    fn shares(&self, svg: &mut String, shares: &Section) {
+        svg.push_str("<g shape-rendering=\"crispEdges\">\n");
+        let half = 0.5 * shares.spacing;
+        for row in 0..shares.rows() {
+            let mut cells = (0..shares.columns).filter_map(|column| shares.at(row, column)).peekable();
+            while let Some((share, from, ahead)) = cells.next() {
+                if share <= 0.0 {
+                    continue;
+                }
+                let mut to = from;
+                while let Some((_, aside, _)) =
+                    cells.next_if(|(next, ..)| *next > 0.0 && share_step(*next) == share_step(share))
+                {
+                    to = aside;
+                }
+                // Whole pixels, so that no background shines through between neighbours.
+                let [(x, y), (right, bottom)] = [(-to - half, ahead + half), (half - from, ahead - half)]
+                    .map(|(aside, ahead)| self.place(aside, ahead))
+                    .map(|(x, y)| (x.round(), y.round()));
+                let (width, height) = (right - x, bottom - y);
+                let fill = colour(&BLUES, share_step(share));
+                let _ =
+                    writeln!(svg, "<rect x=\"{x}\" y=\"{y}\" width=\"{width}\" height=\"{height}\" fill=\"{fill}\"/>");
+            }
+        }
+        svg.push_str("</g>\n");
+    }
+
+    fn texts(&self, svg: &mut String, question: &Question) {
+        let [x, y, z, heading, pitch] = question.start.to_degrees().map(|number| (number * 1e3).round() / 1e3 + 0.0);
+        let notes = match question.direction {
+            None => [
+                format!("Start at {x}, {y}, {z} mm, heading {heading}, pitch {pitch} deg; the same all round its direction."),
+                "Right: the shortest body, whichever way its tip points. Left: the share of final directions within reach."
+                    .to_owned(),
+            ],
+            Some((to_heading, to_pitch)) => [
+                format!(
+                    "Start at {x}, {y}, {z} mm, heading {heading}, pitch {pitch} deg; section in the plane of its x axis."
+                ),
+                format!(
+                    "The shortest body whose tip points to heading {:.1}, pitch {:.1} deg.",
+                    degrees(to_heading),
+                    degrees(to_pitch)
+                ),
+            ],
+        };
+        let left = CORNER.0;
+        let _ = writeln!(svg, "<text class=\"title\" x=\"{left}\" y=\"36\">{}</text>", title(question));
+        for (line, note) in notes.iter().enumerate() {
+            let _ = writeln!(svg, "<text class=\"note\" x=\"{left}\" y=\"{}\">{note}</text>", 58 + 18 * line);
+        }
+    }
+
+    fn axes(&self, svg: &mut String, question: &Question) {
+        let (left, top) = CORNER;
+        let (right, bottom) = (left + SQUARE, top + SQUARE);
+        let step = round_step(2.0 * self.length, 10.0);
+        let count = libm::floor(self.length / step) as i32;
+        for i in -count..=count {
+            let at = step * f64::from(i);
+            let (x, y) = self.place(at, at);
+            let across = if question.direction.is_none() { at.abs() } else { at };
+            let _ = writeln!(
+                svg,
+                "<path class=\"grid\" d=\"M{x:.1} {top}V{bottom}M{left} {y:.1}H{right}\"/>\
+                 <text class=\"mid\" x=\"{x:.1}\" y=\"{:.1}\">{across}</text>\
+                 <text class=\"end\" x=\"{:.1}\" y=\"{:.1}\">{at}</text>",
+                bottom + 19.0,
+                left - 8.0,
+                y + 4.5
+            );
+        }
+        let (x, y) = self.place(0.0, 0.0);
+        let (middle_x, middle_y) = (left + SQUARE / 2.0, top + SQUARE / 2.0);
+        let aside = if question.direction.is_none() { "aside, mm" } else { "along the start&#8217;s x axis, mm" };
+        let _ = writeln!(
+            svg,
+            "<circle class=\"ball\" cx=\"{x}\" cy=\"{y}\" r=\"{}\"/>\n\
+             <rect class=\"axis\" x=\"{left}\" y=\"{top}\" width=\"{SQUARE}\" height=\"{SQUARE}\"/>\n\
+             <text class=\"mid\" x=\"{middle_x}\" y=\"{}\">{aside}</text>\n\
+             <text class=\"mid\" transform=\"translate({} {middle_y}) rotate(-90)\">ahead, mm</text>",
+            SQUARE / 2.0,
+            bottom + 42.0,
+            left - 56.0
+        );
+        if question.direction.is_none() {
+            let _ = writeln!(svg, "<path class=\"axis\" d=\"M{x} {top}V{bottom}\"/>");
+        }
+        // The robot: the tube so far, and which way it grows.
+        let wide = (question.robot.outer_diameter() * self.scale).max(7.0);
+        let long = 1.4 * wide;
+        let _ = writeln!(
+            svg,
+            "<path class=\"way\" d=\"M{x} {y}v{:.1}m-5 7l5 -8l5 8\"/>\
+             <rect class=\"tube\" x=\"{:.1}\" y=\"{y}\" width=\"{wide:.1}\" height=\"{long:.1}\" rx=\"2\"/>",
+            -1.3 * wide - 12.0,
+            x - wide / 2.0
+        );
+    }
+
+    fn legend(&self, svg: &mut String, with_shares: bool) {
+        let levels = self.levels();
+        let (top, bar) = (CORNER.1 + 28.0, 24.0);
+        let tall = if with_shares { 250.0 } else { 420.0 };
+        let _ = writeln!(svg, "<text x=\"{LEGEND}\" y=\"{}\">body, mm</text>", top - 14.0);
+        // A scale of length: each band as tall as it is long.
+        let mut below = 0.0;
+        for (index, level) in levels.iter().enumerate() {
+            let (y, height) = (top + tall * (1.0 - level / self.length), tall * (level - below) / self.length);
+            let _ = writeln!(
+                svg,
+                "<rect x=\"{LEGEND}\" y=\"{y:.1}\" width=\"{bar}\" height=\"{height:.1}\" fill=\"{}\"/>",
+                self.level_colour(index, levels.len())
+            );
+            // The last step may be too short for a label beside the one above it.
+            if index + 1 == levels.len() || tall * (self.length - level) / self.length > 15.0 {
+                let rounded = (level * 10.0).round() / 10.0;
+                let _ = writeln!(svg, "<text x=\"{}\" y=\"{:.1}\">{rounded}</text>", LEGEND + bar + 8.0, y + 4.5);
+            }
+            below = *level;
+        }
+        let _ = writeln!(svg, "<text x=\"{}\" y=\"{:.1}\">0</text>", LEGEND + bar + 8.0, top + tall + 4.5);
+        if !with_shares {
+            return;
+        }
+        let (top, tall) = (top + tall + 68.0, 200.0);
+        let _ = writeln!(svg, "<text x=\"{LEGEND}\" y=\"{}\">directions, %</text>", top - 14.0);
+        for step in 0..SHARE_STEPS {
+            let height = tall / SHARE_STEPS as f64;
+            let y = top + tall - height * (step + 1) as f64;
+            let fill = colour(&BLUES, share_step((step as f64 + 0.5) / SHARE_STEPS as f64));
+            let _ = writeln!(
+                svg,
+                "<rect x=\"{LEGEND}\" y=\"{y:.1}\" width=\"{bar}\" height=\"{height:.1}\" fill=\"{fill}\"/>"
+            );
+            if step % 2 == 1 {
+                let percent = 100 * (step + 1) / SHARE_STEPS;
+                let _ = writeln!(svg, "<text x=\"{}\" y=\"{:.1}\">{percent}</text>", LEGEND + bar + 8.0, y + 4.5);
+            }
+        }
+        let _ = writeln!(
+            svg,
+            "<text x=\"{}\" y=\"{:.1}\">0</text>\
+             <rect class=\"grid\" x=\"{LEGEND}\" y=\"{top}\" width=\"{bar}\" height=\"{tall}\"/>",
+            LEGEND + bar + 8.0,
+            top + tall + 4.5
+        );
+    }
+}
+
+/// The place on the scale of shares of the step that a share lies in.
+fn share_step(share: f64) -> f64 {
+    let step = libm::ceil(share * SHARE_STEPS as f64).max(1.0);
+    step / SHARE_STEPS as f64
+}
+
+/// Points: aside and ahead, mm.
+type Polygon = Vec<(f64, f64)>;
+
+/// The part of a cell where the values are up to a level, and where its sides cross it. Values count up to `most`.
+fn clip(corners: &[(f64, f64, f64); 4], level: f64, most: f64) -> (Polygon, Polygon) {
+    let (mut inside, mut crossings) = (Vec::new(), Vec::new());
+    for (index, &(value, aside, ahead)) in corners.iter().enumerate() {
+        if value <= level {
+            inside.push((aside, ahead));
+        }
+        let (next, next_aside, next_ahead) = corners[(index + 1) % 4];
+        if (value <= level) != (next <= level) {
+            let (from, to) = (value.min(most), next.min(most));
+            let share = ((level - from) / (to - from)).clamp(0.0, 1.0);
+            let point = (aside + share * (next_aside - aside), ahead + share * (next_ahead - ahead));
+            inside.push(point);
+            crossings.push(point);
+        }
+    }
+    (inside, crossings)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn steps_are_round() {
+        for (whole, most, step) in [(1000.0, 12.0, 100.0), (3589.0, 12.0, 500.0), (2.0, 10.0, 0.2), (7.0, 10.0, 1.0)] {
+            assert!((round_step(whole, most) - step).abs() < 1e-12 * step, "{whole}");
+        }
+    }
+
+    #[test]
+    fn colours_run_from_end_to_end() {
+        assert_eq!((colour(&VIRIDIS, 0.0).as_str(), colour(&VIRIDIS, 1.0).as_str()), ("#fde725", "#440154"));
+        assert_eq!(colour(&VIRIDIS, 7.0), colour(&VIRIDIS, 1.0));
+    }
+
+    #[test]
+    fn a_cell_is_cut_where_the_level_crosses_it() {
+        let corners = [(0.0, 0.0, 0.0), (10.0, 1.0, 0.0), (10.0, 1.0, 1.0), (0.0, 0.0, 1.0)];
+        let (inside, crossings) = clip(&corners, 5.0, 100.0);
+        assert_eq!(inside, [(0.0, 0.0), (0.5, 0.0), (0.5, 1.0), (0.0, 1.0)]);
+        assert_eq!(crossings, [(0.5, 0.0), (0.5, 1.0)]);
+    }
+}
