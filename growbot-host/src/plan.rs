@@ -197,7 +197,10 @@ pub fn word(path: &[Segment]) -> String {
         Segment::Straight { .. } => 'S',
         Segment::Helicoid { .. } => 'H',
     };
-    path.iter().map(letter).collect()
+    let mut letters: Vec<char> = path.iter().map(letter).collect();
+    // A helicoidal arc with a narrow neck comes in two segments.
+    letters.dedup_by(|after, before| *after == 'H' && *before == 'H');
+    letters.into_iter().collect()
 }
 
 /// By how much a tip at this pose is turned about its direction of growth from the pose's own frame, radians.

@@ -478,12 +478,13 @@ impl Fit {
     }
 
     /// How the misfit changes with the logarithms of the two numbers, the two lengths and the roll.
-    fn jacobian(&self, problem: &Problem, seed: &Seed, fine: bool) -> Matrix6x5<f64> {
+    fn jacobian(&self, problem: &Problem, seed: &Seed, fine: bool, meanwhile: &mut dyn FnMut()) -> Matrix6x5<f64> {
         let neck = seed.neck();
         let share = if fine { 1e-6 } else { 1e-5 };
         let narrower = Neck { narrowness: neck.narrowness * (1.0 + share), ..neck };
         let twisted = Neck { twist: neck.twist * (1.0 + share), ..neck };
         let [by_narrowness, by_twist] = [narrower, twisted].map(|changed| {
+            meanwhile();
             let (start, end) = changed.ends(-seed.before, seed.after, fine);
             let axes = shortest_turn(&self.start.direction, &start.direction) * self.axes;
             (misfit(problem, &start, &end, &axes) - self.misfit) / share
@@ -536,7 +537,7 @@ fn mended(problem: &Problem, seed: &Seed, longest: f64, fine: bool, meanwhile: &
             }
             before = square;
         }
-        let jacobian = fit.jacobian(problem, &seed, fine);
+        let jacobian = fit.jacobian(problem, &seed, fine, meanwhile);
         let normal = jacobian.tr_mul(&jacobian);
         let gradient = jacobian.tr_mul(&fit.misfit);
         let mut better = None;
@@ -553,6 +554,7 @@ fn mended(problem: &Problem, seed: &Seed, longest: f64, fine: bool, meanwhile: &
                     ..seed
                 };
                 if next.in_range(longest) {
+                    meanwhile();
                     let next_fit = Fit::new(problem, &next, fine);
                     if next_fit.misfit.norm_squared() < square {
                         better = Some((next, next_fit));

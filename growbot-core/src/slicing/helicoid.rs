@@ -15,9 +15,9 @@ use crate::pose::{Frame, tip_direction};
 /// A correction is good when it ends within this of the curve's end, radii and radians.
 const ARRIVED: f64 = 1e-13;
 /// Rounds of correction at most; each gains a factor of some 1/tilt.
-const ROUNDS: usize = 12;
+const ROUNDS: usize = 30;
 /// What a share of tilt counts for, beside a radian of alpha: tilts change only where alpha cannot help.
-const TILT_WEIGHT: f64 = 0.01;
+const TILT_WEIGHT: f64 = 0.1;
 /// Added to the diagonal of the normal equations, as a share of their trace, so that they can always be solved.
 const DAMPING: f64 = 1e-13;
 
@@ -149,24 +149,30 @@ impl HelicoidLayers {
         }
         let Some(normal_equations) = sum.cholesky() else { return };
 
-        let (mut best, mut least) = (self.correction, f64::INFINITY);
+        let (mut best, mut least, mut best_lack) = (self.correction, f64::INFINITY, Vector5::zeros());
+        let mut share = 1.0;
         for _ in 0..ROUNDS {
             meanwhile();
             let lack = self.lack();
-            let miss = lack.amax();
+            let miss = lack.norm();
             if miss < least {
-                (best, least) = (self.correction, miss);
+                (best, least, best_lack) = (self.correction, miss, lack);
+                share = f64::min(2.0 * share, 1.0);
+            } else {
+                share *= 0.25;
             }
-            if miss <= ARRIVED || miss.is_nan() {
+            if least <= ARRIVED || miss.is_nan() {
                 break;
             }
-            let lambda = normal_equations.solve(&lack);
+            let lambda = normal_equations.solve(&best_lack) * share;
             // `J . lambda` for any layer, with what does not depend on the layer taken together.
             let on_position = Vector3::new(lambda[0], lambda[1], lambda[2]);
             let on_direction = end_x * lambda[3] + end_y * lambda[4];
-            self.correction.force += on_position * self.tilt;
-            self.correction.moment += on_direction.cross(&end_direction) * self.tilt;
-            self.correction.scale += by_scale.dot(&lambda);
+            self.correction = Correction {
+                force: best.force + on_position * self.tilt,
+                moment: best.moment + on_direction.cross(&end_direction) * self.tilt,
+                scale: best.scale + by_scale.dot(&lambda),
+            };
         }
         self.correction = best;
     }

@@ -34,6 +34,9 @@ pub enum Slicing {
 /// Limits hold to this share of themselves, so that a segment of exactly `n` layers is not cut into `n + 1`.
 pub const LIMIT_SLACK: f64 = 1e-9;
 
+/// How often a helicoidal arc is cut again, into more layers.
+const MORE_LAYERS: u32 = 5;
+
 /// A layer and the segment it belongs to.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SlicedLayer {
@@ -124,14 +127,17 @@ fn cut(segment: &Segment, robot: &Robot, slicing: Slicing, meanwhile: &mut dyn F
         }
         (Segment::Straight { .. }, _) => (count as u64, alike(0.0, 0.0)),
         (Segment::Helicoid { curve, radius, .. }, Slicing::Exact) => {
-            let layers = HelicoidLayers::exact(&curve, length / radius, count as u64, meanwhile);
-            let steepest = layers.steepest(radius);
-            if steepest.height <= limit * (1.0 + LIMIT_SLACK) && robot.check_layer(&steepest, LIMIT_SLACK).is_ok() {
-                return (count as u64, Cut::Helicoid(layers, radius));
+            let mut count = count as u64;
+            for _ in 0..MORE_LAYERS {
+                let layers = HelicoidLayers::exact(&curve, length / radius, count, meanwhile);
+                let steepest = layers.steepest(radius);
+                if steepest.height <= limit * (1.0 + LIMIT_SLACK) && robot.check_layer(&steepest, LIMIT_SLACK).is_ok() {
+                    return (count, Cut::Helicoid(layers, radius));
+                }
+                // Corrected, a layer passes a limit by a trace: with more of them all are lower.
+                count += 1 + count / 400;
             }
-            // Corrected, the layers pass the limit by a trace: one more layer makes them lower.
-            let more = count as u64 + 1;
-            (more, Cut::Helicoid(HelicoidLayers::exact(&curve, length / radius, more, meanwhile), radius))
+            (count, Cut::Helicoid(HelicoidLayers::exact(&curve, length / radius, count, meanwhile), radius))
         }
         (Segment::Helicoid { curve, radius, .. }, Slicing::Whole { .. }) => {
             (count as u64, Cut::Helicoid(HelicoidLayers::steps(&curve, height / radius, count as u64), radius))
