@@ -4,12 +4,14 @@
 //! `beta / n`, with the least `n` that keeps every layer within the robot's limits
 //! (`h <= min(nominal, R tilt_max, h_max / (1 + r_t / R))`, to 1e-9 of the limit): the sum of the layers is the path.
 //!
-//! A helicoidal arc is cut in the same way, and the angle of deposition changes from layer to layer ([`mod@helicoid`]).
+//! A helicoidal arc is cut in the same way, and the angle of deposition changes from layer to layer (`helicoid.rs`).
 //!
 //! *Whole* slicing is the paper's: a segment is cut into steps of one height, and the last step is laid whole, so that the
 //! tip passes the end of the segment by up to a step. It is there to reproduce the paper's tables.
 
 use core::iter::FusedIterator;
+
+use heapless::Vec;
 
 use crate::layer::Layer;
 use crate::path::Segment;
@@ -59,7 +61,22 @@ pub struct Layers<'a> {
     cut: Cut,
     /// How far the tip is rolled from where the path has it, radians: what the layers of helicoidal arcs leave.
     roll: f64,
+    /// The first helicoidal arcs, cut beforehand: to fit their layers takes long, and every clone can use them.
+    fitted: Vec<Fitted, MOST_FITTED>,
 }
+
+/// A helicoidal arc that has been cut.
+#[derive(Debug, Clone)]
+struct Fitted {
+    segment: usize,
+    count: u64,
+    cut: Cut,
+    /// How far the tip is rolled after it, radians.
+    roll: f64,
+}
+
+/// How many helicoidal arcs are cut beforehand: a planned path has two at most.
+const MOST_FITTED: usize = 2;
 
 /// How the layers of a segment follow on each other.
 #[derive(Debug, Clone)]
@@ -69,6 +86,16 @@ enum Cut {
     Alike(Layer),
     /// The layers of a helicoidal arc of this radius, mm.
     Helicoid(HelicoidLayers, f64),
+}
+
+impl Cut {
+    /// How far the tip is rolled, after all layers, from where the path has it, radians.
+    fn roll(&self) -> f64 {
+        match self {
+            Self::Alike(_) => 0.0,
+            Self::Helicoid(layers, _) => layers.roll(),
+        }
+    }
 }
 
 /// The layers of a path on this robot.
@@ -87,7 +114,7 @@ pub fn layers<'a>(path: &'a [Segment], robot: &'a Robot, slicing: Slicing) -> La
     layers_meanwhile(path, robot, slicing, &mut || ())
 }
 
-/// As [`layers()`], for boards: fitting the layers of a first helicoidal arc takes a second of a microcontroller, and `meanwhile` is called
+/// As [`layers()`], for boards: to fit the layers of a helicoidal arc takes a second of a microcontroller, and `meanwhile` is called
 /// several times in it.
 #[must_use]
 pub fn layers_meanwhile<'a>(
@@ -97,8 +124,12 @@ pub fn layers_meanwhile<'a>(
     meanwhile: &mut dyn FnMut(),
 ) -> Layers<'a> {
     let none = Cut::Alike(Layer::default());
-    let mut layers = Layers { segments: path, robot, slicing, segment: 0, left: 0, cut: none, roll: 0.0 };
-    layers.cut_from(0, meanwhile);
+    let mut layers =
+        Layers { segments: path, robot, slicing, segment: 0, left: 0, cut: none, roll: 0.0, fitted: Vec::new() };
+    if slicing == Slicing::Exact {
+        layers.fit(meanwhile);
+    }
+    layers.cut_from(0);
     layers
 }
 
@@ -146,21 +177,43 @@ fn cut(segment: &Segment, robot: &Robot, slicing: Slicing, meanwhile: &mut dyn F
 }
 
 impl Layers<'_> {
-    /// Cuts the first segment from this index on.
-    fn cut_from(&mut self, segment: usize, meanwhile: &mut dyn FnMut()) {
+    /// Cuts the first helicoidal arcs.
+    fn fit(&mut self, meanwhile: &mut dyn FnMut()) {
+        let mut roll = 0.0;
+        for (index, segment) in self.segments.iter().enumerate() {
+            if let Segment::Helicoid { .. } = segment {
+                let (count, cut) = cut(&segment.rolled(roll), self.robot, self.slicing, meanwhile);
+                roll += cut.roll();
+                if self.fitted.push(Fitted { segment: index, count, cut, roll }).is_err() {
+                    return;
+                }
+            }
+        }
+    }
+
+    fn fitted(&self, segment: usize) -> Option<&Fitted> {
+        self.fitted.iter().find(|fitted| fitted.segment == segment)
+    }
+
+    /// Cuts the segment of this index.
+    fn cut_from(&mut self, segment: usize) {
         self.segment = segment;
-        if let Some(next) = self.segments.get(segment) {
-            (self.left, self.cut) = cut(&next.rolled(self.roll), self.robot, self.slicing, meanwhile);
+        if let Some(Fitted { count, cut, .. }) = self.fitted(segment) {
+            (self.left, self.cut) = (*count, cut.clone());
+        } else if let Some(next) = self.segments.get(segment) {
+            (self.left, self.cut) = cut(&next.rolled(self.roll), self.robot, self.slicing, &mut || ());
         }
     }
 
     fn next_segment(&mut self) {
-        if let (Cut::Helicoid(layers, _), Slicing::Exact) = (&self.cut, self.slicing)
-            && self.segment + 1 < self.segments.len()
-        {
-            self.roll += layers.roll();
-        }
-        self.cut_from(self.segment + 1, &mut || ());
+        self.roll = match self.fitted(self.segment) {
+            Some(fitted) => fitted.roll,
+            None if self.slicing == Slicing::Exact && self.segment + 1 < self.segments.len() => {
+                self.roll + self.cut.roll()
+            }
+            None => self.roll,
+        };
+        self.cut_from(self.segment + 1);
     }
 }
 
@@ -184,11 +237,11 @@ impl Iterator for Layers<'_> {
     }
 
     fn size_hint(&self) -> (usize, Option<usize>) {
-        let later = self
-            .segments
-            .iter()
-            .skip(self.segment + 1)
-            .map(|segment| cut(segment, self.robot, self.slicing, &mut || ()).0);
+        let count = |(index, segment)| match self.fitted(index) {
+            Some(fitted) => fitted.count,
+            None => cut(segment, self.robot, self.slicing, &mut || ()).0,
+        };
+        let later = self.segments.iter().enumerate().skip(self.segment + 1).map(count);
         let all = self.left + later.sum::<u64>();
         usize::try_from(all).map_or((usize::MAX, None), |exact| (exact, Some(exact)))
     }
