@@ -99,9 +99,9 @@ const MARGIN: f64 = 0.5;
 /// Arcs whose coarse lengths differ by less than this are taken for one...
 const SAME_LENGTH: f64 = 2e-3;
 /// ...and remembered, so many of them.
-const MOST_MENDED: usize = 16;
-/// So many are given up on finely before the search ends.
-const MOST_FAILED: u32 = 10;
+const MOST_TRIED: usize = 24;
+/// So many of about one length are given up on finely before that length is.
+const MOST_FAILED: usize = 5;
 /// Arcs that overlap by less than this are mended finely at once.
 const LITTLE_OVERLAP: f64 = 0.02;
 /// Below this logarithm of narrowness a neck divides its arc in two pieces...
@@ -270,7 +270,7 @@ pub(super) fn search(
     meanwhile: &mut dyn FnMut(),
 ) {
     let longest = longest.min(LONGEST);
-    let mut search = Search { problem, longest, found, mended: Vec::new(), failed: 0 };
+    let mut search = Search { problem, longest, found, mended: Tried::default(), failed: Tried::default() };
     for path in overlapping {
         for seed in at_joint(path) {
             meanwhile();
@@ -319,10 +319,26 @@ struct Search<'a> {
     problem: &'a Problem,
     longest: f64,
     found: &'a mut Vec<HelicoidalArc, MOST>,
-    /// Coarse lengths of the arcs that have been mended finely.
-    mended: Vec<f64, MOST_MENDED>,
-    /// How many could not be.
-    failed: u32,
+    /// The arcs that have been mended finely, and those that could not be.
+    mended: Tried,
+    failed: Tried,
+}
+
+/// Coarse lengths of arcs that have been tried, and on which side.
+#[derive(Debug, Default)]
+struct Tried(Vec<(f32, bool), MOST_TRIED>);
+
+impl Tried {
+    /// Full, it only lets an arc be tried again.
+    fn push(&mut self, length: f64, mirrored: bool) {
+        let _ = self.0.push((length as f32, mirrored));
+    }
+
+    /// How many there are of about this length.
+    fn about(&self, length: f64, mirrored: bool, off: f64) -> usize {
+        let about = |(other, side): &&(f32, bool)| (f64::from(*other) - length).abs() < off && *side == mirrored;
+        self.0.iter().filter(about).count()
+    }
 }
 
 impl Search<'_> {
@@ -343,17 +359,15 @@ impl Search<'_> {
     fn mend_finely(&mut self, coarse: &Seed, meanwhile: &mut dyn FnMut()) {
         let best = self.found.first().map_or(self.longest, HelicoidalArc::length);
         let length = coarse.length();
-        let known = self.mended.iter().any(|mended| (mended - length).abs() < SAME_LENGTH);
-        if length > best + COARSE_LENGTH || known || self.failed > MOST_FAILED {
+        let known = self.mended.about(length, coarse.mirrored, SAME_LENGTH) > 0
+            || self.failed.about(length, coarse.mirrored, COARSE_LENGTH) > MOST_FAILED;
+        if length > best + COARSE_LENGTH || known {
             return;
         }
-        self.failed += 1;
         if let Some(fine) = mended(self.problem, coarse, best, true, meanwhile)
             && let Some(arc) = arc_of(self.problem, &fine)
         {
-            self.failed -= 1;
-            // Full, it only lets an arc be mended again.
-            let _ = self.mended.push(length);
+            self.mended.push(length, coarse.mirrored);
             if arc.length() >= self.longest {
                 return;
             }
@@ -362,6 +376,8 @@ impl Search<'_> {
                 self.found.pop();
             }
             let _ = self.found.insert(at.min(self.found.len()), arc);
+        } else {
+            self.failed.push(length, coarse.mirrored);
         }
     }
 }
