@@ -26,7 +26,7 @@
 //! | [`angle`], [`pose`] | angles wrapped; poses and frames |
 //! | [`kinematics`] | one step of growth (Eq 4), chained (Eq 5) |
 //! | [`curvature`], [`robot`] | the tightest bend (Eq 7); a robot's description, checked once |
-//! | [`dubins2`], [`two_plane`], [`plan`] | the shortest path in a plane; two of them in space; the path, checked to arrive |
+//! | [`dubins2`], [`two_plane`], [`shortest`], [`plan`] | the shortest path in a plane; two of them in space; the shortest in space; the path, checked to arrive |
 //! | [`path`], [`helicoid`] | arcs, straight lines and helicoidal arcs, what a plan consists of |
 //! | [`slicing`], [`layer`] | a path cut into layers; what one layer is |
 //! | [`layer_bytes`], [`job`], [`hash`] | a layer in 12 bytes; the job that a board gets, and its name |
