@@ -615,8 +615,8 @@ impl GridSeed {
     }
 }
 
-/// What start and goal are to each other, whatever the roll, in numbers that a hardware of single precision computes: the grid need not be
-/// better than that.
+/// What start and goal are to each other, whatever the roll. In single precision, which the microcontroller's hardware computes: a grid
+/// need not be better.
 struct Grid {
     distance_square: f32,
     along_start: f32,
