@@ -38,7 +38,7 @@ pub struct Csc {
 const PROBES_FAR: u32 = 36;
 /// ...and for goals nearer than this, radii, where the branches crowd.
 const PROBES_NEAR: u32 = 256;
-const NEAR: f64 = 4.0;
+const NEAR: f64 = 3.9;
 /// The most paths that are kept.
 pub const MOST: usize = 8;
 /// The most that is kept of what is nearly a path.

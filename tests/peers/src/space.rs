@@ -2,7 +2,7 @@
 
 use std::hint::black_box;
 
-use growbot_core::path::{Path, length};
+use growbot_core::path::{Path, end, length};
 use growbot_core::plan::{Planner, miss, plan};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
@@ -55,7 +55,7 @@ impl Space {
         let planner = named(planner)?;
         let found = |(start, goal): &(Pose, Pose)| {
             find(&self.robot, start, goal, planner).map(|path| {
-                let miss = miss(&path.end(&start.frame()), goal);
+                let miss = miss(&end(&path, &start.frame()), goal);
                 Found { length: length(&path) / RADIUS, miss: (miss.distance / RADIUS).max(miss.angle) }
             })
         };
