@@ -81,7 +81,7 @@ type Probe = (f64, f64);
 /// even steps of `q` crowd.
 fn tau_of(q: f64) -> f64 {
     let left = (1.0 - q.abs()) * (1.0 - q.abs());
-    let tau = (1.0 - left) / left.max(1e-12);
+    let tau = (1.0 - left) / left.max(1e-6);
     if q < 0.0 { -tau } else { tau }
 }
 
@@ -156,7 +156,7 @@ impl Search<'_> {
     fn half(&mut self, sign: f64) {
         let mut last: [[Option<Probe>; 2]; 4] = [[None; 2]; 4];
         let probes = if self.problem.goal.norm() < NEAR { PROBES_NEAR } else { PROBES_FAR };
-        for probe in 0..probes {
+        for probe in 0..=probes {
             let q = sign * f64::from(probe) / f64::from(probes);
             let tau = tau_of(q);
             let (corner, cosine) = (self.corner(tau), cosine(tau));
