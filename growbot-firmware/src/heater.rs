@@ -96,7 +96,7 @@ impl Heater {
     fn regulate(&mut self, raw: Option<u16>, robot: &RobotDescription, now: u64) -> Result<f64, Fault> {
         let limits = &robot.heater;
         if let Some(raw) = raw {
-            match temperature(raw, &robot.thermistor) {
+            match temperature(f64::from(raw), &robot.thermistor) {
                 Ok(temperature) => {
                     self.previous = self.reading;
                     self.reading = Some((temperature, now));
@@ -159,7 +159,11 @@ fn seconds(seconds: f64) -> u64 {
 mod tests {
     use super::*;
     use crate::testing::robot_a;
-    use crate::thermistor::reading;
+    use growbot_core::robot::Thermistor;
+
+    fn reading(celsius: f64, thermistor: &Thermistor) -> u16 {
+        crate::thermistor::reading(celsius, thermistor).round() as u16
+    }
 
     /// Robot A's nozzle as a lump of heat: `C dT/dt = P duty - k (T - 25)`.
     struct Nozzle(f64);

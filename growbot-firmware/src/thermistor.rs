@@ -1,17 +1,18 @@
 //! From a reading of the converter to a temperature.
 //!
 //! The thermistor (NTC) lies between the input and ground, a pull-up resistor between the input and the converter's
-//! reference: `raw / 4095 = R / (R + R_pull_up)`. Its resistance follows the Beta equation,
-//! `1/T = 1/298.15 K + ln(R / R_25) / Beta`.
+//! reference: `raw / 4095 = R / (R + R_pull_up)`. Its resistance follows either the Beta equation,
+//! `1/T = 1/298.15 K + ln(R / R_25) / Beta`, or that of Steinhart and Hart (Deep-Sea Res. 15, 1968),
+//! `1/T = A + B ln R + C (ln R)^3`.
 
 use growbot_core::robot::Thermistor;
 
 /// The greatest reading of the 12-bit converter.
 pub const FULL_SCALE: u16 = 4095;
 /// Readings at least this high mean a cut wire: robot A's thermistor reads this at -60 degrees Celsius.
-const OPEN_FROM: u16 = FULL_SCALE - 8;
+const OPEN_FROM: f64 = FULL_SCALE as f64 - 8.0;
 /// Readings at most this high mean touching wires: robot A's thermistor reads this at 450 degrees Celsius.
-const SHORT_UP_TO: u16 = 40;
+const SHORT_UP_TO: f64 = 40.0;
 /// 0 degrees Celsius, K.
 const ZERO_C: f64 = 273.15;
 /// 25 degrees Celsius, K.
@@ -26,20 +27,30 @@ pub enum Broken {
     Short,
 }
 
-/// Temperature of a reading, degrees Celsius.
+/// Coefficients A, B and C of Steinhart and Hart. Beta's equation is theirs without C.
+fn coefficients(thermistor: &Thermistor) -> [f64; 3] {
+    match (thermistor.steinhart_hart, thermistor.r25_ohm, thermistor.beta_k) {
+        (Some(coefficients), _, _) => coefficients,
+        (None, Some(r25_ohm), Some(beta_k)) => [1.0 / ROOM - libm::log(r25_ohm) / beta_k, 1.0 / beta_k, 0.0],
+        // No robot whose description was checked comes here; any reading of it is a broken sensor.
+        _ => [0.0; 3],
+    }
+}
+
+/// Temperature of a reading (0 to 4095; a mean of several may lie between two), degrees Celsius.
 ///
 /// # Errors
 /// A reading at either end of the scale, where only a broken sensor is.
-pub fn temperature(raw: u16, thermistor: &Thermistor) -> Result<f64, Broken> {
+pub fn temperature(raw: f64, thermistor: &Thermistor) -> Result<f64, Broken> {
     if raw >= OPEN_FROM {
         return Err(Broken::Open);
     }
     if raw <= SHORT_UP_TO {
         return Err(Broken::Short);
     }
-    let ratio = f64::from(raw) / f64::from(FULL_SCALE - raw);
-    let resistance = ratio * thermistor.pull_up_ohm;
-    let inverse = 1.0 / ROOM + libm::log(resistance / thermistor.r25_ohm) / thermistor.beta_k;
+    let log = libm::log(raw / (f64::from(FULL_SCALE) - raw) * thermistor.pull_up_ohm);
+    let [a, b, c] = coefficients(thermistor);
+    let inverse = a + (b + c * log * log) * log;
     // Beyond what the equation can mean: it would come out as colder than absolute zero, and call for heat.
     if inverse <= 0.0 {
         return Err(Broken::Short);
@@ -47,13 +58,23 @@ pub fn temperature(raw: u16, thermistor: &Thermistor) -> Result<f64, Broken> {
     Ok(1.0 / inverse - ZERO_C)
 }
 
-/// The reading of a temperature: what a simulated tip shows.
+/// The reading of a temperature, not rounded: what a simulated tip shows.
 #[must_use]
-pub fn reading(temperature_c: f64, thermistor: &Thermistor) -> u16 {
+pub fn reading(temperature_c: f64, thermistor: &Thermistor) -> f64 {
     let inverse = 1.0 / (temperature_c + ZERO_C).max(1.0);
-    let resistance = thermistor.r25_ohm * libm::exp(thermistor.beta_k * (inverse - 1.0 / ROOM));
-    let share = resistance / (resistance + thermistor.pull_up_ohm);
-    libm::rint(share * f64::from(FULL_SCALE)) as u16
+    let [a, b, c] = coefficients(thermistor);
+    // `a + b x + c x^3` grows with x, and no thermistor has less than 1e-9 ohm or more than 1e17.
+    let (mut low, mut high) = (-20.0, 40.0);
+    for _ in 0..60 {
+        let log = 0.5 * (low + high);
+        if a + (b + c * log * log) * log < inverse {
+            low = log;
+        } else {
+            high = log;
+        }
+    }
+    let resistance = libm::exp(0.5 * (low + high));
+    resistance / (resistance + thermistor.pull_up_ohm) * f64::from(FULL_SCALE)
 }
 
 #[cfg(test)]
@@ -66,11 +87,7 @@ mod tests {
         let thermistor = robot_a().description().thermistor;
         for celsius in [-20.0, 0.0, 25.0, 100.0, 180.0, 200.0, 240.0, 300.0] {
             let again = temperature(reading(celsius, &thermistor), &thermistor).unwrap();
-            // One count of the converter is up to 3 degrees at the cold end and 0.5 at 200.
-            assert!(
-                (again - celsius).abs() < if celsius < 100.0 { 3.0 } else { 1.0 },
-                "{celsius} came back as {again}"
-            );
+            assert!((again - celsius).abs() < 1e-6, "{celsius} came back as {again}");
         }
     }
 
@@ -78,8 +95,9 @@ mod tests {
     fn no_reading_of_any_thermistor_is_colder_than_absolute_zero() {
         for beta_k in [500.0, 3950.0, 10_000.0] {
             for pull_up_ohm in [10.0, 4700.0, 1e7] {
-                let thermistor = Thermistor { r25_ohm: 100_000.0, beta_k, pull_up_ohm };
-                for raw in 0..=u16::MAX {
+                let thermistor =
+                    Thermistor { r25_ohm: Some(100_000.0), beta_k: Some(beta_k), steinhart_hart: None, pull_up_ohm };
+                for raw in (0..=FULL_SCALE).map(f64::from) {
                     assert!(temperature(raw, &thermistor).is_err() || temperature(raw, &thermistor).unwrap() > -ZERO_C);
                 }
             }
@@ -89,7 +107,31 @@ mod tests {
     #[test]
     fn both_ends_of_the_scale_are_a_broken_sensor() {
         let thermistor = robot_a().description().thermistor;
-        assert_eq!(temperature(FULL_SCALE, &thermistor), Err(Broken::Open));
-        assert_eq!(temperature(0, &thermistor), Err(Broken::Short));
+        assert_eq!(temperature(f64::from(FULL_SCALE), &thermistor), Err(Broken::Open));
+        assert_eq!(temperature(0.0, &thermistor), Err(Broken::Short));
+    }
+
+    #[test]
+    fn steinhart_and_hart_without_their_third_term_are_beta() {
+        let beta = robot_a().description().thermistor;
+        let [a, b, _] = coefficients(&beta);
+        let same = Thermistor { r25_ohm: None, beta_k: None, steinhart_hart: Some([a, b, 0.0]), ..beta };
+        for raw in (41..4087).map(f64::from) {
+            assert_eq!(temperature(raw, &same), temperature(raw, &beta));
+        }
+    }
+
+    #[test]
+    fn the_third_term_counts_with_the_cube_of_the_logarithm() {
+        let [a, b, c] = [0.7e-3, 2.1e-4, 0.9e-7];
+        let thermistor =
+            Thermistor { r25_ohm: None, beta_k: None, steinhart_hart: Some([a, b, c]), pull_up_ohm: 4700.0 };
+        for ohm in [100.0_f64, 1e3, 1e4, 1e5] {
+            let raw = ohm / (ohm + 4700.0) * f64::from(FULL_SCALE);
+            let log = libm::log(ohm);
+            let celsius = 1.0 / (a + b * log + c * log * log * log) - ZERO_C;
+            assert!((temperature(raw, &thermistor).unwrap() - celsius).abs() < 1e-9);
+            assert!((reading(celsius, &thermistor) - raw).abs() < 1e-6);
+        }
     }
 }

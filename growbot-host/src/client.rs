@@ -108,6 +108,12 @@ fn explain(refusal: &Refusal) -> String {
         Refusal::FaultRemains { fault } => format!("{} is still there: {}", fault.code(), fault.explanation()),
         Refusal::NoPlan => "there is no plan for these poses and this radius".to_string(),
         Refusal::PlanTooLong { layers, capacity } => format!("the plan has {layers} layers, it holds {capacity}"),
+        Refusal::Temperature { least, greatest } => format!(
+            "the temperature must lie between {} and {} C, the limits of its description",
+            f64::from(least) / 100.0,
+            f64::from(greatest) / 100.0
+        ),
+        Refusal::EmergencyStop => "the emergency stop is pressed: release it first".to_string(),
     }
 }
 

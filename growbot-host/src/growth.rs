@@ -291,8 +291,15 @@ impl<'a> Growth<'a> {
 fn outcome(state: State, fault: Option<Fault>) -> Option<Outcome> {
     match state {
         State::Done => Some(Outcome::Done),
-        State::Stopped => Some(Outcome::Stopped),
+        State::Stopped | State::EmergencyStop => Some(Outcome::Stopped),
         State::Fault => Some(Outcome::Fault(fault.unwrap_or(Fault::Hardware))),
-        State::Idle | State::Heating | State::Homing | State::Growing | State::Hold => None,
+        State::SelfTest
+        | State::Idle
+        | State::Heating
+        | State::Homing
+        | State::Growing
+        | State::Hold
+        | State::Parked
+        | State::Tuning => None,
     }
 }

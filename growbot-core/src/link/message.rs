@@ -73,6 +73,15 @@ pub enum Refusal {
         /// Layers that the board holds.
         capacity: u32,
     },
+    /// A temperature outside of what the robot's description allows.
+    Temperature {
+        /// The least, hundredths of a degree Celsius.
+        least: i32,
+        /// The greatest.
+        greatest: i32,
+    },
+    /// The emergency stop is still pressed.
+    EmergencyStop,
 }
 
 /// A pose on the link: mm and radians.
@@ -268,6 +277,89 @@ pub struct StateChanged {
     pub fault: Option<Fault>,
 }
 
+/// Finds the gains of the heater's regulation at a temperature, by driving the nozzle round it. The gains are told, not
+/// taken: a robot's description is the only place that they come from.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
+pub struct Tune {
+    /// The temperature, hundredths of a degree Celsius.
+    pub target_centi_c: i32,
+}
+
+/// Gains that were found.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, Schema)]
+pub struct Gains {
+    /// Duty (0 to 1) per degree.
+    pub kp: f64,
+    /// Duty per degree and second.
+    pub ki: f64,
+    /// Duty per degree a second.
+    pub kd: f64,
+}
+
+/// The nozzle was driven round its temperature. The board sends this unasked.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
+pub struct Tuned {
+    /// What suits it.
+    pub gains: Gains,
+    /// Period of its swings, s.
+    pub period_s: f64,
+    /// How far it swung to either side, degrees.
+    pub amplitude_c: f64,
+}
+
+/// What the board's sensors say. None where a robot does not have the sensor, or where it gives nothing.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, Schema)]
+pub struct SensorReadings {
+    /// The supply's voltage, mV.
+    pub supply_mv: Option<u32>,
+    /// Whether the head is on its index mark.
+    pub on_index: bool,
+    /// Whether there is filament.
+    pub filament_present: Option<bool>,
+    /// Pulses of the filament's encoder since the board started.
+    pub filament_pulses: Option<u32>,
+    /// Whether a stepper driver reports a fault.
+    pub driver_fault: Option<bool>,
+    /// Whether the emergency stop is pressed.
+    pub emergency_stop: Option<bool>,
+    /// Gravity in the tip's frame, thousandths of the earth's; upwards, as a resting accelerometer shows it.
+    pub gravity_milli_g: Option<[i16; 3]>,
+}
+
+/// A fault as it was when it came, kept until the next one, through resets.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, Schema)]
+pub struct FaultRecord {
+    /// What went wrong; none for the emergency stop.
+    pub fault: Option<Fault>,
+    /// Whether it has been cleared since.
+    pub cleared: bool,
+    /// What the board was doing.
+    pub state: State,
+    /// Time since the start of the board in which it came, ms.
+    pub uptime_ms: u64,
+    /// Temperature of the nozzle, hundredths of a degree Celsius.
+    pub temperature_centi_c: Option<i32>,
+    /// What it was regulated to.
+    pub target_centi_c: Option<i32>,
+    /// Duty of the heater, 0 to 65,535.
+    pub duty: u16,
+    /// What the other sensors said.
+    pub sensors: SensorReadings,
+    /// The job, 0 for none.
+    pub plan_id: u64,
+    /// Layers laid.
+    pub laid: u32,
+    /// Layers begun: one more than those laid where one was cut.
+    pub begun: u32,
+}
+
+/// The latest fault.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
+pub struct LatestFault {
+    /// None where the board knows of none.
+    pub record: Option<FaultRecord>,
+}
+
 /// A message without a body.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Empty {}
@@ -373,6 +465,14 @@ messages! {
     0x08 Plan(PlanRequest),
     /// Answered by `HeldLayers`.
     0x09 ReadLayers(ReadLayers),
+    /// Finishes the layer under way and waits; `Start` goes on. Answered by `Accepted` or `Refused`.
+    0x0A Hold(Empty),
+    /// Answered by `Accepted` or `Refused`; when it is done, the event `Tuned` comes.
+    0x0B Tune(Tune),
+    /// Answered by `LatestFault`, in any session.
+    0x0C AskFault(Empty),
+    /// Answered by `SensorReadings`, in any session.
+    0x0D AskSensors(Empty),
 
     // Board to host.
     /// Answers `Hello`.
@@ -387,10 +487,16 @@ messages! {
     0x45 Planned(Planned),
     /// Answers `ReadLayers`.
     0x46 HeldLayers(HeldLayers),
+    /// Answers `AskFault`.
+    0x47 LatestFault(LatestFault),
+    /// Answers `AskSensors`.
+    0x48 SensorReadings(SensorReadings),
     /// An event.
     0x50 Laid(Laid),
     /// An event.
     0x51 StateChanged(StateChanged),
+    /// An event.
+    0x52 Tuned(Tuned),
 }
 
 #[cfg(test)]

@@ -22,9 +22,33 @@ pub enum State {
     Stopped,
     /// A fault is latched; heater and steppers are off until it is cleared.
     Fault,
+    /// Just started: the sensors are looked at; everything is off.
+    SelfTest,
+    /// Held for so long that the heater was switched off; the job is kept, and `Start` goes on with it.
+    Parked,
+    /// The nozzle is driven round a temperature to find the gains of its regulation.
+    Tuning,
+    /// The emergency stop was pressed; heater and steppers are off until it is released and cleared.
+    EmergencyStop,
 }
 
 impl State {
+    /// Every state.
+    pub const ALL: [Self; 12] = [
+        Self::SelfTest,
+        Self::Idle,
+        Self::Heating,
+        Self::Homing,
+        Self::Growing,
+        Self::Hold,
+        Self::Parked,
+        Self::Done,
+        Self::Stopped,
+        Self::Tuning,
+        Self::Fault,
+        Self::EmergencyStop,
+    ];
+
     /// The state in a word.
     #[must_use]
     pub const fn name(self) -> &'static str {
@@ -37,6 +61,10 @@ impl State {
             Self::Done => "done",
             Self::Stopped => "stopped",
             Self::Fault => "fault",
+            Self::SelfTest => "self-test",
+            Self::Parked => "parked",
+            Self::Tuning => "tuning",
+            Self::EmergencyStop => "emergency-stop",
         }
     }
 }
@@ -62,9 +90,82 @@ pub enum Fault {
     StepRate,
     /// The board's own hardware refused a command.
     Hardware,
+    /// The thermistor's reading stands still while the power varies.
+    ThermistorFrozen,
+    /// The reading fell faster than the nozzle can cool.
+    ThermistorDetached,
+    /// The nozzle cools although it is heated as it should.
+    TemperatureDrop,
+    /// The nozzle gets hotter although no power is asked for.
+    HeaterStuckOn,
+    /// The heater takes more energy than the nozzle can need.
+    HeaterEnergy,
+    /// A turn of the head passed without the index mark.
+    IndexMissing,
+    /// The index sensor sees its mark everywhere.
+    IndexStuck,
+    /// The index mark came in another place: the head has lost or gained steps.
+    HeadStepsLost,
+    /// There is no filament.
+    FilamentOut,
+    /// Filament is fed and does not move.
+    FilamentJam,
+    /// A stepper driver reports a fault.
+    DriverFault,
+    /// The supply's voltage is below the robot's least.
+    SupplyLow,
+    /// The supply's voltage is above the robot's greatest.
+    SupplyHigh,
+    /// A layer, or the homing, was not done in time.
+    MotionOverdue,
+    /// The step interrupt has stopped.
+    StepsStalled,
+    /// The board started anew, in the midst of its work, because its supply sagged.
+    BrownOut,
+    /// The board started anew, in the midst of its work, because its watchdog was not fed.
+    WatchdogReset,
+    /// The board started anew, in the midst of its work, because its processor faulted.
+    ProcessorFault,
+    /// The board started anew, in the midst of its work, because its stack overflowed.
+    StackOverflow,
+    /// The board started anew in the midst of its work, for want of power or by a reset from outside.
+    PowerLost,
 }
 
 impl Fault {
+    /// Every fault.
+    pub const ALL: [Self; 29] = [
+        Self::ThermistorOpen,
+        Self::ThermistorShort,
+        Self::ThermistorSilent,
+        Self::ThermistorFrozen,
+        Self::ThermistorDetached,
+        Self::OverTemperature,
+        Self::UnderTemperature,
+        Self::HeatingTooSlow,
+        Self::TemperatureDrop,
+        Self::HeaterStuckOn,
+        Self::HeaterEnergy,
+        Self::IndexNotFound,
+        Self::IndexMissing,
+        Self::IndexStuck,
+        Self::HeadStepsLost,
+        Self::FilamentOut,
+        Self::FilamentJam,
+        Self::DriverFault,
+        Self::SupplyLow,
+        Self::SupplyHigh,
+        Self::MotionOverdue,
+        Self::StepsStalled,
+        Self::StepRate,
+        Self::Hardware,
+        Self::BrownOut,
+        Self::WatchdogReset,
+        Self::ProcessorFault,
+        Self::StackOverflow,
+        Self::PowerLost,
+    ];
+
     /// The fault as a code.
     #[must_use]
     pub const fn code(self) -> &'static str {
@@ -78,6 +179,26 @@ impl Fault {
             Self::IndexNotFound => "index-not-found",
             Self::StepRate => "step-rate",
             Self::Hardware => "hardware",
+            Self::ThermistorFrozen => "thermistor-frozen",
+            Self::ThermistorDetached => "thermistor-detached",
+            Self::TemperatureDrop => "temperature-drop",
+            Self::HeaterStuckOn => "heater-stuck-on",
+            Self::HeaterEnergy => "heater-energy",
+            Self::IndexMissing => "index-missing",
+            Self::IndexStuck => "index-stuck",
+            Self::HeadStepsLost => "head-steps-lost",
+            Self::FilamentOut => "filament-out",
+            Self::FilamentJam => "filament-jam",
+            Self::DriverFault => "driver-fault",
+            Self::SupplyLow => "supply-low",
+            Self::SupplyHigh => "supply-high",
+            Self::MotionOverdue => "motion-overdue",
+            Self::StepsStalled => "steps-stalled",
+            Self::BrownOut => "brown-out",
+            Self::WatchdogReset => "watchdog-reset",
+            Self::ProcessorFault => "processor-fault",
+            Self::StackOverflow => "stack-overflow",
+            Self::PowerLost => "power-lost",
         }
     }
 
@@ -104,6 +225,50 @@ impl Fault {
                 "a layer asks for more than one step in two ticks: raise motion.tick_hz or lower the steps"
             }
             Self::Hardware => "a pin or the heater's output refused a command: check the board",
+            Self::ThermistorFrozen => {
+                "the thermistor's reading stands still though the heater's power varies: check the converter and the board"
+            }
+            Self::ThermistorDetached => {
+                "the reading fell faster than the nozzle can cool: check that the thermistor sits in its place"
+            }
+            Self::TemperatureDrop => {
+                "the nozzle cools although the heater is driven: check the heater, its wires, the thermistor's seat and draught"
+            }
+            Self::HeaterStuckOn => {
+                "the nozzle gets hotter with the power at nothing: the heater's power stage conducts by itself; replace it"
+            }
+            Self::HeaterEnergy => {
+                "the heater takes more energy than the nozzle can need: check the thermistor's seat, the fan and draught"
+            }
+            Self::IndexMissing => {
+                "a turn of the head passed without the index mark: check the head's motor, its driver and the index sensor"
+            }
+            Self::IndexStuck => "the index sensor sees its mark everywhere: check the sensor and its wire",
+            Self::HeadStepsLost => {
+                "the index mark came in another place, so the head has lost or gained steps: look for what blocks it, check the motor's current and raise it, or lower the speed"
+            }
+            Self::FilamentOut => "there is no filament: load a spool",
+            Self::FilamentJam => {
+                "filament is fed and does not move: look for a knot, a clogged nozzle, or a feed that grinds"
+            }
+            Self::DriverFault => {
+                "a stepper driver reports a fault: check its temperature, its supply and the motor's wires"
+            }
+            Self::SupplyLow => "the supply's voltage fell below supply.min_v: check the supply and its wires",
+            Self::SupplyHigh => "the supply's voltage rose above supply.max_v: check the supply",
+            Self::MotionOverdue => {
+                "a layer or the homing was not done in its time: the step interrupt is late or has stopped; check the board"
+            }
+            Self::StepsStalled => "the step interrupt has stopped: check the board",
+            Self::BrownOut => "the board's supply sagged while it was working and it started anew: check the supply",
+            Self::WatchdogReset => {
+                "the firmware hung while it was working and the watchdog started it anew: please report it"
+            }
+            Self::ProcessorFault => "the processor faulted and the board started anew: please report it",
+            Self::StackOverflow => "the stack overflowed and the board started anew: please report it",
+            Self::PowerLost => {
+                "the board was reset or lost its power while it was working: the nozzle may have stood still on the body; check the layer"
+            }
         }
     }
 }
@@ -123,6 +288,8 @@ pub enum ResetCause {
     ProcessorFault,
     /// The reset pin, a debug probe, or a reset that software asked for.
     External,
+    /// The stack overflowed.
+    StackOverflow,
 }
 
 impl ResetCause {
@@ -136,6 +303,7 @@ impl ResetCause {
             Self::Panic => "panic",
             Self::ProcessorFault => "processor fault",
             Self::External => "reset from outside",
+            Self::StackOverflow => "stack overflow",
         }
     }
 }

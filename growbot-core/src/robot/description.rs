@@ -29,6 +29,18 @@ pub struct RobotDescription {
     pub heater: Heater,
     /// The nozzle's temperature sensor.
     pub thermistor: Thermistor,
+    /// The fan that cools what is printed; none unless the file says so.
+    #[serde(default)]
+    pub fan: Fan,
+    /// What happens while the robot waits for layers.
+    #[serde(default)]
+    pub hold: Hold,
+    /// The supply of heater and motors.
+    #[serde(default)]
+    pub supply: Supply,
+    /// Which sensors it has; none of them unless the file says so.
+    #[serde(default)]
+    pub sensors: Sensors,
 }
 
 /// The sizes that bound the curvature (Eq 7).
@@ -77,6 +89,17 @@ pub enum FeedStrategy {
     Speed,
 }
 
+/// Which way the head turns.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Turning {
+    /// Always counter-clockwise: the wires to the head pass through a slip ring.
+    #[default]
+    Continuous,
+    /// One layer counter-clockwise, the next one clockwise, so that wires never wind up.
+    Alternate,
+}
+
 /// How both steppers are driven.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -87,6 +110,9 @@ pub struct Motion {
     pub strategy: FeedStrategy,
     /// Whether the stepper drivers are enabled by a low level, as most are.
     pub enable_low: bool,
+    /// Which way the head turns from layer to layer.
+    #[serde(default)]
+    pub turning: Turning,
 }
 
 /// The head, which turns the nozzle round the deposition plane.
@@ -106,6 +132,15 @@ pub struct Head {
     pub index_low_on_mark: bool,
     /// Width of the index mark, degrees.
     pub index_width_deg: f64,
+    /// How far from its place an edge of the mark may be seen, degrees. Beyond that the head has lost or gained steps.
+    #[serde(default = "defaults::index_tolerance_deg")]
+    pub index_tolerance_deg: f64,
+    /// Greatest acceleration, turns/s^2.
+    #[serde(default = "defaults::unlimited")]
+    pub acceleration_turns_per_s2: f64,
+    /// Greatest change of speed at an instant, turns a second: below it the motor needs no ramp.
+    #[serde(default = "defaults::unlimited")]
+    pub speed_jump_turns_per_s: f64,
 }
 
 /// The feed, which pushes filament.
@@ -118,6 +153,18 @@ pub struct Feed {
     pub direction_high_is_forward: bool,
     /// Diameter of the filament, mm.
     pub filament_diameter_mm: f64,
+    /// Greatest acceleration, mm/s^2 of filament.
+    #[serde(default = "defaults::unlimited")]
+    pub acceleration_mm_per_s2: f64,
+    /// Greatest change of speed at an instant, mm/s of filament: below it the motor needs no ramp.
+    #[serde(default = "defaults::unlimited")]
+    pub speed_jump_mm_per_s: f64,
+    /// Filament pulled back where feeding ends for a while, and pushed forward again before it goes on, mm.
+    #[serde(default)]
+    pub retract_mm: f64,
+    /// How fast, mm/s.
+    #[serde(default = "defaults::retract_mm_per_s")]
+    pub retract_mm_per_s: f64,
 }
 
 /// The filament that the robot has: a full spool.
@@ -126,6 +173,9 @@ pub struct Feed {
 pub struct Filament {
     /// Length on the spool when growth begins, mm. A plan that needs more is warned of (`filament-short`).
     pub spool_mm: f64,
+    /// Heat that the nozzle gives to the filament, J/(mm^3 K): density times specific heat. 0 leaves it out of account.
+    #[serde(default)]
+    pub heat_j_per_mm3_k: f64,
 }
 
 /// The nozzle's heater: limits, regulation, and the figures that a simulation of it takes.
@@ -157,13 +207,120 @@ pub struct Heater {
 }
 
 /// The nozzle's temperature sensor: a thermistor (NTC) to ground below a pull-up resistor, read by a 12-bit converter.
+///
+/// Its equation is either Beta's (`r25_ohm` and `beta_k`) or that of Steinhart and Hart.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Thermistor {
     /// Resistance at 25 degrees Celsius, ohm.
-    pub r25_ohm: f64,
+    #[serde(default)]
+    pub r25_ohm: Option<f64>,
     /// Beta, K.
-    pub beta_k: f64,
+    #[serde(default)]
+    pub beta_k: Option<f64>,
+    /// Coefficients A (1/K), B (1/K) and C (1/K) of `1/T = A + B ln R + C (ln R)^3`, with R in ohm.
+    #[serde(default)]
+    pub steinhart_hart: Option<[f64; 3]>,
     /// Pull-up resistor, ohm.
     pub pull_up_ohm: f64,
+}
+
+/// The fan that cools what is printed.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Fan {
+    /// Duty while growing, 0 to 1; 0 for no fan.
+    pub growing_duty: f64,
+    /// Heat that it takes from the nozzle at full duty, W/K, beyond [`Heater::loss_w_per_k`].
+    pub loss_w_per_k: f64,
+}
+
+/// What happens while the robot waits for layers.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Hold {
+    /// Temperature that the nozzle is let down to, degrees Celsius; [`Heater::target_c`] where that is lower.
+    pub standby_c: f64,
+    /// After so long, s.
+    pub standby_after_s: f64,
+    /// After so long the heater is switched off and the robot parks, s.
+    pub off_after_s: f64,
+}
+
+/// The supply of heater and motors, read by a 12-bit converter behind a divider.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Supply {
+    /// The voltage that [`Heater::power_w`] is meant at, V.
+    pub nominal_v: f64,
+    /// Below this everything is switched off, V.
+    pub min_v: f64,
+    /// Above this everything is switched off, V.
+    pub max_v: f64,
+    /// The voltage at the converter's full scale, V.
+    pub full_scale_v: f64,
+}
+
+/// Which sensors a robot has beyond thermistor and index sensor, and how they are wired.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Sensors {
+    /// A switch that closes on filament.
+    pub filament_presence: Option<Input>,
+    /// An encoder that the filament turns.
+    pub filament_motion: Option<FilamentMotion>,
+    /// The fault outputs of the stepper drivers, joined.
+    pub driver_fault: Option<Input>,
+    /// An emergency-stop button.
+    pub emergency_stop: Option<Input>,
+    /// Whether the supply's voltage is measured.
+    pub supply: bool,
+    /// Whether there is an orientation sensor.
+    pub orientation: bool,
+}
+
+/// An input with two levels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Input {
+    /// The level that means what the input is called: filament there, a driver's fault, the button pressed.
+    pub active_low: bool,
+}
+
+/// An encoder that the filament turns.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FilamentMotion {
+    /// Filament from one rising edge to the next, mm.
+    pub mm_per_pulse: f64,
+    /// Filament fed without an edge that means that it does not move, mm.
+    pub jam_mm: f64,
+}
+
+impl Default for Hold {
+    fn default() -> Self {
+        Self { standby_c: 150.0, standby_after_s: 60.0, off_after_s: 300.0 }
+    }
+}
+
+impl Default for Supply {
+    fn default() -> Self {
+        Self { nominal_v: 12.0, min_v: 10.0, max_v: 14.0, full_scale_v: 36.3 }
+    }
+}
+
+/// What a file that says nothing means.
+mod defaults {
+    /// A limit that no robot reaches.
+    pub fn unlimited() -> f64 {
+        1e9
+    }
+
+    pub fn index_tolerance_deg() -> f64 {
+        2.0
+    }
+
+    pub fn retract_mm_per_s() -> f64 {
+        5.0
+    }
 }

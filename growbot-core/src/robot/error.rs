@@ -38,8 +38,13 @@ pub enum RobotError {
     /// The name has a character that would not survive in a file name or a command.
     #[error("name may hold lower-case letters, digits and hyphens only, and not be empty: rename the robot")]
     Name,
+    /// The thermistor has no equation, or two.
+    #[error(
+        "thermistor needs r25_ohm and beta_k, or steinhart_hart, and not both: its data sheet gives one or the other"
+    )]
+    ThermistorEquation,
     /// Too long to encode.
-    #[error("the description does not fit its 512 bytes: shorten the name")]
+    #[error("the description does not fit its 768 bytes: shorten the name")]
     TooLong,
     /// The bytes are not a description at all.
     #[error(

@@ -9,7 +9,8 @@ mod step_rate;
 mod validate;
 
 pub use description::{
-    Feed, FeedStrategy, Filament, Geometry, Head, Heater, LayerDescription, Motion, RobotDescription, Thermistor, Wall,
+    Fan, Feed, FeedStrategy, Filament, FilamentMotion, Geometry, Head, Heater, Hold, Input, LayerDescription, Motion,
+    RobotDescription, Sensors, Supply, Thermistor, Turning, Wall,
 };
 pub use error::RobotError;
 
@@ -26,7 +27,7 @@ pub struct Robot {
 }
 
 /// The longest description in postcard form, bytes.
-pub const LONGEST_ENCODED: usize = 512;
+pub const LONGEST_ENCODED: usize = 768;
 
 impl Robot {
     /// Checks a description.

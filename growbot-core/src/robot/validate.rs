@@ -11,6 +11,9 @@ const GREATEST_SIZE: f64 = 1e4;
 /// Nothing about a robot is smaller than this, mm.
 const LEAST_SIZE: f64 = 1e-3;
 
+/// Where limits may be left out, this is as good as none.
+const UNLIMITED: f64 = 1e9;
+
 /// A field with its name and value, and the checks on it.
 struct Field(&'static str, f64);
 
@@ -45,6 +48,9 @@ pub(super) fn check(robot: &RobotDescription) -> Result<(), RobotError> {
     check_radius(robot)?;
     check_motors(robot)?;
     check_heater(robot)?;
+    check_thermistor(robot)?;
+    check_fan_and_hold(robot)?;
+    check_sensors(robot)?;
     check_step_rates(robot)
 }
 
@@ -131,17 +137,57 @@ fn check_motors(robot: &RobotDescription) -> Result<(), RobotError> {
         180.0,
         "the index mark spans two head steps at least and half a turn at most",
     )?;
+    Field("head.index_tolerance_deg", head.index_tolerance_deg).between(
+        360.0 / f64::from(head.steps_per_turn),
+        90.0,
+        "an edge of the mark is a head step off at least, and a quarter of a turn at most",
+    )?;
+    Field("head.acceleration_turns_per_s2", head.acceleration_turns_per_s2).between(
+        1e-4,
+        UNLIMITED,
+        "turns per second and second; leave it out for no limit",
+    )?;
+    Field("head.speed_jump_turns_per_s", head.speed_jump_turns_per_s).between(
+        head.homing_turns_per_s,
+        UNLIMITED,
+        "homing stops at an instant, so head.homing_turns_per_s must be within it; leave it out for no limit",
+    )?;
     Field("feed.steps_per_mm", feed.steps_per_mm).between(1e-3, 1e6, "steps of the feed motor for a mm of filament")?;
     Field("feed.filament_diameter_mm", feed.filament_diameter_mm).size()?;
+    Field("feed.acceleration_mm_per_s2", feed.acceleration_mm_per_s2).between(
+        1e-3,
+        UNLIMITED,
+        "mm of filament per second and second; leave it out for no limit",
+    )?;
+    Field("feed.retract_mm", feed.retract_mm).between(0.0, 100.0, "mm of filament; 0 for none")?;
+    let mut least_jump = 1e-3;
+    if feed.retract_mm > 0.0 {
+        Field("feed.retract_mm_per_s", feed.retract_mm_per_s).between(
+            least_jump,
+            f64::from(motion.tick_hz) / (2.0 * feed.steps_per_mm),
+            "the step interrupt makes a step every two ticks at most: lower it or raise motion.tick_hz",
+        )?;
+        least_jump = feed.retract_mm_per_s;
+    }
+    Field("feed.speed_jump_mm_per_s", feed.speed_jump_mm_per_s).between(
+        least_jump,
+        UNLIMITED,
+        "filament is pulled back without a ramp, so feed.retract_mm_per_s must be within it; leave it out for no limit",
+    )?;
     Field("filament.spool_mm", robot.filament.spool_mm).between(
         1.0,
         1e9,
         "the length of filament on the spool, in mm: a spool of 1 kg of 1.75 mm holds some 330,000",
+    )?;
+    Field("filament.heat_j_per_mm3_k", robot.filament.heat_j_per_mm3_k).between(
+        0.0,
+        0.01,
+        "density times specific heat, in J/(mm^3 K): PLA has 0.0022",
     )
 }
 
 fn check_heater(robot: &RobotDescription) -> Result<(), RobotError> {
-    let (heater, thermistor) = (&robot.heater, &robot.thermistor);
+    let heater = &robot.heater;
     Field("heater.max_c", heater.max_c).between(40.0, 500.0, "the limit of the nozzle lies between 40 and 500 C")?;
     Field("heater.target_c", heater.target_c).between(
         30.0,
@@ -160,10 +206,67 @@ fn check_heater(robot: &RobotDescription) -> Result<(), RobotError> {
     Field("heater.kd", heater.kd).between(0.0, 100.0, "duty per degree a second")?;
     Field("heater.power_w", heater.power_w).between(0.1, 10_000.0, "watts at full duty")?;
     Field("heater.heat_capacity_j_per_k", heater.heat_capacity_j_per_k).between(0.01, 1e5, "joules per kelvin")?;
-    Field("heater.loss_w_per_k", heater.loss_w_per_k).between(1e-6, 1e3, "watts per kelvin")?;
-    Field("thermistor.r25_ohm", thermistor.r25_ohm).between(10.0, 1e7, "ohms at 25 C")?;
-    Field("thermistor.beta_k", thermistor.beta_k).between(500.0, 10_000.0, "kelvin")?;
+    Field("heater.loss_w_per_k", heater.loss_w_per_k).between(1e-6, 1e3, "watts per kelvin")
+}
+
+fn check_thermistor(robot: &RobotDescription) -> Result<(), RobotError> {
+    let thermistor = &robot.thermistor;
+    match (thermistor.r25_ohm, thermistor.beta_k, thermistor.steinhart_hart) {
+        (Some(r25_ohm), Some(beta_k), None) => {
+            Field("thermistor.r25_ohm", r25_ohm).between(10.0, 1e7, "ohms at 25 C")?;
+            Field("thermistor.beta_k", beta_k).between(500.0, 10_000.0, "kelvin")?;
+        }
+        (None, None, Some([a, b, c])) => {
+            let advice = "a coefficient in 1/K, as data sheets print it: A near 1e-3, B near 2e-4, C near 1e-7";
+            Field("thermistor.steinhart_hart[0]", a).between(-0.01, 0.01, advice)?;
+            Field("thermistor.steinhart_hart[1]", b).between(1e-6, 0.01, advice)?;
+            Field("thermistor.steinhart_hart[2]", c).between(0.0, 1e-4, advice)?;
+        }
+        _ => return Err(RobotError::ThermistorEquation),
+    }
     Field("thermistor.pull_up_ohm", thermistor.pull_up_ohm).between(10.0, 1e7, "ohms")
+}
+
+fn check_fan_and_hold(robot: &RobotDescription) -> Result<(), RobotError> {
+    let (fan, hold) = (&robot.fan, &robot.hold);
+    Field("fan.growing_duty", fan.growing_duty).between(0.0, 1.0, "a share of full duty")?;
+    Field("fan.loss_w_per_k", fan.loss_w_per_k).between(0.0, 1e3, "watts per kelvin")?;
+    Field("hold.standby_c", hold.standby_c).between(
+        0.0,
+        500.0,
+        "degrees Celsius; above heater.target_c it means heater.target_c",
+    )?;
+    Field("hold.standby_after_s", hold.standby_after_s).between(0.0, 86_400.0, "seconds, a day at most")?;
+    Field("hold.off_after_s", hold.off_after_s).between(0.0, 86_400.0, "seconds, a day at most")
+}
+
+fn check_sensors(robot: &RobotDescription) -> Result<(), RobotError> {
+    let (supply, sensors) = (&robot.supply, &robot.sensors);
+    Field("supply.nominal_v", supply.nominal_v).between(1.0, 100.0, "volts")?;
+    Field("supply.min_v", supply.min_v).between(
+        0.5,
+        supply.nominal_v,
+        "the least voltage is below supply.nominal_v",
+    )?;
+    Field("supply.max_v", supply.max_v).between(
+        supply.nominal_v,
+        200.0,
+        "the greatest voltage is above supply.nominal_v",
+    )?;
+    Field("supply.full_scale_v", supply.full_scale_v).between(
+        supply.max_v,
+        1000.0,
+        "the converter must be able to see supply.max_v: the voltage at which its input is at the reference",
+    )?;
+    if let Some(motion) = sensors.filament_motion {
+        Field("sensors.filament_motion.mm_per_pulse", motion.mm_per_pulse).between(1e-3, 1e3, "mm of filament")?;
+        Field("sensors.filament_motion.jam_mm", motion.jam_mm).between(
+            2.0 * motion.mm_per_pulse,
+            1e4,
+            "less than two pulses' worth of filament would be a false alarm",
+        )?;
+    }
+    Ok(())
 }
 
 /// The step interrupt must carry the busiest sector of the steepest layer.

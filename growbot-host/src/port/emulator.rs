@@ -94,7 +94,7 @@ fn prepare(memory: &TipMemory, robot: &Robot) -> Result<(), QemuError> {
     write(table::MACHINE_LENGTH, machine.len() as u32)?;
     words.0.write_all_at(machine, table::MACHINE as u64).map_err(doing("write the tip's memory"))?;
     let room = thermistor::reading(crate::tip::ROOM_C, &robot.description().thermistor);
-    write(table::THERMISTOR_RAW, u32::from(room))?;
+    write(table::THERMISTOR_RAW, libm::rint(room) as u32)?;
     write(table::THERMISTOR_LIVE, 1)
 }
 
@@ -179,7 +179,7 @@ impl Followed {
         }
         let reading = self.tip.nozzle().temperature();
         let thermistor = self.tip.robot().description().thermistor;
-        self.words.write(table::THERMISTOR_RAW, u32::from(thermistor::reading(reading, &thermistor)))
+        self.words.write(table::THERMISTOR_RAW, libm::rint(thermistor::reading(reading, &thermistor)) as u32)
     }
 
     fn step(&mut self) -> io::Result<()> {

@@ -293,7 +293,7 @@ impl OutputPin for HeaterEnable {
 
 impl Thermistor for SimThermistor {
     fn sample(&mut self) -> Option<u16> {
-        Some(thermistor::reading(self.0.tip.borrow().nozzle().temperature(), &self.0.thermistor))
+        Some(libm::rint(thermistor::reading(self.0.tip.borrow().nozzle().temperature(), &self.0.thermistor)) as u16)
     }
 }
 

@@ -112,7 +112,7 @@ fn a_nozzle_that_cools_is_a_fault_wherever_it_must_be_hot() {
 fn a_nozzle_that_does_not_get_hot_is_a_fault() {
     // Too much wind to reach the target, though the heater works.
     let mut bench = Bench::in_state(State::Heating);
-    bench.world.draught.set(2.0);
+    bench.world.draught.set(3.0);
     assert_fault(&mut bench, Fault::HeatingTooSlow, 301.0);
     bench.world.draught.set(1.0);
     assert_usable(&mut bench);

@@ -69,8 +69,8 @@ impl hal::Thermistor for FakeThermistor {
     fn sample(&mut self) -> Option<u16> {
         let thermistor = &self.0.robot.description().thermistor;
         let raw = match self.0.wire.get() {
-            Wire::Whole => reading(self.0.nozzle_c.get(), thermistor),
-            Wire::Detached => reading(ROOM, thermistor),
+            Wire::Whole => reading(self.0.nozzle_c.get(), thermistor).round() as u16,
+            Wire::Detached => reading(ROOM, thermistor).round() as u16,
             Wire::Cut => FULL_SCALE,
             Wire::Shorted => 0,
             Wire::Silent => return None,
