@@ -1,16 +1,27 @@
 //! What a board must have beyond the traits of embedded-hal.
+//!
+//! Levels are logical: a board that wires a pin the other way round wraps it in [`crate::polarity::Polarized`]. A robot need
+//! not have every sensor; pins of those that its description does not name are never asked.
 
 use core::ops::DerefMut;
 
-use embedded_hal::digital::OutputPin;
+use embedded_hal::digital::{InputPin, OutputPin};
 use embedded_hal::pwm::SetDutyCycle;
 
 use crate::layer_store::LayerStore;
+use crate::safety::kept::KEPT_BYTES;
 
-/// The converter that reads the thermistor's divider.
-pub trait Thermistor {
+/// A channel of a 12-bit converter.
+pub trait Converter {
     /// A reading (0 to 4095) taken since the last call, none if there is no new one. Never blocks.
     fn sample(&mut self) -> Option<u16>;
+}
+
+/// The tip's orientation sensor.
+pub trait Orientation {
+    /// Gravity in the tip's frame, thousandths of the earth's, upwards as a resting accelerometer shows it; none where
+    /// the sensor does not answer. Takes a millisecond at most.
+    fn gravity(&mut self) -> Option<[i16; 3]>;
 }
 
 /// A watchdog that resets the board unless it is fed.
@@ -19,16 +30,37 @@ pub trait Watchdog {
     fn feed(&mut self);
 }
 
-/// The parts of a board that the controller drives. The steppers belong to the [`crate::stepping::Engine`].
+/// Memory that survives a reset, though not a loss of power.
+pub trait KeptMemory {
+    /// What it holds.
+    fn read(&mut self) -> [u8; KEPT_BYTES];
+    /// Has it hold something else.
+    fn write(&mut self, bytes: &[u8; KEPT_BYTES]);
+}
+
+/// The parts of a board that the controller drives. Steppers, index sensor, filament encoder and emergency stop belong to the
+/// [`crate::stepping::Engine`].
 pub trait Board {
     /// Power of the heater.
     type HeaterPower: SetDutyCycle;
     /// The second switch in series with it: high lets it heat.
     type HeaterEnable: OutputPin;
-    /// Temperature of the nozzle.
-    type Thermistor: Thermistor;
+    /// The fan that cools what is printed.
+    type Fan: SetDutyCycle;
+    /// The thermistor's divider.
+    type Thermistor: Converter;
+    /// The supply's divider.
+    type Supply: Converter;
+    /// High while there is filament.
+    type FilamentPresence: InputPin;
+    /// High while a stepper driver reports a fault.
+    type DriverFault: InputPin;
+    /// The tip's orientation.
+    type Orientation: Orientation;
     /// The watchdog.
     type Watchdog: Watchdog;
+    /// What survives a reset.
+    type Kept: KeptMemory;
     /// Where the layers are kept: some 48 KiB, so a reference or a box.
     type Store: DerefMut<Target = LayerStore>;
 }
@@ -39,10 +71,22 @@ pub struct Parts<B: Board> {
     pub heater_power: B::HeaterPower,
     /// The second switch in series with it.
     pub heater_enable: B::HeaterEnable,
+    /// The fan.
+    pub fan: B::Fan,
     /// Temperature of the nozzle.
     pub thermistor: B::Thermistor,
+    /// Voltage of the supply.
+    pub supply: B::Supply,
+    /// Whether there is filament.
+    pub filament_presence: B::FilamentPresence,
+    /// Whether a driver is well.
+    pub driver_fault: B::DriverFault,
+    /// The tip's orientation.
+    pub orientation: B::Orientation,
     /// The watchdog.
     pub watchdog: B::Watchdog,
+    /// What survives a reset.
+    pub kept: B::Kept,
     /// Where the layers are kept.
     pub store: B::Store,
 }

@@ -9,7 +9,7 @@
 //! 4. [`stepping::Engine`]: it becomes step pulses, tick by tick;
 //! 5. and back: the steps made become the layer as built, and a `Laid` message.
 //!
-//! Beside it [`heater`] and [`thermistor`] keep the nozzle hot, and switch it off when anything is wrong.
+//! Beside it [`heater`] and [`thermistor`] keep the nozzle hot, and [`safety`] says what leads where when anything is wrong.
 //! [`hal`] says what a board must have. The boards themselves are the binaries `an386` (emulated) and `stm32f405` (the robot's).
 #![no_std]
 #![forbid(unsafe_code)]
@@ -26,6 +26,7 @@ pub mod link;
 #[cfg(any(feature = "an386", feature = "stm32f405"))]
 pub mod machine;
 pub mod polarity;
+pub mod safety;
 pub mod stepping;
 #[cfg(test)]
 mod testing;

@@ -4,24 +4,34 @@
 //! a second time is recognised and answered like the first.
 
 use growbot_core::job::job_layers_meanwhile;
+use growbot_core::layer_bytes::{LayerBytes, decode_checked};
 use growbot_core::link::frame::Frame;
 use growbot_core::link::message::{
-    Accepted, Begin, BoardHello, Fault, HeldLayers, HostHello, Layers, MOST_LAYERS, Message, PlanRequest, Planned,
-    Refusal, Refused, SCHEMA_HASH, Start, State,
+    Accepted, Begin, BoardHello, Empty, Fault, HeldLayers, HostHello, LatestFault, Layers, MOST_LAYERS, Message,
+    PlanRequest, Planned, Refusal, Refused, SCHEMA_HASH, Start, State, Tune,
 };
 use growbot_core::plan::plan_meanwhile;
 use growbot_core::pose::Pose;
 
-use super::{Controller, Job};
+use super::{Controller, Job, centi};
 use crate::hal::{Board, Watchdog};
 use crate::layer_store::CAPACITY;
+use crate::safety::transitions::{Event, after};
 use crate::stepping::Handover;
+
+/// A stop is obeyed whatever its body holds.
+const STOP: u8 = Message::Stop(Empty {}).kind();
+/// Below this there is nothing to tune, degrees Celsius.
+const LEAST_TUNING_C: f64 = 50.0;
+/// While tuning the nozzle swings; its target stays so far below the greatest temperature, degrees.
+const TUNING_MARGIN_C: f64 = 20.0;
 
 impl<B: Board> Controller<B> {
     /// Carries out a request and answers it.
     pub(super) fn serve(&mut self, frame: &Frame, handover: &Handover) {
         let header = frame.header;
         let answer = match Message::decode(header.kind, &frame.body) {
+            _ if header.kind == STOP => Ok(self.stop(handover)),
             Ok(message) => self.carry_out(message, header.session, handover),
             Err(_) => Err(Refusal::NotUnderstood),
         };
@@ -30,11 +40,12 @@ impl<B: Board> Controller<B> {
     }
 
     fn carry_out(&mut self, request: Message, session: u32, handover: &Handover) -> Result<Message, Refusal> {
-        // These three are answered whoever asks.
+        // These are answered whoever asks.
         match request {
             Message::Hello(hello) => return self.hello(&hello, session),
             Message::AskStatus(_) => return Ok(Message::Status(self.status())),
-            Message::Stop(_) => return Ok(self.stop(handover)),
+            Message::AskFault(_) => return Ok(Message::LatestFault(LatestFault { record: self.kept.record })),
+            Message::AskSensors(_) => return Ok(Message::SensorReadings(self.readings)),
             _ => {}
         }
         if !self.link.is_open(session) {
@@ -44,7 +55,9 @@ impl<B: Board> Controller<B> {
             Message::Begin(begin) => self.begin(&begin),
             Message::Layers(layers) => self.hold_layers(&layers),
             Message::Start(start) => self.start(&start),
-            Message::ClearFault(_) => self.clear_fault(),
+            Message::Hold(_) => self.hold(),
+            Message::Tune(tune) => self.tune(&tune),
+            Message::ClearFault(_) => self.clear_fault(handover),
             Message::Plan(request) => self.plan_by_itself(&request),
             Message::ReadLayers(read) => Ok(self.read_layers(read.first)),
             _ => Err(Refusal::NotUnderstood),
@@ -79,10 +92,16 @@ impl<B: Board> Controller<B> {
 
     fn stop(&mut self, handover: &Handover) -> Message {
         self.switch_off(handover);
-        if self.state != State::Fault {
-            self.enter(State::Stopped);
-        }
+        self.happens(Event::Stop);
         self.accepted()
+    }
+
+    /// Whether this event is taken now.
+    fn takes(&self, event: Event) -> Result<(), Refusal> {
+        match after(self.state, event) {
+            Some(_) => Ok(()),
+            None => Err(Refusal::WrongState { state: self.state }),
+        }
     }
 
     fn begin(&mut self, begin: &Begin) -> Result<Message, Refusal> {
@@ -92,13 +111,18 @@ impl<B: Board> Controller<B> {
         if begin.plan_id == 0 {
             return Err(Refusal::NotUnderstood);
         }
+        self.takes(Event::Begin)?;
         let repeated = (begin.plan_id, begin.layers) == (self.job.plan_id, self.job.layers);
-        // After an end it is the wish for another growth of the same plan.
-        if repeated && !matches!(self.state, State::Done | State::Stopped | State::Fault) {
-            return Ok(self.accepted());
+        match self.state {
+            // After an end it is the wish for another growth, of the same plan or not.
+            State::Done | State::Stopped => {}
+            _ if repeated => return Ok(self.accepted()),
+            State::Idle => {}
+            // Another job is under way.
+            state => return Err(Refusal::WrongState { state }),
         }
-        self.only_at_rest()?;
         self.set_job(begin.plan_id, begin.layers);
+        self.happens(Event::Begin);
         Ok(self.accepted())
     }
 
@@ -106,14 +130,6 @@ impl<B: Board> Controller<B> {
     fn set_job(&mut self, plan_id: u64, layers: u32) {
         self.store_mut().clear();
         self.job = Job { plan_id, layers, ..Job::default() };
-        self.enter(State::Idle);
-    }
-
-    fn only_at_rest(&self) -> Result<(), Refusal> {
-        match self.state {
-            State::Idle | State::Done | State::Stopped => Ok(()),
-            state => Err(Refusal::WrongState { state }),
-        }
     }
 
     fn this_plan(&self, plan_id: u64) -> Result<(), Refusal> {
@@ -125,9 +141,7 @@ impl<B: Board> Controller<B> {
 
     fn hold_layers(&mut self, batch: &Layers) -> Result<Message, Refusal> {
         self.this_plan(batch.plan_id)?;
-        if matches!(self.state, State::Stopped | State::Fault) {
-            return Err(Refusal::WrongState { state: self.state });
-        }
+        self.takes(Event::Layers)?;
         let expected = self.store().next_index();
         if batch.first > expected {
             return Err(Refusal::OutOfOrder { expected });
@@ -152,47 +166,81 @@ impl<B: Board> Controller<B> {
 
     fn start(&mut self, start: &Start) -> Result<Message, Refusal> {
         self.this_plan(start.plan_id)?;
+        self.takes(Event::Start)?;
+        self.ask_hold(false);
         match self.state {
-            State::Idle if self.job.layers > 0 => {
+            State::Idle if self.job.layers == 0 => {
+                self.happens(Event::Finished);
+            }
+            State::Idle | State::Parked => {
                 self.heater.switch_on(self.robot.description().heater.target_c, self.now);
-                self.enter(State::Heating);
-                Ok(self.accepted())
+                self.happens(Event::Start);
             }
-            // A body of no length is grown at once.
-            State::Idle => {
-                self.enter(State::Done);
-                Ok(self.accepted())
-            }
-            // Repeated.
-            State::Heating | State::Homing | State::Growing | State::Hold | State::Done => Ok(self.accepted()),
-            state => Err(Refusal::WrongState { state }),
+            // Repeated, or the end of a hold.
+            _ => {}
         }
+        Ok(self.accepted())
     }
 
-    /// Leaves `Fault` if nothing that can be seen at rest is still wrong; what cannot be seen will show again.
-    fn clear_fault(&mut self) -> Result<Message, Refusal> {
-        let Some(fault) = self.fault else { return Ok(self.accepted()) };
-        let remains = match fault {
-            Fault::OverTemperature => {
-                let limit = self.robot.description().heater.max_c;
-                self.heater.temperature(self.now).is_none_or(|temperature| temperature > limit)
-            }
-            Fault::ThermistorOpen | Fault::ThermistorShort | Fault::ThermistorSilent => {
-                self.heater.temperature(self.now).is_none()
-            }
-            _ => false,
-        };
-        if remains {
+    fn hold(&mut self) -> Result<Message, Refusal> {
+        self.takes(Event::Hold)?;
+        self.ask_hold(true);
+        Ok(self.accepted())
+    }
+
+    fn tune(&mut self, tune: &Tune) -> Result<Message, Refusal> {
+        self.takes(Event::Tune)?;
+        let target = f64::from(tune.target_centi_c) / 100.0;
+        let greatest = self.robot.description().heater.max_c - TUNING_MARGIN_C;
+        if !(LEAST_TUNING_C..=greatest).contains(&target) {
+            return Err(Refusal::Temperature { least: centi(LEAST_TUNING_C), greatest: centi(greatest) });
+        }
+        self.set_job(0, 0);
+        self.heater.tune(target, self.now);
+        self.happens(Event::Tune);
+        Ok(self.accepted())
+    }
+
+    /// Leaves `Fault` or `EmergencyStop` if nothing that can be seen at rest is still wrong; what cannot be seen will show again.
+    fn clear_fault(&mut self, handover: &Handover) -> Result<Message, Refusal> {
+        self.takes(Event::Clear)?;
+        match self.state {
+            State::EmergencyStop if handover.emergency_stop() => return Err(Refusal::EmergencyStop),
+            State::Fault | State::EmergencyStop => {}
+            // Nothing to clear.
+            _ => return Ok(self.accepted()),
+        }
+        if let Some(fault) = self.fault.filter(|fault| self.remains(*fault)) {
             return Err(Refusal::FaultRemains { fault });
         }
         self.fault = None;
+        if let Some(record) = &mut self.kept.record {
+            record.cleared = true;
+        }
         self.set_job(0, 0);
+        self.happens(Event::Clear);
         Ok(self.accepted())
+    }
+
+    /// Whether what caused a fault can be seen to be there still.
+    fn remains(&self, fault: Fault) -> bool {
+        let description = self.robot.description();
+        let temperature = self.heater.temperature(self.now);
+        let volts = self.readings.supply_mv.map(|millivolts| f64::from(millivolts) / 1000.0);
+        match fault {
+            Fault::OverTemperature => temperature.is_none_or(|temperature| temperature > description.heater.max_c),
+            Fault::ThermistorOpen | Fault::ThermistorShort | Fault::ThermistorSilent => temperature.is_none(),
+            Fault::FilamentOut => self.readings.filament_present == Some(false),
+            Fault::DriverFault => self.readings.driver_fault == Some(true),
+            Fault::SupplyLow => volts.is_none_or(|volts| volts < description.supply.min_v),
+            Fault::SupplyHigh => volts.is_none_or(|volts| volts > description.supply.max_v),
+            _ => false,
+        }
     }
 
     /// Plans on the board: the same code as on the host, so the same layers, bit for bit.
     fn plan_by_itself(&mut self, request: &PlanRequest) -> Result<Message, Refusal> {
-        self.only_at_rest()?;
+        self.takes(Event::Plan)?;
         let start = Pose::try_from(request.start).map_err(|_| Refusal::NoPlan)?;
         let goal = Pose::try_from(request.goal).map_err(|_| Refusal::NoPlan)?;
         // A near goal takes a second or two. The heater is off, so nothing needs the controller meanwhile but the watchdog.
@@ -215,6 +263,7 @@ impl<B: Board> Controller<B> {
         }
         self.parts.watchdog.feed();
         self.set_job(summary.plan_id, summary.layers);
+        self.happens(Event::Plan);
         for bytes in layers {
             self.hold_layer(bytes)?;
         }
@@ -224,6 +273,16 @@ impl<B: Board> Controller<B> {
             layers: summary.layers,
             length: growbot_core::path::length(&path),
         }))
+    }
+
+    /// Whether a layer can be laid. The robot's limits are the board's own: nothing that a host sends lifts them.
+    fn check_layer(&self, index: u32, bytes: &LayerBytes) -> Result<(), Refusal> {
+        decode_checked(bytes, &self.robot).map(|_| ()).map_err(|_| Refusal::BadLayer { index })
+    }
+
+    /// Takes a layer into the store.
+    fn hold_layer(&mut self, bytes: LayerBytes) -> Result<(), Refusal> {
+        if self.store_mut().push(bytes) { Ok(()) } else { Err(Refusal::Full) }
     }
 
     fn read_layers(&self, first: u32) -> Message {

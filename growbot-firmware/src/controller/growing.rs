@@ -1,0 +1,236 @@
+//! The orders to the step engine: homing, layers, and filament pulled back and pushed forward again round a hold.
+
+use growbot_core::link::message::{Fault, Laid, Message, State};
+use growbot_core::robot::Turning;
+
+use super::Controller;
+use crate::hal::Board;
+use crate::safety::transitions::Event;
+use crate::stepping::{FeedMove, Handover, Homing, Order, Report, TurnReport, as_built};
+
+/// What an order may take beyond the time that it should: this share of it,
+const ALLOWANCE: f64 = 0.2;
+/// and so many us.
+const LEAST_ALLOWANCE_US: u64 = 2_000_000;
+
+/// What the step engine has been told.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Motion {
+    /// Orders given and not yet reported.
+    outstanding: u8,
+    /// When the first of them must be reported at the latest, us.
+    due: Option<u64>,
+    /// How long the order given last should take, us.
+    latest_us: u64,
+    /// Which way filament is being moved without a layer.
+    feeding: Option<Feeding>,
+    /// Filament has been pulled back.
+    retracted: bool,
+    /// The next turn goes back to where the one before came from.
+    backwards: bool,
+    /// A host wants the robot to wait.
+    hold_asked: bool,
+    /// Material a second of the layer given last, mm^3/s.
+    flow: f64,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Feeding {
+    Back,
+    Forward,
+}
+
+impl Motion {
+    /// What was under way is over. What the filament and the head have done stays so.
+    pub fn halt(&mut self) {
+        *self = Self { retracted: self.retracted, ..Self::default() };
+    }
+
+    /// Whether the engine has not reported in time.
+    pub fn is_overdue(&self, now: u64) -> bool {
+        self.due.is_some_and(|due| now > due)
+    }
+
+    /// An order is given that should take so long.
+    fn gave(&mut self, seconds: f64, now: u64) {
+        self.latest_us = (seconds * (1.0 + ALLOWANCE) * 1e6) as u64 + LEAST_ALLOWANCE_US;
+        if self.outstanding == 0 {
+            self.due = Some(now.saturating_add(self.latest_us));
+        }
+        self.outstanding = self.outstanding.saturating_add(1);
+    }
+
+    /// An order is reported.
+    fn reported(&mut self, now: u64) {
+        self.outstanding = self.outstanding.saturating_sub(1);
+        self.due = (self.outstanding > 0).then_some(now.saturating_add(self.latest_us));
+    }
+}
+
+impl<B: Board> Controller<B> {
+    /// Takes what the step engine reports.
+    pub(super) fn take(&mut self, report: Report, handover: &Handover) {
+        let growing = matches!(self.state, State::Growing | State::Hold);
+        match report {
+            Report::Homed if self.state == State::Homing => {
+                self.motion.reported(self.now);
+                self.motion.backwards = false;
+                self.happens(Event::Homed);
+            }
+            Report::Laid(turn) if growing => {
+                self.motion.reported(self.now);
+                self.count(&turn, handover);
+            }
+            Report::Fed if growing => {
+                self.motion.reported(self.now);
+                self.motion.retracted = self.motion.feeding.take() == Some(Feeding::Back);
+            }
+            Report::IndexNotFound => self.fail(Fault::IndexNotFound, handover),
+            Report::IndexMissing => self.fail(Fault::IndexMissing, handover),
+            Report::IndexStuck => self.fail(Fault::IndexStuck, handover),
+            Report::HeadStepsLost => self.fail(Fault::HeadStepsLost, handover),
+            Report::FilamentJam => self.fail(Fault::FilamentJam, handover),
+            Report::Hardware => self.fail(Fault::Hardware, handover),
+            // What was under way when everything was switched off.
+            Report::Homed | Report::Laid(_) | Report::Fed => {}
+        }
+    }
+
+    /// Counts a layer as laid and tells the host what was built.
+    fn count(&mut self, turn: &TurnReport, handover: &Handover) {
+        let index = self.job.laid;
+        self.job.laid += 1;
+        self.parts.store.drop_first();
+        let built = as_built(&turn.feed, &self.robot);
+        let laid = Laid {
+            plan_id: self.job.plan_id,
+            index,
+            as_built: self.job.encoder.encode(&built),
+            head_steps: turn.head,
+            feed_steps: turn.feed.iter().sum(),
+        };
+        self.tell(Message::Laid(laid));
+        self.keep();
+        if self.job.laid == self.job.layers {
+            self.switch_off(handover);
+            self.happens(Event::Finished);
+        }
+    }
+
+    /// Moves on where nothing but time was missing.
+    pub(super) fn proceed(&mut self, handover: &Handover) {
+        match self.state {
+            State::Heating if self.heater.is_hot(self.now) => self.home(handover),
+            State::Growing if handover.takes_orders() && self.motion.feeding.is_none() => self.go_on(handover),
+            State::Hold if self.motion.feeding.is_none() => self.wait(handover),
+            _ => {}
+        }
+    }
+
+    fn home(&mut self, handover: &Handover) {
+        let homing = self.homing();
+        let steps = f64::from(homing.most_steps) + f64::from(homing.steps_to_zero);
+        let seconds = steps * f64::from(homing.ticks_per_step) / f64::from(self.robot.description().motion.tick_hz);
+        handover.give(Order::Home(homing));
+        self.motion.gave(seconds, self.now);
+        self.happens(Event::Hot);
+    }
+
+    /// How this robot homes.
+    fn homing(&self) -> Homing {
+        let description = self.robot.description();
+        let head = &description.head;
+        let steps = f64::from(head.steps_per_turn);
+        let steps_a_second = steps * head.homing_turns_per_s;
+        let index = growbot_core::angle::wrap_positive(growbot_core::angle::radians(head.index_angle_deg));
+        let index_steps = libm::rint(index / core::f64::consts::TAU * steps) as u32;
+        Homing {
+            ticks_per_step: (f64::from(description.motion.tick_hz) / steps_a_second).max(2.0) as u32,
+            // A turn to pass the mark, and half a turn for a start within it.
+            most_steps: head.steps_per_turn + head.steps_per_turn / 2,
+            steps_to_zero: if index_steps == 0 { 0 } else { head.steps_per_turn.saturating_sub(index_steps) },
+        }
+    }
+
+    /// While growing: the next layer, or a hold.
+    fn go_on(&mut self, handover: &Handover) {
+        if self.job.given == self.job.layers {
+            return;
+        }
+        let next = self.store().get(self.job.given).filter(|_| !self.motion.hold_asked);
+        let Some(bytes) = next else {
+            // The layer under way is finished first.
+            if self.job.laid == self.job.given {
+                self.happens(Event::LayersOut);
+                self.feed(Feeding::Back, handover);
+            }
+            return;
+        };
+        if self.motion.retracted {
+            self.feed(Feeding::Forward, handover);
+            return;
+        }
+        let backwards = self.robot.description().motion.turning == Turning::Alternate && self.motion.backwards;
+        match self.job.material.lay(&bytes, &self.robot, backwards) {
+            Ok(turn) => {
+                let period_s = self.robot.description().layer.period_s;
+                self.motion.flow = turn.layer(&self.robot).height * self.robot.wall_area() / period_s;
+                handover.give(Order::Lay(turn));
+                self.motion.gave(period_s, self.now);
+                self.motion.backwards = !backwards;
+                self.job.given += 1;
+                self.keep();
+            }
+            Err(_) => self.fail(Fault::StepRate, handover),
+        }
+    }
+
+    /// Pulls filament back or pushes it forward again, where this robot does so.
+    fn feed(&mut self, feeding: Feeding, handover: &Handover) {
+        let description = self.robot.description();
+        let feed = &description.feed;
+        let steps = libm::rint(feed.retract_mm * feed.steps_per_mm) as u32;
+        let backwards = feeding == Feeding::Back;
+        if steps == 0 || backwards == self.motion.retracted {
+            return;
+        }
+        let steps_a_second = feed.retract_mm_per_s * feed.steps_per_mm;
+        let ticks_per_step = (f64::from(description.motion.tick_hz) / steps_a_second).max(2.0) as u32;
+        handover.give(Order::Feed(FeedMove { steps, backwards, ticks_per_step }));
+        self.motion.gave(f64::from(steps) / steps_a_second, self.now);
+        self.motion.feeding = Some(feeding);
+    }
+
+    /// While holding: go on as soon as there is a layer and the nozzle is hot; let it down to standby; park.
+    fn wait(&mut self, handover: &Handover) {
+        let description = self.robot.description();
+        let (heater, hold) = (&description.heater, &description.hold);
+        let goes_on = !self.motion.hold_asked && self.store().get(self.job.given).is_some();
+        let held_s = self.in_state_us() as f64 * 1e-6;
+        let target = if goes_on || held_s < hold.standby_after_s {
+            heater.target_c
+        } else {
+            hold.standby_c.min(heater.target_c)
+        };
+        if !goes_on && held_s >= hold.off_after_s {
+            self.happens(Event::HeldTooLong);
+            self.switch_off(handover);
+            return;
+        }
+        if self.heater.target() != Some(target) {
+            self.heater.set_target(target, self.now);
+        } else if goes_on && self.heater.is_hot(self.now) {
+            self.happens(Event::LayersIn);
+        }
+    }
+
+    /// Has the robot wait after the layer under way, or not any more.
+    pub(super) fn ask_hold(&mut self, hold: bool) {
+        self.motion.hold_asked = hold;
+    }
+
+    /// Material that flows now, mm^3/s.
+    pub(super) fn flow(&self) -> f64 {
+        if self.state == State::Growing && self.motion.outstanding > 0 { self.motion.flow } else { 0.0 }
+    }
+}

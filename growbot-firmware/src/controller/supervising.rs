@@ -1,0 +1,206 @@
+//! Ten times a second: temperature, sensors, watchdog; and what happens when something is wrong.
+
+use embedded_hal::digital::{InputPin, OutputPin};
+use embedded_hal::pwm::SetDutyCycle;
+use growbot_core::link::message::{Fault, FaultRecord, Message, SensorReadings, State};
+
+use super::{Controller, centi};
+use crate::hal::{Board, Orientation, Watchdog};
+use crate::heater::Demand;
+use crate::safety::inputs::{Look, volts};
+use crate::safety::kept::fault_of;
+use crate::safety::transitions::{Event, may_feed, may_heat};
+use crate::stepping::Handover;
+
+/// The self-test has this long to find every sensor well, us.
+const SELF_TEST_US: u64 = 2_000_000;
+/// Looks in a row, ten a second, at which the step interrupt has not run, that make a fault.
+const LOOKS_WITHOUT_TICKS: u8 = 3;
+
+impl<B: Board> Controller<B> {
+    /// One look at everything.
+    pub(super) fn supervise(&mut self, handover: &Handover) {
+        let look = self.look(handover);
+        let needs_filament = may_heat(self.state) && self.state != State::Tuning;
+        let found = self.inputs.look(&look, self.robot.description(), needs_filament);
+        if let Some(fault) = found
+            && (may_heat(self.state) || self.state == State::SelfTest)
+        {
+            self.fail(fault, handover);
+        }
+        self.regulate(look.supply_v, handover);
+        self.cool(handover);
+        self.watch_steps(handover);
+        if self.state == State::SelfTest {
+            self.test(&look, handover);
+        }
+        self.proof.supervisor = true;
+        if self.proof.take() {
+            self.parts.watchdog.feed();
+        }
+    }
+
+    /// Reads every sensor but the thermistor.
+    fn look(&mut self, handover: &Handover) -> Look {
+        let description = self.robot.description();
+        let sensors = &description.sensors;
+        let raw = self.supply.take_mean();
+        let look = Look {
+            supply_v: raw.filter(|_| sensors.supply).map(|raw| volts(raw, &description.supply)),
+            // A pin that cannot be read says the worst.
+            filament_present: sensors
+                .filament_presence
+                .map(|_| self.parts.filament_presence.is_high().unwrap_or(false)),
+            driver_fault: sensors.driver_fault.map(|_| self.parts.driver_fault.is_high().unwrap_or(true)),
+        };
+        self.readings = SensorReadings {
+            supply_mv: look.supply_v.map(|volts| libm::rint(volts * 1000.0) as u32),
+            on_index: handover.on_index(),
+            filament_present: look.filament_present,
+            filament_pulses: sensors.filament_motion.map(|_| handover.filament_pulses()),
+            driver_fault: look.driver_fault,
+            emergency_stop: sensors.emergency_stop.map(|_| handover.emergency_stop()),
+            gravity_milli_g: if sensors.orientation { self.parts.orientation.gravity() } else { None },
+        };
+        look
+    }
+
+    /// Takes the temperature and sets the heater.
+    fn regulate(&mut self, supply_v: Option<f64>, handover: &Handover) {
+        let demand = Demand { flow_mm3_per_s: self.flow(), fan: self.fan_duty(), supply_v };
+        let raw = self.thermistor.take_mean();
+        match self.heater.update(raw, &demand, self.robot.description(), self.now) {
+            Ok(duty) => self.power(duty, handover),
+            Err(fault) => self.fail(fault, handover),
+        }
+        self.proof.regulator = true;
+        let least = self.robot.description().heater.extrusion_min_c;
+        if may_feed(self.state) && self.heater.temperature(self.now).is_some_and(|temperature| temperature < least) {
+            self.fail(Fault::UnderTemperature, handover);
+        }
+        if let Some(tuned) = self.heater.take_tuned() {
+            self.switch_off(handover);
+            self.happens(Event::Tuned);
+            self.tell(Message::Tuned(tuned));
+        }
+    }
+
+    /// Gives the heater this share (0 to 1) of its power.
+    fn power(&mut self, share: f64, handover: &Handover) {
+        let duty = (share * f64::from(self.parts.heater_power.max_duty_cycle())) as u16;
+        let enabled = if self.heater.target().is_some() {
+            self.parts.heater_enable.set_high().is_ok()
+        } else {
+            self.parts.heater_enable.set_low().is_ok()
+        };
+        if !enabled || self.parts.heater_power.set_duty_cycle(duty).is_err() {
+            self.fail(Fault::Hardware, handover);
+        }
+    }
+
+    fn fan_duty(&self) -> f64 {
+        if self.state == State::Growing { self.robot.description().fan.growing_duty } else { 0.0 }
+    }
+
+    /// Sets the fan.
+    fn cool(&mut self, handover: &Handover) {
+        let duty = (self.fan_duty() * f64::from(self.parts.fan.max_duty_cycle())) as u16;
+        if self.parts.fan.set_duty_cycle(duty).is_err() {
+            self.fail(Fault::Hardware, handover);
+        }
+    }
+
+    /// Whether the step interrupt runs, and does what it has to in time.
+    fn watch_steps(&mut self, handover: &Handover) {
+        let (before, still) = self.ticks;
+        let ticks = handover.ticks();
+        self.ticks = if ticks == before { (ticks, still.saturating_add(1)) } else { (ticks, 0) };
+        self.proof.steps = ticks != before;
+        if self.ticks.1 >= LOOKS_WITHOUT_TICKS && may_heat(self.state) {
+            self.fail(Fault::StepsStalled, handover);
+        }
+        if self.motion.is_overdue(self.now) {
+            self.fail(Fault::MotionOverdue, handover);
+        }
+    }
+
+    /// The self-test: every sensor must give what a healthy one gives.
+    fn test(&mut self, look: &Look, handover: &Handover) {
+        let measures = self.heater.temperature(self.now).is_some();
+        let powered = !self.robot.description().sensors.supply || look.supply_v.is_some();
+        if measures && powered {
+            self.happens(Event::Tested);
+        } else if self.in_state_us() > SELF_TEST_US {
+            let fault = if measures { Fault::SupplyLow } else { self.heater.sensor_fault() };
+            self.fail(fault, handover);
+        }
+    }
+
+    /// Heater, fan and steppers off. Tried in full even where a part has failed before.
+    pub(super) fn switch_off(&mut self, handover: &Handover) {
+        self.heater.switch_off();
+        let _ = self.parts.heater_enable.set_low();
+        let _ = self.parts.heater_power.set_duty_cycle_fully_off();
+        let _ = self.parts.fan.set_duty_cycle_fully_off();
+        handover.halt();
+        self.motion.halt();
+    }
+
+    /// Switches everything off and latches a fault, unless an earlier one is latched.
+    pub(super) fn fail(&mut self, fault: Fault, handover: &Handover) {
+        let record = self.record(Some(fault));
+        self.switch_off(handover);
+        if !matches!(self.state, State::Fault | State::EmergencyStop) {
+            self.fault = Some(fault);
+            self.kept.record = Some(record);
+            self.happens(Event::Fault);
+        }
+    }
+
+    /// The emergency stop is pressed.
+    pub(super) fn stop_at_once(&mut self, handover: &Handover) {
+        let record = self.record(None);
+        self.switch_off(handover);
+        if !matches!(self.state, State::Fault | State::EmergencyStop) {
+            self.kept.record = Some(record);
+            self.happens(Event::EmergencyStop);
+        }
+    }
+
+    /// How things stand at this moment.
+    fn record(&self, fault: Option<Fault>) -> FaultRecord {
+        FaultRecord {
+            fault,
+            cleared: false,
+            state: self.state,
+            uptime_ms: self.now / 1000,
+            temperature_centi_c: self.heater.temperature(self.now).map(centi),
+            target_centi_c: self.heater.target().map(centi),
+            duty: self.duty(),
+            sensors: self.readings,
+            plan_id: self.job.plan_id,
+            laid: self.job.laid,
+            begun: self.job.given,
+        }
+    }
+
+    /// After a start: a fault that was never cleared is latched again, and a reset in the midst of work is a fault.
+    pub(super) fn take_up_fault(&mut self) {
+        if let Some(under_way) = self.kept.under_way {
+            let record = FaultRecord {
+                fault: Some(fault_of(self.identity.reset_cause)),
+                state: under_way.state,
+                plan_id: under_way.plan_id,
+                laid: under_way.laid,
+                begun: under_way.begun,
+                ..self.record(None)
+            };
+            self.kept.record = Some(record);
+        }
+        if let Some(FaultRecord { fault, cleared: false, .. }) = self.kept.record {
+            self.fault = fault;
+            self.happens(if fault.is_some() { Event::Fault } else { Event::EmergencyStop });
+        }
+        self.keep();
+    }
+}

@@ -1,0 +1,128 @@
+//! Inputs that mean danger. A level must persist over some looks, ten a second, before it counts: wires pick up noise.
+
+use growbot_core::link::message::Fault;
+use growbot_core::robot::{RobotDescription, Supply};
+
+/// Looks in a row that make a fault of the supply or of a driver: 0.2 s.
+const LOOKS: u8 = 2;
+/// Looks in a row without filament: 0.5 s. The switch chatters as the filament's end passes.
+const LOOKS_WITHOUT_FILAMENT: u8 = 5;
+/// Looks in a row without a reading of the supply's voltage: 1 s.
+const LOOKS_WITHOUT_VOLTAGE: u8 = 10;
+
+/// What the inputs say now. None where the robot has no such sensor, or where it gives nothing.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Look {
+    /// The supply, V.
+    pub supply_v: Option<f64>,
+    /// Whether there is filament.
+    pub filament_present: Option<bool>,
+    /// Whether a stepper driver reports a fault.
+    pub driver_fault: Option<bool>,
+}
+
+/// For how long each input has been as it should not be, in looks.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Inputs {
+    no_voltage: u8,
+    low: u8,
+    high: u8,
+    driver: u8,
+    no_filament: u8,
+}
+
+/// Counts looks in a row at which something was so.
+fn count(counter: &mut u8, is_so: bool) -> u8 {
+    *counter = if is_so { counter.saturating_add(1) } else { 0 };
+    *counter
+}
+
+impl Inputs {
+    /// Takes a look. A fault where something has persisted; `needs_filament` is whether it would be missed.
+    pub fn look(&mut self, look: &Look, robot: &RobotDescription, needs_filament: bool) -> Option<Fault> {
+        let low = look.supply_v.is_some_and(|volts| volts < robot.supply.min_v);
+        let high = look.supply_v.is_some_and(|volts| volts > robot.supply.max_v);
+        let blind = robot.sensors.supply && look.supply_v.is_none();
+        // Every counter goes on whatever another one says.
+        let found = [
+            (count(&mut self.driver, look.driver_fault == Some(true)) >= LOOKS, Fault::DriverFault),
+            (count(&mut self.low, low) >= LOOKS, Fault::SupplyLow),
+            (count(&mut self.high, high) >= LOOKS, Fault::SupplyHigh),
+            // A voltage that cannot be read is not known to be enough.
+            (count(&mut self.no_voltage, blind) >= LOOKS_WITHOUT_VOLTAGE, Fault::SupplyLow),
+            (
+                count(&mut self.no_filament, needs_filament && look.filament_present == Some(false))
+                    >= LOOKS_WITHOUT_FILAMENT,
+                Fault::FilamentOut,
+            ),
+        ];
+        found.iter().find(|(is_so, _)| *is_so).map(|(_, fault)| *fault)
+    }
+}
+
+/// The voltage of a mean of readings (0 to 4095) of the supply's divider.
+#[must_use]
+pub fn volts(raw: f64, supply: &Supply) -> f64 {
+    raw / f64::from(crate::thermistor::FULL_SCALE) * supply.full_scale_v
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::robot_a;
+
+    const FINE: Look = Look { supply_v: Some(12.0), filament_present: Some(true), driver_fault: Some(false) };
+
+    /// Looks until this fault is found.
+    fn looks_to(fault: Fault, look: Look) -> u32 {
+        let robot = robot_a();
+        let mut inputs = Inputs::default();
+        for looks in 1..100 {
+            if let Some(found) = inputs.look(&look, robot.description(), true) {
+                assert_eq!(found, fault);
+                return looks;
+            }
+        }
+        panic!("{look:?} was never found");
+    }
+
+    #[test]
+    fn each_input_has_its_fault_and_its_patience() {
+        assert_eq!(looks_to(Fault::DriverFault, Look { driver_fault: Some(true), ..FINE }), 2);
+        assert_eq!(looks_to(Fault::SupplyLow, Look { supply_v: Some(10.1), ..FINE }), 2);
+        assert_eq!(looks_to(Fault::SupplyHigh, Look { supply_v: Some(14.1), ..FINE }), 2);
+        assert_eq!(looks_to(Fault::SupplyLow, Look { supply_v: None, ..FINE }), 10);
+        assert_eq!(looks_to(Fault::FilamentOut, Look { filament_present: Some(false), ..FINE }), 5);
+    }
+
+    #[test]
+    fn what_passes_by_is_no_fault() {
+        let robot = robot_a();
+        let mut inputs = Inputs::default();
+        for round in 0..100 {
+            let noisy = Look { supply_v: Some(9.0), driver_fault: Some(true), filament_present: Some(false) };
+            let look = if round % 2 == 0 { noisy } else { FINE };
+            assert_eq!(inputs.look(&look, robot.description(), true), None);
+        }
+    }
+
+    #[test]
+    fn filament_is_missed_only_where_it_is_needed() {
+        let robot = robot_a();
+        let mut inputs = Inputs::default();
+        for _ in 0..100 {
+            let look = Look { filament_present: Some(false), ..FINE };
+            assert_eq!(inputs.look(&look, robot.description(), false), None);
+        }
+    }
+
+    #[test]
+    fn a_robot_without_sensors_has_no_faults_of_them() {
+        let mut description = robot_a().description().clone();
+        description.sensors = growbot_core::robot::Sensors::default();
+        let mut inputs = Inputs::default();
+        for _ in 0..100 {
+            assert_eq!(inputs.look(&Look::default(), &description, true), None);
+        }
+    }
+}

@@ -1,0 +1,213 @@
+//! The table of states and events. Nothing else in the firmware decides where a state leads.
+
+use growbot_core::link::message::State;
+
+/// What can happen to a robot, as far as its state is concerned.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Event {
+    /// A host begins a job, or begins it again.
+    Begin,
+    /// A host has the board plan by itself.
+    Plan,
+    /// A host hands over layers that can be laid.
+    Layers,
+    /// A host starts the job that is held, or goes on with it.
+    Start,
+    /// A host wants the robot to wait after the layer under way.
+    Hold,
+    /// A host wants the gains of the heater found.
+    Tune,
+    /// A host stops everything.
+    Stop,
+    /// A host clears a fault or an emergency stop whose cause is gone.
+    Clear,
+    /// Every sensor gives what a healthy robot at rest gives.
+    Tested,
+    /// The nozzle has settled at its target.
+    Hot,
+    /// The head stands at the tip's x axis.
+    Homed,
+    /// A layer is laid, and no other one is to follow now.
+    LayersOut,
+    /// The nozzle is hot and there is a layer to go on with.
+    LayersIn,
+    /// The last layer is laid.
+    Finished,
+    /// The robot has waited for as long as its heater may be on for nothing.
+    HeldTooLong,
+    /// The gains are found.
+    Tuned,
+    /// The emergency stop is pressed.
+    EmergencyStop,
+    /// A fault was found.
+    Fault,
+}
+
+impl Event {
+    /// Every event: requests first.
+    pub const ALL: [Self; 18] = [
+        Self::Begin,
+        Self::Plan,
+        Self::Layers,
+        Self::Start,
+        Self::Hold,
+        Self::Tune,
+        Self::Stop,
+        Self::Clear,
+        Self::Tested,
+        Self::Hot,
+        Self::Homed,
+        Self::LayersOut,
+        Self::LayersIn,
+        Self::Finished,
+        Self::HeldTooLong,
+        Self::Tuned,
+        Self::EmergencyStop,
+        Self::Fault,
+    ];
+
+    /// The event in a few words.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Begin => "begin",
+            Self::Plan => "plan",
+            Self::Layers => "layers",
+            Self::Start => "start",
+            Self::Hold => "hold",
+            Self::Tune => "tune",
+            Self::Stop => "stop",
+            Self::Clear => "clear",
+            Self::Tested => "tested",
+            Self::Hot => "hot",
+            Self::Homed => "homed",
+            Self::LayersOut => "layers out",
+            Self::LayersIn => "layers in",
+            Self::Finished => "finished",
+            Self::HeldTooLong => "held too long",
+            Self::Tuned => "tuned",
+            Self::EmergencyStop => "emergency stop",
+            Self::Fault => "fault",
+        }
+    }
+}
+
+/// The state that an event leads to. The same state where the event is taken and changes nothing about it; none where a request
+/// is refused and anything else means nothing.
+#[must_use]
+pub const fn after(state: State, event: Event) -> Option<State> {
+    use State as S;
+    match (state, event) {
+        // Latched: the first one wins, whatever comes after it.
+        (S::Fault | S::EmergencyStop, Event::Fault | Event::EmergencyStop | Event::Stop) => Some(state),
+        (S::Fault | S::EmergencyStop, Event::Clear) => Some(S::Idle),
+        (S::Fault | S::EmergencyStop, _) => None,
+        (_, Event::Fault) => Some(S::Fault),
+        (_, Event::EmergencyStop) => Some(S::EmergencyStop),
+
+        (S::SelfTest, Event::Tested) => Some(S::Idle),
+        // There is nothing to stop yet.
+        (S::SelfTest, Event::Stop | Event::Clear) => Some(S::SelfTest),
+        (S::SelfTest, _) => None,
+
+        (_, Event::Stop) => Some(S::Stopped),
+        // Nothing to clear.
+        (_, Event::Clear) => Some(state),
+
+        (S::Idle | S::Done | S::Stopped, Event::Begin | Event::Plan) => Some(S::Idle),
+        (S::Idle | S::Done | S::Stopped, Event::Tune) => Some(S::Tuning),
+        // The same job again, where it is under way: a request that is repeated.
+        (S::Heating | S::Homing | S::Growing | S::Hold | S::Parked, Event::Begin) => Some(state),
+
+        (S::Idle | S::Heating | S::Homing | S::Growing | S::Hold | S::Parked | S::Done, Event::Layers) => Some(state),
+
+        (S::Idle | S::Parked, Event::Start) => Some(S::Heating),
+        // A body of no length is grown at once.
+        (S::Idle, Event::Finished) => Some(S::Done),
+        (S::Heating | S::Homing | S::Growing | S::Hold | S::Done, Event::Start) => Some(state),
+
+        (S::Heating | S::Homing | S::Growing | S::Hold | S::Parked, Event::Hold) => Some(state),
+
+        (S::Heating, Event::Hot) => Some(S::Homing),
+        (S::Homing, Event::Homed) => Some(S::Growing),
+        (S::Growing, Event::LayersOut) => Some(S::Hold),
+        (S::Growing, Event::Finished) => Some(S::Done),
+        (S::Hold, Event::LayersIn) => Some(S::Growing),
+        (S::Hold, Event::HeldTooLong) => Some(S::Parked),
+        (S::Tuning, Event::Tuned) => Some(S::Idle),
+        _ => None,
+    }
+}
+
+/// Whether the heater may be on.
+#[must_use]
+pub const fn may_heat(state: State) -> bool {
+    matches!(state, State::Heating | State::Homing | State::Growing | State::Hold | State::Tuning)
+}
+
+/// Whether motors may be held and turn.
+#[must_use]
+pub const fn may_move(state: State) -> bool {
+    matches!(state, State::Homing | State::Growing | State::Hold)
+}
+
+/// Whether filament may be fed: not below the least extrusion temperature.
+#[must_use]
+pub const fn may_feed(state: State) -> bool {
+    matches!(state, State::Homing | State::Growing)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn whatever_is_under_way_can_be_stopped_and_faults_lead_to_rest() {
+        for state in State::ALL {
+            for event in [Event::Stop, Event::Fault, Event::EmergencyStop] {
+                let to = after(state, event).expect("taken in every state");
+                assert!(!may_heat(to) && !may_move(to), "{state:?} and {event:?} lead to {to:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn only_a_start_heats_and_only_heat_leads_to_motion() {
+        for state in State::ALL {
+            for event in Event::ALL {
+                let Some(to) = after(state, event) else { continue };
+                if !may_heat(state) && may_heat(to) {
+                    assert!(matches!(event, Event::Start | Event::Tune), "{state:?} and {event:?} heat");
+                }
+                if !may_move(state) && may_move(to) {
+                    assert_eq!((state, event), (State::Heating, Event::Hot));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn latched_states_are_left_by_clearing_only() {
+        for state in [State::Fault, State::EmergencyStop] {
+            for event in Event::ALL {
+                let leaves = after(state, event).is_some_and(|to| to != state);
+                assert_eq!(leaves, event == Event::Clear, "{state:?} and {event:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn every_state_can_be_reached_from_the_first_one() {
+        let mut reached = std::vec![State::SelfTest];
+        let mut next = 0;
+        while let Some(state) = reached.get(next).copied() {
+            next += 1;
+            for to in Event::ALL.iter().filter_map(|event| after(state, *event)) {
+                if !reached.contains(&to) {
+                    reached.push(to);
+                }
+            }
+        }
+        assert_eq!(reached.len(), State::ALL.len());
+    }
+}
