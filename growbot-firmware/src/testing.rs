@@ -29,7 +29,8 @@ pub fn robot_a_by(strategy: FeedStrategy) -> Robot {
 pub fn fast_robot() -> Robot {
     let text = include_str!("../../robots/growbot-a2.toml");
     let mut description: RobotDescription = toml::from_str(text).expect("robots/growbot-a2.toml is readable");
-    description.heater = description_a().heater;
+    let RobotDescription { heater, fan, hold, supply, sensors, .. } = description_a();
+    description = RobotDescription { heater, fan, hold, supply, sensors, ..description };
     Robot::new(description).expect("robots/growbot-a2.toml is valid with any nozzle")
 }
 

@@ -213,8 +213,8 @@ impl<B: Board> Controller<B> {
             hold.standby_c.min(heater.target_c)
         };
         if !goes_on && held_s >= hold.off_after_s {
-            self.happens(Event::HeldTooLong);
             self.switch_off(handover);
+            self.happens(Event::HeldTooLong);
             return;
         }
         if self.heater.target() != Some(target) {

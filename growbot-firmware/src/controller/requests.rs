@@ -7,8 +7,8 @@ use growbot_core::job::job_layers_meanwhile;
 use growbot_core::layer_bytes::{LayerBytes, decode_checked};
 use growbot_core::link::frame::Frame;
 use growbot_core::link::message::{
-    Accepted, Begin, BoardHello, Empty, Fault, HeldLayers, HostHello, LatestFault, Layers, MOST_LAYERS, Message,
-    PlanRequest, Planned, Refusal, Refused, SCHEMA_HASH, Start, State, Tune,
+    Accepted, Begin, BoardHello, Fault, HeldLayers, HostHello, LatestFault, Layers, MOST_LAYERS, Message, PlanRequest,
+    Planned, Refusal, Refused, SCHEMA_HASH, Start, State, Tune,
 };
 use growbot_core::plan::plan_meanwhile;
 use growbot_core::pose::Pose;
@@ -20,7 +20,7 @@ use crate::safety::transitions::{Event, after};
 use crate::stepping::Handover;
 
 /// A stop is obeyed whatever its body holds.
-const STOP: u8 = Message::Stop(Empty {}).kind();
+const STOP: u8 = 0x06;
 /// Below this there is nothing to tune, degrees Celsius.
 const LEAST_TUNING_C: f64 = 50.0;
 /// While tuning the nozzle swings; its target stays so far below the greatest temperature, degrees.

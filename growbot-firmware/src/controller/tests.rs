@@ -4,5 +4,6 @@ mod bench;
 mod faults;
 mod growing;
 mod refusals;
+mod states;
 mod tip;
 mod turbulence;

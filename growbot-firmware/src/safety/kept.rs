@@ -99,8 +99,7 @@ mod tests {
             laid: u32::MAX,
             begun: u32::MAX,
         };
-        let under_way =
-            UnderWay { state: State::EmergencyStop, plan_id: u64::MAX, laid: u32::MAX, begun: u32::MAX };
+        let under_way = UnderWay { state: State::EmergencyStop, plan_id: u64::MAX, laid: u32::MAX, begun: u32::MAX };
         Kept { record: Some(record), under_way: Some(under_way) }
     }
 

@@ -168,6 +168,7 @@ where
 
     /// One tick of the step interrupt.
     pub fn tick(&mut self, handover: &Handover) {
+        handover.ticks.fetch_add(1, core::sync::atomic::Ordering::Relaxed);
         if handover.take_halt() {
             self.let_go();
             return;
@@ -236,6 +237,7 @@ where
                     self.mode = Mode::Laying;
                     self.start_sector(0);
                 }
+                Some(Order::Feed(_)) => handover.report(Report::Fed),
                 None => {}
             }
         }
@@ -335,7 +337,7 @@ mod tests {
 
     fn turn() -> Turn {
         let layer = Layer { alpha: 1.0, height: 0.774, tilt: 0.0077 };
-        Material::default().lay(&Encoder::default().encode(&layer), &robot_a()).unwrap()
+        Material::default().lay(&Encoder::default().encode(&layer), &robot_a(), false).unwrap()
     }
 
     /// Ticks (from 1) at which head and feed rise, until the report.

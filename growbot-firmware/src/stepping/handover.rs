@@ -16,6 +16,19 @@ pub enum Order {
     Home(Homing),
     /// Lay a layer.
     Lay(Turn),
+    /// x
+    Feed(FeedMove),
+}
+
+/// x
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct FeedMove {
+    /// x
+    pub steps: u32,
+    /// x
+    pub backwards: bool,
+    /// x
+    pub ticks_per_step: u32,
 }
 
 /// How to find the index mark.
@@ -37,6 +50,16 @@ pub enum Report {
     Homed,
     /// The index mark was not found.
     IndexNotFound,
+    /// x
+    IndexMissing,
+    /// x
+    IndexStuck,
+    /// x
+    HeadStepsLost,
+    /// x
+    FilamentJam,
+    /// x
+    Fed,
     /// A layer is laid.
     Laid(TurnReport),
     /// A pin could not be read or written; everything is off.
@@ -62,6 +85,7 @@ pub struct Handover {
     order_waits: AtomicBool,
     report_waits: AtomicBool,
     halt: AtomicBool,
+    pub(super) ticks: core::sync::atomic::AtomicU32,
 }
 
 impl Default for Handover {
@@ -71,6 +95,23 @@ impl Default for Handover {
 }
 
 impl Handover {
+    /// x
+    pub fn emergency_stop(&self) -> bool {
+        false
+    }
+    /// x
+    pub fn on_index(&self) -> bool {
+        false
+    }
+    /// x
+    pub fn filament_pulses(&self) -> u32 {
+        0
+    }
+    /// x
+    pub fn ticks(&self) -> u32 {
+        self.ticks.load(Ordering::Relaxed)
+    }
+
     /// Nothing waits.
     #[must_use]
     pub const fn new() -> Self {
@@ -80,6 +121,7 @@ impl Handover {
             order_waits: AtomicBool::new(false),
             report_waits: AtomicBool::new(false),
             halt: AtomicBool::new(false),
+            ticks: core::sync::atomic::AtomicU32::new(0),
         }
     }
 

@@ -13,6 +13,6 @@ mod material;
 mod turn;
 
 pub use engine::{Axis, Engine};
-pub use handover::{Handover, Homing, Order, Report, TurnReport};
+pub use handover::{FeedMove, Handover, Homing, Order, Report, TurnReport};
 pub use material::Material;
 pub use turn::{Sector, StepRate, Turn, as_built};

@@ -11,14 +11,18 @@ use growbot_core::layer_bytes::{Encoder, LayerBytes};
 use growbot_core::link::frame::{self, Header, LONGEST_BODY, Receiver};
 use growbot_core::link::message::{
     Accepted, Begin, Empty, HostHello, Laid, Layers, MOST_LAYERS, Message, Refusal, Refused, ResetCause, SCHEMA_HASH,
-    Start, State, Status,
+    Start, State, Status, Tune,
 };
 use growbot_core::robot::Robot;
 
-use super::tip::{FEED, FakeThermistor, FakeWatchdog, HEAD, HEATER_ENABLE, HeaterWires, INDEX, Motors, Wire, World};
+use super::tip::{
+    DRIVER_FAULT, EMERGENCY_STOP, FEED, FILAMENT_PRESENCE, FakeKept, FakeOrientation, FakeSupply, FakeThermistor,
+    FakeWatchdog, HEAD, HEATER_ENABLE, HeaterWires, INDEX, Motors, Wire, World,
+};
 use crate::controller::{Controller, Identity};
 use crate::hal::{Board, Parts};
 use crate::layer_store::LayerStore;
+use crate::safety::transitions::may_heat;
 use crate::stepping::{Axis, Engine, Handover};
 use crate::testing::{FakePin, FakePins, FakePower};
 
@@ -36,6 +40,7 @@ pub struct Bench {
     pub motors: Motors,
     pub heater: HeaterWires,
     pub fed: FakeWatchdog,
+    pub fan: FakePower,
     /// Events as they came, unless the host does not read.
     pub events: Vec<Message>,
     /// Each request is sent twice, and both answers must be alike.
@@ -56,32 +61,58 @@ pub struct TestBoard;
 impl Board for TestBoard {
     type HeaterPower = FakePower;
     type HeaterEnable = FakePin;
+    type Fan = FakePower;
     type Thermistor = FakeThermistor;
+    type Supply = FakeSupply;
+    type FilamentPresence = FakePin;
+    type DriverFault = FakePin;
+    type Orientation = FakeOrientation;
     type Watchdog = FakeWatchdog;
+    type Kept = FakeKept;
     type Store = Box<LayerStore>;
 }
 
 /// States in which nothing may be warm or move.
 pub fn at_rest(state: State) -> bool {
-    matches!(state, State::Idle | State::Done | State::Stopped | State::Fault)
+    !may_heat(state)
 }
 
 impl Bench {
     /// A board that has just been switched on, its nozzle at this temperature.
     pub fn new(robot: Robot, nozzle_c: f64) -> Self {
-        let (pins, power, fed) = (FakePins::default(), FakePower::default(), FakeWatchdog::default());
         let world = World::new(&robot, nozzle_c);
+        Self::boot(robot, world, ResetCause::PowerOn)
+    }
+
+    /// The same board after a reset: what it kept is still there.
+    pub fn reset(self, cause: ResetCause) -> Self {
+        let mut bench = Self::boot(self.robot, self.world, cause);
+        bench.run(0.5);
+        bench.hello();
+        bench
+    }
+
+    fn boot(robot: Robot, world: Rc<World>, reset_cause: ResetCause) -> Self {
+        let (pins, power, fed) = (FakePins::default(), FakePower::default(), FakeWatchdog::default());
+        let fan = FakePower::default();
         let axis = |at: usize| Axis { step: pins.pin(at), direction: pins.pin(at + 1), enable: pins.pin(at + 2) };
         let engine = Engine::new(axis(HEAD), axis(FEED), pins.pin(INDEX));
         let handover = Handover::new();
         let parts = Parts {
             heater_power: power.clone(),
             heater_enable: pins.pin(HEATER_ENABLE),
+            fan: fan.clone(),
             thermistor: FakeThermistor(Rc::clone(&world)),
+            supply: FakeSupply(Rc::clone(&world)),
+            filament_presence: pins.pin(FILAMENT_PRESENCE),
+            driver_fault: pins.pin(DRIVER_FAULT),
+            orientation: FakeOrientation,
             watchdog: fed.clone(),
+            kept: FakeKept(Rc::clone(&world)),
             store: Box::new(LayerStore::new()),
         };
-        let identity = Identity { boot_id: 5, reset_cause: ResetCause::PowerOn };
+        pins.set(FILAMENT_PRESENCE, true);
+        let identity = Identity { boot_id: 5, reset_cause };
         Self {
             controller: Controller::new(robot.clone(), identity, parts, &handover),
             motors: Motors::new(pins.clone(), &robot, 17),
@@ -89,6 +120,7 @@ impl Bench {
             robot,
             world,
             fed,
+            fan,
             events: Vec::new(),
             stutters: false,
             reads: true,
@@ -104,7 +136,7 @@ impl Bench {
     /// The same with a session open.
     pub fn greeted(robot: Robot, nozzle_c: f64) -> Self {
         let mut bench = Self::new(robot, nozzle_c);
-        bench.run(0.2);
+        bench.run_to(State::Idle, 1.0);
         bench.hello();
         bench
     }
@@ -186,6 +218,7 @@ impl Bench {
             assert!(self.heater.off(), "the heater is on in {state:?}");
         }
         assert_eq!(state == State::Fault, self.controller.fault().is_some(), "{state:?}");
+        assert!(self.fan.share() == 0.0 || may_heat(state), "the fan turns in {state:?}");
         if self.heater.share() > 0.0 {
             let age = self.now_us() - self.world.sampled_at.get();
             assert!(age <= 500_000 + POLL_US, "power on a reading {age} us old");
@@ -313,18 +346,34 @@ impl Bench {
     /// Brings the board into a state by what leads there. A warm nozzle saves the time of heating.
     pub fn in_state(state: State) -> Self {
         let robot = crate::testing::fast_robot();
-        let mut bench = Self::greeted(robot, if state == State::Heating { 60.0 } else { WARM });
+        let cold = matches!(state, State::Heating | State::Tuning);
+        let mut bench = Self::new(robot, if cold { 60.0 } else { WARM });
+        if state == State::SelfTest {
+            bench.hello();
+            return bench;
+        }
+        bench.run_to(State::Idle, 1.0);
+        bench.hello();
         bench.begin(40);
         let layers = bends(if state == State::Done { 40 } else { 30 });
         bench.hand_over(0, &layers);
-        if state != State::Idle {
+        if !matches!(state, State::Idle | State::Tuning) {
             bench.start();
         }
         match state {
             State::Idle => {}
+            State::Tuning => {
+                bench.accepted(&tune(200.0));
+            }
             State::Stopped => {
                 bench.run_to(State::Growing, 60.0);
                 bench.accepted(&stop());
+            }
+            State::EmergencyStop => {
+                bench.run_to(State::Growing, 60.0);
+                bench.press_emergency_stop(true);
+                bench.run_to(State::EmergencyStop, 0.1);
+                bench.press_emergency_stop(false);
             }
             State::Fault => {
                 bench.run_to(State::Growing, 60.0);
@@ -333,26 +382,18 @@ impl Bench {
                 bench.world.wire.set(Wire::Whole);
                 bench.run(0.5);
             }
-            state => bench.run_to(state, 120.0),
+            state => bench.run_to(state, 600.0),
         }
         // Anywhere within the state.
         bench.run(0.33);
         assert_eq!(bench.controller.state(), state);
         bench
     }
-}
 
-/// Every state.
-pub const STATES: [State; 8] = [
-    State::Idle,
-    State::Heating,
-    State::Homing,
-    State::Growing,
-    State::Hold,
-    State::Done,
-    State::Stopped,
-    State::Fault,
-];
+    pub fn press_emergency_stop(&self, pressed: bool) {
+        self.heater.pins.set(EMERGENCY_STOP, pressed);
+    }
+}
 
 pub fn begin(robot: &Robot, plan_id: u64, layers: u32) -> Message {
     Message::Begin(Begin { plan_id, layers, robot: robot.hash() })
@@ -369,6 +410,14 @@ pub fn start() -> Message {
 
 pub fn stop() -> Message {
     Message::Stop(Empty {})
+}
+
+pub fn hold() -> Message {
+    Message::Hold(Empty {})
+}
+
+pub fn tune(celsius: f64) -> Message {
+    Message::Tune(Tune { target_centi_c: (celsius * 100.0) as i32 })
 }
 
 pub fn clear() -> Message {

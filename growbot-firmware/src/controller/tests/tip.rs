@@ -6,14 +6,19 @@ use std::rc::Rc;
 use growbot_core::robot::Robot;
 
 use crate::hal;
+use crate::safety::kept::KEPT_BYTES;
 use crate::testing::{FakePins, FakePower};
 use crate::thermistor::{FULL_SCALE, reading};
 
-/// Pins by number: step, direction, enable of the head, then of the feed; index sensor; the heater's second switch.
+/// Pins by number: step, direction, enable of the head, then of the feed; index sensor; the heater's second switch; inputs.
 pub const HEAD: usize = 0;
 pub const FEED: usize = 3;
 pub const INDEX: usize = 6;
 pub const HEATER_ENABLE: usize = 7;
+pub const FILAMENT_PRESENCE: usize = 8;
+pub const FILAMENT_MOTION: usize = 9;
+pub const DRIVER_FAULT: usize = 10;
+pub const EMERGENCY_STOP: usize = 11;
 /// The surroundings, degrees Celsius.
 const ROOM: f64 = 25.0;
 
@@ -38,6 +43,10 @@ pub struct World {
     /// The tick at which the converter gave its latest reading.
     pub sampled_at: Cell<u64>,
     pub now: Cell<u64>,
+    /// The supply's voltage, V; none where its converter has stopped.
+    pub supply_v: Cell<Option<f64>>,
+    /// What survives a reset.
+    pub kept: Cell<[u8; KEPT_BYTES]>,
     robot: Robot,
 }
 
@@ -49,6 +58,8 @@ impl World {
             draught: Cell::new(1.0),
             sampled_at: Cell::new(0),
             now: Cell::new(0),
+            supply_v: Cell::new(Some(12.0)),
+            kept: Cell::new([0; KEPT_BYTES]),
             robot: robot.clone(),
         })
     }
@@ -65,7 +76,7 @@ impl World {
 /// The thermistor on the nozzle.
 pub struct FakeThermistor(pub Rc<World>);
 
-impl hal::Thermistor for FakeThermistor {
+impl hal::Converter for FakeThermistor {
     fn sample(&mut self) -> Option<u16> {
         let thermistor = &self.0.robot.description().thermistor;
         let raw = match self.0.wire.get() {
@@ -77,6 +88,38 @@ impl hal::Thermistor for FakeThermistor {
         };
         self.0.sampled_at.set(self.0.now.get());
         Some(raw)
+    }
+}
+
+/// The supply's divider.
+pub struct FakeSupply(pub Rc<World>);
+
+impl hal::Converter for FakeSupply {
+    fn sample(&mut self) -> Option<u16> {
+        let full_scale = self.0.robot.description().supply.full_scale_v;
+        self.0.supply_v.get().map(|volts| (volts / full_scale * f64::from(FULL_SCALE)).round() as u16)
+    }
+}
+
+/// A tip that points upwards.
+pub struct FakeOrientation;
+
+impl hal::Orientation for FakeOrientation {
+    fn gravity(&mut self) -> Option<[i16; 3]> {
+        Some([0, 0, 1000])
+    }
+}
+
+/// Memory that outlives the board.
+pub struct FakeKept(pub Rc<World>);
+
+impl hal::KeptMemory for FakeKept {
+    fn read(&mut self) -> [u8; KEPT_BYTES] {
+        self.0.kept.get()
+    }
+
+    fn write(&mut self, bytes: &[u8; KEPT_BYTES]) {
+        self.0.kept.set(*bytes);
     }
 }
 
@@ -95,7 +138,7 @@ impl hal::Watchdog for FakeWatchdog {
 pub struct Moved {
     /// Where the head stands, steps from the tip's x axis.
     pub head: i64,
-    pub feed: u64,
+    pub feed: i64,
     /// Rising edges of either step pin.
     pub pulses: u64,
 }
@@ -110,6 +153,11 @@ pub struct Motors {
     mark_width: i64,
     /// The sensor sees nothing any more.
     pub index_dead: bool,
+    /// Filament that has moved, in encoder pulses.
+    steps_per_pulse: f64,
+    /// The feed turns and the filament stands.
+    pub jammed: bool,
+    moved_filament: f64,
 }
 
 impl Motors {
@@ -124,6 +172,13 @@ impl Motors {
             mark: steps(turn.index_angle_deg),
             mark_width: steps(turn.index_width_deg),
             index_dead: false,
+            steps_per_pulse: robot
+                .description()
+                .sensors
+                .filament_motion
+                .map_or(1e9, |motion| motion.mm_per_pulse * robot.description().feed.steps_per_mm),
+            jammed: false,
+            moved_filament: 0.0,
         };
         motors.show_index();
         motors
@@ -135,13 +190,16 @@ impl Motors {
         for (axis, at) in [HEAD, FEED].into_iter().enumerate() {
             let level = self.pins.level(at);
             if level && !self.before[axis] {
-                assert!(self.pins.level(at + 1), "a step backwards of pin {at}");
                 assert!(self.pins.level(at + 2), "a step of pin {at} that its driver does not make");
                 risen = true;
                 self.moved.pulses += 1;
+                let step = if self.pins.level(at + 1) { 1 } else { -1 };
                 match at {
-                    HEAD => self.moved.head += 1,
-                    _ => self.moved.feed += 1,
+                    HEAD => self.moved.head += step,
+                    _ => self.moved.feed += step,
+                }
+                if at == FEED && !self.jammed {
+                    self.moved_filament += step as f64;
                 }
             }
             self.before[axis] = level;
@@ -153,6 +211,7 @@ impl Motors {
     fn show_index(&mut self) {
         let beyond = (self.moved.head - self.mark).rem_euclid(self.steps_per_turn);
         self.pins.set(INDEX, beyond < self.mark_width && !self.index_dead);
+        self.pins.set(FILAMENT_MOTION, (self.moved_filament / self.steps_per_pulse).rem_euclid(1.0) < 0.5);
     }
 
     pub fn enabled(&self) -> bool {

@@ -8,7 +8,7 @@ use growbot_core::link::message::{
 };
 use growbot_core::plan::Planner;
 
-use super::bench::{Bench, PLAN, SESSION, WARM, bends};
+use super::bench::{Bench, PLAN, SESSION, WARM, bends, hold, tune};
 use super::tip::Wire;
 use crate::testing::fast_robot;
 
@@ -43,7 +43,11 @@ impl Random {
     fn request(&mut self, bench: &mut Bench) -> Message {
         let next = bench.status().next;
         let plan_id = self.one_of(&[PLAN, PLAN, PLAN, PLAN, PLAN, 0, PLAN + 1, u64::MAX]);
-        match self.below(40) {
+        match self.below(44) {
+            40 => hold(),
+            41 => tune(self.one_of(&[200.0, 200.0, 60.0, 20.0, 400.0, -1e6])),
+            42 => Message::AskFault(Empty {}),
+            43 => Message::AskSensors(Empty {}),
             0 => Message::Hello(HostHello { schema: self.one_of(&[SCHEMA_HASH, SCHEMA_HASH, 0]) }),
             1 if self.below(20) == 0 => Message::Stop(Empty {}),
             1 => Message::AskStatus(Empty {}),
@@ -100,6 +104,11 @@ fn random_requests_in_random_order_never_break_what_must_hold() {
                 51 => bench.world.draught.set(20.0),
                 52..60 => bench.world.draught.set(1.0),
                 60 => bench.motors.index_dead = random.below(4) == 0,
+                61 => bench.press_emergency_stop(true),
+                62..80 => bench.press_emergency_stop(false),
+                80 => bench.world.supply_v.set(random.one_of(&[Some(9.0), Some(15.0), None])),
+                81..90 => bench.world.supply_v.set(Some(12.0)),
+                90 => bench.run(random.one_of(&[70.0, 400.0])),
                 _ => {}
             }
             let state = bench.controller.state();
@@ -109,7 +118,7 @@ fn random_requests_in_random_order_never_break_what_must_hold() {
         }
         laid += bench.laid().len();
     }
-    assert_eq!(seen.len(), 8, "only {seen:?} were reached");
+    assert_eq!(seen.len(), State::ALL.len() - 1, "only {seen:?} were reached");
     assert!(laid > 1000, "{laid} layers were laid");
 }
 
@@ -137,7 +146,7 @@ fn whole_frames_of_random_bodies_do_no_harm() {
     for count in 0..200_000 {
         let body: Vec<u8> = (0..random.below(LONGEST_BODY as u64 + 1)).map(|_| random.next() as u8).collect();
         // Of any kind but a stop, which would be a true one.
-        let kind = random.one_of(&[0x01, 0x02, 0x03, 0x04, 0x05, 0x07, 0x09, 0x0a, 0x43, 0x50, 0xff]);
+        let kind = random.one_of(&[0x01, 0x02, 0x03, 0x04, 0x05, 0x07, 0x09, 0x0b, 0x0c, 0x0d, 0x43, 0x50, 0xff]);
         let header = Header { kind, session: SESSION, seq: 1, ack: random.next() as u16 };
         let bytes = frame::encode(&header, &body[..body.len() >> random.below(8)]).unwrap();
         bench.send(&bytes);

@@ -1,0 +1,96 @@
+//! Every event in every state: what the board does is what the table says, and what SAFETY.md prints.
+
+use std::string::String;
+use std::{env, format, fs};
+
+use growbot_core::link::message::{Message, PlanRequest, PoseFields, Refusal, Refused, State};
+use growbot_core::plan::Planner;
+
+use super::bench::{Bench, PLAN, batch_of, begin, bends, clear, hold, start, stop, tune};
+use crate::safety::transitions::{Event, after};
+
+/// The request that an event is, if it is one.
+fn request(event: Event, bench: &mut Bench) -> Option<Message> {
+    let next = bench.status().next;
+    Some(match event {
+        Event::Begin => begin(&bench.robot.clone(), PLAN, 40),
+        Event::Plan => {
+            let pose =
+                |z: f64| PoseFields { position: [0.0, 0.0, z], heading: 0.0, pitch: core::f64::consts::FRAC_PI_2 };
+            Message::Plan(PlanRequest { start: pose(0.0), goal: pose(20.0), radius: 100.0, planner: Planner::TwoPlane })
+        }
+        Event::Layers => batch_of(next as usize, &bends(usize::from(next < 40))),
+        Event::Start => start(),
+        Event::Hold => hold(),
+        Event::Tune => tune(200.0),
+        Event::Stop => stop(),
+        Event::Clear => clear(),
+        _ => return None,
+    })
+}
+
+#[test]
+fn every_event_in_every_state_does_what_the_table_says() {
+    for state in State::ALL {
+        for event in Event::ALL {
+            let mut bench = Bench::in_state(state);
+            let expected = after(state, event);
+            let status = bench.status();
+            let Some(request) = request(event, &mut bench) else {
+                // What happens on the robot itself.
+                assert_eq!(bench.controller.happens(event), expected.is_some(), "{state:?}, {event:?}");
+                assert_eq!(bench.controller.state(), expected.unwrap_or(state), "{state:?}, {event:?}");
+                continue;
+            };
+            match (bench.ask(&request), expected) {
+                (Message::Refused(Refused { refusal, .. }), None) => {
+                    assert!(
+                        matches!(refusal, Refusal::WrongState { .. } | Refusal::OtherPlan { .. }),
+                        "{state:?}, {event:?}: {refusal:?}"
+                    );
+                    assert_eq!(bench.status(), status, "{state:?}, {event:?}: refused and changed something");
+                }
+                (Message::Accepted(_) | Message::Planned(_), Some(to)) => {
+                    assert_eq!(bench.controller.state(), to, "{state:?}, {event:?}");
+                }
+                (answer, _) => panic!("{state:?}, {event:?}: {answer:?}, and the table says {expected:?}"),
+            }
+        }
+    }
+}
+
+/// The table as SAFETY.md prints it.
+fn table() -> String {
+    let mut text = String::from("| event | taken in | leads to |\n|---|---|---|\n");
+    for event in Event::ALL {
+        let mut rows: std::vec::Vec<(Option<State>, std::vec::Vec<&str>)> = std::vec::Vec::new();
+        for state in State::ALL {
+            let Some(to) = after(state, event) else { continue };
+            let to = (to != state).then_some(to);
+            match rows.iter_mut().find(|(other, _)| *other == to) {
+                Some((_, states)) => states.push(state.name()),
+                None => rows.push((to, std::vec![state.name()])),
+            }
+        }
+        for (to, states) in rows {
+            let to = to.map_or("the same", State::name);
+            text += &format!("| {} | {} | {to} |\n", event.name(), states.join(", "));
+        }
+    }
+    text
+}
+
+#[test]
+fn the_table_is_printed_as_it_is() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../SAFETY.md");
+    let printed = fs::read_to_string(path).expect("SAFETY.md is there");
+    let (from, to) = ("<!-- states: made by the tests -->\n", "<!-- end of states -->");
+    let (before, rest) = printed.split_once(from).expect("SAFETY.md has a place for the table");
+    let (now, after) = rest.split_once(to).expect("the table has an end");
+    let made = table();
+    if env::var_os("GROWBOT_WRITE_TABLES").is_some() {
+        fs::write(path, [before, from, &made, to, after].concat()).expect("SAFETY.md can be written");
+    } else {
+        assert_eq!(now, made, "run the tests once with GROWBOT_WRITE_TABLES=1, and read what has changed");
+    }
+}
