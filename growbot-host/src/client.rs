@@ -5,7 +5,8 @@ use std::time::Duration;
 
 use growbot_core::link::frame::{self, Frame, FrameError, Header, LONGEST_BODY, Receiver};
 use growbot_core::link::message::{
-    BoardHello, Empty, HostHello, Message, MessageError, Refusal, Refused, SCHEMA_HASH, Status,
+    BoardHello, Empty, FaultRecord, HostHello, LatestFault, Message, MessageError, Refusal, Refused, SCHEMA_HASH,
+    SensorReadings, State, Status,
 };
 use growbot_core::robot::Robot;
 
@@ -17,6 +18,10 @@ const ANSWER: Duration = Duration::from_millis(1000);
 const PLAN: Duration = Duration::from_secs(60);
 /// How often a request is sent before the board counts as silent.
 const TRIES: u32 = 4;
+/// A board that has just started tests itself for two seconds at most; it is looked at so often,
+const MOST_LOOKS_AT_SELF_TEST: u32 = 60;
+/// with such pauses.
+const SELF_TEST_LOOK: Duration = Duration::from_millis(50);
 /// Frames, events and noise that may come before the answer does.
 const MOST_FRAMES: usize = 32;
 
@@ -155,7 +160,7 @@ impl Client {
     pub fn hello(&mut self) -> Result<BoardHello, ClientError> {
         let request = Message::Hello(HostHello { schema: SCHEMA_HASH });
         match self.request("hello", &request) {
-            Ok(Message::BoardHello(hello)) if hello.schema == SCHEMA_HASH => Ok(hello),
+            Ok(Message::BoardHello(hello)) if hello.schema == SCHEMA_HASH => self.after_self_test(hello),
             Ok(Message::BoardHello(hello)) => Err(ClientError::Schema { board: hello.schema, host: SCHEMA_HASH }),
             Err(ClientError::Refused { refusal: Refusal::OtherSchema { board }, .. }) => {
                 Err(ClientError::Schema { board, host: SCHEMA_HASH })
@@ -163,6 +168,18 @@ impl Client {
             Ok(other) => Err(ClientError::Unexpected { request: "hello", kind: other.kind() }),
             Err(error) => Err(error),
         }
+    }
+
+    /// Waits until a board that has just started has tested itself: until then it takes no job.
+    fn after_self_test(&mut self, mut hello: BoardHello) -> Result<BoardHello, ClientError> {
+        for _ in 0..MOST_LOOKS_AT_SELF_TEST {
+            if hello.status.state != State::SelfTest {
+                break;
+            }
+            self.next_frame(SELF_TEST_LOOK)?;
+            hello.status = self.status()?;
+        }
+        Ok(hello)
     }
 
     /// Opens the session with a board that must belong to this robot.
@@ -190,6 +207,30 @@ impl Client {
         let what = "for its status";
         match self.request(what, &Message::AskStatus(Empty {}))? {
             Message::Status(status) => Ok(status),
+            other => Err(ClientError::Unexpected { request: what, kind: other.kind() }),
+        }
+    }
+
+    /// What the board's sensors say.
+    ///
+    /// # Errors
+    /// As [`Client::request`].
+    pub fn sensors(&mut self) -> Result<SensorReadings, ClientError> {
+        let what = "for its sensors";
+        match self.request(what, &Message::AskSensors(Empty {}))? {
+            Message::SensorReadings(readings) => Ok(readings),
+            other => Err(ClientError::Unexpected { request: what, kind: other.kind() }),
+        }
+    }
+
+    /// The board's latest fault as it was when it came, cleared or not; none if it knows of none.
+    ///
+    /// # Errors
+    /// As [`Client::request`].
+    pub fn latest_fault(&mut self) -> Result<Option<FaultRecord>, ClientError> {
+        let what = "for its latest fault";
+        match self.request(what, &Message::AskFault(Empty {}))? {
+            Message::LatestFault(LatestFault { record }) => Ok(record),
             other => Err(ClientError::Unexpected { request: what, kind: other.kind() }),
         }
     }

@@ -22,7 +22,8 @@ use rustyline::DefaultEditor;
 use rustyline::error::ReadlineError;
 
 use super::interrupt::stop_on_interrupt;
-use super::{Failure, PortArg, RobotArg, growth_table, status};
+use super::status::Report;
+use super::{Failure, PortArg, RobotArg, growth_table};
 
 /// Type commands, see the robot; works in a pipe
 ///
@@ -39,14 +40,15 @@ pub struct ConsoleArgs {
 }
 
 const HELP: &str = "\
-status          who the board is and what it is doing
+status          who the board is, what it is doing, what its sensors say
 plan POSE       the board plans from 0,0,0,0,90 to POSE and holds the layers
-start           heat, home and grow what the board holds
+start           heat, home and grow what the board holds; go on after a hold
+hold            finish the layer under way and wait
 grow POSE       plan here, hand over, grow, and wait until it is done
 layers [FROM]   up to 16 of the layers that the board holds
 wait [SECONDS]  show what happens for so long (1)
 stop            heater and steppers off
-clear           leave the state fault, if its cause is gone
+clear           leave a fault or an emergency stop, if its cause is gone
 help            this list
 quit            leave; what the robot does, it goes on doing
 ";
@@ -55,8 +57,7 @@ quit            leave; what the robot does, it goes on doing
 pub fn run(args: &ConsoleArgs) -> Result<(), Failure> {
     let robot = args.robot.load()?;
     let mut client = Client::new(port::open(&args.port.name()?, &robot)?, args.port.text());
-    let hello = client.hello()?;
-    print(&status::text_of(&hello))?;
+    print(&Report::of(&mut client)?.text())?;
     let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).map_err(Failure::bad_input)?;
     let mut console = Console { client, robot, start, stop: stop_on_interrupt() };
     if io::stdin().is_terminal() { console.interact() } else { console.read_pipe() }
@@ -127,14 +128,17 @@ impl Console {
             "help" => print(HELP)?,
             "quit" | "exit" => return Ok(Next::Quit),
             "status" => {
-                let hello = self.client.hello()?;
-                print(&status::text_of(&hello))?;
+                print(&Report::of(&mut self.client)?.text())?;
             }
             "plan" => self.plan(&pose(rest)?)?,
             "start" => self.start_held()?,
             "grow" => self.grow(&pose(rest)?)?,
             "layers" => self.layers(rest)?,
             "wait" => self.wait(rest)?,
+            "hold" => {
+                self.client.request("to hold", &Message::Hold(Empty {}))?;
+                print("holds after the layer under way; `start` goes on\n")?;
+            }
             "stop" => {
                 self.client.request("to stop", &Message::Stop(Empty {}))?;
                 print("stopped: heater and steppers are off\n")?;

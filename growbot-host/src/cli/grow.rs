@@ -221,7 +221,7 @@ impl Show {
         match news {
             News::State(state) => {
                 self.state = state.name();
-                if matches!(state, State::Heating | State::Homing | State::Growing | State::Hold) {
+                if matches!(state, State::Heating | State::Homing | State::Growing | State::Hold | State::Parked) {
                     self.progress.say(self.state);
                 }
             }

@@ -14,6 +14,7 @@ mod rmin;
 mod search;
 mod status;
 mod stop;
+mod tune;
 mod workspace;
 
 use std::fmt::Display;
@@ -60,6 +61,7 @@ enum Command {
     Grow(grow::GrowArgs),
     Status(status::StatusArgs),
     Stop(stop::StopArgs),
+    Tune(tune::TuneArgs),
     Console(console::ConsoleArgs),
 }
 
@@ -73,6 +75,7 @@ pub fn run() -> ExitCode {
         Some(Command::Grow(args)) => grow::run(&args),
         Some(Command::Status(args)) => status::run(&args),
         Some(Command::Stop(args)) => stop::run(&args),
+        Some(Command::Tune(args)) => tune::run(&args),
         Some(Command::Console(args)) => console::run(&args),
         None => grow::run_main_job(),
     };

@@ -1,15 +1,17 @@
 //! `growbot status`: who the board is and what it is doing.
 
 use clap::Args;
-use growbot_core::link::message::{BoardHello, Fault};
-use growbot_host::client::Client;
+use growbot_core::link::message::{BoardHello, Fault, FaultRecord, SensorReadings};
+use growbot_host::client::{Client, ClientError};
 use growbot_host::output::print;
 use growbot_host::port;
 use serde_json::{Value, json};
 
 use super::{Failure, PortArg, RobotArg};
 
-/// Ask the robot's board who it is and what it is doing
+/// Ask the robot's board who it is, what it is doing and what its sensors say
+///
+/// The latest fault is shown as it was when it came, until the next one comes or the board loses its power.
 #[derive(Args)]
 #[command(after_help = "Example:\n  growbot status --port /dev/ttyACM0")]
 pub struct StatusArgs {
@@ -26,9 +28,122 @@ pub struct StatusArgs {
 pub fn run(args: &StatusArgs) -> Result<(), Failure> {
     let robot = args.robot.load()?;
     let mut client = Client::new(port::open(&args.port.name()?, &robot)?, args.port.text());
-    let hello = client.hello()?;
-    print(&if args.json { format!("{}\n", json_of(&hello)) } else { text_of(&hello) })?;
+    let report = Report::of(&mut client)?;
+    print(&if args.json { format!("{}\n", report.json()) } else { report.text() })?;
     Ok(())
+}
+
+/// All that a board says of itself.
+pub struct Report {
+    hello: BoardHello,
+    sensors: SensorReadings,
+    latest_fault: Option<FaultRecord>,
+}
+
+impl Report {
+    /// Asks the board.
+    pub fn of(client: &mut Client) -> Result<Self, ClientError> {
+        Ok(Self { hello: client.hello()?, sensors: client.sensors()?, latest_fault: client.latest_fault()? })
+    }
+
+    fn json(&self) -> Value {
+        let mut value = json_of(&self.hello);
+        if let Value::Object(fields) = &mut value {
+            fields.insert("sensors".to_string(), json_of_sensors(&self.sensors));
+            fields.insert("latest_fault".to_string(), self.latest_fault.as_ref().map_or(Value::Null, json_of_record));
+        }
+        value
+    }
+
+    /// In a few lines.
+    pub fn text(&self) -> String {
+        let mut text = text_of(&self.hello);
+        text += &format!("sensors      {}\n", text_of_sensors(&self.sensors));
+        if let Some(record) = &self.latest_fault {
+            text += &text_of_record(record);
+        }
+        text
+    }
+}
+
+fn json_of_sensors(sensors: &SensorReadings) -> Value {
+    json!({
+        "supply_v": sensors.supply_mv.map(|millivolts| f64::from(millivolts) / 1000.0),
+        "on_index": sensors.on_index,
+        "filament_present": sensors.filament_present,
+        "filament_pulses": sensors.filament_pulses,
+        "driver_fault": sensors.driver_fault,
+        "emergency_stop": sensors.emergency_stop,
+        "gravity_g": sensors.gravity_milli_g.map(|gravity| gravity.map(|milli| f64::from(milli) / 1000.0)),
+    })
+}
+
+/// What a record calls its fault: the emergency stop is none.
+fn fault_code(record: &FaultRecord) -> &'static str {
+    record.fault.map_or("emergency-stop", Fault::code)
+}
+
+fn json_of_record(record: &FaultRecord) -> Value {
+    json!({
+        "fault": fault_code(record),
+        "cleared": record.cleared,
+        "state": record.state.name(),
+        "uptime_s": record.uptime_ms as f64 / 1000.0,
+        "temperature_c": record.temperature_centi_c.map(celsius),
+        "target_c": record.target_centi_c.map(celsius),
+        "duty": f64::from(record.duty) / f64::from(u16::MAX),
+        "sensors": json_of_sensors(&record.sensors),
+        "plan_id": (record.plan_id != 0).then(|| format!("{:016x}", record.plan_id)),
+        "laid": record.laid,
+        "begun": record.begun,
+    })
+}
+
+fn text_of_sensors(sensors: &SensorReadings) -> String {
+    let mut parts = Vec::new();
+    if let Some(millivolts) = sensors.supply_mv {
+        parts.push(format!("supply {:.1} V", f64::from(millivolts) / 1000.0));
+    }
+    parts.push(if sensors.on_index { "head on its mark" } else { "head off its mark" }.to_string());
+    if let Some(present) = sensors.filament_present {
+        parts.push(if present { "filament" } else { "no filament" }.to_string());
+    }
+    if sensors.driver_fault == Some(true) {
+        parts.push("driver fault".to_string());
+    }
+    if sensors.emergency_stop == Some(true) {
+        parts.push("emergency stop pressed".to_string());
+    }
+    if let Some(gravity) = sensors.gravity_milli_g {
+        let [x, y, z] = gravity.map(|milli| f64::from(milli) / 1000.0);
+        parts.push(format!("gravity {x:.2} {y:.2} {z:.2}"));
+    }
+    parts.join(", ")
+}
+
+/// The record of a fault in a few lines.
+pub fn text_of_record(record: &FaultRecord) -> String {
+    let since = if record.cleared { ", cleared since" } else { "" };
+    let temperature =
+        record.temperature_centi_c.map_or("no reading".to_string(), |centi| format!("{:.1} C", celsius(centi)));
+    let target =
+        record.target_centi_c.map_or("heater off".to_string(), |centi| format!("target {:.1} C", celsius(centi)));
+    let cut = match record.begun.saturating_sub(record.laid) {
+        0 => String::new(),
+        _ => format!(", layer {} cut", record.laid),
+    };
+    let mut text = format!(
+        "last fault   {}, while {}, {:.1} s after its start{since}\n",
+        fault_code(record),
+        record.state.name(),
+        record.uptime_ms as f64 / 1000.0
+    );
+    text += &format!(
+        "             {temperature}, {target}, duty {:.0} %, {} layers laid{cut}\n",
+        f64::from(record.duty) / f64::from(u16::MAX) * 100.0,
+        record.laid
+    );
+    text
 }
 
 fn celsius(centi: i32) -> f64 {
@@ -64,7 +179,7 @@ fn version(hello: &BoardHello) -> String {
 }
 
 /// The status in a few lines.
-pub fn text_of(hello: &BoardHello) -> String {
+fn text_of(hello: &BoardHello) -> String {
     let status = &hello.status;
     let temperature = status.temperature_centi_c.map_or("no reading".to_string(), |t| format!("{:.1} C", celsius(t)));
     let target = status.target_centi_c.map_or("heater off".to_string(), |t| format!("target {:.1} C", celsius(t)));
