@@ -9,7 +9,7 @@ use growbot_core::plan::{Planner, plan};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_host::robot_file;
-use growbot_tests::slow_shortest::random::Random;
+use growbot_tests::random::Random;
 use growbot_tests::slow_shortest::table::{Row, Stratum, read};
 use growbot_tests::slow_shortest::{Effort, Problem, helicoid, shortest};
 use nalgebra::Vector3;

@@ -60,7 +60,7 @@ impl Sampler {
         self.1 += 1;
     }
     /// x
-    pub fn take_mean(&mut self) -> Option<f64> {
+    pub fn mean(&mut self) -> Option<f64> {
         let m = (self.1 > 0).then(|| self.0 / f64::from(self.1));
         *self = Self::default();
         m

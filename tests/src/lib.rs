@@ -1,7 +1,10 @@
-//! What the tests that cross crates share: where the firmware's images are, the robot's board in the emulator, and a slow
-//! search for shortest paths.
+//! What the tests that cross crates share: where the firmware's images are, the robot's board in the emulator, faults and
+//! long growths of simulated robots, and a slow search for shortest paths.
 
+pub mod fault_campaign;
 pub mod netduinoplus2;
+pub mod normal_growth;
+pub mod random;
 pub mod slow_shortest;
 
 use std::path::{Path, PathBuf};

@@ -10,7 +10,7 @@ use core::f64::consts::TAU;
 use nalgebra::{SVector, Vector2, Vector3, Vector6};
 
 use super::levenberg;
-use super::random::Random;
+use crate::random::Random;
 use super::{Curve, Piece, Problem, Tip, across};
 
 type Unknowns = SVector<f64, 5>;

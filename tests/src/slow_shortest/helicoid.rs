@@ -11,7 +11,7 @@ use nalgebra::{Matrix3, Matrix6, SMatrix, SVector, SymmetricEigen, Vector3, Vect
 
 use super::bent_chain::{self, Chain};
 use super::levenberg;
-use super::random::Random;
+use crate::random::Random;
 use super::{Curve, Problem, Tip};
 
 /// How exactly a curve is searched.

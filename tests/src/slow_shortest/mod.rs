@@ -14,13 +14,12 @@ pub mod csc;
 pub mod helicoid;
 pub mod levenberg;
 pub mod planar;
-pub mod random;
 pub mod table;
 
 use nalgebra::Vector3;
 
 use helicoid::Helicoid;
-use random::Random;
+use crate::random::Random;
 
 /// A curve arrives if it ends within this of the goal, in radii and radians.
 pub const ARRIVED: f64 = 1e-9;

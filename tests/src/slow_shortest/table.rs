@@ -5,7 +5,7 @@ use core::fmt;
 
 use nalgebra::Vector3;
 
-use super::random::Random;
+use crate::random::Random;
 use super::{Piece, Problem, Tip, across};
 
 /// Cases of one kind.

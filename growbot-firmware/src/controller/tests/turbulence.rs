@@ -12,6 +12,14 @@ use super::bench::{Bench, PLAN, SESSION, WARM, bends, hold, tune};
 use super::tip::Wire;
 use crate::testing::fast_robot;
 
+/// Each of the long tests sends so many messages, unless GROWBOT_MESSAGES says otherwise: 200,000 take some seconds.
+fn messages() -> u64 {
+    std::env::var("GROWBOT_MESSAGES").ok().and_then(|count| count.parse().ok()).unwrap_or(200_000)
+}
+
+/// Those of one board.
+const MESSAGES_OF_A_SEED: u64 = 10_000;
+
 /// SplitMix64 (Steele, Lea, Flood 2014): the same numbers for the same seed.
 struct Random(u64);
 
@@ -84,11 +92,11 @@ impl Random {
 fn random_requests_in_random_order_never_break_what_must_hold() {
     let mut seen = Vec::new();
     let mut laid = 0;
-    for seed in 0..20 {
+    for seed in 0..messages() / MESSAGES_OF_A_SEED {
         std::println!("seed {seed}");
         let mut random = Random(seed);
         let mut bench = Bench::greeted(fast_robot(), WARM);
-        for _ in 0..10_000 {
+        for _ in 0..MESSAGES_OF_A_SEED {
             let request = random.request(&mut bench);
             let session = random.one_of(&[SESSION, SESSION, SESSION, SESSION, SESSION, SESSION, SESSION, 0]);
             bench.ask_in(session, &request);
@@ -143,7 +151,7 @@ fn random_bytes_change_nothing() {
 fn whole_frames_of_random_bodies_do_no_harm() {
     let mut random = Random(1);
     let mut bench = Bench::in_state(State::Hold);
-    for count in 0..200_000 {
+    for count in 0..messages() {
         let body: Vec<u8> = (0..random.below(LONGEST_BODY as u64 + 1)).map(|_| random.next() as u8).collect();
         // Of any kind but a stop, which would be a true one.
         let kind = random.one_of(&[0x01, 0x02, 0x03, 0x04, 0x05, 0x07, 0x09, 0x0b, 0x0c, 0x0d, 0x43, 0x50, 0xff]);

@@ -1,0 +1,124 @@
+//! Which fault comes when, and what is right to make of it.
+
+use growbot_core::link::message::Fault;
+use growbot_host::tip::TipFault;
+
+/// When a fault comes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Onset {
+    /// It is there when the board starts.
+    Boot,
+    /// While the nozzle warms up.
+    Heating,
+    /// In the first layer.
+    FirstLayer,
+    /// In the third layer.
+    MidLayer,
+    /// While the robot waits for layers, hot.
+    Hold,
+    /// While the nozzle cools to standby.
+    Cooling,
+}
+
+impl Onset {
+    /// All of them, in the order of a growth.
+    pub const ALL: [Self; 6] =
+        [Self::Boot, Self::Heating, Self::FirstLayer, Self::MidLayer, Self::Hold, Self::Cooling];
+
+    /// In a word or two.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Boot => "boot",
+            Self::Heating => "heating",
+            Self::FirstLayer => "first layer",
+            Self::MidLayer => "mid layer",
+            Self::Hold => "hold",
+            Self::Cooling => "cooling",
+        }
+    }
+
+    /// Whether the head has its zero already.
+    const fn is_homed(self) -> bool {
+        !matches!(self, Self::Boot | Self::Heating)
+    }
+}
+
+/// What is right to make of a fault.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Right {
+    /// Any of these codes.
+    Codes(&'static [Fault]),
+    /// The state emergency stop.
+    EmergencyStop,
+    /// It does no harm on its own, and the growth goes on to its end.
+    GoesOn,
+}
+
+/// A fault and when it comes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Case {
+    /// What breaks.
+    pub fault: TipFault,
+    /// When.
+    pub onset: Onset,
+}
+
+impl Case {
+    /// All of them.
+    #[must_use]
+    pub fn all() -> Vec<Self> {
+        TipFault::ALL
+            .into_iter()
+            .flat_map(|fault| Onset::ALL.into_iter().map(move |onset| Self { fault, onset }))
+            .collect()
+    }
+
+    /// What is right to make of it.
+    #[must_use]
+    pub fn right(&self) -> Right {
+        use Fault as F;
+        use TipFault as T;
+        let cold = !self.onset.is_homed();
+        Right::Codes(match self.fault {
+            T::ThermistorOpen => &[F::ThermistorOpen],
+            T::ThermistorShort => &[F::ThermistorShort],
+            T::ThermistorSilent => &[F::ThermistorSilent],
+            T::ThermistorFrozen => &[F::ThermistorFrozen],
+            // It follows nothing: what it shows first depends on what the nozzle does meanwhile.
+            T::ThermistorStuck => &[
+                F::ThermistorFrozen,
+                F::HeaterEnergy,
+                F::HeatingTooSlow,
+                F::TemperatureDrop,
+                F::HeaterStuckOn,
+                F::ThermistorDetached,
+            ],
+            // From the board's side a cold sensor and a cold nozzle are the same.
+            T::ThermistorDetached { .. } if cold => &[F::HeatingTooSlow, F::ThermistorDetached],
+            T::ThermistorDetached { .. } => &[F::ThermistorDetached, F::TemperatureDrop],
+            T::HeaterOpen | T::Draught { .. } if cold => &[F::HeatingTooSlow],
+            T::HeaterOpen => &[F::TemperatureDrop, F::HeatingTooSlow],
+            T::Draught { .. } => &[F::TemperatureDrop, F::HeatingTooSlow, F::ThermistorDetached],
+            T::PowerStageOn => &[F::HeaterStuckOn],
+            T::IndexDead if cold => &[F::IndexNotFound],
+            T::IndexDead => &[F::IndexMissing],
+            T::IndexStuck => &[F::IndexStuck],
+            // Homing finds the zero all the same.
+            T::HeadLosesSteps { .. } | T::HeadGainsSteps { .. } if cold => return Right::GoesOn,
+            T::HeadLosesSteps { .. } | T::HeadGainsSteps { .. } => &[F::HeadStepsLost],
+            // It may be held on its mark or off it.
+            T::HeadBlocked if cold => &[F::IndexNotFound, F::IndexStuck],
+            T::HeadBlocked => &[F::IndexMissing, F::IndexStuck, F::HeadStepsLost],
+            T::FilamentOut => &[F::FilamentOut],
+            T::FilamentJam => &[F::FilamentJam],
+            T::DriverFault => &[F::DriverFault],
+            T::SupplyLow { .. } | T::SupplyDip { .. } => &[F::SupplyLow],
+            T::SupplyHigh { .. } => &[F::SupplyHigh],
+            T::StepInterruptStopped => &[F::StepsStalled],
+            T::EmergencyStop => return Right::EmergencyStop,
+            // The second switch matters only once the power stage has failed as well; the orientation is not used for safety.
+            T::SecondSwitchClosed | T::OrientationSilent => return Right::GoesOn,
+        })
+    }
+}

@@ -1,0 +1,158 @@
+//! One growth that meets one fault.
+
+use growbot_core::link::message::{Fault, State};
+use growbot_core::robot::Robot;
+use growbot_host::client::ClientError;
+use growbot_host::robot_file;
+use growbot_host::tip::{Motor, Variation};
+
+use super::cases::{Case, Onset, Right};
+use super::rig::Rig;
+use crate::random::Random;
+
+/// Layers of the job; half of them are handed over before it holds.
+const LAYERS: u32 = 6;
+/// A hold goes on for so long after a fault before the rest of the layers come, s.
+const HELD_ON: f64 = 45.0;
+/// No fault of a growth like this takes longer to be noticed, s.
+const PATIENCE: f64 = 900.0;
+/// By so much, degrees, the nozzle may pass the robot's greatest temperature.
+pub const ALLOWED_ABOVE_MAX: f64 = 5.0;
+
+/// What was seen.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Seen {
+    /// Seconds from the fault to the moment when everything was switched off; none where the growth went on to its end.
+    pub after_s: Option<f64>,
+    /// What was latched.
+    pub fault: Option<Fault>,
+    /// The state that it ended in.
+    pub state: State,
+    /// The nozzle's highest temperature, until a minute after, degrees Celsius.
+    pub peak_c: f64,
+    /// Heater and steppers were off then.
+    pub off: bool,
+}
+
+impl Seen {
+    /// Why this is not right for a case; none if it is.
+    #[must_use]
+    pub fn wrong(&self, case: &Case, robot: &Robot) -> Option<String> {
+        let limit = robot.description().heater.max_c + ALLOWED_ABOVE_MAX;
+        let as_it_should = match case.right() {
+            Right::Codes(codes) => self.state == State::Fault && self.fault.is_some_and(|code| codes.contains(&code)),
+            Right::EmergencyStop => self.state == State::EmergencyStop,
+            Right::GoesOn => self.state == State::Done,
+        };
+        if !as_it_should {
+            return Some(format!("ended {:?} with {:?}, right is {:?}", self.state, self.fault, case.right()));
+        }
+        if !self.off {
+            return Some("something was still on".to_string());
+        }
+        (self.peak_c > limit).then(|| format!("the nozzle reached {:.1} C, the limit is {limit} C", self.peak_c))
+    }
+}
+
+/// The robot of the campaign.
+///
+/// # Panics
+/// Never: it is built in.
+#[must_use]
+pub fn robot() -> Robot {
+    robot_file::load("growbot-a".as_ref()).expect("robot A is built in")
+}
+
+/// A copy of the robot: power, heat capacity and loss within 10 %, supply within 10 %, another room and another sensor.
+#[must_use]
+pub fn copy(random: &mut Random, seed: u64) -> Variation {
+    let mut within = |least: f64, greatest: f64| random.between(least, greatest);
+    Variation {
+        power: within(0.9, 1.1),
+        heat_capacity: within(0.9, 1.1),
+        loss: within(0.9, 1.1),
+        ambient_c: within(15.0, 32.0),
+        supply_v: Some(within(10.8, 13.2)),
+        sensor_lag_s: within(1.0, 3.0),
+        noise_counts: within(0.5, 1.5),
+        seed,
+    }
+}
+
+/// Lets a copy of the robot grow and meet a fault.
+///
+/// # Panics
+/// If the growth cannot be brought to the moment of the fault.
+#[must_use]
+pub fn meet(case: &Case, seed: u64) -> Seen {
+    let mut random = Random::new(&[seed]);
+    let mut rig = Rig::new(&robot(), copy(&mut random, seed));
+    let at = random.between(0.0, 1.0);
+    if case.onset != Onset::Boot {
+        bring_to(&mut rig, case.onset, at).unwrap_or_else(|error| panic!("{case:?}, seed {seed}: {error}"));
+    }
+    let onset = rig.seconds();
+    rig.sim.borrow_mut().inject(case.fault);
+    // What cannot be asked any more has ended.
+    let _ = go_on(&mut rig, case.onset);
+    let ended = rig.pass(PATIENCE, has_ended);
+    let after_s = (ended && rig.state() != State::Done).then(|| rig.seconds() - onset);
+    rig.pass(60.0, |_| false);
+    let state = rig.state();
+    let sim = rig.sim.borrow();
+    let fault = sim.controller().fault();
+    let mut tip = sim.tip_mut();
+    let off = !tip.heater_is_on() && !tip.is_enabled(Motor::Head) && !tip.is_enabled(Motor::Feed);
+    Seen { after_s, fault, state, peak_c: tip.nozzle_peak_c(), off }
+}
+
+fn has_ended(rig: &Rig) -> bool {
+    matches!(rig.state(), State::Fault | State::EmergencyStop | State::Done | State::Parked)
+}
+
+/// Brings a growth to a moment: `at` (0 to 1) is where in its phase.
+fn bring_to(rig: &mut Rig, onset: Onset, at: f64) -> Result<(), ClientError> {
+    rig.greet()?;
+    rig.begin(LAYERS)?;
+    rig.hand_over(LAYERS / 2)?;
+    rig.start()?;
+    let period = robot().description().layer.period_s;
+    match onset {
+        Onset::Boot => {}
+        Onset::Heating => {
+            rig.pass(2.0 + 40.0 * at, |_| false);
+        }
+        Onset::FirstLayer | Onset::MidLayer => {
+            rig.pass(PATIENCE, |rig| rig.state() == State::Growing);
+            let layer = if onset == Onset::FirstLayer { 0.0 } else { 2.0 };
+            rig.pass((layer + 0.02 + 0.9 * at) * period, |_| false);
+        }
+        Onset::Hold | Onset::Cooling => {
+            rig.pass(PATIENCE, |rig| rig.state() == State::Hold);
+            let standby = robot().description().hold.standby_after_s;
+            rig.pass(if onset == Onset::Hold { 2.0 + 0.8 * standby * at } else { standby + 1.0 + 20.0 * at }, |_| false);
+        }
+    }
+    Ok(())
+}
+
+/// Has the growth go on after the fault: what a host would do that knows nothing of it.
+fn go_on(rig: &mut Rig, onset: Onset) -> Result<(), ClientError> {
+    match onset {
+        Onset::Boot => {
+            rig.pass(3.0, has_ended);
+            rig.greet()?;
+            rig.begin(LAYERS)?;
+            rig.hand_over(LAYERS)?;
+            rig.start()
+        }
+        Onset::Hold | Onset::Cooling => {
+            rig.pass(HELD_ON, has_ended);
+            rig.hand_over(LAYERS / 2)
+        }
+        _ => {
+            rig.pass(0.0, has_ended);
+            rig.hand_over(LAYERS / 2)
+        }
+    }
+}

@@ -1,0 +1,44 @@
+//! Every fault of a tip, at every time of a growth, on many copies of a robot: what the firmware makes of it.
+//!
+//! [`cases`] says which fault comes when and which code is right for it, [`growth`] lets one growth meet one fault, [`table`]
+//! is what SAFETY.md prints. `cargo fault-campaign` runs all of it; the tests run a part.
+
+pub mod cases;
+pub mod growth;
+pub mod rig;
+pub mod table;
+
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::thread;
+
+use cases::Case;
+use growth::Seen;
+
+/// Runs every case on copies of the robot with these seeds, on all cores. In the order of the cases, copies together.
+///
+/// # Panics
+/// If a growth cannot be run at all.
+pub fn run(cases: &[Case], seeds: std::ops::Range<u64>) -> Vec<(Case, Vec<Seen>)> {
+    let jobs: Vec<(usize, u64)> =
+        (0..cases.len()).flat_map(|case| seeds.clone().map(move |seed| (case, seed))).collect();
+    let next = AtomicUsize::new(0);
+    let seen: Mutex<Vec<(usize, u64, Seen)>> = Mutex::new(Vec::new());
+    thread::scope(|scope| {
+        for _ in 0..thread::available_parallelism().map_or(1, usize::from) {
+            scope.spawn(|| {
+                while let Some(&(case, seed)) = jobs.get(next.fetch_add(1, Ordering::Relaxed)) {
+                    let one = growth::meet(&cases[case], seed);
+                    seen.lock().expect("no growth panics with the list in hand").push((case, seed, one));
+                }
+            });
+        }
+    });
+    let mut seen = seen.into_inner().expect("all growths have ended");
+    seen.sort_by_key(|(case, seed, _)| (*case, *seed));
+    let mut rows: Vec<(Case, Vec<Seen>)> = cases.iter().map(|case| (*case, Vec::new())).collect();
+    for (case, _, one) in seen {
+        rows[case].1.push(one);
+    }
+    rows
+}

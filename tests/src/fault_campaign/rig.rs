@@ -1,0 +1,146 @@
+//! A simulated robot with a host at its link, whose tip can be broken at any moment.
+
+use std::cell::RefCell;
+use std::rc::Rc;
+use std::time::Duration;
+
+use growbot_core::layer::Layer;
+use growbot_core::layer_bytes::{Encoder, LayerBytes};
+use growbot_core::link::message::{Begin, Layers, MOST_LAYERS, Message, Start, State, Status};
+use growbot_core::robot::Robot;
+use growbot_host::client::{Client, ClientError};
+use growbot_host::port::sim::Sim;
+use growbot_host::port::{Port, PortError, TipRecord};
+use growbot_host::tip::Variation;
+
+use crate::random::Random;
+
+/// The job's name.
+const PLAN: u64 = 1;
+
+/// A simulated robot that a test holds too.
+#[derive(Clone)]
+struct Shared(Rc<RefCell<Sim>>);
+
+impl Port for Shared {
+    fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+        self.0.borrow_mut().send(bytes)
+    }
+
+    fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, PortError> {
+        self.0.borrow_mut().receive(buffer, timeout)
+    }
+
+    fn tip(&mut self) -> Result<Option<TipRecord>, PortError> {
+        self.0.borrow_mut().tip()
+    }
+}
+
+/// A simulated robot with a host at its link.
+pub struct Rig {
+    /// The robot.
+    pub sim: Rc<RefCell<Sim>>,
+    client: Client,
+    robot: Robot,
+    encoder: Encoder,
+    handed_over: u32,
+}
+
+impl Rig {
+    /// A robot that has just been switched on.
+    #[must_use]
+    pub fn new(robot: &Robot, variation: Variation) -> Self {
+        let sim = Rc::new(RefCell::new(Sim::with(robot.clone(), variation)));
+        let client = Client::new(Box::new(Shared(Rc::clone(&sim))), "sim");
+        Self { sim, client, robot: robot.clone(), encoder: Encoder::default(), handed_over: 0 }
+    }
+
+    /// Opens the session.
+    ///
+    /// # Errors
+    /// If the board does not answer.
+    pub fn greet(&mut self) -> Result<(), ClientError> {
+        self.client.hello_robot(&self.robot).map(|_| ())
+    }
+
+    /// Begins a job of so many layers.
+    ///
+    /// # Errors
+    /// If the board refuses.
+    pub fn begin(&mut self, layers: u32) -> Result<(), ClientError> {
+        let begin = Begin { plan_id: PLAN, layers, robot: self.robot.hash() };
+        self.client.request("to begin", &Message::Begin(begin)).map(|_| ())
+    }
+
+    /// Hands over so many more layers of a bend.
+    ///
+    /// # Errors
+    /// If the board refuses.
+    pub fn hand_over(&mut self, count: u32) -> Result<(), ClientError> {
+        self.hand_over_shares((0..count).map(|_| 1.0))
+    }
+
+    /// Hands over so many more layers, of any height between half of the greatest and that.
+    ///
+    /// # Errors
+    /// If the board refuses.
+    pub fn hand_over_varied(&mut self, count: u32, random: &mut Random) -> Result<(), ClientError> {
+        self.hand_over_shares((0..count).map(|_| random.between(0.5, 1.0)))
+    }
+
+    /// Hands over layers of a bend, each with its share of the greatest height.
+    fn hand_over_shares(&mut self, shares: impl Iterator<Item = f64>) -> Result<(), ClientError> {
+        let radius = self.robot.description().planning_radius_mm;
+        let greatest = 0.97 * self.robot.greatest_mean_height(1.0 / radius);
+        let layer = |share: f64| Layer { alpha: 1.0, height: share * greatest, tilt: share * greatest / radius };
+        let layers: Vec<LayerBytes> = shares.map(|share| self.encoder.encode(&layer(share))).collect();
+        for batch in layers.chunks(MOST_LAYERS) {
+            let layers = Layers { plan_id: PLAN, first: self.handed_over, layers: batch.iter().copied().collect() };
+            self.client.request("to hold layers", &Message::Layers(layers))?;
+            self.handed_over += batch.len() as u32;
+        }
+        Ok(())
+    }
+
+    /// Starts the job.
+    ///
+    /// # Errors
+    /// If the board refuses.
+    pub fn start(&mut self) -> Result<(), ClientError> {
+        self.client.request("to start", &Message::Start(Start { plan_id: PLAN })).map(|_| ())
+    }
+
+    /// What the board says of itself.
+    ///
+    /// # Errors
+    /// If it does not answer.
+    pub fn status(&mut self) -> Result<Status, ClientError> {
+        self.client.status()
+    }
+
+    /// Seconds since the robot was switched on.
+    #[must_use]
+    pub fn seconds(&self) -> f64 {
+        self.sim.borrow().seconds()
+    }
+
+    /// What the robot is doing, as its firmware has it.
+    #[must_use]
+    pub fn state(&self) -> State {
+        self.sim.borrow().controller().state()
+    }
+
+    /// Lets so much time pass, or less if the robot comes to this state.
+    pub fn pass(&mut self, seconds: f64, until: impl Fn(&Self) -> bool) -> bool {
+        let end = self.seconds() + seconds;
+        while self.seconds() < end {
+            if until(self) {
+                return true;
+            }
+            let left = Duration::from_secs_f64((end - self.seconds()).clamp(1e-3, 0.1));
+            // Events are not looked at here.
+            let _ = self.client.event(left);
+        }
+        until(self)
+    }
+}

@@ -1,0 +1,125 @@
+//! Growths in which nothing is wrong: no copy of a robot may raise a fault, and the nozzle must keep its temperature.
+
+use std::ops::Range;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::thread;
+
+use growbot_core::link::message::{Fault, State};
+
+use crate::fault_campaign::growth::{copy, robot};
+use crate::fault_campaign::rig::Rig;
+use crate::random::Random;
+
+/// Between two looks at the nozzle, s.
+const LOOK: f64 = 0.1;
+/// Layers of a growth: with its holds an hour or so.
+const LAYERS: u32 = 180;
+
+/// What was seen in one growth or several.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Seen {
+    /// Simulated time, s.
+    pub seconds: f64,
+    /// Layers laid.
+    pub layers: u32,
+    /// Seed and fault of every growth that was broken off.
+    pub false_alarms: Vec<(u64, Option<Fault>)>,
+    /// How far the nozzle was from its target while layers were laid, at most, degrees.
+    pub furthest_c: f64,
+    /// How far it was above its target at any time but while it cools to standby, at most, degrees.
+    pub overshoot_c: f64,
+}
+
+impl Seen {
+    fn add(&mut self, other: Self) {
+        self.seconds += other.seconds;
+        self.layers += other.layers;
+        self.false_alarms.extend(other.false_alarms);
+        self.furthest_c = self.furthest_c.max(other.furthest_c);
+        self.overshoot_c = self.overshoot_c.max(other.overshoot_c);
+    }
+}
+
+/// Lets copies of the robot grow, on all cores, until so many hours are simulated.
+///
+/// # Panics
+/// If a growth cannot be run at all.
+#[must_use]
+pub fn run(hours: f64) -> Seen {
+    let (next, sum) = (AtomicU64::new(0), Mutex::new(Seen::default()));
+    thread::scope(|scope| {
+        for _ in 0..thread::available_parallelism().map_or(1, usize::from) {
+            scope.spawn(|| {
+                while sum.lock().expect("no growth panics with the sum in hand").seconds < hours * 3600.0 {
+                    let one = grow(next.fetch_add(1, Ordering::Relaxed));
+                    sum.lock().expect("no growth panics with the sum in hand").add(one);
+                }
+            });
+        }
+    });
+    sum.into_inner().expect("all growths have ended")
+}
+
+/// One growth: layers of many heights, handed over in portions, so that it holds in between: hot, at standby, or parked.
+fn grow(seed: u64) -> Seen {
+    let mut random = Random::new(&[seed, 2]);
+    let variation = copy(&mut random, seed);
+    let mut rig = Rig::new(&robot(), variation);
+    let mut seen = Seen::default();
+    let alarm = |rig: &Rig| matches!(rig.state(), State::Fault | State::EmergencyStop);
+    let mut all = || -> Result<(), growbot_host::client::ClientError> {
+        rig.greet()?;
+        rig.begin(LAYERS)?;
+        let mut left = LAYERS;
+        while left > 0 {
+            let portion = (1.0 + random.between(0.0, 40.0)) as u32;
+            let portion = portion.min(left);
+            rig.hand_over_varied(portion, &mut random)?;
+            left -= portion;
+            rig.start()?;
+            watch(&mut rig, 1e5, &mut seen, |rig| alarm(rig) || matches!(rig.state(), State::Hold | State::Done));
+            if alarm(&rig) {
+                break;
+            }
+            // Mostly short; one hold in eight is long enough for standby, and one in sixteen for parking.
+            let pause = match random.between(0.0, 16.0) {
+                ..1.0 => 300.0..400.0,
+                1.0..2.0 => 60.0..200.0,
+                _ => 0.0..20.0,
+            };
+            let Range { start, end } = pause;
+            watch(&mut rig, random.between(start, end), &mut seen, alarm);
+            // The supply of a workshop goes up and down.
+            rig.sim.borrow_mut().tip_mut().set_supply_v(random.between(10.8, 13.2));
+        }
+        Ok(())
+    };
+    let ended = all();
+    seen.seconds = rig.seconds();
+    seen.layers = rig.status().map_or(0, |status| status.laid);
+    if rig.state() != State::Done || ended.is_err() {
+        seen.false_alarms.push((seed, rig.sim.borrow().controller().fault()));
+    }
+    seen
+}
+
+/// Lets time pass and looks at the nozzle.
+fn watch(rig: &mut Rig, seconds: f64, seen: &mut Seen, until: impl Fn(&Rig) -> bool) {
+    let end = rig.seconds() + seconds;
+    let mut cooling = false;
+    while rig.seconds() < end && !until(rig) {
+        rig.pass(LOOK, |_| false);
+        let sim = rig.sim.borrow();
+        let Some(target) = sim.controller().target_c() else { continue };
+        let above = sim.tip_mut().nozzle_c() - target;
+        if rig.state() == State::Growing {
+            seen.furthest_c = seen.furthest_c.max(above.abs());
+        }
+        // On the way down to standby it is above the target until it has been there once.
+        cooling = target < robot().description().heater.target_c && (cooling || above > 10.0) && above > 0.0;
+        if !cooling {
+            seen.overshoot_c = seen.overshoot_c.max(above);
+        }
+    }
+}
