@@ -14,7 +14,7 @@
 
 use nalgebra::{Matrix3, Rotation3, Translation3, Vector3};
 
-use crate::pose::Frame;
+use crate::pose::{Frame, column};
 
 /// A helicoidal arc, without its length: `m0` and `p` in the frame of the tip that starts it, lengths in radii.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -66,11 +66,11 @@ impl Helicoid {
     }
 
     fn rate(&self, state: &State) -> State {
-        let m = self.m(&state.column(0).into_owned());
+        let m = self.m(&column::<0>(state));
         let norm = m.norm();
         let w = if norm > 0.0 { m / norm } else { Vector3::zeros() };
-        let direction = state.column(1).into_owned();
-        State::from_columns(&[direction, w.cross(&direction), w.cross(&state.column(2))])
+        let direction = column::<1>(state);
+        State::from_columns(&[direction, w.cross(&direction), w.cross(&column::<2>(state))])
     }
 
     /// The midpoint rule in so many substeps over one step.
@@ -134,8 +134,8 @@ impl Walk {
         let force = self.curve.p.norm().max(f64::MIN_POSITIVE);
         let mut left = length;
         while left > 0.0 {
-            let m = self.curve.m(&self.state.column(0).into_owned()).norm();
-            let slope = self.curve.p.cross(&self.state.column(1)).norm().max(f64::MIN_POSITIVE);
+            let m = self.curve.m(&column::<0>(&self.state)).norm();
+            let slope = self.curve.p.cross(&column::<1>(&self.state)).norm().max(f64::MIN_POSITIVE);
             let safe = (SHARE_OF_WAY * m / slope).min(SHARE_OF_TURN * libm::sqrt(m / force));
             let safe = safe.clamp(SHORTEST_STEP, LONGEST_STEP);
             // The last two steps are equal, so that none is nothing but rounding.
@@ -156,11 +156,11 @@ impl Walk {
     /// `start_from_tip` here, lengths in radii.
     #[must_use]
     pub fn frame(&self) -> Frame {
-        let z = self.state.column(1).normalize();
-        let x = self.state.column(2).into_owned();
+        let z = column::<1>(&self.state).normalize();
+        let x = column::<2>(&self.state);
         let x = (x - z * z.dot(&x)).normalize();
         let rotation = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[x, z.cross(&x), z]));
-        Frame::from_parts(Translation3::from(self.state.column(0).into_owned()), rotation)
+        Frame::from_parts(Translation3::from(column::<0>(&self.state)), rotation)
     }
 }
 

@@ -63,6 +63,7 @@ extern crate std;
 pub mod angle;
 pub mod curvature;
 pub mod dubins2;
+mod five;
 pub mod hash;
 pub mod helicoid;
 pub mod job;

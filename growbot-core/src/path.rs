@@ -132,7 +132,12 @@ impl Path {
     /// The path without the segments that `keep` turns down.
     #[must_use]
     pub fn filtered(&self, keep: impl Fn(&Segment) -> bool) -> Self {
-        Self(self.0.iter().copied().filter(keep).collect())
+        let mut path = Self::new();
+        for segment in self.0.iter().filter(|segment| keep(segment)) {
+            // There is room for what the whole path had room for.
+            let _ = path.push(*segment);
+        }
+        path
     }
 }
 

@@ -155,7 +155,12 @@ impl Pose {
 /// The direction of growth of a tip: the z axis of its frame.
 #[must_use]
 pub fn tip_direction(base_from_tip: &Frame) -> Vector3<f64> {
-    base_from_tip.rotation.matrix().column(2).into_owned()
+    column::<2>(base_from_tip.rotation.matrix())
+}
+
+/// A column of a matrix. (nalgebra's counts while it copies, which leaves a panic in the firmware.)
+pub(crate) fn column<const INDEX: usize>(matrix: &Matrix3<f64>) -> Vector3<f64> {
+    Vector3::from(matrix.data.0[INDEX])
 }
 
 /// The angle between two unit vectors, radians, exact near 0 and near pi.

@@ -17,6 +17,7 @@
 #[cfg(test)]
 extern crate std;
 
+pub mod byte_queue;
 pub mod controller;
 pub mod emulated_tip;
 pub mod hal;

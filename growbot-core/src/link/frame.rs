@@ -95,9 +95,8 @@ pub fn encode(header: &Header, body: &[u8]) -> Result<FrameBytes, FrameError> {
 }
 
 /// Takes a frame apart. `bytes` are those between two zeros.
-fn decode(bytes: &mut [u8]) -> Result<Frame, FrameError> {
-    let length = cobs::decode_in_place(bytes).map_err(|_| FrameError::Garbled)?;
-    let raw = bytes.get(..length).ok_or(FrameError::Garbled)?;
+fn decode(bytes: &[u8]) -> Result<Frame, FrameError> {
+    let raw = unstuff(bytes).ok_or(FrameError::Garbled)?;
     let (content, checksum) = raw.split_last_chunk::<CHECKSUM>().ok_or(FrameError::Garbled)?;
     if CRC.checksum(content) != u32::from_le_bytes(*checksum) {
         return Err(FrameError::Garbled);
@@ -116,6 +115,22 @@ fn decode(bytes: &mut [u8]) -> Result<Frame, FrameError> {
         },
         body: Vec::from_slice(body).map_err(|_| FrameError::Garbled)?,
     })
+}
+
+/// Takes COBS off: each run of bytes begins with its length, itself included, and stands for a zero after it, unless it is the longest
+/// or the last. None for what is no COBS. (The crate's own decoder leaves panics in the firmware.)
+fn unstuff(bytes: &[u8]) -> Option<Vec<u8, LONGEST_RAW>> {
+    let mut raw = Vec::new();
+    let mut left = bytes;
+    while let Some((length, after)) = left.split_first() {
+        let (run, next) = after.split_at_checked(usize::from(*length).checked_sub(1)?)?;
+        raw.extend_from_slice(run).ok()?;
+        if *length < u8::MAX && !next.is_empty() {
+            raw.push(0).ok()?;
+        }
+        left = next;
+    }
+    Some(raw)
 }
 
 /// Finds frames in a stream of bytes.
@@ -139,7 +154,7 @@ impl Receiver {
         if self.bytes.is_empty() {
             return None; // zeros between frames are silence
         }
-        let frame = if overrun { Err(FrameError::TooLong) } else { decode(&mut self.bytes) };
+        let frame = if overrun { Err(FrameError::TooLong) } else { decode(&self.bytes) };
         self.bytes.clear();
         Some(frame)
     }
@@ -199,6 +214,15 @@ mod tests {
             bytes.push(0);
             bytes.extend_from_slice(&encode(&header, b"body").unwrap());
             prop_assert_eq!(receive(&bytes).last().unwrap().as_ref().unwrap().header, header);
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn what_the_crate_stuffs_is_unstuffed(raw in prop::collection::vec(prop_oneof![Just(0_u8), any::<u8>()], 1..=LONGEST_RAW)) {
+            let mut stuffed = [0; LONGEST_FRAME];
+            let length = cobs::try_encode(&raw, &mut stuffed).unwrap();
+            prop_assert_eq!(&unstuff(&stuffed[..length]).unwrap()[..], &raw[..]);
         }
     }
 

@@ -16,7 +16,8 @@ use core::f64::consts::{PI, TAU};
 use heapless::Vec;
 use nalgebra::{Matrix3, Matrix5, Rotation3, Vector3, Vector5};
 
-use super::{Problem, any_perpendicular, axes_after};
+use super::{Problem, any_perpendicular, axes_after, insert_behind};
+use crate::five::Cholesky;
 use crate::kinematics::step;
 
 /// An arc, a straight line, an arc.
@@ -394,14 +395,7 @@ impl Search<'_> {
         if self.paths.iter().any(same) {
             return;
         }
-        let at = self.paths.partition_point(|other| other.length() <= path.length());
-        if self.paths.is_full() {
-            if at == MOST {
-                return;
-            }
-            self.paths.pop();
-        }
-        let _ = self.paths.insert(at, path);
+        insert_behind(self.paths, path, |other| other.length() <= path.length());
     }
 }
 
@@ -473,7 +467,7 @@ impl Problem {
         for index in 0..5 {
             square[(index, index)] += damping;
         }
-        Some(jacobian.tr_mul(&square.cholesky()?.solve(lack)))
+        Some(jacobian.tr_mul(&Cholesky::new(&square)?.solve(lack)))
     }
 
     /// Position and direction in the axes across the goal's.

@@ -10,12 +10,15 @@
 //! At a narrow neck the torsion, `-(m . p)/|m|^2`, turns the plane of the bend over within next to no length: there the curve is
 //! nearly three arcs of circles. The steps of the search therefore integrate the direction of `m` in closed form.
 
+use core::mem;
+
 use heapless::Vec;
 use nalgebra::{Matrix3, Matrix5, Matrix6x5, Vector3, Vector5, Vector6};
 
-use super::Problem;
 use super::csc::Csc;
+use super::{Problem, insert_behind};
 use crate::angle::wrap_signed;
+use crate::five::{self, Cholesky};
 use crate::helicoid::{Helicoid, Walk};
 use crate::pose::{Frame, tip_direction};
 
@@ -285,11 +288,21 @@ pub(super) fn search(
     let mut seeds = Vec::new();
     Grid::new(problem).seeds(longest, &mut seeds, meanwhile);
     // Short ones first: what is found bounds what is worth mending.
-    while let Some(shortest) = (0..seeds.len()).min_by(|a, b| seeds[*a].length().total_cmp(&seeds[*b].length())) {
+    while let Some(seed) = take_shortest(&mut seeds) {
         meanwhile();
-        let seed = seeds.swap_remove(shortest).seed();
-        search.mend(&seed, meanwhile);
+        search.mend(&seed.seed(), meanwhile);
     }
+}
+
+/// Takes the shortest seed out; the last one takes its place.
+fn take_shortest(seeds: &mut Vec<GridSeed, SEEDS>) -> Option<GridSeed> {
+    let (last, others) = seeds.split_last_mut()?;
+    if let Some(shortest) = others.iter_mut().min_by(|a, b| a.length().total_cmp(&b.length()))
+        && shortest.length() <= last.length()
+    {
+        mem::swap(shortest, last);
+    }
+    seeds.pop()
 }
 
 /// Narrow necks where two arcs meet whose line is shorter than nothing: the bend turns over there from the plane of the first arc to that
@@ -371,11 +384,7 @@ impl Search<'_> {
             if arc.length() >= self.longest {
                 return;
             }
-            let at = self.found.partition_point(|other| other.length() <= arc.length());
-            if self.found.is_full() {
-                self.found.pop();
-            }
-            let _ = self.found.insert(at.min(self.found.len()), arc);
+            insert_behind(self.found, arc, |other| other.length() <= arc.length());
         } else {
             self.failed.push(length, coarse.mirrored);
         }
@@ -434,7 +443,7 @@ fn joined(problem: &Problem, mut first: Piece, mut second: Piece) -> Option<Heli
             turn(&end_axis, &at_end) + ahead(&direction),
             by_width,
         ]);
-        let step = jacobian.lu().solve(&lack)?;
+        let step = five::solve(&jacobian, &lack)?;
         if step.amax() > 0.1 {
             return None;
         }
@@ -559,7 +568,7 @@ fn mended(problem: &Problem, seed: &Seed, longest: f64, fine: bool, meanwhile: &
         let mut better = None;
         for _ in 0..5 {
             let damped = normal + Matrix5::identity() * (damping * 0.2 * normal.trace() + 1e-14);
-            if let Some(factors) = damped.cholesky() {
+            if let Some(factors) = Cholesky::new(&damped) {
                 let step: Vector5<f64> = -factors.solve(&gradient);
                 let step = step / step.amax().max(1.0);
                 let next = Seed {
@@ -626,10 +635,18 @@ struct Grid {
     handedness: f64,
 }
 
-/// Points of a curve, from before the neck to after it.
-struct Points {
-    position: [[f32; POINTS]; 3],
-    direction: [[f32; POINTS]; 3],
+/// A point of a curve of the grid.
+#[derive(Debug, Clone, Copy, Default)]
+struct GridPoint {
+    position: [f32; 3],
+    direction: [f32; 3],
+}
+
+impl From<Point> for GridPoint {
+    fn from(Point { position, direction }: Point) -> Self {
+        let single = |vector: Vector3<f64>| [vector.x as f32, vector.y as f32, vector.z as f32];
+        Self { position: single(position), direction: single(direction) }
+    }
 }
 
 impl Grid {
@@ -661,15 +678,14 @@ impl Grid {
         }
     }
 
-    fn points(&self, neck: &Neck) -> Points {
-        let mut points = Points { position: [[0.0; POINTS]; 3], direction: [[0.0; POINTS]; 3] };
+    /// Points of a curve, from before the neck to after it.
+    fn points(&self, neck: &Neck) -> [GridPoint; POINTS] {
+        let mut points = [GridPoint::default(); POINTS];
         let mut point = Point { position: Vector3::zeros(), direction: Vector3::z() };
         for index in 0..=SIDE {
             for (before, at) in [(false, SIDE + index), (true, SIDE - index)] {
-                let Point { position, direction } = before_if(before, &point);
-                for axis in 0..3 {
-                    points.position[axis][at] = position[axis] as f32;
-                    points.direction[axis][at] = direction[axis] as f32;
+                if let Some(place) = points.get_mut(at) {
+                    *place = before_if(before, &point).into();
                 }
             }
             point = if index == 0 {
@@ -688,12 +704,10 @@ impl Grid {
         let steps = ((longest / GRID_STEP) as usize).min(LONGEST_STEPS);
         let mut rows = [[f32::INFINITY; LONGEST_STEPS + 2]; 3];
         // Arcs by their first point and their number of steps; a row is judged when the next one is there.
-        for first in 0..POINTS {
+        for next in 0..POINTS {
             rows.rotate_left(1);
-            rows[2] = self.misfits(&points, first, steps);
-            if first == 0 {
-                continue;
-            }
+            rows[2] = self.misfits(points.get(next..).unwrap_or_default(), steps);
+            let Some(first) = next.checked_sub(1) else { continue };
             let [row_before, row, row_after] = &rows;
             for length in 1..=steps {
                 let misfit = row[length];
@@ -708,9 +722,10 @@ impl Grid {
                 if misfit > WORST_FIT || beside.iter().any(|other| *other < misfit) {
                     continue;
                 }
-                let handedness = handedness(&points, first - 1, first - 1 + length);
+                let (Some(start), Some(end)) = (points.get(first), points.get(first + length)) else { continue };
+                let handedness = handedness(start, end);
                 let twisted = 0.3 * (handedness.abs() - self.handedness.abs());
-                let before = (SIDE as f64 - (first - 1) as f64) * GRID_STEP;
+                let before = (SIDE as f64 - first as f64) * GRID_STEP;
                 let seed = GridSeed {
                     narrowness: narrowness as f32,
                     twist: twist as f32,
@@ -728,18 +743,19 @@ impl Grid {
         }
     }
 
-    /// The misfits of all arcs from one point on, by number of steps.
-    fn misfits(&self, points: &Points, first: usize, steps: usize) -> [f32; LONGEST_STEPS + 2] {
+    /// The misfits of all arcs from the first of these points on, by number of steps.
+    fn misfits(&self, points: &[GridPoint], steps: usize) -> [f32; LONGEST_STEPS + 2] {
         let mut misfits = [f32::INFINITY; LONGEST_STEPS + 2];
-        let Points { position: [x, y, z], direction: [a, b, c] } = points;
-        let (x0, y0, z0, a0, b0, c0) = (x[first], y[first], z[first], a[first], b[first], c[first]);
+        let Some((start, ends)) = points.split_first() else { return misfits };
+        let (&[x0, y0, z0], &[a0, b0, c0]) = (&start.position, &start.direction);
         let per_distance = 1.0 / (1.0 + self.distance_square);
-        for (misfit, last) in misfits.iter_mut().skip(1).take(steps).zip(first + 1..POINTS) {
-            let (dx, dy, dz) = (x[last] - x0, y[last] - y0, z[last] - z0);
+        for (misfit, end) in misfits.iter_mut().skip(1).take(steps).zip(ends) {
+            let (&[x, y, z], &[a, b, c]) = (&end.position, &end.direction);
+            let (dx, dy, dz) = (x - x0, y - y0, z - z0);
             let distance = dx * dx + dy * dy + dz * dz - self.distance_square;
             let along_start = dx * a0 + dy * b0 + dz * c0 - self.along_start;
-            let along_goal = dx * a[last] + dy * b[last] + dz * c[last] - self.along_goal;
-            let cosine = a0 * a[last] + b0 * b[last] + c0 * c[last] - self.cosine;
+            let along_goal = dx * a + dy * b + dz * c - self.along_goal;
+            let cosine = a0 * a + b0 * b + c0 * c - self.cosine;
             *misfit = distance * distance * per_distance * 0.5
                 + along_start * along_start
                 + along_goal * along_goal
@@ -750,12 +766,10 @@ impl Grid {
 }
 
 /// As [`Grid::handedness`], of two points of a curve.
-fn handedness(points: &Points, first: usize, last: usize) -> f64 {
-    let at = |of: &[[f32; POINTS]; 3], index: usize| {
-        Vector3::new(f64::from(of[0][index]), f64::from(of[1][index]), f64::from(of[2][index]))
-    };
-    let offset = at(&points.position, last) - at(&points.position, first);
-    at(&points.direction, first).dot(&offset.cross(&at(&points.direction, last)))
+fn handedness(start: &GridPoint, end: &GridPoint) -> f64 {
+    let double = |&[x, y, z]: &[f32; 3]| Vector3::new(f64::from(x), f64::from(y), f64::from(z));
+    let offset = double(&end.position) - double(&start.position);
+    double(&start.direction).dot(&offset.cross(&double(&end.direction)))
 }
 
 /// Keeps the seeds that fit best, of those next to each other in the grid only the best.
@@ -768,17 +782,10 @@ fn keep(seeds: &mut Vec<GridSeed, SEEDS>, seed: GridSeed) {
             && (other.after - seed.after).abs() < BESIDE.2
     };
     if let Some(other) = seeds.iter().position(beside) {
-        if seeds[other].misfit <= seed.misfit {
+        if seeds.get(other).is_some_and(|other| other.misfit <= seed.misfit) {
             return;
         }
         seeds.remove(other);
     }
-    let at = seeds.partition_point(|other| other.misfit <= seed.misfit);
-    if seeds.is_full() {
-        if at == SEEDS {
-            return;
-        }
-        seeds.pop();
-    }
-    let _ = seeds.insert(at, seed);
+    insert_behind(seeds, seed, |other| other.misfit <= seed.misfit);
 }

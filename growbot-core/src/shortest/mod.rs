@@ -8,6 +8,7 @@
 //! Lengths are in units of the radius, and everything is in the frame of the tip that starts: it grows along z from the origin.
 
 use core::f64::consts::PI;
+use core::mem;
 
 use heapless::Vec;
 use nalgebra::{Matrix3, Vector3};
@@ -157,8 +158,8 @@ pub fn candidates(problem: &Problem, longest: f64, found: &mut Candidates, meanw
 fn arcs_and_lines(problem: &Problem, found: &mut Candidates, overlapping: &mut Overlapping) {
     let mut paths = Vec::new();
     csc::search(problem, &mut paths, overlapping);
-    for path in paths {
-        keep(found, Candidate::Csc(path));
+    for path in &paths {
+        keep(found, Candidate::Csc(*path));
     }
 }
 
@@ -173,16 +174,36 @@ fn helicoidal_arcs(
     let shortest = found.first().map_or(longest, |best| best.length().min(longest));
     let mut arcs = Vec::new();
     helicoids::search(problem, overlapping, shortest, &mut arcs, meanwhile);
-    for arc in arcs {
-        keep(found, Candidate::Helicoid(arc));
+    for arc in &arcs {
+        keep(found, Candidate::Helicoid(*arc));
     }
 }
 
 /// Keeps a candidate in its place; of those equally long, the one found first stays first.
+#[inline(never)]
 fn keep(found: &mut Candidates, candidate: Candidate) {
-    let at = found.partition_point(|other| other.length() <= candidate.length());
-    // There is room for all that can be found.
-    let _ = found.insert(at, candidate);
+    let length = candidate.length();
+    insert_behind(found, candidate, |other| other.length() <= length);
+}
+
+/// Puts an item behind all those of an ordered list that go before it. The last of a full list gives way.
+fn insert_behind<T, const N: usize>(list: &mut Vec<T, N>, item: T, goes_before: impl Fn(&T) -> bool) {
+    if list.is_full() {
+        if list.last().is_none_or(&goes_before) {
+            return;
+        }
+        list.pop();
+    }
+    // There is room now; from the end it moves up to its place.
+    let _ = list.push(item);
+    let mut left = list.as_mut_slice();
+    while let Some((last, others)) = left.split_last_mut() {
+        match others.last_mut() {
+            Some(other) if !goes_before(other) => mem::swap(other, last),
+            _ => break,
+        }
+        left = others;
+    }
 }
 
 /// The shortest path in the plane of start and goal, if they lie in one.

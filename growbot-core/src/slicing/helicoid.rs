@@ -8,9 +8,10 @@
 use nalgebra::{Matrix5, Vector3, Vector5};
 
 use crate::angle::wrap_positive;
+use crate::five::Cholesky;
 use crate::helicoid::{Helicoid, Walk};
 use crate::layer::Layer;
-use crate::pose::{Frame, tip_direction};
+use crate::pose::{Frame, column, tip_direction};
 
 /// A correction is good when it ends within this of the curve's end, radii and radians.
 const ARRIVED: f64 = 1e-13;
@@ -87,7 +88,7 @@ impl HelicoidLayers {
     /// How far the tip of the chain is rolled from that of the curve at the end, radians.
     pub(super) fn roll(&self) -> f64 {
         let end_from_tip = self.end.rotation.inverse() * self.chain_end().rotation;
-        let x = end_from_tip.matrix().column(0).into_owned();
+        let x = column::<0>(end_from_tip.matrix());
         libm::atan2(x.y, x.x)
     }
 
@@ -122,7 +123,7 @@ impl HelicoidLayers {
     /// layer's alpha, and one more `J` how it moves with the scale of all layers.
     fn correct(&mut self, meanwhile: &mut dyn FnMut()) {
         let end_axes = self.end.rotation.matrix();
-        let (end_x, end_y) = (end_axes.column(0).into_owned(), end_axes.column(1).into_owned());
+        let (end_x, end_y) = (column::<0>(end_axes), column::<1>(end_axes));
         let end_direction = tip_direction(&self.end);
         let moved = |turn: &Vector3<f64>, arm: &Vector3<f64>| {
             let (offset, turned) = (turn.cross(arm), turn.cross(&end_direction));
@@ -147,7 +148,7 @@ impl HelicoidLayers {
         for index in 0..5 {
             sum[(index, index)] += damping;
         }
-        let Some(normal_equations) = sum.cholesky() else { return };
+        let Some(normal_equations) = Cholesky::new(&sum) else { return };
 
         let (mut best, mut least, mut best_lack) = (self.correction, f64::INFINITY, Vector5::zeros());
         let mut share = 1.0;

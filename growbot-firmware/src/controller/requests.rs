@@ -7,8 +7,8 @@ use growbot_core::job::job_layers_meanwhile;
 use growbot_core::layer_bytes::{LayerBytes, decode_checked};
 use growbot_core::link::frame::Frame;
 use growbot_core::link::message::{
-    Accepted, Begin, BoardHello, Fault, HeldLayers, HostHello, LatestFault, Layers, MOST_LAYERS, Message, PlanRequest,
-    Planned, Refusal, Refused, SCHEMA_HASH, Start, State, Tune,
+    Accepted, Begin, BoardHello, Fault, HeldLayers, HostHello, LatestFault, LayerBatch, Layers, MOST_LAYERS, Message,
+    PlanRequest, Planned, Refusal, Refused, SCHEMA_HASH, Start, State, Tune,
 };
 use growbot_core::plan::plan_meanwhile;
 use growbot_core::pose::Pose;
@@ -287,7 +287,11 @@ impl<B: Board> Controller<B> {
 
     fn read_layers(&self, first: u32) -> Message {
         let end = first.saturating_add(MOST_LAYERS as u32);
-        let layers = (first..end).map_while(|index| self.store().get(index)).collect();
+        let mut layers = LayerBatch::new();
+        for layer in (first..end).map_while(|index| self.store().get(index)) {
+            // There is room: the range is no longer than a batch.
+            let _ = layers.push(layer);
+        }
         Message::HeldLayers(HeldLayers { first, layers })
     }
 }

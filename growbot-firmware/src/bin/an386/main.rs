@@ -9,14 +9,17 @@
 mod interrupt_owned;
 mod interrupts;
 mod line;
+#[path = "../no_panic.rs"]
+mod no_panic;
 mod registers;
 mod reset;
+#[path = "../rtt.rs"]
+mod rtt;
 mod step_timer;
 mod tip;
 mod watchdog;
 
 use cortex_m_rt::entry;
-use defmt_rtt as _;
 use growbot_core::robot::Robot;
 use growbot_firmware::controller::{Controller, Identity};
 use growbot_firmware::hal::{Board, Parts};
@@ -52,14 +55,12 @@ fn main() -> ! {
     let tip = Tip::start(reset::take_cause);
     let watchdog = watchdog::start(CLOCK_HZ);
     let store = cortex_m::singleton!(: LayerStore = LayerStore::new());
-    let (Some(mut core), Some((received, to_send)), Some(store), Ok(robot)) =
-        (cortex_m::Peripherals::take(), line::queues(), store, robot())
-    else {
+    let (Some(mut core), Some(store), Ok(robot)) = (cortex_m::Peripherals::take(), store, robot()) else {
         // `main` runs once and the built-in robot was checked when it was built, so all of them are there.
         cortex_m::peripheral::SCB::sys_reset()
     };
 
-    let mut line = Line::start(received, to_send, CLOCK_HZ);
+    let line = Line::start(CLOCK_HZ);
     let engine = Engine::new(
         Axis { step: tip.head_step, direction: tip.head_direction, enable: tip.head_enable },
         Axis { step: tip.feed_step, direction: tip.feed_direction, enable: tip.feed_enable },

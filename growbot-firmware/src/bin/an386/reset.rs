@@ -1,7 +1,6 @@
 //! Ways to an orderly end: each first makes the tip safe, then leaves a note for the next boot, then resets.
 
 use core::mem::MaybeUninit;
-use core::panic::PanicInfo;
 
 use cortex_m::peripheral::SCB;
 use cortex_m_rt::{ExceptionFrame, exception};
@@ -57,18 +56,6 @@ fn end(cause: u32) -> ! {
     tip::make_safe();
     note().write(NOTE_MARK | cause);
     SCB::sys_reset()
-}
-
-#[panic_handler]
-fn panic(info: &PanicInfo) -> ! {
-    cortex_m::interrupt::disable();
-    tip::make_safe();
-    // The place only: formatting the message would pull `core::fmt` in.
-    match info.location() {
-        Some(place) => defmt::error!("panic at {=str}:{=u32}", place.file(), place.line()),
-        None => defmt::error!("panic"),
-    }
-    end(emulated_tip::RESET_PANIC)
 }
 
 #[exception]

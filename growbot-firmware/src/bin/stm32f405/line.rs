@@ -1,41 +1,40 @@
 //! The line to the host: USART2 at 115200 baud, a byte queue in each direction.
 
-use heapless::spsc::{Consumer, Producer};
+use growbot_firmware::byte_queue::ByteQueue;
 use stm32f4xx_hal::gpio::{Alternate, PA2, PA3};
 use stm32f4xx_hal::pac;
 use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
 
-/// Bytes each queue can hold, plus one.
-pub const QUEUE: usize = 4096;
+use crate::clock;
+
+/// A queue of so many bytes.
+pub type Queue = ByteQueue<4096>;
+
+/// Received bytes, oldest first.
+pub static RECEIVED: Queue = Queue::new();
+/// Bytes to send; pend the interrupt after adding some.
+pub static TO_SEND: Queue = Queue::new();
 
 const BAUD: u32 = 115_200;
 
 /// The interrupt's side of the line.
 pub struct Line {
     usart: pac::USART2,
-    received: Producer<'static, u8>,
-    to_send: Consumer<'static, u8>,
     lost: u32,
     _pins: (PA2<Alternate<7>>, PA3<Alternate<7>>),
 }
 
 impl Line {
     /// Sets the USART up: 8 bits, no parity, one stop bit, an interrupt for each received byte.
-    pub fn start(
-        usart: pac::USART2,
-        pins: (PA2<Alternate<7>>, PA3<Alternate<7>>),
-        received: Producer<'static, u8>,
-        to_send: Consumer<'static, u8>,
-        rcc: &mut Rcc,
-    ) -> Self {
+    pub fn start(usart: pac::USART2, pins: (PA2<Alternate<7>>, PA3<Alternate<7>>), rcc: &mut Rcc) -> Self {
         pac::USART2::enable(rcc);
         pac::USART2::reset(rcc);
         // Sixteenfold oversampling: the register holds the divider in sixteenths, which is clock over rate, rounded.
-        let divider = (rcc.clocks.pclk1().raw() + BAUD / 2) / BAUD;
+        let divider = (clock::PERIPHERALS_1_HZ + BAUD / 2) / BAUD;
         // SAFETY: any 16-bit divider is valid; at 42 MHz it is 365, 0.1 % off the rate.
         usart.brr().write(|w| unsafe { w.bits((divider & 0xFFFF) as u16) });
         usart.cr1().write(|w| w.ue().set_bit().te().set_bit().re().set_bit().rxneie().set_bit());
-        Line { usart, received, to_send, lost: 0, _pins: pins }
+        Line { usart, lost: 0, _pins: pins }
     }
 
     /// The USART's interrupt, also pended by the main loop once it has queued bytes. An emergency stop would be recognised here,
@@ -51,12 +50,12 @@ impl Line {
             if status.ore().bit_is_set() {
                 self.lost = self.lost.wrapping_add(1);
             }
-            if status.rxne().bit_is_set() && self.received.enqueue(byte).is_err() {
+            if status.rxne().bit_is_set() && RECEIVED.enqueue(byte).is_err() {
                 self.lost = self.lost.wrapping_add(1);
             }
         }
         if self.usart.sr().read().txe().bit_is_set() {
-            match self.to_send.dequeue() {
+            match TO_SEND.dequeue() {
                 Some(byte) => {
                     self.usart.dr().write(|w| w.dr().set(u16::from(byte)));
                     self.usart.cr1().modify(|_, w| w.txeie().set_bit());

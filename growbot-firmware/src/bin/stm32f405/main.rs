@@ -13,13 +13,15 @@
 mod clock;
 mod heater;
 mod line;
+#[path = "../no_panic.rs"]
+mod no_panic;
 mod pins;
 mod reset;
+#[path = "../rtt.rs"]
+mod rtt;
 mod step_timer;
 mod thermistor;
 mod watchdog;
-
-use defmt_rtt as _;
 
 defmt::timestamp!("{=u64:ms}", clock::milliseconds());
 
@@ -31,10 +33,8 @@ mod app {
     use growbot_firmware::layer_store::LayerStore;
     use growbot_firmware::machine;
     use growbot_firmware::stepping::{Axis, Engine, Handover};
-    use heapless::spsc::{Consumer, Producer, Queue};
     use stm32f4xx_hal::pac;
     use stm32f4xx_hal::prelude::*;
-    use stm32f4xx_hal::rcc::Config;
 
     use crate::heater::Heater;
     use crate::line::{self, Line};
@@ -78,15 +78,9 @@ mod app {
         line: Line,
         controller: Controller<Stm32f405>,
         logged: State,
-        received: Consumer<'static, u8>,
-        to_send: Producer<'static, u8>,
     }
 
-    #[init(local = [
-        receive_queue: Queue<u8, { line::QUEUE }> = Queue::new(),
-        send_queue: Queue<u8, { line::QUEUE }> = Queue::new(),
-        store: LayerStore = LayerStore::new(),
-    ])]
+    #[init(local = [store: LayerStore = LayerStore::new()])]
     fn init(cx: init::Context) -> (Shared, Local) {
         let device = cx.device;
         let mut core = cx.core;
@@ -96,14 +90,13 @@ mod app {
             cortex_m::peripheral::SCB::sys_reset()
         };
 
-        let mut rcc = device.RCC.freeze(Config::hse(8.MHz()).sysclk(168.MHz()));
+        clock::speed_up(&device.RCC, &device.FLASH);
+        let mut rcc = device.RCC.constrain();
         let pins = Pins::new(robot.description(), device.GPIOA, device.GPIOB, device.GPIOC, &mut rcc);
         let watchdog = watchdog::start(device.IWDG, &device.DBGMCU);
-        clock::start(&mut core.SYST, rcc.clocks.hclk().raw());
+        clock::start(&mut core.SYST);
 
-        let (receiver, received) = cx.local.receive_queue.split();
-        let (to_send, transmitter) = cx.local.send_queue.split();
-        let line = Line::start(device.USART2, (pins.link_tx, pins.link_rx), receiver, transmitter, &mut rcc);
+        let line = Line::start(device.USART2, (pins.link_tx, pins.link_rx), &mut rcc);
 
         let engine = Engine::new(
             Axis { step: pins.head_step, direction: pins.head_direction, enable: pins.head_enable },
@@ -126,12 +119,13 @@ mod app {
         );
         let controller = Controller::new(robot, identity, parts, &HANDOVER);
         let logged = controller.state();
-        (Shared {}, Local { engine, step_timer, line, controller, logged, received, to_send })
+        (Shared {}, Local { engine, step_timer, line, controller, logged })
     }
 
-    #[idle(local = [controller, logged, received, to_send])]
+    #[idle(local = [controller, logged])]
     fn idle(cx: idle::Context) -> ! {
-        let idle::LocalResources { controller, logged, received, to_send, .. } = cx.local;
+        let idle::LocalResources { controller, logged, .. } = cx.local;
+        let (received, to_send) = (&line::RECEIVED, &line::TO_SEND);
         loop {
             while let Some(byte) = received.dequeue() {
                 controller.receive(byte, &HANDOVER);

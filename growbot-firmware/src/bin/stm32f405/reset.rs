@@ -2,7 +2,6 @@
 
 use core::cell::UnsafeCell;
 use core::mem::MaybeUninit;
-use core::panic::PanicInfo;
 
 use cortex_m::peripheral::SCB;
 use cortex_m_rt::{ExceptionFrame, exception};
@@ -25,7 +24,6 @@ const BOOT: usize = 1;
 /// Word 2: the complement of word 1, which shows whether both are a former boot's or chance.
 const CHECK: usize = 2;
 
-const PANICKED: u32 = 0x6E0F_E501;
 const FAULTED: u32 = 0x6E0F_E502;
 
 impl Notes {
@@ -57,8 +55,6 @@ pub fn take_cause(rcc: &pac::RCC) -> ResetCause {
         ResetCause::BrownOut
     } else if flags.wdgrstf().bit_is_set() || flags.wwdgrstf().bit_is_set() {
         ResetCause::Watchdog
-    } else if end == PANICKED {
-        ResetCause::Panic
     } else if end == FAULTED {
         ResetCause::ProcessorFault
     } else {
@@ -83,18 +79,6 @@ fn end(note: u32) -> ! {
     crate::pins::make_safe();
     NOTES.write(END, note);
     SCB::sys_reset()
-}
-
-#[panic_handler]
-fn panic(info: &PanicInfo) -> ! {
-    cortex_m::interrupt::disable();
-    crate::pins::make_safe();
-    // The place only: formatting the message would pull `core::fmt` in.
-    match info.location() {
-        Some(place) => defmt::error!("panic at {=str}:{=u32}", place.file(), place.line()),
-        None => defmt::error!("panic"),
-    }
-    end(PANICKED)
 }
 
 #[exception]

@@ -3,6 +3,8 @@
 use stm32f4xx_hal::pac;
 use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
 
+use crate::clock;
+
 /// The running timer.
 pub struct StepTimer(pac::TIM2);
 
@@ -12,7 +14,7 @@ impl StepTimer {
         let tick_hz = tick_hz.clamp(1, 100_000);
         pac::TIM2::enable(rcc);
         pac::TIM2::reset(rcc);
-        let period = rcc.clocks.timclk1().raw() / tick_hz;
+        let period = clock::TIMERS_1_HZ / tick_hz;
         timer.psc().write(|w| w.psc().set(0));
         timer.arr().write(|w| w.arr().set(period.saturating_sub(1)));
         timer.cnt().write(|w| w.cnt().set(0));

@@ -1,0 +1,144 @@
+//! Five linear equations in five unknowns.
+//!
+//! nalgebra solves them too, but through views whose sizes only the program knows: in the firmware that leaves panics that no
+//! input reaches and no compiler can rule out. The operations are the same ones in the same order, to the same bits.
+
+use core::mem;
+
+use nalgebra::{Matrix5, Vector5};
+
+/// Solves `matrix x = right` by Gauss's elimination, with the greatest number of each column as its pivot; none for a matrix that is
+/// singular.
+#[inline(never)]
+pub fn solve(matrix: &Matrix5<f64>, right: &Vector5<f64>) -> Option<Vector5<f64>> {
+    // Each equation with its right side as the last number.
+    let mut rows = [[0.0; 6]; 5];
+    for (column, numbers) in matrix.data.0.iter().chain(&right.data.0).enumerate() {
+        for (row, number) in rows.iter_mut().zip(numbers) {
+            if let Some(place) = row.get_mut(column) {
+                *place = *number;
+            }
+        }
+    }
+    let mut left = rows.as_mut_slice();
+    for column in 0..5 {
+        let (pivot, below) = left.split_first_mut()?;
+        for row in below.iter_mut() {
+            if row[column].abs() > pivot[column].abs() {
+                mem::swap(row, pivot);
+            }
+        }
+        if pivot[column] == 0.0 {
+            return None;
+        }
+        let inverse = 1.0 / pivot[column];
+        for row in below.iter_mut() {
+            let factor = row[column] * inverse;
+            for (number, above) in row.iter_mut().zip(&*pivot).skip(column + 1) {
+                *number -= above * factor;
+            }
+        }
+        left = below;
+    }
+    let mut solution = [0.0; 5];
+    let mut left = rows.as_mut_slice();
+    for column in (0..5).rev() {
+        let (row, above) = left.split_last_mut()?;
+        let value = row[5] / row[column];
+        solution[column] = value;
+        for other in above.iter_mut() {
+            other[5] -= value * other[column];
+        }
+        left = above;
+    }
+    Some(solution.into())
+}
+
+/// Cholesky's factor of a symmetric matrix, by columns; what is above the diagonal means nothing.
+#[derive(Debug, Clone)]
+pub struct Cholesky([[f64; 5]; 5]);
+
+impl Cholesky {
+    /// Takes a matrix apart, of which only what is not above the diagonal is looked at; none if it is not positive definite.
+    #[inline(never)]
+    pub fn new(matrix: &Matrix5<f64>) -> Option<Self> {
+        let mut columns = matrix.data.0;
+        let mut left = columns.as_mut_slice();
+        for index in 0..5 {
+            let (column, others) = left.split_first_mut()?;
+            let square = column[index];
+            if square.is_nan() || square <= 0.0 {
+                return None;
+            }
+            let root = libm::sqrt(square);
+            column[index] = root;
+            for number in column.iter_mut().skip(index + 1) {
+                *number /= root;
+            }
+            for (row, other) in (index + 1..5).zip(others.iter_mut()) {
+                let factor = column[row];
+                for (number, before) in other.iter_mut().zip(&*column).skip(row) {
+                    *number -= factor * before;
+                }
+            }
+            left = others;
+        }
+        Some(Self(columns))
+    }
+
+    /// Solves `matrix x = right`.
+    #[inline(never)]
+    pub fn solve(&self, right: &Vector5<f64>) -> Vector5<f64> {
+        let mut solution: [f64; 5] = (*right).into();
+        let mut left = solution.as_mut_slice();
+        for (index, column) in (0..5).zip(&self.0) {
+            let Some((value, below)) = left.split_first_mut() else { break };
+            *value /= column[index];
+            for (number, factor) in below.iter_mut().zip(column.iter().skip(index + 1)) {
+                *number -= *value * factor;
+            }
+            left = below;
+        }
+        for (index, column) in (0..5).zip(&self.0).rev() {
+            let below = solution.iter().zip(column).skip(index + 1).fold(0.0, |sum, (a, b)| sum + a * b);
+            solution[index] = (solution[index] - below) / column[index];
+        }
+        solution.into()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn number() -> impl Strategy<Value = f64> {
+        prop_oneof![4 => -1.0..1.0, 1 => Just(0.0)]
+    }
+
+    proptest! {
+        #[test]
+        fn solutions_are_those_of_nalgebra(numbers in prop::array::uniform30(number())) {
+            let matrix = Matrix5::from_fn(|row, column| numbers[5 * row + column]);
+            let right = Vector5::from_fn(|row, _| numbers[25 + row]);
+            prop_assert_eq!(solve(&matrix, &right), matrix.lu().solve(&right));
+        }
+
+        #[test]
+        fn factors_are_those_of_nalgebra(numbers in prop::array::uniform30(number()), raised in -0.1..1.0) {
+            let matrix = Matrix5::from_fn(|row, column| numbers[5 * row + column]);
+            let square = matrix * matrix.transpose() + Matrix5::identity() * raised;
+            let right = Vector5::from_fn(|row, _| numbers[25 + row]);
+            let solved = Cholesky::new(&square).map(|factor| factor.solve(&right));
+            prop_assert_eq!(solved, square.cholesky().map(|factor| factor.solve(&right)));
+        }
+    }
+
+    #[test]
+    fn a_singular_matrix_has_no_solution() {
+        let mut matrix = Matrix5::identity();
+        matrix[(3, 3)] = 0.0;
+        assert_eq!(solve(&matrix, &Vector5::repeat(1.0)), None);
+        assert!(Cholesky::new(&matrix).is_none());
+    }
+}

@@ -1,0 +1,84 @@
+//! A queue of bytes between a board's main loop and the interrupt of its line.
+//!
+//! heapless has one for any items; it divides by the length of a buffer that the compiler does not know, and so leaves panics in the
+//! firmware.
+
+use core::sync::atomic::{AtomicU8, AtomicUsize, Ordering};
+
+/// Up to `N` bytes, `N` being a power of two. One side adds, the other takes, either may interrupt the other.
+#[derive(Debug)]
+pub struct ByteQueue<const N: usize> {
+    bytes: [AtomicU8; N],
+    /// How many have been added and taken, wrapping.
+    added: AtomicUsize,
+    taken: AtomicUsize,
+}
+
+impl<const N: usize> ByteQueue<N> {
+    /// An empty queue.
+    #[must_use]
+    pub const fn new() -> Self {
+        // Else bytes would be lost where the counts wrap.
+        const { assert!(N.is_power_of_two()) };
+        Self { bytes: [const { AtomicU8::new(0) }; N], added: AtomicUsize::new(0), taken: AtomicUsize::new(0) }
+    }
+
+    /// Whether there is room for another byte.
+    pub fn ready(&self) -> bool {
+        self.added.load(Ordering::Relaxed).wrapping_sub(self.taken.load(Ordering::Acquire)) < N
+    }
+
+    /// Adds a byte.
+    ///
+    /// # Errors
+    /// The byte, if there is no room.
+    pub fn enqueue(&self, byte: u8) -> Result<(), u8> {
+        if !self.ready() {
+            return Err(byte);
+        }
+        let added = self.added.load(Ordering::Relaxed);
+        self.bytes[added % N].store(byte, Ordering::Relaxed);
+        self.added.store(added.wrapping_add(1), Ordering::Release);
+        Ok(())
+    }
+
+    /// Takes the oldest byte.
+    pub fn dequeue(&self) -> Option<u8> {
+        let taken = self.taken.load(Ordering::Relaxed);
+        if self.added.load(Ordering::Acquire) == taken {
+            return None;
+        }
+        let byte = self.bytes[taken % N].load(Ordering::Relaxed);
+        self.taken.store(taken.wrapping_add(1), Ordering::Release);
+        Some(byte)
+    }
+}
+
+impl<const N: usize> Default for ByteQueue<N> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bytes_come_out_in_order_and_a_full_queue_takes_no_more() {
+        let queue = ByteQueue::<8>::new();
+        let mut next = 0;
+        for round in 0..100_u8 {
+            for offset in 0..8 {
+                assert_eq!(queue.enqueue(round.wrapping_mul(8).wrapping_add(offset)), Ok(()));
+            }
+            assert!(!queue.ready());
+            assert_eq!(queue.enqueue(1), Err(1));
+            for _ in 0..8 {
+                assert_eq!(queue.dequeue(), Some(next));
+                next = next.wrapping_add(1);
+            }
+            assert_eq!(queue.dequeue(), None);
+        }
+    }
+}
