@@ -28,7 +28,7 @@ use growbot_core::robot::Robot;
 use heapless::Deque;
 
 use crate::hal::{Board, Parts, Thermistor, Watchdog};
-use crate::heater::{self, Heater};
+use crate::heater::{self, Demand, Heater, Sampler};
 use crate::layer_store::LayerStore;
 use crate::link::Link;
 use crate::stepping::{Handover, Homing, Material, Order, Report, TurnReport, as_built};
@@ -69,6 +69,7 @@ pub struct Controller<B: Board> {
     parts: Parts<B>,
     link: Link,
     heater: Heater,
+    sampler: Sampler,
     state: State,
     fault: Option<Fault>,
     job: Job,
@@ -86,6 +87,7 @@ impl<B: Board> Controller<B> {
             parts,
             link: Link::default(),
             heater: Heater::default(),
+            sampler: Sampler::default(),
             state: State::Idle,
             fault: None,
             job: Job::default(),
@@ -127,6 +129,9 @@ impl<B: Board> Controller<B> {
         if self.heater.is_blind(now) {
             self.fail(Fault::ThermistorSilent, handover);
         }
+        if let Some(raw) = self.parts.thermistor.sample() {
+            self.sampler.take(raw);
+        }
         if now >= self.next_update {
             self.next_update = now.saturating_add(heater::PERIOD_US);
             self.regulate(handover);
@@ -144,8 +149,8 @@ impl<B: Board> Controller<B> {
 
     /// Reads the temperature and sets the heater.
     fn regulate(&mut self, handover: &Handover) {
-        let raw = self.parts.thermistor.sample();
-        match self.heater.update(raw, self.robot.description(), self.now) {
+        let raw = self.sampler.mean();
+        match self.heater.update(raw, &Demand::default(), self.robot.description(), self.now) {
             Ok(duty) => self.power(duty, handover),
             Err(fault) => self.fail(fault, handover),
         }
