@@ -27,8 +27,8 @@ use crate::thermistor::{Broken, temperature};
 
 /// Between two updates of the regulation, us.
 pub const PERIOD_US: u64 = 100_000;
-/// The oldest reading on which power flows, us.
-const OLDEST_READING_US: u64 = 500_000;
+/// The oldest reading on which power flows, us. Its conversions may be a period older.
+const OLDEST_READING_US: u64 = 400_000;
 /// How long the temperature must stay in its band to count as hot, us.
 const SETTLING_US: u64 = 2_000_000;
 /// Within this many bands of the target the power is wiggled.

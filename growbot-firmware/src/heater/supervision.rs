@@ -38,6 +38,8 @@ const LIKELY_SHARE: f64 = 0.4;
 /// A reading that stands still through a likely change of so much, degrees, or for so long while the power is wiggled, is frozen.
 const FROZEN_C: f64 = 12.0;
 const FROZEN_S: f64 = 45.0;
+/// A reading that has never moved so far, degrees, may as well be that of a heater without effect.
+const MOVED_C: f64 = 3.0;
 /// A rise beyond what is possible at most, degrees, over windows of so many seconds: at any duty, and at none.
 const RISE_C: (f64, f64) = (6.0, 2.0);
 const RISE_S: (f64, f64) = (3.0, 6.0);
@@ -130,6 +132,9 @@ pub struct Supervision {
     fall_c: f64,
     /// The trim, learned slowly.
     learned: f64,
+    /// The reading when the heater was switched on, degrees Celsius, and whether it has left it since.
+    first_c: Option<f64>,
+    moved: bool,
     /// Since when the reading has not changed at all.
     still: Option<Still>,
     /// How long there has been no power, s.
@@ -249,6 +254,8 @@ impl Supervision {
 
     /// Not the least change where there must be one.
     fn stands_still(&mut self, look: &Look) -> Option<Fault> {
+        let first = *self.first_c.get_or_insert(look.reading_c);
+        self.moved |= (look.reading_c - first).abs() > MOVED_C;
         let fresh = Still { reading_c: look.reading_c, wiggled_s: 0.0, likely: self.likely };
         let still = self.still.get_or_insert(fresh);
         // A mean of whole counts that does not change comes out the same to the last bit.
@@ -261,7 +268,8 @@ impl Supervision {
         }
         let (least, greatest) = self.likely.since(&still.likely);
         let frozen = least > FROZEN_C || greatest < -FROZEN_C || still.wiggled_s > FROZEN_S;
-        frozen.then_some(Fault::ThermistorFrozen)
+        let dead_heater = least > 0.0 && !self.moved && !look.hot;
+        frozen.then_some(if dead_heater { Fault::HeatingTooSlow } else { Fault::ThermistorFrozen })
     }
 
     /// The reading does not go where the power takes the nozzle.

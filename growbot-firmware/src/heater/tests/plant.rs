@@ -239,6 +239,42 @@ impl Rig {
         Ok(())
     }
 
+    /// Heats, grows, waits, lets the nozzle down and heats again, for so many hours, as a robot may in its life.
+    pub fn live(&mut self, hours: f64) -> Result<(), Fault> {
+        let until = self.now + (hours * 3.6e9) as u64;
+        let (target, hold) = (self.robot.heater.target_c, self.robot.hold);
+        while self.now < until {
+            self.on(target);
+            self.heat()?;
+            // Homing.
+            let homing = self.random.between(1.0, 15.0);
+            self.run(homing)?;
+            for _ in 0..3 {
+                let layers = self.random.between(0.0, 15.0) as u32;
+                for _ in 0..layers {
+                    self.layer(|_| {})?;
+                }
+                self.fan = self.random.of(&[0.0, self.fan]);
+                let held = self.random.between(0.0, hold.standby_after_s);
+                self.run(held)?;
+                if self.random.of(&[true, false]) {
+                    self.run(hold.standby_after_s - held)?;
+                    self.target(hold.standby_c);
+                    let held = self.random.between(0.0, hold.off_after_s - hold.standby_after_s);
+                    self.run(held)?;
+                    self.target(target);
+                    self.heat()?;
+                }
+            }
+            // Parked, or done.
+            self.heater.switch_off();
+            self.fan = 0.0;
+            let parked = self.random.between(0.0, 200.0);
+            self.run(parked)?;
+        }
+        Ok(())
+    }
+
     /// Lays a layer of 18 s: the flow goes round by 35 %.
     pub fn layer(&mut self, mut look: impl FnMut(&Self)) -> Result<(), Fault> {
         let period = self.robot.layer.period_s;

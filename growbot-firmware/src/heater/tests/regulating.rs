@@ -23,14 +23,11 @@ fn band_and_overshoot(rig: &mut Rig) -> (f64, f64) {
 #[test]
 fn layers_are_laid_within_the_band() {
     let (mut band, mut overshoot) = (0.0_f64, 0.0_f64);
-    for seed in 0..100 {
+    for seed in 0..150 {
         let spread = Spread::of(&mut Random::new(seed), 0.1);
-        let mut rig = Rig::new(spread, seed);
-        let r = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| band_and_overshoot(&mut rig)));
-        let Ok((b, o)) = r else { std::println!("FAIL seed {seed} t {} block {} {spread:?} reading {:?}", rig.now as f64*1e-6, rig.block_c, rig.heater.temperature(rig.now)); continue };
-        if b > band { band = b; std::println!("band {b:.2} {spread:?}"); }
-        if o > overshoot { overshoot = o; std::println!("over {o:.2} {spread:?}"); }
+        let (farthest, over) = band_and_overshoot(&mut Rig::new(spread, seed));
+        (band, overshoot) = (band.max(farthest), overshoot.max(over));
     }
-    std::println!("band {band:.2}, overshoot {overshoot:.2}");
+    std::println!("within {band:.2} C of the target, overshoot {overshoot:.2} C");
     assert!(band < 1.5 && overshoot < 4.0, "band {band}, overshoot {overshoot}");
 }
