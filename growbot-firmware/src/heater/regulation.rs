@@ -16,10 +16,10 @@ use super::Demand;
 use super::model::{available_w, count_c, needed_w};
 
 /// Period of the wiggle, s.
-pub const WIGGLE_PERIOD_S: f64 = 20.0;
+pub const WIGGLE_PERIOD_S: f64 = 16.0;
 /// How far the wiggle goes to either side: counts of the converter, and its bounds in degrees.
-const WIGGLE_COUNTS: f64 = 1.0;
-const WIGGLE_C: (f64, f64) = (0.3, 0.6);
+const WIGGLE_COUNTS: f64 = 1.2;
+const WIGGLE_C: (f64, f64) = (0.5, 0.7);
 /// How late the reading follows the nozzle, for the wiggle of the target, s.
 const WIGGLE_LAG_S: f64 = 2.0;
 /// The derivative is that of a reading smoothed by so much, s.

@@ -16,11 +16,12 @@ use heapless::Deque;
 
 use super::Demand;
 use super::model::{available_w, needed_w};
+use super::regulation::WIGGLE_PERIOD_S;
 
 /// How late a sound reading may follow the nozzle, s.
 const LAG_S: f64 = 4.0;
 /// Seconds that are looked back, a mark each.
-const MARKS: usize = 30;
+const MARKS: usize = 25;
 const MARK_S: f64 = 1.0;
 
 /// The nozzle that takes heat worst and best: shares of power, need and heat capacity.
@@ -33,11 +34,13 @@ const UNMEASURED: (f64, f64) = (0.81, 1.21);
 const SURE_C: f64 = 12.0;
 const SURE_SHARE: f64 = 0.7;
 /// And one that is likely.
-const LIKELY_C: f64 = 18.0;
+const LIKELY_C: f64 = 22.0;
 const LIKELY_SHARE: f64 = 0.4;
 /// A reading that stands still through a likely change of so much, degrees, or for so long while the power is wiggled, is frozen.
 const FROZEN_C: f64 = 12.0;
 const FROZEN_S: f64 = 45.0;
+/// One that does not follow, and has not changed at all for so long, s, is frozen too.
+const STILL_S: f64 = 2.5;
 /// A reading that has never moved so far, degrees, may as well be that of a heater without effect.
 const MOVED_C: f64 = 3.0;
 /// A rise beyond what is possible at most, degrees, over windows of so many seconds: at any duty, and at none.
@@ -52,11 +55,16 @@ const OUT_OF_BAND_S: f64 = 20.0;
 /// Mean power over about so long, s, beyond so many times the need.
 const ENERGY_S: f64 = 60.0;
 const ENERGY: f64 = 1.6;
-/// Over so long the regulation's trim is learned, s.
-const LEARNING_S: f64 = 60.0;
+/// Over so long the regulation's trim is learned, s, while the reading is so near the target, degrees.
+const LEARNING_S: f64 = 30.0;
+const LEARNING_C: f64 = 2.0;
 /// The reading's part in the wiggle, as a share of it, below which it is missed; so often in a row means a fault.
-const WIGGLE_SHARE: f64 = 0.25;
+const WIGGLE_SHARE: f64 = 0.15;
 const WIGGLES: u32 = 2;
+/// A period of the wiggle counts unless the power was saturated for more than this share of it; so many that do not, in a row, are
+/// more power than a hot nozzle can need.
+const SATURATED_SHARE: f64 = 0.3;
+const SATURATED: u32 = 3;
 /// The nozzle's own temperature is that of a reading that goes on for so long, s, at its rate beyond this, degrees a second.
 const AHEAD_S: f64 = 4.0;
 const AHEAD_C_PER_S: f64 = 0.5;
@@ -150,7 +158,8 @@ pub struct Supervision {
 #[derive(Debug, Clone, Copy)]
 struct Still {
     reading_c: f64,
-    /// Regulated and wiggled meanwhile, s.
+    /// For how long, s, and for how long of it the power has been wiggled.
+    seconds: f64,
     wiggled_s: f64,
     likely: Reckoned,
 }
@@ -158,13 +167,14 @@ struct Still {
 /// The reading's part in the wiggle, over one period.
 #[derive(Debug, Clone, Copy, Default)]
 struct Wiggle {
-    phase: f64,
     sine: f64,
     cosine: f64,
     seconds: f64,
-    /// Whether the period was whole and unsaturated so far.
-    whole: bool,
+    /// Saturated meanwhile, s.
+    saturated_s: f64,
+    /// Periods in a row in which it was missed, and in which there was too little room for it.
     missed: u32,
+    saturated: u32,
 }
 
 impl Supervision {
@@ -212,7 +222,8 @@ impl Supervision {
         self.most.add(rate(MOST, greatest), seconds);
         self.likely.add(rate([1.0 / (1.0 + self.learned), 1.0, 1.0], least), seconds);
         self.fall_c += FALL.0 * need.max(0.0) / capacity * seconds;
-        if let Some(regulated) = look.regulated.filter(|regulated| !regulated.saturated) {
+        let near = (look.reading_c - look.target_c).abs() < LEARNING_C;
+        if let Some(regulated) = look.regulated.filter(|regulated| near && !regulated.saturated) {
             self.learned += (regulated.trim - self.learned) * (seconds / LEARNING_S).min(1.0);
         }
         self.zero_s = if look.duty > 0.0 { 0.0 } else { self.zero_s + seconds };
@@ -256,13 +267,14 @@ impl Supervision {
     fn stands_still(&mut self, look: &Look) -> Option<Fault> {
         let first = *self.first_c.get_or_insert(look.reading_c);
         self.moved |= (look.reading_c - first).abs() > MOVED_C;
-        let fresh = Still { reading_c: look.reading_c, wiggled_s: 0.0, likely: self.likely };
+        let fresh = Still { reading_c: look.reading_c, seconds: 0.0, wiggled_s: 0.0, likely: self.likely };
         let still = self.still.get_or_insert(fresh);
         // A mean of whole counts that does not change comes out the same to the last bit.
         if (still.reading_c - look.reading_c).abs() > 1e-6 {
             *still = fresh;
             return None;
         }
+        still.seconds += look.seconds;
         if look.regulated.is_some_and(|regulated| regulated.wiggle.is_some() && !regulated.saturated) {
             still.wiggled_s += look.seconds;
         }
@@ -279,7 +291,9 @@ impl Supervision {
             let sure = self.sure.since(&mark.sure).0;
             let (likely, fall) = self.likely.since(&mark.likely);
             if sure > SURE_C && change < SURE_SHARE * sure || likely > LIKELY_C && change < LIKELY_SHARE * likely {
-                return Some(if !look.hot {
+                return Some(if self.moved && self.still.is_some_and(|still| still.seconds > STILL_S) {
+                    Fault::ThermistorFrozen
+                } else if !look.hot {
                     Fault::HeatingTooSlow
                 } else if look.reading_c < look.target_c - look.robot.heater.band_c {
                     Fault::TemperatureDrop
@@ -288,7 +302,7 @@ impl Supervision {
                 });
             }
             if self.zero_s >= mark.age_s && fall < -LIKELY_C && change > LIKELY_SHARE * fall {
-                return Some(if change > RISE_C.1 { Fault::HeaterStuckOn } else { Fault::ThermistorFrozen });
+                return Some(if look.hot || change > RISE_C.1 { Fault::HeaterStuckOn } else { Fault::ThermistorFrozen });
             }
         }
         None
@@ -314,24 +328,30 @@ impl Supervision {
             self.wiggle = Wiggle::default();
             return None;
         };
-        let saturated = look.regulated.is_none_or(|regulated| regulated.saturated);
         let wiggle = &mut self.wiggle;
-        if phase < wiggle.phase {
-            let half = 0.5 * wiggle.seconds.max(1e-3);
-            let shown = libm::hypot(wiggle.sine, wiggle.cosine) / half;
-            if wiggle.whole {
-                wiggle.missed = if shown < WIGGLE_SHARE * amplitude { wiggle.missed + 1 } else { 0 };
+        if wiggle.seconds > WIGGLE_PERIOD_S - 0.5 * look.seconds {
+            let Wiggle { sine, cosine, seconds, saturated_s, mut missed, mut saturated } = *wiggle;
+            let shown = 2.0 * libm::hypot(sine, cosine) / seconds.max(1e-3);
+            if saturated_s > SATURATED_SHARE * seconds {
+                saturated += 1;
+            } else {
+                missed = if shown < WIGGLE_SHARE * amplitude { missed + 1 } else { 0 };
+                saturated = 0;
             }
-            *wiggle = Wiggle { whole: true, missed: wiggle.missed, ..Wiggle::default() };
+            *wiggle = Wiggle { missed, saturated, ..Wiggle::default() };
         }
-        wiggle.phase = phase;
-        wiggle.whole &= !saturated;
+        if look.regulated.is_some_and(|regulated| regulated.saturated) {
+            wiggle.saturated_s += look.seconds;
+        }
         let (sin, cos) = libm::sincos(TAU * phase);
         let error = look.reading_c - look.target_c;
         wiggle.sine += error * sin * look.seconds;
         wiggle.cosine += error * cos * look.seconds;
         wiggle.seconds += look.seconds;
-        (wiggle.missed >= WIGGLES).then_some(Fault::ThermistorFrozen)
+        if wiggle.missed >= WIGGLES {
+            return Some(Fault::ThermistorFrozen);
+        }
+        (wiggle.saturated >= SATURATED).then_some(Fault::HeaterEnergy)
     }
 }
 

@@ -94,11 +94,11 @@ fn go_on(rig: &mut Rig, phase: Phase) -> Option<(Fault, f64)> {
 fn scan() {
     type Draw = fn(&mut Random) -> Wrong;
     let wrongs: [(&str, Draw); 10] = [
+        ("stuck", |_| Wrong::Stuck),
         ("open", |_| Wrong::Open),
         ("short", |_| Wrong::Short),
         ("silent", |_| Wrong::Silent),
         ("frozen", |_| Wrong::Frozen),
-        ("stuck", |_| Wrong::Stuck),
         ("detached", |random| Wrong::Detached(random.between(2.0, 20.0), random.between(0.1, 0.4))),
         ("heater open", |_| Wrong::HeaterOpen),
         ("stuck on", |_| Wrong::StuckOn(1.0)),
@@ -110,7 +110,7 @@ fn scan() {
         for phase in PHASES {
             let (mut codes, mut times, mut peak) = (BTreeMap::<String, u32>::new(), Vec::new(), 0.0_f64);
             let mut worst = None;
-            for seed in 0..60 {
+            for seed in 0..150 {
                 let mut random = Random::new(seed);
                 let mut spread = Spread::of(&mut random, 0.1);
                 spread.measured = measured;

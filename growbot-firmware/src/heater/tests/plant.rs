@@ -67,6 +67,8 @@ pub enum Wrong {
     StuckOn(f64),
     /// So many times the loss.
     Draught(f64),
+    /// No filament comes, and the fan stands, whatever is asked for.
+    NoFlow,
 }
 
 /// The nozzle: all of it is 1 for one that is as described.
@@ -180,9 +182,10 @@ impl Rig {
         let Spread { capacity, loss, power, supply, ambient_c, lag_s, .. } = self.spread;
         let draught = if let Wrong::Draught(times) = self.wrong { times } else { 1.0 };
         let warmth = self.block_c - ambient_c;
+        let cooled = if self.wrong == Wrong::NoFlow { 0.0 } else { 1.0 };
         let away = self.robot.heater.loss_w_per_k * loss * draught
-            + self.robot.fan.loss_w_per_k * self.fan * loss
-            + self.robot.filament.heat_j_per_mm3_k * self.flow;
+            + self.robot.fan.loss_w_per_k * self.fan * loss * cooled
+            + self.robot.filament.heat_j_per_mm3_k * self.flow * cooled;
         let gain = self.robot.heater.power_w * power * supply * supply * duty;
         self.block_c += (gain - away * warmth) / (self.robot.heater.heat_capacity_j_per_k * capacity) * DT;
         self.peak_c = self.peak_c.max(self.block_c);
