@@ -37,6 +37,12 @@ fn coefficients(thermistor: &Thermistor) -> [f64; 3] {
     }
 }
 
+/// Whether a conversion is at either end of the scale, where only a broken sensor is.
+#[must_use]
+pub fn is_broken(raw: u16) -> bool {
+    f64::from(raw) >= OPEN_FROM || f64::from(raw) <= SHORT_UP_TO
+}
+
 /// Temperature of a reading (0 to 4095; a mean of several may lie between two), degrees Celsius.
 ///
 /// # Errors

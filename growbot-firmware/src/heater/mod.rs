@@ -1,0 +1,235 @@
+//! The heater: regulation of the nozzle's temperature, and the conditions under which it is cut off.
+//!
+//! [`Heater::update`] takes the mean of the period's conversions ([`Sampler`]) and what the nozzle is asked for ([`Demand`]), ten
+//! times a second, and gives the duty: by [`regulation`] on the way to a target and at it, by [`tuning`] where the gains are to be
+//! found. [`supervision`] compares the reading with what the nozzle can do by the [`model`].
+//!
+//! Power flows only while a reading is younger than half a second. Too high a temperature is a fault whether the heater is on
+//! or not; everything else matters only while it is on.
+
+mod model;
+mod regulation;
+mod sampler;
+mod supervision;
+#[cfg(test)]
+mod tests;
+mod tuning;
+
+use growbot_core::link::message::{Fault, Tuned};
+use growbot_core::robot::RobotDescription;
+
+use self::model::available_w;
+use self::regulation::Regulation;
+pub use self::sampler::Sampler;
+use self::supervision::{Look, Regulated, Supervision};
+use self::tuning::Relay;
+use crate::thermistor::{Broken, temperature};
+
+/// Between two updates of the regulation, us.
+pub const PERIOD_US: u64 = 100_000;
+/// The oldest reading on which power flows, us. Its conversions may be a period older.
+const OLDEST_READING_US: u64 = 400_000;
+/// How long the temperature must stay in its band to count as hot, us.
+const SETTLING_US: u64 = 2_000_000;
+/// Within this many bands of the target the power is wiggled.
+const WIGGLED_BANDS: f64 = 2.0;
+/// Tuning takes at most so many times the robot's longest heating.
+const TUNING_TIMEOUTS: f64 = 2.0;
+
+/// What the nozzle is asked for, and what there is to do it with.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Demand {
+    /// Plastic that flows through it, mm^3/s.
+    pub flow_mm3_per_s: f64,
+    /// Duty of the fan, 0 to 1.
+    pub fan: f64,
+    /// The supply as measured, V; none where it is not.
+    pub supply_v: Option<f64>,
+}
+
+/// The heater's regulation and limits.
+#[derive(Debug, Clone, Default)]
+pub struct Heater {
+    /// Degrees Celsius, none while off.
+    target: Option<f64>,
+    /// The latest reading, degrees Celsius, and when it was taken, us.
+    reading: Option<(f64, u64)>,
+    /// What is wrong with the sensor.
+    broken: Option<Broken>,
+    /// The latest duty, 0 to 1.
+    duty: f64,
+    /// When the latest update was, us.
+    updated: Option<u64>,
+    /// When the heater was switched on or got its target, us.
+    on_since: u64,
+    /// Since when the temperature has been in its band, us.
+    in_band_since: Option<u64>,
+    /// Energy since it was first switched on, J.
+    energy_j: f64,
+    regulation: Regulation,
+    supervision: Supervision,
+    tuning: Option<Relay>,
+    tuned: Option<Tuned>,
+}
+
+impl Heater {
+    /// Switches the heater on.
+    pub fn switch_on(&mut self, target_c: f64, now: u64) {
+        self.switch_off();
+        (self.target, self.on_since) = (Some(target_c), now);
+    }
+
+    /// Another target, without switching off in between. Nothing while it is off or being tuned.
+    pub fn set_target(&mut self, target_c: f64, now: u64) {
+        if self.tuning.is_some() || self.target.is_none_or(|target| target.to_bits() == target_c.to_bits()) {
+            return;
+        }
+        (self.target, self.on_since, self.in_band_since) = (Some(target_c), now, None);
+        self.regulation.retarget();
+        self.supervision.retarget();
+    }
+
+    /// Switches the heater off.
+    pub fn switch_off(&mut self) {
+        let Self { reading, broken, energy_j, .. } = *self;
+        *self = Self { reading, broken, energy_j, tuned: self.tuned.take(), ..Self::default() };
+    }
+
+    /// Switches the heater on to drive the nozzle round a target and find its gains. When they are found, it is off.
+    pub fn tune(&mut self, target_c: f64, now: u64) {
+        self.switch_on(target_c, now);
+        (self.tuning, self.tuned) = (Some(Relay::default()), None);
+    }
+
+    /// What was found since it was last asked for.
+    pub fn take_tuned(&mut self) -> Option<Tuned> {
+        self.tuned.take()
+    }
+
+    /// The target, degrees Celsius, none while off.
+    #[must_use]
+    pub fn target(&self) -> Option<f64> {
+        self.target
+    }
+
+    /// The temperature, degrees Celsius, none without a recent reading.
+    #[must_use]
+    pub fn temperature(&self, now: u64) -> Option<f64> {
+        let (temperature, taken) = self.reading?;
+        (self.broken.is_none() && now.saturating_sub(taken) <= OLDEST_READING_US).then_some(temperature)
+    }
+
+    /// The duty that the latest update gave, 0 to 1.
+    #[must_use]
+    pub fn duty(&self) -> f64 {
+        self.duty
+    }
+
+    /// Energy that the heater has taken since the start, by duty and supply, J.
+    #[must_use]
+    pub fn energy_j(&self) -> f64 {
+        self.energy_j
+    }
+
+    /// Whether the temperature has settled at the target.
+    #[must_use]
+    pub fn is_hot(&self, now: u64) -> bool {
+        self.in_band_since.is_some_and(|since| now.saturating_sub(since) >= SETTLING_US)
+    }
+
+    /// Whether power flows on a reading that has grown too old since the latest update.
+    #[must_use]
+    pub fn is_blind(&self, now: u64) -> bool {
+        self.duty > 0.0 && self.temperature(now).is_none()
+    }
+
+    /// One update: takes the mean reading of the period if there is one and gives the duty, 0 to 1. To be called every
+    /// [`PERIOD_US`].
+    ///
+    /// # Errors
+    /// The fault for which the heater must be cut off.
+    pub fn update(
+        &mut self,
+        raw: Option<f64>,
+        demand: &Demand,
+        robot: &RobotDescription,
+        now: u64,
+    ) -> Result<f64, Fault> {
+        let before = self.updated.replace(now).unwrap_or(now);
+        let seconds = now.saturating_sub(before).min(OLDEST_READING_US) as f64 * 1e-6;
+        let given = core::mem::take(&mut self.duty);
+        self.energy_j += given * available_w(demand, robot) * seconds;
+        if let Some(raw) = raw {
+            match temperature(raw, &robot.thermistor) {
+                Ok(temperature) => {
+                    (self.reading, self.broken) = (Some((temperature, now)), None);
+                    if temperature > robot.heater.max_c {
+                        return Err(Fault::OverTemperature);
+                    }
+                }
+                Err(broken) => self.broken = Some(broken),
+            }
+        }
+        let Some(target_c) = self.target else { return Ok(0.0) };
+        match self.broken {
+            Some(Broken::Open) => return Err(Fault::ThermistorOpen),
+            Some(Broken::Short) => return Err(Fault::ThermistorShort),
+            None => {}
+        }
+        let Some(reading_c) = self.temperature(now) else {
+            // Just switched on, the first reading may still be on its way.
+            let waiting = now.saturating_sub(self.on_since) <= OLDEST_READING_US;
+            return if waiting { Ok(0.0) } else { Err(Fault::ThermistorSilent) };
+        };
+        self.watch_band(target_c - reading_c, robot, now)?;
+        let wiggles = (target_c - reading_c).abs() < WIGGLED_BANDS * robot.heater.band_c;
+        let wiggle = (wiggles && self.is_hot(now)).then(|| (self.regulation.phase(), self.regulation.amplitude_c()));
+        let regulated = Regulated { trim: self.regulation.trim(), saturated: self.regulation.saturated(), wiggle };
+        self.supervision.look(&Look {
+            reading_c,
+            target_c,
+            duty: given,
+            seconds,
+            hot: self.is_hot(now),
+            regulated: self.tuning.is_none().then_some(regulated),
+            demand,
+            robot,
+        })?;
+        self.duty = match &mut self.tuning {
+            None => self.regulation.duty(target_c, reading_c, wiggles, seconds, demand, robot),
+            Some(relay) => match relay.duty(target_c, reading_c, seconds, demand, robot) {
+                Ok(duty) => duty,
+                Err(tuned) => {
+                    self.switch_off();
+                    self.tuned = Some(tuned);
+                    0.0
+                }
+            },
+        };
+        Ok(self.duty)
+    }
+
+    /// Watches whether the target is reached, and in time.
+    fn watch_band(&mut self, error: f64, robot: &RobotDescription, now: u64) -> Result<(), Fault> {
+        let (band, timeout) = (robot.heater.band_c, seconds(robot.heater.heating_timeout_s));
+        if error.abs() > band {
+            // Once hot, a dip is for the supervision to judge.
+            if !self.is_hot(now) {
+                self.in_band_since = None;
+            }
+        } else if self.in_band_since.is_none() {
+            self.in_band_since = Some(now);
+        }
+        let since = now.saturating_sub(self.on_since);
+        let too_slow = match self.tuning {
+            Some(_) => since as f64 > TUNING_TIMEOUTS * timeout as f64,
+            None => self.in_band_since.is_none() && error > 0.0 && since > timeout,
+        };
+        if too_slow { Err(Fault::HeatingTooSlow) } else { Ok(()) }
+    }
+}
+
+/// Seconds to us.
+fn seconds(seconds: f64) -> u64 {
+    (seconds * 1e6) as u64
+}

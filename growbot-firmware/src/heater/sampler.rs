@@ -1,0 +1,78 @@
+//! Oversampling: the mean of all conversions of a period.
+
+use crate::thermistor::is_broken;
+
+/// Adds up conversions of the converter.
+///
+/// Those at either end of the scale, where only a broken sensor is, are counted by themselves: a mean of them and of sound
+/// ones would be a temperature that is nowhere.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Sampler {
+    sound: Sum,
+    broken: Sum,
+}
+
+#[derive(Debug, Clone, Copy, Default)]
+struct Sum {
+    sum: u32,
+    count: u16,
+}
+
+impl Sum {
+    fn take(&mut self, raw: u16) {
+        if let (Some(sum), Some(count)) = (self.sum.checked_add(u32::from(raw)), self.count.checked_add(1)) {
+            (self.sum, self.count) = (sum, count);
+        }
+    }
+
+    fn mean(self) -> Option<f64> {
+        (self.count > 0).then(|| f64::from(self.sum) / f64::from(self.count))
+    }
+}
+
+impl Sampler {
+    /// Takes a conversion, 0 to 4095.
+    pub fn take(&mut self, raw: u16) {
+        if is_broken(raw) { self.broken.take(raw) } else { self.sound.take(raw) }
+    }
+
+    /// The mean of those taken since it was last asked for, none where there were none: of the sound ones, or of those at the
+    /// ends of the scale where they are more.
+    pub fn mean(&mut self) -> Option<f64> {
+        let Self { sound, broken } = core::mem::take(self);
+        if broken.count > sound.count { broken.mean() } else { sound.mean() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_mean_is_of_one_period() {
+        let mut sampler = Sampler::default();
+        assert_eq!(sampler.mean(), None);
+        for raw in [1010, 1011, 1011, 1012] {
+            sampler.take(raw);
+        }
+        assert_eq!(sampler.mean(), Some(1011.0));
+        assert_eq!(sampler.mean(), None);
+        for _ in 0..70_000 {
+            sampler.take(4000);
+        }
+        assert_eq!(sampler.mean(), Some(4000.0));
+    }
+
+    #[test]
+    fn a_wire_that_breaks_within_a_period_is_no_cold_nozzle() {
+        let mut sampler = Sampler::default();
+        for raw in [600, 600, 600, 4095] {
+            sampler.take(raw);
+        }
+        assert_eq!(sampler.mean(), Some(600.0));
+        for raw in [600, 4095, 4095] {
+            sampler.take(raw);
+        }
+        assert_eq!(sampler.mean(), Some(4095.0));
+    }
+}

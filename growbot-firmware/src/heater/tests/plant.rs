@@ -1,0 +1,294 @@
+//! A nozzle with its thermistor, and what may be wrong with them: on purpose not the model that supervision reckons with.
+
+use growbot_core::robot::RobotDescription;
+
+use crate::heater::{Demand, Heater, PERIOD_US, Sampler};
+use crate::testing::robot_a;
+use crate::thermistor::{FULL_SCALE, reading};
+use growbot_core::link::message::Fault;
+
+/// Numbers from a seed (xorshift).
+#[derive(Debug, Clone)]
+pub struct Random(u64);
+
+impl Random {
+    pub fn new(seed: u64) -> Self {
+        let mut random = Self(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1);
+        for _ in 0..8 {
+            random.next();
+        }
+        random
+    }
+
+    fn next(&mut self) -> u64 {
+        self.0 ^= self.0 << 13;
+        self.0 ^= self.0 >> 7;
+        self.0 ^= self.0 << 17;
+        self.0
+    }
+
+    pub fn between(&mut self, least: f64, greatest: f64) -> f64 {
+        least + (greatest - least) * (self.next() >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    /// One of these.
+    pub fn of<T: Copy>(&mut self, choices: &[T]) -> T {
+        choices[(self.next() >> 8) as usize % choices.len()]
+    }
+
+    /// About normal, of deviation 1.
+    fn normal(&mut self) -> f64 {
+        let bits = self.next();
+        let sum: u64 = (0..4).map(|part| bits >> (16 * part) & 0xFFFF).sum();
+        (sum as f64 / 65_536.0 - 2.0) * libm::sqrt(3.0)
+    }
+}
+
+/// What is broken.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum Wrong {
+    #[default]
+    Nothing,
+    /// The thermistor's wire is cut.
+    Open,
+    /// Its wires touch.
+    Short,
+    /// The converter gives nothing.
+    Silent,
+    /// The converter gives the same number for ever.
+    Frozen,
+    /// The input holds its voltage; there is noise on it.
+    Stuck,
+    /// The thermistor has come out: it goes, with this time constant (s), to this share of the nozzle's warmth.
+    Detached(f64, f64),
+    /// The heater's wire is cut.
+    HeaterOpen,
+    /// The power stage gives at least this duty.
+    StuckOn(f64),
+    /// So many times the loss.
+    Draught(f64),
+    /// No filament comes, and the fan stands, whatever is asked for.
+    NoFlow,
+}
+
+/// The nozzle: all of it is 1 for one that is as described.
+#[derive(Debug, Clone, Copy)]
+pub struct Spread {
+    pub capacity: f64,
+    pub loss: f64,
+    pub power: f64,
+    pub supply: f64,
+    /// Whether the supply is measured.
+    pub measured: bool,
+    pub ambient_c: f64,
+    /// Of the thermistor behind the nozzle, s.
+    pub lag_s: f64,
+    /// Of each conversion, counts.
+    pub noise: f64,
+    /// The thermistor's pull-up, ohm: 4,700 as described, 25,000 for half a degree a count.
+    pub pull_up_ohm: f64,
+}
+
+impl Spread {
+    pub fn nominal() -> Self {
+        Self {
+            capacity: 1.0,
+            loss: 1.0,
+            power: 1.0,
+            supply: 1.0,
+            measured: true,
+            ambient_c: 25.0,
+            lag_s: 2.0,
+            noise: 1.0,
+            pull_up_ohm: 4700.0,
+        }
+    }
+
+    /// Anything within so much, as a share: often the extremes, which are worst.
+    pub fn of(random: &mut Random, share: f64) -> Self {
+        let mut near = |share: f64| {
+            let even = random.between(-share, share);
+            1.0 + random.of(&[-share, share, even])
+        };
+        let (capacity, loss, power, supply) = (near(share), near(share), near(share), near(0.1));
+        Self {
+            capacity,
+            loss,
+            power,
+            supply,
+            measured: true,
+            ambient_c: random.between(15.0, 35.0),
+            lag_s: random.between(1.0, 4.0),
+            noise: random.of(&[0.0, 0.0, 0.5, 1.0, 1.5]),
+            pull_up_ohm: random.of(&[4700.0, 25_000.0]),
+        }
+    }
+}
+
+/// A heater on its nozzle.
+pub struct Rig {
+    pub robot: RobotDescription,
+    pub heater: Heater,
+    pub spread: Spread,
+    pub wrong: Wrong,
+    pub random: Random,
+    pub flow: f64,
+    pub fan: f64,
+    pub now: u64,
+    pub block_c: f64,
+    pub sensor_c: f64,
+    pub peak_c: f64,
+    held: u16,
+    conversions: u16,
+}
+
+pub const DT: f64 = PERIOD_US as f64 * 1e-6;
+
+impl Rig {
+    pub fn new(spread: Spread, seed: u64) -> Self {
+        let mut robot = robot_a().description().clone();
+        robot.thermistor.pull_up_ohm = spread.pull_up_ohm;
+        Self {
+            robot,
+            heater: Heater::default(),
+            spread,
+            wrong: Wrong::Nothing,
+            random: Random::new(seed),
+            flow: 0.0,
+            fan: 0.0,
+            now: 0,
+            block_c: spread.ambient_c,
+            sensor_c: spread.ambient_c,
+            peak_c: spread.ambient_c,
+            held: 0,
+            conversions: 10,
+        }
+    }
+
+    /// Breaks something.
+    pub fn breaks(&mut self, wrong: Wrong) {
+        self.wrong = wrong;
+    }
+
+    /// One period: the nozzle goes on at the duty, then is read and regulated.
+    pub fn step(&mut self) -> Result<f64, Fault> {
+        let enabled = self.heater.target().is_some();
+        let duty = match self.wrong {
+            Wrong::HeaterOpen => 0.0,
+            Wrong::StuckOn(least) if enabled => self.heater.duty().max(least),
+            _ if enabled => self.heater.duty(),
+            _ => 0.0,
+        };
+        let Spread { capacity, loss, power, supply, ambient_c, lag_s, .. } = self.spread;
+        let draught = if let Wrong::Draught(times) = self.wrong { times } else { 1.0 };
+        let warmth = self.block_c - ambient_c;
+        let cooled = if self.wrong == Wrong::NoFlow { 0.0 } else { 1.0 };
+        let away = self.robot.heater.loss_w_per_k * loss * draught
+            + self.robot.fan.loss_w_per_k * self.fan * loss * cooled
+            + self.robot.filament.heat_j_per_mm3_k * self.flow * cooled;
+        let gain = self.robot.heater.power_w * power * supply * supply * duty;
+        self.block_c += (gain - away * warmth) / (self.robot.heater.heat_capacity_j_per_k * capacity) * DT;
+        self.peak_c = self.peak_c.max(self.block_c);
+        let (towards, tau) = match self.wrong {
+            Wrong::Detached(tau, share) => (ambient_c + share * (self.block_c - ambient_c), tau),
+            _ => (self.block_c, lag_s),
+        };
+        if self.wrong != Wrong::Stuck {
+            self.sensor_c += (towards - self.sensor_c) * DT / tau;
+        }
+        self.now += PERIOD_US;
+        let supply_v = self.spread.measured.then_some(self.robot.supply.nominal_v * supply);
+        let demand = Demand { flow_mm3_per_s: self.flow, fan: self.fan, supply_v };
+        let mut sampler = Sampler::default();
+        let exact = reading(self.sensor_c, &self.robot.thermistor);
+        for _ in 0..self.conversions {
+            let noise = if self.spread.noise > 0.0 { self.spread.noise * self.random.normal() } else { 0.0 };
+            let raw = libm::rint(exact + noise).clamp(0.0, f64::from(FULL_SCALE)) as u16;
+            match self.wrong {
+                Wrong::Silent => {}
+                Wrong::Open => sampler.take(FULL_SCALE),
+                Wrong::Short => sampler.take(0),
+                Wrong::Frozen => sampler.take(self.held),
+                _ => {
+                    self.held = raw;
+                    sampler.take(raw);
+                }
+            }
+        }
+        self.heater.update(sampler.mean(), &demand, &self.robot, self.now)
+    }
+
+    pub fn on(&mut self, celsius: f64) {
+        self.heater.switch_on(celsius, self.now);
+    }
+
+    pub fn target(&mut self, celsius: f64) {
+        self.heater.set_target(celsius, self.now);
+    }
+
+    /// Steps for so long.
+    pub fn run(&mut self, seconds: f64) -> Result<(), Fault> {
+        for _ in 0..(seconds / DT) as u64 {
+            self.step()?;
+        }
+        Ok(())
+    }
+
+    /// Steps until hot.
+    pub fn heat(&mut self) -> Result<(), Fault> {
+        while !self.heater.is_hot(self.now) {
+            self.step()?;
+        }
+        Ok(())
+    }
+
+    /// Heats, grows, waits, lets the nozzle down and heats again, for so many hours, as a robot may in its life.
+    pub fn live(&mut self, hours: f64) -> Result<(), Fault> {
+        let until = self.now + (hours * 3.6e9) as u64;
+        let (target, hold) = (self.robot.heater.target_c, self.robot.hold);
+        while self.now < until {
+            self.on(target);
+            self.heat()?;
+            // Homing.
+            let homing = self.random.between(1.0, 15.0);
+            self.run(homing)?;
+            for _ in 0..3 {
+                let layers = self.random.between(0.0, 15.0) as u32;
+                for _ in 0..layers {
+                    self.layer(|_| {})?;
+                }
+                self.fan = self.random.of(&[0.0, self.fan]);
+                let held = self.random.between(0.0, hold.standby_after_s);
+                self.run(held)?;
+                if self.random.of(&[true, false]) {
+                    self.run(hold.standby_after_s - held)?;
+                    self.target(hold.standby_c);
+                    let held = self.random.between(0.0, hold.off_after_s - hold.standby_after_s);
+                    self.run(held)?;
+                    self.target(target);
+                    self.heat()?;
+                }
+            }
+            // Parked, or done.
+            self.heater.switch_off();
+            self.fan = 0.0;
+            let parked = self.random.between(0.0, 200.0);
+            self.run(parked)?;
+        }
+        Ok(())
+    }
+
+    /// Lays a layer of 18 s: the flow goes round by 35 %.
+    pub fn layer(&mut self, mut look: impl FnMut(&Self)) -> Result<(), Fault> {
+        let period = self.robot.layer.period_s;
+        let steps = (period / DT) as u64;
+        self.fan = self.robot.fan.growing_duty;
+        for step in 0..steps {
+            self.flow = 10.0 * (1.0 + 0.35 * libm::sin(core::f64::consts::TAU * step as f64 / steps as f64));
+            self.step()?;
+            look(self);
+        }
+        self.flow = 0.0;
+        Ok(())
+    }
+}

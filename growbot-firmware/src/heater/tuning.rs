@@ -1,0 +1,122 @@
+//! Finding the gains: the relay method of Astrom and Hagglund (Automatica 20, 1984).
+//!
+//! The power switches between two levels round what the nozzle needs, low where the reading is above the target and high where
+//! it is below, each by a hysteresis that noise does not pass. The nozzle then swings steadily; amplitude `a` and period of the swings
+//! give the ultimate gain `4 d / (pi sqrt(a^2 - h^2))` of the loop, `d` half the distance of the levels and `h` the hysteresis.
+//! The gains follow from it by Tyreus and Luyben (Ind. Eng. Chem. Res. 31, 1992), whose rules are for a plant that
+//! integrates, as a nozzle does in the time of a swing, and which overshoot less than those of Ziegler and Nichols:
+//! `kp = Ku / 2.2`, `Ti = 2.2 Tu`, `Td = Tu / 6.3`.
+
+use core::f64::consts::PI;
+
+use growbot_core::link::message::{Gains, Tuned};
+use growbot_core::robot::RobotDescription;
+
+use super::Demand;
+use super::model::{available_w, count_c, needed_w};
+
+/// Swings that are left out, until they are steady.
+const FIRST_CYCLES: u32 = 2;
+/// Swings that are measured.
+const CYCLES: u32 = 4;
+/// Hysteresis: counts of the converter, and its least, degrees.
+const HYSTERESIS_COUNTS: f64 = 1.5;
+const LEAST_HYSTERESIS_C: f64 = 0.4;
+/// Half the distance of the levels, as a share of the room that there is round the middle.
+const SHARE_OF_ROOM: f64 = 0.9;
+
+/// The nozzle being driven round a target.
+#[derive(Debug, Clone, Copy)]
+pub struct Relay {
+    high: bool,
+    /// The middle of the two levels, as a share of what the model needs.
+    middle: f64,
+    cycles: u32,
+    /// Of the swing under way: length, s; duty over it, s; extremes, degrees.
+    length_s: f64,
+    on_s: f64,
+    lowest_c: f64,
+    highest_c: f64,
+    sums: Sums,
+}
+
+/// What the measured swings add up to.
+#[derive(Debug, Clone, Copy, Default)]
+struct Sums {
+    period_s: f64,
+    amplitude_c: f64,
+    relay: f64,
+}
+
+impl Default for Relay {
+    fn default() -> Self {
+        Self {
+            high: true,
+            middle: 1.0,
+            cycles: 0,
+            length_s: 0.0,
+            on_s: 0.0,
+            lowest_c: f64::INFINITY,
+            highest_c: f64::NEG_INFINITY,
+            sums: Sums::default(),
+        }
+    }
+}
+
+impl Relay {
+    /// The duty, 0 to 1, or the gains once they are found.
+    pub fn duty(
+        &mut self,
+        target_c: f64,
+        reading_c: f64,
+        seconds: f64,
+        demand: &Demand,
+        robot: &RobotDescription,
+    ) -> Result<f64, Tuned> {
+        let available = available_w(demand, robot);
+        let need = needed_w(target_c, demand, robot) / available;
+        let middle = (need * self.middle).clamp(0.05, 0.95);
+        let reach = middle.min(1.0 - middle) * SHARE_OF_ROOM;
+        let hysteresis = (HYSTERESIS_COUNTS * count_c(target_c, robot)).max(LEAST_HYSTERESIS_C);
+        self.length_s += seconds;
+        if self.high {
+            self.on_s += seconds;
+        }
+        self.lowest_c = self.lowest_c.min(reading_c);
+        self.highest_c = self.highest_c.max(reading_c);
+        if self.high && reading_c > target_c + hysteresis {
+            self.high = false;
+        } else if !self.high && reading_c < target_c - hysteresis {
+            self.high = true;
+            // The first way up is no swing.
+            if self.cycles >= FIRST_CYCLES {
+                self.sums.period_s += self.length_s;
+                self.sums.amplitude_c += 0.5 * (self.highest_c - self.lowest_c);
+                self.sums.relay += reach * available / robot.heater.power_w;
+            }
+            if self.cycles > 0 && self.length_s > 0.0 {
+                // A middle that is right has the levels equally long.
+                let share = self.on_s / self.length_s;
+                self.middle *= ((middle + (2.0 * share - 1.0) * reach) / middle).clamp(0.7, 1.4);
+            }
+            self.cycles += 1;
+            (self.length_s, self.on_s) = (0.0, 0.0);
+            (self.lowest_c, self.highest_c) = (reading_c, reading_c);
+            if self.cycles == FIRST_CYCLES + CYCLES {
+                return Err(self.found(hysteresis));
+            }
+        }
+        // Full power on the way up.
+        let first = self.cycles == 0 && self.high && reading_c < target_c - 10.0;
+        Ok(if first { 1.0 } else if self.high { middle + reach } else { middle - reach })
+    }
+
+    fn found(&self, hysteresis: f64) -> Tuned {
+        let count = f64::from(CYCLES);
+        let (period_s, amplitude_c) = (self.sums.period_s / count, self.sums.amplitude_c / count);
+        let swing = libm::sqrt((amplitude_c * amplitude_c - hysteresis * hysteresis).max(0.04 * amplitude_c * amplitude_c));
+        let ultimate = 4.0 * self.sums.relay / count / (PI * swing);
+        let kp = ultimate / 2.2;
+        Tuned { gains: Gains { kp, ki: kp / (2.2 * period_s), kd: kp * period_s / 6.3 }, period_s, amplitude_c }
+    }
+}
