@@ -145,6 +145,12 @@ impl<B: Board> Controller<B> {
         self.fault
     }
 
+    /// What the nozzle is regulated to, degrees Celsius; none with the heater off.
+    #[must_use]
+    pub fn target_c(&self) -> Option<f64> {
+        self.heater.target()
+    }
+
     /// Does what is due at this time (us since the start).
     pub fn poll(&mut self, now: u64, handover: &Handover) {
         self.now = now;

@@ -119,6 +119,16 @@ impl Heater {
         (self.broken.is_none() && now.saturating_sub(taken) <= OLDEST_READING_US).then_some(temperature)
     }
 
+    /// What a sensor that gives no temperature suffers from.
+    #[must_use]
+    pub fn sensor_fault(&self) -> Fault {
+        match self.broken {
+            Some(Broken::Open) => Fault::ThermistorOpen,
+            Some(Broken::Short) => Fault::ThermistorShort,
+            None => Fault::ThermistorSilent,
+        }
+    }
+
     /// The duty that the latest update gave, 0 to 1.
     #[must_use]
     pub fn duty(&self) -> f64 {
