@@ -68,7 +68,13 @@ impl Sim {
         let tick_hz = u64::from(robot.description().motion.tick_hz);
         let mut sim = Self {
             engine: engine(&tip),
-            controller: controller(&robot, &tip, &fed, Identity { boot_id: 1, reset_cause: ResetCause::PowerOn }, &handover),
+            controller: controller(
+                &robot,
+                &tip,
+                &fed,
+                Identity { boot_id: 1, reset_cause: ResetCause::PowerOn },
+                &handover,
+            ),
             robot,
             tip,
             handover,
@@ -254,11 +260,7 @@ impl Port for Sim {
 
     fn tip(&mut self) -> Result<Option<TipRecord>, PortError> {
         let mut tip = self.tip.borrow_mut();
-        Ok(Some(TipRecord {
-            body: tip.body(),
-            feed_steps: tip.feed_steps(),
-            temperature_c: tip.nozzle_c(),
-        }))
+        Ok(Some(TipRecord { body: tip.body(), feed_steps: tip.feed_steps(), temperature_c: tip.nozzle_c() }))
     }
 }
 
@@ -318,5 +320,90 @@ struct SimWatchdog(Rc<WatchdogClock>);
 impl Watchdog for SimWatchdog {
     fn feed(&mut self) {
         self.0.feed();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::client::Client;
+    use crate::growth::{Grown, Job, grow_job};
+    use growbot_core::path::{Segment, end};
+    use std::sync::atomic::AtomicBool;
+    use std::time::Instant;
+
+    fn robot() -> Robot {
+        crate::robot_file::load("growbot-a".as_ref()).unwrap()
+    }
+
+    /// An upright body of so many layers.
+    fn grow(sim: Sim, layers: u32) -> Grown {
+        let robot = sim.robot.clone();
+        let path = [Segment::Straight { length: 0.774 * f64::from(layers) }];
+        let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
+        let goal = Pose::from_frame(&end(&path, &start.frame()));
+        let job = Job { robot: &robot, start: &start, goal: &goal, path: &path };
+        let mut client = Client::new(Box::new(sim), "a simulated board");
+        grow_job(&mut client, &job, &AtomicBool::new(false), &mut |_| {}).unwrap()
+    }
+
+    #[test]
+    fn every_run_is_the_same() {
+        let [first, second] = [(); 2].map(|()| grow(Sim::new(robot()), 3));
+        assert_eq!(first.body, second.body);
+        let other = grow(Sim::with(robot(), Variation { seed: 2, power: 0.9, ..Variation::default() }), 3);
+        assert_eq!(first.body.len(), other.body.len());
+    }
+
+    #[test]
+    fn simulated_hours_take_little_time() {
+        let began = Instant::now();
+        let layers = 100;
+        let grown = grow(Sim::new(robot()), layers);
+        let simulated = f64::from(layers) * robot().description().layer.period_s;
+        println!("{:.1} simulated hours in a second", simulated / 3600.0 / began.elapsed().as_secs_f64());
+        assert_eq!(grown.body.len(), layers as usize);
+    }
+
+    #[test]
+    fn a_board_that_hangs_is_reset_by_its_watchdog() {
+        let mut sim = Sim::new(robot());
+        sim.pass(Duration::from_secs(10));
+        assert_eq!(sim.boots(), 1);
+        sim.next_poll = u64::MAX;
+        sim.pass(Duration::from_millis(1100));
+        assert_eq!(sim.boots(), 2);
+        sim.pass(Duration::from_secs(10));
+        assert_eq!(sim.boots(), 2);
+        assert!((sim.now_s() - 21.1).abs() < 1e-3);
+    }
+
+    #[test]
+    fn a_reset_switches_off_and_keeps_the_tip_and_the_memory_meant_for_it() {
+        let mut sim = Sim::new(robot());
+        sim.simulated_tip().heat(1.0, true);
+        sim.simulated_tip().enable(Motor::Head, true);
+        sim.simulated_tip().set_nozzle_c(150.0);
+        sim.kept().write(&[7; KEPT_BYTES]);
+        sim.reset(ResetCause::External);
+        assert_eq!((sim.state(), sim.fault(), sim.kept().read()), (State::Idle, None, [7; KEPT_BYTES]));
+        let mut tip = sim.simulated_tip();
+        assert!(!tip.heater_is_on() && !tip.steppers_are_on() && tip.heater_power_w() == 0.0);
+        assert!((tip.nozzle_c() - 150.0).abs() < 1e-9);
+        drop(tip);
+        sim.reset(ResetCause::PowerOn);
+        assert_ne!(sim.kept().read(), [7; KEPT_BYTES]);
+    }
+
+    #[test]
+    fn with_the_step_interrupt_stopped_time_passes_and_nothing_moves() {
+        let mut sim = Sim::new(robot());
+        sim.inject(TipFault::StepInterruptStopped);
+        let before = sim.simulated_tip().head_position();
+        sim.pass(Duration::from_secs(3));
+        assert!((sim.now_s() - 3.0).abs() < 1e-3);
+        assert_eq!(sim.simulated_tip().head_position(), before);
+        sim.mend(TipFault::StepInterruptStopped);
+        sim.pass(Duration::from_secs(1));
     }
 }

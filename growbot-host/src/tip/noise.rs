@@ -26,6 +26,8 @@ mod tests {
         let variance = samples.iter().map(|sample| sample * sample).sum::<f64>() / 1e5;
         assert!(mean.abs() < 0.02 && (variance - 1.0).abs() < 0.02, "{mean} {variance}");
         assert_eq!(noise(1, 0, 7), noise(1, 0, 7));
-        assert!(noise(1, 0, 7) != noise(2, 0, 7) && noise(1, 0, 7) != noise(1, 1, 7) && noise(1, 0, 7) != noise(1, 0, 8));
+        assert!(
+            noise(1, 0, 7) != noise(2, 0, 7) && noise(1, 0, 7) != noise(1, 1, 7) && noise(1, 0, 7) != noise(1, 0, 8)
+        );
     }
 }
