@@ -91,7 +91,7 @@ fn grow(seed: u64) -> Seen {
             let Range { start, end } = pause;
             watch(&mut rig, random.between(start, end), &mut seen, alarm);
             // The supply of a workshop goes up and down.
-            rig.sim.borrow_mut().tip_mut().set_supply_v(random.between(10.8, 13.2));
+            rig.sim.borrow_mut().simulated_tip().set_supply_v(random.between(10.8, 13.2));
         }
         Ok(())
     };
@@ -99,7 +99,7 @@ fn grow(seed: u64) -> Seen {
     seen.seconds = rig.seconds();
     seen.layers = rig.status().map_or(0, |status| status.laid);
     if rig.state() != State::Done || ended.is_err() {
-        seen.false_alarms.push((seed, rig.sim.borrow().controller().fault()));
+        seen.false_alarms.push((seed, rig.sim.borrow().fault()));
     }
     seen
 }
@@ -110,9 +110,10 @@ fn watch(rig: &mut Rig, seconds: f64, seen: &mut Seen, until: impl Fn(&Rig) -> b
     let mut cooling = false;
     while rig.seconds() < end && !until(rig) {
         rig.pass(LOOK, |_| false);
-        let sim = rig.sim.borrow();
+        let mut sim = rig.sim.borrow_mut();
         let Some(target) = sim.controller().target_c() else { continue };
-        let above = sim.tip_mut().nozzle_c() - target;
+        let above = sim.simulated_tip().nozzle_c() - target;
+        drop(sim);
         if rig.state() == State::Growing {
             seen.furthest_c = seen.furthest_c.max(above.abs());
         }

@@ -12,12 +12,15 @@ use growbot_core::link::message::{Fault, ResetCause, State};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_firmware::controller::{Controller, Identity};
-use growbot_firmware::hal::{Board, Parts, Watchdog};
+use growbot_firmware::hal::{Board, KeptMemory, Parts, Watchdog};
 use growbot_firmware::layer_store::LayerStore;
+use growbot_firmware::safety::kept::KEPT_BYTES;
 use growbot_firmware::stepping::{Axis, Engine, Handover};
 
 use super::{Port, PortError, TipRecord};
-use crate::tip::pins::{Converter, DirectionPin, EnablePin, HeaterEnable, HeaterPower, Input, SharedTip, StepPin};
+use crate::tip::pins::{
+    Converter, DirectionPin, EnablePin, Fan, HeaterEnable, HeaterPower, Input, Orientation, SharedTip, StepPin,
+};
 use crate::tip::{Motor, Tip, TipFault, Variation, scramble};
 
 /// How often the controller is polled, us of virtual time.
@@ -27,9 +30,6 @@ const HEAD_AT_FIRST: i64 = -137;
 
 /// How long the watchdog waits to be fed, s.
 const WATCHDOG_S: u64 = 1;
-
-/// What the board can keep through a reset, bytes.
-const KEPT_BYTES: usize = 128;
 
 type SimEngine = Engine<StepPin, DirectionPin, EnablePin, StepPin, DirectionPin, EnablePin, Input>;
 
@@ -64,6 +64,7 @@ impl Sim {
     pub fn with(robot: Robot, variation: Variation) -> Self {
         let tip = Rc::new(RefCell::new(Tip::new(robot.clone(), HEAD_AT_FIRST, variation)));
         let fed = Rc::new(WatchdogClock::default());
+        let kept = Kept::holding_anything(&tip.borrow(), 0);
         let handover = Handover::new();
         let tick_hz = u64::from(robot.description().motion.tick_hz);
         let mut sim = Self {
@@ -72,6 +73,7 @@ impl Sim {
                 &robot,
                 &tip,
                 &fed,
+                &kept,
                 Identity { boot_id: 1, reset_cause: ResetCause::PowerOn },
                 &handover,
             ),
@@ -84,10 +86,9 @@ impl Sim {
             boots: 1,
             next_poll: 0,
             fed,
-            kept: Kept::default(),
+            kept,
             from_board: VecDeque::new(),
         };
-        sim.lose_kept();
         sim.poll();
         sim
     }
@@ -124,6 +125,12 @@ impl Sim {
         self.boots
     }
 
+    /// The board's controller.
+    #[must_use]
+    pub fn controller(&self) -> &Controller<SimBoard> {
+        &self.controller
+    }
+
     /// What the board is doing.
     #[must_use]
     pub fn state(&self) -> State {
@@ -152,8 +159,7 @@ impl Sim {
 
     /// What the board kept is lost, as without power: its memory holds anything.
     pub fn lose_kept(&mut self) {
-        let seed = self.simulated_tip().variation().seed;
-        self.kept.write(&std::array::from_fn(|at| scramble(seed ^ self.tick << 8 ^ at as u64) as u8));
+        self.kept = Kept::holding_anything(&self.tip.borrow(), self.tick);
     }
 
     /// Resets the board: its outputs go off and its controller starts anew. The tip goes on as it is. What the board kept is
@@ -173,7 +179,7 @@ impl Sim {
         // An engine lets go of both motors when it starts.
         self.engine = engine(&self.tip);
         let identity = Identity { boot_id: self.boots, reset_cause: cause };
-        self.controller = controller(&self.robot, &self.tip, &self.fed, identity, &self.handover);
+        self.controller = controller(&self.robot, &self.tip, &self.fed, &self.kept, identity, &self.handover);
         self.poll();
     }
 
@@ -224,14 +230,21 @@ fn controller(
     robot: &Robot,
     tip: &SharedTip,
     fed: &Rc<WatchdogClock>,
+    kept: &Kept,
     identity: Identity,
     handover: &Handover,
 ) -> Controller<SimBoard> {
     let parts = Parts {
         heater_power: HeaterPower(Rc::clone(tip)),
         heater_enable: HeaterEnable(Rc::clone(tip)),
+        fan: Fan(Rc::clone(tip)),
         thermistor: Converter::thermistor(tip),
+        supply: Converter::supply(tip),
+        filament_presence: Input::filament_presence(tip),
+        driver_fault: Input::driver_fault(tip),
+        orientation: Orientation(Rc::clone(tip)),
         watchdog: SimWatchdog(Rc::clone(fed)),
+        kept: kept.clone(),
         store: Box::new(LayerStore::new()),
     };
     Controller::new(robot.clone(), identity, parts, handover)
@@ -265,13 +278,19 @@ impl Port for Sim {
 }
 
 /// The parts of the simulated board.
-struct SimBoard;
+pub struct SimBoard;
 
 impl Board for SimBoard {
     type HeaterPower = HeaterPower;
     type HeaterEnable = HeaterEnable;
+    type Fan = Fan;
     type Thermistor = Converter;
+    type Supply = Converter;
+    type FilamentPresence = Input;
+    type DriverFault = Input;
+    type Orientation = Orientation;
     type Watchdog = SimWatchdog;
+    type Kept = Kept;
     type Store = Box<LayerStore>;
 }
 
@@ -279,27 +298,27 @@ impl Board for SimBoard {
 #[derive(Clone)]
 pub struct Kept(Rc<Cell<[u8; KEPT_BYTES]>>);
 
-impl Default for Kept {
-    fn default() -> Self {
-        Self(Rc::new(Cell::new([0; KEPT_BYTES])))
+impl Kept {
+    /// As memory comes up when its power does.
+    fn holding_anything(tip: &Tip, tick: u64) -> Self {
+        let seed = tip.variation().seed;
+        Self(Rc::new(Cell::new(std::array::from_fn(|at| scramble(seed ^ tick << 8 ^ at as u64) as u8))))
     }
 }
 
-impl Kept {
-    /// What it holds.
-    pub fn read(&mut self) -> [u8; KEPT_BYTES] {
+impl KeptMemory for Kept {
+    fn read(&mut self) -> [u8; KEPT_BYTES] {
         self.0.get()
     }
 
-    /// Has it hold something else.
-    pub fn write(&mut self, bytes: &[u8; KEPT_BYTES]) {
+    fn write(&mut self, bytes: &[u8; KEPT_BYTES]) {
         self.0.set(*bytes);
     }
 }
 
 /// When the watchdog was fed. Ticks.
 #[derive(Default)]
-struct WatchdogClock {
+pub struct WatchdogClock {
     now: Cell<u64>,
     fed: Cell<u64>,
 }
@@ -315,7 +334,7 @@ impl WatchdogClock {
 }
 
 /// A watchdog that resets the board a second after it was last fed.
-struct SimWatchdog(Rc<WatchdogClock>);
+pub struct SimWatchdog(Rc<WatchdogClock>);
 
 impl Watchdog for SimWatchdog {
     fn feed(&mut self) {
@@ -384,15 +403,16 @@ mod tests {
         sim.simulated_tip().heat(1.0, true);
         sim.simulated_tip().enable(Motor::Head, true);
         sim.simulated_tip().set_nozzle_c(150.0);
-        sim.kept().write(&[7; KEPT_BYTES]);
+        let before = sim.kept().read();
         sim.reset(ResetCause::External);
-        assert_eq!((sim.state(), sim.fault(), sim.kept().read()), (State::Idle, None, [7; KEPT_BYTES]));
+        assert_eq!(sim.kept().read(), before);
+        assert_eq!((sim.state(), sim.fault()), (State::SelfTest, None));
         let mut tip = sim.simulated_tip();
         assert!(!tip.heater_is_on() && !tip.steppers_are_on() && tip.heater_power_w() == 0.0);
         assert!((tip.nozzle_c() - 150.0).abs() < 1e-9);
         drop(tip);
         sim.reset(ResetCause::PowerOn);
-        assert_ne!(sim.kept().read(), [7; KEPT_BYTES]);
+        assert_eq!(sim.state(), State::SelfTest);
     }
 
     #[test]

@@ -243,6 +243,12 @@ impl Tip {
         }
     }
 
+    /// The supply's voltage from now on, V, unless it is broken.
+    pub fn set_supply_v(&mut self, volts: f64) {
+        self.sync();
+        self.variation.supply_v = Some(volts);
+    }
+
     /// Breaks something; a fault of the same kind is replaced.
     pub fn inject(&mut self, fault: TipFault) {
         self.sync();

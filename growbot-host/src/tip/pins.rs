@@ -8,7 +8,7 @@ use std::rc::Rc;
 
 use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
 use embedded_hal::pwm::{self, SetDutyCycle};
-use growbot_firmware::hal::Thermistor;
+use growbot_firmware::hal;
 
 use super::{Motor, Tip};
 
@@ -94,15 +94,14 @@ impl Converter {
     }
 }
 
-impl Thermistor for Converter {
+impl hal::Converter for Converter {
     fn sample(&mut self) -> Option<u16> {
         (self.sample)(&mut self.tip.borrow_mut())
     }
 }
 
-impl Orientation {
-    /// Gravity in the tip's frame, thousandths of the earth's; none where the sensor does not answer.
-    pub fn gravity(&mut self) -> Option<[i16; 3]> {
+impl hal::Orientation for Orientation {
+    fn gravity(&mut self) -> Option<[i16; 3]> {
         self.0.borrow_mut().gravity()
     }
 }

@@ -99,9 +99,9 @@ pub fn meet(case: &Case, seed: u64) -> Seen {
     let after_s = (ended && rig.state() != State::Done).then(|| rig.seconds() - onset);
     rig.pass(60.0, |_| false);
     let state = rig.state();
-    let sim = rig.sim.borrow();
-    let fault = sim.controller().fault();
-    let mut tip = sim.tip_mut();
+    let mut sim = rig.sim.borrow_mut();
+    let fault = sim.fault();
+    let mut tip = sim.simulated_tip();
     let off = !tip.heater_is_on() && !tip.is_enabled(Motor::Head) && !tip.is_enabled(Motor::Feed);
     Seen { after_s, fault, state, peak_c: tip.nozzle_peak_c(), off }
 }
@@ -130,7 +130,9 @@ fn bring_to(rig: &mut Rig, onset: Onset, at: f64) -> Result<(), ClientError> {
         Onset::Hold | Onset::Cooling => {
             rig.pass(PATIENCE, |rig| rig.state() == State::Hold);
             let standby = robot().description().hold.standby_after_s;
-            rig.pass(if onset == Onset::Hold { 2.0 + 0.8 * standby * at } else { standby + 1.0 + 20.0 * at }, |_| false);
+            rig.pass(if onset == Onset::Hold { 2.0 + 0.8 * standby * at } else { standby + 1.0 + 20.0 * at }, |_| {
+                false
+            });
         }
     }
     Ok(())

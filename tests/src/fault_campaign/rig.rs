@@ -121,13 +121,13 @@ impl Rig {
     /// Seconds since the robot was switched on.
     #[must_use]
     pub fn seconds(&self) -> f64 {
-        self.sim.borrow().seconds()
+        self.sim.borrow().now_s()
     }
 
     /// What the robot is doing, as its firmware has it.
     #[must_use]
     pub fn state(&self) -> State {
-        self.sim.borrow().controller().state()
+        self.sim.borrow().state()
     }
 
     /// Lets so much time pass, or less if the robot comes to this state.

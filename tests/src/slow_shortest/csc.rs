@@ -10,8 +10,8 @@ use core::f64::consts::TAU;
 use nalgebra::{SVector, Vector2, Vector3, Vector6};
 
 use super::levenberg;
-use crate::random::Random;
 use super::{Curve, Piece, Problem, Tip, across};
+use crate::random::Random;
 
 type Unknowns = SVector<f64, 5>;
 

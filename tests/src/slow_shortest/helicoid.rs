@@ -11,8 +11,8 @@ use nalgebra::{Matrix3, Matrix6, SMatrix, SVector, SymmetricEigen, Vector3, Vect
 
 use super::bent_chain::{self, Chain};
 use super::levenberg;
-use crate::random::Random;
 use super::{Curve, Problem, Tip};
+use crate::random::Random;
 
 /// How exactly a curve is searched.
 struct Precision {

@@ -18,8 +18,8 @@ pub mod table;
 
 use nalgebra::Vector3;
 
-use helicoid::Helicoid;
 use crate::random::Random;
+use helicoid::Helicoid;
 
 /// A curve arrives if it ends within this of the goal, in radii and radians.
 pub const ARRIVED: f64 = 1e-9;

@@ -5,8 +5,8 @@ use core::fmt;
 
 use nalgebra::Vector3;
 
-use crate::random::Random;
 use super::{Piece, Problem, Tip, across};
+use crate::random::Random;
 
 /// Cases of one kind.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -45,8 +45,14 @@ struct An386;
 impl Board for An386 {
     type HeaterPower = tip::Power;
     type HeaterEnable = tip::Switch;
+    type Fan = tip::Power;
     type Thermistor = tip::TipConverter;
+    type Supply = tip::TipConverter;
+    type FilamentPresence = tip::Flag;
+    type DriverFault = tip::Flag;
+    type Orientation = tip::OrientationSensor;
     type Watchdog = watchdog::BoardWatchdog;
+    type Kept = tip::Kept;
     type Store = &'static mut LayerStore;
 }
 
@@ -80,8 +86,14 @@ fn main() -> ! {
     let parts = Parts {
         heater_power: tip.heater,
         heater_enable: tip.heater_enable,
+        fan: tip.fan,
         thermistor: tip.thermistor,
+        supply: tip.supply,
+        filament_presence: tip.filament_presence,
+        driver_fault: tip.driver_fault,
+        orientation: tip.orientation,
         watchdog,
+        kept: tip.kept,
         store,
     };
     let mut controller = Controller::<An386>::new(robot, identity, parts, &HANDOVER);

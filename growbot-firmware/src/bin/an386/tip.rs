@@ -8,7 +8,8 @@ use core::sync::atomic::{Ordering, fence};
 use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
 use embedded_hal::pwm::{self, SetDutyCycle};
 use growbot_firmware::emulated_tip::{self as table, Axis, StepRecord};
-use growbot_firmware::hal::Thermistor;
+use growbot_firmware::hal::{Converter, KeptMemory, Orientation};
+use growbot_firmware::safety::kept::KEPT_BYTES;
 
 use crate::registers::Register;
 
@@ -45,14 +46,6 @@ pub struct Tip {
     pub thermistor: TipConverter,
     /// Low: the head is on its index mark.
     pub index: IndexSensor,
-    /// What the controller does not ask for yet.
-    #[expect(dead_code, reason = "the controller is to take them")]
-    pub further: Further,
-}
-
-/// What the controller does not ask for yet.
-#[expect(dead_code, reason = "the controller is to take them")]
-pub struct Further {
     /// The fan that cools what is printed.
     pub fan: Power,
     /// Voltage of the supply.
@@ -113,16 +106,14 @@ impl Tip {
             heater_enable: Switch { offset: table::HEATER_ENABLE },
             thermistor: TipConverter { raw: table::THERMISTOR_RAW, live: table::THERMISTOR_LIVE },
             index: IndexSensor(()),
-            further: Further {
-                fan: Power { offset: table::FAN_DUTY },
-                supply: TipConverter { raw: table::SUPPLY_RAW, live: table::SUPPLY_LIVE },
-                filament_presence: Flag { offset: table::FILAMENT_PRESENT },
-                filament_motion: Encoder(()),
-                driver_fault: Flag { offset: table::DRIVER_FAULT },
-                emergency_stop: Flag { offset: table::EMERGENCY_STOP },
-                orientation: OrientationSensor(()),
-                kept: Kept(()),
-            },
+            fan: Power { offset: table::FAN_DUTY },
+            supply: TipConverter { raw: table::SUPPLY_RAW, live: table::SUPPLY_LIVE },
+            filament_presence: Flag { offset: table::FILAMENT_PRESENT },
+            filament_motion: Encoder(()),
+            driver_fault: Flag { offset: table::DRIVER_FAULT },
+            emergency_stop: Flag { offset: table::EMERGENCY_STOP },
+            orientation: OrientationSensor(()),
+            kept: Kept(()),
         }
     }
 }
@@ -330,7 +321,7 @@ pub struct TipConverter {
     live: usize,
 }
 
-impl Thermistor for TipConverter {
+impl Converter for TipConverter {
     fn sample(&mut self) -> Option<u16> {
         if word(self.live).read() != 1 {
             return None;
@@ -383,10 +374,8 @@ impl InputPin for Encoder {
 /// The orientation sensor.
 pub struct OrientationSensor(());
 
-impl OrientationSensor {
-    /// Gravity in the tip's frame, thousandths of the earth's; none where the sensor does not answer.
-    #[expect(dead_code, reason = "the controller is to ask")]
-    pub fn gravity(&mut self) -> Option<[i16; 3]> {
+impl Orientation for OrientationSensor {
+    fn gravity(&mut self) -> Option<[i16; 3]> {
         if word(table::GRAVITY_LIVE).read() != 1 {
             return None;
         }
@@ -394,9 +383,6 @@ impl OrientationSensor {
         Some([x, y, z])
     }
 }
-
-/// What the board can keep through a reset, bytes.
-const KEPT_BYTES: usize = 128;
 
 /// Survives a reset: nothing loads or clears this section.
 #[unsafe(link_section = ".uninit.kept")]
@@ -416,10 +402,8 @@ fn kept_word(index: usize) -> Register {
 /// What survives a reset.
 pub struct Kept(());
 
-impl Kept {
-    /// What it holds.
-    #[expect(dead_code, reason = "the controller is to ask")]
-    pub fn read(&mut self) -> [u8; KEPT_BYTES] {
+impl KeptMemory for Kept {
+    fn read(&mut self) -> [u8; KEPT_BYTES] {
         let mut bytes = [0; KEPT_BYTES];
         for (index, into) in bytes.chunks_mut(4).enumerate() {
             for (byte, from) in into.iter_mut().zip(kept_word(index).read().to_le_bytes()) {
@@ -429,9 +413,7 @@ impl Kept {
         bytes
     }
 
-    /// Has it hold something else.
-    #[expect(dead_code, reason = "the controller is to ask")]
-    pub fn write(&mut self, bytes: &[u8; KEPT_BYTES]) {
+    fn write(&mut self, bytes: &[u8; KEPT_BYTES]) {
         for (index, from) in bytes.chunks(4).enumerate() {
             let word = from.iter().rev().fold(0, |word, byte| word << 8 | u32::from(*byte));
             kept_word(index).write(word);

@@ -106,28 +106,38 @@ fn scan() {
         ("draught", |_| Wrong::Draught(4.0)),
     ];
     for measured in [true, false] {
-    for (name, draw) in wrongs {
-        for phase in PHASES {
-            let (mut codes, mut times, mut peak) = (BTreeMap::<String, u32>::new(), Vec::new(), 0.0_f64);
-            let mut worst = None;
-            for seed in 0..150 {
-                let mut random = Random::new(seed);
-                let mut spread = Spread::of(&mut random, 0.1);
-                spread.measured = measured;
-                if phase == Phase::Before { spread.noise = 1.0; }
-                let mut rig = Rig::new(spread, seed);
-                bring(&mut rig, phase);
-                let wrong = draw(&mut random);
-                rig.breaks(wrong);
-                let found = go_on(&mut rig, phase);
-                *codes.entry(found.map_or("NONE", |(fault, _)| fault.code()).to_string()).or_default() += 1;
-                times.push(found.map_or(999.0, |(_, after)| after));
-                if rig.peak_c > peak { peak = rig.peak_c; worst = Some((found, wrong, spread)); }
+        for (name, draw) in wrongs {
+            for phase in PHASES {
+                let (mut codes, mut times, mut peak) = (BTreeMap::<String, u32>::new(), Vec::new(), 0.0_f64);
+                let mut worst = None;
+                for seed in 0..150 {
+                    let mut random = Random::new(seed);
+                    let mut spread = Spread::of(&mut random, 0.1);
+                    spread.measured = measured;
+                    if phase == Phase::Before {
+                        spread.noise = 1.0;
+                    }
+                    let mut rig = Rig::new(spread, seed);
+                    bring(&mut rig, phase);
+                    let wrong = draw(&mut random);
+                    rig.breaks(wrong);
+                    let found = go_on(&mut rig, phase);
+                    *codes.entry(found.map_or("NONE", |(fault, _)| fault.code()).to_string()).or_default() += 1;
+                    times.push(found.map_or(999.0, |(_, after)| after));
+                    if rig.peak_c > peak {
+                        peak = rig.peak_c;
+                        worst = Some((found, wrong, spread));
+                    }
+                }
+                times.sort_by(f64::total_cmp);
+                let bad = if peak > 245.0 { std::format!("BAD {worst:?}") } else { String::new() };
+                std::println!(
+                    "{} {name:12} {phase:12?} median {:5.1} worst {:5.1} peak {peak:5.1} {codes:?} {bad}",
+                    if measured { "M" } else { "U" },
+                    times[times.len() / 2],
+                    times[times.len() - 1]
+                );
             }
-            times.sort_by(f64::total_cmp);
-            let bad = if peak > 245.0 { std::format!("BAD {worst:?}") } else { String::new() };
-            std::println!("{} {name:12} {phase:12?} median {:5.1} worst {:5.1} peak {peak:5.1} {codes:?} {bad}", if measured {"M"} else {"U"}, times[times.len() / 2], times[times.len() - 1]);
         }
-    }
     }
 }

@@ -15,7 +15,16 @@ fn a_sound_nozzle_raises_no_alarm() {
         }
         if let Err(fault) = rig.live(1.0) {
             bad += 1;
-            std::println!("{:?} {fault:?} after {:.1} s, target {:?} reading {:?} block {:.1} flow {:.1} duty {:.2} {spread:?}", rig.wrong, rig.now as f64 * 1e-6, rig.heater.target(), rig.heater.temperature(rig.now), rig.block_c, rig.flow, rig.heater.duty());
+            std::println!(
+                "{:?} {fault:?} after {:.1} s, target {:?} reading {:?} block {:.1} flow {:.1} duty {:.2} {spread:?}",
+                rig.wrong,
+                rig.now as f64 * 1e-6,
+                rig.heater.target(),
+                rig.heater.temperature(rig.now),
+                rig.block_c,
+                rig.flow,
+                rig.heater.duty()
+            );
         }
     }
     assert_eq!(bad, 0);
