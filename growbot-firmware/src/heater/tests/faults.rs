@@ -105,18 +105,19 @@ fn scan() {
         ("stuck partly", |random| Wrong::StuckOn(random.between(0.3, 1.0))),
         ("draught", |_| Wrong::Draught(4.0)),
     ];
-    for measured in [true, false] {
+    for measured in [true] {
     for (name, draw) in wrongs {
         for phase in PHASES {
             let (mut codes, mut times, mut peak) = (BTreeMap::<String, u32>::new(), Vec::new(), 0.0_f64);
             let mut worst = None;
-            for seed in 0..150 {
+            for seed in 0..if measured { 100 } else { 30 } {
                 let mut random = Random::new(seed);
                 let mut spread = Spread::of(&mut random, 0.1);
                 spread.measured = measured;
                 if phase == Phase::Before { spread.noise = 1.0; }
                 let mut rig = Rig::new(spread, seed);
-                bring(&mut rig, phase);
+                let r = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| bring(&mut rig, phase)));
+                if r.is_err() { std::println!("after bring target {phase:?} {:?} {spread:?}", rig.heater.temperature(rig.now)); continue; }
                 let wrong = draw(&mut random);
                 rig.breaks(wrong);
                 let found = go_on(&mut rig, phase);

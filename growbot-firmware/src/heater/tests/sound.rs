@@ -5,7 +5,7 @@ use super::plant::{Random, Rig, Spread};
 #[test]
 fn a_sound_nozzle_raises_no_alarm() {
     let mut bad = 0;
-    for seed in 0..400 {
+    for seed in 0..300 {
         let mut random = Random::new(seed);
         let spread = Spread { measured: random.of(&[true, true, false]), ..Spread::of(&mut random, 0.1) };
         let mut rig = Rig::new(spread, seed);
