@@ -27,18 +27,6 @@ pub enum Broken {
     Short,
 }
 
-/// What is broken, if a reading lies at an end of the scale.
-#[must_use]
-pub fn broken(raw: f64) -> Option<Broken> {
-    if raw >= OPEN_FROM {
-        Some(Broken::Open)
-    } else if raw <= SHORT_UP_TO {
-        Some(Broken::Short)
-    } else {
-        None
-    }
-}
-
 /// Coefficients A, B and C of Steinhart and Hart. Beta's equation is theirs without C.
 fn coefficients(thermistor: &Thermistor) -> [f64; 3] {
     match (thermistor.steinhart_hart, thermistor.r25_ohm, thermistor.beta_k) {
@@ -60,8 +48,11 @@ pub fn is_broken(raw: u16) -> bool {
 /// # Errors
 /// A reading at either end of the scale, where only a broken sensor is.
 pub fn temperature(raw: f64, thermistor: &Thermistor) -> Result<f64, Broken> {
-    if let Some(broken) = broken(raw) {
-        return Err(broken);
+    if raw >= OPEN_FROM {
+        return Err(Broken::Open);
+    }
+    if raw <= SHORT_UP_TO {
+        return Err(Broken::Short);
     }
     let log = libm::log(raw / (f64::from(FULL_SCALE) - raw) * thermistor.pull_up_ohm);
     let [a, b, c] = coefficients(thermistor);

@@ -193,7 +193,7 @@ impl Heater {
         };
         self.watch_band(target_c - reading_c, robot, now)?;
         let wiggles = (target_c - reading_c).abs() < WIGGLED_BANDS * robot.heater.band_c;
-        let wiggle = (wiggles && self.is_hot(now)).then(|| (self.regulation.phase(), self.regulation.amplitude_c()));
+        let wiggle = wiggles.then(|| (self.regulation.phase(), self.regulation.amplitude_c()));
         let regulated = Regulated { trim: self.regulation.trim(), saturated: self.regulation.saturated(), wiggle };
         self.supervision.look(&Look {
             reading_c,

@@ -2,8 +2,8 @@
 //!
 //! `duty = (need (1 + trim) + wiggle) / available + kp e - kd dT/dt`. The integral is the *trim*, a share of the need: what is
 //! learned about loss and power at one temperature and flow then holds at every other. It is bounded, so that a reading
-//! that does not follow the nozzle cannot ask for everything, and stands while the power is saturated, so that the long
-//! way up leaves nothing to overshoot by.
+//! that does not follow the nozzle cannot ask for everything, and stands while the power is saturated or the reading nears the
+//! target by itself, so that the long way up leaves nothing to overshoot by.
 //!
 //! The *wiggle* swings target and power together by about a count of the converter, so that the regulation does not work
 //! against it: a reading in which it does not show is not the nozzle's (see [`super::supervision`]).
@@ -24,6 +24,8 @@ const WIGGLE_C: (f64, f64) = (0.5, 0.7);
 const WIGGLE_LAG_S: f64 = 2.0;
 /// The derivative is that of a reading smoothed by so much, s.
 const SMOOTHING_S: f64 = 1.0;
+/// A reading that nears the target faster than this, degrees a second, is on its way.
+const APPROACH_C_PER_S: f64 = 0.3;
 /// How far the trim goes, as a share of the need, where the supply is measured and where it is not.
 const AUTHORITY: (f64, f64) = (0.35, 0.55);
 /// The need is taken as at least this share of the heater's power where the trim is scaled by it.
@@ -47,8 +49,7 @@ pub struct Regulation {
 impl Regulation {
     /// Another target: the trim stays.
     pub fn retarget(&mut self) {
-        *self =
-            Self { trim: self.trim, previous_c: self.previous_c, slope_c_per_s: self.slope_c_per_s, ..Self::default() };
+        *self = Self { trim: self.trim, previous_c: self.previous_c, slope_c_per_s: self.slope_c_per_s, ..Self::default() };
     }
 
     /// What the model lacks, as a share of what it says.
@@ -95,7 +96,9 @@ impl Regulation {
         let correction = (heater.kp * error - heater.kd * self.slope_c_per_s) * heater.power_w;
         let wanted = (need * (1.0 + self.trim) + wiggle_w + correction) / available;
         self.saturated = !(0.0..=1.0).contains(&wanted);
-        if !self.saturated {
+        // On its way by itself, or asked for what there is not: nothing to learn.
+        let approaches = error.abs() > heater.band_c && error * self.slope_c_per_s > APPROACH_C_PER_S * error.abs();
+        if !self.saturated && !approaches {
             let most = if demand.supply_v.is_some() { AUTHORITY.0 } else { AUTHORITY.1 };
             let scale = heater.power_w / need.max(heater.power_w * LEAST_NEED);
             self.trim = (self.trim + heater.ki * scale * error * seconds).clamp(-most, most);
@@ -105,9 +108,9 @@ impl Regulation {
 
     /// The wiggle: its part in the reading, degrees, and its power, W.
     fn wiggle(&mut self, target_c: f64, seconds: f64, robot: &RobotDescription) -> (f64, f64) {
-        let amplitude = *self
-            .amplitude_c
-            .get_or_insert_with(|| (WIGGLE_COUNTS * count_c(target_c, robot)).clamp(WIGGLE_C.0, WIGGLE_C.1));
+        let amplitude = *self.amplitude_c.get_or_insert_with(|| {
+            (WIGGLE_COUNTS * count_c(target_c, robot)).clamp(WIGGLE_C.0, WIGGLE_C.1)
+        });
         self.phase += seconds / WIGGLE_PERIOD_S;
         self.phase -= libm::floor(self.phase);
         let (sin, cos) = libm::sincos(TAU * self.phase);

@@ -1,33 +1,46 @@
 //! Oversampling: the mean of all conversions of a period.
 
-use crate::thermistor::broken;
+use crate::thermistor::is_broken;
 
 /// Adds up conversions of the converter.
 ///
-/// A wire that breaks in the midst of a period must not make a temperature between the one before and the end of the scale.
-/// So readings of a broken sensor are left out of the mean, unless there are no others.
+/// Those at either end of the scale, where only a broken sensor is, are counted by themselves: a mean of them and of sound
+/// ones would be a temperature that is nowhere.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Sampler {
+    sound: Sum,
+    broken: Sum,
+}
+
+#[derive(Debug, Clone, Copy, Default)]
+struct Sum {
     sum: u32,
     count: u16,
-    /// The latest reading at an end of the scale.
-    at_end: Option<u16>,
+}
+
+impl Sum {
+    fn take(&mut self, raw: u16) {
+        if let (Some(sum), Some(count)) = (self.sum.checked_add(u32::from(raw)), self.count.checked_add(1)) {
+            (self.sum, self.count) = (sum, count);
+        }
+    }
+
+    fn mean(self) -> Option<f64> {
+        (self.count > 0).then(|| f64::from(self.sum) / f64::from(self.count))
+    }
 }
 
 impl Sampler {
     /// Takes a conversion, 0 to 4095.
     pub fn take(&mut self, raw: u16) {
-        if broken(f64::from(raw)).is_some() {
-            self.at_end = Some(raw);
-        } else if let (Some(sum), Some(count)) = (self.sum.checked_add(u32::from(raw)), self.count.checked_add(1)) {
-            (self.sum, self.count) = (sum, count);
-        }
+        if is_broken(raw) { self.broken.take(raw) } else { self.sound.take(raw) }
     }
 
-    /// The mean of those taken since it was last asked for; none where there were none.
+    /// The mean of those taken since it was last asked for, none where there were none: of the sound ones, or of those at the
+    /// ends of the scale where they are more.
     pub fn mean(&mut self) -> Option<f64> {
-        let Self { sum, count, at_end } = core::mem::take(self);
-        if count > 0 { Some(f64::from(sum) / f64::from(count)) } else { at_end.map(f64::from) }
+        let Self { sound, broken } = core::mem::take(self);
+        if broken.count > sound.count { broken.mean() } else { sound.mean() }
     }
 }
 

@@ -34,7 +34,7 @@ const UNMEASURED: (f64, f64) = (0.81, 1.21);
 const SURE_C: f64 = 12.0;
 const SURE_SHARE: f64 = 0.7;
 /// And one that is likely.
-const LIKELY_C: f64 = 22.0;
+const LIKELY_C: f64 = 26.0;
 const LIKELY_SHARE: f64 = 0.4;
 /// A reading that stands still through a likely change of so much, degrees, or for so long while the power is wiggled, is frozen.
 const FROZEN_C: f64 = 12.0;
@@ -51,7 +51,7 @@ const FALL: (f64, f64) = (1.6, 4.0);
 const FALL_S: (f64, f64) = (1.0, 5.0);
 /// Once hot: so far below the target for so long, degrees and s; and out of the band for so long, s.
 const DROP: (f64, f64) = (8.0, 3.0);
-const OUT_OF_BAND_S: f64 = 20.0;
+const OUT_OF_BAND_S: f64 = 30.0;
 /// Mean power over about so long, s, beyond so many times the need.
 const ENERGY_S: f64 = 60.0;
 const ENERGY: f64 = 1.6;
@@ -63,7 +63,7 @@ const WIGGLE_SHARE: f64 = 0.15;
 const WIGGLES: u32 = 2;
 /// A period of the wiggle counts unless the power was saturated for more than this share of it; so many that do not, in a row, are
 /// more power than a hot nozzle can need.
-const SATURATED_SHARE: f64 = 0.3;
+const SATURATED_SHARE: f64 = 0.6;
 const SATURATED: u32 = 3;
 /// The nozzle's own temperature is that of a reading that goes on for so long, s, at its rate beyond this, degrees a second.
 const AHEAD_S: f64 = 4.0;
@@ -190,10 +190,8 @@ impl Supervision {
     /// What is wrong.
     pub fn look(&mut self, look: &Look) -> Result<(), Fault> {
         self.reckon(look);
-        let fault =
-            self.rises_or_falls(look).or_else(|| self.stands_still(look)).or_else(|| self.does_not_follow(look));
-        let fault =
-            fault.or_else(|| self.drops(look)).or_else(|| self.takes_energy(look)).or_else(|| self.wiggles(look));
+        let fault = self.rises_or_falls(look).or_else(|| self.stands_still(look)).or_else(|| self.does_not_follow(look));
+        let fault = fault.or_else(|| self.drops(look)).or_else(|| self.takes_energy(look)).or_else(|| self.wiggles(look));
         if self.since_mark_s >= MARK_S {
             self.mark(look.reading_c);
         }
@@ -303,12 +301,10 @@ impl Supervision {
                     Fault::HeaterEnergy
                 });
             }
-            if self.zero_s >= mark.age_s && fall < -LIKELY_C && change > LIKELY_SHARE * fall {
-                return Some(if look.hot || change > RISE_C.1 {
-                    Fault::HeaterStuckOn
-                } else {
-                    Fault::ThermistorFrozen
-                });
+            let above = look.reading_c - look.target_c > look.robot.heater.band_c && look.demand.supply_v.is_some();
+            let reckoned = above || self.zero_s >= mark.age_s;
+            if reckoned && fall < -LIKELY_C && change > LIKELY_SHARE * fall {
+                return Some(if look.hot || change > RISE_C.1 { Fault::HeaterStuckOn } else { Fault::ThermistorFrozen });
             }
         }
         None

@@ -1,7 +1,6 @@
 //! Every fault in every phase.
 
 use std::collections::BTreeMap;
-use std::string::{String, ToString};
 use std::vec::Vec;
 
 use growbot_core::link::message::Fault;
@@ -79,7 +78,7 @@ fn go_on(rig: &mut Rig, phase: Phase) -> Option<(Fault, f64)> {
         rig.on(rig.robot.heater.target_c);
     }
     let mut fault = None;
-    while fault.is_none() && rig.now - begin < 400_000_000 {
+    while fault.is_none() && rig.now - begin < 200_000_000 {
         fault = if phase == Phase::Growing { rig.layer(|_| {}).err() } else { rig.step().err() };
     }
     let after = (rig.now - begin) as f64 * 1e-6;
@@ -90,54 +89,94 @@ fn go_on(rig: &mut Rig, phase: Phase) -> Option<(Fault, f64)> {
     fault.map(|fault| (fault, after))
 }
 
-#[test]
-fn scan() {
-    type Draw = fn(&mut Random) -> Wrong;
-    let wrongs: [(&str, Draw); 10] = [
-        ("stuck", |_| Wrong::Stuck),
-        ("open", |_| Wrong::Open),
-        ("short", |_| Wrong::Short),
-        ("silent", |_| Wrong::Silent),
-        ("frozen", |_| Wrong::Frozen),
-        ("detached", |random| Wrong::Detached(random.between(2.0, 20.0), random.between(0.1, 0.4))),
-        ("heater open", |_| Wrong::HeaterOpen),
-        ("stuck on", |_| Wrong::StuckOn(1.0)),
-        ("stuck partly", |random| Wrong::StuckOn(random.between(0.3, 1.0))),
-        ("draught", |_| Wrong::Draught(4.0)),
-    ];
-    for measured in [true, false] {
-        for (name, draw) in wrongs {
-            for phase in PHASES {
-                let (mut codes, mut times, mut peak) = (BTreeMap::<String, u32>::new(), Vec::new(), 0.0_f64);
-                let mut worst = None;
-                for seed in 0..150 {
-                    let mut random = Random::new(seed);
-                    let mut spread = Spread::of(&mut random, 0.1);
-                    spread.measured = measured;
-                    if phase == Phase::Before {
-                        spread.noise = 1.0;
+/// What is drawn.
+const WRONGS: [(&str, fn(&mut Random) -> Wrong); 10] = [
+    ("open", |_| Wrong::Open),
+    ("short", |_| Wrong::Short),
+    ("silent", |_| Wrong::Silent),
+    ("frozen", |_| Wrong::Frozen),
+    ("stuck", |_| Wrong::Stuck),
+    ("detached", |random| Wrong::Detached(random.between(2.0, 20.0), random.between(0.1, 0.4))),
+    ("heater open", |_| Wrong::HeaterOpen),
+    ("stuck on", |_| Wrong::StuckOn(1.0)),
+    ("partly on", |random| Wrong::StuckOn(random.between(0.3, 0.99))),
+    ("draught", |_| Wrong::Draught(4.0)),
+];
+
+/// The codes that are right, and the time within which one must come, s. Where the power is full on the way up, whatever
+/// keeps the reading down is too slow a heating.
+fn expected(wrong: Wrong, phase: Phase) -> (&'static [Fault], f64) {
+    use Fault::{
+        HeaterEnergy, HeaterStuckOn, HeatingTooSlow, TemperatureDrop, ThermistorDetached, ThermistorFrozen,
+        ThermistorOpen, ThermistorShort, ThermistorSilent,
+    };
+    let rising = matches!(phase, Phase::Before | Phase::Heating | Phase::Returning);
+    match wrong {
+        Wrong::Nothing | Wrong::NoFlow => (&[], f64::INFINITY),
+        Wrong::Open => (&[ThermistorOpen], 0.2),
+        Wrong::Short => (&[ThermistorShort], 0.2),
+        Wrong::Silent => (&[ThermistorSilent], 0.6),
+        Wrong::Frozen if rising => (&[HeatingTooSlow, ThermistorFrozen], 15.0),
+        Wrong::Frozen => (&[ThermistorFrozen], 60.0),
+        Wrong::Stuck if rising => (&[HeatingTooSlow, ThermistorFrozen], 20.0),
+        Wrong::Stuck => (&[ThermistorFrozen, HeaterEnergy], 75.0),
+        Wrong::Detached(..) if phase == Phase::Before => (&[HeatingTooSlow], 10.0),
+        Wrong::Detached(..) if rising => (&[HeatingTooSlow, ThermistorDetached], 10.0),
+        Wrong::Detached(..) => (&[ThermistorDetached, TemperatureDrop, HeaterEnergy], 10.0),
+        Wrong::HeaterOpen if rising => (&[HeatingTooSlow], 20.0),
+        Wrong::HeaterOpen if phase == Phase::LettingDown => (&[TemperatureDrop], 75.0),
+        Wrong::HeaterOpen => (&[TemperatureDrop, HeaterEnergy], 20.0),
+        // Hidden as long as full power is asked for.
+        Wrong::StuckOn(duty) if duty >= 1.0 => {
+            (&[HeaterStuckOn, ThermistorFrozen], if rising { 150.0 } else { 60.0 })
+        }
+        // What the nozzle needs may be more than that: then nothing shows, and nothing gets too hot.
+        Wrong::StuckOn(_) => (&[HeaterStuckOn, ThermistorFrozen, HeaterEnergy], f64::INFINITY),
+        Wrong::Draught(_) if rising => (&[HeatingTooSlow, ThermistorDetached], 60.0),
+        Wrong::Draught(_) => (&[TemperatureDrop, ThermistorDetached, HeatingTooSlow, HeaterEnergy], 30.0),
+    }
+}
+
+/// Breaks everything in every phase on so many nozzles each.
+fn break_everything(seeds: core::ops::Range<u64>) {
+    for (name, draw) in WRONGS {
+        for phase in PHASES {
+            let (mut codes, mut times, mut peak) = (BTreeMap::new(), Vec::new(), 0.0_f64);
+            for seed in seeds.clone() {
+                let mut random = Random::new(seed);
+                let mut rig = Rig::new(Spread::of(&mut random, 0.1), seed);
+                bring(&mut rig, phase);
+                let wrong = draw(&mut random);
+                rig.wrong = wrong;
+                let found = go_on(&mut rig, phase);
+                let (right, within) = expected(wrong, phase);
+                let what = std::format!("{wrong:?} in {phase:?}, seed {seed}: {found:?}, peak {}", rig.peak_c);
+                match found {
+                    Some((fault, after)) => {
+                        assert!(right.contains(&fault) && after <= within, "{what}");
+                        *codes.entry(fault.code()).or_insert(0) += 1;
+                        times.push(after);
                     }
-                    let mut rig = Rig::new(spread, seed);
-                    bring(&mut rig, phase);
-                    let wrong = draw(&mut random);
-                    rig.breaks(wrong);
-                    let found = go_on(&mut rig, phase);
-                    *codes.entry(found.map_or("NONE", |(fault, _)| fault.code()).to_string()).or_default() += 1;
-                    times.push(found.map_or(999.0, |(_, after)| after));
-                    if rig.peak_c > peak {
-                        peak = rig.peak_c;
-                        worst = Some((found, wrong, spread));
-                    }
+                    None => assert!(within.is_infinite(), "{what}"),
                 }
-                times.sort_by(f64::total_cmp);
-                let bad = if peak > 245.0 { std::format!("BAD {worst:?}") } else { String::new() };
-                std::println!(
-                    "{} {name:12} {phase:12?} median {:5.1} worst {:5.1} peak {peak:5.1} {codes:?} {bad}",
-                    if measured { "M" } else { "U" },
-                    times[times.len() / 2],
-                    times[times.len() - 1]
-                );
+                assert!(rig.peak_c < rig.robot.heater.max_c + 5.0, "{what}");
+                peak = peak.max(rig.peak_c);
             }
+            times.sort_by(f64::total_cmp);
+            let (median, worst) = (times.get(times.len() / 2), times.last());
+            std::println!("{name:12} {phase:12?} {median:.1?} {worst:.1?} s, to {peak:.1} C, {codes:?}");
         }
     }
+}
+
+#[test]
+fn every_fault_is_found_in_time_in_every_phase() {
+    break_everything(0..6);
+}
+
+/// The same on many more nozzles: minutes.
+#[test]
+#[ignore = "takes minutes"]
+fn every_fault_is_found_in_time_in_every_phase_of_many_nozzles() {
+    break_everything(1000..1200);
 }

@@ -71,7 +71,7 @@ pub enum Wrong {
     NoFlow,
 }
 
-/// The nozzle: all of it is 1 for one that is as described.
+/// A nozzle, as shares of what is described, and what is round it.
 #[derive(Debug, Clone, Copy)]
 pub struct Spread {
     pub capacity: f64,
@@ -90,20 +90,6 @@ pub struct Spread {
 }
 
 impl Spread {
-    pub fn nominal() -> Self {
-        Self {
-            capacity: 1.0,
-            loss: 1.0,
-            power: 1.0,
-            supply: 1.0,
-            measured: true,
-            ambient_c: 25.0,
-            lag_s: 2.0,
-            noise: 1.0,
-            pull_up_ohm: 4700.0,
-        }
-    }
-
     /// Anything within so much, as a share: often the extremes, which are worst.
     pub fn of(random: &mut Random, share: f64) -> Self {
         let mut near = |share: f64| {
@@ -163,11 +149,6 @@ impl Rig {
             held: 0,
             conversions: 10,
         }
-    }
-
-    /// Breaks something.
-    pub fn breaks(&mut self, wrong: Wrong) {
-        self.wrong = wrong;
     }
 
     /// One period: the nozzle goes on at the duty, then is read and regulated.

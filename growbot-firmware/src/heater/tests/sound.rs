@@ -1,31 +1,32 @@
 //! No false alarms.
 
-use super::plant::{Random, Rig, Spread};
+use super::plant::{Random, Rig, Spread, Wrong};
 
-#[test]
-fn a_sound_nozzle_raises_no_alarm() {
-    let mut bad = 0;
-    for seed in 0..400 {
+/// Lives of an hour each. A third of the nozzles has no measured supply; for a sixth, filament and fan take no heat, as in a jam.
+fn live(seeds: core::ops::Range<u64>) {
+    for seed in seeds {
         let mut random = Random::new(seed);
         let spread = Spread { measured: random.of(&[true, true, false]), ..Spread::of(&mut random, 0.1) };
         let mut rig = Rig::new(spread, seed);
-        if seed % 5 == 0 {
+        if seed % 6 == 5 {
             rig.spread.noise = rig.spread.noise.max(0.5);
-            rig.breaks(super::plant::Wrong::NoFlow);
+            rig.wrong = Wrong::NoFlow;
         }
-        if let Err(fault) = rig.live(1.0) {
-            bad += 1;
-            std::println!(
-                "{:?} {fault:?} after {:.1} s, target {:?} reading {:?} block {:.1} flow {:.1} duty {:.2} {spread:?}",
-                rig.wrong,
-                rig.now as f64 * 1e-6,
-                rig.heater.target(),
-                rig.heater.temperature(rig.now),
-                rig.block_c,
-                rig.flow,
-                rig.heater.duty()
-            );
-        }
+        let lived = rig.live(1.0);
+        let (at, celsius) = (rig.now as f64 * 1e-6, rig.block_c);
+        assert_eq!(lived, Ok(()), "seed {seed} after {at} s at {celsius} C, flow {}: {:?}", rig.flow, rig.spread);
+        assert!(rig.peak_c < rig.robot.heater.max_c - 20.0, "seed {seed}: {}", rig.peak_c);
     }
-    assert_eq!(bad, 0);
+}
+
+#[test]
+fn a_sound_nozzle_raises_no_alarm() {
+    live(0..40);
+}
+
+/// The same for many more hours: minutes.
+#[test]
+#[ignore = "takes minutes"]
+fn a_sound_nozzle_raises_no_alarm_in_a_thousand_hours() {
+    live(1000..2000);
 }
