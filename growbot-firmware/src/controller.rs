@@ -24,7 +24,7 @@ use embedded_hal::digital::OutputPin;
 use embedded_hal::pwm::SetDutyCycle;
 use growbot_core::layer_bytes::{Encoder, LayerBytes, decode_checked};
 use growbot_core::link::message::{Fault, Laid, Message, Refusal, ResetCause, State, StateChanged, Status};
-use growbot_core::robot::Robot;
+use growbot_core::robot::{Robot, Turning};
 use heapless::Deque;
 
 use crate::hal::{Board, Parts, Thermistor, Watchdog};
@@ -211,9 +211,12 @@ impl<B: Board> Controller<B> {
             Report::Homed if self.state == State::Homing => self.enter(State::Growing),
             Report::Laid(turn) if matches!(self.state, State::Growing | State::Hold) => self.count(&turn, handover),
             Report::IndexNotFound => self.fail(Fault::IndexNotFound, handover),
+            Report::IndexMissing => self.fail(Fault::IndexMissing, handover),
+            Report::IndexStuck => self.fail(Fault::IndexStuck, handover),
+            Report::HeadStepsLost => self.fail(Fault::HeadStepsLost, handover),
             Report::Hardware => self.fail(Fault::Hardware, handover),
             // What was under way when everything was switched off.
-            Report::Homed | Report::Laid(_) => {}
+            Report::Homed | Report::Laid(_) | Report::Fed => {}
         }
     }
 
@@ -276,7 +279,9 @@ impl<B: Board> Controller<B> {
             }
             return;
         };
-        match self.job.material.lay(&bytes, &self.robot) {
+        let alternate = self.robot.description().motion.turning == Turning::Alternate;
+        let backwards = alternate && self.job.given % 2 == 1;
+        match self.job.material.lay(&bytes, &self.robot, backwards) {
             Ok(turn) => {
                 handover.give(Order::Lay(turn));
                 self.job.given += 1;

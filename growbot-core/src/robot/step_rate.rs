@@ -120,7 +120,12 @@ impl LayerMotion {
             // The speed goes like the height: `v (1 + lean cos)`.
             FeedStrategy::Feed => Self {
                 head: AxisMotion::new(head_limits, [head, head], 0.0, sector),
-                feed: AxisMotion::new(feed_limits, [feed * (1.0 + lean), feed * at_ends], TAU * feed * lean / period, sector),
+                feed: AxisMotion::new(
+                    feed_limits,
+                    [feed * (1.0 + lean), feed * at_ends],
+                    TAU * feed * lean / period,
+                    sector,
+                ),
             },
             // The speed goes like the inverse of the height. Its change in time has that to the third power.
             FeedStrategy::Speed => {

@@ -11,6 +11,7 @@ use growbot_core::layer_bytes::{Fields, HEIGHT_UNITS, LayerBytes};
 use growbot_core::robot::Robot;
 use nalgebra::Vector2;
 
+use super::pace::Ends;
 use super::turn::{StepRate, Turn};
 
 /// The lean that rounding can leave owing, in the height of a step spread over the whole ring: with every edge of a sector off by
@@ -24,6 +25,8 @@ pub struct Material {
     height_units: u64,
     /// Lean that was asked for and not laid, in the tip's x and y, mm.
     lean_owed: Vector2<f64>,
+    /// How the turn before has ended.
+    before: Option<Ends>,
 }
 
 /// By how much a layer is higher on its outer side than on average, as a vector towards that side, mm.
@@ -33,12 +36,13 @@ fn lean(layer: &Layer, robot: &Robot) -> Vector2<f64> {
 }
 
 impl Material {
-    /// The turn that lays a layer next. The layer counts as laid.
+    /// The turn that lays a layer next, counter-clockwise or (`backwards`) clockwise. The layer counts as laid.
     ///
     /// # Errors
-    /// [`StepRate`] if a sector asks for more than one step in two ticks, or the layer for no height or for feed taken back.
+    /// [`StepRate`] if a sector asks for more than one step in two ticks, the layer for no height or for feed taken back, or
+    /// its profile for more acceleration than the motors have.
     /// No layer does that which [`growbot_core::layer_bytes::decode_checked`] has passed. The layer does not count then.
-    pub fn lay(&mut self, bytes: &LayerBytes, robot: &Robot) -> Result<Turn, StepRate> {
+    pub fn lay(&mut self, bytes: &LayerBytes, robot: &Robot, backwards: bool) -> Result<Turn, StepRate> {
         let fields = Fields::of(bytes);
         if fields.height == 0 {
             return Err(StepRate);
@@ -53,8 +57,10 @@ impl Material {
             tilt: asked.norm() / robot.tip_radius(),
             ..layer
         };
+        let lay = |profile: &Layer| Turn::new(profile, feed_steps, robot, backwards, self.before.as_ref());
         // A layer close to its limits goes as it is, and the next one pays.
-        let turn = Turn::new(&paying, feed_steps, robot).or_else(|StepRate| Turn::new(&layer, feed_steps, robot))?;
+        let (turn, ends) = lay(&paying).or_else(|StepRate| lay(&layer))?;
+        self.before = Some(ends);
         self.height_units += u64::from(fields.height);
         self.lean_owed = asked - lean(&turn.layer(robot), robot);
         let most = MOST_OWED_STEPS / robot.feed_steps_per_length();
@@ -88,7 +94,7 @@ mod tests {
                 let (mut material, mut owed) = (Material::default(), Vector2::zeros());
                 for _ in 0..2000 {
                     let bytes = bytes(&layer);
-                    let turn = material.lay(&bytes, &robot).unwrap();
+                    let turn = material.lay(&bytes, &robot, false).unwrap();
                     owed += lean(&decode(&bytes), &robot) - lean(&turn.layer(&robot), &robot);
                     assert!(
                         owed.norm() <= MOST_OWED_STEPS * step,
@@ -115,7 +121,7 @@ mod tests {
                 let alpha = wrap_positive(f64::from(i) * 0.37);
                 let bytes = bytes(&Layer { alpha, height, tilt: lean * height / robot.tip_radius() });
                 if decode_checked(&bytes, &robot).is_ok() {
-                    let turn = material.lay(&bytes, &robot).unwrap();
+                    let turn = material.lay(&bytes, &robot, false).unwrap();
                     assert!(turn.sectors.iter().all(|sector| 2 * sector.head.max(sector.feed) <= sector.ticks));
                     laid += 1;
                 }
@@ -131,7 +137,7 @@ mod tests {
         let (mut encoder, mut material, mut steps, mut height) = (Encoder::default(), Material::default(), 0_u64, 0.0);
         for _ in 0..5000 {
             let bytes = encoder.encode(&layer);
-            let turn = material.lay(&bytes, &robot).unwrap();
+            let turn = material.lay(&bytes, &robot, false).unwrap();
             steps += turn.sectors.iter().map(|sector| u64::from(sector.feed)).sum::<u64>();
             height += decode(&bytes).height;
             assert!((steps as f64 - height * robot.feed_steps_per_length()).abs() < 0.51);
@@ -141,10 +147,10 @@ mod tests {
     #[test]
     fn what_the_step_interrupt_cannot_carry_is_refused() {
         let robot = robot_a();
-        assert_eq!(Material::default().lay(&[0; 12], &robot), Err(StepRate));
+        assert_eq!(Material::default().lay(&[0; 12], &robot, false), Err(StepRate));
         let absurd = Layer { alpha: 0.0, height: 200.0, tilt: 0.1 };
-        assert_eq!(Material::default().lay(&bytes(&absurd), &robot), Err(StepRate));
+        assert_eq!(Material::default().lay(&bytes(&absurd), &robot, false), Err(StepRate));
         let more_lean_than_height = Layer { alpha: 0.0, height: 0.1, tilt: 0.1 };
-        assert_eq!(Material::default().lay(&bytes(&more_lean_than_height), &robot), Err(StepRate));
+        assert_eq!(Material::default().lay(&bytes(&more_lean_than_height), &robot, false), Err(StepRate));
     }
 }

@@ -16,7 +16,7 @@ use growbot_core::robot::{Robot, Thermistor as ThermistorDescription};
 use growbot_firmware::controller::{Controller, Identity};
 use growbot_firmware::hal::{Board, Parts, Thermistor, Watchdog};
 use growbot_firmware::layer_store::LayerStore;
-use growbot_firmware::stepping::{Axis, Engine, Handover};
+use growbot_firmware::stepping::{Axis, Engine, EngineSettings, Handover, Inputs};
 use growbot_firmware::thermistor;
 
 use super::{Port, PortError, TipRecord};
@@ -27,7 +27,8 @@ const POLL_US: u64 = 10_000;
 /// Where the head stands at first, in head steps from the tip's x axis: anywhere, so that homing has something to do.
 const HEAD_AT_FIRST: i64 = -137;
 
-type SimEngine = Engine<StepPin, DirectionPin, EnablePin, StepPin, DirectionPin, EnablePin, IndexPin>;
+type SimEngine =
+    Engine<StepPin, DirectionPin, EnablePin, StepPin, DirectionPin, EnablePin, IndexPin, QuietPin, QuietPin>;
 
 /// A robot in this process.
 pub struct Sim {
@@ -58,7 +59,8 @@ impl Sim {
             direction: DirectionPin { motor, wires: Rc::clone(&wires) },
             enable: EnablePin { motor, wires: Rc::clone(&wires) },
         };
-        let engine = Engine::new(axis(Motor::Head), axis(Motor::Feed), IndexPin(Rc::clone(&wires)));
+        let inputs = Inputs { index: IndexPin(Rc::clone(&wires)), filament_motion: QuietPin, emergency_stop: QuietPin };
+        let engine = Engine::new(axis(Motor::Head), axis(Motor::Feed), inputs, EngineSettings::of(&robot));
         let handover = Handover::new();
         let tick_hz = u64::from(robot.description().motion.tick_hz);
         let parts = Parts {
@@ -192,6 +194,8 @@ struct EnablePin {
 }
 
 struct IndexPin(Rc<Wires>);
+/// An input that nothing is wired to.
+struct QuietPin;
 struct HeaterPower(Rc<Wires>);
 struct HeaterEnable(Rc<Wires>);
 struct SimThermistor(Rc<Wires>);
@@ -257,6 +261,20 @@ impl InputPin for IndexPin {
 
     fn is_low(&mut self) -> Result<bool, Infallible> {
         self.is_high().map(|high| !high)
+    }
+}
+
+impl ErrorType for QuietPin {
+    type Error = Infallible;
+}
+
+impl InputPin for QuietPin {
+    fn is_high(&mut self) -> Result<bool, Infallible> {
+        Ok(false)
+    }
+
+    fn is_low(&mut self) -> Result<bool, Infallible> {
+        Ok(true)
     }
 }
 

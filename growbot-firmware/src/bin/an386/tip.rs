@@ -327,3 +327,20 @@ impl InputPin for IndexSensor {
         Ok(!self.level())
     }
 }
+
+/// An input that nothing is wired to.
+pub struct QuietInput;
+
+impl ErrorType for QuietInput {
+    type Error = Infallible;
+}
+
+impl InputPin for QuietInput {
+    fn is_high(&mut self) -> Result<bool, Infallible> {
+        Ok(false)
+    }
+
+    fn is_low(&mut self) -> Result<bool, Infallible> {
+        Ok(true)
+    }
+}

@@ -30,7 +30,7 @@ mod app {
     use growbot_firmware::hal::{Board, Parts};
     use growbot_firmware::layer_store::LayerStore;
     use growbot_firmware::machine;
-    use growbot_firmware::stepping::{Axis, Engine, Handover};
+    use growbot_firmware::stepping::{Axis, Engine, EngineSettings, Handover, Inputs};
     use heapless::spsc::{Consumer, Producer, Queue};
     use stm32f4xx_hal::pac;
     use stm32f4xx_hal::prelude::*;
@@ -55,6 +55,8 @@ mod app {
         pins::FeedDirection,
         pins::FeedEnable,
         pins::Index,
+        pins::FilamentMotion,
+        pins::EmergencyStop,
     >;
 
     /// The parts of this board.
@@ -108,7 +110,8 @@ mod app {
         let engine = Engine::new(
             Axis { step: pins.head_step, direction: pins.head_direction, enable: pins.head_enable },
             Axis { step: pins.feed_step, direction: pins.feed_direction, enable: pins.feed_enable },
-            pins.index,
+            Inputs { index: pins.index, filament_motion: pins.filament_motion, emergency_stop: pins.emergency_stop },
+            EngineSettings::of(&robot),
         );
         let parts = Parts {
             heater_power: Heater::new(device.TIM3, pins.heater, &mut rcc),

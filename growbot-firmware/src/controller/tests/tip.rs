@@ -14,6 +14,9 @@ pub const HEAD: usize = 0;
 pub const FEED: usize = 3;
 pub const INDEX: usize = 6;
 pub const HEATER_ENABLE: usize = 7;
+/// The filament's encoder, and the emergency stop.
+pub const FILAMENT_MOTION: usize = 8;
+pub const EMERGENCY_STOP: usize = 9;
 /// The surroundings, degrees Celsius.
 const ROOM: f64 = 25.0;
 
