@@ -52,6 +52,18 @@ pub enum LayerError {
     /// Head or feed would have to step more than once in two ticks of the step interrupt.
     #[error("the layer asks for more than one step in two ticks: raise motion.tick_hz or lower the steps")]
     StepRate,
+    /// The speed of an axis would have to change faster, from sector to sector, than its motor can follow.
+    #[error(
+        "the layer asks for an acceleration of {value} of the {axis}, over {limit}: it leans too much for its period, or raise the axis's acceleration and speed jump"
+    )]
+    Acceleration {
+        /// The axis and the unit.
+        axis: &'static str,
+        /// What the layer asks for.
+        value: f64,
+        /// The part of the robot's limit that a layer's profile may take.
+        limit: f64,
+    },
 }
 
 impl Layer {

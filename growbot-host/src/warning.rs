@@ -88,6 +88,7 @@ fn layer_limit(index: usize, segment: &Segment, robot: &Robot, left: &mut usize)
         LayerError::TooHigh { height, limit } => (height, limit),
         LayerError::Tilt { tilt, limit } => (degrees(tilt), degrees(limit)),
         LayerError::NoMaterial { height } => (height, 0.0),
+        LayerError::Acceleration { value, limit, .. } => (value, limit),
         LayerError::NotFinite | LayerError::StepRate => (0.0, 0.0),
     };
     let message = format!("segment {index} ({}) cannot be laid: {error}", kind(segment));

@@ -13,6 +13,7 @@ pub use description::{
     RobotDescription, Sensors, Supply, Thermistor, Turning, Wall,
 };
 pub use error::RobotError;
+pub use step_rate::{AxisMotion, LayerMotion};
 
 use crate::angle::radians;
 use crate::curvature::{greatest_mean_height, least_radius_of_geometry, least_radius_of_layers};
@@ -123,8 +124,22 @@ impl Robot {
         greatest_mean_height(self.tip_radius(), layer.height_mm, layer.height_max_mm, tilt_max, curvature)
     }
 
-    /// Whether this layer can be laid: nowhere above the greatest height or tilt, material all round, and steps no faster than
-    /// the step interrupt makes them.
+    /// How head and feed move while this layer is laid at full speed.
+    #[must_use]
+    pub fn motion_of(&self, layer: &Layer) -> LayerMotion {
+        LayerMotion::of(&self.description, layer)
+    }
+
+    /// Whether the motors can follow the profile of this layer.
+    ///
+    /// # Errors
+    /// [`LayerError::Acceleration`] where they cannot.
+    pub fn check_motion(&self, layer: &Layer) -> Result<(), LayerError> {
+        self.motion_of(layer).check()
+    }
+
+    /// Whether this layer can be laid: nowhere above the greatest height or tilt, material all round, steps no faster than
+    /// the step interrupt makes them, and speeds that change no faster than the motors can follow.
     ///
     /// `slack` is how far a limit may be passed to allow for rounding, as a share of it. A layer thinner than the
     /// least height is worth a warning and can be laid; one that would need negative material cannot.
@@ -154,7 +169,7 @@ impl Robot {
         if !step_rate::BusiestSector::of(&self.description, layer.height, layer.tilt).can_be_carried() {
             return Err(LayerError::StepRate);
         }
-        Ok(())
+        self.check_motion(layer)
     }
 
     /// Cross-section of the printed wall, mm^2: a ring of mean radius `r_t`.

@@ -1,9 +1,39 @@
-//! What a layer asks of the step interrupt, which makes a step every two ticks at most.
+//! What a layer asks of the motors: steps, of which the step interrupt makes one every two ticks at most, speeds, and how fast
+//! those change.
+//!
+//! A motor can change its speed by so much at an instant (its *jump*), and beyond that only with so much acceleration: over any time
+//! `t`, by `jump + acceleration t`. Three things share that. The profile of a layer, whose speed changes from sector to sector,
+//! may take [`PROFILE_ACCELERATION`] and [`PROFILE_JUMP`]; the ramps between rest and full speed take the rest of the
+//! acceleration, [`RAMP_ACCELERATION`]; and the change from one layer to the next the rest of the jump, [`PASSING_JUMP`]. An
+//! axis that never gets faster than its jump can do whatever it likes.
 
 use core::f64::consts::{FRAC_PI_4, TAU};
 
-use super::{FeedStrategy, RobotDescription};
-use crate::layer::SECTORS;
+use super::{FeedStrategy, RobotDescription, Turning};
+use crate::layer::{Layer, LayerError, SECTORS};
+
+/// Share of an axis's acceleration that the profile within a layer may take.
+const PROFILE_ACCELERATION: f64 = 0.5;
+/// Share of an axis's jump that one edge between sectors may take. Two of them may lie at the edge between layers.
+const PROFILE_JUMP: f64 = 0.25;
+/// Share of an axis's acceleration that ramps take.
+const RAMP_ACCELERATION: f64 = 1.0 - PROFILE_ACCELERATION;
+/// Share of an axis's jump that is left where one layer follows the other.
+const PASSING_JUMP: f64 = 1.0 - 2.0 * PROFILE_JUMP;
+/// The longest ramp from rest to full speed, s.
+pub(super) const LONGEST_RAMP_S: f64 = 10.0;
+
+/// How far the sides of a layer are from its mean height, as a share of it: 0 for an even layer, 1 for nothing on the inner side.
+fn lean(robot: &RobotDescription, height: f64, tilt: f64) -> f64 {
+    (robot.geometry.tip_radius_mm * tilt / height).min(1.0)
+}
+
+/// Filament in a layer of this height (mm), mm.
+fn filament(robot: &RobotDescription, height: f64) -> f64 {
+    let diameter = robot.feed.filament_diameter_mm;
+    let wall_area = TAU * robot.geometry.tip_radius_mm * robot.wall.width_mm;
+    height * wall_area / (FRAC_PI_4 * diameter * diameter)
+}
 
 /// Bounds on the busiest sector of a layer: no sector has fewer ticks or more steps.
 pub(super) struct BusiestSector {
@@ -16,13 +46,10 @@ impl BusiestSector {
     /// The bounds for a layer of this mean height (mm) and tilt (radians).
     pub fn of(robot: &RobotDescription, height: f64, tilt: f64) -> Self {
         let sectors = SECTORS as f64;
-        let lean = (robot.geometry.tip_radius_mm * tilt / height).min(1.0);
-        let diameter = robot.feed.filament_diameter_mm;
-        let wall_area = TAU * robot.geometry.tip_radius_mm * robot.wall.width_mm;
-        let filament = height * wall_area / (FRAC_PI_4 * diameter * diameter);
+        let lean = lean(robot, height, tilt);
         let ticks = robot.layer.period_s * f64::from(robot.motion.tick_hz) / sectors;
         let head = f64::from(robot.head.steps_per_turn) / sectors;
-        let feed = filament * robot.feed.steps_per_mm / sectors;
+        let feed = filament(robot, height) * robot.feed.steps_per_mm / sectors;
         // Rounding at both edges of a sector gives up to one step more and one tick less than the even share.
         match robot.motion.strategy {
             // Even ticks; the most material lies on the outer side.
@@ -43,5 +70,191 @@ impl BusiestSector {
     /// Whether the step interrupt can carry it.
     pub fn can_be_carried(&self) -> bool {
         2.0 * self.head.max(self.feed) <= self.ticks
+    }
+}
+
+/// How fast an axis moves while a layer is laid at full speed, and what it can do. The head in turns, the feed in mm of filament.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AxisMotion {
+    /// The greatest speed, /s.
+    pub speed: f64,
+    /// The speed at the tip's x axis, where a layer begins and ends, /s.
+    pub speed_at_ends: f64,
+    /// The greatest speed from rest and to rest, /s.
+    pub jump: f64,
+    /// The greatest change of speed where one layer follows the other, /s.
+    pub passing_jump: f64,
+    /// The greatest acceleration of a ramp, /s^2.
+    pub ramp: f64,
+    /// Bound on how fast the profile changes the speed, /s^2.
+    pub(super) acceleration: f64,
+    /// The limit of that, /s^2.
+    pub(super) acceleration_limit: f64,
+}
+
+/// How head and feed move while a layer is laid at full speed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LayerMotion {
+    /// The head, turns.
+    pub head: AxisMotion,
+    /// The feed, mm of filament.
+    pub feed: AxisMotion,
+}
+
+impl LayerMotion {
+    /// The motion that lays a layer with material on its inner side.
+    pub(super) fn of(robot: &RobotDescription, layer: &Layer) -> Self {
+        let period = robot.layer.period_s;
+        let lean = lean(robot, layer.height, layer.tilt);
+        let at_ends = 1.0 + lean * libm::cos(layer.alpha);
+        let (head, feed) = (1.0 / period, filament(robot, layer.height) / period);
+        let sector = period / SECTORS as f64;
+        // A head that turns the other way with the next layer may start so at once after it has stopped.
+        let at_once = match robot.motion.turning {
+            Turning::Continuous => 1.0,
+            Turning::Alternate => 0.5,
+        };
+        let head_limits = (at_once, robot.head.speed_jump_turns_per_s, robot.head.acceleration_turns_per_s2);
+        let feed_limits = (1.0, robot.feed.speed_jump_mm_per_s, robot.feed.acceleration_mm_per_s2);
+        match robot.motion.strategy {
+            // The speed goes like the height: `v (1 + lean cos)`.
+            FeedStrategy::Feed => Self {
+                head: AxisMotion::new(head_limits, [head, head], 0.0, sector),
+                feed: AxisMotion::new(
+                    feed_limits,
+                    [feed * (1.0 + lean), feed * at_ends],
+                    TAU * feed * lean / period,
+                    sector,
+                ),
+            },
+            // The speed goes like the inverse of the height. Its change in time has that to the third power.
+            FeedStrategy::Speed => {
+                let inner = 1.0 - lean;
+                let acceleration = TAU * head * head * lean / (inner * inner * inner);
+                Self {
+                    head: AxisMotion::new(head_limits, [head / inner, head / at_ends], acceleration, sector * inner),
+                    feed: AxisMotion::new(feed_limits, [feed, feed], 0.0, sector),
+                }
+            }
+        }
+    }
+
+    /// Whether the motors can follow the profile of the layer.
+    pub(super) fn check(&self) -> Result<(), LayerError> {
+        for (axis, motion) in [("head, in turns/s^2", &self.head), ("feed, in mm/s^2", &self.feed)] {
+            if !motion.follows_its_profile() {
+                let (value, limit) = (motion.acceleration, motion.acceleration_limit);
+                return Err(LayerError::Acceleration { axis, value, limit });
+            }
+        }
+        Ok(())
+    }
+}
+
+impl AxisMotion {
+    fn new(
+        (at_once, jump, acceleration): (f64, f64, f64),
+        [speed, speed_at_ends]: [f64; 2],
+        profile: f64,
+        shortest_sector: f64,
+    ) -> Self {
+        Self {
+            speed,
+            speed_at_ends,
+            jump: at_once * jump,
+            passing_jump: PASSING_JUMP * jump,
+            ramp: RAMP_ACCELERATION * acceleration,
+            acceleration: profile,
+            acceleration_limit: (PROFILE_ACCELERATION * acceleration).min(PROFILE_JUMP * jump / shortest_sector),
+        }
+    }
+
+    /// Whether it never gets faster than it can at an instant.
+    #[must_use]
+    pub fn needs_no_ramp(&self) -> bool {
+        self.speed <= self.jump
+    }
+
+    pub(super) fn follows_its_profile(&self) -> bool {
+        self.needs_no_ramp() || self.acceleration <= self.acceleration_limit
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::robot::Robot;
+    use crate::testing::robot_a;
+
+    /// A quick robot A whose motors need ramps, for wide bends.
+    fn quick(strategy: FeedStrategy) -> RobotDescription {
+        let mut description = robot_a().description().clone();
+        description.planning_radius_mm = 150.0;
+        description.layer.period_s = 3.0;
+        description.motion.strategy = strategy;
+        description.head.speed_jump_turns_per_s = 0.1;
+        description.feed.steps_per_mm = 25.0;
+        description
+    }
+
+    #[test]
+    fn bounds_hold_along_the_whole_profile() {
+        for strategy in [FeedStrategy::Feed, FeedStrategy::Speed] {
+            let description = quick(strategy);
+            for (height, tilt) in [(0.774, 0.0077), (0.5, 0.01), (0.3, 0.0136 * 0.9), (0.774, 0.0)] {
+                let layer = Layer { alpha: 2.0, height, tilt };
+                let motion = LayerMotion::of(&description, &layer);
+                let r = description.geometry.tip_radius_mm;
+                let filament = filament(&description, height);
+                // Time, turns and filament by angle, finely.
+                let at = |psi: f64| {
+                    let share = layer.share_of_material(psi, r);
+                    let time = match strategy {
+                        FeedStrategy::Feed => psi / TAU,
+                        FeedStrategy::Speed => share,
+                    };
+                    [time * description.layer.period_s, psi / TAU, share * filament]
+                };
+                let n = 4096;
+                let speeds: std::vec::Vec<[f64; 3]> = (0..n)
+                    .map(|i| {
+                        let (a, b) = (at(TAU * f64::from(i) / f64::from(n)), at(TAU * f64::from(i + 1) / f64::from(n)));
+                        let dt = b[0] - a[0];
+                        [dt, (b[1] - a[1]) / dt, (b[2] - a[2]) / dt]
+                    })
+                    .collect();
+                for (axis, motion) in [(1, &motion.head), (2, &motion.feed)] {
+                    let fastest = speeds.iter().map(|speed| speed[axis]).fold(0.0, f64::max);
+                    assert!(fastest <= motion.speed * (1.0 + 1e-9) && fastest > motion.speed * 0.999);
+                    assert!((speeds[0][axis] / motion.speed_at_ends - 1.0).abs() < 2e-3);
+                    let steepest = speeds
+                        .windows(2)
+                        .map(|pair| (pair[1][axis] - pair[0][axis]).abs() / (0.5 * (pair[0][0] + pair[1][0])))
+                        .fold(0.0, f64::max);
+                    assert!(steepest <= motion.acceleration * 1.001 + 1e-4, "{steepest} of {}", motion.acceleration);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn layers_that_the_motors_cannot_follow_are_refused() {
+        for strategy in [FeedStrategy::Feed, FeedStrategy::Speed] {
+            let mut description = quick(strategy);
+            let steep = Layer { alpha: 0.0, height: 0.774, tilt: 0.0077 };
+            let robot = Robot::new(description.clone()).unwrap();
+            robot.check_layer(&steep, 0.0).unwrap();
+            let motion = robot.motion_of(&steep);
+            let profile = motion.head.acceleration.max(motion.feed.acceleration);
+            // Just enough for the planning radius, which is gentler.
+            match strategy {
+                FeedStrategy::Feed => description.feed.acceleration_mm_per_s2 = 1.98 * profile,
+                FeedStrategy::Speed => description.head.acceleration_turns_per_s2 = 1.98 * profile,
+            }
+            let robot = Robot::new(description).unwrap();
+            let Err(LayerError::Acceleration { value, limit, .. }) = robot.check_layer(&steep, 0.0) else { panic!() };
+            assert!(value > limit && value < 1.02 * limit, "{value} {limit}");
+            robot.check_layer(&Layer { tilt: 0.004, ..steep }, 0.0).unwrap();
+        }
     }
 }

@@ -1,10 +1,10 @@
 //! The checks of a robot description, in the order in which a person would fix what they find.
 
-use super::step_rate::BusiestSector;
+use super::step_rate::{AxisMotion, BusiestSector, LONGEST_RAMP_S, LayerMotion};
 use super::{RobotDescription, RobotError};
 use crate::angle::radians;
 use crate::curvature::{least_radius_of_geometry, least_radius_of_layers};
-use crate::layer::SECTORS;
+use crate::layer::{Layer, SECTORS};
 
 /// No size of a robot is taken beyond this, mm.
 const GREATEST_SIZE: f64 = 1e4;
@@ -51,7 +51,8 @@ pub(super) fn check(robot: &RobotDescription) -> Result<(), RobotError> {
     check_thermistor(robot)?;
     check_fan_and_hold(robot)?;
     check_sensors(robot)?;
-    check_step_rates(robot)
+    check_step_rates(robot)?;
+    check_accelerations(robot)
 }
 
 fn check_geometry(robot: &RobotDescription) -> Result<(), RobotError> {
@@ -285,4 +286,27 @@ fn check_step_rates(robot: &RobotDescription) -> Result<(), RobotError> {
     let most = libm::floor(busiest.ticks / 2.0);
     Field("head steps in the busiest sector", busiest.head).between(0.0, most, advice)?;
     Field("feed steps in the busiest sector", busiest.feed).between(0.0, most, advice)
+}
+
+/// The motors must follow the steepest layer of a plan at the planning radius, and get up to its speed.
+fn check_accelerations(robot: &RobotDescription) -> Result<(), RobotError> {
+    let height = robot.layer.height_mm;
+    let steepest = Layer { alpha: 0.0, height, tilt: height / robot.planning_radius_mm };
+    let LayerMotion { head, feed } = LayerMotion::of(robot, &steepest);
+    let check = |motion: &AxisMotion, acceleration: Field, profile: &'static str| {
+        if motion.needs_no_ramp() {
+            return Ok(());
+        }
+        let least = 2.0 * motion.speed / LONGEST_RAMP_S;
+        acceleration.between(least, UNLIMITED, "the ramp to the speed of a layer takes ten seconds at most")?;
+        Field(profile, motion.acceleration).between(
+            0.0,
+            motion.acceleration_limit,
+            "a layer at planning_radius_mm may take half of the axis's acceleration, and a quarter of its speed jump from sector to sector: raise these or layer.period_s",
+        )
+    };
+    let acceleration = Field("head.acceleration_turns_per_s2", robot.head.acceleration_turns_per_s2);
+    check(&head, acceleration, "head acceleration within a layer")?;
+    let acceleration = Field("feed.acceleration_mm_per_s2", robot.feed.acceleration_mm_per_s2);
+    check(&feed, acceleration, "feed acceleration within a layer")
 }

@@ -2,17 +2,22 @@
 //!
 //! Both axes of a sector are spread evenly over its ticks by adding and comparing: with `n` steps in `t` ticks, `n` is added
 //! in each tick to an accumulator that starts at `t / 2`, and each time it reaches `t` a step is due. So steps fall
-//! where the even line crosses half steps, and after `t` ticks there are exactly `n`.
+//! where the even line crosses half steps, and after `t` ticks there are exactly `n`. The ticks of a turn are virtual: see
+//! [`super::pace`].
 //!
-//! A step pulse is raised in one tick and lowered in the next, so it is high for a tick and low for at least one.
+//! A step pulse is raised in one tick and lowered in the next, so it is high for a tick and low for at least one. A direction
+//! changes while no pulse is high, a tick at least before the next one.
 //!
 //! [`Engine::ticks_to_event`] and [`Engine::skip`] let a simulation pass over ticks in which no pin changes; what happens
 //! is the same, tick for tick.
 
 use embedded_hal::digital::{InputPin, OutputPin};
 use growbot_core::layer::SECTORS;
+use growbot_core::robot::Robot;
 
-use super::handover::{Handover, Homing, Order, Report, TurnReport};
+use super::handover::{FeedMove, Handover, Homing, Order, Report, TurnReport};
+use super::index::{IndexWatch, Mark};
+use super::pace::Clock;
 use super::turn::{Sector, Turn};
 
 /// A stepper driver: step, direction and enable pins. Levels are logical; a board that wires them the other way round wraps
@@ -26,16 +31,89 @@ pub struct Axis<S, D, E> {
     pub enable: E,
 }
 
+/// What the engine looks at. Levels are logical.
+pub struct Inputs<I, M, S> {
+    /// High while the index sensor sees its mark.
+    pub index: I,
+    /// The encoder that the filament turns; a pin that never changes without one.
+    pub filament_motion: M,
+    /// High while the emergency stop is pressed.
+    pub emergency_stop: S,
+}
+
+/// What the engine must know of its robot.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct EngineSettings {
+    mark: Mark,
+    emergency_stop: bool,
+    /// Feed steps without a pulse of the filament's encoder that mean that it does not move; the greatest number without one.
+    jam_steps: u32,
+}
+
+impl EngineSettings {
+    /// The settings of a robot.
+    #[must_use]
+    pub fn of(robot: &Robot) -> Self {
+        let description = robot.description();
+        let sensors = &description.sensors;
+        Self {
+            mark: Mark::of(robot),
+            emergency_stop: sensors.emergency_stop.is_some(),
+            jam_steps: sensors
+                .filament_motion
+                .map_or(u32::MAX, |motion| libm::rint(motion.jam_mm * description.feed.steps_per_mm) as u32),
+        }
+    }
+}
+
+/// Why the engine lets go of everything.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Alarm {
+    /// A pin failed.
+    Hardware,
+    IndexNotFound,
+    IndexMissing,
+    IndexStuck,
+    HeadStepsLost,
+    FilamentJam,
+}
+
+impl Alarm {
+    fn report(self) -> Report {
+        match self {
+            Self::Hardware => Report::Hardware,
+            Self::IndexNotFound => Report::IndexNotFound,
+            Self::IndexMissing => Report::IndexMissing,
+            Self::IndexStuck => Report::IndexStuck,
+            Self::HeadStepsLost => Report::HeadStepsLost,
+            Self::FilamentJam => Report::FilamentJam,
+        }
+    }
+}
+
 /// An axis, and whether its step pin is high.
 struct Driver<S, D, E> {
     pins: Axis<S, D, E>,
     raised: bool,
+    /// The level of the direction pin, once it has one.
+    backwards: Option<bool>,
 }
 
 impl<S: OutputPin, D: OutputPin, E: OutputPin> Driver<S, D, E> {
-    fn enable(&mut self) -> Result<(), Failed> {
-        self.pins.direction.set_high().map_err(|_| Failed)?;
-        self.pins.enable.set_high().map_err(|_| Failed)
+    fn new(pins: Axis<S, D, E>) -> Self {
+        Self { pins, raised: false, backwards: None }
+    }
+
+    /// Holds the motor and says which way it is to turn. Whether that is another one, so that a tick must pass before a step.
+    fn enable(&mut self, backwards: bool) -> Result<bool, Alarm> {
+        let other = self.backwards != Some(backwards);
+        if other {
+            let set = if backwards { self.pins.direction.set_low() } else { self.pins.direction.set_high() };
+            set.map_err(|_| Alarm::Hardware)?;
+            self.backwards = Some(backwards);
+        }
+        self.pins.enable.set_high().map_err(|_| Alarm::Hardware)?;
+        Ok(other)
     }
 
     /// Lets go of the motor. Tried even where a pin has failed before.
@@ -45,22 +123,19 @@ impl<S: OutputPin, D: OutputPin, E: OutputPin> Driver<S, D, E> {
         let _ = self.pins.enable.set_low();
     }
 
-    fn raise(&mut self) -> Result<(), Failed> {
+    fn raise(&mut self) -> Result<(), Alarm> {
         self.raised = true;
-        self.pins.step.set_high().map_err(|_| Failed)
+        self.pins.step.set_high().map_err(|_| Alarm::Hardware)
     }
 
-    fn lower(&mut self) -> Result<(), Failed> {
+    fn lower(&mut self) -> Result<(), Alarm> {
         if !self.raised {
             return Ok(());
         }
         self.raised = false;
-        self.pins.step.set_low().map_err(|_| Failed)
+        self.pins.step.set_low().map_err(|_| Alarm::Hardware)
     }
 }
-
-/// A pin failed.
-struct Failed;
 
 /// Spreads steps evenly over ticks.
 #[derive(Debug, Clone, Copy)]
@@ -102,8 +177,19 @@ impl Spread {
 enum Mode {
     Idle,
     Homing(HomingRun),
+    Feeding(FeedRun),
     /// The turn is in [`Engine::turn`], its progress in [`Engine::progress`].
     Laying,
+    /// The report waits for room.
+    Finished(Finished),
+}
+
+/// What is to be reported.
+#[derive(Clone, Copy)]
+enum Finished {
+    Homed,
+    Laid,
+    Fed,
 }
 
 /// A homing under way.
@@ -111,32 +197,65 @@ struct HomingRun {
     homing: Homing,
     ticks_to_step: u32,
     steps_made: u32,
+    /// Steps in a row at which the mark was seen.
+    on_mark_for: u32,
     /// The mark has been seen from outside, so that its leading edge is told from its middle.
     left_mark: bool,
     /// Steps still to make after the leading edge.
     steps_to_zero: Option<u32>,
 }
 
+/// A move of the filament under way.
+struct FeedRun {
+    ticks_per_step: u32,
+    ticks_to_step: u32,
+    steps_left: u32,
+}
+
 /// A turn under way.
 struct Progress {
+    /// The sector, by angle.
     sector: usize,
-    ticks_left: u32,
+    sectors_left: usize,
+    /// Virtual ticks.
+    sector_left: u32,
+    turn_left: u32,
     head: Spread,
     feed: Spread,
     made: TurnReport,
 }
 
+impl Progress {
+    const NONE: Self = Self {
+        sector: 0,
+        sectors_left: 0,
+        sector_left: 0,
+        turn_left: 0,
+        head: Spread::NONE,
+        feed: Spread::NONE,
+        made: TurnReport { head: 0, feed: [0; SECTORS] },
+    };
+}
+
 /// Drives head and feed. One per robot, ticked by the step interrupt.
-pub struct Engine<HS, HD, HE, FS, FD, FE, I> {
+pub struct Engine<HS, HD, HE, FS, FD, FE, I, M, S> {
     head: Driver<HS, HD, HE>,
     feed: Driver<FS, FD, FE>,
-    index: I,
+    inputs: Inputs<I, M, S>,
+    settings: EngineSettings,
     mode: Mode,
     turn: Turn,
     progress: Progress,
+    clock: Clock,
+    watch: IndexWatch,
+    ticks: u32,
+    filament_pulses: u32,
+    filament_high: bool,
+    /// Feed steps of layers since the encoder's latest pulse.
+    fed_blindly: u32,
 }
 
-impl<HS, HD, HE, FS, FD, FE, I> Engine<HS, HD, HE, FS, FD, FE, I>
+impl<HS, HD, HE, FS, FD, FE, I, M, S> Engine<HS, HD, HE, FS, FD, FE, I, M, S>
 where
     HS: OutputPin,
     HD: OutputPin,
@@ -145,22 +264,30 @@ where
     FD: OutputPin,
     FE: OutputPin,
     I: InputPin,
+    M: InputPin,
+    S: InputPin,
 {
-    /// An idle engine; both drivers are switched off. The index pin is high while the sensor sees the mark.
-    pub fn new(head: Axis<HS, HD, HE>, feed: Axis<FS, FD, FE>, index: I) -> Self {
+    /// An idle engine; both drivers are switched off.
+    pub fn new(
+        head: Axis<HS, HD, HE>,
+        feed: Axis<FS, FD, FE>,
+        inputs: Inputs<I, M, S>,
+        settings: EngineSettings,
+    ) -> Self {
         let mut engine = Self {
-            head: Driver { pins: head, raised: false },
-            feed: Driver { pins: feed, raised: false },
-            index,
+            head: Driver::new(head),
+            feed: Driver::new(feed),
+            inputs,
+            settings,
             mode: Mode::Idle,
-            turn: Turn { sectors: [Sector::default(); SECTORS] },
-            progress: Progress {
-                sector: 0,
-                ticks_left: 0,
-                head: Spread::NONE,
-                feed: Spread::NONE,
-                made: TurnReport { head: 0, feed: [0; SECTORS] },
-            },
+            turn: Turn::NONE,
+            progress: Progress::NONE,
+            clock: Clock::AT_REST,
+            watch: IndexWatch::LOST,
+            ticks: 0,
+            filament_pulses: 0,
+            filament_high: true,
+            fed_blindly: 0,
         };
         engine.let_go();
         engine
@@ -168,14 +295,11 @@ where
 
     /// One tick of the step interrupt.
     pub fn tick(&mut self, handover: &Handover) {
-        handover.ticks.fetch_add(1, core::sync::atomic::Ordering::Relaxed);
-        if handover.take_halt() {
+        self.ticks = self.ticks.wrapping_add(1);
+        handover.set_ticks(self.ticks);
+        if let Err(alarm) = self.watch_and_advance(handover) {
             self.let_go();
-            return;
-        }
-        if self.advance(handover).is_err() {
-            self.let_go();
-            handover.report(Report::Hardware);
+            handover.report(alarm.report());
         }
     }
 
@@ -185,23 +309,31 @@ where
             return 1;
         }
         match &self.mode {
-            Mode::Idle if handover.order_is_ready() => 1,
-            Mode::Idle => u32::MAX,
+            Mode::Idle if handover.order_waits() => 1,
+            Mode::Finished(_) if !handover.report_waits() => 1,
+            Mode::Idle | Mode::Finished(_) => u32::MAX,
             Mode::Homing(run) => run.ticks_to_step.max(1),
+            Mode::Feeding(run) => run.ticks_to_step.max(1),
             Mode::Laying => {
                 let progress = &self.progress;
-                progress.ticks_left.min(progress.head.ticks_to_step()).min(progress.feed.ticks_to_step())
+                let steady = self.clock.steady_ticks(&self.turn.pace, progress.turn_left, handover.passing());
+                let steps = progress.head.ticks_to_step().min(progress.feed.ticks_to_step());
+                progress.sector_left.min(steps).min(steady).max(1)
             }
         }
     }
 
     /// Passes over ticks in which nothing happens: fewer than [`Engine::ticks_to_event`].
     pub fn skip(&mut self, ticks: u32) {
+        self.ticks = self.ticks.wrapping_add(ticks);
         match &mut self.mode {
-            Mode::Idle => {}
+            Mode::Idle if ticks > 0 => self.clock = Clock::AT_REST,
+            Mode::Idle | Mode::Finished(_) => {}
             Mode::Homing(run) => run.ticks_to_step -= ticks,
+            Mode::Feeding(run) => run.ticks_to_step -= ticks,
             Mode::Laying => {
-                self.progress.ticks_left -= ticks;
+                self.progress.sector_left -= ticks;
+                self.progress.turn_left -= ticks;
                 self.progress.head.skip(ticks);
                 self.progress.feed.skip(ticks);
             }
@@ -210,63 +342,162 @@ where
 
     fn let_go(&mut self) {
         self.mode = Mode::Idle;
+        self.clock = Clock::AT_REST;
+        self.watch = IndexWatch::LOST;
+        self.fed_blindly = 0;
         self.head.disable();
         self.feed.disable();
     }
 
-    fn advance(&mut self, handover: &Handover) -> Result<(), Failed> {
+    fn watch_and_advance(&mut self, handover: &Handover) -> Result<(), Alarm> {
+        let halted = handover.take_halt();
+        self.count_filament(handover)?;
+        if self.emergency_stop(halted, handover)? || halted {
+            self.let_go();
+            return Ok(());
+        }
+        self.advance(handover)
+    }
+
+    fn count_filament(&mut self, handover: &Handover) -> Result<(), Alarm> {
+        let high = self.inputs.filament_motion.is_high().map_err(|_| Alarm::Hardware)?;
+        if high && !self.filament_high {
+            self.fed_blindly = 0;
+            self.filament_pulses = self.filament_pulses.wrapping_add(1);
+            handover.set_filament_pulses(self.filament_pulses);
+        }
+        self.filament_high = high;
+        Ok(())
+    }
+
+    /// Whether the emergency stop is pressed. The controller hears of it however short that was.
+    fn emergency_stop(&mut self, halted: bool, handover: &Handover) -> Result<bool, Alarm> {
+        if !self.settings.emergency_stop {
+            return Ok(false);
+        }
+        let pressed = self.inputs.emergency_stop.is_high().map_err(|_| Alarm::Hardware)?;
+        if pressed {
+            handover.set_emergency_stop(true);
+            if handover.order_waits() {
+                handover.refuse_order();
+            }
+        } else if halted {
+            handover.set_emergency_stop(false);
+        }
+        Ok(pressed)
+    }
+
+    fn advance(&mut self, handover: &Handover) -> Result<(), Alarm> {
         self.head.lower()?;
         self.feed.lower()?;
-        if matches!(self.mode, Mode::Idle) && handover.order_is_ready() {
-            match handover.take_order() {
-                Some(Order::Home(homing)) => {
-                    self.head.enable()?;
-                    self.mode = Mode::Homing(HomingRun {
-                        homing,
-                        ticks_to_step: homing.ticks_per_step,
-                        steps_made: 0,
-                        left_mark: false,
-                        steps_to_zero: None,
-                    });
-                }
-                Some(Order::Lay(turn)) => {
-                    self.head.enable()?;
-                    self.feed.enable()?;
-                    self.turn = turn;
-                    self.progress.made = TurnReport { head: 0, feed: [0; SECTORS] };
-                    self.mode = Mode::Laying;
-                    self.start_sector(0);
-                }
-                Some(Order::Feed(_)) => handover.report(Report::Fed),
-                None => {}
+        if matches!(self.mode, Mode::Idle) {
+            if !handover.order_waits() {
+                self.clock = Clock::AT_REST;
+                return see_index(&mut self.inputs.index, handover).map(|_| ());
+            }
+            if handover.emergency_stop() {
+                // Released, and the controller has not heard of it yet.
+                handover.refuse_order();
+            }
+            let Some(order) = handover.take_order() else { return Ok(()) };
+            if !self.begin(order)? {
+                return Ok(());
             }
         }
         match &mut self.mode {
             Mode::Idle => Ok(()),
             Mode::Homing(run) => {
-                let outcome = run.tick(&mut self.head, &mut self.index)?;
-                if let Some(report) = outcome {
-                    self.mode = Mode::Idle;
-                    handover.report(report);
+                if run.tick(&mut self.head, &mut self.inputs.index, &self.settings.mark, handover)? {
+                    self.watch.homed(&self.settings.mark);
+                    self.finish(Finished::Homed, handover);
+                }
+                Ok(())
+            }
+            Mode::Feeding(run) => {
+                if run.tick(&mut self.feed)? {
+                    self.finish(Finished::Fed, handover);
                 }
                 Ok(())
             }
             Mode::Laying => self.lay(handover),
+            Mode::Finished(finished) => {
+                let finished = *finished;
+                self.clock = Clock::AT_REST;
+                self.finish(finished, handover);
+                Ok(())
+            }
         }
+    }
+
+    /// Begins what is ordered. Whether it goes on in this very tick: a turn that follows another the same way.
+    fn begin(&mut self, order: Order) -> Result<bool, Alarm> {
+        match order {
+            Order::Home(homing) => {
+                self.head.enable(false)?;
+                self.watch = IndexWatch::LOST;
+                self.mode = Mode::Homing(HomingRun {
+                    homing,
+                    ticks_to_step: homing.ticks_per_step,
+                    steps_made: 0,
+                    on_mark_for: 0,
+                    left_mark: false,
+                    steps_to_zero: None,
+                });
+                Ok(false)
+            }
+            Order::Feed(FeedMove { steps, backwards, ticks_per_step }) => {
+                self.feed.enable(backwards)?;
+                let ticks_per_step = ticks_per_step.max(2);
+                self.mode = Mode::Feeding(FeedRun { ticks_per_step, ticks_to_step: ticks_per_step, steps_left: steps });
+                Ok(false)
+            }
+            Order::Lay(turn) => {
+                let (head, feed) = (self.head.enable(turn.backwards)?, self.feed.enable(false)?);
+                let follows = !(self.clock.is_at_rest() || head || feed);
+                self.turn = turn;
+                self.clock.enter(&self.turn.pace);
+                self.watch.begin_turn(self.turn.backwards);
+                self.progress.made = TurnReport { head: 0, feed: [0; SECTORS] };
+                self.progress.turn_left = self.turn.ticks;
+                self.progress.sectors_left = SECTORS;
+                self.mode = Mode::Laying;
+                self.start_sector(if self.turn.backwards { SECTORS - 1 } else { 0 });
+                Ok(follows)
+            }
+        }
+    }
+
+    /// Reports, or waits until the report before has been taken.
+    fn finish(&mut self, finished: Finished, handover: &Handover) {
+        if handover.report_waits() {
+            self.mode = Mode::Finished(finished);
+            return;
+        }
+        self.mode = Mode::Idle;
+        handover.report(match finished {
+            Finished::Homed => Report::Homed,
+            Finished::Laid => Report::Laid(self.progress.made),
+            Finished::Fed => Report::Fed,
+        });
     }
 
     fn start_sector(&mut self, index: usize) {
         let Some(&Sector { ticks, head, feed }) = self.turn.sectors.get(index) else { return };
         self.progress.sector = index;
-        self.progress.ticks_left = ticks;
+        self.progress.sector_left = ticks;
         self.progress.head = Spread::new(head, ticks);
         self.progress.feed = Spread::new(feed, ticks);
     }
 
-    fn lay(&mut self, handover: &Handover) -> Result<(), Failed> {
+    fn lay(&mut self, handover: &Handover) -> Result<(), Alarm> {
         let progress = &mut self.progress;
+        if !self.clock.tick(&self.turn.pace, progress.turn_left, handover.passing()) {
+            return Ok(());
+        }
         if progress.head.tick() {
             progress.made.head += 1;
+            let on = see_index(&mut self.inputs.index, handover)?;
+            self.watch.step(on, &self.settings.mark)?;
             self.head.raise()?;
         }
         if progress.feed.tick() {
@@ -274,115 +505,92 @@ where
                 *made += 1;
             }
             self.feed.raise()?;
+            self.fed_blindly = self.fed_blindly.saturating_add(1);
+            if self.fed_blindly > self.settings.jam_steps {
+                return Err(Alarm::FilamentJam);
+            }
         }
-        progress.ticks_left -= 1;
-        if progress.ticks_left == 0 {
-            let next = progress.sector + 1;
-            if next < SECTORS {
-                self.start_sector(next);
+        progress.turn_left -= 1;
+        progress.sector_left -= 1;
+        if progress.sector_left == 0 {
+            progress.sectors_left -= 1;
+            if progress.sectors_left > 0 {
+                let sector = progress.sector;
+                self.start_sector(if self.turn.backwards { sector.wrapping_sub(1) } else { sector + 1 });
             } else {
-                self.mode = Mode::Idle;
-                handover.report(Report::Laid(self.progress.made));
+                self.watch.end_turn()?;
+                self.finish(Finished::Laid, handover);
             }
         }
         Ok(())
     }
 }
 
+/// Whether the index sensor sees its mark.
+fn see_index(index: &mut impl InputPin, handover: &Handover) -> Result<bool, Alarm> {
+    let on = index.is_high().map_err(|_| Alarm::Hardware)?;
+    handover.set_on_index(on);
+    Ok(on)
+}
+
 impl HomingRun {
-    /// One tick: a report when it is over.
-    fn tick<S: OutputPin, D: OutputPin, E: OutputPin, I: InputPin>(
+    /// One tick: whether it is over.
+    fn tick<S: OutputPin, D: OutputPin, E: OutputPin>(
         &mut self,
         head: &mut Driver<S, D, E>,
-        index: &mut I,
-    ) -> Result<Option<Report>, Failed> {
+        index: &mut impl InputPin,
+        mark: &Mark,
+        handover: &Handover,
+    ) -> Result<bool, Alarm> {
         self.ticks_to_step = self.ticks_to_step.saturating_sub(1);
         if self.ticks_to_step > 0 {
-            return Ok(None);
+            return Ok(false);
+        }
+        let on_mark = see_index(index, handover)?;
+        self.on_mark_for = if on_mark { self.on_mark_for + 1 } else { 0 };
+        if self.on_mark_for > mark.longest {
+            return Err(Alarm::IndexStuck);
         }
         if self.steps_to_zero.is_none() {
-            let on_mark = index.is_high().map_err(|_| Failed)?;
             if on_mark && self.left_mark {
                 self.steps_to_zero = Some(self.homing.steps_to_zero);
             }
             self.left_mark |= !on_mark;
         }
         match &mut self.steps_to_zero {
-            Some(0) => return Ok(Some(Report::Homed)),
+            Some(0) => return Ok(true),
             Some(left) => *left -= 1,
-            None if self.steps_made == self.homing.most_steps => return Ok(Some(Report::IndexNotFound)),
+            None if self.steps_made == self.homing.most_steps => return Err(Alarm::IndexNotFound),
             None => self.steps_made += 1,
         }
         self.ticks_to_step = self.homing.ticks_per_step;
         head.raise()?;
-        Ok(None)
+        Ok(false)
+    }
+}
+
+impl FeedRun {
+    /// One tick: whether it is over.
+    fn tick<S: OutputPin, D: OutputPin, E: OutputPin>(&mut self, feed: &mut Driver<S, D, E>) -> Result<bool, Alarm> {
+        self.ticks_to_step = self.ticks_to_step.saturating_sub(1);
+        if self.ticks_to_step > 0 {
+            return Ok(false);
+        }
+        // The last step gets its time too, so that whatever follows does not follow too fast.
+        if self.steps_left == 0 {
+            return Ok(true);
+        }
+        self.steps_left -= 1;
+        self.ticks_to_step = self.ticks_per_step;
+        feed.raise()?;
+        Ok(false)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::stepping::Material;
-    use crate::testing::{FakePin, FakePins, robot_a};
-    use growbot_core::layer::Layer;
-    use growbot_core::layer_bytes::Encoder;
     use std::vec::Vec;
-
-    type FakeEngine = Engine<FakePin, FakePin, FakePin, FakePin, FakePin, FakePin, FakePin>;
-
-    fn engine(pins: &FakePins) -> FakeEngine {
-        let axis = |at: usize| Axis { step: pins.pin(at), direction: pins.pin(at + 1), enable: pins.pin(at + 2) };
-        Engine::new(axis(0), axis(3), pins.pin(6))
-    }
-
-    fn turn() -> Turn {
-        let layer = Layer { alpha: 1.0, height: 0.774, tilt: 0.0077 };
-        Material::default().lay(&Encoder::default().encode(&layer), &robot_a(), false).unwrap()
-    }
-
-    /// Ticks (from 1) at which head and feed rise, until the report.
-    fn rises(skipping: bool) -> (Vec<(u64, usize)>, Report) {
-        let (pins, handover) = (FakePins::default(), Handover::new());
-        let mut engine = engine(&pins);
-        handover.give(Order::Lay(turn()));
-        let (mut now, mut rises) = (0_u64, Vec::new());
-        loop {
-            if skipping {
-                let quiet = engine.ticks_to_event(&handover) - 1;
-                engine.skip(quiet);
-                now += u64::from(quiet);
-            }
-            let before = [pins.level(0), pins.level(3)];
-            engine.tick(&handover);
-            now += 1;
-            for (axis, at) in [0, 3].into_iter().enumerate() {
-                if pins.level(at) && !before[axis] {
-                    rises.push((now, axis));
-                }
-                assert!(!(pins.level(at) && before[axis]), "a pulse lasts one tick");
-            }
-            if let Some(report) = handover.take_report() {
-                return (rises, report);
-            }
-            assert!(now < 100_000);
-        }
-    }
-
-    #[test]
-    fn a_turn_makes_exactly_its_steps() {
-        let (rises, report) = rises(false);
-        let Report::Laid(made) = report else { panic!("{report:?}") };
-        let turn = turn();
-        assert_eq!(made.feed, turn.sectors.map(|sector| sector.feed));
-        assert_eq!(made.head, 3200);
-        assert_eq!(rises.iter().filter(|(_, axis)| *axis == 0).count(), 3200);
-        assert_eq!(rises.iter().filter(|(_, axis)| *axis == 1).count() as u32, made.feed.iter().sum::<u32>());
-    }
-
-    #[test]
-    fn skipping_quiet_ticks_changes_nothing() {
-        assert_eq!(rises(true), rises(false));
-    }
 
     #[test]
     fn steps_of_a_spread_fall_within_its_ticks_and_leave_room_for_the_pulse() {
@@ -402,51 +610,5 @@ mod tests {
                 assert!(due.windows(2).all(|pair| pair[1] - pair[0] >= 2), "{steps} in {ticks}: {due:?}");
             }
         }
-    }
-
-    #[test]
-    fn a_halt_lets_go_at_the_next_tick() {
-        let (pins, handover) = (FakePins::default(), Handover::new());
-        let mut engine = engine(&pins);
-        assert!(!pins.level(2) && !pins.level(5));
-        handover.give(Order::Lay(turn()));
-        for _ in 0..1000 {
-            engine.tick(&handover);
-        }
-        assert!(pins.level(2) && pins.level(5));
-        handover.halt();
-        assert_eq!(engine.ticks_to_event(&handover), 1);
-        engine.tick(&handover);
-        assert!((0..6).all(|pin| !pins.level(pin) || pin == 1 || pin == 4));
-        assert_eq!(engine.ticks_to_event(&handover), u32::MAX);
-    }
-
-    #[test]
-    fn homing_gives_up_without_an_index_mark() {
-        let (pins, handover) = (FakePins::default(), Handover::new());
-        let mut engine = engine(&pins);
-        handover.give(Order::Home(Homing { ticks_per_step: 2, most_steps: 100, steps_to_zero: 5 }));
-        for _ in 0..201 {
-            engine.tick(&handover);
-            assert_eq!(handover.take_report(), None);
-        }
-        for _ in 0..2 {
-            engine.tick(&handover);
-        }
-        assert_eq!(handover.take_report(), Some(Report::IndexNotFound));
-    }
-
-    #[test]
-    fn a_pin_that_fails_switches_everything_off() {
-        let (pins, handover) = (FakePins::default(), Handover::new());
-        let mut engine = engine(&pins);
-        handover.give(Order::Lay(turn()));
-        engine.tick(&handover);
-        pins.fail(0);
-        for _ in 0..1000 {
-            engine.tick(&handover);
-        }
-        assert_eq!(handover.take_report(), Some(Report::Hardware));
-        assert!(!pins.level(2) && !pins.level(5));
     }
 }

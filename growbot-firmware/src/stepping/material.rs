@@ -11,6 +11,7 @@ use growbot_core::layer_bytes::{Fields, HEIGHT_UNITS, LayerBytes};
 use growbot_core::robot::Robot;
 use nalgebra::Vector2;
 
+use super::pace::Ends;
 use super::turn::{StepRate, Turn};
 
 /// The lean that rounding can leave owing, in the height of a step spread over the whole ring: with every edge of a sector off by
@@ -24,6 +25,8 @@ pub struct Material {
     height_units: u64,
     /// Lean that was asked for and not laid, in the tip's x and y, mm.
     lean_owed: Vector2<f64>,
+    /// How the turn before has ended.
+    before: Option<Ends>,
 }
 
 /// By how much a layer is higher on its outer side than on average, as a vector towards that side, mm.
@@ -33,12 +36,13 @@ fn lean(layer: &Layer, robot: &Robot) -> Vector2<f64> {
 }
 
 impl Material {
-    /// The turn that lays a layer next. The layer counts as laid.
+    /// The turn that lays a layer next, counter-clockwise or (`backwards`) clockwise. The layer counts as laid.
     ///
     /// # Errors
-    /// [`StepRate`] if a sector asks for more than one step in two ticks, or the layer for no height or for feed taken back.
+    /// [`StepRate`] if a sector asks for more than one step in two ticks, the layer for no height or for feed taken back, or
+    /// its profile for more acceleration than the motors have.
     /// No layer does that which [`growbot_core::layer_bytes::decode_checked`] has passed. The layer does not count then.
-    pub fn lay(&mut self, bytes: &LayerBytes, robot: &Robot, _backwards: bool) -> Result<Turn, StepRate> {
+    pub fn lay(&mut self, bytes: &LayerBytes, robot: &Robot, backwards: bool) -> Result<Turn, StepRate> {
         let fields = Fields::of(bytes);
         if fields.height == 0 {
             return Err(StepRate);
@@ -53,8 +57,10 @@ impl Material {
             tilt: asked.norm() / robot.tip_radius(),
             ..layer
         };
+        let lay = |profile: &Layer| Turn::new(profile, feed_steps, robot, backwards, self.before.as_ref());
         // A layer close to its limits goes as it is, and the next one pays.
-        let turn = Turn::new(&paying, feed_steps, robot).or_else(|StepRate| Turn::new(&layer, feed_steps, robot))?;
+        let (turn, ends) = lay(&paying).or_else(|StepRate| lay(&layer))?;
+        self.before = Some(ends);
         self.height_units += u64::from(fields.height);
         self.lean_owed = asked - lean(&turn.layer(robot), robot);
         let most = MOST_OWED_STEPS / robot.feed_steps_per_length();
@@ -62,5 +68,89 @@ impl Material {
             self.lean_owed *= most / self.lean_owed.norm();
         }
         Ok(turn)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::{fast_robot, robot_a};
+    use growbot_core::layer_bytes::{Encoder, decode, decode_checked};
+    use growbot_core::robot::FeedStrategy;
+
+    fn bytes(layer: &Layer) -> LayerBytes {
+        Encoder::default().encode(layer)
+    }
+
+    #[test]
+    fn lean_never_drifts_even_with_coarse_steps() {
+        for robot in [robot_a(), fast_robot()] {
+            let step = 1.0 / robot.feed_steps_per_length();
+            for layer in [
+                Layer { alpha: 0.0, height: 0.7733, tilt: 0.0 },
+                Layer { alpha: 2.5, height: 0.7733, tilt: 0.0077 },
+                Layer { alpha: 4.0, height: 0.4, tilt: 0.001 },
+            ] {
+                let (mut material, mut owed) = (Material::default(), Vector2::zeros());
+                for _ in 0..2000 {
+                    let bytes = bytes(&layer);
+                    let turn = material.lay(&bytes, &robot, false).unwrap();
+                    owed += lean(&decode(&bytes), &robot) - lean(&turn.layer(&robot), &robot);
+                    assert!(
+                        owed.norm() <= MOST_OWED_STEPS * step,
+                        "{} owes {} steps",
+                        robot.name(),
+                        owed.norm() / step
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn layers_at_a_limit_have_a_turn_however_their_steps_are_rounded() {
+        let quick = fast_robot();
+        let mut by_speed = quick.description().clone();
+        by_speed.motion.strategy = FeedStrategy::Speed;
+        let by_speed = Robot::new(by_speed).unwrap();
+        // Nearly nothing on the inner side; and nearly more than one head step in two ticks there.
+        for (robot, height, leans) in [(robot_a(), 0.17, 0.999..1.0), (by_speed, 0.5, 0.2888..0.2889)] {
+            let (mut material, mut laid) = (Material::default(), 0);
+            for i in 0..4000 {
+                let lean = leans.start + (leans.end - leans.start) * f64::from(i) / 4000.0;
+                let alpha = wrap_positive(f64::from(i) * 0.37);
+                let bytes = bytes(&Layer { alpha, height, tilt: lean * height / robot.tip_radius() });
+                if decode_checked(&bytes, &robot).is_ok() {
+                    let turn = material.lay(&bytes, &robot, false).unwrap();
+                    assert!(turn.sectors.iter().all(|sector| 2 * sector.head.max(sector.feed) <= sector.ticks));
+                    laid += 1;
+                }
+            }
+            assert!(laid > 2000, "{laid} passed their check");
+        }
+    }
+
+    #[test]
+    fn feed_steps_never_drift_over_five_thousand_layers() {
+        let robot = robot_a();
+        let layer = Layer { alpha: 1.0, height: 0.7731, tilt: 0.0077 };
+        let (mut encoder, mut material, mut steps, mut height) = (Encoder::default(), Material::default(), 0_u64, 0.0);
+        for _ in 0..5000 {
+            let bytes = encoder.encode(&layer);
+            let turn = material.lay(&bytes, &robot, false).unwrap();
+            steps += turn.sectors.iter().map(|sector| u64::from(sector.feed)).sum::<u64>();
+            height += decode(&bytes).height;
+            assert!((steps as f64 - height * robot.feed_steps_per_length()).abs() < 0.51);
+        }
+    }
+
+    #[test]
+    fn what_the_step_interrupt_cannot_carry_is_refused() {
+        let robot = robot_a();
+        assert_eq!(Material::default().lay(&[0; 12], &robot, false), Err(StepRate));
+        let absurd = Layer { alpha: 0.0, height: 200.0, tilt: 0.1 };
+        assert_eq!(Material::default().lay(&bytes(&absurd), &robot, false), Err(StepRate));
+        let more_lean_than_height = Layer { alpha: 0.0, height: 0.1, tilt: 0.1 };
+        assert_eq!(Material::default().lay(&bytes(&more_lean_than_height), &robot, false), Err(StepRate));
     }
 }

@@ -15,7 +15,9 @@ use core::f64::consts::{PI, TAU};
 
 use growbot_core::angle::wrap_positive;
 use growbot_core::layer::{Layer, SECTORS};
-use growbot_core::robot::{FeedStrategy, Robot};
+use growbot_core::robot::{FeedStrategy, LayerMotion, Robot};
+
+use super::pace::{Ends, Pace};
 
 /// Steps and ticks of one sector. Neither axis makes more than one step in two ticks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -31,11 +33,17 @@ pub struct Sector {
 /// One layer as one turn of the head.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Turn {
-    /// The sectors, from the tip's x axis on.
+    /// The sectors by angle, from the tip's x axis on.
     pub sectors: [Sector; SECTORS],
+    /// Whether the head turns clockwise: from the last sector to the first.
+    pub backwards: bool,
+    /// Ticks of all sectors.
+    pub ticks: u32,
+    /// How fast it may be begun and ended.
+    pub pace: Pace,
 }
 
-/// A layer asks for steps faster than one in two ticks.
+/// A layer asks for steps faster than one in two ticks, or for more than the motors can follow.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct StepRate;
 
@@ -47,18 +55,43 @@ fn flattening() -> f64 {
 }
 
 impl Turn {
-    /// The turn that lays this profile from one position of the feed to another: `feed_steps` gives the position, in steps
-    /// and not rounded, after a share of the layer.
+    /// No turn.
+    pub(super) const NONE: Self = Self {
+        sectors: [Sector { ticks: 0, head: 0, feed: 0 }; SECTORS],
+        backwards: false,
+        ticks: 0,
+        pace: Pace::FULL,
+    };
+
+    /// The turn that lays this profile from one position of the feed to another, and how it ends: `feed_steps` gives the
+    /// position, in steps and not rounded, after a share of the layer. `before` is how the turn before has ended.
     ///
     /// # Errors
-    /// [`StepRate`] if a sector asks for more than one step in two ticks, or for feed taken back.
-    pub(super) fn new(profile: &Layer, feed_steps: impl Fn(f64) -> f64, robot: &Robot) -> Result<Self, StepRate> {
+    /// [`StepRate`] if a sector asks for more than one step in two ticks, for feed taken back, or for more acceleration than
+    /// the motors have.
+    pub(super) fn new(
+        profile: &Layer,
+        feed_steps: impl Fn(f64) -> f64,
+        robot: &Robot,
+        backwards: bool,
+        before: Option<&Ends>,
+    ) -> Result<(Self, Ends), StepRate> {
         let steeper = Layer { tilt: profile.tilt / flattening(), ..*profile };
         // The check of a layer knows of no steeper one, so a layer close to its limits goes as it is.
-        Self::of_profile(&steeper, &feed_steps, robot).or_else(|StepRate| Self::of_profile(profile, &feed_steps, robot))
+        let (sectors, motion) = Self::of_profile(&steeper, &feed_steps, robot)
+            .or_else(|StepRate| Self::of_profile(profile, &feed_steps, robot))?;
+        let ticks = sectors.iter().map(|sector| sector.ticks).sum();
+        let ends = Ends::of(&motion, backwards);
+        let pace = Pace::of(&motion, &ends, before, robot.description().motion.tick_hz, ticks);
+        Ok((Self { sectors, backwards, ticks, pace }, ends))
     }
 
-    fn of_profile(profile: &Layer, feed_steps: &impl Fn(f64) -> f64, robot: &Robot) -> Result<Self, StepRate> {
+    fn of_profile(
+        profile: &Layer,
+        feed_steps: &impl Fn(f64) -> f64,
+        robot: &Robot,
+    ) -> Result<([Sector; SECTORS], LayerMotion), StepRate> {
+        robot.check_motion(profile).map_err(|_| StepRate)?;
         let description = robot.description();
         let ticks = description.layer.period_s * f64::from(description.motion.tick_hz);
         let head_steps = f64::from(description.head.steps_per_turn);
@@ -85,7 +118,7 @@ impl Turn {
             *sector = Sector { ticks: ticks as u32, head: head as u32, feed: feed as u32 };
             from = to;
         }
-        Ok(Self { sectors })
+        Ok((sectors, robot.motion_of(profile)))
     }
 
     /// The layer that this turn lays.
@@ -134,7 +167,8 @@ mod tests {
     }
 
     fn lay(layer: &Layer, robot: &Robot) -> Result<Turn, StepRate> {
-        Turn::new(layer, |share| share * layer.height * robot.feed_steps_per_length(), robot)
+        let feed_steps = |share| share * layer.height * robot.feed_steps_per_length();
+        Turn::new(layer, feed_steps, robot, false, None).map(|(turn, _)| turn)
     }
 
     proptest! {

@@ -15,7 +15,7 @@ use growbot_firmware::controller::{Controller, Identity};
 use growbot_firmware::hal::{Board, KeptMemory, Parts, Watchdog};
 use growbot_firmware::layer_store::LayerStore;
 use growbot_firmware::safety::kept::KEPT_BYTES;
-use growbot_firmware::stepping::{Axis, Engine, Handover};
+use growbot_firmware::stepping::{Axis, Engine, EngineSettings, Handover, Inputs};
 
 use super::{Port, PortError, TipRecord};
 use crate::tip::pins::{
@@ -31,7 +31,7 @@ const HEAD_AT_FIRST: i64 = -137;
 /// How long the watchdog waits to be fed, s.
 const WATCHDOG_S: u64 = 1;
 
-type SimEngine = Engine<StepPin, DirectionPin, EnablePin, StepPin, DirectionPin, EnablePin, Input>;
+type SimEngine = Engine<StepPin, DirectionPin, EnablePin, StepPin, DirectionPin, EnablePin, Input, Input, Input>;
 
 /// A robot in this process.
 pub struct Sim {
@@ -68,7 +68,7 @@ impl Sim {
         let handover = Handover::new();
         let tick_hz = u64::from(robot.description().motion.tick_hz);
         let mut sim = Self {
-            engine: engine(&tip),
+            engine: engine(&robot, &tip),
             controller: controller(
                 &robot,
                 &tip,
@@ -177,7 +177,7 @@ impl Sim {
         self.fed.feed();
         self.handover = Handover::new();
         // An engine lets go of both motors when it starts.
-        self.engine = engine(&self.tip);
+        self.engine = engine(&self.robot, &self.tip);
         let identity = Identity { boot_id: self.boots, reset_cause: cause };
         self.controller = controller(&self.robot, &self.tip, &self.fed, &self.kept, identity, &self.handover);
         self.poll();
@@ -217,13 +217,18 @@ impl Sim {
     }
 }
 
-fn engine(tip: &SharedTip) -> SimEngine {
+fn engine(robot: &Robot, tip: &SharedTip) -> SimEngine {
     let axis = |motor| Axis {
         step: StepPin(motor, Rc::clone(tip)),
         direction: DirectionPin(motor, Rc::clone(tip)),
         enable: EnablePin(motor, Rc::clone(tip)),
     };
-    Engine::new(axis(Motor::Head), axis(Motor::Feed), Input::index(tip))
+    let inputs = Inputs {
+        index: Input::index(tip),
+        filament_motion: Input::filament_motion(tip),
+        emergency_stop: Input::emergency_stop(tip),
+    };
+    Engine::new(axis(Motor::Head), axis(Motor::Feed), inputs, EngineSettings::of(robot))
 }
 
 fn controller(

@@ -26,7 +26,7 @@ use growbot_firmware::hal::{Board, Parts};
 use growbot_firmware::layer_store::LayerStore;
 use growbot_firmware::machine;
 use growbot_firmware::polarity::Polarized;
-use growbot_firmware::stepping::{Axis, Engine, Handover};
+use growbot_firmware::stepping::{Axis, Engine, EngineSettings, Handover, Inputs};
 
 use crate::line::Line;
 use crate::tip::Tip;
@@ -70,8 +70,13 @@ fn main() -> ! {
     let engine = Engine::new(
         Axis { step: tip.head_step, direction: tip.head_direction, enable: tip.head_enable },
         Axis { step: tip.feed_step, direction: tip.feed_direction, enable: tip.feed_enable },
-        // The emulated sensor pulls its line low on the mark.
-        Polarized::new(tip.index, true),
+        Inputs {
+            // The emulated sensor pulls its line low on the mark.
+            index: Polarized::new(tip.index, true),
+            filament_motion: tip.filament_motion,
+            emergency_stop: tip.emergency_stop,
+        },
+        EngineSettings::of(&robot),
     );
     step_timer::start(engine, robot.description().motion.tick_hz, CLOCK_HZ);
     interrupts::start(&mut core.NVIC);

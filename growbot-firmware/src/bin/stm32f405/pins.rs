@@ -12,13 +12,15 @@
 //! | heater second switch | PA7 | push-pull output | low |
 //! | thermistor | PC0 | ADC1 channel 10, analog | |
 //! | index sensor | PB6 | input with pull-up | |
+//! | filament encoder | PB7 | input with pull-up | |
+//! | emergency stop | PB8 | input with pull-up | |
 //! | link, board to host | PA2 | USART2 TX | |
 //! | link, host to board | PA3 | USART2 RX | |
 //! | oscillator | PH0, PH1 | 8 MHz crystal | |
 //! | debug probe | PA13, PA14 | SWD | |
 //!
 //! Which pins the published robots use is not known: this table is an assumption, for an STM32F405RG in its 64-pin package. The
-//! levels of DIR, EN and the index sensor are the robot description's (`direction_high_is_positive`, `enable_low`, ...). The
+//! levels of DIR, EN and the inputs are the robot description's (`direction_high_is_positive`, `enable_low`, ...). The
 //! board needs resistors that hold both EN lines at "off" and pull-downs on both heater lines, so that everything is off while the
 //! processor is in reset and its pins float.
 
@@ -26,7 +28,9 @@ use core::sync::atomic::{AtomicBool, Ordering};
 
 use growbot_core::robot::RobotDescription;
 use growbot_firmware::polarity::Polarized;
-use stm32f4xx_hal::gpio::{Alternate, Input, Output, PA2, PA3, PA6, PA7, PB6, PB12, PB13, PB14, PC6, PC7, PC8};
+use stm32f4xx_hal::gpio::{
+    Alternate, Input, Output, PA2, PA3, PA6, PA7, PB6, PB7, PB8, PB12, PB13, PB14, PC6, PC7, PC8,
+};
 use stm32f4xx_hal::gpio::{Analog, GpioExt, PC0, PinState};
 use stm32f4xx_hal::pac;
 use stm32f4xx_hal::rcc::Rcc;
@@ -47,6 +51,10 @@ pub type FeedEnable = Polarized<PB14<Output>>;
 pub type HeaterEnable = PA7<Output>;
 /// The index sensor.
 pub type Index = Polarized<PB6<Input>>;
+/// The encoder that the filament turns.
+pub type FilamentMotion = PB7<Input>;
+/// The emergency stop; high is pressed.
+pub type EmergencyStop = Polarized<PB8<Input>>;
 
 /// Whether a low level enables the drivers: [`make_safe`] must know it whoever owns the pins.
 static ENABLE_LOW: AtomicBool = AtomicBool::new(true);
@@ -73,6 +81,10 @@ pub struct Pins {
     pub thermistor: PC0<Analog>,
     /// Index sensor of the head.
     pub index: Index,
+    /// The encoder that the filament turns.
+    pub filament_motion: FilamentMotion,
+    /// The emergency stop.
+    pub emergency_stop: EmergencyStop,
     /// TX of the link.
     pub link_tx: PA2<Alternate<7>>,
     /// RX of the link.
@@ -87,6 +99,7 @@ impl Pins {
         let off = PinState::from(enable_low);
         let head_backwards = !robot.head.direction_high_is_positive;
         let feed_backwards = !robot.feed.direction_high_is_forward;
+        let stop_low = robot.sensors.emergency_stop.is_some_and(|input| input.active_low);
         let (a, b, c) = (a.split(rcc), b.split(rcc), c.split(rcc));
         Pins {
             head_step: c.pc6.into_push_pull_output_in_state(PinState::Low),
@@ -99,6 +112,8 @@ impl Pins {
             heater_enable: a.pa7.into_push_pull_output_in_state(PinState::Low),
             thermistor: c.pc0.into_analog(),
             index: Polarized::new(b.pb6.into_pull_up_input(), robot.head.index_low_on_mark),
+            filament_motion: b.pb7.into_pull_up_input(),
+            emergency_stop: Polarized::new(b.pb8.into_pull_up_input(), stop_low),
             link_tx: a.pa2.into_alternate(),
             link_rx: a.pa3.into_alternate(),
         }

@@ -16,14 +16,14 @@ use growbot_core::link::message::{
 use growbot_core::robot::Robot;
 
 use super::tip::{
-    DRIVER_FAULT, EMERGENCY_STOP, FEED, FILAMENT_PRESENCE, FakeKept, FakeOrientation, FakeSupply, FakeThermistor,
+    DRIVER_FAULT, EMERGENCY_STOP, FEED, FILAMENT_MOTION, FILAMENT_PRESENCE, FakeKept, FakeOrientation, FakeSupply, FakeThermistor,
     FakeWatchdog, HEAD, HEATER_ENABLE, HeaterWires, INDEX, Motors, Wire, World,
 };
 use crate::controller::{Controller, Identity};
 use crate::hal::{Board, Parts};
 use crate::layer_store::LayerStore;
 use crate::safety::transitions::may_heat;
-use crate::stepping::{Axis, Engine, Handover};
+use crate::stepping::{Axis, Engine, EngineSettings, Handover, Inputs};
 use crate::testing::{FakePin, FakePins, FakePower};
 
 pub const SESSION: u32 = 7;
@@ -54,7 +54,7 @@ pub struct Bench {
     seq: u16,
 }
 
-type TestEngine = Engine<FakePin, FakePin, FakePin, FakePin, FakePin, FakePin, FakePin>;
+type TestEngine = Engine<FakePin, FakePin, FakePin, FakePin, FakePin, FakePin, FakePin, FakePin, FakePin>;
 
 pub struct TestBoard;
 
@@ -96,7 +96,12 @@ impl Bench {
         let (pins, power, fed) = (FakePins::default(), FakePower::default(), FakeWatchdog::default());
         let fan = FakePower::default();
         let axis = |at: usize| Axis { step: pins.pin(at), direction: pins.pin(at + 1), enable: pins.pin(at + 2) };
-        let engine = Engine::new(axis(HEAD), axis(FEED), pins.pin(INDEX));
+        let inputs = Inputs {
+            index: pins.pin(INDEX),
+            filament_motion: pins.pin(FILAMENT_MOTION),
+            emergency_stop: pins.pin(EMERGENCY_STOP),
+        };
+        let engine = Engine::new(axis(HEAD), axis(FEED), inputs, EngineSettings::of(&robot));
         let handover = Handover::new();
         let parts = Parts {
             heater_power: power.clone(),

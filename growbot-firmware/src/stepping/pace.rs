@@ -1,0 +1,219 @@
+//! Ramps: how the time of a turn speeds up and slows down.
+//!
+//! The sectors of a turn are laid out in *virtual ticks*. A real tick moves virtual time on by the *rate*, [`ONE`] at most: an
+//! accumulator adds it up, and each time it overflows a virtual tick is due. So both axes slow down together and lay the same
+//! plastic at any rate, to the step.
+//!
+//! From rest the rate begins at what the motors can do at an instant and goes up evenly; before the end of a turn it goes
+//! down in time, to what allows a stop, or to what the next turn can be entered at. Slopes and rates come with each
+//! turn ([`Pace`]), so that the interrupt multiplies and compares, and divides nothing.
+
+use growbot_core::robot::{AxisMotion, LayerMotion};
+
+/// Full speed: a virtual tick in each tick.
+pub const ONE: u32 = 1 << FRACTION;
+/// Bits of a rate below one.
+const FRACTION: u32 = 24;
+
+/// How fast a turn may be begun, entered and ended, and how fast that may change. Rates in units of 1 / [`ONE`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Pace {
+    /// The greatest rate from rest, and to rest.
+    pub(super) start: u32,
+    /// By how much the rate may change in a tick.
+    pub(super) slope: u32,
+    /// The greatest rate at which the turn may follow the one before: the change of speed between the two is within what the
+    /// motors can do at an instant, and there is room enough to brake.
+    pub(super) entry: u32,
+    /// Virtual ticks within which any rate can be braked away.
+    pub(super) braking: u32,
+}
+
+/// Speeds of both axes, with their signs, where a turn begins and ends at full rate.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Ends {
+    head: f64,
+    feed: f64,
+}
+
+impl Ends {
+    pub fn of(motion: &LayerMotion, backwards: bool) -> Self {
+        let head = motion.head.speed_at_ends;
+        Self { head: if backwards { -head } else { head }, feed: motion.feed.speed_at_ends }
+    }
+}
+
+/// A share of full speed as a rate: 1 unit at least, and rounded to the side of caution.
+fn units(share: f64) -> u32 {
+    ((share.min(1.0) * f64::from(ONE)) as u32).max(1)
+}
+
+impl Pace {
+    /// No ramps at all.
+    pub(super) const FULL: Self = Self { start: ONE, slope: ONE, entry: ONE, braking: 0 };
+
+    /// The pace of a turn of so many ticks that follows another.
+    pub(super) fn of(motion: &LayerMotion, ends: &Ends, before: Option<&Ends>, tick_hz: u32, ticks: u32) -> Self {
+        let axes = [&motion.head, &motion.feed];
+        let least = |share: &dyn Fn(&AxisMotion) -> f64| axes.into_iter().map(share).fold(1.0, f64::min);
+        let start = units(least(&|axis| axis.jump / axis.speed));
+        let slope = units(least(&|axis| {
+            if axis.needs_no_ramp() { 1.0 } else { axis.ramp / axis.speed / f64::from(tick_hz) }
+        }));
+        let change = before.map_or([0.0; 2], |before| [ends.head - before.head, ends.feed - before.feed]);
+        // A change of 0 gives infinity, of which `units` makes full speed.
+        let passing =
+            axes.into_iter().zip(change).map(|(axis, change)| axis.passing_jump / change.abs()).fold(1.0, f64::min);
+        // From that rate it can be braked to `start` within the turn: see `Clock::can_brake`, solved for the rate.
+        let (from, by) = (f64::from(start), f64::from(slope));
+        let room = 2.0 * by * f64::from(ticks) * f64::from(ONE);
+        let brakable = libm::sqrt(by * by / 4.0 + from * from - by * from + room) - by / 2.0;
+        Self {
+            start,
+            slope,
+            entry: units(passing.min(brakable / f64::from(ONE))),
+            braking: (ONE / 2).checked_div(slope).unwrap_or(ONE) + 3,
+        }
+    }
+}
+
+/// Virtual time as it passes.
+pub(super) struct Clock {
+    /// 0 at rest.
+    rate: u32,
+    accumulator: u32,
+}
+
+impl Clock {
+    pub const AT_REST: Self = Self { rate: 0, accumulator: 0 };
+
+    pub fn is_at_rest(&self) -> bool {
+        self.rate == 0
+    }
+
+    /// Begins a turn: from rest, or at the rate at which the one before has ended.
+    pub fn enter(&mut self, pace: &Pace) {
+        // What the next turn cannot be entered at is slow enough to stop at: the engine has braked to one of the two.
+        self.rate = if self.rate <= pace.entry { self.rate.max(pace.start) } else { pace.start };
+    }
+
+    /// One tick on, with so many virtual ticks of the turn left: whether one is due. `passing` is the rate at which the next
+    /// turn can be entered, 0 without one.
+    pub fn tick(&mut self, pace: &Pace, left: u32, passing: u32) -> bool {
+        let goal = passing.max(pace.start);
+        if self.rate != ONE || (goal != ONE && left <= pace.braking) {
+            self.change(pace, left, goal);
+        }
+        self.accumulator += self.rate;
+        let due = self.accumulator >= ONE;
+        if due {
+            self.accumulator -= ONE;
+        }
+        due
+    }
+
+    /// Speeds up where it can still brake to the goal by the end of the turn, slows down where it must.
+    fn change(&mut self, pace: &Pace, left: u32, goal: u32) {
+        let faster = (self.rate + pace.slope).min(ONE);
+        if left > pace.braking || self.can_brake(pace, left, goal, faster) {
+            self.rate = faster;
+        } else if !self.can_brake(pace, left, goal, self.rate) {
+            self.rate = self.rate.saturating_sub(pace.slope).max(goal);
+        }
+    }
+
+    /// Whether this tick can pass at a rate. Each tick after it takes off a slope, until the goal is reached: from `r` to `g` by `s`,
+    /// that takes `(r + g)(r - g + s) / 2 s` of virtual time. Nothing overflows, since `left` is within [`Pace::braking`].
+    fn can_brake(&self, pace: &Pace, left: u32, goal: u32, rate: u32) -> bool {
+        let Some(over) = rate.checked_sub(goal) else { return true };
+        let room = (u64::from(left) << FRACTION) - u64::from(self.accumulator);
+        over == 0 || u64::from(rate + goal) * u64::from(over + pace.slope) <= 2 * u64::from(pace.slope) * room
+    }
+
+    /// Ticks, from now on, of which each is a virtual tick for certain; 0 while the rate changes.
+    pub fn steady_ticks(&self, pace: &Pace, left: u32, passing: u32) -> u32 {
+        if self.rate != ONE {
+            0
+        } else if passing.max(pace.start) == ONE {
+            u32::MAX
+        } else {
+            left.saturating_sub(pace.braking)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Runs a turn of so many ticks: the rate in each real tick.
+    fn run(clock: &mut Clock, pace: &Pace, ticks: u32, passing: impl Fn(u32) -> u32) -> std::vec::Vec<u32> {
+        let (mut left, mut rates) = (ticks, std::vec::Vec::new());
+        clock.enter(pace);
+        while left > 0 {
+            if clock.tick(pace, left, passing(left)) {
+                left -= 1;
+            }
+            rates.push(clock.rate);
+        }
+        rates
+    }
+
+    fn pace(start: u32, slope: u32, entry: u32) -> Pace {
+        Pace { start, slope, entry, braking: ONE / 2 / slope + 3 }
+    }
+
+    #[test]
+    fn a_turn_from_rest_to_rest_goes_up_and_down_evenly() {
+        for ticks in [1, 2, 7, 100, 1000, 30_000] {
+            for slope in [1 << 8, 12_345, 1 << 14, 1 << 20, ONE] {
+                for start in [1 << 18, ONE / 3, ONE - 1, ONE] {
+                    let pace = pace(start, slope, ONE);
+                    let rates = run(&mut { Clock::AT_REST }, &pace, ticks, |_| 0);
+                    assert!(rates.iter().all(|rate| (start..=ONE).contains(rate)));
+                    assert!(rates.windows(2).all(|pair| pair[0].abs_diff(pair[1]) <= slope));
+                    assert!(rates[0] <= (start + slope).min(ONE));
+                    assert_eq!(
+                        *rates.last().unwrap(),
+                        start.max(rates[0].saturating_sub(slope)),
+                        "{ticks} {slope} {start}"
+                    );
+                    // Up, then down, and never up again; no slower than need be.
+                    let top = rates.iter().max().unwrap();
+                    let summit = rates.iter().position(|rate| rate == top).unwrap();
+                    assert!(rates[..summit].is_sorted());
+                    assert!(rates[summit..].is_sorted_by(|a, b| a >= b));
+                    let even = rates.iter().filter(|rate| **rate == start).count() as u64;
+                    assert!(
+                        even * u64::from(start) <= 2 * u64::from(ONE) + 3 * u64::from(start)
+                            || start == ONE
+                            || ticks < 10
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn it_brakes_to_what_the_next_turn_can_be_entered_at() {
+        let this = pace(ONE / 10, 2000, ONE);
+        for entry in [ONE / 20, ONE / 10, ONE / 2, ONE] {
+            let mut clock = Clock::AT_REST;
+            let rates = run(&mut clock, &this, 20_000, |_| entry);
+            let last = *rates.last().unwrap();
+            assert!(last <= entry.max(this.start) && last + 4000 >= entry.max(this.start).min(ONE));
+            clock.enter(&pace(ONE / 10, 2000, entry));
+            assert_eq!(clock.rate, if last <= entry { last } else { ONE / 10 });
+        }
+    }
+
+    #[test]
+    fn an_order_that_comes_while_it_brakes_speeds_it_up_again() {
+        let pace = pace(ONE / 10, 2000, ONE);
+        let mut clock = Clock::AT_REST;
+        let rates = run(&mut clock, &pace, 20_000, |left| if left < 1000 { ONE } else { 0 });
+        assert!(rates.iter().rev().take(5000).min().unwrap() < &(ONE / 2));
+        assert!(*rates.last().unwrap() > ONE / 2);
+        assert!(rates.windows(2).all(|pair| pair[0].abs_diff(pair[1]) <= pace.slope));
+    }
+}

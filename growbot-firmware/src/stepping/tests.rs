@@ -1,0 +1,1 @@
+//! The engine with everything round it.
