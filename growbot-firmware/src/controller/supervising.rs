@@ -12,8 +12,10 @@ use crate::safety::kept::fault_of;
 use crate::safety::transitions::{Event, may_feed, may_heat};
 use crate::stepping::Handover;
 
-/// The self-test has this long to find every sensor well, us.
-const SELF_TEST_US: u64 = 2_000_000;
+/// The self-test takes this long at least, so that whatever must persist to count can persist, us.
+const SELF_TEST_LEAST_US: u64 = 400_000;
+/// It has this long to find every sensor well, us.
+const SELF_TEST_MOST_US: u64 = 2_000_000;
 /// Looks in a row, ten a second, at which the step interrupt has not run, that make a fault.
 const LOOKS_WITHOUT_TICKS: u8 = 3;
 
@@ -129,9 +131,12 @@ impl<B: Board> Controller<B> {
     fn test(&mut self, look: &Look, handover: &Handover) {
         let measures = self.heater.temperature(self.now).is_some();
         let powered = !self.robot.description().sensors.supply || look.supply_v.is_some();
+        if self.in_state_us() < SELF_TEST_LEAST_US {
+            return;
+        }
         if measures && powered {
             self.happens(Event::Tested);
-        } else if self.in_state_us() > SELF_TEST_US {
+        } else if self.in_state_us() > SELF_TEST_MOST_US {
             let fault = if measures { Fault::SupplyLow } else { self.heater.sensor_fault() };
             self.fail(fault, handover);
         }

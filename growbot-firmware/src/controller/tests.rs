@@ -3,7 +3,10 @@
 mod bench;
 mod faults;
 mod growing;
+mod holding;
 mod refusals;
+mod resets;
 mod states;
 mod tip;
+mod tuning;
 mod turbulence;

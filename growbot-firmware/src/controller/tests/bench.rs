@@ -16,8 +16,8 @@ use growbot_core::link::message::{
 use growbot_core::robot::Robot;
 
 use super::tip::{
-    DRIVER_FAULT, EMERGENCY_STOP, FEED, FILAMENT_MOTION, FILAMENT_PRESENCE, FakeKept, FakeOrientation, FakeSupply, FakeThermistor,
-    FakeWatchdog, HEAD, HEATER_ENABLE, HeaterWires, INDEX, Motors, Wire, World,
+    DRIVER_FAULT, EMERGENCY_STOP, FEED, FILAMENT_MOTION, FILAMENT_PRESENCE, FakeKept, FakeOrientation, FakeSupply,
+    FakeThermistor, FakeWatchdog, HEAD, HEATER_ENABLE, HeaterWires, INDEX, Motors, Wire, World,
 };
 use crate::controller::{Controller, Identity};
 use crate::hal::{Board, Parts};
@@ -46,6 +46,8 @@ pub struct Bench {
     /// Each request is sent twice, and both answers must be alike.
     pub stutters: bool,
     pub reads: bool,
+    /// Whether the step interrupt runs.
+    pub interrupt_runs: bool,
     engine: TestEngine,
     handover: Handover,
     tick: u64,
@@ -129,6 +131,7 @@ impl Bench {
             events: Vec::new(),
             stutters: false,
             reads: true,
+            interrupt_runs: true,
             engine,
             handover,
             tick: 0,
@@ -174,8 +177,11 @@ impl Bench {
     /// One tick in which something happens, or all up to the next poll in which nothing does.
     fn advance(&mut self, until: u64) {
         let quiet = u32::try_from(self.next_poll.min(until).saturating_sub(self.tick).max(1)).unwrap_or(u32::MAX);
-        let ticks = self.engine.ticks_to_event(&self.handover).min(quiet);
-        self.engine.skip(ticks - 1);
+        let event = if self.interrupt_runs { self.engine.ticks_to_event(&self.handover) } else { u32::MAX };
+        let ticks = event.min(quiet);
+        if self.interrupt_runs {
+            self.engine.skip(ticks - 1);
+        }
         self.tick_once(u64::from(ticks));
         if self.tick >= self.next_poll || self.handover.report_waits() {
             self.poll();
@@ -183,7 +189,9 @@ impl Bench {
     }
 
     fn tick_once(&mut self, ticks: u64) {
-        self.engine.tick(&self.handover);
+        if self.interrupt_runs {
+            self.engine.tick(&self.handover);
+        }
         self.tick += ticks;
         let seconds = ticks as f64 / self.tick_hz() as f64;
         self.world.heat(self.heater.share(), seconds);

@@ -30,8 +30,6 @@ pub enum Wire {
     Shorted,
     /// The converter gives nothing.
     Silent,
-    /// It fell off the nozzle and reads the room.
-    Detached,
 }
 
 /// What the controller and the tip share.
@@ -81,7 +79,6 @@ impl hal::Converter for FakeThermistor {
         let thermistor = &self.0.robot.description().thermistor;
         let raw = match self.0.wire.get() {
             Wire::Whole => reading(self.0.nozzle_c.get(), thermistor).round() as u16,
-            Wire::Detached => reading(ROOM, thermistor).round() as u16,
             Wire::Cut => FULL_SCALE,
             Wire::Shorted => 0,
             Wire::Silent => return None,

@@ -127,9 +127,7 @@ fn expected(wrong: Wrong, phase: Phase) -> (&'static [Fault], f64) {
         Wrong::HeaterOpen if phase == Phase::LettingDown => (&[TemperatureDrop], 75.0),
         Wrong::HeaterOpen => (&[TemperatureDrop, HeaterEnergy], 20.0),
         // Hidden as long as full power is asked for.
-        Wrong::StuckOn(duty) if duty >= 1.0 => {
-            (&[HeaterStuckOn, ThermistorFrozen], if rising { 150.0 } else { 60.0 })
-        }
+        Wrong::StuckOn(duty) if duty >= 1.0 => (&[HeaterStuckOn, ThermistorFrozen], if rising { 150.0 } else { 60.0 }),
         // What the nozzle needs may be more than that: then nothing shows, and nothing gets too hot.
         Wrong::StuckOn(_) => (&[HeaterStuckOn, ThermistorFrozen, HeaterEnergy], f64::INFINITY),
         Wrong::Draught(_) if rising => (&[HeatingTooSlow, ThermistorDetached], 60.0),

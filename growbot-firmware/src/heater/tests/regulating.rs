@@ -40,8 +40,13 @@ fn gains_that_were_found_keep_the_band() {
         let mut rig = Rig::new(spread, seed);
         rig.heater.tune(200.0, rig.now);
         let tuned = loop {
-            if let Err(fault) = rig.step() { std::println!("TUNE {seed} {fault:?} at {} s, {} C {spread:?}", rig.now as f64 * 1e-6, rig.block_c); break None; }
-            if let Some(tuned) = rig.heater.take_tuned() { break Some(tuned); }
+            if let Err(fault) = rig.step() {
+                std::println!("TUNE {seed} {fault:?} at {} s, {} C {spread:?}", rig.now as f64 * 1e-6, rig.block_c);
+                break None;
+            }
+            if let Some(tuned) = rig.heater.take_tuned() {
+                break Some(tuned);
+            }
         };
         let Some(tuned) = tuned else { continue };
         let peak = rig.peak_c;

@@ -1,0 +1,137 @@
+//! Holds: asked for or for want of layers, with filament pulled back, standby, parking, and going on.
+
+use growbot_core::link::message::{Refusal, State};
+use growbot_core::robot::{Robot, Turning};
+
+use super::bench::{Bench, WARM, bends, hold, start};
+use crate::testing::fast_robot;
+
+/// The fast robot with filament to pull back: 4 mm, which are 10 steps.
+fn retracting() -> Robot {
+    let mut description = fast_robot().description().clone();
+    description.feed.retract_mm = 4.0;
+    description.feed.retract_mm_per_s = 40.0;
+    Robot::new(description).unwrap()
+}
+
+#[test]
+fn a_hold_finishes_the_layer_pulls_filament_back_and_pushes_it_forward_again() {
+    let mut bench = Bench::greeted(retracting(), WARM);
+    let layers = bends(40);
+    bench.grow(&layers);
+    bench.run_to(State::Growing, 60.0);
+    bench.run(0.7);
+    bench.accepted(&hold());
+    bench.accepted(&hold());
+    assert_eq!(bench.controller.state(), State::Growing, "the layer under way is finished");
+    bench.run_to(State::Hold, 0.5);
+    let laid = bench.laid();
+    let fed: u32 = laid.iter().map(|laid| laid.feed_steps).sum();
+    assert_eq!(bench.motors.moved.feed, i64::from(fed));
+    bench.run(1.0);
+    assert_eq!(bench.motors.moved.feed, i64::from(fed) - 10, "pulled back");
+    assert!(bench.motors.enabled(), "the head keeps its place");
+    bench.run(20.0);
+    assert_eq!(bench.controller.state(), State::Hold, "though there are layers");
+    bench.start();
+    bench.run_to(State::Done, 60.0);
+    let fed: u32 = bench.laid().iter().map(|laid| laid.feed_steps).sum();
+    assert_eq!((bench.laid().len(), bench.motors.moved.feed), (40, i64::from(fed)));
+}
+
+#[test]
+fn a_long_hold_lets_the_nozzle_down_to_standby_and_then_parks() {
+    let mut bench = Bench::greeted(retracting(), WARM);
+    let layers = bends(40);
+    bench.begin(40);
+    bench.hand_over(0, &layers[..10]);
+    bench.start();
+    bench.run_to(State::Hold, 60.0);
+    let settings = bench.robot.description().hold;
+    bench.run(settings.standby_after_s - 2.0);
+    assert!(bench.world.nozzle_c.get() > 195.0);
+    bench.run(120.0);
+    assert!((bench.world.nozzle_c.get() - settings.standby_c).abs() < 3.0, "{} C", bench.world.nozzle_c.get());
+    // From standby it heats up again before it goes on.
+    bench.hand_over(10, &layers[10..20]);
+    bench.run(0.1);
+    assert_eq!(bench.controller.state(), State::Hold, "not while it is cold");
+    bench.run_to(State::Growing, 60.0);
+    assert!(bench.world.nozzle_c.get() > 195.0);
+    bench.run_to(State::Hold, 60.0);
+    // Without layers for long enough the heater goes off, and the job is kept.
+    bench.run_to(State::Parked, settings.off_after_s + 1.0);
+    assert!(bench.heater.off());
+    bench.run(1.0);
+    assert!(!bench.motors.enabled());
+    let laid = bench.status().laid;
+    assert_eq!(laid, 20);
+    bench.hand_over(20, &layers[20..]);
+    bench.run(30.0);
+    assert_eq!(bench.controller.state(), State::Parked, "it does not heat by itself");
+    bench.start();
+    bench.run_to(State::Homing, 200.0);
+    bench.run_to(State::Done, 100.0);
+    let all = bench.laid();
+    assert_eq!(all.iter().map(|laid| laid.index).collect::<std::vec::Vec<_>>(), (0..40).collect::<std::vec::Vec<_>>());
+    let fed: u32 = all.iter().map(|laid| laid.feed_steps).sum();
+    assert_eq!(bench.motors.moved.feed, i64::from(fed), "what was pulled back is pushed forward again");
+}
+
+#[test]
+fn a_hold_may_be_asked_for_before_the_first_layer() {
+    let mut bench = Bench::greeted(retracting(), WARM);
+    bench.grow(&bends(5));
+    bench.accepted(&hold());
+    bench.run_to(State::Hold, 60.0);
+    assert!(bench.laid().is_empty());
+    bench.start();
+    bench.run_to(State::Done, 60.0);
+}
+
+#[test]
+fn there_is_nothing_to_hold_at_rest() {
+    for state in [State::Idle, State::Done, State::Stopped, State::Fault, State::Tuning] {
+        let mut bench = Bench::in_state(state);
+        assert_eq!(bench.refused(&hold()), Refusal::WrongState { state });
+    }
+}
+
+#[test]
+fn a_head_on_wires_turns_to_and_fro_and_builds_the_same_body() {
+    let mut description = fast_robot().description().clone();
+    description.motion.turning = Turning::Alternate;
+    let alternate = Robot::new(description).unwrap();
+    let turn = i64::from(alternate.description().head.steps_per_turn);
+    let built = [fast_robot(), alternate].map(|robot| {
+        let alternates = robot.description().motion.turning == Turning::Alternate;
+        let mut bench = Bench::greeted(robot, WARM);
+        bench.grow(&bends(31));
+        bench.run_to(State::Growing, 60.0);
+        let zero = bench.motors.moved.head;
+        while bench.controller.state() != State::Done {
+            bench.run(0.05);
+            let from_zero = bench.motors.moved.head - zero;
+            assert!(!alternates || (0..=turn).contains(&from_zero), "{from_zero} steps from zero");
+        }
+        bench.laid()
+    });
+    // Feed steps are placed by angle, so the layers are alike but for which way round their half steps fall.
+    for (one, other) in built[0].iter().zip(&built[1]) {
+        assert_eq!((one.index, one.head_steps), (other.index, other.head_steps));
+        assert!(one.feed_steps.abs_diff(other.feed_steps) <= 1);
+    }
+}
+
+#[test]
+fn going_on_twice_is_going_on_once() {
+    let mut bench = Bench::greeted(retracting(), WARM);
+    bench.stutters = true;
+    bench.grow(&bends(8));
+    bench.run_to(State::Growing, 60.0);
+    bench.accepted(&hold());
+    bench.run_to(State::Hold, 2.0);
+    bench.accepted(&start());
+    bench.run_to(State::Done, 60.0);
+    assert_eq!(bench.laid().len(), 8);
+}

@@ -1,0 +1,46 @@
+//! Tuning, as a host asks for it.
+
+use growbot_core::link::message::{Message, Refusal, State, Tuned};
+
+use super::bench::{Bench, WARM, clear, start, stop, tune};
+use super::tip::Wire;
+use crate::testing::fast_robot;
+
+#[test]
+fn gains_are_found_and_told_and_nothing_is_changed() {
+    let mut bench = Bench::greeted(fast_robot(), WARM);
+    bench.accepted(&tune(200.0));
+    bench.run_to(State::Idle, 900.0);
+    bench.run(0.1);
+    let told = bench.events.iter().rev().find_map(|event| match event {
+        Message::Tuned(Tuned { gains, .. }) => Some(*gains),
+        _ => None,
+    });
+    let gains = told.expect("the gains are told");
+    assert!(gains.kp > 0.0 && gains.ki > 0.0 && gains.kd >= 0.0, "{gains:?}");
+    assert!(bench.heater.off());
+    assert_eq!(bench.motors.moved.pulses, 0);
+}
+
+#[test]
+fn the_target_stays_within_the_robots_limits() {
+    let mut bench = Bench::in_state(State::Idle);
+    let refusal = Refusal::Temperature { least: 5000, greatest: 22_000 };
+    for celsius in [49.0, 221.0, 240.0, 1e7, -1e7, 0.0] {
+        assert_eq!(bench.refused(&tune(celsius)), refusal);
+    }
+}
+
+#[test]
+fn tuning_can_be_stopped_and_is_broken_off_by_faults() {
+    let mut bench = Bench::in_state(State::Tuning);
+    bench.accepted(&stop());
+    assert_eq!(bench.controller.state(), State::Stopped);
+    let mut bench = Bench::in_state(State::Tuning);
+    bench.world.wire.set(Wire::Cut);
+    bench.run_to(State::Fault, 0.3);
+    bench.world.wire.set(Wire::Whole);
+    bench.run(0.2);
+    bench.accepted(&clear());
+    assert_eq!(bench.refused(&start()), Refusal::OtherPlan { board: 0 });
+}
