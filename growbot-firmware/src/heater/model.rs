@@ -26,10 +26,8 @@ pub fn available_w(demand: &Demand, robot: &RobotDescription) -> f64 {
 /// Degrees that one count of the converter spans round a temperature.
 pub fn count_c(celsius: f64, robot: &RobotDescription) -> f64 {
     let raw = thermistor::reading(celsius, &robot.thermistor);
-    match (
-        thermistor::temperature(raw - 0.5, &robot.thermistor),
-        thermistor::temperature(raw + 0.5, &robot.thermistor),
-    ) {
+    match (thermistor::temperature(raw - 0.5, &robot.thermistor), thermistor::temperature(raw + 0.5, &robot.thermistor))
+    {
         (Ok(above), Ok(below)) => above - below,
         _ => 0.0,
     }

@@ -49,7 +49,8 @@ pub struct Regulation {
 impl Regulation {
     /// Another target: the trim stays.
     pub fn retarget(&mut self) {
-        *self = Self { trim: self.trim, previous_c: self.previous_c, slope_c_per_s: self.slope_c_per_s, ..Self::default() };
+        *self =
+            Self { trim: self.trim, previous_c: self.previous_c, slope_c_per_s: self.slope_c_per_s, ..Self::default() };
     }
 
     /// What the model lacks, as a share of what it says.
@@ -108,9 +109,9 @@ impl Regulation {
 
     /// The wiggle: its part in the reading, degrees, and its power, W.
     fn wiggle(&mut self, target_c: f64, seconds: f64, robot: &RobotDescription) -> (f64, f64) {
-        let amplitude = *self.amplitude_c.get_or_insert_with(|| {
-            (WIGGLE_COUNTS * count_c(target_c, robot)).clamp(WIGGLE_C.0, WIGGLE_C.1)
-        });
+        let amplitude = *self
+            .amplitude_c
+            .get_or_insert_with(|| (WIGGLE_COUNTS * count_c(target_c, robot)).clamp(WIGGLE_C.0, WIGGLE_C.1));
         self.phase += seconds / WIGGLE_PERIOD_S;
         self.phase -= libm::floor(self.phase);
         let (sin, cos) = libm::sincos(TAU * self.phase);

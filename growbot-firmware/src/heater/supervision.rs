@@ -190,8 +190,10 @@ impl Supervision {
     /// What is wrong.
     pub fn look(&mut self, look: &Look) -> Result<(), Fault> {
         self.reckon(look);
-        let fault = self.rises_or_falls(look).or_else(|| self.stands_still(look)).or_else(|| self.does_not_follow(look));
-        let fault = fault.or_else(|| self.drops(look)).or_else(|| self.takes_energy(look)).or_else(|| self.wiggles(look));
+        let fault =
+            self.rises_or_falls(look).or_else(|| self.stands_still(look)).or_else(|| self.does_not_follow(look));
+        let fault =
+            fault.or_else(|| self.drops(look)).or_else(|| self.takes_energy(look)).or_else(|| self.wiggles(look));
         if self.since_mark_s >= MARK_S {
             self.mark(look.reading_c);
         }
@@ -304,7 +306,11 @@ impl Supervision {
             let above = look.reading_c - look.target_c > look.robot.heater.band_c && look.demand.supply_v.is_some();
             let reckoned = above || self.zero_s >= mark.age_s;
             if reckoned && fall < -LIKELY_C && change > LIKELY_SHARE * fall {
-                return Some(if look.hot || change > RISE_C.1 { Fault::HeaterStuckOn } else { Fault::ThermistorFrozen });
+                return Some(if look.hot || change > RISE_C.1 {
+                    Fault::HeaterStuckOn
+                } else {
+                    Fault::ThermistorFrozen
+                });
             }
         }
         None

@@ -117,13 +117,20 @@ impl Relay {
         }
         // Full power on the way up.
         let first = self.cycles == 0 && self.high && reading_c < target_c - 10.0;
-        Ok(if first { 1.0 } else if self.high { middle + reach } else { middle - reach })
+        Ok(if first {
+            1.0
+        } else if self.high {
+            middle + reach
+        } else {
+            middle - reach
+        })
     }
 
     fn found(&self, hysteresis: f64) -> Tuned {
         let count = f64::from(CYCLES);
         let (period_s, amplitude_c) = (self.sums.period_s / count, self.sums.amplitude_c / count);
-        let swing = libm::sqrt((amplitude_c * amplitude_c - hysteresis * hysteresis).max(0.04 * amplitude_c * amplitude_c));
+        let swing =
+            libm::sqrt((amplitude_c * amplitude_c - hysteresis * hysteresis).max(0.04 * amplitude_c * amplitude_c));
         let ultimate = 4.0 * self.sums.relay / count / (PI * swing);
         let theirs = ultimate / 2.2;
         let kp = 0.5 * theirs;

@@ -89,8 +89,11 @@ fn go_on(rig: &mut Rig, phase: Phase) -> Option<(Fault, f64)> {
     fault.map(|fault| (fault, after))
 }
 
-/// What is drawn.
-const WRONGS: [(&str, fn(&mut Random) -> Wrong); 10] = [
+/// Draws how exactly something is broken.
+type Draw = fn(&mut Random) -> Wrong;
+
+/// What is broken.
+const WRONGS: [(&str, Draw); 10] = [
     ("open", |_| Wrong::Open),
     ("short", |_| Wrong::Short),
     ("silent", |_| Wrong::Silent),
@@ -127,9 +130,7 @@ fn expected(wrong: Wrong, phase: Phase) -> (&'static [Fault], f64) {
         Wrong::HeaterOpen if phase == Phase::LettingDown => (&[TemperatureDrop], 75.0),
         Wrong::HeaterOpen => (&[TemperatureDrop, HeaterEnergy], 20.0),
         // Hidden as long as full power is asked for.
-        Wrong::StuckOn(duty) if duty >= 1.0 => {
-            (&[HeaterStuckOn, ThermistorFrozen], if rising { 150.0 } else { 60.0 })
-        }
+        Wrong::StuckOn(duty) if duty >= 1.0 => (&[HeaterStuckOn, ThermistorFrozen], if rising { 150.0 } else { 60.0 }),
         // What the nozzle needs may be more than that: then nothing shows, and nothing gets too hot.
         Wrong::StuckOn(_) => (&[HeaterStuckOn, ThermistorFrozen, HeaterEnergy], f64::INFINITY),
         Wrong::Draught(_) if rising => (&[HeatingTooSlow, ThermistorDetached], 60.0),
