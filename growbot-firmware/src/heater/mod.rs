@@ -35,6 +35,8 @@ const SETTLING_US: u64 = 2_000_000;
 const WIGGLED_BANDS: f64 = 2.0;
 /// Tuning takes at most so many times the robot's longest heating.
 const TUNING_TIMEOUTS: f64 = 2.0;
+/// A reading that does not swing in so long, s, does not follow the power.
+const LONGEST_SWING_S: f64 = 90.0;
 
 /// What the nozzle is asked for, and what there is to do it with.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -205,6 +207,9 @@ impl Heater {
             demand,
             robot,
         })?;
+        if self.tuning.and_then(|relay| relay.swing_s()).is_some_and(|swing| swing > LONGEST_SWING_S) {
+            return Err(Fault::ThermistorFrozen);
+        }
         self.duty = match &mut self.tuning {
             None => self.regulation.duty(target_c, reading_c, wiggles, seconds, demand, robot),
             Some(relay) => match relay.duty(target_c, reading_c, seconds, demand, robot) {

@@ -281,7 +281,9 @@ impl Supervision {
             still.wiggled_s += look.seconds;
         }
         let (least, greatest) = self.likely.since(&still.likely);
-        let frozen = least > FROZEN_C || greatest < -FROZEN_C || still.wiggled_s > FROZEN_S;
+        // With a supply that is not measured, a fall is known only where there is no power.
+        let falls = look.demand.supply_v.is_some() || self.zero_s > LAG_S;
+        let frozen = least > FROZEN_C || falls && greatest < -FROZEN_C || still.wiggled_s > FROZEN_S;
         let dead_heater = least > 0.0 && !self.moved && !look.hot;
         frozen.then_some(if dead_heater { Fault::HeatingTooSlow } else { Fault::ThermistorFrozen })
     }

@@ -3,9 +3,10 @@
 //! The power switches between two levels round what the nozzle needs, low where the reading is above the target and high where
 //! it is below, each by a hysteresis that noise does not pass. The nozzle then swings steadily; amplitude `a` and period of the swings
 //! give the ultimate gain `4 d / (pi sqrt(a^2 - h^2))` of the loop, `d` half the distance of the levels and `h` the hysteresis.
-//! The gains follow from it by Tyreus and Luyben (Ind. Eng. Chem. Res. 31, 1992), whose rules are for a plant that
-//! integrates, as a nozzle does in the time of a swing, and which overshoot less than those of Ziegler and Nichols:
-//! `kp = Ku / 2.2`, `Ti = 2.2 Tu`, `Td = Tu / 6.3`.
+//! The gains follow from it by Tyreus and Luyben (Ind. Eng. Chem. Res. 31, 1992: `kp = Ku / 2.2`, `Ti = 2.2 Tu`, `Td = Tu / 6.3`),
+//! whose rules are for a plant that integrates, as a nozzle does in the time of a swing. They are for disturbances; a nozzle also
+//! comes up at full power and must not pass its target by much. So proportional and integral gain are half of theirs, the
+//! derivative is theirs.
 
 use core::f64::consts::PI;
 
@@ -64,6 +65,11 @@ impl Default for Relay {
 }
 
 impl Relay {
+    /// How long a swing has lasted, s; none on the way up.
+    pub fn swing_s(&self) -> Option<f64> {
+        (self.cycles > 0 || !self.high).then_some(self.length_s)
+    }
+
     /// The duty, 0 to 1, or the gains once they are found.
     pub fn duty(
         &mut self,
@@ -86,6 +92,9 @@ impl Relay {
         self.highest_c = self.highest_c.max(reading_c);
         if self.high && reading_c > target_c + hysteresis {
             self.high = false;
+            if self.cycles == 0 {
+                (self.length_s, self.on_s) = (0.0, 0.0);
+            }
         } else if !self.high && reading_c < target_c - hysteresis {
             self.high = true;
             // The first way up is no swing.
@@ -123,7 +132,8 @@ impl Relay {
         let swing =
             libm::sqrt((amplitude_c * amplitude_c - hysteresis * hysteresis).max(0.04 * amplitude_c * amplitude_c));
         let ultimate = 4.0 * self.sums.relay / count / (PI * swing);
-        let kp = ultimate / 2.2;
-        Tuned { gains: Gains { kp, ki: kp / (2.2 * period_s), kd: kp * period_s / 6.3 }, period_s, amplitude_c }
+        let theirs = ultimate / 2.2;
+        let kp = 0.5 * theirs;
+        Tuned { gains: Gains { kp, ki: kp / (2.2 * period_s), kd: theirs * period_s / 6.3 }, period_s, amplitude_c }
     }
 }

@@ -89,8 +89,11 @@ fn go_on(rig: &mut Rig, phase: Phase) -> Option<(Fault, f64)> {
     fault.map(|fault| (fault, after))
 }
 
-/// What is drawn.
-const WRONGS: [(&str, fn(&mut Random) -> Wrong); 10] = [
+/// Draws how exactly something is broken.
+type Draw = fn(&mut Random) -> Wrong;
+
+/// What is broken.
+const WRONGS: [(&str, Draw); 10] = [
     ("open", |_| Wrong::Open),
     ("short", |_| Wrong::Short),
     ("silent", |_| Wrong::Silent),
@@ -111,14 +114,16 @@ fn expected(wrong: Wrong, phase: Phase) -> (&'static [Fault], f64) {
         ThermistorOpen, ThermistorShort, ThermistorSilent,
     };
     let rising = matches!(phase, Phase::Before | Phase::Heating | Phase::Returning);
+    // The end of the way up is in the target's band already.
+    let near = matches!(phase, Phase::Heating | Phase::Returning);
     match wrong {
         Wrong::Nothing | Wrong::NoFlow => (&[], f64::INFINITY),
         Wrong::Open => (&[ThermistorOpen], 0.2),
         Wrong::Short => (&[ThermistorShort], 0.2),
         Wrong::Silent => (&[ThermistorSilent], 0.6),
-        Wrong::Frozen if rising => (&[HeatingTooSlow, ThermistorFrozen], 15.0),
+        Wrong::Frozen if rising => (&[HeatingTooSlow, ThermistorFrozen], if near { 60.0 } else { 15.0 }),
         Wrong::Frozen => (&[ThermistorFrozen], 60.0),
-        Wrong::Stuck if rising => (&[HeatingTooSlow, ThermistorFrozen], 20.0),
+        Wrong::Stuck if rising => (&[HeatingTooSlow, ThermistorFrozen, HeaterEnergy], if near { 75.0 } else { 15.0 }),
         Wrong::Stuck => (&[ThermistorFrozen, HeaterEnergy], 75.0),
         Wrong::Detached(..) if phase == Phase::Before => (&[HeatingTooSlow], 10.0),
         Wrong::Detached(..) if rising => (&[HeatingTooSlow, ThermistorDetached], 10.0),
