@@ -4,6 +4,7 @@
 //! answered no; 2, something was wrong before the job.
 
 mod console;
+mod flash;
 mod grow;
 mod growth_table;
 mod interrupt;
@@ -61,6 +62,7 @@ enum Command {
     Status(status::StatusArgs),
     Stop(stop::StopArgs),
     Console(console::ConsoleArgs),
+    Flash(flash::FlashArgs),
 }
 
 /// Reads the command line and runs the command.
@@ -74,6 +76,7 @@ pub fn run() -> ExitCode {
         Some(Command::Status(args)) => status::run(&args),
         Some(Command::Stop(args)) => stop::run(&args),
         Some(Command::Console(args)) => console::run(&args),
+        Some(Command::Flash(args)) => flash::run(&args),
         None => grow::run_main_job(),
     };
     match done {

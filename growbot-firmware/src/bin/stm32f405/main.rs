@@ -2,6 +2,7 @@
 //!
 //! | priority | task | does |
 //! |---|---|---|
+//! | 5 | PVD | switches the tip off as the processor's supply sags |
 //! | 4 | TIM2 | steps the motors |
 //! | 3 | USART2 | moves the bytes of the link |
 //! | 2 | SysTick | the clock, 1 kHz |
@@ -10,13 +11,17 @@
 #![no_std]
 #![no_main]
 
+mod brown_out;
 mod clock;
+mod converter;
+mod fan;
 mod heater;
+mod kept;
 mod line;
 mod pins;
 mod reset;
 mod step_timer;
-mod thermistor;
+mod tip_bus;
 mod watchdog;
 
 use defmt_rtt as _;
@@ -36,13 +41,16 @@ mod app {
     use stm32f4xx_hal::prelude::*;
     use stm32f4xx_hal::rcc::Config;
 
+    use crate::converter::{self, Supply, Thermistor};
+    use crate::fan::Fan;
     use crate::heater::Heater;
+    use crate::kept::BoardMemory;
     use crate::line::{self, Line};
     use crate::pins::{self, Pins};
     use crate::step_timer::StepTimer;
-    use crate::thermistor::BoardThermistor;
+    use crate::tip_bus::{self, BoardOrientation};
     use crate::watchdog::BoardWatchdog;
-    use crate::{clock, reset, watchdog};
+    use crate::{brown_out, clock, reset, watchdog};
 
     /// Where the controller and the step interrupt meet.
     static HANDOVER: Handover = Handover::new();
@@ -63,8 +71,14 @@ mod app {
     impl Board for Stm32f405 {
         type HeaterPower = Heater;
         type HeaterEnable = pins::HeaterEnable;
-        type Thermistor = BoardThermistor;
+        type Fan = Fan;
+        type Thermistor = Thermistor;
+        type Supply = Supply;
+        type FilamentPresence = pins::FilamentPresence;
+        type DriverFault = pins::DriverFault;
+        type Orientation = BoardOrientation;
         type Watchdog = BoardWatchdog;
+        type Kept = BoardMemory;
         type Store = &'static mut LayerStore;
     }
 
@@ -91,12 +105,14 @@ mod app {
         let device = cx.device;
         let mut core = cx.core;
         let identity = Identity { reset_cause: reset::take_cause(&device.RCC), boot_id: reset::next_boot_id() };
-        let Ok(robot) = machine::built_for() else {
-            // It was checked when the firmware was built.
+        let (Ok(robot), Some(kept)) = (machine::built_for(), BoardMemory::take()) else {
+            // The robot was checked when the firmware was built, and nobody has had the memory before.
             cortex_m::peripheral::SCB::sys_reset()
         };
 
+        brown_out::check_reset_level(&device.FLASH);
         let mut rcc = device.RCC.freeze(Config::hse(8.MHz()).sysclk(168.MHz()));
+        brown_out::start_detector(&device.PWR, &mut rcc);
         let pins = Pins::new(robot.description(), device.GPIOA, device.GPIOB, device.GPIOC, &mut rcc);
         let watchdog = watchdog::start(device.IWDG, &device.DBGMCU);
         clock::start(&mut core.SYST, rcc.clocks.hclk().raw());
@@ -110,11 +126,20 @@ mod app {
             Axis { step: pins.feed_step, direction: pins.feed_direction, enable: pins.feed_enable },
             pins.index,
         );
+        let (thermistor, supply) =
+            converter::new(device.ADC1, device.ADC_COMMON, pins.thermistor, pins.supply, &mut rcc);
+        let processor_hz = rcc.clocks.hclk().raw();
         let parts = Parts {
             heater_power: Heater::new(device.TIM3, pins.heater, &mut rcc),
             heater_enable: pins.heater_enable,
-            thermistor: BoardThermistor::new(device.ADC1, device.ADC_COMMON, pins.thermistor, &mut rcc),
+            fan: Fan::new(device.TIM12, pins.fan, &mut rcc),
+            thermistor,
+            supply,
+            filament_presence: pins.filament_presence,
+            driver_fault: pins.driver_fault,
+            orientation: tip_bus::orientation(pins.orientation_clock, pins.orientation_data, processor_hz),
             watchdog,
+            kept,
             store: cx.local.store,
         };
         let step_timer = StepTimer::start(device.TIM2, robot.description().motion.tick_hz, &mut rcc);
@@ -126,6 +151,7 @@ mod app {
         );
         let controller = Controller::new(robot, identity, parts, &HANDOVER);
         let logged = controller.state();
+        brown_out::arm(&device.PWR, &device.EXTI);
         (Shared {}, Local { engine, step_timer, line, controller, logged, received, to_send })
     }
 
@@ -150,6 +176,11 @@ mod app {
             // The next SysTick ends it at the latest.
             cortex_m::asm::wfi();
         }
+    }
+
+    #[task(binds = PVD, priority = 5)]
+    fn supply_sags(_cx: supply_sags::Context) {
+        reset::end_by_brown_out();
     }
 
     #[task(binds = TIM2, priority = 4, local = [engine, step_timer])]
