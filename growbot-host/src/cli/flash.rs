@@ -1,18 +1,17 @@
 //! `growbot flash`: puts the firmware on a robot's board, through a debug probe.
 //!
-//! Two tools do the work, cargo and probe-rs; what they say goes straight to the terminal.
+//! Two tools do the work, cargo and probe-rs; what they say goes straight to the terminal, and Ctrl-C reaches them too.
 
 use std::ffi::{OsStr, OsString};
 use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
-use std::process::{Command, ExitStatus};
+use std::process::Command;
 
 use clap::Args;
 use growbot_host::output::print;
 use growbot_host::{robot_file, tell};
 
-use super::interrupt::stop_on_interrupt;
 use super::{Failure, RobotArg};
 
 /// The robot's processor, as probe-rs calls it.
@@ -61,12 +60,9 @@ pub fn run(args: &FlashArgs) -> Result<(), Failure> {
         build.run()?;
     }
     if !image.is_file() {
-        let what = if args.firmware.is_some() { "give the image that cargo build-robot makes" } else { "cargo made none" };
+        let what =
+            if args.firmware.is_some() { "give the image that cargo build-robot makes" } else { "cargo made none" };
         return Err(Failure::bad_input(format!("there is no firmware image {}: {what}", image.display())));
-    }
-    if !args.no_log {
-        // Ctrl-C ends the log, and with it probe-rs: this waits for it.
-        stop_on_interrupt();
     }
     flash.iter().try_for_each(Step::run)
 }
@@ -140,7 +136,7 @@ impl Step {
             command.current_dir(directory);
         }
         match command.status() {
-            Ok(status) if status.success() || is_interrupted(status) => Ok(()),
+            Ok(status) if status.success() => Ok(()),
             Ok(status) => Err(Failure::bad_input(format!("{tool} failed ({status}): {failed}"))),
             Err(error) if error.kind() == io::ErrorKind::NotFound => {
                 Err(Failure::bad_input(format!("there is no {tool} on the path: {remedy}")))
@@ -181,7 +177,10 @@ fn named(robot: &Path) -> Result<OsString, Failure> {
         return Ok(robot.as_os_str().to_owned());
     }
     if robot.extension() != Some(OsStr::new("toml")) {
-        return Err(Failure::bad_input(format!("{}: a robot's file must end in .toml to be built in", robot.display())));
+        return Err(Failure::bad_input(format!(
+            "{}: a robot's file must end in .toml to be built in",
+            robot.display()
+        )));
     }
     let whole = robot.canonicalize();
     whole.map(PathBuf::into_os_string).map_err(|error| Failure::bad_input(format!("{}: {error}", robot.display())))
@@ -191,19 +190,4 @@ fn named(robot: &Path) -> Result<OsString, Failure> {
 fn source_tree() -> Option<PathBuf> {
     let here = std::env::current_dir().ok()?;
     here.ancestors().find(|folder| folder.join("growbot-firmware/Cargo.toml").is_file()).map(Path::to_path_buf)
-}
-
-/// Ctrl-C reached the tool, as it was meant to.
-#[cfg(unix)]
-fn is_interrupted(status: ExitStatus) -> bool {
-    use std::os::unix::process::ExitStatusExt;
-    /// Its number on every Unix.
-    const SIGINT: i32 = 2;
-    status.signal() == Some(SIGINT)
-}
-
-/// There are no signals.
-#[cfg(not(unix))]
-fn is_interrupted(_status: ExitStatus) -> bool {
-    false
 }
