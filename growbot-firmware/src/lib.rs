@@ -26,9 +26,11 @@ pub mod layer_store;
 pub mod link;
 #[cfg(any(feature = "an386", feature = "stm32f405"))]
 pub mod machine;
+pub mod orientation;
 pub mod polarity;
 pub mod safety;
 pub mod stepping;
 #[cfg(test)]
 mod testing;
 pub mod thermistor;
+pub mod two_wire;

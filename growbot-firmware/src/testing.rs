@@ -1,5 +1,7 @@
 //! Robots and pins for this crate's tests.
 
+pub mod wires;
+
 use core::convert::Infallible;
 use std::cell::RefCell;
 use std::rc::Rc;

@@ -4,6 +4,7 @@
 //! answered no; 2, something was wrong before the job.
 
 mod console;
+mod flash;
 mod grow;
 mod growth_table;
 mod interrupt;
@@ -63,6 +64,7 @@ enum Command {
     Stop(stop::StopArgs),
     Tune(tune::TuneArgs),
     Console(console::ConsoleArgs),
+    Flash(flash::FlashArgs),
 }
 
 /// Reads the command line and runs the command.
@@ -77,6 +79,7 @@ pub fn run() -> ExitCode {
         Some(Command::Stop(args)) => stop::run(&args),
         Some(Command::Tune(args)) => tune::run(&args),
         Some(Command::Console(args)) => console::run(&args),
+        Some(Command::Flash(args)) => flash::run(&args),
         None => grow::run_main_job(),
     };
     match done {

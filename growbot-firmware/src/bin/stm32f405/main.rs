@@ -2,7 +2,7 @@
 //!
 //! | priority | task | does |
 //! |---|---|---|
-//! | 5 | PVD | switches the tip off as the processor's supply sags |
+//! | 5 | PVD | the processor's supply sags: everything off |
 //! | 4 | TIM2 | steps the motors |
 //! | 3 | USART2 | moves the bytes of the link |
 //! | 2 | SysTick | the clock, 1 kHz |
@@ -18,13 +18,15 @@ mod fan;
 mod heater;
 mod kept;
 mod line;
+#[path = "../no_panic.rs"]
+mod no_panic;
 mod pins;
 mod reset;
+#[path = "../rtt.rs"]
+mod rtt;
 mod step_timer;
 mod tip_bus;
 mod watchdog;
-
-use defmt_rtt as _;
 
 defmt::timestamp!("{=u64:ms}", clock::milliseconds());
 
@@ -35,11 +37,9 @@ mod app {
     use growbot_firmware::hal::{Board, Parts};
     use growbot_firmware::layer_store::LayerStore;
     use growbot_firmware::machine;
-    use growbot_firmware::stepping::{Axis, Engine, Handover};
-    use heapless::spsc::{Consumer, Producer, Queue};
+    use growbot_firmware::stepping::{Axis, Engine, EngineSettings, Handover, Inputs};
     use stm32f4xx_hal::pac;
     use stm32f4xx_hal::prelude::*;
-    use stm32f4xx_hal::rcc::Config;
 
     use crate::converter::{self, Supply, Thermistor};
     use crate::fan::Fan;
@@ -63,6 +63,8 @@ mod app {
         pins::FeedDirection,
         pins::FeedEnable,
         pins::Index,
+        pins::FilamentMotion,
+        pins::EmergencyStop,
     >;
 
     /// The parts of this board.
@@ -92,15 +94,9 @@ mod app {
         line: Line,
         controller: Controller<Stm32f405>,
         logged: State,
-        received: Consumer<'static, u8>,
-        to_send: Producer<'static, u8>,
     }
 
-    #[init(local = [
-        receive_queue: Queue<u8, { line::QUEUE }> = Queue::new(),
-        send_queue: Queue<u8, { line::QUEUE }> = Queue::new(),
-        store: LayerStore = LayerStore::new(),
-    ])]
+    #[init(local = [store: LayerStore = LayerStore::new()])]
     fn init(cx: init::Context) -> (Shared, Local) {
         let device = cx.device;
         let mut core = cx.core;
@@ -111,24 +107,23 @@ mod app {
         };
 
         brown_out::check_reset_level(&device.FLASH);
-        let mut rcc = device.RCC.freeze(Config::hse(8.MHz()).sysclk(168.MHz()));
+        clock::speed_up(&device.RCC, &device.FLASH);
+        let mut rcc = device.RCC.constrain();
         brown_out::start_detector(&device.PWR, &mut rcc);
         let pins = Pins::new(robot.description(), device.GPIOA, device.GPIOB, device.GPIOC, &mut rcc);
         let watchdog = watchdog::start(device.IWDG, &device.DBGMCU);
-        clock::start(&mut core.SYST, rcc.clocks.hclk().raw());
+        clock::start(&mut core.SYST);
 
-        let (receiver, received) = cx.local.receive_queue.split();
-        let (to_send, transmitter) = cx.local.send_queue.split();
-        let line = Line::start(device.USART2, (pins.link_tx, pins.link_rx), receiver, transmitter, &mut rcc);
+        let line = Line::start(device.USART2, (pins.link_tx, pins.link_rx), &mut rcc);
 
         let engine = Engine::new(
             Axis { step: pins.head_step, direction: pins.head_direction, enable: pins.head_enable },
             Axis { step: pins.feed_step, direction: pins.feed_direction, enable: pins.feed_enable },
-            pins.index,
+            Inputs { index: pins.index, filament_motion: pins.filament_motion, emergency_stop: pins.emergency_stop },
+            EngineSettings::of(&robot),
         );
         let (thermistor, supply) =
             converter::new(device.ADC1, device.ADC_COMMON, pins.thermistor, pins.supply, &mut rcc);
-        let processor_hz = rcc.clocks.hclk().raw();
         let parts = Parts {
             heater_power: Heater::new(device.TIM3, pins.heater, &mut rcc),
             heater_enable: pins.heater_enable,
@@ -137,7 +132,7 @@ mod app {
             supply,
             filament_presence: pins.filament_presence,
             driver_fault: pins.driver_fault,
-            orientation: tip_bus::orientation(pins.orientation_clock, pins.orientation_data, processor_hz),
+            orientation: tip_bus::orientation(pins.orientation_clock, pins.orientation_data, clock::PROCESSOR_HZ),
             watchdog,
             kept,
             store: cx.local.store,
@@ -152,12 +147,13 @@ mod app {
         let controller = Controller::new(robot, identity, parts, &HANDOVER);
         let logged = controller.state();
         brown_out::arm(&device.PWR, &device.EXTI);
-        (Shared {}, Local { engine, step_timer, line, controller, logged, received, to_send })
+        (Shared {}, Local { engine, step_timer, line, controller, logged })
     }
 
-    #[idle(local = [controller, logged, received, to_send])]
+    #[idle(local = [controller, logged])]
     fn idle(cx: idle::Context) -> ! {
-        let idle::LocalResources { controller, logged, received, to_send, .. } = cx.local;
+        let idle::LocalResources { controller, logged, .. } = cx.local;
+        let (received, to_send) = (&line::RECEIVED, &line::TO_SEND);
         loop {
             while let Some(byte) = received.dequeue() {
                 controller.receive(byte, &HANDOVER);

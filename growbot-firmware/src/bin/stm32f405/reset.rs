@@ -25,6 +25,7 @@ const BOOT: usize = 1;
 const CHECK: usize = 2;
 
 const FAULTED: u32 = 0x6E0F_E502;
+const SAGGED: u32 = 0x6E0F_E503;
 
 impl Notes {
     fn word(&self, index: usize) -> *mut u32 {
@@ -51,7 +52,7 @@ pub fn take_cause(rcc: &pac::RCC) -> ResetCause {
     // A power-on sets the brown-out flag too, and every cause the pin's.
     if flags.porrstf().bit_is_set() {
         ResetCause::PowerOn
-    } else if flags.borrstf().bit_is_set() {
+    } else if flags.borrstf().bit_is_set() || end == SAGGED {
         ResetCause::BrownOut
     } else if flags.wdgrstf().bit_is_set() || flags.wwdgrstf().bit_is_set() {
         ResetCause::Watchdog
@@ -79,6 +80,11 @@ fn end(note: u32) -> ! {
     crate::pins::make_safe();
     NOTES.write(END, note);
     SCB::sys_reset()
+}
+
+/// The processor's supply sags: everything off, and a new start.
+pub fn end_by_brown_out() -> ! {
+    end(SAGGED)
 }
 
 #[exception]

@@ -1,0 +1,115 @@
+//! The analog inputs: ADC1, thermistor and supply by turns, one conversion at a time, never waited for.
+//!
+//! The converter is switched on by the first call of `sample`, not at start-up: the link answers first.
+
+use core::sync::atomic::{AtomicU32, Ordering};
+
+use growbot_firmware::hal::Converter;
+use stm32f4xx_hal::gpio::{Analog, PC0, PC1};
+use stm32f4xx_hal::pac;
+use stm32f4xx_hal::rcc::{Enable, Rcc};
+
+/// ADC1's input at PC0 (data sheet, table 7).
+const THERMISTOR: u8 = 10;
+/// ADC1's input at PC1.
+const SUPPLY: u8 = 11;
+
+/// The latest reading of the supply that has not been taken, else [`NONE`].
+static SUPPLY_READING: AtomicU32 = AtomicU32::new(NONE);
+const NONE: u32 = u32::MAX;
+
+/// The thermistor's input, and the converter: it is what has both inputs converted.
+pub struct Thermistor {
+    adc: pac::ADC1,
+    common: pac::ADC_COMMON,
+    state: State,
+    _pin: PC0<Analog>,
+}
+
+/// The supply's input. It is converted while the thermistor is asked for.
+pub struct Supply {
+    _pin: PC1<Analog>,
+}
+
+enum State {
+    /// Not touched yet.
+    Off,
+    /// Switched on; needs 3 us to settle (data sheet, table 67), which the time until the next call is.
+    Settling,
+    /// A conversion of the thermistor is running or done.
+    ConvertingThermistor,
+    /// One of the supply is.
+    ConvertingSupply,
+}
+
+/// Clocks the converter, and leaves it alone.
+pub fn new(
+    adc: pac::ADC1,
+    common: pac::ADC_COMMON,
+    thermistor: PC0<Analog>,
+    supply: PC1<Analog>,
+    rcc: &mut Rcc,
+) -> (Thermistor, Supply) {
+    pac::ADC1::enable(rcc);
+    (Thermistor { adc, common, state: State::Off, _pin: thermistor }, Supply { _pin: supply })
+}
+
+impl Thermistor {
+    fn switch_on(&mut self) {
+        // 84 MHz / 4: the data sheet allows up to 36 MHz.
+        self.common.ccr().modify(|_, w| w.adcpre().div4());
+        // The longest sampling time, 480 clocks, since dividers are weak sources.
+        self.adc.smpr1().modify(|_, w| w.smp10().cycles480().smp11().cycles480());
+        self.adc.cr2().write(|w| w.adon().set_bit());
+    }
+
+    fn begin(&mut self, channel: u8) {
+        // SAFETY: called with 10 and 11, which exist.
+        self.adc.sqr3().write(|w| unsafe { w.sq1().bits(channel) });
+        self.adc.cr2().modify(|_, w| w.swstart().set_bit());
+    }
+
+    /// What has been converted, if that is done.
+    fn take(&mut self) -> Option<u16> {
+        // Reading the data clears the flag.
+        self.adc.sr().read().eoc().is_complete().then(|| self.adc.dr().read().data().bits() & 0xFFF)
+    }
+}
+
+impl Converter for Thermistor {
+    /// A conversion that has ended since the last call, and starts the next one. A call more often than every 25 us gives `None`,
+    /// and every other one does.
+    fn sample(&mut self) -> Option<u16> {
+        match self.state {
+            State::Off => {
+                self.switch_on();
+                self.state = State::Settling;
+                None
+            }
+            State::Settling => {
+                self.begin(THERMISTOR);
+                self.state = State::ConvertingThermistor;
+                None
+            }
+            State::ConvertingThermistor => {
+                let reading = self.take()?;
+                self.begin(SUPPLY);
+                self.state = State::ConvertingSupply;
+                Some(reading)
+            }
+            State::ConvertingSupply => {
+                let reading = self.take()?;
+                self.begin(THERMISTOR);
+                self.state = State::ConvertingThermistor;
+                SUPPLY_READING.store(u32::from(reading), Ordering::Relaxed);
+                None
+            }
+        }
+    }
+}
+
+impl Converter for Supply {
+    fn sample(&mut self) -> Option<u16> {
+        u16::try_from(SUPPLY_READING.swap(NONE, Ordering::Relaxed)).ok()
+    }
+}

@@ -1,0 +1,54 @@
+//! The fan: TIM12 channel 2, PWM at 1.28 kHz. A timer of its own, so that nothing of it can disturb the heater.
+
+use core::convert::Infallible;
+
+use embedded_hal::pwm::{ErrorType, SetDutyCycle};
+use stm32f4xx_hal::gpio::{Alternate, PB15};
+use stm32f4xx_hal::pac;
+use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
+
+/// One period is this many clocks less one, so that a duty of `u16::MAX` never goes low.
+const LAST_COUNT: u16 = u16::MAX - 1;
+
+/// The fan's switch.
+pub struct Fan {
+    timer: pac::TIM12,
+    _pin: PB15<Alternate<9>>,
+}
+
+impl Fan {
+    /// Starts the PWM at no power.
+    pub fn new(timer: pac::TIM12, pin: PB15<Alternate<9>>, rcc: &mut Rcc) -> Self {
+        pac::TIM12::enable(rcc);
+        pac::TIM12::reset(rcc);
+        timer.arr().write(|w| w.arr().set(LAST_COUNT));
+        timer.ccr2().write(|w| w.ccr().set(0));
+        // No preload of the compare value: a duty acts at once.
+        timer.ccmr1_output().write(|w| w.oc2m().pwm_mode1());
+        timer.ccer().write(|w| w.cc2e().set_bit());
+        timer.cr1().write(|w| w.cen().set_bit());
+        Fan { timer, _pin: pin }
+    }
+}
+
+impl ErrorType for Fan {
+    type Error = Infallible;
+}
+
+impl SetDutyCycle for Fan {
+    fn max_duty_cycle(&self) -> u16 {
+        u16::MAX
+    }
+
+    fn set_duty_cycle(&mut self, duty: u16) -> Result<(), Infallible> {
+        self.timer.ccr2().write(|w| w.ccr().set(duty));
+        Ok(())
+    }
+}
+
+/// No power, now, whoever owns the fan.
+pub fn off() {
+    // SAFETY: a single write of a whole register that its owner only ever writes whole.
+    let timer = unsafe { &*pac::TIM12::ptr() };
+    timer.ccr2().write(|w| w.ccr().set(0));
+}

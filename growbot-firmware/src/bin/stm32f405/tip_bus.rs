@@ -1,0 +1,32 @@
+//! The bus to the tip's orientation sensor: I2C on PB10 and PB11, by the library's `two_wire`.
+
+use embedded_hal::delay::DelayNs;
+use growbot_firmware::orientation::TipOrientation;
+use growbot_firmware::two_wire::TwoWire;
+use stm32f4xx_hal::gpio::{OpenDrain, Output, PB10, PB11};
+
+/// SCL.
+pub type Clock = PB10<Output<OpenDrain>>;
+/// SDA.
+pub type Data = PB11<Output<OpenDrain>>;
+/// The sensor.
+pub type BoardOrientation = TipOrientation<TwoWire<Clock, Data, Cycles>>;
+
+/// Waits by counting the processor's cycles.
+pub struct Cycles {
+    /// Rounds of the waiting loop that take a us at least.
+    rounds_per_us: u32,
+}
+
+impl DelayNs for Cycles {
+    fn delay_ns(&mut self, ns: u32) {
+        cortex_m::asm::delay(ns.saturating_mul(self.rounds_per_us) / 1000);
+    }
+}
+
+/// The sensor on these pins; nothing is sent yet.
+pub fn orientation(clock: Clock, data: Data, processor_hz: u32) -> BoardOrientation {
+    // A round is a subtraction and a branch that is taken: 2 to 4 cycles (Cortex-M4 reference manual, 3.3.1).
+    let rounds_per_us = processor_hz.div_ceil(2_000_000);
+    TipOrientation::new(TwoWire::new(clock, data, Cycles { rounds_per_us }))
+}

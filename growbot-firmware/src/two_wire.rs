@@ -1,0 +1,314 @@
+//! An I2C bus on two open-drain pins, clocked by the processor: what it costs is bounded, whatever the other side does.
+//!
+//! A hardware controller is not used on purpose. Some wait for flags that a disturbed bus never sets, and their ways out of
+//! that cannot be tried on a desktop; this one runs there, pin by pin, against a chip that misbehaves. A byte takes some 30 us.
+//!
+//! One controller only: nobody else may clock the bus.
+
+use embedded_hal::delay::DelayNs;
+use embedded_hal::digital::{InputPin, OutputPin};
+use embedded_hal::i2c::{Error, ErrorKind, ErrorType, I2c, NoAcknowledgeSource, Operation};
+
+/// Half a clock, ns: 333 kHz at most. In fast mode the clock is to be low for 1.3 us and high for 0.6 us at least.
+const HALF_NS: u32 = 1500;
+/// For so long all chips together may hold the clock down in one transaction, us.
+const PATIENCE_US: u16 = 100;
+/// A chip that was interrupted while it sent a byte lets go of the data line after so many clocks: the rest of the byte, and
+/// its acknowledgement (UM10204, 3.1.16).
+const CLOCKS_TO_FREE: u8 = 9;
+
+/// Why a transaction failed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TwoWireError {
+    /// Nobody acknowledged the address, or the chip did not acknowledge a byte.
+    NotAcknowledged(NoAcknowledgeSource),
+    /// A chip holds the clock down.
+    ClockHeld,
+    /// A chip holds the data line down, and did not let go of it when it was clocked.
+    DataHeld,
+    /// A pin cannot be set or read.
+    Pin,
+}
+
+impl Error for TwoWireError {
+    fn kind(&self) -> ErrorKind {
+        match self {
+            Self::NotAcknowledged(source) => ErrorKind::NoAcknowledge(*source),
+            Self::ClockHeld | Self::DataHeld => ErrorKind::Bus,
+            Self::Pin => ErrorKind::Other,
+        }
+    }
+}
+
+/// The bus. Both pins are open-drain outputs, so that "high" lets go, with pull-up resistors.
+pub struct TwoWire<C, D, T> {
+    clock: C,
+    data: D,
+    timer: T,
+    /// For so long the clock may still be held down in this transaction, us.
+    patience_us: u16,
+}
+
+impl<C: InputPin + OutputPin, D: InputPin + OutputPin, T: DelayNs> TwoWire<C, D, T> {
+    /// A bus on two pins that are both let go.
+    pub fn new(clock: C, data: D, timer: T) -> Self {
+        Self { clock, data, timer, patience_us: PATIENCE_US }
+    }
+
+    fn half(&mut self) {
+        self.timer.delay_ns(HALF_NS);
+    }
+
+    fn set_data(&mut self, high: bool) -> Result<(), TwoWireError> {
+        self.data.set_state(high.into()).map_err(|_| TwoWireError::Pin)
+    }
+
+    fn data(&mut self) -> Result<bool, TwoWireError> {
+        self.data.is_high().map_err(|_| TwoWireError::Pin)
+    }
+
+    fn clock_low(&mut self) -> Result<(), TwoWireError> {
+        self.clock.set_low().map_err(|_| TwoWireError::Pin)
+    }
+
+    /// Lets go of the clock, and waits for chips that hold it down.
+    fn clock_high(&mut self) -> Result<(), TwoWireError> {
+        self.clock.set_high().map_err(|_| TwoWireError::Pin)?;
+        while self.clock.is_low().map_err(|_| TwoWireError::Pin)? {
+            self.patience_us = self.patience_us.checked_sub(1).ok_or(TwoWireError::ClockHeld)?;
+            self.timer.delay_us(1);
+        }
+        Ok(())
+    }
+
+    /// One clock, from low to low; the level of the data line while the clock was high.
+    fn bit(&mut self, high: bool) -> Result<bool, TwoWireError> {
+        self.set_data(high)?;
+        self.half();
+        self.clock_high()?;
+        self.half();
+        let level = self.data();
+        self.clock_low()?;
+        level
+    }
+
+    /// Has the bus free: both lines high.
+    fn free(&mut self) -> Result<(), TwoWireError> {
+        self.set_data(true)?;
+        self.clock_high()?;
+        for _ in 0..CLOCKS_TO_FREE {
+            if self.data()? {
+                return Ok(());
+            }
+            self.clock_low()?;
+            self.half();
+            self.clock_high()?;
+            self.half();
+        }
+        if self.data()? { Ok(()) } else { Err(TwoWireError::DataHeld) }
+    }
+
+    /// A start condition, or a repeated one: the data line falls while the clock is high. The clock is low afterwards.
+    fn start(&mut self) -> Result<(), TwoWireError> {
+        self.set_data(true)?;
+        self.half();
+        self.clock_high()?;
+        self.half();
+        self.set_data(false)?;
+        self.half();
+        self.clock_low()
+    }
+
+    /// A stop condition: the data line rises while the clock is high.
+    fn stop(&mut self) -> Result<(), TwoWireError> {
+        self.clock_low()?;
+        self.set_data(false)?;
+        self.half();
+        // The data line is let go of even where the clock is held down.
+        let clock = self.clock_high();
+        self.half();
+        self.set_data(true)?;
+        self.half();
+        clock
+    }
+
+    fn send(&mut self, byte: u8, source: NoAcknowledgeSource) -> Result<(), TwoWireError> {
+        for bit in (0..8).rev() {
+            self.bit(byte & (1 << bit) != 0)?;
+        }
+        if self.bit(true)? { Err(TwoWireError::NotAcknowledged(source)) } else { Ok(()) }
+    }
+
+    fn receive(&mut self, is_last: bool) -> Result<u8, TwoWireError> {
+        let mut byte = 0;
+        for _ in 0..8 {
+            byte = byte << 1 | u8::from(self.bit(true)?);
+        }
+        self.bit(is_last)?;
+        Ok(byte)
+    }
+
+    /// Everything between start and stop. Operations of one direction are one, as [`I2c::transaction`] has it.
+    fn operate(&mut self, address: u8, operations: &mut [Operation<'_>]) -> Result<(), TwoWireError> {
+        let mut direction = None;
+        let mut operations = operations.iter_mut().peekable();
+        while let Some(operation) = operations.next() {
+            let reads = matches!(operation, Operation::Read(_));
+            if direction != Some(reads) {
+                self.start()?;
+                self.send(address << 1 | u8::from(reads), NoAcknowledgeSource::Address)?;
+                direction = Some(reads);
+            }
+            match operation {
+                Operation::Write(bytes) => {
+                    for byte in bytes.iter() {
+                        self.send(*byte, NoAcknowledgeSource::Data)?;
+                    }
+                }
+                Operation::Read(bytes) => {
+                    let goes_on = matches!(operations.peek(), Some(Operation::Read(_)));
+                    let mut bytes = bytes.iter_mut().peekable();
+                    while let Some(byte) = bytes.next() {
+                        *byte = self.receive(bytes.peek().is_none() && !goes_on)?;
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+impl<C, D, T> ErrorType for TwoWire<C, D, T> {
+    type Error = TwoWireError;
+}
+
+impl<C: InputPin + OutputPin, D: InputPin + OutputPin, T: DelayNs> I2c for TwoWire<C, D, T> {
+    fn transaction(&mut self, address: u8, operations: &mut [Operation<'_>]) -> Result<(), TwoWireError> {
+        if operations.is_empty() {
+            return Ok(());
+        }
+        self.patience_us = PATIENCE_US;
+        self.free()?;
+        let done = self.operate(address, operations);
+        let stopped = self.stop();
+        done.and(stopped)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::wires::{ADDRESS, FakeChip, FakeWires, Trouble};
+
+    fn bus(chip: &FakeChip) -> (FakeWires, impl I2c<Error = TwoWireError> + use<>) {
+        let wires = FakeWires::new(chip.clone());
+        let bus = TwoWire::new(wires.clock(), wires.data(), wires.timer());
+        (wires, bus)
+    }
+
+    #[test]
+    fn registers_are_written_and_read() {
+        let chip = FakeChip::default();
+        let (wires, mut bus) = bus(&chip);
+        chip.set(0x20, &[0xA5, 0x00, 0xFF, 0x81]);
+        let mut bytes = [0; 4];
+        bus.write_read(ADDRESS, &[0x20], &mut bytes).unwrap();
+        assert_eq!(bytes, [0xA5, 0x00, 0xFF, 0x81]);
+        bus.write(ADDRESS, &[0x30, 0x5A]).unwrap();
+        assert_eq!(chip.get(0x30), 0x5A);
+        let mut two = ([0; 1], [0; 2]);
+        bus.transaction(
+            ADDRESS,
+            &mut [
+                Operation::Write(&[0x21]),
+                Operation::Write(&[]),
+                Operation::Read(&mut two.0),
+                Operation::Read(&mut two.1),
+            ],
+        )
+        .unwrap();
+        assert_eq!(two, ([0x00], [0xFF, 0x81]));
+        assert!(wires.is_free());
+    }
+
+    #[test]
+    fn who_does_not_answer_is_said() {
+        let chip = FakeChip::default();
+        let (wires, mut bus) = bus(&chip);
+        let nobody = TwoWireError::NotAcknowledged(NoAcknowledgeSource::Address);
+        assert_eq!(bus.write(ADDRESS ^ 2, &[0]), Err(nobody));
+        assert_eq!(nobody.kind(), ErrorKind::NoAcknowledge(NoAcknowledgeSource::Address));
+        chip.trouble(Trouble::RefusesData);
+        assert_eq!(bus.write(ADDRESS, &[0x30, 1]), Err(TwoWireError::NotAcknowledged(NoAcknowledgeSource::Data)));
+        chip.trouble(Trouble::Absent);
+        assert_eq!(bus.read(ADDRESS, &mut [0]), Err(nobody));
+        assert!(wires.is_free());
+        chip.trouble(Trouble::None);
+        bus.write(ADDRESS, &[0x30, 7]).unwrap();
+        assert_eq!(chip.get(0x30), 7);
+    }
+
+    #[test]
+    fn a_chip_that_holds_a_line_down_costs_less_than_a_millisecond() {
+        let chip = FakeChip::default();
+        for (trouble, error) in
+            [(Trouble::HoldsClock, TwoWireError::ClockHeld), (Trouble::HoldsData, TwoWireError::DataHeld)]
+        {
+            let (wires, mut bus) = bus(&chip);
+            chip.trouble(trouble);
+            let before = wires.elapsed_us();
+            assert_eq!(bus.write_read(ADDRESS, &[0x20], &mut [0; 6]), Err(error));
+            assert!(wires.elapsed_us() - before < 200, "{} us", wires.elapsed_us() - before);
+            chip.trouble(Trouble::None);
+            bus.write_read(ADDRESS, &[0x20], &mut [0; 6]).unwrap();
+        }
+    }
+
+    #[test]
+    fn a_clock_that_is_stretched_a_little_is_waited_for() {
+        let chip = FakeChip::default();
+        let (wires, mut bus) = bus(&chip);
+        chip.set(0x20, &[0x3C]);
+        wires.stretch_next(80);
+        let mut bytes = [0; 1];
+        bus.write_read(ADDRESS, &[0x20], &mut bytes).unwrap();
+        assert_eq!(bytes, [0x3C]);
+        wires.stretch_next(130);
+        assert_eq!(bus.write_read(ADDRESS, &[0x20], &mut bytes), Err(TwoWireError::ClockHeld));
+        wires.stretch_next(0);
+        bus.write_read(ADDRESS, &[0x20], &mut bytes).unwrap();
+    }
+
+    #[test]
+    fn a_chip_left_in_the_middle_of_a_byte_is_clocked_free() {
+        let chip = FakeChip::default();
+        chip.set(0x20, &[0x00, 0x00]);
+        for clocks in 1..40 {
+            let (wires, mut bus) = bus(&chip);
+            // The board is reset in the midst of reading: the chip stays as it is.
+            wires.cut_after(clocks);
+            let _ = bus.write_read(ADDRESS, &[0x20], &mut [0xFF; 2]);
+            let mut again = TwoWire::new(wires.clock(), wires.data(), wires.timer());
+            wires.mend();
+            let mut bytes = [0xFF; 2];
+            let answer = again.write_read(ADDRESS, &[0x20], &mut bytes);
+            assert_eq!((answer, bytes), (Ok(()), [0x00, 0x00]), "cut after {clocks} clocks");
+        }
+    }
+
+    #[test]
+    fn reading_six_bytes_takes_less_than_a_third_of_a_millisecond() {
+        let chip = FakeChip::default();
+        let (wires, mut bus) = bus(&chip);
+        bus.write_read(ADDRESS, &[0x12], &mut [0; 6]).unwrap();
+        assert!(wires.elapsed_us() < 300, "{} us", wires.elapsed_us());
+    }
+
+    #[test]
+    fn pins_that_fail_are_said() {
+        let chip = FakeChip::default();
+        let (wires, mut bus) = bus(&chip);
+        wires.break_pins();
+        assert_eq!(bus.write(ADDRESS, &[0]), Err(TwoWireError::Pin));
+    }
+}

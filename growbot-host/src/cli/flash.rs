@@ -1,0 +1,193 @@
+//! `growbot flash`: puts the firmware on a robot's board, through a debug probe.
+//!
+//! Two tools do the work, cargo and probe-rs; what they say goes straight to the terminal, and Ctrl-C reaches them too.
+
+use std::ffi::{OsStr, OsString};
+use std::fmt;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use clap::Args;
+use growbot_host::output::print;
+use growbot_host::{robot_file, tell};
+
+use super::{Failure, RobotArg};
+
+/// The robot's processor, as probe-rs calls it.
+const CHIP: &str = "STM32F405RGTx";
+/// Where the firmware's image lies, from cargo's target directory.
+const IMAGE: &str = "thumbv7em-none-eabihf/release/stm32f405";
+
+/// Put the firmware on a robot's board, through a debug probe
+///
+/// In growbot's source tree the firmware is built first, for the robot that is named; elsewhere, give a firmware image. Then probe-rs writes it
+/// to the board and shows its log, until Ctrl-C.
+#[derive(Args)]
+#[command(
+    after_help = "Examples:\n  growbot flash --robot growbot-b\n  growbot flash --firmware stm32f405 --no-log\n\nWhat it needs: a debug probe, and probe-rs (cargo install probe-rs-tools --locked)."
+)]
+pub struct FlashArgs {
+    #[command(flatten)]
+    robot: RobotArg,
+    /// Write this image; build nothing (the robot is the one it was built for)
+    #[arg(long, value_name = "FILE", conflicts_with = "robot")]
+    firmware: Option<PathBuf>,
+    /// Start the firmware and leave, without its log
+    #[arg(long)]
+    no_log: bool,
+    /// Print the commands that would be run
+    #[arg(long)]
+    dry_run: bool,
+}
+
+/// Runs the command.
+pub fn run(args: &FlashArgs) -> Result<(), Failure> {
+    let (build, image) = match &args.firmware {
+        Some(image) => (None, image.clone()),
+        None => {
+            let build = Step::build(&args.robot)?;
+            let image = build.target().join(IMAGE);
+            (Some(build), image)
+        }
+    };
+    let flash = Step::flash(&image, args.no_log);
+    if args.dry_run {
+        let lines: String = build.iter().chain(&flash).map(|step| format!("{step}\n")).collect();
+        return Ok(print(&lines)?);
+    }
+    if let Some(build) = build {
+        build.run()?;
+    }
+    if !image.is_file() {
+        let what =
+            if args.firmware.is_some() { "give the image that cargo build-robot makes" } else { "cargo made none" };
+        return Err(Failure::bad_input(format!("there is no firmware image {}: {what}", image.display())));
+    }
+    flash.iter().try_for_each(Step::run)
+}
+
+/// A tool's run.
+struct Step {
+    tool: &'static str,
+    /// How to come by the tool.
+    remedy: &'static str,
+    /// What it means that the tool fails.
+    failed: &'static str,
+    arguments: Vec<OsString>,
+    robot: Option<OsString>,
+    directory: Option<PathBuf>,
+}
+
+impl Step {
+    /// Builds the firmware for a robot.
+    fn build(robot: &RobotArg) -> Result<Self, Failure> {
+        // A robot that is none is better said before a minute of building.
+        robot.load()?;
+        let directory = source_tree().ok_or_else(|| {
+            Failure::bad_input("this is not growbot's source tree, so there is nothing to build: give an image with --firmware, or go there")
+        })?;
+        Ok(Self {
+            tool: "cargo",
+            remedy: "install Rust, https://rustup.rs",
+            failed: "the firmware was not built",
+            arguments: vec!["build-robot".into()],
+            robot: Some(named(&robot.robot)?),
+            directory: Some(directory),
+        })
+    }
+
+    /// Writes an image to the board, and starts it.
+    fn flash(image: &Path, no_log: bool) -> Vec<Self> {
+        let probe_rs = |subcommand: &str, image: Option<&Path>| {
+            let arguments = [subcommand, "--chip", CHIP].map(OsString::from);
+            Self {
+                tool: "probe-rs",
+                remedy: "install it with `cargo install probe-rs-tools --locked`",
+                failed: "the board was not flashed, or its log broke off; is the probe connected, and the board powered?",
+                arguments: arguments.into_iter().chain(image.map(|image| image.as_os_str().to_owned())).collect(),
+                robot: None,
+                directory: None,
+            }
+        };
+        if no_log {
+            // A download alone leaves the processor halted.
+            vec![probe_rs("download", Some(image)), probe_rs("reset", None)]
+        } else {
+            vec![probe_rs("run", Some(image))]
+        }
+    }
+
+    /// Cargo's target directory, for a step of cargo.
+    fn target(&self) -> PathBuf {
+        let directory = self.directory.as_deref().unwrap_or(Path::new("."));
+        directory.join(std::env::var_os("CARGO_TARGET_DIR").unwrap_or_else(|| "target".into()))
+    }
+
+    fn run(&self) -> Result<(), Failure> {
+        let Self { tool, remedy, failed, .. } = self;
+        tell!("growbot: {self}");
+        let mut command = Command::new(tool);
+        command.args(&self.arguments);
+        if let Some(robot) = &self.robot {
+            command.env("GROWBOT_ROBOT", robot);
+        }
+        if let Some(directory) = &self.directory {
+            command.current_dir(directory);
+        }
+        match command.status() {
+            Ok(status) if status.success() => Ok(()),
+            Ok(status) => Err(Failure::bad_input(format!("{tool} failed ({status}): {failed}"))),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => {
+                Err(Failure::bad_input(format!("there is no {tool} on the path: {remedy}")))
+            }
+            Err(error) => Err(Failure::bad_input(format!("cannot run {tool}: {error}"))),
+        }
+    }
+}
+
+impl fmt::Display for Step {
+    /// As it is typed in a shell.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let Some(directory) = &self.directory {
+            write!(f, "cd {} && ", quoted(directory.as_os_str()))?;
+        }
+        if let Some(robot) = &self.robot {
+            write!(f, "GROWBOT_ROBOT={} ", quoted(robot))?;
+        }
+        write!(f, "{}", self.tool)?;
+        self.arguments.iter().try_for_each(|argument| write!(f, " {}", quoted(argument)))
+    }
+}
+
+/// A word for a shell.
+fn quoted(word: &OsStr) -> String {
+    let word = word.to_string_lossy();
+    let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_./:@%+=,".contains(c);
+    if !word.is_empty() && word.chars().all(is_plain) {
+        word.into_owned()
+    } else {
+        format!("'{}'", word.replace('\'', r"'\''"))
+    }
+}
+
+/// What `GROWBOT_ROBOT` has to be: a built-in name, or a file by its whole path, since cargo runs elsewhere.
+fn named(robot: &Path) -> Result<OsString, Failure> {
+    if robot.to_str().is_some_and(robot_file::is_built_in) {
+        return Ok(robot.as_os_str().to_owned());
+    }
+    if robot.extension() != Some(OsStr::new("toml")) {
+        return Err(Failure::bad_input(format!(
+            "{}: a robot's file must end in .toml to be built in",
+            robot.display()
+        )));
+    }
+    let whole = robot.canonicalize();
+    whole.map(PathBuf::into_os_string).map_err(|error| Failure::bad_input(format!("{}: {error}", robot.display())))
+}
+
+/// The source tree that the current directory is in.
+fn source_tree() -> Option<PathBuf> {
+    let here = std::env::current_dir().ok()?;
+    here.ancestors().find(|folder| folder.join("growbot-firmware/Cargo.toml").is_file()).map(Path::to_path_buf)
+}

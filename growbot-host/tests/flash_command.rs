@@ -1,0 +1,180 @@
+//! `growbot flash` with tools that only write down how they were called.
+#![cfg(unix)]
+
+use std::fs::{self, Permissions};
+use std::os::unix::fs::PermissionsExt;
+use std::path::PathBuf;
+use std::process::Command;
+
+use tempfile::TempDir;
+
+/// What a run left behind.
+struct Ran {
+    code: Option<i32>,
+    out: String,
+    err: String,
+}
+
+/// A directory with a source tree, a path with tools, and what these have been asked.
+struct Bench(TempDir);
+
+impl Bench {
+    fn new() -> Self {
+        let bench = Self(tempfile::tempdir().unwrap());
+        for folder in ["bin", "tree/growbot-firmware", "tree/robots", "elsewhere"] {
+            fs::create_dir_all(bench.path(folder)).unwrap();
+        }
+        fs::write(bench.path("tree/growbot-firmware/Cargo.toml"), "").unwrap();
+        fs::write(bench.path("firmware.elf"), "an image").unwrap();
+        bench
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        // As the command sees it, whatever links lead to the directory for temporary files.
+        self.0.path().canonicalize().unwrap().join(name)
+    }
+
+    fn text(&self, name: &str) -> String {
+        self.path(name).into_os_string().into_string().unwrap()
+    }
+
+    /// A tool that writes down how it is called, and then does this.
+    fn tool(&self, name: &str, then: &str) {
+        let script = format!(
+            "#!/bin/sh\necho \"${{GROWBOT_ROBOT:+robot $GROWBOT_ROBOT: }}{name} $*\" >> '{}'\n{then}\n",
+            self.text("calls")
+        );
+        let tool = self.path("bin").join(name);
+        fs::write(&tool, script).unwrap();
+        fs::set_permissions(&tool, Permissions::from_mode(0o755)).unwrap();
+    }
+
+    /// A cargo that makes an image where cargo would.
+    fn cargo(&self) {
+        self.tool("cargo", "d=target/thumbv7em-none-eabihf/release; /bin/mkdir -p $d && echo image > $d/stm32f405");
+    }
+
+    fn calls(&self) -> String {
+        fs::read_to_string(self.path("calls")).unwrap_or_default()
+    }
+
+    fn flash(&self, folder: &str, args: &[&str]) -> Ran {
+        let output = Command::new(env!("CARGO_BIN_EXE_growbot"))
+            .arg("flash")
+            .args(args)
+            .current_dir(self.path(folder))
+            .env("PATH", self.path("bin"))
+            .env_remove("CARGO_TARGET_DIR")
+            .env_remove("GROWBOT_ROBOT")
+            .output()
+            .unwrap();
+        let [out, err] = [output.stdout, output.stderr].map(|said| String::from_utf8(said).unwrap());
+        Ran { code: output.status.code(), out, err }
+    }
+}
+
+/// Exit code 2, one line that says who speaks, and this in it.
+#[track_caller]
+fn assert_refused(ran: &Ran, parts: &[&str]) {
+    assert_eq!((ran.code, ran.out.as_str()), (Some(2), ""), "{}", ran.err);
+    let last = ran.err.lines().last().unwrap_or_default();
+    assert!(last.starts_with("growbot: "), "{}", ran.err);
+    for part in parts {
+        assert!(last.contains(part), "no {part:?} in {last:?}");
+    }
+}
+
+#[test]
+fn an_image_is_flashed_and_nothing_built() {
+    let bench = Bench::new();
+    bench.cargo();
+    bench.tool("probe-rs", "echo the log");
+    let image = bench.text("firmware.elf");
+    let ran = bench.flash("tree", &["--firmware", &image]);
+    assert_eq!((ran.code, ran.out.as_str()), (Some(0), "the log\n"), "{}", ran.err);
+    assert_eq!(bench.calls(), format!("probe-rs run --chip STM32F405RGTx {image}\n"));
+}
+
+#[test]
+fn without_its_log_the_firmware_is_started_all_the_same() {
+    let bench = Bench::new();
+    bench.tool("probe-rs", "");
+    let image = bench.text("firmware.elf");
+    assert_eq!(bench.flash("elsewhere", &["--firmware", &image, "--no-log"]).code, Some(0));
+    let calls = format!("probe-rs download --chip STM32F405RGTx {image}\nprobe-rs reset --chip STM32F405RGTx\n");
+    assert_eq!(bench.calls(), calls);
+}
+
+#[test]
+fn in_the_source_tree_the_firmware_is_built_for_the_robot() {
+    let bench = Bench::new();
+    bench.cargo();
+    bench.tool("probe-rs", "");
+    let image = bench.text("tree/target/thumbv7em-none-eabihf/release/stm32f405");
+    let own = include_str!("../../robots/growbot-b.toml");
+    fs::write(bench.path("tree/robots/my own.toml"), own).unwrap();
+    let file = bench.text("tree/robots/my own.toml");
+    for (robot, named) in [("growbot-c", "growbot-c"), ("my own.toml", file.as_str())] {
+        let _ = fs::remove_file(bench.path("calls"));
+        let ran = bench.flash("tree/robots", &["--robot", robot]);
+        assert_eq!(ran.code, Some(0), "{}", ran.err);
+        let calls = format!("robot {named}: cargo build-robot\nprobe-rs run --chip STM32F405RGTx {image}\n");
+        assert_eq!(bench.calls(), calls);
+    }
+}
+
+#[test]
+fn a_dry_run_prints_what_would_be_run() {
+    let bench = Bench::new();
+    bench.cargo();
+    bench.tool("probe-rs", "");
+    let tree = bench.text("tree");
+    let ran = bench.flash("tree", &["--dry-run", "--robot", "growbot-b"]);
+    let commands = format!(
+        "cd {tree} && GROWBOT_ROBOT=growbot-b cargo build-robot\nprobe-rs run --chip STM32F405RGTx {tree}/target/thumbv7em-none-eabihf/release/stm32f405\n"
+    );
+    assert_eq!((ran.code, ran.out.as_str()), (Some(0), commands.as_str()), "{}", ran.err);
+    let ran = bench.flash("elsewhere", &["--dry-run", "--firmware", "an image", "--no-log"]);
+    let commands = "probe-rs download --chip STM32F405RGTx 'an image'\nprobe-rs reset --chip STM32F405RGTx\n";
+    assert_eq!(ran.out, commands);
+    assert_eq!(bench.calls(), "", "nothing is run");
+}
+
+#[test]
+fn what_is_missing_is_named_with_its_remedy() {
+    let bench = Bench::new();
+    let image = bench.text("firmware.elf");
+    assert_refused(
+        &bench.flash("tree", &["--firmware", &image]),
+        &["probe-rs", "cargo install probe-rs-tools --locked"],
+    );
+    assert_refused(&bench.flash("tree", &["--firmware", "nothing.elf"]), &["no firmware image nothing.elf"]);
+    assert_refused(&bench.flash("tree", &[]), &["there is no cargo", "rustup.rs"]);
+    assert_refused(&bench.flash("elsewhere", &[]), &["source tree", "--firmware"]);
+    assert_refused(&bench.flash("tree", &["--robot", "growbot-z"]), &["growbot-z"]);
+    assert_eq!(bench.calls(), "");
+}
+
+#[test]
+fn tools_that_fail_end_it() {
+    let bench = Bench::new();
+    bench.tool("probe-rs", "exit 1");
+    bench.tool("cargo", "exit 101");
+    assert_refused(&bench.flash("tree", &[]), &["cargo failed", "101", "not built"]);
+    assert_eq!(bench.calls(), "robot growbot-a: cargo build-robot\n");
+    bench.tool("cargo", "");
+    assert_refused(&bench.flash("tree", &[]), &["no firmware image", "cargo made none"]);
+    let image = bench.text("firmware.elf");
+    assert_refused(&bench.flash("tree", &["--firmware", &image, "--no-log"]), &["probe-rs failed", "probe connected"]);
+    assert!(!bench.calls().contains("reset"), "{}", bench.calls());
+}
+
+#[test]
+fn a_robot_is_not_chosen_for_an_image() {
+    let bench = Bench::new();
+    let ran = bench.flash("tree", &["--firmware", "x", "--robot", "growbot-b"]);
+    assert_eq!(ran.code, Some(2));
+    assert!(ran.err.contains("cannot be used with"), "{}", ran.err);
+    fs::write(bench.path("tree/robot"), include_str!("../../robots/growbot-b.toml")).unwrap();
+    assert_refused(&bench.flash("tree", &["--robot", "robot"]), &["must end in .toml"]);
+}
