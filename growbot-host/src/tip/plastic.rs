@@ -179,6 +179,8 @@ impl Plastic {
             let (cosine, sine) = self.directions[self.head.rem_euclid(self.steps_per_turn) as usize];
             let begins = self.is_on_axis() && self.sweep_is_whole();
             let sweep = self.sweep + u64::from(begins);
+            // Rings lie in order, and half of what flows here next is of the sweep that ends.
+            ring_of(&mut self.laid, self.sweep);
             ring_of(&mut self.laid, sweep).add(Moments { sum: 1.0, cosine, sine }, 1.0);
         }
         self.stood.clear();
