@@ -26,6 +26,7 @@
 //! | `0x050` | [`STEP_WRITE_INDEX`] | board | records written, wrapping, survives a reset of the board |
 //! | `0x054` | [`STEP_OVERRUN`] | board | records dropped because the ring was full, in this boot |
 //! | `0x058` | [`LINK_BYTES_LOST`] | board | received bytes dropped because the queue was full, in this boot |
+//! | `0x060` | [`FAN_DUTY`] | board | 0 to 65535, full speed |
 //! | `0x100` | [`THERMISTOR_RAW`] | host | 0 to 4095, as the board's converter would read |
 //! | `0x104` | [`THERMISTOR_LIVE`] | host | 1: the converter delivers readings; 0: it has stopped |
 //! | `0x108` | [`STEP_READ_INDEX`] | host | records read, wrapping |
@@ -35,6 +36,15 @@
 //! | `0x11C` | [`INDEX_FAULT`] | host | `INDEX_FAULT_*` |
 //! | `0x120` | [`ENTROPY`] | host | any number, another one for each run: makes boot ids differ |
 //! | `0x124` | [`MACHINE_LENGTH`] | host | bytes of [`MACHINE`] that are valid, at most [`MACHINE_CAPACITY`] |
+//! | `0x128` | [`SUPPLY_RAW`] | host | 0 to 4095, as the board's converter would read |
+//! | `0x12C` | [`SUPPLY_LIVE`] | host | as [`THERMISTOR_LIVE`] |
+//! | `0x130` | [`FILAMENT_PRESENT`] | host | 1: there is filament |
+//! | `0x134` | [`DRIVER_FAULT`] | host | 1: a stepper driver reports a fault |
+//! | `0x138` | [`EMERGENCY_STOP`] | host | 1: the emergency stop is pressed |
+//! | `0x13C` | [`ENCODER_PITCH`] | host | feed steps between two rising edges of the filament's encoder, in 1/256; 0: there is none |
+//! | `0x140` | [`ENCODER_STATE`] | host | `ENCODER_*`: whether filament follows the feed |
+//! | `0x144` | [`GRAVITY_X`], [`GRAVITY_Y`], [`GRAVITY_Z`] | host | `i32`: gravity in the tip's frame, thousandths of the earth's |
+//! | `0x150` | [`GRAVITY_LIVE`] | host | 1: the orientation sensor answers |
 //! | `0x1000` | [`MACHINE`] | host | the machine description, bytes |
 //! | `0x10_0000` | [`STEP_RING`] | board | [`STEP_RING_RECORDS`] step records, see [`StepRecord`] |
 //!
@@ -55,7 +65,9 @@
 //! A step counts at the rising edge of STEP; DIR high turns forward (counts up). A driver that is not energised doesn't turn, so its
 //! edges are recorded with `enabled` false and don't count in the positions. The index sensor pulls its line low while
 //! `(HEAD_STEPS - INDEX_POSITION) mod INDEX_STEPS_PER_TURN < INDEX_WIDTH`. The board computes it from its own edges, so that homing takes
-//! the same steps in every run; a host that wants the head to slip moves [`INDEX_POSITION`].
+//! the same steps in every run; a host that wants the head to slip moves [`INDEX_POSITION`]. The filament's encoder comes from
+//! [`FEED_STEPS`] in the same way: high in the first half of each [`ENCODER_PITCH`]; where the filament does not follow the feed,
+//! the host has its level stand. The words of the other inputs say what they are called, not a wire's level.
 //!
 //! Not modelled here: step pulse widths, set-up times of DIR, micro-step tables, and the two directions of a worn gear.
 
@@ -71,7 +83,7 @@ pub const VERSION: usize = 0x004;
 /// What [`MAGIC`] holds: `GBTP`.
 pub const MAGIC_VALUE: u32 = u32::from_le_bytes(*b"GBTP");
 /// What [`VERSION`] holds.
-pub const VERSION_VALUE: u32 = 1;
+pub const VERSION_VALUE: u32 = 2;
 
 /// Offset, board to host: boots since the memory was zero.
 pub const BOOTS: usize = 0x010;
@@ -110,6 +122,8 @@ pub const STEP_WRITE_INDEX: usize = 0x050;
 pub const STEP_OVERRUN: usize = 0x054;
 /// Offset, board to host: received bytes dropped in this boot.
 pub const LINK_BYTES_LOST: usize = 0x058;
+/// Offset, board to host: duty of the fan, 0 to 65535.
+pub const FAN_DUTY: usize = 0x060;
 
 /// Offset, host to board: thermistor reading, 0 to 4095.
 pub const THERMISTOR_RAW: usize = 0x100;
@@ -129,6 +143,29 @@ pub const INDEX_FAULT: usize = 0x11C;
 pub const ENTROPY: usize = 0x120;
 /// Offset, host to board: length of the machine description in bytes; 0 for none.
 pub const MACHINE_LENGTH: usize = 0x124;
+/// Offset, host to board: reading of the supply's voltage, 0 to 4095.
+pub const SUPPLY_RAW: usize = 0x128;
+/// Offset, host to board: 1 while the supply's converter delivers readings.
+pub const SUPPLY_LIVE: usize = 0x12C;
+/// Offset, host to board: 1 while there is filament.
+pub const FILAMENT_PRESENT: usize = 0x130;
+/// Offset, host to board: 1 while a stepper driver reports a fault.
+pub const DRIVER_FAULT: usize = 0x134;
+/// Offset, host to board: 1 while the emergency stop is pressed.
+pub const EMERGENCY_STOP: usize = 0x138;
+/// Offset, host to board: feed steps between two rising edges of the filament's encoder, in 1/256; 0 for no encoder.
+pub const ENCODER_PITCH: usize = 0x13C;
+/// Offset, host to board: whether filament follows the feed, one of `ENCODER_*`.
+pub const ENCODER_STATE: usize = 0x140;
+/// Offset, host to board: gravity along the tip's x axis, thousandths of the earth's, as an `i32`; upwards, as a resting
+/// accelerometer shows it.
+pub const GRAVITY_X: usize = 0x144;
+/// Offset, host to board: gravity along the tip's y axis.
+pub const GRAVITY_Y: usize = 0x148;
+/// Offset, host to board: gravity along the tip's z axis.
+pub const GRAVITY_Z: usize = 0x14C;
+/// Offset, host to board: 1 while the orientation sensor answers.
+pub const GRAVITY_LIVE: usize = 0x150;
 /// Offset, host to board: the machine description.
 pub const MACHINE: usize = 0x1000;
 /// The longest machine description, in bytes.
@@ -156,6 +193,13 @@ pub const INDEX_FAULT_NONE: u32 = 0;
 pub const INDEX_FAULT_STUCK_LOW: u32 = 1;
 /// [`INDEX_FAULT`]: the line stays high, as if never on the mark.
 pub const INDEX_FAULT_STUCK_HIGH: u32 = 2;
+
+/// [`ENCODER_STATE`]: filament follows the feed.
+pub const ENCODER_TURNS: u32 = 0;
+/// [`ENCODER_STATE`]: filament stands, with the encoder's line low.
+pub const ENCODER_STANDS_LOW: u32 = 1;
+/// [`ENCODER_STATE`]: filament stands, with the encoder's line high.
+pub const ENCODER_STANDS_HIGH: u32 = 2;
 
 /// One rising edge of a STEP pin, as the ring holds it:
 ///
@@ -248,6 +292,26 @@ pub const fn index_level(head_steps: i32, steps_per_turn: u32, position: u32, wi
     }
 }
 
+/// Level of the filament's encoder (`true` is high) for a feed at `feed_steps`, as the encoder's words describe it.
+///
+/// ```
+/// use growbot_firmware::emulated_tip::{ENCODER_TURNS, encoder_level};
+///
+/// // An edge every 112.5 steps.
+/// let pitch = 225 * 128;
+/// assert!(encoder_level(0, pitch, ENCODER_TURNS) && encoder_level(56, pitch, ENCODER_TURNS));
+/// assert!(!encoder_level(57, pitch, ENCODER_TURNS) && !encoder_level(112, pitch, ENCODER_TURNS));
+/// assert!(encoder_level(113, pitch, ENCODER_TURNS) && !encoder_level(-1, pitch, ENCODER_TURNS));
+/// ```
+pub const fn encoder_level(feed_steps: i32, pitch: u32, state: u32) -> bool {
+    match state {
+        ENCODER_STANDS_LOW => false,
+        ENCODER_STANDS_HIGH => true,
+        _ if pitch == 0 => false,
+        _ => (feed_steps as i64 * 256).rem_euclid(pitch as i64) * 2 < pitch as i64,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -291,6 +355,18 @@ mod tests {
     }
 
     #[test]
+    fn the_encoder_stands_where_the_filament_does() {
+        assert!(!encoder_level(0, 0, ENCODER_TURNS));
+        assert!(!encoder_level(0, 100 * 256, ENCODER_STANDS_LOW));
+        assert!(encoder_level(70, 100 * 256, ENCODER_STANDS_HIGH));
+        let rises = (1..=100_000).filter(|&step| {
+            let level = |step| encoder_level(step, 225 * 128, ENCODER_TURNS);
+            level(step) && !level(step - 1)
+        });
+        assert_eq!(rises.count(), 888);
+    }
+
+    #[test]
     fn words_do_not_overlap() {
         let words = [
             MAGIC,
@@ -313,6 +389,7 @@ mod tests {
             STEP_WRITE_INDEX,
             STEP_OVERRUN,
             LINK_BYTES_LOST,
+            FAN_DUTY,
             THERMISTOR_RAW,
             THERMISTOR_LIVE,
             STEP_READ_INDEX,
@@ -322,6 +399,17 @@ mod tests {
             INDEX_FAULT,
             ENTROPY,
             MACHINE_LENGTH,
+            SUPPLY_RAW,
+            SUPPLY_LIVE,
+            FILAMENT_PRESENT,
+            DRIVER_FAULT,
+            EMERGENCY_STOP,
+            ENCODER_PITCH,
+            ENCODER_STATE,
+            GRAVITY_X,
+            GRAVITY_Y,
+            GRAVITY_Z,
+            GRAVITY_LIVE,
             MACHINE,
         ];
         assert!(words.windows(2).all(|pair| pair[0] + 4 <= pair[1]));

@@ -1,25 +1,24 @@
 //! The robot's firmware in QEMU, with the simulated tip behind the memory that both share.
 //!
 //! A thread plays the tip: it takes the steps out of the ring, warms the nozzle by the energy that the board has counted,
-//! and writes the thermistor's reading. The steps themselves depend only on the firmware: the machine's load stretches time
+//! and writes what the sensors show. The steps themselves depend only on the firmware: the machine's load stretches time
 //! and changes none of them.
 
 use std::io;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use growbot_core::robot::{LONGEST_ENCODED, Robot};
 use growbot_firmware::emulated_tip as table;
-use growbot_firmware::thermistor;
 
 use super::qemu::{EmulatedRobot, QemuError, TipMemory, doing};
 use super::stream::Stream;
 use super::{Port, PortError, TipRecord};
-use crate::tip::{IndexMark, Motor, Tip};
+use crate::tip::{IndexMark, Motor, Tip, TipFault, Variation, encoder_pitch};
 
 /// How often the tip looks at its memory.
 const LOOK: Duration = Duration::from_millis(1);
@@ -48,7 +47,17 @@ impl Emulator {
         let line = board.line().try_clone().map_err(doing("share the emulator's line"))?;
         let stream =
             Stream::over("the emulated board".to_string(), line).map_err(doing("set up the emulator's line"))?;
-        Ok(Self { player: Player::start(words, robot.clone()), stream, board })
+        Ok(Self { player: Player::start(words, robot), stream, board })
+    }
+
+    /// Breaks something on the tip; a fault of the same kind is replaced. The board sees it within some milliseconds.
+    pub fn inject(&mut self, fault: TipFault) {
+        self.player.followed().tip.inject(fault);
+    }
+
+    /// Mends the fault of this one's kind.
+    pub fn mend(&mut self, fault: TipFault) {
+        self.player.followed().tip.mend(fault);
     }
 
     /// The emulator and the memory of its tip.
@@ -93,9 +102,13 @@ fn prepare(memory: &TipMemory, robot: &Robot) -> Result<(), QemuError> {
     write(table::ENTROPY, entropy())?;
     write(table::MACHINE_LENGTH, machine.len() as u32)?;
     words.0.write_all_at(machine, table::MACHINE as u64).map_err(doing("write the tip's memory"))?;
-    let room = thermistor::reading(crate::tip::ROOM_C, &robot.description().thermistor);
-    write(table::THERMISTOR_RAW, libm::rint(room) as u32)?;
-    write(table::THERMISTOR_LIVE, 1)
+    write(table::ENCODER_PITCH, encoder_pitch(robot))?;
+    words.show(&mut tip_of(robot)).map_err(doing("write the tip's memory"))
+}
+
+/// The tip at first. The board counts its head from where it stands when it is switched on, and places the index mark there too.
+fn tip_of(robot: &Robot) -> Tip {
+    Tip::new(robot.clone(), 0, Variation::default())
 }
 
 /// A number that differs from run to run.
@@ -139,51 +152,110 @@ impl Words {
     fn write(&self, offset: usize, value: u32) -> io::Result<()> {
         self.0.write_all_at(&value.to_le_bytes(), offset as u64)
     }
+
+    /// Writes what the tip's sensors show.
+    fn show(&self, tip: &mut Tip) -> io::Result<()> {
+        self.show_converted(table::THERMISTOR_RAW, table::THERMISTOR_LIVE, tip.sample_thermistor())?;
+        self.show_converted(table::SUPPLY_RAW, table::SUPPLY_LIVE, tip.sample_supply())?;
+        self.write(table::FILAMENT_PRESENT, tip.has_filament().into())?;
+        self.write(table::DRIVER_FAULT, tip.driver_fault().into())?;
+        self.write(table::EMERGENCY_STOP, tip.emergency_stop().into())?;
+        self.show_index(tip)?;
+        let encoder = match (tip.filament_follows(), tip.encoder()) {
+            (true, _) => table::ENCODER_TURNS,
+            (false, false) => table::ENCODER_STANDS_LOW,
+            (false, true) => table::ENCODER_STANDS_HIGH,
+        };
+        self.write(table::ENCODER_STATE, encoder)?;
+        let gravity = tip.gravity();
+        if let Some(gravity) = gravity {
+            for (offset, part) in [table::GRAVITY_X, table::GRAVITY_Y, table::GRAVITY_Z].into_iter().zip(gravity) {
+                self.write(offset, i32::from(part).cast_unsigned())?;
+            }
+        }
+        self.write(table::GRAVITY_LIVE, gravity.is_some().into())
+    }
+
+    fn show_converted(&self, raw: usize, live: usize, sample: Option<u16>) -> io::Result<()> {
+        if let Some(sample) = sample {
+            self.write(raw, sample.into())?;
+        }
+        self.write(live, sample.is_some().into())
+    }
+
+    /// The board computes the level of its index sensor from its own steps: it is told how far those are from the truth, and
+    /// the level itself where that no longer depends on them.
+    fn show_index(&self, tip: &Tip) -> io::Result<()> {
+        let mark = IndexMark::of(tip.robot());
+        let position = (i64::from(mark.position) - tip.head_slip()).rem_euclid(i64::from(mark.steps_per_turn));
+        self.write(table::INDEX_POSITION, position as u32)?;
+        let fault = match (tip.index_follows(), tip.on_index()) {
+            (true, _) => table::INDEX_FAULT_NONE,
+            // The emulated sensor pulls its line low on the mark.
+            (false, true) => table::INDEX_FAULT_STUCK_LOW,
+            (false, false) => table::INDEX_FAULT_STUCK_HIGH,
+        };
+        self.write(table::INDEX_FAULT, fault)
+    }
 }
 
 /// The tip and how far its memory has been followed.
 struct Followed {
     words: Words,
     tip: Tip,
+    boots: u32,
+    /// The tip's clock when the board last started, ticks.
+    boot_tick: u64,
     steps_read: u32,
-    /// Tick of the latest step.
+    /// Tick of the latest step, since that start.
     step_tick: u64,
+    /// The board's clock at the latest look.
     ticks: u64,
     energy: u64,
     lost_steps: u32,
 }
 
 impl Followed {
-    /// Takes what the board has done since the last look.
+    /// Takes what the board has done since the last look, and shows it what the sensors see.
     fn look(&mut self) -> io::Result<()> {
         if self.words.read(table::MAGIC)? != table::MAGIC_VALUE {
             return Ok(()); // not booted yet
         }
+        let boots = self.words.read_counter(table::BOOTS)?;
+        if boots != self.boots {
+            // The board has started anew: its clock too.
+            self.step(self.words.read_counter(table::BOOT_WRITE_INDEX)?)?;
+            (self.boots, self.boot_tick) = (boots, self.tip.now());
+            (self.step_tick, self.ticks, self.energy) = (0, 0, 0);
+        }
+        self.step(self.words.read_counter(table::STEP_WRITE_INDEX)?)?;
         self.warm()?;
-        self.step()
+        self.words.show(&mut self.tip)
     }
 
+    /// Lets time pass up to the board's present, with the power that it gave meanwhile.
     fn warm(&mut self) -> io::Result<()> {
-        let tick_hz = self.words.read(table::TICK_HZ)?.max(1);
         let ticks = self.words.read_pair(table::TICKS_LO, table::TICKS_HI)?;
         let energy = self.words.read_pair(table::HEATER_ENERGY_LO, table::HEATER_ENERGY_HI)?;
-        if ticks < self.ticks || energy < self.energy {
-            // The board has started anew.
-            (self.ticks, self.energy) = (0, 0);
-        }
-        let passed = ticks - self.ticks;
+        let enabled = self.words.read(table::HEATER_ENABLE)? == 1;
+        let duty = self.words.read(table::HEATER_DUTY)?;
+        // Both are zero in a board that is just starting anew.
+        let (passed, gained) = (ticks.saturating_sub(self.ticks), energy.saturating_sub(self.energy));
         if passed > 0 {
-            let duty = (energy - self.energy) as f64 / passed as f64 / f64::from(u16::MAX);
-            self.tip.nozzle_mut().heat(duty.min(1.0), passed as f64 / f64::from(tick_hz));
+            // What it got is what the board has counted, however rarely this looks; the word is for a switch that is broken.
+            let mean = if gained > 0 { gained as f64 / passed as f64 } else { f64::from(duty) };
+            self.tip.heat((mean / f64::from(u16::MAX)).min(1.0), enabled || gained > 0);
+            self.tip.blow(f64::from(self.words.read(table::FAN_DUTY)?.min(u32::from(u16::MAX))) / f64::from(u16::MAX));
+            self.tip.enable(Motor::Head, self.words.read(table::HEAD_ENABLE)? == 1);
+            self.tip.enable(Motor::Feed, self.words.read(table::FEED_ENABLE)? == 1);
+            self.tip.advance(self.boot_tick + ticks);
             (self.ticks, self.energy) = (ticks, energy);
         }
-        let reading = self.tip.nozzle().temperature();
-        let thermistor = self.tip.robot().description().thermistor;
-        self.words.write(table::THERMISTOR_RAW, libm::rint(thermistor::reading(reading, &thermistor)) as u32)
+        Ok(())
     }
 
-    fn step(&mut self) -> io::Result<()> {
-        let written = self.words.read_counter(table::STEP_WRITE_INDEX)?;
+    /// Makes the steps up to a running index.
+    fn step(&mut self, written: u32) -> io::Result<()> {
         while self.steps_read != written {
             // As many records as lie in one piece of the ring.
             let at = table::step_record_offset(self.steps_read);
@@ -201,7 +273,8 @@ impl Followed {
                 self.tip.enable(motor, record.enabled);
                 self.tip.direct(motor, record.forward);
                 self.step_tick = record.tick_after(self.step_tick);
-                self.tip.step(motor, self.step_tick);
+                self.tip.advance(self.boot_tick + self.step_tick);
+                self.tip.step(motor);
             }
             self.steps_read = self.steps_read.wrapping_add(count as u32);
             self.words.write(table::STEP_READ_INDEX, self.steps_read)?;
@@ -219,11 +292,18 @@ struct Player {
 }
 
 impl Player {
-    fn start(words: Words, robot: Robot) -> Self {
-        // The board counts its head from where it stands when it is switched on, and places the index mark there too.
-        let tip = Tip::new(robot, 0);
-        let followed = Followed { words, tip, steps_read: 0, step_tick: 0, ticks: 0, energy: 0, lost_steps: 0 };
-        let followed = Arc::new(Mutex::new(followed));
+    fn start(words: Words, robot: &Robot) -> Self {
+        let followed = Arc::new(Mutex::new(Followed {
+            words,
+            tip: tip_of(robot),
+            boots: 0,
+            boot_tick: 0,
+            steps_read: 0,
+            step_tick: 0,
+            ticks: 0,
+            energy: 0,
+            lost_steps: 0,
+        }));
         let over = Arc::new(AtomicBool::new(false));
         let thread = thread::spawn({
             let (followed, over) = (Arc::clone(&followed), Arc::clone(&over));
@@ -238,8 +318,12 @@ impl Player {
         Self { followed, over, thread: Some(thread) }
     }
 
+    fn followed(&self) -> MutexGuard<'_, Followed> {
+        self.followed.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     fn record(&self) -> Result<TipRecord, PortError> {
-        let mut followed = self.followed.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut followed = self.followed();
         followed.look().map_err(|error| QemuError::Io("read the tip's memory", error))?;
         if followed.lost_steps > 0 {
             let what = format!("{} steps were lost before the tip could read them", followed.lost_steps);
@@ -248,7 +332,7 @@ impl Player {
         Ok(TipRecord {
             body: followed.tip.body(),
             feed_steps: followed.tip.feed_steps(),
-            temperature_c: followed.tip.nozzle().temperature(),
+            temperature_c: followed.tip.nozzle_c(),
         })
     }
 }

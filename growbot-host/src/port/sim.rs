@@ -3,43 +3,52 @@
 //! Time passes only while the host waits for bytes, and then as fast as the machine computes it, so that a growth of
 //! hours takes seconds and every run of the same job is the same.
 
-use std::cell::{Cell, RefCell};
+use std::cell::{Cell, RefCell, RefMut};
 use std::collections::VecDeque;
-use std::convert::Infallible;
 use std::rc::Rc;
 use std::time::Duration;
 
-use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
-use embedded_hal::pwm::{self, SetDutyCycle};
-use growbot_core::link::message::ResetCause;
-use growbot_core::robot::{Robot, Thermistor as ThermistorDescription};
+use growbot_core::link::message::{Fault, ResetCause, State};
+use growbot_core::pose::Pose;
+use growbot_core::robot::Robot;
 use growbot_firmware::controller::{Controller, Identity};
-use growbot_firmware::hal::{Board, Parts, Thermistor, Watchdog};
+use growbot_firmware::hal::{Board, Parts, Watchdog};
 use growbot_firmware::layer_store::LayerStore;
 use growbot_firmware::stepping::{Axis, Engine, Handover};
-use growbot_firmware::thermistor;
 
 use super::{Port, PortError, TipRecord};
-use crate::tip::{Motor, Tip};
+use crate::tip::pins::{Converter, DirectionPin, EnablePin, HeaterEnable, HeaterPower, Input, SharedTip, StepPin};
+use crate::tip::{Motor, Tip, TipFault, Variation, scramble};
 
 /// How often the controller is polled, us of virtual time.
 const POLL_US: u64 = 10_000;
 /// Where the head stands at first, in head steps from the tip's x axis: anywhere, so that homing has something to do.
 const HEAD_AT_FIRST: i64 = -137;
 
-type SimEngine = Engine<StepPin, DirectionPin, EnablePin, StepPin, DirectionPin, EnablePin, IndexPin>;
+/// How long the watchdog waits to be fed, s.
+const WATCHDOG_S: u64 = 1;
+
+/// What the board can keep through a reset, bytes.
+const KEPT_BYTES: usize = 128;
+
+type SimEngine = Engine<StepPin, DirectionPin, EnablePin, StepPin, DirectionPin, EnablePin, Input>;
 
 /// A robot in this process.
 pub struct Sim {
-    wires: Rc<Wires>,
+    robot: Robot,
+    tip: SharedTip,
     engine: SimEngine,
     handover: Handover,
     controller: Controller<SimBoard>,
     tick_hz: u64,
-    /// Ticks since the start.
+    /// Ticks since the robot was switched on.
     tick: u64,
+    /// When the board last started, ticks.
+    boot_tick: u64,
+    boots: u32,
     next_poll: u64,
-    heated_until: u64,
+    fed: Rc<WatchdogClock>,
+    kept: Kept,
     from_board: VecDeque<u8>,
 }
 
@@ -47,69 +56,185 @@ impl Sim {
     /// A robot that has just been switched on, its nozzle cold and its head anywhere.
     #[must_use]
     pub fn new(robot: Robot) -> Self {
-        let wires = Rc::new(Wires {
-            tip: RefCell::new(Tip::new(robot.clone(), HEAD_AT_FIRST)),
-            tick: Cell::new(0),
-            heater: RefCell::default(),
-            thermistor: robot.description().thermistor,
-        });
-        let axis = |motor| Axis {
-            step: StepPin { motor, wires: Rc::clone(&wires) },
-            direction: DirectionPin { motor, wires: Rc::clone(&wires) },
-            enable: EnablePin { motor, wires: Rc::clone(&wires) },
-        };
-        let engine = Engine::new(axis(Motor::Head), axis(Motor::Feed), IndexPin(Rc::clone(&wires)));
+        Self::with(robot, Variation::default())
+    }
+
+    /// A robot that is not exactly as described.
+    #[must_use]
+    pub fn with(robot: Robot, variation: Variation) -> Self {
+        let tip = Rc::new(RefCell::new(Tip::new(robot.clone(), HEAD_AT_FIRST, variation)));
+        let fed = Rc::new(WatchdogClock::default());
         let handover = Handover::new();
         let tick_hz = u64::from(robot.description().motion.tick_hz);
-        let parts = Parts {
-            heater_power: HeaterPower(Rc::clone(&wires)),
-            heater_enable: HeaterEnable(Rc::clone(&wires)),
-            thermistor: SimThermistor(Rc::clone(&wires)),
-            watchdog: NoWatchdog,
-            store: Box::new(LayerStore::new()),
-        };
-        let identity = Identity { boot_id: 1, reset_cause: ResetCause::PowerOn };
-        let controller = Controller::new(robot, identity, parts, &handover);
         let mut sim = Self {
-            wires,
-            engine,
+            engine: engine(&tip),
+            controller: controller(
+                &robot,
+                &tip,
+                &fed,
+                Identity { boot_id: 1, reset_cause: ResetCause::PowerOn },
+                &handover,
+            ),
+            robot,
+            tip,
             handover,
-            controller,
             tick_hz,
             tick: 0,
+            boot_tick: 0,
+            boots: 1,
             next_poll: 0,
-            heated_until: 0,
+            fed,
+            kept: Kept::default(),
             from_board: VecDeque::new(),
         };
+        sim.lose_kept();
         sim.poll();
         sim
+    }
+
+    /// Growth begins at this pose, as the orientation sensor is to see it. Without it, at the origin and upwards.
+    pub fn start_at(&mut self, pose: &Pose) {
+        self.simulated_tip().start_at(pose);
+    }
+
+    /// Breaks something; a fault of the same kind is replaced.
+    pub fn inject(&mut self, fault: TipFault) {
+        self.simulated_tip().inject(fault);
+    }
+
+    /// Mends the fault of this one's kind.
+    pub fn mend(&mut self, fault: TipFault) {
+        self.simulated_tip().mend(fault);
+    }
+
+    /// The tip at this moment, with everything that can be known of it.
+    pub fn simulated_tip(&mut self) -> RefMut<'_, Tip> {
+        self.tip.borrow_mut()
+    }
+
+    /// Virtual time since the robot was switched on, s.
+    #[must_use]
+    pub fn now_s(&self) -> f64 {
+        self.tick as f64 / self.tick_hz as f64
+    }
+
+    /// How often the board has started.
+    #[must_use]
+    pub fn boots(&self) -> u32 {
+        self.boots
+    }
+
+    /// What the board is doing.
+    #[must_use]
+    pub fn state(&self) -> State {
+        self.controller.state()
+    }
+
+    /// The fault that the board has latched.
+    #[must_use]
+    pub fn fault(&self) -> Option<Fault> {
+        self.controller.fault()
+    }
+
+    /// Lets virtual time pass. What the board says meanwhile waits to be received.
+    pub fn pass(&mut self, time: Duration) {
+        let deadline = self.tick + self.ticks(time);
+        while self.tick < deadline {
+            self.advance(deadline);
+        }
+    }
+
+    /// The memory that survives a reset of the board.
+    #[must_use]
+    pub fn kept(&self) -> Kept {
+        self.kept.clone()
+    }
+
+    /// What the board kept is lost, as without power: its memory holds anything.
+    pub fn lose_kept(&mut self) {
+        let seed = self.simulated_tip().variation().seed;
+        self.kept.write(&std::array::from_fn(|at| scramble(seed ^ self.tick << 8 ^ at as u64) as u8));
+    }
+
+    /// Resets the board: its outputs go off and its controller starts anew. The tip goes on as it is. What the board kept is
+    /// lost when its power was away.
+    pub fn reset(&mut self, cause: ResetCause) {
+        if cause == ResetCause::PowerOn {
+            self.lose_kept();
+        }
+        let mut tip = self.tip.borrow_mut();
+        tip.heat(0.0, false);
+        tip.blow(0.0);
+        drop(tip);
+        self.boots += 1;
+        self.boot_tick = self.tick;
+        self.fed.feed();
+        self.handover = Handover::new();
+        // An engine lets go of both motors when it starts.
+        self.engine = engine(&self.tip);
+        let identity = Identity { boot_id: self.boots, reset_cause: cause };
+        self.controller = controller(&self.robot, &self.tip, &self.fed, identity, &self.handover);
+        self.poll();
+    }
+
+    fn ticks(&self, time: Duration) -> u64 {
+        time.as_micros() as u64 * self.tick_hz / 1_000_000
     }
 
     /// Lets time pass up to the next moment at which something happens, or until `deadline` (ticks).
     fn advance(&mut self, deadline: u64) {
         let until = self.next_poll.min(deadline).saturating_sub(self.tick).max(1);
         let until = u32::try_from(until).unwrap_or(u32::MAX);
-        let ticks = self.engine.ticks_to_event(&self.handover).min(until);
-        self.engine.skip(ticks - 1);
+        let stopped = self.tip.borrow().faults().has(TipFault::StepInterruptStopped);
+        let ticks = if stopped { until } else { self.engine.ticks_to_event(&self.handover).min(until) };
         self.tick += u64::from(ticks);
-        self.wires.tick.set(self.tick);
-        self.engine.tick(&self.handover);
+        self.tip.borrow_mut().advance(self.tick);
+        self.fed.now.set(self.tick);
+        if !stopped {
+            self.engine.skip(ticks - 1);
+            self.engine.tick(&self.handover);
+        }
         if self.tick >= self.next_poll || self.handover.report_waits() {
             self.poll();
+        }
+        if self.fed.hungry_for() > WATCHDOG_S * self.tick_hz {
+            self.reset(ResetCause::Watchdog);
         }
     }
 
     fn poll(&mut self) {
-        let seconds = (self.tick - self.heated_until) as f64 / self.tick_hz as f64;
-        self.heated_until = self.tick;
-        let duty = self.wires.heater.borrow().duty();
-        self.wires.tip.borrow_mut().nozzle_mut().heat(duty, seconds);
-        self.controller.poll(self.tick * 1_000_000 / self.tick_hz, &self.handover);
+        self.controller.poll((self.tick - self.boot_tick) * 1_000_000 / self.tick_hz, &self.handover);
         self.next_poll = self.tick + (POLL_US * self.tick_hz / 1_000_000).max(1);
         while let Some(byte) = self.controller.transmit() {
             self.from_board.push_back(byte);
         }
     }
+}
+
+fn engine(tip: &SharedTip) -> SimEngine {
+    let axis = |motor| Axis {
+        step: StepPin(motor, Rc::clone(tip)),
+        direction: DirectionPin(motor, Rc::clone(tip)),
+        enable: EnablePin(motor, Rc::clone(tip)),
+    };
+    Engine::new(axis(Motor::Head), axis(Motor::Feed), Input::index(tip))
+}
+
+fn controller(
+    robot: &Robot,
+    tip: &SharedTip,
+    fed: &Rc<WatchdogClock>,
+    identity: Identity,
+    handover: &Handover,
+) -> Controller<SimBoard> {
+    let parts = Parts {
+        heater_power: HeaterPower(Rc::clone(tip)),
+        heater_enable: HeaterEnable(Rc::clone(tip)),
+        thermistor: Converter::thermistor(tip),
+        watchdog: SimWatchdog(Rc::clone(fed)),
+        store: Box::new(LayerStore::new()),
+    };
+    Controller::new(robot.clone(), identity, parts, handover)
 }
 
 impl Port for Sim {
@@ -122,8 +247,7 @@ impl Port for Sim {
     }
 
     fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, PortError> {
-        let ticks = timeout.as_micros() as u64 * self.tick_hz / 1_000_000;
-        let deadline = self.tick + ticks;
+        let deadline = self.tick + self.ticks(timeout);
         while self.from_board.is_empty() && self.tick < deadline {
             self.advance(deadline);
         }
@@ -135,33 +259,8 @@ impl Port for Sim {
     }
 
     fn tip(&mut self) -> Result<Option<TipRecord>, PortError> {
-        let tip = self.wires.tip.borrow();
-        Ok(Some(TipRecord {
-            body: tip.body(),
-            feed_steps: tip.feed_steps(),
-            temperature_c: tip.nozzle().temperature(),
-        }))
-    }
-}
-
-/// What connects the controller with the tip.
-struct Wires {
-    tip: RefCell<Tip>,
-    /// Ticks since the start: the board's clock, which tells the tip when a pulse came.
-    tick: Cell<u64>,
-    heater: RefCell<HeaterWires>,
-    thermistor: ThermistorDescription,
-}
-
-#[derive(Default)]
-struct HeaterWires {
-    power: u16,
-    enabled: bool,
-}
-
-impl HeaterWires {
-    fn duty(&self) -> f64 {
-        if self.enabled { f64::from(self.power) / f64::from(u16::MAX) } else { 0.0 }
+        let mut tip = self.tip.borrow_mut();
+        Ok(Some(TipRecord { body: tip.body(), feed_steps: tip.feed_steps(), temperature_c: tip.nozzle_c() }))
     }
 }
 
@@ -171,132 +270,140 @@ struct SimBoard;
 impl Board for SimBoard {
     type HeaterPower = HeaterPower;
     type HeaterEnable = HeaterEnable;
-    type Thermistor = SimThermistor;
-    type Watchdog = NoWatchdog;
+    type Thermistor = Converter;
+    type Watchdog = SimWatchdog;
     type Store = Box<LayerStore>;
 }
 
-struct StepPin {
-    motor: Motor,
-    wires: Rc<Wires>,
-}
+/// Memory of the board that survives a reset.
+#[derive(Clone)]
+pub struct Kept(Rc<Cell<[u8; KEPT_BYTES]>>);
 
-struct DirectionPin {
-    motor: Motor,
-    wires: Rc<Wires>,
-}
-
-struct EnablePin {
-    motor: Motor,
-    wires: Rc<Wires>,
-}
-
-struct IndexPin(Rc<Wires>);
-struct HeaterPower(Rc<Wires>);
-struct HeaterEnable(Rc<Wires>);
-struct SimThermistor(Rc<Wires>);
-/// A virtual clock cannot hang.
-struct NoWatchdog;
-
-impl ErrorType for StepPin {
-    type Error = Infallible;
-}
-
-impl OutputPin for StepPin {
-    fn set_low(&mut self) -> Result<(), Infallible> {
-        Ok(())
-    }
-
-    /// The engine raises a pin only after lowering it, so each time is an edge.
-    fn set_high(&mut self) -> Result<(), Infallible> {
-        self.wires.tip.borrow_mut().step(self.motor, self.wires.tick.get());
-        Ok(())
+impl Default for Kept {
+    fn default() -> Self {
+        Self(Rc::new(Cell::new([0; KEPT_BYTES])))
     }
 }
 
-impl ErrorType for DirectionPin {
-    type Error = Infallible;
-}
-
-impl OutputPin for DirectionPin {
-    fn set_low(&mut self) -> Result<(), Infallible> {
-        self.wires.tip.borrow_mut().direct(self.motor, false);
-        Ok(())
+impl Kept {
+    /// What it holds.
+    pub fn read(&mut self) -> [u8; KEPT_BYTES] {
+        self.0.get()
     }
 
-    fn set_high(&mut self) -> Result<(), Infallible> {
-        self.wires.tip.borrow_mut().direct(self.motor, true);
-        Ok(())
+    /// Has it hold something else.
+    pub fn write(&mut self, bytes: &[u8; KEPT_BYTES]) {
+        self.0.set(*bytes);
     }
 }
 
-impl ErrorType for EnablePin {
-    type Error = Infallible;
+/// When the watchdog was fed. Ticks.
+#[derive(Default)]
+struct WatchdogClock {
+    now: Cell<u64>,
+    fed: Cell<u64>,
 }
 
-impl OutputPin for EnablePin {
-    fn set_low(&mut self) -> Result<(), Infallible> {
-        self.wires.tip.borrow_mut().enable(self.motor, false);
-        Ok(())
+impl WatchdogClock {
+    fn feed(&self) {
+        self.fed.set(self.now.get());
     }
 
-    fn set_high(&mut self) -> Result<(), Infallible> {
-        self.wires.tip.borrow_mut().enable(self.motor, true);
-        Ok(())
-    }
-}
-
-impl ErrorType for IndexPin {
-    type Error = Infallible;
-}
-
-impl InputPin for IndexPin {
-    fn is_high(&mut self) -> Result<bool, Infallible> {
-        Ok(self.0.tip.borrow().on_index())
-    }
-
-    fn is_low(&mut self) -> Result<bool, Infallible> {
-        self.is_high().map(|high| !high)
+    fn hungry_for(&self) -> u64 {
+        self.now.get() - self.fed.get()
     }
 }
 
-impl pwm::ErrorType for HeaterPower {
-    type Error = Infallible;
-}
+/// A watchdog that resets the board a second after it was last fed.
+struct SimWatchdog(Rc<WatchdogClock>);
 
-impl SetDutyCycle for HeaterPower {
-    fn max_duty_cycle(&self) -> u16 {
-        u16::MAX
-    }
-
-    fn set_duty_cycle(&mut self, duty: u16) -> Result<(), Infallible> {
-        self.0.heater.borrow_mut().power = duty;
-        Ok(())
+impl Watchdog for SimWatchdog {
+    fn feed(&mut self) {
+        self.0.feed();
     }
 }
 
-impl ErrorType for HeaterEnable {
-    type Error = Infallible;
-}
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::client::Client;
+    use crate::growth::{Grown, Job, grow_job};
+    use growbot_core::path::{Segment, end};
+    use std::sync::atomic::AtomicBool;
+    use std::time::Instant;
 
-impl OutputPin for HeaterEnable {
-    fn set_low(&mut self) -> Result<(), Infallible> {
-        self.0.heater.borrow_mut().enabled = false;
-        Ok(())
+    fn robot() -> Robot {
+        crate::robot_file::load("growbot-a".as_ref()).unwrap()
     }
 
-    fn set_high(&mut self) -> Result<(), Infallible> {
-        self.0.heater.borrow_mut().enabled = true;
-        Ok(())
+    /// An upright body of so many layers.
+    fn grow(sim: Sim, layers: u32) -> Grown {
+        let robot = sim.robot.clone();
+        let path = [Segment::Straight { length: 0.774 * f64::from(layers) }];
+        let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
+        let goal = Pose::from_frame(&end(&path, &start.frame()));
+        let job = Job { robot: &robot, start: &start, goal: &goal, path: &path };
+        let mut client = Client::new(Box::new(sim), "a simulated board");
+        grow_job(&mut client, &job, &AtomicBool::new(false), &mut |_| {}).unwrap()
     }
-}
 
-impl Thermistor for SimThermistor {
-    fn sample(&mut self) -> Option<u16> {
-        Some(libm::rint(thermistor::reading(self.0.tip.borrow().nozzle().temperature(), &self.0.thermistor)) as u16)
+    #[test]
+    fn every_run_is_the_same() {
+        let [first, second] = [(); 2].map(|()| grow(Sim::new(robot()), 3));
+        assert_eq!(first.body, second.body);
+        let other = grow(Sim::with(robot(), Variation { seed: 2, power: 0.9, ..Variation::default() }), 3);
+        assert_eq!(first.body.len(), other.body.len());
     }
-}
 
-impl Watchdog for NoWatchdog {
-    fn feed(&mut self) {}
+    #[test]
+    fn simulated_hours_take_little_time() {
+        let began = Instant::now();
+        let layers = 100;
+        let grown = grow(Sim::new(robot()), layers);
+        let simulated = f64::from(layers) * robot().description().layer.period_s;
+        println!("{:.1} simulated hours in a second", simulated / 3600.0 / began.elapsed().as_secs_f64());
+        assert_eq!(grown.body.len(), layers as usize);
+    }
+
+    #[test]
+    fn a_board_that_hangs_is_reset_by_its_watchdog() {
+        let mut sim = Sim::new(robot());
+        sim.pass(Duration::from_secs(10));
+        assert_eq!(sim.boots(), 1);
+        sim.next_poll = u64::MAX;
+        sim.pass(Duration::from_millis(1100));
+        assert_eq!(sim.boots(), 2);
+        sim.pass(Duration::from_secs(10));
+        assert_eq!(sim.boots(), 2);
+        assert!((sim.now_s() - 21.1).abs() < 1e-3);
+    }
+
+    #[test]
+    fn a_reset_switches_off_and_keeps_the_tip_and_the_memory_meant_for_it() {
+        let mut sim = Sim::new(robot());
+        sim.simulated_tip().heat(1.0, true);
+        sim.simulated_tip().enable(Motor::Head, true);
+        sim.simulated_tip().set_nozzle_c(150.0);
+        sim.kept().write(&[7; KEPT_BYTES]);
+        sim.reset(ResetCause::External);
+        assert_eq!((sim.state(), sim.fault(), sim.kept().read()), (State::Idle, None, [7; KEPT_BYTES]));
+        let mut tip = sim.simulated_tip();
+        assert!(!tip.heater_is_on() && !tip.steppers_are_on() && tip.heater_power_w() == 0.0);
+        assert!((tip.nozzle_c() - 150.0).abs() < 1e-9);
+        drop(tip);
+        sim.reset(ResetCause::PowerOn);
+        assert_ne!(sim.kept().read(), [7; KEPT_BYTES]);
+    }
+
+    #[test]
+    fn with_the_step_interrupt_stopped_time_passes_and_nothing_moves() {
+        let mut sim = Sim::new(robot());
+        sim.inject(TipFault::StepInterruptStopped);
+        let before = sim.simulated_tip().head_position();
+        sim.pass(Duration::from_secs(3));
+        assert!((sim.now_s() - 3.0).abs() < 1e-3);
+        assert_eq!(sim.simulated_tip().head_position(), before);
+        sim.mend(TipFault::StepInterruptStopped);
+        sim.pass(Duration::from_secs(1));
+    }
 }

@@ -1,35 +1,69 @@
-//! The simulated tip: what a robot's head, feed and nozzle would do with the signals they get.
+//! The simulated tip: what a robot's head, feed and nozzle would do with the signals they get, and what its sensors would show.
 //!
 //! It knows nothing of plans or layers. Head and feed steps become plastic by angle, plastic becomes height
-//! and tilt, and these chain to a body (Eq 4). The nozzle warms and cools. The index sensor passes
-//! once a turn. Faults of a controller therefore show as they would on a robot: in the body.
+//! and tilt, and these chain to a body (Eq 4). The nozzle warms and cools, and its thermistor follows. The index sensor
+//! passes once a turn, the filament turns its encoder, and gravity turns as the body bends. Faults of a controller therefore
+//! show as they would on a robot: in the body. What can break on a robot breaks here on request ([`TipFault`]).
 //!
-//! Not modelled: play in the gears, the flow's delay behind the feed, sag, and heat carried away by the filament.
+//! Its clock is the board's: ticks of the step interrupt. Nothing depends on how often it is looked at.
+//!
+//! Not modelled: play in the gears, the flow's delay behind the feed, and sag.
 
+mod fault;
+mod filament;
+mod noise;
 mod nozzle;
+pub mod pins;
 mod plastic;
+mod sensors;
+#[cfg(test)]
+mod tests;
+mod variation;
 
-pub use nozzle::{Nozzle, ROOM_C};
+pub use fault::{Faults, TipFault};
+pub(crate) use noise::scramble;
+pub use sensors::encoder_pitch;
+pub use variation::Variation;
 
 use growbot_core::angle::{radians, wrap_positive};
 use growbot_core::layer::Layer;
+use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::Robot;
 
+use filament::{Filament, Moved};
+use nozzle::{Drive, Nozzle};
 use plastic::Plastic;
+use sensors::Held;
 
 /// The simulated tip of one robot.
 #[derive(Debug, Clone)]
 pub struct Tip {
     robot: Robot,
+    variation: Variation,
+    faults: Faults,
+    mark: IndexMark,
+    /// The board's clock, ticks.
+    now: u64,
+    head: Axis,
+    feed: Axis,
     /// Where the head stands, steps from the tip's x axis; counter-clockwise is positive.
-    head: i64,
-    head_enabled: bool,
-    feed_enabled: bool,
-    head_forwards: bool,
-    feed_forwards: bool,
+    position: i64,
+    /// How far that is from where its steps should have taken it.
+    slipped: i64,
+    /// Steps that the head is not going to follow, or is going to make too many.
+    to_slip: i64,
+    heater: HeaterInput,
+    fan: f64,
     nozzle: Nozzle,
+    /// What a thermistor that no longer follows shows.
+    held: Held,
+    /// When a dip of the supply is over, ticks; none without a dip.
+    dip_until: Option<u64>,
+    filament: Filament,
     plastic: Plastic,
-    feed_steps: u64,
+    /// The base's frame of where growth began.
+    start: Frame,
+    feed_steps: i64,
     cold_feed_steps: u64,
 }
 
@@ -42,67 +76,275 @@ pub enum Motor {
     Feed,
 }
 
+/// What a motor's driver is told.
+#[derive(Debug, Clone, Copy, Default)]
+struct Axis {
+    enabled: bool,
+    forwards: bool,
+}
+
+/// What the heater's two switches are told.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+struct HeaterInput {
+    /// Share of full power, 0 to 1.
+    duty: f64,
+    /// Whether the second switch is to be closed.
+    closed: bool,
+}
+
 impl Tip {
-    /// A cold tip whose head stands somewhere, `head_steps` from the tip's x axis.
+    /// A cold tip on an upright body, whose head stands somewhere, `head_steps` from the tip's x axis.
     #[must_use]
-    pub fn new(robot: Robot, head_steps: i64) -> Self {
-        let plastic = Plastic::new(&robot, head_steps);
+    pub fn new(robot: Robot, head_steps: i64, variation: Variation) -> Self {
         Self {
-            nozzle: Nozzle::new(&robot.description().heater),
-            plastic,
-            robot,
-            head: head_steps,
-            head_enabled: false,
-            feed_enabled: false,
-            head_forwards: false,
-            feed_forwards: false,
+            variation,
+            faults: Faults::default(),
+            mark: IndexMark::of(&robot),
+            now: 0,
+            head: Axis::default(),
+            feed: Axis::default(),
+            position: head_steps,
+            slipped: 0,
+            to_slip: 0,
+            heater: HeaterInput::default(),
+            fan: 0.0,
+            nozzle: Nozzle::new(&robot, &variation),
+            held: Held::default(),
+            dip_until: None,
+            filament: Filament::new(&robot),
+            plastic: Plastic::new(&robot, head_steps),
+            start: Frame::identity(),
             feed_steps: 0,
             cold_feed_steps: 0,
+            robot,
         }
+    }
+
+    /// Growth begins at this pose. Without it, at the origin and upwards.
+    pub fn start_at(&mut self, pose: &Pose) {
+        self.start = pose.frame();
+    }
+
+    /// So much filament is left from now on, mm. Without it, a full spool.
+    pub fn load_filament(&mut self, mm: f64) {
+        self.filament.set_left(mm);
+    }
+
+    /// Time passes up to this tick of the board's clock.
+    pub fn advance(&mut self, tick: u64) {
+        self.now = self.now.max(tick);
+    }
+
+    /// The board's clock, ticks.
+    #[must_use]
+    pub fn now(&self) -> u64 {
+        self.now
     }
 
     /// The enable signal of a motor's driver.
     pub fn enable(&mut self, motor: Motor, enabled: bool) {
-        match motor {
-            Motor::Head => self.head_enabled = enabled,
-            Motor::Feed => self.feed_enabled = enabled,
-        }
+        self.axis(motor).enabled = enabled;
     }
 
     /// The direction signal of a motor's driver.
     pub fn direct(&mut self, motor: Motor, forwards: bool) {
+        self.axis(motor).forwards = forwards;
+    }
+
+    fn axis(&mut self, motor: Motor) -> &mut Axis {
         match motor {
-            Motor::Head => self.head_forwards = forwards,
-            Motor::Feed => self.feed_forwards = forwards,
+            Motor::Head => &mut self.head,
+            Motor::Feed => &mut self.feed,
         }
     }
 
-    /// A step pulse at this tick of the board's clock.
-    pub fn step(&mut self, motor: Motor, tick: u64) {
+    /// A step pulse. A driver that is off lets its motor stand.
+    pub fn step(&mut self, motor: Motor) {
+        let Axis { enabled, forwards } = *self.axis(motor);
+        if !enabled {
+            return;
+        }
         match motor {
-            Motor::Head if self.head_enabled => {
-                self.head += if self.head_forwards { 1 } else { -1 };
-                self.plastic.turn_to(self.head, tick);
+            Motor::Head => self.step_head(forwards),
+            Motor::Feed => self.step_feed(forwards),
+        }
+    }
+
+    fn step_head(&mut self, positive: bool) {
+        let sign = if positive { 1 } else { -1 };
+        self.slipped -= sign;
+        if self.head_is_held() {
+            return;
+        }
+        if self.to_slip < 0 {
+            self.to_slip += 1;
+            return;
+        }
+        for _ in 0..=std::mem::take(&mut self.to_slip) {
+            self.plastic.turn(positive, self.now);
+            self.position += sign;
+            self.slipped += sign;
+        }
+    }
+
+    fn step_feed(&mut self, forwards: bool) {
+        if self.faults.has(TipFault::DriverFault) {
+            return;
+        }
+        self.feed_steps += if forwards { 1 } else { -1 };
+        if self.filament_is_held() {
+            self.plastic.pass(self.now);
+            return;
+        }
+        // Cold plastic in the nozzle lets filament come no further than it was.
+        if forwards && self.filament.is_at_front() {
+            self.sync_slot();
+            if self.nozzle.at_slot() < self.robot.description().heater.extrusion_min_c {
+                self.cold_feed_steps += 1;
+                self.plastic.pass(self.now);
+                return;
             }
-            Motor::Feed if self.feed_enabled && self.feed_forwards => {
-                self.feed_steps += 1;
-                if self.nozzle.temperature() < self.robot.description().heater.extrusion_min_c {
-                    self.cold_feed_steps += 1;
-                    self.plastic.pass(tick);
-                } else {
-                    self.plastic.lay(tick);
-                }
+        }
+        match self.filament.step(forwards) {
+            Moved::Out => {
+                self.nozzle.feed();
+                self.plastic.lay(self.now);
             }
-            // A driver that is off lets its motor stand; filament pulled back lays nothing.
+            Moved::Back => self.plastic.hold_back(true, self.now),
+            Moved::Filled => self.plastic.hold_back(!self.filament.is_at_front(), self.now),
+            Moved::Not => self.plastic.pass(self.now),
+        }
+    }
+
+    /// Whether the head stands whatever its motor is told.
+    fn head_is_held(&self) -> bool {
+        self.faults.has(TipFault::HeadBlocked) || self.faults.has(TipFault::DriverFault)
+    }
+
+    /// Whether the filament stands whatever the feed does.
+    fn filament_is_held(&self) -> bool {
+        self.faults.has(TipFault::FilamentJam) || self.faults.has(TipFault::FilamentOut)
+    }
+
+    /// What the heater is told: a share of full power (0 to 1), and whether the second switch is to be closed.
+    pub fn heat(&mut self, duty: f64, closed: bool) {
+        let input = HeaterInput { duty, closed };
+        if self.heater != input {
+            self.sync();
+            self.heater = input;
+        }
+    }
+
+    /// What the fan is told: a share of full speed (0 to 1).
+    pub fn blow(&mut self, duty: f64) {
+        if self.fan != duty {
+            self.sync();
+            self.fan = duty;
+        }
+    }
+
+    /// Breaks something; a fault of the same kind is replaced.
+    pub fn inject(&mut self, fault: TipFault) {
+        self.sync();
+        match fault {
+            TipFault::ThermistorFrozen => self.held.number = self.converted_thermistor(),
+            TipFault::ThermistorStuck => self.held.counts = self.thermistor_counts(),
+            TipFault::HeadLosesSteps { steps } => self.to_slip = -i64::from(steps),
+            TipFault::HeadGainsSteps { steps } => self.to_slip = i64::from(steps),
+            TipFault::SupplyDip { seconds, .. } => {
+                let ticks = seconds * f64::from(self.robot.description().motion.tick_hz);
+                self.dip_until = Some(self.now + libm::rint(ticks) as u64);
+            }
             _ => {}
         }
+        self.faults.add(fault);
     }
 
-    /// Whether the index sensor sees its mark.
+    /// Mends the fault of this one's kind. Steps that the head has lost stay lost.
+    pub fn mend(&mut self, fault: TipFault) {
+        self.sync();
+        if let TipFault::HeadLosesSteps { .. } | TipFault::HeadGainsSteps { .. } = fault {
+            self.to_slip = 0;
+        }
+        self.faults.remove(fault);
+    }
+
+    /// What is broken.
     #[must_use]
-    pub fn on_index(&self) -> bool {
-        let mark = IndexMark::of(&self.robot);
-        (self.head - i64::from(mark.position)).rem_euclid(i64::from(mark.steps_per_turn)) < i64::from(mark.width)
+    pub fn faults(&self) -> &Faults {
+        &self.faults
+    }
+
+    /// Lets the nozzle come to the present. All that acts on it has stood still since the last time.
+    fn sync(&mut self) {
+        if let Some(end) = self.dip_until.take_if(|end| *end <= self.now) {
+            let drive = self.drive();
+            self.nozzle.advance(end, &drive);
+            self.faults.remove(TipFault::SupplyDip { volts: 0.0, seconds: 0.0 });
+        }
+        if self.nozzle.tick() < self.now {
+            let drive = self.drive();
+            self.nozzle.advance(self.now, &drive);
+        }
+    }
+
+    /// Lets the nozzle come to the present where a slot of its flow has ended.
+    fn sync_slot(&mut self) {
+        if self.nozzle.slot_is_over(self.now) {
+            self.sync();
+        }
+    }
+
+    /// What acts on the nozzle.
+    fn drive(&self) -> Drive {
+        let description = self.robot.description();
+        let heater = &description.heater;
+        let mut drive = Drive {
+            power_w: self.power(),
+            loss_w_per_k: heater.loss_w_per_k * self.variation.loss + description.fan.loss_w_per_k * self.fan,
+            lag_s: self.variation.sensor_lag_s,
+            share: 1.0,
+        };
+        for fault in self.faults.iter() {
+            match fault {
+                TipFault::Draught { factor } => drive.loss_w_per_k *= factor,
+                TipFault::ThermistorDetached { tau_s, share } => (drive.lag_s, drive.share) = (tau_s, share),
+                _ => {}
+            }
+        }
+        drive
+    }
+
+    /// Power that really flows into the nozzle, W.
+    pub fn heater_power_w(&mut self) -> f64 {
+        self.sync();
+        self.power()
+    }
+
+    fn power(&self) -> f64 {
+        let description = self.robot.description();
+        let closed = self.heater.closed || self.faults.has(TipFault::SecondSwitchClosed);
+        let duty = if self.faults.has(TipFault::PowerStageOn) { 1.0 } else { self.heater.duty };
+        if !closed || self.faults.has(TipFault::HeaterOpen) {
+            return 0.0;
+        }
+        let voltage = self.supply_v() / description.supply.nominal_v;
+        description.heater.power_w * self.variation.power * duty * voltage * voltage
+    }
+
+    /// Voltage of the supply, V.
+    fn supply_v(&self) -> f64 {
+        let sound = self.variation.supply_v.unwrap_or(self.robot.description().supply.nominal_v);
+        self.faults.iter().fold(sound, |voltage, fault| match fault {
+            TipFault::SupplyLow { volts } | TipFault::SupplyHigh { volts } | TipFault::SupplyDip { volts, .. } => volts,
+            _ => voltage,
+        })
+    }
+
+    /// How it differs from its robot's description.
+    #[must_use]
+    pub fn variation(&self) -> &Variation {
+        &self.variation
     }
 
     /// The robot that it belongs to.
@@ -111,15 +353,55 @@ impl Tip {
         &self.robot
     }
 
-    /// The nozzle.
-    #[must_use]
-    pub fn nozzle(&self) -> &Nozzle {
-        &self.nozzle
+    /// Temperature of the nozzle, degrees Celsius.
+    pub fn nozzle_c(&mut self) -> f64 {
+        self.sync();
+        self.nozzle.block()
     }
 
-    /// The nozzle, to be heated.
-    pub fn nozzle_mut(&mut self) -> &mut Nozzle {
-        &mut self.nozzle
+    /// The highest temperature that the nozzle has had, degrees Celsius.
+    pub fn nozzle_peak_c(&mut self) -> f64 {
+        self.sync();
+        self.nozzle.peak()
+    }
+
+    /// Puts the nozzle at a temperature, degrees Celsius.
+    pub fn set_nozzle_c(&mut self, celsius: f64) {
+        self.sync();
+        self.nozzle.set(celsius);
+    }
+
+    /// Whether the second switch of the heater is told to be closed.
+    #[must_use]
+    pub fn heater_is_on(&self) -> bool {
+        self.heater.closed
+    }
+
+    /// Share of full power that the heater is told to give, 0 to 1.
+    #[must_use]
+    pub fn heater_duty(&self) -> f64 {
+        self.heater.duty
+    }
+
+    /// Whether a motor is told to hold.
+    #[must_use]
+    pub fn is_enabled(&self, motor: Motor) -> bool {
+        match motor {
+            Motor::Head => self.head.enabled,
+            Motor::Feed => self.feed.enabled,
+        }
+    }
+
+    /// Where the head stands, steps from the tip's x axis.
+    #[must_use]
+    pub fn head_position(&self) -> i64 {
+        self.position
+    }
+
+    /// How far the head is from where its steps should have taken it.
+    #[must_use]
+    pub fn head_slip(&self) -> i64 {
+        self.slipped
     }
 
     /// The layers laid so far, from the plastic itself.
@@ -128,10 +410,21 @@ impl Tip {
         self.plastic.layers(&self.robot)
     }
 
-    /// Feed steps made with the motor held.
+    /// Where the tip is and how it lies.
+    pub fn base_from_tip(&mut self) -> Frame {
+        self.start * self.plastic.start_from_tip(&self.robot)
+    }
+
+    /// Filament that is left, mm.
+    #[must_use]
+    pub fn filament_left(&self) -> f64 {
+        self.filament.left()
+    }
+
+    /// Feed steps made with the motor held: those forwards less those backwards.
     #[must_use]
     pub fn feed_steps(&self) -> u64 {
-        self.feed_steps
+        u64::try_from(self.feed_steps).unwrap_or(0)
     }
 
     /// Feed steps made against a cold nozzle, which laid nothing.
@@ -165,82 +458,10 @@ impl IndexMark {
             width: (libm::rint(head.index_width_deg * per_degree) as u32).max(1),
         }
     }
-}
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use growbot_firmware::thermistor;
-
-    fn robot() -> Robot {
-        crate::robot_file::load("growbot-a".as_ref()).unwrap()
-    }
-
-    fn hot_tip() -> Tip {
-        let mut tip = Tip::new(robot(), 0);
-        tip.nozzle_mut().heat(1.0, 120.0);
-        for motor in [Motor::Head, Motor::Feed] {
-            tip.enable(motor, true);
-            tip.direct(motor, true);
-        }
-        tip
-    }
-
-    #[test]
-    fn the_index_passes_once_a_turn() {
-        let mut tip = hot_tip();
-        let mut edges = 0;
-        let mut before = tip.on_index();
-        for _ in 0..5 * 3200 {
-            tip.step(Motor::Head, 0);
-            edges += u32::from(tip.on_index() && !before);
-            before = tip.on_index();
-        }
-        assert_eq!(edges, 5);
-    }
-
-    #[test]
-    fn motors_that_are_not_held_do_nothing() {
-        let mut tip = Tip::new(robot(), 17);
-        tip.step(Motor::Head, 1);
-        tip.step(Motor::Feed, 2);
-        assert_eq!((tip.head, tip.feed_steps), (17, 0));
-    }
-
-    #[test]
-    fn a_cold_nozzle_lays_nothing() {
-        let mut tip = Tip::new(robot(), 0);
-        tip.enable(Motor::Feed, true);
-        tip.direct(Motor::Feed, true);
-        tip.step(Motor::Feed, 1);
-        assert_eq!((tip.feed_steps(), tip.cold_feed_steps()), (1, 1));
-        assert!(tip.body().is_empty());
-    }
-
-    #[test]
-    fn more_plastic_on_one_side_tilts_the_layer_away_from_it() {
-        let mut tip = hot_tip();
-        let mut tick = 0;
-        for step in 0..3200 {
-            // Twice the plastic in the quarter round 90 degrees.
-            for _ in 0..if (400..1200).contains(&step) { 4 } else { 2 } {
-                tick += 1;
-                tip.step(Motor::Feed, tick);
-            }
-            tip.step(Motor::Head, tick);
-        }
-        let body = tip.body();
-        assert_eq!(body.len(), 1);
-        assert!((body[0].alpha - std::f64::consts::FRAC_PI_2).abs() < 2e-3, "{body:?}");
-        let height = 8000.0 / robot().feed_steps_per_length();
-        assert!((body[0].height - height).abs() < 1e-9);
-    }
-
-    #[test]
-    fn the_nozzle_reads_as_the_thermistor_says() {
-        let tip = hot_tip();
-        let thermistor = robot().description().thermistor;
-        let raw = thermistor::reading(tip.nozzle().temperature(), &thermistor);
-        assert!((thermistor::temperature(raw, &thermistor).unwrap() - tip.nozzle().temperature()).abs() < 1.0);
+    /// Whether it is at a position of the head, steps.
+    #[must_use]
+    pub fn covers(&self, head: i64) -> bool {
+        (head - i64::from(self.position)).rem_euclid(i64::from(self.steps_per_turn)) < i64::from(self.width)
     }
 }

@@ -1,11 +1,16 @@
-//! Plastic by angle, turn by turn.
+//! Plastic by angle, layer by layer.
 //!
-//! Between two feed steps one step's volume flows, evenly in time, and lies wherever the head stood meanwhile. Over a turn the
-//! sum gives the mean height and the first harmonic the tilt: `h = sum`, `r_t phi = 2 |sum e^(i psi)|`, in units of the
-//! height that one step spread over the whole ring would have.
+//! Between two feed steps one step's volume flows, evenly in time, and lies wherever the head stood meanwhile. Over a sweep
+//! of the head the sum gives the mean height and the first harmonic the tilt: `h = sum`, `r_t phi = 2 |sum e^(i psi)|`, in
+//! units of the height that one step spread over the whole ring would have.
+//!
+//! A layer is a sweep from one visit of the tip's x axis to the next, whichever way the head turns. A head that turns back
+//! elsewhere, since it has lost steps, ends a layer there. What is less than half a turn is no layer of its own and belongs
+//! to the next.
 
 use growbot_core::angle::wrap_positive;
 use growbot_core::layer::Layer;
+use growbot_core::pose::Frame;
 use growbot_core::robot::Robot;
 
 /// An amount of plastic, or of time, and its first harmonic.
@@ -17,7 +22,7 @@ struct Moments {
 }
 
 impl Moments {
-    /// Whether all of it lies on the tip's x axis: the edge of a turn, not a turn.
+    /// Whether all of it lies on the tip's x axis: the edge of a layer, not a layer.
     fn is_edge(&self) -> bool {
         // Sums of the same numbers, so equal to the last bit.
         self.cosine >= self.sum
@@ -30,21 +35,45 @@ impl Moments {
     }
 }
 
-/// What belongs to one turn of the head.
+/// What belongs to one sweep of the head.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Ring {
-    turn: i64,
+    sweep: u64,
     moments: Moments,
 }
 
-/// The ring of a turn, which is the last one or comes after it.
-fn ring_of(rings: &mut Vec<Ring>, turn: i64) -> &mut Moments {
-    // A turn ends with the head on the axis, half of which counts to it: the ring may be the last but one.
-    let at = rings.iter().rposition(|ring| ring.turn == turn).unwrap_or_else(|| {
-        rings.push(Ring { turn, moments: Moments::default() });
+/// The ring of a sweep, which is the last one or comes after it.
+fn ring_of(rings: &mut Vec<Ring>, sweep: u64) -> &mut Moments {
+    // A sweep ends with the head on the axis, half of which counts to it: the ring may be the last but one.
+    let at = rings.iter().rposition(|ring| ring.sweep <= sweep).filter(|at| rings[*at].sweep == sweep);
+    let at = at.unwrap_or_else(|| {
+        rings.push(Ring { sweep, moments: Moments::default() });
         rings.len() - 1
     });
     &mut rings[at].moments
+}
+
+/// Layers from rings, one after the other.
+#[derive(Debug, Clone, Default)]
+struct Layers {
+    /// What lies on the axis and belongs to the layer that it opens.
+    edge: Moments,
+}
+
+impl Layers {
+    /// The layer that this ring completes.
+    fn next(&mut self, ring: &Ring) -> Option<Moments> {
+        self.edge.add(ring.moments, 1.0);
+        (!ring.moments.is_edge()).then(|| std::mem::take(&mut self.edge))
+    }
+}
+
+/// The body up to rings that no longer change.
+#[derive(Debug, Clone)]
+struct Grown {
+    rings: usize,
+    layers: Layers,
+    start_from_tip: Frame,
 }
 
 /// All plastic laid.
@@ -54,13 +83,22 @@ pub(super) struct Plastic {
     /// Cosine and sine of each head step.
     directions: Vec<(f64, f64)>,
     head: i64,
+    /// Whether the head last stepped counter-clockwise.
+    positive: bool,
+    /// Sweeps of the head so far.
+    sweep: u64,
+    /// Head steps in this sweep.
+    swept: i64,
     /// When the head or the feed last stepped, ticks.
     stepped: u64,
-    /// Where the head stood at the last feed step; none before the first.
-    fed: Option<i64>,
+    /// Whether filament is pulled back, so that nothing flows.
+    held_back: bool,
+    /// Head steps since the last feed step; none before the first.
+    since_fed: Option<i64>,
     /// Where the head has stood since then, weighed by time.
     stood: Vec<Ring>,
     laid: Vec<Ring>,
+    grown: Grown,
 }
 
 impl Plastic {
@@ -74,35 +112,56 @@ impl Plastic {
             steps_per_turn: i64::from(steps),
             directions: directions.collect(),
             head,
+            positive: true,
+            sweep: 0,
+            // The first visit of the axis begins a layer.
+            swept: i64::from(steps),
             stepped: 0,
-            fed: None,
+            held_back: false,
+            since_fed: None,
             stood: Vec::new(),
             laid: Vec::new(),
+            grown: Grown { rings: 0, layers: Layers::default(), start_from_tip: Frame::identity() },
         }
     }
 
-    /// The head steps to a position at this tick.
-    pub fn turn_to(&mut self, head: i64, tick: u64) {
+    /// The head makes a step at this tick.
+    pub fn turn(&mut self, positive: bool, tick: u64) {
         self.stand(tick);
-        self.head = head;
+        if self.sweep_is_whole() && (self.is_on_axis() || positive != self.positive) {
+            self.sweep += 1;
+            self.swept = 0;
+        }
+        self.positive = positive;
+        self.head += if positive { 1 } else { -1 };
+        self.swept += 1;
+        self.since_fed = self.since_fed.map(|steps| steps + 1);
     }
 
-    /// Notes how long the head has stood. On the tip's x axis, where one turn ends and the next begins, half of the time
+    fn is_on_axis(&self) -> bool {
+        self.head.rem_euclid(self.steps_per_turn) == 0
+    }
+
+    /// Whether the sweep is more than what is left by lost steps.
+    fn sweep_is_whole(&self) -> bool {
+        self.swept >= self.steps_per_turn / 2
+    }
+
+    /// Notes how long the head has stood. On the tip's x axis, where one layer ends and the next begins, half of the time
     /// counts to either.
     fn stand(&mut self, tick: u64) {
         let time = tick.saturating_sub(self.stepped) as f64;
-        self.stepped = tick;
-        if time == 0.0 {
+        self.stepped = self.stepped.max(tick);
+        if time == 0.0 || self.held_back {
             return;
         }
-        let (turn, step) = (self.head.div_euclid(self.steps_per_turn), self.head.rem_euclid(self.steps_per_turn));
-        let (cosine, sine) = self.directions[step as usize];
+        let (cosine, sine) = self.directions[self.head.rem_euclid(self.steps_per_turn) as usize];
         let moments = Moments { sum: 1.0, cosine, sine };
-        if step == 0 {
-            ring_of(&mut self.stood, turn - 1).add(moments, 0.5 * time);
-            ring_of(&mut self.stood, turn).add(moments, 0.5 * time);
+        if self.is_on_axis() && self.sweep_is_whole() {
+            ring_of(&mut self.stood, self.sweep).add(moments, 0.5 * time);
+            ring_of(&mut self.stood, self.sweep + 1).add(moments, 0.5 * time);
         } else {
-            ring_of(&mut self.stood, turn).add(moments, time);
+            ring_of(&mut self.stood, self.sweep).add(moments, time);
         }
     }
 
@@ -111,44 +170,67 @@ impl Plastic {
         self.stand(tick);
         let time: f64 = self.stood.iter().map(|ring| ring.moments.sum).sum();
         // With a whole turn since the last step, as after homing, nothing flowed; this one begins.
-        let flowed = self.fed.is_some_and(|fed| self.head - fed < self.steps_per_turn) && time > 0.0;
+        let flowed = self.since_fed.is_some_and(|steps| steps < self.steps_per_turn) && time > 0.0;
         if flowed {
             for stood in &self.stood {
-                ring_of(&mut self.laid, stood.turn).add(stood.moments, 1.0 / time);
+                ring_of(&mut self.laid, stood.sweep).add(stood.moments, 1.0 / time);
             }
         } else {
             let (cosine, sine) = self.directions[self.head.rem_euclid(self.steps_per_turn) as usize];
-            let turn = self.head.div_euclid(self.steps_per_turn);
-            ring_of(&mut self.laid, turn).add(Moments { sum: 1.0, cosine, sine }, 1.0);
+            let begins = self.is_on_axis() && self.sweep_is_whole();
+            let sweep = self.sweep + u64::from(begins);
+            // Rings lie in order, and half of what flows here next is of the sweep that ends.
+            ring_of(&mut self.laid, self.sweep);
+            ring_of(&mut self.laid, sweep).add(Moments { sum: 1.0, cosine, sine }, 1.0);
         }
         self.stood.clear();
-        self.fed = Some(self.head);
+        self.since_fed = Some(0);
     }
 
     /// The feed steps without effect: nothing flowed.
     pub fn pass(&mut self, tick: u64) {
         self.stand(tick);
         self.stood.clear();
-        self.fed = None;
+        self.since_fed = None;
     }
 
-    /// The turns as layers, that under way included.
+    /// Filament is pulled back (nothing flows) or has come forward again.
+    pub fn hold_back(&mut self, held_back: bool, tick: u64) {
+        self.stand(tick);
+        self.held_back = held_back;
+    }
+
+    /// The layers, that under way included.
     pub fn layers(&self, robot: &Robot) -> Vec<Layer> {
-        let mut layers: Vec<Moments> = Vec::new();
-        // An edge belongs to the turn that it opens, and at the very end to the one that it closes.
-        let mut edge = Moments::default();
-        for ring in &self.laid {
-            edge.add(ring.moments, 1.0);
-            if !ring.moments.is_edge() {
-                layers.push(std::mem::take(&mut edge));
-            }
-        }
-        match layers.last_mut() {
-            Some(last) => last.add(edge, 1.0),
-            None if edge.sum > 0.0 => layers.push(edge),
+        let mut layers = Layers::default();
+        let mut all: Vec<Moments> = self.laid.iter().filter_map(|ring| layers.next(ring)).collect();
+        // At the very end an edge belongs to the layer that it closes.
+        match all.last_mut() {
+            Some(last) => last.add(layers.edge, 1.0),
+            None if layers.edge.sum > 0.0 => all.push(layers.edge),
             None => {}
         }
-        layers.iter().map(|moments| layer(moments, robot)).collect()
+        all.iter().map(|moments| layer(moments, robot)).collect()
+    }
+
+    /// The tip's frame in that of the start, that under way included.
+    pub fn start_from_tip(&mut self, robot: &Robot) -> Frame {
+        // Only the last two rings still change.
+        let grown = &mut self.grown;
+        let settled = self.laid.len().saturating_sub(2);
+        for ring in self.laid.get(grown.rings..settled).unwrap_or_default() {
+            if let Some(moments) = grown.layers.next(ring) {
+                grown.start_from_tip *= layer(&moments, robot).step();
+            }
+        }
+        grown.rings = grown.rings.max(settled);
+        let (mut layers, mut frame) = (grown.layers.clone(), grown.start_from_tip);
+        for ring in self.laid.get(grown.rings..).unwrap_or_default() {
+            if let Some(moments) = layers.next(ring) {
+                frame *= layer(&moments, robot).step();
+            }
+        }
+        frame
     }
 }
 

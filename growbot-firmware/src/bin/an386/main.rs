@@ -40,9 +40,9 @@ static HANDOVER: Handover = Handover::new();
 struct An386;
 
 impl Board for An386 {
-    type HeaterPower = tip::Heater;
+    type HeaterPower = tip::Power;
     type HeaterEnable = tip::Switch;
-    type Thermistor = tip::TipThermistor;
+    type Thermistor = tip::TipConverter;
     type Watchdog = watchdog::BoardWatchdog;
     type Store = &'static mut LayerStore;
 }

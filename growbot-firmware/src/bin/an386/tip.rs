@@ -1,6 +1,8 @@
 //! The emulated tip, from the board's side: pins and sensors that are words of `growbot_firmware::emulated_tip`.
 
+use core::cell::UnsafeCell;
 use core::convert::Infallible;
+use core::mem::MaybeUninit;
 use core::sync::atomic::{Ordering, fence};
 
 use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
@@ -36,13 +38,37 @@ pub struct Tip {
     /// High: the feed's driver is energised.
     pub feed_enable: Switch,
     /// Heater power.
-    pub heater: Heater,
+    pub heater: Power,
     /// High: the second switch in the heater's supply is closed.
     pub heater_enable: Switch,
     /// Heater temperature.
-    pub thermistor: TipThermistor,
+    pub thermistor: TipConverter,
     /// Low: the head is on its index mark.
     pub index: IndexSensor,
+    /// What the controller does not ask for yet.
+    #[expect(dead_code, reason = "the controller is to take them")]
+    pub further: Further,
+}
+
+/// What the controller does not ask for yet.
+#[expect(dead_code, reason = "the controller is to take them")]
+pub struct Further {
+    /// The fan that cools what is printed.
+    pub fan: Power,
+    /// Voltage of the supply.
+    pub supply: TipConverter,
+    /// High: there is filament.
+    pub filament_presence: Flag,
+    /// Rises with each pulse's length of filament.
+    pub filament_motion: Encoder,
+    /// High: a stepper driver reports a fault.
+    pub driver_fault: Flag,
+    /// High: the emergency stop is pressed.
+    pub emergency_stop: Flag,
+    /// The tip's orientation.
+    pub orientation: OrientationSensor,
+    /// What survives a reset.
+    pub kept: Kept,
 }
 
 impl Tip {
@@ -83,17 +109,27 @@ impl Tip {
             feed_step: Step { axis: Axis::Feed, high: false },
             feed_direction: Wire { axis: Axis::Feed },
             feed_enable: Switch { offset: table::FEED_ENABLE },
-            heater: Heater(()),
+            heater: Power { offset: table::HEATER_DUTY },
             heater_enable: Switch { offset: table::HEATER_ENABLE },
-            thermistor: TipThermistor(()),
+            thermistor: TipConverter { raw: table::THERMISTOR_RAW, live: table::THERMISTOR_LIVE },
             index: IndexSensor(()),
+            further: Further {
+                fan: Power { offset: table::FAN_DUTY },
+                supply: TipConverter { raw: table::SUPPLY_RAW, live: table::SUPPLY_LIVE },
+                filament_presence: Flag { offset: table::FILAMENT_PRESENT },
+                filament_motion: Encoder(()),
+                driver_fault: Flag { offset: table::DRIVER_FAULT },
+                emergency_stop: Flag { offset: table::EMERGENCY_STOP },
+                orientation: OrientationSensor(()),
+                kept: Kept(()),
+            },
         }
     }
 }
 
-/// Heater and both drivers off, now, from any context.
+/// Heater, fan and both drivers off, now, from any context.
 pub fn make_safe() {
-    for output in [table::HEATER_ENABLE, table::HEATER_DUTY, table::HEAD_ENABLE, table::FEED_ENABLE] {
+    for output in [table::HEATER_ENABLE, table::HEATER_DUTY, table::HEAD_ENABLE, table::FEED_ENABLE, table::FAN_DUTY] {
         word(output).write(0);
     }
 }
@@ -268,34 +304,138 @@ impl OutputPin for Switch {
     }
 }
 
-/// The heater's power.
-pub struct Heater(());
+/// A duty that is one word: the heater's power, or the fan's speed.
+pub struct Power {
+    offset: usize,
+}
 
-impl pwm::ErrorType for Heater {
+impl pwm::ErrorType for Power {
     type Error = Infallible;
 }
 
-impl SetDutyCycle for Heater {
+impl SetDutyCycle for Power {
     fn max_duty_cycle(&self) -> u16 {
         u16::MAX
     }
 
     fn set_duty_cycle(&mut self, duty: u16) -> Result<(), Infallible> {
-        word(table::HEATER_DUTY).write(u32::from(duty));
+        word(self.offset).write(u32::from(duty));
         Ok(())
     }
 }
 
-/// The thermistor.
-pub struct TipThermistor(());
+/// A channel of the converter: of the thermistor, or of the supply.
+pub struct TipConverter {
+    raw: usize,
+    live: usize,
+}
 
-impl Thermistor for TipThermistor {
+impl Thermistor for TipConverter {
     fn sample(&mut self) -> Option<u16> {
-        if word(table::THERMISTOR_LIVE).read() != 1 {
+        if word(self.live).read() != 1 {
             return None;
         }
         fence(Ordering::Acquire);
-        Some((word(table::THERMISTOR_RAW).read() & 0xFFF) as u16)
+        Some((word(self.raw).read() & 0xFFF) as u16)
+    }
+}
+
+/// An input that is one word: high where it is 1.
+pub struct Flag {
+    offset: usize,
+}
+
+impl ErrorType for Flag {
+    type Error = Infallible;
+}
+
+impl InputPin for Flag {
+    fn is_high(&mut self) -> Result<bool, Infallible> {
+        Ok(word(self.offset).read() == 1)
+    }
+
+    fn is_low(&mut self) -> Result<bool, Infallible> {
+        self.is_high().map(|high| !high)
+    }
+}
+
+/// The encoder that the filament turns.
+pub struct Encoder(());
+
+impl ErrorType for Encoder {
+    type Error = Infallible;
+}
+
+impl InputPin for Encoder {
+    fn is_high(&mut self) -> Result<bool, Infallible> {
+        Ok(table::encoder_level(
+            word(table::FEED_STEPS).read().cast_signed(),
+            word(table::ENCODER_PITCH).read(),
+            word(table::ENCODER_STATE).read(),
+        ))
+    }
+
+    fn is_low(&mut self) -> Result<bool, Infallible> {
+        self.is_high().map(|high| !high)
+    }
+}
+
+/// The orientation sensor.
+pub struct OrientationSensor(());
+
+impl OrientationSensor {
+    /// Gravity in the tip's frame, thousandths of the earth's; none where the sensor does not answer.
+    #[expect(dead_code, reason = "the controller is to ask")]
+    pub fn gravity(&mut self) -> Option<[i16; 3]> {
+        if word(table::GRAVITY_LIVE).read() != 1 {
+            return None;
+        }
+        let [x, y, z] = [table::GRAVITY_X, table::GRAVITY_Y, table::GRAVITY_Z].map(|offset| word(offset).read() as i16);
+        Some([x, y, z])
+    }
+}
+
+/// What the board can keep through a reset, bytes.
+const KEPT_BYTES: usize = 128;
+
+/// Survives a reset: nothing loads or clears this section.
+#[unsafe(link_section = ".uninit.kept")]
+static KEPT: KeptCell = KeptCell(UnsafeCell::new(MaybeUninit::uninit()));
+
+struct KeptCell(UnsafeCell<MaybeUninit<[u32; KEPT_BYTES / 4]>>);
+
+// SAFETY: only reached through `kept_word`, which reads and writes it word by word, from the main loop.
+unsafe impl Sync for KeptCell {}
+
+/// A word of the memory that survives a reset. An index beyond it falls onto one within.
+fn kept_word(index: usize) -> Register {
+    // SAFETY: an aligned word inside a static that nothing else reaches.
+    unsafe { Register::at(KEPT.0.get() as usize + 4 * (index % (KEPT_BYTES / 4))) }
+}
+
+/// What survives a reset.
+pub struct Kept(());
+
+impl Kept {
+    /// What it holds.
+    #[expect(dead_code, reason = "the controller is to ask")]
+    pub fn read(&mut self) -> [u8; KEPT_BYTES] {
+        let mut bytes = [0; KEPT_BYTES];
+        for (index, into) in bytes.chunks_mut(4).enumerate() {
+            for (byte, from) in into.iter_mut().zip(kept_word(index).read().to_le_bytes()) {
+                *byte = from;
+            }
+        }
+        bytes
+    }
+
+    /// Has it hold something else.
+    #[expect(dead_code, reason = "the controller is to ask")]
+    pub fn write(&mut self, bytes: &[u8; KEPT_BYTES]) {
+        for (index, from) in bytes.chunks(4).enumerate() {
+            let word = from.iter().rev().fold(0, |word, byte| word << 8 | u32::from(*byte));
+            kept_word(index).write(word);
+        }
     }
 }
 

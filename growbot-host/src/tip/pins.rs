@@ -1,0 +1,226 @@
+//! The tip as a board sees it: pins, converters and sensors, each a part that the controller or the step engine takes.
+//!
+//! Levels are logical, so that no part needs [`growbot_firmware::polarity::Polarized`].
+
+use std::cell::RefCell;
+use std::convert::Infallible;
+use std::rc::Rc;
+
+use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
+use embedded_hal::pwm::{self, SetDutyCycle};
+use growbot_firmware::hal::Thermistor;
+
+use super::{Motor, Tip};
+
+/// A tip that its pins share.
+pub type SharedTip = Rc<RefCell<Tip>>;
+
+/// STEP of a motor.
+pub struct StepPin(pub Motor, pub SharedTip);
+
+/// DIR of a motor: high turns the head counter-clockwise and pushes filament out.
+pub struct DirectionPin(pub Motor, pub SharedTip);
+
+/// ENABLE of a motor: high holds it.
+pub struct EnablePin(pub Motor, pub SharedTip);
+
+/// An input with two levels, and what it asks the tip.
+pub struct Input {
+    tip: SharedTip,
+    level: fn(&Tip) -> bool,
+}
+
+/// The heater's power.
+pub struct HeaterPower(pub SharedTip);
+
+/// The second switch in the heater's supply: high closes it.
+pub struct HeaterEnable(pub SharedTip);
+
+/// The fan.
+pub struct Fan(pub SharedTip);
+
+/// A channel of the converter.
+pub struct Converter {
+    tip: SharedTip,
+    sample: fn(&mut Tip) -> Option<u16>,
+}
+
+/// The orientation sensor.
+pub struct Orientation(pub SharedTip);
+
+impl Input {
+    /// High while the index sensor sees its mark.
+    #[must_use]
+    pub fn index(tip: &SharedTip) -> Self {
+        Self { tip: Rc::clone(tip), level: Tip::on_index }
+    }
+
+    /// The encoder that the filament turns.
+    #[must_use]
+    pub fn filament_motion(tip: &SharedTip) -> Self {
+        Self { tip: Rc::clone(tip), level: Tip::encoder }
+    }
+
+    /// High while there is filament.
+    #[must_use]
+    pub fn filament_presence(tip: &SharedTip) -> Self {
+        Self { tip: Rc::clone(tip), level: Tip::has_filament }
+    }
+
+    /// High while a stepper driver reports a fault.
+    #[must_use]
+    pub fn driver_fault(tip: &SharedTip) -> Self {
+        Self { tip: Rc::clone(tip), level: Tip::driver_fault }
+    }
+
+    /// High while the emergency stop is pressed.
+    #[must_use]
+    pub fn emergency_stop(tip: &SharedTip) -> Self {
+        Self { tip: Rc::clone(tip), level: Tip::emergency_stop }
+    }
+}
+
+impl Converter {
+    /// The thermistor's divider.
+    #[must_use]
+    pub fn thermistor(tip: &SharedTip) -> Self {
+        Self { tip: Rc::clone(tip), sample: Tip::sample_thermistor }
+    }
+
+    /// The supply's divider.
+    #[must_use]
+    pub fn supply(tip: &SharedTip) -> Self {
+        Self { tip: Rc::clone(tip), sample: Tip::sample_supply }
+    }
+}
+
+impl Thermistor for Converter {
+    fn sample(&mut self) -> Option<u16> {
+        (self.sample)(&mut self.tip.borrow_mut())
+    }
+}
+
+impl Orientation {
+    /// Gravity in the tip's frame, thousandths of the earth's; none where the sensor does not answer.
+    pub fn gravity(&mut self) -> Option<[i16; 3]> {
+        self.0.borrow_mut().gravity()
+    }
+}
+
+impl ErrorType for StepPin {
+    type Error = Infallible;
+}
+
+impl OutputPin for StepPin {
+    fn set_low(&mut self) -> Result<(), Infallible> {
+        Ok(())
+    }
+
+    /// The engine raises a pin only after lowering it, so each time is an edge.
+    fn set_high(&mut self) -> Result<(), Infallible> {
+        self.1.borrow_mut().step(self.0);
+        Ok(())
+    }
+}
+
+impl ErrorType for DirectionPin {
+    type Error = Infallible;
+}
+
+impl OutputPin for DirectionPin {
+    fn set_low(&mut self) -> Result<(), Infallible> {
+        self.1.borrow_mut().direct(self.0, false);
+        Ok(())
+    }
+
+    fn set_high(&mut self) -> Result<(), Infallible> {
+        self.1.borrow_mut().direct(self.0, true);
+        Ok(())
+    }
+}
+
+impl ErrorType for EnablePin {
+    type Error = Infallible;
+}
+
+impl OutputPin for EnablePin {
+    fn set_low(&mut self) -> Result<(), Infallible> {
+        self.1.borrow_mut().enable(self.0, false);
+        Ok(())
+    }
+
+    fn set_high(&mut self) -> Result<(), Infallible> {
+        self.1.borrow_mut().enable(self.0, true);
+        Ok(())
+    }
+}
+
+impl ErrorType for Input {
+    type Error = Infallible;
+}
+
+impl InputPin for Input {
+    fn is_high(&mut self) -> Result<bool, Infallible> {
+        Ok((self.level)(&self.tip.borrow()))
+    }
+
+    fn is_low(&mut self) -> Result<bool, Infallible> {
+        self.is_high().map(|high| !high)
+    }
+}
+
+impl pwm::ErrorType for HeaterPower {
+    type Error = Infallible;
+}
+
+impl SetDutyCycle for HeaterPower {
+    fn max_duty_cycle(&self) -> u16 {
+        u16::MAX
+    }
+
+    fn set_duty_cycle(&mut self, duty: u16) -> Result<(), Infallible> {
+        let mut tip = self.0.borrow_mut();
+        let closed = tip.heater_is_on();
+        tip.heat(f64::from(duty) / f64::from(u16::MAX), closed);
+        Ok(())
+    }
+}
+
+impl ErrorType for HeaterEnable {
+    type Error = Infallible;
+}
+
+impl HeaterEnable {
+    fn set(&mut self, closed: bool) {
+        let mut tip = self.0.borrow_mut();
+        let duty = tip.heater_duty();
+        tip.heat(duty, closed);
+    }
+}
+
+impl OutputPin for HeaterEnable {
+    fn set_low(&mut self) -> Result<(), Infallible> {
+        self.set(false);
+        Ok(())
+    }
+
+    fn set_high(&mut self) -> Result<(), Infallible> {
+        self.set(true);
+        Ok(())
+    }
+}
+
+impl pwm::ErrorType for Fan {
+    type Error = Infallible;
+}
+
+impl SetDutyCycle for Fan {
+    fn max_duty_cycle(&self) -> u16 {
+        u16::MAX
+    }
+
+    fn set_duty_cycle(&mut self, duty: u16) -> Result<(), Infallible> {
+        self.0.borrow_mut().blow(f64::from(duty) / f64::from(u16::MAX));
+        Ok(())
+    }
+}

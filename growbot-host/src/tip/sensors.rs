@@ -1,0 +1,140 @@
+//! What the tip's sensors show.
+
+use growbot_core::robot::Robot;
+use growbot_firmware::thermistor::{self, FULL_SCALE};
+use nalgebra::Vector3;
+
+use super::noise::noise;
+use super::{Motor, Tip, TipFault};
+
+/// Channels of the converter, each with its own noise.
+#[derive(Debug, Clone, Copy)]
+enum Channel {
+    Thermistor,
+    Supply,
+}
+
+/// What a thermistor that no longer follows shows.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Held {
+    /// The converter's number.
+    pub number: u16,
+    /// The voltage, counts.
+    pub counts: f64,
+}
+
+impl Tip {
+    /// The thermistor's voltage, counts of the converter; none while that is silent.
+    pub fn sample_thermistor(&mut self) -> Option<u16> {
+        self.sync();
+        if self.faults.has(TipFault::ThermistorSilent) {
+            return None;
+        }
+        Some(if self.faults.has(TipFault::ThermistorFrozen) { self.held.number } else { self.converted_thermistor() })
+    }
+
+    /// The thermistor's reading as the converter makes it now.
+    pub(super) fn converted_thermistor(&self) -> u16 {
+        self.convert(self.thermistor_counts(), Channel::Thermistor)
+    }
+
+    /// The thermistor's voltage, counts.
+    pub(super) fn thermistor_counts(&self) -> f64 {
+        if self.faults.has(TipFault::ThermistorOpen) {
+            f64::from(FULL_SCALE)
+        } else if self.faults.has(TipFault::ThermistorShort) {
+            0.0
+        } else if self.faults.has(TipFault::ThermistorStuck) {
+            self.held.counts
+        } else {
+            thermistor::reading(self.nozzle.sensor(), &self.robot.description().thermistor)
+        }
+    }
+
+    /// The supply's voltage, counts of the converter.
+    pub fn sample_supply(&mut self) -> Option<u16> {
+        self.sync();
+        let supply = &self.robot.description().supply;
+        Some(self.convert(self.supply_v() / supply.full_scale_v * f64::from(FULL_SCALE), Channel::Supply))
+    }
+
+    /// What the 12-bit converter makes of a voltage, given in counts.
+    fn convert(&self, counts: f64, channel: Channel) -> u16 {
+        let noisy = counts + self.variation.noise_counts * noise(self.variation.seed, channel as u64, self.now);
+        libm::rint(noisy).clamp(0.0, f64::from(FULL_SCALE)) as u16
+    }
+
+    /// Whether the index sensor sees its mark.
+    #[must_use]
+    pub fn on_index(&self) -> bool {
+        if self.faults.has(TipFault::IndexDead) {
+            return false;
+        }
+        self.faults.has(TipFault::IndexStuck) || self.mark.covers(self.position)
+    }
+
+    /// Whether what the index sensor sees depends on the head's steps.
+    #[must_use]
+    pub fn index_follows(&self) -> bool {
+        let dead = self.faults.has(TipFault::IndexDead) || self.faults.has(TipFault::IndexStuck);
+        !dead && !self.head_is_held()
+    }
+
+    /// Whether the switch in the filament's path feels filament.
+    #[must_use]
+    pub fn has_filament(&self) -> bool {
+        self.filament.is_there() && !self.faults.has(TipFault::FilamentOut)
+    }
+
+    /// The level of the encoder that the filament turns. It rises once for each pulse's length of filament that really moves.
+    #[must_use]
+    pub fn encoder(&self) -> bool {
+        self.filament.encoder()
+    }
+
+    /// Whether filament follows the feed.
+    pub fn filament_follows(&mut self) -> bool {
+        self.sync();
+        let least = self.robot.description().heater.extrusion_min_c;
+        let cold = self.nozzle.block() < least && self.filament.is_at_front();
+        !cold && self.has_filament() && !self.filament_is_held() && !self.faults.has(TipFault::DriverFault)
+    }
+
+    /// Whether a stepper driver reports a fault.
+    #[must_use]
+    pub fn driver_fault(&self) -> bool {
+        self.faults.has(TipFault::DriverFault)
+    }
+
+    /// Whether the emergency stop is pressed.
+    #[must_use]
+    pub fn emergency_stop(&self) -> bool {
+        self.faults.has(TipFault::EmergencyStop)
+    }
+
+    /// Gravity in the tip's frame, thousandths of the earth's, upwards as a resting accelerometer shows it; none where the
+    /// sensor does not answer.
+    pub fn gravity(&mut self) -> Option<[i16; 3]> {
+        if self.faults.has(TipFault::OrientationSilent) {
+            return None;
+        }
+        let up = self.base_from_tip().rotation.inverse() * Vector3::z();
+        Some([up.x, up.y, up.z].map(|share| libm::rint(1000.0 * share) as i16))
+    }
+
+    /// Whether any motor is told to hold.
+    #[must_use]
+    pub fn steppers_are_on(&self) -> bool {
+        self.is_enabled(Motor::Head) || self.is_enabled(Motor::Feed)
+    }
+}
+
+/// Feed steps from one rising edge of a robot's filament encoder to the next, in 1/256; 0 without an encoder.
+#[must_use]
+pub fn encoder_pitch(robot: &Robot) -> u32 {
+    let description = robot.description();
+    description
+        .sensors
+        .filament_motion
+        .map_or(0, |motion| libm::rint(256.0 * motion.mm_per_pulse * description.feed.steps_per_mm) as u32)
+}
