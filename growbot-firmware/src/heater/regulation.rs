@@ -102,7 +102,7 @@ impl Regulation {
         if !self.saturated && !approaches {
             let most = if demand.supply_v.is_some() { AUTHORITY.0 } else { AUTHORITY.1 };
             let scale = heater.power_w / need.max(heater.power_w * LEAST_NEED);
-            self.trim = (self.trim + heater.ki * scale * error * seconds).clamp(-most, most);
+            self.trim = (self.trim + heater.ki * scale * error * seconds).max(-most).min(most);
         }
         wanted.clamp(0.0, 1.0)
     }
