@@ -17,7 +17,7 @@ use growbot_core::angle::wrap_positive;
 use growbot_core::layer::{Layer, SECTORS};
 use growbot_core::robot::{FeedStrategy, LayerMotion, Robot};
 
-use super::pace::{Ends, Pace};
+use super::pace::{Ends, ONE, Pace};
 
 /// Steps and ticks of one sector. Neither axis makes more than one step in two ticks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -119,6 +119,12 @@ impl Turn {
             from = to;
         }
         Ok((sectors, robot.motion_of(profile)))
+    }
+
+    /// Whether it is laid at full speed from its first tick to its last, as where no ramps are needed.
+    #[must_use]
+    pub fn needs_no_ramp(&self) -> bool {
+        self.pace.start == ONE
     }
 
     /// The layer that this turn lays.
