@@ -55,14 +55,6 @@ fn flattening() -> f64 {
 }
 
 impl Turn {
-    /// No turn.
-    pub(super) const NONE: Self = Self {
-        sectors: [Sector { ticks: 0, head: 0, feed: 0 }; SECTORS],
-        backwards: false,
-        ticks: 0,
-        pace: Pace::FULL,
-    };
-
     /// The turn that lays this profile from one position of the feed to another, and how it ends: `feed_steps` gives the
     /// position, in steps and not rounded, after a share of the layer. `before` is how the turn before has ended.
     ///
