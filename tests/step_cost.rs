@@ -26,7 +26,7 @@ const AROUND: f64 = 24.0 + 30.0 * CYCLES;
 const SHARE: f64 = 0.5;
 /// The tick rate that must be possible, Hz: 10,000 steps a second on each axis, since a step takes two ticks.
 const TICK_HZ: f64 = 20_000.0;
-/// No tick without a motion may be worse than this, in instructions.
+/// The most instructions of an idle tick.
 const IDLE: u32 = 80;
 
 /// How long the board may take to the next line.

@@ -358,7 +358,7 @@ fn five_thousand_layers_are_laid_to_the_step() {
             for (i, made) in report.feed.iter().enumerate() {
                 let closed_form = edge(i + 1) - edge(i);
                 let off = (f64::from(*made) - closed_form).abs();
-                // What the layers before owe is a tenth of a step in a sector at most.
+                // A step by rounding; what the layers before owe is a tenth of a step in a sector at most.
                 assert!(off <= (0.01 * closed_form).max(1.1), "sector {i}: {made} for {closed_form}");
             }
         }
@@ -467,8 +467,11 @@ fn ramps_keep_to_the_limits_of_the_motors() {
         rig.record();
         rig.run(5000);
         let began = rig.world.now.get();
-        let (reports, end) = rig.lay(turns(&robot, &layers));
+        let turns = turns(&robot, &layers);
+        let longest: u32 = turns.iter().map(Turn::longest_ticks).sum();
+        let (reports, end) = rig.lay(turns);
         assert_eq!((reports.len(), end), (8, None));
+        assert!(rig.world.now.get() - began <= u64::from(longest) + 8);
         let took = (rig.world.now.get() - began) as f64 / 20_000.0;
         // Ramps take time, and not much of it.
         assert!(took > 24.5 && took < 33.0, "{took} s for 24 s of layers, {strategy:?} {turning:?}");

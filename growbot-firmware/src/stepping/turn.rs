@@ -119,6 +119,12 @@ impl Turn {
         self.pace.start == ONE
     }
 
+    /// The most ticks that it can take, from rest to rest and with an order that comes late: what takes longer is stuck.
+    #[must_use]
+    pub fn longest_ticks(&self) -> u32 {
+        self.ticks.saturating_add(self.pace.ramps_ticks())
+    }
+
     /// The layer that this turn lays.
     #[must_use]
     pub fn layer(&self, robot: &Robot) -> Layer {
