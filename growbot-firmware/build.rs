@@ -48,8 +48,10 @@ fn main() {
     // lld would otherwise fill page-sized gaps between segments, which probes then flash.
     println!("cargo:rustc-link-arg-bin={board}=--nmagic");
     if board == "an386" {
-        // It does not log.
-        println!("cargo:rustc-link-arg-bin=plan_cost=-Tlink.x");
+        // They do not log.
+        for measuring in ["plan_cost", "step_cost"] {
+            println!("cargo:rustc-link-arg-bin={measuring}=-Tlink.x");
+        }
     }
 }
 

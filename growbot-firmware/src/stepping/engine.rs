@@ -15,10 +15,10 @@ use embedded_hal::digital::{InputPin, OutputPin};
 use growbot_core::layer::SECTORS;
 use growbot_core::robot::Robot;
 
-use super::handover::{FeedMove, Handover, Homing, Order, Report, TurnReport};
+use super::handover::{Done, FeedMove, Handover, Homing, Outline, Report, Slot, Task};
 use super::index::{IndexWatch, Mark};
 use super::pace::Clock;
-use super::turn::{Sector, Turn};
+use super::turn::Sector;
 
 /// A stepper driver: step, direction and enable pins. Levels are logical; a board that wires them the other way round wraps
 /// its pins in [`crate::polarity::Polarized`].
@@ -79,7 +79,7 @@ pub(super) enum Alarm {
 }
 
 impl Alarm {
-    fn report(self) -> Report {
+    pub fn report(self) -> Report {
         match self {
             Self::Hardware => Report::Hardware,
             Self::IndexNotFound => Report::IndexNotFound,
@@ -178,7 +178,7 @@ enum Mode {
     Idle,
     Homing(HomingRun),
     Feeding(FeedRun),
-    /// The turn is in [`Engine::turn`], its progress in [`Engine::progress`].
+    /// The turn is outlined in [`Engine::turn`], its progress in [`Engine::progress`].
     Laying,
     /// The report waits for room.
     Finished(Finished),
@@ -222,7 +222,9 @@ struct Progress {
     turn_left: u32,
     head: Spread,
     feed: Spread,
-    made: TurnReport,
+    /// Steps made, of the feed in this sector.
+    head_made: u32,
+    feed_made: u32,
 }
 
 impl Progress {
@@ -233,7 +235,8 @@ impl Progress {
         turn_left: 0,
         head: Spread::NONE,
         feed: Spread::NONE,
-        made: TurnReport { head: 0, feed: [0; SECTORS] },
+        head_made: 0,
+        feed_made: 0,
     };
 }
 
@@ -244,8 +247,10 @@ pub struct Engine<HS, HD, HE, FS, FD, FE, I, M, S> {
     inputs: Inputs<I, M, S>,
     settings: EngineSettings,
     mode: Mode,
-    turn: Turn,
+    turn: Outline,
     progress: Progress,
+    /// Where the steps made are counted.
+    made: Slot,
     clock: Clock,
     watch: IndexWatch,
     ticks: u32,
@@ -280,8 +285,9 @@ where
             inputs,
             settings,
             mode: Mode::Idle,
-            turn: Turn::NONE,
+            turn: Outline::NONE,
             progress: Progress::NONE,
+            made: Slot::A,
             clock: Clock::AT_REST,
             watch: IndexWatch::LOST,
             ticks: 0,
@@ -299,7 +305,7 @@ where
         handover.set_ticks(self.ticks);
         if let Err(alarm) = self.watch_and_advance(handover) {
             self.let_go();
-            handover.report(alarm.report());
+            handover.report(Done::Alarm(alarm));
         }
     }
 
@@ -399,8 +405,8 @@ where
                 // Released, and the controller has not heard of it yet.
                 handover.refuse_order();
             }
-            let Some(order) = handover.take_order() else { return Ok(()) };
-            if !self.begin(order)? {
+            let Some(task) = handover.take_order() else { return Ok(()) };
+            if !self.begin(task, handover)? {
                 return Ok(());
             }
         }
@@ -430,9 +436,9 @@ where
     }
 
     /// Begins what is ordered. Whether it goes on in this very tick: a turn that follows another the same way.
-    fn begin(&mut self, order: Order) -> Result<bool, Alarm> {
-        match order {
-            Order::Home(homing) => {
+    fn begin(&mut self, task: Task, handover: &Handover) -> Result<bool, Alarm> {
+        match task {
+            Task::Home(homing) => {
                 self.head.enable(false)?;
                 self.watch = IndexWatch::LOST;
                 self.mode = Mode::Homing(HomingRun {
@@ -445,23 +451,23 @@ where
                 });
                 Ok(false)
             }
-            Order::Feed(FeedMove { steps, backwards, ticks_per_step }) => {
+            Task::Feed(FeedMove { steps, backwards, ticks_per_step }) => {
                 self.feed.enable(backwards)?;
                 let ticks_per_step = ticks_per_step.max(2);
                 self.mode = Mode::Feeding(FeedRun { ticks_per_step, ticks_to_step: ticks_per_step, steps_left: steps });
                 Ok(false)
             }
-            Order::Lay(turn) => {
+            Task::Lay(turn) => {
                 let (head, feed) = (self.head.enable(turn.backwards)?, self.feed.enable(false)?);
                 let follows = !(self.clock.is_at_rest() || head || feed);
                 self.turn = turn;
                 self.clock.enter(&self.turn.pace);
                 self.watch.begin_turn(self.turn.backwards);
-                self.progress.made = TurnReport { head: 0, feed: [0; SECTORS] };
+                self.progress.head_made = 0;
                 self.progress.turn_left = self.turn.ticks;
                 self.progress.sectors_left = SECTORS;
                 self.mode = Mode::Laying;
-                self.start_sector(if self.turn.backwards { SECTORS - 1 } else { 0 });
+                self.start_sector(if self.turn.backwards { SECTORS - 1 } else { 0 }, handover);
                 Ok(follows)
             }
         }
@@ -475,18 +481,23 @@ where
         }
         self.mode = Mode::Idle;
         handover.report(match finished {
-            Finished::Homed => Report::Homed,
-            Finished::Laid => Report::Laid(self.progress.made),
-            Finished::Fed => Report::Fed,
+            Finished::Homed => Done::Homed,
+            Finished::Laid => {
+                let slot = self.made;
+                self.made = slot.other();
+                Done::Laid { slot, head: self.progress.head_made }
+            }
+            Finished::Fed => Done::Fed,
         });
     }
 
-    fn start_sector(&mut self, index: usize) {
-        let Some(&Sector { ticks, head, feed }) = self.turn.sectors.get(index) else { return };
+    fn start_sector(&mut self, index: usize, handover: &Handover) {
+        let Some(Sector { ticks, head, feed }) = handover.sector(&self.turn, index) else { return };
         self.progress.sector = index;
         self.progress.sector_left = ticks;
         self.progress.head = Spread::new(head, ticks);
         self.progress.feed = Spread::new(feed, ticks);
+        self.progress.feed_made = 0;
     }
 
     fn lay(&mut self, handover: &Handover) -> Result<(), Alarm> {
@@ -495,15 +506,13 @@ where
             return Ok(());
         }
         if progress.head.tick() {
-            progress.made.head += 1;
+            progress.head_made += 1;
             let on = see_index(&mut self.inputs.index, handover)?;
             self.watch.step(on, &self.settings.mark)?;
             self.head.raise()?;
         }
         if progress.feed.tick() {
-            if let Some(made) = progress.made.feed.get_mut(progress.sector) {
-                *made += 1;
-            }
+            progress.feed_made += 1;
             self.feed.raise()?;
             self.fed_blindly = self.fed_blindly.saturating_add(1);
             if self.fed_blindly > self.settings.jam_steps {
@@ -513,10 +522,11 @@ where
         progress.turn_left -= 1;
         progress.sector_left -= 1;
         if progress.sector_left == 0 {
+            handover.count(self.made, progress.sector, progress.feed_made);
             progress.sectors_left -= 1;
             if progress.sectors_left > 0 {
                 let sector = progress.sector;
-                self.start_sector(if self.turn.backwards { sector.wrapping_sub(1) } else { sector + 1 });
+                self.start_sector(if self.turn.backwards { sector.wrapping_sub(1) } else { sector + 1 }, handover);
             } else {
                 self.watch.end_turn()?;
                 self.finish(Finished::Laid, handover);

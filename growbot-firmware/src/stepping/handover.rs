@@ -6,7 +6,9 @@ use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use critical_section::{CriticalSection, Mutex};
 use growbot_core::layer::SECTORS;
 
-use super::turn::Turn;
+use super::engine::Alarm;
+use super::pace::Pace;
+use super::turn::{Sector, Turn};
 
 /// What the engine is to do next.
 #[expect(clippy::large_enum_variant, reason = "one of each exists, and there is no heap to box a turn on")]
@@ -75,13 +77,91 @@ pub struct TurnReport {
     pub feed: [u32; SECTORS],
 }
 
-/// Shared by the controller and the step interrupt. Every access is short and none waits.
+/// An order as the engine takes it: without the sectors, of which it asks for one after the other.
+#[derive(Clone, Copy)]
+pub(super) enum Task {
+    Home(Homing),
+    Feed(FeedMove),
+    Lay(Outline),
+}
+
+/// A turn without its sectors.
+#[derive(Clone, Copy)]
+pub(super) struct Outline {
+    /// Where its sectors are.
+    slot: Slot,
+    pub backwards: bool,
+    pub ticks: u32,
+    pub pace: Pace,
+}
+
+impl Outline {
+    pub const NONE: Self = Self { slot: Slot::A, backwards: false, ticks: 0, pace: Pace::FULL };
+}
+
+/// A report as the engine leaves it: without the steps in each sector, which it has left one after the other.
+#[derive(Clone, Copy)]
+pub(super) enum Done {
+    Homed,
+    Fed,
+    Laid { slot: Slot, head: u32 },
+    Alarm(Alarm),
+}
+
+/// One of two places, so that one turn can be laid while the next one waits, and counted while the one before is reported.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Slot {
+    A,
+    B,
+}
+
+impl Slot {
+    pub fn other(self) -> Self {
+        match self {
+            Self::A => Self::B,
+            Self::B => Self::A,
+        }
+    }
+}
+
+/// A value for each sector of two turns.
+struct Slots<T>(Mutex<[[Cell<T>; SECTORS]; 2]>);
+
+impl<T: Copy> Slots<T> {
+    fn with<R>(&self, slot: Slot, sector: usize, act: impl FnOnce(&Cell<T>) -> R) -> Option<R> {
+        critical_section::with(|cs| {
+            let [a, b] = self.0.borrow(cs);
+            let turn = match slot {
+                Slot::A => a,
+                Slot::B => b,
+            };
+            turn.get(sector).map(act)
+        })
+    }
+
+    fn get(&self, slot: Slot, sector: usize) -> Option<T> {
+        self.with(slot, sector, Cell::get)
+    }
+
+    fn set(&self, slot: Slot, sector: usize, value: T) {
+        self.with(slot, sector, |cell| cell.set(value));
+    }
+}
+
+/// Shared by the controller and the step interrupt. Every access is short and none waits: what belongs to a whole turn is
+/// copied sector by sector, so that neither the interrupt takes long nor the controller keeps it waiting.
 ///
 /// The flags spare the interrupt a critical section in each tick. A flag and what it stands for change in one critical section,
 /// so that no tick falls between the two.
 pub struct Handover {
-    order: Mutex<Cell<Option<Order>>>,
-    report: Mutex<Cell<Option<Report>>>,
+    task: Mutex<Cell<Option<Task>>>,
+    /// Of the turn that is laid, and of the one that waits.
+    sectors: Slots<Sector>,
+    /// Where the turn that is laid has its sectors; the other place is the controller's.
+    laying: Mutex<Cell<Slot>>,
+    done: Mutex<Cell<Option<Done>>>,
+    /// Feed steps of the turn that is laid, and of the one that is reported.
+    made: Slots<u32>,
     order_waits: AtomicBool,
     report_waits: AtomicBool,
     halt: AtomicBool,
@@ -104,8 +184,13 @@ impl Handover {
     #[must_use]
     pub const fn new() -> Self {
         Self {
-            order: Mutex::new(Cell::new(None)),
-            report: Mutex::new(Cell::new(None)),
+            task: Mutex::new(Cell::new(None)),
+            sectors: Slots(Mutex::new(
+                [const { [const { Cell::new(Sector { ticks: 0, head: 0, feed: 0 }) }; SECTORS] }; 2],
+            )),
+            laying: Mutex::new(Cell::new(Slot::A)),
+            done: Mutex::new(Cell::new(None)),
+            made: Slots(Mutex::new([const { [const { Cell::new(0) }; SECTORS] }; 2])),
             order_waits: AtomicBool::new(false),
             report_waits: AtomicBool::new(false),
             halt: AtomicBool::new(false),
@@ -126,9 +211,21 @@ impl Handover {
     /// Controller: gives an order. One that still waits is replaced: only [`Handover::halt`] before makes that safe, since the
     /// engine may be braking for it.
     pub fn give(&self, order: Order) {
-        let entry = if let Order::Lay(turn) = &order { turn.pace.entry } else { 0 };
+        self.refuse_order();
+        let (task, entry) = match order {
+            Order::Home(homing) => (Task::Home(homing), 0),
+            Order::Feed(feed) => (Task::Feed(feed), 0),
+            Order::Lay(turn) => {
+                let slot = critical_section::with(|cs| self.laying.borrow(cs).get()).other();
+                for (index, sector) in turn.sectors.into_iter().enumerate() {
+                    self.sectors.set(slot, index, sector);
+                }
+                let Turn { backwards, ticks, pace, .. } = turn;
+                (Task::Lay(Outline { slot, backwards, ticks, pace }), pace.entry)
+            }
+        };
         critical_section::with(|cs| {
-            self.order.borrow(cs).set(Some(order));
+            self.task.borrow(cs).set(Some(task));
             self.entry.store(entry, Ordering::Release);
             self.order_waits.store(true, Ordering::Release);
         });
@@ -139,10 +236,25 @@ impl Handover {
         if !self.report_waits.load(Ordering::Acquire) {
             return None;
         }
+        let done = critical_section::with(|cs| self.done.borrow(cs).take());
+        let report = done.map(|done| match done {
+            Done::Homed => Report::Homed,
+            Done::Fed => Report::Fed,
+            Done::Laid { slot, head } => {
+                let mut feed = [0; SECTORS];
+                for (index, steps) in feed.iter_mut().enumerate() {
+                    *steps = self.made.get(slot, index).unwrap_or_default();
+                }
+                Report::Laid(TurnReport { head, feed })
+            }
+            Done::Alarm(alarm) => alarm.report(),
+        });
         critical_section::with(|cs| {
-            self.report_waits.store(false, Ordering::Release);
-            self.report.borrow(cs).take()
-        })
+            // An alarm may have come meanwhile.
+            let alarm = self.done.borrow(cs).get();
+            self.report_waits.store(alarm.is_some(), Ordering::Release);
+        });
+        report
     }
 
     /// Controller: stops the steppers and lets go of them at the next tick. Orders and reports that wait are forgotten, and so
@@ -150,7 +262,7 @@ impl Handover {
     pub fn halt(&self) {
         critical_section::with(|cs| {
             self.halt.store(true, Ordering::Release);
-            self.report.borrow(cs).set(None);
+            self.done.borrow(cs).set(None);
             self.report_waits.store(false, Ordering::Release);
             self.forget(cs);
         });
@@ -210,15 +322,23 @@ impl Handover {
     }
 
     /// Engine: takes the order.
-    pub(super) fn take_order(&self) -> Option<Order> {
+    pub(super) fn take_order(&self) -> Option<Task> {
         critical_section::with(|cs| {
-            self.order_waits.store(false, Ordering::Release);
-            self.entry.store(0, Ordering::Release);
-            self.order.borrow(cs).take()
+            let task = self.task.borrow(cs).get();
+            self.forget(cs);
+            if let Some(Task::Lay(outline)) = &task {
+                self.laying.borrow(cs).set(outline.slot);
+            }
+            task
         })
     }
 
-    /// Engine: refuses the order that waits.
+    /// Engine: a sector of the turn that it lays.
+    pub(super) fn sector(&self, turn: &Outline, index: usize) -> Option<Sector> {
+        self.sectors.get(turn.slot, index)
+    }
+
+    /// Forgets the order that waits.
     pub(super) fn refuse_order(&self) {
         critical_section::with(|cs| self.forget(cs));
     }
@@ -226,13 +346,18 @@ impl Handover {
     fn forget(&self, cs: CriticalSection) {
         self.order_waits.store(false, Ordering::Release);
         self.entry.store(0, Ordering::Release);
-        self.order.borrow(cs).set(None);
+        self.task.borrow(cs).set(None);
+    }
+
+    /// Engine: leaves the feed steps of a sector.
+    pub(super) fn count(&self, slot: Slot, sector: usize, steps: u32) {
+        self.made.set(slot, sector, steps);
     }
 
     /// Engine: leaves a report.
-    pub(super) fn report(&self, report: Report) {
+    pub(super) fn report(&self, done: Done) {
         critical_section::with(|cs| {
-            self.report.borrow(cs).set(Some(report));
+            self.done.borrow(cs).set(Some(done));
             self.report_waits.store(true, Ordering::Release);
         });
     }

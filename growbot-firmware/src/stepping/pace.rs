@@ -75,6 +75,13 @@ impl Pace {
             braking: (ONE / 2).checked_div(slope).unwrap_or(ONE) + 3,
         }
     }
+
+    /// The most ticks that a turn can take beyond its own: two ramps up and two down, since an order that comes while it brakes
+    /// speeds it up again, and some virtual ticks at the slowest rate.
+    pub(super) fn ramps_ticks(&self) -> u32 {
+        let slowest = ONE.div_ceil(self.start.min(self.entry).max(1));
+        self.braking.saturating_mul(4).saturating_add(slowest.saturating_mul(4))
+    }
 }
 
 /// Virtual time as it passes.

@@ -17,7 +17,7 @@ use growbot_core::angle::wrap_positive;
 use growbot_core::layer::{Layer, SECTORS};
 use growbot_core::robot::{FeedStrategy, LayerMotion, Robot};
 
-use super::pace::{Ends, Pace};
+use super::pace::{Ends, ONE, Pace};
 
 /// Steps and ticks of one sector. Neither axis makes more than one step in two ticks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -55,14 +55,6 @@ fn flattening() -> f64 {
 }
 
 impl Turn {
-    /// No turn.
-    pub(super) const NONE: Self = Self {
-        sectors: [Sector { ticks: 0, head: 0, feed: 0 }; SECTORS],
-        backwards: false,
-        ticks: 0,
-        pace: Pace::FULL,
-    };
-
     /// The turn that lays this profile from one position of the feed to another, and how it ends: `feed_steps` gives the
     /// position, in steps and not rounded, after a share of the layer. `before` is how the turn before has ended.
     ///
@@ -119,6 +111,18 @@ impl Turn {
             from = to;
         }
         Ok((sectors, robot.motion_of(profile)))
+    }
+
+    /// Whether it is laid at full speed from its first tick to its last, as where no ramps are needed.
+    #[must_use]
+    pub fn needs_no_ramp(&self) -> bool {
+        self.pace.start == ONE
+    }
+
+    /// The most ticks that it can take, from rest to rest and with an order that comes late: what takes longer is stuck.
+    #[must_use]
+    pub fn longest_ticks(&self) -> u32 {
+        self.ticks.saturating_add(self.pace.ramps_ticks())
     }
 
     /// The layer that this turn lays.

@@ -1,0 +1,242 @@
+//! What a tick of the step interrupt costs on the microcontroller: instructions of `Engine::tick` in each kind of tick,
+//! measured on QEMU's mps2-an386.
+//!
+//! Every tick of some turns is measured. For each kind one line goes out over UART0, `turns,tick,count,worst`, and `end` at
+//! last; `tests/step_cost.rs` runs this and makes the table. It counts instructions, not cycles: QEMU must run it with
+//! `-icount shift=10`, that is 1024 ns an instruction.
+
+#![no_std]
+#![no_main]
+
+mod pins;
+#[path = "../an386/registers.rs"]
+mod registers;
+mod timer;
+#[path = "../plan_cost/uart.rs"]
+mod uart;
+
+use core::fmt::Write;
+use core::panic::PanicInfo;
+
+use cortex_m_rt::entry;
+use growbot_core::layer::Layer;
+use growbot_core::layer_bytes::Encoder;
+use growbot_core::robot::{FeedStrategy, Robot, RobotDescription, Turning};
+use growbot_firmware::machine;
+use growbot_firmware::stepping::{EngineSettings, FeedMove, Handover, Homing, Material, Order, Report, Turn};
+
+use crate::pins::{StepEngine, World};
+use crate::timer::Timer;
+use crate::uart::Uart;
+
+/// Turns of each run.
+const TURNS: u32 = 4;
+
+/// Kinds of ticks.
+#[derive(Clone, Copy, PartialEq)]
+enum Kind {
+    Idle,
+    Homing,
+    Feeding,
+    Begin,
+    Nothing,
+    Head,
+    Feed,
+    Both,
+    Sector,
+    End,
+    Halt,
+}
+
+const KINDS: [(Kind, &str); 11] = [
+    (Kind::Idle, "idle"),
+    (Kind::Homing, "homing"),
+    (Kind::Feeding, "feed move"),
+    (Kind::Begin, "turn taken"),
+    (Kind::Nothing, "no step"),
+    (Kind::Head, "head step"),
+    (Kind::Feed, "feed step"),
+    (Kind::Both, "both steps"),
+    (Kind::Sector, "sector ends"),
+    (Kind::End, "turn ends"),
+    (Kind::Halt, "halt"),
+];
+
+/// Ticks of each kind, and the most instructions of one.
+#[derive(Default)]
+struct Costs([(u32, u32); KINDS.len()]);
+
+impl Costs {
+    fn add(&mut self, kind: Kind, instructions: u32) {
+        for ((known, _), (count, worst)) in KINDS.iter().zip(&mut self.0) {
+            if *known == kind {
+                *count += 1;
+                *worst = instructions.max(*worst);
+            }
+        }
+    }
+}
+
+#[entry]
+fn main() -> ! {
+    let mut uart = Uart::start();
+    if let Ok(robot) = machine::built_for() {
+        for strategy in [FeedStrategy::Feed, FeedStrategy::Speed] {
+            let name = if strategy == FeedStrategy::Feed { "feed" } else { "speed" };
+            run(&mut uart, name, "", &robot, |description| description.motion.strategy = strategy);
+            run(&mut uart, name, " with ramps", &robot, |description| {
+                description.motion.strategy = strategy;
+                needs_ramps(description);
+            });
+        }
+    }
+    let _ = writeln!(uart, "end");
+    loop {
+        cortex_m::asm::wfi();
+    }
+}
+
+/// A quick robot, for wide bends, whose motors need ramps.
+fn needs_ramps(description: &mut RobotDescription) {
+    description.planning_radius_mm = 150.0;
+    description.layer.period_s = 3.0;
+    description.motion.tick_hz = 20_000;
+    description.motion.turning = Turning::Alternate;
+    description.head.speed_jump_turns_per_s = 0.1;
+    description.feed.steps_per_mm = 25.0;
+}
+
+fn run(uart: &mut Uart, name: &str, ramps: &str, robot: &Robot, change: impl FnOnce(&mut RobotDescription)) {
+    let mut description = robot.description().clone();
+    change(&mut description);
+    let costs = Robot::new(description).ok().and_then(|robot| Bench::new(&robot).measure(&robot));
+    let Some(costs) = costs else {
+        let _ = writeln!(uart, "{name}{ramps} cannot be laid");
+        return;
+    };
+    for ((_, kind), (count, worst)) in KINDS.iter().zip(costs.0) {
+        let _ = writeln!(uart, "{name}{ramps},{kind},{count},{worst}");
+    }
+}
+
+/// An engine and its world.
+struct Bench {
+    engine: StepEngine,
+    handover: Handover,
+    world: World,
+    timer: Timer,
+    costs: Costs,
+}
+
+impl Bench {
+    fn new(robot: &Robot) -> Self {
+        Self {
+            engine: pins::engine(EngineSettings::of(robot)),
+            handover: Handover::new(),
+            world: World::of(robot),
+            timer: Timer::start(),
+            costs: Costs::default(),
+        }
+    }
+
+    /// All kinds of ticks. Nothing if the engine does not do as it should.
+    fn measure(mut self, robot: &Robot) -> Option<Costs> {
+        let head = &robot.description().head;
+        let homing = Homing {
+            ticks_per_step: 4,
+            most_steps: 2 * head.steps_per_turn,
+            steps_to_zero: self.world.steps_from_mark_to_zero(),
+        };
+        self.idle(100);
+        self.until_report(Order::Home(homing), Kind::Homing)?;
+        self.idle(100);
+        for backwards in [true, false] {
+            self.until_report(Order::Feed(FeedMove { steps: 50, backwards, ticks_per_step: 8 }), Kind::Feeding)?;
+        }
+        self.lay(robot)?;
+        self.idle(100);
+        self.handover.halt();
+        self.tick(Kind::Halt);
+        Some(self.costs)
+    }
+
+    /// A tick, of the kind that its steps show or of this one.
+    fn tick(&mut self, kind: Kind) {
+        let instructions = self.timer.instructions(|| pins::tick(&mut self.engine, &self.handover));
+        let steps = self.world.watch();
+        let kind = match (kind, steps) {
+            (Kind::Nothing, (true, true)) => Kind::Both,
+            (Kind::Nothing, (true, false)) => Kind::Head,
+            (Kind::Nothing, (false, true)) => Kind::Feed,
+            (kind, _) => kind,
+        };
+        self.costs.add(kind, instructions);
+    }
+
+    fn idle(&mut self, ticks: u32) {
+        for _ in 0..ticks {
+            self.tick(Kind::Idle);
+        }
+    }
+
+    fn until_report(&mut self, order: Order, kind: Kind) -> Option<()> {
+        self.handover.give(order);
+        while !self.handover.report_waits() {
+            self.tick(kind);
+        }
+        matches!(self.handover.take_report(), Some(Report::Homed | Report::Fed)).then_some(())
+    }
+
+    /// Turns without a stop between them.
+    fn lay(&mut self, robot: &Robot) -> Option<()> {
+        let alternate = robot.description().motion.turning == Turning::Alternate;
+        let (mut material, mut encoder) = (Material::default(), Encoder::default());
+        let mut turn_of = |index: u32| {
+            let lean = f64::from(index % 3) * 0.0025;
+            let layer = Layer { alpha: 0.9 * f64::from(index), height: 0.77 - 0.1 * f64::from(index % 2), tilt: lean };
+            material.lay(&encoder.encode(&layer), robot, alternate && index % 2 == 1).ok()
+        };
+        let mut laid = 0;
+        let mut next = turn_of(0)?;
+        self.handover.give(Order::Lay(next));
+        while laid < TURNS {
+            // The tick that takes the turn; without ramps it is a tick of the turn itself, but for the first.
+            let turn = next;
+            self.tick(Kind::Begin);
+            if laid + 1 < TURNS {
+                next = turn_of(laid + 1)?;
+                self.handover.give(Order::Lay(next));
+            }
+            self.lay_one(&turn, u32::from(laid > 0));
+            let Some(Report::Laid(_)) = self.handover.take_report() else { return None };
+            laid += 1;
+        }
+        Some(())
+    }
+
+    /// A turn of which so many ticks have passed.
+    fn lay_one(&mut self, turn: &Turn, passed: u32) {
+        let (mut sectors, mut now) = (turn.sectors.iter(), passed);
+        let mut sector_ends = sectors.next().map_or(0, |sector| sector.ticks);
+        // At full speed the ticks are those of the sectors; with ramps such ticks go by their steps.
+        let full_speed = turn.needs_no_ramp();
+        while !self.handover.report_waits() {
+            now += 1;
+            let last = now == turn.ticks;
+            if full_speed && !last && now == sector_ends {
+                sector_ends += sectors.next().map_or(0, |sector| sector.ticks);
+                self.tick(Kind::Sector);
+            } else {
+                self.tick(if full_speed && last { Kind::End } else { Kind::Nothing });
+            }
+        }
+    }
+}
+
+#[panic_handler]
+fn panic(_info: &PanicInfo) -> ! {
+    let _ = writeln!(Uart::start(), "panic");
+    loop {
+        cortex_m::asm::wfi();
+    }
+}

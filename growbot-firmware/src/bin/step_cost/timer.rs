@@ -1,0 +1,49 @@
+//! Counts instructions: TIMER0.
+
+use core::hint::black_box;
+
+use crate::registers::Register;
+
+const BASE: usize = 0x4000_0000;
+// SAFETY: the registers of TIMER0, which only this file uses.
+const CONTROL: Register = unsafe { Register::at(BASE) };
+// SAFETY: as above.
+const VALUE: Register = unsafe { Register::at(BASE + 0x04) };
+// SAFETY: as above.
+const RELOAD: Register = unsafe { Register::at(BASE + 0x08) };
+
+const CONTROL_ENABLE: u32 = 1 << 0;
+
+/// At 25 MHz.
+const NS_PER_TICK: u32 = 40;
+/// By `-icount shift=10`. An instruction is 25.6 ticks, so that a tick more or less is none.
+const NS_PER_INSTRUCTION: u32 = 1 << 10;
+
+/// The running timer.
+pub struct Timer {
+    /// Ticks of nothing at all.
+    nothing: u32,
+}
+
+impl Timer {
+    /// Starts it. It wraps after 160 million instructions, which does not matter.
+    pub fn start() -> Self {
+        RELOAD.write(u32::MAX);
+        VALUE.write(u32::MAX);
+        CONTROL.write(CONTROL_ENABLE);
+        Timer { nothing: ticks(|| black_box(())) }
+    }
+
+    /// Instructions of a piece of work, which must be short.
+    pub fn instructions(&self, work: impl FnOnce()) -> u32 {
+        let ns = ticks(work).saturating_sub(self.nothing).saturating_mul(NS_PER_TICK);
+        (ns + NS_PER_INSTRUCTION / 2) / NS_PER_INSTRUCTION
+    }
+}
+
+fn ticks(work: impl FnOnce()) -> u32 {
+    let before = VALUE.read();
+    work();
+    // It counts downwards.
+    before.wrapping_sub(VALUE.read())
+}

@@ -1,0 +1,124 @@
+//! What a tick of the step interrupt costs on the microcontroller, as a table, and the step rate that this allows:
+//! `cargo step-cost`.
+//!
+//! Builds the program that measures it (`growbot-firmware/src/bin/step_cost/`) and runs it in the emulator, which
+//! counts each instruction, so that the figures are the same on every machine. They are instructions; what they take on
+//! the robot's board is computed from them, on the side of caution.
+
+use std::env;
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::Command;
+use std::time::Duration;
+
+use growbot_host::port::qemu::{Line, Qemu};
+use growbot_tests::firmware;
+
+/// The robot's board, Hz.
+const CLOCK_HZ: f64 = 168e6;
+/// Cycles of an instruction: 1.2 by itself (a Cortex-M4 takes one, two for a load or a taken branch's refill), and 1.3 for
+/// fetching it, as if no line were ever in the flash's cache: 5 wait states and an access for 16 bytes, some five instructions.
+const CYCLES: f64 = 2.5;
+/// Cycles of each interrupt beside the tick: entry and exit, 12 each, and 30 instructions that acknowledge the timer and
+/// save registers. The tick computes no floats, so the processor's lazy stacking never saves their registers.
+const AROUND: f64 = 24.0 + 30.0 * CYCLES;
+/// The share of the processor that the step interrupt may take at worst; the rest is the controller's and the link's.
+const SHARE: f64 = 0.5;
+/// The tick rate that must be possible, Hz: 10,000 steps a second on each axis, since a step takes two ticks.
+const TICK_HZ: f64 = 20_000.0;
+/// The most instructions of an idle tick.
+const IDLE: u32 = 80;
+
+/// How long the board may take to the next line.
+const NEXT: Duration = Duration::from_secs(120);
+
+/// All ticks of one kind.
+struct Row {
+    turns: String,
+    tick: String,
+    count: u32,
+    worst: u32,
+}
+
+impl Row {
+    fn cycles(&self) -> f64 {
+        f64::from(self.worst) * CYCLES + AROUND
+    }
+
+    /// The tick rate at which such ticks, one after the other, take their share.
+    fn tick_hz(&self) -> f64 {
+        SHARE * CLOCK_HZ / self.cycles()
+    }
+}
+
+fn build() {
+    let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let status = Command::new(env::var_os("CARGO").unwrap_or("cargo".into()))
+        .arg("build-step-cost")
+        .arg("--quiet")
+        .current_dir(workspace)
+        .status()
+        .unwrap();
+    assert!(status.success(), "cargo build-step-cost failed");
+}
+
+fn measure() -> Vec<Row> {
+    let line = Line::open("serial line").unwrap();
+    let serial = line.argument().unwrap();
+    let arguments = ["-icount", "shift=10,sleep=off", "-serial", &serial];
+    let mut qemu = Qemu::start("mps2-an386", &firmware("step_cost"), arguments).unwrap();
+    let stream = qemu.connect(&line).unwrap();
+    stream.set_read_timeout(Some(NEXT)).unwrap();
+
+    let mut rows = Vec::new();
+    for line in BufReader::new(stream).lines() {
+        let line = line.unwrap();
+        if line == "end" {
+            return rows;
+        }
+        let [turns, tick, count, worst] = line.split(',').collect::<Vec<_>>()[..] else {
+            panic!("the board said: {line}");
+        };
+        rows.push(Row {
+            turns: turns.to_owned(),
+            tick: tick.to_owned(),
+            count: count.parse().unwrap(),
+            worst: worst.parse().unwrap(),
+        });
+    }
+    panic!("the board ended before its last tick: {}", qemu.messages());
+}
+
+#[test]
+fn the_step_interrupt_fits_its_share_of_the_processor() {
+    build();
+    let rows: Vec<Row> = measure().into_iter().filter(|row| row.count > 0).collect();
+    println!("{:<18} {:<12} {:>8} {:>14} {:>8} {:>12}", "turns", "tick", "ticks", "instr., worst", "us", "ticks/s");
+    for row in &rows {
+        let us = row.cycles() / CLOCK_HZ * 1e6;
+        println!(
+            "{:<18} {:<12} {:>8} {:>14} {:>8.2} {:>12.0}",
+            row.turns,
+            row.tick,
+            row.count,
+            row.worst,
+            us,
+            row.tick_hz()
+        );
+    }
+    let slowest = rows.iter().map(Row::tick_hz).fold(f64::INFINITY, f64::min);
+    println!("even if every tick were the worst: {slowest:.0} ticks/s, {:.0} steps/s on each axis", slowest / 2.0);
+
+    assert!(slowest >= TICK_HZ, "only {slowest:.0} ticks a second");
+    for row in rows.iter().filter(|row| row.tick == "idle") {
+        assert!(row.worst <= IDLE, "{}: an idle tick takes {} instructions", row.turns, row.worst);
+    }
+    for turns in ["feed", "speed", "feed with ramps", "speed with ramps"] {
+        for tick in
+            ["idle", "homing", "feed move", "turn taken", "no step", "head step", "feed step", "both steps", "halt"]
+        {
+            let seen = rows.iter().any(|row| row.turns == turns && row.tick == tick);
+            assert!(seen, "nothing was measured of {tick}, {turns}");
+        }
+    }
+}
