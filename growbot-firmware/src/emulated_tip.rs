@@ -26,6 +26,7 @@
 //! | `0x050` | [`STEP_WRITE_INDEX`] | board | records written, wrapping, survives a reset of the board |
 //! | `0x054` | [`STEP_OVERRUN`] | board | records dropped because the ring was full, in this boot |
 //! | `0x058` | [`LINK_BYTES_LOST`] | board | received bytes dropped because the queue was full, in this boot |
+//! | `0x05C` | [`STACK_UNUSED`] | board | bytes of the stack that this boot has not used yet; 0 until they are counted |
 //! | `0x100` | [`THERMISTOR_RAW`] | host | 0 to 4095, as the board's converter would read |
 //! | `0x104` | [`THERMISTOR_LIVE`] | host | 1: the converter delivers readings; 0: it has stopped |
 //! | `0x108` | [`STEP_READ_INDEX`] | host | records read, wrapping |
@@ -35,6 +36,7 @@
 //! | `0x11C` | [`INDEX_FAULT`] | host | `INDEX_FAULT_*` |
 //! | `0x120` | [`ENTROPY`] | host | any number, another one for each run: makes boot ids differ |
 //! | `0x124` | [`MACHINE_LENGTH`] | host | bytes of [`MACHINE`] that are valid, at most [`MACHINE_CAPACITY`] |
+//! | `0x128` | [`OVERFLOW_STACK`] | host | 1: the board is to overflow its stack, to show what comes of it |
 //! | `0x1000` | [`MACHINE`] | host | the machine description, bytes |
 //! | `0x10_0000` | [`STEP_RING`] | board | [`STEP_RING_RECORDS`] step records, see [`StepRecord`] |
 //!
@@ -110,6 +112,8 @@ pub const STEP_WRITE_INDEX: usize = 0x050;
 pub const STEP_OVERRUN: usize = 0x054;
 /// Offset, board to host: received bytes dropped in this boot.
 pub const LINK_BYTES_LOST: usize = 0x058;
+/// Offset, board to host: bytes of the stack that were never used in this boot; 0 until they are counted.
+pub const STACK_UNUSED: usize = 0x05C;
 
 /// Offset, host to board: thermistor reading, 0 to 4095.
 pub const THERMISTOR_RAW: usize = 0x100;
@@ -129,6 +133,8 @@ pub const INDEX_FAULT: usize = 0x11C;
 pub const ENTROPY: usize = 0x120;
 /// Offset, host to board: length of the machine description in bytes; 0 for none.
 pub const MACHINE_LENGTH: usize = 0x124;
+/// Offset, host to board: 1 to have the board overflow its stack.
+pub const OVERFLOW_STACK: usize = 0x128;
 /// Offset, host to board: the machine description.
 pub const MACHINE: usize = 0x1000;
 /// The longest machine description, in bytes.
@@ -149,6 +155,8 @@ pub const RESET_PANIC: u32 = 3;
 pub const RESET_FAULT: u32 = 4;
 /// [`RESET_CAUSE`]: reset from outside, by the emulator's monitor.
 pub const RESET_EXTERNAL: u32 = 5;
+/// [`RESET_CAUSE`]: the firmware used more stack than there is.
+pub const RESET_STACK_OVERFLOW: u32 = 6;
 
 /// [`INDEX_FAULT`]: the sensor works.
 pub const INDEX_FAULT_NONE: u32 = 0;
@@ -313,6 +321,7 @@ mod tests {
             STEP_WRITE_INDEX,
             STEP_OVERRUN,
             LINK_BYTES_LOST,
+            STACK_UNUSED,
             THERMISTOR_RAW,
             THERMISTOR_LIVE,
             STEP_READ_INDEX,
@@ -322,6 +331,7 @@ mod tests {
             INDEX_FAULT,
             ENTROPY,
             MACHINE_LENGTH,
+            OVERFLOW_STACK,
             MACHINE,
         ];
         assert!(words.windows(2).all(|pair| pair[0] + 4 <= pair[1]));

@@ -3,6 +3,7 @@
 
 pub mod netduinoplus2;
 pub mod slow_shortest;
+pub mod stack_depth;
 
 use std::path::{Path, PathBuf};
 

@@ -123,6 +123,8 @@ pub enum ResetCause {
     ProcessorFault,
     /// The reset pin, a debug probe, or a reset that software asked for.
     External,
+    /// The firmware used more stack than there is.
+    StackOverflow,
 }
 
 impl ResetCause {
@@ -136,6 +138,7 @@ impl ResetCause {
             Self::Panic => "panic",
             Self::ProcessorFault => "processor fault",
             Self::External => "reset from outside",
+            Self::StackOverflow => "stack overflow",
         }
     }
 }

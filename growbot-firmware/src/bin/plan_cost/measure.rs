@@ -31,8 +31,8 @@ const NS_PER_TICK: u64 = 40;
 /// By `-icount shift=10`. An instruction is 25.6 ticks, so that a tick more or less is none.
 const NS_PER_INSTRUCTION: u64 = 1 << 10;
 
-/// The stack that is looked at, in words: 64 KiB. Work that takes more shows as taking all of it.
-const DEPTH: u32 = 64 * 1024 / 4;
+/// The stack that is looked at, in words: half of it. Work that takes more shows as taking all of that.
+const DEPTH: u32 = 32 * 1024 / 4;
 /// What untouched stack holds.
 const PATTERN: u32 = 0x5AC5_5AC5;
 
@@ -79,7 +79,7 @@ fn ticks_and_stack(work: &mut dyn FnMut()) -> (u64, u32) {
 /// A word of the stack, so many below the stack pointer.
 fn below(top: u32, words: u32) -> Register {
     // SAFETY: the stack pointer is a multiple of 4. What lies below it belongs to nobody while nothing is called, and
-    // interrupts are off. The board has 4 MiB of memory, of which this program fills next to nothing from the other
-    // end.
+    // interrupts are off. There are 64 KiB of stack, of
+    // which this program has used next to nothing.
     unsafe { Register::at((top - 4 * words) as usize) }
 }

@@ -19,6 +19,8 @@ mod pins;
 mod reset;
 #[path = "../rtt.rs"]
 mod rtt;
+#[path = "../stack.rs"]
+mod stack;
 mod step_timer;
 mod thermistor;
 mod watchdog;
