@@ -17,13 +17,13 @@ struct Map {
 #[expect(clippy::single_range_in_vec_init, reason = "a board with one piece of RAM")]
 const RAM_OF_AN386: [Range<u64>; 1] = [0x2000_0000..0x2040_0000];
 
-const AN386: Map = Map { flash: 0..0x40_0000, ram: &RAM_OF_AN386, stack_top: 0x2040_0000 };
+const AN386: Map = Map { flash: 0..0x40_0000, ram: &RAM_OF_AN386, stack_top: 0x2001_0000 };
 
 /// The last 256 KiB of flash are the journal's.
 const STM32F405: Map = Map {
     flash: 0x0800_0000..0x080c_0000,
     ram: &[0x2000_0000..0x2002_0000, 0x1000_0000..0x1001_0000],
-    stack_top: 0x2002_0000,
+    stack_top: 0x1001_0000,
 };
 
 fn within(inner: &Range<u64>, outer: &Range<u64>) -> bool {

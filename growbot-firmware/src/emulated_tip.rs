@@ -26,6 +26,7 @@
 //! | `0x050` | [`STEP_WRITE_INDEX`] | board | records written, wrapping, survives a reset of the board |
 //! | `0x054` | [`STEP_OVERRUN`] | board | records dropped because the ring was full, in this boot |
 //! | `0x058` | [`LINK_BYTES_LOST`] | board | received bytes dropped because the queue was full, in this boot |
+//! | `0x05C` | [`STACK_UNUSED`] | board | bytes of the stack that this boot has not used yet; 0 until they are counted |
 //! | `0x060` | [`FAN_DUTY`] | board | 0 to 65535, full speed |
 //! | `0x100` | [`THERMISTOR_RAW`] | host | 0 to 4095, as the board's converter would read |
 //! | `0x104` | [`THERMISTOR_LIVE`] | host | 1: the converter delivers readings; 0: it has stopped |
@@ -45,6 +46,7 @@
 //! | `0x140` | [`ENCODER_STATE`] | host | `ENCODER_*`: whether filament follows the feed |
 //! | `0x144` | [`GRAVITY_X`], [`GRAVITY_Y`], [`GRAVITY_Z`] | host | `i32`: gravity in the tip's frame, thousandths of the earth's |
 //! | `0x150` | [`GRAVITY_LIVE`] | host | 1: the orientation sensor answers |
+//! | `0x154` | [`OVERFLOW_STACK`] | host | 1: the board is to overflow its stack, to show what comes of it |
 //! | `0x1000` | [`MACHINE`] | host | the machine description, bytes |
 //! | `0x10_0000` | [`STEP_RING`] | board | [`STEP_RING_RECORDS`] step records, see [`StepRecord`] |
 //!
@@ -122,6 +124,8 @@ pub const STEP_WRITE_INDEX: usize = 0x050;
 pub const STEP_OVERRUN: usize = 0x054;
 /// Offset, board to host: received bytes dropped in this boot.
 pub const LINK_BYTES_LOST: usize = 0x058;
+/// Offset, board to host: bytes of the stack that were never used in this boot; 0 until they are counted.
+pub const STACK_UNUSED: usize = 0x05C;
 /// Offset, board to host: duty of the fan, 0 to 65535.
 pub const FAN_DUTY: usize = 0x060;
 
@@ -166,6 +170,8 @@ pub const GRAVITY_Y: usize = 0x148;
 pub const GRAVITY_Z: usize = 0x14C;
 /// Offset, host to board: 1 while the orientation sensor answers.
 pub const GRAVITY_LIVE: usize = 0x150;
+/// Offset, host to board: 1 to have the board overflow its stack.
+pub const OVERFLOW_STACK: usize = 0x154;
 /// Offset, host to board: the machine description.
 pub const MACHINE: usize = 0x1000;
 /// The longest machine description, in bytes.
@@ -186,6 +192,8 @@ pub const RESET_PANIC: u32 = 3;
 pub const RESET_FAULT: u32 = 4;
 /// [`RESET_CAUSE`]: reset from outside, by the emulator's monitor.
 pub const RESET_EXTERNAL: u32 = 5;
+/// [`RESET_CAUSE`]: the firmware used more stack than there is.
+pub const RESET_STACK_OVERFLOW: u32 = 6;
 
 /// [`INDEX_FAULT`]: the sensor works.
 pub const INDEX_FAULT_NONE: u32 = 0;
@@ -389,6 +397,7 @@ mod tests {
             STEP_WRITE_INDEX,
             STEP_OVERRUN,
             LINK_BYTES_LOST,
+            STACK_UNUSED,
             FAN_DUTY,
             THERMISTOR_RAW,
             THERMISTOR_LIVE,
@@ -410,6 +419,7 @@ mod tests {
             GRAVITY_Y,
             GRAVITY_Z,
             GRAVITY_LIVE,
+            OVERFLOW_STACK,
             MACHINE,
         ];
         assert!(words.windows(2).all(|pair| pair[0] + 4 <= pair[1]));

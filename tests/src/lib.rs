@@ -6,6 +6,7 @@ pub mod netduinoplus2;
 pub mod normal_growth;
 pub mod random;
 pub mod slow_shortest;
+pub mod stack_depth;
 
 use std::path::{Path, PathBuf};
 

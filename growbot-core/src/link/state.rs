@@ -288,7 +288,7 @@ pub enum ResetCause {
     ProcessorFault,
     /// The reset pin, a debug probe, or a reset that software asked for.
     External,
-    /// The stack overflowed.
+    /// The firmware used more stack than there is.
     StackOverflow,
 }
 

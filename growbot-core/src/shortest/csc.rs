@@ -62,18 +62,23 @@ impl Csc {
 /// A tangent from the corner to the goal's circles.
 #[derive(Clone, Copy)]
 struct Branch {
-    /// On which side of the goal's direction the circle's centre lies: towards (1) or away from (-1) `across`.
-    side: f64,
-    /// Along the tangent forwards (1) or backwards (-1).
-    way: f64,
+    /// Whether the circle's centre lies towards `across`, seen from the goal's direction, or away from it.
+    towards: bool,
+    /// Along the tangent forwards or backwards.
+    forwards: bool,
 }
 
 const BRANCHES: [Branch; 4] = [
-    Branch { side: 1.0, way: 1.0 },
-    Branch { side: 1.0, way: -1.0 },
-    Branch { side: -1.0, way: 1.0 },
-    Branch { side: -1.0, way: -1.0 },
+    Branch { towards: true, forwards: true },
+    Branch { towards: true, forwards: false },
+    Branch { towards: false, forwards: true },
+    Branch { towards: false, forwards: false },
 ];
+
+/// A number or its negative: a multiplication by 1 or -1, which takes the microcontroller long.
+fn signed(positive: bool, number: f64) -> f64 {
+    if positive { number } else { -number }
+}
 
 /// A probe: where in the range, and `h / (1 + tau^2)` there.
 type Probe = (f64, f64);
@@ -97,6 +102,39 @@ struct Corner {
     along: f64,
     distance: f64,
     across: Vector3<f64>,
+}
+
+/// One of the goal's circles, and the tangents from the corner to it: what both have in common.
+#[derive(Clone, Copy)]
+struct Circle {
+    towards: bool,
+    /// Its centre in (direction, across), seen from the corner.
+    x: f64,
+    y: f64,
+    /// From the corner to where they touch it.
+    length: f64,
+    /// The inverse square of the distance of its centre.
+    scale: f64,
+}
+
+impl Circle {
+    /// None round a corner within the circle, from where there are no tangents.
+    fn new(corner: &Corner, towards: bool) -> Option<Self> {
+        let (x, y) = (corner.along, signed(towards, 1.0) - corner.distance);
+        let squared = x * x + y * y - 1.0;
+        if squared < 0.0 {
+            return None;
+        }
+        Some(Self { towards, x, y, length: libm::sqrt(squared), scale: 1.0 / (squared + 1.0) })
+    }
+
+    /// The direction of a tangent, in (direction, across), and its signed length.
+    fn line(&self, forwards: bool) -> (f64, f64, f64) {
+        let &Self { towards, x, y, scale, .. } = self;
+        let length = signed(forwards, self.length);
+        // The centre lies a radius to the side of the line: centre = length u + side left(u).
+        ((x * length + signed(towards, y)) * scale, (y * length - signed(towards, x)) * scale, length)
+    }
 }
 
 /// What would be a path if its line were not a little shorter than nothing: a helicoidal arc is mostly near it.
@@ -127,29 +165,17 @@ impl Search<'_> {
         Corner { along, distance, across: off / distance.max(f64::MIN_POSITIVE) }
     }
 
-    /// The direction of the line, and its signed length from the corner to where it touches the circle.
-    fn line(&self, corner: &Corner, branch: Branch) -> Option<(f64, f64, f64)> {
-        // The circle's centre in (direction, across), seen from the corner.
-        let (x, y) = (corner.along, branch.side - corner.distance);
-        let squared = x * x + y * y - 1.0;
-        if squared < 0.0 {
-            return None;
-        }
-        let length = branch.way * libm::sqrt(squared);
-        // It lies a radius to the side of the line: centre = length u + side left(u).
-        let scale = 1.0 / (squared + 1.0);
-        Some(((x * length + y * branch.side) * scale, (y * length - x * branch.side) * scale, length))
-    }
-
     fn misfit(&self, branch: Branch, q: f64) -> Option<f64> {
         let tau = tau_of(q);
-        self.misfit_at(branch, &self.corner(tau), cosine(tau))
+        let corner = self.corner(tau);
+        let circle = Circle::new(&corner, branch.towards)?;
+        Some(self.misfit_at(&corner, &circle, branch.forwards, cosine(tau)))
     }
 
     /// `h / (1 + tau^2)`, which keeps it finite and its roots where they are: `f - cos(a)`.
-    fn misfit_at(&self, branch: Branch, corner: &Corner, cosine: f64) -> Option<f64> {
-        let (cos, sin, _) = self.line(corner, branch)?;
-        Some(cos * self.problem.direction.z + sin * corner.across.z - cosine)
+    fn misfit_at(&self, corner: &Corner, circle: &Circle, forwards: bool, cosine: f64) -> f64 {
+        let (cos, sin, _) = circle.line(forwards);
+        cos * self.problem.direction.z + sin * corner.across.z - cosine
     }
 
     /// Looks for roots of `h` in one half of the range.
@@ -161,8 +187,10 @@ impl Search<'_> {
             let q = sign * f64::from(probe) / f64::from(probes);
             let tau = tau_of(q);
             let (corner, cosine) = (self.corner(tau), cosine(tau));
+            let (towards, away) = (Circle::new(&corner, true), Circle::new(&corner, false));
             for (branch, last) in BRANCHES.into_iter().zip(&mut last) {
-                let here = self.misfit_at(branch, &corner, cosine).map(|misfit| (q, misfit));
+                let circle = if branch.towards { &towards } else { &away };
+                let here = circle.as_ref().map(|circle| (q, self.misfit_at(&corner, circle, branch.forwards, cosine)));
                 match (last[1], here) {
                     (Some(a), Some(b)) => self.bracket(branch, a, b),
                     // The branch ends or begins between two probes.
@@ -263,7 +291,8 @@ impl Search<'_> {
     fn consider(&mut self, branch: Branch, q: f64) {
         let tau = tau_of(q);
         let corner = self.corner(tau);
-        let Some((cos, sin, length)) = self.line(&corner, branch) else { return };
+        let Some(circle) = Circle::new(&corner, branch.towards) else { return };
+        let (cos, sin, length) = circle.line(branch.forwards);
         let straight = length - tau;
         if straight < -OVERLAP {
             return;
@@ -273,9 +302,10 @@ impl Search<'_> {
         let half = libm::atan(tau);
         let first = if tau < 0.0 { TAU + 2.0 * half } else { 2.0 * half };
         // From the line's direction to the goal's, turning towards the circle's centre.
-        let turned = libm::atan2(-branch.side * sin, cos);
+        let turned = libm::atan2(signed(branch.towards, -sin), cos);
         let last = if turned < 0.0 { turned + TAU } else { turned };
-        let towards = (across * cos - self.problem.direction * sin) * branch.side;
+        let towards = across * cos - self.problem.direction * sin;
+        let towards = if branch.towards { towards } else { -towards };
         // The first arc bends towards the line, or the other way round for more than half a turn.
         let (x, y) = if tau < 0.0 { (-u.x, -u.y) } else { (u.x, u.y) };
         let first_towards = libm::atan2(y, x);

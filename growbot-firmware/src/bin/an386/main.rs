@@ -6,6 +6,7 @@
 #![no_std]
 #![no_main]
 
+mod high_water;
 mod interrupt_owned;
 mod interrupts;
 mod line;
@@ -15,6 +16,8 @@ mod registers;
 mod reset;
 #[path = "../rtt.rs"]
 mod rtt;
+#[path = "../stack.rs"]
+mod stack;
 mod step_timer;
 mod tip;
 mod watchdog;
@@ -28,6 +31,7 @@ use growbot_firmware::machine;
 use growbot_firmware::polarity::Polarized;
 use growbot_firmware::stepping::{Axis, Engine, EngineSettings, Handover, Inputs};
 
+use crate::high_water::HighWater;
 use crate::line::Line;
 use crate::tip::Tip;
 
@@ -103,7 +107,9 @@ fn main() -> ! {
     };
     let mut controller = Controller::<An386>::new(robot, identity, parts, &HANDOVER);
     let mut logged = controller.state();
+    let mut high_water = HighWater::default();
     loop {
+        high_water.look();
         while let Some(byte) = line.received.dequeue() {
             controller.receive(byte, &HANDOVER);
         }

@@ -3,7 +3,7 @@
 use core::mem::MaybeUninit;
 
 use cortex_m::peripheral::SCB;
-use cortex_m_rt::{ExceptionFrame, exception};
+use cortex_m_rt::exception;
 use growbot_core::link::message::ResetCause;
 use growbot_firmware::emulated_tip;
 
@@ -45,8 +45,8 @@ pub fn named(cause: u32) -> ResetCause {
     match cause {
         emulated_tip::RESET_POWER_ON => ResetCause::PowerOn,
         emulated_tip::RESET_WATCHDOG => ResetCause::Watchdog,
-        emulated_tip::RESET_PANIC => ResetCause::Panic,
         emulated_tip::RESET_FAULT => ResetCause::ProcessorFault,
+        emulated_tip::RESET_STACK_OVERFLOW => ResetCause::StackOverflow,
         _ => ResetCause::External,
     }
 }
@@ -58,8 +58,13 @@ fn end(cause: u32) -> ! {
     SCB::sys_reset()
 }
 
-#[exception]
-unsafe fn HardFault(_frame: &ExceptionFrame) -> ! {
+/// The stack is full.
+pub fn on_stack_overflow() -> ! {
+    end(emulated_tip::RESET_STACK_OVERFLOW)
+}
+
+/// The processor faulted for another reason.
+pub fn on_fault() -> ! {
     end(emulated_tip::RESET_FAULT)
 }
 

@@ -85,6 +85,7 @@ impl Tip {
             table::HEATER_ENERGY_HI,
             table::STEP_OVERRUN,
             table::LINK_BYTES_LOST,
+            table::STACK_UNUSED,
         ] {
             word(fresh).write(0);
         }
@@ -180,6 +181,16 @@ pub fn count_feed() {
 /// Counts a received byte that found the queue full.
 pub fn count_lost_byte() {
     count(table::LINK_BYTES_LOST);
+}
+
+/// Tells the host how much stack was never used.
+pub fn publish_unused_stack(bytes: u32) {
+    word(table::STACK_UNUSED).write(bytes);
+}
+
+/// Whether the host wants the stack to overflow.
+pub fn wants_overflow() -> bool {
+    word(table::OVERFLOW_STACK).read() == 1
 }
 
 const fn enable_of(axis: Axis) -> usize {

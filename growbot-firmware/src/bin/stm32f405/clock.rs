@@ -31,7 +31,6 @@ pub fn speed_up(rcc: &pac::RCC, flash: &pac::FLASH) {
     while rcc.cr().read().pllrdy().bit_is_clear() {}
     // Flash is slower than the processor by 5 clocks at 168 MHz and 3.3 V.
     flash.acr().write(|w| w.latency().ws5().prften().set_bit().icen().set_bit().dcen().set_bit());
-    while !flash.acr().read().latency().is_ws5() {}
     rcc.cfgr().modify(|_, w| w.hpre().div1().ppre1().div4().ppre2().div2());
     // The new ratios hold after up to 16 clocks.
     cortex_m::asm::delay(16);

@@ -24,6 +24,8 @@ mod pins;
 mod reset;
 #[path = "../rtt.rs"]
 mod rtt;
+#[path = "../stack.rs"]
+mod stack;
 mod step_timer;
 mod tip_bus;
 mod watchdog;

@@ -4,7 +4,6 @@ use core::cell::UnsafeCell;
 use core::mem::MaybeUninit;
 
 use cortex_m::peripheral::SCB;
-use cortex_m_rt::{ExceptionFrame, exception};
 use growbot_core::link::message::ResetCause;
 use stm32f4xx_hal::pac;
 
@@ -26,6 +25,7 @@ const CHECK: usize = 2;
 
 const FAULTED: u32 = 0x6E0F_E502;
 const SAGGED: u32 = 0x6E0F_E503;
+const OVERFLOWED: u32 = 0x6E0F_E504;
 
 impl Notes {
     fn word(&self, index: usize) -> *mut u32 {
@@ -56,6 +56,8 @@ pub fn take_cause(rcc: &pac::RCC) -> ResetCause {
         ResetCause::BrownOut
     } else if flags.wdgrstf().bit_is_set() || flags.wwdgrstf().bit_is_set() {
         ResetCause::Watchdog
+    } else if end == OVERFLOWED {
+        ResetCause::StackOverflow
     } else if end == FAULTED {
         ResetCause::ProcessorFault
     } else {
@@ -87,7 +89,12 @@ pub fn end_by_brown_out() -> ! {
     end(SAGGED)
 }
 
-#[exception]
-unsafe fn HardFault(_frame: &ExceptionFrame) -> ! {
+/// The stack is full.
+pub fn on_stack_overflow() -> ! {
+    end(OVERFLOWED)
+}
+
+/// The processor faulted for another reason.
+pub fn on_fault() -> ! {
     end(FAULTED)
 }

@@ -1,0 +1,44 @@
+//! How much of the stack was ever used. Start-up paints all of it; what is still painted was not.
+
+use core::hint::black_box;
+
+use cortex_m_rt::STACK_PAINT_VALUE;
+
+use crate::registers::Register;
+use crate::{stack, tip};
+
+/// Words that are looked at in one round of the main loop.
+const AT_ONCE: usize = 64;
+
+/// Looks from the bottom of the stack upwards for the first word that was used, a little in each round.
+#[derive(Default)]
+pub struct HighWater {
+    /// Words of paint found so far.
+    painted: usize,
+}
+
+impl HighWater {
+    /// Looks on, and tells the host whenever the end of the paint is found.
+    pub fn look(&mut self) {
+        if tip::wants_overflow() {
+            black_box(overflow(0));
+        }
+        for _ in 0..AT_ONCE {
+            // SAFETY: a word of the stack: the paint ends below where the stack pointer is. It is only read, whatever it holds.
+            if unsafe { Register::at(stack::bottom() + 4 * self.painted) }.read() != STACK_PAINT_VALUE {
+                tip::publish_unused_stack(4 * self.painted as u32);
+                self.painted = 0;
+                return;
+            }
+            self.painted += 1;
+        }
+    }
+}
+
+/// Calls itself for ever, each time with a frame of its own.
+#[expect(unconditional_recursion, reason = "it is to overflow the stack")]
+#[inline(never)]
+fn overflow(depth: u32) -> u32 {
+    let frame = black_box([depth; 8]);
+    overflow(black_box(depth + 1)) ^ black_box(frame)[0]
+}

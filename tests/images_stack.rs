@@ -1,0 +1,117 @@
+//! The stack of a running board: an overflow ends in a clean reset, and a growth that the board plans by itself leaves half of it unused.
+
+use std::fs::File;
+use std::os::unix::fs::FileExt;
+use std::sync::atomic::AtomicBool;
+use std::time::{Duration, Instant};
+
+use growbot_core::link::message::{Message, PlanRequest, ResetCause, State};
+use growbot_core::plan::{Planner, plan};
+use growbot_core::pose::Pose;
+use growbot_firmware::emulated_tip as table;
+use growbot_host::client::Client;
+use growbot_host::growth::{Job, Outcome, grow_job};
+use growbot_host::port::emulator::Emulator;
+use growbot_host::robot_file;
+use growbot_tests::firmware;
+
+/// The region of the stack, on both boards.
+const STACK: u32 = 64 * 1024;
+/// How long the board may take to a reset, or to look through its stack. It takes some 100 ms, or more on a busy machine.
+const PATIENCE: Duration = Duration::from_secs(20);
+
+/// The memory that the board shares with its tip, from the side.
+struct Words(File);
+
+impl Words {
+    fn of(emulator: &mut Emulator) -> Self {
+        Self(emulator.board().tip().file().try_clone().unwrap())
+    }
+
+    fn read(&self, offset: usize) -> u32 {
+        let mut bytes = [0; 4];
+        self.0.read_exact_at(&mut bytes, offset as u64).unwrap();
+        u32::from_le_bytes(bytes)
+    }
+
+    fn write(&self, offset: usize, value: u32) {
+        self.0.write_all_at(&value.to_le_bytes(), offset as u64).unwrap();
+    }
+
+    fn wait(&self, what: &str, until: impl Fn(&Self) -> bool) {
+        let began = Instant::now();
+        while !until(self) {
+            assert!(began.elapsed() < PATIENCE, "{what}: not within {PATIENCE:?}");
+            std::thread::sleep(Duration::from_millis(10));
+        }
+    }
+}
+
+#[test]
+fn a_stack_overflow_is_a_clean_fault_and_the_next_boot_says_so() {
+    let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
+    let mut emulator = Emulator::start(&robot, Some(&firmware("an386"))).unwrap();
+    let words = Words::of(&mut emulator);
+    let mut client = Client::new(Box::new(emulator), "the emulated board");
+    assert_eq!(client.hello_robot(&robot).unwrap().reset_cause, ResetCause::PowerOn);
+
+    words.write(table::OVERFLOW_STACK, 1);
+    words.wait("a second boot", |words| words.read(table::BOOTS) > 1);
+    words.write(table::OVERFLOW_STACK, 0);
+
+    assert_eq!(words.read(table::RESET_CAUSE), table::RESET_STACK_OVERFLOW);
+    for output in [table::HEATER_DUTY, table::HEATER_ENABLE, table::HEAD_ENABLE, table::FEED_ENABLE] {
+        assert_eq!(words.read(output), 0);
+    }
+    let hello = client.hello_robot(&robot).unwrap();
+    assert_eq!((hello.reset_cause, hello.status.state), (ResetCause::StackOverflow, State::Idle));
+}
+
+#[test]
+fn planning_and_growing_leave_half_of_the_stack_unused() {
+    let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
+    let mut emulator = Emulator::start(&robot, Some(&firmware("an386"))).unwrap();
+    let words = Words::of(&mut emulator);
+    let mut client = Client::new(Box::new(emulator), "the emulated board");
+    client.hello_robot(&robot).unwrap();
+
+    // A near goal, for which helicoidal arcs are looked for, and one further away.
+    let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
+    for goal in [
+        [100.0, 0.0, 100.0, 0.0, 0.0],
+        [150.0, 40.0, 200.0, 60.0, 10.0],
+        [60.0, 40.0, 190.0, 100.0, 20.0],
+        [60.0, 40.0, 90.0, 100.0, -20.0],
+        [300.0, 200.0, 400.0, 30.0, 10.0],
+    ] {
+        for planner in [Planner::TwoPlane, Planner::Shortest] {
+            let goal = Pose::from_degrees(goal).unwrap();
+            let request = PlanRequest { start: (&start).into(), goal: (&goal).into(), radius: 100.0, planner };
+            let began = Instant::now();
+            let answer = client.request("to plan", &Message::Plan(request));
+            println!(
+                "{:?} {:?} boots {} cause {} unused {}",
+                planner,
+                began.elapsed(),
+                words.read(table::BOOTS),
+                words.read(table::RESET_CAUSE),
+                words.read(table::STACK_UNUSED)
+            );
+            let answer = answer.unwrap();
+            assert!(matches!(answer, Message::Planned(_)), "{answer:?}");
+        }
+    }
+
+    let goal = Pose::from_degrees([2.0, 0.0, 25.0, 0.0, 80.0]).unwrap();
+    let path = plan(&robot, &start, &goal, 100.0, Planner::TwoPlane).unwrap().path;
+    let job = Job { robot: &robot, start: &start, goal: &goal, path: &path };
+    let grown = grow_job(&mut client, &job, &AtomicBool::new(false), &mut |_| {}).unwrap();
+    assert_eq!(grown.outcome, Outcome::Done);
+
+    // As long as a whole look through the stack takes.
+    std::thread::sleep(Duration::from_secs(1));
+    words.wait("a count of the stack", |words| words.read(table::STACK_UNUSED) > 0);
+    let used = STACK - words.read(table::STACK_UNUSED);
+    println!("{used} B of {STACK} B of the emulated board's stack were used, {} %", 100 * used / STACK);
+    assert!(used < STACK / 2);
+}

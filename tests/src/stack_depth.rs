@@ -1,0 +1,243 @@
+//! How deep the stack of an image can get, from its code alone.
+//!
+//! Reads the Thumb-2 instructions of every function: what it takes of the stack, and whom it calls. A tail call counts as a call. A call
+//! through a pointer counts as one of the deepest function of all whose address is taken anywhere. Recursion has no depth, and is refused.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use object::{Object, ObjectSection, ObjectSymbol, SymbolKind};
+
+/// A function, as far as the stack goes.
+#[derive(Debug, Default)]
+struct Function {
+    name: String,
+    end: u64,
+    /// Bytes that it takes itself.
+    own: u64,
+    calls: BTreeSet<u64>,
+    /// Whether it calls through a pointer.
+    indirect: bool,
+}
+
+/// One function of a chain of calls.
+#[derive(Debug, Clone)]
+pub struct Step {
+    /// Its name.
+    pub function: String,
+    /// Bytes of stack that it takes itself.
+    pub own: u64,
+}
+
+/// An image, taken apart.
+#[derive(Debug)]
+pub struct Image {
+    functions: BTreeMap<u64, Function>,
+    /// Functions whose address is taken.
+    pointed_at: BTreeSet<u64>,
+    symbols: BTreeMap<String, u64>,
+    vectors: Vec<u32>,
+}
+
+/// The number that the instruction set packs into twelve bits.
+fn expanded(i: u32, low: u32) -> u64 {
+    let (code, byte) = ((i << 11 | (low >> 12 & 7) << 8 | low & 0xFF) >> 7, low & 0xFF);
+    let pattern = i << 3 | low >> 12 & 7;
+    u64::from(match pattern {
+        0 => byte,
+        1 => byte << 16 | byte,
+        2 => byte << 24 | byte << 8,
+        3 => byte * 0x0101_0101,
+        _ => (0x80 | byte).rotate_right(code),
+    })
+}
+
+/// How far a 32-bit branch leads.
+fn branch_offset(high: u32, low: u32) -> i64 {
+    let sign = high >> 10 & 1;
+    let (i1, i2) = (!(low >> 13 ^ sign) & 1, !(low >> 11 ^ sign) & 1);
+    let bits = sign << 24 | i1 << 23 | i2 << 22 | (high & 0x3FF) << 12 | (low & 0x7FF) << 1;
+    i64::from((bits << 7).cast_signed() >> 7)
+}
+
+impl Image {
+    /// Takes an ELF image of a Cortex-M4 apart.
+    ///
+    /// # Panics
+    /// If it is none, or does something to its stack pointer that this program does not understand.
+    #[must_use]
+    pub fn parse(image: &[u8]) -> Self {
+        let file = object::File::parse(image).unwrap();
+        let word = |bytes: &[u8]| u32::from_le_bytes(bytes.try_into().unwrap());
+        let mut functions = BTreeMap::new();
+        let mut symbols = BTreeMap::new();
+        // Where code and data begin, by the symbols that the assembler leaves.
+        let mut kinds = BTreeMap::new();
+        for symbol in file.symbols() {
+            let Ok(name) = symbol.name() else { continue };
+            let address = symbol.address();
+            match name.split('.').next() {
+                Some("$t") => _ = kinds.insert(address, true),
+                Some("$d") => _ = kinds.insert(address, false),
+                _ => _ = symbols.insert(name.to_owned(), address),
+            }
+            if symbol.kind() == SymbolKind::Text && !name.starts_with('$') {
+                let (start, end) = (address & !1, (address & !1) + symbol.size());
+                let function = functions.entry(start).or_insert_with(Function::default);
+                function.end = function.end.max(end);
+                function.name = name.to_owned();
+            }
+        }
+        // What has no size ends where the next function begins.
+        let starts: Vec<u64> = functions.keys().copied().collect();
+        let text = file.section_by_name(".text").unwrap();
+        let text_end = text.address() + text.size();
+        for (index, start) in starts.iter().enumerate() {
+            let function = functions.get_mut(start).unwrap();
+            if function.end == *start {
+                function.end = starts.get(index + 1).copied().unwrap_or(text_end);
+            }
+        }
+
+        let mut pointers = BTreeSet::new();
+        for name in [".rodata", ".data"] {
+            let section = file.section_by_name(name).unwrap();
+            pointers.extend(section.data().unwrap().chunks_exact(4).map(word));
+        }
+        let code = text.data().unwrap();
+        for (start, function) in &mut functions {
+            let mut at = *start;
+            let mut halves = [0_u32; 16];
+            let mut saved = 0;
+            while at + 2 <= function.end {
+                let offset = (at - text.address()) as usize;
+                let is_code = kinds.range(..=at).next_back().is_none_or(|(_, code)| *code);
+                if !is_code {
+                    if at % 4 == 0 && offset + 4 <= code.len() {
+                        pointers.insert(word(&code[offset..offset + 4]));
+                    }
+                    at += 2;
+                    continue;
+                }
+                let half = |offset: usize| u32::from(code[offset]) | u32::from(code[offset + 1]) << 8;
+                let high = half(offset);
+                let here = at;
+                let mut jump = |offset: i64| {
+                    let target = (here as i64 + 4 + offset) as u64;
+                    if !(*start..function.end).contains(&target) {
+                        function.calls.insert(target);
+                    }
+                };
+                if high >> 11 < 0b11101 {
+                    at += 2;
+                    match high {
+                        _ if high & 0xFE00 == 0xB400 => function.own += 4 * u64::from((high & 0x1FF).count_ones()),
+                        _ if high & 0xFF80 == 0xB080 => function.own += 4 * u64::from(high & 0x7F),
+                        _ if high & 0xF800 == 0xE000 => jump(i64::from((high << 21).cast_signed() >> 20)),
+                        _ if high & 0xF000 == 0xD000 && high & 0x0F00 < 0x0E00 => {
+                            jump(i64::from((high << 24).cast_signed() >> 23));
+                        }
+                        0x4770 => {}
+                        _ if high & 0xFF07 == 0x4700 => function.indirect = true,
+                        _ => {}
+                    }
+                    continue;
+                }
+                let low = half(offset + 2);
+                at += 4;
+                let register = (low >> 8 & 0xF) as usize;
+                let wide = (high & 0xF) << 12 | (high >> 10 & 1) << 11 | (low >> 12 & 7) << 8 | low & 0xFF;
+                match high {
+                    0xE92D => function.own += 4 * u64::from(low.count_ones()),
+                    _ if high & 0xFFBF == 0xED2D && low & 0x0E00 == 0x0A00 => function.own += 4 * u64::from(low & 0xFF),
+                    // Outlined code is called with the return address saved for as long as the call lasts.
+                    0xF84D if low & 0x0F00 == 0x0D00 => saved = saved.max(u64::from(low & 0xFF)),
+                    _ if high & 0xFBEF == 0xF1AD && register == 13 => {
+                        function.own += expanded(high >> 10 & 1, low);
+                    }
+                    _ if high & 0xFBFF == 0xF2AD && register == 13 => {
+                        function.own += u64::from((high >> 10 & 1) << 11 | (low >> 12 & 7) << 8 | low & 0xFF);
+                    }
+                    _ if high & 0xFFEF == 0xEBAD && register == 13 => {
+                        panic!("{} takes a stack of unknown size at {here:#x}", function.name)
+                    }
+                    _ if high & 0xFBF0 == 0xF240 && low & 0x8000 == 0 => halves[register] = wide,
+                    _ if high & 0xFBF0 == 0xF2C0 && low & 0x8000 == 0 => {
+                        pointers.insert(wide << 16 | halves[register]);
+                    }
+                    _ if high >> 11 == 0b11110 && low & 0x9000 == 0x9000 => jump(branch_offset(high, low)),
+                    _ if high >> 11 == 0b11110 && low & 0xD000 == 0x8000 && high >> 6 & 0xE != 0xE => {
+                        let bits = (high >> 10 & 1) << 20
+                            | (low >> 11 & 1) << 19
+                            | (low >> 13 & 1) << 18
+                            | (high & 0x3F) << 12
+                            | (low & 0x7FF) << 1;
+                        jump(i64::from((bits << 11).cast_signed() >> 11));
+                    }
+                    _ => {}
+                }
+            }
+            function.own += saved;
+        }
+        let pointed_at = functions.keys().copied().filter(|start| pointers.contains(&(*start as u32 | 1))).collect();
+        let vectors = file.section_by_name(".vector_table").unwrap();
+        let vectors = vectors.data().unwrap().chunks_exact(4).map(word).collect();
+        Self { functions, pointed_at, symbols, vectors }
+    }
+
+    /// Address of a symbol.
+    ///
+    /// # Panics
+    /// If there is none of this name.
+    #[must_use]
+    pub fn symbol(&self, name: &str) -> u64 {
+        *self.symbols.get(name).unwrap_or_else(|| panic!("no symbol {name}"))
+    }
+
+    /// Where the program begins, and the handlers of exceptions and interrupts, without that of faults, which begins a stack of its own.
+    pub fn entries(&self) -> (u64, impl Iterator<Item = (&str, u64)>) {
+        let handler = |vector: &u32| u64::from(vector & !1);
+        let none = [0, self.symbol("DefaultHandler_") & !1, self.symbol("HardFault") & !1];
+        let handlers: BTreeSet<u64> =
+            self.vectors.iter().skip(2).map(handler).filter(|at| !none.contains(at)).collect();
+        let named = handlers.into_iter().map(|at| (self.functions.get(&at).map_or("?", |it| it.name.as_str()), at));
+        (self.vectors.get(1).map_or(0, handler), named)
+    }
+
+    /// The chain of calls that takes most of the stack, from a function on.
+    ///
+    /// # Panics
+    /// If there is recursion.
+    #[must_use]
+    pub fn deepest(&self, entry: u64) -> Vec<Step> {
+        self.deepest_of(entry, &mut BTreeMap::new(), &mut Vec::new()).1
+    }
+
+    fn deepest_of(
+        &self,
+        at: u64,
+        known: &mut BTreeMap<u64, (u64, Vec<Step>)>,
+        callers: &mut Vec<u64>,
+    ) -> (u64, Vec<Step>) {
+        if let Some(found) = known.get(&at) {
+            return found.clone();
+        }
+        // A branch into the middle of a function is one to that function.
+        let Some((start, function)) = self.functions.range(..=at).next_back() else { return (0, Vec::new()) };
+        let names = |chain: &[u64]| chain.iter().map(|at| self.functions[at].name.clone()).collect::<Vec<_>>();
+        assert!(!callers.contains(start), "recursion: {:?} calls {}", names(callers), function.name);
+        callers.push(*start);
+        let pointed_at = self.pointed_at.iter().filter(|_| function.indirect);
+        let mut deepest = (0, Vec::new());
+        for callee in function.calls.iter().chain(pointed_at) {
+            let below = self.deepest_of(*callee, known, callers);
+            if below.0 > deepest.0 {
+                deepest = below;
+            }
+        }
+        callers.pop();
+        let mut path = vec![Step { function: function.name.clone(), own: function.own }];
+        path.append(&mut deepest.1);
+        known.insert(at, (function.own + deepest.0, path));
+        known[&at].clone()
+    }
+}
