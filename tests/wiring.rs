@@ -43,7 +43,8 @@ fn no_pin_has_two_roles_and_none_is_jtags() {
 #[test]
 fn every_field_of_a_robot_file_that_is_named_exists() {
     let robot = include_str!("../robots/growbot-a.toml");
-    let names = WIRING.split('`').skip(1).step_by(2).filter(|name| name.contains('.') && !name.contains(['/', ' ', '-']));
+    let names =
+        WIRING.split('`').skip(1).step_by(2).filter(|name| name.contains('.') && !name.contains(['/', ' ', '-']));
     for name in names {
         for part in name.split('.') {
             assert!(robot.contains(part), "{name} is in no robot file");
