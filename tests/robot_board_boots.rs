@@ -1,6 +1,12 @@
 //! The robot's own image, unmodified, boots in the emulator and answers over its serial line.
+//!
+//! There its pins read low and its converter gives nothing: to this board that is a robot whose drivers report a fault and whose
+//! sensors are silent. So its self-test must fail, and nothing must ever be switched on.
 
-use growbot_core::link::message::{Message, Refusal, Start, State};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use growbot_core::link::message::{Begin, Empty, Fault, Message, Refusal, Start, State};
 use growbot_host::client::{Client, ClientError};
 use growbot_host::port::stream::Stream;
 use growbot_host::robot_file;
@@ -15,15 +21,39 @@ fn the_robots_board_says_hello_and_answers_requests() {
     let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
     let hello = client.hello_robot(&robot).unwrap();
     assert_eq!(hello.robot_name, "growbot-a");
-    assert_eq!(hello.status.state, State::Idle);
-    assert_eq!(hello.status.target_centi_c, None);
+    assert!(matches!(hello.status.state, State::SelfTest | State::Fault), "{:?}", hello.status.state);
+    assert_eq!((hello.status.target_centi_c, hello.status.duty), (None, 0));
 
     // The clock runs.
     let before = client.status().unwrap().uptime_ms;
-    std::thread::sleep(std::time::Duration::from_millis(100));
+    sleep(Duration::from_millis(100));
     assert!(client.status().unwrap().uptime_ms > before);
 
-    // What makes no sense is refused.
+    // The self-test ends, within its 2 s and some for a slow machine, by a fault that such sensors are.
+    let deadline = Instant::now() + Duration::from_secs(20);
+    let status = loop {
+        let status = client.status().unwrap();
+        if status.state != State::SelfTest || Instant::now() > deadline {
+            break status;
+        }
+        sleep(Duration::from_millis(50));
+    };
+    assert_eq!(status.state, State::Fault);
+    let sensors =
+        [Fault::DriverFault, Fault::SupplyLow, Fault::ThermistorSilent, Fault::ThermistorShort, Fault::ThermistorOpen];
+    assert!(status.fault.is_some_and(|fault| sensors.contains(&fault)), "{:?}", status.fault);
+    assert_eq!((status.target_centi_c, status.duty), (None, 0));
+
+    // Nothing is begun, started or cleared while that is so.
+    let begin = Begin { plan_id: 7, layers: 1, robot: robot.hash() };
+    let refused = client.request("to begin", &Message::Begin(begin)).unwrap_err();
+    let state = State::Fault;
+    assert!(
+        matches!(refused, ClientError::Refused { refusal: Refusal::WrongState { state: said }, .. } if said == state),
+        "{refused}"
+    );
     let refused = client.request("to start", &Message::Start(Start { plan_id: 7 })).unwrap_err();
     assert!(matches!(refused, ClientError::Refused { refusal: Refusal::OtherPlan { board: 0 }, .. }), "{refused}");
+    let refused = client.request("to clear the fault", &Message::ClearFault(Empty {})).unwrap_err();
+    assert!(matches!(refused, ClientError::Refused { refusal: Refusal::FaultRemains { .. }, .. }), "{refused}");
 }

@@ -83,6 +83,8 @@ pub struct Controller<B: Board> {
     proof: ProofOfLife,
     /// Ticks of the step interrupt at the latest look, and looks since they stood still.
     ticks: (u32, u8),
+    /// The step interrupt stopped while it may have held motors.
+    holds_motors: bool,
     events: Deque<Message, EVENTS>,
     /// When the state was entered, us.
     since: u64,
@@ -111,6 +113,7 @@ impl<B: Board> Controller<B> {
             readings: SensorReadings::default(),
             proof: ProofOfLife::default(),
             ticks: (0, 0),
+            holds_motors: false,
             events: Deque::new(),
             since: 0,
             next_update: 0,

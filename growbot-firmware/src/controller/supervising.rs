@@ -117,10 +117,12 @@ impl<B: Board> Controller<B> {
         let (before, still) = self.ticks;
         let ticks = handover.ticks();
         self.ticks = if ticks == before { (ticks, still.saturating_add(1)) } else { (ticks, 0) };
-        let matters = may_heat(self.state) || self.state == State::SelfTest;
-        self.proof.steps = ticks != before || !matters;
-        if self.ticks.1 >= LOOKS_WITHOUT_TICKS && matters {
+        let works = may_heat(self.state);
+        // Only a reset lets go of motors that the interrupt holds and does not let go of: the watchdog is left to starve.
+        self.proof.steps = ticks != before || !(works || self.holds_motors);
+        if self.ticks.1 >= LOOKS_WITHOUT_TICKS && (works || self.state == State::SelfTest) {
             self.fail(Fault::StepsStalled, handover);
+            self.holds_motors = works;
         }
         if self.motion.is_overdue(self.now) {
             self.fail(Fault::MotionOverdue, handover);

@@ -204,6 +204,9 @@ fn a_step_interrupt_that_stops_is_a_fault_and_then_starves_the_watchdog() {
         bench.run_to(State::Fault, 0.5);
         assert_eq!(bench.controller.fault(), Some(Fault::StepsStalled), "{state:?}");
         assert!(bench.heater.off());
+        let fed = *bench.fed.0.borrow();
+        bench.run(3.0);
+        assert_eq!(*bench.fed.0.borrow(), fed, "only a reset can let go of the motors");
     }
     // What never ran shows in the self-test.
     let mut bench = Bench::new(fast_robot(), 25.0);
