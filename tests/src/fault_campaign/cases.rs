@@ -83,6 +83,8 @@ impl Case {
             T::ThermistorOpen => &[F::ThermistorOpen],
             T::ThermistorShort => &[F::ThermistorShort],
             T::ThermistorSilent => &[F::ThermistorSilent],
+            // While it warms up, a reading that stands still is first of all one that does not rise.
+            T::ThermistorFrozen if cold => &[F::ThermistorFrozen, F::HeatingTooSlow],
             T::ThermistorFrozen => &[F::ThermistorFrozen],
             // It follows nothing: what it shows first depends on what the nozzle does meanwhile.
             T::ThermistorStuck => &[

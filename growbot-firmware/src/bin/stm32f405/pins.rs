@@ -35,7 +35,9 @@ use core::sync::atomic::{AtomicBool, Ordering};
 use growbot_core::robot::RobotDescription;
 use growbot_firmware::polarity::Polarized;
 use stm32f4xx_hal::gpio::{Alternate, Analog, GpioExt, Input, Output, PinState, Pull};
-use stm32f4xx_hal::gpio::{PA2, PA3, PA6, PA7, PB5, PB6, PB7, PB8, PB12, PB13, PB14, PB15, PC0, PC1, PC6, PC7, PC8, PC9};
+use stm32f4xx_hal::gpio::{
+    PA2, PA3, PA6, PA7, PB5, PB6, PB7, PB8, PB12, PB13, PB14, PB15, PC0, PC1, PC6, PC7, PC8, PC9,
+};
 use stm32f4xx_hal::pac;
 use stm32f4xx_hal::rcc::Rcc;
 
