@@ -126,7 +126,9 @@ fn expected(wrong: Wrong, phase: Phase) -> (&'static [Fault], f64) {
         Wrong::Stuck if rising => (&[HeatingTooSlow, ThermistorFrozen, HeaterEnergy], if near { 120.0 } else { 15.0 }),
         Wrong::Stuck => (&[ThermistorFrozen, HeaterEnergy], 120.0),
         Wrong::Detached(..) if phase == Phase::Before => (&[HeatingTooSlow], 10.0),
-        Wrong::Detached(..) if near => (&[HeatingTooSlow, ThermistorDetached, TemperatureDrop, HeaterEnergy], 15.0),
+        Wrong::Detached(..) if near => {
+            (&[HeatingTooSlow, ThermistorDetached, ThermistorFrozen, TemperatureDrop, HeaterEnergy], 15.0)
+        }
         Wrong::Detached(..) => (&[ThermistorDetached, TemperatureDrop, HeaterEnergy], 10.0),
         Wrong::HeaterOpen if phase == Phase::Before => (&[HeatingTooSlow], 20.0),
         Wrong::HeaterOpen if near => (&[HeatingTooSlow, TemperatureDrop, HeaterEnergy], 30.0),
