@@ -61,8 +61,7 @@ const LEARNING_C: f64 = 2.0;
 /// The reading's part in the wiggle, as a share of it, below which it is missed; so often in a row means a fault.
 const WIGGLE_SHARE: f64 = 0.15;
 const WIGGLES: u32 = 2;
-/// A period of the wiggle counts unless the power was saturated for more than this share of it; so many that do not, in a row, are
-/// more power than a hot nozzle can need.
+/// Power that is saturated for more than this share of so many periods in a row is more than a hot nozzle can need.
 const SATURATED_SHARE: f64 = 0.6;
 const SATURATED: u32 = 3;
 /// The nozzle's own temperature is that of a reading that goes on for so long, s, at its rate beyond this, degrees a second.
@@ -340,14 +339,10 @@ impl Supervision {
         };
         let wiggle = &mut self.wiggle;
         if wiggle.seconds > WIGGLE_PERIOD_S - 0.5 * look.seconds {
-            let Wiggle { sine, cosine, seconds, saturated_s, mut missed, mut saturated } = *wiggle;
+            let Wiggle { sine, cosine, seconds, saturated_s, missed, saturated } = *wiggle;
             let shown = 2.0 * libm::hypot(sine, cosine) / seconds.max(1e-3);
-            if saturated_s > SATURATED_SHARE * seconds {
-                saturated += 1;
-            } else {
-                missed = if shown < WIGGLE_SHARE * amplitude { missed + 1 } else { 0 };
-                saturated = 0;
-            }
+            let missed = if shown < WIGGLE_SHARE * amplitude { missed + 1 } else { 0 };
+            let saturated = if saturated_s > SATURATED_SHARE * seconds { saturated + 1 } else { 0 };
             *wiggle = Wiggle { missed, saturated, ..Wiggle::default() };
         }
         if look.regulated.is_some_and(|regulated| regulated.saturated) {
@@ -359,7 +354,8 @@ impl Supervision {
         wiggle.cosine += error * cos * look.seconds;
         wiggle.seconds += look.seconds;
         if wiggle.missed >= WIGGLES {
-            return Some(Fault::ThermistorFrozen);
+            // With all the power there is no wiggle; but a reading that stands meanwhile is not that of a hot nozzle either.
+            return Some(if wiggle.saturated > 0 { Fault::HeaterEnergy } else { Fault::ThermistorFrozen });
         }
         (wiggle.saturated >= SATURATED).then_some(Fault::HeaterEnergy)
     }

@@ -123,20 +123,23 @@ fn expected(wrong: Wrong, phase: Phase) -> (&'static [Fault], f64) {
         Wrong::Silent => (&[ThermistorSilent], 0.6),
         Wrong::Frozen if rising => (&[HeatingTooSlow, ThermistorFrozen], if near { 60.0 } else { 15.0 }),
         Wrong::Frozen => (&[ThermistorFrozen], 60.0),
-        Wrong::Stuck if rising => (&[HeatingTooSlow, ThermistorFrozen, HeaterEnergy], if near { 75.0 } else { 15.0 }),
-        Wrong::Stuck => (&[ThermistorFrozen, HeaterEnergy], 75.0),
+        Wrong::Stuck if rising => (&[HeatingTooSlow, ThermistorFrozen, HeaterEnergy], if near { 120.0 } else { 15.0 }),
+        Wrong::Stuck => (&[ThermistorFrozen, HeaterEnergy], 120.0),
         Wrong::Detached(..) if phase == Phase::Before => (&[HeatingTooSlow], 10.0),
-        Wrong::Detached(..) if rising => (&[HeatingTooSlow, ThermistorDetached], 10.0),
+        Wrong::Detached(..) if near => {
+            (&[HeatingTooSlow, ThermistorDetached, ThermistorFrozen, TemperatureDrop, HeaterEnergy], 15.0)
+        }
         Wrong::Detached(..) => (&[ThermistorDetached, TemperatureDrop, HeaterEnergy], 10.0),
-        Wrong::HeaterOpen if rising => (&[HeatingTooSlow], 20.0),
+        Wrong::HeaterOpen if phase == Phase::Before => (&[HeatingTooSlow], 20.0),
+        Wrong::HeaterOpen if near => (&[HeatingTooSlow, TemperatureDrop, HeaterEnergy], 30.0),
         Wrong::HeaterOpen if phase == Phase::LettingDown => (&[TemperatureDrop], 75.0),
         Wrong::HeaterOpen => (&[TemperatureDrop, HeaterEnergy], 20.0),
         // Hidden as long as full power is asked for.
         Wrong::StuckOn(duty) if duty >= 1.0 => (&[HeaterStuckOn, ThermistorFrozen], if rising { 150.0 } else { 60.0 }),
         // What the nozzle needs may be more than that: then nothing shows, and nothing gets too hot.
         Wrong::StuckOn(_) => (&[HeaterStuckOn, ThermistorFrozen, HeaterEnergy], f64::INFINITY),
-        Wrong::Draught(_) if rising => (&[HeatingTooSlow, ThermistorDetached], 60.0),
-        Wrong::Draught(_) => (&[TemperatureDrop, ThermistorDetached, HeatingTooSlow, HeaterEnergy], 30.0),
+        Wrong::Draught(_) if phase == Phase::Before => (&[HeatingTooSlow], 60.0),
+        Wrong::Draught(_) => (&[TemperatureDrop, ThermistorDetached, HeatingTooSlow, HeaterEnergy], 60.0),
     }
 }
 
