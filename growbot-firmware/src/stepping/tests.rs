@@ -437,7 +437,7 @@ fn assert_limits(rig: &Rig, rises: &[(u64, usize, bool)]) {
     let description = rig.robot.description();
     let (head, feed) = (&description.head, &description.feed);
     let hz = f64::from(description.motion.tick_hz);
-    let (every, until) = (description.motion.tick_hz as u64 / 20, rig.world.now.get());
+    let (every, until) = (u64::from(description.motion.tick_hz) / 20, rig.world.now.get());
     for (motor, per_unit, jump, acceleration) in [
         (HEAD, f64::from(head.steps_per_turn), head.speed_jump_turns_per_s, head.acceleration_turns_per_s2),
         (FEED, feed.steps_per_mm, feed.speed_jump_mm_per_s, feed.acceleration_mm_per_s2),
