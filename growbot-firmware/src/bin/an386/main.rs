@@ -62,6 +62,33 @@ impl Board for An386 {
 
 #[entry]
 fn main() -> ! {
+    let (line, mut controller) = set_up();
+    let mut logged = controller.state();
+    let mut high_water = HighWater::default();
+    loop {
+        high_water.look();
+        while let Some(byte) = line.received.dequeue() {
+            controller.receive(byte, &HANDOVER);
+        }
+        controller.poll(step_timer::now_us(), &HANDOVER);
+        while line.to_send.ready() {
+            let Some(byte) = controller.transmit() else { break };
+            let _ = line.to_send.enqueue(byte);
+        }
+        line.send_queued();
+        if controller.state() != logged {
+            logged = controller.state();
+            let fault = controller.fault().map_or("none", |fault| fault.code());
+            defmt::info!("{=str}, fault {=str}", logged.name(), fault);
+        }
+        // The next step tick ends it at the latest.
+        cortex_m::asm::wfi();
+    }
+}
+
+/// Starts everything.
+#[inline(never)] // Its room on the stack is not needed for longer.
+fn set_up() -> (Line, Controller<An386>) {
     let tip = Tip::start(reset::take_cause);
     let watchdog = watchdog::start(CLOCK_HZ);
     let store = cortex_m::singleton!(: LayerStore = LayerStore::new());
@@ -105,28 +132,7 @@ fn main() -> ! {
         kept: tip.kept,
         store,
     };
-    let mut controller = Controller::<An386>::new(robot, identity, parts, &HANDOVER);
-    let mut logged = controller.state();
-    let mut high_water = HighWater::default();
-    loop {
-        high_water.look();
-        while let Some(byte) = line.received.dequeue() {
-            controller.receive(byte, &HANDOVER);
-        }
-        controller.poll(step_timer::now_us(), &HANDOVER);
-        while line.to_send.ready() {
-            let Some(byte) = controller.transmit() else { break };
-            let _ = line.to_send.enqueue(byte);
-        }
-        line.send_queued();
-        if controller.state() != logged {
-            logged = controller.state();
-            let fault = controller.fault().map_or("none", |fault| fault.code());
-            defmt::info!("{=str}, fault {=str}", logged.name(), fault);
-        }
-        // The next step tick ends it at the latest.
-        cortex_m::asm::wfi();
-    }
+    (line, Controller::new(robot, identity, parts, &HANDOVER))
 }
 
 /// The robot whose description the desktop has put into the tip's memory; without one, that the firmware was built for.
