@@ -11,6 +11,14 @@ use embedded_hal::digital::{ErrorKind, ErrorType, InputPin, OutputPin};
 use embedded_hal::pwm::SetDutyCycle;
 use growbot_core::robot::{FeedStrategy, Robot, RobotDescription};
 
+/// How much of something a long test does: what this variable says, or a number that takes seconds.
+pub fn number_from_environment(variable: &str, otherwise: u64) -> u64 {
+    match std::env::var(variable) {
+        Ok(text) => text.parse().unwrap_or_else(|_| panic!("{variable} is {text:?}: give a whole number")),
+        Err(_) => otherwise,
+    }
+}
+
 fn description_a() -> RobotDescription {
     toml::from_str(include_str!("../../robots/growbot-a.toml")).expect("robots/growbot-a.toml is readable")
 }

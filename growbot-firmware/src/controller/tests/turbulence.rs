@@ -10,11 +10,11 @@ use growbot_core::plan::Planner;
 
 use super::bench::{Bench, PLAN, SESSION, WARM, bends, hold, tune};
 use super::tip::Wire;
-use crate::testing::fast_robot;
+use crate::testing::{fast_robot, number_from_environment};
 
 /// Each of the long tests sends so many messages, unless GROWBOT_MESSAGES says otherwise: 200,000 take some seconds.
 fn messages() -> u64 {
-    std::env::var("GROWBOT_MESSAGES").ok().and_then(|count| count.parse().ok()).unwrap_or(200_000)
+    number_from_environment("GROWBOT_MESSAGES", 200_000)
 }
 
 /// Those of one board.
