@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 use std::{env, fs, process};
 
-use growbot_core::robot::{LONGEST_ENCODED, Robot};
+use growbot_core::robot::Robot;
 
 fn main() {
     println!("cargo:rerun-if-changed=build.rs");
@@ -36,8 +36,8 @@ fn main() {
     }
 
     let machine = describe(&here);
-    if let Err(error) = fs::write(out.join("machine.bin"), machine) {
-        stop(&format!("cannot write machine.bin: {error}"));
+    if let Err(error) = fs::write(out.join("machine.rs"), machine) {
+        stop(&format!("cannot write machine.rs: {error}"));
     }
 
     // The linker finds the workspace's `memory.x` in cargo's working directory, and the `board.x` it includes here.
@@ -55,8 +55,8 @@ fn main() {
     }
 }
 
-/// The description of the robot that the firmware is for, in postcard form.
-fn describe(here: &Path) -> Vec<u8> {
+/// The robot that the firmware is for.
+fn describe(here: &Path) -> String {
     let name = env::var("GROWBOT_ROBOT").unwrap_or_else(|_| "growbot-a".to_string());
     // Cargo runs this in the package's folder; a path is meant from where cargo was called, which is the workspace.
     let workspace = here.join("..");
@@ -72,11 +72,19 @@ fn describe(here: &Path) -> Vec<u8> {
     let description =
         toml::from_str(&text).unwrap_or_else(|error| stop(&format!("{} is no robot file: {error}", file.display())));
     let robot = Robot::new(description).unwrap_or_else(|error| stop(&format!("{}: {error}", file.display())));
-    let mut buffer = [0; LONGEST_ENCODED];
-    match robot.encode(&mut buffer) {
-        Ok(bytes) => bytes.to_vec(),
-        Err(error) => stop(&format!("{}: {error}", file.display())),
-    }
+    as_source(&robot)
+}
+
+/// A robot as Rust source: so that a board need neither decode nor check it again.
+fn as_source(robot: &Robot) -> String {
+    let description = format!("{:?}", robot.description());
+    // What derived `Debug` prints is an expression, but for the name and for variants without their enum.
+    let name = format!("name: {:?}", robot.name());
+    let description = description
+        .replace(&name, &format!("name: String::try_from({:?}).unwrap_or_default()", robot.name()))
+        .replace("strategy: ", "strategy: FeedStrategy::")
+        .replace("turning: ", "turning: Turning::");
+    format!("Robot::checked_before({description}, {})\n", robot.hash())
 }
 
 fn feature(name: &str) -> bool {

@@ -62,7 +62,7 @@ impl Link {
 
     fn send(&mut self, session: u32, ack: u16, message: &Message) {
         let mut buffer = [0; LONGEST_BODY];
-        let Ok(body) = message.encode(&mut buffer) else { return };
+        let Ok(body) = message.encode_answer(&mut buffer) else { return };
         self.seq = self.seq.wrapping_add(1);
         let header = Header { kind: message.kind(), session, seq: self.seq, ack };
         let Ok(bytes) = frame::encode(&header, body) else { return };

@@ -1,13 +1,17 @@
-//! The description of the robot that this firmware was built for.
+//! The robot that this firmware was built for.
 //!
-//! `build.rs` reads and checks `robots/<GROWBOT_ROBOT>.toml` (`growbot-a` unless the variable says otherwise; a path to a file works too).
+//! `build.rs` reads and checks `robots/<GROWBOT_ROBOT>.toml` (`growbot-a` unless the variable says otherwise; a path to a file works too)
+//! and writes the robot down as source.
 
-use growbot_core::robot::{Robot, RobotError};
+#[allow(unused_imports, reason = "not every robot has every sensor")]
+use growbot_core::robot::{
+    Fan, Feed, FeedStrategy, Filament, FilamentMotion, Geometry, Head, Heater, Hold, Input, LayerDescription, Motion,
+    Robot, RobotDescription, Sensors, Supply, Thermistor, Turning, Wall,
+};
+use heapless::String;
 
 /// The robot that the firmware was built for.
-///
-/// # Errors
-/// None that `build.rs` did not meet first.
-pub fn built_for() -> Result<Robot, RobotError> {
-    Robot::decode(include_bytes!(concat!(env!("OUT_DIR"), "/machine.bin")))
+#[must_use]
+pub fn built_for() -> Robot {
+    include!(concat!(env!("OUT_DIR"), "/machine.rs"))
 }

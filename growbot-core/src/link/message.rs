@@ -381,6 +381,9 @@ pub enum MessageError {
     },
 }
 
+/// The first kind of what boards say; hosts' kinds are below.
+const ANSWERS_FROM: u8 = 0x40;
+
 macro_rules! messages {
     ($($(#[$doc:meta])* $kind:literal $name:ident($body:ident),)*) => {
         /// Every message, by kind.
@@ -401,7 +404,25 @@ macro_rules! messages {
             /// # Errors
             /// If it does not fit a frame; with the messages above it does.
             pub fn encode<'a>(&self, buffer: &'a mut [u8; LONGEST_BODY]) -> Result<&'a [u8], MessageError> {
-                let encoded = match self { $(Self::$name(body) => postcard::to_slice(body, buffer),)* };
+                self.encode_from::<0>(buffer)
+            }
+
+            /// Encodes the body of an answer or event: what a board needs, without the code for requests.
+            ///
+            /// # Errors
+            /// As [`Message::encode`], or for a request.
+            pub fn encode_answer<'a>(&self, buffer: &'a mut [u8; LONGEST_BODY]) -> Result<&'a [u8], MessageError> {
+                self.encode_from::<ANSWERS_FROM>(buffer)
+            }
+
+            fn encode_from<'a, const FIRST: u8>(
+                &self,
+                buffer: &'a mut [u8; LONGEST_BODY],
+            ) -> Result<&'a [u8], MessageError> {
+                let encoded = match self {
+                    $(Self::$name(body) if $kind >= FIRST => postcard::to_slice(body, buffer),)*
+                    _ => return Err(MessageError::UnknownKind { kind: self.kind() }),
+                };
                 encoded.map(|bytes| &*bytes).map_err(|_| MessageError::Body { kind: self.kind() })
             }
 
@@ -410,8 +431,20 @@ macro_rules! messages {
             /// # Errors
             /// An unknown kind, or a body that is not of its kind.
             pub fn decode(kind: u8, body: &[u8]) -> Result<Self, MessageError> {
+                Self::decode_below::<{ u8::MAX }>(kind, body)
+            }
+
+            /// Decodes the body of a request: what a board needs, without the code for answers.
+            ///
+            /// # Errors
+            /// As [`Message::decode`]; answers are unknown.
+            pub fn decode_request(kind: u8, body: &[u8]) -> Result<Self, MessageError> {
+                Self::decode_below::<ANSWERS_FROM>(kind, body)
+            }
+
+            fn decode_below<const END: u8>(kind: u8, body: &[u8]) -> Result<Self, MessageError> {
                 match kind {
-                    $($kind => match postcard::take_from_bytes(body) {
+                    $($kind if $kind < END => match postcard::take_from_bytes(body) {
                         Ok((body, [])) => Ok(Self::$name(body)),
                         _ => Err(MessageError::Body { kind }),
                     },)*

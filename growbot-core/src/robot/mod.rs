@@ -43,6 +43,12 @@ impl Robot {
         Ok(Self { description, hash })
     }
 
+    /// A robot that [`Robot::new`] has passed before and given this hash: when the firmware was built for it.
+    #[must_use]
+    pub fn checked_before(description: RobotDescription, hash: u64) -> Self {
+        Self { description, hash }
+    }
+
     /// Reads the postcard form that a board carries ([`Robot::encode`]).
     ///
     /// # Errors

@@ -30,7 +30,7 @@ impl<B: Board> Controller<B> {
     /// Carries out a request and answers it.
     pub(super) fn serve(&mut self, frame: &Frame, handover: &Handover) {
         let header = frame.header;
-        let answer = match Message::decode(header.kind, &frame.body) {
+        let answer = match Message::decode_request(header.kind, &frame.body) {
             _ if header.kind == STOP => Ok(self.stop(handover)),
             Ok(message) => self.carry_out(message, header.session, handover),
             Err(_) => Err(Refusal::NotUnderstood),

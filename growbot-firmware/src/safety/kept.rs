@@ -2,7 +2,7 @@
 //!
 //! It lies in RAM that nothing clears at start-up, with a CRC: after a loss of power it holds anything, and then nothing is known.
 
-use crc::{CRC_32_ISCSI, Crc};
+use growbot_core::link::frame;
 use growbot_core::link::message::{Fault, FaultRecord, ResetCause, State};
 use serde::{Deserialize, Serialize};
 
@@ -10,8 +10,6 @@ use serde::{Deserialize, Serialize};
 pub const KEPT_BYTES: usize = 128;
 /// Those of the checksum, at the end.
 const CHECKSUM_BYTES: usize = 4;
-
-const CHECKSUM: Crc<u32> = Crc::<u32>::new(&CRC_32_ISCSI);
 
 /// What was under way.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -43,7 +41,7 @@ impl Kept {
         if let Some((content, checksum)) = bytes.split_last_chunk_mut::<CHECKSUM_BYTES>() {
             // It fits: a test says so of the longest. If not, an empty one would be kept.
             let _ = postcard::to_slice(self, content);
-            *checksum = CHECKSUM.checksum(content).to_le_bytes();
+            *checksum = frame::checksum(content).to_le_bytes();
         }
         bytes
     }
@@ -52,7 +50,7 @@ impl Kept {
     #[must_use]
     pub fn from_bytes(bytes: &[u8; KEPT_BYTES]) -> Option<Self> {
         let (content, checksum) = bytes.split_last_chunk::<CHECKSUM_BYTES>()?;
-        if CHECKSUM.checksum(content).to_le_bytes() != *checksum {
+        if frame::checksum(content).to_le_bytes() != *checksum {
             return None;
         }
         postcard::take_from_bytes(content).ok().map(|(kept, _)| kept)

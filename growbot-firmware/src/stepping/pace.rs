@@ -15,7 +15,7 @@ pub const ONE: u32 = 1 << FRACTION;
 /// Bits of a rate below one.
 const FRACTION: u32 = 24;
 
-/// How fast a turn may be begun, entered and ended, and how fast that may change. Rates in units of 1 / [`ONE`].
+/// How fast a turn may be begun, entered and ended, and how fast that may change. Rates in units of 2^-24.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Pace {
     /// The greatest rate from rest, and to rest.

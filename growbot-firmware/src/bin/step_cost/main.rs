@@ -80,15 +80,14 @@ impl Costs {
 #[entry]
 fn main() -> ! {
     let mut uart = Uart::start();
-    if let Ok(robot) = machine::built_for() {
-        for strategy in [FeedStrategy::Feed, FeedStrategy::Speed] {
-            let name = if strategy == FeedStrategy::Feed { "feed" } else { "speed" };
-            run(&mut uart, name, "", &robot, |description| description.motion.strategy = strategy);
-            run(&mut uart, name, " with ramps", &robot, |description| {
-                description.motion.strategy = strategy;
-                needs_ramps(description);
-            });
-        }
+    let robot = machine::built_for();
+    for strategy in [FeedStrategy::Feed, FeedStrategy::Speed] {
+        let name = if strategy == FeedStrategy::Feed { "feed" } else { "speed" };
+        run(&mut uart, name, "", &robot, |description| description.motion.strategy = strategy);
+        run(&mut uart, name, " with ramps", &robot, |description| {
+            description.motion.strategy = strategy;
+            needs_ramps(description);
+        });
     }
     let _ = writeln!(uart, "end");
     loop {

@@ -103,8 +103,9 @@ mod app {
         let device = cx.device;
         let mut core = cx.core;
         let identity = Identity { reset_cause: reset::take_cause(&device.RCC), boot_id: reset::next_boot_id() };
-        let (Ok(robot), Some(kept)) = (machine::built_for(), BoardMemory::take()) else {
-            // The robot was checked when the firmware was built, and nobody has had the memory before.
+        let robot = machine::built_for();
+        let Some(kept) = BoardMemory::take() else {
+            // Nobody has had it before.
             cortex_m::peripheral::SCB::sys_reset()
         };
 
