@@ -709,17 +709,10 @@ impl Grid {
             rows[2] = self.misfits(points.get(next..).unwrap_or_default(), steps);
             let Some(first) = next.checked_sub(1) else { continue };
             let [row_before, row, row_after] = &rows;
-            for length in 1..=steps {
-                let misfit = row[length];
-                let beside = [
-                    row[length - 1],
-                    row[length + 1],
-                    row_before[length],
-                    row_after[length],
-                    row_before[length + 1],
-                    row_after[length - 1],
-                ];
-                if misfit > WORST_FIT || beside.iter().any(|other| *other < misfit) {
+            let beside = row_before.windows(3).zip(row.windows(3)).zip(row_after.windows(3));
+            for (length, beside) in (1..=steps).zip(beside) {
+                let ((&[_, a, b], &[c, misfit, d]), &[e, f, _]) = beside else { continue };
+                if misfit > WORST_FIT || [a, b, c, d, e, f].iter().any(|other| *other < misfit) {
                     continue;
                 }
                 let (Some(start), Some(end)) = (points.get(first), points.get(first + length)) else { continue };
