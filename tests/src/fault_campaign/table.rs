@@ -2,6 +2,8 @@
 
 use std::fmt::Write;
 
+use growbot_core::link::message::Fault;
+
 use super::cases::{Case, Onset, Right};
 use super::growth::Seen;
 
@@ -14,7 +16,7 @@ pub fn markdown(rows: &[(Case, Vec<Seen>)]) -> String {
     for (case, seen) in rows {
         let mut after: Vec<f64> = seen.iter().filter_map(|one| one.after_s).collect();
         after.sort_by(f64::total_cmp);
-        let mut codes: Vec<&str> = seen.iter().filter_map(|one| one.fault).map(|fault| fault.code()).collect();
+        let mut codes: Vec<&str> = seen.iter().filter_map(|one| one.fault).map(Fault::code).collect();
         codes.sort_unstable();
         codes.dedup();
         let told = match case.right() {
