@@ -26,6 +26,8 @@ pub(super) struct Mark {
     certain_to: u32,
     /// The longest that homing may see it.
     pub longest: u32,
+    /// Seen for longer than this, steps lost on the mark cannot be the reason: the sensor sees it everywhere.
+    stuck: u32,
 }
 
 impl Mark {
@@ -45,6 +47,7 @@ impl Mark {
             certain_from: 2 * tolerance,
             certain_to: width,
             longest: width + tolerance,
+            stuck: width + 2 * tolerance + steps_per_turn / 4,
         }
     }
 }
@@ -113,7 +116,7 @@ impl IndexWatch {
             self.stray_for = 0;
             self.seen = true;
         }
-        if self.stray && self.seen_for > mark.reach { Err(Alarm::IndexStuck) } else { Ok(()) }
+        if self.stray && self.seen_for > mark.stuck { Err(Alarm::IndexStuck) } else { Ok(()) }
     }
 
     fn sees_nothing(&mut self, place: u32, mark: &Mark) -> Result<(), Alarm> {

@@ -86,8 +86,9 @@ impl Case {
             // While it warms up, a reading that stands still is first of all one that does not rise.
             T::ThermistorFrozen if cold => &[F::ThermistorFrozen, F::HeatingTooSlow],
             T::ThermistorFrozen => &[F::ThermistorFrozen],
-            // It follows nothing: what it shows first depends on what the nozzle does meanwhile.
+            // It follows nothing: what shows first depends on what the nozzle does meanwhile. One that has cooled holds its filament.
             T::ThermistorStuck => &[
+                F::FilamentJam,
                 F::ThermistorFrozen,
                 F::HeaterEnergy,
                 F::HeatingTooSlow,
@@ -107,7 +108,9 @@ impl Case {
             T::IndexStuck => &[F::IndexStuck],
             // Homing finds the zero all the same.
             T::HeadLosesSteps { .. } | T::HeadGainsSteps { .. } if cold => return Right::GoesOn,
-            T::HeadLosesSteps { .. } | T::HeadGainsSteps { .. } => &[F::HeadStepsLost],
+            T::HeadLosesSteps { .. } => &[F::HeadStepsLost],
+            // It may jump over the whole mark.
+            T::HeadGainsSteps { .. } => &[F::HeadStepsLost, F::IndexMissing],
             // It may be held on its mark or off it.
             T::HeadBlocked if cold => &[F::IndexNotFound, F::IndexStuck],
             T::HeadBlocked => &[F::IndexMissing, F::IndexStuck, F::HeadStepsLost],
