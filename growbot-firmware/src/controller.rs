@@ -148,6 +148,12 @@ impl<B: Board> Controller<B> {
         self.fault
     }
 
+    /// Layers of the job that are laid.
+    #[must_use]
+    pub fn laid(&self) -> u32 {
+        self.job.laid
+    }
+
     /// What the nozzle is regulated to, degrees Celsius; none with the heater off.
     #[must_use]
     pub fn target_c(&self) -> Option<f64> {

@@ -78,8 +78,8 @@ fn grow(seed: u64) -> Seen {
             rig.hand_over_varied(portion, &mut random)?;
             left -= portion;
             rig.start()?;
-            watch(&mut rig, 1e5, &mut seen, |rig| alarm(rig) || matches!(rig.state(), State::Hold | State::Done));
-            if alarm(&rig) {
+            watch(&mut rig, 1e5, &mut seen, |rig| alarm(rig) || rig.has_laid_all());
+            if alarm(&rig) || rig.state() == State::Done {
                 break;
             }
             // Mostly short; one hold in eight is long enough for standby, and one in sixteen for parking.

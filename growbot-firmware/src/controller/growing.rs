@@ -120,7 +120,7 @@ impl<B: Board> Controller<B> {
     /// Moves on where nothing but time was missing.
     pub(super) fn proceed(&mut self, handover: &Handover) {
         match self.state {
-            State::Heating if self.heater.is_hot(self.now) => self.home(handover),
+            State::Heating if self.heater.is_steady(self.now) => self.home(handover),
             State::Growing if handover.takes_orders() && self.motion.feeding.is_none() => self.go_on(handover),
             State::Hold if self.motion.feeding.is_none() => self.wait(handover),
             _ => {}
@@ -219,7 +219,7 @@ impl<B: Board> Controller<B> {
         }
         if self.heater.target() != Some(target) {
             self.heater.set_target(target, self.now);
-        } else if goes_on && self.heater.is_hot(self.now) {
+        } else if goes_on && self.heater.is_steady(self.now) {
             self.happens(Event::LayersIn);
         }
     }

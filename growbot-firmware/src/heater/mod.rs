@@ -31,6 +31,11 @@ pub const PERIOD_US: u64 = 100_000;
 const OLDEST_READING_US: u64 = 400_000;
 /// How long the temperature must stay in its band to count as hot, us.
 const SETTLING_US: u64 = 2_000_000;
+/// To lay a layer, the temperature must have been within this share of its band for so long, us: the overshoot is over then.
+const STEADY_BANDS: f64 = 0.45;
+const STEADY_US: u64 = 10_000_000;
+/// Or anywhere in its band for so long, us.
+const STEADY_ENOUGH_US: u64 = 60_000_000;
 /// Within this many bands of the target the power is wiggled.
 const WIGGLED_BANDS: f64 = 2.0;
 /// Tuning takes at most so many times the robot's longest heating.
@@ -66,6 +71,8 @@ pub struct Heater {
     on_since: u64,
     /// Since when the temperature has been in its band, us.
     in_band_since: Option<u64>,
+    /// Since when it has been so near to the target that a layer can be laid, us.
+    steady_since: Option<u64>,
     /// Energy since it was first switched on, J.
     energy_j: f64,
     regulation: Regulation,
@@ -86,7 +93,8 @@ impl Heater {
         if self.tuning.is_some() || self.target.is_none_or(|target| target.to_bits() == target_c.to_bits()) {
             return;
         }
-        (self.target, self.on_since, self.in_band_since) = (Some(target_c), now, None);
+        (self.target, self.on_since) = (Some(target_c), now);
+        (self.in_band_since, self.steady_since) = (None, None);
         self.regulation.retarget();
         self.supervision.retarget();
     }
@@ -147,6 +155,13 @@ impl Heater {
     #[must_use]
     pub fn is_hot(&self, now: u64) -> bool {
         self.in_band_since.is_some_and(|since| now.saturating_sub(since) >= SETTLING_US)
+    }
+
+    /// Whether the temperature is steady enough to lay a layer.
+    #[must_use]
+    pub fn is_steady(&self, now: u64) -> bool {
+        let lasts = |since: Option<u64>, least| since.is_some_and(|since| now.saturating_sub(since) >= least);
+        lasts(self.steady_since, STEADY_US) || lasts(self.in_band_since, STEADY_ENOUGH_US)
     }
 
     /// Whether power flows on a reading that has grown too old since the latest update.
@@ -227,6 +242,11 @@ impl Heater {
     /// Watches whether the target is reached, and in time.
     fn watch_band(&mut self, error: f64, robot: &RobotDescription, now: u64) -> Result<(), Fault> {
         let (band, timeout) = (robot.heater.band_c, seconds(robot.heater.heating_timeout_s));
+        if error.abs() > STEADY_BANDS * band {
+            self.steady_since = None;
+        } else if self.steady_since.is_none() {
+            self.steady_since = Some(now);
+        }
         if error.abs() > band {
             // Once hot, a dip is for the supervision to judge.
             if !self.is_hot(now) {

@@ -130,6 +130,12 @@ impl Rig {
         self.sim.borrow().state()
     }
 
+    /// Whether every layer that was handed over is laid.
+    #[must_use]
+    pub fn has_laid_all(&self) -> bool {
+        self.sim.borrow().controller().laid() == self.handed_over
+    }
+
     /// Lets so much time pass, or less if the robot comes to this state.
     pub fn pass(&mut self, seconds: f64, until: impl Fn(&Self) -> bool) -> bool {
         let end = self.seconds() + seconds;
