@@ -60,6 +60,11 @@ impl Emulator {
         self.player.followed().tip.mend(fault);
     }
 
+    /// Does something with the tip at this moment.
+    pub fn simulated_tip(&mut self, what: impl FnOnce(&mut Tip)) {
+        what(&mut self.player.followed().tip);
+    }
+
     /// The emulator and the memory of its tip.
     pub fn board(&mut self) -> &mut EmulatedRobot {
         &mut self.board
