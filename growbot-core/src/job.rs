@@ -53,11 +53,18 @@ impl JobLayers<'_> {
     /// The hashes of these layers.
     #[must_use]
     pub fn summary(&self) -> JobSummary {
+        self.summary_meanwhile(&mut || ())
+    }
+
+    /// As [`JobLayers::summary`], for boards: `meanwhile` is called for each layer.
+    #[must_use]
+    pub fn summary_meanwhile(&self, meanwhile: &mut dyn FnMut()) -> JobSummary {
         let (mut bytes, mut exact) = (Hasher::default(), Hasher::default());
         let mut encoder = self.encoder.clone();
         let mut count = 0;
         bytes.bytes(&self.robot.hash().to_le_bytes());
         for sliced in self.layers.clone() {
+            meanwhile();
             bytes.bytes(&encoder.encode_layable(&sliced.layer, self.robot.tip_radius()));
             exact.f64(sliced.layer.alpha);
             exact.f64(sliced.layer.height);

@@ -79,15 +79,18 @@ impl HelicoidLayers {
     }
 
     /// The layer that tilts most.
-    pub(super) fn steepest(&self, radius: f64) -> Layer {
+    pub(super) fn steepest(&self, radius: f64, meanwhile: &mut dyn FnMut()) -> Layer {
         let mut layers = self.rewound();
-        let all = (0..self.count).map(|_| layers.next(radius));
+        let all = (0..self.count).map(|_| {
+            meanwhile();
+            layers.next(radius)
+        });
         all.fold(Layer::default(), |most, layer| if layer.tilt > most.tilt { layer } else { most })
     }
 
     /// How far the tip of the chain is rolled from that of the curve at the end, radians.
-    pub(super) fn roll(&self) -> f64 {
-        let end_from_tip = self.end.rotation.inverse() * self.chain_end().rotation;
+    pub(super) fn roll(&self, meanwhile: &mut dyn FnMut()) -> f64 {
+        let end_from_tip = self.end.rotation.inverse() * self.chain_end(meanwhile).rotation;
         let x = column::<0>(end_from_tip.matrix());
         libm::atan2(x.y, x.x)
     }
@@ -106,14 +109,17 @@ impl HelicoidLayers {
     }
 
     /// Where the chain of layers ends.
-    fn chain_end(&self) -> Frame {
+    fn chain_end(&self, meanwhile: &mut dyn FnMut()) -> Frame {
         let mut layers = self.rewound();
-        (0..self.count).fold(Frame::identity(), |start_from_tip, _| start_from_tip * layers.next(1.0).step())
+        (0..self.count).fold(Frame::identity(), |start_from_tip, _| {
+            meanwhile();
+            start_from_tip * layers.next(1.0).step()
+        })
     }
 
     /// What the chain lacks at its end: position in the axes of the start, direction in those of the end.
-    fn lack(&self) -> Vector5<f64> {
-        let chain = self.chain_end();
+    fn lack(&self, meanwhile: &mut dyn FnMut()) -> Vector5<f64> {
+        let chain = self.chain_end(meanwhile);
         let offset = self.end.translation.vector - chain.translation.vector;
         let turn = self.end.rotation.inverse() * tip_direction(&chain);
         Vector5::new(offset.x, offset.y, offset.z, -turn.x, -turn.y)
@@ -133,6 +139,7 @@ impl HelicoidLayers {
         let mut layers = self.rewound();
         let (mut sum, mut by_scale) = (Matrix5::zeros(), Vector5::zeros());
         for _ in 0..self.count {
+            meanwhile();
             let direction = tip_direction(&layers.here);
             let arm = self.end.translation.vector - layers.here.translation.vector;
             let bend = layers.go_on();
@@ -153,8 +160,7 @@ impl HelicoidLayers {
         let (mut best, mut least, mut best_lack) = (self.correction, f64::INFINITY, Vector5::zeros());
         let mut share = 1.0;
         for _ in 0..ROUNDS {
-            meanwhile();
-            let lack = self.lack();
+            let lack = self.lack(meanwhile);
             let miss = lack.norm();
             if miss < least {
                 (best, least, best_lack) = (self.correction, miss, lack);

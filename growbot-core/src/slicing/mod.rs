@@ -90,10 +90,10 @@ enum Cut {
 
 impl Cut {
     /// How far the tip is rolled, after all layers, from where the path has it, radians.
-    fn roll(&self) -> f64 {
+    fn roll(&self, meanwhile: &mut dyn FnMut()) -> f64 {
         match self {
             Self::Alike(_) => 0.0,
-            Self::Helicoid(layers, _) => layers.roll(),
+            Self::Helicoid(layers, _) => layers.roll(meanwhile),
         }
     }
 }
@@ -114,8 +114,8 @@ pub fn layers<'a>(path: &'a [Segment], robot: &'a Robot, slicing: Slicing) -> La
     layers_meanwhile(path, robot, slicing, &mut || ())
 }
 
-/// As [`layers()`], for boards: to fit the layers of a helicoidal arc takes a second of a microcontroller, and `meanwhile` is called
-/// several times in it.
+/// As [`layers()`], for boards: to fit the layers of a helicoidal arc takes seconds of a microcontroller, and `meanwhile` is called for
+/// each layer that is looked at in them.
 #[must_use]
 pub fn layers_meanwhile<'a>(
     path: &'a [Segment],
@@ -161,7 +161,7 @@ fn cut(segment: &Segment, robot: &Robot, slicing: Slicing, meanwhile: &mut dyn F
             let mut count = count as u64;
             for _ in 0..MORE_LAYERS {
                 let layers = HelicoidLayers::exact(&curve, length / radius, count, meanwhile);
-                let steepest = layers.steepest(radius);
+                let steepest = layers.steepest(radius, meanwhile);
                 if steepest.height <= limit * (1.0 + LIMIT_SLACK) && robot.check_layer(&steepest, LIMIT_SLACK).is_ok() {
                     return (count, Cut::Helicoid(layers, radius));
                 }
@@ -183,7 +183,7 @@ impl Layers<'_> {
         for (index, segment) in self.segments.iter().enumerate() {
             if let Segment::Helicoid { .. } = segment {
                 let (count, cut) = cut(&segment.rolled(roll), self.robot, self.slicing, meanwhile);
-                roll += cut.roll();
+                roll += cut.roll(meanwhile);
                 if self.fitted.push(Fitted { segment: index, count, cut, roll }).is_err() {
                     return;
                 }
@@ -209,7 +209,7 @@ impl Layers<'_> {
         self.roll = match self.fitted(self.segment) {
             Some(fitted) => fitted.roll,
             None if self.slicing == Slicing::Exact && self.segment + 1 < self.segments.len() => {
-                self.roll + self.cut.roll()
+                self.roll + self.cut.roll(&mut || ())
             }
             None => self.roll,
         };

@@ -255,16 +255,16 @@ impl<B: Board> Controller<B> {
             let layers = u32::try_from(count).unwrap_or(u32::MAX);
             return Err(Refusal::PlanTooLong { layers, capacity: CAPACITY as u32 });
         }
-        let summary = layers.summary();
-        self.parts.watchdog.feed();
+        let summary = layers.summary_meanwhile(&mut || watchdog.feed());
         // A radius below the robot's planning radius may ask for steps that its motors do not make.
         for (index, bytes) in (0..).zip(layers.clone()) {
+            self.parts.watchdog.feed();
             self.check_layer(index, &bytes)?;
         }
-        self.parts.watchdog.feed();
         self.set_job(summary.plan_id, summary.layers);
         self.happens(Event::Plan);
         for bytes in layers {
+            self.parts.watchdog.feed();
             self.hold_layer(bytes)?;
         }
         Ok(Message::Planned(Planned {
