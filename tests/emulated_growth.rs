@@ -40,7 +40,9 @@ fn the_emulated_board_lays_the_layers_that_the_simulation_lays() {
         Segment::Arc { alpha: 4.0, bend: 0.33, length: 33.0 },
     ];
 
-    let emulator = Emulator::start(&robot, Some(&firmware("an386"))).unwrap();
+    let mut emulator = Emulator::start(&robot, Some(&firmware("an386"))).unwrap();
+    // A nozzle that is warm already saves the time of heating, which is real here.
+    emulator.simulated_tip(|tip| tip.set_nozzle_c(190.0));
     let (emulated, emulated_steps) = grow_on(Box::new(emulator), &robot, &path);
     let (simulated, simulated_steps) = grow_on(Box::new(Sim::new(robot.clone())), &robot, &path);
 
