@@ -18,8 +18,9 @@ use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::{self, Encoder, LayerBytes};
 use growbot_core::link::frame::{self, Frame, Header, LONGEST_BODY, LONGEST_FRAME, Receiver, VERSION};
 use growbot_core::link::message::{
-    Accepted, Begin, BoardHello, Empty, HeldLayers, HostHello, Laid, Layers, MOST_LAYERS, Message, PlanRequest,
-    Planned, ReadLayers, Refusal, Refused, ResetCause, SCHEMA_HASH, Start, State, StateChanged, Status,
+    Accepted, Begin, BoardHello, Empty, HeldLayers, HostHello, Laid, LatestFault, Layers, MOST_LAYERS, Message,
+    PlanRequest, Planned, ReadLayers, Refusal, Refused, ResetCause, SCHEMA_HASH, SensorReadings, Start, State,
+    StateChanged, Status, Tune, Tuned,
 };
 use growbot_core::path::Segment;
 use growbot_core::plan::{Planner, plan};
@@ -329,6 +330,8 @@ fn short(ty: &NamedType) -> String {
         DataModelType::U16 => "u16".to_owned(),
         DataModelType::U32 => "u32".to_owned(),
         DataModelType::U64 => "u64".to_owned(),
+        DataModelType::Bool => "bool".to_owned(),
+        DataModelType::I16 => "i16".to_owned(),
         DataModelType::I32 => "i32".to_owned(),
         DataModelType::F64 => "f64".to_owned(),
         DataModelType::String => "string".to_owned(),
@@ -389,14 +392,21 @@ fn the_types_written_out_are_the_codes() {
         Empty::SCHEMA,
         PlanRequest::SCHEMA,
         ReadLayers::SCHEMA,
+        Empty::SCHEMA,
+        Tune::SCHEMA,
+        Empty::SCHEMA,
+        Empty::SCHEMA,
         BoardHello::SCHEMA,
         Status::SCHEMA,
         Accepted::SCHEMA,
         Refused::SCHEMA,
         Planned::SCHEMA,
         HeldLayers::SCHEMA,
+        LatestFault::SCHEMA,
+        SensorReadings::SCHEMA,
         Laid::SCHEMA,
         StateChanged::SCHEMA,
+        Tuned::SCHEMA,
     ];
     assert_eq!(table().iter().map(|row| row.body).collect::<Vec<_>>(), bodies.map(|body| body.name));
     let mut expected = BTreeMap::new();

@@ -1,0 +1,49 @@
+//! Any bytes on the line, and time in between: the board stays whole, and nothing heats or moves without a host's `Start` or `Tune`.
+//!
+//! The first byte of each piece says what it is: bytes as they are, the body of a whole frame, or time that passes.
+
+#![no_main]
+
+use std::sync::LazyLock;
+use std::time::Duration;
+
+use growbot_core::link::frame::{self, Header, LONGEST_BODY};
+use growbot_core::link::message::{HostHello, Message, SCHEMA_HASH, State};
+use growbot_core::robot::Robot;
+use growbot_host::port::Port;
+use growbot_host::port::sim::Sim;
+use growbot_host::robot_file;
+use libfuzzer_sys::fuzz_target;
+
+static ROBOT: LazyLock<Robot> = LazyLock::new(|| robot_file::load("growbot-a".as_ref()).expect("robot A is built in"));
+
+const SESSION: u32 = 7;
+
+fn send(sim: &mut Sim, kind: u8, body: &[u8]) {
+    let header = Header { kind, session: SESSION, seq: 1, ack: 0 };
+    if let Ok(bytes) = frame::encode(&header, body) {
+        sim.send(&bytes).expect("a simulated line does not break");
+    }
+}
+
+fuzz_target!(|bytes: &[u8]| {
+    let mut sim = Sim::new(ROBOT.clone());
+    sim.pass(Duration::from_millis(600));
+    let mut buffer = [0; LONGEST_BODY];
+    let hello = Message::Hello(HostHello { schema: SCHEMA_HASH });
+    send(&mut sim, hello.kind(), hello.encode(&mut buffer).expect("a hello fits"));
+    let mut rest = bytes;
+    while let [what, length, tail @ ..] = rest {
+        let (piece, after) = tail.split_at(tail.len().min(usize::from(*length)));
+        rest = after;
+        match what {
+            0..0x40 => send(&mut sim, *what, piece),
+            0x40..0x80 => sim.send(piece).expect("a simulated line does not break"),
+            _ => sim.pass(Duration::from_millis(u64::from(*length))),
+        }
+        let rests =
+            !matches!(sim.state(), State::Heating | State::Homing | State::Growing | State::Hold | State::Tuning);
+        let heats = sim.simulated_tip().heater_is_on();
+        assert!(!(rests && heats), "the heater is on in {:?}", sim.state());
+    }
+});
