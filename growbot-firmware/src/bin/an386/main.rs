@@ -62,7 +62,13 @@ impl Board for An386 {
 
 #[entry]
 fn main() -> ! {
-    let (line, mut controller) = set_up();
+    let (line, controller) = set_up();
+    run(&line, controller)
+}
+
+/// What the board does for ever.
+#[inline(never)] // So that its room on the stack is not taken while everything is started.
+fn run(line: &Line, controller: &mut Controller<An386>) -> ! {
     let mut logged = controller.state();
     let mut high_water = HighWater::default();
     loop {
@@ -88,7 +94,7 @@ fn main() -> ! {
 
 /// Starts everything.
 #[inline(never)] // Its room on the stack is not needed for longer.
-fn set_up() -> (Line, Controller<An386>) {
+fn set_up() -> (Line, &'static mut Controller<An386>) {
     let tip = Tip::start(reset::take_cause);
     let watchdog = watchdog::start(CLOCK_HZ);
     let store = cortex_m::singleton!(: LayerStore = LayerStore::new());
@@ -132,10 +138,17 @@ fn set_up() -> (Line, Controller<An386>) {
         kept: tip.kept,
         store,
     };
-    (line, Controller::new(robot, identity, parts, &HANDOVER))
+    // Not on the stack, which planning needs.
+    let Some(controller) =
+        cortex_m::singleton!(: Controller<An386> = Controller::new(robot, identity, parts, &HANDOVER))
+    else {
+        cortex_m::peripheral::SCB::sys_reset()
+    };
+    (line, controller)
 }
 
 /// The robot whose description the desktop has put into the tip's memory; without one, that the firmware was built for.
+#[inline(never)] // As above.
 fn robot() -> Result<Robot, growbot_core::robot::RobotError> {
     let mut bytes = [0; growbot_core::robot::LONGEST_ENCODED];
     let length = tip::copy_machine_description(&mut bytes);
