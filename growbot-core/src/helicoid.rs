@@ -131,9 +131,16 @@ impl Walk {
 
     /// Goes on by this length, radii.
     pub fn advance(&mut self, length: f64) {
+        self.advance_meanwhile(length, &mut || ());
+    }
+
+    /// As [`Walk::advance`], for boards: past a narrow neck it takes a second of a microcontroller, and `meanwhile` is called in each step.
+    #[inline(never)]
+    pub fn advance_meanwhile(&mut self, length: f64, meanwhile: &mut dyn FnMut()) {
         let force = self.curve.p.norm().max(f64::MIN_POSITIVE);
         let mut left = length;
         while left > 0.0 {
+            meanwhile();
             let m = self.curve.m(&column::<0>(&self.state)).norm();
             let slope = self.curve.p.cross(&column::<1>(&self.state)).norm().max(f64::MIN_POSITIVE);
             let safe = (SHARE_OF_WAY * m / slope).min(SHARE_OF_TURN * libm::sqrt(m / force));

@@ -185,6 +185,7 @@ fn shortest_of_all(
     // The two-plane path takes its turn among the others.
     let shorter = found.partition_point(|candidate| candidate.length() * radius < two_plane_length);
     for index in 0..count {
+        meanwhile();
         let path = match index.cmp(&shorter) {
             Ordering::Equal => arriving_two_plane(start, goal, radius),
             Ordering::Less => arriving_candidate(found.get(index), start, goal, radius),

@@ -140,12 +140,17 @@ impl Circle {
 /// What would be a path if its line were not a little shorter than nothing: a helicoidal arc is mostly near it.
 pub(super) type Overlapping = Vec<Csc, MOST_OVERLAPPING>;
 
-/// Looks for all paths of this kind, shortest first, and what would be.
+/// Looks for all paths of this kind, shortest first, and what would be. `meanwhile` is called for each probe.
 #[inline(never)] // Its room on the stack is not the caller's.
-pub(super) fn search(problem: &Problem, paths: &mut Vec<Csc, MOST>, overlapping: &mut Overlapping) {
+pub(super) fn search(
+    problem: &Problem,
+    paths: &mut Vec<Csc, MOST>,
+    overlapping: &mut Overlapping,
+    meanwhile: &mut dyn FnMut(),
+) {
     let mut search = Search { problem, paths, overlapping };
-    search.half(1.0);
-    search.half(-1.0);
+    search.half(1.0, meanwhile);
+    search.half(-1.0, meanwhile);
     search.special_lines();
     search.crossing_lines();
 }
@@ -180,10 +185,11 @@ impl Search<'_> {
 
     /// Looks for roots of `h` in one half of the range.
     #[inline(never)]
-    fn half(&mut self, sign: f64) {
+    fn half(&mut self, sign: f64, meanwhile: &mut dyn FnMut()) {
         let mut last: [[Option<Probe>; 2]; 4] = [[None; 2]; 4];
         let probes = if self.problem.goal.norm() < NEAR { PROBES_NEAR } else { PROBES_FAR };
         for probe in 0..=probes {
+            meanwhile();
             let q = sign * f64::from(probe) / f64::from(probes);
             let tau = tau_of(q);
             let (corner, cosine) = (self.corner(tau), cosine(tau));

@@ -178,7 +178,7 @@ impl Neck {
     }
 
     /// The points at two distances from the neck, negative ones before it.
-    fn ends(&self, start: f64, end: f64, fine: bool) -> (Point, Point) {
+    fn ends(&self, start: f64, end: f64, fine: bool, meanwhile: &mut dyn FnMut()) -> (Point, Point) {
         let neck = Point { position: Vector3::zeros(), direction: Vector3::z() };
         let (first, second) = (start.abs(), end.abs());
         let (near, far) = if first < second { (first, second) } else { (second, first) };
@@ -188,9 +188,9 @@ impl Neck {
                 let frame = walk.frame();
                 Point { position: frame.translation.vector, direction: frame.rotation * Vector3::z() }
             };
-            walk.advance(near);
+            walk.advance_meanwhile(near, meanwhile);
             let at_near = here(&walk);
-            walk.advance(far - near);
+            walk.advance_meanwhile(far - near, meanwhile);
             (at_near, here(&walk))
         } else {
             let at_near = self.walk(neck, 0.0, near);
@@ -378,7 +378,7 @@ impl Search<'_> {
             return;
         }
         if let Some(fine) = mended(self.problem, coarse, best, true, meanwhile)
-            && let Some(arc) = arc_of(self.problem, &fine)
+            && let Some(arc) = arc_of(self.problem, &fine, meanwhile)
         {
             self.mended.push(length, coarse.mirrored);
             if arc.length() >= self.longest {
@@ -393,11 +393,13 @@ impl Search<'_> {
 
 /// The arc of a seed that has been mended finely, if it arrives when it is grown from its start.
 #[inline(never)]
-fn arc_of(problem: &Problem, seed: &Seed) -> Option<HelicoidalArc> {
+fn arc_of(problem: &Problem, seed: &Seed, meanwhile: &mut dyn FnMut()) -> Option<HelicoidalArc> {
+    meanwhile();
     let neck = seed.neck();
-    let (start, end) = neck.ends(-seed.before, seed.after, true);
+    let (start, end) = neck.ends(-seed.before, seed.after, true, meanwhile);
     let start_from_neck = axes(problem, &start, &end).transpose();
     let curve = neck.curve();
+    meanwhile();
     let first = in_tip(&start_from_neck, &curve.m(&start.position), &curve.p)?;
     if seed.narrowness >= NARROW || seed.before.min(seed.after) < SHORTEST_PIECE {
         let first = Piece { curve: first, length: seed.length() };
@@ -407,15 +409,23 @@ fn arc_of(problem: &Problem, seed: &Seed) -> Option<HelicoidalArc> {
     let tip_from_neck = tip.rotation.inverse().matrix() * start_from_neck;
     let second = in_tip(&tip_from_neck, &curve.m0, &curve.p)?;
     let second = Piece { curve: second, length: seed.after };
-    joined(problem, Piece { curve: first, length: seed.before }, second)
+    joined(problem, Piece { curve: first, length: seed.before }, second, meanwhile)
 }
 
 /// Two pieces that meet at a neck, rolled, lengthened and (the second) narrowed by what rounding before the neck makes necessary.
 #[inline(never)]
-fn joined(problem: &Problem, mut first: Piece, mut second: Piece) -> Option<HelicoidalArc> {
+fn joined(
+    problem: &Problem,
+    mut first: Piece,
+    mut second: Piece,
+    meanwhile: &mut dyn FnMut(),
+) -> Option<HelicoidalArc> {
     for _ in 0..4 {
+        meanwhile();
         let joint = first.frame();
-        let end = joint * second.frame();
+        meanwhile();
+        let joint_from_end = second.frame();
+        let end = joint * joint_from_end;
         let Some(lack) = lack(problem, &end) else { return Some(HelicoidalArc { first, second: Some(second) }) };
         let (about, tip) = (joint.translation.vector, tip_direction(&joint));
         let (at_end, direction) = (end.translation.vector, tip_direction(&end));
@@ -424,13 +434,13 @@ fn joined(problem: &Problem, mut first: Piece, mut second: Piece) -> Option<Heli
         };
         let ahead = |direction: &Vector3<f64>| problem.column(direction, &Vector3::zeros());
         // Longer by a little, a piece goes on about its axis at its end.
-        let axis_after = |piece: &Piece| {
-            let frame = piece.frame();
+        let axis_after = |piece: &Piece, frame: &Frame| {
             let m = piece.curve.m(&frame.translation.vector);
             m / m.norm().max(f64::MIN_POSITIVE)
         };
-        let end_axis = joint.rotation * axis_after(&second);
+        let end_axis = joint.rotation * axis_after(&second, &joint_from_end);
         let wider = Piece { curve: Helicoid { m0: second.curve.m0 * (1.0 + WIDER), ..second.curve }, ..second };
+        meanwhile();
         let wider_end = joint * wider.frame();
         let by_width = problem.column(
             &((wider_end.translation.vector - at_end) / WIDER),
@@ -438,7 +448,7 @@ fn joined(problem: &Problem, mut first: Piece, mut second: Piece) -> Option<Heli
         );
         let jacobian = Matrix5::from_columns(&[
             turn(&Vector3::z(), &Vector3::zeros()),
-            turn(&axis_after(&first), &about) + ahead(&tip),
+            turn(&axis_after(&first, &joint), &about) + ahead(&tip),
             turn(&tip, &about),
             turn(&end_axis, &at_end) + ahead(&direction),
             by_width,
@@ -496,8 +506,8 @@ struct Fit {
 }
 
 impl Fit {
-    fn new(problem: &Problem, seed: &Seed, fine: bool) -> Self {
-        let (start, end) = seed.neck().ends(-seed.before, seed.after, fine);
+    fn new(problem: &Problem, seed: &Seed, fine: bool, meanwhile: &mut dyn FnMut()) -> Self {
+        let (start, end) = seed.neck().ends(-seed.before, seed.after, fine, meanwhile);
         let axes = axes(problem, &start, &end);
         Self { start, end, axes, misfit: misfit(problem, &start, &end, &axes) }
     }
@@ -510,7 +520,7 @@ impl Fit {
         let twisted = Neck { twist: neck.twist * (1.0 + share), ..neck };
         let [by_narrowness, by_twist] = [narrower, twisted].map(|changed| {
             meanwhile();
-            let (start, end) = changed.ends(-seed.before, seed.after, fine);
+            let (start, end) = changed.ends(-seed.before, seed.after, fine, meanwhile);
             let axes = shortest_turn(&self.start.direction, &start.direction) * self.axes;
             (misfit(problem, &start, &end, &axes) - self.misfit) / share
         });
@@ -547,7 +557,7 @@ fn shortest_turn(from: &Vector3<f64>, to: &Vector3<f64>) -> Matrix3<f64> {
 fn mended(problem: &Problem, seed: &Seed, longest: f64, fine: bool, meanwhile: &mut dyn FnMut()) -> Option<Seed> {
     let arrived = if fine { ARRIVED } else { MENDED };
     let mut seed = *seed;
-    let mut fit = Fit::new(problem, &seed, fine);
+    let mut fit = Fit::new(problem, &seed, fine, meanwhile);
     let mut damping = if fine { 1e-6 } else { 1e-3 };
     let mut before = f64::INFINITY;
     for round in 0..if fine { FINE_ROUNDS } else { ROUNDS } {
@@ -580,7 +590,7 @@ fn mended(problem: &Problem, seed: &Seed, longest: f64, fine: bool, meanwhile: &
                 };
                 if next.in_range(longest) {
                     meanwhile();
-                    let next_fit = Fit::new(problem, &next, fine);
+                    let next_fit = Fit::new(problem, &next, fine, meanwhile);
                     if next_fit.misfit.norm_squared() < square {
                         better = Some((next, next_fit));
                         break;

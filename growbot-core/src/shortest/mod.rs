@@ -142,7 +142,7 @@ pub type Candidates = Vec<Candidate, MOST>;
 #[inline(never)] // Its room on the stack is not the caller's.
 pub fn candidates(problem: &Problem, longest: f64, found: &mut Candidates, meanwhile: &mut dyn FnMut()) {
     let mut overlapping = Vec::new();
-    arcs_and_lines(problem, found, &mut overlapping);
+    arcs_and_lines(problem, found, &mut overlapping, meanwhile);
     if let Some(planar) = planar(problem) {
         // Mostly it has been found already.
         if found.iter().all(|other| (other.length() - planar.length()).abs() > ARRIVED) {
@@ -155,9 +155,14 @@ pub fn candidates(problem: &Problem, longest: f64, found: &mut Candidates, meanw
 }
 
 #[inline(never)]
-fn arcs_and_lines(problem: &Problem, found: &mut Candidates, overlapping: &mut Overlapping) {
+fn arcs_and_lines(
+    problem: &Problem,
+    found: &mut Candidates,
+    overlapping: &mut Overlapping,
+    meanwhile: &mut dyn FnMut(),
+) {
     let mut paths = Vec::new();
-    csc::search(problem, &mut paths, overlapping);
+    csc::search(problem, &mut paths, overlapping, meanwhile);
     for path in &paths {
         keep(found, Candidate::Csc(*path));
     }
