@@ -14,8 +14,8 @@ use crate::port::{Port, PortError};
 
 /// How long an answer may take before the request is repeated.
 const ANSWER: Duration = Duration::from_millis(1000);
-/// How long a plan may take: a board needs seconds for a near goal, and emulated by a busy machine some times that.
-const PLAN: Duration = Duration::from_secs(60);
+/// How long a plan may take: a board needs up to a minute for a near goal, and emulated by a busy machine some times that.
+const PLAN: Duration = Duration::from_secs(180);
 /// How often a request is sent before the board counts as silent.
 const TRIES: u32 = 4;
 /// A board that has just started tests itself for two seconds at most; it is looked at so often,

@@ -243,7 +243,7 @@ impl<B: Board> Controller<B> {
         self.takes(Event::Plan)?;
         let start = Pose::try_from(request.start).map_err(|_| Refusal::NoPlan)?;
         let goal = Pose::try_from(request.goal).map_err(|_| Refusal::NoPlan)?;
-        // A near goal takes a second or two. The heater is off, so nothing needs the controller meanwhile but the watchdog.
+        // A near goal takes some ten seconds, or a minute. The heater is off, so nothing needs the controller meanwhile but the watchdog.
         let robot = self.robot.clone();
         let watchdog = &mut self.parts.watchdog;
         let path = plan_meanwhile(&robot, &start, &goal, request.radius, request.planner, &mut || watchdog.feed())
