@@ -6,9 +6,9 @@
 //! Where each event leads is the table in [`crate::safety::transitions`]. Heating comes before any motion of the head,
 //! since cold plastic may hold the nozzle. A reset never heats or moves by itself.
 //!
-//! - [`requests`]: what the host asks for;
-//! - [`supervising`]: ten times a second: temperature, sensors, watchdog; and what happens when something is wrong;
-//! - [`growing`]: the orders to the step engine: homing, layers, filament pulled back round holds.
+//! - `requests`: what the host asks for;
+//! - `supervising`: ten times a second: temperature, sensors, watchdog; and what happens when something is wrong;
+//! - `growing`: the orders to the step engine: homing, layers, filament pulled back round holds.
 //!
 //! The controller never waits: [`Controller::poll`] is called at least every 20 ms with a clock in us, and returns.
 

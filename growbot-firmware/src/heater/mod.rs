@@ -1,8 +1,8 @@
 //! The heater: regulation of the nozzle's temperature, and the conditions under which it is cut off.
 //!
 //! [`Heater::update`] takes the mean of the period's conversions ([`Sampler`]) and what the nozzle is asked for ([`Demand`]), ten
-//! times a second, and gives the duty: by [`regulation`] on the way to a target and at it, by [`tuning`] where the gains are to be
-//! found. [`supervision`] compares the reading with what the nozzle can do by the [`model`].
+//! times a second, and gives the duty: by `regulation` on the way to a target and at it, by `tuning` where the gains are to be
+//! found. `supervision` compares the reading with what the nozzle can do by the `model`.
 //!
 //! Power flows only while a reading is younger than half a second. Too high a temperature is a fault whether the heater is on
 //! or not; everything else matters only while it is on.

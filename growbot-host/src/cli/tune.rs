@@ -19,7 +19,7 @@ const QUIET: Duration = Duration::from_secs(2);
 
 /// Find the gains of the heater's regulation by driving the nozzle round a temperature
 ///
-/// Prints lines for the section [heater] of the robot file: the board itself changes nothing. Takes some minutes; Ctrl-C stops
+/// Prints lines for the heater section of the robot file: the board itself changes nothing. Takes some minutes; Ctrl-C stops
 /// it. Nothing moves.
 #[derive(Args)]
 #[command(after_help = "Example:\n  growbot tune --port /dev/ttyACM0 --target 210")]
