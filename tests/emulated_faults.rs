@@ -10,27 +10,9 @@ use growbot_core::link::message::{Begin, Fault, Layers, Message, Start, State};
 use growbot_core::robot::Robot;
 use growbot_host::client::Client;
 use growbot_host::port::emulator::Emulator;
-use growbot_host::port::{Port, PortError, TipRecord};
 use growbot_host::robot_file;
 use growbot_host::tip::{Motor, TipFault};
 use growbot_tests::firmware;
-
-/// An emulated robot that the test holds too.
-struct Shared(Rc<RefCell<Emulator>>);
-
-impl Port for Shared {
-    fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
-        self.0.borrow_mut().send(bytes)
-    }
-
-    fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, PortError> {
-        self.0.borrow_mut().receive(buffer, timeout)
-    }
-
-    fn tip(&mut self) -> Result<Option<TipRecord>, PortError> {
-        self.0.borrow_mut().tip()
-    }
-}
 
 /// Robot A, homing and growing faster, so that the test does not take long.
 fn robot() -> Robot {
@@ -46,7 +28,7 @@ fn meet(broken: TipFault, during: State, expected: Option<Fault>, within: Durati
     let robot = robot();
     let emulator = Rc::new(RefCell::new(Emulator::start(&robot, Some(&firmware("an386"))).unwrap()));
     emulator.borrow_mut().simulated_tip(|tip| tip.set_nozzle_c(if during == State::Heating { 60.0 } else { 197.0 }));
-    let mut client = Client::new(Box::new(Shared(Rc::clone(&emulator))), "the emulated board");
+    let mut client = Client::new(Box::new(Rc::clone(&emulator)), "the emulated board");
     client.hello_robot(&robot).unwrap();
     let plan_id = 1;
     client.request("to begin", &Message::Begin(Begin { plan_id, layers: 8, robot: robot.hash() })).unwrap();

@@ -186,8 +186,6 @@ pub const STEP_RING_RECORDS: u32 = 1 << 20;
 pub const RESET_POWER_ON: u32 = 1;
 /// [`RESET_CAUSE`]: the watchdog was not fed.
 pub const RESET_WATCHDOG: u32 = 2;
-/// [`RESET_CAUSE`]: the firmware panicked.
-pub const RESET_PANIC: u32 = 3;
 /// [`RESET_CAUSE`]: the processor faulted.
 pub const RESET_FAULT: u32 = 4;
 /// [`RESET_CAUSE`]: reset from outside, by the emulator's monitor.

@@ -282,8 +282,6 @@ pub enum ResetCause {
     BrownOut,
     /// The watchdog was not fed: the firmware had stopped.
     Watchdog,
-    /// The firmware panicked.
-    Panic,
     /// The processor faulted.
     ProcessorFault,
     /// The reset pin, a debug probe, or a reset that software asked for.
@@ -300,7 +298,6 @@ impl ResetCause {
             Self::PowerOn => "power on",
             Self::BrownOut => "brown-out",
             Self::Watchdog => "watchdog",
-            Self::Panic => "panic",
             Self::ProcessorFault => "processor fault",
             Self::External => "reset from outside",
             Self::StackOverflow => "stack overflow",

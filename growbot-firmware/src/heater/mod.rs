@@ -18,7 +18,6 @@ mod tuning;
 use growbot_core::link::message::{Fault, Tuned};
 use growbot_core::robot::RobotDescription;
 
-use self::model::available_w;
 use self::regulation::Regulation;
 pub use self::sampler::Sampler;
 use self::supervision::{Look, Regulated, Supervision};
@@ -73,8 +72,6 @@ pub struct Heater {
     in_band_since: Option<u64>,
     /// Since when it has been so near to the target that a layer can be laid, us.
     steady_since: Option<u64>,
-    /// Energy since it was first switched on, J.
-    energy_j: f64,
     regulation: Regulation,
     supervision: Supervision,
     tuning: Option<Relay>,
@@ -101,8 +98,8 @@ impl Heater {
 
     /// Switches the heater off.
     pub fn switch_off(&mut self) {
-        let Self { reading, broken, energy_j, .. } = *self;
-        *self = Self { reading, broken, energy_j, tuned: self.tuned.take(), ..Self::default() };
+        let Self { reading, broken, .. } = *self;
+        *self = Self { reading, broken, tuned: self.tuned.take(), ..Self::default() };
     }
 
     /// Switches the heater on to drive the nozzle round a target and find its gains. When they are found, it is off.
@@ -145,12 +142,6 @@ impl Heater {
         self.duty
     }
 
-    /// Energy that the heater has taken since the start, by duty and supply, J.
-    #[must_use]
-    pub fn energy_j(&self) -> f64 {
-        self.energy_j
-    }
-
     /// Whether the temperature has settled at the target.
     #[must_use]
     pub fn is_hot(&self, now: u64) -> bool {
@@ -185,7 +176,6 @@ impl Heater {
         let before = self.updated.replace(now).unwrap_or(now);
         let seconds = now.saturating_sub(before).min(OLDEST_READING_US) as f64 * 1e-6;
         let given = core::mem::take(&mut self.duty);
-        self.energy_j += given * available_w(demand, robot) * seconds;
         if let Some(raw) = raw {
             match temperature(raw, &robot.thermistor) {
                 Ok(temperature) => {

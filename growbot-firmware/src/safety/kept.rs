@@ -63,7 +63,7 @@ pub const fn fault_of(cause: ResetCause) -> Fault {
     match cause {
         ResetCause::BrownOut => Fault::BrownOut,
         ResetCause::Watchdog => Fault::WatchdogReset,
-        ResetCause::Panic | ResetCause::ProcessorFault => Fault::ProcessorFault,
+        ResetCause::ProcessorFault => Fault::ProcessorFault,
         ResetCause::StackOverflow => Fault::StackOverflow,
         ResetCause::PowerOn | ResetCause::External => Fault::PowerLost,
     }

@@ -5,7 +5,9 @@ pub mod qemu;
 pub mod sim;
 pub mod stream;
 
+use std::cell::RefCell;
 use std::path::PathBuf;
+use std::rc::Rc;
 use std::str::FromStr;
 use std::time::Duration;
 
@@ -32,6 +34,21 @@ pub trait Port {
     /// If the tip can no longer be read.
     fn tip(&mut self) -> Result<Option<TipRecord>, PortError> {
         Ok(None)
+    }
+}
+
+/// A port that somebody else holds too: who breaks things on a simulated tip while a host talks to its board.
+impl<P: Port> Port for Rc<RefCell<P>> {
+    fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+        self.borrow_mut().send(bytes)
+    }
+
+    fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, PortError> {
+        self.borrow_mut().receive(buffer, timeout)
+    }
+
+    fn tip(&mut self) -> Result<Option<TipRecord>, PortError> {
+        self.borrow_mut().tip()
     }
 }
 

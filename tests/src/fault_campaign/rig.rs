@@ -10,31 +10,12 @@ use growbot_core::link::message::{Begin, Layers, MOST_LAYERS, Message, Start, St
 use growbot_core::robot::Robot;
 use growbot_host::client::{Client, ClientError};
 use growbot_host::port::sim::Sim;
-use growbot_host::port::{Port, PortError, TipRecord};
 use growbot_host::tip::Variation;
 
 use crate::random::Random;
 
 /// The job's name.
 const PLAN: u64 = 1;
-
-/// A simulated robot that a test holds too.
-#[derive(Clone)]
-struct Shared(Rc<RefCell<Sim>>);
-
-impl Port for Shared {
-    fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
-        self.0.borrow_mut().send(bytes)
-    }
-
-    fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, PortError> {
-        self.0.borrow_mut().receive(buffer, timeout)
-    }
-
-    fn tip(&mut self) -> Result<Option<TipRecord>, PortError> {
-        self.0.borrow_mut().tip()
-    }
-}
 
 /// A simulated robot with a host at its link.
 pub struct Rig {
@@ -51,7 +32,7 @@ impl Rig {
     #[must_use]
     pub fn new(robot: &Robot, variation: Variation) -> Self {
         let sim = Rc::new(RefCell::new(Sim::with(robot.clone(), variation)));
-        let client = Client::new(Box::new(Shared(Rc::clone(&sim))), "sim");
+        let client = Client::new(Box::new(Rc::clone(&sim)), "sim");
         Self { sim, client, robot: robot.clone(), encoder: Encoder::default(), handed_over: 0 }
     }
 
