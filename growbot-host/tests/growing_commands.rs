@@ -148,6 +148,17 @@ fn ports_that_are_not_there_are_told() {
 }
 
 #[test]
+fn a_bad_line_is_asked_for_by_its_faults() {
+    let status = |spec: &str| growbot(&["status", "--fault", spec]);
+    assert_refused(&status("drop=200%"), &["--fault", "\"200%\"", "0% to 100%"]);
+    assert_refused(&status("dorp=1%"), &["did you mean drop?"]);
+    assert_refused(&status("drop=100%"), &["does not answer"]);
+    let doubled = status("dup=100%,stall=500ms@20%,seed=3");
+    assert_eq!(doubled.code, Some(0), "{}", doubled.err);
+    assert!(doubled.out.contains("growbot-a"), "{}", doubled.out);
+}
+
+#[test]
 fn boards_that_do_not_answer_properly_are_told() {
     let status = |board: &FakeBoard| growbot(&["status", "--port", &board.port()]);
     assert_refused(&status(&FakeBoard::silent()), &["does not answer", "power"]);

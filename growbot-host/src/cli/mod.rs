@@ -29,6 +29,7 @@ use growbot_host::client::ClientError;
 use growbot_host::input::InputError;
 use growbot_host::output::OutputError;
 use growbot_host::plan_file::PlanFileError;
+use growbot_host::port::faulty::FaultSpec;
 use growbot_host::port::{PortError, PortName};
 use growbot_host::robot_file::{self, RobotFileError};
 
@@ -162,19 +163,30 @@ impl From<ClientError> for Failure {
     }
 }
 
-/// `--port`, where a robot is talked to.
+/// `--port`, where a robot is talked to, and `--fault`, how badly.
 #[derive(Args)]
 pub struct PortArg {
     /// Where the robot is: sim, emulator, emulator:ELF, tcp:HOST:PORT or a
     /// serial device
     #[arg(long, value_name = "PORT", default_value = "sim")]
     port: String,
+    /// Try a bad line: lose and spoil what it carries, say drop=1%,flip=1e-4
+    ///
+    /// Chances are for each frame, both ways: drop, dup, reorder, truncate,
+    /// stall=2s@0.1% (nothing passes for so long), reset (cut for a second); flip
+    /// is for each byte. The same seed=N gives the same faults.
+    #[arg(long, value_name = "SPEC")]
+    fault: Option<FaultSpec>,
 }
 
 impl PortArg {
     /// The port's name, understood.
     fn name(&self) -> Result<PortName, Failure> {
-        Ok(self.port.parse()?)
+        let name = self.port.parse()?;
+        Ok(match self.fault {
+            None => name,
+            Some(spec) => PortName::Faulty(Box::new(name), spec),
+        })
     }
 
     /// The port's name as it was given.

@@ -1,6 +1,7 @@
 //! Where a robot is: in this process (`sim`), in an emulator, behind a TCP connection or on a serial line.
 
 pub mod emulator;
+pub mod faulty;
 pub mod qemu;
 pub mod sim;
 pub mod stream;
@@ -13,6 +14,8 @@ use std::time::Duration;
 
 use growbot_core::layer::Layer;
 use growbot_core::robot::Robot;
+
+use faulty::{FaultSpec, Faulty};
 
 /// The line to a robot: bytes both ways.
 pub trait Port {
@@ -49,6 +52,20 @@ impl<P: Port> Port for Rc<RefCell<P>> {
 
     fn tip(&mut self) -> Result<Option<TipRecord>, PortError> {
         self.borrow_mut().tip()
+    }
+}
+
+impl Port for Box<dyn Port> {
+    fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+        self.as_mut().send(bytes)
+    }
+
+    fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, PortError> {
+        self.as_mut().receive(buffer, timeout)
+    }
+
+    fn tip(&mut self) -> Result<Option<TipRecord>, PortError> {
+        self.as_mut().tip()
     }
 }
 
@@ -92,7 +109,7 @@ pub enum PortError {
 }
 
 /// The name of a port, as given to `--port`.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum PortName {
     /// The controller in this process, on a virtual clock.
     Sim,
@@ -102,6 +119,8 @@ pub enum PortName {
     Tcp(String),
     /// A serial device.
     Serial(String),
+    /// Any of them, behind a wire with faults.
+    Faulty(Box<Self>, FaultSpec),
 }
 
 impl FromStr for PortName {
@@ -129,6 +148,7 @@ pub fn open(name: &PortName, robot: &Robot) -> Result<Box<dyn Port>, PortError> 
         PortName::Emulator(firmware) => Box::new(emulator::Emulator::start(robot, firmware.as_deref())?),
         PortName::Tcp(address) => Box::new(stream::Stream::tcp(address)?),
         PortName::Serial(device) => Box::new(stream::Stream::serial(device)?),
+        PortName::Faulty(name, spec) => Box::new(Faulty::new(open(name, robot)?, *spec)),
     })
 }
 
