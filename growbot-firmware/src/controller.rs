@@ -7,12 +7,14 @@
 //! since cold plastic may hold the nozzle. A reset never heats or moves by itself.
 //!
 //! - `requests`: what the host asks for;
+//! - `job`: the plan under way, its layers, and what the journal knows of them;
 //! - `supervising`: ten times a second: temperature, sensors, watchdog; and what happens when something is wrong;
 //! - `growing`: the orders to the step engine: homing, layers, filament pulled back round holds.
 //!
 //! The controller never waits: [`Controller::poll`] is called at least every 20 ms with a clock in us, and returns.
 
 mod growing;
+mod job;
 mod requests;
 mod supervising;
 #[cfg(test)]
@@ -20,23 +22,19 @@ mod tests;
 
 use core::ops::{Deref, DerefMut};
 
-use growbot_core::layer_bytes::Encoder;
-use growbot_core::link::message::{Fault, Message, ResetCause, SensorReadings, State, StateChanged, Status};
+use growbot_core::link::message::{Empty, Fault, Message, ResetCause, SensorReadings, State, StateChanged, Status};
 use growbot_core::robot::Robot;
-use heapless::Deque;
 
 use crate::hal::{Board, Converter, KeptMemory, Parts};
 use crate::heater::{self, Heater, Sampler};
+use crate::journal::Journal;
 use crate::layer_store::LayerStore;
-use crate::link::Link;
+use crate::link::{self, Link};
 use crate::safety::inputs::Inputs;
 use crate::safety::kept::{Kept, UnderWay};
 use crate::safety::proof_of_life::ProofOfLife;
 use crate::safety::transitions::{Event, after, may_heat};
-use crate::stepping::{Handover, Material};
-
-/// Events that wait for room on the link. Beyond that the oldest go; the status always tells how many layers are laid.
-const EVENTS: usize = 16;
+use crate::stepping::Handover;
 
 /// What a board knows about its own start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -45,23 +43,6 @@ pub struct Identity {
     pub boot_id: u32,
     /// Why it started.
     pub reset_cause: ResetCause,
-}
-
-/// The job: which plan, and how far it has come.
-#[derive(Debug, Clone, Default)]
-struct Job {
-    /// 0 for none.
-    plan_id: u64,
-    /// Layers of the plan.
-    layers: u32,
-    /// Layers laid.
-    laid: u32,
-    /// Layers handed to the engine.
-    given: u32,
-    /// What those handed over amount to.
-    material: Material,
-    /// Rounding of the layers as built.
-    encoder: Encoder,
 }
 
 /// The controller of one robot.
@@ -73,7 +54,8 @@ pub struct Controller<B: Board> {
     state: State,
     fault: Option<Fault>,
     kept: Kept,
-    job: Job,
+    job: job::Job,
+    journal: Journal<B::Flash>,
     motion: growing::Motion,
     heater: Heater,
     thermistor: Sampler,
@@ -85,7 +67,10 @@ pub struct Controller<B: Board> {
     ticks: (u32, u8),
     /// The step interrupt stopped while it may have held motors.
     holds_motors: bool,
-    events: Deque<Message, EVENTS>,
+    /// Emergency stops by the link that have been obeyed.
+    calls: u32,
+    /// Sectors made of the layer under way, as last written to what is kept.
+    sectors: u8,
     /// When the state was entered, us.
     since: u64,
     next_update: u64,
@@ -96,6 +81,7 @@ impl<B: Board> Controller<B> {
     /// A controller with everything off: about to test itself, or with the fault of the boot before.
     pub fn new(robot: Robot, identity: Identity, mut parts: Parts<B>, handover: &Handover) -> Self {
         let kept = Kept::from_bytes(&parts.kept.read()).unwrap_or_default();
+        let journal = Journal::open(parts.flash);
         let mut controller = Self {
             robot,
             identity,
@@ -104,7 +90,8 @@ impl<B: Board> Controller<B> {
             state: State::SelfTest,
             fault: None,
             kept,
-            job: Job::default(),
+            job: job::Job::default(),
+            journal,
             motion: growing::Motion::default(),
             heater: Heater::default(),
             thermistor: Sampler::default(),
@@ -114,17 +101,19 @@ impl<B: Board> Controller<B> {
             proof: ProofOfLife::default(),
             ticks: (0, 0),
             holds_motors: false,
-            events: Deque::new(),
+            calls: handover.calls(),
+            sectors: 0,
             since: 0,
             next_update: 0,
             now: 0,
         };
         controller.switch_off(handover);
+        controller.take_up_job();
         controller.take_up_fault();
         controller
     }
 
-    /// Takes a byte from the host.
+    /// Takes a byte from the host. (An emergency stop among them is recognised before, where the byte arrives.)
     pub fn receive(&mut self, byte: u8, handover: &Handover) {
         if let Some(Ok(frame)) = self.link.receive(byte) {
             self.serve(&frame, handover);
@@ -170,9 +159,7 @@ impl<B: Board> Controller<B> {
             self.supply.take(raw);
         }
         self.proof.sampler = true;
-        if handover.emergency_stop() {
-            self.stop_at_once(handover);
-        }
+        self.obey_emergency_stop(handover);
         if self.heater.is_blind(now) {
             self.fail(Fault::ThermistorSilent, handover);
         }
@@ -184,9 +171,19 @@ impl<B: Board> Controller<B> {
             self.take(report, handover);
         }
         self.proceed(handover);
-        while self.link.takes_events() {
-            let Some(event) = self.events.pop_front() else { break };
-            self.link.event(&event);
+        self.tell_layers();
+        self.link.send_events(now);
+    }
+
+    /// Whatever else there is to do, this comes first.
+    fn obey_emergency_stop(&mut self, handover: &Handover) {
+        let calls = handover.calls();
+        if handover.emergency_stop() || calls != self.calls {
+            self.stop_at_once(handover);
+        }
+        if calls != self.calls {
+            self.calls = calls;
+            self.link.call_out(&Message::StoppedAtOnce(Empty {}));
         }
     }
 
@@ -197,7 +194,7 @@ impl<B: Board> Controller<B> {
             self.state = state;
             self.since = self.now;
             self.keep();
-            self.tell(Message::StateChanged(StateChanged { state, fault: self.fault }));
+            self.link.tell(link::Event::State(StateChanged { state, fault: self.fault }));
         }
         true
     }
@@ -209,19 +206,10 @@ impl<B: Board> Controller<B> {
 
     /// Has the memory that survives a reset hold what it must.
     fn keep(&mut self) {
-        let Job { plan_id, laid, given, .. } = self.job;
-        let under_way = UnderWay { state: self.state, plan_id, laid, begun: given };
+        let job::Job { plan_id, laid, given, .. } = self.job;
+        let under_way = UnderWay { state: self.state, plan_id, laid, begun: given, sectors: self.sectors };
         self.kept.under_way = (may_heat(self.state) || self.state == State::Parked).then_some(under_way);
         self.parts.kept.write(&self.kept.to_bytes());
-    }
-
-    /// Queues an event.
-    fn tell(&mut self, event: Message) {
-        if self.events.is_full() {
-            self.events.pop_front();
-        }
-        // There is room now.
-        let _ = self.events.push_back(event);
     }
 
     /// What the host is told about all this.
@@ -236,6 +224,9 @@ impl<B: Board> Controller<B> {
             layers: self.job.layers,
             next: self.store().next_index(),
             laid: self.job.laid,
+            cut: self.job.cut,
+            waits: self.waits(),
+            journal: !self.job.unwritten,
             uptime_ms: self.now / 1000,
         }
     }

@@ -21,10 +21,18 @@ impl LayerStore {
         Self { layers: Deque::new(), first: 0 }
     }
 
-    /// Forgets everything; the next layer is number 0.
-    pub fn clear(&mut self) {
+    /// Forgets everything; the next layer is this one.
+    pub fn restart(&mut self, first: u32) {
         self.layers.clear();
-        self.first = 0;
+        self.first = first;
+    }
+
+    /// Forgets the layers from this one on.
+    pub fn truncate(&mut self, index: u32) {
+        let keep = index.saturating_sub(self.first) as usize;
+        while self.layers.len() > keep {
+            self.layers.pop_back();
+        }
     }
 
     /// Index of the next layer to be taken in.

@@ -3,34 +3,48 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use growbot_core::link::frame::{self, Frame, FrameError, Header, LONGEST_BODY, Receiver};
+use growbot_core::layer_bytes::LayerBytes;
+use growbot_core::link::emergency_stop::EMERGENCY_STOP;
+use growbot_core::link::frame::{self, Frame, FrameError, Header, LONGEST_BODY, Receiver, next};
 use growbot_core::link::message::{
-    BoardHello, Empty, FaultRecord, HostHello, LatestFault, Message, MessageError, Refusal, Refused, SCHEMA_HASH,
-    SensorReadings, State, Status,
+    Accepted, BoardHello, Empty, FaultRecord, HostHello, HostName, LatestFault, LayerBatch, Layers, MOST_LAYERS,
+    Message, MessageError, Refusal, Refused, SCHEMA_HASH, SensorReadings, State, Status,
 };
 use growbot_core::robot::Robot;
 
 use crate::port::{Port, PortError};
 
-/// How long an answer may take before the request is repeated.
-const ANSWER: Duration = Duration::from_millis(1000);
-/// How long a plan may take: a board needs up to a minute for a near goal, and emulated by a busy machine some times that.
-const PLAN: Duration = Duration::from_secs(180);
-/// How often a request is sent before the board counts as silent.
-const TRIES: u32 = 4;
+/// A request is repeated after so long without its answer, and then ever more rarely,
+const FIRST_REPEAT: Duration = Duration::from_millis(300);
+/// up to this.
+const SLOWEST_REPEAT: Duration = Duration::from_secs(1);
+/// A plan takes a board up to a minute for a near goal, and emulated by a busy machine some times that: it is not asked more often.
+const REPEAT_OF_PLAN: Duration = Duration::from_secs(10);
+/// A board that says nothing for so long while it is asked is silent.
+const SILENCE: Duration = Duration::from_secs(4);
+/// So is one that plans and says nothing for so long.
+const SILENCE_OF_PLAN: Duration = Duration::from_secs(180);
+/// A line that carries some frames and never the answer is given up after so many repetitions.
+const MOST_TRIES: u32 = 120;
+/// A host that holds the board and is not heard for so long has lost it (PROTOCOL.md).
+const HELD_FOR_MS: u32 = 10_000;
+/// The emergency stop is sent so often,
+const EMERGENCY_TRIES: u32 = 20;
+/// with such pauses, until the board says that it has obeyed.
+const EMERGENCY_PAUSE: Duration = Duration::from_millis(150);
+/// Messages with layers that may be on their way at a time: less than what boards can keep before they look at it.
+const WINDOW: usize = 8;
 /// A board that has just started tests itself for two seconds at most; it is looked at so often,
 const MOST_LOOKS_AT_SELF_TEST: u32 = 60;
 /// with such pauses.
 const SELF_TEST_LOOK: Duration = Duration::from_millis(50);
-/// Frames, events and noise that may come before the answer does.
-const MOST_FRAMES: usize = 32;
 
 /// Why a request came to nothing.
 #[derive(Debug, thiserror::Error)]
 pub enum ClientError {
     /// No byte came back.
     #[error(
-        "the board at {port} does not answer ({TRIES} requests, 1 s each): check power, cable and baud rate, and that growbot's firmware is on it"
+        "the board at {port} does not answer (for {} s): check power, cable and baud rate, and that growbot's firmware is on it", SILENCE.as_secs()
     )]
     Silent {
         /// The port.
@@ -76,6 +90,24 @@ pub enum ClientError {
         /// Hash of its description.
         host: u64,
     },
+    /// Another host has the board.
+    #[error(
+        "the board at {port} is held by {host}, heard {silent_s:.1} s ago: end that program, wait until it has been silent for 10 s, or take the board over (--take-over)"
+    )]
+    Held {
+        /// The port.
+        port: String,
+        /// Who has it.
+        host: String,
+        /// Since when that host has been silent, s.
+        silent_s: f64,
+    },
+    /// Nobody said that the emergency stop was obeyed.
+    #[error("NOBODY ACKNOWLEDGED THE EMERGENCY STOP at {port}: cut the robot's power now")]
+    NotStopped {
+        /// The port.
+        port: String,
+    },
     /// The board refused.
     #[error("the board refused {request}: {}", explain(.refusal))]
     Refused {
@@ -112,25 +144,44 @@ fn explain(refusal: &Refusal) -> String {
         Refusal::WrongState { state } => format!("not while it is in state {}", state.name()),
         Refusal::FaultRemains { fault } => format!("{} is still there: {}", fault.code(), fault.explanation()),
         Refusal::NoPlan => "there is no plan for these poses and this radius".to_string(),
-        Refusal::PlanTooLong { layers, capacity } => format!("the plan has {layers} layers, it holds {capacity}"),
+        Refusal::PlanTooLong { layers, capacity } => {
+            format!("the plan has {layers} layers, it can take {capacity}")
+        }
         Refusal::Temperature { least, greatest } => format!(
             "the temperature must lie between {} and {} C, the limits of its description",
             f64::from(least) / 100.0,
             f64::from(greatest) / 100.0
         ),
         Refusal::EmergencyStop => "the emergency stop is pressed: release it first".to_string(),
+        Refusal::Held { silent_ms } => format!("another host holds it, heard {silent_ms} ms ago"),
+        Refusal::Begun { first } => format!("those layers have been begun; the first that can be replaced is {first}"),
+        Refusal::Hot { below } => format!(
+            "it must make room in its journal, which it does only with the nozzle below {} C: wait until it has cooled",
+            f64::from(below) / 100.0
+        ),
+        Refusal::Journal => "its journal cannot be written, and it must not begin what it could not resume".to_string(),
     }
 }
 
 /// The host's end of the link to one board.
+///
+/// Dropped, it says goodbye, so that the board knows that it is alone.
 pub struct Client {
     port: Box<dyn Port>,
     name: String,
     receiver: Receiver,
     arrived: VecDeque<u8>,
     session: u32,
+    /// Whether the board knows the session.
+    open: bool,
+    /// Number of the latest request.
     seq: u16,
+    /// Number of the latest event, and whether the board has been told that it arrived.
+    heard: u16,
+    acknowledged: bool,
     events: VecDeque<Message>,
+    /// Requests that had to be sent again.
+    repeated: u64,
 }
 
 impl Client {
@@ -143,8 +194,12 @@ impl Client {
             receiver: Receiver::default(),
             arrived: VecDeque::new(),
             session: new_session(),
+            open: false,
             seq: 0,
+            heard: 0,
+            acknowledged: true,
             events: VecDeque::new(),
+            repeated: 0,
         }
     }
 
@@ -153,20 +208,80 @@ impl Client {
         self.port.as_mut()
     }
 
-    /// Opens the session: both sides say who they are.
+    /// Requests that had to be sent again, because they or their answers were lost.
+    #[must_use]
+    pub fn repeated(&self) -> u64 {
+        self.repeated
+    }
+
+    /// Is gone without a goodbye, as a program that is killed.
+    pub fn vanish(mut self) {
+        self.open = false;
+    }
+
+    /// Opens the session: both sides say who they are. A host that has gone without a goodbye is waited for.
     ///
     /// # Errors
-    /// A board that is silent, garbled, or of another version.
+    /// A board that is silent, garbled, of another version, or held by another host.
     pub fn hello(&mut self) -> Result<BoardHello, ClientError> {
-        let request = Message::Hello(HostHello { schema: SCHEMA_HASH });
+        match self.open_session(false) {
+            Err(ClientError::Refused { refusal: Refusal::Held { silent_ms }, .. }) => {
+                self.pass(Duration::from_millis(HELD_FOR_MS.saturating_sub(silent_ms).into()))?;
+                self.open_session(false).or_else(|error| self.told_holder(error))
+            }
+            other => other,
+        }
+    }
+
+    /// Opens the session, and takes the board from another host that has it.
+    ///
+    /// # Errors
+    /// As [`Client::hello`], but for that host.
+    pub fn take_over(&mut self) -> Result<BoardHello, ClientError> {
+        self.open_session(true)
+    }
+
+    fn open_session(&mut self, take_over: bool) -> Result<BoardHello, ClientError> {
+        if self.open {
+            // Another one: the board may have restarted, or forgotten us.
+            self.session = new_session();
+            (self.seq, self.heard, self.acknowledged, self.open) = (0, 0, true, false);
+            self.events.clear();
+        }
+        let request = Message::Hello(HostHello { schema: SCHEMA_HASH, host: host_name(), take_over });
         match self.request("hello", &request) {
-            Ok(Message::BoardHello(hello)) if hello.schema == SCHEMA_HASH => self.after_self_test(hello),
-            Ok(Message::BoardHello(hello)) => Err(ClientError::Schema { board: hello.schema, host: SCHEMA_HASH }),
+            Ok(Message::BoardHello(hello)) => {
+                self.open = true;
+                self.after_self_test(same_schema(hello)?)
+            }
             Err(ClientError::Refused { refusal: Refusal::OtherSchema { board }, .. }) => {
                 Err(ClientError::Schema { board, host: SCHEMA_HASH })
             }
             Ok(other) => Err(ClientError::Unexpected { request: "hello", kind: other.kind() }),
             Err(error) => Err(error),
+        }
+    }
+
+    /// The board is held: by whom.
+    fn told_holder(&mut self, error: ClientError) -> Result<BoardHello, ClientError> {
+        let ClientError::Refused { refusal: Refusal::Held { silent_ms }, .. } = error else { return Err(error) };
+        let holder = self.board()?.holder.unwrap_or_default();
+        Err(ClientError::Held {
+            port: self.name.clone(),
+            host: String::from_utf8_lossy(&holder).into_owned(),
+            silent_s: f64::from(silent_ms) / 1000.0,
+        })
+    }
+
+    /// Who the board is and what it is doing, without a session: whoever holds the board keeps it.
+    ///
+    /// # Errors
+    /// A board that is silent, garbled or of another version.
+    pub fn board(&mut self) -> Result<BoardHello, ClientError> {
+        let what = "who it is";
+        match self.request(what, &Message::AskBoard(Empty {}))? {
+            Message::BoardHello(hello) => same_schema(hello),
+            other => Err(ClientError::Unexpected { request: what, kind: other.kind() }),
         }
     }
 
@@ -176,10 +291,40 @@ impl Client {
             if hello.status.state != State::SelfTest {
                 break;
             }
-            self.next_frame(SELF_TEST_LOOK)?;
+            self.pass(SELF_TEST_LOOK)?;
             hello.status = self.status()?;
         }
         Ok(hello)
+    }
+
+    /// Lets time pass on the robot's clock. Events that come meanwhile are kept.
+    ///
+    /// # Errors
+    /// If the line is gone.
+    pub fn pass(&mut self, time: Duration) -> Result<(), ClientError> {
+        let step = Duration::from_millis(50);
+        for _ in 0..time.as_millis().div_ceil(step.as_millis()) {
+            if let Some(Ok(frame)) = self.next_frame(step)? {
+                self.take_event(&frame);
+            }
+        }
+        Ok(())
+    }
+
+    /// Fails unless the board belongs to this robot.
+    ///
+    /// # Errors
+    /// [`ClientError::OtherRobot`].
+    pub fn belongs_to(hello: &BoardHello, robot: &Robot) -> Result<(), ClientError> {
+        if hello.robot == robot.hash() {
+            return Ok(());
+        }
+        Err(ClientError::OtherRobot {
+            board_name: hello.robot_name.to_string(),
+            board: hello.robot,
+            host_name: robot.name().to_string(),
+            host: robot.hash(),
+        })
     }
 
     /// Opens the session with a board that must belong to this robot.
@@ -188,14 +333,7 @@ impl Client {
     /// As [`Client::hello`], or a board of another robot.
     pub fn hello_robot(&mut self, robot: &Robot) -> Result<BoardHello, ClientError> {
         let hello = self.hello()?;
-        if hello.robot != robot.hash() {
-            return Err(ClientError::OtherRobot {
-                board_name: hello.robot_name.to_string(),
-                board: hello.robot,
-                host_name: robot.name().to_string(),
-                host: robot.hash(),
-            });
-        }
+        Self::belongs_to(&hello, robot)?;
         Ok(hello)
     }
 
@@ -240,36 +378,178 @@ impl Client {
     /// # Errors
     /// No answer, or a refusal.
     pub fn request(&mut self, what: &'static str, request: &Message) -> Result<Message, ClientError> {
-        let mut buffer = [0; LONGEST_BODY];
-        let body =
-            request.encode(&mut buffer).map_err(|_| ClientError::Unexpected { request: what, kind: request.kind() })?;
-        // 0 is the acknowledgement of none.
-        self.seq = self.seq.wrapping_add(1).max(1);
+        let plans = matches!(request, Message::Plan(_));
+        let (mut repeat, silence) =
+            if plans { (REPEAT_OF_PLAN, SILENCE_OF_PLAN) } else { (FIRST_REPEAT, SILENCE) };
+        self.seq = next(self.seq);
         let seq = self.seq;
-        let header = Header { kind: request.kind(), session: self.session, seq, ack: 0 };
-        let bytes = frame::encode(&header, body)
-            .map_err(|_| ClientError::Unexpected { request: what, kind: request.kind() })?;
-        let patience = if matches!(request, Message::Plan(_)) { PLAN } else { ANSWER };
-        let mut heard = None;
-        for _ in 0..TRIES {
-            self.port.send(&bytes)?;
-            for _ in 0..MOST_FRAMES {
-                match self.next_frame(patience)? {
-                    None => break,
-                    Some(Ok(frame)) if frame.header.session == self.session && frame.header.ack == seq => {
-                        return answer(what, &frame);
+        let mut wait = Wait::default();
+        for attempt in 0..MOST_TRIES {
+            self.repeated += u64::from(attempt > 0);
+            self.post(seq, request)?;
+            if let Some(frame) = self.answer_to(|ack| ack == seq, repeat, &mut wait)? {
+                return answer(what, &frame);
+            }
+            if wait.quiet >= silence {
+                break;
+            }
+            repeat = (repeat * 3 / 2).min(SLOWEST_REPEAT.max(repeat));
+        }
+        Err(self.given_up(wait))
+    }
+
+    /// Sends a frame, with what has been heard of the board's events.
+    fn post(&mut self, seq: u16, message: &Message) -> Result<(), ClientError> {
+        let mut buffer = [0; LONGEST_BODY];
+        let too_long = ClientError::Unexpected { request: "a message", kind: message.kind() };
+        let Ok(body) = message.encode(&mut buffer) else { return Err(too_long) };
+        let header = Header { kind: message.kind(), session: self.session, seq, ack: self.heard };
+        let Ok(bytes) = frame::encode(&header, body) else { return Err(too_long) };
+        self.acknowledged = true;
+        Ok(self.port.send(&bytes)?)
+    }
+
+    /// Waits for so long for an answer to one of some requests; takes the events that come meanwhile.
+    fn answer_to(
+        &mut self,
+        is_asked: impl Fn(u16) -> bool,
+        patience: Duration,
+        wait: &mut Wait,
+    ) -> Result<Option<Frame>, ClientError> {
+        let step = patience.min(Duration::from_millis(100));
+        let mut waited = Duration::ZERO;
+        // Frames that arrive take time too, if little: a babbling board must not hold us for ever.
+        let passing = Duration::from_millis(2);
+        while waited < patience {
+            match self.next_frame(step)? {
+                None => {
+                    waited += step;
+                    wait.quiet += step;
+                }
+                Some(Ok(frame)) => {
+                    wait.quiet = Duration::ZERO;
+                    waited += passing;
+                    let header = frame.header;
+                    if header.session == self.session && header.ack != 0 {
+                        if is_asked(header.ack) {
+                            return Ok(Some(frame));
+                        }
+                    } else {
+                        self.take_event(&frame);
                     }
-                    Some(Ok(frame)) => self.take_event(&frame),
-                    Some(Err(error)) => heard = Some(error),
+                }
+                Some(Err(error)) => {
+                    waited += passing;
+                    wait.quiet += passing;
+                    wait.heard = Some(error);
                 }
             }
         }
+        Ok(None)
+    }
+
+    /// Why nothing more is to be hoped for.
+    fn given_up(&self, wait: Wait) -> ClientError {
         let port = self.name.clone();
-        Err(match heard {
+        match wait.heard {
             None => ClientError::Silent { port },
             Some(source @ FrameError::Version { .. }) => ClientError::Version { port, source },
             Some(_) => ClientError::Garbage { port },
-        })
+        }
+    }
+
+    /// Hands layers over, several messages at a time, as far as the board has room: the layers of a plan, from `accepted` on. Where
+    /// the line garbles much, messages get shorter.
+    ///
+    /// # Errors
+    /// As [`Client::request`].
+    pub fn hand_over(
+        &mut self,
+        plan_id: u64,
+        layers: &[LayerBytes],
+        mut accepted: Accepted,
+    ) -> Result<Accepted, ClientError> {
+        let what = "to take layers";
+        // Numbers of the messages on their way.
+        let mut flying: VecDeque<u16> = VecDeque::new();
+        let (mut sent, mut batch, mut fruitless) = (accepted.next, MOST_LAYERS, 0);
+        let mut wait = Wait::default();
+        loop {
+            let end = (layers.len() as u32).min(accepted.next.saturating_add(accepted.room));
+            while flying.len() < WINDOW && sent < end {
+                let rest = layers.get(sent as usize..end as usize).unwrap_or_default();
+                let some: LayerBatch = rest.iter().take(batch).copied().collect();
+                let first = sent;
+                sent += some.len() as u32;
+                self.seq = next(self.seq);
+                flying.push_back(self.seq);
+                self.post(self.seq, &Message::Layers(Layers { plan_id, first, layers: some }))?;
+            }
+            if flying.is_empty() {
+                return Ok(accepted);
+            }
+            let answered = self.answer_to(|ack| flying.contains(&ack), SLOWEST_REPEAT, &mut wait)?;
+            let Some(frame) = answered else {
+                if wait.quiet >= SILENCE || fruitless >= MOST_TRIES {
+                    return Err(self.given_up(wait));
+                }
+                (fruitless, batch) = (fruitless + 1, (batch / 2).max(1));
+                self.repeated += flying.len() as u64;
+                flying.clear();
+                sent = accepted.next;
+                continue;
+            };
+            // The board takes requests in the order of their numbers: what was sent before is settled or lost.
+            while flying.pop_front().is_some_and(|seq| seq != frame.header.ack) {}
+            match answer(what, &frame) {
+                Ok(Message::Accepted(now)) => {
+                    if now.next > accepted.next {
+                        fruitless = 0;
+                    }
+                    accepted = now;
+                    sent = sent.max(accepted.next);
+                    if flying.is_empty() {
+                        sent = accepted.next;
+                    }
+                }
+                // One before it was lost.
+                Err(ClientError::Refused { refusal: Refusal::OutOfOrder { expected }, .. }) => {
+                    (fruitless, batch) = (fruitless + 1, (batch * 3 / 4).max(1));
+                    self.repeated += flying.len() as u64 + 1;
+                    flying.clear();
+                    accepted.next = expected;
+                    sent = expected;
+                }
+                // Layers that had room when they were sent.
+                Err(ClientError::Refused { refusal: Refusal::Full, .. }) => return Ok(accepted),
+                Err(error) => return Err(error),
+                Ok(other) => return Err(ClientError::Unexpected { request: what, kind: other.kind() }),
+            }
+        }
+    }
+
+    /// Has the board switch everything off at once, whatever it is doing and whoever holds it, and waits until it says so.
+    ///
+    /// # Errors
+    /// [`ClientError::NotStopped`]: then the power must be cut.
+    pub fn emergency_stop(&mut self) -> Result<(), ClientError> {
+        for _ in 0..EMERGENCY_TRIES {
+            // A line that is gone is no reason to give up: it may come back.
+            let _ = self.port.send(&EMERGENCY_STOP);
+            for _ in 0..64 {
+                match self.next_frame(EMERGENCY_PAUSE) {
+                    Ok(Some(Ok(frame))) => {
+                        if matches!(Message::decode(frame.header.kind, &frame.body), Ok(Message::StoppedAtOnce(_))) {
+                            return Ok(());
+                        }
+                        self.take_event(&frame);
+                    }
+                    Ok(Some(Err(_))) => {}
+                    Ok(None) | Err(_) => break,
+                }
+            }
+        }
+        Err(ClientError::NotStopped { port: self.name.clone() })
     }
 
     /// Waits for an event.
@@ -285,12 +565,18 @@ impl Client {
         Ok(self.events.pop_front())
     }
 
+    /// Takes an event if it is the next one: the board sends those after it again.
     fn take_event(&mut self, frame: &Frame) {
+        let Header { session, seq, ack, .. } = frame.header;
         // An answer that came too late, or a frame of another session, is not for us.
-        if frame.header.session == self.session
-            && frame.header.ack == 0
+        if session != self.session || ack != 0 || seq == 0 {
+            return;
+        }
+        self.acknowledged = false;
+        if seq == next(self.heard)
             && let Ok(message) = Message::decode(frame.header.kind, &frame.body)
         {
+            self.heard = seq;
             self.events.push_back(message);
         }
     }
@@ -301,6 +587,9 @@ impl Client {
         // What trickles in without ever being a frame must not hold us for ever.
         while taken < 2 * frame::LONGEST_FRAME {
             if self.arrived.is_empty() {
+                if !self.acknowledged {
+                    self.post(0, &Message::Heard(Empty {}))?;
+                }
                 let mut buffer = [0; 256];
                 let count = self.port.receive(&mut buffer, timeout)?;
                 self.arrived.extend(&buffer[..count]);
@@ -315,6 +604,41 @@ impl Client {
         }
         Ok(Some(Err(FrameError::TooLong)))
     }
+}
+
+impl Drop for Client {
+    fn drop(&mut self) {
+        if self.open {
+            self.seq = next(self.seq);
+            // Where it is lost, the board finds out after some seconds.
+            let _ = self.post(self.seq, &Message::Goodbye(Empty {}));
+        }
+    }
+}
+
+/// How a wait for an answer has gone.
+#[derive(Debug, Default)]
+struct Wait {
+    /// For so long no frame has come.
+    quiet: Duration,
+    /// What came that was none.
+    heard: Option<FrameError>,
+}
+
+fn same_schema(hello: BoardHello) -> Result<BoardHello, ClientError> {
+    if hello.schema == SCHEMA_HASH {
+        Ok(hello)
+    } else {
+        Err(ClientError::Schema { board: hello.schema, host: SCHEMA_HASH })
+    }
+}
+
+/// Who this host is: what another one is told.
+fn host_name() -> HostName {
+    let program = std::env::args().nth(1).filter(|word| !word.starts_with('-')).unwrap_or_else(|| "growbot".to_string());
+    let machine = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
+    let name = format!("{program} {} on {}", std::process::id(), machine.trim());
+    name.bytes().take(HostName::new().capacity()).collect()
 }
 
 /// The answer in a frame, refusals as errors.

@@ -1,14 +1,14 @@
-//! One growth: a plan's layers handed to a board, followed until the last of them is laid.
+//! One growth: a plan's layers handed to a board, followed until the last of them is laid; or taken up again where it was left.
 
-use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
+use growbot_core::hash::Hasher;
 use growbot_core::job::{job_layers, summarize};
 use growbot_core::layer::{Layer, grow};
 use growbot_core::layer_bytes::{LayerBytes, decode};
 use growbot_core::link::message::{
-    Accepted, Begin, Empty, Fault, LayerBatch, Layers, MOST_LAYERS, Message, Refusal, Start, State, Status,
+    Accepted, Begin, BoardHello, Cut, Empty, Fault, Message, Refusal, Resume, Silence, Start, State, Status, Waits,
 };
 use growbot_core::path::{Segment, length};
 use growbot_core::pose::Pose;
@@ -19,9 +19,11 @@ use crate::client::{Client, ClientError};
 
 /// How long to wait for an event before asking for the status.
 const QUIET: Duration = Duration::from_secs(2);
+/// A board that has fallen silent is called again so often before it counts as lost.
+const CALLS: u32 = 12;
 
-/// A job: a path for a robot.
-#[derive(Debug, Clone, Copy)]
+/// A job: the layers of a path, for a robot.
+#[derive(Debug, Clone, PartialEq)]
 pub struct Job<'a> {
     /// The robot.
     pub robot: &'a Robot,
@@ -29,8 +31,27 @@ pub struct Job<'a> {
     pub start: &'a Pose,
     /// Where its tip is to arrive.
     pub goal: &'a Pose,
-    /// The path between.
-    pub path: &'a [Segment],
+    /// Length of the path between, mm.
+    pub length: f64,
+    /// Hash of the layers: the job's name.
+    pub plan_id: u64,
+    /// The layers.
+    pub layers: Vec<LayerBytes>,
+}
+
+impl<'a> Job<'a> {
+    /// The job that a path is.
+    #[must_use]
+    pub fn new(robot: &'a Robot, start: &'a Pose, goal: &'a Pose, path: &[Segment]) -> Self {
+        Self {
+            robot,
+            start,
+            goal,
+            length: length(path),
+            plan_id: summarize(path, robot).plan_id,
+            layers: job_layers(path, robot).collect(),
+        }
+    }
 }
 
 /// How a growth ended.
@@ -42,6 +63,12 @@ pub enum Outcome {
     Stopped,
     /// A fault switched everything off.
     Fault(Fault),
+    /// It was held for so long that the heater was switched off; it can be resumed.
+    Parked,
+    /// The board has started anew, or another host has it; what was laid can be resumed.
+    Interrupted,
+    /// The board is silent: it may still be growing.
+    Lost,
 }
 
 impl Outcome {
@@ -52,6 +79,9 @@ impl Outcome {
             Self::Done => "done",
             Self::Stopped => "stopped",
             Self::Fault(_) => "fault",
+            Self::Parked => "parked",
+            Self::Interrupted => "interrupted",
+            Self::Lost => "lost",
         }
     }
 }
@@ -61,6 +91,8 @@ impl Outcome {
 pub struct Grown {
     /// How it ended.
     pub outcome: Outcome,
+    /// The job's name.
+    pub plan_id: u64,
     /// The body, layer by layer.
     pub body: Vec<Layer>,
     /// Where the tip is, and how far that is from the goal.
@@ -69,8 +101,11 @@ pub struct Grown {
     pub duration_s: f64,
     /// Filament that was fed, mm.
     pub filament_mm: f64,
-    /// Layers that the board laid and whose report was lost: in the body they stand as planned.
-    pub unreported: usize,
+    /// The layers as the board has built them, from the first one. None where nothing is known of one: it was cut and let be, and in
+    /// the body it stands as planned.
+    pub as_built: Vec<Option<LayerBytes>>,
+    /// The layer under way when it ended: how much of it was made.
+    pub cut: Option<Cut>,
 }
 
 impl Grown {
@@ -79,6 +114,22 @@ impl Grown {
     pub fn length_mm(&self) -> f64 {
         self.body.iter().fold(0.0, |length, layer| length + layer.height)
     }
+
+    /// Layers of which nothing is known.
+    #[must_use]
+    pub fn unknown(&self) -> usize {
+        self.as_built.iter().filter(|layer| layer.is_none()).count()
+    }
+}
+
+/// CRC-64/XZ of the layers as built, in order, each in its 12 bytes; one of which nothing is known is 12 zeros.
+#[must_use]
+pub fn as_built_hash(layers: &[Option<LayerBytes>]) -> u64 {
+    let mut hasher = Hasher::default();
+    for layer in layers {
+        hasher.bytes(&layer.unwrap_or_default());
+    }
+    hasher.finish()
 }
 
 /// News of a growth.
@@ -86,10 +137,16 @@ impl Grown {
 pub enum News {
     /// The board went into a state.
     State(State),
+    /// The board has said who it is.
+    Board(BoardHello),
     /// The board's status, asked for in quiet times.
     Status(Status),
-    /// A layer is laid: its index, and the layer as built.
-    Laid(u32, Layer),
+    /// A layer is laid: its index, and the layer as built where that is known.
+    Laid(u32, Option<LayerBytes>),
+    /// The board does not answer, and is called again.
+    Silent,
+    /// It answers again.
+    Back,
 }
 
 /// Why a growth came to no end that could be measured.
@@ -101,113 +158,245 @@ pub enum GrowthError {
     /// The board was lost on the way; it may still be growing.
     #[error("{0}; the robot may still be growing: see `growbot status`, and cut its power if that does not answer")]
     During(ClientError),
+    /// There is nothing to go on with.
+    #[error("the board has no unfinished body of this plan ({plan_id:016x}); it holds {held}")]
+    NothingToResume {
+        /// The plan.
+        plan_id: u64,
+        /// What the board holds.
+        held: String,
+    },
+    /// An unfinished body hangs on the robot.
+    #[error(
+        "the board holds an unfinished body of plan {plan_id:016x}, {laid} of {layers} layers laid: go on with it (`growbot resume`), or give it up (`growbot cancel`)"
+    )]
+    Unfinished {
+        /// Its plan.
+        plan_id: u64,
+        /// Layers laid.
+        laid: u32,
+        /// Layers of the plan.
+        layers: u32,
+    },
 }
 
-/// Grows a job. `stop` may be set at any time; `tell` hears the news.
+/// What becomes of a layer that was cut.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum CutLayer {
+    /// It is laid anew, on top of what there is of it.
+    #[default]
+    Again,
+    /// It is let be, as far as it came.
+    LetBe,
+}
+
+/// Grows a job from its first layer. `stop` may be set at any time; `tell` hears the news.
 ///
 /// # Errors
-/// A board that is of another robot, refuses or falls silent.
+/// A board that is of another robot, holds an unfinished body, refuses or falls silent.
 pub fn grow_job(
     client: &mut Client,
     job: &Job,
+    silence: Silence,
     stop: &AtomicBool,
     tell: &mut dyn FnMut(&News),
 ) -> Result<Grown, GrowthError> {
-    let mut growth = Growth::hand_over(client, job).map_err(GrowthError::Before)?;
+    let mut growth = Growth::begin(client, job, silence, tell)?;
     growth.start().map_err(GrowthError::Before)?;
-    let outcome = growth.follow(stop, tell).map_err(GrowthError::During)?;
-    growth.measure(outcome).map_err(GrowthError::During)
+    growth.finish(stop, tell)
+}
+
+/// Goes on with a job that the board knows. `known` are the layers as built that this host has already.
+///
+/// # Errors
+/// As [`grow_job`], or a board that knows nothing of this job.
+pub fn resume_job(
+    client: &mut Client,
+    job: &Job,
+    known: Vec<Option<LayerBytes>>,
+    cut: CutLayer,
+    silence: Silence,
+    stop: &AtomicBool,
+    tell: &mut dyn FnMut(&News),
+) -> Result<Grown, GrowthError> {
+    let mut growth = Growth::take_up(client, job, known, cut, silence, tell)?;
+    growth.start().map_err(GrowthError::Before)?;
+    growth.finish(stop, tell)
 }
 
 /// A growth under way.
 struct Growth<'a> {
     client: &'a mut Client,
     job: &'a Job<'a>,
-    plan_id: u64,
-    layers: Vec<LayerBytes>,
-    /// Layers that the board has accepted.
-    accepted: u32,
+    silence: Silence,
+    /// What the board has accepted, and has room for.
+    accepted: Accepted,
     /// Layers that the board has laid.
     laid: u32,
-    /// Layers that the board can still take.
-    room: u32,
-    /// What a simulated tip had laid before: layers, and feed steps.
-    laid_before: (usize, u64),
-    /// The layers as the board reports them, each with its feed steps.
-    reported: BTreeMap<u32, (Layer, u32)>,
+    /// What a simulated tip had laid before: layers, and feed steps. None where this host has not seen the body's beginning.
+    laid_before: Option<(usize, u64)>,
+    /// The layers as the board reports them.
+    as_built: Vec<Option<LayerBytes>>,
+    cut: Option<Cut>,
     /// Layers that the board can hold.
     capacity: u32,
+    boot_id: u32,
     /// When growing began and ended, ms on the board's clock.
     began_ms: Option<u64>,
     ended_ms: u64,
 }
 
 impl<'a> Growth<'a> {
-    /// Hands the job to the board: as many layers as it holds.
-    fn hand_over(client: &'a mut Client, job: &'a Job<'a>) -> Result<Self, ClientError> {
-        let hello = client.hello_robot(job.robot)?;
-        let laid_before = client.port().tip()?.map_or((0, 0), |tip| (tip.body.len(), tip.feed_steps));
-        let summary = summarize(job.path, job.robot);
-        let layers: Vec<LayerBytes> = job_layers(job.path, job.robot).collect();
-        let begin = Begin { plan_id: summary.plan_id, layers: summary.layers, robot: job.robot.hash() };
-        let answer = client.request("to begin a job", &Message::Begin(begin))?;
-        let mut growth = Self {
+    fn new(client: &'a mut Client, job: &'a Job<'a>, silence: Silence, hello: &BoardHello) -> Self {
+        Self {
             client,
             job,
-            plan_id: summary.plan_id,
-            layers,
-            accepted: 0,
+            silence,
+            accepted: Accepted { plan_id: 0, next: 0, room: 0 },
             laid: 0,
-            room: 0,
-            laid_before,
-            reported: BTreeMap::new(),
+            laid_before: None,
+            as_built: Vec::new(),
+            cut: None,
             capacity: hello.capacity,
+            boot_id: hello.boot_id,
             began_ms: None,
             ended_ms: 0,
-        };
-        growth.take_accepted("to begin a job", &answer)?;
-        while growth.send_batch()? {}
+        }
+    }
+
+    /// Hands a new job to the board: as many layers as it holds.
+    fn begin(
+        client: &'a mut Client,
+        job: &'a Job<'a>,
+        silence: Silence,
+        tell: &mut dyn FnMut(&News),
+    ) -> Result<Self, GrowthError> {
+        let hello = client.hello_robot(job.robot).map_err(GrowthError::Before)?;
+        tell(&News::Board(hello.clone()));
+        let Status { plan_id, laid, layers, state, .. } = hello.status;
+        if plan_id != 0 && laid > 0 && laid < layers && state != State::Stopped {
+            return Err(GrowthError::Unfinished { plan_id, laid, layers });
+        }
+        let mut growth = Self::new(client, job, silence, &hello);
+        growth.hand_over_all().map_err(GrowthError::Before)?;
         Ok(growth)
     }
 
-    fn take_accepted(&mut self, request: &'static str, answer: &Message) -> Result<(), ClientError> {
-        let Message::Accepted(Accepted { next, room, .. }) = *answer else {
-            return Err(ClientError::Unexpected { request, kind: answer.kind() });
+    fn hand_over_all(&mut self) -> Result<(), ClientError> {
+        let tip = self.client.port().tip()?;
+        self.laid_before = Some(tip.map_or((0, 0), |tip| (tip.body.len(), tip.feed_steps)));
+        let begin = Begin { plan_id: self.job.plan_id, layers: self.job.layers.len() as u32, robot: self.job.robot.hash() };
+        self.ask("to begin a job", &Message::Begin(begin))?;
+        self.hand_over()
+    }
+
+    /// Takes up a job that the board knows.
+    fn take_up(
+        client: &'a mut Client,
+        job: &'a Job<'a>,
+        known: Vec<Option<LayerBytes>>,
+        cut: CutLayer,
+        silence: Silence,
+        tell: &mut dyn FnMut(&News),
+    ) -> Result<Self, GrowthError> {
+        let hello = client.hello_robot(job.robot).map_err(GrowthError::Before)?;
+        tell(&News::Board(hello.clone()));
+        let mut growth = Self::new(client, job, silence, &hello);
+        if hello.status.plan_id != growth.job.plan_id {
+            return Err(GrowthError::NothingToResume { plan_id: growth.job.plan_id, held: held(&hello.status) });
+        }
+        growth.as_built = known;
+        growth.attach(&hello.status, cut).map_err(GrowthError::Before)?;
+        Ok(growth)
+    }
+
+    fn attach(&mut self, status: &Status, cut: CutLayer) -> Result<(), ClientError> {
+        let skip = status.cut.is_some() && cut == CutLayer::LetBe;
+        self.laid = status.laid;
+        // What is not known is told from the first hole on.
+        let known = self.as_built.len().min(status.laid as usize);
+        self.as_built.truncate(known);
+        let resume = Resume {
+            plan_id: self.job.plan_id,
+            layers: self.job.layers.len() as u32,
+            from: status.laid + u32::from(skip),
+            known: known as u32,
         };
-        (self.accepted, self.room) = (next, room);
+        self.ask("to resume", &Message::Resume(resume))?;
+        self.hand_over()
+    }
+
+    /// Asks for something that is answered by `Accepted`.
+    fn ask(&mut self, what: &'static str, request: &Message) -> Result<(), ClientError> {
+        match self.client.request(what, request)? {
+            Message::Accepted(accepted) => self.accepted = accepted,
+            other => return Err(ClientError::Unexpected { request: what, kind: other.kind() }),
+        }
         Ok(())
     }
 
-    /// Sends the next layers, if there are any and the board has room. Whether it did.
-    fn send_batch(&mut self) -> Result<bool, ClientError> {
-        let rest = self.layers.get(self.accepted as usize..).unwrap_or_default();
-        let count = rest.len().min(MOST_LAYERS).min(self.room as usize);
-        // Whole batches, but for the last.
-        if count == 0 || count < rest.len().min(MOST_LAYERS) {
-            return Ok(false);
-        }
-        let layers: LayerBatch = rest.iter().take(count).copied().collect();
-        let batch = Message::Layers(Layers { plan_id: self.plan_id, first: self.accepted, layers });
-        let what = "to take layers";
-        match self.client.request(what, &batch) {
-            Ok(answer) => self.take_accepted(what, &answer)?,
+    /// Sends as many layers as the board has room for; whole messages, but for the last, while it grows.
+    fn hand_over(&mut self) -> Result<(), ClientError> {
+        match self.client.hand_over(self.job.plan_id, &self.job.layers, self.accepted.clone()) {
+            Ok(accepted) => self.accepted = accepted,
             // It stopped in between; the status will say so.
-            Err(ClientError::Refused { refusal: Refusal::WrongState { .. }, .. }) => return Ok(false),
+            Err(ClientError::Refused { refusal: Refusal::WrongState { .. }, .. }) => {}
             Err(error) => return Err(error),
         }
-        Ok(true)
+        Ok(())
     }
 
     fn start(&mut self) -> Result<(), ClientError> {
-        let what = "to start";
-        let answer = self.client.request(what, &Message::Start(Start { plan_id: self.plan_id }))?;
-        self.take_accepted(what, &answer)
+        self.ask("to start", &Message::Start(Start { plan_id: self.job.plan_id, silence: self.silence }))
+    }
+
+    /// Follows the growth to its end and measures the body.
+    fn finish(mut self, stop: &AtomicBool, tell: &mut dyn FnMut(&News)) -> Result<Grown, GrowthError> {
+        let mut outcome = self.follow(stop, tell);
+        for _ in 0..CALLS {
+            match outcome {
+                Err(ClientError::Silent { .. } | ClientError::Garbage { .. }) => {
+                    tell(&News::Silent);
+                    outcome = self.call_again(stop, tell);
+                }
+                // The board does not know us any more: it has restarted, or another host has taken it.
+                Err(ClientError::Refused { refusal: Refusal::NoSession, .. }) => outcome = self.call_again(stop, tell),
+                _ => break,
+            }
+        }
+        let outcome = match outcome {
+            Ok(outcome) => outcome,
+            Err(ClientError::Silent { .. } | ClientError::Garbage { .. }) => Outcome::Lost,
+            Err(ClientError::Held { .. } | ClientError::Refused { refusal: Refusal::NoSession, .. }) => {
+                Outcome::Interrupted
+            }
+            Err(error) => return Err(GrowthError::During(error)),
+        };
+        self.measure(outcome).map_err(GrowthError::During)
+    }
+
+    /// Opens another session and goes on following, if the board still has the job.
+    fn call_again(&mut self, stop: &AtomicBool, tell: &mut dyn FnMut(&News)) -> Result<Outcome, ClientError> {
+        let hello = self.client.hello_robot(self.job.robot)?;
+        tell(&News::Back);
+        if hello.boot_id != self.boot_id || hello.status.plan_id != self.job.plan_id {
+            self.laid = hello.status.laid;
+            self.cut = hello.status.cut;
+            self.ended_ms = hello.status.uptime_ms;
+            return Ok(Outcome::Interrupted);
+        }
+        if outcome(hello.status.state, hello.status.fault).is_none() || hello.status.state == State::Done {
+            self.attach(&hello.status, CutLayer::Again)?;
+        }
+        self.follow(stop, tell)
     }
 
     fn follow(&mut self, stop: &AtomicBool, tell: &mut dyn FnMut(&News)) -> Result<Outcome, ClientError> {
         let mut asked_to_stop = false;
         // A body of no length is done at once.
         let mut ask = true;
+        // Asked so often after the end, for layers that have not been told yet.
+        let mut looks_after_the_end = 0;
         loop {
             if stop.load(Ordering::Relaxed) && !asked_to_stop {
                 self.client.request("to stop", &Message::Stop(Empty {}))?;
@@ -217,18 +406,25 @@ impl<'a> Growth<'a> {
             if std::mem::take(&mut ask) {
                 let status = self.client.status()?;
                 if let Some(outcome) = self.take_status(&status)? {
-                    return Ok(outcome);
+                    if self.as_built.len() >= self.laid as usize || looks_after_the_end > 4 {
+                        return Ok(outcome);
+                    }
+                    looks_after_the_end += 1;
+                } else {
+                    tell(&News::Status(status));
                 }
-                tell(&News::Status(status));
             }
             match self.client.event(QUIET)? {
-                Some(Message::Laid(laid)) if laid.plan_id == self.plan_id => {
-                    let layer = decode(&laid.as_built);
-                    self.reported.insert(laid.index, (layer, laid.feed_steps));
-                    self.laid = laid.index + 1;
-                    self.room = self.room.saturating_add(1);
-                    tell(&News::Laid(laid.index, layer));
-                    self.send_batch()?;
+                Some(Message::Laid(laid)) if laid.plan_id == self.job.plan_id => {
+                    if laid.index as usize == self.as_built.len() {
+                        self.as_built.push(laid.as_built);
+                        tell(&News::Laid(laid.index, laid.as_built));
+                    }
+                    self.laid = self.laid.max(laid.index + 1);
+                    self.accepted.room = self.capacity.saturating_sub(self.accepted.next.saturating_sub(self.laid));
+                    self.refill()?;
+                    // The last of those that were missing at the end.
+                    ask = looks_after_the_end > 0 && self.as_built.len() >= self.laid as usize;
                 }
                 Some(Message::StateChanged(change)) => {
                     tell(&News::State(change.state));
@@ -236,10 +432,15 @@ impl<'a> Growth<'a> {
                     ask = true;
                 }
                 Some(_) => {}
-                // Quiet: perhaps an event was lost.
                 None => ask = true,
             }
         }
+    }
+
+    /// Sends more layers, once there is room for a few messages of them, or for the rest.
+    fn refill(&mut self) -> Result<(), ClientError> {
+        let left = (self.job.layers.len() as u32).saturating_sub(self.accepted.next);
+        if left > 0 && self.accepted.room >= left.min(64) { self.hand_over() } else { Ok(()) }
     }
 
     /// Takes what the board says of itself: how the job ended, if it did.
@@ -248,42 +449,63 @@ impl<'a> Growth<'a> {
             self.began_ms = Some(status.uptime_ms);
         }
         // A board that has restarted, or that another host has taken, knows nothing of this job.
-        let lost = (status.plan_id != self.plan_id).then_some(Outcome::Stopped);
+        let lost = (status.plan_id != self.job.plan_id).then_some(Outcome::Interrupted);
         if let Some(outcome) = outcome(status.state, status.fault).or(lost) {
             self.ended_ms = status.uptime_ms;
-            self.laid = status.laid;
+            if status.plan_id == self.job.plan_id {
+                (self.laid, self.cut) = (status.laid, status.cut);
+            }
             return Ok(Some(outcome));
         }
-        (self.accepted, self.laid) = (status.next, status.laid);
-        self.room = self.capacity.saturating_sub(status.next.saturating_sub(status.laid));
-        while self.send_batch()? {}
+        self.accepted.next = status.next;
+        self.laid = status.laid;
+        self.accepted.room = self.capacity.saturating_sub(status.next.saturating_sub(status.laid));
+        self.refill()?;
+        // It held because it had not heard of us for long.
+        if status.state == State::Hold && status.waits == Waits::ForHost {
+            self.start()?;
+        }
         Ok(None)
     }
 
     /// The body from the steps: the simulated tip's where there is one, else as the board reports it.
     fn measure(self, outcome: Outcome) -> Result<Grown, ClientError> {
-        let (layers_before, feed_before) = self.laid_before;
-        let mut unreported = 0;
-        let (body, feed_steps) = match self.client.port().tip()? {
-            Some(mut tip) => (tip.body.split_off(layers_before.min(tip.body.len())), tip.feed_steps - feed_before),
-            None => {
-                let body = (0..self.laid).zip(&self.layers).map(|(index, planned)| {
-                    let reported = self.reported.get(&index);
-                    unreported += usize::from(reported.is_none());
-                    reported.map_or_else(|| decode(planned), |(layer, _)| *layer)
-                });
-                (body.collect(), self.reported.values().map(|(_, steps)| u64::from(*steps)).sum())
+        let as_reported = || {
+            let layers = self.as_built.iter().zip(&self.job.layers);
+            layers.map(|(as_built, planned)| decode(as_built.as_ref().unwrap_or(planned))).collect()
+        };
+        // What cannot be asked any more is not asked.
+        let tip = if outcome == Outcome::Lost { None } else { self.client.port().tip()? };
+        let per_length = self.job.robot.feed_steps_per_length();
+        let (body, feed_steps): (Vec<Layer>, f64) = match (tip, self.laid_before) {
+            (Some(mut tip), Some((layers, feed))) => {
+                (tip.body.split_off(layers.min(tip.body.len())), (tip.feed_steps - feed) as f64)
+            }
+            _ => {
+                let body: Vec<Layer> = as_reported();
+                let fed = body.iter().fold(0.0, |sum, layer| sum + layer.height) * per_length;
+                (body, fed)
             }
         };
         let end = grow(&self.job.start.frame(), body.iter().copied());
         Ok(Grown {
             outcome,
-            arrival: Arrival::of(&end, self.job.goal, length(self.job.path)),
+            plan_id: self.job.plan_id,
+            arrival: Arrival::of(&end, self.job.goal, self.job.length),
             body,
             duration_s: self.began_ms.map_or(0.0, |began| self.ended_ms.saturating_sub(began) as f64 / 1000.0),
-            filament_mm: feed_steps as f64 / self.job.robot.description().feed.steps_per_mm,
-            unreported,
+            filament_mm: feed_steps / self.job.robot.description().feed.steps_per_mm,
+            as_built: self.as_built,
+            cut: self.cut,
         })
+    }
+}
+
+/// What a board holds, in words.
+fn held(status: &Status) -> String {
+    match status.plan_id {
+        0 => "no job".to_string(),
+        id => format!("plan {id:016x}, {} of {} layers laid", status.laid, status.layers),
     }
 }
 
@@ -293,13 +515,13 @@ fn outcome(state: State, fault: Option<Fault>) -> Option<Outcome> {
         State::Done => Some(Outcome::Done),
         State::Stopped | State::EmergencyStop => Some(Outcome::Stopped),
         State::Fault => Some(Outcome::Fault(fault.unwrap_or(Fault::Hardware))),
+        State::Parked => Some(Outcome::Parked),
         State::SelfTest
         | State::Idle
         | State::Heating
         | State::Homing
         | State::Growing
         | State::Hold
-        | State::Parked
         | State::Tuning => None,
     }
 }

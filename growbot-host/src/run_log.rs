@@ -1,18 +1,25 @@
 //! The log of a growth: one JSON object a line, each flushed, so that a log cut off anywhere is readable up to there.
+//!
+//! The first line has the versions, the robot, the plan and the layers that were handed over, the others what happened, the layers as
+//! built among them, in the bytes of the link. So the body can be rebuilt from it bit for bit ([`RunRecord`]), and a growth that was
+//! interrupted goes on from its log.
 
-use std::fs::File;
+use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
 use std::path::Path;
 
 use growbot_core::angle::degrees;
+use growbot_core::layer_bytes::{LayerBytes, decode};
+use growbot_core::link::message::Fault;
+use growbot_core::robot::Robot;
 use serde_json::{Value, json};
 
-use crate::growth::News;
+use crate::growth::{Job, News};
 use crate::plan::Plan;
-use crate::plan_file::PlanFile;
+use crate::plan_file::{PlanFile, PlanFileError, written_hash};
 
 /// Name and version of the format, in the first line.
-pub const FORMAT: &str = "growbot-run/1";
+pub const FORMAT: &str = "growbot-run/2";
 
 /// Why a log could not be written.
 #[derive(Debug, thiserror::Error)]
@@ -32,11 +39,11 @@ impl RunLog {
         Self(None)
     }
 
-    /// Begins a log with versions, port and plan.
+    /// Begins a log with versions, port, plan and layers.
     ///
     /// # Errors
     /// If the file cannot be created. A log that is there already is not overwritten: it may be the only record of a body.
-    pub fn begin(path: &Path, plan: &Plan, port: &str) -> Result<Self, RunLogError> {
+    pub fn begin(path: &Path, plan: &Plan, job: &Job, port: &str) -> Result<Self, RunLogError> {
         let name = path.display().to_string();
         let file = File::create_new(path).map_err(|error| RunLogError { file: name.clone(), error })?;
         let mut log = Self(Some((file, name)));
@@ -45,8 +52,29 @@ impl RunLog {
             "format": FORMAT,
             "growbot": env!("CARGO_PKG_VERSION"),
             "port": port,
+            "robot": job.robot.name(),
+            "robot_hash": written_hash(job.robot.hash()),
+            "plan_id": written_hash(job.plan_id),
+            "layers": job.layers.iter().map(hex).collect::<String>(),
             "plan": PlanFile::from(plan),
         }))?;
+        Ok(log)
+    }
+
+    /// Goes on with a log: what a cut has left of its last line is taken away first.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn go_on(path: &Path, record: &RunRecord, port: &str) -> Result<Self, RunLogError> {
+        let name = path.display().to_string();
+        let open = || {
+            let file = OpenOptions::new().append(true).open(path)?;
+            file.set_len(record.bytes as u64)?;
+            Ok(file)
+        };
+        let file = open().map_err(|error| RunLogError { file: name.clone(), error })?;
+        let mut log = Self(Some((file, name)));
+        log.write(&json!({ "event": "resumed", "growbot": env!("CARGO_PKG_VERSION"), "port": port }))?;
         Ok(log)
     }
 
@@ -56,27 +84,47 @@ impl RunLog {
     /// If the file cannot be written, say because a disk is full.
     pub fn news(&mut self, news: &News) -> Result<(), RunLogError> {
         match news {
+            News::Board(hello) => self.write(&json!({
+                "event": "board",
+                "firmware": hello.firmware,
+                "schema": written_hash(hello.schema),
+                "boot_id": hello.boot_id,
+                "reset_cause": hello.reset_cause.name(),
+                "state": hello.status.state.name(),
+                "laid": hello.status.laid,
+                "cut": hello.status.cut.map(|cut| [cut.least, cut.most]),
+            })),
             News::State(state) => self.write(&json!({ "event": "state", "state": state.name() })),
             News::Status(status) => self.write(&json!({
                 "event": "status",
                 "state": status.state.name(),
+                "fault": status.fault.map(Fault::code),
                 "temperature_c": status.temperature_centi_c.map(|centi| f64::from(centi) / 100.0),
+                "target_c": status.target_centi_c.map(|centi| f64::from(centi) / 100.0),
+                "laid": status.laid,
                 "uptime_ms": status.uptime_ms,
             })),
-            News::Laid(index, layer) => self.write(&json!({
-                "event": "laid",
-                "layer": index,
-                "alpha_deg": degrees(layer.alpha),
-                "height_mm": layer.height,
-                "tilt_deg": degrees(layer.tilt),
-            })),
+            News::Laid(index, Some(bytes)) => {
+                let layer = decode(bytes);
+                self.write(&json!({
+                    "event": "laid",
+                    "layer": index,
+                    "as_built": hex(bytes),
+                    "alpha_deg": degrees(layer.alpha),
+                    "height_mm": layer.height,
+                    "tilt_deg": degrees(layer.tilt),
+                }))
+            }
+            News::Laid(index, None) => self.write(&json!({ "event": "laid", "layer": index, "as_built": null })),
+            News::Silent => self.write(&json!({ "event": "silent" })),
+            News::Back => self.write(&json!({ "event": "back" })),
         }
     }
 
     /// Takes the log of a job that never began away: there is no body to remember.
     pub fn discard(self) {
         if let Some((_, name)) = self.0 {
-            let _ = std::fs::remove_file(name);
+            let _ = fs::remove_file(name);
         }
     }
 
@@ -91,5 +139,179 @@ impl RunLog {
     fn write(&mut self, line: &Value) -> Result<(), RunLogError> {
         let Some((file, name)) = &mut self.0 else { return Ok(()) };
         writeln!(file, "{line}").and_then(|()| file.flush()).map_err(|error| RunLogError { file: name.clone(), error })
+    }
+}
+
+/// Why a run log could not be read.
+#[derive(Debug, thiserror::Error)]
+pub enum RunRecordError {
+    /// It is not there, or may not be read.
+    #[error("cannot read the run log {file}: {error}")]
+    File {
+        /// The file.
+        file: String,
+        /// The system's reason.
+        error: io::Error,
+    },
+    /// Its first line is no header of a run log.
+    #[error("{file} is no run log ({reason}): give a file that `growbot grow --log` has written")]
+    Header {
+        /// The file.
+        file: String,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// The plan in it.
+    #[error(transparent)]
+    Plan(#[from] PlanFileError),
+}
+
+/// What a run log tells of a growth, as far as it goes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RunRecord {
+    /// Name of the robot, and hash of its description.
+    pub robot: (String, u64),
+    /// The plan.
+    pub plan: PlanFile,
+    /// The job's name.
+    pub plan_id: u64,
+    /// The layers that were handed over.
+    pub layers: Vec<LayerBytes>,
+    /// The layers as built, from the first on; none where nothing is known of one.
+    pub as_built: Vec<Option<LayerBytes>>,
+    /// How it ended, if the log says so.
+    pub outcome: Option<String>,
+    /// The file, as errors call it.
+    file: String,
+    /// Bytes of the whole lines.
+    bytes: usize,
+    /// Bytes after those, of a line that was cut off.
+    pub cut_off: usize,
+}
+
+impl RunRecord {
+    /// Reads a log up to the last whole line.
+    ///
+    /// # Errors
+    /// [`RunRecordError`].
+    pub fn open(path: &Path) -> Result<Self, RunRecordError> {
+        let file = path.display().to_string();
+        let bytes = fs::read(path).map_err(|error| RunRecordError::File { file: file.clone(), error })?;
+        Self::read(&bytes, &file)
+    }
+
+    /// Reads the bytes of a log. `file` is what errors call it.
+    ///
+    /// # Errors
+    /// [`RunRecordError::Header`] or [`RunRecordError::Plan`].
+    pub fn read(bytes: &[u8], file: &str) -> Result<Self, RunRecordError> {
+        let mut lines = bytes.split_inclusive(|byte| *byte == b'\n');
+        let wrong = |reason: &str| RunRecordError::Header { file: file.to_string(), reason: reason.to_string() };
+        let first = lines.next().ok_or_else(|| wrong("it is empty"))?;
+        let header = whole(first).ok_or_else(|| wrong("its first line is no whole line of JSON"))?;
+        let mut record = Self::of_header(&header, file)?;
+        record.bytes = first.len();
+        for line in lines {
+            // A line that was cut off, or is no JSON, ends what can be trusted.
+            let Some(event) = whole(line) else { break };
+            record.take(&event);
+            record.bytes += line.len();
+        }
+        record.cut_off = bytes.len() - record.bytes;
+        Ok(record)
+    }
+
+    /// The plan, checked against its robot.
+    ///
+    /// # Errors
+    /// Whatever is wrong with it, or another robot.
+    pub fn plan(&self, robot: &Robot) -> Result<Plan, PlanFileError> {
+        self.plan.check(robot).map_err(|fault| PlanFileError::Fault { file: self.file.clone(), fault })
+    }
+
+    fn of_header(header: &Value, file: &str) -> Result<Self, RunRecordError> {
+        let wrong = |reason: String| RunRecordError::Header { file: file.to_string(), reason };
+        let text = |field: &str| {
+            header.get(field).and_then(Value::as_str).ok_or_else(|| wrong(format!("its header has no \"{field}\"")))
+        };
+        let format = text("format")?;
+        if format != FORMAT {
+            return Err(wrong(format!("its format is {format:?}, I read {FORMAT:?}")));
+        }
+        let hash = |field: &str| {
+            u64::from_str_radix(text(field)?, 16).map_err(|_| wrong(format!("its \"{field}\" is no hash")))
+        };
+        let layers = unhex(text("layers")?).ok_or_else(|| wrong("its \"layers\" are no layers".to_string()))?;
+        let plan = header.get("plan").cloned().unwrap_or_default();
+        Ok(Self {
+            robot: (text("robot")?.to_string(), hash("robot_hash")?),
+            plan: PlanFile::parse(&plan.to_string(), file)?,
+            file: file.to_string(),
+            plan_id: hash("plan_id")?,
+            layers,
+            as_built: Vec::new(),
+            outcome: None,
+            bytes: 0,
+            cut_off: 0,
+        })
+    }
+
+    fn take(&mut self, event: &Value) {
+        match event.get("event").and_then(Value::as_str) {
+            Some("laid") => {
+                let index = event.get("layer").and_then(Value::as_u64);
+                let bytes = event.get("as_built").and_then(Value::as_str).and_then(unhex);
+                // After a resumption layers may be told again: the first report stands.
+                if index == Some(self.as_built.len() as u64) {
+                    self.as_built.push(bytes.and_then(|layers| layers.first().copied()));
+                }
+            }
+            Some("resumed") => self.outcome = None,
+            Some("end") => {
+                let outcome = event.get("result").and_then(|result| result.get("outcome"));
+                self.outcome = outcome.and_then(Value::as_str).map(ToString::to_string);
+            }
+            _ => {}
+        }
+    }
+}
+
+/// The JSON of a line that has its end.
+fn whole(line: &[u8]) -> Option<Value> {
+    serde_json::from_slice(line.strip_suffix(b"\n")?).ok()
+}
+
+fn hex(bytes: &LayerBytes) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// Layers from the hex digits of their bytes.
+fn unhex(text: &str) -> Option<Vec<LayerBytes>> {
+    let digits: Vec<u8> = text.chars().map(|digit| digit.to_digit(16).map(|value| value as u8)).collect::<Option<_>>()?;
+    let (layers, []) = digits.as_chunks::<24>() else { return None };
+    let layer = |digits: &[u8; 24]| {
+        let (pairs, _) = digits.as_chunks::<2>();
+        let mut bytes = [0; 12];
+        for (byte, [high, low]) in bytes.iter_mut().zip(pairs) {
+            *byte = high << 4 | low;
+        }
+        bytes
+    };
+    Some(layers.iter().map(layer).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn layers_survive_their_digits() {
+        let layers = [[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 255], [0xab; 12]];
+        let text: String = layers.iter().map(hex).collect();
+        assert_eq!(unhex(&text).unwrap(), layers);
+        assert_eq!(unhex("").unwrap(), Vec::<LayerBytes>::new());
+        for wrong in ["0", "0g", &"0".repeat(23), "\u{e9}"] {
+            assert_eq!(unhex(wrong), None, "{wrong}");
+        }
     }
 }

@@ -21,7 +21,7 @@ pub fn checksum(bytes: &[u8]) -> u32 {
 }
 
 /// Version of the frame and of its header.
-pub const VERSION: u8 = 1;
+pub const VERSION: u8 = 2;
 /// The longest body, bytes.
 pub const LONGEST_BODY: usize = 224;
 /// Version, kind, session, sequence number, acknowledgement.
@@ -39,10 +39,26 @@ pub struct Header {
     pub kind: u8,
     /// The session that the host opened with its `Hello`. An answer is of the session of its request.
     pub session: u32,
-    /// Number of this frame in its direction, wrapping.
+    /// Number of this request, or of this event, in its session: from 1 on, wrapping past 0. Answers have none, 0.
     pub seq: u16,
-    /// The sequence number of the frame that this one answers; 0 where it answers none.
+    /// In an answer: number of its request. In what a host sends: number of the latest event that it has, all before it included.
+    /// 0 for none.
     pub ack: u16,
+}
+
+/// The number after this one.
+#[must_use]
+pub const fn next(seq: u16) -> u16 {
+    match seq.wrapping_add(1) {
+        0 => 1,
+        seq => seq,
+    }
+}
+
+/// Whether a number comes after another one, the shorter way round.
+#[must_use]
+pub const fn is_after(seq: u16, other: u16) -> bool {
+    (seq.wrapping_sub(other) as i16) > 0
 }
 
 /// A frame that arrived whole.
@@ -185,6 +201,13 @@ mod tests {
             seq,
             ack,
         })
+    }
+
+    #[test]
+    fn numbers_go_on_past_their_end_and_never_through_0() {
+        assert_eq!((next(0), next(7), next(u16::MAX)), (1, 8, 1));
+        assert!(is_after(8, 7) && !is_after(7, 8) && !is_after(7, 7));
+        assert!(is_after(next(u16::MAX), u16::MAX) && !is_after(u16::MAX, 1));
     }
 
     proptest! {

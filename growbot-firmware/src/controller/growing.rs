@@ -1,6 +1,7 @@
 //! The orders to the step engine: homing, layers, and filament pulled back and pushed forward again round a hold.
 
-use growbot_core::link::message::{Fault, Laid, Message, State};
+use growbot_core::layer_bytes::{Encoder, Fields};
+use growbot_core::link::message::{Fault, State, Waits};
 use growbot_core::robot::Turning;
 
 use super::Controller;
@@ -28,8 +29,8 @@ pub(super) struct Motion {
     retracted: bool,
     /// The next turn goes back to where the one before came from.
     backwards: bool,
-    /// A host wants the robot to wait.
-    hold_asked: bool,
+    /// Why the robot is to wait after the layer under way, if it is.
+    hold: Option<Waits>,
     /// Material a second of the layer given last, mm^3/s.
     flow: f64,
 }
@@ -96,23 +97,14 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// Counts a layer as laid and tells the host what was built.
-    fn count(&mut self, turn: &TurnReport, handover: &Handover) {
-        let index = self.job.laid;
-        self.job.laid += 1;
-        self.parts.store.drop_first();
-        let built = as_built(&turn.feed, &self.robot);
-        let laid = Laid {
-            plan_id: self.job.plan_id,
-            index,
-            as_built: self.job.encoder.encode(&built),
-            head_steps: turn.head,
-            feed_steps: turn.feed.iter().sum(),
-        };
-        self.tell(Message::Laid(laid));
+    /// Counts a layer as laid: the journal hears of it, and then the host.
+    pub(super) fn count(&mut self, turn: &TurnReport, handover: &Handover) {
+        self.commit(Encoder::default().encode(&as_built(&turn.feed, &self.robot)));
+        self.sectors = 0;
         self.keep();
         if self.job.laid == self.job.layers {
             self.switch_off(handover);
+            self.end_job();
             self.happens(Event::Finished);
         }
     }
@@ -157,7 +149,7 @@ impl<B: Board> Controller<B> {
         if self.job.given == self.job.layers {
             return;
         }
-        let next = self.store().get(self.job.given).filter(|_| !self.motion.hold_asked);
+        let next = self.store().get(self.job.given).filter(|_| self.motion.hold.is_none());
         let Some(bytes) = next else {
             // The layer under way is finished first.
             if self.job.laid == self.job.given {
@@ -174,11 +166,14 @@ impl<B: Board> Controller<B> {
         match self.job.material.lay(&bytes, &self.robot, backwards) {
             Ok(turn) => {
                 let period_s = self.robot.description().layer.period_s;
+                self.note_begun();
                 self.motion.flow = turn.layer(&self.robot).height * self.robot.wall_area() / period_s;
                 handover.give(Order::Lay(turn));
                 self.motion.gave(period_s, self.now);
                 self.motion.backwards = !backwards;
                 self.job.given += 1;
+                // There is room: no more than two turns are under way.
+                let _ = self.job.carries.push_back((self.job.material.carry(), Fields::of(&bytes).height));
                 self.keep();
             }
             Err(_) => self.fail(Fault::StepRate, handover),
@@ -205,7 +200,7 @@ impl<B: Board> Controller<B> {
     fn wait(&mut self, handover: &Handover) {
         let description = self.robot.description();
         let (heater, hold) = (&description.heater, &description.hold);
-        let goes_on = !self.motion.hold_asked && self.store().get(self.job.given).is_some();
+        let goes_on = self.motion.hold.is_none() && self.store().get(self.job.given).is_some();
         let held_s = self.in_state_us() as f64 * 1e-6;
         let target = if goes_on || held_s < hold.standby_after_s {
             heater.target_c
@@ -225,8 +220,13 @@ impl<B: Board> Controller<B> {
     }
 
     /// Has the robot wait after the layer under way, or not any more.
-    pub(super) fn ask_hold(&mut self, hold: bool) {
-        self.motion.hold_asked = hold;
+    pub(super) fn go_on_holding(&mut self, hold: Option<Waits>) {
+        self.motion.hold = hold;
+    }
+
+    /// What the robot waits for, or will once the layer under way is laid.
+    pub(super) fn waits(&self) -> Waits {
+        self.motion.hold.unwrap_or_default()
     }
 
     /// Material that flows now, mm^3/s.

@@ -4,18 +4,18 @@
 //! a second time is recognised and answered like the first.
 
 use growbot_core::job::job_layers_meanwhile;
-use growbot_core::layer_bytes::{LayerBytes, decode_checked};
-use growbot_core::link::frame::Frame;
+use growbot_core::link::frame::{Frame, Header};
 use growbot_core::link::message::{
-    Accepted, Begin, BoardHello, Fault, HeldLayers, HostHello, LatestFault, LayerBatch, Layers, MOST_LAYERS, Message,
-    PlanRequest, Planned, Refusal, Refused, SCHEMA_HASH, Start, State, Tune,
+    Accepted, BoardHello, Fault, HeldLayers, HostHello, LatestFault, LayerBatch, MOST_LAYERS, Message, PlanRequest, Planned,
+    Refusal, Refused, SCHEMA_HASH, State, Tune, Waits,
 };
 use growbot_core::plan::plan_meanwhile;
 use growbot_core::pose::Pose;
 
-use super::{Controller, Job, centi};
+use super::{Controller, centi};
 use crate::hal::{Board, Watchdog};
 use crate::layer_store::CAPACITY;
+use crate::link::Arrival;
 use crate::safety::transitions::{Event, after};
 use crate::stepping::Handover;
 
@@ -30,32 +30,48 @@ impl<B: Board> Controller<B> {
     /// Carries out a request and answers it.
     pub(super) fn serve(&mut self, frame: &Frame, handover: &Handover) {
         let header = frame.header;
+        let arrival = self.link.note(&header, self.now);
+        if arrival == Arrival::Settled {
+            return;
+        }
         let answer = match Message::decode_request(header.kind, &frame.body) {
             _ if header.kind == STOP => Ok(self.stop(handover)),
-            Ok(message) => self.carry_out(message, header.session, handover),
+            Ok(Message::Heard(_)) => return,
+            Ok(Message::Goodbye(_)) if arrival == Arrival::New => return self.link.part(),
+            Ok(message) => self.carry_out(message, &header, arrival, handover),
             Err(_) => Err(Refusal::NotUnderstood),
         };
         let answer = answer.unwrap_or_else(|refusal| Message::Refused(Refused { kind: header.kind, refusal }));
-        self.link.answer(&header, &answer);
+        self.link.answer(&header, answer);
     }
 
-    fn carry_out(&mut self, request: Message, session: u32, handover: &Handover) -> Result<Message, Refusal> {
+    fn carry_out(
+        &mut self,
+        request: Message,
+        header: &Header,
+        arrival: Arrival,
+        handover: &Handover,
+    ) -> Result<Message, Refusal> {
         // These are answered whoever asks.
         match request {
-            Message::Hello(hello) => return self.hello(&hello, session),
+            Message::Hello(hello) => return self.hello(hello, header),
+            Message::AskBoard(_) => return Ok(self.board_hello()),
             Message::AskStatus(_) => return Ok(Message::Status(self.status())),
             Message::AskFault(_) => return Ok(Message::LatestFault(LatestFault { record: self.kept.record })),
             Message::AskSensors(_) => return Ok(Message::SensorReadings(self.readings)),
             _ => {}
         }
-        if !self.link.is_open(session) {
+        if arrival != Arrival::New {
             return Err(Refusal::NoSession);
         }
         match request {
             Message::Begin(begin) => self.begin(&begin),
+            Message::Resume(resume) => self.resume(&resume),
             Message::Layers(layers) => self.hold_layers(&layers),
+            Message::Amend(amend) => self.amend(&amend),
             Message::Start(start) => self.start(&start),
             Message::Hold(_) => self.hold(),
+            Message::Cancel(cancel) => self.cancel(&cancel, handover),
             Message::Tune(tune) => self.tune(&tune),
             Message::ClearFault(_) => self.clear_fault(handover),
             Message::Plan(request) => self.plan_by_itself(&request),
@@ -64,16 +80,26 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    fn hello(&mut self, hello: &HostHello, session: u32) -> Result<Message, Refusal> {
+    fn hello(&mut self, hello: HostHello, header: &Header) -> Result<Message, Refusal> {
         if hello.schema != SCHEMA_HASH {
             return Err(Refusal::OtherSchema { board: SCHEMA_HASH });
         }
-        if !self.link.is_open(session) {
-            self.link.open(session);
-            // What happened before is told by the status below.
-            self.events.clear();
+        // A session that is over stays so: this frame has been long on its way.
+        if header.session == 0 || self.link.is_over(header.session) {
+            return Err(Refusal::NoSession);
         }
-        Ok(Message::BoardHello(BoardHello {
+        if !self.link.is_open(header.session) {
+            if let Some((_, silent)) = self.link.holder(self.now).filter(|_| !hello.take_over) {
+                return Err(Refusal::Held { silent_ms: (silent / 1000) as u32 });
+            }
+            self.link.open(header, hello.host, self.now);
+            self.job.told = self.job.laid;
+        }
+        Ok(self.board_hello())
+    }
+
+    fn board_hello(&self) -> Message {
+        Message::BoardHello(BoardHello {
             schema: SCHEMA_HASH,
             boot_id: self.identity.boot_id,
             reset_cause: self.identity.reset_cause,
@@ -82,109 +108,32 @@ impl<B: Board> Controller<B> {
             robot: self.robot.hash(),
             capacity: CAPACITY as u32,
             status: self.status(),
-        }))
+            holder: self.link.holder(self.now).map(|(host, _)| host.clone()),
+        })
     }
 
-    fn accepted(&self) -> Message {
+    pub(super) fn accepted(&self) -> Message {
         let store = self.store();
         Message::Accepted(Accepted { plan_id: self.job.plan_id, next: store.next_index(), room: store.room() })
     }
 
     fn stop(&mut self, handover: &Handover) -> Message {
-        self.switch_off(handover);
+        self.cut_off(handover);
         self.happens(Event::Stop);
         self.accepted()
     }
 
     /// Whether this event is taken now.
-    fn takes(&self, event: Event) -> Result<(), Refusal> {
+    pub(super) fn takes(&self, event: Event) -> Result<(), Refusal> {
         match after(self.state, event) {
             Some(_) => Ok(()),
             None => Err(Refusal::WrongState { state: self.state }),
         }
     }
 
-    fn begin(&mut self, begin: &Begin) -> Result<Message, Refusal> {
-        if begin.robot != self.robot.hash() {
-            return Err(Refusal::OtherRobot { board: self.robot.hash() });
-        }
-        if begin.plan_id == 0 {
-            return Err(Refusal::NotUnderstood);
-        }
-        self.takes(Event::Begin)?;
-        let repeated = (begin.plan_id, begin.layers) == (self.job.plan_id, self.job.layers);
-        match self.state {
-            // After an end it is the wish for another growth, of the same plan or not.
-            State::Done | State::Stopped => {}
-            _ if repeated => return Ok(self.accepted()),
-            State::Idle => {}
-            // Another job is under way.
-            state => return Err(Refusal::WrongState { state }),
-        }
-        self.set_job(begin.plan_id, begin.layers);
-        self.happens(Event::Begin);
-        Ok(self.accepted())
-    }
-
-    /// Forgets the job before and holds another.
-    fn set_job(&mut self, plan_id: u64, layers: u32) {
-        self.store_mut().clear();
-        self.job = Job { plan_id, layers, ..Job::default() };
-    }
-
-    fn this_plan(&self, plan_id: u64) -> Result<(), Refusal> {
-        if plan_id == 0 || plan_id != self.job.plan_id {
-            return Err(Refusal::OtherPlan { board: self.job.plan_id });
-        }
-        Ok(())
-    }
-
-    fn hold_layers(&mut self, batch: &Layers) -> Result<Message, Refusal> {
-        self.this_plan(batch.plan_id)?;
-        self.takes(Event::Layers)?;
-        let expected = self.store().next_index();
-        if batch.first > expected {
-            return Err(Refusal::OutOfOrder { expected });
-        }
-        let already_held = (expected - batch.first) as usize;
-        let new = batch.layers.get(already_held..).unwrap_or_default();
-        // All are checked before any is taken: a batch is held as a whole or not at all.
-        for (index, bytes) in (expected..self.job.layers).zip(new) {
-            self.check_layer(index, bytes)?;
-        }
-        if new.len() > self.job.layers.saturating_sub(expected) as usize {
-            return Err(Refusal::BadLayer { index: self.job.layers });
-        }
-        if new.len() > self.store().room() as usize {
-            return Err(Refusal::Full);
-        }
-        for bytes in new {
-            self.hold_layer(*bytes)?;
-        }
-        Ok(self.accepted())
-    }
-
-    fn start(&mut self, start: &Start) -> Result<Message, Refusal> {
-        self.this_plan(start.plan_id)?;
-        self.takes(Event::Start)?;
-        self.ask_hold(false);
-        match self.state {
-            State::Idle if self.job.layers == 0 => {
-                self.happens(Event::Finished);
-            }
-            State::Idle | State::Parked => {
-                self.heater.switch_on(self.robot.description().heater.target_c, self.now);
-                self.happens(Event::Start);
-            }
-            // Repeated, or the end of a hold.
-            _ => {}
-        }
-        Ok(self.accepted())
-    }
-
     fn hold(&mut self) -> Result<Message, Refusal> {
         self.takes(Event::Hold)?;
-        self.ask_hold(true);
+        self.go_on_holding(Some(Waits::AsAsked));
         Ok(self.accepted())
     }
 
@@ -195,7 +144,6 @@ impl<B: Board> Controller<B> {
         if !(LEAST_TUNING_C..=greatest).contains(&target) {
             return Err(Refusal::Temperature { least: centi(LEAST_TUNING_C), greatest: centi(greatest) });
         }
-        self.set_job(0, 0);
         self.heater.tune(target, self.now);
         self.happens(Event::Tune);
         Ok(self.accepted())
@@ -217,7 +165,6 @@ impl<B: Board> Controller<B> {
         if let Some(record) = &mut self.kept.record {
             record.cleared = true;
         }
-        self.set_job(0, 0);
         self.happens(Event::Clear);
         Ok(self.accepted())
     }
@@ -261,7 +208,7 @@ impl<B: Board> Controller<B> {
             self.parts.watchdog.feed();
             self.check_layer(index, &bytes)?;
         }
-        self.set_job(summary.plan_id, summary.layers);
+        self.new_job(summary.plan_id, summary.layers)?;
         self.happens(Event::Plan);
         for bytes in layers {
             self.parts.watchdog.feed();
@@ -273,16 +220,6 @@ impl<B: Board> Controller<B> {
             layers: summary.layers,
             length: growbot_core::path::length(&path),
         }))
-    }
-
-    /// Whether a layer can be laid. The robot's limits are the board's own: nothing that a host sends lifts them.
-    fn check_layer(&self, index: u32, bytes: &LayerBytes) -> Result<(), Refusal> {
-        decode_checked(bytes, &self.robot).map(|_| ()).map_err(|_| Refusal::BadLayer { index })
-    }
-
-    /// Takes a layer into the store.
-    fn hold_layer(&mut self, bytes: LayerBytes) -> Result<(), Refusal> {
-        if self.store_mut().push(bytes) { Ok(()) } else { Err(Refusal::Full) }
     }
 
     fn read_layers(&self, first: u32) -> Message {

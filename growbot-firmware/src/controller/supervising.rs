@@ -2,11 +2,12 @@
 
 use embedded_hal::digital::{InputPin, OutputPin};
 use embedded_hal::pwm::SetDutyCycle;
-use growbot_core::link::message::{Fault, FaultRecord, Message, SensorReadings, State};
+use growbot_core::link::message::{Fault, FaultRecord, SensorReadings, Silence, State, Waits};
 
 use super::{Controller, centi};
 use crate::hal::{Board, Orientation, Watchdog};
 use crate::heater::Demand;
+use crate::link;
 use crate::safety::inputs::{Look, volts};
 use crate::safety::kept::fault_of;
 use crate::safety::transitions::{Event, may_feed, may_heat};
@@ -35,6 +36,11 @@ impl<B: Board> Controller<B> {
         self.watch_steps(handover);
         if self.state == State::SelfTest {
             self.test(&look, handover);
+        }
+        self.heed_silence();
+        if self.state == State::Growing {
+            self.sectors = handover.progress() as u8;
+            self.keep();
         }
         self.proof.supervisor = true;
         if self.proof.take() {
@@ -83,7 +89,7 @@ impl<B: Board> Controller<B> {
         if let Some(tuned) = self.heater.take_tuned() {
             self.switch_off(handover);
             self.happens(Event::Tuned);
-            self.tell(Message::Tuned(tuned));
+            self.link.tell(link::Event::Tuned(tuned));
         }
     }
 
@@ -97,6 +103,20 @@ impl<B: Board> Controller<B> {
         };
         if !enabled || self.parts.heater_power.set_duty_cycle(duty).is_err() {
             self.fail(Fault::Hardware, handover);
+        }
+        // An emergency stop by the link may have come while this switched the heater on.
+        self.obey_emergency_stop(handover);
+    }
+
+    /// A host that has fallen silent is as if it had asked to hold, unless it has said otherwise when it started the job.
+    fn heed_silence(&mut self) {
+        let works = may_heat(self.state) && self.state != State::Tuning;
+        if works
+            && self.job.silence == Silence::Hold
+            && self.waits() == Waits::ForLayers
+            && self.link.holder(self.now).is_none()
+        {
+            self.go_on_holding(Some(Waits::ForHost));
         }
     }
 
@@ -157,7 +177,7 @@ impl<B: Board> Controller<B> {
     /// Switches everything off and latches a fault, unless an earlier one is latched.
     pub(super) fn fail(&mut self, fault: Fault, handover: &Handover) {
         let record = self.record(Some(fault));
-        self.switch_off(handover);
+        self.cut_off(handover);
         if !matches!(self.state, State::Fault | State::EmergencyStop) {
             self.fault = Some(fault);
             self.kept.record = Some(record);
@@ -168,7 +188,7 @@ impl<B: Board> Controller<B> {
     /// The emergency stop is pressed.
     pub(super) fn stop_at_once(&mut self, handover: &Handover) {
         let record = self.record(None);
-        self.switch_off(handover);
+        self.cut_off(handover);
         if !matches!(self.state, State::Fault | State::EmergencyStop) {
             self.kept.record = Some(record);
             self.happens(Event::EmergencyStop);

@@ -22,6 +22,8 @@ pub struct UnderWay {
     pub laid: u32,
     /// Layers begun.
     pub begun: u32,
+    /// Sectors made of the layer under way, some tenths of a second ago.
+    pub sectors: u8,
 }
 
 /// What is kept.
@@ -97,7 +99,7 @@ mod tests {
             laid: u32::MAX,
             begun: u32::MAX,
         };
-        let under_way = UnderWay { state: State::EmergencyStop, plan_id: u64::MAX, laid: u32::MAX, begun: u32::MAX };
+        let under_way = UnderWay { state: State::EmergencyStop, plan_id: u64::MAX, laid: u32::MAX, begun: u32::MAX, sectors: 64 };
         Kept { record: Some(record), under_way: Some(under_way) }
     }
 

@@ -9,8 +9,12 @@ pub enum Event {
     Begin,
     /// A host has the board plan by itself.
     Plan,
+    /// A host takes the job up that the board knows.
+    Resume,
     /// A host hands over layers that can be laid.
     Layers,
+    /// A host replaces the layers to come.
+    Amend,
     /// A host starts the job that is held, or goes on with it.
     Start,
     /// A host wants the robot to wait after the layer under way.
@@ -19,6 +23,8 @@ pub enum Event {
     Tune,
     /// A host stops everything.
     Stop,
+    /// A host gives the job up.
+    Cancel,
     /// A host clears a fault or an emergency stop whose cause is gone.
     Clear,
     /// Every sensor gives what a healthy robot at rest gives.
@@ -45,14 +51,17 @@ pub enum Event {
 
 impl Event {
     /// Every event: requests first.
-    pub const ALL: [Self; 18] = [
+    pub const ALL: [Self; 21] = [
         Self::Begin,
         Self::Plan,
+        Self::Resume,
         Self::Layers,
+        Self::Amend,
         Self::Start,
         Self::Hold,
         Self::Tune,
         Self::Stop,
+        Self::Cancel,
         Self::Clear,
         Self::Tested,
         Self::Hot,
@@ -72,11 +81,14 @@ impl Event {
         match self {
             Self::Begin => "begin",
             Self::Plan => "plan",
+            Self::Resume => "resume",
             Self::Layers => "layers",
+            Self::Amend => "amend",
             Self::Start => "start",
             Self::Hold => "hold",
             Self::Tune => "tune",
             Self::Stop => "stop",
+            Self::Cancel => "cancel",
             Self::Clear => "clear",
             Self::Tested => "tested",
             Self::Hot => "hot",
@@ -99,7 +111,7 @@ pub const fn after(state: State, event: Event) -> Option<State> {
     use State as S;
     match (state, event) {
         // Latched: the first one wins, whatever comes after it.
-        (S::Fault | S::EmergencyStop, Event::Fault | Event::EmergencyStop | Event::Stop) => Some(state),
+        (S::Fault | S::EmergencyStop, Event::Fault | Event::EmergencyStop | Event::Stop | Event::Cancel) => Some(state),
         (S::Fault | S::EmergencyStop, Event::Clear) => Some(S::Idle),
         (S::Fault | S::EmergencyStop, _) => None,
         (_, Event::Fault) => Some(S::Fault),
@@ -111,6 +123,7 @@ pub const fn after(state: State, event: Event) -> Option<State> {
         (S::SelfTest, _) => None,
 
         (_, Event::Stop) => Some(S::Stopped),
+        (_, Event::Cancel) => Some(S::Idle),
         // Nothing to clear.
         (_, Event::Clear) => Some(state),
 
@@ -119,7 +132,12 @@ pub const fn after(state: State, event: Event) -> Option<State> {
         // The same job again, where it is under way: a request that is repeated.
         (S::Heating | S::Homing | S::Growing | S::Hold | S::Parked, Event::Begin) => Some(state),
 
+        // What was stopped goes on from rest; what is under way is followed on.
+        (S::Stopped, Event::Resume) => Some(S::Idle),
+        (S::Idle | S::Heating | S::Homing | S::Growing | S::Hold | S::Parked | S::Done, Event::Resume) => Some(state),
+
         (S::Idle | S::Heating | S::Homing | S::Growing | S::Hold | S::Parked | S::Done, Event::Layers) => Some(state),
+        (S::Idle | S::Heating | S::Homing | S::Growing | S::Hold | S::Parked, Event::Amend) => Some(state),
 
         (S::Idle | S::Parked, Event::Start) => Some(S::Heating),
         // A body of no length is grown at once.

@@ -311,7 +311,7 @@ where
 
     /// Ticks until something happens, that tick included. `u32::MAX` where nothing will without an order.
     pub fn ticks_to_event(&self, handover: &Handover) -> u32 {
-        if self.head.raised || self.feed.raised || handover.halt_waits() {
+        if self.head.raised || self.feed.raised || handover.halt_waits() || handover.call_waits() {
             return 1;
         }
         match &self.mode {
@@ -376,13 +376,12 @@ where
         Ok(())
     }
 
-    /// Whether the emergency stop is pressed. The controller hears of it however short that was.
+    /// Whether the emergency stop is pressed, or has come by the link. The controller hears of it however short that was.
     fn emergency_stop(&mut self, halted: bool, handover: &Handover) -> Result<bool, Alarm> {
-        if !self.settings.emergency_stop {
-            return Ok(false);
-        }
-        let pressed = self.inputs.emergency_stop.is_high().map_err(|_| Alarm::Hardware)?;
-        if pressed {
+        let pressed =
+            self.settings.emergency_stop && self.inputs.emergency_stop.is_high().map_err(|_| Alarm::Hardware)?;
+        let stopped = handover.take_call() || pressed;
+        if stopped {
             handover.set_emergency_stop(true);
             if handover.order_waits() {
                 handover.refuse_order();
@@ -390,7 +389,7 @@ where
         } else if halted {
             handover.set_emergency_stop(false);
         }
-        Ok(pressed)
+        Ok(stopped)
     }
 
     fn advance(&mut self, handover: &Handover) -> Result<(), Alarm> {
@@ -466,6 +465,7 @@ where
                 self.progress.head_made = 0;
                 self.progress.turn_left = self.turn.ticks;
                 self.progress.sectors_left = SECTORS;
+                handover.set_progress(0);
                 self.mode = Mode::Laying;
                 self.start_sector(if self.turn.backwards { SECTORS - 1 } else { 0 }, handover);
                 Ok(follows)
@@ -524,6 +524,7 @@ where
         if progress.sector_left == 0 {
             handover.count(self.made, progress.sector, progress.feed_made);
             progress.sectors_left -= 1;
+            handover.set_progress(SECTORS - progress.sectors_left);
             if progress.sectors_left > 0 {
                 let sector = progress.sector;
                 self.start_sector(if self.turn.backwards { sector.wrapping_sub(1) } else { sector + 1 }, handover);

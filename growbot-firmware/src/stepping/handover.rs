@@ -168,6 +168,12 @@ pub struct Handover {
     /// The rate at which the turn that waits can be entered; 0 where none waits.
     entry: AtomicU32,
     emergency_stop: AtomicBool,
+    /// An emergency stop has come by the link, and the engine has not heard of it.
+    called: AtomicBool,
+    /// How many have come.
+    calls: AtomicU32,
+    /// Sectors made of the turn that is laid.
+    progress: AtomicU32,
     on_index: AtomicBool,
     filament_pulses: AtomicU32,
     ticks: AtomicU32,
@@ -196,6 +202,9 @@ impl Handover {
             halt: AtomicBool::new(false),
             entry: AtomicU32::new(0),
             emergency_stop: AtomicBool::new(false),
+            called: AtomicBool::new(false),
+            calls: AtomicU32::new(0),
+            progress: AtomicU32::new(0),
             on_index: AtomicBool::new(false),
             filament_pulses: AtomicU32::new(0),
             ticks: AtomicU32::new(0),
@@ -273,6 +282,27 @@ impl Handover {
     #[must_use]
     pub fn emergency_stop(&self) -> bool {
         self.emergency_stop.load(Ordering::Acquire)
+    }
+
+    /// The line's interrupt: an emergency stop has come by the link. The engine lets go at its next tick, as if the input were pressed
+    /// for a moment.
+    pub fn call_emergency_stop(&self) {
+        self.emergency_stop.store(true, Ordering::Release);
+        self.called.store(true, Ordering::Release);
+        // One interrupt only counts.
+        self.calls.store(self.calls().wrapping_add(1), Ordering::Release);
+    }
+
+    /// Emergency stops that have come by the link, wrapping.
+    #[must_use]
+    pub fn calls(&self) -> u32 {
+        self.calls.load(Ordering::Acquire)
+    }
+
+    /// Sectors made of the turn that was begun last.
+    #[must_use]
+    pub fn progress(&self) -> u32 {
+        self.progress.load(Ordering::Acquire)
     }
 
     /// Whether the index sensor sees its mark: looked at in each step of the head, and in each tick without an order.
@@ -360,6 +390,19 @@ impl Handover {
             self.done.borrow(cs).set(Some(done));
             self.report_waits.store(true, Ordering::Release);
         });
+    }
+
+    pub(super) fn call_waits(&self) -> bool {
+        self.called.load(Ordering::Acquire)
+    }
+
+    /// Engine: whether an emergency stop has come by the link. Asking clears it.
+    pub(super) fn take_call(&self) -> bool {
+        self.call_waits() && self.called.swap(false, Ordering::AcqRel)
+    }
+
+    pub(super) fn set_progress(&self, sectors: usize) {
+        self.progress.store(sectors as u32, Ordering::Release);
     }
 
     pub(super) fn set_emergency_stop(&self, pressed: bool) {

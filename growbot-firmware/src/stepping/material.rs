@@ -18,15 +18,31 @@ use super::turn::{StepRate, Turn};
 /// half a step, the first harmonic is off by `2 pi` at most. What goes beyond, because a layer was too thin to pay, is forgotten.
 const MOST_OWED_STEPS: f64 = core::f64::consts::TAU;
 
+/// Lean that is owed is kept in these parts of a step, so that it can be written down as it is.
+const LEAN_UNITS: f64 = 4096.0;
+
+/// What must be known of the layers laid so that those to come are the same as if growth had never been interrupted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Carry {
+    /// Sum of the heights of all layers, in the units of [`Fields::height`].
+    pub height_units: u64,
+    /// Lean that was asked for and not laid, in the tip's x and y, 1/4096 of a step of the feed.
+    pub lean_owed: [i16; 2],
+}
+
 /// What a job has laid so far.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Material {
-    /// Sum of the heights of all layers, in the units of [`Fields::height`].
-    height_units: u64,
-    /// Lean that was asked for and not laid, in the tip's x and y, mm.
-    lean_owed: Vector2<f64>,
+    carry: Carry,
     /// How the turn before has ended.
     before: Option<Ends>,
+}
+
+impl From<Carry> for Material {
+    /// To go on from there, the head at rest.
+    fn from(carry: Carry) -> Self {
+        Self { carry, before: None }
+    }
 }
 
 /// By how much a layer is higher on its outer side than on average, as a vector towards that side, mm.
@@ -36,6 +52,12 @@ fn lean(layer: &Layer, robot: &Robot) -> Vector2<f64> {
 }
 
 impl Material {
+    /// What the layers so far leave to those to come.
+    #[must_use]
+    pub fn carry(&self) -> Carry {
+        self.carry
+    }
+
     /// The turn that lays a layer next, counter-clockwise or (`backwards`) clockwise. The layer counts as laid.
     ///
     /// # Errors
@@ -48,10 +70,13 @@ impl Material {
             return Err(StepRate);
         }
         let layer = fields.layer();
-        let below = self.height_units as f64;
+        let below = self.carry.height_units as f64;
+        // mm of a unit of lean
+        let unit = 1.0 / (LEAN_UNITS * robot.feed_steps_per_length());
+        let [x, y] = self.carry.lean_owed;
         let feed_steps =
             |share: f64| (below + f64::from(fields.height) * share) / HEIGHT_UNITS * robot.feed_steps_per_length();
-        let asked = lean(&layer, robot) + self.lean_owed;
+        let asked = lean(&layer, robot) + Vector2::new(f64::from(x), f64::from(y)) * unit;
         let paying = Layer {
             alpha: wrap_positive(libm::atan2(asked.y, asked.x)),
             tilt: asked.norm() / robot.tip_radius(),
@@ -61,12 +86,15 @@ impl Material {
         // A layer close to its limits goes as it is, and the next one pays.
         let (turn, ends) = lay(&paying).or_else(|StepRate| lay(&layer))?;
         self.before = Some(ends);
-        self.height_units += u64::from(fields.height);
-        self.lean_owed = asked - lean(&turn.layer(robot), robot);
-        let most = MOST_OWED_STEPS / robot.feed_steps_per_length();
-        if self.lean_owed.norm() > most {
-            self.lean_owed *= most / self.lean_owed.norm();
+        let mut owed = (asked - lean(&turn.layer(robot), robot)) / unit;
+        let most = MOST_OWED_STEPS * LEAN_UNITS;
+        if owed.norm() > most {
+            owed *= most / owed.norm();
         }
+        self.carry = Carry {
+            height_units: self.carry.height_units + u64::from(fields.height),
+            lean_owed: [libm::rint(owed.x) as i16, libm::rint(owed.y) as i16],
+        };
         Ok(turn)
     }
 }

@@ -3,27 +3,21 @@
 use std::path::PathBuf;
 
 use clap::{Args, Parser};
-use growbot_core::link::message::State;
-use growbot_core::path::length;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
-use growbot_host::arrival::Arrival;
-use growbot_host::client::{Client, ClientError};
-use growbot_host::growth::{Grown, GrowthError, Job, News, Outcome, grow_job};
-use growbot_host::output::print;
+use growbot_host::client::Client;
+use growbot_host::growth::{Job, grow_job};
 use growbot_host::plan::Plan;
-use growbot_host::plan_file::{self, WrittenPose};
+use growbot_host::plan_file;
 use growbot_host::port::{self, PortName};
 use growbot_host::pose_text::parse_pose;
-use growbot_host::progress::{Progress, Results};
 use growbot_host::robot_file;
 use growbot_host::run_log::RunLog;
 use growbot_host::warning::PREVENTING;
-use serde_json::{Value, json};
 
-use super::interrupt::stop_on_interrupt;
+use super::following::{Following, OnSilence, refuse};
 use super::search::SearchArgs;
-use super::{Failure, PortArg, growth_table, plan_table};
+use super::{Failure, PortArg, plan_table};
 
 /// Grow a body: a plan, or straight from a pose
 ///
@@ -55,6 +49,9 @@ pub struct GrowArgs {
     /// Write what happens to this new file, one JSON object a line
     #[arg(long, value_name = "FILE")]
     log: Option<PathBuf>,
+    /// What the board does when it no longer hears from this program
+    #[arg(long, value_name = "WHAT", default_value = "hold")]
+    on_silence: OnSilence,
     /// Grow in spite of self-collision, filament-short or layer-limit
     #[arg(long)]
     force: bool,
@@ -100,7 +97,7 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     }
     if !preventing.is_empty() && !args.force {
         let codes: Vec<_> = preventing.iter().map(|warning| warning.code.as_str()).collect();
-        refuse(args, &plan)?;
+        refuse(args.json, &plan)?;
         return Err(Failure::answered_no(format!(
             "not grown because of {}: change the plan, or grow it all the same with --force",
             codes.join(", ")
@@ -111,51 +108,14 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
         let time = plan_table::duration(plan.needs.duration);
         growbot_host::tell!("growbot: the emulated board runs in real time: the layers alone take {time}");
     }
+    let job = Job::new(&robot, &plan.start, &plan.goal, &plan.path);
     let mut client = Client::new(port::open(&name, &robot)?, args.port.text());
-    let mut log = match &args.log {
-        Some(path) => RunLog::begin(path, &plan, args.port.text()).map_err(Failure::bad_input)?,
+    let log = match &args.log {
+        Some(path) => RunLog::begin(path, &plan, &job, args.port.text()).map_err(Failure::bad_input)?,
         None => RunLog::none(),
     };
-    let job = Job { robot: &robot, start: &plan.start, goal: &plan.goal, path: &plan.path };
-
-    let stop = stop_on_interrupt();
-    let mut show = Show::new(plan.needs.layers);
-    let mut log_error = None;
-    let grown = grow_job(&mut client, &job, &stop, &mut |news| {
-        show.tell(news);
-        if let Err(error) = log.news(news) {
-            log_error.get_or_insert(error);
-        }
-    });
-    show.end();
-    if let Some(error) = log_error {
-        growbot_host::tell!("growbot: {error}");
-    }
-    let grown = match grown {
-        Ok(grown) => grown,
-        Err(GrowthError::Before(ClientError::Refused { request, refusal })) => {
-            log.discard();
-            refuse(args, &plan)?;
-            return Err(ClientError::Refused { request, refusal }.into());
-        }
-        Err(GrowthError::Before(error)) => {
-            log.discard();
-            return Err(error.into());
-        }
-        Err(error @ GrowthError::During(_)) => return Err(Failure::answered_no(error)),
-    };
-    let result = json_of(grown.outcome.name(), Some(&grown), &plan);
-    log.end(&result).map_err(Failure::answered_no)?;
-    print(&if args.json { format!("{result}\n") } else { growth_table::table(&plan, &robot, &grown) })?;
-    match grown.outcome {
-        Outcome::Done => Ok(()),
-        Outcome::Stopped => Err(Failure::answered_no("stopped before the last layer: heater and steppers are off")),
-        Outcome::Fault(fault) => Err(Failure::answered_no(format!(
-            "fault {}: {}; heater and steppers are off",
-            fault.code(),
-            fault.explanation()
-        ))),
-    }
+    let following = Following { robot: &robot, plan: &plan, log, json: args.json, laid: 0 };
+    following.follow(|stop, tell| grow_job(&mut client, &job, args.on_silence.into(), stop, tell))
 }
 
 impl GrowArgs {
@@ -171,69 +131,6 @@ impl GrowArgs {
         let search = self.search.search(&robot, self.clear_of_self || self.search.planner.is_none());
         let plan = Plan::through(&robot, &self.search.from, &self.search.via, goal, &search)?;
         Ok((robot, plan))
-    }
-}
-
-/// The line of JSON of a growth that did not begin.
-fn refuse(args: &GrowArgs, plan: &Plan) -> Result<(), Failure> {
-    if args.json {
-        print(&format!("{}\n", json_of("refused", None, plan)))?;
-    }
-    Ok(())
-}
-
-/// The result as scripts read it. What was not grown is where it started.
-fn json_of(outcome: &str, grown: Option<&Grown>, plan: &Plan) -> Value {
-    let arrival =
-        grown.map_or_else(|| Arrival::of(&plan.start.frame(), &plan.goal, length(&plan.path)), |grown| grown.arrival);
-    json!({
-        "outcome": outcome,
-        "layers": grown.map_or(0, |grown| grown.body.len()),
-        "length_mm": grown.map_or(0.0, Grown::length_mm),
-        "final": WrittenPose::from(&arrival.reached),
-        "position_error_mm": arrival.position_error_mm,
-        "normalized_position_error": arrival.normalized_position_error,
-        "heading_error_deg": arrival.heading_error_deg,
-        "pitch_error_deg": arrival.pitch_error_deg,
-        "direction_error_deg": arrival.direction_error_deg,
-        // Nothing in a growth is drawn by chance yet.
-        "seed": Value::Null,
-        "duration_s": grown.map_or(0.0, |grown| grown.duration_s),
-        "filament_mm": grown.map_or(0.0, |grown| grown.filament_mm),
-        "unreported_layers": grown.map_or(0, |grown| grown.unreported),
-    })
-}
-
-/// Shows a growth on standard error.
-struct Show {
-    progress: Progress,
-    layers: usize,
-    laid: u64,
-    state: &'static str,
-}
-
-impl Show {
-    fn new(layers: usize) -> Self {
-        Self { progress: Progress::start(Some(layers as u64), Results::AtEnd), layers, laid: 0, state: "starting" }
-    }
-
-    fn tell(&mut self, news: &News) {
-        match news {
-            News::State(state) => {
-                self.state = state.name();
-                if matches!(state, State::Heating | State::Homing | State::Growing | State::Hold | State::Parked) {
-                    self.progress.say(self.state);
-                }
-            }
-            News::Status(status) => self.state = status.state.name(),
-            News::Laid(index, _) => self.laid = u64::from(*index) + 1,
-        }
-        let Self { state, laid, layers, .. } = *self;
-        self.progress.at(laid, || format!("{state}, layer {laid} of {layers}"));
-    }
-
-    fn end(&self) {
-        self.progress.finish();
     }
 }
 

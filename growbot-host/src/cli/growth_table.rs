@@ -1,5 +1,7 @@
 //! The table that a growth ends with.
 
+use growbot_core::layer::SECTORS;
+use growbot_core::link::message::Cut;
 use growbot_core::robot::Robot;
 use growbot_host::growth::Grown;
 use growbot_host::plan::Plan;
@@ -30,8 +32,21 @@ pub fn table(plan: &Plan, robot: &Robot, grown: &Grown) -> String {
         robot.name(),
         grown.filament_mm / 1000.0
     );
-    if grown.unreported > 0 {
-        table += &format!("caution   {} layers went unreported and are counted as planned\n", grown.unreported);
+    if grown.unknown() > 0 {
+        table += &format!("caution   {} layers were cut and let be: they are counted as planned\n", grown.unknown());
+    }
+    if let Some(cut) = grown.cut {
+        table += &format!("cut       layer {}: {}\n", grown.as_built.len(), made(cut));
     }
     table
+}
+
+/// How much of a layer that was cut was made, in words.
+pub fn made(cut: Cut) -> String {
+    let degrees = |sectors: u8| f64::from(sectors) / SECTORS as f64 * 360.0;
+    if cut.least == 0 && usize::from(cut.most) == SECTORS {
+        "how much of it was made is not known".to_string()
+    } else {
+        format!("made from 0 to {:.1} or {:.1} degrees of its turn", degrees(cut.least), degrees(cut.most))
+    }
 }

@@ -3,14 +3,19 @@
 //! Results go to standard output, everything else to standard error. Exit codes: 0, done; 1, a valid request was
 //! answered no; 2, something was wrong before the job.
 
+mod cancel;
 mod console;
+mod estop;
 mod flash;
+mod following;
 mod grow;
 mod growth_table;
 mod interrupt;
 mod layers;
 mod plan;
 mod plan_table;
+mod replay;
+mod resume;
 mod rmin;
 mod search;
 mod status;
@@ -61,8 +66,12 @@ enum Command {
     Layers(layers::LayersArgs),
     Workspace(workspace::WorkspaceArgs),
     Grow(grow::GrowArgs),
+    Resume(resume::ResumeArgs),
+    Replay(replay::ReplayArgs),
     Status(status::StatusArgs),
     Stop(stop::StopArgs),
+    Cancel(cancel::CancelArgs),
+    Estop(estop::EstopArgs),
     Tune(tune::TuneArgs),
     Console(console::ConsoleArgs),
     Flash(flash::FlashArgs),
@@ -76,8 +85,12 @@ pub fn run() -> ExitCode {
         Some(Command::Layers(args)) => layers::run(&args),
         Some(Command::Workspace(args)) => workspace::run(&args),
         Some(Command::Grow(args)) => grow::run(&args),
+        Some(Command::Resume(args)) => resume::run(&args),
+        Some(Command::Replay(args)) => replay::run(&args),
         Some(Command::Status(args)) => status::run(&args),
         Some(Command::Stop(args)) => stop::run(&args),
+        Some(Command::Cancel(args)) => cancel::run(&args),
+        Some(Command::Estop(args)) => estop::run(&args),
         Some(Command::Tune(args)) => tune::run(&args),
         Some(Command::Console(args)) => console::run(&args),
         Some(Command::Flash(args)) => flash::run(&args),

@@ -1,0 +1,67 @@
+//! The emergency stop on the wire: eight bytes that are recognised wherever they come, ahead of all that is queued, in any session.
+//!
+//! They begin and end with the zero that ends frames, and what lies between is shorter than any frame: no sequence of whole frames
+//! holds them, whatever the frames carry. A receiver looks at each byte as it arrives, before any queue.
+
+/// The bytes, in the order of sending.
+pub const EMERGENCY_STOP: [u8; 8] = [0x00, 0xE5, 0x70, 0x9E, 0xE5, 0x70, 0x9E, 0x00];
+
+/// Finds [`EMERGENCY_STOP`] in a stream of bytes.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Recogniser {
+    /// The latest eight bytes, the latest lowest.
+    latest: u64,
+}
+
+impl Recogniser {
+    /// At the beginning of a stream.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { latest: u64::MAX }
+    }
+
+    /// Takes a byte: whether it completes the sequence.
+    pub const fn push(&mut self, byte: u8) -> bool {
+        self.latest = self.latest << 8 | byte as u64;
+        self.latest == u64::from_be_bytes(EMERGENCY_STOP)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::link::frame::{Header, LONGEST_BODY, encode};
+    use proptest::prelude::*;
+
+    fn found(bytes: &[u8]) -> usize {
+        let mut recogniser = Recogniser::new();
+        bytes.iter().filter(|byte| recogniser.push(**byte)).count()
+    }
+
+    #[test]
+    fn it_is_found_after_anything_and_each_time() {
+        let twice = [EMERGENCY_STOP, EMERGENCY_STOP].concat();
+        assert_eq!(found(&twice), 2);
+        for noise in [&[0x00][..], &[0xE5, 0x70], &EMERGENCY_STOP[..6], &[0xFF; 300]] {
+            assert_eq!(found(&[noise, &EMERGENCY_STOP].concat()), 1, "after {noise:02x?}");
+        }
+        assert_eq!(found(&EMERGENCY_STOP[..7]), 0);
+    }
+
+    proptest! {
+        #[test]
+        fn no_frames_hold_it(bodies in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..=LONGEST_BODY), 1..4)) {
+            let header = Header { kind: 4, session: 0x9E70_E500, seq: 0x70E5, ack: 0x009E };
+            let mut bytes = std::vec![0];
+            for mut body in bodies {
+                // The worst that a body can hold.
+                let at = body.len().saturating_sub(EMERGENCY_STOP.len()) / 2;
+                for (slot, byte) in body.iter_mut().skip(at).zip(EMERGENCY_STOP) {
+                    *slot = byte;
+                }
+                bytes.extend(encode(&header, &body).unwrap());
+            }
+            prop_assert_eq!(found(&bytes), 0);
+        }
+    }
+}

@@ -1,0 +1,335 @@
+//! The job: which plan, how far it has come, and the requests that change it.
+//!
+//! A layer is a transaction named by plan and index: accepted into the store, begun, and committed to the journal once it is laid.
+//! Whatever happens in between, no index is laid twice and none is passed over, but where the operator says so of a layer that was cut.
+
+use growbot_core::layer::SECTORS;
+use growbot_core::layer_bytes::{LayerBytes, decode_checked};
+use growbot_core::link::message::{
+    Amend, Begin, Cancel, Cut, Laid, Layers, Message, Refusal, Resume, Silence, Start, State,
+};
+use heapless::Deque;
+
+use super::{Controller, centi};
+use crate::hal::{Board, Watchdog};
+use crate::journal::LaidLayer;
+use crate::link;
+use crate::safety::kept::UnderWay;
+use crate::safety::transitions::Event;
+use crate::stepping::{Carry, Handover, Material, Report};
+
+/// Erasing a sector of the journal stops the processor for up to two seconds: only below this, degrees Celsius.
+const COLD_C: f64 = 50.0;
+/// Layers handed to the engine and not yet laid.
+const MOST_GIVEN: usize = 3;
+/// What is kept through a reset about the layer under way is so old at most, s.
+const KEPT_AGE_S: f64 = 0.25;
+
+/// The job: which plan, and how far it has come.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Job {
+    /// 0 for none.
+    pub plan_id: u64,
+    /// Layers of the plan.
+    pub layers: u32,
+    /// Layers laid.
+    pub laid: u32,
+    /// Layers handed to the engine.
+    pub given: u32,
+    /// Layers that the host has been told of.
+    pub told: u32,
+    /// The layer that was cut: how much of it was made.
+    pub cut: Option<Cut>,
+    /// What to do when the host falls silent.
+    pub silence: Silence,
+    /// The journal has failed: the job cannot be taken up again.
+    pub unwritten: bool,
+    /// What the layers handed over amount to.
+    pub material: Material,
+    /// What each of those handed over and not yet laid leaves to the next one, and its height in units.
+    pub carries: Deque<(Carry, u32), MOST_GIVEN>,
+}
+
+impl Job {
+    /// The layers handed over and not laid never will be: what comes next follows on those that were.
+    pub fn forget_given(&mut self, carry: Carry) {
+        self.given = self.laid;
+        self.carries.clear();
+        self.material = Material::from(carry);
+    }
+}
+
+impl<B: Board> Controller<B> {
+    pub(super) fn begin(&mut self, begin: &Begin) -> Result<Message, Refusal> {
+        if begin.robot != self.robot.hash() {
+            return Err(Refusal::OtherRobot { board: self.robot.hash() });
+        }
+        if begin.plan_id == 0 {
+            return Err(Refusal::NotUnderstood);
+        }
+        self.takes(Event::Begin)?;
+        let repeated = (begin.plan_id, begin.layers) == (self.job.plan_id, self.job.layers);
+        match self.state {
+            // At rest it is the wish for another growth, of the same plan or not.
+            State::Done | State::Stopped => {}
+            State::Idle if repeated && self.job.laid == 0 && self.job.cut.is_none() => return Ok(self.accepted()),
+            State::Idle => {}
+            _ if repeated => return Ok(self.accepted()),
+            // Another job is under way.
+            state => return Err(Refusal::WrongState { state }),
+        }
+        self.new_job(begin.plan_id, begin.layers)?;
+        self.happens(Event::Begin);
+        Ok(self.accepted())
+    }
+
+    /// Forgets the job before and holds another, in the journal too.
+    pub(super) fn new_job(&mut self, plan_id: u64, layers: u32) -> Result<(), Refusal> {
+        let capacity = self.journal.capacity();
+        if layers > capacity {
+            return Err(Refusal::PlanTooLong { layers, capacity });
+        }
+        self.make_room(layers)?;
+        self.journal.begin(plan_id, self.robot.hash(), layers).map_err(|_| Refusal::Journal)?;
+        self.store_mut().restart(0);
+        self.job = Job { plan_id, layers, ..Job::default() };
+        Ok(())
+    }
+
+    /// Erases what the journal needs for a job. Everything is off: the nozzle must be cold too, since nothing is looked at meanwhile.
+    fn make_room(&mut self, layers: u32) -> Result<(), Refusal> {
+        while self.journal.needs_erasing(layers) {
+            if self.heater.temperature(self.now).is_none_or(|temperature| temperature >= COLD_C) {
+                return Err(Refusal::Hot { below: centi(COLD_C) });
+            }
+            self.parts.watchdog.feed();
+            self.journal.erase_step(layers).map_err(|_| Refusal::Journal)?;
+        }
+        self.parts.watchdog.feed();
+        Ok(())
+    }
+
+    pub(super) fn this_plan(&self, plan_id: u64) -> Result<(), Refusal> {
+        if plan_id == 0 || plan_id != self.job.plan_id {
+            return Err(Refusal::OtherPlan { board: self.job.plan_id });
+        }
+        Ok(())
+    }
+
+    pub(super) fn resume(&mut self, resume: &Resume) -> Result<Message, Refusal> {
+        self.takes(Event::Resume)?;
+        self.this_plan(resume.plan_id)?;
+        let laid = self.job.laid;
+        if resume.layers < laid {
+            return Err(Refusal::BadLayer { index: resume.layers });
+        }
+        if matches!(self.state, State::Idle | State::Stopped) {
+            if resume.from == laid.saturating_add(1) && self.job.cut.is_some() {
+                self.let_be()?;
+            } else if resume.from != laid {
+                return Err(Refusal::OutOfOrder { expected: laid });
+            }
+            let carry = self.journal.carry();
+            self.job.forget_given(carry);
+        }
+        self.job.layers = resume.layers;
+        self.job.told = resume.known.min(self.job.laid);
+        self.happens(Event::Resume);
+        Ok(self.accepted())
+    }
+
+    /// The layer that was cut counts as laid, as far as it was.
+    fn let_be(&mut self) -> Result<(), Refusal> {
+        let index = self.job.laid;
+        self.journal.let_be(index).map_err(|_| Refusal::Journal)?;
+        if self.store().get(index).is_some() {
+            self.store_mut().drop_first();
+        } else {
+            self.store_mut().restart(index + 1);
+        }
+        self.job.laid += 1;
+        self.job.cut = None;
+        Ok(())
+    }
+
+    pub(super) fn hold_layers(&mut self, batch: &Layers) -> Result<Message, Refusal> {
+        self.this_plan(batch.plan_id)?;
+        self.takes(Event::Layers)?;
+        let expected = self.store().next_index();
+        if batch.first > expected {
+            return Err(Refusal::OutOfOrder { expected });
+        }
+        let already_held = (expected - batch.first) as usize;
+        let new = batch.layers.get(already_held..).unwrap_or_default();
+        self.check_layers(expected, new, self.job.layers)?;
+        if new.len() > self.store().room() as usize {
+            return Err(Refusal::Full);
+        }
+        for bytes in new {
+            self.hold_layer(*bytes)?;
+        }
+        Ok(self.accepted())
+    }
+
+    /// All are checked before any is taken: a batch is held as a whole or not at all.
+    fn check_layers(&self, first: u32, batch: &[LayerBytes], end: u32) -> Result<(), Refusal> {
+        for (index, bytes) in (first..end).zip(batch) {
+            self.check_layer(index, bytes)?;
+        }
+        if batch.len() > end.saturating_sub(first) as usize {
+            return Err(Refusal::BadLayer { index: end });
+        }
+        Ok(())
+    }
+
+    /// Whether a layer can be laid. The robot's limits are the board's own: nothing that a host sends lifts them.
+    pub(super) fn check_layer(&self, index: u32, bytes: &LayerBytes) -> Result<(), Refusal> {
+        decode_checked(bytes, &self.robot).map(|_| ()).map_err(|_| Refusal::BadLayer { index })
+    }
+
+    /// Takes a layer into the store.
+    pub(super) fn hold_layer(&mut self, bytes: LayerBytes) -> Result<(), Refusal> {
+        if self.store_mut().push(bytes) { Ok(()) } else { Err(Refusal::Full) }
+    }
+
+    /// Replaces the layers from an index on, all or none.
+    pub(super) fn amend(&mut self, amend: &Amend) -> Result<Message, Refusal> {
+        self.takes(Event::Amend)?;
+        if amend.amended == 0 {
+            return Err(Refusal::NotUnderstood);
+        }
+        if amend.amended == self.job.plan_id {
+            return Ok(self.accepted());
+        }
+        self.this_plan(amend.plan_id)?;
+        if amend.from < self.job.given {
+            return Err(Refusal::Begun { first: self.job.given });
+        }
+        let expected = self.store().next_index();
+        if amend.from > expected {
+            return Err(Refusal::OutOfOrder { expected });
+        }
+        // Something must be left to lay, or nothing would ever end it.
+        if amend.layers <= self.job.laid {
+            return Err(Refusal::BadLayer { index: amend.layers });
+        }
+        self.check_layers(amend.from, &amend.first_layers, amend.layers)?;
+        let room = self.store().room() + (expected - amend.from);
+        if amend.first_layers.len() > room as usize {
+            return Err(Refusal::Full);
+        }
+        self.journal.amended(amend.from, amend.amended, amend.layers).map_err(|_| Refusal::Journal)?;
+        self.store_mut().truncate(amend.from);
+        for bytes in &amend.first_layers {
+            self.hold_layer(*bytes)?;
+        }
+        (self.job.plan_id, self.job.layers) = (amend.amended, amend.layers);
+        Ok(self.accepted())
+    }
+
+    pub(super) fn start(&mut self, start: &Start) -> Result<Message, Refusal> {
+        self.this_plan(start.plan_id)?;
+        self.takes(Event::Start)?;
+        self.go_on_holding(None);
+        self.job.silence = start.silence;
+        match self.state {
+            State::Idle if self.job.laid == self.job.layers => {
+                self.end_job();
+                self.happens(Event::Finished);
+            }
+            State::Idle | State::Parked => {
+                self.heater.switch_on(self.robot.description().heater.target_c, self.now);
+                self.happens(Event::Start);
+            }
+            // Repeated, or the end of a hold.
+            _ => {}
+        }
+        Ok(self.accepted())
+    }
+
+    /// Gives the job up. Repeating it changes nothing.
+    pub(super) fn cancel(&mut self, cancel: &Cancel, handover: &Handover) -> Result<Message, Refusal> {
+        self.takes(Event::Cancel)?;
+        if self.job.plan_id != 0 {
+            self.this_plan(cancel.plan_id)?;
+        }
+        self.cut_off(handover);
+        self.end_job();
+        self.store_mut().restart(0);
+        self.job = Job::default();
+        self.happens(Event::Cancel);
+        Ok(self.accepted())
+    }
+
+    /// The journal need not remember the job any more.
+    pub(super) fn end_job(&mut self) {
+        if self.job.plan_id != 0 {
+            self.job.unwritten |= self.journal.ended().is_err();
+        }
+    }
+
+    /// Everything off; a layer that was under way is cut, and how much of it was made is known.
+    pub(super) fn cut_off(&mut self, handover: &Handover) {
+        // A layer whose report waits is laid.
+        if self.job.given > self.job.laid
+            && let Some(Report::Laid(turn)) = handover.take_report()
+        {
+            self.count(&turn, handover);
+        }
+        let sectors = handover.progress();
+        self.switch_off(handover);
+        if self.job.given > self.job.laid {
+            let least = sectors.min(SECTORS as u32 - 1) as u8;
+            self.job.cut = Some(Cut { least, most: least + 1 });
+            let carry = self.journal.carry();
+            self.job.forget_given(carry);
+        }
+    }
+
+    /// After a start of the board: the job that the journal knows, with nothing of it in the store.
+    pub(super) fn take_up_job(&mut self) {
+        let Some(known) = self.journal.job().filter(|job| !job.ended && job.robot == self.robot.hash()) else { return };
+        let cut = (known.begun > known.laid).then(|| match self.kept.under_way {
+            Some(UnderWay { plan_id, laid, sectors, .. }) if (plan_id, laid) == (known.plan_id, known.laid) => {
+                let since = KEPT_AGE_S / self.robot.description().layer.period_s * SECTORS as f64;
+                let most = (f64::from(sectors) + 1.0 + since).min(SECTORS as f64) as u8;
+                Cut { least: sectors, most }
+            }
+            _ => Cut { least: 0, most: SECTORS as u8 },
+        });
+        self.job = Job { plan_id: known.plan_id, layers: known.layers, laid: known.laid, cut, ..Job::default() };
+        self.store_mut().restart(self.job.laid);
+        let carry = self.journal.carry();
+        self.job.forget_given(carry);
+    }
+
+    /// The layer that is about to be handed to the engine is begun, as far as the journal is concerned. One that follows another
+    /// without a pause is written down with that one.
+    pub(super) fn note_begun(&mut self) {
+        if self.job.given == self.job.laid {
+            self.job.unwritten |= self.journal.begun(self.job.given).is_err();
+        }
+        self.job.cut = None;
+    }
+
+    /// A layer is laid: the journal knows before anybody else.
+    pub(super) fn commit(&mut self, as_built: LayerBytes) {
+        let index = self.job.laid;
+        self.job.laid += 1;
+        self.parts.store.drop_first();
+        let (carry, height_units) = self.job.carries.pop_front().unwrap_or_default();
+        let layer = LaidLayer { as_built, height_units, lean_owed: carry.lean_owed };
+        let next_begun = self.job.given > self.job.laid;
+        self.job.unwritten |= self.journal.committed(index, &layer, next_begun).is_err();
+    }
+
+    /// Tells the host of layers that it has not heard of, out of the journal.
+    pub(super) fn tell_layers(&mut self) {
+        while self.job.told < self.job.laid && self.link.takes_layers() {
+            let index = self.job.told;
+            let as_built = self.journal.laid(index).and_then(|laid| laid.as_built);
+            self.link.tell(link::Event::Laid(Laid { plan_id: self.job.plan_id, index, as_built }));
+            self.job.told += 1;
+        }
+    }
+}

@@ -1,0 +1,201 @@
+//! A growth as the command line shows it: progress, log, result and exit code.
+
+use std::sync::atomic::AtomicBool;
+
+use clap::ValueEnum;
+use growbot_core::layer::SECTORS;
+use growbot_core::link::message::{Silence, State};
+use growbot_core::path::length;
+use growbot_core::robot::Robot;
+use growbot_host::arrival::Arrival;
+use growbot_host::client::ClientError;
+use growbot_host::growth::{Grown, GrowthError, News, Outcome, as_built_hash};
+use growbot_host::output::print;
+use growbot_host::plan::Plan;
+use growbot_host::plan_file::{WrittenPose, written_hash};
+use growbot_host::progress::{Progress, Results};
+use growbot_host::run_log::RunLog;
+use serde_json::{Value, json};
+
+use super::interrupt::stop_on_interrupt;
+use super::{Failure, growth_table};
+
+/// What the board does when it no longer hears from its host.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub enum OnSilence {
+    /// Finish the layer and hold; heater off after some minutes
+    Hold,
+    /// Go on to the last layer that the board holds
+    GoOn,
+}
+
+impl From<OnSilence> for Silence {
+    fn from(what: OnSilence) -> Self {
+        match what {
+            OnSilence::Hold => Self::Hold,
+            OnSilence::GoOn => Self::GoOn,
+        }
+    }
+}
+
+/// A growth under way.
+pub struct Following<'a> {
+    /// The robot.
+    pub robot: &'a Robot,
+    /// The plan.
+    pub plan: &'a Plan,
+    /// Its log.
+    pub log: RunLog,
+    /// Ends with a line of JSON.
+    pub json: bool,
+    /// Layers laid before.
+    pub laid: usize,
+}
+
+impl Following<'_> {
+    /// Shows a growth while it is grown, and what came of it.
+    pub fn follow(
+        mut self,
+        grow: impl FnOnce(&AtomicBool, &mut dyn FnMut(&News)) -> Result<Grown, GrowthError>,
+    ) -> Result<(), Failure> {
+        let stop = stop_on_interrupt();
+        let mut show = Show::new(self.plan.needs.layers, self.laid as u64);
+        let mut log_error = None;
+        let grown = grow(&stop, &mut |news| {
+            show.tell(news);
+            if let Err(error) = self.log.news(news) {
+                log_error.get_or_insert(error);
+            }
+        });
+        show.end();
+        if let Some(error) = log_error {
+            growbot_host::tell!("growbot: {error}");
+        }
+        match grown {
+            Ok(grown) => self.result(&grown),
+            Err(GrowthError::During(error)) => {
+                let mut result = json_of("lost", None, self.plan);
+                result["error"] = error.to_string().into();
+                self.log.end(&result).map_err(Failure::answered_no)?;
+                if self.json {
+                    print(&format!("{result}\n"))?;
+                }
+                Err(Failure::answered_no(GrowthError::During(error)))
+            }
+            Err(error) => {
+                // A log that was there before this growth is the record of a body.
+                if self.laid == 0 {
+                    self.log.discard();
+                }
+                if !matches!(&error, GrowthError::Before(error) if !matches!(error, ClientError::Refused { .. })) {
+                    refuse(self.json, self.plan)?;
+                }
+                Err(match error {
+                    GrowthError::Before(error) => error.into(),
+                    error => Failure::answered_no(error),
+                })
+            }
+        }
+    }
+
+    fn result(mut self, grown: &Grown) -> Result<(), Failure> {
+        let result = json_of(grown.outcome.name(), Some(grown), self.plan);
+        self.log.end(&result).map_err(Failure::answered_no)?;
+        print(&if self.json {
+            format!("{result}\n")
+        } else {
+            growth_table::table(self.plan, self.robot, grown)
+        })?;
+        match grown.outcome {
+            Outcome::Done => Ok(()),
+            Outcome::Stopped => Err(Failure::answered_no("stopped before the last layer: heater and steppers are off")),
+            Outcome::Fault(fault) => Err(Failure::answered_no(format!(
+                "fault {}: {}; heater and steppers are off",
+                fault.code(),
+                fault.explanation()
+            ))),
+            Outcome::Parked => Err(Failure::answered_no(
+                "held for so long that the heater is off: `growbot resume` goes on with the body",
+            )),
+            Outcome::Interrupted => Err(Failure::answered_no(
+                "the board has started anew, or another host has taken it: `growbot status` shows what it knows, `growbot resume` goes on",
+            )),
+            Outcome::Lost => Err(Failure::answered_no(
+                "the board does not answer any more; the robot may still be growing: see `growbot status`, and cut its power if that does not answer",
+            )),
+        }
+    }
+}
+
+/// The line of JSON of a growth that did not begin.
+pub fn refuse(json: bool, plan: &Plan) -> Result<(), Failure> {
+    if json {
+        print(&format!("{}\n", json_of("refused", None, plan)))?;
+    }
+    Ok(())
+}
+
+/// The result as scripts read it. What was not grown is where it started.
+fn json_of(outcome: &str, grown: Option<&Grown>, plan: &Plan) -> Value {
+    let arrival =
+        grown.map_or_else(|| Arrival::of(&plan.start.frame(), &plan.goal, length(&plan.path)), |grown| grown.arrival);
+    json!({
+        "outcome": outcome,
+        "layers": grown.map_or(0, |grown| grown.body.len()),
+        "length_mm": grown.map_or(0.0, Grown::length_mm),
+        "final": WrittenPose::from(&arrival.reached),
+        "position_error_mm": arrival.position_error_mm,
+        "normalized_position_error": arrival.normalized_position_error,
+        "heading_error_deg": arrival.heading_error_deg,
+        "pitch_error_deg": arrival.pitch_error_deg,
+        "direction_error_deg": arrival.direction_error_deg,
+        // Nothing in a growth is drawn by chance yet.
+        "seed": Value::Null,
+        "duration_s": grown.map_or(0.0, |grown| grown.duration_s),
+        "filament_mm": grown.map_or(0.0, |grown| grown.filament_mm),
+        "plan_id": grown.map(|grown| written_hash(grown.plan_id)),
+        "as_built_hash": grown.map(|grown| written_hash(as_built_hash(&grown.as_built))),
+        "unknown_layers": grown.map_or(0, Grown::unknown),
+        "cut": grown.and_then(|grown| grown.cut).map(|cut| json!({
+            "layer": grown.map(|grown| grown.as_built.len()),
+            "least": f64::from(cut.least) / SECTORS as f64,
+            "most": f64::from(cut.most) / SECTORS as f64,
+        })),
+    })
+}
+
+/// Shows a growth on standard error.
+struct Show {
+    progress: Progress,
+    layers: usize,
+    laid: u64,
+    state: &'static str,
+}
+
+impl Show {
+    fn new(layers: usize, laid: u64) -> Self {
+        Self { progress: Progress::start(Some(layers as u64), Results::AtEnd), layers, laid, state: "starting" }
+    }
+
+    fn tell(&mut self, news: &News) {
+        match news {
+            News::State(state) => {
+                self.state = state.name();
+                if matches!(state, State::Heating | State::Homing | State::Growing | State::Hold | State::Parked) {
+                    self.progress.say(self.state);
+                }
+            }
+            News::Status(status) => self.state = status.state.name(),
+            News::Board(_) => {}
+            News::Silent => self.progress.say("the board does not answer: calling it again"),
+            News::Back => self.progress.say("the board answers again"),
+            News::Laid(index, _) => self.laid = u64::from(*index) + 1,
+        }
+        let Self { state, laid, layers, .. } = *self;
+        self.progress.at(laid, || format!("{state}, layer {laid} of {layers}"));
+    }
+
+    fn end(&self) {
+        self.progress.finish();
+    }
+}

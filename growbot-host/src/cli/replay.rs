@@ -1,0 +1,95 @@
+//! `growbot replay`: the body that a run log tells of.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use growbot_core::layer::grow;
+use growbot_core::layer_bytes::decode;
+use growbot_host::arrival::Arrival;
+use growbot_host::degrees::degrees_below_turn;
+use growbot_host::growth::as_built_hash;
+use growbot_host::output::print;
+use growbot_host::plan_file::{WrittenPose, written_hash};
+use growbot_host::run_log::RunRecord;
+use serde_json::json;
+
+use super::Failure;
+
+/// Rebuild the body from the log of its growth, bit for bit as the board has built it
+///
+/// The log may be cut off anywhere: the body is told up to there.
+#[derive(Args)]
+#[command(after_help = "Examples:\n  growbot replay run.jsonl\n  growbot replay run.jsonl --layers > as-built.csv")]
+pub struct ReplayArgs {
+    /// The run log, as `growbot grow --log` writes it
+    #[arg(value_name = "RUN")]
+    run: PathBuf,
+    /// Print the layers as built, as CSV
+    #[arg(long, conflicts_with = "json")]
+    layers: bool,
+    /// Print one line of JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the command.
+pub fn run(args: &ReplayArgs) -> Result<(), Failure> {
+    let record = RunRecord::open(&args.run).map_err(Failure::bad_input)?;
+    if record.cut_off > 0 {
+        growbot_host::tell!(
+            "growbot: the last {} bytes of {} are no whole line: the log was cut off there",
+            record.cut_off,
+            args.run.display()
+        );
+    }
+    let unknown = record.as_built.iter().filter(|layer| layer.is_none()).count();
+    let body: Vec<_> = record
+        .as_built
+        .iter()
+        .zip(&record.layers)
+        .map(|(as_built, planned)| decode(as_built.as_ref().unwrap_or(planned)))
+        .collect();
+    if args.layers {
+        let mut text = String::from("layer,alpha_deg,height_mm,tilt_deg\n");
+        for (index, layer) in body.iter().enumerate() {
+            let tilt = growbot_core::angle::degrees(layer.tilt);
+            text += &format!("{index},{},{},{tilt}\n", degrees_below_turn(layer.alpha), layer.height);
+        }
+        return Ok(print(&text)?);
+    }
+    let (start, goal) = record.plan.start_and_goal(&args.run.display().to_string())?;
+    let end = grow(&start.frame(), body.iter().copied());
+    let arrival = Arrival::of(&end, &goal, record.plan.length_mm);
+    let length: f64 = body.iter().map(|layer| layer.height).sum();
+    let outcome = record.outcome.as_deref().unwrap_or("unfinished");
+    let hash = written_hash(as_built_hash(&record.as_built));
+    if args.json {
+        let result = json!({
+            "outcome": outcome,
+            "plan_id": written_hash(record.plan_id),
+            "layers": body.len(),
+            "length_mm": length,
+            "final": WrittenPose::from(&arrival.reached),
+            "position_error_mm": arrival.position_error_mm,
+            "normalized_position_error": arrival.normalized_position_error,
+            "heading_error_deg": arrival.heading_error_deg,
+            "pitch_error_deg": arrival.pitch_error_deg,
+            "direction_error_deg": arrival.direction_error_deg,
+            "as_built_hash": hash,
+            "unknown_layers": unknown,
+        });
+        return Ok(print(&format!("{result}\n"))?);
+    }
+    let [x, y, z, heading, pitch] = arrival.reached.to_degrees();
+    let mut text = format!("run       {outcome}, plan {}, robot {}\n", written_hash(record.plan_id), record.robot.0);
+    text += &format!("body      {} layers of {}, {length:.1} mm, as built {hash}\n", body.len(), record.layers.len());
+    text += &format!("reached   {x:.3}, {y:.3}, {z:.3} mm, heading {heading:.3}, pitch {pitch:.3} deg\n");
+    text += &format!(
+        "error     {:.3} mm from the goal, {:.3} deg between the directions\n",
+        arrival.position_error_mm, arrival.direction_error_deg
+    );
+    if unknown > 0 {
+        text += &format!("caution   {unknown} layers were cut and let be: they are counted as planned\n");
+    }
+    Ok(print(&text)?)
+}

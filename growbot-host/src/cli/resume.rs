@@ -1,0 +1,165 @@
+//! `growbot resume`: go on with a body that was left unfinished.
+
+use std::io::{self, BufRead, IsTerminal, Write};
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+use growbot_core::link::message::{BoardHello, State};
+use growbot_core::robot::Robot;
+use growbot_host::client::Client;
+use growbot_host::growth::{CutLayer, GrowthError, Job, resume_job};
+use growbot_host::plan::Plan;
+use growbot_host::plan_file;
+use growbot_host::port;
+use growbot_host::robot_file;
+use growbot_host::run_log::{RunLog, RunRecord, RunRecordError};
+
+use super::following::{Following, OnSilence};
+use super::growth_table::made;
+use super::{Failure, PortArg};
+
+/// Go on with a body that was left unfinished: after a stop, a fault, a reset, a loss of power or of the host
+///
+/// Shows what the board knows, asks, heats, finds the head's index, primes the nozzle and goes on at the first layer that is not laid. It
+/// takes the plan, or better the log of the growth (`grow --log`), which it then continues.
+///
+/// Of a layer that was cut it says how much was made. That layer is laid again unless you say otherwise.
+#[derive(Args)]
+#[command(after_help = AFTER_HELP)]
+pub struct ResumeArgs {
+    /// The run log of the growth, or its plan
+    #[arg(value_name = "RUN|PLAN")]
+    file: PathBuf,
+    /// The robot: a built-in name or a TOML file [default: the plan's]
+    #[arg(long, value_name = "FILE|NAME")]
+    robot: Option<PathBuf>,
+    #[command(flatten)]
+    port: PortArg,
+    /// What becomes of a layer that was cut
+    #[arg(long, value_name = "WHAT", default_value = "again")]
+    cut_layer: WithCut,
+    /// What the board does when it no longer hears from this program
+    #[arg(long, value_name = "WHAT", default_value = "hold")]
+    on_silence: OnSilence,
+    /// Do not ask
+    #[arg(long)]
+    yes: bool,
+    /// End with one line of JSON instead of a table
+    #[arg(long)]
+    json: bool,
+}
+
+const AFTER_HELP: &str = "\
+Examples:
+  growbot resume run.jsonl --port /dev/ttyACM0
+  growbot resume plan.json --port /dev/ttyACM0 --cut-layer let-be --yes
+
+Exit codes: 0, the body is grown; 1, nothing to resume, stopped, refused or a
+fault; 2, something was wrong before.";
+
+/// What becomes of a layer that was cut.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum WithCut {
+    /// Lay it again, on top of what there is of it
+    Again,
+    /// Let it be, as far as it came
+    LetBe,
+}
+
+/// Runs the command.
+pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
+    let (robot, plan, record) = args.robot_plan_and_record()?;
+    let mut job = Job::new(&robot, &plan.start, &plan.goal, &plan.path);
+    if let Some(record) = &record {
+        // The very layers, whatever the plan's file has rounded.
+        (job.plan_id, job.layers) = (record.plan_id, record.layers.clone());
+    }
+    let mut client = Client::new(port::open(&args.port.name()?, &robot)?, args.port.text());
+    let board = client.board()?;
+    Client::belongs_to(&board, &robot)?;
+    show(&board, job.plan_id)?;
+    if !args.yes {
+        ask(&board)?;
+    }
+    let known = record.as_ref().map_or_else(Vec::new, |record| record.as_built.clone());
+    let log = match &record {
+        Some(record) => RunLog::go_on(&args.file, record, args.port.text()).map_err(Failure::bad_input)?,
+        None => RunLog::none(),
+    };
+    let cut = match args.cut_layer {
+        WithCut::Again => CutLayer::Again,
+        WithCut::LetBe => CutLayer::LetBe,
+    };
+    let laid = board.status.laid as usize;
+    let following = Following { robot: &robot, plan: &plan, log, json: args.json, laid };
+    following.follow(|stop, tell| resume_job(&mut client, &job, known, cut, args.on_silence.into(), stop, tell))
+}
+
+impl ResumeArgs {
+    fn robot_plan_and_record(&self) -> Result<(Robot, Plan, Option<RunRecord>), Failure> {
+        match RunRecord::open(&self.file) {
+            Ok(record) => {
+                let name = self.robot.clone().unwrap_or_else(|| PathBuf::from(&record.robot.0));
+                let robot = robot_file::load(&name)?;
+                let plan = record.plan(&robot)?;
+                Ok((robot, plan, Some(record)))
+            }
+            Err(error @ RunRecordError::File { .. }) => Err(Failure::bad_input(error)),
+            // Not a log: then a plan, or neither.
+            Err(_) => {
+                let (robot, plan) = plan_file::open(&self.file, self.robot.as_deref())?;
+                Ok((robot, plan, None))
+            }
+        }
+    }
+}
+
+/// What the board knows of the body.
+fn show(board: &BoardHello, plan_id: u64) -> Result<(), Failure> {
+    let status = &board.status;
+    if status.plan_id != plan_id || status.plan_id == 0 {
+        let held = match status.plan_id {
+            0 => "no job".to_string(),
+            other => format!("plan {other:016x}, {} of {} layers laid", status.laid, status.layers),
+        };
+        return Err(Failure::answered_no(GrowthError::NothingToResume { plan_id, held }));
+    }
+    growbot_host::tell!(
+        "growbot: plan {plan_id:016x}: {} of {} layers laid; the board is {}, started by {}",
+        status.laid,
+        status.layers,
+        status.state.name(),
+        board.reset_cause.name()
+    );
+    match status.cut {
+        Some(cut) => growbot_host::tell!("growbot: layer {} was cut: {}", status.laid, made(cut)),
+        None => growbot_host::tell!("growbot: no layer was cut: the head stood at 0 degrees"),
+    }
+    if let Some(fault) = status.fault {
+        return Err(Failure::answered_no(format!(
+            "fault {} is latched: {}; mend it and clear it (`clear` in `growbot console`) first",
+            fault.code(),
+            fault.explanation()
+        )));
+    }
+    Ok(())
+}
+
+/// Asks a person, who must be there: what follows heats and moves.
+fn ask(board: &BoardHello) -> Result<(), Failure> {
+    if matches!(board.status.state, State::Heating | State::Homing | State::Growing | State::Hold) {
+        // It is at work already: this only follows it on.
+        return Ok(());
+    }
+    if !io::stdin().is_terminal() {
+        return Err(Failure::bad_input("there is nobody to ask whether to heat and go on: say so with --yes"));
+    }
+    eprint!("growbot: heat the nozzle, find the head's index and go on? [y/N] ");
+    let _ = io::stderr().flush();
+    let mut answer = String::new();
+    io::stdin().lock().read_line(&mut answer).map_err(Failure::bad_input)?;
+    match answer.trim() {
+        "y" | "Y" | "yes" => Ok(()),
+        _ => Err(Failure::answered_no("not resumed: nothing was heated or moved")),
+    }
+}
