@@ -22,6 +22,7 @@ pub mod controller;
 pub mod emulated_tip;
 pub mod hal;
 pub mod heater;
+pub mod journal;
 pub mod layer_store;
 pub mod link;
 #[cfg(any(feature = "an386", feature = "stm32f405"))]

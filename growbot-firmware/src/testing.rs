@@ -1,5 +1,8 @@
 //! Robots and pins for this crate's tests.
 
+/// The one of the simulated board.
+#[path = "../../growbot-host/src/tip/flash.rs"]
+pub mod flash;
 pub mod wires;
 
 use core::convert::Infallible;

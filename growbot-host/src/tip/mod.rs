@@ -11,6 +11,7 @@
 
 mod fault;
 mod filament;
+pub mod flash;
 mod noise;
 mod nozzle;
 pub mod pins;

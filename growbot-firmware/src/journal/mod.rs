@@ -1,0 +1,440 @@
+//! The progress journal: what a growth has come to, in flash, so that it can be resumed to the layer after a reset or a loss of power.
+//!
+//! Records of 32 bytes (`record`) are appended in a ring of two or more erase sectors:
+//!
+//! ```text
+//! sector 0: | sector | job 7 | begun 0 | laid 0 | laid 1 | ... | laid 4091 |
+//! sector 1: | sector | laid 4092 | ... | ended | job 8 | begun 0 | laid 0 | (blank) ...
+//! ```
+//!
+//! - A record counts as a whole or not at all: its CRC says so. One that was torn by a loss of power is passed over; the next one goes to the
+//!   next place.
+//! - Every record carries the number of its job, and jobs are counted for ever. The present job is the one of the greatest number that any
+//!   record has; where its own record is missing, or one of its layers, there is no job.
+//! - A sector is erased only between jobs, when the next job would not fit in what is blank, the one written longest ago first. Its first
+//!   record is struck out before and written anew after: without it the sector holds nothing, whatever an interrupted erasure has left.
+//! - Where a record cannot be written, the present job's own record is struck out: better no growth to resume than one to resume at the wrong
+//!   layer.
+
+mod record;
+#[cfg(test)]
+mod tests;
+
+use embedded_storage::nor_flash::MultiwriteNorFlash;
+use growbot_core::layer_bytes::LayerBytes;
+
+pub use record::Laid;
+use record::{BLANK, Kind, LAST_INDEX, RECORD_BYTES, Record, RecordBytes, STRUCK, join, split};
+
+/// Places at which a record is tried before flash is said to be broken.
+const ATTEMPTS: u32 = 3;
+/// One part in so many of the area is kept for records that are not layers: those of holds, and of amended plans.
+const SPARE_PART: u32 = 4;
+
+/// Why a record is not in the journal, or a sector not erased.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum JournalError {
+    /// There is no room: erase, or grow without a journal.
+    Full,
+    /// No job is under way.
+    NoJob,
+    /// The record does not follow from those before it.
+    OutOfOrder,
+    /// The sector holds a job that has not ended: end it or forget it first.
+    JobNotEnded,
+    /// Flash refuses, or does not hold what was written.
+    Flash,
+}
+
+/// The job that the journal knows of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct JobState {
+    /// The plan.
+    pub plan_id: u64,
+    /// First layer that is of this plan; those before are of the plan that it amends.
+    pub plan_from: u32,
+    /// Hash of the robot's description.
+    pub robot: u64,
+    /// Layers of the job.
+    pub layers: u32,
+    /// Layers laid, those cut and let be included.
+    pub laid: u32,
+    /// Layers begun: as many, or one more.
+    pub begun: u32,
+    /// Whether it is done or given up.
+    pub ended: bool,
+}
+
+/// A layer of the present job that is laid.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct LaidRecord {
+    /// The layer as built.
+    pub as_built: LayerBytes,
+    /// Whether it was cut and is let be.
+    pub cut: bool,
+}
+
+/// What the layers laid leave to those after them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Carry {
+    /// Sum of their planned heights, units of [`growbot_core::layer_bytes`].
+    pub height_units: u64,
+    /// The lean that is owed.
+    pub lean_owed: [i16; 2],
+}
+
+/// The present job, and where it is.
+#[derive(Debug, Clone, Copy)]
+struct Present {
+    state: JobState,
+    carry: Carry,
+    /// Place of its own record.
+    at: u32,
+    /// A layer, and how many places behind `at` it is at least.
+    found: (u32, u32),
+}
+
+/// The journal in one area of flash, all of it.
+///
+/// Places of records are counted through the sectors, without the first one of each.
+pub struct Journal<F> {
+    flash: F,
+    /// The place of the next record.
+    next: u32,
+    /// Blank places from there on, round the ring.
+    free: u32,
+    /// The greatest count of erasures.
+    erasures: u32,
+    /// The greatest number of a job.
+    jobs: u32,
+    present: Option<Present>,
+}
+
+impl<F: MultiwriteNorFlash> Journal<F> {
+    /// Places in a sector.
+    const PLACES: u32 = {
+        assert!(F::ERASE_SIZE >= 2 * RECORD_BYTES && F::ERASE_SIZE.is_multiple_of(RECORD_BYTES));
+        assert!(RECORD_BYTES.is_multiple_of(F::WRITE_SIZE) && RECORD_BYTES.is_multiple_of(F::READ_SIZE));
+        (F::ERASE_SIZE / RECORD_BYTES - 1) as u32
+    };
+
+    /// Reads what is there. Writes nothing, and takes whatever is no journal as flash to be erased.
+    pub fn open(flash: F) -> Self {
+        let mut journal = Self { flash, next: 0, free: 0, erasures: 0, jobs: 0, present: None };
+        let sectors = journal.sectors();
+        let mut newest = sectors.saturating_sub(1);
+        for sector in 0..sectors {
+            if let Some(Record { content: [erasures, ..], .. }) = journal.sector_record(sector)
+                && erasures >= journal.erasures
+            {
+                (newest, journal.erasures) = (sector, erasures);
+            }
+        }
+        // The sector after the one erased last was written longest ago.
+        for sector in (0..sectors).cycle().skip(newest as usize + 1).take(sectors as usize) {
+            journal.read_sector(sector);
+        }
+        journal
+    }
+
+    /// The job that was begun last, if all of it can be read.
+    pub fn job(&self) -> Option<&JobState> {
+        self.present.as_ref().map(|present| &present.state)
+    }
+
+    /// The most layers that a job may have: a quarter of the places is left for other records.
+    pub fn capacity(&self) -> u32 {
+        self.places() - self.places() / SPARE_PART
+    }
+
+    /// Whether a job of so many layers cannot begin before something is erased.
+    pub fn needs_erasing(&self, layers: u32) -> bool {
+        self.free < layers.saturating_add(self.places() / SPARE_PART)
+    }
+
+    /// Erases one sector for a job of so many layers, where it needs that. True while more is to be erased. Takes up to
+    /// two seconds, in which nothing else happens: only with heater and steppers off and the nozzle cold.
+    ///
+    /// # Errors
+    /// [`JournalError::JobNotEnded`] where the sector holds such a job; it stays. [`JournalError::Flash`].
+    pub fn erase_step(&mut self, layers: u32) -> Result<bool, JournalError> {
+        if !self.can_erase(layers) {
+            return Ok(false);
+        }
+        let sector = self.around(self.next + self.free) / Self::PLACES;
+        if let Some(present) = self.present.filter(|present| present.at / Self::PLACES == sector) {
+            if !present.state.ended {
+                return Err(JournalError::JobNotEnded);
+            }
+            self.present = None;
+        }
+        let into = self.next % Self::PLACES;
+        if sector == self.next / Self::PLACES && into > 0 {
+            // All others are blank: the next record goes to the one that was erased first.
+            self.free -= (Self::PLACES - into).min(self.free);
+            self.next = self.around((sector + 1) * Self::PLACES);
+        }
+        let from = sector * F::ERASE_SIZE as u32;
+        let flash = |_| JournalError::Flash;
+        self.flash.write(from, &STRUCK).map_err(flash)?;
+        self.flash.erase(from, from + F::ERASE_SIZE as u32).map_err(flash)?;
+        self.erasures = self.erasures.saturating_add(1);
+        let record = Record { kind: Kind::Sector, index: 0, job: self.jobs, content: [self.erasures, 0, 0, 0, 0] };
+        if !self.write(from, &record.to_bytes()) {
+            return Err(JournalError::Flash);
+        }
+        self.free += Self::PLACES;
+        Ok(self.can_erase(layers))
+    }
+
+    /// There is no present job any more, as far as erasing goes. It comes back with a reset unless a sector of it has been erased or
+    /// another job begun.
+    pub fn forget(&mut self) {
+        self.present = None;
+    }
+
+    /// A job begins; the one before it is over, whatever comes of this.
+    ///
+    /// # Errors
+    /// [`JournalError::Full`] where something must be erased first, or the job has more layers than [`Journal::capacity`];
+    /// [`JournalError::Flash`]. After an error there is no job that has not ended.
+    pub fn begin(&mut self, plan_id: u64, robot: u64, layers: u32) -> Result<(), JournalError> {
+        let ([a, b], [c, d]) = (split(plan_id), split(robot));
+        let job = self.jobs.saturating_add(1);
+        let record = Record { kind: Kind::Job, index: 0, job, content: [a, b, c, d, layers] };
+        if self.present.is_some_and(|present| !present.state.ended) {
+            self.strike();
+        }
+        if self.needs_erasing(layers) {
+            return Err(JournalError::Full);
+        }
+        self.append(&record)
+    }
+
+    /// A layer is begun: the first one, or the first one after a hold.
+    ///
+    /// # Errors
+    /// As of [`Journal::committed`].
+    pub fn begun(&mut self, index: u32) -> Result<(), JournalError> {
+        self.put(Kind::Begun, index, [0; 5])
+    }
+
+    /// A layer is laid; the next one may have been begun at once.
+    ///
+    /// # Errors
+    /// [`JournalError::NoJob`]; [`JournalError::OutOfOrder`] where it is not the next layer of the job; [`JournalError::Full`] and
+    /// [`JournalError::Flash`]. After an error there is no job to resume any more.
+    pub fn committed(&mut self, index: u32, laid: &Laid, next_begun: bool) -> Result<(), JournalError> {
+        let kind = if next_begun { Kind::LaidNextBegun } else { Kind::Laid };
+        self.put(kind, index, laid.to_content())
+    }
+
+    /// A layer was cut, and is let be as far as it came.
+    ///
+    /// # Errors
+    /// As of [`Journal::committed`].
+    pub fn skipped(&mut self, index: u32, laid: &Laid) -> Result<(), JournalError> {
+        self.put(Kind::Cut, index, laid.to_content())
+    }
+
+    /// Another plan from a layer on.
+    ///
+    /// # Errors
+    /// As of [`Journal::committed`]; [`JournalError::OutOfOrder`] also where that layer is laid already or beyond the job.
+    pub fn amended(&mut self, from: u32, plan_id: u64, layers: u32) -> Result<(), JournalError> {
+        let [a, b] = split(plan_id);
+        self.put(Kind::Amended, from, [a, b, layers, 0, 0])
+    }
+
+    /// The job is done or given up.
+    ///
+    /// # Errors
+    /// As of [`Journal::committed`].
+    pub fn ended(&mut self) -> Result<(), JournalError> {
+        self.put(Kind::Ended, 0, [0; 5])
+    }
+
+    /// A layer of the present job. Quick, and quickest in their order.
+    pub fn laid(&mut self, index: u32) -> Option<LaidRecord> {
+        let Present { state, at, found: (near, offset), .. } = self.present?;
+        if index >= state.laid {
+            return None;
+        }
+        // There is at least a place for each layer in between.
+        let first = index.checked_sub(near).map_or(index + 1, |layers| offset + layers);
+        for offset in first..=self.places() {
+            let place = self.around(at + offset);
+            if place == self.next {
+                break;
+            }
+            let Some(record) = self.record(place) else { continue };
+            let cut = match record.kind {
+                Kind::Laid | Kind::LaidNextBegun => false,
+                Kind::Cut => true,
+                _ => continue,
+            };
+            if record.job == self.jobs && record.index == index {
+                self.present = self.present.map(|present| Present { found: (index, offset), ..present });
+                return Some(LaidRecord { as_built: Laid::from_content(record.content).as_built, cut });
+            }
+        }
+        None
+    }
+
+    /// What the layers laid leave to those after them.
+    pub fn carry(&self) -> Carry {
+        self.present.map_or_else(Carry::default, |present| present.carry)
+    }
+
+    fn sectors(&self) -> u32 {
+        (self.flash.capacity() / F::ERASE_SIZE) as u32
+    }
+
+    /// Places of the area.
+    fn places(&self) -> u32 {
+        self.sectors() * Self::PLACES
+    }
+
+    /// The same place, once round the ring at most.
+    fn around(&self, place: u32) -> u32 {
+        place.checked_sub(self.places()).unwrap_or(place)
+    }
+
+    fn can_erase(&self, layers: u32) -> bool {
+        self.needs_erasing(layers) && self.free < self.places()
+    }
+
+    /// Byte offset of a place.
+    fn offset(place: u32) -> u32 {
+        (place + place / Self::PLACES + 1) * RECORD_BYTES as u32
+    }
+
+    fn read(&mut self, offset: u32) -> RecordBytes {
+        let mut bytes = STRUCK;
+        // What cannot be read is neither blank nor a record.
+        if self.flash.read(offset, &mut bytes).is_ok() { bytes } else { STRUCK }
+    }
+
+    fn record(&mut self, place: u32) -> Option<Record> {
+        Record::from_bytes(&self.read(Self::offset(place)))
+    }
+
+    /// The first record of a sector; none where the sector holds no journal.
+    fn sector_record(&mut self, sector: u32) -> Option<Record> {
+        let bytes = self.read(sector * F::ERASE_SIZE as u32);
+        Record::from_bytes(&bytes).filter(|record| record.kind == Kind::Sector)
+    }
+
+    /// Reads a sector's records, and where the ring is free.
+    fn read_sector(&mut self, sector: u32) {
+        let first = sector * Self::PLACES;
+        let Some(own) = self.sector_record(sector) else {
+            (self.next, self.free) = (self.around(first + Self::PLACES), 0);
+            return;
+        };
+        self.take(&own, first);
+        for place in first..first + Self::PLACES {
+            let bytes = self.read(Self::offset(place));
+            if bytes == BLANK {
+                self.free += 1;
+                continue;
+            }
+            (self.next, self.free) = (self.around(place + 1), 0);
+            if let Some(record) = Record::from_bytes(&bytes) {
+                self.take(&record, place);
+            }
+        }
+    }
+
+    /// Writes a record, and sees whether it is there.
+    fn write(&mut self, offset: u32, bytes: &RecordBytes) -> bool {
+        self.flash.write(offset, bytes).is_ok() && self.read(offset) == *bytes
+    }
+
+    /// Writes a record of the present job.
+    fn put(&mut self, kind: Kind, index: u32, content: [u32; 5]) -> Result<(), JournalError> {
+        let present = self.present.filter(|present| !present.state.ended).ok_or(JournalError::NoJob)?;
+        let record = Record { kind, index, job: self.jobs, content };
+        let follows = present.after(&record).ok_or(JournalError::OutOfOrder);
+        let written = follows.and_then(|_| self.append(&record));
+        if written.is_err() {
+            self.strike();
+        }
+        written
+    }
+
+    /// Writes a record to the next place, or to one of those after it.
+    fn append(&mut self, record: &Record) -> Result<(), JournalError> {
+        let bytes = record.to_bytes();
+        for _ in 0..ATTEMPTS {
+            let place = self.next;
+            self.free = self.free.checked_sub(1).ok_or(JournalError::Full)?;
+            self.next = self.around(place + 1);
+            if self.write(Self::offset(place), &bytes) {
+                self.take(record, place);
+                return Ok(());
+            }
+        }
+        Err(JournalError::Flash)
+    }
+
+    /// Strikes out the present job's own record.
+    fn strike(&mut self) {
+        if let Some(present) = self.present.take() {
+            // Where flash refuses even this, nothing is left to be tried.
+            let _ = self.flash.write(Self::offset(present.at), &STRUCK);
+        }
+    }
+
+    /// Takes in a record, in the order in which they were written.
+    fn take(&mut self, record: &Record, at: u32) {
+        if record.job > self.jobs {
+            (self.jobs, self.present) = (record.job, None);
+        }
+        if record.job < self.jobs {
+            return;
+        }
+        if let (Kind::Job, [a, b, c, d, layers]) = (record.kind, record.content) {
+            let state = JobState {
+                plan_id: join(a, b),
+                plan_from: 0,
+                robot: join(c, d),
+                layers,
+                laid: 0,
+                begun: 0,
+                ended: false,
+            };
+            self.present = Some(Present { state, carry: Carry::default(), at, found: (0, 1) });
+        } else if record.kind != Kind::Sector {
+            self.present = self.present.and_then(|present| present.after(record));
+        }
+    }
+}
+
+impl Present {
+    /// The job after one more record of it; none where that does not follow.
+    fn after(mut self, record: &Record) -> Option<Self> {
+        let state = &mut self.state;
+        let is_next = record.index == state.laid && state.laid < state.layers;
+        match record.kind {
+            Kind::Begun if is_next => state.begun = state.laid + 1,
+            Kind::Laid | Kind::LaidNextBegun | Kind::Cut if is_next => {
+                state.laid += 1;
+                state.begun = state.laid + u32::from(record.kind == Kind::LaidNextBegun);
+                let laid = Laid::from_content(record.content);
+                self.carry.height_units += u64::from(laid.height_units);
+                self.carry.lean_owed = laid.lean_owed;
+            }
+            Kind::Amended => {
+                let [a, b, layers, ..] = record.content;
+                if record.index < state.laid || record.index > layers || record.index > LAST_INDEX {
+                    return None;
+                }
+                (state.plan_id, state.plan_from, state.layers) = (join(a, b), record.index, layers);
+            }
+            Kind::Ended => state.ended = true,
+            _ => return None,
+        }
+        Some(self)
+    }
+}

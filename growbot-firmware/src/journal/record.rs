@@ -1,0 +1,177 @@
+//! A record of the journal: 32 bytes, which hold or do not hold as a whole.
+//!
+//! | byte | content |
+//! |---|---|
+//! | 0 | [`Kind`] |
+//! | 1 to 3 | index of a layer, 24 bits; 0 where the record is about none |
+//! | 4 to 7 | number of the job; jobs are counted for ever |
+//! | 8 to 27 | what the kind says |
+//! | 28 to 31 | CRC-32C of bytes 0 to 27 |
+//!
+//! All numbers are little-endian.
+
+use growbot_core::layer_bytes::LayerBytes;
+use growbot_core::link::frame;
+
+/// Bytes of a record.
+pub(super) const RECORD_BYTES: usize = 32;
+
+/// The greatest index that fits.
+pub(super) const LAST_INDEX: u32 = (1 << 24) - 1;
+
+/// A record as it lies in flash.
+pub(super) type RecordBytes = [u8; RECORD_BYTES];
+
+/// A place where nothing has been written since it was erased.
+pub(super) const BLANK: RecordBytes = [0xff; RECORD_BYTES];
+/// A record that was struck out: flash can be programmed to zero whatever it holds. It has no right CRC.
+pub(super) const STRUCK: RecordBytes = [0; RECORD_BYTES];
+
+/// What a record is about, as its first byte.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u8)]
+pub(super) enum Kind {
+    /// The first one of a sector: how often the area's sectors had been erased, this time included. Its job is the last one begun
+    /// before that.
+    Sector = 0x51,
+    /// A job begins: plan id, robot's hash, layers.
+    Job = 0x62,
+    /// A layer is begun.
+    Begun = 0x73,
+    /// A layer is laid, and the next one is not begun.
+    Laid = 0x84,
+    /// A layer is laid, and the next one was begun at once.
+    LaidNextBegun = 0x95,
+    /// A layer was cut and is let be.
+    Cut = 0xa6,
+    /// Another plan from a layer on: its id and the count of layers.
+    Amended = 0xb7,
+    /// The job is done or given up.
+    Ended = 0xc8,
+}
+
+impl Kind {
+    const ALL: [Self; 8] =
+        [Self::Sector, Self::Job, Self::Begun, Self::Laid, Self::LaidNextBegun, Self::Cut, Self::Amended, Self::Ended];
+}
+
+/// What a layer came to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Laid {
+    /// The layer as built.
+    pub as_built: LayerBytes,
+    /// The height that was planned, units of [`growbot_core::layer_bytes`].
+    pub height_units: u32,
+    /// The lean that is owed to the layers after it, as the caller counts it.
+    pub lean_owed: [i16; 2],
+}
+
+/// A record.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Record {
+    pub kind: Kind,
+    /// 24 bits.
+    pub index: u32,
+    pub job: u32,
+    pub content: [u32; 5],
+}
+
+impl Record {
+    pub fn to_bytes(self) -> RecordBytes {
+        let [a, b, c, d, e] = self.content;
+        let words = [self.index << 8 | self.kind as u32, self.job, a, b, c, d, e, 0];
+        let mut bytes = STRUCK;
+        for (into, word) in bytes.as_chunks_mut::<4>().0.iter_mut().zip(words) {
+            *into = word.to_le_bytes();
+        }
+        if let Some((content, checksum)) = bytes.split_last_chunk_mut::<4>() {
+            *checksum = frame::checksum(content).to_le_bytes();
+        }
+        bytes
+    }
+
+    /// None for what is no record.
+    pub fn from_bytes(bytes: &RecordBytes) -> Option<Self> {
+        let (content, checksum) = bytes.split_last_chunk::<4>()?;
+        if frame::checksum(content).to_le_bytes() != *checksum {
+            return None;
+        }
+        let mut words = [0; 8];
+        for (word, from) in words.iter_mut().zip(bytes.as_chunks::<4>().0) {
+            *word = u32::from_le_bytes(*from);
+        }
+        let [first, job, a, b, c, d, e, _] = words;
+        let kind = Kind::ALL.into_iter().find(|kind| *kind as u32 == first & 0xff)?;
+        Some(Self { kind, index: first >> 8, job, content: [a, b, c, d, e] })
+    }
+}
+
+impl Laid {
+    pub(super) fn to_content(self) -> [u32; 5] {
+        let [x, y] = self.lean_owed.map(i16::to_le_bytes);
+        let [a, b, c, d, e, f, g, h, i, j, k, l] = self.as_built;
+        [
+            u32::from_le_bytes([a, b, c, d]),
+            u32::from_le_bytes([e, f, g, h]),
+            u32::from_le_bytes([i, j, k, l]),
+            self.height_units,
+            u32::from_le_bytes([x[0], x[1], y[0], y[1]]),
+        ]
+    }
+
+    pub(super) fn from_content([a, b, c, height_units, lean]: [u32; 5]) -> Self {
+        let mut as_built = LayerBytes::default();
+        for (into, word) in as_built.as_chunks_mut::<4>().0.iter_mut().zip([a, b, c]) {
+            *into = word.to_le_bytes();
+        }
+        Self { as_built, height_units, lean_owed: [lean as i16, (lean >> 16) as i16] }
+    }
+}
+
+/// A number of 64 bits as two words, and back.
+pub(super) const fn split(number: u64) -> [u32; 2] {
+    [number as u32, (number >> 32) as u32]
+}
+
+pub(super) const fn join(low: u32, high: u32) -> u64 {
+    low as u64 | (high as u64) << 32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn record() -> impl Strategy<Value = Record> {
+        (0..Kind::ALL.len(), 0..=LAST_INDEX, any::<u32>(), any::<[u32; 5]>())
+            .prop_map(|(kind, index, job, content)| Record { kind: Kind::ALL[kind], index, job, content })
+    }
+
+    proptest! {
+        #[test]
+        fn a_record_survives(record in record()) {
+            prop_assert_eq!(Record::from_bytes(&record.to_bytes()), Some(record));
+        }
+
+        #[test]
+        fn up_to_five_flipped_bits_are_seen(record in record(), bits in prop::collection::btree_set(0_usize..256, 1..=5)) {
+            let mut bytes = record.to_bytes();
+            for bit in bits {
+                bytes[bit / 8] ^= 1 << (bit % 8);
+            }
+            prop_assert_eq!(Record::from_bytes(&bytes), None);
+        }
+
+        #[test]
+        fn what_a_layer_came_to_survives(as_built in any::<LayerBytes>(), height_units in any::<u32>(), lean_owed in any::<[i16; 2]>()) {
+            let laid = Laid { as_built, height_units, lean_owed };
+            prop_assert_eq!(Laid::from_content(laid.to_content()), laid);
+        }
+    }
+
+    #[test]
+    fn a_blank_place_and_a_struck_record_are_none() {
+        assert_eq!(Record::from_bytes(&BLANK), None);
+        assert_eq!(Record::from_bytes(&STRUCK), None);
+    }
+}

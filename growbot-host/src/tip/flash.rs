@@ -1,0 +1,211 @@
+//! Flash of a simulated board: two erase sectors as on the robot's, which hold what they hold over resets and losses of power.
+//!
+//! A loss of power in the midst of a write leaves the byte that it meets with some of its bits programmed; in the midst of an
+//! erasure it leaves any mixture of what was there, noise, and bytes that are erased.
+//!
+//! (The firmware's own tests take this file too.)
+
+use std::cell::RefCell;
+use std::rc::Rc;
+use std::vec::Vec;
+
+use embedded_storage::nor_flash::{
+    ErrorType, MultiwriteNorFlash, NorFlash, NorFlashErrorKind, ReadNorFlash, check_erase, check_read, check_write,
+};
+
+/// Bytes of an erase sector of the robot's board.
+pub const SECTOR_BYTES: usize = 128 * 1024;
+
+/// The flash; all clones are the same one. Writes by words.
+#[derive(Debug, Clone)]
+pub struct Flash<const SECTOR: usize = SECTOR_BYTES>(Rc<RefCell<Cells>>);
+
+#[derive(Debug)]
+struct Cells {
+    bytes: Vec<u8>,
+    erasures: Vec<u32>,
+    /// How many more bytes are written or erased before power is lost; none for as many as there are.
+    bytes_left: Option<usize>,
+    /// Of the noise that losses of power leave.
+    seed: u64,
+}
+
+impl<const SECTOR: usize> Flash<SECTOR> {
+    /// So many sectors of flash as it comes from the factory: erased.
+    #[must_use]
+    pub fn new(sectors: usize) -> Self {
+        let bytes = std::vec![0xff; sectors * SECTOR];
+        Self(Rc::new(RefCell::new(Cells { bytes, erasures: std::vec![0; sectors], bytes_left: None, seed: 0 })))
+    }
+
+    /// Power is lost after so many more bytes written or erased; what that leaves follows from the seed.
+    pub fn lose_power_after(&self, bytes: usize, seed: u64) {
+        let mut cells = self.0.borrow_mut();
+        (cells.bytes_left, cells.seed) = (Some(bytes), seed);
+    }
+
+    /// Whether power is lost: then flash answers nothing.
+    #[must_use]
+    pub fn has_lost_power(&self) -> bool {
+        self.0.borrow().bytes_left == Some(0)
+    }
+
+    /// Power is there again.
+    pub fn power_up(&self) {
+        self.0.borrow_mut().bytes_left = None;
+    }
+
+    /// How often each sector has been erased.
+    #[must_use]
+    pub fn erasures(&self) -> Vec<u32> {
+        self.0.borrow().erasures.clone()
+    }
+
+    /// What it holds.
+    #[must_use]
+    pub fn bytes(&self) -> Vec<u8> {
+        self.0.borrow().bytes.clone()
+    }
+
+    /// Has it hold something else.
+    pub fn set_bytes(&self, bytes: &[u8]) {
+        self.0.borrow_mut().bytes.copy_from_slice(bytes);
+    }
+
+    fn check_power(&self) -> Result<(), NorFlashErrorKind> {
+        if self.has_lost_power() { Err(NorFlashErrorKind::Other) } else { Ok(()) }
+    }
+}
+
+impl Cells {
+    /// Takes so many bytes off those before the loss of power. How many of them are done; fewer where power is lost meanwhile.
+    fn spend(&mut self, bytes: usize) -> usize {
+        let Some(left) = &mut self.bytes_left else { return bytes };
+        let done = bytes.min(*left);
+        *left -= done;
+        done
+    }
+
+    /// Any number.
+    fn noise(&mut self) -> u64 {
+        // The generator SplitMix64.
+        self.seed = self.seed.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mixed = (self.seed ^ self.seed >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let mixed = (mixed ^ mixed >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
+        mixed ^ mixed >> 31
+    }
+}
+
+impl<const SECTOR: usize> ErrorType for Flash<SECTOR> {
+    type Error = NorFlashErrorKind;
+}
+
+impl<const SECTOR: usize> ReadNorFlash for Flash<SECTOR> {
+    const READ_SIZE: usize = 1;
+
+    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), NorFlashErrorKind> {
+        self.check_power()?;
+        check_read(self, offset, bytes.len())?;
+        let from = offset as usize;
+        bytes.copy_from_slice(&self.0.borrow().bytes[from..from + bytes.len()]);
+        Ok(())
+    }
+
+    fn capacity(&self) -> usize {
+        self.0.borrow().bytes.len()
+    }
+}
+
+impl<const SECTOR: usize> NorFlash for Flash<SECTOR> {
+    const WRITE_SIZE: usize = 4;
+    const ERASE_SIZE: usize = SECTOR;
+
+    fn erase(&mut self, from: u32, to: u32) -> Result<(), NorFlashErrorKind> {
+        self.check_power()?;
+        check_erase(self, from, to)?;
+        let cells = &mut *self.0.borrow_mut();
+        for sector in from as usize / SECTOR..to as usize / SECTOR {
+            cells.erasures[sector] += 1;
+            let done = cells.spend(SECTOR);
+            for at in sector * SECTOR..(sector + 1) * SECTOR {
+                let noise = if done < SECTOR { cells.noise() } else { 0 };
+                match noise % 3 {
+                    0 => cells.bytes[at] = 0xff,
+                    1 => cells.bytes[at] = (noise >> 8) as u8,
+                    _ => {}
+                }
+            }
+            if done < SECTOR {
+                return Err(NorFlashErrorKind::Other);
+            }
+        }
+        Ok(())
+    }
+
+    /// A word that is not erased can only be written to zero.
+    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
+        self.check_power()?;
+        check_write(self, offset, bytes.len())?;
+        let from = offset as usize;
+        let cells = &mut *self.0.borrow_mut();
+        let erased = cells.bytes[from..from + bytes.len()].iter().all(|byte| *byte == 0xff);
+        if !erased && bytes.iter().any(|byte| *byte != 0) {
+            return Err(NorFlashErrorKind::Other);
+        }
+        let done = cells.spend(bytes.len());
+        for (at, byte) in (from..).zip(&bytes[..done]) {
+            cells.bytes[at] &= byte;
+        }
+        if let Some(byte) = bytes.get(done) {
+            let noise = cells.noise() as u8;
+            cells.bytes[from + done] &= byte | noise;
+            return Err(NorFlashErrorKind::Other);
+        }
+        Ok(())
+    }
+}
+
+impl<const SECTOR: usize> MultiwriteNorFlash for Flash<SECTOR> {}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    type Small = Flash<64>;
+
+    #[test]
+    fn what_is_written_is_read_until_it_is_erased() {
+        let mut flash = Small::new(2);
+        flash.write(64, b"flash!!!").unwrap();
+        flash.clone().write(64, &[0; 4]).unwrap();
+        assert_eq!(flash.write(68, b"anew"), Err(NorFlashErrorKind::Other));
+        let mut bytes = [0; 9];
+        flash.read(64, &mut bytes).unwrap();
+        assert_eq!(&bytes, b"\0\0\0\0h!!!\xff");
+        flash.erase(64, 128).unwrap();
+        assert_eq!(flash.bytes(), [0xff; 128]);
+        assert_eq!(flash.erasures(), [0, 1]);
+    }
+
+    #[test]
+    fn without_power_it_keeps_what_it_holds() {
+        let mut flash = Small::new(2);
+        flash.lose_power_after(6, 1);
+        assert_eq!(flash.write(0, &[0; 8]), Err(NorFlashErrorKind::Other));
+        assert!(flash.has_lost_power() && flash.read(0, &mut [0; 4]).is_err() && flash.erase(0, 64).is_err());
+        flash.power_up();
+        assert_eq!(flash.bytes()[..6], [0; 6]);
+        assert_eq!(flash.bytes()[7..], [0xff; 121]);
+    }
+
+    #[test]
+    fn an_interrupted_erasure_leaves_a_mixture() {
+        let mut flash = Small::new(2);
+        flash.set_bytes(&[0x55; 128]);
+        flash.lose_power_after(63, 1);
+        flash.erase(0, 64).unwrap_err();
+        let bytes = flash.bytes();
+        assert!(bytes[..64].contains(&0x55) && bytes[..64].contains(&0xff));
+        assert_eq!(bytes[64..], [0x55; 64]);
+    }
+}
