@@ -79,9 +79,10 @@ pub struct Controller<B: Board> {
 
 impl<B: Board> Controller<B> {
     /// A controller with everything off: about to test itself, or with the fault of the boot before.
-    pub fn new(robot: Robot, identity: Identity, mut parts: Parts<B>, handover: &Handover) -> Self {
+    ///
+    /// The journal of the growth is read from the flash.
+    pub fn new(robot: Robot, identity: Identity, mut parts: Parts<B>, flash: B::Flash, handover: &Handover) -> Self {
         let kept = Kept::from_bytes(&parts.kept.read()).unwrap_or_default();
-        let journal = Journal::open(parts.flash);
         let mut controller = Self {
             robot,
             identity,
@@ -91,7 +92,7 @@ impl<B: Board> Controller<B> {
             fault: None,
             kept,
             job: job::Job::default(),
-            journal,
+            journal: Journal::open(flash),
             motion: growing::Motion::default(),
             heater: Heater::default(),
             thermistor: Sampler::default(),

@@ -7,6 +7,7 @@ use core::ops::DerefMut;
 
 use embedded_hal::digital::{InputPin, OutputPin};
 use embedded_hal::pwm::SetDutyCycle;
+use embedded_storage::nor_flash::MultiwriteNorFlash;
 
 use crate::layer_store::LayerStore;
 use crate::safety::kept::KEPT_BYTES;
@@ -61,6 +62,8 @@ pub trait Board {
     type Watchdog: Watchdog;
     /// What survives a reset.
     type Kept: KeptMemory;
+    /// What survives a loss of power: where the progress of a growth is written down.
+    type Flash: MultiwriteNorFlash;
     /// Where the layers are kept: some 48 KiB, so a reference or a box.
     type Store: DerefMut<Target = LayerStore>;
 }

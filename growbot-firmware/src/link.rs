@@ -29,7 +29,7 @@ const RESEND_US: u64 = 400_000;
 const SLOWEST_RESEND_US: u64 = 3_200_000;
 
 /// What a host must hear.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum Event {
     /// A layer is laid.
     Laid(Laid),
@@ -233,7 +233,7 @@ impl Link {
                 session.resend.0 = now.saturating_add(session.resend.1);
             }
             let seq = (0..session.sent).fold(session.first_event, |seq, _| next(seq));
-            let (id, message) = (session.id, event.message());
+            let (id, message) = (session.id, event.clone().message());
             session.sent += 1;
             self.send(id, seq, 0, &message);
         }

@@ -318,7 +318,6 @@ impl<'a> Growth<'a> {
         self.as_built.truncate(known);
         let resume = Resume {
             plan_id: self.job.plan_id,
-            layers: self.job.layers.len() as u32,
             from: status.laid + u32::from(skip),
             known: known as u32,
         };

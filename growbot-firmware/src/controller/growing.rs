@@ -1,11 +1,12 @@
 //! The orders to the step engine: homing, layers, and filament pulled back and pushed forward again round a hold.
 
-use growbot_core::layer_bytes::{Encoder, Fields};
+use growbot_core::layer_bytes::{Encoder, Fields, LayerBytes};
 use growbot_core::link::message::{Fault, State, Waits};
 use growbot_core::robot::Turning;
 
 use super::Controller;
 use crate::hal::Board;
+use crate::journal;
 use crate::safety::transitions::Event;
 use crate::stepping::{FeedMove, Handover, Homing, Order, Report, TurnReport, as_built};
 
@@ -173,7 +174,11 @@ impl<B: Board> Controller<B> {
                 self.motion.backwards = !backwards;
                 self.job.given += 1;
                 // There is room: no more than two turns are under way.
-                let _ = self.job.carries.push_back((self.job.material.carry(), Fields::of(&bytes).height));
+                let _ = self.job.carries.push_back(journal::Laid {
+                    as_built: LayerBytes::default(),
+                    height_units: Fields::of(&bytes).height,
+                    lean_owed: self.job.material.carry().lean_owed,
+                });
                 self.keep();
             }
             Err(_) => self.fail(Fault::StepRate, handover),

@@ -12,11 +12,11 @@ use heapless::Deque;
 
 use super::{Controller, centi};
 use crate::hal::{Board, Watchdog};
-use crate::journal::LaidLayer;
+use crate::journal;
 use crate::link;
 use crate::safety::kept::UnderWay;
 use crate::safety::transitions::Event;
-use crate::stepping::{Carry, Handover, Material, Report};
+use crate::stepping::{Handover, Material, Report};
 
 /// Erasing a sector of the journal stops the processor for up to two seconds: only below this, degrees Celsius.
 const COLD_C: f64 = 50.0;
@@ -46,13 +46,13 @@ pub(super) struct Job {
     pub unwritten: bool,
     /// What the layers handed over amount to.
     pub material: Material,
-    /// What each of those handed over and not yet laid leaves to the next one, and its height in units.
-    pub carries: Deque<(Carry, u32), MOST_GIVEN>,
+    /// What each of those handed over and not yet laid leaves to the next one.
+    pub carries: Deque<journal::Laid, MOST_GIVEN>,
 }
 
 impl Job {
     /// The layers handed over and not laid never will be: what comes next follows on those that were.
-    pub fn forget_given(&mut self, carry: Carry) {
+    pub fn forget_given(&mut self, carry: journal::Carry) {
         self.given = self.laid;
         self.carries.clear();
         self.material = Material::from(carry);
@@ -120,9 +120,6 @@ impl<B: Board> Controller<B> {
         self.takes(Event::Resume)?;
         self.this_plan(resume.plan_id)?;
         let laid = self.job.laid;
-        if resume.layers < laid {
-            return Err(Refusal::BadLayer { index: resume.layers });
-        }
         if matches!(self.state, State::Idle | State::Stopped) {
             if resume.from == laid.saturating_add(1) && self.job.cut.is_some() {
                 self.let_be()?;
@@ -132,7 +129,6 @@ impl<B: Board> Controller<B> {
             let carry = self.journal.carry();
             self.job.forget_given(carry);
         }
-        self.job.layers = resume.layers;
         self.job.told = resume.known.min(self.job.laid);
         self.happens(Event::Resume);
         Ok(self.accepted())
@@ -141,7 +137,8 @@ impl<B: Board> Controller<B> {
     /// The layer that was cut counts as laid, as far as it was.
     fn let_be(&mut self) -> Result<(), Refusal> {
         let index = self.job.laid;
-        self.journal.let_be(index).map_err(|_| Refusal::Journal)?;
+        let unknown = journal::Laid { as_built: LayerBytes::default(), height_units: 0, lean_owed: self.journal.carry().lean_owed };
+        self.journal.skipped(index, &unknown).map_err(|_| Refusal::Journal)?;
         if self.store().get(index).is_some() {
             self.store_mut().drop_first();
         } else {
@@ -288,7 +285,8 @@ impl<B: Board> Controller<B> {
 
     /// After a start of the board: the job that the journal knows, with nothing of it in the store.
     pub(super) fn take_up_job(&mut self) {
-        let Some(known) = self.journal.job().filter(|job| !job.ended && job.robot == self.robot.hash()) else { return };
+        let robot = self.robot.hash();
+        let Some(known) = self.journal.job().filter(|job| !job.ended && job.robot == robot).copied() else { return };
         let cut = (known.begun > known.laid).then(|| match self.kept.under_way {
             Some(UnderWay { plan_id, laid, sectors, .. }) if (plan_id, laid) == (known.plan_id, known.laid) => {
                 let since = KEPT_AGE_S / self.robot.description().layer.period_s * SECTORS as f64;
@@ -298,7 +296,7 @@ impl<B: Board> Controller<B> {
             _ => Cut { least: 0, most: SECTORS as u8 },
         });
         self.job = Job { plan_id: known.plan_id, layers: known.layers, laid: known.laid, cut, ..Job::default() };
-        self.store_mut().restart(self.job.laid);
+        self.store_mut().restart(known.laid);
         let carry = self.journal.carry();
         self.job.forget_given(carry);
     }
@@ -317,8 +315,8 @@ impl<B: Board> Controller<B> {
         let index = self.job.laid;
         self.job.laid += 1;
         self.parts.store.drop_first();
-        let (carry, height_units) = self.job.carries.pop_front().unwrap_or_default();
-        let layer = LaidLayer { as_built, height_units, lean_owed: carry.lean_owed };
+        let Some(left) = self.job.carries.pop_front() else { return };
+        let layer = journal::Laid { as_built, ..left };
         let next_begun = self.job.given > self.job.laid;
         self.job.unwritten |= self.journal.committed(index, &layer, next_begun).is_err();
     }
@@ -327,7 +325,7 @@ impl<B: Board> Controller<B> {
     pub(super) fn tell_layers(&mut self) {
         while self.job.told < self.job.laid && self.link.takes_layers() {
             let index = self.job.told;
-            let as_built = self.journal.laid(index).and_then(|laid| laid.as_built);
+            let as_built = self.journal.laid(index).filter(|laid| !laid.cut).map(|laid| laid.as_built);
             self.link.tell(link::Event::Laid(Laid { plan_id: self.job.plan_id, index, as_built }));
             self.job.told += 1;
         }

@@ -11,6 +11,8 @@ use growbot_core::layer_bytes::{Fields, HEIGHT_UNITS, LayerBytes};
 use growbot_core::robot::Robot;
 use nalgebra::Vector2;
 
+use crate::journal::Carry;
+
 use super::pace::Ends;
 use super::turn::{StepRate, Turn};
 
@@ -20,15 +22,6 @@ const MOST_OWED_STEPS: f64 = core::f64::consts::TAU;
 
 /// Lean that is owed is kept in these parts of a step, so that it can be written down as it is.
 const LEAN_UNITS: f64 = 4096.0;
-
-/// What must be known of the layers laid so that those to come are the same as if growth had never been interrupted.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Carry {
-    /// Sum of the heights of all layers, in the units of [`Fields::height`].
-    pub height_units: u64,
-    /// Lean that was asked for and not laid, in the tip's x and y, 1/4096 of a step of the feed.
-    pub lean_owed: [i16; 2],
-}
 
 /// What a job has laid so far.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

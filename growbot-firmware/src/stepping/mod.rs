@@ -21,6 +21,6 @@ mod turn;
 
 pub use engine::{Axis, Engine, EngineSettings, Inputs};
 pub use handover::{FeedMove, Handover, Homing, Order, Report, TurnReport};
-pub use material::{Carry, Material};
+pub use material::Material;
 pub use pace::Pace;
 pub use turn::{Sector, StepRate, Turn, as_built};

@@ -39,8 +39,6 @@ pub struct Begin {
 pub struct Resume {
     /// The job.
     pub plan_id: u64,
-    /// How many layers its plan has.
-    pub layers: u32,
     /// The layer to go on at, while the board rests: the first that is not laid, or, where that one was cut, the one after it, so
     /// that the cut one is let be. While the board works, any.
     pub from: u32,
