@@ -10,7 +10,7 @@
 //! - A record counts as a whole or not at all: its CRC says so. One that was torn by a loss of power is passed over; the next one goes to the
 //!   next place.
 //! - Every record carries the number of its job, and jobs are counted for ever. The present job is the one of the greatest number that any
-//!   record has; where its own record is missing, or one of its layers, there is no job.
+//!   record has; where one of its records is missing, but for the last ones, there is no job.
 //! - A sector is erased only between jobs, when the next job would not fit in what is blank, the one written longest ago first. Its first
 //!   record is struck out before and written anew after: without it the sector holds nothing, whatever an interrupted erasure has left.
 //! - Where a record cannot be written, the present job's own record is struck out: better no growth to resume than one to resume at the wrong
@@ -24,7 +24,7 @@ use embedded_storage::nor_flash::MultiwriteNorFlash;
 use growbot_core::layer_bytes::LayerBytes;
 
 pub use record::Laid;
-use record::{BLANK, Kind, LAST_INDEX, RECORD_BYTES, Record, RecordBytes, STRUCK, join, split};
+use record::{BLANK, Kind, LAST_COUNT, LAST_INDEX, RECORD_BYTES, Record, RecordBytes, STRUCK, join, split};
 
 /// Places at which a record is tried before flash is said to be broken.
 const ATTEMPTS: u32 = 3;
@@ -88,6 +88,8 @@ pub struct Carry {
 struct Present {
     state: JobState,
     carry: Carry,
+    /// Records of it, as a record counts them.
+    count: u32,
     /// Place of its own record.
     at: u32,
     /// A layer, and how many places behind `at` it is at least.
@@ -179,7 +181,8 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         self.flash.write(from, &STRUCK).map_err(flash)?;
         self.flash.erase(from, from + F::ERASE_SIZE as u32).map_err(flash)?;
         self.erasures = self.erasures.saturating_add(1);
-        let record = Record { kind: Kind::Sector, index: 0, job: self.jobs, content: [self.erasures, 0, 0, 0, 0] };
+        let record =
+            Record { kind: Kind::Sector, count: 0, index: 0, job: self.jobs, content: [self.erasures, 0, 0, 0, 0] };
         if !self.write(from, &record.to_bytes()) {
             return Err(JournalError::Flash);
         }
@@ -201,7 +204,7 @@ impl<F: MultiwriteNorFlash> Journal<F> {
     pub fn begin(&mut self, plan_id: u64, robot: u64, layers: u32) -> Result<(), JournalError> {
         let ([a, b], [c, d]) = (split(plan_id), split(robot));
         let job = self.jobs.saturating_add(1);
-        let record = Record { kind: Kind::Job, index: 0, job, content: [a, b, c, d, layers] };
+        let record = Record { kind: Kind::Job, count: 0, index: 0, job, content: [a, b, c, d, layers] };
         if self.present.is_some_and(|present| !present.state.ended) {
             self.strike();
         }
@@ -354,7 +357,7 @@ impl<F: MultiwriteNorFlash> Journal<F> {
     /// Writes a record of the present job.
     fn put(&mut self, kind: Kind, index: u32, content: [u32; 5]) -> Result<(), JournalError> {
         let present = self.present.filter(|present| !present.state.ended).ok_or(JournalError::NoJob)?;
-        let record = Record { kind, index, job: self.jobs, content };
+        let record = Record { kind, count: present.count, index, job: self.jobs, content };
         let follows = present.after(&record).ok_or(JournalError::OutOfOrder);
         let written = follows.and_then(|_| self.append(&record));
         if written.is_err() {
@@ -404,7 +407,7 @@ impl<F: MultiwriteNorFlash> Journal<F> {
                 begun: 0,
                 ended: false,
             };
-            self.present = Some(Present { state, carry: Carry::default(), at, found: (0, 1) });
+            self.present = Some(Present { state, carry: Carry::default(), count: 1, at, found: (0, 1) });
         } else if record.kind != Kind::Sector {
             self.present = self.present.and_then(|present| present.after(record));
         }
@@ -414,6 +417,10 @@ impl<F: MultiwriteNorFlash> Journal<F> {
 impl Present {
     /// The job after one more record of it; none where that does not follow.
     fn after(mut self, record: &Record) -> Option<Self> {
+        if record.count != self.count {
+            return None;
+        }
+        self.count = (self.count + 1) & LAST_COUNT;
         let state = &mut self.state;
         let is_next = record.index == state.laid && state.laid < state.layers;
         match record.kind {

@@ -2,7 +2,7 @@
 //!
 //! | byte | content |
 //! |---|---|
-//! | 0 | [`Kind`] |
+//! | 0 | [`Kind`] in the low four bits; in the others how many records the job has before this one, modulo 16 |
 //! | 1 to 3 | index of a layer, 24 bits; 0 where the record is about none |
 //! | 4 to 7 | number of the job; jobs are counted for ever |
 //! | 8 to 27 | what the kind says |
@@ -16,6 +16,8 @@ use growbot_core::link::frame;
 /// Bytes of a record.
 pub(super) const RECORD_BYTES: usize = 32;
 
+/// The greatest count of records.
+pub(super) const LAST_COUNT: u32 = 15;
 /// The greatest index that fits.
 pub(super) const LAST_INDEX: u32 = (1 << 24) - 1;
 
@@ -27,27 +29,27 @@ pub(super) const BLANK: RecordBytes = [0xff; RECORD_BYTES];
 /// A record that was struck out: flash can be programmed to zero whatever it holds. It has no right CRC.
 pub(super) const STRUCK: RecordBytes = [0; RECORD_BYTES];
 
-/// What a record is about, as its first byte.
+/// What a record is about, as the low bits of its first byte.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
 pub(super) enum Kind {
     /// The first one of a sector: how often the area's sectors had been erased, this time included. Its job is the last one begun
     /// before that.
-    Sector = 0x51,
+    Sector = 1,
     /// A job begins: plan id, robot's hash, layers.
-    Job = 0x62,
+    Job = 2,
     /// A layer is begun.
-    Begun = 0x73,
+    Begun = 3,
     /// A layer is laid, and the next one is not begun.
-    Laid = 0x84,
+    Laid = 4,
     /// A layer is laid, and the next one was begun at once.
-    LaidNextBegun = 0x95,
+    LaidNextBegun = 5,
     /// A layer was cut and is let be.
-    Cut = 0xa6,
+    Cut = 6,
     /// Another plan from a layer on: its id and the count of layers.
-    Amended = 0xb7,
+    Amended = 7,
     /// The job is done or given up.
-    Ended = 0xc8,
+    Ended = 8,
 }
 
 impl Kind {
@@ -70,6 +72,8 @@ pub struct Laid {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Record {
     pub kind: Kind,
+    /// How many records the job has before this one; 0 to [`LAST_COUNT`], then again from 0.
+    pub count: u32,
     /// 24 bits.
     pub index: u32,
     pub job: u32,
@@ -79,7 +83,7 @@ pub(super) struct Record {
 impl Record {
     pub fn to_bytes(self) -> RecordBytes {
         let [a, b, c, d, e] = self.content;
-        let words = [self.index << 8 | self.kind as u32, self.job, a, b, c, d, e, 0];
+        let words = [self.index << 8 | self.count << 4 | self.kind as u32, self.job, a, b, c, d, e, 0];
         let mut bytes = STRUCK;
         for (into, word) in bytes.as_chunks_mut::<4>().0.iter_mut().zip(words) {
             *into = word.to_le_bytes();
@@ -101,8 +105,8 @@ impl Record {
             *word = u32::from_le_bytes(*from);
         }
         let [first, job, a, b, c, d, e, _] = words;
-        let kind = Kind::ALL.into_iter().find(|kind| *kind as u32 == first & 0xff)?;
-        Some(Self { kind, index: first >> 8, job, content: [a, b, c, d, e] })
+        let kind = Kind::ALL.into_iter().find(|kind| *kind as u32 == first & 15)?;
+        Some(Self { kind, count: first >> 4 & LAST_COUNT, index: first >> 8, job, content: [a, b, c, d, e] })
     }
 }
 
@@ -143,8 +147,8 @@ mod tests {
     use proptest::prelude::*;
 
     fn record() -> impl Strategy<Value = Record> {
-        (0..Kind::ALL.len(), 0..=LAST_INDEX, any::<u32>(), any::<[u32; 5]>())
-            .prop_map(|(kind, index, job, content)| Record { kind: Kind::ALL[kind], index, job, content })
+        (0..Kind::ALL.len(), 0..=LAST_COUNT, 0..=LAST_INDEX, any::<u32>(), any::<[u32; 5]>())
+            .prop_map(|(kind, count, index, job, content)| Record { kind: Kind::ALL[kind], count, index, job, content })
     }
 
     proptest! {
