@@ -6,6 +6,8 @@ mod growing;
 mod holding;
 mod refusals;
 mod resets;
+mod resuming;
+mod sessions;
 mod states;
 mod tip;
 mod tuning;

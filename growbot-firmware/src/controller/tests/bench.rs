@@ -7,11 +7,11 @@ use std::rc::Rc;
 use std::vec::Vec;
 
 use growbot_core::layer::Layer;
-use growbot_core::layer_bytes::{Encoder, LayerBytes};
-use growbot_core::link::frame::{self, Header, LONGEST_BODY, Receiver};
+use growbot_core::layer_bytes::{Encoder, LayerBytes, decode};
+use growbot_core::link::frame::{self, Header, LONGEST_BODY, Receiver, next};
 use growbot_core::link::message::{
-    Accepted, Begin, Empty, HostHello, Laid, Layers, MOST_LAYERS, Message, Refusal, Refused, ResetCause, SCHEMA_HASH,
-    Start, State, Status, Tune,
+    Accepted, Amend, Begin, Empty, HostHello, HostName, Laid, Layers, MOST_LAYERS, Message, Refusal, Refused,
+    ResetCause, Resume, SCHEMA_HASH, Silence, Start, State, Status, Tune,
 };
 use growbot_core::robot::Robot;
 
@@ -24,9 +24,11 @@ use crate::hal::{Board, Parts};
 use crate::layer_store::LayerStore;
 use crate::safety::transitions::may_heat;
 use crate::stepping::{Axis, Engine, EngineSettings, Handover, Inputs};
+use crate::testing::flash::Flash;
 use crate::testing::{FakePin, FakePins, FakePower};
 
-pub const SESSION: u32 = 7;
+/// Sessions of the bench's host are numbered from here.
+const SESSION: u32 = 7;
 pub const PLAN: u64 = 0x1234;
 /// Between two polls, us.
 const POLL_US: u64 = 10_000;
@@ -46,6 +48,8 @@ pub struct Bench {
     /// Each request is sent twice, and both answers must be alike.
     pub stutters: bool,
     pub reads: bool,
+    /// The session of the host.
+    pub session: u32,
     /// Whether the step interrupt runs.
     pub interrupt_runs: bool,
     engine: TestEngine,
@@ -54,6 +58,10 @@ pub struct Bench {
     next_poll: u64,
     receiver: Receiver,
     seq: u16,
+    /// Number of the latest event.
+    heard: u16,
+    /// Emergency stops that the board says it has obeyed.
+    called_out: u32,
 }
 
 type TestEngine = Engine<FakePin, FakePin, FakePin, FakePin, FakePin, FakePin, FakePin, FakePin, FakePin>;
@@ -71,6 +79,7 @@ impl Board for TestBoard {
     type Orientation = FakeOrientation;
     type Watchdog = FakeWatchdog;
     type Kept = FakeKept;
+    type Flash = Flash;
     type Store = Box<LayerStore>;
 }
 
@@ -121,7 +130,7 @@ impl Bench {
         pins.set(FILAMENT_PRESENCE, true);
         let identity = Identity { boot_id: 5, reset_cause };
         Self {
-            controller: Controller::new(robot.clone(), identity, parts, &handover),
+            controller: Controller::new(robot.clone(), identity, parts, world.flash.clone(), &handover),
             motors: Motors::new(pins.clone(), &robot, 17),
             heater: HeaterWires { power, pins },
             robot,
@@ -131,6 +140,7 @@ impl Bench {
             events: Vec::new(),
             stutters: false,
             reads: true,
+            session: SESSION,
             interrupt_runs: true,
             engine,
             handover,
@@ -138,6 +148,8 @@ impl Bench {
             next_poll: 0,
             receiver: Receiver::default(),
             seq: 0,
+            heard: 0,
+            called_out: 0,
         }
     }
 
@@ -247,7 +259,7 @@ impl Bench {
         }
     }
 
-    /// Reads all that the board has sent: the events, and the answers to this request.
+    /// Reads all that the board has sent: the events, which are acknowledged, and the answers to this request.
     pub fn read(&mut self, ack: Option<u16>) -> (Vec<Message>, Vec<Message>) {
         let (mut events, mut answers) = (Vec::new(), Vec::new());
         while let Some(byte) = self.controller.transmit() {
@@ -255,18 +267,28 @@ impl Bench {
             let frame = frame.expect("the board sends whole frames");
             let message = Message::decode(frame.header.kind, &frame.body).expect("the board sends messages");
             match frame.header.ack {
-                0 => events.push(message),
+                0 if frame.header.seq == next(self.heard) => {
+                    self.heard = frame.header.seq;
+                    events.push(message);
+                }
+                0 if matches!(message, Message::StoppedAtOnce(_)) => self.called_out += 1,
+                // Again.
+                0 => {}
                 other if Some(other) == ack => answers.push(message),
                 _ => {}
             }
+        }
+        if !events.is_empty() {
+            let header = Header { kind: 0x0E, session: self.session, seq: 0, ack: self.heard };
+            self.send(&frame::encode(&header, &[]).unwrap());
         }
         (events, answers)
     }
 
     /// Asks with any kind and body, in any session.
     pub fn ask_raw(&mut self, session: u32, kind: u8, body: &[u8]) -> Message {
-        self.seq = self.seq.wrapping_add(1).max(1);
-        let header = Header { kind, session, seq: self.seq, ack: 0 };
+        self.seq = next(self.seq);
+        let header = Header { kind, session, seq: self.seq, ack: self.heard };
         let bytes = frame::encode(&header, body).unwrap();
         let mut answer = None;
         for _ in 0..if self.stutters { 2 } else { 1 } {
@@ -288,7 +310,7 @@ impl Bench {
     }
 
     pub fn ask(&mut self, message: &Message) -> Message {
-        self.ask_in(SESSION, message)
+        self.ask_in(self.session, message)
     }
 
     /// Asks for something that must be accepted.
@@ -311,7 +333,9 @@ impl Bench {
     }
 
     pub fn hello(&mut self) {
-        let answer = self.ask(&Message::Hello(HostHello { schema: SCHEMA_HASH }));
+        self.session += 1;
+        self.heard = 0;
+        let answer = self.ask(&hello(SCHEMA_HASH));
         assert!(matches!(answer, Message::BoardHello(_)), "{answer:?}");
     }
 
@@ -348,6 +372,11 @@ impl Bench {
     pub fn laid(&self) -> Vec<Laid> {
         let laid = |event: &Message| if let Message::Laid(laid) = event { Some(laid.clone()) } else { None };
         self.events.iter().filter_map(laid).collect()
+    }
+
+    /// Feed steps of the layers that were reported.
+    pub fn fed(&self) -> u32 {
+        self.laid().iter().map(|laid| feed_steps_of(laid, &self.robot)).sum()
     }
 
     /// The states that were reported, in order.
@@ -404,6 +433,16 @@ impl Bench {
         bench
     }
 
+    /// The line's interrupt has recognised an emergency stop.
+    pub fn call_emergency_stop(&self) {
+        self.handover.call_emergency_stop();
+    }
+
+    /// How often the board has said that it obeyed one, since the last question.
+    pub fn called_out(&mut self) -> u32 {
+        core::mem::take(&mut self.called_out)
+    }
+
     pub fn press_emergency_stop(&self, pressed: bool) {
         self.heater.pins.set(EMERGENCY_STOP, pressed);
     }
@@ -413,13 +452,32 @@ pub fn begin(robot: &Robot, plan_id: u64, layers: u32) -> Message {
     Message::Begin(Begin { plan_id, layers, robot: robot.hash() })
 }
 
+/// Takes the board, whoever has it.
+pub fn hello(schema: u64) -> Message {
+    Message::Hello(HostHello { schema, host: HostName::new(), take_over: true })
+}
+
 pub fn batch_of(first: usize, layers: &[LayerBytes]) -> Message {
     let layers = layers.iter().copied().collect();
     Message::Layers(Layers { plan_id: PLAN, first: first as u32, layers })
 }
 
 pub fn start() -> Message {
-    Message::Start(Start { plan_id: PLAN })
+    Message::Start(Start { plan_id: PLAN, silence: Silence::GoOn })
+}
+
+/// Takes the job up at a layer, none of it known.
+pub fn resume(from: u32) -> Message {
+    Message::Resume(Resume { plan_id: PLAN, from, known: 0 })
+}
+
+/// The plan's name once it is amended.
+pub const AMENDED: u64 = 0x5678;
+
+/// Replaces the layers from this one on by others, three of them at once.
+pub fn amend(from: u32, layers: u32) -> Message {
+    let first_layers = bends(3).into_iter().collect();
+    Message::Amend(Amend { plan_id: PLAN, amended: AMENDED, from, layers, first_layers })
 }
 
 pub fn stop() -> Message {
@@ -436,6 +494,11 @@ pub fn tune(celsius: f64) -> Message {
 
 pub fn clear() -> Message {
     Message::ClearFault(Empty {})
+}
+
+/// Feed steps of a layer, which its height gives exactly.
+pub fn feed_steps_of(laid: &Laid, robot: &Robot) -> u32 {
+    libm::rint(decode(&laid.as_built.unwrap()).height * robot.feed_steps_per_length()) as u32
 }
 
 /// Layers of a body that bends this way and that.

@@ -31,7 +31,8 @@ fn assert_fault(bench: &mut Bench, fault: Fault, within: f64) {
 fn assert_usable(bench: &mut Bench) {
     bench.accepted(&clear());
     assert_eq!((bench.controller.state(), bench.controller.fault()), (State::Idle, None));
-    assert_eq!(bench.refused(&start()), Refusal::OtherPlan { board: 0 });
+    bench.run(0.3);
+    assert_eq!(bench.controller.state(), State::Idle, "clearing starts nothing");
     bench.world.nozzle_c.set(WARM);
     bench.run(0.2);
     bench.grow(&bends(3));

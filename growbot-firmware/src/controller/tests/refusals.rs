@@ -3,13 +3,13 @@
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::{Encoder, LayerBytes};
 use growbot_core::link::message::{
-    Begin, HeldLayers, HostHello, LayerBatch, Layers, MOST_LAYERS, Message, PlanRequest, PoseFields, ReadLayers,
+    Begin, HeldLayers, LayerBatch, Layers, MOST_LAYERS, Message, PlanRequest, PoseFields, ReadLayers, Silence,
     Refusal, Refused, SCHEMA_HASH, Start, State,
 };
 use growbot_core::plan::Planner;
 use growbot_core::robot::{FeedStrategy, Robot};
 
-use super::bench::{Bench, PLAN, SESSION, batch_of, begin, bends, clear, start};
+use super::bench::{Bench, PLAN, batch_of, begin, bends, clear, hello, start};
 use crate::layer_store::CAPACITY;
 use crate::testing::{fast_robot, robot_a};
 
@@ -36,7 +36,7 @@ fn what_does_not_decode_is_not_understood() {
             (0x05, &[0xff; 100]),
             (0x04, &[1]),
         ] {
-            let answer = bench.ask_raw(SESSION, kind, body);
+            let answer = bench.ask_raw(bench.session, kind, body);
             assert_eq!(answer, Message::Refused(Refused { kind, refusal: Refusal::NotUnderstood }), "{state:?}");
         }
         // What only boards say.
@@ -52,7 +52,6 @@ fn what_does_not_decode_is_not_understood() {
 fn another_schema_opens_no_session() {
     let mut bench = Bench::new(fast_robot(), 25.0);
     bench.run_to(State::Idle, 1.0);
-    let hello = |schema| Message::Hello(HostHello { schema });
     assert_eq!(bench.refused(&hello(SCHEMA_HASH + 1)), Refusal::OtherSchema { board: SCHEMA_HASH });
     let message = begin(&bench.robot.clone(), PLAN, 1);
     assert_eq!(bench.refused(&message), Refusal::NoSession);
@@ -66,13 +65,14 @@ fn another_schema_opens_no_session() {
 fn only_the_session_opened_last_may_change_anything() {
     let mut bench = idle();
     let requests = [begin(&bench.robot.clone(), PLAN + 1, 2), batch_of(30, &bends(1)), start(), clear()];
+    let other = bench.session + 1;
     for request in &requests {
         let before = bench.status();
-        let answer = bench.ask_in(SESSION + 1, request);
+        let answer = bench.ask_in(other, request);
         assert_eq!(answer, Message::Refused(Refused { kind: request.kind(), refusal: Refusal::NoSession }));
         assert_eq!(bench.status(), before);
     }
-    bench.ask_in(SESSION + 1, &Message::Hello(HostHello { schema: SCHEMA_HASH }));
+    bench.ask_in(other, &hello(SCHEMA_HASH));
     for request in &requests {
         assert_eq!(bench.refused(request), Refusal::NoSession);
     }
@@ -110,11 +110,11 @@ fn another_plan_than_the_one_held_is_refused_in_every_state() {
         for plan_id in [0, PLAN + 1, u64::MAX] {
             let refusal = Refusal::OtherPlan { board };
             assert_eq!(bench.refused(&layers_of(plan_id, 30, &bends(1))), refusal);
-            assert_eq!(bench.refused(&Message::Start(Start { plan_id })), refusal);
+            assert_eq!(bench.refused(&Message::Start(Start { plan_id, silence: Silence::Hold })), refusal);
         }
     }
     let mut fresh = Bench::greeted(fast_robot(), 25.0);
-    assert_eq!(fresh.refused(&Message::Start(Start { plan_id: 0 })), Refusal::OtherPlan { board: 0 });
+    assert_eq!(fresh.refused(&Message::Start(Start { plan_id: 0, silence: Silence::Hold })), Refusal::OtherPlan { board: 0 });
 }
 
 #[test]
@@ -189,12 +189,15 @@ fn the_greatest_numbers_do_no_harm() {
     for first in [30, 4096, u32::MAX - 1, u32::MAX] {
         assert_eq!(bench.ask(&read(first)), Message::HeldLayers(HeldLayers { first, layers: LayerBatch::new() }));
     }
-    bench.accepted(&Message::Begin(Begin { plan_id: u64::MAX, layers: u32::MAX, robot: robot.hash() }));
+    let begin = |layers| Message::Begin(Begin { plan_id: u64::MAX, layers, robot: robot.hash() });
+    let too_long = bench.refused(&begin(u32::MAX));
+    assert!(matches!(too_long, Refusal::PlanTooLong { layers: u32::MAX, capacity: 6000.. }), "{too_long:?}");
+    bench.accepted(&begin(6000));
     for batch in 0..CAPACITY / MOST_LAYERS {
         let first = (batch * MOST_LAYERS) as u32;
         bench.accepted(&layers_of(u64::MAX, first, &bends(MOST_LAYERS)));
     }
     assert_eq!(bench.refused(&layers_of(u64::MAX, CAPACITY as u32, &bends(1))), Refusal::Full);
-    bench.accepted(&Message::Start(Start { plan_id: u64::MAX }));
+    bench.accepted(&Message::Start(Start { plan_id: u64::MAX, silence: Silence::Hold }));
     assert_eq!(bench.controller.state(), State::Heating);
 }

@@ -1,6 +1,6 @@
 //! What a reset of the board leaves: nothing heats or moves, and what was under way and what was wrong are told.
 
-use growbot_core::link::message::{Empty, Fault, FaultRecord, LatestFault, Message, ResetCause, State};
+use growbot_core::link::message::{Cut, Empty, Fault, FaultRecord, LatestFault, Message, ResetCause, State};
 
 use super::bench::{Bench, PLAN, at_rest, clear, start};
 use super::tip::Wire;
@@ -33,10 +33,12 @@ fn a_reset_in_the_midst_of_work_is_a_fault_by_its_cause() {
             if state != State::Tuning {
                 assert_eq!(record.plan_id, PLAN);
             }
-            // No job is left to start.
-            assert!(matches!(bench.ask(&start()), Message::Refused(_)));
+            assert!(matches!(bench.ask(&start()), Message::Refused(_)), "not before it is cleared");
             bench.accepted(&clear());
             assert_eq!(bench.controller.state(), State::Idle);
+            // The job is known, and nothing of it is held.
+            let status = bench.status();
+            assert_eq!((status.plan_id, status.layers, status.laid, status.next), (PLAN, 40, laid, laid));
         }
     }
 }
@@ -79,9 +81,13 @@ fn an_emergency_stop_survives_a_reset() {
 }
 
 #[test]
-fn without_power_nothing_is_known() {
-    let bench = Bench::in_state(State::Growing);
+fn without_power_the_journal_is_what_is_known() {
+    let mut bench = Bench::in_state(State::Growing);
+    let laid = bench.status().laid;
+    assert!(laid > 0);
     bench.world.kept.set([0xA5; crate::safety::kept::KEPT_BYTES]);
     let mut bench = bench.reset(ResetCause::PowerOn);
     assert_eq!((bench.controller.state(), record(&mut bench)), (State::Idle, None));
+    let status = bench.status();
+    assert_eq!((status.plan_id, status.laid, status.cut), (PLAN, laid, Some(Cut { least: 0, most: 64 })));
 }

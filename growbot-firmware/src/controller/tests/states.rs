@@ -3,10 +3,10 @@
 use std::string::String;
 use std::{env, format, fs};
 
-use growbot_core::link::message::{Message, PlanRequest, PoseFields, Refusal, Refused, State};
+use growbot_core::link::message::{Cancel, Message, PlanRequest, PoseFields, Refusal, Refused, State};
 use growbot_core::plan::Planner;
 
-use super::bench::{Bench, PLAN, batch_of, begin, bends, clear, hold, start, stop, tune};
+use super::bench::{Bench, PLAN, amend, batch_of, begin, bends, clear, hold, resume, start, stop, tune};
 use crate::safety::transitions::{Event, after};
 
 /// The request that an event is, if it is one.
@@ -20,6 +20,9 @@ fn request(event: Event, bench: &mut Bench) -> Option<Message> {
             Message::Plan(PlanRequest { start: pose(0.0), goal: pose(20.0), radius: 100.0, planner: Planner::TwoPlane })
         }
         Event::Layers => batch_of(next as usize, &bends(usize::from(next < 40))),
+        Event::Resume => resume(bench.status().laid),
+        Event::Amend => amend(next, 50),
+        Event::Cancel => Message::Cancel(Cancel { plan_id: bench.status().plan_id }),
         Event::Start => start(),
         Event::Hold => hold(),
         Event::Tune => tune(200.0),

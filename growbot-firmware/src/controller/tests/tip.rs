@@ -6,7 +6,9 @@ use std::rc::Rc;
 use growbot_core::robot::Robot;
 
 use crate::hal;
+use crate::journal::Journal;
 use crate::safety::kept::KEPT_BYTES;
+use crate::testing::flash::Flash;
 use crate::testing::{FakePins, FakePower};
 use crate::thermistor::{FULL_SCALE, reading};
 
@@ -43,9 +45,19 @@ pub struct World {
     pub now: Cell<u64>,
     /// The supply's voltage, V; none where its converter has stopped.
     pub supply_v: Cell<Option<f64>>,
+    /// The journal's flash, as it leaves the works: erased and ready.
+    pub flash: Flash,
     /// What survives a reset.
     pub kept: Cell<[u8; KEPT_BYTES]>,
     robot: Robot,
+}
+
+/// Flash with a journal in it that has room.
+fn prepared_flash() -> Flash {
+    let flash = Flash::new(2);
+    let mut journal = Journal::open(flash.clone());
+    while journal.erase_step(journal.capacity()).expect("nothing is in the way") {}
+    flash
 }
 
 impl World {
@@ -57,6 +69,7 @@ impl World {
             sampled_at: Cell::new(0),
             now: Cell::new(0),
             supply_v: Cell::new(Some(12.0)),
+            flash: prepared_flash(),
             kept: Cell::new([0; KEPT_BYTES]),
             robot: robot.clone(),
         })

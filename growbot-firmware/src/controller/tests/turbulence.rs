@@ -2,13 +2,14 @@
 
 use std::vec::Vec;
 
-use growbot_core::link::frame::{self, Header, LONGEST_BODY};
+use growbot_core::link::frame::{self, Header, LONGEST_BODY, next};
 use growbot_core::link::message::{
-    Begin, Empty, HostHello, Layers, Message, PlanRequest, PoseFields, ReadLayers, SCHEMA_HASH, Start, State,
+    Amend, Begin, Cancel, Empty, Layers, Message, PlanRequest, PoseFields, ReadLayers, Resume, SCHEMA_HASH, Silence,
+    Start, State,
 };
 use growbot_core::plan::Planner;
 
-use super::bench::{Bench, PLAN, SESSION, WARM, bends, hold, tune};
+use super::bench::{Bench, PLAN, WARM, bends, hello, hold, tune};
 use super::tip::Wire;
 use crate::testing::{fast_robot, number_from_environment};
 
@@ -50,13 +51,28 @@ impl Random {
     /// Any request, more often one that could be meant.
     fn request(&mut self, bench: &mut Bench) -> Message {
         let next = bench.status().next;
-        let plan_id = self.one_of(&[PLAN, PLAN, PLAN, PLAN, PLAN, 0, PLAN + 1, u64::MAX]);
-        match self.below(44) {
+        let held = bench.status().plan_id;
+        let plan_id = self.one_of(&[held, held, held, PLAN, PLAN, 0, PLAN + 1, u64::MAX]);
+        match self.below(50) {
+            44 if self.below(4) == 0 => Message::Cancel(Cancel { plan_id }),
+            44..47 => Message::Resume(Resume {
+                plan_id,
+                from: bench.status().laid + self.one_of(&[0, 0, 1, 2]),
+                known: self.one_of(&[0, u32::MAX]),
+            }),
+            47..50 => Message::Amend(Amend {
+                plan_id,
+                // The same name, so that the other requests still mean it.
+                amended: self.one_of(&[PLAN + 1, PLAN, 0]),
+                from: self.one_of(&[next, next.saturating_sub(2), 0, u32::MAX]),
+                layers: self.one_of(&[30, 40, 0, u32::MAX]),
+                first_layers: bends(self.below(17) as usize).into_iter().collect(),
+            }),
             40 => hold(),
             41 => tune(self.one_of(&[200.0, 200.0, 60.0, 20.0, 400.0, -1e6])),
             42 => Message::AskFault(Empty {}),
             43 => Message::AskSensors(Empty {}),
-            0 => Message::Hello(HostHello { schema: self.one_of(&[SCHEMA_HASH, SCHEMA_HASH, 0]) }),
+            0 => hello(self.one_of(&[SCHEMA_HASH, SCHEMA_HASH, 0])),
             1 if self.below(20) == 0 => Message::Stop(Empty {}),
             1 => Message::AskStatus(Empty {}),
             2..6 => Message::ClearFault(Empty {}),
@@ -64,7 +80,7 @@ impl Random {
                 let robot = self.one_of(&[bench.robot.hash(), bench.robot.hash(), bench.robot.hash(), 0]);
                 Message::Begin(Begin { plan_id, layers: self.one_of(&[30, 30, 30, 30, 0, 1, u32::MAX]), robot })
             }
-            11..21 => Message::Start(Start { plan_id }),
+            11..21 => Message::Start(Start { plan_id, silence: Silence::GoOn }),
             21 => {
                 let pose = |random: &mut Self| PoseFields {
                     position: core::array::from_fn(|_| random.number()),
@@ -98,7 +114,7 @@ fn random_requests_in_random_order_never_break_what_must_hold() {
         let mut bench = Bench::greeted(fast_robot(), WARM);
         for _ in 0..MESSAGES_OF_A_SEED {
             let request = random.request(&mut bench);
-            let session = random.one_of(&[SESSION, SESSION, SESSION, SESSION, SESSION, SESSION, SESSION, 0]);
+            let session = if random.below(8) == 0 { 0 } else { bench.session };
             bench.ask_in(session, &request);
             match random.below(400) {
                 0..20 => bench.run(0.05),
@@ -151,11 +167,14 @@ fn random_bytes_change_nothing() {
 fn whole_frames_of_random_bodies_do_no_harm() {
     let mut random = Random(1);
     let mut bench = Bench::in_state(State::Hold);
+    let mut seq = 1000;
     for count in 0..messages() {
         let body: Vec<u8> = (0..random.below(LONGEST_BODY as u64 + 1)).map(|_| random.next() as u8).collect();
         // Of any kind but a stop, which would be a true one.
-        let kind = random.one_of(&[0x01, 0x02, 0x03, 0x04, 0x05, 0x07, 0x09, 0x0b, 0x0c, 0x0d, 0x43, 0x50, 0xff]);
-        let header = Header { kind, session: SESSION, seq: 1, ack: random.next() as u16 };
+        let kind = random.one_of(&[1, 2, 3, 4, 5, 7, 9, 0x0b, 0x0c, 0x0d, 0x0e, 0x0f, 0x10, 0x12, 0x43, 0x50, 0xff]);
+        // Each as a new request.
+        seq = next(seq);
+        let header = Header { kind, session: bench.session, seq, ack: random.next() as u16 };
         let bytes = frame::encode(&header, &body[..body.len() >> random.below(8)]).unwrap();
         bench.send(&bytes);
         bench.read(None);

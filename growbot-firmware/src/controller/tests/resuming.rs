@@ -1,0 +1,193 @@
+//! A job that was interrupted, taken up again: every layer is laid once, and those after the interruption are as if there had been none.
+
+use std::vec::Vec;
+
+use growbot_core::layer_bytes::LayerBytes;
+use growbot_core::link::message::{Cancel, Cut, Message, Refusal, ResetCause, State};
+
+use super::bench::{AMENDED, Bench, PLAN, WARM, amend, bends, clear, hold, resume, start, stop};
+use crate::testing::fast_robot;
+
+/// The body as the host was told of it, each layer once and in order.
+fn body(bench: &Bench) -> Vec<Option<LayerBytes>> {
+    let laid = bench.laid();
+    // Told again after each resumption, and always the same.
+    let mut body: Vec<Option<LayerBytes>> = Vec::new();
+    for laid in laid {
+        match body.get(laid.index as usize) {
+            Some(before) => assert_eq!(*before, laid.as_built, "layer {}", laid.index),
+            None => {
+                assert_eq!(laid.index as usize, body.len());
+                body.push(laid.as_built);
+            }
+        }
+    }
+    body
+}
+
+fn uninterrupted() -> Vec<Option<LayerBytes>> {
+    let mut bench = Bench::greeted(fast_robot(), WARM);
+    bench.grow(&bends(40));
+    bench.run_to(State::Done, 100.0);
+    bench.run(0.1);
+    body(&bench)
+}
+
+/// Goes on and grows to the end.
+fn go_on(bench: &mut Bench, from: u32) {
+    let accepted = bench.accepted(&resume(from));
+    bench.hand_over(accepted.next as usize, &bends(40)[accepted.next as usize..]);
+    bench.start();
+    bench.run_to(State::Done, 200.0);
+    bench.run(1.0);
+}
+
+#[test]
+fn after_a_stop_a_fault_or_a_reset_the_rest_is_laid_as_if_nothing_had_happened() {
+    let whole = uninterrupted();
+    assert_eq!(whole.len(), 40);
+    type Interruption = fn(Bench) -> Bench;
+    let interruptions: [Interruption; 5] = [
+        |mut bench| {
+            bench.accepted(&stop());
+            bench
+        },
+        |mut bench| {
+            bench.press_emergency_stop(true);
+            bench.run_to(State::EmergencyStop, 0.1);
+            bench.press_emergency_stop(false);
+            bench.run(0.1);
+            bench.accepted(&clear());
+            bench
+        },
+        |bench| {
+            let mut bench = bench.reset(ResetCause::Watchdog);
+            bench.accepted(&clear());
+            bench
+        },
+        |bench| {
+            bench.world.kept.set([0x5A; crate::safety::kept::KEPT_BYTES]);
+            bench.reset(ResetCause::PowerOn)
+        },
+        |mut bench| {
+            // Between two layers.
+            bench.accepted(&hold());
+            bench.run_to(State::Hold, 2.0);
+            bench.world.kept.set([0x5A; crate::safety::kept::KEPT_BYTES]);
+            bench.reset(ResetCause::PowerOn)
+        },
+    ];
+    for (which, interrupt) in interruptions.into_iter().enumerate() {
+        for seconds in [0.01, 0.25, 1.3, 4.0] {
+            let mut bench = Bench::greeted(fast_robot(), WARM);
+            bench.grow(&bends(40));
+            bench.run_to(State::Growing, 60.0);
+            bench.run(seconds);
+            let mut bench = interrupt(bench);
+            let status = bench.status();
+            assert_eq!(status.plan_id, PLAN);
+            assert_eq!(status.cut.is_some(), which != 4, "{status:?}");
+            go_on(&mut bench, status.laid);
+            assert_eq!(bench.status().laid, 40);
+            let all = body(&bench);
+            assert_eq!(all, whole, "interruption {which} after {seconds} s");
+        }
+    }
+}
+
+#[test]
+fn how_much_of_a_layer_was_made_is_known_after_a_stop_and_roughly_after_a_reset() {
+    // 0.5 s a layer; a sector is 8 ms.
+    let cut = |bench: &mut Bench| bench.status().cut.unwrap();
+    let mut bench = Bench::greeted(fast_robot(), WARM);
+    bench.grow(&bends(40));
+    bench.run_until(60.0, |bench| bench.laid().len() == 3);
+    let period = bench.robot.description().layer.period_s;
+    bench.run(0.4 * period);
+    bench.accepted(&stop());
+    let Cut { least, most } = cut(&mut bench);
+    assert_eq!(most, least + 1);
+    assert!((22..30).contains(&least), "{least}");
+
+    let mut bench = Bench::greeted(fast_robot(), WARM);
+    bench.grow(&bends(40));
+    bench.run_until(60.0, |bench| bench.laid().len() == 3);
+    bench.run(0.7 * period);
+    let mut bench = bench.reset(ResetCause::External);
+    let Cut { least, most } = cut(&mut bench);
+    assert!(least <= 45 && most >= 45 && most - least < 40, "{least} to {most}");
+}
+
+#[test]
+fn a_layer_that_was_cut_can_be_let_be() {
+    let mut bench = Bench::in_state(State::Growing);
+    bench.accepted(&stop());
+    let laid = bench.status().laid;
+    go_on(&mut bench, laid + 1);
+    let body = body(&bench);
+    assert_eq!(body.len(), 40);
+    assert_eq!(body[laid as usize], None, "nothing is claimed of it");
+    assert_eq!(body.iter().filter(|layer| layer.is_none()).count(), 1);
+}
+
+#[test]
+fn nothing_but_the_next_layer_is_taken_up() {
+    let mut bench = Bench::in_state(State::Growing);
+    bench.accepted(&hold());
+    bench.run_to(State::Hold, 2.0);
+    bench.accepted(&stop());
+    let laid = bench.status().laid;
+    for from in [0, laid - 1, laid + 1, laid + 2, u32::MAX] {
+        assert_eq!(bench.refused(&resume(from)), Refusal::OutOfOrder { expected: laid });
+    }
+    assert_eq!(bench.refused(&Message::Cancel(Cancel { plan_id: PLAN + 1 })), Refusal::OtherPlan { board: PLAN });
+    go_on(&mut bench, laid);
+}
+
+#[test]
+fn a_job_given_up_is_forgotten_for_good() {
+    for state in [State::Growing, State::Stopped, State::Hold, State::Parked] {
+        let mut bench = Bench::in_state(state);
+        bench.accepted(&Message::Cancel(Cancel { plan_id: PLAN }));
+        bench.accepted(&Message::Cancel(Cancel { plan_id: PLAN }));
+        assert_eq!((bench.controller.state(), bench.status().plan_id), (State::Idle, 0), "{state:?}");
+        let mut bench = bench.reset(ResetCause::PowerOn);
+        assert_eq!(bench.status().plan_id, 0);
+        assert_eq!(bench.refused(&resume(0)), Refusal::OtherPlan { board: 0 });
+    }
+}
+
+#[test]
+fn a_job_that_is_done_is_not_there_to_be_resumed() {
+    let mut bench = Bench::in_state(State::Done).reset(ResetCause::PowerOn);
+    assert_eq!(bench.status().plan_id, 0);
+}
+
+#[test]
+fn layers_to_come_are_replaced_while_it_grows() {
+    let mut bench = Bench::in_state(State::Growing);
+    let (given, next) = (bench.status().laid + 2, bench.status().next);
+    assert_eq!(bench.refused(&amend(given - 2, 50)), Refusal::Begun { first: given });
+    assert_eq!(bench.refused(&amend(next + 1, 50)), Refusal::OutOfOrder { expected: next });
+    assert_eq!(bench.refused(&amend(given + 4, given + 6)), Refusal::BadLayer { index: given + 6 });
+    let accepted = bench.accepted(&amend(given + 4, given + 7));
+    assert_eq!((accepted.plan_id, accepted.next), (AMENDED, given + 7));
+    // Those of the plan as it was are no longer taken.
+    assert_eq!(bench.refused(&start()), Refusal::OtherPlan { board: AMENDED });
+    bench.run_to(State::Done, 60.0);
+    bench.run(0.1);
+    let laid = bench.laid();
+    assert_eq!(laid.len() as u32, given + 7);
+    assert_eq!(laid.last().unwrap().plan_id, AMENDED);
+}
+
+#[test]
+fn an_amended_job_is_known_by_its_new_name_after_a_loss_of_power() {
+    let mut bench = Bench::in_state(State::Growing);
+    let given = bench.status().laid + 2;
+    bench.accepted(&amend(given + 4, 50));
+    bench.world.kept.set([0; crate::safety::kept::KEPT_BYTES]);
+    let mut bench = bench.reset(ResetCause::PowerOn);
+    let status = bench.status();
+    assert_eq!((status.plan_id, status.layers), (AMENDED, 50));
+}

@@ -1,0 +1,124 @@
+//! Who may talk to the board, what comes twice or late, and a host that falls silent.
+
+use growbot_core::link::frame::{self, Header, LONGEST_BODY};
+use growbot_core::link::message::{
+    BoardHello, Empty, HostHello, HostName, Message, Refusal, Refused, SCHEMA_HASH, Silence, Start, State, Waits,
+};
+
+use super::bench::{Bench, PLAN, WARM, bends, clear, start, stop};
+use crate::testing::fast_robot;
+
+/// Asks for the board under a name, without pressing.
+fn knock(bench: &mut Bench, session: u32) -> Message {
+    let host = HostName::from_slice(b"another").unwrap();
+    bench.ask_in(session, &Message::Hello(HostHello { schema: SCHEMA_HASH, host, take_over: false }))
+}
+
+fn bytes_of(message: &Message, session: u32, seq: u16) -> frame::FrameBytes {
+    let mut buffer = [0; LONGEST_BODY];
+    let body = message.encode(&mut buffer).unwrap();
+    frame::encode(&Header { kind: message.kind(), session, seq, ack: 0 }, body).unwrap()
+}
+
+#[test]
+fn a_board_that_is_held_is_not_given_to_another_host_until_that_one_is_silent() {
+    let mut bench = Bench::in_state(State::Growing);
+    let answer = knock(&mut bench, 99);
+    assert!(
+        matches!(answer, Message::Refused(Refused { refusal: Refusal::Held { silent_ms: 0..1000 }, .. })),
+        "{answer:?}"
+    );
+    // It can be asked all the same, and tells who holds it.
+    let Message::BoardHello(BoardHello { holder, .. }) = bench.ask_in(99, &Message::AskBoard(Empty {})) else { panic!() };
+    assert_eq!(holder, Some(HostName::new()));
+    bench.reads = false;
+    bench.run(10.5);
+    assert!(matches!(knock(&mut bench, 99), Message::BoardHello(_)));
+}
+
+#[test]
+fn goodbye_leaves_the_board_to_the_next_one() {
+    let mut bench = Bench::greeted(fast_robot(), WARM);
+    let goodbye = bytes_of(&Message::Goodbye(Empty {}), bench.session, 500);
+    bench.send(&goodbye);
+    assert!(matches!(knock(&mut bench, 99), Message::BoardHello(_)));
+}
+
+#[test]
+fn a_session_that_is_over_is_never_opened_again() {
+    let mut bench = Bench::greeted(fast_robot(), WARM);
+    let old = bench.session;
+    bench.hello();
+    let hello = Message::Hello(HostHello { schema: SCHEMA_HASH, host: HostName::new(), take_over: true });
+    let answer = bench.ask_in(old, &hello);
+    assert!(matches!(answer, Message::Refused(Refused { refusal: Refusal::NoSession, .. })), "{answer:?}");
+    bench.begin(3);
+}
+
+#[test]
+fn requests_that_come_late_or_twice_are_not_carried_out_again() {
+    let mut bench = Bench::greeted(fast_robot(), WARM);
+    let session = bench.session;
+    let old_stop = bytes_of(&stop(), session, 2);
+    let old_begin = bytes_of(&super::bench::begin(&bench.robot.clone(), PLAN, 1), session, 3);
+    bench.grow(&bends(40));
+    bench.run_to(State::Growing, 60.0);
+    for late in [&old_stop, &old_begin] {
+        bench.send(late);
+        let (_, answers) = bench.read(Some(3));
+        assert!(answers.is_empty());
+        assert_eq!(bench.controller.state(), State::Growing);
+    }
+    bench.run_to(State::Done, 60.0);
+    // The start of a growth that is long over.
+    let old_start = bytes_of(&start(), session, 4);
+    bench.send(&old_start);
+    bench.run(5.0);
+    assert_eq!(bench.controller.state(), State::Done);
+}
+
+#[test]
+fn a_host_that_falls_silent_has_it_hold_unless_it_has_said_otherwise() {
+    for silence in [Silence::Hold, Silence::GoOn] {
+        let mut bench = Bench::greeted(fast_robot(), WARM);
+        bench.begin(40);
+        bench.hand_over(0, &bends(40));
+        bench.accepted(&Message::Start(Start { plan_id: PLAN, silence }));
+        bench.run_to(State::Growing, 60.0);
+        bench.reads = false;
+        bench.run(9.5);
+        assert_eq!(bench.controller.state(), State::Growing);
+        match silence {
+            Silence::GoOn => bench.run_to(State::Done, 60.0),
+            Silence::Hold => {
+                bench.run_to(State::Hold, 3.0);
+                assert_eq!(bench.controller.status().waits, Waits::ForHost);
+                bench.run(30.0);
+                assert_eq!(bench.controller.state(), State::Hold);
+                bench.reads = true;
+                bench.start();
+                bench.run_to(State::Done, 60.0);
+                assert_eq!(bench.laid().len(), 40);
+            }
+        }
+    }
+}
+
+#[test]
+fn an_emergency_stop_by_the_link_is_obeyed_and_called_out_each_time() {
+    for state in State::ALL {
+        let mut bench = Bench::in_state(state);
+        bench.events.clear();
+        for _ in 0..2 {
+            bench.call_emergency_stop();
+            bench.run(0.05);
+            assert_eq!(bench.called_out(), 1, "{state:?}");
+            assert!(bench.heater.off() && !bench.motors.enabled());
+            assert!(matches!(bench.controller.state(), State::EmergencyStop | State::Fault));
+        }
+        if bench.controller.state() == State::EmergencyStop {
+            bench.accepted(&clear());
+            assert_eq!(bench.controller.state(), State::Idle);
+        }
+    }
+}
