@@ -21,9 +21,11 @@ use super::tip::{
 };
 use crate::controller::{Controller, Identity};
 use crate::hal::{Board, Parts};
+use crate::journal::Journal;
 use crate::layer_store::LayerStore;
 use crate::safety::transitions::may_heat;
 use crate::stepping::{Axis, Engine, EngineSettings, Handover, Inputs};
+use crate::testing::flash::Flash;
 use crate::testing::{FakePin, FakePins, FakePower};
 
 pub const SESSION: u32 = 7;
@@ -71,6 +73,7 @@ impl Board for TestBoard {
     type Orientation = FakeOrientation;
     type Watchdog = FakeWatchdog;
     type Kept = FakeKept;
+    type Flash = Flash;
     type Store = Box<LayerStore>;
 }
 
@@ -116,6 +119,7 @@ impl Bench {
             orientation: FakeOrientation,
             watchdog: fed.clone(),
             kept: FakeKept(Rc::clone(&world)),
+            journal: Journal::open(world.flash.clone()),
             store: Box::new(LayerStore::new()),
         };
         pins.set(FILAMENT_PRESENCE, true);

@@ -7,6 +7,7 @@ use growbot_core::robot::Robot;
 
 use crate::hal;
 use crate::safety::kept::KEPT_BYTES;
+use crate::testing::flash::Flash;
 use crate::testing::{FakePins, FakePower};
 use crate::thermistor::{FULL_SCALE, reading};
 
@@ -45,6 +46,7 @@ pub struct World {
     pub supply_v: Cell<Option<f64>>,
     /// What survives a reset.
     pub kept: Cell<[u8; KEPT_BYTES]>,
+    pub flash: Flash,
     robot: Robot,
 }
 
@@ -58,6 +60,7 @@ impl World {
             now: Cell::new(0),
             supply_v: Cell::new(Some(12.0)),
             kept: Cell::new([0; KEPT_BYTES]),
+            flash: Flash::new(2),
             robot: robot.clone(),
         })
     }
