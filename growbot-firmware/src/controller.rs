@@ -27,7 +27,6 @@ use growbot_core::robot::Robot;
 
 use crate::hal::{Board, Converter, KeptMemory, Parts};
 use crate::heater::{self, Heater, Sampler};
-use crate::journal::Journal;
 use crate::layer_store::LayerStore;
 use crate::link::{self, Link};
 use crate::safety::inputs::Inputs;
@@ -55,7 +54,6 @@ pub struct Controller<B: Board> {
     fault: Option<Fault>,
     kept: Kept,
     job: job::Job,
-    journal: Journal<B::Flash>,
     motion: growing::Motion,
     heater: Heater,
     thermistor: Sampler,
@@ -79,9 +77,7 @@ pub struct Controller<B: Board> {
 
 impl<B: Board> Controller<B> {
     /// A controller with everything off: about to test itself, or with the fault of the boot before.
-    ///
-    /// The journal of the growth is read from the flash.
-    pub fn new(robot: Robot, identity: Identity, mut parts: Parts<B>, flash: B::Flash, handover: &Handover) -> Self {
+    pub fn new(robot: Robot, identity: Identity, mut parts: Parts<B>, handover: &Handover) -> Self {
         let kept = Kept::from_bytes(&parts.kept.read()).unwrap_or_default();
         let mut controller = Self {
             robot,
@@ -92,7 +88,6 @@ impl<B: Board> Controller<B> {
             fault: None,
             kept,
             job: job::Job::default(),
-            journal: Journal::open(flash),
             motion: growing::Motion::default(),
             heater: Heater::default(),
             thermistor: Sampler::default(),

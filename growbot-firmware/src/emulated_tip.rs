@@ -48,6 +48,7 @@
 //! | `0x150` | [`GRAVITY_LIVE`] | host | 1: the orientation sensor answers |
 //! | `0x154` | [`OVERFLOW_STACK`] | host | 1: the board is to overflow its stack, to show what comes of it |
 //! | `0x1000` | [`MACHINE`] | host | the machine description, bytes |
+//! | `0x2_0000` | [`JOURNAL`] | board | its flash, [`JOURNAL_CAPACITY`] bytes: survives a reset of the board |
 //! | `0x10_0000` | [`STEP_RING`] | board | [`STEP_RING_RECORDS`] step records, see [`StepRecord`] |
 //!
 //! # Who does what, in which order
@@ -60,6 +61,8 @@
 //!   positions [`HEAD_STEPS`] and [`FEED_STEPS`] count such steps all the same.
 //! - The host writes [`THERMISTOR_RAW`], then 1 to [`THERMISTOR_LIVE`]. From then on the board reads the latest value as often
 //!   as it likes, as it would a converter of its own: a host that is slow is not a sensor that is broken.
+//! - The board writes to [`JOURNAL`] as one writes to flash: it programs words by clearing bits, and erases sectors of [`JOURNAL_SECTOR`]
+//!   bytes by setting all. The zeros that it finds at first are not erased.
 //! - Pairs (`_LO`, `_HI`) are read high, low, high, until both highs agree; each pair lies in eight aligned bytes.
 //!
 //! # What the pins mean
@@ -85,7 +88,7 @@ pub const VERSION: usize = 0x004;
 /// What [`MAGIC`] holds: `GBTP`.
 pub const MAGIC_VALUE: u32 = u32::from_le_bytes(*b"GBTP");
 /// What [`VERSION`] holds.
-pub const VERSION_VALUE: u32 = 2;
+pub const VERSION_VALUE: u32 = 3;
 
 /// Offset, board to host: boots since the memory was zero.
 pub const BOOTS: usize = 0x010;
@@ -176,6 +179,13 @@ pub const OVERFLOW_STACK: usize = 0x154;
 pub const MACHINE: usize = 0x1000;
 /// The longest machine description, in bytes.
 pub const MACHINE_CAPACITY: usize = 0x1000;
+
+/// Offset, board to host: the flash of the board's journal.
+pub const JOURNAL: usize = 0x2_0000;
+/// Bytes of a sector of that flash, which are erased together: as on the robot's board.
+pub const JOURNAL_SECTOR: usize = 0x2_0000;
+/// Bytes of that flash.
+pub const JOURNAL_CAPACITY: usize = 2 * JOURNAL_SECTOR;
 
 /// Offset, board to host: the step records. Record `i` is at `STEP_RING + 4 * (i % STEP_RING_RECORDS)`.
 pub const STEP_RING: usize = 0x10_0000;
@@ -419,9 +429,10 @@ mod tests {
             GRAVITY_LIVE,
             OVERFLOW_STACK,
             MACHINE,
+            JOURNAL,
         ];
         assert!(words.windows(2).all(|pair| pair[0] + 4 <= pair[1]));
         assert!(words.iter().all(|offset| offset % 4 == 0));
-        const { assert!(MACHINE + MACHINE_CAPACITY <= STEP_RING) };
+        const { assert!(MACHINE + MACHINE_CAPACITY <= JOURNAL && JOURNAL + JOURNAL_CAPACITY <= STEP_RING) };
     }
 }

@@ -9,6 +9,7 @@ use embedded_hal::digital::{InputPin, OutputPin};
 use embedded_hal::pwm::SetDutyCycle;
 use embedded_storage::nor_flash::MultiwriteNorFlash;
 
+use crate::journal::Journal;
 use crate::layer_store::LayerStore;
 use crate::safety::kept::KEPT_BYTES;
 
@@ -62,7 +63,7 @@ pub trait Board {
     type Watchdog: Watchdog;
     /// What survives a reset.
     type Kept: KeptMemory;
-    /// What survives a loss of power: where the progress of a growth is written down.
+    /// What survives a loss of power: two sectors or more, whose programmed words can be programmed to zero.
     type Flash: MultiwriteNorFlash;
     /// Where the layers are kept: some 48 KiB, so a reference or a box.
     type Store: DerefMut<Target = LayerStore>;
@@ -90,6 +91,8 @@ pub struct Parts<B: Board> {
     pub watchdog: B::Watchdog,
     /// What survives a reset.
     pub kept: B::Kept,
+    /// What survives a loss of power, opened.
+    pub journal: Journal<B::Flash>,
     /// Where the layers are kept.
     pub store: B::Store,
 }

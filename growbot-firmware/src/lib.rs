@@ -9,7 +9,8 @@
 //! 4. [`stepping::Engine`]: it becomes step pulses, tick by tick;
 //! 5. and back: the steps made become the layer as built, and a `Laid` message.
 //!
-//! Beside it [`heater`] and [`thermistor`] keep the nozzle hot, and [`safety`] says what leads where when anything is wrong.
+//! Beside it [`heater`] and [`thermistor`] keep the nozzle hot, [`safety`] says what leads where when anything is wrong, and the
+//! [`journal`] knows after a loss of power how far a growth has come.
 //! [`hal`] says what a board must have. The boards themselves are the binaries `an386` (emulated) and `stm32f405` (the robot's).
 #![no_std]
 #![forbid(unsafe_code)]

@@ -379,8 +379,7 @@ impl Client {
     /// No answer, or a refusal.
     pub fn request(&mut self, what: &'static str, request: &Message) -> Result<Message, ClientError> {
         let plans = matches!(request, Message::Plan(_));
-        let (mut repeat, silence) =
-            if plans { (REPEAT_OF_PLAN, SILENCE_OF_PLAN) } else { (FIRST_REPEAT, SILENCE) };
+        let (mut repeat, silence) = if plans { (REPEAT_OF_PLAN, SILENCE_OF_PLAN) } else { (FIRST_REPEAT, SILENCE) };
         self.seq = next(self.seq);
         let seq = self.seq;
         let mut wait = Wait::default();
@@ -635,7 +634,8 @@ fn same_schema(hello: BoardHello) -> Result<BoardHello, ClientError> {
 
 /// Who this host is: what another one is told.
 fn host_name() -> HostName {
-    let program = std::env::args().nth(1).filter(|word| !word.starts_with('-')).unwrap_or_else(|| "growbot".to_string());
+    let program =
+        std::env::args().nth(1).filter(|word| !word.starts_with('-')).unwrap_or_else(|| "growbot".to_string());
     let machine = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
     let name = format!("{program} {} on {}", std::process::id(), machine.trim());
     name.bytes().take(HostName::new().capacity()).collect()

@@ -285,7 +285,8 @@ impl<'a> Growth<'a> {
     fn hand_over_all(&mut self) -> Result<(), ClientError> {
         let tip = self.client.port().tip()?;
         self.laid_before = Some(tip.map_or((0, 0), |tip| (tip.body.len(), tip.feed_steps)));
-        let begin = Begin { plan_id: self.job.plan_id, layers: self.job.layers.len() as u32, robot: self.job.robot.hash() };
+        let begin =
+            Begin { plan_id: self.job.plan_id, layers: self.job.layers.len() as u32, robot: self.job.robot.hash() };
         self.ask("to begin a job", &Message::Begin(begin))?;
         self.hand_over()
     }
@@ -316,11 +317,7 @@ impl<'a> Growth<'a> {
         // What is not known is told from the first hole on.
         let known = self.as_built.len().min(status.laid as usize);
         self.as_built.truncate(known);
-        let resume = Resume {
-            plan_id: self.job.plan_id,
-            from: status.laid + u32::from(skip),
-            known: known as u32,
-        };
+        let resume = Resume { plan_id: self.job.plan_id, from: status.laid + u32::from(skip), known: known as u32 };
         self.ask("to resume", &Message::Resume(resume))?;
         self.hand_over()
     }

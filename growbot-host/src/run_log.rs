@@ -287,7 +287,8 @@ fn hex(bytes: &LayerBytes) -> String {
 
 /// Layers from the hex digits of their bytes.
 fn unhex(text: &str) -> Option<Vec<LayerBytes>> {
-    let digits: Vec<u8> = text.chars().map(|digit| digit.to_digit(16).map(|value| value as u8)).collect::<Option<_>>()?;
+    let digits: Vec<u8> =
+        text.chars().map(|digit| digit.to_digit(16).map(|value| value as u8)).collect::<Option<_>>()?;
     let (layers, []) = digits.as_chunks::<24>() else { return None };
     let layer = |digits: &[u8; 24]| {
         let (pairs, _) = digits.as_chunks::<2>();

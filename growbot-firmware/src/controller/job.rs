@@ -85,12 +85,12 @@ impl<B: Board> Controller<B> {
 
     /// Forgets the job before and holds another, in the journal too.
     pub(super) fn new_job(&mut self, plan_id: u64, layers: u32) -> Result<(), Refusal> {
-        let capacity = self.journal.capacity();
+        let capacity = self.parts.journal.capacity();
         if layers > capacity {
             return Err(Refusal::PlanTooLong { layers, capacity });
         }
         self.make_room(layers)?;
-        self.journal.begin(plan_id, self.robot.hash(), layers).map_err(|_| Refusal::Journal)?;
+        self.parts.journal.begin(plan_id, self.robot.hash(), layers).map_err(|_| Refusal::Journal)?;
         self.store_mut().restart(0);
         self.job = Job { plan_id, layers, ..Job::default() };
         Ok(())
@@ -98,12 +98,12 @@ impl<B: Board> Controller<B> {
 
     /// Erases what the journal needs for a job. Everything is off: the nozzle must be cold too, since nothing is looked at meanwhile.
     fn make_room(&mut self, layers: u32) -> Result<(), Refusal> {
-        while self.journal.needs_erasing(layers) {
+        while self.parts.journal.needs_erasing(layers) {
             if self.heater.temperature(self.now).is_none_or(|temperature| temperature >= COLD_C) {
                 return Err(Refusal::Hot { below: centi(COLD_C) });
             }
             self.parts.watchdog.feed();
-            self.journal.erase_step(layers).map_err(|_| Refusal::Journal)?;
+            self.parts.journal.erase_step(layers).map_err(|_| Refusal::Journal)?;
         }
         self.parts.watchdog.feed();
         Ok(())
@@ -126,7 +126,7 @@ impl<B: Board> Controller<B> {
             } else if resume.from != laid {
                 return Err(Refusal::OutOfOrder { expected: laid });
             }
-            let carry = self.journal.carry();
+            let carry = self.parts.journal.carry();
             self.job.forget_given(carry);
         }
         self.job.told = resume.known.min(self.job.laid);
@@ -137,8 +137,12 @@ impl<B: Board> Controller<B> {
     /// The layer that was cut counts as laid, as far as it was.
     fn let_be(&mut self) -> Result<(), Refusal> {
         let index = self.job.laid;
-        let unknown = journal::Laid { as_built: LayerBytes::default(), height_units: 0, lean_owed: self.journal.carry().lean_owed };
-        self.journal.skipped(index, &unknown).map_err(|_| Refusal::Journal)?;
+        let unknown = journal::Laid {
+            as_built: LayerBytes::default(),
+            height_units: 0,
+            lean_owed: self.parts.journal.carry().lean_owed,
+        };
+        self.parts.journal.skipped(index, &unknown).map_err(|_| Refusal::Journal)?;
         if self.store().get(index).is_some() {
             self.store_mut().drop_first();
         } else {
@@ -215,7 +219,7 @@ impl<B: Board> Controller<B> {
         if amend.first_layers.len() > room as usize {
             return Err(Refusal::Full);
         }
-        self.journal.amended(amend.from, amend.amended, amend.layers).map_err(|_| Refusal::Journal)?;
+        self.parts.journal.amended(amend.from, amend.amended, amend.layers).map_err(|_| Refusal::Journal)?;
         self.store_mut().truncate(amend.from);
         for bytes in &amend.first_layers {
             self.hold_layer(*bytes)?;
@@ -261,7 +265,7 @@ impl<B: Board> Controller<B> {
     /// The journal need not remember the job any more.
     pub(super) fn end_job(&mut self) {
         if self.job.plan_id != 0 {
-            self.job.unwritten |= self.journal.ended().is_err();
+            self.job.unwritten |= self.parts.journal.ended().is_err();
         }
     }
 
@@ -278,7 +282,7 @@ impl<B: Board> Controller<B> {
         if self.job.given > self.job.laid {
             let least = sectors.min(SECTORS as u32 - 1) as u8;
             self.job.cut = Some(Cut { least, most: least + 1 });
-            let carry = self.journal.carry();
+            let carry = self.parts.journal.carry();
             self.job.forget_given(carry);
         }
     }
@@ -286,7 +290,9 @@ impl<B: Board> Controller<B> {
     /// After a start of the board: the job that the journal knows, with nothing of it in the store.
     pub(super) fn take_up_job(&mut self) {
         let robot = self.robot.hash();
-        let Some(known) = self.journal.job().filter(|job| !job.ended && job.robot == robot).copied() else { return };
+        let Some(known) = self.parts.journal.job().filter(|job| !job.ended && job.robot == robot).copied() else {
+            return;
+        };
         let cut = (known.begun > known.laid).then(|| match self.kept.under_way {
             Some(UnderWay { plan_id, laid, sectors, .. }) if (plan_id, laid) == (known.plan_id, known.laid) => {
                 let since = KEPT_AGE_S / self.robot.description().layer.period_s * SECTORS as f64;
@@ -297,7 +303,7 @@ impl<B: Board> Controller<B> {
         });
         self.job = Job { plan_id: known.plan_id, layers: known.layers, laid: known.laid, cut, ..Job::default() };
         self.store_mut().restart(known.laid);
-        let carry = self.journal.carry();
+        let carry = self.parts.journal.carry();
         self.job.forget_given(carry);
     }
 
@@ -305,7 +311,7 @@ impl<B: Board> Controller<B> {
     /// without a pause is written down with that one.
     pub(super) fn note_begun(&mut self) {
         if self.job.given == self.job.laid {
-            self.job.unwritten |= self.journal.begun(self.job.given).is_err();
+            self.job.unwritten |= self.parts.journal.begun(self.job.given).is_err();
         }
         self.job.cut = None;
     }
@@ -318,14 +324,14 @@ impl<B: Board> Controller<B> {
         let Some(left) = self.job.carries.pop_front() else { return };
         let layer = journal::Laid { as_built, ..left };
         let next_begun = self.job.given > self.job.laid;
-        self.job.unwritten |= self.journal.committed(index, &layer, next_begun).is_err();
+        self.job.unwritten |= self.parts.journal.committed(index, &layer, next_begun).is_err();
     }
 
     /// Tells the host of layers that it has not heard of, out of the journal.
     pub(super) fn tell_layers(&mut self) {
         while self.job.told < self.job.laid && self.link.takes_layers() {
             let index = self.job.told;
-            let as_built = self.journal.laid(index).filter(|laid| !laid.cut).map(|laid| laid.as_built);
+            let as_built = self.parts.journal.laid(index).filter(|laid| !laid.cut).map(|laid| laid.as_built);
             self.link.tell(link::Event::Laid(Laid { plan_id: self.job.plan_id, index, as_built }));
             self.job.told += 1;
         }

@@ -6,8 +6,8 @@
 use growbot_core::job::job_layers_meanwhile;
 use growbot_core::link::frame::{Frame, Header};
 use growbot_core::link::message::{
-    Accepted, BoardHello, Fault, HeldLayers, HostHello, LatestFault, LayerBatch, MOST_LAYERS, Message, PlanRequest, Planned,
-    Refusal, Refused, SCHEMA_HASH, State, Tune, Waits,
+    Accepted, BoardHello, Fault, HeldLayers, HostHello, LatestFault, LayerBatch, MOST_LAYERS, Message, PlanRequest,
+    Planned, Refusal, Refused, SCHEMA_HASH, State, Tune, Waits,
 };
 use growbot_core::plan::plan_meanwhile;
 use growbot_core::pose::Pose;

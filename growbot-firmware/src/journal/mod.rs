@@ -24,7 +24,7 @@ use embedded_storage::nor_flash::MultiwriteNorFlash;
 use growbot_core::layer_bytes::LayerBytes;
 
 pub use record::Laid;
-use record::{BLANK, Kind, LAST_COUNT, LAST_INDEX, RECORD_BYTES, Record, RecordBytes, STRUCK, join, split};
+use record::{BLANK, Kind, LAST_COUNT, LAST_INDEX, RECORD_BYTES, Record, RecordBytes, STRUCK, join, lean_owed, split};
 
 /// Places at which a record is tried before flash is said to be broken.
 const ATTEMPTS: u32 = 3;
@@ -84,7 +84,6 @@ pub struct Carry {
 }
 
 /// The present job, and where it is.
-#[derive(Debug, Clone, Copy)]
 struct Present {
     state: JobState,
     carry: Carry,
@@ -164,7 +163,9 @@ impl<F: MultiwriteNorFlash> Journal<F> {
             return Ok(false);
         }
         let sector = self.around(self.next + self.free) / Self::PLACES;
-        if let Some(present) = self.present.filter(|present| present.at / Self::PLACES == sector) {
+        if let Some(present) = &self.present
+            && present.at / Self::PLACES == sector
+        {
             if !present.state.ended {
                 return Err(JournalError::JobNotEnded);
             }
@@ -205,13 +206,15 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         let ([a, b], [c, d]) = (split(plan_id), split(robot));
         let job = self.jobs.saturating_add(1);
         let record = Record { kind: Kind::Job, count: 0, index: 0, job, content: [a, b, c, d, layers] };
-        if self.present.is_some_and(|present| !present.state.ended) {
+        if self.present.as_ref().is_some_and(|present| !present.state.ended) {
             self.strike();
         }
         if self.needs_erasing(layers) {
             return Err(JournalError::Full);
         }
-        self.append(&record)
+        let place = self.append(&record)?;
+        self.take(&record, place);
+        Ok(())
     }
 
     /// A layer is begun: the first one, or the first one after a hold.
@@ -259,10 +262,8 @@ impl<F: MultiwriteNorFlash> Journal<F> {
 
     /// A layer of the present job. Quick, and quickest in their order.
     pub fn laid(&mut self, index: u32) -> Option<LaidRecord> {
-        let Present { state, at, found: (near, offset), .. } = self.present?;
-        if index >= state.laid {
-            return None;
-        }
+        let present = self.present.as_ref().filter(|present| index < present.state.laid)?;
+        let (at, (near, offset)) = (present.at, present.found);
         // There is at least a place for each layer in between.
         let first = index.checked_sub(near).map_or(index + 1, |layers| offset + layers);
         for offset in first..=self.places() {
@@ -277,7 +278,9 @@ impl<F: MultiwriteNorFlash> Journal<F> {
                 _ => continue,
             };
             if record.job == self.jobs && record.index == index {
-                self.present = self.present.map(|present| Present { found: (index, offset), ..present });
+                if let Some(present) = &mut self.present {
+                    present.found = (index, offset);
+                }
                 return Some(LaidRecord { as_built: Laid::from_content(record.content).as_built, cut });
             }
         }
@@ -286,7 +289,7 @@ impl<F: MultiwriteNorFlash> Journal<F> {
 
     /// What the layers laid leave to those after them.
     pub fn carry(&self) -> Carry {
-        self.present.map_or_else(Carry::default, |present| present.carry)
+        self.present.as_ref().map_or_else(Carry::default, |present| present.carry)
     }
 
     fn sectors(&self) -> u32 {
@@ -356,26 +359,26 @@ impl<F: MultiwriteNorFlash> Journal<F> {
 
     /// Writes a record of the present job.
     fn put(&mut self, kind: Kind, index: u32, content: [u32; 5]) -> Result<(), JournalError> {
-        let present = self.present.filter(|present| !present.state.ended).ok_or(JournalError::NoJob)?;
+        let Some(present) = self.present.as_mut().filter(|present| !present.state.ended) else {
+            return Err(JournalError::NoJob);
+        };
         let record = Record { kind, count: present.count, index, job: self.jobs, content };
-        let follows = present.after(&record).ok_or(JournalError::OutOfOrder);
-        let written = follows.and_then(|_| self.append(&record));
+        let written = if present.take(&record) { self.append(&record) } else { Err(JournalError::OutOfOrder) };
         if written.is_err() {
             self.strike();
         }
-        written
+        written.map(|_| ())
     }
 
-    /// Writes a record to the next place, or to one of those after it.
-    fn append(&mut self, record: &Record) -> Result<(), JournalError> {
+    /// Writes a record to the next place, or to one of those after it, and says which.
+    fn append(&mut self, record: &Record) -> Result<u32, JournalError> {
         let bytes = record.to_bytes();
         for _ in 0..ATTEMPTS {
             let place = self.next;
             self.free = self.free.checked_sub(1).ok_or(JournalError::Full)?;
             self.next = self.around(place + 1);
             if self.write(Self::offset(place), &bytes) {
-                self.take(record, place);
-                return Ok(());
+                return Ok(place);
             }
         }
         Err(JournalError::Flash)
@@ -408,40 +411,36 @@ impl<F: MultiwriteNorFlash> Journal<F> {
                 ended: false,
             };
             self.present = Some(Present { state, carry: Carry::default(), count: 1, at, found: (0, 1) });
-        } else if record.kind != Kind::Sector {
-            self.present = self.present.and_then(|present| present.after(record));
+        } else if record.kind != Kind::Sector && self.present.as_mut().is_some_and(|present| !present.take(record)) {
+            self.present = None;
         }
     }
 }
 
 impl Present {
-    /// The job after one more record of it; none where that does not follow.
-    fn after(mut self, record: &Record) -> Option<Self> {
+    /// Takes in one more record of the job. False where that does not follow; then nothing more is to be known of it.
+    fn take(&mut self, record: &Record) -> bool {
         if record.count != self.count {
-            return None;
+            return false;
         }
         self.count = (self.count + 1) & LAST_COUNT;
         let state = &mut self.state;
         let is_next = record.index == state.laid && state.laid < state.layers;
+        let [a, b, layers, height_units, lean] = record.content;
         match record.kind {
             Kind::Begun if is_next => state.begun = state.laid + 1,
             Kind::Laid | Kind::LaidNextBegun | Kind::Cut if is_next => {
                 state.laid += 1;
                 state.begun = state.laid + u32::from(record.kind == Kind::LaidNextBegun);
-                let laid = Laid::from_content(record.content);
-                self.carry.height_units += u64::from(laid.height_units);
-                self.carry.lean_owed = laid.lean_owed;
+                self.carry.height_units += u64::from(height_units);
+                self.carry.lean_owed = lean_owed(lean);
             }
-            Kind::Amended => {
-                let [a, b, layers, ..] = record.content;
-                if record.index < state.laid || record.index > layers || record.index > LAST_INDEX {
-                    return None;
-                }
+            Kind::Amended if state.laid <= record.index && record.index <= layers.min(LAST_INDEX) => {
                 (state.plan_id, state.plan_from, state.layers) = (join(a, b), record.index, layers);
             }
             Kind::Ended => state.ended = true,
-            _ => return None,
+            _ => return false,
         }
-        Some(self)
+        true
     }
 }

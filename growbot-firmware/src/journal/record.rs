@@ -35,24 +35,25 @@ pub(super) const STRUCK: RecordBytes = [0; RECORD_BYTES];
 pub(super) enum Kind {
     /// The first one of a sector: how often the area's sectors had been erased, this time included. Its job is the last one begun
     /// before that.
-    Sector = 1,
+    Sector,
     /// A job begins: plan id, robot's hash, layers.
-    Job = 2,
+    Job,
     /// A layer is begun.
-    Begun = 3,
+    Begun,
     /// A layer is laid, and the next one is not begun.
-    Laid = 4,
+    Laid,
     /// A layer is laid, and the next one was begun at once.
-    LaidNextBegun = 5,
+    LaidNextBegun,
     /// A layer was cut and is let be.
-    Cut = 6,
+    Cut,
     /// Another plan from a layer on: its id and the count of layers.
-    Amended = 7,
+    Amended,
     /// The job is done or given up.
-    Ended = 8,
+    Ended,
 }
 
 impl Kind {
+    /// By their numbers.
     const ALL: [Self; 8] =
         [Self::Sector, Self::Job, Self::Begun, Self::Laid, Self::LaidNextBegun, Self::Cut, Self::Amended, Self::Ended];
 }
@@ -105,21 +106,21 @@ impl Record {
             *word = u32::from_le_bytes(*from);
         }
         let [first, job, a, b, c, d, e, _] = words;
-        let kind = Kind::ALL.into_iter().find(|kind| *kind as u32 == first & 15)?;
+        let kind = *Kind::ALL.get((first & 15) as usize)?;
         Some(Self { kind, count: first >> 4 & LAST_COUNT, index: first >> 8, job, content: [a, b, c, d, e] })
     }
 }
 
 impl Laid {
     pub(super) fn to_content(self) -> [u32; 5] {
-        let [x, y] = self.lean_owed.map(i16::to_le_bytes);
+        let [x, y] = self.lean_owed;
         let [a, b, c, d, e, f, g, h, i, j, k, l] = self.as_built;
         [
             u32::from_le_bytes([a, b, c, d]),
             u32::from_le_bytes([e, f, g, h]),
             u32::from_le_bytes([i, j, k, l]),
             self.height_units,
-            u32::from_le_bytes([x[0], x[1], y[0], y[1]]),
+            u32::from(x as u16) | u32::from(y as u16) << 16,
         ]
     }
 
@@ -128,8 +129,13 @@ impl Laid {
         for (into, word) in as_built.as_chunks_mut::<4>().0.iter_mut().zip([a, b, c]) {
             *into = word.to_le_bytes();
         }
-        Self { as_built, height_units, lean_owed: [lean as i16, (lean >> 16) as i16] }
+        Self { as_built, height_units, lean_owed: lean_owed(lean) }
     }
+}
+
+/// The lean of the last word of a layer's content.
+pub(super) const fn lean_owed(lean: u32) -> [i16; 2] {
+    [lean as i16, (lean >> 16) as i16]
 }
 
 /// A number of 64 bits as two words, and back.

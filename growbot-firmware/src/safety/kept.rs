@@ -99,7 +99,8 @@ mod tests {
             laid: u32::MAX,
             begun: u32::MAX,
         };
-        let under_way = UnderWay { state: State::EmergencyStop, plan_id: u64::MAX, laid: u32::MAX, begun: u32::MAX, sectors: 64 };
+        let under_way =
+            UnderWay { state: State::EmergencyStop, plan_id: u64::MAX, laid: u32::MAX, begun: u32::MAX, sectors: 64 };
         Kept { record: Some(record), under_way: Some(under_way) }
     }
 

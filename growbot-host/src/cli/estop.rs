@@ -12,7 +12,9 @@ use super::{Failure, PortArg, RobotArg};
 /// Whoever holds the board and whatever is queued: eight bytes that the board recognises as they arrive, repeated until it says that it
 /// has obeyed. It stays off until the stop is cleared (`clear` in `growbot console`).
 #[derive(Args)]
-#[command(after_help = "Example:\n  growbot estop --port /dev/ttyACM0\n\nExit codes: 0, the board has said that everything is off; 1, it has not: cut its power.")]
+#[command(
+    after_help = "Example:\n  growbot estop --port /dev/ttyACM0\n\nExit codes: 0, the board has said that everything is off; 1, it has not: cut its power."
+)]
 pub struct EstopArgs {
     #[command(flatten)]
     port: PortArg,

@@ -8,16 +8,19 @@ use std::collections::VecDeque;
 use std::rc::Rc;
 use std::time::Duration;
 
+use growbot_core::link::emergency_stop::Recogniser;
 use growbot_core::link::message::{Fault, ResetCause, State};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_firmware::controller::{Controller, Identity};
 use growbot_firmware::hal::{Board, KeptMemory, Parts, Watchdog};
+use growbot_firmware::journal::Journal;
 use growbot_firmware::layer_store::LayerStore;
 use growbot_firmware::safety::kept::KEPT_BYTES;
 use growbot_firmware::stepping::{Axis, Engine, EngineSettings, Handover, Inputs};
 
 use super::{Port, PortError, TipRecord};
+use crate::tip::flash::Flash;
 use crate::tip::pins::{
     Converter, DirectionPin, EnablePin, Fan, HeaterEnable, HeaterPower, Input, Orientation, SharedTip, StepPin,
 };
@@ -30,6 +33,8 @@ const HEAD_AT_FIRST: i64 = -137;
 
 /// How long the watchdog waits to be fed, s.
 const WATCHDOG_S: u64 = 1;
+/// Sectors of the board's flash.
+const FLASH_SECTORS: usize = 2;
 
 type SimEngine = Engine<StepPin, DirectionPin, EnablePin, StepPin, DirectionPin, EnablePin, Input, Input, Input>;
 
@@ -49,7 +54,10 @@ pub struct Sim {
     next_poll: u64,
     fed: Rc<WatchdogClock>,
     kept: Kept,
+    flash: Flash,
     from_board: VecDeque<u8>,
+    /// Looks for an emergency stop in what is received.
+    watch: Recogniser,
 }
 
 impl Sim {
@@ -65,6 +73,7 @@ impl Sim {
         let tip = Rc::new(RefCell::new(Tip::new(robot.clone(), HEAD_AT_FIRST, variation)));
         let fed = Rc::new(WatchdogClock::default());
         let kept = Kept::holding_anything(&tip.borrow(), 0);
+        let flash = Flash::new(FLASH_SECTORS);
         let handover = Handover::new();
         let tick_hz = u64::from(robot.description().motion.tick_hz);
         let mut sim = Self {
@@ -74,6 +83,7 @@ impl Sim {
                 &tip,
                 &fed,
                 &kept,
+                &flash,
                 Identity { boot_id: 1, reset_cause: ResetCause::PowerOn },
                 &handover,
             ),
@@ -87,7 +97,9 @@ impl Sim {
             next_poll: 0,
             fed,
             kept,
+            flash,
             from_board: VecDeque::new(),
+            watch: Recogniser::new(),
         };
         sim.poll();
         sim
@@ -162,16 +174,20 @@ impl Sim {
         self.kept = Kept::holding_anything(&self.tip.borrow(), self.tick);
     }
 
+    /// The board's flash. A loss of power while it is written to resets the board.
+    #[must_use]
+    pub fn flash(&self) -> Flash {
+        self.flash.clone()
+    }
+
     /// Resets the board: its outputs go off and its controller starts anew. The tip goes on as it is. What the board kept is
-    /// lost when its power was away.
+    /// lost when its power was away, but for its flash.
     pub fn reset(&mut self, cause: ResetCause) {
         if cause == ResetCause::PowerOn {
             self.lose_kept();
+            self.flash.power_up();
         }
-        let mut tip = self.tip.borrow_mut();
-        tip.heat(0.0, false);
-        tip.blow(0.0);
-        drop(tip);
+        self.outputs_off();
         self.boots += 1;
         self.boot_tick = self.tick;
         self.fed.feed();
@@ -179,8 +195,17 @@ impl Sim {
         // An engine lets go of both motors when it starts.
         self.engine = engine(&self.robot, &self.tip);
         let identity = Identity { boot_id: self.boots, reset_cause: cause };
-        self.controller = controller(&self.robot, &self.tip, &self.fed, &self.kept, identity, &self.handover);
+        self.controller =
+            controller(&self.robot, &self.tip, &self.fed, &self.kept, &self.flash, identity, &self.handover);
         self.poll();
+    }
+
+    fn outputs_off(&self) {
+        let mut tip = self.tip.borrow_mut();
+        tip.heat(0.0, false);
+        tip.blow(0.0);
+        tip.enable(Motor::Head, false);
+        tip.enable(Motor::Feed, false);
     }
 
     fn ticks(&self, time: Duration) -> u64 {
@@ -205,6 +230,9 @@ impl Sim {
         }
         if self.fed.hungry_for() > WATCHDOG_S * self.tick_hz {
             self.reset(ResetCause::Watchdog);
+        }
+        if self.flash.has_lost_power() {
+            self.reset(ResetCause::PowerOn);
         }
     }
 
@@ -236,6 +264,7 @@ fn controller(
     tip: &SharedTip,
     fed: &Rc<WatchdogClock>,
     kept: &Kept,
+    flash: &Flash,
     identity: Identity,
     handover: &Handover,
 ) -> Controller<SimBoard> {
@@ -250,6 +279,7 @@ fn controller(
         orientation: Orientation(Rc::clone(tip)),
         watchdog: SimWatchdog(Rc::clone(fed)),
         kept: kept.clone(),
+        journal: Journal::open(flash.clone()),
         store: Box::new(LayerStore::new()),
     };
     Controller::new(robot.clone(), identity, parts, handover)
@@ -258,6 +288,10 @@ fn controller(
 impl Port for Sim {
     fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
         for byte in bytes {
+            if self.watch.push(*byte) {
+                self.outputs_off();
+                self.handover.call_emergency_stop();
+            }
             self.controller.receive(*byte, &self.handover);
         }
         self.poll();
@@ -296,6 +330,7 @@ impl Board for SimBoard {
     type Orientation = Orientation;
     type Watchdog = SimWatchdog;
     type Kept = Kept;
+    type Flash = Flash;
     type Store = Box<LayerStore>;
 }
 

@@ -2,8 +2,11 @@
 //!
 //! Both queues end in interrupts, so `main` never waits for the line.
 
+use growbot_core::link::emergency_stop::Recogniser;
 use growbot_firmware::byte_queue::ByteQueue;
 
+use crate::HANDOVER;
+use crate::interrupt_owned::InterruptOwned;
 use crate::interrupts::{self, Interrupt};
 use crate::registers::Register;
 use crate::tip;
@@ -46,6 +49,7 @@ impl Line {
     pub fn start(clock_hz: u32) -> Self {
         // The emulator ignores the rate, but wants a divider of at least 16.
         BAUD_DIVIDER.write((clock_hz / 115_200).max(16));
+        WATCH.give(Recogniser::new());
         CONTROL.write(CONTROL_ALL);
         Line { received: &RECEIVED, to_send: &TO_SEND }
     }
@@ -56,15 +60,28 @@ impl Line {
     }
 }
 
-/// Takes what has been received. An emergency stop would be recognised here, ahead of everything that is queued.
+/// Looks for an emergency stop in what is received.
+static WATCH: InterruptOwned<Recogniser> = InterruptOwned::empty();
+
+/// Takes what has been received. An emergency stop is obeyed here, ahead of everything that is queued.
 pub fn on_receive() {
     // Cleared before the bytes are read: cleared afterwards, it would take the news of a byte that comes in between.
     INTERRUPT_CLEAR.write(CLEAR_RECEIVE);
     while STATE.read() & STATE_RECEIVE_FULL != 0 {
         let byte = (DATA.read() & 0xFF) as u8;
+        // SAFETY: only the receive interrupt calls this.
+        unsafe { WATCH.with(|watch| obey(watch.push(byte))) };
         if RECEIVED.enqueue(byte).is_err() {
             tip::count_lost_byte();
         }
+    }
+}
+
+/// Everything off before anything else runs, where an emergency stop has come.
+fn obey(emergency_stop: bool) {
+    if emergency_stop {
+        tip::make_safe();
+        HANDOVER.call_emergency_stop();
     }
 }
 

@@ -6,6 +6,7 @@
 #![no_std]
 #![no_main]
 
+mod flash;
 mod high_water;
 mod interrupt_owned;
 mod interrupts;
@@ -26,11 +27,13 @@ use cortex_m_rt::entry;
 use growbot_core::robot::Robot;
 use growbot_firmware::controller::{Controller, Identity};
 use growbot_firmware::hal::{Board, Parts};
+use growbot_firmware::journal::Journal;
 use growbot_firmware::layer_store::LayerStore;
 use growbot_firmware::machine;
 use growbot_firmware::polarity::Polarized;
 use growbot_firmware::stepping::{Axis, Engine, EngineSettings, Handover, Inputs};
 
+use crate::flash::BoardFlash;
 use crate::high_water::HighWater;
 use crate::line::Line;
 use crate::tip::Tip;
@@ -57,6 +60,7 @@ impl Board for An386 {
     type Orientation = tip::OrientationSensor;
     type Watchdog = watchdog::BoardWatchdog;
     type Kept = tip::Kept;
+    type Flash = BoardFlash;
     type Store = &'static mut LayerStore;
 }
 
@@ -136,6 +140,7 @@ fn set_up() -> (Line, &'static mut Controller<An386>) {
         orientation: tip.orientation,
         watchdog,
         kept: tip.kept,
+        journal: Journal::open(BoardFlash::new()),
         store,
     };
     // Not on the stack, which planning needs.

@@ -14,7 +14,7 @@ use growbot_firmware::safety::kept::KEPT_BYTES;
 use crate::registers::Register;
 
 /// The word at a byte offset. An offset that is no word of the memory falls onto one that is.
-fn word(offset: usize) -> Register {
+pub fn word(offset: usize) -> Register {
     let inside = offset & (table::SIZE - 4);
     // SAFETY: aligned and inside the expansion RAM, which no linker region covers, so that Rust code owns nothing there.
     unsafe { Register::at(table::ADDRESS + inside) }

@@ -1,11 +1,13 @@
 //! The line to the host: USART2 at 115200 baud, a byte queue in each direction.
 
+use growbot_core::link::emergency_stop::Recogniser;
 use growbot_firmware::byte_queue::ByteQueue;
+use growbot_firmware::stepping::Handover;
 use stm32f4xx_hal::gpio::{Alternate, PA2, PA3};
 use stm32f4xx_hal::pac;
 use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
 
-use crate::clock;
+use crate::{clock, pins};
 
 /// A queue of so many bytes.
 pub type Queue = ByteQueue<4096>;
@@ -20,6 +22,8 @@ const BAUD: u32 = 115_200;
 /// The interrupt's side of the line.
 pub struct Line {
     usart: pac::USART2,
+    /// Looks for an emergency stop in what is received.
+    watch: Recogniser,
     lost: u32,
     _pins: (PA2<Alternate<7>>, PA3<Alternate<7>>),
 }
@@ -34,12 +38,12 @@ impl Line {
         // SAFETY: any 16-bit divider is valid; at 42 MHz it is 365, 0.1 % off the rate.
         usart.brr().write(|w| unsafe { w.bits((divider & 0xFFFF) as u16) });
         usart.cr1().write(|w| w.ue().set_bit().te().set_bit().re().set_bit().rxneie().set_bit());
-        Line { usart, lost: 0, _pins: pins }
+        Line { usart, watch: Recogniser::new(), lost: 0, _pins: pins }
     }
 
-    /// The USART's interrupt, also pended by the main loop once it has queued bytes. An emergency stop would be recognised here,
-    /// ahead of everything that is queued.
-    pub fn on_interrupt(&mut self) {
+    /// The USART's interrupt, also pended by the main loop once it has queued bytes. An emergency stop is obeyed here, ahead of
+    /// everything that is queued.
+    pub fn on_interrupt(&mut self, handover: &Handover) {
         loop {
             let status = self.usart.sr().read();
             if !status.rxne().bit_is_set() && !status.ore().bit_is_set() {
@@ -49,6 +53,10 @@ impl Line {
             let byte = (self.usart.dr().read().bits() & 0xFF) as u8;
             if status.ore().bit_is_set() {
                 self.lost = self.lost.wrapping_add(1);
+            }
+            if status.rxne().bit_is_set() && self.watch.push(byte) {
+                pins::make_safe();
+                handover.call_emergency_stop();
             }
             if status.rxne().bit_is_set() && RECEIVED.enqueue(byte).is_err() {
                 self.lost = self.lost.wrapping_add(1);

@@ -15,6 +15,7 @@ mod brown_out;
 mod clock;
 mod converter;
 mod fan;
+mod flash;
 mod heater;
 mod kept;
 mod line;
@@ -37,6 +38,7 @@ mod app {
     use growbot_core::link::message::State;
     use growbot_firmware::controller::{Controller, Identity};
     use growbot_firmware::hal::{Board, Parts};
+    use growbot_firmware::journal::Journal;
     use growbot_firmware::layer_store::LayerStore;
     use growbot_firmware::machine;
     use growbot_firmware::stepping::{Axis, Engine, EngineSettings, Handover, Inputs};
@@ -45,6 +47,7 @@ mod app {
 
     use crate::converter::{self, Supply, Thermistor};
     use crate::fan::Fan;
+    use crate::flash::BoardFlash;
     use crate::heater::Heater;
     use crate::kept::BoardMemory;
     use crate::line::{self, Line};
@@ -83,6 +86,7 @@ mod app {
         type Orientation = BoardOrientation;
         type Watchdog = BoardWatchdog;
         type Kept = BoardMemory;
+        type Flash = BoardFlash;
         type Store = &'static mut LayerStore;
     }
 
@@ -138,6 +142,7 @@ mod app {
             orientation: tip_bus::orientation(pins.orientation_clock, pins.orientation_data, clock::PROCESSOR_HZ),
             watchdog,
             kept,
+            journal: Journal::open(BoardFlash::new(device.FLASH)),
             store: cx.local.store,
         };
         let step_timer = StepTimer::start(device.TIM2, robot.description().motion.tick_hz, &mut rcc);
@@ -190,7 +195,7 @@ mod app {
 
     #[task(binds = USART2, priority = 3, local = [line])]
     fn link(cx: link::Context) {
-        cx.local.line.on_interrupt();
+        cx.local.line.on_interrupt(&HANDOVER);
     }
 
     #[task(binds = SysTick, priority = 2)]

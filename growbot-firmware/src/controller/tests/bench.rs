@@ -21,6 +21,7 @@ use super::tip::{
 };
 use crate::controller::{Controller, Identity};
 use crate::hal::{Board, Parts};
+use crate::journal::Journal;
 use crate::layer_store::LayerStore;
 use crate::safety::transitions::may_heat;
 use crate::stepping::{Axis, Engine, EngineSettings, Handover, Inputs};
@@ -56,6 +57,8 @@ pub struct Bench {
     handover: Handover,
     tick: u64,
     next_poll: u64,
+    /// When the host says next that it lives, ticks.
+    greets_at: u64,
     receiver: Receiver,
     seq: u16,
     /// Number of the latest event.
@@ -125,12 +128,13 @@ impl Bench {
             orientation: FakeOrientation,
             watchdog: fed.clone(),
             kept: FakeKept(Rc::clone(&world)),
+            journal: Journal::open(world.flash.clone()),
             store: Box::new(LayerStore::new()),
         };
         pins.set(FILAMENT_PRESENCE, true);
         let identity = Identity { boot_id: 5, reset_cause };
         Self {
-            controller: Controller::new(robot.clone(), identity, parts, world.flash.clone(), &handover),
+            controller: Controller::new(robot.clone(), identity, parts, &handover),
             motors: Motors::new(pins.clone(), &robot, 17),
             heater: HeaterWires { power, pins },
             robot,
@@ -146,6 +150,7 @@ impl Bench {
             handover,
             tick: 0,
             next_poll: 0,
+            greets_at: 0,
             receiver: Receiver::default(),
             seq: 0,
             heard: 0,
@@ -232,6 +237,10 @@ impl Bench {
         self.next_poll = self.tick + POLL_US * self.tick_hz() / 1_000_000;
         self.check();
         if self.reads {
+            if self.tick > self.greets_at {
+                self.greets_at = self.tick + 2 * self.tick_hz();
+                self.acknowledge();
+            }
             let events = self.read(None).0;
             self.events.extend(events);
         }
@@ -279,10 +288,15 @@ impl Bench {
             }
         }
         if !events.is_empty() {
-            let header = Header { kind: 0x0E, session: self.session, seq: 0, ack: self.heard };
-            self.send(&frame::encode(&header, &[]).unwrap());
+            self.acknowledge();
         }
         (events, answers)
+    }
+
+    /// Tells the board which events have come, and that its host lives.
+    fn acknowledge(&mut self) {
+        let header = Header { kind: 0x0E, session: self.session, seq: 0, ack: self.heard };
+        self.send(&frame::encode(&header, &[]).unwrap());
     }
 
     /// Asks with any kind and body, in any session.

@@ -3,8 +3,8 @@
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::{Encoder, LayerBytes};
 use growbot_core::link::message::{
-    Begin, HeldLayers, LayerBatch, Layers, MOST_LAYERS, Message, PlanRequest, PoseFields, ReadLayers, Silence,
-    Refusal, Refused, SCHEMA_HASH, Start, State,
+    Begin, HeldLayers, LayerBatch, Layers, MOST_LAYERS, Message, PlanRequest, PoseFields, ReadLayers, Refusal, Refused,
+    SCHEMA_HASH, Silence, Start, State,
 };
 use growbot_core::plan::Planner;
 use growbot_core::robot::{FeedStrategy, Robot};
@@ -114,7 +114,10 @@ fn another_plan_than_the_one_held_is_refused_in_every_state() {
         }
     }
     let mut fresh = Bench::greeted(fast_robot(), 25.0);
-    assert_eq!(fresh.refused(&Message::Start(Start { plan_id: 0, silence: Silence::Hold })), Refusal::OtherPlan { board: 0 });
+    assert_eq!(
+        fresh.refused(&Message::Start(Start { plan_id: 0, silence: Silence::Hold })),
+        Refusal::OtherPlan { board: 0 }
+    );
 }
 
 #[test]

@@ -29,7 +29,9 @@ fn a_board_that_is_held_is_not_given_to_another_host_until_that_one_is_silent() 
         "{answer:?}"
     );
     // It can be asked all the same, and tells who holds it.
-    let Message::BoardHello(BoardHello { holder, .. }) = bench.ask_in(99, &Message::AskBoard(Empty {})) else { panic!() };
+    let Message::BoardHello(BoardHello { holder, .. }) = bench.ask_in(99, &Message::AskBoard(Empty {})) else {
+        panic!()
+    };
     assert_eq!(holder, Some(HostName::new()));
     bench.reads = false;
     bench.run(10.5);
@@ -81,8 +83,8 @@ fn requests_that_come_late_or_twice_are_not_carried_out_again() {
 fn a_host_that_falls_silent_has_it_hold_unless_it_has_said_otherwise() {
     for silence in [Silence::Hold, Silence::GoOn] {
         let mut bench = Bench::greeted(fast_robot(), WARM);
-        bench.begin(40);
-        bench.hand_over(0, &bends(40));
+        bench.begin(100);
+        bench.hand_over(0, &bends(100));
         bench.accepted(&Message::Start(Start { plan_id: PLAN, silence }));
         bench.run_to(State::Growing, 60.0);
         bench.reads = false;
@@ -98,7 +100,7 @@ fn a_host_that_falls_silent_has_it_hold_unless_it_has_said_otherwise() {
                 bench.reads = true;
                 bench.start();
                 bench.run_to(State::Done, 60.0);
-                assert_eq!(bench.laid().len(), 40);
+                assert_eq!(bench.laid().len(), 100);
             }
         }
     }

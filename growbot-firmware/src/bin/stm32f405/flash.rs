@@ -1,0 +1,170 @@
+//! The journal's flash: sectors 10 and 11 of the processor's own, 128 KiB each (reference manual RM0090, chapter 3).
+//!
+//! While flash is programmed or erased, nothing can be read from it, code included: the processor stands. That is 16 us a word, 100 us at most,
+//! and up to 2 s a sector (data sheet DS8626, table "flash memory programming"). Interrupts are served between words. A sector is erased
+//! by code in RAM, which feeds the watchdog meanwhile, without interrupts: heater and steppers must be off.
+//!
+//! (The flash of `stm32f4xx-hal` leaves panics in the firmware, writes bytes, and knows nothing of a watchdog.)
+
+use core::ops::RangeInclusive;
+
+use embedded_storage::nor_flash::{
+    ErrorType, MultiwriteNorFlash, NorFlash, NorFlashErrorKind, ReadNorFlash, check_erase, check_read, check_write,
+};
+use stm32f4xx_hal::pac;
+
+/// Sectors that may be erased. Those before hold the firmware.
+const JOURNAL_SECTORS: RangeInclusive<usize> = 10..=11;
+/// Bytes of a sector, of 5 and those after it.
+const SECTOR_BYTES: usize = 128 * 1024;
+/// Address of sector 5.
+const SECTOR_5: usize = 0x0802_0000;
+
+/// What unlocks the control register, until the next reset if in another order.
+const KEYS: [u32; 2] = [0x4567_0123, 0xCDEF_89AB];
+/// Control: starts an erasure (STRT).
+const START: u32 = 1 << 16;
+/// Status: a write or erasure is under way (BSY).
+const BUSY: u32 = 1 << 16;
+/// Status: all its errors (PGSERR, PGPERR, PGAERR, WRPERR, OPERR), which are cleared by writing ones.
+const ERRORS: u32 = 0xF2;
+/// The watchdog's key register, and what feeds it.
+const WATCHDOG_KEY: *mut u32 = 0x4000_3000 as *mut u32;
+const FEED: u32 = 0xAAAA;
+/// Looks at an erasure after which the watchdog is left to reset the board: more than 3 s, at 12 clocks a look at least.
+const MOST_LOOKS: u32 = 45_000_000;
+
+unsafe extern "C" {
+    /// Where the memory map has the journal begin, and end. Addresses only.
+    static _journal_start: u32;
+    static _journal_end: u32;
+}
+
+/// The journal's flash: written by words.
+pub struct BoardFlash(pac::FLASH);
+
+impl BoardFlash {
+    /// The flash, whose clocks are set up.
+    pub fn new(registers: pac::FLASH) -> Self {
+        Self(registers)
+    }
+
+    /// Address of a byte of the journal.
+    fn address(offset: usize) -> *mut u32 {
+        (&raw const _journal_start).cast_mut().wrapping_byte_add(offset)
+    }
+
+    /// Does something with the control register unlocked, and says whether that went well.
+    fn unlocked(&mut self, work: impl FnOnce(&pac::FLASH) -> bool) -> Result<(), NorFlashErrorKind> {
+        let registers = &self.0;
+        for key in KEYS {
+            // SAFETY: the keys of the reference manual.
+            registers.keyr().write(|w| unsafe { w.key().bits(key) });
+        }
+        // SAFETY: clears the errors of before.
+        registers.sr().write(|w| unsafe { w.bits(ERRORS) });
+        let is_done = registers.cr().read().lock().bit_is_clear() && work(registers);
+        // All other bits are cleared.
+        registers.cr().write(|w| w.lock().set_bit());
+        // What the data cache holds may be what was there before. It can be reset while it is off.
+        registers.acr().modify(|_, w| w.dcen().clear_bit());
+        registers.acr().modify(|_, w| w.dcrst().set_bit());
+        registers.acr().modify(|_, w| w.dcrst().clear_bit().dcen().set_bit());
+        if is_done { Ok(()) } else { Err(NorFlashErrorKind::Other) }
+    }
+}
+
+/// Whether the last write or erasure, which is over, went well.
+fn went_well(registers: &pac::FLASH) -> bool {
+    registers.sr().read().bits() & ERRORS == 0
+}
+
+/// Programs a word.
+fn program(registers: &pac::FLASH, address: *mut u32, word: u32) -> bool {
+    // SAFETY: an aligned word of the journal's flash, which Rust code owns nothing of.
+    unsafe { address.write_volatile(word) };
+    cortex_m::asm::dsb();
+    while registers.sr().read().bits() & BUSY != 0 {}
+    went_well(registers)
+}
+
+/// Starts the erasure that the control register says, and waits for its end. In RAM, and all that it calls is inlined.
+///
+/// # Safety
+///
+/// The control register is unlocked, and says which sector.
+#[inline(never)]
+#[unsafe(link_section = ".data.erase")]
+unsafe fn erase(status: *const u32, control: *mut u32, start: u32) {
+    // SAFETY: registers of the flash, and of the watchdog, which may be fed at any time.
+    unsafe {
+        control.write_volatile(start);
+        let mut looks = 0;
+        while status.read_volatile() & BUSY != 0 {
+            if looks < MOST_LOOKS {
+                looks += 1;
+                WATCHDOG_KEY.write_volatile(FEED);
+            }
+        }
+    }
+}
+
+impl ErrorType for BoardFlash {
+    type Error = NorFlashErrorKind;
+}
+
+impl ReadNorFlash for BoardFlash {
+    const READ_SIZE: usize = 4;
+
+    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), NorFlashErrorKind> {
+        check_read(self, offset, bytes.len())?;
+        let from = offset as usize;
+        for (offset, into) in (from..).step_by(4).zip(bytes.as_chunks_mut::<4>().0) {
+            // SAFETY: an aligned word of the journal's flash, which Rust code owns nothing of.
+            *into = unsafe { Self::address(offset).read_volatile() }.to_le_bytes();
+        }
+        Ok(())
+    }
+
+    fn capacity(&self) -> usize {
+        (&raw const _journal_end as usize).wrapping_sub(Self::address(0) as usize)
+    }
+}
+
+impl NorFlash for BoardFlash {
+    const WRITE_SIZE: usize = 4;
+    const ERASE_SIZE: usize = SECTOR_BYTES;
+
+    fn erase(&mut self, from: u32, to: u32) -> Result<(), NorFlashErrorKind> {
+        check_erase(self, from, to)?;
+        for sector in from as usize / SECTOR_BYTES..to as usize / SECTOR_BYTES {
+            let number = (Self::address(sector * SECTOR_BYTES) as usize).wrapping_sub(SECTOR_5) / SECTOR_BYTES + 5;
+            if !JOURNAL_SECTORS.contains(&number) {
+                return Err(NorFlashErrorKind::OutOfBounds);
+            }
+            self.unlocked(|registers| {
+                // SAFETY: a sector of the journal.
+                registers.cr().modify(|_, w| unsafe { w.ser().set_bit().psize().psize32().snb().bits(number as u8) });
+                let start = registers.cr().read().bits() | START;
+                cortex_m::interrupt::free(|_| {
+                    // SAFETY: the control register is as it has to be.
+                    unsafe { erase(registers.sr().as_ptr(), registers.cr().as_ptr(), start) }
+                });
+                went_well(registers)
+            })?;
+        }
+        Ok(())
+    }
+
+    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
+        check_write(self, offset, bytes.len())?;
+        let from = offset as usize;
+        self.unlocked(|registers| {
+            registers.cr().modify(|_, w| w.pg().set_bit().psize().psize32());
+            let mut words = (from..).step_by(4).zip(bytes.as_chunks::<4>().0);
+            words.all(|(offset, bytes)| program(registers, Self::address(offset), u32::from_le_bytes(*bytes)))
+        })
+    }
+}
+
+impl MultiwriteNorFlash for BoardFlash {}
