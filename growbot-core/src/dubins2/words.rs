@@ -4,6 +4,9 @@ use core::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI, TAU};
 
 use super::{PlanarPath, PlanarPose, TIE, Word};
 
+use crate::angle::wrap_positive;
+use crate::trigonometry;
+
 /// An angle this close below a full turn may be a rounding error of none; circles this near each other may be one.
 const NEAR_FULL_TURN: f64 = 1e-5;
 /// A path arrives if it ends this close to the goal, in radii and radians, for goals within some 60 radii...
@@ -42,11 +45,11 @@ pub(super) struct Tangent {
 
 impl<'a> Goal<'a> {
     pub(super) fn new(pose: &'a PlanarPose) -> Self {
-        let heading = if pose.heading.abs() > TAU { libm::fmod(pose.heading, TAU) } else { pose.heading };
+        let heading = if pose.heading.abs() > TAU { wrap_positive(pose.heading) } else { pose.heading };
         let heading = if heading > PI { heading - TAU } else { heading };
         let heading = if heading < -PI { heading + TAU } else { heading };
         // From a quarter of the heading: at most pi/4, so that neither function has to reduce it.
-        let (sin_quarter, cos_quarter) = libm::sincos(0.25 * heading);
+        let (sin_quarter, cos_quarter) = trigonometry::sin_cos(0.25 * heading);
         let sin_half = 2.0 * sin_quarter * cos_quarter;
         let cos_half = 1.0 - 2.0 * sin_quarter * sin_quarter;
         let sine = 2.0 * sin_half * cos_half;
@@ -207,7 +210,7 @@ impl Shortest<'_> {
     /// Integrating it forwards is what costs, so that comes last.
     fn take_if_it_arrives(&mut self, lengths: [f64; 3]) {
         let path = PlanarPath { word: self.word, lengths };
-        let tolerance = || ARRIVED.max(ARRIVED_AT_DISTANCE * libm::hypot(self.goal.x, self.goal.y));
+        let tolerance = || ARRIVED.max(ARRIVED_AT_DISTANCE * trigonometry::hypot(self.goal.x, self.goal.y));
         if self.is_shorter(&path) && path.miss(self.goal) <= tolerance() {
             self.path = Some(path);
         }

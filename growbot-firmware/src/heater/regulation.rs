@@ -11,6 +11,7 @@
 use core::f64::consts::TAU;
 
 use growbot_core::robot::RobotDescription;
+use growbot_core::trigonometry;
 
 use super::Demand;
 use super::model::{available_w, count_c, needed_w};
@@ -114,7 +115,7 @@ impl Regulation {
             .get_or_insert_with(|| (WIGGLE_COUNTS * count_c(target_c, robot)).clamp(WIGGLE_C.0, WIGGLE_C.1));
         self.phase += seconds / WIGGLE_PERIOD_S;
         self.phase -= libm::floor(self.phase);
-        let (sin, cos) = libm::sincos(TAU * self.phase);
+        let (sin, cos) = trigonometry::sin_cos(TAU * self.phase);
         let lag = TAU * WIGGLE_LAG_S / WIGGLE_PERIOD_S;
         let in_reading = amplitude * (sin - lag * cos) / (1.0 + lag * lag);
         (in_reading, robot.heater.heat_capacity_j_per_k * amplitude * TAU / WIGGLE_PERIOD_S * cos)

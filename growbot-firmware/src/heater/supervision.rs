@@ -12,6 +12,7 @@ use core::f64::consts::TAU;
 
 use growbot_core::link::message::Fault;
 use growbot_core::robot::RobotDescription;
+use growbot_core::trigonometry;
 use heapless::Deque;
 
 use super::Demand;
@@ -340,7 +341,7 @@ impl Supervision {
         let wiggle = &mut self.wiggle;
         if wiggle.seconds > WIGGLE_PERIOD_S - 0.5 * look.seconds {
             let Wiggle { sine, cosine, seconds, saturated_s, missed, saturated } = *wiggle;
-            let shown = 2.0 * libm::hypot(sine, cosine) / seconds.max(1e-3);
+            let shown = 2.0 * trigonometry::hypot(sine, cosine) / seconds.max(1e-3);
             let missed = if shown < WIGGLE_SHARE * amplitude { missed + 1 } else { 0 };
             let saturated = if saturated_s > SATURATED_SHARE * seconds { saturated + 1 } else { 0 };
             *wiggle = Wiggle { missed, saturated, ..Wiggle::default() };
@@ -348,7 +349,7 @@ impl Supervision {
         if look.regulated.is_some_and(|regulated| regulated.saturated) {
             wiggle.saturated_s += look.seconds;
         }
-        let (sin, cos) = libm::sincos(TAU * phase);
+        let (sin, cos) = trigonometry::sin_cos(TAU * phase);
         let error = look.reading_c - look.target_c;
         wiggle.sine += error * sin * look.seconds;
         wiggle.cosine += error * cos * look.seconds;
