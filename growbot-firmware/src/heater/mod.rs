@@ -167,6 +167,7 @@ impl Heater {
     ///
     /// # Errors
     /// The fault for which the heater must be cut off.
+    #[inline(never)] // It is far in the controller, which has it beyond the reach of short instructions.
     pub fn update(
         &mut self,
         raw: Option<f64>,

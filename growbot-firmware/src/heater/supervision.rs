@@ -188,6 +188,7 @@ impl Supervision {
     ///
     /// # Errors
     /// What is wrong.
+    #[inline(never)]
     pub fn look(&mut self, look: &Look) -> Result<(), Fault> {
         self.reckon(look);
         let fault =
