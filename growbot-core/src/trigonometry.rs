@@ -49,7 +49,7 @@ impl Reduced {
     }
 
     /// The sine of the angle and so many quarter turns more.
-    #[inline(never)]
+    #[cfg_attr(target_os = "none", inline(never))]
     fn sine(&self, more: i32) -> f64 {
         let &Self { quarters, left, rest } = self;
         let quarters = quarters.wrapping_add(more);
@@ -65,7 +65,7 @@ impl Reduced {
     }
 }
 
-#[inline(never)]
+#[cfg_attr(target_os = "none", inline(never))]
 fn series(coefficients: &[f64; 6], x: f64) -> f64 {
     coefficients.iter().rev().fold(0.0, |sum, coefficient| sum * x + coefficient)
 }

@@ -65,7 +65,7 @@ impl<'a> Goal<'a> {
     }
 
     /// The shortest of a word and its parts, if there is one that leads to the goal.
-    #[inline(always)]
+    #[cfg_attr(not(target_os = "none"), inline(always))]
     pub(super) fn build(&self, word: Word) -> Option<PlanarPath> {
         // In the order of the words: after the four with a tangent come the two between the first two pairs of circles.
         let index = word as usize;
@@ -121,14 +121,14 @@ struct Built {
 
 impl Tangent {
     /// The outer one of two circles, whose centres are (x, y) apart: parallel to the line between these.
-    #[inline(always)]
+    #[cfg_attr(not(target_os = "none"), inline(always))]
     fn outer(x: f64, y: f64, heading: f64) -> Self {
         let square = x * x + y * y;
         Self { side: 1.0, x, y, square, straight: libm::sqrt(square), heading }
     }
 
     /// The inner one: that line, turned by the angle of (straight, 2).
-    #[inline(always)]
+    #[cfg_attr(not(target_os = "none"), inline(always))]
     fn inner(x: f64, y: f64, heading: f64) -> Self {
         let square = x * x + y * y - 4.0;
         let straight = libm::sqrt(if square > 0.0 { square } else { 0.0 });
@@ -136,7 +136,7 @@ impl Tangent {
     }
 
     /// LSL or LSR.
-    #[inline(always)]
+    #[cfg_attr(not(target_os = "none"), inline(always))]
     fn straight(&self) -> Built {
         let first = direction(self.x, self.y);
         let last = wrap(self.side * (self.heading - first));
@@ -179,7 +179,7 @@ const OCTANTS: [(f64, f64); 8] = [
 ///
 /// This is an arc tangent of two arguments without branches that depend on these: a vector in the upper half of an
 /// octant is turned by an eighth of a turn, so that `atan` always gets an argument that it need not reduce.
-#[inline(always)]
+#[cfg_attr(not(target_os = "none"), inline(always))]
 fn direction(x: f64, y: f64) -> f64 {
     let (along, across) = (x.abs(), y.abs());
     let steep = across > along;
