@@ -6,14 +6,11 @@ use core::f64::consts::{PI, TAU};
 
 /// Wraps an angle to `[0, 2 pi)`.
 ///
-/// An angle a rounding error below zero comes back as exactly 0, never as `2 pi`.
+/// An angle a rounding error below zero comes back as exactly 0, never as `2 pi`; so does one too large to say where in its turn it is.
 #[must_use]
 pub fn wrap_positive(angle: f64) -> f64 {
-    let mut wrapped = libm::fmod(angle, TAU);
-    if wrapped < 0.0 {
-        wrapped += TAU;
-    }
-    if wrapped >= TAU { 0.0 } else { wrapped }
+    let wrapped = angle - TAU * libm::floor(angle / TAU);
+    if wrapped < 0.0 || wrapped >= TAU { 0.0 } else { wrapped }
 }
 
 /// Wraps an angle to `(-pi, pi]`. An angle that lies there already comes back to its last bit.

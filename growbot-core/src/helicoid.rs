@@ -15,6 +15,7 @@
 use nalgebra::{Matrix3, Rotation3, Translation3, Vector3};
 
 use crate::pose::{Frame, column};
+use crate::trigonometry::sin_cos;
 
 /// A helicoidal arc, without its length: `m0` and `p` in the frame of the tip that starts it, lengths in radii.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -52,8 +53,9 @@ impl Helicoid {
     /// The same curve grown from a tip that is turned by `roll` about its direction of growth (radians, counter-clockwise).
     #[must_use]
     pub fn rolled(&self, roll: f64) -> Self {
-        let back = Rotation3::from_axis_angle(&Vector3::z_axis(), -roll);
-        Self { m0: back * self.m0, p: back * self.p }
+        let (sin, cos) = sin_cos(roll);
+        let back = |v: &Vector3<f64>| Vector3::new(cos * v.x + sin * v.y, cos * v.y - sin * v.x, v.z);
+        Self { m0: back(&self.m0), p: back(&self.p) }
     }
 
     /// `start_from_tip` after this length, both in radii.

@@ -8,6 +8,7 @@
 use nalgebra::{Matrix3, Rotation3, Translation3, Vector3};
 
 use crate::pose::{Frame, Pose};
+use crate::trigonometry;
 
 /// `tip_from_next_tip` of one step of growth (Eq 4, corrected).
 ///
@@ -27,11 +28,11 @@ use crate::pose::{Frame, Pose};
 /// ```
 #[must_use]
 pub fn step(alpha: f64, bend: f64, length: f64) -> Frame {
-    let (sin_alpha, cos_alpha) = libm::sincos(alpha);
+    let (sin_alpha, cos_alpha) = trigonometry::sin_cos(alpha);
     // The bend direction is alpha + pi.
     let (sin_b, cos_b) = (-sin_alpha, -cos_alpha);
-    let sin_bend = libm::sin(bend);
-    let half = libm::sin(0.5 * bend);
+    let sin_bend = trigonometry::sin(bend);
+    let half = trigonometry::sin(0.5 * bend);
     let versine = 2.0 * half * half; // 1 - cos(bend), without cancellation
     let sideways = length * versine_ratio(bend);
     #[rustfmt::skip]
@@ -52,7 +53,7 @@ const SERIES_BELOW: f64 = 0.01;
 /// `sin(x) / x`.
 fn sine_ratio(x: f64) -> f64 {
     if x.abs() > SERIES_BELOW {
-        return libm::sin(x) / x;
+        return trigonometry::sin(x) / x;
     }
     let x2 = x * x;
     1.0 - x2 / 6.0 * (1.0 - x2 / 20.0 * (1.0 - x2 / 42.0))
@@ -61,7 +62,7 @@ fn sine_ratio(x: f64) -> f64 {
 /// `(1 - cos(x)) / x`.
 fn versine_ratio(x: f64) -> f64 {
     if x.abs() > SERIES_BELOW {
-        let half = libm::sin(0.5 * x);
+        let half = trigonometry::sin(0.5 * x);
         return 2.0 * half * half / x;
     }
     let x2 = x * x;
@@ -110,7 +111,7 @@ impl Inputs {
     /// How fast the tip turns at a given pitch, rad/s: `sqrt(u1^2 cos^2 gamma + u2^2)`.
     #[must_use]
     pub fn turning_rate(&self, pitch: f64) -> f64 {
-        libm::hypot(self.heading_rate * libm::cos(pitch), self.pitch_rate)
+        trigonometry::hypot(self.heading_rate * trigonometry::cos(pitch), self.pitch_rate)
     }
 
     /// Whether a robot of this least radius (mm) can follow the inputs at this pitch (Eq 8, corrected).

@@ -5,6 +5,7 @@
 
 use crate::kinematics;
 use crate::pose::Frame;
+use crate::trigonometry;
 
 /// Sectors into which a turn of the head is divided: at the edges of each, head and feed stand exactly, to the step, where
 /// the closed form of [`Layer::share_of_material`] puts them; within each, both run evenly.
@@ -70,7 +71,7 @@ impl Layer {
     /// Height at angle `psi` from the tip's x axis, on a ring of this radius, mm.
     #[must_use]
     pub fn height_at(&self, psi: f64, tip_radius: f64) -> f64 {
-        self.height + tip_radius * self.tilt * libm::cos(psi - self.alpha)
+        self.height + tip_radius * self.tilt * trigonometry::cos(psi - self.alpha)
     }
 
     /// Height of the outer side of the bend, mm.
@@ -89,7 +90,7 @@ impl Layer {
     /// `(h psi + r_t phi (sin(psi - alpha) + sin alpha)) / (2 pi h)`.
     #[must_use]
     pub fn share_of_material(&self, psi: f64, tip_radius: f64) -> f64 {
-        let lean = tip_radius * self.tilt * (libm::sin(psi - self.alpha) + libm::sin(self.alpha));
+        let lean = tip_radius * self.tilt * (trigonometry::sin(psi - self.alpha) + trigonometry::sin(self.alpha));
         (psi + lean / self.height) / core::f64::consts::TAU
     }
 

@@ -23,7 +23,7 @@
 //!
 //! | file | what |
 //! |---|---|
-//! | [`angle`], [`pose`] | angles wrapped; poses and frames |
+//! | [`angle`], [`trigonometry`], [`pose`] | angles wrapped; their sines and cosines; poses and frames |
 //! | [`kinematics`] | one step of growth (Eq 4), chained (Eq 5) |
 //! | [`curvature`], [`robot`] | the tightest bend (Eq 7); a robot's description, checked once |
 //! | [`dubins2`], [`two_plane`], [`shortest`], [`plan`] | the shortest path in a plane; two of them in space; the shortest in space; the path, checked to arrive |
@@ -79,4 +79,5 @@ pub mod shortest;
 pub mod slicing;
 #[cfg(test)]
 mod testing;
+pub mod trigonometry;
 pub mod two_plane;

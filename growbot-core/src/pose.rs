@@ -11,6 +11,7 @@
 use nalgebra::{IsometryMatrix3, Matrix3, Rotation3, Translation3, Vector3};
 
 use crate::angle::{degrees, radians, wrap_signed};
+use crate::trigonometry;
 
 /// A rigid transform, named by what it converts: `base_from_tip * point_in_tip`.
 pub type Frame = IsometryMatrix3<f64>;
@@ -109,7 +110,7 @@ impl Pose {
         Self {
             position: base_from_tip.translation.vector,
             heading: wrap_signed(libm::atan2(direction.y, direction.x)),
-            pitch: libm::atan2(direction.z, libm::hypot(direction.x, direction.y)),
+            pitch: libm::atan2(direction.z, trigonometry::hypot(direction.x, direction.y)),
         }
     }
 
@@ -140,8 +141,8 @@ impl Pose {
     /// `base_from_tip` with no roll: `Rz(heading) * Ry(90 deg - pitch)`.
     #[must_use]
     pub fn frame(&self) -> Frame {
-        let (sin_heading, cos_heading) = libm::sincos(self.heading);
-        let (sin_pitch, cos_pitch) = libm::sincos(self.pitch);
+        let (sin_heading, cos_heading) = trigonometry::sin_cos(self.heading);
+        let (sin_pitch, cos_pitch) = trigonometry::sin_cos(self.pitch);
         #[rustfmt::skip]
         let rotation = Matrix3::new(
             cos_heading * sin_pitch, -sin_heading, cos_heading * cos_pitch,

@@ -76,7 +76,7 @@ fn wrap(angle: f32) -> f32 {
 }
 
 /// The direction of a vector in [0, 2 pi], to 0.004 (the arc tangent is of Rajan et al. 2006).
-#[inline(always)]
+#[cfg_attr(not(target_os = "none"), inline(always))]
 fn direction(x: f32, y: f32) -> f32 {
     let (along, across) = (x.abs(), y.abs());
     let (sum, difference) = (along + across, along - across);

@@ -26,6 +26,7 @@ mod words;
 use core::f64::consts::TAU;
 
 use crate::angle::wrap_positive;
+use crate::trigonometry;
 use words::Goal;
 
 /// A pose in the plane: x, y in radii, heading in radians.
@@ -122,7 +123,7 @@ impl PlanarPath {
                 Left | Right => {
                     let side = if direction == Left { 1.0 } else { -1.0 };
                     at.heading += side * length;
-                    let (sin_after, cos_after) = libm::sincos(at.heading);
+                    let (sin_after, cos_after) = trigonometry::sin_cos(at.heading);
                     at.x += side * (sin_after - sin);
                     at.y -= side * (cos_after - cos);
                     (sin, cos) = (sin_after, cos_after);
@@ -137,7 +138,7 @@ impl PlanarPath {
     pub fn miss(&self, goal: &PlanarPose) -> f64 {
         let end = self.end();
         let turned = wrap_positive(end.heading - goal.heading);
-        libm::hypot(end.x - goal.x, end.y - goal.y).max(turned.min(TAU - turned))
+        trigonometry::hypot(end.x - goal.x, end.y - goal.y).max(turned.min(TAU - turned))
     }
 }
 

@@ -4,6 +4,9 @@ use core::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI, TAU};
 
 use super::{PlanarPath, PlanarPose, TIE, Word};
 
+use crate::angle::wrap_positive;
+use crate::trigonometry;
+
 /// An angle this close below a full turn may be a rounding error of none; circles this near each other may be one.
 const NEAR_FULL_TURN: f64 = 1e-5;
 /// A path arrives if it ends this close to the goal, in radii and radians, for goals within some 60 radii...
@@ -42,11 +45,11 @@ pub(super) struct Tangent {
 
 impl<'a> Goal<'a> {
     pub(super) fn new(pose: &'a PlanarPose) -> Self {
-        let heading = if pose.heading.abs() > TAU { libm::fmod(pose.heading, TAU) } else { pose.heading };
+        let heading = if pose.heading.abs() > TAU { wrap_positive(pose.heading) } else { pose.heading };
         let heading = if heading > PI { heading - TAU } else { heading };
         let heading = if heading < -PI { heading + TAU } else { heading };
         // From a quarter of the heading: at most pi/4, so that neither function has to reduce it.
-        let (sin_quarter, cos_quarter) = libm::sincos(0.25 * heading);
+        let (sin_quarter, cos_quarter) = trigonometry::sin_cos(0.25 * heading);
         let sin_half = 2.0 * sin_quarter * cos_quarter;
         let cos_half = 1.0 - 2.0 * sin_quarter * sin_quarter;
         let sine = 2.0 * sin_half * cos_half;
@@ -62,7 +65,7 @@ impl<'a> Goal<'a> {
     }
 
     /// The shortest of a word and its parts, if there is one that leads to the goal.
-    #[inline(always)]
+    #[cfg_attr(not(target_os = "none"), inline(always))]
     pub(super) fn build(&self, word: Word) -> Option<PlanarPath> {
         // In the order of the words: after the four with a tangent come the two between the first two pairs of circles.
         let index = word as usize;
@@ -118,14 +121,14 @@ struct Built {
 
 impl Tangent {
     /// The outer one of two circles, whose centres are (x, y) apart: parallel to the line between these.
-    #[inline(always)]
+    #[cfg_attr(not(target_os = "none"), inline(always))]
     fn outer(x: f64, y: f64, heading: f64) -> Self {
         let square = x * x + y * y;
         Self { side: 1.0, x, y, square, straight: libm::sqrt(square), heading }
     }
 
     /// The inner one: that line, turned by the angle of (straight, 2).
-    #[inline(always)]
+    #[cfg_attr(not(target_os = "none"), inline(always))]
     fn inner(x: f64, y: f64, heading: f64) -> Self {
         let square = x * x + y * y - 4.0;
         let straight = libm::sqrt(if square > 0.0 { square } else { 0.0 });
@@ -133,7 +136,7 @@ impl Tangent {
     }
 
     /// LSL or LSR.
-    #[inline(always)]
+    #[cfg_attr(not(target_os = "none"), inline(always))]
     fn straight(&self) -> Built {
         let first = direction(self.x, self.y);
         let last = wrap(self.side * (self.heading - first));
@@ -176,7 +179,7 @@ const OCTANTS: [(f64, f64); 8] = [
 ///
 /// This is an arc tangent of two arguments without branches that depend on these: a vector in the upper half of an
 /// octant is turned by an eighth of a turn, so that `atan` always gets an argument that it need not reduce.
-#[inline(always)]
+#[cfg_attr(not(target_os = "none"), inline(always))]
 fn direction(x: f64, y: f64) -> f64 {
     let (along, across) = (x.abs(), y.abs());
     let steep = across > along;
@@ -207,7 +210,7 @@ impl Shortest<'_> {
     /// Integrating it forwards is what costs, so that comes last.
     fn take_if_it_arrives(&mut self, lengths: [f64; 3]) {
         let path = PlanarPath { word: self.word, lengths };
-        let tolerance = || ARRIVED.max(ARRIVED_AT_DISTANCE * libm::hypot(self.goal.x, self.goal.y));
+        let tolerance = || ARRIVED.max(ARRIVED_AT_DISTANCE * trigonometry::hypot(self.goal.x, self.goal.y));
         if self.is_shorter(&path) && path.miss(self.goal) <= tolerance() {
             self.path = Some(path);
         }

@@ -11,6 +11,7 @@ use core::f64::consts::{FRAC_PI_4, TAU};
 
 use super::{FeedStrategy, RobotDescription, Turning};
 use crate::layer::{Layer, LayerError, SECTORS};
+use crate::trigonometry;
 
 /// Share of an axis's acceleration that the profile within a layer may take.
 const PROFILE_ACCELERATION: f64 = 0.5;
@@ -106,7 +107,7 @@ impl LayerMotion {
     pub(super) fn of(robot: &RobotDescription, layer: &Layer) -> Self {
         let period = robot.layer.period_s;
         let lean = lean(robot, layer.height, layer.tilt);
-        let at_ends = 1.0 + lean * libm::cos(layer.alpha);
+        let at_ends = 1.0 + lean * trigonometry::cos(layer.alpha);
         let (head, feed) = (1.0 / period, filament(robot, layer.height) / period);
         let sector = period / SECTORS as f64;
         // A head that turns the other way with the next layer may start so at once after it has stopped.

@@ -19,6 +19,7 @@ use nalgebra::{Matrix3, Matrix5, Rotation3, Vector3, Vector5};
 use super::{Problem, any_perpendicular, axes_after, insert_behind};
 use crate::five::Cholesky;
 use crate::kinematics::step;
+use crate::trigonometry;
 
 /// An arc, a straight line, an arc.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -371,7 +372,7 @@ impl Search<'_> {
             let rest = goal - arc.offset;
             let towards = in_tip(&Matrix3::identity(), &arc.towards);
             // Straight on from the start.
-            if libm::hypot(rest.x, rest.y) < NEARLY {
+            if trigonometry::hypot(rest.x, rest.y) < NEARLY {
                 self.keep(Csc {
                     first_towards: 0.0,
                     first: 0.0,
@@ -389,7 +390,7 @@ impl Search<'_> {
         for arc in arcs_between(&-ahead, &direction) {
             // Half a turn first, in the plane that the rest of the way leaves open.
             let rest = goal - arc.offset;
-            if (libm::hypot(rest.x, rest.y) - 2.0).abs() < NEARLY {
+            if (trigonometry::hypot(rest.x, rest.y) - 2.0).abs() < NEARLY {
                 let first_towards = libm::atan2(rest.y, rest.x);
                 let last_towards = in_tip(&axes_after(first_towards, PI), &arc.towards);
                 self.keep(Csc { first_towards, first: PI, straight: -rest.z, last_towards, last: arc.angle });
@@ -407,12 +408,12 @@ impl Search<'_> {
             }
         }
         // Two half turns: their planes make up the distance across.
-        let across = 0.25 * libm::hypot(goal.x, goal.y);
+        let across = 0.25 * trigonometry::hypot(goal.x, goal.y);
         if across <= 1.0 && direction.z > 1.0 - NEARLY {
-            let (middle, aside) = (libm::atan2(goal.y, goal.x), libm::acos(across));
+            let (middle, aside) = (libm::atan2(goal.y, goal.x), trigonometry::acos(across));
             for aside in [aside, -aside] {
                 let axes = axes_after(middle + aside, PI);
-                let (sin, cos) = libm::sincos(middle - aside);
+                let (sin, cos) = trigonometry::sin_cos(middle - aside);
                 let last_towards = in_tip(&axes, &Vector3::new(cos, sin, 0.0));
                 self.keep(Csc { first_towards: middle + aside, first: PI, straight: -goal.z, last_towards, last: PI });
             }
@@ -522,7 +523,7 @@ impl Problem {
     /// How the end changes with the five numbers.
     fn jacobian(&self, path: &Csc, chain: &Chain) -> Matrix5<f64> {
         let axis = |towards: f64| {
-            let (sin, cos) = libm::sincos(towards);
+            let (sin, cos) = trigonometry::sin_cos(towards);
             Vector3::new(-sin, cos, 0.0)
         };
         let Chain { first, corner, joint, end, direction } = chain;

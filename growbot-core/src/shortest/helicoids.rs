@@ -16,11 +16,12 @@ use heapless::Vec;
 use nalgebra::{Matrix3, Matrix5, Matrix6x5, Vector3, Vector5, Vector6};
 
 use super::csc::Csc;
-use super::{Problem, insert_behind};
+use super::{Problem, insert_behind, move_last_behind};
 use crate::angle::wrap_signed;
 use crate::five::{self, Cholesky};
 use crate::helicoid::{Helicoid, Walk};
 use crate::pose::{Frame, tip_direction};
+use crate::trigonometry;
 
 /// A piece of a helicoidal arc.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -165,7 +166,7 @@ impl Neck {
     /// From a point at one distance from the neck to one further on, in steps that are short where the neck is narrow.
     fn walk(&self, mut point: Point, from: f64, to: f64) -> Point {
         // A power of 2, so that the steps stay the same while the narrowness changes a little.
-        let width = libm::ldexp(1.0, libm::ilogb(libm::sqrt(self.narrowness)));
+        let width = f64::from_bits(libm::sqrt(self.narrowness).to_bits() & f64::INFINITY.to_bits());
         let mut at = from;
         while at < to {
             let step = STEP.min((0.5 * width).max(0.4 * at));
@@ -313,7 +314,7 @@ fn take_shortest(seeds: &mut Vec<GridSeed, SEEDS>) -> Option<GridSeed> {
 /// carry both on to greater angles, roughly.
 fn at_joint(path: &Csc) -> [Seed; 3] {
     let turned = wrap_signed(path.last_towards - path.first_towards);
-    let tangent = libm::tan(0.5 * turned.abs().clamp(0.1, 3.0));
+    let tangent = trigonometry::tan(0.5 * turned.abs().clamp(0.1, 3.0));
     let overlap = -path.straight;
     AT_JOINT.map(|share| {
         let narrowness = (share * 2.0 * overlap * overlap / (tangent * tangent * tangent * tangent)).clamp(1e-9, 1.0);
@@ -715,7 +716,9 @@ impl Grid {
         let mut rows = [[f32::INFINITY; LONGEST_STEPS + 2]; 3];
         // Arcs by their first point and their number of steps; a row is judged when the next one is there.
         for next in 0..POINTS {
-            rows.rotate_left(1);
+            // Not `rotate_left`, whose shift of any slice by any way takes 1.5 kB of a microcontroller's flash.
+            rows.swap(0, 1);
+            rows.swap(1, 2);
             rows[2] = self.misfits(points.get(next..).unwrap_or_default(), steps);
             let Some(first) = next.checked_sub(1) else { continue };
             let [row_before, row, row_after] = &rows;
@@ -784,11 +787,16 @@ fn keep(seeds: &mut Vec<GridSeed, SEEDS>, seed: GridSeed) {
             && (other.before - seed.before).abs() < BESIDE.2
             && (other.after - seed.after).abs() < BESIDE.2
     };
-    if let Some(other) = seeds.iter().position(beside) {
-        if seeds.get(other).is_some_and(|other| other.misfit <= seed.misfit) {
-            return;
+    let fits_better = |other: &GridSeed| other.misfit <= seed.misfit;
+    let up_to_other = seeds.iter().position(beside).and_then(|other| seeds.get_mut(..=other));
+    if let Some(up_to_other) = up_to_other {
+        if let Some(other) = up_to_other.last_mut()
+            && !fits_better(other)
+        {
+            *other = seed;
+            move_last_behind(up_to_other, fits_better);
         }
-        seeds.remove(other);
+    } else {
+        insert_behind(seeds, seed, fits_better);
     }
-    insert_behind(seeds, seed, |other| other.misfit <= seed.misfit);
 }

@@ -199,9 +199,14 @@ fn insert_behind<T, const N: usize>(list: &mut Vec<T, N>, item: T, goes_before: 
         }
         list.pop();
     }
-    // There is room now; from the end it moves up to its place.
+    // There is room now.
     let _ = list.push(item);
-    let mut left = list.as_mut_slice();
+    move_last_behind(list, goes_before);
+}
+
+/// Moves the last item of a list up to its place behind all of the others, which are in order, that go before it.
+fn move_last_behind<T>(list: &mut [T], goes_before: impl Fn(&T) -> bool) {
+    let mut left = list;
     while let Some((last, others)) = left.split_last_mut() {
         match others.last_mut() {
             Some(other) if !goes_before(other) => mem::swap(other, last),

@@ -133,9 +133,14 @@ pub fn layers_meanwhile<'a>(
     layers
 }
 
+/// The least whole number that is not less. (`floor` is in an image anyway.)
+fn ceil(value: f64) -> f64 {
+    -libm::floor(-value)
+}
+
 /// The least number of equal layers, none of them longer than the limit.
 fn least_count(length: f64, limit: f64) -> f64 {
-    libm::ceil(length / (limit * (1.0 + LIMIT_SLACK))).max(1.0)
+    ceil(length / (limit * (1.0 + LIMIT_SLACK))).max(1.0)
 }
 
 /// Number of layers and the layers themselves, for one segment.
@@ -144,7 +149,7 @@ fn cut(segment: &Segment, robot: &Robot, slicing: Slicing, meanwhile: &mut dyn F
     let limit = robot.greatest_mean_height(segment.curvature());
     let count = match slicing {
         Slicing::Exact => least_count(length, limit),
-        Slicing::Whole { step } => libm::ceil(length / step * (1.0 - LIMIT_SLACK)).max(1.0),
+        Slicing::Whole { step } => ceil(length / step * (1.0 - LIMIT_SLACK)).max(1.0),
     };
     let height = match slicing {
         Slicing::Exact => length / count,

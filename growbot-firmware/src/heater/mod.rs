@@ -18,6 +18,7 @@ mod tuning;
 use growbot_core::link::message::{Fault, Tuned};
 use growbot_core::robot::RobotDescription;
 
+use self::model::Nozzle;
 use self::regulation::Regulation;
 pub use self::sampler::Sampler;
 use self::supervision::{Look, Regulated, Supervision};
@@ -31,16 +32,16 @@ const OLDEST_READING_US: u64 = 400_000;
 /// How long the temperature must stay in its band to count as hot, us.
 const SETTLING_US: u64 = 2_000_000;
 /// To lay a layer, the temperature must have been within this share of its band for so long, us: the overshoot is over then.
-const STEADY_BANDS: f64 = 0.45;
+const STEADY_BANDS: f32 = 0.45;
 const STEADY_US: u64 = 10_000_000;
 /// Or anywhere in its band for so long, us.
 const STEADY_ENOUGH_US: u64 = 60_000_000;
 /// Within this many bands of the target the power is wiggled.
-const WIGGLED_BANDS: f64 = 2.0;
+const WIGGLED_BANDS: f32 = 2.0;
 /// Tuning takes at most so many times the robot's longest heating.
-const TUNING_TIMEOUTS: f64 = 2.0;
+const TUNING_TIMEOUTS: u64 = 2;
 /// A reading that does not swing in so long, s, does not follow the power.
-const LONGEST_SWING_S: f64 = 90.0;
+const LONGEST_SWING_S: f32 = 90.0;
 
 /// What the nozzle is asked for, and what there is to do it with.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -166,6 +167,7 @@ impl Heater {
     ///
     /// # Errors
     /// The fault for which the heater must be cut off.
+    #[inline(never)] // It is far in the controller, which has it beyond the reach of short instructions.
     pub fn update(
         &mut self,
         raw: Option<f64>,
@@ -174,8 +176,8 @@ impl Heater {
         now: u64,
     ) -> Result<f64, Fault> {
         let before = self.updated.replace(now).unwrap_or(now);
-        let seconds = now.saturating_sub(before).min(OLDEST_READING_US) as f64 * 1e-6;
-        let given = core::mem::take(&mut self.duty);
+        let seconds = now.saturating_sub(before).min(OLDEST_READING_US) as f32 * 1e-6;
+        let given = core::mem::take(&mut self.duty) as f32;
         if let Some(raw) = raw {
             match temperature(raw, &robot.thermistor) {
                 Ok(temperature) => {
@@ -198,8 +200,10 @@ impl Heater {
             let waiting = now.saturating_sub(self.on_since) <= OLDEST_READING_US;
             return if waiting { Ok(0.0) } else { Err(Fault::ThermistorSilent) };
         };
-        self.watch_band(target_c - reading_c, robot, now)?;
-        let wiggles = (target_c - reading_c).abs() < WIGGLED_BANDS * robot.heater.band_c;
+        let nozzle = Nozzle::new(demand, robot);
+        let (target_c, reading_c) = (target_c as f32, reading_c as f32);
+        self.watch_band(target_c - reading_c, nozzle.band_c, seconds_us(robot.heater.heating_timeout_s), now)?;
+        let wiggles = (target_c - reading_c).abs() < WIGGLED_BANDS * nozzle.band_c;
         let wiggle = wiggles.then(|| (self.regulation.phase(), self.regulation.amplitude_c()));
         let regulated = Regulated { trim: self.regulation.trim(), saturated: self.regulation.saturated(), wiggle };
         self.supervision.look(&Look {
@@ -209,15 +213,14 @@ impl Heater {
             seconds,
             hot: self.is_hot(now),
             regulated: self.tuning.is_none().then_some(regulated),
-            demand,
-            robot,
+            nozzle: &nozzle,
         })?;
         if self.tuning.and_then(|relay| relay.swing_s()).is_some_and(|swing| swing > LONGEST_SWING_S) {
             return Err(Fault::ThermistorFrozen);
         }
-        self.duty = match &mut self.tuning {
-            None => self.regulation.duty(target_c, reading_c, wiggles, seconds, demand, robot),
-            Some(relay) => match relay.duty(target_c, reading_c, seconds, demand, robot) {
+        let duty = match &mut self.tuning {
+            None => self.regulation.duty(target_c, reading_c, wiggles, seconds, &nozzle),
+            Some(relay) => match relay.duty(target_c, reading_c, seconds, &nozzle) {
                 Ok(duty) => duty,
                 Err(tuned) => {
                     self.switch_off();
@@ -226,12 +229,12 @@ impl Heater {
                 }
             },
         };
+        self.duty = f64::from(duty);
         Ok(self.duty)
     }
 
     /// Watches whether the target is reached, and in time.
-    fn watch_band(&mut self, error: f64, robot: &RobotDescription, now: u64) -> Result<(), Fault> {
-        let (band, timeout) = (robot.heater.band_c, seconds(robot.heater.heating_timeout_s));
+    fn watch_band(&mut self, error: f32, band: f32, timeout: u64, now: u64) -> Result<(), Fault> {
         if error.abs() > STEADY_BANDS * band {
             self.steady_since = None;
         } else if self.steady_since.is_none() {
@@ -247,7 +250,7 @@ impl Heater {
         }
         let since = now.saturating_sub(self.on_since);
         let too_slow = match self.tuning {
-            Some(_) => since as f64 > TUNING_TIMEOUTS * timeout as f64,
+            Some(_) => since > timeout.saturating_mul(TUNING_TIMEOUTS),
             None => self.in_band_since.is_none() && error > 0.0 && since > timeout,
         };
         if too_slow { Err(Fault::HeatingTooSlow) } else { Ok(()) }
@@ -255,6 +258,6 @@ impl Heater {
 }
 
 /// Seconds to us.
-fn seconds(seconds: f64) -> u64 {
+fn seconds_us(seconds: f64) -> u64 {
     (seconds * 1e6) as u64
 }

@@ -1,35 +1,68 @@
 //! The nozzle as the robot's description says: a lump of heat, `C dT/dt = P duty - need`.
 
-use growbot_core::robot::RobotDescription;
+use growbot_core::robot::{RobotDescription, Thermistor};
 
 use super::Demand;
 use crate::thermistor;
 
 /// Taken for the temperature of the surroundings, degrees Celsius. Ten degrees more or less are 1.2 W for robot A.
-const SURROUNDINGS_C: f64 = 25.0;
+const SURROUNDINGS_C: f32 = 25.0;
 /// A supply that is measured is not believed beyond these shares of the nominal voltage.
 const SUPPLY: (f64, f64) = (0.5, 1.5);
 
-/// Power to keep the nozzle at a temperature, W: loss, fan and filament.
-pub fn needed_w(celsius: f64, demand: &Demand, robot: &RobotDescription) -> f64 {
-    let fan = robot.fan.loss_w_per_k * demand.fan.clamp(0.0, 1.0);
-    let flow = robot.filament.heat_j_per_mm3_k * demand.flow_mm3_per_s.max(0.0);
-    (robot.heater.loss_w_per_k + fan + flow) * (celsius - SURROUNDINGS_C)
+/// The nozzle under a demand. In single precision, which the microcontroller's hardware computes: readings are good to five digits.
+pub struct Nozzle<'a> {
+    thermistor: &'a Thermistor,
+    /// Heat that it takes for each degree above the surroundings, W/K: loss, fan and filament.
+    need_w_per_k: f32,
+    /// Power at full duty, W: it goes with the square of the supply's voltage.
+    pub available_w: f32,
+    /// The same at the nominal voltage.
+    pub power_w: f32,
+    /// Whether the supply is measured.
+    pub measured: bool,
+    pub heat_capacity_j_per_k: f32,
+    pub max_c: f32,
+    pub band_c: f32,
+    pub kp: f32,
+    pub ki: f32,
+    pub kd: f32,
 }
 
-/// Power at full duty, W: it goes with the square of the supply's voltage.
-pub fn available_w(demand: &Demand, robot: &RobotDescription) -> f64 {
-    let share = demand.supply_v.map_or(1.0, |volts| volts / robot.supply.nominal_v).clamp(SUPPLY.0, SUPPLY.1);
-    robot.heater.power_w * share * share
-}
+impl<'a> Nozzle<'a> {
+    pub fn new(demand: &Demand, robot: &'a RobotDescription) -> Self {
+        let heater = &robot.heater;
+        let fan = robot.fan.loss_w_per_k * demand.fan.clamp(0.0, 1.0);
+        let flow = robot.filament.heat_j_per_mm3_k * demand.flow_mm3_per_s.max(0.0);
+        let share = demand.supply_v.map_or(1.0, |volts| volts / robot.supply.nominal_v).clamp(SUPPLY.0, SUPPLY.1);
+        Self {
+            thermistor: &robot.thermistor,
+            need_w_per_k: (heater.loss_w_per_k + fan + flow) as f32,
+            available_w: (heater.power_w * share * share) as f32,
+            power_w: heater.power_w as f32,
+            measured: demand.supply_v.is_some(),
+            heat_capacity_j_per_k: heater.heat_capacity_j_per_k as f32,
+            max_c: heater.max_c as f32,
+            band_c: heater.band_c as f32,
+            kp: heater.kp as f32,
+            ki: heater.ki as f32,
+            kd: heater.kd as f32,
+        }
+    }
 
-/// Degrees that one count of the converter spans round a temperature.
-pub fn count_c(celsius: f64, robot: &RobotDescription) -> f64 {
-    let raw = thermistor::reading(celsius, &robot.thermistor);
-    match (thermistor::temperature(raw - 0.5, &robot.thermistor), thermistor::temperature(raw + 0.5, &robot.thermistor))
-    {
-        (Ok(above), Ok(below)) => above - below,
-        _ => 0.0,
+    /// Power to keep it at a temperature, W.
+    pub fn needed_w(&self, celsius: f32) -> f32 {
+        self.need_w_per_k * (celsius - SURROUNDINGS_C)
+    }
+
+    /// Degrees that one count of the converter spans round a temperature.
+    pub fn count_c(&self, celsius: f32) -> f32 {
+        let raw = thermistor::reading(f64::from(celsius), self.thermistor);
+        match (thermistor::temperature(raw - 0.5, self.thermistor), thermistor::temperature(raw + 0.5, self.thermistor))
+        {
+            (Ok(above), Ok(below)) => (above - below) as f32,
+            _ => 0.0,
+        }
     }
 }
 
@@ -41,18 +74,18 @@ mod tests {
     #[test]
     fn need_and_supply_are_those_of_the_description() {
         let robot = robot_a();
-        let robot = robot.description();
-        let still = Demand::default();
-        assert!((needed_w(200.0, &still, robot) - 0.12 * 175.0).abs() < 1e-9);
+        let still = Nozzle::new(&Demand::default(), robot.description());
+        assert!((still.needed_w(200.0) - 0.12 * 175.0).abs() < 1e-4);
+        assert!((still.available_w - 50.0).abs() < 1e-4 && !still.measured);
         let growing = Demand { flow_mm3_per_s: 10.0, fan: 1.0, supply_v: Some(13.2) };
-        assert!((needed_w(200.0, &growing, robot) - (0.12 + 0.02 + 0.022) * 175.0).abs() < 1e-9);
-        assert!((available_w(&growing, robot) - 50.0 * 1.21).abs() < 1e-9);
-        assert!((available_w(&still, robot) - 50.0).abs() < 1e-9);
+        let growing = Nozzle::new(&growing, robot.description());
+        assert!((growing.needed_w(200.0) - (0.12 + 0.02 + 0.022) * 175.0).abs() < 1e-4);
+        assert!((growing.available_w - 50.0 * 1.21).abs() < 1e-4 && growing.measured);
     }
 
     #[test]
     fn a_count_is_an_eighth_of_a_degree_where_robot_a_prints() {
-        let count = count_c(200.0, robot_a().description());
+        let count = Nozzle::new(&Demand::default(), robot_a().description()).count_c(200.0);
         assert!((0.1..0.15).contains(&count), "{count}");
     }
 }

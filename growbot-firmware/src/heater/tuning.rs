@@ -8,45 +8,43 @@
 //! comes up at full power and must not pass its target by much. So proportional and integral gain are half of theirs, the
 //! derivative is theirs.
 
-use core::f64::consts::PI;
+use core::f32::consts::PI;
 
 use growbot_core::link::message::{Gains, Tuned};
-use growbot_core::robot::RobotDescription;
 
-use super::Demand;
-use super::model::{available_w, count_c, needed_w};
+use super::model::Nozzle;
 
 /// Swings that are left out, until they are steady.
 const FIRST_CYCLES: u32 = 2;
 /// Swings that are measured.
 const CYCLES: u32 = 4;
 /// Hysteresis: counts of the converter, and its least, degrees.
-const HYSTERESIS_COUNTS: f64 = 1.5;
-const LEAST_HYSTERESIS_C: f64 = 0.4;
+const HYSTERESIS_COUNTS: f32 = 1.5;
+const LEAST_HYSTERESIS_C: f32 = 0.4;
 /// Half the distance of the levels, as a share of the room that there is round the middle.
-const SHARE_OF_ROOM: f64 = 0.9;
+const SHARE_OF_ROOM: f32 = 0.9;
 
 /// The nozzle being driven round a target.
 #[derive(Debug, Clone, Copy)]
 pub struct Relay {
     high: bool,
     /// The middle of the two levels, as a share of what the model needs.
-    middle: f64,
+    middle: f32,
     cycles: u32,
     /// Of the swing under way: length, s; duty over it, s; extremes, degrees.
-    length_s: f64,
-    on_s: f64,
-    lowest_c: f64,
-    highest_c: f64,
+    length_s: f32,
+    on_s: f32,
+    lowest_c: f32,
+    highest_c: f32,
     sums: Sums,
 }
 
 /// What the measured swings add up to.
 #[derive(Debug, Clone, Copy, Default)]
 struct Sums {
-    period_s: f64,
-    amplitude_c: f64,
-    relay: f64,
+    period_s: f32,
+    amplitude_c: f32,
+    relay: f32,
 }
 
 impl Default for Relay {
@@ -57,8 +55,8 @@ impl Default for Relay {
             cycles: 0,
             length_s: 0.0,
             on_s: 0.0,
-            lowest_c: f64::INFINITY,
-            highest_c: f64::NEG_INFINITY,
+            lowest_c: f32::INFINITY,
+            highest_c: f32::NEG_INFINITY,
             sums: Sums::default(),
         }
     }
@@ -66,24 +64,17 @@ impl Default for Relay {
 
 impl Relay {
     /// How long a swing has lasted, s; none on the way up.
-    pub fn swing_s(&self) -> Option<f64> {
+    pub fn swing_s(&self) -> Option<f32> {
         (self.cycles > 0 || !self.high).then_some(self.length_s)
     }
 
     /// The duty, 0 to 1, or the gains once they are found.
-    pub fn duty(
-        &mut self,
-        target_c: f64,
-        reading_c: f64,
-        seconds: f64,
-        demand: &Demand,
-        robot: &RobotDescription,
-    ) -> Result<f64, Tuned> {
-        let available = available_w(demand, robot);
-        let need = needed_w(target_c, demand, robot) / available;
+    pub fn duty(&mut self, target_c: f32, reading_c: f32, seconds: f32, nozzle: &Nozzle) -> Result<f32, Tuned> {
+        let available = nozzle.available_w;
+        let need = nozzle.needed_w(target_c) / available;
         let middle = (need * self.middle).clamp(0.05, 0.95);
         let reach = middle.min(1.0 - middle) * SHARE_OF_ROOM;
-        let hysteresis = (HYSTERESIS_COUNTS * count_c(target_c, robot)).max(LEAST_HYSTERESIS_C);
+        let hysteresis = (HYSTERESIS_COUNTS * nozzle.count_c(target_c)).max(LEAST_HYSTERESIS_C);
         self.length_s += seconds;
         if self.high {
             self.on_s += seconds;
@@ -101,7 +92,7 @@ impl Relay {
             if self.cycles >= FIRST_CYCLES {
                 self.sums.period_s += self.length_s;
                 self.sums.amplitude_c += 0.5 * (self.highest_c - self.lowest_c);
-                self.sums.relay += reach * available / robot.heater.power_w;
+                self.sums.relay += reach * available / nozzle.power_w;
             }
             if self.cycles > 0 && self.length_s > 0.0 {
                 // A middle that is right has the levels equally long.
@@ -126,14 +117,19 @@ impl Relay {
         })
     }
 
-    fn found(&self, hysteresis: f64) -> Tuned {
-        let count = f64::from(CYCLES);
+    fn found(&self, hysteresis: f32) -> Tuned {
+        let count = CYCLES as f32;
         let (period_s, amplitude_c) = (self.sums.period_s / count, self.sums.amplitude_c / count);
         let swing =
-            libm::sqrt((amplitude_c * amplitude_c - hysteresis * hysteresis).max(0.04 * amplitude_c * amplitude_c));
+            libm::sqrtf((amplitude_c * amplitude_c - hysteresis * hysteresis).max(0.04 * amplitude_c * amplitude_c));
         let ultimate = 4.0 * self.sums.relay / count / (PI * swing);
         let theirs = ultimate / 2.2;
         let kp = 0.5 * theirs;
-        Tuned { gains: Gains { kp, ki: kp / (2.2 * period_s), kd: theirs * period_s / 6.3 }, period_s, amplitude_c }
+        let (ki, kd) = (kp / (2.2 * period_s), theirs * period_s / 6.3);
+        Tuned {
+            gains: Gains { kp: kp.into(), ki: ki.into(), kd: kd.into() },
+            period_s: period_s.into(),
+            amplitude_c: amplitude_c.into(),
+        }
     }
 }

@@ -78,11 +78,14 @@ pub struct TurnReport {
 }
 
 /// An order as the engine takes it: without the sectors, of which it asks for one after the other.
+///
+/// Here and in [`Done`] the numbers leave 0 for `None`: a [`Handover`] in which nothing waits is all zeros, and a board's costs no flash.
 #[derive(Clone, Copy)]
+#[repr(u8)]
 pub(super) enum Task {
-    Home(Homing),
-    Feed(FeedMove),
-    Lay(Outline),
+    Home(Homing) = 1,
+    Feed(FeedMove) = 2,
+    Lay(Outline) = 3,
 }
 
 /// A turn without its sectors.
@@ -101,11 +104,12 @@ impl Outline {
 
 /// A report as the engine leaves it: without the steps in each sector, which it has left one after the other.
 #[derive(Clone, Copy)]
+#[repr(u8)]
 pub(super) enum Done {
-    Homed,
-    Fed,
-    Laid { slot: Slot, head: u32 },
-    Alarm(Alarm),
+    Homed = 1,
+    Fed = 2,
+    Laid { slot: Slot, head: u32 } = 3,
+    Alarm(Alarm) = 4,
 }
 
 /// One of two places, so that one turn can be laid while the next one waits, and counted while the one before is reported.

@@ -9,6 +9,7 @@ use growbot_core::angle::wrap_positive;
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::{Fields, HEIGHT_UNITS, LayerBytes};
 use growbot_core::robot::Robot;
+use growbot_core::trigonometry;
 use nalgebra::Vector2;
 
 use crate::journal::Carry;
@@ -40,7 +41,7 @@ impl From<Carry> for Material {
 
 /// By how much a layer is higher on its outer side than on average, as a vector towards that side, mm.
 fn lean(layer: &Layer, robot: &Robot) -> Vector2<f64> {
-    let (sin, cos) = libm::sincos(layer.alpha);
+    let (sin, cos) = trigonometry::sin_cos(layer.alpha);
     Vector2::new(cos, sin) * (robot.tip_radius() * layer.tilt)
 }
 

@@ -16,6 +16,7 @@ use core::f64::consts::{PI, TAU};
 use growbot_core::angle::wrap_positive;
 use growbot_core::layer::{Layer, SECTORS};
 use growbot_core::robot::{FeedStrategy, LayerMotion, Robot};
+use growbot_core::trigonometry;
 
 use super::pace::{Ends, ONE, Pace};
 
@@ -50,7 +51,7 @@ pub struct StepRate;
 /// By how much running evenly within a sector flattens the first harmonic of a profile.
 fn flattening() -> f64 {
     let half_sector = PI / SECTORS as f64;
-    let sinc = libm::sin(half_sector) / half_sector;
+    let sinc = trigonometry::sin(half_sector) / half_sector;
     sinc * sinc
 }
 
@@ -140,15 +141,15 @@ pub fn as_built(feed: &[u32; SECTORS], robot: &Robot) -> Layer {
     let half_sector = PI / SECTORS as f64;
     let (mut sum, mut cosine, mut sine) = (0.0, 0.0, 0.0);
     for (index, steps) in feed.iter().enumerate() {
-        let (sin, cos) = libm::sincos((2 * index + 1) as f64 * half_sector);
+        let (sin, cos) = trigonometry::sin_cos((2 * index + 1) as f64 * half_sector);
         let steps = f64::from(*steps);
         sum += steps;
         cosine += steps * cos;
         sine += steps * sin;
     }
-    let even = libm::sin(half_sector) / half_sector;
+    let even = trigonometry::sin(half_sector) / half_sector;
     let length_per_step = 1.0 / robot.feed_steps_per_length();
-    let harmonic = 2.0 * even * length_per_step * libm::hypot(cosine, sine);
+    let harmonic = 2.0 * even * length_per_step * trigonometry::hypot(cosine, sine);
     Layer {
         alpha: wrap_positive(libm::atan2(sine, cosine)),
         height: sum * length_per_step,

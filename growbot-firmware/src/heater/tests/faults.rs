@@ -181,3 +181,20 @@ fn break_everything(seeds: core::ops::Range<u64>) {
 fn every_fault_is_found_in_time_in_every_phase() {
     break_everything(0..number_from_environment("GROWBOT_NOZZLES", 6));
 }
+
+/// What is reckoned along is in single precision: added up for hours, it would no longer notice what is added.
+#[test]
+fn hours_at_the_target_do_not_dull_supervision() {
+    for (wrong, right, within) in [
+        (Wrong::HeaterOpen, [Fault::TemperatureDrop, Fault::HeaterEnergy], 20.0),
+        (Wrong::Detached(5.0, 0.2), [Fault::TemperatureDrop, Fault::ThermistorDetached], 10.0),
+        (Wrong::StuckOn(1.0), [Fault::HeaterStuckOn, Fault::ThermistorFrozen], 60.0),
+    ] {
+        let mut rig = Rig::new(Spread::of(&mut Random::new(1), 0.1), 1);
+        bring(&mut rig, Phase::Holding);
+        rig.run(20.0 * 3600.0).unwrap();
+        rig.wrong = wrong;
+        let found = go_on(&mut rig, Phase::Holding);
+        assert!(found.is_some_and(|(fault, after)| right.contains(&fault) && after <= within), "{wrong:?}: {found:?}");
+    }
+}

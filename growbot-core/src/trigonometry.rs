@@ -1,0 +1,159 @@
+//! Sine, cosine and what follows from them, in little code.
+//!
+//! `libm`'s reduce arguments of any size, in two thirds of their 5 kB of a microcontroller's flash; angles here are a few turns. The
+//! polynomials are those of FreeBSD's msun (`k_sin.c`, `k_cos.c`), as in `libm`, and so is the precision: an ulp.
+
+use core::f64::consts::FRAC_2_PI;
+
+use crate::angle::wrap_positive;
+
+/// Beyond this, radians, the number of quarter turns times [`QUARTER`] is no longer exact, and the angle is wrapped first.
+const GREATEST: f64 = 1e6;
+/// A quarter turn: its first 33 bits, and the rest.
+const QUARTER: f64 = f64::from_bits(0x3ff9_21fb_5440_0000);
+const QUARTER_REST: f64 = f64::from_bits(0x3dd0_b461_1a62_6331);
+
+/// Of `(sin x - x) / x^3` in powers of `x^2`, for `x` within an eighth of a turn.
+const SINE: [f64; 6] = [
+    -1.666_666_666_666_663_2e-1,
+    8.333_333_333_322_49e-3,
+    -1.984_126_982_985_795e-4,
+    2.755_731_370_707_007e-6,
+    -2.505_076_025_340_686_3e-8,
+    1.589_690_995_211_55e-10,
+];
+/// Of `(cos x - 1 + x^2/2) / x^4`.
+const COSINE: [f64; 6] = [
+    4.166_666_666_666_66e-2,
+    -1.388_888_888_887_411e-3,
+    2.480_158_728_947_673e-5,
+    -2.755_731_435_139_066_3e-7,
+    2.087_572_321_298_175e-9,
+    -1.135_964_755_778_819_5e-11,
+];
+
+/// An angle as so many quarter turns and what is left, an eighth of a turn at most: `left + rest`.
+struct Reduced {
+    quarters: i32,
+    left: f64,
+    rest: f64,
+}
+
+impl Reduced {
+    fn new(angle: f64) -> Self {
+        let angle = if angle.abs() > GREATEST { wrap_positive(angle) } else { angle };
+        let quarters = libm::rint(angle * FRAC_2_PI);
+        let (off, rest) = (angle - quarters * QUARTER, quarters * QUARTER_REST);
+        let left = off - rest;
+        Self { quarters: quarters as i32, left, rest: (off - left) - rest }
+    }
+
+    /// The sine of the angle and so many quarter turns more.
+    #[cfg_attr(target_os = "none", inline(never))]
+    fn sine(&self, more: i32) -> f64 {
+        let &Self { quarters, left, rest } = self;
+        let quarters = quarters.wrapping_add(more);
+        let square = left * left;
+        let value = if quarters & 1 == 0 {
+            left + (rest - square * (0.5 * rest - left * series(&SINE, square)))
+        } else {
+            let half = 0.5 * square;
+            let most = 1.0 - half;
+            most + (((1.0 - most) - half) + (square * square * series(&COSINE, square) - left * rest))
+        };
+        if quarters & 2 == 0 { value } else { -value }
+    }
+}
+
+#[cfg_attr(target_os = "none", inline(never))]
+fn series(coefficients: &[f64; 6], x: f64) -> f64 {
+    coefficients.iter().rev().fold(0.0, |sum, coefficient| sum * x + coefficient)
+}
+
+/// The sine of an angle, radians.
+#[must_use]
+pub fn sin(angle: f64) -> f64 {
+    Reduced::new(angle).sine(0)
+}
+
+/// The cosine of an angle, radians.
+#[must_use]
+pub fn cos(angle: f64) -> f64 {
+    Reduced::new(angle).sine(1)
+}
+
+/// Sine and cosine of an angle, radians.
+#[must_use]
+pub fn sin_cos(angle: f64) -> (f64, f64) {
+    let reduced = Reduced::new(angle);
+    (reduced.sine(0), reduced.sine(1))
+}
+
+/// The tangent of an angle, radians.
+#[must_use]
+pub fn tan(angle: f64) -> f64 {
+    let (sin, cos) = sin_cos(angle);
+    sin / cos
+}
+
+/// The angle, radians, whose cosine this is; NaN where there is none.
+#[must_use]
+pub fn acos(cosine: f64) -> f64 {
+    libm::atan2(libm::sqrt((1.0 - cosine) * (1.0 + cosine)), cosine)
+}
+
+/// The length of `(x, y)`, where its square is neither too large nor too small for an `f64`.
+#[must_use]
+pub fn hypot(x: f64, y: f64) -> f64 {
+    libm::sqrt(x * x + y * y)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use core::f64::consts::{PI, TAU};
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn sine_and_cosine_are_exact_to_their_last_digits(angle in -GREATEST..GREATEST, turns in -3.0..3.0_f64) {
+            for angle in [angle, turns * TAU, 1e-9 * turns] {
+                let (sin, cos) = sin_cos(angle);
+                prop_assert!((sin - libm::sin(angle)).abs() <= f64::EPSILON * libm::sin(angle).abs().max(1e-9), "sin {angle}: {sin}");
+                prop_assert!((cos - libm::cos(angle)).abs() <= f64::EPSILON * libm::cos(angle).abs().max(1e-9), "cos {angle}: {cos}");
+            }
+        }
+
+        #[test]
+        fn tangent_arc_cosine_and_length_are_exact_but_for_rounding(angle in -1.5..1.5_f64, cosine in -1.0..=1.0, x in -1e3..1e3, y in -1e3..1e3) {
+            prop_assert!((tan(angle) / libm::tan(angle) - 1.0).abs() < 1e-15);
+            prop_assert!((acos(cosine) - libm::acos(cosine)).abs() < 1e-15);
+            prop_assert!((hypot(x, y) / libm::hypot(x, y) - 1.0).abs() < 1e-15);
+        }
+    }
+
+    #[test]
+    fn eighths_of_a_turn_and_their_neighbours_are_no_exception() {
+        for eighth in -40..=40 {
+            let at = f64::from(eighth) * 0.25 * PI;
+            for angle in [at.next_down(), at, at.next_up()] {
+                let (sin, cos) = sin_cos(angle);
+                assert!((sin - libm::sin(angle)).abs() < 3e-16, "{angle}: {sin}");
+                assert!((cos - libm::cos(angle)).abs() < 3e-16, "{angle}: {cos}");
+            }
+        }
+        assert_eq!(sin(0.0), 0.0);
+        assert_eq!(cos(0.0), 1.0);
+    }
+
+    #[test]
+    fn no_angle_is_too_large() {
+        for angle in [2e6, 1e15, 1e300, f64::MAX] {
+            for angle in [angle, -angle] {
+                let (sin, cos) = sin_cos(angle);
+                assert!((sin * sin + cos * cos - 1.0).abs() < 1e-12, "{angle}: {sin}, {cos}");
+            }
+        }
+        assert!(sin(f64::NAN).is_nan() && cos(f64::INFINITY).is_nan());
+    }
+}
