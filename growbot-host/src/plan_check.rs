@@ -335,7 +335,8 @@ fn range(what: impl Into<String>, value: f64, least: f64, greatest: f64) -> Resu
     Err(PlanFault::Range { what: what.into(), value, least, greatest })
 }
 
-fn pose(which: &'static str, written: &WrittenPose) -> Result<Pose, PlanFault> {
+/// The pose that a written one means.
+pub(crate) fn pose(which: &'static str, written: &WrittenPose) -> Result<Pose, PlanFault> {
     let &WrittenPose { x_mm, y_mm, z_mm, heading_deg, pitch_deg } = written;
     pose_of_numbers([x_mm, y_mm, z_mm, heading_deg, pitch_deg]).map_err(|error| PlanFault::Pose { which, error })
 }

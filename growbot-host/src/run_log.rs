@@ -11,11 +11,13 @@ use std::path::Path;
 use growbot_core::angle::degrees;
 use growbot_core::layer_bytes::{LayerBytes, decode};
 use growbot_core::link::message::Fault;
+use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use serde_json::{Value, json};
 
 use crate::growth::{Job, News};
 use crate::plan::Plan;
+use crate::plan_check::pose;
 use crate::plan_file::{PlanFile, PlanFileError, written_hash};
 
 /// Name and version of the format, in the first line.
@@ -227,6 +229,15 @@ impl RunRecord {
     /// Whatever is wrong with it, or another robot.
     pub fn plan(&self, robot: &Robot) -> Result<Plan, PlanFileError> {
         self.plan.check(robot).map_err(|fault| PlanFileError::Fault { file: self.file.clone(), fault })
+    }
+
+    /// Where the body began and was to end.
+    ///
+    /// # Errors
+    /// Poses that are none.
+    pub fn start_and_goal(&self) -> Result<(Pose, Pose), PlanFileError> {
+        let fault = |fault| PlanFileError::Fault { file: self.file.clone(), fault };
+        Ok((pose("start", &self.plan.start).map_err(fault)?, pose("goal", &self.plan.goal).map_err(fault)?))
     }
 
     fn of_header(header: &Value, file: &str) -> Result<Self, RunRecordError> {

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use clap::Args;
 use growbot_core::layer_bytes::decode;
-use growbot_core::link::message::{Accepted, Empty, HeldLayers, Message, PlanRequest, ReadLayers, Start};
+use growbot_core::link::message::{Accepted, Empty, HeldLayers, Message, PlanRequest, ReadLayers, Silence, Start};
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
@@ -170,7 +170,7 @@ impl Console {
 
     fn start_held(&mut self) -> Result<(), Failure> {
         let plan_id = self.client.status()?.plan_id;
-        match self.client.request("to start", &Message::Start(Start { plan_id }))? {
+        match self.client.request("to start", &Message::Start(Start { plan_id, silence: Silence::Hold }))? {
             Message::Accepted(Accepted { next, .. }) => Ok(print(&format!("started with {next} layers\n"))?),
             other => Err(Failure::answered_no(format!("the board answered with kind {:#04x}", other.kind()))),
         }
@@ -180,8 +180,8 @@ impl Console {
         let radius = self.robot.description().planning_radius_mm;
         let search = Search { radius, planner: Planner::Shortest, clear_of_self: true };
         let plan = Plan::through(&self.robot, &self.start, &[], goal, &search)?;
-        let job = Job { robot: &self.robot, start: &plan.start, goal: &plan.goal, path: &plan.path };
-        let grown = grow_job(&mut self.client, &job, &self.stop, &mut |news| {
+        let job = Job::new(&self.robot, &plan.start, &plan.goal, &plan.path);
+        let grown = grow_job(&mut self.client, &job, Silence::Hold, &self.stop, &mut |news| {
             if let News::State(state) = news {
                 // A reader that is gone is noticed when the table is printed.
                 let _ = print(&format!("{}\n", state.name()));
@@ -224,8 +224,8 @@ impl Console {
                     print(&format!("{}{fault}\n", change.state.name()))?;
                 }
                 Some(Message::Laid(laid)) => {
-                    let layer = decode(&laid.as_built);
-                    print(&format!("layer {}: {:.4} mm\n", laid.index, layer.height))?;
+                    let height = laid.as_built.map_or(f64::NAN, |bytes| decode(&bytes).height);
+                    print(&format!("layer {}: {height:.4} mm\n", laid.index))?;
                 }
                 _ => {}
             }

@@ -57,7 +57,7 @@ pub fn run(args: &ReplayArgs) -> Result<(), Failure> {
         }
         return Ok(print(&text)?);
     }
-    let (start, goal) = record.plan.start_and_goal(&args.run.display().to_string())?;
+    let (start, goal) = record.start_and_goal()?;
     let end = grow(&start.frame(), body.iter().copied());
     let arrival = Arrival::of(&end, &goal, record.plan.length_mm);
     let length: f64 = body.iter().map(|layer| layer.height).sum();

@@ -1,12 +1,14 @@
 //! `growbot status`: who the board is and what it is doing.
 
 use clap::Args;
-use growbot_core::link::message::{BoardHello, Fault, FaultRecord, SensorReadings};
+use growbot_core::layer::SECTORS;
+use growbot_core::link::message::{BoardHello, Fault, FaultRecord, SensorReadings, State, Waits};
 use growbot_host::client::{Client, ClientError};
 use growbot_host::output::print;
 use growbot_host::port;
 use serde_json::{Value, json};
 
+use super::growth_table::made;
 use super::{Failure, PortArg, RobotArg};
 
 /// Ask the robot's board who it is, what it is doing and what its sensors say
@@ -43,7 +45,7 @@ pub struct Report {
 impl Report {
     /// Asks the board.
     pub fn of(client: &mut Client) -> Result<Self, ClientError> {
-        Ok(Self { hello: client.hello()?, sensors: client.sensors()?, latest_fault: client.latest_fault()? })
+        Ok(Self { hello: client.board()?, sensors: client.sensors()?, latest_fault: client.latest_fault()? })
     }
 
     fn json(&self) -> Value {
@@ -169,8 +171,24 @@ fn json_of(hello: &BoardHello) -> Value {
         "laid": status.laid,
         "held": status.next.saturating_sub(status.laid),
         "capacity": hello.capacity,
+        "cut": status.cut.map(|cut| json!({
+            "layer": status.laid,
+            "least": f64::from(cut.least) / SECTORS as f64,
+            "most": f64::from(cut.most) / SECTORS as f64,
+        })),
+        "waits": waits(status.waits),
+        "journal": status.journal,
+        "holder": hello.holder.as_ref().map(|holder| String::from_utf8_lossy(holder).into_owned()),
         "uptime_s": status.uptime_ms as f64 / 1000.0,
     })
+}
+
+fn waits(waits: Waits) -> &'static str {
+    match waits {
+        Waits::ForLayers => "for layers",
+        Waits::AsAsked => "as asked",
+        Waits::ForHost => "for its host, which has fallen silent",
+    }
 }
 
 fn version(hello: &BoardHello) -> String {
@@ -186,7 +204,7 @@ fn text_of(hello: &BoardHello) -> String {
     let job = match status.plan_id {
         0 => "none".to_string(),
         id => {
-            format!("{id:016x}, {} of {} layers laid, {} held", status.laid, status.layers, status.next - status.laid)
+            format!("{id:016x}, {} of {} layers laid, {} held", status.laid, status.layers, status.next.saturating_sub(status.laid))
         }
     };
     let mut text = format!("robot        {} ({:016x}), firmware {}\n", hello.robot_name, hello.robot, version(hello));
@@ -196,6 +214,18 @@ fn text_of(hello: &BoardHello) -> String {
     }
     text += &format!("temperature  {temperature}, {target}\n");
     text += &format!("job          {job}\n");
+    if let Some(cut) = status.cut {
+        text += &format!("cut          layer {}: {}\n", status.laid, made(cut));
+    }
+    if matches!(status.state, State::Hold | State::Parked) {
+        text += &format!("waits        {}\n", waits(status.waits));
+    }
+    if !status.journal {
+        text += "journal      failed: this body cannot be resumed after a reset\n";
+    }
+    if let Some(holder) = &hello.holder {
+        text += &format!("held by      {}\n", String::from_utf8_lossy(holder));
+    }
     text += &format!(
         "board        up {:.1} s, started by {}, boot {:08x}\n",
         status.uptime_ms as f64 / 1000.0,

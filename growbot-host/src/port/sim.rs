@@ -387,6 +387,7 @@ mod tests {
     use super::*;
     use crate::client::Client;
     use crate::growth::{Grown, Job, grow_job};
+    use growbot_core::link::message::Silence;
     use growbot_core::path::{Segment, end};
     use std::sync::atomic::AtomicBool;
     use std::time::Instant;
@@ -401,9 +402,9 @@ mod tests {
         let path = [Segment::Straight { length: 0.774 * f64::from(layers) }];
         let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
         let goal = Pose::from_frame(&end(&path, &start.frame()));
-        let job = Job { robot: &robot, start: &start, goal: &goal, path: &path };
+        let job = Job::new(&robot, &start, &goal, &path);
         let mut client = Client::new(Box::new(sim), "a simulated board");
-        grow_job(&mut client, &job, &AtomicBool::new(false), &mut |_| {}).unwrap()
+        grow_job(&mut client, &job, Silence::Hold, &AtomicBool::new(false), &mut |_| {}).unwrap()
     }
 
     #[test]
