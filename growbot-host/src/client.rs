@@ -280,7 +280,7 @@ impl Client {
     pub fn board(&mut self) -> Result<BoardHello, ClientError> {
         let what = "who it is";
         match self.request(what, &Message::AskBoard(Empty {}))? {
-            Message::BoardHello(hello) => same_schema(hello),
+            Message::BoardHello(hello) => self.after_self_test(same_schema(hello)?),
             other => Err(ClientError::Unexpected { request: what, kind: other.kind() }),
         }
     }

@@ -103,6 +103,8 @@ impl<B: Board> Controller<B> {
                 return Err(Refusal::Hot { below: centi(COLD_C) });
             }
             self.parts.watchdog.feed();
+            // A new job is on its way: the one before may go.
+            self.parts.journal.forget();
             self.parts.journal.erase_step(layers).map_err(|_| Refusal::Journal)?;
         }
         self.parts.watchdog.feed();
@@ -209,6 +211,10 @@ impl<B: Board> Controller<B> {
         let expected = self.store().next_index();
         if amend.from > expected {
             return Err(Refusal::OutOfOrder { expected });
+        }
+        let capacity = self.parts.journal.capacity();
+        if amend.layers > capacity {
+            return Err(Refusal::PlanTooLong { layers: amend.layers, capacity });
         }
         // Something must be left to lay, or nothing would ever end it.
         if amend.layers <= self.job.laid {

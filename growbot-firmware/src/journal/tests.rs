@@ -331,9 +331,11 @@ fn a_place_that_does_not_take_its_record_is_passed_over_and_of_broken_flash_noth
     assert_eq!(Journal::open(flash.clone()).job(), None);
 }
 
+type Try = fn(&mut Journal<Small>) -> Result<(), JournalError>;
+
 #[test]
 fn what_does_not_follow_ends_what_can_be_resumed() {
-    let out_of_order: [fn(&mut Journal<Small>) -> Result<(), JournalError>; 6] = [
+    let out_of_order: [Try; 6] = [
         |journal| journal.begun(3),
         |journal| journal.committed(1, &layer(1, 1), false),
         |journal| journal.skipped(3, &layer(1, 3)),

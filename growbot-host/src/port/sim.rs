@@ -387,6 +387,7 @@ mod tests {
     use super::*;
     use crate::client::Client;
     use crate::growth::{Grown, Job, grow_job};
+    use embedded_storage::nor_flash::NorFlash;
     use growbot_core::link::message::Silence;
     use growbot_core::path::{Segment, end};
     use std::sync::atomic::AtomicBool;
@@ -454,6 +455,19 @@ mod tests {
         drop(tip);
         sim.reset(ResetCause::PowerOn);
         assert_eq!(sim.state(), State::SelfTest);
+    }
+
+    #[test]
+    fn flash_is_kept_and_a_loss_of_power_in_the_midst_of_a_write_starts_the_board_anew() {
+        let mut sim = Sim::new(robot());
+        let mut flash = sim.flash();
+        flash.write(0, b"kept").unwrap();
+        sim.reset(ResetCause::PowerOn);
+        flash.lose_power_after(2, 1);
+        flash.write(4, b"lost").unwrap_err();
+        sim.pass(Duration::from_secs(1));
+        assert_eq!(sim.boots(), 3);
+        assert_eq!(flash.bytes()[..6], *b"keptlo");
     }
 
     #[test]
