@@ -10,7 +10,7 @@ use core::f64::consts::{PI, TAU};
 #[must_use]
 pub fn wrap_positive(angle: f64) -> f64 {
     let wrapped = angle - TAU * libm::floor(angle / TAU);
-    if wrapped < 0.0 || wrapped >= TAU { 0.0 } else { wrapped }
+    if wrapped.is_nan() || (0.0..TAU).contains(&wrapped) { wrapped } else { 0.0 }
 }
 
 /// Wraps an angle to `(-pi, pi]`. An angle that lies there already comes back to its last bit.
