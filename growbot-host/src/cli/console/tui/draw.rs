@@ -54,7 +54,10 @@ pub fn screen(frame: &mut Frame, model: &Model) {
     if let Some(text) = trouble_text(model) {
         frame.render_widget(Paragraph::new(text).style(BAD).wrap(Wrap { trim: true }), trouble);
     }
-    if area.width < LEAST.0 || area.height < LEAST.1 {
+    if let Some(sheet) = &model.sheet {
+        let block = Block::bordered().title_bottom(Span::styled(" any key takes this away ", DIM));
+        frame.render_widget(Paragraph::new(sheet.as_str()).block(block), pictures);
+    } else if area.width < LEAST.0 || area.height < LEAST.1 {
         let said = format!("no room for pictures: {}x{} is needed", LEAST.0, LEAST.1);
         frame.render_widget(Paragraph::new(said).style(DIM), pictures);
     } else {
@@ -302,4 +305,137 @@ fn whole(length: f64) -> f64 {
 fn clock(seconds: f64) -> String {
     let seconds = seconds as u64;
     format!("{}:{:02}:{:02}", seconds / 3600, seconds / 60 % 60, seconds % 60)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::prompt::Prompt;
+    use super::super::testing::{laid, model, status};
+    use super::*;
+    use growbot_core::link::message::{Fault, SensorReadings};
+    use ratatui::Terminal;
+    use ratatui::backend::TestBackend;
+
+    /// The screen as text, line by line.
+    fn drawn(model: &Model, width: u16, height: u16) -> Vec<String> {
+        let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
+        terminal.draw(|frame| screen(frame, model)).unwrap();
+        let buffer = terminal.backend().buffer();
+        (0..height)
+            .map(|y| (0..width).map(|x| buffer[(x, y)].symbol()).collect::<String>().trim_end().to_owned())
+            .collect()
+    }
+
+    /// Forty layers of a hundred are laid.
+    fn growing() -> Model {
+        let mut model = model();
+        for second in 0..60 {
+            model.take_status(Status {
+                temperature_centi_c: Some(2_000 + 320 * second),
+                ..status(State::Heating, f64::from(second))
+            });
+        }
+        for index in 0..40 {
+            model.take_event(&laid(index));
+        }
+        model.take_status(Status { laid: 40, ..status(State::Growing, 780.0) });
+        model.sensors = Some(SensorReadings { supply_mv: Some(12_040), ..SensorReadings::default() });
+        model
+    }
+
+    #[test]
+    fn a_growth_fills_80x24() {
+        let lines = drawn(&growing(), 80, 24);
+        assert_eq!(lines[0], "growbot-a on sim                                60 x real time (+ -), up 0:13:00");
+        assert_eq!(lines[1], "GROWING  layer 40 of 100 (40 %), 18 min 0 s left");
+        assert_eq!(lines[2], "nozzle 200.0 C, target 210.0 C, 50 % power; supply 12.0 V");
+        assert!(lines[3].starts_with("tip ") && lines[3].ends_with(" deg"), "{}", lines[3]);
+        assert!(lines[4].starts_with("\u{250c} nozzle, C "), "{}", lines[4]);
+        assert!(lines[5].starts_with("\u{2502}220\u{2502}"), "{}", lines[5]);
+        assert!(lines[4].contains(" x, z ") && lines[4].contains(" y, z "), "{}", lines[4]);
+        assert!(lines[11].contains(" 0:00:00 to 0:13:00 "), "{}", lines[11]);
+        assert!(lines[12].contains(" layers as built, mm: inner, mean, outer "), "{}", lines[12]);
+        assert!(lines[18].contains(" 0 to 39 "), "{}", lines[18]);
+        assert_eq!(lines[19], " 0:00:00  heating");
+        assert_eq!(lines[20], " 0:13:00  growing");
+        assert_eq!(lines[23], "h hold  g go on  s stop  e ^E EMERGENCY STOP  c clear  p plan  : command  q quit");
+        // The tip, in both views.
+        let views = lines[5..18].iter().flat_map(|line| line.chars().skip(43));
+        assert_eq!(views.filter(|c| *c == 'o').count(), 2);
+    }
+
+    #[test]
+    fn a_large_screen_has_larger_pictures_and_a_longer_log() {
+        let lines = drawn(&growing(), 132, 43);
+        assert!(lines[34].starts_with(" 0:00:00  heating"), "{}", lines[34]);
+        let braille =
+            |lines: &[String]| lines.concat().chars().filter(|c| ('\u{2801}'..='\u{28ff}').contains(c)).count();
+        assert!(braille(&lines) > braille(&drawn(&growing(), 80, 24)));
+        assert!(lines.iter().all(|line| line.chars().count() <= 132));
+    }
+
+    #[test]
+    fn a_fault_is_told_in_words() {
+        let mut model = growing();
+        model.take_status(Status {
+            fault: Some(Fault::FilamentJam),
+            target_centi_c: None,
+            laid: 40,
+            ..status(State::Fault, 800.0)
+        });
+        let lines = drawn(&model, 80, 24);
+        assert_eq!(lines[1], "FAULT  heater and steppers are off; mend it, then c clears it");
+        assert!(lines[2].starts_with("filament-jam: "), "{}", lines[2]);
+        assert!(lines.iter().any(|line| line.starts_with("nozzle 200.0 C, heater off")), "{lines:?}");
+        assert!(lines.iter().any(|line| line.contains("fault: filament-jam, ")), "{lines:?}");
+    }
+
+    #[test]
+    fn every_fault_and_every_state_has_room() {
+        for fault in Fault::ALL {
+            let mut model = growing();
+            model.take_status(Status { fault: Some(fault), ..status(State::Fault, 800.0) });
+            let text = drawn(&model, 80, 24).concat().replace(' ', "");
+            assert!(text.contains(&fault.explanation().replace(' ', "")), "{}", fault.code());
+        }
+        for state in State::ALL {
+            let mut model = model();
+            model.take_status(status(state, 1.0));
+            assert!(drawn(&model, 80, 24)[1].starts_with(&state.name().to_uppercase()), "{}", state.name());
+            assert!(state.name().len() + 2 + in_words(state).len() <= 80);
+        }
+    }
+
+    #[test]
+    fn a_board_that_does_not_answer_is_told() {
+        let mut model = growing();
+        model.take_loss(
+            "the board at sim does not answer (4 requests, 1 s each): check power, cable and baud rate, and more",
+        );
+        let lines = drawn(&model, 80, 24);
+        assert!(lines[2].starts_with("NO ANSWER: the board at sim") && lines[3].ends_with("more"), "{lines:?}");
+    }
+
+    #[test]
+    fn a_command_is_typed_in_the_last_line() {
+        let mut model = growing();
+        model.prompt = Some(Prompt::new("plan "));
+        assert_eq!(drawn(&model, 80, 24)[23], ":plan X,Y,Z,HEADING,PITCH in mm and degrees");
+        model.prompt = Some(Prompt::new(&"1".repeat(190)));
+        assert_eq!(drawn(&model, 80, 24)[23].chars().count(), 79);
+        model.prompt = None;
+        model.sheet = Some("one\ntwo".to_owned());
+        let lines = drawn(&model, 80, 24);
+        assert!(lines[5].contains("one") && lines[6].contains("two") && lines[18].contains("any key"), "{lines:?}");
+    }
+
+    #[test]
+    fn nothing_known_and_no_room_are_no_trouble() {
+        assert_eq!(drawn(&model(), 80, 24)[1], "waiting for the board");
+        for (width, height) in [(1, 1), (5, 3), (40, 8), (71, 30), (80, 10), (72, 20), (300, 100)] {
+            drawn(&growing(), width, height);
+            drawn(&model(), width, height);
+        }
+        assert!(drawn(&growing(), 60, 15)[4].starts_with("no room for pictures"));
+    }
 }

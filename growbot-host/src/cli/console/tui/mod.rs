@@ -143,6 +143,7 @@ impl Console {
     }
 
     fn take_key(&mut self, key: KeyEvent) {
+        self.model.sheet = None;
         let always = keys::always(key);
         let action = match &mut self.model.prompt {
             Some(prompt) if always.is_none() => {
@@ -198,7 +199,7 @@ impl Console {
                 }
             }
             Ok(Command::Wait(_)) => self.model.say("here time passes by itself: + and - change its speed on sim"),
-            Ok(Command::Help) => self.model.say(&help()),
+            Ok(Command::Help) => self.model.sheet = Some(help()),
             Ok(Command::Quit) => self.quit = true,
         }
     }
@@ -240,8 +241,97 @@ impl Console {
 
     fn tell(&mut self, answer: Result<String, Failure>) {
         match answer {
+            Ok(text) if text.lines().count() > 1 => self.model.sheet = Some(text),
             Ok(text) => self.model.say(&text),
             Err(failure) => self.model.complain(failure.message()),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crossterm::event::{KeyCode, KeyModifiers};
+    use growbot_host::port::sim::Sim;
+    use growbot_host::robot_file;
+
+    /// The console on a simulated robot, without a terminal.
+    fn console() -> Console {
+        let robot = robot_file::load("growbot-a".as_ref()).unwrap();
+        let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
+        let mut watch = Watch::new(Client::new(Box::new(Sim::new(robot.clone())), "sim"), true);
+        watch.client().hello().unwrap();
+        let model = Model::new(robot, "sim", start, watch.speed());
+        Console { watch, model, start, history: Vec::new(), quit: false }
+    }
+
+    impl Console {
+        fn press(&mut self, letters: &str) {
+            for letter in letters.chars() {
+                let code = if letter == '\n' { KeyCode::Enter } else { KeyCode::Char(letter) };
+                self.take_key(KeyEvent::from(code));
+            }
+        }
+
+        fn follow_until(&mut self, state: State) {
+            for _ in 0..100_000 {
+                self.watch.follow(&mut self.model, TICK);
+                if self.model.status.as_ref().is_some_and(|status| status.state == state) {
+                    return;
+                }
+            }
+            panic!("never {}: {:?}", state.name(), self.model.log);
+        }
+
+        fn says(&self, part: &str) -> bool {
+            self.model.log.iter().any(|line| line.text.contains(part))
+        }
+    }
+
+    #[test]
+    fn a_body_is_planned_held_and_grown_by_keys() {
+        let mut console = console();
+        console.press("p0,0,7.74,0,90\n");
+        assert!(console.says("10 layers"), "{:?}", console.model.log);
+        assert_eq!(console.model.body.planned_points().len(), 11);
+        console.press("+++g");
+        console.follow_until(State::Growing);
+        console.press("h");
+        console.follow_until(State::Hold);
+        console.press("g");
+        console.follow_until(State::Done);
+        assert_eq!((console.model.body.built().len(), console.model.body.unreported()), (10, 0));
+        assert!((console.model.body.tip().position().z - 7.74).abs() < 0.01);
+        assert!(console.model.readings.range().is_some_and(|(_, greatest)| greatest > 150.0));
+    }
+
+    #[test]
+    fn the_emergency_stop_works_while_a_command_is_typed() {
+        let mut console = console();
+        console.press(":grow 0,0,7.74,0,90\n");
+        console.follow_until(State::Heating);
+        console.press(":pla");
+        console.take_key(KeyEvent::new(KeyCode::Char('e'), KeyModifiers::CONTROL));
+        console.follow_until(State::Stopped);
+        assert!(console.says("emergency stop"));
+        assert_eq!(console.model.prompt.as_ref().map(Prompt::text).as_deref(), Some("pla"));
+    }
+
+    #[test]
+    fn what_is_wrong_is_said_and_long_answers_get_a_sheet() {
+        let mut console = console();
+        console.press(":stop now\n");
+        assert!(console.says("`stop` takes nothing"));
+        console.press("g");
+        assert!(console.says("holds no plan"));
+        console.press(":plan 20,0,0,0,90\n");
+        assert!(console.says("self-collision") && console.says("not planned"), "{:?}", console.model.log);
+        console.press(":status\n");
+        assert!(console.model.sheet.as_ref().is_some_and(|sheet| sheet.contains("growbot-a")));
+        console.press("-");
+        assert!(console.model.sheet.is_none());
+        assert_eq!(console.model.speed, Some(30.0));
+        console.press("q");
+        assert!(console.quit);
     }
 }

@@ -34,6 +34,8 @@ pub struct Model {
     pub body: Body,
     /// What has happened, the latest last.
     pub log: VecDeque<Line>,
+    /// An answer of many lines, shown until the next key.
+    pub sheet: Option<String>,
     /// The command being typed.
     pub prompt: Option<Prompt>,
     start: Pose,
@@ -64,6 +66,7 @@ impl Model {
             readings: Readings::default(),
             body: Body::new(0, &start, Vec::new()),
             log: VecDeque::new(),
+            sheet: None,
             prompt: None,
             start,
             clock_s: 0.0,
