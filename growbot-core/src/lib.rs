@@ -71,6 +71,7 @@ pub mod kinematics;
 pub mod layer;
 pub mod layer_bytes;
 pub mod link;
+pub mod number;
 pub mod path;
 pub mod plan;
 pub mod pose;

@@ -2,6 +2,7 @@
 
 use core::cmp::Ordering;
 
+use crate::number::Short;
 use crate::path::{self, Path, PathFull, Segment};
 use crate::pose::{Frame, Pose, angle_between, tip_direction};
 use crate::robot::Robot;
@@ -33,7 +34,7 @@ pub struct Chosen {
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum PlanError {
     /// The radius is below what the robot can bend to.
-    #[error("radius is {radius} mm, below R_min = {limit} mm of this robot: ask for at least that")]
+    #[error("radius is {} mm, below R_min = {limit} mm of this robot: ask for at least that", Short(.radius))]
     RadiusTooSmall {
         /// The radius asked for, mm.
         radius: f64,
@@ -41,7 +42,7 @@ pub enum PlanError {
         limit: f64,
     },
     /// The radius is not finite or absurdly large.
-    #[error("radius is {radius} mm: give a number up to {limit} mm")]
+    #[error("radius is {} mm: give a number up to {limit} mm", Short(.radius))]
     RadiusTooLarge {
         /// The radius asked for, mm.
         radius: f64,

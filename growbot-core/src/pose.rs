@@ -11,6 +11,7 @@
 use nalgebra::{IsometryMatrix3, Matrix3, Rotation3, Translation3, Vector3};
 
 use crate::angle::{degrees, radians, wrap_signed};
+use crate::number::Short;
 use crate::trigonometry;
 
 /// A rigid transform, named by what it converts: `base_from_tip * point_in_tip`.
@@ -28,7 +29,7 @@ pub struct Pose {
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum PoseError {
     /// A field is NaN or infinite.
-    #[error("{field} is {value}: give a finite number")]
+    #[error("{field} is {}: give a finite number", Short(.value))]
     NotFinite {
         /// Which of the five numbers.
         field: &'static str,
@@ -36,7 +37,7 @@ pub enum PoseError {
         value: f64,
     },
     /// A coordinate lies further out than [`Pose::GREATEST_COORDINATE`].
-    #[error("{field} is {value} mm: keep coordinates within {limit} mm of the origin")]
+    #[error("{field} is {} mm: keep coordinates within {limit} mm of the origin", Short(.value))]
     TooFar {
         /// Which coordinate.
         field: &'static str,
@@ -46,7 +47,7 @@ pub enum PoseError {
         limit: f64,
     },
     /// The pitch lies beyond straight up or straight down.
-    #[error("pitch is {value} deg: it must lie between -90 (straight down) and 90 (straight up)")]
+    #[error("pitch is {} deg: it must lie between -90 (straight down) and 90 (straight up)", Short(.value))]
     Pitch {
         /// What it was, degrees.
         value: f64,

@@ -28,6 +28,8 @@ const SILENCE_OF_PLAN: Duration = Duration::from_secs(180);
 const MOST_TRIES: u32 = 120;
 /// A host that holds the board and is not heard for so long has lost it (PROTOCOL.md).
 const HELD_FOR_MS: u32 = 10_000;
+/// A board whose host says nothing for 10 s holds: in long waits it is told so often that its host lives.
+const SIGN_OF_LIFE: Duration = Duration::from_secs(3);
 /// The emergency stop is sent so often,
 const EMERGENCY_TRIES: u32 = 20;
 /// with such pauses, until the board says that it has obeyed.
@@ -589,9 +591,7 @@ impl Client {
                 if !self.acknowledged {
                     self.post(0, &Message::Heard(Empty {}))?;
                 }
-                let mut buffer = [0; 256];
-                let count = self.port.receive(&mut buffer, timeout)?;
-                self.arrived.extend(&buffer[..count]);
+                self.receive(timeout)?;
             }
             let Some(byte) = self.arrived.pop_front() else {
                 return Ok((taken > 0).then_some(Err(FrameError::Garbled)));
@@ -602,6 +602,24 @@ impl Client {
             }
         }
         Ok(Some(Err(FrameError::TooLong)))
+    }
+}
+
+impl Client {
+    /// Waits for bytes, and tells the board meanwhile that its host lives.
+    fn receive(&mut self, timeout: Duration) -> Result<(), ClientError> {
+        let mut left = timeout;
+        loop {
+            let slice = if self.open { left.min(SIGN_OF_LIFE) } else { left };
+            let mut buffer = [0; 256];
+            let count = self.port.receive(&mut buffer, slice)?;
+            self.arrived.extend(&buffer[..count]);
+            left = left.saturating_sub(slice);
+            if count > 0 || left.is_zero() {
+                return Ok(());
+            }
+            self.post(0, &Message::Heard(Empty {}))?;
+        }
     }
 }
 

@@ -7,6 +7,7 @@
 
 use growbot_core::angle::{radians, wrap_positive};
 use growbot_core::helicoid::Helicoid;
+use growbot_core::number::Short;
 use growbot_core::path::{Segment, end, length};
 use growbot_core::plan::{GREATEST_RADIUS, Miss, miss};
 use growbot_core::pose::{Frame, Pose, PoseError};
@@ -65,7 +66,7 @@ pub enum PlanFault {
     },
     /// A bend that the robot cannot make.
     #[error(
-        "segment {segment} has a radius of {radius} mm, below R_min = {limit} mm of this robot: plan again with a larger --radius"
+        "segment {segment} has a radius of {} mm, below R_min = {limit} mm of this robot: plan again with a larger --radius", Short(.radius)
     )]
     TooTight {
         /// Which segment, from 0.
@@ -94,7 +95,7 @@ pub enum PlanFault {
         limit: f64,
     },
     /// A total that is not the sum of the segments.
-    #[error("{what} is {value}, and the segments give {expected}: the plan was changed by hand; plan again")]
+    #[error("{what} is {}, and the segments give {}: the plan was changed by hand; plan again", Short(.value), Short(.expected))]
     Total {
         /// Which total.
         what: &'static str,

@@ -107,6 +107,8 @@ mod tests {
             ("1,2,3,inf,5", "heading is inf"),
             ("1e999,2,3,4,5", "x is inf"),
             ("1e8,2,3,4,5", "x is 100000000 mm"),
+            ("-1e308,2,3,4,5", "x is -1e308 mm: keep coordinates within 10000000 mm"),
+            ("1,2,3,4,-1e300", "pitch is -1e300 deg"),
             ("1,2,3,4,90.01", "pitch is 90.01 deg"),
             ("1;2;3;4;5", "this is 1"),
         ] {

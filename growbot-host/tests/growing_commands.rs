@@ -6,7 +6,7 @@ mod running;
 use serde_json::Value;
 
 use fake_board::FakeBoard;
-use running::{Ran, growbot, growbot_reading};
+use running::{Ran, growbot, growbot_reading, growbot_reading_bytes};
 
 fn json(ran: &Ran) -> Value {
     serde_json::from_str(ran.out.lines().last().unwrap_or_default())
@@ -142,6 +142,10 @@ fn ports_that_are_not_there_are_told() {
     assert_refused(&status("simulator"), &["simulator", "emulator", "tcp:HOST:PORT"]);
     assert_refused(&status("/dev/ttyNONE7"), &["/dev/ttyNONE7", "not there"]);
     assert_refused(&status("emulator:/no/such.elf"), &["/no/such.elf", "build-an386"]);
+    assert_refused(
+        &status("emulator:/etc/passwd"),
+        &["qemu-system-arm ended under the board: ", "qemu", "build-an386"],
+    );
     // A port that was free a moment ago.
     let free = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     assert_refused(&status(&format!("tcp:127.0.0.1:{free}")), &["nobody answers"]);
@@ -251,6 +255,21 @@ fn the_console_says_what_is_wrong_and_goes_on() {
         assert!(ran.err.contains(part), "no {part}: {}", ran.err);
     }
     assert!(ran.out.contains("plan POSE"));
+}
+
+#[test]
+fn a_line_that_is_no_text_is_told_and_the_next_one_is_carried_out() {
+    let ran = growbot_reading_bytes(&["console"], b"sta\xfftus\nstop now\nstatus\n");
+    assert_eq!(ran.code, Some(1));
+    for part in ["no UTF-8 text (at byte 3)", "`stop` takes nothing: leave \"now\" away", "2 commands failed"] {
+        assert!(ran.err.contains(part), "no {part}: {}", ran.err);
+    }
+    assert_eq!(ran.out.matches("state        idle").count(), 2, "{}", ran.out);
+}
+
+#[test]
+fn the_whole_screen_needs_a_terminal() {
+    assert_refused(&growbot(&["console", "--tui"]), &["--tui needs a terminal", "standard input", "line by line"]);
 }
 
 #[cfg(unix)]

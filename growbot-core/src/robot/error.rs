@@ -1,10 +1,12 @@
 //! Why a robot description was refused.
 
+use crate::number::Short;
+
 /// Why a robot description was refused: the field, its value, the limit, and what to do.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum RobotError {
     /// A number is NaN or infinite.
-    #[error("{field} is {value}: give a finite number")]
+    #[error("{field} is {}: give a finite number", Short(.value))]
     NotFinite {
         /// The field, as written in a robot file.
         field: &'static str,
@@ -12,7 +14,7 @@ pub enum RobotError {
         value: f64,
     },
     /// A number is too small.
-    #[error("{field} is {value}, below {limit}: {advice}")]
+    #[error("{field} is {}, below {}: {advice}", Short(.value), Short(.limit))]
     TooSmall {
         /// The field, as written in a robot file.
         field: &'static str,
@@ -24,7 +26,7 @@ pub enum RobotError {
         advice: &'static str,
     },
     /// A number is too large.
-    #[error("{field} is {value}, above {limit}: {advice}")]
+    #[error("{field} is {}, above {}: {advice}", Short(.value), Short(.limit))]
     TooLarge {
         /// The field, as written in a robot file.
         field: &'static str,

@@ -44,8 +44,16 @@ pub enum QueryError {
         /// Fields of the header.
         expected: usize,
     },
+    /// Bytes that are no text.
+    #[error("field {field} of the line is no UTF-8 text (at its byte {position}): save the batch as UTF-8")]
+    NotText {
+        /// Which field, from 1.
+        field: usize,
+        /// Where in it the first byte that is no text stands, from 0.
+        position: usize,
+    },
     /// A field is no number.
-    #[error("{column} is {text:?}, which is no number")]
+    #[error("{column} is {text:?}, which is no number: write it like -120 or 0.5")]
     NotANumber {
         /// The column.
         column: &'static str,
@@ -132,7 +140,7 @@ impl<R: Read> Batch<R> {
         if !self.reader.read_byte_record(&mut self.record).map_err(BatchError::Reading)? {
             return Ok(None);
         }
-        let id = String::from_utf8_lossy(self.record.get(self.columns.id).unwrap_or_default()).into_owned();
+        let id = text_of(self.record.get(self.columns.id)).to_owned();
         Ok(Some(Answer { id, outcome: self.plan(robot) }))
     }
 
@@ -141,6 +149,11 @@ impl<R: Read> Batch<R> {
         if found != expected {
             return Err(QueryError::Fields { found, expected });
         }
+        for (field, bytes) in (1..).zip(&self.record) {
+            if let Err(error) = str::from_utf8(bytes) {
+                return Err(QueryError::NotText { field, position: error.valid_up_to() });
+            }
+        }
         let start = self.pose("from", &self.columns.from)?;
         let goal = self.pose("to", &self.columns.to)?;
         let radius = match self.columns.radius {
@@ -148,7 +161,7 @@ impl<R: Read> Batch<R> {
             _ => self.defaults.radius,
         };
         let planner = match self.columns.planner {
-            Some(column) if !self.text(column).is_empty() => planner_of_name(&self.text(column))?,
+            Some(column) if !self.text(column).is_empty() => planner_of_name(self.text(column))?,
             _ => self.defaults.planner,
         };
         let search = Search { radius, planner, ..self.defaults };
@@ -165,13 +178,18 @@ impl<R: Read> Batch<R> {
 
     fn number(&self, column: Column) -> Result<f64, QueryError> {
         let text = self.text(column);
-        parse_number(&text).ok_or(QueryError::NotANumber { column: column.name, text })
+        parse_number(text).ok_or_else(|| QueryError::NotANumber { column: column.name, text: text.to_owned() })
     }
 
-    /// A field without the spaces round it. Bytes that are no text show as such in the error that follows.
-    fn text(&self, column: Column) -> String {
-        String::from_utf8_lossy(self.record.get(column.index).unwrap_or_default()).trim().to_owned()
+    /// A field without the spaces round it.
+    fn text(&self, column: Column) -> &str {
+        text_of(self.record.get(column.index)).trim()
     }
+}
+
+/// A field as text; nothing where it is none, which is told before anything is made of it.
+fn text_of(field: Option<&[u8]>) -> &str {
+    str::from_utf8(field.unwrap_or_default()).unwrap_or_default()
 }
 
 /// The planner of this name, as in plan files.
@@ -242,13 +260,16 @@ mod tests {
 
     #[test]
     fn bytes_that_are_no_text_spoil_their_line_only() {
-        let mut bytes = format!("{HEADER}\n1,0,0,0,0,90,0,0,").into_bytes();
-        bytes.extend(b"\xff,0,90\n2,0,0,0,0,90,0,0,500,0,90\n");
+        let mut bytes = format!("{HEADER}\n1,0,0,0,0,90,0,0,5").into_bytes();
+        bytes.extend(b"\xff,0,90\n\xc3(,0,0,0,0,90,0,0,500,0,90\n3,0,0,0,0,90,0,0,500,0,90\n");
         let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
         let defaults = Search { radius: 100.0, planner: Planner::TwoPlane, clear_of_self: false };
         let mut batch = Batch::open(&bytes[..], defaults).unwrap();
-        assert!(batch.next(&robot).unwrap().unwrap().outcome.is_err());
-        assert!(batch.next(&robot).unwrap().unwrap().outcome.is_ok());
-        assert!(batch.next(&robot).unwrap().is_none());
+        let mut next = || batch.next(&robot).unwrap();
+        let (coordinate, id, sound) = (next().unwrap(), next().unwrap(), next().unwrap());
+        assert_eq!(coordinate.outcome, Err(QueryError::NotText { field: 9, position: 1 }));
+        // A name that is no text is no name: it is not replaced by another.
+        assert_eq!((id.id.as_str(), id.outcome), ("", Err(QueryError::NotText { field: 1, position: 0 })));
+        assert!(sound.outcome.is_ok() && next().is_none());
     }
 }

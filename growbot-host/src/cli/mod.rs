@@ -129,6 +129,11 @@ impl Failure {
         self.code == 0
     }
 
+    /// What to say; nothing where nothing failed.
+    pub fn message(&self) -> &str {
+        self.message.as_deref().unwrap_or_default()
+    }
+
     /// Says it, in one line, and gives the exit code.
     fn report(self) -> ExitCode {
         self.say();

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use growbot_core::number::Short;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_host::input;
@@ -76,7 +77,7 @@ pub fn run(args: &WorkspaceArgs) -> Result<(), Failure> {
     let robot = args.robot.load()?;
     let length = args.length.unwrap_or_else(|| robot.description().filament.spool_mm / robot.filament_per_length());
     if !(1.0..=LONGEST).contains(&length) {
-        return Err(Failure::bad_input(format!("length is {length} mm: give one from 1 to {LONGEST} mm")));
+        return Err(Failure::bad_input(format!("length is {} mm: give one from 1 to {LONGEST} mm", Short(&length))));
     }
     let direction = match (args.heading, args.pitch) {
         (Some(heading), Some(pitch)) => {

@@ -22,6 +22,8 @@ use crate::tip::{IndexMark, Motor, Tip, TipFault, Variation, encoder_pitch};
 
 /// How often the tip looks at its memory.
 const LOOK: Duration = Duration::from_millis(1);
+/// How long QEMU may take to end once its line has broken.
+const END: Duration = Duration::from_secs(1);
 /// Where the firmware image lies, from cargo's target directory.
 const FIRMWARE: &str = "thumbv7em-none-eabihf/release/an386";
 
@@ -71,13 +73,23 @@ impl Emulator {
     }
 }
 
+impl Emulator {
+    /// Why the line broke: because QEMU ended, if it did.
+    fn why(&mut self, broken: PortError) -> PortError {
+        match self.board.qemu().last_words(END) {
+            Some(said) => QemuError::Died(said).into(),
+            None => broken,
+        }
+    }
+}
+
 impl Port for Emulator {
     fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
-        self.stream.send(bytes)
+        self.stream.send(bytes).map_err(|error| self.why(error))
     }
 
     fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, PortError> {
-        self.stream.receive(buffer, timeout)
+        self.stream.receive(buffer, timeout).map_err(|error| self.why(error))
     }
 
     fn tip(&mut self) -> Result<Option<TipRecord>, PortError> {

@@ -123,6 +123,18 @@ pub enum PortName {
     Faulty(Box<Self>, FaultSpec),
 }
 
+impl PortName {
+    /// Whether time passes there only while somebody waits for it.
+    #[must_use]
+    pub fn is_virtual(&self) -> bool {
+        match self {
+            Self::Sim => true,
+            Self::Faulty(name, _) => name.is_virtual(),
+            Self::Emulator(_) | Self::Tcp(_) | Self::Serial(_) => false,
+        }
+    }
+}
+
 impl FromStr for PortName {
     type Err = PortError;
 

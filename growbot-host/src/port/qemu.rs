@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::thread;
+use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 /// The emulator's program.
@@ -39,6 +39,8 @@ pub enum QemuError {
     NoFirmware(PathBuf),
     /// QEMU ended before the board was up; holds what it said.
     Ended(String),
+    /// QEMU ended after the board was up; holds what it said.
+    Died(String),
     /// QEMU did not connect in time; holds the line and what QEMU said.
     NotConnected(&'static str, String),
     /// QEMU refused a command; holds the command and the answer.
@@ -63,6 +65,11 @@ impl fmt::Display for QemuError {
                 )
             }
             Self::Ended(said) => write!(f, "{PROGRAM} ended while starting the board: {}", or_nothing(said)),
+            Self::Died(said) => write!(
+                f,
+                "{PROGRAM} ended under the board: {}; check that the image is growbot's firmware for the emulated board (`cargo build-an386`)",
+                first_line(said)
+            ),
             Self::NotConnected(line, said) => {
                 write!(f, "{PROGRAM} did not connect its {line} within {} s: {}", START.as_secs(), or_nothing(said))
             }
@@ -83,6 +90,11 @@ impl std::error::Error for QemuError {
 
 fn or_nothing(said: &str) -> &str {
     if said.trim().is_empty() { "it said nothing" } else { said.trim() }
+}
+
+/// What QEMU says first; registers may follow.
+fn first_line(said: &str) -> &str {
+    or_nothing(said).lines().next().unwrap_or_default().trim()
 }
 
 /// Makes an [`io::Error`] say what was being done.
@@ -116,6 +128,8 @@ impl Line {
 pub struct Qemu {
     child: Child,
     messages: Arc<Mutex<String>>,
+    /// Keeps the messages; ends with QEMU.
+    listener: Option<JoinHandle<()>>,
 }
 
 impl Qemu {
@@ -141,7 +155,7 @@ impl Qemu {
             .spawn()
             .map_err(spawn_error)?;
         let messages = Arc::new(Mutex::new(String::new()));
-        if let Some(mut stderr) = child.stderr.take() {
+        let listener = child.stderr.take().map(|mut stderr| {
             let kept = Arc::clone(&messages);
             // Ends with QEMU, whose end of the pipe it reads.
             thread::spawn(move || {
@@ -152,9 +166,9 @@ impl Qemu {
                         text.push_str(&String::from_utf8_lossy(&buffer[..count]));
                     }
                 }
-            });
-        }
-        Ok(Qemu { child, messages })
+            })
+        });
+        Ok(Qemu { child, messages, listener })
     }
 
     /// Waits for QEMU to connect a line.
@@ -170,8 +184,8 @@ impl Qemu {
                 Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
                 Err(error) => return Err(QemuError::Io("connect the emulator's line", error)),
             }
-            if !self.is_running() {
-                return Err(QemuError::Ended(self.messages()));
+            if let Some(said) = self.last_words(Duration::ZERO) {
+                return Err(QemuError::Ended(said));
             }
             if Instant::now() >= deadline {
                 return Err(QemuError::NotConnected(line.name, self.messages()));
@@ -183,6 +197,22 @@ impl Qemu {
     /// Whether the emulator still runs.
     pub fn is_running(&mut self) -> bool {
         matches!(self.child.try_wait(), Ok(None))
+    }
+
+    /// All that QEMU itself has said, if it ends within a while: its lines break some moments before.
+    pub fn last_words(&mut self, patience: Duration) -> Option<String> {
+        let deadline = Instant::now() + patience;
+        while self.is_running() {
+            if Instant::now() >= deadline {
+                return None;
+            }
+            thread::sleep(Duration::from_millis(2));
+        }
+        if let Some(listener) = self.listener.take() {
+            // It cannot have panicked, and what it kept is there all the same.
+            let _ = listener.join();
+        }
+        Some(self.messages())
     }
 
     /// What QEMU itself has said so far.

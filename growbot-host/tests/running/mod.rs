@@ -15,6 +15,11 @@ pub struct Ran {
 
 /// Runs `growbot` with these arguments and this text on its standard input.
 pub fn growbot_reading(args: &[&str], input: &str) -> Ran {
+    growbot_reading_bytes(args, input.as_bytes())
+}
+
+/// Runs `growbot` with these arguments and these bytes on its standard input.
+pub fn growbot_reading_bytes(args: &[&str], input: &[u8]) -> Ran {
     let mut child = Command::new(env!("CARGO_BIN_EXE_growbot"))
         .args(args)
         .stdin(Stdio::piped())
@@ -25,7 +30,7 @@ pub fn growbot_reading(args: &[&str], input: &str) -> Ran {
     let mut stdin = child.stdin.take().unwrap();
     let input = input.to_owned();
     // In a thread of its own: neither side may wait for the other to read. A command that refuses may not read at all.
-    let writer = std::thread::spawn(move || drop(stdin.write_all(input.as_bytes())));
+    let writer = std::thread::spawn(move || drop(stdin.write_all(&input)));
     let output = child.wait_with_output().unwrap();
     writer.join().unwrap();
     Ran {

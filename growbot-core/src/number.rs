@@ -1,0 +1,40 @@
+//! Numbers in messages.
+
+use core::fmt;
+
+/// A number as people read it: plainly, or with an exponent where it would take more than a dozen zeros.
+///
+/// ```
+/// use growbot_core::number::Short;
+/// assert_eq!(format!("{} {} {}", Short(&0.774), Short(&1e7), Short(&-1e308)), "0.774 10000000 -1e308");
+/// ```
+#[derive(Debug, Clone, Copy)]
+pub struct Short<'a>(pub &'a f64);
+
+impl fmt::Display for Short<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (number, size) = (self.0, self.0.abs());
+        if size == 0.0 || (1e-12..1e12).contains(&size) { write!(f, "{number}") } else { write!(f, "{number:e}") }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::string::ToString;
+
+    #[test]
+    fn no_number_is_long() {
+        for (number, text) in [
+            (0.0, "0"),
+            (98.2, "98.2"),
+            (1e8, "100000000"),
+            (f64::MAX, "1.7976931348623157e308"),
+            (5e-324, "5e-324"),
+            (f64::INFINITY, "inf"),
+            (f64::NAN, "NaN"),
+        ] {
+            assert_eq!(Short(&number).to_string(), text);
+        }
+    }
+}

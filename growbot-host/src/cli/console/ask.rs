@@ -1,0 +1,89 @@
+//! What a board answers at once, in a few lines of text.
+
+use growbot_core::layer_bytes::decode;
+use growbot_core::link::message::{Accepted, Empty, HeldLayers, Message, PlanRequest, ReadLayers, Silence, Start};
+use growbot_core::plan::Planner;
+use growbot_core::pose::Pose;
+use growbot_core::robot::Robot;
+use growbot_host::client::{Client, ClientError};
+use growbot_host::degrees::degrees_below_turn;
+
+use super::commands::Ask;
+use crate::cli::Failure;
+use crate::cli::status::Report;
+
+/// Asks the board of this robot, whose bodies begin at `start`.
+pub fn ask(client: &mut Client, robot: &Robot, start: &Pose, what: &Ask) -> Result<String, Failure> {
+    match what {
+        Ask::Status => Ok(Report::of(client)?.text()),
+        Ask::Plan(goal) => plan(client, robot, start, goal),
+        Ask::Start => start_held(client),
+        Ask::Hold => {
+            client.request("to hold", &Message::Hold(Empty {}))?;
+            Ok("holds after the layer under way; `start` goes on\n".to_owned())
+        }
+        Ask::Layers(first) => layers(client, *first),
+        Ask::Stop => {
+            client.request("to stop", &Message::Stop(Empty {}))?;
+            Ok("stopped: heater and steppers are off\n".to_owned())
+        }
+        Ask::Clear => {
+            client.request("to clear the fault", &Message::ClearFault(Empty {}))?;
+            Ok("cleared\n".to_owned())
+        }
+    }
+}
+
+/// Everything off, before the board does anything else.
+pub fn emergency_stop(client: &mut Client) -> Result<String, Failure> {
+    client.emergency_stop()?;
+    Ok("emergency stop: heater and steppers are off\n".to_owned())
+}
+
+fn plan(client: &mut Client, robot: &Robot, start: &Pose, goal: &Pose) -> Result<String, Failure> {
+    let request = PlanRequest {
+        start: start.into(),
+        goal: goal.into(),
+        radius: robot.description().planning_radius_mm,
+        planner: Planner::Shortest,
+    };
+    let what = "to plan";
+    match client.request(what, &Message::Plan(request))? {
+        Message::Planned(planned) => {
+            Ok(format!("plan {:016x}: {} layers, {:.3} mm\n", planned.plan_id, planned.layers, planned.length))
+        }
+        other => Err(unexpected(what, &other)),
+    }
+}
+
+fn start_held(client: &mut Client) -> Result<String, Failure> {
+    let what = "to start";
+    let plan_id = client.status()?.plan_id;
+    match client.request(what, &Message::Start(Start { plan_id, silence: Silence::Hold }))? {
+        Message::Accepted(Accepted { next, .. }) => Ok(format!("started with {next} layers\n")),
+        other => Err(unexpected(what, &other)),
+    }
+}
+
+fn layers(client: &mut Client, first: Option<u32>) -> Result<String, Failure> {
+    let what = "for layers";
+    let first = match first {
+        Some(first) => first,
+        None => client.status()?.laid,
+    };
+    match client.request(what, &Message::ReadLayers(ReadLayers { first }))? {
+        Message::HeldLayers(HeldLayers { first, layers }) => {
+            let mut text = String::from("layer,alpha_deg,height_mm,tilt_deg\n");
+            for (index, layer) in (first..).zip(layers.iter().map(decode)) {
+                let tilt = growbot_core::angle::degrees(layer.tilt);
+                text += &format!("{index},{},{},{tilt}\n", degrees_below_turn(layer.alpha), layer.height);
+            }
+            Ok(text)
+        }
+        other => Err(unexpected(what, &other)),
+    }
+}
+
+fn unexpected(request: &'static str, answer: &Message) -> Failure {
+    Failure::answered_no(ClientError::Unexpected { request, kind: answer.kind() })
+}

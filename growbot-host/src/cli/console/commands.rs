@@ -1,0 +1,198 @@
+//! What the console can be told, as words and as values.
+
+use growbot_core::pose::Pose;
+use growbot_host::nearest::nearest;
+use growbot_host::pose_text::{parse_number, parse_pose};
+
+/// The longest wait, s.
+const LONGEST_WAIT_S: f64 = 1e6;
+
+/// A line, understood.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Command {
+    /// An empty line.
+    Nothing,
+    /// Something that the board answers at once.
+    Ask(Ask),
+    /// Plan, hand over and grow.
+    Grow(Pose),
+    /// Show what happens for so long, s.
+    Wait(f64),
+    /// List the commands.
+    Help,
+    /// Leave.
+    Quit,
+}
+
+/// What the board answers at once.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Ask {
+    /// Who it is and what it does.
+    Status,
+    /// It plans to here and holds the layers.
+    Plan(Pose),
+    /// Grow what it holds, or go on.
+    Start,
+    /// Finish the layer and wait.
+    Hold,
+    /// Some layers that it holds, from this one on, or from the next to be laid.
+    Layers(Option<u32>),
+    /// Heater and steppers off.
+    Stop,
+    /// Leave a fault.
+    Clear,
+}
+
+/// A command's word.
+struct Word {
+    name: &'static str,
+    argument: &'static str,
+    help: &'static str,
+}
+
+const WORDS: [Word; 11] = [
+    Word { name: "status", argument: "", help: "who the board is, what it is doing, what its sensors say" },
+    Word { name: "plan", argument: "POSE", help: "the board plans from 0,0,0,0,90 to POSE and holds the layers" },
+    Word { name: "start", argument: "", help: "heat, home and grow what the board holds; go on after a hold" },
+    Word { name: "hold", argument: "", help: "finish the layer under way and wait" },
+    Word { name: "grow", argument: "POSE", help: "plan here, hand over, grow, and wait until it is done" },
+    Word { name: "layers", argument: "[FROM]", help: "up to 16 of the layers that the board holds" },
+    Word { name: "wait", argument: "[SECONDS]", help: "show what happens for so long (1)" },
+    Word { name: "stop", argument: "", help: "heater and steppers off" },
+    Word { name: "clear", argument: "", help: "leave a fault or an emergency stop, if its cause is gone" },
+    Word { name: "help", argument: "", help: "this list" },
+    Word { name: "quit", argument: "", help: "leave; what the robot does, it goes on doing" },
+];
+
+/// Poses to begin with: straight up, to the side, and bent in both planes.
+const POSES: [&str; 3] = ["0,0,100,0,90", "200,100,600,0,45", "550,345,610,120,-25"];
+
+/// The list of commands.
+pub fn help() -> String {
+    WORDS.iter().map(|word| format!("{:<16}{}\n", format!("{} {}", word.name, word.argument), word.help)).collect()
+}
+
+/// Understands a line.
+///
+/// # Errors
+/// What is wrong with it, in words.
+pub fn parse(line: &str) -> Result<Command, String> {
+    let line = line.trim();
+    let (word, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
+    let rest = rest.trim();
+    let alone = |command: Command| match rest {
+        "" => Ok(command),
+        _ => Err(format!("`{word}` takes nothing: leave {rest:?} away")),
+    };
+    match word {
+        "" => Ok(Command::Nothing),
+        "status" => alone(Command::Ask(Ask::Status)),
+        "plan" => Ok(Command::Ask(Ask::Plan(pose(rest)?))),
+        "start" => alone(Command::Ask(Ask::Start)),
+        "hold" => alone(Command::Ask(Ask::Hold)),
+        "grow" => Ok(Command::Grow(pose(rest)?)),
+        "layers" if rest.is_empty() => Ok(Command::Ask(Ask::Layers(None))),
+        "layers" => rest
+            .parse()
+            .map(|first| Command::Ask(Ask::Layers(Some(first))))
+            .map_err(|_| format!("{rest:?} is no layer: give a whole number from 0 on")),
+        "wait" if rest.is_empty() => Ok(Command::Wait(1.0)),
+        "wait" => parse_number(rest)
+            .filter(|seconds| (0.0..=LONGEST_WAIT_S).contains(seconds))
+            .map(Command::Wait)
+            .ok_or_else(|| format!("{rest:?} is no time: give seconds, 0 to {LONGEST_WAIT_S}")),
+        "stop" => alone(Command::Ask(Ask::Stop)),
+        "clear" => alone(Command::Ask(Ask::Clear)),
+        "help" => alone(Command::Help),
+        "quit" | "exit" => alone(Command::Quit),
+        _ => {
+            let meant = nearest(word, WORDS.iter().map(|word| word.name));
+            let meant = meant.map(|name| format!(" (did you mean {name}?)")).unwrap_or_default();
+            Err(format!("there is no command {word:?}{meant}: `help` lists them"))
+        }
+    }
+}
+
+fn pose(text: &str) -> Result<Pose, String> {
+    parse_pose(text).map_err(|error| error.to_string())
+}
+
+/// How the beginning of a line may go on: from which byte on, and what may stand there.
+pub fn complete(begun: &str) -> (usize, Vec<String>) {
+    let indent = begun.len() - begun.trim_start().len();
+    match begun.trim_start().split_once(char::is_whitespace) {
+        None => {
+            let begun = begun.trim_start();
+            let words = WORDS.iter().filter(|word| word.name.starts_with(begun));
+            let space = |word: &Word| if word.argument.is_empty() { "" } else { " " };
+            (indent, words.map(|word| format!("{}{}", word.name, space(word))).collect())
+        }
+        Some((word, rest)) if takes_pose(word) => {
+            let rest = rest.trim_start();
+            let poses = POSES.into_iter().filter(|pose| pose.starts_with(rest));
+            (begun.len() - rest.len(), poses.map(str::to_owned).collect())
+        }
+        Some(_) => (begun.len(), Vec::new()),
+    }
+}
+
+/// What a command without its argument wants.
+pub fn hint(line: &str) -> Option<&'static str> {
+    let word = line.strip_suffix(' ')?;
+    if takes_pose(word.trim()) { Some("X,Y,Z,HEADING,PITCH in mm and degrees") } else { None }
+}
+
+fn takes_pose(name: &str) -> bool {
+    WORDS.iter().any(|word| word.name == name && word.argument == "POSE")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_word_of_the_list_is_understood() {
+        for word in &WORDS {
+            let argument = if word.argument == "POSE" { POSES[0] } else { "" };
+            assert!(parse(&format!(" {} {argument} ", word.name)).is_ok(), "{}", word.name);
+        }
+        assert_eq!(parse("wait 2.5"), Ok(Command::Wait(2.5)));
+        assert_eq!(parse("layers 16"), Ok(Command::Ask(Ask::Layers(Some(16)))));
+        assert_eq!(parse("exit"), Ok(Command::Quit));
+        assert_eq!(parse("\t"), Ok(Command::Nothing));
+        assert!(parse("plan 0, 0, 100, 0, 90").is_ok());
+    }
+
+    #[test]
+    fn what_is_too_much_or_no_command_is_named() {
+        for (line, part) in [
+            ("stop now", "`stop` takes nothing: leave \"now\" away"),
+            ("status 1 2", "leave \"1 2\" away"),
+            ("quit please", "`quit` takes nothing"),
+            ("plam 0,0,100,0,90", "no command \"plam\" (did you mean plan?)"),
+            ("layers 1 2", "\"1 2\" is no layer"),
+            ("layers -1", "\"-1\" is no layer"),
+            ("wait 1 2", "\"1 2\" is no time"),
+            ("wait 1e9", "\"1e9\" is no time: give seconds, 0 to 1000000"),
+            ("wait nan", "no time"),
+            ("grow", "five numbers"),
+        ] {
+            let message = parse(line).unwrap_err();
+            assert!(message.contains(part), "{line:?}: {message}");
+        }
+    }
+
+    #[test]
+    fn lines_are_completed() {
+        let completed = |begun: &str| complete(begun);
+        assert_eq!(completed("st"), (0, vec!["status".to_owned(), "start".to_owned(), "stop".to_owned()]));
+        assert_eq!(completed(" pl"), (1, vec!["plan ".to_owned()]));
+        assert_eq!(completed("grow 2"), (5, vec!["200,100,600,0,45".to_owned()]));
+        assert_eq!(completed("plan ").1.len(), POSES.len());
+        assert!(completed("stop ").1.is_empty());
+        for pose in POSES {
+            assert!(parse(&format!("plan {pose}")).is_ok(), "{pose}");
+        }
+        assert!(hint("plan ").is_some() && hint("plan").is_none() && hint("stop ").is_none());
+    }
+}

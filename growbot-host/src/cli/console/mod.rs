@@ -1,0 +1,54 @@
+//! `growbot console`: commands line by line, on a terminal or in a pipe, or the whole screen.
+
+mod ask;
+mod commands;
+mod history;
+mod line;
+mod tui;
+
+use clap::Args;
+use growbot_core::pose::Pose;
+use growbot_host::client::Client;
+use growbot_host::output::print;
+use growbot_host::port;
+
+use super::status::Report;
+use super::{Failure, PortArg, RobotArg};
+
+/// Type commands, see the robot; works in a pipe
+///
+/// `help` lists the commands. In a pipe each line of standard input is a command, and the exit code is 1 if any was refused.
+#[derive(Args)]
+#[command(
+    after_help = "Examples:\n  growbot console --port /dev/ttyACM0\n  growbot console --tui\n  printf 'plan 0,0,60,0,90\\nstart\\nwait 60\\nstatus\\n' | growbot console"
+)]
+pub struct ConsoleArgs {
+    #[command(flatten)]
+    port: PortArg,
+    #[command(flatten)]
+    robot: RobotArg,
+    /// Use the whole screen: charts of temperature and layers, the body as it
+    /// grows, a key for each command
+    ///
+    /// Needs a terminal, from 80x24 on. Leaving it leaves the robot as it is. On
+    /// sim, time passes 60 times as fast as real time; + and - change that.
+    #[arg(long)]
+    tui: bool,
+}
+
+/// Runs the command.
+pub fn run(args: &ConsoleArgs) -> Result<(), Failure> {
+    if args.tui {
+        tui::check_terminal()?;
+    }
+    let robot = args.robot.load()?;
+    let name = args.port.name()?;
+    let mut client = Client::new(port::open(&name, &robot)?, args.port.text());
+    let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).map_err(Failure::bad_input)?;
+    if args.tui {
+        return tui::run(client, robot, start, &name, args.port.text());
+    }
+    client.hello()?;
+    print(&Report::of(&mut client)?.text())?;
+    line::Session::new(client, robot, start).run()
+}

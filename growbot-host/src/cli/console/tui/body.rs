@@ -1,0 +1,156 @@
+//! The body as far as it is known: as built, layer by layer, and as planned.
+
+use std::iter::once;
+
+use growbot_core::layer::{Layer, grow};
+use growbot_core::pose::{Frame, Pose};
+
+/// A point, x, y, z, mm.
+pub type Point = [f64; 3];
+
+/// The body of one job.
+pub struct Body {
+    plan_id: u64,
+    planned: Vec<Layer>,
+    planned_points: Vec<Point>,
+    /// Index of the first layer that we have seen laid; those before are not known.
+    first: u32,
+    built: Vec<Layer>,
+    points: Vec<Point>,
+    tip: Frame,
+    unreported: u32,
+}
+
+impl Body {
+    /// Nothing is laid yet. `planned` may be empty where the plan is not known here.
+    pub fn new(plan_id: u64, start: &Pose, planned: Vec<Layer>) -> Self {
+        let tip = start.frame();
+        let mut reached = tip;
+        let rest = planned.iter().map(|layer| {
+            reached = grow(&reached, once(*layer));
+            point(&reached)
+        });
+        let planned_points = once(point(&tip)).chain(rest).collect();
+        Self {
+            plan_id,
+            planned,
+            planned_points,
+            first: 0,
+            built: Vec::new(),
+            points: vec![point(&tip)],
+            tip,
+            unreported: 0,
+        }
+    }
+
+    /// The same job from its beginning.
+    pub fn begin_again(&mut self, start: &Pose) {
+        *self = Self::new(self.plan_id, start, std::mem::take(&mut self.planned));
+    }
+
+    /// A layer is laid. One whose report was lost counts as planned, or as an even one of `full` height (mm).
+    pub fn lay(&mut self, index: u32, layer: Layer, full: f64) {
+        if self.built.is_empty() {
+            self.first = index;
+        }
+        while self.next() < index {
+            let planned = self.planned.get(self.next() as usize).copied();
+            self.put(planned.unwrap_or(Layer { height: full, ..Layer::default() }));
+            self.unreported += 1;
+        }
+        if self.next() == index {
+            self.put(layer);
+        }
+    }
+
+    fn put(&mut self, layer: Layer) {
+        self.tip = grow(&self.tip, once(layer));
+        self.built.push(layer);
+        self.points.push(point(&self.tip));
+    }
+
+    /// The job's name.
+    pub fn plan_id(&self) -> u64 {
+        self.plan_id
+    }
+
+    /// Index of the layer that is expected next.
+    pub fn next(&self) -> u32 {
+        self.first + self.built.len() as u32
+    }
+
+    /// Index of the first layer that is known.
+    pub fn first(&self) -> u32 {
+        self.first
+    }
+
+    /// Layers whose reports were lost.
+    pub fn unreported(&self) -> u32 {
+        self.unreported
+    }
+
+    /// The layers as built, from the first that is known.
+    pub fn built(&self) -> &[Layer] {
+        &self.built
+    }
+
+    /// Where the tip was after each of them, and before the first.
+    pub fn points(&self) -> &[Point] {
+        &self.points
+    }
+
+    /// Where it is to be after each layer of the plan, as far as that is known.
+    pub fn planned_points(&self) -> &[Point] {
+        &self.planned_points
+    }
+
+    /// Where the tip is.
+    pub fn tip(&self) -> Pose {
+        Pose::from_frame(&self.tip)
+    }
+}
+
+fn point(frame: &Frame) -> Point {
+    frame.translation.vector.into()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn even(height: f64) -> Layer {
+        Layer { height, ..Layer::default() }
+    }
+
+    fn upright() -> Pose {
+        Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap()
+    }
+
+    #[test]
+    fn layers_stack_up_and_repeated_reports_do_not() {
+        let mut body = Body::new(1, &upright(), Vec::new());
+        body.lay(0, even(0.7), 0.774);
+        body.lay(1, even(0.8), 0.774);
+        body.lay(1, even(0.8), 0.774);
+        assert_eq!((body.built().len(), body.next(), body.unreported()), (2, 2, 0));
+        assert!((body.tip().position().z - 1.5).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_lost_report_counts_as_planned_and_else_as_a_full_layer() {
+        let mut body = Body::new(1, &upright(), vec![even(0.5); 3]);
+        body.lay(0, even(0.7), 0.774);
+        body.lay(2, even(0.7), 0.774);
+        body.lay(4, even(0.7), 0.774);
+        assert_eq!(body.unreported(), 2);
+        assert!((body.tip().position().z - (3.0 * 0.7 + 0.5 + 0.774)).abs() < 1e-12);
+        assert!((body.planned_points()[3][2] - 1.5).abs() < 1e-12);
+    }
+
+    #[test]
+    fn whoever_comes_late_sees_the_rest() {
+        let mut body = Body::new(1, &upright(), Vec::new());
+        body.lay(100, even(0.7), 0.774);
+        assert_eq!((body.first(), body.next(), body.built().len()), (100, 101, 1));
+    }
+}

@@ -1,0 +1,441 @@
+//! The model as text and braille: nothing here knows a terminal or a board.
+
+use growbot_core::layer::Layer;
+use growbot_core::link::message::{State, Status};
+use ratatui::Frame;
+use ratatui::layout::{Alignment, Constraint, Layout, Position, Rect};
+use ratatui::style::{Color, Modifier, Style};
+use ratatui::symbols::Marker;
+use ratatui::text::{Line, Span};
+use ratatui::widgets::canvas::{Canvas, Line as Stroke, Points};
+use ratatui::widgets::{Axis, Block, Chart, Dataset, GraphType, Paragraph, Wrap};
+
+use super::body::Point;
+use super::keys::KEYS;
+use super::model::{Model, in_words};
+use crate::cli::console::commands::hint;
+use crate::cli::plan_table::duration;
+
+/// Below this there is no room for pictures.
+const LEAST: (u16, u16) = (72, 20);
+/// The planned body is dotted: its dots are so many dots of braille apart.
+const PLANNED_APART: f64 = 4.0;
+/// Heights that are seen from the beginning, mm.
+const LEAST_SEEN_MM: f64 = 50.0;
+
+/// What can be done while a command is typed.
+const TYPING: &str = "a command, `help` lists them; Tab completes, Esc gives up, ^E EMERGENCY STOP";
+
+const TITLE: Style = Style::new().fg(Color::Cyan).add_modifier(Modifier::BOLD);
+const DIM: Style = Style::new().fg(Color::DarkGray);
+const GOOD: Style = Style::new().fg(Color::Green).add_modifier(Modifier::BOLD);
+const WORKING: Style = Style::new().fg(Color::Yellow).add_modifier(Modifier::BOLD);
+const BAD: Style = Style::new().fg(Color::Red).add_modifier(Modifier::BOLD);
+const KEY: Style = Style::new().fg(Color::Cyan).add_modifier(Modifier::BOLD.union(Modifier::REVERSED));
+
+/// Draws the whole screen.
+pub fn screen(frame: &mut Frame, model: &Model) {
+    let area = frame.area();
+    let [head, state, trouble, heater, tip, pictures, log, keys] = Layout::vertical([
+        Constraint::Length(1),
+        Constraint::Length(1),
+        Constraint::Length(trouble_text(model).map_or(0, |text| rows(&text, area.width))),
+        Constraint::Length(1),
+        Constraint::Length(1),
+        Constraint::Fill(1),
+        Constraint::Length(if area.height >= 32 { 8 } else { 4 }),
+        Constraint::Length(1),
+    ])
+    .areas(area);
+    frame.render_widget(head_line(model, area.width), head);
+    frame.render_widget(state_line(model), state);
+    frame.render_widget(heater_line(model), heater);
+    frame.render_widget(tip_line(model), tip);
+    if let Some(text) = trouble_text(model) {
+        frame.render_widget(Paragraph::new(text).style(BAD).wrap(Wrap { trim: true }), trouble);
+    }
+    if let Some(sheet) = &model.sheet {
+        let block = Block::bordered().title_bottom(Span::styled(" any key takes this away ", DIM));
+        frame.render_widget(Paragraph::new(sheet.as_str()).block(block), pictures);
+    } else if area.width < LEAST.0 || area.height < LEAST.1 {
+        let said = format!("no room for pictures: {}x{} is needed", LEAST.0, LEAST.1);
+        frame.render_widget(Paragraph::new(said).style(DIM), pictures);
+    } else {
+        draw_pictures(frame, pictures, model);
+    }
+    draw_log(frame, log, model);
+    draw_keys(frame, keys, model);
+}
+
+fn draw_pictures(frame: &mut Frame, area: Rect, model: &Model) {
+    let [charts, body] = Layout::horizontal([Constraint::Percentage(54), Constraint::Fill(1)]).areas(area);
+    let [above, below] = Layout::vertical([Constraint::Fill(1), Constraint::Fill(1)]).areas(charts);
+    draw_temperature(frame, above, model);
+    draw_layers(frame, below, model);
+    draw_body(frame, body, model);
+}
+
+fn head_line(model: &Model, width: u16) -> Line<'static> {
+    let left = format!("{} on {}", model.robot.name(), model.port);
+    let up = model.status.as_ref().map(|status| format!("up {}", clock(status.uptime_ms as f64 / 1000.0)));
+    let speed = model.speed.map(|speed| format!("{speed} x real time (+ -)"));
+    let right: Vec<String> = speed.into_iter().chain(up).collect();
+    let right = right.join(", ");
+    let gap = usize::from(width).saturating_sub(left.chars().count() + right.chars().count());
+    Line::from(vec![Span::styled(left, TITLE), Span::raw(" ".repeat(gap.max(1))), Span::styled(right, DIM)])
+}
+
+fn state_line(model: &Model) -> Line<'static> {
+    let Some(status) = &model.status else { return Line::styled("waiting for the board", WORKING) };
+    let style = match status.state {
+        State::Fault | State::EmergencyStop => BAD,
+        State::Heating | State::Homing | State::Growing | State::Tuning | State::Hold => WORKING,
+        _ => GOOD,
+    };
+    let mut spans = vec![Span::styled(status.state.name().to_uppercase(), style)];
+    spans.push(Span::raw(match status.state {
+        State::Growing => format!("  {}", progress(model, status)),
+        state => format!("  {}", in_words(state)),
+    }));
+    Line::from(spans)
+}
+
+/// How far a job is, and how long it takes yet.
+fn progress(model: &Model, status: &Status) -> String {
+    let share = 100.0 * f64::from(status.laid) / f64::from(status.layers.max(1));
+    let left = f64::from(status.layers.saturating_sub(status.laid)) * model.robot.description().layer.period_s;
+    format!("layer {} of {} ({share:.0} %), {} left", status.laid, status.layers, duration(left))
+}
+
+fn heater_line(model: &Model) -> Line<'static> {
+    let Some(status) = &model.status else { return Line::default() };
+    let celsius = |centi: i32| f64::from(centi) / 100.0;
+    let nozzle = status.temperature_centi_c.map_or("no reading".to_owned(), |t| format!("{:.1} C", celsius(t)));
+    let target = status.target_centi_c.map_or("heater off".to_owned(), |target| {
+        format!("target {:.1} C, {:.0} % power", celsius(target), f64::from(status.duty) / 655.35)
+    });
+    let mut parts = vec![format!("nozzle {nozzle}, {target}")];
+    if let Some(sensors) = &model.sensors {
+        parts.extend(sensors.supply_mv.map(|millivolts| format!("supply {:.1} V", f64::from(millivolts) / 1000.0)));
+        parts.extend((sensors.filament_present == Some(false)).then(|| "NO FILAMENT".to_owned()));
+        parts.extend((sensors.driver_fault == Some(true)).then(|| "DRIVER FAULT".to_owned()));
+        parts.extend((sensors.emergency_stop == Some(true)).then(|| "EMERGENCY STOP PRESSED".to_owned()));
+    }
+    Line::raw(parts.join("; "))
+}
+
+/// Where the tip is.
+fn tip_line(model: &Model) -> Line<'static> {
+    let [x, y, z, heading, pitch] = model.body.tip().to_degrees();
+    let late = match model.body.first() {
+        0 => "",
+        _ => " (without the layers laid before we came)",
+    };
+    Line::raw(format!("tip {x:.1}, {y:.1}, {z:.1} mm, heading {heading:.1}, pitch {pitch:.1} deg{late}"))
+}
+
+/// What is wrong, in words.
+fn trouble_text(model: &Model) -> Option<String> {
+    if let Some(why) = &model.lost {
+        return Some(format!("NO ANSWER: {why}"));
+    }
+    let fault = model.status.as_ref()?.fault?;
+    Some(format!("{}: {}", fault.code(), fault.explanation()))
+}
+
+/// Rows that a text takes when its words are wrapped, three at most.
+fn rows(text: &str, width: u16) -> u16 {
+    let paragraph = Paragraph::new(text).wrap(Wrap { trim: true });
+    (1..=3).find(|rows| fits(&paragraph, width, *rows)).unwrap_or(3)
+}
+
+/// Whether a paragraph has nothing left below so many rows.
+fn fits(paragraph: &Paragraph, width: u16, rows: u16) -> bool {
+    use ratatui::buffer::Buffer;
+    use ratatui::widgets::Widget;
+    let area = Rect::new(0, 0, width.max(1), rows + 1);
+    let mut buffer = Buffer::empty(area);
+    paragraph.render(area, &mut buffer);
+    (0..area.width).all(|x| buffer.cell((x, rows)).is_none_or(|cell| cell.symbol() == " "))
+}
+
+fn draw_temperature(frame: &mut Frame, area: Rect, model: &Model) {
+    let block = Block::bordered().title(Span::styled(" nozzle, C ", TITLE));
+    let readings = &model.readings;
+    let (Some((from, to)), Some((least, greatest))) = (readings.span(), readings.range()) else {
+        return nothing_yet(frame, area, block, "no reading yet");
+    };
+    let to = to.max(from + 10.0);
+    let (low, high) = ((least / 10.0).floor() * 10.0, (greatest / 10.0).floor() * 10.0 + 10.0);
+    let sets = vec![line(readings.targets(), DIM), line(readings.readings(), Style::new().fg(Color::Yellow))];
+    let block = block.title_bottom(Span::styled(format!(" {} to {} ", clock(from), clock(to)), DIM));
+    frame.render_widget(chart(sets, [from, to], [low, high], 0).block(block), area);
+}
+
+fn draw_layers(frame: &mut Frame, area: Rect, model: &Model) {
+    let lost = match model.body.unreported() {
+        0 => String::new(),
+        lost => format!("({lost} not reported) "),
+    };
+    let block =
+        Block::bordered().title(Span::styled(format!(" layers as built, mm: inner, mean, outer {lost}"), TITLE));
+    let body = &model.body;
+    if body.built().is_empty() {
+        return nothing_yet(frame, area, block, "no layer yet");
+    }
+    let radius = model.robot.tip_radius();
+    let heights = |of: &dyn Fn(&Layer) -> f64| -> Vec<(f64, f64)> {
+        (body.first()..).map(f64::from).zip(body.built().iter().map(of)).collect()
+    };
+    let inner = heights(&|layer| layer.least_height(radius));
+    let outer = heights(&|layer| layer.greatest_height(radius));
+    let mean = heights(&|layer| layer.height);
+    let sets = [(&inner, Color::Blue), (&outer, Color::Blue), (&mean, Color::Green)]
+        .map(|(heights, color)| line(heights, Style::new().fg(color)));
+    let (first, last) = (body.first(), body.next() - 1);
+    let block = block.title_bottom(Span::styled(format!(" {first} to {last} "), DIM));
+    let limits = &model.robot.description().layer;
+    let numbers = [f64::from(first), f64::from(last.max(first + 10))];
+    frame
+        .render_widget(chart(sets.into(), numbers, [limits.height_min_mm, limits.height_max_mm], 2).block(block), area);
+}
+
+/// A line of pairs.
+fn line(pairs: &[(f64, f64)], style: Style) -> Dataset<'_> {
+    Dataset::default().marker(Marker::Braille).graph_type(GraphType::Line).style(style).data(pairs)
+}
+
+/// A chart that says its heights, with so many digits behind the point; what its width is, its frame may say.
+fn chart<'a>(sets: Vec<Dataset<'a>>, across: [f64; 2], up: [f64; 2], digits: usize) -> Chart<'a> {
+    let labels = up.map(|end| format!("{end:.digits$}"));
+    let up = Axis::default().style(DIM).bounds(up).labels(labels).labels_alignment(Alignment::Right);
+    Chart::new(sets).x_axis(Axis::default().style(DIM).bounds(across)).y_axis(up).legend_position(None)
+}
+
+fn nothing_yet(frame: &mut Frame, area: Rect, block: Block, what: &'static str) {
+    let inner = block.inner(area);
+    frame.render_widget(block, area);
+    let middle = Rect { y: inner.y + inner.height / 2, height: inner.height.min(1), ..inner };
+    frame.render_widget(Paragraph::new(what).style(DIM).centered(), middle);
+}
+
+/// The body from the side, seen along y and along x, at one scale.
+fn draw_body(frame: &mut Frame, area: Rect, model: &Model) {
+    let [left, right] = Layout::horizontal([Constraint::Fill(1), Constraint::Fill(1)]).areas(area);
+    let points = || model.body.points().iter().chain(model.body.planned_points());
+    let range = |axis: usize, seen: f64| {
+        let of = |point: &Point| point.get(axis).copied().unwrap_or_default();
+        points().map(of).fold((0.0, seen), |(a, b): (f64, f64), v| (a.min(v), b.max(v)))
+    };
+    let (x, y, z) = (range(0, 0.0), range(1, 0.0), range(2, LEAST_SEEN_MM));
+    let reach = |(least, greatest): (f64, f64)| greatest - least;
+    // Two dots of braille across a cell, four down: about as far apart. The frame takes a cell on each side.
+    let dots = |cells: u16, each: f64| (f64::from(cells.saturating_sub(2)) * each - 2.0).max(2.0);
+    let (across, down) = (dots(left.width.min(right.width), 2.0), dots(left.height, 4.0));
+    let scale = (reach(x).max(reach(y)) / across).max(reach(z) / down);
+    let apart = (PLANNED_APART * scale / model.robot.description().layer.height_mm).ceil() as usize;
+    for (part, axis, name, range) in [(left, 0, "x", x), (right, 1, "y", y)] {
+        let bounds = |(least, greatest): (f64, f64), dots: f64| {
+            let middle = f64::midpoint(least, greatest);
+            [middle - scale * dots / 2.0, middle + scale * dots / 2.0]
+        };
+        let flat = |point: &Point| (point.get(axis).copied().unwrap_or_default(), point[2]);
+        let planned: Vec<(f64, f64)> = model.body.planned_points().iter().step_by(apart.max(1)).map(flat).collect();
+        let built: Vec<(f64, f64)> = model.body.points().iter().map(flat).collect();
+        let canvas = Canvas::default()
+            .block(
+                Block::bordered()
+                    .title(Span::styled(format!(" {name}, z "), TITLE))
+                    .title_bottom(Span::styled(format!(" {name} {} to {} mm ", whole(range.0), whole(range.1)), DIM)),
+            )
+            .marker(Marker::Braille)
+            .x_bounds(bounds(range, dots(part.width, 2.0) + 2.0))
+            .y_bounds(bounds(z, down + 2.0))
+            .paint(|context| {
+                context.draw(&Points { coords: &planned, color: Color::DarkGray });
+                context.layer();
+                for (from, to) in built.iter().zip(built.iter().skip(1)) {
+                    context.draw(&Stroke { x1: from.0, y1: from.1, x2: to.0, y2: to.1, color: Color::Green });
+                }
+                if let Some((x, z)) = built.last() {
+                    context.print(*x, *z, Span::styled("o", WORKING));
+                }
+            });
+        frame.render_widget(canvas, part);
+    }
+}
+
+fn draw_log(frame: &mut Frame, area: Rect, model: &Model) {
+    let shown = usize::from(area.height);
+    let lines = model.log.iter().skip(model.log.len().saturating_sub(shown)).map(|line| {
+        let style = if line.bad { BAD } else { Style::new() };
+        Line::from(vec![
+            Span::styled(format!("{:>8}  ", clock(line.at_s)), DIM),
+            Span::styled(line.text.clone(), style),
+        ])
+    });
+    frame.render_widget(Paragraph::new(lines.collect::<Vec<_>>()), area);
+}
+
+fn draw_keys(frame: &mut Frame, area: Rect, model: &Model) {
+    let Some(prompt) = &model.prompt else {
+        let spans = KEYS.iter().flat_map(|(key, what)| {
+            let style = if what.chars().all(|c| !c.is_lowercase()) { BAD } else { Style::new() };
+            [Span::styled(*key, KEY), Span::styled(format!(" {what}  "), style)]
+        });
+        return frame.render_widget(Line::from_iter(spans), area);
+    };
+    let text = prompt.text();
+    // The end of a long line is what is being typed.
+    let room = usize::from(area.width).saturating_sub(2);
+    let hidden = prompt.cursor().saturating_sub(room);
+    let visible: String = text.chars().skip(hidden).collect();
+    let help = hint(&text).unwrap_or(if text.is_empty() { TYPING } else { "" });
+    frame.render_widget(Line::from(vec![Span::styled(":", TITLE), Span::raw(visible), Span::styled(help, DIM)]), area);
+    let column = u16::try_from(prompt.cursor() - hidden).unwrap_or(area.width);
+    frame.set_cursor_position(Position::new(area.x + 1 + column, area.y));
+}
+
+/// A length without what is behind the point, and without a zero's sign.
+fn whole(length: f64) -> f64 {
+    length.round() + 0.0
+}
+
+/// A time as hours, minutes and seconds.
+fn clock(seconds: f64) -> String {
+    let seconds = seconds as u64;
+    format!("{}:{:02}:{:02}", seconds / 3600, seconds / 60 % 60, seconds % 60)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::prompt::Prompt;
+    use super::super::testing::{laid, model, status};
+    use super::*;
+    use growbot_core::link::message::{Fault, SensorReadings};
+    use ratatui::Terminal;
+    use ratatui::backend::TestBackend;
+
+    /// The screen as text, line by line.
+    fn drawn(model: &Model, width: u16, height: u16) -> Vec<String> {
+        let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
+        terminal.draw(|frame| screen(frame, model)).unwrap();
+        let buffer = terminal.backend().buffer();
+        (0..height)
+            .map(|y| (0..width).map(|x| buffer[(x, y)].symbol()).collect::<String>().trim_end().to_owned())
+            .collect()
+    }
+
+    /// Forty layers of a hundred are laid.
+    fn growing() -> Model {
+        let mut model = model();
+        for second in 0..60 {
+            model.take_status(Status {
+                temperature_centi_c: Some(2_000 + 320 * second),
+                ..status(State::Heating, f64::from(second))
+            });
+        }
+        for index in 0..40 {
+            model.take_event(&laid(index));
+        }
+        model.take_status(Status { laid: 40, ..status(State::Growing, 780.0) });
+        model.sensors = Some(SensorReadings { supply_mv: Some(12_040), ..SensorReadings::default() });
+        model
+    }
+
+    #[test]
+    fn a_growth_fills_80x24() {
+        let lines = drawn(&growing(), 80, 24);
+        assert_eq!(lines[0], "growbot-a on sim                                60 x real time (+ -), up 0:13:00");
+        assert_eq!(lines[1], "GROWING  layer 40 of 100 (40 %), 18 min 0 s left");
+        assert_eq!(lines[2], "nozzle 200.0 C, target 210.0 C, 50 % power; supply 12.0 V");
+        assert!(lines[3].starts_with("tip ") && lines[3].ends_with(" deg"), "{}", lines[3]);
+        assert!(lines[4].starts_with("\u{250c} nozzle, C "), "{}", lines[4]);
+        assert!(lines[5].starts_with("\u{2502}220\u{2502}"), "{}", lines[5]);
+        assert!(lines[4].contains(" x, z ") && lines[4].contains(" y, z "), "{}", lines[4]);
+        assert!(lines[11].contains(" 0:00:00 to 0:13:00 "), "{}", lines[11]);
+        assert!(lines[12].contains(" layers as built, mm: inner, mean, outer "), "{}", lines[12]);
+        assert!(lines[18].contains(" 0 to 39 "), "{}", lines[18]);
+        assert_eq!(lines[19], " 0:00:00  heating");
+        assert_eq!(lines[20], " 0:13:00  growing");
+        assert_eq!(lines[23], "h hold  g go on  s stop  e ^E EMERGENCY STOP  c clear  p plan  : command  q quit");
+        // The tip, in both views.
+        let views = lines[5..18].iter().flat_map(|line| line.chars().skip(43));
+        assert_eq!(views.filter(|c| *c == 'o').count(), 2);
+    }
+
+    #[test]
+    fn a_large_screen_has_larger_pictures_and_a_longer_log() {
+        let lines = drawn(&growing(), 132, 43);
+        assert!(lines[34].starts_with(" 0:00:00  heating"), "{}", lines[34]);
+        let braille =
+            |lines: &[String]| lines.concat().chars().filter(|c| ('\u{2801}'..='\u{28ff}').contains(c)).count();
+        assert!(braille(&lines) > braille(&drawn(&growing(), 80, 24)));
+        assert!(lines.iter().all(|line| line.chars().count() <= 132));
+    }
+
+    #[test]
+    fn a_fault_is_told_in_words() {
+        let mut model = growing();
+        model.take_status(Status {
+            fault: Some(Fault::FilamentJam),
+            target_centi_c: None,
+            laid: 40,
+            ..status(State::Fault, 800.0)
+        });
+        let lines = drawn(&model, 80, 24);
+        assert_eq!(lines[1], "FAULT  heater and steppers are off; mend it, then c clears it");
+        assert!(lines[2].starts_with("filament-jam: "), "{}", lines[2]);
+        assert!(lines.iter().any(|line| line.starts_with("nozzle 200.0 C, heater off")), "{lines:?}");
+        assert!(lines.iter().any(|line| line.contains("fault: filament-jam, ")), "{lines:?}");
+    }
+
+    #[test]
+    fn every_fault_and_every_state_has_room() {
+        for fault in Fault::ALL {
+            let mut model = growing();
+            model.take_status(Status { fault: Some(fault), ..status(State::Fault, 800.0) });
+            let text = drawn(&model, 80, 24).concat().replace(' ', "");
+            assert!(text.contains(&fault.explanation().replace(' ', "")), "{}", fault.code());
+        }
+        for state in State::ALL {
+            let mut model = model();
+            model.take_status(status(state, 1.0));
+            assert!(drawn(&model, 80, 24)[1].starts_with(&state.name().to_uppercase()), "{}", state.name());
+            assert!(state.name().len() + 2 + in_words(state).len() <= 80);
+        }
+    }
+
+    #[test]
+    fn a_board_that_does_not_answer_is_told() {
+        let mut model = growing();
+        model.take_loss(
+            "the board at sim does not answer (4 requests, 1 s each): check power, cable and baud rate, and more",
+        );
+        let lines = drawn(&model, 80, 24);
+        assert!(lines[2].starts_with("NO ANSWER: the board at sim") && lines[3].ends_with("more"), "{lines:?}");
+    }
+
+    #[test]
+    fn a_command_is_typed_in_the_last_line() {
+        let mut model = growing();
+        model.prompt = Some(Prompt::new("plan "));
+        assert_eq!(drawn(&model, 80, 24)[23], ":plan X,Y,Z,HEADING,PITCH in mm and degrees");
+        model.prompt = Some(Prompt::new(&"1".repeat(190)));
+        assert_eq!(drawn(&model, 80, 24)[23].chars().count(), 79);
+        model.prompt = None;
+        model.sheet = Some("one\ntwo".to_owned());
+        let lines = drawn(&model, 80, 24);
+        assert!(lines[5].contains("one") && lines[6].contains("two") && lines[18].contains("any key"), "{lines:?}");
+    }
+
+    #[test]
+    fn nothing_known_and_no_room_are_no_trouble() {
+        assert_eq!(drawn(&model(), 80, 24)[1], "waiting for the board");
+        for (width, height) in [(1, 1), (5, 3), (40, 8), (71, 30), (80, 10), (72, 20), (300, 100)] {
+            drawn(&growing(), width, height);
+            drawn(&model(), width, height);
+        }
+        assert!(drawn(&growing(), 60, 15)[4].starts_with("no room for pictures"));
+    }
+}

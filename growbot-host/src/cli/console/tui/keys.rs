@@ -1,0 +1,83 @@
+//! Which key does what.
+
+use crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
+
+use crate::cli::console::commands::Ask;
+
+/// What a key asks for.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Action {
+    /// Something of the board.
+    Ask(Ask),
+    /// Everything off.
+    EmergencyStop,
+    /// A command is to be typed, which begins so.
+    Prompt(&'static str),
+    /// Time on `sim` is to pass faster.
+    Faster,
+    /// Or slower.
+    Slower,
+    /// Leave; the robot goes on.
+    Quit,
+}
+
+/// The keys, as the last line of the screen shows them; with + and - where there is a speed to change.
+pub const KEYS: [(&str, &str); 8] = [
+    ("h", "hold"),
+    ("g", "go on"),
+    ("s", "stop"),
+    ("e ^E", "EMERGENCY STOP"),
+    ("c", "clear"),
+    ("p", "plan"),
+    (":", "command"),
+    ("q", "quit"),
+];
+
+/// What a key does while no command is being typed.
+pub fn action(key: KeyEvent) -> Option<Action> {
+    if let Some(action) = always(key) {
+        return Some(action);
+    }
+    if key.modifiers.intersects(KeyModifiers::CONTROL | KeyModifiers::ALT) {
+        return None;
+    }
+    match key.code {
+        KeyCode::Char('h') => Some(Action::Ask(Ask::Hold)),
+        KeyCode::Char('g') => Some(Action::Ask(Ask::Start)),
+        KeyCode::Char('s') => Some(Action::Ask(Ask::Stop)),
+        KeyCode::Char('e') => Some(Action::EmergencyStop),
+        KeyCode::Char('c') => Some(Action::Ask(Ask::Clear)),
+        KeyCode::Char('p') => Some(Action::Prompt("plan ")),
+        KeyCode::Char(':') => Some(Action::Prompt("")),
+        KeyCode::Char('+' | '=') => Some(Action::Faster),
+        KeyCode::Char('-') => Some(Action::Slower),
+        KeyCode::Char('q') => Some(Action::Quit),
+        _ => None,
+    }
+}
+
+/// What a key does even while a command is being typed.
+pub fn always(key: KeyEvent) -> Option<Action> {
+    match key.code {
+        KeyCode::Char('e') if key.modifiers.contains(KeyModifiers::CONTROL) => Some(Action::EmergencyStop),
+        KeyCode::Char('c') if key.modifiers.contains(KeyModifiers::CONTROL) => Some(Action::Quit),
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_key_that_is_shown_does_something() {
+        for letter in KEYS.iter().filter_map(|(keys, _)| keys.chars().next()) {
+            assert!(action(KeyEvent::from(KeyCode::Char(letter))).is_some(), "{letter}");
+        }
+        let control = |letter| KeyEvent::new(KeyCode::Char(letter), KeyModifiers::CONTROL);
+        assert_eq!(always(control('e')), Some(Action::EmergencyStop));
+        assert_eq!(action(control('c')), Some(Action::Quit));
+        assert_eq!(action(control('s')), None);
+        assert_eq!(always(KeyEvent::from(KeyCode::Char('e'))), None);
+    }
+}

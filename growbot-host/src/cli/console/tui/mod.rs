@@ -1,0 +1,337 @@
+//! The console on the whole screen.
+//!
+//! `watch` follows the board and fills the `model`; `draw` turns that into text; `keys` and `prompt` say what a key means. Here
+//! is the loop around them, and the terminal.
+
+mod body;
+mod draw;
+mod keys;
+mod model;
+mod prompt;
+mod readings;
+#[cfg(test)]
+mod testing;
+mod watch;
+
+use std::io::{self, IsTerminal};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use crossterm::event::{self, Event, KeyEvent, KeyEventKind};
+use growbot_core::job::job_layers;
+use growbot_core::layer_bytes::decode;
+use growbot_core::link::message::State;
+use growbot_core::plan::Planner;
+use growbot_core::pose::Pose;
+use growbot_core::robot::Robot;
+use growbot_host::client::Client;
+use growbot_host::plan::{Plan, Search};
+use growbot_host::port::PortName;
+use growbot_host::warning::PREVENTING;
+use ratatui::DefaultTerminal;
+
+use super::ask::{ask, emergency_stop};
+use super::commands::{Ask, Command, help, parse};
+use crate::cli::Failure;
+use body::Body;
+use keys::Action;
+use model::Model;
+use prompt::{Prompt, Typed};
+use watch::Watch;
+
+/// How long to wait for a key before the screen is drawn anew.
+const TICK: Duration = Duration::from_millis(80);
+/// Time that was spent elsewhere, say planning, does not pass on `sim` all at once.
+const LONGEST_TICK: Duration = Duration::from_millis(250);
+
+/// Whether there is a terminal to draw on and to read keys from.
+pub fn check_terminal() -> Result<(), Failure> {
+    for (is_terminal, what) in
+        [(io::stdin().is_terminal(), "standard input"), (io::stdout().is_terminal(), "standard output")]
+    {
+        if !is_terminal {
+            return Err(Failure::bad_input(format!(
+                "--tui needs a terminal, and {what} is none: leave --tui away and give commands line by line"
+            )));
+        }
+    }
+    Ok(())
+}
+
+/// Shows the robot until the user leaves.
+pub fn run(client: Client, robot: Robot, start: Pose, name: &PortName, port: &str) -> Result<(), Failure> {
+    let mut watch = Watch::new(client, name.is_virtual());
+    // What cannot be talked to at all is better said before the screen is taken.
+    let hello = watch.client().hello()?;
+    let mut model = Model::new(robot, port, start, watch.speed());
+    if hello.robot != model.robot.hash() {
+        model.complain(&format!(
+            "the board is {}, the limits shown are those of {}: choose it with --robot",
+            hello.robot_name,
+            model.robot.name()
+        ));
+    }
+    model.take_status(hello.status);
+    let leave = Arc::new(AtomicBool::new(false));
+    let told = Arc::clone(&leave);
+    // The terminal must come back if we are told to end; the robot goes on, as after `q`.
+    ctrlc::set_handler(move || told.store(true, Ordering::Relaxed)).map_err(Failure::bad_input)?;
+    let mut console = Console { watch, model, start, history: Vec::new(), quit: false };
+    let mut screen = Screen::open()?;
+    let done = console.run(&mut screen, &leave);
+    drop(screen);
+    done?;
+    if !name.is_virtual()
+        && let Some(status) = &console.model.status
+        && matches!(status.state, State::Heating | State::Homing | State::Growing | State::Hold | State::Tuning)
+    {
+        growbot_host::tell!("growbot: the robot goes on: {}", status.state.name());
+    }
+    Ok(())
+}
+
+/// The terminal, given back however we end.
+struct Screen(DefaultTerminal);
+
+impl Screen {
+    fn open() -> Result<Self, Failure> {
+        // A panic gives the terminal back too: ratatui sees to that.
+        ratatui::try_init().map(Self).map_err(|error| {
+            ratatui::restore();
+            Failure::bad_input(format!("cannot use the whole screen ({error}): leave --tui away"))
+        })
+    }
+}
+
+impl Drop for Screen {
+    fn drop(&mut self) {
+        ratatui::restore();
+    }
+}
+
+/// A session on the whole screen.
+struct Console {
+    watch: Watch,
+    model: Model,
+    start: Pose,
+    /// Lines that were typed, the latest last.
+    history: Vec<String>,
+    quit: bool,
+}
+
+impl Console {
+    fn run(&mut self, screen: &mut Screen, leave: &AtomicBool) -> Result<(), Failure> {
+        let gone = |error: io::Error| Failure::bad_input(format!("the terminal is gone ({error}); the robot goes on"));
+        let mut last = Instant::now();
+        while !self.quit && !leave.load(Ordering::Relaxed) {
+            screen.0.draw(|frame| draw::screen(frame, &self.model)).map_err(gone)?;
+            let mut wait = TICK;
+            while event::poll(wait).map_err(gone)? {
+                if let Event::Key(key) = event::read().map_err(gone)?
+                    && key.kind != KeyEventKind::Release
+                {
+                    self.take_key(key);
+                }
+                wait = Duration::ZERO;
+            }
+            let passed = last.elapsed().min(LONGEST_TICK);
+            last = Instant::now();
+            self.watch.follow(&mut self.model, passed);
+        }
+        Ok(())
+    }
+
+    fn take_key(&mut self, key: KeyEvent) {
+        self.model.sheet = None;
+        let always = keys::always(key);
+        let action = match &mut self.model.prompt {
+            Some(prompt) if always.is_none() => {
+                match prompt.take(key, &self.history) {
+                    Typed::GoOn => {}
+                    Typed::Cancelled => self.model.prompt = None,
+                    Typed::Done(line) => {
+                        self.model.prompt = None;
+                        self.carry_out(&line);
+                    }
+                }
+                None
+            }
+            Some(_) => always,
+            None => keys::action(key),
+        };
+        match action {
+            None => {}
+            Some(Action::Ask(what)) => self.ask(&what),
+            Some(Action::EmergencyStop) => {
+                let answer = emergency_stop(self.watch.client());
+                self.tell(answer);
+            }
+            Some(Action::Prompt(begun)) => self.model.prompt = Some(Prompt::new(begun)),
+            Some(Action::Faster) => self.change_speed(true),
+            Some(Action::Slower) => self.change_speed(false),
+            Some(Action::Quit) => self.quit = true,
+        }
+    }
+
+    fn change_speed(&mut self, faster: bool) {
+        if !self.watch.change_speed(faster) {
+            self.model.say(match self.watch.speed() {
+                Some(_) => "that is as far as the speed goes",
+                None => "a real robot has one speed only",
+            });
+        }
+        self.model.speed = self.watch.speed();
+    }
+
+    fn carry_out(&mut self, line: &str) {
+        if !line.trim().is_empty() && self.history.last().is_none_or(|last| last != line) {
+            self.history.push(line.to_owned());
+        }
+        match parse(line) {
+            Err(why) => self.model.complain(&why),
+            Ok(Command::Nothing) => {}
+            Ok(Command::Ask(Ask::Plan(goal))) => drop(self.plan(&goal)),
+            Ok(Command::Ask(what)) => self.ask(&what),
+            Ok(Command::Grow(goal)) => {
+                if self.plan(&goal) {
+                    self.ask(&Ask::Start);
+                }
+            }
+            Ok(Command::Wait(_)) => self.model.say("here time passes by itself: + and - change its speed on sim"),
+            Ok(Command::Help) => self.model.sheet = Some(help()),
+            Ok(Command::Quit) => self.quit = true,
+        }
+    }
+
+    fn ask(&mut self, what: &Ask) {
+        let answer = ask(self.watch.client(), &self.model.robot, &self.start, what);
+        self.tell(answer);
+    }
+
+    /// Plans here to see whether the body may be grown, and has the board plan the same. Whether it does.
+    fn plan(&mut self, goal: &Pose) -> bool {
+        let robot = &self.model.robot;
+        let search =
+            Search { radius: robot.description().planning_radius_mm, planner: Planner::Shortest, clear_of_self: false };
+        let plan = match Plan::through(robot, &self.start, &[], goal, &search) {
+            Ok(plan) => plan,
+            Err(error) => {
+                self.model.complain(&error.to_string());
+                return false;
+            }
+        };
+        let layers = job_layers(&plan.path, robot);
+        let body = Body::new(layers.summary().plan_id, &self.start, layers.map(|layer| decode(&layer)).collect());
+        for warning in &plan.warnings {
+            self.model.complain(&format!("{}: {}", warning.code, warning.message));
+        }
+        if plan.warnings.iter().any(|warning| PREVENTING.contains(&warning.code.as_str())) {
+            self.model.complain("not planned: choose another pose, or grow it with `growbot grow --force`");
+            return false;
+        }
+        let answer = ask(self.watch.client(), &self.model.robot, &self.start, &Ask::Plan(*goal));
+        let planned = answer.is_ok();
+        if planned {
+            self.model.body = body;
+        }
+        self.tell(answer);
+        planned
+    }
+
+    fn tell(&mut self, answer: Result<String, Failure>) {
+        match answer {
+            Ok(text) if text.lines().count() > 1 => self.model.sheet = Some(text),
+            Ok(text) => self.model.say(&text),
+            Err(failure) => self.model.complain(failure.message()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crossterm::event::{KeyCode, KeyModifiers};
+    use growbot_host::port::sim::Sim;
+    use growbot_host::robot_file;
+
+    /// The console on a simulated robot, without a terminal.
+    fn console() -> Console {
+        let robot = robot_file::load("growbot-a".as_ref()).unwrap();
+        let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
+        let mut watch = Watch::new(Client::new(Box::new(Sim::new(robot.clone())), "sim"), true);
+        watch.client().hello().unwrap();
+        let model = Model::new(robot, "sim", start, watch.speed());
+        Console { watch, model, start, history: Vec::new(), quit: false }
+    }
+
+    impl Console {
+        fn press(&mut self, letters: &str) {
+            for letter in letters.chars() {
+                let code = if letter == '\n' { KeyCode::Enter } else { KeyCode::Char(letter) };
+                self.take_key(KeyEvent::from(code));
+            }
+        }
+
+        fn follow_until(&mut self, state: State) {
+            for _ in 0..100_000 {
+                self.watch.follow(&mut self.model, TICK);
+                if self.model.status.as_ref().is_some_and(|status| status.state == state) {
+                    return;
+                }
+            }
+            panic!("never {}: {:?}", state.name(), self.model.log);
+        }
+
+        fn says(&self, part: &str) -> bool {
+            self.model.log.iter().any(|line| line.text.contains(part))
+        }
+    }
+
+    #[test]
+    fn a_body_is_planned_held_and_grown_by_keys() {
+        let mut console = console();
+        console.press("p0,0,7.74,0,90\n");
+        assert!(console.says("10 layers"), "{:?}", console.model.log);
+        assert_eq!(console.model.body.planned_points().len(), 11);
+        console.press("+++g");
+        console.follow_until(State::Growing);
+        console.press("h");
+        console.follow_until(State::Hold);
+        console.press("g");
+        console.follow_until(State::Done);
+        assert_eq!((console.model.body.built().len(), console.model.body.unreported()), (10, 0));
+        assert!((console.model.body.tip().position().z - 7.74).abs() < 0.01);
+        assert!(console.model.readings.range().is_some_and(|(_, greatest)| greatest > 150.0));
+    }
+
+    #[test]
+    fn the_emergency_stop_works_while_a_command_is_typed() {
+        let mut console = console();
+        console.press(":grow 0,0,7.74,0,90\n");
+        console.follow_until(State::Heating);
+        console.press(":pla");
+        console.take_key(KeyEvent::new(KeyCode::Char('e'), KeyModifiers::CONTROL));
+        console.follow_until(State::Stopped);
+        assert!(console.says("emergency stop"));
+        assert_eq!(console.model.prompt.as_ref().map(Prompt::text).as_deref(), Some("pla"));
+    }
+
+    #[test]
+    fn what_is_wrong_is_said_and_long_answers_get_a_sheet() {
+        let mut console = console();
+        console.press(":stop now\n");
+        assert!(console.says("`stop` takes nothing"));
+        console.press("g");
+        assert!(console.says("holds no plan"));
+        console.press(":plan 20,0,0,0,90\n");
+        assert!(console.says("self-collision") && console.says("not planned"), "{:?}", console.model.log);
+        console.press(":status\n");
+        assert!(console.model.sheet.as_ref().is_some_and(|sheet| sheet.contains("growbot-a")));
+        console.press("-");
+        assert!(console.model.sheet.is_none());
+        assert_eq!(console.model.speed, Some(30.0));
+        console.press("q");
+        assert!(console.quit);
+    }
+}

@@ -1,0 +1,225 @@
+//! What the screen shows, apart from how: everything known of the robot, gathered from its messages.
+
+use std::collections::VecDeque;
+
+use growbot_core::layer_bytes::decode;
+use growbot_core::link::message::{Fault, Laid, Message, SensorReadings, State, Status};
+use growbot_core::pose::Pose;
+use growbot_core::robot::Robot;
+
+use super::body::Body;
+use super::prompt::Prompt;
+use super::readings::Readings;
+
+/// Lines of the log that are kept.
+const LOG: usize = 200;
+
+/// Everything that the screen shows.
+pub struct Model {
+    /// The robot.
+    pub robot: Robot,
+    /// The port's name.
+    pub port: String,
+    /// How many times as fast as real time it goes; none where the robot is real.
+    pub speed: Option<f64>,
+    /// What the board said of itself latest.
+    pub status: Option<Status>,
+    /// What its sensors said latest.
+    pub sensors: Option<SensorReadings>,
+    /// Why the board does not answer, if so.
+    pub lost: Option<String>,
+    /// Temperatures so far.
+    pub readings: Readings,
+    /// The body so far.
+    pub body: Body,
+    /// What has happened, the latest last.
+    pub log: VecDeque<Line>,
+    /// An answer of many lines, shown until the next key.
+    pub sheet: Option<String>,
+    /// The command being typed.
+    pub prompt: Option<Prompt>,
+    start: Pose,
+    clock_s: f64,
+}
+
+/// A line of the log.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Line {
+    /// When, s on the board's clock.
+    pub at_s: f64,
+    /// What.
+    pub text: String,
+    /// Whether something went wrong.
+    pub bad: bool,
+}
+
+impl Model {
+    /// Nothing is known of the robot yet. Its bodies begin at `start`.
+    pub fn new(robot: Robot, port: &str, start: Pose, speed: Option<f64>) -> Self {
+        Self {
+            robot,
+            port: port.to_owned(),
+            speed,
+            status: None,
+            sensors: None,
+            lost: None,
+            readings: Readings::default(),
+            body: Body::new(0, &start, Vec::new()),
+            log: VecDeque::new(),
+            sheet: None,
+            prompt: None,
+            start,
+            clock_s: 0.0,
+        }
+    }
+
+    /// The board says how it does.
+    pub fn take_status(&mut self, status: Status) {
+        if self.lost.take().is_some() {
+            self.say("the board answers again");
+        }
+        self.clock_s = status.uptime_ms as f64 / 1000.0;
+        self.readings.take(self.clock_s, status.temperature_centi_c, status.target_centi_c);
+        if status.plan_id != self.body.plan_id() {
+            self.body = Body::new(status.plan_id, &self.start, Vec::new());
+        } else if status.laid < self.body.next() {
+            // The same job from the beginning.
+            self.body.begin_again(&self.start);
+        }
+        let (state, fault) = (status.state, status.fault);
+        let before = self.status.replace(status).map(|before| (before.state, before.fault));
+        // The news of it was lost, or there was a fault before we came.
+        if before.is_none_or(|before| before != (state, fault)) {
+            self.say_state(state, fault);
+        }
+    }
+
+    /// The board says something unasked.
+    pub fn take_event(&mut self, event: &Message) {
+        match event {
+            Message::StateChanged(change) => {
+                if let Some(status) = &mut self.status
+                    && (status.state, status.fault) != (change.state, change.fault)
+                {
+                    (status.state, status.fault) = (change.state, change.fault);
+                    self.say_state(change.state, change.fault);
+                }
+            }
+            Message::Laid(Laid { plan_id, index, as_built, .. }) => {
+                if *plan_id != self.body.plan_id() {
+                    self.body = Body::new(*plan_id, &self.start, Vec::new());
+                }
+                let Some(as_built) = as_built else { return };
+                self.body.lay(*index, decode(as_built), self.robot.description().layer.height_mm);
+            }
+            _ => {}
+        }
+    }
+
+    /// The board does not answer.
+    pub fn take_loss(&mut self, why: &str) {
+        if self.lost.replace(why.to_owned()).is_none() {
+            self.complain(why);
+        }
+    }
+
+    /// A line for the log.
+    pub fn say(&mut self, text: &str) {
+        self.write(text, false);
+    }
+
+    /// A line for the log about something that went wrong.
+    pub fn complain(&mut self, text: &str) {
+        self.write(text, true);
+    }
+
+    fn say_state(&mut self, state: State, fault: Option<Fault>) {
+        match fault {
+            Some(fault) => self.complain(&format!("{}: {}, {}", state.name(), fault.code(), fault.explanation())),
+            None => self.write(state.name(), state == State::EmergencyStop),
+        }
+    }
+
+    fn write(&mut self, text: &str, bad: bool) {
+        for line in text.lines() {
+            if self.log.len() >= LOG {
+                self.log.pop_front();
+            }
+            // What comes from outside must not move the cursor.
+            let text = line.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
+            self.log.push_back(Line { at_s: self.clock_s, text, bad });
+        }
+    }
+}
+
+/// What a state means, in words, and what may be done.
+pub fn in_words(state: State) -> &'static str {
+    match state {
+        State::SelfTest => "just started, looking at its sensors",
+        State::Idle => "heater and steppers are off",
+        State::Heating => "the nozzle warms up, nothing moves yet",
+        State::Homing => "the head looks for its index mark",
+        State::Growing => "laying layers",
+        State::Hold => "hot, waiting between layers; g goes on",
+        State::Parked => "held for long, the heater is off; g goes on",
+        State::Done => "every layer is laid, heater and steppers are off",
+        State::Stopped => "stopped on request, heater and steppers are off",
+        State::Tuning => "the nozzle is driven round a temperature",
+        State::Fault => "heater and steppers are off; mend it, then c clears it",
+        State::EmergencyStop => "everything is off; release the button, then c clears it",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::{laid, model, status};
+    use super::*;
+
+    #[test]
+    fn changes_of_state_are_said_once() {
+        let mut model = model();
+        model.take_status(status(State::Heating, 10.0));
+        model.take_status(status(State::Heating, 11.0));
+        model.take_event(&Message::StateChanged(growbot_core::link::message::StateChanged {
+            state: State::Homing,
+            fault: None,
+        }));
+        model.take_status(status(State::Homing, 12.0));
+        let said: Vec<&str> = model.log.iter().map(|line| line.text.as_str()).collect();
+        assert_eq!(said, ["heating", "homing"]);
+    }
+
+    #[test]
+    fn a_loss_is_said_once_and_so_is_the_end_of_it() {
+        let mut model = model();
+        model.take_status(status(State::Idle, 1.0));
+        model.take_loss("the board does not answer");
+        model.take_loss("the board does not answer");
+        model.take_status(status(State::Idle, 9.0));
+        let said: Vec<&str> = model.log.iter().map(|line| line.text.as_str()).collect();
+        assert_eq!(said, ["idle", "the board does not answer", "the board answers again"]);
+        assert!(model.log.iter().map(|line| line.bad).eq([false, true, false]));
+    }
+
+    #[test]
+    fn the_same_job_grown_again_begins_a_new_body() {
+        let mut model = model();
+        for index in 0..3 {
+            model.take_event(&laid(index));
+        }
+        model.take_status(Status { laid: 3, ..status(State::Done, 100.0) });
+        assert_eq!(model.body.built().len(), 3);
+        model.take_status(Status { laid: 0, ..status(State::Heating, 101.0) });
+        assert!(model.body.built().is_empty());
+    }
+
+    #[test]
+    fn the_log_keeps_the_latest_and_no_control_characters() {
+        let mut model = model();
+        for number in 0..300 {
+            model.say(&format!("line {number}\u{1b}[2J"));
+        }
+        assert_eq!(model.log.len(), LOG);
+        assert_eq!(model.log.back().map(|line| line.text.as_str()), Some("line 299 [2J"));
+    }
+}

@@ -1,0 +1,169 @@
+//! The line in which a command is typed.
+
+use crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
+
+use crate::cli::console::commands::complete;
+
+/// No command is longer, characters.
+const LONGEST: usize = 200;
+
+/// A command being typed.
+#[derive(Debug, Default)]
+pub struct Prompt {
+    text: Vec<char>,
+    cursor: usize,
+    /// How far back in the history.
+    back: usize,
+}
+
+/// What a key did to the line.
+#[derive(Debug, PartialEq)]
+pub enum Typed {
+    /// It is being typed yet.
+    GoOn,
+    /// It is to be carried out.
+    Done(String),
+    /// It was given up.
+    Cancelled,
+}
+
+impl Prompt {
+    /// A line with its beginning.
+    pub fn new(begun: &str) -> Self {
+        let mut prompt = Self::default();
+        prompt.set(begun);
+        prompt
+    }
+
+    fn set(&mut self, text: &str) {
+        self.text = text.chars().take(LONGEST).collect();
+        self.cursor = self.text.len();
+    }
+
+    /// The text.
+    pub fn text(&self) -> String {
+        self.text.iter().collect()
+    }
+
+    /// Characters before the cursor.
+    pub fn cursor(&self) -> usize {
+        self.cursor
+    }
+
+    /// Takes a key. `history` holds the earlier lines, the latest last.
+    pub fn take(&mut self, key: KeyEvent, history: &[String]) -> Typed {
+        let plain = !key.modifiers.intersects(KeyModifiers::CONTROL | KeyModifiers::ALT);
+        match key.code {
+            KeyCode::Enter => return Typed::Done(self.text()),
+            KeyCode::Esc => return Typed::Cancelled,
+            KeyCode::Backspace if self.text.is_empty() => return Typed::Cancelled,
+            KeyCode::Backspace if self.cursor > 0 => {
+                self.cursor -= 1;
+                self.text.remove(self.cursor);
+            }
+            KeyCode::Delete if self.cursor < self.text.len() => {
+                self.text.remove(self.cursor);
+            }
+            KeyCode::Left => self.cursor = self.cursor.saturating_sub(1),
+            KeyCode::Right => self.cursor = (self.cursor + 1).min(self.text.len()),
+            KeyCode::Home => self.cursor = 0,
+            KeyCode::End => self.cursor = self.text.len(),
+            KeyCode::Up => self.recall(self.back + 1, history),
+            KeyCode::Down => self.recall(self.back.saturating_sub(1), history),
+            KeyCode::Tab => self.complete(),
+            KeyCode::Char(letter) if plain && self.text.len() < LONGEST => {
+                self.text.insert(self.cursor, letter);
+                self.cursor += 1;
+            }
+            _ => {}
+        }
+        Typed::GoOn
+    }
+
+    fn recall(&mut self, back: usize, history: &[String]) {
+        if back == 0 {
+            (self.back, self.cursor) = (0, 0);
+            self.text.clear();
+        } else if let Some(line) = history.iter().rev().nth(back - 1) {
+            self.back = back;
+            self.set(line);
+        }
+    }
+
+    /// Completes the word before the cursor as far as there is one way to go on.
+    fn complete(&mut self) {
+        let begun: String = self.text.iter().take(self.cursor).collect();
+        let (from, candidates) = complete(&begun);
+        let Some(common) = candidates.into_iter().reduce(|one, other| common_beginning(&one, &other)) else { return };
+        let kept = begun.get(..from).unwrap_or_default();
+        let completed = format!("{kept}{common}");
+        if completed.len() > begun.len() {
+            let rest: String = self.text.iter().skip(self.cursor).collect();
+            self.set(&format!("{completed}{rest}"));
+            self.cursor = completed.chars().count().min(self.text.len());
+        }
+    }
+}
+
+fn common_beginning(one: &str, other: &str) -> String {
+    one.chars().zip(other.chars()).take_while(|(a, b)| a == b).map(|(a, _)| a).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn press(prompt: &mut Prompt, keys: &[KeyCode], history: &[String]) -> Typed {
+        keys.iter().fold(Typed::GoOn, |_, key| prompt.take(KeyEvent::from(*key), history))
+    }
+
+    #[test]
+    fn a_line_is_edited_and_carried_out() {
+        let mut prompt = Prompt::new("plan ");
+        let keys = ['1', 'x'].map(KeyCode::Char);
+        press(&mut prompt, &keys, &[]);
+        press(&mut prompt, &[KeyCode::Backspace, KeyCode::Char(','), KeyCode::Home, KeyCode::Delete], &[]);
+        assert_eq!((prompt.text().as_str(), prompt.cursor()), ("lan 1,", 0));
+        press(&mut prompt, &[KeyCode::Char('p'), KeyCode::End], &[]);
+        assert_eq!(press(&mut prompt, &[KeyCode::Enter], &[]), Typed::Done("plan 1,".to_owned()));
+    }
+
+    #[test]
+    fn tab_completes_as_far_as_there_is_one_way() {
+        for (begun, completed) in [("pl", "plan "), ("s", "st"), ("grow 2", "grow 200,100,600,0,45"), ("x", "x")] {
+            let mut prompt = Prompt::new(begun);
+            press(&mut prompt, &[KeyCode::Tab], &[]);
+            assert_eq!(prompt.text(), completed);
+        }
+    }
+
+    #[test]
+    fn earlier_lines_come_back() {
+        let history = ["one".to_owned(), "two".to_owned()];
+        let mut prompt = Prompt::new("");
+        for (key, text) in [
+            (KeyCode::Up, "two"),
+            (KeyCode::Up, "one"),
+            (KeyCode::Up, "one"),
+            (KeyCode::Down, "two"),
+            (KeyCode::Down, ""),
+        ] {
+            press(&mut prompt, &[key], &history);
+            assert_eq!(prompt.text(), text);
+        }
+    }
+
+    #[test]
+    fn escape_and_erasing_nothing_give_it_up() {
+        assert_eq!(press(&mut Prompt::new("stop"), &[KeyCode::Esc], &[]), Typed::Cancelled);
+        assert_eq!(press(&mut Prompt::new("a"), &[KeyCode::Backspace, KeyCode::Backspace], &[]), Typed::Cancelled);
+    }
+
+    #[test]
+    fn a_line_has_an_end() {
+        let mut prompt = Prompt::new("");
+        press(&mut prompt, &[KeyCode::Char('é'); 500], &[]);
+        press(&mut prompt, &[KeyCode::Tab], &[]);
+        assert_eq!(prompt.text().chars().count(), LONGEST);
+    }
+}

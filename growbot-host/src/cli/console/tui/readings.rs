@@ -1,0 +1,91 @@
+//! Temperatures over time, as many as a chart can show: the whole time, however long it gets.
+
+/// The most readings that are kept.
+const MOST: usize = 1024;
+
+/// What the nozzle was and what it was to be, over time: pairs of s on the board's clock and degrees Celsius.
+#[derive(Debug, Default)]
+pub struct Readings {
+    readings: Vec<(f64, f64)>,
+    targets: Vec<(f64, f64)>,
+    /// The time between two that are kept, s.
+    apart_s: f64,
+    latest_s: Option<f64>,
+}
+
+impl Readings {
+    /// Takes a reading, hundredths of a degree.
+    pub fn take(&mut self, at_s: f64, reading: Option<i32>, target: Option<i32>) {
+        match self.latest_s {
+            // The board has started anew: its clock too.
+            Some(latest) if at_s < latest => *self = Self::default(),
+            Some(latest) if at_s < latest + self.apart_s || at_s <= latest => return,
+            _ => {}
+        }
+        self.latest_s = Some(at_s);
+        let celsius = |centi| f64::from(centi) / 100.0;
+        self.readings.extend(reading.map(|centi| (at_s, celsius(centi))));
+        self.targets.extend(target.map(|centi| (at_s, celsius(centi))));
+        if self.readings.len().max(self.targets.len()) > MOST {
+            self.apart_s = 2.0 * self.apart_s.max(self.span().map_or(0.0, |(from, to)| (to - from) / MOST as f64));
+            for track in [&mut self.readings, &mut self.targets] {
+                let mut keep = false;
+                track.retain(|_| {
+                    keep = !keep;
+                    keep
+                });
+            }
+        }
+    }
+
+    /// What the nozzle was.
+    pub fn readings(&self) -> &[(f64, f64)] {
+        &self.readings
+    }
+
+    /// What it was to be.
+    pub fn targets(&self) -> &[(f64, f64)] {
+        &self.targets
+    }
+
+    /// From when to when there are readings, s.
+    pub fn span(&self) -> Option<(f64, f64)> {
+        let tracks = [&self.readings, &self.targets];
+        let first = tracks.iter().filter_map(|track| track.first()).map(|(at, _)| *at).reduce(f64::min)?;
+        Some((first, self.latest_s.unwrap_or(first).max(first)))
+    }
+
+    /// The least and the greatest temperature.
+    pub fn range(&self) -> Option<(f64, f64)> {
+        let all = || self.readings.iter().chain(&self.targets).map(|(_, celsius)| *celsius);
+        Some((all().reduce(f64::min)?, all().reduce(f64::max)?))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_day_of_readings_is_thinned_out_and_none_of_its_time_is_lost() {
+        let mut readings = Readings::default();
+        for second in 0..86_400 {
+            readings.take(f64::from(second), Some(21_000 + second % 7), (second > 60).then_some(21_000));
+        }
+        assert!((MOST / 4..=MOST).contains(&readings.readings().len()), "{}", readings.readings().len());
+        let (from, to) = readings.span().unwrap();
+        assert!(from == 0.0 && to > 86_000.0, "{from} {to}");
+        assert!(readings.readings().is_sorted_by(|one, next| one.0 < next.0));
+    }
+
+    #[test]
+    fn a_board_that_starts_anew_begins_a_new_chart() {
+        let mut readings = Readings::default();
+        readings.take(5.0, Some(2_000), None);
+        readings.take(5.0, Some(2_100), None);
+        assert_eq!(readings.readings(), [(5.0, 20.0)]);
+        readings.take(0.5, Some(2_200), Some(21_000));
+        assert_eq!(readings.readings(), [(0.5, 22.0)]);
+        assert_eq!(readings.range(), Some((22.0, 210.0)));
+    }
+}

@@ -1,0 +1,41 @@
+//! Boards' messages for the tests of this folder.
+
+use growbot_core::layer::Layer;
+use growbot_core::layer_bytes::Encoder;
+use growbot_core::link::message::{Laid, Message, State, Status, Waits};
+use growbot_core::pose::Pose;
+use growbot_host::robot_file;
+
+use super::model::Model;
+
+/// A screen on a simulated robot A, of which nothing is known yet.
+pub fn model() -> Model {
+    let robot = robot_file::load("growbot-a".as_ref()).unwrap();
+    Model::new(robot, "sim", Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap(), Some(60.0))
+}
+
+/// A board that holds a job of 100 layers, of which all that were seen here are laid; at 200 C of 210 C.
+pub fn status(state: State, uptime_s: f64) -> Status {
+    Status {
+        state,
+        fault: None,
+        temperature_centi_c: Some(20_000),
+        target_centi_c: Some(21_000),
+        duty: 0x8000,
+        plan_id: 7,
+        layers: 100,
+        next: 100,
+        laid: 0,
+        cut: None,
+        waits: Waits::ForLayers,
+        journal: true,
+        uptime_ms: (uptime_s * 1000.0) as u64,
+    }
+}
+
+/// A layer of that job, leaning a little.
+pub fn laid(index: u32) -> Message {
+    let layer = Layer { alpha: 0.5, height: 0.7, tilt: 0.005 };
+    let as_built = Encoder::default().encode(&layer);
+    Message::Laid(Laid { plan_id: 7, index, as_built: Some(as_built) })
+}
