@@ -4,6 +4,7 @@
 //!
 //! - fenced blocks ` ```frame NAME `: lines `header`, `body`, `crc` and `wire`, each with bytes in hex, which go on in lines that begin
 //!   with a space; `#` begins a comment. Header, body and crc are the frame before COBS, wire is what travels;
+//! - fenced blocks ` ```bytes NAME `: a line `wire` of bytes that are no frame, written as above;
 //! - fenced blocks ` ```type NAME `: a struct's fields or an enum's variants, one a line, comments as above;
 //! - rows ``| `0x01` | `Name` | direction | `Body` | ...`` for the messages, and ``| name | `value` | ...`` for the constants.
 //!
@@ -14,13 +15,14 @@ use std::fmt::Write;
 
 use growbot_core::hash::Hasher;
 use growbot_core::job::{job_layers, summarize};
-use growbot_core::layer::Layer;
+use growbot_core::layer::{Layer, SECTORS};
 use growbot_core::layer_bytes::{self, Encoder, LayerBytes};
+use growbot_core::link::emergency_stop::EMERGENCY_STOP;
 use growbot_core::link::frame::{self, Frame, Header, LONGEST_BODY, LONGEST_FRAME, Receiver, VERSION};
 use growbot_core::link::message::{
-    Accepted, Begin, BoardHello, Empty, HeldLayers, HostHello, Laid, LatestFault, Layers, MOST_LAYERS, Message,
-    PlanRequest, Planned, ReadLayers, Refusal, Refused, ResetCause, SCHEMA_HASH, SensorReadings, Start, State,
-    StateChanged, Status, Tune, Tuned,
+    Accepted, Amend, Begin, BoardHello, Cancel, Cut, Empty, HeldLayers, HostHello, HostName, Laid, LatestFault, Layers,
+    MOST_LAYERS, Message, PlanRequest, Planned, ReadLayers, Refusal, Refused, ResetCause, Resume, SCHEMA_HASH,
+    SensorReadings, Silence, Start, State, StateChanged, Status, Tune, Tuned, Waits,
 };
 use growbot_core::path::Segment;
 use growbot_core::plan::{Planner, plan};
@@ -132,8 +134,43 @@ fn job() -> [Segment; 1] {
     [Segment::Arc { alpha: std::f64::consts::FRAC_PI_2, bend: 0.015, length: 1.5 }]
 }
 
-/// A conversation: names as in PROTOCOL.md, sequence number, acknowledgement, message.
-fn conversation() -> Vec<(&'static str, u16, u16, Message)> {
+/// The session of the examples.
+const SESSION: u32 = 0x1a2b_3c4d;
+/// That of another host, which finds the board held.
+const OTHER_SESSION: u32 = 0x5e6f_7a8b;
+/// The session of what belongs to none.
+const NO_SESSION: u32 = 0;
+
+/// An example: its name in PROTOCOL.md, and the frame.
+struct Said {
+    name: &'static str,
+    session: u32,
+    seq: u16,
+    ack: u16,
+    message: Message,
+}
+
+/// A request, with its number and that of the latest event heard.
+fn request(name: &'static str, seq: u16, heard: u16, message: Message) -> Said {
+    Said { name, session: SESSION, seq, ack: heard, message }
+}
+
+/// An answer, with the number of its request.
+fn answer(name: &'static str, request: u16, message: Message) -> Said {
+    Said { name, session: SESSION, seq: 0, ack: request, message }
+}
+
+/// An event, with its number.
+fn event(name: &'static str, seq: u16, message: Message) -> Said {
+    Said { name, session: SESSION, seq, ack: 0, message }
+}
+
+fn host(name: &[u8]) -> HostName {
+    HostName::from_slice(name).unwrap()
+}
+
+/// The conversation of the examples.
+fn conversation() -> Vec<Said> {
     let robot = robot();
     let job_id = summarize(&job(), &robot).plan_id;
     let layers = job_layers(&job(), &robot).collect();
@@ -147,6 +184,9 @@ fn conversation() -> Vec<(&'static str, u16, u16, Message)> {
         layers: 0,
         next: 0,
         laid: 0,
+        cut: None,
+        waits: Waits::ForLayers,
+        journal: true,
         uptime_ms: 1500,
     };
     let growing = Status {
@@ -161,6 +201,15 @@ fn conversation() -> Vec<(&'static str, u16, u16, Message)> {
         uptime_ms: 120_000,
         ..idle.clone()
     };
+    let cut = Status {
+        state: State::Idle,
+        temperature_centi_c: Some(19_120),
+        target_centi_c: None,
+        duty: 0,
+        cut: Some(Cut { least: 31, most: 32 }),
+        uptime_ms: 126_000,
+        ..growing.clone()
+    };
     let up = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
     let goal = Pose::from_degrees([0.0, 0.0, 1.5, 0.0, 90.0]).unwrap();
     let path = plan(&robot, &up, &goal, 100.0, Planner::TwoPlane).unwrap().path;
@@ -168,86 +217,65 @@ fn conversation() -> Vec<(&'static str, u16, u16, Message)> {
     // What robot A's step engine makes of the first layer: 3200 steps of the head, 6207 of the feed.
     let as_built =
         Layer { alpha: 1.570_351_470_414_044_2, height: 0.750_036_991_003_787_8, tilt: 0.007_501_530_553_559_996 };
+    let hello = |name| Message::Hello(HostHello { schema: SCHEMA_HASH, host: host(name), take_over: false });
+    let board_hello = BoardHello {
+        schema: SCHEMA_HASH,
+        boot_id: 0x986b_155d,
+        reset_cause: ResetCause::PowerOn,
+        firmware: [0, 1, 0],
+        robot_name: "growbot-a".try_into().unwrap(),
+        robot: robot.hash(),
+        capacity: 4096,
+        status: idle,
+        holder: Some(host(b"grow 4711 on bench")),
+    };
+    let laid = Laid { plan_id: job_id, index: 0, as_built: Some(Encoder::default().encode(&as_built)) };
+    let plan_request =
+        PlanRequest { start: (&up).into(), goal: (&goal).into(), radius: 100.0, planner: Planner::TwoPlane };
+    let planned = Planned {
+        plan_id: planned.plan_id,
+        exact_hash: planned.exact_hash,
+        layers: planned.layers,
+        length: growbot_core::path::length(&path),
+    };
+    let refused = |kind, refusal| Message::Refused(Refused { kind, refusal });
+    let other = |name, seq, ack, message| Said { name, session: OTHER_SESSION, seq, ack, message };
     vec![
-        ("Hello", 1, 0, Message::Hello(HostHello { schema: SCHEMA_HASH })),
-        (
-            "BoardHello",
-            1,
-            1,
-            Message::BoardHello(BoardHello {
-                schema: SCHEMA_HASH,
-                boot_id: 0x986b_155d,
-                reset_cause: ResetCause::PowerOn,
-                firmware: [0, 1, 0],
-                robot_name: "growbot-a".try_into().unwrap(),
-                robot: robot.hash(),
-                capacity: 4096,
-                status: idle,
-            }),
-        ),
-        ("Begin", 2, 0, Message::Begin(Begin { plan_id: job_id, layers: 2, robot: robot.hash() })),
-        ("Accepted", 2, 2, Message::Accepted(Accepted { plan_id: job_id, next: 0, room: 4096 })),
-        ("Layers", 3, 0, Message::Layers(Layers { plan_id: job_id, first: 0, layers })),
-        ("Start", 4, 0, Message::Start(Start { plan_id: job_id })),
-        ("StateChanged", 5, 0, Message::StateChanged(StateChanged { state: State::Heating, fault: None })),
-        (
-            "Laid",
-            8,
-            0,
-            Message::Laid(Laid {
-                plan_id: job_id,
-                index: 0,
-                as_built: Encoder::default().encode(&as_built),
-                head_steps: 3200,
-                feed_steps: 6207,
-            }),
-        ),
-        ("AskStatus", 5, 0, Message::AskStatus(Empty {})),
-        ("Status", 9, 5, Message::Status(growing)),
-        (
-            "Plan",
-            6,
-            0,
-            Message::Plan(PlanRequest {
-                start: (&up).into(),
-                goal: (&goal).into(),
-                radius: 100.0,
-                planner: Planner::TwoPlane,
-            }),
-        ),
-        (
-            "Refused",
-            10,
-            6,
-            Message::Refused(Refused { kind: 0x08, refusal: Refusal::WrongState { state: State::Growing } }),
-        ),
-        (
-            "Planned",
-            15,
-            9,
-            Message::Planned(Planned {
-                plan_id: planned.plan_id,
-                exact_hash: planned.exact_hash,
-                layers: planned.layers,
-                length: growbot_core::path::length(&path),
-            }),
-        ),
+        request("Hello", 1, 0, hello(b"grow 4711 on bench")),
+        answer("BoardHello", 1, Message::BoardHello(board_hello)),
+        request("Begin", 2, 0, Message::Begin(Begin { plan_id: job_id, layers: 2, robot: robot.hash() })),
+        answer("Accepted", 2, Message::Accepted(Accepted { plan_id: job_id, next: 0, room: 4096 })),
+        request("Layers", 3, 0, Message::Layers(Layers { plan_id: job_id, first: 0, layers })),
+        request("Start", 4, 0, Message::Start(Start { plan_id: job_id, silence: Silence::Hold })),
+        event("StateChanged", 1, Message::StateChanged(StateChanged { state: State::Heating, fault: None })),
+        request("Heard", 0, 1, Message::Heard(Empty {})),
+        event("Laid", 4, Message::Laid(laid)),
+        request("AskStatus", 5, 4, Message::AskStatus(Empty {})),
+        answer("Status", 5, Message::Status(growing)),
+        request("Plan", 6, 4, Message::Plan(plan_request)),
+        answer("Refused", 6, refused(0x08, Refusal::WrongState { state: State::Growing })),
+        other("Hello of another host", 1, 0, hello(b"status 4712 on desk")),
+        other("Refused, held", 0, 1, refused(0x01, Refusal::Held { silent_ms: 340 })),
+        Said { name: "StoppedAtOnce", session: NO_SESSION, seq: 0, ack: 0, message: Message::StoppedAtOnce(Empty {}) },
+        request("ClearFault", 7, 5, Message::ClearFault(Empty {})),
+        answer("Status of a layer that was cut", 8, Message::Status(cut)),
+        request("Resume", 9, 6, Message::Resume(Resume { plan_id: job_id, from: 1, known: 1 })),
+        answer("Accepted, layers still held", 9, Message::Accepted(Accepted { plan_id: job_id, next: 2, room: 4095 })),
+        answer("Planned", 11, Message::Planned(planned)),
+        request("Goodbye", 12, 12, Message::Goodbye(Empty {})),
     ]
 }
-
-/// The session of the examples.
-const SESSION: u32 = 0x1a2b_3c4d;
 
 #[test]
 fn the_examples_are_what_the_code_sends_and_reads() {
     let blocks = blocks("frame");
     let written: Vec<&str> = blocks.iter().map(|(name, _)| name.as_str()).collect();
     let conversation = conversation();
-    assert_eq!(written, conversation.iter().map(|(name, ..)| *name).collect::<Vec<_>>());
+    assert_eq!(written, conversation.iter().map(|said| said.name).collect::<Vec<_>>());
 
     let mut wrong = String::new();
-    for ((name, lines), (_, seq, ack, message)) in blocks.iter().zip(&conversation) {
-        let header = Header { kind: message.kind(), session: SESSION, seq: *seq, ack: *ack };
+    for ((name, lines), Said { session, seq, ack, message, .. }) in blocks.iter().zip(&conversation) {
+        let header = Header { kind: message.kind(), session: *session, seq: *seq, ack: *ack };
         let written = Example::parse(name, lines);
         let expected = Example::of(&header, message);
         if written != expected {
@@ -262,6 +290,14 @@ fn the_examples_are_what_the_code_sends_and_reads() {
         assert_eq!(Message::decode(arrived.kind, body).as_ref(), Ok(message), "{name}");
     }
     assert!(wrong.is_empty(), "these examples must read:\n\n{wrong}");
+}
+
+#[test]
+fn the_emergency_stop_is_what_the_code_looks_for() {
+    let blocks = blocks("bytes");
+    let [(name, lines)] = &blocks[..] else { panic!("one block of bytes: {blocks:?}") };
+    assert_eq!(name, "EmergencyStop");
+    assert_eq!(Example::parse(name, lines).wire, EMERGENCY_STOP);
 }
 
 /// A row of the table of messages.
@@ -291,23 +327,62 @@ fn the_table_lists_every_message_and_no_other() {
     }
 }
 
-#[test]
-fn the_numbers_quoted_are_the_codes() {
-    let expected = BTreeMap::from([
-        ("Link version", VERSION.to_string()),
-        ("Schema hash", format!("{SCHEMA_HASH:016x}")),
-        ("Longest body", LONGEST_BODY.to_string()),
-        ("Longest frame", LONGEST_FRAME.to_string()),
-        ("Layers in one message", MOST_LAYERS.to_string()),
-        ("CRC-32C check value", format!("{:08x}", crc_32c(b"123456789"))),
-        ("CRC-64/XZ check value", format!("{:016x}", Hasher::of(b"123456789"))),
-        ("Robot hash of growbot-a", format!("{:016x}", robot().hash())),
-    ]);
+/// The second cells of rows that begin with these names must be these values.
+fn assert_rows(expected: &[(&str, String)]) {
     for (name, value) in expected {
         let rows: Vec<&str> = PROTOCOL.lines().filter(|line| line.starts_with(&format!("| {name} |"))).collect();
         let [row] = rows[..] else { panic!("{name} must have one row: {rows:?}") };
         assert_eq!(row.split('|').nth(2).unwrap().trim(), format!("`{value}`"), "{name}");
     }
+}
+
+#[test]
+fn the_numbers_quoted_are_the_codes() {
+    assert_rows(&[
+        ("Link version", VERSION.to_string()),
+        ("Schema hash", format!("{SCHEMA_HASH:016x}")),
+        ("Longest body", LONGEST_BODY.to_string()),
+        ("Longest frame", LONGEST_FRAME.to_string()),
+        ("Layers in one message", MOST_LAYERS.to_string()),
+        ("Sectors of a layer", SECTORS.to_string()),
+        ("CRC-32C check value", format!("{:08x}", crc_32c(b"123456789"))),
+        ("CRC-64/XZ check value", format!("{:016x}", Hasher::of(b"123456789"))),
+        ("Robot hash of growbot-a", format!("{:016x}", robot().hash())),
+    ]);
+}
+
+/// Bytes on the wire of a message in a request (`seq`) or an answer (`ack`).
+fn wire_bytes(seq: u16, ack: u16, message: &Message) -> usize {
+    Example::of(&Header { kind: message.kind(), session: SESSION, seq, ack }, message).wire.len()
+}
+
+#[test]
+fn layers_fill_the_line_as_the_text_says() {
+    const LAYERS: u32 = 4096;
+    let robot = robot();
+    let arc = [Segment::Arc { alpha: 1.0, bend: 3.0, length: f64::from(LAYERS) }];
+    let layers: Vec<LayerBytes> = job_layers(&arc, &robot).take(LAYERS as usize).collect();
+    assert_eq!(layers.len(), LAYERS as usize);
+    // The longest: its varint takes ten bytes.
+    let plan_id = u64::MAX;
+    let (mut there, mut back) = (0, 0);
+    for (seq, (batch, first)) in (1..).zip(layers.chunks(MOST_LAYERS).zip((0..).step_by(MOST_LAYERS))) {
+        let layers = batch.iter().copied().collect();
+        there += wire_bytes(seq, 0, &Message::Layers(Layers { plan_id, first, layers }));
+        let next = first + batch.len() as u32;
+        back += wire_bytes(0, seq, &Message::Accepted(Accepted { plan_id, next, room: LAYERS - next }));
+    }
+    // Start bit, eight bits, stop bit.
+    let seconds = |bytes: usize| bytes as f64 * 10.0 / 115_200.0;
+    let share = layers.concat().len() as f64 / there as f64;
+    assert!(share >= 0.85 && seconds(there) < 8.0 && back < there, "{share}, {} s, {back} back", seconds(there));
+    assert_rows(&[
+        ("Bytes of 4,096 layers, all their frames", there.to_string()),
+        ("Share of the layers in them", format!("{:.1} %", 100.0 * share)),
+        ("Time at 115200 baud", format!("{:.2} s", seconds(there))),
+        ("Bytes of the answers, the other way", back.to_string()),
+        ("Their time", format!("{:.2} s", seconds(back))),
+    ]);
 }
 
 #[test]
@@ -396,6 +471,12 @@ fn the_types_written_out_are_the_codes() {
         Tune::SCHEMA,
         Empty::SCHEMA,
         Empty::SCHEMA,
+        Empty::SCHEMA,
+        Resume::SCHEMA,
+        Amend::SCHEMA,
+        Cancel::SCHEMA,
+        Empty::SCHEMA,
+        Empty::SCHEMA,
         BoardHello::SCHEMA,
         Status::SCHEMA,
         Accepted::SCHEMA,
@@ -407,6 +488,7 @@ fn the_types_written_out_are_the_codes() {
         Laid::SCHEMA,
         StateChanged::SCHEMA,
         Tuned::SCHEMA,
+        Empty::SCHEMA,
     ];
     assert_eq!(table().iter().map(|row| row.body).collect::<Vec<_>>(), bodies.map(|body| body.name));
     let mut expected = BTreeMap::new();
