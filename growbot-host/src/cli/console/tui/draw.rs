@@ -92,7 +92,8 @@ fn state_line(model: &Model) -> Line<'static> {
         State::Heating | State::Homing | State::Growing | State::Tuning | State::Hold => WORKING,
         _ => GOOD,
     };
-    let mut spans = vec![Span::styled(status.state.name().to_uppercase(), style)];
+    let known = if model.lost.is_some() { "last known: " } else { "" };
+    let mut spans = vec![Span::raw(known), Span::styled(status.state.name().to_uppercase(), style)];
     spans.push(Span::raw(match status.state {
         State::Growing => format!("  {}", progress(model, status)),
         state => format!("  {}", in_words(state)),
@@ -126,7 +127,8 @@ fn heater_line(model: &Model) -> Line<'static> {
 
 /// Where the tip is.
 fn tip_line(model: &Model) -> Line<'static> {
-    let [x, y, z, heading, pitch] = model.body.tip().to_degrees();
+    // Tenths, and no zero with a sign.
+    let [x, y, z, heading, pitch] = model.body.tip().to_degrees().map(|number| (number * 10.0).round() / 10.0 + 0.0);
     let late = match model.body.first() {
         0 => "",
         _ => " (without the layers laid before we came)",
@@ -230,14 +232,16 @@ fn draw_body(frame: &mut Frame, area: Rect, model: &Model) {
     let (x, y, z) = (range(0, 0.0), range(1, 0.0), range(2, LEAST_SEEN_MM));
     let reach = |(least, greatest): (f64, f64)| greatest - least;
     // Two dots of braille across a cell, four down: about as far apart. The frame takes a cell on each side.
-    let dots = |cells: u16, each: f64| (f64::from(cells.saturating_sub(2)) * each - 2.0).max(2.0);
+    let dots = |cells: u16, each: f64| f64::from(cells.saturating_sub(2).max(1)) * each;
     let (across, down) = (dots(left.width.min(right.width), 2.0), dots(left.height, 4.0));
-    let scale = (reach(x).max(reach(y)) / across).max(reach(z) / down);
+    // So many mm from dot to dot; a dot is left free at each edge.
+    let scale = (reach(x).max(reach(y)) / (across - 2.0).max(1.0)).max(reach(z) / (down - 2.0));
     let apart = (PLANNED_APART * scale / model.robot.description().layer.height_mm).ceil() as usize;
     for (part, axis, name, range) in [(left, 0, "x", x), (right, 1, "y", y)] {
+        // The middle falls on a dot, not between two, where a straight body would flicker.
         let bounds = |(least, greatest): (f64, f64), dots: f64| {
-            let middle = f64::midpoint(least, greatest);
-            [middle - scale * dots / 2.0, middle + scale * dots / 2.0]
+            let low = f64::midpoint(least, greatest) - scale * (dots / 2.0 - 1.0);
+            [low, low + scale * (dots - 1.0)]
         };
         let flat = |point: &Point| (point.get(axis).copied().unwrap_or_default(), point[2]);
         let planned: Vec<(f64, f64)> = model.body.planned_points().iter().step_by(apart.max(1)).map(flat).collect();
@@ -249,8 +253,8 @@ fn draw_body(frame: &mut Frame, area: Rect, model: &Model) {
                     .title_bottom(Span::styled(format!(" {name} {} to {} mm ", whole(range.0), whole(range.1)), DIM)),
             )
             .marker(Marker::Braille)
-            .x_bounds(bounds(range, dots(part.width, 2.0) + 2.0))
-            .y_bounds(bounds(z, down + 2.0))
+            .x_bounds(bounds(range, dots(part.width, 2.0)))
+            .y_bounds(bounds(z, down))
             .paint(|context| {
                 context.draw(&Points { coords: &planned, color: Color::DarkGray });
                 context.layer();
@@ -413,6 +417,7 @@ mod tests {
             "the board at sim does not answer (4 requests, 1 s each): check power, cable and baud rate, and more",
         );
         let lines = drawn(&model, 80, 24);
+        assert!(lines[1].starts_with("last known: GROWING"), "{}", lines[1]);
         assert!(lines[2].starts_with("NO ANSWER: the board at sim") && lines[3].ends_with("more"), "{lines:?}");
     }
 
