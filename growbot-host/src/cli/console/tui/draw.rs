@@ -133,7 +133,13 @@ fn tip_line(model: &Model) -> Line<'static> {
         0 => "",
         _ => " (without the layers laid before we came)",
     };
-    Line::raw(format!("tip {x:.1}, {y:.1}, {z:.1} mm, heading {heading:.1}, pitch {pitch:.1} deg{late}"))
+    let direction = match pitch {
+        // There a heading says nothing.
+        90.0 => "straight up".to_owned(),
+        -90.0 => "straight down".to_owned(),
+        _ => format!("heading {heading:.1}, pitch {pitch:.1} deg"),
+    };
+    Line::raw(format!("tip {x:.1}, {y:.1}, {z:.1} mm, {direction}{late}"))
 }
 
 /// What is wrong, in words.
@@ -243,6 +249,7 @@ fn draw_body(frame: &mut Frame, area: Rect, model: &Model) {
             let low = f64::midpoint(least, greatest) - scale * (dots / 2.0 - 1.0);
             [low, low + scale * (dots - 1.0)]
         };
+        let (wide, tall) = (bounds(range, dots(part.width, 2.0)), bounds(z, down));
         let flat = |point: &Point| (point.get(axis).copied().unwrap_or_default(), point[2]);
         let planned: Vec<(f64, f64)> = model.body.planned_points().iter().step_by(apart.max(1)).map(flat).collect();
         let built: Vec<(f64, f64)> = model.body.points().iter().map(flat).collect();
@@ -253,8 +260,8 @@ fn draw_body(frame: &mut Frame, area: Rect, model: &Model) {
                     .title_bottom(Span::styled(format!(" {name} {} to {} mm ", whole(range.0), whole(range.1)), DIM)),
             )
             .marker(Marker::Braille)
-            .x_bounds(bounds(range, dots(part.width, 2.0)))
-            .y_bounds(bounds(z, down))
+            .x_bounds(wide)
+            .y_bounds(tall)
             .paint(|context| {
                 context.draw(&Points { coords: &planned, color: Color::DarkGray });
                 context.layer();
@@ -262,11 +269,21 @@ fn draw_body(frame: &mut Frame, area: Rect, model: &Model) {
                     context.draw(&Stroke { x1: from.0, y1: from.1, x2: to.0, y2: to.1, color: Color::Green });
                 }
                 if let Some((x, z)) = built.last() {
-                    context.print(*x, *z, Span::styled("o", WORKING));
+                    let ([left, right], [low, high]) = (wide, tall);
+                    let x = left + beside((x - left) / scale, 2.0, dots(part.width, 2.0)) * (right - left);
+                    let z = high - beside((high - z) / scale, 4.0, down) * (high - low);
+                    context.print(x.min(right), z.max(low), Span::styled("o", WORKING));
                 }
             });
         frame.render_widget(canvas, part);
     }
+}
+
+/// Where on a canvas, as a share of its extent, a letter is printed into the same cell as a dot: letters are placed by whole cells,
+/// dots by so many a cell.
+fn beside(dot: f64, each: f64, dots: f64) -> f64 {
+    let last = (dots / each - 1.0).max(1.0);
+    (((dot.round() / each).floor() + 0.5) / last).clamp(0.0, 1.0)
 }
 
 fn draw_log(frame: &mut Frame, area: Rect, model: &Model) {
@@ -354,6 +371,7 @@ mod tests {
         assert_eq!(lines[1], "GROWING  layer 40 of 100 (40 %), 18 min 0 s left");
         assert_eq!(lines[2], "nozzle 200.0 C, target 210.0 C, 50 % power; supply 12.0 V");
         assert!(lines[3].starts_with("tip ") && lines[3].ends_with(" deg"), "{}", lines[3]);
+        assert_eq!(drawn(&model(), 80, 24)[3], "tip 0.0, 0.0, 0.0 mm, straight up");
         assert!(lines[4].starts_with("\u{250c} nozzle, C "), "{}", lines[4]);
         assert!(lines[5].starts_with("\u{2502}220\u{2502}"), "{}", lines[5]);
         assert!(lines[4].contains(" x, z ") && lines[4].contains(" y, z "), "{}", lines[4]);
