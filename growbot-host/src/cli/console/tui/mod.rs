@@ -328,7 +328,7 @@ mod tests {
         console.follow_until(State::Heating);
         console.press(":pla");
         console.take_key(KeyEvent::new(KeyCode::Char('e'), KeyModifiers::CONTROL));
-        console.follow_until(State::Stopped);
+        console.follow_until(State::EmergencyStop);
         assert!(console.says("emergency stop"));
         assert_eq!(console.model.prompt.as_ref().map(Prompt::text).as_deref(), Some("pla"));
     }
