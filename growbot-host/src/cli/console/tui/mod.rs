@@ -122,7 +122,10 @@ impl Screen {
 
 impl Drop for Screen {
     fn drop(&mut self) {
-        ratatui::restore();
+        // A panic has given it back already; doing it again would put the cursor before what it said.
+        if !thread::panicking() {
+            ratatui::restore();
+        }
     }
 }
 
