@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::Encoder;
-use growbot_core::link::message::{Begin, Fault, Layers, Message, Start, State};
+use growbot_core::link::message::{Begin, Fault, Layers, Message, Silence, Start, State};
 use growbot_core::robot::Robot;
 use growbot_host::client::Client;
 use growbot_host::port::emulator::Emulator;
@@ -27,15 +27,16 @@ fn meet(broken: TipFault, during: State, expected: Option<Fault>, within: Durati
     let what = format!("{} while {}", broken.name(), during.name());
     let robot = robot();
     let emulator = Rc::new(RefCell::new(Emulator::start(&robot, Some(&firmware("an386"))).unwrap()));
-    emulator.borrow_mut().simulated_tip(|tip| tip.set_nozzle_c(if during == State::Heating { 60.0 } else { 197.0 }));
     let mut client = Client::new(Box::new(Rc::clone(&emulator)), "the emulated board");
     client.hello_robot(&robot).unwrap();
     let plan_id = 1;
     client.request("to begin", &Message::Begin(Begin { plan_id, layers: 8, robot: robot.hash() })).unwrap();
+    // Warm only now: the board makes room in its journal with a cold nozzle only.
+    emulator.borrow_mut().simulated_tip(|tip| tip.set_nozzle_c(if during == State::Heating { 60.0 } else { 197.0 }));
     let mut encoder = Encoder::default();
     let layers = (0..8).map(|_| encoder.encode(&Layer { alpha: 1.0, height: 0.7, tilt: 0.006 })).collect();
     client.request("to hold layers", &Message::Layers(Layers { plan_id, first: 0, layers })).unwrap();
-    client.request("to start", &Message::Start(Start { plan_id })).unwrap();
+    client.request("to start", &Message::Start(Start { plan_id, silence: Silence::GoOn })).unwrap();
 
     let mut wait_for = |states: &[State], patience: Duration| {
         let began = Instant::now();

@@ -1,8 +1,10 @@
 //! The firmware in the emulator grows a body, step for step as the same controller does in a simulation on the desktop.
 
+use std::cell::RefCell;
+use std::rc::Rc;
 use std::sync::atomic::AtomicBool;
 
-use growbot_core::layer::Layer;
+use growbot_core::link::message::{Silence, State};
 use growbot_core::path::{Segment, end, length};
 use growbot_core::pose::{Pose, angle_between};
 use growbot_core::robot::Robot;
@@ -14,19 +16,18 @@ use growbot_host::port::sim::Sim;
 use growbot_host::robot_file;
 use growbot_tests::firmware;
 
-/// What grew, and each layer as the board counted its steps, sector by sector.
-fn grow_on(port: Box<dyn Port>, robot: &Robot, path: &[Segment]) -> (Grown, Vec<(u32, Layer)>) {
+/// What grew. `warm` is called as soon as the nozzle is heated.
+fn grow_on(port: Box<dyn Port>, robot: &Robot, path: &[Segment], warm: &mut dyn FnMut()) -> Grown {
     let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
     let goal = Pose::from_frame(&end(path, &start.frame()));
-    let job = Job { robot, start: &start, goal: &goal, path };
+    let job = Job::new(robot, &start, &goal, path);
     let mut client = Client::new(port, "a board under test");
-    let mut counted = Vec::new();
-    let grown = grow_job(&mut client, &job, &AtomicBool::new(false), &mut |news| {
-        if let News::Laid(index, layer) = news {
-            counted.push((*index, *layer));
+    grow_job(&mut client, &job, Silence::Hold, &AtomicBool::new(false), &mut |news| {
+        if let News::State(State::Heating) = news {
+            warm();
         }
-    });
-    (grown.unwrap(), counted)
+    })
+    .unwrap()
 }
 
 #[test]
@@ -40,16 +41,16 @@ fn the_emulated_board_lays_the_layers_that_the_simulation_lays() {
         Segment::Arc { alpha: 4.0, bend: 0.33, length: 33.0 },
     ];
 
-    let mut emulator = Emulator::start(&robot, Some(&firmware("an386"))).unwrap();
-    // A nozzle that is warm already saves the time of heating, which is real here.
-    emulator.simulated_tip(|tip| tip.set_nozzle_c(190.0));
-    let (emulated, emulated_steps) = grow_on(Box::new(emulator), &robot, &path);
-    let (simulated, simulated_steps) = grow_on(Box::new(Sim::new(robot.clone())), &robot, &path);
+    let emulator = Rc::new(RefCell::new(Emulator::start(&robot, Some(&firmware("an386"))).unwrap()));
+    // A nozzle that is warm soon saves the time of heating, which is real here.
+    let mut warm = || emulator.borrow_mut().simulated_tip(|tip| tip.set_nozzle_c(190.0));
+    let emulated = grow_on(Box::new(Rc::clone(&emulator)), &robot, &path, &mut warm);
+    let simulated = grow_on(Box::new(Sim::new(robot.clone())), &robot, &path, &mut || {});
 
     assert_eq!(emulated.outcome, Outcome::Done);
     assert!(emulated.body.len() >= 100, "{} layers", emulated.body.len());
     // The steps of every sector of every layer are the same.
-    assert_eq!(emulated_steps, simulated_steps);
+    assert_eq!(emulated.as_built, simulated.as_built);
     assert_eq!(emulated.filament_mm, simulated.filament_mm);
     assert_eq!(emulated.body.len(), simulated.body.len());
     // Where the tip ends is measured from the steps and their times. A busy machine delays the emulated board's next layer now and

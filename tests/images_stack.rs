@@ -2,16 +2,18 @@
 
 use std::fs::File;
 use std::os::unix::fs::FileExt;
+use std::cell::RefCell;
+use std::rc::Rc;
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
-use growbot_core::link::message::{Message, PlanRequest, ResetCause, State};
+use growbot_core::link::message::{Message, PlanRequest, ResetCause, Silence, State};
 use growbot_core::path::{Segment, end};
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
 use growbot_firmware::emulated_tip as table;
 use growbot_host::client::Client;
-use growbot_host::growth::{Job, Outcome, grow_job};
+use growbot_host::growth::{Job, News, Outcome, grow_job};
 use growbot_host::port::emulator::Emulator;
 use growbot_host::robot_file;
 use growbot_tests::firmware;
@@ -73,9 +75,8 @@ fn planning_and_growing_leave_half_of_the_stack_unused() {
     let robot = robot_file::load("growbot-a2".as_ref()).unwrap();
     let mut emulator = Emulator::start(&robot, Some(&firmware("an386"))).unwrap();
     let words = Words::of(&mut emulator);
-    // A nozzle that is warm already saves the time of heating, which is real here.
-    emulator.simulated_tip(|tip| tip.set_nozzle_c(190.0));
-    let mut client = Client::new(Box::new(emulator), "the emulated board");
+    let emulator = Rc::new(RefCell::new(emulator));
+    let mut client = Client::new(Box::new(Rc::clone(&emulator)), "the emulated board");
     client.hello_robot(&robot).unwrap();
 
     // A near goal, for which helicoidal arcs are looked for, and one further away.
@@ -91,8 +92,14 @@ fn planning_and_growing_leave_half_of_the_stack_unused() {
 
     let path = [Segment::Arc { alpha: 1.0, bend: 0.03, length: 3.0 }];
     let goal = Pose::from_frame(&end(&path, &start.frame()));
-    let job = Job { robot: &robot, start: &start, goal: &goal, path: &path };
-    let grown = grow_job(&mut client, &job, &AtomicBool::new(false), &mut |_| {}).unwrap();
+    let job = Job::new(&robot, &start, &goal, &path);
+    let grown = grow_job(&mut client, &job, Silence::Hold, &AtomicBool::new(false), &mut |news| {
+        if let News::State(State::Heating) = news {
+            // A nozzle that is warm soon saves the time of heating, which is real here.
+            emulator.borrow_mut().simulated_tip(|tip| tip.set_nozzle_c(190.0));
+        }
+    })
+    .unwrap();
     assert_eq!(grown.outcome, Outcome::Done);
 
     // As long as a whole look through the stack takes.

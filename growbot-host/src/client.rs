@@ -34,6 +34,8 @@ const SIGN_OF_LIFE: Duration = Duration::from_secs(3);
 const EMERGENCY_TRIES: u32 = 20;
 /// with such pauses, until the board says that it has obeyed.
 const EMERGENCY_PAUSE: Duration = Duration::from_millis(150);
+/// The kind of a refusal.
+const REFUSED: u8 = 0x44;
 /// Messages with layers that may be on their way at a time: less than what boards can keep before they look at it.
 const WINDOW: usize = 8;
 /// A board that has just started tests itself for two seconds at most; it is looked at so often,
@@ -280,10 +282,18 @@ impl Client {
     /// # Errors
     /// A board that is silent, garbled or of another version.
     pub fn board(&mut self) -> Result<BoardHello, ClientError> {
-        let what = "who it is";
-        match self.request(what, &Message::AskBoard(Empty {}))? {
-            Message::BoardHello(hello) => self.after_self_test(same_schema(hello)?),
-            other => Err(ClientError::Unexpected { request: what, kind: other.kind() }),
+        let what = "the question who it is";
+        match self.request(what, &Message::AskBoard(Empty {})) {
+            Ok(Message::BoardHello(hello)) => self.after_self_test(same_schema(hello)?),
+            Ok(other) => Err(ClientError::Unexpected { request: what, kind: other.kind() }),
+            Err(ClientError::Refused { refusal: Refusal::OtherSchema { board }, .. }) => {
+                Err(ClientError::Schema { board, host: SCHEMA_HASH })
+            }
+            // Another release, which does not know the question.
+            Err(ClientError::Refused { refusal: Refusal::NotUnderstood, .. }) => {
+                Err(ClientError::Unexpected { request: what, kind: REFUSED })
+            }
+            Err(error) => Err(error),
         }
     }
 

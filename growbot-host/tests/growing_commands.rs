@@ -76,7 +76,7 @@ fn a_plan_from_a_file_grows_and_leaves_a_log() {
 
     let lines: Vec<Value> =
         std::fs::read_to_string(&log).unwrap().lines().map(|line| serde_json::from_str(line).unwrap()).collect();
-    assert_eq!(lines[0]["format"], "growbot-run/1");
+    assert_eq!(lines[0]["format"], "growbot-run/2");
     assert_eq!(lines[0]["plan"]["robot"], "growbot-a");
     assert_eq!(lines.iter().filter(|line| line["event"] == "laid").count(), 50);
     assert_eq!(lines.last().unwrap()["result"]["outcome"], "done");
@@ -167,7 +167,7 @@ fn boards_that_do_not_answer_properly_are_told() {
     let status = |board: &FakeBoard| growbot(&["status", "--port", &board.port()]);
     assert_refused(&status(&FakeBoard::silent()), &["does not answer", "power"]);
     assert_refused(&status(&FakeBoard::garbage()), &["no growbot frame", "115200"]);
-    assert_refused(&status(&FakeBoard::of_frame_version(9)), &["version 9", "this one 1"]);
+    assert_refused(&status(&FakeBoard::of_frame_version(9)), &["version 9", "this one 2"]);
     assert_refused(&status(&FakeBoard::of_schema(0x1234)), &["0000000000001234", "flash"]);
     assert_refused(&status(&FakeBoard::that_hangs_up()), &["broke", "closed"]);
 }
@@ -190,13 +190,118 @@ fn a_body_grows_over_tcp_as_the_board_reports_it() {
 }
 
 #[test]
-fn reports_that_are_lost_are_told() {
+fn reports_that_are_lost_are_sent_again() {
     let board = FakeBoard::losing_reports("growbot-a");
     let ran = growbot(&["grow", "--to", "0,0,15.48,0,90", "--port", &board.port(), "--json"]);
     assert_eq!(ran.code, Some(0), "{}", ran.err);
     let result = json(&ran);
-    assert_eq!((number(&result, "layers"), number(&result, "unreported_layers")), (20.0, 10.0));
+    assert_eq!((number(&result, "layers"), number(&result, "unknown_layers")), (20.0, 0.0));
     assert!(number(&result, "position_error_mm") < 0.05, "{result}");
+}
+
+/// A growth whose program is killed after so many layers are in its log.
+fn grow_and_kill(board: &FakeBoard, log: &std::path::Path, layers: usize) {
+    let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_growbot"))
+        .args(["grow", "--to", "0,0,46.44,0,90", "--port", &board.port(), "--on-silence", "go-on", "--log"])
+        .arg(log)
+        .stdout(std::process::Stdio::null())
+        .stderr(std::process::Stdio::null())
+        .spawn()
+        .unwrap();
+    let laid = || std::fs::read_to_string(log).unwrap_or_default().matches("\"laid\",").count();
+    for _ in 0..1500 {
+        if laid() >= layers {
+            break;
+        }
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    child.kill().unwrap();
+    child.wait().unwrap();
+    assert!(laid() >= layers, "{} layers in time", laid());
+}
+
+#[test]
+fn a_growth_whose_program_was_killed_goes_on_from_its_log() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = |name: &str| directory.path().join(name);
+    let log = path("run.jsonl");
+    let whole = path("whole.jsonl");
+    let whole_text = whole.to_str().unwrap();
+    let unbroken = growbot(&["grow", "--to", "0,0,46.44,0,90", "--log", whole_text, "--json"]);
+    assert_eq!(unbroken.code, Some(0), "{}", unbroken.err);
+
+    let board = FakeBoard::lasting("growbot-a");
+    grow_and_kill(&board, &log, 12);
+    let log = log.to_str().unwrap();
+    // As if cut off in the midst of a line.
+    let mut bytes = std::fs::read(log).unwrap();
+    bytes.extend_from_slice(b"{\"event\":\"laid\",\"layer\":1");
+    std::fs::write(log, bytes).unwrap();
+    let told = growbot(&["replay", log]);
+    assert_eq!(told.code, Some(0), "{}", told.err);
+    assert!(told.out.contains("unfinished") && told.err.contains("cut off"), "{}{}", told.out, told.err);
+    // Another growth is not begun on top of this body.
+    let other = growbot(&["grow", "--to", "0,0,100,0,90", "--port", &board.port()]);
+    assert_eq!(other.code, Some(1), "{}", other.err);
+    assert!(other.err.contains("growbot resume"), "{}", other.err);
+    // With nobody there to ask, it must be said.
+    assert_refused(&growbot(&["resume", log, "--port", &board.port()]), &["--yes"]);
+
+    // This board's time runs so fast that any host is silent for long.
+    let ran = growbot(&["resume", log, "--port", &board.port(), "--yes", "--on-silence", "go-on", "--json"]);
+    assert_eq!(ran.code, Some(0), "{}", ran.err);
+    let (result, unbroken) = (json(&ran), json(&unbroken));
+    assert_eq!((number(&result, "layers"), number(&result, "unknown_layers")), (60.0, 0.0));
+    for same in ["plan_id", "as_built_hash"] {
+        assert_eq!(result[same], unbroken[same], "{same}");
+    }
+    let replayed = [log, whole_text].map(|log| json(&growbot(&["replay", log, "--json"])));
+    for replayed in &replayed {
+        assert_eq!(replayed["outcome"], "done");
+        assert_eq!(replayed["as_built_hash"], unbroken["as_built_hash"]);
+    }
+    assert_eq!(replayed[0]["final"], replayed[1]["final"]);
+    // And now there is nothing left of it.
+    let again = growbot(&["resume", log, "--port", &board.port(), "--yes"]);
+    assert!(again.code != Some(2), "{}", again.err);
+}
+
+#[test]
+fn a_body_is_given_up_and_the_emergency_stop_is_obeyed() {
+    let directory = tempfile::tempdir().unwrap();
+    let log = directory.path().join("run.jsonl");
+    let board = FakeBoard::lasting("growbot-a");
+    grow_and_kill(&board, &log, 3);
+    let stopped = growbot(&["estop", "--port", &board.port()]);
+    assert_eq!(stopped.code, Some(0), "{}", stopped.err);
+    let status = json(&growbot(&["status", "--port", &board.port(), "--json"]));
+    assert_eq!(status["state"], "emergency-stop");
+    assert!(number(&status, "laid") >= 3.0);
+    let log = log.to_str().unwrap();
+    let resumed = growbot(&["resume", log, "--port", &board.port(), "--yes"]);
+    assert_eq!(resumed.code, Some(1), "not before it is cleared: {}", resumed.err);
+    assert_eq!(growbot(&["cancel", "--port", &board.port()]).code, Some(0));
+    let status = json(&growbot(&["status", "--port", &board.port(), "--json"]));
+    assert_eq!(status["plan_id"], Value::Null);
+}
+
+#[test]
+fn nobody_acknowledges_an_emergency_stop_and_that_is_said() {
+    let ran = growbot(&["estop", "--port", &FakeBoard::silent().port()]);
+    assert_eq!(ran.code, Some(1));
+    assert!(ran.err.contains("power"), "{}", ran.err);
+}
+
+#[test]
+fn what_is_no_run_log_is_told() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = |name: &str| directory.path().join(name).to_str().unwrap().to_owned();
+    for (name, text) in [("empty", ""), ("words", "hello\n"), ("list", "[1]\n"), ("old", "{\"format\":\"growbot-run/1\"}\n")] {
+        std::fs::write(path(name), text).unwrap();
+        assert_refused(&growbot(&["replay", &path(name)]), &[name, "run log"]);
+    }
+    assert_refused(&growbot(&["replay", &path("missing")]), &["missing"]);
+    assert_refused(&growbot(&["resume", &path("missing")]), &["missing"]);
 }
 
 #[test]

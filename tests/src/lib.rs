@@ -1,5 +1,5 @@
 //! What the tests that cross crates share: where the firmware's images are, the robot's board in the emulator, faults and
-//! long growths of simulated robots, and a slow search for shortest paths.
+//! long growths of simulated robots, growths that are interrupted, and a slow search for shortest paths.
 
 pub mod fault_campaign;
 pub mod netduinoplus2;
@@ -7,6 +7,7 @@ pub mod normal_growth;
 pub mod random;
 pub mod slow_shortest;
 pub mod stack_depth;
+pub mod survival;
 
 use std::path::{Path, PathBuf};
 

@@ -48,6 +48,11 @@ impl Motion {
         *self = Self { retracted: self.retracted, ..Self::default() };
     }
 
+    /// Where the filament stands, as far as can be known after a start of the board.
+    pub fn assume_retracted(&mut self, retracted: bool) {
+        self.retracted = retracted;
+    }
+
     /// Whether the engine has not reported in time.
     pub fn is_overdue(&self, now: u64) -> bool {
         self.due.is_some_and(|due| now > due)

@@ -311,6 +311,8 @@ impl<B: Board> Controller<B> {
         self.store_mut().restart(known.laid);
         let carry = self.parts.journal.carry();
         self.job.forget_given(carry);
+        // Between layers it held, and filament was pulled back.
+        self.motion.assume_retracted(self.job.laid > 0 && self.job.cut.is_none());
     }
 
     /// The layer that is about to be handed to the engine is begun, as far as the journal is concerned. One that follows another

@@ -95,6 +95,31 @@ impl FakeBoard {
         })
     }
 
+    /// A simulated robot behind TCP connections, one after the other. Its time passes in between too.
+    pub fn lasting(robot: &'static str) -> Self {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        listener.set_nonblocking(true).unwrap();
+        let port = listener.local_addr().unwrap().port();
+        thread::spawn(move || {
+            let mut sim = Sim::new(robot_file::load(robot.as_ref()).unwrap());
+            loop {
+                match listener.accept() {
+                    Ok((stream, _)) => {
+                        stream.set_nonblocking(false).unwrap();
+                        stream.set_nodelay(true).unwrap();
+                        stream.set_read_timeout(Some(Duration::from_millis(1))).unwrap();
+                        serve_sim(&mut sim, stream, |_| true);
+                    }
+                    Err(_) => {
+                        sim.pass(Duration::from_secs(1));
+                        thread::sleep(Duration::from_millis(1));
+                    }
+                }
+            }
+        });
+        Self { port }
+    }
+
     /// A simulated robot on a wire that loses every other report of a layer.
     pub fn losing_reports(robot: &'static str) -> Self {
         Self::serving(move |stream| {
@@ -117,8 +142,11 @@ impl FakeBoard {
 
 /// Moves frames between a line and a simulated robot, whose time passes a second for each look at the line. Of the robot's frames
 /// those pass that `passes` lets through.
-fn serve(mut line: impl Read + Write, robot: &str, mut passes: impl FnMut(&Frame) -> bool) {
-    let mut sim = Sim::new(robot_file::load(robot.as_ref()).unwrap());
+fn serve(line: impl Read + Write, robot: &str, passes: impl FnMut(&Frame) -> bool) {
+    serve_sim(&mut Sim::new(robot_file::load(robot.as_ref()).unwrap()), line, passes);
+}
+
+fn serve_sim(sim: &mut Sim, mut line: impl Read + Write, mut passes: impl FnMut(&Frame) -> bool) {
     let mut receiver = Receiver::default();
     let mut buffer = [0; 256];
     loop {

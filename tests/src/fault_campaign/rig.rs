@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::{Encoder, LayerBytes};
-use growbot_core::link::message::{Begin, Layers, MOST_LAYERS, Message, Start, State, Status};
+use growbot_core::link::message::{Begin, Layers, MOST_LAYERS, Message, Silence, Start, State, Status};
 use growbot_core::robot::Robot;
 use growbot_host::client::{Client, ClientError};
 use growbot_host::port::sim::Sim;
@@ -88,7 +88,7 @@ impl Rig {
     /// # Errors
     /// If the board refuses.
     pub fn start(&mut self) -> Result<(), ClientError> {
-        self.client.request("to start", &Message::Start(Start { plan_id: PLAN })).map(|_| ())
+        self.client.request("to start", &Message::Start(Start { plan_id: PLAN, silence: Silence::GoOn })).map(|_| ())
     }
 
     /// What the board says of itself.

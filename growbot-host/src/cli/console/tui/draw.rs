@@ -92,7 +92,8 @@ fn state_line(model: &Model) -> Line<'static> {
         State::Heating | State::Homing | State::Growing | State::Tuning | State::Hold => WORKING,
         _ => GOOD,
     };
-    let mut spans = vec![Span::styled(status.state.name().to_uppercase(), style)];
+    let known = if model.lost.is_some() { "last known: " } else { "" };
+    let mut spans = vec![Span::raw(known), Span::styled(status.state.name().to_uppercase(), style)];
     spans.push(Span::raw(match status.state {
         State::Growing => format!("  {}", progress(model, status)),
         state => format!("  {}", in_words(state)),
@@ -126,12 +127,19 @@ fn heater_line(model: &Model) -> Line<'static> {
 
 /// Where the tip is.
 fn tip_line(model: &Model) -> Line<'static> {
-    let [x, y, z, heading, pitch] = model.body.tip().to_degrees();
+    // Tenths, and no zero with a sign.
+    let [x, y, z, heading, pitch] = model.body.tip().to_degrees().map(|number| (number * 10.0).round() / 10.0 + 0.0);
     let late = match model.body.first() {
         0 => "",
         _ => " (without the layers laid before we came)",
     };
-    Line::raw(format!("tip {x:.1}, {y:.1}, {z:.1} mm, heading {heading:.1}, pitch {pitch:.1} deg{late}"))
+    let direction = match pitch {
+        // There a heading says nothing.
+        90.0 => "straight up".to_owned(),
+        -90.0 => "straight down".to_owned(),
+        _ => format!("heading {heading:.1}, pitch {pitch:.1} deg"),
+    };
+    Line::raw(format!("tip {x:.1}, {y:.1}, {z:.1} mm, {direction}{late}"))
 }
 
 /// What is wrong, in words.
@@ -230,15 +238,18 @@ fn draw_body(frame: &mut Frame, area: Rect, model: &Model) {
     let (x, y, z) = (range(0, 0.0), range(1, 0.0), range(2, LEAST_SEEN_MM));
     let reach = |(least, greatest): (f64, f64)| greatest - least;
     // Two dots of braille across a cell, four down: about as far apart. The frame takes a cell on each side.
-    let dots = |cells: u16, each: f64| (f64::from(cells.saturating_sub(2)) * each - 2.0).max(2.0);
+    let dots = |cells: u16, each: f64| f64::from(cells.saturating_sub(2).max(1)) * each;
     let (across, down) = (dots(left.width.min(right.width), 2.0), dots(left.height, 4.0));
-    let scale = (reach(x).max(reach(y)) / across).max(reach(z) / down);
+    // So many mm from dot to dot; a dot is left free at each edge.
+    let scale = (reach(x).max(reach(y)) / (across - 2.0).max(1.0)).max(reach(z) / (down - 2.0));
     let apart = (PLANNED_APART * scale / model.robot.description().layer.height_mm).ceil() as usize;
     for (part, axis, name, range) in [(left, 0, "x", x), (right, 1, "y", y)] {
+        // The middle falls on a dot, not between two, where a straight body would flicker.
         let bounds = |(least, greatest): (f64, f64), dots: f64| {
-            let middle = f64::midpoint(least, greatest);
-            [middle - scale * dots / 2.0, middle + scale * dots / 2.0]
+            let low = f64::midpoint(least, greatest) - scale * (dots / 2.0 - 1.0);
+            [low, low + scale * (dots - 1.0)]
         };
+        let (wide, tall) = (bounds(range, dots(part.width, 2.0)), bounds(z, down));
         let flat = |point: &Point| (point.get(axis).copied().unwrap_or_default(), point[2]);
         let planned: Vec<(f64, f64)> = model.body.planned_points().iter().step_by(apart.max(1)).map(flat).collect();
         let built: Vec<(f64, f64)> = model.body.points().iter().map(flat).collect();
@@ -249,8 +260,8 @@ fn draw_body(frame: &mut Frame, area: Rect, model: &Model) {
                     .title_bottom(Span::styled(format!(" {name} {} to {} mm ", whole(range.0), whole(range.1)), DIM)),
             )
             .marker(Marker::Braille)
-            .x_bounds(bounds(range, dots(part.width, 2.0) + 2.0))
-            .y_bounds(bounds(z, down + 2.0))
+            .x_bounds(wide)
+            .y_bounds(tall)
             .paint(|context| {
                 context.draw(&Points { coords: &planned, color: Color::DarkGray });
                 context.layer();
@@ -258,11 +269,21 @@ fn draw_body(frame: &mut Frame, area: Rect, model: &Model) {
                     context.draw(&Stroke { x1: from.0, y1: from.1, x2: to.0, y2: to.1, color: Color::Green });
                 }
                 if let Some((x, z)) = built.last() {
-                    context.print(*x, *z, Span::styled("o", WORKING));
+                    let ([left, right], [low, high]) = (wide, tall);
+                    let x = left + beside((x - left) / scale, 2.0, dots(part.width, 2.0)) * (right - left);
+                    let z = high - beside((high - z) / scale, 4.0, down) * (high - low);
+                    context.print(x.min(right), z.max(low), Span::styled("o", WORKING));
                 }
             });
         frame.render_widget(canvas, part);
     }
+}
+
+/// Where on a canvas, as a share of its extent, a letter is printed into the same cell as a dot: letters are placed by whole cells,
+/// dots by so many a cell.
+fn beside(dot: f64, each: f64, dots: f64) -> f64 {
+    let last = (dots / each - 1.0).max(1.0);
+    (((dot.round() / each).floor() + 0.5) / last).clamp(0.0, 1.0)
 }
 
 fn draw_log(frame: &mut Frame, area: Rect, model: &Model) {
@@ -350,6 +371,7 @@ mod tests {
         assert_eq!(lines[1], "GROWING  layer 40 of 100 (40 %), 18 min 0 s left");
         assert_eq!(lines[2], "nozzle 200.0 C, target 210.0 C, 50 % power; supply 12.0 V");
         assert!(lines[3].starts_with("tip ") && lines[3].ends_with(" deg"), "{}", lines[3]);
+        assert_eq!(drawn(&model(), 80, 24)[3], "tip 0.0, 0.0, 0.0 mm, straight up");
         assert!(lines[4].starts_with("\u{250c} nozzle, C "), "{}", lines[4]);
         assert!(lines[5].starts_with("\u{2502}220\u{2502}"), "{}", lines[5]);
         assert!(lines[4].contains(" x, z ") && lines[4].contains(" y, z "), "{}", lines[4]);
@@ -413,6 +435,7 @@ mod tests {
             "the board at sim does not answer (4 requests, 1 s each): check power, cable and baud rate, and more",
         );
         let lines = drawn(&model, 80, 24);
+        assert!(lines[1].starts_with("last known: GROWING"), "{}", lines[1]);
         assert!(lines[2].starts_with("NO ANSWER: the board at sim") && lines[3].ends_with("more"), "{lines:?}");
     }
 

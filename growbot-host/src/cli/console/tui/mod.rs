@@ -16,6 +16,7 @@ mod watch;
 use std::io::{self, IsTerminal};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
 use std::time::{Duration, Instant};
 
 use crossterm::event::{self, Event, KeyEvent, KeyEventKind};
@@ -45,6 +46,9 @@ const TICK: Duration = Duration::from_millis(80);
 /// Time that was spent elsewhere, say planning, does not pass on `sim` all at once.
 const LONGEST_TICK: Duration = Duration::from_millis(250);
 
+/// How long we may take to leave once we are told to.
+const PATIENCE: Duration = Duration::from_secs(1);
+
 /// Whether there is a terminal to draw on and to read keys from.
 pub fn check_terminal() -> Result<(), Failure> {
     for (is_terminal, what) in
@@ -73,10 +77,7 @@ pub fn run(client: Client, robot: Robot, start: Pose, name: &PortName, port: &st
         ));
     }
     model.take_status(hello.status);
-    let leave = Arc::new(AtomicBool::new(false));
-    let told = Arc::clone(&leave);
-    // The terminal must come back if we are told to end; the robot goes on, as after `q`.
-    ctrlc::set_handler(move || told.store(true, Ordering::Relaxed)).map_err(Failure::bad_input)?;
+    let leave = leave_when_told()?;
     let mut console = Console { watch, model, start, history: Vec::new(), quit: false };
     let mut screen = Screen::open()?;
     let done = console.run(&mut screen, &leave);
@@ -89,6 +90,21 @@ pub fn run(client: Client, robot: Robot, start: Pose, name: &PortName, port: &st
         growbot_host::tell!("growbot: the robot goes on: {}", status.state.name());
     }
     Ok(())
+}
+
+/// Set when we are told to end or the terminal goes away. The robot goes on, as after `q`.
+fn leave_when_told() -> Result<Arc<AtomicBool>, Failure> {
+    let leave = Arc::new(AtomicBool::new(false));
+    let told = Arc::clone(&leave);
+    ctrlc::set_handler(move || {
+        told.store(true, Ordering::Relaxed);
+        // Reading keys from a terminal that has gone may never come to an end.
+        thread::sleep(PATIENCE);
+        ratatui::restore();
+        std::process::exit(0);
+    })
+    .map_err(Failure::bad_input)?;
+    Ok(leave)
 }
 
 /// The terminal, given back however we end.
@@ -106,7 +122,10 @@ impl Screen {
 
 impl Drop for Screen {
     fn drop(&mut self) {
-        ratatui::restore();
+        // A panic has given it back already; doing it again would put the cursor before what it said.
+        if !thread::panicking() {
+            ratatui::restore();
+        }
     }
 }
 
@@ -312,7 +331,7 @@ mod tests {
         console.follow_until(State::Heating);
         console.press(":pla");
         console.take_key(KeyEvent::new(KeyCode::Char('e'), KeyModifiers::CONTROL));
-        console.follow_until(State::Stopped);
+        console.follow_until(State::EmergencyStop);
         assert!(console.says("emergency stop"));
         assert_eq!(console.model.prompt.as_ref().map(Prompt::text).as_deref(), Some("pla"));
     }

@@ -1,0 +1,29 @@
+//! A growth that is interrupted anywhere is resumed, and each layer is laid once.
+
+use growbot_tests::survival::crash::{Crash, check, crash_at};
+use growbot_tests::survival::{Body, Undisturbed, robot};
+
+/// Every so many moments of the growth are tried here; `cargo survival` tries them all.
+const EVERY: usize = 50;
+
+#[test]
+fn whatever_goes_and_whenever_each_layer_is_laid_once() {
+    let (robot, body) = (robot(), Body::of(300));
+    let job = body.job(&robot);
+    let undisturbed = Undisturbed::grow(&job);
+    assert!(undisturbed.events > 300);
+    // The first moments are all different; after that a layer is like another.
+    let moments = (1..6).chain((6..undisturbed.events - 2).step_by(EVERY));
+    let mut tried = 0;
+    for event in moments {
+        for crash in Crash::ALL {
+            let recovered = crash_at(&job, &undisturbed, crash, event)
+                .and_then(|recovered| check(&job, &undisturbed, crash, &recovered));
+            if let Err(wrong) = recovered {
+                panic!("{crash:?} at event {event}: {wrong}");
+            }
+            tried += 1;
+        }
+    }
+    println!("{tried} interruptions of a growth of 300 layers, all resumed");
+}

@@ -1,0 +1,199 @@
+//! The host, the line, the board or its power goes at a moment of a growth; somebody comes back and resumes it.
+
+use std::cell::{Cell, RefCell};
+use std::rc::Rc;
+use std::sync::atomic::AtomicBool;
+use std::time::Duration;
+
+use growbot_core::layer_bytes::LayerBytes;
+use growbot_core::link::message::{Empty, Message, ResetCause, Silence, State, Status};
+use growbot_host::client::Client;
+use growbot_host::growth::{CutLayer, Grown, GrowthError, Job, News, Outcome, grow_job, resume_job};
+use growbot_host::port::sim::Sim;
+use growbot_host::port::{Port, PortError, TipRecord};
+
+use super::{Board, Undisturbed};
+
+/// What goes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Crash {
+    /// The host's program is killed; it comes back at once.
+    Host,
+    /// The cable is pulled, and put back after a minute: the board has long held.
+    Cable,
+    /// The board is reset; its RAM keeps what it has.
+    Board,
+    /// The board's power goes.
+    Power,
+    /// The board is reset in the midst of the layer that follows.
+    BoardInLayer,
+    /// The power goes in the midst of the layer that follows.
+    PowerInLayer,
+}
+
+impl Crash {
+    /// All of them.
+    pub const ALL: [Self; 6] =
+        [Self::Host, Self::Cable, Self::Board, Self::Power, Self::BoardInLayer, Self::PowerInLayer];
+}
+
+/// A line that its test can cut.
+struct Cuttable {
+    board: Board,
+    cut: Rc<Cell<bool>>,
+}
+
+impl Cuttable {
+    fn whole(&self) -> Result<(), PortError> {
+        if self.cut.get() { Err(PortError::Lost("sim".to_string(), "the test cut it".to_string())) } else { Ok(()) }
+    }
+}
+
+impl Port for Cuttable {
+    fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+        self.whole()?;
+        self.board.send(bytes)
+    }
+
+    fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, PortError> {
+        self.whole()?;
+        self.board.receive(buffer, timeout)
+    }
+
+    fn tip(&mut self) -> Result<Option<TipRecord>, PortError> {
+        self.whole()?;
+        self.board.tip()
+    }
+}
+
+/// What came of it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Recovered {
+    /// What the board knew when somebody came back.
+    pub found: Status,
+    /// Layers as built, in the end.
+    pub as_built: Vec<Option<LayerBytes>>,
+    /// Feed steps more than without the crash: what was laid of the layer that was cut.
+    pub more_feed_steps: i64,
+}
+
+/// Grows until the host has been told of so many things, lets something go, and resumes.
+///
+/// # Errors
+/// What went wrong, in words.
+pub fn crash_at(job: &Job, undisturbed: &Undisturbed, crash: Crash, event: usize) -> Result<Recovered, String> {
+    let board: Board = Rc::new(RefCell::new(Sim::new(job.robot.clone())));
+    let mut known = Vec::new();
+    let broken = grow_until(job, &board, crash, event, &mut known);
+    if let Ok(Grown { outcome: Outcome::Done, .. }) = &broken {
+        return Err("it was done before anything went".to_string());
+    }
+    if crash == Crash::Cable {
+        board.borrow_mut().pass(Duration::from_secs(60));
+    }
+    let (found, grown) = come_back(job, &board, known).map_err(|error| error.to_string())?;
+    if grown.outcome != Outcome::Done {
+        return Err(format!("ended by {:?}", grown.outcome));
+    }
+    let feed_steps = board.borrow_mut().simulated_tip().feed_steps();
+    let more_feed_steps = feed_steps as i64 - undisturbed.feed_steps as i64;
+    Ok(Recovered { found, as_built: grown.as_built, more_feed_steps })
+}
+
+/// The part before.
+fn grow_until(
+    job: &Job,
+    board: &Board,
+    crash: Crash,
+    event: usize,
+    known: &mut Vec<Option<LayerBytes>>,
+) -> Result<Grown, GrowthError> {
+    let cut = Rc::new(Cell::new(false));
+    let line = Cuttable { board: Rc::clone(board), cut: Rc::clone(&cut) };
+    let mut client = Client::new(Box::new(line), "sim");
+    let mut told = 0;
+    let grown = grow_job(&mut client, job, Silence::Hold, &AtomicBool::new(false), &mut |news| {
+        if cut.get() {
+            return;
+        }
+        if let News::Laid(_, as_built) = news {
+            known.push(*as_built);
+        }
+        told += 1;
+        if told == event {
+            let in_layer = Duration::from_secs_f64(0.4 * job.robot.description().layer.period_s);
+            let mut sim = board.borrow_mut();
+            match crash {
+                Crash::Host | Crash::Cable => {}
+                Crash::Board => sim.reset(ResetCause::Watchdog),
+                Crash::Power => sim.reset(ResetCause::PowerOn),
+                Crash::BoardInLayer => {
+                    sim.pass(in_layer);
+                    sim.reset(ResetCause::Watchdog);
+                }
+                Crash::PowerInLayer => {
+                    sim.pass(in_layer);
+                    sim.reset(ResetCause::PowerOn);
+                }
+            }
+            // Nothing the host does from here on counts.
+            cut.set(true);
+        }
+    });
+    client.vanish();
+    grown
+}
+
+/// Somebody comes back, clears what is to be cleared, and goes on.
+fn come_back(
+    job: &Job,
+    board: &Board,
+    known: Vec<Option<LayerBytes>>,
+) -> Result<(Status, Grown), GrowthError> {
+    let mut client = Client::new(Box::new(Rc::clone(board)), "sim");
+    let hello = client.hello().map_err(GrowthError::Before)?;
+    if hello.status.state == State::Fault {
+        let clear = Message::ClearFault(Empty {});
+        client.request("to clear the fault", &clear).map_err(GrowthError::Before)?;
+    }
+    let found = client.status().map_err(GrowthError::Before)?;
+    let (stop, tell) = (AtomicBool::new(false), &mut |_: &News| {});
+    let grown = if found.plan_id == job.plan_id {
+        resume_job(&mut client, job, known, CutLayer::Again, Silence::Hold, &stop, tell)
+    } else {
+        // Nothing had been begun.
+        grow_job(&mut client, job, Silence::Hold, &stop, tell)
+    };
+    Ok((found, grown?))
+}
+
+/// Whether everything is as it must be: every layer laid once and the same as without the crash, and a layer that was cut told.
+///
+/// # Errors
+/// What is not.
+pub fn check(job: &Job, undisturbed: &Undisturbed, crash: Crash, recovered: &Recovered) -> Result<(), String> {
+    if recovered.as_built != undisturbed.as_built {
+        let other = recovered.as_built.iter().zip(&undisturbed.as_built).position(|(one, other)| one != other);
+        return Err(format!("layer {other:?} of {} is another one", recovered.as_built.len()));
+    }
+    let layer = 0.8 * job.robot.feed_steps_per_length();
+    let more = recovered.more_feed_steps as f64;
+    match recovered.found.cut {
+        None if more != 0.0 => Err(format!("{more} feed steps too many, and no layer was cut")),
+        Some(_) if !(0.0..layer).contains(&more) => Err(format!("{more} feed steps too many")),
+        Some(cut) => {
+            let share = more / layer;
+            let (least, most) = (f64::from(cut.least) / 64.0, f64::from(cut.most) / 64.0);
+            let in_layer = matches!(crash, Crash::BoardInLayer | Crash::PowerInLayer);
+            if in_layer && crash == Crash::BoardInLayer && most - least > 0.3 {
+                return Err(format!("all that is known is {least} to {most}"));
+            }
+            // A layer is no thinner than half of what it is on average.
+            if share > 2.0 * most + 0.01 || share < least / 2.5 - 0.01 {
+                return Err(format!("{share} of a layer was made, and {least} to {most} were told"));
+            }
+            Ok(())
+        }
+        None => Ok(()),
+    }
+}

@@ -1,0 +1,93 @@
+//! Jobs that are interrupted, and lines that lose what they carry: whatever happens, each layer is laid once.
+//!
+//! - [`crash`]: the host, the line, the board or its power goes at any moment of a growth, which is then resumed;
+//! - [`wire`]: growths over a wire with faults.
+
+pub mod crash;
+pub mod wire;
+
+use std::cell::RefCell;
+use std::rc::Rc;
+use std::sync::atomic::AtomicBool;
+
+use growbot_core::layer_bytes::LayerBytes;
+use growbot_core::link::message::Silence;
+use growbot_core::path::{Segment, end};
+use growbot_core::pose::Pose;
+use growbot_core::robot::Robot;
+use growbot_host::client::Client;
+use growbot_host::growth::{Job, Outcome, grow_job};
+use growbot_host::port::sim::Sim;
+use growbot_host::robot_file;
+
+/// Robot A, homing and growing faster, so that campaigns do not take long.
+///
+/// # Panics
+/// Never: its description is valid.
+#[must_use]
+pub fn robot() -> Robot {
+    let mut description = robot_file::load("growbot-a".as_ref()).expect("it is built in").description().clone();
+    description.layer.period_s = 4.0;
+    description.head.homing_turns_per_s = 0.2;
+    Robot::new(description).expect("the motors are quick enough")
+}
+
+/// Where a body begins and ends, and a bend between of so many layers.
+pub struct Body {
+    start: Pose,
+    goal: Pose,
+    path: [Segment; 1],
+}
+
+impl Body {
+    /// A bend of so many layers.
+    ///
+    /// # Panics
+    /// Never: its beginning is a pose.
+    #[must_use]
+    pub fn of(layers: u32) -> Self {
+        let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).expect("upright");
+        let length = 0.7 * f64::from(layers);
+        // Never more than a fifth of a turn, so that any number of layers is a path.
+        let path = [Segment::Arc { alpha: 1.0, bend: (length / 120.0).min(1.2), length }];
+        let goal = Pose::from_frame(&end(&path, &start.frame()));
+        Self { start, goal, path }
+    }
+
+    /// The job of growing it.
+    #[must_use]
+    pub fn job<'a>(&'a self, robot: &'a Robot) -> Job<'a> {
+        Job::new(robot, &self.start, &self.goal, &self.path)
+    }
+}
+
+/// A simulated robot that its test holds too.
+pub type Board = Rc<RefCell<Sim>>;
+
+/// A growth that nothing has disturbed.
+pub struct Undisturbed {
+    /// The layers as built.
+    pub as_built: Vec<Option<LayerBytes>>,
+    /// Steps that the simulated feed has turned.
+    pub feed_steps: u64,
+    /// What the host was told: layers, states, and so on.
+    pub events: usize,
+}
+
+impl Undisturbed {
+    /// Grows it.
+    ///
+    /// # Panics
+    /// If it does not grow.
+    #[must_use]
+    pub fn grow(job: &Job) -> Self {
+        let board: Board = Rc::new(RefCell::new(Sim::new(job.robot.clone())));
+        let mut client = Client::new(Box::new(Rc::clone(&board)), "sim");
+        let mut events = 0;
+        let grown = grow_job(&mut client, job, Silence::Hold, &AtomicBool::new(false), &mut |_| events += 1);
+        let grown = grown.expect("nothing is in the way");
+        assert_eq!((grown.outcome, grown.as_built.len()), (Outcome::Done, job.layers.len()));
+        let feed_steps = board.borrow_mut().simulated_tip().feed_steps();
+        Self { as_built: grown.as_built, feed_steps, events }
+    }
+}
