@@ -1,8 +1,8 @@
 //! The stack of a running board: an overflow ends in a clean reset, and a growth that the board plans by itself leaves half of it unused.
 
+use std::cell::RefCell;
 use std::fs::File;
 use std::os::unix::fs::FileExt;
-use std::cell::RefCell;
 use std::rc::Rc;
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};

@@ -52,7 +52,8 @@ fn the_robots_board_says_hello_and_answers_requests() {
         matches!(refused, ClientError::Refused { refusal: Refusal::WrongState { state: said }, .. } if said == state),
         "{refused}"
     );
-    let refused = client.request("to start", &Message::Start(Start { plan_id: 7, silence: Silence::Hold })).unwrap_err();
+    let refused =
+        client.request("to start", &Message::Start(Start { plan_id: 7, silence: Silence::Hold })).unwrap_err();
     assert!(matches!(refused, ClientError::Refused { refusal: Refusal::OtherPlan { board: 0 }, .. }), "{refused}");
     let refused = client.request("to clear the fault", &Message::ClearFault(Empty {})).unwrap_err();
     assert!(matches!(refused, ClientError::Refused { refusal: Refusal::FaultRemains { .. }, .. }), "{refused}");

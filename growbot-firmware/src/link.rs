@@ -54,8 +54,8 @@ impl Event {
 struct Session {
     id: u32,
     host: HostName,
-    /// When its host was last heard, us; none after its goodbye.
-    heard: Option<u64>,
+    /// When its host was last heard, us.
+    heard: u64,
     /// Number of the latest request.
     request: u16,
     /// What that request was answered.
@@ -107,7 +107,7 @@ impl Link {
         self.session = Some(Session {
             id: header.session,
             host,
-            heard: Some(now),
+            heard: now,
             request: header.seq,
             answer: None,
             first_event: 1,
@@ -116,7 +116,8 @@ impl Link {
         });
     }
 
-    fn close(&mut self) {
+    /// Closes the session: its host says goodbye, or is given up.
+    pub fn close(&mut self) {
         if let Some(session) = self.session.take() {
             if self.closed.is_full() {
                 self.closed.pop_front();
@@ -144,15 +145,8 @@ impl Link {
     #[must_use]
     pub fn holder(&self, now: u64) -> Option<(&HostName, u64)> {
         let session = self.session.as_ref()?;
-        let silent = now.saturating_sub(session.heard?);
+        let silent = now.saturating_sub(session.heard);
         (silent < SILENCE_US).then_some((&session.host, silent))
-    }
-
-    /// The host says goodbye: it counts as silent from now on.
-    pub fn part(&mut self) {
-        if let Some(session) = &mut self.session {
-            session.heard = None;
-        }
     }
 
     /// Takes note of a frame: that its host lives, and which events it has. Tells what is to be done with it.
@@ -160,14 +154,14 @@ impl Link {
         let Some(session) = self.session.as_mut().filter(|session| session.id == header.session) else {
             return Arrival::Outside;
         };
-        session.heard = Some(now);
-        while !self.events.is_empty() && header.ack != 0 && !is_after(session.first_event, header.ack) {
+        session.heard = now;
+        while session.sent > 0 && header.ack != 0 && !is_after(session.first_event, header.ack) {
             self.events.pop_front();
             session.first_event = next(session.first_event);
-            session.sent = session.sent.saturating_sub(1);
+            session.sent -= 1;
             session.resend = (now.saturating_add(RESEND_US), RESEND_US);
         }
-        if header.kind == HEARD {
+        if header.kind == HEARD || header.seq == 0 {
             return Arrival::Settled;
         }
         if is_after(header.seq, session.request) {
@@ -205,16 +199,12 @@ impl Link {
         self.session.is_some() && waiting < MOST_LAID && !self.events.is_full()
     }
 
-    /// Tells an event to the host. With nobody to hear it for long, the oldest are forgotten: the status tells where they led.
+    /// Tells an event to the host. One that has not heard so many is given up, and its session closed: when it comes back, the status
+    /// tells where they led.
     pub fn tell(&mut self, event: Event) {
-        let Some(session) = &mut self.session else { return };
-        if self.events.is_full() {
-            self.events.pop_front();
-            session.first_event = next(session.first_event);
-            session.sent = session.sent.saturating_sub(1);
+        if self.session.is_some() && self.events.push_back(event).is_err() {
+            self.close();
         }
-        // There is room now.
-        let _ = self.events.push_back(event);
     }
 
     /// Sends the events that are due, as far as there is room.
@@ -222,8 +212,9 @@ impl Link {
         let Some(session) = &mut self.session else { return };
         let (due, pause) = session.resend;
         if session.sent > 0 && now >= due {
+            let pause = (2 * pause).min(SLOWEST_RESEND_US);
             session.sent = 0;
-            session.resend = (now.saturating_add(pause), (2 * pause).min(SLOWEST_RESEND_US));
+            session.resend = (now.saturating_add(pause), pause);
         }
         while let Some(session) = &mut self.session
             && self.outbox.len() + LONGEST_FRAME + KEPT_FOR_ANSWERS <= OUTBOX

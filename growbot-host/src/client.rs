@@ -15,19 +15,25 @@ use growbot_core::robot::Robot;
 use crate::port::{Port, PortError};
 
 /// A request is repeated after so long without its answer, and then ever more rarely,
-const FIRST_REPEAT: Duration = Duration::from_millis(300);
+const FIRST_REPEAT: Duration = Duration::from_millis(250);
 /// up to this.
-const SLOWEST_REPEAT: Duration = Duration::from_secs(1);
+const SLOWEST_REPEAT: Duration = Duration::from_millis(500);
 /// A plan takes a board up to a minute for a near goal, and emulated by a busy machine some times that: it is not asked more often.
 const REPEAT_OF_PLAN: Duration = Duration::from_secs(10);
-/// A board that says nothing for so long while it is asked is silent.
+/// A board of which nothing at all comes for so long while it is asked is silent,
 const SILENCE: Duration = Duration::from_secs(4);
-/// So is one that plans and says nothing for so long.
+/// and one of which whole frames have come before, or now and then pieces of some, is after so long: the line may be bad.
+const SILENCE_OF_BAD_LINE: Duration = Duration::from_secs(20);
+/// Of what is no growbot, more than so many pieces come in the former time.
+const MOST_PIECES: u32 = 30;
+/// One that plans is silent when it says nothing for so long.
 const SILENCE_OF_PLAN: Duration = Duration::from_secs(180);
 /// A line that carries some frames and never the answer is given up after so many repetitions.
 const MOST_TRIES: u32 = 120;
-/// A host that holds the board and is not heard for so long has lost it (PROTOCOL.md).
-const HELD_FOR_MS: u32 = 10_000;
+/// A host that holds the board and is not heard for 10 s has lost it (PROTOCOL.md): it is waited for in so many looks,
+const HELD_LOOKS: u32 = 24;
+/// with such pauses.
+const HELD_LOOK: Duration = Duration::from_millis(500);
 /// A board whose host says nothing for 10 s holds: in long waits it is told so often that its host lives.
 const SIGN_OF_LIFE: Duration = Duration::from_secs(3);
 /// The emergency stop is sent so often,
@@ -228,13 +234,26 @@ impl Client {
     /// # Errors
     /// A board that is silent, garbled, of another version, or held by another host.
     pub fn hello(&mut self) -> Result<BoardHello, ClientError> {
-        match self.open_session(false) {
-            Err(ClientError::Refused { refusal: Refusal::Held { silent_ms }, .. }) => {
-                self.pass(Duration::from_millis(HELD_FOR_MS.saturating_sub(silent_ms).into()))?;
-                self.open_session(false).or_else(|error| self.told_holder(error))
+        let mut silent_before = 0;
+        for _ in 0..HELD_LOOKS {
+            match self.open_session(false) {
+                Err(ClientError::Refused { refusal: Refusal::Held { .. }, .. })
+                    if self.board()?.holder == Some(host_name()) =>
+                {
+                    // It is this program, which the line had lost.
+                    return self.open_session(true);
+                }
+                // As long as it is not heard it may be gone.
+                Err(ClientError::Refused { refusal: Refusal::Held { silent_ms }, .. })
+                    if silent_ms >= silent_before =>
+                {
+                    silent_before = silent_ms;
+                    self.pass(HELD_LOOK)?;
+                }
+                other => return other.or_else(|error| self.told_holder(error)),
             }
-            other => other,
         }
+        self.open_session(false).or_else(|error| self.told_holder(error))
     }
 
     /// Opens the session, and takes the board from another host that has it.
@@ -391,7 +410,7 @@ impl Client {
     /// No answer, or a refusal.
     pub fn request(&mut self, what: &'static str, request: &Message) -> Result<Message, ClientError> {
         let plans = matches!(request, Message::Plan(_));
-        let (mut repeat, silence) = if plans { (REPEAT_OF_PLAN, SILENCE_OF_PLAN) } else { (FIRST_REPEAT, SILENCE) };
+        let mut repeat = if plans { REPEAT_OF_PLAN } else { FIRST_REPEAT };
         self.seq = next(self.seq);
         let seq = self.seq;
         let mut wait = Wait::default();
@@ -401,10 +420,10 @@ impl Client {
             if let Some(frame) = self.answer_to(|ack| ack == seq, repeat, &mut wait)? {
                 return answer(what, &frame);
             }
-            if wait.quiet >= silence {
+            if wait.is_hopeless(if plans { SILENCE_OF_PLAN } else { Duration::ZERO }, self.open) {
                 break;
             }
-            repeat = (repeat * 3 / 2).min(SLOWEST_REPEAT.max(repeat));
+            repeat = (repeat * 5 / 4).min(SLOWEST_REPEAT.max(repeat));
         }
         Err(self.given_up(wait))
     }
@@ -438,7 +457,7 @@ impl Client {
                     wait.quiet += step;
                 }
                 Some(Ok(frame)) => {
-                    wait.quiet = Duration::ZERO;
+                    (wait.quiet, wait.pieces) = (Duration::ZERO, 0);
                     waited += passing;
                     let header = frame.header;
                     if header.session == self.session && header.ack != 0 {
@@ -452,6 +471,7 @@ impl Client {
                 Some(Err(error)) => {
                     waited += passing;
                     wait.quiet += passing;
+                    wait.pieces += 1;
                     wait.heard = Some(error);
                 }
             }
@@ -501,7 +521,7 @@ impl Client {
             }
             let answered = self.answer_to(|ack| flying.contains(&ack), SLOWEST_REPEAT, &mut wait)?;
             let Some(frame) = answered else {
-                if wait.quiet >= SILENCE || fruitless >= MOST_TRIES {
+                if wait.is_hopeless(Duration::ZERO, self.open) || fruitless >= MOST_TRIES {
                     return Err(self.given_up(wait));
                 }
                 (fruitless, batch) = (fruitless + 1, (batch / 2).max(1));
@@ -648,8 +668,19 @@ impl Drop for Client {
 struct Wait {
     /// For so long no frame has come.
     quiet: Duration,
+    /// So many pieces of frames have come meanwhile.
+    pieces: u32,
     /// What came that was none.
     heard: Option<FrameError>,
+}
+
+impl Wait {
+    /// Whether nothing more is to be hoped for, from a board that has `known` answered before; not before `least`.
+    fn is_hopeless(&self, least: Duration, known: bool) -> bool {
+        let is_board = known || (1..=MOST_PIECES).contains(&self.pieces);
+        let patience = if is_board { SILENCE_OF_BAD_LINE } else { SILENCE };
+        self.quiet >= patience.max(least)
+    }
 }
 
 fn same_schema(hello: BoardHello) -> Result<BoardHello, ClientError> {

@@ -296,7 +296,9 @@ fn nobody_acknowledges_an_emergency_stop_and_that_is_said() {
 fn what_is_no_run_log_is_told() {
     let directory = tempfile::tempdir().unwrap();
     let path = |name: &str| directory.path().join(name).to_str().unwrap().to_owned();
-    for (name, text) in [("empty", ""), ("words", "hello\n"), ("list", "[1]\n"), ("old", "{\"format\":\"growbot-run/1\"}\n")] {
+    for (name, text) in
+        [("empty", ""), ("words", "hello\n"), ("list", "[1]\n"), ("old", "{\"format\":\"growbot-run/1\"}\n")]
+    {
         std::fs::write(path(name), text).unwrap();
         assert_refused(&growbot(&["replay", &path(name)]), &[name, "run log"]);
     }

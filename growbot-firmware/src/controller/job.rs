@@ -12,7 +12,7 @@ use heapless::Deque;
 
 use super::{Controller, centi};
 use crate::hal::{Board, Watchdog};
-use crate::journal;
+use crate::journal::{self, JournalError};
 use crate::link;
 use crate::safety::kept::UnderWay;
 use crate::safety::transitions::Event;
@@ -44,6 +44,8 @@ pub(super) struct Job {
     pub silence: Silence,
     /// The journal has failed: the job cannot be taken up again.
     pub unwritten: bool,
+    /// What the layers laid leave to those to come.
+    pub carry: journal::Carry,
     /// What the layers handed over amount to.
     pub material: Material,
     /// What each of those handed over and not yet laid leaves to the next one.
@@ -52,10 +54,10 @@ pub(super) struct Job {
 
 impl Job {
     /// The layers handed over and not laid never will be: what comes next follows on those that were.
-    pub fn forget_given(&mut self, carry: journal::Carry) {
+    pub fn forget_given(&mut self) {
         self.given = self.laid;
         self.carries.clear();
-        self.material = Material::from(carry);
+        self.material = Material::from(self.carry);
     }
 }
 
@@ -128,23 +130,30 @@ impl<B: Board> Controller<B> {
             } else if resume.from != laid {
                 return Err(Refusal::OutOfOrder { expected: laid });
             }
-            let carry = self.parts.journal.carry();
-            self.job.forget_given(carry);
+            self.job.forget_given();
+            // It is laid again, on top of what there is of it.
+            self.job.cut = None;
         }
         self.job.told = resume.known.min(self.job.laid);
         self.happens(Event::Resume);
         Ok(self.accepted())
     }
 
+    /// What could not be written down cannot be taken up again, and is not done.
+    fn in_journal(&mut self, written: Result<(), JournalError>) -> Result<(), Refusal> {
+        written.map_err(|_| {
+            self.job.unwritten = true;
+            Refusal::Journal
+        })
+    }
+
     /// The layer that was cut counts as laid, as far as it was.
     fn let_be(&mut self) -> Result<(), Refusal> {
         let index = self.job.laid;
-        let unknown = journal::Laid {
-            as_built: LayerBytes::default(),
-            height_units: 0,
-            lean_owed: self.parts.journal.carry().lean_owed,
-        };
-        self.parts.journal.skipped(index, &unknown).map_err(|_| Refusal::Journal)?;
+        let unknown =
+            journal::Laid { as_built: LayerBytes::default(), height_units: 0, lean_owed: self.job.carry.lean_owed };
+        let written = self.parts.journal.skipped(index, &unknown);
+        self.in_journal(written)?;
         if self.store().get(index).is_some() {
             self.store_mut().drop_first();
         } else {
@@ -217,7 +226,7 @@ impl<B: Board> Controller<B> {
             return Err(Refusal::PlanTooLong { layers: amend.layers, capacity });
         }
         // Something must be left to lay, or nothing would ever end it.
-        if amend.layers <= self.job.laid {
+        if amend.layers <= self.job.laid || amend.layers < amend.from {
             return Err(Refusal::BadLayer { index: amend.layers });
         }
         self.check_layers(amend.from, &amend.first_layers, amend.layers)?;
@@ -225,7 +234,8 @@ impl<B: Board> Controller<B> {
         if amend.first_layers.len() > room as usize {
             return Err(Refusal::Full);
         }
-        self.parts.journal.amended(amend.from, amend.amended, amend.layers).map_err(|_| Refusal::Journal)?;
+        let written = self.parts.journal.amended(amend.from, amend.amended, amend.layers);
+        self.in_journal(written)?;
         self.store_mut().truncate(amend.from);
         for bytes in &amend.first_layers {
             self.hold_layer(*bytes)?;
@@ -237,6 +247,10 @@ impl<B: Board> Controller<B> {
     pub(super) fn start(&mut self, start: &Start) -> Result<Message, Refusal> {
         self.this_plan(start.plan_id)?;
         self.takes(Event::Start)?;
+        if self.state == State::Idle && self.job.cut.is_some() {
+            // What becomes of the layer that was cut is for a host to say, by `Resume`.
+            return Err(Refusal::OutOfOrder { expected: self.job.laid });
+        }
         self.go_on_holding(None);
         self.job.silence = start.silence;
         match self.state {
@@ -288,8 +302,7 @@ impl<B: Board> Controller<B> {
         if self.job.given > self.job.laid {
             let least = sectors.min(SECTORS as u32 - 1) as u8;
             self.job.cut = Some(Cut { least, most: least + 1 });
-            let carry = self.parts.journal.carry();
-            self.job.forget_given(carry);
+            self.job.forget_given();
         }
     }
 
@@ -309,8 +322,8 @@ impl<B: Board> Controller<B> {
         });
         self.job = Job { plan_id: known.plan_id, layers: known.layers, laid: known.laid, cut, ..Job::default() };
         self.store_mut().restart(known.laid);
-        let carry = self.parts.journal.carry();
-        self.job.forget_given(carry);
+        self.job.carry = self.parts.journal.carry();
+        self.job.forget_given();
         // Between layers it held, and filament was pulled back.
         self.motion.assume_retracted(self.job.laid > 0 && self.job.cut.is_none());
     }
@@ -331,6 +344,8 @@ impl<B: Board> Controller<B> {
         self.parts.store.drop_first();
         let Some(left) = self.job.carries.pop_front() else { return };
         let layer = journal::Laid { as_built, ..left };
+        self.job.carry.height_units += u64::from(layer.height_units);
+        self.job.carry.lean_owed = layer.lean_owed;
         let next_begun = self.job.given > self.job.laid;
         self.job.unwritten |= self.parts.journal.committed(index, &layer, next_begun).is_err();
     }

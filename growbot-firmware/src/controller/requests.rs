@@ -37,7 +37,7 @@ impl<B: Board> Controller<B> {
         let answer = match Message::decode_request(header.kind, &frame.body) {
             _ if header.kind == STOP => Ok(self.stop(handover)),
             Ok(Message::Heard(_)) => return,
-            Ok(Message::Goodbye(_)) if arrival == Arrival::New => return self.link.part(),
+            Ok(Message::Goodbye(_)) if arrival == Arrival::New => return self.link.close(),
             Ok(message) => self.carry_out(message, &header, arrival, handover),
             Err(_) => Err(Refusal::NotUnderstood),
         };

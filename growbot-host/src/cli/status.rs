@@ -204,7 +204,12 @@ fn text_of(hello: &BoardHello) -> String {
     let job = match status.plan_id {
         0 => "none".to_string(),
         id => {
-            format!("{id:016x}, {} of {} layers laid, {} held", status.laid, status.layers, status.next.saturating_sub(status.laid))
+            format!(
+                "{id:016x}, {} of {} layers laid, {} held",
+                status.laid,
+                status.layers,
+                status.next.saturating_sub(status.laid)
+            )
         }
     };
     let mut text = format!("robot        {} ({:016x}), firmware {}\n", hello.robot_name, hello.robot, version(hello));

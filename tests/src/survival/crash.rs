@@ -145,11 +145,7 @@ fn grow_until(
 }
 
 /// Somebody comes back, clears what is to be cleared, and goes on.
-fn come_back(
-    job: &Job,
-    board: &Board,
-    known: Vec<Option<LayerBytes>>,
-) -> Result<(Status, Grown), GrowthError> {
+fn come_back(job: &Job, board: &Board, known: Vec<Option<LayerBytes>>) -> Result<(Status, Grown), GrowthError> {
     let mut client = Client::new(Box::new(Rc::clone(board)), "sim");
     let hello = client.hello().map_err(GrowthError::Before)?;
     if hello.status.state == State::Fault {

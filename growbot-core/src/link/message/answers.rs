@@ -214,7 +214,8 @@ pub struct Laid {
     pub plan_id: u64,
     /// Index of the layer.
     pub index: u32,
-    /// The layer as built, from the steps that were made. Nothing is known of one that was cut and let be.
+    /// The layer as built, from the steps that were made. Nothing is known of one that was cut and let be, or after a failure of the
+    /// journal.
     pub as_built: Option<LayerBytes>,
 }
 

@@ -179,7 +179,7 @@ messages! {
     0x11 Cancel(Cancel),
     /// Answered by `BoardHello`, in any session; opens none.
     0x12 AskBoard(Empty),
-    /// Closes the session; not answered.
+    /// Closes the session: another host need not wait. Not answered.
     0x13 Goodbye(Empty),
 
     // Board to host.
@@ -205,7 +205,7 @@ messages! {
     0x51 StateChanged(StateChanged),
     /// An event.
     0x52 Tuned(Tuned),
-    /// An emergency stop by the link was obeyed: sent once for each, in session 0.
+    /// Emergency stops by the link were obeyed: sent in session 0, whoever asks.
     0x53 StoppedAtOnce(Empty),
 }
 

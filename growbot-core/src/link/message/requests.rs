@@ -33,8 +33,8 @@ pub struct Begin {
     pub robot: u64,
 }
 
-/// Takes up the job that the board knows: after a loss of the line or of the host it is followed on, after a stop, a fault or a
-/// reset its layers are handed over anew.
+/// Takes up the job that the board knows: after a loss of the line or of the host it is followed on; after a stop, a fault or a
+/// reset it goes on, with the layers that the board does not hold any more handed over anew.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Resume {
     /// The job.

@@ -1,7 +1,9 @@
 //! What a board answers at once, in a few lines of text.
 
 use growbot_core::layer_bytes::decode;
-use growbot_core::link::message::{Accepted, Empty, HeldLayers, Message, PlanRequest, ReadLayers, Silence, Start};
+use growbot_core::link::message::{
+    Accepted, Empty, HeldLayers, Message, PlanRequest, ReadLayers, Resume, Silence, Start, State,
+};
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
@@ -58,9 +60,17 @@ fn plan(client: &mut Client, robot: &Robot, start: &Pose, goal: &Pose) -> Result
 
 fn start_held(client: &mut Client) -> Result<String, Failure> {
     let what = "to start";
-    let plan_id = client.status()?.plan_id;
+    let status = client.status()?;
+    let plan_id = status.plan_id;
+    let mut text = String::new();
+    if plan_id != 0 && (status.state == State::Stopped || status.cut.is_some()) {
+        // A layer that was cut is laid again; `growbot resume` has the choice.
+        let resume = Resume { plan_id, from: status.laid, known: status.laid };
+        client.request("to resume", &Message::Resume(resume))?;
+        text += &format!("goes on at layer {}\n", status.laid);
+    }
     match client.request(what, &Message::Start(Start { plan_id, silence: Silence::Hold }))? {
-        Message::Accepted(Accepted { next, .. }) => Ok(format!("started with {next} layers\n")),
+        Message::Accepted(Accepted { next, .. }) => Ok(text + &format!("started with {next} layers\n")),
         other => Err(unexpected(what, &other)),
     }
 }
