@@ -425,7 +425,7 @@ impl Client {
             }
             repeat = (repeat * 5 / 4).min(SLOWEST_REPEAT.max(repeat));
         }
-        Err(self.given_up(wait))
+        Err(self.given_up(&wait))
     }
 
     /// Sends a frame, with what has been heard of the board's events.
@@ -480,7 +480,7 @@ impl Client {
     }
 
     /// Why nothing more is to be hoped for.
-    fn given_up(&self, wait: Wait) -> ClientError {
+    fn given_up(&self, wait: &Wait) -> ClientError {
         let port = self.name.clone();
         match wait.heard {
             None => ClientError::Silent { port },
@@ -522,7 +522,7 @@ impl Client {
             let answered = self.answer_to(|ack| flying.contains(&ack), SLOWEST_REPEAT, &mut wait)?;
             let Some(frame) = answered else {
                 if wait.is_hopeless(Duration::ZERO, self.open) || fruitless >= MOST_TRIES {
-                    return Err(self.given_up(wait));
+                    return Err(self.given_up(&wait));
                 }
                 (fruitless, batch) = (fruitless + 1, (batch / 2).max(1));
                 self.repeated += flying.len() as u64;

@@ -244,9 +244,6 @@ fn a_growth_whose_program_was_killed_goes_on_from_its_log() {
     let other = growbot(&["grow", "--to", "0,0,100,0,90", "--port", &board.port()]);
     assert_eq!(other.code, Some(1), "{}", other.err);
     assert!(other.err.contains("growbot resume"), "{}", other.err);
-    // With nobody there to ask, it must be said.
-    assert_refused(&growbot(&["resume", log, "--port", &board.port()]), &["--yes"]);
-
     // This board's time runs so fast that any host is silent for long.
     let ran = growbot(&["resume", log, "--port", &board.port(), "--yes", "--on-silence", "go-on", "--json"]);
     assert_eq!(ran.code, Some(0), "{}", ran.err);
@@ -278,6 +275,8 @@ fn a_body_is_given_up_and_the_emergency_stop_is_obeyed() {
     assert_eq!(status["state"], "emergency-stop");
     assert!(number(&status, "laid") >= 3.0);
     let log = log.to_str().unwrap();
+    // With nobody there to ask whether to heat, it must be said.
+    assert_refused(&growbot(&["resume", log, "--port", &board.port()]), &["--yes"]);
     let resumed = growbot(&["resume", log, "--port", &board.port(), "--yes"]);
     assert_eq!(resumed.code, Some(1), "not before it is cleared: {}", resumed.err);
     assert_eq!(growbot(&["cancel", "--port", &board.port()]).code, Some(0));

@@ -196,6 +196,9 @@ impl<B: Board> Controller<B> {
         let feed = &description.feed;
         let steps = libm::rint(feed.retract_mm * feed.steps_per_mm) as u32;
         let backwards = feeding == Feeding::Back;
+        if steps == 0 {
+            self.motion.retracted = false;
+        }
         if steps == 0 || backwards == self.motion.retracted {
             return;
         }
