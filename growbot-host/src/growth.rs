@@ -19,6 +19,8 @@ use crate::client::{Client, ClientError};
 
 /// How long to wait for an event before asking for the status.
 const QUIET: Duration = Duration::from_secs(2);
+/// Layers whose news are still on the way when the growth has ended are waited for in so many looks.
+const LOOKS_AFTER_THE_END: u32 = 40;
 /// A board that has fallen silent is called again so often before it counts as lost.
 const CALLS: u32 = 12;
 
@@ -402,7 +404,7 @@ impl<'a> Growth<'a> {
             if std::mem::take(&mut ask) {
                 let status = self.client.status()?;
                 if let Some(outcome) = self.take_status(&status)? {
-                    if self.as_built.len() >= self.laid as usize || looks_after_the_end > 4 {
+                    if self.as_built.len() >= self.laid as usize || looks_after_the_end > LOOKS_AFTER_THE_END {
                         return Ok(outcome);
                     }
                     looks_after_the_end += 1;

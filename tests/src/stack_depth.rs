@@ -103,13 +103,19 @@ impl Image {
             let section = file.section_by_name(name).unwrap();
             pointers.extend(section.data().unwrap().chunks_exact(4).map(word));
         }
-        let code = text.data().unwrap();
+        // Some code runs from memory, so that it may erase the flash.
+        let sections = [".text", ".data"].map(|name| {
+            let section = file.section_by_name(name).unwrap();
+            (section.address(), section.data().unwrap())
+        });
         for (start, function) in &mut functions {
+            let within = |(base, code): &&(u64, &[u8])| (*base..*base + code.len() as u64).contains(start);
+            let &(base, code) = sections.iter().find(within).unwrap_or_else(|| panic!("{} is nowhere", function.name));
             let mut at = *start;
             let mut halves = [0_u32; 16];
             let mut saved = 0;
             while at + 2 <= function.end {
-                let offset = (at - text.address()) as usize;
+                let offset = (at - base) as usize;
                 let is_code = kinds.range(..=at).next_back().is_none_or(|(_, code)| *code);
                 if !is_code {
                     if at % 4 == 0 && offset + 4 <= code.len() {

@@ -13,8 +13,9 @@ use crate::safety::kept::fault_of;
 use crate::safety::transitions::{Event, may_feed, may_heat};
 use crate::stepping::Handover;
 
-/// The self-test takes this long at least, so that whatever must persist to count can persist, us.
-const SELF_TEST_LEAST_US: u64 = 400_000;
+/// The self-test takes this long at least, us: whatever must persist to count can persist, and a converter that stopped at once has no
+/// reading any more that is young enough.
+const SELF_TEST_LEAST_US: u64 = 600_000;
 /// It has this long to find every sensor well, us.
 const SELF_TEST_MOST_US: u64 = 2_000_000;
 /// Looks in a row, ten a second, at which the step interrupt has not run, that make a fault.

@@ -101,7 +101,7 @@ impl Bench {
     /// The same board after a reset: what it kept is still there.
     pub fn reset(self, cause: ResetCause) -> Self {
         let mut bench = Self::boot(self.robot, self.world, cause);
-        bench.run(0.5);
+        bench.run(0.7);
         bench.hello();
         bench
     }
