@@ -717,3 +717,53 @@ fn new_session() -> u32 {
     // Never 0, which stands for no session.
     (now.as_secs() as u32).rotate_left(12) ^ now.subsec_nanos() ^ std::process::id() | 1
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::port::sim::Sim;
+    use crate::robot_file;
+    use growbot_core::layer::Layer;
+    use growbot_core::layer_bytes::Encoder;
+    use growbot_core::link::message::Begin;
+    use std::cell::Cell;
+    use std::rc::Rc;
+
+    /// A port that counts what the host sends.
+    struct Counting(Sim, Rc<Cell<usize>>);
+
+    impl Port for Counting {
+        fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+            self.1.set(self.1.get() + bytes.len());
+            self.0.send(bytes)
+        }
+
+        fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, PortError> {
+            self.0.receive(buffer, timeout)
+        }
+    }
+
+    #[test]
+    fn on_a_clean_line_most_of_what_is_sent_is_layers() {
+        let robot = robot_file::load("growbot-a".as_ref()).unwrap();
+        let sent = Rc::new(Cell::new(0));
+        let mut client = Client::new(Box::new(Counting(Sim::new(robot.clone()), Rc::clone(&sent))), "sim");
+        client.hello_robot(&robot).unwrap();
+        let mut encoder = Encoder::default();
+        let layers: Vec<LayerBytes> = (0..4096)
+            .map(|index| encoder.encode(&Layer { alpha: f64::from(index) * 0.01, height: 0.7, tilt: 0.006 }))
+            .collect();
+        let plan_id = u64::MAX;
+        let begin = Begin { plan_id, layers: 4096, robot: robot.hash() };
+        let Message::Accepted(accepted) = client.request("to begin", &Message::Begin(begin)).unwrap() else { panic!() };
+        let before = sent.get();
+        let accepted = client.hand_over(plan_id, &layers, accepted).unwrap();
+        assert_eq!((accepted.next, accepted.room), (4096, 0));
+        let bytes = sent.get() - before;
+        let share = (layers.len() * 12) as f64 / bytes as f64;
+        let seconds = bytes as f64 * 10.0 / 115_200.0;
+        println!("{bytes} bytes for 4,096 layers: {:.1} % layers, {seconds:.2} s at 115200 baud", 100.0 * share);
+        assert!(share >= 0.85 && seconds < 8.0);
+        assert_eq!(client.repeated(), 0);
+    }
+}
