@@ -203,7 +203,7 @@ pub struct Planned {
 pub struct HeldLayers {
     /// Index of the first.
     pub first: u32,
-    /// The layers; fewer than [`MOST_LAYERS`] at the end.
+    /// The layers; fewer than [`MOST_LAYERS`](super::MOST_LAYERS) at the end.
     pub layers: LayerBatch,
 }
 
