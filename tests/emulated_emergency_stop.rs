@@ -1,5 +1,5 @@
 //! The emergency stop by the link, on the firmware's own image in QEMU: obeyed behind noise and in the midst of a frame.
-//! What it takes the processor is in the table of `cargo step-cost`.
+//! What it takes the processor, with the board's queue full, `cargo step-cost` tells.
 
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -22,7 +22,7 @@ use growbot_tests::random::Random;
 use growbot_tests::tip_words::Words;
 
 const PLAN: u64 = 1;
-/// More bytes than the board's queue holds.
+/// Three times what the board's queue holds, bytes.
 const NOISE: usize = 3 * 4096;
 /// How long the board may take, all in all; it needs some milliseconds, but the desktop may leave the emulator standing.
 const PATIENCE: Duration = Duration::from_secs(10);
@@ -63,7 +63,7 @@ fn start(client: &mut Client) {
 }
 
 #[test]
-fn behind_a_full_queue_and_half_a_frame_the_stop_switches_everything_off() {
+fn behind_noise_and_half_a_frame_the_stop_switches_everything_off() {
     let robot = robot();
     let emulator = Rc::new(RefCell::new(Emulator::start(&robot, Some(&firmware("an386"))).unwrap()));
     let words = Words::of(&mut emulator.borrow_mut());

@@ -57,8 +57,10 @@ fn number(variable: &str, otherwise: u64) -> u64 {
     text.parse().unwrap_or_else(|_| panic!("{variable} is {text:?}: give a whole number"))
 }
 
-fn board(robot: &Robot, flash: &[u8]) -> Board {
-    Rc::new(RefCell::new(Emulator::start_with_flash(robot, Some(&firmware("an386")), flash).unwrap()))
+/// A board with this in its journal's flash, or a new one.
+fn board(robot: &Robot, flash: &[u8]) -> Result<Board, String> {
+    let emulator = Emulator::start_with_flash(robot, Some(&firmware("an386")), flash);
+    emulator.map(|emulator| Rc::new(RefCell::new(emulator))).map_err(|error| error.to_string())
 }
 
 /// Has the nozzle warm as soon as it is heated: heating takes real time here. Not before: the journal is erased with a cold one only.
@@ -110,7 +112,7 @@ fn over_a_bad_line_the_image_lays_each_layer_once() {
         let mut kept = None;
         let (job, undisturbed) = (&job, &undisturbed);
         move |seed| {
-            let board = kept.take().unwrap_or_else(|| board(job.robot, &[]));
+            let board = kept.take().map_or_else(|| board(job.robot, &[]), Ok)?;
             let told = over_a_bad_line(&board, job, undisturbed, seed)?;
             kept = Some(board);
             Ok(told)
@@ -175,7 +177,7 @@ impl Point {
 
     /// Grows up to here, is interrupted, comes back, and goes on to the end.
     fn interrupt(&self, job: &Job, undisturbed: &Undisturbed) -> Result<String, String> {
-        let (Self { crash, told, later }, first) = (self, board(job.robot, &[]));
+        let (Self { crash, told, later }, first) = (self, board(job.robot, &[])?);
         let what = format!("{crash:?} {:.2} s after news {told}", later.as_secs_f64());
         let mut known = Vec::new();
         let (broken, flash) = self.grow(job, &first, &mut known);
@@ -185,7 +187,7 @@ impl Point {
             (Crash::Host | Crash::Power, Err(_)) => {}
             (_, other) => return Err(format!("{what}: then {other:?}")),
         }
-        let second = flash.map(|flash| board(job.robot, &flash));
+        let second = flash.map(|flash| board(job.robot, &flash)).transpose()?;
         let laid = known.len();
         let (found, grown) = come_back(second.as_ref().unwrap_or(&first), job, known, *crash)
             .map_err(|error| format!("{what}: {error}"))?;
