@@ -43,11 +43,12 @@ const BOARDS: usize = 2;
 /// The board and its tip, which its test holds too.
 type Board = Rc<RefCell<Emulator>>;
 
-/// Robot A2, whose motors are quick, homing faster.
+/// Robot A2, whose motors are quick, homing faster and content with a nozzle that is roughly warm.
 fn robot() -> Robot {
     let mut description = robot_file::load("growbot-a2".as_ref()).unwrap().description().clone();
     description.layer.period_s = PERIOD_S;
     description.head.homing_turns_per_s = 1.0;
+    description.heater.band_c = 10.0;
     Robot::new(description).unwrap()
 }
 
