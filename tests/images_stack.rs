@@ -1,11 +1,9 @@
 //! The stack of a running board: an overflow ends in a clean reset, and a growth that the board plans by itself leaves half of it unused.
 
 use std::cell::RefCell;
-use std::fs::File;
-use std::os::unix::fs::FileExt;
 use std::rc::Rc;
 use std::sync::atomic::AtomicBool;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use growbot_core::link::message::{Message, PlanRequest, ResetCause, Silence, State};
 use growbot_core::path::{Segment, end};
@@ -17,38 +15,10 @@ use growbot_host::growth::{Job, News, Outcome, grow_job};
 use growbot_host::port::emulator::Emulator;
 use growbot_host::robot_file;
 use growbot_tests::firmware;
+use growbot_tests::tip_words::Words;
 
 /// The region of the stack, on both boards.
 const STACK: u32 = 64 * 1024;
-/// How long the board may take to a reset, or to look through its stack. It takes some 100 ms, or more on a busy machine.
-const PATIENCE: Duration = Duration::from_secs(20);
-
-/// The memory that the board shares with its tip, from the side.
-struct Words(File);
-
-impl Words {
-    fn of(emulator: &mut Emulator) -> Self {
-        Self(emulator.board().tip().file().try_clone().unwrap())
-    }
-
-    fn read(&self, offset: usize) -> u32 {
-        let mut bytes = [0; 4];
-        self.0.read_exact_at(&mut bytes, offset as u64).unwrap();
-        u32::from_le_bytes(bytes)
-    }
-
-    fn write(&self, offset: usize, value: u32) {
-        self.0.write_all_at(&value.to_le_bytes(), offset as u64).unwrap();
-    }
-
-    fn wait(&self, what: &str, until: impl Fn(&Self) -> bool) {
-        let began = Instant::now();
-        while !until(self) {
-            assert!(began.elapsed() < PATIENCE, "{what}: not within {PATIENCE:?}");
-            std::thread::sleep(Duration::from_millis(10));
-        }
-    }
-}
 
 #[test]
 fn a_stack_overflow_is_a_clean_fault_and_the_next_boot_says_so() {

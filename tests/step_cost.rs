@@ -1,16 +1,21 @@
-//! What a tick of the step interrupt costs on the microcontroller, as a table, and the step rate that this allows:
-//! `cargo step-cost`.
+//! What a tick of the step interrupt costs on the microcontroller, as a table, and the step rate that this allows; and what
+//! an emergency stop by the link costs: `cargo step-cost`.
 //!
 //! Builds the program that measures it (`growbot-firmware/src/bin/step_cost/`) and runs it in the emulator, which
 //! counts each instruction, so that the figures are the same on every machine. They are instructions; what they take on
 //! the robot's board is computed from them, on the side of caution.
 
 use std::env;
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Write};
+use std::net::TcpStream;
 use std::path::Path;
 use std::process::Command;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
 use std::time::Duration;
 
+use growbot_core::link::emergency_stop::EMERGENCY_STOP;
+use growbot_core::link::frame::LONGEST_FRAME;
 use growbot_host::port::qemu::{Line, Qemu};
 use growbot_tests::firmware;
 
@@ -28,6 +33,9 @@ const SHARE: f64 = 0.5;
 const TICK_HZ: f64 = 20_000.0;
 /// The most instructions of an idle tick.
 const IDLE: u32 = 80;
+
+/// The most instructions from the last byte of an emergency stop to heater and drivers off, a step tick that goes before it included.
+const STOP: u32 = 2_000;
 
 /// How long the board may take to the next line.
 const NEXT: Duration = Duration::from_secs(120);
@@ -69,12 +77,40 @@ fn measure() -> Vec<Row> {
     let mut qemu = Qemu::start("mps2-an386", &firmware("step_cost"), arguments).unwrap();
     let stream = qemu.connect(&line).unwrap();
     stream.set_read_timeout(Some(NEXT)).unwrap();
+    let enough = AtomicBool::new(false);
+    thread::scope(|scope| {
+        scope.spawn(|| send_stops(&stream, &enough));
+        let rows = read_rows(&stream, &enough);
+        enough.store(true, Ordering::Relaxed);
+        rows.unwrap_or_else(|| panic!("the board ended before its last tick: {}", qemu.messages()))
+    })
+}
 
+/// Sends emergency stops behind noise, and the last byte of each by itself, until there are enough.
+fn send_stops(mut line: &TcpStream, enough: &AtomicBool) {
+    for length in (0..LONGEST_FRAME).cycle() {
+        if enough.load(Ordering::Relaxed) {
+            return;
+        }
+        let noise = (0..length).map(|byte| byte as u8 | 1);
+        let bytes: Vec<u8> = noise.chain(EMERGENCY_STOP).collect();
+        let Some((last, before)) = bytes.split_last() else { return };
+        // A board that has ended is told of by whoever reads.
+        let _ = line.write_all(before);
+        thread::sleep(Duration::from_millis(2));
+        let _ = line.write_all(&[*last]);
+        thread::sleep(Duration::from_millis(2));
+    }
+}
+
+/// All rows; none if the board ends before. Stops are measured before anything is said.
+fn read_rows(line: &TcpStream, enough: &AtomicBool) -> Option<Vec<Row>> {
     let mut rows = Vec::new();
-    for line in BufReader::new(stream).lines() {
-        let line = line.unwrap();
+    for line in BufReader::new(line).lines() {
+        enough.store(true, Ordering::Relaxed);
+        let line = line.ok()?;
         if line == "end" {
-            return rows;
+            return Some(rows);
         }
         let [turns, tick, count, worst] = line.split(',').collect::<Vec<_>>()[..] else {
             panic!("the board said: {line}");
@@ -86,13 +122,14 @@ fn measure() -> Vec<Row> {
             worst: worst.parse().unwrap(),
         });
     }
-    panic!("the board ended before its last tick: {}", qemu.messages());
+    None
 }
 
 #[test]
 fn the_step_interrupt_fits_its_share_of_the_processor() {
     build();
-    let rows: Vec<Row> = measure().into_iter().filter(|row| row.count > 0).collect();
+    let (stops, ticks): (Vec<Row>, Vec<Row>) = measure().into_iter().partition(|row| row.turns == "link");
+    let rows: Vec<Row> = ticks.into_iter().filter(|row| row.count > 0).collect();
     println!("{:<18} {:<12} {:>8} {:>14} {:>8} {:>12}", "turns", "tick", "ticks", "instr., worst", "us", "ticks/s");
     for row in &rows {
         let us = row.cycles() / CLOCK_HZ * 1e6;
@@ -109,6 +146,21 @@ fn the_step_interrupt_fits_its_share_of_the_processor() {
     let slowest = rows.iter().map(Row::tick_hz).fold(f64::INFINITY, f64::min);
     println!("even if every tick were the worst: {slowest:.0} ticks/s, {:.0} steps/s on each axis", slowest / 2.0);
 
+    let [stop] = &stops[..] else { panic!("the board has measured no emergency stop") };
+    let tick = rows.iter().map(|row| row.worst).max().unwrap_or_default();
+    println!(
+        "an emergency stop by the link, worst of {}: {} instructions from its last byte to heater and drivers off, {} behind the worst tick",
+        stop.count,
+        stop.worst,
+        stop.worst + tick
+    );
+
+    assert!(stop.count > 0);
+    assert!(
+        stop.worst + tick < STOP,
+        "an emergency stop takes {} instructions, and a tick before it {tick}",
+        stop.worst
+    );
     assert!(slowest >= TICK_HZ, "only {slowest:.0} ticks a second");
     for row in rows.iter().filter(|row| row.tick == "idle") {
         assert!(row.worst <= IDLE, "{}: an idle tick takes {} instructions", row.turns, row.worst);

@@ -8,6 +8,7 @@ pub mod random;
 pub mod slow_shortest;
 pub mod stack_depth;
 pub mod survival;
+pub mod tip_words;
 
 use std::path::{Path, PathBuf};
 

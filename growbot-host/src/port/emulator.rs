@@ -41,9 +41,19 @@ impl Emulator {
     /// # Errors
     /// QEMU or the image are missing, or the board does not start.
     pub fn start(robot: &Robot, firmware: Option<&Path>) -> Result<Self, PortError> {
+        Self::start_with_flash(robot, firmware, &[])
+    }
+
+    /// Starts a board whose power has been gone: with the flash of its journal, from [`Emulator::cut_power`]. All else is as at first.
+    ///
+    /// # Errors
+    /// As [`Emulator::start`].
+    pub fn start_with_flash(robot: &Robot, firmware: Option<&Path>, flash: &[u8]) -> Result<Self, PortError> {
         let firmware = firmware.map_or_else(built_last, Path::to_path_buf);
         let memory = TipMemory::create(table::SIZE as u64)?;
         prepare(&memory, robot)?;
+        let flash = flash.get(..table::JOURNAL_CAPACITY).unwrap_or(flash);
+        memory.file().write_all_at(flash, table::JOURNAL as u64).map_err(doing("write the journal's flash"))?;
         let words = Words(memory.file().try_clone().map_err(doing("share the tip's memory"))?);
         let board = EmulatedRobot::start(&firmware, memory, &[])?;
         let line = board.line().try_clone().map_err(doing("share the emulator's line"))?;
@@ -65,6 +75,18 @@ impl Emulator {
     /// Does something with the tip at this moment.
     pub fn simulated_tip(&mut self, what: impl FnOnce(&mut Tip)) {
         what(&mut self.player.followed().tip);
+    }
+
+    /// Cuts the board's power at this moment. What is left is the flash of its journal; the tip stays as it is.
+    ///
+    /// # Errors
+    /// The flash cannot be read.
+    pub fn cut_power(&mut self) -> Result<Vec<u8>, PortError> {
+        self.board.qemu().kill();
+        let mut flash = vec![0; table::JOURNAL_CAPACITY];
+        let read = self.board.tip().file().read_exact_at(&mut flash, table::JOURNAL as u64);
+        read.map_err(doing("read the journal's flash"))?;
+        Ok(flash)
     }
 
     /// The emulator and the memory of its tip.

@@ -215,6 +215,13 @@ impl Qemu {
         Some(self.messages())
     }
 
+    /// Ends the emulator at this moment, and waits until it has ended.
+    pub fn kill(&mut self) {
+        // Both fail only if it has ended already.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+
     /// What QEMU itself has said so far.
     pub fn messages(&self) -> String {
         self.messages.lock().unwrap_or_else(PoisonError::into_inner).clone()
@@ -223,9 +230,7 @@ impl Qemu {
 
 impl Drop for Qemu {
     fn drop(&mut self) {
-        // Both fail only if it has ended already.
-        let _ = self.child.kill();
-        let _ = self.child.wait();
+        self.kill();
     }
 }
 

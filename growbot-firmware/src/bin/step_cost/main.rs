@@ -1,5 +1,5 @@
 //! What a tick of the step interrupt costs on the microcontroller: instructions of `Engine::tick` in each kind of tick,
-//! measured on QEMU's mps2-an386.
+//! measured on QEMU's mps2-an386; and what an emergency stop by the link costs.
 //!
 //! Every tick of some turns is measured. For each kind one line goes out over UART0, `turns,tick,count,worst`, and `end` at
 //! last; `tests/step_cost.rs` runs this and makes the table. It counts instructions, not cycles: QEMU must run it with
@@ -8,10 +8,22 @@
 #![no_std]
 #![no_main]
 
+mod emergency_stop;
+#[path = "../an386/interrupt_owned.rs"]
+mod interrupt_owned;
+#[path = "../an386/interrupts.rs"]
+mod interrupts;
+#[expect(dead_code, reason = "nothing is sent by the line's interrupt")]
+#[path = "../an386/line.rs"]
+mod line;
 mod pins;
 #[path = "../an386/registers.rs"]
 mod registers;
+mod step_timer;
 mod timer;
+#[expect(dead_code, reason = "nothing here moves the emulated tip")]
+#[path = "../an386/tip.rs"]
+mod tip;
 #[path = "../plan_cost/uart.rs"]
 mod uart;
 
@@ -28,6 +40,9 @@ use growbot_firmware::stepping::{EngineSettings, FeedMove, Handover, Homing, Mat
 use crate::pins::{StepEngine, World};
 use crate::timer::Timer;
 use crate::uart::Uart;
+
+/// Where the line's interrupt leaves word of an emergency stop.
+static HANDOVER: Handover = Handover::new();
 
 /// Turns of each run.
 const TURNS: u32 = 4;
@@ -79,7 +94,12 @@ impl Costs {
 
 #[entry]
 fn main() -> ! {
+    let stops = emergency_stop::measure(&Timer::start());
+    // The line's UART has been another one's until here.
     let mut uart = Uart::start();
+    if let Some((count, worst)) = stops {
+        let _ = writeln!(uart, "link,emergency stop,{count},{worst}");
+    }
     let robot = machine::built_for();
     for strategy in [FeedStrategy::Feed, FeedStrategy::Speed] {
         let name = if strategy == FeedStrategy::Feed { "feed" } else { "speed" };

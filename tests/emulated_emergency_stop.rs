@@ -1,0 +1,131 @@
+//! The emergency stop by the link, on the firmware's own image in QEMU: obeyed behind noise and in the midst of a frame.
+//! What it takes the processor, with the board's queue full, `cargo step-cost` tells.
+
+use std::cell::RefCell;
+use std::rc::Rc;
+use std::time::{Duration, Instant};
+
+use growbot_core::layer::Layer;
+use growbot_core::layer_bytes::Encoder;
+use growbot_core::link::emergency_stop::EMERGENCY_STOP;
+use growbot_core::link::frame::{Header, Receiver, encode};
+use growbot_core::link::message::{Begin, Empty, Layers, Message, Resume, Silence, Start, State};
+use growbot_core::robot::Robot;
+use growbot_firmware::emulated_tip as table;
+use growbot_host::client::Client;
+use growbot_host::port::Port;
+use growbot_host::port::emulator::Emulator;
+use growbot_host::robot_file;
+use growbot_host::tip::Motor;
+use growbot_tests::firmware;
+use growbot_tests::random::Random;
+use growbot_tests::tip_words::Words;
+
+const PLAN: u64 = 1;
+/// Three times what the board's queue holds, bytes.
+const NOISE: usize = 3 * 4096;
+/// How long the board may take, all in all; it needs some milliseconds, but the desktop may leave the emulator standing.
+const PATIENCE: Duration = Duration::from_secs(10);
+
+/// Robot A, homing and growing faster.
+fn robot() -> Robot {
+    let mut description = robot_file::load("growbot-a".as_ref()).unwrap().description().clone();
+    description.layer.period_s = 6.0;
+    description.head.homing_turns_per_s = 0.2;
+    Robot::new(description).unwrap()
+}
+
+/// What a bad line makes of many frames, and half a frame at last.
+fn noise() -> Vec<u8> {
+    let mut random = Random::new(&[1]);
+    let mut bytes: Vec<u8> = (0..NOISE).map(|_| random.between(0.0, 256.0) as u8).collect();
+    let whole = encode(&Header { kind: 4, session: 1, seq: 1, ack: 0 }, &[7; 200]).unwrap();
+    bytes.extend(&whole[..whole.len() / 2]);
+    bytes
+}
+
+fn wait(what: &str, mut until: impl FnMut() -> bool) -> Duration {
+    let began = Instant::now();
+    while !until() {
+        assert!(began.elapsed() < Duration::from_secs(120), "{what}: not within two minutes");
+    }
+    began.elapsed()
+}
+
+fn start(client: &mut Client) {
+    client.request("to start", &Message::Start(Start { plan_id: PLAN, silence: Silence::GoOn })).unwrap();
+    wait("to grow", || {
+        let _ = client.event(Duration::from_millis(50));
+        let status = client.status().unwrap();
+        assert_ne!(status.state, State::Fault, "{:?}", status.fault);
+        status.state == State::Growing
+    });
+}
+
+#[test]
+fn behind_noise_and_half_a_frame_the_stop_switches_everything_off() {
+    let robot = robot();
+    let emulator = Rc::new(RefCell::new(Emulator::start(&robot, Some(&firmware("an386"))).unwrap()));
+    let words = Words::of(&mut emulator.borrow_mut());
+    let mut client = Client::new(Box::new(Rc::clone(&emulator)), "the emulated board");
+    client.hello_robot(&robot).unwrap();
+    client.request("to begin", &Message::Begin(Begin { plan_id: PLAN, layers: 8, robot: robot.hash() })).unwrap();
+    // Warm only now: the board makes room in its journal with a cold nozzle only.
+    emulator.borrow_mut().simulated_tip(|tip| tip.set_nozzle_c(197.0));
+    let mut encoder = Encoder::default();
+    let layers = (0..8).map(|_| encoder.encode(&Layer { alpha: 1.0, height: 0.7, tilt: 0.006 })).collect();
+    client.request("to hold layers", &Message::Layers(Layers { plan_id: PLAN, first: 0, layers })).unwrap();
+    let outputs = [table::HEATER_ENABLE, table::HEAD_ENABLE, table::FEED_ENABLE];
+
+    for by_hand in [true, false] {
+        start(&mut client);
+        wait("heater and motors", || outputs.iter().all(|output| words.read(*output) == 1));
+        let lost = words.read(table::LINK_BYTES_LOST);
+        let began = Instant::now();
+        client.port().send(&noise()).unwrap();
+        if by_hand {
+            client.port().send(&EMERGENCY_STOP).unwrap();
+            assert!(says_that_it_has_stopped(client.port()), "the board does not say that it has stopped");
+        } else {
+            client.emergency_stop().unwrap();
+        }
+        let after = began.elapsed();
+        for output in outputs {
+            assert_eq!(words.read(output), 0, "the word at {output:#x}");
+        }
+        assert_eq!(words.read(table::HEATER_DUTY), 0);
+        // Two looks of the tip at its board later.
+        std::thread::sleep(Duration::from_millis(100));
+        emulator.borrow_mut().simulated_tip(|tip| {
+            assert!(!tip.heater_is_on(), "the heater is on");
+            assert!(!tip.is_enabled(Motor::Head) && !tip.is_enabled(Motor::Feed), "motors are held");
+        });
+        let status = client.status().unwrap();
+        assert_eq!((status.state, status.fault), (State::EmergencyStop, None));
+        let lost = words.read(table::LINK_BYTES_LOST) - lost;
+        println!(
+            "told {:.0} ms after {NOISE} bytes of noise, {lost} of which found no room",
+            after.as_secs_f64() * 1e3
+        );
+        client.request("to clear it", &Message::ClearFault(Empty {})).unwrap();
+        // The layer that was cut is laid again.
+        let laid = status.laid;
+        client.request("to resume", &Message::Resume(Resume { plan_id: PLAN, from: laid, known: laid })).unwrap();
+    }
+}
+
+/// Whether `StoppedAtOnce` comes.
+fn says_that_it_has_stopped(port: &mut dyn Port) -> bool {
+    let (mut receiver, mut buffer, began) = (Receiver::default(), [0; 64], Instant::now());
+    while began.elapsed() < PATIENCE {
+        let count = port.receive(&mut buffer, Duration::from_millis(50)).unwrap();
+        for byte in &buffer[..count] {
+            if let Some(Ok(frame)) = receiver.push(*byte)
+                && let Ok(Message::StoppedAtOnce(_)) = Message::decode(frame.header.kind, &frame.body)
+            {
+                return true;
+            }
+        }
+    }
+    false
+}

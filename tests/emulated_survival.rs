@@ -1,0 +1,299 @@
+//! The firmware's own image grows over bad lines and through interruptions, in QEMU, in real time: whatever happens, the layers are
+//! those of the simulated growth that nothing disturbs.
+//!
+//! `GROWBOT_EMULATED_JOBS` and `GROWBOT_EMULATED_POINTS` are how many growths over bad lines and how many interruptions are tried, 10
+//! and 5 without them:
+//!
+//! ```sh
+//! GROWBOT_EMULATED_JOBS=100 GROWBOT_EMULATED_POINTS=50 cargo test -p growbot-tests --test emulated_survival -- --nocapture
+//! ```
+
+use std::cell::{Cell, RefCell};
+use std::rc::Rc;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use growbot_core::layer_bytes::LayerBytes;
+use growbot_core::link::message::{Empty, Fault, Message, ResetCause, Silence, State, Status};
+use growbot_core::robot::Robot;
+use growbot_firmware::emulated_tip as table;
+use growbot_host::client::Client;
+use growbot_host::growth::{CutLayer, Grown, GrowthError, Job, News, Outcome, grow_job, resume_job};
+use growbot_host::port::emulator::Emulator;
+use growbot_host::port::faulty::{FaultSpec, Faulty};
+use growbot_host::port::{Port, PortError, TipRecord};
+use growbot_host::robot_file;
+use growbot_tests::firmware;
+use growbot_tests::random::Random;
+use growbot_tests::survival::crash::{self, Crash, Recovered};
+use growbot_tests::survival::{Body, Undisturbed};
+use growbot_tests::tip_words::Words;
+
+/// Layers of each job.
+const LAYERS: usize = 20;
+/// The length that this takes, in 0.7 mm.
+const LENGTH: u32 = 22;
+/// Seconds of a layer.
+const PERIOD_S: f64 = 0.3;
+/// Boards at a time: each takes half of a core.
+const BOARDS: usize = 2;
+
+/// The board and its tip, which its test holds too.
+type Board = Rc<RefCell<Emulator>>;
+
+/// Robot A2, whose motors are quick, homing faster and content with a nozzle that is roughly warm.
+fn robot() -> Robot {
+    let mut description = robot_file::load("growbot-a2".as_ref()).unwrap().description().clone();
+    description.layer.period_s = PERIOD_S;
+    description.head.homing_turns_per_s = 1.0;
+    description.heater.band_c = 10.0;
+    Robot::new(description).unwrap()
+}
+
+/// The number that a variable of the environment holds.
+fn number(variable: &str, otherwise: u64) -> u64 {
+    let Ok(text) = std::env::var(variable) else { return otherwise };
+    text.parse().unwrap_or_else(|_| panic!("{variable} is {text:?}: give a whole number"))
+}
+
+/// A board with this in its journal's flash, or a new one.
+fn board(robot: &Robot, flash: &[u8]) -> Result<Board, String> {
+    let emulator = Emulator::start_with_flash(robot, Some(&firmware("an386")), flash);
+    emulator.map(|emulator| Rc::new(RefCell::new(emulator))).map_err(|error| error.to_string())
+}
+
+/// Has the nozzle warm as soon as it is heated: heating takes real time here. Not before: the journal is erased with a cold one only.
+fn warm(board: &Board, news: &News) {
+    if let News::State(State::Heating) = news {
+        board.borrow_mut().simulated_tip(|tip| tip.set_nozzle_c(198.0));
+    }
+}
+
+/// Does something for each number below `count`, on as many boards as may run at a time; prints what each came to. `work` is
+/// called once for each of the boards, and gives what does it.
+fn each<W: FnMut(u64) -> Result<String, String>>(count: u64, work: impl Fn() -> W + Sync) {
+    let (next, wrong) = (AtomicU64::new(0), Mutex::new(Vec::new()));
+    thread::scope(|scope| {
+        for _ in 0..BOARDS {
+            scope.spawn(|| {
+                let mut work = work();
+                loop {
+                    let number = next.fetch_add(1, Ordering::Relaxed);
+                    if number >= count {
+                        return;
+                    }
+                    let began = Instant::now();
+                    let came_to = work(number);
+                    let seconds = began.elapsed().as_secs_f64();
+                    match came_to {
+                        Ok(what) => println!("{number}: {what}; {seconds:.0} s"),
+                        Err(what) => {
+                            println!("{number}: WRONG: {what}; {seconds:.0} s");
+                            wrong.lock().unwrap().push(format!("{number}: {what}"));
+                        }
+                    }
+                }
+            });
+        }
+    });
+    let wrong = wrong.into_inner().unwrap();
+    assert!(wrong.is_empty(), "{} of {count} went wrong:\n{}", wrong.len(), wrong.join("\n"));
+}
+
+#[test]
+fn over_a_bad_line_the_image_lays_each_layer_once() {
+    let (robot, body) = (robot(), Body::of(LENGTH));
+    let job = body.job(&robot);
+    assert_eq!(job.layers.len(), LAYERS);
+    let undisturbed = Undisturbed::grow(&job);
+    each(number("GROWBOT_EMULATED_JOBS", 10), || {
+        // Jobs follow each other on one board: its journal has room for them.
+        let mut kept = None;
+        let (job, undisturbed) = (&job, &undisturbed);
+        move |seed| {
+            let board = kept.take().map_or_else(|| board(job.robot, &[]), Ok)?;
+            let told = over_a_bad_line(&board, job, undisturbed, seed)?;
+            kept = Some(board);
+            Ok(told)
+        }
+    });
+}
+
+fn over_a_bad_line(board: &Board, job: &Job, undisturbed: &Undisturbed, seed: u64) -> Result<String, String> {
+    let mut random = Random::new(&[1, seed]);
+    let (drop, flip) = (random.between(0.0, 0.1), random.between(0.0, 1e-3));
+    let few = drop / 10.0;
+    let spec = FaultSpec { drop, flip, dup: few, reorder: few, truncate: few, seed, ..FaultSpec::default() };
+    let wire = Rc::new(RefCell::new(Faulty::new(Rc::clone(board), spec)));
+    let mut client = Client::new(Box::new(Rc::clone(&wire)), "the emulated board");
+    let never = AtomicBool::new(false);
+    let grown = grow_job(&mut client, job, Silence::Hold, &never, &mut |news| warm(board, news));
+    let what = format!("{:.1} % of frames lost, {flip:.1e} of bytes flipped", 100.0 * drop);
+    let grown = grown.map_err(|error| format!("{what}: {error}"))?;
+    // The tip has seen each layer as it was laid.
+    let laid = grown.body.len();
+    if (grown.outcome, laid) != (Outcome::Done, LAYERS) || grown.as_built != undisturbed.as_built {
+        return Err(format!("{what}: {:?} after {laid} layers, {:?}", grown.outcome, grown.as_built));
+    }
+    let (tally, repeated) = (wire.borrow().tally(), client.repeated());
+    Ok(format!(
+        "{what}: {laid} layers, {} frames, of which {} lost, {} bits flipped, {repeated} requests repeated",
+        tally.frames, tally.dropped, tally.flipped
+    ))
+}
+
+#[test]
+fn whatever_interrupts_the_image_it_resumes_and_lays_each_layer_once() {
+    let (robot, body) = (robot(), Body::of(LENGTH));
+    let job = body.job(&robot);
+    let undisturbed = Undisturbed::grow(&job);
+    let count = number("GROWBOT_EMULATED_POINTS", 5);
+    each(count, || |point| Point::of(point, count).interrupt(&job, &undisturbed));
+}
+
+/// When a growth is interrupted, and by what.
+#[derive(Debug)]
+struct Point {
+    crash: Crash,
+    /// So many states and layers have been told by then: three states, then layers.
+    told: u64,
+    /// So long after that.
+    later: Duration,
+}
+
+impl Point {
+    /// One of so many points, spread over the growth's first three quarters.
+    fn of(point: u64, count: u64) -> Self {
+        let mut random = Random::new(&[2, point]);
+        let crash = [Crash::Power, Crash::Board, Crash::Host][(point % 3) as usize];
+        let share = (point as f64 + random.unit()) / count as f64;
+        Self {
+            crash,
+            told: 1 + (share * 0.75 * (3 + LAYERS) as f64) as u64,
+            later: Duration::from_secs_f64(random.between(0.0, PERIOD_S)),
+        }
+    }
+
+    /// Grows up to here, is interrupted, comes back, and goes on to the end.
+    fn interrupt(&self, job: &Job, undisturbed: &Undisturbed) -> Result<String, String> {
+        let (Self { crash, told, later }, first) = (self, board(job.robot, &[])?);
+        let what = format!("{crash:?} {:.2} s after news {told}", later.as_secs_f64());
+        let mut known = Vec::new();
+        let (broken, flash) = self.grow(job, &first, &mut known);
+        match (crash, broken.map(|grown| grown.outcome)) {
+            // What is heard first: that the board has started anew, or what it says of that.
+            (Crash::Board, Ok(Outcome::Interrupted | Outcome::Fault(Fault::StackOverflow))) => {}
+            (Crash::Host | Crash::Power, Err(_)) => {}
+            (_, other) => return Err(format!("{what}: then {other:?}")),
+        }
+        let second = flash.map(|flash| board(job.robot, &flash)).transpose()?;
+        let laid = known.len();
+        let (found, grown) = come_back(second.as_ref().unwrap_or(&first), job, known, *crash)
+            .map_err(|error| format!("{what}: {error}"))?;
+        if grown.outcome != Outcome::Done {
+            return Err(format!("{what}: resumed, it ended by {:?}", grown.outcome));
+        }
+        let feed_steps: u64 = [Some(&first), second.as_ref()].into_iter().flatten().map(feed_steps).sum();
+        let more_feed_steps = feed_steps as i64 - undisturbed.feed_steps as i64;
+        let told = format!("{what}: {laid} layers known, {} laid, cut {:?}", found.laid, found.cut);
+        let recovered = Recovered { found, as_built: grown.as_built, more_feed_steps };
+        crash::check(job, undisturbed, *crash, &recovered).map_err(|wrong| format!("{told}: {wrong}"))?;
+        Ok(format!("{told}: resumed, {} layers, {more_feed_steps} feed steps laid again", recovered.as_built.len()))
+    }
+
+    /// The part before; the flash of a board whose power goes.
+    fn grow(
+        &self,
+        job: &Job,
+        board: &Board,
+        known: &mut Vec<Option<LayerBytes>>,
+    ) -> (Result<Grown, GrowthError>, Option<Vec<u8>>) {
+        let gone = Rc::new(Cell::new(false));
+        let line = Killable { board: Rc::clone(board), gone: Rc::clone(&gone) };
+        let mut client = Client::new(Box::new(line), "the emulated board");
+        let (mut told, mut flash) = (0, None);
+        let grown = grow_job(&mut client, job, Silence::Hold, &AtomicBool::new(false), &mut |news| {
+            warm(board, news);
+            match news {
+                News::Laid(_, as_built) => known.push(*as_built),
+                News::State(_) => {}
+                _ => return,
+            }
+            told += 1;
+            if told == self.told {
+                thread::sleep(self.later);
+                match self.crash {
+                    Crash::Power => flash = Some(board.borrow_mut().cut_power().unwrap()),
+                    Crash::Board => reset(board),
+                    _ => gone.set(true),
+                }
+            }
+        });
+        client.vanish();
+        (grown, flash)
+    }
+}
+
+/// The line of a program that its test can kill.
+struct Killable {
+    board: Board,
+    gone: Rc<Cell<bool>>,
+}
+
+impl Killable {
+    fn lives(&self) -> Result<(), PortError> {
+        if self.gone.get() { Err(PortError::Lost("killed".to_string(), "by its test".to_string())) } else { Ok(()) }
+    }
+}
+
+impl Port for Killable {
+    fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+        self.lives()?;
+        self.board.send(bytes)
+    }
+
+    fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, PortError> {
+        self.lives()?;
+        self.board.receive(buffer, timeout)
+    }
+
+    fn tip(&mut self) -> Result<Option<TipRecord>, PortError> {
+        self.lives()?;
+        self.board.tip()
+    }
+}
+
+/// The board resets in the midst of what it does: it overflows its stack.
+fn reset(board: &Board) {
+    let words = Words::of(&mut board.borrow_mut());
+    let boots = words.read(table::BOOTS);
+    words.write(table::OVERFLOW_STACK, 1);
+    words.wait("another boot", |words| words.read(table::BOOTS) != boots);
+    words.write(table::OVERFLOW_STACK, 0);
+}
+
+fn feed_steps(board: &Board) -> u64 {
+    board.borrow_mut().tip().unwrap().unwrap().feed_steps
+}
+
+/// Somebody comes back, clears what is to be cleared, and goes on: what was found, and what came of it.
+fn come_back(
+    board: &Board,
+    job: &Job,
+    known: Vec<Option<LayerBytes>>,
+    crash: Crash,
+) -> Result<(Status, Grown), GrowthError> {
+    let mut client = Client::new(Box::new(Rc::clone(board)), "the emulated board");
+    let hello = client.hello().map_err(GrowthError::Before)?;
+    let cause = if crash == Crash::Board { ResetCause::StackOverflow } else { ResetCause::PowerOn };
+    assert_eq!(hello.reset_cause, cause, "{crash:?}");
+    if hello.status.state == State::Fault {
+        client.request("to clear the fault", &Message::ClearFault(Empty {})).map_err(GrowthError::Before)?;
+    }
+    let found = client.status().map_err(GrowthError::Before)?;
+    let (never, tell) = (AtomicBool::new(false), &mut |news: &News| warm(board, news));
+    let grown = resume_job(&mut client, job, known, CutLayer::Again, Silence::Hold, &never, tell)?;
+    Ok((found, grown))
+}
