@@ -8,7 +8,7 @@ use std::sync::LazyLock;
 use std::time::Duration;
 
 use growbot_core::link::frame::{self, Header, LONGEST_BODY};
-use growbot_core::link::message::{HostHello, Message, SCHEMA_HASH, State};
+use growbot_core::link::message::{HostHello, HostName, Message, SCHEMA_HASH, State};
 use growbot_core::robot::Robot;
 use growbot_host::port::Port;
 use growbot_host::port::sim::Sim;
@@ -19,8 +19,10 @@ static ROBOT: LazyLock<Robot> = LazyLock::new(|| robot_file::load("growbot-a".as
 
 const SESSION: u32 = 7;
 
-fn send(sim: &mut Sim, kind: u8, body: &[u8]) {
-    let header = Header { kind, session: SESSION, seq: 1, ack: 0 };
+fn send(sim: &mut Sim, seq: &mut u16, kind: u8, body: &[u8]) {
+    // Each as a new request: one that comes twice is not carried out again.
+    *seq = frame::next(*seq);
+    let header = Header { kind, session: SESSION, seq: *seq, ack: 0 };
     if let Ok(bytes) = frame::encode(&header, body) {
         sim.send(&bytes).expect("a simulated line does not break");
     }
@@ -28,16 +30,17 @@ fn send(sim: &mut Sim, kind: u8, body: &[u8]) {
 
 fuzz_target!(|bytes: &[u8]| {
     let mut sim = Sim::new(ROBOT.clone());
-    sim.pass(Duration::from_millis(600));
+    sim.pass(Duration::from_millis(800));
     let mut buffer = [0; LONGEST_BODY];
-    let hello = Message::Hello(HostHello { schema: SCHEMA_HASH });
-    send(&mut sim, hello.kind(), hello.encode(&mut buffer).expect("a hello fits"));
+    let hello = Message::Hello(HostHello { schema: SCHEMA_HASH, host: HostName::new(), take_over: false });
+    let mut seq = 0;
+    send(&mut sim, &mut seq, hello.kind(), hello.encode(&mut buffer).expect("a hello fits"));
     let mut rest = bytes;
     while let [what, length, tail @ ..] = rest {
         let (piece, after) = tail.split_at(tail.len().min(usize::from(*length)));
         rest = after;
         match what {
-            0..0x40 => send(&mut sim, *what, piece),
+            0..0x40 => send(&mut sim, &mut seq, *what, piece),
             0x40..0x80 => sim.send(piece).expect("a simulated line does not break"),
             _ => sim.pass(Duration::from_millis(u64::from(*length))),
         }

@@ -192,6 +192,8 @@ pub struct Client {
     events: VecDeque<Message>,
     /// Requests that had to be sent again.
     repeated: u64,
+    /// Another host that holds the board loses it.
+    takes_over: bool,
 }
 
 impl Client {
@@ -210,7 +212,15 @@ impl Client {
             acknowledged: true,
             events: VecDeque::new(),
             repeated: 0,
+            takes_over: false,
         }
+    }
+
+    /// Takes the board from another host that holds it, when it opens its session.
+    #[must_use]
+    pub fn taking_over(mut self, takes_over: bool) -> Self {
+        self.takes_over = takes_over;
+        self
     }
 
     /// The port.
@@ -236,7 +246,7 @@ impl Client {
     pub fn hello(&mut self) -> Result<BoardHello, ClientError> {
         let mut silent_before = 0;
         for _ in 0..HELD_LOOKS {
-            match self.open_session(false) {
+            match self.open_session(self.takes_over) {
                 Err(ClientError::Refused { refusal: Refusal::Held { .. }, .. })
                     if self.board()?.holder == Some(host_name()) =>
                 {
@@ -254,14 +264,6 @@ impl Client {
             }
         }
         self.open_session(false).or_else(|error| self.told_holder(error))
-    }
-
-    /// Opens the session, and takes the board from another host that has it.
-    ///
-    /// # Errors
-    /// As [`Client::hello`], but for that host.
-    pub fn take_over(&mut self) -> Result<BoardHello, ClientError> {
-        self.open_session(true)
     }
 
     fn open_session(&mut self, take_over: bool) -> Result<BoardHello, ClientError> {

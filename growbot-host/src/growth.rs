@@ -275,8 +275,8 @@ impl<'a> Growth<'a> {
     ) -> Result<Self, GrowthError> {
         let hello = client.hello_robot(job.robot).map_err(GrowthError::Before)?;
         tell(&News::Board(hello.clone()));
-        let Status { plan_id, laid, layers, state, .. } = hello.status;
-        if plan_id != 0 && laid > 0 && laid < layers && state != State::Stopped {
+        let Status { plan_id, laid, layers, state, cut, .. } = hello.status;
+        if plan_id != 0 && (laid > 0 || cut.is_some()) && laid < layers && state != State::Stopped {
             return Err(GrowthError::Unfinished { plan_id, laid, layers });
         }
         let mut growth = Self::new(client, job, silence, &hello);

@@ -2,9 +2,7 @@
 
 use clap::Args;
 use growbot_core::link::message::{Cancel, Message};
-use growbot_host::client::Client;
 use growbot_host::output::print;
-use growbot_host::port;
 
 use super::{Failure, PortArg, RobotArg};
 
@@ -18,16 +16,13 @@ pub struct CancelArgs {
     port: PortArg,
     #[command(flatten)]
     robot: RobotArg,
-    /// Take the board over from another host that holds it
-    #[arg(long)]
-    take_over: bool,
 }
 
 /// Runs the command.
 pub fn run(args: &CancelArgs) -> Result<(), Failure> {
     let robot = args.robot.load()?;
-    let mut client = Client::new(port::open(&args.port.name()?, &robot)?, args.port.text());
-    let hello = if args.take_over { client.take_over() } else { client.hello() }?;
+    let mut client = args.port.client(&robot)?;
+    let hello = client.hello()?;
     let plan_id = hello.status.plan_id;
     if plan_id == 0 {
         return Ok(print("the board holds no body\n")?);

@@ -1,9 +1,7 @@
 //! `growbot estop`: the emergency stop.
 
 use clap::Args;
-use growbot_host::client::Client;
 use growbot_host::output::print;
-use growbot_host::port;
 
 use super::{Failure, PortArg, RobotArg};
 
@@ -25,7 +23,7 @@ pub struct EstopArgs {
 /// Runs the command.
 pub fn run(args: &EstopArgs) -> Result<(), Failure> {
     let robot = args.robot.load()?;
-    let mut client = Client::new(port::open(&args.port.name()?, &robot)?, args.port.text());
+    let mut client = args.port.client(&robot)?;
     client.emergency_stop().map_err(Failure::answered_no)?;
     Ok(print("emergency stop: heater and steppers are off\n")?)
 }

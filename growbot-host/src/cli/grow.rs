@@ -5,11 +5,10 @@ use std::path::PathBuf;
 use clap::{Args, Parser};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
-use growbot_host::client::Client;
 use growbot_host::growth::{Job, grow_job};
 use growbot_host::plan::Plan;
 use growbot_host::plan_file;
-use growbot_host::port::{self, PortName};
+use growbot_host::port::PortName;
 use growbot_host::pose_text::parse_pose;
 use growbot_host::robot_file;
 use growbot_host::run_log::RunLog;
@@ -109,7 +108,7 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
         growbot_host::tell!("growbot: the emulated board runs in real time: the layers alone take {time}");
     }
     let job = Job::new(&robot, &plan.start, &plan.goal, &plan.path);
-    let mut client = Client::new(port::open(&name, &robot)?, args.port.text());
+    let mut client = args.port.client(&robot)?;
     let log = match &args.log {
         Some(path) => RunLog::begin(path, &plan, &job, args.port.text()).map_err(Failure::bad_input)?,
         None => RunLog::none(),

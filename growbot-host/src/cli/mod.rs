@@ -30,12 +30,12 @@ use std::process::ExitCode;
 use clap::{Args, Parser, Subcommand};
 use growbot_core::robot::Robot;
 use growbot_host::batch::BatchError;
-use growbot_host::client::ClientError;
+use growbot_host::client::{Client, ClientError};
 use growbot_host::input::InputError;
 use growbot_host::output::OutputError;
 use growbot_host::plan_file::PlanFileError;
 use growbot_host::port::faulty::FaultSpec;
-use growbot_host::port::{PortError, PortName};
+use growbot_host::port::{self, PortError, PortName};
 use growbot_host::robot_file::{self, RobotFileError};
 
 /// Plan, slice and grow: the control stack of robots that grow by printing their
@@ -195,6 +195,9 @@ pub struct PortArg {
     /// is for each byte. The same seed=N gives the same faults.
     #[arg(long, value_name = "SPEC")]
     fault: Option<FaultSpec>,
+    /// Take the board over from another host that holds it
+    #[arg(long)]
+    take_over: bool,
 }
 
 impl PortArg {
@@ -205,6 +208,12 @@ impl PortArg {
             None => name,
             Some(spec) => PortName::Faulty(Box::new(name), spec),
         })
+    }
+
+    /// A client at the port of this robot.
+    fn client(&self, robot: &Robot) -> Result<Client, Failure> {
+        let port = port::open(&self.name()?, robot)?;
+        Ok(Client::new(port, self.text()).taking_over(self.take_over))
     }
 
     /// The port's name as it was given.

@@ -10,7 +10,6 @@ use growbot_host::client::Client;
 use growbot_host::growth::{CutLayer, GrowthError, Job, resume_job};
 use growbot_host::plan::Plan;
 use growbot_host::plan_file;
-use growbot_host::port;
 use growbot_host::robot_file;
 use growbot_host::run_log::{RunLog, RunRecord, RunRecordError};
 
@@ -74,7 +73,7 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
         // The very layers, whatever the plan's file has rounded.
         (job.plan_id, job.layers) = (record.plan_id, record.layers.clone());
     }
-    let mut client = Client::new(port::open(&args.port.name()?, &robot)?, args.port.text());
+    let mut client = args.port.client(&robot)?;
     let board = client.board()?;
     Client::belongs_to(&board, &robot)?;
     show(&board, job.plan_id)?;

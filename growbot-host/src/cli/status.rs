@@ -5,7 +5,6 @@ use growbot_core::layer::SECTORS;
 use growbot_core::link::message::{BoardHello, Fault, FaultRecord, SensorReadings, State, Waits};
 use growbot_host::client::{Client, ClientError};
 use growbot_host::output::print;
-use growbot_host::port;
 use serde_json::{Value, json};
 
 use super::growth_table::made;
@@ -29,7 +28,7 @@ pub struct StatusArgs {
 /// Runs the command.
 pub fn run(args: &StatusArgs) -> Result<(), Failure> {
     let robot = args.robot.load()?;
-    let mut client = Client::new(port::open(&args.port.name()?, &robot)?, args.port.text());
+    let mut client = args.port.client(&robot)?;
     let report = Report::of(&mut client)?;
     print(&if args.json { format!("{}\n", report.json()) } else { report.text() })?;
     Ok(())

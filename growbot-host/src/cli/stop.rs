@@ -2,9 +2,7 @@
 
 use clap::Args;
 use growbot_core::link::message::{Empty, Message};
-use growbot_host::client::Client;
 use growbot_host::output::print;
-use growbot_host::port;
 
 use super::{Failure, PortArg, RobotArg};
 
@@ -21,7 +19,7 @@ pub struct StopArgs {
 /// Runs the command. A board of another release or robot is stopped all the same: no hello is asked for.
 pub fn run(args: &StopArgs) -> Result<(), Failure> {
     let robot = args.robot.load()?;
-    let mut client = Client::new(port::open(&args.port.name()?, &robot)?, args.port.text());
+    let mut client = args.port.client(&robot)?;
     client.request("to stop", &Message::Stop(Empty {}))?;
     Ok(print("stopped: heater and steppers are off\n")?)
 }

@@ -7,7 +7,6 @@ use clap::Args;
 use growbot_core::link::message::{Empty, Message, State, Tune, Tuned};
 use growbot_host::client::Client;
 use growbot_host::output::print;
-use growbot_host::port;
 use growbot_host::pose_text::parse_number;
 use serde_json::json;
 
@@ -45,7 +44,7 @@ pub fn run(args: &TuneArgs) -> Result<(), Failure> {
             .filter(|celsius| (-1000.0..=1000.0).contains(celsius))
             .ok_or_else(|| Failure::bad_input(format!("--target {text:?} is no temperature: give degrees Celsius")))?,
     };
-    let mut client = Client::new(port::open(&args.port.name()?, &robot)?, args.port.text());
+    let mut client = args.port.client(&robot)?;
     client.hello_robot(&robot)?;
     client.request("to tune", &Message::Tune(Tune { target_centi_c: (target * 100.0) as i32 }))?;
     growbot_host::tell!("growbot: tuning at {target} C; this takes some minutes");

@@ -61,7 +61,7 @@ const WORDS: [Word; 11] = [
     Word { name: "stop", argument: "", help: "heater and steppers off" },
     Word { name: "clear", argument: "", help: "leave a fault or an emergency stop, if its cause is gone" },
     Word { name: "help", argument: "", help: "this list" },
-    Word { name: "quit", argument: "", help: "leave; what the robot does, it goes on doing" },
+    Word { name: "quit", argument: "", help: "leave; a robot that grows finishes its layer and holds" },
 ];
 
 /// Poses to begin with: straight up, to the side, and bent in both planes.

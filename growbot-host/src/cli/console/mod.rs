@@ -8,9 +8,7 @@ mod tui;
 
 use clap::Args;
 use growbot_core::pose::Pose;
-use growbot_host::client::Client;
 use growbot_host::output::print;
-use growbot_host::port;
 
 use super::status::Report;
 use super::{Failure, PortArg, RobotArg};
@@ -43,7 +41,7 @@ pub fn run(args: &ConsoleArgs) -> Result<(), Failure> {
     }
     let robot = args.robot.load()?;
     let name = args.port.name()?;
-    let mut client = Client::new(port::open(&name, &robot)?, args.port.text());
+    let mut client = args.port.client(&robot)?;
     let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).map_err(Failure::bad_input)?;
     if args.tui {
         return tui::run(client, robot, start, &name, args.port.text());

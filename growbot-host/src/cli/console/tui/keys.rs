@@ -17,7 +17,7 @@ pub enum Action {
     Faster,
     /// Or slower.
     Slower,
-    /// Leave; the robot goes on.
+    /// Leave; a robot that grows finishes its layer and holds.
     Quit,
 }
 

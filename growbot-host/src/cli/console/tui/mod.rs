@@ -87,12 +87,15 @@ pub fn run(client: Client, robot: Robot, start: Pose, name: &PortName, port: &st
         && let Some(status) = &console.model.status
         && matches!(status.state, State::Heating | State::Homing | State::Growing | State::Hold | State::Tuning)
     {
-        growbot_host::tell!("growbot: the robot goes on: {}", status.state.name());
+        growbot_host::tell!(
+            "growbot: the robot is {}; one that grows finishes its layer and holds: `start` in the console goes on",
+            status.state.name()
+        );
     }
     Ok(())
 }
 
-/// Set when we are told to end or the terminal goes away. The robot goes on, as after `q`.
+/// Set when we are told to end or the terminal goes away. The robot finishes its layer and holds, as after `q`.
 fn leave_when_told() -> Result<Arc<AtomicBool>, Failure> {
     let leave = Arc::new(AtomicBool::new(false));
     let told = Arc::clone(&leave);

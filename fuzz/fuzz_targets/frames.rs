@@ -1,0 +1,30 @@
+//! A frame and what becomes of it on its way: a receiver takes it as it was sent, or not at all.
+//!
+//! The first two bytes say how long the body is and how many bytes of the frame are changed; each change is a place and what it is
+//! changed by.
+
+#![no_main]
+
+use growbot_core::link::frame::{self, Header, Receiver};
+use libfuzzer_sys::fuzz_target;
+
+fuzz_target!(|bytes: &[u8]| {
+    let [length, changes, rest @ ..] = bytes else { return };
+    let (body, rest) = rest.split_at(rest.len().min(usize::from(*length)));
+    let header = Header { kind: 4, session: 0x1A2B_3C4D, seq: 7, ack: 0 };
+    let Ok(sent) = frame::encode(&header, body) else { return };
+    let mut arrived = sent.to_vec();
+    for change in rest.chunks_exact(2).take(usize::from(*changes)) {
+        let at = usize::from(change[0]) % arrived.len();
+        arrived[at] ^= change[1];
+    }
+    arrived.extend_from_slice(rest);
+    arrived.push(0);
+    let mut receiver = Receiver::default();
+    for received in arrived.iter().filter_map(|byte| receiver.push(*byte)).flatten() {
+        let again = frame::encode(&received.header, &received.body).expect("what was received can be sent");
+        // Whole frames may lie in the rest, as the fuzzer finds out.
+        let inside = rest.windows(again.len() - 1).any(|part| part == &again[..again.len() - 1]);
+        assert!(again == sent || inside, "received {received:?} from {arrived:02x?}");
+    }
+});
