@@ -200,7 +200,11 @@ fn check_heater(robot: &RobotDescription) -> Result<(), RobotError> {
         heater.target_c - heater.band_c,
         "filament is fed above this: it must lie below the target by heater.band_c at least",
     )?;
-    Field("heater.band_c", heater.band_c).between(0.1, 20.0, "the band round the target, in degrees")?;
+    Field("heater.band_c", heater.band_c).between(
+        0.1,
+        5.0,
+        "the band round the target, in degrees: well within what counts as a drop",
+    )?;
     Field("heater.heating_timeout_s", heater.heating_timeout_s).between(1.0, 3600.0, "seconds from cold to hot")?;
     Field("heater.kp", heater.kp).between(1e-9, 100.0, "duty per degree; heating needs a positive gain")?;
     Field("heater.ki", heater.ki).between(0.0, 100.0, "duty per degree and second")?;

@@ -12,7 +12,7 @@ use heapless::Deque;
 
 use super::{Controller, centi};
 use crate::hal::{Board, Watchdog};
-use crate::journal::{self, JournalError};
+use crate::journal::{self, JobState, JournalError};
 use crate::link;
 use crate::safety::kept::UnderWay;
 use crate::safety::transitions::Event;
@@ -284,7 +284,7 @@ impl<B: Board> Controller<B> {
 
     /// The journal need not remember the job any more.
     pub(super) fn end_job(&mut self) {
-        if self.job.plan_id != 0 {
+        if self.parts.journal.job().is_some_and(|job| !job.ended) {
             self.job.unwritten |= self.parts.journal.ended().is_err();
         }
     }
@@ -309,9 +309,9 @@ impl<B: Board> Controller<B> {
     /// After a start of the board: the job that the journal knows, with nothing of it in the store.
     pub(super) fn take_up_job(&mut self) {
         let robot = self.robot.hash();
-        let Some(known) = self.parts.journal.job().filter(|job| !job.ended && job.robot == robot).copied() else {
-            return;
-        };
+        // One that is done is known too: its host may not have heard of its last layers.
+        let is_known = |job: &&JobState| job.robot == robot && (!job.ended || job.laid == job.layers);
+        let Some(known) = self.parts.journal.job().filter(is_known).copied() else { return };
         let cut = (known.begun > known.laid).then(|| match self.kept.under_way {
             Some(UnderWay { plan_id, laid, sectors, .. }) if (plan_id, laid) == (known.plan_id, known.laid) => {
                 let since = KEPT_AGE_S / self.robot.description().layer.period_s * SECTORS as f64;

@@ -80,8 +80,9 @@ pub fn on_receive() {
 /// Everything off before anything else runs, where an emergency stop has come.
 fn obey(emergency_stop: bool) {
     if emergency_stop {
-        tip::make_safe();
+        // First, so that no step in between holds a motor again.
         HANDOVER.call_emergency_stop();
+        tip::make_safe();
     }
 }
 

@@ -55,8 +55,9 @@ impl Line {
                 self.lost = self.lost.wrapping_add(1);
             }
             if status.rxne().bit_is_set() && self.watch.push(byte) {
-                pins::make_safe();
+                // First, so that no step in between holds a motor again.
                 handover.call_emergency_stop();
+                pins::make_safe();
             }
             if status.rxne().bit_is_set() && RECEIVED.enqueue(byte).is_err() {
                 self.lost = self.lost.wrapping_add(1);

@@ -158,9 +158,18 @@ fn a_job_given_up_is_forgotten_for_good() {
 }
 
 #[test]
-fn a_job_that_is_done_is_not_there_to_be_resumed() {
+fn a_job_that_is_done_is_told_after_a_reset_and_not_laid_again() {
+    let whole = uninterrupted();
     let mut bench = Bench::in_state(State::Done).reset(ResetCause::PowerOn);
-    assert_eq!(bench.status().plan_id, 0);
+    bench.events.clear();
+    let status = bench.status();
+    assert_eq!((status.plan_id, status.laid, status.layers, status.cut), (PLAN, 40, 40, None));
+    bench.accepted(&resume(40));
+    bench.start();
+    assert_eq!(bench.controller.state(), State::Done);
+    bench.run(5.0);
+    assert_eq!(body(&bench), whole);
+    assert_eq!(bench.motors.moved.pulses, 0);
 }
 
 #[test]
