@@ -21,11 +21,13 @@ const SLOWEST_REPEAT: Duration = Duration::from_millis(500);
 /// A plan takes a board up to a minute for a near goal, and emulated by a busy machine some times that: it is not asked more often.
 const REPEAT_OF_PLAN: Duration = Duration::from_secs(10);
 /// A board of which nothing at all comes for so long while it is asked is silent,
-const SILENCE: Duration = Duration::from_secs(4);
-/// and one of which whole frames have come before, or now and then pieces of some, is after so long: the line may be bad.
-const SILENCE_OF_BAD_LINE: Duration = Duration::from_secs(20);
-/// Of what is no growbot, more than so many pieces come in the former time.
-const MOST_PIECES: u32 = 30;
+const SILENCE: Duration = Duration::from_secs(6);
+/// and one that has answered before after so long: the line may be bad.
+const SILENCE_OF_KNOWN: Duration = Duration::from_secs(20);
+/// One that has never answered, and of which pieces of frames come now and then, is given so long,
+const SILENCE_OF_PIECES: Duration = Duration::from_secs(60);
+/// unless more of them come a second: then it is no growbot.
+const MOST_PIECES_A_SECOND: f64 = 8.0;
 /// One that plans is silent when it says nothing for so long.
 const SILENCE_OF_PLAN: Duration = Duration::from_secs(180);
 /// A line that carries some frames and never the answer is given up after so many repetitions.
@@ -679,8 +681,14 @@ struct Wait {
 impl Wait {
     /// Whether nothing more is to be hoped for, from a board that has `known` answered before; not before `least`.
     fn is_hopeless(&self, least: Duration, known: bool) -> bool {
-        let is_board = known || (1..=MOST_PIECES).contains(&self.pieces);
-        let patience = if is_board { SILENCE_OF_BAD_LINE } else { SILENCE };
+        let pieces = f64::from(self.pieces);
+        let patience = if known {
+            SILENCE_OF_KNOWN
+        } else if pieces > 0.0 && pieces <= MOST_PIECES_A_SECOND * self.quiet.as_secs_f64() {
+            SILENCE_OF_PIECES
+        } else {
+            SILENCE
+        };
         self.quiet >= patience.max(least)
     }
 }
