@@ -60,7 +60,7 @@ pub fn run(args: &ReplayArgs) -> Result<(), Failure> {
     let (start, goal) = record.start_and_goal()?;
     let end = grow(&start.frame(), body.iter().copied());
     let arrival = Arrival::of(&end, &goal, record.plan.length_mm);
-    let length: f64 = body.iter().map(|layer| layer.height).sum();
+    let length = body.iter().fold(0.0, |length, layer| length + layer.height);
     let outcome = record.outcome.as_deref().unwrap_or("unfinished");
     let hash = written_hash(as_built_hash(&record.as_built));
     if args.json {

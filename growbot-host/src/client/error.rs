@@ -1,0 +1,131 @@
+//! Why a request to a board came to nothing, in words.
+
+use growbot_core::link::frame::FrameError;
+use growbot_core::link::message::Refusal;
+
+use super::SILENCE;
+use crate::port::PortError;
+
+/// Why a request came to nothing.
+#[derive(Debug, thiserror::Error)]
+pub enum ClientError {
+    /// No byte came back.
+    #[error(
+        "the board at {port} does not answer (for {} s): check power, cable and baud rate, and that growbot's firmware is on it", SILENCE.as_secs()
+    )]
+    Silent {
+        /// The port.
+        port: String,
+    },
+    /// Bytes came back, but no frame.
+    #[error(
+        "what the board at {port} sends is no growbot frame: check the port, the baud rate (115200) and that growbot's firmware is on it"
+    )]
+    Garbage {
+        /// The port.
+        port: String,
+    },
+    /// Frames of another version.
+    #[error("the board at {port} speaks another version of the link: {source}")]
+    Version {
+        /// The port.
+        port: String,
+        /// Which.
+        source: FrameError,
+    },
+    /// Messages of another schema.
+    #[error(
+        "the board's messages (schema {board:016x}) differ from mine ({host:016x}): flash the firmware of this release (`cargo robot`), or use the growbot that belongs to the board's"
+    )]
+    Schema {
+        /// The board's.
+        board: u64,
+        /// This program's.
+        host: u64,
+    },
+    /// The board belongs to another robot.
+    #[error(
+        "the board is {board_name} ({board:016x}), the job is for {host_name} ({host:016x}): choose the board's robot with --robot, or flash the board for the job's (GROWBOT_ROBOT={host_name} cargo robot)"
+    )]
+    OtherRobot {
+        /// Name of the board's robot.
+        board_name: String,
+        /// Hash of its description.
+        board: u64,
+        /// Name of the job's robot.
+        host_name: String,
+        /// Hash of its description.
+        host: u64,
+    },
+    /// Another host has the board.
+    #[error(
+        "the board at {port} is held by {host}, heard {silent_s:.1} s ago: end that program, wait until it has been silent for 10 s, or take the board over (--take-over)"
+    )]
+    Held {
+        /// The port.
+        port: String,
+        /// Who has it.
+        host: String,
+        /// Since when that host has been silent, s.
+        silent_s: f64,
+    },
+    /// Nobody said that the emergency stop was obeyed.
+    #[error("NOBODY ACKNOWLEDGED THE EMERGENCY STOP at {port}: cut the robot's power now")]
+    NotStopped {
+        /// The port.
+        port: String,
+    },
+    /// The board refused.
+    #[error("the board refused {request}: {}", explain(.refusal))]
+    Refused {
+        /// What was asked.
+        request: &'static str,
+        /// Why not.
+        refusal: Refusal,
+    },
+    /// The board answered something else.
+    #[error("the board answered {request} with something else (kind {kind:#04x}): flash the firmware of this release")]
+    Unexpected {
+        /// What was asked.
+        request: &'static str,
+        /// Kind of the answer.
+        kind: u8,
+    },
+    /// The line is gone.
+    #[error(transparent)]
+    Port(#[from] PortError),
+}
+
+/// A refusal in words.
+fn explain(refusal: &Refusal) -> String {
+    match *refusal {
+        Refusal::NotUnderstood => "it does not understand the request".to_string(),
+        Refusal::OtherSchema { board } => format!("its messages have schema {board:016x}"),
+        Refusal::NoSession => "another host has taken over, or the board has restarted".to_string(),
+        Refusal::OtherRobot { board } => format!("it is another robot ({board:016x})"),
+        Refusal::OtherPlan { board: 0 } => "it holds no plan: hand one over first".to_string(),
+        Refusal::OtherPlan { board } => format!("it holds another plan ({board:016x})"),
+        Refusal::OutOfOrder { expected } => format!("it expects layer {expected} next"),
+        Refusal::Full => "it has no room for more layers now".to_string(),
+        Refusal::BadLayer { index } => format!("layer {index} is beyond the robot's limits or the plan's end"),
+        Refusal::WrongState { state } => format!("not while it is in state {}", state.name()),
+        Refusal::FaultRemains { fault } => format!("{} is still there: {}", fault.code(), fault.explanation()),
+        Refusal::NoPlan => "there is no plan for these poses and this radius".to_string(),
+        Refusal::PlanTooLong { layers, capacity } => {
+            format!("the plan has {layers} layers, it can take {capacity}")
+        }
+        Refusal::Temperature { least, greatest } => format!(
+            "the temperature must lie between {} and {} C, the limits of its description",
+            f64::from(least) / 100.0,
+            f64::from(greatest) / 100.0
+        ),
+        Refusal::EmergencyStop => "the emergency stop is pressed: release it first".to_string(),
+        Refusal::Held { silent_ms } => format!("another host holds it, heard {silent_ms} ms ago"),
+        Refusal::Begun { first } => format!("those layers have been begun; the first that can be replaced is {first}"),
+        Refusal::Hot { below } => format!(
+            "it must make room in its journal, which it does only with the nozzle below {} C: wait until it has cooled",
+            f64::from(below) / 100.0
+        ),
+        Refusal::Journal => "its journal cannot be written, and it must not begin what it could not resume".to_string(),
+    }
+}
