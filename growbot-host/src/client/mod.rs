@@ -24,7 +24,7 @@ const SLOWEST_REPEAT: Duration = Duration::from_millis(500);
 /// A plan takes a board up to a minute for a near goal, and emulated by a busy machine some times that: it is not asked more often.
 const REPEAT_OF_PLAN: Duration = Duration::from_secs(10);
 /// A board of which nothing at all comes for so long while it is asked is silent,
-const SILENCE: Duration = Duration::from_secs(6);
+const SILENCE: Duration = Duration::from_secs(8);
 /// and one that has answered before after so long: the line may be bad.
 const SILENCE_OF_KNOWN: Duration = Duration::from_secs(20);
 /// One that has never answered, and of which pieces of frames come now and then, is given so long,
