@@ -43,12 +43,12 @@ const BOARDS: usize = 2;
 /// The board and its tip, which its test holds too.
 type Board = Rc<RefCell<Emulator>>;
 
-/// Robot A2, whose motors are quick, homing faster and content with a nozzle that is roughly warm.
+/// Robot A2, whose motors are quick, homing faster and as easily content with its nozzle as a robot may be.
 fn robot() -> Robot {
     let mut description = robot_file::load("growbot-a2".as_ref()).unwrap().description().clone();
     description.layer.period_s = PERIOD_S;
     description.head.homing_turns_per_s = 1.0;
-    description.heater.band_c = 14.0;
+    description.heater.band_c = 5.0;
     Robot::new(description).unwrap()
 }
 
