@@ -568,7 +568,9 @@ impl Wait {
         } else {
             SILENCE
         };
-        self.quiet >= patience.max(least)
+        // A whole frame of another version is no noise.
+        let speaks_otherwise = !known && matches!(self.heard, Some(FrameError::Version { .. }));
+        speaks_otherwise || self.quiet >= patience.max(least)
     }
 }
 
