@@ -21,14 +21,14 @@ use growbot_core::robot::Robot;
 use growbot_firmware::emulated_tip as table;
 use growbot_host::client::Client;
 use growbot_host::growth::{CutLayer, Grown, GrowthError, Job, News, Outcome, grow_job, resume_job};
+use growbot_host::port::Port;
 use growbot_host::port::emulator::Emulator;
 use growbot_host::port::faulty::{FaultSpec, Faulty};
-use growbot_host::port::{Port, PortError, TipRecord};
 use growbot_host::robot_file;
 use growbot_tests::firmware;
 use growbot_tests::random::Random;
 use growbot_tests::survival::crash::{self, Crash, Recovered};
-use growbot_tests::survival::{Body, Undisturbed};
+use growbot_tests::survival::{Body, Cuttable, Undisturbed};
 use growbot_tests::tip_words::Words;
 
 /// Layers of each job.
@@ -214,7 +214,7 @@ impl Point {
         known: &mut Vec<Option<LayerBytes>>,
     ) -> (Result<Grown, GrowthError>, Option<Vec<u8>>) {
         let gone = Rc::new(Cell::new(false));
-        let line = Killable { board: Rc::clone(board), gone: Rc::clone(&gone) };
+        let line = Cuttable { port: Rc::clone(board), cut: Rc::clone(&gone) };
         let mut client = Client::new(Box::new(line), "the emulated board");
         let (mut told, mut flash) = (0, None);
         let grown = grow_job(&mut client, job, Silence::Hold, &AtomicBool::new(false), &mut |news| {
@@ -236,35 +236,6 @@ impl Point {
         });
         client.vanish();
         (grown, flash)
-    }
-}
-
-/// The line of a program that its test can kill.
-struct Killable {
-    board: Board,
-    gone: Rc<Cell<bool>>,
-}
-
-impl Killable {
-    fn lives(&self) -> Result<(), PortError> {
-        if self.gone.get() { Err(PortError::Lost("killed".to_string(), "by its test".to_string())) } else { Ok(()) }
-    }
-}
-
-impl Port for Killable {
-    fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
-        self.lives()?;
-        self.board.send(bytes)
-    }
-
-    fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, PortError> {
-        self.lives()?;
-        self.board.receive(buffer, timeout)
-    }
-
-    fn tip(&mut self) -> Result<Option<TipRecord>, PortError> {
-        self.lives()?;
-        self.board.tip()
     }
 }
 

@@ -404,6 +404,8 @@ mod serial {
     fn a_serial_line_that_is_taken_is_told() {
         let (_master, name, open) = line();
         open.try_lock().unwrap();
-        assert_refused(&growbot(&["status", "--port", &name]), &[&name, "busy"]);
+        // By this very program.
+        let holder = format!("(process {})", std::process::id());
+        assert_refused(&growbot(&["status", "--port", &name]), &[&name, "busy", &holder]);
     }
 }

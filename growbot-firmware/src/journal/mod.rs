@@ -51,8 +51,6 @@ pub enum JournalError {
 pub struct JobState {
     /// The plan.
     pub plan_id: u64,
-    /// First layer that is of this plan; those before are of the plan that it amends.
-    pub plan_from: u32,
     /// Hash of the robot's description.
     pub robot: u64,
     /// Layers of the job.
@@ -401,15 +399,7 @@ impl<F: MultiwriteNorFlash> Journal<F> {
             return;
         }
         if let (Kind::Job, [a, b, c, d, layers]) = (record.kind, record.content) {
-            let state = JobState {
-                plan_id: join(a, b),
-                plan_from: 0,
-                robot: join(c, d),
-                layers,
-                laid: 0,
-                begun: 0,
-                ended: false,
-            };
+            let state = JobState { plan_id: join(a, b), robot: join(c, d), layers, laid: 0, begun: 0, ended: false };
             self.present = Some(Present { state, carry: Carry::default(), count: 1, at, found: (0, 1) });
         } else if record.kind != Kind::Sector && self.present.as_mut().is_some_and(|present| !present.take(record)) {
             self.present = None;
@@ -436,7 +426,7 @@ impl Present {
                 self.carry.lean_owed = lean_owed(lean);
             }
             Kind::Amended if state.laid <= record.index && record.index <= layers.min(LAST_INDEX) => {
-                (state.plan_id, state.plan_from, state.layers) = (join(a, b), record.index, layers);
+                (state.plan_id, state.layers) = (join(a, b), layers);
             }
             Kind::Ended => state.ended = true,
             _ => return false,

@@ -70,7 +70,7 @@ impl Deed {
     /// What is to be known after it.
     fn after(self, before: Option<&Known>) -> Option<Known> {
         if let Deed::Begin(plan_id, layers) = self {
-            let state = JobState { plan_id, plan_from: 0, robot: ROBOT, layers, laid: 0, begun: 0, ended: false };
+            let state = JobState { plan_id, robot: ROBOT, layers, laid: 0, begun: 0, ended: false };
             return Some(Known { state, carry: Carry::default(), laid: Vec::new() });
         }
         let mut known = before?.clone();
@@ -92,8 +92,8 @@ impl Deed {
                 state.begun += u32::from(next_begun);
             }
             Deed::Skip => lay(true),
-            Deed::Amend(from, plan_id, layers) => {
-                (state.plan_id, state.plan_from, state.layers) = (plan_id, from, layers);
+            Deed::Amend(_, plan_id, layers) => {
+                (state.plan_id, state.layers) = (plan_id, layers);
             }
             Deed::End => state.ended = true,
         }

@@ -135,29 +135,47 @@ pub fn refuse(json: bool, plan: &Plan) -> Result<(), Failure> {
 fn json_of(outcome: &str, grown: Option<&Grown>, plan: &Plan) -> Value {
     let arrival =
         grown.map_or_else(|| Arrival::of(&plan.start.frame(), &plan.goal, length(&plan.path)), |grown| grown.arrival);
+    let mut value = json_of_arrival(&arrival);
+    merge(
+        &mut value,
+        json!({
+            "outcome": outcome,
+            "layers": grown.map_or(0, |grown| grown.body.len()),
+            "length_mm": grown.map_or(0.0, Grown::length_mm),
+            // Nothing in a growth is drawn by chance yet.
+            "seed": Value::Null,
+            "duration_s": grown.map_or(0.0, |grown| grown.duration_s),
+            "filament_mm": grown.map_or(0.0, |grown| grown.filament_mm),
+            "plan_id": grown.map(|grown| written_hash(grown.plan_id)),
+            "as_built_hash": grown.map(|grown| written_hash(as_built_hash(&grown.as_built))),
+            "unknown_layers": grown.map_or(0, Grown::unknown),
+            "cut": grown.and_then(|grown| grown.cut).map(|cut| json!({
+                "layer": grown.map(|grown| grown.as_built.len()),
+                "least": f64::from(cut.least) / SECTORS as f64,
+                "most": f64::from(cut.most) / SECTORS as f64,
+            })),
+        }),
+    );
+    value
+}
+
+/// Where a tip arrived, as scripts read it.
+pub fn json_of_arrival(arrival: &Arrival) -> Value {
     json!({
-        "outcome": outcome,
-        "layers": grown.map_or(0, |grown| grown.body.len()),
-        "length_mm": grown.map_or(0.0, Grown::length_mm),
         "final": WrittenPose::from(&arrival.reached),
         "position_error_mm": arrival.position_error_mm,
         "normalized_position_error": arrival.normalized_position_error,
         "heading_error_deg": arrival.heading_error_deg,
         "pitch_error_deg": arrival.pitch_error_deg,
         "direction_error_deg": arrival.direction_error_deg,
-        // Nothing in a growth is drawn by chance yet.
-        "seed": Value::Null,
-        "duration_s": grown.map_or(0.0, |grown| grown.duration_s),
-        "filament_mm": grown.map_or(0.0, |grown| grown.filament_mm),
-        "plan_id": grown.map(|grown| written_hash(grown.plan_id)),
-        "as_built_hash": grown.map(|grown| written_hash(as_built_hash(&grown.as_built))),
-        "unknown_layers": grown.map_or(0, Grown::unknown),
-        "cut": grown.and_then(|grown| grown.cut).map(|cut| json!({
-            "layer": grown.map(|grown| grown.as_built.len()),
-            "least": f64::from(cut.least) / SECTORS as f64,
-            "most": f64::from(cut.most) / SECTORS as f64,
-        })),
     })
+}
+
+/// Adds the fields of one object to another.
+pub fn merge(value: &mut Value, more: Value) {
+    if let (Value::Object(fields), Value::Object(more)) = (value, more) {
+        fields.extend(more);
+    }
 }
 
 /// Shows a growth on standard error.

@@ -9,11 +9,12 @@ use growbot_host::arrival::Arrival;
 use growbot_host::degrees::degrees_below_turn;
 use growbot_host::growth::as_built_hash;
 use growbot_host::output::print;
-use growbot_host::plan_file::{WrittenPose, written_hash};
+use growbot_host::plan_file::written_hash;
 use growbot_host::run_log::RunRecord;
 use serde_json::json;
 
 use super::Failure;
+use super::following::{json_of_arrival, merge};
 
 /// Rebuild the body from the log of its growth, bit for bit as the board has built it
 ///
@@ -64,20 +65,18 @@ pub fn run(args: &ReplayArgs) -> Result<(), Failure> {
     let outcome = record.outcome.as_deref().unwrap_or("unfinished");
     let hash = written_hash(as_built_hash(&record.as_built));
     if args.json {
-        let result = json!({
-            "outcome": outcome,
-            "plan_id": written_hash(record.plan_id),
-            "layers": body.len(),
-            "length_mm": length,
-            "final": WrittenPose::from(&arrival.reached),
-            "position_error_mm": arrival.position_error_mm,
-            "normalized_position_error": arrival.normalized_position_error,
-            "heading_error_deg": arrival.heading_error_deg,
-            "pitch_error_deg": arrival.pitch_error_deg,
-            "direction_error_deg": arrival.direction_error_deg,
-            "as_built_hash": hash,
-            "unknown_layers": unknown,
-        });
+        let mut result = json_of_arrival(&arrival);
+        merge(
+            &mut result,
+            json!({
+                "outcome": outcome,
+                "plan_id": written_hash(record.plan_id),
+                "layers": body.len(),
+                "length_mm": length,
+                "as_built_hash": hash,
+                "unknown_layers": unknown,
+            }),
+        );
         return Ok(print(&format!("{result}\n"))?);
     }
     let [x, y, z, heading, pitch] = arrival.reached.to_degrees();

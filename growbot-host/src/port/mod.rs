@@ -92,8 +92,8 @@ pub enum PortError {
     #[error("port {0} is not there: check the cable and the name{1}")]
     Missing(String, String),
     /// Another program has it.
-    #[error("port {0} is busy: another program holds it; close that first")]
-    Busy(String),
+    #[error("port {0} is busy: {1} holds it; close that first")]
+    Busy(String, String),
     /// This user may not use it.
     #[error("port {0} may not be used by this user: join its group (often `dialout`) and log in again")]
     Forbidden(String),

@@ -1,5 +1,6 @@
 //! A robot at the other end of a TCP connection or a serial line.
 
+use std::fs;
 use std::io::{self, Read, Write};
 use std::net::{TcpStream, ToSocketAddrs};
 use std::path::Path;
@@ -71,12 +72,28 @@ fn serial_error(device: &str, error: &serialport::Error) -> PortError {
     match error.kind() {
         serialport::ErrorKind::Io(io::ErrorKind::PermissionDenied) => PortError::Forbidden(name),
         // On Unix a device that is there and locked comes back as "no device".
-        serialport::ErrorKind::NoDevice if Path::new(device).exists() => PortError::Busy(name),
+        serialport::ErrorKind::NoDevice if Path::new(device).exists() => {
+            PortError::Busy(name, holder(device).unwrap_or_else(|| "another program".to_string()))
+        }
         serialport::ErrorKind::NoDevice | serialport::ErrorKind::Io(io::ErrorKind::NotFound) => {
             PortError::Missing(name, there_are())
         }
         _ => PortError::Missing(name, format!(" ({})", error.description)),
     }
+}
+
+/// The program that has a device open, where the system tells: Linux does of this user's programs.
+fn holder(device: &str) -> Option<String> {
+    let device = fs::canonicalize(device).ok()?;
+    let has_it = |process: &Path| {
+        let open = fs::read_dir(process.join("fd")).into_iter().flatten().flatten();
+        open.filter_map(|file| fs::read_link(file.path()).ok()).any(|file| file == device)
+    };
+    let processes = fs::read_dir("/proc").ok()?.flatten().map(|entry| entry.path());
+    processes.filter(|path| has_it(path)).find_map(|path| {
+        let name = fs::read_to_string(path.join("comm")).ok()?;
+        Some(format!("{} (process {})", name.trim(), path.file_name()?.to_str()?))
+    })
 }
 
 /// The serial devices that there are, to choose from.

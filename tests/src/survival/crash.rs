@@ -10,9 +10,8 @@ use growbot_core::link::message::{Empty, Message, ResetCause, Silence, State, St
 use growbot_host::client::Client;
 use growbot_host::growth::{CutLayer, Grown, GrowthError, Job, News, Outcome, grow_job, resume_job};
 use growbot_host::port::sim::Sim;
-use growbot_host::port::{Port, PortError, TipRecord};
 
-use super::{Board, Undisturbed};
+use super::{Board, Cuttable, Undisturbed};
 
 /// What goes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -35,35 +34,6 @@ impl Crash {
     /// All of them.
     pub const ALL: [Self; 6] =
         [Self::Host, Self::Cable, Self::Board, Self::Power, Self::BoardInLayer, Self::PowerInLayer];
-}
-
-/// A line that its test can cut.
-struct Cuttable {
-    board: Board,
-    cut: Rc<Cell<bool>>,
-}
-
-impl Cuttable {
-    fn whole(&self) -> Result<(), PortError> {
-        if self.cut.get() { Err(PortError::Lost("sim".to_string(), "the test cut it".to_string())) } else { Ok(()) }
-    }
-}
-
-impl Port for Cuttable {
-    fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
-        self.whole()?;
-        self.board.send(bytes)
-    }
-
-    fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, PortError> {
-        self.whole()?;
-        self.board.receive(buffer, timeout)
-    }
-
-    fn tip(&mut self) -> Result<Option<TipRecord>, PortError> {
-        self.whole()?;
-        self.board.tip()
-    }
 }
 
 /// What came of it.
@@ -109,7 +79,7 @@ fn grow_until(
     known: &mut Vec<Option<LayerBytes>>,
 ) -> Result<Grown, GrowthError> {
     let cut = Rc::new(Cell::new(false));
-    let line = Cuttable { board: Rc::clone(board), cut: Rc::clone(&cut) };
+    let line = Cuttable { port: Rc::clone(board), cut: Rc::clone(&cut) };
     let mut client = Client::new(Box::new(line), "sim");
     let mut told = 0;
     let grown = grow_job(&mut client, job, Silence::Hold, &AtomicBool::new(false), &mut |news| {

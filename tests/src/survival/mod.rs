@@ -6,9 +6,10 @@
 pub mod crash;
 pub mod wire;
 
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 use std::sync::atomic::AtomicBool;
+use std::time::Duration;
 
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::message::Silence;
@@ -18,6 +19,7 @@ use growbot_core::robot::Robot;
 use growbot_host::client::Client;
 use growbot_host::growth::{Job, Outcome, grow_job};
 use growbot_host::port::sim::Sim;
+use growbot_host::port::{Port, PortError, TipRecord};
 use growbot_host::robot_file;
 
 /// Robot A, homing and growing faster, so that campaigns do not take long.
@@ -89,5 +91,36 @@ impl Undisturbed {
         assert_eq!((grown.outcome, grown.as_built.len()), (Outcome::Done, job.layers.len()));
         let feed_steps = board.borrow_mut().simulated_tip().feed_steps();
         Self { as_built: grown.as_built, feed_steps, events }
+    }
+}
+
+/// A line that its test can cut.
+pub struct Cuttable<P> {
+    /// What it leads to.
+    pub port: P,
+    /// Whether it is cut.
+    pub cut: Rc<Cell<bool>>,
+}
+
+impl<P> Cuttable<P> {
+    fn whole(&mut self) -> Result<&mut P, PortError> {
+        if self.cut.get() {
+            return Err(PortError::Lost("the line".to_string(), "its test cut it".to_string()));
+        }
+        Ok(&mut self.port)
+    }
+}
+
+impl<P: Port> Port for Cuttable<P> {
+    fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+        self.whole()?.send(bytes)
+    }
+
+    fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, PortError> {
+        self.whole()?.receive(buffer, timeout)
+    }
+
+    fn tip(&mut self) -> Result<Option<TipRecord>, PortError> {
+        self.whole()?.tip()
     }
 }
