@@ -3,7 +3,7 @@
 use growbot_core::link::frame::FrameError;
 use growbot_core::link::message::Refusal;
 
-use super::SILENCE;
+use super::patience::SILENCE;
 use crate::port::PortError;
 
 /// Why a request came to nothing.

@@ -1,6 +1,7 @@
 //! The host's end of the link: requests with answers, and the events in between.
 
 mod error;
+mod patience;
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -15,26 +16,9 @@ use growbot_core::link::message::{
 use growbot_core::robot::Robot;
 
 pub use self::error::ClientError;
+use self::patience::{FIRST_REPEAT, MOST_TRIES, REPEAT_OF_PLAN, SILENCE_OF_PLAN, SLOWEST_REPEAT, Wait};
 use crate::port::Port;
 
-/// A request is repeated after so long without its answer, and then ever more rarely,
-const FIRST_REPEAT: Duration = Duration::from_millis(250);
-/// up to this.
-const SLOWEST_REPEAT: Duration = Duration::from_millis(500);
-/// A plan takes a board up to a minute for a near goal, and emulated by a busy machine some times that: it is not asked more often.
-const REPEAT_OF_PLAN: Duration = Duration::from_secs(10);
-/// A board of which nothing at all comes for so long while it is asked is silent,
-const SILENCE: Duration = Duration::from_secs(8);
-/// and one that has answered before after so long: the line may be bad.
-const SILENCE_OF_KNOWN: Duration = Duration::from_secs(20);
-/// One that has never answered, and of which pieces of frames come now and then, is given so long,
-const SILENCE_OF_PIECES: Duration = Duration::from_secs(60);
-/// unless more of them come a second: then it is no growbot.
-const MOST_PIECES_A_SECOND: f64 = 8.0;
-/// One that plans is silent when it says nothing for so long.
-const SILENCE_OF_PLAN: Duration = Duration::from_secs(180);
-/// A line that carries some frames and never the answer is given up after so many repetitions.
-const MOST_TRIES: u32 = 120;
 /// A host that holds the board and is not heard for 10 s has lost it (PROTOCOL.md): it is waited for in so many looks,
 const HELD_LOOKS: u32 = 24;
 /// with such pauses.
@@ -543,34 +527,6 @@ impl Drop for Client {
             // Where it is lost, the board finds out after some seconds.
             let _ = self.post(self.seq, &Message::Goodbye(Empty {}));
         }
-    }
-}
-
-/// How a wait for an answer has gone.
-#[derive(Debug, Default)]
-struct Wait {
-    /// For so long no frame has come.
-    quiet: Duration,
-    /// So many pieces of frames have come meanwhile.
-    pieces: u32,
-    /// What came that was none.
-    heard: Option<FrameError>,
-}
-
-impl Wait {
-    /// Whether nothing more is to be hoped for, from a board that has `known` answered before; not before `least`.
-    fn is_hopeless(&self, least: Duration, known: bool) -> bool {
-        let pieces = f64::from(self.pieces);
-        let patience = if known {
-            SILENCE_OF_KNOWN
-        } else if pieces > 0.0 && pieces <= MOST_PIECES_A_SECOND * self.quiet.as_secs_f64() {
-            SILENCE_OF_PIECES
-        } else {
-            SILENCE
-        };
-        // A whole frame of another version is no noise.
-        let speaks_otherwise = !known && matches!(self.heard, Some(FrameError::Version { .. }));
-        speaks_otherwise || self.quiet >= patience.max(least)
     }
 }
 
