@@ -6,7 +6,9 @@ use growbot_host::output::print;
 
 use super::{Failure, PortArg, RobotArg};
 
-/// Stop the robot: heater and steppers off at once, the job is over
+/// Stop the robot: heater and steppers off at once
+///
+/// A layer under way is cut. The board keeps what it knows of the body: `growbot resume` goes on with it, `growbot cancel` gives it up.
 #[derive(Args)]
 #[command(after_help = "Example:\n  growbot stop --port /dev/ttyACM0")]
 pub struct StopArgs {
