@@ -10,6 +10,7 @@ use growbot_core::layer_bytes::Encoder;
 use growbot_core::link::emergency_stop::EMERGENCY_STOP;
 use growbot_core::link::frame::{Header, Receiver, encode};
 use growbot_core::link::message::{Begin, Empty, Layers, Message, Resume, Silence, Start, State};
+use growbot_core::random::Random;
 use growbot_core::robot::Robot;
 use growbot_firmware::emulated_tip as table;
 use growbot_host::client::Client;
@@ -18,7 +19,6 @@ use growbot_host::port::emulator::Emulator;
 use growbot_host::robot_file;
 use growbot_host::tip::Motor;
 use growbot_tests::firmware;
-use growbot_tests::random::Random;
 use growbot_tests::tip_words::Words;
 
 const PLAN: u64 = 1;

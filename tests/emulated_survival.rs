@@ -17,6 +17,7 @@ use std::time::{Duration, Instant};
 
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::message::{Empty, Fault, Message, ResetCause, Silence, State, Status};
+use growbot_core::random::Random;
 use growbot_core::robot::Robot;
 use growbot_firmware::emulated_tip as table;
 use growbot_host::client::Client;
@@ -26,7 +27,6 @@ use growbot_host::port::emulator::Emulator;
 use growbot_host::port::faulty::{FaultSpec, Faulty};
 use growbot_host::robot_file;
 use growbot_tests::firmware;
-use growbot_tests::random::Random;
 use growbot_tests::survival::crash::{self, Crash, Recovered};
 use growbot_tests::survival::{Body, Cuttable, Undisturbed};
 use growbot_tests::tip_words::Words;

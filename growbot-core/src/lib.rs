@@ -75,10 +75,13 @@ pub mod number;
 pub mod path;
 pub mod plan;
 pub mod pose;
+pub mod random;
 pub mod robot;
 pub mod shortest;
+pub mod simulation;
 pub mod slicing;
 #[cfg(test)]
 mod testing;
+pub mod tracking;
 pub mod trigonometry;
 pub mod two_plane;

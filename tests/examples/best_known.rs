@@ -11,7 +11,7 @@
 
 use std::time::Instant;
 
-use growbot_tests::random::Random;
+use growbot_core::random::Random;
 use growbot_tests::slow_shortest::table::{COLUMNS, Row, Stratum};
 use growbot_tests::slow_shortest::{Best, Effort, helicoid, shortest};
 

@@ -4,7 +4,6 @@
 pub mod fault_campaign;
 pub mod netduinoplus2;
 pub mod normal_growth;
-pub mod random;
 pub mod slow_shortest;
 pub mod stack_depth;
 pub mod survival;

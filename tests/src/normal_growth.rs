@@ -9,7 +9,7 @@ use growbot_core::link::message::{Fault, State};
 
 use crate::fault_campaign::growth::{copy, robot};
 use crate::fault_campaign::rig::Rig;
-use crate::random::Random;
+use growbot_core::random::Random;
 
 /// Between two looks at the nozzle, s.
 const LOOK: f64 = 0.1;

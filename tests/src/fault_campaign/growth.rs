@@ -8,7 +8,7 @@ use growbot_host::tip::{Motor, Variation};
 
 use super::cases::{Case, Onset, Right};
 use super::rig::Rig;
-use crate::random::Random;
+use growbot_core::random::Random;
 
 /// Layers of the job; half of them are handed over before it holds.
 const LAYERS: u32 = 6;

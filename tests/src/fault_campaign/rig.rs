@@ -12,7 +12,7 @@ use growbot_host::client::{Client, ClientError};
 use growbot_host::port::sim::Sim;
 use growbot_host::tip::Variation;
 
-use crate::random::Random;
+use growbot_core::random::Random;
 
 /// The job's name.
 const PLAN: u64 = 1;

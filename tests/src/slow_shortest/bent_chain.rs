@@ -7,7 +7,7 @@ use core::f64::consts::TAU;
 use nalgebra::{Matrix6, Rotation3, Vector2, Vector3, Vector6};
 
 use super::Problem;
-use crate::random::Random;
+use growbot_core::random::Random;
 
 /// Arcs at the beginning, equally long.
 const ARCS: usize = 20;

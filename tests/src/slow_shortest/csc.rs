@@ -11,7 +11,7 @@ use nalgebra::{SVector, Vector2, Vector3, Vector6};
 
 use super::levenberg;
 use super::{Curve, Piece, Problem, Tip, across};
-use crate::random::Random;
+use growbot_core::random::Random;
 
 type Unknowns = SVector<f64, 5>;
 

@@ -12,7 +12,7 @@ use nalgebra::{Matrix3, Matrix6, SMatrix, SVector, SymmetricEigen, Vector3, Vect
 use super::bent_chain::{self, Chain};
 use super::levenberg;
 use super::{Curve, Problem, Tip};
-use crate::random::Random;
+use growbot_core::random::Random;
 
 /// How exactly a curve is searched.
 struct Precision {

@@ -18,7 +18,7 @@ pub mod table;
 
 use nalgebra::Vector3;
 
-use crate::random::Random;
+use growbot_core::random::Random;
 use helicoid::Helicoid;
 
 /// A curve arrives if it ends within this of the goal, in radii and radians.

@@ -6,7 +6,7 @@ use core::fmt;
 use nalgebra::Vector3;
 
 use super::{Piece, Problem, Tip, across};
-use crate::random::Random;
+use growbot_core::random::Random;
 
 /// Cases of one kind.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -1,4 +1,7 @@
-//! Random numbers that are the same on every machine: splitmix64 (Steele, Lea and Flood 2014).
+//! Random numbers that are the same on every machine: SplitMix64 (Steele, Lea and Flood 2014).
+//!
+//! A stream is named by a list of numbers, such as a seed, what is drawn for, and the index of a layer. So what a layer draws does
+//! not depend on what was drawn before it: threads, boards and simulated tips agree on it without sharing anything.
 
 use core::f64::consts::TAU;
 
@@ -36,7 +39,12 @@ impl Random {
         least + (greatest - least) * self.unit()
     }
 
-    /// Of mean 0 and deviation 1 (Box and Muller).
+    /// Uniform in [-1, 1).
+    pub fn even(&mut self) -> f64 {
+        2.0 * self.unit() - 1.0
+    }
+
+    /// Of mean 0 and standard deviation 1 (Box and Muller 1958).
     pub fn normal(&mut self) -> f64 {
         libm::sqrt(-2.0 * libm::log(1.0 - self.unit())) * libm::cos(TAU * self.unit())
     }

@@ -1,0 +1,146 @@
+//! How layers come out otherwise than they were asked for.
+
+use nalgebra::Rotation3;
+
+use crate::angle::wrap_positive;
+use crate::layer::Layer;
+use crate::pose::Frame;
+use crate::random::Random;
+use crate::trigonometry;
+
+/// What goes wrong in each layer, at random and always. All zero by default.
+///
+/// Noise is uniform to either side, of mean 0, and independent from layer to layer. The growth of a layer is disturbed with its tilt
+/// kept, as the paper does it.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Disturbance {
+    /// Noise of the growth: at most this share of the layer's height.
+    pub growth_noise: f64,
+    /// Over-deposition, a share of the layer's height; negative for under-deposition.
+    pub growth_bias: f64,
+    /// Noise of the tilt: a lean of at most this about each axis of the deposition plane, radians.
+    pub tilt_noise: f64,
+    /// How much more the layer tilts, a share of its tilt.
+    pub tilt_bias: f64,
+    /// Noise of the deposition angle: at most this, radians.
+    pub alpha_noise: f64,
+    /// An offset of the deposition angle, radians.
+    pub alpha_bias: f64,
+    /// Noise of the twist about the tip's axis: at most this in a layer, radians.
+    pub twist_noise: f64,
+    /// Twist about the tip's axis in each layer, radians, counter-clockwise.
+    pub twist_bias: f64,
+}
+
+/// A layer as it came out.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Laid {
+    /// The layer.
+    pub layer: Layer,
+    /// How far the tip has turned about its axis after it, radians.
+    pub twist: f64,
+}
+
+impl Laid {
+    /// `tip_from_next_tip`: Eq 4, then the twist.
+    #[must_use]
+    pub fn step(&self) -> Frame {
+        let mut step = self.layer.step();
+        if self.twist != 0.0 {
+            let (sine, cosine) = trigonometry::sin_cos(self.twist);
+            #[rustfmt::skip]
+            let about_z = nalgebra::Matrix3::new(
+                cosine, -sine,  0.0,
+                sine,   cosine, 0.0,
+                0.0,    0.0,    1.0,
+            );
+            step.rotation *= Rotation3::from_matrix_unchecked(about_z);
+        }
+        step
+    }
+}
+
+/// What the numbers of a layer are drawn for, so that each source has its own.
+#[derive(Debug, Clone, Copy)]
+enum Draw {
+    Growth = 1,
+    Tilt,
+    Alpha,
+    Twist,
+}
+
+impl Disturbance {
+    /// The layer of this index (from 0, along the body) as it comes out. The same seed gives the same errors to the layer of the same
+    /// index, each source by itself: noise of one kind does not change that of another.
+    #[must_use]
+    pub fn lay(&self, seed: u64, index: u64, layer: &Layer) -> Laid {
+        let draw = |what: Draw| Random::new(&[seed, what as u64, index]);
+        let noise = |what: Draw, most: f64| if most == 0.0 { 0.0 } else { most * draw(what).even() };
+        let height = layer.height * (1.0 + self.growth_bias + noise(Draw::Growth, self.growth_noise));
+        let mut tilt = layer.tilt * (1.0 + self.tilt_bias);
+        let mut alpha = layer.alpha + self.alpha_bias + noise(Draw::Alpha, self.alpha_noise);
+        if self.tilt_noise != 0.0 {
+            let mut random = draw(Draw::Tilt);
+            let x = tilt * trigonometry::cos(alpha) + self.tilt_noise * random.even();
+            let y = tilt * trigonometry::sin(alpha) + self.tilt_noise * random.even();
+            (tilt, alpha) = (trigonometry::hypot(x, y), libm::atan2(y, x));
+        }
+        let layer = Layer { alpha: wrap_positive(alpha), height, tilt };
+        Laid { layer, twist: self.twist_bias + noise(Draw::Twist, self.twist_noise) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LAYER: Layer = Layer { alpha: 2.0, height: 0.77, tilt: 0.0077 };
+
+    #[test]
+    fn nothing_is_disturbed_without_a_disturbance() {
+        let laid = Disturbance::default().lay(7, 3, &LAYER);
+        assert_eq!(laid, Laid { layer: LAYER, twist: 0.0 });
+        assert_eq!(laid.step(), LAYER.step());
+    }
+
+    #[test]
+    fn growth_noise_is_even_and_keeps_the_tilt() {
+        let disturbance = Disturbance { growth_noise: 0.1, ..Disturbance::default() };
+        let shares: std::vec::Vec<f64> =
+            (0..100_000).map(|index| disturbance.lay(1, index, &LAYER).layer.height / LAYER.height - 1.0).collect();
+        let mean = shares.iter().sum::<f64>() / 1e5;
+        let variance = shares.iter().map(|share| share * share).sum::<f64>() / 1e5;
+        assert!(mean.abs() < 0.001 && (variance - 0.01 / 3.0).abs() < 1e-4, "{mean} {variance}");
+        assert!(shares.iter().all(|share| share.abs() <= 0.1));
+        assert_eq!(disturbance.lay(1, 5, &LAYER).layer.tilt, LAYER.tilt);
+    }
+
+    #[test]
+    fn what_one_source_draws_does_not_depend_on_the_others() {
+        let one = Disturbance { growth_noise: 0.1, ..Disturbance::default() };
+        let more = Disturbance { tilt_noise: 0.001, alpha_noise: 0.1, twist_noise: 0.1, ..one };
+        for index in 0..100 {
+            assert_eq!(one.lay(9, index, &LAYER).layer.height, more.lay(9, index, &LAYER).layer.height);
+        }
+        assert!(one.lay(9, 1, &LAYER) != one.lay(9, 2, &LAYER) && one.lay(9, 1, &LAYER) != one.lay(8, 1, &LAYER));
+    }
+
+    #[test]
+    fn biases_are_in_every_layer() {
+        let disturbance = Disturbance {
+            growth_bias: 0.05,
+            tilt_bias: -0.1,
+            alpha_bias: 0.2,
+            twist_bias: 0.01,
+            ..Disturbance::default()
+        };
+        let laid = disturbance.lay(1, 0, &LAYER);
+        assert!((laid.layer.height - 1.05 * LAYER.height).abs() < 1e-15);
+        assert!((laid.layer.tilt - 0.9 * LAYER.tilt).abs() < 1e-15);
+        assert!((laid.layer.alpha - 2.2).abs() < 1e-15);
+        let untwisted = laid.layer.step().rotation;
+        let twisted = laid.step().rotation;
+        assert!(((untwisted.inverse() * twisted).angle() - 0.01).abs() < 1e-12);
+        assert!((untwisted * nalgebra::Vector3::z() - twisted * nalgebra::Vector3::z()).norm() < 1e-15);
+    }
+}

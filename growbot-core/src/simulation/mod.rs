@@ -1,0 +1,5 @@
+//! Growth without a robot: layers that come out otherwise than they were asked for.
+
+mod disturbance;
+
+pub use disturbance::{Disturbance, Laid};
