@@ -9,6 +9,19 @@ use crate::pose::{Frame, Pose};
 use crate::robot::Robot;
 use crate::tracking::{Estimate, Tracker};
 
+/// What is to be grown: a path from start to goal.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Task<'a> {
+    /// The robot.
+    pub robot: &'a Robot,
+    /// Where the body begins.
+    pub start: Pose,
+    /// Where its tip is to arrive.
+    pub goal: Pose,
+    /// The path between them.
+    pub path: &'a [Segment],
+}
+
 /// What a growth came to.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Grown {
@@ -49,16 +62,14 @@ pub fn grow_open(
 /// Measures each layer and plans the rest again after it. `tip` has each layer as commanded and as laid, and the frame in which
 /// growth alone leaves the tip; it says where the tip is, should the body do more than grow.
 pub fn grow_closed(
-    robot: &Robot,
-    start: &Pose,
-    goal: &Pose,
-    path: &[Segment],
+    task: &Task,
     disturbance: &Disturbance,
     sensors: &Sensors,
     seed: u64,
     mut tip: impl FnMut(&Layer, &Laid, &Frame) -> Frame,
 ) -> Grown {
-    let mut tracker = Tracker::new(robot, start, goal, path, sensors.noise);
+    let Task { robot, start, goal, path } = *task;
+    let mut tracker = Tracker::new(robot, &start, &goal, path, sensors.noise);
     let mut grown = Grown { base_from_tip: start.frame(), layers: 0, length: 0.0, estimate: None };
     let most = PATIENCE * needs(path, robot).layers as u64 + PATIENCE_AT_LEAST;
     let mut by_growth = start.frame();

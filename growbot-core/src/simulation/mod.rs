@@ -5,5 +5,5 @@ mod growth;
 mod sensors;
 
 pub use disturbance::{Disturbance, Laid};
-pub use growth::{Grown, grow_closed, grow_open};
+pub use growth::{Grown, Task, grow_closed, grow_open};
 pub use sensors::{DirectionSensor, Sensors};
