@@ -14,7 +14,7 @@ use crate::pose::{Frame, Pose, angle_between, tip_direction};
 use crate::trigonometry;
 
 /// The most pieces.
-const MOST_PIECES: usize = 64;
+const MOST_PIECES: usize = 48;
 /// A path is cut into about so many at first.
 const FIRST_PIECES: f64 = 40.0;
 /// There are at least so many, while they are longer than a layer.
@@ -141,22 +141,21 @@ impl Course {
     /// the goal it ends then. Where only few pieces are left they are cut, down to about `resolution`, mm.
     pub fn correct(&mut self, base_from_tip: &Frame, goal: &Pose, greatest: f64, resolution: f64) -> Miss {
         self.refine(resolution);
-        let mut linear = Linear::of(self, base_from_tip, goal, greatest);
+        let mut linear = Linear::default();
+        linear.set(self, base_from_tip, goal, greatest);
         for _ in 0..ROUNDS {
-            let before = self.clone();
+            let (before, error) = (self.clone(), linear.weighed_error());
             linear.pull(self);
-            let mut next = Linear::of(self, base_from_tip, goal, greatest);
+            linear.set(self, base_from_tip, goal, greatest);
             for _ in 0..HALVINGS {
-                if next.weighed_error() <= linear.weighed_error().max(1.0) {
+                if linear.weighed_error() <= error.max(1.0) {
                     break;
                 }
                 self.back_halfway(&before);
-                next = Linear::of(self, base_from_tip, goal, greatest);
+                linear.set(self, base_from_tip, goal, greatest);
             }
-            let gained = linear.weighed_error() - next.weighed_error();
-            linear = next;
             // What cannot be reached is not reached in more rounds.
-            if linear.error.norm() < NEARLY * NEARLY || gained < 0.01 * linear.weighed_error() {
+            if linear.error.norm() < NEARLY * NEARLY || linear.weighed_error() > 0.99 * error {
                 break;
             }
         }
@@ -192,12 +191,13 @@ impl Course {
 type Constraint = SVector<f64, CONSTRAINTS>;
 
 /// How the end of a course moves with its pieces.
+#[derive(Default)]
 struct Linear {
-    /// From the end to the goal: radii, and radians about the end's y and -x axes.
+    /// From the end to the goal, in the end's frame: radii, and radians about its y and -x axes.
     error: Constraint,
     /// The same, had no piece strayed from what was planned.
     from_planned: Constraint,
-    /// For each piece.
+    /// For each piece, from the last to the first.
     columns: Vec<Columns, MOST_PIECES>,
     miss: Miss,
 }
@@ -256,53 +256,50 @@ impl Columns {
 }
 
 impl Linear {
-    fn of(course: &Course, base_from_tip: &Frame, goal: &Pose, greatest: f64) -> Self {
-        let mut frames: Vec<(Frame, Frame), MOST_PIECES> = Vec::new();
-        let mut end = *base_from_tip;
-        for piece in &course.pieces {
+    fn set(&mut self, course: &Course, base_from_tip: &Frame, goal: &Pose, greatest: f64) {
+        let constraint = |moved: Vector3<f64>, turned: Vector3<f64>| {
+            let moved = moved / course.radius;
+            Constraint::new(moved.x, moved.y, moved.z, turned.y, -turned.x)
+        };
+        // What turns about a point moves the end, which lies in the origin of its own frame.
+        let turning = |axis: Vector3<f64>, end_from: &Frame| {
+            let turned = end_from.rotation * axis;
+            constraint(end_from.translation.vector.cross(&turned), turned)
+        };
+        // From the end backwards, in the end's frame.
+        self.columns.clear();
+        let mut from_planned = Constraint::zeros();
+        let mut end_from_tip = Frame::identity();
+        for piece in course.pieces.iter().rev() {
+            let longer = turning(Vector3::new(-piece.curvature.y, piece.curvature.x, 0.0), &end_from_tip);
+            let by_length = longer + constraint(tip_direction(&end_from_tip), Vector3::zeros());
             let bend = piece.curvature.norm() * piece.length;
             let alpha = libm::atan2(-piece.curvature.y, -piece.curvature.x);
-            let half = step(alpha, 0.5 * bend, 0.5 * piece.length);
-            let middle = end * half;
-            end = middle * half;
-            let _ = frames.push((middle, end));
-        }
-        let (x, y) = (end.rotation * Vector3::x(), end.rotation * Vector3::y());
-        let at = end.translation.vector;
-        let constraint = |moved: &Vector3<f64>, turned: &Vector3<f64>| {
-            let moved = moved / course.radius;
-            Constraint::new(moved.x, moved.y, moved.z, turned.dot(&y), -turned.dot(&x))
-        };
-        let to_goal = goal.position() - at;
-        let direction = goal.direction();
-        let away = angle_between(&tip_direction(&end), &direction);
-        // Of a goal that lies behind, the sine says too little.
-        let about = tip_direction(&end).cross(&direction);
-        let turn = about.try_normalize(1e-12).unwrap_or_else(Vector3::zeros) * away;
-        let error = constraint(&to_goal, &turn);
-        let miss = Miss { distance: to_goal.norm(), angle: away };
-        let mut linear = Self { error, from_planned: error, columns: Vec::new(), miss };
-        for (piece, (middle, end)) in course.pieces.iter().zip(&frames) {
-            let turning = |axis: Vector3<f64>, frame: &Frame| {
-                let turned = frame.rotation * axis;
-                constraint(&turned.cross(&(at - frame.translation.vector)), &turned)
-            };
-            let by_x = turning(Vector3::y() * piece.length, middle);
-            let by_y = turning(-Vector3::x() * piece.length, middle);
-            let longer = turning(Vector3::new(-piece.curvature.y, piece.curvature.x, 0.0), end);
-            let by_length = longer + constraint(&tip_direction(end), &Vector3::zeros());
+            let back = step(alpha, 0.5 * bend, 0.5 * piece.length).inverse();
+            let end_from_middle = end_from_tip * back;
+            end_from_tip = end_from_middle * back;
+            let by_x = turning(Vector3::y() * piece.length, &end_from_middle);
+            let by_y = turning(-Vector3::x() * piece.length, &end_from_middle);
             let strayed = piece.curvature - piece.planned.0;
-            linear.from_planned += by_x * strayed.x + by_y * strayed.y + by_length * (piece.length - piece.planned.1);
-            let _ = linear.columns.push(Columns {
-                greatest,
+            from_planned += by_x * strayed.x + by_y * strayed.y + by_length * (piece.length - piece.planned.1);
+            let _ = self.columns.push(Columns {
                 by_curvature: [by_x, by_y],
                 by_length,
+                greatest,
                 freedom: piece.freedom(course.radius),
                 planned: piece.planned,
                 lengths: (0.5 * piece.length, 2.0 * piece.length),
             });
         }
-        linear
+        let base_from_end = base_from_tip * end_from_tip.inverse();
+        let to_goal = base_from_end.inverse_transform_point(&goal.position().into()).coords;
+        let direction = base_from_end.inverse_transform_vector(&goal.direction());
+        let angle = angle_between(&Vector3::z(), &direction);
+        // Of a goal that lies behind, the sine says too little.
+        let about = Vector3::z().cross(&direction).try_normalize(1e-12).unwrap_or_else(Vector3::zeros);
+        let error = constraint(to_goal, about * angle);
+        (self.error, self.from_planned) = (error, from_planned + error);
+        self.miss = Miss { distance: to_goal.norm(), angle };
     }
 
     /// The error in units of what is not weighed.
@@ -332,7 +329,7 @@ impl Linear {
                 break;
             }
         }
-        for (piece, columns) in course.pieces.iter_mut().zip(&self.columns) {
+        for (piece, columns) in course.pieces.iter_mut().rev().zip(&self.columns) {
             (piece.curvature, piece.length, _) = columns.give_way(&course.pull);
         }
     }
