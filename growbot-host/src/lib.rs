@@ -9,6 +9,7 @@
 //! - [`plan_file`] and [`plan_check`]: plans as JSON, and what is checked before one is believed;
 //! - [`workspace`]: which goals are within reach, in numbers and as a picture;
 //! - [`batch`]: many plans from a CSV stream;
+//! - [`reproduce`]: the experiments of the paper, done again, with page and figures;
 //! - [`layer_table`]: the layers of a plan as CSV;
 //! - [`port`]: where a robot is: simulated here, emulated, or at the end of a line; [`tip`], what a simulated one does;
 //! - [`client`]: requests to its board and their answers; [`growth`], a whole job; [`arrival`], how near it came; [`run_log`];
@@ -34,6 +35,7 @@ pub mod plan_file;
 pub mod port;
 pub mod pose_text;
 pub mod progress;
+pub mod reproduce;
 pub mod robot_file;
 pub mod run_log;
 pub mod tip;

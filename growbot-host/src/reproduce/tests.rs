@@ -1,0 +1,1 @@
+//! The whole of it, by few repetitions.
