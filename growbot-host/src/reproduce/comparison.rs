@@ -138,12 +138,6 @@ impl Comparison {
         let differences = differences(&table2, &quoted, &questions);
         Self { table2, quoted, questions, exact: exact(experiments), differences }
     }
-
-    /// A question by the start of what it asks, as the paper seems to have done it.
-    #[must_use]
-    pub fn question(&self, what: &str) -> Option<&Question> {
-        self.questions.iter().find(|question| question.what.starts_with(what) && question.planner == PAPERS_PLANNER)
-    }
 }
 
 fn table2(experiments: &Experiments) -> Vec<Cell> {
@@ -210,8 +204,8 @@ fn quoted(experiments: &Experiments) -> Vec<Quoted> {
         }
     };
     for (what, paper, quantity) in [
-        ("heading error of robot A, degrees, mean of the groups' means", paper::HEADING_ERROR_DEG, Quantity::Heading),
         ("pitch error of robot A, degrees, mean of the groups' means", paper::PITCH_ERROR_DEG, Quantity::Pitch),
+        ("heading error of robot A, degrees, mean of the groups' means", paper::HEADING_ERROR_DEG, Quantity::Heading),
     ] {
         let cuttings = Cutting::of_robot(paper::A);
         push(what, paper, 2, cuttings.iter().map(|cutting| over_groups(*cutting, quantity)).collect());
@@ -273,13 +267,15 @@ fn questions(experiments: &Experiments) -> Vec<Question> {
                 ask(what.to_owned(), label, planner, paper, values(experiments, everywhere, planner, of, quantity));
             }
         }
-        for (what, robot, paper) in [
-            ("position error over the long groups of robot B", paper::B, paper::P_LONG_B),
-            ("position error over the long groups of robot C", paper::C, paper::P_LONG_C),
+        for (what, robot, cutting, paper) in [
+            ("position error over the groups from 8 R on, robot B", paper::B, Cutting::Table, paper::P_LONG_B),
+            ("position error over the groups from 8 R on, robot B", paper::B, Cutting::Tenth, paper::P_LONG_B),
+            ("position error over the groups from 8 R on, robot C", paper::C, Cutting::Table, paper::P_LONG_C),
+            ("position error over the groups from 8 R on, robot C", paper::C, Cutting::Half, paper::P_LONG_C),
         ] {
             let groups = LONG.map(|group| (robot, group));
-            let label = label(experiments, robot, Cutting::Table);
-            let values = values(experiments, groups, planner, |_| Cutting::Table, Quantity::Position);
+            let label = label(experiments, robot, cutting);
+            let values = values(experiments, groups, planner, |_| cutting, Quantity::Position);
             ask(what.to_owned(), label, planner, Some(paper), values);
         }
         for (cutting, robots, group) in whole.into_iter().flat_map(|cutting| {
@@ -378,18 +374,20 @@ fn differences(table2: &[Cell], quoted: &[Quoted], questions: &[Question]) -> Ve
 /// Why we differ in what the text quotes.
 fn why(what: &str) -> &'static str {
     if what.starts_with("heading") {
-        "Heading errors depend on how poses are drawn: near straight up or down a small angle is a large heading, and with directions \
-         uniform on the sphere heading errors are pi/2 times the pitch errors on average, before they are wrapped. The paper's are hardly larger than its \
-         pitch errors, so that its random poses may have had less steep pitches. The angle between the directions, in the files, does not depend on it."
+        "As for the pitch, and heading errors depend on how poses are drawn besides: near straight up or down a small angle is a large heading. \
+         With directions uniform on the sphere heading errors are pi/2 times the pitch errors on average; the paper's are hardly larger than its \
+         pitch errors. The angle between the directions, in the files, does not depend on it."
     } else if what.starts_with("pitch") {
-        "Whole steps of 3.096 mm turn by up to 1.77 degrees too far in each of the up to four arcs of a two-plane path, partly up or down."
+        "The paper's 1.77 degrees are the bend of one whole step of 3.096 mm at R = 100 mm: the most that rounding up turns too far in one arc. On \
+         average it turns too far by half of that, and only a part of it goes up or down. So the paper's simulation turned further than rounding \
+         up does, or measured otherwise; it does not say. Its position errors leave no room for it, except at the very end of the path."
     } else if what.contains("robot B") {
         "By k = 0.0921, robot B's steps are three times as long, for its radius, as robot A's of 3.096 mm, so with whole steps its errors must \
          be larger than robot A's; the paper's are three times smaller. They go with a step a tenth as long (6.264 mm, k = 0.0092), as if \
-         a centimetre had been taken for a millimetre. That is a guess: the paper does not say what else was different."
+         a centimetre had been taken for a millimetre. That is a guess."
     } else {
-        "At k = 0.5263 a segment is a handful of steps, each bent by 30 degrees: errors are of the order of the distance, and depend on details such as \
-         whether a segment much shorter than a step still gets a whole one (here it does)."
+        "At k = 0.5263 a step bends by 30 degrees and an arc is a handful of steps. The paper's mean goes with a step of about half of Table 3's: 10 mm, the \
+         distance of its latches. That is a guess, and a weaker one than for robot B: ours grow with the distance for either step, the paper's do not."
     }
 }
 

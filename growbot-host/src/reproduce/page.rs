@@ -10,7 +10,7 @@ use super::figures::Figure;
 use super::paper::{self, GROUPS, ROBOTS};
 use super::statistics::{Summary, Test};
 use super::tables::{capital, error_text, parameters};
-use super::{Reproduction, SEED};
+use super::{Reproduction, Request};
 
 const STYLE: &str = "\
 :root{color-scheme:light dark;--ink:#1c2430;--soft:#4a5565;--paper:#fff;--line:#d8dde5;--shade:#f3f5f8;--good:#0b7a4b;--bad:#b3261e}
@@ -65,7 +65,7 @@ pub fn html(of: &Reproduction, figures: &[Figure]) -> String {
 
 fn introduction(page: &mut String, of: &Reproduction) {
     let request = &of.request;
-    let options = if request.seed == SEED { String::new() } else { format!(" --seed {}", request.seed) };
+    let options = options(request);
     let _ = writeln!(
         page,
         "<h1>Growing from the tip: the paper&#8217;s experiments, done again</h1>\n\
@@ -104,6 +104,23 @@ fn introduction(page: &mut String, of: &Reproduction) {
     }
 }
 
+/// What a command line asks for this with, besides -o.
+fn options(request: &Request) -> String {
+    let usual = Request::default();
+    let mut options = String::new();
+    if (&request.tables, &request.figures) != (&usual.tables, &usual.figures) {
+        request.tables.iter().for_each(|table| options += &format!(" --table {table}"));
+        request.figures.iter().for_each(|figure| options += &format!(" --figure {figure}"));
+    }
+    if (request.repeat, request.repeat_noise) != (usual.repeat, usual.repeat_noise) {
+        options += &format!(" --repeat {}", request.repeat);
+    }
+    if request.seed != usual.seed {
+        options += &format!(" --seed {}", request.seed);
+    }
+    options
+}
+
 fn differences(page: &mut String, of: &Reproduction) {
     if of.comparison.differences.is_empty() {
         return;
@@ -117,7 +134,7 @@ fn differences(page: &mut String, of: &Reproduction) {
             page,
             "<tr><td class=\"w\">{}</td><td class=\"w\">{}</td><td class=\"w\">{}</td></tr>",
             capital(difference.what),
-            difference.by,
+            difference.by.replace("+-", "&plusmn;"),
             difference.why
         );
     }
@@ -129,7 +146,7 @@ fn robots(page: &mut String, of: &Reproduction, table: u8) {
     let _ = writeln!(
         page,
         "<h2 id=\"table{table}\">Table {table}: {title}</h2>\n\
-         <p>Ours from the robots&#8217; descriptions; the paper&#8217;s in brackets where it prints something else. &phi; = g / R and k = g &Delta;t / R follow from the rest.{}</p>\n\
+         <p>From the robots&#8217; descriptions, which are the paper&#8217;s numbers. &phi; = g / R and k = g &Delta;t / R follow from them; the paper&#8217;s in brackets where it prints something else.{}</p>\n\
          <div class=\"wide\"><table>\n<tr><th class=\"l\">robot</th><th>&Delta;t, s</th><th>g, mm/s</th><th>R, mm</th><th>r<sub>t</sub>, mm</th>\
          <th>step, mm</th><th>&phi;, rad/s</th><th>k, rad a step</th></tr>",
         if table == 3 {
@@ -150,9 +167,9 @@ fn robots(page: &mut String, of: &Reproduction, table: u8) {
             page,
             "<tr><td class=\"l\">{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
             paper.name,
-            beside(parameters.dt_s, paper.dt_s, 3),
-            beside(parameters.g_mm_per_s(), 10.0 * paper.g_cm_per_s, 3),
-            beside(parameters.radius_mm, 10.0 * paper.radius_cm, 1),
+            parameters.dt_s,
+            libm::round(1e6 * parameters.g_mm_per_s()) / 1e6,
+            parameters.radius_mm,
             parameters.tip_radius_mm,
             parameters.step_mm,
             beside(parameters.phi_rad_per_s(), paper.phi_rad_per_s, 4),
@@ -279,7 +296,7 @@ fn feedback(page: &mut String, of: &Reproduction) {
     let _ = writeln!(
         page,
         "<h2 id=\"feedback\">With noise: open and closed loop</h2>\n<p>Robot A between the same random poses, exact slicing, with noise of \
-         &plusmn;{} % of the growth of each layer, the same layers off by the same share in both loops. The paper names feedback as future work. Without noise of \
+         &plusmn;{} % of the growth of each layer, the same layers off by the same share in both loops. Their tilt is kept, so that in open loop the direction stays right. The paper names feedback as future work. Without noise of \
          the growth, and as noise of the sensors is all there is, exact slicing in open loop does better: see Figure 6.</p>\n<div class=\"wide\"><table>\n\
          <tr><th class=\"l\">distance</th><th class=\"l\">path</th><th class=\"l\">loop</th><th>position error / length</th><th>95th percentile</th>\
          <th>direction error, deg</th><th>95th percentile</th></tr>",

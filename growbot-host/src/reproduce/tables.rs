@@ -7,7 +7,7 @@ use serde::Serialize;
 use serde_json::{Value, json};
 
 use super::comparison::{Question, p_text};
-use super::experiments::{Cutting, Quantity, Set, planner_name};
+use super::experiments::{Cutting, NOISE_OF_FEEDBACK, Quantity, Set, planner_name};
 use super::paper::{self, GROUPS, PaperRobot, ROBOTS};
 use super::statistics::Summary;
 use super::{Reproduction, ResultFile};
@@ -362,6 +362,7 @@ pub fn summary(of: &Reproduction) -> String {
     }
     quoted_text(&mut text, of);
     noise_text(&mut text, of);
+    feedback_text(&mut text, of);
     tests_text(&mut text, of);
     if let Some((position, direction, growths)) = of.comparison.exact {
         let _ = writeln!(
@@ -380,10 +381,10 @@ fn parameters_text(text: &mut String, of: &Reproduction, table: u8) {
     for of in parameters(of, table) {
         let _ = writeln!(
             text,
-            "{:<6} {:>8} {:>8} {:>8} {:>9} {:>11.4} ({:>6.4}) {:>9.4} ({:>6.4})",
+            "{:<7} {:>6} {:>8} {:>6} {:>9} {:>10.4} ({:.4}) {:>8.4} ({:.4})",
             of.paper.name,
             of.dt_s,
-            of.g_mm_per_s(),
+            libm::round(1e6 * of.g_mm_per_s()) / 1e6,
             of.radius_mm,
             of.step_mm,
             of.phi_rad_per_s(),
@@ -436,7 +437,10 @@ fn quoted_text(text: &mut String, of: &Reproduction) {
         let (mean, sd) = quoted.paper;
         let _ = writeln!(text, "\n{}\n  paper {mean:>30.digits$} +- {sd:.digits$}", capital(quoted.what));
         for (label, mean, sd) in &quoted.ours {
-            let _ = writeln!(text, "  {label:<27} {mean:>8.digits$} +- {sd:.digits$}");
+            // Exact slicing has a line of its own.
+            if *mean > 1e-9 {
+                let _ = writeln!(text, "  {label:<27} {mean:>8.digits$} +- {sd:.digits$}");
+            }
         }
     }
 }
@@ -446,7 +450,7 @@ fn noise_text(text: &mut String, of: &Reproduction) {
         return;
     }
     let _ = writeln!(text, "\nFigure 6: mean position error over the path's length, by noise of the growth");
-    let _ = writeln!(text, "{:<30}{:>10}{:>10}{:>10}{:>10}{:>10}", "", "0 %", "1 %", "2 %", "5 %", "10 %");
+    let _ = writeln!(text, "{:<32}{:>9}{:>9}{:>9}{:>9}{:>9}", "", "0 %", "1 %", "2 %", "5 %", "10 %");
     for sets in of.experiments.noise.chunk_by(|a, b| {
         (a.group, a.condition.cutting, a.condition.feedback) == (b.group, b.condition.cutting, b.condition.feedback)
     }) {
@@ -457,8 +461,42 @@ fn noise_text(text: &mut String, of: &Reproduction) {
         );
         let feedback = if first.condition.feedback { ", closed loop" } else { "" };
         let means: String =
-            sets.iter().map(|set| format!("{:>10}", error_text(set.summary(Quantity::Position).mean))).collect();
-        let _ = writeln!(text, "{:>2} R {:<26}{means}", GROUPS[first.group], format!("{cutting}{feedback}"));
+            sets.iter().map(|set| format!("{:>9}", error_text(set.summary(Quantity::Position).mean))).collect();
+        let _ = writeln!(text, "{:>2} R {:<27}{means}", GROUPS[first.group], format!("{cutting}{feedback}"));
+    }
+}
+
+fn feedback_text(text: &mut String, of: &Reproduction) {
+    let sets = || {
+        let noisy = of.experiments.sets.iter().filter(|set| set.condition.noise > 0.0);
+        noisy.filter(|set| set.condition.planner == Planner::TwoPlane)
+    };
+    if sets().next().is_none() {
+        return;
+    }
+    let _ = writeln!(
+        text,
+        "\nRobot A with noise of +-{} %, exact slicing: position error over the length, direction",
+        100.0 * NOISE_OF_FEEDBACK
+    );
+    let heading: String = GROUPS.iter().map(|group| format!("{:>17}", format!("{group} R"))).collect();
+    let _ = writeln!(text, "            {heading}");
+    for (name, quantity, feedback) in [
+        ("open", Quantity::Position, false),
+        ("closed", Quantity::Position, true),
+        ("open, deg", Quantity::Direction, false),
+        ("closed, deg", Quantity::Direction, true),
+    ] {
+        let _ = write!(text, "{name:<12}");
+        for set in sets().filter(|set| set.condition.feedback == feedback) {
+            let summary = set.summary(quantity);
+            let cell = match quantity {
+                Quantity::Position => format!("{:.5}+-{:.5}", summary.mean, summary.sd),
+                _ => format!("{:.3}+-{:.3}", summary.mean, summary.sd),
+            };
+            let _ = write!(text, "{cell:>17}");
+        }
+        text.push('\n');
     }
 }
 

@@ -146,8 +146,8 @@ impl Scale {
         Self::Linear(0.0, step * libm::ceil(1.02 * greatest / step).max(1.0))
     }
 
-    /// Whole decades around the positive ones of these.
-    pub fn decades(values: impl IntoIterator<Item = f64>) -> Self {
+    /// By the logarithm, from a round number below the positive ones of these to one above.
+    pub fn log_around(values: impl IntoIterator<Item = f64>) -> Self {
         let (least, greatest) = values
             .into_iter()
             .filter(|value| *value > 0.0)
@@ -155,8 +155,11 @@ impl Scale {
         if greatest == 0.0 {
             return Self::Log(0.1, 1.0);
         }
-        let (from, to) = (libm::floor(libm::log10(least)), libm::ceil(libm::log10(greatest)));
-        Self::Log(libm::pow(10.0, from), libm::pow(10.0, to.max(from + 1.0)))
+        let below = |value: f64| libm::pow(10.0, libm::floor(libm::log10(value)));
+        let round = |value: f64| [1.0, 2.0, 5.0, 10.0].map(|step| step * below(value));
+        let from = round(least).into_iter().rfind(|step| *step <= 0.95 * least).unwrap_or(0.5 * below(least));
+        let to = round(greatest).into_iter().find(|step| *step >= 1.05 * greatest).unwrap_or(20.0 * below(greatest));
+        Self::Log(from, to)
     }
 
     /// The place of a value, 0 to 1 within the scale.
@@ -176,8 +179,13 @@ impl Scale {
                 (0..=count).map(|i| from + step * f64::from(i)).collect()
             }
             Self::Log(from, to) => {
-                let (first, last) = (libm::round(libm::log10(from)) as i32, libm::round(libm::log10(to)) as i32);
-                (first..=last).map(|power| libm::pow(10.0, f64::from(power))).collect()
+                let (first, last) = (libm::floor(libm::log10(from)) as i32, libm::ceil(libm::log10(to)) as i32);
+                // Between whole decades too, where there are few.
+                let steps: &[f64] = if to / from < 300.0 { &[1.0, 2.0, 5.0] } else { &[1.0] };
+                (first..=last)
+                    .flat_map(|power| steps.iter().map(move |step| step * libm::pow(10.0, f64::from(power))))
+                    .filter(|tick| (0.999 * from..=1.001 * to).contains(tick))
+                    .collect()
             }
         }
     }
@@ -239,7 +247,7 @@ impl Panel {
         canvas.text(left + width / 2.0, bottom + 40.0, "mid", x_name);
         canvas.add(format_args!(
             "<text class=\"mid\" transform=\"translate({:.1} {:.1}) rotate(-90)\">{y_name}</text>",
-            left - 56.0,
+            left - 64.0,
             top + height / 2.0
         ));
     }
@@ -291,7 +299,9 @@ mod tests {
         let scale = Scale::from_zero([0.011, 0.047]);
         assert_eq!(scale, Scale::Linear(0.0, 0.05));
         assert_eq!(scale.ticks().len(), 6);
-        assert_eq!(Scale::decades([0.0, 3e-5, 0.2]), Scale::Log(libm::pow(10.0, -5.0), 1.0));
+        let scale = Scale::log_around([0.0, 3e-5, 0.2]);
+        assert!((scale.share(2e-5)).abs() < 1e-12 && (scale.share(0.5) - 1.0).abs() < 1e-12, "{scale:?}");
+        assert_eq!(scale.ticks().len(), 4);
         assert!((Scale::Log(1e-5, 1.0).share(1e-5)).abs() < 1e-12);
         assert_eq!(Scale::from_zero([]), Scale::Linear(0.0, 0.2));
     }

@@ -8,7 +8,7 @@ use super::super::experiments::{Cutting, Quantity};
 use super::super::paper::{self, GROUPS, ROBOTS};
 use super::chart::{Canvas, Mark, PAPER, Panel, Scale, TABLE_STEP, TEXT_STEP};
 
-const SIZE: (f64, f64) = (1000.0, 930.0);
+const SIZE: (f64, f64) = (1000.0, 920.0);
 
 /// Draws it.
 pub fn svg(of: &Reproduction, title: &'static str) -> String {
@@ -32,13 +32,13 @@ pub fn svg(of: &Reproduction, title: &'static str) -> String {
     );
     canvas.legend(next, 102.0, &[(Mark::Diamond, PAPER, "the paper's mean and SD".to_owned())]);
     let panels = [
-        (Quantity::Position, "A  Position error", "distance from the goal / path length"),
-        (Quantity::Heading, "B  Heading error", "degrees"),
-        (Quantity::Pitch, "C  Pitch error", "degrees"),
-        (Quantity::Length, "D  Length of the path", "path length / R"),
+        (Quantity::Position, "A. Position error", "distance from the goal / path length"),
+        (Quantity::Heading, "B. Heading error", "degrees"),
+        (Quantity::Pitch, "C. Pitch error", "degrees"),
+        (Quantity::Length, "D. Length of the path", "path length / R"),
     ];
     for (index, (quantity, head, y_name)) in panels.into_iter().enumerate() {
-        let area = [88.0 + 494.0 * (index % 2) as f64, 148.0 + 400.0 * (index / 2) as f64, 400.0, 310.0];
+        let area = [94.0 + 490.0 * (index % 2) as f64, 148.0 + 400.0 * (index / 2) as f64, 400.0, 310.0];
         panel(&mut canvas, of, area, quantity, head, y_name);
     }
     canvas.finish()
@@ -89,8 +89,8 @@ fn panel(canvas: &mut Canvas, of: &Reproduction, area: [f64; 4], quantity: Quant
             let straight: Vec<(f64, f64)> =
                 GROUPS.iter().enumerate().map(|(place, group)| (place as f64, f64::from(*group))).collect();
             panel.means(canvas, &straight, PAPER);
-            let (x, y) = panel.place(2.55, 18.0);
-            canvas.text(x, y, "note", "straight to the goal");
+            let (x, y) = panel.place(2.5, 22.0);
+            canvas.text(x + 16.0, y, "note", "straight ahead");
         }
         Quantity::Direction => {}
     }

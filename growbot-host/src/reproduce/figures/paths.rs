@@ -11,6 +11,7 @@ use super::chart::{Canvas, Mark, number};
 const ARC: &str = "#c8102e";
 const STRAIGHT: &str = "#0072b2";
 const BODY: &str = "#e69f00";
+const SHINE: &str = "#f6c453";
 const START: &str = "#b5488f";
 const GOAL: &str = "#1c2430";
 /// How steeply the paths are looked down at, radians.
@@ -34,7 +35,7 @@ pub fn of_robots_b_and_c(of: &Reproduction, title: &'static str) -> String {
 
 fn draw(of: &Reproduction, title: &str, first: &str, examples: &[&Example], side: f64) -> String {
     let tall = side.min(330.0);
-    let (width, height) = (1000.0, 206.0 + 2.0 * (tall + 84.0));
+    let (width, height) = (1000.0, 150.0 + 2.0 * tall + 84.0 + 58.0);
     let notes = [
         first.to_owned(),
         "Seen from a side of its own each; the grey line is the shadow on the ground below.".to_owned(),
@@ -56,7 +57,7 @@ fn draw(of: &Reproduction, title: &str, first: &str, examples: &[&Example], side
         let growth = &example.growth;
         let (robot, group) = (ROBOTS[growth.robot].name, GROUPS[growth.group]);
         let view = View::of(example, [left, 150.0, side - 8.0, tall], of);
-        canvas.text(left, 138.0, "head", format!("Robot {robot}, goal at {group} R: planned"));
+        canvas.text(left, 138.0, "head", format!("{robot}, goal at {group} R: planned"));
         view.planned(&mut canvas, example);
         canvas.text(left, 150.0 + tall + 24.0, "note", format!("path of {} mm", round(growth.path_length)));
 
@@ -68,7 +69,7 @@ fn draw(of: &Reproduction, title: &str, first: &str, examples: &[&Example], side
         for (line, note) in [
             format!("{} steps, {}", growth.layers, time(example.seconds)),
             format!(
-                "missed by {} mm, {}, and {:.1} deg",
+                "missed by {} mm ({}) and {:.1} deg",
                 round(arrival.position_error_mm),
                 number(libm::round(1e4 * arrival.normalized_position_error) / 1e4),
                 arrival.direction_error_deg
@@ -214,14 +215,14 @@ impl View {
         self.ground(canvas, &example.grown);
         let wide = (diameter * self.scale).max(3.0);
         let line: Vec<(f64, f64)> = example.grown.iter().map(|point| self.place(point)).collect();
-        for (colour, width) in [("#9a6a00", wide + 1.6), (BODY, wide)] {
+        for (colour, width) in [("#9a6a00", wide + 1.6), (BODY, wide), (SHINE, 0.45 * wide)] {
             let style = format!("stroke=\"{colour}\" stroke-width=\"{width:.1}\" stroke-linejoin=\"round\"");
             canvas.line(line.iter().copied(), style);
         }
         for (bends, points) in &example.planned {
             let colour = if *bends { ARC } else { STRAIGHT };
             let line = points.iter().map(|point| self.place(point));
-            canvas.line(line, format_args!("stroke=\"{colour}\" stroke-width=\"1\""));
+            canvas.line(line, format_args!("stroke=\"{colour}\" stroke-width=\"1.4\""));
         }
         self.arrows(canvas, example);
     }

@@ -28,17 +28,17 @@ pub fn svg(of: &Reproduction, title: &'static str) -> String {
         24.0,
         102.0,
         &[
-            (Mark::Disc, ROBOT[0], "robot A, mean and SD".to_owned()),
+            (Mark::Disc, ROBOT[0], "robot A".to_owned()),
             (Mark::Disc, ROBOT[1], "robot B".to_owned()),
             (Mark::Disc, ROBOT[2], "robot C".to_owned()),
-            (Mark::Diamond, PAPER, "the paper's A".to_owned()),
-            (Mark::Dash, PAPER, "the paper's mean, in the colour of the robot".to_owned()),
+            (Mark::Diamond, PAPER, "the paper's A, mean and SD".to_owned()),
+            (Mark::Dash, PAPER, "the paper's mean: black, of all robots".to_owned()),
         ],
     );
     let panels = [
-        (Quantity::Heading, "A  Heading error", "degrees"),
-        (Quantity::Pitch, "B  Pitch error", "degrees"),
-        (Quantity::Position, "C  Position error", "distance from the goal / path length"),
+        (Quantity::Heading, "A. Heading error", "degrees"),
+        (Quantity::Pitch, "B. Pitch error", "degrees"),
+        (Quantity::Position, "C. Position error", "distance from the goal / path length"),
     ];
     for (index, (quantity, head, y_name)) in panels.into_iter().enumerate() {
         by_group(&mut canvas, of, area(index), quantity, head, y_name);
@@ -48,7 +48,7 @@ pub fn svg(of: &Reproduction, title: &'static str) -> String {
 }
 
 fn area(index: usize) -> [f64; 4] {
-    [88.0 + 494.0 * (index % 2) as f64, 148.0 + 412.0 * (index / 2) as f64, 400.0, 310.0]
+    [94.0 + 490.0 * (index % 2) as f64, 148.0 + 412.0 * (index / 2) as f64, 400.0, 310.0]
 }
 
 fn by_group(canvas: &mut Canvas, of: &Reproduction, area: [f64; 4], quantity: Quantity, head: &str, y_name: &str) {
@@ -57,11 +57,14 @@ fn by_group(canvas: &mut Canvas, of: &Reproduction, area: [f64; 4], quantity: Qu
             .map(|set| set.summary(quantity))
     };
     let everywhere = SHOWN.iter().flat_map(|robot| (0..GROUPS.len()).filter_map(|group| summary(*robot, group)));
-    let quoted: &[f64] = match quantity {
-        Quantity::Position => &[paper::LONG_PATHS_B.0, paper::LONG_PATHS_C.0],
-        _ => &[paper::PITCH_ERROR_DEG.0],
+    let quoted: Vec<f64> = match quantity {
+        Quantity::Position => {
+            let of_a = ROBOTS[paper::A].position_error.into_iter().flatten().map(|(mean, sd)| mean - sd);
+            of_a.chain([paper::LONG_PATHS_B.0, paper::LONG_PATHS_C.0]).collect()
+        }
+        _ => vec![paper::PITCH_ERROR_DEG.0],
     };
-    let y = Scale::decades(everywhere.map(|summary| summary.mean).chain(quoted.iter().copied()));
+    let y = Scale::log_around(everywhere.map(|summary| summary.mean).chain(quoted));
     let panel = Panel { area, x: Scale::Linear(-0.5, 3.5), y };
     panel.axes(canvas, head, "distance from start to goal", y_name, Some(&group_ticks()));
     // The paper's first, so that ours are on top.
@@ -73,7 +76,7 @@ fn by_group(canvas: &mut Canvas, of: &Reproduction, area: [f64; 4], quantity: Qu
             across(canvas, paper::LONG_PATHS_B.0, 0.5, ROBOT[1]);
             across(canvas, paper::LONG_PATHS_C.0, 0.5, ROBOT[2]);
             for (group, number) in ROBOTS[paper::A].position_error.into_iter().flatten().enumerate() {
-                panel.whisker(canvas, group as f64 + 0.14, number, Mark::Diamond, PAPER);
+                panel.whisker(canvas, group as f64 + 0.16, number, Mark::Diamond, PAPER);
             }
         }
         // About the same for all robots.
@@ -86,8 +89,20 @@ fn by_group(canvas: &mut Canvas, of: &Reproduction, area: [f64; 4], quantity: Qu
         let line = points.iter().map(|(x, summary)| panel.place(*x, summary.mean));
         canvas.line(line.collect::<Vec<_>>(), format_args!("stroke=\"{colour}\" stroke-width=\"1.8\""));
         for (x, summary) in points {
-            panel.whisker(canvas, x, (summary.mean, summary.sd), Mark::Disc, colour);
+            Mark::Disc.draw(canvas, panel.place(x, summary.mean), colour);
         }
+    }
+}
+
+/// The robots whose name is written beside the paper's number; those of one k lie together.
+fn named(robot: usize) -> Option<&'static str> {
+    match robot {
+        0 => Some("A, A1, A2"),
+        3 => Some("A3 - A5"),
+        6 => Some("A6 - A8"),
+        paper::B => Some("B"),
+        paper::C => Some("C"),
+        _ => None,
     }
 }
 
@@ -107,7 +122,7 @@ fn by_k(canvas: &mut Canvas, of: &Reproduction, area: [f64; 4]) {
     let panel = Panel { area, x: Scale::Log(0.001, 1.0), y: Scale::Log(0.001, 1.0) };
     panel.axes(
         canvas,
-        "D  Position error by k, groups from 8 R on",
+        "D. Position error by k, groups from 8 R on",
         "k: bend of a step at R, radians",
         "distance from the goal / path length",
         None,
@@ -119,7 +134,11 @@ fn by_k(canvas: &mut Canvas, of: &Reproduction, area: [f64; 4]) {
             _ => paper.position_error.map(|groups| groups[1..].iter().map(|(mean, _)| mean).sum::<f64>() / 3.0),
         };
         if let Some(mean) = printed {
-            Mark::Diamond.draw(canvas, panel.place(paper.k, mean), PAPER);
+            let (x, y) = panel.place(paper.k, mean);
+            Mark::Diamond.draw(canvas, (x, y), PAPER);
+            if let Some(name) = named(robot) {
+                canvas.text(x + 10.0, y + 4.5, "note", name);
+            }
         }
         for cutting in Cutting::of_robot(robot) {
             let described = &of.experiments.robots[robot];
@@ -127,14 +146,10 @@ fn by_k(canvas: &mut Canvas, of: &Reproduction, area: [f64; 4]) {
             let k = step / described.description().planning_radius_mm;
             let (mark, colour) = match cutting {
                 Cutting::Text => (Mark::Ring, TEXT_STEP),
-                Cutting::Tenth => (Mark::Ring, EXACT),
+                Cutting::Half | Cutting::Tenth => (Mark::Ring, EXACT),
                 _ => (Mark::Ring, TABLE_STEP),
             };
             mark.draw(canvas, panel.place(k, mean), colour);
-            if matches!(robot, paper::B | paper::C) && *cutting == Cutting::Table {
-                let (x, y) = panel.place(k, mean);
-                canvas.text(x - 12.0, y - 8.0, "end", paper.name);
-            }
         }
     }
     let [left, top, ..] = area;
@@ -142,7 +157,7 @@ fn by_k(canvas: &mut Canvas, of: &Reproduction, area: [f64; 4]) {
         (Mark::Diamond, PAPER, "the paper, at its k"),
         (Mark::Ring, TEXT_STEP, "A to A8, steps of 3.096 mm"),
         (Mark::Ring, TABLE_STEP, "A to A8, 0.774 mm; B; C"),
-        (Mark::Ring, EXACT, "B, steps of 6.264 mm"),
+        (Mark::Ring, EXACT, "guesses: B, 6.264 mm; C, 10 mm"),
     ]
     .into_iter()
     .enumerate()
