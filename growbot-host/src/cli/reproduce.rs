@@ -30,10 +30,10 @@ pub struct ReproduceArgs {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(i64::from(*FIGURES.start())..=i64::from(*FIGURES.end())))]
     figure: Vec<u8>,
     /// Growths in each group and at each level of noise [default: the paper's 50 and 70]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
     repeat: Option<usize>,
     /// Names all random numbers: the same seed gives the same results
-    #[arg(long, value_name = "S", default_value_t = SEED)]
+    #[arg(long, value_name = "S", default_value_t = SEED, allow_negative_numbers = true)]
     seed: u64,
     /// Print one line of JSON
     #[arg(long)]
@@ -96,7 +96,13 @@ fn make_directory(directory: &Path) -> Result<(), Failure> {
     if directory.exists() {
         return Err(Failure::bad_input(format!("-o takes a directory; {} is a file", directory.display())));
     }
+    let parent = directory.parent().filter(|parent| !parent.as_os_str().is_empty());
+    if let Some(parent) = parent.filter(|parent| !parent.is_dir()) {
+        return Err(Failure::from(OutputError::NoDirectory {
+            file: directory.display().to_string(),
+            directory: parent.display().to_string(),
+        }));
+    }
     fs::create_dir(directory)
-        .map_err(|error| OutputError::File { file: directory.display().to_string(), error })
-        .map_err(Failure::from)
+        .map_err(|error| Failure::from(OutputError::File { file: directory.display().to_string(), error }))
 }

@@ -263,7 +263,7 @@ fn questions(experiments: &Experiments) -> Vec<Question> {
                 ("pitch error over all robots and groups", Quantity::Pitch, Some(paper::P_PITCH_ALL)),
             ] {
                 let everywhere = (0..ROBOTS.len()).flat_map(|robot| (0..GROUPS.len()).map(move |group| (robot, group)));
-                let label = format!("{}; B and C by Table 3", label(experiments, paper::A, cutting));
+                let label = format!("{}; B, C by Table 3", label(experiments, paper::A, cutting));
                 ask(what.to_owned(), label, planner, paper, values(experiments, everywhere, planner, of, quantity));
             }
         }
@@ -290,7 +290,7 @@ fn questions(experiments: &Experiments) -> Vec<Question> {
             ask(what, label, planner, None, values(experiments, members, planner, |_| cutting, Quantity::Position));
         }
     }
-    for group in 0..GROUPS.len() {
+    for (group, distance) in GROUPS.iter().enumerate() {
         for cutting in Cutting::of_robot(paper::A) {
             let levels = experiments.noise.iter().filter(|set| {
                 set.group == group
@@ -299,11 +299,14 @@ fn questions(experiments: &Experiments) -> Vec<Question> {
                     && !set.condition.feedback
             });
             let values: Vec<_> = levels.map(|set| set.values(Quantity::Position)).collect();
-            let what = format!("position error over the levels of noise, robot A, {} R", GROUPS[group]);
+            let what = format!("position error over the levels of noise, robot A, {distance} R");
             let label = label(experiments, paper::A, *cutting);
             ask(what, label, PAPERS_PLANNER, None, (!values.is_empty()).then_some(values));
         }
     }
+    // What asks the same stands together.
+    let asked: Vec<String> = questions.iter().map(|question| question.what.clone()).collect();
+    questions.sort_by_key(|question| asked.iter().position(|what| *what == question.what));
     questions
 }
 

@@ -238,12 +238,12 @@ pub struct Example {
     pub growth: Growth,
     /// Start and goal.
     pub poses: (Pose, Pose),
+    /// The path between them.
+    pub path: Path,
     /// The planned curve, segment by segment: whether it bends, and points, mm.
     pub planned: Vec<(bool, Vec<Vector3<f64>>)>,
     /// Where the tip was after each layer, from the start on, mm.
     pub grown: Vec<Vector3<f64>>,
-    /// The tip at the end.
-    pub tip: Frame,
     /// Time of growth, s.
     pub seconds: f64,
 }
@@ -360,12 +360,12 @@ pub fn run(request: &Request, threads: usize, mut at: impl FnMut(u64, u64)) -> R
     Ok(Experiments { robots, sets, noise, examples })
 }
 
-/// Under which conditions a robot grows between random poses.
-fn conditions(robot: usize) -> Vec<Condition> {
+/// Under which conditions a robot grows between random poses. Noise and feedback belong to Figure 4.
+fn conditions(request: &Request, robot: usize) -> Vec<Condition> {
     let mut conditions = Vec::new();
     for planner in [Planner::TwoPlane, Planner::Shortest] {
         conditions.extend(Cutting::of_robot(robot).iter().map(|cutting| Condition::open(planner, *cutting, 0.0)));
-        if robot == paper::A {
+        if robot == paper::A && request.has_figure(4) {
             conditions.push(Condition::open(planner, Cutting::Exact, NOISE_OF_FEEDBACK));
             conditions.push(Condition::closed(planner, NOISE_OF_FEEDBACK));
         }
@@ -422,7 +422,7 @@ fn between_poses(request: &Request, robots: &[Robot], task: &Task) -> Result<Vec
     ]);
     let mut growths = Vec::new();
     let mut path: Option<(Planner, Path)> = None;
-    for condition in conditions(task.robot) {
+    for condition in conditions(request, task.robot) {
         let path = match &path {
             Some((planner, path)) if *planner == condition.planner => path.clone(),
             _ => path.insert((condition.planner, planned(robot, task, &poses, condition.planner)?)).1.clone(),
@@ -506,16 +506,14 @@ fn example(request: &Request, robot: &Robot, growth: &Growth) -> Result<Example,
         base_from_segment *= segment.step();
     }
     let mut grown = vec![poses.0.position()];
-    let mut tip = poses.0.frame();
     let growth = grow(robot, &task, &poses, &path, growth.condition, 0, |base_from_tip| {
         grown.push(base_from_tip.translation.vector);
-        tip = *base_from_tip;
     });
     // By the velocity, as the paper has it: a step of the text's length takes four of the table's.
     let step = growth.condition.cutting.step(robot).unwrap_or_default();
     let layer = &robot.description().layer;
     let seconds = growth.layers as f64 * step / layer.height_mm * layer.period_s;
-    Ok(Example { growth, poses, planned, grown, tip, seconds })
+    Ok(Example { growth, poses, path, planned, grown, seconds })
 }
 
 /// The first share of a segment.
@@ -533,12 +531,11 @@ fn along_example(request: &Request, robot: &Robot, example: &Example, condition:
     let Growth { robot: index, group, repetition, .. } = example.growth;
     let task = Task { robot: index, group, repetition };
     let mut set = Set { robot: index, group, condition, growths: Vec::new() };
-    let Ok(path) = planned(robot, &task, &example.poses, condition.planner) else { return set };
     let times = if condition.noise == 0.0 && !condition.feedback { 1 } else { request.repeat_noise };
     let level = (1e6 * condition.noise) as u64;
     for repetition in 0..times {
         let names = [request.seed, Draw::GrowthWithNoise as u64, group as u64, level, repetition as u64];
-        let growth = grow(robot, &task, &example.poses, &path, condition, noise_seed(&names), |_| ());
+        let growth = grow(robot, &task, &example.poses, &example.path, condition, noise_seed(&names), |_| ());
         set.growths.push(Growth { repetition, ..growth });
     }
     set

@@ -22,7 +22,7 @@ p,li{max-width:75ch}.soft{color:var(--soft)}
 .wide{overflow-x:auto;margin:12px 0}
 table{border-collapse:collapse;font-size:14px;font-variant-numeric:tabular-nums}
 th,td{padding:4px 12px 4px 0;text-align:right;white-space:nowrap;border-bottom:1px solid var(--line)}
-th{font-weight:600;color:var(--soft)}th.l,td.l{text-align:left}td.w{white-space:normal;min-width:22ch;max-width:60ch;text-align:left;vertical-align:top}
+th{font-weight:600;color:var(--soft)}th.l,td.l{text-align:left}td.w{white-space:normal;min-width:24ch;max-width:60ch;text-align:left;vertical-align:top}
 tr.first td,tr.first th{border-top:2px solid var(--line)}tr.paper td{background:var(--shade)}
 .in{color:var(--good)}.out{color:var(--bad)}
 figure{margin:20px 0;overflow-x:auto}figure svg{display:block;max-width:100%;height:auto;border:1px solid var(--line);border-radius:8px}
@@ -256,26 +256,28 @@ fn tests(page: &mut String, of: &Reproduction) {
         if questions.is_empty() {
             continue;
         }
+        let quoted = questions.iter().any(|question| question.paper.is_some());
         let _ = writeln!(
             page,
-            "<h3>{title}</h3>\n<div class=\"wide\"><table>\n<tr><th class=\"l\">what</th><th class=\"l\">path</th><th class=\"l\">layers</th>\
-             <th>groups</th><th>n</th><th>paper&#8217;s p</th><th>Kruskal-Wallis p</th><th>ANOVA p</th></tr>"
+            "<h3>{title}</h3>\n<div class=\"wide\"><table>\n<tr><th class=\"l\">what</th><th class=\"l\">path</th><th class=\"l\">layers</th>{}\
+             <th>Kruskal-Wallis</th><th>ANOVA</th><th>groups</th><th>n</th></tr>",
+            if quoted { "<th>the paper</th>" } else { "" }
         );
         let mut before = "";
         for question in questions {
-            let class = if question.what == before { "" } else { "first" };
+            let is_first = question.what != before;
             let _ = writeln!(
                 page,
-                "<tr class=\"{class}\"><td class=\"l\">{}</td><td class=\"l\">{}</td><td class=\"l\">{}</td><td>{}</td><td>{}</td><td>{}</td>\
-                 <td>{}</td><td>{}</td></tr>",
-                if question.what == before { String::new() } else { capital(&question.what) },
+                "<tr class=\"{}\"><td class=\"l\">{}</td><td class=\"l\">{}</td><td class=\"l\">{}</td>{}<td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
+                if is_first { "first" } else { "" },
+                if is_first { capital(&question.what) } else { String::new() },
                 planner_name(question.planner),
                 question.cutting,
-                question.groups,
-                question.n,
-                question.paper.map_or_else(String::new, |p| format!("{p:.4}")),
+                question.paper.map_or_else(String::new, |p| format!("<td>{p:.4}</td>")),
                 p_cell(question.kruskal_wallis),
-                p_cell(question.anova)
+                p_cell(question.anova),
+                question.groups,
+                question.n
             );
             before = &question.what;
         }

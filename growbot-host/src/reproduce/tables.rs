@@ -367,7 +367,7 @@ pub fn summary(of: &Reproduction) -> String {
     if let Some((position, direction, growths)) = of.comparison.exact {
         let _ = writeln!(
             text,
-            "\nExact slicing without noise, {growths} growths: at most {position:.0e} of the length, {direction:.0e} rad."
+            "\nExact slicing, no noise, {growths} growths: at most {position:.0e} of the length, {direction:.0e} rad."
         );
     }
     text
@@ -376,12 +376,11 @@ pub fn summary(of: &Reproduction) -> String {
 // Writing to a String cannot fail, so what `writeln!` says of it is let go.
 
 fn parameters_text(text: &mut String, of: &Reproduction, table: u8) {
-    let _ =
-        writeln!(text, "\nTable {table}    dt, s  g, mm/s  R_c, mm  step, mm  phi, rad/s (paper)         k (paper)");
+    let _ = writeln!(text, "\nTable {table}  dt, s   g, mm/s  R, mm  step, mm  phi, rad/s (paper)        k (paper)");
     for of in parameters(of, table) {
         let _ = writeln!(
             text,
-            "{:<7} {:>6} {:>8} {:>6} {:>9} {:>10.4} ({:.4}) {:>8.4} ({:.4})",
+            "{:<7} {:>5} {:>9} {:>6} {:>9} {:>10.4} ({:.4}) {:>8.4} ({:.4})",
             of.paper.name,
             of.dt_s,
             libm::round(1e6 * of.g_mm_per_s()) / 1e6,
@@ -476,7 +475,7 @@ fn feedback_text(text: &mut String, of: &Reproduction) {
     }
     let _ = writeln!(
         text,
-        "\nRobot A with noise of +-{} %, exact slicing: position error over the length, direction",
+        "\nRobot A, noise of +-{} %, exact slicing: position error over length, direction",
         100.0 * NOISE_OF_FEEDBACK
     );
     let heading: String = GROUPS.iter().map(|group| format!("{:>17}", format!("{group} R"))).collect();
@@ -517,12 +516,16 @@ fn tests_text(text: &mut String, of: &Reproduction) {
         return;
     }
     let _ = writeln!(text, "\n{:<50}{:>8}{:>11}{:>11}", "p: do groups differ?", "paper", "K.-Wallis", "ANOVA");
+    let mut before = "";
     for question in quoted {
+        if question.what != before {
+            let _ = writeln!(text, "{}", capital(&question.what));
+            before = &question.what;
+        }
         let p = |test: Option<super::statistics::Test>| test.map_or("-".to_owned(), |test| p_text(test.p));
         let _ = writeln!(
             text,
-            "{}\n  {:<48}{:>8.4}{:>11}{:>11}",
-            capital(&question.what),
+            "  {:<48}{:>8.4}{:>11}{:>11}",
             question.cutting,
             question.paper.unwrap_or_default(),
             p(question.kruskal_wallis),

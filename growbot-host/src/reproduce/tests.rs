@@ -38,7 +38,7 @@ fn elements(markup: &str) -> usize {
 
 #[test]
 fn robot_a_misses_by_as_much_as_the_paper_says() {
-    let done = run(Request { tables: vec![], figures: vec![4], ..Request::default() }, 2);
+    let done = run(Request { tables: vec![], figures: vec![5], ..Request::default() }, 2);
     let cells = done.comparison.table2.iter().filter(|cell| {
         (cell.robot, cell.planner, cell.cutting) == (paper::A, Planner::TwoPlane, experiments::Cutting::Text)
     });
@@ -65,7 +65,7 @@ fn exact_slicing_without_noise_arrives_for_every_robot() {
 
 #[test]
 fn feedback_arrives_nearer_with_noise() {
-    let done = run(Request { tables: vec![], figures: vec![4], repeat: 20, ..Request::default() }, 2);
+    let done = run(Request { tables: vec![], figures: vec![4], repeat: 10, ..Request::default() }, 2);
     let mean = |group: usize, feedback: bool| {
         let noisy = |set: &&experiments::Set| {
             set.group == group

@@ -83,14 +83,14 @@ fn panel(canvas: &mut Canvas, of: &Reproduction, area: [f64; 4], quantity: Quant
                 panel.whisker(canvas, group as f64 + 0.24, number, Mark::Diamond, PAPER);
             }
         }
-        Quantity::Heading => panel.whisker(canvas, 3.36, paper::HEADING_ERROR_DEG, Mark::Diamond, PAPER),
-        Quantity::Pitch => panel.whisker(canvas, 3.36, paper::PITCH_ERROR_DEG, Mark::Diamond, PAPER),
+        Quantity::Heading => over_groups(canvas, &panel, paper::HEADING_ERROR_DEG),
+        Quantity::Pitch => over_groups(canvas, &panel, paper::PITCH_ERROR_DEG),
         Quantity::Length => {
             let straight: Vec<(f64, f64)> =
                 GROUPS.iter().enumerate().map(|(place, group)| (place as f64, f64::from(*group))).collect();
             panel.means(canvas, &straight, PAPER);
-            let (x, y) = panel.place(2.5, 22.0);
-            canvas.text(x + 16.0, y, "note", "straight ahead");
+            let (x, y) = panel.place(2.2, 12.0);
+            canvas.text(x, y, "note", "straight to the goal");
         }
         Quantity::Direction => {}
     }
@@ -102,6 +102,14 @@ fn panel(canvas: &mut Canvas, of: &Reproduction, area: [f64; 4], quantity: Quant
             canvas.text(left + width - 6.0, top + 18.0, "note end", note);
         }
     }
+}
+
+/// The paper's number that stands for all groups.
+fn over_groups(canvas: &mut Canvas, panel: &Panel, (mean, sd): (f64, f64)) {
+    const AT: f64 = 3.36;
+    panel.whisker(canvas, AT, (mean, sd), Mark::Diamond, PAPER);
+    let (x, y) = panel.place(AT, mean + sd);
+    canvas.text(x + 8.0, y - 8.0, "note end", "paper, all groups");
 }
 
 /// The scale of a quantity, and where it is cut: single heading errors at steep pitch would hide all others.

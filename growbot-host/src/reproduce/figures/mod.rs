@@ -19,10 +19,13 @@ pub struct Figure {
     pub svg: String,
 }
 
+/// Draws a figure under a title.
+type Draw = fn(&Reproduction, &'static str) -> String;
+
 /// The figures that were asked for.
 #[must_use]
 pub fn all(of: &Reproduction) -> Vec<Figure> {
-    let draw: [(u8, &'static str, fn(&Reproduction, &'static str) -> String); 5] = [
+    let draw: [(u8, &'static str, Draw); 5] = [
         (4, "Figure 4: errors of robot A by distance of the goal", errors::svg),
         (5, "Figure 5: representative paths of robot A, planned and grown", paths::of_robot_a),
         (6, "Figure 6: position error of robot A by noise of its growth", noise::svg),

@@ -35,7 +35,7 @@ pub fn of_robots_b_and_c(of: &Reproduction, title: &'static str) -> String {
 
 fn draw(of: &Reproduction, title: &str, first: &str, examples: &[&Example], side: f64) -> String {
     let tall = side.min(330.0);
-    let (width, height) = (1000.0, 150.0 + 2.0 * tall + 84.0 + 58.0);
+    let (width, height) = (1000.0, 150.0 + 2.0 * tall + 84.0 + 74.0);
     let notes = [
         first.to_owned(),
         "Seen from a side of its own each; the grey line is the shadow on the ground below.".to_owned(),
@@ -68,12 +68,8 @@ fn draw(of: &Reproduction, title: &str, first: &str, examples: &[&Example], side
         let arrival = &growth.arrival;
         for (line, note) in [
             format!("{} steps, {}", growth.layers, time(example.seconds)),
-            format!(
-                "missed by {} mm ({}) and {:.1} deg",
-                round(arrival.position_error_mm),
-                number(libm::round(1e4 * arrival.normalized_position_error) / 1e4),
-                arrival.direction_error_deg
-            ),
+            format!("missed by {} mm, {:.1} deg", round(arrival.position_error_mm), arrival.direction_error_deg),
+            format!("{:.4} of the path's length", arrival.normalized_position_error),
         ]
         .into_iter()
         .enumerate()
@@ -116,8 +112,8 @@ impl View {
     fn of(example: &Example, area: [f64; 4], of: &Reproduction) -> Self {
         let [_, _, width, height] = area;
         let points = || example.planned.iter().flat_map(|(_, points)| points).chain(&example.grown);
-        let ground = points().map(|point| point.z).fold(f64::INFINITY, f64::min)
-            - of.experiments.robots[example.growth.robot].outer_diameter();
+        let diameter = of.experiments.robots[example.growth.robot].outer_diameter();
+        let ground = points().map(|point| point.z).fold(f64::INFINITY, f64::min) - diameter;
         let views = (0..AZIMUTHS).map(|i| {
             let azimuth = core::f64::consts::TAU * f64::from(i) / f64::from(AZIMUTHS);
             let mut bounds = [f64::INFINITY, f64::NEG_INFINITY, f64::INFINITY, f64::NEG_INFINITY];
@@ -126,7 +122,8 @@ impl View {
                 bounds = [bounds[0].min(x), bounds[1].max(x), bounds[2].min(y), bounds[3].max(y)];
             }
             // Room for arrows and the scale.
-            let scale = ((width - 44.0) / (bounds[1] - bounds[0])).min((height - 64.0) / (bounds[3] - bounds[2]));
+            let scale = ((width - 40.0) / (bounds[1] - bounds[0] + diameter))
+                .min((height - 60.0) / (bounds[3] - bounds[2] + diameter));
             let middle = (0.5 * (bounds[0] + bounds[1]), 0.5 * (bounds[2] + bounds[3]));
             Self { area, azimuth, scale, middle, ground }
         });
