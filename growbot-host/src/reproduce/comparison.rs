@@ -23,6 +23,8 @@ pub struct Quoted {
     pub decimals: usize,
     /// How the paths were cut, and our mean and standard deviation.
     pub ours: Vec<(String, f64, f64)>,
+    /// Why they differ.
+    why: &'static str,
 }
 
 /// A question whether groups differ, with the answers of both tests.
@@ -191,31 +193,44 @@ fn quoted(experiments: &Experiments) -> Vec<Quoted> {
         let of_means = Summary::of(&means);
         Some((label(experiments, paper::A, cutting), of_means.mean, of_means.sd))
     };
-    let long = |robot: usize, cutting: Cutting| {
+    let long = |robot: usize, cutting: Cutting, planner: Planner| {
         let groups = LONG.map(|group| (robot, group));
-        let values = values(experiments, groups, PAPERS_PLANNER, |_| cutting, Quantity::Position)?;
+        let values = values(experiments, groups, planner, |_| cutting, Quantity::Position)?;
         let all = Summary::of(&values.concat());
-        Some((label(experiments, robot, cutting), all.mean, all.sd))
+        let path = if planner == PAPERS_PLANNER { "" } else { ", shortest path" };
+        Some((label(experiments, robot, cutting) + path, all.mean, all.sd))
     };
-    let mut push = |what, paper, decimals, ours: Vec<Option<(String, f64, f64)>>| {
+    let mut push = |what, paper, decimals, why, ours: Vec<Option<(String, f64, f64)>>| {
         let ours: Vec<_> = ours.into_iter().flatten().collect();
         if !ours.is_empty() {
-            quoted.push(Quoted { what, paper, decimals, ours });
+            quoted.push(Quoted { what, paper, decimals, ours, why });
         }
     };
-    for (what, paper, quantity) in [
-        ("pitch error of robot A, degrees, mean of the groups' means", paper::PITCH_ERROR_DEG, Quantity::Pitch),
-        ("heading error of robot A, degrees, mean of the groups' means", paper::HEADING_ERROR_DEG, Quantity::Heading),
+    for (what, paper, quantity, why) in [
+        (
+            "pitch error of robot A, degrees, mean of the groups' means",
+            paper::PITCH_ERROR_DEG,
+            Quantity::Pitch,
+            WHY_PITCH,
+        ),
+        (
+            "heading error of robot A, degrees, mean of the groups' means",
+            paper::HEADING_ERROR_DEG,
+            Quantity::Heading,
+            WHY_HEADING,
+        ),
     ] {
         let cuttings = Cutting::of_robot(paper::A);
-        push(what, paper, 2, cuttings.iter().map(|cutting| over_groups(*cutting, quantity)).collect());
+        push(what, paper, 2, why, cuttings.iter().map(|cutting| over_groups(*cutting, quantity)).collect());
     }
-    for (what, paper, robot) in [
-        ("position error of robot B over the path's length, groups from 8 R on", paper::LONG_PATHS_B, paper::B),
-        ("position error of robot C over the path's length, groups from 8 R on", paper::LONG_PATHS_C, paper::C),
+    for (what, paper, robot, why) in [
+        ("position error of robot B over the path's length, groups from 8 R on", paper::LONG_PATHS_B, paper::B, WHY_B),
+        ("position error of robot C over the path's length, groups from 8 R on", paper::LONG_PATHS_C, paper::C, WHY_C),
     ] {
         let cuttings = Cutting::of_robot(robot);
-        push(what, paper, 4, cuttings.iter().map(|cutting| long(robot, *cutting)).collect());
+        let by_cutting = cuttings.iter().map(|cutting| long(robot, *cutting, PAPERS_PLANNER));
+        let shortest = long(robot, Cutting::Table, Planner::Shortest);
+        push(what, paper, 4, why, by_cutting.chain([shortest]).collect());
     }
     quoted
 }
@@ -348,23 +363,20 @@ fn differences(table2: &[Cell], quoted: &[Quoted], questions: &[Question]) -> Ve
                 mean / paper,
                 others.join(", ")
             ),
-            why: why(quoted.what),
+            why: quoted.why,
         });
     }
-    let rejected = questions
-        .iter()
-        .filter(|question| question.planner == PAPERS_PLANNER && question.what.contains("over all robots and groups"));
-    let ps: Vec<String> = rejected
-        .filter_map(|question| {
-            let test = question.kruskal_wallis?;
-            Some(format!("{}: p {} (paper: {:.4})", question.what, p_text(test.p), question.paper?))
+    let ps: Vec<String> = [paper::P_HEADING_ALL, paper::P_PITCH_ALL]
+        .into_iter()
+        .filter_map(|p| {
+            let question = questions.iter().find(|question| question.paper == Some(p))?;
+            Some(format!("{}: p {} (paper: {p:.4})", question.what, p_text(question.kruskal_wallis?.p)))
         })
-        .take(2)
         .collect();
     if !ps.is_empty() {
         differences.push(Difference {
             what: "heading and pitch errors over all robots: the paper finds no difference",
-            by: format!("{}. Ours depend on the robot.", ps.join("; ")),
+            by: capital(&format!("{}. Ours depend on the robot.", ps.join("; "))),
             why: "A whole step bends by k: 1.8 degrees for robot A (3.096 mm at a radius of 100 mm), 0.6 for A3, 5.3 for A6 and B, 30 for C. \
                   Steps that are rounded up turn too far by half of that in each arc on average, so direction errors grow with k as \
                   position errors do. Errors of direction that are the same for all robots cannot come out of whole steps, while the position \
@@ -374,28 +386,36 @@ fn differences(table2: &[Cell], quoted: &[Quoted], questions: &[Question]) -> Ve
     differences
 }
 
-/// Why we differ in what the text quotes.
-fn why(what: &str) -> &'static str {
-    if what.starts_with("heading") {
-        "As for the pitch, and heading errors depend on how poses are drawn besides: near straight up or down a small angle is a large heading. \
-         With directions uniform on the sphere heading errors are pi/2 times the pitch errors on average; the paper's are hardly larger than its \
-         pitch errors. The angle between the directions, in the files, does not depend on it."
-    } else if what.starts_with("pitch") {
-        "The paper's 1.77 degrees are the bend of one whole step of 3.096 mm at R = 100 mm: the most that rounding up turns too far in one arc. On \
-         average it turns too far by half of that, and only a part of it goes up or down. So the paper's simulation turned further than rounding \
-         up does, or measured otherwise; it does not say. Its position errors leave no room for it, except at the very end of the path."
-    } else if what.contains("robot B") {
-        "By k = 0.0921, robot B's steps are three times as long, for its radius, as robot A's of 3.096 mm, so with whole steps its errors must \
-         be larger than robot A's; the paper's are three times smaller. They go with a step a tenth as long (6.264 mm, k = 0.0092), as if \
-         a centimetre had been taken for a millimetre. That is a guess."
-    } else {
-        "At k = 0.5263 a step bends by 30 degrees and an arc is a handful of steps. The paper's mean goes with a step of about half of Table 3's: 10 mm, the \
-         distance of its latches. That is a guess, and a weaker one than for robot B: ours grow with the distance for either step, the paper's do not."
-    }
-}
+/// Why heading errors differ.
+const WHY_HEADING: &str =
+    "As for the pitch, and heading errors depend on how poses are drawn besides: near straight up or down a small angle is a large heading. \
+    With directions uniform on the sphere heading errors are pi/2 times the pitch errors on average; the paper's are hardly larger than its \
+    pitch errors. The angle between the directions, in the files, does not depend on it.";
+/// Why pitch errors differ.
+const WHY_PITCH: &str =
+    "The paper's 1.77 degrees are the bend of one whole step of 3.096 mm at R = 100 mm: the most that rounding up turns too far in one arc. On \
+    average it turns too far by half of that, and only a part of it goes up or down. So the paper's simulation turned further than rounding \
+    up does, or measured otherwise; it does not say. Its position errors leave no room for it, except at the very end of the path.";
+/// Why robot B's errors differ.
+const WHY_B: &str =
+    "By k = 0.0921, robot B's steps are three times as long, for its radius, as robot A's of 3.096 mm, so with whole steps its errors must \
+    be larger than robot A's; the paper's are three times smaller. They go with a step a tenth as long (6.264 mm, k = 0.0092), as if \
+    a centimetre had been taken for a millimetre. That is a guess.";
+/// Why robot C's errors differ.
+const WHY_C: &str =
+    "At k = 0.5263 a step bends by 30 degrees and an arc is a handful of steps. The paper's mean goes with a step of about half of Table 3's: 10 mm, the \
+    distance of its latches. That is a guess, and a weaker one than for robot B: ours grow with the distance for either step, the paper's do not. By \
+    the shortest path, of three segments instead of five or six, ours come nearer with Table 3's step, and hardly depend on the distance.";
 
 /// A p-value as it is read.
 #[must_use]
 pub fn p_text(p: f64) -> String {
     if p < 0.0001 { "< 0.0001".to_owned() } else { format!("{p:.4}") }
+}
+
+/// With a capital letter.
+#[must_use]
+pub fn capital(text: &str) -> String {
+    let mut letters = text.chars();
+    letters.next().map_or_else(String::new, |first| first.to_uppercase().chain(letters).collect())
 }

@@ -3,7 +3,7 @@
 use growbot_core::path;
 use growbot_core::path::Path;
 use growbot_core::plan::{PlanError, Planner, plan};
-use growbot_core::pose::{Frame, Pose, PoseError};
+use growbot_core::pose::{Pose, PoseError};
 use growbot_core::random::Random;
 use growbot_core::robot::Robot;
 use growbot_core::simulation::{self, DirectionSensor, Disturbance, Grown, Sensors, grow_closed, grow_open};
@@ -64,6 +64,13 @@ impl Cutting {
             Self::Tenth => Some(0.1 * table),
             Self::Exact => None,
         }
+    }
+
+    /// The segments that are given whole steps. The waypoint of a two-plane path is where two circles touch, and by rounding every other
+    /// path has a straight of 3e-8 radii between them: whether it is there must not decide whether a step is.
+    fn stepped(self, robot: &Robot, path: &Path) -> Path {
+        let rounding = 1e-6 * robot.description().planning_radius_mm;
+        path.filtered(|segment| self == Self::Exact || segment.length() > rounding)
     }
 
     fn slicing(self, robot: &Robot) -> Slicing {
@@ -361,14 +368,12 @@ pub fn run(request: &Request, threads: usize, mut at: impl FnMut(u64, u64)) -> R
 }
 
 /// Under which conditions a robot grows between random poses. Noise and feedback belong to Figure 4.
-fn conditions(request: &Request, robot: usize) -> Vec<Condition> {
-    let mut conditions = Vec::new();
-    for planner in [Planner::TwoPlane, Planner::Shortest] {
-        conditions.extend(Cutting::of_robot(robot).iter().map(|cutting| Condition::open(planner, *cutting, 0.0)));
-        if robot == paper::A && request.has_figure(4) {
-            conditions.push(Condition::open(planner, Cutting::Exact, NOISE_OF_FEEDBACK));
-            conditions.push(Condition::closed(planner, NOISE_OF_FEEDBACK));
-        }
+fn conditions(request: &Request, robot: usize, planner: Planner) -> Vec<Condition> {
+    let cuttings = Cutting::of_robot(robot).iter();
+    let mut conditions: Vec<_> = cuttings.map(|cutting| Condition::open(planner, *cutting, 0.0)).collect();
+    if robot == paper::A && request.has_figure(4) {
+        conditions.push(Condition::open(planner, Cutting::Exact, NOISE_OF_FEEDBACK));
+        conditions.push(Condition::closed(planner, NOISE_OF_FEEDBACK));
     }
     conditions
 }
@@ -421,18 +426,15 @@ fn between_poses(request: &Request, robots: &[Robot], task: &Task) -> Result<Vec
         task.repetition as u64,
     ]);
     let mut growths = Vec::new();
-    let mut path: Option<(Planner, Path)> = None;
-    for condition in conditions(request, task.robot) {
-        let path = match &path {
-            Some((planner, path)) if *planner == condition.planner => path.clone(),
-            _ => path.insert((condition.planner, planned(robot, task, &poses, condition.planner)?)).1.clone(),
-        };
-        growths.push(grow(robot, task, &poses, &path, condition, seed, |_| ()));
+    for planner in [Planner::TwoPlane, Planner::Shortest] {
+        let path = planned(robot, task, &poses, planner)?;
+        let conditions = conditions(request, task.robot, planner);
+        growths.extend(conditions.into_iter().map(|condition| grow(robot, task, &poses, &path, condition, seed)));
     }
     Ok(growths)
 }
 
-/// One growth; `after` sees the tip after each layer.
+/// One growth.
 fn grow(
     robot: &Robot,
     task: &Task,
@@ -440,22 +442,15 @@ fn grow(
     path: &Path,
     condition: Condition,
     seed: u64,
-    mut after: impl FnMut(&Frame),
 ) -> Growth {
     let disturbance = Disturbance { growth_noise: condition.noise, ..Disturbance::default() };
     let Grown { base_from_tip, layers: laid, .. } = if condition.feedback {
         let task = simulation::Task { robot, start: *start, goal: *goal, path };
-        grow_closed(&task, &disturbance, &SENSORS, seed, |_, _, base_from_tip| {
-            after(base_from_tip);
-            *base_from_tip
-        })
+        grow_closed(&task, &disturbance, &SENSORS, seed, |_, _, base_from_tip| *base_from_tip)
     } else {
-        let layers = layers(path, robot, condition.cutting.slicing(robot)).map(|sliced| sliced.layer);
-        let mut base_from_tip = start.frame();
-        grow_open(start, layers, &disturbance, seed, |laid| {
-            base_from_tip *= laid.step();
-            after(&base_from_tip);
-        })
+        let path = condition.cutting.stepped(robot, path);
+        let layers = layers(&path, robot, condition.cutting.slicing(robot)).map(|sliced| sliced.layer);
+        grow_open(start, layers, &disturbance, seed, |_| ())
     };
     let path_length = path::length(path);
     Growth {
@@ -486,7 +481,7 @@ fn examples(request: &Request, robots: &[Robot], sets: &[Set]) -> Result<Vec<Exa
     Ok(examples)
 }
 
-/// A growth done again, with its curves.
+/// A growth without noise, with its curves.
 fn example(request: &Request, robot: &Robot, growth: &Growth) -> Result<Example, ExperimentError> {
     /// Points along a bend.
     const POINTS: u32 = 40;
@@ -505,15 +500,18 @@ fn example(request: &Request, robot: &Robot, growth: &Growth) -> Result<Example,
         planned.push((bends, points.collect()));
         base_from_segment *= segment.step();
     }
+    let cutting = growth.condition.cutting;
+    let mut base_from_tip = poses.0.frame();
     let mut grown = vec![poses.0.position()];
-    let growth = grow(robot, &task, &poses, &path, growth.condition, 0, |base_from_tip| {
+    for sliced in layers(&cutting.stepped(robot, &path), robot, cutting.slicing(robot)) {
+        base_from_tip *= sliced.layer.step();
         grown.push(base_from_tip.translation.vector);
-    });
+    }
     // By the velocity, as the paper has it: a step of the text's length takes four of the table's.
-    let step = growth.condition.cutting.step(robot).unwrap_or_default();
+    let step = cutting.step(robot).unwrap_or_default();
     let layer = &robot.description().layer;
     let seconds = growth.layers as f64 * step / layer.height_mm * layer.period_s;
-    Ok(Example { growth, poses, path, planned, grown, seconds })
+    Ok(Example { growth: *growth, poses, path, planned, grown, seconds })
 }
 
 /// The first share of a segment.
@@ -535,7 +533,7 @@ fn along_example(request: &Request, robot: &Robot, example: &Example, condition:
     let level = (1e6 * condition.noise) as u64;
     for repetition in 0..times {
         let names = [request.seed, Draw::GrowthWithNoise as u64, group as u64, level, repetition as u64];
-        let growth = grow(robot, &task, &example.poses, &example.path, condition, noise_seed(&names), |_| ());
+        let growth = grow(robot, &task, &example.poses, &example.path, condition, noise_seed(&names));
         set.growths.push(Growth { repetition, ..growth });
     }
     set

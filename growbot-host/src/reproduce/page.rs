@@ -4,12 +4,12 @@ use std::fmt::Write;
 
 use growbot_core::plan::Planner;
 
-use super::comparison::{Cell, Question, p_text};
+use super::comparison::{Cell, Question, capital, p_text};
 use super::experiments::{Cutting, NOISE_OF_FEEDBACK, Quantity, Set, planner_name};
 use super::figures::Figure;
 use super::paper::{self, GROUPS, ROBOTS};
 use super::statistics::{Summary, Test};
-use super::tables::{capital, error_text, parameters};
+use super::tables::{error_text, parameters};
 use super::{Reproduction, Request};
 
 const STYLE: &str = "\
@@ -87,7 +87,7 @@ fn introduction(page: &mut String, of: &Reproduction) {
          anywhere on the sphere round the start whose radius is the distance of the group (4, 8, 16 or 32 R, R being the radius of the arcs), and both directions \
          are uniform on the sphere. Where the start is makes no difference.</li>\n\
          <li><b>Steps.</b> The paper lays whole steps and rounds their number up. It gives two heights for robots A to A8: 0.3096 cm in the \
-         text, 0.0774 cm in Table 1. Both are shown. For robots B and C there are only those of Table 3.</li>\n\
+         text, 0.0774 cm in Table 1. Both are shown. For robots B and C there are only those of Table 3. A segment that has no length but for rounding gets no step.</li>\n\
          <li><b>Exact slicing.</b> growbot&#8217;s own: each segment is cut into equal layers that end where it does.</li>\n\
          <li><b>Planners.</b> <i>two-plane</i> is the paper&#8217;s: two planar Dubins paths that meet on the line from start to goal. \
          <i>shortest</i> is growbot&#8217;s own.</li>\n\

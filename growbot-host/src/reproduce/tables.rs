@@ -6,7 +6,7 @@ use growbot_core::plan::Planner;
 use serde::Serialize;
 use serde_json::{Value, json};
 
-use super::comparison::{Question, p_text};
+use super::comparison::{Question, capital, p_text};
 use super::experiments::{Cutting, NOISE_OF_FEEDBACK, Quantity, Set, planner_name};
 use super::paper::{self, GROUPS, PaperRobot, ROBOTS};
 use super::statistics::Summary;
@@ -434,11 +434,11 @@ fn quoted_text(text: &mut String, of: &Reproduction) {
     for quoted in &of.comparison.quoted {
         let digits = quoted.decimals;
         let (mean, sd) = quoted.paper;
-        let _ = writeln!(text, "\n{}\n  paper {mean:>30.digits$} +- {sd:.digits$}", capital(quoted.what));
+        let _ = writeln!(text, "\n{}\n  {:<38} {mean:>8.digits$} +- {sd:.digits$}", capital(quoted.what), "the paper");
         for (label, mean, sd) in &quoted.ours {
             // Exact slicing has a line of its own.
             if *mean > 1e-9 {
-                let _ = writeln!(text, "  {label:<27} {mean:>8.digits$} +- {sd:.digits$}");
+                let _ = writeln!(text, "  {label:<38} {mean:>8.digits$} +- {sd:.digits$}");
             }
         }
     }
@@ -532,11 +532,4 @@ fn tests_text(text: &mut String, of: &Reproduction) {
             p(question.anova)
         );
     }
-}
-
-/// With a capital letter.
-#[must_use]
-pub fn capital(text: &str) -> String {
-    let mut letters = text.chars();
-    letters.next().map_or_else(String::new, |first| first.to_uppercase().chain(letters).collect())
 }
