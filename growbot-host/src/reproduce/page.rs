@@ -134,7 +134,7 @@ fn differences(page: &mut String, of: &Reproduction) {
             page,
             "<tr><td class=\"w\">{}</td><td class=\"w\">{}</td><td class=\"w\">{}</td></tr>",
             capital(difference.what),
-            difference.by.replace("+-", "&plusmn;"),
+            difference.by.replace('<', "&lt;").replace("+-", "&plusmn;"),
             difference.why
         );
     }

@@ -24,6 +24,7 @@ fn elements(markup: &str) -> usize {
     let (mut open, mut count) = (Vec::new(), 0);
     for tag in markup.split('<').skip(1) {
         let (inside, _) = tag.split_once('>').expect("a tag is closed");
+        assert!(!inside.starts_with(char::is_whitespace), "a bare < before {inside:?}");
         let name = inside.trim_matches('/').split_whitespace().next().unwrap();
         if inside.starts_with('/') {
             assert_eq!(open.pop(), Some(name), "closed where another is open");
@@ -92,7 +93,7 @@ fn the_same_seed_gives_the_same_bytes_on_any_number_of_threads() {
 
 #[test]
 fn every_table_and_figure_is_there_and_can_be_read() {
-    let done = run(small(), 2);
+    let done = run(Request { repeat: 5, ..small() }, 2);
     let files = done.files().unwrap();
     let names: Vec<&str> = files.iter().map(|file| file.name.as_str()).collect();
     assert_eq!(
@@ -122,6 +123,7 @@ fn every_table_and_figure_is_there_and_can_be_read() {
     }
     let page = &file("report.html").contents;
     elements(page);
+    assert!(page.contains("p &lt; 0.0001"), "a small p is written so that it is no tag");
     for id in ["differences", "table1", "table2", "table3", "tests", "feedback", "figure4", "figure8"] {
         assert!(page.contains(&format!("id=\"{id}\"")), "{id}");
     }
