@@ -152,7 +152,7 @@ fn robots(page: &mut String, of: &Reproduction, table: u8) {
         if table == 3 {
             " The &phi; that the paper prints for B and C does not follow from its own g and R; its k does."
         } else {
-            ""
+            " The text&#8217;s &phi; = 0.025/s is in degrees: 0.45 degrees in 18 s."
         }
     );
     for parameters in parameters(of, table) {
