@@ -15,6 +15,7 @@ mod layers;
 mod plan;
 mod plan_table;
 mod replay;
+mod reproduce;
 mod resume;
 mod rmin;
 mod search;
@@ -65,6 +66,7 @@ enum Command {
     Plan(plan::PlanArgs),
     Layers(layers::LayersArgs),
     Workspace(workspace::WorkspaceArgs),
+    Reproduce(reproduce::ReproduceArgs),
     Grow(grow::GrowArgs),
     Resume(resume::ResumeArgs),
     Replay(replay::ReplayArgs),
@@ -84,6 +86,7 @@ pub fn run() -> ExitCode {
         Some(Command::Plan(args)) => plan::run(&args),
         Some(Command::Layers(args)) => layers::run(&args),
         Some(Command::Workspace(args)) => workspace::run(&args),
+        Some(Command::Reproduce(args)) => reproduce::run(&args),
         Some(Command::Grow(args)) => grow::run(&args),
         Some(Command::Resume(args)) => resume::run(&args),
         Some(Command::Replay(args)) => replay::run(&args),

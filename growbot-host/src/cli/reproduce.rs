@@ -1,0 +1,108 @@
+//! `growbot reproduce`: the experiments of Del Dottore et al. 2019.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::thread;
+
+use clap::Args;
+use growbot_host::output::{OutputError, print, replace_file};
+use growbot_host::progress::{Progress, Results};
+use growbot_host::reproduce::{FIGURES, REPEATS, Reproduction, Request, SEED, TABLES, paper, tables};
+
+use super::Failure;
+
+/// Do the experiments of the paper again
+///
+/// Tables 1 to 3 and Figures 4 to 8 of Del Dottore et al. 2019 (Front. Robot. AI 6:45): growths between random poses, 50 in each group and 70 at each level
+/// of noise, by both values that the paper gives for its step, by exact slicing, by both planners, in open and in closed loop. Prints ours beside the
+/// paper's, with the significance tests that it quotes, or one line of JSON with --json.
+///
+/// -o writes report.html, one page with everything, each figure as SVG, and every number as CSV. What is there under the same names is replaced.
+///
+/// With --table or --figure, which can be repeated, only those are done.
+#[derive(Args)]
+#[command(after_help = AFTER_HELP)]
+pub struct ReproduceArgs {
+    /// Only this table, 1 to 3
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(i64::from(*TABLES.start())..=i64::from(*TABLES.end())))]
+    table: Vec<u8>,
+    /// Only this figure, 4 to 8
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(i64::from(*FIGURES.start())..=i64::from(*FIGURES.end())))]
+    figure: Vec<u8>,
+    /// Growths in each group and at each level of noise [default: the paper's 50 and 70]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    repeat: Option<usize>,
+    /// Names all random numbers: the same seed gives the same results
+    #[arg(long, value_name = "S", default_value_t = SEED, allow_negative_numbers = true)]
+    seed: u64,
+    /// Print one line of JSON
+    #[arg(long)]
+    json: bool,
+    /// Write page, figures and numbers to this directory; it is made if it is not there
+    #[arg(short, long, value_name = "DIR")]
+    output: Option<PathBuf>,
+}
+
+const AFTER_HELP: &str = "\
+Examples:
+  growbot reproduce -o paper
+  growbot reproduce --table 2
+  growbot reproduce --figure 4 --figure 6 --repeat 200 -o more";
+
+/// Runs the command.
+pub fn run(args: &ReproduceArgs) -> Result<(), Failure> {
+    let repeat = args.repeat.unwrap_or(paper::REPEAT);
+    if !REPEATS.contains(&repeat) {
+        let (least, most) = REPEATS.into_inner();
+        return Err(Failure::bad_input(format!("--repeat is {repeat}: give a number from {least} to {most}")));
+    }
+    let all = args.table.is_empty() && args.figure.is_empty();
+    let request = Request {
+        tables: if all { TABLES.collect() } else { args.table.clone() },
+        figures: if all { FIGURES.collect() } else { args.figure.clone() },
+        seed: args.seed,
+        repeat,
+        repeat_noise: args.repeat.unwrap_or(paper::REPEAT_NOISE),
+    };
+    if let Some(directory) = &args.output {
+        make_directory(directory)?;
+    }
+    let threads = thread::available_parallelism().map_or(1, usize::from);
+    let mut progress: Option<Progress> = None;
+    let done = Reproduction::run(request, threads, |done, of| {
+        let progress = progress.get_or_insert_with(|| Progress::start(Some(of), Results::AtEnd));
+        progress.at(done, || format!("{done} of {of} pieces of work"));
+    });
+    if let Some(progress) = progress {
+        progress.finish();
+    }
+    let done = done.map_err(Failure::bad_input)?;
+    if let Some(directory) = &args.output {
+        let files = done.files().map_err(Failure::bad_input)?;
+        for file in &files {
+            replace_file(&directory.join(&file.name), file.contents.as_bytes())?;
+        }
+        growbot_host::tell!("growbot: {} files written to {}", files.len(), directory.display());
+    }
+    let text = if args.json { format!("{}\n", tables::json(&done)) } else { tables::summary(&done) };
+    Ok(print(&text)?)
+}
+
+/// Before anything is done, so that a place where nothing can be written is not found out at the end.
+fn make_directory(directory: &Path) -> Result<(), Failure> {
+    if directory.is_dir() {
+        return Ok(());
+    }
+    if directory.exists() {
+        return Err(Failure::bad_input(format!("-o takes a directory; {} is a file", directory.display())));
+    }
+    let parent = directory.parent().filter(|parent| !parent.as_os_str().is_empty());
+    if let Some(parent) = parent.filter(|parent| !parent.is_dir()) {
+        return Err(Failure::from(OutputError::NoDirectory {
+            file: directory.display().to_string(),
+            directory: parent.display().to_string(),
+        }));
+    }
+    fs::create_dir(directory)
+        .map_err(|error| Failure::from(OutputError::File { file: directory.display().to_string(), error }))
+}

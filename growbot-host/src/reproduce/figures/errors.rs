@@ -1,0 +1,124 @@
+//! Figure 4: errors in position, heading and pitch by distance of the goal, and how long the paths are.
+
+use growbot_core::plan::Planner;
+
+use super::super::Reproduction;
+use super::super::comparison::open_set;
+use super::super::experiments::{Cutting, Quantity};
+use super::super::paper::{self, GROUPS, ROBOTS};
+use super::chart::{Canvas, Mark, PAPER, Panel, Scale, TABLE_STEP, TEXT_STEP};
+
+const SIZE: (f64, f64) = (1000.0, 920.0);
+
+/// Draws it.
+pub fn svg(of: &Reproduction, title: &'static str) -> String {
+    let notes = [
+        format!(
+            "{} growths in each group, between random poses, along two-plane paths, open loop, without noise.",
+            of.request.repeat
+        ),
+        "Whole steps, rounded up: the paper's text says 3.096 mm, its Table 1 0.774 mm.".to_owned(),
+    ];
+    let mut canvas = Canvas::new(SIZE.0, SIZE.1, title, &notes);
+    let next = canvas.legend(
+        24.0,
+        102.0,
+        &[
+            (Mark::Dot, TEXT_STEP, "a growth, steps of 3.096 mm".to_owned()),
+            (Mark::Dot, TABLE_STEP, "0.774 mm".to_owned()),
+            (Mark::Square, "#4a5565", "median".to_owned()),
+            (Mark::Dash, "#4a5565", "means".to_owned()),
+        ],
+    );
+    canvas.legend(next, 102.0, &[(Mark::Diamond, PAPER, "the paper's mean and SD".to_owned())]);
+    let panels = [
+        (Quantity::Position, "A. Position error", "distance from the goal / path length"),
+        (Quantity::Heading, "B. Heading error", "degrees"),
+        (Quantity::Pitch, "C. Pitch error", "degrees"),
+        (Quantity::Length, "D. Length of the path", "path length / R"),
+    ];
+    for (index, (quantity, head, y_name)) in panels.into_iter().enumerate() {
+        let area = [94.0 + 490.0 * (index % 2) as f64, 148.0 + 400.0 * (index / 2) as f64, 400.0, 310.0];
+        panel(&mut canvas, of, area, quantity, head, y_name);
+    }
+    canvas.finish()
+}
+
+/// Where the groups are on the x axis, and what they are called.
+pub fn group_ticks() -> Vec<(f64, String)> {
+    GROUPS.iter().enumerate().map(|(place, group)| (place as f64, format!("{group} R"))).collect()
+}
+
+fn panel(canvas: &mut Canvas, of: &Reproduction, area: [f64; 4], quantity: Quantity, head: &str, y_name: &str) {
+    let clouds: &[(Cutting, f64, &str)] = match quantity {
+        // The path is the same, however it is cut.
+        Quantity::Length => &[(Cutting::Text, 0.0, TEXT_STEP)],
+        _ => &[(Cutting::Text, -0.24, TEXT_STEP), (Cutting::Table, 0.0, TABLE_STEP)],
+    };
+    let values = |cutting: Cutting, group: usize| {
+        open_set(&of.experiments, paper::A, group, Planner::TwoPlane, cutting)
+            .map(|set| set.values(quantity))
+            .unwrap_or_default()
+    };
+    let groups = 0..GROUPS.len();
+    let all: Vec<f64> =
+        clouds.iter().flat_map(|(cutting, ..)| groups.clone().flat_map(|group| values(*cutting, group))).collect();
+    let (y, cut) = scale(quantity, &all);
+    let panel = Panel { area, x: Scale::Linear(-0.5, 3.5), y };
+    panel.axes(canvas, head, "distance from start to goal", y_name, Some(&group_ticks()));
+    for (cutting, aside, colour) in clouds {
+        let mut means = Vec::new();
+        for group in groups.clone() {
+            let (x, values) = (group as f64 + aside, values(*cutting, group));
+            let shown: Vec<f64> =
+                values.iter().copied().filter(|value| cut.is_none_or(|most| *value <= most)).collect();
+            panel.cloud(canvas, x, &shown, colour);
+            means.push((x, super::super::statistics::Summary::of(&values).mean));
+        }
+        panel.means(canvas, &means, colour);
+    }
+    match quantity {
+        Quantity::Position => {
+            for (group, number) in ROBOTS[paper::A].position_error.into_iter().flatten().enumerate() {
+                panel.whisker(canvas, group as f64 + 0.24, number, Mark::Diamond, PAPER);
+            }
+        }
+        Quantity::Heading => over_groups(canvas, &panel, paper::HEADING_ERROR_DEG),
+        Quantity::Pitch => over_groups(canvas, &panel, paper::PITCH_ERROR_DEG),
+        Quantity::Length => {
+            let straight: Vec<(f64, f64)> =
+                GROUPS.iter().enumerate().map(|(place, group)| (place as f64, f64::from(*group))).collect();
+            panel.means(canvas, &straight, PAPER);
+            let (x, y) = panel.place(2.2, 12.0);
+            canvas.text(x, y, "note", "straight to the goal");
+        }
+        Quantity::Direction => {}
+    }
+    if let Some(most) = cut {
+        let beyond = all.iter().filter(|value| **value > most).count();
+        if beyond > 0 {
+            let [left, top, width, _] = area;
+            let note = format!("{beyond} of {} lie above, at steep pitch", all.len());
+            canvas.text(left + width - 6.0, top + 18.0, "note end", note);
+        }
+    }
+}
+
+/// The paper's number that stands for all groups.
+fn over_groups(canvas: &mut Canvas, panel: &Panel, (mean, sd): (f64, f64)) {
+    const AT: f64 = 3.36;
+    panel.whisker(canvas, AT, (mean, sd), Mark::Diamond, PAPER);
+    let (x, y) = panel.place(AT, mean + sd);
+    canvas.text(x + 8.0, y - 8.0, "note end", "paper, all groups");
+}
+
+/// The scale of a quantity, and where it is cut: single heading errors at steep pitch would hide all others.
+fn scale(quantity: Quantity, values: &[f64]) -> (Scale, Option<f64>) {
+    if quantity != Quantity::Heading {
+        return (Scale::from_zero(values.iter().copied()), None);
+    }
+    let most = 2.0 * super::super::statistics::Summary::of(values).p95;
+    let scale = Scale::from_zero(values.iter().copied().filter(|value| *value <= most));
+    let Scale::Linear(_, top) = scale else { return (scale, None) };
+    (scale, Some(top))
+}

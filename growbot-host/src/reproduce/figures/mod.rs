@@ -1,0 +1,39 @@
+//! The figures, each an SVG of its own.
+
+mod chart;
+mod errors;
+mod noise;
+mod paths;
+mod robots;
+
+use super::Reproduction;
+
+/// A figure.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Figure {
+    /// Its number in the paper.
+    pub number: u8,
+    /// What it shows, in a line.
+    pub title: &'static str,
+    /// The drawing.
+    pub svg: String,
+}
+
+/// Draws a figure under a title.
+type Draw = fn(&Reproduction, &'static str) -> String;
+
+/// The figures that were asked for.
+#[must_use]
+pub fn all(of: &Reproduction) -> Vec<Figure> {
+    let draw: [(u8, &'static str, Draw); 5] = [
+        (4, "Figure 4: errors of robot A by distance of the goal", errors::svg),
+        (5, "Figure 5: representative paths of robot A, planned and grown", paths::of_robot_a),
+        (6, "Figure 6: position error of robot A by noise of its growth", noise::svg),
+        (7, "Figure 7: paths of robots B and C, planned and grown", paths::of_robots_b_and_c),
+        (8, "Figure 8: errors by robot, and position error by k", robots::svg),
+    ];
+    draw.into_iter()
+        .filter(|(number, ..)| of.request.has_figure(*number))
+        .map(|(number, title, draw)| Figure { number, title, svg: draw(of, title) })
+        .collect()
+}

@@ -1,0 +1,159 @@
+//! The whole of it: the paper's numbers, the same bytes on any number of threads, files that can be read.
+
+use super::*;
+use experiments::Quantity;
+use growbot_core::plan::Planner;
+
+fn run(request: Request, threads: usize) -> Reproduction {
+    Reproduction::run(request, threads, |_, _| ()).unwrap()
+}
+
+/// Everything, a few times each.
+fn small() -> Request {
+    Request { repeat: 2, repeat_noise: 3, ..Request::default() }
+}
+
+fn csv_rows(file: &ResultFile) -> Vec<csv::StringRecord> {
+    // The reader refuses rows of another length than the first.
+    csv::Reader::from_reader(file.contents.as_bytes()).into_records().collect::<Result<_, _>>().unwrap()
+}
+
+/// Checks that every tag is closed, in order. Returns how many elements there are.
+fn elements(markup: &str) -> usize {
+    const VOID: [&str; 3] = ["meta", "!DOCTYPE", "br"];
+    let (mut open, mut count) = (Vec::new(), 0);
+    for tag in markup.split('<').skip(1) {
+        let (inside, _) = tag.split_once('>').expect("a tag is closed");
+        assert!(!inside.starts_with(char::is_whitespace), "a bare < before {inside:?}");
+        let name = inside.trim_matches('/').split_whitespace().next().unwrap();
+        if inside.starts_with('/') {
+            assert_eq!(open.pop(), Some(name), "closed where another is open");
+        } else if !inside.ends_with('/') && !VOID.contains(&name) {
+            open.push(name);
+        }
+        count += 1;
+    }
+    assert_eq!(open, [""; 0], "left open");
+    count
+}
+
+#[test]
+fn robot_a_misses_by_as_much_as_the_paper_says() {
+    let done = run(Request { tables: vec![], figures: vec![5], ..Request::default() }, 2);
+    let cells = done.comparison.table2.iter().filter(|cell| {
+        (cell.robot, cell.planner, cell.cutting) == (paper::A, Planner::TwoPlane, experiments::Cutting::Text)
+    });
+    assert_eq!(cells.clone().count(), paper::GROUPS.len());
+    for cell in cells {
+        assert!(cell.is_within(), "{} R: {:?}, the paper has {:?}", paper::GROUPS[cell.group], cell.ours, cell.paper);
+        assert_eq!(cell.ours.n, 50);
+    }
+    // Heading and pitch do not depend on the distance, as in the paper.
+    let quoted = done.comparison.questions.iter().filter(|question| question.paper.is_some());
+    assert!(quoted.clone().count() > 0);
+    for question in quoted {
+        assert!(question.kruskal_wallis.unwrap().p > 0.01, "{question:?}");
+    }
+}
+
+#[test]
+fn exact_slicing_without_noise_arrives_for_every_robot() {
+    let done = run(Request { figures: vec![8], ..small() }, 2);
+    let (position, direction, growths) = done.comparison.exact.unwrap();
+    assert_eq!(growths, 11 * 4 * 2 * 2);
+    assert!(position <= 1e-9 && direction <= 1e-9, "{position:e} of the length, {direction:e} rad");
+}
+
+#[test]
+fn feedback_arrives_nearer_with_noise() {
+    let done = run(Request { tables: vec![], figures: vec![4], repeat: 10, ..Request::default() }, 2);
+    let mean = |group: usize, feedback: bool| {
+        let noisy = |set: &&experiments::Set| {
+            set.group == group
+                && set.condition.noise > 0.0
+                && set.condition.feedback == feedback
+                && set.condition.planner == Planner::TwoPlane
+        };
+        done.experiments.sets.iter().find(noisy).unwrap().summary(Quantity::Position).mean
+    };
+    for group in 0..paper::GROUPS.len() {
+        assert!(mean(group, true) < 0.7 * mean(group, false), "{} R", paper::GROUPS[group]);
+    }
+}
+
+#[test]
+fn the_same_seed_gives_the_same_bytes_on_any_number_of_threads() {
+    let [one, three] = [1, 3].map(|threads| run(small(), threads).files().unwrap());
+    for (a, b) in one.iter().zip(&three) {
+        assert!(a == b, "{} differs", a.name);
+    }
+    let other = run(Request { seed: 7, ..small() }, 2).files().unwrap();
+    assert!(one.iter().zip(&other).any(|(a, b)| a != b));
+}
+
+#[test]
+fn every_table_and_figure_is_there_and_can_be_read() {
+    let done = run(Request { repeat: 5, ..small() }, 2);
+    let files = done.files().unwrap();
+    let names: Vec<&str> = files.iter().map(|file| file.name.as_str()).collect();
+    assert_eq!(
+        names,
+        [
+            "table1.csv",
+            "table3.csv",
+            "summary.csv",
+            "tests.csv",
+            "growths.csv",
+            "paths.csv",
+            "figure4.svg",
+            "figure5.svg",
+            "figure6.svg",
+            "figure7.svg",
+            "figure8.svg",
+            "report.html"
+        ]
+    );
+    let file = |name: &str| files.iter().find(|file| file.name == name).unwrap();
+    assert_eq!((csv_rows(file("table1.csv")).len(), csv_rows(file("table3.csv")).len()), (9, 3));
+    let growths: usize = done.experiments.sets.iter().chain(&done.experiments.noise).map(|set| set.growths.len()).sum();
+    assert_eq!(csv_rows(file("growths.csv")).len(), growths);
+    assert!(csv_rows(file("paths.csv")).len() > 1000 && csv_rows(file("tests.csv")).len() > 50);
+    for number in FIGURES {
+        assert!(elements(&file(&format!("figure{number}.svg")).contents) > 100, "Figure {number}");
+    }
+    let page = &file("report.html").contents;
+    elements(page);
+    assert!(page.contains("p &lt; 0.0001"), "a small p is written so that it is no tag");
+    for id in ["differences", "table1", "table2", "table3", "tests", "feedback", "figure4", "figure8"] {
+        assert!(page.contains(&format!("id=\"{id}\"")), "{id}");
+    }
+    assert_eq!(page.matches("<svg").count(), 5);
+    // Nothing is fetched: the only address is the name of SVG's name space.
+    let without_names = page.replace("http://www.w3.org/2000/svg", "");
+    for fetched in ["http:", "https:", "src=", "href=", "url(", "@import", "<script"] {
+        assert!(!without_names.contains(fetched), "{fetched}");
+    }
+    for file in &files {
+        for wrong in ["NaN", "inf,", ",inf"] {
+            assert!(!file.contents.contains(wrong), "{} has {wrong}", file.name);
+        }
+    }
+}
+
+#[test]
+fn the_summary_fits_a_terminal_and_only_what_was_asked_for_is_done() {
+    let text = tables::summary(&run(small(), 2));
+    for line in text.lines() {
+        assert!(line.chars().count() <= 80, "{line}");
+    }
+    for part in ["Table 1", "Table 2", "Table 3", "Figure 6", "seed 2019", "ANOVA", "Exact slicing"] {
+        assert!(text.contains(part), "{part}");
+    }
+    let parameters = run(Request { tables: vec![3], figures: vec![], ..small() }, 2);
+    assert!(parameters.experiments.sets.is_empty());
+    let names: Vec<String> = parameters.files().unwrap().into_iter().map(|file| file.name).collect();
+    assert_eq!(names, ["table3.csv", "report.html"]);
+    let paths = run(Request { tables: vec![], figures: vec![7], ..small() }, 2);
+    assert!(paths.experiments.sets.iter().all(|set| matches!(set.robot, paper::B | paper::C)));
+    assert_eq!(paths.experiments.examples.len(), 2);
+}
