@@ -184,6 +184,13 @@ impl Robot {
         core::f64::consts::TAU * self.tip_radius() * self.description.wall.width_mm
     }
 
+    /// Second moment of area of the printed wall about a diameter, mm^4; about the tube's axis it is twice that.
+    #[must_use]
+    pub fn wall_second_moment(&self) -> f64 {
+        let (radius, width) = (self.tip_radius(), self.description.wall.width_mm);
+        core::f64::consts::PI * radius * width * (radius * radius + 0.25 * width * width)
+    }
+
     /// Cross-section of the filament, mm^2.
     #[must_use]
     pub fn filament_area(&self) -> f64 {
