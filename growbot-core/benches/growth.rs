@@ -6,9 +6,9 @@ use std::time::Duration;
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use growbot_core::layer::Layer;
 use growbot_core::plan::{Planner, plan};
-use growbot_core::pose::{Frame, Pose};
+use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
-use growbot_core::simulation::{Disturbance, sag};
+use growbot_core::simulation::{Disturbance, Hanging, grow_open};
 use growbot_core::slicing::{Slicing, layers};
 
 fn growth(criterion: &mut Criterion) {
@@ -29,31 +29,24 @@ fn growth(criterion: &mut Criterion) {
         group.bench_function(name, |bencher| {
             bencher.iter(|| {
                 seed += 1;
-                grow(&start.frame(), black_box(&plain), &disturbance, seed)
+                grow_open(&start, black_box(&plain).iter().copied(), &disturbance, seed, |_| ())
             });
         });
     }
     group.bench_function("sliced too", |bencher| {
         bencher.iter(|| {
-            let sliced: Vec<Layer> =
-                layers(black_box(&path), &robot, Slicing::Exact).map(|sliced| sliced.layer).collect();
-            grow(&start.frame(), &sliced, &growth_only, 1)
+            let sliced = layers(black_box(&path), &robot, Slicing::Exact).map(|sliced| sliced.layer);
+            grow_open(&start, sliced, &growth_only, 1, |_| ())
         });
     });
     group.bench_function("sag", |bencher| {
         bencher.iter(|| {
-            let laid = (0..).zip(black_box(&plain)).map(|(index, layer)| growth_only.lay(1, index, layer));
-            sag::hang(&robot, &start.frame(), laid)
+            let mut hanging = Hanging::new(&robot, &start.frame());
+            let grown = grow_open(&start, black_box(&plain).iter().copied(), &growth_only, 1, |laid| hanging.lay(laid));
+            (grown, hanging)
         });
     });
     group.finish();
-}
-
-/// An open loop: each layer as it comes out.
-fn grow(base_from_start: &Frame, layers: &[Layer], disturbance: &Disturbance, seed: u64) -> Frame {
-    (0..).zip(layers).fold(*base_from_start, |base_from_tip, (index, layer)| {
-        base_from_tip * disturbance.lay(seed, index, layer).step()
-    })
 }
 
 criterion_group! {
