@@ -12,6 +12,7 @@
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use super::Laid;
+use crate::kinematics::advance;
 use crate::pose::{Frame, tip_direction};
 use crate::robot::Robot;
 
@@ -138,9 +139,8 @@ impl Hanging {
 
     /// A further layer.
     pub fn lay(&mut self, laid: &Laid) {
-        let step = laid.step();
         let (height, before) = (laid.layer.height, self.straight);
-        self.straight *= step;
+        self.straight = advance(&before, &laid.step());
         self.length += height;
         // A ring lies about the middle of its chord, and turns there.
         let middle = 0.5 * (before.translation.vector + self.straight.translation.vector) - self.root;
