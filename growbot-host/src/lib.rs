@@ -12,7 +12,7 @@
 //! - [`layer_table`]: the layers of a plan as CSV;
 //! - [`port`]: where a robot is: simulated here, emulated, or at the end of a line; [`tip`], what a simulated one does;
 //! - [`client`]: requests to its board and their answers; [`growth`], a whole job; [`arrival`], how near it came; [`run_log`];
-//! - [`input`], [`output`], [`progress`]: bounded reading, whole files or none, pipes that close, progress.
+//! - [`input`], [`output`], [`progress`], [`parallel`]: bounded reading, whole files or none, pipes that close, progress, all cores.
 //!
 //! Lengths are in mm. Angles are in radians inside and in degrees in every text and file; names carry the unit.
 #![forbid(unsafe_code)]
@@ -27,6 +27,7 @@ pub mod input;
 pub mod layer_table;
 pub mod nearest;
 pub mod output;
+pub mod parallel;
 pub mod plan;
 pub mod plan_check;
 pub mod plan_file;

@@ -6,7 +6,6 @@
 //! tells all. Whether a body runs into itself is not looked at.
 
 mod anywhere;
-mod parallel;
 mod picture;
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
@@ -16,6 +15,8 @@ use growbot_core::plan::{PlanError, Planner, plan};
 use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::Robot;
 use nalgebra::{Point3, Vector3};
+
+use crate::parallel;
 
 pub use anywhere::shortest_to;
 pub use picture::svg;

@@ -8,8 +8,17 @@ use std::time::Duration;
 const LOOK: Duration = Duration::from_millis(50);
 
 /// The results in the order of the items. `at` hears how many are done.
-pub fn map<T: Sync, U: Send>(items: &[T], work: impl Fn(&T) -> U + Sync, mut at: impl FnMut(usize)) -> Vec<U> {
-    let workers = thread::available_parallelism().map_or(1, usize::from);
+pub fn map<T: Sync, U: Send>(items: &[T], work: impl Fn(&T) -> U + Sync, at: impl FnMut(usize)) -> Vec<U> {
+    map_on(thread::available_parallelism().map_or(1, usize::from), items, work, at)
+}
+
+/// As [`map`], on so many threads, at least one.
+pub fn map_on<T: Sync, U: Send>(
+    threads: usize,
+    items: &[T],
+    work: impl Fn(&T) -> U + Sync,
+    mut at: impl FnMut(usize),
+) -> Vec<U> {
     let (next, done) = (AtomicUsize::new(0), AtomicUsize::new(0));
     let take = || {
         let mut mine = Vec::new();
@@ -22,7 +31,7 @@ pub fn map<T: Sync, U: Send>(items: &[T], work: impl Fn(&T) -> U + Sync, mut at:
         mine
     };
     let mut results: Vec<(usize, U)> = thread::scope(|scope| {
-        let workers: Vec<_> = (0..workers).map(|_| scope.spawn(take)).collect();
+        let workers: Vec<_> = (0..threads.max(1)).map(|_| scope.spawn(take)).collect();
         while workers.iter().any(|worker| !worker.is_finished()) {
             at(done.load(Ordering::Relaxed));
             thread::sleep(LOOK);
@@ -44,5 +53,6 @@ mod tests {
         let items: Vec<u64> = (0..1000).collect();
         assert_eq!(super::map(&items, |item| item * item, |_| {}), items.iter().map(|i| i * i).collect::<Vec<_>>());
         assert!(super::map(&[0_u8; 0], |item| *item, |_| {}).is_empty());
+        assert_eq!(super::map_on(0, &items, |item| *item, |_| {}), items);
     }
 }
