@@ -12,6 +12,7 @@
 //! - [`layer_table`]: the layers of a plan as CSV;
 //! - [`port`]: where a robot is: simulated here, emulated, or at the end of a line; [`tip`], what a simulated one does;
 //! - [`client`]: requests to its board and their answers; [`growth`], a whole job; [`arrival`], how near it came; [`run_log`];
+//! - [`simulation`]: growth without a robot, with what goes wrong, once or a million times;
 //! - [`input`], [`output`], [`progress`], [`parallel`]: bounded reading, whole files or none, pipes that close, progress, all cores.
 //!
 //! Lengths are in mm. Angles are in radians inside and in degrees in every text and file; names carry the unit.
@@ -36,6 +37,7 @@ pub mod pose_text;
 pub mod progress;
 pub mod robot_file;
 pub mod run_log;
+pub mod simulation;
 pub mod tip;
 pub mod warning;
 pub mod workspace;

@@ -11,6 +11,10 @@ const MOST_PERCENT: f64 = 90.0;
 /// Greatest error of a layer or of a direction, degrees.
 const MOST_DEG: f64 = 90.0;
 
+/// Noise of the sensors of a loop, where nothing else is said.
+const ODOMETRY_PERCENT: f64 = 1.0;
+const DIRECTION_DEG: f64 = 0.5;
+
 /// How simulated layers and sensors are off.
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Disturbances of a simulated tip")]
@@ -40,11 +44,13 @@ pub struct DisturbanceArgs {
     #[arg(long, value_name = "DEG", default_value = "0", allow_hyphen_values = true, value_parser = signed_deg)]
     twist_bias: f64,
     /// Noise of the odometry: standard deviation in each layer, of its growth
-    #[arg(long, value_name = "PERCENT", default_value = "0", allow_hyphen_values = true, value_parser = percent)]
-    odometry_noise: f64,
+    /// [default: 1 with --feedback]
+    #[arg(long, value_name = "PERCENT", allow_hyphen_values = true, value_parser = percent)]
+    odometry_noise: Option<f64>,
     /// Noise of the measured direction: standard deviation about either axis
-    #[arg(long, value_name = "DEG", default_value = "0", allow_hyphen_values = true, value_parser = deg)]
-    direction_noise: f64,
+    /// [default: 0.5 with --feedback]
+    #[arg(long, value_name = "DEG", allow_hyphen_values = true, value_parser = deg)]
+    direction_noise: Option<f64>,
     /// Where all noise comes from: the same seed gives the same run
     #[arg(long, value_name = "N", default_value = "1", allow_negative_numbers = true)]
     pub seed: u64,
@@ -65,15 +71,21 @@ impl DisturbanceArgs {
         }
     }
 
-    /// How far measurements are off.
-    pub fn sensor_noise(&self) -> SensorNoise {
-        SensorNoise { odometry: self.odometry_noise / 100.0, direction: radians(self.direction_noise) }
+    /// How far measurements are off, which a loop takes or not.
+    pub fn sensor_noise(&self, feedback: bool) -> SensorNoise {
+        let or = |given: Option<f64>, default: f64| given.unwrap_or(if feedback { default } else { 0.0 });
+        SensorNoise {
+            odometry: or(self.odometry_noise, ODOMETRY_PERCENT) / 100.0,
+            direction: radians(or(self.direction_noise, DIRECTION_DEG)),
+        }
     }
 
     /// Whether anything is drawn by chance.
     pub fn is_random(&self) -> bool {
-        [self.noise, self.tilt_noise, self.alpha_noise, self.twist_noise, self.odometry_noise, self.direction_noise]
+        let of_sensors = [self.odometry_noise, self.direction_noise].map(Option::unwrap_or_default);
+        [self.noise, self.tilt_noise, self.alpha_noise, self.twist_noise]
             .iter()
+            .chain(&of_sensors)
             .any(|noise| *noise != 0.0)
     }
 
@@ -89,7 +101,7 @@ fn percent(text: &str) -> Result<f64, String> {
 }
 
 /// A share to either side, percent.
-fn signed_percent(text: &str) -> Result<f64, String> {
+pub fn signed_percent(text: &str) -> Result<f64, String> {
     number(text, -MOST_PERCENT, MOST_PERCENT, "percent")
 }
 
@@ -133,7 +145,8 @@ mod tests {
         let args = parsed(&[]).unwrap();
         assert!(!args.is_any() && !args.is_random());
         assert_eq!(args.disturbance(), Disturbance::default());
-        assert_eq!(args.sensor_noise(), SensorNoise { odometry: 0.0, direction: 0.0 });
+        assert_eq!(args.sensor_noise(false), SensorNoise { odometry: 0.0, direction: 0.0 });
+        assert_eq!(args.sensor_noise(true), SensorNoise { odometry: 0.01, direction: radians(0.5) });
         assert_eq!(args.seed, 1);
     }
 
@@ -143,7 +156,8 @@ mod tests {
         let disturbance = args.disturbance();
         assert_eq!((disturbance.growth_noise, disturbance.growth_bias), (0.1, -0.05));
         assert_eq!(disturbance.twist_bias, radians(-0.9));
-        assert_eq!(args.sensor_noise().direction, radians(0.5));
+        assert_eq!(args.sensor_noise(false).direction, radians(0.5));
+        assert_eq!(args.sensor_noise(true).odometry, 0.01);
         assert!(args.is_any() && args.is_random());
         let biased = parsed(&["--tilt-bias", "3"]).unwrap();
         assert!(biased.is_any() && !biased.is_random());

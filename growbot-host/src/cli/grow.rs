@@ -3,19 +3,13 @@
 use std::path::PathBuf;
 
 use clap::{Args, Parser};
-use growbot_core::pose::Pose;
-use growbot_core::robot::Robot;
 use growbot_host::growth::{Job, grow_job};
-use growbot_host::plan::Plan;
-use growbot_host::plan_file;
 use growbot_host::port::PortName;
-use growbot_host::pose_text::parse_pose;
-use growbot_host::robot_file;
 use growbot_host::run_log::RunLog;
 use growbot_host::warning::PREVENTING;
 
 use super::following::{Following, OnSilence, refuse};
-use super::search::SearchArgs;
+use super::goal::GoalArgs;
 use super::{Failure, PortArg, plan_table};
 
 /// Grow a body: a plan, or straight from a pose
@@ -27,22 +21,8 @@ use super::{Failure, PortArg, plan_table};
 #[derive(Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct GrowArgs {
-    /// The plan, as `growbot plan -o` writes it
-    #[arg(value_name = "PLAN", conflicts_with_all = ["from", "via", "to", "planner", "radius", "clear_of_self"])]
-    plan: Option<PathBuf>,
-    /// Where it is to arrive, and pointing where: X,Y,Z,HEADING,PITCH
-    #[arg(long, value_name = "POSE", allow_hyphen_values = true, value_parser = parse_pose)]
-    to: Option<Pose>,
     #[command(flatten)]
-    search: SearchArgs,
-    /// Take the shortest path that does not run into the body; so it is without
-    /// --planner, which alone gives the shortest path of all
-    #[arg(long)]
-    clear_of_self: bool,
-    /// The robot: a built-in name or a TOML file [default: the plan's, or
-    /// growbot-a]
-    #[arg(long, value_name = "FILE|NAME")]
-    robot: Option<PathBuf>,
+    goal: GoalArgs,
     #[command(flatten)]
     port: PortArg,
     /// Write what happens to this new file, one JSON object a line
@@ -88,7 +68,7 @@ pub fn run_main_job() -> Result<(), Failure> {
 
 /// Runs the command.
 pub fn run(args: &GrowArgs) -> Result<(), Failure> {
-    let (robot, plan) = args.robot_and_plan()?;
+    let (robot, plan) = args.goal.robot_and_plan()?;
     let preventing: Vec<_> =
         plan.warnings.iter().filter(|warning| PREVENTING.contains(&warning.code.as_str())).collect();
     for warning in &plan.warnings {
@@ -115,22 +95,6 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     };
     let following = Following { robot: &robot, plan: &plan, log, json: args.json, laid: 0 };
     following.follow(|stop, tell| grow_job(&mut client, &job, args.on_silence.into(), stop, tell))
-}
-
-impl GrowArgs {
-    fn robot_and_plan(&self) -> Result<(Robot, Plan), Failure> {
-        if let Some(path) = &self.plan {
-            return Ok(plan_file::open(path, self.robot.as_deref())?);
-        }
-        let robot = robot_file::load(self.robot.as_deref().unwrap_or(robot_file::DEFAULT.as_ref()))?;
-        let goal = self
-            .to
-            .as_ref()
-            .ok_or_else(|| Failure::bad_input("there is nothing to grow: give a plan's file, or a goal with --to"))?;
-        let search = self.search.search(&robot, self.clear_of_self || self.search.planner.is_none());
-        let plan = Plan::through(&robot, &self.search.from, &self.search.via, goal, &search)?;
-        Ok((robot, plan))
-    }
 }
 
 #[cfg(test)]

@@ -2,29 +2,18 @@
 
 use growbot_core::layer::SECTORS;
 use growbot_core::link::message::Cut;
+use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
+use growbot_host::arrival::Arrival;
 use growbot_host::growth::Grown;
 use growbot_host::plan::Plan;
 
 use super::plan_table::duration;
 
-/// Wanted, reached, and by how much the one missed the other.
+/// Wanted, reached, and by how much the one missed the other; and the growth.
 pub fn table(plan: &Plan, robot: &Robot, grown: &Grown) -> String {
-    let row = |name: &str, [x, y, z, heading, pitch]: [f64; 5]| {
-        format!("{name:<10}{x:>11.3}{y:>11.3}{z:>11.3}{heading:>13.3}{pitch:>12.3}\n")
-    };
-    let arrival = &grown.arrival;
     let length = grown.length_mm();
-    let mut table =
-        format!("{:<10}{:>11}{:>11}{:>11}{:>13}{:>12}\n", "", "x mm", "y mm", "z mm", "heading deg", "pitch deg");
-    table += &row("wanted", plan.goal.to_degrees());
-    table += &row("reached", arrival.reached.to_degrees());
-    table += &format!(
-        "error     {:.3} mm, {:.4} % of the length, {:.3} deg between the directions\n",
-        arrival.position_error_mm,
-        100.0 * arrival.normalized_position_error,
-        arrival.direction_error_deg
-    );
+    let mut table = arrived(&plan.goal, &grown.arrival);
     table += &format!("body      {} layers of {}, {length:.1} mm\n", grown.body.len(), plan.needs.layers);
     table += &format!(
         "growth    {} on {}, {:.2} m of filament\n",
@@ -39,6 +28,27 @@ pub fn table(plan: &Plan, robot: &Robot, grown: &Grown) -> String {
         table += &format!("cut       layer {}: {}\n", grown.as_built.len(), made(cut));
     }
     table
+}
+
+/// Wanted, reached, and by how much the one missed the other.
+pub fn arrived(goal: &Pose, arrival: &Arrival) -> String {
+    let mut table =
+        format!("{:<10}{:>11}{:>11}{:>11}{:>13}{:>12}\n", "", "x mm", "y mm", "z mm", "heading deg", "pitch deg");
+    table += &row("wanted", goal);
+    table += &row("reached", &arrival.reached);
+    table += &format!(
+        "error     {:.3} mm, {:.4} % of the length, {:.3} deg between the directions\n",
+        arrival.position_error_mm,
+        100.0 * arrival.normalized_position_error,
+        arrival.direction_error_deg
+    );
+    table
+}
+
+/// A pose, in the columns of [`arrived`].
+pub fn row(name: &str, pose: &Pose) -> String {
+    let [x, y, z, heading, pitch] = pose.to_degrees();
+    format!("{name:<10}{x:>11.3}{y:>11.3}{z:>11.3}{heading:>13.3}{pitch:>12.3}\n")
 }
 
 /// How much of a layer that was cut was made, in words.

@@ -5,9 +5,11 @@
 
 mod cancel;
 mod console;
+mod disturbance;
 mod estop;
 mod flash;
 mod following;
+mod goal;
 mod grow;
 mod growth_table;
 mod interrupt;
@@ -18,6 +20,8 @@ mod replay;
 mod resume;
 mod rmin;
 mod search;
+mod simulate;
+mod simulate_table;
 mod status;
 mod stop;
 mod tune;
@@ -65,6 +69,7 @@ enum Command {
     Plan(plan::PlanArgs),
     Layers(layers::LayersArgs),
     Workspace(workspace::WorkspaceArgs),
+    Simulate(simulate::SimulateArgs),
     Grow(grow::GrowArgs),
     Resume(resume::ResumeArgs),
     Replay(replay::ReplayArgs),
@@ -84,6 +89,7 @@ pub fn run() -> ExitCode {
         Some(Command::Plan(args)) => plan::run(&args),
         Some(Command::Layers(args)) => layers::run(&args),
         Some(Command::Workspace(args)) => workspace::run(&args),
+        Some(Command::Simulate(args)) => simulate::run(&args),
         Some(Command::Grow(args)) => grow::run(&args),
         Some(Command::Resume(args)) => resume::run(&args),
         Some(Command::Replay(args)) => replay::run(&args),
