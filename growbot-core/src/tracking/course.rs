@@ -21,6 +21,8 @@ const FIRST_PIECES: f64 = 40.0;
 const LEAST_PIECES: usize = 12;
 /// Corrections in a row.
 const ROUNDS: usize = 5;
+/// How often one that leads away from the goal is halved.
+const HALVINGS: usize = 4;
 /// Steps of Newton's method in one of them.
 const NEWTON_STEPS: usize = 20;
 /// Position (mm) and direction (radians): three, and two.
@@ -139,20 +141,35 @@ impl Course {
     /// the goal it ends then. Where only few pieces are left they are cut, down to about `resolution`, mm.
     pub fn correct(&mut self, base_from_tip: &Frame, goal: &Pose, greatest: f64, resolution: f64) -> Miss {
         self.refine(resolution);
-        let mut linear = Linear::of(self, base_from_tip, goal);
+        let mut linear = Linear::of(self, base_from_tip, goal, greatest);
         for _ in 0..ROUNDS {
-            let before = linear.error;
-            linear.pull(self, greatest);
-            if before.norm() < NEARLY {
-                break;
+            let before = self.clone();
+            linear.pull(self);
+            let mut next = Linear::of(self, base_from_tip, goal, greatest);
+            for _ in 0..HALVINGS {
+                if next.weighed_error() <= linear.weighed_error().max(1.0) {
+                    break;
+                }
+                self.back_halfway(&before);
+                next = Linear::of(self, base_from_tip, goal, greatest);
             }
-            linear = Linear::of(self, base_from_tip, goal);
+            let gained = linear.weighed_error() - next.weighed_error();
+            linear = next;
             // What cannot be reached is not reached in more rounds.
-            if linear.error.norm() < NEARLY * NEARLY || (linear.error - before).norm() < NEARLY * before.norm() {
+            if linear.error.norm() < NEARLY * NEARLY || gained < 0.01 * linear.weighed_error() {
                 break;
             }
         }
         linear.miss
+    }
+
+    /// Half of the way back to how the pieces were before.
+    fn back_halfway(&mut self, before: &Self) {
+        for (piece, before) in self.pieces.iter_mut().zip(&before.pieces) {
+            piece.curvature = (piece.curvature + before.curvature) * 0.5;
+            piece.length = 0.5 * (piece.length + before.length);
+        }
+        self.pull = (self.pull + before.pull) * 0.5;
     }
 
     /// Cuts the longest pieces while there are few.
@@ -189,6 +206,8 @@ struct Linear {
 struct Columns {
     by_curvature: [Constraint; 2],
     by_length: Constraint,
+    /// The greatest curvature, 1/mm.
+    greatest: f64,
     /// Variances: 1/mm^2 and mm^2.
     freedom: (f64, f64),
     planned: (Vector2<f64>, f64),
@@ -205,17 +224,17 @@ struct Dual {
 
 impl Columns {
     /// The curvature and the length that a pull gives the piece; and the curvature that it would have without a bound.
-    fn give_way(&self, pull: &Constraint, greatest: f64) -> (Vector2<f64>, f64, Vector2<f64>) {
+    fn give_way(&self, pull: &Constraint) -> (Vector2<f64>, f64, Vector2<f64>) {
         let [x, y] = self.by_curvature.map(|column| column.dot(pull));
         let wanted = self.planned.0 + Vector2::new(x, y) * self.freedom.0;
         let tightness = wanted.norm();
-        let curvature = if tightness > greatest { wanted * (greatest / tightness) } else { wanted };
+        let curvature = if tightness > self.greatest { wanted * (self.greatest / tightness) } else { wanted };
         let length = self.planned.1 + self.by_length.dot(pull) * self.freedom.1;
         (curvature, length.clamp(self.lengths.0, self.lengths.1), wanted)
     }
 
-    fn add_to(&self, dual: &mut Dual, pull: &Constraint, greatest: f64) {
-        let (curvature, length, wanted) = self.give_way(pull, greatest);
+    fn add_to(&self, dual: &mut Dual, pull: &Constraint) {
+        let (curvature, length, wanted) = self.give_way(pull);
         let [by_x, by_y] = &self.by_curvature;
         let (strayed, longer) = (curvature - self.planned.0, length - self.planned.1);
         let moved = by_x * strayed.x + by_y * strayed.y + self.by_length * longer;
@@ -223,10 +242,10 @@ impl Columns {
         dual.value += moved.dot(pull) - 0.5 * cost;
         dual.slope += moved;
         let tightness = wanted.norm();
-        if tightness > greatest {
+        if tightness > self.greatest {
             // Along the bound only, and the less the further it is pulled beyond.
             let across = (by_y * wanted.x - by_x * wanted.y) / tightness;
-            dual.hessian += across * across.transpose() * (self.freedom.0 * greatest / tightness);
+            dual.hessian += across * across.transpose() * (self.freedom.0 * self.greatest / tightness);
         } else {
             dual.hessian += (by_x * by_x.transpose() + by_y * by_y.transpose()) * self.freedom.0;
         }
@@ -237,7 +256,7 @@ impl Columns {
 }
 
 impl Linear {
-    fn of(course: &Course, base_from_tip: &Frame, goal: &Pose) -> Self {
+    fn of(course: &Course, base_from_tip: &Frame, goal: &Pose, greatest: f64) -> Self {
         let mut frames: Vec<(Frame, Frame), MOST_PIECES> = Vec::new();
         let mut end = *base_from_tip;
         for piece in &course.pieces {
@@ -275,6 +294,7 @@ impl Linear {
             let strayed = piece.curvature - piece.planned.0;
             linear.from_planned += by_x * strayed.x + by_y * strayed.y + by_length * (piece.length - piece.planned.1);
             let _ = linear.columns.push(Columns {
+                greatest,
                 by_curvature: [by_x, by_y],
                 by_length,
                 freedom: piece.freedom(course.radius),
@@ -285,21 +305,26 @@ impl Linear {
         linear
     }
 
-    /// Moves the pieces to where they stray least, none of them bent tighter than `greatest`, and lead to the goal as far as straight
+    /// The error in units of what is not weighed.
+    fn weighed_error(&self) -> f64 {
+        self.error.component_div(&Constraint::from_fn(|row, _| UNWEIGHED[row / 3])).norm()
+    }
+
+    /// Moves the pieces to where they stray least, none of them bent too tightly, and lead to the goal as far as straight
     /// lines tell.
     ///
     /// The least squares have five constraints and a bound for each piece; so their dual has five unknowns and no bound, and is convex:
     /// a pull on the end of the course, to which each piece gives way by itself as far as it can. Newton's method with Armijo's
     /// step rule finds it (Nocedal and Wright 2006, chapters 3 and 17).
-    fn pull(&self, course: &mut Course, greatest: f64) {
-        let mut at = self.dual(&course.pull, greatest);
+    fn pull(&self, course: &mut Course) {
+        let mut at = self.dual(&course.pull);
         for _ in 0..NEWTON_STEPS {
             let Some(step) = at.hessian.cholesky().map(|cholesky| cholesky.solve(&at.slope)) else { break };
             let decrease = step.dot(&at.slope);
-            let (mut share, mut next) = (1.0, self.dual(&(course.pull - step), greatest));
+            let (mut share, mut next) = (1.0, self.dual(&(course.pull - step)));
             while next.value > at.value - 1e-4 * share * decrease && share > 1e-3 {
                 share *= 0.5;
-                next = self.dual(&(course.pull - step * share), greatest);
+                next = self.dual(&(course.pull - step * share));
             }
             course.pull -= step * share;
             at = next;
@@ -308,11 +333,11 @@ impl Linear {
             }
         }
         for (piece, columns) in course.pieces.iter_mut().zip(&self.columns) {
-            (piece.curvature, piece.length, _) = columns.give_way(&course.pull, greatest);
+            (piece.curvature, piece.length, _) = columns.give_way(&course.pull);
         }
     }
 
-    fn dual(&self, pull: &Constraint, greatest: f64) -> Dual {
+    fn dual(&self, pull: &Constraint) -> Dual {
         let weight = Constraint::from_fn(|row, _| UNWEIGHED[row / 3] * UNWEIGHED[row / 3]);
         let held = weight.component_mul(pull);
         let mut dual = Dual {
@@ -321,7 +346,7 @@ impl Linear {
             hessian: SMatrix::from_diagonal(&weight),
         };
         for columns in &self.columns {
-            columns.add_to(&mut dual, pull, greatest);
+            columns.add_to(&mut dual, pull);
         }
         dual
     }
