@@ -11,10 +11,6 @@ const MOST_PERCENT: f64 = 90.0;
 /// Greatest error of a layer or of a direction, degrees.
 const MOST_DEG: f64 = 90.0;
 
-/// Noise of the sensors of a loop, where nothing else is said.
-const ODOMETRY_PERCENT: f64 = 1.0;
-const DIRECTION_DEG: f64 = 0.5;
-
 /// How simulated layers and sensors are off.
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Disturbances of a simulated tip")]
@@ -44,11 +40,9 @@ pub struct DisturbanceArgs {
     #[arg(long, value_name = "DEG", default_value = "0", allow_hyphen_values = true, value_parser = signed_deg)]
     twist_bias: f64,
     /// Noise of the odometry: standard deviation in each layer, of its growth
-    /// [default: 1 with --feedback]
     #[arg(long, value_name = "PERCENT", allow_hyphen_values = true, value_parser = percent)]
     odometry_noise: Option<f64>,
     /// Noise of the measured direction: standard deviation about either axis
-    /// [default: 0.5 with --feedback]
     #[arg(long, value_name = "DEG", allow_hyphen_values = true, value_parser = deg)]
     direction_noise: Option<f64>,
     /// Where all noise comes from: the same seed gives the same run
@@ -71,27 +65,27 @@ impl DisturbanceArgs {
         }
     }
 
-    /// How far measurements are off, which a loop takes or not.
-    pub fn sensor_noise(&self, feedback: bool) -> SensorNoise {
-        let or = |given: Option<f64>, default: f64| given.unwrap_or(if feedback { default } else { 0.0 });
+    /// How far measurements are off: not at all, unless given.
+    pub fn sensor_noise(&self) -> SensorNoise {
+        self.sensor_noise_or(SensorNoise { odometry: 0.0, direction: 0.0 })
+    }
+
+    /// How far measurements are off, or else are taken to be.
+    pub fn sensor_noise_or(&self, assumed: SensorNoise) -> SensorNoise {
         SensorNoise {
-            odometry: or(self.odometry_noise, ODOMETRY_PERCENT) / 100.0,
-            direction: radians(or(self.direction_noise, DIRECTION_DEG)),
+            odometry: self.odometry_noise.map_or(assumed.odometry, |percent| percent / 100.0),
+            direction: self.direction_noise.map_or(assumed.direction, radians),
         }
     }
 
-    /// Whether anything is drawn by chance.
-    pub fn is_random(&self) -> bool {
-        let of_sensors = [self.odometry_noise, self.direction_noise].map(Option::unwrap_or_default);
-        [self.noise, self.tilt_noise, self.alpha_noise, self.twist_noise]
-            .iter()
-            .chain(&of_sensors)
-            .any(|noise| *noise != 0.0)
+    /// Whether layers come out otherwise than asked for.
+    pub fn disturbs(&self) -> bool {
+        self.disturbance() != Disturbance::default()
     }
 
-    /// Whether layers come out otherwise than asked for, or measurements are off.
-    pub fn is_any(&self) -> bool {
-        self.is_random() || self.disturbance() != Disturbance::default()
+    /// Whether anything is said of the sensors.
+    pub fn knows_sensors(&self) -> bool {
+        self.odometry_noise.is_some() || self.direction_noise.is_some()
     }
 }
 
@@ -143,10 +137,9 @@ mod tests {
     #[test]
     fn nothing_is_disturbed_unless_asked_for() {
         let args = parsed(&[]).unwrap();
-        assert!(!args.is_any() && !args.is_random());
+        assert!(!args.disturbs() && !args.knows_sensors());
         assert_eq!(args.disturbance(), Disturbance::default());
-        assert_eq!(args.sensor_noise(false), SensorNoise { odometry: 0.0, direction: 0.0 });
-        assert_eq!(args.sensor_noise(true), SensorNoise { odometry: 0.01, direction: radians(0.5) });
+        assert_eq!(args.sensor_noise(), SensorNoise { odometry: 0.0, direction: 0.0 });
         assert_eq!(args.seed, 1);
     }
 
@@ -156,11 +149,10 @@ mod tests {
         let disturbance = args.disturbance();
         assert_eq!((disturbance.growth_noise, disturbance.growth_bias), (0.1, -0.05));
         assert_eq!(disturbance.twist_bias, radians(-0.9));
-        assert_eq!(args.sensor_noise(false).direction, radians(0.5));
-        assert_eq!(args.sensor_noise(true).odometry, 0.01);
-        assert!(args.is_any() && args.is_random());
-        let biased = parsed(&["--tilt-bias", "3"]).unwrap();
-        assert!(biased.is_any() && !biased.is_random());
+        assert_eq!(args.sensor_noise().direction, radians(0.5));
+        assert!(args.disturbs() && args.knows_sensors());
+        let assumed = SensorNoise { odometry: 0.03, direction: 1.0 };
+        assert_eq!(args.sensor_noise_or(assumed), SensorNoise { odometry: 0.03, direction: radians(0.5) });
     }
 
     #[test]
