@@ -45,12 +45,12 @@ pub struct Hanging {
     greatest: RootStress,
 }
 
-/// The greatest bending stress that the root has borne.
+/// The greatest stress that the root has borne.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct RootStress {
-    /// In the outer fibre of the wall, MPa.
+    /// The principal stress of bending and twist in the outer fibre of the wall, MPa.
     pub stress: f64,
-    /// The moment, N mm.
+    /// The moment of both, N mm.
     pub moment: f64,
     /// The length of the body then, mm.
     pub length: f64,
@@ -165,7 +165,7 @@ impl Hanging {
         self.sag().moves(&self.reach()).norm()
     }
 
-    /// The greatest bending stress that the root has borne since growth began.
+    /// The greatest stress that the root has borne since growth began.
     #[must_use]
     pub fn root_stress(&self) -> RootStress {
         self.greatest
@@ -181,12 +181,12 @@ impl Hanging {
     }
 
     fn load_root(&mut self) {
-        let all = moment(&(self.rings.1 + self.reach() * self.tip_weight));
-        // What is along the tube twists.
-        let moment = all.cross(&self.root_direction).norm();
-        let stress = moment * self.stress_per_moment;
+        let moment = moment(&(self.rings.1 + self.reach() * self.tip_weight));
+        let (bending, all) = (moment.cross(&self.root_direction).norm(), moment.norm());
+        // The twist is the rest of all: Rankine's rule, for what breaks without yielding.
+        let stress = 0.5 * (bending + all) * self.stress_per_moment;
         if stress > self.greatest.stress {
-            self.greatest = RootStress { stress, moment, length: self.length };
+            self.greatest = RootStress { stress, moment: all, length: self.length };
         }
     }
 }
@@ -239,7 +239,7 @@ mod tests {
     fn weight_and_stiffness(robot: &Robot) -> (f64, f64) {
         let material = robot.description().material;
         let ring = core::f64::consts::TAU * 22.0 * 1.6;
-        let second_moment = 0.25 * core::f64::consts::PI * (22.8_f64.powi(4) - 21.2_f64.powi(4));
+        let second_moment = 0.25 * core::f64::consts::PI * (libm::pow(22.8, 4.0) - libm::pow(21.2, 4.0));
         assert!((robot.wall_second_moment() / second_moment - 1.0).abs() < 1e-12);
         (1e-6 * material.density_g_per_cm3 * ring * GRAVITY, material.youngs_modulus_mpa * second_moment)
     }
@@ -251,8 +251,8 @@ mod tests {
         for heading in [0.0, 70.0, -135.0] {
             let start = from(heading, 0.0);
             let hung = hang(&robot, &start, tube(0.0, 0.0));
-            let sag = weight * LENGTH.powi(4) / (8.0 * stiffness);
-            let turn = weight * LENGTH.powi(3) / (6.0 * stiffness);
+            let sag = weight * libm::pow(LENGTH, 4.0) / (8.0 * stiffness);
+            let turn = weight * libm::pow(LENGTH, 3.0) / (6.0 * stiffness);
             assert!((hung.deflection() / sag - 1.0).abs() < 1e-4, "{} {sag}", hung.deflection());
             assert!((30.0 - hung.base_from_tip().translation.vector.z - sag).abs() < 1e-4 * sag);
             let direction = tip_direction(&hung.base_from_tip());
@@ -271,7 +271,8 @@ mod tests {
         let (weight, stiffness) = weight_and_stiffness(&robot);
         let force = 0.2 * GRAVITY;
         let hung = hang(&robot, &from(30.0, 0.0), tube(0.0, 0.0));
-        let sag = force * LENGTH.powi(3) / (3.0 * stiffness) + weight * LENGTH.powi(4) / (8.0 * stiffness);
+        let sag =
+            force * libm::pow(LENGTH, 3.0) / (3.0 * stiffness) + weight * libm::pow(LENGTH, 4.0) / (8.0 * stiffness);
         assert!((hung.deflection() / sag - 1.0).abs() < 1e-4, "{} {sag}", hung.deflection());
     }
 
@@ -294,8 +295,12 @@ mod tests {
         let hung = hang(&robot, &from(0.0, 0.0), tube(FRAC_PI_2, FRAC_PI_2));
         let radius = LENGTH / FRAC_PI_2;
         let pi = core::f64::consts::PI;
-        let by_tip = 0.2 * GRAVITY * radius.powi(3) / stiffness * (pi / 4.0 + (1.0 + POISSON) * (0.75 * pi - 2.0));
+        let by_tip =
+            0.2 * GRAVITY * libm::pow(radius, 3.0) / stiffness * (pi / 4.0 + (1.0 + POISSON) * (0.75 * pi - 2.0));
         let weightless = hang(&light_body(0.0), &from(0.0, 0.0), tube(FRAC_PI_2, FRAC_PI_2));
+        // The root bears the weight at an arm of one radius ahead and one aside.
+        let stress = 0.2 * GRAVITY * radius * 0.5 * (1.0 + libm::sqrt(2.0)) * 22.8 / robot.wall_second_moment();
+        assert!((hung.root_stress().stress / stress - 1.0).abs() < 1e-3);
         let sag = weightless.base_from_tip().translation.z - hung.base_from_tip().translation.z;
         assert!((sag / by_tip - 1.0).abs() < 1e-3, "{sag} {by_tip}");
     }

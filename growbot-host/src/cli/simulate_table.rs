@@ -81,7 +81,7 @@ fn line(name: &str, statistics: &Statistics, scale: f64) -> String {
 fn readable(value: f64) -> String {
     if value == 0.0 {
         "0".to_owned()
-    } else if value < 1e-3 || value >= 1e6 {
+    } else if !(1e-3..1e6).contains(&value) {
         format!("{value:.2e}")
     } else if value < 10.0 {
         format!("{value:.4}")

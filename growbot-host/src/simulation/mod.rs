@@ -15,7 +15,7 @@ use crate::arrival::Arrival;
 use crate::plan::Plan;
 use crate::warning::Warning;
 
-/// Code of the warning of a root that would fail: greatest bending stress, strength (MPa).
+/// Code of the warning of a root that would fail: greatest stress, strength (MPa).
 pub const ROOT_FAILS: &str = "root-fails";
 /// Code of the warning of a body that sags further than the model of it is good for: deflection of the tip, a tenth of the length (mm).
 pub const SAGS_FAR: &str = "sags-far";
