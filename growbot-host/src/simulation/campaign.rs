@@ -7,6 +7,26 @@ use crate::parallel;
 /// So many growths are kept at a time.
 const KEPT: u64 = 16_384;
 
+/// What is kept of a growth until it is taken in.
+struct Kept {
+    layers: u64,
+    errors: [f64; 5],
+    hung: Option<Hung>,
+}
+
+impl From<Outcome> for Kept {
+    fn from(Outcome { grown, arrival, hung }: Outcome) -> Self {
+        let errors = [
+            arrival.position_error_mm,
+            arrival.normalized_position_error,
+            arrival.heading_error_deg,
+            arrival.pitch_error_deg,
+            arrival.direction_error_deg,
+        ];
+        Self { layers: grown.layers, errors, hung }
+    }
+}
+
 /// What many growths came to.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Campaign {
@@ -38,28 +58,28 @@ impl Campaign {
         while campaign.runs < runs {
             let done = campaign.runs;
             let seeds: Vec<u64> = (done..runs.min(done + KEPT)).map(|run| seed.wrapping_add(run)).collect();
-            let outcomes =
-                parallel::map_on(threads, &seeds, |seed| simulation.run(*seed), |more| at(done + more as u64));
-            for (seed, outcome) in seeds.iter().zip(&outcomes) {
-                campaign.take_in(*seed, outcome);
+            let grown: Vec<Kept> =
+                parallel::map_on(threads, &seeds, |seed| simulation.run(*seed).into(), |more| at(done + more as u64));
+            for (seed, kept) in seeds.iter().zip(&grown) {
+                campaign.take_in(*seed, kept);
             }
         }
         campaign
     }
 
-    fn take_in(&mut self, seed: u64, outcome: &Outcome) {
-        let arrival = &outcome.arrival;
+    fn take_in(&mut self, seed: u64, kept: &Kept) {
+        let [position, normalized, heading, pitch, direction] = kept.errors;
         self.runs += 1;
-        self.layers.add(outcome.grown.layers as f64);
-        self.position_error_mm.add(arrival.position_error_mm);
-        self.normalized_position_error.add(arrival.normalized_position_error);
-        self.heading_error_deg.add(arrival.heading_error_deg);
-        self.pitch_error_deg.add(arrival.pitch_error_deg);
-        self.direction_error_deg.add(arrival.direction_error_deg);
-        if self.worst.is_none_or(|(_, worst)| arrival.position_error_mm > worst) {
-            self.worst = Some((seed, arrival.position_error_mm));
+        self.layers.add(kept.layers as f64);
+        self.position_error_mm.add(position);
+        self.normalized_position_error.add(normalized);
+        self.heading_error_deg.add(heading);
+        self.pitch_error_deg.add(pitch);
+        self.direction_error_deg.add(direction);
+        if self.worst.is_none_or(|(_, worst)| position > worst) {
+            self.worst = Some((seed, position));
         }
-        if let Some(hung) = outcome.hung {
+        if let Some(hung) = kept.hung {
             let worst = self.hung.get_or_insert(hung);
             worst.deflection = worst.deflection.max(hung.deflection);
             if hung.root.stress > worst.root.stress {
