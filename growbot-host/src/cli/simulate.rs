@@ -199,8 +199,8 @@ fn json_of(outcome: &Outcome, path_length: f64, seed: u64) -> Value {
     );
     if let Some(estimate) = &grown.estimate {
         let habits = &estimate.habits;
-        let estimate = json!({
-            "final": WrittenPose::from(&Pose::from_frame(&estimate.base_from_tip)),
+        let found = json!({
+            "believed": WrittenPose::from(&Pose::from_frame(&estimate.base_from_tip)),
             "position_sd_mm": estimate.position_deviation,
             "direction_sd_deg": degrees(estimate.direction_deviation),
             "growth_bias_percent": 100.0 * habits.growth,
@@ -208,7 +208,7 @@ fn json_of(outcome: &Outcome, path_length: f64, seed: u64) -> Value {
             "alpha_bias_deg": degrees(habits.alpha),
             "twist_bias_deg": degrees(habits.twist),
         });
-        merge(&mut value, json!({ "estimate": estimate }));
+        merge(&mut value, json!({ "feedback": found }));
     }
     if let Some(hung) = hung {
         merge(&mut value, json!({ "sag": json_of_hung(hung) }));
