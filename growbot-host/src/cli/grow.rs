@@ -14,6 +14,7 @@ use growbot_host::robot_file;
 use growbot_host::run_log::RunLog;
 use growbot_host::warning::PREVENTING;
 
+use super::disturbance::DisturbanceArgs;
 use super::following::{Following, OnSilence, refuse};
 use super::search::SearchArgs;
 use super::{Failure, PortArg, plan_table};
@@ -57,6 +58,8 @@ pub struct GrowArgs {
     /// End with one line of JSON instead of a table
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    disturbance: DisturbanceArgs,
 }
 
 const AFTER_HELP: &str = "\
@@ -103,6 +106,12 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
         )));
     }
     let name = args.port.name()?;
+    if args.disturbance.is_any() && !name.is_simulated() {
+        return Err(Failure::bad_input(format!(
+            "nothing can be disturbed at {}, which is no simulated tip: leave out the noises and biases, or use --port sim or emulator",
+            args.port.text()
+        )));
+    }
     if matches!(name, PortName::Emulator(_)) {
         let time = plan_table::duration(plan.needs.duration);
         growbot_host::tell!("growbot: the emulated board runs in real time: the layers alone take {time}");

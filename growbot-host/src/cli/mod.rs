@@ -5,6 +5,7 @@
 
 mod cancel;
 mod console;
+mod disturbance;
 mod estop;
 mod flash;
 mod following;

@@ -133,6 +133,16 @@ impl PortName {
             Self::Emulator(_) | Self::Tcp(_) | Self::Serial(_) => false,
         }
     }
+
+    /// Whether the tip there is a simulated one.
+    #[must_use]
+    pub fn is_simulated(&self) -> bool {
+        match self {
+            Self::Sim | Self::Emulator(_) => true,
+            Self::Faulty(name, _) => name.is_simulated(),
+            Self::Tcp(_) | Self::Serial(_) => false,
+        }
+    }
 }
 
 impl FromStr for PortName {
