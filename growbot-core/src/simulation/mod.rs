@@ -1,5 +1,9 @@
-//! Growth without a robot: layers that come out otherwise than they were asked for.
+//! Growth without a robot: layers that come out otherwise than they were asked for, with and without feedback.
 
 mod disturbance;
+mod growth;
+mod sensors;
 
 pub use disturbance::{Disturbance, Laid};
+pub use growth::{Grown, Task, grow_closed, grow_open};
+pub use sensors::{DirectionSensor, Sensors};

@@ -1,0 +1,88 @@
+//! A growth in open and in closed loop.
+
+use super::disturbance::{Disturbance, Laid};
+use super::sensors::Sensors;
+use crate::layer::Layer;
+use crate::path::Segment;
+use crate::plan::needs;
+use crate::pose::{Frame, Pose};
+use crate::robot::Robot;
+use crate::tracking::{Estimate, Tracker};
+
+/// What is to be grown: a path from start to goal.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Task<'a> {
+    /// The robot.
+    pub robot: &'a Robot,
+    /// Where the body begins.
+    pub start: Pose,
+    /// Where its tip is to arrive.
+    pub goal: Pose,
+    /// The path between them.
+    pub path: &'a [Segment],
+}
+
+/// What a growth came to.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Grown {
+    /// Where the tip is.
+    pub base_from_tip: Frame,
+    /// Layers laid.
+    pub layers: u64,
+    /// Length of the body, mm.
+    pub length: f64,
+    /// Where the loop believes the tip to be; none in open loop.
+    pub estimate: Option<Estimate>,
+}
+
+/// A closed loop that does not come to an end, since next to nothing grows, is given up after so many times the layers of its plan.
+const PATIENCE: u64 = 20;
+/// And so many besides.
+const PATIENCE_AT_LEAST: u64 = 100;
+
+/// Lays the layers as they are, whatever becomes of them. `each` hears of every layer laid.
+pub fn grow_open(
+    start: &Pose,
+    layers: impl IntoIterator<Item = Layer>,
+    disturbance: &Disturbance,
+    seed: u64,
+    mut each: impl FnMut(&Laid),
+) -> Grown {
+    let mut grown = Grown { base_from_tip: start.frame(), layers: 0, length: 0.0, estimate: None };
+    for layer in layers {
+        let laid = disturbance.lay(seed, grown.layers, &layer);
+        grown.base_from_tip *= laid.step();
+        grown.layers += 1;
+        grown.length += laid.layer.height;
+        each(&laid);
+    }
+    grown
+}
+
+/// Measures each layer and plans the rest again after it. `tip` has each layer as commanded and as laid, and the frame in which
+/// growth alone leaves the tip; it says where the tip is, should the body do more than grow.
+pub fn grow_closed(
+    task: &Task,
+    disturbance: &Disturbance,
+    sensors: &Sensors,
+    seed: u64,
+    mut tip: impl FnMut(&Layer, &Laid, &Frame) -> Frame,
+) -> Grown {
+    let Task { robot, start, goal, path } = *task;
+    let mut tracker = Tracker::new(robot, &start, &goal, path, sensors.noise);
+    let mut grown = Grown { base_from_tip: start.frame(), layers: 0, length: 0.0, estimate: None };
+    let most = PATIENCE * needs(path, robot).layers as u64 + PATIENCE_AT_LEAST;
+    let mut by_growth = start.frame();
+    while let Some(layer) = tracker.next_layer().filter(|_| grown.layers < most) {
+        let laid = disturbance.lay(seed, grown.layers, &layer);
+        by_growth *= laid.step();
+        grown.base_from_tip = tip(&layer, &laid, &by_growth);
+        let measured = sensors.measure(seed, grown.layers, &layer, &laid, &grown.base_from_tip);
+        grown.layers += 1;
+        grown.length += laid.layer.height;
+        tracker.laid(&layer, &measured);
+        tracker.replan(&[]);
+    }
+    grown.estimate = Some(tracker.estimate());
+    grown
+}

@@ -1,0 +1,59 @@
+//! What the sensors of a simulated tip show.
+
+use nalgebra::Vector3;
+
+use super::disturbance::Laid;
+use crate::layer::Layer;
+use crate::pose::Frame;
+use crate::random::Random;
+use crate::tracking::{Measurement, SensorNoise};
+
+/// Which direction is measured.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum DirectionSensor {
+    /// That of the tip, in the base's frame.
+    #[default]
+    Tip,
+    /// That of gravity, in the tip's frame: the heading is not observed.
+    Gravity,
+}
+
+/// The sensors of a simulated tip.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sensors {
+    /// Their noise, which the estimator knows.
+    pub noise: SensorNoise,
+    /// How much too long the odometry's own scale is, a share. No estimator can see it: it looks like growth.
+    pub odometry_scale: f64,
+    /// Which direction is measured.
+    pub direction: DirectionSensor,
+}
+
+/// What the numbers of a layer are drawn for.
+const ODOMETRY: u64 = 16;
+const DIRECTION: u64 = 17;
+
+impl Sensors {
+    /// What is measured after the layer of this index.
+    #[must_use]
+    pub fn measure(&self, seed: u64, index: u64, commanded: &Layer, laid: &Laid, base_from_tip: &Frame) -> Measurement {
+        let odometry = commanded.height * self.noise.odometry * Random::new(&[seed, ODOMETRY, index]).normal();
+        let mut random = Random::new(&[seed, DIRECTION, index]);
+        let (about_x, about_y) = (self.noise.direction * random.normal(), self.noise.direction * random.normal());
+        let mut measured = Measurement {
+            growth: Some(laid.layer.height * (1.0 + self.odometry_scale) + odometry),
+            ..Measurement::default()
+        };
+        match self.direction {
+            DirectionSensor::Tip => {
+                measured.direction = Some(base_from_tip.rotation * Vector3::new(about_x, about_y, 1.0).normalize());
+            }
+            DirectionSensor::Gravity => {
+                let up = base_from_tip.rotation.inverse() * Vector3::z();
+                let aside = up.cross(&if up.x.abs() < 0.5 { Vector3::x() } else { Vector3::y() }).normalize();
+                measured.up = Some((up + aside * about_x + up.cross(&aside) * about_y).normalize());
+            }
+        }
+        measured
+    }
+}

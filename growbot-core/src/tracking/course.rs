@@ -1,0 +1,350 @@
+//! The rest of the path: pieces of constant curvature from the tip to the goal, bent so that they end there.
+//!
+//! What is planned again after a layer is hardly ever far from what was planned before it. So the pieces are corrected, not found
+//! anew: of all corrections that lead to the goal, the one that strays least from the path as it was planned (the least squares
+//! of curvature and length, by Gauss and Newton), with no curvature over the greatest. A path is planned with a radius over R_min, and
+//! corrected down to it.
+
+use heapless::Vec;
+use nalgebra::{SMatrix, SVector, Vector2, Vector3};
+
+use crate::kinematics::step;
+use crate::path::Segment;
+use crate::pose::{Frame, Pose, angle_between, tip_direction};
+use crate::trigonometry;
+
+/// The most pieces.
+const MOST_PIECES: usize = 64;
+/// A path is cut into about so many at first.
+const FIRST_PIECES: f64 = 40.0;
+/// There are at least so many, while they are longer than a layer.
+const LEAST_PIECES: usize = 12;
+/// Corrections in a row.
+const ROUNDS: usize = 5;
+/// Steps of Newton's method in one of them.
+const NEWTON_STEPS: usize = 20;
+/// Position (mm) and direction (radians): three, and two.
+const CONSTRAINTS: usize = 5;
+/// A correction of less than this, in radii and radians, leaves no more than its square.
+const NEARLY: f64 = 1e-3;
+/// A goal is not met better than this at any cost: deviations by which missing it is weighed, radii and radians.
+const UNWEIGHED: [f64; 2] = [2e-4, 1e-4];
+/// How far a piece as long as a radius may stray: the deviation of its curvature, in curvatures of the radius, and of its length, in radii.
+const FREEDOM: [f64; 2] = [0.2, 0.2];
+
+/// A piece of constant curvature.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Piece {
+    /// Where the tip bends to, in its own frame, with the curvature as its length, 1/mm.
+    curvature: Vector2<f64>,
+    /// mm.
+    length: f64,
+    /// Both as they were planned.
+    planned: (Vector2<f64>, f64),
+}
+
+impl Piece {
+    fn new(curvature: Vector2<f64>, length: f64) -> Self {
+        Self { curvature, length, planned: (curvature, length) }
+    }
+
+    /// Variances of curvature (1/mm^2) and length (mm^2) with which straying is weighed, by the scale's units.
+    fn freedom(&self, radius: f64) -> (f64, f64) {
+        let length = (self.planned.1 / radius).max(f64::MIN_POSITIVE);
+        (FREEDOM[0] * FREEDOM[0] / (length * radius), FREEDOM[1] * FREEDOM[1] * length * radius)
+    }
+
+    /// The rest of it.
+    fn without(self, length: f64) -> Self {
+        let share = ((self.length - length) / self.length).max(0.0);
+        Self { length: self.length * share, planned: (self.planned.0, self.planned.1 * share), ..self }
+    }
+}
+
+/// How far from the goal a course ends.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Miss {
+    /// mm.
+    pub distance: f64,
+    /// Radians.
+    pub angle: f64,
+}
+
+/// The rest of a path.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Course {
+    pieces: Vec<Piece, MOST_PIECES>,
+    /// Scale of lengths and curvatures, mm.
+    radius: f64,
+    /// The pull on its end that bends it as it is.
+    pull: Constraint,
+}
+
+impl Course {
+    /// The course that a path is.
+    pub fn along(path: &[Segment], radius: f64) -> Self {
+        let bend: f64 = path.iter().map(Segment::bend).sum();
+        let length: f64 = path.iter().map(Segment::length).sum();
+        // A piece is as long as a share of all length, or as bent as a share of all bends.
+        let share = |segment: &Segment| {
+            let of_bend = if bend > 0.0 { segment.bend() / bend } else { 0.0 };
+            let of_length = if length > 0.0 { segment.length() / length } else { 0.0 };
+            0.7 * of_bend + 0.3 * of_length
+        };
+        let mut pieces = Vec::new();
+        for segment in path {
+            let count = libm::ceil(FIRST_PIECES * share(segment)).max(1.0);
+            for index in 0..count as usize {
+                let piece = piece_of(segment, index as f64 / count, (index + 1) as f64 / count);
+                // A path of six segments has at most 46.
+                let _ = pieces.push(piece);
+            }
+        }
+        Self { pieces, radius, pull: Constraint::zeros() }
+    }
+
+    /// mm.
+    pub fn length(&self) -> f64 {
+        self.pieces.iter().map(|piece| piece.length).sum()
+    }
+
+    /// Takes this length off the course's beginning.
+    pub fn take(&mut self, mut length: f64) {
+        while let Some(first) = self.pieces.first_mut() {
+            if first.length > length {
+                *first = first.without(length);
+                break;
+            }
+            length -= first.length;
+            self.pieces.remove(0);
+        }
+    }
+
+    /// The mean curvature over the first stretch of this length.
+    pub fn curvature_over(&self, stretch: f64) -> Vector2<f64> {
+        let (mut left, mut turned) = (stretch, Vector2::zeros());
+        for piece in &self.pieces {
+            let length = piece.length.min(left);
+            turned += piece.curvature * length;
+            left -= length;
+            if left <= 0.0 {
+                break;
+            }
+        }
+        let covered = stretch - left;
+        if covered > 0.0 { turned / covered } else { turned }
+    }
+
+    /// Bends the course so that it leads from the tip to the goal, with no piece bent tighter than `greatest` (1/mm). How far from
+    /// the goal it ends then. Where only few pieces are left they are cut, down to about `resolution`, mm.
+    pub fn correct(&mut self, base_from_tip: &Frame, goal: &Pose, greatest: f64, resolution: f64) -> Miss {
+        self.refine(resolution);
+        let mut linear = Linear::of(self, base_from_tip, goal);
+        for _ in 0..ROUNDS {
+            let before = linear.error;
+            linear.pull(self, greatest);
+            if before.norm() < NEARLY {
+                break;
+            }
+            linear = Linear::of(self, base_from_tip, goal);
+            // What cannot be reached is not reached in more rounds.
+            if linear.error.norm() < NEARLY * NEARLY || (linear.error - before).norm() < NEARLY * before.norm() {
+                break;
+            }
+        }
+        linear.miss
+    }
+
+    /// Cuts the longest pieces while there are few.
+    fn refine(&mut self, resolution: f64) {
+        while self.pieces.len() < LEAST_PIECES {
+            let longest = self.pieces.iter().enumerate().max_by(|a, b| a.1.length.total_cmp(&b.1.length));
+            let Some((index, piece)) = longest.map(|(index, piece)| (index, *piece)) else { break };
+            if piece.length < 2.0 * resolution {
+                break;
+            }
+            let half = piece.without(0.5 * piece.length);
+            self.pieces[index] = half;
+            if self.pieces.insert(index, half).is_err() {
+                break;
+            }
+        }
+    }
+}
+
+type Constraint = SVector<f64, CONSTRAINTS>;
+
+/// How the end of a course moves with its pieces.
+struct Linear {
+    /// From the end to the goal: radii, and radians about the end's y and -x axes.
+    error: Constraint,
+    /// The same, had no piece strayed from what was planned.
+    from_planned: Constraint,
+    /// For each piece.
+    columns: Vec<Columns, MOST_PIECES>,
+    miss: Miss,
+}
+
+/// How the end of a course moves with a piece: by its curvature's x and y (1/mm) and its length (mm); and how far that may stray.
+struct Columns {
+    by_curvature: [Constraint; 2],
+    by_length: Constraint,
+    /// Variances: 1/mm^2 and mm^2.
+    freedom: (f64, f64),
+    planned: (Vector2<f64>, f64),
+    /// No piece is made much longer or shorter at once: what is far from straight is not to be trusted.
+    lengths: (f64, f64),
+}
+
+/// The dual at a pull: its value, slope and Hessian.
+struct Dual {
+    value: f64,
+    slope: Constraint,
+    hessian: SMatrix<f64, CONSTRAINTS, CONSTRAINTS>,
+}
+
+impl Columns {
+    /// The curvature and the length that a pull gives the piece; and the curvature that it would have without a bound.
+    fn give_way(&self, pull: &Constraint, greatest: f64) -> (Vector2<f64>, f64, Vector2<f64>) {
+        let [x, y] = self.by_curvature.map(|column| column.dot(pull));
+        let wanted = self.planned.0 + Vector2::new(x, y) * self.freedom.0;
+        let tightness = wanted.norm();
+        let curvature = if tightness > greatest { wanted * (greatest / tightness) } else { wanted };
+        let length = self.planned.1 + self.by_length.dot(pull) * self.freedom.1;
+        (curvature, length.clamp(self.lengths.0, self.lengths.1), wanted)
+    }
+
+    fn add_to(&self, dual: &mut Dual, pull: &Constraint, greatest: f64) {
+        let (curvature, length, wanted) = self.give_way(pull, greatest);
+        let [by_x, by_y] = &self.by_curvature;
+        let (strayed, longer) = (curvature - self.planned.0, length - self.planned.1);
+        let moved = by_x * strayed.x + by_y * strayed.y + self.by_length * longer;
+        let cost = strayed.norm_squared() / self.freedom.0 + longer * longer / self.freedom.1;
+        dual.value += moved.dot(pull) - 0.5 * cost;
+        dual.slope += moved;
+        let tightness = wanted.norm();
+        if tightness > greatest {
+            // Along the bound only, and the less the further it is pulled beyond.
+            let across = (by_y * wanted.x - by_x * wanted.y) / tightness;
+            dual.hessian += across * across.transpose() * (self.freedom.0 * greatest / tightness);
+        } else {
+            dual.hessian += (by_x * by_x.transpose() + by_y * by_y.transpose()) * self.freedom.0;
+        }
+        if self.lengths.0 < length && length < self.lengths.1 {
+            dual.hessian += self.by_length * self.by_length.transpose() * self.freedom.1;
+        }
+    }
+}
+
+impl Linear {
+    fn of(course: &Course, base_from_tip: &Frame, goal: &Pose) -> Self {
+        let mut frames: Vec<(Frame, Frame), MOST_PIECES> = Vec::new();
+        let mut end = *base_from_tip;
+        for piece in &course.pieces {
+            let bend = piece.curvature.norm() * piece.length;
+            let alpha = libm::atan2(-piece.curvature.y, -piece.curvature.x);
+            let half = step(alpha, 0.5 * bend, 0.5 * piece.length);
+            let middle = end * half;
+            end = middle * half;
+            let _ = frames.push((middle, end));
+        }
+        let (x, y) = (end.rotation * Vector3::x(), end.rotation * Vector3::y());
+        let at = end.translation.vector;
+        let constraint = |moved: &Vector3<f64>, turned: &Vector3<f64>| {
+            let moved = moved / course.radius;
+            Constraint::new(moved.x, moved.y, moved.z, turned.dot(&y), -turned.dot(&x))
+        };
+        let to_goal = goal.position() - at;
+        let direction = goal.direction();
+        let away = angle_between(&tip_direction(&end), &direction);
+        // Of a goal that lies behind, the sine says too little.
+        let about = tip_direction(&end).cross(&direction);
+        let turn = about.try_normalize(1e-12).unwrap_or_else(Vector3::zeros) * away;
+        let error = constraint(&to_goal, &turn);
+        let miss = Miss { distance: to_goal.norm(), angle: away };
+        let mut linear = Self { error, from_planned: error, columns: Vec::new(), miss };
+        for (piece, (middle, end)) in course.pieces.iter().zip(&frames) {
+            let turning = |axis: Vector3<f64>, frame: &Frame| {
+                let turned = frame.rotation * axis;
+                constraint(&turned.cross(&(at - frame.translation.vector)), &turned)
+            };
+            let by_x = turning(Vector3::y() * piece.length, middle);
+            let by_y = turning(-Vector3::x() * piece.length, middle);
+            let longer = turning(Vector3::new(-piece.curvature.y, piece.curvature.x, 0.0), end);
+            let by_length = longer + constraint(&tip_direction(end), &Vector3::zeros());
+            let strayed = piece.curvature - piece.planned.0;
+            linear.from_planned += by_x * strayed.x + by_y * strayed.y + by_length * (piece.length - piece.planned.1);
+            let _ = linear.columns.push(Columns {
+                by_curvature: [by_x, by_y],
+                by_length,
+                freedom: piece.freedom(course.radius),
+                planned: piece.planned,
+                lengths: (0.5 * piece.length, 2.0 * piece.length),
+            });
+        }
+        linear
+    }
+
+    /// Moves the pieces to where they stray least, none of them bent tighter than `greatest`, and lead to the goal as far as straight
+    /// lines tell.
+    ///
+    /// The least squares have five constraints and a bound for each piece; so their dual has five unknowns and no bound, and is convex:
+    /// a pull on the end of the course, to which each piece gives way by itself as far as it can. Newton's method with Armijo's
+    /// step rule finds it (Nocedal and Wright 2006, chapters 3 and 17).
+    fn pull(&self, course: &mut Course, greatest: f64) {
+        let mut at = self.dual(&course.pull, greatest);
+        for _ in 0..NEWTON_STEPS {
+            let Some(step) = at.hessian.cholesky().map(|cholesky| cholesky.solve(&at.slope)) else { break };
+            let decrease = step.dot(&at.slope);
+            let (mut share, mut next) = (1.0, self.dual(&(course.pull - step), greatest));
+            while next.value > at.value - 1e-4 * share * decrease && share > 1e-3 {
+                share *= 0.5;
+                next = self.dual(&(course.pull - step * share), greatest);
+            }
+            course.pull -= step * share;
+            at = next;
+            if at.slope.norm() < NEARLY * NEARLY {
+                break;
+            }
+        }
+        for (piece, columns) in course.pieces.iter_mut().zip(&self.columns) {
+            (piece.curvature, piece.length, _) = columns.give_way(&course.pull, greatest);
+        }
+    }
+
+    fn dual(&self, pull: &Constraint, greatest: f64) -> Dual {
+        let weight = Constraint::from_fn(|row, _| UNWEIGHED[row / 3] * UNWEIGHED[row / 3]);
+        let held = weight.component_mul(pull);
+        let mut dual = Dual {
+            value: 0.5 * held.dot(pull) - self.from_planned.dot(pull),
+            slope: held - self.from_planned,
+            hessian: SMatrix::from_diagonal(&weight),
+        };
+        for columns in &self.columns {
+            columns.add_to(&mut dual, pull, greatest);
+        }
+        dual
+    }
+}
+
+/// A part of a segment, from one share of its length to another, as a piece.
+fn piece_of(segment: &Segment, from: f64, to: f64) -> Piece {
+    let length = segment.length() * (to - from);
+    let curvature = match *segment {
+        Segment::Straight { .. } => Vector2::zeros(),
+        Segment::Arc { alpha, .. } => towards(alpha + core::f64::consts::PI) * segment.curvature(),
+        Segment::Helicoid { curve, radius, length: whole } => {
+            let start_from = |share: f64| curve.frame_after(share * whole / radius);
+            let turned = start_from(from).rotation.inverse() * start_from(to).rotation;
+            // Turned about (-y, x) of where it bends to.
+            let axis = turned.scaled_axis();
+            Vector2::new(axis.y, -axis.x) / length
+        }
+    };
+    Piece::new(curvature, length)
+}
+
+fn towards(angle: f64) -> Vector2<f64> {
+    let (sine, cosine) = trigonometry::sin_cos(angle);
+    Vector2::new(cosine, sine)
+}
