@@ -40,11 +40,11 @@ pub struct DisturbanceArgs {
     #[arg(long, value_name = "DEG", default_value = "0", allow_hyphen_values = true, value_parser = signed_deg)]
     twist_bias: f64,
     /// Noise of the odometry: standard deviation in each layer, of its growth
-    #[arg(long, value_name = "PERCENT", default_value = "0", allow_hyphen_values = true, value_parser = percent)]
-    odometry_noise: f64,
+    #[arg(long, value_name = "PERCENT", allow_hyphen_values = true, value_parser = percent)]
+    odometry_noise: Option<f64>,
     /// Noise of the measured direction: standard deviation about either axis
-    #[arg(long, value_name = "DEG", default_value = "0", allow_hyphen_values = true, value_parser = deg)]
-    direction_noise: f64,
+    #[arg(long, value_name = "DEG", allow_hyphen_values = true, value_parser = deg)]
+    direction_noise: Option<f64>,
     /// Where all noise comes from: the same seed gives the same run
     #[arg(long, value_name = "N", default_value = "1", allow_negative_numbers = true)]
     pub seed: u64,
@@ -65,21 +65,27 @@ impl DisturbanceArgs {
         }
     }
 
-    /// How far measurements are off.
+    /// How far measurements are off: not at all, unless given.
     pub fn sensor_noise(&self) -> SensorNoise {
-        SensorNoise { odometry: self.odometry_noise / 100.0, direction: radians(self.direction_noise) }
+        self.sensor_noise_or(SensorNoise { odometry: 0.0, direction: 0.0 })
     }
 
-    /// Whether anything is drawn by chance.
-    pub fn is_random(&self) -> bool {
-        [self.noise, self.tilt_noise, self.alpha_noise, self.twist_noise, self.odometry_noise, self.direction_noise]
-            .iter()
-            .any(|noise| *noise != 0.0)
+    /// How far measurements are off, or else are taken to be.
+    pub fn sensor_noise_or(&self, assumed: SensorNoise) -> SensorNoise {
+        SensorNoise {
+            odometry: self.odometry_noise.map_or(assumed.odometry, |percent| percent / 100.0),
+            direction: self.direction_noise.map_or(assumed.direction, radians),
+        }
     }
 
-    /// Whether layers come out otherwise than asked for, or measurements are off.
-    pub fn is_any(&self) -> bool {
-        self.is_random() || self.disturbance() != Disturbance::default()
+    /// Whether layers come out otherwise than asked for.
+    pub fn disturbs(&self) -> bool {
+        self.disturbance() != Disturbance::default()
+    }
+
+    /// Whether anything is said of the sensors.
+    pub fn knows_sensors(&self) -> bool {
+        self.odometry_noise.is_some() || self.direction_noise.is_some()
     }
 }
 
@@ -131,7 +137,7 @@ mod tests {
     #[test]
     fn nothing_is_disturbed_unless_asked_for() {
         let args = parsed(&[]).unwrap();
-        assert!(!args.is_any() && !args.is_random());
+        assert!(!args.disturbs() && !args.knows_sensors());
         assert_eq!(args.disturbance(), Disturbance::default());
         assert_eq!(args.sensor_noise(), SensorNoise { odometry: 0.0, direction: 0.0 });
         assert_eq!(args.seed, 1);
@@ -144,9 +150,9 @@ mod tests {
         assert_eq!((disturbance.growth_noise, disturbance.growth_bias), (0.1, -0.05));
         assert_eq!(disturbance.twist_bias, radians(-0.9));
         assert_eq!(args.sensor_noise().direction, radians(0.5));
-        assert!(args.is_any() && args.is_random());
-        let biased = parsed(&["--tilt-bias", "3"]).unwrap();
-        assert!(biased.is_any() && !biased.is_random());
+        assert!(args.disturbs() && args.knows_sensors());
+        let assumed = SensorNoise { odometry: 0.03, direction: 1.0 };
+        assert_eq!(args.sensor_noise_or(assumed), SensorNoise { odometry: 0.03, direction: radians(0.5) });
     }
 
     #[test]

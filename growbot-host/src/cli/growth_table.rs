@@ -3,13 +3,18 @@
 use growbot_core::layer::SECTORS;
 use growbot_core::link::message::Cut;
 use growbot_core::robot::Robot;
-use growbot_host::growth::Grown;
+use growbot_core::angle::degrees;
+use growbot_core::path::length;
+use growbot_host::arrival::Arrival;
+use growbot_host::feedback::FedBack;
+use growbot_host::growth::{Grown, MeasuredBy};
 use growbot_host::plan::Plan;
 
+use super::following::error_of;
 use super::plan_table::duration;
 
-/// Wanted, reached, and by how much the one missed the other.
-pub fn table(plan: &Plan, robot: &Robot, grown: &Grown) -> String {
+/// Wanted, reached, and by how much the one missed the other; with feedback, where the tip was believed to be.
+pub fn table(plan: &Plan, robot: &Robot, grown: &Grown, seed: Option<u64>) -> String {
     let row = |name: &str, [x, y, z, heading, pitch]: [f64; 5]| {
         format!("{name:<10}{x:>11.3}{y:>11.3}{z:>11.3}{heading:>13.3}{pitch:>12.3}\n")
     };
@@ -32,6 +37,12 @@ pub fn table(plan: &Plan, robot: &Robot, grown: &Grown) -> String {
         robot.name(),
         grown.filament_mm / 1000.0
     );
+    if let Some(seed) = seed {
+        table += &format!("seed      {seed}\n");
+    }
+    if let Some(fed_back) = &grown.fed_back {
+        table += &feedback(plan, grown, fed_back);
+    }
     if grown.unknown() > 0 {
         table += &format!("caution   {} layers were cut and let be: they are counted as planned\n", grown.unknown());
     }
@@ -39,6 +50,27 @@ pub fn table(plan: &Plan, robot: &Robot, grown: &Grown) -> String {
         table += &format!("cut       layer {}: {}\n", grown.as_built.len(), made(cut));
     }
     table
+}
+
+/// How often the job was amended, and what was known of the tip.
+fn feedback(plan: &Plan, grown: &Grown, fed_back: &FedBack) -> String {
+    let estimate = &fed_back.estimate;
+    let believed = Arrival::of(&estimate.base_from_tip, &plan.goal, length(&plan.path));
+    let known = match grown.measured_by {
+        MeasuredBy::Tip => {
+            let (distance, angle) = error_of(&believed, &grown.arrival);
+            format!("the tip was believed {distance:.3} mm and {angle:.3} deg from where it is")
+        }
+        MeasuredBy::Estimate | MeasuredBy::Steps => {
+            "arrived by what was measured and not by a look from outside".to_string()
+        }
+    };
+    format!(
+        "feedback  {} amendments; {known}; it knew its place to {:.3} mm and {:.3} deg (SD)\n",
+        fed_back.amendments,
+        estimate.position_deviation,
+        degrees(estimate.direction_deviation)
+    )
 }
 
 /// How much of a layer that was cut was made, in words.

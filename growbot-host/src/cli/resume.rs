@@ -7,7 +7,7 @@ use clap::{Args, ValueEnum};
 use growbot_core::link::message::{BoardHello, State};
 use growbot_core::robot::Robot;
 use growbot_host::client::Client;
-use growbot_host::growth::{CutLayer, GrowthError, Job, resume_job};
+use growbot_host::growth::{CutLayer, GrowthError, Job, resume_job_with};
 use growbot_host::plan::Plan;
 use growbot_host::plan_file;
 use growbot_host::robot_file;
@@ -67,15 +67,16 @@ enum WithCut {
 
 /// Runs the command.
 pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
-    let (robot, plan, record) = args.robot_plan_and_record()?;
-    let mut job = Job::new(&robot, &plan.start, &plan.goal, &plan.path);
-    if let Some(record) = &record {
-        // The very layers, whatever the plan's file has rounded.
-        (job.plan_id, job.layers) = (record.plan_id, record.layers.clone());
-    }
+    let (robot, plan, mut record) = args.robot_plan_and_record()?;
     let mut client = args.port.client(&robot)?;
     let board = client.board()?;
     Client::belongs_to(&board, &robot)?;
+    let mut job = Job::new(&robot, &plan.start, &plan.goal, &plan.path);
+    if let Some(record) = &mut record {
+        record.is_held_as(board.status.plan_id);
+        // The very layers, whatever the plan's file has rounded.
+        (job.plan_id, job.layers) = (record.plan_id, record.layers.clone());
+    }
     show(&board, job.plan_id)?;
     if !args.yes {
         ask(&board)?;
@@ -90,8 +91,10 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
         WithCut::LetBe => CutLayer::LetBe,
     };
     let laid = board.status.laid as usize;
-    let following = Following { robot: &robot, plan: &plan, log, json: args.json, laid };
-    following.follow(|stop, tell| resume_job(&mut client, &job, known, cut, args.on_silence.into(), stop, tell))
+    let feedback = record.as_ref().and_then(|record| record.feedback(&job, &plan.path));
+    let following = Following { robot: &robot, plan: &plan, log, json: args.json, laid, seed: None };
+    let silence = args.on_silence.into();
+    following.follow(|stop, tell| resume_job_with(&mut client, &job, feedback, known, cut, silence, stop, tell))
 }
 
 impl ResumeArgs {
