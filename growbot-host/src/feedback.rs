@@ -157,3 +157,91 @@ impl<'a> Feedback<'a> {
         FedBack { amendments: self.amendments, estimate: self.tracker.estimate() }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use growbot_core::layer::grow;
+    use growbot_core::path::end;
+
+    const EXACT: SensorNoise = SensorNoise { odometry: 0.0, direction: 0.0 };
+    /// Growth of a layer, mm, and what it is in pulses of robot A's encoder.
+    const HEIGHT: f64 = 0.774;
+    const PULSES: f64 = 56.935;
+
+    fn robot() -> Robot {
+        crate::robot_file::load("growbot-a".as_ref()).unwrap()
+    }
+
+    /// Feedback of an upright path of so many layers, and one of them.
+    fn upright(robot: &Robot, layers: u32) -> (Feedback<'_>, LayerBytes) {
+        let path = [Segment::Straight { length: HEIGHT * f64::from(layers) }];
+        let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
+        let goal = Pose::from_frame(&end(&path, &start.frame()));
+        let layer = Encoder::default().encode(&Layer { alpha: 0.0, height: HEIGHT, tilt: 0.0 });
+        (Feedback::new(robot, &start, &goal, &path, EXACT), layer)
+    }
+
+    fn counted(pulses: u32) -> Measured {
+        Measured { filament_pulses: Some(pulses), gravity_milli_g: Some([0, 0, 1000]) }
+    }
+
+    fn height(feedback: &Feedback) -> f64 {
+        feedback.result().estimate.base_from_tip.translation.z
+    }
+
+    fn count(boot_id: u32, laid: u32, pulses: u32) -> Count {
+        Count { boot_id, laid, filament_pulses: Some(pulses) }
+    }
+
+    #[test]
+    fn pulses_become_growth_whatever_they_begin_with_and_however_many_are_missing() {
+        let robot = robot();
+        let (mut feedback, layer) = upright(&robot, 200);
+        // The count wraps within the first layers.
+        let before = u32::MAX - 100;
+        feedback.count_from(&count(1, 0, before));
+        for index in 1..=100 {
+            let pulses = before.wrapping_add((1.1 * PULSES * f64::from(index)) as u32);
+            feedback.laid(&layer, (index % 7 != 0).then_some(counted(pulses)).as_ref());
+        }
+        let grown = 1.1 * HEIGHT * 100.0;
+        assert!((height(&feedback) / grown - 1.0).abs() < 0.002, "{} {grown}", height(&feedback));
+        assert!((feedback.result().estimate.habits.growth - 0.1).abs() < 0.01);
+        // The rest is commanded less high, and ends where it should.
+        let rest = feedback.rest(&[]);
+        let end = grow(&feedback.result().estimate.base_from_tip, rest.iter().map(decode));
+        let commanded = end.translation.z - height(&feedback);
+        assert!((1.1 * commanded + height(&feedback) - 200.0 * HEIGHT).abs() < 0.5, "{commanded}");
+    }
+
+    #[test]
+    fn a_count_that_begins_anew_is_no_growth() {
+        let robot = robot();
+        let (mut feedback, layer) = upright(&robot, 200);
+        feedback.count_from(&count(1, 0, 7));
+        assert!(feedback.counts_in(1) && !feedback.counts_in(2));
+        for index in 1..=50 {
+            feedback.laid(&layer, Some(&counted(7 + (PULSES * f64::from(index)) as u32)));
+        }
+        // Ten more were laid before the board started anew, and nothing is known of them.
+        feedback.count_from(&count(2, 60, 2));
+        for _ in 0..10 {
+            feedback.laid(&layer, None);
+        }
+        for index in 1..=40 {
+            feedback.laid(&layer, Some(&counted(2 + (PULSES * f64::from(index)) as u32)));
+        }
+        assert!((height(&feedback) - 100.0 * HEIGHT).abs() < 0.05, "{}", height(&feedback));
+        assert!(feedback.result().estimate.habits.growth.abs() < 0.005);
+    }
+
+    #[test]
+    fn a_job_of_the_planned_layers_has_the_planned_name() {
+        let robot = robot();
+        let (feedback, _) = upright(&robot, 20);
+        let path = [Segment::Arc { alpha: 1.0, bend: 0.5, length: 60.0 }];
+        let layers: Vec<LayerBytes> = growbot_core::job::job_layers(&path, &robot).collect();
+        assert_eq!(feedback.plan_id(&layers), growbot_core::job::summarize(&path, &robot).plan_id);
+    }
+}

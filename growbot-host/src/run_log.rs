@@ -454,4 +454,65 @@ mod tests {
             assert_eq!(unhex(wrong), None, "{wrong}");
         }
     }
+
+    /// A log of three layers with feedback, and lines after its header.
+    fn log(lines: &[Value]) -> Vec<u8> {
+        let robot = crate::robot_file::load("growbot-a".as_ref()).unwrap();
+        let up = |z| Pose::from_degrees([0.0, 0.0, z, 0.0, 90.0]).unwrap();
+        let search = crate::plan::Search {
+            radius: 100.0,
+            planner: growbot_core::plan::Planner::Shortest,
+            clear_of_self: false,
+        };
+        let plan = Plan::through(&robot, &up(0.0), &[], &up(2.1), &search).unwrap();
+        let job = Job::new(&robot, &plan.start, &plan.goal, &plan.path);
+        let file = tempfile::tempdir().unwrap();
+        let path = file.path().join("run.jsonl");
+        let noise = SensorNoise { odometry: 0.01, direction: 0.002 };
+        let mut log = RunLog::begin(&path, &plan, &job, Some(noise), "sim").unwrap();
+        for line in lines {
+            log.write(line).unwrap();
+        }
+        fs::read(&path).unwrap()
+    }
+
+    #[test]
+    fn amendments_are_read_back_and_those_that_the_board_did_not_take_are_none() {
+        let other = |byte: u8| [byte; 12];
+        let amending = |plan_id: u64, from: u32, layers: &[LayerBytes]| {
+            json!({ "event": "amending", "plan_id": written_hash(plan_id), "from": from, "total": 9, "layers": hex_of(layers) })
+        };
+        let lines = [
+            json!({ "event": "counting", "boot_id": 5, "laid": 0, "filament_pulses": 3 }),
+            amending(7, 1, &[other(1), other(2)]),
+            json!({ "event": "laid", "layer": 0, "as_built": hex(&other(9)), "filament_pulses": 60, "gravity_milli_g": [0, -3, 999] }),
+            json!({ "event": "laid", "layer": 1, "as_built": null, "filament_pulses": null, "gravity_milli_g": null }),
+            amending(8, 2, &[other(3)]),
+            json!({ "event": "not-amended" }),
+            json!({ "event": "handing-over", "from": 3, "layers": hex_of(&[other(4)]) }),
+            amending(9, 3, &[other(5)]),
+        ];
+        let mut record = RunRecord::read(&log(&lines), "log").unwrap();
+        assert_eq!((record.plan_id, record.total, record.layers.len()), (9, 9, 4));
+        assert_eq!(record.layers[1..], [other(1), other(2), other(5)]);
+        assert_eq!(record.measured[0], Some(Measured { filament_pulses: Some(60), gravity_milli_g: Some([0, -3, 999]) }));
+        assert_eq!(record.measured[1], Some(Measured::default()));
+        assert_eq!(record.counts, [(0, Count { boot_id: 5, laid: 0, filament_pulses: Some(3) })]);
+        // The board has taken the latest one, or it has not.
+        record.is_held_as(9);
+        assert_eq!(record.plan_id, 9);
+        record.is_held_as(7);
+        assert_eq!((record.plan_id, record.layers[3]), (7, other(4)));
+    }
+
+    #[test]
+    fn a_log_without_feedback_has_none() {
+        let mut bytes = log(&[]);
+        assert!(RunRecord::read(&bytes, "log").unwrap().feedback.is_some());
+        let text = String::from_utf8(bytes).unwrap();
+        let mut header: Value = serde_json::from_str(&text).unwrap();
+        header["feedback"] = Value::Null;
+        bytes = format!("{header}\n").into_bytes();
+        assert_eq!(RunRecord::read(&bytes, "log").unwrap().feedback, None);
+    }
 }

@@ -55,21 +55,18 @@ pub fn table(plan: &Plan, robot: &Robot, grown: &Grown, seed: Option<u64>) -> St
 /// How often the job was amended, and what was known of the tip.
 fn feedback(plan: &Plan, grown: &Grown, fed_back: &FedBack) -> String {
     let estimate = &fed_back.estimate;
-    let believed = Arrival::of(&estimate.base_from_tip, &plan.goal, length(&plan.path));
-    let known = match grown.measured_by {
+    let arrived = match grown.measured_by {
         MeasuredBy::Tip => {
+            let believed = Arrival::of(&estimate.base_from_tip, &plan.goal, length(&plan.path));
             let (distance, angle) = error_of(&believed, &grown.arrival);
-            format!("the tip was believed {distance:.3} mm and {angle:.3} deg from where it is")
+            format!("believed  {distance:.3} mm and {angle:.3} deg from where the tip is\n")
         }
-        MeasuredBy::Estimate | MeasuredBy::Steps => {
-            "arrived by what was measured and not by a look from outside".to_string()
-        }
+        MeasuredBy::Estimate | MeasuredBy::Steps => "reached   is what the sensors say, and nobody has looked\n".to_string(),
     };
+    let (position, direction) = (estimate.position_deviation, degrees(estimate.direction_deviation));
     format!(
-        "feedback  {} amendments; {known}; it knew its place to {:.3} mm and {:.3} deg (SD)\n",
-        fed_back.amendments,
-        estimate.position_deviation,
-        degrees(estimate.direction_deviation)
+        "feedback  {} amendments\n{arrived}known to  {position:.3} mm and {direction:.3} deg, standard deviations\n",
+        fed_back.amendments
     )
 }
 

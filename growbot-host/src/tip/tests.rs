@@ -429,6 +429,7 @@ fn laid(turns: u32, imperfection: &Imperfection) -> (Tip, Vec<f64>) {
     tip.disturb(imperfection);
     let mut turned = Vec::new();
     for _ in 0..turns {
+        tip.set_nozzle_c(200.0);
         lay_turn(&mut tip, true);
         turned.push(tip.encoder_course().0 / robot().description().feed.steps_per_mm);
     }
