@@ -49,7 +49,7 @@ fn main() {
     println!("cargo:rustc-link-arg-bin={board}=--nmagic");
     if board == "an386" {
         // They do not log.
-        for measuring in ["plan_cost", "step_cost"] {
+        for measuring in ["plan_cost", "step_cost", "feedback_cost"] {
             println!("cargo:rustc-link-arg-bin={measuring}=-Tlink.x");
         }
     }

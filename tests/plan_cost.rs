@@ -4,14 +4,11 @@
 //! counts each instruction, so that the figures are the same on every machine. They are instructions, not cycles: a
 //! Cortex-M4 takes somewhat more cycles.
 
-use std::env;
 use std::io::{BufRead, BufReader};
-use std::path::Path;
-use std::process::Command;
 use std::time::Duration;
 
 use growbot_host::port::qemu::{Line, Qemu};
-use growbot_tests::firmware;
+use growbot_tests::{build_image, firmware};
 
 /// The planar planner's median of random goals may be this many instructions.
 const PLANAR_INSTRUCTIONS: u64 = 35_000;
@@ -45,17 +42,6 @@ impl Row {
     fn worst(&self) -> u64 {
         self.instructions.iter().copied().max().unwrap_or(0)
     }
-}
-
-fn build() {
-    let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
-    let status = Command::new(env::var_os("CARGO").unwrap_or("cargo".into()))
-        .arg("build-plan-cost")
-        .arg("--quiet")
-        .current_dir(workspace)
-        .status()
-        .unwrap();
-    assert!(status.success(), "cargo build-plan-cost failed");
 }
 
 fn measure() -> Vec<Row> {
@@ -94,7 +80,7 @@ fn measure() -> Vec<Row> {
 
 #[test]
 fn planning_fits_the_microcontroller() {
-    build();
+    build_image("build-plan-cost");
     let rows = measure();
     println!(
         "{:<12} {:<12} {:>6} {:>14} {:>14} {:>10}",

@@ -5,11 +5,8 @@
 //! counts each instruction, so that the figures are the same on every machine. They are instructions; what they take on
 //! the robot's board is computed from them, on the side of caution.
 
-use std::env;
 use std::io::{BufRead, BufReader, Write};
 use std::net::TcpStream;
-use std::path::Path;
-use std::process::Command;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::Duration;
@@ -17,7 +14,7 @@ use std::time::Duration;
 use growbot_core::link::emergency_stop::EMERGENCY_STOP;
 use growbot_core::link::frame::LONGEST_FRAME;
 use growbot_host::port::qemu::{Line, Qemu};
-use growbot_tests::firmware;
+use growbot_tests::{build_image, firmware};
 
 /// The robot's board, Hz.
 const CLOCK_HZ: f64 = 168e6;
@@ -57,17 +54,6 @@ impl Row {
     fn tick_hz(&self) -> f64 {
         SHARE * CLOCK_HZ / self.cycles()
     }
-}
-
-fn build() {
-    let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
-    let status = Command::new(env::var_os("CARGO").unwrap_or("cargo".into()))
-        .arg("build-step-cost")
-        .arg("--quiet")
-        .current_dir(workspace)
-        .status()
-        .unwrap();
-    assert!(status.success(), "cargo build-step-cost failed");
 }
 
 fn measure() -> Vec<Row> {
@@ -127,7 +113,7 @@ fn read_rows(line: &TcpStream, enough: &AtomicBool) -> Option<Vec<Row>> {
 
 #[test]
 fn the_step_interrupt_fits_its_share_of_the_processor() {
-    build();
+    build_image("build-step-cost");
     let (stops, ticks): (Vec<Row>, Vec<Row>) = measure().into_iter().partition(|row| row.turns == "link");
     let rows: Vec<Row> = ticks.into_iter().filter(|row| row.count > 0).collect();
     println!("{:<18} {:<12} {:>8} {:>14} {:>8} {:>12}", "turns", "tick", "ticks", "instr., worst", "us", "ticks/s");

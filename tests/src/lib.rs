@@ -9,7 +9,20 @@ pub mod stack_depth;
 pub mod survival;
 pub mod tip_words;
 
+use std::env;
 use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// Builds an image by one of the aliases in `.cargo/config.toml`.
+///
+/// # Panics
+/// If it does not build.
+pub fn build_image(alias: &str) {
+    let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let cargo = env::var_os("CARGO").unwrap_or("cargo".into());
+    let status = Command::new(cargo).arg(alias).arg("--quiet").current_dir(workspace).status();
+    assert!(status.is_ok_and(|status| status.success()), "cargo {alias} failed");
+}
 
 /// The image of a board (`an386` or `stm32f405`), as `cargo build-an386` and `cargo build-robot` leave it.
 ///
@@ -17,7 +30,7 @@ use std::path::{Path, PathBuf};
 /// If it has not been built: a test without its image has nothing to say.
 #[must_use]
 pub fn firmware(board: &str) -> PathBuf {
-    let target = std::env::var_os("CARGO_TARGET_DIR")
+    let target = env::var_os("CARGO_TARGET_DIR")
         .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../target"), PathBuf::from);
     let image = target.join("thumbv7em-none-eabihf/release").join(board);
     assert!(

@@ -14,13 +14,15 @@ use crate::pose::{Frame, Pose, angle_between, tip_direction};
 use crate::trigonometry;
 
 /// The most pieces.
-const MOST_PIECES: usize = 64;
+const MOST_PIECES: usize = 48;
 /// A path is cut into about so many at first.
 const FIRST_PIECES: f64 = 40.0;
 /// There are at least so many, while they are longer than a layer.
 const LEAST_PIECES: usize = 12;
 /// Corrections in a row.
 const ROUNDS: usize = 5;
+/// How often one that leads away from the goal is halved.
+const HALVINGS: usize = 4;
 /// Steps of Newton's method in one of them.
 const NEWTON_STEPS: usize = 20;
 /// Position (mm) and direction (radians): three, and two.
@@ -139,20 +141,34 @@ impl Course {
     /// the goal it ends then. Where only few pieces are left they are cut, down to about `resolution`, mm.
     pub fn correct(&mut self, base_from_tip: &Frame, goal: &Pose, greatest: f64, resolution: f64) -> Miss {
         self.refine(resolution);
-        let mut linear = Linear::of(self, base_from_tip, goal);
+        let mut linear = Linear::default();
+        linear.set(self, base_from_tip, goal, greatest);
         for _ in 0..ROUNDS {
-            let before = linear.error;
-            linear.pull(self, greatest);
-            if before.norm() < NEARLY {
-                break;
+            let (before, error) = (self.clone(), linear.weighed_error());
+            linear.pull(self);
+            linear.set(self, base_from_tip, goal, greatest);
+            for _ in 0..HALVINGS {
+                if linear.weighed_error() <= error.max(1.0) {
+                    break;
+                }
+                self.back_halfway(&before);
+                linear.set(self, base_from_tip, goal, greatest);
             }
-            linear = Linear::of(self, base_from_tip, goal);
             // What cannot be reached is not reached in more rounds.
-            if linear.error.norm() < NEARLY * NEARLY || (linear.error - before).norm() < NEARLY * before.norm() {
+            if linear.error.norm() < NEARLY * NEARLY || linear.weighed_error() > 0.99 * error {
                 break;
             }
         }
         linear.miss
+    }
+
+    /// Half of the way back to how the pieces were before.
+    fn back_halfway(&mut self, before: &Self) {
+        for (piece, before) in self.pieces.iter_mut().zip(&before.pieces) {
+            piece.curvature = (piece.curvature + before.curvature) * 0.5;
+            piece.length = 0.5 * (piece.length + before.length);
+        }
+        self.pull = (self.pull + before.pull) * 0.5;
     }
 
     /// Cuts the longest pieces while there are few.
@@ -175,12 +191,13 @@ impl Course {
 type Constraint = SVector<f64, CONSTRAINTS>;
 
 /// How the end of a course moves with its pieces.
+#[derive(Default)]
 struct Linear {
-    /// From the end to the goal: radii, and radians about the end's y and -x axes.
+    /// From the end to the goal, in the end's frame: radii, and radians about its y and -x axes.
     error: Constraint,
     /// The same, had no piece strayed from what was planned.
     from_planned: Constraint,
-    /// For each piece.
+    /// For each piece, from the last to the first.
     columns: Vec<Columns, MOST_PIECES>,
     miss: Miss,
 }
@@ -189,6 +206,8 @@ struct Linear {
 struct Columns {
     by_curvature: [Constraint; 2],
     by_length: Constraint,
+    /// The greatest curvature, 1/mm.
+    greatest: f64,
     /// Variances: 1/mm^2 and mm^2.
     freedom: (f64, f64),
     planned: (Vector2<f64>, f64),
@@ -205,17 +224,17 @@ struct Dual {
 
 impl Columns {
     /// The curvature and the length that a pull gives the piece; and the curvature that it would have without a bound.
-    fn give_way(&self, pull: &Constraint, greatest: f64) -> (Vector2<f64>, f64, Vector2<f64>) {
+    fn give_way(&self, pull: &Constraint) -> (Vector2<f64>, f64, Vector2<f64>) {
         let [x, y] = self.by_curvature.map(|column| column.dot(pull));
         let wanted = self.planned.0 + Vector2::new(x, y) * self.freedom.0;
         let tightness = wanted.norm();
-        let curvature = if tightness > greatest { wanted * (greatest / tightness) } else { wanted };
+        let curvature = if tightness > self.greatest { wanted * (self.greatest / tightness) } else { wanted };
         let length = self.planned.1 + self.by_length.dot(pull) * self.freedom.1;
         (curvature, length.clamp(self.lengths.0, self.lengths.1), wanted)
     }
 
-    fn add_to(&self, dual: &mut Dual, pull: &Constraint, greatest: f64) {
-        let (curvature, length, wanted) = self.give_way(pull, greatest);
+    fn add_to(&self, dual: &mut Dual, pull: &Constraint) {
+        let (curvature, length, wanted) = self.give_way(pull);
         let [by_x, by_y] = &self.by_curvature;
         let (strayed, longer) = (curvature - self.planned.0, length - self.planned.1);
         let moved = by_x * strayed.x + by_y * strayed.y + self.by_length * longer;
@@ -223,10 +242,10 @@ impl Columns {
         dual.value += moved.dot(pull) - 0.5 * cost;
         dual.slope += moved;
         let tightness = wanted.norm();
-        if tightness > greatest {
+        if tightness > self.greatest {
             // Along the bound only, and the less the further it is pulled beyond.
             let across = (by_y * wanted.x - by_x * wanted.y) / tightness;
-            dual.hessian += across * across.transpose() * (self.freedom.0 * greatest / tightness);
+            dual.hessian += across * across.transpose() * (self.freedom.0 * self.greatest / tightness);
         } else {
             dual.hessian += (by_x * by_x.transpose() + by_y * by_y.transpose()) * self.freedom.0;
         }
@@ -237,69 +256,72 @@ impl Columns {
 }
 
 impl Linear {
-    fn of(course: &Course, base_from_tip: &Frame, goal: &Pose) -> Self {
-        let mut frames: Vec<(Frame, Frame), MOST_PIECES> = Vec::new();
-        let mut end = *base_from_tip;
-        for piece in &course.pieces {
+    fn set(&mut self, course: &Course, base_from_tip: &Frame, goal: &Pose, greatest: f64) {
+        let constraint = |moved: Vector3<f64>, turned: Vector3<f64>| {
+            let moved = moved / course.radius;
+            Constraint::new(moved.x, moved.y, moved.z, turned.y, -turned.x)
+        };
+        // What turns about a point moves the end, which lies in the origin of its own frame.
+        let turning = |axis: Vector3<f64>, end_from: &Frame| {
+            let turned = end_from.rotation * axis;
+            constraint(end_from.translation.vector.cross(&turned), turned)
+        };
+        // From the end backwards, in the end's frame.
+        self.columns.clear();
+        let mut from_planned = Constraint::zeros();
+        let mut end_from_tip = Frame::identity();
+        for piece in course.pieces.iter().rev() {
+            let longer = turning(Vector3::new(-piece.curvature.y, piece.curvature.x, 0.0), &end_from_tip);
+            let by_length = longer + constraint(tip_direction(&end_from_tip), Vector3::zeros());
             let bend = piece.curvature.norm() * piece.length;
             let alpha = libm::atan2(-piece.curvature.y, -piece.curvature.x);
-            let half = step(alpha, 0.5 * bend, 0.5 * piece.length);
-            let middle = end * half;
-            end = middle * half;
-            let _ = frames.push((middle, end));
-        }
-        let (x, y) = (end.rotation * Vector3::x(), end.rotation * Vector3::y());
-        let at = end.translation.vector;
-        let constraint = |moved: &Vector3<f64>, turned: &Vector3<f64>| {
-            let moved = moved / course.radius;
-            Constraint::new(moved.x, moved.y, moved.z, turned.dot(&y), -turned.dot(&x))
-        };
-        let to_goal = goal.position() - at;
-        let direction = goal.direction();
-        let away = angle_between(&tip_direction(&end), &direction);
-        // Of a goal that lies behind, the sine says too little.
-        let about = tip_direction(&end).cross(&direction);
-        let turn = about.try_normalize(1e-12).unwrap_or_else(Vector3::zeros) * away;
-        let error = constraint(&to_goal, &turn);
-        let miss = Miss { distance: to_goal.norm(), angle: away };
-        let mut linear = Self { error, from_planned: error, columns: Vec::new(), miss };
-        for (piece, (middle, end)) in course.pieces.iter().zip(&frames) {
-            let turning = |axis: Vector3<f64>, frame: &Frame| {
-                let turned = frame.rotation * axis;
-                constraint(&turned.cross(&(at - frame.translation.vector)), &turned)
-            };
-            let by_x = turning(Vector3::y() * piece.length, middle);
-            let by_y = turning(-Vector3::x() * piece.length, middle);
-            let longer = turning(Vector3::new(-piece.curvature.y, piece.curvature.x, 0.0), end);
-            let by_length = longer + constraint(&tip_direction(end), &Vector3::zeros());
+            let back = step(alpha, 0.5 * bend, 0.5 * piece.length).inverse();
+            let end_from_middle = end_from_tip * back;
+            end_from_tip = end_from_middle * back;
+            let by_x = turning(Vector3::y() * piece.length, &end_from_middle);
+            let by_y = turning(-Vector3::x() * piece.length, &end_from_middle);
             let strayed = piece.curvature - piece.planned.0;
-            linear.from_planned += by_x * strayed.x + by_y * strayed.y + by_length * (piece.length - piece.planned.1);
-            let _ = linear.columns.push(Columns {
+            from_planned += by_x * strayed.x + by_y * strayed.y + by_length * (piece.length - piece.planned.1);
+            let _ = self.columns.push(Columns {
                 by_curvature: [by_x, by_y],
                 by_length,
+                greatest,
                 freedom: piece.freedom(course.radius),
                 planned: piece.planned,
                 lengths: (0.5 * piece.length, 2.0 * piece.length),
             });
         }
-        linear
+        let base_from_end = base_from_tip * end_from_tip.inverse();
+        let to_goal = base_from_end.inverse_transform_point(&goal.position().into()).coords;
+        let direction = base_from_end.inverse_transform_vector(&goal.direction());
+        let angle = angle_between(&Vector3::z(), &direction);
+        // Of a goal that lies behind, the sine says too little.
+        let about = Vector3::z().cross(&direction).try_normalize(1e-12).unwrap_or_else(Vector3::zeros);
+        let error = constraint(to_goal, about * angle);
+        (self.error, self.from_planned) = (error, from_planned + error);
+        self.miss = Miss { distance: to_goal.norm(), angle };
     }
 
-    /// Moves the pieces to where they stray least, none of them bent tighter than `greatest`, and lead to the goal as far as straight
+    /// The error in units of what is not weighed.
+    fn weighed_error(&self) -> f64 {
+        self.error.component_div(&Constraint::from_fn(|row, _| UNWEIGHED[row / 3])).norm()
+    }
+
+    /// Moves the pieces to where they stray least, none of them bent too tightly, and lead to the goal as far as straight
     /// lines tell.
     ///
     /// The least squares have five constraints and a bound for each piece; so their dual has five unknowns and no bound, and is convex:
     /// a pull on the end of the course, to which each piece gives way by itself as far as it can. Newton's method with Armijo's
     /// step rule finds it (Nocedal and Wright 2006, chapters 3 and 17).
-    fn pull(&self, course: &mut Course, greatest: f64) {
-        let mut at = self.dual(&course.pull, greatest);
+    fn pull(&self, course: &mut Course) {
+        let mut at = self.dual(&course.pull);
         for _ in 0..NEWTON_STEPS {
             let Some(step) = at.hessian.cholesky().map(|cholesky| cholesky.solve(&at.slope)) else { break };
             let decrease = step.dot(&at.slope);
-            let (mut share, mut next) = (1.0, self.dual(&(course.pull - step), greatest));
+            let (mut share, mut next) = (1.0, self.dual(&(course.pull - step)));
             while next.value > at.value - 1e-4 * share * decrease && share > 1e-3 {
                 share *= 0.5;
-                next = self.dual(&(course.pull - step * share), greatest);
+                next = self.dual(&(course.pull - step * share));
             }
             course.pull -= step * share;
             at = next;
@@ -307,12 +329,12 @@ impl Linear {
                 break;
             }
         }
-        for (piece, columns) in course.pieces.iter_mut().zip(&self.columns) {
-            (piece.curvature, piece.length, _) = columns.give_way(&course.pull, greatest);
+        for (piece, columns) in course.pieces.iter_mut().rev().zip(&self.columns) {
+            (piece.curvature, piece.length, _) = columns.give_way(&course.pull);
         }
     }
 
-    fn dual(&self, pull: &Constraint, greatest: f64) -> Dual {
+    fn dual(&self, pull: &Constraint) -> Dual {
         let weight = Constraint::from_fn(|row, _| UNWEIGHED[row / 3] * UNWEIGHED[row / 3]);
         let held = weight.component_mul(pull);
         let mut dual = Dual {
@@ -321,7 +343,7 @@ impl Linear {
             hessian: SMatrix::from_diagonal(&weight),
         };
         for columns in &self.columns {
-            columns.add_to(&mut dual, pull, greatest);
+            columns.add_to(&mut dual, pull);
         }
         dual
     }

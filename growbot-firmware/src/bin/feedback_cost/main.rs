@@ -1,0 +1,52 @@
+//! What a layer in closed loop costs on the microcontroller, and whether it comes to the same there as on a desktop: growths with
+//! noise and feedback, on QEMU's mps2-an386.
+//!
+//! For each growth one line goes out over UART0, `seed,layers,hash,instructions,stack`, and `end` at last: the hash is over the bits of
+//! every layer asked for and of the tip's last frame, the instructions are those of one layer, in the mean.
+//! `tests/feedback_cost.rs` runs this, and the same growths on the desktop. QEMU must run it with `-icount shift=10`, that is 1024 ns
+//! an instruction.
+
+#![no_std]
+#![no_main]
+
+#[path = "../plan_cost/measure.rs"]
+mod measure;
+#[path = "../an386/registers.rs"]
+mod registers;
+mod trial;
+#[path = "../plan_cost/uart.rs"]
+mod uart;
+
+use core::fmt::Write;
+use core::panic::PanicInfo;
+
+use cortex_m_rt::entry;
+use growbot_firmware::machine;
+
+use crate::measure::measure;
+use crate::uart::Uart;
+
+#[entry]
+fn main() -> ! {
+    let mut uart = Uart::start();
+    let robot = machine::built_for();
+    for seed in 0..trial::GROWTHS {
+        let mut grown = None;
+        let cost = measure(&mut || grown = trial::grow(&robot, seed));
+        let Some(trial::Trial { layers, hash }) = grown else { continue };
+        let a_layer = cost.instructions / layers.max(1);
+        let _ = writeln!(uart, "{seed},{layers},{hash:016x},{a_layer},{}", cost.stack);
+    }
+    let _ = writeln!(uart, "end");
+    loop {
+        cortex_m::asm::wfi();
+    }
+}
+
+#[panic_handler]
+fn panic(_info: &PanicInfo) -> ! {
+    let _ = writeln!(Uart::start(), "panic");
+    loop {
+        cortex_m::asm::wfi();
+    }
+}

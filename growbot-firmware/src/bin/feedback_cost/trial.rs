@@ -1,0 +1,60 @@
+//! Short growths with noise of every kind and feedback, the same on every machine.
+
+use growbot_core::hash::Hasher;
+use growbot_core::path::{Segment, end};
+use growbot_core::pose::{Frame, Pose};
+use growbot_core::random::Random;
+use growbot_core::robot::Robot;
+use growbot_core::simulation::{DirectionSensor, Disturbance, Sensors, Task, grow_closed};
+use growbot_core::tracking::SensorNoise;
+
+/// So many growths, each by its own seed.
+pub const GROWTHS: u64 = 2;
+
+/// What a growth came to.
+pub struct Trial {
+    /// Layers laid.
+    pub layers: u64,
+    /// Hash of the bits of all layers asked for, and of the frame and the estimate at the end.
+    pub hash: u64,
+}
+
+const DEGREE: f64 = core::f64::consts::PI / 180.0;
+
+/// Grows an arc, a line and an arc; every other one with nothing but gravity to tell its direction.
+pub fn grow(robot: &Robot, seed: u64) -> Option<Trial> {
+    let mut random = Random::new(&[seed]);
+    let mut arc = || Segment::Arc { alpha: random.between(0.0, 6.0), bend: 0.3, length: 30.0 };
+    let path = [arc(), Segment::Straight { length: 10.0 }, arc()];
+    let start = Pose::from_degrees([0.0, 0.0, 0.0, 30.0, 40.0]).ok()?;
+    let goal = Pose::from_frame(&end(&path, &start.frame()));
+    let disturbance = Disturbance {
+        growth_noise: 0.1,
+        growth_bias: 0.05,
+        tilt_noise: 0.01 * DEGREE,
+        tilt_bias: -0.05,
+        alpha_noise: DEGREE,
+        alpha_bias: 2.0 * DEGREE,
+        twist_noise: 0.01 * DEGREE,
+        twist_bias: 0.005 * DEGREE,
+    };
+    let sensors = Sensors {
+        noise: SensorNoise { odometry: 0.01, direction: 0.5 * DEGREE },
+        odometry_scale: 0.0,
+        direction: if seed.is_multiple_of(2) { DirectionSensor::Tip } else { DirectionSensor::Gravity },
+    };
+    let mut hasher = Hasher::default();
+    let task = Task { robot, start, goal, path: &path };
+    let grown = grow_closed(&task, &disturbance, &sensors, seed, |layer, _, base_from_tip| {
+        for number in [layer.alpha, layer.height, layer.tilt] {
+            hasher.f64(number);
+        }
+        *base_from_tip
+    });
+    let mut frame = |frame: &Frame| {
+        frame.translation.vector.iter().chain(frame.rotation.matrix()).for_each(|&number| hasher.f64(number));
+    };
+    frame(&grown.base_from_tip);
+    frame(&grown.estimate?.base_from_tip);
+    Some(Trial { layers: grown.layers, hash: hasher.finish() })
+}

@@ -1,0 +1,56 @@
+//! Growths in closed loop come to the same bits on the desktop and on the microcontroller; and what a layer of them costs there, as a
+//! table: `cargo feedback-cost`.
+//!
+//! Builds the program that grows them (`growbot-firmware/src/bin/feedback_cost/`) and runs it in the emulator, which counts each
+//! instruction, so that the figures are the same on every machine.
+
+#[path = "../growbot-firmware/src/bin/feedback_cost/trial.rs"]
+mod trial;
+
+use std::io::{BufRead, BufReader};
+use std::time::Duration;
+
+use growbot_host::port::qemu::{Line, Qemu};
+use growbot_host::robot_file;
+use growbot_tests::{build_image, firmware};
+
+/// Instructions that a layer may take: a seventh of a second of the robot's processor, at two cycles an instruction.
+const INSTRUCTIONS: u64 = 12_000_000;
+/// Stack, bytes. The measuring program sees 32 KiB.
+const STACK: u64 = 30 * 1024;
+/// How long the board may take to the next growth. Each takes seconds.
+const NEXT: Duration = Duration::from_secs(300);
+
+#[test]
+fn closed_loops_come_to_the_same_bits_on_the_microcontroller() {
+    build_image("build-feedback-cost");
+    let line = Line::open("serial line").unwrap();
+    let serial = line.argument().unwrap();
+    let arguments = ["-icount", "shift=10,sleep=off", "-serial", &serial];
+    let mut qemu = Qemu::start("mps2-an386", &firmware("feedback_cost"), arguments).unwrap();
+    let stream = qemu.connect(&line).unwrap();
+    stream.set_read_timeout(Some(NEXT)).unwrap();
+
+    let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
+    let mut grown = 0;
+    println!("{:>6} {:>8} {:>18} {:>24} {:>10}", "seed", "layers", "hash", "instructions, a layer", "stack (B)");
+    for line in BufReader::new(stream).lines() {
+        let line = line.unwrap();
+        if line == "end" {
+            assert_eq!(grown, trial::GROWTHS);
+            return;
+        }
+        let [seed, layers, hash, instructions, stack] = line.split(',').collect::<Vec<_>>()[..] else {
+            panic!("the board said: {line}");
+        };
+        println!("{seed:>6} {layers:>8} {hash:>18} {instructions:>24} {stack:>10}");
+        let here = trial::grow(&robot, seed.parse().unwrap()).unwrap();
+        assert_eq!(layers, here.layers.to_string(), "layers of growth {seed}");
+        assert_eq!(hash, format!("{:016x}", here.hash), "growth {seed}");
+        let (instructions, stack): (u64, u64) = (instructions.parse().unwrap(), stack.parse().unwrap());
+        assert!(instructions <= INSTRUCTIONS, "{instructions} instructions a layer, over {INSTRUCTIONS}");
+        assert!(stack < STACK, "{stack} B of stack, over {STACK}");
+        grown += 1;
+    }
+    panic!("the board ended before its last growth: {}", qemu.messages());
+}
