@@ -151,6 +151,12 @@ impl<'a> Feedback<'a> {
         self.amendments += 1;
     }
 
+    /// How often the job has been amended.
+    #[must_use]
+    pub fn amendments(&self) -> u32 {
+        self.amendments
+    }
+
     /// How far it has come.
     #[must_use]
     pub fn result(&self) -> FedBack {

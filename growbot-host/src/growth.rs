@@ -32,8 +32,9 @@ const HORIZON: u32 = 64;
 const IN_ENGINE: u32 = 2;
 /// A job is amended once in this time at most, s: with all layers up to the horizon that keeps a serial line busy for a fifth of it.
 const AMEND_EVERY_S: f64 = 0.5;
-/// And so often in all: a board's journal has room for some 2,000 amendments and holds.
-const MOST_AMENDMENTS: usize = 1536;
+/// And so often in all, less an eighth of the job's layers: a board's journal has room for some 2,000 records besides the layers that a
+/// job begins with, and a job that is amended may come to have more of them.
+const MOST_AMENDMENTS: usize = 1792;
 /// A layer may have been begun while a job was amended: then it is tried again, so often.
 const AMEND_TRIES: u32 = 4;
 
@@ -490,26 +491,30 @@ impl<'a> Growth<'a> {
     /// With feedback, plans the layers from this index on again, or from the first one that can still be another, and has the board lay
     /// these. Where it does not take them it goes on with those that it has.
     fn amend(&mut self, mut from: u32, tell: &mut dyn FnMut(&News)) -> Result<(), ClientError> {
-        if self.laid < self.amend_at || self.as_built.len() < self.laid as usize {
+        let layers = self.job.layers.len();
+        let is_early = self.laid < self.amend_at || self.as_built.len() < self.laid as usize;
+        if is_early || self.laid as usize >= layers {
             return Ok(());
         }
+        let most = MOST_AMENDMENTS.saturating_sub(layers / 8).max(1);
         for _ in 0..AMEND_TRIES {
             let Some(feedback) = &mut self.feedback else { return Ok(()) };
             from = from.min(self.accepted.next);
             let kept = self.job.layers.get(..from as usize).unwrap_or(&self.job.layers);
             let rest = feedback.rest(kept.get(self.as_built.len()..).unwrap_or_default());
-            let layers = [kept, &rest].concat();
-            let (plan_id, total) = (feedback.plan_id(&layers), layers.len() as u32);
-            self.amend_at = self.laid + self.amend_every();
+            let amended = [kept, &rest].concat();
+            let (plan_id, total) = (feedback.plan_id(&amended), amended.len() as u32);
+            let in_time = libm::ceil(AMEND_EVERY_S / self.job.robot.description().layer.period_s) as u32;
+            self.amend_at = self.laid + in_time.max(layers.div_ceil(most) as u32).max(1);
             // A board takes no job of which nothing is left.
-            if plan_id == self.job.plan_id || total <= self.laid || self.names.len() > MOST_AMENDMENTS {
+            if plan_id == self.job.plan_id || total <= self.laid || feedback.amendments() as usize >= most {
                 return Ok(());
             }
             let horizon = rest.iter().take(HORIZON as usize).copied().collect();
             tell(&News::Amending(Amendment { plan_id, from, total, layers: horizon }));
             let first_layers = rest.iter().take(MOST_LAYERS).copied().collect();
             let amend = Amend { plan_id: self.job.plan_id, amended: plan_id, from, layers: total, first_layers };
-            self.amending = Some((plan_id, layers));
+            self.amending = Some((plan_id, amended));
             match self.client.request("to amend the job", &Message::Amend(amend)) {
                 Ok(Message::Accepted(accepted)) => {
                     self.accepted = accepted;
@@ -532,12 +537,6 @@ impl<'a> Growth<'a> {
             }
         }
         Ok(())
-    }
-
-    /// Layers from one amendment to the next, at least.
-    fn amend_every(&self) -> u32 {
-        let in_time = libm::ceil(AMEND_EVERY_S / self.job.robot.description().layer.period_s) as u32;
-        in_time.max(self.job.layers.len().div_ceil(MOST_AMENDMENTS) as u32).max(1)
     }
 
     /// The board has taken the amendment.

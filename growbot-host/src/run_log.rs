@@ -218,6 +218,8 @@ pub struct RunRecord {
     pub measured: Vec<Option<Measured>>,
     /// From where filament was counted, each with how many layers had been told before.
     counts: Vec<(usize, Count)>,
+    /// Amendments that the board has taken.
+    amendments: u32,
     /// The job as it was before the latest amendment: name, layers in all, and those handed over.
     before: Option<(u64, u32, Vec<LayerBytes>)>,
     /// How it ended, if the log says so.
@@ -289,6 +291,7 @@ impl RunRecord {
     fn take_back(&mut self) {
         if let Some((plan_id, total, layers)) = self.before.take() {
             (self.plan_id, self.total, self.layers) = (plan_id, total, layers);
+            self.amendments -= 1;
         }
     }
 
@@ -306,6 +309,7 @@ impl RunRecord {
             }
         }
         counts.for_each(|(_, count)| feedback.count_from(count));
+        (0..self.amendments).for_each(|_| feedback.amended());
         Some(feedback)
     }
 
@@ -337,6 +341,7 @@ impl RunRecord {
             as_built: Vec::new(),
             measured: Vec::new(),
             counts: Vec::new(),
+            amendments: 0,
             before: None,
             outcome: None,
             bytes: 0,
@@ -375,6 +380,7 @@ impl RunRecord {
                     let layers = std::mem::replace(&mut self.layers, layers);
                     self.before = Some((self.plan_id, self.total, layers));
                     (self.plan_id, self.total) = (plan_id, total);
+                    self.amendments += 1;
                 }
             }
             Some("not-amended") => self.take_back(),

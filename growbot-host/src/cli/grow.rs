@@ -162,6 +162,12 @@ impl GrowArgs {
                 robot.name()
             )));
         }
+        if self.feedback && sensors.filament_motion.is_none() {
+            growbot_host::tell!("growbot: without sensors.filament_motion feedback sees no growth, but where the tip points alone");
+        }
+        if self.feedback && !sensors.orientation {
+            growbot_host::tell!("growbot: without sensors.orientation feedback sees no bends, but growth alone");
+        }
         Ok(())
     }
 

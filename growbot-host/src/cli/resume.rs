@@ -20,7 +20,8 @@ use super::{Failure, PortArg};
 /// Go on with a body that was left unfinished: after a stop, a fault, a reset, a loss of power or of the host
 ///
 /// Shows what the board knows, asks, heats, finds the head's index, primes the nozzle and goes on at the first layer that is not laid. It
-/// takes the plan, or better the log of the growth (`grow --log`), which it then continues.
+/// takes the plan, or better the log of the growth (`grow --log`), which it then continues. A growth with feedback goes on with it, and only
+/// from its log.
 ///
 /// Of a layer that was cut it says how much was made. That layer is laid again unless you say otherwise.
 #[derive(Args)]
@@ -92,6 +93,9 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
     };
     let laid = board.status.laid as usize;
     let feedback = record.as_ref().and_then(|record| record.feedback(&job, &plan.path));
+    if feedback.is_some() {
+        growbot_host::tell!("growbot: with feedback, as it was begun");
+    }
     let following = Following { robot: &robot, plan: &plan, log, json: args.json, laid, seed: None };
     let silence = args.on_silence.into();
     following.follow(|stop, tell| resume_job_with(&mut client, &job, feedback, known, cut, silence, stop, tell))
