@@ -21,8 +21,8 @@ use growbot_core::link::emergency_stop::EMERGENCY_STOP;
 use growbot_core::link::frame::{self, Frame, Header, LONGEST_BODY, LONGEST_FRAME, Receiver, VERSION};
 use growbot_core::link::message::{
     Accepted, Amend, Begin, BoardHello, Cancel, Cut, Empty, HeldLayers, HostHello, HostName, Laid, LatestFault, Layers,
-    MOST_LAYERS, Measured, Message, PlanRequest, Planned, ReadLayers, Refusal, Refused, ResetCause, Resume, SCHEMA_HASH,
-    SensorReadings, Silence, Start, State, StateChanged, Status, Tune, Tuned, Waits,
+    MOST_LAYERS, Measured, Message, PlanRequest, Planned, ReadLayers, Refusal, Refused, ResetCause, Resume,
+    SCHEMA_HASH, SensorReadings, Silence, Start, State, StateChanged, Status, Tune, Tuned, Waits,
 };
 use growbot_core::path::Segment;
 use growbot_core::plan::{Planner, plan};

@@ -8,8 +8,8 @@ use growbot_core::job::{job_layers, summarize};
 use growbot_core::layer::{Layer, grow};
 use growbot_core::layer_bytes::{LayerBytes, decode};
 use growbot_core::link::message::{
-    Accepted, Amend, Begin, BoardHello, Cut, Empty, Fault, Laid, MOST_LAYERS, Measured, Message, Refusal, Resume, Silence, Start,
-    State, Status, Waits,
+    Accepted, Amend, Begin, BoardHello, Cut, Empty, Fault, Laid, MOST_LAYERS, Measured, Message, Refusal, Resume,
+    Silence, Start, State, Status, Waits,
 };
 use growbot_core::path::{Segment, length};
 use growbot_core::pose::Pose;

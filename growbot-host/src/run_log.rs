@@ -465,11 +465,8 @@ mod tests {
     fn log(lines: &[Value]) -> Vec<u8> {
         let robot = crate::robot_file::load("growbot-a".as_ref()).unwrap();
         let up = |z| Pose::from_degrees([0.0, 0.0, z, 0.0, 90.0]).unwrap();
-        let search = crate::plan::Search {
-            radius: 100.0,
-            planner: growbot_core::plan::Planner::Shortest,
-            clear_of_self: false,
-        };
+        let search =
+            crate::plan::Search { radius: 100.0, planner: growbot_core::plan::Planner::Shortest, clear_of_self: false };
         let plan = Plan::through(&robot, &up(0.0), &[], &up(2.1), &search).unwrap();
         let job = Job::new(&robot, &plan.start, &plan.goal, &plan.path);
         let file = tempfile::tempdir().unwrap();
@@ -485,9 +482,7 @@ mod tests {
     #[test]
     fn amendments_are_read_back_and_those_that_the_board_did_not_take_are_none() {
         let other = |byte: u8| [byte; 12];
-        let amending = |plan_id: u64, from: u32, layers: &[LayerBytes]| {
-            json!({ "event": "amending", "plan_id": written_hash(plan_id), "from": from, "total": 9, "layers": hex_of(layers) })
-        };
+        let amending = |plan_id: u64, from: u32, layers: &[LayerBytes]| json!({ "event": "amending", "plan_id": written_hash(plan_id), "from": from, "total": 9, "layers": hex_of(layers) });
         let lines = [
             json!({ "event": "counting", "boot_id": 5, "laid": 0, "filament_pulses": 3 }),
             amending(7, 1, &[other(1), other(2)]),
@@ -501,7 +496,10 @@ mod tests {
         let mut record = RunRecord::read(&log(&lines), "log").unwrap();
         assert_eq!((record.plan_id, record.total, record.layers.len()), (9, 9, 4));
         assert_eq!(record.layers[1..], [other(1), other(2), other(5)]);
-        assert_eq!(record.measured[0], Some(Measured { filament_pulses: Some(60), gravity_milli_g: Some([0, -3, 999]) }));
+        assert_eq!(
+            record.measured[0],
+            Some(Measured { filament_pulses: Some(60), gravity_milli_g: Some([0, -3, 999]) })
+        );
         assert_eq!(record.measured[1], Some(Measured::default()));
         assert_eq!(record.counts, [(0, Count { boot_id: 5, laid: 0, filament_pulses: Some(3) })]);
         // The board has taken the latest one, or it has not.

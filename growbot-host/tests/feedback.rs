@@ -2,9 +2,10 @@
 
 mod running;
 
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 
 use growbot_core::link::message::{Empty, Message, ResetCause, Silence, State};
 use growbot_core::plan::Planner;
@@ -14,9 +15,12 @@ use growbot_core::simulation::Disturbance;
 use growbot_core::tracking::SensorNoise;
 use growbot_host::client::Client;
 use growbot_host::feedback::Feedback;
-use growbot_host::growth::{CutLayer, Grown, Job, MeasuredBy, News, Outcome, grow_job_with, resume_job_with};
+use growbot_host::growth::{
+    CutLayer, Grown, GrowthError, Job, MeasuredBy, News, Outcome, grow_job_with, resume_job_with,
+};
 use growbot_host::plan::{Plan, Search};
 use growbot_host::port::sim::Sim;
+use growbot_host::port::{Port, PortError, TipRecord};
 use growbot_host::robot_file;
 use growbot_host::run_log::{RunLog, RunRecord};
 use growbot_host::tip::Imperfection;
@@ -105,6 +109,31 @@ fn what_cannot_be_is_refused_before_the_job() {
     }
 }
 
+/// The line to a simulated robot, and whether it is cut.
+struct Line(Rc<RefCell<Sim>>, Rc<Cell<bool>>);
+
+impl Line {
+    fn is_whole(&self) -> Result<(), PortError> {
+        if self.1.get() { Err(PortError::Lost("sim".to_string(), "cut".to_string())) } else { Ok(()) }
+    }
+}
+
+impl Port for Line {
+    fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+        self.is_whole()?;
+        self.0.send(bytes)
+    }
+
+    fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, PortError> {
+        self.is_whole()?;
+        self.0.receive(buffer, timeout)
+    }
+
+    fn tip(&mut self) -> Result<Option<TipRecord>, PortError> {
+        self.0.tip()
+    }
+}
+
 /// A disturbed robot and its job, and where the log of it is.
 struct Try {
     robot: Robot,
@@ -133,20 +162,22 @@ impl Try {
         Job::new(&self.robot, &self.plan.start, &self.plan.goal, &self.plan.path)
     }
 
-    /// Grows, with `at` called after the layer of index 60.
-    fn grow(&self, mut at: impl FnMut(&AtomicBool)) -> Grown {
+    /// Grows, with `at` called after the layer of index 60, which may cut the line and set the stop.
+    fn grow(&self, mut at: impl FnMut(&Cell<bool>, &AtomicBool)) -> Result<Grown, GrowthError> {
         let job = self.job();
         let mut log = RunLog::begin(&self.folder.path().join("run"), &self.plan, &job, Some(NOISE), "sim").unwrap();
         let feedback = Feedback::new(&self.robot, &self.plan.start, &self.plan.goal, &self.plan.path, NOISE);
-        let mut client = Client::new(Box::new(Rc::clone(&self.sim)), "sim");
+        let cut = Rc::new(Cell::new(false));
+        let mut client = Client::new(Box::new(Line(Rc::clone(&self.sim), Rc::clone(&cut))), "sim");
         let stop = AtomicBool::new(false);
-        grow_job_with(&mut client, &job, Some(feedback), Silence::Hold, &stop, &mut |news| {
+        let grown = grow_job_with(&mut client, &job, Some(feedback), Silence::GoOn, &stop, &mut |news| {
             log.news(news).unwrap();
             if matches!(news, News::Laid(60, ..)) {
-                at(&stop);
+                at(&cut, &stop);
             }
-        })
-        .unwrap()
+        });
+        client.vanish();
+        grown
     }
 
     /// Takes it up again from its log.
@@ -178,7 +209,7 @@ impl Try {
 #[test]
 fn a_growth_that_was_stopped_goes_on_with_feedback() {
     let tried = Try::new();
-    let stopped = tried.grow(|stop| stop.store(true, Ordering::Relaxed));
+    let stopped = tried.grow(|_, stop| stop.store(true, Ordering::Relaxed)).unwrap();
     assert_eq!(stopped.outcome, Outcome::Stopped);
     let done = tried.resume();
     assert_eq!((done.outcome, done.measured_by), (Outcome::Done, MeasuredBy::Estimate));
@@ -190,9 +221,22 @@ fn a_growth_that_was_stopped_goes_on_with_feedback() {
 #[test]
 fn a_growth_whose_board_lost_its_power_goes_on_with_feedback() {
     let tried = Try::new();
-    let lost = tried.grow(|_| tried.sim.borrow_mut().reset(ResetCause::PowerOn));
+    let lost = tried.grow(|_, _| tried.sim.borrow_mut().reset(ResetCause::PowerOn)).unwrap();
     assert_eq!(lost.outcome, Outcome::Interrupted);
     let done = tried.resume();
     assert_eq!(done.outcome, Outcome::Done);
     assert!(tried.miss() < 0.012, "{}", tried.miss());
+}
+
+#[test]
+fn a_board_that_went_on_without_its_host_is_amended_again_while_it_grows() {
+    let tried = Try::new();
+    tried.grow(|cut, _| cut.set(true)).unwrap_err();
+    // Five layers more, of which nobody was told.
+    tried.sim.borrow_mut().pass(Duration::from_secs(90));
+    assert_eq!(tried.sim.borrow_mut().state(), State::Growing);
+    let done = tried.resume();
+    assert_eq!(done.outcome, Outcome::Done);
+    assert!(done.unknown() == 0 && done.as_built.len() > 150, "{}", done.as_built.len());
+    assert!(tried.miss() < 0.006, "{}", tried.miss());
 }

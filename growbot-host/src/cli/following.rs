@@ -106,7 +106,11 @@ impl Following<'_> {
     fn result(mut self, grown: &Grown) -> Result<(), Failure> {
         let result = json_of(grown.outcome.name(), Some(grown), self.plan, self.seed);
         self.log.end(&result).map_err(Failure::answered_no)?;
-        print(&if self.json { format!("{result}\n") } else { growth_table::table(self.plan, self.robot, grown, self.seed) })?;
+        print(&if self.json {
+            format!("{result}\n")
+        } else {
+            growth_table::table(self.plan, self.robot, grown, self.seed)
+        })?;
         match grown.outcome {
             Outcome::Done => Ok(()),
             Outcome::Stopped => Err(Failure::answered_no("stopped before the last layer: heater and steppers are off")),

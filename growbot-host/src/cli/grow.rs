@@ -163,7 +163,9 @@ impl GrowArgs {
             )));
         }
         if self.feedback && sensors.filament_motion.is_none() {
-            growbot_host::tell!("growbot: without sensors.filament_motion feedback sees no growth, but where the tip points alone");
+            growbot_host::tell!(
+                "growbot: without sensors.filament_motion feedback sees no growth, but where the tip points alone"
+            );
         }
         if self.feedback && !sensors.orientation {
             growbot_host::tell!("growbot: without sensors.orientation feedback sees no bends, but growth alone");

@@ -1,10 +1,10 @@
 //! The table that a growth ends with.
 
+use growbot_core::angle::degrees;
 use growbot_core::layer::SECTORS;
 use growbot_core::link::message::Cut;
-use growbot_core::robot::Robot;
-use growbot_core::angle::degrees;
 use growbot_core::path::length;
+use growbot_core::robot::Robot;
 use growbot_host::arrival::Arrival;
 use growbot_host::feedback::FedBack;
 use growbot_host::growth::{Grown, MeasuredBy};
@@ -61,7 +61,9 @@ fn feedback(plan: &Plan, grown: &Grown, fed_back: &FedBack) -> String {
             let (distance, angle) = error_of(&believed, &grown.arrival);
             format!("believed  {distance:.3} mm and {angle:.3} deg from where the tip is\n")
         }
-        MeasuredBy::Estimate | MeasuredBy::Steps => "reached   is what the sensors say, and nobody has looked\n".to_string(),
+        MeasuredBy::Estimate | MeasuredBy::Steps => {
+            "reached   is what the sensors say, and nobody has looked\n".to_string()
+        }
     };
     let (position, direction) = (estimate.position_deviation, degrees(estimate.direction_deviation));
     format!(
