@@ -23,6 +23,7 @@ pub mod batch;
 pub mod clearance;
 pub mod client;
 pub mod degrees;
+pub mod feedback;
 pub mod growth;
 pub mod input;
 pub mod layer_table;

@@ -39,7 +39,7 @@ use growbot_host::input::InputError;
 use growbot_host::output::OutputError;
 use growbot_host::plan_file::PlanFileError;
 use growbot_host::port::faulty::FaultSpec;
-use growbot_host::port::{self, PortError, PortName};
+use growbot_host::port::{self, PortError, PortName, TipSettings};
 use growbot_host::robot_file::{self, RobotFileError};
 
 /// Plan, slice and grow: the control stack of robots that grow by printing their
@@ -218,7 +218,12 @@ impl PortArg {
 
     /// A client at the port of this robot.
     fn client(&self, robot: &Robot) -> Result<Client, Failure> {
-        let port = port::open(&self.name()?, robot)?;
+        self.client_of(robot, &TipSettings::default())
+    }
+
+    /// A client at the port of this robot, whose tip, where that is a simulated one, is like this.
+    fn client_of(&self, robot: &Robot, settings: &TipSettings) -> Result<Client, Failure> {
+        let port = port::open(&self.name()?, robot, settings)?;
         Ok(Client::new(port, self.text()).taking_over(self.take_over))
     }
 

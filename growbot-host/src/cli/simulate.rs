@@ -1,6 +1,5 @@
 //! `growbot simulate`: a growth without a robot, with what goes wrong, in open or in closed loop, once or many times.
 
-use std::f64::consts::PI;
 use std::thread;
 
 use clap::{Args, ValueEnum};
@@ -8,7 +7,7 @@ use growbot_core::angle::degrees;
 use growbot_core::pose::Pose;
 use growbot_core::simulation::{DirectionSensor, Disturbance, Sensors};
 use growbot_core::slicing::Slicing;
-use growbot_core::tracking::SensorNoise;
+use growbot_host::feedback::ASSUMED;
 use growbot_host::output::print;
 use growbot_host::plan_file::WrittenPose;
 use growbot_host::pose_text::parse_number;
@@ -87,9 +86,6 @@ enum Slice {
     /// Whole steps, rounded up (the paper's)
     Whole,
 }
-
-/// Noise of a loop's sensors, where nothing else is said: 1 percent, 0.5 degrees.
-const ASSUMED: SensorNoise = SensorNoise { odometry: 0.01, direction: 0.5 / 180.0 * PI };
 
 /// Heights of whole steps that are taken, mm.
 const STEPS_MM: [f64; 2] = [0.01, 1e4];
