@@ -66,7 +66,7 @@ enum Command {
     Plan(plan::PlanArgs),
     Layers(layers::LayersArgs),
     Workspace(workspace::WorkspaceArgs),
-    Grow(grow::GrowArgs),
+    Grow(Box<grow::GrowArgs>),
     Resume(resume::ResumeArgs),
     Replay(replay::ReplayArgs),
     Status(status::StatusArgs),
