@@ -32,12 +32,11 @@ fn closed_loops_come_to_the_same_bits_on_the_microcontroller() {
     stream.set_read_timeout(Some(NEXT)).unwrap();
 
     let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
-    let mut grown = 0;
     println!("{:>6} {:>8} {:>18} {:>24} {:>10}", "seed", "layers", "hash", "instructions, a layer", "stack (B)");
-    for line in BufReader::new(stream).lines() {
+    for (grown, line) in BufReader::new(stream).lines().enumerate() {
         let line = line.unwrap();
         if line == "end" {
-            assert_eq!(grown, trial::GROWTHS);
+            assert_eq!(grown as u64, trial::GROWTHS);
             return;
         }
         let [seed, layers, hash, instructions, stack] = line.split(',').collect::<Vec<_>>()[..] else {
@@ -50,7 +49,6 @@ fn closed_loops_come_to_the_same_bits_on_the_microcontroller() {
         let (instructions, stack): (u64, u64) = (instructions.parse().unwrap(), stack.parse().unwrap());
         assert!(instructions <= INSTRUCTIONS, "{instructions} instructions a layer, over {INSTRUCTIONS}");
         assert!(stack < STACK, "{stack} B of stack, over {STACK}");
-        grown += 1;
     }
     panic!("the board ended before its last growth: {}", qemu.messages());
 }

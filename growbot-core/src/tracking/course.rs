@@ -370,3 +370,92 @@ fn towards(angle: f64) -> Vector2<f64> {
     let (sine, cosine) = trigonometry::sin_cos(angle);
     Vector2::new(cosine, sine)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::path::end;
+    use crate::plan::{Planner, plan};
+    use crate::random::Random;
+    use crate::testing::robot_a;
+    use std::vec::Vec as List;
+
+    fn pose(random: &mut Random, distance: f64) -> Pose {
+        let (position, direction) = (random.direction() * distance, random.direction());
+        Pose::new(position, libm::atan2(direction.y, direction.x), libm::asin(direction.z)).unwrap()
+    }
+
+    /// Start, goal and path, at random; helicoidal arcs among the near ones.
+    fn problems() -> List<(Pose, Pose, List<Segment>)> {
+        let robot = robot_a();
+        (0..40)
+            .map(|seed| {
+                let mut random = Random::new(&[seed]);
+                let distance = if seed < 10 { 150.0 } else { random.between(400.0, 1500.0) };
+                let (start, goal) = (pose(&mut random, 0.0), pose(&mut random, distance));
+                let path = plan(&robot, &start, &goal, 100.0, Planner::Shortest).unwrap().path;
+                (start, goal, path.to_vec())
+            })
+            .collect()
+    }
+
+    fn course_end(course: &Course, start: &Frame) -> Frame {
+        course.pieces.iter().fold(*start, |base_from_tip, piece| {
+            let alpha = libm::atan2(-piece.curvature.y, -piece.curvature.x);
+            base_from_tip * step(alpha, piece.curvature.norm() * piece.length, piece.length)
+        })
+    }
+
+    #[test]
+    fn a_course_is_the_path() {
+        for (start, _, path) in problems() {
+            let course = Course::along(&path, 100.0);
+            let planned = end(&path, &start.frame());
+            let helicoid = path.iter().any(|segment| matches!(segment, Segment::Helicoid { .. }));
+            let off = (course_end(&course, &start.frame()).translation.vector - planned.translation.vector).norm();
+            assert!(off < if helicoid { 1.0 } else { 1e-9 }, "{off} mm, {path:?}");
+        }
+    }
+
+    #[test]
+    fn a_tip_that_is_off_is_led_to_the_goal_within_the_greatest_curvature() {
+        let greatest = 1.0 / 98.2;
+        let mut missed = 0;
+        for (seed, (start, goal, path)) in (0..).zip(problems()) {
+            let mut random = Random::new(&[seed, 1]);
+            let mut off = start.frame();
+            off.translation.vector += random.normal_vector();
+            off.rotation = super::super::estimator::rotation(&(random.normal_vector() * 0.01)) * off.rotation;
+            let mut course = Course::along(&path, 100.0);
+            let miss = course.correct(&off, &goal, greatest, 0.774);
+            assert!(course.pieces.iter().all(|piece| piece.curvature.norm() <= greatest * (1.0 + 1e-12)));
+            let end = course_end(&course, &off);
+            assert!(((end.translation.vector - goal.position()).norm() - miss.distance).abs() < 1e-9);
+            missed += u32::from(miss.distance > 0.1 || miss.angle > 0.002);
+        }
+        // Paths of three bends without a line have nothing to give.
+        assert!(missed <= 4, "{missed} of 40");
+    }
+
+    #[test]
+    fn what_cannot_be_reached_is_approached() {
+        let path = [Segment::Straight { length: 10.0 }];
+        let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
+        let goal = Pose::from_degrees([5.0, 0.0, 10.0, 0.0, 90.0]).unwrap();
+        let mut course = Course::along(&path, 100.0);
+        let miss = course.correct(&start.frame(), &goal, 0.01, 0.774);
+        assert!((4.0..5.0).contains(&miss.distance) && miss.angle < 0.05, "{miss:?}");
+        assert!((5.0..20.0).contains(&course.length()));
+    }
+
+    #[test]
+    fn lengths_are_taken_from_the_beginning() {
+        let path = [Segment::Straight { length: 10.0 }, Segment::Arc { alpha: 0.0, bend: 0.5, length: 50.0 }];
+        let mut course = Course::along(&path, 100.0);
+        course.take(30.0);
+        assert!((course.length() - 30.0).abs() < 1e-12);
+        assert!((course.curvature_over(5.0).norm() - 0.01).abs() < 1e-15);
+        course.take(100.0);
+        assert_eq!(course.length(), 0.0);
+    }
+}

@@ -41,6 +41,10 @@ mod assumed {
     pub const ALPHA: f64 = 2.0 * DEGREE;
     /// Twist of every layer, radians.
     pub const TWIST: f64 = 0.002 * DEGREE;
+    /// The most that is learned: shares, and radians.
+    pub const MOST_SHARE: f64 = 0.5;
+    pub const MOST_ALPHA: f64 = 30.0 * DEGREE;
+    pub const MOST_TWIST: f64 = DEGREE;
     /// Lean of a single layer about each axis of the deposition plane, radians.
     pub const LEAN_NOISE: f64 = 0.003 * DEGREE;
     /// Twist of a single layer, radians.
@@ -61,6 +65,16 @@ pub struct Habits {
 }
 
 impl Habits {
+    /// Nothing beyond what a robot can do: no more is learned from sensors that are broken.
+    fn within_reason(&self) -> Self {
+        Self {
+            growth: self.growth.clamp(-assumed::MOST_SHARE, assumed::MOST_SHARE),
+            tilt: self.tilt.clamp(-assumed::MOST_SHARE, assumed::MOST_SHARE),
+            alpha: self.alpha.clamp(-assumed::MOST_ALPHA, assumed::MOST_ALPHA),
+            twist: self.twist.clamp(-assumed::MOST_TWIST, assumed::MOST_TWIST),
+        }
+    }
+
     /// The layer that comes out when this one is commanded, and the twist after it.
     fn of(&self, commanded: &Layer, growth: f64) -> (Layer, f64) {
         let tilt = commanded.tilt * (1.0 + self.tilt);
@@ -187,6 +201,7 @@ impl Estimator {
         let variance = self.bias_variance + self.growth_variance + odometry;
         let gain = self.bias_variance / variance;
         self.habits.growth += gain * surprise;
+        self.habits = self.habits.within_reason();
         self.bias_variance *= 1.0 - gain;
         // One that is far off is no more than three times the noise.
         let noise = (square(surprise) - odometry - self.bias_variance).min(9.0 * self.growth_variance);
@@ -255,6 +270,7 @@ impl Estimator {
         self.habits.tilt += found[TILT_GAIN];
         self.habits.alpha += found[ALPHA];
         self.habits.twist += found[TWIST];
+        self.habits = self.habits.within_reason();
     }
 }
 
@@ -283,4 +299,120 @@ fn orthonormal(rotation: &Rotation3<f64>) -> Rotation3<f64> {
     let x = matrix.column(0).into_owned();
     let x = (x - z * z.dot(&x)).normalize();
     Rotation3::from_matrix_unchecked(nalgebra::Matrix3::from_columns(&[x, z.cross(&x), z]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::angle::{degrees, radians};
+    use crate::pose::{Pose, angle_between, tip_direction};
+    use crate::simulation::{DirectionSensor, Disturbance, Sensors};
+
+    const NOISE: SensorNoise = SensorNoise { odometry: 0.01, direction: 0.0087 };
+
+    fn start() -> Frame {
+        Pose::from_degrees([0.0, 0.0, 0.0, 20.0, 30.0]).unwrap().frame()
+    }
+
+    /// A bend, a line and a bend to another side, twice over.
+    fn layers() -> impl Iterator<Item = Layer> {
+        (0..800).map(|index| match index / 100 % 4 {
+            0 => Layer { alpha: 1.0, height: 0.77, tilt: 0.0077 },
+            2 => Layer { alpha: 3.0, height: 0.77, tilt: 0.0077 },
+            _ => Layer { alpha: 0.0, height: 0.77, tilt: 0.0 },
+        })
+    }
+
+    /// The estimate and the truth after all layers.
+    fn follow(disturbance: &Disturbance, direction: DirectionSensor, seed: u64) -> (Estimator, Frame) {
+        let sensors = Sensors { noise: NOISE, odometry_scale: 0.0, direction };
+        let (mut estimator, mut truth) = (Estimator::new(start(), NOISE), start());
+        for (index, layer) in (0..).zip(layers()) {
+            let laid = disturbance.lay(seed, index, &layer);
+            truth *= laid.step();
+            estimator.laid(&layer, &sensors.measure(seed, index, &layer, &laid, &truth));
+        }
+        (estimator, truth)
+    }
+
+    fn off(estimator: &Estimator, truth: &Frame) -> (f64, f64) {
+        let position = (estimator.base_from_tip().translation.vector - truth.translation.vector).norm();
+        (position, angle_between(&estimator.direction(), &tip_direction(truth)))
+    }
+
+    #[test]
+    fn what_it_does_not_know_is_as_much_as_it_says() {
+        let disturbance = Disturbance { growth_noise: 0.1, tilt_noise: radians(0.005), ..Disturbance::default() };
+        let (mut position, mut direction) = (0.0, 0.0);
+        for seed in 0..60 {
+            let (estimator, truth) = follow(&disturbance, DirectionSensor::Tip, seed);
+            let (distance, angle) = off(&estimator, &truth);
+            position += square(distance / estimator.position_deviation()) / 60.0;
+            direction += square(angle / estimator.direction_deviation()) / 60.0;
+        }
+        assert!((0.5..1.5).contains(&position) && (0.5..1.5).contains(&direction), "{position} {direction}");
+    }
+
+    #[test]
+    fn habits_are_learned() {
+        let disturbance = Disturbance {
+            growth_noise: 0.1,
+            growth_bias: 0.05,
+            tilt_bias: -0.04,
+            alpha_bias: radians(3.0),
+            twist_bias: radians(0.005),
+            ..Disturbance::default()
+        };
+        for direction in [DirectionSensor::Tip, DirectionSensor::Gravity] {
+            let (estimator, _) = follow(&disturbance, direction, 1);
+            let Habits { growth, tilt, alpha, twist } = *estimator.habits();
+            assert!((growth - 0.05).abs() < 0.01, "{growth}");
+            assert!((tilt + 0.04).abs() < 0.005, "{tilt}");
+            assert!((degrees(alpha) - 3.0).abs() < 0.5, "{alpha}");
+            assert!((degrees(twist) - 0.005).abs() < 0.002, "{twist}");
+        }
+    }
+
+    #[test]
+    fn gravity_tells_no_heading_and_the_estimate_says_so() {
+        let twisting = Disturbance { twist_noise: radians(0.2), ..Disturbance::default() };
+        let (by_tip, _) = follow(&twisting, DirectionSensor::Tip, 1);
+        let (by_gravity, truth) = follow(&twisting, DirectionSensor::Gravity, 1);
+        let (blind, seeing) = (by_gravity.direction_deviation(), by_tip.direction_deviation());
+        assert!(blind > 1.5 * seeing, "{blind} {seeing}");
+        // What gravity does tell is the pitch.
+        let (pitch, true_pitch) = (by_gravity.direction().z, tip_direction(&truth).z);
+        assert!((pitch - true_pitch).abs() < 0.005, "{pitch} {true_pitch}");
+        // Without errors of the robot the heading is that of dead reckoning.
+        let (estimator, truth) = follow(&Disturbance::default(), DirectionSensor::Gravity, 1);
+        assert!(degrees(off(&estimator, &truth).1) < 1.0);
+    }
+
+    #[test]
+    fn odometry_that_comes_seldom_covers_the_layers_between() {
+        let layer = Layer { alpha: 0.0, height: 0.77, tilt: 0.0 };
+        let mut estimator = Estimator::new(start(), NOISE);
+        for index in 1..=100 {
+            let growth = (index % 5 == 0).then_some(5.0 * 0.8);
+            estimator.laid(&layer, &Measurement { growth, ..Measurement::default() });
+        }
+        let grown = (estimator.base_from_tip().translation.vector - start().translation.vector).norm();
+        assert!((grown - 80.0).abs() < 0.3, "{grown}");
+    }
+
+    #[test]
+    fn what_is_no_measurement_is_passed_over() {
+        let layer = Layer { alpha: 1.0, height: 0.77, tilt: 0.005 };
+        let nothing = Measurement {
+            growth: Some(f64::NAN),
+            direction: Some(Vector3::new(f64::INFINITY, 0.0, 0.0)),
+            up: Some(Vector3::zeros()),
+        };
+        let (mut told_nonsense, mut told_nothing) = (Estimator::new(start(), NOISE), Estimator::new(start(), NOISE));
+        for _ in 0..10 {
+            told_nonsense.laid(&layer, &nothing);
+            told_nothing.laid(&layer, &Measurement::default());
+        }
+        assert_eq!(told_nonsense, told_nothing);
+    }
 }

@@ -151,3 +151,83 @@ fn first_layer(course: &Course, robot: &Robot, habits: &Habits, greatest: f64) -
     let alpha = if tilt > 0.0 { libm::atan2(curvature.y, curvature.x) + PI - habits.alpha } else { 0.0 };
     Some((Layer { alpha: wrap_positive(alpha), height: length / grown, tilt }, length))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::layer::grow;
+    use crate::plan::{Planner, miss, plan};
+    use crate::random::Random;
+    use crate::simulation::{DirectionSensor, Disturbance, Sensors};
+    use crate::slicing::LIMIT_SLACK;
+    use crate::testing::robot_a;
+    use std::collections::VecDeque;
+
+    const NOISE: SensorNoise = SensorNoise { odometry: 0.01, direction: 0.0087 };
+
+    fn poses() -> (Pose, Pose) {
+        let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
+        (start, Pose::from_degrees([300.0, 200.0, 450.0, 120.0, -25.0]).unwrap())
+    }
+
+    #[test]
+    fn the_rest_leads_to_the_goal_in_layers_that_can_be_laid() {
+        let (robot, (start, goal)) = (robot_a(), poses());
+        let path = plan(&robot, &start, &goal, 100.0, Planner::Shortest).unwrap().path;
+        let tracker = Tracker::new(&robot, &start, &goal, &path, NOISE);
+        let missed = miss(&grow(&start.frame(), tracker.rest()), &goal);
+        assert!(missed.distance < 0.05 && missed.angle < 1e-4, "{missed:?}");
+        for layer in tracker.rest() {
+            robot.check_layer(&layer, LIMIT_SLACK).unwrap();
+        }
+    }
+
+    /// Grows with so many layers that cannot be changed any more while one is measured.
+    fn grow_behind(under_way: usize, disturbance: &Disturbance, seed: u64) -> f64 {
+        let (robot, (start, goal)) = (robot_a(), poses());
+        let path = plan(&robot, &start, &goal, 100.0, Planner::Shortest).unwrap().path;
+        let sensors = Sensors { noise: NOISE, odometry_scale: 0.0, direction: DirectionSensor::Tip };
+        let mut tracker = Tracker::new(&robot, &start, &goal, &path, NOISE);
+        let (mut truth, mut index) = (start.frame(), 0);
+        let mut queue: VecDeque<Layer> = tracker.rest().take(under_way).collect();
+        tracker.replan(queue.make_contiguous());
+        loop {
+            queue.extend(tracker.next_layer());
+            let Some(layer) = queue.pop_front() else { break };
+            robot.check_layer(&layer, LIMIT_SLACK).unwrap();
+            let laid = disturbance.lay(seed, index, &layer);
+            truth *= laid.step();
+            tracker.laid(&layer, &sensors.measure(seed, index, &layer, &laid, &truth));
+            tracker.replan(queue.make_contiguous());
+            index += 1;
+        }
+        (truth.translation.vector - goal.position()).norm()
+    }
+
+    #[test]
+    fn layers_under_way_are_reckoned_with() {
+        let disturbance = Disturbance { growth_noise: 0.1, growth_bias: 0.05, ..Disturbance::default() };
+        for under_way in [0, 1, 3] {
+            let mean = (0..10).map(|seed| grow_behind(under_way, &disturbance, seed)).sum::<f64>() / 10.0;
+            assert!(mean < 0.7, "{under_way} under way: {mean} mm");
+        }
+    }
+
+    #[test]
+    fn no_layer_breaks_a_limit_whatever_is_measured() {
+        let (robot, (start, goal)) = (robot_a(), poses());
+        let path = plan(&robot, &start, &goal, 100.0, Planner::Shortest).unwrap().path;
+        for seed in 0..20 {
+            let mut random = Random::new(&[seed]);
+            let mut tracker = Tracker::new(&robot, &start, &goal, &path, NOISE);
+            for _ in 0..300 {
+                let Some(layer) = tracker.next_layer() else { break };
+                robot.check_layer(&layer, LIMIT_SLACK).unwrap();
+                let growth = Some(random.between(-5.0, 5.0));
+                let (direction, up) = (Some(random.normal_vector()), Some(random.normal_vector()));
+                tracker.laid(&layer, &Measurement { growth, direction, up });
+                tracker.replan(&[]);
+            }
+        }
+    }
+}

@@ -1,0 +1,106 @@
+//! Closed loop against open loop, by the same seeds: robot A over 4, 8, 16 and 32 radii, with noisy growth and noisy sensors.
+//!
+//! `GROWBOT_LOOPS=1000 cargo test --release -p growbot-tests --test closed_loop -- --nocapture` grows a thousand bodies of each kind.
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::thread;
+
+use growbot_core::path::length;
+use growbot_core::plan::{Planner, plan};
+use growbot_core::pose::Pose;
+use growbot_core::random::Random;
+use growbot_core::robot::Robot;
+use growbot_core::simulation::{DirectionSensor, Disturbance, Sensors, Task, grow_closed, grow_open};
+use growbot_core::slicing::{LIMIT_SLACK, Slicing, layers};
+use growbot_core::tracking::SensorNoise;
+use growbot_host::arrival::Arrival;
+use growbot_host::robot_file;
+use nalgebra::Vector3;
+
+/// Bodies of each kind.
+const LOOPS: u64 = 25;
+/// Distances from start to goal, radii.
+const DISTANCES: [u32; 4] = [4, 8, 16, 32];
+/// The growth of a layer is off by this share at most.
+const NOISE: f64 = 0.1;
+/// Of the odometry, a share of a layer.
+const ODOMETRY: f64 = 0.01;
+/// Of the direction, degrees an axis.
+const DIRECTION: f64 = 0.5;
+
+/// A pose at a place, pointing anywhere.
+fn pose(position: Vector3<f64>, random: &mut Random) -> Pose {
+    let direction = random.direction();
+    Pose::new(position, libm::atan2(direction.y, direction.x), libm::asin(direction.z)).unwrap()
+}
+
+/// The open and the closed loop's arrival, of one seed.
+fn pair(robot: &Robot, distance: u32, bias: f64, seed: u64) -> [Arrival; 2] {
+    let mut random = Random::new(&[u64::from(distance), seed]);
+    let radius = robot.description().planning_radius_mm;
+    let start = pose(Vector3::zeros(), &mut random);
+    let place = random.direction() * f64::from(distance) * radius;
+    let goal = pose(place, &mut random);
+    let path = plan(robot, &start, &goal, radius, Planner::Shortest).unwrap().path;
+    let disturbance = Disturbance { growth_noise: NOISE, growth_bias: bias, ..Disturbance::default() };
+    let sensors = Sensors {
+        noise: SensorNoise { odometry: ODOMETRY, direction: DIRECTION.to_radians() },
+        odometry_scale: 0.0,
+        direction: DirectionSensor::Tip,
+    };
+    let planned = layers(&path, robot, Slicing::Exact).map(|sliced| sliced.layer);
+    let open = grow_open(&start, planned, &disturbance, seed, |_| {});
+    let task = Task { robot, start, goal, path: &path };
+    let closed = grow_closed(&task, &disturbance, &sensors, seed, |layer, _, base_from_tip| {
+        if let Err(error) = robot.check_layer(layer, LIMIT_SLACK) {
+            panic!("{distance} R, seed {seed}: {error}");
+        }
+        *base_from_tip
+    });
+    [open, closed].map(|grown| Arrival::of(&grown.base_from_tip, &goal, length(&path)))
+}
+
+/// All pairs of one kind, on all cores.
+fn pairs(robot: &Robot, distance: u32, bias: f64, loops: u64) -> Vec<[Arrival; 2]> {
+    let seeds: Vec<u64> = (0..loops).collect();
+    let next = AtomicUsize::new(0);
+    let work = || {
+        std::iter::from_fn(|| seeds.get(next.fetch_add(1, Ordering::Relaxed)))
+            .map(|&seed| pair(robot, distance, bias, seed))
+            .collect::<Vec<_>>()
+    };
+    thread::scope(|scope| {
+        let workers: Vec<_> =
+            (0..thread::available_parallelism().map_or(1, usize::from)).map(|_| scope.spawn(work)).collect();
+        workers.into_iter().flat_map(|worker| worker.join().unwrap()).collect()
+    })
+}
+
+/// Mean, 95th percentile and greatest.
+fn figures(values: impl Iterator<Item = f64>) -> [f64; 3] {
+    let mut values: Vec<f64> = values.collect();
+    values.sort_by(f64::total_cmp);
+    let mean = values.iter().sum::<f64>() / values.len() as f64;
+    [mean, values[(values.len() * 95).div_ceil(100) - 1], values[values.len() - 1]]
+}
+
+#[test]
+fn closed_loops_arrive_where_open_loops_miss() {
+    let loops = std::env::var("GROWBOT_LOOPS").map_or(LOOPS, |loops| loops.parse().unwrap());
+    let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
+    println!("{loops} bodies of each kind; position errors over the path's length: mean, 95th percentile, greatest");
+    println!("{:>6} {:>6}  {:^28}  {:^28}  {:>14}", "bias", "R", "open loop", "closed loop", "direction, deg");
+    // Position and direction that the mean has to keep to.
+    for (bias, position, direction) in [(0.0, 0.0007, 0.5), (0.05, 0.002, 0.5), (-0.05, 0.002, 0.5)] {
+        for distance in DISTANCES {
+            let pairs = pairs(&robot, distance, bias, loops);
+            let of = |which: usize| figures(pairs.iter().map(|pair| pair[which].normalized_position_error));
+            let (open, closed) = (of(0), of(1));
+            let [angle, _, most] = figures(pairs.iter().map(|pair| pair[1].direction_error_deg));
+            let three = |[mean, p95, most]: [f64; 3]| format!("{mean:.6} {p95:.6} {most:.6}");
+            println!("{:>5} % {distance:>5}  {}  {}  {angle:.3} {most:.3}", 100.0 * bias, three(open), three(closed));
+            assert!(closed[0] <= position && angle <= direction, "{distance} R: {} and {angle} deg", closed[0]);
+            assert!(closed[0] < open[0] && closed[1] < open[1], "{distance} R: {closed:?} and {open:?} in open loop");
+        }
+    }
+}
