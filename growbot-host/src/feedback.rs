@@ -71,8 +71,10 @@ impl<'a> Feedback<'a> {
         let mm_per_pulse = description.sensors.filament_motion.map(|motion| motion.mm_per_pulse / filament_per_length);
         // A layer lies between two counts.
         let counts = mm_per_pulse.unwrap_or(0.0) * ROUNDED * std::f64::consts::SQRT_2 / description.layer.height_mm;
-        let noise =
-            SensorNoise { odometry: noise.odometry.hypot(counts), direction: noise.direction.hypot(MILLI_G * ROUNDED) };
+        let noise = SensorNoise {
+            odometry: libm::hypot(noise.odometry, counts),
+            direction: libm::hypot(noise.direction, MILLI_G * ROUNDED),
+        };
         Self {
             robot,
             tracker: Tracker::new(robot, start, goal, path, noise),
