@@ -110,6 +110,16 @@ fn whole_steps_are_laid_as_the_paper_lays_them() {
 }
 
 #[test]
+fn where_the_tip_is_there_already_nothing_grows() {
+    for more in [&["--noise", "10"][..], &["--feedback"], &["--sag"], &["--slice", "whole"]] {
+        let found = json(&["simulate", "--to", "0,0,0,0,90"], more);
+        assert_eq!((&found["layers"], found["path_length_mm"].to_string().as_str()), (&0.into(), "0.0"), "{found}");
+        assert_eq!(number(&found, "normalized_position_error"), 0.0);
+        assert_eq!(number(&found, "direction_error_deg"), 0.0);
+    }
+}
+
+#[test]
 fn every_error_of_a_layer_shows() {
     for disturbance in [
         ["--bias", "5"],

@@ -6,7 +6,6 @@
 pub mod campaign;
 pub mod statistics;
 
-use growbot_core::path::length;
 use growbot_core::robot::Robot;
 use growbot_core::simulation::{Disturbance, Grown, Hanging, RootStress, Sensors, Task, grow_closed, grow_open};
 use growbot_core::slicing::{Layers, Slicing, layers};
@@ -65,7 +64,7 @@ impl<'a> Simulation<'a> {
     pub fn new(plan: &'a Plan, robot: &'a Robot, slicing: Slicing) -> Self {
         Self {
             task: Task { robot, start: plan.start, goal: plan.goal, path: &plan.path },
-            path_length: length(&plan.path),
+            path_length: plan.needs.length,
             layers: layers(&plan.path, robot, slicing),
             disturbance: Disturbance::default(),
             sensors: None,
