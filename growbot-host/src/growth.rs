@@ -190,8 +190,8 @@ pub enum News {
     Counting(Count),
     /// The job is about to be amended. It is, unless `NotAmended` follows.
     Amending(Amendment),
-    /// The board has not taken the latest amendment.
-    NotAmended,
+    /// The board has not taken the latest amendment: why, unless it just came too late.
+    NotAmended(Option<String>),
     /// With feedback: layers of the job beyond those of its latest amendment are handed over, from this index on.
     HandingOver(u32, Vec<LayerBytes>),
     /// The board does not answer, and is called again.
@@ -523,9 +523,13 @@ impl<'a> Growth<'a> {
                     return Ok(());
                 }
                 Ok(other) => return Err(ClientError::Unexpected { request: "to amend the job", kind: other.kind() }),
-                Err(ClientError::Refused { refusal, .. }) if refusal != Refusal::NoSession => {
+                Err(ClientError::Refused { refusal, request }) if refusal != Refusal::NoSession => {
                     self.amending = None;
-                    tell(&News::NotAmended);
+                    let why = match refusal {
+                        Refusal::Begun { .. } | Refusal::OutOfOrder { .. } | Refusal::WrongState { .. } => None,
+                        refusal => Some(ClientError::Refused { request, refusal }.to_string()),
+                    };
+                    tell(&News::NotAmended(why));
                     match refusal {
                         // A layer has been begun meanwhile.
                         Refusal::Begun { first } => from = first,
@@ -585,7 +589,7 @@ impl<'a> Growth<'a> {
         if self.amending.as_ref().is_some_and(|(plan_id, _)| *plan_id == hello.status.plan_id) {
             self.amended();
         } else if self.amending.take().is_some() {
-            tell(&News::NotAmended);
+            tell(&News::NotAmended(None));
         }
         if hello.boot_id != self.boot_id || hello.status.plan_id != self.job.plan_id {
             self.laid = hello.status.laid;

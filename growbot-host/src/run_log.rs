@@ -143,7 +143,7 @@ impl RunLog {
                 "total": total,
                 "layers": hex_of(layers),
             })),
-            News::NotAmended => self.write(&json!({ "event": "not-amended" })),
+            News::NotAmended(why) => self.write(&json!({ "event": "not-amended", "why": why })),
             News::HandingOver(from, layers) => {
                 self.write(&json!({ "event": "handing-over", "from": from, "layers": hex_of(layers) }))
             }

@@ -218,11 +218,19 @@ struct Show {
     layers: usize,
     laid: u64,
     state: &'static str,
+    /// Why the board has not taken an amendment, as it was said last.
+    not_amended: Option<String>,
 }
 
 impl Show {
     fn new(layers: usize, laid: u64) -> Self {
-        Self { progress: Progress::start(Some(layers as u64), Results::AtEnd), layers, laid, state: "starting" }
+        Self {
+            progress: Progress::start(Some(layers as u64), Results::AtEnd),
+            layers,
+            laid,
+            state: "starting",
+            not_amended: None,
+        }
     }
 
     fn tell(&mut self, news: &News) {
@@ -235,9 +243,15 @@ impl Show {
             }
             News::Status(status) => self.state = status.state.name(),
             News::Amending(amendment) => self.layers = amendment.total as usize,
-            News::Board(_) | News::Counting(_) | News::NotAmended | News::HandingOver(..) => {}
+            News::Board(_) | News::Counting(_) | News::NotAmended(None) | News::HandingOver(..) => {}
             News::Silent => self.progress.say("the board does not answer: calling it again"),
             News::Back => self.progress.say("the board answers again"),
+            News::NotAmended(Some(why)) => {
+                if self.not_amended.as_ref() != Some(why) {
+                    self.progress.say(&format!("{why}; it goes on with the layers that it has"));
+                    self.not_amended = Some(why.clone());
+                }
+            }
             News::Laid(index, ..) => self.laid = u64::from(*index) + 1,
         }
         let Self { state, laid, layers, .. } = *self;

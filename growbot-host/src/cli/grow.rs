@@ -19,9 +19,10 @@ use super::{Failure, PortArg, plan_table};
 /// Grow a body: a plan, or straight from a pose
 ///
 /// Hands the layers to the robot's board, which heats, homes its head and lays them one by one; shows how far it is, and at the end
-/// where the tip arrived, measured from the steps that were made. Ctrl-C stops the robot.
+/// where the tip arrived: as the steps that were made say, or with --feedback the sensors. Ctrl-C stops the robot.
 ///
-/// Without a robot (--port sim, the default) the same controller runs in this program against a simulated tip, on a virtual clock.
+/// Without a robot (--port sim, the default) the same controller runs in this program against a simulated tip, on a virtual clock, and
+/// where the tip arrived is what that has really laid.
 #[derive(Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct GrowArgs {
