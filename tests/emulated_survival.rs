@@ -220,7 +220,7 @@ impl Point {
         let grown = grow_job(&mut client, job, Silence::Hold, &AtomicBool::new(false), &mut |news| {
             warm(board, news);
             match news {
-                News::Laid(_, as_built) => known.push(*as_built),
+                News::Laid(_, as_built, _) => known.push(*as_built),
                 News::State(_) => {}
                 _ => return,
             }

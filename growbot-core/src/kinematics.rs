@@ -69,14 +69,24 @@ fn versine_ratio(x: f64) -> f64 {
     0.5 * x * (1.0 - x2 / 12.0 * (1.0 - x2 / 30.0 * (1.0 - x2 / 56.0)))
 }
 
+/// `base_from_tip * tip_from_next_tip`, with a rotation that stays one however many steps follow each other: the rounding errors of
+/// 100,000 equal steps add up to 1e-11 of it otherwise. (A step of Newton and Schulz towards the nearest rotation mends it, Higham 2008, chapter 8.)
+#[must_use]
+pub fn advance(base_from_tip: &Frame, tip_from_next_tip: &Frame) -> Frame {
+    let next = base_from_tip * tip_from_next_tip;
+    let rotation = next.rotation.matrix();
+    let mended = rotation * (Matrix3::identity() * 1.5 - rotation.transpose() * rotation * 0.5);
+    Frame::from_parts(next.translation, Rotation3::from_matrix_unchecked(mended))
+}
+
 /// `base_from_tip` at the end of a chain of steps (Eq 5), from `base_from_start` on.
 ///
 /// Steps are `(alpha, bend, length)` as for [`step`].
 #[must_use]
 pub fn chain(base_from_start: &Frame, steps: impl IntoIterator<Item = (f64, f64, f64)>) -> Frame {
-    steps
-        .into_iter()
-        .fold(*base_from_start, |base_from_tip, (alpha, bend, length)| base_from_tip * step(alpha, bend, length))
+    steps.into_iter().fold(*base_from_start, |base_from_tip, (alpha, bend, length)| {
+        advance(&base_from_tip, &step(alpha, bend, length))
+    })
 }
 
 /// The configuration-space rates of a growing tip (Eq 6).
@@ -175,6 +185,17 @@ mod tests {
         let straight = step(1.0, 0.0, 3.0);
         assert_eq!(straight.translation.vector, Vector3::new(0.0, 0.0, 3.0));
         assert_eq!(straight.rotation.matrix(), &Matrix3::identity());
+    }
+
+    #[test]
+    fn rotations_stay_rotations_over_a_hundred_thousand_layers() {
+        // Layers that are all alike are the worst: each adds the same rounding error.
+        for (alpha, bend) in [(0.3, 0.00774), (1.0, 0.00258), (2.2, 1e-5), (3.7, 0.0921), (5.9, 0.5)] {
+            let end = chain(&Frame::identity(), (0..100_000).map(|_| (alpha, bend, 0.774)));
+            let rotation = end.rotation.matrix();
+            let drift = (rotation.transpose() * rotation - Matrix3::identity()).norm();
+            assert!(drift < 1e-12, "alpha {alpha}, bend {bend}: {drift:e}");
+        }
     }
 
     #[test]

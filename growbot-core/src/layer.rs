@@ -104,7 +104,7 @@ impl Layer {
 /// `base_from_tip` after laying these layers (Eq 5).
 #[must_use]
 pub fn grow(base_from_start: &Frame, layers: impl IntoIterator<Item = Layer>) -> Frame {
-    layers.into_iter().fold(*base_from_start, |base_from_tip, layer| base_from_tip * layer.step())
+    layers.into_iter().fold(*base_from_start, |base_from_tip, layer| kinematics::advance(&base_from_tip, &layer.step()))
 }
 
 #[cfg(test)]

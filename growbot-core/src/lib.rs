@@ -24,13 +24,15 @@
 //! | file | what |
 //! |---|---|
 //! | [`angle`], [`trigonometry`], [`pose`] | angles wrapped; their sines and cosines; poses and frames |
-//! | [`kinematics`] | one step of growth (Eq 4), chained (Eq 5) |
+//! | [`kinematics`] | one step of growth (Eq 4), chained (Eq 5) without drift |
 //! | [`curvature`], [`robot`] | the tightest bend (Eq 7); a robot's description, checked once |
 //! | [`dubins2`], [`two_plane`], [`shortest`], [`plan`] | the shortest path in a plane; two of them in space; the shortest in space; the path, checked to arrive |
 //! | [`path`], [`helicoid`] | arcs, straight lines and helicoidal arcs, what a plan consists of |
 //! | [`slicing`], [`layer`] | a path cut into layers; what one layer is |
 //! | [`layer_bytes`], [`job`], [`hash`] | a layer in 12 bytes; the job that a board gets, and its name |
 //! | [`link`] | frames and messages (PROTOCOL.md) |
+//! | [`tracking`] | where the tip is by what was measured, and the rest of the path planned again from there |
+//! | [`simulation`], [`random`] | layers that come out otherwise than asked for, bodies that hang; numbers drawn the same everywhere |
 //!
 //! ```
 //! use growbot_core::layer::grow;

@@ -93,10 +93,10 @@ impl Segment {
     }
 }
 
-/// Length of a path, mm.
+/// Length of a path, mm. (The sum of no numbers is -0.)
 #[must_use]
 pub fn length(path: &[Segment]) -> f64 {
-    path.iter().map(Segment::length).sum()
+    path.iter().fold(0.0, |length, segment| length + segment.length())
 }
 
 /// `base_from_tip` at the end of a path (Eq 5).

@@ -21,8 +21,8 @@ use growbot_core::link::emergency_stop::EMERGENCY_STOP;
 use growbot_core::link::frame::{self, Frame, Header, LONGEST_BODY, LONGEST_FRAME, Receiver, VERSION};
 use growbot_core::link::message::{
     Accepted, Amend, Begin, BoardHello, Cancel, Cut, Empty, HeldLayers, HostHello, HostName, Laid, LatestFault, Layers,
-    MOST_LAYERS, Message, PlanRequest, Planned, ReadLayers, Refusal, Refused, ResetCause, Resume, SCHEMA_HASH,
-    SensorReadings, Silence, Start, State, StateChanged, Status, Tune, Tuned, Waits,
+    MOST_LAYERS, Measured, Message, PlanRequest, Planned, ReadLayers, Refusal, Refused, ResetCause, Resume,
+    SCHEMA_HASH, SensorReadings, Silence, Start, State, StateChanged, Status, Tune, Tuned, Waits,
 };
 use growbot_core::path::Segment;
 use growbot_core::plan::{Planner, plan};
@@ -229,7 +229,9 @@ fn conversation() -> Vec<Said> {
         status: idle,
         holder: Some(host(b"grow 4711 on bench")),
     };
-    let laid = Laid { plan_id: job_id, index: 0, as_built: Some(Encoder::default().encode(&as_built)) };
+    let measured = Measured { filament_pulses: Some(55), gravity_milli_g: Some([-7, 0, 1000]) };
+    let as_built = Some(Encoder::default().encode(&as_built));
+    let laid = Laid { plan_id: job_id, index: 0, as_built, measured: Some(measured) };
     let plan_request =
         PlanRequest { start: (&up).into(), goal: (&goal).into(), radius: 100.0, planner: Planner::TwoPlane };
     let planned = Planned {

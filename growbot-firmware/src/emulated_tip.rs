@@ -47,6 +47,10 @@
 //! | `0x144` | [`GRAVITY_X`], [`GRAVITY_Y`], [`GRAVITY_Z`] | host | `i32`: gravity in the tip's frame, thousandths of the earth's |
 //! | `0x150` | [`GRAVITY_LIVE`] | host | 1: the orientation sensor answers |
 //! | `0x154` | [`OVERFLOW_STACK`] | host | 1: the board is to overflow its stack, to show what comes of it |
+//! | `0x158` | [`ENCODER_SEQUENCE`] | host | odd while the host changes the three words after it |
+//! | `0x15C` | [`ENCODER_ORIGIN`] | host | `i32`; the [`FEED_STEPS`] from which the encoder goes on |
+//! | `0x160` | [`ENCODER_PHASE`] | host | how far it is turned there, in 1/256 steps |
+//! | `0x164` | [`ENCODER_SLIP`] | host | `i32`; how much more than a step's worth of filament each step moves, in 1/65536 |
 //! | `0x1000` | [`MACHINE`] | host | the machine description, bytes |
 //! | `0x2_0000` | [`JOURNAL`] | board | its flash, [`JOURNAL_CAPACITY`] bytes: survives a reset of the board |
 //! | `0x10_0000` | [`STEP_RING`] | board | [`STEP_RING_RECORDS`] step records, see [`StepRecord`] |
@@ -71,8 +75,8 @@
 //! edges are recorded with `enabled` false and don't count in the positions. The index sensor pulls its line low while
 //! `(HEAD_STEPS - INDEX_POSITION) mod INDEX_STEPS_PER_TURN < INDEX_WIDTH`. The board computes it from its own edges, so that homing takes
 //! the same steps in every run; a host that wants the head to slip moves [`INDEX_POSITION`]. The filament's encoder comes from
-//! [`FEED_STEPS`] in the same way: high in the first half of each [`ENCODER_PITCH`]; where the filament does not follow the feed,
-//! the host has its level stand. The words of the other inputs say what they are called, not a wire's level.
+//! [`FEED_STEPS`] in the same way: high in the first half of each [`ENCODER_PITCH`]; where the filament slips in its drive, the host
+//! says from where and how much; where it does not follow the feed at all, the host has its level stand. The words of the other inputs say what they are called, not a wire's level.
 //!
 //! Not modelled here: step pulse widths, set-up times of DIR, micro-step tables, and the two directions of a worn gear.
 
@@ -88,7 +92,7 @@ pub const VERSION: usize = 0x004;
 /// What [`MAGIC`] holds: `GBTP`.
 pub const MAGIC_VALUE: u32 = u32::from_le_bytes(*b"GBTP");
 /// What [`VERSION`] holds.
-pub const VERSION_VALUE: u32 = 3;
+pub const VERSION_VALUE: u32 = 4;
 
 /// Offset, board to host: boots since the memory was zero.
 pub const BOOTS: usize = 0x010;
@@ -175,6 +179,14 @@ pub const GRAVITY_Z: usize = 0x14C;
 pub const GRAVITY_LIVE: usize = 0x150;
 /// Offset, host to board: 1 to have the board overflow its stack.
 pub const OVERFLOW_STACK: usize = 0x154;
+/// Offset, host to board: odd while the host changes [`ENCODER_ORIGIN`], [`ENCODER_PHASE`] and [`ENCODER_SLIP`].
+pub const ENCODER_SEQUENCE: usize = 0x158;
+/// Offset, host to board: the [`FEED_STEPS`] from which the encoder goes on, as an `i32`.
+pub const ENCODER_ORIGIN: usize = 0x15C;
+/// Offset, host to board: how far the encoder is turned there, in 1/256 steps, below [`ENCODER_PITCH`].
+pub const ENCODER_PHASE: usize = 0x160;
+/// Offset, host to board: how much more than a step's worth of filament each step moves from there on, in 1/65536, as an `i32`.
+pub const ENCODER_SLIP: usize = 0x164;
 /// Offset, host to board: the machine description.
 pub const MACHINE: usize = 0x1000;
 /// The longest machine description, in bytes.
@@ -308,23 +320,36 @@ pub const fn index_level(head_steps: i32, steps_per_turn: u32, position: u32, wi
     }
 }
 
+/// Where the filament's encoder goes on from, and how.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct EncoderCourse {
+    /// [`ENCODER_ORIGIN`].
+    pub origin: i32,
+    /// [`ENCODER_PHASE`].
+    pub phase: u32,
+    /// [`ENCODER_SLIP`].
+    pub slip: i32,
+}
+
 /// Level of the filament's encoder (`true` is high) for a feed at `feed_steps`, as the encoder's words describe it.
 ///
 /// ```
-/// use growbot_firmware::emulated_tip::{ENCODER_TURNS, encoder_level};
-///
+/// use growbot_firmware::emulated_tip::{ENCODER_TURNS, EncoderCourse, encoder_level};
 /// // An edge every 112.5 steps.
-/// let pitch = 225 * 128;
-/// assert!(encoder_level(0, pitch, ENCODER_TURNS) && encoder_level(56, pitch, ENCODER_TURNS));
-/// assert!(!encoder_level(57, pitch, ENCODER_TURNS) && !encoder_level(112, pitch, ENCODER_TURNS));
-/// assert!(encoder_level(113, pitch, ENCODER_TURNS) && !encoder_level(-1, pitch, ENCODER_TURNS));
+/// let (pitch, course) = (225 * 128, EncoderCourse::default());
+/// let level = |steps| encoder_level(steps, pitch, ENCODER_TURNS, course);
+/// assert!(level(0) && level(56) && !level(57) && !level(112) && level(113) && !level(-1));
 /// ```
-pub const fn encoder_level(feed_steps: i32, pitch: u32, state: u32) -> bool {
+pub const fn encoder_level(feed_steps: i32, pitch: u32, state: u32, course: EncoderCourse) -> bool {
     match state {
         ENCODER_STANDS_LOW => false,
         ENCODER_STANDS_HIGH => true,
         _ if pitch == 0 => false,
-        _ => (feed_steps as i64 * 256).rem_euclid(pitch as i64) * 2 < pitch as i64,
+        _ => {
+            let steps = feed_steps as i64 - course.origin as i64;
+            let turned = course.phase as i64 + steps * 256 + ((steps * course.slip as i64) >> 8);
+            turned.rem_euclid(pitch as i64) * 2 < pitch as i64
+        }
     }
 }
 
@@ -372,14 +397,29 @@ mod tests {
 
     #[test]
     fn the_encoder_stands_where_the_filament_does() {
-        assert!(!encoder_level(0, 0, ENCODER_TURNS));
-        assert!(!encoder_level(0, 100 * 256, ENCODER_STANDS_LOW));
-        assert!(encoder_level(70, 100 * 256, ENCODER_STANDS_HIGH));
-        let rises = (1..=100_000).filter(|&step| {
-            let level = |step| encoder_level(step, 225 * 128, ENCODER_TURNS);
-            level(step) && !level(step - 1)
-        });
-        assert_eq!(rises.count(), 888);
+        let course = EncoderCourse::default();
+        assert!(!encoder_level(0, 0, ENCODER_TURNS, course));
+        assert!(!encoder_level(0, 100 * 256, ENCODER_STANDS_LOW, course));
+        assert!(encoder_level(70, 100 * 256, ENCODER_STANDS_HIGH, course));
+        assert_eq!(rises(course), 888);
+    }
+
+    /// Rising edges of the encoder in 100,000 steps, 112.5 steps a pulse.
+    fn rises(course: EncoderCourse) -> usize {
+        let level = |step| encoder_level(step, 225 * 128, ENCODER_TURNS, course);
+        (1..=100_000).filter(|step| level(*step) && !level(step - 1)).count()
+    }
+
+    #[test]
+    fn the_encoder_turns_as_far_as_the_filament_that_slips() {
+        assert_eq!(rises(EncoderCourse { slip: -65_536 / 10, ..EncoderCourse::default() }), 800);
+        assert_eq!(rises(EncoderCourse { slip: 65_536 / 4, ..EncoderCourse::default() }), 1111);
+        // From one course to the next it goes on where it was.
+        let (pitch, before) = (225 * 128, EncoderCourse { origin: 0, phase: 0, slip: 6554 });
+        let phase = ((70_i64 * 256 + ((70 * 6554) >> 8)) % i64::from(pitch)) as u32;
+        let after = EncoderCourse { origin: 70, phase, slip: -6554 };
+        let level = |course| encoder_level(70, pitch, ENCODER_TURNS, course);
+        assert_eq!(level(before), level(after));
     }
 
     #[test]
@@ -428,6 +468,10 @@ mod tests {
             GRAVITY_Z,
             GRAVITY_LIVE,
             OVERFLOW_STACK,
+            ENCODER_SEQUENCE,
+            ENCODER_ORIGIN,
+            ENCODER_PHASE,
+            ENCODER_SLIP,
             MACHINE,
             JOURNAL,
         ];

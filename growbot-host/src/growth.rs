@@ -8,7 +8,8 @@ use growbot_core::job::{job_layers, summarize};
 use growbot_core::layer::{Layer, grow};
 use growbot_core::layer_bytes::{LayerBytes, decode};
 use growbot_core::link::message::{
-    Accepted, Begin, BoardHello, Cut, Empty, Fault, Message, Refusal, Resume, Silence, Start, State, Status, Waits,
+    Accepted, Amend, Begin, BoardHello, Cut, Empty, Fault, Laid, MOST_LAYERS, Measured, Message, Refusal, Resume,
+    Silence, Start, State, Status, Waits,
 };
 use growbot_core::path::{Segment, length};
 use growbot_core::pose::Pose;
@@ -16,6 +17,7 @@ use growbot_core::robot::Robot;
 
 use crate::arrival::Arrival;
 use crate::client::{Client, ClientError};
+use crate::feedback::{Count, FedBack, Feedback};
 
 /// How long to wait for an event before asking for the status.
 const QUIET: Duration = Duration::from_secs(2);
@@ -23,6 +25,18 @@ const QUIET: Duration = Duration::from_secs(2);
 const LOOKS_AFTER_THE_END: u32 = 40;
 /// A board that has fallen silent is called again so often before it counts as lost.
 const CALLS: u32 = 12;
+
+/// With feedback, layers are handed over so far ahead.
+const HORIZON: u32 = 64;
+/// The step engine has so many layers at a time, which cannot be amended any more.
+const IN_ENGINE: u32 = 2;
+/// A job is amended once in this time at most, s: with all layers up to the horizon that keeps a serial line busy for a fifth of it.
+const AMEND_EVERY_S: f64 = 0.5;
+/// And so often in all, less an eighth of the job's layers: a board's journal has room for some 2,000 records besides the layers that a
+/// job begins with, and a job that is amended may come to have more of them.
+const MOST_AMENDMENTS: usize = 1792;
+/// A layer may have been begun while a job was amended: then it is tried again, so often.
+const AMEND_TRIES: u32 = 4;
 
 /// A job: the layers of a path, for a robot.
 #[derive(Debug, Clone, PartialEq)]
@@ -108,6 +122,33 @@ pub struct Grown {
     pub as_built: Vec<Option<LayerBytes>>,
     /// The layer under way when it ended: how much of it was made.
     pub cut: Option<Cut>,
+    /// What the arrival is measured by.
+    pub measured_by: MeasuredBy,
+    /// What feedback came to; none without it.
+    pub fed_back: Option<FedBack>,
+}
+
+/// What an arrival is measured by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum MeasuredBy {
+    /// The simulated tip: it is the truth.
+    Tip,
+    /// What feedback has made of the sensors.
+    Estimate,
+    /// The steps that the board has made, as if each layer had come out as they say.
+    Steps,
+}
+
+impl MeasuredBy {
+    /// In a word.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Tip => "tip",
+            Self::Estimate => "estimate",
+            Self::Steps => "steps",
+        }
+    }
 }
 
 impl Grown {
@@ -143,12 +184,33 @@ pub enum News {
     Board(BoardHello),
     /// The board's status, asked for in quiet times.
     Status(Status),
-    /// A layer is laid: its index, and the layer as built where that is known.
-    Laid(u32, Option<LayerBytes>),
+    /// A layer is laid: its index, the layer as built where that is known, and what was measured after it.
+    Laid(u32, Option<LayerBytes>, Option<Measured>),
+    /// Feedback counts filament from here on.
+    Counting(Count),
+    /// The job is about to be amended. It is, unless `NotAmended` follows.
+    Amending(Amendment),
+    /// The board has not taken the latest amendment: why, unless it just came too late.
+    NotAmended(Option<String>),
+    /// With feedback: layers of the job beyond those of its latest amendment are handed over, from this index on.
+    HandingOver(u32, Vec<LayerBytes>),
     /// The board does not answer, and is called again.
     Silent,
     /// It answers again.
     Back,
+}
+
+/// Other layers from an index on.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Amendment {
+    /// The job's new name.
+    pub plan_id: u64,
+    /// Index of the first other layer.
+    pub from: u32,
+    /// Layers of the job from now on.
+    pub total: u32,
+    /// The first of the other layers.
+    pub layers: Vec<LayerBytes>,
 }
 
 /// Why a growth came to no end that could be measured.
@@ -203,7 +265,22 @@ pub fn grow_job(
     stop: &AtomicBool,
     tell: &mut dyn FnMut(&News),
 ) -> Result<Grown, GrowthError> {
-    let mut growth = Growth::begin(client, job, silence, tell)?;
+    grow_job_with(client, job, None, silence, stop, tell)
+}
+
+/// As [`grow_job`], with feedback: layers to come are planned again after each that is laid.
+///
+/// # Errors
+/// As [`grow_job`].
+pub fn grow_job_with<'a>(
+    client: &'a mut Client,
+    job: &Job<'a>,
+    feedback: Option<Feedback<'a>>,
+    silence: Silence,
+    stop: &AtomicBool,
+    tell: &mut dyn FnMut(&News),
+) -> Result<Grown, GrowthError> {
+    let mut growth = Growth::begin(client, job, feedback, silence, tell)?;
     growth.start().map_err(GrowthError::Before)?;
     growth.finish(stop, tell)
 }
@@ -221,7 +298,25 @@ pub fn resume_job(
     stop: &AtomicBool,
     tell: &mut dyn FnMut(&News),
 ) -> Result<Grown, GrowthError> {
-    let mut growth = Growth::take_up(client, job, known, cut, silence, tell)?;
+    resume_job_with(client, job, None, known, cut, silence, stop, tell)
+}
+
+/// As [`resume_job`], with feedback that has heard of the layers in `known`.
+///
+/// # Errors
+/// As [`resume_job`].
+#[expect(clippy::too_many_arguments, reason = "what goes on is as much as what began")]
+pub fn resume_job_with<'a>(
+    client: &'a mut Client,
+    job: &Job<'a>,
+    feedback: Option<Feedback<'a>>,
+    known: Vec<Option<LayerBytes>>,
+    cut: CutLayer,
+    silence: Silence,
+    stop: &AtomicBool,
+    tell: &mut dyn FnMut(&News),
+) -> Result<Grown, GrowthError> {
+    let mut growth = Growth::take_up(client, job, feedback, known, cut, silence, tell)?;
     growth.start().map_err(GrowthError::Before)?;
     growth.finish(stop, tell)
 }
@@ -229,8 +324,18 @@ pub fn resume_job(
 /// A growth under way.
 struct Growth<'a> {
     client: &'a mut Client,
-    job: &'a Job<'a>,
+    /// As it was amended last.
+    job: Job<'a>,
     silence: Silence,
+    feedback: Option<Feedback<'a>>,
+    /// Every name that the job has had.
+    names: Vec<u64>,
+    /// An amendment of which it is not known whether the board has taken it: the job's name and layers then.
+    amending: Option<(u64, Vec<LayerBytes>)>,
+    /// The job is amended once so many layers are laid.
+    amend_at: u32,
+    /// Layers below this have been told to whoever hears the news.
+    told: u32,
     /// What the board has accepted, and has room for.
     accepted: Accepted,
     /// Layers that the board has laid.
@@ -249,11 +354,22 @@ struct Growth<'a> {
 }
 
 impl<'a> Growth<'a> {
-    fn new(client: &'a mut Client, job: &'a Job<'a>, silence: Silence, hello: &BoardHello) -> Self {
+    fn new(
+        client: &'a mut Client,
+        job: &Job<'a>,
+        feedback: Option<Feedback<'a>>,
+        silence: Silence,
+        hello: &BoardHello,
+    ) -> Self {
         Self {
             client,
-            job,
+            job: job.clone(),
             silence,
+            feedback,
+            names: vec![job.plan_id],
+            amending: None,
+            amend_at: 0,
+            told: job.layers.len() as u32,
             accepted: Accepted { plan_id: 0, next: 0, room: 0 },
             laid: 0,
             laid_before: None,
@@ -269,7 +385,8 @@ impl<'a> Growth<'a> {
     /// Hands a new job to the board: as many layers as it holds.
     fn begin(
         client: &'a mut Client,
-        job: &'a Job<'a>,
+        job: &Job<'a>,
+        feedback: Option<Feedback<'a>>,
         silence: Silence,
         tell: &mut dyn FnMut(&News),
     ) -> Result<Self, GrowthError> {
@@ -279,8 +396,9 @@ impl<'a> Growth<'a> {
         if plan_id != 0 && (laid > 0 || cut.is_some()) && laid < layers && state != State::Stopped {
             return Err(GrowthError::Unfinished { plan_id, laid, layers });
         }
-        let mut growth = Self::new(client, job, silence, &hello);
+        let mut growth = Self::new(client, job, feedback, silence, &hello);
         growth.hand_over_all().map_err(GrowthError::Before)?;
+        growth.count_from_here(tell).map_err(GrowthError::Before)?;
         Ok(growth)
     }
 
@@ -296,7 +414,8 @@ impl<'a> Growth<'a> {
     /// Takes up a job that the board knows.
     fn take_up(
         client: &'a mut Client,
-        job: &'a Job<'a>,
+        job: &Job<'a>,
+        feedback: Option<Feedback<'a>>,
         known: Vec<Option<LayerBytes>>,
         cut: CutLayer,
         silence: Silence,
@@ -304,23 +423,41 @@ impl<'a> Growth<'a> {
     ) -> Result<Self, GrowthError> {
         let hello = client.hello_robot(job.robot).map_err(GrowthError::Before)?;
         tell(&News::Board(hello.clone()));
-        let mut growth = Self::new(client, job, silence, &hello);
+        let mut growth = Self::new(client, job, feedback, silence, &hello);
         if hello.status.plan_id != growth.job.plan_id {
             return Err(GrowthError::NothingToResume { plan_id: growth.job.plan_id, held: held(&hello.status) });
         }
         growth.as_built = known;
-        growth.attach(&hello.status, cut).map_err(GrowthError::Before)?;
+        growth.attach(&hello.status, cut, tell).map_err(GrowthError::Before)?;
         Ok(growth)
     }
 
-    fn attach(&mut self, status: &Status, cut: CutLayer) -> Result<(), ClientError> {
+    /// Feedback counts the filament from now on, unless it already counts what this start of the board has fed.
+    fn count_from_here(&mut self, tell: &mut dyn FnMut(&News)) -> Result<(), ClientError> {
+        let Some(feedback) = self.feedback.as_mut().filter(|feedback| !feedback.counts_in(self.boot_id)) else {
+            return Ok(());
+        };
+        let filament_pulses = self.client.sensors()?.filament_pulses;
+        let count = Count { boot_id: self.boot_id, laid: self.laid, filament_pulses };
+        feedback.count_from(&count);
+        tell(&News::Counting(count));
+        Ok(())
+    }
+
+    fn attach(&mut self, status: &Status, cut: CutLayer, tell: &mut dyn FnMut(&News)) -> Result<(), ClientError> {
         let skip = status.cut.is_some() && cut == CutLayer::LetBe;
         self.laid = status.laid;
         // What is not known is told from the first hole on.
         let known = self.as_built.len().min(status.laid as usize);
         self.as_built.truncate(known);
-        let resume = Resume { plan_id: self.job.plan_id, from: status.laid + u32::from(skip), known: known as u32 };
+        let from = status.laid + u32::from(skip);
+        let resume = Resume { plan_id: self.job.plan_id, from, known: known as u32 };
         self.ask("to resume", &Message::Resume(resume))?;
+        self.laid = from;
+        self.count_from_here(tell)?;
+        // At rest any layer can be another one.
+        self.amend_at = 0;
+        self.amend(self.laid, tell)?;
         self.hand_over()
     }
 
@@ -333,15 +470,87 @@ impl<'a> Growth<'a> {
         Ok(())
     }
 
+    /// Layers of the job that the board is to have by now: with feedback, none that will be others before they are laid.
+    fn wanted(&self) -> usize {
+        let all = self.job.layers.len();
+        if self.feedback.is_some() { all.min((self.laid + HORIZON) as usize) } else { all }
+    }
+
     /// Sends as many layers as the board has room for; whole messages, but for the last, while it grows.
     fn hand_over(&mut self) -> Result<(), ClientError> {
-        match self.client.hand_over(self.job.plan_id, &self.job.layers, self.accepted.clone()) {
+        let layers = self.job.layers.get(..self.wanted()).unwrap_or_default();
+        match self.client.hand_over(self.job.plan_id, layers, self.accepted.clone()) {
             Ok(accepted) => self.accepted = accepted,
             // It stopped in between; the status will say so.
             Err(ClientError::Refused { refusal: Refusal::WrongState { .. }, .. }) => {}
             Err(error) => return Err(error),
         }
         Ok(())
+    }
+
+    /// With feedback, plans the layers from this index on again, or from the first one that can still be another, and has the board lay
+    /// these. Where it does not take them it goes on with those that it has.
+    fn amend(&mut self, mut from: u32, tell: &mut dyn FnMut(&News)) -> Result<(), ClientError> {
+        let layers = self.job.layers.len();
+        let is_early = self.laid < self.amend_at || self.as_built.len() < self.laid as usize;
+        if is_early || self.laid as usize >= layers {
+            return Ok(());
+        }
+        let most = MOST_AMENDMENTS.saturating_sub(layers / 8).max(1);
+        for _ in 0..AMEND_TRIES {
+            let Some(feedback) = &mut self.feedback else { return Ok(()) };
+            from = from.min(self.accepted.next);
+            let kept = self.job.layers.get(..from as usize).unwrap_or(&self.job.layers);
+            let rest = feedback.rest(kept.get(self.as_built.len()..).unwrap_or_default());
+            let amended = [kept, &rest].concat();
+            let (plan_id, total) = (feedback.plan_id(&amended), amended.len() as u32);
+            let in_time = libm::ceil(AMEND_EVERY_S / self.job.robot.description().layer.period_s) as u32;
+            self.amend_at = self.laid + in_time.max(layers.div_ceil(most) as u32).max(1);
+            // A board takes no job of which nothing is left.
+            if plan_id == self.job.plan_id || total <= self.laid || feedback.amendments() as usize >= most {
+                return Ok(());
+            }
+            let horizon = rest.iter().take(HORIZON as usize).copied().collect();
+            tell(&News::Amending(Amendment { plan_id, from, total, layers: horizon }));
+            let first_layers = rest.iter().take(MOST_LAYERS).copied().collect();
+            let amend = Amend { plan_id: self.job.plan_id, amended: plan_id, from, layers: total, first_layers };
+            self.amending = Some((plan_id, amended));
+            match self.client.request("to amend the job", &Message::Amend(amend)) {
+                Ok(Message::Accepted(accepted)) => {
+                    self.accepted = accepted;
+                    self.told = total.min(from + HORIZON);
+                    self.amended();
+                    return Ok(());
+                }
+                Ok(other) => return Err(ClientError::Unexpected { request: "to amend the job", kind: other.kind() }),
+                Err(ClientError::Refused { refusal, request }) if refusal != Refusal::NoSession => {
+                    self.amending = None;
+                    let why = match refusal {
+                        Refusal::Begun { .. } | Refusal::OutOfOrder { .. } | Refusal::WrongState { .. } => None,
+                        refusal => Some(ClientError::Refused { request, refusal }.to_string()),
+                    };
+                    tell(&News::NotAmended(why));
+                    match refusal {
+                        // A layer has been begun meanwhile.
+                        Refusal::Begun { first } => from = first,
+                        Refusal::OutOfOrder { expected } => self.accepted.next = expected,
+                        _ => return Ok(()),
+                    }
+                }
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(())
+    }
+
+    /// The board has taken the amendment.
+    fn amended(&mut self) {
+        let Some((plan_id, layers)) = self.amending.take() else { return };
+        (self.job.plan_id, self.job.layers) = (plan_id, layers);
+        self.names.push(plan_id);
+        if let Some(feedback) = &mut self.feedback {
+            feedback.amended();
+        }
     }
 
     fn start(&mut self) -> Result<(), ClientError> {
@@ -377,6 +586,11 @@ impl<'a> Growth<'a> {
     fn call_again(&mut self, stop: &AtomicBool, tell: &mut dyn FnMut(&News)) -> Result<Outcome, ClientError> {
         let hello = self.client.hello_robot(self.job.robot)?;
         tell(&News::Back);
+        if self.amending.as_ref().is_some_and(|(plan_id, _)| *plan_id == hello.status.plan_id) {
+            self.amended();
+        } else if self.amending.take().is_some() {
+            tell(&News::NotAmended(None));
+        }
         if hello.boot_id != self.boot_id || hello.status.plan_id != self.job.plan_id {
             self.laid = hello.status.laid;
             self.cut = hello.status.cut;
@@ -384,7 +598,7 @@ impl<'a> Growth<'a> {
             return Ok(Outcome::Interrupted);
         }
         if outcome(hello.status.state, hello.status.fault).is_none() || hello.status.state == State::Done {
-            self.attach(&hello.status, CutLayer::Again)?;
+            self.attach(&hello.status, CutLayer::Again, tell)?;
         }
         self.follow(stop, tell)
     }
@@ -403,7 +617,7 @@ impl<'a> Growth<'a> {
             }
             if std::mem::take(&mut ask) {
                 let status = self.client.status()?;
-                if let Some(outcome) = self.take_status(&status)? {
+                if let Some(outcome) = self.take_status(&status, tell)? {
                     if self.as_built.len() >= self.laid as usize || looks_after_the_end > LOOKS_AFTER_THE_END {
                         return Ok(outcome);
                     }
@@ -413,14 +627,15 @@ impl<'a> Growth<'a> {
                 }
             }
             match self.client.event(QUIET)? {
-                Some(Message::Laid(laid)) if laid.plan_id == self.job.plan_id => {
+                Some(Message::Laid(laid)) if self.names.contains(&laid.plan_id) => {
                     if laid.index as usize == self.as_built.len() {
-                        self.as_built.push(laid.as_built);
-                        tell(&News::Laid(laid.index, laid.as_built));
+                        self.take_layer(&laid);
+                        tell(&News::Laid(laid.index, laid.as_built, laid.measured));
                     }
                     self.laid = self.laid.max(laid.index + 1);
                     self.accepted.room = self.capacity.saturating_sub(self.accepted.next.saturating_sub(self.laid));
-                    self.refill()?;
+                    self.amend(self.laid + IN_ENGINE, tell)?;
+                    self.refill(tell)?;
                     // The last of those that were missing at the end.
                     ask = looks_after_the_end > 0 && self.as_built.len() >= self.laid as usize;
                 }
@@ -435,14 +650,32 @@ impl<'a> Growth<'a> {
         }
     }
 
+    /// A layer is laid, the next one after those that are known.
+    fn take_layer(&mut self, laid: &Laid) {
+        let commanded = self.job.layers.get(self.as_built.len());
+        if let (Some(feedback), Some(layer)) = (&mut self.feedback, laid.as_built.as_ref().or(commanded)) {
+            feedback.laid(layer, laid.measured.as_ref());
+        }
+        self.as_built.push(laid.as_built);
+    }
+
     /// Sends more layers, once there is room for a few messages of them, or for the rest.
-    fn refill(&mut self) -> Result<(), ClientError> {
-        let left = (self.job.layers.len() as u32).saturating_sub(self.accepted.next);
-        if left > 0 && self.accepted.room >= left.min(64) { self.hand_over() } else { Ok(()) }
+    fn refill(&mut self, tell: &mut dyn FnMut(&News)) -> Result<(), ClientError> {
+        let wanted = self.wanted() as u32;
+        let left = wanted.saturating_sub(self.accepted.next);
+        if left == 0 || self.accepted.room < left.min(HORIZON) {
+            return Ok(());
+        }
+        if self.told < wanted {
+            let layers = self.job.layers.get(self.told as usize..wanted as usize).unwrap_or_default();
+            tell(&News::HandingOver(self.told, layers.to_vec()));
+            self.told = wanted;
+        }
+        self.hand_over()
     }
 
     /// Takes what the board says of itself: how the job ended, if it did.
-    fn take_status(&mut self, status: &Status) -> Result<Option<Outcome>, ClientError> {
+    fn take_status(&mut self, status: &Status, tell: &mut dyn FnMut(&News)) -> Result<Option<Outcome>, ClientError> {
         if status.state == State::Growing && self.began_ms.is_none() {
             self.began_ms = Some(status.uptime_ms);
         }
@@ -458,7 +691,7 @@ impl<'a> Growth<'a> {
         self.accepted.next = status.next;
         self.laid = status.laid;
         self.accepted.room = self.capacity.saturating_sub(status.next.saturating_sub(status.laid));
-        self.refill()?;
+        self.refill(tell)?;
         // It held because it had not heard of us for long.
         if status.state == State::Hold && status.waits == Waits::ForHost {
             self.start()?;
@@ -475,6 +708,7 @@ impl<'a> Growth<'a> {
         // What cannot be asked any more is not asked.
         let tip = if outcome == Outcome::Lost { None } else { self.client.port().tip()? };
         let per_length = self.job.robot.feed_steps_per_length();
+        let is_tip = tip.is_some() && self.laid_before.is_some();
         let (body, feed_steps): (Vec<Layer>, f64) = match (tip, self.laid_before) {
             (Some(mut tip), Some((layers, feed))) => {
                 (tip.body.split_off(layers.min(tip.body.len())), (tip.feed_steps - feed) as f64)
@@ -485,7 +719,14 @@ impl<'a> Growth<'a> {
                 (body, fed)
             }
         };
-        let end = grow(&self.job.start.frame(), body.iter().copied());
+        let fed_back = self.feedback.as_ref().map(Feedback::result);
+        let (measured_by, end) = match &fed_back {
+            Some(fed_back) if !is_tip => (MeasuredBy::Estimate, fed_back.estimate.base_from_tip),
+            _ => {
+                let measured_by = if is_tip { MeasuredBy::Tip } else { MeasuredBy::Steps };
+                (measured_by, grow(&self.job.start.frame(), body.iter().copied()))
+            }
+        };
         Ok(Grown {
             outcome,
             plan_id: self.job.plan_id,
@@ -495,6 +736,8 @@ impl<'a> Growth<'a> {
             filament_mm: feed_steps / self.job.robot.description().feed.steps_per_mm,
             as_built: self.as_built,
             cut: self.cut,
+            measured_by,
+            fed_back,
         })
     }
 }

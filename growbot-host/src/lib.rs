@@ -13,6 +13,7 @@
 //! - [`layer_table`]: the layers of a plan as CSV;
 //! - [`port`]: where a robot is: simulated here, emulated, or at the end of a line; [`tip`], what a simulated one does;
 //! - [`client`]: requests to its board and their answers; [`growth`], a whole job; [`arrival`], how near it came; [`run_log`];
+//! - [`simulation`]: growth without a robot, with what goes wrong, once or a million times;
 //! - [`input`], [`output`], [`progress`], [`parallel`]: bounded reading, whole files or none, pipes that close, progress, all cores.
 //!
 //! Lengths are in mm. Angles are in radians inside and in degrees in every text and file; names carry the unit.
@@ -23,6 +24,7 @@ pub mod batch;
 pub mod clearance;
 pub mod client;
 pub mod degrees;
+pub mod feedback;
 pub mod growth;
 pub mod input;
 pub mod layer_table;
@@ -38,6 +40,7 @@ pub mod progress;
 pub mod reproduce;
 pub mod robot_file;
 pub mod run_log;
+pub mod simulation;
 pub mod tip;
 pub mod warning;
 pub mod workspace;

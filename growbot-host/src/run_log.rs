@@ -10,12 +10,15 @@ use std::path::Path;
 
 use growbot_core::angle::degrees;
 use growbot_core::layer_bytes::{LayerBytes, decode};
-use growbot_core::link::message::Fault;
+use growbot_core::link::message::{Fault, Measured};
+use growbot_core::path::Segment;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
+use growbot_core::tracking::SensorNoise;
 use serde_json::{Value, json};
 
-use crate::growth::{Job, News};
+use crate::feedback::{Count, Feedback};
+use crate::growth::{Amendment, Job, News};
 use crate::plan::Plan;
 use crate::plan_check::pose;
 use crate::plan_file::{PlanFile, PlanFileError, written_hash};
@@ -41,11 +44,17 @@ impl RunLog {
         Self(None)
     }
 
-    /// Begins a log with versions, port, plan and layers.
+    /// Begins a log with versions, port, plan and layers; and with what the sensors are taken for, where there is feedback.
     ///
     /// # Errors
     /// If the file cannot be created. A log that is there already is not overwritten: it may be the only record of a body.
-    pub fn begin(path: &Path, plan: &Plan, job: &Job, port: &str) -> Result<Self, RunLogError> {
+    pub fn begin(
+        path: &Path,
+        plan: &Plan,
+        job: &Job,
+        feedback: Option<SensorNoise>,
+        port: &str,
+    ) -> Result<Self, RunLogError> {
         let name = path.display().to_string();
         let file = File::create_new(path).map_err(|error| RunLogError { file: name.clone(), error })?;
         let mut log = Self(Some((file, name)));
@@ -57,7 +66,8 @@ impl RunLog {
             "robot": job.robot.name(),
             "robot_hash": written_hash(job.robot.hash()),
             "plan_id": written_hash(job.plan_id),
-            "layers": job.layers.iter().map(hex).collect::<String>(),
+            "layers": hex_of(&job.layers),
+            "feedback": feedback.map(|noise| json!({ "odometry": noise.odometry, "direction": noise.direction })),
             "plan": PlanFile::from(plan),
         }))?;
         Ok(log)
@@ -106,18 +116,37 @@ impl RunLog {
                 "laid": status.laid,
                 "uptime_ms": status.uptime_ms,
             })),
-            News::Laid(index, Some(bytes)) => {
-                let layer = decode(bytes);
-                self.write(&json!({
-                    "event": "laid",
-                    "layer": index,
-                    "as_built": hex(bytes),
-                    "alpha_deg": degrees(layer.alpha),
-                    "height_mm": layer.height,
-                    "tilt_deg": degrees(layer.tilt),
-                }))
+            News::Laid(index, as_built, measured) => {
+                let mut line = json!({ "event": "laid", "layer": index, "as_built": as_built.as_ref().map(hex) });
+                if let Some(bytes) = as_built {
+                    let layer = decode(bytes);
+                    line["alpha_deg"] = degrees(layer.alpha).into();
+                    line["height_mm"] = layer.height.into();
+                    line["tilt_deg"] = degrees(layer.tilt).into();
+                }
+                if let Some(measured) = measured {
+                    line["filament_pulses"] = measured.filament_pulses.into();
+                    line["gravity_milli_g"] = json!(measured.gravity_milli_g);
+                }
+                self.write(&line)
             }
-            News::Laid(index, None) => self.write(&json!({ "event": "laid", "layer": index, "as_built": null })),
+            News::Counting(count) => self.write(&json!({
+                "event": "counting",
+                "boot_id": count.boot_id,
+                "laid": count.laid,
+                "filament_pulses": count.filament_pulses,
+            })),
+            News::Amending(Amendment { plan_id, from, total, layers }) => self.write(&json!({
+                "event": "amending",
+                "plan_id": written_hash(*plan_id),
+                "from": from,
+                "total": total,
+                "layers": hex_of(layers),
+            })),
+            News::NotAmended(why) => self.write(&json!({ "event": "not-amended", "why": why })),
+            News::HandingOver(from, layers) => {
+                self.write(&json!({ "event": "handing-over", "from": from, "layers": hex_of(layers) }))
+            }
             News::Silent => self.write(&json!({ "event": "silent" })),
             News::Back => self.write(&json!({ "event": "back" })),
         }
@@ -175,12 +204,24 @@ pub struct RunRecord {
     pub robot: (String, u64),
     /// The plan.
     pub plan: PlanFile,
-    /// The job's name.
+    /// What the sensors were taken for; none without feedback.
+    pub feedback: Option<SensorNoise>,
+    /// The job's name, as it was amended last.
     pub plan_id: u64,
+    /// Layers of the job.
+    pub total: u32,
     /// The layers that were handed over.
     pub layers: Vec<LayerBytes>,
     /// The layers as built, from the first on; none where nothing is known of one.
     pub as_built: Vec<Option<LayerBytes>>,
+    /// What was measured after each of them.
+    pub measured: Vec<Option<Measured>>,
+    /// From where filament was counted, each with how many layers had been told before.
+    counts: Vec<(usize, Count)>,
+    /// Amendments that the board has taken.
+    amendments: u32,
+    /// The job as it was before the latest amendment: name, layers in all, and those handed over.
+    before: Option<(u64, u32, Vec<LayerBytes>)>,
     /// How it ended, if the log says so.
     pub outcome: Option<String>,
     /// The file, as errors call it.
@@ -240,6 +281,38 @@ impl RunRecord {
         Ok((pose("start", &self.plan.start).map_err(fault)?, pose("goal", &self.plan.goal).map_err(fault)?))
     }
 
+    /// The board has this job: where it has not taken the latest amendment, the job is as before.
+    pub fn is_held_as(&mut self, plan_id: u64) {
+        if self.before.as_ref().is_some_and(|(before, ..)| *before == plan_id) {
+            self.take_back();
+        }
+    }
+
+    fn take_back(&mut self) {
+        if let Some((plan_id, total, layers)) = self.before.take() {
+            (self.plan_id, self.total, self.layers) = (plan_id, total, layers);
+            self.amendments -= 1;
+        }
+    }
+
+    /// The feedback as it stood when the log ended; none for a growth without.
+    #[must_use]
+    pub fn feedback<'a>(&self, job: &Job<'a>, path: &[Segment]) -> Option<Feedback<'a>> {
+        let mut feedback = Feedback::new(job.robot, job.start, job.goal, path, self.feedback?);
+        let mut counts = self.counts.iter().peekable();
+        for (index, (as_built, measured)) in self.as_built.iter().zip(&self.measured).enumerate() {
+            while let Some((_, count)) = counts.next_if(|(told, _)| *told <= index) {
+                feedback.count_from(count);
+            }
+            if let Some(layer) = as_built.as_ref().or(self.layers.get(index)) {
+                feedback.laid(layer, measured.as_ref());
+            }
+        }
+        counts.for_each(|(_, count)| feedback.count_from(count));
+        (0..self.amendments).for_each(|_| feedback.amended());
+        Some(feedback)
+    }
+
     fn of_header(header: &Value, file: &str) -> Result<Self, RunRecordError> {
         let wrong = |reason: String| RunRecordError::Header { file: file.to_string(), reason };
         let text = |field: &str| {
@@ -254,17 +327,33 @@ impl RunRecord {
         };
         let layers = unhex(text("layers")?).ok_or_else(|| wrong("its \"layers\" are no layers".to_string()))?;
         let plan = header.get("plan").cloned().unwrap_or_default();
+        let noise = |field: &str| header.get("feedback")?.get(field)?.as_f64().filter(|noise| *noise >= 0.0);
         Ok(Self {
+            feedback: noise("odometry")
+                .zip(noise("direction"))
+                .map(|(odometry, direction)| SensorNoise { odometry, direction }),
             robot: (text("robot")?.to_string(), hash("robot_hash")?),
             plan: PlanFile::parse(&plan.to_string(), file)?,
             file: file.to_string(),
             plan_id: hash("plan_id")?,
+            total: layers.len() as u32,
             layers,
             as_built: Vec::new(),
+            measured: Vec::new(),
+            counts: Vec::new(),
+            amendments: 0,
+            before: None,
             outcome: None,
             bytes: 0,
             cut_off: 0,
         })
+    }
+
+    /// The layers with those of an event in the place of what was there from its first on.
+    fn with(&self, event: &Value) -> Option<Vec<LayerBytes>> {
+        let from = number(event, "from")? as usize;
+        let layers = unhex(event.get("layers")?.as_str()?)?;
+        Some([self.layers.get(..from)?, &layers].concat())
     }
 
     fn take(&mut self, event: &Value) {
@@ -275,6 +364,29 @@ impl RunRecord {
                 // After a resumption layers may be told again: the first report stands.
                 if index == Some(self.as_built.len() as u64) {
                     self.as_built.push(bytes.and_then(|layers| layers.first().copied()));
+                    self.measured.push(measured(event));
+                }
+            }
+            Some("counting") => {
+                if let (Some(boot_id), Some(laid)) = (number(event, "boot_id"), number(event, "laid")) {
+                    let filament_pulses = number(event, "filament_pulses");
+                    self.counts.push((self.as_built.len(), Count { boot_id, laid, filament_pulses }));
+                }
+            }
+            Some("amending") => {
+                if let (Some(plan_id), Some(total)) = (hash(event, "plan_id"), number(event, "total"))
+                    && let Some(layers) = self.with(event)
+                {
+                    let layers = std::mem::replace(&mut self.layers, layers);
+                    self.before = Some((self.plan_id, self.total, layers));
+                    (self.plan_id, self.total) = (plan_id, total);
+                    self.amendments += 1;
+                }
+            }
+            Some("not-amended") => self.take_back(),
+            Some("handing-over") => {
+                if let Some(layers) = self.with(event) {
+                    self.layers = layers;
                 }
             }
             Some("resumed") => self.outcome = None,
@@ -287,6 +399,24 @@ impl RunRecord {
     }
 }
 
+/// A number of an event.
+fn number(event: &Value, field: &str) -> Option<u32> {
+    event.get(field)?.as_u64()?.try_into().ok()
+}
+
+/// A hash of an event.
+fn hash(event: &Value, field: &str) -> Option<u64> {
+    u64::from_str_radix(event.get(field)?.as_str()?, 16).ok()
+}
+
+/// What was measured after a layer.
+fn measured(event: &Value) -> Option<Measured> {
+    let gravity = event.get("gravity_milli_g")?;
+    let part = |axis: usize| gravity.get(axis)?.as_i64()?.try_into().ok();
+    let gravity_milli_g = part(0).zip(part(1)).zip(part(2)).map(|((x, y), z)| [x, y, z]);
+    Some(Measured { filament_pulses: number(event, "filament_pulses"), gravity_milli_g })
+}
+
 /// The JSON of a line that has its end.
 fn whole(line: &[u8]) -> Option<Value> {
     serde_json::from_slice(line.strip_suffix(b"\n")?).ok()
@@ -294,6 +424,10 @@ fn whole(line: &[u8]) -> Option<Value> {
 
 fn hex(bytes: &LayerBytes) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+fn hex_of(layers: &[LayerBytes]) -> String {
+    layers.iter().map(hex).collect()
 }
 
 /// Layers from the hex digits of their bytes.
@@ -325,5 +459,64 @@ mod tests {
         for wrong in ["0", "0g", &"0".repeat(23), "\u{e9}"] {
             assert_eq!(unhex(wrong), None, "{wrong}");
         }
+    }
+
+    /// A log of three layers with feedback, and lines after its header.
+    fn log(lines: &[Value]) -> Vec<u8> {
+        let robot = crate::robot_file::load("growbot-a".as_ref()).unwrap();
+        let up = |z| Pose::from_degrees([0.0, 0.0, z, 0.0, 90.0]).unwrap();
+        let search =
+            crate::plan::Search { radius: 100.0, planner: growbot_core::plan::Planner::Shortest, clear_of_self: false };
+        let plan = Plan::through(&robot, &up(0.0), &[], &up(2.1), &search).unwrap();
+        let job = Job::new(&robot, &plan.start, &plan.goal, &plan.path);
+        let file = tempfile::tempdir().unwrap();
+        let path = file.path().join("run.jsonl");
+        let noise = SensorNoise { odometry: 0.01, direction: 0.002 };
+        let mut log = RunLog::begin(&path, &plan, &job, Some(noise), "sim").unwrap();
+        for line in lines {
+            log.write(line).unwrap();
+        }
+        fs::read(&path).unwrap()
+    }
+
+    #[test]
+    fn amendments_are_read_back_and_those_that_the_board_did_not_take_are_none() {
+        let other = |byte: u8| [byte; 12];
+        let amending = |plan_id: u64, from: u32, layers: &[LayerBytes]| json!({ "event": "amending", "plan_id": written_hash(plan_id), "from": from, "total": 9, "layers": hex_of(layers) });
+        let lines = [
+            json!({ "event": "counting", "boot_id": 5, "laid": 0, "filament_pulses": 3 }),
+            amending(7, 1, &[other(1), other(2)]),
+            json!({ "event": "laid", "layer": 0, "as_built": hex(&other(9)), "filament_pulses": 60, "gravity_milli_g": [0, -3, 999] }),
+            json!({ "event": "laid", "layer": 1, "as_built": null, "filament_pulses": null, "gravity_milli_g": null }),
+            amending(8, 2, &[other(3)]),
+            json!({ "event": "not-amended" }),
+            json!({ "event": "handing-over", "from": 3, "layers": hex_of(&[other(4)]) }),
+            amending(9, 3, &[other(5)]),
+        ];
+        let mut record = RunRecord::read(&log(&lines), "log").unwrap();
+        assert_eq!((record.plan_id, record.total, record.layers.len()), (9, 9, 4));
+        assert_eq!(record.layers[1..], [other(1), other(2), other(5)]);
+        assert_eq!(
+            record.measured[0],
+            Some(Measured { filament_pulses: Some(60), gravity_milli_g: Some([0, -3, 999]) })
+        );
+        assert_eq!(record.measured[1], Some(Measured::default()));
+        assert_eq!(record.counts, [(0, Count { boot_id: 5, laid: 0, filament_pulses: Some(3) })]);
+        // The board has taken the latest one, or it has not.
+        record.is_held_as(9);
+        assert_eq!(record.plan_id, 9);
+        record.is_held_as(7);
+        assert_eq!((record.plan_id, record.layers[3]), (7, other(4)));
+    }
+
+    #[test]
+    fn a_log_without_feedback_has_none() {
+        let mut bytes = log(&[]);
+        assert!(RunRecord::read(&bytes, "log").unwrap().feedback.is_some());
+        let text = String::from_utf8(bytes).unwrap();
+        let mut header: Value = serde_json::from_str(&text).unwrap();
+        header["feedback"] = Value::Null;
+        bytes = format!("{header}\n").into_bytes();
+        assert_eq!(RunRecord::read(&bytes, "log").unwrap().feedback, None);
     }
 }

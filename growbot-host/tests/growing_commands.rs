@@ -190,6 +190,17 @@ fn a_body_grows_over_tcp_as_the_board_reports_it() {
 }
 
 #[test]
+fn with_feedback_a_robot_arrives_where_its_sensors_say() {
+    let board = FakeBoard::simulated("growbot-a");
+    let ran = growbot(&["grow", "--to", "0,0,38.7,0,90", "--port", &board.port(), "--feedback", "--json"]);
+    assert_eq!(ran.code, Some(0), "{}", ran.err);
+    let result = json(&ran);
+    assert_eq!((&result["measured_by"], &result["seed"]), (&"estimate".into(), &Value::Null));
+    assert!(number(&result["feedback"], "amendments") > 10.0 && result["feedback"]["estimate_error_mm"].is_null());
+    assert!(number(&result, "position_error_mm") < 1.0, "{result}");
+}
+
+#[test]
 fn reports_that_are_lost_are_sent_again() {
     let board = FakeBoard::losing_reports("growbot-a");
     let ran = growbot(&["grow", "--to", "0,0,15.48,0,90", "--port", &board.port(), "--json"]);

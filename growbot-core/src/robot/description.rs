@@ -17,6 +17,12 @@ pub struct RobotDescription {
     pub layer: LayerDescription,
     /// The printed wall.
     pub wall: Wall,
+    /// What the wall is made of; PLA unless the file says otherwise.
+    #[serde(default)]
+    pub material: Material,
+    /// What the body carries at its end.
+    #[serde(default)]
+    pub tip: Tip,
     /// How both steppers are driven.
     pub motion: Motion,
     /// The head, which turns the nozzle round the deposition plane.
@@ -77,6 +83,26 @@ pub struct LayerDescription {
 pub struct Wall {
     /// Thickness, mm.
     pub width_mm: f64,
+}
+
+/// What the wall is made of, as printed: what it weighs and bears.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Material {
+    /// Density, g/cm^3.
+    pub density_g_per_cm3: f64,
+    /// Young's modulus along the body, MPa.
+    pub youngs_modulus_mpa: f64,
+    /// Bending stress at which the wall fails, MPa: where layers part, for a printed wall.
+    pub strength_mpa: f64,
+}
+
+/// What the body carries at its end: head, feed, heater and what else is inside the tube.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Tip {
+    /// Mass, g.
+    pub mass_g: f64,
 }
 
 /// How material is varied round a turn.
@@ -295,6 +321,19 @@ pub struct FilamentMotion {
     pub mm_per_pulse: f64,
     /// Filament fed without an edge that means that it does not move, mm.
     pub jam_mm: f64,
+}
+
+impl Default for Material {
+    /// Printed PLA: 2.3 GPa along a print, and 30 MPa from layer to layer.
+    fn default() -> Self {
+        Self { density_g_per_cm3: 1.24, youngs_modulus_mpa: 2300.0, strength_mpa: 30.0 }
+    }
+}
+
+impl Default for Tip {
+    fn default() -> Self {
+        Self { mass_g: 150.0 }
+    }
 }
 
 impl Default for Hold {

@@ -9,8 +9,8 @@ mod step_rate;
 mod validate;
 
 pub use description::{
-    Fan, Feed, FeedStrategy, Filament, FilamentMotion, Geometry, Head, Heater, Hold, Input, LayerDescription, Motion,
-    RobotDescription, Sensors, Supply, Thermistor, Turning, Wall,
+    Fan, Feed, FeedStrategy, Filament, FilamentMotion, Geometry, Head, Heater, Hold, Input, LayerDescription, Material,
+    Motion, RobotDescription, Sensors, Supply, Thermistor, Tip, Turning, Wall,
 };
 pub use error::RobotError;
 pub use step_rate::{AxisMotion, LayerMotion};
@@ -182,6 +182,13 @@ impl Robot {
     #[must_use]
     pub fn wall_area(&self) -> f64 {
         core::f64::consts::TAU * self.tip_radius() * self.description.wall.width_mm
+    }
+
+    /// Second moment of area of the printed wall about a diameter, mm^4; about the tube's axis it is twice that.
+    #[must_use]
+    pub fn wall_second_moment(&self) -> f64 {
+        let (radius, width) = (self.tip_radius(), self.description.wall.width_mm);
+        core::f64::consts::PI * radius * width * (radius * radius + 0.25 * width * width)
     }
 
     /// Cross-section of the filament, mm^2.

@@ -1,7 +1,7 @@
 //! The checks of a robot description, in the order in which a person would fix what they find.
 
 use super::step_rate::{AxisMotion, BusiestSector, LONGEST_RAMP_S, LayerMotion};
-use super::{RobotDescription, RobotError};
+use super::{Material, RobotDescription, RobotError};
 use crate::angle::radians;
 use crate::curvature::{least_radius_of_geometry, least_radius_of_layers};
 use crate::layer::{Layer, SECTORS};
@@ -44,6 +44,7 @@ pub(super) fn check(robot: &RobotDescription) -> Result<(), RobotError> {
         return Err(RobotError::Name);
     }
     check_geometry(robot)?;
+    check_material(robot)?;
     check_layer(robot)?;
     check_radius(robot)?;
     check_motors(robot)?;
@@ -73,6 +74,26 @@ fn check_geometry(robot: &RobotDescription) -> Result<(), RobotError> {
         geometry.tip_radius_mm,
         "the wall must be thinner than the tip's radius",
     )
+}
+
+fn check_material(robot: &RobotDescription) -> Result<(), RobotError> {
+    let &Material { density_g_per_cm3, youngs_modulus_mpa, strength_mpa } = &robot.material;
+    Field("material.density_g_per_cm3", density_g_per_cm3).between(
+        1e-3,
+        25.0,
+        "grams per cubic centimetre: PLA has 1.24; check the unit",
+    )?;
+    Field("material.youngs_modulus_mpa", youngs_modulus_mpa).between(
+        1e-3,
+        1e6,
+        "MPa, which is N/mm^2: printed PLA has some 2300; check the unit",
+    )?;
+    Field("material.strength_mpa", strength_mpa).between(
+        1e-3,
+        1e5,
+        "MPa, which is N/mm^2: printed PLA bears some 30 from layer to layer; check the unit",
+    )?;
+    Field("tip.mass_g", robot.tip.mass_g).between(0.0, 1e6, "grams, a tonne at most; 0 for a tip that weighs nothing")
 }
 
 fn check_layer(robot: &RobotDescription) -> Result<(), RobotError> {
@@ -313,4 +334,42 @@ fn check_accelerations(robot: &RobotDescription) -> Result<(), RobotError> {
     check(&head, acceleration, "head acceleration within a layer")?;
     let acceleration = Field("feed.acceleration_mm_per_s2", robot.feed.acceleration_mm_per_s2);
     check(&feed, acceleration, "feed acceleration within a layer")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::robot::{Robot, Tip};
+    use crate::testing::description_a;
+    use std::string::ToString;
+
+    #[test]
+    fn materials_and_tips_that_cannot_be_are_refused() {
+        let refused = |change: fn(&mut RobotDescription)| {
+            let mut description = description_a();
+            change(&mut description);
+            Robot::new(description).unwrap_err().to_string()
+        };
+        for (message, part) in [
+            (refused(|robot| robot.material.density_g_per_cm3 = 1240.0), "density_g_per_cm3 is 1240, above 25: grams"),
+            (refused(|robot| robot.material.density_g_per_cm3 = f64::NAN), "density_g_per_cm3 is NaN"),
+            (refused(|robot| robot.material.youngs_modulus_mpa = 0.0), "youngs_modulus_mpa is 0, below 0.001: MPa"),
+            (refused(|robot| robot.material.strength_mpa = 3e7), "strength_mpa is 30000000, above 100000: MPa"),
+            (refused(|robot| robot.tip.mass_g = -1.0), "tip.mass_g is -1, below 0: grams"),
+        ] {
+            assert!(message.contains(part), "{message}");
+        }
+    }
+
+    #[test]
+    fn a_robot_whose_file_says_nothing_is_of_pla() {
+        let text = include_str!("../../../robots/growbot-a.toml");
+        let sections = |names: &[&str]| {
+            let kept = text.split("\n[").filter(|section| !names.iter().any(|name| section.starts_with(name)));
+            kept.collect::<std::vec::Vec<_>>().join("\n[")
+        };
+        let robot: RobotDescription = toml::from_str(&sections(&["material]", "tip]"])).unwrap();
+        assert_eq!((robot.material, robot.tip), (Material::default(), Tip::default()));
+        assert_eq!(robot, description_a());
+    }
 }

@@ -2,6 +2,7 @@
 
 use super::disturbance::{Disturbance, Laid};
 use super::sensors::Sensors;
+use crate::kinematics::advance;
 use crate::layer::Layer;
 use crate::path::Segment;
 use crate::plan::needs;
@@ -51,7 +52,7 @@ pub fn grow_open(
     let mut grown = Grown { base_from_tip: start.frame(), layers: 0, length: 0.0, estimate: None };
     for layer in layers {
         let laid = disturbance.lay(seed, grown.layers, &layer);
-        grown.base_from_tip *= laid.step();
+        grown.base_from_tip = advance(&grown.base_from_tip, &laid.step());
         grown.layers += 1;
         grown.length += laid.layer.height;
         each(&laid);
@@ -75,7 +76,7 @@ pub fn grow_closed(
     let mut by_growth = start.frame();
     while let Some(layer) = tracker.next_layer().filter(|_| grown.layers < most) {
         let laid = disturbance.lay(seed, grown.layers, &layer);
-        by_growth *= laid.step();
+        by_growth = advance(&by_growth, &laid.step());
         grown.base_from_tip = tip(&layer, &laid, &by_growth);
         let measured = sensors.measure(seed, grown.layers, &layer, &laid, &grown.base_from_tip);
         grown.layers += 1;

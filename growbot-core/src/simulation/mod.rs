@@ -2,8 +2,10 @@
 
 mod disturbance;
 mod growth;
+mod sag;
 mod sensors;
 
 pub use disturbance::{Disturbance, Laid};
 pub use growth::{Grown, Task, grow_closed, grow_open};
+pub use sag::{Hanging, RootStress};
 pub use sensors::{DirectionSensor, Sensors};

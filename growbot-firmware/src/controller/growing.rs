@@ -105,7 +105,8 @@ impl<B: Board> Controller<B> {
 
     /// Counts a layer as laid: the journal hears of it, and then the host.
     pub(super) fn count(&mut self, turn: &TurnReport, handover: &Handover) {
-        self.commit(Encoder::default().encode(&as_built(&turn.feed, &self.robot)));
+        let measured = self.measure(handover);
+        self.commit(Encoder::default().encode(&as_built(&turn.feed, &self.robot)), measured);
         self.sectors = 0;
         self.keep();
         if self.job.laid == self.job.layers {

@@ -6,7 +6,7 @@
 use growbot_core::layer::SECTORS;
 use growbot_core::layer_bytes::{LayerBytes, decode_checked};
 use growbot_core::link::message::{
-    Amend, Begin, Cancel, Cut, Laid, Layers, Message, Refusal, Resume, Silence, Start, State,
+    Amend, Begin, Cancel, Cut, Laid, Layers, Measured, Message, Refusal, Resume, Silence, Start, State,
 };
 use heapless::Deque;
 
@@ -22,6 +22,8 @@ use crate::stepping::{Handover, Material, Report};
 const COLD_C: f64 = 50.0;
 /// Layers handed to the engine and not yet laid.
 const MOST_GIVEN: usize = 3;
+/// What the sensors said is kept for so many of the layers laid last.
+const MOST_MEASURED: usize = 16;
 /// What is kept through a reset about the layer under way is so old at most, s.
 const KEPT_AGE_S: f64 = 0.25;
 
@@ -50,6 +52,8 @@ pub(super) struct Job {
     pub material: Material,
     /// What each of those handed over and not yet laid leaves to the next one.
     pub carries: Deque<journal::Laid, MOST_GIVEN>,
+    /// What the sensors said after the layers laid last, by index.
+    measured: Deque<(u32, Measured), MOST_MEASURED>,
 }
 
 impl Job {
@@ -58,6 +62,20 @@ impl Job {
         self.given = self.laid;
         self.carries.clear();
         self.material = Material::from(self.carry);
+    }
+
+    /// Keeps what the sensors said after a layer.
+    fn keep_measured(&mut self, index: u32, measured: Measured) {
+        if self.measured.is_full() {
+            self.measured.pop_front();
+        }
+        // There is room now.
+        let _ = self.measured.push_back((index, measured));
+    }
+
+    /// What the sensors said after a layer, if that is still known.
+    fn measured(&self, index: u32) -> Option<Measured> {
+        self.measured.iter().find(|(of, _)| *of == index).map(|(_, measured)| *measured)
     }
 }
 
@@ -338,9 +356,10 @@ impl<B: Board> Controller<B> {
     }
 
     /// A layer is laid: the journal knows before anybody else.
-    pub(super) fn commit(&mut self, as_built: LayerBytes) {
+    pub(super) fn commit(&mut self, as_built: LayerBytes, measured: Measured) {
         let index = self.job.laid;
         self.job.laid += 1;
+        self.job.keep_measured(index, measured);
         self.parts.store.drop_first();
         let Some(left) = self.job.carries.pop_front() else { return };
         let layer = journal::Laid { as_built, ..left };
@@ -355,7 +374,8 @@ impl<B: Board> Controller<B> {
         while self.job.told < self.job.laid && self.link.takes_layers() {
             let index = self.job.told;
             let as_built = self.parts.journal.laid(index).filter(|laid| !laid.cut).map(|laid| laid.as_built);
-            self.link.tell(link::Event::Laid(Laid { plan_id: self.job.plan_id, index, as_built }));
+            let measured = self.job.measured(index);
+            self.link.tell(link::Event::Laid(Laid { plan_id: self.job.plan_id, index, as_built, measured }));
             self.job.told += 1;
         }
     }

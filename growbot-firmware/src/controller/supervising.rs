@@ -2,7 +2,7 @@
 
 use embedded_hal::digital::{InputPin, OutputPin};
 use embedded_hal::pwm::SetDutyCycle;
-use growbot_core::link::message::{Fault, FaultRecord, SensorReadings, Silence, State, Waits};
+use growbot_core::link::message::{Fault, FaultRecord, Measured, SensorReadings, Silence, State, Waits};
 
 use super::{Controller, centi};
 use crate::hal::{Board, Orientation, Watchdog};
@@ -49,6 +49,15 @@ impl<B: Board> Controller<B> {
         }
     }
 
+    /// What tells how far the tip has grown, and which way it points.
+    pub(super) fn measure(&mut self, handover: &Handover) -> Measured {
+        let sensors = &self.robot.description().sensors;
+        Measured {
+            filament_pulses: sensors.filament_motion.map(|_| handover.filament_pulses()),
+            gravity_milli_g: if sensors.orientation { self.parts.orientation.gravity() } else { None },
+        }
+    }
+
     /// Reads every sensor but the thermistor.
     fn look(&mut self, handover: &Handover) -> Look {
         let description = self.robot.description();
@@ -62,14 +71,16 @@ impl<B: Board> Controller<B> {
                 .map(|_| self.parts.filament_presence.is_high().unwrap_or(false)),
             driver_fault: sensors.driver_fault.map(|_| self.parts.driver_fault.is_high().unwrap_or(true)),
         };
+        let emergency_stop = sensors.emergency_stop.map(|_| handover.emergency_stop());
+        let Measured { filament_pulses, gravity_milli_g } = self.measure(handover);
         self.readings = SensorReadings {
             supply_mv: look.supply_v.map(|volts| libm::rint(volts * 1000.0) as u32),
             on_index: handover.on_index(),
             filament_present: look.filament_present,
-            filament_pulses: sensors.filament_motion.map(|_| handover.filament_pulses()),
+            filament_pulses,
             driver_fault: look.driver_fault,
-            emergency_stop: sensors.emergency_stop.map(|_| handover.emergency_stop()),
-            gravity_milli_g: if sensors.orientation { self.parts.orientation.gravity() } else { None },
+            emergency_stop,
+            gravity_milli_g,
         };
         look
     }

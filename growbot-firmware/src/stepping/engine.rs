@@ -367,12 +367,17 @@ where
 
     fn count_filament(&mut self, handover: &Handover) -> Result<(), Alarm> {
         let high = self.inputs.filament_motion.is_high().map_err(|_| Alarm::Hardware)?;
-        if high && !self.filament_high {
+        let before = core::mem::replace(&mut self.filament_high, high);
+        if high && !before {
             self.fed_blindly = 0;
-            self.filament_pulses = self.filament_pulses.wrapping_add(1);
-            handover.set_filament_pulses(self.filament_pulses);
         }
-        self.filament_high = high;
+        // The place at which the line rises on the way forwards is the one at which it falls on the way back.
+        self.filament_pulses = match (before, high, self.feed.backwards == Some(true)) {
+            (false, true, false) => self.filament_pulses.wrapping_add(1),
+            (true, false, true) => self.filament_pulses.wrapping_sub(1),
+            _ => return Ok(()),
+        };
+        handover.set_filament_pulses(self.filament_pulses);
         Ok(())
     }
 

@@ -315,7 +315,7 @@ impl Handover {
         self.on_index.load(Ordering::Acquire)
     }
 
-    /// Rising edges of the filament's encoder, wrapping.
+    /// Pulses of the filament's encoder: those forwards less those backwards, wrapping.
     #[must_use]
     pub fn filament_pulses(&self) -> u32 {
         self.filament_pulses.load(Ordering::Acquire)

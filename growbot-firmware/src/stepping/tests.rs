@@ -572,6 +572,14 @@ fn the_engine_counts_the_filament_and_sees_the_index() {
     let layers = layers(&robot, 2, 0.5);
     rig.lay(turns(&robot, &layers));
     assert_eq!(i64::from(rig.handover.filament_pulses()), (feed_steps(&layers, &robot) + 50) / 100);
+    let before = rig.handover.filament_pulses();
+    for steps in [180, 333, 7] {
+        for backwards in [true, false] {
+            rig.order(Order::Feed(FeedMove { steps, backwards, ticks_per_step: 8 }));
+            let pulled = before.wrapping_sub(rig.handover.filament_pulses());
+            assert!(if backwards { pulled.abs_diff(steps / 100) <= 1 } else { pulled == 0 }, "{steps}: {pulled}");
+        }
+    }
     assert!(!rig.handover.on_index());
     rig.world.sensor.set(Sensor::Stuck);
     rig.run(1);

@@ -3,13 +3,16 @@
 use std::sync::atomic::AtomicBool;
 
 use clap::ValueEnum;
+use growbot_core::angle::degrees;
 use growbot_core::layer::SECTORS;
 use growbot_core::link::message::{Silence, State};
 use growbot_core::path::length;
+use growbot_core::pose::angle_between;
 use growbot_core::robot::Robot;
 use growbot_host::arrival::Arrival;
 use growbot_host::client::ClientError;
-use growbot_host::growth::{Grown, GrowthError, News, Outcome, as_built_hash};
+use growbot_host::feedback::FedBack;
+use growbot_host::growth::{Grown, GrowthError, MeasuredBy, News, Outcome, as_built_hash};
 use growbot_host::output::print;
 use growbot_host::plan::Plan;
 use growbot_host::plan_file::{WrittenPose, written_hash};
@@ -50,6 +53,8 @@ pub struct Following<'a> {
     pub json: bool,
     /// Layers laid before.
     pub laid: usize,
+    /// Where chance comes from; none where nothing is drawn by chance.
+    pub seed: Option<u64>,
 }
 
 impl Following<'_> {
@@ -74,7 +79,7 @@ impl Following<'_> {
         match grown {
             Ok(grown) => self.result(&grown),
             Err(GrowthError::During(error)) => {
-                let mut result = json_of("lost", None, self.plan);
+                let mut result = json_of("lost", None, self.plan, self.seed);
                 result["error"] = error.to_string().into();
                 self.log.end(&result).map_err(Failure::answered_no)?;
                 if self.json {
@@ -99,9 +104,13 @@ impl Following<'_> {
     }
 
     fn result(mut self, grown: &Grown) -> Result<(), Failure> {
-        let result = json_of(grown.outcome.name(), Some(grown), self.plan);
+        let result = json_of(grown.outcome.name(), Some(grown), self.plan, self.seed);
         self.log.end(&result).map_err(Failure::answered_no)?;
-        print(&if self.json { format!("{result}\n") } else { growth_table::table(self.plan, self.robot, grown) })?;
+        print(&if self.json {
+            format!("{result}\n")
+        } else {
+            growth_table::table(self.plan, self.robot, grown, self.seed)
+        })?;
         match grown.outcome {
             Outcome::Done => Ok(()),
             Outcome::Stopped => Err(Failure::answered_no("stopped before the last layer: heater and steppers are off")),
@@ -126,13 +135,13 @@ impl Following<'_> {
 /// The line of JSON of a growth that did not begin.
 pub fn refuse(json: bool, plan: &Plan) -> Result<(), Failure> {
     if json {
-        print(&format!("{}\n", json_of("refused", None, plan)))?;
+        print(&format!("{}\n", json_of("refused", None, plan, None)))?;
     }
     Ok(())
 }
 
 /// The result as scripts read it. What was not grown is where it started.
-fn json_of(outcome: &str, grown: Option<&Grown>, plan: &Plan) -> Value {
+fn json_of(outcome: &str, grown: Option<&Grown>, plan: &Plan, seed: Option<u64>) -> Value {
     let arrival =
         grown.map_or_else(|| Arrival::of(&plan.start.frame(), &plan.goal, length(&plan.path)), |grown| grown.arrival);
     let mut value = json_of_arrival(&arrival);
@@ -142,8 +151,9 @@ fn json_of(outcome: &str, grown: Option<&Grown>, plan: &Plan) -> Value {
             "outcome": outcome,
             "layers": grown.map_or(0, |grown| grown.body.len()),
             "length_mm": grown.map_or(0.0, Grown::length_mm),
-            // Nothing in a growth is drawn by chance yet.
-            "seed": Value::Null,
+            "seed": seed,
+            "measured_by": grown.map(|grown| grown.measured_by.name()),
+            "feedback": grown.and_then(|grown| json_of_feedback(grown, plan)),
             "duration_s": grown.map_or(0.0, |grown| grown.duration_s),
             "filament_mm": grown.map_or(0.0, |grown| grown.filament_mm),
             "plan_id": grown.map(|grown| written_hash(grown.plan_id)),
@@ -157,6 +167,30 @@ fn json_of(outcome: &str, grown: Option<&Grown>, plan: &Plan) -> Value {
         }),
     );
     value
+}
+
+/// What feedback came to, as scripts read it.
+fn json_of_feedback(grown: &Grown, plan: &Plan) -> Option<Value> {
+    let FedBack { amendments, estimate } = grown.fed_back.as_ref()?;
+    let believed = Arrival::of(&estimate.base_from_tip, &plan.goal, length(&plan.path));
+    let error = (grown.measured_by == MeasuredBy::Tip).then(|| error_of(&believed, &grown.arrival));
+    Some(json!({
+        "amendments": amendments,
+        "believed": WrittenPose::from(&believed.reached),
+        "believed_position_error_mm": believed.position_error_mm,
+        "believed_direction_error_deg": believed.direction_error_deg,
+        "position_sd_mm": estimate.position_deviation,
+        "direction_sd_deg": degrees(estimate.direction_deviation),
+        "growth_bias_percent": 100.0 * estimate.habits.growth,
+        "estimate_error_mm": error.map(|(distance, _)| distance),
+        "estimate_direction_error_deg": error.map(|(_, angle)| angle),
+    }))
+}
+
+/// How far the estimator was from the truth: mm, and degrees between the directions.
+pub fn error_of(believed: &Arrival, truth: &Arrival) -> (f64, f64) {
+    let angle = angle_between(&believed.reached.direction(), &truth.reached.direction());
+    ((believed.reached.position() - truth.reached.position()).norm(), degrees(angle))
 }
 
 /// Where a tip arrived, as scripts read it.
@@ -184,11 +218,19 @@ struct Show {
     layers: usize,
     laid: u64,
     state: &'static str,
+    /// Why the board has not taken an amendment, as it was said last.
+    not_amended: Option<String>,
 }
 
 impl Show {
     fn new(layers: usize, laid: u64) -> Self {
-        Self { progress: Progress::start(Some(layers as u64), Results::AtEnd), layers, laid, state: "starting" }
+        Self {
+            progress: Progress::start(Some(layers as u64), Results::AtEnd),
+            layers,
+            laid,
+            state: "starting",
+            not_amended: None,
+        }
     }
 
     fn tell(&mut self, news: &News) {
@@ -200,10 +242,17 @@ impl Show {
                 }
             }
             News::Status(status) => self.state = status.state.name(),
-            News::Board(_) => {}
+            News::Amending(amendment) => self.layers = amendment.total as usize,
+            News::Board(_) | News::Counting(_) | News::NotAmended(None) | News::HandingOver(..) => {}
             News::Silent => self.progress.say("the board does not answer: calling it again"),
             News::Back => self.progress.say("the board answers again"),
-            News::Laid(index, _) => self.laid = u64::from(*index) + 1,
+            News::NotAmended(Some(why)) => {
+                if self.not_amended.as_ref() != Some(why) {
+                    self.progress.say(&format!("{why}; it goes on with the layers that it has"));
+                    self.not_amended = Some(why.clone());
+                }
+            }
+            News::Laid(index, ..) => self.laid = u64::from(*index) + 1,
         }
         let Self { state, laid, layers, .. } = *self;
         self.progress.at(laid, || format!("{state}, layer {laid} of {layers}"));

@@ -3,46 +3,31 @@
 use std::path::PathBuf;
 
 use clap::{Args, Parser};
-use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
-use growbot_host::growth::{Job, grow_job};
-use growbot_host::plan::Plan;
-use growbot_host::plan_file;
-use growbot_host::port::PortName;
-use growbot_host::pose_text::parse_pose;
-use growbot_host::robot_file;
+use growbot_host::feedback::{ASSUMED, Feedback};
+use growbot_host::growth::{Job, grow_job_with};
+use growbot_host::port::{PortName, TipSettings};
 use growbot_host::run_log::RunLog;
+use growbot_host::tip::Imperfection;
 use growbot_host::warning::PREVENTING;
 
+use super::disturbance::DisturbanceArgs;
 use super::following::{Following, OnSilence, refuse};
-use super::search::SearchArgs;
+use super::goal::GoalArgs;
 use super::{Failure, PortArg, plan_table};
 
 /// Grow a body: a plan, or straight from a pose
 ///
 /// Hands the layers to the robot's board, which heats, homes its head and lays them one by one; shows how far it is, and at the end
-/// where the tip arrived, measured from the steps that were made. Ctrl-C stops the robot.
+/// where the tip arrived: as the steps that were made say, or with --feedback the sensors. Ctrl-C stops the robot.
 ///
-/// Without a robot (--port sim, the default) the same controller runs in this program against a simulated tip, on a virtual clock.
+/// Without a robot (--port sim, the default) the same controller runs in this program against a simulated tip, on a virtual clock, and
+/// where the tip arrived is what that has really laid.
 #[derive(Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct GrowArgs {
-    /// The plan, as `growbot plan -o` writes it
-    #[arg(value_name = "PLAN", conflicts_with_all = ["from", "via", "to", "planner", "radius", "clear_of_self"])]
-    plan: Option<PathBuf>,
-    /// Where it is to arrive, and pointing where: X,Y,Z,HEADING,PITCH
-    #[arg(long, value_name = "POSE", allow_hyphen_values = true, value_parser = parse_pose)]
-    to: Option<Pose>,
     #[command(flatten)]
-    search: SearchArgs,
-    /// Take the shortest path that does not run into the body; so it is without
-    /// --planner, which alone gives the shortest path of all
-    #[arg(long)]
-    clear_of_self: bool,
-    /// The robot: a built-in name or a TOML file [default: the plan's, or
-    /// growbot-a]
-    #[arg(long, value_name = "FILE|NAME")]
-    robot: Option<PathBuf>,
+    goal: GoalArgs,
     #[command(flatten)]
     port: PortArg,
     /// Write what happens to this new file, one JSON object a line
@@ -51,12 +36,20 @@ pub struct GrowArgs {
     /// What the board does when it no longer hears from this program
     #[arg(long, value_name = "WHAT", default_value = "hold")]
     on_silence: OnSilence,
+    /// Measure each layer and plan the rest again from where the tip is
+    ///
+    /// Growth is measured by the filament's encoder, the tip's direction by its orientation sensor, which sees gravity and so no
+    /// heading. --odometry-noise and --direction-noise say how well: on a robot, 1 percent and 0.5 degrees unless given.
+    #[arg(long)]
+    feedback: bool,
     /// Grow in spite of self-collision, filament-short or layer-limit
     #[arg(long)]
     force: bool,
     /// End with one line of JSON instead of a table
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    disturbance: DisturbanceArgs,
 }
 
 const AFTER_HELP: &str = "\
@@ -64,6 +57,7 @@ Examples:
   growbot grow --to 200,100,600,0,45
   growbot grow plan.json --port /dev/ttyACM0 --log run.jsonl
   growbot grow --robot growbot-a2 --to 0,60,120,90,30 --port emulator
+  growbot grow --to 200,100,600,0,45 --noise 10 --feedback
 
 Exit codes: 0, the body is grown; 1, stopped, refused or a fault; 2, something
 was wrong before the job.";
@@ -88,7 +82,7 @@ pub fn run_main_job() -> Result<(), Failure> {
 
 /// Runs the command.
 pub fn run(args: &GrowArgs) -> Result<(), Failure> {
-    let (robot, plan) = args.robot_and_plan()?;
+    let (robot, plan) = args.goal.robot_and_plan()?;
     let preventing: Vec<_> =
         plan.warnings.iter().filter(|warning| PREVENTING.contains(&warning.code.as_str())).collect();
     for warning in &plan.warnings {
@@ -103,33 +97,62 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
         )));
     }
     let name = args.port.name()?;
+    args.suits(&name, &robot)?;
     if matches!(name, PortName::Emulator(_)) {
         let time = plan_table::duration(plan.needs.duration);
         growbot_host::tell!("growbot: the emulated board runs in real time: the layers alone take {time}");
     }
     let job = Job::new(&robot, &plan.start, &plan.goal, &plan.path);
-    let mut client = args.port.client(&robot)?;
+    let disturbance = &args.disturbance;
+    let assumed = if name.is_simulated() { disturbance.sensor_noise() } else { disturbance.sensor_noise_or(ASSUMED) };
+    let noise = args.feedback.then_some(assumed);
+    let feedback = noise.map(|noise| Feedback::new(&robot, &plan.start, &plan.goal, &plan.path, noise));
+    let imperfection = Imperfection {
+        disturbance: disturbance.disturbance(),
+        noise: disturbance.sensor_noise(),
+        seed: disturbance.seed,
+    };
+    let mut client = args.port.client_of(&robot, &TipSettings { start: Some(plan.start), imperfection })?;
     let log = match &args.log {
-        Some(path) => RunLog::begin(path, &plan, &job, args.port.text()).map_err(Failure::bad_input)?,
+        Some(path) => RunLog::begin(path, &plan, &job, noise, args.port.text()).map_err(Failure::bad_input)?,
         None => RunLog::none(),
     };
-    let following = Following { robot: &robot, plan: &plan, log, json: args.json, laid: 0 };
-    following.follow(|stop, tell| grow_job(&mut client, &job, args.on_silence.into(), stop, tell))
+    let seed = (disturbance.disturbs() || disturbance.knows_sensors()).then_some(disturbance.seed);
+    let seed = seed.filter(|_| name.is_simulated());
+    let following = Following { robot: &robot, plan: &plan, log, json: args.json, laid: 0, seed };
+    following.follow(|stop, tell| grow_job_with(&mut client, &job, feedback, args.on_silence.into(), stop, tell))
 }
 
 impl GrowArgs {
-    fn robot_and_plan(&self) -> Result<(Robot, Plan), Failure> {
-        if let Some(path) = &self.plan {
-            return Ok(plan_file::open(path, self.robot.as_deref())?);
+    /// Whether what is asked for can be had there.
+    fn suits(&self, port: &PortName, robot: &Robot) -> Result<(), Failure> {
+        if self.disturbance.disturbs() && !port.is_simulated() {
+            return Err(Failure::bad_input(format!(
+                "layers cannot be disturbed at {}, which is no simulated tip: leave out noises and biases, or use --port sim or emulator",
+                self.port.text()
+            )));
         }
-        let robot = robot_file::load(self.robot.as_deref().unwrap_or(robot_file::DEFAULT.as_ref()))?;
-        let goal = self
-            .to
-            .as_ref()
-            .ok_or_else(|| Failure::bad_input("there is nothing to grow: give a plan's file, or a goal with --to"))?;
-        let search = self.search.search(&robot, self.clear_of_self || self.search.planner.is_none());
-        let plan = Plan::through(&robot, &self.search.from, &self.search.via, goal, &search)?;
-        Ok((robot, plan))
+        if self.disturbance.knows_sensors() && !port.is_simulated() && !self.feedback {
+            return Err(Failure::bad_input(
+                "how well a robot's sensors measure matters to feedback alone: add --feedback, or leave out --odometry-noise and --direction-noise",
+            ));
+        }
+        let sensors = &robot.description().sensors;
+        if self.feedback && sensors.filament_motion.is_none() && !sensors.orientation {
+            return Err(Failure::bad_input(format!(
+                "robot {} has nothing to measure layers by: give it sensors.filament_motion or sensors.orientation, or leave out --feedback",
+                robot.name()
+            )));
+        }
+        if self.feedback && sensors.filament_motion.is_none() {
+            growbot_host::tell!(
+                "growbot: without sensors.filament_motion feedback sees no growth, but where the tip points alone"
+            );
+        }
+        if self.feedback && !sensors.orientation {
+            growbot_host::tell!("growbot: without sensors.orientation feedback sees no bends, but growth alone");
+        }
+        Ok(())
     }
 }
 

@@ -1,30 +1,23 @@
 //! The table that a growth ends with.
 
+use growbot_core::angle::degrees;
 use growbot_core::layer::SECTORS;
 use growbot_core::link::message::Cut;
+use growbot_core::path::length;
+use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
-use growbot_host::growth::Grown;
+use growbot_host::arrival::Arrival;
+use growbot_host::feedback::FedBack;
+use growbot_host::growth::{Grown, MeasuredBy};
 use growbot_host::plan::Plan;
 
+use super::following::error_of;
 use super::plan_table::duration;
 
-/// Wanted, reached, and by how much the one missed the other.
-pub fn table(plan: &Plan, robot: &Robot, grown: &Grown) -> String {
-    let row = |name: &str, [x, y, z, heading, pitch]: [f64; 5]| {
-        format!("{name:<10}{x:>11.3}{y:>11.3}{z:>11.3}{heading:>13.3}{pitch:>12.3}\n")
-    };
-    let arrival = &grown.arrival;
+/// Wanted, reached, and by how much the one missed the other; with feedback, where the tip was believed to be.
+pub fn table(plan: &Plan, robot: &Robot, grown: &Grown, seed: Option<u64>) -> String {
     let length = grown.length_mm();
-    let mut table =
-        format!("{:<10}{:>11}{:>11}{:>11}{:>13}{:>12}\n", "", "x mm", "y mm", "z mm", "heading deg", "pitch deg");
-    table += &row("wanted", plan.goal.to_degrees());
-    table += &row("reached", arrival.reached.to_degrees());
-    table += &format!(
-        "error     {:.3} mm, {:.4} % of the length, {:.3} deg between the directions\n",
-        arrival.position_error_mm,
-        100.0 * arrival.normalized_position_error,
-        arrival.direction_error_deg
-    );
+    let mut table = arrived(&plan.goal, &grown.arrival);
     table += &format!("body      {} layers of {}, {length:.1} mm\n", grown.body.len(), plan.needs.layers);
     table += &format!(
         "growth    {} on {}, {:.2} m of filament\n",
@@ -32,6 +25,12 @@ pub fn table(plan: &Plan, robot: &Robot, grown: &Grown) -> String {
         robot.name(),
         grown.filament_mm / 1000.0
     );
+    if let Some(seed) = seed {
+        table += &format!("seed      {seed}\n");
+    }
+    if let Some(fed_back) = &grown.fed_back {
+        table += &feedback(plan, grown, fed_back);
+    }
     if grown.unknown() > 0 {
         table += &format!("caution   {} layers were cut and let be: they are counted as planned\n", grown.unknown());
     }
@@ -39,6 +38,47 @@ pub fn table(plan: &Plan, robot: &Robot, grown: &Grown) -> String {
         table += &format!("cut       layer {}: {}\n", grown.as_built.len(), made(cut));
     }
     table
+}
+
+/// Wanted, reached, and by how much the one missed the other.
+pub fn arrived(goal: &Pose, arrival: &Arrival) -> String {
+    let mut table =
+        format!("{:<10}{:>11}{:>11}{:>11}{:>13}{:>12}\n", "", "x mm", "y mm", "z mm", "heading deg", "pitch deg");
+    table += &row("wanted", goal);
+    table += &row("reached", &arrival.reached);
+    table += &format!(
+        "error     {:.3} mm, {:.4} % of the length, {:.3} deg between the directions\n",
+        arrival.position_error_mm,
+        100.0 * arrival.normalized_position_error,
+        arrival.direction_error_deg
+    );
+    table
+}
+
+/// A pose, in the columns of [`arrived`].
+pub fn row(name: &str, pose: &Pose) -> String {
+    let [x, y, z, heading, pitch] = pose.to_degrees();
+    format!("{name:<10}{x:>11.3}{y:>11.3}{z:>11.3}{heading:>13.3}{pitch:>12.3}\n")
+}
+
+/// How often the job was amended, and what was known of the tip.
+fn feedback(plan: &Plan, grown: &Grown, fed_back: &FedBack) -> String {
+    let estimate = &fed_back.estimate;
+    let arrived = match grown.measured_by {
+        MeasuredBy::Tip => {
+            let believed = Arrival::of(&estimate.base_from_tip, &plan.goal, length(&plan.path));
+            let (distance, angle) = error_of(&believed, &grown.arrival);
+            format!("believed  {distance:.3} mm and {angle:.3} deg from where the tip is\n")
+        }
+        MeasuredBy::Estimate | MeasuredBy::Steps => {
+            "reached   is what the sensors say, and nobody has looked\n".to_string()
+        }
+    };
+    let (position, direction) = (estimate.position_deviation, degrees(estimate.direction_deviation));
+    format!(
+        "feedback  {} amendments\n{arrived}known to  {position:.3} mm and {direction:.3} deg, standard deviations\n",
+        fed_back.amendments
+    )
 }
 
 /// How much of a layer that was cut was made, in words.

@@ -5,9 +5,11 @@
 
 mod cancel;
 mod console;
+mod disturbance;
 mod estop;
 mod flash;
 mod following;
+mod goal;
 mod grow;
 mod growth_table;
 mod interrupt;
@@ -19,6 +21,8 @@ mod reproduce;
 mod resume;
 mod rmin;
 mod search;
+mod simulate;
+mod simulate_table;
 mod status;
 mod stop;
 mod tune;
@@ -36,7 +40,7 @@ use growbot_host::input::InputError;
 use growbot_host::output::OutputError;
 use growbot_host::plan_file::PlanFileError;
 use growbot_host::port::faulty::FaultSpec;
-use growbot_host::port::{self, PortError, PortName};
+use growbot_host::port::{self, PortError, PortName, TipSettings};
 use growbot_host::robot_file::{self, RobotFileError};
 
 /// Plan, slice and grow: the control stack of robots that grow by printing their
@@ -66,8 +70,9 @@ enum Command {
     Plan(plan::PlanArgs),
     Layers(layers::LayersArgs),
     Workspace(workspace::WorkspaceArgs),
+    Simulate(Box<simulate::SimulateArgs>),
     Reproduce(reproduce::ReproduceArgs),
-    Grow(grow::GrowArgs),
+    Grow(Box<grow::GrowArgs>),
     Resume(resume::ResumeArgs),
     Replay(replay::ReplayArgs),
     Status(status::StatusArgs),
@@ -86,6 +91,7 @@ pub fn run() -> ExitCode {
         Some(Command::Plan(args)) => plan::run(&args),
         Some(Command::Layers(args)) => layers::run(&args),
         Some(Command::Workspace(args)) => workspace::run(&args),
+        Some(Command::Simulate(args)) => simulate::run(&args),
         Some(Command::Reproduce(args)) => reproduce::run(&args),
         Some(Command::Grow(args)) => grow::run(&args),
         Some(Command::Resume(args)) => resume::run(&args),
@@ -215,7 +221,12 @@ impl PortArg {
 
     /// A client at the port of this robot.
     fn client(&self, robot: &Robot) -> Result<Client, Failure> {
-        let port = port::open(&self.name()?, robot)?;
+        self.client_of(robot, &TipSettings::default())
+    }
+
+    /// A client at the port of this robot, whose tip, where that is a simulated one, is like this.
+    fn client_of(&self, robot: &Robot, settings: &TipSettings) -> Result<Client, Failure> {
+        let port = port::open(&self.name()?, robot, settings)?;
         Ok(Client::new(port, self.text()).taking_over(self.take_over))
     }
 

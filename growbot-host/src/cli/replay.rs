@@ -81,7 +81,7 @@ pub fn run(args: &ReplayArgs) -> Result<(), Failure> {
     }
     let [x, y, z, heading, pitch] = arrival.reached.to_degrees();
     let mut text = format!("run       {outcome}, plan {}, robot {}\n", written_hash(record.plan_id), record.robot.0);
-    text += &format!("body      {} layers of {}, {length:.1} mm, as built {hash}\n", body.len(), record.layers.len());
+    text += &format!("body      {} layers of {}, {length:.1} mm, as built {hash}\n", body.len(), record.total);
     text += &format!("reached   {x:.3}, {y:.3}, {z:.3} mm, heading {heading:.3}, pitch {pitch:.3} deg\n");
     text += &format!(
         "error     {:.3} mm from the goal, {:.3} deg between the directions\n",

@@ -7,7 +7,7 @@ use clap::{Args, ValueEnum};
 use growbot_core::link::message::{BoardHello, State};
 use growbot_core::robot::Robot;
 use growbot_host::client::Client;
-use growbot_host::growth::{CutLayer, GrowthError, Job, resume_job};
+use growbot_host::growth::{CutLayer, GrowthError, Job, resume_job_with};
 use growbot_host::plan::Plan;
 use growbot_host::plan_file;
 use growbot_host::robot_file;
@@ -20,7 +20,8 @@ use super::{Failure, PortArg};
 /// Go on with a body that was left unfinished: after a stop, a fault, a reset, a loss of power or of the host
 ///
 /// Shows what the board knows, asks, heats, finds the head's index, primes the nozzle and goes on at the first layer that is not laid. It
-/// takes the plan, or better the log of the growth (`grow --log`), which it then continues.
+/// takes the plan, or better the log of the growth (`grow --log`), which it then continues. A growth with feedback goes on with it, and only
+/// from its log.
 ///
 /// Of a layer that was cut it says how much was made. That layer is laid again unless you say otherwise.
 #[derive(Args)]
@@ -67,15 +68,16 @@ enum WithCut {
 
 /// Runs the command.
 pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
-    let (robot, plan, record) = args.robot_plan_and_record()?;
-    let mut job = Job::new(&robot, &plan.start, &plan.goal, &plan.path);
-    if let Some(record) = &record {
-        // The very layers, whatever the plan's file has rounded.
-        (job.plan_id, job.layers) = (record.plan_id, record.layers.clone());
-    }
+    let (robot, plan, mut record) = args.robot_plan_and_record()?;
     let mut client = args.port.client(&robot)?;
     let board = client.board()?;
     Client::belongs_to(&board, &robot)?;
+    let mut job = Job::new(&robot, &plan.start, &plan.goal, &plan.path);
+    if let Some(record) = &mut record {
+        record.is_held_as(board.status.plan_id);
+        // The very layers, whatever the plan's file has rounded.
+        (job.plan_id, job.layers) = (record.plan_id, record.layers.clone());
+    }
     show(&board, job.plan_id)?;
     if !args.yes {
         ask(&board)?;
@@ -90,8 +92,13 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
         WithCut::LetBe => CutLayer::LetBe,
     };
     let laid = board.status.laid as usize;
-    let following = Following { robot: &robot, plan: &plan, log, json: args.json, laid };
-    following.follow(|stop, tell| resume_job(&mut client, &job, known, cut, args.on_silence.into(), stop, tell))
+    let feedback = record.as_ref().and_then(|record| record.feedback(&job, &plan.path));
+    if feedback.is_some() {
+        growbot_host::tell!("growbot: with feedback, as it was begun");
+    }
+    let following = Following { robot: &robot, plan: &plan, log, json: args.json, laid, seed: None };
+    let silence = args.on_silence.into();
+    following.follow(|stop, tell| resume_job_with(&mut client, &job, feedback, known, cut, silence, stop, tell))
 }
 
 impl ResumeArgs {

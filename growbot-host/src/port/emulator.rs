@@ -206,6 +206,7 @@ impl Words {
             (false, true) => table::ENCODER_STANDS_HIGH,
         };
         self.write(table::ENCODER_STATE, encoder)?;
+        self.show_encoder_course(tip)?;
         let gravity = tip.gravity();
         if let Some(gravity) = gravity {
             for (offset, part) in [table::GRAVITY_X, table::GRAVITY_Y, table::GRAVITY_Z].into_iter().zip(gravity) {
@@ -213,6 +214,23 @@ impl Words {
             }
         }
         self.write(table::GRAVITY_LIVE, gravity.is_some().into())
+    }
+
+    /// How the encoder goes on from the tip's latest step, wherever that changes: the board computes its level from its own steps.
+    fn show_encoder_course(&self, tip: &mut Tip) -> io::Result<()> {
+        let (turned, seen_per_step) = tip.encoder_course();
+        let slip = libm::rint((seen_per_step - 1.0) * 65_536.0) as i32;
+        if slip.cast_unsigned() == self.read(table::ENCODER_SLIP)? {
+            return Ok(());
+        }
+        let pitch = f64::from(encoder_pitch(tip.robot()).max(1));
+        let phase = libm::rint((turned * 256.0).rem_euclid(pitch)) as u32;
+        let sequence = self.read(table::ENCODER_SEQUENCE)?;
+        self.write(table::ENCODER_SEQUENCE, sequence.wrapping_add(1))?;
+        self.write(table::ENCODER_ORIGIN, tip.feed_position() as u32)?;
+        self.write(table::ENCODER_PHASE, phase)?;
+        self.write(table::ENCODER_SLIP, slip.cast_unsigned())?;
+        self.write(table::ENCODER_SEQUENCE, sequence.wrapping_add(2))
     }
 
     fn show_converted(&self, raw: usize, live: usize, sample: Option<u16>) -> io::Result<()> {

@@ -13,9 +13,12 @@ use std::str::FromStr;
 use std::time::Duration;
 
 use growbot_core::layer::Layer;
+use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 
 use faulty::{FaultSpec, Faulty};
+
+use crate::tip::{Imperfection, Tip};
 
 /// The line to a robot: bytes both ways.
 pub trait Port {
@@ -133,6 +136,16 @@ impl PortName {
             Self::Emulator(_) | Self::Tcp(_) | Self::Serial(_) => false,
         }
     }
+
+    /// Whether the tip there is a simulated one.
+    #[must_use]
+    pub fn is_simulated(&self) -> bool {
+        match self {
+            Self::Sim | Self::Emulator(_) => true,
+            Self::Faulty(name, _) => name.is_simulated(),
+            Self::Tcp(_) | Self::Serial(_) => false,
+        }
+    }
 }
 
 impl FromStr for PortName {
@@ -150,17 +163,44 @@ impl FromStr for PortName {
     }
 }
 
-/// Opens a port. `robot` is the one that is simulated or emulated there; on other ports the board says what it is.
+/// What a simulated tip is like, and where.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct TipSettings {
+    /// Where growth begins, for its orientation sensor; none for the origin and upwards.
+    pub start: Option<Pose>,
+    /// What is off about it.
+    pub imperfection: Imperfection,
+}
+
+impl TipSettings {
+    fn apply(&self, tip: &mut Tip) {
+        if let Some(start) = &self.start {
+            tip.start_at(start);
+        }
+        tip.disturb(&self.imperfection);
+    }
+}
+
+/// Opens a port. `robot` is the one that is simulated or emulated there, with a tip of these settings; on other ports the board says
+/// what it is.
 ///
 /// # Errors
 /// A port that is not there, is busy or does not start.
-pub fn open(name: &PortName, robot: &Robot) -> Result<Box<dyn Port>, PortError> {
+pub fn open(name: &PortName, robot: &Robot, settings: &TipSettings) -> Result<Box<dyn Port>, PortError> {
     Ok(match name {
-        PortName::Sim => Box::new(sim::Sim::new(robot.clone())),
-        PortName::Emulator(firmware) => Box::new(emulator::Emulator::start(robot, firmware.as_deref())?),
+        PortName::Sim => {
+            let mut sim = sim::Sim::new(robot.clone());
+            settings.apply(&mut sim.simulated_tip());
+            Box::new(sim)
+        }
+        PortName::Emulator(firmware) => {
+            let mut emulator = emulator::Emulator::start(robot, firmware.as_deref())?;
+            emulator.simulated_tip(|tip| settings.apply(tip));
+            Box::new(emulator)
+        }
         PortName::Tcp(address) => Box::new(stream::Stream::tcp(address)?),
         PortName::Serial(device) => Box::new(stream::Stream::serial(device)?),
-        PortName::Faulty(name, spec) => Box::new(Faulty::new(open(name, robot)?, *spec)),
+        PortName::Faulty(name, spec) => Box::new(Faulty::new(open(name, robot, settings)?, *spec)),
     })
 }
 

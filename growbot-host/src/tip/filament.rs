@@ -21,8 +21,10 @@ pub(super) struct Filament {
     steps_per_mm: f64,
     /// Half of what passes from one rising edge of the encoder to the next; none without an encoder.
     half_pulse: Option<f64>,
-    /// How far it has come.
+    /// How far it has come, as far as the feed's steps tell.
     position: i64,
+    /// How far it has turned the encoder.
+    turned: f64,
     /// How far it has been at most: beyond, it flows.
     front: i64,
     /// Where it ends.
@@ -38,6 +40,7 @@ impl Filament {
             steps_per_mm,
             half_pulse: description.sensors.filament_motion.map(|motion| 0.5 * motion.mm_per_pulse * steps_per_mm),
             position: 0,
+            turned: 0.0,
             front: 0,
             end: 0,
         };
@@ -65,10 +68,11 @@ impl Filament {
         self.position == self.front
     }
 
-    /// A step of the feed that takes it along.
-    pub fn step(&mut self, forwards: bool) -> Moved {
+    /// A step of the feed that takes it along. Where that pushes it out the encoder sees so much of it.
+    pub fn step(&mut self, forwards: bool, seen: f64) -> Moved {
         if !forwards {
             self.position -= 1;
+            self.turned -= 1.0;
             return Moved::Back;
         }
         if !self.is_there() {
@@ -76,15 +80,22 @@ impl Filament {
         }
         self.position += 1;
         if self.position <= self.front {
+            self.turned += 1.0;
             return Moved::Filled;
         }
+        self.turned += seen;
         self.front = self.position;
         Moved::Out
     }
 
+    /// How far it has turned the encoder, steps.
+    pub fn turned(&self) -> f64 {
+        self.turned
+    }
+
     /// The level of the encoder.
     pub fn encoder(&self) -> bool {
-        self.half_pulse.is_some_and(|half| libm::floor(self.position as f64 / half) % 2.0 == 0.0)
+        self.half_pulse.is_some_and(|half| libm::floor(self.turned / half) % 2.0 == 0.0)
     }
 }
 
@@ -102,7 +113,7 @@ mod tests {
         let (mut rises, mut before) = (0, filament.encoder());
         // 90 steps a mm, 1.25 mm a pulse: 112.5 steps.
         for _ in 0..1125 {
-            assert_eq!(filament.step(true), Moved::Out);
+            assert_eq!(filament.step(true, 1.0), Moved::Out);
             rises += u32::from(filament.encoder() && !before);
             before = filament.encoder();
         }
@@ -112,9 +123,10 @@ mod tests {
     #[test]
     fn what_was_pulled_back_is_filled_first() {
         let mut filament = filament();
-        filament.step(true);
-        assert_eq!([filament.step(false), filament.step(false)], [Moved::Back, Moved::Back]);
-        assert_eq!([(); 3].map(|()| filament.step(true)), [Moved::Filled, Moved::Filled, Moved::Out]);
+        filament.step(true, 1.25);
+        assert_eq!([filament.step(false, 1.25), filament.step(false, 1.25)], [Moved::Back, Moved::Back]);
+        assert_eq!([(); 3].map(|()| filament.step(true, 1.25)), [Moved::Filled, Moved::Filled, Moved::Out]);
+        assert_eq!(filament.turned(), 2.5, "only what goes out slips");
     }
 
     #[test]
@@ -122,9 +134,9 @@ mod tests {
         let mut filament = filament();
         assert!((filament.left() - 330_000.0).abs() < 1e-6);
         filament.set_left(0.1);
-        assert_eq!((0..20).filter(|_| filament.step(true) == Moved::Out).count(), 9);
+        assert_eq!((0..20).filter(|_| filament.step(true, 1.0) == Moved::Out).count(), 9);
         assert!(!filament.is_there());
-        filament.step(false);
+        filament.step(false, 1.0);
         assert!(filament.is_there());
     }
 }

@@ -7,11 +7,14 @@
 //!
 //! Its clock is the board's: ticks of the step interrupt. Nothing depends on how often it is looked at.
 //!
+//! It lays exactly what its steps ask for unless told otherwise ([`Imperfection`]).
+//!
 //! Not modelled: play in the gears, the flow's delay behind the feed, and sag.
 
 mod fault;
 mod filament;
 pub mod flash;
+mod imperfection;
 mod noise;
 mod nozzle;
 pub mod pins;
@@ -22,6 +25,7 @@ mod tests;
 mod variation;
 
 pub use fault::{Faults, TipFault};
+pub use imperfection::Imperfection;
 pub(crate) use noise::scramble;
 pub use sensors::encoder_pitch;
 pub use variation::Variation;
@@ -62,6 +66,9 @@ pub struct Tip {
     dip_until: Option<u64>,
     filament: Filament,
     plastic: Plastic,
+    imperfection: Imperfection,
+    /// A layer's index, and how much filament the encoder sees for each step's worth in it.
+    seen_per_step: (u64, f64),
     /// The base's frame of where growth began.
     start: Frame,
     feed_steps: i64,
@@ -114,6 +121,8 @@ impl Tip {
             dip_until: None,
             filament: Filament::new(&robot),
             plastic: Plastic::new(&robot, head_steps),
+            imperfection: Imperfection::default(),
+            seen_per_step: (0, 1.0),
             start: Frame::identity(),
             feed_steps: 0,
             cold_feed_steps: 0,
@@ -124,6 +133,12 @@ impl Tip {
     /// Growth begins at this pose. Without it, at the origin and upwards.
     pub fn start_at(&mut self, pose: &Pose) {
         self.start = pose.frame();
+    }
+
+    /// Lays and measures otherwise than it should, from the first layer on: to be said before.
+    pub fn disturb(&mut self, imperfection: &Imperfection) {
+        self.imperfection = *imperfection;
+        self.seen_per_step = (0, imperfection.seen_per_step(0));
     }
 
     /// So much filament is left from now on, mm. Without it, a full spool.
@@ -206,7 +221,8 @@ impl Tip {
                 return;
             }
         }
-        match self.filament.step(forwards) {
+        let seen = self.seen_per_step();
+        match self.filament.step(forwards, seen) {
             Moved::Out => {
                 self.nozzle.feed();
                 self.plastic.lay(self.now);
@@ -215,6 +231,15 @@ impl Tip {
             Moved::Filled => self.plastic.hold_back(!self.filament.is_at_front(), self.now),
             Moved::Not => self.plastic.pass(self.now),
         }
+    }
+
+    /// How much filament the encoder sees for each step's worth in the layer that is laid.
+    fn seen_per_step(&mut self) -> f64 {
+        let index = self.plastic.layer_index();
+        if self.seen_per_step.0 != index {
+            self.seen_per_step = (index, self.imperfection.seen_per_step(index));
+        }
+        self.seen_per_step.1
     }
 
     /// Whether the head stands whatever its motor is told.
@@ -414,12 +439,12 @@ impl Tip {
     /// The layers laid so far, from the plastic itself.
     #[must_use]
     pub fn body(&self) -> Vec<Layer> {
-        self.plastic.layers(&self.robot)
+        self.plastic.layers(&self.robot, &self.imperfection)
     }
 
     /// Where the tip is and how it lies.
     pub fn base_from_tip(&mut self) -> Frame {
-        self.start * self.plastic.start_from_tip(&self.robot)
+        self.start * self.plastic.start_from_tip(&self.robot, &self.imperfection)
     }
 
     /// Filament that is left, mm.
@@ -432,6 +457,12 @@ impl Tip {
     #[must_use]
     pub fn feed_steps(&self) -> u64 {
         u64::try_from(self.feed_steps).unwrap_or(0)
+    }
+
+    /// Where the feed stands, steps.
+    #[must_use]
+    pub fn feed_position(&self) -> i64 {
+        self.feed_steps
     }
 
     /// Feed steps made against a cold nozzle, which laid nothing.

@@ -13,6 +13,8 @@ use growbot_core::layer::Layer;
 use growbot_core::pose::Frame;
 use growbot_core::robot::Robot;
 
+use super::Imperfection;
+
 /// An amount of plastic, or of time, and its first harmonic.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 struct Moments {
@@ -74,6 +76,17 @@ struct Grown {
     rings: usize,
     layers: Layers,
     start_from_tip: Frame,
+    /// The layer that comes next.
+    index: u64,
+}
+
+impl Grown {
+    fn take(&mut self, ring: &Ring, robot: &Robot, imperfection: &Imperfection) {
+        if let Some(moments) = self.layers.next(ring) {
+            self.start_from_tip *= imperfection.lay(self.index, &layer(&moments, robot)).step();
+            self.index += 1;
+        }
+    }
 }
 
 /// All plastic laid.
@@ -98,6 +111,8 @@ pub(super) struct Plastic {
     /// Where the head has stood since then, weighed by time.
     stood: Vec<Ring>,
     laid: Vec<Ring>,
+    /// Layers whose sweep is over.
+    swept_layers: u64,
     grown: Grown,
 }
 
@@ -121,7 +136,8 @@ impl Plastic {
             since_fed: None,
             stood: Vec::new(),
             laid: Vec::new(),
-            grown: Grown { rings: 0, layers: Layers::default(), start_from_tip: Frame::identity() },
+            swept_layers: 0,
+            grown: Grown { rings: 0, layers: Layers::default(), start_from_tip: Frame::identity(), index: 0 },
         }
     }
 
@@ -129,6 +145,8 @@ impl Plastic {
     pub fn turn(&mut self, positive: bool, tick: u64) {
         self.stand(tick);
         if self.sweep_is_whole() && (self.is_on_axis() || positive != self.positive) {
+            let is_layer = |ring: &&Ring| ring.sweep == self.sweep && !ring.moments.is_edge();
+            self.swept_layers += self.laid.iter().rev().take(2).find(is_layer).map_or(0, |_| 1);
             self.sweep += 1;
             self.swept = 0;
         }
@@ -200,8 +218,14 @@ impl Plastic {
         self.held_back = held_back;
     }
 
-    /// The layers, that under way included.
-    pub fn layers(&self, robot: &Robot) -> Vec<Layer> {
+    /// Index of the layer that is laid, or comes next.
+    pub fn layer_index(&self) -> u64 {
+        self.swept_layers
+    }
+
+    /// The layers as they came out, that under way included. What twist they have shows in the deposition angles of those after them, so
+    /// that the layers chain to the same body without it.
+    pub fn layers(&self, robot: &Robot, imperfection: &Imperfection) -> Vec<Layer> {
         let mut layers = Layers::default();
         let mut all: Vec<Moments> = self.laid.iter().filter_map(|ring| layers.next(ring)).collect();
         // At the very end an edge belongs to the layer that it closes.
@@ -210,27 +234,30 @@ impl Plastic {
             None if layers.edge.sum > 0.0 => all.push(layers.edge),
             None => {}
         }
-        all.iter().map(|moments| layer(moments, robot)).collect()
+        let mut twist = 0.0;
+        let came_out = |(moments, index): (&Moments, u64)| {
+            let laid = imperfection.lay(index, &layer(moments, robot));
+            let alpha = wrap_positive(laid.layer.alpha + twist);
+            twist += laid.twist;
+            Layer { alpha, ..laid.layer }
+        };
+        all.iter().zip(0..).map(came_out).collect()
     }
 
     /// The tip's frame in that of the start, that under way included.
-    pub fn start_from_tip(&mut self, robot: &Robot) -> Frame {
+    pub fn start_from_tip(&mut self, robot: &Robot, imperfection: &Imperfection) -> Frame {
         // Only the last two rings still change.
         let grown = &mut self.grown;
         let settled = self.laid.len().saturating_sub(2);
         for ring in self.laid.get(grown.rings..settled).unwrap_or_default() {
-            if let Some(moments) = grown.layers.next(ring) {
-                grown.start_from_tip *= layer(&moments, robot).step();
-            }
+            grown.take(ring, robot, imperfection);
         }
         grown.rings = grown.rings.max(settled);
-        let (mut layers, mut frame) = (grown.layers.clone(), grown.start_from_tip);
+        let mut present = grown.clone();
         for ring in self.laid.get(grown.rings..).unwrap_or_default() {
-            if let Some(moments) = layers.next(ring) {
-                frame *= layer(&moments, robot).step();
-            }
+            present.take(ring, robot, imperfection);
         }
-        frame
+        present.start_from_tip
     }
 }
 

@@ -2,7 +2,6 @@
 
 use growbot_core::robot::Robot;
 use growbot_firmware::thermistor::{self, FULL_SCALE};
-use nalgebra::Vector3;
 
 use super::noise::noise;
 use super::{Motor, Tip, TipFault};
@@ -92,6 +91,11 @@ impl Tip {
         self.filament.encoder()
     }
 
+    /// How the encoder goes on from here: how far it has been turned, steps, and how much each step's worth adds in this layer.
+    pub fn encoder_course(&mut self) -> (f64, f64) {
+        (self.filament.turned(), self.seen_per_step())
+    }
+
     /// Whether filament follows the feed.
     pub fn filament_follows(&mut self) -> bool {
         self.sync();
@@ -118,7 +122,8 @@ impl Tip {
         if self.faults.has(TipFault::OrientationSilent) {
             return None;
         }
-        let up = self.base_from_tip().rotation.inverse() * Vector3::z();
+        let base_from_tip = self.base_from_tip();
+        let up = self.imperfection.up(self.plastic.layer_index(), &base_from_tip);
         Some([up.x, up.y, up.z].map(|share| libm::rint(1000.0 * share) as i16))
     }
 

@@ -3,7 +3,9 @@
 use std::f64::consts::FRAC_PI_2;
 
 use growbot_core::layer::grow;
-use growbot_firmware::emulated_tip::{ENCODER_TURNS, encoder_level};
+use growbot_core::simulation::Disturbance;
+use growbot_core::tracking::SensorNoise;
+use growbot_firmware::emulated_tip::{ENCODER_TURNS, EncoderCourse, encoder_level};
 use growbot_firmware::thermistor::{self, Broken};
 
 use super::*;
@@ -416,9 +418,64 @@ fn the_emulated_board_computes_the_same_encoder() {
     let mut tip = hot_tip();
     let pitch = encoder_pitch(&robot());
     for step in 0..1000 {
-        assert_eq!(tip.encoder(), encoder_level(step, pitch, ENCODER_TURNS), "{step}");
+        assert_eq!(tip.encoder(), encoder_level(step, pitch, ENCODER_TURNS, EncoderCourse::default()), "{step}");
         feed(&mut tip, 1);
     }
+}
+
+/// A tip that has laid so many turns, and how far it has turned its encoder after each, mm of filament.
+fn laid(turns: u32, imperfection: &Imperfection) -> (Tip, Vec<f64>) {
+    let mut tip = hot_tip();
+    tip.disturb(imperfection);
+    let mut turned = Vec::new();
+    for _ in 0..turns {
+        tip.set_nozzle_c(200.0);
+        lay_turn(&mut tip, true);
+        turned.push(tip.encoder_course().0 / robot().description().feed.steps_per_mm);
+    }
+    (tip, turned)
+}
+
+#[test]
+fn a_disturbed_tip_lays_layers_that_are_off_and_its_encoder_sees_the_growth() {
+    let (mut exact, _) = laid(6, &Imperfection::default());
+    let disturbance = Disturbance { growth_noise: 0.1, growth_bias: -0.05, ..Disturbance::default() };
+    let imperfection = Imperfection { disturbance, seed: 7, ..Imperfection::default() };
+    let (mut tip, turned) = laid(6, &imperfection);
+    let filament_per_length = robot().feed_steps_per_length() / robot().description().feed.steps_per_mm;
+    let mut before = 0.0;
+    for (index, (layer, asked)) in tip.body().iter().zip(exact.body()).enumerate() {
+        assert_eq!(*layer, disturbance.lay(7, index as u64, &asked).layer);
+        // Half a step lies to either side of where layers meet.
+        let grown = (turned[index] - before) / filament_per_length;
+        assert!((grown / layer.height - 1.0).abs() < 1e-3, "{index}: {grown} {}", layer.height);
+        before = turned[index];
+    }
+    assert_ne!(tip.base_from_tip(), exact.base_from_tip());
+    assert_eq!(tip.feed_steps(), exact.feed_steps());
+}
+
+#[test]
+fn layers_that_twist_chain_to_where_the_tip_is() {
+    let disturbance = Disturbance { twist_bias: 0.02, alpha_noise: 0.1, tilt_noise: 0.002, ..Disturbance::default() };
+    let (mut tip, _) = laid(20, &Imperfection { disturbance, seed: 3, ..Imperfection::default() });
+    let chained = grow(&Frame::identity(), tip.body());
+    let there = tip.base_from_tip();
+    assert!((chained.translation.vector - there.translation.vector).norm() < 1e-12);
+    let roll = (chained.rotation.inverse() * there.rotation).angle();
+    assert!((roll - 0.4).abs() < 1e-12, "{roll}");
+}
+
+#[test]
+fn noise_of_the_sensors_changes_nothing_but_what_they_show() {
+    let noise = SensorNoise { odometry: 0.02, direction: 0.01 };
+    let (mut noisy, turned) = laid(8, &Imperfection { noise, seed: 5, ..Imperfection::default() });
+    let (mut exact, really) = laid(8, &Imperfection::default());
+    assert_eq!(noisy.body(), exact.body());
+    assert_eq!(noisy.base_from_tip(), exact.base_from_tip());
+    assert!(noisy.gravity() != exact.gravity());
+    let off = (turned[7] - really[7]).abs() / really[7];
+    assert!(off > 1e-4 && off < 0.04, "{off}");
 }
 
 #[test]

@@ -86,7 +86,7 @@ fn grow_until(
         if cut.get() {
             return;
         }
-        if let News::Laid(_, as_built) = news {
+        if let News::Laid(_, as_built, _) = news {
             known.push(*as_built);
         }
         told += 1;

@@ -217,6 +217,17 @@ pub struct Laid {
     /// The layer as built, from the steps that were made. Nothing is known of one that was cut and let be, or after a failure of the
     /// journal.
     pub as_built: Option<LayerBytes>,
+    /// What the sensors said when it was laid. The board keeps that for its latest layers only, and not through a reset.
+    pub measured: Option<Measured>,
+}
+
+/// What the sensors said when a layer was laid. None where a robot does not have the sensor, or where it gave nothing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, Schema)]
+pub struct Measured {
+    /// Pulses of the filament's encoder since the board started, as in [`SensorReadings`].
+    pub filament_pulses: Option<u32>,
+    /// Gravity in the tip's frame, as in [`SensorReadings`].
+    pub gravity_milli_g: Option<[i16; 3]>,
 }
 
 /// The state changed. The board sends this unasked.
@@ -259,7 +270,8 @@ pub struct SensorReadings {
     pub on_index: bool,
     /// Whether there is filament.
     pub filament_present: Option<bool>,
-    /// Pulses of the filament's encoder since the board started.
+    /// Pulses of the filament's encoder since the board started: those forwards less those backwards, wrapping. So filament that is
+    /// pulled back and pushed forward again does not count, and what has gone into the body does.
     pub filament_pulses: Option<u32>,
     /// Whether a stepper driver reports a fault.
     pub driver_fault: Option<bool>,

@@ -7,7 +7,7 @@ use core::sync::atomic::{Ordering, fence};
 
 use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
 use embedded_hal::pwm::{self, SetDutyCycle};
-use growbot_firmware::emulated_tip::{self as table, Axis, StepRecord};
+use growbot_firmware::emulated_tip::{self as table, Axis, EncoderCourse, StepRecord};
 use growbot_firmware::hal::{Converter, KeptMemory, Orientation};
 use growbot_firmware::safety::kept::KEPT_BYTES;
 
@@ -110,7 +110,7 @@ impl Tip {
             fan: Power { offset: table::FAN_DUTY },
             supply: TipConverter { raw: table::SUPPLY_RAW, live: table::SUPPLY_LIVE },
             filament_presence: Flag { offset: table::FILAMENT_PRESENT },
-            filament_motion: Encoder(()),
+            filament_motion: Encoder { course: EncoderCourse::default() },
             driver_fault: Flag { offset: table::DRIVER_FAULT },
             emergency_stop: Flag { offset: table::EMERGENCY_STOP },
             orientation: OrientationSensor(()),
@@ -362,7 +362,25 @@ impl InputPin for Flag {
 }
 
 /// The encoder that the filament turns.
-pub struct Encoder(());
+pub struct Encoder {
+    course: EncoderCourse,
+}
+
+impl Encoder {
+    /// Its course as the host has it, or as it was at the latest look where the host is just changing it.
+    fn look(&mut self) -> EncoderCourse {
+        let sequence = word(table::ENCODER_SEQUENCE).read();
+        let course = EncoderCourse {
+            origin: word(table::ENCODER_ORIGIN).read().cast_signed(),
+            phase: word(table::ENCODER_PHASE).read(),
+            slip: word(table::ENCODER_SLIP).read().cast_signed(),
+        };
+        if sequence.is_multiple_of(2) && word(table::ENCODER_SEQUENCE).read() == sequence {
+            self.course = course;
+        }
+        self.course
+    }
+}
 
 impl ErrorType for Encoder {
     type Error = Infallible;
@@ -374,6 +392,7 @@ impl InputPin for Encoder {
             word(table::FEED_STEPS).read().cast_signed(),
             word(table::ENCODER_PITCH).read(),
             word(table::ENCODER_STATE).read(),
+            self.look(),
         ))
     }
 

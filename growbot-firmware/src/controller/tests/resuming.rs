@@ -200,3 +200,30 @@ fn an_amended_job_is_known_by_its_new_name_after_a_loss_of_power() {
     let status = bench.status();
     assert_eq!((status.plan_id, status.layers), (AMENDED, 50));
 }
+
+#[test]
+fn a_layer_is_told_with_what_was_measured_after_it_as_long_as_the_board_keeps_that() {
+    let mut bench = Bench::greeted(fast_robot(), WARM);
+    bench.grow(&bends(40));
+    bench.run_to(State::Done, 100.0);
+    bench.run(1.0);
+    let measured: Vec<_> = bench.laid().iter().map(|laid| laid.measured.unwrap()).collect();
+    assert_eq!(measured.len(), 40);
+    assert!(measured.iter().all(|measured| measured.gravity_milli_g == Some([0, 0, 1000])));
+    let pulses: Vec<u32> = measured.iter().map(|measured| measured.filament_pulses.unwrap()).collect();
+    assert!(pulses.is_sorted() && pulses[39] > pulses[0] + 40, "{pulses:?}");
+
+    // Told again: only the latest are still kept, and none of them through a reset.
+    bench.events.clear();
+    bench.accepted(&resume(0));
+    bench.run(1.0);
+    let again: Vec<_> = bench.laid().iter().map(|laid| laid.measured).collect();
+    assert_eq!(again.len(), 40);
+    assert!(again[..24].iter().all(Option::is_none), "{again:?}");
+    assert!(again[24..].iter().copied().eq(measured[24..].iter().copied().map(Some)));
+    let mut bench = bench.reset(ResetCause::External);
+    bench.events.clear();
+    bench.accepted(&resume(40));
+    bench.run(1.0);
+    assert!(bench.laid().len() == 40 && bench.laid().iter().all(|laid| laid.measured.is_none()));
+}

@@ -132,7 +132,7 @@ impl Session {
         })
         .map_err(Failure::answered_no)?;
         self.stop.store(false, Ordering::Relaxed);
-        Ok(print(&growth_table::table(&plan, &self.robot, &grown))?)
+        Ok(print(&growth_table::table(&plan, &self.robot, &grown, None))?)
     }
 
     fn wait(&mut self, seconds: f64) -> Result<(), Failure> {

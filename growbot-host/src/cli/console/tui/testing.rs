@@ -37,5 +37,5 @@ pub fn status(state: State, uptime_s: f64) -> Status {
 pub fn laid(index: u32) -> Message {
     let layer = Layer { alpha: 0.5, height: 0.7, tilt: 0.005 };
     let as_built = Encoder::default().encode(&layer);
-    Message::Laid(Laid { plan_id: 7, index, as_built: Some(as_built) })
+    Message::Laid(Laid { plan_id: 7, index, as_built: Some(as_built), measured: None })
 }

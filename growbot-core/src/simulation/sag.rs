@@ -1,0 +1,378 @@
+//! How a body hangs under its own weight: a cantilever, to first order.
+//!
+//! The body is clamped where it starts. Every cross-section carries the moment of the weight of all that lies beyond it, the rings of the
+//! wall and the tip at the end, and turns by it: by `M h / (E I)` across a layer of height `h`. As all that lies beyond a section was
+//! laid after it, the section was laid without that moment and turns by all of it. The part of a moment along the tube's axis twists:
+//! for a ring `G J = E I / (1 + nu)`.
+//!
+//! First order: moments are taken on the body as it was laid, before it hangs, and turns add up as vectors. That is good to some percent
+//! of a sag of a tenth of the length. Left out are shear, which matters to tubes no longer than a few diameters; buckling of a thin wall;
+//! creep; and whatever the body may lie on.
+
+use nalgebra::{Matrix3, Rotation3, Vector3};
+
+use super::Laid;
+use crate::kinematics::advance;
+use crate::pose::{Frame, tip_direction};
+use crate::robot::Robot;
+
+/// Standard gravity, m/s^2.
+const GRAVITY: f64 = 9.806_65;
+/// Poisson's ratio, assumed: plastics have 0.3 to 0.45. It is in twist only.
+const POISSON: f64 = 0.35;
+
+/// A body that grows and hangs, in a base whose z axis is up. A layer takes the same few operations however long the body is:
+/// the turns of all sections by a weight depend on where it is through sums over the sections alone.
+#[derive(Debug, Clone)]
+pub struct Hanging {
+    /// N/mm of body, and N.
+    ring_weight: f64,
+    tip_weight: f64,
+    /// E I, N mm^2.
+    stiffness: f64,
+    /// Stress in the outer fibre of the wall for a moment, 1/mm^3.
+    stress_per_moment: f64,
+    root: Vector3<f64>,
+    root_direction: Vector3<f64>,
+    /// `base_from_tip` of the body without weight.
+    straight: Frame,
+    sections: Sections,
+    /// What the rings have turned and moved so far, the tip's weight left out.
+    by_rings: Sag,
+    /// Weight of the rings, N, and its first moment about the root, N mm.
+    rings: (f64, Vector3<f64>),
+    length: f64,
+    greatest: RootStress,
+}
+
+/// The greatest stress that the root has borne.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct RootStress {
+    /// The principal stress of bending and twist in the outer fibre of the wall, MPa.
+    pub stress: f64,
+    /// The moment of both, N mm.
+    pub moment: f64,
+    /// The length of the body then, mm.
+    pub length: f64,
+}
+
+/// Sums over all sections, each with its flexibility `A`, rad/(N mm), at `m` from the root, mm.
+#[derive(Debug, Clone, Default)]
+struct Sections {
+    /// Of `A`.
+    flexibility: Matrix3<f64>,
+    /// Of `A Z m`, where `Z v` is the moment that a unit weight at `v` has about the root.
+    turned: Vector3<f64>,
+    /// Of `m x A`.
+    moved_flexibility: Matrix3<f64>,
+    /// Of `m x A Z m`.
+    moved: Vector3<f64>,
+}
+
+/// Turns of sections added up: of each its turn, and its turn crossed with where it is.
+#[derive(Debug, Clone, Copy, Default)]
+struct Sag {
+    turn: Vector3<f64>,
+    crossed: Vector3<f64>,
+}
+
+/// The moment of a unit weight at this place, about the root.
+fn moment(at: &Vector3<f64>) -> Vector3<f64> {
+    Vector3::new(-at.y, at.x, 0.0)
+}
+
+impl Sections {
+    /// A further section, of flexibility `length / stiffness` in bending, at this place.
+    fn add(&mut self, flexibility: f64, at: &Vector3<f64>, axis: &Vector3<f64>) {
+        let flexibility = (Matrix3::identity() + axis * axis.transpose() * POISSON) * flexibility;
+        let crossed = at.cross_matrix() * flexibility;
+        self.flexibility += flexibility;
+        self.turned += flexibility * moment(at);
+        self.moved_flexibility += crossed;
+        self.moved += crossed * moment(at);
+    }
+
+    /// What a weight at this place, beyond all sections, does to them.
+    fn under(&self, weight: f64, at: &Vector3<f64>) -> Sag {
+        let moment = moment(at);
+        Sag {
+            turn: (self.flexibility * moment - self.turned) * weight,
+            crossed: (self.moved - self.moved_flexibility * moment) * weight,
+        }
+    }
+}
+
+impl Sag {
+    fn plus(&self, other: &Self) -> Self {
+        Self { turn: self.turn + other.turn, crossed: self.crossed + other.crossed }
+    }
+
+    /// How far it moves a point beyond all sections.
+    fn moves(&self, at: &Vector3<f64>) -> Vector3<f64> {
+        self.turn.cross(at) - self.crossed
+    }
+}
+
+impl Hanging {
+    /// A body of no length that starts at this frame.
+    #[must_use]
+    pub fn new(robot: &Robot, base_from_start: &Frame) -> Self {
+        let description = robot.description();
+        let mut hanging = Self {
+            // kg/mm^3 and kg, m/s^2: N.
+            ring_weight: 1e-6 * description.material.density_g_per_cm3 * robot.wall_area() * GRAVITY,
+            tip_weight: 1e-3 * description.tip.mass_g * GRAVITY,
+            stiffness: description.material.youngs_modulus_mpa * robot.wall_second_moment(),
+            stress_per_moment: 0.5 * robot.outer_diameter() / robot.wall_second_moment(),
+            root: base_from_start.translation.vector,
+            root_direction: tip_direction(base_from_start),
+            straight: *base_from_start,
+            sections: Sections::default(),
+            by_rings: Sag::default(),
+            rings: (0.0, Vector3::zeros()),
+            length: 0.0,
+            greatest: RootStress::default(),
+        };
+        hanging.load_root();
+        hanging
+    }
+
+    /// A further layer.
+    pub fn lay(&mut self, laid: &Laid) {
+        let (height, before) = (laid.layer.height, self.straight);
+        self.straight = advance(&before, &laid.step());
+        self.length += height;
+        // A ring lies about the middle of its chord, and turns there.
+        let middle = 0.5 * (before.translation.vector + self.straight.translation.vector) - self.root;
+        let weight = self.ring_weight * height;
+        self.by_rings = self.by_rings.plus(&self.sections.under(weight, &middle));
+        self.rings = (self.rings.0 + weight, self.rings.1 + middle * weight);
+        self.sections.add(height / self.stiffness, &middle, &tip_direction(&before));
+        self.load_root();
+    }
+
+    /// Where the tip is.
+    #[must_use]
+    pub fn base_from_tip(&self) -> Frame {
+        let (at, sag) = (self.reach(), self.sag());
+        let moved = self.straight.translation.vector + sag.moves(&at);
+        Frame::from_parts(moved.into(), Rotation3::new(sag.turn) * self.straight.rotation)
+    }
+
+    /// How far the tip is from where it would be without weight, mm.
+    #[must_use]
+    pub fn deflection(&self) -> f64 {
+        self.sag().moves(&self.reach()).norm()
+    }
+
+    /// The greatest stress that the root has borne since growth began.
+    #[must_use]
+    pub fn root_stress(&self) -> RootStress {
+        self.greatest
+    }
+
+    /// From the root to the tip.
+    fn reach(&self) -> Vector3<f64> {
+        self.straight.translation.vector - self.root
+    }
+
+    fn sag(&self) -> Sag {
+        self.by_rings.plus(&self.sections.under(self.tip_weight, &self.reach()))
+    }
+
+    fn load_root(&mut self) {
+        let moment = moment(&(self.rings.1 + self.reach() * self.tip_weight));
+        let (bending, all) = (moment.cross(&self.root_direction).norm(), moment.norm());
+        // The twist is the rest of all: Rankine's rule, for what breaks without yielding.
+        let stress = 0.5 * (bending + all) * self.stress_per_moment;
+        if stress > self.greatest.stress {
+            self.greatest = RootStress { stress, moment: all, length: self.length };
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::layer::Layer;
+    use crate::pose::Pose;
+    use crate::robot::RobotDescription;
+    use crate::testing::description_a;
+    use core::f64::consts::FRAC_PI_2;
+    use proptest::prelude::*;
+
+    const LENGTH: f64 = 500.0;
+    const COUNT: usize = 640;
+
+    fn robot(change: impl Fn(&mut RobotDescription)) -> Robot {
+        let mut description = description_a();
+        change(&mut description);
+        Robot::new(description).unwrap()
+    }
+
+    /// A robot whose body, or whose tip, weighs next to nothing.
+    fn light_body(tip_g: f64) -> Robot {
+        robot(|robot| (robot.material.density_g_per_cm3, robot.tip.mass_g) = (1e-3, tip_g))
+    }
+
+    fn light_tip() -> Robot {
+        robot(|robot| robot.tip.mass_g = 0.0)
+    }
+
+    fn tube(tilt: f64, alpha: f64) -> impl Iterator<Item = Laid> + Clone {
+        let layer = Layer { alpha, height: LENGTH / COUNT as f64, tilt: tilt / COUNT as f64 };
+        core::iter::repeat_n(Laid { layer, twist: 0.0 }, COUNT)
+    }
+
+    fn hang(robot: &Robot, start: &Frame, laid: impl Iterator<Item = Laid>) -> Hanging {
+        laid.fold(Hanging::new(robot, start), |mut hanging, layer| {
+            hanging.lay(&layer);
+            hanging
+        })
+    }
+
+    fn from(heading: f64, pitch: f64) -> Frame {
+        Pose::from_degrees([10.0, 20.0, 30.0, heading, pitch]).unwrap().frame()
+    }
+
+    /// N/mm of body and N mm^2.
+    fn weight_and_stiffness(robot: &Robot) -> (f64, f64) {
+        let material = robot.description().material;
+        let ring = core::f64::consts::TAU * 22.0 * 1.6;
+        let second_moment = 0.25 * core::f64::consts::PI * (libm::pow(22.8, 4.0) - libm::pow(21.2, 4.0));
+        assert!((robot.wall_second_moment() / second_moment - 1.0).abs() < 1e-12);
+        (1e-6 * material.density_g_per_cm3 * ring * GRAVITY, material.youngs_modulus_mpa * second_moment)
+    }
+
+    #[test]
+    fn a_horizontal_tube_bends_by_its_own_weight_as_a_cantilever() {
+        let robot = light_tip();
+        let (weight, stiffness) = weight_and_stiffness(&robot);
+        for heading in [0.0, 70.0, -135.0] {
+            let start = from(heading, 0.0);
+            let hung = hang(&robot, &start, tube(0.0, 0.0));
+            let sag = weight * libm::pow(LENGTH, 4.0) / (8.0 * stiffness);
+            let turn = weight * libm::pow(LENGTH, 3.0) / (6.0 * stiffness);
+            assert!((hung.deflection() / sag - 1.0).abs() < 1e-4, "{} {sag}", hung.deflection());
+            assert!((30.0 - hung.base_from_tip().translation.vector.z - sag).abs() < 1e-4 * sag);
+            let direction = tip_direction(&hung.base_from_tip());
+            assert!((-direction.z / turn - 1.0).abs() < 1e-4, "{direction} {turn}");
+            let moment = 0.5 * weight * LENGTH * LENGTH;
+            assert!((hung.root_stress().moment / moment - 1.0).abs() < 1e-9);
+            let second_moment = robot.wall_second_moment();
+            assert!((hung.root_stress().stress / (moment * 22.8 / second_moment) - 1.0).abs() < 1e-9);
+            assert!((hung.root_stress().length - LENGTH).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn a_horizontal_tube_bends_by_its_tip_as_a_cantilever() {
+        let robot = light_body(200.0);
+        let (weight, stiffness) = weight_and_stiffness(&robot);
+        let force = 0.2 * GRAVITY;
+        let hung = hang(&robot, &from(30.0, 0.0), tube(0.0, 0.0));
+        let sag =
+            force * libm::pow(LENGTH, 3.0) / (3.0 * stiffness) + weight * libm::pow(LENGTH, 4.0) / (8.0 * stiffness);
+        assert!((hung.deflection() / sag - 1.0).abs() < 1e-4, "{} {sag}", hung.deflection());
+    }
+
+    #[test]
+    fn an_upright_tube_does_not_sag() {
+        for pitch in [90.0, -90.0] {
+            let hung = hang(&robot(|_| ()), &from(40.0, pitch), tube(0.0, 0.0));
+            assert!(hung.deflection() < 1e-9 && hung.root_stress().stress < 1e-9, "{hung:?}");
+        }
+        let nothing = hang(&robot(|_| ()), &from(0.0, 0.0), core::iter::empty());
+        assert!(nothing.deflection() == 0.0 && nothing.root_stress() == RootStress::default());
+        assert_eq!(nothing.base_from_tip(), from(0.0, 0.0));
+    }
+
+    #[test]
+    fn an_arch_in_a_level_plane_twists_as_well_as_it_bends() {
+        // A quarter of a circle with a weight at its end: P R^3 / (E I) (pi / 4 + (1 + nu) (3 pi / 4 - 2)), Timoshenko.
+        let robot = light_body(200.0);
+        let (_, stiffness) = weight_and_stiffness(&robot);
+        let hung = hang(&robot, &from(0.0, 0.0), tube(FRAC_PI_2, FRAC_PI_2));
+        let radius = LENGTH / FRAC_PI_2;
+        let pi = core::f64::consts::PI;
+        let by_tip =
+            0.2 * GRAVITY * libm::pow(radius, 3.0) / stiffness * (pi / 4.0 + (1.0 + POISSON) * (0.75 * pi - 2.0));
+        let weightless = hang(&light_body(0.0), &from(0.0, 0.0), tube(FRAC_PI_2, FRAC_PI_2));
+        // The root bears the weight at an arm of one radius ahead and one aside.
+        let stress = 0.2 * GRAVITY * radius * 0.5 * (1.0 + libm::sqrt(2.0)) * 22.8 / robot.wall_second_moment();
+        assert!((hung.root_stress().stress / stress - 1.0).abs() < 1e-3);
+        let sag = weightless.base_from_tip().translation.z - hung.base_from_tip().translation.z;
+        assert!((sag / by_tip - 1.0).abs() < 1e-3, "{sag} {by_tip}");
+    }
+
+    proptest! {
+        #[test]
+        fn twice_the_load_sags_twice_as_far(tilt in 0.0..3.0, alpha in 0.0..6.0, pitch in -80.0..80.0) {
+            let start = from(0.0, pitch);
+            let light = robot(|robot| (robot.material.density_g_per_cm3, robot.tip.mass_g) = (0.01, 1.0));
+            let heavy = robot(|robot| (robot.material.density_g_per_cm3, robot.tip.mass_g) = (0.02, 2.0));
+            let (one, two) = (hang(&light, &start, tube(tilt, alpha)), hang(&heavy, &start, tube(tilt, alpha)));
+            prop_assert!((two.deflection() / one.deflection() - 2.0).abs() < 1e-9);
+            prop_assert!((two.root_stress().stress / one.root_stress().stress - 2.0).abs() < 1e-9);
+        }
+
+        #[test]
+        fn mirrored_bodies_hang_mirrored(tilt in 0.0..3.0, alpha in 0.0..3.0, pitch in -80.0..80.0) {
+            let start = from(0.0, pitch);
+            let robot = robot(|_| ());
+            let (left, right) = (hang(&robot, &start, tube(tilt, alpha)), hang(&robot, &start, tube(tilt, -alpha)));
+            let (a, b) = (left.base_from_tip().translation.vector, right.base_from_tip().translation.vector);
+            prop_assert!((a.x - b.x).abs() < 1e-9 && (a.y + b.y - 40.0).abs() < 1e-9 && (a.z - b.z).abs() < 1e-9);
+            prop_assert!((left.root_stress().stress - right.root_stress().stress).abs() < 1e-9);
+        }
+
+        #[test]
+        fn turning_all_about_the_vertical_changes_nothing(tilt in 0.0..3.0, alpha in 0.0..6.0, heading in -180.0..180.0) {
+            let robot = robot(|_| ());
+            let (here, there) =
+                (hang(&robot, &from(0.0, 20.0), tube(tilt, alpha)), hang(&robot, &from(heading, 20.0), tube(tilt, alpha)));
+            prop_assert!((here.deflection() - there.deflection()).abs() < 1e-9);
+            prop_assert!((here.base_from_tip().translation.z - there.base_from_tip().translation.z).abs() < 1e-9);
+        }
+    }
+
+    /// The same the plain way, over all sections.
+    fn hang_section_by_section(robot: &Robot, start: &Frame, laid: &[Laid]) -> Frame {
+        let hanging = Hanging::new(robot, start);
+        let mut frames = std::vec![*start];
+        for layer in laid {
+            frames.push(frames.last().unwrap() * layer.step());
+        }
+        let at = |index: usize| frames[index].translation.vector;
+        let middle = |index: usize| 0.5 * (at(index) + at(index + 1));
+        let (mut turn, mut moved) = (Vector3::zeros(), Vector3::zeros());
+        for section in 0..laid.len() {
+            let from = middle(section);
+            let mut load = moment(&(at(laid.len()) - from)) * hanging.tip_weight;
+            for (ring, layer) in laid.iter().enumerate().skip(section + 1) {
+                load += moment(&(middle(ring) - from)) * (hanging.ring_weight * layer.layer.height);
+            }
+            let axis = tip_direction(&frames[section]);
+            let turned = (load + axis * (POISSON * axis.dot(&load))) * (laid[section].layer.height / hanging.stiffness);
+            turn += turned;
+            moved += turned.cross(&(at(laid.len()) - from));
+        }
+        Frame::from_parts((at(laid.len()) + moved).into(), Rotation3::new(turn) * frames[laid.len()].rotation)
+    }
+
+    proptest! {
+        #[test]
+        fn the_sums_are_those_over_all_sections(seed in 0_u64..1000, pitch in -90.0..90.0, count in 1_usize..80) {
+            let robot = robot(|_| ());
+            let layer = Layer { alpha: 1.0, height: 0.7, tilt: 0.02 };
+            let wild = super::super::Disturbance {
+                growth_noise: 0.5, tilt_noise: 0.05, alpha_noise: 1.0, twist_noise: 0.3, ..Default::default()
+            };
+            let laid: std::vec::Vec<Laid> = (0..count as u64).map(|index| wild.lay(seed, index, &layer)).collect();
+            let start = from(50.0, pitch);
+            let hung = hang(&robot, &start, laid.iter().copied()).base_from_tip();
+            let plain = hang_section_by_section(&robot, &start, &laid);
+            prop_assert!((hung.to_homogeneous() - plain.to_homogeneous()).norm() < 1e-11);
+        }
+    }
+}

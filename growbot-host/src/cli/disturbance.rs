@@ -1,0 +1,173 @@
+//! What goes wrong where nothing is a real robot: the layers' errors, the sensors' noise, and the seed of both.
+
+use clap::Args;
+use growbot_core::angle::radians;
+use growbot_core::simulation::Disturbance;
+use growbot_core::tracking::SensorNoise;
+use growbot_host::pose_text::parse_number;
+
+/// Greatest error of a layer, percent of its growth or tilt.
+const MOST_PERCENT: f64 = 90.0;
+/// Greatest error of a layer or of a direction, degrees.
+const MOST_DEG: f64 = 90.0;
+
+/// How simulated layers and sensors are off.
+#[derive(Debug, Clone, Args)]
+#[command(next_help_heading = "Disturbances of a simulated tip")]
+pub struct DisturbanceArgs {
+    /// Noise of each layer's growth, even to either side, tilt kept
+    #[arg(long, value_name = "PERCENT", default_value = "0", allow_hyphen_values = true, value_parser = percent)]
+    noise: f64,
+    /// Over-deposition in every layer; under-deposition if negative
+    #[arg(long, value_name = "PERCENT", default_value = "0", allow_hyphen_values = true, value_parser = signed_percent)]
+    bias: f64,
+    /// Noise of each layer's tilt: a lean about either axis
+    #[arg(long, value_name = "DEG", default_value = "0", allow_hyphen_values = true, value_parser = deg)]
+    tilt_noise: f64,
+    /// How much more every layer tilts
+    #[arg(long, value_name = "PERCENT", default_value = "0", allow_hyphen_values = true, value_parser = signed_percent)]
+    tilt_bias: f64,
+    /// Noise of each layer's deposition angle
+    #[arg(long, value_name = "DEG", default_value = "0", allow_hyphen_values = true, value_parser = deg)]
+    alpha_noise: f64,
+    /// Offset of the deposition angle
+    #[arg(long, value_name = "DEG", default_value = "0", allow_hyphen_values = true, value_parser = signed_deg)]
+    alpha_bias: f64,
+    /// Noise of the twist about the tip's axis in each layer
+    #[arg(long, value_name = "DEG", default_value = "0", allow_hyphen_values = true, value_parser = deg)]
+    twist_noise: f64,
+    /// Twist about the tip's axis in each layer, counter-clockwise
+    #[arg(long, value_name = "DEG", default_value = "0", allow_hyphen_values = true, value_parser = signed_deg)]
+    twist_bias: f64,
+    /// Noise of the odometry: standard deviation in each layer, of its growth
+    #[arg(long, value_name = "PERCENT", allow_hyphen_values = true, value_parser = percent)]
+    odometry_noise: Option<f64>,
+    /// Noise of the measured direction: standard deviation about either axis
+    #[arg(long, value_name = "DEG", allow_hyphen_values = true, value_parser = deg)]
+    direction_noise: Option<f64>,
+    /// Where all noise comes from: the same seed gives the same run
+    #[arg(long, value_name = "N", default_value = "1", allow_negative_numbers = true)]
+    pub seed: u64,
+}
+
+impl DisturbanceArgs {
+    /// How layers come out.
+    pub fn disturbance(&self) -> Disturbance {
+        Disturbance {
+            growth_noise: self.noise / 100.0,
+            growth_bias: self.bias / 100.0,
+            tilt_noise: radians(self.tilt_noise),
+            tilt_bias: self.tilt_bias / 100.0,
+            alpha_noise: radians(self.alpha_noise),
+            alpha_bias: radians(self.alpha_bias),
+            twist_noise: radians(self.twist_noise),
+            twist_bias: radians(self.twist_bias),
+        }
+    }
+
+    /// How far measurements are off: not at all, unless given.
+    pub fn sensor_noise(&self) -> SensorNoise {
+        self.sensor_noise_or(SensorNoise { odometry: 0.0, direction: 0.0 })
+    }
+
+    /// How far measurements are off, or else are taken to be.
+    pub fn sensor_noise_or(&self, assumed: SensorNoise) -> SensorNoise {
+        SensorNoise {
+            odometry: self.odometry_noise.map_or(assumed.odometry, |percent| percent / 100.0),
+            direction: self.direction_noise.map_or(assumed.direction, radians),
+        }
+    }
+
+    /// Whether layers come out otherwise than asked for.
+    pub fn disturbs(&self) -> bool {
+        self.disturbance() != Disturbance::default()
+    }
+
+    /// Whether anything is said of the sensors.
+    pub fn knows_sensors(&self) -> bool {
+        self.odometry_noise.is_some() || self.direction_noise.is_some()
+    }
+}
+
+/// A share without a sign, percent.
+fn percent(text: &str) -> Result<f64, String> {
+    number(text, 0.0, MOST_PERCENT, "percent")
+}
+
+/// A share to either side, percent.
+pub fn signed_percent(text: &str) -> Result<f64, String> {
+    number(text, -MOST_PERCENT, MOST_PERCENT, "percent")
+}
+
+/// An angle without a sign, degrees.
+fn deg(text: &str) -> Result<f64, String> {
+    number(text, 0.0, MOST_DEG, "degrees")
+}
+
+/// An angle to either side, degrees.
+fn signed_deg(text: &str) -> Result<f64, String> {
+    number(text, -MOST_DEG, MOST_DEG, "degrees")
+}
+
+fn number(text: &str, least: f64, most: f64, unit: &str) -> Result<f64, String> {
+    let number = parse_number(text).ok_or_else(|| format!("it is no number: give {unit}, such as 0.5"))?;
+    if (least..=most).contains(&number) {
+        Ok(number)
+    } else {
+        Err(format!("it is {number} {unit}, and may be {least} to {most}: give one within"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    #[derive(Debug, Parser)]
+    struct Alone {
+        #[command(flatten)]
+        disturbance: DisturbanceArgs,
+    }
+
+    fn parsed(args: &[&str]) -> Result<DisturbanceArgs, String> {
+        let args = std::iter::once(&"alone").chain(args);
+        Alone::try_parse_from(args).map(|alone| alone.disturbance).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn nothing_is_disturbed_unless_asked_for() {
+        let args = parsed(&[]).unwrap();
+        assert!(!args.disturbs() && !args.knows_sensors());
+        assert_eq!(args.disturbance(), Disturbance::default());
+        assert_eq!(args.sensor_noise(), SensorNoise { odometry: 0.0, direction: 0.0 });
+        assert_eq!(args.seed, 1);
+    }
+
+    #[test]
+    fn percent_and_degrees_become_shares_and_radians() {
+        let args = parsed(&["--noise", "10", "--bias", "-5", "--twist-bias=-0.9", "--direction-noise", "0.5"]).unwrap();
+        let disturbance = args.disturbance();
+        assert_eq!((disturbance.growth_noise, disturbance.growth_bias), (0.1, -0.05));
+        assert_eq!(disturbance.twist_bias, radians(-0.9));
+        assert_eq!(args.sensor_noise().direction, radians(0.5));
+        assert!(args.disturbs() && args.knows_sensors());
+        let assumed = SensorNoise { odometry: 0.03, direction: 1.0 };
+        assert_eq!(args.sensor_noise_or(assumed), SensorNoise { odometry: 0.03, direction: radians(0.5) });
+    }
+
+    #[test]
+    fn what_is_out_of_range_is_refused_with_value_and_limit() {
+        for (args, part) in [
+            (["--noise", "-1"], "it is -1 percent, and may be 0 to 90"),
+            (["--noise", "90.5"], "it is 90.5 percent"),
+            (["--bias", "nan"], "it is NaN percent, and may be -90 to 90"),
+            (["--bias", "-inf"], "it is -inf percent"),
+            (["--alpha-bias", "91"], "it is 91 degrees, and may be -90 to 90"),
+            (["--twist-noise", "ten"], "it is no number: give degrees, such as 0.5"),
+            (["--seed", "-1"], "invalid value '-1' for '--seed <N>'"),
+        ] {
+            let message = parsed(&args).unwrap_err();
+            assert!(message.contains(part), "{args:?}: {message}");
+        }
+    }
+}

@@ -1,0 +1,52 @@
+//! What is to be grown: a plan from a file, or one that is made for a goal.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use growbot_core::pose::Pose;
+use growbot_core::robot::Robot;
+use growbot_host::plan::Plan;
+use growbot_host::plan_file;
+use growbot_host::pose_text::parse_pose;
+use growbot_host::robot_file;
+
+use super::Failure;
+use super::search::SearchArgs;
+
+/// A plan or a goal, and the robot.
+#[derive(Args)]
+pub struct GoalArgs {
+    /// The plan, as `growbot plan -o` writes it
+    #[arg(value_name = "PLAN", conflicts_with_all = ["from", "via", "to", "planner", "radius", "clear_of_self"])]
+    plan: Option<PathBuf>,
+    /// Where it is to arrive, and pointing where: X,Y,Z,HEADING,PITCH
+    #[arg(long, value_name = "POSE", allow_hyphen_values = true, value_parser = parse_pose)]
+    to: Option<Pose>,
+    #[command(flatten)]
+    search: SearchArgs,
+    /// Take the shortest path that does not run into the body; so it is without
+    /// --planner, which alone gives the shortest path of all
+    #[arg(long)]
+    clear_of_self: bool,
+    /// The robot: a built-in name or a TOML file [default: the plan's, or
+    /// growbot-a]
+    #[arg(long, value_name = "FILE|NAME")]
+    robot: Option<PathBuf>,
+}
+
+impl GoalArgs {
+    /// Reads the plan, or makes it; the robot is its own.
+    pub fn robot_and_plan(&self) -> Result<(Robot, Plan), Failure> {
+        if let Some(path) = &self.plan {
+            return Ok(plan_file::open(path, self.robot.as_deref())?);
+        }
+        let robot = robot_file::load(self.robot.as_deref().unwrap_or(robot_file::DEFAULT.as_ref()))?;
+        let goal = self
+            .to
+            .as_ref()
+            .ok_or_else(|| Failure::bad_input("there is nothing to grow: give a plan's file, or a goal with --to"))?;
+        let search = self.search.search(&robot, self.clear_of_self || self.search.planner.is_none());
+        let plan = Plan::through(&robot, &self.search.from, &self.search.via, goal, &search)?;
+        Ok((robot, plan))
+    }
+}

@@ -1,0 +1,114 @@
+//! The tables that simulated growths end with.
+
+use growbot_core::angle::degrees;
+use growbot_core::pose::Pose;
+use growbot_host::simulation::campaign::Campaign;
+use growbot_host::simulation::statistics::Statistics;
+use growbot_host::simulation::{Hung, Outcome};
+
+use super::growth_table::{arrived, row};
+
+/// Wanted, reached, by how much the one missed the other; and the body.
+pub fn growth(goal: &Pose, outcome: &Outcome, seed: u64) -> String {
+    let Outcome { grown, arrival, hung } = outcome;
+    let mut table = arrived(goal, arrival);
+    table += &format!(
+        "          {:.3} deg of heading, {:.3} deg of pitch\n",
+        arrival.heading_error_deg, arrival.pitch_error_deg
+    );
+    if let Some(estimate) = &grown.estimate {
+        table += &row("believed", &Pose::from_frame(&estimate.base_from_tip));
+        table += &format!(
+            "          within {:.3} mm and {:.3} deg (one SD); {:+.2} % of growth found in every layer\n",
+            estimate.position_deviation,
+            degrees(estimate.direction_deviation),
+            100.0 * estimate.habits.growth
+        );
+    }
+    table += &format!("body      {} layers, {:.1} mm\n", grown.layers, grown.length);
+    table += &hung.as_ref().map(hangs).unwrap_or_default();
+    table + &format!("seed      {seed}\n")
+}
+
+fn hangs(hung: &Hung) -> String {
+    let Hung { deflection, root } = hung;
+    format!(
+        "sag       {deflection:.3} mm; the root bears {:.3} MPa, {:.0} N mm, at {:.0} mm of body\n",
+        root.stress, root.moment, root.length
+    )
+}
+
+/// The errors of many growths. `path_length` in mm.
+pub fn campaign(campaign: &Campaign, robot: &str, path_length: f64, seed: u64) -> String {
+    let last = seed.wrapping_add(campaign.runs - 1);
+    let mut table = format!(
+        "{} growths of {robot}, {:.0} layers, {path_length:.1} mm, seeds {seed} to {last}\n\n",
+        campaign.runs,
+        campaign.layers.mean()
+    );
+    table += &format!(
+        "{:<17}{:>10}{:>10}{:>10}{:>10}{:>10}{:>10}\n",
+        "error", "mean", "SD", "least", "median", "95 %", "greatest"
+    );
+    table += &line("position, mm", &campaign.position_error_mm, 1.0);
+    table += &line("  % of the path", &campaign.normalized_position_error, 100.0);
+    table += &line("direction, deg", &campaign.direction_error_deg, 1.0);
+    table += &line("heading, deg", &campaign.heading_error_deg, 1.0);
+    table += &line("pitch, deg", &campaign.pitch_error_deg, 1.0);
+    table += &format!("\nMedian and 95 % are to {} %", 100.0 * Statistics::RESOLUTION);
+    if let Some((seed, _)) = campaign.worst {
+        table += &format!("; the greatest position error is that of --seed {seed}");
+    }
+    table += ".\n";
+    table + &campaign.hung.as_ref().map(|hung| format!("Greatest: {}", hangs(hung))).unwrap_or_default()
+}
+
+/// One error, in units of `1 / scale`.
+fn line(name: &str, statistics: &Statistics, scale: f64) -> String {
+    let values = [
+        statistics.mean(),
+        statistics.deviation(),
+        statistics.least(),
+        statistics.percentile(50.0),
+        statistics.percentile(95.0),
+        statistics.greatest(),
+    ];
+    let columns: String = values.iter().map(|value| format!("{:>10}", readable(scale * value))).collect();
+    format!("{name:<17}{columns}\n")
+}
+
+/// Four digits or so, in nine columns.
+fn readable(value: f64) -> String {
+    if value == 0.0 {
+        "0".to_owned()
+    } else if !(1e-3..1e6).contains(&value) {
+        format!("{value:.2e}")
+    } else if value < 10.0 {
+        format!("{value:.4}")
+    } else {
+        format!("{value:.2}")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_of_any_size_fit_their_column() {
+        for (value, text) in [
+            (0.0, "0"),
+            (1.234_56e-17, "1.23e-17"),
+            (0.000_999_9, "1.00e-3"),
+            (0.012_345, "0.0123"),
+            (9.876_54, "9.8765"),
+            (123.456, "123.46"),
+            (999_999.99, "999999.99"),
+            (1.5e7, "1.50e7"),
+            (1e300, "1.00e300"),
+        ] {
+            assert_eq!(readable(value), text);
+            assert!(text.len() <= 9);
+        }
+    }
+}

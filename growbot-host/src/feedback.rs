@@ -1,0 +1,253 @@
+//! Feedback: what was measured of each layer goes to the tracker, and what it plans for the rest goes into the job.
+//!
+//! The loop itself is [`Tracker`]; here are its two ends. Pulses of the filament's encoder become growth and gravity becomes a direction
+//! ([`Feedback::laid`]); and the rest of the path becomes layers in bytes, under a name ([`Feedback::rest`]). Which of them a board is
+//! told, and when, is [`crate::growth`]'s.
+
+use growbot_core::hash::Hasher;
+use growbot_core::layer::Layer;
+use growbot_core::layer_bytes::{Encoder, LayerBytes, decode};
+use growbot_core::link::message::Measured;
+use growbot_core::path::Segment;
+use growbot_core::pose::Pose;
+use growbot_core::robot::Robot;
+use growbot_core::tracking::{Estimate, Measurement, SensorNoise, Tracker};
+use nalgebra::Vector3;
+
+/// What a robot's sensors are taken for where nobody says: odometry to 1 % of a layer, a direction to half a degree.
+pub const ASSUMED: SensorNoise = SensorNoise { odometry: 0.01, direction: 0.5 * std::f64::consts::PI / 180.0 };
+
+/// Standard deviation of what is rounded to whole units.
+const ROUNDED: f64 = 0.288_675_134_594_812_9;
+/// A board's units of gravity.
+const MILLI_G: f64 = 1e-3;
+
+/// The feedback of one growth.
+#[derive(Debug, Clone)]
+pub struct Feedback<'a> {
+    robot: &'a Robot,
+    tracker: Tracker<'a>,
+    /// Growth that a pulse of the filament's encoder stands for, mm; none without an encoder.
+    mm_per_pulse: Option<f64>,
+    /// The encoder's count from which growth is measured, and what the layers since should have grown, mm.
+    counted: Option<u32>,
+    expected: f64,
+    /// Layers below this no count covers, and what they should have grown, mm: it goes with the next one that is counted.
+    counts_from: u32,
+    uncounted: f64,
+    /// Layers laid that it knows of.
+    laid: u32,
+    /// The start of the board in which it counts.
+    boot_id: Option<u32>,
+    amendments: u32,
+}
+
+/// From where the filament's encoder is counted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Count {
+    /// The start of the board.
+    pub boot_id: u32,
+    /// Layers laid before.
+    pub laid: u32,
+    /// What the encoder shows; none without one.
+    pub filament_pulses: Option<u32>,
+}
+
+/// What feedback came to.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FedBack {
+    /// How often the job was amended.
+    pub amendments: u32,
+    /// Where the tip is, by all that was measured.
+    pub estimate: Estimate,
+}
+
+impl<'a> Feedback<'a> {
+    /// Before the first layer of a path. `noise` is that of the sensors themselves: what their units round comes to it.
+    #[must_use]
+    pub fn new(robot: &'a Robot, start: &Pose, goal: &Pose, path: &[Segment], noise: SensorNoise) -> Self {
+        let description = robot.description();
+        let filament_per_length = robot.feed_steps_per_length() / description.feed.steps_per_mm;
+        let mm_per_pulse = description.sensors.filament_motion.map(|motion| motion.mm_per_pulse / filament_per_length);
+        // A layer lies between two counts.
+        let counts = mm_per_pulse.unwrap_or(0.0) * ROUNDED * std::f64::consts::SQRT_2 / description.layer.height_mm;
+        let noise = SensorNoise {
+            odometry: libm::hypot(noise.odometry, counts),
+            direction: libm::hypot(noise.direction, MILLI_G * ROUNDED),
+        };
+        Self {
+            robot,
+            tracker: Tracker::new(robot, start, goal, path, noise),
+            mm_per_pulse,
+            counted: None,
+            expected: 0.0,
+            counts_from: 0,
+            uncounted: 0.0,
+            laid: 0,
+            boot_id: None,
+            amendments: 0,
+        }
+    }
+
+    /// Whether the encoder's count is that of this start of the board.
+    #[must_use]
+    pub fn counts_in(&self, boot_id: u32) -> bool {
+        self.boot_id == Some(boot_id)
+    }
+
+    /// The encoder counts anew in this start of the board: nothing is fed now, and `laid` layers are laid. What those of them that were not
+    /// measured have grown will never be known.
+    pub fn count_from(&mut self, count: &Count) {
+        self.uncounted += std::mem::take(&mut self.expected);
+        (self.boot_id, self.counts_from, self.counted) = (Some(count.boot_id), count.laid, count.filament_pulses);
+    }
+
+    /// The next layer has been laid: as it was commanded, or better as the steps were made, and what the board's sensors said.
+    pub fn laid(&mut self, layer: &LayerBytes, measured: Option<&Measured>) {
+        let layer = decode(layer);
+        let measured = measured.copied().unwrap_or_default();
+        let growth = self.growth(&layer, measured.filament_pulses);
+        self.laid += 1;
+        let up = measured.gravity_milli_g.map(|[x, y, z]| Vector3::new(x, y, z).map(|part| f64::from(part) * MILLI_G));
+        self.tracker.laid(&layer, &Measurement { growth, direction: None, up });
+    }
+
+    /// How far the tip has grown since the last layer that was measured, mm.
+    fn growth(&mut self, layer: &Layer, pulses: Option<u32>) -> Option<f64> {
+        let expected = layer.height * (1.0 + self.tracker.estimate().habits.growth);
+        if self.laid < self.counts_from {
+            self.uncounted += expected;
+            return None;
+        }
+        self.expected += expected;
+        let (mm_per_pulse, pulses) = (self.mm_per_pulse?, pulses?);
+        let from = self.counted.replace(pulses);
+        let expected = std::mem::take(&mut self.expected);
+        let uncounted = std::mem::take(&mut self.uncounted);
+        // Counts wrap, and filament that is pulled back at first takes them below 0.
+        let counted = from.map(|from| f64::from(pulses.wrapping_sub(from).cast_signed()) * mm_per_pulse);
+        Some(uncounted + counted.unwrap_or(expected))
+    }
+
+    /// The layers to come, planned again from where the tip will be once those under way, which can no longer be changed, are laid.
+    pub fn rest(&mut self, under_way: &[LayerBytes]) -> Vec<LayerBytes> {
+        let under_way: Vec<Layer> = under_way.iter().map(decode).collect();
+        self.tracker.replan(&under_way);
+        let mut encoder = Encoder::default();
+        self.tracker.rest().map(|layer| encoder.encode_layable(&layer, self.robot.tip_radius())).collect()
+    }
+
+    /// The name of a job of these layers, the laid ones as they were commanded.
+    #[must_use]
+    pub fn plan_id(&self, layers: &[LayerBytes]) -> u64 {
+        let mut hasher = Hasher::default();
+        hasher.bytes(&self.robot.hash().to_le_bytes());
+        hasher.bytes(layers.as_flattened());
+        hasher.finish().max(1)
+    }
+
+    /// The job has been amended.
+    pub fn amended(&mut self) {
+        self.amendments += 1;
+    }
+
+    /// How often the job has been amended.
+    #[must_use]
+    pub fn amendments(&self) -> u32 {
+        self.amendments
+    }
+
+    /// How far it has come.
+    #[must_use]
+    pub fn result(&self) -> FedBack {
+        FedBack { amendments: self.amendments, estimate: self.tracker.estimate() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use growbot_core::layer::grow;
+    use growbot_core::path::end;
+
+    const EXACT: SensorNoise = SensorNoise { odometry: 0.0, direction: 0.0 };
+    /// Growth of a layer, mm, and what it is in pulses of robot A's encoder.
+    const HEIGHT: f64 = 0.774;
+    const PULSES: f64 = 56.935;
+
+    fn robot() -> Robot {
+        crate::robot_file::load("growbot-a".as_ref()).unwrap()
+    }
+
+    /// Feedback of an upright path of so many layers, and one of them.
+    fn upright(robot: &Robot, layers: u32) -> (Feedback<'_>, LayerBytes) {
+        let path = [Segment::Straight { length: HEIGHT * f64::from(layers) }];
+        let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
+        let goal = Pose::from_frame(&end(&path, &start.frame()));
+        let layer = Encoder::default().encode(&Layer { alpha: 0.0, height: HEIGHT, tilt: 0.0 });
+        (Feedback::new(robot, &start, &goal, &path, EXACT), layer)
+    }
+
+    fn counted(pulses: u32) -> Measured {
+        Measured { filament_pulses: Some(pulses), gravity_milli_g: Some([0, 0, 1000]) }
+    }
+
+    fn height(feedback: &Feedback) -> f64 {
+        feedback.result().estimate.base_from_tip.translation.z
+    }
+
+    fn count(boot_id: u32, laid: u32, pulses: u32) -> Count {
+        Count { boot_id, laid, filament_pulses: Some(pulses) }
+    }
+
+    #[test]
+    fn pulses_become_growth_whatever_they_begin_with_and_however_many_are_missing() {
+        let robot = robot();
+        let (mut feedback, layer) = upright(&robot, 200);
+        // The count wraps within the first layers.
+        let before = u32::MAX - 100;
+        feedback.count_from(&count(1, 0, before));
+        for index in 1..=100 {
+            let pulses = before.wrapping_add((1.1 * PULSES * f64::from(index)) as u32);
+            feedback.laid(&layer, (index % 7 != 0).then_some(counted(pulses)).as_ref());
+        }
+        let grown = 1.1 * HEIGHT * 100.0;
+        assert!((height(&feedback) / grown - 1.0).abs() < 0.002, "{} {grown}", height(&feedback));
+        assert!((feedback.result().estimate.habits.growth - 0.1).abs() < 0.01);
+        // The rest is commanded less high, and ends where it should.
+        let rest = feedback.rest(&[]);
+        let end = grow(&feedback.result().estimate.base_from_tip, rest.iter().map(decode));
+        let commanded = end.translation.z - height(&feedback);
+        assert!((1.1 * commanded + height(&feedback) - 200.0 * HEIGHT).abs() < 0.5, "{commanded}");
+    }
+
+    #[test]
+    fn a_count_that_begins_anew_is_no_growth() {
+        let robot = robot();
+        let (mut feedback, layer) = upright(&robot, 200);
+        feedback.count_from(&count(1, 0, 7));
+        assert!(feedback.counts_in(1) && !feedback.counts_in(2));
+        for index in 1..=50 {
+            feedback.laid(&layer, Some(&counted(7 + (PULSES * f64::from(index)) as u32)));
+        }
+        // Ten more were laid before the board started anew, and nothing is known of them.
+        feedback.count_from(&count(2, 60, 2));
+        for _ in 0..10 {
+            feedback.laid(&layer, None);
+        }
+        for index in 1..=40 {
+            feedback.laid(&layer, Some(&counted(2 + (PULSES * f64::from(index)) as u32)));
+        }
+        assert!((height(&feedback) - 100.0 * HEIGHT).abs() < 0.05, "{}", height(&feedback));
+        assert!(feedback.result().estimate.habits.growth.abs() < 0.005);
+    }
+
+    #[test]
+    fn a_job_of_the_planned_layers_has_the_planned_name() {
+        let robot = robot();
+        let (feedback, _) = upright(&robot, 20);
+        let path = [Segment::Arc { alpha: 1.0, bend: 0.5, length: 60.0 }];
+        let layers: Vec<LayerBytes> = growbot_core::job::job_layers(&path, &robot).collect();
+        assert_eq!(feedback.plan_id(&layers), growbot_core::job::summarize(&path, &robot).plan_id);
+    }
+}

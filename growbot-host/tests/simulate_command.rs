@@ -1,0 +1,262 @@
+//! `growbot simulate` as users and scripts meet it: results, exit codes, messages.
+
+mod running;
+
+use running::growbot;
+use serde_json::Value;
+
+/// 643 mm of robot A, by the two planes, which do not change when a better planner does.
+const GOAL: [&str; 5] = ["simulate", "--to", "200,100,600,0,45", "--planner", "two-plane"];
+/// A level body.
+const LEVEL: [&str; 5] = ["simulate", "--from", "0,0,0,0,0", "--to", "1000,0,0,0,0"];
+
+const ROBOTS: [&str; 11] = [
+    "growbot-a",
+    "growbot-a1",
+    "growbot-a2",
+    "growbot-a3",
+    "growbot-a4",
+    "growbot-a5",
+    "growbot-a6",
+    "growbot-a7",
+    "growbot-a8",
+    "growbot-b",
+    "growbot-c",
+];
+
+fn with<'a>(args: &[&'a str], more: &[&'a str]) -> Vec<&'a str> {
+    args.iter().chain(more).copied().collect()
+}
+
+#[track_caller]
+fn json(args: &[&str], more: &[&str]) -> Value {
+    let ran = growbot(&[args, more, &["--json"]].concat());
+    assert_eq!(ran.code, Some(0), "{}", ran.err);
+    assert_eq!(ran.out.matches('\n').count(), 1);
+    serde_json::from_str(&ran.out).unwrap_or_else(|error| panic!("{error}: {}", ran.out))
+}
+
+fn number(value: &Value, field: &str) -> f64 {
+    value[field].as_f64().unwrap_or_else(|| panic!("no {field} in {value}"))
+}
+
+#[test]
+fn help_has_examples_and_fits_80_columns() {
+    let ran = growbot(&["simulate", "--help"]);
+    assert!(ran.out.contains("Usage: growbot") && ran.out.contains("Example"), "{}", ran.out);
+    assert!(ran.out.lines().all(|line| line.chars().count() <= 80), "{}", ran.out);
+}
+
+#[test]
+fn without_noise_every_robot_arrives_to_the_last_digits() {
+    for robot in ROBOTS {
+        let found = json(&["simulate", "--to", "300,-200,900,40,30", "--robot", robot], &[]);
+        assert!(number(&found, "normalized_position_error") <= 1e-9, "{robot}: {found}");
+        assert!(number(&found, "direction_error_deg").to_radians() <= 1e-9, "{robot}: {found}");
+    }
+}
+
+#[test]
+fn a_growth_is_a_table_or_a_line_with_the_seed() {
+    let ran = growbot(&with(&GOAL, &["--noise", "10", "--seed", "42"]));
+    assert_eq!((ran.code, ran.err.as_str()), (Some(0), ""));
+    assert!(ran.out.contains("reached") && ran.out.contains("\nseed      42\n"), "{}", ran.out);
+    assert!(ran.out.lines().all(|line| line.chars().count() <= 80), "{}", ran.out);
+
+    let found = json(&GOAL, &["--noise", "10", "--seed", "42"]);
+    let fields: Vec<&String> = found.as_object().unwrap().keys().collect();
+    let expected = [
+        "direction_error_deg",
+        "final",
+        "heading_error_deg",
+        "layers",
+        "length_mm",
+        "normalized_position_error",
+        "path_length_mm",
+        "pitch_error_deg",
+        "position_error_mm",
+        "seed",
+    ];
+    assert_eq!(fields, expected);
+    assert_eq!((&found["seed"], &found["layers"]), (&42.into(), &833.into()));
+    let share = number(&found, "position_error_mm") / number(&found, "path_length_mm");
+    assert!((number(&found, "normalized_position_error") / share - 1.0).abs() < 1e-12);
+    // 10 % of each of 833 layers, evenly: some 0.2 % of the whole.
+    assert!((1e-5..0.01).contains(&share), "{share}");
+}
+
+#[test]
+fn the_same_seed_is_the_same_growth_and_another_is_another() {
+    let noise = ["--noise", "10", "--tilt-noise", "0.1", "--alpha-noise", "5", "--twist-noise", "1", "--json"];
+    for loops in [&[][..], &["--feedback"]] {
+        let run = |seed: &str| growbot(&[&GOAL[..], &noise, loops, &["--seed", seed]].concat()).out;
+        assert_eq!(run("5"), run("5"));
+        assert_ne!(run("5"), run("6"));
+        assert!(run("18446744073709551615").contains("\"seed\":18446744073709551615}"));
+    }
+}
+
+#[test]
+fn whole_steps_are_laid_as_the_paper_lays_them() {
+    let straight = ["simulate", "--to", "0,0,100,0,90", "--slice", "whole"];
+    // 33 steps of 3.096 mm are 102.168 mm, 130 of the robot's own layers 100.62 mm.
+    for (more, layers, over) in [(&["--step", "3.096"][..], 33, 2.168), (&[], 130, 0.62)] {
+        let found = json(&straight, more);
+        assert_eq!(found["layers"], layers);
+        assert!((number(&found, "position_error_mm") - over).abs() < 1e-9, "{found}");
+        assert!((number(&found, "length_mm") - 100.0 - over).abs() < 1e-9, "{found}");
+        assert!((number(&found, "normalized_position_error") - 0.01 * over).abs() < 1e-11, "{found}");
+    }
+}
+
+#[test]
+fn where_the_tip_is_there_already_nothing_grows() {
+    for more in [&["--noise", "10"][..], &["--feedback"], &["--sag"], &["--slice", "whole"]] {
+        let found = json(&["simulate", "--to", "0,0,0,0,90"], more);
+        assert_eq!((&found["layers"], found["path_length_mm"].to_string().as_str()), (&0.into(), "0.0"), "{found}");
+        assert_eq!(number(&found, "normalized_position_error"), 0.0);
+        assert_eq!(number(&found, "direction_error_deg"), 0.0);
+    }
+}
+
+#[test]
+fn every_error_of_a_layer_shows() {
+    for disturbance in [
+        ["--bias", "5"],
+        ["--tilt-noise", "0.1"],
+        ["--tilt-bias", "-10"],
+        ["--alpha-noise", "20"],
+        ["--alpha-bias", "-5"],
+        ["--twist-noise", "1"],
+        ["--twist-bias", "0.1"],
+    ] {
+        let found = json(&GOAL, &disturbance);
+        assert!(number(&found, "position_error_mm") > 0.1, "{disturbance:?}: {found}");
+    }
+}
+
+#[test]
+fn feedback_brings_a_biased_growth_nearer() {
+    let bias = ["--bias", "5", "--noise", "10"];
+    let open = json(&GOAL, &bias);
+    let closed = json(&GOAL, &with(&bias, &["--feedback"]));
+    assert!(number(&closed, "position_error_mm") < 0.2 * number(&open, "position_error_mm"), "{closed} {open}");
+    let found = &closed["feedback"];
+    assert!((number(found, "growth_bias_percent") - 5.0).abs() < 2.0, "{found}");
+    assert!(number(found, "position_sd_mm") > 0.0 && found["believed"]["x_mm"].is_f64());
+    // What the loop cannot see: everything is a hundredth shorter than it is shown.
+    let scaled = json(&GOAL, &["--feedback", "--odometry-scale", "1"]);
+    assert!((0.004..0.02).contains(&number(&scaled, "normalized_position_error")), "{scaled}");
+}
+
+#[test]
+fn a_body_hangs_under_its_own_weight_and_may_break() {
+    let found = json(&LEVEL, &["--sag"]);
+    let sag = number(&found["sag"], "deflection_mm");
+    assert!((number(&found, "position_error_mm") - sag).abs() < 1e-9 && (4.0..10.0).contains(&sag), "{found}");
+    let table = growbot(&with(&LEVEL, &["--sag"]));
+    assert!(table.out.contains("\nsag       ") && table.err.is_empty(), "{}{}", table.out, table.err);
+    assert!(growbot(&LEVEL).out.lines().all(|line| !line.starts_with("sag")));
+
+    let directory = tempfile::tempdir().unwrap();
+    let robot = directory.path().join("soft.toml");
+    let soft = include_str!("../../robots/growbot-a.toml").replace("strength_mpa = 30.0", "strength_mpa = 0.5");
+    std::fs::write(&robot, soft).unwrap();
+    for more in [&[][..], &["--repeat", "3"]] {
+        let robot = robot.to_str().unwrap();
+        let ran = growbot(&[&LEVEL[..], &["--sag", "--robot", robot, "--noise", "5"], more].concat());
+        assert_eq!(ran.code, Some(0));
+        for part in ["growbot: warning, root-fails: ", "over the 0.5 MPa of material.strength_mpa", "wall.width_mm"] {
+            assert!(ran.err.contains(part), "{}", ran.err);
+        }
+        assert_eq!(ran.err.matches('\n').count(), 1, "{}", ran.err);
+    }
+}
+
+#[test]
+fn a_plans_warnings_are_told_and_it_is_simulated_all_the_same() {
+    let ran = growbot(&["simulate", "--to", "0,0,4000,0,90"]);
+    assert_eq!(ran.code, Some(0));
+    assert!(
+        ran.err.starts_with("growbot: warning, filament-short: ") && ran.err.matches('\n').count() == 1,
+        "{}",
+        ran.err
+    );
+}
+
+#[test]
+fn repetitions_do_not_depend_on_the_threads() {
+    for loops in [&["--repeat", "200"][..], &["--repeat", "20", "--feedback"]] {
+        let run = |threads: &str| {
+            growbot(&[&GOAL[..], &["--noise", "10", "--sag", "--threads", threads], loops, &["--json"]].concat())
+        };
+        let (one, two) = (run("1"), run("2"));
+        assert_eq!(one.code, Some(0), "{}", one.err);
+        assert_eq!(one.out, two.out);
+    }
+}
+
+#[test]
+fn repetitions_are_summed_up() {
+    let ran = growbot(&with(&GOAL, &["--noise", "10", "--repeat", "100"]));
+    assert_eq!((ran.code, ran.err.as_str()), (Some(0), ""));
+    assert!(ran.out.starts_with("100 growths of growbot-a, 833 layers, 643.6 mm, seeds 1 to 100\n"), "{}", ran.out);
+    assert!(ran.out.lines().all(|line| line.chars().count() <= 80), "{}", ran.out);
+
+    let all = json(&GOAL, &["--noise", "10", "--repeat", "100", "--seed", "3"]);
+    assert_eq!((&all["repeat"], &all["seed"]), (&100.into(), &3.into()));
+    let position = &all["position_error_mm"];
+    let of = |field: &str| number(position, field);
+    assert!(of("min") <= of("p50") && of("p50") < of("p95") && of("p95") <= of("max"), "{all}");
+    assert!(of("min") < of("mean") && of("mean") < of("max") && of("sd") > 0.0, "{all}");
+    for field in ["normalized_position_error", "heading_error_deg", "pitch_error_deg", "direction_error_deg", "layers"]
+    {
+        assert!(number(&all[field], "mean") >= 0.0);
+    }
+    // The worst of them can be had alone.
+    let seed = all["worst_seed"].to_string();
+    assert_eq!(json(&GOAL, &["--noise", "10", "--seed", &seed])["position_error_mm"], position["max"]);
+}
+
+#[test]
+fn repeating_what_is_not_random_is_pointed_out() {
+    let ran = growbot(&with(&GOAL, &["--bias", "5", "--repeat", "4"]));
+    assert_eq!(ran.err, "growbot: nothing is drawn by chance, so all 4 growths are the same\n");
+}
+
+#[test]
+fn bad_input_is_refused_in_one_message() {
+    for (args, parts) in [
+        (&["simulate"][..], ["there is nothing to grow", "--to"]),
+        (&["simulate", "none.json"], ["none.json", "No such file"]),
+        (
+            &["simulate", "--to", "0,0,100,0,90", "--step", "3"],
+            ["--step is the height of whole steps", "--slice whole"],
+        ),
+        (&["simulate", "--to", "0,0,100,0,90", "--slice", "whole", "--feedback"], ["--feedback", "--slice whole"]),
+        (&["simulate", "--to", "0,0,100,0,90", "--radius", "50"], ["50", "98.2"]),
+    ] {
+        let ran = growbot(args);
+        assert_eq!((ran.code, ran.out.as_str()), (Some(2), ""), "{}", ran.err);
+        assert!(ran.err.starts_with("growbot: ") && ran.err.matches('\n').count() == 1, "{:?}", ran.err);
+        parts.iter().for_each(|part| assert!(ran.err.contains(part), "no {part:?} in {}", ran.err));
+    }
+    let to = ["simulate", "--to", "0,0,100,0,90"];
+    for (args, part) in [
+        (&["--slice", "whole", "--step", "0"][..], "it is 0 mm, and may be 0.01 to 10000"),
+        (&["--slice", "whole", "--step", "nan"], "it is NaN mm"),
+        (&["--slice", "thick"], "exact, whole"),
+        (&["--noise", "91"], "it is 91 percent, and may be 0 to 90"),
+        (&["--odometry-scale", "2"], "--feedback"),
+        (&["--feedback", "--odometry-scale", "-91"], "it is -91 percent, and may be -90 to 90"),
+        (&["--gravity-only"], "--feedback"),
+        (&["--repeat", "0"], "0 is not in 1.."),
+        (&["--threads", "2"], "--repeat"),
+        (&["--repeat", "2", "--threads", "0"], "0 is not in 1.."),
+        (&["--seed", "-1"], "--seed"),
+    ] {
+        let ran = growbot(&with(&to, args));
+        assert_eq!((ran.code, ran.out.as_str()), (Some(2), ""), "{}", ran.err);
+        assert!(ran.err.contains(part), "no {part:?} in {}", ran.err);
+    }
+}

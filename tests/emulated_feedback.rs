@@ -1,0 +1,76 @@
+//! The firmware in the emulator grows with feedback: it measures, it is amended while it grows, and it arrives where a growth without
+//! feedback does not.
+
+use std::cell::RefCell;
+use std::rc::Rc;
+use std::sync::atomic::AtomicBool;
+
+use growbot_core::link::message::{Silence, State};
+use growbot_core::path::{Segment, end};
+use growbot_core::pose::Pose;
+use growbot_core::robot::Robot;
+use growbot_core::simulation::Disturbance;
+use growbot_core::tracking::SensorNoise;
+use growbot_host::client::Client;
+use growbot_host::feedback::Feedback;
+use growbot_host::growth::{Grown, Job, MeasuredBy, News, Outcome, grow_job_with};
+use growbot_host::port::emulator::Emulator;
+use growbot_host::tip::Imperfection;
+use growbot_tests::firmware;
+
+/// Robot A2, which is fast, with robot A's sensors.
+fn robot() -> Robot {
+    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/growbot-a2.toml");
+    let sensors = "[sensors]\nfilament_motion = { mm_per_pulse = 1.25, jam_mm = 8.0 }\norientation = true\n";
+    let text = std::fs::read_to_string(file).unwrap().replace("[sensors]\n", sensors);
+    let folder = std::env::temp_dir().join(format!("growbot-feedback-{}.toml", std::process::id()));
+    std::fs::write(&folder, text).unwrap();
+    let robot = growbot_host::robot_file::load(&folder).unwrap();
+    let _ = std::fs::remove_file(folder);
+    robot
+}
+
+/// Grows 62 layers on an emulated robot that lays a tenth too little, give or take a tenth.
+fn grow(robot: &Robot, with_feedback: bool) -> Grown {
+    let path = [
+        Segment::Arc { alpha: 1.0, bend: 0.15, length: 20.0 },
+        Segment::Straight { length: 10.0 },
+        Segment::Arc { alpha: 4.0, bend: 0.12, length: 18.0 },
+    ];
+    let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
+    let goal = Pose::from_frame(&end(&path, &start.frame()));
+    let job = Job::new(robot, &start, &goal, &path);
+    assert!(job.layers.len() >= 60);
+    let emulator = Rc::new(RefCell::new(Emulator::start(robot, Some(&firmware("an386"))).unwrap()));
+    let noise = SensorNoise { odometry: 0.01, direction: 0.005 };
+    let disturbance = Disturbance { growth_bias: -0.1, growth_noise: 0.1, ..Disturbance::default() };
+    let imperfection = Imperfection { disturbance, noise, seed: 11 };
+    emulator.borrow_mut().simulated_tip(|tip| tip.disturb(&imperfection));
+    let feedback = with_feedback.then(|| Feedback::new(robot, &start, &goal, &path, noise));
+    let mut client = Client::new(Box::new(Rc::clone(&emulator)), "a board under test");
+    grow_job_with(&mut client, &job, feedback, Silence::Hold, &AtomicBool::new(false), &mut |news| {
+        if let News::State(State::Heating) = news {
+            // A nozzle that is warm soon saves the time of heating, which is real here.
+            emulator.borrow_mut().simulated_tip(|tip| tip.set_nozzle_c(190.0));
+        }
+    })
+    .unwrap()
+}
+
+#[test]
+fn an_emulated_board_is_amended_while_it_grows_and_arrives() {
+    let robot = robot();
+    let (open, closed) = (grow(&robot, false), grow(&robot, true));
+    let miss = |grown: &Grown| {
+        assert_eq!((grown.outcome, grown.measured_by), (Outcome::Done, MeasuredBy::Tip));
+        grown.arrival.normalized_position_error
+    };
+    let fed_back = closed.fed_back.as_ref().unwrap();
+    let believed = fed_back.estimate.base_from_tip.translation.vector;
+    let off = (believed - closed.arrival.reached.position()).norm();
+    println!("{:.4} without feedback, {:.4} with; {} amendments", miss(&open), miss(&closed), fed_back.amendments);
+    println!("{} layers, believed to be {off:.3} mm from where it is", closed.body.len());
+    assert!(miss(&open) > 0.08 && miss(&closed) < 0.02, "{:?} {:?}", open.arrival, closed.arrival);
+    assert!(fed_back.amendments >= 8 && closed.body.len() > open.body.len() + 3);
+    assert!(off < 0.8 && (fed_back.estimate.habits.growth + 0.1).abs() < 0.03, "{off} {fed_back:?}");
+}
