@@ -330,8 +330,8 @@ struct Growth<'a> {
     feedback: Option<Feedback<'a>>,
     /// Every name that the job has had.
     names: Vec<u64>,
-    /// An amendment of which it is not known whether the board has taken it: the job's name and layers then.
-    amending: Option<(u64, Vec<LayerBytes>)>,
+    /// An amendment of which it is not known whether the board has taken it: the job's name and layers then, and what is told of them.
+    amending: Option<(u64, Vec<LayerBytes>, u32)>,
     /// The job is amended once so many layers are laid.
     amend_at: u32,
     /// Layers below this have been told to whoever hears the news.
@@ -397,18 +397,18 @@ impl<'a> Growth<'a> {
             return Err(GrowthError::Unfinished { plan_id, laid, layers });
         }
         let mut growth = Self::new(client, job, feedback, silence, &hello);
-        growth.hand_over_all().map_err(GrowthError::Before)?;
+        growth.hand_over_all(tell).map_err(GrowthError::Before)?;
         growth.count_from_here(tell).map_err(GrowthError::Before)?;
         Ok(growth)
     }
 
-    fn hand_over_all(&mut self) -> Result<(), ClientError> {
+    fn hand_over_all(&mut self, tell: &mut dyn FnMut(&News)) -> Result<(), ClientError> {
         let tip = self.client.port().tip()?;
         self.laid_before = Some(tip.map_or((0, 0), |tip| (tip.body.len(), tip.feed_steps)));
         let begin =
             Begin { plan_id: self.job.plan_id, layers: self.job.layers.len() as u32, robot: self.job.robot.hash() };
         self.ask("to begin a job", &Message::Begin(begin))?;
-        self.hand_over()
+        self.hand_over(tell)
     }
 
     /// Takes up a job that the board knows.
@@ -458,7 +458,7 @@ impl<'a> Growth<'a> {
         // At rest any layer can be another one.
         self.amend_at = 0;
         self.amend(self.laid, tell)?;
-        self.hand_over()
+        self.hand_over(tell)
     }
 
     /// Asks for something that is answered by `Accepted`.
@@ -477,8 +477,13 @@ impl<'a> Growth<'a> {
     }
 
     /// Sends as many layers as the board has room for; whole messages, but for the last, while it grows.
-    fn hand_over(&mut self) -> Result<(), ClientError> {
-        let layers = self.job.layers.get(..self.wanted()).unwrap_or_default();
+    fn hand_over(&mut self, tell: &mut dyn FnMut(&News)) -> Result<(), ClientError> {
+        let wanted = self.wanted();
+        if let Some(layers) = self.job.layers.get(self.told as usize..wanted).filter(|layers| !layers.is_empty()) {
+            tell(&News::HandingOver(self.told, layers.to_vec()));
+            self.told = wanted as u32;
+        }
+        let layers = self.job.layers.get(..wanted).unwrap_or_default();
         match self.client.hand_over(self.job.plan_id, layers, self.accepted.clone()) {
             Ok(accepted) => self.accepted = accepted,
             // It stopped in between; the status will say so.
@@ -514,11 +519,10 @@ impl<'a> Growth<'a> {
             tell(&News::Amending(Amendment { plan_id, from, total, layers: horizon }));
             let first_layers = rest.iter().take(MOST_LAYERS).copied().collect();
             let amend = Amend { plan_id: self.job.plan_id, amended: plan_id, from, layers: total, first_layers };
-            self.amending = Some((plan_id, amended));
+            self.amending = Some((plan_id, amended, total.min(from + HORIZON)));
             match self.client.request("to amend the job", &Message::Amend(amend)) {
                 Ok(Message::Accepted(accepted)) => {
                     self.accepted = accepted;
-                    self.told = total.min(from + HORIZON);
                     self.amended();
                     return Ok(());
                 }
@@ -545,8 +549,8 @@ impl<'a> Growth<'a> {
 
     /// The board has taken the amendment.
     fn amended(&mut self) {
-        let Some((plan_id, layers)) = self.amending.take() else { return };
-        (self.job.plan_id, self.job.layers) = (plan_id, layers);
+        let Some((plan_id, layers, told)) = self.amending.take() else { return };
+        (self.job.plan_id, self.job.layers, self.told) = (plan_id, layers, told);
         self.names.push(plan_id);
         if let Some(feedback) = &mut self.feedback {
             feedback.amended();
@@ -586,7 +590,7 @@ impl<'a> Growth<'a> {
     fn call_again(&mut self, stop: &AtomicBool, tell: &mut dyn FnMut(&News)) -> Result<Outcome, ClientError> {
         let hello = self.client.hello_robot(self.job.robot)?;
         tell(&News::Back);
-        if self.amending.as_ref().is_some_and(|(plan_id, _)| *plan_id == hello.status.plan_id) {
+        if self.amending.as_ref().is_some_and(|(plan_id, ..)| *plan_id == hello.status.plan_id) {
             self.amended();
         } else if self.amending.take().is_some() {
             tell(&News::NotAmended(None));
@@ -666,12 +670,7 @@ impl<'a> Growth<'a> {
         if left == 0 || self.accepted.room < left.min(HORIZON) {
             return Ok(());
         }
-        if self.told < wanted {
-            let layers = self.job.layers.get(self.told as usize..wanted as usize).unwrap_or_default();
-            tell(&News::HandingOver(self.told, layers.to_vec()));
-            self.told = wanted;
-        }
-        self.hand_over()
+        self.hand_over(tell)
     }
 
     /// Takes what the board says of itself: how the job ended, if it did.
