@@ -5,7 +5,7 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 
-use growbot_core::path::length;
+use growbot_core::path::{Leg, length};
 use growbot_core::plan::{Planner, plan};
 use growbot_core::pose::Pose;
 use growbot_core::random::Random;
@@ -50,7 +50,8 @@ fn pair(robot: &Robot, distance: u32, bias: f64, seed: u64) -> [Arrival; 2] {
     };
     let planned = layers(&path, robot, Slicing::Exact).map(|sliced| sliced.layer);
     let open = grow_open(&start, planned, &disturbance, seed, |_| {});
-    let task = Task { robot, start, goal, path: &path };
+    let legs = [Leg { goal, segments: path.len() }];
+    let task = Task { robot, start, path: &path, legs: &legs };
     let closed = grow_closed(&task, &disturbance, &sensors, seed, |layer, _, base_from_tip| {
         if let Err(error) = robot.check_layer(layer, LIMIT_SLACK) {
             panic!("{distance} R, seed {seed}: {error}");

@@ -10,7 +10,7 @@ use heapless::Vec;
 use crate::angle::wrap_positive;
 use crate::helicoid::Helicoid;
 use crate::kinematics::step;
-use crate::pose::Frame;
+use crate::pose::{Frame, Pose};
 
 /// The most segments that a planner puts together: two planar paths take up to six.
 pub const MOST_SEGMENTS: usize = 6;
@@ -91,6 +91,15 @@ impl Segment {
             Self::Helicoid { curve, radius, length } => Self::Helicoid { curve: curve.rolled(roll), radius, length },
         }
     }
+}
+
+/// A part of a path that leads from one pose to the next.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Leg {
+    /// Where it leads.
+    pub goal: Pose,
+    /// How many segments of the path are its own.
+    pub segments: usize,
 }
 
 /// Length of a path, mm. (The sum of no numbers is -0.)

@@ -8,7 +8,7 @@ use growbot_core::hash::Hasher;
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::{Encoder, LayerBytes, decode};
 use growbot_core::link::message::Measured;
-use growbot_core::path::Segment;
+use growbot_core::path::{Leg, Segment};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_core::tracking::{Estimate, Measurement, SensorNoise, Tracker};
@@ -65,7 +65,7 @@ pub struct FedBack {
 impl<'a> Feedback<'a> {
     /// Before the first layer of a path. `noise` is that of the sensors themselves: what their units round comes to it.
     #[must_use]
-    pub fn new(robot: &'a Robot, start: &Pose, goal: &Pose, path: &[Segment], noise: SensorNoise) -> Self {
+    pub fn new(robot: &'a Robot, start: &Pose, path: &'a [Segment], legs: &'a [Leg], noise: SensorNoise) -> Self {
         let description = robot.description();
         let filament_per_length = robot.feed_steps_per_length() / description.feed.steps_per_mm;
         let mm_per_pulse = description.sensors.filament_motion.map(|motion| motion.mm_per_pulse / filament_per_length);
@@ -77,7 +77,7 @@ impl<'a> Feedback<'a> {
         };
         Self {
             robot,
-            tracker: Tracker::new(robot, start, goal, path, noise),
+            tracker: Tracker::new(robot, start, path, legs, noise),
             mm_per_pulse,
             counted: None,
             expected: 0.0,
@@ -175,17 +175,27 @@ mod tests {
     const HEIGHT: f64 = 0.774;
     const PULSES: f64 = 56.935;
 
-    fn robot() -> Robot {
-        crate::robot_file::load("growbot-a".as_ref()).unwrap()
+    /// An upright path of so many layers.
+    struct Upright {
+        robot: Robot,
+        start: Pose,
+        path: [Segment; 1],
+        legs: [Leg; 1],
     }
 
-    /// Feedback of an upright path of so many layers, and one of them.
-    fn upright(robot: &Robot, layers: u32) -> (Feedback<'_>, LayerBytes) {
-        let path = [Segment::Straight { length: HEIGHT * f64::from(layers) }];
-        let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
-        let goal = Pose::from_frame(&end(&path, &start.frame()));
-        let layer = Encoder::default().encode(&Layer { alpha: 0.0, height: HEIGHT, tilt: 0.0 });
-        (Feedback::new(robot, &start, &goal, &path, EXACT), layer)
+    impl Upright {
+        fn new(layers: u32) -> Self {
+            let path = [Segment::Straight { length: HEIGHT * f64::from(layers) }];
+            let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
+            let legs = [Leg { goal: Pose::from_frame(&end(&path, &start.frame())), segments: 1 }];
+            Self { robot: crate::robot_file::load("growbot-a".as_ref()).unwrap(), start, path, legs }
+        }
+
+        /// Its feedback, and one of its layers.
+        fn feedback(&self) -> (Feedback<'_>, LayerBytes) {
+            let layer = Encoder::default().encode(&Layer { alpha: 0.0, height: HEIGHT, tilt: 0.0 });
+            (Feedback::new(&self.robot, &self.start, &self.path, &self.legs, EXACT), layer)
+        }
     }
 
     fn counted(pulses: u32) -> Measured {
@@ -202,8 +212,8 @@ mod tests {
 
     #[test]
     fn pulses_become_growth_whatever_they_begin_with_and_however_many_are_missing() {
-        let robot = robot();
-        let (mut feedback, layer) = upright(&robot, 200);
+        let upright = Upright::new(200);
+        let (mut feedback, layer) = upright.feedback();
         // The count wraps within the first layers.
         let before = u32::MAX - 100;
         feedback.count_from(&count(1, 0, before));
@@ -223,8 +233,8 @@ mod tests {
 
     #[test]
     fn a_count_that_begins_anew_is_no_growth() {
-        let robot = robot();
-        let (mut feedback, layer) = upright(&robot, 200);
+        let upright = Upright::new(200);
+        let (mut feedback, layer) = upright.feedback();
         feedback.count_from(&count(1, 0, 7));
         assert!(feedback.counts_in(1) && !feedback.counts_in(2));
         for index in 1..=50 {
@@ -244,10 +254,10 @@ mod tests {
 
     #[test]
     fn a_job_of_the_planned_layers_has_the_planned_name() {
-        let robot = robot();
-        let (feedback, _) = upright(&robot, 20);
+        let upright = Upright::new(20);
+        let (feedback, _) = upright.feedback();
         let path = [Segment::Arc { alpha: 1.0, bend: 0.5, length: 60.0 }];
-        let layers: Vec<LayerBytes> = growbot_core::job::job_layers(&path, &robot).collect();
-        assert_eq!(feedback.plan_id(&layers), growbot_core::job::summarize(&path, &robot).plan_id);
+        let layers: Vec<LayerBytes> = growbot_core::job::job_layers(&path, &upright.robot).collect();
+        assert_eq!(feedback.plan_id(&layers), growbot_core::job::summarize(&path, &upright.robot).plan_id);
     }
 }

@@ -1,6 +1,6 @@
 //! A plan: a path that has been checked to end at its goal, with all that is said about it.
 
-use growbot_core::path::{self, Segment};
+use growbot_core::path::{self, Leg, Segment};
 use growbot_core::plan::{self as planning, Chosen, GREATEST_RADIUS, Needs, PlanError, Planner};
 use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::Robot;
@@ -25,23 +25,14 @@ pub struct Plan {
     pub goal: Pose,
     /// The legs, one at least: from pose to pose.
     pub legs: Vec<Leg>,
+    /// What each leg was chosen from; plans of older versions do not say.
+    pub choices: Vec<Option<Choice>>,
     /// The path from start to goal.
     pub path: Vec<Segment>,
     /// Length, layers, time and filament.
     pub needs: Needs,
     /// What speaks against growing it.
     pub warnings: Vec<Warning>,
-}
-
-/// A part of a plan that leads from one pose to the next.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Leg {
-    /// Where it leads.
-    pub goal: Pose,
-    /// How many segments of the path are its own.
-    pub segments: usize,
-    /// What it was chosen from; plans of older versions do not say.
-    pub choice: Option<Choice>,
 }
 
 /// What the path of a leg, or of a plan, was chosen from.
@@ -115,7 +106,7 @@ impl Plan {
     /// As [`Plan::make`].
     pub fn through(robot: &Robot, start: &Pose, via: &[Pose], goal: &Pose, search: &Search) -> Result<Self, PlanError> {
         let mut body: Vec<Segment> = Vec::new();
-        let mut legs = Vec::with_capacity(via.len() + 1);
+        let (mut legs, mut choices) = (Vec::with_capacity(via.len() + 1), Vec::with_capacity(via.len() + 1));
         // Where the tip is, and the pose and the roll from which the next leg is planned.
         let mut base_from_tip = start.frame();
         let (mut from, mut roll) = (*start, 0.0);
@@ -123,8 +114,8 @@ impl Plan {
             let (chosen, passed_over) = plan_leg(robot, &from, goal, search, &body, roll)?;
             let own: Vec<Segment> = chosen.path.iter().map(|segment| segment.rolled(roll)).collect();
             let Chosen { candidates, two_plane_length, .. } = chosen;
-            let choice = Some(Choice { candidates, passed_over, two_plane_length });
-            legs.push(Leg { goal: *goal, segments: own.len(), choice });
+            choices.push(Some(Choice { candidates, passed_over, two_plane_length }));
+            legs.push(Leg { goal: *goal, segments: own.len() });
             base_from_tip = path::end(&own, &base_from_tip);
             body.extend(own);
             let miss = planning::miss(&base_from_tip, goal);
@@ -132,7 +123,7 @@ impl Plan {
             from = if there { *goal } else { Pose::from_frame(&base_from_tip) };
             roll = roll_from(&from, &base_from_tip);
         }
-        Ok(Self::of_path(robot, start, search.radius, search.planner, legs, body))
+        Ok(Self::of_path(robot, start, search.radius, search.planner, (legs, choices), body))
     }
 
     /// The plan of a path that is known to lead from the start along its legs, of which there is one at least.
@@ -141,7 +132,7 @@ impl Plan {
         start: &Pose,
         radius: f64,
         planner: Planner,
-        legs: Vec<Leg>,
+        (legs, choices): (Vec<Leg>, Vec<Option<Choice>>),
         path: Vec<Segment>,
     ) -> Self {
         let needs = planning::needs(&path, robot);
@@ -155,6 +146,7 @@ impl Plan {
             warnings: warnings(&path, &needs, robot),
             needs,
             legs,
+            choices,
             path,
         }
     }
@@ -165,13 +157,13 @@ impl Plan {
         word(&self.path)
     }
 
-    /// The legs with the segments of each.
-    pub fn legs_with_paths(&self) -> impl Iterator<Item = (&Leg, &[Segment])> {
+    /// The segments of each leg, and what they were chosen from.
+    pub fn by_leg(&self) -> impl Iterator<Item = (Option<Choice>, &[Segment])> {
         let mut rest = self.path.as_slice();
-        self.legs.iter().map(move |leg| {
+        self.legs.iter().zip(&self.choices).map(move |(leg, choice)| {
             let (own, after) = rest.split_at_checked(leg.segments).unwrap_or((rest, &[]));
             rest = after;
-            (leg, own)
+            (*choice, own)
         })
     }
 
@@ -185,7 +177,7 @@ impl Plan {
     /// What the whole path was chosen from, if every leg says.
     #[must_use]
     pub fn choice(&self) -> Option<Choice> {
-        self.legs.iter().try_fold(Choice::default(), |sum, leg| Some(sum.and(leg.choice?)))
+        self.choices.iter().try_fold(Choice::default(), |sum, choice| Some(sum.and((*choice)?)))
     }
 }
 

@@ -8,13 +8,13 @@
 use growbot_core::angle::{radians, wrap_positive};
 use growbot_core::helicoid::Helicoid;
 use growbot_core::number::Short;
-use growbot_core::path::{Segment, end, length};
+use growbot_core::path::{Leg, Segment, end, length};
 use growbot_core::plan::{GREATEST_RADIUS, Miss, miss};
 use growbot_core::pose::{Frame, Pose, PoseError};
 use growbot_core::robot::Robot;
 use nalgebra::Vector3;
 
-use crate::plan::{Choice, Leg, Plan, word};
+use crate::plan::{Choice, Plan, word};
 use crate::plan_file::{PlanFile, WrittenLeg, WrittenPose, WrittenSegment, written_hash};
 use crate::pose_text::pose_of_numbers;
 use crate::warning::{THIN_LAYER, Warning};
@@ -214,8 +214,8 @@ impl PlanFile {
         Ok(path)
     }
 
-    /// The legs: each ends at its own pose, the last at the goal.
-    fn legs(&self, start: &Pose, goal: &Pose, path: &[Segment]) -> Result<Vec<Leg>, PlanFault> {
+    /// The legs, each of which ends at its own pose, the last at the goal; and what they were chosen from.
+    fn legs(&self, start: &Pose, goal: &Pose, path: &[Segment]) -> Result<(Vec<Leg>, Vec<Option<Choice>>), PlanFault> {
         let (found, expected) = (self.legs.len(), if self.via.is_empty() { 0 } else { self.via.len() + 1 });
         if found != expected {
             return Err(PlanFault::Legs { found, expected });
@@ -244,7 +244,7 @@ impl PlanFile {
                 expected: path.len() as f64,
             });
         }
-        let mut legs = Vec::with_capacity(written.len());
+        let (mut legs, mut choices) = (Vec::with_capacity(written.len()), Vec::with_capacity(written.len()));
         let (mut base_from_tip, mut from, mut rest) = (start.frame(), *start, path);
         for (index, leg) in written.iter().enumerate() {
             let to = match self.via.get(index) {
@@ -258,10 +258,11 @@ impl PlanFile {
             check_arrival(which, &base_from_tip, &from, &to, self.radius_mm)?;
             check_word(&leg.word, own)?;
             check_total("length_mm of a leg", leg.length_mm, length(own), 0.0)?;
-            legs.push(Leg { goal: to, segments: leg.segments, choice: leg.choice()? });
+            legs.push(Leg { goal: to, segments: leg.segments });
+            choices.push(leg.choice()?);
             from = to;
         }
-        Ok(legs)
+        Ok((legs, choices))
     }
 
     /// What is said of the path in words and by comparison.

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::degrees::{degrees_below_turn, shortest_degrees, shortest_heading};
 use crate::input::{self, InputError};
-use crate::plan::{Leg, Plan, word};
+use crate::plan::{Choice, Plan, word};
 use crate::plan_check::PlanFault;
 use crate::robot_file::{self, RobotFileError};
 use crate::warning::Warning;
@@ -128,14 +128,14 @@ pub struct WrittenLeg {
 }
 
 impl WrittenLeg {
-    fn new(leg: &Leg, path: &[Segment]) -> Self {
+    fn new(choice: Option<Choice>, path: &[Segment]) -> Self {
         Self {
-            segments: leg.segments,
+            segments: path.len(),
             word: word(path),
             length_mm: length(path),
-            candidates: leg.choice.map(|choice| choice.candidates),
-            passed_over: leg.choice.map_or(0, |choice| choice.passed_over),
-            two_plane_length_mm: leg.choice.map(|choice| choice.two_plane_length),
+            candidates: choice.map(|choice| choice.candidates),
+            passed_over: choice.map_or(0, |choice| choice.passed_over),
+            two_plane_length_mm: choice.map(|choice| choice.two_plane_length),
         }
     }
 }
@@ -213,7 +213,7 @@ impl From<&Plan> for PlanFile {
     fn from(plan: &Plan) -> Self {
         let choice = plan.choice();
         let via = plan.via();
-        let legs = plan.legs_with_paths().map(|(leg, path)| WrittenLeg::new(leg, path));
+        let legs = plan.by_leg().map(|(choice, path)| WrittenLeg::new(choice, path));
         Self {
             id: None,
             format: FORMAT.to_owned(),

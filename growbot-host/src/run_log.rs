@@ -11,7 +11,6 @@ use std::path::Path;
 use growbot_core::angle::degrees;
 use growbot_core::layer_bytes::{LayerBytes, decode};
 use growbot_core::link::message::{Fault, Measured};
-use growbot_core::path::Segment;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_core::tracking::SensorNoise;
@@ -297,8 +296,8 @@ impl RunRecord {
 
     /// The feedback as it stood when the log ended; none for a growth without.
     #[must_use]
-    pub fn feedback<'a>(&self, job: &Job<'a>, path: &[Segment]) -> Option<Feedback<'a>> {
-        let mut feedback = Feedback::new(job.robot, job.start, job.goal, path, self.feedback?);
+    pub fn feedback<'a>(&self, job: &Job<'a>, plan: &'a Plan) -> Option<Feedback<'a>> {
+        let mut feedback = Feedback::new(job.robot, job.start, &plan.path, &plan.legs, self.feedback?);
         let mut counts = self.counts.iter().peekable();
         for (index, (as_built, measured)) in self.as_built.iter().zip(&self.measured).enumerate() {
             while let Some((_, count)) = counts.next_if(|(told, _)| *told <= index) {

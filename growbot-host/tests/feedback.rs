@@ -166,7 +166,7 @@ impl Try {
     fn grow(&self, mut at: impl FnMut(&Cell<bool>, &AtomicBool)) -> Result<Grown, GrowthError> {
         let job = self.job();
         let mut log = RunLog::begin(&self.folder.path().join("run"), &self.plan, &job, Some(NOISE), "sim").unwrap();
-        let feedback = Feedback::new(&self.robot, &self.plan.start, &self.plan.goal, &self.plan.path, NOISE);
+        let feedback = Feedback::new(&self.robot, &self.plan.start, &self.plan.path, &self.plan.legs, NOISE);
         let cut = Rc::new(Cell::new(false));
         let mut client = Client::new(Box::new(Line(Rc::clone(&self.sim), Rc::clone(&cut))), "sim");
         let stop = AtomicBool::new(false);
@@ -192,7 +192,7 @@ impl Try {
         let mut job = self.job();
         (job.plan_id, job.layers) = (record.plan_id, record.layers.clone());
         let plan = record.plan(&self.robot).unwrap();
-        let feedback = record.feedback(&job, &plan.path);
+        let feedback = record.feedback(&job, &plan);
         assert!(feedback.is_some());
         let (stop, known) = (AtomicBool::new(false), record.as_built.clone());
         let again = CutLayer::Again;

@@ -4,23 +4,31 @@ use super::disturbance::{Disturbance, Laid};
 use super::sensors::Sensors;
 use crate::kinematics::advance;
 use crate::layer::Layer;
-use crate::path::Segment;
+use crate::path::{Leg, Segment};
 use crate::plan::needs;
 use crate::pose::{Frame, Pose};
 use crate::robot::Robot;
 use crate::tracking::{Estimate, Tracker};
 
-/// What is to be grown: a path from start to goal.
+/// What is to be grown: a path from a start through the goals of its legs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Task<'a> {
     /// The robot.
     pub robot: &'a Robot,
     /// Where the body begins.
     pub start: Pose,
-    /// Where its tip is to arrive.
-    pub goal: Pose,
-    /// The path between them.
+    /// The path.
     pub path: &'a [Segment],
+    /// Its legs, one at least: the poses that it leads to.
+    pub legs: &'a [Leg],
+}
+
+impl Task<'_> {
+    /// Where the tip is to arrive.
+    #[must_use]
+    pub fn goal(&self) -> Pose {
+        self.legs.last().map_or(self.start, |leg| leg.goal)
+    }
 }
 
 /// What a growth came to.
@@ -69,8 +77,8 @@ pub fn grow_closed(
     seed: u64,
     mut tip: impl FnMut(&Layer, &Laid, &Frame) -> Frame,
 ) -> Grown {
-    let Task { robot, start, goal, path } = *task;
-    let mut tracker = Tracker::new(robot, &start, &goal, path, sensors.noise);
+    let Task { robot, start, path, legs } = *task;
+    let mut tracker = Tracker::new(robot, &start, path, legs, sensors.noise);
     let mut grown = Grown { base_from_tip: start.frame(), layers: 0, length: 0.0, estimate: None };
     let most = PATIENCE * needs(path, robot).layers as u64 + PATIENCE_AT_LEAST;
     let mut by_growth = start.frame();

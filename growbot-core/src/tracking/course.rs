@@ -83,7 +83,7 @@ pub struct Course {
 }
 
 impl Course {
-    /// The course that a path is.
+    /// The course that a path of up to [`MOST_SEGMENTS`](crate::path::MOST_SEGMENTS) segments is.
     pub fn along(path: &[Segment], radius: f64) -> Self {
         let bend: f64 = path.iter().map(Segment::bend).sum();
         let length: f64 = path.iter().map(Segment::length).sum();
@@ -98,7 +98,7 @@ impl Course {
             let count = libm::ceil(FIRST_PIECES * share(segment)).max(1.0);
             for index in 0..count as usize {
                 let piece = piece_of(segment, index as f64 / count, (index + 1) as f64 / count);
-                // A path of six segments has at most 46.
+                // A path that a planner puts together has at most 46.
                 let _ = pieces.push(piece);
             }
         }
@@ -120,6 +120,27 @@ impl Course {
             length -= first.length;
             self.pieces.remove(0);
         }
+    }
+
+    /// The course of a tip that is turned by `roll` about its direction of growth (radians, counter-clockwise).
+    pub fn roll(&mut self, roll: f64) {
+        if roll == 0.0 {
+            return;
+        }
+        let (sine, cosine) = trigonometry::sin_cos(roll);
+        let back = |v: Vector2<f64>| Vector2::new(cosine * v.x + sine * v.y, cosine * v.y - sine * v.x);
+        for piece in &mut self.pieces {
+            piece.curvature = back(piece.curvature);
+            piece.planned.0 = back(piece.planned.0);
+        }
+    }
+
+    /// `base_from_tip` at the end of the course.
+    pub fn end(&self, base_from_tip: &Frame) -> Frame {
+        self.pieces.iter().fold(*base_from_tip, |base_from_tip, piece| {
+            let alpha = libm::atan2(-piece.curvature.y, -piece.curvature.x);
+            base_from_tip * step(alpha, piece.curvature.norm() * piece.length, piece.length)
+        })
     }
 
     /// The mean curvature over the first stretch of this length.
@@ -399,20 +420,13 @@ mod tests {
             .collect()
     }
 
-    fn course_end(course: &Course, start: &Frame) -> Frame {
-        course.pieces.iter().fold(*start, |base_from_tip, piece| {
-            let alpha = libm::atan2(-piece.curvature.y, -piece.curvature.x);
-            base_from_tip * step(alpha, piece.curvature.norm() * piece.length, piece.length)
-        })
-    }
-
     #[test]
     fn a_course_is_the_path() {
         for (start, _, path) in problems() {
             let course = Course::along(&path, 100.0);
             let planned = end(&path, &start.frame());
             let helicoid = path.iter().any(|segment| matches!(segment, Segment::Helicoid { .. }));
-            let off = (course_end(&course, &start.frame()).translation.vector - planned.translation.vector).norm();
+            let off = (course.end(&start.frame()).translation.vector - planned.translation.vector).norm();
             assert!(off < if helicoid { 1.0 } else { 1e-9 }, "{off} mm, {path:?}");
         }
     }
@@ -429,7 +443,7 @@ mod tests {
             let mut course = Course::along(&path, 100.0);
             let miss = course.correct(&off, &goal, greatest, 0.774);
             assert!(course.pieces.iter().all(|piece| piece.curvature.norm() <= greatest * (1.0 + 1e-12)));
-            let end = course_end(&course, &off);
+            let end = course.end(&off);
             assert!(((end.translation.vector - goal.position()).norm() - miss.distance).abs() < 1e-9);
             missed += u32::from(miss.distance > 0.1 || miss.angle > 0.002);
         }

@@ -9,7 +9,7 @@ use super::estimator::{Estimator, Habits};
 use super::measurement::{Measurement, SensorNoise};
 use crate::angle::wrap_positive;
 use crate::layer::Layer;
-use crate::path::Segment;
+use crate::path::{Leg, MOST_SEGMENTS, Segment, end};
 use crate::pose::{Frame, Pose};
 use crate::robot::Robot;
 
@@ -30,10 +30,12 @@ pub struct Estimate {
 #[derive(Debug, Clone)]
 pub struct Tracker<'a> {
     robot: &'a Robot,
-    goal: Pose,
     estimator: Estimator,
-    /// The path from where the next layer that can be changed begins.
+    /// The path up to the next goal, from where the next layer that can be changed begins.
     course: Course,
+    /// Where that is.
+    begins: Frame,
+    stages: Stages<'a>,
     /// Layers laid, and layers whose part of the course has been taken off it.
     laid: u64,
     taken: u64,
@@ -41,20 +43,13 @@ pub struct Tracker<'a> {
 }
 
 impl<'a> Tracker<'a> {
-    /// Before the first layer. The path leads from start to goal.
+    /// Before the first layer. The path leads from the start through the goals of its legs, each of which is steered for in turn.
     #[must_use]
-    pub fn new(robot: &'a Robot, start: &Pose, goal: &Pose, path: &[Segment], noise: SensorNoise) -> Self {
-        let radius = path.iter().map(Segment::curvature).fold(0.0, f64::max);
-        let radius = if radius > 0.0 { 1.0 / radius } else { robot.least_radius() };
-        let mut tracker = Self {
-            robot,
-            goal: *goal,
-            estimator: Estimator::new(start.frame(), noise),
-            course: Course::along(path, radius),
-            laid: 0,
-            taken: 0,
-            miss: Miss::default(),
-        };
+    pub fn new(robot: &'a Robot, start: &Pose, path: &'a [Segment], legs: &'a [Leg], noise: SensorNoise) -> Self {
+        let mut stages = Stages::new(robot, start, path, legs);
+        let course = stages.next(&start.frame()).unwrap_or_else(|| Course::along(&[], stages.radius));
+        let (estimator, begins) = (Estimator::new(start.frame(), noise), start.frame());
+        let mut tracker = Self { robot, estimator, course, begins, stages, laid: 0, taken: 0, miss: Miss::default() };
         tracker.replan(&[]);
         tracker
     }
@@ -64,33 +59,49 @@ impl<'a> Tracker<'a> {
         let growth = self.estimator.laid(commanded, measured);
         self.laid += 1;
         if self.taken < self.laid {
-            self.taken = self.laid;
-            self.course.take(growth);
+            self.take(growth);
         }
+    }
+
+    /// A layer of this growth, mm, can no longer be changed.
+    fn take(&mut self, growth: f64) {
+        self.taken += 1;
+        self.course.take(growth);
+        self.course.roll(self.estimator.habits().twist);
     }
 
     /// Plans the rest again, from where the tip will be once the layers under way, which can no longer be changed, are laid.
     pub fn replan(&mut self, under_way: &[Layer]) {
         let habits = *self.estimator.habits();
-        let mut base_from_tip = *self.estimator.base_from_tip();
+        self.begins = *self.estimator.base_from_tip();
         for (index, layer) in (self.laid..).zip(under_way) {
-            base_from_tip = habits.lay(&base_from_tip, layer);
+            self.begins = habits.lay(&self.begins, layer);
             if self.taken <= index {
-                self.taken = index + 1;
-                self.course.take(layer.height * (1.0 + habits.growth));
+                self.take(layer.height * (1.0 + habits.growth));
             }
         }
-        let greatest = self.greatest_curvature();
-        self.miss = self.course.correct(&base_from_tip, &self.goal, greatest, self.robot.description().layer.height_mm);
+        while too_thin(&self.course, self.robot) {
+            let Some(course) = self.stages.next(&self.begins) else { break };
+            self.course = course;
+        }
+        let resolution = self.robot.description().layer.height_mm;
+        self.miss = self.course.correct(&self.begins, &self.stages.goal, self.greatest_curvature(), resolution);
     }
 
     /// The layers to come, as they are to be commanded now.
     pub fn rest(&self) -> impl Iterator<Item = Layer> + use<'a> {
         let (robot, habits, greatest) = (self.robot, *self.estimator.habits(), self.greatest_curvature());
-        let mut course = self.course.clone();
+        let (mut course, mut stages) = (self.course.clone(), self.stages.clone());
+        let mut ends = course.end(&self.begins);
         core::iter::from_fn(move || {
+            while too_thin(&course, robot) {
+                course = stages.next(&ends)?;
+                course.correct(&ends, &stages.goal, greatest, robot.description().layer.height_mm);
+                ends = course.end(&ends);
+            }
             let (layer, length) = first_layer(&course, robot, &habits, greatest)?;
             course.take(length);
+            course.roll(habits.twist);
             Some(layer)
         })
     }
@@ -113,7 +124,7 @@ impl<'a> Tracker<'a> {
         }
     }
 
-    /// How far from the goal the rest would end.
+    /// How far from the next goal the rest of the way to it would end.
     #[must_use]
     pub fn miss(&self) -> Miss {
         self.miss
@@ -127,14 +138,65 @@ impl<'a> Tracker<'a> {
     }
 }
 
+/// What a path leads to, one after the other: the goals of its legs, and where a leg has more segments than a course takes, the poses
+/// that are planned between.
+#[derive(Debug, Clone)]
+struct Stages<'a> {
+    path: &'a [Segment],
+    legs: &'a [Leg],
+    /// Segments that are left of the first leg.
+    left: usize,
+    /// Where the rest of the path begins, as it was planned.
+    planned: Frame,
+    /// What is steered for.
+    goal: Pose,
+    /// Of the path's bends, mm.
+    radius: f64,
+}
+
+impl<'a> Stages<'a> {
+    fn new(robot: &Robot, start: &Pose, path: &'a [Segment], legs: &'a [Leg]) -> Self {
+        let curvature = path.iter().map(Segment::curvature).fold(0.0, f64::max);
+        let radius = if curvature > 0.0 { 1.0 / curvature } else { robot.least_radius() };
+        let left = legs.first().map_or(0, |leg| leg.segments);
+        Self { path, legs, left, planned: start.frame(), goal: *start, radius }
+    }
+
+    /// The course of the next stage for a tip that is about where it begins; none after the last.
+    fn next(&mut self, base_from_tip: &Frame) -> Option<Course> {
+        let (leg, later) = self.legs.split_first()?;
+        let count = self.left.min(MOST_SEGMENTS);
+        let (segments, rest) = self.path.split_at_checked(count).unwrap_or((self.path, &[]));
+        let planned_end = end(segments, &self.planned);
+        self.left -= count;
+        self.goal = if self.left == 0 { leg.goal } else { Pose::from_frame(&planned_end) };
+        // Bends are given in the frame that the path has carried along; the tip has come to be rolled from it.
+        let planned_from_tip = self.planned.rotation.inverse() * base_from_tip.rotation;
+        let matrix = planned_from_tip.matrix();
+        let mut course = Course::along(segments, self.radius);
+        course.roll(libm::atan2(matrix[(1, 0)], matrix[(0, 0)]));
+        (self.path, self.planned) = (rest, planned_end);
+        if self.left == 0 {
+            self.legs = later;
+            self.left = later.first().map_or(0, |leg| leg.segments);
+        }
+        Some(course)
+    }
+}
+
+/// Whether what is left of a course is no layer.
+fn too_thin(course: &Course, robot: &Robot) -> bool {
+    course.length() < 0.5 * robot.description().layer.height_min_mm
+}
+
 /// The first layer of a course, as it is to be commanded, and its length as it will come out, mm. None where what is left is too
 /// thin to be laid.
 fn first_layer(course: &Course, robot: &Robot, habits: &Habits, greatest: f64) -> Option<(Layer, f64)> {
-    let limits = &robot.description().layer;
-    let left = course.length();
-    if left < 0.5 * limits.height_min_mm {
+    if too_thin(course, robot) {
         return None;
     }
+    let limits = &robot.description().layer;
+    let left = course.length();
     let (grown, tilted) = (1.0 + habits.growth, 1.0 + habits.tilt);
     let mut length = left.min(limits.height_mm * grown);
     let mut curvature = Vector2::zeros();
@@ -158,10 +220,11 @@ mod tests {
     use crate::layer::grow;
     use crate::plan::{Planner, miss, plan};
     use crate::random::Random;
-    use crate::simulation::{DirectionSensor, Disturbance, Sensors};
+    use crate::simulation::{DirectionSensor, Disturbance, Sensors, Task, grow_closed};
     use crate::slicing::LIMIT_SLACK;
     use crate::testing::robot_a;
     use std::collections::VecDeque;
+    use std::vec::Vec;
 
     const NOISE: SensorNoise = SensorNoise { odometry: 0.01, direction: 0.0087 };
 
@@ -174,7 +237,8 @@ mod tests {
     fn the_rest_leads_to_the_goal_in_layers_that_can_be_laid() {
         let (robot, (start, goal)) = (robot_a(), poses());
         let path = plan(&robot, &start, &goal, 100.0, Planner::Shortest).unwrap().path;
-        let tracker = Tracker::new(&robot, &start, &goal, &path, NOISE);
+        let legs = [Leg { goal, segments: path.len() }];
+        let tracker = Tracker::new(&robot, &start, &path, &legs, NOISE);
         let missed = miss(&grow(&start.frame(), tracker.rest()), &goal);
         assert!(missed.distance < 0.05 && missed.angle < 1e-4, "{missed:?}");
         for layer in tracker.rest() {
@@ -186,8 +250,9 @@ mod tests {
     fn grow_behind(under_way: usize, disturbance: &Disturbance, seed: u64) -> f64 {
         let (robot, (start, goal)) = (robot_a(), poses());
         let path = plan(&robot, &start, &goal, 100.0, Planner::Shortest).unwrap().path;
+        let legs = [Leg { goal, segments: path.len() }];
         let sensors = Sensors { noise: NOISE, odometry_scale: 0.0, direction: DirectionSensor::Tip };
-        let mut tracker = Tracker::new(&robot, &start, &goal, &path, NOISE);
+        let mut tracker = Tracker::new(&robot, &start, &path, &legs, NOISE);
         let (mut truth, mut index) = (start.frame(), 0);
         let mut queue: VecDeque<Layer> = tracker.rest().take(under_way).collect();
         tracker.replan(queue.make_contiguous());
@@ -217,9 +282,10 @@ mod tests {
     fn no_layer_breaks_a_limit_whatever_is_measured() {
         let (robot, (start, goal)) = (robot_a(), poses());
         let path = plan(&robot, &start, &goal, 100.0, Planner::Shortest).unwrap().path;
+        let legs = [Leg { goal, segments: path.len() }];
         for seed in 0..20 {
             let mut random = Random::new(&[seed]);
-            let mut tracker = Tracker::new(&robot, &start, &goal, &path, NOISE);
+            let mut tracker = Tracker::new(&robot, &start, &path, &legs, NOISE);
             for _ in 0..300 {
                 let Some(layer) = tracker.next_layer() else { break };
                 robot.check_layer(&layer, LIMIT_SLACK).unwrap();
@@ -228,6 +294,50 @@ mod tests {
                 tracker.laid(&layer, &Measurement { growth, direction, up });
                 tracker.replan(&[]);
             }
+        }
+    }
+
+    #[test]
+    fn a_path_of_many_legs_passes_each_of_its_poses() {
+        let (robot, start) = (robot_a(), Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap());
+        let goals: Vec<Pose> = (1..=12)
+            .map(|n| {
+                let n = f64::from(n);
+                Pose::from_degrees([150.0 * n, 120.0 * libm::sin(n), 300.0, 15.0 * n, -40.0 + 6.0 * n]).unwrap()
+            })
+            .collect();
+        let (mut path, mut legs, mut from) = (Vec::new(), Vec::new(), start);
+        let mut base_from_tip = start.frame();
+        for goal in goals {
+            let own = plan(&robot, &from, &goal, 100.0, Planner::Shortest).unwrap().path;
+            let matrix = (from.frame().rotation.inverse() * base_from_tip.rotation).into_inner();
+            let roll = libm::atan2(matrix[(1, 0)], matrix[(0, 0)]);
+            let own: Vec<Segment> = own.iter().map(|segment| segment.rolled(roll)).collect();
+            base_from_tip = end(&own, &base_from_tip);
+            legs.push(Leg { goal, segments: own.len() });
+            path.extend(own);
+            from = goal;
+        }
+        assert!(path.len() > 20);
+        let whole = [Leg { goal: from, segments: path.len() }];
+        let disturbance = Disturbance { growth_noise: 0.1, twist_bias: 1e-4, ..Disturbance::default() };
+        let sensors = Sensors { noise: NOISE, odometry_scale: 0.0, direction: DirectionSensor::Tip };
+        // Its legs known or not.
+        for legs in [&legs[..], &whole] {
+            let tracker = Tracker::new(&robot, &start, &path, legs, NOISE);
+            let missed = miss(&grow(&start.frame(), tracker.rest()), &from);
+            assert!(missed.distance < 1.0 && missed.angle < 0.01, "{missed:?}");
+            let task = Task { robot: &robot, start, path: &path, legs };
+            let mut nearest = std::vec![f64::INFINITY; legs.len()];
+            let grown = grow_closed(&task, &disturbance, &sensors, 1, |layer, _, base_from_tip| {
+                robot.check_layer(layer, LIMIT_SLACK).unwrap();
+                for (nearest, leg) in nearest.iter_mut().zip(legs) {
+                    *nearest = nearest.min((base_from_tip.translation.vector - leg.goal.position()).norm());
+                }
+                *base_from_tip
+            });
+            assert!((grown.length / crate::path::length(&path) - 1.0).abs() < 0.02, "{} mm", grown.length);
+            assert!(nearest.iter().all(|distance| *distance < 2.5), "{nearest:?}");
         }
     }
 }

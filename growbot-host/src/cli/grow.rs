@@ -106,7 +106,7 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     let disturbance = &args.disturbance;
     let assumed = if name.is_simulated() { disturbance.sensor_noise() } else { disturbance.sensor_noise_or(ASSUMED) };
     let noise = args.feedback.then_some(assumed);
-    let feedback = noise.map(|noise| Feedback::new(&robot, &plan.start, &plan.goal, &plan.path, noise));
+    let feedback = noise.map(|noise| Feedback::new(&robot, &plan.start, &plan.path, &plan.legs, noise));
     let imperfection = Imperfection {
         disturbance: disturbance.disturbance(),
         noise: disturbance.sensor_noise(),

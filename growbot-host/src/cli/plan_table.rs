@@ -48,12 +48,12 @@ pub fn table(plan: &Plan) -> String {
     }
     let needs = &plan.needs;
     text += "\n";
-    let legs: Vec<_> = plan.legs_with_paths().collect();
-    for (index, (leg, path)) in legs.iter().enumerate() {
+    let legs: Vec<_> = plan.by_leg().collect();
+    for (index, (choice, path)) in legs.iter().enumerate() {
         let name = if legs.len() == 1 { "word".to_owned() } else { format!("leg {}", index + 1) };
         let length = length(path);
         let measured = if legs.len() == 1 { String::new() } else { format!(" ({length:.1} mm)") };
-        let choice = leg.choice.map(|choice| format!(", {}", chosen(plan.planner, &choice, length)));
+        let choice = choice.map(|choice| format!(", {}", chosen(plan.planner, &choice, length)));
         let words = format!("{}{measured}{}", word(path), choice.unwrap_or_default());
         text += &wrapped(&format!("  {name:<9} "), &words, 12);
     }

@@ -92,7 +92,7 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
         WithCut::LetBe => CutLayer::LetBe,
     };
     let laid = board.status.laid as usize;
-    let feedback = record.as_ref().and_then(|record| record.feedback(&job, &plan.path));
+    let feedback = record.as_ref().and_then(|record| record.feedback(&job, &plan));
     if feedback.is_some() {
         growbot_host::tell!("growbot: with feedback, as it was begun");
     }

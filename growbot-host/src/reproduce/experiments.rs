@@ -1,7 +1,7 @@
 //! The paper's growths: planned between random poses, cut into layers, laid, and compared with the goal.
 
 use growbot_core::path;
-use growbot_core::path::Path;
+use growbot_core::path::{Leg, Path};
 use growbot_core::plan::{PlanError, Planner, plan};
 use growbot_core::pose::{Pose, PoseError};
 use growbot_core::random::Random;
@@ -445,7 +445,8 @@ fn grow(
 ) -> Growth {
     let disturbance = Disturbance { growth_noise: condition.noise, ..Disturbance::default() };
     let Grown { base_from_tip, layers: laid, .. } = if condition.feedback {
-        let task = simulation::Task { robot, start: *start, goal: *goal, path };
+        let legs = [Leg { goal: *goal, segments: path.len() }];
+        let task = simulation::Task { robot, start: *start, path, legs: &legs };
         grow_closed(&task, &disturbance, &SENSORS, seed, |_, _, base_from_tip| *base_from_tip)
     } else {
         let path = condition.cutting.stepped(robot, path);

@@ -63,7 +63,7 @@ impl<'a> Simulation<'a> {
     #[must_use]
     pub fn new(plan: &'a Plan, robot: &'a Robot, slicing: Slicing) -> Self {
         Self {
-            task: Task { robot, start: plan.start, goal: plan.goal, path: &plan.path },
+            task: Task { robot, start: plan.start, path: &plan.path, legs: &plan.legs },
             path_length: plan.needs.length,
             layers: layers(&plan.path, robot, slicing),
             disturbance: Disturbance::default(),
@@ -110,7 +110,7 @@ impl<'a> Simulation<'a> {
             grown.base_from_tip = hanging.base_from_tip();
             Hung { deflection: hanging.deflection(), root: hanging.root_stress() }
         });
-        Outcome { grown, arrival: Arrival::of(&grown.base_from_tip, &task.goal, self.path_length), hung }
+        Outcome { grown, arrival: Arrival::of(&grown.base_from_tip, &task.goal(), self.path_length), hung }
     }
 
     /// Length of the planned path, mm.

@@ -1,7 +1,7 @@
 //! Short growths with noise of every kind and feedback, the same on every machine.
 
 use growbot_core::hash::Hasher;
-use growbot_core::path::{Segment, end};
+use growbot_core::path::{Leg, Segment, end};
 use growbot_core::pose::{Frame, Pose};
 use growbot_core::random::Random;
 use growbot_core::robot::Robot;
@@ -44,7 +44,8 @@ pub fn grow(robot: &Robot, seed: u64) -> Option<Trial> {
         direction: if seed.is_multiple_of(2) { DirectionSensor::Tip } else { DirectionSensor::Gravity },
     };
     let mut hasher = Hasher::default();
-    let task = Task { robot, start, goal, path: &path };
+    let legs = [Leg { goal, segments: path.len() }];
+    let task = Task { robot, start, path: &path, legs: &legs };
     let grown = grow_closed(&task, &disturbance, &sensors, seed, |layer, _, base_from_tip| {
         for number in [layer.alpha, layer.height, layer.tilt] {
             hasher.f64(number);
