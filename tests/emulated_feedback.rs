@@ -6,7 +6,7 @@ use std::rc::Rc;
 use std::sync::atomic::AtomicBool;
 
 use growbot_core::link::message::{Silence, State};
-use growbot_core::path::{Segment, end};
+use growbot_core::path::{Leg, Segment, end};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_core::simulation::Disturbance;
@@ -39,6 +39,7 @@ fn grow(robot: &Robot, with_feedback: bool) -> Grown {
     ];
     let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
     let goal = Pose::from_frame(&end(&path, &start.frame()));
+    let legs = [Leg { goal, segments: path.len() }];
     let job = Job::new(robot, &start, &goal, &path);
     assert!(job.layers.len() >= 60);
     let emulator = Rc::new(RefCell::new(Emulator::start(robot, Some(&firmware("an386"))).unwrap()));
@@ -46,7 +47,7 @@ fn grow(robot: &Robot, with_feedback: bool) -> Grown {
     let disturbance = Disturbance { growth_bias: -0.1, growth_noise: 0.1, ..Disturbance::default() };
     let imperfection = Imperfection { disturbance, noise, seed: 11 };
     emulator.borrow_mut().simulated_tip(|tip| tip.disturb(&imperfection));
-    let feedback = with_feedback.then(|| Feedback::new(robot, &start, &goal, &path, noise));
+    let feedback = with_feedback.then(|| Feedback::new(robot, &start, &path, &legs, noise));
     let mut client = Client::new(Box::new(Rc::clone(&emulator)), "a board under test");
     grow_job_with(&mut client, &job, feedback, Silence::Hold, &AtomicBool::new(false), &mut |news| {
         if let News::State(State::Heating) = news {
