@@ -1,34 +1,22 @@
 //! Random bytes, and frames that were changed on their way: a receiver takes none that was not sent.
 
 use growbot_core::link::frame::{self, Header, LONGEST_BODY, LONGEST_FRAME, Receiver};
+use growbot_core::random::Random;
 
 /// So many pieces, unless GROWBOT_FRAMES says otherwise: 100,000,000 take some minutes in a release build.
 const PIECES: u64 = 300_000;
 
-/// SplitMix64 (Steele, Lea and Flood 2014): the same numbers for the same seed.
-struct Random(u64);
-
-impl Random {
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^ (z >> 31)
-    }
-
-    /// 0 to `end`, without it.
-    fn below(&mut self, end: usize) -> usize {
-        (self.next() % end as u64) as usize
-    }
+/// A place below `end`.
+fn below(random: &mut Random, end: usize) -> usize {
+    random.below(end as u64) as usize
 }
 
 /// Frames of all lengths.
 fn frames(random: &mut Random) -> Vec<Vec<u8>> {
     let frame = |length: usize, random: &mut Random| {
-        let body: Vec<u8> = (0..length).map(|_| random.next() as u8).collect();
-        let [kind, seq, ack] = [(); 3].map(|()| random.next() as u16);
-        let header = Header { kind: kind as u8, session: random.next() as u32, seq, ack };
+        let body: Vec<u8> = (0..length).map(|_| random.bits() as u8).collect();
+        let [kind, seq, ack] = [(); 3].map(|()| random.bits() as u16);
+        let header = Header { kind: kind as u8, session: random.bits() as u32, seq, ack };
         frame::encode(&header, &body).unwrap().to_vec()
     };
     (0..=LONGEST_BODY).step_by(4).map(|length| frame(length, random)).collect()
@@ -37,32 +25,32 @@ fn frames(random: &mut Random) -> Vec<Vec<u8>> {
 /// A piece of a line on which something has gone wrong, its ending zero included.
 fn spoil(frames: &[Vec<u8>], random: &mut Random, piece: &mut Vec<u8>) {
     piece.clear();
-    let one = &frames[random.below(frames.len())];
-    match random.below(5) {
+    let one = &frames[below(random, frames.len())];
+    match below(random, 5) {
         // Noise.
-        0 => piece.extend((0..random.below(LONGEST_FRAME)).map(|_| random.next() as u8)),
+        0 => piece.extend((0..below(random, LONGEST_FRAME)).map(|_| random.bits() as u8)),
         // The head of one frame and the tail of another.
         1 => {
-            let other = &frames[random.below(frames.len())];
-            piece.extend_from_slice(&one[..random.below(one.len())]);
-            piece.extend_from_slice(&other[random.below(other.len())..]);
+            let other = &frames[below(random, frames.len())];
+            piece.extend_from_slice(&one[..below(random, one.len())]);
+            piece.extend_from_slice(&other[below(random, other.len())..]);
         }
         // Bytes lost or put in.
         2 => {
             piece.extend_from_slice(one);
-            let at = random.below(piece.len());
-            if random.below(2) == 0 {
-                piece.drain(at..(at + 1 + random.below(4)).min(one.len()));
+            let at = below(random, piece.len());
+            if below(random, 2) == 0 {
+                piece.drain(at..(at + 1 + below(random, 4)).min(one.len()));
             } else {
-                piece.insert(at, random.next() as u8);
+                piece.insert(at, random.bits() as u8);
             }
         }
         // Bits turned over.
         _ => {
             piece.extend_from_slice(one);
-            for _ in 0..=random.below(8) {
-                let at = random.below(piece.len());
-                piece[at] ^= 1 << random.below(8);
+            for _ in 0..=below(random, 8) {
+                let at = below(random, piece.len());
+                piece[at] ^= 1 << below(random, 8);
             }
         }
     }
@@ -72,7 +60,7 @@ fn spoil(frames: &[Vec<u8>], random: &mut Random, piece: &mut Vec<u8>) {
 #[test]
 fn nothing_is_received_that_was_not_sent() {
     let pieces = std::env::var("GROWBOT_FRAMES").map_or(PIECES, |text| text.parse().expect("a number of frames"));
-    let mut random = Random(1);
+    let mut random = Random::new(&[1]);
     let frames = frames(&mut random);
     let sent = |bytes: &[u8]| frames.iter().any(|frame| frame == bytes);
     let (mut receiver, mut piece, mut whole) = (Receiver::default(), Vec::new(), 0_u64);

@@ -21,21 +21,21 @@ fn messages() -> u64 {
 /// Those of one board.
 const MESSAGES_OF_A_SEED: u64 = 10_000;
 
-/// SplitMix64 (Steele, Lea, Flood 2014): the same numbers for the same seed.
-struct Random(u64);
+/// What is drawn for a seed.
+struct Random(growbot_core::random::Random);
 
 impl Random {
+    fn new(seed: u64) -> Self {
+        Self(growbot_core::random::Random::new(&[seed]))
+    }
+
     fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^ (z >> 31)
+        self.0.bits()
     }
 
     /// 0 to `end`, without it.
     fn below(&mut self, end: u64) -> u64 {
-        self.next() % end
+        self.0.below(end)
     }
 
     fn one_of<T: Copy>(&mut self, all: &[T]) -> T {
@@ -110,7 +110,7 @@ fn random_requests_in_random_order_never_break_what_must_hold() {
     let mut laid = 0;
     for seed in 0..messages() / MESSAGES_OF_A_SEED {
         std::println!("seed {seed}");
-        let mut random = Random(seed);
+        let mut random = Random::new(seed);
         let mut bench = Bench::greeted(fast_robot(), WARM);
         for _ in 0..MESSAGES_OF_A_SEED {
             let request = random.request(&mut bench);
@@ -150,7 +150,7 @@ fn random_requests_in_random_order_never_break_what_must_hold() {
 fn random_bytes_change_nothing() {
     for state in [State::Idle, State::Hold, State::Stopped, State::Fault] {
         let mut bench = Bench::in_state(state);
-        let mut random = Random(state as u64);
+        let mut random = Random::new(state as u64);
         let laid = bench.status().laid;
         for _ in 0..1000 {
             let noise: Vec<u8> = (0..random.below(200)).map(|_| random.next() as u8).collect();
@@ -165,7 +165,7 @@ fn random_bytes_change_nothing() {
 
 #[test]
 fn whole_frames_of_random_bodies_do_no_harm() {
-    let mut random = Random(1);
+    let mut random = Random::new(1);
     let mut bench = Bench::in_state(State::Hold);
     let mut seq = 1000;
     for count in 0..messages() {
