@@ -2,9 +2,6 @@
 //!
 //! `GROWBOT_LOOPS=1000 cargo test --release -p growbot-tests --test closed_loop -- --nocapture` grows a thousand bodies of each kind.
 
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::thread;
-
 use growbot_core::path::{Leg, length};
 use growbot_core::plan::{Planner, plan};
 use growbot_core::pose::Pose;
@@ -14,7 +11,7 @@ use growbot_core::simulation::{DirectionSensor, Disturbance, Sensors, Task, grow
 use growbot_core::slicing::{LIMIT_SLACK, Slicing, layers};
 use growbot_core::tracking::SensorNoise;
 use growbot_host::arrival::Arrival;
-use growbot_host::robot_file;
+use growbot_host::{parallel, robot_file};
 use nalgebra::Vector3;
 
 /// Bodies of each kind.
@@ -35,46 +32,36 @@ fn pose(position: Vector3<f64>, random: &mut Random) -> Pose {
 }
 
 /// The open and the closed loop's arrival, of one seed.
-fn pair(robot: &Robot, distance: u32, bias: f64, seed: u64) -> [Arrival; 2] {
+fn pair(robot: &Robot, distance: u32, disturbance: &Disturbance, seed: u64) -> [Arrival; 2] {
     let mut random = Random::new(&[u64::from(distance), seed]);
     let radius = robot.description().planning_radius_mm;
     let start = pose(Vector3::zeros(), &mut random);
     let place = random.direction() * f64::from(distance) * radius;
     let goal = pose(place, &mut random);
     let path = plan(robot, &start, &goal, radius, Planner::Shortest).unwrap().path;
-    let disturbance = Disturbance { growth_noise: NOISE, growth_bias: bias, ..Disturbance::default() };
     let sensors = Sensors {
         noise: SensorNoise { odometry: ODOMETRY, direction: DIRECTION.to_radians() },
         odometry_scale: 0.0,
         direction: DirectionSensor::Tip,
     };
     let planned = layers(&path, robot, Slicing::Exact).map(|sliced| sliced.layer);
-    let open = grow_open(&start, planned, &disturbance, seed, |_| {});
+    let open = grow_open(&start, planned, disturbance, seed, |_| {});
     let legs = [Leg { goal, segments: path.len() }];
     let task = Task { robot, start, path: &path, legs: &legs };
-    let closed = grow_closed(&task, &disturbance, &sensors, seed, |layer, _, base_from_tip| {
+    let closed = grow_closed(&task, disturbance, &sensors, seed, |layer, _, base_from_tip| {
         if let Err(error) = robot.check_layer(layer, LIMIT_SLACK) {
-            panic!("{distance} R, seed {seed}: {error}");
+            panic!("{}, {distance} R, seed {seed}: {error}", robot.name());
         }
         *base_from_tip
     });
     [open, closed].map(|grown| Arrival::of(&grown.base_from_tip, &goal, length(&path)))
 }
 
-/// All pairs of one kind, on all cores.
+/// All pairs of one kind.
 fn pairs(robot: &Robot, distance: u32, bias: f64, loops: u64) -> Vec<[Arrival; 2]> {
+    let disturbance = Disturbance { growth_noise: NOISE, growth_bias: bias, ..Disturbance::default() };
     let seeds: Vec<u64> = (0..loops).collect();
-    let next = AtomicUsize::new(0);
-    let work = || {
-        std::iter::from_fn(|| seeds.get(next.fetch_add(1, Ordering::Relaxed)))
-            .map(|&seed| pair(robot, distance, bias, seed))
-            .collect::<Vec<_>>()
-    };
-    thread::scope(|scope| {
-        let workers: Vec<_> =
-            (0..thread::available_parallelism().map_or(1, usize::from)).map(|_| scope.spawn(work)).collect();
-        workers.into_iter().flat_map(|worker| worker.join().unwrap()).collect()
-    })
+    parallel::map(&seeds, |&seed| pair(robot, distance, &disturbance, seed), |_| {})
 }
 
 /// Mean, 95th percentile and greatest.
@@ -103,5 +90,34 @@ fn closed_loops_arrive_where_open_loops_miss() {
             assert!(closed[0] <= position && angle <= direction, "{distance} R: {} and {angle} deg", closed[0]);
             assert!(closed[0] < open[0] && closed[1] < open[1], "{distance} R: {closed:?} and {open:?} in open loop");
         }
+    }
+}
+
+#[test]
+fn no_robot_is_asked_for_a_layer_beyond_its_limits() {
+    let everything = Disturbance {
+        growth_noise: 0.2,
+        growth_bias: 0.1,
+        tilt_noise: 1e-3,
+        tilt_bias: -0.1,
+        alpha_noise: 0.1,
+        alpha_bias: 0.05,
+        twist_noise: 1e-3,
+        twist_bias: 1e-3,
+    };
+    let less = Disturbance { growth_bias: -0.1, tilt_bias: 0.1, ..everything };
+    for name in robot_file::names() {
+        let robot = robot_file::load(name.as_ref()).unwrap();
+        let (mut open, mut closed) = (0.0, 0.0);
+        for (disturbance, seed) in
+            [everything, less].iter().zip(0..).flat_map(|(one, seed)| [(one, seed), (one, seed + 2)])
+        {
+            // It panics at the first such layer.
+            let [one, other] = pair(&robot, 8, disturbance, seed);
+            (open, closed) =
+                (open + one.normalized_position_error / 4.0, closed + other.normalized_position_error / 4.0);
+        }
+        println!("{name:<12} {open:.5} in open loop, {closed:.5} in closed loop");
+        assert!(closed < open, "{name}");
     }
 }
