@@ -29,7 +29,7 @@ const LEAST_DISTANCE: f64 = 1e-4;
 pub struct Resolution {
     /// Chords round the tube, 8 at least.
     pub segments: u32,
-    /// A ring at each so many layers; more where the body bends more than [`GREATEST_BEND`] between them.
+    /// A ring at each so many layers; more where the body bends more than 0.05 rad between them.
     pub every: u32,
 }
 
