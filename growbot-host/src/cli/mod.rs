@@ -7,6 +7,7 @@ mod cancel;
 mod console;
 mod disturbance;
 mod estop;
+mod export;
 mod flash;
 mod following;
 mod goal;
@@ -75,6 +76,7 @@ enum Command {
     Grow(Box<grow::GrowArgs>),
     Resume(resume::ResumeArgs),
     Replay(replay::ReplayArgs),
+    Export(export::ExportArgs),
     Status(status::StatusArgs),
     Stop(stop::StopArgs),
     Cancel(cancel::CancelArgs),
@@ -96,6 +98,7 @@ pub fn run() -> ExitCode {
         Some(Command::Grow(args)) => grow::run(&args),
         Some(Command::Resume(args)) => resume::run(&args),
         Some(Command::Replay(args)) => replay::run(&args),
+        Some(Command::Export(args)) => export::run(&args),
         Some(Command::Status(args)) => status::run(&args),
         Some(Command::Stop(args)) => stop::run(&args),
         Some(Command::Cancel(args)) => cancel::run(&args),

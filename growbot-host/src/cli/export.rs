@@ -1,0 +1,171 @@
+//! `growbot export`: a body in the format of another tool.
+
+use std::fs;
+use std::io::{self, IsTerminal, Write};
+use std::path::{Path, PathBuf};
+
+use clap::{Args, ValueEnum};
+use growbot_core::robot::Robot;
+use growbot_host::export::body::Body;
+use growbot_host::export::mesh::{MeshError, Resolution};
+use growbot_host::export::{glb, recording, stl, table};
+use growbot_host::input::is_standard_input;
+use growbot_host::output::{OutputError, replace_file};
+use growbot_host::plan::Plan;
+use growbot_host::run_log::RunRecord;
+use growbot_host::{plan_file, robot_file};
+use serde_json::Value;
+
+use super::Failure;
+
+/// Write a body in the format of another tool: STL, GLB, CSV or MCAP
+///
+/// A plan is exported as planned, the log of a growth as built, up to the last layer that it tells of.
+///
+/// STL (binary, mm, z up) and GLB (glTF 2.0: metres, z up turned into y up by the node's matrix) have the printed wall as a closed
+/// surface: outer and inner side and both rims. Layers of less than a few micrometres vanish between their neighbours there.
+///
+/// CSV has a row for the start and one for each layer: where the tip then is (mm) and points, and the layer (alpha_deg, height_mm,
+/// tilt_deg), in full precision.
+///
+/// MCAP, from a log only, is a recording for Foxglove: tip, layers, temperatures, states and faults over time. Time is the board's, as
+/// far as the log has it, from 0.
+#[derive(Args)]
+#[command(after_help = AFTER_HELP)]
+pub struct ExportArgs {
+    /// The plan, as `growbot plan -o` writes it (- for standard input), or the
+    /// run log, as `growbot grow --log` does
+    #[arg(value_name = "PLAN|RUN")]
+    body: PathBuf,
+    /// The format [default: by the extension of the file]
+    #[arg(long, value_enum)]
+    format: Option<Format>,
+    /// Write to this file [default: standard output]
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+    /// STL and GLB: chords round the tube
+    #[arg(long, value_name = "N", default_value_t = 64, value_parser = clap::value_parser!(u32).range(8..=1024))]
+    segments: u32,
+    /// STL and GLB: a ring of vertices at every Nth layer; more where it bends
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
+    every: u32,
+    /// The robot: a built-in name or a TOML file [default: the built-in one that
+    /// the plan names]
+    #[arg(long, value_name = "FILE|NAME")]
+    robot: Option<PathBuf>,
+}
+
+const AFTER_HELP: &str = "\
+Examples:
+  growbot export plan.json -o body.stl
+  growbot export run.jsonl -o body.glb --segments 32 --every 4
+  growbot export run.jsonl -o run.mcap
+  growbot plan --to 0,0,500,0,90 --json | growbot export - --format csv";
+
+/// The formats.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Format {
+    /// The wall: binary STL, mm
+    Stl,
+    /// The wall: glTF 2.0 in one file, metres
+    Glb,
+    /// Centreline and layers
+    Csv,
+    /// A recording for Foxglove, from a run log
+    Mcap,
+}
+
+impl Format {
+    /// By a file's extension.
+    fn of(path: &Path) -> Option<Self> {
+        Self::from_str(path.extension()?.to_str()?, true).ok()
+    }
+}
+
+/// What is exported.
+struct Subject {
+    robot: Robot,
+    plan: Plan,
+    /// The run log: what it tells, and its bytes.
+    run: Option<(RunRecord, Vec<u8>)>,
+}
+
+/// Runs the command.
+pub fn run(args: &ExportArgs) -> Result<(), Failure> {
+    let to = args.output.as_deref().filter(|path| !is_standard_input(path));
+    let format = args.format.or_else(|| to.and_then(Format::of)).ok_or_else(|| {
+        Failure::bad_input("which format? Name a file that ends in .stl, .glb, .csv or .mcap with -o, or say --format")
+    })?;
+    if to.is_none() && format != Format::Csv && io::stdout().is_terminal() {
+        return Err(Failure::bad_input(
+            "this format is not for terminals: name a file with -o, or redirect the output",
+        ));
+    }
+    let bytes = args.encode(format)?;
+    let Some(path) = to else {
+        let mut stdout = io::stdout().lock();
+        return Ok(stdout.write_all(&bytes).and_then(|()| stdout.flush()).map_err(OutputError::from)?);
+    };
+    replace_file(path, &bytes)?;
+    growbot_host::tell!("growbot: body written to {}, {} bytes", path.display(), bytes.len());
+    Ok(())
+}
+
+impl ExportArgs {
+    fn encode(&self, format: Format) -> Result<Vec<u8>, Failure> {
+        let Subject { robot, plan, run } = self.subject()?;
+        let body = || match &run {
+            Some((record, _)) => Body::as_built(&robot, &plan.start, record),
+            None => Body::planned(&robot, &plan),
+        };
+        let resolution = Resolution { segments: self.segments, every: self.every };
+        match format {
+            Format::Stl => Ok(stl::write(&body(), resolution)?),
+            Format::Glb => Ok(glb::write(&body(), resolution)?),
+            Format::Csv => Ok(table::write(&body()).into_bytes()),
+            Format::Mcap => match &run {
+                Some((record, log)) => recording::write(&robot, &plan, record, log).map_err(Failure::bad_input),
+                None => Err(Failure::bad_input(format!(
+                    "{} is a plan, and MCAP is a recording of a growth: give a run log, as `growbot grow --log` writes it",
+                    growbot_host::input::name_of(&self.body)
+                ))),
+            },
+        }
+    }
+
+    /// Reads the plan or the run log, whichever it is.
+    fn subject(&self) -> Result<Subject, Failure> {
+        // Pipes and devices are read once, and bounded: as plans.
+        if let Some(log) = fs::metadata(&self.body).is_ok_and(|file| file.is_file()).then(|| fs::read(&self.body))
+            && let Ok(log) = log
+            && is_log(&log)
+        {
+            let record = RunRecord::read(&log, &self.body.display().to_string()).map_err(Failure::bad_input)?;
+            if record.cut_off > 0 {
+                growbot_host::tell!(
+                    "growbot: the last {} bytes of {} are no whole line: the log was cut off there",
+                    record.cut_off,
+                    self.body.display()
+                );
+            }
+            let name = self.robot.clone().unwrap_or_else(|| PathBuf::from(&record.robot.0));
+            let robot = robot_file::load(&name)?;
+            let plan = record.plan(&robot)?;
+            return Ok(Subject { robot, plan, run: Some((record, log)) });
+        }
+        let (robot, plan) = plan_file::open(&self.body, self.robot.as_deref())?;
+        Ok(Subject { robot, plan, run: None })
+    }
+}
+
+/// Whether a file begins as run logs do: with a line of JSON that is an event.
+fn is_log(bytes: &[u8]) -> bool {
+    let first = bytes.split(|byte| *byte == b'\n').next().unwrap_or_default();
+    serde_json::from_slice::<Value>(first).is_ok_and(|line| line.get("event").is_some())
+}
+
+impl From<MeshError> for Failure {
+    fn from(error: MeshError) -> Self {
+        Self::bad_input(error)
+    }
+}

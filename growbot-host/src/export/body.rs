@@ -1,0 +1,123 @@
+//! A body as exports see it: its layers, and the tip's frame before and after each of them.
+
+use growbot_core::kinematics::advance;
+use growbot_core::layer::Layer;
+use growbot_core::layer_bytes::decode;
+use growbot_core::pose::{Frame, Pose};
+use growbot_core::robot::Robot;
+use growbot_core::slicing::{SlicedLayer, Slicing, layers};
+
+use crate::plan::Plan;
+use crate::run_log::RunRecord;
+
+/// Where a layer is known from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Source {
+    /// From the plan.
+    Planned,
+    /// From the board: the layer as built.
+    AsBuilt,
+}
+
+impl Source {
+    /// As files say it.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Planned => "planned",
+            Self::AsBuilt => "as-built",
+        }
+    }
+}
+
+/// A layer of a body.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BodyLayer {
+    /// The layer.
+    pub layer: Layer,
+    /// Where it is known from.
+    pub source: Source,
+    /// `base_from_tip` once it is laid, mm.
+    pub base_from_tip: Frame,
+}
+
+/// A body: the wall of one robot, layer by layer.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Body {
+    /// The robot's name.
+    pub robot: String,
+    /// `base_from_tip` before the first layer, mm.
+    pub base_from_start: Frame,
+    /// The layers, from the first on.
+    pub layers: Vec<BodyLayer>,
+    /// Mean radius of the wall, mm.
+    pub radius: f64,
+    /// Thickness of the wall, mm.
+    pub width: f64,
+    /// Filament for a mm of body, mm^3.
+    pub filament_per_length: f64,
+}
+
+impl Body {
+    /// The body of a plan, by exact slicing.
+    #[must_use]
+    pub fn planned(robot: &Robot, plan: &Plan) -> Self {
+        let planned =
+            layers(&plan.path, robot, Slicing::Exact).map(|SlicedLayer { layer, .. }| (layer, Source::Planned));
+        Self::new(robot, &plan.start, planned)
+    }
+
+    /// The body that a run log tells of, up to the last layer laid. A layer that nothing is known of is as it was handed over.
+    #[must_use]
+    pub fn as_built(robot: &Robot, start: &Pose, record: &RunRecord) -> Self {
+        let laid = record.as_built.iter().zip(&record.layers).map(|(as_built, planned)| match as_built {
+            Some(bytes) => (decode(bytes), Source::AsBuilt),
+            None => (decode(planned), Source::Planned),
+        });
+        Self::new(robot, start, laid)
+    }
+
+    fn new(robot: &Robot, start: &Pose, layers: impl Iterator<Item = (Layer, Source)>) -> Self {
+        let base_from_start = start.frame();
+        let mut base_from_tip = base_from_start;
+        let layers = layers.map(|(layer, source)| {
+            base_from_tip = advance(&base_from_tip, &layer.step());
+            BodyLayer { layer, source, base_from_tip }
+        });
+        Self {
+            robot: robot.name().to_string(),
+            base_from_start,
+            layers: layers.collect(),
+            radius: robot.tip_radius(),
+            width: robot.description().wall.width_mm,
+            filament_per_length: robot.filament_area() * robot.filament_per_length(),
+        }
+    }
+
+    /// Length of the centreline, mm.
+    #[must_use]
+    pub fn length(&self) -> f64 {
+        self.layers.iter().map(|layer| layer.layer.height).sum()
+    }
+
+    /// Volume of the filament that it took, mm^3.
+    #[must_use]
+    pub fn filament_volume(&self) -> f64 {
+        self.length() * self.filament_per_length
+    }
+
+    /// `base_from_tip` before each layer, and the layer.
+    pub fn growing(&self) -> impl Iterator<Item = (Frame, &BodyLayer)> {
+        let before = std::iter::once(self.base_from_start).chain(self.layers.iter().map(|layer| layer.base_from_tip));
+        before.zip(&self.layers)
+    }
+}
+
+#[cfg(test)]
+impl Body {
+    /// A body of these layers, straight up from the origin.
+    pub(super) fn of_layers(robot: &Robot, layers: impl IntoIterator<Item = (Layer, Source)>) -> Self {
+        let up = crate::pose_text::parse_pose("0,0,0,0,90").unwrap();
+        Self::new(robot, &up, layers.into_iter())
+    }
+}

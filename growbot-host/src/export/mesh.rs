@@ -1,0 +1,351 @@
+//! The printed wall as a closed surface of triangles.
+//!
+//! A ring of vertices stands at each boundary between layers, on the outer and on the inner surface of the wall (mean radius `r_t`,
+//! thickness `wall.width_mm`), at the same angles in the tip's frame, which growth does not twist. Triangles join ring to ring, and
+//! both surfaces at the two rims. So every edge belongs to two triangles, which run along it in opposite directions, and all of them are
+//! counter-clockwise seen from outside the material. Vertices are as far out as gives a ring of chords the area of the round one: the
+//! mesh holds the volume of the filament, whatever the number of chords.
+
+use std::f64::consts::TAU;
+
+use growbot_core::layer::Layer;
+use growbot_core::pose::Frame;
+use nalgebra::{Point3, Vector3};
+
+use super::body::Body;
+
+/// Greatest bend from one ring to the next, radians. Layers that bend more (robots B and C) get rings within them, so that the volume is
+/// right to 0.1 %.
+const GREATEST_BEND: f64 = 0.05;
+
+/// The finest mesh, triangles: 500 MB of STL.
+pub const MOST_TRIANGLES: usize = 10_000_000;
+
+/// Vertices are told apart from this distance on, mm: below it readers merge them.
+const LEAST_DISTANCE: f64 = 1e-4;
+
+/// How finely a mesh follows the wall.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Resolution {
+    /// Chords round the tube, 8 at least.
+    pub segments: u32,
+    /// A ring at each so many layers; more where the body bends more than 0.05 rad between them.
+    pub every: u32,
+}
+
+/// Why there is no mesh of a body.
+#[derive(Debug, thiserror::Error)]
+pub enum MeshError {
+    /// Nothing, or next to nothing, has been laid.
+    #[error("the body is {length} mm long: that is no wall to make a mesh of")]
+    TooShort {
+        /// Length of the body, mm.
+        length: f64,
+    },
+    /// The file would be huge.
+    #[error(
+        "the mesh would have {triangles} triangles, over {MOST_TRIANGLES}: take fewer --segments, or a ring --every so many layers"
+    )]
+    TooMany {
+        /// The triangles.
+        triangles: usize,
+    },
+    /// Numbers of 32 bits do not tell the wall's sides apart so far out.
+    #[error(
+        "the body lies up to {reach} mm out, where the 32-bit numbers of this format are {spacing} mm apart, too coarse for its wall: plan from nearer to the origin"
+    )]
+    TooFar {
+        /// The furthest coordinate, mm.
+        reach: f64,
+        /// The resolution of 32-bit numbers there, mm.
+        spacing: f64,
+    },
+}
+
+/// A closed surface of triangles.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Mesh {
+    /// Vertices, mm, from the mesh's origin.
+    pub vertices: Vec<Point3<f64>>,
+    /// Indices of vertices, counter-clockwise seen from outside.
+    pub triangles: Vec<[u32; 3]>,
+}
+
+impl Mesh {
+    /// The wall of a body, from an origin (mm, in base axes).
+    ///
+    /// Boundaries that 32-bit numbers cannot tell from the ring before get none: layers of a few micrometres vanish between
+    /// their neighbours, so that the surface stays closed in the file too.
+    ///
+    /// # Errors
+    /// [`MeshError`].
+    pub fn of_wall(body: &Body, resolution: Resolution, origin: &Vector3<f64>) -> Result<Self, MeshError> {
+        let outline = Outline::new(body, resolution);
+        let frames = ring_frames(body, resolution, origin);
+        let per_ring = 4 * outline.points.len();
+        let triangles = frames.len().saturating_mul(per_ring);
+        if triangles > MOST_TRIANGLES {
+            return Err(MeshError::TooMany { triangles });
+        }
+        let reach = frames.iter().map(|frame| frame.translation.vector.amax()).fold(0.0, f64::max) + outline.outer;
+        let spacing = 16.0 * f64::from(f32::EPSILON) * reach;
+        if spacing > 0.25 * body.width.min(outline.inner * TAU / f64::from(resolution.segments)) {
+            return Err(MeshError::TooFar { reach, spacing });
+        }
+        let rings = outline.distinct_rings(&frames, spacing.max(LEAST_DISTANCE));
+        if rings.len() < 2 {
+            return Err(MeshError::TooShort { length: body.length() });
+        }
+        let triangles = triangles_of(rings.len() as u32, resolution.segments);
+        Ok(Self { vertices: rings.concat(), triangles })
+    }
+
+    /// The corners of each triangle, mm.
+    pub fn corners(&self) -> impl Iterator<Item = [Point3<f64>; 3]> {
+        let corner = |index: u32| self.vertices.get(index as usize).copied().unwrap_or_default();
+        self.triangles.iter().map(move |triangle| triangle.map(corner))
+    }
+
+    /// The volume that it encloses, by the divergence theorem, mm^3.
+    #[must_use]
+    pub fn volume(&self) -> f64 {
+        self.corners().map(|[a, b, c]| a.coords.dot(&b.coords.cross(&c.coords)) / 6.0).sum()
+    }
+}
+
+/// Where rings may stand: `origin_from_tip` at the start, then at the boundaries that are due.
+fn ring_frames(body: &Body, resolution: Resolution, origin: &Vector3<f64>) -> Vec<Frame> {
+    let from_origin = |mut frame: Frame| {
+        frame.translation.vector -= origin;
+        frame
+    };
+    let mut frames = vec![from_origin(body.base_from_start)];
+    let mut bend = 0.0;
+    let mut waiting = 0;
+    let last = body.layers.len().saturating_sub(1);
+    for (index, (before, laid)) in body.growing().enumerate() {
+        let Layer { alpha, height, tilt } = laid.layer;
+        if waiting > 0 && bend + tilt > GREATEST_BEND {
+            frames.push(from_origin(before));
+            (bend, waiting) = (0.0, 0);
+        }
+        let pieces = (tilt / GREATEST_BEND).ceil().max(1.0);
+        for piece in 1..pieces as u32 {
+            let share = f64::from(piece) / pieces;
+            let part = Layer { alpha, height: share * height, tilt: share * tilt };
+            frames.push(from_origin(before * part.step()));
+        }
+        (bend, waiting) = (bend + tilt, waiting + 1);
+        if waiting >= resolution.every || index == last {
+            frames.push(from_origin(laid.base_from_tip));
+            (bend, waiting) = (0.0, 0);
+        }
+    }
+    frames
+}
+
+/// The cross-section of a wall.
+struct Outline {
+    /// Radius on which the outer vertices lie, mm.
+    outer: f64,
+    /// Radius on which the inner vertices lie, mm.
+    inner: f64,
+    /// A pair for each angle, in the tip's frame: outside, inside, mm.
+    points: Vec<[Point3<f64>; 2]>,
+}
+
+impl Outline {
+    fn new(body: &Body, resolution: Resolution) -> Self {
+        let chord = TAU / f64::from(resolution.segments);
+        // A polygon of this radius has the area of the round disc.
+        let wider = (chord / libm::sin(chord)).sqrt();
+        let (outer, inner) = (wider * (body.radius + 0.5 * body.width), wider * (body.radius - 0.5 * body.width));
+        let pair = |index: u32| {
+            let (sin, cos) = libm::sincos(f64::from(index) * chord);
+            [outer, inner].map(|radius| Point3::new(radius * cos, radius * sin, 0.0))
+        };
+        Self { outer, inner, points: (0..resolution.segments).map(pair).collect() }
+    }
+
+    /// The vertices of a ring, outer and inner ones by turns.
+    fn ring(&self, frame: &Frame) -> Vec<Point3<f64>> {
+        self.points.iter().flatten().map(|point| frame * point).collect()
+    }
+
+    /// The rings at these frames, without those that are nowhere, or not everywhere, as far from the one before.
+    fn distinct_rings(&self, frames: &[Frame], distance: f64) -> Vec<Vec<Point3<f64>>> {
+        let apart = |a: &[Point3<f64>], b: &[Point3<f64>]| {
+            a.iter().zip(b).all(|(a, b)| nalgebra::distance_squared(a, b) >= distance * distance)
+        };
+        let mut rings: Vec<Vec<_>> = Vec::with_capacity(frames.len());
+        let end = frames.len().saturating_sub(1);
+        for (index, frame) in frames.iter().enumerate() {
+            let ring = self.ring(frame);
+            // The end of the body is where it is: rings before it give way.
+            while index == end && rings.len() > 1 && rings.last().is_some_and(|last| !apart(last, &ring)) {
+                rings.pop();
+            }
+            if rings.last().is_none_or(|last| apart(last, &ring)) {
+                rings.push(ring);
+            }
+        }
+        rings
+    }
+}
+
+/// The triangles of so many rings, each of so many pairs of an outer and an inner vertex.
+fn triangles_of(rings: u32, segments: u32) -> Vec<[u32; 3]> {
+    let outer = |ring: u32, segment: u32| 2 * (ring * segments + segment % segments);
+    let inner = |ring: u32, segment: u32| outer(ring, segment) + 1;
+    let quad = |[a, b, c, d]: [u32; 4]| [[a, b, c], [a, c, d]];
+    let along = (1..rings).flat_map(|ring| (0..segments).map(move |segment| (ring - 1, ring, segment, segment + 1)));
+    let walls = along.flat_map(|(below, above, i, j)| {
+        let outside = [outer(below, i), outer(below, j), outer(above, j), outer(above, i)];
+        let inside = [inner(below, j), inner(below, i), inner(above, i), inner(above, j)];
+        [quad(outside), quad(inside)]
+    });
+    let top = rings.saturating_sub(1);
+    let rims = (0..segments).flat_map(|i| {
+        let start = [outer(0, i), inner(0, i), inner(0, i + 1), outer(0, i + 1)];
+        let end = [inner(top, i), outer(top, i), outer(top, i + 1), inner(top, i + 1)];
+        [quad(start), quad(end)]
+    });
+    walls.chain(rims).flatten().collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::HashMap;
+
+    use growbot_core::plan::Planner;
+    use proptest::prelude::*;
+
+    use super::super::body::Source;
+    use super::*;
+    use crate::plan::Plan;
+    use crate::pose_text::parse_pose;
+    use crate::robot_file;
+
+    const ROUND: Resolution = Resolution { segments: 64, every: 1 };
+
+    fn body(robot: &str, start: &str, goal: &str) -> Body {
+        let robot = robot_file::load(robot.as_ref()).unwrap();
+        let (start, goal) = (parse_pose(start).unwrap(), parse_pose(goal).unwrap());
+        let radius = robot.description().planning_radius_mm;
+        Body::planned(&robot, &Plan::make(&robot, &start, &goal, radius, Planner::TwoPlane).unwrap())
+    }
+
+    /// The mesh as files of 32-bit numbers have it, welded by equal numbers as their readers do.
+    #[track_caller]
+    fn assert_closed(mesh: &Mesh) {
+        let mut welded = HashMap::new();
+        let mut edges: HashMap<(usize, usize), usize> = HashMap::new();
+        for corners in mesh.corners() {
+            let [a, b, c] = corners.map(|corner| {
+                let next = welded.len();
+                *welded.entry(corner.coords.map(|mm| (mm as f32).to_bits())).or_insert(next)
+            });
+            assert!(a != b && b != c && c != a, "a triangle without area");
+            for edge in [(a, b), (b, c), (c, a)] {
+                *edges.entry(edge).or_default() += 1;
+            }
+        }
+        for ((a, b), times) in &edges {
+            assert_eq!((*times, edges.get(&(*b, *a))), (1, Some(&1)), "edge {a} to {b}");
+        }
+        assert_eq!(welded.len(), mesh.vertices.len());
+        // A tube with two rims is a torus: V - E + F = 0.
+        assert_eq!(welded.len() + mesh.triangles.len(), edges.len() / 2);
+    }
+
+    #[track_caller]
+    fn assert_holds_the_filament(mesh: &Mesh, body: &Body, share: f64) {
+        let wrong = mesh.volume() / body.filament_volume() - 1.0;
+        assert!(wrong.abs() < share, "volume off by {wrong:e}");
+    }
+
+    #[test]
+    fn every_robots_wall_is_closed_and_holds_its_filament() {
+        for robot in robot_file::names() {
+            let body = body(robot, "10,20,30,40,50", "300,-200,600,-120,-25");
+            let resolution = Resolution { segments: 12, every: 1 };
+            let mesh = Mesh::of_wall(&body, resolution, &Vector3::zeros()).unwrap();
+            assert_closed(&mesh);
+            assert_holds_the_filament(&mesh, &body, 1e-3);
+        }
+    }
+
+    #[test]
+    fn coarse_meshes_are_closed_and_hold_the_filament_too() {
+        let body = body("growbot-a", "0,0,0,0,90", "200,100,600,0,45");
+        for (segments, every) in [(8, 1), (9, 7), (24, 1000), (100, 9)] {
+            let mesh = Mesh::of_wall(&body, Resolution { segments, every }, &Vector3::zeros()).unwrap();
+            assert_closed(&mesh);
+            assert_holds_the_filament(&mesh, &body, 1e-3);
+            if every == 1000 {
+                assert!(mesh.triangles.len() < 10_000, "{}", mesh.triangles.len());
+            }
+        }
+    }
+
+    #[test]
+    fn a_straight_tube_is_where_it_should_be() {
+        let body = body("growbot-a", "1,2,3,0,90", "1,2,103,0,90");
+        let mesh = Mesh::of_wall(&body, ROUND, &Vector3::zeros()).unwrap();
+        assert_eq!(mesh.vertices.len(), (body.layers.len() + 1) * 2 * 64);
+        let heights = mesh.vertices.iter().map(|vertex| vertex.z);
+        assert!((heights.clone().fold(f64::MAX, f64::min) - 3.0).abs() < 1e-9);
+        assert!((heights.fold(f64::MIN, f64::max) - 103.0).abs() < 1e-9);
+        for vertex in &mesh.vertices {
+            let radius = libm::hypot(vertex.x - 1.0, vertex.y - 2.0);
+            assert!((radius - 22.0).abs() - 0.8 < 0.02, "{radius}");
+        }
+        assert_holds_the_filament(&mesh, &body, 1e-9);
+    }
+
+    #[test]
+    fn layers_too_thin_for_32_bits_vanish_between_their_neighbours() {
+        let mut body = body("growbot-a", "0,0,0,0,90", "0,0,40,0,90");
+        let robot = robot_file::load("growbot-a".as_ref()).unwrap();
+        for thin in [0.0, 1e-9, 1e-6, 1e-5] {
+            let heights = [0.774, thin, thin, 0.5, thin];
+            let layers = heights.map(|height| (Layer { alpha: 1.0, height, tilt: 0.005 * height }, Source::Planned));
+            body = Body::of_layers(&robot, layers);
+            let mesh = Mesh::of_wall(&body, ROUND, &Vector3::zeros()).unwrap();
+            assert_closed(&mesh);
+            assert_eq!(mesh.vertices.len(), 3 * 2 * 64);
+            assert_holds_the_filament(&mesh, &body, 1e-3);
+        }
+        body.layers.clear();
+        assert!(matches!(Mesh::of_wall(&body, ROUND, &Vector3::zeros()), Err(MeshError::TooShort { .. })));
+    }
+
+    #[test]
+    fn what_32_bits_cannot_hold_is_refused_unless_the_origin_is_near() {
+        let body = body("growbot-a", "5000000,0,0,0,90", "5000000,0,100,0,90");
+        assert!(matches!(Mesh::of_wall(&body, ROUND, &Vector3::zeros()), Err(MeshError::TooFar { .. })));
+        assert_closed(&Mesh::of_wall(&body, ROUND, &Vector3::new(5e6, 0.0, 0.0)).unwrap());
+        let fine = Resolution { segments: 100_000, every: 1 };
+        assert!(matches!(Mesh::of_wall(&body, fine, &Vector3::zeros()), Err(MeshError::TooMany { .. })));
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(32))]
+
+        #[test]
+        fn any_layers_give_a_closed_mesh(
+            heights in prop::collection::vec((0.0..6.3, 0.2..0.95, 0.0..0.007), 1..40),
+            segments in 8_u32..40,
+            every in 1_u32..9,
+        ) {
+            let robot = robot_file::load("growbot-a".as_ref()).unwrap();
+            let layers = heights.into_iter().map(|(alpha, height, tilt)| {
+                (Layer { alpha, height, tilt }, Source::AsBuilt)
+            });
+            let body = Body::of_layers(&robot, layers);
+            let mesh = Mesh::of_wall(&body, Resolution { segments, every }, &Vector3::zeros()).unwrap();
+            assert_closed(&mesh);
+            assert_holds_the_filament(&mesh, &body, 2e-3);
+        }
+    }
+}

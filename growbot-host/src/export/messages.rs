@@ -1,0 +1,280 @@
+//! Channels of a recording: topics, JSON Schemas, and messages.
+//!
+//! Poses and scenes are those that Foxglove draws (<https://docs.foxglove.dev/docs/sdk/schemas>): metres, in the frame `base`, z up. What is
+//! growbot's own is in mm and degrees, as the names say. What is not known is left out.
+
+use growbot_core::pose::Frame;
+use nalgebra::{Point3, UnitQuaternion};
+use serde_json::{Map, Value, json};
+
+/// The frame of all poses.
+pub const FRAME: &str = "base";
+
+/// A channel of a recording.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Topic {
+    /// Where the body starts.
+    Start,
+    /// Where it is to end.
+    Goal,
+    /// Where the tip is.
+    Tip,
+    /// The centreline as planned.
+    Plan,
+    /// The wall as it grows, a disc for each layer.
+    Body,
+    /// The layers laid, in numbers.
+    Layers,
+    /// State and temperatures.
+    Status,
+    /// Faults, as they come.
+    Faults,
+    /// All other events, in words.
+    Events,
+}
+
+impl Topic {
+    /// Every channel.
+    pub const ALL: [Self; 9] = [
+        Self::Start,
+        Self::Goal,
+        Self::Tip,
+        Self::Plan,
+        Self::Body,
+        Self::Layers,
+        Self::Status,
+        Self::Faults,
+        Self::Events,
+    ];
+
+    /// The channel's name.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Start => "/start",
+            Self::Goal => "/goal",
+            Self::Tip => "/tip",
+            Self::Plan => "/plan",
+            Self::Body => "/body",
+            Self::Layers => "/layers",
+            Self::Status => "/status",
+            Self::Faults => "/faults",
+            Self::Events => "/events",
+        }
+    }
+
+    /// Name and JSON Schema of its messages.
+    #[must_use]
+    pub fn schema(self) -> (&'static str, Value) {
+        match self {
+            Self::Start | Self::Goal | Self::Tip => ("foxglove.PoseInFrame", pose_in_frame_schema()),
+            Self::Plan | Self::Body => ("foxglove.SceneUpdate", scene_schema()),
+            Self::Layers => ("growbot.Layer", layer_schema()),
+            Self::Status => ("growbot.Status", status_schema()),
+            Self::Faults => {
+                let text = json!({ "type": "string" });
+                (
+                    "growbot.Fault",
+                    object(&[("timestamp", time_schema()), ("code", text.clone()), ("explanation", text)]),
+                )
+            }
+            Self::Events => ("foxglove.Log", log_schema()),
+        }
+    }
+}
+
+/// How much an event in words matters, as `foxglove.Log` counts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Level {
+    /// As it should be.
+    Info = 2,
+    /// Worth a look.
+    Warning = 3,
+    /// Something failed.
+    Error = 4,
+}
+
+/// A time from the beginning of the recording.
+#[must_use]
+pub fn time(ms: u64) -> Value {
+    json!({ "sec": ms / 1000, "nsec": ms % 1000 * 1_000_000 })
+}
+
+/// A pose at a time.
+#[must_use]
+pub fn pose_in_frame(ms: u64, base_from_tip: &Frame) -> Value {
+    json!({ "timestamp": time(ms), "frame_id": FRAME, "pose": pose(base_from_tip) })
+}
+
+/// An event in words.
+#[must_use]
+pub fn log(ms: u64, level: Level, message: &str) -> Value {
+    json!({ "timestamp": time(ms), "level": level as u8, "message": message, "name": "growbot", "file": "", "line": 0 })
+}
+
+/// A disc, a layer: `base_from_middle`, its diameter and height in mm, and a colour.
+#[must_use]
+pub fn disc(ms: u64, id: &str, base_from_middle: &Frame, diameter: f64, height: f64, color: [f64; 3]) -> Value {
+    let size = json!({ "x": diameter / 1000.0, "y": diameter / 1000.0, "z": height / 1000.0 });
+    let cylinder = json!({
+        "pose": pose(base_from_middle), "size": size, "bottom_scale": 1.0, "top_scale": 1.0, "color": rgba(color),
+    });
+    scene(ms, id, "cylinders", &cylinder)
+}
+
+/// A line through points in mm.
+#[must_use]
+pub fn line(ms: u64, id: &str, points: impl Iterator<Item = Point3<f64>>, color: [f64; 3]) -> Value {
+    let points: Vec<Value> = points.map(|point| metres(&point)).collect();
+    let line = json!({
+        "type": 0, "pose": pose(&Frame::identity()), "thickness": 2.0, "scale_invariant": true,
+        "points": points, "color": rgba(color), "colors": [], "indices": [],
+    });
+    scene(ms, id, "lines", &line)
+}
+
+/// One entity with one primitive; the lists of the other kinds are there, and empty, as Foxglove expects.
+fn scene(ms: u64, id: &str, kind: &str, primitive: &Value) -> Value {
+    let mut entity = json!({
+        "timestamp": time(ms), "frame_id": FRAME, "id": id, "lifetime": { "sec": 0, "nsec": 0 }, "frame_locked": true, "metadata": [],
+    });
+    for list in PRIMITIVES {
+        entity[list] = if list == kind { json!([primitive]) } else { json!([]) };
+    }
+    json!({ "deletions": [], "entities": [entity] })
+}
+
+const PRIMITIVES: [&str; 8] = ["arrows", "cubes", "spheres", "cylinders", "lines", "triangles", "texts", "models"];
+
+fn pose(base_from_tip: &Frame) -> Value {
+    let turn = UnitQuaternion::from_rotation_matrix(&base_from_tip.rotation);
+    json!({
+        "position": metres(&base_from_tip.translation.vector.into()),
+        "orientation": { "x": turn.i, "y": turn.j, "z": turn.k, "w": turn.w },
+    })
+}
+
+fn metres(point: &Point3<f64>) -> Value {
+    json!({ "x": point.x / 1000.0, "y": point.y / 1000.0, "z": point.z / 1000.0 })
+}
+
+fn rgba([r, g, b]: [f64; 3]) -> Value {
+    json!({ "r": r, "g": g, "b": b, "a": 1.0 })
+}
+
+fn object(fields: &[(&str, Value)]) -> Value {
+    let fields: Map<String, Value> =
+        fields.iter().map(|(name, schema)| ((*name).to_string(), schema.clone())).collect();
+    json!({ "type": "object", "properties": fields })
+}
+
+fn list(items: &Value) -> Value {
+    json!({ "type": "array", "items": items })
+}
+
+fn numbers(names: &[&str]) -> Value {
+    object(&names.iter().map(|name| (*name, json!({ "type": "number" }))).collect::<Vec<_>>())
+}
+
+/// Foxglove knows times and durations by their titles.
+fn seconds(title: &str) -> Value {
+    let mut schema = object(&[("sec", json!({ "type": "integer" })), ("nsec", json!({ "type": "integer" }))]);
+    schema["title"] = title.into();
+    schema
+}
+
+fn time_schema() -> Value {
+    seconds("time")
+}
+
+fn pose_schema() -> Value {
+    object(&[("position", numbers(&["x", "y", "z"])), ("orientation", numbers(&["x", "y", "z", "w"]))])
+}
+
+fn pose_in_frame_schema() -> Value {
+    object(&[("timestamp", time_schema()), ("frame_id", json!({ "type": "string" })), ("pose", pose_schema())])
+}
+
+fn log_schema() -> Value {
+    let (text, whole) = (json!({ "type": "string" }), json!({ "type": "integer" }));
+    object(&[
+        ("timestamp", time_schema()),
+        ("level", whole.clone()),
+        ("message", text.clone()),
+        ("name", text.clone()),
+        ("file", text),
+        ("line", whole),
+    ])
+}
+
+fn scene_schema() -> Value {
+    let (text, yes_no, number) =
+        (json!({ "type": "string" }), json!({ "type": "boolean" }), json!({ "type": "number" }));
+    let color = numbers(&["r", "g", "b", "a"]);
+    let point = numbers(&["x", "y", "z"]);
+    let cylinder = object(&[
+        ("pose", pose_schema()),
+        ("size", point.clone()),
+        ("bottom_scale", number.clone()),
+        ("top_scale", number.clone()),
+        ("color", color.clone()),
+    ]);
+    let line = object(&[
+        ("type", json!({ "type": "integer" })),
+        ("pose", pose_schema()),
+        ("thickness", number),
+        ("scale_invariant", yes_no.clone()),
+        ("points", list(&point)),
+        ("color", color.clone()),
+        ("colors", list(&color)),
+        ("indices", list(&json!({ "type": "integer" }))),
+    ]);
+    let mut entity = object(&[
+        ("timestamp", time_schema()),
+        ("frame_id", text.clone()),
+        ("id", text.clone()),
+        ("lifetime", seconds("duration")),
+        ("frame_locked", yes_no),
+        ("metadata", list(&object(&[("key", text.clone()), ("value", text.clone())]))),
+    ]);
+    for kind in PRIMITIVES {
+        entity["properties"][kind] = match kind {
+            "cylinders" => list(&cylinder),
+            "lines" => list(&line),
+            _ => list(&object(&[])),
+        };
+    }
+    let deletion = object(&[("timestamp", time_schema()), ("type", json!({ "type": "integer" })), ("id", text)]);
+    object(&[("deletions", list(&deletion)), ("entities", list(&entity))])
+}
+
+fn layer_schema() -> Value {
+    let (number, whole) = (json!({ "type": "number" }), json!({ "type": "integer" }));
+    object(&[
+        ("timestamp", time_schema()),
+        ("layer", whole.clone()),
+        ("alpha_deg", number.clone()),
+        ("height_mm", number.clone()),
+        ("tilt_deg", number.clone()),
+        ("source", json!({ "type": "string" })),
+        ("planned_alpha_deg", number.clone()),
+        ("planned_height_mm", number.clone()),
+        ("planned_tilt_deg", number),
+        ("filament_pulses", whole.clone()),
+        ("gravity_milli_g", list(&whole)),
+    ])
+}
+
+fn status_schema() -> Value {
+    let (number, whole, text) =
+        (json!({ "type": "number" }), json!({ "type": "integer" }), json!({ "type": "string" }));
+    object(&[
+        ("timestamp", time_schema()),
+        ("state", text.clone()),
+        ("fault", text),
+        ("temperature_c", number.clone()),
+        ("target_c", number),
+        ("laid", whole.clone()),
+        ("uptime_ms", whole),
+    ])
+}

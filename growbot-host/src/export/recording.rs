@@ -1,0 +1,357 @@
+//! What a run log tells, over time, as MCAP (<https://mcap.dev/spec>), which Foxglove plays.
+//!
+//! A run log has no clock. Time begins at 0 with the first status; each status gives the board's time, which goes on where it was after a
+//! reset; between them a layer is told no sooner after the one before than the robot needs for it.
+
+use std::collections::{BTreeMap, HashMap};
+use std::io::Cursor;
+
+use growbot_core::angle::degrees;
+use growbot_core::layer::Layer;
+use growbot_core::layer_bytes::decode;
+use growbot_core::link::message::Fault;
+use growbot_core::pose::{Frame, Pose};
+use growbot_core::robot::Robot;
+use mcap::records::MessageHeader;
+use mcap::{McapError, WriteOptions, Writer};
+use nalgebra::Point3;
+use serde_json::{Value, json};
+
+use super::body::{Body, BodyLayer};
+use super::messages::{self, Level, Topic};
+use crate::degrees::degrees_below_turn;
+use crate::plan::Plan;
+use crate::run_log::RunRecord;
+
+/// Colours from the least to the greatest height of a layer, and of the planned centreline.
+const LOW: [f64; 3] = [0.2, 0.4, 0.9];
+const HIGH: [f64; 3] = [0.95, 0.45, 0.1];
+const PLANNED: [f64; 3] = [0.3, 0.7, 0.3];
+
+/// The recording of a run log: `log` has its bytes, `record` what has been read from them.
+///
+/// # Errors
+/// What the writer of MCAP fails with, which writing to memory does not.
+pub fn write(robot: &Robot, plan: &Plan, record: &RunRecord, log: &[u8]) -> Result<Vec<u8>, McapError> {
+    let body = Body::as_built(robot, &plan.start, record);
+    let mut recorder = Recorder::new(robot)?;
+    recorder.frame(Topic::Start, &plan.start)?;
+    recorder.frame(Topic::Goal, &plan.goal)?;
+    let planned = Body::planned(robot, plan);
+    let points = planned.growing().map(|(frame, _)| frame).chain(planned.layers.last().map(|last| last.base_from_tip));
+    let points = points.map(|frame| Point3::from(frame.translation.vector));
+    recorder.tell(Topic::Plan, &messages::line(0, "planned", points, PLANNED))?;
+    recorder.frame(Topic::Tip, &plan.start)?;
+
+    let whole = log.get(..log.len().saturating_sub(record.cut_off)).unwrap_or_default();
+    let events = whole.split(|byte| *byte == b'\n').filter_map(|line| serde_json::from_slice::<Value>(line).ok());
+    let mut growing = body.growing().zip(&record.layers).enumerate().peekable();
+    for event in events.skip(1) {
+        let kind = event.get("event").and_then(Value::as_str).unwrap_or_default();
+        match kind {
+            "status" => recorder.status(&event)?,
+            "laid" => {
+                // A layer may be told again after a resumption: the first report stands.
+                let told = event.get("layer").and_then(Value::as_u64);
+                let next = growing.next_if(|(index, _)| told == Some(*index as u64));
+                if let Some((index, ((before, laid), planned))) = next {
+                    recorder.wait_for(&laid.layer, plan);
+                    recorder.layer(index, laid, &decode(planned), &event)?;
+                    let middle = before * half(&laid.layer).step();
+                    recorder.disc(index, &middle, &laid.layer, &body)?;
+                    recorder.tip(laid)?;
+                }
+            }
+            "end" => {
+                let outcome = event.get("result").and_then(|result| result.get("outcome")).and_then(Value::as_str);
+                let outcome = outcome.unwrap_or("unknown");
+                let level = match outcome {
+                    "done" => Level::Info,
+                    "fault" => Level::Error,
+                    _ => Level::Warning,
+                };
+                recorder.event(level, &format!("end: {outcome}"))?;
+                if outcome == "fault" && recorder.fault.is_none() {
+                    recorder.fault("unknown", "the log says that a fault ended the growth, not which")?;
+                }
+            }
+            "" => {}
+            _ => recorder.event(level_of(kind), &in_words(kind, &event))?,
+        }
+    }
+    recorder.finish()
+}
+
+/// What a log's other events come to.
+fn level_of(kind: &str) -> Level {
+    match kind {
+        "silent" | "not-amended" => Level::Warning,
+        _ => Level::Info,
+    }
+}
+
+/// An event in words: its kind and what it says, without layers in their bytes.
+fn in_words(kind: &str, event: &Value) -> String {
+    let fields = event.as_object().into_iter().flatten();
+    let said = fields.filter(|(name, value)| *name != "event" && *name != "layers" && !value.is_null());
+    let said: Vec<String> = said
+        .map(|(name, value)| match value {
+            Value::String(text) => format!("{name} {text}"),
+            other => format!("{name} {other}"),
+        })
+        .collect();
+    if said.is_empty() { kind.to_string() } else { format!("{kind}: {}", said.join(", ")) }
+}
+
+fn half(layer: &Layer) -> Layer {
+    Layer { height: 0.5 * layer.height, tilt: 0.5 * layer.tilt, ..*layer }
+}
+
+/// The time of a recording, ms.
+#[derive(Debug, Default)]
+struct Clock {
+    now: u64,
+    /// Time of the recording less that of the board, and the board's time in the status before.
+    board: Option<(i64, u32)>,
+    /// When the layer before was told.
+    laid: Option<u64>,
+}
+
+impl Clock {
+    /// A status has the board's time.
+    fn board_says(&mut self, uptime: u32) {
+        let ahead = match self.board {
+            Some((ahead, before)) if before <= uptime => ahead,
+            _ => self.now as i64 - i64::from(uptime),
+        };
+        self.board = Some((ahead, uptime));
+        self.now = self.now.max((ahead + i64::from(uptime)).max(0) as u64);
+    }
+
+    /// A layer that takes so long, ms, has been laid.
+    fn layer_took(&mut self, duration: u64) {
+        self.now = self.laid.map_or(self.now, |laid| self.now.max(laid + duration));
+        self.laid = Some(self.now);
+    }
+}
+
+/// A recording under way.
+struct Recorder {
+    writer: Writer<Cursor<Vec<u8>>>,
+    channels: HashMap<Topic, u16>,
+    clock: Clock,
+    /// Messages so far.
+    told: u32,
+    /// The latched fault of the status before.
+    fault: Option<String>,
+    /// Least and greatest height of a layer, mm.
+    heights: (f64, f64),
+}
+
+impl Recorder {
+    fn new(robot: &Robot) -> Result<Self, McapError> {
+        let options = WriteOptions::new().library(concat!("growbot ", env!("CARGO_PKG_VERSION")));
+        let mut writer = options.create(Cursor::new(Vec::new()))?;
+        let mut channels = HashMap::new();
+        for topic in Topic::ALL {
+            let (name, schema) = topic.schema();
+            let schema = writer.add_schema(name, "jsonschema", schema.to_string().as_bytes())?;
+            let channel = writer.add_channel(schema, topic.name(), "json", &BTreeMap::new())?;
+            channels.insert(topic, channel);
+        }
+        let limits = &robot.description().layer;
+        let heights = (limits.height_min_mm, limits.height_max_mm);
+        Ok(Self { writer, channels, clock: Clock::default(), told: 0, fault: None, heights })
+    }
+
+    fn tell(&mut self, topic: Topic, message: &Value) -> Result<(), McapError> {
+        let time = self.clock.now.saturating_mul(1_000_000);
+        let channel_id = self.channels.get(&topic).copied().unwrap_or_default();
+        let header = MessageHeader { channel_id, sequence: self.told, log_time: time, publish_time: time };
+        self.told = self.told.wrapping_add(1);
+        self.writer.write_to_known_channel(&header, message.to_string().as_bytes())
+    }
+
+    fn frame(&mut self, topic: Topic, pose: &Pose) -> Result<(), McapError> {
+        let message = messages::pose_in_frame(self.clock.now, &pose.frame());
+        self.tell(topic, &message)
+    }
+
+    fn tip(&mut self, laid: &BodyLayer) -> Result<(), McapError> {
+        let message = messages::pose_in_frame(self.clock.now, &laid.base_from_tip);
+        self.tell(Topic::Tip, &message)
+    }
+
+    fn event(&mut self, level: Level, words: &str) -> Result<(), McapError> {
+        let message = messages::log(self.clock.now, level, words);
+        self.tell(Topic::Events, &message)
+    }
+
+    fn status(&mut self, event: &Value) -> Result<(), McapError> {
+        if let Some(uptime) = event.get("uptime_ms").and_then(Value::as_u64).and_then(|ms| ms.try_into().ok()) {
+            self.clock.board_says(uptime);
+        }
+        let mut message = json!({ "timestamp": messages::time(self.clock.now) });
+        copy(event, &["state", "fault", "temperature_c", "target_c", "laid", "uptime_ms"], &mut message);
+        self.tell(Topic::Status, &message)?;
+        let fault = event.get("fault").and_then(Value::as_str);
+        if fault != self.fault.as_deref() {
+            self.fault = fault.map(ToString::to_string);
+            if let Some(code) = fault {
+                let known = Fault::ALL.into_iter().find(|fault| fault.code() == code);
+                self.fault(code, known.map_or("unknown to this version of growbot", Fault::explanation))?;
+            }
+        }
+        Ok(())
+    }
+
+    fn fault(&mut self, code: &str, explanation: &str) -> Result<(), McapError> {
+        let message = json!({
+            "timestamp": messages::time(self.clock.now), "code": code, "explanation": explanation,
+        });
+        self.tell(Topic::Faults, &message)?;
+        self.event(Level::Error, &format!("fault {code}: {explanation}"))
+    }
+
+    /// Lets the time pass that the robot needs for a layer: its share of the plan's.
+    fn wait_for(&mut self, layer: &Layer, plan: &Plan) {
+        let share = if plan.needs.length > 0.0 { layer.height / plan.needs.length } else { 0.0 };
+        self.clock.layer_took((1000.0 * share * plan.needs.duration).round() as u64);
+    }
+
+    fn layer(&mut self, index: usize, laid: &BodyLayer, planned: &Layer, event: &Value) -> Result<(), McapError> {
+        let layer = &laid.layer;
+        let mut message = json!({
+            "timestamp": messages::time(self.clock.now),
+            "layer": index,
+            "alpha_deg": degrees_below_turn(layer.alpha),
+            "height_mm": layer.height,
+            "tilt_deg": degrees(layer.tilt),
+            "source": laid.source.name(),
+            "planned_alpha_deg": degrees_below_turn(planned.alpha),
+            "planned_height_mm": planned.height,
+            "planned_tilt_deg": degrees(planned.tilt),
+        });
+        copy(event, &["filament_pulses", "gravity_milli_g"], &mut message);
+        self.tell(Topic::Layers, &message)
+    }
+
+    fn disc(&mut self, index: usize, base_from_middle: &Frame, layer: &Layer, body: &Body) -> Result<(), McapError> {
+        let (least, greatest) = self.heights;
+        let share = ((layer.height - least) / (greatest - least).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+        let [low, high] = [LOW, HIGH].map(nalgebra::Vector3::from);
+        let color = low.lerp(&high, share).into();
+        let diameter = 2.0 * body.radius + body.width;
+        let id = format!("layer {index}");
+        let message = messages::disc(self.clock.now, &id, base_from_middle, diameter, layer.height, color);
+        self.tell(Topic::Body, &message)
+    }
+
+    fn finish(mut self) -> Result<Vec<u8>, McapError> {
+        self.writer.finish()?;
+        Ok(self.writer.into_inner().into_inner())
+    }
+}
+
+/// Takes over what an event says in these fields, as far as it does.
+fn copy(event: &Value, fields: &[&str], message: &mut Value) {
+    for field in fields {
+        if let Some(value) = event.get(field).filter(|value| !value.is_null()) {
+            message[field] = value.clone();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use growbot_core::plan::Planner;
+    use mcap::MessageStream;
+
+    use super::*;
+    use crate::growth::Job;
+    use crate::pose_text::parse_pose;
+    use crate::robot_file;
+    use crate::run_log::RunLog;
+
+    /// The messages of the recording of a log with these lines after its header: topic, time in ms, message.
+    fn recorded(lines: &[Value]) -> Vec<(String, u64, Value)> {
+        let robot = robot_file::load("growbot-a".as_ref()).unwrap();
+        let (start, goal) = (parse_pose("0,0,0,0,90").unwrap(), parse_pose("0,0,3,0,90").unwrap());
+        let plan = Plan::make(&robot, &start, &goal, 100.0, Planner::Shortest).unwrap();
+        let job = Job::new(&robot, &plan.start, &plan.goal, &plan.path);
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("run.jsonl");
+        RunLog::begin(&path, &plan, &job, None, "sim").unwrap();
+        let mut log = std::fs::read(&path).unwrap();
+        log.extend(lines.iter().flat_map(|line| format!("{line}\n").into_bytes()));
+        log.extend(b"{\"event\":\"sta");
+        let record = RunRecord::read(&log, "run.jsonl").unwrap();
+        let bytes = write(&robot, &plan, &record, &log).unwrap();
+        let message = |message: mcap::Message| {
+            let content = serde_json::from_slice(&message.data).unwrap();
+            (message.channel.topic.clone(), message.log_time / 1_000_000, content)
+        };
+        MessageStream::new(&bytes).unwrap().map(|read| message(read.unwrap())).collect()
+    }
+
+    fn status(uptime_ms: u32, fault: Option<&str>) -> Value {
+        json!({ "event": "status", "state": "growing", "fault": fault, "temperature_c": 199.5, "target_c": null, "laid": 0, "uptime_ms": uptime_ms })
+    }
+
+    fn laid(index: usize) -> Value {
+        json!({ "event": "laid", "layer": index, "as_built": null })
+    }
+
+    #[test]
+    fn layers_come_when_the_robot_could_have_laid_them_and_time_never_runs_backwards() {
+        // The board starts anew after the second layer.
+        let lines =
+            [status(1000, None), laid(0), laid(1), laid(1), status(30, None), status(2030, None), laid(2), laid(3)];
+        let messages = recorded(&lines);
+        let times = |topic: &str| -> Vec<u64> {
+            messages.iter().filter(|(name, ..)| name == topic).map(|(_, ms, _)| *ms).collect()
+        };
+        // 3 mm are four layers, of 18 s at full height; here they are 0.75 mm high.
+        let layer = 18_000;
+        assert_eq!(times("/layers"), [0, layer, 2 * layer, 3 * layer]);
+        assert_eq!(times("/body"), times("/layers"));
+        assert_eq!(times("/status"), [0, layer, layer + 2000]);
+        assert!(messages.windows(2).all(|pair| pair[0].1 <= pair[1].1));
+        let (_, _, tip) = messages.iter().rfind(|(topic, ..)| topic == "/tip").unwrap();
+        assert!((tip["pose"]["position"]["z"].as_f64().unwrap() - 0.003).abs() < 1e-9, "{tip}");
+    }
+
+    #[test]
+    fn a_fault_is_told_once_and_what_is_not_known_is_left_out() {
+        let fault = Some("over-temperature");
+        let end = json!({ "event": "end", "result": { "outcome": "fault" } });
+        let messages = recorded(&[status(0, None), status(1, fault), status(2, fault), end.clone()]);
+        let of = |topic: &str| {
+            messages.iter().filter(|(name, ..)| name == topic).map(|(.., message)| message).collect::<Vec<_>>()
+        };
+        assert_eq!(of("/faults").len(), 1);
+        assert_eq!(of("/faults")[0]["code"], "over-temperature");
+        assert_eq!(of("/events").last().unwrap()["message"], "end: fault");
+        assert_eq!((&of("/status")[0]["temperature_c"], of("/status")[0].get("target_c")), (&json!(199.5), None));
+        // Where only the end tells of it, there is no code.
+        let messages = recorded(&[status(0, None), end]);
+        assert!(messages.iter().any(|(topic, _, fault)| topic == "/faults" && fault["code"] == "unknown"));
+    }
+
+    #[test]
+    fn lines_that_make_no_sense_do_no_harm() {
+        let odd = [
+            json!(7),
+            json!({}),
+            json!({ "event": 3 }),
+            json!({ "event": "laid", "layer": -1 }),
+            json!({ "event": "status", "uptime_ms": 1e300 }),
+            json!({ "event": "status", "uptime_ms": u32::MAX }),
+            status(0, Some("no-such-fault")),
+            json!({ "event": "end" }),
+            laid(usize::MAX),
+        ];
+        let messages = recorded(&odd);
+        assert!(messages.iter().any(|(topic, _, fault)| topic == "/faults" && fault["code"] == "no-such-fault"));
+    }
+}

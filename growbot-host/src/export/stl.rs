@@ -1,0 +1,60 @@
+//! Binary STL: 80 bytes of header, a count, and 50 bytes for each triangle. STL knows no units; the header says mm.
+
+use nalgebra::Vector3;
+
+use super::body::Body;
+use super::mesh::{Mesh, MeshError, Resolution};
+
+/// Bytes of the header.
+const HEADER: usize = 80;
+/// Bytes of a triangle: its normal and three corners, of three 32-bit numbers each, and two bytes that mean nothing.
+const TRIANGLE: usize = 50;
+
+/// The wall of a body in the base's axes, mm, z up.
+///
+/// # Errors
+/// Where there is no mesh of it.
+pub fn write(body: &Body, resolution: Resolution) -> Result<Vec<u8>, MeshError> {
+    Ok(encode(&Mesh::of_wall(body, resolution, &Vector3::zeros())?, &body.robot))
+}
+
+fn encode(mesh: &Mesh, robot: &str) -> Vec<u8> {
+    let mut bytes = Vec::with_capacity(HEADER + 4 + TRIANGLE * mesh.triangles.len());
+    // Not "solid" first: that is how text STL begins.
+    let header = format!("binary STL, units mm, z up; growbot {}, {robot}", env!("CARGO_PKG_VERSION"));
+    bytes.extend(header.bytes().take(HEADER));
+    bytes.resize(HEADER, b' ');
+    bytes.extend((mesh.triangles.len() as u32).to_le_bytes());
+    for corners in mesh.corners() {
+        let [a, b, c] = corners;
+        let normal = (b - a).cross(&(c - a)).try_normalize(0.0).unwrap_or_default();
+        for vector in [normal, a.coords, b.coords, c.coords] {
+            bytes.extend(vector.iter().flat_map(|value| (*value as f32).to_le_bytes()));
+        }
+        bytes.extend([0, 0]);
+    }
+    bytes
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Point3;
+
+    use super::*;
+
+    #[test]
+    fn the_bytes_are_those_of_the_format() {
+        let vertices = vec![Point3::origin(), Point3::new(2.0, 0.0, 0.0), Point3::new(0.0, 3.0, 0.0)];
+        let bytes = encode(&Mesh { vertices, triangles: vec![[0, 1, 2]] }, &"a-very-long-name".repeat(9));
+        assert_eq!(bytes.len(), HEADER + 4 + TRIANGLE);
+        assert!(bytes.starts_with(b"binary STL, units mm"));
+        assert_eq!(bytes[HEADER..HEADER + 4], [1, 0, 0, 0]);
+        let numbers: Vec<f32> = bytes[HEADER + 4..HEADER + 52]
+            .as_chunks::<4>()
+            .0
+            .iter()
+            .map(|number| f32::from_le_bytes(*number))
+            .collect();
+        assert_eq!(numbers, [0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0, 3.0, 0.0]);
+    }
+}

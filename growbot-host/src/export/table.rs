@@ -1,0 +1,60 @@
+//! Centreline and layers as CSV, in full precision.
+
+use std::fmt::Write;
+
+use growbot_core::angle::degrees;
+use growbot_core::layer::Layer;
+use growbot_core::pose::{Frame, tip_direction};
+
+use super::body::Body;
+use crate::degrees::degrees_below_turn;
+
+/// The header: layers laid, where the tip then is (mm) and points (a unit vector), the layer laid last, and where that is known from.
+pub const HEADER: &str = "laid,x_mm,y_mm,z_mm,direction_x,direction_y,direction_z,alpha_deg,height_mm,tilt_deg,source";
+
+/// A row for the start, with a layer of no height, and one for each layer: row `n` is the tip after `n` layers, the last of which is layer
+/// `n - 1` of `growbot layers`.
+#[must_use]
+pub fn write(body: &Body) -> String {
+    let mut text = format!("{HEADER}\n");
+    row(&mut text, 0, &body.base_from_start, &Layer::default(), "start");
+    for (index, laid) in body.layers.iter().enumerate() {
+        row(&mut text, index + 1, &laid.base_from_tip, &laid.layer, laid.source.name());
+    }
+    text
+}
+
+fn row(text: &mut String, laid: usize, base_from_tip: &Frame, layer: &Layer, source: &str) {
+    let at = base_from_tip.translation.vector;
+    let to = tip_direction(base_from_tip);
+    let alpha = if layer.tilt > 0.0 { degrees_below_turn(layer.alpha) } else { 0.0 };
+    let (height, tilt) = (layer.height, degrees(layer.tilt));
+    // Writing to a String does not fail.
+    let _ =
+        writeln!(text, "{laid},{},{},{},{},{},{},{alpha},{height},{tilt},{source}", at.x, at.y, at.z, to.x, to.y, to.z);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::body::Source;
+    use super::*;
+    use crate::robot_file;
+
+    #[test]
+    fn rows_have_the_tip_after_each_layer() {
+        let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
+        let layer = |tilt| Layer { alpha: 1.5, height: 0.1 + 0.2, tilt };
+        let body = Body::of_layers(&robot, [(layer(0.0), Source::Planned), (layer(0.005), Source::AsBuilt)]);
+        let text = write(&body);
+        let rows: Vec<Vec<&str>> = text.lines().map(|line| line.split(',').collect()).collect();
+        assert_eq!(rows[0].join(","), HEADER);
+        let up = tip_direction(&body.base_from_start).x;
+        assert_eq!(rows[1].join(","), format!("0,0,0,0,{up},0,1,0,0,0,start"));
+        assert_eq!((rows[2][0], rows[2][3]), ("1", "0.30000000000000004"));
+        assert_eq!(rows[2][7..].join(","), "0,0.30000000000000004,0,planned");
+        let end = body.layers[1].base_from_tip.translation.vector;
+        assert_eq!([1, 2, 3].map(|column| rows[3][column].parse::<f64>().unwrap()), [end.x, end.y, end.z]);
+        assert_eq!(rows[3][10], "as-built");
+        assert_eq!(rows.len(), 4);
+    }
+}

@@ -1,0 +1,228 @@
+"""Exports bodies with growbot and reads them back: STL and GLB by trimesh, MCAP by its own reader, CSV by Python's.
+
+    check.py GROWBOT
+
+What does not hold ends it with a message and exit code 1. Called by tests/exports/run.
+"""
+
+import csv
+import io
+import json
+import math
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from pathlib import Path
+
+import numpy
+import trimesh
+from mcap.reader import make_reader
+
+GROWBOT = sys.argv[1]
+# What a wall's volume may be off by, as a share of the filament used.
+VOLUME = 0.005
+
+# Name, what growbot plans, what it is exported with.
+PLANS = [
+    ("643 mm", ["--to", "200,100,600,0,45"], []),
+    ("helicoidal", ["--to", "60,50,40,100,-20"], []),
+    ("from far out", ["--from", "3000,-2000,1000,30,20", "--to", "3600,-2300,1500,80,-40"], []),
+    ("robot B", ["--robot", "growbot-b", "--to", "3000,2000,6000,0,45"], []),
+    ("robot C", ["--robot", "growbot-c", "--to", "300,200,600,0,45"], []),
+    ("8 chords, rings at every 9th", ["--to", "200,100,600,0,45"], ["--segments", "8", "--every", "9"]),
+    ("10,000 layers, every 2nd", ["--to", "1000,500,7700,0,45"], ["--segments", "32", "--every", "2"]),
+]
+# Name and what growbot grows.
+RUNS = [
+    ("52 layers as built", ["--robot", "growbot-a2", "--to", "0,0,40,0,90"]),
+    ("with noise and feedback", ["--to", "100,50,300,0,45", "--noise", "10", "--feedback"]),
+]
+
+
+def demand(holds, message):
+    if not holds:
+        sys.exit(f"tests/exports: {message}")
+
+
+def growbot(*args, code=0):
+    ran = subprocess.run([GROWBOT, *map(str, args)], capture_output=True, text=True)
+    demand(ran.returncode == code, f"growbot {' '.join(map(str, args))}: exit {ran.returncode}: {ran.stderr}")
+    return ran
+
+
+def check_mesh(name, mesh, volume):
+    """A closed surface, wound outwards, that holds this volume, mm^3; gives by how much it does not."""
+    uses = numpy.unique(mesh.edges_sorted, axis=0, return_counts=True)[1]
+    demand(mesh.is_watertight and (uses == 2).all(), f"{name}: not every edge is shared by two faces")
+    demand(mesh.is_winding_consistent, f"{name}: faces disagree about outside")
+    # A torus: one hole, from rim to rim.
+    demand(mesh.euler_number == 0, f"{name}: Euler characteristic {mesh.euler_number}")
+    off = mesh.volume / volume - 1
+    demand(abs(off) <= VOLUME, f"{name}: volume off by {100 * off:.3f} %")
+    return off
+
+
+def check_wall(name, directory, source, options, volume):
+    stl, glb = directory / "body.stl", directory / "body.glb"
+    began = time.monotonic()
+    growbot("export", source, "-o", stl, *options)
+    took = time.monotonic() - began
+    growbot("export", source, "-o", glb, *options)
+    content = stl.read_bytes()
+    demand(content.startswith(b"binary STL, units mm"), f"{name}: the header of the STL does not say mm")
+    in_mm = trimesh.load_mesh(stl)
+    demand(len(content) == 84 + 50 * len(in_mm.faces), f"{name}: faces of the STL were dropped or merged")
+    off = check_mesh(f"{name}, STL", in_mm, volume)
+    scene = trimesh.load_scene(glb)
+    demand(len(scene.geometry) == 1 and len(scene.graph.nodes_geometry) == 1, f"{name}: GLB of more than one body")
+    in_metres = scene.to_mesh()
+    check_mesh(f"{name}, GLB", in_metres, volume / 1e9)
+    # y up again becomes z up, metres mm.
+    turned = in_metres.bounds * 1000
+    (x0, y0, z0), (x1, y1, z1) = turned
+    far = numpy.abs(numpy.array([[x0, -z1, y0], [x1, -z0, y1]]) - in_mm.bounds).max()
+    demand(far < 1e-2, f"{name}: STL and GLB are {far} mm apart")
+    print(f"{name:30} {len(in_mm.faces):9} {len(content) / 1e6:9.1f} {glb.stat().st_size / 1e6:9.1f} {took:7.2f} {100 * off:+10.4f}")
+
+
+def table(source):
+    text = growbot("export", source, "--format", "csv").stdout
+    return list(csv.DictReader(io.StringIO(text)))
+
+
+def numbers(row, *columns):
+    return [float(row[column]) for column in columns]
+
+
+def check_plan(name, directory, plan_args, options):
+    plan = directory / "plan.json"
+    growbot("plan", *plan_args, "-o", plan)
+    planned = json.loads(plan.read_text())
+    diameter = 1.75 if planned["robot"] == "growbot-a" else filament_diameter(planned["robot"])
+    check_wall(name, directory, plan, options, planned["filament_mm"] * math.pi / 4 * diameter**2)
+    rows = table(plan)
+    demand(len(rows) == planned["layers"] + 1, f"{name}: {len(rows)} rows for {planned['layers']} layers")
+    goal = [planned["goal"][field] for field in ("x_mm", "y_mm", "z_mm")]
+    demand(math.dist(numbers(rows[-1], "x_mm", "y_mm", "z_mm"), goal) < 1e-4, f"{name}: the centreline misses the goal")
+    layers = csv.DictReader(io.StringIO(growbot("layers", plan).stdout))
+    columns = ("alpha_deg", "height_mm", "tilt_deg")
+    same = all([row[c] for c in columns] == [layer[c] for c in columns] for row, layer in zip(rows[1:], layers))
+    demand(same, f"{name}: not the layers of growbot layers")
+
+
+def filament_diameter(robot):
+    import tomllib
+
+    description = tomllib.loads((Path(__file__).parents[2] / "robots" / f"{robot}.toml").read_text())
+    return description["feed"]["filament_diameter_mm"]
+
+
+def read_recording(name, path):
+    """The messages by topic, each with its time in s, checked against their schemas."""
+    messages = {}
+    with open(path, "rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        last = 0
+        for schema, channel, message in reader.iter_messages():
+            known = json.loads(schema.data)["properties"]
+            content = json.loads(message.data)
+            demand(schema.encoding == "jsonschema" and channel.message_encoding == "json", f"{name}: another encoding")
+            demand(content.keys() <= known.keys(), f"{name}: {channel.topic} has fields beyond its schema")
+            demand(message.log_time >= last, f"{name}: time runs backwards")
+            last = message.log_time
+            stamp = content.get("timestamp")
+            demand(not stamp or stamp["sec"] * 10**9 + stamp["nsec"] == last, f"{name}: two times in one message")
+            messages.setdefault(channel.topic, []).append((last / 1e9, content))
+        demand(reader.get_summary().statistics.message_count == sum(map(len, messages.values())), f"{name}: messages lost")
+    return messages
+
+
+def check_recording(name, directory, log):
+    recording = directory / "run.mcap"
+    growbot("export", log, "-o", recording)
+    messages = read_recording(name, recording)
+    events = [json.loads(line) for line in log.read_text().splitlines() if line.endswith("}")]
+    told = Counter(event["event"] for event in events)
+    for topic, kind in (("/layers", "laid"), ("/body", "laid"), ("/status", "status")):
+        demand(len(messages[topic]) == told[kind], f"{name}: {len(messages[topic])} of {told[kind]} on {topic}")
+    rows = table(log)
+    position = messages["/tip"][-1][1]["pose"]["position"]
+    tip = [1000 * position[axis] for axis in "xyz"]
+    demand(math.dist(tip, numbers(rows[-1], "x_mm", "y_mm", "z_mm")) < 1e-6, f"{name}: the tip is elsewhere")
+    reached = json.loads(growbot("replay", log, "--json").stdout)["final"]
+    demand(math.dist(tip, [reached[f"{axis}_mm"] for axis in "xyz"]) < 1e-6, f"{name}: the tip is not where replay has it")
+    turn = messages["/tip"][-1][1]["pose"]["orientation"]
+    demand(abs(sum(part**2 for part in turn.values()) - 1) < 1e-9, f"{name}: no unit quaternion")
+    heat = [status["temperature_c"] for _, status in messages["/status"] if "temperature_c" in status]
+    demand(heat and max(heat) > 180, f"{name}: the nozzle never was hot")
+    took = messages["/layers"][-1][0]
+    size = recording.stat().st_size / 1e6
+    print(f"{name:30} {len(messages['/layers'])} layers, {len(heat)} temperatures, {took:.0f} s, {size:.1f} MB of MCAP")
+    return messages
+
+
+def check_run(name, directory, grow_args):
+    log = directory / "run.jsonl"
+    growbot("grow", *grow_args, "--log", log)
+    end = json.loads(log.read_text().splitlines()[-1])["result"]
+    check_wall(name, directory, log, [], end["filament_mm"] * math.pi / 4 * 1.75**2)
+    messages = check_recording(name, directory, log)
+    demand("/faults" not in messages, f"{name}: a fault out of nowhere")
+    demand(messages["/events"][-1][1]["message"] == "end: done", f"{name}: no end")
+
+
+def check_fault(directory):
+    """A log that was cut off after a fault."""
+    whole, cut = directory / "whole.jsonl", directory / "cut.jsonl"
+    growbot("grow", "--robot", "growbot-a2", "--to", "0,0,40,0,90", "--log", whole)
+    lines = whole.read_text().splitlines(keepends=True)
+    laid = [index for index, line in enumerate(lines) if '"event":"laid"' in line]
+    status = json.loads(next(line for line in reversed(lines) if '"event":"status"' in line))
+    status.update(fault="over-temperature", state="fault", temperature_c=251.5, laid=20)
+    cut.write_text("".join(lines[: laid[19] + 1]) + json.dumps(status) + "\n" + lines[laid[20]][:30])
+    messages = check_recording("cut off after a fault", directory, cut)
+    demand([fault["code"] for _, fault in messages["/faults"]] == ["over-temperature"], "the fault is not told")
+    demand(messages["/status"][-1][1]["temperature_c"] == 251.5, "the temperature at the fault is not told")
+    demand(len(table(cut)) == 21, "a log that was cut off has other layers")
+
+
+def check_refusals(directory):
+    plan, kept = directory / "plan.json", directory / "kept.stl"
+    growbot("plan", "--to", "0,0,100,0,90", "-o", plan)
+    kept.write_text("kept")
+    broken = directory / "broken.json"
+    broken.write_text(plan.read_text()[:300])
+    before = sorted(directory.iterdir())
+    for args in (
+        [plan, "-o", directory / "a.mcap"],
+        [plan, "-o", directory / "a.obj"],
+        [plan],
+        [broken, "-o", kept],
+        [kept, "-o", directory / "a.glb"],
+        [directory / "missing.json", "-o", directory / "a.glb"],
+        [plan, "-o", directory / "missing" / "a.stl"],
+        [plan, "-o", kept, "--robot", "growbot-b"],
+        [plan, "-o", kept, "--segments", "1"],
+    ):
+        said = growbot("export", *args, code=2).stderr
+        usage = "--segments" in args
+        demand(usage or said.count("\n") == 1, f"more than one line for {args}: {said}")
+    demand(sorted(directory.iterdir()) == before and kept.read_text() == "kept", "something was left of what was refused")
+
+
+def main():
+    print(f"{'body':30} {'triangles':>9} {'STL, MB':>9} {'GLB, MB':>9} {'STL, s':>7} {'volume, %':>10}")
+    for name, *rest in PLANS:
+        with tempfile.TemporaryDirectory() as directory:
+            check_plan(name, Path(directory), *rest)
+    for name, *rest in RUNS:
+        with tempfile.TemporaryDirectory() as directory:
+            check_run(name, Path(directory), *rest)
+    for check in (check_fault, check_refusals):
+        with tempfile.TemporaryDirectory() as directory:
+            check(Path(directory))
+
+
+main()
