@@ -1,0 +1,380 @@
+//! A new robot from one that there is: what is asked, which answers can be, and the file that comes of them.
+//!
+//! The file begun with is kept with its comments. Each answer goes into it and the whole is checked as any robot file is
+//! ([`robot_file::parse`]); what the check finds wrong with the answer, or with one given before, refuses it.
+
+use growbot_core::robot::{Robot, RobotError};
+use toml_edit::{DocumentMut, Item, RawString, Value};
+
+use crate::robot_explained::{is_assumed, opening_comment};
+use crate::robot_file::{self, RobotFileError};
+
+/// What is asked, in this order: a field comes after those that bound it.
+pub const QUESTIONS: [&str; 24] = [
+    NAME,
+    "geometry.inner_radius_mm",
+    "geometry.inner_length_mm",
+    "geometry.tip_radius_mm",
+    "wall.width_mm",
+    "layer.height_mm",
+    "layer.height_min_mm",
+    "layer.height_max_mm",
+    "layer.tilt_max_deg",
+    "layer.period_s",
+    RADIUS,
+    "motion.tick_hz",
+    "motion.strategy",
+    "motion.turning",
+    "head.steps_per_turn",
+    "head.acceleration_turns_per_s2",
+    "feed.filament_diameter_mm",
+    "feed.steps_per_mm",
+    "feed.acceleration_mm_per_s2",
+    "filament.spool_mm",
+    "heater.max_c",
+    "heater.target_c",
+    "heater.extrusion_min_c",
+    "heater.power_w",
+];
+
+/// The field that says what the robot is called.
+pub const NAME: &str = "name";
+/// The field whose remark tells `R_min`.
+const RADIUS: &str = "planning_radius_mm";
+
+/// Why an answer was not taken.
+#[derive(Debug, thiserror::Error)]
+pub enum Refused {
+    /// No value of this kind.
+    #[error("{path} cannot be {text:?}: give {kind}")]
+    Kind {
+        /// The field.
+        path: &'static str,
+        /// What was answered.
+        text: String,
+        /// What it must be.
+        kind: &'static str,
+    },
+    /// The name is taken.
+    #[error("{name} is built in, and plans tell robots apart by name: choose another name")]
+    BuiltIn {
+        /// The name.
+        name: String,
+    },
+    /// A robot like that cannot be.
+    #[error(transparent)]
+    Robot(#[from] RobotFileError),
+}
+
+/// A value that was changed so that others can be.
+#[derive(Debug, PartialEq)]
+pub struct Adapted {
+    /// The field.
+    pub path: String,
+    /// What it was.
+    pub from: String,
+    /// What it is.
+    pub to: String,
+}
+
+/// A robot that is being described.
+#[derive(Debug, Clone)]
+pub struct Draft {
+    document: DocumentMut,
+    /// The robot that it began as.
+    base: String,
+    about: String,
+}
+
+impl Draft {
+    /// Begins with this robot file, called so in messages, under another name.
+    ///
+    /// # Errors
+    /// What is no robot file.
+    pub fn of(text: &str, file: &str, name: &str) -> Result<Self, RobotFileError> {
+        let robot = robot_file::parse(text, file)?;
+        let mut draft = Self {
+            // Parses: it has just been read as a robot file.
+            document: text.parse().unwrap_or_default(),
+            base: robot.name().to_owned(),
+            about: opening_comment(text),
+        };
+        // What the file leaves out is asked for too, and may be given.
+        let written = toml::to_string(robot.description()).unwrap_or_default();
+        let whole: DocumentMut = written.parse().unwrap_or_default();
+        for path in QUESTIONS {
+            if draft.value(path).is_none()
+                && let Some(value) = look_up(whole.as_item(), path)
+            {
+                draft.put(path, value.clone());
+            }
+        }
+        draft.put(NAME, name.into());
+        Ok(draft)
+    }
+
+    /// The value of a field, as TOML.
+    #[must_use]
+    pub fn shown(&self, path: &str) -> String {
+        self.value(path).map(shown).unwrap_or_default()
+    }
+
+    /// Takes an answer; gives what had to be changed that is not asked for.
+    ///
+    /// # Errors
+    /// Why not; the draft is then as it was.
+    pub fn answer(&mut self, path: &'static str, text: &str) -> Result<Vec<Adapted>, Refused> {
+        let value = self.understood(path, text)?;
+        if path == NAME && value.as_str().is_some_and(robot_file::is_built_in) {
+            return Err(Refused::BuiltIn { name: text.to_owned() });
+        }
+        let mut changed = self.clone();
+        changed.put(path, value);
+        changed.refused_at(path)?;
+        let adapted = changed.adapt();
+        *self = changed;
+        Ok(adapted)
+    }
+
+    /// What is taken where nothing is answered: the value that the field has if it can stay, else one near it that can be.
+    #[must_use]
+    pub fn default(&self, path: &'static str) -> Option<String> {
+        self.possible(path, |draft| draft.refused_at(path).is_ok()).map(|value| shown(&value))
+    }
+
+    /// The robot, if all is well.
+    ///
+    /// # Errors
+    /// What is not.
+    pub fn robot(&self) -> Result<Robot, RobotFileError> {
+        robot_file::parse(&self.document.to_string(), &self.shown(NAME).replace('"', ""))
+    }
+
+    /// The file: the one begun with, with its comments, and what was changed marked as such. `first` is the one begun with.
+    ///
+    /// # Errors
+    /// As [`Draft::robot`].
+    pub fn file(&self, first: &Self, given: &[&'static str]) -> Result<(Robot, String), RobotFileError> {
+        let robot = self.robot()?;
+        let mut document = self.document.clone();
+        for path in paths(self.document.as_item(), "") {
+            let was = first.value(&path).map(shown);
+            let Some(value) = look_up_mut(document.as_item_mut(), &path) else { continue };
+            let changed = was.as_ref() != Some(&shown(value));
+            if path == NAME || !(changed || given.contains(&path.as_str()) || path == RADIUS) {
+                continue;
+            }
+            let old = remark(value);
+            let mut said = match (given.contains(&path.as_str()), changed) {
+                (true, _) => "given".to_owned(),
+                (false, true) => "adapted".to_owned(),
+                (false, false) if is_assumed(&old) => old.clone(),
+                (false, false) => format!("as {}", self.base),
+            };
+            if path == RADIUS {
+                said += &format!("; R_min is {:.2}", robot.least_radius());
+            } else if let (true, Some(was)) = (changed, was) {
+                let old = if old.is_empty() { old } else { format!(", {old}") };
+                said += &format!("; {} has {was}{old}", self.base);
+            }
+            value.decor_mut().set_suffix(format!(" # {said}"));
+        }
+        let body = document.to_string();
+        // The comment at the top tells of the robot begun with.
+        let body = body.trim_start_matches(|c| c == '\u{feff}');
+        let body: String = body.split_inclusive('\n').skip_while(|line| line.starts_with('#')).collect();
+        let name = robot.name();
+        let mut text = comment(&format!(
+            "{name}: begun by `growbot new-robot` from {}. \"given\" marks what was answered, \"adapted\" what had to follow from it, \"assumed\" what nobody has measured: measure it before you rely on it. Other remarks are those of {}:",
+            self.base, self.base
+        ));
+        text += "#\n";
+        text += &comment(&self.about);
+        if !body.starts_with('\n') {
+            text.push('\n');
+        }
+        text += &body;
+        // What is written is what is read: the file is checked as it is.
+        let robot = robot_file::parse(&text, name)?;
+        Ok((robot, text))
+    }
+
+    fn value(&self, path: &str) -> Option<&Value> {
+        look_up(self.document.as_item(), path)
+    }
+
+    /// Sets a field; its comment stays.
+    fn put(&mut self, path: &str, mut value: Value) {
+        if let Some(old) = look_up_mut(self.document.as_item_mut(), path) {
+            *value.decor_mut() = old.decor().clone();
+            *old = value;
+            return;
+        }
+        *value.decor_mut() = toml_edit::Decor::new(" ", "");
+        let mut item = self.document.as_item_mut();
+        for key in path.split('.') {
+            item = &mut item[key];
+        }
+        *item = Item::Value(value);
+    }
+
+    /// A text as a value of the kind that the field has.
+    fn understood(&self, path: &'static str, text: &str) -> Result<Value, Refused> {
+        let text = text.trim();
+        let refused = |kind| Refused::Kind { path, text: text.to_owned(), kind };
+        match self.value(path) {
+            Some(Value::Integer(_)) => {
+                let whole: u32 = text.parse().map_err(|_| refused("a whole number, 0 or more"))?;
+                Ok(i64::from(whole).into())
+            }
+            Some(Value::Float(_)) => {
+                let number: f64 = text.parse().map_err(|_| refused("a number, say 1.5"))?;
+                Ok(number.into())
+            }
+            _ => Ok(text.trim_matches('"').into()),
+        }
+    }
+
+    /// Whether this field, or one asked for before it, is refused.
+    fn refused_at(&self, path: &str) -> Result<(), Refused> {
+        let place = |path: &str| QUESTIONS.iter().position(|question| *question == path);
+        match self.robot() {
+            Ok(_) => Ok(()),
+            Err(RobotFileError::Robot { file, error }) => {
+                let at = place(field_of(&error));
+                if at.is_some_and(|at| Some(at) <= place(path)) {
+                    return Err(RobotFileError::Robot { file, error }.into());
+                }
+                Ok(())
+            }
+            Err(error) => Err(error.into()),
+        }
+    }
+
+    /// Changes what is not asked for until nothing of it is refused.
+    fn adapt(&mut self) -> Vec<Adapted> {
+        let mut adapted = Vec::new();
+        // Each field once: what cannot be mended that way is refused when the file is written.
+        while let Err(RobotFileError::Robot { error, .. }) = self.robot() {
+            let path = field_of(&error);
+            if QUESTIONS.contains(&path) || adapted.iter().any(|done: &Adapted| done.path == path) {
+                break;
+            }
+            let mended = |draft: &Self| !matches!(draft.robot(), Err(RobotFileError::Robot { error, .. }) if field_of(&error) == path);
+            let from = self.shown(path);
+            let Some(value) = self.possible(path, mended) else { break };
+            adapted.push(Adapted { path: path.to_owned(), from, to: shown(&value) });
+            self.put(path, value);
+        }
+        adapted
+    }
+
+    /// The value of this field if it is good, else the limit that it broke, or else what is nearest to it by steps of a quarter.
+    fn possible(&self, path: &str, good: impl Fn(&Self) -> bool) -> Option<Value> {
+        let value = self.value(path)?.clone();
+        let (number, whole) = match &value {
+            Value::Float(number) => (*number.value(), false),
+            Value::Integer(number) => (*number.value() as f64, true),
+            _ => return good(self).then_some(value),
+        };
+        let mut candidates = vec![number];
+        if let Err(RobotFileError::Robot {
+            error: RobotError::TooSmall { limit, .. } | RobotError::TooLarge { limit, .. },
+            ..
+        }) = self.robot()
+        {
+            candidates.extend([rounded(limit, f64::ceil), rounded(limit, f64::floor)]);
+            candidates.extend([rounded(limit * 1.02, f64::ceil), rounded(limit * 0.98, f64::floor)]);
+        }
+        candidates.extend((1..60).flat_map(|step| {
+            let factor = 1.25_f64.powi(step);
+            [rounded(number * factor, f64::round), rounded(number / factor, f64::round)]
+        }));
+        candidates.into_iter().find_map(|candidate| {
+            let candidate = if whole { (candidate.round() as i64).into() } else { candidate.into() };
+            let mut draft = self.clone();
+            draft.put(path, candidate);
+            if good(&draft) { draft.value(path).cloned() } else { None }
+        })
+    }
+}
+
+/// To three digits, by this way of rounding.
+fn rounded(number: f64, round: fn(f64) -> f64) -> f64 {
+    if number == 0.0 || !number.is_finite() {
+        return number;
+    }
+    let digits = 2 - number.abs().log10().floor() as i32;
+    if digits >= 0 {
+        let scale = 10_f64.powi(digits);
+        round(number * scale) / scale
+    } else {
+        let scale = 10_f64.powi(-digits);
+        round(number / scale) * scale
+    }
+}
+
+/// The field that an error is about: of those that are about several, the one that is asked for last.
+fn field_of(error: &RobotError) -> &'static str {
+    let field = match error {
+        RobotError::NotFinite { field, .. }
+        | RobotError::TooSmall { field, .. }
+        | RobotError::TooLarge { field, .. } => field,
+        RobotError::Name | RobotError::TooLong | RobotError::Unreadable => NAME,
+        RobotError::ThermistorEquation => "thermistor",
+    };
+    match field {
+        "layer.period_s * motion.tick_hz" => "motion.tick_hz",
+        "head steps in the busiest sector" => "head.steps_per_turn",
+        "feed steps in the busiest sector" => "feed.steps_per_mm",
+        "head acceleration within a layer" => "head.acceleration_turns_per_s2",
+        "feed acceleration within a layer" => "feed.acceleration_mm_per_s2",
+        field => field,
+    }
+}
+
+/// A value without its comment.
+fn shown(value: &Value) -> String {
+    let mut value = value.clone();
+    value.decor_mut().clear();
+    value.to_string().trim().to_owned()
+}
+
+/// The comment behind a value.
+fn remark(value: &Value) -> String {
+    let suffix = value.decor().suffix().and_then(RawString::as_str).unwrap_or_default();
+    suffix.split_once('#').map(|(_, comment)| comment.trim().to_owned()).unwrap_or_default()
+}
+
+/// The text as comment lines.
+fn comment(text: &str) -> String {
+    let mut lines = String::new();
+    let mut line = String::from("#");
+    for word in text.split_whitespace() {
+        if line.chars().count() + 1 + word.chars().count() > 120 {
+            lines += &line;
+            lines.push('\n');
+            line = String::from("#");
+        }
+        line.push(' ');
+        line += word;
+    }
+    lines += &line;
+    lines.push('\n');
+    lines
+}
+
+fn look_up<'a>(item: &'a Item, path: &str) -> Option<&'a Value> {
+    path.split('.').try_fold(item, |item, key| item.get(key))?.as_value()
+}
+
+fn look_up_mut<'a>(item: &'a mut Item, path: &str) -> Option<&'a mut Value> {
+    path.split('.').try_fold(item, |item, key| item.get_mut(key))?.as_value_mut()
+}
+
+/// The paths of all values with a line of their own.
+fn paths(item: &Item, here: &str) -> Vec<String> {
+    let Some(table) = item.as_table() else { return vec![here.to_owned()] };
+    let below = |key: &str| if here.is_empty() { key.to_owned() } else { format!("{here}.{key}") };
+    table.iter().flat_map(|(key, item)| paths(item, &below(key))).collect()
+}
