@@ -116,13 +116,16 @@ fn collect(item: &Item, path: &str, file: &DocumentMut, schema: &serde_json::Val
         return;
     }
     let (in_file, remark) = remark(file, path);
-    fields.push(Field {
-        path: path.to_owned(),
-        value: item.to_string().trim().to_owned(),
-        means: schema::meaning(schema, path).to_owned(),
-        in_file,
-        remark,
-    });
+    let value = item.to_string().trim().to_owned();
+    let mut means = schema::meaning(schema, path).to_owned();
+    if let Some((parent, _)) = path.rsplit_once('.').filter(|(parent, _)| parent.contains('.')) {
+        means = format!("{} {means}", schema::meaning(schema, parent));
+    }
+    let choices = schema::choices(schema, path);
+    if let Some((word, meaning)) = choices.iter().find(|(word, _)| value.trim_matches('"') == *word) {
+        means += &format!(" {word}: {meaning}");
+    }
+    fields.push(Field { path: path.to_owned(), value, means, in_file, remark });
 }
 
 /// Whether a file has this field, and the comment behind it or behind the inline table that it is in.
@@ -198,7 +201,14 @@ mod tests {
         assert_eq!(field("geometry.tip_radius_mm").remark, "r_t");
         assert!(field("sensors.filament_motion.jam_mm").is_assumed());
         assert!(!field("layer.tilt_max_deg").is_assumed());
-        assert!(!Explained::of("growbot-b".as_ref()).unwrap().fields().find(|f| f.path == "hold.standby_c").unwrap().in_file);
+        assert!(
+            !Explained::of("growbot-b".as_ref())
+                .unwrap()
+                .fields()
+                .find(|f| f.path == "hold.standby_c")
+                .unwrap()
+                .in_file
+        );
     }
 
     #[test]

@@ -42,6 +42,18 @@ pub const NAME: &str = "name";
 /// The field whose remark tells `R_min`.
 const RADIUS: &str = "planning_radius_mm";
 
+/// What is as good as no limit, as TOML.
+pub const UNLIMITED: &str = "1000000000.0";
+/// How people say so.
+pub const NO_LIMIT: &str = "no limit";
+
+/// What grows with what: where a value cannot stay, it is changed as the other one was.
+const IN_PROPORTION: [(&str, &str); 3] = [
+    ("geometry.tip_radius_mm", "geometry.inner_radius_mm"),
+    ("layer.height_min_mm", "layer.height_mm"),
+    ("layer.height_max_mm", "layer.height_mm"),
+];
+
 /// Why an answer was not taken.
 #[derive(Debug, thiserror::Error)]
 pub enum Refused {
@@ -81,9 +93,14 @@ pub struct Adapted {
 #[derive(Debug, Clone)]
 pub struct Draft {
     document: DocumentMut,
+    /// What it began as: the file, with what it leaves out of what is asked.
+    first: DocumentMut,
+    left_out: Vec<&'static str>,
     /// The robot that it began as.
     base: String,
     about: String,
+    /// Lines at the top that are for tools, such as `#:schema`.
+    directives: String,
 }
 
 impl Draft {
@@ -96,8 +113,11 @@ impl Draft {
         let mut draft = Self {
             // Parses: it has just been read as a robot file.
             document: text.parse().unwrap_or_default(),
+            first: DocumentMut::new(),
+            left_out: Vec::new(),
             base: robot.name().to_owned(),
             about: opening_comment(text),
+            directives: text.split_inclusive('\n').filter(|line| line.starts_with("#:")).collect(),
         };
         // What the file leaves out is asked for too, and may be given.
         let written = toml::to_string(robot.description()).unwrap_or_default();
@@ -107,8 +127,10 @@ impl Draft {
                 && let Some(value) = look_up(whole.as_item(), path)
             {
                 draft.put(path, value.clone());
+                draft.left_out.push(path);
             }
         }
+        draft.first = draft.document.clone();
         draft.put(NAME, name.into());
         Ok(draft)
     }
@@ -150,22 +172,26 @@ impl Draft {
         robot_file::parse(&self.document.to_string(), &self.shown(NAME).replace('"', ""))
     }
 
-    /// The file: the one begun with, with its comments, and what was changed marked as such. `first` is the one begun with.
+    /// The file: the one begun with, with its comments, and what was given or changed marked as such.
     ///
     /// # Errors
     /// As [`Draft::robot`].
-    pub fn file(&self, first: &Self, given: &[&'static str]) -> Result<(Robot, String), RobotFileError> {
+    pub fn file(&self, given: &[&'static str]) -> Result<(Robot, String), RobotFileError> {
         let robot = self.robot()?;
         let mut document = self.document.clone();
         for path in paths(self.document.as_item(), "") {
-            let was = first.value(&path).map(shown);
+            let was = look_up(self.first.as_item(), &path).map(shown);
             let Some(value) = look_up_mut(document.as_item_mut(), &path) else { continue };
-            let changed = was.as_ref() != Some(&shown(value));
-            if path == NAME || !(changed || given.contains(&path.as_str()) || path == RADIUS) {
+            let (given, changed) = (given.contains(&path.as_str()), was.as_ref() != Some(&shown(value)));
+            if !given && !changed && self.left_out.contains(&path.as_str()) {
+                remove(document.as_item_mut(), &path);
+                continue;
+            }
+            if path == NAME || !(changed || given || path == RADIUS) {
                 continue;
             }
             let old = remark(value);
-            let mut said = match (given.contains(&path.as_str()), changed) {
+            let mut said = match (given, changed) {
                 (true, _) => "given".to_owned(),
                 (false, true) => "adapted".to_owned(),
                 (false, false) if is_assumed(&old) => old.clone(),
@@ -181,10 +207,10 @@ impl Draft {
         }
         let body = document.to_string();
         // The comment at the top tells of the robot begun with.
-        let body = body.trim_start_matches(|c| c == '\u{feff}');
         let body: String = body.split_inclusive('\n').skip_while(|line| line.starts_with('#')).collect();
         let name = robot.name();
-        let mut text = comment(&format!(
+        let mut text = self.directives.clone();
+        text += &comment(&format!(
             "{name}: begun by `growbot new-robot` from {}. \"given\" marks what was answered, \"adapted\" what had to follow from it, \"assumed\" what nobody has measured: measure it before you rely on it. Other remarks are those of {}:",
             self.base, self.base
         ));
@@ -227,6 +253,7 @@ impl Draft {
                 let whole: u32 = text.parse().map_err(|_| refused("a whole number, 0 or more"))?;
                 Ok(i64::from(whole).into())
             }
+            Some(Value::Float(_)) if text == NO_LIMIT => Ok(1e9.into()),
             Some(Value::Float(_)) => {
                 let number: f64 = text.parse().map_err(|_| refused("a number, say 1.5"))?;
                 Ok(number.into())
@@ -278,13 +305,18 @@ impl Draft {
             _ => return good(self).then_some(value),
         };
         let mut candidates = vec![number];
+        if let Some((_, other)) = IN_PROPORTION.iter().find(|(of, _)| *of == path) {
+            let number_in = |document: &DocumentMut| look_up(document.as_item(), other).and_then(Value::as_float);
+            if let (Some(was), Some(is)) = (number_in(&self.first), number_in(&self.document)) {
+                candidates.push(rounded(number * is / was, f64::round));
+            }
+        }
         if let Err(RobotFileError::Robot {
             error: RobotError::TooSmall { limit, .. } | RobotError::TooLarge { limit, .. },
             ..
         }) = self.robot()
         {
             candidates.extend([rounded(limit, f64::ceil), rounded(limit, f64::floor)]);
-            candidates.extend([rounded(limit * 1.02, f64::ceil), rounded(limit * 0.98, f64::floor)]);
         }
         candidates.extend((1..60).flat_map(|step| {
             let factor = 1.25_f64.powi(step);
@@ -372,9 +404,110 @@ fn look_up_mut<'a>(item: &'a mut Item, path: &str) -> Option<&'a mut Value> {
     path.split('.').try_fold(item, |item, key| item.get_mut(key))?.as_value_mut()
 }
 
+fn remove(item: &mut Item, path: &str) {
+    let (table, key) = path.rsplit_once('.').unwrap_or(("", path));
+    let table = table.split('.').filter(|key| !key.is_empty()).try_fold(item, |item, key| item.get_mut(key));
+    if let Some(table) = table.and_then(Item::as_table_like_mut) {
+        table.remove(key);
+    }
+}
+
 /// The paths of all values with a line of their own.
 fn paths(item: &Item, here: &str) -> Vec<String> {
     let Some(table) = item.as_table() else { return vec![here.to_owned()] };
     let below = |key: &str| if here.is_empty() { key.to_owned() } else { format!("{here}.{key}") };
     table.iter().flat_map(|(key, item)| paths(item, &below(key))).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn draft() -> Draft {
+        let (text, file) = robot_file::text_of("growbot-a".as_ref()).unwrap();
+        Draft::of(&text, &file, "mine").unwrap()
+    }
+
+    #[test]
+    fn what_is_not_touched_is_the_robot_begun_with() {
+        for base in robot_file::names() {
+            let (text, file) = robot_file::text_of(base.as_ref()).unwrap();
+            let mut draft = Draft::of(&text, &file, "mine").unwrap();
+            for path in QUESTIONS {
+                let default = draft.default(path).unwrap();
+                assert_eq!(draft.answer(path, &default).unwrap(), [], "{base}: {path}");
+            }
+            let (robot, written) = draft.file(&[]).unwrap();
+            let begun = robot_file::load(base.as_ref()).unwrap();
+            let mut description = begun.description().clone();
+            description.name = robot.description().name.clone();
+            assert_eq!(robot.description(), &description, "{base}");
+            // As many lines that say something, and as many assumptions.
+            let said = |text: &str| text.lines().filter(|line| !line.starts_with('#') && !line.is_empty()).count();
+            assert_eq!(said(&written), said(&text), "{base}");
+            assert_eq!(written.matches("# assumed").count(), text.matches("# assumed").count(), "{base}");
+        }
+    }
+
+    #[test]
+    fn defaults_follow_the_answers_before() {
+        let mut draft = draft();
+        for (path, answer, next, default) in [
+            ("geometry.inner_radius_mm", "24", "geometry.tip_radius_mm", "44.0"),
+            ("layer.height_mm", "0.2", "layer.height_min_mm", "0.0775"),
+            ("heater.max_c", "190", "heater.target_c", "185.0"),
+        ] {
+            draft.answer(path, answer).unwrap();
+            assert_eq!(draft.default(next).as_deref(), Some(default));
+            draft.answer(next, default).unwrap();
+        }
+        let radius: f64 = draft.default("planning_radius_mm").unwrap().parse().unwrap();
+        draft.answer("planning_radius_mm", &radius.to_string()).unwrap();
+        draft.answer("heater.extrusion_min_c", &draft.default("heater.extrusion_min_c").unwrap()).unwrap();
+        let least = draft.robot().unwrap().least_radius();
+        assert!((least..least * 1.01).contains(&radius), "{radius} for {least}");
+    }
+
+    #[test]
+    fn what_is_not_asked_for_is_adapted_and_said() {
+        let mut draft = draft();
+        let adapted = draft.answer("head.steps_per_turn", "100").unwrap();
+        assert_eq!(
+            adapted.iter().map(|change| change.path.as_str()).collect::<Vec<_>>(),
+            ["head.index_width_deg", "head.index_tolerance_deg"]
+        );
+        let (_, text) = draft.file(&["head.steps_per_turn"]).unwrap();
+        assert!(text.contains("steps_per_turn = 100 # given; growbot-a has 3200, assumed: 200 full steps"), "{text}");
+        assert!(text.contains("index_width_deg = 7.2 # adapted; growbot-a has 5.0, assumed"), "{text}");
+    }
+
+    #[test]
+    fn what_cannot_be_is_refused_with_value_limit_and_what_to_do() {
+        for (path, answer, part) in [
+            ("geometry.tip_radius_mm", "10", "geometry.tip_radius_mm is 10, below 12: the tube (r_t) must be wider"),
+            ("geometry.tip_radius_mm", "wide", "geometry.tip_radius_mm cannot be \"wide\": give a number"),
+            ("geometry.tip_radius_mm", "nan", "is NaN"),
+            ("planning_radius_mm", "90", "planning_radius_mm is 90, below 98.2"),
+            ("motion.tick_hz", "-1", "a whole number"),
+            ("motion.strategy", "fead", "did you mean feed?"),
+            ("heater.target_c", "500", "above 235"),
+            (NAME, "My Robot", "lower-case letters"),
+            (NAME, "growbot-b", "growbot-b is built in"),
+            (NAME, "", "not be empty"),
+        ] {
+            let mut draft = draft();
+            let message = draft.answer(path, answer).unwrap_err().to_string();
+            assert!(message.contains(part), "{message}");
+            assert_eq!(draft.document.to_string(), self::draft().document.to_string());
+        }
+    }
+
+    #[test]
+    fn a_line_for_tools_stays_at_the_top() {
+        let (text, file) = robot_file::text_of("growbot-a".as_ref()).unwrap();
+        let text = format!("#:schema ./robot.json\n{text}");
+        let (_, written) = Draft::of(&text, &file, "mine").unwrap().file(&[]).unwrap();
+        assert!(written.starts_with("#:schema ./robot.json\n# mine: begun by"), "{written}");
+        assert_eq!(written.matches("#:schema").count(), 1);
+    }
 }

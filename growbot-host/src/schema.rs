@@ -41,7 +41,10 @@ pub fn of_fields() -> Value {
     tidy(&mut schema);
     if let Some(root) = schema.as_object_mut() {
         root.insert("title".into(), json!("growbot robot file"));
-        root.insert("description".into(), json!("A robot that moves by growing. Lengths are in mm: names carry the unit."));
+        root.insert(
+            "description".into(),
+            json!("A robot that moves by growing. Lengths are in mm: names carry the unit."),
+        );
     }
     schema
 }
@@ -49,8 +52,19 @@ pub fn of_fields() -> Value {
 /// What the field of this path, say `geometry.tip_radius_mm`, means: empty where there is no such field.
 #[must_use]
 pub fn meaning<'a>(schema: &'a Value, path: &str) -> &'a str {
-    let field = path.split('.').try_fold(schema, |schema, key| schema.get("properties")?.get(key));
-    field.and_then(|field| field.get("description")?.as_str()).unwrap_or_default()
+    field(schema, path).and_then(|field| field.get("description")?.as_str()).unwrap_or_default()
+}
+
+/// The words that this field may be, with their meanings; none where it is no choice.
+#[must_use]
+pub fn choices<'a>(schema: &'a Value, path: &str) -> Vec<(&'a str, &'a str)> {
+    let choices = field(schema, path).and_then(|field| field.get("oneOf")?.as_array());
+    let choice = |choice: &'a Value| Some((choice.get("const")?.as_str()?, choice.get("description")?.as_str()?));
+    choices.into_iter().flatten().filter_map(choice).collect()
+}
+
+fn field<'a>(schema: &'a Value, path: &str) -> Option<&'a Value> {
+    path.split('.').try_fold(schema, |schema, key| schema.get("properties")?.get(key))
 }
 
 /// Takes out what TOML has not (null), what only Rust has (formats, links), and line breaks within descriptions.
@@ -151,10 +165,16 @@ fn say_bounds(field: &mut Map<String, Value>, description: &Value, path: &[Strin
             advice.push(words);
         }
         let moves = others.iter().filter(|other| *other != path).any(|other| {
-            let mut changed = description.clone();
-            let Some(value) = value_mut(&mut changed, other) else { return false };
-            *value = raised(value);
-            limit_differs(limit, self::limit(&changed, path, &extreme))
+            let changed = |change: fn(&Value) -> Value| {
+                let mut changed = description.clone();
+                if let Some(value) = value_mut(&mut changed, other) {
+                    *value = change(value);
+                }
+                changed
+            };
+            let raised = self::limit(&changed(raised), path, &extreme);
+            raised.is_some_and(|(other, _)| (other - limit).abs() > 1e-12 * limit.abs())
+                || is_taken(&changed(|value| if value.is_u64() { json!(0) } else { json!(0.0) }), path, &extreme)
         });
         if moves {
             field.remove(keyword);
@@ -163,14 +183,27 @@ fn say_bounds(field: &mut Map<String, Value>, description: &Value, path: &[Strin
             field.insert(keyword.into(), limit);
         }
     }
+    let range = match (field.get("minimum"), field.get("maximum")) {
+        (Some(least), Some(greatest)) => format!("{least} to {greatest}: "),
+        (Some(least), None) => format!("{least} or more: "),
+        (None, Some(greatest)) => format!("{greatest} or less: "),
+        (None, None) => String::new(),
+    };
     if let (Some(Value::String(text)), false) = (field.get_mut("description"), advice.is_empty()) {
-        *text += &format!(" Bounds: {}.", advice.join("; "));
+        *text += &format!(" Must be: {range}{}.", advice.join("; "));
     }
 }
 
-/// Whether another limit was found than this one.
-fn limit_differs(limit: f64, other: Option<Limit>) -> bool {
-    other.is_some_and(|(other, _)| (other - limit).abs() > 1e-12 * limit.abs())
+/// Whether a robot with this value of a field can be: then no bound of that field holds always.
+fn is_taken(description: &Value, path: &[String], value: &Value) -> bool {
+    with(description, path, value).is_some_and(|description| Robot::new(description).is_ok())
+}
+
+/// The description with another value of a field.
+fn with(description: &Value, path: &[String], value: &Value) -> Option<RobotDescription> {
+    let mut changed = description.clone();
+    *value_mut(&mut changed, path)? = value.clone();
+    serde_json::from_value(changed).ok()
 }
 
 /// A number a little larger: whole ones by one.
@@ -184,15 +217,79 @@ fn raised(value: &Value) -> Value {
 
 /// The limit that refuses this value of a field; none where it is another field that is refused.
 fn limit(description: &Value, path: &[String], extreme: &Value) -> Option<Limit> {
-    let mut changed = description.clone();
-    *value_mut(&mut changed, path)? = extreme.clone();
-    let changed: RobotDescription = serde_json::from_value(changed).ok()?;
-    match Robot::new(changed) {
+    match Robot::new(with(description, path, extreme)?) {
         Err(RobotError::TooSmall { field, limit, advice, .. } | RobotError::TooLarge { field, limit, advice, .. })
             if field == path.join(".") =>
         {
             Some((limit, advice))
         }
         _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bounds_are_those_of_the_checks() {
+        let schema = of_robot_files();
+        let bounds = |path| {
+            let field = field(&schema, path).unwrap();
+            (field.get("minimum").and_then(Value::as_f64), field.get("maximum").and_then(Value::as_f64))
+        };
+        assert_eq!(bounds("geometry.tip_radius_mm"), (Some(0.001), Some(1e4)));
+        assert_eq!(bounds("motion.tick_hz"), (Some(100.0), Some(1e6)));
+        assert_eq!(bounds("heater.max_c"), (Some(40.0), Some(500.0)));
+        assert_eq!(bounds("fan.growing_duty"), (Some(0.0), Some(1.0)));
+        // These end where another field says: R_min, the greatest height, the nozzle's limit.
+        assert_eq!(bounds("planning_radius_mm"), (None, Some(1e4)));
+        assert_eq!(bounds("layer.height_max_mm"), (None, Some(255.0)));
+        assert_eq!(bounds("heater.target_c"), (Some(30.0), None));
+        // Nobody asks how fast nothing is pulled back.
+        assert_eq!(bounds("feed.retract_mm_per_s"), (None, None));
+    }
+
+    #[test]
+    fn a_field_beyond_a_bound_of_the_schema_is_refused() {
+        let schema = of_robot_files();
+        let description = description(robot_file::DEFAULT).unwrap();
+        let mut paths = Vec::new();
+        collect_numbers(&description, &mut Vec::new(), &mut paths);
+        let mut tried = 0;
+        for path in &paths {
+            let field = field(&schema, &path.join(".")).unwrap();
+            for (keyword, step) in [("minimum", -1.0), ("maximum", 1.0)] {
+                let Some(bound) = field.get(keyword) else { continue };
+                let beyond = match bound.as_u64() {
+                    Some(whole) => json!(whole.saturating_add_signed(step as i64)),
+                    None => json!(bound.as_f64().unwrap() + step),
+                };
+                assert!(!is_taken(&description, path, &beyond), "{}: {beyond}", path.join("."));
+                tried += 1;
+            }
+        }
+        assert!(tried > 80, "{tried}");
+    }
+
+    #[test]
+    fn every_field_says_what_it_is_and_nothing_of_rust() {
+        fn look(schema: &Value, path: &str) {
+            for (key, field) in schema["properties"].as_object().into_iter().flatten() {
+                let path = format!("{path}.{key}");
+                let text = field["description"].as_str().unwrap_or_else(|| panic!("{path}"));
+                assert!(!text.is_empty() && !text.contains(['`', '\n']) && !text.contains("::"), "{path}: {text}");
+                assert!(field.get("type").is_some() || field.get("oneOf").is_some(), "{path}: {field}");
+                look(field, &path);
+            }
+        }
+        let schema = of_robot_files();
+        look(&schema, "");
+        assert!(!schema.to_string().contains("null"));
+        assert_eq!(
+            choices(&schema, "motion.strategy").iter().map(|(word, _)| *word).collect::<Vec<_>>(),
+            ["feed", "speed"]
+        );
+        assert!(meaning(&schema, "hold.standby_c").contains("heater.target_c where that is lower"));
     }
 }

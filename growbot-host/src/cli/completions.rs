@@ -10,7 +10,7 @@ use super::{Cli, Failure, ROBOT};
 
 /// Print the completions of a shell: commands, options, names of robots
 ///
-/// Where a robot is asked for, the built-in names are offered; in bash files too, once no name fits.
+/// Where a robot is asked for, bash, zsh and fish offer the built-in names; bash offers files too, once no name fits.
 #[derive(Args)]
 #[command(after_help = "\
 Examples:

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use growbot_host::output::{print, replace_file};
-use growbot_host::robot_questions::{Draft, NAME, QUESTIONS};
+use growbot_host::robot_questions::{Draft, NAME, NO_LIMIT, QUESTIONS, UNLIMITED};
 use growbot_host::{robot_file, schema};
 
 use super::{Failure, ROBOT};
@@ -42,10 +42,9 @@ pub fn run(args: &NewRobotArgs) -> Result<(), Failure> {
     }
     let (text, file) = robot_file::text_of(&args.base)?;
     let name = name_in(args.output.as_deref());
-    let first = Draft::of(&text, &file, &name)?;
-    let mut draft = first.clone();
+    let mut draft = Draft::of(&text, &file, &name)?;
     let given = ask(&mut draft)?;
-    let (robot, text) = draft.file(&first, &given)?;
+    let (robot, text) = draft.file(&given)?;
     let output = args.output.clone().unwrap_or_else(|| PathBuf::from(format!("{}.toml", robot.name())));
     refuse_to_overwrite(&output, args.force)?;
     replace_file(&output, text.as_bytes())?;
@@ -56,12 +55,13 @@ pub fn run(args: &NewRobotArgs) -> Result<(), Failure> {
          R_min     {r_min:.2} mm: {by_geometry:.2} by its mechanics, {by_layers:.2} by its layers\n\
          plans at  {radius} mm\n\
          \n\
-         Measure next, before the heater is switched on: {assumed} lines are still assumed.\n  \
-         growbot robots {output}    lists all, with what they mean\n  \
-         layer.height_min_mm, height_max_mm, tilt_max_deg   print bends: these decide R_min\n  \
-         feed.steps_per_mm, head.index_angle_deg            what a revolution moves; where the mark is\n  \
-         thermistor, heater.max_c                           the data sheets of your parts\n  \
-         heater.kp, ki, kd                                  growbot tune --robot {output} finds them\n",
+         Measure next, before the heater is switched on ({assumed} lines are still assumed):\n  \
+           layer.height_min_mm, height_max_mm, tilt_max_deg: print bends; they decide R_min\n  \
+           feed.steps_per_mm: how much filament a revolution pushes\n  \
+           head.index_angle_deg: where the mark is\n  \
+           thermistor, heater.max_c: what the data sheets of your parts say\n  \
+           heater.kp, ki, kd: growbot tune --robot {output}\n\
+         growbot robots {output} explains all of it.\n",
         name = robot.name(),
         r_min = robot.least_radius(),
         by_geometry = robot.least_radius_of_geometry(),
@@ -100,11 +100,13 @@ fn ask(draft: &mut Draft) -> Result<Vec<&'static str>, Failure> {
     for path in QUESTIONS {
         loop {
             let default = draft.default(path).unwrap_or_else(|| draft.shown(path));
-            let shown = default.trim_matches('"');
+            let shown = if default == UNLIMITED { NO_LIMIT } else { default.trim_matches('"') };
             let answer = if answers.ended {
                 None
             } else {
-                growbot_host::tell!("{}\n  {path} [{shown}]:", schema::meaning(&schema, path));
+                let words: Vec<&str> = schema::choices(&schema, path).iter().map(|(word, _)| *word).collect();
+                let words = if words.is_empty() { String::new() } else { format!(" ({})", words.join(", ")) };
+                growbot_host::tell!("{}\n  {path}{words} [{shown}]:", schema::meaning(&schema, path));
                 answers.next()?
             };
             let text = answer.as_deref().map(str::trim).filter(|answer| !answer.is_empty());
@@ -152,7 +154,9 @@ impl Answers {
             return Ok(None);
         }
         if line.len() as u64 >= LONGEST_ANSWER {
-            return Err(Failure::bad_input(format!("an answer is longer than {LONGEST_ANSWER} bytes: is it the right file?")));
+            return Err(Failure::bad_input(format!(
+                "an answer is longer than {LONGEST_ANSWER} bytes: is it the right file?"
+            )));
         }
         String::from_utf8(line).map(Some).map_err(|_| Failure::bad_input("an answer is not UTF-8 text"))
     }

@@ -8,6 +8,7 @@ use growbot_core::angle::degrees;
 use growbot_core::robot::Robot;
 use growbot_host::output::print;
 use growbot_host::robot_explained::{Explained, Field};
+use growbot_host::robot_questions::{NO_LIMIT, UNLIMITED};
 use growbot_host::{robot_file, schema};
 use serde_json::{Value, json};
 
@@ -112,16 +113,14 @@ fn in_words(explained: &Explained) -> String {
     let robot = &explained.robot;
     let layer = &robot.description().layer;
     let mut text = format!("{}\n{}\n", robot.name(), indented(&explained.about, 2));
-    let by_geometry = robot.least_radius_of_geometry() >= robot.least_radius_of_layers();
     for line in [
         format!(
-            "R_min, the tightest bend, is {:.2} mm by its {}: its mechanics allow {:.2} mm, its layers {:.2} mm. A layer leans by {:.3} degrees at the radius of plans, {} mm.",
+            "R_min, the tightest bend, is {:.2} mm: the mechanics allow {:.2} mm, the layers {:.2} mm. At the radius of plans, {} mm, a layer leans by {:.3} degrees.",
             robot.least_radius(),
-            if by_geometry { "mechanics" } else { "layers" },
             robot.least_radius_of_geometry(),
             robot.least_radius_of_layers(),
-            degrees(layer.height_mm / robot.description().planning_radius_mm),
             robot.description().planning_radius_mm,
+            degrees(layer.height_mm / robot.description().planning_radius_mm),
         ),
         format!(
             "It grows by {:.1} mm in an hour, a layer of {} mm in {} s, into a tube {} mm wide, and takes {:.1} mm of filament for a mm of body.",
@@ -141,7 +140,7 @@ fn in_words(explained: &Explained) -> String {
         }
         for field in &section.fields {
             let name = field.path.strip_prefix(&format!("{}.", section.name)).unwrap_or(&field.path);
-            let value = if field.value == "1000000000.0" { "no limit" } else { &field.value };
+            let value = if field.value == UNLIMITED { NO_LIMIT } else { &field.value };
             let mut said = format!("{name} = {value}");
             if !field.in_file {
                 said += "  (not in the file)";
