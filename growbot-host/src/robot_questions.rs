@@ -461,11 +461,17 @@ mod tests {
             assert_eq!(draft.default(next).as_deref(), Some(default));
             draft.answer(next, default).unwrap();
         }
-        let radius: f64 = draft.default("planning_radius_mm").unwrap().parse().unwrap();
-        draft.answer("planning_radius_mm", &radius.to_string()).unwrap();
+        // R_min is far below what it was: the radius of plans can stay.
+        assert_eq!(draft.default(RADIUS).as_deref(), Some("100.0"));
         draft.answer("heater.extrusion_min_c", &draft.default("heater.extrusion_min_c").unwrap()).unwrap();
+        assert!(draft.file(&[]).is_ok());
+
+        let mut draft = self::draft();
+        draft.answer("geometry.inner_length_mm", "90").unwrap();
+        let radius: f64 = draft.default(RADIUS).unwrap().parse().unwrap();
+        draft.answer(RADIUS, &radius.to_string()).unwrap();
         let least = draft.robot().unwrap().least_radius();
-        assert!((least..least * 1.01).contains(&radius), "{radius} for {least}");
+        assert!(least > 100.0 && (least..least * 1.01).contains(&radius), "{radius} for {least}");
     }
 
     #[test]

@@ -74,9 +74,7 @@ fn tidy(schema: &mut Value) {
         Value::Object(object) => {
             without_null(object);
             object.remove("format");
-            if object.get("default").is_some_and(Value::is_null) {
-                object.remove("default");
-            }
+            object.retain(|_, value| !value.is_null());
             if let Some(Value::String(text)) = object.get_mut("description") {
                 *text = plain(text);
             }
