@@ -2,7 +2,7 @@
 //!
 //! The geometry is growbot-core's; here are the files, texts and streams around it:
 //!
-//! - [`robot_file`]: descriptions of robots, built in or from TOML files;
+//! - [`robot_file`]: descriptions of robots, built in or from TOML files; [`robot_explained`], in words; [`robot_questions`], for a new one; their [`schema`];
 //! - [`pose_text`]: poses as people type them;
 //! - [`plan`]: a path with all that is said about it, and [`warning`], what speaks against growing it;
 //! - [`clearance`]: whether a body would run into itself;
@@ -39,8 +39,11 @@ pub mod port;
 pub mod pose_text;
 pub mod progress;
 pub mod reproduce;
+pub mod robot_explained;
 pub mod robot_file;
+pub mod robot_questions;
 pub mod run_log;
+pub mod schema;
 pub mod simulation;
 pub mod tip;
 pub mod warning;

@@ -3,6 +3,7 @@
 //! The files in `robots/` are in the binary, so that nothing has to be installed beside it. A file of one's own may have any name;
 //! what it describes is checked in full ([`Robot::new`]) before anything else sees it.
 
+use std::borrow::Cow;
 use std::path::Path;
 
 use growbot_core::robot::{Robot, RobotDescription, RobotError};
@@ -84,11 +85,20 @@ pub fn is_built_in(name: &str) -> bool {
 /// # Errors
 /// What is neither, cannot be read, or is no valid description.
 pub fn load(name_or_file: &Path) -> Result<Robot, RobotFileError> {
+    let (text, file) = text_of(name_or_file)?;
+    parse(&text, &file)
+}
+
+/// The text of the built-in description of this name or, failing that, of this file; and how messages call it.
+///
+/// # Errors
+/// What is neither or cannot be read.
+pub fn text_of(name_or_file: &Path) -> Result<(Cow<'static, str>, String), RobotFileError> {
     if let Some((name, text)) = BUILT_IN.iter().find(|(name, _)| name_or_file.as_os_str() == *name) {
-        return parse(text, name);
+        return Ok(((*text).into(), (*name).to_owned()));
     }
     match input::read_text(name_or_file) {
-        Ok(text) => parse(&text, &input::name_of(name_or_file)),
+        Ok(text) => Ok((text.into(), input::name_of(name_or_file))),
         Err(InputError::Unreadable { name, error })
             if error.kind() == std::io::ErrorKind::NotFound && looks_like_a_name(name_or_file) =>
         {

@@ -5,9 +5,11 @@ use serde::{Deserialize, Serialize};
 
 /// A robot as written in its file, not yet checked (see [`super::Robot::new`]).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct RobotDescription {
     /// The robot's name: letters, digits and hyphens.
+    #[cfg_attr(feature = "schema", schemars(with = "str", extend("pattern" = "^[a-z0-9-]+$", "maxLength" = 32)))]
     pub name: String<32>,
     /// The radius that plans use unless another is asked for, mm.
     pub planning_radius_mm: f64,
@@ -51,6 +53,7 @@ pub struct RobotDescription {
 
 /// The sizes that bound the curvature (Eq 7).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Geometry {
     /// `r_t`: from the centreline to where material is laid, mm.
@@ -63,6 +66,7 @@ pub struct Geometry {
 
 /// One layer of material and its limits.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct LayerDescription {
     /// Mean height of a full layer, mm.
@@ -79,6 +83,7 @@ pub struct LayerDescription {
 
 /// The printed wall: a ring of mean radius `r_t`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Wall {
     /// Thickness, mm.
@@ -87,6 +92,7 @@ pub struct Wall {
 
 /// What the wall is made of, as printed: what it weighs and bears.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Material {
     /// Density, g/cm^3.
@@ -99,6 +105,7 @@ pub struct Material {
 
 /// What the body carries at its end: head, feed, heater and what else is inside the tube.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Tip {
     /// Mass, g.
@@ -107,6 +114,7 @@ pub struct Tip {
 
 /// How material is varied round a turn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "lowercase")]
 pub enum FeedStrategy {
     /// The head turns steadily and the feed is modulated.
@@ -117,6 +125,7 @@ pub enum FeedStrategy {
 
 /// Which way the head turns.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "lowercase")]
 pub enum Turning {
     /// Always counter-clockwise: the wires to the head pass through a slip ring.
@@ -128,6 +137,7 @@ pub enum Turning {
 
 /// How both steppers are driven.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Motion {
     /// Rate of the step interrupt, Hz. A step pulse is high for one tick and low for at least one.
@@ -143,6 +153,7 @@ pub struct Motion {
 
 /// The head, which turns the nozzle round the deposition plane.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Head {
     /// Motor steps (microsteps included) for one turn of the head.
@@ -171,6 +182,7 @@ pub struct Head {
 
 /// The feed, which pushes filament.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Feed {
     /// Motor steps (microsteps included) for a mm of filament.
@@ -195,6 +207,7 @@ pub struct Feed {
 
 /// The filament that the robot has: a full spool.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Filament {
     /// Length on the spool when growth begins, mm. A plan that needs more is warned of (`filament-short`).
@@ -206,6 +219,7 @@ pub struct Filament {
 
 /// The nozzle's heater: limits, regulation, and the figures that a simulation of it takes.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Heater {
     /// Temperature while growing, degrees Celsius.
@@ -236,6 +250,7 @@ pub struct Heater {
 ///
 /// Its equation is either Beta's (`r25_ohm` and `beta_k`) or that of Steinhart and Hart.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Thermistor {
     /// Resistance at 25 degrees Celsius, ohm.
@@ -253,6 +268,7 @@ pub struct Thermistor {
 
 /// The fan that cools what is printed.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Fan {
     /// Duty while growing, 0 to 1; 0 for no fan.
@@ -263,6 +279,7 @@ pub struct Fan {
 
 /// What happens while the robot waits for layers.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Hold {
     /// Temperature that the nozzle is let down to, degrees Celsius; [`Heater::target_c`] where that is lower.
@@ -275,6 +292,7 @@ pub struct Hold {
 
 /// The supply of heater and motors, read by a 12-bit converter behind a divider.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Supply {
     /// The voltage that [`Heater::power_w`] is meant at, V.
@@ -289,6 +307,7 @@ pub struct Supply {
 
 /// Which sensors a robot has beyond thermistor and index sensor, and how they are wired.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields, default)]
 pub struct Sensors {
     /// A switch that closes on filament.
@@ -307,6 +326,7 @@ pub struct Sensors {
 
 /// An input with two levels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Input {
     /// The level that means what the input is called: filament there, a driver's fault, the button pressed.
@@ -315,6 +335,7 @@ pub struct Input {
 
 /// An encoder that the filament turns.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct FilamentMotion {
     /// Filament from one rising edge to the next, mm.

@@ -4,6 +4,7 @@
 //! answered no; 2, something was wrong before the job.
 
 mod cancel;
+mod completions;
 mod console;
 mod disturbance;
 mod estop;
@@ -15,12 +16,15 @@ mod grow;
 mod growth_table;
 mod interrupt;
 mod layers;
+mod man;
+mod new_robot;
 mod plan;
 mod plan_table;
 mod replay;
 mod reproduce;
 mod resume;
 mod rmin;
+mod robots;
 mod search;
 mod simulate;
 mod simulate_table;
@@ -67,6 +71,8 @@ Exit codes: 0, done; 1, the answer is no; 2, something was wrong before the job.
 
 #[derive(Subcommand)]
 enum Command {
+    Robots(robots::RobotsArgs),
+    NewRobot(new_robot::NewRobotArgs),
     Rmin(rmin::RminArgs),
     Plan(plan::PlanArgs),
     Layers(layers::LayersArgs),
@@ -84,11 +90,15 @@ enum Command {
     Tune(tune::TuneArgs),
     Console(console::ConsoleArgs),
     Flash(flash::FlashArgs),
+    Completions(completions::CompletionsArgs),
+    Man(man::ManArgs),
 }
 
 /// Reads the command line and runs the command.
 pub fn run() -> ExitCode {
     let done = match Cli::parse().command {
+        Some(Command::Robots(args)) => robots::run(&args),
+        Some(Command::NewRobot(args)) => new_robot::run(&args),
         Some(Command::Rmin(args)) => rmin::run(&args),
         Some(Command::Plan(args)) => plan::run(&args),
         Some(Command::Layers(args)) => layers::run(&args),
@@ -106,6 +116,8 @@ pub fn run() -> ExitCode {
         Some(Command::Tune(args)) => tune::run(&args),
         Some(Command::Console(args)) => console::run(&args),
         Some(Command::Flash(args)) => flash::run(&args),
+        Some(Command::Completions(args)) => completions::run(&args),
+        Some(Command::Man(args)) => man::run(&args),
         None => grow::run_main_job(),
     };
     match done {
@@ -239,11 +251,14 @@ impl PortArg {
     }
 }
 
+/// What an argument that names a robot is called in the help: [`completions`] knows them by it.
+const ROBOT: &str = "FILE|NAME";
+
 /// `--robot`, where a robot must be known.
 #[derive(Args)]
 pub struct RobotArg {
     /// The robot: a built-in name (growbot-a, -a1 to -a8, -b, -c) or a TOML file
-    #[arg(long, value_name = "FILE|NAME", default_value = robot_file::DEFAULT)]
+    #[arg(long, value_name = ROBOT, default_value = robot_file::DEFAULT)]
     robot: PathBuf,
 }
 

@@ -1,0 +1,124 @@
+//! `growbot man`: the manual, a page for each command.
+
+use std::io::{self, Write};
+use std::path::PathBuf;
+
+use clap::{Args, Command, CommandFactory};
+use clap_mangen::Man;
+use growbot_host::nearest::nearest;
+use growbot_host::output::{print, replace_file};
+
+use super::{Cli, Failure};
+
+/// Print a page of the manual, or write all of them
+#[derive(Args)]
+#[command(after_help = "\
+Examples:
+  growbot man plan | man -l -
+  mkdir -p ~/.local/share/man/man1 && growbot man -o ~/.local/share/man/man1")]
+pub struct ManArgs {
+    /// The command that the page is about [default: growbot itself]
+    #[arg(value_name = "COMMAND", conflicts_with = "output")]
+    command: Option<String>,
+    /// Write all pages into this directory, growbot.1 and growbot-COMMAND.1
+    #[arg(short, long, value_name = "DIR")]
+    output: Option<PathBuf>,
+}
+
+/// Runs the command.
+pub fn run(args: &ManArgs) -> Result<(), Failure> {
+    let mut root = Cli::command().disable_help_subcommand(true);
+    root.build();
+    // Writing to memory cannot fail.
+    let text = |command: &Command| page(command, &root).map_err(Failure::bad_input);
+    if let Some(directory) = &args.output {
+        // All pages exist before the first is written.
+        let mut pages = vec![("growbot.1".to_owned(), text(&root)?)];
+        for command in root.get_subcommands() {
+            pages.push((format!("growbot-{}.1", command.get_name()), text(command)?));
+        }
+        for (name, page) in &pages {
+            replace_file(&directory.join(name), page)?;
+        }
+        growbot_host::tell!("growbot: {} pages written to {}", pages.len(), directory.display());
+        return Ok(());
+    }
+    let command = match &args.command {
+        None => &root,
+        Some(name) => root.find_subcommand(name).ok_or_else(|| unknown(name, &root))?,
+    };
+    Ok(print(&String::from_utf8_lossy(&text(command)?))?)
+}
+
+fn unknown(name: &str, root: &Command) -> Failure {
+    let meant = nearest(name, root.get_subcommands().map(Command::get_name));
+    let meant = meant.map(|meant| format!(" (did you mean {meant}?)")).unwrap_or_default();
+    Failure::bad_input(format!("there is no command {name:?}{meant}: growbot help lists them"))
+}
+
+/// The page of a command, as roff: what `--help` says, its examples and exit codes in sections of their own.
+fn page(command: &Command, root: &Command) -> io::Result<Vec<u8>> {
+    let mut page = Vec::new();
+    let source = format!("growbot {}", root.get_version().unwrap_or_default());
+    let man = Man::new(command.clone()).source(source).manual("growbot");
+    man.render_title(&mut page)?;
+    man.render_name_section(&mut page)?;
+    man.render_synopsis_section(&mut page)?;
+    man.render_description_section(&mut page)?;
+    man.render_options_section(&mut page)?;
+    if command.has_subcommands() {
+        man.render_subcommands_section(&mut page)?;
+    }
+    let said = Said::after_help_of(command);
+    section(&mut page, "NOTES", &said.notes)?;
+    section(&mut page, "EXAMPLES", &said.examples)?;
+    let exit_codes = if said.exit_codes.is_empty() { Said::after_help_of(root).exit_codes } else { said.exit_codes };
+    section(&mut page, "EXIT STATUS", &exit_codes)?;
+    if command.get_name() != root.get_name() {
+        section(&mut page, "SEE ALSO", "growbot(1)\n")?;
+    }
+    Ok(page)
+}
+
+/// What the end of a command's help says, sorted for the sections of its page.
+#[derive(Default)]
+struct Said {
+    notes: String,
+    examples: String,
+    exit_codes: String,
+}
+
+impl Said {
+    fn after_help_of(command: &Command) -> Self {
+        let help = command.get_after_long_help().or_else(|| command.get_after_help());
+        let help = help.map(ToString::to_string).unwrap_or_default();
+        let mut said = Self::default();
+        for paragraph in help.split("\n\n").map(str::trim_end).filter(|paragraph| !paragraph.is_empty()) {
+            let (first, rest) = paragraph.split_once('\n').unwrap_or((paragraph, ""));
+            let (to, text) = match (first, first.strip_prefix("Exit codes: ")) {
+                ("Example:" | "Examples:", _) => (&mut said.examples, rest.to_owned()),
+                (_, Some(codes)) => (&mut said.exit_codes, format!("{codes}\n{rest}")),
+                _ => (&mut said.notes, paragraph.to_owned()),
+            };
+            if !to.is_empty() {
+                to.push('\n');
+            }
+            to.push_str(text.trim_end());
+            to.push('\n');
+        }
+        said
+    }
+}
+
+/// A section whose lines stay as they are; nothing where there are none.
+fn section(page: &mut Vec<u8>, heading: &str, text: &str) -> io::Result<()> {
+    if text.is_empty() {
+        return Ok(());
+    }
+    writeln!(page, ".SH \"{heading}\"\n.nf")?;
+    for line in text.lines() {
+        // A line that begins with a dot or a quote would be a request; \& is nothing, and ends that.
+        writeln!(page, "\\&{}", line.replace('\\', "\\e").replace('-', "\\-").replace('\'', "\\(aq"))?;
+    }
+    writeln!(page, ".fi")
+}

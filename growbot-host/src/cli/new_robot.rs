@@ -1,0 +1,163 @@
+//! `growbot new-robot`: asks what a robot is like and writes its file.
+
+use std::io::{self, BufRead, IsTerminal, Read};
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use growbot_host::output::{print, replace_file};
+use growbot_host::robot_questions::{Draft, NAME, NO_LIMIT, QUESTIONS, UNLIMITED};
+use growbot_host::{robot_file, schema};
+
+use super::{Failure, ROBOT};
+
+/// No answer is longer than this, bytes.
+const LONGEST_ANSWER: u64 = 4096;
+
+/// Describe a robot of your own: answer questions, get its file
+///
+/// Asks for what matters most; Enter takes the value in brackets, which is that of the robot that it starts from, or one near it
+/// that goes with the answers before. Answers may come from a pipe, a line each: then the first that cannot be ends
+/// it, and where they end the rest is as in brackets. What is not asked for stays as it is in the robot that it starts from, with
+/// its comments.
+#[derive(Args)]
+#[command(
+    after_help = "Examples:\n  growbot new-robot --from growbot-a -o my-robot.toml\n  printf 'my-robot\\n14\\n60\\n25\\n' | growbot new-robot"
+)]
+pub struct NewRobotArgs {
+    /// Write this file [default: the robot's name and .toml]
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+    /// The robot to start from: a built-in name or a TOML file
+    #[arg(long = "from", value_name = ROBOT, default_value = robot_file::DEFAULT)]
+    base: PathBuf,
+    /// Replace the file if there is one
+    #[arg(long)]
+    force: bool,
+}
+
+/// Runs the command.
+pub fn run(args: &NewRobotArgs) -> Result<(), Failure> {
+    if let Some(output) = &args.output {
+        refuse_to_overwrite(output, args.force)?;
+    }
+    let (text, file) = robot_file::text_of(&args.base)?;
+    let name = name_in(args.output.as_deref());
+    let mut draft = Draft::of(&text, &file, &name)?;
+    let given = ask(&mut draft)?;
+    let (robot, text) = draft.file(&given)?;
+    let output = args.output.clone().unwrap_or_else(|| PathBuf::from(format!("{}.toml", robot.name())));
+    refuse_to_overwrite(&output, args.force)?;
+    replace_file(&output, text.as_bytes())?;
+    let assumed = text.matches("# assumed").count();
+    let output = output.display();
+    Ok(print(&format!(
+        "{name}, written to {output}\n\
+         R_min     {r_min:.2} mm: {by_geometry:.2} by its mechanics, {by_layers:.2} by its layers\n\
+         plans at  {radius} mm\n\
+         \n\
+         Measure next, before the heater is switched on ({assumed} lines are still assumed):\n  \
+           layer.height_min_mm, height_max_mm, tilt_max_deg: print bends; they decide R_min\n  \
+           feed.steps_per_mm: how much filament a revolution pushes\n  \
+           head.index_angle_deg: where the mark is\n  \
+           thermistor, heater.max_c: what the data sheets of your parts say\n  \
+           heater.kp, ki, kd: growbot tune --robot {output}\n\
+         growbot robots {output} explains all of it.\n",
+        name = robot.name(),
+        r_min = robot.least_radius(),
+        by_geometry = robot.least_radius_of_geometry(),
+        by_layers = robot.least_radius_of_layers(),
+        radius = robot.description().planning_radius_mm,
+    ))?)
+}
+
+fn refuse_to_overwrite(output: &Path, force: bool) -> Result<(), Failure> {
+    if !force && output.symlink_metadata().is_ok() {
+        return Err(Failure::bad_input(format!(
+            "{} is there already: choose another name with -o, or replace it with --force",
+            output.display()
+        )));
+    }
+    Ok(())
+}
+
+/// The name that a robot in this file would have.
+fn name_in(output: Option<&Path>) -> String {
+    let stem = output.and_then(Path::file_stem).map(|stem| stem.to_string_lossy().to_lowercase());
+    let plain = |name: &String| {
+        !name.is_empty()
+            && name.len() <= 32
+            && name.chars().all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-')
+            && !robot_file::is_built_in(name)
+    };
+    stem.filter(plain).unwrap_or_else(|| "my-robot".to_owned())
+}
+
+/// Asks all questions; gives what was answered with more than Enter.
+fn ask(draft: &mut Draft) -> Result<Vec<&'static str>, Failure> {
+    let schema = schema::of_fields();
+    let mut answers = Answers { ended: false, by_hand: io::stdin().is_terminal() };
+    let mut given = Vec::new();
+    for path in QUESTIONS {
+        loop {
+            let default = draft.default(path).unwrap_or_else(|| draft.shown(path));
+            let shown = if default == UNLIMITED { NO_LIMIT } else { default.trim_matches('"') };
+            let answer = if answers.ended {
+                None
+            } else {
+                let words: Vec<&str> = schema::choices(&schema, path).iter().map(|(word, _)| *word).collect();
+                let words = if words.is_empty() { String::new() } else { format!(" ({})", words.join(", ")) };
+                growbot_host::tell!("{}\n  {path}{words} [{shown}]:", schema::meaning(&schema, path));
+                answers.next()?
+            };
+            let text = answer.as_deref().map(str::trim).filter(|answer| !answer.is_empty());
+            match draft.answer(path, text.unwrap_or(shown)) {
+                Ok(adapted) => {
+                    for change in adapted {
+                        growbot_host::tell!(
+                            "  {} was {}, which does not go with that: it is {} now",
+                            change.path,
+                            change.from,
+                            change.to
+                        );
+                    }
+                    if text.is_some() && path != NAME {
+                        given.push(path);
+                    }
+                    break;
+                }
+                // In a pipe the next line is the answer to the next question.
+                Err(refused) if answers.by_hand && text.is_some() => {
+                    Failure::bad_input(refused).say();
+                }
+                Err(refused) => return Err(Failure::bad_input(refused)),
+            }
+        }
+    }
+    Ok(given)
+}
+
+/// Lines of standard input.
+struct Answers {
+    ended: bool,
+    by_hand: bool,
+}
+
+impl Answers {
+    /// The next answer; none where they have ended, which is said once.
+    fn next(&mut self) -> Result<Option<String>, Failure> {
+        let mut line = Vec::new();
+        let unreadable = |error| Failure::bad_input(format!("cannot read the answers: {error}"));
+        io::stdin().lock().take(LONGEST_ANSWER).read_until(b'\n', &mut line).map_err(unreadable)?;
+        if line.is_empty() {
+            self.ended = true;
+            growbot_host::tell!("growbot: the answers end here: the rest is as in brackets, or as it was");
+            return Ok(None);
+        }
+        if line.len() as u64 >= LONGEST_ANSWER {
+            return Err(Failure::bad_input(format!(
+                "an answer is longer than {LONGEST_ANSWER} bytes: is it the right file?"
+            )));
+        }
+        String::from_utf8(line).map(Some).map_err(|_| Failure::bad_input("an answer is not UTF-8 text"))
+    }
+}

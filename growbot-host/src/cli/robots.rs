@@ -1,0 +1,184 @@
+//! `growbot robots`: which robots are built in, and what a description says.
+
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use growbot_core::angle::degrees;
+use growbot_core::robot::Robot;
+use growbot_host::output::print;
+use growbot_host::robot_explained::{Explained, Field};
+use growbot_host::robot_questions::{NO_LIMIT, UNLIMITED};
+use growbot_host::{robot_file, schema};
+use serde_json::{Value, json};
+
+use super::{Failure, ROBOT};
+
+/// Columns of a terminal.
+const WIDTH: usize = 80;
+
+/// List the built-in robots, or explain one in words
+///
+/// With a name or a file: all that its description says, what each field means, and which values are assumed: measure those
+/// on your robot before you rely on them.
+#[derive(Args)]
+#[command(
+    after_help = "Examples:\n  growbot robots\n  growbot robots growbot-b\n  growbot robots --schema > growbot-robot.schema.json"
+)]
+pub struct RobotsArgs {
+    /// The robot to explain: a built-in name or a TOML file
+    #[arg(value_name = ROBOT)]
+    robot: Option<PathBuf>,
+    /// Print JSON: an array of the robots, or one robot with its fields
+    #[arg(long)]
+    json: bool,
+    /// Print the JSON Schema of robot files, for editors
+    #[arg(long, conflicts_with_all = ["robot", "json"])]
+    schema: bool,
+}
+
+/// Runs the command.
+pub fn run(args: &RobotsArgs) -> Result<(), Failure> {
+    let text = match (&args.robot, args.json) {
+        _ if args.schema => format!("{:#}\n", schema::of_robot_files()),
+        (None, true) => {
+            let robots: Result<Vec<Value>, Failure> =
+                robot_file::names().map(|name| Ok(overview(&Explained::of(Path::new(name))?))).collect();
+            format!("{}\n", Value::from(robots?))
+        }
+        (None, false) => table()?,
+        (Some(robot), true) => format!("{}\n", in_full(&Explained::of(robot)?)),
+        (Some(robot), false) => in_words(&Explained::of(robot)?),
+    };
+    Ok(print(&text)?)
+}
+
+/// Growth, mm/h.
+fn growth_rate(robot: &Robot) -> f64 {
+    let layer = &robot.description().layer;
+    layer.height_mm / layer.period_s * 3600.0
+}
+
+fn overview(explained: &Explained) -> Value {
+    let robot = &explained.robot;
+    let description = robot.description();
+    json!({
+        "robot": robot.name(),
+        "about": explained.about,
+        "r_min_mm": robot.least_radius(),
+        "planning_radius_mm": description.planning_radius_mm,
+        "layer_height_mm": description.layer.height_mm,
+        "layer_period_s": description.layer.period_s,
+        "growth_mm_per_h": growth_rate(robot),
+    })
+}
+
+fn in_full(explained: &Explained) -> Value {
+    let field = |field: &Field| {
+        json!({
+            "field": field.path, "value": field.value, "means": field.means,
+            "in_file": field.in_file, "assumed": field.is_assumed(), "remark": field.remark,
+        })
+    };
+    let mut value = overview(explained);
+    value["fields"] = explained.fields().map(field).collect();
+    value
+}
+
+fn table() -> Result<String, Failure> {
+    let mut text = "robot        R_min, mm  plans at, mm  layer, mm  period, s  growth, mm/h\n".to_owned();
+    for name in robot_file::names() {
+        let explained = Explained::of(Path::new(name))?;
+        let robot = &explained.robot;
+        let description = robot.description();
+        let layer = &description.layer;
+        // Writing to a String cannot fail.
+        let _ = writeln!(
+            text,
+            "{name:<12} {:>9.2}  {:>12}  {:>9}  {:>9}  {:>12.1}",
+            robot.least_radius(),
+            description.planning_radius_mm,
+            layer.height_mm,
+            layer.period_s,
+            growth_rate(robot)
+        );
+        text += &indented(&explained.what_and_source(), 4);
+    }
+    text += "\nplans at: the radius of the bends in plans; R_min: the least that there can be.\n";
+    text += "growbot robots NAME explains one; --robot takes a name or a file.\n";
+    Ok(text)
+}
+
+fn in_words(explained: &Explained) -> String {
+    let robot = &explained.robot;
+    let layer = &robot.description().layer;
+    let mut text = format!("{}\n{}\n", robot.name(), indented(&explained.about, 2));
+    for line in [
+        format!(
+            "R_min, the tightest bend, is {:.2} mm: the mechanics allow {:.2} mm, the layers {:.2} mm. At the radius of plans, {} mm, a layer leans by {:.3} degrees.",
+            robot.least_radius(),
+            robot.least_radius_of_geometry(),
+            robot.least_radius_of_layers(),
+            robot.description().planning_radius_mm,
+            degrees(layer.height_mm / robot.description().planning_radius_mm),
+        ),
+        format!(
+            "It grows by {:.1} mm in an hour, a layer of {} mm in {} s, into a tube {} mm wide, and takes {:.1} mm of filament for a mm of body.",
+            growth_rate(robot),
+            layer.height_mm,
+            layer.period_s,
+            robot.outer_diameter(),
+            robot.filament_per_length(),
+        ),
+    ] {
+        text += &indented(&line, 2);
+    }
+    for section in &explained.sections {
+        text.push('\n');
+        if !section.name.is_empty() {
+            text += &indented(&format!("[{}] {}", section.name, section.means), 0);
+        }
+        for field in &section.fields {
+            let name = field.path.strip_prefix(&format!("{}.", section.name)).unwrap_or(&field.path);
+            let value = if field.value == UNLIMITED { NO_LIMIT } else { &field.value };
+            let mut said = format!("{name} = {value}");
+            if !field.in_file {
+                said += "  (not in the file)";
+            } else if !field.remark.is_empty() {
+                said += &format!("  # {}", field.remark);
+            }
+            text += &indented(&said, 2);
+            text += &indented(&field.means, 6);
+        }
+    }
+    let assumed = explained.fields().filter(|field| field.is_assumed()).count();
+    text.push('\n');
+    text += &indented(
+        &format!(
+            "{assumed} of {} values are assumed (# assumed): measure them on your robot before you rely on them.",
+            explained.fields().count()
+        ),
+        0,
+    );
+    text
+}
+
+/// The text in lines of 80 columns, all indented by so much.
+fn indented(text: &str, indent: usize) -> String {
+    let mut lines = String::new();
+    let mut line = String::new();
+    for word in text.split(' ').filter(|word| !word.is_empty()) {
+        if !line.is_empty() && indent + line.chars().count() + 1 + word.chars().count() > WIDTH {
+            let _ = writeln!(lines, "{:indent$}{line}", "");
+            line.clear();
+        }
+        if !line.is_empty() {
+            line.push(' ');
+        }
+        line += word;
+    }
+    if !line.is_empty() {
+        let _ = writeln!(lines, "{:indent$}{line}", "");
+    }
+    lines
+}

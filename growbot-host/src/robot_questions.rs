@@ -1,0 +1,519 @@
+//! A new robot from one that there is: what is asked, which answers can be, and the file that comes of them.
+//!
+//! The file begun with is kept with its comments. Each answer goes into it and the whole is checked as any robot file is
+//! ([`robot_file::parse`]); what the check finds wrong with the answer, or with one given before, refuses it.
+
+use growbot_core::robot::{Robot, RobotError};
+use toml_edit::{DocumentMut, Item, RawString, Value};
+
+use crate::robot_explained::{is_assumed, opening_comment};
+use crate::robot_file::{self, RobotFileError};
+
+/// What is asked, in this order: a field comes after those that bound it.
+pub const QUESTIONS: [&str; 24] = [
+    NAME,
+    "geometry.inner_radius_mm",
+    "geometry.inner_length_mm",
+    "geometry.tip_radius_mm",
+    "wall.width_mm",
+    "layer.height_mm",
+    "layer.height_min_mm",
+    "layer.height_max_mm",
+    "layer.tilt_max_deg",
+    "layer.period_s",
+    RADIUS,
+    "motion.tick_hz",
+    "motion.strategy",
+    "motion.turning",
+    "head.steps_per_turn",
+    "head.acceleration_turns_per_s2",
+    "feed.filament_diameter_mm",
+    "feed.steps_per_mm",
+    "feed.acceleration_mm_per_s2",
+    "filament.spool_mm",
+    "heater.max_c",
+    "heater.target_c",
+    "heater.extrusion_min_c",
+    "heater.power_w",
+];
+
+/// The field that says what the robot is called.
+pub const NAME: &str = "name";
+/// The field whose remark tells `R_min`.
+const RADIUS: &str = "planning_radius_mm";
+
+/// What is as good as no limit, as TOML.
+pub const UNLIMITED: &str = "1000000000.0";
+/// How people say so.
+pub const NO_LIMIT: &str = "no limit";
+
+/// What grows with what: where a value cannot stay, it is changed as the other one was.
+const IN_PROPORTION: [(&str, &str); 3] = [
+    ("geometry.tip_radius_mm", "geometry.inner_radius_mm"),
+    ("layer.height_min_mm", "layer.height_mm"),
+    ("layer.height_max_mm", "layer.height_mm"),
+];
+
+/// Why an answer was not taken.
+#[derive(Debug, thiserror::Error)]
+pub enum Refused {
+    /// No value of this kind.
+    #[error("{path} cannot be {text:?}: give {kind}")]
+    Kind {
+        /// The field.
+        path: &'static str,
+        /// What was answered.
+        text: String,
+        /// What it must be.
+        kind: &'static str,
+    },
+    /// The name is taken.
+    #[error("{name} is built in, and plans tell robots apart by name: choose another name")]
+    BuiltIn {
+        /// The name.
+        name: String,
+    },
+    /// A robot like that cannot be.
+    #[error(transparent)]
+    Robot(#[from] RobotFileError),
+}
+
+/// A value that was changed so that others can be.
+#[derive(Debug, PartialEq)]
+pub struct Adapted {
+    /// The field.
+    pub path: String,
+    /// What it was.
+    pub from: String,
+    /// What it is.
+    pub to: String,
+}
+
+/// A robot that is being described.
+#[derive(Debug, Clone)]
+pub struct Draft {
+    document: DocumentMut,
+    /// What it began as: the file, with what it leaves out of what is asked.
+    first: DocumentMut,
+    left_out: Vec<&'static str>,
+    /// The robot that it began as.
+    base: String,
+    about: String,
+    /// Lines at the top that are for tools, such as `#:schema`.
+    directives: String,
+}
+
+impl Draft {
+    /// Begins with this robot file, called so in messages, under another name.
+    ///
+    /// # Errors
+    /// What is no robot file.
+    pub fn of(text: &str, file: &str, name: &str) -> Result<Self, RobotFileError> {
+        let robot = robot_file::parse(text, file)?;
+        let mut draft = Self {
+            // Parses: it has just been read as a robot file.
+            document: text.parse().unwrap_or_default(),
+            first: DocumentMut::new(),
+            left_out: Vec::new(),
+            base: robot.name().to_owned(),
+            about: opening_comment(text),
+            directives: text.split_inclusive('\n').filter(|line| line.starts_with("#:")).collect(),
+        };
+        // What the file leaves out is asked for too, and may be given.
+        let written = toml::to_string(robot.description()).unwrap_or_default();
+        let whole: DocumentMut = written.parse().unwrap_or_default();
+        for path in QUESTIONS {
+            if draft.value(path).is_none()
+                && let Some(value) = look_up(whole.as_item(), path)
+            {
+                draft.put(path, value.clone());
+                draft.left_out.push(path);
+            }
+        }
+        draft.first = draft.document.clone();
+        draft.put(NAME, name.into());
+        Ok(draft)
+    }
+
+    /// The value of a field, as TOML.
+    #[must_use]
+    pub fn shown(&self, path: &str) -> String {
+        self.value(path).map(shown).unwrap_or_default()
+    }
+
+    /// Takes an answer; gives what had to be changed that is not asked for.
+    ///
+    /// # Errors
+    /// Why not; the draft is then as it was.
+    pub fn answer(&mut self, path: &'static str, text: &str) -> Result<Vec<Adapted>, Refused> {
+        let value = self.understood(path, text)?;
+        if path == NAME && value.as_str().is_some_and(robot_file::is_built_in) {
+            return Err(Refused::BuiltIn { name: text.to_owned() });
+        }
+        let mut changed = self.clone();
+        changed.put(path, value);
+        changed.refused_at(path)?;
+        let adapted = changed.adapt();
+        *self = changed;
+        Ok(adapted)
+    }
+
+    /// What is taken where nothing is answered: the value that the field has if it can stay, else one near it that can be.
+    #[must_use]
+    pub fn default(&self, path: &'static str) -> Option<String> {
+        self.possible(path, |draft| draft.refused_at(path).is_ok()).map(|value| shown(&value))
+    }
+
+    /// The robot, if all is well.
+    ///
+    /// # Errors
+    /// What is not.
+    pub fn robot(&self) -> Result<Robot, RobotFileError> {
+        robot_file::parse(&self.document.to_string(), &self.shown(NAME).replace('"', ""))
+    }
+
+    /// The file: the one begun with, with its comments, and what was given or changed marked as such.
+    ///
+    /// # Errors
+    /// As [`Draft::robot`].
+    pub fn file(&self, given: &[&'static str]) -> Result<(Robot, String), RobotFileError> {
+        let robot = self.robot()?;
+        let mut document = self.document.clone();
+        for path in paths(self.document.as_item(), "") {
+            let was = look_up(self.first.as_item(), &path).map(shown);
+            let Some(value) = look_up_mut(document.as_item_mut(), &path) else { continue };
+            let (given, changed) = (given.contains(&path.as_str()), was.as_ref() != Some(&shown(value)));
+            if !given && !changed && self.left_out.contains(&path.as_str()) {
+                remove(document.as_item_mut(), &path);
+                continue;
+            }
+            if path == NAME || !(changed || given || path == RADIUS) {
+                continue;
+            }
+            let old = remark(value);
+            let mut said = match (given, changed) {
+                (true, _) => "given".to_owned(),
+                (false, true) => "adapted".to_owned(),
+                (false, false) if is_assumed(&old) => old.clone(),
+                (false, false) => format!("as {}", self.base),
+            };
+            if path == RADIUS {
+                said += &format!("; R_min is {:.2}", robot.least_radius());
+            } else if let (true, Some(was)) = (changed, was) {
+                let old = if old.is_empty() { old } else { format!(", {old}") };
+                said += &format!("; {} has {was}{old}", self.base);
+            }
+            value.decor_mut().set_suffix(format!(" # {said}"));
+        }
+        let body = document.to_string();
+        // The comment at the top tells of the robot begun with.
+        let body: String = body.split_inclusive('\n').skip_while(|line| line.starts_with('#')).collect();
+        let name = robot.name();
+        let mut text = self.directives.clone();
+        text += &comment(&format!(
+            "{name}: begun by `growbot new-robot` from {}. \"given\" marks what was answered, \"adapted\" what had to follow from it, \"assumed\" what nobody has measured: measure it before you rely on it. Other remarks are those of {}:",
+            self.base, self.base
+        ));
+        text += "#\n";
+        text += &comment(&self.about);
+        if !body.starts_with('\n') {
+            text.push('\n');
+        }
+        text += &body;
+        // What is written is what is read: the file is checked as it is.
+        let robot = robot_file::parse(&text, name)?;
+        Ok((robot, text))
+    }
+
+    fn value(&self, path: &str) -> Option<&Value> {
+        look_up(self.document.as_item(), path)
+    }
+
+    /// Sets a field; its comment stays.
+    fn put(&mut self, path: &str, mut value: Value) {
+        if let Some(old) = look_up_mut(self.document.as_item_mut(), path) {
+            *value.decor_mut() = old.decor().clone();
+            *old = value;
+            return;
+        }
+        *value.decor_mut() = toml_edit::Decor::new(" ", "");
+        let mut item = self.document.as_item_mut();
+        for key in path.split('.') {
+            item = &mut item[key];
+        }
+        *item = Item::Value(value);
+    }
+
+    /// A text as a value of the kind that the field has.
+    fn understood(&self, path: &'static str, text: &str) -> Result<Value, Refused> {
+        let text = text.trim();
+        let refused = |kind| Refused::Kind { path, text: text.to_owned(), kind };
+        match self.value(path) {
+            Some(Value::Integer(_)) => {
+                let whole: u32 = text.parse().map_err(|_| refused("a whole number, 0 or more"))?;
+                Ok(i64::from(whole).into())
+            }
+            Some(Value::Float(_)) if text == NO_LIMIT => Ok(1e9.into()),
+            Some(Value::Float(_)) => {
+                let number: f64 = text.parse().map_err(|_| refused("a number, say 1.5"))?;
+                Ok(number.into())
+            }
+            _ => Ok(text.trim_matches('"').into()),
+        }
+    }
+
+    /// Whether this field, or one asked for before it, is refused.
+    fn refused_at(&self, path: &str) -> Result<(), Refused> {
+        let place = |path: &str| QUESTIONS.iter().position(|question| *question == path);
+        match self.robot() {
+            Ok(_) => Ok(()),
+            Err(RobotFileError::Robot { file, error }) => {
+                let at = place(field_of(&error));
+                if at.is_some_and(|at| Some(at) <= place(path)) {
+                    return Err(RobotFileError::Robot { file, error }.into());
+                }
+                Ok(())
+            }
+            Err(error) => Err(error.into()),
+        }
+    }
+
+    /// Changes what is not asked for until nothing of it is refused.
+    fn adapt(&mut self) -> Vec<Adapted> {
+        let mut adapted = Vec::new();
+        // Each field once: what cannot be mended that way is refused when the file is written.
+        while let Err(RobotFileError::Robot { error, .. }) = self.robot() {
+            let path = field_of(&error);
+            if QUESTIONS.contains(&path) || adapted.iter().any(|done: &Adapted| done.path == path) {
+                break;
+            }
+            let mended = |draft: &Self| !matches!(draft.robot(), Err(RobotFileError::Robot { error, .. }) if field_of(&error) == path);
+            let from = self.shown(path);
+            let Some(value) = self.possible(path, mended) else { break };
+            adapted.push(Adapted { path: path.to_owned(), from, to: shown(&value) });
+            self.put(path, value);
+        }
+        adapted
+    }
+
+    /// The value of this field if it is good, else the limit that it broke, or else what is nearest to it by steps of a quarter.
+    fn possible(&self, path: &str, good: impl Fn(&Self) -> bool) -> Option<Value> {
+        let value = self.value(path)?.clone();
+        let (number, whole) = match &value {
+            Value::Float(number) => (*number.value(), false),
+            Value::Integer(number) => (*number.value() as f64, true),
+            _ => return good(self).then_some(value),
+        };
+        let mut candidates = vec![number];
+        if let Some((_, other)) = IN_PROPORTION.iter().find(|(of, _)| *of == path) {
+            let number_in = |document: &DocumentMut| look_up(document.as_item(), other).and_then(Value::as_float);
+            if let (Some(was), Some(is)) = (number_in(&self.first), number_in(&self.document)) {
+                candidates.push(rounded(number * is / was, f64::round));
+            }
+        }
+        if let Err(RobotFileError::Robot {
+            error: RobotError::TooSmall { limit, .. } | RobotError::TooLarge { limit, .. },
+            ..
+        }) = self.robot()
+        {
+            candidates.extend([rounded(limit, f64::ceil), rounded(limit, f64::floor)]);
+        }
+        candidates.extend((1..60).flat_map(|step| {
+            let factor = 1.25_f64.powi(step);
+            [rounded(number * factor, f64::round), rounded(number / factor, f64::round)]
+        }));
+        candidates.into_iter().find_map(|candidate| {
+            let candidate = if whole { (candidate.round() as i64).into() } else { candidate.into() };
+            let mut draft = self.clone();
+            draft.put(path, candidate);
+            if good(&draft) { draft.value(path).cloned() } else { None }
+        })
+    }
+}
+
+/// To three digits, by this way of rounding.
+fn rounded(number: f64, round: fn(f64) -> f64) -> f64 {
+    if number == 0.0 || !number.is_finite() {
+        return number;
+    }
+    let digits = 2 - number.abs().log10().floor() as i32;
+    if digits >= 0 {
+        let scale = 10_f64.powi(digits);
+        round(number * scale) / scale
+    } else {
+        let scale = 10_f64.powi(-digits);
+        round(number / scale) * scale
+    }
+}
+
+/// The field that an error is about: of those that are about several, the one that is asked for last.
+fn field_of(error: &RobotError) -> &'static str {
+    let field = match error {
+        RobotError::NotFinite { field, .. }
+        | RobotError::TooSmall { field, .. }
+        | RobotError::TooLarge { field, .. } => field,
+        RobotError::Name | RobotError::TooLong | RobotError::Unreadable => NAME,
+        RobotError::ThermistorEquation => "thermistor",
+    };
+    match field {
+        "layer.period_s * motion.tick_hz" => "motion.tick_hz",
+        "head steps in the busiest sector" => "head.steps_per_turn",
+        "feed steps in the busiest sector" => "feed.steps_per_mm",
+        "head acceleration within a layer" => "head.acceleration_turns_per_s2",
+        "feed acceleration within a layer" => "feed.acceleration_mm_per_s2",
+        field => field,
+    }
+}
+
+/// A value without its comment.
+fn shown(value: &Value) -> String {
+    let mut value = value.clone();
+    value.decor_mut().clear();
+    value.to_string().trim().to_owned()
+}
+
+/// The comment behind a value.
+fn remark(value: &Value) -> String {
+    let suffix = value.decor().suffix().and_then(RawString::as_str).unwrap_or_default();
+    suffix.split_once('#').map(|(_, comment)| comment.trim().to_owned()).unwrap_or_default()
+}
+
+/// The text as comment lines.
+fn comment(text: &str) -> String {
+    let mut lines = String::new();
+    let mut line = String::from("#");
+    for word in text.split_whitespace() {
+        if line.chars().count() + 1 + word.chars().count() > 120 {
+            lines += &line;
+            lines.push('\n');
+            line = String::from("#");
+        }
+        line.push(' ');
+        line += word;
+    }
+    lines += &line;
+    lines.push('\n');
+    lines
+}
+
+fn look_up<'a>(item: &'a Item, path: &str) -> Option<&'a Value> {
+    path.split('.').try_fold(item, |item, key| item.get(key))?.as_value()
+}
+
+fn look_up_mut<'a>(item: &'a mut Item, path: &str) -> Option<&'a mut Value> {
+    path.split('.').try_fold(item, |item, key| item.get_mut(key))?.as_value_mut()
+}
+
+fn remove(item: &mut Item, path: &str) {
+    let (table, key) = path.rsplit_once('.').unwrap_or(("", path));
+    let table = table.split('.').filter(|key| !key.is_empty()).try_fold(item, |item, key| item.get_mut(key));
+    if let Some(table) = table.and_then(Item::as_table_like_mut) {
+        table.remove(key);
+    }
+}
+
+/// The paths of all values with a line of their own.
+fn paths(item: &Item, here: &str) -> Vec<String> {
+    let Some(table) = item.as_table() else { return vec![here.to_owned()] };
+    let below = |key: &str| if here.is_empty() { key.to_owned() } else { format!("{here}.{key}") };
+    table.iter().flat_map(|(key, item)| paths(item, &below(key))).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn draft() -> Draft {
+        let (text, file) = robot_file::text_of("growbot-a".as_ref()).unwrap();
+        Draft::of(&text, &file, "mine").unwrap()
+    }
+
+    #[test]
+    fn what_is_not_touched_is_the_robot_begun_with() {
+        for base in robot_file::names() {
+            let (text, file) = robot_file::text_of(base.as_ref()).unwrap();
+            let mut draft = Draft::of(&text, &file, "mine").unwrap();
+            for path in QUESTIONS {
+                let default = draft.default(path).unwrap();
+                assert_eq!(draft.answer(path, &default).unwrap(), [], "{base}: {path}");
+            }
+            let (robot, written) = draft.file(&[]).unwrap();
+            let begun = robot_file::load(base.as_ref()).unwrap();
+            let mut description = begun.description().clone();
+            description.name = robot.description().name.clone();
+            assert_eq!(robot.description(), &description, "{base}");
+            // As many lines that say something, and as many assumptions.
+            let said = |text: &str| text.lines().filter(|line| !line.starts_with('#') && !line.is_empty()).count();
+            assert_eq!(said(&written), said(&text), "{base}");
+            assert_eq!(written.matches("# assumed").count(), text.matches("# assumed").count(), "{base}");
+        }
+    }
+
+    #[test]
+    fn defaults_follow_the_answers_before() {
+        let mut draft = draft();
+        for (path, answer, next, default) in [
+            ("geometry.inner_radius_mm", "24", "geometry.tip_radius_mm", "44.0"),
+            ("layer.height_mm", "0.2", "layer.height_min_mm", "0.0775"),
+            ("heater.max_c", "190", "heater.target_c", "185.0"),
+        ] {
+            draft.answer(path, answer).unwrap();
+            assert_eq!(draft.default(next).as_deref(), Some(default));
+            draft.answer(next, default).unwrap();
+        }
+        // R_min is far below what it was: the radius of plans can stay.
+        assert_eq!(draft.default(RADIUS).as_deref(), Some("100.0"));
+        draft.answer("heater.extrusion_min_c", &draft.default("heater.extrusion_min_c").unwrap()).unwrap();
+        assert!(draft.file(&[]).is_ok());
+
+        let mut draft = self::draft();
+        draft.answer("geometry.inner_length_mm", "90").unwrap();
+        let radius: f64 = draft.default(RADIUS).unwrap().parse().unwrap();
+        draft.answer(RADIUS, &radius.to_string()).unwrap();
+        let least = draft.robot().unwrap().least_radius();
+        assert!(least > 100.0 && (least..least * 1.01).contains(&radius), "{radius} for {least}");
+    }
+
+    #[test]
+    fn what_is_not_asked_for_is_adapted_and_said() {
+        let mut draft = draft();
+        let adapted = draft.answer("head.steps_per_turn", "100").unwrap();
+        assert_eq!(
+            adapted.iter().map(|change| change.path.as_str()).collect::<Vec<_>>(),
+            ["head.index_width_deg", "head.index_tolerance_deg"]
+        );
+        let (_, text) = draft.file(&["head.steps_per_turn"]).unwrap();
+        assert!(text.contains("steps_per_turn = 100 # given; growbot-a has 3200, assumed: 200 full steps"), "{text}");
+        assert!(text.contains("index_width_deg = 7.2 # adapted; growbot-a has 5.0, assumed"), "{text}");
+    }
+
+    #[test]
+    fn what_cannot_be_is_refused_with_value_limit_and_what_to_do() {
+        for (path, answer, part) in [
+            ("geometry.tip_radius_mm", "10", "geometry.tip_radius_mm is 10, below 12: the tube (r_t) must be wider"),
+            ("geometry.tip_radius_mm", "wide", "geometry.tip_radius_mm cannot be \"wide\": give a number"),
+            ("geometry.tip_radius_mm", "nan", "is NaN"),
+            ("planning_radius_mm", "90", "planning_radius_mm is 90, below 98.2"),
+            ("motion.tick_hz", "-1", "a whole number"),
+            ("motion.strategy", "fead", "did you mean feed?"),
+            ("heater.target_c", "500", "above 235"),
+            (NAME, "My Robot", "lower-case letters"),
+            (NAME, "growbot-b", "growbot-b is built in"),
+            (NAME, "", "not be empty"),
+        ] {
+            let mut draft = draft();
+            let message = draft.answer(path, answer).unwrap_err().to_string();
+            assert!(message.contains(part), "{message}");
+            assert_eq!(draft.document.to_string(), self::draft().document.to_string());
+        }
+    }
+
+    #[test]
+    fn a_line_for_tools_stays_at_the_top() {
+        let (text, file) = robot_file::text_of("growbot-a".as_ref()).unwrap();
+        let text = format!("#:schema ./robot.json\n{text}");
+        let (_, written) = Draft::of(&text, &file, "mine").unwrap().file(&[]).unwrap();
+        assert!(written.starts_with("#:schema ./robot.json\n# mine: begun by"), "{written}");
+        assert_eq!(written.matches("#:schema").count(), 1);
+    }
+}

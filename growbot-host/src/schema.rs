@@ -1,0 +1,293 @@
+//! The JSON Schema of robot files: what editors complete, explain and check by.
+//!
+//! Fields, kinds and descriptions are those of [`RobotDescription`], by its derive and its doc comments. Bounds are those of its
+//! checks: each number is set far too low and far too high, and the refusal tells the limit. A limit that moves with another
+//! field cannot be said in a schema as a number; it stands in the field's description, in the words of the refusal.
+
+use growbot_core::robot::{Robot, RobotDescription, RobotError};
+use schemars::generate::SchemaSettings;
+use serde_json::{Map, Value, json};
+
+use crate::robot_file;
+
+/// The schema, with units and bounds: draft 7, which the TOML tools of editors read.
+#[must_use]
+pub fn of_robot_files() -> Value {
+    let mut schema = of_fields();
+    let descriptions: Vec<Value> = robot_file::names().filter_map(description).collect();
+    // One of each field is enough; later robots have what earlier ones leave out.
+    let mut done: Vec<Vec<String>> = Vec::new();
+    for description in &descriptions {
+        let mut paths = Vec::new();
+        collect_numbers(description, &mut Vec::new(), &mut paths);
+        for path in &paths {
+            if !done.contains(path) {
+                if let Some(field) = field_mut(&mut schema, path) {
+                    say_bounds(field, description, path, &paths);
+                }
+                done.push(path.clone());
+            }
+        }
+    }
+    schema
+}
+
+/// The schema without bounds: kinds, defaults and descriptions of all fields.
+#[must_use]
+pub fn of_fields() -> Value {
+    let mut settings = SchemaSettings::draft07();
+    settings.inline_subschemas = true;
+    let mut schema = settings.into_generator().into_root_schema_for::<RobotDescription>().to_value();
+    tidy(&mut schema);
+    if let Some(root) = schema.as_object_mut() {
+        root.insert("title".into(), json!("growbot robot file"));
+        root.insert(
+            "description".into(),
+            json!("A robot that moves by growing. Lengths are in mm: names carry the unit."),
+        );
+    }
+    schema
+}
+
+/// What the field of this path, say `geometry.tip_radius_mm`, means: empty where there is no such field.
+#[must_use]
+pub fn meaning<'a>(schema: &'a Value, path: &str) -> &'a str {
+    field(schema, path).and_then(|field| field.get("description")?.as_str()).unwrap_or_default()
+}
+
+/// The words that this field may be, with their meanings; none where it is no choice.
+#[must_use]
+pub fn choices<'a>(schema: &'a Value, path: &str) -> Vec<(&'a str, &'a str)> {
+    let choices = field(schema, path).and_then(|field| field.get("oneOf")?.as_array());
+    let choice = |choice: &'a Value| Some((choice.get("const")?.as_str()?, choice.get("description")?.as_str()?));
+    choices.into_iter().flatten().filter_map(choice).collect()
+}
+
+fn field<'a>(schema: &'a Value, path: &str) -> Option<&'a Value> {
+    path.split('.').try_fold(schema, |schema, key| schema.get("properties")?.get(key))
+}
+
+/// Takes out what TOML has not (null), what only Rust has (formats, links), and line breaks within descriptions.
+fn tidy(schema: &mut Value) {
+    match schema {
+        Value::Array(items) => items.iter_mut().for_each(tidy),
+        Value::Object(object) => {
+            without_null(object);
+            object.remove("format");
+            object.retain(|_, value| !value.is_null());
+            if let Some(Value::String(text)) = object.get_mut("description") {
+                *text = plain(text);
+            }
+            object.values_mut().for_each(tidy);
+        }
+        _ => {}
+    }
+}
+
+/// What may be left out is written as itself or null in a schema of JSON; TOML only leaves it out.
+fn without_null(object: &mut Map<String, Value>) {
+    if let Some(Value::Array(kinds)) = object.get_mut("type") {
+        kinds.retain(|kind| kind != "null");
+        if let [only] = kinds.as_slice() {
+            let only = only.clone();
+            object.insert("type".into(), only);
+        }
+    }
+    let Some(Value::Array(choices)) = object.get_mut("anyOf") else { return };
+    choices.retain(|choice| choice.get("type").is_none_or(|kind| kind != "null"));
+    if let [Value::Object(only)] = choices.as_mut_slice() {
+        let only = std::mem::take(only);
+        object.remove("anyOf");
+        for (key, value) in only {
+            // The field's own description says more than that of its kind.
+            object.entry(key).or_insert(value);
+        }
+    }
+}
+
+/// A doc comment as plain text: one line, links to fields as the names of these in a file.
+fn plain(text: &str) -> String {
+    let mut plain = String::new();
+    let mut rest = text;
+    while let Some((before, after)) = rest.split_once("[`") {
+        let Some((link, after)) = after.split_once("`]") else { break };
+        plain += before;
+        plain += &link.replace("::", ".").to_lowercase();
+        rest = after;
+    }
+    plain += rest;
+    plain.replace('`', "").split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+/// A built-in description as a tree of fields.
+fn description(name: &str) -> Option<Value> {
+    serde_json::to_value(robot_file::load(name.as_ref()).ok()?.description()).ok()
+}
+
+/// The paths of all numbers that have a name of their own.
+fn collect_numbers(value: &Value, here: &mut Vec<String>, paths: &mut Vec<Vec<String>>) {
+    match value {
+        Value::Number(_) => paths.push(here.clone()),
+        Value::Object(object) => {
+            for (key, value) in object {
+                here.push(key.clone());
+                collect_numbers(value, here, paths);
+                here.pop();
+            }
+        }
+        _ => {}
+    }
+}
+
+/// The schema of a field.
+fn field_mut<'a>(schema: &'a mut Value, path: &[String]) -> Option<&'a mut Map<String, Value>> {
+    path.iter().try_fold(schema, |schema, key| schema.get_mut("properties")?.get_mut(key))?.as_object_mut()
+}
+
+/// The value of a field.
+fn value_mut<'a>(description: &'a mut Value, path: &[String]) -> Option<&'a mut Value> {
+    path.iter().try_fold(description, |value, key| value.get_mut(key))
+}
+
+/// A limit of a field, and the words of the refusal.
+type Limit = (f64, &'static str);
+
+/// Writes down the bounds of a number.
+fn say_bounds(field: &mut Map<String, Value>, description: &Value, path: &[String], others: &[Vec<String>]) {
+    let whole = field.get("type").is_some_and(|kind| kind == "integer");
+    let (low, high) = if whole { (json!(0), json!(u32::MAX)) } else { (json!(-1e300), json!(1e300)) };
+    let mut advice: Vec<&str> = Vec::new();
+    for (keyword, extreme) in [("minimum", low), ("maximum", high)] {
+        let Some((limit, words)) = limit(description, path, &extreme) else { continue };
+        if !advice.contains(&words) {
+            advice.push(words);
+        }
+        let moves = others.iter().filter(|other| *other != path).any(|other| {
+            let changed = |change: fn(&Value) -> Value| {
+                let mut changed = description.clone();
+                if let Some(value) = value_mut(&mut changed, other) {
+                    *value = change(value);
+                }
+                changed
+            };
+            let raised = self::limit(&changed(raised), path, &extreme);
+            raised.is_some_and(|(other, _)| (other - limit).abs() > 1e-12 * limit.abs())
+                || is_taken(&changed(|value| if value.is_u64() { json!(0) } else { json!(0.0) }), path, &extreme)
+        });
+        if moves {
+            field.remove(keyword);
+        } else {
+            let limit = if whole { json!(limit as u64) } else { json!(limit) };
+            field.insert(keyword.into(), limit);
+        }
+    }
+    let range = match (field.get("minimum"), field.get("maximum")) {
+        (Some(least), Some(greatest)) => format!("{least} to {greatest}: "),
+        (Some(least), None) => format!("{least} or more: "),
+        (None, Some(greatest)) => format!("{greatest} or less: "),
+        (None, None) => String::new(),
+    };
+    if let (Some(Value::String(text)), false) = (field.get_mut("description"), advice.is_empty()) {
+        *text += &format!(" Must be: {range}{}.", advice.join("; "));
+    }
+}
+
+/// Whether a robot with this value of a field can be: then no bound of that field holds always.
+fn is_taken(description: &Value, path: &[String], value: &Value) -> bool {
+    with(description, path, value).is_some_and(|description| Robot::new(description).is_ok())
+}
+
+/// The description with another value of a field.
+fn with(description: &Value, path: &[String], value: &Value) -> Option<RobotDescription> {
+    let mut changed = description.clone();
+    *value_mut(&mut changed, path)? = value.clone();
+    serde_json::from_value(changed).ok()
+}
+
+/// A number a little larger: whole ones by one.
+fn raised(value: &Value) -> Value {
+    match (value.as_u64(), value.as_f64()) {
+        (Some(whole), _) => json!(whole + 1),
+        (None, Some(number)) => json!(if number == 0.0 { 0.001 } else { number * 1.01 }),
+        _ => value.clone(),
+    }
+}
+
+/// The limit that refuses this value of a field; none where it is another field that is refused.
+fn limit(description: &Value, path: &[String], extreme: &Value) -> Option<Limit> {
+    match Robot::new(with(description, path, extreme)?) {
+        Err(RobotError::TooSmall { field, limit, advice, .. } | RobotError::TooLarge { field, limit, advice, .. })
+            if field == path.join(".") =>
+        {
+            Some((limit, advice))
+        }
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bounds_are_those_of_the_checks() {
+        let schema = of_robot_files();
+        let bounds = |path| {
+            let field = field(&schema, path).unwrap();
+            (field.get("minimum").and_then(Value::as_f64), field.get("maximum").and_then(Value::as_f64))
+        };
+        assert_eq!(bounds("geometry.tip_radius_mm"), (Some(0.001), Some(1e4)));
+        assert_eq!(bounds("motion.tick_hz"), (Some(100.0), Some(1e6)));
+        assert_eq!(bounds("heater.max_c"), (Some(40.0), Some(500.0)));
+        assert_eq!(bounds("fan.growing_duty"), (Some(0.0), Some(1.0)));
+        // These end where another field says: R_min, the greatest height, the nozzle's limit.
+        assert_eq!(bounds("planning_radius_mm"), (None, Some(1e4)));
+        assert_eq!(bounds("layer.height_max_mm"), (None, Some(255.0)));
+        assert_eq!(bounds("heater.target_c"), (Some(30.0), None));
+        // Nobody asks how fast nothing is pulled back.
+        assert_eq!(bounds("feed.retract_mm_per_s"), (None, None));
+    }
+
+    #[test]
+    fn a_field_beyond_a_bound_of_the_schema_is_refused() {
+        let schema = of_robot_files();
+        let description = description(robot_file::DEFAULT).unwrap();
+        let mut paths = Vec::new();
+        collect_numbers(&description, &mut Vec::new(), &mut paths);
+        let mut tried = 0;
+        for path in &paths {
+            let field = field(&schema, &path.join(".")).unwrap();
+            for (keyword, step) in [("minimum", -1.0), ("maximum", 1.0)] {
+                let Some(bound) = field.get(keyword) else { continue };
+                let beyond = match bound.as_u64() {
+                    Some(whole) => json!(whole.saturating_add_signed(step as i64)),
+                    None => json!(bound.as_f64().unwrap() + step),
+                };
+                assert!(!is_taken(&description, path, &beyond), "{}: {beyond}", path.join("."));
+                tried += 1;
+            }
+        }
+        assert!(tried > 80, "{tried}");
+    }
+
+    #[test]
+    fn every_field_says_what_it_is_and_nothing_of_rust() {
+        fn look(schema: &Value, path: &str) {
+            for (key, field) in schema["properties"].as_object().into_iter().flatten() {
+                let path = format!("{path}.{key}");
+                let text = field["description"].as_str().unwrap_or_else(|| panic!("{path}"));
+                assert!(!text.is_empty() && !text.contains(['`', '\n']) && !text.contains("::"), "{path}: {text}");
+                assert!(field.get("type").is_some() || field.get("oneOf").is_some(), "{path}: {field}");
+                look(field, &path);
+            }
+        }
+        let schema = of_robot_files();
+        look(&schema, "");
+        assert!(!schema.to_string().contains("null"));
+        assert_eq!(
+            choices(&schema, "motion.strategy").iter().map(|(word, _)| *word).collect::<Vec<_>>(),
+            ["feed", "speed"]
+        );
+        assert!(meaning(&schema, "hold.standby_c").contains("heater.target_c where that is lower"));
+    }
+}

@@ -1,0 +1,259 @@
+//! `growbot robots`, `new-robot`, `completions` and `man` as users and scripts meet them.
+
+mod running;
+
+use std::fs;
+use std::process::Command;
+
+use growbot_host::robot_file;
+use running::{growbot, growbot_reading};
+use serde_json::Value;
+
+fn json(text: &str) -> Value {
+    serde_json::from_str(text).unwrap_or_else(|error| panic!("{error}: {text}"))
+}
+
+/// The commands that the help lists.
+fn commands() -> Vec<String> {
+    let help = growbot(&["--help"]).out;
+    let listed = help.split("Commands:").nth(1).unwrap().split("Options:").next().unwrap();
+    let names = listed.lines().filter_map(|line| line.strip_prefix("  ")).filter(|line| !line.starts_with(' '));
+    names.map(|line| line.split(' ').next().unwrap().to_owned()).filter(|name| name != "help").collect()
+}
+
+#[test]
+fn robots_lists_all_with_their_figures_and_sources() {
+    let table = growbot(&["robots"]).out;
+    assert!(table.lines().all(|line| line.chars().count() <= 80), "{table}");
+    for name in robot_file::names() {
+        assert!(table.lines().any(|line| line.split(' ').next() == Some(name)), "{name}");
+    }
+    assert!(table.contains("growbot-a        98.20           100      0.774         18         154.8\n"), "{table}");
+    assert_eq!(table.matches("et al. 201").count(), 13, "{table}");
+    let list = json(&growbot(&["robots", "--json"]).out);
+    assert_eq!(list.as_array().unwrap().len(), robot_file::names().count());
+    assert_eq!(list[0]["growth_mm_per_h"].as_f64().unwrap().round(), 155.0);
+}
+
+#[test]
+fn robots_explains_one_in_words() {
+    let words = growbot(&["robots", "growbot-b"]).out;
+    assert!(words.lines().all(|line| line.chars().count() <= 80), "{words}");
+    for part in [
+        "R_min, the tightest bend, is 594.11 mm",
+        "[heater] The nozzle's heater.",
+        "  tip_radius_mm = 57.5 # r_t, Table 3\n      r_t: from the centreline to where material is laid, mm.",
+        "  height_min_mm = 25.0 # assumed\n",
+        "standby_c = 150.0 (not in the file)",
+        "acceleration_mm_per_s2 = no limit (not in the file)",
+        "values are assumed",
+    ] {
+        assert!(words.contains(part), "no {part:?} in {words}");
+    }
+    let robot = json(&growbot(&["robots", "growbot-b", "--json"]).out);
+    let fields = robot["fields"].as_array().unwrap();
+    let field = fields.iter().find(|field| field["field"] == "layer.height_min_mm").unwrap();
+    assert_eq!((field["value"].as_str(), field["assumed"].as_bool()), (Some("25.0"), Some(true)));
+
+    let unknown = growbot(&["robots", "growbot_b"]);
+    assert_eq!((unknown.code, unknown.out.as_str()), (Some(2), ""));
+    assert!(unknown.err.contains("did you mean growbot-b?"), "{}", unknown.err);
+}
+
+/// What of this value the schema does not allow: the keywords that [`growbot_host::schema`] uses, and no others.
+fn faults(schema: &Value, value: &Value, at: &str) -> Vec<String> {
+    let mut found = Vec::new();
+    for (keyword, said) in schema.as_object().unwrap() {
+        let fits = match keyword.as_str() {
+            "$schema" | "title" | "description" | "default" => true,
+            "type" => match said.as_str().unwrap() {
+                "object" => value.is_object(),
+                "array" => value.is_array(),
+                "string" => value.is_string(),
+                "boolean" => value.is_boolean(),
+                "integer" => value.is_i64() || value.is_u64(),
+                "number" => value.is_number(),
+                kind => panic!("{kind}"),
+            },
+            "minimum" => value.as_f64().is_none_or(|value| value >= said.as_f64().unwrap()),
+            "maximum" => value.as_f64().is_none_or(|value| value <= said.as_f64().unwrap()),
+            "const" => value == said,
+            "oneOf" => said.as_array().unwrap().iter().filter(|one| faults(one, value, at).is_empty()).count() == 1,
+            "pattern" => {
+                assert_eq!(said, "^[a-z0-9-]+$");
+                value.as_str().is_some_and(|text| {
+                    !text.is_empty() && text.chars().all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-')
+                })
+            }
+            "maxLength" => value.as_str().is_some_and(|text| text.len() as u64 <= said.as_u64().unwrap()),
+            "items" => value.as_array().is_some_and(|items| items.iter().all(|item| faults(said, item, at).is_empty())),
+            "minItems" => value.as_array().is_some_and(|items| items.len() as u64 >= said.as_u64().unwrap()),
+            "maxItems" => value.as_array().is_some_and(|items| items.len() as u64 <= said.as_u64().unwrap()),
+            "required" => said.as_array().unwrap().iter().all(|key| value.get(key.as_str().unwrap()).is_some()),
+            "properties" | "additionalProperties" => true,
+            other => panic!("{other} at {at}"),
+        };
+        if !fits {
+            found.push(format!("{at}: {keyword} {said} and not {value}"));
+        }
+    }
+    if let (Some(properties), Some(object)) = (schema.get("properties"), value.as_object()) {
+        assert_eq!(schema["additionalProperties"], false, "{at}");
+        for (key, value) in object {
+            match properties.get(key) {
+                Some(schema) => found.extend(faults(schema, value, &format!("{at}.{key}"))),
+                None => found.push(format!("{at}: there is no {key}")),
+            }
+        }
+    }
+    found
+}
+
+#[test]
+fn every_built_in_robot_is_valid_by_the_schema_and_slips_are_not() {
+    let schema = json(&growbot(&["robots", "--schema"]).out);
+    let faults_of =
+        |text: &str| faults(&schema, &serde_json::to_value(text.parse::<toml::Table>().unwrap()).unwrap(), "");
+    for name in robot_file::names() {
+        let (text, _) = robot_file::text_of(name.as_ref()).unwrap();
+        assert_eq!(faults_of(&text), [""; 0], "{name}");
+    }
+    let (good, _) = robot_file::text_of("growbot-a".as_ref()).unwrap();
+    for (from, to) in [
+        ("height_min_mm", "heigth_min_mm"),
+        ("tip_radius_mm = 22.0", "tip_radius_mm = -22.0"),
+        ("strategy = \"feed\"", "strategy = \"fead\""),
+        ("tick_hz = 4000", "tick_hz = 4000.5"),
+        ("max_c = 240.0", "max_c = 2400.0"),
+        ("name = \"growbot-a\"", "name = \"Growbot A\""),
+        ("[wall]\nwidth_mm = 1.6", "[wall]"),
+    ] {
+        assert!(good.contains(from));
+        assert!(!faults_of(&good.replace(from, to)).is_empty(), "{to}");
+    }
+    let steinhart =
+        good.replace("r25_ohm = 100000.0", "steinhart_hart = [1e-3, 2e-4, 1e-7]").replace("beta_k = 3950.0", "");
+    assert!(robot_file::parse(&steinhart, "steinhart").is_ok());
+    assert_eq!(faults_of(&steinhart), [""; 0]);
+}
+
+#[test]
+fn new_robot_writes_a_file_from_answers_in_a_pipe() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("mine.toml");
+    let file = path.to_str().unwrap();
+    let ran = growbot_reading(&["new-robot", "-o", file], "my-robot\n14\n60\n25\n\n");
+    assert_eq!(ran.code, Some(0), "{}", ran.err);
+    assert!(
+        ran.err.contains("geometry.tip_radius_mm [22.0]:") && ran.err.contains("the answers end here"),
+        "{}",
+        ran.err
+    );
+    assert!(ran.out.contains("R_min     144.14 mm") && ran.out.contains("Measure next"), "{}", ran.out);
+    let text = fs::read_to_string(&path).unwrap();
+    assert!(text.contains("tip_radius_mm = 25.0 # given; growbot-a has 22.0, r_t\n"), "{text}");
+    assert!(text.contains("planning_radius_mm = 145.0 # adapted; R_min is 144.14\n"), "{text}");
+    assert!(text.contains("height_min_mm = 0.3     # assumed\n"), "{text}");
+    assert!(growbot(&["rmin", "--robot", file]).out.starts_with("my-robot: R_min is 144.14 mm"));
+
+    let again = growbot_reading(&["new-robot", "-o", file], "");
+    assert_eq!((again.code, again.out.as_str()), (Some(2), ""));
+    assert!(again.err.contains("--force"), "{}", again.err);
+    assert_eq!(fs::read_to_string(&path).unwrap(), text);
+    assert_eq!(growbot_reading(&["new-robot", "-o", file, "--force", "--from", "growbot-b"], "").code, Some(0));
+    assert!(fs::read_to_string(&path).unwrap().contains("name = \"mine\""));
+    assert!(growbot(&["rmin", "--robot", file]).out.starts_with("mine: R_min is 594.11 mm"));
+}
+
+#[test]
+fn an_answer_that_cannot_be_leaves_no_file() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("mine.toml");
+    for (answers, part) in [
+        ("mine\n14\n60\n10\n", "geometry.tip_radius_mm is 10, below 14"),
+        ("mine\nfourteen\n", "give a number"),
+        ("growbot-a\n", "growbot-a is built in"),
+        ("mine\n1e400\n", "finite"),
+    ] {
+        let ran = growbot_reading(&["new-robot", "-o", path.to_str().unwrap()], answers);
+        assert_eq!((ran.code, ran.out.as_str()), (Some(2), ""), "{}", ran.err);
+        let last = ran.err.lines().last().unwrap();
+        assert!(last.starts_with("growbot: ") && last.contains(part), "{}", ran.err);
+        assert_eq!(fs::read_dir(directory.path()).unwrap().count(), 0);
+    }
+    let nowhere = directory.path().join("none").join("mine.toml");
+    let ran = growbot_reading(&["new-robot", "-o", nowhere.to_str().unwrap()], "");
+    assert_eq!(ran.code, Some(2));
+    assert!(ran.err.contains("there is no directory"), "{}", ran.err);
+}
+
+#[test]
+fn each_command_has_a_page_of_the_manual_with_examples_and_exit_codes() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().to_str().unwrap();
+    assert_eq!(growbot(&["man", "-o", path]).code, Some(0));
+    let mut pages: Vec<String> = commands().iter().map(|command| format!("growbot-{command}.1")).collect();
+    pages.push("growbot.1".to_owned());
+    assert!(pages.len() > 20, "{pages:?}");
+    for page in &pages {
+        let text = fs::read_to_string(directory.path().join(page)).unwrap_or_else(|error| panic!("{page}: {error}"));
+        for section in ["NAME", "SYNOPSIS", "DESCRIPTION", "OPTIONS", "EXAMPLES", "EXIT STATUS"] {
+            assert!(text.lines().any(|line| line.replace('"', "") == format!(".SH {section}")), "{page}: {section}");
+        }
+    }
+    assert_eq!(fs::read_dir(directory.path()).unwrap().count(), pages.len());
+    assert_eq!(growbot(&["man", "plan"]).out, fs::read_to_string(directory.path().join("growbot-plan.1")).unwrap());
+    assert!(growbot(&["man", "estop"]).out.contains("it has not: cut its power"));
+
+    let unknown = growbot(&["man", "plam"]);
+    assert_eq!(unknown.code, Some(2));
+    assert!(unknown.err.contains("did you mean plan?"), "{}", unknown.err);
+    assert_eq!(growbot(&["man", "-o", &format!("{path}/none")]).code, Some(2));
+}
+
+/// What bash offers for the last of these words.
+fn completed(script: &str, words: &[&str]) -> Vec<String> {
+    let (last, before) = (words[words.len() - 1], words[words.len() - 2]);
+    let line = format!(
+        "source {script}; COMP_WORDS=({}); COMP_CWORD={}; _growbot growbot '{last}' '{before}'; echo \"${{COMPREPLY[@]}}\"",
+        words.join(" "),
+        words.len() - 1,
+    );
+    let output = Command::new("bash").args(["--norc", "-c", &line]).output().unwrap();
+    assert!(output.stderr.is_empty(), "{}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).unwrap().split_whitespace().map(str::to_owned).collect()
+}
+
+#[cfg(unix)]
+#[test]
+fn bash_completes_commands_and_names_of_robots() {
+    let directory = tempfile::tempdir().unwrap();
+    let script = directory.path().join("growbot.bash");
+    fs::write(&script, growbot(&["completions", "bash"]).out).unwrap();
+    let script = script.to_str().unwrap();
+    assert_eq!(completed(script, &["growbot", "pl"]), ["plan"]);
+    assert_eq!(completed(script, &["growbot", "new"]), ["new-robot"]);
+    assert_eq!(completed(script, &["growbot", "robots", "growbot-b"]), ["growbot-b"]);
+    let names: Vec<&str> = robot_file::names().collect();
+    for command in ["plan", "grow", "layers", "resume", "rmin", "status"] {
+        assert_eq!(completed(script, &["growbot", command, "--robot", "grow"]), names, "{command}");
+    }
+    assert_eq!(completed(script, &["growbot", "new-robot", "--from", "growbot-c"]), ["growbot-c"]);
+    // Bash itself goes on with files.
+    assert!(completed(script, &["growbot", "rmin", "--robot", "my"]).is_empty());
+}
+
+#[test]
+fn every_shell_has_completions_with_all_commands() {
+    let commands = commands();
+    for shell in ["bash", "zsh", "fish", "powershell", "elvish"] {
+        let script = growbot(&["completions", shell]).out;
+        for command in &commands {
+            assert!(script.contains(command.as_str()), "{shell}: {command}");
+        }
+        // The generators of the other two know no values of options.
+        let values = ["bash", "zsh", "fish"].contains(&shell);
+        assert_eq!(script.contains("growbot-a8"), values, "{shell}");
+    }
+    assert_eq!(growbot(&["completions", "tcsh"]).code, Some(2));
+}
