@@ -26,6 +26,7 @@ mod simulate_table;
 mod status;
 mod stop;
 mod tune;
+mod view;
 mod workspace;
 
 use std::fmt::Display;
@@ -69,6 +70,7 @@ enum Command {
     Rmin(rmin::RminArgs),
     Plan(plan::PlanArgs),
     Layers(layers::LayersArgs),
+    View(view::ViewArgs),
     Workspace(workspace::WorkspaceArgs),
     Simulate(Box<simulate::SimulateArgs>),
     Reproduce(reproduce::ReproduceArgs),
@@ -90,6 +92,7 @@ pub fn run() -> ExitCode {
         Some(Command::Rmin(args)) => rmin::run(&args),
         Some(Command::Plan(args)) => plan::run(&args),
         Some(Command::Layers(args)) => layers::run(&args),
+        Some(Command::View(args)) => view::run(&args),
         Some(Command::Workspace(args)) => workspace::run(&args),
         Some(Command::Simulate(args)) => simulate::run(&args),
         Some(Command::Reproduce(args)) => reproduce::run(&args),
