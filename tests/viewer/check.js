@@ -22,8 +22,9 @@ const PICTURE = join(here, "picture.png");
 /** The first picture is to be there in 3 s; a machine that is busy with other things may take longer. */
 const [FIRST_PICTURE_MS, FAIL_AT_MS] = [3000, 12_000];
 const MOST_BYTES = 2_000_000;
-/** A pixel differs by more than so much in one of its colours; so many may: edges fall otherwise with another release of the renderer. */
-const [DIFFERENT, MOST_DIFFERENT] = [48, 0.01];
+/** A pixel differs by more than so much in one of its colours; so many may: edges fall otherwise with another release of the renderer, and
+ * letters with other fonts (1 % with all of them in another one). The body is 6 %. */
+const [DIFFERENT, MOST_DIFFERENT] = [48, 0.02];
 
 const directory = mkdtempSync(join(tmpdir(), "growbot-view-"));
 const run = (...args) => execFileSync(growbot, args, { cwd: directory, stdio: ["ignore", "pipe", "pipe"] });
@@ -145,6 +146,10 @@ try {
   run("view", "run.jsonl");
 
   const middle = await open(browser, "1300");
+  // Whatever this machine's fonts are, the picture is of one size.
+  await middle.addStyleTag({ content: "header { height: 48px; overflow: hidden } #bar { height: 52px; overflow: hidden }" });
+  await settled(middle);
+  await middle.click("[data-look=corner]");
   assert.ok(statSync(join(directory, "1300.html")).size < MOST_BYTES, "the file is too large");
   const seen = await picture(middle);
   if (bless === "--bless") writeFileSync(PICTURE, PNG.sync.write(seen, { deflateLevel: 9 }));
