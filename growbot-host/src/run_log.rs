@@ -223,6 +223,8 @@ pub struct RunRecord {
     before: Option<(u64, u32, Vec<LayerBytes>)>,
     /// How it ended, if the log says so.
     pub outcome: Option<String>,
+    /// What it came to, as `growbot grow --json` has said it, if the log says so.
+    pub result: Option<Value>,
     /// The file, as errors call it.
     file: String,
     /// Bytes of the whole lines.
@@ -343,6 +345,7 @@ impl RunRecord {
             amendments: 0,
             before: None,
             outcome: None,
+            result: None,
             bytes: 0,
             cut_off: 0,
         })
@@ -388,8 +391,9 @@ impl RunRecord {
                     self.layers = layers;
                 }
             }
-            Some("resumed") => self.outcome = None,
+            Some("resumed") => (self.outcome, self.result) = (None, None),
             Some("end") => {
+                self.result = event.get("result").cloned();
                 let outcome = event.get("result").and_then(|result| result.get("outcome"));
                 self.outcome = outcome.and_then(Value::as_str).map(ToString::to_string);
             }
@@ -425,7 +429,8 @@ fn hex(bytes: &LayerBytes) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-fn hex_of(layers: &[LayerBytes]) -> String {
+/// Layers one after the other, 24 hexadecimal digits each.
+pub(crate) fn hex_of(layers: &[LayerBytes]) -> String {
     layers.iter().map(hex).collect()
 }
 

@@ -31,6 +31,7 @@ mod simulate_table;
 mod status;
 mod stop;
 mod tune;
+mod view;
 mod workspace;
 
 use std::fmt::Display;
@@ -76,6 +77,7 @@ enum Command {
     Rmin(rmin::RminArgs),
     Plan(plan::PlanArgs),
     Layers(layers::LayersArgs),
+    View(view::ViewArgs),
     Workspace(workspace::WorkspaceArgs),
     Simulate(Box<simulate::SimulateArgs>),
     Reproduce(reproduce::ReproduceArgs),
@@ -102,6 +104,7 @@ pub fn run() -> ExitCode {
         Some(Command::Rmin(args)) => rmin::run(&args),
         Some(Command::Plan(args)) => plan::run(&args),
         Some(Command::Layers(args)) => layers::run(&args),
+        Some(Command::View(args)) => view::run(&args),
         Some(Command::Workspace(args)) => workspace::run(&args),
         Some(Command::Simulate(args)) => simulate::run(&args),
         Some(Command::Reproduce(args)) => reproduce::run(&args),

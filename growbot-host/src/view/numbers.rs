@@ -1,0 +1,129 @@
+//! The numbers beside the picture, in words: groups of names and values.
+
+use growbot_core::layer::{Layer, grow};
+use growbot_core::layer_bytes::{LayerBytes, decode};
+use growbot_core::pose::Pose;
+use serde_json::{Value, json};
+
+use super::self_clearance::self_clearance;
+use super::{Subject, measured_end};
+use crate::arrival::Arrival;
+
+/// The groups, each `[heading, [[name, value], ...]]`.
+pub fn of(subject: &Subject, planned: &[LayerBytes], built: Option<&[LayerBytes]>) -> Value {
+    let Subject { robot, plan, .. } = subject;
+    let needs = &plan.needs;
+    let mut groups = Vec::new();
+    if let Some(built) = built {
+        if let Some((reached, by)) = subject.run.and_then(measured_end) {
+            let rows = arrival(subject, &Arrival::of(&reached.frame(), &plan.goal, needs.length));
+            groups.push(json!([format!("Arrived, as the {by} {}", if by == "steps" { "say" } else { "says" }), rows]));
+        }
+        groups.push(json!(["As built, by the board's steps", body(subject, built)]));
+    }
+    let mut rows = vec![
+        ("Length", format!("{:.1} mm", needs.length)),
+        ("Layers", needs.layers.to_string()),
+        ("Time", duration(needs.duration)),
+        ("Filament", format!("{:.2} m", needs.filament / 1000.0)),
+    ];
+    if !plan.path.is_empty() {
+        rows.push(("Pieces", plan.word()));
+    }
+    rows.push(("Radius of bends", format!("{:.1} mm", plan.radius)));
+    if built.is_none() {
+        rows.extend(nearness(subject, planned));
+    }
+    groups.push(json!(["Plan", rows]));
+    let mut poses = vec![("Start".to_owned(), pose(&plan.start))];
+    poses.extend(plan.via().iter().enumerate().map(|(index, via)| (format!("Via {}", index + 1), pose(via))));
+    poses.push(("Goal".to_owned(), pose(&plan.goal)));
+    groups.push(json!(["Poses: x, y, z, heading, pitch", poses]));
+    groups.push(json!([
+        "Robot",
+        [
+            ("Name", robot.name().to_owned()),
+            ("Tube over its wall", format!("{:.1} mm", robot.outer_diameter())),
+            ("Least radius", format!("{:.1} mm", robot.least_radius())),
+        ]
+    ]));
+    groups.into()
+}
+
+/// A body as built, measured from the steps that the board has made.
+fn body(subject: &Subject, built: &[LayerBytes]) -> Vec<(&'static str, String)> {
+    let Subject { robot, run, .. } = subject;
+    let layers: Vec<Layer> = built.iter().map(decode).collect();
+    let length: f64 = layers.iter().map(|layer| layer.height).sum();
+    let tightest = layers.iter().filter(|layer| layer.tilt > 0.0).map(|layer| layer.height / layer.tilt);
+    let tightest = tightest.fold(f64::INFINITY, f64::min);
+    let mut rows = vec![
+        ("Length", format!("{length:.1} mm")),
+        ("Layers", format!("{} of {}", layers.len(), run.map_or(layers.len(), |run| run.total as usize))),
+        ("Time to lay them", duration(layers.len() as f64 * robot.description().layer.period_s)),
+    ];
+    if tightest.is_finite() {
+        rows.push(("Tightest bend", format!("{tightest:.1} mm")));
+    }
+    rows.extend(nearness(subject, built));
+    rows
+}
+
+/// How near a body comes to its goal and to itself.
+fn nearness(subject: &Subject, layers: &[LayerBytes]) -> Vec<(&'static str, String)> {
+    let Subject { robot, plan, .. } = subject;
+    let start = plan.start.frame();
+    let tip = grow(&start, layers.iter().map(decode));
+    let mut rows = arrival(subject, &Arrival::of(&tip, &plan.goal, plan.needs.length));
+    let clearance = match self_clearance(&start, layers, robot.outer_diameter()) {
+        None => "nowhere near".to_owned(),
+        Some(clearance) if clearance < 0.0 => format!("runs into itself by {:.1} mm", -clearance),
+        Some(clearance) => format!("{clearance:.1} mm"),
+    };
+    rows.push(("Clearance to itself", clearance));
+    rows
+}
+
+/// How near a tip came to the goal.
+fn arrival(subject: &Subject, arrival: &Arrival) -> Vec<(&'static str, String)> {
+    let mut rows = vec![("From the goal", format!("{:.3} mm", arrival.position_error_mm))];
+    if subject.run.is_some() {
+        rows.push(("Of the length", format!("{:.4} %", 100.0 * arrival.normalized_position_error)));
+    }
+    rows.push(("Off its direction", format!("{:.3}°", arrival.direction_error_deg)));
+    rows
+}
+
+fn pose(pose: &Pose) -> String {
+    let parts = pose.to_degrees().map(|part| {
+        // Adding 0 makes 0 of -0.
+        let tenths = (10.0 * part).round() / 10.0 + 0.0;
+        tenths.to_string()
+    });
+    parts.join(", ")
+}
+
+/// A time in the two units that matter.
+fn duration(seconds: f64) -> String {
+    let minutes = (seconds / 60.0).round();
+    if seconds < 59.5 {
+        return format!("{seconds:.0} s");
+    }
+    if minutes < 60.0 {
+        return format!("{minutes} min");
+    }
+    format!("{} h {} min", (minutes / 60.0).floor(), minutes % 60.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_short() {
+        let texts = [0.0, 59.4, 59.6, 3599.0, 18_900.0].map(duration);
+        assert_eq!(texts, ["0 s", "59 s", "1 min", "1 h 0 min", "5 h 15 min"]);
+        let text = pose(&Pose::from_degrees([-0.01, 12.34, -0.6, -179.96, 45.0]).unwrap());
+        assert_eq!(text, "0, 12.3, -0.6, -180, 45");
+    }
+}

@@ -1,0 +1,90 @@
+//! How near the wall of a body comes to itself.
+//!
+//! Every body is near itself along itself; what counts is where one stretch passes another. That is where the distance between two
+//! points of the centreline, more than `pi D / 2` apart along it (see [`crate::clearance`]), is least among those around both.
+
+use std::f64::consts::FRAC_PI_2;
+
+use growbot_core::kinematics::advance;
+use growbot_core::layer_bytes::{LayerBytes, decode};
+use growbot_core::pose::Frame;
+use nalgebra::Vector3;
+
+/// So many points of the body are looked at: of one of 1 m, each millimetre or so.
+const MOST_POINTS: usize = 1500;
+
+/// The least distance between two walls of a tube of this diameter (mm, positive) that pass each other, mm: negative where they overlap,
+/// none where no stretch passes another. As fine as the points: of a body of `L` mm it may be too great by `(L / 1500)^2 / D` mm or so.
+pub fn self_clearance(start: &Frame, layers: &[LayerBytes], diameter: f64) -> Option<f64> {
+    let stride = layers.len().div_ceil(MOST_POINTS).max(1);
+    let (mut base_from_tip, mut length) = (*start, 0.0);
+    let mut points = vec![(base_from_tip.translation.vector, length)];
+    for (index, bytes) in layers.iter().enumerate() {
+        let layer = decode(bytes);
+        base_from_tip = advance(&base_from_tip, &layer.step());
+        length += layer.height;
+        if (index + 1) % stride == 0 || index + 1 == layers.len() {
+            points.push((base_from_tip.translation.vector, length));
+        }
+    }
+    nearest_pass(&points, FRAC_PI_2 * diameter).map(|distance| distance - diameter)
+}
+
+/// The least of all distances between points, at these lengths along a line, that are less than those around and more than so far apart
+/// along it.
+fn nearest_pass(points: &[(Vector3<f64>, f64)], neighbourhood: f64) -> Option<f64> {
+    let between = |a: usize, b: usize| Some((points.get(a)?.0 - points.get(b)?.0).norm());
+    let mut nearest: Option<f64> = None;
+    for (i, (point, at)) in points.iter().enumerate() {
+        let beyond = points.partition_point(|(_, length)| *length <= at + neighbourhood);
+        for (j, (other, _)) in points.iter().enumerate().skip(beyond) {
+            let distance = (other - point).norm();
+            if nearest.is_some_and(|nearest| distance >= nearest) {
+                continue;
+            }
+            let around =
+                [between(i, j + 1), between(i + 1, j), between(i, j - 1), i.checked_sub(1).and_then(|i| between(i, j))];
+            if around.iter().flatten().all(|near| distance <= *near) {
+                nearest = Some(distance);
+            }
+        }
+    }
+    nearest
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use growbot_core::layer::Layer;
+    use growbot_core::layer_bytes::Encoder;
+    use std::f64::consts::TAU;
+
+    /// A circle of this radius, as far round as said, and a straight piece after it.
+    fn bent(radius: f64, turn: f64, straight: f64) -> Vec<LayerBytes> {
+        let mut encoder = Encoder::default();
+        let round = (radius * turn) as usize;
+        let arc = Layer { alpha: 0.0, height: 1.0, tilt: 1.0 / radius };
+        let line = Layer { height: 1.0, ..Layer::default() };
+        let layers = std::iter::repeat_n(arc, round).chain(std::iter::repeat_n(line, straight as usize));
+        layers.map(|layer| encoder.encode(&layer)).collect()
+    }
+
+    #[test]
+    fn only_stretches_that_pass_each_other_count() {
+        let start = Frame::identity();
+        assert_eq!(self_clearance(&start, &bent(100.0, 0.0, 1000.0), 50.0), None);
+        assert_eq!(self_clearance(&start, &bent(100.0, 1.5, 300.0), 50.0), None);
+        assert_eq!(self_clearance(&start, &[], 50.0), None);
+    }
+
+    #[test]
+    fn a_gap_is_measured_from_wall_to_wall() {
+        let start = Frame::identity();
+        // Half a turn and back: two straight lines 200 mm apart would need one before, so the start itself is passed.
+        let gap = self_clearance(&start, &bent(100.0, 0.9 * TAU, 0.0), 50.0).unwrap();
+        let chord = 2.0 * 100.0 * libm::sin(0.05 * TAU);
+        assert!((gap - (chord - 50.0)).abs() < 1.5, "{gap}, {chord}");
+        let ring = self_clearance(&start, &bent(100.0, TAU, 100.0), 50.0).unwrap();
+        assert!((ring + 50.0).abs() < 1.5, "{ring}");
+    }
+}

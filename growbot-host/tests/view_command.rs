@@ -1,0 +1,150 @@
+//! view, run as a user runs it: a page from a plan and from a growth, and everything that is neither.
+
+mod running;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use serde_json::Value;
+
+use running::{Ran, growbot, growbot_reading};
+
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+/// What the page was given.
+fn data(page: &Path) -> Value {
+    let page = fs::read_to_string(page).unwrap();
+    let (_, rest) = page.split_once("<script type=\"application/json\" id=\"data\">").unwrap();
+    let (data, _) = rest.split_once("</script>").unwrap();
+    serde_json::from_str(data).unwrap()
+}
+
+fn number<'a>(data: &'a Value, heading: &str, name: &str) -> &'a str {
+    let groups = data["numbers"].as_array().unwrap();
+    let group = groups.iter().find(|group| group[0] == heading).unwrap_or_else(|| panic!("no {heading}: {groups:?}"));
+    let rows = group[1].as_array().unwrap();
+    rows.iter().find(|row| row[0] == name).unwrap_or_else(|| panic!("no {name}: {rows:?}"))[1].as_str().unwrap()
+}
+
+/// One message, one line, exit 2, this in it, and no page.
+fn assert_refused(ran: &Ran, parts: &[&str], page: &Path) {
+    assert_eq!(ran.code, Some(2), "{}", ran.err);
+    assert_eq!(ran.err.lines().count(), 1, "{}", ran.err);
+    for part in parts {
+        assert!(ran.err.contains(part), "{part:?} is not in {:?}", ran.err);
+    }
+    assert!(ran.out.is_empty() && !page.exists(), "{}", ran.out);
+}
+
+/// A directory, and a plan of 50 layers in it.
+fn plan_of_50_layers(name: &str) -> (tempfile::TempDir, PathBuf) {
+    let directory = tempfile::tempdir().unwrap();
+    let plan = directory.path().join(name);
+    assert_eq!(growbot(&["plan", "--to", "0,0,38.7,0,90", "-o", text(&plan)]).code, Some(0));
+    (directory, plan)
+}
+
+#[test]
+fn a_plan_becomes_one_page_that_asks_nobody_for_anything() {
+    let directory = tempfile::tempdir().unwrap();
+    let (plan, page) = (directory.path().join("plan.json"), directory.path().join("plan.html"));
+    let to = ["plan", "--to", "550,345,610,120,-25", "--planner", "two-plane", "-o", text(&plan)];
+    assert_eq!(growbot(&to).code, Some(0));
+    let ran = growbot(&["view", text(&plan)]);
+    assert_eq!(ran.code, Some(0), "{}", ran.err);
+    assert!(ran.out.is_empty() && ran.err.contains("plan.html"), "{}", ran.err);
+
+    let html = fs::read_to_string(&page).unwrap();
+    assert!(html.len() < 2_000_000, "{} bytes", html.len());
+    assert!(html.contains("default-src 'none'") && !html.contains("src=\"") && !html.contains("{{"));
+    let data = data(&page);
+    let layers: usize = number(&data, "Plan", "Layers").parse().unwrap();
+    assert!(layers > 1300);
+    assert_eq!(data["planned"].as_str().unwrap().len(), 24 * layers);
+    assert_eq!(data["built"], Value::Null);
+    assert_eq!(number(&data, "Plan", "Length"), "1006.4 mm");
+    assert_eq!(number(&data, "Plan", "From the goal"), "0.000 mm");
+    assert_eq!(number(&data, "Plan", "Clearance to itself"), "nowhere near");
+    // Straight up: the z axis of the start's frame.
+    assert_eq!(data["start"].as_array().unwrap().len(), 12);
+    assert!((data["start"][8].as_f64().unwrap() - 1.0).abs() < 1e-12);
+}
+
+#[test]
+fn a_growth_is_shown_beside_its_plan_even_if_its_log_was_cut_off() {
+    let (directory, plan) = plan_of_50_layers("plan.json");
+    let path = |name: &str| directory.path().join(name);
+    let (log, page) = (path("run.jsonl"), path("out.html"));
+    let ran = growbot(&["grow", text(&plan), "--log", text(&log), "--noise", "10", "--seed", "1", "--json"]);
+    assert_eq!(ran.code, Some(0), "{}", ran.err);
+    assert_eq!(growbot(&["view", text(&log), "-o", text(&page)]).code, Some(0));
+    let whole = data(&page);
+    assert_eq!(whole["about"], "growth of growbot-a: done");
+    assert_eq!(number(&whole, "As built, by the board's steps", "Layers"), "50 of 50");
+    assert_eq!(whole["built"].as_str().unwrap().len(), 24 * 50);
+    // The steps say that all is well; the tip, which had noise, knows better.
+    let result: Value = serde_json::from_str(ran.out.lines().last().unwrap()).unwrap();
+    let error = result["position_error_mm"].as_f64().unwrap();
+    assert!(error > 0.01, "{error}");
+    assert_eq!(number(&whole, "Arrived, as the tip says", "From the goal"), format!("{error:.3} mm"));
+    assert_eq!(whole["reached"][2], result["final"]["z_mm"]);
+
+    let lines = fs::read_to_string(&log).unwrap();
+    let laid = lines.match_indices("\"event\":\"laid\"").nth(10).unwrap().0;
+    fs::write(&log, &lines[..laid + 10]).unwrap();
+    let ran = growbot(&["view", text(&log), "-o", text(&page)]);
+    assert!(ran.code == Some(0) && ran.err.contains("cut off"), "{}", ran.err);
+    let cut = data(&page);
+    assert_eq!(cut["about"], "growth of growbot-a: unfinished");
+    assert_eq!(number(&cut, "As built, by the board's steps", "Layers"), "10 of 50");
+    assert_eq!(cut["planned"], whole["planned"]);
+    assert_eq!(cut["reached"], Value::Null);
+}
+
+#[test]
+fn what_is_neither_plan_nor_log_leaves_no_page() {
+    let (directory, plan) = plan_of_50_layers("plan.json");
+    let path = |name: &str| directory.path().join(name);
+    let page = path("page.html");
+    let view = |file: &Path| growbot(&["view", text(file), "-o", text(&page)]);
+    let whole = fs::read_to_string(&plan).unwrap();
+    for (name, contents, parts) in [
+        ("cut.json", &whole[..whole.len() / 2], &["cut.json", "middle"][..]),
+        ("cube.stl", "solid cube", &["cube.stl", "no run log", "no plan"]),
+        ("empty", "", &["empty"]),
+        ("other.json", &whole.replace("growbot-plan/1", "growbot-plan/9"), &["growbot-plan/9"]),
+        ("robot.json", &whole.replace("\"growbot-a\"", "\"mine\""), &["mine", "--robot"]),
+    ] {
+        fs::write(path(name), contents).unwrap();
+        assert_refused(&view(&path(name)), parts, &page);
+    }
+    assert_refused(&view(&path("none.json")), &["none.json", "cannot read"], &page);
+    assert_refused(&view(directory.path()), &["cannot read"], &page);
+    assert_refused(&growbot(&["view", text(&plan), "-o", text(&path("no/page.html"))]), &["no directory"], &page);
+    assert_refused(&growbot(&["view", text(&plan), "-o", "-"]), &["-o"], &page);
+    assert_refused(&growbot_reading(&["view", "-"], &whole), &["-o"], &page);
+    assert_refused(&growbot(&["view", text(&plan), "-o", text(&plan)]), &["replace"], &page);
+    assert_eq!(fs::read_to_string(&plan).unwrap(), whole);
+
+    let ran = growbot_reading(&["view", "-", "-o", text(&page)], &whole);
+    assert_eq!(ran.code, Some(0), "{}", ran.err);
+    assert_eq!(number(&data(&page), "Plan", "Layers"), "50");
+}
+
+#[test]
+fn nothing_in_a_file_or_its_name_breaks_out_of_the_page() {
+    let (directory, plan) = plan_of_50_layers("a<b>&{{DATA}}.json");
+    let bad = "</script><script>alert(1)</script>";
+    let contents = fs::read_to_string(&plan).unwrap();
+    let warning = serde_json::json!([{ "code": "mine", "message": bad, "value": 1, "limit": 0 }]).to_string();
+    let (head, _) = contents.split_once("\"warnings\": []").unwrap();
+    fs::write(&plan, format!("{head}\"warnings\": {warning}}}")).unwrap();
+    let page = directory.path().join("page.html");
+    let ran = growbot(&["view", text(&plan), "-o", text(&page)]);
+    assert_eq!(ran.code, Some(0), "{}", ran.err);
+    let html = fs::read_to_string(&page).unwrap();
+    assert!(!html.contains(bad) && html.contains("<title>a&lt;b&gt;&amp;{{DATA}}.json</title>"));
+    assert_eq!(data(&page)["warnings"][0], bad);
+}

@@ -1,0 +1,62 @@
+// How far a body as built lies off the plan, along it.
+
+const [WIDE, HIGH, MOST_POINTS] = [280, 90, 400];
+/** The chart is never finer than this, mm: what is off by less is rounding. */
+const FINEST = 0.001;
+
+/** Distance from the planned body at the same length, mm, for each number of layers. */
+export function offThePlan(built, planned) {
+  const off = new Float64Array(built.lengths.length);
+  const last = planned.lengths.length - 1;
+  let near = 0;
+  for (let i = 0; i < off.length; i += 1) {
+    const length = built.lengths[i];
+    while (near < last - 1 && planned.lengths[near + 1] < length) near += 1;
+    const next = Math.min(last, near + 1);
+    const step = planned.lengths[next] - planned.lengths[near];
+    const share = step > 0 ? Math.min(1, (length - planned.lengths[near]) / step) : 0;
+    let sum = 0;
+    for (let k = 9; k < 12; k += 1) {
+      const there = planned.frames[near * 12 + k] * (1 - share) + planned.frames[next * 12 + k] * share;
+      sum += (built.frames[i * 12 + k] - there) ** 2;
+    }
+    off[i] = Math.sqrt(sum);
+  }
+  return off;
+}
+
+/** Draws it; `mark(length)` shows a place along the body. */
+export function drawChart(place, built, off) {
+  const length = Math.max(built.lengths.at(-1), 1e-9);
+  const most = Math.max(off.reduce((a, b) => Math.max(a, b), 0), FINEST);
+  const stride = Math.max(1, Math.ceil(off.length / MOST_POINTS));
+  const points = [];
+  for (let i = 0; i < off.length; i += stride) {
+    points.push(`${((built.lengths[i] / length) * WIDE).toFixed(1)},${(HIGH - (off[i] / most) * HIGH).toFixed(1)}`);
+  }
+  const make = (tag, attributes) => {
+    const element = document.createElementNS("http://www.w3.org/2000/svg", tag);
+    Object.entries(attributes).forEach(([name, value]) => element.setAttribute(name, value));
+    return element;
+  };
+  const svg = make("svg", { viewBox: `0 -12 ${WIDE} ${HIGH + 28}`, role: "img", "aria-label": `Off the plan by ${most.toFixed(3)} mm at most` });
+  const text = (x, y, anchor, words) => {
+    const element = make("text", { x, y, "text-anchor": anchor, "font-size": 11, fill: "var(--soft)" });
+    element.textContent = words;
+    return element;
+  };
+  const line = make("line", { y1: 0, y2: HIGH, x1: WIDE, x2: WIDE, stroke: "var(--accent)", "stroke-dasharray": "2 2" });
+  svg.append(
+    make("line", { x1: 0, x2: WIDE, y1: HIGH, y2: HIGH, stroke: "var(--edge)" }),
+    make("polyline", { points: points.join(" "), fill: "none", stroke: "var(--accent)", "stroke-width": 1.5 }),
+    line,
+    text(0, -3, "start", `${Number(most.toPrecision(2))} mm`),
+    text(0, HIGH + 14, "start", "0"),
+    text(WIDE, HIGH + 14, "end", `${length.toFixed(0)} mm`),
+  );
+  place.append(svg);
+  place.hidden = false;
+  return {
+    mark: (at) => ["x1", "x2"].forEach((end) => line.setAttribute(end, (at / length) * WIDE)),
+  };
+}

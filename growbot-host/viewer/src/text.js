@@ -1,0 +1,43 @@
+// Numbers as the page shows them.
+
+/** A number with so many decimals, and no minus before zeros. */
+export function fixed(value, decimals) {
+  return (Math.abs(value) < 0.5 * 10 ** -decimals ? 0 : value).toFixed(decimals);
+}
+
+/** A time in the two units that matter. */
+export function durationText(seconds) {
+  const minutes = Math.round(seconds / 60);
+  if (seconds < 59.5) return `${Math.round(seconds)} s`;
+  if (minutes < 60) return `${minutes} min`;
+  return `${Math.floor(minutes / 60)} h ${minutes % 60} min`;
+}
+
+/** The greatest of 1, 2 and 5 times a power of ten that is no more than this. */
+export function scaleLength(most) {
+  const power = 10 ** Math.floor(Math.log10(most));
+  const times = [5, 2, 1].find((factor) => factor * power <= most) ?? 1;
+  return Number((times * power).toPrecision(1));
+}
+
+/** Fills a list with names and values. */
+export function fillRows(list, rows) {
+  list.replaceChildren(
+    ...rows.flatMap(([name, value]) => {
+      const [dt, dd] = ["dt", "dd"].map((tag) => document.createElement(tag));
+      [dt.textContent, dd.textContent] = [name, value];
+      return [dt, dd];
+    }),
+  );
+}
+
+/** Lists under headings: `[heading, [[name, value], ...]]` each. */
+export function fillNumbers(place, groups) {
+  for (const [heading, rows] of groups) {
+    const title = document.createElement("h2");
+    title.textContent = heading;
+    const list = document.createElement("dl");
+    fillRows(list, rows);
+    place.append(title, list);
+  }
+}

@@ -1,0 +1,154 @@
+// The printed tube as one mesh that grows by its draw range, and the rim on which the next layer is laid.
+
+import { BufferAttribute, BufferGeometry, DoubleSide, Mesh, MeshBasicMaterial, MeshLambertMaterial, SRGBColorSpace, Color } from "three";
+import { colourAt } from "./colours.js";
+
+const SEGMENTS = 32;
+/** Beyond so many rings only every second, third... layer has one of its own. */
+const MOST_RINGS = 5000;
+
+/** Layers of less than this share of the highest are splinters between two pieces of a path: they do not stretch the scale. */
+const SPLINTER = 0.2;
+
+/** Least and greatest height of the layers of a body, on the middle of its wall, mm. */
+export function heightRange({ layers }, tipRadius) {
+  const splinter = SPLINTER * layers.height.reduce((a, b) => Math.max(a, b), 0);
+  let [least, greatest] = [Infinity, 0];
+  for (let i = 0; i < layers.count; i += 1) {
+    if (layers.height[i] < splinter) continue;
+    const lean = tipRadius * layers.tilt[i];
+    least = Math.min(least, layers.height[i] - lean);
+    greatest = Math.max(greatest, layers.height[i] + lean);
+  }
+  if (!(least <= greatest)) return [0, 1];
+  // Layers that are all alike are in the middle of the scale.
+  return greatest - least > 1e-3 ? [least, greatest] : [least - 0.05, greatest + 0.05];
+}
+
+/** Colours are interpolated by the graphics card, which works in linear light. */
+function linearBytes(share) {
+  const [r, g, b] = colourAt(share);
+  const colour = new Color().setRGB(r / 255, g / 255, b / 255, SRGBColorSpace);
+  return [colour.r * 255, colour.g * 255, colour.b * 255];
+}
+
+/** The tube of a body: `mesh`, and `show(layers)` for how much of it there is. Lengths in mm. */
+export function makeTube(body, { outerRadius, tipRadius, wall }, [least, greatest]) {
+  const { frames, layers } = body;
+  const stride = Math.max(1, Math.ceil(layers.count / MOST_RINGS));
+  const at = [];
+  for (let i = 0; i < layers.count; i += stride) at.push(i);
+  at.push(layers.count);
+
+  const palette = Array.from({ length: 256 }, (_, i) => linearBytes(i / 255));
+  const round = Array.from({ length: SEGMENTS + 1 }, (_, j) => (j / SEGMENTS) * 2 * Math.PI);
+  const [cosines, sines] = [round.map(Math.cos), round.map(Math.sin)];
+  const vertices = at.length * (SEGMENTS + 1);
+  const position = new Float32Array(vertices * 3);
+  const normal = new Float32Array(vertices * 3);
+  const colour = new Uint8Array(vertices * 3);
+  const ring = new Float32Array(vertices);
+  let v = 0;
+  for (const layer of at) {
+    const f = layer * 12;
+    const below = Math.max(0, layer - 1);
+    const [alpha, height, lean] = [layers.alpha[below], layers.height[below], tipRadius * layers.tilt[below]];
+    for (let j = 0; j <= SEGMENTS; j += 1) {
+      for (let k = 0; k < 3; k += 1) {
+        const out = cosines[j] * frames[f + k] + sines[j] * frames[f + 3 + k];
+        normal[v * 3 + k] = out;
+        position[v * 3 + k] = frames[f + 9 + k] + outerRadius * out;
+      }
+      const share = (height + lean * Math.cos(round[j] - alpha) - least) / (greatest - least);
+      colour.set(palette[Math.round(255 * Math.min(1, Math.max(0, share)))] ?? palette[127], v * 3);
+      ring[v] = layer;
+      v += 1;
+    }
+  }
+  const index = new Uint32Array((at.length - 1) * SEGMENTS * 6);
+  let n = 0;
+  for (let i = 0; i + 1 < at.length; i += 1) {
+    for (let j = 0; j < SEGMENTS; j += 1) {
+      const a = i * (SEGMENTS + 1) + j;
+      const b = a + SEGMENTS + 1;
+      index.set([a, a + 1, b, b, a + 1, b + 1], n);
+      n += 6;
+    }
+  }
+  const geometry = new BufferGeometry();
+  geometry.setAttribute("position", new BufferAttribute(position, 3));
+  geometry.setAttribute("normal", new BufferAttribute(normal, 3));
+  geometry.setAttribute("color", new BufferAttribute(colour, 3, true));
+  geometry.setAttribute("ring", new BufferAttribute(ring, 1));
+  geometry.setIndex(new BufferAttribute(index, 1));
+  const mesh = new Mesh(geometry, layered(new MeshLambertMaterial({ vertexColors: true, side: DoubleSide })));
+  mesh.frustumCulled = false;
+
+  const rim = makeRim(outerRadius, wall);
+  mesh.add(rim.mesh);
+  const show = (count) => {
+    // The ring that is reached: the last may come early.
+    const rings = count >= layers.count ? at.length - 1 : Math.floor(count / stride);
+    geometry.setDrawRange(0, rings * SEGMENTS * 6);
+    rim.place(frames, at[rings] * 12);
+  };
+  show(layers.count);
+  return { mesh, show };
+}
+
+/** The planned tube, to be seen through and a little narrower than the one as built. */
+export function makeGhost(body, { outerRadius, tipRadius, wall }) {
+  const { mesh } = makeTube(body, { outerRadius: 0.985 * outerRadius, tipRadius, wall }, [0, 1]);
+  mesh.material = new MeshBasicMaterial({ transparent: true, opacity: 0.22, depthWrite: false });
+  mesh.clear();
+  return mesh;
+}
+
+/** Draws a fine line between layers where they are large enough in the picture. */
+function layered(material) {
+  material.onBeforeCompile = (shader) => {
+    shader.vertexShader = shader.vertexShader
+      .replace("#include <common>", "#include <common>\nattribute float ring;\nvarying float vRing;")
+      .replace("#include <begin_vertex>", "#include <begin_vertex>\nvRing = ring;");
+    shader.fragmentShader = shader.fragmentShader
+      .replace("#include <common>", "#include <common>\nvarying float vRing;")
+      .replace(
+        "#include <color_fragment>",
+        `#include <color_fragment>
+        float perPixel = fwidth(vRing);
+        float edge = abs(fract(vRing + 0.5) - 0.5);
+        float line = 1.0 - smoothstep(0.06, 0.06 + max(perPixel, 0.06), edge);
+        diffuseColor.rgb *= 1.0 - 0.5 * line * (1.0 - smoothstep(0.12, 0.45, perPixel));`,
+      );
+  };
+  return material;
+}
+
+/** The rim of the wall at the tip. */
+function makeRim(outerRadius, wall) {
+  const position = new Float32Array((SEGMENTS + 1) * 6);
+  const index = [];
+  for (let j = 0; j < SEGMENTS; j += 1) index.push(2 * j, 2 * j + 1, 2 * j + 2, 2 * j + 2, 2 * j + 1, 2 * j + 3);
+  const geometry = new BufferGeometry();
+  geometry.setAttribute("position", new BufferAttribute(position, 3));
+  geometry.setAttribute("normal", new BufferAttribute(new Float32Array(position.length), 3));
+  geometry.setIndex(index);
+  const mesh = new Mesh(geometry, new MeshLambertMaterial({ color: 0x8a94a3, side: DoubleSide }));
+  mesh.frustumCulled = false;
+  const place = (frames, f) => {
+    const normal = geometry.attributes.normal.array;
+    for (let j = 0; j <= SEGMENTS; j += 1) {
+      const angle = (j / SEGMENTS) * 2 * Math.PI;
+      for (let k = 0; k < 3; k += 1) {
+        const out = Math.cos(angle) * frames[f + k] + Math.sin(angle) * frames[f + 3 + k];
+        position[j * 6 + k] = frames[f + 9 + k] + outerRadius * out;
+        position[j * 6 + 3 + k] = frames[f + 9 + k] + (outerRadius - wall) * out;
+        normal[j * 6 + k] = frames[f + 6 + k];
+        normal[j * 6 + 3 + k] = frames[f + 6 + k];
+      }
+    }
+    geometry.attributes.position.needsUpdate = true;
+    geometry.attributes.normal.needsUpdate = true;
+  };
+  return { mesh, place };
+}
