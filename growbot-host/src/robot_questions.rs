@@ -319,7 +319,7 @@ impl Draft {
             candidates.extend([rounded(limit, f64::ceil), rounded(limit, f64::floor)]);
         }
         candidates.extend((1..60).flat_map(|step| {
-            let factor = 1.25_f64.powi(step);
+            let factor = libm::pow(1.25, f64::from(step));
             [rounded(number * factor, f64::round), rounded(number / factor, f64::round)]
         }));
         candidates.into_iter().find_map(|candidate| {
@@ -336,12 +336,12 @@ fn rounded(number: f64, round: fn(f64) -> f64) -> f64 {
     if number == 0.0 || !number.is_finite() {
         return number;
     }
-    let digits = 2 - number.abs().log10().floor() as i32;
+    let digits = 2 - libm::floor(libm::log10(number.abs())) as i32;
     if digits >= 0 {
-        let scale = 10_f64.powi(digits);
+        let scale = libm::pow(10.0, f64::from(digits));
         round(number * scale) / scale
     } else {
-        let scale = 10_f64.powi(-digits);
+        let scale = libm::pow(10.0, f64::from(-digits));
         round(number / scale) * scale
     }
 }
