@@ -11,13 +11,14 @@ import assert from "node:assert/strict";
 import { execFileSync } from "node:child_process";
 import { mkdtempSync, readFileSync, rmSync, statSync, writeFileSync } from "node:fs";
 import { tmpdir } from "node:os";
-import { dirname, join } from "node:path";
+import { dirname, join, resolve } from "node:path";
 import { fileURLToPath, pathToFileURL } from "node:url";
 import { chromium } from "playwright-core";
 import { PNG } from "pngjs";
 
 const here = dirname(fileURLToPath(import.meta.url));
-const [growbot, bless] = process.argv.slice(2);
+const [program, bless] = process.argv.slice(2);
+const growbot = resolve(program);
 const PICTURE = join(here, "picture.png");
 /** The first picture is to be there in 3 s; a machine that is busy with other things may take longer. */
 const [FIRST_PICTURE_MS, FAIL_AT_MS] = [3000, 12_000];
