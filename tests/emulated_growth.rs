@@ -2,14 +2,13 @@
 
 use std::cell::RefCell;
 use std::rc::Rc;
-use std::sync::atomic::AtomicBool;
 
 use growbot_core::link::message::{Silence, State};
 use growbot_core::path::{Segment, end, length};
 use growbot_core::pose::{Pose, angle_between};
 use growbot_core::robot::Robot;
 use growbot_host::client::Client;
-use growbot_host::growth::{Grown, Job, News, Outcome, grow_job};
+use growbot_host::growth::{Grown, Job, News, Orders, Outcome, grow_job};
 use growbot_host::port::Port;
 use growbot_host::port::emulator::Emulator;
 use growbot_host::port::sim::Sim;
@@ -22,7 +21,7 @@ fn grow_on(port: Box<dyn Port>, robot: &Robot, path: &[Segment], warm: &mut dyn 
     let goal = Pose::from_frame(&end(path, &start.frame()));
     let job = Job::new(robot, &start, &goal, path);
     let mut client = Client::new(port, "a board under test");
-    grow_job(&mut client, &job, Silence::Hold, &AtomicBool::new(false), &mut |news| {
+    grow_job(&mut client, &job, Silence::Hold, &Orders::default(), &mut |news| {
         if let News::State(State::Heating) = news {
             warm();
         }

@@ -10,7 +10,7 @@
 
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -21,7 +21,7 @@ use growbot_core::random::Random;
 use growbot_core::robot::Robot;
 use growbot_firmware::emulated_tip as table;
 use growbot_host::client::Client;
-use growbot_host::growth::{CutLayer, Grown, GrowthError, Job, News, Outcome, grow_job, resume_job};
+use growbot_host::growth::{CutLayer, Grown, GrowthError, Job, News, Orders, Outcome, grow_job, resume_job};
 use growbot_host::port::Port;
 use growbot_host::port::emulator::Emulator;
 use growbot_host::port::faulty::{FaultSpec, Faulty};
@@ -131,7 +131,7 @@ fn over_a_bad_line(board: &Board, job: &Job, undisturbed: &Undisturbed, seed: u6
     let spec = FaultSpec { drop, flip, dup: few, reorder: few, truncate: few, seed, ..FaultSpec::default() };
     let wire = Rc::new(RefCell::new(Faulty::new(Rc::clone(board), spec)));
     let mut client = Client::new(Box::new(Rc::clone(&wire)), "the emulated board");
-    let never = AtomicBool::new(false);
+    let never = Orders::default();
     let grown = grow_job(&mut client, job, Silence::Hold, &never, &mut |news| warm(board, news));
     let what = format!("{:.1} % of frames lost, {flip:.1e} of bytes flipped", 100.0 * drop);
     let grown = grown.map_err(|error| format!("{what}: {error}"))?;
@@ -217,7 +217,7 @@ impl Point {
         let line = Cuttable { port: Rc::clone(board), cut: Rc::clone(&gone) };
         let mut client = Client::new(Box::new(line), "the emulated board");
         let (mut told, mut flash) = (0, None);
-        let grown = grow_job(&mut client, job, Silence::Hold, &AtomicBool::new(false), &mut |news| {
+        let grown = grow_job(&mut client, job, Silence::Hold, &Orders::default(), &mut |news| {
             warm(board, news);
             match news {
                 News::Laid(_, as_built, _) => known.push(*as_built),
@@ -267,7 +267,7 @@ fn come_back(
         client.request("to clear the fault", &Message::ClearFault(Empty {})).map_err(GrowthError::Before)?;
     }
     let found = client.status().map_err(GrowthError::Before)?;
-    let (never, tell) = (AtomicBool::new(false), &mut |news: &News| warm(board, news));
+    let (never, tell) = (Orders::default(), &mut |news: &News| warm(board, news));
     let grown = resume_job(&mut client, job, known, CutLayer::Again, Silence::Hold, &never, tell)?;
     Ok((found, grown))
 }

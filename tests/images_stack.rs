@@ -2,7 +2,6 @@
 
 use std::cell::RefCell;
 use std::rc::Rc;
-use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 use growbot_core::link::message::{Message, PlanRequest, ResetCause, Silence, State};
@@ -11,7 +10,7 @@ use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
 use growbot_firmware::emulated_tip as table;
 use growbot_host::client::Client;
-use growbot_host::growth::{Job, News, Outcome, grow_job};
+use growbot_host::growth::{Job, News, Orders, Outcome, grow_job};
 use growbot_host::port::emulator::Emulator;
 use growbot_host::robot_file;
 use growbot_tests::firmware;
@@ -63,7 +62,7 @@ fn planning_and_growing_leave_half_of_the_stack_unused() {
     let path = [Segment::Arc { alpha: 1.0, bend: 0.03, length: 3.0 }];
     let goal = Pose::from_frame(&end(&path, &start.frame()));
     let job = Job::new(&robot, &start, &goal, &path);
-    let grown = grow_job(&mut client, &job, Silence::Hold, &AtomicBool::new(false), &mut |news| {
+    let grown = grow_job(&mut client, &job, Silence::Hold, &Orders::default(), &mut |news| {
         if let News::State(State::Heating) = news {
             // A nozzle that is warm soon saves the time of heating, which is real here.
             emulator.borrow_mut().simulated_tip(|tip| tip.set_nozzle_c(190.0));

@@ -146,6 +146,8 @@ impl RunLog {
             News::HandingOver(from, layers) => {
                 self.write(&json!({ "event": "handing-over", "from": from, "layers": hex_of(layers) }))
             }
+            News::Ordered(order) => self.write(&json!({ "event": "ordered", "order": order.name() })),
+            News::NotObeyed(why) => self.write(&json!({ "event": "not-obeyed", "why": why })),
             News::Silent => self.write(&json!({ "event": "silent" })),
             News::Back => self.write(&json!({ "event": "back" })),
         }

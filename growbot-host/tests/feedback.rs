@@ -4,7 +4,6 @@ mod running;
 
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use growbot_core::link::message::{Empty, Message, ResetCause, Silence, State};
@@ -16,7 +15,7 @@ use growbot_core::tracking::SensorNoise;
 use growbot_host::client::Client;
 use growbot_host::feedback::Feedback;
 use growbot_host::growth::{
-    CutLayer, Grown, GrowthError, Job, MeasuredBy, News, Outcome, grow_job_with, resume_job_with,
+    CutLayer, Grown, GrowthError, Job, MeasuredBy, News, Order, Orders, Outcome, grow_job_with, resume_job_with,
 };
 use growbot_host::plan::{Plan, Search};
 use growbot_host::port::sim::Sim;
@@ -163,13 +162,13 @@ impl Try {
     }
 
     /// Grows, with `at` called after the layer of index 60, which may cut the line and set the stop.
-    fn grow(&self, mut at: impl FnMut(&Cell<bool>, &AtomicBool)) -> Result<Grown, GrowthError> {
+    fn grow(&self, mut at: impl FnMut(&Cell<bool>, &Orders)) -> Result<Grown, GrowthError> {
         let job = self.job();
         let mut log = RunLog::begin(&self.folder.path().join("run"), &self.plan, &job, Some(NOISE), "sim").unwrap();
         let feedback = Feedback::new(&self.robot, &self.plan.start, &self.plan.path, &self.plan.legs, NOISE);
         let cut = Rc::new(Cell::new(false));
         let mut client = Client::new(Box::new(Line(Rc::clone(&self.sim), Rc::clone(&cut))), "sim");
-        let stop = AtomicBool::new(false);
+        let stop = Orders::default();
         let grown = grow_job_with(&mut client, &job, Some(feedback), Silence::GoOn, &stop, &mut |news| {
             log.news(news).unwrap();
             if matches!(news, News::Laid(60, ..)) {
@@ -194,7 +193,7 @@ impl Try {
         let plan = record.plan(&self.robot).unwrap();
         let feedback = record.feedback(&job, &plan);
         assert!(feedback.is_some());
-        let (stop, known) = (AtomicBool::new(false), record.as_built.clone());
+        let (stop, known) = (Orders::default(), record.as_built.clone());
         let again = CutLayer::Again;
         resume_job_with(&mut client, &job, feedback, known, again, Silence::Hold, &stop, &mut |_| {}).unwrap()
     }
@@ -209,7 +208,7 @@ impl Try {
 #[test]
 fn a_growth_that_was_stopped_goes_on_with_feedback() {
     let tried = Try::new();
-    let stopped = tried.grow(|_, stop| stop.store(true, Ordering::Relaxed)).unwrap();
+    let stopped = tried.grow(|_, stop| stop.give(Order::Stop)).unwrap();
     assert_eq!(stopped.outcome, Outcome::Stopped);
     let done = tried.resume();
     assert_eq!((done.outcome, done.measured_by), (Outcome::Done, MeasuredBy::Estimate));

@@ -1,7 +1,5 @@
 //! A growth as the command line shows it: progress, log, result and exit code.
 
-use std::sync::atomic::AtomicBool;
-
 use clap::ValueEnum;
 use growbot_core::angle::degrees;
 use growbot_core::layer::SECTORS;
@@ -12,7 +10,7 @@ use growbot_core::robot::Robot;
 use growbot_host::arrival::Arrival;
 use growbot_host::client::ClientError;
 use growbot_host::feedback::FedBack;
-use growbot_host::growth::{Grown, GrowthError, MeasuredBy, News, Outcome, as_built_hash};
+use growbot_host::growth::{Grown, GrowthError, MeasuredBy, News, Orders, Outcome, as_built_hash};
 use growbot_host::output::print;
 use growbot_host::plan::Plan;
 use growbot_host::plan_file::{WrittenPose, written_hash};
@@ -61,12 +59,12 @@ impl Following<'_> {
     /// Shows a growth while it is grown, and what came of it.
     pub fn follow(
         mut self,
-        grow: impl FnOnce(&AtomicBool, &mut dyn FnMut(&News)) -> Result<Grown, GrowthError>,
+        grow: impl FnOnce(&Orders, &mut dyn FnMut(&News)) -> Result<Grown, GrowthError>,
     ) -> Result<(), Failure> {
-        let stop = stop_on_interrupt();
+        let orders = stop_on_interrupt();
         let mut show = Show::new(self.plan.needs.layers, self.laid as u64);
         let mut log_error = None;
-        let grown = grow(&stop, &mut |news| {
+        let grown = grow(&orders, &mut |news| {
             show.tell(news);
             if let Err(error) = self.log.news(news) {
                 log_error.get_or_insert(error);
@@ -149,6 +147,10 @@ fn json_of(outcome: &str, grown: Option<&Grown>, plan: &Plan, seed: Option<u64>)
         &mut value,
         json!({
             "outcome": outcome,
+            "fault": grown.and_then(|grown| match grown.outcome {
+                Outcome::Fault(fault) => Some(fault.code()),
+                _ => None,
+            }),
             "layers": grown.map_or(0, |grown| grown.body.len()),
             "length_mm": grown.map_or(0.0, Grown::length_mm),
             "seed": seed,
@@ -244,6 +246,8 @@ impl Show {
             News::Status(status) => self.state = status.state.name(),
             News::Amending(amendment) => self.layers = amendment.total as usize,
             News::Board(_) | News::Counting(_) | News::NotAmended(None) | News::HandingOver(..) => {}
+            News::Ordered(order) => self.progress.say(&format!("ordered: {}", order.name())),
+            News::NotObeyed(why) => self.progress.say(why),
             News::Silent => self.progress.say("the board does not answer: calling it again"),
             News::Back => self.progress.say("the board answers again"),
             News::NotAmended(Some(why)) => {

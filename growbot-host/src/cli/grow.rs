@@ -120,7 +120,7 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     let seed = (disturbance.disturbs() || disturbance.knows_sensors()).then_some(disturbance.seed);
     let seed = seed.filter(|_| name.is_simulated());
     let following = Following { robot: &robot, plan: &plan, log, json: args.json, laid: 0, seed };
-    following.follow(|stop, tell| grow_job_with(&mut client, &job, feedback, args.on_silence.into(), stop, tell))
+    following.follow(|orders, tell| grow_job_with(&mut client, &job, feedback, args.on_silence.into(), orders, tell))
 }
 
 impl GrowArgs {

@@ -98,7 +98,7 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
     }
     let following = Following { robot: &robot, plan: &plan, log, json: args.json, laid, seed: None };
     let silence = args.on_silence.into();
-    following.follow(|stop, tell| resume_job_with(&mut client, &job, feedback, known, cut, silence, stop, tell))
+    following.follow(|orders, tell| resume_job_with(&mut client, &job, feedback, known, cut, silence, orders, tell))
 }
 
 impl ResumeArgs {

@@ -1,6 +1,5 @@
 //! `growbot tune`: the gains of the heater's regulation, found on the robot.
 
-use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use clap::Args;
@@ -66,9 +65,9 @@ pub fn run(args: &TuneArgs) -> Result<(), Failure> {
 }
 
 fn follow(client: &mut Client) -> Result<Tuned, Failure> {
-    let stop = stop_on_interrupt();
+    let orders = stop_on_interrupt();
     loop {
-        if stop.load(Ordering::Relaxed) {
+        if orders.stops() {
             client.request("to stop", &Message::Stop(Empty {}))?;
             return Err(Failure::answered_no("stopped: heater and steppers are off"));
         }

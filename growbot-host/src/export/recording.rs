@@ -63,17 +63,19 @@ pub fn write(robot: &Robot, plan: &Plan, record: &RunRecord, log: &[u8]) -> Resu
                 }
             }
             "end" => {
-                let outcome = event.get("result").and_then(|result| result.get("outcome")).and_then(Value::as_str);
-                let outcome = outcome.unwrap_or("unknown");
+                let said = |name: &str| event.get("result").and_then(|result| result.get(name)).and_then(Value::as_str);
+                let outcome = said("outcome").unwrap_or("unknown");
                 let level = match outcome {
                     "done" => Level::Info,
                     "fault" => Level::Error,
                     _ => Level::Warning,
                 };
-                recorder.event(level, &format!("end: {outcome}"))?;
-                if outcome == "fault" && recorder.fault.is_none() {
+                if let Some(code) = said("fault") {
+                    recorder.latched(Some(code))?;
+                } else if outcome == "fault" && recorder.fault.is_none() {
                     recorder.fault("unknown", "the log says that a fault ended the growth, not which")?;
                 }
+                recorder.event(level, &format!("end: {outcome}"))?;
             }
             "" => {}
             _ => recorder.event(level_of(kind), &in_words(kind, &event))?,
@@ -194,7 +196,11 @@ impl Recorder {
         let mut message = json!({ "timestamp": messages::time(self.clock.now) });
         copy(event, &["state", "fault", "temperature_c", "target_c", "laid", "uptime_ms"], &mut message);
         self.tell(Topic::Status, &message)?;
-        let fault = event.get("fault").and_then(Value::as_str);
+        self.latched(event.get("fault").and_then(Value::as_str))
+    }
+
+    /// The fault that is latched now, or none: told once.
+    fn latched(&mut self, fault: Option<&str>) -> Result<(), McapError> {
         if fault != self.fault.as_deref() {
             self.fault = fault.map(ToString::to_string);
             if let Some(code) = fault {
@@ -325,7 +331,7 @@ mod tests {
     fn a_fault_is_told_once_and_what_is_not_known_is_left_out() {
         let fault = Some("over-temperature");
         let end = json!({ "event": "end", "result": { "outcome": "fault" } });
-        let messages = recorded(&[status(0, None), status(1, fault), status(2, fault), end.clone()]);
+        let messages = recorded(&[status(0, None), status(1, fault), status(2, fault), end]);
         let of = |topic: &str| {
             messages.iter().filter(|(name, ..)| name == topic).map(|(.., message)| message).collect::<Vec<_>>()
         };
@@ -333,9 +339,15 @@ mod tests {
         assert_eq!(of("/faults")[0]["code"], "over-temperature");
         assert_eq!(of("/events").last().unwrap()["message"], "end: fault");
         assert_eq!((&of("/status")[0]["temperature_c"], of("/status")[0].get("target_c")), (&json!(199.5), None));
-        // Where only the end tells of it, there is no code.
-        let messages = recorded(&[status(0, None), end]);
-        assert!(messages.iter().any(|(topic, _, fault)| topic == "/faults" && fault["code"] == "unknown"));
+        // Where only the end tells of it; logs of older versions have no code there.
+        let with = |result: Value| recorded(&[status(0, None), json!({ "event": "end", "result": result })]);
+        for (code, result) in [
+            ("unknown", json!({ "outcome": "fault" })),
+            ("heating-too-slow", json!({ "outcome": "fault", "fault": "heating-too-slow" })),
+        ] {
+            let messages = with(result);
+            assert!(messages.iter().any(|(topic, _, fault)| topic == "/faults" && fault["code"] == code), "{code}");
+        }
     }
 
     #[test]

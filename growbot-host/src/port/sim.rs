@@ -386,11 +386,10 @@ impl Watchdog for SimWatchdog {
 mod tests {
     use super::*;
     use crate::client::Client;
-    use crate::growth::{Grown, Job, grow_job};
+    use crate::growth::{Grown, Job, Orders, grow_job};
     use embedded_storage::nor_flash::NorFlash;
     use growbot_core::link::message::Silence;
     use growbot_core::path::{Segment, end};
-    use std::sync::atomic::AtomicBool;
     use std::time::Instant;
 
     fn robot() -> Robot {
@@ -405,7 +404,7 @@ mod tests {
         let goal = Pose::from_frame(&end(&path, &start.frame()));
         let job = Job::new(&robot, &start, &goal, &path);
         let mut client = Client::new(Box::new(sim), "a simulated board");
-        grow_job(&mut client, &job, Silence::Hold, &AtomicBool::new(false), &mut |_| {}).unwrap()
+        grow_job(&mut client, &job, Silence::Hold, &Orders::default(), &mut |_| {}).unwrap()
     }
 
     #[test]

@@ -2,13 +2,12 @@
 
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
-use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::message::{Empty, Message, ResetCause, Silence, State, Status};
 use growbot_host::client::Client;
-use growbot_host::growth::{CutLayer, Grown, GrowthError, Job, News, Outcome, grow_job, resume_job};
+use growbot_host::growth::{CutLayer, Grown, GrowthError, Job, News, Orders, Outcome, grow_job, resume_job};
 use growbot_host::port::sim::Sim;
 
 use super::{Board, Cuttable, Undisturbed};
@@ -82,7 +81,7 @@ fn grow_until(
     let line = Cuttable { port: Rc::clone(board), cut: Rc::clone(&cut) };
     let mut client = Client::new(Box::new(line), "sim");
     let mut told = 0;
-    let grown = grow_job(&mut client, job, Silence::Hold, &AtomicBool::new(false), &mut |news| {
+    let grown = grow_job(&mut client, job, Silence::Hold, &Orders::default(), &mut |news| {
         if cut.get() {
             return;
         }
@@ -123,7 +122,7 @@ fn come_back(job: &Job, board: &Board, known: Vec<Option<LayerBytes>>) -> Result
         client.request("to clear the fault", &clear).map_err(GrowthError::Before)?;
     }
     let found = client.status().map_err(GrowthError::Before)?;
-    let (stop, tell) = (AtomicBool::new(false), &mut |_: &News| {});
+    let (stop, tell) = (Orders::default(), &mut |_: &News| {});
     let grown = if found.plan_id == job.plan_id {
         resume_job(&mut client, job, known, CutLayer::Again, Silence::Hold, &stop, tell)
     } else {

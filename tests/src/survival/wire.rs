@@ -4,12 +4,12 @@ use std::cell::RefCell;
 use std::fmt::Write;
 use std::rc::Rc;
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread;
 
 use growbot_core::link::message::Silence;
 use growbot_host::client::Client;
-use growbot_host::growth::{Job, Outcome, grow_job};
+use growbot_host::growth::{Job, Orders, Outcome, grow_job};
 use growbot_host::port::faulty::{FaultSpec, Faulty};
 use growbot_host::port::sim::Sim;
 
@@ -88,7 +88,7 @@ fn grow(job: &Job, undisturbed: &Undisturbed, loss: f64, flip: f64, seed: u64) -
     let board: Board = Rc::new(RefCell::new(Sim::new(job.robot.clone())));
     let wire = Rc::new(RefCell::new(Faulty::new(Rc::clone(&board), spec)));
     let mut client = Client::new(Box::new(Rc::clone(&wire)), "sim");
-    let grown = grow_job(&mut client, job, Silence::Hold, &AtomicBool::new(false), &mut |_| {});
+    let grown = grow_job(&mut client, job, Silence::Hold, &Orders::default(), &mut |_| {});
     let feed_steps = board.borrow_mut().simulated_tip().feed_steps();
     let wrong = match &grown {
         Err(error) => Some(error.to_string()),

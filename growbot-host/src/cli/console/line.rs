@@ -2,7 +2,6 @@
 
 use std::io::{self, BufRead, IsTerminal};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use growbot_core::layer_bytes::decode;
@@ -11,7 +10,7 @@ use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_host::client::Client;
-use growbot_host::growth::{Job, News, grow_job};
+use growbot_host::growth::{Job, News, Orders, grow_job};
 use growbot_host::output::print;
 use growbot_host::plan::{Plan, Search};
 use rustyline::completion::Completer;
@@ -33,8 +32,8 @@ pub struct Session {
     client: Client,
     robot: Robot,
     start: Pose,
-    /// Set by Ctrl-C.
-    stop: Arc<AtomicBool>,
+    /// What Ctrl-C orders: to stop.
+    orders: Arc<Orders>,
 }
 
 /// What to do after a command.
@@ -46,7 +45,7 @@ enum Next {
 impl Session {
     /// A session with a board.
     pub fn new(client: Client, robot: Robot, start: Pose) -> Self {
-        Self { client, robot, start, stop: stop_on_interrupt() }
+        Self { client, robot, start, orders: stop_on_interrupt() }
     }
 
     /// Carries commands out until the last one.
@@ -124,14 +123,14 @@ impl Session {
         let search = Search { radius, planner: Planner::Shortest, clear_of_self: true };
         let plan = Plan::through(&self.robot, &self.start, &[], goal, &search)?;
         let job = Job::new(&self.robot, &plan.start, &plan.goal, &plan.path);
-        let grown = grow_job(&mut self.client, &job, Silence::Hold, &self.stop, &mut |news| {
+        let grown = grow_job(&mut self.client, &job, Silence::Hold, &self.orders, &mut |news| {
             if let News::State(state) = news {
                 // A reader that is gone is noticed when the table is printed.
                 let _ = print(&format!("{}\n", state.name()));
             }
         })
         .map_err(Failure::answered_no)?;
-        self.stop.store(false, Ordering::Relaxed);
+        self.orders.clear();
         Ok(print(&growth_table::table(&plan, &self.robot, &grown, None))?)
     }
 
@@ -141,7 +140,7 @@ impl Session {
         let until = clock(&mut self.client)? + (seconds * 1000.0) as u64;
         loop {
             let now = clock(&mut self.client)?;
-            if now >= until || self.stop.swap(false, Ordering::Relaxed) {
+            if now >= until || self.orders.clear() {
                 return Ok(());
             }
             let left = Duration::from_millis((until - now).min(1000));

@@ -1,6 +1,8 @@
 //! One growth: a plan's layers handed to a board, followed until the last of them is laid; or taken up again where it was left.
 
-use std::sync::atomic::{AtomicBool, Ordering};
+mod handover;
+mod orders;
+
 use std::time::Duration;
 
 use growbot_core::hash::Hasher;
@@ -8,35 +10,27 @@ use growbot_core::job::{job_layers, summarize};
 use growbot_core::layer::{Layer, grow};
 use growbot_core::layer_bytes::{LayerBytes, decode};
 use growbot_core::link::message::{
-    Accepted, Amend, Begin, BoardHello, Cut, Empty, Fault, Laid, MOST_LAYERS, Measured, Message, Refusal, Resume,
-    Silence, Start, State, Status, Waits,
+    Accepted, Begin, BoardHello, Cut, Empty, Fault, Laid, Measured, Message, Refusal, Resume, Silence, Start, State,
+    Status, Waits,
 };
 use growbot_core::path::{Segment, length};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 
+use self::handover::IN_ENGINE;
+pub use self::orders::{Order, Orders};
 use crate::arrival::Arrival;
 use crate::client::{Client, ClientError};
 use crate::feedback::{Count, FedBack, Feedback};
 
-/// How long to wait for an event before asking for the status.
-const QUIET: Duration = Duration::from_secs(2);
+/// How long to wait for an event before orders are looked at,
+const LOOK: Duration = Duration::from_millis(200);
+/// and, after so many looks in vain, before the board is asked for its status.
+const QUIET_LOOKS: u32 = 10;
 /// Layers whose news are still on the way when the growth has ended are waited for in so many looks.
 const LOOKS_AFTER_THE_END: u32 = 40;
 /// A board that has fallen silent is called again so often before it counts as lost.
 const CALLS: u32 = 12;
-
-/// With feedback, layers are handed over so far ahead.
-const HORIZON: u32 = 64;
-/// The step engine has so many layers at a time, which cannot be amended any more.
-const IN_ENGINE: u32 = 2;
-/// A job is amended once in this time at most, s: with all layers up to the horizon that keeps a serial line busy for a fifth of it.
-const AMEND_EVERY_S: f64 = 0.5;
-/// And so often in all, less an eighth of the job's layers: a board's journal has room for some 2,000 records besides the layers that a
-/// job begins with, and a job that is amended may come to have more of them.
-const MOST_AMENDMENTS: usize = 1792;
-/// A layer may have been begun while a job was amended: then it is tried again, so often.
-const AMEND_TRIES: u32 = 4;
 
 /// A job: the layers of a path, for a robot.
 #[derive(Debug, Clone, PartialEq)]
@@ -194,6 +188,10 @@ pub enum News {
     NotAmended(Option<String>),
     /// With feedback: layers of the job beyond those of its latest amendment are handed over, from this index on.
     HandingOver(u32, Vec<LayerBytes>),
+    /// Somebody has given an order, which is now carried out.
+    Ordered(Order),
+    /// The board refused it: why.
+    NotObeyed(String),
     /// The board does not answer, and is called again.
     Silent,
     /// It answers again.
@@ -254,7 +252,7 @@ pub enum CutLayer {
     LetBe,
 }
 
-/// Grows a job from its first layer. `stop` may be set at any time; `tell` hears the news.
+/// Grows a job from its first layer. `orders` may be given at any time; `tell` hears the news.
 ///
 /// # Errors
 /// A board that is of another robot, holds an unfinished body, refuses or falls silent.
@@ -262,10 +260,10 @@ pub fn grow_job(
     client: &mut Client,
     job: &Job,
     silence: Silence,
-    stop: &AtomicBool,
+    orders: &Orders,
     tell: &mut dyn FnMut(&News),
 ) -> Result<Grown, GrowthError> {
-    grow_job_with(client, job, None, silence, stop, tell)
+    grow_job_with(client, job, None, silence, orders, tell)
 }
 
 /// As [`grow_job`], with feedback: layers to come are planned again after each that is laid.
@@ -277,12 +275,12 @@ pub fn grow_job_with<'a>(
     job: &Job<'a>,
     feedback: Option<Feedback<'a>>,
     silence: Silence,
-    stop: &AtomicBool,
+    orders: &Orders,
     tell: &mut dyn FnMut(&News),
 ) -> Result<Grown, GrowthError> {
     let mut growth = Growth::begin(client, job, feedback, silence, tell)?;
     growth.start().map_err(GrowthError::Before)?;
-    growth.finish(stop, tell)
+    growth.finish(orders, tell)
 }
 
 /// Goes on with a job that the board knows. `known` are the layers as built that this host has already.
@@ -295,10 +293,10 @@ pub fn resume_job(
     known: Vec<Option<LayerBytes>>,
     cut: CutLayer,
     silence: Silence,
-    stop: &AtomicBool,
+    orders: &Orders,
     tell: &mut dyn FnMut(&News),
 ) -> Result<Grown, GrowthError> {
-    resume_job_with(client, job, None, known, cut, silence, stop, tell)
+    resume_job_with(client, job, None, known, cut, silence, orders, tell)
 }
 
 /// As [`resume_job`], with feedback that has heard of the layers in `known`.
@@ -313,12 +311,12 @@ pub fn resume_job_with<'a>(
     known: Vec<Option<LayerBytes>>,
     cut: CutLayer,
     silence: Silence,
-    stop: &AtomicBool,
+    orders: &Orders,
     tell: &mut dyn FnMut(&News),
 ) -> Result<Grown, GrowthError> {
     let mut growth = Growth::take_up(client, job, feedback, known, cut, silence, tell)?;
     growth.start().map_err(GrowthError::Before)?;
-    growth.finish(stop, tell)
+    growth.finish(orders, tell)
 }
 
 /// A growth under way.
@@ -470,108 +468,23 @@ impl<'a> Growth<'a> {
         Ok(())
     }
 
-    /// Layers of the job that the board is to have by now: with feedback, none that will be others before they are laid.
-    fn wanted(&self) -> usize {
-        let all = self.job.layers.len();
-        if self.feedback.is_some() { all.min((self.laid + HORIZON) as usize) } else { all }
-    }
-
-    /// Sends as many layers as the board has room for; whole messages, but for the last, while it grows.
-    fn hand_over(&mut self, tell: &mut dyn FnMut(&News)) -> Result<(), ClientError> {
-        let wanted = self.wanted();
-        if let Some(layers) = self.job.layers.get(self.told as usize..wanted).filter(|layers| !layers.is_empty()) {
-            tell(&News::HandingOver(self.told, layers.to_vec()));
-            self.told = wanted as u32;
-        }
-        let layers = self.job.layers.get(..wanted).unwrap_or_default();
-        match self.client.hand_over(self.job.plan_id, layers, self.accepted.clone()) {
-            Ok(accepted) => self.accepted = accepted,
-            // It stopped in between; the status will say so.
-            Err(ClientError::Refused { refusal: Refusal::WrongState { .. }, .. }) => {}
-            Err(error) => return Err(error),
-        }
-        Ok(())
-    }
-
-    /// With feedback, plans the layers from this index on again, or from the first one that can still be another, and has the board lay
-    /// these. Where it does not take them it goes on with those that it has.
-    fn amend(&mut self, mut from: u32, tell: &mut dyn FnMut(&News)) -> Result<(), ClientError> {
-        let layers = self.job.layers.len();
-        let is_early = self.laid < self.amend_at || self.as_built.len() < self.laid as usize;
-        if is_early || self.laid as usize >= layers {
-            return Ok(());
-        }
-        let most = MOST_AMENDMENTS.saturating_sub(layers / 8).max(1);
-        for _ in 0..AMEND_TRIES {
-            let Some(feedback) = &mut self.feedback else { return Ok(()) };
-            from = from.min(self.accepted.next);
-            let kept = self.job.layers.get(..from as usize).unwrap_or(&self.job.layers);
-            let rest = feedback.rest(kept.get(self.as_built.len()..).unwrap_or_default());
-            let amended = [kept, &rest].concat();
-            let (plan_id, total) = (feedback.plan_id(&amended), amended.len() as u32);
-            let in_time = libm::ceil(AMEND_EVERY_S / self.job.robot.description().layer.period_s) as u32;
-            self.amend_at = self.laid + in_time.max(layers.div_ceil(most) as u32).max(1);
-            // A board takes no job of which nothing is left.
-            if plan_id == self.job.plan_id || total <= self.laid || feedback.amendments() as usize >= most {
-                return Ok(());
-            }
-            let horizon = rest.iter().take(HORIZON as usize).copied().collect();
-            tell(&News::Amending(Amendment { plan_id, from, total, layers: horizon }));
-            let first_layers = rest.iter().take(MOST_LAYERS).copied().collect();
-            let amend = Amend { plan_id: self.job.plan_id, amended: plan_id, from, layers: total, first_layers };
-            self.amending = Some((plan_id, amended, total.min(from + HORIZON)));
-            match self.client.request("to amend the job", &Message::Amend(amend)) {
-                Ok(Message::Accepted(accepted)) => {
-                    self.accepted = accepted;
-                    self.amended();
-                    return Ok(());
-                }
-                Ok(other) => return Err(ClientError::Unexpected { request: "to amend the job", kind: other.kind() }),
-                Err(ClientError::Refused { refusal, request }) if refusal != Refusal::NoSession => {
-                    self.amending = None;
-                    let why = match refusal {
-                        Refusal::Begun { .. } | Refusal::OutOfOrder { .. } | Refusal::WrongState { .. } => None,
-                        refusal => Some(ClientError::Refused { request, refusal }.to_string()),
-                    };
-                    tell(&News::NotAmended(why));
-                    match refusal {
-                        // A layer has been begun meanwhile.
-                        Refusal::Begun { first } => from = first,
-                        Refusal::OutOfOrder { expected } => self.accepted.next = expected,
-                        _ => return Ok(()),
-                    }
-                }
-                Err(error) => return Err(error),
-            }
-        }
-        Ok(())
-    }
-
-    /// The board has taken the amendment.
-    fn amended(&mut self) {
-        let Some((plan_id, layers, told)) = self.amending.take() else { return };
-        (self.job.plan_id, self.job.layers, self.told) = (plan_id, layers, told);
-        self.names.push(plan_id);
-        if let Some(feedback) = &mut self.feedback {
-            feedback.amended();
-        }
-    }
-
     fn start(&mut self) -> Result<(), ClientError> {
         self.ask("to start", &Message::Start(Start { plan_id: self.job.plan_id, silence: self.silence }))
     }
 
     /// Follows the growth to its end and measures the body.
-    fn finish(mut self, stop: &AtomicBool, tell: &mut dyn FnMut(&News)) -> Result<Grown, GrowthError> {
-        let mut outcome = self.follow(stop, tell);
+    fn finish(mut self, orders: &Orders, tell: &mut dyn FnMut(&News)) -> Result<Grown, GrowthError> {
+        let mut outcome = self.follow(orders, tell);
         for _ in 0..CALLS {
             match outcome {
                 Err(ClientError::Silent { .. } | ClientError::Garbage { .. }) => {
                     tell(&News::Silent);
-                    outcome = self.call_again(stop, tell);
+                    outcome = self.call_again(orders, tell);
                 }
                 // The board does not know us any more: it has restarted, or another host has taken it.
-                Err(ClientError::Refused { refusal: Refusal::NoSession, .. }) => outcome = self.call_again(stop, tell),
+                Err(ClientError::Refused { refusal: Refusal::NoSession, .. }) => {
+                    outcome = self.call_again(orders, tell);
+                }
                 _ => break,
             }
         }
@@ -587,7 +500,7 @@ impl<'a> Growth<'a> {
     }
 
     /// Opens another session and goes on following, if the board still has the job.
-    fn call_again(&mut self, stop: &AtomicBool, tell: &mut dyn FnMut(&News)) -> Result<Outcome, ClientError> {
+    fn call_again(&mut self, orders: &Orders, tell: &mut dyn FnMut(&News)) -> Result<Outcome, ClientError> {
         let hello = self.client.hello_robot(self.job.robot)?;
         tell(&News::Back);
         if self.amending.as_ref().is_some_and(|(plan_id, ..)| *plan_id == hello.status.plan_id) {
@@ -604,19 +517,20 @@ impl<'a> Growth<'a> {
         if outcome(hello.status.state, hello.status.fault).is_none() || hello.status.state == State::Done {
             self.attach(&hello.status, CutLayer::Again, tell)?;
         }
-        self.follow(stop, tell)
+        self.follow(orders, tell)
     }
 
-    fn follow(&mut self, stop: &AtomicBool, tell: &mut dyn FnMut(&News)) -> Result<Outcome, ClientError> {
-        let mut asked_to_stop = false;
+    fn follow(&mut self, orders: &Orders, tell: &mut dyn FnMut(&News)) -> Result<Outcome, ClientError> {
+        let mut stopped_by = None;
+        let mut quiet_looks = 0;
         // A body of no length is done at once.
         let mut ask = true;
         // Asked so often after the end, for layers that have not been told yet.
         let mut looks_after_the_end = 0;
         loop {
-            if stop.load(Ordering::Relaxed) && !asked_to_stop {
-                self.client.request("to stop", &Message::Stop(Empty {}))?;
-                asked_to_stop = true;
+            if let Some(order) = orders.take().filter(|order| stopped_by != Some(*order)) {
+                self.obey(order, tell)?;
+                stopped_by = Some(order).filter(|order| *order >= Order::Stop);
                 ask = true;
             }
             if std::mem::take(&mut ask) {
@@ -630,7 +544,9 @@ impl<'a> Growth<'a> {
                     tell(&News::Status(status));
                 }
             }
-            match self.client.event(QUIET)? {
+            let event = self.client.event(LOOK)?;
+            quiet_looks = if event.is_some() { 0 } else { quiet_looks + 1 };
+            match event {
                 Some(Message::Laid(laid)) if self.names.contains(&laid.plan_id) => {
                     if laid.index as usize == self.as_built.len() {
                         self.take_layer(&laid);
@@ -649,8 +565,30 @@ impl<'a> Growth<'a> {
                     ask = true;
                 }
                 Some(_) => {}
-                None => ask = true,
+                None if quiet_looks >= QUIET_LOOKS => {
+                    quiet_looks = 0;
+                    ask = true;
+                }
+                None => {}
             }
+        }
+    }
+
+    /// Carries an order out. One that does not suit the board's state is refused, and the growth goes on as it was.
+    fn obey(&mut self, order: Order, tell: &mut dyn FnMut(&News)) -> Result<(), ClientError> {
+        tell(&News::Ordered(order));
+        let done = match order {
+            Order::GoOn => self.start(),
+            Order::Hold => self.client.request("to hold", &Message::Hold(Empty {})).map(drop),
+            Order::Stop => self.client.request("to stop", &Message::Stop(Empty {})).map(drop),
+            Order::EmergencyStop => self.client.emergency_stop(),
+        };
+        match done {
+            Err(error @ ClientError::Refused { refusal: Refusal::WrongState { .. }, .. }) => {
+                tell(&News::NotObeyed(error.to_string()));
+                Ok(())
+            }
+            done => done,
         }
     }
 
@@ -661,16 +599,6 @@ impl<'a> Growth<'a> {
             feedback.laid(layer, laid.measured.as_ref());
         }
         self.as_built.push(laid.as_built);
-    }
-
-    /// Sends more layers, once there is room for a few messages of them, or for the rest.
-    fn refill(&mut self, tell: &mut dyn FnMut(&News)) -> Result<(), ClientError> {
-        let wanted = self.wanted() as u32;
-        let left = wanted.saturating_sub(self.accepted.next);
-        if left == 0 || self.accepted.room < left.min(HORIZON) {
-            return Ok(());
-        }
-        self.hand_over(tell)
     }
 
     /// Takes what the board says of itself: how the job ended, if it did.

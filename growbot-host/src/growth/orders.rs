@@ -1,0 +1,94 @@
+//! What people order while a body grows.
+
+use std::sync::atomic::{AtomicU8, Ordering};
+
+/// One order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[repr(u8)]
+pub enum Order {
+    /// Go on after a hold.
+    GoOn = 1,
+    /// Hold after the layer under way.
+    Hold,
+    /// Heater and steppers off; the body can be resumed.
+    Stop,
+    /// The same, ahead of all else; the board stays off until that is cleared.
+    EmergencyStop,
+}
+
+impl Order {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::GoOn, Self::Hold, Self::Stop, Self::EmergencyStop];
+
+    /// Its name in addresses and logs.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::GoOn => "go-on",
+            Self::Hold => "hold",
+            Self::Stop => "stop",
+            Self::EmergencyStop => "emergency-stop",
+        }
+    }
+
+    fn of(code: u8) -> Option<Self> {
+        Self::ALL.into_iter().find(|order| *order as u8 == code)
+    }
+}
+
+/// The order to be carried out next, given from any thread and looked at a few times a second by whoever follows the growth. A stop is
+/// for good: nothing but the emergency stop goes over it.
+#[derive(Debug, Default)]
+pub struct Orders(AtomicU8);
+
+impl Orders {
+    /// Gives an order, in place of one that has not been looked at yet.
+    pub fn give(&self, order: Order) {
+        let _ = self.0.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |before| {
+            let stops = before >= Order::Stop as u8;
+            (!stops || order as u8 > before).then_some(order as u8)
+        });
+    }
+
+    /// Whether the growth is to stop.
+    #[must_use]
+    pub fn stops(&self) -> bool {
+        self.0.load(Ordering::Relaxed) >= Order::Stop as u8
+    }
+
+    /// Forgets all orders, say for another growth; gives whether it was to stop.
+    pub fn clear(&self) -> bool {
+        self.0.swap(0, Ordering::Relaxed) >= Order::Stop as u8
+    }
+
+    /// The latest order. A stop stays; the others are given once.
+    pub(super) fn take(&self) -> Option<Order> {
+        let order = Order::of(self.0.load(Ordering::Relaxed))?;
+        if order < Order::Stop {
+            // One that comes just now stays for the next look.
+            let _ = self.0.compare_exchange(order as u8, 0, Ordering::Relaxed, Ordering::Relaxed);
+        }
+        Some(order)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_stop_is_for_good_and_the_others_are_given_once() {
+        let orders = Orders::default();
+        assert_eq!(orders.take(), None);
+        orders.give(Order::Hold);
+        orders.give(Order::GoOn);
+        assert_eq!((orders.take(), orders.take()), (Some(Order::GoOn), None));
+        orders.give(Order::Stop);
+        orders.give(Order::Hold);
+        assert_eq!((orders.take(), orders.take()), (Some(Order::Stop), Some(Order::Stop)));
+        orders.give(Order::EmergencyStop);
+        orders.give(Order::Stop);
+        assert_eq!(orders.take(), Some(Order::EmergencyStop));
+        assert!(orders.stops() && orders.clear() && !orders.stops() && !orders.clear());
+    }
+}
