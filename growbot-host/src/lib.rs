@@ -13,6 +13,7 @@
 //! - [`layer_table`]: the layers of a plan as CSV; [`view`]: a body in a page to look at; [`export`]: bodies as STL, GLB, CSV and MCAP;
 //! - [`port`]: where a robot is: simulated here, emulated, or at the end of a line; [`tip`], what a simulated one does;
 //! - [`client`]: requests to its board and their answers; [`growth`], a whole job; [`arrival`], how near it came; [`run_log`];
+//! - [`watch`]: a growth under way, as a page on this machine;
 //! - [`simulation`]: growth without a robot, with what goes wrong, once or a million times;
 //! - [`input`], [`output`], [`progress`], [`parallel`]: bounded reading, whole files or none, pipes that close, progress, all cores.
 //!
@@ -48,4 +49,5 @@ pub mod simulation;
 pub mod tip;
 pub mod view;
 pub mod warning;
+pub mod watch;
 pub mod workspace;

@@ -10,15 +10,15 @@ use growbot_core::robot::Robot;
 use growbot_host::arrival::Arrival;
 use growbot_host::client::ClientError;
 use growbot_host::feedback::FedBack;
-use growbot_host::growth::{Grown, GrowthError, MeasuredBy, News, Orders, Outcome, as_built_hash};
+use growbot_host::growth::{Grown, GrowthError, MeasuredBy, News, Outcome, as_built_hash};
 use growbot_host::output::print;
 use growbot_host::plan::Plan;
 use growbot_host::plan_file::{WrittenPose, written_hash};
 use growbot_host::progress::{Progress, Results};
 use growbot_host::run_log::RunLog;
+use growbot_host::watch::Watch;
 use serde_json::{Value, json};
 
-use super::interrupt::stop_on_interrupt;
 use super::{Failure, growth_table};
 
 /// What the board does when it no longer hears from its host.
@@ -47,6 +47,8 @@ pub struct Following<'a> {
     pub plan: &'a Plan,
     /// Its log.
     pub log: RunLog,
+    /// The page that follows it.
+    pub watch: Option<Watch>,
     /// Ends with a line of JSON.
     pub json: bool,
     /// Layers laid before.
@@ -59,13 +61,15 @@ impl Following<'_> {
     /// Shows a growth while it is grown, and what came of it.
     pub fn follow(
         mut self,
-        grow: impl FnOnce(&Orders, &mut dyn FnMut(&News)) -> Result<Grown, GrowthError>,
+        grow: impl FnOnce(&mut dyn FnMut(&News)) -> Result<Grown, GrowthError>,
     ) -> Result<(), Failure> {
-        let orders = stop_on_interrupt();
         let mut show = Show::new(self.plan.needs.layers, self.laid as u64);
         let mut log_error = None;
-        let grown = grow(&orders, &mut |news| {
+        let grown = grow(&mut |news| {
             show.tell(news);
+            if let Some(watch) = &self.watch {
+                watch.tell(news);
+            }
             if let Err(error) = self.log.news(news) {
                 log_error.get_or_insert(error);
             }
@@ -79,7 +83,7 @@ impl Following<'_> {
             Err(GrowthError::During(error)) => {
                 let mut result = json_of("lost", None, self.plan, self.seed);
                 result["error"] = error.to_string().into();
-                self.log.end(&result).map_err(Failure::answered_no)?;
+                self.end(&result)?;
                 if self.json {
                     print(&format!("{result}\n"))?;
                 }
@@ -101,9 +105,17 @@ impl Following<'_> {
         }
     }
 
+    /// Log and page hear the end.
+    fn end(&mut self, result: &Value) -> Result<(), Failure> {
+        if let Some(watch) = self.watch.take() {
+            watch.end(result);
+        }
+        self.log.end(result).map_err(Failure::answered_no)
+    }
+
     fn result(mut self, grown: &Grown) -> Result<(), Failure> {
         let result = json_of(grown.outcome.name(), Some(grown), self.plan, self.seed);
-        self.log.end(&result).map_err(Failure::answered_no)?;
+        self.end(&result)?;
         print(&if self.json {
             format!("{result}\n")
         } else {

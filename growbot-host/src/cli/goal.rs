@@ -35,6 +35,12 @@ pub struct GoalArgs {
 }
 
 impl GoalArgs {
+    /// How what is grown is called: by its file, where it has one.
+    pub fn name(&self) -> String {
+        let file = self.plan.as_ref().and_then(|plan| plan.file_name());
+        file.map_or_else(|| "growbot grow".to_owned(), |file| file.to_string_lossy().into_owned())
+    }
+
     /// Reads the plan, or makes it; the robot is its own.
     pub fn robot_and_plan(&self) -> Result<(Robot, Plan), Failure> {
         if let Some(path) = &self.plan {

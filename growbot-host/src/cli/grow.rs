@@ -9,11 +9,14 @@ use growbot_host::growth::{Job, grow_job_with};
 use growbot_host::port::{PortName, TipSettings};
 use growbot_host::run_log::RunLog;
 use growbot_host::tip::Imperfection;
+use growbot_host::view::Subject;
 use growbot_host::warning::PREVENTING;
 
 use super::disturbance::DisturbanceArgs;
 use super::following::{Following, OnSilence, refuse};
 use super::goal::GoalArgs;
+use super::interrupt::stop_on_interrupt;
+use super::watching::WatchArgs;
 use super::{Failure, PortArg, plan_table};
 
 /// Grow a body: a plan, or straight from a pose
@@ -49,6 +52,8 @@ pub struct GrowArgs {
     #[arg(long)]
     json: bool,
     #[command(flatten)]
+    watching: WatchArgs,
+    #[command(flatten)]
     disturbance: DisturbanceArgs,
 }
 
@@ -58,6 +63,7 @@ Examples:
   growbot grow plan.json --port /dev/ttyACM0 --log run.jsonl
   growbot grow --robot growbot-a2 --to 0,60,120,90,30 --port emulator
   growbot grow --to 200,100,600,0,45 --noise 10 --feedback
+  growbot grow --to 200,100,600,0,45 --watch --control
 
 Exit codes: 0, the body is grown; 1, stopped, refused or a fault; 2, something
 was wrong before the job.";
@@ -98,6 +104,7 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     }
     let name = args.port.name()?;
     args.suits(&name, &robot)?;
+    let pace = args.watching.pace(&name)?;
     if matches!(name, PortName::Emulator(_)) {
         let time = plan_table::duration(plan.needs.duration);
         growbot_host::tell!("growbot: the emulated board runs in real time: the layers alone take {time}");
@@ -112,15 +119,19 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
         noise: disturbance.sensor_noise(),
         seed: disturbance.seed,
     };
-    let mut client = args.port.client_of(&robot, &TipSettings { start: Some(plan.start), imperfection })?;
+    let settings = TipSettings { start: Some(plan.start), imperfection, pace };
+    let mut client = args.port.client_of(&robot, &settings)?;
+    let orders = stop_on_interrupt();
+    let subject = Subject { name: &args.goal.name(), robot: &robot, plan: &plan, run: None };
+    let watch = args.watching.begin(&subject, &job, &[], &orders)?;
     let log = match &args.log {
         Some(path) => RunLog::begin(path, &plan, &job, noise, args.port.text()).map_err(Failure::bad_input)?,
         None => RunLog::none(),
     };
     let seed = (disturbance.disturbs() || disturbance.knows_sensors()).then_some(disturbance.seed);
     let seed = seed.filter(|_| name.is_simulated());
-    let following = Following { robot: &robot, plan: &plan, log, json: args.json, laid: 0, seed };
-    following.follow(|orders, tell| grow_job_with(&mut client, &job, feedback, args.on_silence.into(), orders, tell))
+    let following = Following { robot: &robot, plan: &plan, log, watch, json: args.json, laid: 0, seed };
+    following.follow(|tell| grow_job_with(&mut client, &job, feedback, args.on_silence.into(), &orders, tell))
 }
 
 impl GrowArgs {

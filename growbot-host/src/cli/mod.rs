@@ -32,6 +32,7 @@ mod status;
 mod stop;
 mod tune;
 mod view;
+mod watching;
 mod workspace;
 
 use std::fmt::Display;

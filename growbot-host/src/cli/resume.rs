@@ -10,11 +10,15 @@ use growbot_host::client::Client;
 use growbot_host::growth::{CutLayer, GrowthError, Job, resume_job_with};
 use growbot_host::plan::Plan;
 use growbot_host::plan_file;
+use growbot_host::port::TipSettings;
 use growbot_host::robot_file;
 use growbot_host::run_log::{RunLog, RunRecord, RunRecordError};
+use growbot_host::view::Subject;
 
 use super::following::{Following, OnSilence};
 use super::growth_table::made;
+use super::interrupt::stop_on_interrupt;
+use super::watching::WatchArgs;
 use super::{Failure, PortArg};
 
 /// Go on with a body that was left unfinished: after a stop, a fault, a reset, a loss of power or of the host
@@ -41,6 +45,8 @@ pub struct ResumeArgs {
     /// What the board does when it no longer hears from this program
     #[arg(long, value_name = "WHAT", default_value = "hold")]
     on_silence: OnSilence,
+    #[command(flatten)]
+    watching: WatchArgs,
     /// Do not ask
     #[arg(long)]
     yes: bool,
@@ -69,7 +75,8 @@ enum WithCut {
 /// Runs the command.
 pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
     let (robot, plan, mut record) = args.robot_plan_and_record()?;
-    let mut client = args.port.client(&robot)?;
+    let pace = args.watching.pace(&args.port.name()?)?;
+    let mut client = args.port.client_of(&robot, &TipSettings { pace, ..TipSettings::default() })?;
     let board = client.board()?;
     Client::belongs_to(&board, &robot)?;
     let mut job = Job::new(&robot, &plan.start, &plan.goal, &plan.path);
@@ -91,14 +98,18 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
         WithCut::Again => CutLayer::Again,
         WithCut::LetBe => CutLayer::LetBe,
     };
+    let orders = stop_on_interrupt();
+    let name = args.file.file_name().unwrap_or_default().to_string_lossy();
+    let subject = Subject { name: &name, robot: &robot, plan: &plan, run: None };
+    let watch = args.watching.begin(&subject, &job, &known, &orders)?;
     let laid = board.status.laid as usize;
     let feedback = record.as_ref().and_then(|record| record.feedback(&job, &plan));
     if feedback.is_some() {
         growbot_host::tell!("growbot: with feedback, as it was begun");
     }
-    let following = Following { robot: &robot, plan: &plan, log, json: args.json, laid, seed: None };
+    let following = Following { robot: &robot, plan: &plan, log, watch, json: args.json, laid, seed: None };
     let silence = args.on_silence.into();
-    following.follow(|orders, tell| resume_job_with(&mut client, &job, feedback, known, cut, silence, orders, tell))
+    following.follow(|tell| resume_job_with(&mut client, &job, feedback, known, cut, silence, &orders, tell))
 }
 
 impl ResumeArgs {

@@ -2,6 +2,7 @@
 
 pub mod emulator;
 pub mod faulty;
+pub mod paced;
 pub mod qemu;
 pub mod sim;
 pub mod stream;
@@ -17,6 +18,7 @@ use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 
 use faulty::{FaultSpec, Faulty};
+use paced::Paced;
 
 use crate::tip::{Imperfection, Tip};
 
@@ -170,6 +172,8 @@ pub struct TipSettings {
     pub start: Option<Pose>,
     /// What is off about it.
     pub imperfection: Imperfection,
+    /// How many times as fast as real time its time passes, above 0; none for as fast as it is computed. On `sim` alone.
+    pub pace: Option<f64>,
 }
 
 impl TipSettings {
@@ -191,7 +195,10 @@ pub fn open(name: &PortName, robot: &Robot, settings: &TipSettings) -> Result<Bo
         PortName::Sim => {
             let mut sim = sim::Sim::new(robot.clone());
             settings.apply(&mut sim.simulated_tip());
-            Box::new(sim)
+            match settings.pace {
+                Some(times) => Box::new(Paced::new(sim, times)),
+                None => Box::new(sim),
+            }
         }
         PortName::Emulator(firmware) => {
             let mut emulator = emulator::Emulator::start(robot, firmware.as_deref())?;

@@ -8,7 +8,8 @@ use super::{Subject, built_layers, measured_end, numbers};
 use crate::run_log::hex_of;
 
 /// The JSON, with nothing in it that could end the script element that it stands in.
-pub fn of(subject: &Subject, planned: &[LayerBytes]) -> String {
+/// `live`: of a growth under way, whether the page may give orders.
+pub fn of(subject: &Subject, planned: &[LayerBytes], live: Option<bool>) -> String {
     let Subject { robot, plan, run, .. } = subject;
     let built = run.map(built_layers);
     let description = robot.description();
@@ -18,6 +19,7 @@ pub fn of(subject: &Subject, planned: &[LayerBytes]) -> String {
         warnings.push(format!("{unknown} layers were cut and let be: they are shown as planned"));
     }
     let about = match run {
+        _ if live.is_some() => format!("growth of {}", plan.robot),
         Some(run) => format!("growth of {}: {}", plan.robot, run.outcome.as_deref().unwrap_or("unfinished")),
         None => format!("plan for {}", plan.robot),
     };
@@ -40,6 +42,7 @@ pub fn of(subject: &Subject, planned: &[LayerBytes]) -> String {
         "built": built.as_deref().map(hex_of),
         "numbers": numbers::of(subject, planned, built.as_deref()),
         "warnings": warnings,
+        "live": live.map(|control| json!({ "control": control })),
     });
     data.to_string().replace('<', "\\u003c")
 }

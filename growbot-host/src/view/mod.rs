@@ -57,13 +57,34 @@ impl Subject<'_> {
     /// # Errors
     /// [`ViewError::TooManyLayers`].
     pub fn page(&self) -> Result<String, ViewError> {
+        self.filled(None)
+    }
+
+    /// The page of a growth under way, which asks where it comes from for news; `control`: whether it may give orders.
+    ///
+    /// # Errors
+    /// As [`Self::page`].
+    pub fn live_page(&self, control: bool) -> Result<String, ViewError> {
+        self.filled(Some(control))
+    }
+
+    fn filled(&self, live: Option<bool>) -> Result<String, ViewError> {
         let found = self.plan.needs.layers.max(self.run.map_or(0, |run| run.as_built.len()));
         if found > MOST_LAYERS {
             return Err(ViewError::TooManyLayers { name: self.name.to_owned(), found });
         }
         let planned: Vec<LayerBytes> = job_layers(&self.plan.path, self.robot).collect();
-        let data = data::of(self, &planned);
-        Ok(fill(PAGE, &[("{{TITLE}}", &escape(self.name)), ("{{DATA}}", &data), ("{{SCRIPT}}", SCRIPT)]))
+        let data = data::of(self, &planned, live);
+        let connects = if live.is_some() { "'self'" } else { "'none'" };
+        Ok(fill(
+            PAGE,
+            &[
+                ("{{CONNECT}}", connects),
+                ("{{TITLE}}", &escape(self.name)),
+                ("{{DATA}}", &data),
+                ("{{SCRIPT}}", SCRIPT),
+            ],
+        ))
     }
 }
 
@@ -114,7 +135,7 @@ mod tests {
     fn the_script_that_is_built_in_ends_where_it_should_and_has_its_licence() {
         assert!(!SCRIPT.to_lowercase().contains("</script") && !SCRIPT.contains("<!--"));
         assert!(SCRIPT.starts_with("/*!") && SCRIPT.contains("The MIT License"));
-        for mark in ["{{TITLE}}", "{{DATA}}", "{{SCRIPT}}"] {
+        for mark in ["{{CONNECT}}", "{{TITLE}}", "{{DATA}}", "{{SCRIPT}}"] {
             assert!(PAGE.contains(mark) && !SCRIPT.contains(mark), "{mark}");
         }
     }

@@ -1,0 +1,72 @@
+//! `--watch`: a growth to look at while it goes on, and the pace of one that is simulated.
+
+use std::sync::Arc;
+
+use clap::Args;
+use growbot_core::layer_bytes::LayerBytes;
+use growbot_host::growth::{Job, Orders};
+use growbot_host::port::PortName;
+use growbot_host::view::Subject;
+use growbot_host::watch::Watch;
+
+use super::Failure;
+
+/// How many times as fast as real time a simulated growth passes that is watched, unless told otherwise.
+const WATCHED_PACE: f64 = 60.0;
+
+/// How a growth is watched.
+#[derive(Args)]
+pub struct WatchArgs {
+    /// Serve a page that follows the growth, on this machine alone
+    ///
+    /// Its address, which is told, has a secret in it: whoever knows that may look. From another machine: ssh -L
+    /// 8080:localhost:8080, and --watch-port 8080.
+    #[arg(long)]
+    watch: bool,
+    /// Serve it on this port [default: any]
+    #[arg(long, value_name = "PORT", requires = "watch")]
+    watch_port: Option<u16>,
+    /// Let the page hold, go on and stop, too
+    #[arg(long, requires = "watch")]
+    control: bool,
+    /// On sim, time passes so many times as fast as real time [default: 60 with
+    /// --watch, otherwise as fast as it is computed]
+    #[arg(long, value_name = "TIMES", value_parser = times)]
+    pace: Option<f64>,
+}
+
+impl WatchArgs {
+    /// How fast time passes at a port.
+    pub fn pace(&self, port: &PortName) -> Result<Option<f64>, Failure> {
+        if self.pace.is_some() && !port.is_virtual() {
+            return Err(Failure::bad_input(
+                "--pace is for --port sim: time passes by itself elsewhere; leave it out".to_string(),
+            ));
+        }
+        Ok(self.pace.or((self.watch && port.is_virtual()).then_some(WATCHED_PACE)))
+    }
+
+    /// Begins to serve the page, if one is asked for, and says where.
+    pub fn begin(
+        &self,
+        subject: &Subject,
+        job: &Job,
+        known: &[Option<LayerBytes>],
+        orders: &Arc<Orders>,
+    ) -> Result<Option<Watch>, Failure> {
+        if !self.watch {
+            return Ok(None);
+        }
+        let orders = self.control.then(|| Arc::clone(orders));
+        let watch =
+            Watch::start(subject, job, known, orders, self.watch_port.unwrap_or(0)).map_err(Failure::bad_input)?;
+        growbot_host::tell!("growbot: watch it at {}", watch.address());
+        Ok(Some(watch))
+    }
+}
+
+/// A factor of time.
+fn times(text: &str) -> Result<f64, String> {
+    let times: f64 = text.parse().map_err(|_| format!("`{text}` is no number"))?;
+    if times > 0.0 && times <= 1e6 { Ok(times) } else { Err(format!("{times} is not above 0 and at most 1000000")) }
+}

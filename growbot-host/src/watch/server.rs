@@ -1,0 +1,99 @@
+//! The page over HTTP: itself, its news as they come (server-sent events), and orders.
+
+use std::convert::Infallible;
+use std::net::TcpListener;
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::Router;
+use axum::extract::{Path, State};
+use axum::http::StatusCode;
+use axum::middleware::from_fn;
+use axum::response::sse::{Event, KeepAlive, Sse};
+use axum::response::{Html, IntoResponse, Response};
+use axum::routing::{get, post};
+use futures_util::stream::{Stream, unfold};
+use tokio::sync::{oneshot, watch};
+use tokio::time::sleep;
+
+use super::Shared;
+use super::guard::{guard, nothing};
+use super::watched::Seen;
+use crate::growth::Order;
+
+/// Pages are told so often at most.
+const BETWEEN_NEWS: Duration = Duration::from_millis(200);
+/// Connections are given so long to end by themselves.
+const TO_CLOSE: Duration = Duration::from_millis(500);
+
+/// Serves until told to stop.
+pub async fn serve(listener: TcpListener, shared: Arc<Shared>, stopped: oneshot::Receiver<()>) {
+    let Ok(listener) = tokio::net::TcpListener::from_std(listener) else { return };
+    let (closing, closed) = oneshot::channel();
+    let stop = async move {
+        let _ = stopped.await;
+        let _ = closing.send(());
+    };
+    let server = axum::serve(listener, routes(shared)).with_graceful_shutdown(stop).into_future();
+    let too_late = async move {
+        let _ = closed.await;
+        sleep(TO_CLOSE).await;
+    };
+    tokio::select! { _ = server => {}, () = too_late => {} }
+}
+
+fn routes(shared: Arc<Shared>) -> Router {
+    let token = &shared.token;
+    Router::new()
+        .route(&format!("/{token}/"), get(page))
+        .route(&format!("/{token}/news"), get(news))
+        .route(&format!("/{token}/orders/{{order}}"), post(order))
+        .fallback(nothing)
+        .method_not_allowed_fallback(nothing)
+        .with_state(shared)
+        .layer(from_fn(guard))
+}
+
+async fn page(State(shared): State<Arc<Shared>>) -> Html<String> {
+    Html(shared.page.clone())
+}
+
+async fn news(State(shared): State<Arc<Shared>>) -> Sse<impl Stream<Item = Result<Event, Infallible>>> {
+    let listener = Listener { changes: shared.changes.subscribe(), shared, seen: Seen::default(), told: 0 };
+    Sse::new(unfold(listener, Listener::next)).keep_alive(KeepAlive::default())
+}
+
+/// One open page.
+struct Listener {
+    shared: Arc<Shared>,
+    changes: watch::Receiver<u64>,
+    seen: Seen,
+    /// Messages that it has been sent.
+    told: u64,
+}
+
+impl Listener {
+    /// The next message: at once at first, then when something has changed; none after the end.
+    async fn next(mut self) -> Option<(Result<Event, Infallible>, Self)> {
+        if self.told > 0 {
+            if self.shared.watched().has_ended() && !self.changes.has_changed().ok()? {
+                return None;
+            }
+            sleep(BETWEEN_NEWS).await;
+            self.changes.changed().await.ok()?;
+        }
+        self.changes.mark_unchanged();
+        let news = self.shared.watched().news_for(&mut self.seen);
+        self.told += 1;
+        Some((Ok(Event::default().data(news.to_string())), self))
+    }
+}
+
+async fn order(State(shared): State<Arc<Shared>>, Path(name): Path<String>) -> Response {
+    let Some(orders) = &shared.orders else {
+        return (StatusCode::FORBIDDEN, "this page may only look: start growbot with --control").into_response();
+    };
+    let Some(order) = Order::ALL.into_iter().find(|order| order.name() == name) else { return nothing().await };
+    orders.give(order);
+    StatusCode::ACCEPTED.into_response()
+}

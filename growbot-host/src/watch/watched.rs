@@ -1,0 +1,268 @@
+//! How a growth stands, and what of it a page does not know yet.
+
+use growbot_core::layer_bytes::LayerBytes;
+use growbot_core::link::message::{Fault, State, Status, Waits};
+use serde_json::{Value, json};
+
+use crate::growth::{Job, News};
+use crate::run_log::hex_of;
+
+/// So many readings of the temperature are kept; where there are more, every second one goes.
+const MOST_READINGS: usize = 4096;
+
+/// A growth as pages show it.
+pub struct Watched {
+    period_s: f64,
+    /// The layers of the job, as far as they have been told.
+    commanded: Vec<LayerBytes>,
+    /// Layers of the job.
+    total: usize,
+    /// Layers as built; those of which nothing is known as commanded.
+    built: Vec<LayerBytes>,
+    state: &'static str,
+    fault: Option<Fault>,
+    waits: Waits,
+    /// Board's time in s, degrees Celsius, and what they are regulated to.
+    readings: Vec<(f64, f64, Option<f64>)>,
+    /// How often readings were thinned out.
+    thinned: u32,
+    /// The board's time, s, over its restarts.
+    clock: Clock,
+    answers: bool,
+    /// What was said last: a refusal.
+    said: Option<String>,
+    ended: Option<Value>,
+}
+
+/// What a page has seen.
+#[derive(Debug, Default)]
+pub struct Seen {
+    layers: usize,
+    readings: usize,
+    thinned: u32,
+}
+
+impl Watched {
+    /// A growth that is about to begin, or to go on after `known` layers.
+    pub fn new(job: &Job, known: &[Option<LayerBytes>]) -> Self {
+        Self {
+            period_s: job.robot.description().layer.period_s,
+            commanded: job.layers.clone(),
+            total: job.layers.len(),
+            built: known.iter().zip(&job.layers).map(|(built, commanded)| built.unwrap_or(*commanded)).collect(),
+            state: "starting",
+            fault: None,
+            waits: Waits::default(),
+            readings: Vec::new(),
+            thinned: 0,
+            clock: Clock::default(),
+            answers: true,
+            said: None,
+            ended: None,
+        }
+    }
+
+    /// Takes what happened.
+    pub fn take(&mut self, news: &News) {
+        match news {
+            News::Board(hello) => self.status(&hello.status),
+            News::State(state) => self.state(*state),
+            News::Status(status) => self.status(status),
+            News::Laid(index, as_built, _) => self.laid(*index as usize, *as_built),
+            News::Amending(amendment) => {
+                self.replace(amendment.from, &amendment.layers);
+                self.total = amendment.total as usize;
+            }
+            News::HandingOver(from, layers) => self.replace(*from, layers),
+            News::NotObeyed(why) => self.said = Some(why.clone()),
+            News::Ordered(_) => self.said = None,
+            News::Silent => self.answers = false,
+            News::Back => self.answers = true,
+            News::Counting(_) | News::NotAmended(_) => {}
+        }
+    }
+
+    /// It has ended, as `growbot grow --json` says it.
+    pub fn end(&mut self, result: &Value) {
+        self.ended = Some(result.clone());
+    }
+
+    /// Whether it has ended.
+    pub fn has_ended(&self) -> bool {
+        self.ended.is_some()
+    }
+
+    /// What a page that has seen so much does not know yet. Layers and readings are to be put in from the given index on.
+    pub fn news_for(&self, seen: &mut Seen) -> Value {
+        if seen.thinned != self.thinned {
+            (seen.readings, seen.thinned) = (0, self.thinned);
+        }
+        let layers = self.built.get(seen.layers..).unwrap_or_default();
+        let readings = self.readings.get(seen.readings..).unwrap_or_default();
+        let message = json!({
+            "state": self.state,
+            "answers": self.answers,
+            "explanation": self.explanation(),
+            "said": self.said,
+            "total": self.total,
+            "left_s": self.total.saturating_sub(self.built.len()) as f64 * self.period_s,
+            "layers": { "from": seen.layers, "built": hex_of(layers) },
+            "readings": { "from": seen.readings, "taken": readings },
+            "ended": self.ended,
+        });
+        (seen.layers, seen.readings) = (self.built.len(), self.readings.len());
+        message
+    }
+
+    /// What a state means for who looks on, where its name does not say it.
+    fn explanation(&self) -> Option<&'static str> {
+        match (self.fault, self.state, self.waits) {
+            (Some(fault), ..) => Some(fault.explanation()),
+            (None, "hold", Waits::AsAsked) => Some("holds as it was asked to"),
+            (None, "hold", Waits::ForHost) => Some("holds until its host is back"),
+            (None, "hold", Waits::ForLayers) => Some("holds until it has more layers"),
+            (None, "emergency-stop", _) => {
+                Some("stays off until the emergency stop is cleared (`clear` in `growbot console`)")
+            }
+            (None, ..) => None,
+        }
+    }
+
+    fn state(&mut self, state: State) {
+        self.state = state.name();
+    }
+
+    fn status(&mut self, status: &Status) {
+        self.state(status.state);
+        (self.fault, self.waits) = (status.fault, status.waits);
+        let now = self.clock.at(status.uptime_ms);
+        let celsius = |centi: i32| f64::from(centi) / 100.0;
+        if let Some(temperature) = status.temperature_centi_c {
+            self.readings.push((now, celsius(temperature), status.target_centi_c.map(celsius)));
+        }
+        if self.readings.len() > MOST_READINGS {
+            let mut index = 0;
+            self.readings.retain(|_| {
+                index += 1;
+                index % 2 == 1
+            });
+            self.thinned += 1;
+        }
+    }
+
+    fn laid(&mut self, index: usize, as_built: Option<LayerBytes>) {
+        // A layer may be told again after a resumption: the first report stands.
+        if index < self.built.len() {
+            return;
+        }
+        self.built.extend_from_slice(self.commanded.get(self.built.len()..index).unwrap_or_default());
+        self.built.extend(as_built.or_else(|| self.commanded.get(index).copied()));
+    }
+
+    fn replace(&mut self, from: u32, layers: &[LayerBytes]) {
+        self.commanded.truncate(from as usize);
+        self.commanded.extend_from_slice(layers);
+    }
+}
+
+/// The board's time, which begins anew when it restarts.
+#[derive(Debug, Default)]
+struct Clock {
+    before_ms: u64,
+    latest_ms: u64,
+}
+
+impl Clock {
+    fn at(&mut self, uptime_ms: u64) -> f64 {
+        if uptime_ms < self.latest_ms {
+            self.before_ms += self.latest_ms;
+        }
+        self.latest_ms = uptime_ms;
+        (self.before_ms + uptime_ms) as f64 / 1000.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::growth::Amendment;
+    use growbot_core::path::{Segment, end};
+    use growbot_core::pose::Pose;
+
+    fn watched(known: &[Option<LayerBytes>]) -> Watched {
+        let robot = crate::robot_file::load("growbot-a".as_ref()).unwrap();
+        let path = [Segment::Straight { length: 7.0 }];
+        let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
+        let goal = Pose::from_frame(&end(&path, &start.frame()));
+        Watched::new(&Job::new(&robot, &start, &goal, &path), known)
+    }
+
+    fn status(uptime_ms: u64) -> News {
+        News::Status(Status {
+            state: State::Growing,
+            fault: None,
+            temperature_centi_c: Some(20_050),
+            target_centi_c: None,
+            duty: 0,
+            plan_id: 1,
+            layers: 10,
+            next: 10,
+            laid: 0,
+            cut: None,
+            waits: Waits::ForLayers,
+            journal: true,
+            uptime_ms,
+        })
+    }
+
+    #[test]
+    fn a_page_hears_everything_once_and_another_one_from_the_beginning() {
+        let mut watched = watched(&[Some([7; 12]), None]);
+        let total = watched.total;
+        let mut seen = Seen::default();
+        let first = watched.news_for(&mut seen);
+        assert_eq!(first["layers"]["built"].as_str().unwrap().len(), 2 * 24);
+        assert_eq!((&first["state"], &first["total"]), (&json!("starting"), &json!(total)));
+        watched.take(&News::Laid(1, Some([9; 12]), None));
+        watched.take(&News::Laid(2, Some([1; 12]), None));
+        watched.take(&News::Laid(4, None, None));
+        watched.take(&status(1000));
+        let second = watched.news_for(&mut seen);
+        let commanded = hex_of(&watched.commanded[3..5]);
+        assert_eq!(second["layers"], json!({ "from": 2, "built": format!("{}{commanded}", hex_of(&[[1; 12]])) }));
+        assert_eq!(second["readings"], json!({ "from": 0, "taken": [[1.0, 200.5, null]] }));
+        assert_eq!(second["left_s"], json!((total - 5) as f64 * 18.0));
+        let third = watched.news_for(&mut seen);
+        assert_eq!((&third["layers"]["built"], &third["readings"]["taken"]), (&json!(""), &json!([])));
+        let anew = watched.news_for(&mut Seen::default());
+        assert_eq!(anew["layers"]["built"].as_str().unwrap().len(), 5 * 24);
+    }
+
+    #[test]
+    fn readings_are_thinned_out_and_told_anew_and_the_clock_goes_on_over_a_restart() {
+        let mut watched = watched(&[]);
+        let mut seen = Seen::default();
+        for second in 0..MOST_READINGS as u64 {
+            watched.take(&status(1000 * second));
+        }
+        watched.news_for(&mut seen);
+        watched.take(&status(0));
+        let news = watched.news_for(&mut seen);
+        let taken = news["readings"]["taken"].as_array().unwrap();
+        assert_eq!((news["readings"]["from"].as_u64(), taken.len()), (Some(0), MOST_READINGS / 2 + 1));
+        assert_eq!((taken[1][0].as_f64(), taken.last().unwrap()[0].as_f64()), (Some(2.0), Some(4095.0)));
+    }
+
+    #[test]
+    fn amended_layers_are_those_that_unknown_ones_are_shown_by() {
+        let mut watched = watched(&[]);
+        watched.take(&News::Amending(Amendment { plan_id: 2, from: 1, total: 20, layers: vec![[5; 12]; 2] }));
+        watched.take(&News::HandingOver(3, vec![[6; 12]]));
+        watched.take(&News::Laid(3, None, None));
+        assert_eq!(watched.built[1..], [[5; 12], [5; 12], [6; 12]]);
+        let news = watched.news_for(&mut Seen::default());
+        assert_eq!(news["total"], 20);
+        watched.end(&json!({ "outcome": "stopped" }));
+        assert!(watched.has_ended());
+    }
+}
