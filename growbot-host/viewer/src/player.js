@@ -1,19 +1,21 @@
 // The time: slider, play button and keys.
 
-/** All layers are grown in so many seconds, however many they are. */
+/** All of it is grown in so many seconds, however much it is. */
 const SECONDS = 12;
 
-/** Joins the controls of the page; `show(layers)` is called with how much of the body there is, at once with all of it. */
-export function makePlayer(count, show) {
+/**
+ * Joins the controls of the page to a body of `count` layers, or of another `unit`; `show(place)` is called with how much of it there is,
+ * at once with all of it. `lengthen(count)`: there is more of it; who looks at its end goes on doing so.
+ */
+export function makePlayer(count, show, unit = "layers") {
   const slider = document.querySelector("#slider");
   const button = document.querySelector("#play");
-  slider.max = count;
   let began = null;
 
-  const go = (layers) => {
-    const place = Math.min(count, Math.max(0, Math.round(layers)));
+  const go = (to) => {
+    const place = Math.min(count, Math.max(0, Math.round(to)));
     slider.value = place;
-    slider.setAttribute("aria-valuetext", `${place} of ${count} layers`);
+    slider.setAttribute("aria-valuetext", `${place} of ${count} ${unit}`);
     show(place);
   };
   const pause = () => {
@@ -22,21 +24,28 @@ export function makePlayer(count, show) {
   };
   const tick = (now) => {
     if (began === null) return;
-    const layers = began.layers + ((now - began.at) / 1000 / SECONDS) * count;
-    go(layers);
-    if (layers >= count) pause();
+    const to = began.from + ((now - began.at) / 1000 / SECONDS) * count;
+    go(to);
+    if (to >= count) pause();
     else requestAnimationFrame(tick);
   };
   const play = () => {
     const from = Number(slider.value);
-    began = { at: performance.now(), layers: from >= count ? 0 : from };
+    began = { at: performance.now(), from: from >= count ? 0 : from };
     button.textContent = "Pause";
     requestAnimationFrame(tick);
   };
   const toggle = () => (began === null ? play() : pause());
-  const step = (layers) => {
+  const step = (to) => {
     pause();
-    go(layers);
+    go(to);
+  };
+  const lengthen = (longer) => {
+    const place = Number(slider.value);
+    const following = began === null && place === count;
+    count = longer;
+    slider.max = count;
+    go(following ? count : place);
   };
 
   button.addEventListener("click", toggle);
@@ -54,5 +63,7 @@ export function makePlayer(count, show) {
     event.preventDefault();
     keys[event.key](event.shiftKey);
   });
+  slider.max = count;
   go(count);
+  return { lengthen };
 }

@@ -41,3 +41,15 @@ export function fillNumbers(place, groups) {
     place.append(title, list);
   }
 }
+
+/** A line for each warning. */
+export function fillWarnings(place, warnings) {
+  place.replaceChildren(
+    ...warnings.map((warning) => {
+      const line = document.createElement("p");
+      line.className = "warning";
+      line.textContent = warning;
+      return line;
+    }),
+  );
+}

@@ -1,0 +1,182 @@
+// The picture of a body: the tube and what stands around it, with labels, legend and scale bar.
+//
+// It is drawn in an element of the page with the class `stage`, which holds a canvas, `.labels`, `.legend`, `.scale` and `.no-picture`;
+// nothing is looked for outside it, so that several stand on one page.
+
+import { Box3, Vector3 } from "three";
+import { gradient } from "./colours.js";
+import { makeArrow, makeBall, makeCentreline, makeFloor, makeShadow, makeTipFrame } from "./marks.js";
+import { makeStage } from "./stage.js";
+import { scaleLength } from "./text.js";
+import { makeGhost, makeTube, heightRange } from "./tube.js";
+
+const along = (from, direction, length) => from.map((part, k) => part + direction[k] * length);
+
+/**
+ * The picture of `subject` (see subject.js) in `place`; null, and a word to the reader, where the browser has no WebGL. Colours go over
+ * `range`, mm, if it is given, else over the heights of the body shown.
+ *
+ * - `show(layers)`: so much of the body;
+ * - `replaceBody(body)`: another body instead, say a longer one; the view stays as it is, and `show` says how much of it is there;
+ * - `reveal({ built, planned })`: whether the body as built and the planned one are shown;
+ * - `look(side)`: everything from `corner`, `front`, `side` or `top`;
+ * - `paint()`: takes the colours of the page;
+ * - `stage`: see stage.js.
+ */
+export function makePicture(place, subject, range = null) {
+  try {
+    return paintable(place, subject, range);
+  } catch (error) {
+    console.warn(`no picture: ${error.message}`);
+    place.querySelector(".no-picture").hidden = false;
+    place.querySelectorAll(".legend, .scale").forEach((part) => {
+      part.hidden = true;
+    });
+    return null;
+  }
+}
+
+function paintable(place, { start, goal, via, reached, planned, built, sizes }, range) {
+  const find = (selector) => place.querySelector(selector);
+  let body = built ?? planned;
+  let shown = body.layers.count;
+
+  const labels = [];
+  const stage = makeStage(find("canvas"), (seen) => {
+    for (const { element, at } of labels) {
+      const [right, y] = seen.onScreen(at());
+      // Labels stay in the picture.
+      const x = Math.min(right, find("canvas").clientWidth - element.offsetWidth - 12);
+      element.style.transform = `translate(${x.toFixed(1)}px, ${y.toFixed(1)}px) translate(8px, -50%)`;
+    }
+    showScale(find(".scale"), seen.millimetresPerPixel());
+    place.dataset.drawn ??= Math.round(performance.now()).toString();
+  });
+  const { scene } = stage;
+  const label = (text, at, colour) => {
+    const element = document.createElement("span");
+    element.className = "label";
+    element.textContent = text;
+    element.style.color = `var(${colour}, var(--text))`;
+    find(".labels").append(element);
+    labels.push({ element, at });
+  };
+
+  const ghost = built && makeGhost(planned, sizes);
+  const line = makeCentreline(planned, 0, sizes.outerRadius / 2);
+  line.visible = Boolean(built);
+  if (ghost) scene.add(ghost);
+  scene.add(line);
+
+  const bodies = () => [body, planned].flatMap(outline);
+  const box = new Box3().setFromPoints(bodies());
+  const reach = Math.max(3 * sizes.outerRadius, 0.06 * box.getSize(new Vector3()).length());
+  const startDirection = start.slice(6, 9);
+  const startAt = start.slice(9, 12);
+  const startTail = along(startAt, startDirection, -reach);
+  const goalEnd = along(goal.position, goal.direction, 1.1 * reach);
+  const arrows = [
+    [makeArrow(startTail, startDirection, reach, 0), "--start"],
+    [makeArrow(goal.position, goal.direction, reach, 0), "--goal"],
+  ];
+  scene.add(...arrows.map(([arrow]) => arrow));
+  label("start", () => startTail, "--start");
+  label("goal", () => goalEnd, "--goal");
+  const balls = via.map((at, i) => {
+    label(`via ${i + 1}`, () => at, "--goal");
+    return makeBall(at, 0.2 * sizes.outerRadius, 0);
+  });
+  if (reached) {
+    label("reached", () => reached, "--planned");
+    balls.push(makeBall(reached, 0.12 * sizes.outerRadius, 0));
+  }
+  if (balls.length > 0) scene.add(...balls);
+  const marks = [startTail, goalEnd, goal.position, reached].filter(Boolean).map((point) => new Vector3(...point));
+  box.setFromPoints([...bodies(), ...marks]).expandByScalar(sizes.outerRadius);
+
+  const floorAt = box.min.z;
+  const floor = makeFloor(box, scaleLength(0.3 * Math.max(200, box.getSize(new Vector3()).length() / 2)), floorAt);
+  scene.add(floor);
+
+  const frame = makeTipFrame(2 * sizes.outerRadius);
+  scene.add(frame.group);
+  ["x", "y", "z"].forEach((name, axis) => {
+    const tip = () => {
+      const f = shown * 12;
+      return along(Array.from(body.frames.subarray(f + 9, f + 12)), body.frames.subarray(f + axis * 3, f + axis * 3 + 3), frame.length);
+    };
+    label(name, tip, "--text");
+  });
+
+  let [tube, shadow] = [null, null];
+  const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+  const paintShadow = () => shadow.line.material.color.set(colour("--shadow"));
+  const show = (layers) => {
+    shown = layers;
+    tube.show(layers);
+    shadow.show(layers);
+    frame.place(body.frames, layers * 12);
+    stage.redraw();
+  };
+  const replaceBody = (replacement) => {
+    body = replacement;
+    const visible = tube?.mesh.visible ?? true;
+    for (const old of [tube?.mesh, shadow?.line]) old?.traverse(dispose);
+    scene.remove(...[tube?.mesh, shadow?.line].filter(Boolean));
+    const [least, greatest] = range ?? heightRange(body, sizes.tipRadius);
+    find(".legend span").childNodes.forEach((end, i) => {
+      end.textContent = (least + ((greatest - least) * i) / 2).toFixed(2);
+    });
+    tube = makeTube(body, sizes, [least, greatest]);
+    tube.mesh.visible = visible;
+    shadow = makeShadow(body, floorAt);
+    paintShadow();
+    scene.add(tube.mesh, shadow.line);
+    stage.points = [...bodies(), ...marks];
+    show(Math.min(shown, body.layers.count));
+  };
+  const reveal = ({ built: asBuilt, planned: asPlanned }) => {
+    tube.mesh.visible = asBuilt;
+    if (ghost) ghost.visible = asPlanned;
+    line.visible = asPlanned;
+    stage.redraw();
+  };
+  const paint = () => {
+    floor.material.color.set(colour("--grid"));
+    paintShadow();
+    line.material.color.set(colour("--planned"));
+    ghost?.material.color.set(colour("--planned"));
+    for (const [arrow, name] of arrows) arrow.children.forEach((part) => part.material.color.set(colour(name)));
+    balls.forEach((ball) => ball.material.color.set(colour("--goal")));
+    stage.background(colour("--ground"));
+  };
+
+  find(".legend i").style.background = gradient;
+  replaceBody(body);
+  paint();
+  stage.around = sizes.outerRadius;
+  stage.facing = [goal.direction, along(goal.position, startAt, -1)];
+  stage.fit();
+  stage.look("corner");
+  new ResizeObserver(stage.fit).observe(place);
+  return { show, replaceBody, reveal, paint, look: stage.look, stage };
+}
+
+/** Frees what a part of the scene holds on the graphics card. */
+function dispose(part) {
+  part.geometry?.dispose();
+  part.material?.dispose();
+}
+
+/** A few hundred points of a body's centreline. */
+function outline(grown) {
+  const stride = Math.max(1, Math.floor(grown.layers.count / 300));
+  const at = Array.from({ length: Math.floor(grown.layers.count / stride) + 1 }, (_, i) => i * stride);
+  return [...at, grown.layers.count].map((i) => new Vector3(...grown.frames.subarray(i * 12 + 9, i * 12 + 12)));
+}
+
+function showScale(scale, millimetresPerPixel) {
+  const length = scaleLength(140 * millimetresPerPixel);
+  scale.querySelector("i").style.width = `${length / millimetresPerPixel}px`;
+  scale.querySelector("b").textContent = length >= 1000 ? `${length / 1000} m` : `${length} mm`;
+}
