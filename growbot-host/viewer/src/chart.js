@@ -1,6 +1,10 @@
-// How far a body as built lies off the plan, along it.
+// Charts beside the picture: how far a body as built lies off the plan, along it; and the nozzle's temperature over time.
+
+import { durationText } from "./text.js";
 
 const [WIDE, HIGH, MOST_POINTS] = [280, 90, 400];
+/** So much of the temperature is shown, over so many degrees at least: what regulation does is to be seen. */
+const [SHOWN_S, LEAST_SPAN_C] = [1800, 10];
 /** The chart is never finer than this, mm: what is off by less is rounding. */
 const FINEST = 0.001;
 
@@ -25,6 +29,25 @@ export function offThePlan(built, planned) {
   return off;
 }
 
+function make(tag, attributes) {
+  const element = document.createElementNS("http://www.w3.org/2000/svg", tag);
+  Object.entries(attributes).forEach(([name, value]) => element.setAttribute(name, value));
+  return element;
+}
+
+function makeText(x, y, anchor, words) {
+  const element = make("text", { x, y, "text-anchor": anchor, "font-size": 11, fill: "var(--soft)" });
+  element.textContent = words;
+  return element;
+}
+
+/** Puts a chart in its place, instead of the one that was there. */
+function put(place, svg) {
+  place.querySelector("svg")?.remove();
+  place.append(svg);
+  place.hidden = false;
+}
+
 /** Draws it; `mark(length)` shows a place along the body. */
 export function drawChart(place, built, off) {
   const length = Math.max(built.lengths.at(-1), 1e-9);
@@ -34,29 +57,51 @@ export function drawChart(place, built, off) {
   for (let i = 0; i < off.length; i += stride) {
     points.push(`${((built.lengths[i] / length) * WIDE).toFixed(1)},${(HIGH - (off[i] / most) * HIGH).toFixed(1)}`);
   }
-  const make = (tag, attributes) => {
-    const element = document.createElementNS("http://www.w3.org/2000/svg", tag);
-    Object.entries(attributes).forEach(([name, value]) => element.setAttribute(name, value));
-    return element;
-  };
   const svg = make("svg", { viewBox: `0 -12 ${WIDE} ${HIGH + 28}`, role: "img", "aria-label": `Off the plan by ${most.toFixed(3)} mm at most` });
-  const text = (x, y, anchor, words) => {
-    const element = make("text", { x, y, "text-anchor": anchor, "font-size": 11, fill: "var(--soft)" });
-    element.textContent = words;
-    return element;
-  };
   const line = make("line", { y1: 0, y2: HIGH, x1: WIDE, x2: WIDE, stroke: "var(--accent)", "stroke-dasharray": "2 2" });
   svg.append(
     make("line", { x1: 0, x2: WIDE, y1: HIGH, y2: HIGH, stroke: "var(--edge)" }),
     make("polyline", { points: points.join(" "), fill: "none", stroke: "var(--accent)", "stroke-width": 1.5 }),
     line,
-    text(0, -3, "start", `${Number(most.toPrecision(2))} mm`),
-    text(0, HIGH + 14, "start", "0"),
-    text(WIDE, HIGH + 14, "end", `${length.toFixed(0)} mm`),
+    makeText(0, -3, "start", `${Number(most.toPrecision(2))} mm`),
+    makeText(0, HIGH + 14, "start", "0"),
+    makeText(WIDE, HIGH + 14, "end", `${length.toFixed(0)} mm`),
   );
-  place.append(svg);
-  place.hidden = false;
+  put(place, svg);
   return {
     mark: (at) => ["x1", "x2"].forEach((end) => line.setAttribute(end, (at / length) * WIDE)),
   };
+}
+
+/**
+ * Draws the temperature of the nozzle over the last half hour: of each reading the time in s, degrees Celsius, and what they are
+ * regulated to.
+ */
+export function drawReadings(place, readings) {
+  if (readings.length === 0) return;
+  const [now, latest, target] = readings.at(-1);
+  const shown = readings.filter(([time]) => time >= now - SHOWN_S);
+  const began = shown[0][0];
+  const span = Math.max(now - began, 1);
+  const all = shown.flatMap(([, celsius, wanted]) => [celsius, wanted ?? celsius]);
+  const [coldest, hottest] = [Math.min(...all), Math.max(...all)];
+  const spare = Math.max(1, 0.5 * (LEAST_SPAN_C - (hottest - coldest)));
+  const [least, most] = [coldest - spare, hottest + spare];
+  const x = (time) => (((time - began) / span) * WIDE).toFixed(1);
+  const y = (celsius) => (HIGH - ((celsius - least) / (most - least)) * HIGH).toFixed(1);
+  const svg = make("svg", { viewBox: `0 -14 ${WIDE} ${HIGH + 30}`, role: "img", "aria-label": `Nozzle at ${latest.toFixed(1)} °C` });
+  svg.append(make("line", { x1: 0, x2: WIDE, y1: HIGH, y2: HIGH, stroke: "var(--edge)" }));
+  if (target !== null) {
+    svg.append(make("line", { x1: 0, x2: WIDE, y1: y(target), y2: y(target), stroke: "var(--soft)", "stroke-dasharray": "2 2" }));
+  }
+  const points = shown.map(([time, celsius]) => `${x(time)},${y(celsius)}`).join(" ");
+  svg.append(
+    make("polyline", { points, fill: "none", stroke: "var(--goal)", "stroke-width": 1.5 }),
+    makeText(0, -4, "start", `${latest.toFixed(1)} °C, ${target === null ? "heater off" : `regulated to ${target.toFixed(0)} °C`}`),
+    makeText(WIDE, -4, "end", `${most.toFixed(0)}`),
+    makeText(WIDE, HIGH - 3, "end", `${least.toFixed(0)}`),
+    makeText(0, HIGH + 14, "start", `${durationText(span)} ago`),
+    makeText(WIDE, HIGH + 14, "end", "now"),
+  );
+  put(place, svg);
 }

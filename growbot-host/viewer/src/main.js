@@ -3,12 +3,13 @@
 // The data (`#data`, JSON) are written by growbot-host/src/view/: what it is of, the robot's lengths in mm, start and goal, the layers
 // of the planned body and of the one as built, and the numbers beside it.
 
+import { showLive } from "./live.js";
 import { showOne } from "./one.js";
 
 const find = (selector) => document.querySelector(selector);
 const data = JSON.parse(find("#data").textContent);
 /** None where the browser shows none. */
-const pictures = showOne(data).filter(Boolean);
+const pictures = (data.live ? showLive(data) : showOne(data)).filter(Boolean);
 
 document.querySelectorAll("[data-look]").forEach((button) => {
   button.addEventListener("click", () => pictures.forEach((picture) => picture.look(button.dataset.look)));

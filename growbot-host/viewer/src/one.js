@@ -6,19 +6,27 @@ import { makePicture } from "./picture.js";
 import { makePlayer } from "./player.js";
 import { readSubject } from "./subject.js";
 import { durationText, fillNumbers, fillRows, fillWarnings, fixed } from "./text.js";
+import { heightRange } from "./tube.js";
 
 const find = (selector) => document.querySelector(selector);
 
 /** Shows it, and returns its pictures. */
-export function showOne(data) {
+export const showOne = (data) => [joinOne(data).picture];
+
+/**
+ * Shows it: its `picture`, `replaceBuilt(body)` for a growth that goes on, how many `layers()` there are, and how many there are to be,
+ * `total`.
+ */
+export function joinOne(data) {
   const subject = readSubject(data);
-  const { body, planned, built, robot } = subject;
+  const { planned, robot, sizes } = subject;
+  let { body, built } = subject;
   find("#about").textContent = data.about;
   fillNumbers(find("#numbers"), data.numbers);
   fillWarnings(find("#warnings"), data.warnings);
-  const off = built && offThePlan(built, planned);
-  const chart = off && drawChart(find("#chart"), built, off);
-  const picture = makePicture(find(".stage"), subject);
+  // The colours of a body that grows stay as they are.
+  const picture = makePicture(find(".stage"), subject, data.live ? heightRange(planned, sizes.tipRadius) : null);
+  const view = { picture, total: (data.live ? planned : body).layers.count, layers: () => body.layers.count };
 
   const shown = ["built", "planned"].map((name) => [name, find(`#show-${name}`)]);
   shown.forEach(([, box]) => {
@@ -26,10 +34,16 @@ export function showOne(data) {
   });
   find("#compared").hidden = !built;
 
-  makePlayer(body.layers.count, (layers) => {
+  let [off, chart] = [null, null];
+  const measure = () => {
+    off = built && offThePlan(built, planned);
+    chart = off && drawChart(find("#chart"), built, off);
+  };
+  measure();
+  const player = makePlayer(body.layers.count, (layers) => {
     const pose = poseAt(body, layers);
     const length = body.lengths[layers];
-    find("#bar output").textContent = `layer ${layers} of ${body.layers.count} · ${durationText(layers * robot.period_s)}`;
+    find("#bar output").textContent = `layer ${layers} of ${view.total} · ${durationText(layers * robot.period_s)}`;
     fillRows(find("#tip"), [
       ["Body", `${fixed(length, 1)} mm`],
       ["Position", `${pose.position.map((part) => fixed(part, 1)).join(", ")} mm`],
@@ -40,5 +54,12 @@ export function showOne(data) {
     chart?.mark(length);
     picture?.show(layers);
   });
-  return [picture];
+  view.replaceBuilt = (longer) => {
+    built = longer;
+    body = longer;
+    measure();
+    picture?.replaceBody(longer);
+    player.lengthen(longer.layers.count);
+  };
+  return view;
 }

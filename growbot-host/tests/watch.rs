@@ -1,0 +1,187 @@
+//! The page of a growth under way, asked over HTTP by all kinds of clients: only who knows the secret, on this machine, gets anything.
+
+mod running;
+
+use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
+use std::net::{SocketAddr, TcpListener, TcpStream, UdpSocket};
+use std::sync::Arc;
+use std::time::Duration;
+
+use growbot_core::plan::Planner;
+use growbot_core::pose::Pose;
+use growbot_host::growth::{Job, News, Orders};
+use growbot_host::plan::{Plan, Search};
+use growbot_host::view::Subject;
+use growbot_host::watch::Watch;
+use serde_json::{Value, json};
+
+use running::growbot;
+
+/// A page of a body of 40 mm.
+fn watch(orders: Option<Arc<Orders>>) -> Watch {
+    let robot = growbot_host::robot_file::load("growbot-a".as_ref()).unwrap();
+    let up = |z| Pose::from_degrees([0.0, 0.0, z, 0.0, 90.0]).unwrap();
+    let search = Search { radius: 100.0, planner: Planner::Shortest, clear_of_self: false };
+    let plan = Plan::through(&robot, &up(0.0), &[], &up(40.0), &search).unwrap();
+    let job = Job::new(&robot, &plan.start, &plan.goal, &plan.path);
+    let subject = Subject { name: "plan.json", robot: &robot, plan: &plan, run: None };
+    Watch::start(&subject, &job, &[], orders, 0).unwrap()
+}
+
+/// Address of the server, and the path with the secret.
+fn parts(watch: &Watch) -> (SocketAddr, String) {
+    let (address, path) = watch.address().strip_prefix("http://").unwrap().split_once('/').unwrap();
+    (address.parse().unwrap(), format!("/{path}"))
+}
+
+fn send(address: SocketAddr, method: &str, path: &str, headers: &[(&str, &str)]) -> TcpStream {
+    let mut stream = TcpStream::connect(address).unwrap();
+    stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+    let host = address.to_string();
+    let mut request = format!("{method} {path} HTTP/1.1\r\nConnection: close\r\nContent-Length: 0\r\n");
+    if !headers.iter().any(|(name, _)| *name == "Host") {
+        request += &format!("Host: {host}\r\n");
+    }
+    for (name, value) in headers {
+        request += &format!("{name}: {value}\r\n");
+    }
+    stream.write_all(format!("{request}\r\n").as_bytes()).unwrap();
+    stream
+}
+
+/// Status and body of an answer.
+fn ask(address: SocketAddr, method: &str, path: &str, headers: &[(&str, &str)]) -> (u16, String) {
+    let mut answer = String::new();
+    send(address, method, path, headers).read_to_string(&mut answer).unwrap();
+    let (head, body) = answer.split_once("\r\n\r\n").unwrap();
+    (head.split(' ').nth(1).unwrap().parse().unwrap(), body.to_owned())
+}
+
+#[test]
+fn who_knows_the_address_gets_the_page_and_nobody_else_gets_anything() {
+    let watch = watch(Some(Arc::default()));
+    let (address, path) = parts(&watch);
+    assert!(address.ip().is_loopback());
+    assert_eq!(path.len(), 34);
+    let (status, page) = ask(address, "GET", &path, &[]);
+    assert_eq!(status, 200);
+    assert!(page.contains("connect-src 'self'") && page.contains("\"live\":{\"control\":true}"));
+
+    let nothing = (404, String::new());
+    let wrong = path.replace(&path[1..2], if &path[1..2] == "0" { "1" } else { "0" });
+    for path in ["/", "/news", "/orders/stop", &wrong, &path[..33], &format!("{path}x"), &format!("{path}orders/dance")]
+    {
+        assert_eq!(ask(address, "GET", path, &[]), nothing, "{path}");
+        assert_eq!(ask(address, "POST", path, &[]), nothing, "{path}");
+    }
+    let news = format!("{path}news");
+    let stop = format!("{path}orders/stop");
+    for other in [
+        ("Host", "evil.example"),
+        ("Origin", "http://evil.example"),
+        ("Origin", "null"),
+        ("Sec-Fetch-Site", "cross-site"),
+    ] {
+        for (method, path) in [("GET", &path), ("GET", &news), ("POST", &stop)] {
+            assert_eq!(ask(address, method, path, &[other]), nothing, "{method} {path} {other:?}");
+        }
+    }
+    // Through a forwarded port it has another number.
+    let forwarded = [("Host", "localhost:8080"), ("Origin", "http://localhost:8080")];
+    assert_eq!(ask(address, "GET", &path, &forwarded).0, 200);
+}
+
+#[test]
+fn the_page_is_on_the_loopback_interface_alone() {
+    let watch = watch(None);
+    let port = parts(&watch).0.port();
+    // The address that this machine has for others; nothing is sent.
+    let own = UdpSocket::bind("0.0.0.0:0").unwrap();
+    let outside = own.connect("192.0.2.1:9").and_then(|()| own.local_addr()).map(|address| address.ip());
+    match outside {
+        Ok(ip) if !ip.is_loopback() => {
+            let error = TcpStream::connect_timeout(&SocketAddr::new(ip, port), Duration::from_secs(5)).unwrap_err();
+            assert_eq!(error.kind(), ErrorKind::ConnectionRefused, "{ip}: {error}");
+        }
+        // A machine without a network: that others could bind the port there shows that it is free.
+        _ => drop(TcpListener::bind(("127.0.0.2", port)).unwrap()),
+    }
+}
+
+#[test]
+fn orders_are_taken_where_the_page_may_control_and_refused_where_it_may_look() {
+    let orders = Arc::new(Orders::default());
+    let controlling = watch(Some(Arc::clone(&orders)));
+    let (address, path) = parts(&controlling);
+    let origin = format!("http://{address}");
+    assert_eq!(ask(address, "GET", &format!("{path}orders/stop"), &[]).0, 404);
+    assert!(!orders.stops());
+    assert_eq!(ask(address, "POST", &format!("{path}orders/stop"), &[("Origin", &origin)]).0, 202);
+    assert!(orders.stops());
+
+    let looking = watch(None);
+    let (address, path) = parts(&looking);
+    let (status, why) = ask(address, "POST", &format!("{path}orders/stop"), &[]);
+    assert_eq!(status, 403);
+    assert!(why.contains("--control"), "{why}");
+    assert!(ask(address, "GET", &path, &[]).1.contains("\"live\":{\"control\":false}"));
+}
+
+#[test]
+fn news_come_as_they_are_and_the_end_is_the_last() {
+    let watch = watch(None);
+    let (address, path) = parts(&watch);
+    let stream = send(address, "GET", &format!("{path}news"), &[]);
+    let mut lines = BufReader::new(stream).lines().map(Result::unwrap);
+    let mut next = move || -> Option<Value> {
+        let line = lines.find(|line| line.starts_with("data: "))?;
+        Some(serde_json::from_str(&line["data: ".len()..]).unwrap())
+    };
+    let first = next().unwrap();
+    assert_eq!((&first["state"], &first["layers"]["built"]), (&json!("starting"), &json!("")));
+    let total = first["total"].as_u64().unwrap();
+    assert!(total > 50);
+    for index in 0..3 {
+        watch.tell(&News::Laid(index, Some([index as u8; 12]), None));
+    }
+    let mut laid = 0;
+    while laid < 3 {
+        let news = next().unwrap();
+        assert_eq!(news["layers"]["from"].as_u64(), Some(laid));
+        laid += news["layers"]["built"].as_str().unwrap().len() as u64 / 24;
+        assert_eq!(news["left_s"].as_f64(), Some((total - laid) as f64 * 18.0));
+    }
+    watch.end(&json!({ "outcome": "stopped" }));
+    let last = std::iter::from_fn(next).last().unwrap();
+    assert_eq!(last["ended"]["outcome"], "stopped");
+    assert_eq!(TcpStream::connect(address).unwrap_err().kind(), ErrorKind::ConnectionRefused);
+}
+
+#[test]
+fn what_cannot_be_watched_says_why() {
+    let taken = TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = taken.local_addr().unwrap().port().to_string();
+    let goal = ["grow", "--to", "0,0,40,0,90"];
+    for (args, part) in [
+        (vec!["--watch", "--watch-port", &port], "choose another port with --watch-port"),
+        (vec!["--control"], "--watch"),
+        (vec!["--watch-port", "0"], "--watch"),
+        (vec!["--pace", "0"], "not above 0"),
+        (vec!["--pace", "fast"], "no number"),
+        (vec!["--pace", "nan"], "not above 0"),
+        (vec!["--pace", "2", "--port", "tcp:127.0.0.1:1"], "--pace is for --port sim"),
+    ] {
+        let ran = growbot(&[&goal[..], &args].concat());
+        assert_eq!(ran.code, Some(2), "{args:?}: {}", ran.err);
+        assert!(ran.err.contains(part) && !ran.err.contains("panicked") && ran.out.is_empty(), "{args:?}: {}", ran.err);
+    }
+}
+
+#[test]
+fn a_watched_growth_ends_as_one_that_is_not() {
+    let goal = ["grow", "--to", "0,0,40,0,90", "--json"];
+    let plain = growbot(&goal);
+    let watched = growbot(&[&goal[..], &["--watch", "--pace", "100000"]].concat());
+    assert_eq!((watched.code, &watched.out), (Some(0), &plain.out));
+    assert!(watched.err.contains("growbot: watch it at http://127.0.0.1:"), "{}", watched.err);
+}

@@ -1,0 +1,107 @@
+// A growth under way: the view of its plan, which grows as the board tells of its layers; state, progress, temperature, and orders.
+//
+// News come as server-sent events (growbot-host/src/watch/): what has changed since the last ones, layers and readings from an index on.
+
+import { decodeLayers, growBody } from "./body.js";
+import { drawReadings } from "./chart.js";
+import { joinOne } from "./one.js";
+import { durationText, fillNumbers } from "./text.js";
+
+const find = (selector) => document.querySelector(selector);
+const HEX_PER_LAYER = 24;
+/** Building the body anew takes this share of the time at most. */
+const SHARE = 0.2;
+
+const NAMES = { "self-test": "self-test", "emergency-stop": "emergency stop" };
+
+/** Shows it, and returns its pictures. */
+export function showLive(data) {
+  const view = joinOne({ ...data, built: "" });
+  find("#live").hidden = false;
+  find("#orders").hidden = !data.live.control;
+  const title = document.title;
+
+  let built = "";
+  let readings = [];
+  let timer = null;
+  const grow = () => {
+    timer = null;
+    const began = performance.now();
+    view.replaceBuilt(growBody(data.start, decodeLayers(built)));
+    const took = performance.now() - began;
+    timer = setTimeout(() => {
+      timer = null;
+      if (view.layers() * HEX_PER_LAYER < built.length) grow();
+    }, took / SHARE);
+  };
+
+  const source = new EventSource("news");
+  source.onmessage = ({ data: text }) => {
+    const news = JSON.parse(text);
+    const { layers, readings: taken, total, ended } = news;
+    const laid = layers.from + layers.built.length / HEX_PER_LAYER;
+    readings = [...readings.slice(0, taken.from), ...taken.taken];
+    built = built.slice(0, layers.from * HEX_PER_LAYER) + layers.built;
+    view.total = total;
+    if (timer === null && view.layers() !== laid) grow();
+    showState(news);
+    find("#progress").value = total > 0 ? laid / total : 1;
+    find("#laid").textContent = `${laid} of ${total} layers`;
+    find("#left").textContent = ended ? "" : `${durationText(news.left_s)} left`;
+    drawReadings(find("#temperature"), readings);
+    document.title = `${total > 0 ? Math.floor((100 * laid) / total) : 100} % · ${title}`;
+    if (ended) {
+      source.close();
+      end(ended);
+    }
+  };
+  source.onerror = () => showProblem("growbot does not answer: it has ended, or the connection is cut. Trying again…");
+  source.onopen = () => showProblem("");
+
+  document.querySelectorAll("[data-order]").forEach((button) => {
+    button.addEventListener("click", () => give(button.dataset.order));
+  });
+  return [view.picture];
+}
+
+function showState({ state, answers, explanation, said }) {
+  const badge = find("#state");
+  badge.textContent = NAMES[state] ?? state;
+  badge.dataset.state = state;
+  find("#explanation").textContent = explanation ?? "";
+  find("#order-hold").hidden = state === "hold";
+  find("#order-go-on").hidden = state !== "hold";
+  showProblem(answers ? (said ?? "") : "The board does not answer: growbot calls it again.");
+}
+
+function showProblem(text) {
+  const problem = find("#problem");
+  problem.textContent = text;
+  problem.hidden = text === "";
+}
+
+/** It has ended: how, and where the tip is. */
+function end(result) {
+  const badge = find("#state");
+  badge.textContent = result.outcome;
+  badge.dataset.state = result.outcome;
+  find("#orders").hidden = true;
+  if (result.error) showProblem(result.error);
+  if (!result.measured_by) return;
+  const by = result.measured_by === "steps" ? "steps say" : `${result.measured_by} says`;
+  const rows = [
+    ["From the goal", `${result.position_error_mm.toFixed(3)} mm`],
+    ["Of the length", `${(100 * result.normalized_position_error).toFixed(4)} %`],
+    ["Off its direction", `${result.direction_error_deg.toFixed(3)}°`],
+  ];
+  fillNumbers(find("#ended"), [[`Arrived, as the ${by}`, rows]]);
+}
+
+async function give(order) {
+  try {
+    const answer = await fetch(`orders/${order}`, { method: "POST" });
+    if (!answer.ok) showProblem(`${order} was refused: ${await answer.text()}`);
+  } catch (error) {
+    showProblem(`${order} did not reach growbot (${error.message}): use the robot's own emergency stop, or \`growbot estop\``);
+  }
+}

@@ -1,0 +1,96 @@
+// Follows growths on the simulated robot in Debian's Chromium, on the page that `growbot grow --watch` serves: it grows as the robot
+// does, holds and goes on and stops by its buttons, tells how it ended, and asks for nothing but its own news. Without --control there are
+// no buttons.
+//
+//   node live.js GROWBOT
+//
+// The browser is `chromium`, or what CHROMIUM names.
+
+import assert from "node:assert/strict";
+import { spawn } from "node:child_process";
+import { once } from "node:events";
+import { resolve } from "node:path";
+import { createInterface } from "node:readline";
+import { chromium } from "playwright-core";
+
+const growbot = resolve(process.argv[2]);
+const PATIENCE_MS = 60_000;
+const errors = [];
+
+/** A growth of 400 mm that is watched: its process and the page's address. */
+async function grow(...args) {
+  const child = spawn(growbot, ["grow", "--to", "60,40,390,30,60", "--watch", ...args], { stdio: ["ignore", "ignore", "pipe"] });
+  const ended = once(child, "exit").then(([code]) => code);
+  for await (const line of createInterface({ input: child.stderr })) {
+    const address = /watch it at (.*)$/.exec(line)?.[1];
+    if (address) {
+      child.stderr.resume();
+      return { address, ended };
+    }
+  }
+  throw new Error(`growbot ended with ${await ended} and told no address`);
+}
+
+async function open(browser, address) {
+  const page = await browser.newPage({ viewport: { width: 1200, height: 760 }, colorScheme: "light" });
+  page.setDefaultTimeout(PATIENCE_MS);
+  page.on("console", (message) => errors.push(`console ${message.type()}: ${message.text()}`));
+  page.on("pageerror", (error) => errors.push(error.stack));
+  page.on("request", (request) => {
+    if (!request.url().startsWith(address) && !request.url().startsWith("data:")) errors.push(`asked for ${request.url()}`);
+  });
+  await page.goto(address);
+  await page.waitForSelector(".stage[data-drawn]");
+  return page;
+}
+
+const laid = async (page) => Number((await page.textContent("#laid")).split(" ")[0]);
+const comesTo = (page, layers) =>
+  page.waitForFunction((least) => Number(document.querySelector("#laid").textContent.split(" ")[0]) >= least, layers);
+const isIn = (page, state) => page.waitForFunction((name) => document.querySelector("#state").textContent === name, state);
+
+const browser = await chromium.launch({
+  executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium",
+  args: ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"],
+});
+try {
+  const controlled = await grow("--control", "--pace", "300");
+  const page = await open(browser, controlled.address);
+  await isIn(page, "growing");
+  await comesTo(page, 5);
+  assert.match(await page.textContent("#left"), /left$/);
+  assert.match(await page.textContent("#temperature"), /\d+\.\d °C, regulated to 200 °C/);
+  await page.waitForFunction(() => Number(document.querySelector("#slider").max) >= 5);
+  assert.match(await page.textContent("#bar output"), /^layer \d+ of \d{3} /);
+  await page.click("#order-hold");
+  await isIn(page, "hold");
+  const held = await laid(page);
+  assert.match(await page.textContent("#explanation"), /as it was asked to/);
+  await page.click("#order-go-on");
+  await comesTo(page, held + 3);
+  if (process.env.PICTURES) await page.screenshot({ path: `${process.env.PICTURES}/live.png` });
+  // A page that comes later knows all of it.
+  const second = await open(browser, controlled.address);
+  await comesTo(second, held + 3);
+  await second.close();
+  await page.click("[data-order=stop]");
+  await isIn(page, "stopped");
+  assert.equal(await controlled.ended, 1, "a growth that was stopped ends with 1");
+  await page.waitForSelector("#ended dl");
+  const stopped = await laid(page);
+  console.log(`live: grew, held at layer ${held}, went on, stopped after ${stopped}`);
+  await page.close();
+
+  const watched = await grow("--pace", "20000");
+  const looking = await open(browser, watched.address);
+  await isIn(looking, "done");
+  assert.equal(await watched.ended, 0);
+  assert.ok(await looking.isHidden("#orders"));
+  await looking.waitForFunction(() => /^layer (\d+) of \1 /.test(document.querySelector("#bar output").textContent));
+  if (process.env.PICTURES) await looking.screenshot({ path: `${process.env.PICTURES}/live-done.png` });
+  console.log(`live: followed ${await laid(looking)} layers to their end`);
+  assert.deepEqual(errors, []);
+  console.log("live: all well");
+} finally {
+  await browser.close();
+}
