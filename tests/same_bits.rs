@@ -55,20 +55,51 @@ fn goals(random: u32) -> impl Iterator<Item = [f64; 5]> {
     random.chain(SPECIAL_GOALS)
 }
 
+/// Boards that plan at the same time.
+const BOARDS: usize = 2;
+
+/// What was compared.
+#[derive(Debug, Default)]
+struct Compared {
+    plans: u32,
+    helicoids: u32,
+    layers: usize,
+}
+
 #[test]
 fn the_board_plans_the_desktops_layers_bit_for_bit() {
+    let random = std::env::var("GROWBOT_GOALS").map_or(RANDOM_GOALS, |goals| goals.parse().unwrap());
+    let goals: Vec<_> = goals(random).collect();
+    let compared: Vec<Compared> = std::thread::scope(|scope| {
+        let boards: Vec<_> = (0..BOARDS)
+            .map(|board| {
+                let goals = goals.iter().skip(board).step_by(BOARDS);
+                scope.spawn(move || compare(goals))
+            })
+            .collect();
+        boards.into_iter().map(|board| board.join().unwrap()).collect()
+    });
+    let (plans, helicoids, layers) = compared.iter().fold((0, 0, 0), |(plans, helicoids, layers), compared| {
+        (plans + compared.plans, helicoids + compared.helicoids, layers + compared.layers)
+    });
+    assert_eq!(plans as usize, 2 * goals.len());
+    assert!(helicoids > 0);
+    println!("{plans} plans, {helicoids} of them helicoidal arcs, {layers} layers: every bit alike");
+}
+
+/// Has an emulated board plan these goals, by both planners.
+fn compare<'a>(goals: impl Iterator<Item = &'a [f64; 5]>) -> Compared {
     let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
     let emulator = Emulator::start(&robot, Some(&firmware("an386"))).unwrap();
     let mut client = Client::new(Box::new(emulator), "the emulated board");
     client.hello_robot(&robot).unwrap();
     let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
-    let random = std::env::var("GROWBOT_GOALS").map_or(RANDOM_GOALS, |goals| goals.parse().unwrap());
 
-    let (mut plans_compared, mut layers_compared, mut helicoids) = (0, 0, 0);
-    for (goal, planner) in goals(random).flat_map(|goal| [(goal, Planner::TwoPlane), (goal, Planner::Shortest)]) {
-        let goal = Pose::from_degrees(goal).unwrap();
+    let mut compared = Compared::default();
+    for (goal, planner) in goals.flat_map(|goal| [(goal, Planner::TwoPlane), (goal, Planner::Shortest)]) {
+        let goal = Pose::from_degrees(*goal).unwrap();
         let path = plan(&robot, &start, &goal, 100.0, planner).unwrap().path;
-        helicoids += u32::from(path.iter().any(|segment| matches!(segment, Segment::Helicoid { .. })));
+        compared.helicoids += u32::from(path.iter().any(|segment| matches!(segment, Segment::Helicoid { .. })));
         let expected = summarize(&path, &robot);
 
         let request = PlanRequest { start: (&start).into(), goal: (&goal).into(), radius: 100.0, planner };
@@ -93,9 +124,8 @@ fn the_board_plans_the_desktops_layers_bit_for_bit() {
             held.extend(layers);
         }
         assert!(held.iter().copied().eq(job_layers(&path, &robot)), "{goal:?}");
-        plans_compared += 1;
-        layers_compared += held.len();
+        compared.plans += 1;
+        compared.layers += held.len();
     }
-    assert!(plans_compared >= 2 * random && helicoids > 0);
-    println!("{plans_compared} plans, {helicoids} of them helicoidal arcs, {layers_compared} layers: every bit alike");
+    compared
 }
