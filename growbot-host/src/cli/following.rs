@@ -10,7 +10,7 @@ use growbot_core::robot::Robot;
 use growbot_host::arrival::Arrival;
 use growbot_host::client::ClientError;
 use growbot_host::feedback::FedBack;
-use growbot_host::growth::{Grown, GrowthError, MeasuredBy, News, Outcome, as_built_hash};
+use growbot_host::growth::{Grown, GrowthError, MeasuredBy, News, Order, Outcome, as_built_hash};
 use growbot_host::output::print;
 use growbot_host::plan::Plan;
 use growbot_host::plan_file::{WrittenPose, written_hash};
@@ -79,7 +79,7 @@ impl Following<'_> {
             growbot_host::tell!("growbot: {error}");
         }
         match grown {
-            Ok(grown) => self.result(&grown),
+            Ok(grown) => self.result(&grown, show.emergency),
             Err(GrowthError::During(error)) => {
                 let mut result = json_of("lost", None, self.plan, self.seed);
                 result["error"] = error.to_string().into();
@@ -113,7 +113,7 @@ impl Following<'_> {
         self.log.end(result).map_err(Failure::answered_no)
     }
 
-    fn result(mut self, grown: &Grown) -> Result<(), Failure> {
+    fn result(mut self, grown: &Grown, emergency: bool) -> Result<(), Failure> {
         let result = json_of(grown.outcome.name(), Some(grown), self.plan, self.seed);
         self.end(&result)?;
         print(&if self.json {
@@ -123,6 +123,9 @@ impl Following<'_> {
         })?;
         match grown.outcome {
             Outcome::Done => Ok(()),
+            Outcome::Stopped if emergency => Err(Failure::answered_no(
+                "emergency stop: heater and steppers are off, until it is cleared (`clear` in `growbot console`)",
+            )),
             Outcome::Stopped => Err(Failure::answered_no("stopped before the last layer: heater and steppers are off")),
             Outcome::Fault(fault) => Err(Failure::answered_no(format!(
                 "fault {}: {}; heater and steppers are off",
@@ -232,6 +235,8 @@ struct Show {
     layers: usize,
     laid: u64,
     state: &'static str,
+    /// The emergency stop was given here, or pressed.
+    emergency: bool,
     /// Why the board has not taken an amendment, as it was said last.
     not_amended: Option<String>,
 }
@@ -243,6 +248,7 @@ impl Show {
             layers,
             laid,
             state: "starting",
+            emergency: false,
             not_amended: None,
         }
     }
@@ -251,6 +257,7 @@ impl Show {
         match news {
             News::State(state) => {
                 self.state = state.name();
+                self.emergency |= *state == State::EmergencyStop;
                 if matches!(state, State::Heating | State::Homing | State::Growing | State::Hold | State::Parked) {
                     self.progress.say(self.state);
                 }
@@ -258,7 +265,10 @@ impl Show {
             News::Status(status) => self.state = status.state.name(),
             News::Amending(amendment) => self.layers = amendment.total as usize,
             News::Board(_) | News::Counting(_) | News::NotAmended(None) | News::HandingOver(..) => {}
-            News::Ordered(order) => self.progress.say(&format!("ordered: {}", order.name())),
+            News::Ordered(order) => {
+                self.emergency |= *order == Order::EmergencyStop;
+                self.progress.say(&format!("ordered: {}", order.name()));
+            }
             News::NotObeyed(why) => self.progress.say(why),
             News::Silent => self.progress.say("the board does not answer: calling it again"),
             News::Back => self.progress.say("the board answers again"),

@@ -47,7 +47,7 @@ export function showLive(data) {
     showState(news);
     find("#progress").value = total > 0 ? laid / total : 1;
     find("#laid").textContent = `${laid} of ${total} layers`;
-    find("#left").textContent = ended ? "" : `${durationText(news.left_s)} left`;
+    find("#left").textContent = ended ? "" : `${durationText(news.left_s)} ${news.state === "growing" ? "left" : "of growing left"}`;
     drawReadings(find("#temperature"), readings);
     document.title = `${total > 0 ? Math.floor((100 * laid) / total) : 100} % · ${title}`;
     if (ended) {
