@@ -12,7 +12,7 @@ use growbot_core::simulation::Disturbance;
 use growbot_core::tracking::SensorNoise;
 use growbot_host::client::Client;
 use growbot_host::feedback::Feedback;
-use growbot_host::growth::{Grown, Job, MeasuredBy, News, Orders, Outcome, grow_job_with};
+use growbot_host::growth::{Grown, Job, Manner, MeasuredBy, News, Orders, Outcome, grow_job};
 use growbot_host::port::emulator::Emulator;
 use growbot_host::tip::Imperfection;
 use growbot_tests::firmware;
@@ -48,7 +48,8 @@ fn grow(robot: &Robot, with_feedback: bool) -> Grown {
     emulator.borrow_mut().simulated_tip(|tip| tip.disturb(&imperfection));
     let feedback = with_feedback.then(|| Feedback::new(robot, &start, &path, &legs, noise));
     let mut client = Client::new(Box::new(Rc::clone(&emulator)), "a board under test");
-    grow_job_with(&mut client, &job, feedback, Silence::Hold, &Orders::default(), &mut |news| {
+    let manner = Manner { silence: Silence::Hold, feedback };
+    grow_job(&mut client, &job, manner, &Orders::default(), &mut |news| {
         if let News::State(State::Heating) = news {
             // A nozzle that is warm soon saves the time of heating, which is real here.
             emulator.borrow_mut().simulated_tip(|tip| tip.set_nozzle_c(190.0));

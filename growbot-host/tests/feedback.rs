@@ -15,7 +15,7 @@ use growbot_core::tracking::SensorNoise;
 use growbot_host::client::Client;
 use growbot_host::feedback::Feedback;
 use growbot_host::growth::{
-    CutLayer, Grown, GrowthError, Job, MeasuredBy, News, Order, Orders, Outcome, grow_job_with, resume_job_with,
+    CutLayer, Grown, GrowthError, Job, Manner, MeasuredBy, News, Order, Orders, Outcome, grow_job, resume_job,
 };
 use growbot_host::plan::{Plan, Search};
 use growbot_host::port::sim::Sim;
@@ -161,18 +161,19 @@ impl Try {
         Job::new(&self.robot, &self.plan.start, &self.plan.goal, &self.plan.path)
     }
 
-    /// Grows, with `at` called after the layer of index 60, which may cut the line and set the stop.
+    /// Grows, with `at` called after the layer of index 60, which may cut the line and give orders.
     fn grow(&self, mut at: impl FnMut(&Cell<bool>, &Orders)) -> Result<Grown, GrowthError> {
         let job = self.job();
         let mut log = RunLog::begin(&self.folder.path().join("run"), &self.plan, &job, Some(NOISE), "sim").unwrap();
         let feedback = Feedback::new(&self.robot, &self.plan.start, &self.plan.path, &self.plan.legs, NOISE);
         let cut = Rc::new(Cell::new(false));
         let mut client = Client::new(Box::new(Line(Rc::clone(&self.sim), Rc::clone(&cut))), "sim");
-        let stop = Orders::default();
-        let grown = grow_job_with(&mut client, &job, Some(feedback), Silence::GoOn, &stop, &mut |news| {
+        let orders = Orders::default();
+        let manner = Manner { silence: Silence::GoOn, feedback: Some(feedback) };
+        let grown = grow_job(&mut client, &job, manner, &orders, &mut |news| {
             log.news(news).unwrap();
             if matches!(news, News::Laid(60, ..)) {
-                at(&cut, &stop);
+                at(&cut, &orders);
             }
         });
         client.vanish();
@@ -193,9 +194,9 @@ impl Try {
         let plan = record.plan(&self.robot).unwrap();
         let feedback = record.feedback(&job, &plan);
         assert!(feedback.is_some());
-        let (stop, known) = (Orders::default(), record.as_built.clone());
-        let again = CutLayer::Again;
-        resume_job_with(&mut client, &job, feedback, known, again, Silence::Hold, &stop, &mut |_| {}).unwrap()
+        let (orders, known) = (Orders::default(), record.as_built.clone());
+        let manner = Manner { silence: Silence::Hold, feedback };
+        resume_job(&mut client, &job, known, CutLayer::Again, manner, &orders, &mut |_| {}).unwrap()
     }
 
     /// How far the tip really is from the goal, over the length.
@@ -208,7 +209,7 @@ impl Try {
 #[test]
 fn a_growth_that_was_stopped_goes_on_with_feedback() {
     let tried = Try::new();
-    let stopped = tried.grow(|_, stop| stop.give(Order::Stop)).unwrap();
+    let stopped = tried.grow(|_, orders| orders.give(Order::Stop)).unwrap();
     assert_eq!(stopped.outcome, Outcome::Stopped);
     let done = tried.resume();
     assert_eq!((done.outcome, done.measured_by), (Outcome::Done, MeasuredBy::Estimate));

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Parser};
 use growbot_core::robot::Robot;
 use growbot_host::feedback::{ASSUMED, Feedback};
-use growbot_host::growth::{Job, grow_job_with};
+use growbot_host::growth::{Job, Manner, grow_job};
 use growbot_host::port::{PortName, TipSettings};
 use growbot_host::run_log::RunLog;
 use growbot_host::tip::Imperfection;
@@ -131,7 +131,8 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     let seed = (disturbance.disturbs() || disturbance.knows_sensors()).then_some(disturbance.seed);
     let seed = seed.filter(|_| name.is_simulated());
     let following = Following { robot: &robot, plan: &plan, log, watch, json: args.json, laid: 0, seed };
-    following.follow(|tell| grow_job_with(&mut client, &job, feedback, args.on_silence.into(), &orders, tell))
+    let manner = Manner { silence: args.on_silence.into(), feedback };
+    following.follow(|tell| grow_job(&mut client, &job, manner, &orders, tell))
 }
 
 impl GrowArgs {

@@ -7,7 +7,7 @@ use clap::{Args, ValueEnum};
 use growbot_core::link::message::{BoardHello, State};
 use growbot_core::robot::Robot;
 use growbot_host::client::Client;
-use growbot_host::growth::{CutLayer, GrowthError, Job, resume_job_with};
+use growbot_host::growth::{CutLayer, GrowthError, Job, Manner, resume_job};
 use growbot_host::plan::Plan;
 use growbot_host::plan_file;
 use growbot_host::port::TipSettings;
@@ -108,8 +108,8 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
         growbot_host::tell!("growbot: with feedback, as it was begun");
     }
     let following = Following { robot: &robot, plan: &plan, log, watch, json: args.json, laid, seed: None };
-    let silence = args.on_silence.into();
-    following.follow(|tell| resume_job_with(&mut client, &job, feedback, known, cut, silence, &orders, tell))
+    let manner = Manner { silence: args.on_silence.into(), feedback };
+    following.follow(|tell| resume_job(&mut client, &job, known, cut, manner, &orders, tell))
 }
 
 impl ResumeArgs {

@@ -252,33 +252,33 @@ pub enum CutLayer {
     LetBe,
 }
 
+/// How a job is grown.
+pub struct Manner<'a> {
+    /// What the board does when it no longer hears from this host.
+    pub silence: Silence,
+    /// With it, layers to come are planned again after each that is laid. Of a job that goes on it has heard of the layers known.
+    pub feedback: Option<Feedback<'a>>,
+}
+
+impl From<Silence> for Manner<'_> {
+    /// Without feedback.
+    fn from(silence: Silence) -> Self {
+        Self { silence, feedback: None }
+    }
+}
+
 /// Grows a job from its first layer. `orders` may be given at any time; `tell` hears the news.
 ///
 /// # Errors
 /// A board that is of another robot, holds an unfinished body, refuses or falls silent.
-pub fn grow_job(
-    client: &mut Client,
-    job: &Job,
-    silence: Silence,
-    orders: &Orders,
-    tell: &mut dyn FnMut(&News),
-) -> Result<Grown, GrowthError> {
-    grow_job_with(client, job, None, silence, orders, tell)
-}
-
-/// As [`grow_job`], with feedback: layers to come are planned again after each that is laid.
-///
-/// # Errors
-/// As [`grow_job`].
-pub fn grow_job_with<'a>(
+pub fn grow_job<'a>(
     client: &'a mut Client,
     job: &Job<'a>,
-    feedback: Option<Feedback<'a>>,
-    silence: Silence,
+    manner: impl Into<Manner<'a>>,
     orders: &Orders,
     tell: &mut dyn FnMut(&News),
 ) -> Result<Grown, GrowthError> {
-    let mut growth = Growth::begin(client, job, feedback, silence, tell)?;
+    let mut growth = Growth::begin(client, job, manner.into(), tell)?;
     growth.start().map_err(GrowthError::Before)?;
     growth.finish(orders, tell)
 }
@@ -287,34 +287,16 @@ pub fn grow_job_with<'a>(
 ///
 /// # Errors
 /// As [`grow_job`], or a board that knows nothing of this job.
-pub fn resume_job(
-    client: &mut Client,
-    job: &Job,
-    known: Vec<Option<LayerBytes>>,
-    cut: CutLayer,
-    silence: Silence,
-    orders: &Orders,
-    tell: &mut dyn FnMut(&News),
-) -> Result<Grown, GrowthError> {
-    resume_job_with(client, job, None, known, cut, silence, orders, tell)
-}
-
-/// As [`resume_job`], with feedback that has heard of the layers in `known`.
-///
-/// # Errors
-/// As [`resume_job`].
-#[expect(clippy::too_many_arguments, reason = "what goes on is as much as what began")]
-pub fn resume_job_with<'a>(
+pub fn resume_job<'a>(
     client: &'a mut Client,
     job: &Job<'a>,
-    feedback: Option<Feedback<'a>>,
     known: Vec<Option<LayerBytes>>,
     cut: CutLayer,
-    silence: Silence,
+    manner: impl Into<Manner<'a>>,
     orders: &Orders,
     tell: &mut dyn FnMut(&News),
 ) -> Result<Grown, GrowthError> {
-    let mut growth = Growth::take_up(client, job, feedback, known, cut, silence, tell)?;
+    let mut growth = Growth::take_up(client, job, known, cut, manner.into(), tell)?;
     growth.start().map_err(GrowthError::Before)?;
     growth.finish(orders, tell)
 }
@@ -352,18 +334,12 @@ struct Growth<'a> {
 }
 
 impl<'a> Growth<'a> {
-    fn new(
-        client: &'a mut Client,
-        job: &Job<'a>,
-        feedback: Option<Feedback<'a>>,
-        silence: Silence,
-        hello: &BoardHello,
-    ) -> Self {
+    fn new(client: &'a mut Client, job: &Job<'a>, manner: Manner<'a>, hello: &BoardHello) -> Self {
         Self {
             client,
             job: job.clone(),
-            silence,
-            feedback,
+            silence: manner.silence,
+            feedback: manner.feedback,
             names: vec![job.plan_id],
             amending: None,
             amend_at: 0,
@@ -384,8 +360,7 @@ impl<'a> Growth<'a> {
     fn begin(
         client: &'a mut Client,
         job: &Job<'a>,
-        feedback: Option<Feedback<'a>>,
-        silence: Silence,
+        manner: Manner<'a>,
         tell: &mut dyn FnMut(&News),
     ) -> Result<Self, GrowthError> {
         let hello = client.hello_robot(job.robot).map_err(GrowthError::Before)?;
@@ -394,7 +369,7 @@ impl<'a> Growth<'a> {
         if plan_id != 0 && (laid > 0 || cut.is_some()) && laid < layers && state != State::Stopped {
             return Err(GrowthError::Unfinished { plan_id, laid, layers });
         }
-        let mut growth = Self::new(client, job, feedback, silence, &hello);
+        let mut growth = Self::new(client, job, manner, &hello);
         growth.hand_over_all(tell).map_err(GrowthError::Before)?;
         growth.count_from_here(tell).map_err(GrowthError::Before)?;
         Ok(growth)
@@ -413,15 +388,14 @@ impl<'a> Growth<'a> {
     fn take_up(
         client: &'a mut Client,
         job: &Job<'a>,
-        feedback: Option<Feedback<'a>>,
         known: Vec<Option<LayerBytes>>,
         cut: CutLayer,
-        silence: Silence,
+        manner: Manner<'a>,
         tell: &mut dyn FnMut(&News),
     ) -> Result<Self, GrowthError> {
         let hello = client.hello_robot(job.robot).map_err(GrowthError::Before)?;
         tell(&News::Board(hello.clone()));
-        let mut growth = Self::new(client, job, feedback, silence, &hello);
+        let mut growth = Self::new(client, job, manner, &hello);
         if hello.status.plan_id != growth.job.plan_id {
             return Err(GrowthError::NothingToResume { plan_id: growth.job.plan_id, held: held(&hello.status) });
         }
