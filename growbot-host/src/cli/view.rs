@@ -3,15 +3,17 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 use growbot_core::robot::Robot;
+use growbot_host::drawing::png::png;
 use growbot_host::input::{is_standard_input, name_of};
 use growbot_host::output::replace_file;
 use growbot_host::plan::Plan;
 use growbot_host::plan_file::{self, PlanFileError};
 use growbot_host::robot_file;
 use growbot_host::run_log::{RunRecord, RunRecordError};
-use growbot_host::view::{Subject, page};
+use growbot_host::view::picture::Look;
+use growbot_host::view::{Subject, page, picture};
 
 use super::Failure;
 
@@ -21,6 +23,8 @@ use super::Failure;
 /// grows it, with start, goal, the tip's frame and the numbers beside it. Of a growth it shows what was planned against what was built.
 ///
 /// With --compare it shows two of them side by side, from the same side and at the same scale, with one slider that grows both.
+///
+/// With --svg or --png it draws a picture for a paper instead, without a browser.
 #[derive(Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct ViewArgs {
@@ -31,8 +35,21 @@ pub struct ViewArgs {
     /// Two plans or run logs side by side
     #[arg(long)]
     compare: bool,
+    /// A picture instead of a page: SVG
+    #[arg(long)]
+    svg: bool,
+    /// A picture instead of a page: PNG
+    #[arg(long, conflicts_with = "svg")]
+    png: bool,
+    /// Width of a PNG in pixels
+    #[arg(long, value_name = "PX", default_value_t = 1600, value_parser = clap::value_parser!(u32).range(100..=10_000))]
+    width: u32,
+    /// From where a picture shows the body
+    #[arg(long, value_enum, default_value_t = LookName::Corner)]
+    look: LookName,
     /// Write to this file [default: beside the first file, named as it is or, of
-    /// two, A-B, ending in .html]
+    /// two, A-B, ending in .html, .svg or .png]; its ending says the format
+    /// where nothing else does
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
     /// The robot: a built-in name or a TOML file [default: the built-in one that
@@ -41,11 +58,55 @@ pub struct ViewArgs {
     robot: Option<PathBuf>,
 }
 
+/// From where, as the command line has it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum LookName {
+    /// The corner from which start and goal are seen best
+    Corner,
+    /// Against the y axis
+    Front,
+    /// Against the x axis
+    Side,
+    /// From above
+    Top,
+}
+
+impl From<LookName> for Look {
+    fn from(name: LookName) -> Self {
+        match name {
+            LookName::Corner => Self::Corner,
+            LookName::Front => Self::Front,
+            LookName::Side => Self::Side,
+            LookName::Top => Self::Top,
+        }
+    }
+}
+
+/// What is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Format {
+    Html,
+    Svg,
+    Png,
+}
+
+impl Format {
+    fn ending(self) -> &'static str {
+        match self {
+            Self::Html => "html",
+            Self::Svg => "svg",
+            Self::Png => "png",
+        }
+    }
+}
+
 const AFTER_HELP: &str = "\
 Examples:
   growbot view plan.json
   growbot view run.jsonl -o growth.html
   growbot view --compare two-plane.json shortest.json
+  growbot view plan.json --svg
+  growbot view plan.json --png --width 2400 --look side -o side.png
   growbot plan --to 0,0,500,0,90 --json | growbot view - -o plan.html";
 
 /// Runs the command.
@@ -54,22 +115,49 @@ pub fn run(args: &ViewArgs) -> Result<(), Failure> {
     let opened = args.files.iter().map(|file| Opened::of(file, args.robot.as_deref())).collect::<Result<Vec<_>, _>>()?;
     let names = names(&args.files);
     let subjects: Vec<Subject> = opened.iter().zip(&names).map(|(opened, name)| opened.subject(name)).collect();
-    let page = match &subjects[..] {
-        [one, other] => page::of_two([one, other]),
-        [one, ..] => page::of_one(one),
-        [] => return Err(Failure::bad_input("give a plan or a run log")),
+    let subjects: Vec<&Subject> = subjects.iter().collect();
+    let format = args.format();
+    let contents = match format {
+        Format::Html => args.page(&subjects)?.into_bytes(),
+        Format::Svg => args.picture(&subjects)?.into_bytes(),
+        Format::Png => png(&args.picture(&subjects)?, args.width).map_err(Failure::bad_input)?,
     };
-    replace_file(&output, page.map_err(Failure::bad_input)?.as_bytes())?;
-    growbot_host::tell!("growbot: view written to {}: open it in a browser", output.display());
+    replace_file(&output, &contents)?;
+    let hint = if format == Format::Html { ": open it in a browser" } else { "" };
+    growbot_host::tell!("growbot: view written to {}{hint}", output.display());
     Ok(())
 }
 
 impl ViewArgs {
-    /// Where the page goes: never over what it is made from.
+    /// As it is asked for, or else as the file ends.
+    fn format(&self) -> Format {
+        let ending = self.output.as_deref().and_then(Path::extension);
+        let ends_in = |format: Format| ending.is_some_and(|ending| ending.eq_ignore_ascii_case(format.ending()));
+        match (self.svg, self.png) {
+            (true, _) => Format::Svg,
+            (_, true) => Format::Png,
+            _ => [Format::Svg, Format::Png].into_iter().find(|format| ends_in(*format)).unwrap_or(Format::Html),
+        }
+    }
+
+    fn page(&self, subjects: &[&Subject]) -> Result<String, Failure> {
+        let page = match subjects {
+            [one, other] => page::of_two([one, other]),
+            [one, ..] => page::of_one(one),
+            [] => return Err(Failure::bad_input("give a plan or a run log")),
+        };
+        page.map_err(Failure::bad_input)
+    }
+
+    fn picture(&self, subjects: &[&Subject]) -> Result<String, Failure> {
+        picture::svg(subjects, self.look.into()).map_err(Failure::bad_input)
+    }
+
+    /// Where the view goes: never over what it is made from.
     fn output(&self) -> Result<PathBuf, Failure> {
         match (self.files.len(), self.compare) {
             (1, true) => return Err(Failure::bad_input("--compare takes two plans or run logs: give another one")),
-            (2, false) => return Err(Failure::bad_input("of two files, only --compare makes a page: add it, or give one")),
+            (2, false) => return Err(Failure::bad_input("two files are shown side by side only: add --compare, or give one")),
             _ => {}
         }
         if self.files.iter().filter(|file| is_standard_input(file)).count() > 1 {
@@ -85,7 +173,7 @@ impl ViewArgs {
                 fs::canonicalize(&output).is_ok_and(|output| fs::canonicalize(file).is_ok_and(|file| file == output));
             if same {
                 let file = file.display();
-                return Err(Failure::bad_input(format!("the page would replace {file}: choose another place with -o")));
+                return Err(Failure::bad_input(format!("the view would replace {file}: choose another place with -o")));
             }
         }
         Ok(output)
@@ -95,12 +183,13 @@ impl ViewArgs {
     fn beside(&self) -> Result<PathBuf, Failure> {
         if self.files.iter().any(|file| is_standard_input(file)) {
             return Err(Failure::bad_input(
-                "a plan from standard input has no name: say where the page goes with -o",
+                "a plan from standard input has no name: say where the view goes with -o",
             ));
         }
         let stems = self.files.iter().filter_map(|file| file.file_stem());
         let mut name = stems.collect::<Vec<_>>().join("-".as_ref());
-        name.push(".html");
+        name.push(".");
+        name.push(self.format().ending());
         Ok(self.files.first().map_or_else(PathBuf::new, |first| first.with_file_name(name)))
     }
 }

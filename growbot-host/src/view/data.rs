@@ -23,7 +23,7 @@ pub fn of(subject: &Subject, layers: &Layers) -> Value {
     json!({
         "name": name,
         "about": about,
-        "caption": caption(subject, layers),
+        "caption": caption(subject, layers, ""),
         "robot": {
             "outer_radius_mm": 0.5 * robot.outer_diameter(),
             "tip_radius_mm": robot.tip_radius(),

@@ -3,14 +3,19 @@
 //! - [`Subject`]: what is looked at, a plan or a run log;
 //! - [`page`]: one HTML page that opens without a network: the tube in three dimensions and the numbers beside it; `data`, what it is given, as
 //!   JSON, `numbers`, in words, and `side_by_side`, those of two;
+//! - [`picture`]: an SVG for papers;
 //! - `self_clearance`: how near the wall comes to itself;
 //! - growbot-host/viewer/: the page itself and its script, which is bundled there at development time.
 
 mod data;
 mod numbers;
 pub mod page;
+pub mod picture;
 mod self_clearance;
 mod side_by_side;
+
+use std::ffi::OsStr;
+use std::path::Path;
 
 use growbot_core::job::job_layers;
 use growbot_core::layer_bytes::{LayerBytes, decode};
@@ -52,6 +57,11 @@ pub struct Subject<'a> {
 }
 
 impl Subject<'_> {
+    /// Its name without a file's ending.
+    fn stem(&self) -> &str {
+        Path::new(self.name).file_stem().and_then(OsStr::to_str).unwrap_or(self.name)
+    }
+
     /// The planned layers, and those as built where it is a run; as many as can be shown.
     fn layers(&self) -> Result<Layers, ViewError> {
         let found = self.plan.needs.layers.max(self.run.map_or(0, |run| run.as_built.len()));

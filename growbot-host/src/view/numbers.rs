@@ -58,13 +58,28 @@ fn group<N: Into<String>>(heading: impl Into<String>, rows: impl IntoIterator<It
     (heading.into(), rows.into_iter().map(|(name, value)| (name.into(), value)).collect())
 }
 
-/// A body in a line: how its path was found, its pieces, length and layers.
-pub fn caption(subject: &Subject, layers: &Layers) -> String {
+/// A body in a line: how its path was found, its pieces, length and layers. A planner that it is `called` by already is left out.
+pub fn caption(subject: &Subject, layers: &Layers, called: &str) -> String {
     let plan = subject.plan;
-    let pieces = if plan.path.is_empty() { String::new() } else { format!(" ({})", plan.word()) };
-    let grown = if layers.built.is_some() { "grown, " } else { "" };
+    let grown = layers.built.as_ref().map(|_| "grown".to_owned());
+    let planner = Some(planner(plan.planner)).filter(|planner| *planner != called);
+    let pieces = Some(plan.word()).filter(|pieces| !pieces.is_empty());
+    let path = match (planner, pieces) {
+        (Some(planner), Some(pieces)) => Some(format!("{planner} ({pieces})")),
+        (planner, pieces) => pieces.or(planner.map(str::to_owned)),
+    };
     let (length, count) = (layers.length(), layers.body().len());
-    format!("{grown}{}{pieces} · {length:.1} mm · {count} layers", planner(plan.planner))
+    let parts = [grown, path, Some(format!("{length:.1} mm")), Some(format!("{count} layers"))];
+    parts.into_iter().flatten().collect::<Vec<_>>().join(" · ")
+}
+
+/// How near a growth came to its goal, in a line, by what its log says; none without.
+pub fn measured(subject: &Subject) -> Option<String> {
+    let (reached, by) = subject.run.and_then(measured_end)?;
+    let Arrival { position_error_mm: mm, direction_error_deg: deg, .. } =
+        Arrival::of(&reached.frame(), &subject.plan.goal, subject.plan.needs.length);
+    let says = if by == "steps" { "say" } else { "says" };
+    Some(format!("arrived {mm:.2} mm and {deg:.2}° off the goal, as the {by} {says}"))
 }
 
 /// As `--planner` calls it.

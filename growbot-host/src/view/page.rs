@@ -4,6 +4,7 @@ use serde_json::{Value, json};
 
 use super::side_by_side::{difference, together};
 use super::{Subject, ViewError, data, numbers};
+use crate::drawing::canvas::escape;
 
 const PAGE: &str = include_str!("../../viewer/src/page.html");
 const SCRIPT: &str = include_str!("../../viewer/dist/viewer.js");
@@ -54,11 +55,6 @@ fn fill(page: &str, marks: &[(&str, &str)]) -> String {
     filled + rest
 }
 
-/// Text as HTML shows it.
-fn escape(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -67,7 +63,6 @@ mod tests {
     fn what_is_put_in_is_put_in_once() {
         let filled = fill("<b>{{A}}</b>{{B}}{{A}}", &[("{{A}}", "{{B}}"), ("{{B}}", "x")]);
         assert_eq!(filled, "<b>{{B}}</b>x{{B}}");
-        assert_eq!(escape("</script><b a=\"&\">"), "&lt;/script&gt;&lt;b a=&quot;&amp;&quot;&gt;");
     }
 
     #[test]
