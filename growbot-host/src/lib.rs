@@ -10,7 +10,7 @@
 //! - [`workspace`]: which goals are within reach, in numbers and as a picture;
 //! - [`batch`]: many plans from a CSV stream;
 //! - [`reproduce`]: the experiments of the paper, done again, with page and figures;
-//! - [`layer_table`]: the layers of a plan as CSV; [`view`]: a body in a page to look at; [`export`]: bodies as STL, GLB, CSV and MCAP;
+//! - [`layer_table`]: the layers of a plan as CSV; [`view`]: a body in a page to look at, or in a picture; [`drawing`], what pictures are drawn with; [`export`]: bodies as STL, GLB, CSV and MCAP;
 //! - [`port`]: where a robot is: simulated here, emulated, or at the end of a line; [`tip`], what a simulated one does;
 //! - [`client`]: requests to its board and their answers; [`growth`], a whole job; [`arrival`], how near it came; [`run_log`];
 //! - [`watch`]: a growth under way, as a page on this machine;
@@ -25,6 +25,7 @@ pub mod batch;
 pub mod clearance;
 pub mod client;
 pub mod degrees;
+pub mod drawing;
 pub mod export;
 pub mod feedback;
 pub mod growth;

@@ -148,3 +148,46 @@ fn nothing_in_a_file_or_its_name_breaks_out_of_the_page() {
     assert!(!html.contains(bad) && html.contains("<title>a&lt;b&gt;&amp;{{DATA}}.json</title>"));
     assert_eq!(data(&page)["warnings"][0], bad);
 }
+
+#[test]
+fn two_stand_side_by_side_on_one_page() {
+    let (directory, plan) = plan_of_50_layers("a.json");
+    let path = |name: &str| directory.path().join(name);
+    let other = path("b.json");
+    let to = ["plan", "--from", "10,0,0,0,90", "--to", "10,0,77.4,0,90", "-o", text(&other)];
+    assert_eq!(growbot(&to).code, Some(0));
+    let ran = growbot(&["view", "--compare", text(&plan), text(&other)]);
+    assert_eq!(ran.code, Some(0), "{}", ran.err);
+    let pair = data(&path("a-b.html"));
+    assert_eq!(pair["difference"], "b.json is 38.7 mm (100.0 %) longer than a.json.");
+    let [a, b] = [0, 1].map(|index| &pair["compared"][index]);
+    assert_eq!((a["name"].as_str(), b["name"].as_str()), (Some("a.json"), Some("b.json")));
+    assert_eq!((a["caption"].as_str(), &b["start"][9]), (Some("shortest (S) · 38.7 mm · 50 layers"), &10.0.into()));
+    let groups = pair["numbers"].as_array().unwrap();
+    let plan_group = groups.iter().find(|group| group[0] == "Plan").unwrap();
+    assert_eq!(plan_group[1][0], serde_json::json!(["Length", "38.7 mm", "77.4 mm"]));
+
+    // A growth beside its plan.
+    let log = path("run.jsonl");
+    assert_eq!(growbot(&["grow", text(&plan), "--log", text(&log)]).code, Some(0));
+    let ran = growbot(&["view", text(&plan), text(&log), "--compare", "-o", text(&path("c.html"))]);
+    assert_eq!(ran.code, Some(0), "{}", ran.err);
+    let pair = data(&path("c.html"));
+    assert_eq!(pair["difference"], "a.json and run.jsonl are of one length.");
+    assert_eq!(pair["numbers"][1][0], "As built, by the board's steps");
+}
+
+#[test]
+fn a_comparison_is_of_two_files_that_are_bodies() {
+    let (directory, plan) = plan_of_50_layers("a.json");
+    let path = |name: &str| directory.path().join(name);
+    let page = path("page.html");
+    fs::write(path("cube.stl"), "solid cube").unwrap();
+    let view = |args: &[&str]| growbot(&[&["view", "-o", text(&page)], args].concat());
+    assert_refused(&view(&["--compare", text(&plan)]), &["two plans"], &page);
+    assert_refused(&view(&[text(&plan), text(&plan)]), &["--compare"], &page);
+    assert_refused(&view(&["--compare", text(&plan), text(&path("cube.stl"))]), &["cube.stl", "no run log"], &page);
+    assert_refused(&view(&["--compare", "-", "-"]), &["standard input"], &page);
+    assert_refused(&growbot(&["view", "--compare", text(&plan), "-"]), &["-o"], &page);
+    assert_refused(&growbot(&["view", "--compare", "-o", text(&plan), "-", text(&plan)]), &["replace"], &page);
+}

@@ -1,5 +1,5 @@
 // Opens what `growbot view` writes in Debian's Chromium, without a window, as CI has it, and looks at it: bodies of 1,300 and of 10,000
-// layers and a growth; first picture, size, slider, buttons, keys; nothing on the console, no request; and the picture, compared with
+// layers a growth, and two side by side; first picture, size, slider, buttons, keys; nothing on the console, no request; and the picture, compared with
 // the one that is committed. Every page works with a finger, too: the last is opened as on a phone.
 //
 //   node check.js GROWBOT            checks
@@ -115,6 +115,48 @@ async function checkControls(page, layers) {
   assert.ok(difference(whole, await picture(page)) > 0.005, "dragging does not turn the view");
 }
 
+/** Two side by side: one slider grows both, and turning one turns the other. */
+async function checkPair(browser) {
+  run("view", "--compare", "1300.json", "run.jsonl", "-o", "pair.html");
+  const page = await open(browser, "pair", { viewport: { width: 1100, height: 600 } });
+  assert.match(await page.textContent("#difference"), /^1300\.json is [\d.]+ mm \([\d.]+ %\) longer than run\.jsonl\.$/);
+  const both = async () => {
+    await settled(page);
+    return Promise.all([0, 1].map(async (i) => PNG.sync.read(await page.locator(".stage").nth(i).screenshot())));
+  };
+  const layers = () => page.$$eval("#both tr:nth-child(4) td", (cells) => cells.map((cell) => Number(cell.textContent)));
+  const scale = () => page.$$eval(".scale", (bars) => bars.map((bar) => `${bar.textContent} ${bar.querySelector("i").style.width}`));
+  const bothDiffer = async (before, why) => (await both()).forEach((after, i) => assert.ok(difference(before[i], after) > 0.005, `${why}: ${i}`));
+  const whole = await both();
+  const [all, fewer] = await layers();
+  assert.ok(all > 1300 && fewer > 100, `${all} and ${fewer} layers`);
+
+  await page.fill("#slider", "100");
+  assert.ok((await layers()).every((count) => count > 100 && count < 150), "100 mm are not some 130 layers of both");
+  await bothDiffer(whole, "the slider does not grow both");
+  await page.locator("canvas").first().focus();
+  await page.keyboard.press("End");
+  assert.deepEqual(await layers(), [all, fewer]);
+
+  const { x, y, width, height } = await page.locator("canvas").nth(1).boundingBox();
+  await page.mouse.move(x + width / 2, y + height / 2);
+  await page.mouse.down();
+  await page.mouse.move(x + width / 2 + 120, y + height / 2 - 40, { steps: 4 });
+  await page.mouse.up();
+  await bothDiffer(whole, "turning one does not turn the other");
+  await page.mouse.wheel(0, -300);
+  await settled(page);
+  const [one, other] = await scale();
+  assert.equal(one, other, "the two are of different scales");
+  await page.click("[data-look=corner]");
+  (await both()).forEach((again, i) => assert.ok(difference(whole[i], again) < 0.001, `the view from the corner is another one: ${i}`));
+  await page.click("#theme");
+  await bothDiffer(whole, "the dark page is light");
+
+  const phone = await open(browser, "pair", { viewport: { width: 390, height: 844 }, hasTouch: true, isMobile: true });
+  assert.ok(await phone.evaluate(() => document.documentElement.scrollWidth <= innerWidth), "wider than a phone");
+}
+
 /** The browser, without a window. Whoever runs this as root has no sandbox. */
 const launch = (...args) =>
   chromium.launch({
@@ -176,7 +218,9 @@ try {
   await phone.tap("#play");
   assert.equal(await phone.textContent("#play"), "Pause");
   assert.ok(await phone.evaluate(() => document.documentElement.scrollWidth <= innerWidth), "wider than a phone");
+  await phone.close();
 
+  await checkPair(browser);
   await checkWithoutPicture();
   assert.deepEqual(errors, []);
   console.log("viewer: all well");

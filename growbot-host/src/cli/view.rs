@@ -3,15 +3,17 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 use growbot_core::robot::Robot;
+use growbot_host::drawing::png::png;
 use growbot_host::input::{is_standard_input, name_of};
 use growbot_host::output::replace_file;
 use growbot_host::plan::Plan;
 use growbot_host::plan_file::{self, PlanFileError};
 use growbot_host::robot_file;
 use growbot_host::run_log::{RunRecord, RunRecordError};
-use growbot_host::view::Subject;
+use growbot_host::view::picture::Look;
+use growbot_host::view::{Subject, page, picture};
 
 use super::Failure;
 
@@ -19,16 +21,35 @@ use super::Failure;
 ///
 /// The page opens in any browser, without a network: the tube in three dimensions, its layers coloured by their height, and a slider that
 /// grows it, with start, goal, the tip's frame and the numbers beside it. Of a growth it shows what was planned against what was built.
+///
+/// With --compare it shows two of them side by side, from the same side and at the same scale, with one slider that grows both.
+///
+/// With --svg or --png it draws a picture for a paper instead, without a browser.
 #[derive(Args)]
-#[command(
-    after_help = "Examples:\n  growbot view plan.json\n  growbot view run.jsonl -o growth.html\n  growbot plan --to 0,0,500,0,90 --json | growbot view - -o plan.html"
-)]
+#[command(after_help = AFTER_HELP)]
 pub struct ViewArgs {
     /// The plan, as `growbot plan -o` writes it (- for standard input), or the
-    /// run log, as `growbot grow --log` does
-    #[arg(value_name = "PLAN|RUN")]
-    file: PathBuf,
-    /// Write the page to this file [default: beside the file, ending in .html]
+    /// run log, as `growbot grow --log` does; two with --compare
+    #[arg(value_name = "PLAN|RUN", required = true, num_args = 1..=2)]
+    files: Vec<PathBuf>,
+    /// Two plans or run logs side by side
+    #[arg(long)]
+    compare: bool,
+    /// A picture instead of a page: SVG
+    #[arg(long)]
+    svg: bool,
+    /// A picture instead of a page: PNG
+    #[arg(long, conflicts_with = "svg")]
+    png: bool,
+    /// Width of a PNG in pixels
+    #[arg(long, value_name = "PX", default_value_t = 1600, value_parser = clap::value_parser!(u32).range(100..=10_000))]
+    width: u32,
+    /// From where a picture shows the body
+    #[arg(long, value_enum, default_value_t = LookName::Corner)]
+    look: LookName,
+    /// Write to this file [default: beside the first file, named as it is or, of
+    /// two, A-B, ending in .html, .svg or .png]; its ending says the format
+    /// where nothing else does
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
     /// The robot: a built-in name or a TOML file [default: the built-in one that
@@ -37,65 +58,188 @@ pub struct ViewArgs {
     robot: Option<PathBuf>,
 }
 
+/// From where, as the command line has it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum LookName {
+    /// The corner from which start and goal are seen best
+    Corner,
+    /// Against the y axis
+    Front,
+    /// Against the x axis
+    Side,
+    /// From above
+    Top,
+}
+
+impl From<LookName> for Look {
+    fn from(name: LookName) -> Self {
+        match name {
+            LookName::Corner => Self::Corner,
+            LookName::Front => Self::Front,
+            LookName::Side => Self::Side,
+            LookName::Top => Self::Top,
+        }
+    }
+}
+
+/// What is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Format {
+    Html,
+    Svg,
+    Png,
+}
+
+impl Format {
+    fn ending(self) -> &'static str {
+        match self {
+            Self::Html => "html",
+            Self::Svg => "svg",
+            Self::Png => "png",
+        }
+    }
+}
+
+const AFTER_HELP: &str = "\
+Examples:
+  growbot view plan.json
+  growbot view run.jsonl -o growth.html
+  growbot view --compare two-plane.json shortest.json
+  growbot view plan.json --svg
+  growbot view plan.json --png --width 2400 --look side -o side.png
+  growbot plan --to 0,0,500,0,90 --json | growbot view - -o plan.html";
+
 /// Runs the command.
 pub fn run(args: &ViewArgs) -> Result<(), Failure> {
     let output = args.output()?;
-    let (robot, plan, run) = open(&args.file, args.robot.as_deref())?;
-    if let Some(run) = run.as_ref().filter(|run| run.cut_off > 0) {
-        let bytes = run.cut_off;
-        growbot_host::tell!("growbot: the last {bytes} bytes are no whole line: the log was cut off there");
-    }
-    let name = args.file.file_name().map_or_else(|| name_of(&args.file), |name| name.to_string_lossy().into_owned());
-    let subject = Subject { name: &name, robot: &robot, plan: &plan, run: run.as_ref() };
-    let page = subject.page().map_err(Failure::bad_input)?;
-    replace_file(&output, page.as_bytes())?;
-    growbot_host::tell!("growbot: view written to {}: open it in a browser", output.display());
+    let opened =
+        args.files.iter().map(|file| Opened::of(file, args.robot.as_deref())).collect::<Result<Vec<_>, _>>()?;
+    let names = names(&args.files);
+    let subjects: Vec<Subject> = opened.iter().zip(&names).map(|(opened, name)| opened.subject(name)).collect();
+    let subjects: Vec<&Subject> = subjects.iter().collect();
+    let format = args.format();
+    let contents = match format {
+        Format::Html => args.page(&subjects)?.into_bytes(),
+        Format::Svg => args.picture(&subjects)?.into_bytes(),
+        Format::Png => png(&args.picture(&subjects)?, args.width).map_err(Failure::bad_input)?,
+    };
+    replace_file(&output, &contents)?;
+    let hint = if format == Format::Html { ": open it in a browser" } else { "" };
+    growbot_host::tell!("growbot: view written to {}{hint}", output.display());
     Ok(())
 }
 
 impl ViewArgs {
-    /// Where the page goes: never over what it is made from.
+    /// As it is asked for, or else as the file ends.
+    fn format(&self) -> Format {
+        let ending = self.output.as_deref().and_then(Path::extension);
+        let ends_in = |format: Format| ending.is_some_and(|ending| ending.eq_ignore_ascii_case(format.ending()));
+        match (self.svg, self.png) {
+            (true, _) => Format::Svg,
+            (_, true) => Format::Png,
+            _ => [Format::Svg, Format::Png].into_iter().find(|format| ends_in(*format)).unwrap_or(Format::Html),
+        }
+    }
+
+    fn page(&self, subjects: &[&Subject]) -> Result<String, Failure> {
+        let page = match subjects {
+            [one, other] => page::of_two([one, other]),
+            [one, ..] => page::of_one(one),
+            [] => return Err(Failure::bad_input("give a plan or a run log")),
+        };
+        page.map_err(Failure::bad_input)
+    }
+
+    fn picture(&self, subjects: &[&Subject]) -> Result<String, Failure> {
+        picture::svg(subjects, self.look.into()).map_err(Failure::bad_input)
+    }
+
+    /// Where the view goes: never over what it is made from.
     fn output(&self) -> Result<PathBuf, Failure> {
+        match (self.files.len(), self.compare) {
+            (1, true) => return Err(Failure::bad_input("--compare takes two plans or run logs: give another one")),
+            (2, false) => {
+                return Err(Failure::bad_input("two files are shown side by side only: add --compare, or give one"));
+            }
+            _ => {}
+        }
+        if self.files.iter().filter(|file| is_standard_input(file)).count() > 1 {
+            return Err(Failure::bad_input("standard input holds one plan only: give the other as a file"));
+        }
         let output = match &self.output {
             Some(output) if is_standard_input(output) => return Err(Failure::bad_input("-o takes a file")),
             Some(output) => output.clone(),
-            None if is_standard_input(&self.file) => {
-                return Err(Failure::bad_input(
-                    "a plan from standard input has no name: say where the page goes with -o",
-                ));
-            }
-            None => self.file.with_extension("html"),
+            None => self.beside()?,
         };
-        let same =
-            fs::canonicalize(&output).is_ok_and(|output| fs::canonicalize(&self.file).is_ok_and(|file| file == output));
-        if same {
-            let file = self.file.display();
-            return Err(Failure::bad_input(format!("the page would replace {file}: choose another place with -o")));
+        for file in &self.files {
+            let same =
+                fs::canonicalize(&output).is_ok_and(|output| fs::canonicalize(file).is_ok_and(|file| file == output));
+            if same {
+                let file = file.display();
+                return Err(Failure::bad_input(format!("the view would replace {file}: choose another place with -o")));
+            }
         }
         Ok(output)
     }
+
+    /// Beside the first file, under the names of all.
+    fn beside(&self) -> Result<PathBuf, Failure> {
+        if self.files.iter().any(|file| is_standard_input(file)) {
+            return Err(Failure::bad_input("a plan from standard input has no name: say where the view goes with -o"));
+        }
+        let stems = self.files.iter().filter_map(|file| file.file_stem());
+        let mut name = stems.collect::<Vec<_>>().join("-".as_ref());
+        name.push(".");
+        name.push(self.format().ending());
+        Ok(self.files.first().map_or_else(PathBuf::new, |first| first.with_file_name(name)))
+    }
 }
 
-/// What is in the file: a plan, or a plan and how it was grown.
-fn open(file: &Path, robot: Option<&Path>) -> Result<(Robot, Plan, Option<RunRecord>), Failure> {
-    let as_plan = || plan_file::open(file, robot);
-    if is_standard_input(file) {
-        let (robot, plan) = as_plan()?;
-        return Ok((robot, plan, None));
-    }
-    match RunRecord::open(file) {
-        Ok(record) => {
-            let robot = robot_file::load(robot.unwrap_or(record.robot.0.as_ref()))?;
-            let plan = record.plan(&robot)?;
-            Ok((robot, plan, Some(record)))
+/// How files are called: by their names, or by their whole paths where those are the same.
+fn names(files: &[PathBuf]) -> Vec<String> {
+    let short = |file: &PathBuf| file.file_name().map(|name| name.to_string_lossy().into_owned());
+    let alike = matches!(files, [one, other] if short(one) == short(other));
+    files.iter().map(|file| short(file).filter(|_| !alike).unwrap_or_else(|| name_of(file))).collect()
+}
+
+/// What is in a file: a plan, or a plan and how it was grown.
+struct Opened {
+    robot: Robot,
+    plan: Plan,
+    run: Option<RunRecord>,
+}
+
+impl Opened {
+    fn of(file: &Path, robot: Option<&Path>) -> Result<Self, Failure> {
+        let as_plan = || plan_file::open(file, robot).map(|(robot, plan)| Self { robot, plan, run: None });
+        if is_standard_input(file) {
+            return Ok(as_plan()?);
         }
-        Err(RunRecordError::File { file, error }) => Err(Failure::bad_input(format!("cannot read {file}: {error}"))),
-        Err(no_run) => match as_plan() {
-            Ok((robot, plan)) => Ok((robot, plan, None)),
-            Err(PlanFileError::NotJson { .. } | PlanFileError::NoPlan { .. }) => {
-                Err(Failure::bad_input(format!("{no_run}; it is no plan either, as `growbot plan -o` writes one")))
+        match RunRecord::open(file) {
+            Ok(record) => {
+                let robot = robot_file::load(robot.unwrap_or(record.robot.0.as_ref()))?;
+                let plan = record.plan(&robot)?;
+                if record.cut_off > 0 {
+                    let (bytes, file) = (record.cut_off, file.display());
+                    growbot_host::tell!(
+                        "growbot: the last {bytes} bytes of {file} are no whole line: the log was cut off there"
+                    );
+                }
+                Ok(Self { robot, plan, run: Some(record) })
             }
-            Err(no_plan) => Err(no_plan.into()),
-        },
+            Err(RunRecordError::File { file, error }) => {
+                Err(Failure::bad_input(format!("cannot read {file}: {error}")))
+            }
+            Err(no_run) => match as_plan() {
+                Err(PlanFileError::NotJson { .. } | PlanFileError::NoPlan { .. }) => {
+                    Err(Failure::bad_input(format!("{no_run}; it is no plan either, as `growbot plan -o` writes one")))
+                }
+                opened => Ok(opened?),
+            },
+        }
+    }
+
+    fn subject<'a>(&'a self, name: &'a str) -> Subject<'a> {
+        Subject { name, robot: &self.robot, plan: &self.plan, run: self.run.as_ref() }
     }
 }

@@ -1,16 +1,24 @@
-//! A body as one HTML page that opens without a network: the tube in three dimensions and the numbers beside it.
+//! A body to look at, or two side by side.
 //!
 //! - [`Subject`]: what is looked at, a plan or a run log;
-//! - `data`: what the page is given of it, as JSON;
+//! - [`page`]: one HTML page that opens without a network: the tube in three dimensions and the numbers beside it; `data`, what it is given, as
+//!   JSON, `numbers`, in words, and `side_by_side`, those of two;
+//! - [`picture`]: an SVG for papers;
 //! - `self_clearance`: how near the wall comes to itself;
 //! - growbot-host/viewer/: the page itself and its script, which is bundled there at development time.
 
 mod data;
 mod numbers;
+pub mod page;
+pub mod picture;
 mod self_clearance;
+mod side_by_side;
+
+use std::ffi::OsStr;
+use std::path::Path;
 
 use growbot_core::job::job_layers;
-use growbot_core::layer_bytes::LayerBytes;
+use growbot_core::layer_bytes::{LayerBytes, decode};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 
@@ -21,9 +29,6 @@ use crate::run_log::RunRecord;
 
 /// A page shows no more layers, of a body of some 150 m: beyond, browsers give up.
 pub const MOST_LAYERS: usize = 200_000;
-
-const PAGE: &str = include_str!("../../viewer/src/page.html");
-const SCRIPT: &str = include_str!("../../viewer/dist/viewer.js");
 
 /// Why there is no page.
 #[derive(Debug, thiserror::Error)]
@@ -52,39 +57,37 @@ pub struct Subject<'a> {
 }
 
 impl Subject<'_> {
-    /// The page.
-    ///
-    /// # Errors
-    /// [`ViewError::TooManyLayers`].
-    pub fn page(&self) -> Result<String, ViewError> {
-        self.filled(None)
+    /// Its name without a file's ending.
+    fn stem(&self) -> &str {
+        Path::new(self.name).file_stem().and_then(OsStr::to_str).unwrap_or(self.name)
     }
 
-    /// The page of a growth under way, which asks where it comes from for news; `control`: whether it may give orders.
-    ///
-    /// # Errors
-    /// As [`Self::page`].
-    pub fn live_page(&self, control: bool) -> Result<String, ViewError> {
-        self.filled(Some(control))
-    }
-
-    fn filled(&self, live: Option<bool>) -> Result<String, ViewError> {
+    /// The planned layers, and those as built where it is a run; as many as can be shown.
+    fn layers(&self) -> Result<Layers, ViewError> {
         let found = self.plan.needs.layers.max(self.run.map_or(0, |run| run.as_built.len()));
         if found > MOST_LAYERS {
             return Err(ViewError::TooManyLayers { name: self.name.to_owned(), found });
         }
-        let planned: Vec<LayerBytes> = job_layers(&self.plan.path, self.robot).collect();
-        let data = data::of(self, &planned, live);
-        let connects = if live.is_some() { "'self'" } else { "'none'" };
-        Ok(fill(
-            PAGE,
-            &[
-                ("{{CONNECT}}", connects),
-                ("{{TITLE}}", &escape(self.name)),
-                ("{{DATA}}", &data),
-                ("{{SCRIPT}}", SCRIPT),
-            ],
-        ))
+        let planned = job_layers(&self.plan.path, self.robot).collect();
+        Ok(Layers { planned, built: self.run.map(built_layers) })
+    }
+}
+
+/// The layers of a subject.
+struct Layers {
+    planned: Vec<LayerBytes>,
+    built: Option<Vec<LayerBytes>>,
+}
+
+impl Layers {
+    /// Those of the body that is shown: as built, or as planned where none is.
+    fn body(&self) -> &[LayerBytes] {
+        self.built.as_deref().unwrap_or(&self.planned)
+    }
+
+    /// Length of that body, mm.
+    fn length(&self) -> f64 {
+        self.body().iter().map(|layer| decode(layer).height).sum()
     }
 }
 
@@ -99,44 +102,4 @@ fn measured_end(run: &RunRecord) -> Option<(Pose, &str)> {
     let by = result.get("measured_by")?.as_str()?;
     let written: WrittenPose = serde_json::from_value(result.get("final")?.clone()).ok()?;
     Some((pose("final", &written).ok()?, by))
-}
-
-/// The page with each mark replaced; what is put in is not looked into for further marks.
-fn fill(page: &str, marks: &[(&str, &str)]) -> String {
-    let mut filled = String::with_capacity(page.len() + marks.iter().map(|(_, text)| text.len()).sum::<usize>());
-    let mut rest = page;
-    while let Some((at, (mark, text))) =
-        marks.iter().filter_map(|pair| Some((rest.find(pair.0)?, pair))).min_by_key(|(at, _)| *at)
-    {
-        filled += &rest[..at];
-        filled += text;
-        rest = &rest[at + mark.len()..];
-    }
-    filled + rest
-}
-
-/// Text as HTML shows it.
-fn escape(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn what_is_put_in_is_put_in_once() {
-        let filled = fill("<b>{{A}}</b>{{B}}{{A}}", &[("{{A}}", "{{B}}"), ("{{B}}", "x")]);
-        assert_eq!(filled, "<b>{{B}}</b>x{{B}}");
-        assert_eq!(escape("</script><b a=\"&\">"), "&lt;/script&gt;&lt;b a=&quot;&amp;&quot;&gt;");
-    }
-
-    #[test]
-    fn the_script_that_is_built_in_ends_where_it_should_and_has_its_licence() {
-        assert!(!SCRIPT.to_lowercase().contains("</script") && !SCRIPT.contains("<!--"));
-        assert!(SCRIPT.starts_with("/*!") && SCRIPT.contains("The MIT License"));
-        for mark in ["{{CONNECT}}", "{{TITLE}}", "{{DATA}}", "{{SCRIPT}}"] {
-            assert!(PAGE.contains(mark) && !SCRIPT.contains(mark), "{mark}");
-        }
-    }
 }

@@ -1,53 +1,93 @@
-//! The numbers beside the picture, in words: groups of names and values.
+//! The numbers beside a picture, in words: groups of names and values.
 
 use growbot_core::layer::{Layer, grow};
 use growbot_core::layer_bytes::{LayerBytes, decode};
+use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
-use serde_json::{Value, json};
 
 use super::self_clearance::self_clearance;
-use super::{Subject, measured_end};
+use super::{Layers, Subject, measured_end};
 use crate::arrival::Arrival;
 
-/// The groups, each `[heading, [[name, value], ...]]`.
-pub fn of(subject: &Subject, planned: &[LayerBytes], built: Option<&[LayerBytes]>) -> Value {
+/// A heading and, below it, names and values.
+pub type Group = (String, Vec<(String, String)>);
+
+/// The groups.
+pub fn of(subject: &Subject, layers: &Layers) -> Vec<Group> {
     let Subject { robot, plan, .. } = subject;
     let needs = &plan.needs;
     let mut groups = Vec::new();
-    if let Some(built) = built {
+    if let Some(built) = &layers.built {
         if let Some((reached, by)) = subject.run.and_then(measured_end) {
             let rows = arrival(subject, &Arrival::of(&reached.frame(), &plan.goal, needs.length));
-            groups.push(json!([format!("Arrived, as the {by} {}", if by == "steps" { "say" } else { "says" }), rows]));
+            groups.push(group(format!("Arrived, as the {by} {}", if by == "steps" { "say" } else { "says" }), rows));
         }
-        groups.push(json!(["As built, by the board's steps", body(subject, built)]));
+        groups.push(group("As built, by the board's steps", body(subject, built)));
     }
     let mut rows = vec![
         ("Length", format!("{:.1} mm", needs.length)),
         ("Layers", needs.layers.to_string()),
         ("Time", duration(needs.duration)),
         ("Filament", format!("{:.2} m", needs.filament / 1000.0)),
+        ("Planner", planner(plan.planner).to_owned()),
     ];
     if !plan.path.is_empty() {
         rows.push(("Pieces", plan.word()));
     }
     rows.push(("Radius of bends", format!("{:.1} mm", plan.radius)));
-    if built.is_none() {
-        rows.extend(nearness(subject, planned));
+    if layers.built.is_none() {
+        rows.extend(nearness(subject, &layers.planned));
     }
-    groups.push(json!(["Plan", rows]));
+    groups.push(group("Plan", rows));
     let mut poses = vec![("Start".to_owned(), pose(&plan.start))];
     poses.extend(plan.via().iter().enumerate().map(|(index, via)| (format!("Via {}", index + 1), pose(via))));
     poses.push(("Goal".to_owned(), pose(&plan.goal)));
-    groups.push(json!(["Poses: x, y, z, heading, pitch", poses]));
-    groups.push(json!([
+    groups.push(group("Poses: x, y, z, heading, pitch", poses));
+    groups.push(group(
         "Robot",
         [
             ("Name", robot.name().to_owned()),
             ("Tube over its wall", format!("{:.1} mm", robot.outer_diameter())),
             ("Least radius", format!("{:.1} mm", robot.least_radius())),
-        ]
-    ]));
-    groups.into()
+        ],
+    ));
+    groups
+}
+
+fn group<N: Into<String>>(heading: impl Into<String>, rows: impl IntoIterator<Item = (N, String)>) -> Group {
+    (heading.into(), rows.into_iter().map(|(name, value)| (name.into(), value)).collect())
+}
+
+/// A body in a line: how its path was found, its pieces, length and layers. A planner that it is `called` by already is left out.
+pub fn caption(subject: &Subject, layers: &Layers, called: &str) -> String {
+    let plan = subject.plan;
+    let grown = layers.built.as_ref().map(|_| "grown".to_owned());
+    let planner = Some(planner(plan.planner)).filter(|planner| *planner != called);
+    let pieces = Some(plan.word()).filter(|pieces| !pieces.is_empty());
+    let path = match (planner, pieces) {
+        (Some(planner), Some(pieces)) => Some(format!("{planner} ({pieces})")),
+        (planner, pieces) => pieces.or(planner.map(str::to_owned)),
+    };
+    let (length, count) = (layers.length(), layers.body().len());
+    let parts = [grown, path, Some(format!("{length:.1} mm")), Some(format!("{count} layers"))];
+    parts.into_iter().flatten().collect::<Vec<_>>().join(" · ")
+}
+
+/// How near a growth came to its goal, in a line, by what its log says; none without.
+pub fn measured(subject: &Subject) -> Option<String> {
+    let (reached, by) = subject.run.and_then(measured_end)?;
+    let Arrival { position_error_mm: mm, direction_error_deg: deg, .. } =
+        Arrival::of(&reached.frame(), &subject.plan.goal, subject.plan.needs.length);
+    let says = if by == "steps" { "say" } else { "says" };
+    Some(format!("arrived {mm:.2} mm and {deg:.2}° off the goal, as the {by} {says}"))
+}
+
+/// As `--planner` calls it.
+pub fn planner(planner: Planner) -> &'static str {
+    match planner {
+        Planner::TwoPlane => "two-plane",
+        Planner::Shortest => "shortest",
+    }
 }
 
 /// A body as built, measured from the steps that the board has made.

@@ -22,7 +22,7 @@ use tokio::sync::{oneshot, watch};
 
 use self::watched::Watched;
 use crate::growth::{Job, News, Orders};
-use crate::view::{Subject, ViewError};
+use crate::view::{Subject, ViewError, page};
 
 /// Open pages are given so long to hear the end.
 const LAST_WORDS: Duration = Duration::from_secs(3);
@@ -95,7 +95,7 @@ impl Watch {
         let bound = listener.local_addr().map_err(of_address)?;
         let token = token().map_err(WatchError::Random)?;
         let shared = Arc::new(Shared {
-            page: subject.live_page(orders.is_some())?,
+            page: page::of_growth(subject, orders.is_some())?,
             token,
             orders,
             watched: Mutex::new(Watched::new(job, known)),

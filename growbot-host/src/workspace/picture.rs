@@ -5,6 +5,8 @@ use std::fmt::Write;
 use growbot_core::angle::degrees;
 
 use super::{Question, Section, Workspace};
+use crate::drawing::chart::round_step;
+use crate::drawing::colours::colour;
 
 /// Width and height of the picture, and of the square that the section fills, with its left upper corner.
 const SIZE: (f64, f64) = (880.0, 780.0);
@@ -70,22 +72,6 @@ fn title(question: &Question) -> String {
         libm::round(question.length * 10.0) / 10.0,
         question.radius
     )
-}
-
-/// The colour at a place of a scale, 0 to 1.
-fn colour(scale: &[[u8; 3]], at: f64) -> String {
-    let place = at.clamp(0.0, 1.0) * (scale.len() - 1) as f64;
-    let first = (place as usize).min(scale.len() - 2);
-    let (a, b, share) = (scale[first], scale[first + 1], place - first as f64);
-    let mixed: [u8; 3] =
-        std::array::from_fn(|i| (f64::from(a[i]) + share * (f64::from(b[i]) - f64::from(a[i]))).round() as u8);
-    format!("#{:02x}{:02x}{:02x}", mixed[0], mixed[1], mixed[2])
-}
-
-/// 1, 2 or 5 times a power of ten: the least that divides this into no more than so many parts.
-fn round_step(whole: f64, most: f64) -> f64 {
-    let power = libm::pow(10.0, libm::floor(libm::log10(whole / most)));
-    [1.0, 2.0, 5.0, 10.0].into_iter().map(|step| step * power).find(|step| whole / step <= most).unwrap_or(whole)
 }
 
 struct Plot {
@@ -351,19 +337,6 @@ fn clip(corners: &[(f64, f64, f64); 4], level: f64, most: f64) -> (Polygon, Poly
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn steps_are_round() {
-        for (whole, most, step) in [(1000.0, 12.0, 100.0), (3589.0, 12.0, 500.0), (2.0, 10.0, 0.2), (7.0, 10.0, 1.0)] {
-            assert!((round_step(whole, most) - step).abs() < 1e-12 * step, "{whole}");
-        }
-    }
-
-    #[test]
-    fn colours_run_from_end_to_end() {
-        assert_eq!((colour(&VIRIDIS, 0.0).as_str(), colour(&VIRIDIS, 1.0).as_str()), ("#fde725", "#440154"));
-        assert_eq!(colour(&VIRIDIS, 7.0), colour(&VIRIDIS, 1.0));
-    }
 
     #[test]
     fn a_cell_is_cut_where_the_level_crosses_it() {

@@ -1,15 +1,18 @@
 // The page that `growbot view` writes: shows the data in it, and joins to the pictures what is on every page, sides and theme.
 //
 // The data (`#data`, JSON) are written by growbot-host/src/view/: what it is of, the robot's lengths in mm, start and goal, the layers
-// of the planned body and of the one as built, and the numbers beside it.
+// of the planned body and of the one as built, and the numbers beside it; or two of these, `compared`, and the numbers of both. Of a growth
+// under way, `live`, the layers come later.
 
 import { showLive } from "./live.js";
 import { showOne } from "./one.js";
+import { showPair } from "./pair.js";
 
 const find = (selector) => document.querySelector(selector);
 const data = JSON.parse(find("#data").textContent);
 /** None where the browser shows none. */
-const pictures = (data.live ? showLive(data) : showOne(data)).filter(Boolean);
+const show = data.compared ? showPair : data.live ? showLive : showOne;
+const pictures = show(data).filter(Boolean);
 
 document.querySelectorAll("[data-look]").forEach((button) => {
   button.addEventListener("click", () => pictures.forEach((picture) => picture.look(button.dataset.look)));

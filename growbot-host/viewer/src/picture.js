@@ -14,7 +14,7 @@ const along = (from, direction, length) => from.map((part, k) => part + directio
 
 /**
  * The picture of `subject` (see subject.js) in `place`; null, and a word to the reader, where the browser has no WebGL. Colours go over
- * `range`, mm, if it is given, else over the heights of the body shown.
+ * `range` and the floor has squares of `square`, mm; where they are not given, as suits the body.
  *
  * - `show(layers)`: so much of the body;
  * - `replaceBody(body)`: another body instead, say a longer one; the view stays as it is, and `show` says how much of it is there;
@@ -23,9 +23,9 @@ const along = (from, direction, length) => from.map((part, k) => part + directio
  * - `paint()`: takes the colours of the page;
  * - `stage`: see stage.js.
  */
-export function makePicture(place, subject, range = null) {
+export function makePicture(place, subject, { range, square } = {}) {
   try {
-    return paintable(place, subject, range);
+    return paintable(place, subject, range, square);
   } catch (error) {
     console.warn(`no picture: ${error.message}`);
     place.querySelector(".no-picture").hidden = false;
@@ -36,7 +36,7 @@ export function makePicture(place, subject, range = null) {
   }
 }
 
-function paintable(place, { start, goal, via, reached, planned, built, sizes }, range) {
+function paintable(place, { start, goal, via, reached, planned, built, sizes }, range, square) {
   const find = (selector) => place.querySelector(selector);
   let body = built ?? planned;
   let shown = body.layers.count;
@@ -69,7 +69,7 @@ function paintable(place, { start, goal, via, reached, planned, built, sizes }, 
   scene.add(line);
 
   const bodies = () => [body, planned].flatMap(outline);
-  const box = new Box3().setFromPoints(bodies());
+  const box = boxOf([body, planned]);
   const reach = Math.max(3 * sizes.outerRadius, 0.06 * box.getSize(new Vector3()).length());
   const startDirection = start.slice(6, 9);
   const startAt = start.slice(9, 12);
@@ -95,7 +95,7 @@ function paintable(place, { start, goal, via, reached, planned, built, sizes }, 
   box.setFromPoints([...bodies(), ...marks]).expandByScalar(sizes.outerRadius);
 
   const floorAt = box.min.z;
-  const floor = makeFloor(box, scaleLength(0.3 * Math.max(200, box.getSize(new Vector3()).length() / 2)), floorAt);
+  const floor = makeFloor(box, square ?? squareUnder(box), floorAt);
   scene.add(floor);
 
   const frame = makeTipFrame(2 * sizes.outerRadius);
@@ -160,6 +160,16 @@ function paintable(place, { start, goal, via, reached, planned, built, sizes }, 
   stage.look("corner");
   new ResizeObserver(stage.fit).observe(place);
   return { show, replaceBody, reveal, paint, look: stage.look, stage };
+}
+
+/** The box around the centrelines of bodies. */
+export function boxOf(bodies) {
+  return new Box3().setFromPoints(bodies.flatMap(outline));
+}
+
+/** Side of the floor's squares under a box, mm. */
+export function squareUnder(box) {
+  return scaleLength(0.3 * Math.max(200, box.getSize(new Vector3()).length() / 2));
 }
 
 /** Frees what a part of the scene holds on the graphics card. */

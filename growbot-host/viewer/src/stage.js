@@ -51,7 +51,11 @@ export function makeStage(canvas, drawn) {
     if (!due) requestAnimationFrame(draw);
     due = true;
   };
-  controls.addEventListener("change", redraw);
+  let following = false;
+  controls.addEventListener("change", () => {
+    redraw();
+    if (!following) stage.linked.forEach((other) => other !== stage && other.follow(stage));
+  });
 
   const frustum = () => {
     const perPixel = (2 * high) / Math.max(1, canvas.clientHeight - MARGIN.top - MARGIN.bottom);
@@ -59,32 +63,57 @@ export function makeStage(canvas, drawn) {
     Object.assign(camera, { left: -wide, right: wide, top: high + MARGIN.top * perPixel, bottom: -high - MARGIN.bottom * perPixel });
     camera.updateProjectionMatrix();
   };
-  /** Looks at everything from one side. */
-  const look = (side) => {
-    const from = side === "corner" ? bestCorner(stage.facing) : new Vector3().fromArray(FROM[side]);
+  /** Aims at everything from there; returns how much is to be seen above and below the middle, mm. */
+  const aim = (from) => {
     camera.position.copy(from);
     camera.lookAt(0, 0, 0);
     camera.updateMatrixWorld();
     const inverse = camera.matrixWorld.clone().invert();
     const seen = new Box3().setFromPoints(stage.points.map((point) => point.clone().applyMatrix4(inverse))).expandByScalar(stage.around);
-    const centre = seen.getCenter(new Vector3()).applyMatrix4(camera.matrixWorld);
-    const far = Math.max(1, stage.points.reduce((most, point) => Math.max(most, point.distanceTo(centre)), 0) + stage.around);
-    controls.target.copy(centre);
-    camera.position.copy(from).normalize().multiplyScalar(4 * far).add(centre);
+    stage.centre = seen.getCenter(new Vector3()).applyMatrix4(camera.matrixWorld);
+    const far = Math.max(1, stage.points.reduce((most, point) => Math.max(most, point.distanceTo(stage.centre)), 0) + stage.around);
+    stage.distance = 4 * far;
+    controls.target.copy(stage.centre);
+    camera.position.copy(from).normalize().multiplyScalar(stage.distance).add(stage.centre);
     Object.assign(camera, { zoom: 1, near: 0.1 * far, far: 9 * far });
-    camera.lookAt(centre);
+    camera.lookAt(stage.centre);
     const size = seen.getSize(new Vector3());
     const shape = (canvas.clientWidth - 2 * MARGIN.sides) / Math.max(1, canvas.clientHeight - MARGIN.top - MARGIN.bottom);
-    high = Math.max(1, 0.5 * Math.max(size.y, size.x / shape));
+    return Math.max(1, 0.5 * Math.max(size.y, size.x / shape));
+  };
+  const spread = (half) => {
+    high = half;
     frustum();
     controls.update();
     redraw();
   };
+  /** Looks at everything from one side, on all that are linked at the same scale. */
+  const look = (side) => {
+    const from = side === "corner" ? bestCorner(stage.facing) : new Vector3().fromArray(FROM[side]);
+    const half = Math.max(...stage.linked.map((one) => one.aim(from)));
+    stage.linked.forEach((one) => one.spread(half));
+  };
+  /** Looks as the other does: from there, as near, and as far from the middle. */
+  const follow = (other) => {
+    following = true;
+    controls.target.subVectors(other.controls.target, other.centre).add(stage.centre);
+    camera.position.subVectors(other.camera.position, other.controls.target).setLength(stage.distance).add(controls.target);
+    camera.zoom = other.camera.zoom;
+    camera.updateProjectionMatrix();
+    controls.update();
+    redraw();
+    following = false;
+  };
   const stage = {
-    scene, look, redraw,
+    scene, camera, controls, look, aim, spread, follow, redraw,
     /** What is to be seen: these points, and as much around them, mm. */
     points: [],
     around: 0,
+    /** Its middle and how far from there the camera is, mm, since it looked at everything. */
+    centre: new Vector3(),
+    distance: 1,
+    /** The stages that turn together. */
+    linked: [],
     /** The directions that the view from a corner is to show. */
     facing: [[0, 0, 1]],
     background: (colour) => {
@@ -105,5 +134,14 @@ export function makeStage(canvas, drawn) {
       return [(0.5 + 0.5 * seen.x) * canvas.clientWidth, (0.5 - 0.5 * seen.y) * canvas.clientHeight];
     },
   };
+  stage.linked = [stage];
   return stage;
+}
+
+/** Stages that turn together: from where all their directions are seen best, at the same scale, in elements of one size. */
+export function linkStages(stages) {
+  const most = Math.max(...stages.map((stage) => stage.facing.length));
+  const facing = Array.from({ length: most }, (_, k) => stages.flatMap((stage) => stage.facing.slice(k, k + 1))).flat();
+  for (const stage of stages) Object.assign(stage, { linked: stages, facing });
+  stages[0].look("corner");
 }

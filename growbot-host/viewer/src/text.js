@@ -53,3 +53,24 @@ export function fillWarnings(place, warnings) {
     }),
   );
 }
+
+/**
+ * Fills a table with names and the values of two, under these heads and headings: `[heading, [[name, value, value], ...]]` each. A value
+ * that both have stands once.
+ */
+export function fillTable(table, heads, groups) {
+  const cell = (tag, text, attributes = {}) => Object.assign(document.createElement(tag), { textContent: text, ...attributes });
+  const row = (...cells) => {
+    const line = document.createElement("tr");
+    line.append(...cells);
+    return line;
+  };
+  table.replaceChildren(row(cell("td", ""), ...heads.map((head) => cell("th", head, { scope: "col" }))));
+  for (const [heading, rows] of groups) {
+    if (heading) table.append(row(cell("th", heading, { colSpan: 3, className: "heading", scope: "colgroup" })));
+    for (const [name, one, other] of rows) {
+      const values = one === other ? [cell("td", one, { colSpan: 2 })] : [cell("td", one ?? "–"), cell("td", other ?? "–")];
+      table.append(row(cell("th", name, { scope: "row" }), ...values));
+    }
+  }
+}

@@ -6,7 +6,9 @@ use super::super::Reproduction;
 use super::super::comparison::open_set;
 use super::super::experiments::{Cutting, Quantity};
 use super::super::paper::{self, GROUPS, ROBOTS};
-use super::chart::{Canvas, Mark, PAPER, Panel, Scale, TABLE_STEP, TEXT_STEP};
+use super::chart::{Mark, PAPER, TABLE_STEP, TEXT_STEP, figure};
+use crate::drawing::canvas::Canvas;
+use crate::drawing::chart::{Panel, Scale};
 
 const SIZE: (f64, f64) = (1000.0, 920.0);
 
@@ -19,7 +21,7 @@ pub fn svg(of: &Reproduction, title: &'static str) -> String {
         ),
         "Whole steps, rounded up: the paper's text says 3.096 mm, its Table 1 0.774 mm.".to_owned(),
     ];
-    let mut canvas = Canvas::new(SIZE.0, SIZE.1, title, &notes);
+    let mut canvas = figure(SIZE.0, SIZE.1, title, &notes);
     let next = canvas.legend(
         24.0,
         102.0,

@@ -3,7 +3,8 @@
 use super::super::Reproduction;
 use super::super::experiments::{Cutting, Quantity, Set};
 use super::super::paper::{GROUPS, NOISE};
-use super::chart::{CLOSED, Canvas, EXACT, Mark, Panel, Scale, TABLE_STEP, TEXT_STEP};
+use super::chart::{CLOSED, EXACT, Mark, TABLE_STEP, TEXT_STEP, figure};
+use crate::drawing::chart::{Panel, Scale};
 
 const SIZE: (f64, f64) = (1000.0, 936.0);
 /// Errors below this are rounding, and are not drawn.
@@ -32,7 +33,7 @@ pub fn svg(of: &Reproduction, title: &'static str) -> String {
         "exact slicing then misses by less than 1e-9, below the scale. The closed loop's sensors are noisy throughout: 1 % of a layer, 0.5 degrees."
             .to_owned(),
     ];
-    let mut canvas = Canvas::new(SIZE.0, SIZE.1, title, &notes);
+    let mut canvas = figure(SIZE.0, SIZE.1, title, &notes);
     let sets = &of.experiments.noise;
     let mut legend: Vec<(Mark, &str, String)> = Vec::new();
     for (colour, _, name) in sets.iter().filter_map(series) {

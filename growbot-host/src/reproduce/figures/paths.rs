@@ -5,7 +5,9 @@ use nalgebra::Vector3;
 use super::super::Reproduction;
 use super::super::experiments::Example;
 use super::super::paper::{self, GROUPS, ROBOTS};
-use super::chart::{Canvas, Mark, number};
+use super::chart::{Mark, figure};
+use crate::drawing::canvas::Canvas;
+use crate::drawing::chart::number;
 
 /// Arcs and straight lines, as in the paper.
 const ARC: &str = "#c8102e";
@@ -40,7 +42,7 @@ fn draw(of: &Reproduction, title: &str, first: &str, examples: &[&Example], side
         first.to_owned(),
         "Seen from a side of its own each; the grey line is the shadow on the ground below.".to_owned(),
     ];
-    let mut canvas = Canvas::new(width, height, title, &notes);
+    let mut canvas = figure(width, height, title, &notes);
     canvas.legend(
         24.0,
         102.0,

@@ -7,8 +7,10 @@ use super::super::comparison::open_set;
 use super::super::experiments::{Cutting, Quantity};
 use super::super::paper::{self, GROUPS, ROBOTS};
 use super::super::statistics::Summary;
-use super::chart::{Canvas, EXACT, Mark, PAPER, Panel, ROBOT, Scale, TABLE_STEP, TEXT_STEP, dashed};
+use super::chart::{EXACT, Mark, PAPER, ROBOT, TABLE_STEP, TEXT_STEP, dashed, figure};
 use super::errors::group_ticks;
+use crate::drawing::canvas::Canvas;
+use crate::drawing::chart::{Panel, Scale};
 
 const SIZE: (f64, f64) = (1000.0, 950.0);
 /// The robots of panels A to C.
@@ -23,7 +25,7 @@ pub fn svg(of: &Reproduction, title: &'static str) -> String {
         ),
         "Robot A by steps of 3.096 mm, B of 62.64 mm, C of 20 mm. The paper's numbers are those of its text and of Table 2.".to_owned(),
     ];
-    let mut canvas = Canvas::new(SIZE.0, SIZE.1, title, &notes);
+    let mut canvas = figure(SIZE.0, SIZE.1, title, &notes);
     canvas.legend(
         24.0,
         102.0,

@@ -1,0 +1,178 @@
+//! Charts: how values become places, and axes.
+
+use super::canvas::Canvas;
+
+/// An axis has no more steps.
+const MOST_STEPS: f64 = 6.0;
+
+/// How values become places.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Scale {
+    /// Evenly, between these.
+    Linear(f64, f64),
+    /// By the logarithm, between these, both positive.
+    Log(f64, f64),
+}
+
+impl Scale {
+    /// From 0 to a little above the greatest of these.
+    pub fn from_zero(values: impl IntoIterator<Item = f64>) -> Self {
+        let greatest = values.into_iter().fold(0.0, f64::max);
+        let step = round_step(if greatest > 0.0 { greatest } else { 1.0 }, MOST_STEPS);
+        Self::Linear(0.0, step * libm::ceil(1.02 * greatest / step).max(1.0))
+    }
+
+    /// By the logarithm, from a round number below the positive ones of these to one above.
+    pub fn log_around(values: impl IntoIterator<Item = f64>) -> Self {
+        let (least, greatest) = values
+            .into_iter()
+            .filter(|value| *value > 0.0)
+            .fold((f64::INFINITY, 0.0_f64), |(least, greatest), value| (least.min(value), greatest.max(value)));
+        if greatest == 0.0 {
+            return Self::Log(0.1, 1.0);
+        }
+        let below = |value: f64| libm::pow(10.0, libm::floor(libm::log10(value)));
+        let round = |value: f64| [1.0, 2.0, 5.0, 10.0].map(|step| step * below(value));
+        let from = round(least).into_iter().rfind(|step| *step <= 0.95 * least).unwrap_or(0.5 * below(least));
+        let to = round(greatest).into_iter().find(|step| *step >= 1.05 * greatest).unwrap_or(20.0 * below(greatest));
+        Self::Log(from, to)
+    }
+
+    /// The place of a value, 0 to 1 within the scale.
+    pub fn share(self, value: f64) -> f64 {
+        match self {
+            Self::Linear(from, to) => (value - from) / (to - from),
+            Self::Log(from, to) => libm::log10(value / from) / libm::log10(to / from),
+        }
+    }
+
+    /// Where to draw lines and labels.
+    fn ticks(self) -> Vec<f64> {
+        match self {
+            Self::Linear(from, to) => {
+                let step = round_step(to - from, MOST_STEPS);
+                let count = libm::floor((to - from) / step + 1e-9) as i32;
+                (0..=count).map(|i| from + step * f64::from(i)).collect()
+            }
+            Self::Log(from, to) => {
+                let (first, last) = (libm::floor(libm::log10(from)) as i32, libm::ceil(libm::log10(to)) as i32);
+                // Between whole decades too, where there are few.
+                let steps: &[f64] = if to / from < 300.0 { &[1.0, 2.0, 5.0] } else { &[1.0] };
+                (first..=last)
+                    .flat_map(|power| steps.iter().map(move |step| step * libm::pow(10.0, f64::from(power))))
+                    .filter(|tick| (0.999 * from..=1.001 * to).contains(tick))
+                    .collect()
+            }
+        }
+    }
+}
+
+/// 1, 2 or 5 times a power of ten: the least that divides this into no more than so many parts.
+pub fn round_step(whole: f64, most: f64) -> f64 {
+    let power = libm::pow(10.0, libm::floor(libm::log10(whole / most)));
+    [1.0, 2.0, 5.0, 10.0].into_iter().map(|step| step * power).find(|step| whole / step <= most).unwrap_or(whole)
+}
+
+/// 1, 2 or 5 times a power of ten: the greatest that is no more than this, which is positive.
+pub fn round_below(most: f64) -> f64 {
+    let power = libm::pow(10.0, libm::floor(libm::log10(most)));
+    [5.0, 2.0, 1.0].into_iter().map(|step| step * power).find(|step| *step <= most).unwrap_or(power)
+}
+
+/// A number on an axis.
+pub fn number(value: f64) -> String {
+    if value != 0.0 && value.abs() < 0.9e-4 {
+        return format!("{value:.0e}");
+    }
+    let text = format!("{value:.4}");
+    text.trim_end_matches('0').trim_end_matches('.').to_owned()
+}
+
+/// A plot in a drawing.
+pub struct Panel {
+    /// Left, top, width, height, pixels.
+    pub area: [f64; 4],
+    /// Across.
+    pub x: Scale,
+    /// Upwards.
+    pub y: Scale,
+}
+
+impl Panel {
+    /// Where a point is drawn. What lies outside is drawn on the edge.
+    pub fn place(&self, x: f64, y: f64) -> (f64, f64) {
+        let [left, top, width, height] = self.area;
+        (left + width * self.x.share(x), top + height * (1.0 - self.y.share(y).clamp(0.0, 1.0)))
+    }
+
+    /// Frame, lines, labels and names of the axes; `ticks` are those of the x axis, none to have them by its scale.
+    pub fn axes(&self, canvas: &mut Canvas, head: &str, x_name: &str, y_name: &str, ticks: Option<&[(f64, String)]>) {
+        let [left, top, width, height] = self.area;
+        let (right, bottom) = (left + width, top + height);
+        for value in self.y.ticks() {
+            let (_, y) = self.place(0.0_f64.max(self.least_x()), value);
+            canvas.add(format_args!("<path class=\"grid\" d=\"M{left} {y:.1}H{right}\"/>"));
+            canvas.text(left - 8.0, y + 4.5, "end", number(value));
+        }
+        let by_scale: Vec<(f64, String)> = match ticks {
+            Some(ticks) => ticks.to_vec(),
+            None => self.x.ticks().into_iter().map(|value| (value, number(value))).collect(),
+        };
+        for (value, label) in &by_scale {
+            let x = left + width * self.x.share(*value);
+            canvas.add(format_args!("<path class=\"grid\" d=\"M{x:.1} {top}V{bottom}\"/>"));
+            canvas.text(x, bottom + 19.0, "mid", label);
+        }
+        canvas
+            .add(format_args!("<rect class=\"axis\" x=\"{left}\" y=\"{top}\" width=\"{width}\" height=\"{height}\"/>"));
+        canvas.text(left, top - 12.0, "head", head);
+        canvas.text(left + width / 2.0, bottom + 40.0, "mid", x_name);
+        canvas.add(format_args!(
+            "<text class=\"mid\" transform=\"translate({:.1} {:.1}) rotate(-90)\">{y_name}</text>",
+            left - 64.0,
+            top + height / 2.0
+        ));
+    }
+
+    /// Where the x axis begins.
+    pub fn least_x(&self) -> f64 {
+        match self.x {
+            Scale::Linear(from, _) | Scale::Log(from, _) => from,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn scales_hold_their_values_and_end_on_a_tick() {
+        let scale = Scale::from_zero([0.011, 0.047]);
+        assert_eq!(scale, Scale::Linear(0.0, 0.05));
+        assert_eq!(scale.ticks().len(), 6);
+        let scale = Scale::log_around([0.0, 3e-5, 0.2]);
+        assert!((scale.share(2e-5)).abs() < 1e-12 && (scale.share(0.5) - 1.0).abs() < 1e-12, "{scale:?}");
+        assert_eq!(scale.ticks().len(), 4);
+        assert!((Scale::Log(1e-5, 1.0).share(1e-5)).abs() < 1e-12);
+        assert_eq!(Scale::from_zero([]), Scale::Linear(0.0, 0.2));
+    }
+
+    #[test]
+    fn steps_are_round() {
+        for (whole, most, step) in [(1000.0, 12.0, 100.0), (3589.0, 12.0, 500.0), (2.0, 10.0, 0.2), (7.0, 10.0, 1.0)] {
+            assert!((round_step(whole, most) - step).abs() < 1e-12 * step, "{whole}");
+        }
+    }
+
+    #[test]
+    fn a_scale_bar_is_round() {
+        assert_eq!([1.0, 199.0, 200.0, 7e3].map(round_below), [1.0, 100.0, 200.0, 5e3]);
+        assert!((round_below(0.03) - 0.02).abs() < 1e-12);
+    }
+
+    #[test]
+    fn numbers_on_axes_are_short() {
+        assert_eq!([0.0, 0.05, 20.0, 1e-5, 1e-4].map(number), ["0", "0.05", "20", "1e-5", "0.0001"]);
+    }
+}

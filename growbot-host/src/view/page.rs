@@ -1,0 +1,93 @@
+//! The page: growbot-host/viewer/ has it and its script, which is bundled there at development time; here it is filled.
+
+use serde_json::{Value, json};
+
+use super::side_by_side::{difference, together};
+use super::{Subject, ViewError, data, numbers};
+use crate::drawing::canvas::escape;
+
+const PAGE: &str = include_str!("../../viewer/src/page.html");
+const SCRIPT: &str = include_str!("../../viewer/dist/viewer.js");
+
+/// Where a page may send requests (`connect-src` of its content security policy): nowhere, or to where it comes from.
+const NOWHERE: &str = "'none'";
+const HOME: &str = "'self'";
+
+/// The page of a body.
+///
+/// # Errors
+/// [`ViewError::TooManyLayers`].
+pub fn of_one(subject: &Subject) -> Result<String, ViewError> {
+    let layers = subject.layers()?;
+    let mut data = data::of(subject, &layers);
+    data["numbers"] = json!(numbers::of(subject, &layers));
+    Ok(filled(subject.name, &data, NOWHERE))
+}
+
+/// The page of a growth under way, which asks where it comes from for news; `control`: whether it may give orders.
+///
+/// # Errors
+/// [`ViewError::TooManyLayers`].
+pub fn of_growth(subject: &Subject, control: bool) -> Result<String, ViewError> {
+    let layers = subject.layers()?;
+    let mut data = data::of(subject, &layers);
+    data["about"] = json!(format!("growth of {}", subject.plan.robot));
+    data["numbers"] = json!(numbers::of(subject, &layers));
+    data["live"] = json!({ "control": control });
+    Ok(filled(subject.name, &data, HOME))
+}
+
+/// The page of two bodies side by side.
+///
+/// # Errors
+/// [`ViewError::TooManyLayers`].
+pub fn of_two([one, other]: [&Subject; 2]) -> Result<String, ViewError> {
+    let layers = [one.layers()?, other.layers()?];
+    let [a, b] = &layers;
+    let data = json!({
+        "compared": [data::of(one, a), data::of(other, b)],
+        "difference": difference([(one, a), (other, b)]),
+        "numbers": together(&numbers::of(one, a), &numbers::of(other, b)),
+    });
+    Ok(filled(&format!("{} and {}", one.name, other.name), &data, NOWHERE))
+}
+
+fn filled(title: &str, data: &Value, connects: &str) -> String {
+    // Nothing in the data can end the script element that it stands in.
+    let data = data.to_string().replace('<', "\\u003c");
+    fill(PAGE, &[("{{CONNECT}}", connects), ("{{TITLE}}", &escape(title)), ("{{DATA}}", &data), ("{{SCRIPT}}", SCRIPT)])
+}
+
+/// The page with each mark replaced; what is put in is not looked into for further marks.
+fn fill(page: &str, marks: &[(&str, &str)]) -> String {
+    let mut filled = String::with_capacity(page.len() + marks.iter().map(|(_, text)| text.len()).sum::<usize>());
+    let mut rest = page;
+    while let Some((at, (mark, text))) =
+        marks.iter().filter_map(|pair| Some((rest.find(pair.0)?, pair))).min_by_key(|(at, _)| *at)
+    {
+        filled += &rest[..at];
+        filled += text;
+        rest = &rest[at + mark.len()..];
+    }
+    filled + rest
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_put_in_is_put_in_once() {
+        let filled = fill("<b>{{A}}</b>{{B}}{{A}}", &[("{{A}}", "{{B}}"), ("{{B}}", "x")]);
+        assert_eq!(filled, "<b>{{B}}</b>x{{B}}");
+    }
+
+    #[test]
+    fn the_script_that_is_built_in_ends_where_it_should_and_has_its_licence() {
+        assert!(!SCRIPT.to_lowercase().contains("</script") && !SCRIPT.contains("<!--"));
+        assert!(SCRIPT.starts_with("/*!") && SCRIPT.contains("The MIT License"));
+        for mark in ["{{CONNECT}}", "{{TITLE}}", "{{DATA}}", "{{SCRIPT}}"] {
+            assert!(PAGE.contains(mark) && !SCRIPT.contains(mark), "{mark}");
+        }
+    }
+}

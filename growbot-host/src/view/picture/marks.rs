@@ -1,0 +1,116 @@
+//! What stands around a tube: arrows, the tip's axes, discs, words, the floor.
+
+use growbot_core::pose::Frame;
+use nalgebra::Vector3;
+
+use super::place::{Bounds, Place, solid};
+use crate::drawing::canvas::Canvas;
+
+/// The tip's axes: names and colours.
+const AXES: [(&str, &str); 3] = [("x", "#d93a3a"), ("y", "#2f9e4f"), ("z", "#2f6fe0")];
+/// Half the width of a letter, and half the height of a word with the gap before it, units of the drawing.
+const LETTER: f64 = 4.2;
+const WORD: f64 = 14.0;
+
+/// An arrow from a point in a direction, mm; `thick` is the radius of its shaft.
+pub struct Arrow {
+    pub from: Vector3<f64>,
+    pub along: Vector3<f64>,
+    pub length: f64,
+    pub thick: f64,
+}
+
+/// Its shaft and head.
+pub fn arrow(place: &Place, arrow: &Arrow, colour: &str) -> String {
+    let Arrow { from, along, length, thick } = arrow;
+    let at = |share: f64| from + share * length * along;
+    let shaft = solid(place, &[(at(0.0), *along, *thick), (at(0.75), *along, *thick)]);
+    let head = solid(place, &[(at(0.7), *along, 3.0 * thick), (at(1.0), *along, 0.0)]);
+    format!("<path fill=\"{colour}\" stroke=\"none\" d=\"{shaft}{head}\"/>\n")
+}
+
+/// The axes of the tip, x, y and z, over everything. One that points at who looks has no name.
+pub fn axes(canvas: &mut Canvas, place: &Place, base_from_tip: &Frame, length: f64) {
+    let mut axes: Vec<_> = [Vector3::x(), Vector3::y(), Vector3::z()]
+        .into_iter()
+        .map(|axis| base_from_tip.rotation * axis)
+        .zip(AXES)
+        .collect();
+    axes.sort_by(|(a, _), (b, _)| place.camera.nearness(a).total_cmp(&place.camera.nearness(b)));
+    let from = base_from_tip.translation.vector;
+    let [ahead_right, ahead_down] = place.direction(&(base_from_tip.rotation * Vector3::z()));
+    for (along, (name, colour)) in axes {
+        let axis = Arrow { from, along, length, thick: 0.035 * length };
+        canvas.add(arrow(place, &axis, colour).trim_end());
+        let [right, down] = place.direction(&along);
+        let seen = right.hypot(down);
+        // The goal's arrow goes on where z ends.
+        let over_z = right * ahead_right + down * ahead_down > 0.8 * seen * ahead_right.hypot(ahead_down);
+        if seen > 0.35 && !over_z {
+            word_beyond(canvas, place, &(from + length * along), &along, name, colour);
+        }
+    }
+}
+
+/// A round mark.
+pub fn disc(canvas: &mut Canvas, [x, y]: [f64; 2], radius: f64, colour: &str) {
+    canvas.add(format_args!(
+        "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{:.1}\" fill=\"{colour}\" stroke=\"#fff\"/>",
+        radius.max(3.0)
+    ));
+}
+
+/// A word whose middle is there, readable on whatever it stands.
+pub fn word(canvas: &mut Canvas, [x, y]: [f64; 2], text: &str, colour: &str) {
+    for style in ["stroke=\"#fff\" stroke-width=\"3.5\" stroke-linejoin=\"round\"", ""] {
+        canvas.add(format_args!(
+            "<text class=\"mid\" x=\"{x:.1}\" y=\"{y:.1}\" font-weight=\"600\" style=\"fill:{colour}\" {style}>{text}</text>"
+        ));
+    }
+}
+
+/// A word beyond the end of an arrow.
+pub fn word_beyond(
+    canvas: &mut Canvas,
+    place: &Place,
+    end: &Vector3<f64>,
+    along: &Vector3<f64>,
+    text: &str,
+    colour: &str,
+) {
+    let [x, y] = place.point(end);
+    let [right, down] = place.direction(along);
+    let seen = right.hypot(down);
+    let [right, down] = if seen > 1e-6 { [right / seen, down / seen] } else { [0.0, 1.0] };
+    let aside = LETTER * text.chars().count() as f64 + 8.0;
+    word(canvas, [x + right * aside, y + down * WORD + 4.5], text, colour);
+}
+
+/// A floor of squares at a height under these bounds, mm, within an area of the drawing.
+pub fn floor(
+    canvas: &mut Canvas,
+    place: &Place,
+    bounds: &Bounds,
+    height: f64,
+    square: f64,
+    [left, top, width, high]: [f64; 4],
+    index: usize,
+) {
+    let [x0, y0] = bounds.least.map(|least| libm::floor(least / square));
+    let [x1, y1] = bounds.greatest.map(|greatest| libm::ceil(greatest / square));
+    let mut lines = String::new();
+    let mut add = |from: [f64; 2], to: [f64; 2]| {
+        let [from, to] = [from, to].map(|[x, y]| place.point(&Vector3::new(square * x, square * y, height)));
+        lines += &format!("M{:.1} {:.1}L{:.1} {:.1}", from[0], from[1], to[0], to[1]);
+    };
+    for step in 0..=(x1 - x0) as u32 {
+        add([x0 + f64::from(step), y0], [x0 + f64::from(step), y1]);
+    }
+    for step in 0..=(y1 - y0) as u32 {
+        add([x0, y0 + f64::from(step)], [x1, y0 + f64::from(step)]);
+    }
+    canvas.add(format_args!(
+        "<clipPath id=\"gc-stage-{index}\"><rect x=\"{left}\" y=\"{top}\" width=\"{width}\" height=\"{high}\"/></clipPath>\n\
+         <path clip-path=\"url(#gc-stage-{index})\" class=\"grid\" d=\"{lines}\"/>"
+    ));
+}

@@ -1,0 +1,164 @@
+//! Where points are in a drawing, and the outlines of solids there.
+
+use std::f64::consts::TAU;
+use std::fmt::Write;
+
+use nalgebra::Vector3;
+
+use super::camera::Camera;
+
+/// What a stretch of the picture takes: least and greatest, rightwards and upwards, mm.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Bounds {
+    /// Least, rightwards and upwards.
+    pub least: [f64; 2],
+    /// Greatest.
+    pub greatest: [f64; 2],
+}
+
+impl Bounds {
+    /// Nothing yet.
+    pub const NONE: Self = Self { least: [f64::INFINITY; 2], greatest: [f64::NEG_INFINITY; 2] };
+
+    /// With this point and so much around it.
+    pub fn with(self, [right, up]: [f64; 2], around: f64) -> Self {
+        Self {
+            least: [self.least[0].min(right - around), self.least[1].min(up - around)],
+            greatest: [self.greatest[0].max(right + around), self.greatest[1].max(up + around)],
+        }
+    }
+
+    /// Both.
+    pub fn and(self, other: Self) -> Self {
+        self.with(other.least, 0.0).with(other.greatest, 0.0)
+    }
+
+    /// Width and height.
+    pub fn size(&self) -> [f64; 2] {
+        [self.greatest[0] - self.least[0], self.greatest[1] - self.least[1]]
+    }
+
+    /// The middle.
+    pub fn centre(&self) -> [f64; 2] {
+        [0.5 * (self.least[0] + self.greatest[0]), 0.5 * (self.least[1] + self.greatest[1])]
+    }
+}
+
+/// Where the picture of a camera goes in a drawing.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Place {
+    /// From where.
+    pub camera: Camera,
+    /// Units of the drawing for a mm.
+    pub scale: f64,
+    /// What the camera sees there (mm) is at `at` in the drawing.
+    pub centre: [f64; 2],
+    /// In units of the drawing, rightwards and downwards.
+    pub at: [f64; 2],
+}
+
+impl Place {
+    /// Where a point is in the drawing.
+    pub fn point(&self, point: &Vector3<f64>) -> [f64; 2] {
+        let [right, up] = self.camera.see(point);
+        [self.at[0] + self.scale * (right - self.centre[0]), self.at[1] - self.scale * (up - self.centre[1])]
+    }
+
+    /// Which way a direction goes in the drawing, as long as it is seen.
+    pub fn direction(&self, direction: &Vector3<f64>) -> [f64; 2] {
+        let [right, up] = self.camera.see(direction);
+        [right, -up]
+    }
+}
+
+/// A closed outline through corners, as the `d` of a path: from corner to corner in tenths, in as few letters as there may be.
+pub fn outline(corners: &[[f64; 2]]) -> String {
+    let mut path = String::with_capacity(8 * corners.len());
+    let mut before: Option<[i64; 2]> = None;
+    for corner in corners {
+        let at = corner.map(|part| (10.0 * part).round() as i64);
+        match before.replace(at) {
+            None => push(&mut path, "M", at),
+            Some(from) => {
+                let letter = if path.contains('l') { "" } else { "l" };
+                push(&mut path, letter, [at[0] - from[0], at[1] - from[1]]);
+            }
+        }
+    }
+    path + "z"
+}
+
+/// A letter and two numbers, given in tenths.
+fn push(path: &mut String, letter: &str, [x, y]: [i64; 2]) {
+    *path += letter;
+    for (part, first) in [(x, !letter.is_empty()), (y, false)] {
+        let (sign, whole, tenth) = (if part < 0 { "-" } else { "" }, part.abs() / 10, part.abs() % 10);
+        if !first && part >= 0 {
+            path.push(' ');
+        }
+        // Writing to a String cannot fail.
+        let _ = match (whole, tenth) {
+            (_, 0) => write!(path, "{sign}{whole}"),
+            (0, _) => write!(path, "{sign}.{tenth}"),
+            _ => write!(path, "{sign}{whole}.{tenth}"),
+        };
+    }
+}
+
+/// The outline of a solid that has its corners on rounds: each a middle, an axis and a radius, mm.
+pub fn solid(place: &Place, rounds: &[(Vector3<f64>, Vector3<f64>, f64)]) -> String {
+    const CORNERS: u32 = 20;
+    let mut points: Vec<[f64; 2]> = Vec::new();
+    for (middle, axis, radius) in rounds {
+        let aside = axis.cross(&if axis.x.abs() < 0.9 { Vector3::x() } else { Vector3::y() }).normalize();
+        let other = axis.cross(&aside);
+        points.extend((0..CORNERS).map(|corner| {
+            let angle = TAU * f64::from(corner) / f64::from(CORNERS);
+            place.point(&(middle + *radius * (libm::cos(angle) * aside + libm::sin(angle) * other)))
+        }));
+    }
+    outline(&hull(points))
+}
+
+/// The corners of the convex outline of points.
+fn hull(mut points: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
+    points.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
+    let left = |a: &[f64; 2], b: &[f64; 2], c: &[f64; 2]| (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
+    let half = |points: &mut dyn Iterator<Item = [f64; 2]>| {
+        let mut corners: Vec<[f64; 2]> = Vec::new();
+        for point in points {
+            while let [.., before, last] = &corners[..]
+                && left(before, last, &point) <= 0.0
+            {
+                corners.pop();
+            }
+            corners.push(point);
+        }
+        corners.pop();
+        corners
+    };
+    let mut corners = half(&mut points.iter().copied());
+    corners.extend(half(&mut points.iter().rev().copied()));
+    corners
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::view::picture::camera::Look;
+
+    #[test]
+    fn an_outline_has_the_outer_points_only() {
+        let corners = hull(vec![[0.0, 0.0], [2.0, 0.0], [1.0, 1.0], [2.0, 2.0], [0.0, 2.0], [1.0, 0.0]]);
+        assert_eq!(corners, [[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]]);
+        assert_eq!(outline(&[[1.0, 2.0], [3.04, -4.0], [2.9, -4.1]]), "M1 2l2-6-.1-.1z");
+        assert_eq!(outline(&hull(Vec::new())), "z");
+    }
+
+    #[test]
+    fn up_is_up_and_the_scale_holds() {
+        let place = Place { camera: Camera::new(Look::Front, &[]), scale: 2.0, centre: [10.0, 0.0], at: [100.0, 50.0] };
+        assert_eq!(place.point(&Vector3::new(10.0, 99.0, 0.0)), [100.0, 50.0]);
+        assert_eq!(place.point(&Vector3::new(20.0, 0.0, 5.0)), [120.0, 40.0]);
+    }
+}

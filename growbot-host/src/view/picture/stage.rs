@@ -1,0 +1,178 @@
+//! One body in the picture, with what stands around it.
+
+use growbot_core::layer_bytes::LayerBytes;
+use growbot_core::pose::Pose;
+use nalgebra::Vector3;
+
+use super::camera::Camera;
+use super::marks::{Arrow, arrow, axes, disc, floor, word, word_beyond};
+use super::place::{Bounds, Place};
+use super::tube::{Detail, Tube, line};
+use crate::drawing::canvas::Canvas;
+use crate::drawing::chart::round_below;
+use crate::view::{Layers, Subject, measured_end};
+
+/// Colours of marks, and of what lies behind: as the page has them.
+const START: &str = "#2b8a57";
+const GOAL: &str = "#b3367a";
+const PLANNED: &str = "#4a5563";
+const GHOST: &str = "#a9b2be";
+const SHADOW: &str = "#e6e9ee";
+
+/// A body and its marks, mm.
+pub struct Stage {
+    tube: Tube,
+    /// The planned body, where another one is shown.
+    planned: Option<Tube>,
+    start: Pose,
+    goal: Pose,
+    via: Vec<Pose>,
+    /// Where the tip really is, where that is known to be elsewhere.
+    reached: Option<Vector3<f64>>,
+    outer: f64,
+    /// Length of arrows.
+    reach: f64,
+    /// Height of the floor, below everything.
+    floor: f64,
+}
+
+impl Stage {
+    /// Of this subject.
+    pub fn new(subject: &Subject, layers: &Layers, detail: Detail) -> Self {
+        let Subject { robot, plan, .. } = subject;
+        let outer = 0.5 * robot.outer_diameter();
+        let radii = [outer, robot.tip_radius(), outer - robot.description().wall.width_mm];
+        let tube = |layers: &[LayerBytes]| Tube::new(plan.start.frame(), layers, radii, detail);
+        let (shown, planned) = (tube(layers.body()), layers.built.as_ref().map(|_| tube(&layers.planned)));
+        let points = || shown.centreline().chain(planned.iter().flat_map(Tube::centreline));
+        let [least, greatest] = points()
+            .fold([plan.goal.position(); 2], |[least, greatest], point| [least.inf(&point), greatest.sup(&point)]);
+        let reach = (3.0 * outer).max(0.06 * (greatest - least).norm());
+        let tail = plan.start.position() - reach * plan.start.direction();
+        let floor = least.z.min(tail.z) - outer;
+        // What is less than a dot off the tip is said in words only.
+        let reached = subject.run.and_then(measured_end).map(|(reached, _)| reached.position());
+        let reached = reached.filter(|reached| (reached - plan.goal.position()).norm() > 0.5 * outer);
+        Self { tube: shown, planned, start: plan.start, goal: plan.goal, via: plan.via(), reached, outer, reach, floor }
+    }
+
+    /// Where the goal points.
+    pub fn goal_direction(&self) -> Vector3<f64> {
+        self.goal.direction()
+    }
+
+    /// How to get there.
+    pub fn from_start_to_goal(&self) -> Vector3<f64> {
+        self.goal.position() - self.start.position()
+    }
+
+    /// Whether it is to go from and to where the other is.
+    pub fn has_ends_of(&self, other: &Self) -> bool {
+        self.start == other.start && self.goal == other.goal
+    }
+
+    /// What is to be seen of it.
+    pub fn bounds(&self, camera: &Camera) -> Bounds {
+        let centrelines = self.tube.centreline().chain(self.planned.iter().flat_map(Tube::centreline));
+        let seen = centrelines.fold(Bounds::NONE, |seen, point| seen.with(camera.see(&point), self.outer));
+        let [start, goal] = [self.start_arrow(), self.goal_arrow()];
+        let marks = [start.from, goal.from + goal.length * goal.along].into_iter().chain(self.reached);
+        let seen = marks.fold(seen, |seen, point| seen.with(camera.see(&point), 0.2 * self.outer));
+        if self.has_floor(camera) {
+            // The shadow.
+            let onto = |point: Vector3<f64>| Vector3::new(point.x, point.y, self.floor);
+            return self
+                .tube
+                .centreline()
+                .fold(seen, |seen, point| seen.with(camera.see(&onto(point)), 0.6 * self.outer));
+        }
+        seen
+    }
+
+    /// A floor that is seen from its edge tells nothing, and one from above hides behind the body.
+    fn has_floor(&self, camera: &Camera) -> bool {
+        (0.1..0.9).contains(&camera.towards.z)
+    }
+
+    /// It leads to the start.
+    fn start_arrow(&self) -> Arrow {
+        let along = self.start.direction();
+        Arrow {
+            from: self.start.position() - self.reach * along,
+            along,
+            length: 0.97 * self.reach,
+            thick: 0.035 * self.reach,
+        }
+    }
+
+    /// It leaves the goal, or the axes of a tip that is there.
+    fn goal_arrow(&self) -> Arrow {
+        let there = (self.tube.base_from_tip().translation.vector - self.goal.position()).norm() < self.outer;
+        let along = self.goal.direction();
+        let from = self.goal.position() + if there { 1.15 * self.axis() * along } else { Vector3::zeros() };
+        Arrow { from, along, length: self.reach, thick: 0.035 * self.reach }
+    }
+
+    /// Length of the tip's axes.
+    fn axis(&self) -> f64 {
+        2.0 * self.outer
+    }
+
+    /// Draws it into this area: left, top, width, height; `index` tells several in a drawing apart.
+    pub fn draw(&self, canvas: &mut Canvas, place: &Place, range: [f64; 2], area: [f64; 4], index: usize) {
+        let camera = &place.camera;
+        if self.has_floor(camera) {
+            let spans = self.tube.centreline().chain(self.planned.iter().flat_map(Tube::centreline));
+            let spans = spans.chain([self.goal.position()]).map(|point| [point.x, point.y]);
+            let bounds = spans.fold(Bounds::NONE, |all, point| all.with(point, self.outer));
+            let [wide, deep] = bounds.size();
+            let square = round_below(0.3 * (0.5 * wide.hypot(deep)).max(200.0));
+            floor(canvas, place, &bounds, self.floor, square, area, index);
+            canvas.add(format_args!(
+                "<path fill=\"{SHADOW}\" stroke=\"{SHADOW}\" stroke-width=\".5\" d=\"{}\"/>",
+                self.tube.shadow(self.floor, place)
+            ));
+        }
+        if let Some(planned) = &self.planned {
+            for edge in planned.edges(camera, place) {
+                canvas.add(format_args!("<path fill=\"none\" stroke=\"{GHOST}\" stroke-width=\"1\" d=\"{edge}\"/>"));
+            }
+        }
+        let mut pieces = self.tube.pieces(camera, place, range);
+        for (mark, colour) in [(self.start_arrow(), START), (self.goal_arrow(), GOAL)] {
+            pieces.push((camera.nearness(&(mark.from + 0.5 * mark.length * mark.along)), arrow(place, &mark, colour)));
+        }
+        pieces.sort_by(|a, b| a.0.total_cmp(&b.0));
+        // Edges in the colour of the face leave no seams.
+        canvas.add("<g stroke-width=\".7\" stroke-linejoin=\"round\">");
+        for (_, piece) in &pieces {
+            canvas.add(piece.trim_end());
+        }
+        canvas.add("</g>");
+        if let Some(planned) = &self.planned {
+            let path = line(planned.centreline().map(|point| place.point(&point)));
+            canvas.add(format_args!(
+                "<path fill=\"none\" stroke=\"{PLANNED}\" stroke-width=\"1.3\" stroke-dasharray=\"7 4\" d=\"{path}\"/>"
+            ));
+        }
+        self.words(canvas, place);
+    }
+
+    /// What lies over everything: the tip's axes, poses on the way, and names.
+    fn words(&self, canvas: &mut Canvas, place: &Place) {
+        axes(canvas, place, &self.tube.base_from_tip(), self.axis());
+        let [start, goal] = [self.start_arrow(), self.goal_arrow()];
+        word_beyond(canvas, place, &start.from, &-start.along, "start", START);
+        word_beyond(canvas, place, &(goal.from + goal.length * goal.along), &goal.along, "goal", GOAL);
+        for (index, via) in self.via.iter().enumerate() {
+            let at = place.point(&via.position());
+            disc(canvas, at, 0.2 * self.outer * place.scale, GOAL);
+            word(canvas, [at[0], at[1] - 0.2 * self.outer * place.scale - 9.0], &format!("via {}", index + 1), GOAL);
+        }
+        if let Some(reached) = &self.reached {
+            let at = place.point(reached);
+            disc(canvas, at, 0.15 * self.outer * place.scale, PLANNED);
+            word(canvas, [at[0], at[1] + 0.15 * self.outer * place.scale + 18.0], "reached", PLANNED);
+        }
+    }
+}

@@ -1,0 +1,75 @@
+//! The numbers of two bodies, side by side.
+
+use serde_json::{Value, json};
+
+use super::numbers::Group;
+use super::{Layers, Subject};
+
+/// The groups of two, each `[heading, [[name, value, value], ...]]`; null where one has no such value.
+pub fn together(one: &[Group], other: &[Group]) -> Value {
+    let groups = joined(one, other).into_iter().map(|(heading, a, b)| {
+        let rows = joined(a.map_or(&[][..], Vec::as_slice), b.map_or(&[][..], Vec::as_slice));
+        json!([heading, rows])
+    });
+    groups.collect()
+}
+
+/// The entries of two lists by their names, in the order of the first; what only the second has comes after what it follows there.
+fn joined<'a, T>(one: &'a [(String, T)], other: &'a [(String, T)]) -> Vec<(&'a str, Option<&'a T>, Option<&'a T>)> {
+    let mut all: Vec<_> = one.iter().map(|(name, value)| (name.as_str(), Some(value), None)).collect();
+    let mut at = 0;
+    for (name, value) in other {
+        match all.iter_mut().enumerate().find(|(_, (known, ..))| known == name) {
+            Some((index, (.., second))) => {
+                *second = Some(value);
+                at = index + 1;
+            }
+            None => {
+                all.insert(at, (name, None, Some(value)));
+                at += 1;
+            }
+        }
+    }
+    all
+}
+
+/// By how much one body is longer than the other, in words.
+pub fn difference(pair: [(&Subject, &Layers); 2]) -> String {
+    let [(one, a), (other, b)] = pair.map(|(subject, layers)| (subject.name, layers.length()));
+    let (longer, long, shorter, short) = if a >= b { (one, a, other, b) } else { (other, b, one, a) };
+    let by = long - short;
+    if by < 0.05 {
+        return format!("{one} and {other} are of one length.");
+    }
+    let share = if short > 0.0 { format!(" ({:.1} %)", 100.0 * by / short) } else { String::new() };
+    format!("{longer} is {by:.1} mm{share} longer than {shorter}.")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn group(heading: &str, names: &[&str]) -> Group {
+        (heading.to_owned(), names.iter().map(|name| ((*name).to_owned(), format!("{name} of {heading}"))).collect())
+    }
+
+    #[test]
+    fn what_only_one_has_stands_where_it_has_it() {
+        let plan = [group("Plan", &["Length", "Clearance"]), group("Robot", &["Name"])];
+        let run =
+            [group("Arrived", &["From the goal"]), group("Plan", &["Length", "Pieces"]), group("Robot", &["Name"])];
+        let expected = json!([
+            ["Arrived", [["From the goal", null, "From the goal of Arrived"]]],
+            [
+                "Plan",
+                [
+                    ["Length", "Length of Plan", "Length of Plan"],
+                    ["Pieces", null, "Pieces of Plan"],
+                    ["Clearance", "Clearance of Plan", null],
+                ]
+            ],
+            ["Robot", [["Name", "Name of Robot", "Name of Robot"]]],
+        ]);
+        assert_eq!(together(&plan, &run), expected);
+    }
+}

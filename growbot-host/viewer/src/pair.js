@@ -1,0 +1,81 @@
+// Two plans or growths side by side: their pictures, which turn together, and the numbers of both.
+
+import { poseAt } from "./body.js";
+import { boxOf, makePicture, squareUnder } from "./picture.js";
+import { makePlayer } from "./player.js";
+import { linkStages } from "./stage.js";
+import { readSubject } from "./subject.js";
+import { fillTable, fillWarnings, fixed } from "./text.js";
+import { heightRange } from "./tube.js";
+
+const find = (selector) => document.querySelector(selector);
+
+/** Shows them, and returns their pictures. */
+export function showPair(data) {
+  const subjects = data.compared.map(readSubject);
+  const names = subjects.map(({ name }) => name);
+  find("#difference").textContent = data.difference;
+  find("#step").textContent = "a millimetre";
+  find("#slider").setAttribute("aria-label", "Length grown, mm");
+  fillWarnings(find("#warnings"), subjects.flatMap(({ name, warnings }) => warnings.map((warning) => `${name}: ${warning}`)));
+  document.querySelectorAll("#at-slider, #numbers").forEach((part) => {
+    part.hidden = true;
+  });
+
+  document.body.classList.add("pair");
+  const pictures = drawSideBySide(subjects);
+
+  const bodies = subjects.map(({ body }) => body);
+  const most = Math.ceil(Math.max(...bodies.map(({ lengths }) => lengths.at(-1))));
+  makePlayer(most, (length) => {
+    const layers = bodies.map((body) => layersAt(body, length));
+    find("#bar output").textContent = `${length} of ${most} mm`;
+    const poses = bodies.map((body, i) => poseAt(body, layers[i]));
+    const row = (name, value) => [name, ...bodies.map((body, i) => value(body, i))];
+    const part = (index) => (_, i) => `${fixed(poses[i].position[index], 1)} mm`;
+    const tips = [
+      row("Body", (body, i) => `${fixed(body.lengths[layers[i]], 1)} mm`),
+      row("Layers", (_, i) => layers[i].toString()),
+      ...["x", "y", "z"].map((name, index) => row(name, part(index))),
+      row("Heading", (_, i) => `${fixed(poses[i].heading, 2)}°`),
+      row("Pitch", (_, i) => `${fixed(poses[i].pitch, 2)}°`),
+    ];
+    fillTable(find("#both"), names, [["Tip, at the slider", tips], ...data.numbers]);
+    pictures.forEach((picture, i) => picture?.show(layers[i]));
+  }, "mm");
+  return pictures;
+}
+
+/** Each on a stage of its own under its name; one scale of colours and one size of the floor's squares for both. */
+function drawSideBySide(subjects) {
+  const first = find(".stage");
+  const stages = subjects.map((_, i) => (i === 0 ? first : first.cloneNode(true)));
+  const figures = stages.map((stage, i) => {
+    const figure = document.createElement("figure");
+    const caption = document.createElement("figcaption");
+    const name = document.createElement("b");
+    name.textContent = subjects[i].name;
+    caption.append(name, ` ${subjects[i].caption}`);
+    figure.append(caption, stage);
+    return figure;
+  });
+  find("#stages").replaceChildren(...figures);
+
+  const ranges = subjects.map(({ body, sizes }) => heightRange(body, sizes.tipRadius));
+  const range = [Math.min(...ranges.map(([least]) => least)), Math.max(...ranges.map(([, greatest]) => greatest))];
+  const square = Math.max(...subjects.map(({ body }) => squareUnder(boxOf([body]))));
+  const pictures = subjects.map((subject, i) => makePicture(stages[i], subject, { range, square }));
+  if (pictures.every(Boolean)) linkStages(pictures.map(({ stage }) => stage));
+  return pictures;
+}
+
+/** How many layers of a body are within this length, mm. */
+function layersAt({ lengths }, length) {
+  let [low, high] = [0, lengths.length - 1];
+  while (low < high) {
+    const middle = Math.ceil((low + high) / 2);
+    if (lengths[middle] <= length) low = middle;
+    else high = middle - 1;
+  }
+  return low;
+}
