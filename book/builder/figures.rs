@@ -1,5 +1,6 @@
 //! Figures that growbot draws while the book is built, and paths drawn here from the layers that it exports.
 
+use std::ffi::OsStr;
 use std::fmt::Write;
 use std::fs;
 use std::path::Path;
@@ -8,10 +9,11 @@ use anyhow::{Context, Result, ensure};
 
 use crate::growbot::Growbot;
 
-/// What is run in the directory of the figures.
+/// What is run for its drawings.
 const COMMANDS: [&[&str]; 2] = [
     &["workspace", "--length", "1000", "-o", "reach.svg"],
-    &["reproduce", "--figure", "6", "--repeat", "5", "-o", "."],
+    // Five growths a group show what its figures are; the whole takes half a minute.
+    &["reproduce", "--repeat", "5", "-o", "."],
 ];
 /// Drawings of the paths of both planners: file, goal.
 const PATHS: [(&str, &str); 2] = [("both-planners.svg", "0,0,-300,0,90"), ("helicoid.svg", "60,40,80,200,-20")];
@@ -29,10 +31,16 @@ const MARGIN: f64 = 40.0;
 /// Where a command fails.
 pub fn draw(growbot: &Growbot, directory: &Path) -> Result<()> {
     fs::create_dir_all(directory)?;
-    for command in COMMANDS {
-        growbot.says(command, directory)?;
-    }
     let scratch = tempfile::tempdir()?;
+    for command in COMMANDS {
+        growbot.says(command, scratch.path())?;
+    }
+    for entry in fs::read_dir(scratch.path())? {
+        let path = entry?.path();
+        if let (Some("svg"), Some(name)) = (path.extension().and_then(OsStr::to_str), path.file_name()) {
+            fs::copy(&path, directory.join(name))?;
+        }
+    }
     for (file, goal) in PATHS {
         let mut lines = Vec::new();
         for (planner, colour) in PLANNERS {

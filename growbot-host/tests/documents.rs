@@ -73,7 +73,13 @@ fn every_block_says_what_it_is_and_what_it_needs() {
                 _ => false,
             };
             if !known || (block.is("console") && block.steps().is_empty()) {
-                wrong.push(format!("{}:{}: {:?} {:?}", document.path.display(), block.line, block.language, block.needs));
+                wrong.push(format!(
+                    "{}:{}: {:?} {:?}",
+                    document.path.display(),
+                    block.line,
+                    block.language,
+                    block.needs
+                ));
             }
             // Documentation tests compile this chapter alone (src/lib.rs).
             if block.is("rust") && !document.path.ends_with("libraries.md") {

@@ -44,9 +44,7 @@ fn simple_commands(line: &str) -> Vec<Vec<String>> {
                     None => break,
                 }
             }
-            (Some('#'), None) if word.is_none() => {
-                while chars.next_if(|c| *c != '\n').is_some() {}
-            }
+            (Some('#'), None) if word.is_none() => while chars.next_if(|c| *c != '\n').is_some() {},
             (Some(c), None) => word.get_or_insert_default().push(c),
         }
     }
@@ -153,9 +151,9 @@ fn every_alias_of_cargo_is_there() {
     let cargos_own = ["bench", "build", "clippy", "doc", "fmt", "install", "run", "rustc", "test"];
     let mut faults = Vec::new();
     for document in for_users().iter().chain(&included()) {
-        let inline = inline_code(document).into_iter().flat_map(|(line, code)| {
-            simple_commands(&code).into_iter().map(move |words| (line, words))
-        });
+        let inline = inline_code(document)
+            .into_iter()
+            .flat_map(|(line, code)| simple_commands(&code).into_iter().map(move |words| (line, words)));
         for (line, words) in inline.chain(commands(document)) {
             let mut words = words.iter().map(String::as_str).skip_while(|word| word.contains('='));
             if let (Some("cargo"), Some(name)) = (words.next(), words.next())

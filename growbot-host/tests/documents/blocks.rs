@@ -107,7 +107,9 @@ impl Document {
     /// Where its links and pictures lead, with the lines.
     pub fn links(&self) -> Vec<(usize, String)> {
         let link = |(event, line)| match event {
-            Event::Start(Tag::Link { dest_url, .. } | Tag::Image { dest_url, .. }) => Some((line, dest_url.to_string())),
+            Event::Start(Tag::Link { dest_url, .. } | Tag::Image { dest_url, .. }) => {
+                Some((line, dest_url.to_string()))
+            }
             _ => None,
         };
         self.events().filter_map(link).collect()

@@ -35,7 +35,11 @@ pub fn differences(document: &Document) -> Vec<String> {
             let wanted: Vec<_> = step.says.iter().map(String::as_str).collect();
             if !agree(&wanted, &said) {
                 let (wanted, said) = (wanted.join("\n    "), said.join("\n    "));
-                wrong.push(format!("{}: {}\n  should say\n    {wanted}\n  and says\n    {said}", place(step.line), step.command));
+                wrong.push(format!(
+                    "{}: {}\n  should say\n    {wanted}\n  and says\n    {said}",
+                    place(step.line),
+                    step.command
+                ));
             }
         }
     }
@@ -75,7 +79,9 @@ pub fn agree(wanted: &[&str], said: &[&str]) -> bool {
     match wanted.split_first() {
         None => said.is_empty(),
         Some((&"...", rest)) => (0..=said.len()).any(|skipped| agree(rest, &said[skipped..])),
-        Some((line, rest)) => said.split_first().is_some_and(|(first, others)| line_agrees(line, first) && agree(rest, others)),
+        Some((line, rest)) => {
+            said.split_first().is_some_and(|(first, others)| line_agrees(line, first) && agree(rest, others))
+        }
     }
 }
 
