@@ -82,31 +82,30 @@ impl Growbot {
                 last = Some(section(path));
                 let name = section(path);
                 let title = if name.is_empty() { "At the top".to_owned() } else { format!("`[{name}]`") };
-                write!(text, "\n### {title}\n\n| key | {} | what it is |\n|---|", robots.join(" | "))?;
-                text += &"---|".repeat(robots.len() + 1);
-                text.push('\n');
+                // Names of robots are not broken at their hyphen.
+                let names = robots.join(" | ").replace('-', "\u{2011}");
+                write!(text, "\n### {title}\n\n| key | {names} |\n|---|{}\n", "---|".repeat(robots.len()))?;
             }
             let key = path.strip_prefix(&format!("{}.", section(path))).unwrap_or(path);
-            write!(text, "| `{key}` |")?;
-            let mut means = "";
+            let (mut means, mut values) = ("", String::new());
             for robot in &all {
                 let field =
                     robot["fields"].as_array().and_then(|all| all.iter().find(|field| field["field"] == **path));
                 let said = field.and_then(|field| field["value"].as_str()).unwrap_or("");
                 let value = if said.is_empty() { "-".to_owned() } else { format!("`{}`", said.replace('|', "\\|")) };
-                let absent = field.is_some_and(|field| field["in_file"] == false);
-                let assumed = field.is_some_and(|field| field["assumed"] == true);
-                let mark = if assumed {
-                    " *"
-                } else if absent {
-                    " °"
+                let is = |what: &str, so: bool| field.is_some_and(|field| field[what] == so);
+                let mark = if is("assumed", true) {
+                    "\\*"
+                } else if is("in_file", false) {
+                    "°"
                 } else {
                     ""
                 };
-                write!(text, " {value}{mark} |")?;
+                write!(values, " {value}{mark} |")?;
                 means = field.and_then(|field| field["means"].as_str()).unwrap_or(means);
             }
-            writeln!(text, " {} |", means.replace('|', "\\|").replace('<', "&lt;").replace('*', "\\*"))?;
+            let means = means.replace('|', "\\|").replace('<', "&lt;").replace('*', "\\*").replace('_', "\\_");
+            writeln!(text, "| `{key}`<br>{means} |{values}")?;
         }
         Ok(text)
     }

@@ -7,6 +7,7 @@ mod figures;
 mod formulas;
 mod growbot;
 mod links;
+mod mentions;
 mod pictures;
 
 use std::env;
@@ -18,6 +19,7 @@ use mdbook_driver::MDBook;
 
 use crate::formulas::Formulas;
 use crate::growbot::{Growbot, Reference};
+use crate::mentions::Mentions;
 use crate::pictures::Pictures;
 
 fn main() -> Result<()> {
@@ -36,7 +38,10 @@ fn main() -> Result<()> {
 
     let mut book = MDBook::load(root).context("the book cannot be read")?;
     book.config.build.build_dir = pages.clone();
-    book.with_preprocessor(Reference(program.clone())).with_preprocessor(Pictures).with_preprocessor(Formulas);
+    book.with_preprocessor(Reference(program.clone()))
+        .with_preprocessor(Mentions)
+        .with_preprocessor(Pictures)
+        .with_preprocessor(Formulas);
     book.build().context("the book cannot be built")?;
     figures::draw(&program, &pages.join("figures"))?;
     let checked = links::check(&pages)?;
