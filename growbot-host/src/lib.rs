@@ -52,3 +52,8 @@ pub mod view;
 pub mod warning;
 pub mod watch;
 pub mod workspace;
+
+/// The book's chapter about the libraries: its code is compiled and run.
+#[cfg(doctest)]
+#[doc = include_str!("../../book/src/libraries.md")]
+pub struct Libraries;

@@ -7,6 +7,8 @@ mod cancel;
 mod completions;
 mod console;
 mod disturbance;
+#[cfg(test)]
+mod documents;
 mod estop;
 mod export;
 mod flash;

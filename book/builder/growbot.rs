@@ -1,0 +1,170 @@
+//! What growbot says of itself: the reference of its commands, and a robot file's fields.
+//!
+//! A line of a chapter that is `{{#commands}}` becomes all commands with their help; `{{#robot-fields growbot-a growbot-b}}` becomes
+//! the fields of a robot file with their meaning and the values that these robots have.
+
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use anyhow::{Context, Result, bail, ensure};
+use mdbook_preprocessor::book::{Book, BookItem};
+use mdbook_preprocessor::{Preprocessor, PreprocessorContext};
+use serde_json::Value;
+
+/// The program.
+#[derive(Clone)]
+pub struct Growbot(PathBuf);
+
+impl Growbot {
+    /// The program at this path.
+    ///
+    /// # Errors
+    /// Where there is none.
+    pub fn at(path: &Path) -> Result<Self> {
+        let path = path.canonicalize();
+        Ok(Self(path.context("there is no growbot: give the program, or nothing to have it built")?))
+    }
+
+    /// What a run prints, in this directory.
+    ///
+    /// # Errors
+    /// Where it fails.
+    pub fn says(&self, arguments: &[&str], directory: &Path) -> Result<String> {
+        let output = Command::new(&self.0).args(arguments).current_dir(directory).output();
+        let output = output.with_context(|| format!("{} cannot be run", self.0.display()))?;
+        let said = String::from_utf8_lossy(&output.stderr);
+        ensure!(output.status.success(), "growbot {} fails: {said}", arguments.join(" "));
+        Ok(String::from_utf8(output.stdout)?)
+    }
+
+    fn help(&self, arguments: &[&str]) -> Result<String> {
+        self.says(arguments, Path::new("."))
+    }
+
+    /// All commands, each a heading and its help.
+    fn commands(&self) -> Result<String> {
+        let help = self.help(&["--help"])?;
+        let (_, rest) = help.split_once("\nCommands:\n").context("growbot --help lists no commands")?;
+        let (list, _) = rest.split_once("\n\n").unwrap_or((rest, ""));
+        // A command's line begins with two spaces; one that goes on, with more.
+        let names = list.lines().filter_map(|line| line.strip_prefix("  ")).filter(|line| !line.starts_with(' '));
+        let names: Vec<_> = names.filter_map(|line| line.split(' ').next()).filter(|name| *name != "help").collect();
+        ensure!(!names.is_empty(), "growbot --help lists no commands");
+        let mut text = format!("## growbot\n\n```text\n{}\n```\n", help.trim_end());
+        for name in names {
+            let help = self.help(&[name, "--help"])?;
+            write!(text, "\n## growbot {name}\n\n```text\n{}\n```\n", help.trim_end())?;
+        }
+        Ok(text)
+    }
+
+    /// The fields of a robot file, a table for each section, with the values of these robots.
+    fn robot_fields(&self, robots: &[&str]) -> Result<String> {
+        let Some((first, _)) = robots.split_first() else { bail!("robot-fields wants the names of robots") };
+        let explained = |robot: &&str| Ok(serde_json::from_str(&self.help(&["robots", robot, "--json"])?)?);
+        let all: Vec<Value> = robots.iter().map(explained).collect::<Result<_>>()?;
+        let fields = |robot: &Value| robot["fields"].as_array().cloned().unwrap_or_default();
+        let paths = all.iter().flat_map(fields).filter_map(|field| field["field"].as_str().map(str::to_owned));
+        let mut seen: Vec<String> = Vec::new();
+        for path in paths {
+            if !seen.contains(&path) {
+                // Beside the others of its section.
+                let after = seen.iter().rposition(|other| section(other) == section(&path));
+                seen.insert(after.map_or(seen.len(), |place| place + 1), path);
+            }
+        }
+        ensure!(!seen.is_empty(), "growbot robots {first} --json has no fields");
+        let mut text = String::new();
+        let mut last = None;
+        for path in &seen {
+            if last != Some(section(path)) {
+                last = Some(section(path));
+                let name = section(path);
+                let title = if name.is_empty() { "At the top".to_owned() } else { format!("`[{name}]`") };
+                // Names of robots are not broken at their hyphen.
+                let names = robots.join(" | ").replace('-', "\u{2011}");
+                write!(text, "\n### {title}\n\n| key | {names} |\n|---|{}\n", "---|".repeat(robots.len()))?;
+            }
+            let key = path.strip_prefix(&format!("{}.", section(path))).unwrap_or(path);
+            let (mut means, mut values) = ("", String::new());
+            for robot in &all {
+                let field =
+                    robot["fields"].as_array().and_then(|all| all.iter().find(|field| field["field"] == **path));
+                let said = field.and_then(|field| field["value"].as_str()).unwrap_or("");
+                let value = if said.is_empty() { "-".to_owned() } else { format!("`{}`", said.replace('|', "\\|")) };
+                let is = |what: &str, so: bool| field.is_some_and(|field| field[what] == so);
+                let mark = if is("assumed", true) {
+                    "\\*"
+                } else if is("in_file", false) {
+                    "°"
+                } else {
+                    ""
+                };
+                write!(values, " {value}{mark} |")?;
+                means = field.and_then(|field| field["means"].as_str()).unwrap_or(means);
+            }
+            let means = means.replace('|', "\\|").replace('<', "&lt;").replace('*', "\\*").replace('_', "\\_");
+            writeln!(text, "| `{key}`<br>{means} |{values}")?;
+        }
+        Ok(text)
+    }
+
+    /// The chapter with what its directives stand for.
+    fn fill(&self, chapter: &str) -> Result<String> {
+        let mut text = String::with_capacity(chapter.len());
+        for line in chapter.lines() {
+            match line.strip_prefix("{{#").and_then(|rest| rest.strip_suffix("}}")) {
+                None => text += line,
+                Some(directive) => {
+                    let words: Vec<_> = directive.split_whitespace().collect();
+                    text += &match words.split_first() {
+                        Some((&"commands", [])) => self.commands()?,
+                        Some((&"robot-fields", robots)) => self.robot_fields(robots)?,
+                        _ => bail!("nobody knows what {line} stands for, or the file that it names is not there"),
+                    };
+                }
+            }
+            text.push('\n');
+        }
+        Ok(text)
+    }
+}
+
+/// The section that a field lies in.
+fn section(path: &str) -> &str {
+    path.split_once('.').map_or("", |(section, _)| section)
+}
+
+/// Fills in what growbot says of itself.
+pub struct Reference(pub Growbot);
+
+impl Preprocessor for Reference {
+    fn name(&self) -> &str {
+        "growbot"
+    }
+
+    fn run(&self, _: &PreprocessorContext, mut book: Book) -> Result<Book> {
+        in_each_chapter(&mut book, |text| self.0.fill(text))?;
+        Ok(book)
+    }
+}
+
+/// Replaces the text of each chapter.
+///
+/// # Errors
+/// The first that there is, with the chapter's name.
+pub fn in_each_chapter(book: &mut Book, change: impl Fn(&str) -> Result<String>) -> Result<()> {
+    let mut done = Ok(());
+    book.for_each_mut(|item| {
+        if let BookItem::Chapter(chapter) = item
+            && done.is_ok()
+        {
+            match change(&chapter.content) {
+                Ok(text) => chapter.content = text,
+                Err(error) => done = Err(error.context(format!("in the chapter {:?}", chapter.name))),
+            }
+        }
+    });
+    done
+}

@@ -1,0 +1,145 @@
+//! README.md and the book say what growbot does: their commands are run, what they print is compared, their robot files are read, and
+//! their links lead somewhere. (`src/cli/documents.rs` reads the commands that cannot be run here.)
+
+#[path = "documents/blocks.rs"]
+mod blocks;
+#[path = "documents/transcript.rs"]
+mod transcript;
+
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::thread;
+
+use blocks::{Document, for_users, included, root};
+use growbot_host::robot_file;
+use transcript::{agree, differences};
+
+/// What a block that is not run may need.
+const NEEDS: [&str; 6] = ["robot", "emulator", "build", "install", "terminal", "long"];
+
+fn assert_nothing_wrong(wrong: &[String]) {
+    assert!(wrong.is_empty(), "{} differences:\n{}", wrong.len(), wrong.join("\n"));
+}
+
+#[test]
+fn what_the_documents_print_is_what_growbot_says() {
+    let documents = for_users();
+    let (next, wrong) = (AtomicUsize::new(0), Mutex::new(Vec::new()));
+    thread::scope(|scope| {
+        for _ in 0..thread::available_parallelism().map_or(2, usize::from) {
+            scope.spawn(|| {
+                while let Some(document) = documents.get(next.fetch_add(1, Ordering::Relaxed)) {
+                    let found = differences(document);
+                    wrong.lock().unwrap().extend(found);
+                }
+            });
+        }
+    });
+    assert_nothing_wrong(&wrong.into_inner().unwrap());
+}
+
+#[test]
+fn lines_agree_up_to_what_is_left_out() {
+    assert!(agree(&["a", "...", "d"], &["a", "b", "c", "d"]));
+    assert!(agree(&["...", "c", "..."], &["a", "b", "c"]));
+    assert!(agree(&["took [..] s, [..]."], &["took 3.2 s, really."]));
+    assert!(!agree(&["a", "..."], &["b"]));
+    assert!(!agree(&["...", "e"], &["a", "d"]));
+    assert!(!agree(&["a"], &["a", "b"]));
+    assert!(!agree(&["took [..] s"], &["took 3.2 s, really"]));
+    assert!(!agree(&[], &["a"]));
+}
+
+#[test]
+fn a_transcript_that_is_wrong_is_told() {
+    let transcript = |text: &str| Document { path: "made-up.md".into(), text: format!("```console\n{text}\n```\n") };
+    assert_eq!(differences(&transcript("$ growbot rmin\n...\n  by its layers       60.20 mm")).len(), 0);
+    assert_eq!(differences(&transcript("$ growbot rmin\n...\n  by its layers       60.21 mm")).len(), 1);
+    assert_eq!(differences(&transcript("$ growbot rmin --robot nobody\n...")).len(), 1);
+    assert_eq!(differences(&transcript("$ growbot rmin --robot nobody\n...\n$ echo $?\n2")).len(), 0);
+    assert_eq!(differences(&transcript("$ growbot rmin --robot nobody\n...\n$ echo $?\n1")).len(), 1);
+    let script = Document { path: "made-up.md".into(), text: "```sh\ngrowbot rmin --robot nobody\n```\n".to_owned() };
+    assert_eq!(differences(&script).len(), 1);
+}
+
+#[test]
+fn every_block_says_what_it_is_and_what_it_needs() {
+    let mut wrong = Vec::new();
+    for document in for_users() {
+        for block in document.blocks() {
+            let known = match block.language.as_deref() {
+                Some("console" | "sh") => block.needs.iter().all(|need| NEEDS.contains(&need.as_str())),
+                Some("toml" | "rust" | "text") => block.needs.is_empty(),
+                _ => false,
+            };
+            if !known || (block.is("console") && block.steps().is_empty()) {
+                wrong.push(format!(
+                    "{}:{}: {:?} {:?}",
+                    document.path.display(),
+                    block.line,
+                    block.language,
+                    block.needs
+                ));
+            }
+            // Documentation tests compile this chapter alone (src/lib.rs).
+            if block.is("rust") && !document.path.ends_with("libraries.md") {
+                wrong.push(format!("{}:{}: nothing compiles it", document.path.display(), block.line));
+            }
+        }
+    }
+    assert_nothing_wrong(&wrong);
+}
+
+/// `into` with what `from` says.
+fn merge(into: &mut toml::Table, from: toml::Table) {
+    for (key, value) in from {
+        match (into.get_mut(&key), value) {
+            (Some(toml::Value::Table(section)), toml::Value::Table(fields)) => merge(section, fields),
+            (_, value) => drop(into.insert(key, value)),
+        }
+    }
+}
+
+#[test]
+fn every_toml_block_is_a_part_of_a_robot_file() {
+    let (robot_a, _) = robot_file::text_of("growbot-a".as_ref()).unwrap();
+    let mut read = 0;
+    for document in for_users() {
+        for block in document.blocks().iter().filter(|block| block.is("toml")) {
+            let place = format!("{}:{}", document.path.display(), block.line);
+            let mut whole: toml::Table = robot_a.parse().unwrap();
+            merge(&mut whole, block.text.parse().unwrap_or_else(|error| panic!("{place}: {error}")));
+            robot_file::parse(&toml::to_string(&whole).unwrap(), &place).unwrap();
+            read += 1;
+        }
+    }
+    assert!(read > 0);
+}
+
+#[test]
+fn every_link_leads_to_a_file() {
+    let mut wrong = Vec::new();
+    let chapters = for_users();
+    for document in chapters.iter().chain(&included()) {
+        let directory = root().join(&document.path).parent().unwrap().to_owned();
+        for (line, link) in document.links() {
+            let path = link.split('#').next().unwrap_or_default();
+            let elsewhere = ["http:", "https:", "mailto:"].iter().any(|scheme| link.starts_with(scheme));
+            // Figures are drawn when the book is built, which looks for them.
+            if elsewhere || path.is_empty() || path.starts_with("figures/") || path.starts_with("../figures/") {
+                continue;
+            }
+            if !directory.join(path).exists() {
+                wrong.push(format!("{}:{line}: {link}", document.path.display()));
+            }
+        }
+    }
+    let summary = chapters.iter().find(|document| document.path.ends_with("SUMMARY.md")).unwrap();
+    let listed: Vec<_> = summary.links().into_iter().map(|(_, link)| root().join("book/src").join(link)).collect();
+    for chapter in chapters.iter().filter(|document| document.path.starts_with("book")) {
+        if !chapter.path.ends_with("SUMMARY.md") && !listed.contains(&root().join(&chapter.path)) {
+            wrong.push(format!("{} is no chapter of SUMMARY.md", chapter.path.display()));
+        }
+    }
+    assert_nothing_wrong(&wrong);
+}

@@ -1,0 +1,162 @@
+//! The documents for users, and the blocks of code in them.
+//!
+//! What is done with a block, its language says, and what it needs beyond growbot, a word behind it:
+//!
+//! | block | what is done with it |
+//! |---|---|
+//! | `console` | `$ ` lines are run, and what they print is compared with what follows |
+//! | `sh` | all lines are run, and must succeed |
+//! | `console,robot`, `sh,build` and the like | growbot's commands are read as the command line reads them, and not run |
+//! | `toml` | read as a part of a robot file |
+//! | `rust` | compiled and run as a documentation test |
+//! | `text` | nothing |
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use pulldown_cmark::{CodeBlockKind, Event, Options, Parser, Tag, TagEnd};
+
+/// A document: its path from the repository's root, and its text.
+pub struct Document {
+    /// Its path.
+    pub path: PathBuf,
+    /// Its text.
+    pub text: String,
+}
+
+/// A block of code.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Block {
+    /// The line of the document that it begins in.
+    pub line: usize,
+    /// Its language; None where it is indented.
+    pub language: Option<String>,
+    /// What it needs.
+    pub needs: Vec<String>,
+    /// What it holds.
+    pub text: String,
+}
+
+/// The repository.
+pub fn root() -> &'static Path {
+    Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/.."))
+}
+
+/// README.md and the chapters of the book.
+pub fn for_users() -> Vec<Document> {
+    let mut paths = vec![PathBuf::from("README.md")];
+    list(Path::new("book/src"), &mut paths);
+    paths.sort();
+    paths.into_iter().map(read).collect()
+}
+
+/// The specifications beside README.md; the book includes them.
+pub fn included() -> Vec<Document> {
+    ["CHANGELOG.md", "DESIGN.md", "PROTOCOL.md", "SAFETY.md", "WIRING.md"].map(|path| read(PathBuf::from(path))).into()
+}
+
+fn read(path: PathBuf) -> Document {
+    let text = fs::read_to_string(root().join(&path)).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+    Document { path, text }
+}
+
+fn list(directory: &Path, paths: &mut Vec<PathBuf>) {
+    for entry in fs::read_dir(root().join(directory)).unwrap() {
+        let entry = entry.unwrap();
+        let path = directory.join(entry.file_name());
+        if entry.file_type().unwrap().is_dir() {
+            list(&path, paths);
+        } else if path.extension().is_some_and(|extension| extension == "md") {
+            paths.push(path);
+        }
+    }
+}
+
+impl Document {
+    /// What it consists of, with the lines.
+    pub fn events(&self) -> impl Iterator<Item = (Event<'_>, usize)> {
+        let line = |place: usize| self.text[..place].lines().count() + 1;
+        Parser::new_ext(&self.text, Options::ENABLE_TABLES)
+            .into_offset_iter()
+            .map(move |(event, range)| (event, line(range.start)))
+    }
+
+    /// Its blocks of code.
+    pub fn blocks(&self) -> Vec<Block> {
+        let mut blocks = Vec::new();
+        let mut open: Option<Block> = None;
+        for (event, line) in self.events() {
+            match (event, &mut open) {
+                (Event::Start(Tag::CodeBlock(kind)), _) => {
+                    let info = match kind {
+                        CodeBlockKind::Indented => None,
+                        CodeBlockKind::Fenced(info) => Some(info.to_string()),
+                    };
+                    let mut words = info.as_deref().unwrap_or_default().split([',', ' ']).map(str::to_owned);
+                    let language = words.next().filter(|_| info.is_some());
+                    open = Some(Block { line, language, needs: words.collect(), text: String::new() });
+                }
+                (Event::Text(text), Some(block)) => block.text += &text,
+                (Event::End(TagEnd::CodeBlock), _) => blocks.extend(open.take()),
+                _ => {}
+            }
+        }
+        blocks
+    }
+
+    /// Where its links and pictures lead, with the lines.
+    pub fn links(&self) -> Vec<(usize, String)> {
+        let link = |(event, line)| match event {
+            Event::Start(Tag::Link { dest_url, .. } | Tag::Image { dest_url, .. }) => {
+                Some((line, dest_url.to_string()))
+            }
+            _ => None,
+        };
+        self.events().filter_map(link).collect()
+    }
+}
+
+impl Block {
+    /// Whether it is of this language.
+    pub fn is(&self, language: &str) -> bool {
+        self.language.as_deref() == Some(language)
+    }
+
+    /// Its commands: of a `console` the lines after `$ ` with those after `> ` that go on, of `sh` all lines.
+    pub fn commands(&self) -> Vec<String> {
+        if self.is("console") {
+            return self.steps().into_iter().map(|step| step.command).collect();
+        }
+        if self.is("sh") {
+            return self.text.lines().filter(|line| !line.trim().is_empty()).map(str::to_owned).collect();
+        }
+        Vec::new()
+    }
+
+    /// The steps of a `console`. Lines before the first command belong to none.
+    pub fn steps(&self) -> Vec<Step> {
+        let mut steps: Vec<Step> = Vec::new();
+        for (index, line) in self.text.lines().enumerate() {
+            if let Some(command) = line.strip_prefix("$ ") {
+                steps.push(Step { line: self.line + 1 + index, command: command.to_owned(), says: Vec::new() });
+            } else if let Some(step) = steps.last_mut() {
+                match line.strip_prefix("> ") {
+                    Some(more) if step.says.is_empty() => step.command += &format!("\n{more}"),
+                    _ => step.says.push(line.to_owned()),
+                }
+            }
+        }
+        steps
+    }
+}
+
+/// A command and what it prints.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Step {
+    /// The line of the document.
+    pub line: usize,
+    /// The command.
+    pub command: String,
+    /// The lines that follow.
+    pub says: Vec<String>,
+}
