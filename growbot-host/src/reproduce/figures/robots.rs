@@ -8,9 +8,9 @@ use super::super::experiments::{Cutting, Quantity};
 use super::super::paper::{self, GROUPS, ROBOTS};
 use super::super::statistics::Summary;
 use super::chart::{EXACT, Mark, PAPER, ROBOT, TABLE_STEP, TEXT_STEP, dashed, figure};
+use super::errors::group_ticks;
 use crate::drawing::canvas::Canvas;
 use crate::drawing::chart::{Panel, Scale};
-use super::errors::group_ticks;
 
 const SIZE: (f64, f64) = (1000.0, 950.0);
 /// The robots of panels A to C.

@@ -70,13 +70,47 @@ pub fn word(canvas: &mut Canvas, [x, y]: [f64; 2], text: &str, colour: &str) {
 }
 
 /// A word beyond the end of an arrow.
-pub fn word_beyond(canvas: &mut Canvas, place: &Place, end: &Vector3<f64>, along: &Vector3<f64>, text: &str, colour: &str) {
+pub fn word_beyond(
+    canvas: &mut Canvas,
+    place: &Place,
+    end: &Vector3<f64>,
+    along: &Vector3<f64>,
+    text: &str,
+    colour: &str,
+) {
     let [x, y] = place.point(end);
     let [right, down] = place.direction(along);
     let seen = right.hypot(down);
     let [right, down] = if seen > 1e-6 { [right / seen, down / seen] } else { [0.0, 1.0] };
     let aside = LETTER * text.chars().count() as f64 + 8.0;
     word(canvas, [x + right * aside, y + down * WORD + 4.5], text, colour);
+}
+
+/// A word beside a point, with a line to it, on the side from which these directions point away most.
+pub fn word_at_free_side(
+    canvas: &mut Canvas,
+    place: &Place,
+    [x, y]: [f64; 2],
+    taken: &[Vector3<f64>],
+    text: &str,
+    colour: &str,
+) {
+    const FAR: f64 = 52.0;
+    let taken: Vec<[f64; 2]> = taken.iter().map(|along| place.direction(along)).collect();
+    // How far a side goes along with what is there.
+    let crowded = |[right, down]: &[f64; 2]| {
+        taken.iter().map(|[along, below]| right * along + down * below).fold(f64::NEG_INFINITY, f64::max)
+    };
+    let sides = (0..16)
+        .map(|side| std::f64::consts::TAU * f64::from(side) / 16.0)
+        .map(|angle| [libm::cos(angle), libm::sin(angle)]);
+    let Some([right, down]) = sides.min_by(|a, b| crowded(a).total_cmp(&crowded(b))) else { return };
+    let (end_x, end_y) = (x + FAR * right, y + FAR * down);
+    for (stroke, width) in [("#fff", 3.5), (colour, 1.2)] {
+        canvas.line([(x, y), (end_x, end_y)], format_args!("stroke=\"{stroke}\" stroke-width=\"{width}\""));
+    }
+    let aside = LETTER * text.chars().count() as f64 + 4.0;
+    word(canvas, [end_x + right * aside, end_y + down * WORD + 4.5], text, colour);
 }
 
 /// A floor of squares at a height under these bounds, mm, within an area of the drawing.

@@ -21,6 +21,7 @@ use self::place::{Bounds, Place};
 use self::stage::Stage;
 use self::tube::{Detail, HEIGHTS, height_range};
 use super::numbers::{caption, measured};
+use super::side_by_side::difference;
 use super::{Layers, Subject, ViewError};
 use crate::drawing::canvas::{Canvas, escape};
 use crate::drawing::chart::{number, round_below};
@@ -39,9 +40,11 @@ const FOOT: f64 = 76.0;
 const EDGE: f64 = 28.0;
 /// Width of the scale of heights.
 const LEGEND: f64 = 220.0;
+/// So many letters fit between scale bar and legend.
+const MOST_WORDS: usize = 70;
 /// How finely a body alone is drawn and each of two: a picture has some hundreds of kB.
-const FINE: Detail = Detail { rings: 280, faces: 56 };
-const LESS_FINE: Detail = Detail { rings: 140, faces: 40 };
+const FINE: Detail = Detail { rings: 200, faces: 56 };
+const LESS_FINE: Detail = Detail { rings: 80, faces: 36 };
 
 /// The picture of a body or two, which are then seen from one side and at one scale.
 ///
@@ -64,8 +67,10 @@ pub fn svg(subjects: &[&Subject], look: Look) -> Result<String, ViewError> {
     let scale = bounds.iter().map(|bounds| scale(bounds, [width, most_high])).fold(f64::INFINITY, f64::min);
     let high = bounds.iter().map(|bounds| scale * bounds.size()[1] + 2.0 * MARGIN[1]).fold(LEAST_HIGH, f64::max);
 
-    let title: Vec<String> =
-        all.iter().map(|(subject, layers)| escape(&format!("{}: {}", subject.name, caption(subject, layers, "")))).collect();
+    let title: Vec<String> = all
+        .iter()
+        .map(|(subject, layers)| escape(&format!("{}: {}", subject.name, caption(subject, layers, ""))))
+        .collect();
     let mut canvas = Canvas::new(WIDE, HEAD + high + FOOT, &title.join("; "));
     for (index, ((stage, bounds), (subject, layers))) in stages.iter().zip(&bounds).zip(&all).enumerate() {
         let left = width * index as f64;
@@ -77,6 +82,12 @@ pub fn svg(subjects: &[&Subject], look: Look) -> Result<String, ViewError> {
     if stages.len() > 1 {
         let bottom = HEAD + high;
         canvas.add(format_args!("<path class=\"grid\" d=\"M{width} 24V{bottom}\"/>"));
+    }
+    if let [(one, a), (other, b)] = &all[..] {
+        let words = difference([(one.stem(), a), (other.stem(), b)]);
+        if words.chars().count() <= MOST_WORDS {
+            canvas.text(0.47 * WIDE, HEAD + high + FOOT - 26.0, "mid", escape(&words));
+        }
     }
     scale_bar(&mut canvas, [EDGE, HEAD + high + FOOT - 26.0], scale);
     legend(&mut canvas, [WIDE - EDGE - LEGEND, HEAD + high + FOOT - 46.0], range);
@@ -115,7 +126,8 @@ fn scale_bar(canvas: &mut Canvas, [left, y]: [f64; 2], scale: f64) {
     let length = round_below(150.0 / scale);
     let (right, middle) = (left + length * scale, left + 0.5 * length * scale);
     let label = if length >= 1000.0 { format!("{} m", length / 1000.0) } else { format!("{} mm", number(length)) };
-    canvas.add(format_args!("<path class=\"axis\" stroke-width=\"1.5\" d=\"M{left} {:.1}v6H{right:.1}v-6\"/>", y - 6.0));
+    canvas
+        .add(format_args!("<path class=\"axis\" stroke-width=\"1.5\" d=\"M{left} {:.1}v6H{right:.1}v-6\"/>", y - 6.0));
     canvas.text(middle, y - 12.0, "mid", label);
 }
 

@@ -5,7 +5,7 @@ use growbot_core::pose::Pose;
 use nalgebra::Vector3;
 
 use super::camera::Camera;
-use super::marks::{Arrow, arrow, axes, disc, floor, word, word_beyond};
+use super::marks::{Arrow, arrow, axes, disc, floor, word, word_at_free_side, word_beyond};
 use super::place::{Bounds, Place};
 use super::tube::{Detail, Tube, line};
 use crate::drawing::canvas::Canvas;
@@ -45,9 +45,8 @@ impl Stage {
         let tube = |layers: &[LayerBytes]| Tube::new(plan.start.frame(), layers, radii, detail);
         let (shown, planned) = (tube(layers.body()), layers.built.as_ref().map(|_| tube(&layers.planned)));
         let points = || shown.centreline().chain(planned.iter().flat_map(Tube::centreline));
-        let [least, greatest] = points().fold([plan.goal.position(); 2], |[least, greatest], point| {
-            [least.inf(&point), greatest.sup(&point)]
-        });
+        let [least, greatest] = points()
+            .fold([plan.goal.position(); 2], |[least, greatest], point| [least.inf(&point), greatest.sup(&point)]);
         let reach = (3.0 * outer).max(0.06 * (greatest - least).norm());
         let tail = plan.start.position() - reach * plan.start.direction();
         let floor = least.z.min(tail.z) - outer;
@@ -82,7 +81,10 @@ impl Stage {
         if self.has_floor(camera) {
             // The shadow.
             let onto = |point: Vector3<f64>| Vector3::new(point.x, point.y, self.floor);
-            return self.tube.centreline().fold(seen, |seen, point| seen.with(camera.see(&onto(point)), 0.6 * self.outer));
+            return self
+                .tube
+                .centreline()
+                .fold(seen, |seen, point| seen.with(camera.see(&onto(point)), 0.6 * self.outer));
         }
         seen
     }
@@ -95,7 +97,12 @@ impl Stage {
     /// It leads to the start.
     fn start_arrow(&self) -> Arrow {
         let along = self.start.direction();
-        Arrow { from: self.start.position() - self.reach * along, along, length: 0.97 * self.reach, thick: 0.035 * self.reach }
+        Arrow {
+            from: self.start.position() - self.reach * along,
+            along,
+            length: 0.97 * self.reach,
+            thick: 0.035 * self.reach,
+        }
     }
 
     /// It leaves the goal, or the axes of a tip that is there.
@@ -121,7 +128,10 @@ impl Stage {
             let [wide, deep] = bounds.size();
             let square = round_below(0.3 * (0.5 * wide.hypot(deep)).max(200.0));
             floor(canvas, place, &bounds, self.floor, square, area, index);
-            canvas.add(format_args!("<path fill=\"{SHADOW}\" stroke=\"{SHADOW}\" stroke-width=\".5\" d=\"{}\"/>", self.tube.shadow(self.floor, place)));
+            canvas.add(format_args!(
+                "<path fill=\"{SHADOW}\" stroke=\"{SHADOW}\" stroke-width=\".5\" d=\"{}\"/>",
+                self.tube.shadow(self.floor, place)
+            ));
         }
         if let Some(planned) = &self.planned {
             for edge in planned.edges(camera, place) {
@@ -161,8 +171,10 @@ impl Stage {
         }
         if let Some(reached) = &self.reached {
             let at = place.point(reached);
+            let tip = self.tube.base_from_tip().rotation;
+            let taken = [tip * Vector3::x(), tip * Vector3::y(), tip * Vector3::z(), -(tip * Vector3::z())];
+            word_at_free_side(canvas, place, at, &taken, "reached", PLANNED);
             disc(canvas, at, 0.15 * self.outer * place.scale, PLANNED);
-            word(canvas, [at[0], at[1] + 0.15 * self.outer * place.scale + 18.0], "reached", PLANNED);
         }
     }
 }

@@ -127,7 +127,10 @@ impl Tube {
                 let colour = hex(shaded(mixed(&HEIGHTS, (height - least) / (greatest - least)), &normal, camera));
                 let corners = [(&below, from), (&below, to), (frame, to), (frame, from)]
                     .map(|(ring, angle)| place.point(&on(ring, angle, self.outer)));
-                faces.push((facing, format!("<path fill=\"{colour}\" stroke=\"{colour}\" d=\"{}\"/>\n", outline(&corners))));
+                faces.push((
+                    facing,
+                    format!("<path fill=\"{colour}\" stroke=\"{colour}\" d=\"{}\"/>\n", outline(&corners)),
+                ));
             }
             faces.sort_by(|a, b| a.0.total_cmp(&b.0));
             let near = camera.nearness(&(0.5 * (below.translation.vector + frame.translation.vector)));
@@ -280,7 +283,8 @@ mod tests {
     use super::*;
 
     fn layers_of(kinds: &[(usize, f64, f64)]) -> Vec<Layer> {
-        let layers = kinds.iter().map(|(count, height, tilt)| (*count, Layer { alpha: 1.0, height: *height, tilt: *tilt }));
+        let layers =
+            kinds.iter().map(|(count, height, tilt)| (*count, Layer { alpha: 1.0, height: *height, tilt: *tilt }));
         layers.flat_map(|(count, layer)| std::iter::repeat_n(layer, count)).collect()
     }
 
@@ -292,7 +296,8 @@ mod tests {
         assert!(found.len() < 60, "{}", found.len());
         assert!(found.iter().all(|stretch| stretch.windows(2).all(|pair| pair[0] == pair[1])));
         // Few rings are few, whatever the layers.
-        let noisy: Vec<Layer> = (0..5000).map(|i| Layer { height: 0.7 + 0.1 * f64::from(i % 2), ..layers[0] }).collect();
+        let noisy: Vec<Layer> =
+            (0..5000).map(|i| Layer { height: 0.7 + 0.1 * f64::from(i % 2), ..layers[0] }).collect();
         assert!(stretches(&noisy, 100, 22.0).len() <= 101);
         assert!(stretches(&[], 100, 22.0).is_empty());
     }
@@ -301,7 +306,10 @@ mod tests {
     fn the_page_has_the_same_colours() {
         let page = include_str!("../../../viewer/src/colours.js");
         for [red, green, blue] in HEIGHTS {
-            assert!(page.contains(&format!("[0x{red:02x}, 0x{green:02x}, 0x{blue:02x}]")), "{red:x} {green:x} {blue:x}");
+            assert!(
+                page.contains(&format!("[0x{red:02x}, 0x{green:02x}, 0x{blue:02x}]")),
+                "{red:x} {green:x} {blue:x}"
+            );
         }
         assert_eq!(page.matches("[0x").count(), HEIGHTS.len());
     }
