@@ -12,11 +12,15 @@ const AXES: [(&str, &str); 3] = [("x", "#d93a3a"), ("y", "#2f9e4f"), ("z", "#2f6
 const LETTER: f64 = 4.2;
 const WORD: f64 = 14.0;
 
-/// An arrow from a point in a direction, mm; `thick` is the radius of its shaft.
+/// An arrow, mm.
 pub struct Arrow {
+    /// Its tail.
     pub from: Vector3<f64>,
+    /// Its direction, a unit vector.
     pub along: Vector3<f64>,
+    /// From tail to point.
     pub length: f64,
+    /// Radius of its shaft.
     pub thick: f64,
 }
 
@@ -43,9 +47,9 @@ pub fn axes(canvas: &mut Canvas, place: &Place, base_from_tip: &Frame, length: f
         let axis = Arrow { from, along, length, thick: 0.035 * length };
         canvas.add(arrow(place, &axis, colour).trim_end());
         let [right, down] = place.direction(&along);
-        let seen = right.hypot(down);
+        let seen = libm::hypot(right, down);
         // The goal's arrow goes on where z ends.
-        let over_z = right * ahead_right + down * ahead_down > 0.8 * seen * ahead_right.hypot(ahead_down);
+        let over_z = right * ahead_right + down * ahead_down > 0.8 * seen * libm::hypot(ahead_right, ahead_down);
         if seen > 0.35 && !over_z {
             word_beyond(canvas, place, &(from + length * along), &along, name, colour);
         }
@@ -80,7 +84,7 @@ pub fn word_beyond(
 ) {
     let [x, y] = place.point(end);
     let [right, down] = place.direction(along);
-    let seen = right.hypot(down);
+    let seen = libm::hypot(right, down);
     let [right, down] = if seen > 1e-6 { [right / seen, down / seen] } else { [0.0, 1.0] };
     let aside = LETTER * text.chars().count() as f64 + 8.0;
     word(canvas, [x + right * aside, y + down * WORD + 4.5], text, colour);

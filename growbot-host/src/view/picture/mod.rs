@@ -97,7 +97,7 @@ pub fn svg(subjects: &[&Subject], look: Look) -> Result<String, ViewError> {
 /// What the picture from a corner is to show, the first most: where goals point, and where they lie.
 fn facing(stages: &[Stage]) -> Vec<Vector3<f64>> {
     let goals = stages.iter().map(Stage::goal_direction);
-    goals.chain(stages.iter().map(Stage::from_start_to_goal)).collect()
+    goals.chain(stages.iter().map(Stage::way_to_goal)).collect()
 }
 
 /// The heights that the colours of all go over, mm.

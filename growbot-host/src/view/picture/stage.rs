@@ -62,7 +62,7 @@ impl Stage {
     }
 
     /// How to get there.
-    pub fn from_start_to_goal(&self) -> Vector3<f64> {
+    pub fn way_to_goal(&self) -> Vector3<f64> {
         self.goal.position() - self.start.position()
     }
 
@@ -126,7 +126,7 @@ impl Stage {
             let spans = spans.chain([self.goal.position()]).map(|point| [point.x, point.y]);
             let bounds = spans.fold(Bounds::NONE, |all, point| all.with(point, self.outer));
             let [wide, deep] = bounds.size();
-            let square = round_below(0.3 * (0.5 * wide.hypot(deep)).max(200.0));
+            let square = round_below(0.3 * (0.5 * libm::hypot(wide, deep)).max(200.0));
             floor(canvas, place, &bounds, self.floor, square, area, index);
             canvas.add(format_args!(
                 "<path fill=\"{SHADOW}\" stroke=\"{SHADOW}\" stroke-width=\".5\" d=\"{}\"/>",
