@@ -34,7 +34,7 @@ pub fn arrow(place: &Place, arrow: &Arrow, colour: &str) -> String {
 }
 
 /// The axes of the tip, x, y and z, over everything. One that points at who looks has no name.
-pub fn axes(canvas: &mut Canvas, place: &Place, base_from_tip: &Frame, length: f64) {
+pub fn draw_axes(canvas: &mut Canvas, place: &Place, base_from_tip: &Frame, length: f64) {
     let mut axes: Vec<_> = [Vector3::x(), Vector3::y(), Vector3::z()]
         .into_iter()
         .map(|axis| base_from_tip.rotation * axis)
@@ -117,31 +117,48 @@ pub fn word_at_free_side(
     word(canvas, [end_x + right * aside, end_y + down * WORD + 4.5], text, colour);
 }
 
-/// A floor of squares at a height under these bounds, mm, within an area of the drawing.
-pub fn floor(
-    canvas: &mut Canvas,
-    place: &Place,
-    bounds: &Bounds,
-    height: f64,
-    square: f64,
-    [left, top, width, high]: [f64; 4],
-    index: usize,
-) {
-    let [x0, y0] = bounds.least.map(|least| libm::floor(least / square));
-    let [x1, y1] = bounds.greatest.map(|greatest| libm::ceil(greatest / square));
-    let mut lines = String::new();
-    let mut add = |from: [f64; 2], to: [f64; 2]| {
-        let [from, to] = [from, to].map(|[x, y]| place.point(&Vector3::new(square * x, square * y, height)));
-        lines += &format!("M{:.1} {:.1}L{:.1} {:.1}", from[0], from[1], to[0], to[1]);
-    };
-    for step in 0..=(x1 - x0) as u32 {
-        add([x0 + f64::from(step), y0], [x0 + f64::from(step), y1]);
+/// A floor of whole squares.
+pub struct Floor {
+    /// Its least corner, x and y, and its height, mm.
+    corner: Vector3<f64>,
+    /// Squares along x and y.
+    squares: [u32; 2],
+    /// Side of a square, mm.
+    side: f64,
+}
+
+impl Floor {
+    /// At this height under these bounds, x and y, with squares of this side, mm.
+    pub fn under(bounds: &Bounds, height: f64, side: f64) -> Self {
+        let squares = bounds.size().map(|size| libm::ceil(size / side).max(1.0));
+        let [x, y] = bounds.centre();
+        let corner = Vector3::new(x - 0.5 * side * squares[0], y - 0.5 * side * squares[1], height);
+        Self { corner, squares: squares.map(|count| count as u32), side }
     }
-    for step in 0..=(y1 - y0) as u32 {
-        add([x0, y0 + f64::from(step)], [x1, y0 + f64::from(step)]);
+
+    /// So many squares from its corner.
+    fn at(&self, x: u32, y: u32) -> Vector3<f64> {
+        self.corner + self.side * Vector3::new(f64::from(x), f64::from(y), 0.0)
     }
-    canvas.add(format_args!(
-        "<clipPath id=\"gc-stage-{index}\"><rect x=\"{left}\" y=\"{top}\" width=\"{width}\" height=\"{high}\"/></clipPath>\n\
-         <path clip-path=\"url(#gc-stage-{index})\" class=\"grid\" d=\"{lines}\"/>"
-    ));
+
+    /// Its four corners.
+    pub fn corners(&self) -> [Vector3<f64>; 4] {
+        let [x, y] = self.squares;
+        [(0, 0), (x, 0), (0, y), (x, y)].map(|(x, y)| self.at(x, y))
+    }
+
+    /// Draws it.
+    pub fn draw(&self, canvas: &mut Canvas, place: &Place) {
+        let [wide, deep] = self.squares;
+        let along = (0..=wide).map(|x| [self.at(x, 0), self.at(x, deep)]);
+        let across = (0..=deep).map(|y| [self.at(0, y), self.at(wide, y)]);
+        let lines: String = along
+            .chain(across)
+            .map(|ends| {
+                let [from, to] = ends.map(|end| place.point(&end));
+                format!("M{:.1} {:.1}L{:.1} {:.1}", from[0], from[1], to[0], to[1])
+            })
+            .collect();
+        canvas.add(format_args!("<path class=\"grid\" d=\"{lines}\"/>"));
+    }
 }

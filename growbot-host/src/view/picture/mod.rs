@@ -58,7 +58,8 @@ pub fn svg(subjects: &[&Subject], look: Look) -> Result<String, ViewError> {
     let stages: Vec<Stage> = all.iter().map(|(subject, layers)| Stage::new(subject, layers, detail)).collect();
     let camera = Camera::new(look, &facing(&stages));
     let range = whole_range(&all);
-    let mut bounds: Vec<Bounds> = stages.iter().map(|stage| stage.bounds(&camera)).collect();
+    let square = stages.iter().map(Stage::square).fold(0.0, f64::max);
+    let mut bounds: Vec<Bounds> = stages.iter().map(|stage| stage.bounds(&camera, square)).collect();
     // Bodies to one goal are seen in one frame, so that what is at one place is at one place.
     if stages.iter().all(|stage| stages.first().is_some_and(|first| stage.has_ends_of(first))) {
         let together = bounds.iter().fold(Bounds::NONE, |all, one| all.and(*one));
@@ -76,7 +77,7 @@ pub fn svg(subjects: &[&Subject], look: Look) -> Result<String, ViewError> {
         let left = width * index as f64;
         let at = [left + 0.5 * width, HEAD + 0.5 * high];
         let place = Place { camera, scale, centre: bounds.centre(), at };
-        stage.draw(&mut canvas, &place, range, [left, HEAD, width, high], index);
+        stage.draw(&mut canvas, &place, range, square);
         head(&mut canvas, left + EDGE, subject, layers);
     }
     if stages.len() > 1 {
