@@ -12,7 +12,7 @@
 //! - [`reproduce`]: the experiments of the paper, done again, with page and figures;
 //! - [`layer_table`]: the layers of a plan as CSV; [`view`]: a body in a page to look at, or in a picture; [`drawing`], what pictures are drawn with; [`export`]: bodies as STL, GLB, CSV and MCAP;
 //! - [`port`]: where a robot is: simulated here, emulated, or at the end of a line; [`tip`], what a simulated one does;
-//! - [`client`]: requests to its board and their answers; [`growth`], a whole job; [`arrival`], how near it came; [`run_log`];
+//! - [`client`]: requests to its board and their answers; [`growth`], a whole job; [`arrival`], how near it came; [`run_log`], and its time, [`run_clock`];
 //! - [`watch`]: a growth under way, as a page on this machine;
 //! - [`simulation`]: growth without a robot, with what goes wrong, once or a million times;
 //! - [`input`], [`output`], [`progress`], [`parallel`]: bounded reading, whole files or none, pipes that close, progress, all cores.
@@ -44,6 +44,7 @@ pub mod reproduce;
 pub mod robot_explained;
 pub mod robot_file;
 pub mod robot_questions;
+pub mod run_clock;
 pub mod run_log;
 pub mod schema;
 pub mod simulation;

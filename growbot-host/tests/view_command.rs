@@ -159,7 +159,7 @@ fn two_stand_side_by_side_on_one_page() {
     let ran = growbot(&["view", "--compare", text(&plan), text(&other)]);
     assert_eq!(ran.code, Some(0), "{}", ran.err);
     let pair = data(&path("a-b.html"));
-    assert_eq!(pair["difference"], "b.json is 38.7 mm (100.0 %) longer than a.json.");
+    assert_eq!(pair["difference"], "b.json is 38.7 mm (100.0 %) longer than a.json");
     let [a, b] = [0, 1].map(|index| &pair["compared"][index]);
     assert_eq!((a["name"].as_str(), b["name"].as_str()), (Some("a.json"), Some("b.json")));
     assert_eq!((a["caption"].as_str(), &b["start"][9]), (Some("shortest (S) · 38.7 mm · 50 layers"), &10.0.into()));
@@ -173,7 +173,7 @@ fn two_stand_side_by_side_on_one_page() {
     let ran = growbot(&["view", text(&plan), text(&log), "--compare", "-o", text(&path("c.html"))]);
     assert_eq!(ran.code, Some(0), "{}", ran.err);
     let pair = data(&path("c.html"));
-    assert_eq!(pair["difference"], "a.json and run.jsonl are of one length.");
+    assert_eq!(pair["difference"], "a.json and run.jsonl are of one length");
     assert_eq!(pair["numbers"][1][0], "As built, by the board's steps");
 }
 

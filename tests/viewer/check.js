@@ -119,7 +119,7 @@ async function checkControls(page, layers) {
 async function checkPair(browser) {
   run("view", "--compare", "1300.json", "run.jsonl", "-o", "pair.html");
   const page = await open(browser, "pair", { viewport: { width: 1100, height: 600 } });
-  assert.match(await page.textContent("#difference"), /^1300\.json is [\d.]+ mm \([\d.]+ %\) longer than run\.jsonl\.$/);
+  assert.match(await page.textContent("#difference"), /^1300\.json is [\d.]+ mm \([\d.]+ %\) longer than run\.jsonl$/);
   const both = async () => {
     await settled(page);
     return Promise.all([0, 1].map(async (i) => PNG.sync.read(await page.locator(".stage").nth(i).screenshot())));

@@ -11,9 +11,10 @@ use growbot_host::output::replace_file;
 use growbot_host::plan::Plan;
 use growbot_host::plan_file::{self, PlanFileError};
 use growbot_host::robot_file;
-use growbot_host::run_log::{RunRecord, RunRecordError};
+use growbot_host::run_log::RunRecord;
 use growbot_host::view::picture::Look;
-use growbot_host::view::{Subject, page, picture};
+use growbot_host::view::plot::{Along, Quantity};
+use growbot_host::view::{Subject, page, picture, plot};
 
 use super::Failure;
 
@@ -24,7 +25,8 @@ use super::Failure;
 ///
 /// With --compare it shows two of them side by side, from the same side and at the same scale, with one slider that grows both.
 ///
-/// With --svg or --png it draws a picture for a paper instead, without a browser.
+/// With --svg or --png it draws a picture for a paper instead, without a browser; with --plot, what layers, error and temperature are
+/// along the body or over time.
 #[derive(Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct ViewArgs {
@@ -41,15 +43,22 @@ pub struct ViewArgs {
     /// A picture instead of a page: PNG
     #[arg(long, conflicts_with = "svg")]
     png: bool,
-    /// Width of a PNG in pixels
-    #[arg(long, value_name = "PX", default_value_t = 1600, value_parser = clap::value_parser!(u32).range(100..=10_000))]
-    width: u32,
-    /// From where a picture shows the body
-    #[arg(long, value_enum, default_value_t = LookName::Corner)]
-    look: LookName,
-    /// Write to this file [default: beside the first file, named as it is or, of
-    /// two, A-B, ending in .html, .svg or .png]; its ending says the format
-    /// where nothing else does
+    /// Width of a PNG in pixels [default: 1600]
+    #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u32).range(100..=10_000))]
+    width: Option<u32>,
+    /// From where a picture shows the body [default: corner]
+    #[arg(long, value_enum)]
+    look: Option<LookName>,
+    /// Plots instead of the body, as SVG unless --png is given: a list with commas
+    #[arg(long, value_enum, value_name = "LIST", value_delimiter = ',', conflicts_with_all = ["compare", "look"])]
+    plot: Vec<QuantityName>,
+    /// What plots go along
+    #[arg(long, value_enum, default_value_t = AlongName::Path, requires = "plot")]
+    along: AlongName,
+    /// Write to this file [default: beside the first file, named as it is, or A-B
+    /// of two, or with -plot; ending in .html, .svg or .png]
+    ///
+    /// Where no option says the format, its ending does.
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
     /// The robot: a built-in name or a TOML file [default: the built-in one that
@@ -82,6 +91,48 @@ impl From<LookName> for Look {
     }
 }
 
+/// What is plotted, as the command line has it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum QuantityName {
+    /// Heights of the layers, mm
+    Heights,
+    /// Tilt of the layers, degrees
+    Tilt,
+    /// How far the body lies off its plan, mm (run logs only)
+    Error,
+    /// Temperature of the nozzle, C (run logs only)
+    Temperature,
+}
+
+impl From<QuantityName> for Quantity {
+    fn from(name: QuantityName) -> Self {
+        match name {
+            QuantityName::Heights => Self::Heights,
+            QuantityName::Tilt => Self::Tilt,
+            QuantityName::Error => Self::Error,
+            QuantityName::Temperature => Self::Temperature,
+        }
+    }
+}
+
+/// What plots go along, as the command line has it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum AlongName {
+    /// Length of the body
+    Path,
+    /// Time, by the board's clock; of a plan, as planned
+    Time,
+}
+
+impl From<AlongName> for Along {
+    fn from(name: AlongName) -> Self {
+        match name {
+            AlongName::Path => Self::Path,
+            AlongName::Time => Self::Time,
+        }
+    }
+}
+
 /// What is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Format {
@@ -100,6 +151,9 @@ impl Format {
     }
 }
 
+/// Width of a PNG that nobody asks another for, pixels.
+const WIDTH: u32 = 1600;
+
 const AFTER_HELP: &str = "\
 Examples:
   growbot view plan.json
@@ -107,6 +161,7 @@ Examples:
   growbot view --compare two-plane.json shortest.json
   growbot view plan.json --svg
   growbot view plan.json --png --width 2400 --look side -o side.png
+  growbot view run.jsonl --plot heights,error,temperature --along time
   growbot plan --to 0,0,500,0,90 --json | growbot view - -o plan.html";
 
 /// Runs the command.
@@ -120,8 +175,10 @@ pub fn run(args: &ViewArgs) -> Result<(), Failure> {
     let format = args.format();
     let contents = match format {
         Format::Html => args.page(&subjects)?.into_bytes(),
-        Format::Svg => args.picture(&subjects)?.into_bytes(),
-        Format::Png => png(&args.picture(&subjects)?, args.width).map_err(Failure::bad_input)?,
+        Format::Svg => args.picture(&subjects, &opened)?.into_bytes(),
+        Format::Png => {
+            png(&args.picture(&subjects, &opened)?, args.width.unwrap_or(WIDTH)).map_err(Failure::bad_input)?
+        }
     };
     replace_file(&output, &contents)?;
     let hint = if format == Format::Html { ": open it in a browser" } else { "" };
@@ -132,12 +189,13 @@ pub fn run(args: &ViewArgs) -> Result<(), Failure> {
 impl ViewArgs {
     /// As it is asked for, or else as the file ends.
     fn format(&self) -> Format {
-        let ending = self.output.as_deref().and_then(Path::extension);
-        let ends_in = |format: Format| ending.is_some_and(|ending| ending.eq_ignore_ascii_case(format.ending()));
+        let ends_in = |format| self.output.as_deref().is_some_and(|output| ends_in(output, format));
         match (self.svg, self.png) {
             (true, _) => Format::Svg,
             (_, true) => Format::Png,
-            _ => [Format::Svg, Format::Png].into_iter().find(|format| ends_in(*format)).unwrap_or(Format::Html),
+            _ if ends_in(Format::Png) => Format::Png,
+            _ if ends_in(Format::Svg) || !self.plot.is_empty() => Format::Svg,
+            _ => Format::Html,
         }
     }
 
@@ -150,8 +208,15 @@ impl ViewArgs {
         page.map_err(Failure::bad_input)
     }
 
-    fn picture(&self, subjects: &[&Subject]) -> Result<String, Failure> {
-        picture::svg(subjects, self.look.into()).map_err(Failure::bad_input)
+    fn picture(&self, subjects: &[&Subject], opened: &[Opened]) -> Result<String, Failure> {
+        let picture = match (subjects, opened) {
+            ([one], [opened]) if !self.plot.is_empty() => {
+                let quantities: Vec<Quantity> = self.plot.iter().map(|name| Quantity::from(*name)).collect();
+                plot::svg(one, opened.log.as_deref(), &quantities, self.along.into())
+            }
+            _ => picture::svg(subjects, self.look.unwrap_or(LookName::Corner).into()),
+        };
+        picture.map_err(Failure::bad_input)
     }
 
     /// Where the view goes: never over what it is made from.
@@ -162,6 +227,18 @@ impl ViewArgs {
                 return Err(Failure::bad_input("two files are shown side by side only: add --compare, or give one"));
             }
             _ => {}
+        }
+        match self.format() {
+            Format::Html if self.look.is_some() => {
+                return Err(Failure::bad_input("--look is for pictures, a page can be turned: add --svg or --png"));
+            }
+            Format::Html | Format::Svg if self.width.is_some() => {
+                return Err(Failure::bad_input("--width is for pixels: add --png"));
+            }
+            _ => {}
+        }
+        if !self.plot.is_empty() && self.output.as_deref().is_some_and(|output| ends_in(output, Format::Html)) {
+            return Err(Failure::bad_input("plots are SVG or PNG, not HTML: end the file in .svg or .png"));
         }
         if self.files.iter().filter(|file| is_standard_input(file)).count() > 1 {
             return Err(Failure::bad_input("standard input holds one plan only: give the other as a file"));
@@ -189,10 +266,14 @@ impl ViewArgs {
         }
         let stems = self.files.iter().filter_map(|file| file.file_stem());
         let mut name = stems.collect::<Vec<_>>().join("-".as_ref());
-        name.push(".");
+        name.push(if self.plot.is_empty() { "." } else { "-plot." });
         name.push(self.format().ending());
         Ok(self.files.first().map_or_else(PathBuf::new, |first| first.with_file_name(name)))
     }
+}
+
+fn ends_in(file: &Path, format: Format) -> bool {
+    file.extension().is_some_and(|ending| ending.eq_ignore_ascii_case(format.ending()))
 }
 
 /// How files are called: by their names, or by their whole paths where those are the same.
@@ -207,28 +288,30 @@ struct Opened {
     robot: Robot,
     plan: Plan,
     run: Option<RunRecord>,
+    /// The bytes of the log.
+    log: Option<Vec<u8>>,
 }
 
 impl Opened {
     fn of(file: &Path, robot: Option<&Path>) -> Result<Self, Failure> {
-        let as_plan = || plan_file::open(file, robot).map(|(robot, plan)| Self { robot, plan, run: None });
-        if is_standard_input(file) {
+        let as_plan = || plan_file::open(file, robot).map(|(robot, plan)| Self { robot, plan, run: None, log: None });
+        // Pipes and devices are read once, and bounded: as plans.
+        if !fs::metadata(file).is_ok_and(|file| file.is_file()) {
             return Ok(as_plan()?);
         }
-        match RunRecord::open(file) {
+        let name = file.display().to_string();
+        let log = fs::read(file).map_err(|error| Failure::bad_input(format!("cannot read {name}: {error}")))?;
+        match RunRecord::read(&log, &name) {
             Ok(record) => {
                 let robot = robot_file::load(robot.unwrap_or(record.robot.0.as_ref()))?;
                 let plan = record.plan(&robot)?;
                 if record.cut_off > 0 {
-                    let (bytes, file) = (record.cut_off, file.display());
+                    let bytes = record.cut_off;
                     growbot_host::tell!(
-                        "growbot: the last {bytes} bytes of {file} are no whole line: the log was cut off there"
+                        "growbot: the last {bytes} bytes of {name} are no whole line: the log was cut off there"
                     );
                 }
-                Ok(Self { robot, plan, run: Some(record) })
-            }
-            Err(RunRecordError::File { file, error }) => {
-                Err(Failure::bad_input(format!("cannot read {file}: {error}")))
+                Ok(Self { robot, plan, run: Some(record), log: Some(log) })
             }
             Err(no_run) => match as_plan() {
                 Err(PlanFileError::NotJson { .. } | PlanFileError::NoPlan { .. }) => {

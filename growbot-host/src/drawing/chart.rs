@@ -22,6 +22,23 @@ impl Scale {
         Self::Linear(0.0, step * libm::ceil(1.02 * greatest / step).max(1.0))
     }
 
+    /// From a round number below these to one above; they may be alike, or none.
+    pub fn around(values: impl IntoIterator<Item = f64>) -> Self {
+        let all = values.into_iter().filter(|value| value.is_finite());
+        let (least, greatest) = all.fold((f64::INFINITY, f64::NEG_INFINITY), |(least, greatest), value| {
+            (least.min(value), greatest.max(value))
+        });
+        if least > greatest {
+            return Self::Linear(0.0, 1.0);
+        }
+        let alike = (1e-3 * greatest.abs()).max(1e-9);
+        let wide = if greatest - least > alike { greatest - least } else { alike.max(0.1 * greatest.abs()) };
+        let step = round_step(wide, MOST_STEPS - 1.0);
+        let from = step * libm::floor(least / step + 1e-9);
+        let to = step * libm::ceil(greatest / step - 1e-9);
+        Self::Linear(from, if to > from { to } else { from + step })
+    }
+
     /// By the logarithm, from a round number below the positive ones of these to one above.
     pub fn log_around(values: impl IntoIterator<Item = f64>) -> Self {
         let (least, greatest) = values
@@ -47,7 +64,7 @@ impl Scale {
     }
 
     /// Where to draw lines and labels.
-    fn ticks(self) -> Vec<f64> {
+    pub fn ticks(self) -> Vec<f64> {
         match self {
             Self::Linear(from, to) => {
                 let step = round_step(to - from, MOST_STEPS);
@@ -79,13 +96,14 @@ pub fn round_below(most: f64) -> f64 {
     [5.0, 2.0, 1.0].into_iter().map(|step| step * power).find(|step| *step <= most).unwrap_or(power)
 }
 
-/// A number on an axis.
+/// A number on an axis: plain as far as four decimals say it.
 pub fn number(value: f64) -> String {
-    if value != 0.0 && value.abs() < 0.9e-4 {
-        return format!("{value:.0e}");
-    }
     let text = format!("{value:.4}");
-    text.trim_end_matches('0').trim_end_matches('.').to_owned()
+    let plain = text.trim_end_matches('0').trim_end_matches('.');
+    if plain.parse().is_ok_and(|said: f64| (said - value).abs() <= 1e-3 * value.abs()) {
+        return plain.to_owned();
+    }
+    format!("{value:.1e}").replace(".0e", "e")
 }
 
 /// A plot in a drawing.
@@ -159,6 +177,20 @@ mod tests {
     }
 
     #[test]
+    fn a_scale_goes_round_what_there_is() {
+        let Scale::Linear(from, to) = Scale::around([0.61, 0.93]) else { panic!("not linear") };
+        assert!((from - 0.6).abs() < 1e-12 && (to - 1.0).abs() < 1e-12, "{from} {to}");
+        assert_eq!(Scale::around([]), Scale::Linear(0.0, 1.0));
+        for alike in [0.0, 0.774, -3.0, 200.0] {
+            let Scale::Linear(from, to) = Scale::around([alike, alike]) else { panic!("{alike}") };
+            assert!(
+                from <= alike && alike <= to && from < to && to - from < 0.5 * alike.abs() + 1e-8,
+                "{from} {alike} {to}"
+            );
+        }
+    }
+
+    #[test]
     fn steps_are_round() {
         for (whole, most, step) in [(1000.0, 12.0, 100.0), (3589.0, 12.0, 500.0), (2.0, 10.0, 0.2), (7.0, 10.0, 1.0)] {
             assert!((round_step(whole, most) - step).abs() < 1e-12 * step, "{whole}");
@@ -173,6 +205,7 @@ mod tests {
 
     #[test]
     fn numbers_on_axes_are_short() {
-        assert_eq!([0.0, 0.05, 20.0, 1e-5, 1e-4].map(number), ["0", "0.05", "20", "1e-5", "0.0001"]);
+        let numbers = [0.0, 0.05, 0.1 + 0.2, 20.0, 1e-5, 1e-4, 1.2e-4].map(number);
+        assert_eq!(numbers, ["0", "0.05", "0.3", "20", "1e-5", "0.0001", "1.2e-4"]);
     }
 }

@@ -9,13 +9,16 @@ const FONTS: [&[u8]; 2] =
     [include_bytes!("../../fonts/inter-regular.ttf"), include_bytes!("../../fonts/inter-semibold.ttf")];
 const FAMILY: &str = "Inter";
 
+/// A picture has no more pixels, for which there should be memory: four bytes each.
+const MOST_PIXELS: u64 = 200_000_000;
+
 /// Why there are no pixels.
 #[derive(Debug, thiserror::Error)]
 pub enum PngError {
     /// The drawing is none that can be read.
     #[error("the picture cannot be drawn as pixels: {0}; take it as SVG")]
     Svg(#[from] usvg::Error),
-    /// More pixels than there is memory for.
+    /// More pixels than there should be memory for.
     #[error("a picture of {width} times {height} pixels is too large: ask for less with --width")]
     TooLarge {
         /// Pixels across.
@@ -42,7 +45,11 @@ pub fn png(svg: &str, width: u32) -> Result<Vec<u8>, PngError> {
     let tree = Tree::from_str(svg, &options)?;
     let scale = width as f32 / tree.size().width();
     let height = (scale * tree.size().height()).round().max(1.0) as u32;
-    let mut pixels = Pixmap::new(width, height).ok_or(PngError::TooLarge { width, height })?;
+    let too_large = || PngError::TooLarge { width, height };
+    if u64::from(width) * u64::from(height) > MOST_PIXELS {
+        return Err(too_large());
+    }
+    let mut pixels = Pixmap::new(width, height).ok_or_else(too_large)?;
     resvg::render(&tree, Transform::from_scale(scale, scale), &mut pixels.as_mut());
     packed(&pixels).map_err(|error| PngError::Encoding(error.to_string()))
 }

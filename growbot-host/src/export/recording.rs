@@ -1,7 +1,6 @@
 //! What a run log tells, over time, as MCAP (<https://mcap.dev/spec>), which Foxglove plays.
 //!
-//! A run log has no clock. Time begins at 0 with the first status; each status gives the board's time, which goes on where it was after a
-//! reset; between them a layer is told no sooner after the one before than the robot needs for it.
+//! Time is as [`crate::run_clock`] has it.
 
 use std::collections::{BTreeMap, HashMap};
 use std::io::Cursor;
@@ -21,6 +20,7 @@ use super::body::{Body, BodyLayer};
 use super::messages::{self, Level, Topic};
 use crate::degrees::degrees_below_turn;
 use crate::plan::Plan;
+use crate::run_clock::{Clock, events, time_for};
 use crate::run_log::RunRecord;
 
 /// Colours from the least to the greatest height of a layer, and of the planned centreline.
@@ -43,10 +43,8 @@ pub fn write(robot: &Robot, plan: &Plan, record: &RunRecord, log: &[u8]) -> Resu
     recorder.tell(Topic::Plan, &messages::line(0, "planned", points, PLANNED))?;
     recorder.frame(Topic::Tip, &plan.start)?;
 
-    let whole = log.get(..log.len().saturating_sub(record.cut_off)).unwrap_or_default();
-    let events = whole.split(|byte| *byte == b'\n').filter_map(|line| serde_json::from_slice::<Value>(line).ok());
     let mut growing = body.growing().zip(&record.layers).enumerate().peekable();
-    for event in events.skip(1) {
+    for event in events(log, record) {
         let kind = event.get("event").and_then(Value::as_str).unwrap_or_default();
         match kind {
             "status" => recorder.status(&event)?,
@@ -55,7 +53,7 @@ pub fn write(robot: &Robot, plan: &Plan, record: &RunRecord, log: &[u8]) -> Resu
                 let told = event.get("layer").and_then(Value::as_u64);
                 let next = growing.next_if(|(index, _)| told == Some(*index as u64));
                 if let Some((index, ((before, laid), planned))) = next {
-                    recorder.wait_for(&laid.layer, plan);
+                    recorder.clock.layer_took(time_for(&laid.layer, plan));
                     recorder.layer(index, laid, &decode(planned), &event)?;
                     let middle = before * half(&laid.layer).step();
                     recorder.disc(index, &middle, &laid.layer, &body)?;
@@ -109,34 +107,6 @@ fn half(layer: &Layer) -> Layer {
     Layer { height: 0.5 * layer.height, tilt: 0.5 * layer.tilt, ..*layer }
 }
 
-/// The time of a recording, ms.
-#[derive(Debug, Default)]
-struct Clock {
-    now: u64,
-    /// Time of the recording less that of the board, and the board's time in the status before.
-    board: Option<(i64, u32)>,
-    /// When the layer before was told.
-    laid: Option<u64>,
-}
-
-impl Clock {
-    /// A status has the board's time.
-    fn board_says(&mut self, uptime: u32) {
-        let ahead = match self.board {
-            Some((ahead, before)) if before <= uptime => ahead,
-            _ => self.now as i64 - i64::from(uptime),
-        };
-        self.board = Some((ahead, uptime));
-        self.now = self.now.max((ahead + i64::from(uptime)).max(0) as u64);
-    }
-
-    /// A layer that takes so long, ms, has been laid.
-    fn layer_took(&mut self, duration: u64) {
-        self.now = self.laid.map_or(self.now, |laid| self.now.max(laid + duration));
-        self.laid = Some(self.now);
-    }
-}
-
 /// A recording under way.
 struct Recorder {
     writer: Writer<Cursor<Vec<u8>>>,
@@ -167,7 +137,7 @@ impl Recorder {
     }
 
     fn tell(&mut self, topic: Topic, message: &Value) -> Result<(), McapError> {
-        let time = self.clock.now.saturating_mul(1_000_000);
+        let time = self.clock.now().saturating_mul(1_000_000);
         let channel_id = self.channels.get(&topic).copied().unwrap_or_default();
         let header = MessageHeader { channel_id, sequence: self.told, log_time: time, publish_time: time };
         self.told = self.told.wrapping_add(1);
@@ -175,25 +145,23 @@ impl Recorder {
     }
 
     fn frame(&mut self, topic: Topic, pose: &Pose) -> Result<(), McapError> {
-        let message = messages::pose_in_frame(self.clock.now, &pose.frame());
+        let message = messages::pose_in_frame(self.clock.now(), &pose.frame());
         self.tell(topic, &message)
     }
 
     fn tip(&mut self, laid: &BodyLayer) -> Result<(), McapError> {
-        let message = messages::pose_in_frame(self.clock.now, &laid.base_from_tip);
+        let message = messages::pose_in_frame(self.clock.now(), &laid.base_from_tip);
         self.tell(Topic::Tip, &message)
     }
 
     fn event(&mut self, level: Level, words: &str) -> Result<(), McapError> {
-        let message = messages::log(self.clock.now, level, words);
+        let message = messages::log(self.clock.now(), level, words);
         self.tell(Topic::Events, &message)
     }
 
     fn status(&mut self, event: &Value) -> Result<(), McapError> {
-        if let Some(uptime) = event.get("uptime_ms").and_then(Value::as_u64).and_then(|ms| ms.try_into().ok()) {
-            self.clock.board_says(uptime);
-        }
-        let mut message = json!({ "timestamp": messages::time(self.clock.now) });
+        self.clock.status(event);
+        let mut message = json!({ "timestamp": messages::time(self.clock.now()) });
         copy(event, &["state", "fault", "temperature_c", "target_c", "laid", "uptime_ms"], &mut message);
         self.tell(Topic::Status, &message)?;
         self.latched(event.get("fault").and_then(Value::as_str))
@@ -213,22 +181,16 @@ impl Recorder {
 
     fn fault(&mut self, code: &str, explanation: &str) -> Result<(), McapError> {
         let message = json!({
-            "timestamp": messages::time(self.clock.now), "code": code, "explanation": explanation,
+            "timestamp": messages::time(self.clock.now()), "code": code, "explanation": explanation,
         });
         self.tell(Topic::Faults, &message)?;
         self.event(Level::Error, &format!("fault {code}: {explanation}"))
     }
 
-    /// Lets the time pass that the robot needs for a layer: its share of the plan's.
-    fn wait_for(&mut self, layer: &Layer, plan: &Plan) {
-        let share = if plan.needs.length > 0.0 { layer.height / plan.needs.length } else { 0.0 };
-        self.clock.layer_took((1000.0 * share * plan.needs.duration).round() as u64);
-    }
-
     fn layer(&mut self, index: usize, laid: &BodyLayer, planned: &Layer, event: &Value) -> Result<(), McapError> {
         let layer = &laid.layer;
         let mut message = json!({
-            "timestamp": messages::time(self.clock.now),
+            "timestamp": messages::time(self.clock.now()),
             "layer": index,
             "alpha_deg": degrees_below_turn(layer.alpha),
             "height_mm": layer.height,
@@ -249,7 +211,7 @@ impl Recorder {
         let color = low.lerp(&high, share).into();
         let diameter = 2.0 * body.radius + body.width;
         let id = format!("layer {index}");
-        let message = messages::disc(self.clock.now, &id, base_from_middle, diameter, layer.height, color);
+        let message = messages::disc(self.clock.now(), &id, base_from_middle, diameter, layer.height, color);
         self.tell(Topic::Body, &message)
     }
 

@@ -3,7 +3,7 @@
 //! - [`Subject`]: what is looked at, a plan or a run log;
 //! - [`page`]: one HTML page that opens without a network: the tube in three dimensions and the numbers beside it; `data`, what it is given, as
 //!   JSON, `numbers`, in words, and `side_by_side`, those of two;
-//! - [`picture`]: an SVG for papers;
+//! - [`picture`]: an SVG for papers; [`plot`]: layers, error and temperature along it;
 //! - `self_clearance`: how near the wall comes to itself;
 //! - growbot-host/viewer/: the page itself and its script, which is bundled there at development time.
 
@@ -11,6 +11,7 @@ mod data;
 mod numbers;
 pub mod page;
 pub mod picture;
+pub mod plot;
 mod self_clearance;
 mod side_by_side;
 
@@ -40,6 +41,20 @@ pub enum ViewError {
         name: String,
         /// Layers that it has.
         found: usize,
+    },
+    /// A plan has not what only a growth has.
+    #[error("{name} is a plan and has no {what}; give a run log, as `growbot grow --log` writes it")]
+    NotMeasured {
+        /// The plan.
+        name: String,
+        /// What it has not.
+        what: &'static str,
+    },
+    /// A run log without temperatures.
+    #[error("{name} tells no temperature: leave it out of --plot")]
+    NotTold {
+        /// The log.
+        name: String,
     },
 }
 

@@ -69,7 +69,9 @@ pub fn caption(subject: &Subject, layers: &Layers, called: &str) -> String {
         (planner, pieces) => pieces.or(planner.map(str::to_owned)),
     };
     let (length, count) = (layers.length(), layers.body().len());
-    let parts = [grown, path, Some(format!("{length:.1} mm")), Some(format!("{count} layers"))];
+    let total = subject.run.map_or(count, |run| run.total as usize);
+    let count = if count < total { format!("{count} of {total} layers") } else { format!("{count} layers") };
+    let parts = [grown, path, Some(format!("{length:.1} mm")), Some(count)];
     parts.into_iter().flatten().collect::<Vec<_>>().join(" · ")
 }
 

@@ -46,7 +46,7 @@ pub fn of_two([one, other]: [&Subject; 2]) -> Result<String, ViewError> {
     let [a, b] = &layers;
     let data = json!({
         "compared": [data::of(one, a), data::of(other, b)],
-        "difference": difference([(one, a), (other, b)]),
+        "difference": difference([(one.name, a), (other.name, b)]),
         "numbers": together(&numbers::of(one, a), &numbers::of(other, b)),
     });
     Ok(filled(&format!("{} and {}", one.name, other.name), &data, NOWHERE))

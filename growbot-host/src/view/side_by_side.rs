@@ -2,8 +2,8 @@
 
 use serde_json::{Value, json};
 
+use super::Layers;
 use super::numbers::Group;
-use super::{Layers, Subject};
 
 /// The groups of two, each `[heading, [[name, value, value], ...]]`; null where one has no such value.
 pub fn together(one: &[Group], other: &[Group]) -> Value {
@@ -33,16 +33,21 @@ fn joined<'a, T>(one: &'a [(String, T)], other: &'a [(String, T)]) -> Vec<(&'a s
     all
 }
 
-/// By how much one body is longer than the other, in words.
-pub fn difference(pair: [(&Subject, &Layers); 2]) -> String {
-    let [(one, a), (other, b)] = pair.map(|(subject, layers)| (subject.name, layers.length()));
+/// By how much one body is longer than the other, in words; each is called so.
+pub fn difference(pair: [(&str, &Layers); 2]) -> String {
+    let [(one, a), (other, b)] = pair.map(|(name, layers)| (name, tenths(layers.length())));
     let (longer, long, shorter, short) = if a >= b { (one, a, other, b) } else { (other, b, one, a) };
     let by = long - short;
     if by < 0.05 {
-        return format!("{one} and {other} are of one length.");
+        return format!("{one} and {other} are of one length");
     }
     let share = if short > 0.0 { format!(" ({:.1} %)", 100.0 * by / short) } else { String::new() };
-    format!("{longer} is {by:.1} mm{share} longer than {shorter}.")
+    format!("{longer} is {by:.1} mm{share} longer than {shorter}")
+}
+
+/// As lengths are written, so that the difference is the one of what is written, mm.
+fn tenths(length: f64) -> f64 {
+    (10.0 * length).round() / 10.0
 }
 
 #[cfg(test)]

@@ -12,11 +12,15 @@ const AXES: [(&str, &str); 3] = [("x", "#d93a3a"), ("y", "#2f9e4f"), ("z", "#2f6
 const LETTER: f64 = 4.2;
 const WORD: f64 = 14.0;
 
-/// An arrow from a point in a direction, mm; `thick` is the radius of its shaft.
+/// An arrow, mm.
 pub struct Arrow {
+    /// Its tail.
     pub from: Vector3<f64>,
+    /// Its direction, a unit vector.
     pub along: Vector3<f64>,
+    /// From tail to point.
     pub length: f64,
+    /// Radius of its shaft.
     pub thick: f64,
 }
 
@@ -30,7 +34,7 @@ pub fn arrow(place: &Place, arrow: &Arrow, colour: &str) -> String {
 }
 
 /// The axes of the tip, x, y and z, over everything. One that points at who looks has no name.
-pub fn axes(canvas: &mut Canvas, place: &Place, base_from_tip: &Frame, length: f64) {
+pub fn draw_axes(canvas: &mut Canvas, place: &Place, base_from_tip: &Frame, length: f64) {
     let mut axes: Vec<_> = [Vector3::x(), Vector3::y(), Vector3::z()]
         .into_iter()
         .map(|axis| base_from_tip.rotation * axis)
@@ -43,9 +47,9 @@ pub fn axes(canvas: &mut Canvas, place: &Place, base_from_tip: &Frame, length: f
         let axis = Arrow { from, along, length, thick: 0.035 * length };
         canvas.add(arrow(place, &axis, colour).trim_end());
         let [right, down] = place.direction(&along);
-        let seen = right.hypot(down);
+        let seen = libm::hypot(right, down);
         // The goal's arrow goes on where z ends.
-        let over_z = right * ahead_right + down * ahead_down > 0.8 * seen * ahead_right.hypot(ahead_down);
+        let over_z = right * ahead_right + down * ahead_down > 0.8 * seen * libm::hypot(ahead_right, ahead_down);
         if seen > 0.35 && !over_z {
             word_beyond(canvas, place, &(from + length * along), &along, name, colour);
         }
@@ -80,37 +84,81 @@ pub fn word_beyond(
 ) {
     let [x, y] = place.point(end);
     let [right, down] = place.direction(along);
-    let seen = right.hypot(down);
+    let seen = libm::hypot(right, down);
     let [right, down] = if seen > 1e-6 { [right / seen, down / seen] } else { [0.0, 1.0] };
     let aside = LETTER * text.chars().count() as f64 + 8.0;
     word(canvas, [x + right * aside, y + down * WORD + 4.5], text, colour);
 }
 
-/// A floor of squares at a height under these bounds, mm, within an area of the drawing.
-pub fn floor(
+/// A word beside a point, with a line to it, on the side from which these directions point away most.
+pub fn word_at_free_side(
     canvas: &mut Canvas,
     place: &Place,
-    bounds: &Bounds,
-    height: f64,
-    square: f64,
-    [left, top, width, high]: [f64; 4],
-    index: usize,
+    [x, y]: [f64; 2],
+    taken: &[Vector3<f64>],
+    text: &str,
+    colour: &str,
 ) {
-    let [x0, y0] = bounds.least.map(|least| libm::floor(least / square));
-    let [x1, y1] = bounds.greatest.map(|greatest| libm::ceil(greatest / square));
-    let mut lines = String::new();
-    let mut add = |from: [f64; 2], to: [f64; 2]| {
-        let [from, to] = [from, to].map(|[x, y]| place.point(&Vector3::new(square * x, square * y, height)));
-        lines += &format!("M{:.1} {:.1}L{:.1} {:.1}", from[0], from[1], to[0], to[1]);
+    const FAR: f64 = 52.0;
+    let taken: Vec<[f64; 2]> = taken.iter().map(|along| place.direction(along)).collect();
+    // How far a side goes along with what is there.
+    let crowded = |[right, down]: &[f64; 2]| {
+        taken.iter().map(|[along, below]| right * along + down * below).fold(f64::NEG_INFINITY, f64::max)
     };
-    for step in 0..=(x1 - x0) as u32 {
-        add([x0 + f64::from(step), y0], [x0 + f64::from(step), y1]);
+    let sides = (0..16)
+        .map(|side| std::f64::consts::TAU * f64::from(side) / 16.0)
+        .map(|angle| [libm::cos(angle), libm::sin(angle)]);
+    let Some([right, down]) = sides.min_by(|a, b| crowded(a).total_cmp(&crowded(b))) else { return };
+    let (end_x, end_y) = (x + FAR * right, y + FAR * down);
+    for (stroke, width) in [("#fff", 3.5), (colour, 1.2)] {
+        canvas.line([(x, y), (end_x, end_y)], format_args!("stroke=\"{stroke}\" stroke-width=\"{width}\""));
     }
-    for step in 0..=(y1 - y0) as u32 {
-        add([x0, y0 + f64::from(step)], [x1, y0 + f64::from(step)]);
+    let aside = LETTER * text.chars().count() as f64 + 4.0;
+    word(canvas, [end_x + right * aside, end_y + down * WORD + 4.5], text, colour);
+}
+
+/// A floor of whole squares.
+pub struct Floor {
+    /// Its least corner, x and y, and its height, mm.
+    corner: Vector3<f64>,
+    /// Squares along x and y.
+    squares: [u32; 2],
+    /// Side of a square, mm.
+    side: f64,
+}
+
+impl Floor {
+    /// At this height under these bounds, x and y, with squares of this side, mm.
+    pub fn under(bounds: &Bounds, height: f64, side: f64) -> Self {
+        let squares = bounds.size().map(|size| libm::ceil(size / side).max(1.0));
+        let [x, y] = bounds.centre();
+        let corner = Vector3::new(x - 0.5 * side * squares[0], y - 0.5 * side * squares[1], height);
+        Self { corner, squares: squares.map(|count| count as u32), side }
     }
-    canvas.add(format_args!(
-        "<clipPath id=\"gc-stage-{index}\"><rect x=\"{left}\" y=\"{top}\" width=\"{width}\" height=\"{high}\"/></clipPath>\n\
-         <path clip-path=\"url(#gc-stage-{index})\" class=\"grid\" d=\"{lines}\"/>"
-    ));
+
+    /// So many squares from its corner.
+    fn at(&self, x: u32, y: u32) -> Vector3<f64> {
+        self.corner + self.side * Vector3::new(f64::from(x), f64::from(y), 0.0)
+    }
+
+    /// Its four corners.
+    pub fn corners(&self) -> [Vector3<f64>; 4] {
+        let [x, y] = self.squares;
+        [(0, 0), (x, 0), (0, y), (x, y)].map(|(x, y)| self.at(x, y))
+    }
+
+    /// Draws it.
+    pub fn draw(&self, canvas: &mut Canvas, place: &Place) {
+        let [wide, deep] = self.squares;
+        let along = (0..=wide).map(|x| [self.at(x, 0), self.at(x, deep)]);
+        let across = (0..=deep).map(|y| [self.at(0, y), self.at(wide, y)]);
+        let lines: String = along
+            .chain(across)
+            .map(|ends| {
+                let [from, to] = ends.map(|end| place.point(&end));
+                format!("M{:.1} {:.1}L{:.1} {:.1}", from[0], from[1], to[0], to[1])
+            })
+            .collect();
+        canvas.add(format_args!("<path class=\"grid\" d=\"{lines}\"/>"));
+    }
 }

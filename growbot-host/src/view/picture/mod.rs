@@ -21,6 +21,7 @@ use self::place::{Bounds, Place};
 use self::stage::Stage;
 use self::tube::{Detail, HEIGHTS, height_range};
 use super::numbers::{caption, measured};
+use super::side_by_side::difference;
 use super::{Layers, Subject, ViewError};
 use crate::drawing::canvas::{Canvas, escape};
 use crate::drawing::chart::{number, round_below};
@@ -39,9 +40,11 @@ const FOOT: f64 = 76.0;
 const EDGE: f64 = 28.0;
 /// Width of the scale of heights.
 const LEGEND: f64 = 220.0;
+/// So many letters fit between scale bar and legend.
+const MOST_WORDS: usize = 70;
 /// How finely a body alone is drawn and each of two: a picture has some hundreds of kB.
-const FINE: Detail = Detail { rings: 280, faces: 56 };
-const LESS_FINE: Detail = Detail { rings: 140, faces: 40 };
+const FINE: Detail = Detail { rings: 200, faces: 56 };
+const LESS_FINE: Detail = Detail { rings: 80, faces: 36 };
 
 /// The picture of a body or two, which are then seen from one side and at one scale.
 ///
@@ -55,7 +58,8 @@ pub fn svg(subjects: &[&Subject], look: Look) -> Result<String, ViewError> {
     let stages: Vec<Stage> = all.iter().map(|(subject, layers)| Stage::new(subject, layers, detail)).collect();
     let camera = Camera::new(look, &facing(&stages));
     let range = whole_range(&all);
-    let mut bounds: Vec<Bounds> = stages.iter().map(|stage| stage.bounds(&camera)).collect();
+    let square = stages.iter().map(Stage::square).fold(0.0, f64::max);
+    let mut bounds: Vec<Bounds> = stages.iter().map(|stage| stage.bounds(&camera, square)).collect();
     // Bodies to one goal are seen in one frame, so that what is at one place is at one place.
     if stages.iter().all(|stage| stages.first().is_some_and(|first| stage.has_ends_of(first))) {
         let together = bounds.iter().fold(Bounds::NONE, |all, one| all.and(*one));
@@ -73,12 +77,18 @@ pub fn svg(subjects: &[&Subject], look: Look) -> Result<String, ViewError> {
         let left = width * index as f64;
         let at = [left + 0.5 * width, HEAD + 0.5 * high];
         let place = Place { camera, scale, centre: bounds.centre(), at };
-        stage.draw(&mut canvas, &place, range, [left, HEAD, width, high], index);
+        stage.draw(&mut canvas, &place, range, square);
         head(&mut canvas, left + EDGE, subject, layers);
     }
     if stages.len() > 1 {
         let bottom = HEAD + high;
         canvas.add(format_args!("<path class=\"grid\" d=\"M{width} 24V{bottom}\"/>"));
+    }
+    if let [(one, a), (other, b)] = &all[..] {
+        let words = difference([(one.stem(), a), (other.stem(), b)]);
+        if words.chars().count() <= MOST_WORDS {
+            canvas.text(0.47 * WIDE, HEAD + high + FOOT - 26.0, "mid", escape(&words));
+        }
     }
     scale_bar(&mut canvas, [EDGE, HEAD + high + FOOT - 26.0], scale);
     legend(&mut canvas, [WIDE - EDGE - LEGEND, HEAD + high + FOOT - 46.0], range);
@@ -88,7 +98,7 @@ pub fn svg(subjects: &[&Subject], look: Look) -> Result<String, ViewError> {
 /// What the picture from a corner is to show, the first most: where goals point, and where they lie.
 fn facing(stages: &[Stage]) -> Vec<Vector3<f64>> {
     let goals = stages.iter().map(Stage::goal_direction);
-    goals.chain(stages.iter().map(Stage::from_start_to_goal)).collect()
+    goals.chain(stages.iter().map(Stage::way_to_goal)).collect()
 }
 
 /// The heights that the colours of all go over, mm.

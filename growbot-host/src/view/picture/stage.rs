@@ -5,7 +5,7 @@ use growbot_core::pose::Pose;
 use nalgebra::Vector3;
 
 use super::camera::Camera;
-use super::marks::{Arrow, arrow, axes, disc, floor, word, word_beyond};
+use super::marks::{Arrow, Floor, arrow, disc, draw_axes, word, word_at_free_side, word_beyond};
 use super::place::{Bounds, Place};
 use super::tube::{Detail, Tube, line};
 use crate::drawing::canvas::Canvas;
@@ -62,7 +62,7 @@ impl Stage {
     }
 
     /// How to get there.
-    pub fn from_start_to_goal(&self) -> Vector3<f64> {
+    pub fn way_to_goal(&self) -> Vector3<f64> {
         self.goal.position() - self.start.position()
     }
 
@@ -71,22 +71,33 @@ impl Stage {
         self.start == other.start && self.goal == other.goal
     }
 
-    /// What is to be seen of it.
-    pub fn bounds(&self, camera: &Camera) -> Bounds {
+    /// What is to be seen of it, with a floor of squares of this side, mm.
+    pub fn bounds(&self, camera: &Camera, square: f64) -> Bounds {
         let centrelines = self.tube.centreline().chain(self.planned.iter().flat_map(Tube::centreline));
         let seen = centrelines.fold(Bounds::NONE, |seen, point| seen.with(camera.see(&point), self.outer));
         let [start, goal] = [self.start_arrow(), self.goal_arrow()];
         let marks = [start.from, goal.from + goal.length * goal.along].into_iter().chain(self.reached);
         let seen = marks.fold(seen, |seen, point| seen.with(camera.see(&point), 0.2 * self.outer));
-        if self.has_floor(camera) {
-            // The shadow.
-            let onto = |point: Vector3<f64>| Vector3::new(point.x, point.y, self.floor);
-            return self
-                .tube
-                .centreline()
-                .fold(seen, |seen, point| seen.with(camera.see(&onto(point)), 0.6 * self.outer));
-        }
-        seen
+        let floor = self.floor(square).filter(|_| self.has_floor(camera));
+        floor.iter().flat_map(Floor::corners).fold(seen, |seen, corner| seen.with(camera.see(&corner), 0.0))
+    }
+
+    /// The floor, of squares of this side, mm.
+    fn floor(&self, square: f64) -> Option<Floor> {
+        Some(Floor::under(&self.ground()?, self.floor, square))
+    }
+
+    /// What lies under it, x and y.
+    fn ground(&self) -> Option<Bounds> {
+        let points = self.tube.centreline().chain(self.planned.iter().flat_map(Tube::centreline));
+        let points = points.chain([self.goal.position()]).map(|point| [point.x, point.y]);
+        points.map(|point| Bounds::NONE.with(point, self.outer)).reduce(Bounds::and)
+    }
+
+    /// Side of the floor's squares that suits it, mm.
+    pub fn square(&self) -> f64 {
+        let [wide, deep] = self.ground().map_or([0.0; 2], |ground| ground.size());
+        round_below(0.3 * (0.5 * libm::hypot(wide, deep)).max(200.0))
     }
 
     /// A floor that is seen from its edge tells nothing, and one from above hides behind the body.
@@ -118,16 +129,11 @@ impl Stage {
         2.0 * self.outer
     }
 
-    /// Draws it into this area: left, top, width, height; `index` tells several in a drawing apart.
-    pub fn draw(&self, canvas: &mut Canvas, place: &Place, range: [f64; 2], area: [f64; 4], index: usize) {
+    /// Draws it; colours go over this range, the floor has squares of this side, mm.
+    pub fn draw(&self, canvas: &mut Canvas, place: &Place, range: [f64; 2], square: f64) {
         let camera = &place.camera;
-        if self.has_floor(camera) {
-            let spans = self.tube.centreline().chain(self.planned.iter().flat_map(Tube::centreline));
-            let spans = spans.chain([self.goal.position()]).map(|point| [point.x, point.y]);
-            let bounds = spans.fold(Bounds::NONE, |all, point| all.with(point, self.outer));
-            let [wide, deep] = bounds.size();
-            let square = round_below(0.3 * (0.5 * wide.hypot(deep)).max(200.0));
-            floor(canvas, place, &bounds, self.floor, square, area, index);
+        if let Some(floor) = self.floor(square).filter(|_| self.has_floor(camera)) {
+            floor.draw(canvas, place);
             canvas.add(format_args!(
                 "<path fill=\"{SHADOW}\" stroke=\"{SHADOW}\" stroke-width=\".5\" d=\"{}\"/>",
                 self.tube.shadow(self.floor, place)
@@ -160,10 +166,23 @@ impl Stage {
 
     /// What lies over everything: the tip's axes, poses on the way, and names.
     fn words(&self, canvas: &mut Canvas, place: &Place) {
-        axes(canvas, place, &self.tube.base_from_tip(), self.axis());
+        draw_axes(canvas, place, &self.tube.base_from_tip(), self.axis());
         let [start, goal] = [self.start_arrow(), self.goal_arrow()];
-        word_beyond(canvas, place, &start.from, &-start.along, "start", START);
-        word_beyond(canvas, place, &(goal.from + goal.length * goal.along), &goal.along, "goal", GOAL);
+        let tip = self.tube.base_from_tip();
+        let axes = [Vector3::x(), Vector3::y(), Vector3::z(), -Vector3::z()].map(|axis| tip.rotation * axis);
+        let ahead = self.tube.centreline().find(|point| (point - start.from).norm() > 2.0 * self.reach);
+        let ahead = ahead.map_or(start.along, |point| (point - start.from).normalize());
+        for (end, along, name, colour, taken) in [
+            (start.from, -start.along, "start", START, &[ahead][..]),
+            (goal.from + goal.length * goal.along, goal.along, "goal", GOAL, &axes[..]),
+        ] {
+            let [right, down] = place.direction(&along);
+            if libm::hypot(right, down) > 0.15 {
+                word_beyond(canvas, place, &end, &along, name, colour);
+            } else {
+                word_at_free_side(canvas, place, place.point(&end), taken, name, colour);
+            }
+        }
         for (index, via) in self.via.iter().enumerate() {
             let at = place.point(&via.position());
             disc(canvas, at, 0.2 * self.outer * place.scale, GOAL);
@@ -171,8 +190,8 @@ impl Stage {
         }
         if let Some(reached) = &self.reached {
             let at = place.point(reached);
+            word_at_free_side(canvas, place, at, &axes, "reached", PLANNED);
             disc(canvas, at, 0.15 * self.outer * place.scale, PLANNED);
-            word(canvas, [at[0], at[1] + 0.15 * self.outer * place.scale + 18.0], "reached", PLANNED);
         }
     }
 }

@@ -1,0 +1,63 @@
+//! The time of what a run log tells.
+//!
+//! A run log has no clock. Time begins at 0 with the first status; each status gives the board's time, which goes on where it was after a
+//! reset; between them a layer is told no sooner after the one before than the robot needs for it.
+
+use growbot_core::layer::Layer;
+use serde_json::Value;
+
+use crate::plan::Plan;
+use crate::run_log::RunRecord;
+
+/// The time of a growth, ms.
+#[derive(Debug, Default)]
+pub struct Clock {
+    now: u64,
+    /// Time less that of the board, and the board's time in the status before.
+    board: Option<(i64, u32)>,
+    /// When the layer before was told.
+    laid: Option<u64>,
+}
+
+impl Clock {
+    /// The time.
+    #[must_use]
+    pub fn now(&self) -> u64 {
+        self.now
+    }
+
+    /// A status has the board's time.
+    pub fn status(&mut self, event: &Value) {
+        if let Some(uptime) = event.get("uptime_ms").and_then(Value::as_u64).and_then(|ms| ms.try_into().ok()) {
+            self.board_says(uptime);
+        }
+    }
+
+    fn board_says(&mut self, uptime: u32) {
+        let ahead = match self.board {
+            Some((ahead, before)) if before <= uptime => ahead,
+            _ => self.now as i64 - i64::from(uptime),
+        };
+        self.board = Some((ahead, uptime));
+        self.now = self.now.max((ahead + i64::from(uptime)).max(0) as u64);
+    }
+
+    /// A layer that takes so long, ms, has been laid.
+    pub fn layer_took(&mut self, duration: u64) {
+        self.now = self.laid.map_or(self.now, |laid| self.now.max(laid + duration));
+        self.laid = Some(self.now);
+    }
+}
+
+/// How long the robot needs for a layer, ms: its share of the plan's time.
+#[must_use]
+pub fn time_for(layer: &Layer, plan: &Plan) -> u64 {
+    let share = if plan.needs.length > 0.0 { layer.height / plan.needs.length } else { 0.0 };
+    (1000.0 * share * plan.needs.duration).round() as u64
+}
+
+/// The events of a log of these bytes after its header, as far as it is whole.
+pub fn events<'a>(log: &'a [u8], record: &RunRecord) -> impl Iterator<Item = Value> + 'a {
+    let whole = log.get(..log.len().saturating_sub(record.cut_off)).unwrap_or_default();
+    whole.split(|byte| *byte == b'\n').filter_map(|line| serde_json::from_slice(line).ok()).skip(1)
+}

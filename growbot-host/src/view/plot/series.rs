@@ -1,0 +1,157 @@
+//! What there is to plot of a body: one value for each layer, and the temperatures that a run log tells.
+
+use growbot_core::angle::degrees;
+use growbot_core::kinematics::advance;
+use growbot_core::layer_bytes::{LayerBytes, decode};
+use growbot_core::pose::Frame;
+use nalgebra::Vector3;
+use serde_json::Value;
+
+use crate::plan::Plan;
+use crate::run_clock::{Clock, events, time_for};
+use crate::run_log::RunRecord;
+
+/// The layers of a body, each at the end of what it adds.
+pub struct Layered {
+    /// Length of the body then, mm.
+    pub lengths: Vec<f64>,
+    /// Height on the middle of the wall, mm: least, mean, greatest round it.
+    pub heights: Vec<[f64; 3]>,
+    /// Tilt, degrees.
+    pub tilts: Vec<f64>,
+}
+
+impl Layered {
+    /// Of these layers; radius of the middle of the wall, mm.
+    pub fn of(layers: &[LayerBytes], tip_radius: f64) -> Self {
+        let mut length = 0.0;
+        let mut of = Self { lengths: Vec::new(), heights: Vec::new(), tilts: Vec::new() };
+        for layer in layers.iter().map(decode) {
+            length += layer.height;
+            of.lengths.push(length);
+            of.heights.push([layer.least_height(tip_radius), layer.height, layer.greatest_height(tip_radius)]);
+            of.tilts.push(degrees(layer.tilt));
+        }
+        of
+    }
+}
+
+/// How far a body lies off the planned one at the same length after each of its layers, mm.
+pub fn off_the_plan(start: &Frame, built: &[LayerBytes], planned: &[LayerBytes]) -> Vec<f64> {
+    let planned = centreline(start, planned);
+    let mut near = 0;
+    let off = centreline(start, built).into_iter().skip(1).map(|(length, point)| {
+        while planned.get(near + 1).is_some_and(|(next, _)| *next < length) {
+            near += 1;
+        }
+        let Some((from, at)) = planned.get(near) else { return 0.0 };
+        let Some((to, ahead)) = planned.get(near + 1) else { return (point - at).norm() };
+        let share = if to > from { ((length - from) / (to - from)).clamp(0.0, 1.0) } else { 0.0 };
+        (point - at.lerp(ahead, share)).norm()
+    });
+    off.collect()
+}
+
+/// Length and position of the tip, from the start on, mm.
+fn centreline(start: &Frame, layers: &[LayerBytes]) -> Vec<(f64, Vector3<f64>)> {
+    let (mut base_from_tip, mut length) = (*start, 0.0);
+    let mut points = vec![(length, base_from_tip.translation.vector)];
+    for layer in layers.iter().map(decode) {
+        base_from_tip = advance(&base_from_tip, &layer.step());
+        length += layer.height;
+        points.push((length, base_from_tip.translation.vector));
+    }
+    points
+}
+
+/// When things were, s.
+#[derive(Debug, Default, PartialEq)]
+pub struct Timeline {
+    /// When each layer was laid.
+    pub laid: Vec<f64>,
+    /// What the nozzle's temperature was.
+    pub temperatures: Vec<Reading>,
+}
+
+/// What a status says of the nozzle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Reading {
+    /// When, s.
+    pub at: f64,
+    /// Layers laid before.
+    pub laid: usize,
+    /// Its temperature, C.
+    pub celsius: f64,
+    /// What it is to be, C; none while it is off.
+    pub target: Option<f64>,
+}
+
+impl Timeline {
+    /// Of a plan: as long as the robot needs for each layer.
+    pub fn planned(layers: &[LayerBytes], plan: &Plan) -> Self {
+        let mut now = 0;
+        let laid = layers.iter().map(|layer| {
+            now += time_for(&decode(layer), plan);
+            now as f64 / 1000.0
+        });
+        Self { laid: laid.collect(), temperatures: Vec::new() }
+    }
+
+    /// Of a run log of these bytes, whose body has these layers.
+    pub fn told(log: &[u8], record: &RunRecord, layers: &[LayerBytes], plan: &Plan) -> Self {
+        let mut clock = Clock::default();
+        let mut told = Self::default();
+        for event in events(log, record) {
+            match event.get("event").and_then(Value::as_str).unwrap_or_default() {
+                "status" => {
+                    clock.status(&event);
+                    let number =
+                        |field: &str| event.get(field).and_then(Value::as_f64).filter(|value| value.is_finite());
+                    if let Some(celsius) = number("temperature_c") {
+                        let (at, laid, target) = (seconds(&clock), told.laid.len(), number("target_c"));
+                        told.temperatures.push(Reading { at, laid, celsius, target });
+                    }
+                }
+                "laid" => {
+                    // A layer may be told again after a resumption: the first report stands.
+                    let next = told.laid.len();
+                    let is_next = event.get("layer").and_then(Value::as_u64) == Some(next as u64);
+                    if let Some(layer) = layers.get(next).filter(|_| is_next) {
+                        clock.layer_took(time_for(&decode(layer), plan));
+                        told.laid.push(seconds(&clock));
+                    }
+                }
+                _ => {}
+            }
+        }
+        told
+    }
+}
+
+fn seconds(clock: &Clock) -> f64 {
+    clock.now() as f64 / 1000.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use growbot_core::layer::Layer;
+    use growbot_core::layer_bytes::Encoder;
+
+    fn straight(heights: &[f64]) -> Vec<LayerBytes> {
+        let mut encoder = Encoder::default();
+        heights.iter().map(|height| encoder.encode(&Layer { alpha: 0.0, height: *height, tilt: 0.0 })).collect()
+    }
+
+    #[test]
+    fn a_body_is_off_its_plan_by_what_lies_beside_and_beyond_it() {
+        let start = Frame::identity();
+        let planned = straight(&[1.0; 10]);
+        // Higher layers lie on the same line: not off until they go on beyond its end.
+        let off = off_the_plan(&start, &straight(&[1.5; 8]), &planned);
+        assert!(off[..6].iter().all(|mm| *mm < 1e-6), "{off:?}");
+        assert!((off[7] - 2.0).abs() < 1e-6, "{off:?}");
+        assert_eq!(off_the_plan(&start, &straight(&[1.0]), &[]), [1.0]);
+        assert!(off_the_plan(&start, &[], &planned).is_empty());
+    }
+}

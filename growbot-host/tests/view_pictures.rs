@@ -1,0 +1,186 @@
+//! view --svg, --png and --plot, run as a user runs them; and the picture at the head of README.md, made anew by the commands below it.
+
+mod running;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use running::{Ran, growbot};
+
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+fn done(args: &[&str]) -> Ran {
+    let ran = growbot(args);
+    assert_eq!(ran.code, Some(0), "{args:?}: {}", ran.err);
+    ran
+}
+
+/// One message, one line, exit 2, this in it, and no file.
+fn assert_refused(args: &[&str], parts: &[&str], file: &Path) {
+    let ran = growbot(args);
+    assert_eq!((ran.code, ran.err.lines().count()), (Some(2), 1), "{args:?}: {}", ran.err);
+    for part in parts {
+        assert!(ran.err.contains(part), "{part:?} is not in {:?}", ran.err);
+    }
+    assert!(ran.out.is_empty() && !file.exists(), "{args:?}");
+}
+
+/// A directory, and in it a plan with a bend, and the log of its growth with noise.
+fn plan_and_run() -> (tempfile::TempDir, PathBuf, PathBuf) {
+    let directory = tempfile::tempdir().unwrap();
+    let (plan, run) = (directory.path().join("plan.json"), directory.path().join("run.jsonl"));
+    done(&["plan", "--to", "120,60,200,30,20", "-o", text(&plan)]);
+    done(&["grow", text(&plan), "--noise", "10", "--seed", "1", "--log", text(&run)]);
+    (directory, plan, run)
+}
+
+/// Width, height and colours.
+fn pixels(file: &Path) -> (u32, u32, Vec<u8>) {
+    let decoder = png::Decoder::new(std::io::BufReader::new(fs::File::open(file).unwrap()));
+    let mut reader = decoder.read_info().unwrap();
+    let mut colours = vec![0; reader.output_buffer_size().unwrap()];
+    let info = reader.next_frame(&mut colours).unwrap();
+    assert_eq!(info.color_type, png::ColorType::Rgb);
+    (info.width, info.height, colours)
+}
+
+#[test]
+fn the_picture_of_the_readme_is_the_one_that_its_commands_make() {
+    /// A pixel is another one if one of its colours differs by more than so much; so many may, as edges and letters fall a little
+    /// otherwise with another release of what draws them.
+    const OTHER: u8 = 48;
+    const MOST_OTHERS: f64 = 0.005;
+    let committed = Path::new(env!("CARGO_MANIFEST_DIR")).join("../book/src/pictures/compare.png");
+    assert!(fs::metadata(&committed).unwrap().len() < 150_000);
+    let directory = Path::new(env!("CARGO_TARGET_TMPDIR"));
+    let [two_plane, shortest, made] =
+        ["two-plane.json", "shortest.json", "compare.png"].map(|name| directory.join(name));
+
+    // As README.md says, in another directory.
+    done(&["plan", "--to", "300,200,250,-45,-30", "--planner", "two-plane", "-o", text(&two_plane)]);
+    done(&["plan", "--to", "300,200,250,-45,-30", "-o", text(&shortest)]);
+    done(&["view", "--compare", text(&two_plane), text(&shortest), "--png", "--width", "1400", "-o", text(&made)]);
+
+    let (before, now) = (pixels(&committed), pixels(&made));
+    assert_eq!(
+        (before.0, before.1),
+        (now.0, now.1),
+        "{} is of another size than {}",
+        made.display(),
+        committed.display()
+    );
+    let pairs = before.2.chunks_exact(3).zip(now.2.chunks_exact(3));
+    let others = pairs.filter(|(a, b)| a.iter().zip(*b).any(|(a, b)| a.abs_diff(*b) > OTHER)).count();
+    let share = others as f64 / (f64::from(now.0) * f64::from(now.1));
+    assert!(
+        share <= MOST_OTHERS,
+        "{:.3} % of the pixels differ: look at {}, and if that is meant, copy it to {}",
+        100.0 * share,
+        made.display(),
+        committed.display()
+    );
+}
+
+#[test]
+fn a_picture_says_what_it_shows_and_is_no_larger_than_a_paper_takes() {
+    let (directory, plan, run) = plan_and_run();
+    let path = |name: &str| directory.path().join(name);
+    done(&["view", text(&plan), "--svg"]);
+    let svg = fs::read_to_string(path("plan.svg")).unwrap();
+    for part in [
+        "<title>plan.json: shortest (",
+        " layers</title>",
+        ">start<",
+        ">goal<",
+        "Height of the layers, mm",
+        " mm</text>",
+    ] {
+        assert!(svg.contains(part), "{part}");
+    }
+    assert!(svg.len() < 500_000 && !svg.contains("NaN") && !svg.contains("inf"), "{}", svg.len());
+    // The ending says the format, and another side another picture.
+    done(&["view", text(&plan), "-o", text(&path("side.svg")), "--look", "side"]);
+    assert_ne!(fs::read_to_string(path("side.svg")).unwrap(), svg);
+    done(&["view", text(&run), "--svg"]);
+    let grown = fs::read_to_string(path("run.svg")).unwrap();
+    assert!(grown.contains("off the goal, as the tip says") && grown.contains("stroke-dasharray"));
+    done(&["view", "--compare", text(&plan), text(&run), "--png", "--width", "640"]);
+    assert_eq!(pixels(&path("plan-run.png")).0, 640);
+
+    let long = path("long.json");
+    let via = ["--via", "1800,0,1200,90,0", "--via", "900,1800,700,180,20", "--via", "-400,1200,1600,-90,0"];
+    done(&[&["plan", "--to", "0,0,500,0,-90", "-o", text(&long)], &via[..]].concat());
+    done(&["view", text(&long), "--svg"]);
+    let svg = fs::read_to_string(path("long.svg")).unwrap();
+    assert!(svg.len() < 500_000 && svg.contains(">via 3<"), "{}", svg.len());
+}
+
+#[test]
+fn the_smallest_bodies_have_pictures_and_plots_too() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = |name: &str| directory.path().join(name);
+    for to in ["0,0,0,0,90", "0,0,0.1,0,90"] {
+        done(&["plan", "--to", to, "-o", text(&path("plan.json"))]);
+        for look in ["corner", "front", "side", "top"] {
+            done(&["view", text(&path("plan.json")), "-o", text(&path("plan.png")), "--look", look, "--width", "100"]);
+        }
+        done(&["view", text(&path("plan.json")), "--plot", "heights,tilt", "--along", "time"]);
+        let svg = fs::read_to_string(path("plan-plot.svg")).unwrap();
+        assert!(!svg.contains("NaN") && !svg.contains("inf"), "{svg}");
+    }
+}
+
+#[test]
+fn plots_have_a_panel_for_each_thing_and_units_on_their_axes() {
+    let (directory, plan, run) = plan_and_run();
+    let path = |name: &str| directory.path().join(name);
+    done(&["view", text(&plan), "--plot", "heights,tilt"]);
+    let svg = fs::read_to_string(path("plan-plot.svg")).unwrap();
+    for part in ["Height of the layers", "Tilt of the layers", ">mm</text>", ">deg</text>", "along the body, mm"] {
+        assert!(svg.contains(part), "{part}");
+    }
+    done(&["view", text(&run), "--plot", "heights,tilt,error,temperature", "--along", "time"]);
+    let svg = fs::read_to_string(path("run-plot.svg")).unwrap();
+    for part in ["Off the plan", "Temperature of the nozzle", "\u{b0}C</text>", "time, min"] {
+        assert!(svg.contains(part), "{part}");
+    }
+    assert_eq!(svg.matches("class=\"head\"").count(), 4);
+    done(&["view", text(&run), "--plot", "error", "--png", "--width", "300"]);
+    assert_eq!(pixels(&path("run-plot.png")).0, 300);
+}
+
+#[test]
+fn what_cannot_be_drawn_is_said_and_leaves_no_file() {
+    let (directory, plan, run) = plan_and_run();
+    let file = directory.path().join("out.svg");
+    let view =
+        |args: &[&str], parts: &[&str]| assert_refused(&[&["view", "-o", text(&file)], args].concat(), parts, &file);
+    view(&[text(&plan), "--plot", "temperature"], &["plan.json is a plan", "no temperature", "run log"]);
+    view(&[text(&plan), "--plot", "heights,error"], &["plan.json is a plan", "error", "run log"]);
+    let lines = fs::read_to_string(&run).unwrap();
+    let cold: String =
+        lines.lines().filter(|line| !line.contains("temperature_c")).map(|line| format!("{line}\n")).collect();
+    fs::write(directory.path().join("cold.jsonl"), cold).unwrap();
+    view(&[text(&directory.path().join("cold.jsonl")), "--plot", "temperature"], &["cold.jsonl tells no temperature"]);
+    view(&[text(&directory.path().join("none.json")), "--svg"], &["none.json", "cannot read"]);
+    view(&[text(&plan), text(&run), "--svg"], &["--compare"]);
+    // What the options themselves say takes more lines.
+    for args in [
+        &["--plot", "heigth"][..],
+        &["--svg", "--png"],
+        &["--png", "--width", "7"],
+        &["--along", "time"],
+        &["--plot", "tilt", "--compare", text(&plan)],
+    ] {
+        let ran = growbot(&[&["view", text(&plan)], args].concat());
+        assert_eq!(ran.code, Some(2), "{args:?}: {}", ran.err);
+    }
+    let refused = growbot(&["view", text(&plan), "--plot", "tilt", "-o", text(&directory.path().join("tilt.html"))]);
+    assert!(refused.code == Some(2) && refused.err.contains("SVG or PNG"), "{}", refused.err);
+    let refused = growbot(&["view", text(&plan), "--width", "800"]);
+    assert!(refused.code == Some(2) && refused.err.contains("--png"), "{}", refused.err);
+    let refused = growbot(&["view", text(&plan), "--look", "top"]);
+    assert!(refused.code == Some(2) && refused.err.contains("--svg"), "{}", refused.err);
+}
