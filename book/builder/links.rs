@@ -133,6 +133,10 @@ fn page(html: &str) -> Page {
                 ("a", "href") => page.links.push(value),
                 (_, "href" | "src" | "poster" | "data") if !value.starts_with("data:") => page.fetches.push(value),
                 (_, "id") => drop(page.places.insert(value)),
+                // For such a block mdBook's script asks what can be run there.
+                (_, "class") if value.split(' ').any(|class| class == "playground") => {
+                    page.fetches.push("https://play.rust-lang.org".to_owned());
+                }
                 _ => {}
             }
         }
