@@ -20,11 +20,12 @@ export function showOne(data) {
   const chart = off && drawChart(find("#chart"), built, off);
   const picture = makePicture(find(".stage"), subject);
 
-  const shown = ["built", "planned"].map((name) => [name, find(`#show-${name}`)]);
+  const shown = ["built", "planned", "estimated"].map((name) => [name, find(`#show-${name}`)]);
   shown.forEach(([, box]) => {
     box.addEventListener("change", () => picture?.reveal(Object.fromEntries(shown.map(([name, { checked }]) => [name, checked]))));
   });
   find("#compared").hidden = !built;
+  find("#estimated").hidden = !subject.estimated;
 
   makePlayer(body.layers.count, (layers) => {
     const pose = poseAt(body, layers);
