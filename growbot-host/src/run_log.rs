@@ -11,7 +11,7 @@ use std::path::Path;
 use growbot_core::angle::degrees;
 use growbot_core::layer_bytes::{LayerBytes, decode};
 use growbot_core::link::message::{Fault, Measured};
-use growbot_core::pose::Pose;
+use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::Robot;
 use growbot_core::tracking::SensorNoise;
 use serde_json::{Value, json};
@@ -301,6 +301,24 @@ impl RunRecord {
     /// The feedback as it stood when the log ended; none for a growth without.
     #[must_use]
     pub fn feedback<'a>(&self, job: &Job<'a>, plan: &'a Plan) -> Option<Feedback<'a>> {
+        self.fed_back(job, plan, |_| ())
+    }
+
+    /// Where feedback took the tip to be after each layer; none for a growth without.
+    #[must_use]
+    pub fn estimated(&self, job: &Job, plan: &Plan) -> Option<Vec<Frame>> {
+        let mut path = Vec::with_capacity(self.as_built.len());
+        self.fed_back(job, plan, |feedback| path.push(feedback.result().estimate.base_from_tip))?;
+        Some(path)
+    }
+
+    /// The feedback of the whole log, which is looked at after each layer.
+    fn fed_back<'a>(
+        &self,
+        job: &Job<'a>,
+        plan: &'a Plan,
+        mut after_layer: impl FnMut(&Feedback),
+    ) -> Option<Feedback<'a>> {
         let mut feedback = Feedback::new(job.robot, job.start, &plan.path, &plan.legs, self.feedback?);
         let mut counts = self.counts.iter().peekable();
         for (index, (as_built, measured)) in self.as_built.iter().zip(&self.measured).enumerate() {
@@ -309,6 +327,7 @@ impl RunRecord {
             }
             if let Some(layer) = as_built.as_ref().or(self.layers.get(index)) {
                 feedback.laid(layer, measured.as_ref());
+                after_layer(&feedback);
             }
         }
         counts.for_each(|(_, count)| feedback.count_from(count));

@@ -104,6 +104,26 @@ fn a_growth_is_shown_beside_its_plan_even_if_its_log_was_cut_off() {
 }
 
 #[test]
+fn of_a_growth_with_feedback_the_path_that_was_estimated_is_shown() {
+    let (directory, plan) = plan_of_50_layers("plan.json");
+    let path = |name: &str| directory.path().join(name);
+    let log = path("run.jsonl");
+    let ran = growbot(&["grow", text(&plan), "--bias", "10", "--feedback", "--log", text(&log), "--json"]);
+    assert_eq!(ran.code, Some(0), "{}", ran.err);
+    assert_eq!(growbot(&["view", text(&log)]).code, Some(0));
+    let grown = data(&path("run.html"));
+    let estimated = grown["estimated"].as_array().unwrap();
+    assert_eq!(estimated[0], serde_json::json!([0.0, 0.0, 0.0]));
+    // By the board's steps the body is a tenth shorter than it is; the estimate knows better.
+    let result: Value = serde_json::from_str(ran.out.lines().last().unwrap()).unwrap();
+    let last = estimated.last().unwrap()[2].as_f64().unwrap();
+    assert!((last - result["final"]["z_mm"].as_f64().unwrap()).abs() < 0.5, "{last}, {result}");
+
+    assert_eq!(growbot(&["view", text(&plan)]).code, Some(0));
+    assert_eq!(data(&path("plan.html"))["estimated"], Value::Null);
+}
+
+#[test]
 fn what_is_neither_plan_nor_log_leaves_no_page() {
     let (directory, plan) = plan_of_50_layers("plan.json");
     let path = |name: &str| directory.path().join(name);

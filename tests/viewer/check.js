@@ -187,6 +187,8 @@ try {
   run("plan", "--to", "120,60,200,30,20", "-o", "short.json");
   run("grow", "short.json", "--noise", "10", "--seed", "1", "--log", "run.jsonl");
   run("view", "run.jsonl");
+  run("grow", "short.json", "--bias", "10", "--feedback", "--seed", "1", "--log", "fed.jsonl");
+  run("view", "fed.jsonl");
 
   const middle = await open(browser, "1300");
   // Whatever this machine's fonts are, the picture is of one size.
@@ -212,6 +214,15 @@ try {
   assert.ok(difference(both, await picture(grown)) > 0.005, "the body as built cannot be hidden");
   await grown.uncheck("#show-planned");
   assert.ok(await grown.isVisible("#chart svg"), "no chart");
+
+  assert.ok(!(await grown.isVisible("#estimated")), "an estimate without feedback");
+
+  const fed = await open(browser, "fed");
+  await fed.uncheck("#show-built");
+  await fed.uncheck("#show-planned");
+  const estimated = await picture(fed);
+  await fed.uncheck("#show-estimated");
+  assert.ok(difference(estimated, await picture(fed)) > 0.0003, "no line where feedback took the tip to be");
 
   const phone = await open(browser, "run", { viewport: { width: 390, height: 844 }, hasTouch: true, isMobile: true, colorScheme: "dark" });
   assert.equal(await phone.getAttribute("html", "data-theme"), "dark");

@@ -69,6 +69,16 @@ export function makeCentreline(body, colour, dash) {
   return line;
 }
 
+/** A fine line through places, to be seen through the tube. */
+export function makeTrace(places, colour) {
+  const geometry = new BufferGeometry();
+  geometry.setAttribute("position", new BufferAttribute(new Float32Array(places.flat()), 3));
+  const line = new Line(geometry, new LineBasicMaterial({ color: colour, depthTest: false, transparent: true }));
+  line.renderOrder = 4;
+  line.frustumCulled = false;
+  return line;
+}
+
 /** The body's shadow on the floor; `show(layers)`. */
 export function makeShadow(body, floor) {
   const geometry = points(body, (x, y) => [x, y, floor]);

@@ -25,14 +25,15 @@ export function joinOne(data) {
   fillNumbers(find("#numbers"), data.numbers);
   fillWarnings(find("#warnings"), data.warnings);
   // The colours of a body that grows stay as they are.
-  const picture = makePicture(find(".stage"), subject, data.live ? heightRange(planned, sizes.tipRadius) : null);
+  const picture = makePicture(find(".stage"), subject, data.live ? { range: heightRange(planned, sizes.tipRadius) } : {});
   const view = { picture, total: (data.live ? planned : body).layers.count, layers: () => body.layers.count };
 
-  const shown = ["built", "planned"].map((name) => [name, find(`#show-${name}`)]);
+  const shown = ["built", "planned", "estimated"].map((name) => [name, find(`#show-${name}`)]);
   shown.forEach(([, box]) => {
     box.addEventListener("change", () => picture?.reveal(Object.fromEntries(shown.map(([name, { checked }]) => [name, checked]))));
   });
   find("#compared").hidden = !built;
+  find("#estimated").hidden = !subject.estimated;
 
   let [off, chart] = [null, null];
   const measure = () => {

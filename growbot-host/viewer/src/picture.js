@@ -5,7 +5,7 @@
 
 import { Box3, Vector3 } from "three";
 import { gradient } from "./colours.js";
-import { makeArrow, makeBall, makeCentreline, makeFloor, makeShadow, makeTipFrame } from "./marks.js";
+import { makeArrow, makeBall, makeCentreline, makeFloor, makeShadow, makeTipFrame, makeTrace } from "./marks.js";
 import { makeStage } from "./stage.js";
 import { scaleLength } from "./text.js";
 import { makeGhost, makeTube, heightRange } from "./tube.js";
@@ -18,7 +18,7 @@ const along = (from, direction, length) => from.map((part, k) => part + directio
  *
  * - `show(layers)`: so much of the body;
  * - `replaceBody(body)`: another body instead, say a longer one; the view stays as it is, and `show` says how much of it is there;
- * - `reveal({ built, planned })`: whether the body as built and the planned one are shown;
+ * - `reveal({ built, planned, estimated })`: whether the body as built, the planned one and where feedback took it to be are shown;
  * - `look(side)`: everything from `corner`, `front`, `side` or `top`;
  * - `paint()`: takes the colours of the page;
  * - `stage`: see stage.js.
@@ -36,7 +36,7 @@ export function makePicture(place, subject, { range, square } = {}) {
   }
 }
 
-function paintable(place, { start, goal, via, reached, planned, built, sizes }, range, square) {
+function paintable(place, { start, goal, via, reached, estimated, planned, built, sizes }, range, square) {
   const find = (selector) => place.querySelector(selector);
   let body = built ?? planned;
   let shown = body.layers.count;
@@ -67,6 +67,8 @@ function paintable(place, { start, goal, via, reached, planned, built, sizes }, 
   line.visible = Boolean(built);
   if (ghost) scene.add(ghost);
   scene.add(line);
+  const trace = estimated && makeTrace(estimated, 0);
+  if (trace) scene.add(trace);
 
   const bodies = () => [body, planned].flatMap(outline);
   const box = boxOf([body, planned]);
@@ -135,10 +137,11 @@ function paintable(place, { start, goal, via, reached, planned, built, sizes }, 
     stage.points = [...bodies(), ...marks];
     show(Math.min(shown, body.layers.count));
   };
-  const reveal = ({ built: asBuilt, planned: asPlanned }) => {
+  const reveal = ({ built: asBuilt, planned: asPlanned, estimated: asEstimated }) => {
     tube.mesh.visible = asBuilt;
     if (ghost) ghost.visible = asPlanned;
     line.visible = asPlanned;
+    if (trace) trace.visible = asEstimated;
     stage.redraw();
   };
   const paint = () => {
@@ -146,6 +149,7 @@ function paintable(place, { start, goal, via, reached, planned, built, sizes }, 
     paintShadow();
     line.material.color.set(colour("--planned"));
     ghost?.material.color.set(colour("--planned"));
+    trace?.material.color.set(colour("--estimated"));
     for (const [arrow, name] of arrows) arrow.children.forEach((part) => part.material.color.set(colour(name)));
     balls.forEach((ball) => ball.material.color.set(colour("--goal")));
     stage.background(colour("--ground"));
