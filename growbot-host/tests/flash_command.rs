@@ -51,7 +51,7 @@ impl Bench {
 
     /// A cargo that makes an image where cargo would.
     fn cargo(&self) {
-        self.tool("cargo", "d=target/thumbv7em-none-eabihf/release; /bin/mkdir -p $d && echo image > $d/stm32f405");
+        self.tool("cargo", "d=target/thumbv7em-none-eabihf/firmware; /bin/mkdir -p $d && echo image > $d/stm32f405");
     }
 
     fn calls(&self) -> String {
@@ -110,7 +110,7 @@ fn in_the_source_tree_the_firmware_is_built_for_the_robot() {
     let bench = Bench::new();
     bench.cargo();
     bench.tool("probe-rs", "");
-    let image = bench.text("tree/target/thumbv7em-none-eabihf/release/stm32f405");
+    let image = bench.text("tree/target/thumbv7em-none-eabihf/firmware/stm32f405");
     let own = include_str!("../../robots/growbot-b.toml");
     fs::write(bench.path("tree/robots/my own.toml"), own).unwrap();
     let file = bench.text("tree/robots/my own.toml");
@@ -131,7 +131,7 @@ fn a_dry_run_prints_what_would_be_run() {
     let tree = bench.text("tree");
     let ran = bench.flash("tree", &["--dry-run", "--robot", "growbot-b"]);
     let commands = format!(
-        "cd {tree} && GROWBOT_ROBOT=growbot-b cargo build-robot\nprobe-rs run --chip STM32F405RGTx {tree}/target/thumbv7em-none-eabihf/release/stm32f405\n"
+        "cd {tree} && GROWBOT_ROBOT=growbot-b cargo build-robot\nprobe-rs run --chip STM32F405RGTx {tree}/target/thumbv7em-none-eabihf/firmware/stm32f405\n"
     );
     assert_eq!((ran.code, ran.out.as_str()), (Some(0), commands.as_str()), "{}", ran.err);
     let ran = bench.flash("elsewhere", &["--dry-run", "--firmware", "an image", "--no-log"]);

@@ -32,7 +32,7 @@ pub fn build_image(alias: &str) {
 pub fn firmware(board: &str) -> PathBuf {
     let target = env::var_os("CARGO_TARGET_DIR")
         .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../target"), PathBuf::from);
-    let image = target.join("thumbv7em-none-eabihf/release").join(board);
+    let image = target.join("thumbv7em-none-eabihf/firmware").join(board);
     assert!(
         image.is_file(),
         "there is no image {}: run tests/run, or `cargo build-an386` and `cargo build-robot`",

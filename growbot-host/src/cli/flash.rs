@@ -17,7 +17,7 @@ use super::{Failure, RobotArg};
 /// The robot's processor, as probe-rs calls it.
 const CHIP: &str = "STM32F405RGTx";
 /// Where the firmware's image lies, from cargo's target directory.
-const IMAGE: &str = "thumbv7em-none-eabihf/release/stm32f405";
+const IMAGE: &str = "thumbv7em-none-eabihf/firmware/stm32f405";
 
 /// Put the firmware on a robot's board, through a debug probe
 ///

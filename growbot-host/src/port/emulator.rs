@@ -25,7 +25,7 @@ const LOOK: Duration = Duration::from_millis(1);
 /// How long QEMU may take to end once its line has broken.
 const END: Duration = Duration::from_secs(1);
 /// Where the firmware image lies, from cargo's target directory.
-const FIRMWARE: &str = "thumbv7em-none-eabihf/release/an386";
+const FIRMWARE: &str = "thumbv7em-none-eabihf/firmware/an386";
 
 /// The robot's firmware in QEMU.
 pub struct Emulator {
