@@ -1,4 +1,4 @@
-//! The time of what a run log tells.
+//! The time of a growth, from what is told of it: by a run log, or live.
 //!
 //! A run log has no clock. Time begins at 0 with the first status; each status gives the board's time, which goes on where it was after a
 //! reset; between them a layer is told no sooner after the one before than the robot needs for it.
@@ -14,7 +14,7 @@ use crate::run_log::RunRecord;
 pub struct Clock {
     now: u64,
     /// Time less that of the board, and the board's time in the status before.
-    board: Option<(i64, u32)>,
+    board: Option<(i64, u64)>,
     /// When the layer before was told.
     laid: Option<u64>,
 }
@@ -28,23 +28,24 @@ impl Clock {
 
     /// A status has the board's time.
     pub fn status(&mut self, event: &Value) {
-        if let Some(uptime) = event.get("uptime_ms").and_then(Value::as_u64).and_then(|ms| ms.try_into().ok()) {
-            self.board_says(uptime);
+        if let Some(uptime_ms) = event.get("uptime_ms").and_then(Value::as_u64) {
+            self.board_says(uptime_ms);
         }
     }
 
-    fn board_says(&mut self, uptime: u32) {
+    /// The board has said how long ago it started, ms.
+    pub fn board_says(&mut self, uptime_ms: u64) {
         let ahead = match self.board {
-            Some((ahead, before)) if before <= uptime => ahead,
-            _ => self.now as i64 - i64::from(uptime),
+            Some((ahead, before)) if before <= uptime_ms => ahead,
+            _ => (self.now as i64).saturating_sub_unsigned(uptime_ms),
         };
-        self.board = Some((ahead, uptime));
-        self.now = self.now.max((ahead + i64::from(uptime)).max(0) as u64);
+        self.board = Some((ahead, uptime_ms));
+        self.now = self.now.max(ahead.saturating_add_unsigned(uptime_ms).max(0) as u64);
     }
 
     /// A layer that takes so long, ms, has been laid.
     pub fn layer_took(&mut self, duration: u64) {
-        self.now = self.laid.map_or(self.now, |laid| self.now.max(laid + duration));
+        self.now = self.laid.map_or(self.now, |laid| self.now.max(laid.saturating_add(duration)));
         self.laid = Some(self.now);
     }
 }

@@ -166,6 +166,7 @@ fn what_cannot_be_drawn_is_said_and_leaves_no_file() {
     view(&[text(&directory.path().join("cold.jsonl")), "--plot", "temperature"], &["cold.jsonl tells no temperature"]);
     view(&[text(&directory.path().join("none.json")), "--svg"], &["none.json", "cannot read"]);
     view(&[text(&plan), text(&run), "--svg"], &["--compare"]);
+    view(&[text(&plan), "--png"], &["out.svg would hold png", "end it in .png"]);
     // What the options themselves say takes more lines.
     for args in [
         &["--plot", "heigth"][..],

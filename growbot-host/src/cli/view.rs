@@ -1,4 +1,4 @@
-//! `growbot view`: a plan or a growth as a page to look at.
+//! `growbot view`: a plan or a growth as a page to look at, or as a picture.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -142,6 +142,8 @@ enum Format {
 }
 
 impl Format {
+    const ALL: [Self; 3] = [Self::Html, Self::Svg, Self::Png];
+
     fn ending(self) -> &'static str {
         match self {
             Self::Html => "html",
@@ -239,6 +241,12 @@ impl ViewArgs {
         }
         if !self.plot.is_empty() && self.output.as_deref().is_some_and(|output| ends_in(output, Format::Html)) {
             return Err(Failure::bad_input("plots are SVG or PNG, not HTML: end the file in .svg or .png"));
+        }
+        let format = self.format();
+        let other = |output: &&PathBuf| Format::ALL.into_iter().any(|other| other != format && ends_in(output, other));
+        if let Some(output) = self.output.as_ref().filter(other) {
+            let (ending, output) = (format.ending(), output.display());
+            return Err(Failure::bad_input(format!("{output} would hold {ending}: end it in .{ending}")));
         }
         if self.files.iter().filter(|file| is_standard_input(file)).count() > 1 {
             return Err(Failure::bad_input("standard input holds one plan only: give the other as a file"));

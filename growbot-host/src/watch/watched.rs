@@ -5,6 +5,7 @@ use growbot_core::link::message::{Fault, State, Status, Waits};
 use serde_json::{Value, json};
 
 use crate::growth::{Job, News};
+use crate::run_clock::Clock;
 use crate::run_log::hex_of;
 
 /// So many readings of the temperature are kept; where there are more, every second one goes.
@@ -22,11 +23,10 @@ pub struct Watched {
     state: &'static str,
     fault: Option<Fault>,
     waits: Waits,
-    /// Board's time in s, degrees Celsius, and what they are regulated to.
+    /// Time in s, degrees Celsius, and what they are regulated to.
     readings: Vec<(f64, f64, Option<f64>)>,
     /// How often readings were thinned out.
     thinned: u32,
-    /// The board's time, s, over its restarts.
     clock: Clock,
     answers: bool,
     /// What was said last: a refusal.
@@ -135,7 +135,8 @@ impl Watched {
     fn status(&mut self, status: &Status) {
         self.state(status.state);
         (self.fault, self.waits) = (status.fault, status.waits);
-        let now = self.clock.at(status.uptime_ms);
+        self.clock.board_says(status.uptime_ms);
+        let now = self.clock.now() as f64 / 1000.0;
         let celsius = |centi: i32| f64::from(centi) / 100.0;
         if let Some(temperature) = status.temperature_centi_c {
             self.readings.push((now, celsius(temperature), status.target_centi_c.map(celsius)));
@@ -162,23 +163,6 @@ impl Watched {
     fn replace(&mut self, from: u32, layers: &[LayerBytes]) {
         self.commanded.truncate(from as usize);
         self.commanded.extend_from_slice(layers);
-    }
-}
-
-/// The board's time, which begins anew when it restarts.
-#[derive(Debug, Default)]
-struct Clock {
-    before_ms: u64,
-    latest_ms: u64,
-}
-
-impl Clock {
-    fn at(&mut self, uptime_ms: u64) -> f64 {
-        if uptime_ms < self.latest_ms {
-            self.before_ms += self.latest_ms;
-        }
-        self.latest_ms = uptime_ms;
-        (self.before_ms + uptime_ms) as f64 / 1000.0
     }
 }
 
@@ -230,7 +214,7 @@ mod tests {
         let second = watched.news_for(&mut seen);
         let commanded = hex_of(&watched.commanded[3..5]);
         assert_eq!(second["layers"], json!({ "from": 2, "built": format!("{}{commanded}", hex_of(&[[1; 12]])) }));
-        assert_eq!(second["readings"], json!({ "from": 0, "taken": [[1.0, 200.5, null]] }));
+        assert_eq!(second["readings"], json!({ "from": 0, "taken": [[0.0, 200.5, null]] }));
         assert_eq!(second["left_s"], json!((total - 5) as f64 * 18.0));
         let third = watched.news_for(&mut seen);
         assert_eq!((&third["layers"]["built"], &third["readings"]["taken"]), (&json!(""), &json!([])));
