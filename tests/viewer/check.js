@@ -52,6 +52,13 @@ async function open(browser, name, options) {
   return page;
 }
 
+/** The page is as wide as the phone, and its pictures too. */
+async function fitsPhone(page) {
+  assert.ok(await page.evaluate(() => document.documentElement.scrollWidth <= innerWidth), "wider than a phone");
+  const widths = await page.$$eval(".stage", (stages) => stages.map((stage) => stage.clientWidth / innerWidth));
+  assert.ok(widths.every((share) => share > 0.95), `pictures take ${widths} of a phone's width`);
+}
+
 /** The next picture is drawn. */
 const settled = (page) => page.evaluate(() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done))));
 const slider = (page) => page.$eval("#slider", (element) => Number(element.value));
@@ -154,7 +161,7 @@ async function checkPair(browser) {
   await bothDiffer(whole, "the dark page is light");
 
   const phone = await open(browser, "pair", { viewport: { width: 390, height: 844 }, hasTouch: true, isMobile: true });
-  assert.ok(await phone.evaluate(() => document.documentElement.scrollWidth <= innerWidth), "wider than a phone");
+  await fitsPhone(phone);
 }
 
 /** The browser, without a window. Whoever runs this as root has no sandbox. */
@@ -228,7 +235,7 @@ try {
   assert.equal(await phone.getAttribute("html", "data-theme"), "dark");
   await phone.tap("#play");
   assert.equal(await phone.textContent("#play"), "Pause");
-  assert.ok(await phone.evaluate(() => document.documentElement.scrollWidth <= innerWidth), "wider than a phone");
+  await fitsPhone(phone);
   await phone.close();
 
   await checkPair(browser);
