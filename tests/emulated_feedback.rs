@@ -1,10 +1,7 @@
 //! The firmware in the emulator grows with feedback: it measures, it is amended while it grows, and it arrives where a growth without
 //! feedback does not.
 
-use std::cell::RefCell;
-use std::rc::Rc;
-
-use growbot_core::link::message::{Silence, State};
+use growbot_core::link::message::Silence;
 use growbot_core::path::{Leg, Segment, end};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
@@ -12,7 +9,7 @@ use growbot_core::simulation::Disturbance;
 use growbot_core::tracking::SensorNoise;
 use growbot_host::client::Client;
 use growbot_host::feedback::Feedback;
-use growbot_host::growth::{Grown, Job, Manner, MeasuredBy, News, Orders, Outcome, grow_job};
+use growbot_host::growth::{Grown, Job, Manner, MeasuredBy, Orders, Outcome, grow_job};
 use growbot_host::port::emulator::Emulator;
 use growbot_host::tip::Imperfection;
 use growbot_tests::firmware;
@@ -41,21 +38,19 @@ fn grow(robot: &Robot, with_feedback: bool) -> Grown {
     let legs = [Leg { goal, segments: path.len() }];
     let job = Job::new(robot, &start, &goal, &path);
     assert!(job.layers.len() >= 60);
-    let emulator = Rc::new(RefCell::new(Emulator::start(robot, Some(&firmware("an386"))).unwrap()));
+    let mut emulator = Emulator::start(robot, Some(&firmware("an386"))).unwrap();
     let noise = SensorNoise { odometry: 0.01, direction: 0.005 };
     let disturbance = Disturbance { growth_bias: -0.1, growth_noise: 0.1, ..Disturbance::default() };
     let imperfection = Imperfection { disturbance, noise, seed: 11 };
-    emulator.borrow_mut().simulated_tip(|tip| tip.disturb(&imperfection));
+    emulator.simulated_tip(|tip| {
+        tip.disturb(&imperfection);
+        // A nozzle that is warm at once saves the time of heating, which is real here.
+        tip.warm_at_once(190.0);
+    });
     let feedback = with_feedback.then(|| Feedback::new(robot, &start, &path, &legs, noise));
-    let mut client = Client::new(Box::new(Rc::clone(&emulator)), "a board under test");
+    let mut client = Client::new(Box::new(emulator), "a board under test");
     let manner = Manner { silence: Silence::Hold, feedback };
-    grow_job(&mut client, &job, manner, &Orders::default(), &mut |news| {
-        if let News::State(State::Heating) = news {
-            // A nozzle that is warm soon saves the time of heating, which is real here.
-            emulator.borrow_mut().simulated_tip(|tip| tip.set_nozzle_c(190.0));
-        }
-    })
-    .unwrap()
+    grow_job(&mut client, &job, manner, &Orders::default(), &mut |_| ()).unwrap()
 }
 
 #[test]

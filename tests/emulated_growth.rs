@@ -1,32 +1,24 @@
 //! The firmware in the emulator grows a body, step for step as the same controller does in a simulation on the desktop.
 
-use std::cell::RefCell;
-use std::rc::Rc;
-
-use growbot_core::link::message::{Silence, State};
+use growbot_core::link::message::Silence;
 use growbot_core::path::{Segment, end, length};
 use growbot_core::pose::{Pose, angle_between};
 use growbot_core::robot::Robot;
 use growbot_host::client::Client;
-use growbot_host::growth::{Grown, Job, News, Orders, Outcome, grow_job};
+use growbot_host::growth::{Grown, Job, Orders, Outcome, grow_job};
 use growbot_host::port::Port;
 use growbot_host::port::emulator::Emulator;
 use growbot_host::port::sim::Sim;
 use growbot_host::robot_file;
 use growbot_tests::firmware;
 
-/// What grew. `warm` is called as soon as the nozzle is heated.
-fn grow_on(port: Box<dyn Port>, robot: &Robot, path: &[Segment], warm: &mut dyn FnMut()) -> Grown {
+/// What grew.
+fn grow_on(port: Box<dyn Port>, robot: &Robot, path: &[Segment]) -> Grown {
     let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
     let goal = Pose::from_frame(&end(path, &start.frame()));
     let job = Job::new(robot, &start, &goal, path);
     let mut client = Client::new(port, "a board under test");
-    grow_job(&mut client, &job, Silence::Hold, &Orders::default(), &mut |news| {
-        if let News::State(State::Heating) = news {
-            warm();
-        }
-    })
-    .unwrap()
+    grow_job(&mut client, &job, Silence::Hold, &Orders::default(), &mut |_| ()).unwrap()
 }
 
 #[test]
@@ -40,11 +32,11 @@ fn the_emulated_board_lays_the_layers_that_the_simulation_lays() {
         Segment::Arc { alpha: 4.0, bend: 0.33, length: 33.0 },
     ];
 
-    let emulator = Rc::new(RefCell::new(Emulator::start(&robot, Some(&firmware("an386"))).unwrap()));
-    // A nozzle that is warm soon saves the time of heating, which is real here.
-    let mut warm = || emulator.borrow_mut().simulated_tip(|tip| tip.set_nozzle_c(190.0));
-    let emulated = grow_on(Box::new(Rc::clone(&emulator)), &robot, &path, &mut warm);
-    let simulated = grow_on(Box::new(Sim::new(robot.clone())), &robot, &path, &mut || {});
+    let mut emulator = Emulator::start(&robot, Some(&firmware("an386"))).unwrap();
+    // A nozzle that is warm at once saves the time of heating, which is real here.
+    emulator.simulated_tip(|tip| tip.warm_at_once(190.0));
+    let emulated = grow_on(Box::new(emulator), &robot, &path);
+    let simulated = grow_on(Box::new(Sim::new(robot.clone())), &robot, &path);
 
     assert_eq!(emulated.outcome, Outcome::Done);
     assert!(emulated.body.len() >= 100, "{} layers", emulated.body.len());

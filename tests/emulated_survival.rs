@@ -58,17 +58,13 @@ fn number(variable: &str, otherwise: u64) -> u64 {
     text.parse().unwrap_or_else(|_| panic!("{variable} is {text:?}: give a whole number"))
 }
 
-/// A board with this in its journal's flash, or a new one.
+/// A board with this in its journal's flash, or a new one. Its nozzle is warm as soon as it is heated: heating takes real time here. Not
+/// before: the journal is erased with a cold one only.
 fn board(robot: &Robot, flash: &[u8]) -> Result<Board, String> {
-    let emulator = Emulator::start_with_flash(robot, Some(&firmware("an386")), flash);
-    emulator.map(|emulator| Rc::new(RefCell::new(emulator))).map_err(|error| error.to_string())
-}
-
-/// Has the nozzle warm as soon as it is heated: heating takes real time here. Not before: the journal is erased with a cold one only.
-fn warm(board: &Board, news: &News) {
-    if let News::State(State::Heating) = news {
-        board.borrow_mut().simulated_tip(|tip| tip.set_nozzle_c(198.0));
-    }
+    let mut emulator =
+        Emulator::start_with_flash(robot, Some(&firmware("an386")), flash).map_err(|error| error.to_string())?;
+    emulator.simulated_tip(|tip| tip.warm_at_once(198.0));
+    Ok(Rc::new(RefCell::new(emulator)))
 }
 
 /// Does something for each number below `count`, on as many boards as may run at a time; prints what each came to. `work` is
@@ -132,7 +128,7 @@ fn over_a_bad_line(board: &Board, job: &Job, undisturbed: &Undisturbed, seed: u6
     let wire = Rc::new(RefCell::new(Faulty::new(Rc::clone(board), spec)));
     let mut client = Client::new(Box::new(Rc::clone(&wire)), "the emulated board");
     let never = Orders::default();
-    let grown = grow_job(&mut client, job, Silence::Hold, &never, &mut |news| warm(board, news));
+    let grown = grow_job(&mut client, job, Silence::Hold, &never, &mut |_| ());
     let what = format!("{:.1} % of frames lost, {flip:.1e} of bytes flipped", 100.0 * drop);
     let grown = grown.map_err(|error| format!("{what}: {error}"))?;
     // The tip has seen each layer as it was laid.
@@ -218,7 +214,6 @@ impl Point {
         let mut client = Client::new(Box::new(line), "the emulated board");
         let (mut told, mut flash) = (0, None);
         let grown = grow_job(&mut client, job, Silence::Hold, &Orders::default(), &mut |news| {
-            warm(board, news);
             match news {
                 News::Laid(_, as_built, _) => known.push(*as_built),
                 News::State(_) => {}
@@ -267,7 +262,6 @@ fn come_back(
         client.request("to clear the fault", &Message::ClearFault(Empty {})).map_err(GrowthError::Before)?;
     }
     let found = client.status().map_err(GrowthError::Before)?;
-    let (never, tell) = (Orders::default(), &mut |news: &News| warm(board, news));
-    let grown = resume_job(&mut client, job, known, CutLayer::Again, Silence::Hold, &never, tell)?;
+    let grown = resume_job(&mut client, job, known, CutLayer::Again, Silence::Hold, &Orders::default(), &mut |_| ())?;
     Ok((found, grown))
 }

@@ -1,7 +1,5 @@
 //! The stack of a running board: an overflow ends in a clean reset, and a growth that the board plans by itself leaves half of it unused.
 
-use std::cell::RefCell;
-use std::rc::Rc;
 use std::time::Duration;
 
 use growbot_core::link::message::{Message, PlanRequest, ResetCause, Silence, State};
@@ -10,7 +8,7 @@ use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
 use growbot_firmware::emulated_tip as table;
 use growbot_host::client::Client;
-use growbot_host::growth::{Job, News, Orders, Outcome, grow_job};
+use growbot_host::growth::{Job, Orders, Outcome, grow_job};
 use growbot_host::port::emulator::Emulator;
 use growbot_host::robot_file;
 use growbot_tests::firmware;
@@ -44,8 +42,9 @@ fn planning_and_growing_leave_half_of_the_stack_unused() {
     let robot = robot_file::load("growbot-a2".as_ref()).unwrap();
     let mut emulator = Emulator::start(&robot, Some(&firmware("an386"))).unwrap();
     let words = Words::of(&mut emulator);
-    let emulator = Rc::new(RefCell::new(emulator));
-    let mut client = Client::new(Box::new(Rc::clone(&emulator)), "the emulated board");
+    // A nozzle that is warm at once saves the time of heating, which is real here.
+    emulator.simulated_tip(|tip| tip.warm_at_once(190.0));
+    let mut client = Client::new(Box::new(emulator), "the emulated board");
     client.hello_robot(&robot).unwrap();
 
     // A near goal, for which helicoidal arcs are looked for, and one further away.
@@ -62,13 +61,7 @@ fn planning_and_growing_leave_half_of_the_stack_unused() {
     let path = [Segment::Arc { alpha: 1.0, bend: 0.03, length: 3.0 }];
     let goal = Pose::from_frame(&end(&path, &start.frame()));
     let job = Job::new(&robot, &start, &goal, &path);
-    let grown = grow_job(&mut client, &job, Silence::Hold, &Orders::default(), &mut |news| {
-        if let News::State(State::Heating) = news {
-            // A nozzle that is warm soon saves the time of heating, which is real here.
-            emulator.borrow_mut().simulated_tip(|tip| tip.set_nozzle_c(190.0));
-        }
-    })
-    .unwrap();
+    let grown = grow_job(&mut client, &job, Silence::Hold, &Orders::default(), &mut |_| ()).unwrap();
     assert_eq!(grown.outcome, Outcome::Done);
 
     // As long as a whole look through the stack takes.

@@ -60,6 +60,8 @@ pub struct Tip {
     heater: HeaterInput,
     fan: f64,
     nozzle: Nozzle,
+    /// Where the nozzle is put when its heater is switched on, degrees Celsius; none where it heats as it does.
+    warm_at_once: Option<f64>,
     /// What a thermistor that no longer follows shows.
     held: Held,
     /// When a dip of the supply is over, ticks; none without a dip.
@@ -117,6 +119,7 @@ impl Tip {
             heater: HeaterInput::default(),
             fan: 0.0,
             nozzle: Nozzle::new(&robot, &variation),
+            warm_at_once: None,
             held: Held::default(),
             dip_until: None,
             filament: Filament::new(&robot),
@@ -257,7 +260,10 @@ impl Tip {
         let input = HeaterInput { duty, closed };
         if self.heater != input {
             self.sync();
-            self.heater = input;
+            let before = std::mem::replace(&mut self.heater, input);
+            if let Some(celsius) = self.warm_at_once.filter(|_| closed && !before.closed) {
+                self.nozzle.set(celsius.max(self.nozzle.block()));
+            }
         }
     }
 
@@ -401,6 +407,12 @@ impl Tip {
     pub fn set_nozzle_c(&mut self, celsius: f64) {
         self.sync();
         self.nozzle.set(celsius);
+    }
+
+    /// From now on the nozzle is this warm, degrees Celsius, at the moment in which its heater is switched on: for trials in real time, in
+    /// which heating would take most of it. Later than that, the firmware would rightly take it for a heater out of control.
+    pub fn warm_at_once(&mut self, celsius: f64) {
+        self.warm_at_once = Some(celsius);
     }
 
     /// Whether the second switch of the heater is told to be closed.

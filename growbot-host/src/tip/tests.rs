@@ -61,6 +61,25 @@ fn lay_turn(tip: &mut Tip, positive: bool) {
 }
 
 #[test]
+fn a_nozzle_to_be_warm_at_once_is_warm_when_its_heater_is_switched_on() {
+    let mut tip = Tip::new(robot(), 0, Variation { noise_counts: 0.0, ..Variation::default() });
+    tip.warm_at_once(190.0);
+    wait(&mut tip, 1.0);
+    assert!(tip.nozzle_c() < 30.0);
+    tip.heat(0.0, true);
+    assert_eq!(tip.nozzle_c(), 190.0);
+    // Only then: what is on already cools and heats as ever, and what is hotter is not cooled.
+    wait(&mut tip, 5.0);
+    let cooled = tip.nozzle_c();
+    tip.heat(0.1, true);
+    assert!(cooled < 189.0 && tip.nozzle_c() == cooled);
+    tip.heat(0.0, false);
+    tip.set_nozzle_c(200.0);
+    tip.heat(0.0, true);
+    assert_eq!(tip.nozzle_c(), 200.0);
+}
+
+#[test]
 fn the_index_passes_once_a_turn() {
     let mut tip = hot_tip();
     let mut edges = 0;
