@@ -1,0 +1,100 @@
+//! How a growth begins: with a new job, or with one that the board knows.
+
+use growbot_core::layer_bytes::LayerBytes;
+use growbot_core::link::message::{Begin, Message, Resume, State, Status};
+
+use super::{CutLayer, Growth, GrowthError, Job, Manner, News};
+use crate::client::{Client, ClientError};
+use crate::feedback::Count;
+
+impl<'a> Growth<'a> {
+    /// Hands a new job to the board: as many layers as it holds.
+    pub(super) fn begin(
+        client: &'a mut Client,
+        job: &Job<'a>,
+        manner: Manner<'a>,
+        tell: &mut dyn FnMut(&News),
+    ) -> Result<Self, GrowthError> {
+        let hello = client.hello_robot(job.robot).map_err(GrowthError::Before)?;
+        tell(&News::Board(hello.clone()));
+        let Status { plan_id, laid, layers, state, cut, .. } = hello.status;
+        if plan_id != 0 && (laid > 0 || cut.is_some()) && laid < layers && state != State::Stopped {
+            return Err(GrowthError::Unfinished { plan_id, laid, layers });
+        }
+        let mut growth = Self::new(client, job, manner, &hello);
+        growth.hand_over_all(tell).map_err(GrowthError::Before)?;
+        growth.count_from_here(tell).map_err(GrowthError::Before)?;
+        Ok(growth)
+    }
+
+    fn hand_over_all(&mut self, tell: &mut dyn FnMut(&News)) -> Result<(), ClientError> {
+        let tip = self.client.port().tip()?;
+        self.laid_before = Some(tip.map_or((0, 0), |tip| (tip.body.len(), tip.feed_steps)));
+        let begin =
+            Begin { plan_id: self.job.plan_id, layers: self.job.layers.len() as u32, robot: self.job.robot.hash() };
+        self.ask("to begin a job", &Message::Begin(begin))?;
+        self.hand_over(tell)
+    }
+
+    /// Takes up a job that the board knows.
+    pub(super) fn take_up(
+        client: &'a mut Client,
+        job: &Job<'a>,
+        known: Vec<Option<LayerBytes>>,
+        cut: CutLayer,
+        manner: Manner<'a>,
+        tell: &mut dyn FnMut(&News),
+    ) -> Result<Self, GrowthError> {
+        let hello = client.hello_robot(job.robot).map_err(GrowthError::Before)?;
+        tell(&News::Board(hello.clone()));
+        let mut growth = Self::new(client, job, manner, &hello);
+        if hello.status.plan_id != growth.job.plan_id {
+            return Err(GrowthError::NothingToResume { plan_id: growth.job.plan_id, held: held(&hello.status) });
+        }
+        growth.as_built = known;
+        growth.attach(&hello.status, cut, tell).map_err(GrowthError::Before)?;
+        Ok(growth)
+    }
+
+    /// Feedback counts the filament from now on, unless it already counts what this start of the board has fed.
+    fn count_from_here(&mut self, tell: &mut dyn FnMut(&News)) -> Result<(), ClientError> {
+        let Some(feedback) = self.feedback.as_mut().filter(|feedback| !feedback.counts_in(self.boot_id)) else {
+            return Ok(());
+        };
+        let filament_pulses = self.client.sensors()?.filament_pulses;
+        let count = Count { boot_id: self.boot_id, laid: self.laid, filament_pulses };
+        feedback.count_from(&count);
+        tell(&News::Counting(count));
+        Ok(())
+    }
+
+    pub(super) fn attach(
+        &mut self,
+        status: &Status,
+        cut: CutLayer,
+        tell: &mut dyn FnMut(&News),
+    ) -> Result<(), ClientError> {
+        let skip = status.cut.is_some() && cut == CutLayer::LetBe;
+        self.laid = status.laid;
+        // What is not known is told from the first hole on.
+        let known = self.as_built.len().min(status.laid as usize);
+        self.as_built.truncate(known);
+        let from = status.laid + u32::from(skip);
+        let resume = Resume { plan_id: self.job.plan_id, from, known: known as u32 };
+        self.ask("to resume", &Message::Resume(resume))?;
+        self.laid = from;
+        self.count_from_here(tell)?;
+        // At rest any layer can be another one.
+        self.amend_at = 0;
+        self.amend(self.laid, tell)?;
+        self.hand_over(tell)
+    }
+}
+
+/// What a board holds, in words.
+fn held(status: &Status) -> String {
+    match status.plan_id {
+        0 => "no job".to_string(),
+        id => format!("plan {id:016x}, {} of {} layers laid", status.laid, status.layers),
+    }
+}

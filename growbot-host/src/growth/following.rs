@@ -1,0 +1,191 @@
+//! A growth under way: what the board tells is followed to the end, orders are carried out, and a board that falls silent is called again.
+
+use std::time::Duration;
+
+use growbot_core::link::message::{Empty, Fault, Laid, Message, Refusal, State, Status, Waits};
+
+use super::handover::IN_ENGINE;
+use super::{CutLayer, Grown, Growth, GrowthError, News, Order, Orders, Outcome};
+use crate::client::ClientError;
+
+/// How long to wait for an event before orders are looked at,
+const LOOK: Duration = Duration::from_millis(200);
+/// and, after so many looks in vain, before the board is asked for its status.
+const QUIET_LOOKS: u32 = 10;
+/// Layers whose news are still on the way when the growth has ended are waited for in so many looks.
+const LOOKS_AFTER_THE_END: u32 = 40;
+/// A board that has fallen silent is called again so often before it counts as lost.
+const CALLS: u32 = 12;
+
+impl Growth<'_> {
+    /// Follows the growth to its end and measures the body.
+    pub(super) fn finish(mut self, orders: &Orders, tell: &mut dyn FnMut(&News)) -> Result<Grown, GrowthError> {
+        let mut outcome = self.follow(orders, tell);
+        for _ in 0..CALLS {
+            match outcome {
+                Err(ClientError::Silent { .. } | ClientError::Garbage { .. }) => {
+                    tell(&News::Silent);
+                    outcome = self.call_again(orders, tell);
+                }
+                // The board does not know us any more: it has restarted, or another host has taken it.
+                Err(ClientError::Refused { refusal: Refusal::NoSession, .. }) => {
+                    outcome = self.call_again(orders, tell);
+                }
+                _ => break,
+            }
+        }
+        let outcome = match outcome {
+            Ok(outcome) => outcome,
+            Err(ClientError::Silent { .. } | ClientError::Garbage { .. }) => Outcome::Lost,
+            Err(ClientError::Held { .. } | ClientError::Refused { refusal: Refusal::NoSession, .. }) => {
+                Outcome::Interrupted
+            }
+            Err(error) => return Err(GrowthError::During(error)),
+        };
+        self.measure(outcome).map_err(GrowthError::During)
+    }
+
+    /// Opens another session and goes on following, if the board still has the job.
+    fn call_again(&mut self, orders: &Orders, tell: &mut dyn FnMut(&News)) -> Result<Outcome, ClientError> {
+        let hello = self.client.hello_robot(self.job.robot)?;
+        tell(&News::Back);
+        if self.amending.as_ref().is_some_and(|(plan_id, ..)| *plan_id == hello.status.plan_id) {
+            self.amended();
+        } else if self.amending.take().is_some() {
+            tell(&News::NotAmended(None));
+        }
+        if hello.boot_id != self.boot_id || hello.status.plan_id != self.job.plan_id {
+            self.laid = hello.status.laid;
+            self.cut = hello.status.cut;
+            self.ended_ms = hello.status.uptime_ms;
+            return Ok(Outcome::Interrupted);
+        }
+        if outcome(hello.status.state, hello.status.fault).is_none() || hello.status.state == State::Done {
+            self.attach(&hello.status, CutLayer::Again, tell)?;
+        }
+        self.follow(orders, tell)
+    }
+
+    fn follow(&mut self, orders: &Orders, tell: &mut dyn FnMut(&News)) -> Result<Outcome, ClientError> {
+        let mut stopped_by = None;
+        let mut quiet_looks = 0;
+        // A body of no length is done at once.
+        let mut ask = true;
+        // Asked so often after the end, for layers that have not been told yet.
+        let mut looks_after_the_end = 0;
+        loop {
+            if let Some(order) = orders.take().filter(|order| stopped_by != Some(*order)) {
+                self.obey(order, tell)?;
+                stopped_by = Some(order).filter(|order| *order >= Order::Stop);
+                ask = true;
+            }
+            if std::mem::take(&mut ask) {
+                let status = self.client.status()?;
+                if let Some(outcome) = self.take_status(&status, tell)? {
+                    if self.as_built.len() >= self.laid as usize || looks_after_the_end > LOOKS_AFTER_THE_END {
+                        return Ok(outcome);
+                    }
+                    looks_after_the_end += 1;
+                } else {
+                    tell(&News::Status(status));
+                }
+            }
+            let event = self.client.event(LOOK)?;
+            quiet_looks = if event.is_some() { 0 } else { quiet_looks + 1 };
+            match event {
+                Some(Message::Laid(laid)) if self.names.contains(&laid.plan_id) => {
+                    if laid.index as usize == self.as_built.len() {
+                        self.take_layer(&laid);
+                        tell(&News::Laid(laid.index, laid.as_built, laid.measured));
+                    }
+                    self.laid = self.laid.max(laid.index + 1);
+                    self.accepted.room = self.capacity.saturating_sub(self.accepted.next.saturating_sub(self.laid));
+                    self.amend(self.laid + IN_ENGINE, tell)?;
+                    self.refill(tell)?;
+                    // The last of those that were missing at the end.
+                    ask = looks_after_the_end > 0 && self.as_built.len() >= self.laid as usize;
+                }
+                Some(Message::StateChanged(change)) => {
+                    tell(&News::State(change.state));
+                    // The news may be of the job before: only the status says how this one stands.
+                    ask = true;
+                }
+                Some(_) => {}
+                None if quiet_looks >= QUIET_LOOKS => {
+                    quiet_looks = 0;
+                    ask = true;
+                }
+                None => {}
+            }
+        }
+    }
+
+    /// Carries an order out. One that does not suit the board's state is refused, and the growth goes on as it was.
+    fn obey(&mut self, order: Order, tell: &mut dyn FnMut(&News)) -> Result<(), ClientError> {
+        tell(&News::Ordered(order));
+        let done = match order {
+            Order::GoOn => self.start(),
+            Order::Hold => self.client.request("to hold", &Message::Hold(Empty {})).map(drop),
+            Order::Stop => self.client.request("to stop", &Message::Stop(Empty {})).map(drop),
+            Order::EmergencyStop => self.client.emergency_stop(),
+        };
+        match done {
+            Err(error @ ClientError::Refused { refusal: Refusal::WrongState { .. }, .. }) => {
+                tell(&News::NotObeyed(error.to_string()));
+                Ok(())
+            }
+            done => done,
+        }
+    }
+
+    /// A layer is laid, the next one after those that are known.
+    fn take_layer(&mut self, laid: &Laid) {
+        let commanded = self.job.layers.get(self.as_built.len());
+        if let (Some(feedback), Some(layer)) = (&mut self.feedback, laid.as_built.as_ref().or(commanded)) {
+            feedback.laid(layer, laid.measured.as_ref());
+        }
+        self.as_built.push(laid.as_built);
+    }
+
+    /// Takes what the board says of itself: how the job ended, if it did.
+    fn take_status(&mut self, status: &Status, tell: &mut dyn FnMut(&News)) -> Result<Option<Outcome>, ClientError> {
+        if status.state == State::Growing && self.began_ms.is_none() {
+            self.began_ms = Some(status.uptime_ms);
+        }
+        // A board that has restarted, or that another host has taken, knows nothing of this job.
+        let lost = (status.plan_id != self.job.plan_id).then_some(Outcome::Interrupted);
+        if let Some(outcome) = outcome(status.state, status.fault).or(lost) {
+            self.ended_ms = status.uptime_ms;
+            if status.plan_id == self.job.plan_id {
+                (self.laid, self.cut) = (status.laid, status.cut);
+            }
+            return Ok(Some(outcome));
+        }
+        self.accepted.next = status.next;
+        self.laid = status.laid;
+        self.accepted.room = self.capacity.saturating_sub(status.next.saturating_sub(status.laid));
+        self.refill(tell)?;
+        // It held because it had not heard of us for long.
+        if status.state == State::Hold && status.waits == Waits::ForHost {
+            self.start()?;
+        }
+        Ok(None)
+    }
+}
+
+/// How a growth in this state has ended, if it has.
+fn outcome(state: State, fault: Option<Fault>) -> Option<Outcome> {
+    match state {
+        State::Done => Some(Outcome::Done),
+        State::Stopped | State::EmergencyStop => Some(Outcome::Stopped),
+        State::Fault => Some(Outcome::Fault(fault.unwrap_or(Fault::Hardware))),
+        State::Parked => Some(Outcome::Parked),
+        State::SelfTest
+        | State::Idle
+        | State::Heating
+        | State::Homing
+        | State::Growing
+        | State::Hold
+        | State::Tuning => None,
+    }
+}

@@ -1,0 +1,128 @@
+//! What a growth came to: the body, how far its tip is from the goal, and what that is measured by.
+
+use growbot_core::hash::Hasher;
+use growbot_core::layer::{Layer, grow};
+use growbot_core::layer_bytes::{LayerBytes, decode};
+use growbot_core::link::message::Cut;
+
+use super::{Growth, Outcome};
+use crate::arrival::Arrival;
+use crate::client::ClientError;
+use crate::feedback::{FedBack, Feedback};
+
+/// What a growth came to, measured from the steps that were made.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Grown {
+    /// How it ended.
+    pub outcome: Outcome,
+    /// The job's name.
+    pub plan_id: u64,
+    /// The body, layer by layer.
+    pub body: Vec<Layer>,
+    /// Where the tip is, and how far that is from the goal.
+    pub arrival: Arrival,
+    /// From the first layer to the last, s, by the board's clock.
+    pub duration_s: f64,
+    /// Filament that was fed, mm.
+    pub filament_mm: f64,
+    /// The layers as the board has built them, from the first one. None where nothing is known of one: it was cut and let be, and in
+    /// the body it stands as planned.
+    pub as_built: Vec<Option<LayerBytes>>,
+    /// The layer under way when it ended: how much of it was made.
+    pub cut: Option<Cut>,
+    /// What the arrival is measured by.
+    pub measured_by: MeasuredBy,
+    /// What feedback came to; none without it.
+    pub fed_back: Option<FedBack>,
+}
+
+/// What an arrival is measured by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum MeasuredBy {
+    /// The simulated tip: it is the truth.
+    Tip,
+    /// What feedback has made of the sensors.
+    Estimate,
+    /// The steps that the board has made, as if each layer had come out as they say.
+    Steps,
+}
+
+impl MeasuredBy {
+    /// In a word.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Tip => "tip",
+            Self::Estimate => "estimate",
+            Self::Steps => "steps",
+        }
+    }
+}
+
+impl Grown {
+    /// Length of the body, mm.
+    #[must_use]
+    pub fn length_mm(&self) -> f64 {
+        self.body.iter().fold(0.0, |length, layer| length + layer.height)
+    }
+
+    /// Layers of which nothing is known.
+    #[must_use]
+    pub fn unknown(&self) -> usize {
+        self.as_built.iter().filter(|layer| layer.is_none()).count()
+    }
+}
+
+/// CRC-64/XZ of the layers as built, in order, each in its 12 bytes; one of which nothing is known is 12 zeros.
+#[must_use]
+pub fn as_built_hash(layers: &[Option<LayerBytes>]) -> u64 {
+    let mut hasher = Hasher::default();
+    for layer in layers {
+        hasher.bytes(&layer.unwrap_or_default());
+    }
+    hasher.finish()
+}
+
+impl Growth<'_> {
+    /// The body from the steps: the simulated tip's where there is one, else as the board reports it.
+    pub(super) fn measure(self, outcome: Outcome) -> Result<Grown, ClientError> {
+        let as_reported = || {
+            let layers = self.as_built.iter().zip(&self.job.layers);
+            layers.map(|(as_built, planned)| decode(as_built.as_ref().unwrap_or(planned))).collect()
+        };
+        // What cannot be asked any more is not asked.
+        let tip = if outcome == Outcome::Lost { None } else { self.client.port().tip()? };
+        let per_length = self.job.robot.feed_steps_per_length();
+        let is_tip = tip.is_some() && self.laid_before.is_some();
+        let (body, feed_steps): (Vec<Layer>, f64) = match (tip, self.laid_before) {
+            (Some(mut tip), Some((layers, feed))) => {
+                (tip.body.split_off(layers.min(tip.body.len())), (tip.feed_steps - feed) as f64)
+            }
+            _ => {
+                let body: Vec<Layer> = as_reported();
+                let fed = body.iter().fold(0.0, |sum, layer| sum + layer.height) * per_length;
+                (body, fed)
+            }
+        };
+        let fed_back = self.feedback.as_ref().map(Feedback::result);
+        let (measured_by, end) = match &fed_back {
+            Some(fed_back) if !is_tip => (MeasuredBy::Estimate, fed_back.estimate.base_from_tip),
+            _ => {
+                let measured_by = if is_tip { MeasuredBy::Tip } else { MeasuredBy::Steps };
+                (measured_by, grow(&self.job.start.frame(), body.iter().copied()))
+            }
+        };
+        Ok(Grown {
+            outcome,
+            plan_id: self.job.plan_id,
+            arrival: Arrival::of(&end, self.job.goal, self.job.length),
+            body,
+            duration_s: self.began_ms.map_or(0.0, |began| self.ended_ms.saturating_sub(began) as f64 / 1000.0),
+            filament_mm: feed_steps / self.job.robot.description().feed.steps_per_mm,
+            as_built: self.as_built,
+            cut: self.cut,
+            measured_by,
+            fed_back,
+        })
+    }
+}
