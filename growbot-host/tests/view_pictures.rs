@@ -106,6 +106,16 @@ fn a_picture_says_what_it_shows_and_is_no_larger_than_a_paper_takes() {
     done(&["view", text(&run), "--svg"]);
     let grown = fs::read_to_string(path("run.svg")).unwrap();
     assert!(grown.contains("off the goal, as the tip says") && grown.contains("stroke-dasharray"));
+    assert!(grown.contains(">plan</text>") && !grown.contains(">estimated</text>"));
+    // With feedback, the line along which the tip was taken to go, too.
+    let followed = path("followed.jsonl");
+    done(&["grow", text(&plan), "--bias", "20", "--feedback", "--log", text(&followed)]);
+    done(&["view", "--compare", text(&run), text(&followed), "-o", text(&path("feedback.svg"))]);
+    let compared = fs::read_to_string(path("feedback.svg")).unwrap();
+    for name in [">plan</text>", ">estimated</text>"] {
+        assert_eq!(compared.matches(name).count(), 1, "{name}");
+    }
+    assert_eq!(compared.matches(r##"stroke="#c2185b" stroke-width="1.5""##).count(), 2, "the line and its sample");
     done(&["view", "--compare", text(&plan), text(&run), "--png", "--width", "640"]);
     assert_eq!(pixels(&path("plan-run.png")).0, 640);
 

@@ -1,14 +1,11 @@
 //! What the page is given of a body: JSON that its script (growbot-host/viewer/src/subject.js) reads. Lengths in mm.
 
 use growbot_core::pose::{Frame, Pose};
-use growbot_core::robot::Robot;
 use serde_json::{Value, json};
 
 use super::numbers::caption;
 use super::{Layers, Subject, measured_end};
-use crate::growth::Job;
-use crate::plan::Plan;
-use crate::run_log::{RunRecord, hex_of};
+use crate::run_log::hex_of;
 
 /// The JSON, without numbers in words.
 pub fn of(subject: &Subject, layers: &Layers) -> Value {
@@ -40,20 +37,11 @@ pub fn of(subject: &Subject, layers: &Layers) -> Value {
         },
         "via": plan.via().iter().map(|via| json!(via.position().as_slice())).collect::<Vec<_>>(),
         "reached": run.and_then(measured_end).map(|(reached, _)| json!(reached.position().as_slice())),
-        "estimated": run.and_then(|run| estimated(run, robot, plan)),
+        "estimated": subject.estimated().map(|path| path.iter().map(|place| json!(place.as_slice())).collect::<Vec<_>>()),
         "planned": hex_of(&layers.planned),
         "built": layers.built.as_deref().map(hex_of),
         "warnings": warnings,
     })
-}
-
-/// Where feedback took the tip to be on its way, some hundreds of places; none without feedback.
-fn estimated(run: &RunRecord, robot: &Robot, plan: &Plan) -> Option<Vec<Value>> {
-    const MOST_PLACES: usize = 500;
-    let path = run.estimated(&Job::new(robot, &plan.start, &plan.goal, &plan.path), plan)?;
-    let stride = path.len().div_ceil(MOST_PLACES).max(1);
-    let places = path.chunks(stride).filter_map(<[Frame]>::last).map(|frame| frame.translation.vector);
-    Some([plan.start.position()].into_iter().chain(places).map(|place| json!(place.as_slice())).collect())
 }
 
 /// The x, y and z axis of a frame and its origin, 12 numbers.

@@ -20,9 +20,11 @@ use std::path::Path;
 
 use growbot_core::job::job_layers;
 use growbot_core::layer_bytes::{LayerBytes, decode};
-use growbot_core::pose::Pose;
+use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::Robot;
+use nalgebra::Vector3;
 
+use crate::growth::Job;
 use crate::plan::Plan;
 use crate::plan_check::pose;
 use crate::plan_file::WrittenPose;
@@ -85,6 +87,16 @@ impl Subject<'_> {
         }
         let planned = job_layers(&self.plan.path, self.robot).collect();
         Ok(Layers { planned, built: self.run.map(built_layers) })
+    }
+
+    /// Where feedback took the tip to be on its way, some hundreds of places, mm; none without feedback.
+    fn estimated(&self) -> Option<Vec<Vector3<f64>>> {
+        const MOST_PLACES: usize = 500;
+        let Self { robot, plan, .. } = self;
+        let path = self.run?.estimated(&Job::new(robot, &plan.start, &plan.goal, &plan.path), plan)?;
+        let stride = path.len().div_ceil(MOST_PLACES).max(1);
+        let places = path.chunks(stride).filter_map(<[Frame]>::last).map(|frame| frame.translation.vector);
+        Some([plan.start.position()].into_iter().chain(places).collect())
     }
 }
 

@@ -11,6 +11,10 @@ const AXES: [(&str, &str); 3] = [("x", "#d93a3a"), ("y", "#2f9e4f"), ("z", "#2f6
 /// Half the width of a letter, and half the height of a word with the gap before it, units of the drawing.
 const LETTER: f64 = 4.2;
 const WORD: f64 = 14.0;
+/// From a point to a word at its free side, units of the drawing.
+const FAR: f64 = 52.0;
+/// Room that such a word takes round its point.
+pub const FREE_SIDE: f64 = FAR + 2.0 * WORD;
 
 /// An arrow, mm.
 pub struct Arrow {
@@ -53,6 +57,36 @@ pub fn draw_axes(canvas: &mut Canvas, place: &Place, base_from_tip: &Frame, leng
         if seen > 0.35 && !over_z {
             word_beyond(canvas, place, &(from + length * along), &along, name, colour);
         }
+    }
+}
+
+/// A line beside a body.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Line {
+    /// What it tells.
+    pub name: &'static str,
+    /// How it is drawn, as attributes.
+    pub style: &'static str,
+}
+
+impl Line {
+    /// Draws it along these places, mm.
+    pub fn draw(&self, canvas: &mut Canvas, place: &Place, places: impl Iterator<Item = Vector3<f64>>) {
+        canvas.line(places.map(|at| place.point(&at).into()), self.style);
+    }
+}
+
+/// Samples of lines with their names, side by side, in the middle of which is `middle`.
+pub fn key(canvas: &mut Canvas, [middle, y]: [f64; 2], lines: &[Line]) {
+    const SAMPLE: f64 = 30.0;
+    const GAP: f64 = 7.0;
+    const BETWEEN: f64 = 24.0;
+    let widths = lines.iter().map(|line| SAMPLE + GAP + 1.7 * LETTER * line.name.len() as f64 + BETWEEN);
+    let mut left = middle - 0.5 * (widths.clone().sum::<f64>() - BETWEEN);
+    for (line, width) in lines.iter().zip(widths) {
+        canvas.line([(left, y - 4.5), (left + SAMPLE, y - 4.5)], line.style);
+        canvas.text(left + SAMPLE + GAP, y, "", line.name);
+        left += width;
     }
 }
 
@@ -99,7 +133,6 @@ pub fn word_at_free_side(
     text: &str,
     colour: &str,
 ) {
-    const FAR: f64 = 52.0;
     let taken: Vec<[f64; 2]> = taken.iter().map(|along| place.direction(along)).collect();
     // How far a side goes along with what is there.
     let crowded = |[right, down]: &[f64; 2]| {

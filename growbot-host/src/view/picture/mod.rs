@@ -17,6 +17,7 @@ use growbot_core::layer_bytes::LayerBytes;
 use nalgebra::Vector3;
 
 use self::camera::Camera;
+use self::marks::{FREE_SIDE, Line, key};
 use self::place::{Bounds, Place};
 use self::stage::Stage;
 use self::tube::{Detail, HEIGHTS, height_range};
@@ -40,7 +41,8 @@ const FOOT: f64 = 76.0;
 const EDGE: f64 = 28.0;
 /// Width of the scale of heights.
 const LEGEND: f64 = 220.0;
-/// So many letters fit between scale bar and legend.
+/// What is written between scale bar and legend has its middle here; so many letters fit.
+const MIDDLE: f64 = 0.47 * WIDE;
 const MOST_WORDS: usize = 70;
 /// How finely a body alone is drawn and each of two: a picture has some hundreds of kB.
 const FINE: Detail = Detail { rings: 200, faces: 56 };
@@ -66,33 +68,46 @@ pub fn svg(subjects: &[&Subject], look: Look) -> Result<String, ViewError> {
         bounds.fill(together);
     }
     let scale = bounds.iter().map(|bounds| scale(bounds, [width, most_high])).fold(f64::INFINITY, f64::min);
+    let room_above = if stages.iter().any(Stage::has_reached) { FREE_SIDE - MARGIN[1] } else { 0.0 };
+    let top = HEAD + room_above;
     let high = bounds.iter().map(|bounds| scale * bounds.size()[1] + 2.0 * MARGIN[1]).fold(LEAST_HIGH, f64::max);
 
     let title: Vec<String> = all
         .iter()
         .map(|(subject, layers)| escape(&format!("{}: {}", subject.name, caption(subject, layers, ""))))
         .collect();
-    let mut canvas = Canvas::new(WIDE, HEAD + high + FOOT, &title.join("; "));
+    let bottom = top + high;
+    let mut canvas = Canvas::new(WIDE, bottom + FOOT, &title.join("; "));
     for (index, ((stage, bounds), (subject, layers))) in stages.iter().zip(&bounds).zip(&all).enumerate() {
         let left = width * index as f64;
-        let at = [left + 0.5 * width, HEAD + 0.5 * high];
+        let at = [left + 0.5 * width, top + 0.5 * high];
         let place = Place { camera, scale, centre: bounds.centre(), at };
         stage.draw(&mut canvas, &place, range, square);
         head(&mut canvas, left + EDGE, subject, layers);
     }
     if stages.len() > 1 {
-        let bottom = HEAD + high;
         canvas.add(format_args!("<path class=\"grid\" d=\"M{width} 24V{bottom}\"/>"));
     }
+    scale_bar(&mut canvas, [EDGE, bottom + FOOT - 26.0], scale);
+    key(&mut canvas, [MIDDLE, bottom + FOOT - 48.0], &lines(&stages));
     if let [(one, a), (other, b)] = &all[..] {
         let words = difference([(one.stem(), a), (other.stem(), b)]);
         if words.chars().count() <= MOST_WORDS {
-            canvas.text(0.47 * WIDE, HEAD + high + FOOT - 26.0, "mid", escape(&words));
+            canvas.text(MIDDLE, bottom + FOOT - 26.0, "mid", escape(&words));
         }
     }
-    scale_bar(&mut canvas, [EDGE, HEAD + high + FOOT - 26.0], scale);
-    legend(&mut canvas, [WIDE - EDGE - LEGEND, HEAD + high + FOOT - 46.0], range);
+    legend(&mut canvas, [WIDE - EDGE - LEGEND, bottom + FOOT - 46.0], range);
     Ok(canvas.finish())
+}
+
+/// The lines beside bodies, each once.
+fn lines(stages: &[Stage]) -> Vec<Line> {
+    stages.iter().flat_map(Stage::lines).fold(Vec::new(), |mut lines, line| {
+        if !lines.contains(&line) {
+            lines.push(line);
+        }
+        lines
+    })
 }
 
 /// What the picture from a corner is to show, the first most: where goals point, and where they lie.

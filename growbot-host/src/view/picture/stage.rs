@@ -5,9 +5,9 @@ use growbot_core::pose::Pose;
 use nalgebra::Vector3;
 
 use super::camera::Camera;
-use super::marks::{Arrow, Floor, arrow, disc, draw_axes, word, word_at_free_side, word_beyond};
+use super::marks::{Arrow, Floor, Line, arrow, disc, draw_axes, word, word_at_free_side, word_beyond};
 use super::place::{Bounds, Place};
-use super::tube::{Detail, Tube, line};
+use super::tube::{Detail, Tube};
 use crate::drawing::canvas::Canvas;
 use crate::drawing::chart::round_below;
 use crate::view::{Layers, Subject, measured_end};
@@ -19,11 +19,18 @@ const PLANNED: &str = "#4a5563";
 const GHOST: &str = "#a9b2be";
 const SHADOW: &str = "#e6e9ee";
 
+/// The lines that may lie beside a body: names, and how they are drawn.
+const PLANNED_LINE: Line =
+    Line { name: "plan", style: "stroke=\"#4a5563\" stroke-width=\"1.3\" stroke-dasharray=\"7 4\"" };
+const ESTIMATED_LINE: Line = Line { name: "estimated", style: "stroke=\"#c2185b\" stroke-width=\"1.5\"" };
+
 /// A body and its marks, mm.
 pub struct Stage {
     tube: Tube,
     /// The planned body, where another one is shown.
     planned: Option<Tube>,
+    /// Where feedback took the tip to be.
+    estimated: Option<Vec<Vector3<f64>>>,
     start: Pose,
     goal: Pose,
     via: Vec<Pose>,
@@ -53,7 +60,29 @@ impl Stage {
         // What is less than a dot off the tip is said in words only.
         let reached = subject.run.and_then(measured_end).map(|(reached, _)| reached.position());
         let reached = reached.filter(|reached| (reached - plan.goal.position()).norm() > 0.5 * outer);
-        Self { tube: shown, planned, start: plan.start, goal: plan.goal, via: plan.via(), reached, outer, reach, floor }
+        Self {
+            tube: shown,
+            planned,
+            estimated: subject.estimated(),
+            start: plan.start,
+            goal: plan.goal,
+            via: plan.via(),
+            reached,
+            outer,
+            reach,
+            floor,
+        }
+    }
+
+    /// The lines beside the body.
+    pub fn lines(&self) -> impl Iterator<Item = Line> {
+        let planned = self.planned.as_ref().map(|_| PLANNED_LINE);
+        planned.into_iter().chain(self.estimated.as_ref().map(|_| ESTIMATED_LINE))
+    }
+
+    /// Whether it has a word for where the tip really is.
+    pub fn has_reached(&self) -> bool {
+        self.reached.is_some()
     }
 
     /// Where the goal points.
@@ -74,7 +103,8 @@ impl Stage {
     /// What is to be seen of it, with a floor of squares of this side, mm.
     pub fn bounds(&self, camera: &Camera, square: f64) -> Bounds {
         let centrelines = self.tube.centreline().chain(self.planned.iter().flat_map(Tube::centreline));
-        let seen = centrelines.fold(Bounds::NONE, |seen, point| seen.with(camera.see(&point), self.outer));
+        let lines = centrelines.chain(self.estimated.iter().flatten().copied());
+        let seen = lines.fold(Bounds::NONE, |seen, point| seen.with(camera.see(&point), self.outer));
         let [start, goal] = [self.start_arrow(), self.goal_arrow()];
         let marks = [start.from, goal.from + goal.length * goal.along].into_iter().chain(self.reached);
         let seen = marks.fold(seen, |seen, point| seen.with(camera.see(&point), 0.2 * self.outer));
@@ -156,10 +186,10 @@ impl Stage {
         }
         canvas.add("</g>");
         if let Some(planned) = &self.planned {
-            let path = line(planned.centreline().map(|point| place.point(&point)));
-            canvas.add(format_args!(
-                "<path fill=\"none\" stroke=\"{PLANNED}\" stroke-width=\"1.3\" stroke-dasharray=\"7 4\" d=\"{path}\"/>"
-            ));
+            PLANNED_LINE.draw(canvas, place, planned.centreline());
+        }
+        if let Some(estimated) = &self.estimated {
+            ESTIMATED_LINE.draw(canvas, place, estimated.iter().copied());
         }
         self.words(canvas, place);
     }
