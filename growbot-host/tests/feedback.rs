@@ -3,6 +3,7 @@
 mod running;
 
 use std::cell::{Cell, RefCell};
+use std::fs;
 use std::rc::Rc;
 use std::time::Duration;
 
@@ -92,6 +93,20 @@ fn a_growth_with_feedback_is_replayed_from_its_log() {
     assert_eq!(replayed["as_built_hash"], result["as_built_hash"]);
     assert_eq!(replayed["layers"], result["layers"]);
     assert_eq!(replayed["outcome"], "done");
+    for same in ["amendments", "believed", "believed_position_error_mm", "position_sd_mm", "growth_bias_percent"] {
+        assert_eq!(replayed["feedback"][same], result["feedback"][same], "{same}");
+    }
+    let told = growbot(&["replay", &log]);
+    assert!(told.out.contains("as the steps say\n") && told.out.contains("believed  "), "{}", told.out);
+
+    // Of a robot that is nowhere to be found, the body is told all the same; but one that was asked for must be there.
+    let elsewhere = fs::read_to_string(&log).unwrap().replace("\"growbot-a\"", "\"my-robot\"");
+    fs::write(&log, elsewhere).unwrap();
+    let without = growbot(&["replay", &log]);
+    assert_eq!((without.code, without.err.lines().count()), (Some(0), 1), "{}", without.err);
+    assert!(without.err.contains("my-robot") && without.out.contains("as built"), "{}{}", without.err, without.out);
+    assert!(!without.out.contains("believed"), "{}", without.out);
+    assert_eq!(growbot(&["replay", &log, "--robot", "other.toml"]).code, Some(2));
 }
 
 #[test]

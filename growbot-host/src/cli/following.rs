@@ -170,7 +170,10 @@ fn json_of(outcome: &str, grown: Option<&Grown>, plan: &Plan, seed: Option<u64>)
             "length_mm": grown.map_or(0.0, Grown::length_mm),
             "seed": seed,
             "measured_by": grown.map(|grown| grown.measured_by.name()),
-            "feedback": grown.and_then(|grown| json_of_feedback(grown, plan)),
+            "feedback": grown.and_then(|grown| {
+                let truth = (grown.measured_by == MeasuredBy::Tip).then_some(&grown.arrival);
+                Some(json_of_feedback(grown.fed_back.as_ref()?, plan, truth))
+            }),
             "duration_s": grown.map_or(0.0, |grown| grown.duration_s),
             "filament_mm": grown.map_or(0.0, |grown| grown.filament_mm),
             "plan_id": grown.map(|grown| written_hash(grown.plan_id)),
@@ -186,12 +189,12 @@ fn json_of(outcome: &str, grown: Option<&Grown>, plan: &Plan, seed: Option<u64>)
     value
 }
 
-/// What feedback came to, as scripts read it.
-fn json_of_feedback(grown: &Grown, plan: &Plan) -> Option<Value> {
-    let FedBack { amendments, estimate } = grown.fed_back.as_ref()?;
-    let believed = Arrival::of(&estimate.base_from_tip, &plan.goal, length(&plan.path));
-    let error = (grown.measured_by == MeasuredBy::Tip).then(|| error_of(&believed, &grown.arrival));
-    Some(json!({
+/// What feedback came to, as scripts read it; with the truth, how far it was from that.
+pub fn json_of_feedback(fed_back: &FedBack, plan: &Plan, truth: Option<&Arrival>) -> Value {
+    let FedBack { amendments, estimate } = fed_back;
+    let believed = believed(fed_back, plan);
+    let error = truth.map(|truth| error_of(&believed, truth));
+    json!({
         "amendments": amendments,
         "believed": WrittenPose::from(&believed.reached),
         "believed_position_error_mm": believed.position_error_mm,
@@ -201,7 +204,12 @@ fn json_of_feedback(grown: &Grown, plan: &Plan) -> Option<Value> {
         "growth_bias_percent": 100.0 * estimate.habits.growth,
         "estimate_error_mm": error.map(|(distance, _)| distance),
         "estimate_direction_error_deg": error.map(|(_, angle)| angle),
-    }))
+    })
+}
+
+/// Where feedback takes the tip to be, and how far that is from the goal.
+pub fn believed(fed_back: &FedBack, plan: &Plan) -> Arrival {
+    Arrival::of(&fed_back.estimate.base_from_tip, &plan.goal, length(&plan.path))
 }
 
 /// How far the estimator was from the truth: mm, and degrees between the directions.

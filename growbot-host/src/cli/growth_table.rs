@@ -3,7 +3,6 @@
 use growbot_core::angle::degrees;
 use growbot_core::layer::SECTORS;
 use growbot_core::link::message::Cut;
-use growbot_core::path::length;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_host::arrival::Arrival;
@@ -11,7 +10,7 @@ use growbot_host::feedback::FedBack;
 use growbot_host::growth::{Grown, MeasuredBy};
 use growbot_host::plan::Plan;
 
-use super::following::error_of;
+use super::following::{believed, error_of};
 use super::plan_table::duration;
 
 /// Wanted, reached, and by how much the one missed the other; with feedback, where the tip was believed to be.
@@ -66,8 +65,7 @@ fn feedback(plan: &Plan, grown: &Grown, fed_back: &FedBack) -> String {
     let estimate = &fed_back.estimate;
     let arrived = match grown.measured_by {
         MeasuredBy::Tip => {
-            let believed = Arrival::of(&estimate.base_from_tip, &plan.goal, length(&plan.path));
-            let (distance, angle) = error_of(&believed, &grown.arrival);
+            let (distance, angle) = error_of(&believed(fed_back, plan), &grown.arrival);
             format!("believed  {distance:.3} mm and {angle:.3} deg from where the tip is\n")
         }
         MeasuredBy::Estimate | MeasuredBy::Steps => {
