@@ -1,5 +1,9 @@
 //! Orders given while a body grows on the simulated robot: it holds, goes on and stops, and lays each layer once.
 
+use std::cell::Cell;
+use std::rc::Rc;
+use std::time::Duration;
+
 use growbot_core::link::message::{Silence, State};
 use growbot_core::path::{Segment, end};
 use growbot_core::pose::Pose;
@@ -7,15 +11,21 @@ use growbot_core::robot::Robot;
 use growbot_host::client::Client;
 use growbot_host::growth::{Grown, Job, News, Order, Orders, Outcome, grow_job};
 use growbot_host::port::sim::Sim;
+use growbot_host::port::{Port, PortError, TipRecord};
 
 /// Grows 20 upright layers; `order` sees all news and gives orders. Also what was told.
-fn grow(mut order: impl FnMut(&News, &Orders)) -> (Grown, Vec<News>) {
+fn grow(order: impl FnMut(&News, &Orders)) -> (Grown, Vec<News>) {
+    grow_over(order, |sim| Box::new(sim))
+}
+
+/// The same, over another line.
+fn grow_over(mut order: impl FnMut(&News, &Orders), line: impl FnOnce(Sim) -> Box<dyn Port>) -> (Grown, Vec<News>) {
     let robot: Robot = growbot_host::robot_file::load("growbot-a".as_ref()).unwrap();
     let path = [Segment::Straight { length: 20.0 * 0.774 }];
     let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
     let goal = Pose::from_frame(&end(&path, &start.frame()));
     let job = Job::new(&robot, &start, &goal, &path);
-    let mut client = Client::new(Box::new(Sim::new(robot.clone())), "sim");
+    let mut client = Client::new(line(Sim::new(robot.clone())), "sim");
     let (orders, mut told) = (Orders::default(), Vec::new());
     let grown = grow_job(&mut client, &job, Silence::Hold, &orders, &mut |news| {
         order(news, &orders);
@@ -52,6 +62,59 @@ fn a_growth_stops_as_ordered_and_at_once_where_it_must() {
         assert_eq!(grown.outcome, Outcome::Stopped);
         assert!((5..=6).contains(&grown.as_built.len()), "{order:?}: {}", grown.as_built.len());
         assert_eq!(tells(&told, &News::Ordered(order)), 1);
+    }
+}
+
+/// A line that carries nothing to the board while it is cut.
+struct Cut {
+    sim: Sim,
+    /// So many times more something is to be sent and lost.
+    losses: Rc<Cell<u32>>,
+}
+
+impl Port for Cut {
+    fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+        match self.losses.get() {
+            0 => self.sim.send(bytes),
+            left => {
+                self.losses.set(left - 1);
+                Ok(())
+            }
+        }
+    }
+
+    fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, PortError> {
+        self.sim.receive(buffer, timeout)
+    }
+
+    fn tip(&mut self) -> Result<Option<TipRecord>, PortError> {
+        self.sim.tip()
+    }
+}
+
+#[test]
+fn an_order_outlives_a_line_that_is_cut_while_it_is_given() {
+    // More than the tries of an order have, fewer than those of all calls.
+    for (order, losses) in [(Order::Hold, 150), (Order::Stop, 150), (Order::EmergencyStop, 50)] {
+        let cut = Rc::new(Cell::new(0));
+        let mut given = false;
+        let (grown, told) = grow_over(
+            |news, orders| match news {
+                News::Laid(4, ..) if !given => {
+                    given = true;
+                    cut.set(losses);
+                    orders.give(order);
+                }
+                // It holds by now, as asked to or as its host was silent.
+                News::Status(status) if status.state == State::Hold => orders.give(Order::GoOn),
+                _ => {}
+            },
+            |sim| Box::new(Cut { sim, losses: Rc::clone(&cut) }),
+        );
+        let wanted = if order == Order::Hold { Outcome::Done } else { Outcome::Stopped };
+        assert_eq!((grown.outcome, cut.get()), (wanted, 0), "{order:?}");
+        assert!(tells(&told, &News::Silent) > 0, "{order:?} was not cut off");
+        assert!(tells(&told, &News::Ordered(order)) > 1, "{order:?} was not given again");
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use growbot_host::growth::{Order, Orders};
+use growbot_host::growth::Orders;
 
 /// What is ordered by Ctrl-C, by SIGTERM and when the terminal goes away: to stop. A second time ends the program, as people expect of
 /// one that seems to hang.
@@ -10,10 +10,9 @@ pub fn stop_on_interrupt() -> Arc<Orders> {
     let orders = Arc::new(Orders::default());
     let given = Arc::clone(&orders);
     let installed = ctrlc::set_handler(move || {
-        if given.stops() {
+        if given.interrupt() {
             std::process::exit(1);
         }
-        given.give(Order::Stop);
         growbot_host::tell!("growbot: stopping; press Ctrl-C again to leave without waiting for the robot");
     });
     if let Err(error) = installed {

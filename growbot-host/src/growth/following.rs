@@ -12,8 +12,8 @@ use crate::client::ClientError;
 const LOOK: Duration = Duration::from_millis(200);
 /// and, after so many looks in vain, before the board is asked for its status.
 const QUIET_LOOKS: u32 = 10;
-/// Layers whose news are still on the way when the growth has ended are waited for in so many looks.
-const LOOKS_AFTER_THE_END: u32 = 40;
+/// Layers whose news are still on the way when the growth has ended are waited for until the status was asked for so often.
+const QUESTIONS_AFTER_THE_END: u32 = 40;
 /// A board that has fallen silent is called again so often before it counts as lost.
 const CALLS: u32 = 12;
 
@@ -23,7 +23,7 @@ impl Growth<'_> {
         let mut outcome = self.follow(orders, tell);
         for _ in 0..CALLS {
             match outcome {
-                Err(ClientError::Silent { .. } | ClientError::Garbage { .. }) => {
+                Err(ClientError::Silent { .. } | ClientError::Garbage { .. } | ClientError::NotStopped { .. }) => {
                     tell(&News::Silent);
                     outcome = self.call_again(orders, tell);
                 }
@@ -47,6 +47,10 @@ impl Growth<'_> {
 
     /// Opens another session and goes on following, if the board still has the job.
     fn call_again(&mut self, orders: &Orders, tell: &mut dyn FnMut(&News)) -> Result<Outcome, ClientError> {
+        if orders.stop_at_once() {
+            // It needs no session: a line on which nothing comes back may still carry it.
+            self.client.emergency_stop()?;
+        }
         let hello = self.client.hello_robot(self.job.robot)?;
         tell(&News::Back);
         if self.amending.as_ref().is_some_and(|(plan_id, ..)| *plan_id == hello.status.plan_id) {
@@ -71,23 +75,24 @@ impl Growth<'_> {
         let mut quiet_looks = 0;
         // A body of no length is done at once.
         let mut ask = true;
-        // Asked so often after the end, for layers that have not been told yet.
-        let mut looks_after_the_end = 0;
+        // For layers that have not been told yet.
+        let mut questions_after_the_end = 0;
         loop {
             if let Some(order) = orders.take().filter(|order| stopped_by != Some(*order)) {
-                self.obey(order, tell)?;
+                // One that did not reach the board is for the next session.
+                self.obey(order, tell).inspect_err(|_| orders.give_back(order))?;
                 stopped_by = Some(order).filter(|order| *order >= Order::Stop);
                 ask = true;
             }
             if std::mem::take(&mut ask) {
                 let status = self.client.status()?;
-                if let Some(outcome) = self.take_status(&status, tell)? {
-                    if self.as_built.len() >= self.laid as usize || looks_after_the_end > LOOKS_AFTER_THE_END {
+                let outcome = self.take_status(&status, tell)?;
+                tell(&News::Status(status));
+                if let Some(outcome) = outcome {
+                    if self.as_built.len() >= self.laid as usize || questions_after_the_end > QUESTIONS_AFTER_THE_END {
                         return Ok(outcome);
                     }
-                    looks_after_the_end += 1;
-                } else {
-                    tell(&News::Status(status));
+                    questions_after_the_end += 1;
                 }
             }
             let event = self.client.event(LOOK)?;
@@ -103,7 +108,7 @@ impl Growth<'_> {
                     self.amend(self.laid + IN_ENGINE, tell)?;
                     self.refill(tell)?;
                     // The last of those that were missing at the end.
-                    ask = looks_after_the_end > 0 && self.as_built.len() >= self.laid as usize;
+                    ask = questions_after_the_end > 0 && self.as_built.len() >= self.laid as usize;
                 }
                 Some(Message::StateChanged(change)) => {
                     tell(&News::State(change.state));

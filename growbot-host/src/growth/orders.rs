@@ -1,6 +1,6 @@
 //! What people order while a body grows.
 
-use std::sync::atomic::{AtomicU8, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 
 /// One order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -39,36 +39,57 @@ impl Order {
 /// The order to be carried out next, given from any thread and looked at a few times a second by whoever follows the growth. A stop is
 /// for good: nothing but the emergency stop goes over it.
 #[derive(Debug, Default)]
-pub struct Orders(AtomicU8);
+pub struct Orders {
+    latest: AtomicU8,
+    /// Whether whoever started the program has interrupted it.
+    interrupted: AtomicBool,
+}
 
 impl Orders {
     /// Gives an order, in place of one that has not been looked at yet.
     pub fn give(&self, order: Order) {
-        let _ = self.0.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |before| {
+        let _ = self.latest.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |before| {
             let stops = before >= Order::Stop as u8;
             (!stops || order as u8 > before).then_some(order as u8)
         });
     }
 
+    /// Orders to stop, as whoever started the program interrupts it. Gives whether that had happened before.
+    pub fn interrupt(&self) -> bool {
+        self.give(Order::Stop);
+        self.interrupted.swap(true, Ordering::Relaxed)
+    }
+
     /// Whether the growth is to stop.
     #[must_use]
     pub fn stops(&self) -> bool {
-        self.0.load(Ordering::Relaxed) >= Order::Stop as u8
+        self.latest.load(Ordering::Relaxed) >= Order::Stop as u8
+    }
+
+    /// Whether that is the emergency stop.
+    pub(super) fn stop_at_once(&self) -> bool {
+        self.latest.load(Ordering::Relaxed) == Order::EmergencyStop as u8
     }
 
     /// Forgets all orders, say for another growth; gives whether it was to stop.
     pub fn clear(&self) -> bool {
-        self.0.swap(0, Ordering::Relaxed) >= Order::Stop as u8
+        self.interrupted.store(false, Ordering::Relaxed);
+        self.latest.swap(0, Ordering::Relaxed) >= Order::Stop as u8
     }
 
     /// The latest order. A stop stays; the others are given once.
     pub(super) fn take(&self) -> Option<Order> {
-        let order = Order::of(self.0.load(Ordering::Relaxed))?;
+        let order = Order::of(self.latest.load(Ordering::Relaxed))?;
         if order < Order::Stop {
             // One that comes just now stays for the next look.
-            let _ = self.0.compare_exchange(order as u8, 0, Ordering::Relaxed, Ordering::Relaxed);
+            let _ = self.latest.compare_exchange(order as u8, 0, Ordering::Relaxed, Ordering::Relaxed);
         }
         Some(order)
+    }
+
+    /// An order that was taken could not be carried out: it is given again, unless there is a newer one.
+    pub(super) fn give_back(&self, order: Order) {
+        let _ = self.latest.compare_exchange(0, order as u8, Ordering::Relaxed, Ordering::Relaxed);
     }
 }
 
@@ -90,5 +111,24 @@ mod tests {
         orders.give(Order::Stop);
         assert_eq!(orders.take(), Some(Order::EmergencyStop));
         assert!(orders.stops() && orders.clear() && !orders.stops() && !orders.clear());
+    }
+
+    #[test]
+    fn an_order_comes_back_unless_there_is_a_newer_one() {
+        let orders = Orders::default();
+        orders.give_back(Order::Hold);
+        assert_eq!(orders.take(), Some(Order::Hold));
+        orders.give(Order::GoOn);
+        orders.give_back(Order::Hold);
+        assert_eq!((orders.take(), orders.take()), (Some(Order::GoOn), None));
+    }
+
+    #[test]
+    fn only_a_second_interruption_is_one_again_whoever_else_orders_a_stop() {
+        let orders = Orders::default();
+        orders.give(Order::Stop);
+        assert!(!orders.interrupt() && orders.interrupt());
+        orders.clear();
+        assert!(!orders.interrupt() && orders.stops());
     }
 }
