@@ -166,9 +166,10 @@ fn what_cannot_be_watched_says_why() {
         (vec!["--watch", "--watch-port", &port], "choose another port with --watch-port"),
         (vec!["--control"], "--watch"),
         (vec!["--watch-port", "0"], "--watch"),
-        (vec!["--pace", "0"], "not above 0"),
+        (vec!["--pace", "0"], "not between 0.1 and"),
+        (vec!["--pace", "1e-300"], "not between 0.1 and"),
         (vec!["--pace", "fast"], "no number"),
-        (vec!["--pace", "nan"], "not above 0"),
+        (vec!["--pace", "nan"], "not between 0.1 and"),
         (vec!["--pace", "2", "--port", "tcp:127.0.0.1:1"], "--pace is for --port sim"),
     ] {
         let ran = growbot(&[&goal[..], &args].concat());

@@ -1,5 +1,5 @@
 // Opens what `growbot view` writes in Debian's Chromium, without a window, as CI has it, and looks at it: bodies of 1,300 and of 10,000
-// layers a growth, and two side by side; first picture, size, slider, buttons, keys; nothing on the console, no request; and the picture, compared with
+// layers, growths, and two side by side; first picture, size, slider, buttons, keys; nothing on the console, no request; and the picture, compared with
 // the one that is committed. Every page works with a finger, too: the last is opened as on a phone.
 //
 //   node check.js GROWBOT            checks
@@ -151,9 +151,11 @@ async function checkPair(browser) {
   await page.mouse.move(x + width / 2 + 120, y + height / 2 - 40, { steps: 4 });
   await page.mouse.up();
   await bothDiffer(whole, "turning one does not turn the other");
+  const [before] = await scale();
   await page.mouse.wheel(0, -300);
   await settled(page);
   const [one, other] = await scale();
+  assert.notEqual(one, before, "the wheel does not zoom");
   assert.equal(one, other, "the two are of different scales");
   await page.click("[data-look=corner]");
   (await both()).forEach((again, i) => assert.ok(difference(whole[i], again) < 0.001, `the view from the corner is another one: ${i}`));

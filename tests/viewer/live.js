@@ -16,10 +16,12 @@ import { chromium } from "playwright-core";
 const growbot = resolve(process.argv[2]);
 const PATIENCE_MS = 60_000;
 const errors = [];
+const children = [];
 
 /** A growth of 400 mm that is watched: its process and the page's address. */
 async function grow(...args) {
   const child = spawn(growbot, ["grow", "--to", "60,40,390,30,60", "--watch", ...args], { stdio: ["ignore", "ignore", "pipe"] });
+  children.push(child);
   const ended = once(child, "exit").then(([code]) => code);
   for await (const line of createInterface({ input: child.stderr })) {
     const address = /watch it at (.*)$/.exec(line)?.[1];
@@ -72,6 +74,7 @@ try {
   // A page that comes later knows all of it.
   const second = await open(browser, controlled.address);
   await comesTo(second, held + 3);
+  await second.waitForFunction((least) => Number(document.querySelector("#slider").max) >= least, held + 3);
   await second.close();
   await page.click("[data-order=stop]");
   await isIn(page, "stopped");
@@ -81,16 +84,18 @@ try {
   console.log(`live: grew, held at layer ${held}, went on, stopped after ${stopped}`);
   await page.close();
 
-  const watched = await grow("--pace", "20000");
+  const watched = await grow("--pace", "1000");
   const looking = await open(browser, watched.address);
+  await isIn(looking, "growing");
+  assert.ok(await looking.isHidden("#orders"), "a page that may only look has buttons");
   await isIn(looking, "done");
   assert.equal(await watched.ended, 0);
-  assert.ok(await looking.isHidden("#orders"));
   await looking.waitForFunction(() => /^layer (\d+) of \1 /.test(document.querySelector("#bar output").textContent));
   if (process.env.PICTURES) await looking.screenshot({ path: `${process.env.PICTURES}/live-done.png` });
   console.log(`live: followed ${await laid(looking)} layers to their end`);
   assert.deepEqual(errors, []);
   console.log("live: all well");
 } finally {
+  children.forEach((child) => child.kill());
   await browser.close();
 }

@@ -97,6 +97,11 @@ impl Following<'_> {
                 if !matches!(&error, GrowthError::Before(error) if !matches!(error, ClientError::Refused { .. })) {
                     refuse(self.json, self.plan)?;
                 }
+                if let Some(watch) = self.watch.take() {
+                    let mut result = json_of("refused", None, self.plan, self.seed);
+                    result["error"] = error.to_string().into();
+                    watch.end(&result);
+                }
                 Err(match error {
                     GrowthError::Before(error) => error.into(),
                     error => Failure::answered_no(error),
@@ -241,6 +246,8 @@ pub fn merge(value: &mut Value, more: Value) {
 struct Show {
     progress: Progress,
     layers: usize,
+    /// And before the latest amendment.
+    layers_before: usize,
     laid: u64,
     state: &'static str,
     /// The emergency stop was given here, or pressed.
@@ -254,6 +261,7 @@ impl Show {
         Self {
             progress: Progress::start(Some(layers as u64), Results::AtEnd),
             layers,
+            layers_before: layers,
             laid,
             state: "starting",
             emergency: false,
@@ -271,8 +279,10 @@ impl Show {
                 }
             }
             News::Status(status) => self.state = status.state.name(),
-            News::Amending(amendment) => self.layers = amendment.total as usize,
-            News::Board(_) | News::Counting(_) | News::NotAmended(None) | News::HandingOver(..) => {}
+            News::Amending(amendment) => {
+                self.layers_before = std::mem::replace(&mut self.layers, amendment.total as usize);
+            }
+            News::Board(_) | News::Counting(_) | News::HandingOver(..) => {}
             News::Ordered(order) => {
                 self.emergency |= *order == Order::EmergencyStop;
                 self.progress.say(&format!("ordered: {}", order.name()));
@@ -280,8 +290,9 @@ impl Show {
             News::NotObeyed(why) => self.progress.say(why),
             News::Silent => self.progress.say("the board does not answer: calling it again"),
             News::Back => self.progress.say("the board answers again"),
-            News::NotAmended(Some(why)) => {
-                if self.not_amended.as_ref() != Some(why) {
+            News::NotAmended(why) => {
+                self.layers = self.layers_before;
+                if let Some(why) = why.as_ref().filter(|why| self.not_amended.as_ref() != Some(why)) {
                     self.progress.say(&format!("{why}; it goes on with the layers that it has"));
                     self.not_amended = Some(why.clone());
                 }

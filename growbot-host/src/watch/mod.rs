@@ -105,6 +105,10 @@ impl Watch {
         let (stop, stopped) = oneshot::channel();
         let serving = Arc::clone(&shared);
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(WatchError::Server)?;
+        let listener = {
+            let _inside = runtime.enter();
+            tokio::net::TcpListener::from_std(listener).map_err(WatchError::Server)?
+        };
         let thread = thread::Builder::new()
             .name("watch".to_string())
             .spawn(move || runtime.block_on(server::serve(listener, serving, stopped)))

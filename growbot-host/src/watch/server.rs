@@ -1,7 +1,6 @@
 //! The page over HTTP: itself, its news as they come (server-sent events), and orders.
 
 use std::convert::Infallible;
-use std::net::TcpListener;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -13,6 +12,7 @@ use axum::response::sse::{Event, KeepAlive, Sse};
 use axum::response::{Html, IntoResponse, Response};
 use axum::routing::{get, post};
 use futures_util::stream::{Stream, unfold};
+use tokio::net::TcpListener;
 use tokio::sync::{oneshot, watch};
 use tokio::time::sleep;
 
@@ -28,7 +28,6 @@ const TO_CLOSE: Duration = Duration::from_millis(500);
 
 /// Serves until told to stop.
 pub async fn serve(listener: TcpListener, shared: Arc<Shared>, stopped: oneshot::Receiver<()>) {
-    let Ok(listener) = tokio::net::TcpListener::from_std(listener) else { return };
     let (closing, closed) = oneshot::channel();
     let stop = async move {
         let _ = stopped.await;
@@ -59,7 +58,7 @@ async fn page(State(shared): State<Arc<Shared>>) -> Html<String> {
 }
 
 async fn news(State(shared): State<Arc<Shared>>) -> Sse<impl Stream<Item = Result<Event, Infallible>>> {
-    let listener = Listener { changes: shared.changes.subscribe(), shared, seen: Seen::default(), told: 0 };
+    let listener = Listener { changes: shared.changes.subscribe(), shared, seen: Seen::default(), told: false };
     Sse::new(unfold(listener, Listener::next)).keep_alive(KeepAlive::default())
 }
 
@@ -68,23 +67,23 @@ struct Listener {
     shared: Arc<Shared>,
     changes: watch::Receiver<u64>,
     seen: Seen,
-    /// Messages that it has been sent.
-    told: u64,
+    /// Whether it has been sent any message.
+    told: bool,
 }
 
 impl Listener {
     /// The next message: at once at first, then when something has changed; none after the end.
     async fn next(mut self) -> Option<(Result<Event, Infallible>, Self)> {
-        if self.told > 0 {
-            if self.shared.watched().has_ended() && !self.changes.has_changed().ok()? {
-                return None;
-            }
+        if self.seen.ended {
+            return None;
+        }
+        if self.told {
             sleep(BETWEEN_NEWS).await;
             self.changes.changed().await.ok()?;
         }
         self.changes.mark_unchanged();
         let news = self.shared.watched().news_for(&mut self.seen);
-        self.told += 1;
+        self.told = true;
         Some((Ok(Event::default().data(news.to_string())), self))
     }
 }

@@ -18,6 +18,8 @@ pub struct Watched {
     commanded: Vec<LayerBytes>,
     /// Layers of the job.
     total: usize,
+    /// What the latest amendment replaced: from which layer on, these, of so many in all.
+    replaced: Option<(usize, Vec<LayerBytes>, usize)>,
     /// Layers as built; those of which nothing is known as commanded.
     built: Vec<LayerBytes>,
     state: &'static str,
@@ -40,6 +42,8 @@ pub struct Seen {
     layers: usize,
     readings: usize,
     thinned: u32,
+    /// Whether it has been told of the end.
+    pub ended: bool,
 }
 
 impl Watched {
@@ -49,6 +53,7 @@ impl Watched {
             period_s: job.robot.description().layer.period_s,
             commanded: job.layers.clone(),
             total: job.layers.len(),
+            replaced: None,
             built: known.iter().zip(&job.layers).map(|(built, commanded)| built.unwrap_or(*commanded)).collect(),
             state: "starting",
             fault: None,
@@ -70,26 +75,29 @@ impl Watched {
             News::Status(status) => self.status(status),
             News::Laid(index, as_built, _) => self.laid(*index as usize, *as_built),
             News::Amending(amendment) => {
+                let from = self.commanded.len().min(amendment.from as usize);
+                self.replaced = Some((from, self.commanded.split_off(from), self.total));
                 self.replace(amendment.from, &amendment.layers);
                 self.total = amendment.total as usize;
+            }
+            News::NotAmended(_) => {
+                if let Some((from, layers, total)) = self.replaced.take() {
+                    self.replace(from as u32, &layers);
+                    self.total = total;
+                }
             }
             News::HandingOver(from, layers) => self.replace(*from, layers),
             News::NotObeyed(why) => self.said = Some(why.clone()),
             News::Ordered(_) => self.said = None,
             News::Silent => self.answers = false,
             News::Back => self.answers = true,
-            News::Counting(_) | News::NotAmended(_) => {}
+            News::Counting(_) => {}
         }
     }
 
     /// It has ended, as `growbot grow --json` says it.
     pub fn end(&mut self, result: &Value) {
         self.ended = Some(result.clone());
-    }
-
-    /// Whether it has ended.
-    pub fn has_ended(&self) -> bool {
-        self.ended.is_some()
     }
 
     /// What a page that has seen so much does not know yet. Layers and readings are to be put in from the given index on.
@@ -110,7 +118,7 @@ impl Watched {
             "readings": { "from": seen.readings, "taken": readings },
             "ended": self.ended,
         });
-        (seen.layers, seen.readings) = (self.built.len(), self.readings.len());
+        (seen.layers, seen.readings, seen.ended) = (self.built.len(), self.readings.len(), self.ended.is_some());
         message
     }
 
@@ -238,6 +246,29 @@ mod tests {
     }
 
     #[test]
+    fn an_amendment_that_the_board_does_not_take_is_taken_back() {
+        let mut watched = watched(&[]);
+        let (commanded, total) = (watched.commanded.clone(), watched.total);
+        watched.take(&News::Amending(Amendment { plan_id: 2, from: 1, total: 20, layers: vec![[5; 12]; 2] }));
+        assert_eq!((watched.commanded.len(), watched.total), (3, 20));
+        watched.take(&News::NotAmended(None));
+        assert!(watched.commanded == commanded && watched.total == total);
+    }
+
+    #[test]
+    fn a_fault_is_explained() {
+        let mut watched = watched(&[]);
+        let News::Status(mut status) = status(0) else { unreachable!() };
+        (status.state, status.fault) = (State::Fault, Some(Fault::OverTemperature));
+        watched.take(&News::Status(status));
+        let news = watched.news_for(&mut Seen::default());
+        assert_eq!(
+            (&news["state"], &news["explanation"]),
+            (&json!("fault"), &json!(Fault::OverTemperature.explanation()))
+        );
+    }
+
+    #[test]
     fn amended_layers_are_those_that_unknown_ones_are_shown_by() {
         let mut watched = watched(&[]);
         watched.take(&News::Amending(Amendment { plan_id: 2, from: 1, total: 20, layers: vec![[5; 12]; 2] }));
@@ -247,6 +278,6 @@ mod tests {
         let news = watched.news_for(&mut Seen::default());
         assert_eq!(news["total"], 20);
         watched.end(&json!({ "outcome": "stopped" }));
-        assert!(watched.has_ended());
+        assert!(watched.ended.is_some());
     }
 }

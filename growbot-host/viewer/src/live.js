@@ -12,7 +12,7 @@ const HEX_PER_LAYER = 24;
 /** Building the body anew takes this share of the time at most. */
 const SHARE = 0.2;
 
-const NAMES = { "self-test": "self-test", "emergency-stop": "emergency stop" };
+const STATE_NAMES = { "emergency-stop": "emergency stop" };
 
 /** Shows it, and returns its pictures. */
 export function showLive(data) {
@@ -55,7 +55,10 @@ export function showLive(data) {
       end(ended);
     }
   };
-  source.onerror = () => showProblem("growbot does not answer: it has ended, or the connection is cut. Trying again…");
+  source.onerror = () => {
+    const gone = source.readyState === EventSource.CLOSED;
+    showProblem(gone ? "This growth is no longer served at this address." : "growbot does not answer: it has ended, or the connection is cut. Trying again…");
+  };
   source.onopen = () => showProblem("");
 
   document.querySelectorAll("[data-order]").forEach((button) => {
@@ -66,7 +69,7 @@ export function showLive(data) {
 
 function showState({ state, answers, explanation, said }) {
   const badge = find("#state");
-  badge.textContent = NAMES[state] ?? state;
+  badge.textContent = STATE_NAMES[state] ?? state;
   badge.dataset.state = state;
   find("#explanation").textContent = explanation ?? "";
   find("#order-hold").hidden = state === "hold";
@@ -74,8 +77,9 @@ function showState({ state, answers, explanation, said }) {
   showProblem(answers ? (said ?? "") : "The board does not answer: growbot calls it again.");
 }
 
-function showProblem(text) {
-  const problem = find("#problem");
+/** What is wrong with the growth or the connection; or, beside it, with an order, which no news wipe away. */
+function showProblem(text, place = "#problem") {
+  const problem = find(place);
   problem.textContent = text;
   problem.hidden = text === "";
 }
@@ -100,8 +104,8 @@ function end(result) {
 async function give(order) {
   try {
     const answer = await fetch(`orders/${order}`, { method: "POST" });
-    if (!answer.ok) showProblem(`${order} was refused: ${await answer.text()}`);
+    showProblem(answer.ok ? "" : `${order} was refused: ${await answer.text()}`, "#order-problem");
   } catch (error) {
-    showProblem(`${order} did not reach growbot (${error.message}): use the robot's own emergency stop, or \`growbot estop\``);
+    showProblem(`${order} did not reach growbot (${error.message}): use the robot's own emergency stop, or \`growbot estop\``, "#order-problem");
   }
 }
