@@ -59,6 +59,14 @@ fn the_picture_of_the_readme_is_the_one_that_its_commands_make() {
         ["two-plane.json", "shortest.json", "compare.png"].map(|name| directory.join(name));
 
     // As README.md says, in another directory.
+    let readme = fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("../README.md")).unwrap();
+    for command in [
+        "growbot plan --to 300,200,250,-45,-30 --planner two-plane -o two-plane.json ",
+        "growbot plan --to 300,200,250,-45,-30 -o shortest.json ",
+        "growbot view --compare two-plane.json shortest.json --png --width 1400 -o compare.png\n",
+    ] {
+        assert!(readme.contains(command), "README.md has another command than {command:?}");
+    }
     done(&["plan", "--to", "300,200,250,-45,-30", "--planner", "two-plane", "-o", text(&two_plane)]);
     done(&["plan", "--to", "300,200,250,-45,-30", "-o", text(&shortest)]);
     done(&["view", "--compare", text(&two_plane), text(&shortest), "--png", "--width", "1400", "-o", text(&made)]);
@@ -107,6 +115,11 @@ fn a_picture_says_what_it_shows_and_is_no_larger_than_a_paper_takes() {
     let grown = fs::read_to_string(path("run.svg")).unwrap();
     assert!(grown.contains("off the goal, as the tip says") && grown.contains("stroke-dasharray"));
     assert!(grown.contains(">plan</text>") && !grown.contains(">estimated</text>"));
+    // A plan and its log are often called alike.
+    fs::copy(&plan, path("run.json")).unwrap();
+    done(&["view", "--compare", text(&path("run.json")), text(&run), "--svg"]);
+    let alike = fs::read_to_string(path("run.json-run.jsonl.svg")).unwrap();
+    assert!(alike.contains(">run.json</text>") && alike.contains(">run.jsonl</text>"), "both have one name");
     // With feedback, the line along which the tip was taken to go, too.
     let followed = path("followed.jsonl");
     done(&["grow", text(&plan), "--bias", "20", "--feedback", "--log", text(&followed)]);
@@ -118,6 +131,23 @@ fn a_picture_says_what_it_shows_and_is_no_larger_than_a_paper_takes() {
     assert_eq!(compared.matches(r##"stroke="#c2185b" stroke-width="1.5""##).count(), 2, "the line and its sample");
     done(&["view", "--compare", text(&plan), text(&run), "--png", "--width", "640"]);
     assert_eq!(pixels(&path("plan-run.png")).0, 640);
+
+    // No word and no caption falls off the drawing, from wherever it is seen.
+    let level = path("level.json");
+    let many: Vec<String> = (1..9).map(|n| format!("--via={},0,{},0,0", 400 * n, 200 + 40 * (n % 2))).collect();
+    let many: Vec<&str> = many.iter().map(String::as_str).collect();
+    done(&[&["plan", "--to", "4000,0,200,0,0", "-o", text(&level)], &many[..]].concat());
+    for look in ["corner", "front", "side", "top"] {
+        done(&["view", "--compare", text(&level), text(&plan), "--look", look, "-o", text(&path("level.svg"))]);
+        let svg = fs::read_to_string(path("level.svg")).unwrap();
+        for word in svg.split("<text ").skip(1) {
+            let (attributes, rest) = word.split_once('>').unwrap();
+            let number = |name: &str| attributes.split_once(name).unwrap().1.split('"').next().unwrap().parse::<f64>();
+            let (x, letters) = (number(" x=\"").unwrap(), rest.split("</text>").next().unwrap().chars().count() as f64);
+            let left = if attributes.contains("mid") { x - 3.0 * letters } else { x };
+            assert!(attributes.contains("end") || (left >= 0.0 && left + 6.0 * letters <= 960.0), "{look}: {word}");
+        }
+    }
 
     let long = path("long.json");
     let via = ["--via", "1800,0,1200,90,0", "--via", "900,1800,700,180,20", "--via", "-400,1200,1600,-90,0"];

@@ -103,19 +103,24 @@ pub fn run(args: &ReplayArgs) -> Result<(), Failure> {
     Ok(print(&text)?)
 }
 
-/// What feedback came to, if there was some, and its plan. A robot that is not said need not be found.
+/// What feedback came to, if there was some, and its plan. A robot that is not said need be neither found nor the same as then.
 fn fed_back(record: &RunRecord, robot: Option<&Path>) -> Result<Option<(FedBack, Plan)>, Failure> {
     if record.feedback.is_none() {
         return Ok(None);
     }
-    let found = match (robot_file::load(robot.unwrap_or(record.robot.0.as_ref())), robot) {
-        (Err(error), None) => {
-            Failure::bad_input(format_args!("where feedback took the tip to be is left out: {error}")).say();
+    let load = || -> Result<_, Failure> {
+        let found = robot_file::load(robot.unwrap_or(record.robot.0.as_ref()))?;
+        let plan = record.plan(&found)?;
+        Ok((found, plan))
+    };
+    let (found, plan) = match load() {
+        Err(failure) if robot.is_none() => {
+            let why = failure.message();
+            Failure::bad_input(format_args!("where feedback took the tip to be is left out: {why}")).say();
             return Ok(None);
         }
-        (found, _) => found?,
+        found => found?,
     };
-    let plan = record.plan(&found)?;
     let feedback = record.feedback(&Job::new(&found, &plan.start, &plan.goal, &plan.path), &plan);
     let fed_back = feedback.map(|feedback| feedback.result());
     Ok(fed_back.map(|fed_back| (fed_back, plan)))

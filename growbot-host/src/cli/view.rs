@@ -18,9 +18,9 @@ use growbot_host::view::{Subject, page, picture, plot};
 
 use super::Failure;
 
-/// Write a plan, or the log of a growth, as one HTML page to look at
+/// Look at a plan, or at the log of a growth: a page, a picture, or plots
 ///
-/// The page opens in any browser, without a network: the tube in three dimensions, its layers coloured by their height, and a slider that
+/// The page is one HTML file that any browser opens, without a network: the tube in three dimensions, its layers coloured by their height, and a slider that
 /// grows it, with start, goal, the tip's frame and the numbers beside it. Of a growth it shows what was planned against what was built.
 ///
 /// With --compare it shows two of them side by side, from the same side and at the same scale, with one slider that grows both.
@@ -272,8 +272,11 @@ impl ViewArgs {
         if self.files.iter().any(|file| is_standard_input(file)) {
             return Err(Failure::bad_input("a plan from standard input has no name: say where the view goes with -o"));
         }
-        let stems = self.files.iter().filter_map(|file| file.file_stem());
-        let mut name = stems.collect::<Vec<_>>().join("-".as_ref());
+        let stems: Vec<_> = self.files.iter().filter_map(|file| file.file_stem()).collect();
+        // A plan and its log may be called alike.
+        let alike = matches!(stems[..], [one, other] if one == other);
+        let whole = self.files.iter().filter_map(|file| file.file_name());
+        let mut name = if alike { whole.collect() } else { stems }.join("-".as_ref());
         name.push(if self.plot.is_empty() { "." } else { "-plot." });
         name.push(self.format().ending());
         Ok(self.files.first().map_or_else(PathBuf::new, |first| first.with_file_name(name)))
@@ -304,7 +307,7 @@ impl Opened {
     fn of(file: &Path, robot: Option<&Path>) -> Result<Self, Failure> {
         let as_plan = || plan_file::open(file, robot).map(|(robot, plan)| Self { robot, plan, run: None, log: None });
         // Pipes and devices are read once, and bounded: as plans.
-        if !fs::metadata(file).is_ok_and(|file| file.is_file()) {
+        if is_standard_input(file) || !fs::metadata(file).is_ok_and(|file| file.is_file()) {
             return Ok(as_plan()?);
         }
         let name = file.display().to_string();

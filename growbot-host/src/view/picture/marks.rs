@@ -3,6 +3,7 @@
 use growbot_core::pose::Frame;
 use nalgebra::Vector3;
 
+use super::WIDE;
 use super::place::{Bounds, Place, solid};
 use crate::drawing::canvas::Canvas;
 
@@ -98,8 +99,10 @@ pub fn disc(canvas: &mut Canvas, [x, y]: [f64; 2], radius: f64, colour: &str) {
     ));
 }
 
-/// A word whose middle is there, readable on whatever it stands.
+/// A word whose middle is there, or as near as it fits into the drawing, readable on whatever it stands.
 pub fn word(canvas: &mut Canvas, [x, y]: [f64; 2], text: &str, colour: &str) {
+    let half = LETTER * text.chars().count() as f64 + 4.0;
+    let x = x.max(half).min(WIDE - half);
     for style in ["stroke=\"#fff\" stroke-width=\"3.5\" stroke-linejoin=\"round\"", ""] {
         canvas.add(format_args!(
             "<text class=\"mid\" x=\"{x:.1}\" y=\"{y:.1}\" font-weight=\"600\" style=\"fill:{colour}\" {style}>{text}</text>"

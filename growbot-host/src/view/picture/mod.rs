@@ -39,6 +39,9 @@ const HEAD: f64 = 84.0;
 const FOOT: f64 = 76.0;
 /// Left and right edge of what is written.
 const EDGE: f64 = 28.0;
+/// Width of a letter in a title and in what is written below it, about.
+const TITLE_LETTER: f64 = 10.0;
+const LETTER: f64 = 6.8;
 /// Width of the scale of heights.
 const LEGEND: f64 = 220.0;
 /// What is written between scale bar and legend has its middle here; so many letters fit.
@@ -78,26 +81,35 @@ pub fn svg(subjects: &[&Subject], look: Look) -> Result<String, ViewError> {
         .collect();
     let bottom = top + high;
     let mut canvas = Canvas::new(WIDE, bottom + FOOT, &title.join("; "));
-    for (index, ((stage, bounds), (subject, layers))) in stages.iter().zip(&bounds).zip(&all).enumerate() {
+    let names = names(subjects);
+    for (index, ((stage, bounds), ((subject, layers), name))) in
+        stages.iter().zip(&bounds).zip(all.iter().zip(&names)).enumerate()
+    {
         let left = width * index as f64;
         let at = [left + 0.5 * width, top + 0.5 * high];
         let place = Place { camera, scale, centre: bounds.centre(), at };
         stage.draw(&mut canvas, &place, range, square);
-        head(&mut canvas, left + EDGE, subject, layers);
+        head(&mut canvas, [left + EDGE, width - 2.0 * EDGE], name, subject, layers);
     }
     if stages.len() > 1 {
         canvas.add(format_args!("<path class=\"grid\" d=\"M{width} 24V{bottom}\"/>"));
     }
     scale_bar(&mut canvas, [EDGE, bottom + FOOT - 26.0], scale);
     key(&mut canvas, [MIDDLE, bottom + FOOT - 48.0], &lines(&stages));
-    if let [(one, a), (other, b)] = &all[..] {
-        let words = difference([(one.stem(), a), (other.stem(), b)]);
+    if let ([(_, a), (_, b)], [one, other]) = (&all[..], &names[..]) {
+        let words = difference([(one, a), (other, b)]);
         if words.chars().count() <= MOST_WORDS {
             canvas.text(MIDDLE, bottom + FOOT - 26.0, "mid", escape(&words));
         }
     }
     legend(&mut canvas, [WIDE - EDGE - LEGEND, bottom + FOOT - 46.0], range);
     Ok(canvas.finish())
+}
+
+/// How bodies are called: without their files' endings, unless they would have one name then.
+fn names<'a>(subjects: &[&'a Subject]) -> Vec<&'a str> {
+    let alike = matches!(subjects, [one, other] if one.stem() == other.stem());
+    subjects.iter().map(|subject| if alike { subject.name } else { subject.stem() }).collect()
 }
 
 /// The lines beside bodies, each once.
@@ -129,13 +141,22 @@ fn scale(bounds: &Bounds, [width, most_high]: [f64; 2]) -> f64 {
     ((width - 2.0 * MARGIN[0]) / wide).min((most_high - 2.0 * MARGIN[1]) / high)
 }
 
-/// What is written over a stage.
-fn head(canvas: &mut Canvas, left: f64, subject: &Subject, layers: &Layers) {
-    canvas.text(left, 42.0, "title", escape(subject.stem()));
-    canvas.text(left, 64.0, "", escape(&caption(subject, layers, subject.stem())));
+/// What is written over a stage, from `left` on, `width` wide.
+fn head(canvas: &mut Canvas, [left, width]: [f64; 2], name: &str, subject: &Subject, layers: &Layers) {
+    canvas.text(left, 42.0, "title", escape(&fitting(name, width / TITLE_LETTER)));
+    canvas.text(left, 64.0, "", escape(&fitting(&caption(subject, layers, name), width / LETTER)));
     if let Some(measured) = measured(subject) {
         canvas.text(left, 83.0, "note", escape(&measured));
     }
+}
+
+/// So many letters of a text at most.
+fn fitting(text: &str, most: f64) -> String {
+    let most = most as usize;
+    if text.chars().count() <= most {
+        return text.to_owned();
+    }
+    text.chars().take(most.saturating_sub(1)).chain(['…']).collect()
 }
 
 fn scale_bar(canvas: &mut Canvas, [left, y]: [f64; 2], scale: f64) {

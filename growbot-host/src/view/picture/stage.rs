@@ -15,7 +15,7 @@ use crate::view::{Layers, Subject, measured_end};
 /// Colours of marks, and of what lies behind: as the page has them.
 const START: &str = "#2b8a57";
 const GOAL: &str = "#b3367a";
-const PLANNED: &str = "#4a5563";
+const REACHED: &str = "#4a5563";
 const GHOST: &str = "#a9b2be";
 const SHADOW: &str = "#e6e9ee";
 
@@ -185,11 +185,12 @@ impl Stage {
             canvas.add(piece.trim_end());
         }
         canvas.add("</g>");
-        if let Some(planned) = &self.planned {
-            PLANNED_LINE.draw(canvas, place, planned.centreline());
-        }
+        // The dashed line last: where both agree, both are seen.
         if let Some(estimated) = &self.estimated {
             ESTIMATED_LINE.draw(canvas, place, estimated.iter().copied());
+        }
+        if let Some(planned) = &self.planned {
+            PLANNED_LINE.draw(canvas, place, planned.centreline());
         }
         self.words(canvas, place);
     }
@@ -220,8 +221,8 @@ impl Stage {
         }
         if let Some(reached) = &self.reached {
             let at = place.point(reached);
-            word_at_free_side(canvas, place, at, &axes, "reached", PLANNED);
-            disc(canvas, at, 0.15 * self.outer * place.scale, PLANNED);
+            word_at_free_side(canvas, place, at, &axes, "reached", REACHED);
+            disc(canvas, at, 0.15 * self.outer * place.scale, REACHED);
         }
     }
 }

@@ -219,8 +219,16 @@ fn temperature(subject: &Subject, readings: &[Reading], axis: &Axis) -> Result<L
     }
     let at: Vec<f64> = readings.iter().map(|reading| axis.of(reading)).collect();
     let line = means(&at, &readings.iter().map(|reading| reading.celsius).collect::<Vec<_>>());
-    let dashed: Vec<(f64, Option<f64>)> =
-        at.iter().copied().zip(readings.iter().map(|reading| reading.target)).collect();
+    // The target is steps: its corners are all of it.
+    let target = |index: usize| readings.get(index).map(|reading| reading.target);
+    let is_corner =
+        |index: usize| index == 0 || target(index - 1) != target(index) || target(index + 1) != target(index);
+    let dashed: Vec<(f64, Option<f64>)> = at
+        .iter()
+        .zip(readings)
+        .enumerate()
+        .filter_map(|(index, (at, reading))| is_corner(index).then_some((*at, reading.target)))
+        .collect();
     let targets = dashed.iter().filter_map(|(_, target)| *target);
     let y = Scale::around(line.iter().map(|(_, celsius)| *celsius).chain(targets));
     let head = "Temperature of the nozzle; dashed, what it is to be".to_owned();
