@@ -4,23 +4,36 @@
 //
 //   node live.js GROWBOT
 //
+// Time passes for the robot while the browser works, so nothing here may need the browser to be quick: the robot waits for a day before it
+// parks, and a growth takes minutes. Both growths go on beside each other.
+//
 // The browser is `chromium`, or what CHROMIUM names.
 
 import assert from "node:assert/strict";
 import { spawn } from "node:child_process";
 import { once } from "node:events";
-import { resolve } from "node:path";
+import { mkdtemp, readFile, rm, writeFile } from "node:fs/promises";
+import { tmpdir } from "node:os";
+import { join, resolve } from "node:path";
 import { createInterface } from "node:readline";
 import { chromium } from "playwright-core";
 
 const growbot = resolve(process.argv[2]);
-const PATIENCE_MS = 60_000;
+const PATIENCE_MS = 600_000;
 const errors = [];
 const children = [];
 
+const directory = await mkdtemp(join(tmpdir(), "growbot-live-"));
+const patient = join(directory, "patient.toml");
+const described = await readFile(new URL("../../robots/growbot-a.toml", import.meta.url), "utf8");
+const parksAfter = /^off_after_s = .*$/m;
+assert.match(described, parksAfter);
+await writeFile(patient, described.replace(parksAfter, "off_after_s = 86400.0"));
+
 /** A growth of 400 mm that is watched: its process and the page's address. */
 async function grow(...args) {
-  const child = spawn(growbot, ["grow", "--to", "60,40,390,30,60", "--watch", ...args], { stdio: ["ignore", "ignore", "pipe"] });
+  const growth = ["grow", "--robot", patient, "--to", "60,40,390,30,60", "--watch", ...args];
+  const child = spawn(growbot, growth, { stdio: ["ignore", "ignore", "pipe"] });
   children.push(child);
   const ended = once(child, "exit").then(([code]) => code);
   for await (const line of createInterface({ input: child.stderr })) {
@@ -56,7 +69,12 @@ const browser = await chromium.launch({
   args: ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"],
 });
 try {
-  const controlled = await grow("--control", "--pace", "300");
+  const watched = await grow("--pace", "100");
+  const looking = await open(browser, watched.address);
+  await isIn(looking, "growing");
+  assert.ok(await looking.isHidden("#orders"), "a page that may only look has buttons");
+
+  const controlled = await grow("--control", "--pace", "60");
   const page = await open(browser, controlled.address);
   await isIn(page, "growing");
   await comesTo(page, 5);
@@ -84,10 +102,6 @@ try {
   console.log(`live: grew, held at layer ${held}, went on, stopped after ${stopped}`);
   await page.close();
 
-  const watched = await grow("--pace", "1000");
-  const looking = await open(browser, watched.address);
-  await isIn(looking, "growing");
-  assert.ok(await looking.isHidden("#orders"), "a page that may only look has buttons");
   await isIn(looking, "done");
   assert.equal(await watched.ended, 0);
   await looking.waitForFunction(() => /^layer (\d+) of \1 /.test(document.querySelector("#bar output").textContent));
@@ -98,4 +112,5 @@ try {
 } finally {
   children.forEach((child) => child.kill());
   await browser.close();
+  await rm(directory, { recursive: true });
 }

@@ -71,7 +71,7 @@ impl Watched {
     pub fn take(&mut self, news: &News) {
         match news {
             News::Board(hello) => self.status(&hello.status),
-            News::State(state) => self.state(*state),
+            News::State(state) => self.changed(*state),
             News::Status(status) => self.status(status),
             News::Laid(index, as_built, _) => self.laid(*index as usize, *as_built),
             News::Amending(amendment) => {
@@ -136,13 +136,16 @@ impl Watched {
         }
     }
 
-    fn state(&mut self, state: State) {
-        self.state = state.name();
+    /// The state has changed. Why it is a pause or a fault is in the status, which the growth asks for at once: such a state is shown
+    /// from then on, together with its explanation.
+    fn changed(&mut self, state: State) {
+        if !matches!(state, State::Hold | State::Fault) {
+            (self.state, self.fault) = (state.name(), None);
+        }
     }
 
     fn status(&mut self, status: &Status) {
-        self.state(status.state);
-        (self.fault, self.waits) = (status.fault, status.waits);
+        (self.state, self.fault, self.waits) = (status.state.name(), status.fault, status.waits);
         self.clock.board_says(status.uptime_ms);
         let now = self.clock.now() as f64 / 1000.0;
         let celsius = |centi: i32| f64::from(centi) / 100.0;
@@ -266,6 +269,36 @@ mod tests {
             (&news["state"], &news["explanation"]),
             (&json!("fault"), &json!(Fault::OverTemperature.explanation()))
         );
+    }
+
+    /// The event that a state has changed comes before the status that says why.
+    #[test]
+    fn a_state_is_not_shown_before_its_explanation() {
+        let shown = |watched: &Watched| {
+            let news = watched.news_for(&mut Seen::default());
+            (news["state"].clone(), news["explanation"].clone())
+        };
+        let mut watched = watched(&[]);
+        watched.take(&status(0));
+        let News::Status(growing) = status(1) else { unreachable!() };
+        let pause = |waits| Status { state: State::Hold, waits, ..growing.clone() };
+        for (waits, explanation) in
+            [(Waits::AsAsked, "holds as it was asked to"), (Waits::ForHost, "holds until its host is back")]
+        {
+            watched.take(&News::State(State::Hold));
+            assert_eq!(shown(&watched), (json!("growing"), Value::Null), "not yet known why");
+            watched.take(&News::Status(pause(waits)));
+            assert_eq!(shown(&watched), (json!("hold"), json!(explanation)));
+            watched.take(&News::State(State::Growing));
+            assert_eq!(shown(&watched), (json!("growing"), Value::Null));
+        }
+        watched.take(&News::State(State::Fault));
+        assert_eq!(shown(&watched), (json!("growing"), Value::Null), "not yet known which");
+        let fault = Status { state: State::Fault, fault: Some(Fault::FilamentOut), ..growing };
+        watched.take(&News::Status(fault));
+        assert_eq!(shown(&watched), (json!("fault"), json!(Fault::FilamentOut.explanation())));
+        watched.take(&News::State(State::Idle));
+        assert_eq!(shown(&watched), (json!("idle"), Value::Null), "a fault that was cleared is not told any more");
     }
 
     #[test]
