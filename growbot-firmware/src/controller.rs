@@ -25,12 +25,12 @@ use core::ops::{Deref, DerefMut};
 use growbot_core::link::message::{Empty, Fault, Message, ResetCause, SensorReadings, State, StateChanged, Status};
 use growbot_core::robot::Robot;
 
-use crate::hal::{Board, Converter, KeptMemory, Parts};
+use crate::hal::{Board, Converter, Parts};
 use crate::heater::{self, Heater, Sampler};
 use crate::layer_store::LayerStore;
 use crate::link::{self, Link};
 use crate::safety::inputs::Inputs;
-use crate::safety::kept::{Kept, UnderWay};
+use crate::safety::kept::{Copies, Kept, UnderWay};
 use crate::safety::proof_of_life::ProofOfLife;
 use crate::safety::transitions::{Event, after, may_heat};
 use crate::stepping::Handover;
@@ -53,6 +53,7 @@ pub struct Controller<B: Board> {
     state: State,
     fault: Option<Fault>,
     kept: Kept,
+    copies: Copies,
     job: job::Job,
     motion: growing::Motion,
     heater: Heater,
@@ -78,7 +79,8 @@ pub struct Controller<B: Board> {
 impl<B: Board> Controller<B> {
     /// A controller with everything off: about to test itself, or with the fault of the boot before.
     pub fn new(robot: Robot, identity: Identity, mut parts: Parts<B>, handover: &Handover) -> Self {
-        let kept = Kept::from_bytes(&parts.kept.read()).unwrap_or_default();
+        let (copies, kept) = Copies::find(&mut parts.kept);
+        let is_known = kept.is_some();
         let mut controller = Self {
             robot,
             identity,
@@ -86,7 +88,8 @@ impl<B: Board> Controller<B> {
             link: Link::default(),
             state: State::SelfTest,
             fault: None,
-            kept,
+            kept: kept.unwrap_or_default(),
+            copies,
             job: job::Job::default(),
             motion: growing::Motion::default(),
             heater: Heater::default(),
@@ -105,7 +108,7 @@ impl<B: Board> Controller<B> {
         };
         controller.switch_off(handover);
         controller.take_up_job();
-        controller.take_up_fault();
+        controller.take_up_fault(is_known);
         controller
     }
 
@@ -205,7 +208,7 @@ impl<B: Board> Controller<B> {
         let job::Job { plan_id, laid, given, .. } = self.job;
         let under_way = UnderWay { state: self.state, plan_id, laid, begun: given, sectors: self.sectors };
         self.kept.under_way = (may_heat(self.state) || self.state == State::Parked).then_some(under_way);
-        self.parts.kept.write(&self.kept.to_bytes());
+        self.copies.write(&mut self.parts.kept, &self.kept);
     }
 
     /// What the host is told about all this.

@@ -11,7 +11,7 @@ use embedded_storage::nor_flash::MultiwriteNorFlash;
 
 use crate::journal::Journal;
 use crate::layer_store::LayerStore;
-use crate::safety::kept::KEPT_BYTES;
+use crate::safety::kept::{COPY_BYTES, KEPT_BYTES};
 
 /// A channel of a 12-bit converter.
 pub trait Converter {
@@ -34,10 +34,11 @@ pub trait Watchdog {
 
 /// Memory that survives a reset, though not a loss of power.
 pub trait KeptMemory {
-    /// What it holds.
+    /// What it holds: [`COPIES`](crate::safety::kept::COPIES) copies, one after the other.
     fn read(&mut self) -> [u8; KEPT_BYTES];
-    /// Has it hold something else.
-    fn write(&mut self, bytes: &[u8; KEPT_BYTES]);
+    /// Has one of the copies hold something else, from its first byte to its last. The other copy is not touched, and whatever is done
+    /// afterwards is done after the last byte is in the memory.
+    fn write(&mut self, copy: usize, bytes: &[u8; COPY_BYTES]);
 }
 
 /// The parts of a board that the controller drives. Steppers, index sensor, filament encoder and emergency stop belong to the
@@ -63,7 +64,7 @@ pub trait Board {
     type Watchdog: Watchdog;
     /// What survives a reset.
     type Kept: KeptMemory;
-    /// What survives a loss of power: two sectors or more, whose programmed words can be programmed to zero.
+    /// What survives a loss of power: two sectors or more, whose programmed words can be programmed again: to the same, and to zero.
     type Flash: MultiwriteNorFlash;
     /// Where the layers are kept: some 48 KiB, so a reference or a box.
     type Store: DerefMut<Target = LayerStore>;

@@ -9,7 +9,7 @@ use crate::hal::{Board, Orientation, Watchdog};
 use crate::heater::Demand;
 use crate::link;
 use crate::safety::inputs::{Look, volts};
-use crate::safety::kept::fault_of;
+use crate::safety::kept::{fault_of, survives};
 use crate::safety::transitions::{Event, may_feed, may_heat};
 use crate::stepping::Handover;
 
@@ -224,8 +224,9 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// After a start: a fault that was never cleared is latched again, and a reset in the midst of work is a fault.
-    pub(super) fn take_up_fault(&mut self) {
+    /// After a start: a fault that was never cleared is latched again, and a reset in the midst of work is a fault. So is one that has
+    /// destroyed what would say so.
+    pub(super) fn take_up_fault(&mut self, is_known: bool) {
         if let Some(under_way) = self.kept.under_way {
             let record = FaultRecord {
                 fault: Some(fault_of(self.identity.reset_cause)),
@@ -236,6 +237,8 @@ impl<B: Board> Controller<B> {
                 ..self.record(None)
             };
             self.kept.record = Some(record);
+        } else if !is_known && survives(self.identity.reset_cause) {
+            self.kept.record = Some(self.record(Some(fault_of(self.identity.reset_cause))));
         }
         if let Some(FaultRecord { fault, cleared: false, .. }) = self.kept.record {
             self.fault = fault;

@@ -9,6 +9,10 @@
 //!
 //! - A record counts as a whole or not at all: its CRC says so. One that was torn by a loss of power is passed over; the next one goes to the
 //!   next place.
+//! - Cells that lost their power while they were programmed may read differently at each start. So a start settles what they say once
+//!   and for all: the last record is programmed again where it reads as whole, and struck out where it does not. The first blank place
+//!   may have been written to and read as blank: it is passed over, and struck out before anything is written after it.
+//! - A record that is there twice in a row counts once: a place that seemed not to take it may read as if it had.
 //! - Every record carries the number of its job, and jobs are counted for ever. The present job is the one of the greatest number that any
 //!   record has; where one of its records is missing, but for the last ones, there is no job.
 //! - A sector is erased only between jobs, when the next job would not fit in what is blank, the one written longest ago first. Its first
@@ -91,6 +95,8 @@ struct Present {
     at: u32,
     /// A layer, and how many places behind `at` it is at least.
     found: (u32, u32),
+    /// The record taken last.
+    latest: Record,
 }
 
 /// The journal in one area of flash, all of it.
@@ -106,8 +112,13 @@ pub struct Journal<F> {
     erasures: u32,
     /// The greatest number of a job.
     jobs: u32,
+    /// A place that reads as blank, and may have been written to as power was lost.
+    doubtful: Option<u32>,
     present: Option<Present>,
 }
+
+/// The last place that is not blank, as far as the journal has been read, and what it holds.
+type Tail = Option<(u32, RecordBytes)>;
 
 impl<F: MultiwriteNorFlash> Journal<F> {
     /// Places in a sector.
@@ -117,9 +128,10 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         (F::ERASE_SIZE / RECORD_BYTES - 1) as u32
     };
 
-    /// Reads what is there. Writes nothing, and takes whatever is no journal as flash to be erased.
+    /// Reads what is there, and settles what a loss of power has left in doubt. Takes whatever is no journal as flash to be erased, and
+    /// writes nothing there.
     pub fn open(flash: F) -> Self {
-        let mut journal = Self { flash, next: 0, free: 0, erasures: 0, jobs: 0, present: None };
+        let mut journal = Self { flash, next: 0, free: 0, erasures: 0, jobs: 0, doubtful: None, present: None };
         let sectors = journal.sectors();
         let mut newest = sectors.saturating_sub(1);
         for sector in 0..sectors {
@@ -130,9 +142,11 @@ impl<F: MultiwriteNorFlash> Journal<F> {
             }
         }
         // The sector after the one erased last was written longest ago.
+        let mut tail = None;
         for sector in (0..sectors).cycle().skip(newest as usize + 1).take(sectors as usize) {
-            journal.read_sector(sector);
+            journal.read_sector(sector, &mut tail);
         }
+        journal.settle(tail);
         journal
     }
 
@@ -175,6 +189,9 @@ impl<F: MultiwriteNorFlash> Journal<F> {
             self.free -= (Self::PLACES - into).min(self.free);
             self.next = self.around((sector + 1) * Self::PLACES);
         }
+        if self.doubtful.is_some_and(|place| place / Self::PLACES == sector) {
+            self.doubtful = None;
+        }
         let from = sector * F::ERASE_SIZE as u32;
         let flash = |_| JournalError::Flash;
         self.flash.write(from, &STRUCK).map_err(flash)?;
@@ -204,15 +221,14 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         let ([a, b], [c, d]) = (split(plan_id), split(robot));
         let job = self.jobs.saturating_add(1);
         let record = Record { kind: Kind::Job, count: 0, index: 0, job, content: [a, b, c, d, layers] };
-        if self.present.as_ref().is_some_and(|present| !present.state.ended) {
-            self.strike();
+        let place = if self.needs_erasing(layers) { Err(JournalError::Full) } else { self.append(&record) };
+        match place {
+            // The job before goes with it: its number is lower.
+            Ok(place) => self.take(&record, place),
+            Err(_) if self.present.as_ref().is_some_and(|present| !present.state.ended) => self.strike(),
+            Err(_) => {}
         }
-        if self.needs_erasing(layers) {
-            return Err(JournalError::Full);
-        }
-        let place = self.append(&record)?;
-        self.take(&record, place);
-        Ok(())
+        place.map(|_| ())
     }
 
     /// A layer is begun: the first one, or the first one after a hold.
@@ -329,14 +345,15 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         Record::from_bytes(&bytes).filter(|record| record.kind == Kind::Sector)
     }
 
-    /// Reads a sector's records, and where the ring is free.
-    fn read_sector(&mut self, sector: u32) {
+    /// Reads a sector's records but for the last one, which becomes the tail, and where the ring is free.
+    fn read_sector(&mut self, sector: u32, tail: &mut Tail) {
         let first = sector * Self::PLACES;
         let Some(own) = self.sector_record(sector) else {
             (self.next, self.free) = (self.around(first + Self::PLACES), 0);
             return;
         };
         self.take(&own, first);
+        let mut blank = true;
         for place in first..first + Self::PLACES {
             let bytes = self.read(Self::offset(place));
             if bytes == BLANK {
@@ -344,10 +361,50 @@ impl<F: MultiwriteNorFlash> Journal<F> {
                 continue;
             }
             (self.next, self.free) = (self.around(place + 1), 0);
-            if let Some(record) = Record::from_bytes(&bytes) {
+            blank = false;
+            if let Some((place, bytes)) = tail.replace((place, bytes))
+                && let Some(record) = Record::from_bytes(&bytes)
+            {
                 self.take(&record, place);
             }
         }
+        if blank {
+            // It may be this record as which power was lost.
+            let _ = self.flash.write(sector * F::ERASE_SIZE as u32, &own.to_bytes());
+        }
+    }
+
+    /// Settles what the last record is, and where the next one goes.
+    fn settle(&mut self, tail: Tail) {
+        if self.free > 0 {
+            self.doubtful = Some(self.next);
+            (self.next, self.free) = (self.around(self.next + 1), self.free - 1);
+        }
+        let Some((place, mut bytes)) = tail else { return };
+        let mut record = Record::from_bytes(&bytes);
+        for _ in 1..ATTEMPTS {
+            if record.is_none() && bytes != STRUCK {
+                bytes = self.read(Self::offset(place));
+                record = Record::from_bytes(&bytes);
+            }
+        }
+        match record {
+            Some(record) => {
+                self.take(&record, place);
+                if !self.write(Self::offset(place), &bytes) && record.job == self.jobs {
+                    // These cells do not hold it: others shall.
+                    let _ = self.append(&record);
+                }
+            }
+            None if bytes != STRUCK => self.strike_out(place),
+            None => {}
+        }
+    }
+
+    /// Has a place never read as a record again.
+    fn strike_out(&mut self, place: u32) {
+        // Where flash refuses even this, nothing is left to be tried.
+        let _ = self.flash.write(Self::offset(place), &STRUCK);
     }
 
     /// Writes a record, and sees whether it is there.
@@ -375,9 +432,13 @@ impl<F: MultiwriteNorFlash> Journal<F> {
             let place = self.next;
             self.free = self.free.checked_sub(1).ok_or(JournalError::Full)?;
             self.next = self.around(place + 1);
+            if let Some(place) = self.doubtful.take() {
+                self.strike_out(place);
+            }
             if self.write(Self::offset(place), &bytes) {
                 return Ok(place);
             }
+            self.strike_out(place);
         }
         Err(JournalError::Flash)
     }
@@ -385,8 +446,7 @@ impl<F: MultiwriteNorFlash> Journal<F> {
     /// Strikes out the present job's own record.
     fn strike(&mut self) {
         if let Some(present) = self.present.take() {
-            // Where flash refuses even this, nothing is left to be tried.
-            let _ = self.flash.write(Self::offset(present.at), &STRUCK);
+            self.strike_out(present.at);
         }
     }
 
@@ -398,9 +458,13 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         if record.job < self.jobs {
             return;
         }
+        if self.present.as_ref().is_some_and(|present| present.latest == *record) {
+            return;
+        }
         if let (Kind::Job, [a, b, c, d, layers]) = (record.kind, record.content) {
             let state = JobState { plan_id: join(a, b), robot: join(c, d), layers, laid: 0, begun: 0, ended: false };
-            self.present = Some(Present { state, carry: Carry::default(), count: 1, at, found: (0, 1) });
+            let (carry, latest) = (Carry::default(), *record);
+            self.present = Some(Present { state, carry, count: 1, at, found: (0, 1), latest });
         } else if record.kind != Kind::Sector && self.present.as_mut().is_some_and(|present| !present.take(record)) {
             self.present = None;
         }
@@ -414,6 +478,7 @@ impl Present {
             return false;
         }
         self.count = (self.count + 1) & LAST_COUNT;
+        self.latest = *record;
         let state = &mut self.state;
         let is_next = record.index == state.laid && state.laid < state.layers;
         let [a, b, layers, height_units, lean] = record.content;

@@ -1,5 +1,7 @@
 //! The journal against a flash that loses power at every byte of a story, and against flash that holds anything.
 
+mod weak_cells;
+
 use std::vec::Vec;
 
 use super::*;
@@ -248,7 +250,8 @@ fn many_jobs(most_layers: u64) -> (u32, Vec<u32>) {
             journal.committed(index, &layer(plan_id, index), true).unwrap();
         }
         journal.ended().unwrap();
-        records += layers + 2;
+        // A start that writes passes over a place, which may have been written to.
+        records += layers + 2 + 1;
         let known = known(&mut Journal::open(flash.clone())).unwrap();
         assert_eq!((known.state.plan_id, known.state.laid, known.state.ended), (plan_id, layers, true));
         assert!((0..).zip(&known.laid).all(|(index, laid)| laid.as_built == layer(plan_id, index).as_built));
@@ -319,7 +322,8 @@ fn a_place_that_does_not_take_its_record_is_passed_over_and_of_broken_flash_noth
     journal.begin(1, ROBOT, 4).unwrap();
     let spoil = |places: std::ops::Range<usize>| {
         let mut bytes = flash.bytes();
-        places.for_each(|place| bytes[32 * place + 13] = 0x7f);
+        // Bits of the layer's first byte that cannot be set any more.
+        places.for_each(|place| bytes[32 * place + 8] = 0);
         flash.set_bytes(&bytes);
     };
     spoil(2..4);

@@ -1,15 +1,27 @@
 //! What survives a reset of the board: the latest fault as it was when it came, and what was under way.
 //!
-//! It lies in RAM that nothing clears at start-up, with a CRC: after a loss of power it holds anything, and then nothing is known.
+//! It lies in RAM that nothing clears at start-up: after a loss of power it holds anything, and then nothing is known. There are two
+//! copies, each with a generation number and a CRC:
+//!
+//! - A write goes to the older copy, from its first byte to its last, so a reset in the midst of it leaves the newer one whole.
+//! - A write that changes what a start must do (whether work was under way, which fault is latched) goes to both, one after the other:
+//!   then either copy alone says what matters.
+//! - A start takes the newer copy of those that are whole.
 
 use growbot_core::link::frame;
 use growbot_core::link::message::{Fault, FaultRecord, ResetCause, State};
 use serde::{Deserialize, Serialize};
 
-/// Bytes of it.
-pub const KEPT_BYTES: usize = 128;
-/// Those of the checksum, at the end.
-const CHECKSUM_BYTES: usize = 4;
+use crate::hal::KeptMemory;
+
+/// Copies in the memory.
+pub const COPIES: usize = 2;
+/// Bytes of a copy: its content, its generation number and its checksum.
+pub const COPY_BYTES: usize = 128;
+/// Bytes of the memory.
+pub const KEPT_BYTES: usize = COPIES * COPY_BYTES;
+/// Bytes of a generation number, and of a checksum.
+const NUMBER_BYTES: usize = 4;
 
 /// What was under way.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -36,26 +48,92 @@ pub struct Kept {
 }
 
 impl Kept {
-    /// As bytes.
+    /// As the bytes of a copy.
     #[must_use]
-    pub fn to_bytes(&self) -> [u8; KEPT_BYTES] {
-        let mut bytes = [0; KEPT_BYTES];
-        if let Some((content, checksum)) = bytes.split_last_chunk_mut::<CHECKSUM_BYTES>() {
-            // It fits: a test says so of the longest. If not, an empty one would be kept.
-            let _ = postcard::to_slice(self, content);
-            *checksum = frame::checksum(content).to_le_bytes();
+    pub fn to_bytes(&self, generation: u32) -> [u8; COPY_BYTES] {
+        let mut bytes = [0; COPY_BYTES];
+        if let Some((covered, checksum)) = bytes.split_last_chunk_mut::<NUMBER_BYTES>() {
+            if let Some((content, number)) = covered.split_last_chunk_mut::<NUMBER_BYTES>() {
+                // It fits: a test says so of the longest. If not, an empty one would be kept.
+                let _ = postcard::to_slice(self, content);
+                *number = generation.to_le_bytes();
+            }
+            *checksum = frame::checksum(covered).to_le_bytes();
         }
         bytes
     }
 
-    /// From bytes; none where they are not what [`Kept::to_bytes`] made.
+    /// From the bytes of a copy, with its generation number; none where they are not what [`Kept::to_bytes`] made.
     #[must_use]
-    pub fn from_bytes(bytes: &[u8; KEPT_BYTES]) -> Option<Self> {
-        let (content, checksum) = bytes.split_last_chunk::<CHECKSUM_BYTES>()?;
-        if frame::checksum(content).to_le_bytes() != *checksum {
+    pub fn from_bytes(bytes: &[u8; COPY_BYTES]) -> Option<(Self, u32)> {
+        let (covered, checksum) = bytes.split_last_chunk::<NUMBER_BYTES>()?;
+        if frame::checksum(covered).to_le_bytes() != *checksum {
             return None;
         }
-        postcard::take_from_bytes(content).ok().map(|(kept, _)| kept)
+        let (content, number) = covered.split_last_chunk::<NUMBER_BYTES>()?;
+        postcard::take_from_bytes(content).ok().map(|(kept, _)| (kept, u32::from_le_bytes(*number)))
+    }
+
+    /// What a start must do because of it.
+    fn meaning(&self) -> Meaning {
+        Meaning {
+            under_way: self.under_way.is_some(),
+            latched: self.record.filter(|record| !record.cleared).map(|record| record.fault),
+        }
+    }
+}
+
+/// What a start must do because of what was kept.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Meaning {
+    /// Work was under way: its end is a fault.
+    under_way: bool,
+    /// What is latched: a fault, or the emergency stop, which is none.
+    latched: Option<Option<Fault>>,
+}
+
+/// The two copies in the memory.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Copies {
+    /// The newer one.
+    newer: usize,
+    /// Its generation number.
+    generation: u32,
+    /// What both of them mean; none before the first write after a start.
+    meaning: Option<Meaning>,
+}
+
+impl Copies {
+    /// Finds the newer copy of those that are whole, and what it says; none where neither is.
+    pub fn find(memory: &mut impl KeptMemory) -> (Self, Option<Kept>) {
+        let bytes = memory.read();
+        let mut found = Self::default();
+        let mut newest = None;
+        for (copy, bytes) in bytes.as_chunks::<COPY_BYTES>().0.iter().enumerate() {
+            let Some((kept, generation)) = Kept::from_bytes(bytes) else { continue };
+            // The shorter way round: the number wraps.
+            if newest.is_none() || (generation.wrapping_sub(found.generation) as i32) > 0 {
+                found = Self { newer: copy, generation, meaning: None };
+                newest = Some(kept);
+            }
+        }
+        (found, newest)
+    }
+
+    /// Has the memory hold this: in the older copy, or in both where a start would have to do something else because of it.
+    pub fn write(&mut self, memory: &mut impl KeptMemory, kept: &Kept) {
+        let meaning = Some(kept.meaning());
+        if self.meaning != meaning {
+            self.write_older(memory, kept);
+        }
+        self.write_older(memory, kept);
+        self.meaning = meaning;
+    }
+
+    fn write_older(&mut self, memory: &mut impl KeptMemory, kept: &Kept) {
+        self.newer = (self.newer + 1) % COPIES;
+        self.generation = self.generation.wrapping_add(1);
+        memory.write(self.newer, &kept.to_bytes(self.generation));
     }
 }
 
@@ -69,6 +147,12 @@ pub const fn fault_of(cause: ResetCause) -> Fault {
         ResetCause::StackOverflow => Fault::StackOverflow,
         ResetCause::PowerOn | ResetCause::External => Fault::PowerLost,
     }
+}
+
+/// Whether the memory has had power through a reset of this cause: what cannot be read then was destroyed.
+#[must_use]
+pub const fn survives(cause: ResetCause) -> bool {
+    matches!(cause, ResetCause::Watchdog | ResetCause::ProcessorFault | ResetCause::StackOverflow)
 }
 
 #[cfg(test)]
@@ -104,22 +188,127 @@ mod tests {
         Kept { record: Some(record), under_way: Some(under_way) }
     }
 
+    /// The memory as a test sees it.
+    #[derive(Clone)]
+    struct Memory([u8; KEPT_BYTES]);
+
+    impl KeptMemory for Memory {
+        fn read(&mut self) -> [u8; KEPT_BYTES] {
+            self.0
+        }
+
+        fn write(&mut self, copy: usize, bytes: &[u8; COPY_BYTES]) {
+            self.0.as_chunks_mut::<COPY_BYTES>().0[copy] = *bytes;
+        }
+    }
+
+    /// What a start finds.
+    fn found(memory: &Memory) -> Option<Kept> {
+        Copies::find(&mut memory.clone()).1
+    }
+
     #[test]
     fn it_survives_and_the_longest_fits() {
         for kept in [Kept::default(), longest()] {
-            assert_eq!(Kept::from_bytes(&kept.to_bytes()), Some(kept));
+            for generation in [0, 1, u32::MAX] {
+                assert_eq!(Kept::from_bytes(&kept.to_bytes(generation)), Some((kept, generation)));
+            }
         }
+        let mut buffer = [0; COPY_BYTES - 2 * NUMBER_BYTES];
+        assert!(postcard::to_slice(&longest(), &mut buffer).is_ok());
     }
 
     #[test]
     fn what_memory_comes_up_with_is_nothing() {
-        assert_eq!(Kept::from_bytes(&[0; KEPT_BYTES]), None);
-        assert_eq!(Kept::from_bytes(&[0xff; KEPT_BYTES]), None);
-        let bytes = longest().to_bytes();
-        for bit in 0..8 * KEPT_BYTES {
+        for byte in [0, 0x55, 0xff] {
+            assert_eq!(found(&Memory([byte; KEPT_BYTES])), None);
+        }
+        let bytes = longest().to_bytes(7);
+        for bit in 0..8 * COPY_BYTES {
             let mut flipped = bytes;
             flipped[bit / 8] ^= 1 << (bit % 8);
             assert_eq!(Kept::from_bytes(&flipped), None, "bit {bit}");
+        }
+    }
+
+    /// What a board keeps one after the other: at rest, at work, a fault, the fault cleared, at work again, an emergency stop.
+    fn story() -> std::vec::Vec<Kept> {
+        let record = |fault, cleared| longest().record.map(|record| FaultRecord { fault, cleared, ..record });
+        let at = |state, sectors| longest().under_way.map(|under_way| UnderWay { state, sectors, ..under_way });
+        let fault = Some(Fault::ThermistorOpen);
+        std::vec![
+            Kept::default(),
+            Kept { record: None, under_way: at(State::Heating, 0) },
+            Kept { record: None, under_way: at(State::Growing, 0) },
+            Kept { record: None, under_way: at(State::Growing, 7) },
+            Kept { record: None, under_way: at(State::Growing, 14) },
+            Kept { record: record(fault, false), under_way: None },
+            Kept { record: record(fault, true), under_way: None },
+            Kept { record: record(fault, true), under_way: at(State::Heating, 0) },
+            Kept { record: record(fault, true), under_way: at(State::Growing, 1) },
+            Kept { record: record(None, false), under_way: None },
+            Kept { record: record(None, true), under_way: None },
+        ]
+    }
+
+    /// The memory after so many bytes of a write: the byte that the reset met may hold anything.
+    fn torn(before: &Memory, copy: usize, bytes: &[u8; COPY_BYTES], written: usize, noise: u8) -> Memory {
+        let mut memory = before.clone();
+        let into = &mut memory.0.as_chunks_mut::<COPY_BYTES>().0[copy];
+        into[..written].copy_from_slice(&bytes[..written]);
+        into[written] = noise;
+        memory
+    }
+
+    #[test]
+    fn a_write_that_is_torn_at_any_byte_leaves_what_was_there_or_what_was_to_be() {
+        struct Recording(Memory, std::vec::Vec<(usize, [u8; COPY_BYTES])>);
+        impl KeptMemory for Recording {
+            fn read(&mut self) -> [u8; KEPT_BYTES] {
+                self.0.read()
+            }
+            fn write(&mut self, copy: usize, bytes: &[u8; COPY_BYTES]) {
+                self.1.push((copy, *bytes));
+            }
+        }
+        let mut tears = 0;
+        // Generation numbers that wrap at each of the writes, and memory that comes up with anything.
+        for first in (u32::MAX - 24..=u32::MAX).chain([0, 1 << 31, (1 << 31) - 3]) {
+            let mut memory = Memory([0xA5; KEPT_BYTES]);
+            let mut copies = Copies { generation: first, ..Copies::default() };
+            let mut before = None;
+            for kept in story() {
+                let mut recording = Recording(memory.clone(), std::vec![]);
+                copies.write(&mut recording, &kept);
+                for (copy, bytes) in recording.1 {
+                    for written in 0..COPY_BYTES {
+                        for noise in [0, 0xff, bytes[written], !bytes[written]] {
+                            let found = found(&torn(&memory, copy, &bytes, written, noise));
+                            assert!(found == before || found == Some(kept), "{written} bytes of {kept:?}: {found:?}");
+                            tears += 1;
+                        }
+                    }
+                    memory.write(copy, &bytes);
+                    before = Some(kept);
+                    assert_eq!(found(&memory), before);
+                }
+            }
+        }
+        assert!(tears > 100_000, "{tears}");
+    }
+
+    #[test]
+    fn one_copy_that_is_destroyed_hides_neither_work_nor_a_fault() {
+        let mut memory = Memory([0; KEPT_BYTES]);
+        let mut copies = Copies::default();
+        for kept in story() {
+            copies.write(&mut memory, &kept);
+            for byte in 0..KEPT_BYTES {
+                let mut damaged = memory.clone();
+                damaged.0[byte] ^= 0x10;
+                let found = found(&damaged).unwrap();
+                assert_eq!(found.meaning(), kept.meaning(), "byte {byte}");
+            }
         }
     }
 }

@@ -16,7 +16,7 @@ use growbot_firmware::controller::{Controller, Identity};
 use growbot_firmware::hal::{Board, KeptMemory, Parts, Watchdog};
 use growbot_firmware::journal::Journal;
 use growbot_firmware::layer_store::LayerStore;
-use growbot_firmware::safety::kept::KEPT_BYTES;
+use growbot_firmware::safety::kept::{COPY_BYTES, KEPT_BYTES};
 use growbot_firmware::stepping::{Axis, Engine, EngineSettings, Handover, Inputs};
 
 use super::{Port, PortError, TipRecord};
@@ -351,8 +351,12 @@ impl KeptMemory for Kept {
         self.0.get()
     }
 
-    fn write(&mut self, bytes: &[u8; KEPT_BYTES]) {
-        self.0.set(*bytes);
+    fn write(&mut self, copy: usize, bytes: &[u8; COPY_BYTES]) {
+        let mut kept = self.0.get();
+        if let Some(into) = kept.as_chunks_mut::<COPY_BYTES>().0.get_mut(copy) {
+            *into = *bytes;
+        }
+        self.0.set(kept);
     }
 }
 
@@ -385,6 +389,7 @@ impl Watchdog for SimWatchdog {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use growbot_firmware::safety::kept::Copies;
     use crate::client::Client;
     use crate::growth::{Grown, Job, Orders, grow_job};
     use embedded_storage::nor_flash::NorFlash;
@@ -444,9 +449,10 @@ mod tests {
         sim.simulated_tip().heat(1.0, true);
         sim.simulated_tip().enable(Motor::Head, true);
         sim.simulated_tip().set_nozzle_c(150.0);
-        let before = sim.kept().read();
+        let before = Copies::find(&mut sim.kept()).1;
+        assert!(before.is_some());
         sim.reset(ResetCause::External);
-        assert_eq!(sim.kept().read(), before);
+        assert_eq!(Copies::find(&mut sim.kept()).1, before);
         assert_eq!((sim.state(), sim.fault()), (State::SelfTest, None));
         let mut tip = sim.simulated_tip();
         assert!(!tip.heater_is_on() && !tip.steppers_are_on() && tip.heater_power_w() == 0.0);

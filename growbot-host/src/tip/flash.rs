@@ -1,7 +1,8 @@
 //! Flash of a simulated board: two erase sectors as on the robot's, which hold what they hold over resets and losses of power.
 //!
 //! A loss of power in the midst of a write leaves the byte that it meets with some of its bits programmed; in the midst of an
-//! erasure it leaves any mixture of what was there, noise, and bytes that are erased.
+//! erasure it leaves any mixture of what was there, noise, and bytes that are erased. Bits that were being programmed as power was lost
+//! may be weak: they read as a test says, at each start anew, until they are programmed again ([`Flash::weaken`]).
 //!
 //! (The firmware's own tests take this file too.)
 
@@ -28,6 +29,8 @@ struct Cells {
     bytes_left: Option<usize>,
     /// Of the noise that losses of power leave.
     seed: u64,
+    /// Where bits are weak: an offset, and the bits from there on.
+    weak: (usize, Vec<u8>),
 }
 
 impl<const SECTOR: usize> Flash<SECTOR> {
@@ -35,7 +38,7 @@ impl<const SECTOR: usize> Flash<SECTOR> {
     #[must_use]
     pub fn new(sectors: usize) -> Self {
         let bytes = std::vec![0xff; sectors * SECTOR];
-        Self(Rc::new(RefCell::new(Cells { bytes, erasures: std::vec![0; sectors], bytes_left: None, seed: 0 })))
+        Self(Rc::new(RefCell::new(Cells { bytes, erasures: std::vec![0; sectors], bytes_left: None, seed: 0, weak: (0, Vec::new()) })))
     }
 
     /// Power is lost after so many more bytes written or erased; what that leaves follows from the seed.
@@ -70,6 +73,20 @@ impl<const SECTOR: usize> Flash<SECTOR> {
     /// Has it hold something else.
     pub fn set_bytes(&self, bytes: &[u8]) {
         self.0.borrow_mut().bytes.copy_from_slice(bytes);
+    }
+
+    /// From this offset on the bits of this mask are weak, and no others anywhere.
+    pub fn weaken(&self, offset: usize, mask: &[u8]) {
+        self.0.borrow_mut().weak = (offset, mask.to_vec());
+    }
+
+    /// From now on the bits that are still weak read like these.
+    pub fn read_weak_as(&self, reading: &[u8]) {
+        let cells = &mut *self.0.borrow_mut();
+        let (offset, mask) = &cells.weak;
+        for ((byte, mask), reading) in cells.bytes[*offset..].iter_mut().zip(mask).zip(reading) {
+            *byte = *byte & !mask | reading & mask;
+        }
     }
 
     fn check_power(&self) -> Result<(), NorFlashErrorKind> {
@@ -142,19 +159,23 @@ impl<const SECTOR: usize> NorFlash for Flash<SECTOR> {
         Ok(())
     }
 
-    /// A word that is not erased can only be written to zero.
+    /// A byte that is not erased can only be written to zero, or to the same again.
     fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
         self.check_power()?;
         check_write(self, offset, bytes.len())?;
         let from = offset as usize;
         let cells = &mut *self.0.borrow_mut();
-        let erased = cells.bytes[from..from + bytes.len()].iter().all(|byte| *byte == 0xff);
-        if !erased && bytes.iter().any(|byte| *byte != 0) {
+        let mut cells_and_bytes = cells.bytes[from..from + bytes.len()].iter().zip(bytes);
+        if !cells_and_bytes.all(|(cell, byte)| *cell == 0xff || *byte == 0 || byte == cell) {
             return Err(NorFlashErrorKind::Other);
         }
         let done = cells.spend(bytes.len());
+        let (offset, mask) = &mut cells.weak;
         for (at, byte) in (from..).zip(&bytes[..done]) {
             cells.bytes[at] &= byte;
+            if let Some(mask) = at.checked_sub(*offset).and_then(|at| mask.get_mut(at)) {
+                *mask &= byte;
+            }
         }
         if let Some(byte) = bytes.get(done) {
             let noise = cells.noise() as u8;

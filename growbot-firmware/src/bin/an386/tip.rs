@@ -9,7 +9,7 @@ use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
 use embedded_hal::pwm::{self, SetDutyCycle};
 use growbot_firmware::emulated_tip::{self as table, Axis, EncoderCourse, StepRecord};
 use growbot_firmware::hal::{Converter, KeptMemory, Orientation};
-use growbot_firmware::safety::kept::KEPT_BYTES;
+use growbot_firmware::safety::kept::{COPY_BYTES, KEPT_BYTES};
 
 use crate::registers::Register;
 
@@ -443,11 +443,12 @@ impl KeptMemory for Kept {
         bytes
     }
 
-    fn write(&mut self, bytes: &[u8; KEPT_BYTES]) {
-        for (index, from) in bytes.chunks(4).enumerate() {
-            let word = from.iter().rev().fold(0, |word, byte| word << 8 | u32::from(*byte));
-            kept_word(index).write(word);
+    fn write(&mut self, copy: usize, bytes: &[u8; COPY_BYTES]) {
+        for (index, from) in bytes.as_chunks::<4>().0.iter().enumerate() {
+            kept_word(copy * (COPY_BYTES / 4) + index).write(u32::from_le_bytes(*from));
         }
+        // The last word is in the memory before anything follows: the other copy, or power for the heater.
+        cortex_m::asm::dsb();
     }
 }
 

@@ -1,19 +1,19 @@
-//! Memory that survives a reset: 128 bytes that nothing loads or clears.
+//! Memory that survives a reset: two copies of what is kept, which nothing loads or clears.
 
 use core::cell::UnsafeCell;
 use core::mem::MaybeUninit;
 use core::sync::atomic::{AtomicBool, Ordering};
 
 use growbot_firmware::hal::KeptMemory;
-use growbot_firmware::safety::kept::KEPT_BYTES;
+use growbot_firmware::safety::kept::{COPY_BYTES, KEPT_BYTES};
 
 #[unsafe(link_section = ".uninit.kept")]
-static BYTES: Bytes = Bytes(UnsafeCell::new(MaybeUninit::uninit()));
+static WORDS: Words = Words(UnsafeCell::new(MaybeUninit::uninit()));
 
-struct Bytes(UnsafeCell<MaybeUninit<[u8; KEPT_BYTES]>>);
+struct Words(UnsafeCell<MaybeUninit<[u32; KEPT_BYTES / 4]>>);
 
 // SAFETY: only reached through the one `BoardMemory` there is.
-unsafe impl Sync for Bytes {}
+unsafe impl Sync for Words {}
 
 /// The memory.
 pub struct BoardMemory(());
@@ -25,24 +25,31 @@ impl BoardMemory {
         (!TAKEN.swap(true, Ordering::Relaxed)).then_some(Self(()))
     }
 
-    fn first(&self) -> *mut u8 {
-        BYTES.0.get().cast()
+    /// A word of the memory. An index beyond it falls onto one within.
+    fn word(&self, index: usize) -> *mut u32 {
+        WORDS.0.get().cast::<u32>().wrapping_add(index % (KEPT_BYTES / 4))
     }
 }
 
 impl KeptMemory for BoardMemory {
     fn read(&mut self) -> [u8; KEPT_BYTES] {
-        // SAFETY: within the array; RAM may be read before it was written, whatever it holds.
-        core::array::from_fn(|index| unsafe { self.first().wrapping_add(index).read_volatile() })
+        let mut bytes = [0; KEPT_BYTES];
+        for (index, into) in bytes.as_chunks_mut::<4>().0.iter_mut().enumerate() {
+            // SAFETY: an aligned word of the array; RAM may be read before it was written, whatever it holds.
+            *into = unsafe { self.word(index).read_volatile() }.to_le_bytes();
+        }
+        bytes
     }
 
-    /// Not interrupted, so that no interrupt that resets the board finds half of it.
-    fn write(&mut self, bytes: &[u8; KEPT_BYTES]) {
+    /// Not interrupted, so that no interrupt that resets the board finds half of it. Any other reset leaves the other copy whole.
+    fn write(&mut self, copy: usize, bytes: &[u8; COPY_BYTES]) {
         cortex_m::interrupt::free(|_| {
-            for (index, byte) in bytes.iter().enumerate() {
-                // SAFETY: within the array, which has as many bytes, and which only this value reaches.
-                unsafe { self.first().wrapping_add(index).write_volatile(*byte) }
+            for (index, from) in bytes.as_chunks::<4>().0.iter().enumerate() {
+                // SAFETY: an aligned word of the array, which only this value reaches.
+                unsafe { self.word(copy * (COPY_BYTES / 4) + index).write_volatile(u32::from_le_bytes(*from)) }
             }
         });
+        // The last word is in the memory before anything follows: the other copy, or power for the heater.
+        cortex_m::asm::dsb();
     }
 }

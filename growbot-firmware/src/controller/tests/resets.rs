@@ -2,8 +2,11 @@
 
 use growbot_core::link::message::{Cut, Empty, Fault, FaultRecord, LatestFault, Message, ResetCause, State};
 
-use super::bench::{Bench, PLAN, at_rest, clear, start};
+use std::vec::Vec;
+
+use super::bench::{Bench, PLAN, WARM, at_rest, bends, clear, hold, start};
 use super::tip::Wire;
+use crate::safety::kept::{COPY_BYTES, Copies, KEPT_BYTES, Kept};
 
 fn record(bench: &mut Bench) -> Option<FaultRecord> {
     match bench.ask(&Message::AskFault(Empty {})) {
@@ -90,4 +93,100 @@ fn without_power_the_journal_is_what_is_known() {
     assert_eq!((bench.controller.state(), record(&mut bench)), (State::Idle, None));
     let status = bench.status();
     assert_eq!((status.plan_id, status.laid, status.cut), (PLAN, laid, Some(Cut { least: 0, most: 64 })));
+}
+
+#[test]
+fn what_a_reset_with_power_has_destroyed_is_a_fault() {
+    for (cause, fault) in [
+        (ResetCause::Watchdog, Some(Fault::WatchdogReset)),
+        (ResetCause::ProcessorFault, Some(Fault::ProcessorFault)),
+        (ResetCause::StackOverflow, Some(Fault::StackOverflow)),
+        // The memory may have been without power.
+        (ResetCause::BrownOut, None),
+        (ResetCause::PowerOn, None),
+        (ResetCause::External, None),
+    ] {
+        let bench = Bench::in_state(State::Growing);
+        bench.world.kept.set([0xA5; KEPT_BYTES]);
+        assert_eq!(bench.reset(cause).controller.fault(), fault, "{cause:?}");
+    }
+}
+
+/// What a start would find in the memory after every write of those under way, torn at every byte; the byte that the reset met holds
+/// anything.
+fn found_after_tears(mut memory: [u8; KEPT_BYTES], writes: &[(usize, [u8; COPY_BYTES])]) -> Vec<([u8; KEPT_BYTES], Kept)> {
+    let mut found: Vec<([u8; KEPT_BYTES], Kept)> = Vec::new();
+    for (copy, bytes) in writes {
+        let before = memory;
+        memory.as_chunks_mut::<COPY_BYTES>().0[*copy] = *bytes;
+        let torn = (0..COPY_BYTES).flat_map(|written| {
+            [0, bytes[written], !bytes[written]].map(|noise| {
+                let mut torn = before;
+                let into = &mut torn.as_chunks_mut::<COPY_BYTES>().0[*copy];
+                into[..written].copy_from_slice(&bytes[..written]);
+                into[written] = noise;
+                torn
+            })
+        });
+        for torn in [before, memory].into_iter().chain(torn) {
+            let kept = Copies::find(&mut Fixed(torn)).1.expect("one of the copies is whole");
+            if found.iter().all(|(_, other)| *other != kept) {
+                found.push((torn, kept));
+            }
+        }
+    }
+    found
+}
+
+/// Memory that only holds what it holds.
+struct Fixed([u8; KEPT_BYTES]);
+
+impl crate::hal::KeptMemory for Fixed {
+    fn read(&mut self) -> [u8; KEPT_BYTES] {
+        self.0
+    }
+
+    fn write(&mut self, _: usize, _: &[u8; COPY_BYTES]) {}
+}
+
+#[test]
+fn however_a_write_is_torn_a_board_at_work_comes_up_with_a_fault() {
+    type End = fn(&mut Bench);
+    let ends: [(End, State); 2] = [
+        (|bench| bench.world.wire.set(Wire::Cut), State::Fault),
+        (|bench| bench.press_emergency_stop(true), State::EmergencyStop),
+    ];
+    for (end, state) in ends {
+        // After a fault that was cleared, so that an old copy may speak of that one.
+        let mut bench = Bench::in_state(State::Fault);
+        bench.accepted(&clear());
+        bench.world.nozzle_c.set(WARM);
+        bench.run(0.3);
+        bench.grow(&bends(40));
+        // From here on the heater is on.
+        bench.run_until(1.0, |bench| !bench.heater.off());
+        let memory = bench.world.kept.get();
+        bench.world.kept_writes.borrow_mut().clear();
+        bench.run_to(State::Growing, 60.0);
+        bench.run(2.5);
+        bench.accepted(&hold());
+        bench.run_to(State::Hold, 4.0);
+        bench.start();
+        bench.run_to(State::Growing, 60.0);
+        bench.run(0.5);
+        end(&mut bench);
+        bench.run_to(state, 1.0);
+        bench.run(0.3);
+
+        let writes = bench.world.kept_writes.borrow().clone();
+        let found = found_after_tears(memory, &writes);
+        std::println!("{} writes, {} states of what is kept", writes.len(), found.len());
+        assert!(writes.len() > 30 && found.len() > 20);
+        for (memory, kept) in found {
+            bench.world.kept.set(memory);
+            bench = bench.reset(ResetCause::External);
+            let state = bench.controller.state();
+            assert!(matches!(state, State::Fault | State::EmergencyStop), "{state:?} after {kept:?}");
+        }
+    }
 }

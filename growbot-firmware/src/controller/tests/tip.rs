@@ -2,12 +2,13 @@
 
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
+use std::vec::Vec;
 
 use growbot_core::robot::Robot;
 
 use crate::hal;
 use crate::journal::Journal;
-use crate::safety::kept::KEPT_BYTES;
+use crate::safety::kept::{COPY_BYTES, KEPT_BYTES};
 use crate::testing::flash::Flash;
 use crate::testing::{FakePins, FakePower};
 use crate::thermistor::{FULL_SCALE, reading};
@@ -49,6 +50,8 @@ pub struct World {
     pub flash: Flash,
     /// What survives a reset.
     pub kept: Cell<[u8; KEPT_BYTES]>,
+    /// Every write to it: which copy, and what.
+    pub kept_writes: RefCell<Vec<(usize, [u8; COPY_BYTES])>>,
     robot: Robot,
 }
 
@@ -71,6 +74,7 @@ impl World {
             supply_v: Cell::new(Some(12.0)),
             flash: prepared_flash(),
             kept: Cell::new([0; KEPT_BYTES]),
+            kept_writes: RefCell::default(),
             robot: robot.clone(),
         })
     }
@@ -128,8 +132,11 @@ impl hal::KeptMemory for FakeKept {
         self.0.kept.get()
     }
 
-    fn write(&mut self, bytes: &[u8; KEPT_BYTES]) {
-        self.0.kept.set(*bytes);
+    fn write(&mut self, copy: usize, bytes: &[u8; COPY_BYTES]) {
+        let mut kept = self.0.kept.get();
+        kept.as_chunks_mut::<COPY_BYTES>().0[copy] = *bytes;
+        self.0.kept.set(kept);
+        self.0.kept_writes.borrow_mut().push((copy, *bytes));
     }
 }
 
