@@ -3,21 +3,16 @@
 //! A part of the campaign here; all of it, as SAFETY.md prints it, by `cargo fault-campaign`.
 
 use growbot_tests::fault_campaign::cases::Case;
-use growbot_tests::fault_campaign::{growth, run, table};
+use growbot_tests::fault_campaign::growth::Plant;
+use growbot_tests::fault_campaign::{run, table, wrong};
 
-/// Copies of the robot for each case.
+/// Copies of the robot for each case and plant.
 const SEEDS: std::ops::Range<u64> = 0..2;
 
 #[test]
 fn every_fault_is_noticed_in_time_with_the_right_code() {
-    let robot = growth::robot();
-    let rows = run(&Case::all(), SEEDS);
-    println!("{}", table::markdown(&rows));
-    let mut wrong = Vec::new();
-    for (case, seen) in &rows {
-        for (one, seed) in seen.iter().zip(SEEDS) {
-            wrong.extend(one.wrong(case, &robot).map(|why| format!("{case:?}, seed {seed}: {why}")));
-        }
-    }
+    let [lump, cartridge] = Plant::ALL.map(|plant| run(plant, &Case::all(), SEEDS));
+    println!("{}", table::markdown(&lump, &cartridge));
+    let wrong = [wrong(Plant::Lump, &lump), wrong(Plant::Cartridge, &cartridge)].concat();
     assert!(wrong.is_empty(), "{} growths went wrong:\n{}", wrong.len(), wrong.join("\n"));
 }

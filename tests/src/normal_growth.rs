@@ -7,7 +7,7 @@ use std::thread;
 
 use growbot_core::link::message::{Fault, State};
 
-use crate::fault_campaign::growth::{copy, robot};
+use crate::fault_campaign::growth::{Plant, copy, robot};
 use crate::fault_campaign::rig::Rig;
 use growbot_core::random::Random;
 
@@ -25,10 +25,30 @@ pub struct Seen {
     pub layers: u32,
     /// Seed and fault of every growth that was broken off.
     pub false_alarms: Vec<(u64, Option<Fault>)>,
-    /// How far the nozzle was from its target while layers were laid, at most, degrees.
-    pub furthest_c: f64,
+    /// Where the nozzle was furthest from its target while layers were laid.
+    pub furthest: Furthest,
     /// How far it was above its target at any time but while it cools to standby, at most, degrees.
     pub overshoot_c: f64,
+}
+
+/// Where the nozzle was furthest from its target.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Furthest {
+    /// How far, degrees: above it if positive.
+    pub above_c: f64,
+    /// The growth's seed.
+    pub seed: u64,
+    /// The time in it, s.
+    pub at_s: f64,
+    /// The layer under way.
+    pub layer: u32,
+}
+
+impl Furthest {
+    /// The further of the two.
+    fn or(self, other: Self) -> Self {
+        if other.above_c.abs() > self.above_c.abs() { other } else { self }
+    }
 }
 
 impl Seen {
@@ -36,23 +56,23 @@ impl Seen {
         self.seconds += other.seconds;
         self.layers += other.layers;
         self.false_alarms.extend(other.false_alarms);
-        self.furthest_c = self.furthest_c.max(other.furthest_c);
+        self.furthest = self.furthest.or(other.furthest);
         self.overshoot_c = self.overshoot_c.max(other.overshoot_c);
     }
 }
 
-/// Lets copies of the robot grow, on all cores, until so many hours are simulated.
+/// Lets copies of the robot with this plant grow, on all cores, until so many hours are simulated.
 ///
 /// # Panics
 /// If a growth cannot be run at all.
 #[must_use]
-pub fn run(hours: f64) -> Seen {
+pub fn run(plant: Plant, hours: f64) -> Seen {
     let (next, sum) = (AtomicU64::new(0), Mutex::new(Seen::default()));
     thread::scope(|scope| {
         for _ in 0..thread::available_parallelism().map_or(1, usize::from) {
             scope.spawn(|| {
                 while sum.lock().expect("no growth panics with the sum in hand").seconds < hours * 3600.0 {
-                    let one = grow(next.fetch_add(1, Ordering::Relaxed));
+                    let one = grow(plant, next.fetch_add(1, Ordering::Relaxed));
                     sum.lock().expect("no growth panics with the sum in hand").add(one);
                 }
             });
@@ -62,10 +82,10 @@ pub fn run(hours: f64) -> Seen {
 }
 
 /// One growth: layers of many heights, handed over in portions, so that it holds in between: hot, at standby, or parked.
-fn grow(seed: u64) -> Seen {
+fn grow(plant: Plant, seed: u64) -> Seen {
     let mut random = Random::new(&[seed, 2]);
-    let variation = copy(&mut random, seed);
-    let mut rig = Rig::new(&robot(), variation);
+    let variation = copy(plant, &mut random, seed);
+    let mut rig = Rig::new(&robot(plant), variation);
     let mut seen = Seen::default();
     let alarm = |rig: &Rig| matches!(rig.state(), State::Fault | State::EmergencyStop);
     let mut all = || -> Result<(), growbot_host::client::ClientError> {
@@ -78,7 +98,7 @@ fn grow(seed: u64) -> Seen {
             rig.hand_over_varied(portion, &mut random)?;
             left -= portion;
             rig.start()?;
-            watch(&mut rig, 1e5, &mut seen, |rig| alarm(rig) || rig.has_laid_all());
+            watch(&mut rig, seed, 1e5, &mut seen, |rig| alarm(rig) || rig.has_laid_all());
             if alarm(&rig) || rig.state() == State::Done {
                 break;
             }
@@ -89,7 +109,7 @@ fn grow(seed: u64) -> Seen {
                 _ => 0.0..20.0,
             };
             let Range { start, end } = pause;
-            watch(&mut rig, random.between(start, end), &mut seen, alarm);
+            watch(&mut rig, seed, random.between(start, end), &mut seen, alarm);
             // The supply of a workshop goes up and down.
             rig.sim.borrow_mut().simulated_tip().set_supply_v(random.between(10.8, 13.2));
         }
@@ -105,20 +125,22 @@ fn grow(seed: u64) -> Seen {
 }
 
 /// Lets time pass and looks at the nozzle.
-fn watch(rig: &mut Rig, seconds: f64, seen: &mut Seen, until: impl Fn(&Rig) -> bool) {
+fn watch(rig: &mut Rig, seed: u64, seconds: f64, seen: &mut Seen, until: impl Fn(&Rig) -> bool) {
     let end = rig.seconds() + seconds;
     let mut cooling = false;
+    let target_c = rig.robot().description().heater.target_c;
     while rig.seconds() < end && !until(rig) {
         rig.pass(LOOK, |_| false);
         let mut sim = rig.sim.borrow_mut();
         let Some(target) = sim.controller().target_c() else { continue };
         let above = sim.simulated_tip().nozzle_c() - target;
+        let layer = sim.controller().laid();
         drop(sim);
         if rig.state() == State::Growing {
-            seen.furthest_c = seen.furthest_c.max(above.abs());
+            seen.furthest = seen.furthest.or(Furthest { above_c: above, seed, at_s: rig.seconds(), layer });
         }
         // On the way down to standby it is above the target until it has been there once.
-        cooling = target < robot().description().heater.target_c && (cooling || above > 10.0) && above > 0.0;
+        cooling = target < target_c && (cooling || above > 10.0) && above > 0.0;
         if !cooling {
             seen.overshoot_c = seen.overshoot_c.max(above);
         }

@@ -96,7 +96,7 @@ pub enum Fault {
     ThermistorDetached,
     /// The nozzle cools although it is heated as it should.
     TemperatureDrop,
-    /// The nozzle gets hotter although no power is asked for.
+    /// The nozzle gets hotter, or does not cool, although no power is asked for.
     HeaterStuckOn,
     /// The heater takes more energy than the nozzle can need.
     HeaterEnergy,
@@ -130,11 +130,13 @@ pub enum Fault {
     StackOverflow,
     /// The board started anew in the midst of its work, for want of power or by a reset from outside.
     PowerLost,
+    /// The nozzle gets hotter though the heater's second switch is open.
+    HeaterSwitchWelded,
 }
 
 impl Fault {
     /// Every fault.
-    pub const ALL: [Self; 29] = [
+    pub const ALL: [Self; 30] = [
         Self::ThermistorOpen,
         Self::ThermistorShort,
         Self::ThermistorSilent,
@@ -145,6 +147,7 @@ impl Fault {
         Self::HeatingTooSlow,
         Self::TemperatureDrop,
         Self::HeaterStuckOn,
+        Self::HeaterSwitchWelded,
         Self::HeaterEnergy,
         Self::IndexNotFound,
         Self::IndexMissing,
@@ -183,6 +186,7 @@ impl Fault {
             Self::ThermistorDetached => "thermistor-detached",
             Self::TemperatureDrop => "temperature-drop",
             Self::HeaterStuckOn => "heater-stuck-on",
+            Self::HeaterSwitchWelded => "heater-switch-welded",
             Self::HeaterEnergy => "heater-energy",
             Self::IndexMissing => "index-missing",
             Self::IndexStuck => "index-stuck",
@@ -235,7 +239,10 @@ impl Fault {
                 "the nozzle cools although the heater is driven: check the heater, its wires, the thermistor's seat and draught"
             }
             Self::HeaterStuckOn => {
-                "the nozzle gets hotter with the power at nothing: the heater's power stage conducts by itself; replace it"
+                "the nozzle gets hotter, or does not cool, with the power at nothing: the heater's power stage conducts by itself, or the thermistor does not follow; replace it"
+            }
+            Self::HeaterSwitchWelded => {
+                "the nozzle gets hotter though the heater's second switch is open: it conducts by itself; replace it"
             }
             Self::HeaterEnergy => {
                 "the heater takes more energy than the nozzle can need: check the thermistor's seat, the fan and draught"

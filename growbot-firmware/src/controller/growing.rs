@@ -32,8 +32,6 @@ pub(super) struct Motion {
     backwards: bool,
     /// Why the robot is to wait after the layer under way, if it is.
     hold: Option<Waits>,
-    /// Material a second of the layer given last, mm^3/s.
-    flow: f64,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -174,7 +172,6 @@ impl<B: Board> Controller<B> {
             Ok(turn) => {
                 let period_s = self.robot.description().layer.period_s;
                 self.note_begun();
-                self.motion.flow = turn.layer(&self.robot).height * self.robot.wall_area() / period_s;
                 handover.give(Order::Lay(turn));
                 self.motion.gave(period_s, self.now);
                 self.motion.backwards = !backwards;
@@ -243,8 +240,13 @@ impl<B: Board> Controller<B> {
         self.motion.hold.unwrap_or_default()
     }
 
-    /// Material that flows now, mm^3/s.
-    pub(super) fn flow(&self) -> f64 {
-        if self.state == State::Growing && self.motion.outstanding > 0 { self.motion.flow } else { 0.0 }
+    /// Material that flows now, mm^3/s: as the step engine feeds it, since it goes round with a bend and from layer to layer.
+    pub(super) fn flow(&self, handover: &Handover) -> f64 {
+        if self.state != State::Growing {
+            return 0.0;
+        }
+        let description = self.robot.description();
+        let mm_per_s = handover.feed_rate() * f64::from(description.motion.tick_hz) / description.feed.steps_per_mm;
+        mm_per_s * self.robot.filament_area()
     }
 }

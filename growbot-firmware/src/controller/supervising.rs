@@ -6,7 +6,7 @@ use growbot_core::link::message::{Fault, FaultRecord, Measured, SensorReadings, 
 
 use super::{Controller, centi};
 use crate::hal::{Board, Orientation, Watchdog};
-use crate::heater::Demand;
+use crate::heater::{Demand, Output};
 use crate::link;
 use crate::safety::inputs::{Look, volts};
 use crate::safety::kept::{fault_of, survives};
@@ -87,10 +87,10 @@ impl<B: Board> Controller<B> {
 
     /// Takes the temperature and sets the heater.
     fn regulate(&mut self, supply_v: Option<f64>, handover: &Handover) {
-        let demand = Demand { flow_mm3_per_s: self.flow(), fan: self.fan_duty(), supply_v };
+        let demand = Demand { flow_mm3_per_s: self.flow(handover), fan: self.fan_duty(), supply_v };
         let raw = self.thermistor.mean();
         match self.heater.update(raw, &demand, self.robot.description(), self.now) {
-            Ok(duty) => self.power(duty, handover),
+            Ok(output) => self.power(output, handover),
             Err(fault) => self.fail(fault, handover),
         }
         self.proof.regulator = true;
@@ -105,10 +105,10 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// Gives the heater this share (0 to 1) of its power.
-    fn power(&mut self, share: f64, handover: &Handover) {
-        let duty = (share * f64::from(self.parts.heater_power.max_duty_cycle())) as u16;
-        let enabled = if self.heater.target().is_some() {
+    /// Sets the heater's two switches.
+    fn power(&mut self, output: Output, handover: &Handover) {
+        let duty = (output.duty * f64::from(self.parts.heater_power.max_duty_cycle())) as u16;
+        let enabled = if output.closed {
             self.parts.heater_enable.set_high().is_ok()
         } else {
             self.parts.heater_enable.set_low().is_ok()

@@ -4,10 +4,11 @@
 //! times a second, and gives the duty: by `regulation` on the way to a target and at it, by `tuning` where the gains are to be
 //! found. `supervision` compares the reading with what the nozzle can do by the `model`.
 //!
-//! Power flows only while a reading is younger than half a second. Too high a temperature is a fault whether the heater is on
+//! Before it heats, both of its switches are tried (`proof_test`). Power flows only while a reading is younger than half a second. Too high a temperature is a fault whether the heater is on
 //! or not; everything else matters only while it is on.
 
 mod model;
+mod proof_test;
 mod regulation;
 mod sampler;
 mod supervision;
@@ -19,6 +20,7 @@ use growbot_core::link::message::{Fault, Tuned};
 use growbot_core::robot::RobotDescription;
 
 use self::model::Nozzle;
+use self::proof_test::{ProofTest, Rest};
 use self::regulation::Regulation;
 pub use self::sampler::Sampler;
 use self::supervision::{Look, Regulated, Supervision};
@@ -54,6 +56,22 @@ pub struct Demand {
     pub supply_v: Option<f64>,
 }
 
+/// What the heater's two switches are to do.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Output {
+    /// Duty of the power stage, 0 to 1.
+    pub duty: f64,
+    /// Whether the second switch is closed.
+    pub closed: bool,
+}
+
+impl Output {
+    /// Both are open.
+    pub const OFF: Self = Self { duty: 0.0, closed: false };
+    const SECOND_SWITCH_ALONE: Self = Self { duty: 0.0, closed: true };
+    const POWER_STAGE_ALONE: Self = Self { duty: 1.0, closed: false };
+}
+
 /// The heater's regulation and limits.
 #[derive(Debug, Clone, Default)]
 pub struct Heater {
@@ -63,16 +81,20 @@ pub struct Heater {
     reading: Option<(f64, u64)>,
     /// What is wrong with the sensor.
     broken: Option<Broken>,
-    /// The latest duty, 0 to 1.
+    /// The latest duty with which it heats, 0 to 1.
     duty: f64,
     /// When the latest update was, us.
     updated: Option<u64>,
-    /// When the heater was switched on or got its target, us.
+    /// When it was switched on, got its target, or began to heat, us.
     on_since: u64,
     /// Since when the temperature has been in its band, us.
     in_band_since: Option<u64>,
     /// Since when it has been so near to the target that a layer can be laid, us.
     steady_since: Option<u64>,
+    /// The reading while nothing heats.
+    rest: Rest,
+    /// Its switches are being tried.
+    proof: Option<ProofTest>,
     regulation: Regulation,
     supervision: Supervision,
     tuning: Option<Relay>,
@@ -80,10 +102,10 @@ pub struct Heater {
 }
 
 impl Heater {
-    /// Switches the heater on.
+    /// Switches the heater on. It tries its switches first.
     pub fn switch_on(&mut self, target_c: f64, now: u64) {
         self.switch_off();
-        (self.target, self.on_since) = (Some(target_c), now);
+        (self.target, self.on_since, self.proof) = (Some(target_c), now, Some(ProofTest::default()));
     }
 
     /// Another target, without switching off in between. Nothing while it is off or being tuned.
@@ -100,7 +122,8 @@ impl Heater {
     /// Switches the heater off.
     pub fn switch_off(&mut self) {
         let Self { reading, broken, .. } = *self;
-        *self = Self { reading, broken, tuned: self.tuned.take(), ..Self::default() };
+        let rest = core::mem::take(&mut self.rest);
+        *self = Self { reading, broken, rest, tuned: self.tuned.take(), ..Self::default() };
     }
 
     /// Switches the heater on to drive the nozzle round a target and find its gains. When they are found, it is off.
@@ -137,7 +160,7 @@ impl Heater {
         }
     }
 
-    /// The duty that the latest update gave, 0 to 1.
+    /// The duty with which it heats, 0 to 1, as the latest update gave it.
     #[must_use]
     pub fn duty(&self) -> f64 {
         self.duty
@@ -162,7 +185,7 @@ impl Heater {
         self.duty > 0.0 && self.temperature(now).is_none()
     }
 
-    /// One update: takes the mean reading of the period if there is one and gives the duty, 0 to 1. To be called every
+    /// One update: takes the mean reading of the period if there is one and gives what the switches are to do. To be called every
     /// [`PERIOD_US`].
     ///
     /// # Errors
@@ -174,7 +197,7 @@ impl Heater {
         demand: &Demand,
         robot: &RobotDescription,
         now: u64,
-    ) -> Result<f64, Fault> {
+    ) -> Result<Output, Fault> {
         let before = self.updated.replace(now).unwrap_or(now);
         let seconds = now.saturating_sub(before).min(OLDEST_READING_US) as f32 * 1e-6;
         let given = core::mem::take(&mut self.duty) as f32;
@@ -189,7 +212,13 @@ impl Heater {
                 Err(broken) => self.broken = Some(broken),
             }
         }
-        let Some(target_c) = self.target else { return Ok(0.0) };
+        let Some(target_c) = self.target else {
+            match self.temperature(now) {
+                Some(reading_c) => _ = self.rest.take(reading_c as f32, seconds),
+                None => self.rest = Rest::default(),
+            }
+            return Ok(Output::OFF);
+        };
         match self.broken {
             Some(Broken::Open) => return Err(Fault::ThermistorOpen),
             Some(Broken::Short) => return Err(Fault::ThermistorShort),
@@ -198,10 +227,17 @@ impl Heater {
         let Some(reading_c) = self.temperature(now) else {
             // Just switched on, the first reading may still be on its way.
             let waiting = now.saturating_sub(self.on_since) <= OLDEST_READING_US;
-            return if waiting { Ok(0.0) } else { Err(Fault::ThermistorSilent) };
+            return if waiting { Ok(Output::OFF) } else { Err(Fault::ThermistorSilent) };
         };
         let nozzle = Nozzle::new(demand, robot);
         let (target_c, reading_c) = (target_c as f32, reading_c as f32);
+        if let Some(proof) = &mut self.proof {
+            let timeout_s = robot.heater.heating_timeout_s as f32;
+            if let Some(output) = proof.look(&mut self.rest, reading_c, seconds, timeout_s, &nozzle)? {
+                return Ok(output);
+            }
+            (self.proof, self.rest, self.on_since) = (None, Rest::default(), now);
+        }
         self.watch_band(target_c - reading_c, nozzle.band_c, seconds_us(robot.heater.heating_timeout_s), now)?;
         let wiggles = (target_c - reading_c).abs() < WIGGLED_BANDS * nozzle.band_c;
         let wiggle = wiggles.then(|| (self.regulation.phase(), self.regulation.amplitude_c()));
@@ -230,7 +266,7 @@ impl Heater {
             },
         };
         self.duty = f64::from(duty);
-        Ok(self.duty)
+        Ok(Output { duty: self.duty, closed: self.target.is_some() })
     }
 
     /// Watches whether the target is reached, and in time.

@@ -14,7 +14,7 @@ const SUPPLY: (f64, f64) = (0.5, 1.5);
 pub struct Nozzle<'a> {
     thermistor: &'a Thermistor,
     /// Heat that it takes for each degree above the surroundings, W/K: loss, fan and filament.
-    need_w_per_k: f32,
+    pub need_w_per_k: f32,
     /// Power at full duty, W: it goes with the square of the supply's voltage.
     pub available_w: f32,
     /// The same at the nominal voltage.

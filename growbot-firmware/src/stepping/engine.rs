@@ -485,6 +485,7 @@ where
             return;
         }
         self.mode = Mode::Idle;
+        handover.set_sector(&Sector::default());
         handover.report(match finished {
             Finished::Homed => Done::Homed,
             Finished::Laid => {
@@ -497,7 +498,9 @@ where
     }
 
     fn start_sector(&mut self, index: usize, handover: &Handover) {
-        let Some(Sector { ticks, head, feed }) = handover.sector(&self.turn, index) else { return };
+        let Some(sector) = handover.sector(&self.turn, index) else { return };
+        handover.set_sector(&sector);
+        let Sector { ticks, head, feed } = sector;
         self.progress.sector = index;
         self.progress.sector_left = ticks;
         self.progress.head = Spread::new(head, ticks);

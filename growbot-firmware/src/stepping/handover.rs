@@ -178,6 +178,9 @@ pub struct Handover {
     calls: AtomicU32,
     /// Sectors made of the turn that is laid.
     progress: AtomicU32,
+    /// Feed steps and ticks of the sector that is laid; no steps where none is.
+    sector_feed: AtomicU32,
+    sector_ticks: AtomicU32,
     on_index: AtomicBool,
     filament_pulses: AtomicU32,
     ticks: AtomicU32,
@@ -209,6 +212,8 @@ impl Handover {
             called: AtomicBool::new(false),
             calls: AtomicU32::new(0),
             progress: AtomicU32::new(0),
+            sector_feed: AtomicU32::new(0),
+            sector_ticks: AtomicU32::new(0),
             on_index: AtomicBool::new(false),
             filament_pulses: AtomicU32::new(0),
             ticks: AtomicU32::new(0),
@@ -309,6 +314,13 @@ impl Handover {
         self.progress.load(Ordering::Acquire)
     }
 
+    /// How fast the layer under way feeds at this moment, steps a tick; 0 where none is laid.
+    #[must_use]
+    pub fn feed_rate(&self) -> f64 {
+        let (steps, ticks) = (self.sector_feed.load(Ordering::Acquire), self.sector_ticks.load(Ordering::Acquire));
+        f64::from(steps) / f64::from(ticks.max(1))
+    }
+
     /// Whether the index sensor sees its mark: looked at in each step of the head, and in each tick without an order.
     #[must_use]
     pub fn on_index(&self) -> bool {
@@ -407,6 +419,12 @@ impl Handover {
 
     pub(super) fn set_progress(&self, sectors: usize) {
         self.progress.store(sectors as u32, Ordering::Release);
+    }
+
+    /// Engine: what the sector that it begins feeds; [`Sector::default`] where no layer is laid any more.
+    pub(super) fn set_sector(&self, sector: &Sector) {
+        self.sector_feed.store(sector.feed, Ordering::Release);
+        self.sector_ticks.store(sector.ticks, Ordering::Release);
     }
 
     pub(super) fn set_emergency_stop(&self, pressed: bool) {

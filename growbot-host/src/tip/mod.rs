@@ -11,6 +11,7 @@
 //!
 //! Not modelled: play in the gears, the flow's delay behind the feed, and sag.
 
+mod cartridge;
 mod fault;
 mod filament;
 pub mod flash;
@@ -24,6 +25,7 @@ mod sensors;
 mod tests;
 mod variation;
 
+pub use cartridge::{Parts, STEINHART_HART_104GT_2};
 pub use fault::{Faults, TipFault};
 pub use imperfection::Imperfection;
 pub(crate) use noise::scramble;
@@ -62,6 +64,8 @@ pub struct Tip {
     nozzle: Nozzle,
     /// Where the nozzle is put when its heater is switched on, degrees Celsius; none where it heats as it does.
     warm_at_once: Option<f64>,
+    /// It has been put there since the second switch was closed.
+    warmed: bool,
     /// What a thermistor that no longer follows shows.
     held: Held,
     /// When a dip of the supply is over, ticks; none without a dip.
@@ -120,6 +124,7 @@ impl Tip {
             fan: 0.0,
             nozzle: Nozzle::new(&robot, &variation),
             warm_at_once: None,
+            warmed: false,
             held: Held::default(),
             dip_until: None,
             filament: Filament::new(&robot),
@@ -260,9 +265,11 @@ impl Tip {
         let input = HeaterInput { duty, closed };
         if self.heater != input {
             self.sync();
-            let before = std::mem::replace(&mut self.heater, input);
-            if let Some(celsius) = self.warm_at_once.filter(|_| closed && !before.closed) {
+            self.heater = input;
+            self.warmed &= closed;
+            if let Some(celsius) = self.warm_at_once.filter(|_| closed && duty > 0.0 && !self.warmed) {
                 self.nozzle.set(celsius.max(self.nozzle.block()));
+                self.warmed = true;
             }
         }
     }
@@ -409,8 +416,8 @@ impl Tip {
         self.nozzle.set(celsius);
     }
 
-    /// From now on the nozzle is this warm, degrees Celsius, at the moment in which its heater is switched on: for trials in real time, in
-    /// which heating would take most of it. Later than that, the firmware would rightly take it for a heater out of control.
+    /// From now on the nozzle is this warm, degrees Celsius, at the moment in which its heater first gets power: for trials in real time, in
+    /// which heating would take most of it. Earlier or later than that, the firmware would rightly take it for a heater out of control.
     pub fn warm_at_once(&mut self, celsius: f64) {
         self.warm_at_once = Some(celsius);
     }

@@ -3,6 +3,8 @@
 //! `C dT/dt = P - (K + c Q) (T - T_ambient)` for the block, with the flow Q of the filament that it heats, and
 //! `tau dS/dt = T_ambient + share (T - T_ambient) - S` for the thermistor.
 //!
+//! A copy of a robot may have a [`Cartridge`] instead, which is solved otherwise; what follows is of the lump above.
+//!
 //! Both are solved in closed form while power, loss and flow stand still. The flow is told in slots of a tenth of a second:
 //! in each, the nozzle heats, evenly, what was fed in the one before. So the heat is exact, the result does not
 //! depend on how often anybody looks, and hours without flow are one step.
@@ -10,6 +12,7 @@
 use growbot_core::robot::{Heater, Robot};
 
 use super::Variation;
+use super::cartridge::{Cartridge, Load};
 
 /// Slots of the flow in a second.
 const SLOTS_PER_S: u64 = 10;
@@ -32,6 +35,8 @@ pub(super) struct Drive {
 pub(super) struct Nozzle {
     ambient_c: f64,
     heat_capacity: f64,
+    /// The heater where it is a part of its own, none where the nozzle is one lump.
+    cartridge: Option<Cartridge>,
     tick_hz: f64,
     /// Ticks in a slot of the flow.
     slot: u64,
@@ -54,11 +59,16 @@ impl Nozzle {
     /// A nozzle at the temperature of its surroundings.
     pub fn new(robot: &Robot, variation: &Variation) -> Self {
         let description = robot.description();
-        let Heater { heat_capacity_j_per_k, .. } = description.heater;
+        let Heater { heat_capacity_j_per_k, loss_w_per_k, target_c, .. } = description.heater;
+        let heat_capacity = heat_capacity_j_per_k * variation.heat_capacity;
+        let loss = loss_w_per_k * variation.loss;
+        let cartridge =
+            variation.parts.map(|parts| Cartridge::new(parts, heat_capacity, loss, target_c, variation.ambient_c));
         let tick_hz = u64::from(description.motion.tick_hz);
         Self {
             ambient_c: variation.ambient_c,
-            heat_capacity: heat_capacity_j_per_k * variation.heat_capacity,
+            heat_capacity,
+            cartridge,
             tick_hz: tick_hz as f64,
             slot: (tick_hz / SLOTS_PER_S).max(1),
             heat_of_step: description.filament.heat_j_per_mm3_k * robot.filament_area() / description.feed.steps_per_mm,
@@ -100,6 +110,9 @@ impl Nozzle {
     /// Puts block and thermistor at a temperature, degrees Celsius.
     pub fn set(&mut self, celsius: f64) {
         (self.block, self.sensor, self.at_slot) = (celsius, celsius, celsius);
+        if let Some(cartridge) = &mut self.cartridge {
+            cartridge.set(celsius);
+        }
         self.peak = self.peak.max(celsius);
     }
 
@@ -132,6 +145,13 @@ impl Nozzle {
     /// Time passes in which nothing changes.
     fn pass(&mut self, seconds: f64, drive: &Drive) {
         let flow = self.heated * self.heat_of_step * self.tick_hz / self.slot as f64;
+        if let Some(cartridge) = &mut self.cartridge {
+            let load = Load { drive, flow_w_per_k: flow };
+            let peak;
+            (self.block, self.sensor, peak) = cartridge.pass(seconds, self.block, self.sensor, &load);
+            self.peak = self.peak.max(peak);
+            return;
+        }
         let loss = (drive.loss_w_per_k + flow).max(f64::MIN_POSITIVE);
         let settled = drive.power_w / loss;
         // Above the surroundings, and above where the block settles.

@@ -3,6 +3,7 @@
 use growbot_core::robot::Robot;
 use growbot_firmware::thermistor::{self, FULL_SCALE};
 
+use super::cartridge::resistance_104gt_2;
 use super::noise::noise;
 use super::{Motor, Tip, TipFault};
 
@@ -46,7 +47,14 @@ impl Tip {
         } else if self.faults.has(TipFault::ThermistorStuck) {
             self.held.counts
         } else {
-            thermistor::reading(self.nozzle.sensor(), &self.robot.description().thermistor)
+            let thermistor = &self.robot.description().thermistor;
+            match self.variation.parts {
+                None => thermistor::reading(self.nozzle.sensor(), thermistor),
+                Some(_) => {
+                    let ohm = resistance_104gt_2(self.nozzle.sensor());
+                    ohm / (ohm + thermistor.pull_up_ohm) * f64::from(FULL_SCALE)
+                }
+            }
         }
     }
 

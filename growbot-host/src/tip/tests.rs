@@ -66,8 +66,13 @@ fn a_nozzle_to_be_warm_at_once_is_warm_when_its_heater_is_switched_on() {
     tip.warm_at_once(190.0);
     wait(&mut tip, 1.0);
     assert!(tip.nozzle_c() < 30.0);
+    // Not while its switches are tried.
     tip.heat(0.0, true);
+    tip.heat(1.0, false);
+    assert!(tip.nozzle_c() < 30.0);
+    tip.heat(0.5, true);
     assert_eq!(tip.nozzle_c(), 190.0);
+    tip.heat(0.0, true);
     // Only then: what is on already cools and heats as ever, and what is hotter is not cooled.
     wait(&mut tip, 5.0);
     let cooled = tip.nozzle_c();
@@ -75,7 +80,7 @@ fn a_nozzle_to_be_warm_at_once_is_warm_when_its_heater_is_switched_on() {
     assert!(cooled < 189.0 && tip.nozzle_c() == cooled);
     tip.heat(0.0, false);
     tip.set_nozzle_c(200.0);
-    tip.heat(0.0, true);
+    tip.heat(0.1, true);
     assert_eq!(tip.nozzle_c(), 200.0);
 }
 

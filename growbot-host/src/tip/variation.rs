@@ -1,5 +1,7 @@
 //! How one copy of a robot differs from its description.
 
+use super::cartridge::Parts;
+
 /// What may vary from one copy of a robot to the next, and from one day to the next.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Variation {
@@ -9,6 +11,8 @@ pub struct Variation {
     pub heat_capacity: f64,
     /// The nozzle's loss, as a multiple of the description's.
     pub loss: f64,
+    /// The nozzle as its parts, with the thermistor 104GT-2; none for one lump of heat with a thermistor that follows its equation.
+    pub parts: Option<Parts>,
     /// Temperature of the surroundings, degrees Celsius.
     pub ambient_c: f64,
     /// Voltage of the supply, V; none for the description's nominal one.
@@ -28,6 +32,7 @@ impl Default for Variation {
             power: 1.0,
             heat_capacity: 1.0,
             loss: 1.0,
+            parts: None,
             ambient_c: 22.0,
             supply_v: None,
             sensor_lag_s: 2.0,

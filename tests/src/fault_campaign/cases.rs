@@ -50,6 +50,8 @@ pub enum Right {
     Codes(&'static [Fault]),
     /// The state emergency stop.
     EmergencyStop,
+    /// It does no harm on its own, and the growth goes on to its end. The next one is not begun: any of these codes.
+    AtNextStart(&'static [Fault]),
     /// It does no harm on its own, and the growth goes on to its end.
     GoesOn,
 }
@@ -121,8 +123,11 @@ impl Case {
             T::SupplyHigh { .. } => &[F::SupplyHigh],
             T::StepInterruptStopped => &[F::StepsStalled],
             T::EmergencyStop => return Right::EmergencyStop,
-            // The second switch matters only once the power stage has failed as well; the orientation is not used for safety.
-            T::SecondSwitchClosed | T::OrientationSilent => return Right::GoesOn,
+            // The second switch matters only once the power stage has failed as well.
+            T::SecondSwitchClosed if self.onset == Onset::Boot => &[F::HeaterSwitchWelded],
+            T::SecondSwitchClosed => return Right::AtNextStart(&[F::HeaterSwitchWelded]),
+            // The orientation is not used for safety.
+            T::OrientationSilent => return Right::GoesOn,
         })
     }
 }

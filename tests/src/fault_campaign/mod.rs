@@ -13,13 +13,13 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 
 use cases::Case;
-use growth::Seen;
+use growth::{Plant, Seen};
 
-/// Runs every case on copies of the robot with these seeds, on all cores. In the order of the cases, copies together.
+/// Runs every case on copies of the robot with this plant and these seeds, on all cores. In the order of the cases, copies together.
 ///
 /// # Panics
 /// If a growth cannot be run at all.
-pub fn run(cases: &[Case], seeds: std::ops::Range<u64>) -> Vec<(Case, Vec<Seen>)> {
+pub fn run(plant: Plant, cases: &[Case], seeds: std::ops::Range<u64>) -> Vec<(Case, Vec<Seen>)> {
     let jobs: Vec<(usize, u64)> =
         (0..cases.len()).flat_map(|case| seeds.clone().map(move |seed| (case, seed))).collect();
     let next = AtomicUsize::new(0);
@@ -28,7 +28,7 @@ pub fn run(cases: &[Case], seeds: std::ops::Range<u64>) -> Vec<(Case, Vec<Seen>)
         for _ in 0..thread::available_parallelism().map_or(1, usize::from) {
             scope.spawn(|| {
                 while let Some(&(case, seed)) = jobs.get(next.fetch_add(1, Ordering::Relaxed)) {
-                    let one = growth::meet(&cases[case], seed);
+                    let one = growth::meet(plant, &cases[case], seed);
                     seen.lock().expect("no growth panics with the list in hand").push((case, seed, one));
                 }
             });
@@ -41,4 +41,17 @@ pub fn run(cases: &[Case], seeds: std::ops::Range<u64>) -> Vec<(Case, Vec<Seen>)
         rows[case].1.push(one);
     }
     rows
+}
+
+/// Why growths are not right, those with the seeds from 0 on: one line each.
+#[must_use]
+pub fn wrong(plant: Plant, rows: &[(Case, Vec<Seen>)]) -> Vec<String> {
+    let robot = growth::robot(plant);
+    let of_case = |(case, seen): &(Case, Vec<Seen>)| {
+        let why = |(seed, one): (usize, &Seen)| {
+            Some(format!("{plant:?}, {case:?}, seed {seed}: {}", one.wrong(case, &robot)?))
+        };
+        seen.iter().enumerate().filter_map(why).collect::<Vec<_>>()
+    };
+    rows.iter().flat_map(of_case).collect()
 }

@@ -49,6 +49,7 @@ impl Rig {
     /// # Errors
     /// If the board refuses.
     pub fn begin(&mut self, layers: u32) -> Result<(), ClientError> {
+        (self.encoder, self.handed_over) = (Encoder::default(), 0);
         let begin = Begin { plan_id: PLAN, layers, robot: self.robot.hash() };
         self.client.request("to begin", &Message::Begin(begin)).map(|_| ())
     }
@@ -109,6 +110,20 @@ impl Rig {
     #[must_use]
     pub fn state(&self) -> State {
         self.sim.borrow().state()
+    }
+
+    /// As it is described.
+    #[must_use]
+    pub fn robot(&self) -> &Robot {
+        &self.robot
+    }
+
+    /// Whether the heater gets power.
+    #[must_use]
+    pub fn heats(&self) -> bool {
+        let mut sim = self.sim.borrow_mut();
+        let tip = sim.simulated_tip();
+        tip.heater_is_on() && tip.heater_duty() > 0.0
     }
 
     /// Whether every layer that was handed over is laid.

@@ -7,39 +7,49 @@ use growbot_core::link::message::Fault;
 use super::cases::{Case, Onset, Right};
 use super::growth::Seen;
 
-/// Seconds to detection and peak temperature of each fault and onset, as Markdown.
+/// Seconds to detection and peak temperature of each fault and onset, as Markdown: first on the lump, then on the cartridge.
 #[must_use]
-pub fn markdown(rows: &[(Case, Vec<Seen>)]) -> String {
+pub fn markdown(lump: &[(Case, Vec<Seen>)], cartridge: &[(Case, Vec<Seen>)]) -> String {
     let mut text = String::from(
-        "| fault | onset | growths | noticed | as | after, s: median | longest | peak, C |\n|---|---|---|---|---|---|---|---|\n",
+        "| fault | onset | growths | noticed | as | lump: after, s: median | longest | peak, C | cartridge: after, s: median | longest | peak, C |\n\
+         |---|---|---|---|---|---|---|---|---|---|---|\n",
     );
-    for (case, seen) in rows {
-        let mut after: Vec<f64> = seen.iter().filter_map(|one| one.after_s).collect();
-        after.sort_by(f64::total_cmp);
-        let mut codes: Vec<&str> = seen.iter().filter_map(|one| one.fault).map(Fault::code).collect();
+    for ((case, on_lump), (_, on_cartridge)) in lump.iter().zip(cartridge) {
+        let seen = || on_lump.iter().chain(on_cartridge);
+        let mut codes: Vec<&str> = seen().filter_map(|one| one.fault).map(Fault::code).collect();
         codes.sort_unstable();
         codes.dedup();
         let told = match case.right() {
             Right::Codes(_) => codes.join(", "),
+            Right::AtNextStart(_) => format!("{}, at the next start: no harm before", codes.join(", ")),
             Right::EmergencyStop => "state emergency-stop".to_string(),
             Right::GoesOn => "no harm: the growth goes on".to_string(),
         };
-        let peak = seen.iter().map(|one| one.peak_c).fold(f64::NEG_INFINITY, f64::max);
-        let time = |seconds: Option<&f64>| seconds.map_or("-".to_string(), |seconds| format!("{seconds:.1}"));
-        let fault = if case.onset == Onset::Boot { case.fault.name() } else { "" };
+        let growths = seen().count();
         let noticed = match case.right() {
             Right::GoesOn => "-".to_string(),
-            _ => format!("{:.0} %", 100.0 * after.len() as f64 / seen.len().max(1) as f64),
+            _ => {
+                format!("{:.0} %", 100.0 * seen().filter_map(|one| one.after_s).count() as f64 / growths.max(1) as f64)
+            }
         };
+        let fault = if case.onset == Onset::Boot { case.fault.name() } else { "" };
         // A string takes everything that is written to it.
         let _ = writeln!(
             text,
-            "| {fault} | {} | {} | {noticed} | {told} | {} | {} | {peak:.0} |",
+            "| {fault} | {} | {growths} | {noticed} | {told} | {} | {} |",
             case.onset.name(),
-            seen.len(),
-            time(after.get(after.len() / 2)),
-            time(after.last()),
+            figures(on_lump),
+            figures(on_cartridge),
         );
     }
     text
+}
+
+/// Median and longest time to detection, s, and the peak, degrees Celsius.
+fn figures(seen: &[Seen]) -> String {
+    let mut after: Vec<f64> = seen.iter().filter_map(|one| one.after_s).collect();
+    after.sort_by(f64::total_cmp);
+    let peak = seen.iter().map(|one| one.peak_c).fold(f64::NEG_INFINITY, f64::max);
+    let time = |seconds: Option<&f64>| seconds.map_or("-".to_string(), |seconds| format!("{seconds:.1}"));
+    format!("{} | {} | {peak:.0}", time(after.get(after.len() / 2)), time(after.last()))
 }

@@ -19,9 +19,11 @@ enum Phase {
     LettingDown,
     Standby,
     Returning,
+    //// Off after a growth, and then on again while the nozzle is still hot.
+    Again,
 }
 
-const PHASES: [Phase; 8] = [
+const PHASES: [Phase; 9] = [
     Phase::Before,
     Phase::Heating,
     Phase::Settling,
@@ -30,6 +32,7 @@ const PHASES: [Phase; 8] = [
     Phase::LettingDown,
     Phase::Standby,
     Phase::Returning,
+    Phase::Again,
 ];
 
 /// Brings a nozzle somewhere into a phase.
@@ -40,6 +43,7 @@ fn bring(rig: &mut Rig, phase: Phase) {
         return;
     }
     rig.on(target);
+    rig.prove().unwrap();
     if phase == Phase::Heating {
         let until = rig.random.between(30.0, 198.0);
         while rig.heater.temperature(rig.now).is_none_or(|celsius| celsius < until) {
@@ -56,6 +60,11 @@ fn bring(rig: &mut Rig, phase: Phase) {
         rig.layer(|_| {}).unwrap();
     }
     let some = rig.random.between(0.0, 60.0);
+    if phase == Phase::Again {
+        rig.off();
+        (rig.flow, rig.fan) = (0.0, 0.0);
+        return rig.run(0.5 * some).unwrap();
+    }
     match phase {
         Phase::Growing | Phase::Holding => return rig.run(some).unwrap(),
         _ => rig.run(60.0).unwrap(),
@@ -72,29 +81,40 @@ fn bring(rig: &mut Rig, phase: Phase) {
     }
 }
 
-/// Goes on from a phase until the fault shows: which, after how long, or none.
+/// Goes on from a phase until the fault shows: which, how long after it came, or after the proof test that did not show it; or none.
 fn go_on(rig: &mut Rig, phase: Phase) -> Option<(Fault, f64)> {
-    let begin = rig.now;
-    if phase == Phase::Before {
-        rig.on(rig.robot.heater.target_c);
-    }
     let mut fault = None;
+    if matches!(phase, Phase::Before | Phase::Again) {
+        rig.on(rig.robot.heater.target_c);
+        let begin = rig.now;
+        fault = rig.prove().err();
+        if let Some(fault) = fault {
+            return Some((fault, cool_down(rig, begin)));
+        }
+    }
+    let begin = rig.now;
     while fault.is_none() && rig.now - begin < 200_000_000 {
         fault = if phase == Phase::Growing { rig.layer(|_| {}).err() } else { rig.step().err() };
     }
+    let after = cool_down(rig, begin);
+    fault.map(|fault| (fault, after))
+}
+
+/// Switches off and waits for the peak. Gives the time since the beginning, s.
+fn cool_down(rig: &mut Rig, begin: u64) -> f64 {
     let after = (rig.now - begin) as f64 * 1e-6;
-    rig.heater.switch_off();
+    rig.off();
     for _ in 0..100 {
         let _ = rig.step();
     }
-    fault.map(|fault| (fault, after))
+    after
 }
 
 /// Draws how exactly something is broken.
 type Draw = fn(&mut Random) -> Wrong;
 
 /// What is broken.
-const WRONGS: [(&str, Draw); 10] = [
+const WRONGS: [(&str, Draw); 11] = [
     ("open", |_| Wrong::Open),
     ("short", |_| Wrong::Short),
     ("silent", |_| Wrong::Silent),
@@ -104,6 +124,7 @@ const WRONGS: [(&str, Draw); 10] = [
     ("heater open", |_| Wrong::HeaterOpen),
     ("stuck on", |_| Wrong::StuckOn(1.0)),
     ("partly on", |random| Wrong::StuckOn(random.between(0.3, 0.99))),
+    ("welded", |_| Wrong::Welded),
     ("draught", |_| Wrong::Draught(4.0)),
 ];
 
@@ -111,12 +132,13 @@ const WRONGS: [(&str, Draw); 10] = [
 /// keeps the reading down is too slow a heating.
 fn expected(wrong: Wrong, phase: Phase) -> (&'static [Fault], f64) {
     use Fault::{
-        HeaterEnergy, HeaterStuckOn, HeatingTooSlow, TemperatureDrop, ThermistorDetached, ThermistorFrozen,
-        ThermistorOpen, ThermistorShort, ThermistorSilent,
+        HeaterEnergy, HeaterStuckOn, HeaterSwitchWelded, HeatingTooSlow, TemperatureDrop, ThermistorDetached,
+        ThermistorFrozen, ThermistorOpen, ThermistorShort, ThermistorSilent,
     };
-    let rising = matches!(phase, Phase::Before | Phase::Heating | Phase::Returning);
+    let switched_on = matches!(phase, Phase::Before | Phase::Again);
+    let rising = switched_on || matches!(phase, Phase::Heating | Phase::Returning);
     // The end of the way up is in the target's band already.
-    let near = matches!(phase, Phase::Heating | Phase::Returning);
+    let near = matches!(phase, Phase::Heating | Phase::Returning | Phase::Again);
     match wrong {
         Wrong::Nothing | Wrong::NoFlow => (&[], f64::INFINITY),
         Wrong::Open => (&[ThermistorOpen], 0.2),
@@ -124,6 +146,8 @@ fn expected(wrong: Wrong, phase: Phase) -> (&'static [Fault], f64) {
         Wrong::Silent => (&[ThermistorSilent], 0.6),
         Wrong::Frozen if rising => (&[HeatingTooSlow, ThermistorFrozen], if near { 60.0 } else { 15.0 }),
         Wrong::Frozen => (&[ThermistorFrozen], 60.0),
+        // A voltage that stands, with noise on it, is a nozzle that does not cool.
+        Wrong::Stuck if phase == Phase::Again => (&[HeaterStuckOn, ThermistorFrozen, HeatingTooSlow], 45.0),
         Wrong::Stuck if rising => (&[HeatingTooSlow, ThermistorFrozen, HeaterEnergy], if near { 120.0 } else { 15.0 }),
         Wrong::Stuck => (&[ThermistorFrozen, HeaterEnergy], 120.0),
         Wrong::Detached(..) if phase == Phase::Before => (&[HeatingTooSlow], 10.0),
@@ -135,6 +159,10 @@ fn expected(wrong: Wrong, phase: Phase) -> (&'static [Fault], f64) {
         Wrong::HeaterOpen if near => (&[HeatingTooSlow, TemperatureDrop, HeaterEnergy], 30.0),
         Wrong::HeaterOpen if phase == Phase::LettingDown => (&[TemperatureDrop], 75.0),
         Wrong::HeaterOpen => (&[TemperatureDrop, HeaterEnergy], 20.0),
+        // The proof test shows both switches; it waits until a hot nozzle cools evenly.
+        Wrong::StuckOn(duty) if duty >= 1.0 && switched_on => (&[HeaterStuckOn], 45.0),
+        Wrong::Welded if switched_on => (&[HeaterSwitchWelded], 45.0),
+        Wrong::Welded => (&[], f64::INFINITY),
         // Hidden as long as full power is asked for.
         Wrong::StuckOn(duty) if duty >= 1.0 => (&[HeaterStuckOn, ThermistorFrozen], if rising { 150.0 } else { 60.0 }),
         // What the nozzle needs may be more than that: then nothing shows, and nothing gets too hot.

@@ -2,7 +2,7 @@
 
 use growbot_core::robot::RobotDescription;
 
-use crate::heater::{Demand, Heater, PERIOD_US, Sampler};
+use crate::heater::{Demand, Heater, Output, PERIOD_US, Sampler};
 use crate::testing::robot_a;
 use crate::thermistor::{FULL_SCALE, reading};
 use growbot_core::link::message::Fault;
@@ -65,6 +65,8 @@ pub enum Wrong {
     HeaterOpen,
     /// The power stage gives at least this duty.
     StuckOn(f64),
+    /// The second switch is always closed.
+    Welded,
     /// So many times the loss.
     Draught(f64),
     /// No filament comes, and the fan stands, whatever is asked for.
@@ -124,6 +126,8 @@ pub struct Rig {
     pub block_c: f64,
     pub sensor_c: f64,
     pub peak_c: f64,
+    /// What the switches do.
+    pub output: Output,
     held: u16,
     conversions: u16,
 }
@@ -146,18 +150,20 @@ impl Rig {
             block_c: spread.ambient_c,
             sensor_c: spread.ambient_c,
             peak_c: spread.ambient_c,
+            output: Output::OFF,
             held: 0,
             conversions: 10,
         }
     }
 
     /// One period: the nozzle goes on at the duty, then is read and regulated.
-    pub fn step(&mut self) -> Result<f64, Fault> {
-        let enabled = self.heater.target().is_some();
+    pub fn step(&mut self) -> Result<(), Fault> {
+        let Output { duty, closed } = self.output;
         let duty = match self.wrong {
             Wrong::HeaterOpen => 0.0,
-            Wrong::StuckOn(least) if enabled => self.heater.duty().max(least),
-            _ if enabled => self.heater.duty(),
+            Wrong::StuckOn(least) if closed => duty.max(least),
+            Wrong::Welded => duty,
+            _ if closed => duty,
             _ => 0.0,
         };
         let Spread { capacity, loss, power, supply, ambient_c, lag_s, .. } = self.spread;
@@ -196,7 +202,22 @@ impl Rig {
                 }
             }
         }
-        self.heater.update(sampler.mean(), &demand, &self.robot, self.now)
+        let output = self.heater.update(sampler.mean(), &demand, &self.robot, self.now);
+        self.output = output.unwrap_or(Output::OFF);
+        output.map(|_| ())
+    }
+
+    /// Steps until both switches are proven.
+    pub fn prove(&mut self) -> Result<(), Fault> {
+        while self.heater.proof.is_some() {
+            self.step()?;
+        }
+        Ok(())
+    }
+
+    pub fn off(&mut self) {
+        self.heater.switch_off();
+        self.output = Output::OFF;
     }
 
     pub fn on(&mut self, celsius: f64) {
@@ -251,7 +272,7 @@ impl Rig {
                 }
             }
             // Parked, or done.
-            self.heater.switch_off();
+            self.off();
             self.fan = 0.0;
             let parked = self.random.between(0.0, 200.0);
             self.run(parked)?;

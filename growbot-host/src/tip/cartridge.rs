@@ -1,0 +1,239 @@
+//! A nozzle as its parts: a heater cartridge in a block that stands in air, and a thermistor of which a table is published.
+//!
+//! `C_h dH/dt = P - G (H - B)` for the cartridge, `C_b dB/dt = G (H - B) - loss - c Q (B - A)` for the block, and the thermistor follows
+//! the block as in [`super::nozzle`]. The loss is natural convection, which goes with the temperature difference to the power of 1.25
+//! (laminar: McAdams, Heat Transmission, 1954), and radiation (Stefan and Boltzmann). A fan or a draught adds to the convection.
+//!
+//! The firmware reckons with one lump of heat, a loss in proportion to the difference, and an equation of the thermistor. None of that
+//! is used here: what is true of both nozzles is not true because they are the same. Integrated by Runge and Kutta's method of fourth
+//! order, 0.05 s a step at most.
+
+use super::nozzle::Drive;
+
+/// The nozzle of one copy of a robot as its parts.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Parts {
+    /// The cartridge's share of the heat capacity, 0 to 1.
+    pub capacity_share: f64,
+    /// What conducts heat from the cartridge to the block, W/K.
+    pub coupling_w_per_k: f64,
+    /// The share of radiation in the loss at the robot's target in still air, 0 to 1.
+    pub radiation_share: f64,
+}
+
+/// The description's loss is that at the target in a room of this temperature, degrees Celsius.
+const ROOM_C: f64 = 25.0;
+/// 0 degrees Celsius, K.
+const ZERO_C: f64 = 273.15;
+/// The longest step, s: a sixth of the shortest time constant that a cartridge of 10 % and 4 W/K has.
+const STEP_S: f64 = 0.05;
+/// The shortest lag of a thermistor that the steps can follow, s.
+const SHORTEST_LAG_S: f64 = 0.1;
+
+/// Cartridge, block and thermistor, degrees Celsius.
+type Temperatures = [f64; 3];
+
+/// What the parts are made of.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Cartridge {
+    parts: Parts,
+    heat_capacity: f64,
+    ambient_c: f64,
+    /// Loss by radiation at the target, W for each degree between target and room, and the target.
+    radiated_w_per_k: f64,
+    target_c: f64,
+    /// Its temperature, degrees Celsius.
+    celsius: f64,
+}
+
+/// What acts on block and thermistor while nothing changes.
+pub(super) struct Load<'a> {
+    pub drive: &'a Drive,
+    /// Heat that the filament takes away, W/K.
+    pub flow_w_per_k: f64,
+}
+
+impl Cartridge {
+    /// A cartridge at the temperature of its surroundings. `loss_w_per_k` is that in still air.
+    pub fn new(parts: Parts, heat_capacity: f64, loss_w_per_k: f64, target_c: f64, ambient_c: f64) -> Self {
+        let radiated_w_per_k = parts.radiation_share * loss_w_per_k;
+        Self { parts, heat_capacity, ambient_c, radiated_w_per_k, target_c, celsius: ambient_c }
+    }
+
+    /// Puts it at a temperature, degrees Celsius.
+    pub fn set(&mut self, celsius: f64) {
+        self.celsius = celsius;
+    }
+
+    /// Loss of a block at a temperature, W; `still` is 1 in still air.
+    fn loss(&self, block_c: f64, drive: &Drive) -> f64 {
+        let at_target = self.target_c - ROOM_C;
+        let fourth = |celsius: f64| {
+            let square = (celsius + ZERO_C) * (celsius + ZERO_C);
+            square * square
+        };
+        let radiated = self.radiated_w_per_k * at_target * (fourth(block_c) - fourth(self.ambient_c))
+            / (fourth(self.target_c) - fourth(ROOM_C));
+        let warmth = block_c - self.ambient_c;
+        let convected =
+            (drive.loss_w_per_k - self.radiated_w_per_k) * warmth * libm::sqrt(libm::sqrt((warmth / at_target).abs()));
+        radiated + convected
+    }
+
+    /// Degrees a second of each part.
+    fn rates(&self, [cartridge, block, sensor]: Temperatures, load: &Load) -> Temperatures {
+        let Load { drive, flow_w_per_k } = load;
+        let Parts { capacity_share, coupling_w_per_k, .. } = self.parts;
+        let conducted = coupling_w_per_k * (cartridge - block);
+        let taken = self.loss(block, drive) + flow_w_per_k * (block - self.ambient_c);
+        let followed = self.ambient_c + drive.share * (block - self.ambient_c);
+        [
+            (drive.power_w - conducted) / (self.heat_capacity * capacity_share),
+            (conducted - taken) / (self.heat_capacity * (1.0 - capacity_share)),
+            (followed - sensor) / drive.lag_s.max(SHORTEST_LAG_S),
+        ]
+    }
+
+    /// Time passes in which nothing changes: block and thermistor after it, and the block's highest temperature meanwhile.
+    pub fn pass(&mut self, seconds: f64, block_c: f64, sensor_c: f64, load: &Load) -> (f64, f64, f64) {
+        let steps = libm::ceil(seconds / STEP_S).max(1.0);
+        let step = seconds / steps;
+        let mut state = [self.celsius, block_c, sensor_c];
+        let mut peak = block_c;
+        for _ in 0..steps as u64 {
+            let at = |rates: Temperatures, time: f64| {
+                [state[0] + time * rates[0], state[1] + time * rates[1], state[2] + time * rates[2]]
+            };
+            let first = self.rates(state, load);
+            let second = self.rates(at(first, 0.5 * step), load);
+            let third = self.rates(at(second, 0.5 * step), load);
+            let fourth = self.rates(at(third, step), load);
+            for (part, celsius) in state.iter_mut().enumerate() {
+                *celsius += step / 6.0 * (first[part] + 2.0 * (second[part] + third[part]) + fourth[part]);
+            }
+            peak = peak.max(state[1]);
+        }
+        self.celsius = state[0];
+        (state[1], state[2], peak)
+    }
+}
+
+/// The thermistor 104GT-2 of Semitec (100 kilo-ohm): from -50 degrees Celsius on, every 10 degrees, kilo-ohm, as printed in the maker's
+/// leaflet "GT-2 glass thermistors".
+const KILO_OHM: [f64; 36] = [
+    8743.0, 4218.0, 2132.0, 1127.0, 620.0, 353.7, 208.6, 126.8, 79.36, 50.96, 33.49, 22.51, 15.44, 10.80, 7.686, 5.556,
+    4.082, 3.043, 2.298, 1.758, 1.360, 1.064, 0.8414, 0.6714, 0.5408, 0.4393, 0.3597, 0.2969, 0.2468, 0.2065, 0.1740,
+    0.1475, 0.1258, 0.1079, 0.09305, 0.08065,
+];
+const TABLE_FROM_C: f64 = -50.0;
+const TABLE_STEP_C: f64 = 10.0;
+
+/// Steinhart and Hart's coefficients of that thermistor, for a robot's description: solved for 30, 150 and 250 degrees of the table. They
+/// follow its lines within 0.1 degrees from 0 to 260.
+pub const STEINHART_HART_104GT_2: [f64; 3] = [8.109974e-4, 2.114126e-4, 7.144945e-8];
+
+/// Resistance of that thermistor, ohm. Between the lines of the table its logarithm goes evenly; beyond the table too.
+pub(super) fn resistance_104gt_2(celsius: f64) -> f64 {
+    let place = (celsius - TABLE_FROM_C) / TABLE_STEP_C;
+    let line = (libm::floor(place).max(0.0) as usize).min(KILO_OHM.len() - 2);
+    let (low, high) = (libm::log(KILO_OHM[line]), libm::log(KILO_OHM[line + 1]));
+    1000.0 * libm::exp(low + (high - low) * (place - line as f64))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PARTS: Parts = Parts { capacity_share: 0.2, coupling_w_per_k: 2.0, radiation_share: 0.25 };
+
+    fn drive(power_w: f64) -> Drive {
+        Drive { power_w, loss_w_per_k: 0.12, lag_s: 2.0, share: 1.0 }
+    }
+
+    /// A nozzle of 12 J/K at 22 degrees, after so long with so much power: cartridge, block, thermistor.
+    fn after(seconds: f64, power_w: f64, flow_w_per_k: f64, looks: u32) -> Temperatures {
+        let mut cartridge = Cartridge::new(PARTS, 12.0, 0.12, 200.0, 22.0);
+        let (mut block, mut sensor) = (22.0, 22.0);
+        let load = Load { drive: &drive(power_w), flow_w_per_k };
+        for _ in 0..looks {
+            (block, sensor, _) = cartridge.pass(seconds / f64::from(looks), block, sensor, &load);
+        }
+        [cartridge.celsius, block, sensor]
+    }
+
+    #[test]
+    fn it_loses_at_the_target_what_the_description_says_and_less_than_in_proportion_below() {
+        let still = drive(0.0);
+        let cartridge = Cartridge::new(PARTS, 12.0, 0.12, 200.0, ROOM_C);
+        assert!((cartridge.loss(200.0, &still) - 0.12 * 175.0).abs() < 1e-9);
+        assert!(cartridge.loss(ROOM_C, &still).abs() < 1e-9);
+        let half = cartridge.loss(ROOM_C + 87.5, &still);
+        // 0.75 of it by 0.5^1.25, a quarter by the fourth powers.
+        let radiated = (385.65_f64.powi(4) - 298.15_f64.powi(4)) / (473.15_f64.powi(4) - 298.15_f64.powi(4));
+        assert!((half - 21.0 * (0.75 * 0.5_f64.powf(1.25) + 0.25 * radiated)).abs() < 1e-9, "{half}");
+        let fan = Drive { loss_w_per_k: 0.14, ..still };
+        assert!((cartridge.loss(200.0, &fan) - 0.14 * 175.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn at_rest_all_that_goes_in_is_lost_and_the_cartridge_is_hotter_by_what_it_conducts() {
+        let [cartridge, block, sensor] = after(3000.0, 20.0, 0.0, 1);
+        let loss = Cartridge::new(PARTS, 12.0, 0.12, 200.0, 22.0).loss(block, &drive(20.0));
+        assert!((loss - 20.0).abs() < 1e-6 && (cartridge - block - 10.0).abs() < 1e-6 && (sensor - block).abs() < 1e-6);
+    }
+
+    #[test]
+    fn energy_is_neither_made_nor_lost() {
+        // Without loss and flow, what goes in stays.
+        let mut cartridge = Cartridge::new(PARTS, 12.0, 0.0, 200.0, 22.0);
+        let lossless = Drive { loss_w_per_k: 0.0, ..drive(50.0) };
+        let (block, _, peak) = cartridge.pass(7.0, 22.0, 22.0, &Load { drive: &lossless, flow_w_per_k: 0.0 });
+        let held = 2.4 * (cartridge.celsius - 22.0) + 9.6 * (block - 22.0);
+        assert!((held - 350.0).abs() < 1e-9 && peak == block, "{held}");
+        // The filament's part at rest.
+        let [_, block, _] = after(3000.0, 20.0, 0.03, 1);
+        let loss = Cartridge::new(PARTS, 12.0, 0.12, 200.0, 22.0).loss(block, &drive(20.0));
+        assert!((loss + 0.03 * (block - 22.0) - 20.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn however_often_it_is_looked_at_the_temperatures_are_the_same() {
+        let once = after(30.0, 45.0, 0.02, 1);
+        for looks in [7, 300, 3001, 30_000] {
+            let often = after(30.0, 45.0, 0.02, looks);
+            assert!(once.iter().zip(often).all(|(one, other)| (one - other).abs() < 1e-4), "{once:?} {often:?}");
+        }
+    }
+
+    #[test]
+    fn the_block_follows_its_cartridge_late_and_goes_on_rising_without_power() {
+        let mut cartridge = Cartridge::new(PARTS, 12.0, 0.12, 200.0, 22.0);
+        let on = Load { drive: &drive(50.0), flow_w_per_k: 0.0 };
+        let (block, sensor, _) = cartridge.pass(10.0, 22.0, 22.0, &on);
+        let off = Load { drive: &drive(0.0), flow_w_per_k: 0.0 };
+        let (later, _, peak) = cartridge.pass(30.0, block, sensor, &off);
+        assert!(cartridge.celsius < later + 1.0 && peak > block + 2.0 && peak > later, "{block} {later} {peak}");
+    }
+
+    #[test]
+    fn the_table_is_read_at_its_lines_between_and_beyond() {
+        for (line, kilo_ohm) in KILO_OHM.into_iter().enumerate() {
+            let celsius = TABLE_FROM_C + TABLE_STEP_C * line as f64;
+            assert!((resistance_104gt_2(celsius) / kilo_ohm / 1000.0 - 1.0).abs() < 1e-12, "{celsius}");
+        }
+        let middle = resistance_104gt_2(205.0);
+        assert!((middle - (439.3_f64 * 359.7).sqrt()).abs() < 1e-6, "{middle}");
+        assert!((resistance_104gt_2(25.0) / 100_000.0 - 1.0).abs() < 0.01);
+        assert!(resistance_104gt_2(400.0) < 80.0 && resistance_104gt_2(-80.0) > 8.743e6);
+    }
+
+    #[test]
+    fn steinhart_and_hart_follow_the_table() {
+        let [a, b, c] = STEINHART_HART_104GT_2;
+        for celsius in (0..=260).step_by(10).map(f64::from) {
+            let log = libm::log(resistance_104gt_2(celsius));
+            let found = 1.0 / (a + b * log + c * log * log * log) - ZERO_C;
+            assert!((found - celsius).abs() < 0.1, "{celsius} comes out as {found}");
+        }
+    }
+}
