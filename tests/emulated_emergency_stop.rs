@@ -25,7 +25,7 @@ const PLAN: u64 = 1;
 /// Three times what the board's queue holds, bytes.
 const NOISE: usize = 3 * 4096;
 /// How long the board may take, all in all; it needs some milliseconds, but the desktop may leave the emulator standing.
-const PATIENCE: Duration = Duration::from_secs(10);
+const PATIENCE: Duration = Duration::from_secs(120);
 
 /// Robot A, homing and growing faster.
 fn robot() -> Robot {

@@ -22,7 +22,7 @@ const SHORTEST_STACK: u64 = 10 * 1024;
 const HELICOIDS_STACK: u64 = 14 * 1024;
 
 /// How long the board may take to the next plan. Each takes milliseconds.
-const NEXT: Duration = Duration::from_secs(60);
+const NEXT: Duration = Duration::from_secs(300);
 
 /// All plans of one planner for one kind of goals.
 struct Row {

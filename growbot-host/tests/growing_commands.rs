@@ -210,8 +210,9 @@ fn reports_that_are_lost_are_sent_again() {
     assert!(number(&result, "position_error_mm") < 0.05, "{result}");
 }
 
-/// A growth whose program is killed after so many layers are in its log.
+/// A growth whose program is killed after so many layers are in its log; the board's time hardly passes from there on.
 fn grow_and_kill(board: &FakeBoard, log: &std::path::Path, layers: usize) {
+    board.pause_after(layers as u32);
     let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_growbot"))
         .args(["grow", "--to", "0,0,46.44,0,90", "--port", &board.port(), "--on-silence", "go-on", "--log"])
         .arg(log)
@@ -220,7 +221,7 @@ fn grow_and_kill(board: &FakeBoard, log: &std::path::Path, layers: usize) {
         .spawn()
         .unwrap();
     let laid = || std::fs::read_to_string(log).unwrap_or_default().matches("\"laid\",").count();
-    for _ in 0..1500 {
+    for _ in 0..6000 {
         if laid() >= layers {
             break;
         }
@@ -255,7 +256,8 @@ fn a_growth_whose_program_was_killed_goes_on_from_its_log() {
     let other = growbot(&["grow", "--to", "0,0,100,0,90", "--port", &board.port()]);
     assert_eq!(other.code, Some(1), "{}", other.err);
     assert!(other.err.contains("growbot resume"), "{}", other.err);
-    // This board's time runs so fast that any host is silent for long.
+    // From here on this board's time runs so fast that any host is silent for long.
+    board.pause_after(u32::MAX);
     let ran = growbot(&["resume", log, "--port", &board.port(), "--yes", "--on-silence", "go-on", "--json"]);
     assert_eq!(ran.code, Some(0), "{}", ran.err);
     let (result, unbroken) = (json(&ran), json(&unbroken));

@@ -36,7 +36,7 @@ fn parts(watch: &Watch) -> (SocketAddr, String) {
 
 fn send(address: SocketAddr, method: &str, path: &str, headers: &[(&str, &str)]) -> TcpStream {
     let mut stream = TcpStream::connect(address).unwrap();
-    stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+    stream.set_read_timeout(Some(Duration::from_secs(120))).unwrap();
     let host = address.to_string();
     let mut request = format!("{method} {path} HTTP/1.1\r\nConnection: close\r\nContent-Length: 0\r\n");
     if !headers.iter().any(|(name, _)| *name == "Host") {
@@ -100,7 +100,7 @@ fn the_page_is_on_the_loopback_interface_alone() {
     let outside = own.connect("192.0.2.1:9").and_then(|()| own.local_addr()).map(|address| address.ip());
     match outside {
         Ok(ip) if !ip.is_loopback() => {
-            let error = TcpStream::connect_timeout(&SocketAddr::new(ip, port), Duration::from_secs(5)).unwrap_err();
+            let error = TcpStream::connect_timeout(&SocketAddr::new(ip, port), Duration::from_secs(120)).unwrap_err();
             assert_eq!(error.kind(), ErrorKind::ConnectionRefused, "{ip}: {error}");
         }
         // A machine without a network: that others could bind the port there shows that it is free.

@@ -19,7 +19,7 @@ const RCC_CR: (u32, u32) = (0x4002_3800, 0x0202_0083);
 const RCC_CFGR: (u32, u32) = (0x4002_3808, 0x0000_0008);
 
 /// How long QEMU may take to answer a command.
-const ANSWER: Duration = Duration::from_secs(10);
+const ANSWER: Duration = Duration::from_secs(120);
 
 /// The running board; killed when dropped.
 pub struct Board {

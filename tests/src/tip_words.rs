@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use growbot_host::port::emulator::Emulator;
 
 /// How long the board may take to a reset, or to look through its stack. It takes some 100 ms, or more on a busy machine.
-const PATIENCE: Duration = Duration::from_secs(20);
+const PATIENCE: Duration = Duration::from_secs(120);
 
 /// The memory that the board shares with its tip, by the byte offsets of `growbot_firmware::emulated_tip`.
 pub struct Words(File);
@@ -44,7 +44,7 @@ impl Words {
     /// Waits until the words are as they should be.
     ///
     /// # Panics
-    /// If they are not within some seconds; `what` says what was waited for.
+    /// If they are not within two minutes; `what` says what was waited for.
     pub fn wait(&self, what: &str, until: impl Fn(&Self) -> bool) {
         let began = Instant::now();
         while !until(self) {

@@ -311,3 +311,60 @@ impl ResetCause {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeSet;
+    use std::vec::Vec;
+
+    /// The codes in the first column of a section's table in SAFETY.md, as the rows have them.
+    fn first_column(section: &str) -> Vec<&'static str> {
+        let safety = include_str!("../../../SAFETY.md");
+        let (_, rest) = safety.split_once(section).unwrap_or_else(|| panic!("SAFETY.md has no section {section}"));
+        let rows = rest.split("\n## ").next().unwrap_or_default().lines();
+        // The heading and the line below it come first.
+        let cells = rows.filter_map(|row| row.strip_prefix("| ")?.split('|').next()).skip(1);
+        cells.flat_map(|cell| cell.split(',')).map(|code| code.trim().trim_matches('`')).collect()
+    }
+
+    #[test]
+    fn safety_md_lists_every_fault_by_its_code() {
+        let listed = first_column("\n## Faults\n");
+        let codes = BTreeSet::from(Fault::ALL.map(Fault::code));
+        assert_eq!(listed.iter().copied().collect::<BTreeSet<_>>(), codes);
+        assert_eq!((listed.len(), codes.len()), (Fault::ALL.len(), Fault::ALL.len()), "one is there twice");
+    }
+
+    #[test]
+    fn safety_md_lists_every_state_by_its_name() {
+        // The table of events comes behind that of the states.
+        let listed: BTreeSet<_> =
+            first_column("\n## States\n").into_iter().take_while(|name| *name != "event").collect();
+        assert_eq!(listed, BTreeSet::from(State::ALL.map(State::name)));
+    }
+
+    #[test]
+    fn every_fault_has_an_explanation_of_its_own_and_a_remedy() {
+        let explanations = BTreeSet::from(Fault::ALL.map(Fault::explanation));
+        assert_eq!(explanations.len(), Fault::ALL.len());
+        for explanation in explanations {
+            let (what, remedy) = explanation.split_once(": ").unwrap_or_default();
+            assert!(what.len() > 10 && remedy.len() > 10, "{explanation}");
+        }
+    }
+
+    #[test]
+    fn reset_causes_are_named_as_status_prints_them() {
+        for (cause, name) in [
+            (ResetCause::PowerOn, "power on"),
+            (ResetCause::BrownOut, "brown-out"),
+            (ResetCause::Watchdog, "watchdog"),
+            (ResetCause::ProcessorFault, "processor fault"),
+            (ResetCause::External, "reset from outside"),
+            (ResetCause::StackOverflow, "stack overflow"),
+        ] {
+            assert_eq!(cause.name(), name);
+        }
+    }
+}

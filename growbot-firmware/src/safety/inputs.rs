@@ -96,6 +96,26 @@ mod tests {
     }
 
     #[test]
+    fn a_limit_itself_is_no_fault() {
+        let robot = robot_a();
+        let supply = &robot.description().supply;
+        for volts in [supply.min_v, supply.max_v] {
+            let mut inputs = Inputs::default();
+            let look = Look { supply_v: Some(volts), ..FINE };
+            assert!((0..20).all(|_| inputs.look(&look, robot.description(), true).is_none()), "{volts} V");
+        }
+    }
+
+    #[test]
+    fn the_converters_full_scale_is_the_dividers() {
+        let robot = robot_a();
+        let supply = &robot.description().supply;
+        for (raw, share) in [(0.0, 0.0), (1023.75, 0.25), (4095.0, 1.0)] {
+            assert!((volts(raw, supply) - share * supply.full_scale_v).abs() < 1e-12);
+        }
+    }
+
+    #[test]
     fn what_passes_by_is_no_fault() {
         let robot = robot_a();
         let mut inputs = Inputs::default();

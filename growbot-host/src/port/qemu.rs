@@ -22,7 +22,7 @@ const PROGRAM: &str = "qemu-system-arm";
 /// The oldest release known to run both boards; before it the robot's own image does not boot.
 pub const OLDEST: u32 = 10;
 /// How long QEMU may take to make its connections.
-const START: Duration = Duration::from_secs(10);
+const START: Duration = Duration::from_secs(60);
 /// What is kept of QEMU's own messages, in bytes.
 const MESSAGES: usize = 8192;
 

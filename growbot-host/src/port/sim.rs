@@ -389,12 +389,12 @@ impl Watchdog for SimWatchdog {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use growbot_firmware::safety::kept::Copies;
     use crate::client::Client;
     use crate::growth::{Grown, Job, Orders, grow_job};
     use embedded_storage::nor_flash::NorFlash;
     use growbot_core::link::message::Silence;
     use growbot_core::path::{Segment, end};
+    use growbot_firmware::safety::kept::Copies;
     use std::time::Instant;
 
     fn robot() -> Robot {

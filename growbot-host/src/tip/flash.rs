@@ -38,7 +38,13 @@ impl<const SECTOR: usize> Flash<SECTOR> {
     #[must_use]
     pub fn new(sectors: usize) -> Self {
         let bytes = std::vec![0xff; sectors * SECTOR];
-        Self(Rc::new(RefCell::new(Cells { bytes, erasures: std::vec![0; sectors], bytes_left: None, seed: 0, weak: (0, Vec::new()) })))
+        Self(Rc::new(RefCell::new(Cells {
+            bytes,
+            erasures: std::vec![0; sectors],
+            bytes_left: None,
+            seed: 0,
+            weak: (0, Vec::new()),
+        })))
     }
 
     /// Power is lost after so many more bytes written or erased; what that leaves follows from the seed.

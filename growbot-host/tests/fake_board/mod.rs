@@ -2,6 +2,8 @@
 
 use std::io::{ErrorKind, Read, Write};
 use std::net::{TcpListener, TcpStream};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::thread;
 use std::time::Duration;
 
@@ -15,6 +17,8 @@ use serialport::{SerialPort, TTYPort};
 /// A board that listens for one connection. Its thread ends with the connection, or with the tests.
 pub struct FakeBoard {
     port: u16,
+    /// Once it has told of so many layers, its time hardly passes any more.
+    pauses_after: Arc<AtomicU32>,
 }
 
 impl FakeBoard {
@@ -26,7 +30,7 @@ impl FakeBoard {
                 serve(stream);
             }
         });
-        Self { port }
+        Self { port, pauses_after: Arc::default() }
     }
 
     /// What to give to `--port`.
@@ -100,24 +104,43 @@ impl FakeBoard {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         listener.set_nonblocking(true).unwrap();
         let port = listener.local_addr().unwrap().port();
+        let pauses_after = Arc::new(AtomicU32::new(u32::MAX));
+        let limit = Arc::clone(&pauses_after);
         thread::spawn(move || {
             let mut sim = Sim::new(robot_file::load(robot.as_ref()).unwrap());
+            let told = AtomicU32::new(0);
+            let look = || {
+                let pauses = told.load(Ordering::Relaxed) >= limit.load(Ordering::Relaxed);
+                if pauses { Duration::from_millis(1) } else { Duration::from_secs(1) }
+            };
+            let count = |frame: &Frame| {
+                if let Ok(Message::Laid(laid)) = Message::decode(frame.header.kind, &frame.body) {
+                    told.fetch_max(laid.index + 1, Ordering::Relaxed);
+                }
+                true
+            };
             loop {
                 match listener.accept() {
                     Ok((stream, _)) => {
                         stream.set_nonblocking(false).unwrap();
                         stream.set_nodelay(true).unwrap();
                         stream.set_read_timeout(Some(Duration::from_millis(1))).unwrap();
-                        serve_sim(&mut sim, stream, |_| true);
+                        serve_sim(&mut sim, stream, count, look);
                     }
                     Err(_) => {
-                        sim.pass(Duration::from_secs(1));
+                        sim.pass(look());
                         thread::sleep(Duration::from_millis(1));
                     }
                 }
             }
         });
-        Self { port }
+        Self { port, pauses_after }
+    }
+
+    /// Has the time of a board that [`lasts`](FakeBoard::lasting) pass fast only until it has told of so many layers: what comes then need
+    /// not be quick.
+    pub fn pause_after(&self, layers: u32) {
+        self.pauses_after.store(layers, Ordering::Relaxed);
     }
 
     /// A simulated robot on a wire that loses every other report of a layer.
@@ -143,10 +166,17 @@ impl FakeBoard {
 /// Moves frames between a line and a simulated robot, whose time passes a second for each look at the line. Of the robot's frames
 /// those pass that `passes` lets through.
 fn serve(line: impl Read + Write, robot: &str, passes: impl FnMut(&Frame) -> bool) {
-    serve_sim(&mut Sim::new(robot_file::load(robot.as_ref()).unwrap()), line, passes);
+    let mut sim = Sim::new(robot_file::load(robot.as_ref()).unwrap());
+    serve_sim(&mut sim, line, passes, || Duration::from_secs(1));
 }
 
-fn serve_sim(sim: &mut Sim, mut line: impl Read + Write, mut passes: impl FnMut(&Frame) -> bool) {
+/// The same with a time that passes as `look` says for each look at the line.
+fn serve_sim(
+    sim: &mut Sim,
+    mut line: impl Read + Write,
+    mut passes: impl FnMut(&Frame) -> bool,
+    look: impl Fn() -> Duration,
+) {
     let mut receiver = Receiver::default();
     let mut buffer = [0; 256];
     loop {
@@ -156,7 +186,7 @@ fn serve_sim(sim: &mut Sim, mut line: impl Read + Write, mut passes: impl FnMut(
             Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {}
             Err(_) => return,
         }
-        let count = sim.receive(&mut buffer, Duration::from_secs(1)).unwrap();
+        let count = sim.receive(&mut buffer, look()).unwrap();
         for byte in &buffer[..count] {
             let Some(Ok(frame)) = receiver.push(*byte) else { continue };
             if passes(&frame) && line.write_all(&frame::encode(&frame.header, &frame.body).unwrap()).is_err() {

@@ -88,7 +88,7 @@ fn without_power_the_journal_is_what_is_known() {
     let mut bench = Bench::in_state(State::Growing);
     let laid = bench.status().laid;
     assert!(laid > 0);
-    bench.world.kept.set([0xA5; crate::safety::kept::KEPT_BYTES]);
+    bench.world.kept.set([0xA5; KEPT_BYTES]);
     let mut bench = bench.reset(ResetCause::PowerOn);
     assert_eq!((bench.controller.state(), record(&mut bench)), (State::Idle, None));
     let status = bench.status();
@@ -114,7 +114,10 @@ fn what_a_reset_with_power_has_destroyed_is_a_fault() {
 
 /// What a start would find in the memory after every write of those under way, torn at every byte; the byte that the reset met holds
 /// anything.
-fn found_after_tears(mut memory: [u8; KEPT_BYTES], writes: &[(usize, [u8; COPY_BYTES])]) -> Vec<([u8; KEPT_BYTES], Kept)> {
+fn found_after_tears(
+    mut memory: [u8; KEPT_BYTES],
+    writes: &[(usize, [u8; COPY_BYTES])],
+) -> Vec<([u8; KEPT_BYTES], Kept)> {
     let mut found: Vec<([u8; KEPT_BYTES], Kept)> = Vec::new();
     for (copy, bytes) in writes {
         let before = memory;
@@ -164,7 +167,7 @@ fn however_a_write_is_torn_a_board_at_work_comes_up_with_a_fault() {
         bench.run(0.3);
         bench.grow(&bends(40));
         // From here on the heater is on.
-        bench.run_until(1.0, |bench| !bench.heater.off());
+        bench.run_until(60.0, |bench| !bench.heater.off());
         let memory = bench.world.kept.get();
         bench.world.kept_writes.borrow_mut().clear();
         bench.run_to(State::Growing, 60.0);

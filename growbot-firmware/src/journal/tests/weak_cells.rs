@@ -63,7 +63,8 @@ fn cases() -> Vec<Case> {
                 journal.erase_step(layers).unwrap();
                 known_before = known(&mut journal);
                 let bytes = flash.bytes();
-                let offset = (0..SECTORS).map(|sector| 1024 * sector).find(|at| bytes[*at..*at + 32] != before[*at..*at + 32]);
+                let offset =
+                    (0..SECTORS).map(|sector| 1024 * sector).find(|at| bytes[*at..*at + 32] != before[*at..*at + 32]);
                 let (before, after) = (known_before.clone(), known_before.clone());
                 cases.push(Case { deed, bytes, offset: offset.unwrap(), before, after });
             }

@@ -1,0 +1,109 @@
+#!/usr/bin/env python3
+"""Compares the mutants that survived with the list of those that are equivalent.
+
+    check.py EQUIVALENT.TOML REPOSITORY OUTPUT...
+
+Each OUTPUT is what tests/mutants/run left of a group: all.json, and the reports own/ and all/ of cargo-mutants. An entry of the list is
+
+    [[mutant]]
+    file = "growbot-firmware/src/heater/supervision.rs"
+    mutation = "replace > with >= in Supervision::drops"
+    line = "the line of the code, without the blanks round it"
+    column = 3      # which of several in that line, counted from 1; 1 if it is left out
+    reason = "..."
+
+so that it still names its mutant when lines above it come or go. Exit code 0 where every survivor is listed, and every listed mutant of the
+groups that were run exists and has survived; otherwise 1.
+"""
+
+import json
+import sys
+import tomllib
+from pathlib import Path
+
+
+class Mutants:
+    """Names mutants by file, mutation, line of code and occurrence in that line."""
+
+    def __init__(self, repository, listed):
+        self.lines = {}
+        self.repository = repository
+        columns = {}
+        for mutant in listed:
+            columns.setdefault(self.place(mutant), []).append(mutant["span"]["start"]["column"])
+        self.columns = {place: sorted(set(found)) for place, found in columns.items()}
+        self.listed = {self.key(mutant) for mutant in listed}
+
+    def place(self, mutant):
+        file, span = mutant["file"], mutant["span"]["start"]
+        if file not in self.lines:
+            self.lines[file] = (self.repository / file).read_text().splitlines()
+        mutation = mutant["name"].split(": ", 1)[1]
+        return file, mutation, self.lines[file][span["line"] - 1].strip(), span["line"]
+
+    def key(self, mutant):
+        place = self.place(mutant)
+        occurrence = self.columns[place].index(mutant["span"]["start"]["column"]) + 1
+        return place[:3] + (occurrence,)
+
+
+def outcomes(report):
+    """The mutants of a report with what became of them."""
+    path = report / "outcomes.json"
+    if not path.exists():
+        return
+    for outcome in json.loads(path.read_text())["outcomes"]:
+        if isinstance(outcome["scenario"], dict):
+            yield outcome["scenario"]["Mutant"], outcome["summary"]
+
+
+def main():
+    listed_in, repository, outputs = Path(sys.argv[1]), Path(sys.argv[2]), [Path(output) for output in sys.argv[3:]]
+    equivalent, problems = {}, []
+    for entry in tomllib.loads(listed_in.read_text()).get("mutant", []):
+        key = (entry["file"], entry["mutation"], entry["line"], entry.get("column", 1))
+        if key in equivalent:
+            problems.append(f"listed twice: {key}")
+        if not entry["reason"].strip():
+            problems.append(f"listed without a reason: {key}")
+        equivalent[key] = entry["reason"]
+
+    counts = {"CaughtMutant": 0, "MissedMutant": 0, "Timeout": 0, "Unviable": 0}
+    existing, files, by_own = set(), set(), 0
+    for output in outputs:
+        listed = json.loads((output / "all.json").read_text())
+        mutants = Mutants(repository, listed)
+        existing |= mutants.listed
+        files |= {mutant["file"] for mutant in listed}
+        final = {}
+        for report in ("own", "all"):
+            for mutant, summary in outcomes(output / report):
+                by_own += report == "own" and summary == "CaughtMutant"
+                final[mutant["name"]] = (mutant, summary)
+        for mutant, summary in final.values():
+            counts[summary] = counts.get(summary, 0) + 1
+            key = mutants.key(mutant)
+            if summary in ("MissedMutant", "Timeout") and key not in equivalent:
+                problems.append(f"unexplained survivor: {mutant['name']}\n    {key[2]}")
+            if summary == "CaughtMutant" and key in equivalent:
+                problems.append(f"listed as equivalent, and a test notices it: {mutant['name']}")
+    for key in equivalent:
+        if key[0] in files and key not in existing:
+            problems.append(f"listed as equivalent, and there is no such mutant: {key}")
+
+    tested = sum(counts.values())
+    print(
+        f"{tested} mutants of {len(existing)}: {counts['CaughtMutant']} caught ({by_own} by the tests of their own module), "
+        f"{counts['MissedMutant'] + counts['Timeout']} survived, {counts['Unviable']} do not compile"
+    )
+    for problem in problems:
+        print(problem, file=sys.stderr)
+    if problems:
+        print(f"{len(problems)} problems: kill each with a test, or list it in {listed_in.name} with the reason", file=sys.stderr)
+        return 1
+    print("every survivor is listed as equivalent, with a reason")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
