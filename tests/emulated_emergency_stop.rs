@@ -17,9 +17,8 @@ use growbot_host::client::Client;
 use growbot_host::port::Port;
 use growbot_host::port::emulator::Emulator;
 use growbot_host::robot_file;
-use growbot_host::tip::Motor;
 use growbot_tests::firmware;
-use growbot_tests::tip_words::Words;
+use growbot_tests::tip_words::{Words, all_off_at_the_tip};
 
 const PLAN: u64 = 1;
 /// Three times what the board's queue holds, bytes.
@@ -94,12 +93,7 @@ fn behind_noise_and_half_a_frame_the_stop_switches_everything_off() {
             assert_eq!(words.read(output), 0, "the word at {output:#x}");
         }
         assert_eq!(words.read(table::HEATER_DUTY), 0);
-        // Two looks of the tip at its board later.
-        std::thread::sleep(Duration::from_millis(100));
-        emulator.borrow_mut().simulated_tip(|tip| {
-            assert!(!tip.heater_is_on(), "the heater is on");
-            assert!(!tip.is_enabled(Motor::Head) && !tip.is_enabled(Motor::Feed), "motors are held");
-        });
+        all_off_at_the_tip(&mut emulator.borrow_mut(), "after the stop");
         let status = client.status().unwrap();
         assert_eq!((status.state, status.fault), (State::EmergencyStop, None));
         let lost = words.read(table::LINK_BYTES_LOST) - lost;

@@ -64,8 +64,11 @@ fn planning_and_growing_leave_half_of_the_stack_unused() {
     let grown = grow_job(&mut client, &job, Silence::Hold, &Orders::default(), &mut |_| ()).unwrap();
     assert_eq!(grown.outcome, Outcome::Done);
 
-    // As long as a whole look through the stack takes.
-    std::thread::sleep(Duration::from_secs(1));
+    // As long as a whole look through the stack takes, by the board's clock.
+    let grown_ms = client.status().unwrap().uptime_ms;
+    while client.status().unwrap().uptime_ms < grown_ms + 1000 {
+        std::thread::sleep(Duration::from_millis(50));
+    }
     words.wait("a count of the stack", |words| words.read(table::STACK_UNUSED) > 0);
     let used = STACK - words.read(table::STACK_UNUSED);
     println!("{used} B of {STACK} B of the emulated board's stack were used, {} %", 100 * used / STACK);

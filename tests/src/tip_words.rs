@@ -5,6 +5,7 @@ use std::os::unix::fs::FileExt;
 use std::time::{Duration, Instant};
 
 use growbot_host::port::emulator::Emulator;
+use growbot_host::tip::Motor;
 
 /// How long the board may take to a reset, or to look through its stack. It takes some 100 ms, or more on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(120);
@@ -51,5 +52,26 @@ impl Words {
             assert!(began.elapsed() < PATIENCE, "{what}: not within {PATIENCE:?}");
             std::thread::sleep(Duration::from_millis(2));
         }
+    }
+}
+
+/// Waits until heater and motors of the tip are off. Its player sees what the board does some milliseconds later, or more on a busy machine.
+///
+/// # Panics
+/// If they are not off within two minutes; `what` says after what they should be.
+pub fn all_off_at_the_tip(emulator: &mut Emulator, what: &str) {
+    let began = Instant::now();
+    loop {
+        let mut on = Vec::new();
+        emulator.simulated_tip(|tip| {
+            on.extend(tip.heater_is_on().then_some("heater"));
+            on.extend(tip.is_enabled(Motor::Head).then_some("head"));
+            on.extend(tip.is_enabled(Motor::Feed).then_some("feed"));
+        });
+        if on.is_empty() {
+            return;
+        }
+        assert!(began.elapsed() < PATIENCE, "{what}: still on: {}", on.join(", "));
+        std::thread::sleep(Duration::from_millis(2));
     }
 }
