@@ -56,6 +56,8 @@ pub struct Controller<B: Board> {
     job: job::Job,
     motion: growing::Motion,
     heater: Heater,
+    /// Duty of the fan, 0 to 1.
+    fan: f64,
     thermistor: Sampler,
     supply: Sampler,
     inputs: Inputs,
@@ -90,6 +92,7 @@ impl<B: Board> Controller<B> {
             job: job::Job::default(),
             motion: growing::Motion::default(),
             heater: Heater::default(),
+            fan: 0.0,
             thermistor: Sampler::default(),
             supply: Sampler::default(),
             inputs: Inputs::default(),
