@@ -57,6 +57,8 @@ pub struct Controller<B: Board> {
     job: job::Job,
     motion: growing::Motion,
     heater: Heater,
+    /// Duty of the fan, 0 to 1.
+    fan: f64,
     thermistor: Sampler,
     supply: Sampler,
     inputs: Inputs,
@@ -93,6 +95,7 @@ impl<B: Board> Controller<B> {
             job: job::Job::default(),
             motion: growing::Motion::default(),
             heater: Heater::default(),
+            fan: 0.0,
             thermistor: Sampler::default(),
             supply: Sampler::default(),
             inputs: Inputs::default(),

@@ -1,6 +1,6 @@
 //! The orders to the step engine: homing, layers, and filament pulled back and pushed forward again round a hold.
 
-use growbot_core::layer_bytes::{Encoder, Fields, LayerBytes};
+use growbot_core::layer_bytes::{self, Encoder, Fields, LayerBytes};
 use growbot_core::link::message::{Fault, State, Waits};
 use growbot_core::robot::Turning;
 
@@ -14,6 +14,11 @@ use crate::stepping::{FeedMove, Handover, Homing, Order, Report, TurnReport, as_
 const ALLOWANCE: f64 = 0.2;
 /// and so many us.
 const LEAST_ALLOWANCE_US: u64 = 2_000_000;
+
+/// The power for a layer after a wait goes ahead of its plastic by so long, s, since it takes seconds from the heater to the nozzle;
+const LEAD_S: f64 = 1.5;
+/// by this share of a layer's period at most.
+const LEAD_SHARE: f64 = 1.0 / 12.0;
 
 /// What the step engine has been told.
 #[derive(Debug, Clone, Copy, Default)]
@@ -167,6 +172,9 @@ impl<B: Board> Controller<B> {
             self.feed(Feeding::Forward, handover);
             return;
         }
+        if self.leads() {
+            return;
+        }
         let backwards = self.robot.description().motion.turning == Turning::Alternate && self.motion.backwards;
         match self.job.material.lay(&bytes, &self.robot, backwards) {
             Ok(turn) => {
@@ -240,12 +248,25 @@ impl<B: Board> Controller<B> {
         self.motion.hold.unwrap_or_default()
     }
 
-    /// Material that flows now, mm^3/s: as the step engine feeds it, since it goes round with a bend and from layer to layer.
+    /// Whether the power for a first layer goes ahead of it.
+    fn leads(&self) -> bool {
+        let lead_s = LEAD_S.min(LEAD_SHARE * self.robot.description().layer.period_s);
+        let waits = self.state == State::Growing && self.motion.outstanding == 0;
+        waits && (self.in_state_us() as f64) < lead_s * 1e6
+    }
+
+    /// Material that the heater is to melt now, mm^3/s: what the step engine feeds, since that goes round with a bend and from layer to
+    /// layer; or the first layer's mean, ahead of it.
     pub(super) fn flow(&self, handover: &Handover) -> f64 {
         if self.state != State::Growing {
             return 0.0;
         }
         let description = self.robot.description();
+        if self.leads() {
+            let next = self.store().get(self.job.given);
+            let height = next.map_or(0.0, |bytes| layer_bytes::decode(&bytes).height);
+            return height * self.robot.wall_area() / description.layer.period_s;
+        }
         let mm_per_s = handover.feed_rate() * f64::from(description.motion.tick_hz) / description.feed.steps_per_mm;
         mm_per_s * self.robot.filament_area()
     }

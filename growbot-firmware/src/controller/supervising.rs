@@ -6,7 +6,7 @@ use growbot_core::link::message::{Fault, FaultRecord, Measured, SensorReadings, 
 
 use super::{Controller, centi};
 use crate::hal::{Board, Orientation, Watchdog};
-use crate::heater::{Demand, Output};
+use crate::heater::{self, Demand, Output};
 use crate::link;
 use crate::safety::inputs::{Look, volts};
 use crate::safety::kept::{fault_of, survives};
@@ -18,6 +18,8 @@ use crate::stepping::Handover;
 const SELF_TEST_LEAST_US: u64 = 600_000;
 /// It has this long to find every sensor well, us.
 const SELF_TEST_MOST_US: u64 = 2_000_000;
+/// From nothing to full speed the fan takes so long, s.
+const FAN_RAMP_S: f64 = 10.0;
 /// Looks in a row, ten a second, at which the step interrupt has not run, that make a fault.
 const LOOKS_WITHOUT_TICKS: u8 = 3;
 
@@ -87,7 +89,7 @@ impl<B: Board> Controller<B> {
 
     /// Takes the temperature and sets the heater.
     fn regulate(&mut self, supply_v: Option<f64>, handover: &Handover) {
-        let demand = Demand { flow_mm3_per_s: self.flow(handover), fan: self.fan_duty(), supply_v };
+        let demand = Demand { flow_mm3_per_s: self.flow(handover), fan: self.fan, supply_v };
         let raw = self.thermistor.mean();
         match self.heater.update(raw, &demand, self.robot.description(), self.now) {
             Ok(output) => self.power(output, handover),
@@ -132,13 +134,12 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    fn fan_duty(&self) -> f64 {
-        if self.state == State::Growing { self.robot.description().fan.growing_duty } else { 0.0 }
-    }
-
-    /// Sets the fan.
+    /// Sets the fan: it comes up and goes down slowly, since power takes seconds from the heater to the nozzle.
     fn cool(&mut self, handover: &Handover) {
-        let duty = (self.fan_duty() * f64::from(self.parts.fan.max_duty_cycle())) as u16;
+        let growing = if self.state == State::Growing { self.robot.description().fan.growing_duty } else { 0.0 };
+        let step = heater::PERIOD_US as f64 * 1e-6 / FAN_RAMP_S;
+        self.fan = if may_heat(self.state) { growing.clamp(self.fan - step, self.fan + step) } else { 0.0 };
+        let duty = (self.fan * f64::from(self.parts.fan.max_duty_cycle())) as u16;
         if self.parts.fan.set_duty_cycle(duty).is_err() {
             self.fail(Fault::Hardware, handover);
         }
@@ -182,6 +183,7 @@ impl<B: Board> Controller<B> {
         let _ = self.parts.heater_enable.set_low();
         let _ = self.parts.heater_power.set_duty_cycle_fully_off();
         let _ = self.parts.fan.set_duty_cycle_fully_off();
+        self.fan = 0.0;
         handover.halt();
         self.motion.halt();
     }

@@ -18,13 +18,13 @@ use super::model::Nozzle;
 pub const WIGGLE_PERIOD_S: f32 = 16.0;
 /// How far the wiggle goes to either side: counts of the converter, and its bounds in degrees.
 const WIGGLE_COUNTS: f32 = 1.2;
-const WIGGLE_C: (f32, f32) = (0.5, 0.7);
+const WIGGLE_C: (f32, f32) = (0.4, 0.7);
 /// How late the reading follows the nozzle, for the wiggle of the target, s.
 const WIGGLE_LAG_S: f32 = 2.0;
 /// The derivative is that of a reading smoothed by so much, s.
 const SMOOTHING_S: f32 = 1.0;
 /// A reading that nears the target faster than this, degrees a second, is on its way.
-const APPROACH_C_PER_S: f32 = 0.3;
+const APPROACH_C_PER_S: f32 = 0.15;
 /// How far the trim goes, as a share of the need, where the supply is measured and where it is not.
 const AUTHORITY: (f32, f32) = (0.35, 0.55);
 /// The need is taken as at least this share of the heater's power where the trim is scaled by it.
@@ -88,7 +88,7 @@ impl Regulation {
         let wanted = (need * (1.0 + self.trim) + wiggle_w + correction) / available;
         self.saturated = !(0.0..=1.0).contains(&wanted);
         // On its way by itself, or asked for what there is not: nothing to learn.
-        let approaches = error.abs() > nozzle.band_c && error * self.slope_c_per_s > APPROACH_C_PER_S * error.abs();
+        let approaches = error * self.slope_c_per_s > APPROACH_C_PER_S * error.abs();
         if !self.saturated && !approaches {
             let most = if nozzle.measured { AUTHORITY.0 } else { AUTHORITY.1 };
             let scale = nozzle.power_w / need.max(nozzle.power_w * LEAST_NEED);

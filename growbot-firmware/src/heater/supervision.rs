@@ -35,8 +35,9 @@ const LIKELY_SHARE: f32 = 0.4;
 /// A reading that stands still through a likely change of so much, degrees, or for so long while the power is wiggled, is frozen.
 const FROZEN_C: f32 = 12.0;
 const FROZEN_S: f32 = 45.0;
-/// One that does not follow, and has not changed at all for so long, s, is frozen too.
-const STILL_S: f32 = 2.5;
+/// One that does not follow, and has not changed at all for so long, s, is frozen too. A living one of half a degree a count stands for
+/// nearly 3 s where a draught turns a rise into a fall.
+const STILL_S: f32 = 4.0;
 /// A reading that has never moved so far, degrees, may as well be that of a heater without effect.
 const MOVED_C: f32 = 3.0;
 /// A rise beyond what is possible at most, degrees, over windows of so many seconds: at any duty, and at none.

@@ -45,7 +45,7 @@ fn a_long_hold_lets_the_nozzle_down_to_standby_and_then_parks() {
     bench.begin(40);
     bench.hand_over(0, &layers[..10]);
     bench.start();
-    bench.run_to(State::Hold, 60.0);
+    bench.run_to(State::Hold, 100.0);
     let settings = bench.robot.description().hold;
     bench.run(settings.standby_after_s - 2.0);
     assert!(bench.world.nozzle_c.get() > 195.0);

@@ -147,9 +147,10 @@ fn expected(wrong: Wrong, phase: Phase) -> (&'static [Fault], f64) {
         Wrong::Frozen if rising => (&[HeatingTooSlow, ThermistorFrozen], if near { 60.0 } else { 15.0 }),
         Wrong::Frozen => (&[ThermistorFrozen], 60.0),
         // A voltage that stands, with noise on it, is a nozzle that does not cool.
-        Wrong::Stuck if phase == Phase::Again => (&[HeaterStuckOn, ThermistorFrozen, HeatingTooSlow], 45.0),
+        Wrong::Stuck if phase == Phase::Again => (&[HeaterStuckOn, ThermistorFrozen, HeatingTooSlow, HeaterEnergy], 45.0),
         Wrong::Stuck if rising => (&[HeatingTooSlow, ThermistorFrozen, HeaterEnergy], if near { 120.0 } else { 15.0 }),
-        Wrong::Stuck => (&[ThermistorFrozen, HeaterEnergy], 120.0),
+        // With the power at nothing it is that of a nozzle that does not cool.
+        Wrong::Stuck => (&[ThermistorFrozen, HeaterEnergy, HeaterStuckOn], 120.0),
         Wrong::Detached(..) if phase == Phase::Before => (&[HeatingTooSlow], 10.0),
         Wrong::Detached(..) if near => {
             (&[HeatingTooSlow, ThermistorDetached, ThermistorFrozen, TemperatureDrop, HeaterEnergy], 15.0)
@@ -204,10 +205,11 @@ fn break_everything(seeds: core::ops::Range<u64>) {
     }
 }
 
-/// On GROWBOT_NOZZLES of them, 6 unless it says otherwise: 200 take minutes.
+/// On GROWBOT_NOZZLES of them from GROWBOT_FIRST_NOZZLE on, the first 6 unless they say otherwise: 200 take minutes.
 #[test]
 fn every_fault_is_found_in_time_in_every_phase() {
-    break_everything(0..number_from_environment("GROWBOT_NOZZLES", 6));
+    let first = number_from_environment("GROWBOT_FIRST_NOZZLE", 0);
+    break_everything(first..first + number_from_environment("GROWBOT_NOZZLES", 6));
 }
 
 /// What is reckoned along is in single precision: added up for hours, it would no longer notice what is added.
