@@ -8,6 +8,9 @@
 //!
 //! The limits hold for a capacity, loss and power of 10 % more or less than described and a reading that follows within 4 s.
 
+#[cfg(test)]
+mod tests;
+
 use growbot_core::link::message::Fault;
 use heapless::Deque;
 

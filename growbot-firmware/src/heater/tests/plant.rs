@@ -132,6 +132,9 @@ pub struct Rig {
     conversions: u16,
 }
 
+/// A nozzle that is not hot after so long will never be.
+const LONGEST_HEATING_US: u64 = 1_000_000_000;
+
 pub const DT: f64 = PERIOD_US as f64 * 1e-6;
 
 impl Rig {
@@ -209,8 +212,10 @@ impl Rig {
 
     /// Steps until both switches are proven.
     pub fn prove(&mut self) -> Result<(), Fault> {
+        let begin = self.now;
         while self.heater.proof.is_some() {
             self.step()?;
+            assert!(self.now - begin < LONGEST_HEATING_US, "the switches are not proven");
         }
         Ok(())
     }
@@ -238,8 +243,10 @@ impl Rig {
 
     /// Steps until hot.
     pub fn heat(&mut self) -> Result<(), Fault> {
+        let begin = self.now;
         while !self.heater.is_hot(self.now) {
             self.step()?;
+            assert!(self.now - begin < LONGEST_HEATING_US, "not hot, and no fault: {} C", self.block_c);
         }
         Ok(())
     }
