@@ -16,6 +16,9 @@
 //! A switch that conducts gives the heater's whole power. Each stage lasts until that would have taken the nozzle up by [`RISE_C`],
 //! and [`DELAY_S`] more, for the way from the heater to the reading: 6.9 s for robot A.
 
+#[cfg(test)]
+mod tests;
+
 use growbot_core::link::message::Fault;
 use heapless::Deque;
 

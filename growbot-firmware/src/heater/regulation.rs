@@ -8,6 +8,9 @@
 //! The *wiggle* swings target and power together by about a count of the converter, so that the regulation does not work
 //! against it: a reading in which it does not show is not the nozzle's (see [`super::supervision`]).
 
+#[cfg(test)]
+mod tests;
+
 use core::f32::consts::TAU;
 
 use growbot_core::trigonometry;

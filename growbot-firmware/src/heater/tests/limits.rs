@@ -1,0 +1,158 @@
+//! The heater's times and bands, each from both sides.
+
+use growbot_core::link::message::{Fault, Gains, Tuned};
+use growbot_core::robot::RobotDescription;
+
+use crate::heater::tuning::Relay;
+use crate::heater::{Demand, Heater, Output, STEADY_BANDS};
+use crate::testing::robot_a;
+use crate::thermistor::{FULL_SCALE, reading, temperature};
+
+const TUNED: Tuned = Tuned { gains: Gains { kp: 0.1, ki: 0.01, kd: 0.2 }, period_s: 10.0, amplitude_c: 1.0 };
+
+fn robot() -> RobotDescription {
+    robot_a().description().clone()
+}
+
+/// A heater that has read this at this time.
+fn having_read(celsius: f64, now: u64) -> Heater {
+    let (mut heater, robot) = (Heater::default(), robot());
+    heater.update(Some(reading(celsius, &robot.thermistor)), &Demand::default(), &robot, now).unwrap();
+    heater
+}
+
+#[test]
+fn a_reading_counts_for_400_ms_and_survives_the_heaters_being_switched_off() {
+    let mut heater = having_read(100.0, 1_000_000);
+    for _ in 0..2 {
+        assert!((heater.temperature(1_400_000).unwrap() - 100.0).abs() < 1e-6);
+        assert_eq!(heater.temperature(1_400_001), None);
+        heater.switch_off();
+    }
+    assert_eq!(heater.sensor_fault(), Fault::ThermistorSilent);
+    for (raw, fault) in [(f64::from(FULL_SCALE), Fault::ThermistorOpen), (0.0, Fault::ThermistorShort)] {
+        let robot = robot();
+        assert_eq!(heater.update(Some(raw), &Demand::default(), &robot, 1_100_000), Ok(Output::OFF));
+        for _ in 0..2 {
+            assert_eq!((heater.sensor_fault(), heater.temperature(1_100_000)), (fault, None));
+            heater.switch_off();
+        }
+        heater.switch_on(200.0, 1_100_000);
+        assert_eq!(heater.update(Some(raw), &Demand::default(), &robot, 1_200_000), Err(fault));
+        heater.switch_off();
+    }
+}
+
+#[test]
+fn without_a_reading_it_waits_for_400_ms() {
+    let robot = robot();
+    let mut heater = Heater::default();
+    heater.switch_on(200.0, 1_000_000);
+    assert_eq!(heater.update(None, &Demand::default(), &robot, 1_400_000), Ok(Output::OFF));
+    assert_eq!(heater.update(None, &Demand::default(), &robot, 1_400_001), Err(Fault::ThermistorSilent));
+}
+
+#[test]
+fn the_greatest_temperature_itself_may_be_read() {
+    let mut robot = robot();
+    let raw = reading(239.0, &robot.thermistor);
+    robot.heater.max_c = temperature(raw, &robot.thermistor).unwrap();
+    for on in [false, true] {
+        let mut heater = Heater::default();
+        if on {
+            heater.switch_on(200.0, 0);
+        }
+        assert!(heater.update(Some(raw), &Demand::default(), &robot, 1).is_ok());
+        // The resistance falls as it gets hotter.
+        assert_eq!(heater.update(Some(raw - 1.0), &Demand::default(), &robot, 2), Err(Fault::OverTemperature));
+    }
+}
+
+#[test]
+fn it_is_hot_after_2_s_in_its_band_and_steady_after_10_s_near_or_60_s_in_it() {
+    let heater = Heater { in_band_since: Some(1_000_000), ..Heater::default() };
+    assert!(!heater.is_hot(2_999_999) && heater.is_hot(3_000_000));
+    assert!(!heater.is_steady(60_999_999) && heater.is_steady(61_000_000));
+    let heater = Heater { steady_since: Some(1_000_000), ..Heater::default() };
+    assert!(!heater.is_steady(10_999_999) && heater.is_steady(11_000_000) && !heater.is_hot(11_000_000));
+    assert!(!Heater::default().is_steady(u64::MAX) && !Heater::default().is_hot(u64::MAX));
+}
+
+#[test]
+fn it_is_blind_where_power_flows_on_an_old_reading() {
+    let heater = Heater { duty: 0.5, ..having_read(100.0, 1_000_000) };
+    assert!(!heater.is_blind(1_400_000) && heater.is_blind(1_400_001));
+    assert!((heater.duty() - 0.5).abs() < 1e-12);
+    assert!(!Heater { duty: 0.0, ..heater }.is_blind(9_000_000));
+}
+
+#[test]
+fn the_band_is_watched_to_its_edges() {
+    const BAND: f32 = 4.0;
+    let watch = |heater: &mut Heater, error: f32, now: u64| heater.watch_band(error, BAND, 1_000, now);
+    let steady = STEADY_BANDS * BAND;
+    for side in [1.0, -1.0] {
+        let mut heater = Heater::default();
+        watch(&mut heater, side * steady, 10).unwrap();
+        watch(&mut heater, 0.0, 20).unwrap();
+        assert_eq!((heater.steady_since, heater.in_band_since), (Some(10), Some(10)));
+        watch(&mut heater, side * steady * 1.001, 30).unwrap();
+        assert_eq!((heater.steady_since, heater.in_band_since), (None, Some(10)));
+        watch(&mut heater, side * BAND, 40).unwrap();
+        assert_eq!(heater.in_band_since, Some(10));
+        watch(&mut heater, side * 4.25, 50).unwrap();
+        assert_eq!(heater.in_band_since, None);
+        // Once hot, a dip is not for the band to judge.
+        heater.in_band_since = Some(0);
+        watch(&mut heater, side * 4.25, 2_000_000).unwrap();
+        assert_eq!(heater.in_band_since, Some(0));
+    }
+}
+
+#[test]
+fn a_heating_that_takes_too_long_is_a_fault_below_the_target() {
+    let watch = |heater: &Heater, error: f32, now: u64| heater.clone().watch_band(error, 4.0, 1_000, now);
+    let heater = Heater { on_since: 500, ..Heater::default() };
+    assert_eq!(watch(&heater, 50.0, 1_500), Ok(()));
+    assert_eq!(watch(&heater, 50.0, 1_501), Err(Fault::HeatingTooSlow));
+    // It may still be cooling to a lower one.
+    assert_eq!(watch(&heater, -50.0, 1_501), Ok(()));
+    assert_eq!(watch(&heater, 3.0, 1_501), Ok(()));
+    let tuning = Heater { tuning: Some(Relay::default()), ..heater };
+    for error in [50.0, 0.0, -50.0] {
+        assert_eq!(watch(&tuning, error, 2_500), Ok(()));
+        assert_eq!(watch(&tuning, error, 2_501), Err(Fault::HeatingTooSlow));
+    }
+}
+
+#[test]
+fn another_target_begins_anew_and_the_same_one_does_not() {
+    let mut heater = Heater::default();
+    heater.set_target(150.0, 5);
+    assert_eq!(heater.target(), None, "it is off");
+    heater.switch_on(200.0, 10);
+    assert_eq!((heater.target(), heater.on_since), (Some(200.0), 10));
+    (heater.in_band_since, heater.steady_since) = (Some(20), Some(20));
+    heater.set_target(200.0, 30);
+    assert_eq!((heater.on_since, heater.in_band_since, heater.steady_since), (10, Some(20), Some(20)));
+    heater.set_target(150.0, 40);
+    assert_eq!((heater.target(), heater.on_since), (Some(150.0), 40));
+    assert_eq!((heater.in_band_since, heater.steady_since), (None, None));
+    heater.tune(210.0, 50);
+    heater.set_target(150.0, 60);
+    assert_eq!((heater.target(), heater.on_since), (Some(210.0), 50), "it is being tuned");
+    heater.switch_off();
+    assert_eq!(heater.target(), None);
+}
+
+#[test]
+fn what_tuning_found_is_given_once_and_not_lost_before() {
+    let mut heater = Heater { tuned: Some(TUNED), ..Heater::default() };
+    heater.switch_off();
+    heater.switch_on(200.0, 0);
+    assert_eq!(heater.take_tuned(), Some(TUNED));
+    assert_eq!(heater.take_tuned(), None);
+    heater.tuned = Some(TUNED);
+    heater.tune(200.0, 0);
+    assert_eq!(heater.take_tuned(), None, "a new search forgets the one before");
+}
