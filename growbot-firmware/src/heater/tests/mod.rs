@@ -1,7 +1,7 @@
 //! The heater on a nozzle with lag, noise and spread.
 
 mod faults;
-mod limits;
+mod times;
 mod plant;
 mod regulating;
 mod sound;
