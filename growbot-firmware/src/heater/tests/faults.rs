@@ -147,7 +147,9 @@ fn expected(wrong: Wrong, phase: Phase) -> (&'static [Fault], f64) {
         Wrong::Frozen if rising => (&[HeatingTooSlow, ThermistorFrozen], if near { 60.0 } else { 15.0 }),
         Wrong::Frozen => (&[ThermistorFrozen], 60.0),
         // A voltage that stands, with noise on it, is a nozzle that does not cool.
-        Wrong::Stuck if phase == Phase::Again => (&[HeaterStuckOn, ThermistorFrozen, HeatingTooSlow, HeaterEnergy], 45.0),
+        Wrong::Stuck if phase == Phase::Again => {
+            (&[HeaterStuckOn, ThermistorFrozen, HeatingTooSlow, HeaterEnergy], 45.0)
+        }
         Wrong::Stuck if rising => (&[HeatingTooSlow, ThermistorFrozen, HeaterEnergy], if near { 120.0 } else { 15.0 }),
         // With the power at nothing it is that of a nozzle that does not cool.
         Wrong::Stuck => (&[ThermistorFrozen, HeaterEnergy, HeaterStuckOn], 120.0),
