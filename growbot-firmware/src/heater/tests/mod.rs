@@ -1,7 +1,9 @@
 //! The heater on a nozzle with lag, noise and spread.
 
 mod faults;
-mod times;
+mod limits;
 mod plant;
+mod proof;
 mod regulating;
 mod sound;
+mod times;
