@@ -231,6 +231,33 @@ mod tests {
         }
     }
 
+    #[test]
+    fn both_copies_say_what_a_start_must_do_and_the_rest_takes_one_write() {
+        let (mut memory, mut copies) = (Memory([0xA5; KEPT_BYTES]), Copies::default());
+        // Of each of the story: whether a start would have to do something else than after the one before.
+        let otherwise = [true, true, false, false, false, true, true, true, false, true, true];
+        for (kept, otherwise) in story().iter().zip(otherwise) {
+            let before = copies.generation;
+            copies.write(&mut memory, kept);
+            assert_eq!(copies.generation.wrapping_sub(before), if otherwise { 2 } else { 1 }, "{kept:?}");
+            assert_eq!(found(&memory), Some(*kept));
+        }
+    }
+
+    #[test]
+    fn only_resets_of_the_processor_alone_leave_the_memory_its_power() {
+        for (cause, expected, fault) in [
+            (ResetCause::PowerOn, false, Fault::PowerLost),
+            (ResetCause::External, false, Fault::PowerLost),
+            (ResetCause::BrownOut, false, Fault::BrownOut),
+            (ResetCause::Watchdog, true, Fault::WatchdogReset),
+            (ResetCause::ProcessorFault, true, Fault::ProcessorFault),
+            (ResetCause::StackOverflow, true, Fault::StackOverflow),
+        ] {
+            assert_eq!((survives(cause), fault_of(cause)), (expected, fault));
+        }
+    }
+
     /// What a board keeps one after the other: at rest, at work, a fault, the fault cleared, at work again, an emergency stop.
     fn story() -> std::vec::Vec<Kept> {
         let record = |fault, cleared| longest().record.map(|record| FaultRecord { fault, cleared, ..record });

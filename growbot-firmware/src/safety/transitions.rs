@@ -214,6 +214,36 @@ mod tests {
         }
     }
 
+    /// Rows of a table of SAFETY.md, as their cells.
+    fn rows(from: &'static str) -> impl Iterator<Item = std::vec::Vec<&'static str>> {
+        let (_, rest) = include_str!("../../../SAFETY.md").split_once(from).expect("SAFETY.md has the table");
+        let rows = rest.trim_start_matches('\n').lines().take_while(|row| row.starts_with('|')).skip(2);
+        rows.map(|row| row.trim_matches('|').split('|').map(str::trim).collect())
+    }
+
+    #[test]
+    fn safety_md_says_in_which_states_the_robot_may_heat_and_move() {
+        let mut states = 0;
+        for row in rows("\n## States\n") {
+            for name in row[0].split(", ") {
+                let state = *State::ALL.iter().find(|state| state.name() == name).expect("a state");
+                assert_eq!(may_heat(state), row[1] != "off", "{state:?}");
+                assert_eq!(may_move(state), row[2] != "off", "{state:?}");
+                states += 1;
+            }
+        }
+        assert_eq!(states, State::ALL.len());
+    }
+
+    #[test]
+    fn safety_md_says_in_which_states_plastic_must_be_hot() {
+        let (_, faults) = include_str!("../../../SAFETY.md").split_once("\n| `under-temperature` |").expect("its row");
+        let states = faults.lines().next().and_then(|row| row.split('|').nth(1)).expect("where it is looked for");
+        for state in State::ALL {
+            assert_eq!(may_feed(state), states.split(',').any(|name| name.trim() == state.name()), "{state:?}");
+        }
+    }
+
     #[test]
     fn every_state_can_be_reached_from_the_first_one() {
         let mut reached = std::vec![State::SelfTest];

@@ -126,7 +126,7 @@ fn a_reading_that_stands_through_a_likely_change_is_frozen() {
     let moved = |t: f32| if t < 1.0 { 196.0 } else { 200.0 };
     at_time(watch(60.0, |t| sight(moved(t), 0.52)), Fault::ThermistorFrozen, 32.7, 1.5);
     // One that has never moved may as well be that of a dead heater.
-    at_time(watch(60.0, |t| sight(200.0, 0.52)), Fault::HeatingTooSlow, 32.7, 1.5);
+    at_time(watch(60.0, |_| sight(200.0, 0.52)), Fault::HeatingTooSlow, 32.7, 1.5);
     let stirred =
         |by: f32| watch(60.0, move |t| sight(if t < 1.0 { 200.0 - by } else { 200.0 }, 0.52)).map(|(fault, _)| fault);
     assert_eq!((stirred(2.9), stirred(3.1)), (Some(Fault::HeatingTooSlow), Some(Fault::ThermistorFrozen)));
