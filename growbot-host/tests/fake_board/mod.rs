@@ -126,6 +126,8 @@ impl FakeBoard {
                         stream.set_nodelay(true).unwrap();
                         stream.set_read_timeout(Some(Duration::from_millis(1))).unwrap();
                         serve_sim(&mut sim, stream, count, look);
+                        // A board waits for a host that is gone for 10 s.
+                        sim.pass(Duration::from_secs(12));
                     }
                     Err(_) => {
                         sim.pass(look());
