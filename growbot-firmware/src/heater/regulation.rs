@@ -21,7 +21,7 @@ use super::model::Nozzle;
 pub const WIGGLE_PERIOD_S: f32 = 16.0;
 /// How far the wiggle goes to either side: counts of the converter, and its bounds in degrees.
 const WIGGLE_COUNTS: f32 = 1.2;
-const WIGGLE_C: (f32, f32) = (0.4, 0.7);
+const WIGGLE_C: (f32, f32) = (0.35, 0.7);
 /// How late the reading follows the nozzle, for the wiggle of the target, s.
 const WIGGLE_LAG_S: f32 = 2.0;
 /// The derivative is that of a reading smoothed by so much, s.

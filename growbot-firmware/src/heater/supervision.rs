@@ -301,9 +301,12 @@ impl Supervision {
         let (least, greatest) = self.likely.since(&still.likely);
         // With a supply that is not measured, a fall is known only where there is no power.
         let falls = look.nozzle.measured || self.zero_s > LAG_S;
-        let frozen = least > FROZEN_C || falls && greatest < -FROZEN_C || still.wiggled_s > FROZEN_S;
-        let dead_heater = least > 0.0 && !self.moved && !look.hot;
-        frozen.then_some(if dead_heater { Fault::HeatingTooSlow } else { Fault::ThermistorFrozen })
+        if least > FROZEN_C {
+            let dead_heater = !self.moved && !look.hot;
+            return Some(if dead_heater || has_all_the_power(look) { lacks(look) } else { Fault::ThermistorFrozen });
+        }
+        let frozen = falls && greatest < -FROZEN_C || still.wiggled_s > FROZEN_S;
+        frozen.then_some(Fault::ThermistorFrozen)
     }
 
     /// The reading does not go where the power takes the nozzle.
@@ -313,15 +316,8 @@ impl Supervision {
             let sure = self.sure.since(&mark.sure).0;
             let (likely, fall) = self.likely.since(&mark.likely);
             if sure > SURE_C && change < SURE_SHARE * sure || likely > LIKELY_C && change < LIKELY_SHARE * likely {
-                return Some(if self.moved && self.still.is_some_and(|still| still.seconds > STILL_S) {
-                    Fault::ThermistorFrozen
-                } else if !look.hot {
-                    Fault::HeatingTooSlow
-                } else if look.reading_c < look.target_c - look.nozzle.band_c {
-                    Fault::TemperatureDrop
-                } else {
-                    Fault::HeaterEnergy
-                });
+                let still = self.moved && self.still.is_some_and(|still| still.seconds > STILL_S);
+                return Some(if still && !has_all_the_power(look) { Fault::ThermistorFrozen } else { lacks(look) });
             }
             let above = look.reading_c - look.target_c > look.nozzle.band_c && look.nozzle.measured;
             let reckoned = above || self.zero_s >= mark.age_s;
@@ -377,6 +373,22 @@ impl Supervision {
             return Some(if wiggle.saturated > 0 { Fault::HeaterEnergy } else { Fault::ThermistorFrozen });
         }
         (wiggle.saturated >= SATURATED).then_some(Fault::HeaterEnergy)
+    }
+}
+
+/// Whether it gets all the power. A reading that stands then may be that of a nozzle that comes no further, as in a draught.
+fn has_all_the_power(look: &Look) -> bool {
+    look.duty >= 1.0
+}
+
+/// What a nozzle has that does not get as warm as its power makes it.
+fn lacks(look: &Look) -> Fault {
+    if !look.hot {
+        Fault::HeatingTooSlow
+    } else if look.reading_c < look.target_c - look.nozzle.band_c {
+        Fault::TemperatureDrop
+    } else {
+        Fault::HeaterEnergy
     }
 }
 

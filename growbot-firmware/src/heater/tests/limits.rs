@@ -141,6 +141,20 @@ fn a_reading_that_stands_through_a_likely_change_is_frozen() {
 }
 
 #[test]
+fn a_reading_that_stands_with_all_the_power_may_be_that_of_a_nozzle_in_a_draught() {
+    let stands = |duty: f32, hot: bool, target_c: f32| {
+        let at =
+            move |t: f32| Sight { target_c, hot: hot && t >= 1.0, ..sight(if t < 1.0 { 96.0 } else { 100.0 }, duty) };
+        watch(30.0, at).map(|(fault, _)| fault)
+    };
+    // From 26 W on it is known that the reading should rise; 4 s later that it stands.
+    assert_eq!(stands(0.45, false, 200.0), Some(Fault::ThermistorFrozen));
+    assert_eq!(stands(1.0, false, 200.0), Some(Fault::HeatingTooSlow));
+    assert_eq!(stands(1.0, true, 104.0), Some(Fault::TemperatureDrop));
+    assert_eq!(stands(1.0, true, 102.0), Some(Fault::HeaterEnergy));
+}
+
+#[test]
 fn a_reading_that_stands_while_the_power_is_wiggled_is_frozen() {
     // The wiggle breaks off every 15 s, so that no whole period of it is looked at.
     let at = |t: f32| {
