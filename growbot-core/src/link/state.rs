@@ -130,11 +130,13 @@ pub enum Fault {
     StackOverflow,
     /// The board started anew in the midst of its work, for want of power or by a reset from outside.
     PowerLost,
+    /// The firmware's image in the board's flash is not what was sealed.
+    ImageCorrupt,
 }
 
 impl Fault {
     /// Every fault.
-    pub const ALL: [Self; 29] = [
+    pub const ALL: [Self; 30] = [
         Self::ThermistorOpen,
         Self::ThermistorShort,
         Self::ThermistorSilent,
@@ -164,6 +166,7 @@ impl Fault {
         Self::ProcessorFault,
         Self::StackOverflow,
         Self::PowerLost,
+        Self::ImageCorrupt,
     ];
 
     /// The fault as a code.
@@ -199,6 +202,7 @@ impl Fault {
             Self::ProcessorFault => "processor-fault",
             Self::StackOverflow => "stack-overflow",
             Self::PowerLost => "power-lost",
+            Self::ImageCorrupt => "image-corrupt",
         }
     }
 
@@ -266,6 +270,9 @@ impl Fault {
             }
             Self::ProcessorFault => "the processor faulted and the board started anew: please report it",
             Self::StackOverflow => "the stack overflowed and the board started anew: please report it",
+            Self::ImageCorrupt => {
+                "the firmware in the board's flash is not what was sealed: flash the board again; if it comes back, replace the board"
+            }
             Self::PowerLost => {
                 "the board was reset or lost its power while it was working: the nozzle may have stood still on the body; check the layer"
             }
