@@ -16,6 +16,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use growbot_core::layer_bytes::LayerBytes;
+use growbot_core::link::crash::CrashRecord;
 use growbot_core::link::message::{Empty, Fault, Message, ResetCause, Silence, State, Status};
 use growbot_core::random::Random;
 use growbot_core::robot::Robot;
@@ -213,10 +214,12 @@ impl Point {
         let line = Cuttable { port: Rc::clone(board), cut: Rc::clone(&gone) };
         let mut client = Client::new(Box::new(line), "the emulated board");
         let (mut told, mut flash) = (0, None);
+        let mut crashed = None;
         let grown = grow_job(&mut client, job, Silence::Hold, &Orders::default(), &mut |news| {
             match news {
                 News::Laid(_, as_built, _) => known.push(*as_built),
                 News::State(_) => {}
+                News::Crash(words) => return crashed = Some(CrashRecord::from(words).cause),
                 _ => return,
             }
             told += 1;
@@ -230,6 +233,8 @@ impl Point {
             }
         });
         client.vanish();
+        // A board whose firmware crashes says so when it comes back.
+        assert_eq!(crashed, (self.crash == Crash::Board).then_some(ResetCause::StackOverflow));
         (grown, flash)
     }
 }

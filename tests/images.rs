@@ -43,6 +43,20 @@ fn the_robots_image_is_small() {
     assert!(flash < FLASH && ram < STATIC_RAM, "{flash} B of flash, {ram} B of static RAM");
 }
 
+/// The handler of a crash keeps the stack pointer where this much of the stack is left (`LITTLE` in `bin/stack.rs`).
+const LEFT_FOR_A_CRASH: u64 = 512;
+
+#[test]
+fn a_crash_is_retained_within_what_is_left_of_the_stack() {
+    for board in ["stm32f405", "an386"] {
+        let image = std::fs::read(firmware(board)).unwrap();
+        let image = Image::parse(&image);
+        let depth = image.deepest(image.symbol("HardFault") & !1).iter().map(|step| step.own).sum::<u64>();
+        println!("{board}: {depth} B of stack, {LEFT_FOR_A_CRASH} B are there");
+        assert!((128..LEFT_FOR_A_CRASH).contains(&depth), "{board}: {depth} B");
+    }
+}
+
 /// The deepest that the robot's stack can get, over all paths that its code has: the main program is interrupted at its deepest by one
 /// interrupt after the other, each at its deepest.
 #[test]

@@ -1,13 +1,17 @@
-//! The robot's own image, unmodified, boots in the emulator and answers over its serial line.
+//! The robot's own image, sealed as `growbot flash` does it, boots in the emulator and answers over its serial line.
 //!
 //! There its pins read low and its converter gives nothing: to this board that is a robot whose drivers report a fault and whose
 //! sensors are silent. So its self-test must fail, and nothing must ever be switched on.
 
+use std::path::Path;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use growbot_core::link::message::{Begin, Empty, Fault, Message, Refusal, Silence, Start, State};
+use growbot_core::link::message::{
+    Begin, BootReport, Empty, Fault, ImageCheck, Message, Refusal, Silence, Start, State,
+};
 use growbot_host::client::{Client, ClientError};
+use growbot_host::image_seal::seal;
 use growbot_host::port::stream::Stream;
 use growbot_host::robot_file;
 use growbot_tests::{firmware, netduinoplus2};
@@ -17,7 +21,10 @@ const PATIENCE: Duration = Duration::from_secs(120);
 
 #[test]
 fn the_robots_board_says_hello_and_answers_requests() {
-    let board = netduinoplus2::boot(&firmware("stm32f405")).unwrap();
+    let image = Path::new(env!("CARGO_TARGET_TMPDIR")).join("stm32f405-sealed");
+    let sealed = seal(&std::fs::read(firmware("stm32f405")).unwrap()).unwrap();
+    std::fs::write(&image, &sealed.bytes).unwrap();
+    let board = netduinoplus2::boot(&image).unwrap();
     let link = board.link.try_clone().unwrap();
     let mut client = Client::new(Box::new(Stream::over("netduinoplus2".to_owned(), link).unwrap()), "netduinoplus2");
 
@@ -26,6 +33,10 @@ fn the_robots_board_says_hello_and_answers_requests() {
     assert_eq!(hello.robot_name, "growbot-a");
     assert!(matches!(hello.status.state, State::SelfTest | State::Fault), "{:?}", hello.status.state);
     assert_eq!((hello.status.target_centi_c, hello.status.duty), (None, 0));
+
+    // The image has been checked, and is sound. Nothing has crashed since the memory was without power.
+    let report = client.boot().unwrap();
+    assert_eq!(report, BootReport { image: ImageCheck::Sound { crc: sealed.crc }, crash: None });
 
     // The clock runs.
     let deadline = Instant::now() + PATIENCE;

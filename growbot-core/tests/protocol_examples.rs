@@ -20,9 +20,9 @@ use growbot_core::layer_bytes::{self, Encoder, LayerBytes};
 use growbot_core::link::emergency_stop::EMERGENCY_STOP;
 use growbot_core::link::frame::{self, Frame, Header, LONGEST_BODY, LONGEST_FRAME, Receiver, VERSION};
 use growbot_core::link::message::{
-    Accepted, Amend, Begin, BoardHello, Cancel, Cut, Empty, HeldLayers, HostHello, HostName, Laid, LatestFault, Layers,
-    MOST_LAYERS, Measured, Message, PlanRequest, Planned, ReadLayers, Refusal, Refused, ResetCause, Resume,
-    SCHEMA_HASH, SensorReadings, Silence, Start, State, StateChanged, Status, Tune, Tuned, Waits,
+    Accepted, Amend, Begin, BoardHello, BootReport, Cancel, Cut, Empty, HeldLayers, HostHello, HostName, Laid,
+    LatestFault, Layers, MOST_LAYERS, Measured, Message, PlanRequest, Planned, ReadLayers, Refusal, Refused,
+    ResetCause, Resume, SCHEMA_HASH, SensorReadings, Silence, Start, State, StateChanged, Status, Tune, Tuned, Waits,
 };
 use growbot_core::path::Segment;
 use growbot_core::plan::{Planner, plan};
@@ -479,6 +479,7 @@ fn the_types_written_out_are_the_codes() {
         Cancel::SCHEMA,
         Empty::SCHEMA,
         Empty::SCHEMA,
+        Empty::SCHEMA,
         BoardHello::SCHEMA,
         Status::SCHEMA,
         Accepted::SCHEMA,
@@ -487,6 +488,7 @@ fn the_types_written_out_are_the_codes() {
         HeldLayers::SCHEMA,
         LatestFault::SCHEMA,
         SensorReadings::SCHEMA,
+        BootReport::SCHEMA,
         Laid::SCHEMA,
         StateChanged::SCHEMA,
         Tuned::SCHEMA,

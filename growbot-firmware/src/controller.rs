@@ -22,7 +22,10 @@ mod tests;
 
 use core::ops::{Deref, DerefMut};
 
-use growbot_core::link::message::{Empty, Fault, Message, ResetCause, SensorReadings, State, StateChanged, Status};
+use growbot_core::link::crash::CrashWords;
+use growbot_core::link::message::{
+    Empty, Fault, ImageCheck, Message, ResetCause, SensorReadings, State, StateChanged, Status,
+};
 use growbot_core::robot::Robot;
 
 use crate::hal::{Board, Converter, Parts};
@@ -42,6 +45,17 @@ pub struct Identity {
     pub boot_id: u32,
     /// Why it started.
     pub reset_cause: ResetCause,
+    /// What the check of its firmware's image has found.
+    pub image: ImageCheck,
+    /// The latest crash of its firmware, as far as that is still known.
+    pub crash: Option<CrashWords>,
+}
+
+impl Identity {
+    /// Whether the image is known to be another one than was meant.
+    pub(crate) fn is_corrupt(&self) -> bool {
+        matches!(self.image, ImageCheck::Corrupt { .. })
+    }
 }
 
 /// The controller of one robot.

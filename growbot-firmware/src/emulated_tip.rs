@@ -51,6 +51,7 @@
 //! | `0x15C` | [`ENCODER_ORIGIN`] | host | `i32`; the [`FEED_STEPS`] from which the encoder goes on |
 //! | `0x160` | [`ENCODER_PHASE`] | host | how far it is turned there, in 1/256 steps |
 //! | `0x164` | [`ENCODER_SLIP`] | host | `i32`; how much more than a step's worth of filament each step moves, in 1/65536 |
+//! | `0x168` | [`CRASH`] | host | `CRASH_*`: how the board is to crash, to show what comes of it |
 //! | `0x1000` | [`MACHINE`] | host | the machine description, bytes |
 //! | `0x2_0000` | [`JOURNAL`] | board | its flash, [`JOURNAL_CAPACITY`] bytes: survives a reset of the board |
 //! | `0x10_0000` | [`STEP_RING`] | board | [`STEP_RING_RECORDS`] step records, see [`StepRecord`] |
@@ -187,6 +188,8 @@ pub const ENCODER_ORIGIN: usize = 0x15C;
 pub const ENCODER_PHASE: usize = 0x160;
 /// Offset, host to board: how much more than a step's worth of filament each step moves from there on, in 1/65536, as an `i32`.
 pub const ENCODER_SLIP: usize = 0x164;
+/// Offset, host to board: how the board is to crash, one of `CRASH_*`; 0 for not.
+pub const CRASH: usize = 0x168;
 /// Offset, host to board: the machine description.
 pub const MACHINE: usize = 0x1000;
 /// The longest machine description, in bytes.
@@ -203,6 +206,15 @@ pub const JOURNAL_CAPACITY: usize = 2 * JOURNAL_SECTOR;
 pub const STEP_RING: usize = 0x10_0000;
 /// Records in the ring, a power of two: over four minutes at one step a tick and 4 kHz.
 pub const STEP_RING_RECORDS: u32 = 1 << 20;
+
+/// [`CRASH`]: by an instruction that does not exist.
+pub const CRASH_BY_INSTRUCTION: u32 = 1;
+/// [`CRASH`]: by reading at [`NOWHERE`].
+pub const CRASH_BY_ACCESS: u32 = 2;
+/// [`CRASH`]: by hanging, until the watchdog expires.
+pub const CRASH_BY_HANGING: u32 = 3;
+/// An address of the board at which there is nothing.
+pub const NOWHERE: usize = 0x2FFF_FFF0;
 
 /// [`RESET_CAUSE`]: the first start on this memory.
 pub const RESET_POWER_ON: u32 = 1;
@@ -472,6 +484,7 @@ mod tests {
             ENCODER_ORIGIN,
             ENCODER_PHASE,
             ENCODER_SLIP,
+            CRASH,
             MACHINE,
             JOURNAL,
         ];

@@ -23,6 +23,7 @@ pub mod controller;
 pub mod emulated_tip;
 pub mod hal;
 pub mod heater;
+pub mod image_seal;
 pub mod journal;
 pub mod layer_store;
 pub mod link;

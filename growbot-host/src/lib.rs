@@ -13,6 +13,7 @@
 //! - [`layer_table`]: the layers of a plan as CSV; [`view`]: a body in a page to look at, or in a picture; [`drawing`], what pictures are drawn with; [`export`]: bodies as STL, GLB, CSV and MCAP;
 //! - [`port`]: where a robot is: simulated here, emulated, or at the end of a line; [`tip`], what a simulated one does;
 //! - [`client`]: requests to its board and their answers; [`growth`], a whole job; [`arrival`], how near it came; [`run_log`], and its time, [`run_clock`];
+//! - [`image_seal`]: firmware images get their seal; [`crash`]: where in an image the firmware crashed;
 //! - [`watch`]: a growth under way, as a page on this machine;
 //! - [`simulation`]: growth without a robot, with what goes wrong, once or a million times;
 //! - [`input`], [`output`], [`progress`], [`parallel`]: bounded reading, whole files or none, pipes that close, progress, all cores.
@@ -24,11 +25,13 @@ pub mod arrival;
 pub mod batch;
 pub mod clearance;
 pub mod client;
+pub mod crash;
 pub mod degrees;
 pub mod drawing;
 pub mod export;
 pub mod feedback;
 pub mod growth;
+pub mod image_seal;
 pub mod input;
 pub mod layer_table;
 pub mod nearest;

@@ -16,6 +16,7 @@ use growbot_core::robot::Robot;
 use growbot_core::tracking::SensorNoise;
 use serde_json::{Value, json};
 
+use crate::crash::Crash;
 use crate::feedback::{Count, Feedback};
 use crate::growth::{Amendment, Job, News};
 use crate::plan::Plan;
@@ -105,6 +106,11 @@ impl RunLog {
                 "laid": hello.status.laid,
                 "cut": hello.status.cut.map(|cut| [cut.least, cut.most]),
             })),
+            News::Crash(words) => {
+                let mut line = Crash::new(words, None).json();
+                line["event"] = "crash".into();
+                self.write(&line)
+            }
             News::State(state) => self.write(&json!({ "event": "state", "state": state.name() })),
             News::Status(status) => self.write(&json!({
                 "event": "status",
@@ -484,6 +490,28 @@ mod tests {
         for wrong in ["0", "0g", &"0".repeat(23), "\u{e9}"] {
             assert_eq!(unhex(wrong), None, "{wrong}");
         }
+    }
+
+    #[test]
+    fn a_crash_of_the_firmware_is_written_with_its_registers_and_changes_nothing_else() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("run.jsonl");
+        fs::write(&path, log(&[])).unwrap();
+        let before = RunRecord::open(&path).unwrap();
+        let mut log = RunLog::go_on(&path, &before, "sim").unwrap();
+        let mut words = [0x1001; growbot_core::link::crash::CRASH_WORDS];
+        words[..9].copy_from_slice(&[3 << 16 | 3, 7, 0xfeed_beef, 0x1000_0800, 0xFFFF_FFF9, 1 << 16, 1 << 30, 1, 2]);
+        log.news(&News::Crash(words)).unwrap();
+        let text = fs::read_to_string(&path).unwrap();
+        let line: Value = serde_json::from_str(text.lines().last().unwrap()).unwrap();
+        assert_eq!(
+            (&line["event"], &line["cause"], &line["boot_id"]),
+            (&"crash".into(), &"processor fault".into(), &7.into())
+        );
+        assert_eq!((&line["pc"], &line["cfsr"]), (&"00001001".into(), &"00010000".into()));
+        assert_eq!((&line["reasons"][0], &line["image_crc"]), (&"UNDEFINSTR".into(), &"feedbeef".into()));
+        let after = RunRecord::open(&path).unwrap();
+        assert_eq!((after.as_built, after.layers, after.outcome), (before.as_built, before.layers, before.outcome));
     }
 
     /// A log of three layers with feedback, and lines after its header.

@@ -131,13 +131,28 @@ fn a_dry_run_prints_what_would_be_run() {
     let tree = bench.text("tree");
     let ran = bench.flash("tree", &["--dry-run", "--robot", "growbot-b"]);
     let commands = format!(
-        "cd {tree} && GROWBOT_ROBOT=growbot-b cargo build-robot\nprobe-rs run --chip STM32F405RGTx {tree}/target/thumbv7em-none-eabihf/firmware/stm32f405\n"
+        "cd {tree} && GROWBOT_ROBOT=growbot-b cargo build-robot\ngrowbot flash --seal-only --firmware {tree}/target/thumbv7em-none-eabihf/firmware/stm32f405\nprobe-rs run --chip STM32F405RGTx {tree}/target/thumbv7em-none-eabihf/firmware/stm32f405\n"
     );
     assert_eq!((ran.code, ran.out.as_str()), (Some(0), commands.as_str()), "{}", ran.err);
     let ran = bench.flash("elsewhere", &["--dry-run", "--firmware", "an image", "--no-log"]);
-    let commands = "probe-rs download --chip STM32F405RGTx 'an image'\nprobe-rs reset --chip STM32F405RGTx\n";
+    let commands = "growbot flash --seal-only --firmware 'an image'\nprobe-rs download --chip STM32F405RGTx 'an image'\nprobe-rs reset --chip STM32F405RGTx\n";
     assert_eq!(ran.out, commands);
     assert_eq!(bench.calls(), "", "nothing is run");
+}
+
+#[test]
+fn what_cannot_be_sealed_is_flashed_with_a_warning_and_not_sealed_alone() {
+    let bench = Bench::new();
+    bench.tool("probe-rs", "");
+    let image = bench.text("firmware.elf");
+    let ran = bench.flash("elsewhere", &["--firmware", &image]);
+    assert_eq!(ran.code, Some(0));
+    for part in ["cannot be sealed", "no 32-bit ELF file", "the board does not check it"] {
+        assert!(ran.err.contains(part), "no {part:?} in {}", ran.err);
+    }
+    let calls = bench.calls();
+    assert_refused(&bench.flash("elsewhere", &["--firmware", &image, "--seal-only"]), &["cannot be sealed"]);
+    assert_eq!(bench.calls(), calls, "nothing is flashed");
 }
 
 #[test]

@@ -329,6 +329,8 @@ fn status_says_who_and_how() {
     assert_eq!(status["robot"], "growbot-b");
     assert_eq!(status["plan_id"], Value::Null);
     assert_eq!(number(&status, "capacity"), 4096.0);
+    assert_eq!((&status["image"]["check"], &status["crash"]), (&"not-sealed".into(), &Value::Null));
+    assert_refused(&growbot(&["status", "--elf", "nothing.elf"]), &["nothing.elf", "give the ELF image"]);
 }
 
 #[test]

@@ -202,7 +202,9 @@ impl Image {
     /// Where the program begins, and the handlers of exceptions and interrupts, without that of faults, which begins a stack of its own.
     pub fn entries(&self) -> (u64, impl Iterator<Item = (&str, u64)>) {
         let handler = |vector: &u32| u64::from(vector & !1);
-        let none = [0, self.symbols.get("DefaultHandler_").map_or(0, |at| at & !1), self.symbol("HardFault") & !1];
+        // These end the program: how much of the stack they need is another question.
+        let named = |name| self.symbols.get(name).map_or(0, |at| at & !1);
+        let none = [0, named("DefaultHandler_"), named("DefaultHandler"), self.symbol("HardFault") & !1];
         let handlers: BTreeSet<u64> =
             self.vectors.iter().skip(2).map(handler).filter(|at| !none.contains(at)).collect();
         let named = handlers.into_iter().map(|at| (self.functions.get(&at).map_or("?", |it| it.name.as_str()), at));

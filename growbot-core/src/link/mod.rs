@@ -1,5 +1,6 @@
 //! The link between host and board: frames of bytes, and the messages in them. PROTOCOL.md is the specification.
 
+pub mod crash;
 pub mod emergency_stop;
 pub mod frame;
 pub mod message;

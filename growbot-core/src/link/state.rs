@@ -132,6 +132,8 @@ pub enum Fault {
     PowerLost,
     /// The nozzle gets hotter though the heater's second switch is open.
     HeaterSwitchWelded,
+    /// The firmware's image in the board's flash is not what was sealed.
+    ImageCorrupt,
 }
 
 impl Fault {
@@ -167,6 +169,7 @@ impl Fault {
         Self::ProcessorFault,
         Self::StackOverflow,
         Self::PowerLost,
+        Self::ImageCorrupt,
     ];
 
     /// The fault as a code.
@@ -203,6 +206,7 @@ impl Fault {
             Self::ProcessorFault => "processor-fault",
             Self::StackOverflow => "stack-overflow",
             Self::PowerLost => "power-lost",
+            Self::ImageCorrupt => "image-corrupt",
         }
     }
 
@@ -273,6 +277,9 @@ impl Fault {
             }
             Self::ProcessorFault => "the processor faulted and the board started anew: please report it",
             Self::StackOverflow => "the stack overflowed and the board started anew: please report it",
+            Self::ImageCorrupt => {
+                "the firmware in the board's flash is not what was sealed: flash the board again; if it comes back, replace the board"
+            }
             Self::PowerLost => {
                 "the board was reset or lost its power while it was working: the nozzle may have stood still on the body; check the layer"
             }

@@ -1,42 +1,67 @@
-//! The stack: where it ends, how much of it was ever used, and what happens when it overflows.
+//! The stack: where it ends, and what happens when it overflows or the processor faults otherwise.
 //!
 //! It lies where there is no memory below it (`memory/*.x`), so that an overflow faults before it harms anything.
 
 use core::arch::naked_asm;
 
+use growbot_core::link::message::ResetCause;
+
+use crate::crash::Moment;
+
 unsafe extern "C" {
     /// The linker's: the lowest word of the stack.
     static _stack_end: u32;
+    /// The linker's: the end of the stack, above its highest word.
+    static _stack_start: u32;
 }
 
-/// A fault that leaves less than this of the stack, or none, is an overflow: more than any one push, or the exception's own frame, takes.
-const LITTLE: usize = 256;
+/// A fault that leaves less than this of the stack, or none, is an overflow: more than any one push, the exception's own frame, or what
+/// follows here takes.
+const LITTLE: usize = 512;
 
 /// Address of the lowest word of the stack.
 pub fn bottom() -> usize {
     &raw const _stack_end as usize
 }
 
-/// The processor's faults come here. The stack pointer may point anywhere: the stack begins anew, before anything needs it, and what the
-/// processor still owes to the old one (the floating-point registers, by FPCCR.LSPACT) is let go.
+/// Address of the end of the stack.
+pub fn top() -> usize {
+    &raw const _stack_start as usize
+}
+
+/// The processor's faults come here. The stack pointer may point anywhere: where it does not leave enough of the stack, that begins anew,
+/// before anything needs it. Else it stays, so that what was on the stack can be told. What the processor still owes to the old one (the
+/// floating-point registers, by FPCCR.LSPACT) is let go.
 #[unsafe(naked)]
 #[unsafe(export_name = "HardFault")]
 extern "C" fn hard_fault() -> ! {
     naked_asm!(
         "mrs r0, msp",
-        "movw r1, #:lower16:_stack_start",
-        "movt r1, #:upper16:_stack_start",
-        "msr msp, r1",
-        "movw r1, #0xEF34",
-        "movt r1, #0xE000",
-        "ldr r2, [r1]",
-        "bic r2, r2, #1",
-        "str r2, [r1]",
+        "mov r1, lr",
+        "movw r2, #:lower16:_stack_end",
+        "movt r2, #:upper16:_stack_end",
+        "movw r3, #:lower16:_stack_start",
+        "movt r3, #:upper16:_stack_start",
+        "add r2, r2, {little}",
+        // Within the stack, and with enough of it left.
+        "cmp r0, r2",
+        "blo 1f",
+        "cmp r0, r3",
+        "bls 2f",
+        "1: msr msp, r3",
+        "2: movw r2, #0xEF34",
+        "movt r2, #0xE000",
+        "ldr r3, [r2]",
+        "bic r3, r3, #1",
+        "str r3, [r2]",
         "b {on_fault}",
+        little = const LITTLE,
         on_fault = sym on_fault,
     )
 }
 
-extern "C" fn on_fault(stack_pointer: usize) -> ! {
-    if stack_pointer < bottom() + LITTLE { crate::reset::on_stack_overflow() } else { crate::reset::on_fault() }
+extern "C" fn on_fault(stack_pointer: usize, exc_return: u32) -> ! {
+    let overflowed = stack_pointer < bottom() + LITTLE;
+    let cause = if overflowed { ResetCause::StackOverflow } else { ResetCause::ProcessorFault };
+    crate::reset::on_crash(cause, &Moment { stack_pointer, exc_return })
 }

@@ -6,13 +6,13 @@
 use growbot_core::job::job_layers_meanwhile;
 use growbot_core::link::frame::{Frame, Header};
 use growbot_core::link::message::{
-    Accepted, BoardHello, Fault, HeldLayers, HostHello, LatestFault, LayerBatch, MOST_LAYERS, Message, PlanRequest,
-    Planned, Refusal, Refused, SCHEMA_HASH, State, Tune, Waits,
+    Accepted, BoardHello, BootReport, Fault, HeldLayers, HostHello, LatestFault, LayerBatch, MOST_LAYERS, Message,
+    PlanRequest, Planned, Refusal, Refused, SCHEMA_HASH, State, Tune, Waits,
 };
 use growbot_core::plan::plan_meanwhile;
 use growbot_core::pose::Pose;
 
-use super::{Controller, centi};
+use super::{Controller, Identity, centi};
 use crate::hal::{Board, Watchdog};
 use crate::layer_store::CAPACITY;
 use crate::link::Arrival;
@@ -58,6 +58,10 @@ impl<B: Board> Controller<B> {
             Message::AskBoard(_) => return Ok(self.board_hello()),
             Message::AskStatus(_) => return Ok(Message::Status(self.status())),
             Message::AskFault(_) => return Ok(Message::LatestFault(LatestFault { record: self.kept.record })),
+            Message::AskBoot(_) => {
+                let Identity { image, crash, .. } = self.identity;
+                return Ok(Message::BootReport(BootReport { image, crash }));
+            }
             Message::AskSensors(_) => return Ok(Message::SensorReadings(self.readings)),
             _ => {}
         }
@@ -180,6 +184,7 @@ impl<B: Board> Controller<B> {
             Fault::FilamentOut => self.readings.filament_present == Some(false),
             Fault::DriverFault => self.readings.driver_fault == Some(true),
             Fault::SupplyLow => volts.is_none_or(|volts| volts < description.supply.min_v),
+            Fault::ImageCorrupt => self.identity.is_corrupt(),
             Fault::SupplyHigh => volts.is_none_or(|volts| volts > description.supply.max_v),
             _ => false,
         }

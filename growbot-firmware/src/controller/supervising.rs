@@ -242,6 +242,10 @@ impl<B: Board> Controller<B> {
         } else if !is_known && survives(self.identity.reset_cause) {
             self.kept.record = Some(self.record(Some(fault_of(self.identity.reset_cause))));
         }
+        if self.identity.is_corrupt() {
+            // Whatever was before: with this image nothing is to be relied on.
+            self.kept.record = Some(self.record(Some(Fault::ImageCorrupt)));
+        }
         if let Some(FaultRecord { fault, cleared: false, .. }) = self.kept.record {
             self.fault = fault;
             self.happens(if fault.is_some() { Event::Fault } else { Event::EmergencyStop });

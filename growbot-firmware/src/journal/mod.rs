@@ -370,7 +370,7 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         }
         if blank {
             // It may be this record as which power was lost.
-            let _ = self.flash.write(sector * F::ERASE_SIZE as u32, &own.to_bytes());
+            let _ = self.write(sector * F::ERASE_SIZE as u32, &own.to_bytes());
         }
     }
 
@@ -402,12 +402,14 @@ impl<F: MultiwriteNorFlash> Journal<F> {
     }
 
     /// Has a place never read as a record again.
+    #[inline(never)]
     fn strike_out(&mut self, place: u32) {
         // Where flash refuses even this, nothing is left to be tried.
         let _ = self.flash.write(Self::offset(place), &STRUCK);
     }
 
     /// Writes a record, and sees whether it is there.
+    #[inline(never)]
     fn write(&mut self, offset: u32, bytes: &RecordBytes) -> bool {
         self.flash.write(offset, bytes).is_ok() && self.read(offset) == *bytes
     }
@@ -438,7 +440,6 @@ impl<F: MultiwriteNorFlash> Journal<F> {
             if self.write(Self::offset(place), &bytes) {
                 return Ok(place);
             }
-            self.strike_out(place);
         }
         Err(JournalError::Flash)
     }

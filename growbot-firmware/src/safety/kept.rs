@@ -63,15 +63,11 @@ impl Kept {
         bytes
     }
 
-    /// From the bytes of a copy, with its generation number; none where they are not what [`Kept::to_bytes`] made.
+    /// From the bytes of a copy; none where they are not what [`Kept::to_bytes`] made.
     #[must_use]
-    pub fn from_bytes(bytes: &[u8; COPY_BYTES]) -> Option<(Self, u32)> {
-        let (covered, checksum) = bytes.split_last_chunk::<NUMBER_BYTES>()?;
-        if frame::checksum(covered).to_le_bytes() != *checksum {
-            return None;
-        }
-        let (content, number) = covered.split_last_chunk::<NUMBER_BYTES>()?;
-        postcard::take_from_bytes(content).ok().map(|(kept, _)| (kept, u32::from_le_bytes(*number)))
+    pub fn from_bytes(bytes: &[u8; COPY_BYTES]) -> Option<Self> {
+        generation_of(bytes)?;
+        postcard::take_from_bytes(bytes).ok().map(|(kept, _)| kept)
     }
 
     /// What a start must do because of it.
@@ -81,6 +77,13 @@ impl Kept {
             latched: self.record.filter(|record| !record.cleared).map(|record| record.fault),
         }
     }
+}
+
+/// The generation number of a copy; none where it is not whole.
+fn generation_of(bytes: &[u8; COPY_BYTES]) -> Option<u32> {
+    let (covered, checksum) = bytes.split_last_chunk::<NUMBER_BYTES>()?;
+    let (_, number) = covered.split_last_chunk::<NUMBER_BYTES>()?;
+    (frame::checksum(covered).to_le_bytes() == *checksum).then_some(u32::from_le_bytes(*number))
 }
 
 /// What a start must do because of what was kept.
@@ -110,14 +113,14 @@ impl Copies {
         let mut found = Self::default();
         let mut newest = None;
         for (copy, bytes) in bytes.as_chunks::<COPY_BYTES>().0.iter().enumerate() {
-            let Some((kept, generation)) = Kept::from_bytes(bytes) else { continue };
+            let Some(generation) = generation_of(bytes) else { continue };
             // The shorter way round: the number wraps.
             if newest.is_none() || (generation.wrapping_sub(found.generation) as i32) > 0 {
                 found = Self { newer: copy, generation, meaning: None };
-                newest = Some(kept);
+                newest = Some(bytes);
             }
         }
-        (found, newest)
+        (found, newest.and_then(Kept::from_bytes))
     }
 
     /// Has the memory hold this: in the older copy, or in both where a start would have to do something else because of it.
@@ -211,7 +214,8 @@ mod tests {
     fn it_survives_and_the_longest_fits() {
         for kept in [Kept::default(), longest()] {
             for generation in [0, 1, u32::MAX] {
-                assert_eq!(Kept::from_bytes(&kept.to_bytes(generation)), Some((kept, generation)));
+                let bytes = kept.to_bytes(generation);
+                assert_eq!((Kept::from_bytes(&bytes), generation_of(&bytes)), (Some(kept), Some(generation)));
             }
         }
         let mut buffer = [0; COPY_BYTES - 2 * NUMBER_BYTES];

@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use clap::Args;
+use growbot_host::image_seal::{self, SealError};
 use growbot_host::output::print;
 use growbot_host::{robot_file, tell};
 
@@ -21,8 +22,9 @@ const IMAGE: &str = "thumbv7em-none-eabihf/firmware/stm32f405";
 
 /// Put the firmware on a robot's board, through a debug probe
 ///
-/// In growbot's source tree the firmware is built first, for the robot that is named; elsewhere, give a firmware image. Then probe-rs writes it
-/// to the board and shows its log, until Ctrl-C.
+/// In growbot's source tree the firmware is built first, for the robot that is named; elsewhere, give a firmware image. The image gets a seal, by
+/// which the board checks it at each start: one that is damaged does not heat. Then probe-rs writes it to the board and shows its log, until
+/// Ctrl-C.
 #[derive(Args)]
 #[command(
     after_help = "Examples:\n  growbot flash --robot growbot-b\n  growbot flash --firmware stm32f405 --no-log\n\nWhat it needs: a debug probe, and probe-rs (cargo install probe-rs-tools --locked)."
@@ -36,6 +38,9 @@ pub struct FlashArgs {
     /// Start the firmware and leave, without its log
     #[arg(long)]
     no_log: bool,
+    /// Only seal the image, so that the board can check it; flash nothing
+    #[arg(long, conflicts_with = "no_log")]
+    seal_only: bool,
     /// Print the commands that would be run
     #[arg(long)]
     dry_run: bool,
@@ -51,10 +56,12 @@ pub fn run(args: &FlashArgs) -> Result<(), Failure> {
             (Some(build), image)
         }
     };
-    let flash = Step::flash(&image, args.no_log);
+    let flash = if args.seal_only { Vec::new() } else { Step::flash(&image, args.no_log) };
     if args.dry_run {
-        let lines: String = build.iter().chain(&flash).map(|step| format!("{step}\n")).collect();
-        return Ok(print(&lines)?);
+        let seal = format!("growbot flash --seal-only --firmware {}\n", quoted(image.as_os_str()));
+        let [build, flash] = [&build.into_iter().collect(), &flash]
+            .map(|steps: &Vec<Step>| steps.iter().map(|step| format!("{step}\n")).collect::<String>());
+        return Ok(print(&format!("{build}{seal}{flash}"))?);
     }
     if let Some(build) = build {
         build.run()?;
@@ -64,7 +71,25 @@ pub fn run(args: &FlashArgs) -> Result<(), Failure> {
             if args.firmware.is_some() { "give the image that cargo build-robot makes" } else { "cargo made none" };
         return Err(Failure::bad_input(format!("there is no firmware image {}: {what}", image.display())));
     }
+    match image_seal::seal_in_place(&image) {
+        Ok(crc) => tell!("growbot: sealed {}, CRC {crc:08x}", image.display()),
+        Err(error @ SealError::NoImage { .. }) if !args.seal_only => {
+            tell!("growbot: {error}; it is flashed as it is, and the board does not check it");
+        }
+        Err(error) => return Err(Failure::bad_input(error)),
+    }
     flash.iter().try_for_each(Step::run)
+}
+
+/// Images that may have been built last in this source tree.
+pub fn built_images() -> Vec<PathBuf> {
+    let target = target_in(&source_tree().unwrap_or_else(|| ".".into()));
+    [IMAGE, growbot_host::port::emulator::FIRMWARE].map(|image| target.join(image)).into()
+}
+
+/// Cargo's target directory, where cargo is run in this one.
+fn target_in(directory: &Path) -> PathBuf {
+    directory.join(std::env::var_os("CARGO_TARGET_DIR").unwrap_or_else(|| "target".into()))
 }
 
 /// A tool's run.
@@ -120,8 +145,7 @@ impl Step {
 
     /// Cargo's target directory, for a step of cargo.
     fn target(&self) -> PathBuf {
-        let directory = self.directory.as_deref().unwrap_or(Path::new("."));
-        directory.join(std::env::var_os("CARGO_TARGET_DIR").unwrap_or_else(|| "target".into()))
+        target_in(self.directory.as_deref().unwrap_or(Path::new(".")))
     }
 
     fn run(&self) -> Result<(), Failure> {

@@ -282,6 +282,7 @@ impl Show {
             News::Amending(amendment) => {
                 self.layers_before = std::mem::replace(&mut self.layers, amendment.total as usize);
             }
+            News::Crash(_) => self.progress.say("the board's firmware crashed: `growbot status` says where"),
             News::Board(_) | News::Counting(_) | News::HandingOver(..) => {}
             News::Ordered(order) => {
                 self.emergency |= *order == Order::EmergencyStop;

@@ -1,12 +1,19 @@
 //! `growbot status`: who the board is and what it is doing.
 
+use std::path::PathBuf;
+
 use clap::Args;
 use growbot_core::layer::SECTORS;
-use growbot_core::link::message::{BoardHello, Fault, FaultRecord, SensorReadings, State, Waits};
+use growbot_core::link::crash::{CrashRecord, CrashWords};
+use growbot_core::link::message::{
+    BoardHello, BootReport, Fault, FaultRecord, ImageCheck, Refusal, SensorReadings, State, Waits,
+};
 use growbot_host::client::{Client, ClientError};
+use growbot_host::crash::{Crash, Image};
 use growbot_host::output::print;
 use serde_json::{Value, json};
 
+use super::flash::built_images;
 use super::growth_table::made;
 use super::{Failure, PortArg, RobotArg};
 
@@ -20,6 +27,11 @@ pub struct StatusArgs {
     port: PortArg,
     #[command(flatten)]
     robot: RobotArg,
+    /// After a crash: name functions and lines by this image of the firmware
+    ///
+    /// Without it the image that `growbot flash` built last is taken, where it is the one that crashed.
+    #[arg(long, value_name = "FILE")]
+    elf: Option<PathBuf>,
     /// Print one line of JSON
     #[arg(long)]
     json: bool,
@@ -28,8 +40,10 @@ pub struct StatusArgs {
 /// Runs the command.
 pub fn run(args: &StatusArgs) -> Result<(), Failure> {
     let robot = args.robot.load()?;
+    let given = args.elf.as_deref().map(Image::open).transpose().map_err(Failure::bad_input)?;
     let mut client = args.port.client(&robot)?;
-    let report = Report::of(&mut client)?;
+    let mut report = Report::of(&mut client)?;
+    report.look_up_in(given)?;
     print(&if args.json { format!("{}\n", report.json()) } else { report.text() })?;
     Ok(())
 }
@@ -39,18 +53,62 @@ pub struct Report {
     hello: BoardHello,
     sensors: SensorReadings,
     latest_fault: Option<FaultRecord>,
+    /// None from a board whose firmware does not know the question.
+    boot: Option<BootReport>,
+    /// The image in which a crash is looked up.
+    image: Option<Image>,
 }
 
 impl Report {
     /// Asks the board.
     pub fn of(client: &mut Client) -> Result<Self, ClientError> {
-        Ok(Self { hello: client.board()?, sensors: client.sensors()?, latest_fault: client.latest_fault()? })
+        Ok(Self {
+            hello: client.board()?,
+            sensors: client.sensors()?,
+            latest_fault: client.latest_fault()?,
+            boot: match client.boot() {
+                Ok(report) => Some(report),
+                Err(ClientError::Refused { refusal: Refusal::NotUnderstood, .. }) => None,
+                Err(error) => return Err(error),
+            },
+            image: None,
+        })
+    }
+
+    /// Has a crash looked up in this image, or in the one that was built last where that is the one that crashed.
+    fn look_up_in(&mut self, given: Option<Image>) -> Result<(), Failure> {
+        let Some(crashed) = self.words().map(CrashRecord::from) else { return Ok(()) };
+        if let (Some(image), Some(crc)) = (&given, crashed.image)
+            && image.crc() != Some(crc)
+        {
+            let other = image.crc().map_or_else(|| "none".to_string(), |crc| format!("{crc:08x}"));
+            return Err(Failure::bad_input(format!(
+                "the image given with --elf is not the one that crashed: its CRC is {other}, that of the crash {crc:08x}; give the image that the board was flashed with"
+            )));
+        }
+        let built = || {
+            let images = built_images().into_iter().filter_map(|image| Image::open(&image).ok());
+            images.into_iter().find(|image| crashed.image.is_some() && image.crc() == crashed.image)
+        };
+        self.image = given.or_else(built);
+        Ok(())
+    }
+
+    fn words(&self) -> Option<&CrashWords> {
+        self.boot.as_ref()?.crash.as_ref()
+    }
+
+    fn crash(&self) -> Option<Crash<'_>> {
+        self.words().map(|words| Crash::new(words, self.image.as_ref()))
     }
 
     fn json(&self) -> Value {
         let mut value = json_of(&self.hello);
         if let Value::Object(fields) = &mut value {
             fields.insert("sensors".to_string(), json_of_sensors(&self.sensors));
+            fields
+                .insert("image".to_string(), self.boot.as_ref().map_or(Value::Null, |boot| json_of_image(boot.image)));
+            fields.insert("crash".to_string(), self.crash().map_or(Value::Null, |crash| crash.json()));
             fields.insert("latest_fault".to_string(), self.latest_fault.as_ref().map_or(Value::Null, json_of_record));
         }
         value
@@ -59,12 +117,37 @@ impl Report {
     /// In a few lines.
     pub fn text(&self) -> String {
         let mut text = text_of(&self.hello);
+        if let Some(boot) = &self.boot {
+            text += &format!("image        {}\n", text_of_image(boot.image));
+        }
         text += &format!("sensors      {}\n", text_of_sensors(&self.sensors));
         if let Some(record) = &self.latest_fault {
             text += &text_of_record(record);
         }
+        if let Some(crash) = self.crash() {
+            text += &crash.text();
+        }
         text
     }
+}
+
+fn text_of_image(image: ImageCheck) -> String {
+    match image {
+        ImageCheck::NotSealed => "not sealed: the board has not checked it".to_string(),
+        ImageCheck::Sound { crc } => format!("checked at the start, CRC {crc:08x}"),
+        ImageCheck::Corrupt { sealed, found } => {
+            format!("corrupt: its CRC is {found:08x}, that of its seal {sealed:08x}; flash the board again")
+        }
+    }
+}
+
+fn json_of_image(image: ImageCheck) -> Value {
+    let (check, crc) = match image {
+        ImageCheck::NotSealed => ("not-sealed", None),
+        ImageCheck::Sound { crc } => ("sound", Some(crc)),
+        ImageCheck::Corrupt { sealed, .. } => ("corrupt", Some(sealed)),
+    };
+    json!({ "check": check, "crc": crc.map(|crc| format!("{crc:08x}")) })
 }
 
 fn json_of_sensors(sensors: &SensorReadings) -> Value {

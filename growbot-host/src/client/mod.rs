@@ -10,8 +10,8 @@ use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::emergency_stop::EMERGENCY_STOP;
 use growbot_core::link::frame::{self, Frame, FrameError, Header, LONGEST_BODY, Receiver, next};
 use growbot_core::link::message::{
-    Accepted, BoardHello, Empty, FaultRecord, HostHello, HostName, LatestFault, LayerBatch, Layers, MOST_LAYERS,
-    Message, MessageError, Refusal, Refused, SCHEMA_HASH, SensorReadings, State, Status,
+    Accepted, BoardHello, BootReport, Empty, FaultRecord, HostHello, HostName, LatestFault, LayerBatch, Layers,
+    MOST_LAYERS, Message, MessageError, Refusal, Refused, SCHEMA_HASH, SensorReadings, State, Status,
 };
 use growbot_core::robot::Robot;
 
@@ -267,6 +267,18 @@ impl Client {
         let what = "for its latest fault";
         match self.request(what, &Message::AskFault(Empty {}))? {
             Message::LatestFault(LatestFault { record }) => Ok(record),
+            other => Err(ClientError::Unexpected { request: what, kind: other.kind() }),
+        }
+    }
+
+    /// How the board came up: whether its image is sound, and the latest crash.
+    ///
+    /// # Errors
+    /// As [`Client::request`].
+    pub fn boot(&mut self) -> Result<BootReport, ClientError> {
+        let what = "how it came up";
+        match self.request(what, &Message::AskBoot(Empty {}))? {
+            Message::BootReport(report) => Ok(report),
             other => Err(ClientError::Unexpected { request: what, kind: other.kind() }),
         }
     }

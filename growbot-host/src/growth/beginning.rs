@@ -3,7 +3,7 @@
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::message::{Begin, Message, Resume, State, Status};
 
-use super::{CutLayer, Growth, GrowthError, Job, Manner, News};
+use super::{CutLayer, Growth, GrowthError, Job, Manner, News, is_crash, tell_crash};
 use crate::client::{Client, ClientError};
 use crate::feedback::Count;
 
@@ -17,6 +17,9 @@ impl<'a> Growth<'a> {
     ) -> Result<Self, GrowthError> {
         let hello = client.hello_robot(job.robot).map_err(GrowthError::Before)?;
         tell(&News::Board(hello.clone()));
+        if is_crash(hello.reset_cause) {
+            tell_crash(client, tell);
+        }
         let Status { plan_id, laid, layers, state, cut, .. } = hello.status;
         if plan_id != 0 && (laid > 0 || cut.is_some()) && laid < layers && state != State::Stopped {
             return Err(GrowthError::Unfinished { plan_id, laid, layers });
@@ -47,6 +50,9 @@ impl<'a> Growth<'a> {
     ) -> Result<Self, GrowthError> {
         let hello = client.hello_robot(job.robot).map_err(GrowthError::Before)?;
         tell(&News::Board(hello.clone()));
+        if is_crash(hello.reset_cause) {
+            tell_crash(client, tell);
+        }
         let mut growth = Self::new(client, job, manner, &hello);
         if hello.status.plan_id != growth.job.plan_id {
             return Err(GrowthError::NothingToResume { plan_id: growth.job.plan_id, held: held(&hello.status) });

@@ -5,7 +5,7 @@ use std::time::Duration;
 use growbot_core::link::message::{Empty, Fault, Laid, Message, Refusal, State, Status, Waits};
 
 use super::handover::IN_ENGINE;
-use super::{CutLayer, Grown, Growth, GrowthError, News, Order, Orders, Outcome};
+use super::{CutLayer, Grown, Growth, GrowthError, News, Order, Orders, Outcome, is_crash, tell_crash};
 use crate::client::ClientError;
 
 /// How long to wait for an event before orders are looked at,
@@ -53,6 +53,9 @@ impl Growth<'_> {
         }
         let hello = self.client.hello_robot(self.job.robot)?;
         tell(&News::Back);
+        if hello.boot_id != self.boot_id && is_crash(hello.reset_cause) {
+            tell_crash(self.client, tell);
+        }
         if self.amending.as_ref().is_some_and(|(plan_id, ..)| *plan_id == hello.status.plan_id) {
             self.amended();
         } else if self.amending.take().is_some() {
@@ -88,6 +91,12 @@ impl Growth<'_> {
                 let status = self.client.status()?;
                 let outcome = self.take_status(&status, tell)?;
                 tell(&News::Status(status));
+                if let Some(Outcome::Fault(Fault::WatchdogReset | Fault::ProcessorFault | Fault::StackOverflow)) =
+                    outcome
+                    && questions_after_the_end == 0
+                {
+                    tell_crash(self.client, tell);
+                }
                 if let Some(outcome) = outcome {
                     if self.as_built.len() >= self.laid as usize || questions_after_the_end > QUESTIONS_AFTER_THE_END {
                         return Ok(outcome);

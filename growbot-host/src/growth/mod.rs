@@ -8,7 +8,10 @@ mod orders;
 
 use growbot_core::job::{job_layers, summarize};
 use growbot_core::layer_bytes::LayerBytes;
-use growbot_core::link::message::{Accepted, BoardHello, Cut, Fault, Measured, Message, Silence, Start, State, Status};
+use growbot_core::link::crash::CrashWords;
+use growbot_core::link::message::{
+    Accepted, BoardHello, BootReport, Cut, Fault, Measured, Message, ResetCause, Silence, Start, State, Status,
+};
 use growbot_core::path::{Segment, length};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
@@ -89,6 +92,8 @@ pub enum News {
     State(State),
     /// The board has said who it is.
     Board(BoardHello),
+    /// The board has started anew because its firmware crashed.
+    Crash(CrashWords),
     /// The board's status, asked for in quiet times.
     Status(Status),
     /// A layer is laid: its index, the layer as built where that is known, and what was measured after it.
@@ -244,6 +249,19 @@ struct Growth<'a> {
     /// When growing began and ended, ms on the board's clock.
     began_ms: Option<u64>,
     ended_ms: u64,
+}
+
+/// Tells of the latest crash of the board's firmware, if the board knows of one.
+fn tell_crash(client: &mut Client, tell: &mut dyn FnMut(&News)) {
+    // Whether the board answers this changes nothing for the growth.
+    if let Ok(BootReport { crash: Some(crash), .. }) = client.boot() {
+        tell(&News::Crash(crash));
+    }
+}
+
+/// Whether a board that has started for this reason has crashed before.
+fn is_crash(cause: ResetCause) -> bool {
+    matches!(cause, ResetCause::Watchdog | ResetCause::ProcessorFault | ResetCause::StackOverflow)
 }
 
 impl<'a> Growth<'a> {

@@ -4,7 +4,9 @@
 //! and writes what the sensors show. The steps themselves depend only on the firmware: the machine's load stretches time
 //! and changes none of them.
 
+use std::fs::File;
 use std::io;
+use std::os::fd::AsRawFd;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -18,6 +20,7 @@ use growbot_firmware::emulated_tip as table;
 use super::qemu::{EmulatedRobot, QemuError, TipMemory, doing};
 use super::stream::Stream;
 use super::{Port, PortError, TipRecord};
+use crate::image_seal;
 use crate::tip::{IndexMark, Motor, Tip, TipFault, Variation, encoder_pitch};
 
 /// How often the tip looks at its memory.
@@ -25,7 +28,7 @@ const LOOK: Duration = Duration::from_millis(1);
 /// How long QEMU may take to end once its line has broken.
 const END: Duration = Duration::from_secs(1);
 /// Where the firmware image lies, from cargo's target directory.
-const FIRMWARE: &str = "thumbv7em-none-eabihf/firmware/an386";
+pub const FIRMWARE: &str = "thumbv7em-none-eabihf/firmware/an386";
 
 /// The robot's firmware in QEMU.
 pub struct Emulator {
@@ -33,6 +36,8 @@ pub struct Emulator {
     player: Player,
     stream: Stream,
     board: EmulatedRobot,
+    /// The sealed copy of the image: QEMU reads it some time after its start.
+    _image: Option<File>,
 }
 
 impl Emulator {
@@ -55,11 +60,14 @@ impl Emulator {
         let flash = flash.get(..table::JOURNAL_CAPACITY).unwrap_or(flash);
         memory.file().write_all_at(flash, table::JOURNAL as u64).map_err(doing("write the journal's flash"))?;
         let words = Words(memory.file().try_clone().map_err(doing("share the tip's memory"))?);
-        let board = EmulatedRobot::start(&firmware, memory, &[])?;
+        // The board gets its image sealed, as `growbot flash` does it.
+        let sealed = with_seal(&firmware)?;
+        let image = sealed.as_ref().map_or(firmware, path_of);
+        let board = EmulatedRobot::start(&image, memory, &[])?;
         let line = board.line().try_clone().map_err(doing("share the emulator's line"))?;
         let stream =
             Stream::over("the emulated board".to_string(), line).map_err(doing("set up the emulator's line"))?;
-        Ok(Self { player: Player::start(words, robot), stream, board })
+        Ok(Self { player: Player::start(words, robot), stream, board, _image: sealed })
     }
 
     /// Breaks something on the tip; a fault of the same kind is replaced. The board sees it within some milliseconds.
@@ -119,6 +127,24 @@ impl Port for Emulator {
     }
 }
 
+/// A copy of an image with its seal, where it has none: one that is sealed is taken as it is, damaged or not.
+fn with_seal(firmware: &Path) -> Result<Option<File>, QemuError> {
+    let Ok(image) = std::fs::read(firmware) else { return Ok(None) };
+    let sealed = match image_seal::seal(&image) {
+        Ok(sealed) if !image_seal::is_sealed(&image) => sealed.bytes,
+        _ => return Ok(None),
+    };
+    let copy = TipMemory::create(sealed.len() as u64)?;
+    copy.file().write_all_at(&sealed, 0).map_err(doing("write the sealed image"))?;
+    // Its name goes with `copy`, so that it is gone however we end.
+    copy.file().try_clone().map(Some).map_err(doing("keep the sealed image"))
+}
+
+/// A path by which another program finds an open file, with or without a name of its own.
+fn path_of(file: &File) -> PathBuf {
+    PathBuf::from(format!("/proc/{}/fd/{}", std::process::id(), file.as_raw_fd()))
+}
+
 /// The firmware image that was built last: beside this program, or in the working directory's `target`.
 fn built_last() -> PathBuf {
     let beside = std::env::current_exe().ok().and_then(|program| {
@@ -157,7 +183,7 @@ fn entropy() -> u32 {
 }
 
 /// The words of the tip's memory.
-struct Words(std::fs::File);
+struct Words(File);
 
 impl Words {
     fn read(&self, offset: usize) -> io::Result<u32> {

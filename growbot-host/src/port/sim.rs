@@ -9,7 +9,7 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use growbot_core::link::emergency_stop::Recogniser;
-use growbot_core::link::message::{Fault, ResetCause, State};
+use growbot_core::link::message::{Fault, ImageCheck, ResetCause, State};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_firmware::controller::{Controller, Identity};
@@ -78,15 +78,7 @@ impl Sim {
         let tick_hz = u64::from(robot.description().motion.tick_hz);
         let mut sim = Self {
             engine: engine(&robot, &tip),
-            controller: controller(
-                &robot,
-                &tip,
-                &fed,
-                &kept,
-                &flash,
-                Identity { boot_id: 1, reset_cause: ResetCause::PowerOn },
-                &handover,
-            ),
+            controller: controller(&robot, &tip, &fed, &kept, &flash, identity_of(1, ResetCause::PowerOn), &handover),
             robot,
             tip,
             handover,
@@ -194,7 +186,7 @@ impl Sim {
         self.handover = Handover::new();
         // An engine lets go of both motors when it starts.
         self.engine = engine(&self.robot, &self.tip);
-        let identity = Identity { boot_id: self.boots, reset_cause: cause };
+        let identity = identity_of(self.boots, cause);
         self.controller =
             controller(&self.robot, &self.tip, &self.fed, &self.kept, &self.flash, identity, &self.handover);
         self.poll();
@@ -332,6 +324,11 @@ impl Board for SimBoard {
     type Kept = Kept;
     type Flash = Flash;
     type Store = Box<LayerStore>;
+}
+
+/// A boot of a simulated board, which has no image that could be checked, and does not crash.
+fn identity_of(boot_id: u32, reset_cause: ResetCause) -> Identity {
+    Identity { boot_id, reset_cause, image: ImageCheck::NotSealed, crash: None }
 }
 
 /// Memory of the board that survives a reset.

@@ -31,6 +31,8 @@ struct Cells {
     seed: u64,
     /// Where bits are weak: an offset, and the bits from there on.
     weak: (usize, Vec<u8>),
+    /// What reads of all bytes from an offset on give next, one after the other, whatever the cells hold.
+    flicker: (usize, Vec<Vec<u8>>),
 }
 
 impl<const SECTOR: usize> Flash<SECTOR> {
@@ -44,6 +46,7 @@ impl<const SECTOR: usize> Flash<SECTOR> {
             bytes_left: None,
             seed: 0,
             weak: (0, Vec::new()),
+            flicker: (0, Vec::new()),
         })))
     }
 
@@ -84,6 +87,11 @@ impl<const SECTOR: usize> Flash<SECTOR> {
     /// From this offset on the bits of this mask are weak, and no others anywhere.
     pub fn weaken(&self, offset: usize, mask: &[u8]) {
         self.0.borrow_mut().weak = (offset, mask.to_vec());
+    }
+
+    /// The next reads that begin at this offset give these bytes, one after the other.
+    pub fn flicker(&self, offset: usize, readings: &[&[u8]]) {
+        self.0.borrow_mut().flicker = (offset, readings.iter().map(|reading| reading.to_vec()).collect());
     }
 
     /// From now on the bits that are still weak read like these.
@@ -130,7 +138,14 @@ impl<const SECTOR: usize> ReadNorFlash for Flash<SECTOR> {
         self.check_power()?;
         check_read(self, offset, bytes.len())?;
         let from = offset as usize;
-        bytes.copy_from_slice(&self.0.borrow().bytes[from..from + bytes.len()]);
+        let cells = &mut *self.0.borrow_mut();
+        bytes.copy_from_slice(&cells.bytes[from..from + bytes.len()]);
+        let (at, readings) = &mut cells.flicker;
+        if *at == from && !readings.is_empty() {
+            for (byte, reading) in bytes.iter_mut().zip(readings.remove(0)) {
+                *byte = reading;
+            }
+        }
         Ok(())
     }
 

@@ -91,7 +91,7 @@ impl Watched {
             News::Ordered(_) => self.said = None,
             News::Silent => self.answers = false,
             News::Back => self.answers = true,
-            News::Counting(_) => {}
+            News::Counting(_) | News::Crash(_) => {}
         }
     }
 

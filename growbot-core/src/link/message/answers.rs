@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::LayerBatch;
 use super::requests::HostName;
 use crate::layer_bytes::LayerBytes;
+use crate::link::crash::CrashWords;
 use crate::link::state::{Fault, ResetCause, State};
 
 /// Why a request was refused. The board did nothing.
@@ -313,4 +314,33 @@ pub struct FaultRecord {
 pub struct LatestFault {
     /// None where the board knows of none.
     pub record: Option<FaultRecord>,
+}
+
+/// How the board came up: whether its image is sound, and the latest crash.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
+pub struct BootReport {
+    /// What the check of the image found at this start.
+    pub image: ImageCheck,
+    /// The latest crash that the retained memory knows of, through resets until the next one; none where there was none since the board
+    /// was without power. [`CrashRecord`](crate::link::crash::CrashRecord) says what the words mean.
+    pub crash: Option<CrashWords>,
+}
+
+/// What the check of the firmware's image found when the board started.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+pub enum ImageCheck {
+    /// The image was never sealed, so nothing could be checked.
+    NotSealed,
+    /// The image is what was sealed.
+    Sound {
+        /// Its CRC-32C.
+        crc: u32,
+    },
+    /// The image is not what was sealed: nothing heats.
+    Corrupt {
+        /// The CRC-32C that its seal states.
+        sealed: u32,
+        /// That of what is there; the same where the seal itself makes no sense.
+        found: u32,
+    },
 }

@@ -181,6 +181,8 @@ messages! {
     0x12 AskBoard(Empty),
     /// Closes the session: another host need not wait. Not answered.
     0x13 Goodbye(Empty),
+    /// Answered by `BootReport`, in any session.
+    0x14 AskBoot(Empty),
 
     // Board to host.
     /// Answers `Hello`.
@@ -199,6 +201,8 @@ messages! {
     0x47 LatestFault(LatestFault),
     /// Answers `AskSensors`.
     0x48 SensorReadings(SensorReadings),
+    /// Answers `AskBoot`.
+    0x49 BootReport(BootReport),
     /// An event.
     0x50 Laid(Laid),
     /// An event.
@@ -254,7 +258,10 @@ mod tests {
                 first_layers: layers.clone(),
             }),
         ];
-        for message in longest {
+        let crash = [u32::MAX; crate::link::crash::CRASH_WORDS];
+        let image = ImageCheck::Corrupt { sealed: u32::MAX, found: u32::MAX };
+        let boot = Message::BootReport(BootReport { image, crash: Some(crash) });
+        for message in longest.into_iter().chain([boot]) {
             let mut buffer = [0; LONGEST_BODY];
             let body = message.encode(&mut buffer).unwrap();
             assert_eq!(Message::decode(message.kind(), body).unwrap(), message);

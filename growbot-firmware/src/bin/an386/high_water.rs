@@ -3,6 +3,7 @@
 use core::hint::black_box;
 
 use cortex_m_rt::STACK_PAINT_VALUE;
+use growbot_firmware::emulated_tip as table;
 
 use crate::registers::Register;
 use crate::{stack, tip};
@@ -23,6 +24,14 @@ impl HighWater {
         if tip::wants_overflow() {
             black_box(overflow(0));
         }
+        match tip::wanted_crash() {
+            table::CRASH_BY_INSTRUCTION => undefined_instruction(),
+            table::CRASH_BY_ACCESS => {
+                black_box(access_in_vain());
+            }
+            table::CRASH_BY_HANGING => hang(),
+            _ => {}
+        }
         for _ in 0..AT_ONCE {
             // SAFETY: a word of the stack: the paint ends below where the stack pointer is. It is only read, whatever it holds.
             if unsafe { Register::at(stack::bottom() + 4 * self.painted) }.read() != STACK_PAINT_VALUE {
@@ -41,4 +50,25 @@ impl HighWater {
 fn overflow(depth: u32) -> u32 {
     let frame = black_box([depth; 8]);
     overflow(black_box(depth + 1)) ^ black_box(frame)[0]
+}
+
+/// Does what the processor does not know.
+#[inline(never)]
+fn undefined_instruction() {
+    cortex_m::asm::udf();
+}
+
+/// Reads where there is nothing.
+#[inline(never)]
+fn access_in_vain() -> u32 {
+    // SAFETY: nothing is there: the processor faults, which is what is wanted.
+    unsafe { Register::at(table::NOWHERE) }.read()
+}
+
+/// Hangs, so that the watchdog expires.
+#[inline(never)]
+fn hang() {
+    loop {
+        cortex_m::asm::nop();
+    }
 }

@@ -6,6 +6,8 @@
 #![no_std]
 #![no_main]
 
+#[path = "../crash.rs"]
+mod crash;
 mod flash;
 mod high_water;
 mod interrupt_owned;
@@ -17,6 +19,8 @@ mod registers;
 mod reset;
 #[path = "../rtt.rs"]
 mod rtt;
+#[path = "../seal.rs"]
+mod seal;
 #[path = "../stack.rs"]
 mod stack;
 mod step_timer;
@@ -121,7 +125,12 @@ fn set_up() -> (Line, &'static mut Controller<An386>) {
     );
     step_timer::start(engine, robot.description().motion.tick_hz, CLOCK_HZ);
     interrupts::start(&mut core.NVIC);
-    let identity = Identity { boot_id: tip::boot_id(), reset_cause: reset::named(tip::reset_cause()) };
+    let identity = Identity {
+        boot_id: tip::boot_id(),
+        reset_cause: reset::named(tip::reset_cause()),
+        image: seal::check(),
+        crash: crash::latest(),
+    };
     defmt::info!(
         "an386 for {=str}, boot id {=u32:08x}, started by {=str}",
         robot.name(),

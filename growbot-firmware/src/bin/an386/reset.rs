@@ -1,12 +1,13 @@
 //! Ways to an orderly end: each first makes the tip safe, then leaves a note for the next boot, then resets.
 
+use core::arch::naked_asm;
 use core::mem::MaybeUninit;
 
 use cortex_m::peripheral::SCB;
-use cortex_m_rt::exception;
 use growbot_core::link::message::ResetCause;
 use growbot_firmware::emulated_tip;
 
+use crate::crash::{self, Moment};
 use crate::registers::Register;
 use crate::tip;
 
@@ -21,6 +22,8 @@ unsafe impl Sync for NoteCell {}
 
 /// Makes a note that is there by chance unlikely; the low byte is a `RESET_*` of the tip's table.
 const NOTE_MARK: u32 = 0x6E0F_E500;
+const FAULTED: u32 = emulated_tip::RESET_FAULT;
+const OVERFLOWED: u32 = emulated_tip::RESET_STACK_OVERFLOW;
 
 fn note() -> Register {
     // SAFETY: an aligned word that nothing but this file's reads and writes reaches.
@@ -51,28 +54,28 @@ pub fn named(cause: u32) -> ResetCause {
     }
 }
 
-fn end(cause: u32) -> ! {
+/// The stack is full, or the processor faulted for another reason.
+pub fn on_crash(cause: ResetCause, moment: &Moment) -> ! {
     cortex_m::interrupt::disable();
     tip::make_safe();
-    note().write(NOTE_MARK | cause);
+    // First what is surest to succeed.
+    note().write(NOTE_MARK | if cause == ResetCause::StackOverflow { OVERFLOWED } else { FAULTED });
+    crash::retain(cause, tip::boot_id(), moment);
     SCB::sys_reset()
 }
 
-/// The stack is full.
-pub fn on_stack_overflow() -> ! {
-    end(emulated_tip::RESET_STACK_OVERFLOW)
+/// The watchdog's first expiry.
+#[unsafe(naked)]
+#[unsafe(export_name = "NonMaskableInt")]
+extern "C" fn non_maskable() -> ! {
+    naked_asm!("mrs r0, msp", "mov r1, lr", "b {on_expiry}", on_expiry = sym on_expiry)
 }
 
-/// The processor faulted for another reason.
-pub fn on_fault() -> ! {
-    end(emulated_tip::RESET_FAULT)
-}
-
-/// The watchdog's first expiry. It is left pending, so that the second one resets the board even if this handler could not.
-#[exception]
-unsafe fn NonMaskableInt() {
+/// It is left pending, so that the second expiry resets the board even if this could not.
+extern "C" fn on_expiry(stack_pointer: usize, exc_return: u32) -> ! {
     tip::make_safe();
     note().write(NOTE_MARK | emulated_tip::RESET_WATCHDOG);
+    crash::retain(ResetCause::Watchdog, tip::boot_id(), &Moment { stack_pointer, exc_return });
     loop {
         cortex_m::asm::nop();
     }

@@ -193,6 +193,11 @@ pub fn wants_overflow() -> bool {
     word(table::OVERFLOW_STACK).read() == 1
 }
 
+/// How the board is to crash, one of `CRASH_*`.
+pub fn wanted_crash() -> u32 {
+    word(table::CRASH).read()
+}
+
 const fn enable_of(axis: Axis) -> usize {
     match axis {
         Axis::Head => table::HEAD_ENABLE,

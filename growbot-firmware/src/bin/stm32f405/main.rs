@@ -14,6 +14,8 @@
 mod brown_out;
 mod clock;
 mod converter;
+#[path = "../crash.rs"]
+mod crash;
 mod fan;
 mod flash;
 mod heater;
@@ -25,6 +27,8 @@ mod pins;
 mod reset;
 #[path = "../rtt.rs"]
 mod rtt;
+#[path = "../seal.rs"]
+mod seal;
 #[path = "../stack.rs"]
 mod stack;
 mod step_timer;
@@ -55,7 +59,7 @@ mod app {
     use crate::step_timer::StepTimer;
     use crate::tip_bus::{self, BoardOrientation};
     use crate::watchdog::BoardWatchdog;
-    use crate::{brown_out, clock, reset, watchdog};
+    use crate::{brown_out, clock, crash, reset, seal, watchdog};
 
     /// Where the controller and the step interrupt meet.
     static HANDOVER: Handover = Handover::new();
@@ -106,7 +110,7 @@ mod app {
     fn init(cx: init::Context) -> (Shared, Local) {
         let device = cx.device;
         let mut core = cx.core;
-        let identity = Identity { reset_cause: reset::take_cause(&device.RCC), boot_id: reset::next_boot_id() };
+        let (reset_cause, boot_id) = (reset::take_cause(&device.RCC), reset::next_boot_id());
         let robot = machine::built_for();
         let Some(kept) = BoardMemory::take() else {
             // Nobody has had it before.
@@ -119,6 +123,8 @@ mod app {
         brown_out::start_detector(&device.PWR, &mut rcc);
         let pins = Pins::new(robot.description(), device.GPIOA, device.GPIOB, device.GPIOC, &mut rcc);
         let watchdog = watchdog::start(device.IWDG, &device.DBGMCU);
+        // At full speed, and long before the watchdog wants to be fed.
+        let identity = Identity { boot_id, reset_cause, image: seal::check(), crash: crash::latest() };
         clock::start(&mut core.SYST);
 
         let line = Line::start(device.USART2, (pins.link_tx, pins.link_rx), &mut rcc);

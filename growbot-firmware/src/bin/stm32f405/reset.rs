@@ -1,11 +1,14 @@
 //! Why the board started, which boot this is, and the ways to an orderly end.
 
+use core::arch::naked_asm;
 use core::cell::UnsafeCell;
 use core::mem::MaybeUninit;
 
 use cortex_m::peripheral::SCB;
 use growbot_core::link::message::ResetCause;
 use stm32f4xx_hal::pac;
+
+use crate::crash::{self, Moment};
 
 /// Three words that survive a reset: nothing loads or clears this section.
 #[unsafe(link_section = ".uninit.reset_notes")]
@@ -89,12 +92,20 @@ pub fn end_by_brown_out() -> ! {
     end(SAGGED)
 }
 
-/// The stack is full.
-pub fn on_stack_overflow() -> ! {
-    end(OVERFLOWED)
+/// Interrupts that nobody has asked for come here: as bad as a fault of the processor.
+#[unsafe(naked)]
+#[unsafe(export_name = "DefaultHandler")]
+extern "C" fn default_handler() -> ! {
+    naked_asm!("b HardFault")
 }
 
-/// The processor faulted for another reason.
-pub fn on_fault() -> ! {
-    end(FAULTED)
+/// The stack is full, or the processor faulted for another reason.
+pub fn on_crash(cause: ResetCause, moment: &Moment) -> ! {
+    cortex_m::interrupt::disable();
+    crate::pins::make_safe();
+    // First what is surest to succeed.
+    let note = if cause == ResetCause::StackOverflow { OVERFLOWED } else { FAULTED };
+    NOTES.write(END, note);
+    crash::retain(cause, NOTES.read(BOOT), moment);
+    end(note)
 }

@@ -132,7 +132,7 @@ impl Bench {
             store: Box::new(LayerStore::new()),
         };
         pins.set(FILAMENT_PRESENCE, true);
-        let identity = Identity { boot_id: 5, reset_cause };
+        let identity = Identity { boot_id: 5, reset_cause, image: world.image.get(), crash: None };
         Self {
             controller: Controller::new(robot.clone(), identity, parts, &handover),
             motors: Motors::new(pins.clone(), &robot, 17),

@@ -1,10 +1,12 @@
 //! What a reset of the board leaves: nothing heats or moves, and what was under way and what was wrong are told.
 
-use growbot_core::link::message::{Cut, Empty, Fault, FaultRecord, LatestFault, Message, ResetCause, State};
+use growbot_core::link::message::{
+    BootReport, Cut, Empty, Fault, FaultRecord, ImageCheck, LatestFault, Message, Refusal, ResetCause, State,
+};
 
 use std::vec::Vec;
 
-use super::bench::{Bench, PLAN, WARM, at_rest, bends, clear, hold, start};
+use super::bench::{Bench, PLAN, WARM, at_rest, bends, clear, hold, start, tune};
 use super::tip::Wire;
 use crate::safety::kept::{COPY_BYTES, Copies, KEPT_BYTES, Kept};
 
@@ -93,6 +95,30 @@ fn without_power_the_journal_is_what_is_known() {
     assert_eq!((bench.controller.state(), record(&mut bench)), (State::Idle, None));
     let status = bench.status();
     assert_eq!((status.plan_id, status.laid, status.cut), (PLAN, laid, Some(Cut { least: 0, most: 64 })));
+}
+
+#[test]
+fn with_an_image_that_is_corrupt_nothing_heats_until_there_is_another() {
+    for before in [State::Idle, State::Growing, State::Fault, State::EmergencyStop] {
+        let bench = Bench::in_state(before);
+        let image = ImageCheck::Corrupt { sealed: 1, found: 2 };
+        bench.world.image.set(image);
+        let mut bench = bench.reset(ResetCause::External);
+        let latched = (State::Fault, Some(Fault::ImageCorrupt));
+        assert_eq!((bench.controller.state(), bench.controller.fault()), latched, "{before:?}");
+        assert_eq!(bench.ask(&Message::AskBoot(Empty {})), Message::BootReport(BootReport { image, crash: None }));
+        assert_eq!(bench.refused(&clear()), Refusal::FaultRemains { fault: Fault::ImageCorrupt });
+        assert!(matches!(bench.refused(&start()), Refusal::WrongState { .. } | Refusal::OtherPlan { .. }));
+        assert_eq!(bench.refused(&tune(200.0)), Refusal::WrongState { state: State::Fault });
+        bench.run(5.0);
+        assert_eq!((bench.controller.state(), bench.controller.fault()), latched);
+        // The board is flashed again.
+        bench.world.image.set(ImageCheck::Sound { crc: 1 });
+        let mut bench = bench.reset(ResetCause::External);
+        assert_eq!((bench.controller.state(), bench.controller.fault()), latched, "it is latched");
+        bench.accepted(&clear());
+        assert_eq!(bench.controller.state(), State::Idle);
+    }
 }
 
 #[test]

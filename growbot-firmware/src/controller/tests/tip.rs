@@ -4,6 +4,7 @@ use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 use std::vec::Vec;
 
+use growbot_core::link::message::ImageCheck;
 use growbot_core::robot::Robot;
 
 use crate::hal;
@@ -48,6 +49,8 @@ pub struct World {
     pub supply_v: Cell<Option<f64>>,
     /// The journal's flash, as it leaves the works: erased and ready.
     pub flash: Flash,
+    /// What the board finds of its image at its next start.
+    pub image: Cell<ImageCheck>,
     /// What survives a reset.
     pub kept: Cell<[u8; KEPT_BYTES]>,
     /// Every write to it: which copy, and what.
@@ -73,6 +76,7 @@ impl World {
             now: Cell::new(0),
             supply_v: Cell::new(Some(12.0)),
             flash: prepared_flash(),
+            image: Cell::new(ImageCheck::NotSealed),
             kept: Cell::new([0; KEPT_BYTES]),
             kept_writes: RefCell::default(),
             robot: robot.clone(),

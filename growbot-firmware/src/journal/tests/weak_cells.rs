@@ -197,3 +197,54 @@ fn a_place_that_seemed_not_to_take_its_record_and_reads_as_if_it_had_costs_nothi
         assert_eq!(known(&mut journal), expected, "{deed:?}");
     }
 }
+
+#[test]
+fn a_record_that_reads_as_blank_and_is_back_after_others_were_written_costs_nothing() {
+    for case in cases() {
+        let record: RecordBytes = case.bytes[case.offset..case.offset + 32].try_into().unwrap();
+        let half = record.map(|byte| byte | 0xA5);
+        let weak = Weak { base: BLANK, mask: record.map(|byte| !byte), readings: std::vec![record, BLANK, half] };
+        for readings in sequences(&weak.readings, 4) {
+            case.live(&weak, &readings, true);
+        }
+    }
+}
+
+/// The last record reads like this, again and again, at one start; then at the next one as it is. What both find.
+fn flickering(case: &Case, readings: &[&[u8]]) -> [Option<Known>; 2] {
+    let flash = Small::new(SECTORS);
+    flash.set_bytes(&case.bytes);
+    flash.flicker(case.offset, readings);
+    [(); 2].map(|()| known(&mut Journal::open(flash.clone())))
+}
+
+#[test]
+fn a_record_that_reads_as_whole_at_one_of_three_looks_counts() {
+    for case in cases().iter().filter(|case| !matches!(case.deed, Deed::Erase(_))) {
+        let record = &case.bytes[case.offset..case.offset + 32];
+        let mut other = record.to_vec();
+        other[30] ^= 0x40;
+        for readings in [&[&other[..], record][..], &[&other, &other, record]] {
+            assert_eq!(flickering(case, readings), [case.after.clone(), case.after.clone()], "{:?}", case.deed);
+        }
+        assert_eq!(flickering(case, &[&other, &other, &other]), [case.before.clone(), case.before.clone()]);
+    }
+}
+
+#[test]
+fn a_record_that_its_cells_do_not_hold_goes_to_others() {
+    for case in cases().iter().filter(|case| !matches!(case.deed, Deed::Erase(_))) {
+        let flash = Small::new(SECTORS);
+        flash.set_bytes(&case.bytes);
+        let record = &case.bytes[case.offset..case.offset + 32];
+        let mut other = record.to_vec();
+        other[30] ^= 0x40;
+        // It reads as whole, and not any more once it is programmed again: nor ever after.
+        flash.flicker(case.offset, &[record, &other]);
+        assert_eq!(known(&mut Journal::open(flash.clone())), case.after, "{:?}", case.deed);
+        let mut bytes = flash.bytes();
+        bytes[case.offset + 30] ^= 0x40;
+        flash.set_bytes(&bytes);
+        assert_eq!(known(&mut Journal::open(flash)), case.after, "{:?}", case.deed);
+    }
+}

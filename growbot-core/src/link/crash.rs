@@ -1,0 +1,219 @@
+//! A crash of a board's firmware, as the processor's registers and its stack were: [`CRASH_WORDS`] words of 32 bits.
+//!
+//! | word | content |
+//! |---|---|
+//! | 0 | what it was: 1 watchdog, 2 stack overflow, 3 processor fault; from bit 16 on the number of the exception |
+//! | 1 | the boot in which it came |
+//! | 2 | CRC-32C of the image that crashed; 0 where that was not sealed |
+//! | 3 | stack pointer at which the exception was taken |
+//! | 4 | EXC_RETURN: what the link register held in its handler |
+//! | 5 | CFSR, configurable fault status register |
+//! | 6 | HFSR, hard fault status register |
+//! | 7 | MMFAR, address of a memory management fault |
+//! | 8 | BFAR, address of a bus fault |
+//! | 9 to 16 | what the processor saved: R0, R1, R2, R3, R12, LR, PC, xPSR |
+//! | 17 to 31 | the stack beyond that; from its lowest word on where the stack pointer is below it |
+//!
+//! Words of a stack that is not there are 0. The names are those of the ARMv7-M Architecture Reference Manual.
+
+use super::state::ResetCause;
+
+/// Words of a crash.
+pub const CRASH_WORDS: usize = 32;
+/// A crash, as a board retains and sends it.
+pub type CrashWords = [u32; CRASH_WORDS];
+/// Words before those of the stack.
+pub const HEAD_WORDS: usize = 9;
+/// Words that the processor saves when it takes an exception, without floating-point registers.
+pub const FRAME_WORDS: usize = 8;
+/// Words of the stack beyond those.
+pub const STACK_WORDS: usize = CRASH_WORDS - HEAD_WORDS - FRAME_WORDS;
+
+/// CFSR: MMFAR holds the address.
+const MMARVALID: u32 = 1 << 7;
+/// CFSR: BFAR holds the address.
+const BFARVALID: u32 = 1 << 15;
+/// CFSR: the registers could not be saved (MSTKERR, STKERR).
+const NOT_STACKED: u32 = 1 << 4 | 1 << 12;
+/// EXC_RETURN: clear where the floating-point registers have their place on the stack.
+const BASIC_FRAME: u32 = 1 << 4;
+/// Bytes that an exception takes of the stack, without the floating-point registers and with them.
+const FRAME_BYTES: [u32; 2] = [32, 104];
+/// xPSR on the stack: a word was left out to align it.
+const ALIGNED: u32 = 1 << 9;
+
+/// Bits of the CFSR, with their names and what they mean.
+const CFSR_BITS: [(u32, &str, &str); 17] = [
+    (0, "IACCVIOL", "an instruction was fetched from where none may be"),
+    (1, "DACCVIOL", "an access that is not allowed"),
+    (3, "MUNSTKERR", "registers could not be restored from the stack"),
+    (4, "MSTKERR", "registers could not be saved on the stack"),
+    (5, "MLSPERR", "floating-point registers could not be saved"),
+    (8, "IBUSERR", "an instruction was fetched from where nothing answers"),
+    (9, "PRECISERR", "an access where nothing answers"),
+    (10, "IMPRECISERR", "an access where nothing answers, some instructions before"),
+    (11, "UNSTKERR", "registers could not be restored from the stack"),
+    (12, "STKERR", "registers could not be saved on the stack"),
+    (13, "LSPERR", "floating-point registers could not be saved"),
+    (16, "UNDEFINSTR", "an undefined instruction"),
+    (17, "INVSTATE", "a jump to what is no Thumb code"),
+    (18, "INVPC", "an invalid return from an exception"),
+    (19, "NOCP", "the floating-point unit is off"),
+    (24, "UNALIGNED", "an unaligned access"),
+    (25, "DIVBYZERO", "a division by zero"),
+];
+
+/// How many bytes lie between the stack pointer at which an exception was taken and the stack beyond what the processor saved.
+#[must_use]
+pub const fn frame_bytes(exc_return: u32) -> u32 {
+    let [basic, extended] = FRAME_BYTES;
+    if exc_return & BASIC_FRAME != 0 { basic } else { extended }
+}
+
+/// The number by which a crash names what it was.
+#[must_use]
+pub const fn number_of(cause: ResetCause) -> u32 {
+    match cause {
+        ResetCause::Watchdog => 1,
+        ResetCause::StackOverflow => 2,
+        _ => 3,
+    }
+}
+
+/// A crash, understood.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct CrashRecord {
+    /// What it was: the cause of the reset that followed.
+    pub cause: ResetCause,
+    /// The boot in which it came ([`super::message::BoardHello::boot_id`]).
+    pub boot_id: u32,
+    /// CRC-32C of the image that crashed; none where that was not sealed.
+    pub image: Option<u32>,
+    /// Number of the exception that was taken: 2 non-maskable, 3 hard fault, from 16 on interrupts.
+    pub exception: u32,
+    /// What the processor saved; none where it could not, as after an overflow of the stack.
+    pub frame: Option<CrashFrame>,
+    /// Configurable fault status register.
+    pub cfsr: u32,
+    /// Hard fault status register.
+    pub hfsr: u32,
+    /// The address that was accessed in vain, where the processor knows it.
+    pub address: Option<u32>,
+    /// Stack pointer before the exception; where there is no frame, that at which it was taken.
+    pub sp: u32,
+    /// The stack from there on, or from its lowest word on where the stack pointer is below that; as far as it is known.
+    pub stack: [u32; STACK_WORDS],
+}
+
+/// What the processor saved of its registers when it took an exception.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct CrashFrame {
+    /// R0 to R3, and R12.
+    pub registers: [u32; 5],
+    /// Link register: where the function under way returns to.
+    pub lr: u32,
+    /// Program counter.
+    pub pc: u32,
+    /// Program status register.
+    pub xpsr: u32,
+}
+
+impl From<&CrashWords> for CrashRecord {
+    fn from(words: &CrashWords) -> Self {
+        let [what, boot_id, image, sp, exc_return, cfsr, hfsr, mmfar, bfar, rest @ ..] = *words;
+        let [r0, r1, r2, r3, r12, lr, pc, xpsr, mut stack @ ..] = rest;
+        let is_there = cfsr & NOT_STACKED == 0 && rest.iter().take(FRAME_WORDS).any(|word| *word != 0);
+        let frame = is_there.then_some(CrashFrame { registers: [r0, r1, r2, r3, r12], lr, pc, xpsr });
+        let mut before = sp;
+        if frame.is_some() {
+            before = sp.wrapping_add(frame_bytes(exc_return));
+            if xpsr & ALIGNED != 0 {
+                before = before.wrapping_add(4);
+                stack.rotate_left(1);
+                stack[STACK_WORDS - 1] = 0;
+            }
+        }
+        let address = match cfsr {
+            cfsr if cfsr & MMARVALID != 0 => Some(mmfar),
+            cfsr if cfsr & BFARVALID != 0 => Some(bfar),
+            _ => None,
+        };
+        let cause = match what & 0xFFFF {
+            1 => ResetCause::Watchdog,
+            2 => ResetCause::StackOverflow,
+            _ => ResetCause::ProcessorFault,
+        };
+        let image = (image != 0).then_some(image);
+        Self { cause, boot_id, image, exception: what >> 16, frame, cfsr, hfsr, address, sp: before, stack }
+    }
+}
+
+impl CrashRecord {
+    /// What the CFSR says: names of its bits, and what they mean.
+    pub fn reasons(&self) -> impl Iterator<Item = (&'static str, &'static str)> {
+        let cfsr = self.cfsr;
+        CFSR_BITS.into_iter().filter(move |(bit, ..)| cfsr >> bit & 1 != 0).map(|(_, name, meaning)| (name, meaning))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn words() -> CrashWords {
+        let mut words = core::array::from_fn(|index| 0x100 * index as u32);
+        words[..9].copy_from_slice(&[3 << 16 | 3, 7, 0xfeed_beef, 0x1000_0800, 0xFFFF_FFF9, 1 << 16, 1 << 30, 1, 2]);
+        words
+    }
+
+    #[test]
+    fn registers_and_the_stack_are_found_in_the_words() {
+        let record = CrashRecord::from(&words());
+        let registers = [0x900, 0xa00, 0xb00, 0xc00, 0xd00];
+        assert_eq!(record.frame, Some(CrashFrame { registers, lr: 0xe00, pc: 0xf00, xpsr: 0x1000 }));
+        assert_eq!((record.cause, record.exception, record.boot_id), (ResetCause::ProcessorFault, 3, 7));
+        assert_eq!((record.image, record.address), (Some(0xfeed_beef), None));
+        assert_eq!((record.sp, record.stack[0], record.stack[14]), (0x1000_0820, 0x1100, 0x1f00));
+        assert!(record.reasons().eq([("UNDEFINSTR", "an undefined instruction")]));
+        for (number, cause) in [(1, ResetCause::Watchdog), (2, ResetCause::StackOverflow)] {
+            let mut words = words();
+            words[0] = number_of(cause);
+            words[2] = 0;
+            let record = CrashRecord::from(&words);
+            assert_eq!((words[0], record.cause, record.image, record.exception), (number, cause, None, 0));
+        }
+    }
+
+    #[test]
+    fn more_may_lie_between_the_registers_and_the_stack() {
+        let mut words = words();
+        words[4] = 0xFFFF_FFE9;
+        assert_eq!(CrashRecord::from(&words).sp, 0x1000_0868);
+        // A word that was left out.
+        words[16] |= ALIGNED;
+        let record = CrashRecord::from(&words);
+        assert_eq!((record.sp, record.stack[0], record.stack[13], record.stack[14]), (0x1000_086C, 0x1200, 0x1f00, 0));
+    }
+
+    #[test]
+    fn an_address_is_told_only_where_the_processor_knows_it() {
+        for (bit, address) in [(7, 1), (15, 2)] {
+            let mut words = words();
+            words[5] = 1 << bit;
+            assert_eq!(CrashRecord::from(&words).address, Some(address));
+        }
+    }
+
+    #[test]
+    fn registers_that_were_not_saved_are_not_told() {
+        for bit in [4, 12] {
+            let mut words = words();
+            words[5] = 1 << bit;
+            let record = CrashRecord::from(&words);
+            assert_eq!((record.frame, record.sp), (None, 0x1000_0800));
+        }
+        let mut words = words();
+        words[9..].fill(0);
+        assert_eq!(CrashRecord::from(&words).frame, None);
+    }
+}

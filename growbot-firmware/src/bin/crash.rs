@@ -1,0 +1,68 @@
+//! The latest crash: words in RAM that nothing clears, which the handler of the processor's faults fills in and the next start reads.
+
+use core::cell::UnsafeCell;
+use core::mem::MaybeUninit;
+
+use growbot_core::link::crash::{CrashWords, number_of};
+use growbot_core::link::message::ResetCause;
+use growbot_firmware::safety::crash::{RETAINED_WORDS, from_words, words};
+
+use crate::{seal, stack};
+
+/// Survives a reset: nothing loads or clears this section.
+#[unsafe(link_section = ".uninit.crash")]
+static WORDS: Words = Words(UnsafeCell::new(MaybeUninit::uninit()));
+
+struct Words(UnsafeCell<MaybeUninit<[u32; RETAINED_WORDS]>>);
+
+// SAFETY: only reached word by word, at the start of the board and by the handler that ends it.
+unsafe impl Sync for Words {}
+
+/// Registers of the system control block: interrupt control and state, fault status, fault addresses (ARMv7-M, B3.2).
+const ICSR: *const u32 = 0xE000_ED04 as *const u32;
+const CFSR: *const u32 = 0xE000_ED28 as *const u32;
+const HFSR: *const u32 = 0xE000_ED2C as *const u32;
+const MMFAR: *const u32 = 0xE000_ED34 as *const u32;
+const BFAR: *const u32 = 0xE000_ED38 as *const u32;
+
+/// The moment at which an exception was taken, as its handler finds it.
+pub struct Moment {
+    /// The stack pointer.
+    pub stack_pointer: usize,
+    /// What the link register held.
+    pub exc_return: u32,
+}
+
+fn word(index: usize) -> *mut u32 {
+    WORDS.0.get().cast::<u32>().wrapping_add(index % RETAINED_WORDS)
+}
+
+/// The word of the stack at an address; 0 where there is no stack.
+fn stack_word(address: u32) -> u32 {
+    let at = address as usize;
+    let within = at >= stack::bottom() && at < stack::top() && at.is_multiple_of(4);
+    // SAFETY: an aligned word of the stack, which is memory from its bottom to its top; it is only read, whatever it holds.
+    if within { unsafe { (at as *const u32).read_volatile() } } else { 0 }
+}
+
+/// Retains how things are in the handler of an exception that nothing returns from.
+#[inline(never)]
+pub fn retain(cause: ResetCause, boot_id: u32, moment: &Moment) {
+    // SAFETY: registers that every Cortex-M4 has, and that may be read at any time.
+    let [icsr, cfsr, hfsr, mmfar, bfar] =
+        [ICSR, CFSR, HFSR, MMFAR, BFAR].map(|register| unsafe { register.read_volatile() });
+    let what = number_of(cause) | (icsr & 0x1FF) << 16;
+    let sp = moment.stack_pointer as u32;
+    let head = [what, boot_id, seal::stated(), sp, moment.exc_return, cfsr, hfsr, mmfar, bfar];
+    for (index, value) in words(&head, stack::bottom() as u32, stack_word).into_iter().enumerate() {
+        // SAFETY: one of the words. Nothing else runs: this is the handler of an exception that ends the program.
+        unsafe { word(index).write_volatile(value) }
+    }
+    cortex_m::asm::dsb();
+}
+
+/// The latest crash that the memory knows of.
+pub fn latest() -> Option<CrashWords> {
+    // SAFETY: aligned words; RAM may be read before it was written, whatever it holds.
+    from_words(&core::array::from_fn(|index| unsafe { word(index).read_volatile() }))
+}

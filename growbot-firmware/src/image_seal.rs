@@ -1,0 +1,125 @@
+//! The seal of a firmware image: a CRC of all that the image puts into flash, checked at each start before anything may heat.
+//!
+//! An image comes from the linker without one: it holds a place of [`SEAL_WORDS`] words under the name [`SYMBOL`], which says so. After
+//! linking, `growbot flash` and the emulator's port fill it in:
+//!
+//! | word | content |
+//! |---|---|
+//! | 0 | [`NOT_SEALED`] or [`SEALED`] |
+//! | 1 | CRC-32C of word 0, of the words from 2 on, and of the bytes in the parts, in this order |
+//! | 2, 4, ... | address of a part of the image; the place of the seal itself is in none |
+//! | 3, 5, ... | bytes of that part; 0 where there is none |
+//!
+//! Anything else than one of the two marks is a seal that is damaged.
+
+use crc::{CRC_32_ISCSI, Crc, NoTable};
+use growbot_core::link::message::ImageCheck;
+
+/// The symbol of the seal in an image.
+pub const SYMBOL: &str = "GROWBOT_IMAGE_SEAL";
+/// The most parts of an image.
+pub const PARTS: usize = 3;
+/// Words of the seal.
+pub const SEAL_WORDS: usize = 2 + 2 * PARTS;
+/// The seal, as words of little-endian bytes.
+pub type Seal = [u32; SEAL_WORDS];
+/// First word of an image that was never sealed.
+pub const NOT_SEALED: u32 = 0x6E6F_7365;
+/// First word of an image that is sealed.
+pub const SEALED: u32 = 0x9153_A1E1;
+/// What the linker puts into an image.
+pub const EMPTY: Seal = {
+    let mut seal = [0; SEAL_WORDS];
+    seal[0] = NOT_SEALED;
+    seal
+};
+
+/// Without a table: it would take as much flash as it saves time.
+static CRC: Crc<u32, NoTable> = Crc::<u32, NoTable>::new(&CRC_32_ISCSI);
+
+/// Parts of an image: address and bytes of each.
+pub fn parts(seal: &Seal) -> impl Iterator<Item = [u32; 2]> {
+    let (pairs, _) = seal.as_chunks::<2>();
+    pairs.iter().skip(1).copied()
+}
+
+/// CRC-32C of a sealed image. `byte` gives the byte of the image at an address; none where the image cannot have one.
+pub fn crc_of(seal: &Seal, byte: impl Fn(u32) -> Option<u8>) -> Option<u32> {
+    let mut digest = CRC.digest();
+    let [mark, _, parts_of_it @ ..] = seal;
+    for word in [mark].into_iter().chain(parts_of_it) {
+        digest.update(&word.to_le_bytes());
+    }
+    for [address, bytes] in parts(seal) {
+        for offset in 0..bytes {
+            digest.update(&[byte(address.wrapping_add(offset))?]);
+        }
+    }
+    Some(digest.finalize())
+}
+
+/// Checks an image against its seal. `byte` gives the byte of the flash at an address; none where there is no flash.
+pub fn check(seal: &Seal, byte: impl Fn(u32) -> Option<u8>) -> ImageCheck {
+    let [mark, sealed, ..] = *seal;
+    if *seal == EMPTY {
+        return ImageCheck::NotSealed;
+    }
+    match crc_of(seal, byte) {
+        Some(found) if mark == SEALED && found == sealed => ImageCheck::Sound { crc: sealed },
+        found => ImageCheck::Corrupt { sealed, found: found.unwrap_or(sealed) },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::vec::Vec;
+
+    const FLASH: u32 = 0x0800_0000;
+
+    /// An image of two parts, sealed.
+    fn sealed() -> (Seal, Vec<u8>) {
+        let bytes: Vec<u8> = (0..1024_u32).map(|index| (index * 7 + index / 256) as u8).collect();
+        let mut seal = EMPTY;
+        seal[0] = SEALED;
+        seal[2..6].copy_from_slice(&[FLASH, 399, FLASH + 463, 100]);
+        seal[1] = crc_of(&seal, |address| bytes.get((address - FLASH) as usize).copied()).unwrap();
+        (seal, bytes)
+    }
+
+    fn checked(seal: &Seal, bytes: &[u8]) -> ImageCheck {
+        check(seal, |address| bytes.get(address.checked_sub(FLASH)? as usize).copied())
+    }
+
+    #[test]
+    fn a_sealed_image_is_sound_and_one_that_was_never_sealed_says_so() {
+        let (seal, bytes) = sealed();
+        assert_eq!(checked(&seal, &bytes), ImageCheck::Sound { crc: seal[1] });
+        assert_eq!(checked(&EMPTY, &bytes), ImageCheck::NotSealed);
+    }
+
+    #[test]
+    fn every_bit_of_the_image_counts() {
+        let (seal, bytes) = sealed();
+        for bit in 0..8 * bytes.len() {
+            let mut flipped = bytes.clone();
+            flipped[bit / 8] ^= 1 << (bit % 8);
+            let at = FLASH + bit as u32 / 8;
+            let covered = parts(&seal).any(|[from, bytes]| at.checked_sub(from).is_some_and(|offset| offset < bytes));
+            assert_eq!(matches!(checked(&seal, &flipped), ImageCheck::Corrupt { .. }), covered, "bit {bit}");
+        }
+    }
+
+    #[test]
+    fn every_bit_of_the_seal_counts() {
+        let bytes = sealed().1;
+        for seal in [sealed().0, EMPTY] {
+            for bit in 0..32 * SEAL_WORDS {
+                let mut flipped = seal;
+                flipped[bit / 32] ^= 1 << (bit % 32);
+                let found = checked(&flipped, &bytes);
+                assert!(matches!(found, ImageCheck::Corrupt { .. }), "bit {bit}: {found:?}");
+            }
+        }
+    }
+}

@@ -1,0 +1,107 @@
+//! What a crash leaves for the next start: words in RAM that nothing clears, between a mark and a checksum.
+//!
+//! The handler of the processor's faults fills them in after it has switched everything off, with little stack and without trust in
+//! anything: the stack pointer may point anywhere, so every word of the stack is read through a function that knows where the stack is.
+//! It copies only; what the words mean is the host's to find out ([`growbot_core::link::crash`]).
+
+use growbot_core::link::crash::{CRASH_WORDS, CrashWords, FRAME_WORDS, HEAD_WORDS, frame_bytes};
+
+/// Words that are retained: a mark, the crash, a checksum.
+pub const RETAINED_WORDS: usize = CRASH_WORDS + 2;
+/// What the first of them holds.
+const MARK: u32 = 0x6372_6173;
+
+/// The words to be retained. `stack` gives the stack's word at an address, 0 where there is no stack; `bottom` is its lowest address.
+pub fn words(head: &[u32; HEAD_WORDS], bottom: u32, stack: impl Fn(u32) -> u32) -> [u32; RETAINED_WORDS] {
+    let [_, _, _, sp, exc_return, ..] = *head;
+    let mut words = [MARK; RETAINED_WORDS];
+    let mut sum = MARK;
+    let mut address = sp;
+    let mut head = head.iter();
+    for (index, into) in words.iter_mut().skip(1).enumerate() {
+        *into = if let Some(word) = head.next() {
+            *word
+        } else if index < CRASH_WORDS {
+            if index == HEAD_WORDS + FRAME_WORDS {
+                // After an overflow that is below the stack: its lowest words tell what has filled it.
+                address = sp.wrapping_add(frame_bytes(exc_return)).max(bottom);
+            }
+            let word = stack(address);
+            address = address.wrapping_add(4);
+            word
+        } else {
+            sum
+        };
+        sum = added(sum, *into);
+    }
+    words
+}
+
+/// The crash in the words that were retained; none where they are not what [`words`] made.
+#[must_use]
+pub fn from_words(words: &[u32; RETAINED_WORDS]) -> Option<CrashWords> {
+    let [mark, crash @ .., sum] = *words;
+    (mark == MARK && crash.iter().fold(MARK, |sum, word| added(sum, *word)) == sum).then_some(crash)
+}
+
+/// A checksum that every word changes, wherever it stands.
+const fn added(sum: u32, word: u32) -> u32 {
+    (sum.rotate_left(5) ^ word).wrapping_mul(0x9E37_79B1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The stack lies here, and each of its words says where it is.
+    const STACK: core::ops::Range<u32> = 0x1000_0000..0x1000_1000;
+
+    fn word(address: u32) -> u32 {
+        if STACK.contains(&address) && address.is_multiple_of(4) { address ^ 0xA000_0000 } else { 0 }
+    }
+
+    fn head(sp: u32, exc_return: u32) -> [u32; HEAD_WORDS] {
+        [3, 0x1234_5678, 0xfeed_beef, sp, exc_return, 1 << 16, 1 << 30, 1, 2]
+    }
+
+    fn crash(sp: u32, exc_return: u32) -> CrashWords {
+        from_words(&words(&head(sp, exc_return), STACK.start, word)).unwrap()
+    }
+
+    #[test]
+    fn registers_and_the_stack_beyond_them_are_retained() {
+        for (exc_return, beyond) in [(0xFFFF_FFF9, 0x1000_0820), (0xFFFF_FFE9, 0x1000_0868)] {
+            let crash = crash(0x1000_0800, exc_return);
+            assert_eq!(crash[..HEAD_WORDS], head(0x1000_0800, exc_return));
+            let saved = |index: usize| word(0x1000_0800 + 4 * index as u32);
+            assert!((0..8).all(|index| crash[HEAD_WORDS + index] == saved(index)));
+            assert!((0..15).all(|index| crash[HEAD_WORDS + 8 + index] == word(beyond + 4 * index as u32)));
+        }
+    }
+
+    #[test]
+    fn a_stack_pointer_may_point_anywhere() {
+        for sp in [0, 3, 0x0FFF_FFF0, 0x0FFF_FFFC, 0x1000_0001, 0x1000_0FF0, 0x1000_1000, u32::MAX - 3, u32::MAX] {
+            let crash = crash(sp, 0xFFFF_FFF9);
+            assert_eq!(crash[HEAD_WORDS], word(sp), "{sp:x}");
+        }
+        // Below the stack: no registers, and the lowest words of the stack.
+        let crash_below = crash(0x0FFF_FE00, 0xFFFF_FFF9);
+        assert!(crash_below[HEAD_WORDS..HEAD_WORDS + FRAME_WORDS].iter().all(|word| *word == 0));
+        assert_eq!(crash_below[HEAD_WORDS + FRAME_WORDS], word(STACK.start));
+        assert!(crash(0x2000_0000, 0xFFFF_FFF9)[HEAD_WORDS..].iter().all(|word| *word == 0));
+    }
+
+    #[test]
+    fn any_other_words_are_no_crash() {
+        let words = words(&head(0x1000_0800, 0xFFFF_FFF9), STACK.start, word);
+        for bit in 0..32 * RETAINED_WORDS {
+            let mut flipped = words;
+            flipped[bit / 32] ^= 1 << (bit % 32);
+            assert_eq!(from_words(&flipped), None, "bit {bit}");
+        }
+        for word in [0, u32::MAX, MARK] {
+            assert_eq!(from_words(&[word; RETAINED_WORDS]), None);
+        }
+    }
+}

@@ -1,0 +1,216 @@
+//! Where in an image the firmware crashed: functions and lines, from the image's debug information.
+
+use std::fs;
+use std::path::Path;
+
+use addr2line::Context;
+use gimli::{Dwarf, EndianArcSlice, RunTimeEndian};
+use growbot_core::link::crash::{CrashRecord, CrashWords};
+use object::{Object, ObjectSection, SectionKind};
+use serde_json::{Value, json};
+
+use crate::image_seal;
+
+type Slice = EndianArcSlice<RunTimeEndian>;
+
+/// A function that an address lies in, or that was inlined there.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Place {
+    /// Its name.
+    pub function: String,
+    /// File and line.
+    pub line: Option<(String, u32)>,
+}
+
+/// An image in which addresses can be looked up.
+pub struct Image {
+    context: Context<Slice>,
+    /// Where its code lies.
+    code: Vec<std::ops::Range<u64>>,
+    /// The CRC that it has, or would have, with its seal.
+    crc: Option<u32>,
+}
+
+impl Image {
+    /// Opens an ELF image.
+    ///
+    /// # Errors
+    /// In words, why it is none, or has no debug information.
+    pub fn open(path: &Path) -> Result<Self, String> {
+        let wrong = |reason: String| {
+            format!(
+                "cannot look addresses up in {}: {reason}; give the ELF image that the board was flashed with",
+                path.display()
+            )
+        };
+        let bytes = fs::read(path).map_err(|error| wrong(error.to_string()))?;
+        let file = object::File::parse(&*bytes).map_err(|error| wrong(error.to_string()))?;
+        let endian = if file.is_little_endian() { RunTimeEndian::Little } else { RunTimeEndian::Big };
+        let dwarf = Dwarf::load(|section| {
+            let data = file.section_by_name(section.name()).and_then(|section| section.uncompressed_data().ok());
+            Ok::<_, gimli::Error>(EndianArcSlice::new(data.unwrap_or_default().into(), endian))
+        });
+        let context = dwarf.and_then(Context::from_dwarf).map_err(|error| wrong(error.to_string()))?;
+        let is_code = |section: &object::Section| section.kind() == SectionKind::Text;
+        let code = file.sections().filter(is_code).map(|it| it.address()..it.address() + it.size()).collect();
+        let crc = image_seal::seal(&bytes).ok().map(|sealed| sealed.crc);
+        Ok(Self { context, code, crc })
+    }
+
+    /// CRC-32C of the image with its seal; none where it cannot be sealed.
+    #[must_use]
+    pub fn crc(&self) -> Option<u32> {
+        self.crc
+    }
+
+    /// The functions that an address lies in, the innermost first; none where there is no code that is known.
+    #[must_use]
+    pub fn places(&self, address: u32) -> Vec<Place> {
+        let address = u64::from(address & !1);
+        if !self.code.iter().any(|code| code.contains(&address)) {
+            return Vec::new();
+        }
+        let mut places = Vec::new();
+        let Ok(mut frames) = self.context.find_frames(address).skip_all_loads() else { return places };
+        while let Ok(Some(frame)) = frames.next() {
+            let name = frame.function.as_ref().and_then(|function| function.demangle().ok());
+            let function = name.map_or_else(|| "?".to_string(), std::borrow::Cow::into_owned);
+            let line = frame.location.and_then(|at| Some((shortened(at.file?), at.line?)));
+            places.push(Place { function, line });
+        }
+        places
+    }
+
+    /// Where a call returns to: the functions that the call lies in.
+    #[must_use]
+    pub fn callers(&self, return_address: u32) -> Vec<Place> {
+        // Code is at odd addresses, as jumps see it; what is even is no return address.
+        if return_address & 1 == 0 { Vec::new() } else { self.places((return_address & !1).wrapping_sub(2)) }
+    }
+}
+
+/// A source file as it is called in growbot's tree, or in the crate that it is from.
+fn shortened(file: &str) -> String {
+    if let Some((_, registry)) = file.rsplit_once("/registry/src/") {
+        return registry.split_once('/').map_or(registry, |(_, crate_and_file)| crate_and_file).to_string();
+    }
+    let from = ["/growbot-firmware/", "/growbot-core/", "/library/"].iter().filter_map(|it| file.rfind(it)).max();
+    from.map_or(file, |at| &file[at + 1..]).to_string()
+}
+
+/// A crash, and what an image says to it.
+pub struct Crash<'a> {
+    /// What the board has told.
+    pub record: CrashRecord,
+    /// The image that crashed.
+    pub image: Option<&'a Image>,
+}
+
+impl<'a> Crash<'a> {
+    /// A crash as a board tells it. The image is used only if it can be the one that crashed.
+    #[must_use]
+    pub fn new(words: &CrashWords, image: Option<&'a Image>) -> Self {
+        let record = CrashRecord::from(words);
+        let is_that = |image: &&Image| record.image.is_none() || image.crc() == record.image;
+        Self { record, image: image.filter(is_that) }
+    }
+
+    /// Where it was.
+    fn at(&self) -> Vec<Place> {
+        let (Some(image), Some(frame)) = (self.image, self.record.frame) else { return Vec::new() };
+        image.places(frame.pc)
+    }
+
+    /// What may have called whom, the innermost first: return addresses in the link register and on the stack. On the stack there may be
+    /// some that are left from earlier calls.
+    fn calls(&self) -> Vec<(u32, Vec<Place>)> {
+        let Some(image) = self.image else { return Vec::new() };
+        let addresses = self.record.frame.map(|frame| frame.lr).into_iter().chain(self.record.stack);
+        let mut calls: Vec<(u32, Vec<Place>)> = Vec::new();
+        for address in addresses {
+            let places = image.callers(address);
+            if !places.is_empty() && calls.last().is_none_or(|(latest, _)| *latest != address) {
+                calls.push((address, places));
+            }
+        }
+        calls
+    }
+
+    /// In some lines.
+    #[must_use]
+    pub fn text(&self) -> String {
+        let CrashRecord { cause, boot_id, exception, frame, cfsr, hfsr, address, sp, .. } = self.record;
+        let mut text = format!("last crash   {}, in boot {boot_id:08x}, exception {exception}", cause.name());
+        for (name, meaning) in self.record.reasons() {
+            text += &format!(": {meaning} ({name})");
+        }
+        if let Some(address) = address {
+            text += &format!(", at address {address:08x}");
+        }
+        text += "\n";
+        match frame {
+            Some(frame) => {
+                text += &format!("             pc {:08x}{}\n", frame.pc, text_of(&self.at()));
+                text += &format!("             lr {:08x}, sp {sp:08x}, xpsr {:08x}, ", frame.lr, frame.xpsr);
+            }
+            None => text += &format!("             registers not saved, sp {sp:08x}, "),
+        }
+        text += &format!("cfsr {cfsr:08x}, hfsr {hfsr:08x}\n");
+        for (address, places) in self.calls() {
+            text += &format!("             called from {address:08x}{}\n", text_of(&places));
+        }
+        if self.image.is_none() {
+            text += &match self.record.image {
+                Some(crc) => {
+                    format!("             for functions and lines give its image, CRC {crc:08x}: --elf FILE\n")
+                }
+                None => "             for functions and lines give its image: --elf FILE\n".to_string(),
+            };
+        }
+        text
+    }
+
+    /// As JSON.
+    #[must_use]
+    pub fn json(&self) -> Value {
+        let CrashRecord { cause, boot_id, image, exception, frame, cfsr, hfsr, address, sp, stack } = self.record;
+        let hex = |word: u32| format!("{word:08x}");
+        json!({
+            "cause": cause.name(),
+            "boot_id": boot_id,
+            "image_crc": image.map(hex),
+            "exception": exception,
+            "reasons": self.record.reasons().map(|(name, _)| name).collect::<Vec<_>>(),
+            "address": address.map(hex),
+            "pc": frame.map(|frame| hex(frame.pc)),
+            "lr": frame.map(|frame| hex(frame.lr)),
+            "xpsr": frame.map(|frame| hex(frame.xpsr)),
+            "registers": frame.map(|frame| frame.registers.map(hex)),
+            "sp": hex(sp),
+            "cfsr": hex(cfsr),
+            "hfsr": hex(hfsr),
+            "stack": stack.map(hex),
+            "at": json_of(&self.at()),
+            "called_from": self.calls().iter()
+                .map(|(address, places)| json!({ "address": hex(*address), "at": json_of(places) }))
+                .collect::<Vec<_>>(),
+        })
+    }
+}
+
+/// Functions and lines after an address, the innermost first.
+fn text_of(places: &[Place]) -> String {
+    let place = |place: &Place| match &place.line {
+        Some((file, line)) => format!(" {} ({file}:{line})", place.function),
+        None => format!(" {}", place.function),
+    };
+    places.iter().map(place).collect::<Vec<_>>().join(" in")
+}
+
+fn json_of(places: &[Place]) -> Vec<Value> {
+    let place = |place: &Place| {
+        let (file, line) = place.line.clone().unzip();
+        json!({ "function": place.function, "file": file, "line": line })
+    };
+    places.iter().map(place).collect()
+}
