@@ -32,6 +32,12 @@ pub trait Watchdog {
     fn feed(&mut self);
 }
 
+/// All outputs of the tip at once, whoever owns them: what an interrupt needs that must not wait for the main loop.
+pub trait Outputs {
+    /// Heater, fan and both drivers off, now, from any context. It cannot fail and never waits.
+    fn make_safe(&mut self);
+}
+
 /// Memory that survives a reset, though not a loss of power.
 pub trait KeptMemory {
     /// What it holds.

@@ -77,6 +77,7 @@ fn run(line: &Line, controller: &mut Controller<An386>) -> ! {
     let mut high_water = HighWater::default();
     loop {
         high_water.look();
+        watchdog::hang();
         while let Some(byte) = line.received.dequeue() {
             controller.receive(byte, &HANDOVER);
         }
@@ -117,6 +118,7 @@ fn set_up() -> (Line, &'static mut Controller<An386>) {
             filament_motion: tip.filament_motion,
             emergency_stop: tip.emergency_stop,
         },
+        tip::TipOutputs,
         EngineSettings::of(&robot),
     );
     step_timer::start(engine, robot.description().motion.tick_hz, CLOCK_HZ);

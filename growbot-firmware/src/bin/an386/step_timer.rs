@@ -8,7 +8,7 @@ use growbot_firmware::stepping::Engine;
 use crate::HANDOVER;
 use crate::interrupt_owned::InterruptOwned;
 use crate::registers::Register;
-use crate::tip::{self, Encoder, Flag, IndexSensor, Step, Switch, Wire};
+use crate::tip::{self, Encoder, Flag, IndexSensor, Step, Switch, TipOutputs, Wire};
 
 const BASE: usize = 0x4000_0000;
 // SAFETY: the registers of TIMER0, which only this file uses.
@@ -24,7 +24,7 @@ const CONTROL_ENABLE: u32 = 1 << 0;
 const CONTROL_INTERRUPT: u32 = 1 << 3;
 
 /// What runs in the step interrupt.
-pub type StepEngine = Engine<Step, Wire, Switch, Step, Wire, Switch, Polarized<IndexSensor>, Encoder, Flag>;
+pub type StepEngine = Engine<Step, Wire, Switch, Step, Wire, Switch, Polarized<IndexSensor>, Encoder, Flag, TipOutputs>;
 
 static ENGINE: InterruptOwned<StepEngine> = InterruptOwned::empty();
 

@@ -70,6 +70,7 @@ mod app {
         pins::Index,
         pins::FilamentMotion,
         pins::EmergencyStop,
+        pins::TipOutputs,
     >;
 
     /// The parts of this board.
@@ -127,6 +128,7 @@ mod app {
             Axis { step: pins.head_step, direction: pins.head_direction, enable: pins.head_enable },
             Axis { step: pins.feed_step, direction: pins.feed_direction, enable: pins.feed_enable },
             Inputs { index: pins.index, filament_motion: pins.filament_motion, emergency_stop: pins.emergency_stop },
+            pins::TipOutputs,
             EngineSettings::of(&robot),
         );
         let (thermistor, supply) =

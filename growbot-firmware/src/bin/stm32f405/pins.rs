@@ -33,6 +33,7 @@
 use core::sync::atomic::{AtomicBool, Ordering};
 
 use growbot_core::robot::RobotDescription;
+use growbot_firmware::hal::Outputs;
 use growbot_firmware::polarity::Polarized;
 use stm32f4xx_hal::gpio::{Alternate, Analog, GpioExt, Input, Output, PinState, Pull};
 use stm32f4xx_hal::gpio::{
@@ -149,6 +150,15 @@ impl Pins {
             link_tx: a.pa2.into_alternate(),
             link_rx: a.pa3.into_alternate(),
         }
+    }
+}
+
+/// Heater, fan and both drivers, for the step interrupt.
+pub struct TipOutputs;
+
+impl Outputs for TipOutputs {
+    fn make_safe(&mut self) {
+        make_safe();
     }
 }
 

@@ -17,7 +17,7 @@ use growbot_core::robot::Robot;
 
 use super::tip::{
     DRIVER_FAULT, EMERGENCY_STOP, FEED, FILAMENT_MOTION, FILAMENT_PRESENCE, FakeKept, FakeOrientation, FakeSupply,
-    FakeThermistor, FakeWatchdog, HEAD, HEATER_ENABLE, HeaterWires, INDEX, Motors, Wire, World,
+    FakeThermistor, FakeWatchdog, HEAD, HEATER_ENABLE, HeaterWires, INDEX, Motors, TipOutputs, Wire, World,
 };
 use crate::controller::{Controller, Identity};
 use crate::hal::{Board, Parts};
@@ -53,6 +53,8 @@ pub struct Bench {
     pub session: u32,
     /// Whether the step interrupt runs.
     pub interrupt_runs: bool,
+    /// Whether the main loop runs: it hangs somewhere otherwise, and the controller is not polled.
+    pub main_loop_runs: bool,
     engine: TestEngine,
     handover: Handover,
     tick: u64,
@@ -67,7 +69,7 @@ pub struct Bench {
     called_out: u32,
 }
 
-type TestEngine = Engine<FakePin, FakePin, FakePin, FakePin, FakePin, FakePin, FakePin, FakePin, FakePin>;
+type TestEngine = Engine<FakePin, FakePin, FakePin, FakePin, FakePin, FakePin, FakePin, FakePin, FakePin, TipOutputs>;
 
 pub struct TestBoard;
 
@@ -115,7 +117,8 @@ impl Bench {
             filament_motion: pins.pin(FILAMENT_MOTION),
             emergency_stop: pins.pin(EMERGENCY_STOP),
         };
-        let engine = Engine::new(axis(HEAD), axis(FEED), inputs, EngineSettings::of(&robot));
+        let outputs = TipOutputs { power: power.clone(), fan: fan.clone(), pins: pins.clone() };
+        let engine = Engine::new(axis(HEAD), axis(FEED), inputs, outputs, EngineSettings::of(&robot));
         let handover = Handover::new();
         let parts = Parts {
             heater_power: power.clone(),
@@ -146,6 +149,7 @@ impl Bench {
             reads: true,
             session: SESSION,
             interrupt_runs: true,
+            main_loop_runs: true,
             engine,
             handover,
             tick: 0,
@@ -194,13 +198,14 @@ impl Bench {
     /// One tick in which something happens, or all up to the next poll in which nothing does.
     fn advance(&mut self, until: u64) {
         let quiet = u32::try_from(self.next_poll.min(until).saturating_sub(self.tick).max(1)).unwrap_or(u32::MAX);
+        let quiet = if self.main_loop_runs { quiet } else { 1 };
         let event = if self.interrupt_runs { self.engine.ticks_to_event(&self.handover) } else { u32::MAX };
         let ticks = event.min(quiet);
         if self.interrupt_runs {
             self.engine.skip(ticks - 1);
         }
         self.tick_once(u64::from(ticks));
-        if self.tick >= self.next_poll || self.handover.report_waits() {
+        if self.main_loop_runs && (self.tick >= self.next_poll || self.handover.report_waits()) {
             self.poll();
         }
     }
@@ -254,7 +259,7 @@ impl Bench {
         }
         assert_eq!(state == State::Fault, self.controller.fault().is_some(), "{state:?}");
         assert!(self.fan.share() == 0.0 || may_heat(state), "the fan turns in {state:?}");
-        if self.heater.share() > 0.0 {
+        if self.main_loop_runs && self.heater.share() > 0.0 {
             let age = self.now_us() - self.world.sampled_at.get();
             assert!(age <= 500_000 + POLL_US, "power on a reading {age} us old");
         }

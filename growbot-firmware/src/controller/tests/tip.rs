@@ -229,6 +229,25 @@ impl Motors {
     }
 }
 
+/// Heater, fan and both drivers, for the step interrupt.
+pub struct TipOutputs {
+    pub power: FakePower,
+    pub fan: FakePower,
+    pub pins: FakePins,
+}
+
+impl hal::Outputs for TipOutputs {
+    fn make_safe(&mut self) {
+        self.power.set(0);
+        self.fan.set(0);
+        for pin in [HEATER_ENABLE, HEAD + 2, FEED + 2] {
+            if self.pins.works(pin) {
+                self.pins.set(pin, false);
+            }
+        }
+    }
+}
+
 /// The heater's two switches.
 pub struct HeaterWires {
     pub power: FakePower,
