@@ -42,6 +42,8 @@ pub struct Identity {
     pub boot_id: u32,
     /// Why it started.
     pub reset_cause: ResetCause,
+    /// The crystal did not start: the board runs on an oscillator that is too inexact to heat by.
+    pub without_crystal: bool,
 }
 
 /// The controller of one robot.

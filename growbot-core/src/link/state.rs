@@ -130,11 +130,15 @@ pub enum Fault {
     StackOverflow,
     /// The board started anew in the midst of its work, for want of power or by a reset from outside.
     PowerLost,
+    /// The crystal does not swing: the board's clock cannot be relied on.
+    ClockFailed,
+    /// A debug probe has switched the processor's debugging on: it may halt with the heater on.
+    DebugProbe,
 }
 
 impl Fault {
     /// Every fault.
-    pub const ALL: [Self; 29] = [
+    pub const ALL: [Self; 31] = [
         Self::ThermistorOpen,
         Self::ThermistorShort,
         Self::ThermistorSilent,
@@ -164,6 +168,8 @@ impl Fault {
         Self::ProcessorFault,
         Self::StackOverflow,
         Self::PowerLost,
+        Self::ClockFailed,
+        Self::DebugProbe,
     ];
 
     /// The fault as a code.
@@ -199,6 +205,8 @@ impl Fault {
             Self::ProcessorFault => "processor-fault",
             Self::StackOverflow => "stack-overflow",
             Self::PowerLost => "power-lost",
+            Self::ClockFailed => "clock-failed",
+            Self::DebugProbe => "debug-probe",
         }
     }
 
@@ -269,6 +277,12 @@ impl Fault {
             Self::PowerLost => {
                 "the board was reset or lost its power while it was working: the nozzle may have stood still on the body; check the layer"
             }
+            Self::ClockFailed => {
+                "the board's crystal has stopped or did not start, and its other oscillator is too inexact to heat by: check the crystal, then reset the board"
+            }
+            Self::DebugProbe => {
+                "a debug probe is attached, or was: in debug mode the processor may halt with the heater on. Detach the probe and take the board's power away for a moment; a test bench says so in its file (test_bench = true)"
+            }
         }
     }
 }
@@ -288,6 +302,8 @@ pub enum ResetCause {
     External,
     /// The firmware used more stack than there is.
     StackOverflow,
+    /// The crystal stopped.
+    ClockFailed,
 }
 
 impl ResetCause {
@@ -301,6 +317,7 @@ impl ResetCause {
             Self::ProcessorFault => "processor fault",
             Self::External => "reset from outside",
             Self::StackOverflow => "stack overflow",
+            Self::ClockFailed => "clock failure",
         }
     }
 }

@@ -13,7 +13,7 @@ use growbot_core::link::message::{Fault, ResetCause, State};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_firmware::controller::{Controller, Identity};
-use growbot_firmware::hal::{Board, KeptMemory, Outputs, Parts, Watchdog};
+use growbot_firmware::hal::{Board, KeptMemory, NoDebugPort, Outputs, Parts, Watchdog};
 use growbot_firmware::journal::Journal;
 use growbot_firmware::layer_store::LayerStore;
 use growbot_firmware::safety::kept::KEPT_BYTES;
@@ -86,7 +86,7 @@ impl Sim {
                 &fed,
                 &kept,
                 &flash,
-                Identity { boot_id: 1, reset_cause: ResetCause::PowerOn },
+                Identity { boot_id: 1, reset_cause: ResetCause::PowerOn, without_crystal: false },
                 &handover,
             ),
             robot,
@@ -196,7 +196,7 @@ impl Sim {
         self.handover = Handover::new();
         // An engine lets go of both motors when it starts.
         self.engine = engine(&self.robot, &self.tip);
-        let identity = Identity { boot_id: self.boots, reset_cause: cause };
+        let identity = Identity { boot_id: self.boots, reset_cause: cause, without_crystal: false };
         self.controller =
             controller(&self.robot, &self.tip, &self.fed, &self.kept, &self.flash, identity, &self.handover);
         self.poll();
@@ -277,6 +277,7 @@ fn controller(
         driver_fault: Input::driver_fault(tip),
         orientation: Orientation(Rc::clone(tip)),
         watchdog: SimWatchdog(Rc::clone(fed)),
+        debug_port: NoDebugPort,
         kept: kept.clone(),
         journal: Journal::open(flash.clone()),
         store: Box::new(LayerStore::new()),
@@ -328,6 +329,7 @@ impl Board for SimBoard {
     type DriverFault = Input;
     type Orientation = Orientation;
     type Watchdog = SimWatchdog;
+    type DebugPort = NoDebugPort;
     type Kept = Kept;
     type Flash = Flash;
     type Store = Box<LayerStore>;

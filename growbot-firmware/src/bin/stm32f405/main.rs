@@ -2,6 +2,7 @@
 //!
 //! | priority | task | does |
 //! |---|---|---|
+//! | not maskable | NMI | the crystal has stopped: everything off |
 //! | 5 | PVD | the processor's supply sags: everything off |
 //! | 4 | TIM2 | steps the motors |
 //! | 3 | USART2 | moves the bytes of the link |
@@ -14,6 +15,7 @@
 mod brown_out;
 mod clock;
 mod converter;
+mod debug_port;
 mod fan;
 mod flash;
 mod heater;
@@ -45,7 +47,9 @@ mod app {
     use stm32f4xx_hal::pac;
     use stm32f4xx_hal::prelude::*;
 
+    use crate::clock::Oscillator;
     use crate::converter::{self, Supply, Thermistor};
+    use crate::debug_port::{BoardDebugPort, Halts};
     use crate::fan::Fan;
     use crate::flash::BoardFlash;
     use crate::heater::Heater;
@@ -86,6 +90,7 @@ mod app {
         type DriverFault = pins::DriverFault;
         type Orientation = BoardOrientation;
         type Watchdog = BoardWatchdog;
+        type DebugPort = BoardDebugPort;
         type Kept = BoardMemory;
         type Flash = BoardFlash;
         type Store = &'static mut LayerStore;
@@ -107,7 +112,7 @@ mod app {
     fn init(cx: init::Context) -> (Shared, Local) {
         let device = cx.device;
         let mut core = cx.core;
-        let identity = Identity { reset_cause: reset::take_cause(&device.RCC), boot_id: reset::next_boot_id() };
+        let watchdog = watchdog::start(device.IWDG, Halts::set_up(device.DBGMCU, &mut core.DCB));
         let robot = machine::built_for();
         let Some(kept) = BoardMemory::take() else {
             // Nobody has had it before.
@@ -115,11 +120,14 @@ mod app {
         };
 
         brown_out::check_reset_level(&device.FLASH);
-        clock::speed_up(&device.RCC, &device.FLASH);
+        let identity = Identity {
+            reset_cause: reset::take_cause(&device.RCC),
+            boot_id: reset::next_boot_id(),
+            without_crystal: clock::speed_up(&device.RCC, &device.FLASH) == Oscillator::Internal,
+        };
         let mut rcc = device.RCC.constrain();
         brown_out::start_detector(&device.PWR, &mut rcc);
         let pins = Pins::new(robot.description(), device.GPIOA, device.GPIOB, device.GPIOC, &mut rcc);
-        let watchdog = watchdog::start(device.IWDG, &device.DBGMCU);
         clock::start(&mut core.SYST);
 
         let line = Line::start(device.USART2, (pins.link_tx, pins.link_rx), &mut rcc);
@@ -134,7 +142,7 @@ mod app {
         let (thermistor, supply) =
             converter::new(device.ADC1, device.ADC_COMMON, pins.thermistor, pins.supply, &mut rcc);
         let parts = Parts {
-            heater_power: Heater::new(device.TIM3, pins.heater, &mut rcc),
+            heater_power: Heater::new(device.TIM1, pins.heater, &mut rcc),
             heater_enable: pins.heater_enable,
             fan: Fan::new(device.TIM12, pins.fan, &mut rcc),
             thermistor,
@@ -143,6 +151,7 @@ mod app {
             driver_fault: pins.driver_fault,
             orientation: tip_bus::orientation(pins.orientation_clock, pins.orientation_data, clock::PROCESSOR_HZ),
             watchdog,
+            debug_port: BoardDebugPort,
             kept,
             journal: Journal::open(BoardFlash::new(device.FLASH)),
             store: cx.local.store,

@@ -10,14 +10,14 @@ use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::{Encoder, LayerBytes, decode};
 use growbot_core::link::frame::{self, Header, LONGEST_BODY, Receiver, next};
 use growbot_core::link::message::{
-    Accepted, Amend, Begin, Empty, HostHello, HostName, Laid, Layers, MOST_LAYERS, Message, Refusal, Refused,
+    Accepted, Amend, Begin, Empty, Fault, HostHello, HostName, Laid, Layers, MOST_LAYERS, Message, Refusal, Refused,
     ResetCause, Resume, SCHEMA_HASH, Silence, Start, State, Status, Tune,
 };
 use growbot_core::robot::Robot;
 
 use super::tip::{
-    DRIVER_FAULT, EMERGENCY_STOP, FEED, FILAMENT_MOTION, FILAMENT_PRESENCE, FakeKept, FakeOrientation, FakeSupply,
-    FakeThermistor, FakeWatchdog, HEAD, HEATER_ENABLE, HeaterWires, INDEX, Motors, TipOutputs, Wire, World,
+    DRIVER_FAULT, EMERGENCY_STOP, FEED, FILAMENT_MOTION, FILAMENT_PRESENCE, FakeDebugPort, FakeKept, FakeOrientation,
+    FakeSupply, FakeThermistor, FakeWatchdog, HEAD, HEATER_ENABLE, HeaterWires, INDEX, Motors, TipOutputs, Wire, World,
 };
 use crate::controller::{Controller, Identity};
 use crate::hal::{Board, Parts};
@@ -83,6 +83,7 @@ impl Board for TestBoard {
     type DriverFault = FakePin;
     type Orientation = FakeOrientation;
     type Watchdog = FakeWatchdog;
+    type DebugPort = FakeDebugPort;
     type Kept = FakeKept;
     type Flash = Flash;
     type Store = Box<LayerStore>;
@@ -108,7 +109,8 @@ impl Bench {
         bench
     }
 
-    fn boot(robot: Robot, world: Rc<World>, reset_cause: ResetCause) -> Self {
+    /// A board in this world, just started.
+    pub fn boot(robot: Robot, world: Rc<World>, reset_cause: ResetCause) -> Self {
         let (pins, power, fed) = (FakePins::default(), FakePower::default(), FakeWatchdog::default());
         let fan = FakePower::default();
         let axis = |at: usize| Axis { step: pins.pin(at), direction: pins.pin(at + 1), enable: pins.pin(at + 2) };
@@ -130,12 +132,13 @@ impl Bench {
             driver_fault: pins.pin(DRIVER_FAULT),
             orientation: FakeOrientation,
             watchdog: fed.clone(),
+            debug_port: FakeDebugPort(Rc::clone(&world)),
             kept: FakeKept(Rc::clone(&world)),
             journal: Journal::open(world.flash.clone()),
             store: Box::new(LayerStore::new()),
         };
         pins.set(FILAMENT_PRESENCE, true);
-        let identity = Identity { boot_id: 5, reset_cause };
+        let identity = Identity { boot_id: 5, reset_cause, without_crystal: world.without_crystal.get() };
         Self {
             controller: Controller::new(robot.clone(), identity, parts, &handover),
             motors: Motors::new(pins.clone(), &robot, 17),
@@ -460,6 +463,11 @@ impl Bench {
     /// How often the board has said that it obeyed one, since the last question.
     pub fn called_out(&mut self) -> u32 {
         core::mem::take(&mut self.called_out)
+    }
+
+    /// Something is found to be wrong, whatever it is.
+    pub fn fail(&mut self, fault: Fault) {
+        self.controller.fail(fault, &self.handover);
     }
 
     pub fn press_emergency_stop(&self, pressed: bool) {

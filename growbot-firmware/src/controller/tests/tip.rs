@@ -49,6 +49,10 @@ pub struct World {
     pub flash: Flash,
     /// What survives a reset.
     pub kept: Cell<[u8; KEPT_BYTES]>,
+    /// A debug probe has switched debugging on.
+    pub debugging: Cell<bool>,
+    /// The crystal does not start.
+    pub without_crystal: Cell<bool>,
     robot: Robot,
 }
 
@@ -71,6 +75,8 @@ impl World {
             supply_v: Cell::new(Some(12.0)),
             flash: prepared_flash(),
             kept: Cell::new([0; KEPT_BYTES]),
+            debugging: Cell::new(false),
+            without_crystal: Cell::new(false),
             robot: robot.clone(),
         })
     }
@@ -130,6 +136,15 @@ impl hal::KeptMemory for FakeKept {
 
     fn write(&mut self, bytes: &[u8; KEPT_BYTES]) {
         self.0.kept.set(*bytes);
+    }
+}
+
+/// The processor's debugging.
+pub struct FakeDebugPort(pub Rc<World>);
+
+impl hal::DebugPort for FakeDebugPort {
+    fn is_on(&self) -> bool {
+        self.0.debugging.get()
     }
 }
 
