@@ -72,6 +72,7 @@ fn describe(here: &Path) -> String {
     let description =
         toml::from_str(&text).unwrap_or_else(|error| stop(&format!("{} is no robot file: {error}", file.display())));
     let robot = Robot::new(description).unwrap_or_else(|error| stop(&format!("{}: {error}", file.display())));
+    robot.check_for_board().unwrap_or_else(|error| stop(&format!("{}: {error}", file.display())));
     as_source(&robot)
 }
 

@@ -1,5 +1,5 @@
-//! The emergency stop by the link, on the firmware's own image in QEMU: obeyed behind noise and in the midst of a frame.
-//! What it takes the processor, with the board's queue full, `cargo step-cost` tells.
+//! The emergency stop, on the firmware's own image in QEMU. By the link: obeyed behind noise and in the midst of a frame. By the button:
+//! obeyed while the main loop hangs. What it takes the processor, with the board's queue full, `cargo step-cost` tells.
 
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -17,6 +17,7 @@ use growbot_host::client::Client;
 use growbot_host::port::Port;
 use growbot_host::port::emulator::Emulator;
 use growbot_host::robot_file;
+use growbot_host::tip::{Motor, TipFault};
 use growbot_tests::firmware;
 use growbot_tests::tip_words::{Words, all_off_at_the_tip};
 
@@ -61,8 +62,11 @@ fn start(client: &mut Client) {
     });
 }
 
-#[test]
-fn behind_noise_and_half_a_frame_the_stop_switches_everything_off() {
+/// What an emergency stop switches off.
+const OUTPUTS: [usize; 3] = [table::HEATER_ENABLE, table::HEAD_ENABLE, table::FEED_ENABLE];
+
+/// A board that has a job of 8 layers, and its nozzle warm.
+fn with_a_job() -> (Rc<RefCell<Emulator>>, Words, Client) {
     let robot = robot();
     let emulator = Rc::new(RefCell::new(Emulator::start(&robot, Some(&firmware("an386"))).unwrap()));
     let words = Words::of(&mut emulator.borrow_mut());
@@ -74,7 +78,40 @@ fn behind_noise_and_half_a_frame_the_stop_switches_everything_off() {
     let mut encoder = Encoder::default();
     let layers = (0..8).map(|_| encoder.encode(&Layer { alpha: 1.0, height: 0.7, tilt: 0.006 })).collect();
     client.request("to hold layers", &Message::Layers(Layers { plan_id: PLAN, first: 0, layers })).unwrap();
-    let outputs = [table::HEATER_ENABLE, table::HEAD_ENABLE, table::FEED_ENABLE];
+    (emulator, words, client)
+}
+
+#[test]
+fn the_button_switches_everything_off_while_the_main_loop_hangs() {
+    let (emulator, words, mut client) = with_a_job();
+    start(&mut client);
+    wait("heater and motors", || OUTPUTS.iter().all(|output| words.read(*output) == 1));
+    let boots = words.read(table::BOOTS);
+    words.write(table::HANG, 1);
+    // It hangs once no other feed comes, though ticks go on; its watchdog is fed all the same, so that nothing else ends this.
+    let (mut feeds, mut since) = (words.read(table::WATCHDOG_FEEDS), words.read(table::TICKS_LO));
+    wait("the main loop to hang", || {
+        let now = words.read(table::TICKS_LO);
+        if words.read(table::WATCHDOG_FEEDS) != feeds {
+            (feeds, since) = (words.read(table::WATCHDOG_FEEDS), now);
+        }
+        // A second without a feed, by the board's clock; it has fed ten times a second.
+        now.wrapping_sub(since) > words.read(table::TICK_HZ)
+    });
+    assert_eq!(words.read(table::HEATER_ENABLE), 1, "nothing has switched the heater off yet");
+    emulator.borrow_mut().inject(TipFault::EmergencyStop);
+    let off = [table::HEATER_DUTY, table::FAN_DUTY].iter().chain(&OUTPUTS);
+    wait("heater, fan and motors off", || off.clone().all(|output| words.read(*output) == 0));
+    assert_eq!((words.read(table::BOOTS), words.read(table::WATCHDOG_FEEDS)), (boots, feeds));
+    words.write(table::HANG, 0);
+    let status = client.status().unwrap();
+    assert_eq!((status.state, status.fault), (State::EmergencyStop, None));
+}
+
+#[test]
+fn behind_noise_and_half_a_frame_the_stop_switches_everything_off() {
+    let (emulator, words, mut client) = with_a_job();
+    let outputs = OUTPUTS;
 
     for by_hand in [true, false] {
         start(&mut client);

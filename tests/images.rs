@@ -57,6 +57,42 @@ fn a_crash_is_retained_within_what_is_left_of_the_stack() {
     }
 }
 
+/// A barrier, `dsb sy`, as its bytes.
+const BARRIER: [u8; 4] = [0xBF, 0xF3, 0x4F, 0x8F];
+
+/// While a sector is erased nothing can be read from flash, code included: so it is done by code in RAM, which calls nothing. The write
+/// that starts it must have arrived before the status is read, or that says that all is over.
+#[test]
+fn a_sector_is_erased_from_ram_and_behind_a_barrier() {
+    let image = std::fs::read(firmware("stm32f405")).unwrap();
+    let file = object::File::parse(&*image).unwrap();
+    let data = file.section_by_name(".data").unwrap();
+    let in_ram = |symbol: &object::Symbol| {
+        symbol.kind() == object::SymbolKind::Text
+            && (data.address()..data.address() + data.size()).contains(&(symbol.address() & !1))
+    };
+    let code: Vec<_> = file.symbols().filter(in_ram).collect();
+    let [erase] = &code[..] else { panic!("{} functions are in RAM", code.len()) };
+    assert!(erase.name().unwrap().contains("erase"), "{:?}", erase.name());
+    let from = ((erase.address() & !1) - data.address()) as usize;
+    let bytes = &data.data().unwrap()[from..from + erase.size() as usize];
+    let halves: Vec<u16> = bytes.chunks_exact(2).map(|half| u16::from_le_bytes([half[0], half[1]])).collect();
+    let barrier = bytes.windows(4).position(|four| four == BARRIER).expect("there is a barrier") / 2;
+    // Loads and stores of words are 0x60-0x6F in their first byte (Thumb, immediate offset), or 0xF8C/0xF8D.
+    let stores = |half: &u16| half >> 11 == 0b01100 || half >> 4 == 0xF8C;
+    let loads = |half: &u16| half >> 11 == 0b01101 || half >> 4 == 0xF8D;
+    assert_eq!(
+        halves[..barrier].iter().filter(|half| stores(half)).count(),
+        1,
+        "the write that starts it: {halves:04x?}"
+    );
+    assert!(!halves[..barrier].iter().any(loads), "the status is read before the barrier: {halves:04x?}");
+    assert!(halves[barrier..].iter().any(loads), "the status is read: {halves:04x?}");
+    // A call is 0xF000-0xF7FF and 0xD000 or 0xC000 in its second half, or BLX, 0x4780 to 0x47F8.
+    let calls = |pair: &[u16]| pair[0] >> 11 == 0b11110 && pair[1] & 0xD000 == 0xD000 || pair[0] & 0xFF87 == 0x4780;
+    assert!(!halves.windows(2).any(calls), "it calls something: {halves:04x?}");
+}
+
 /// The deepest that the robot's stack can get, over all paths that its code has: the main program is interrupted at its deepest by one
 /// interrupt after the other, each at its deepest.
 #[test]

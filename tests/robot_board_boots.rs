@@ -25,8 +25,7 @@ fn the_robots_board_says_hello_and_answers_requests() {
     let sealed = seal(&std::fs::read(firmware("stm32f405")).unwrap()).unwrap();
     std::fs::write(&image, &sealed.bytes).unwrap();
     let board = netduinoplus2::boot(&image).unwrap();
-    let link = board.link.try_clone().unwrap();
-    let mut client = Client::new(Box::new(Stream::over("netduinoplus2".to_owned(), link).unwrap()), "netduinoplus2");
+    let mut client = client_of(&board);
 
     let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
     let hello = client.hello_robot(&robot).unwrap();
@@ -73,4 +72,26 @@ fn the_robots_board_says_hello_and_answers_requests() {
     assert!(matches!(refused, ClientError::Refused { refusal: Refusal::OtherPlan { board: 0 }, .. }), "{refused}");
     let refused = client.request("to clear the fault", &Message::ClearFault(Empty {})).unwrap_err();
     assert!(matches!(refused, ClientError::Refused { refusal: Refusal::FaultRemains { .. }, .. }), "{refused}");
+}
+
+#[test]
+fn without_its_crystal_the_board_answers_and_refuses_to_work() {
+    let setup = netduinoplus2::Setup { without_crystal: true, trace: None };
+    let board = netduinoplus2::boot_with(&firmware("stm32f405"), &setup).unwrap();
+    let mut client = client_of(&board);
+    let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
+    client.hello_robot(&robot).unwrap();
+    let status = client.status().unwrap();
+    assert_eq!((status.state, status.fault), (State::Fault, Some(Fault::ClockFailed)));
+    let refused = client.request("to clear the fault", &Message::ClearFault(Empty {})).unwrap_err();
+    let fault = Fault::ClockFailed;
+    assert!(
+        matches!(refused, ClientError::Refused { refusal: Refusal::FaultRemains { fault: said }, .. } if said == fault),
+        "{refused}"
+    );
+}
+
+fn client_of(board: &netduinoplus2::Board) -> Client {
+    let link = board.link.try_clone().unwrap();
+    Client::new(Box::new(Stream::over("netduinoplus2".to_owned(), link).unwrap()), "netduinoplus2")
 }

@@ -152,9 +152,18 @@ fn the_step_interrupt_fits_its_share_of_the_processor() {
         assert!(row.worst <= IDLE, "{}: an idle tick takes {} instructions", row.turns, row.worst);
     }
     for turns in ["feed", "speed", "feed with ramps", "speed with ramps"] {
-        for tick in
-            ["idle", "homing", "feed move", "turn taken", "no step", "head step", "feed step", "both steps", "halt"]
-        {
+        for tick in [
+            "idle",
+            "homing",
+            "feed move",
+            "turn taken",
+            "no step",
+            "head step",
+            "feed step",
+            "both steps",
+            "halt",
+            "emergency stop",
+        ] {
             let seen = rows.iter().any(|row| row.turns == turns && row.tick == tick);
             assert!(seen, "nothing was measured of {tick}, {turns}");
         }

@@ -1,41 +1,170 @@
-//! WIRING.md and the firmware say the same about the robot's pins.
+//! WIRING.md says what the firmware does with the robot's pins: the types of its signals, and what the image writes to the ports.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
 
-const WIRING: &str = include_str!("../WIRING.md");
+use growbot_host::client::Client;
+use growbot_host::port::stream::Stream;
+use growbot_host::robot_file;
+use growbot_tests::firmware;
+use growbot_tests::netduinoplus2::{self, RegisterWrite, Setup};
+use growbot_tests::wiring::{Row, WIRING, rows};
+
 const PINS: &str = include_str!("../growbot-firmware/src/bin/stm32f405/pins.rs");
 
-/// Rows of the first table after a line that begins like this, without the marks of a comment.
-fn table(text: &str, after: &str) -> Vec<String> {
-    text.lines()
-        .skip_while(|line| !line.starts_with(after))
-        .map(|line| line.strip_prefix("//! ").unwrap_or(line))
-        .skip_while(|line| !line.starts_with('|'))
-        .take_while(|line| line.starts_with('|'))
-        .map(str::to_owned)
-        .collect()
+/// Signals whose pins are as the processor's reset leaves them.
+const LEFT_ALONE: [&str; 2] = ["oscillator", "debug probe"];
+
+/// What the alternate functions are (data sheet DS8626, table "alternate function mapping"), and the analog inputs' channels.
+const FUNCTIONS: [(&str, u32, &str); 8] = [
+    ("PA2", 7, "USART2 TX"),
+    ("PA3", 7, "USART2 RX"),
+    ("PA6", 2, "TIM3 channel 1, PWM"),
+    ("PA7", 1, "TIM1 channel 1N, PWM"),
+    ("PA8", 1, "TIM1 channel 1, PWM"),
+    ("PB15", 9, "TIM12 channel 2, PWM"),
+    ("PC6", 3, "TIM8 channel 1, PWM"),
+    ("PC7", 3, "TIM8 channel 2, PWM"),
+];
+const ANALOG: [(&str, &str); 4] = [
+    ("PC0", "ADC1 channel 10, analog"),
+    ("PC1", "ADC1 channel 11, analog"),
+    ("PC2", "ADC1 channel 12, analog"),
+    ("PC3", "ADC1 channel 13, analog"),
+];
+
+/// What an image makes of a pin.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+struct Pin {
+    /// MODER: input, output, alternate function, analog.
+    mode: u32,
+    open_drain: bool,
+    /// PUPDR: none, up, down.
+    pull: u32,
+    function: u32,
+    /// The level that it was given before it became an output.
+    level: Option<bool>,
 }
 
-/// The pins of each row, as "PA2".
-fn pins(rows: &[String]) -> Vec<String> {
-    let cells = rows.iter().skip(2).filter_map(|row| row.split('|').nth(2));
-    cells.flat_map(|cell| cell.split(',')).map(|pin| pin.trim().to_owned()).collect()
+impl Pin {
+    fn kind(&self, name: &str) -> String {
+        let kind = match self.mode {
+            0 => "input".to_owned(),
+            1 => if self.open_drain { "open-drain output" } else { "push-pull output" }.to_owned(),
+            2 => {
+                let known = FUNCTIONS.iter().find(|(pin, function, _)| (*pin, *function) == (name, self.function));
+                known.map_or_else(|| format!("alternate function {}", self.function), |known| known.2.to_owned())
+            }
+            _ => {
+                let known = ANALOG.iter().find(|(pin, _)| *pin == name);
+                known.map_or("analog", |known| known.1).to_owned()
+            }
+        };
+        kind + ["", " with pull-up", " with pull-down", " with both pulls"][self.pull as usize % 4]
+    }
+}
+
+/// What writes to the ports make of the pins. The emulator has no ports: a register reads 0 there, so that what the firmware changes in
+/// one is all that it writes.
+fn pins_of(writes: &[RegisterWrite]) -> BTreeMap<String, Pin> {
+    let mut pins: BTreeMap<String, Pin> = BTreeMap::new();
+    let mut levels: BTreeMap<String, bool> = BTreeMap::new();
+    for RegisterWrite { address, value } in writes {
+        let Some(at) = address.checked_sub(0x4002_0000).filter(|at| *at < 0x2400) else { continue };
+        let port = char::from(b'A' + (at / 0x400) as u8);
+        for number in 0..16 {
+            let name = format!("P{port}{number}");
+            let pair = value >> (2 * number) & 3;
+            match at % 0x400 {
+                0x00 if pair != 0 => {
+                    let pin = pins.entry(name.clone()).or_default();
+                    pin.mode = pair;
+                    pin.level = levels.get(&name).copied();
+                }
+                0x04 if value >> number & 1 == 1 => pins.entry(name).or_default().open_drain = true,
+                0x0C if pair != 0 => pins.entry(name).or_default().pull = pair,
+                0x18 if value >> number & 1 == 1 => _ = levels.insert(name, true),
+                0x18 if value >> (number + 16) & 1 == 1 => _ = levels.insert(name, false),
+                0x20 if number < 8 && value >> (4 * number) & 15 != 0 => {
+                    pins.entry(name).or_default().function = value >> (4 * number) & 15;
+                }
+                0x24 if number >= 8 && value >> (4 * (number - 8)) & 15 != 0 => {
+                    pins.entry(name).or_default().function = value >> (4 * (number - 8)) & 15;
+                }
+                _ => {}
+            }
+        }
+    }
+    pins
+}
+
+/// What the image writes to registers until it answers.
+fn writes_of(image: &Path) -> Vec<RegisterWrite> {
+    let directory = tempfile::tempdir().unwrap();
+    let trace = directory.path().join("trace");
+    let setup = Setup { trace: Some(trace.clone()), ..Setup::default() };
+    let board = netduinoplus2::boot_with(image, &setup).unwrap();
+    let link = Stream::over("netduinoplus2".to_owned(), board.link.try_clone().unwrap()).unwrap();
+    let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
+    Client::new(Box::new(link), "netduinoplus2").hello_robot(&robot).unwrap();
+    netduinoplus2::writes(&std::fs::read_to_string(trace).unwrap())
+}
+
+fn driven(rows: &[Row]) -> impl Iterator<Item = &Row> {
+    rows.iter().filter(|row| !LEFT_ALONE.contains(&row.signal.as_str()))
 }
 
 #[test]
-fn the_table_of_pins_is_the_firmwares() {
-    let firmware = table(PINS, "//! What is wired where");
-    assert!(firmware.len() > 20, "{firmware:#?}");
-    assert_eq!(table(WIRING, "<!-- pins"), firmware);
+fn the_image_configures_the_pins_that_the_table_says() {
+    let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
+    let enable_low = robot.description().motion.enable_low;
+    let rows = rows();
+    let mut pins = pins_of(&writes_of(&firmware("stm32f405")));
+    for row in driven(&rows) {
+        let [name] = &row.pins[..] else { panic!("{row:?} has not one pin") };
+        let pin = pins.remove(name).unwrap_or_else(|| panic!("{}: the image does not configure {name}", row.signal));
+        assert_eq!(pin.kind(name), row.kind, "{}, {name}: {pin:?}", row.signal);
+        let level = match (row.safe.as_str(), pin.mode) {
+            ("low", 1) => Some(false),
+            ("off", 1) => Some(enable_low),
+            ("released", 1) => Some(true),
+            // A timer's output; any level of an output; an input.
+            ("low", 2) | ("any", 1) => pin.level,
+            ("", _) => None,
+            (other, mode) => panic!("{}: a safe level of {other:?} means nothing in mode {mode}", row.signal),
+        };
+        assert_eq!(pin.level, level, "{}, {name}: its level before it becomes an output", row.signal);
+    }
+    assert!(pins.is_empty(), "the image configures pins that are in no row: {pins:?}");
+}
+
+/// The types of the firmware's signals are compared by the compiler with the pins behind them.
+#[test]
+fn each_signal_of_the_firmware_is_at_the_tables_pin() {
+    let lines: Vec<&str> = PINS.lines().collect();
+    let signal_of = |line: &str| line.strip_prefix("/// Signal `")?.split('`').next().map(str::to_owned);
+    let pin_of = |line: &str| {
+        let mut types = line.strip_prefix("pub type ")?.split(['<', '=', ' ', '>', ';']);
+        let is_pin = |word: &&str| word.starts_with('P') && word.ends_with(|c: char| c.is_ascii_digit());
+        types.find(is_pin).map(str::to_owned)
+    };
+    let of_firmware: BTreeSet<(String, String)> =
+        lines.windows(2).filter_map(|pair| Some((signal_of(pair[0])?, pin_of(pair[1])?))).collect();
+    let rows = rows();
+    let of_table: BTreeSet<(String, String)> =
+        driven(&rows).map(|row| (row.signal.clone(), row.pins.join(", "))).collect();
+    assert_eq!(of_firmware, of_table);
+    assert_eq!(lines.iter().filter(|line| line.starts_with("pub type ")).count(), of_firmware.len());
 }
 
 #[test]
 fn no_pin_has_two_roles_and_none_is_jtags() {
-    let pins = pins(&table(PINS, "//! What is wired where"));
-    let once: BTreeSet<&String> = pins.iter().collect();
+    let rows = rows();
+    let pins: Vec<&String> = rows.iter().flat_map(|row| &row.pins).collect();
+    let once: BTreeSet<&&String> = pins.iter().collect();
     assert_eq!(once.len(), pins.len(), "{pins:?}");
     for jtag in ["PA15", "PB3", "PB4"] {
-        assert!(!pins.iter().any(|pin| pin == jtag), "{jtag} is JTAG's");
+        assert!(!pins.iter().any(|pin| *pin == jtag), "{jtag} is JTAG's");
     }
     assert!(pins.iter().all(|pin| pin.starts_with('P')), "{pins:?}");
 }

@@ -49,6 +49,8 @@ pub struct Identity {
     pub image: ImageCheck,
     /// The latest crash of its firmware, as far as that is still known.
     pub crash: Option<CrashWords>,
+    /// The crystal did not start: the board runs on an oscillator that is too inexact to heat by.
+    pub without_crystal: bool,
 }
 
 impl Identity {

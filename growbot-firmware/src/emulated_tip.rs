@@ -52,6 +52,7 @@
 //! | `0x160` | [`ENCODER_PHASE`] | host | how far it is turned there, in 1/256 steps |
 //! | `0x164` | [`ENCODER_SLIP`] | host | `i32`; how much more than a step's worth of filament each step moves, in 1/65536 |
 //! | `0x168` | [`CRASH`] | host | `CRASH_*`: how the board is to crash, to show what comes of it |
+//! | `0x16C` | [`HANG`] | host | 1: the board's main loop is to hang, while its watchdog is fed, to show what comes of it |
 //! | `0x1000` | [`MACHINE`] | host | the machine description, bytes |
 //! | `0x2_0000` | [`JOURNAL`] | board | its flash, [`JOURNAL_CAPACITY`] bytes: survives a reset of the board |
 //! | `0x10_0000` | [`STEP_RING`] | board | [`STEP_RING_RECORDS`] step records, see [`StepRecord`] |
@@ -190,6 +191,8 @@ pub const ENCODER_PHASE: usize = 0x160;
 pub const ENCODER_SLIP: usize = 0x164;
 /// Offset, host to board: how the board is to crash, one of `CRASH_*`; 0 for not.
 pub const CRASH: usize = 0x168;
+/// Offset, host to board: 1 to have the board's main loop hang while its watchdog is fed.
+pub const HANG: usize = 0x16C;
 /// Offset, host to board: the machine description.
 pub const MACHINE: usize = 0x1000;
 /// The longest machine description, in bytes.

@@ -32,6 +32,28 @@ pub trait Watchdog {
     fn feed(&mut self);
 }
 
+/// The processor's debugging.
+pub trait DebugPort {
+    /// Whether a debug probe has switched it on. The processor may then halt at any time; it stays on when the probe is unplugged, until
+    /// the power goes.
+    fn is_on(&self) -> bool;
+}
+
+/// A board that cannot be halted.
+pub struct NoDebugPort;
+
+impl DebugPort for NoDebugPort {
+    fn is_on(&self) -> bool {
+        false
+    }
+}
+
+/// All outputs of the tip at once, whoever owns them: what an interrupt needs that must not wait for the main loop.
+pub trait Outputs {
+    /// Heater, fan and both drivers off, now, from any context. It cannot fail and never waits.
+    fn make_safe(&mut self);
+}
+
 /// Memory that survives a reset, though not a loss of power.
 pub trait KeptMemory {
     /// What it holds: [`COPIES`](crate::safety::kept::COPIES) copies, one after the other.
@@ -62,6 +84,8 @@ pub trait Board {
     type Orientation: Orientation;
     /// The watchdog.
     type Watchdog: Watchdog;
+    /// The processor's debugging.
+    type DebugPort: DebugPort;
     /// What survives a reset.
     type Kept: KeptMemory;
     /// What survives a loss of power: two sectors or more, whose programmed words can be programmed again: to the same, and to zero.
@@ -90,6 +114,8 @@ pub struct Parts<B: Board> {
     pub orientation: B::Orientation,
     /// The watchdog.
     pub watchdog: B::Watchdog,
+    /// The processor's debugging.
+    pub debug_port: B::DebugPort,
     /// What survives a reset.
     pub kept: B::Kept,
     /// What survives a loss of power, opened.

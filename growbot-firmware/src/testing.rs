@@ -14,6 +14,8 @@ use embedded_hal::digital::{ErrorKind, ErrorType, InputPin, OutputPin};
 use embedded_hal::pwm::SetDutyCycle;
 use growbot_core::robot::{FeedStrategy, Robot, RobotDescription};
 
+use crate::hal::Outputs;
+
 /// How much of something a long test does: what this variable says, or a number that takes seconds.
 pub fn number_from_environment(variable: &str, otherwise: u64) -> u64 {
     match std::env::var(variable) {
@@ -139,11 +141,26 @@ impl InputPin for FakePin {
     }
 }
 
+/// Counts how often everything was switched off at once.
+#[derive(Clone, Default)]
+pub struct FakeOutputs(pub Rc<RefCell<u32>>);
+
+impl Outputs for FakeOutputs {
+    fn make_safe(&mut self) {
+        *self.0.borrow_mut() += 1;
+    }
+}
+
 /// A heater's power that a test can see.
 #[derive(Clone, Default)]
 pub struct FakePower(Rc<RefCell<u16>>);
 
 impl FakePower {
+    /// Sets the duty, as somebody who does not own the heater does.
+    pub fn set(&self, duty: u16) {
+        *self.0.borrow_mut() = duty;
+    }
+
     /// The share of full power, 0 to 1.
     pub fn share(&self) -> f64 {
         f64::from(*self.0.borrow()) / f64::from(self.max_duty_cycle())

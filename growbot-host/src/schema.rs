@@ -249,6 +249,15 @@ mod tests {
     }
 
     #[test]
+    fn what_a_board_can_do_is_said_where_it_is_less() {
+        let schema = of_robot_files();
+        let text = meaning(&schema, "motion.tick_hz");
+        assert!(text.contains("100 kHz"), "{text}");
+        assert_eq!(growbot_core::robot::MAX_BOARD_TICK_HZ, 100_000);
+        assert!(meaning(&schema, "test_bench").contains("debug probe"));
+    }
+
+    #[test]
     fn a_field_beyond_a_bound_of_the_schema_is_refused() {
         let schema = of_robot_files();
         let description = description(robot_file::DEFAULT).unwrap();

@@ -3,7 +3,7 @@
 mod running;
 
 use std::fs;
-use std::process::Command;
+use std::process::{Command, Stdio};
 
 use growbot_host::robot_file;
 use running::{growbot, growbot_reading};
@@ -19,6 +19,42 @@ fn commands() -> Vec<String> {
     let listed = help.split("Commands:").nth(1).unwrap().split("Options:").next().unwrap();
     let names = listed.lines().filter_map(|line| line.strip_prefix("  ")).filter(|line| !line.starts_with(' '));
     names.map(|line| line.split(' ').next().unwrap().to_owned()).filter(|name| name != "help").collect()
+}
+
+/// What the file does not show at a glance and matters for what it is used for.
+#[test]
+fn a_new_robot_that_is_a_bench_or_too_fast_for_a_board_says_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let bench = folder.path().join("bench.toml");
+    let text = include_str!("../../robots/growbot-a.toml").replacen(
+        "planning_radius_mm",
+        "test_bench = true\nplanning_radius_mm",
+        1,
+    );
+    fs::write(&bench, text).unwrap();
+    for (base, says) in [
+        (bench.to_str().unwrap(), Some("heats although a debug probe is attached")),
+        ("growbot-c", Some("no board drives it: motion.tick_hz is 1000000, above 100000")),
+        ("growbot-b", None),
+    ] {
+        let output = folder.path().join("new.toml");
+        let ran = Command::new(env!("CARGO_BIN_EXE_growbot"))
+            .args(["new-robot", "--force", "--from", base, "-o"])
+            .arg(&output)
+            .stdin(Stdio::null())
+            .output()
+            .unwrap();
+        let out = String::from_utf8(ran.stdout).unwrap();
+        assert!(ran.status.success(), "{}", String::from_utf8_lossy(&ran.stderr));
+        match says {
+            Some(words) => assert!(out.contains(words), "{out}"),
+            None => assert!(!out.contains("test_bench") && !out.contains("no board"), "{out}"),
+        }
+    }
+    let ran = Command::new(env!("CARGO_BIN_EXE_growbot")).arg("robots").arg(&bench).output().unwrap();
+    let out = String::from_utf8(ran.stdout).unwrap();
+    let row = out.lines().find(|line| line.contains("test_bench")).unwrap_or_else(|| panic!("{out}"));
+    assert!(row.contains("true"), "{row}");
 }
 
 #[test]

@@ -92,7 +92,10 @@ fn an_image_is_flashed_and_nothing_built() {
     let image = bench.text("firmware.elf");
     let ran = bench.flash("tree", &["--firmware", &image]);
     assert_eq!((ran.code, ran.out.as_str()), (Some(0), "the log\n"), "{}", ran.err);
-    assert_eq!(bench.calls(), format!("probe-rs run --chip STM32F405RGTx {image}\n"));
+    assert_eq!(
+        bench.calls(),
+        format!("probe-rs run --chip STM32F405RGTx --no-catch-reset --no-catch-hardfault {image}\n")
+    );
 }
 
 #[test]
@@ -114,13 +117,48 @@ fn in_the_source_tree_the_firmware_is_built_for_the_robot() {
     let own = include_str!("../../robots/growbot-b.toml");
     fs::write(bench.path("tree/robots/my own.toml"), own).unwrap();
     let file = bench.text("tree/robots/my own.toml");
-    for (robot, named) in [("growbot-c", "growbot-c"), ("my own.toml", file.as_str())] {
+    for (robot, named) in [("growbot-b", "growbot-b"), ("my own.toml", file.as_str())] {
         let _ = fs::remove_file(bench.path("calls"));
         let ran = bench.flash("tree/robots", &["--robot", robot]);
         assert_eq!(ran.code, Some(0), "{}", ran.err);
-        let calls = format!("robot {named}: cargo build-robot\nprobe-rs run --chip STM32F405RGTx {image}\n");
+        let calls = format!(
+            "robot {named}: cargo build-robot\nprobe-rs run --chip STM32F405RGTx --no-catch-reset --no-catch-hardfault {image}\n"
+        );
         assert_eq!(bench.calls(), calls);
     }
+}
+
+/// `cargo robot` flashes as `growbot flash` does.
+#[test]
+fn cargos_runner_is_the_same_call() {
+    let config = include_str!("../../.cargo/config.toml");
+    let bench = Bench::new();
+    let ran = bench.flash("tree", &["--dry-run", "--firmware", "image"]);
+    let call = ran.out.trim_end().strip_suffix(" image").unwrap();
+    assert!(config.contains(&format!("runner = \"{call}\"")), "{call}");
+    assert!(call.contains("--no-catch-reset") && call.contains("--no-catch-hardfault"), "{call}");
+}
+
+#[test]
+fn a_board_that_is_flashed_is_to_lose_its_power_for_a_moment() {
+    let bench = Bench::new();
+    bench.tool("probe-rs", "");
+    let image = bench.text("firmware.elf");
+    for args in [&["--firmware", &image][..], &["--firmware", &image, "--no-log"]] {
+        let ran = bench.flash("elsewhere", args);
+        assert_eq!(ran.code, Some(0), "{}", ran.err);
+        assert!(ran.err.contains("take the board's power away"), "{}", ran.err);
+    }
+}
+
+#[test]
+fn a_robot_that_no_board_can_drive_is_not_built() {
+    let bench = Bench::new();
+    bench.cargo();
+    bench.tool("probe-rs", "");
+    let ran = bench.flash("tree", &["--robot", "growbot-c"]);
+    assert_refused(&ran, &["growbot-c", "motion.tick_hz is 1000000, above 100000", "only be simulated"]);
+    assert_eq!(bench.calls(), "");
 }
 
 #[test]
@@ -131,7 +169,7 @@ fn a_dry_run_prints_what_would_be_run() {
     let tree = bench.text("tree");
     let ran = bench.flash("tree", &["--dry-run", "--robot", "growbot-b"]);
     let commands = format!(
-        "cd {tree} && GROWBOT_ROBOT=growbot-b cargo build-robot\ngrowbot flash --seal-only --firmware {tree}/target/thumbv7em-none-eabihf/firmware/stm32f405\nprobe-rs run --chip STM32F405RGTx {tree}/target/thumbv7em-none-eabihf/firmware/stm32f405\n"
+        "cd {tree} && GROWBOT_ROBOT=growbot-b cargo build-robot\ngrowbot flash --seal-only --firmware {tree}/target/thumbv7em-none-eabihf/firmware/stm32f405\nprobe-rs run --chip STM32F405RGTx --no-catch-reset --no-catch-hardfault {tree}/target/thumbv7em-none-eabihf/firmware/stm32f405\n"
     );
     assert_eq!((ran.code, ran.out.as_str()), (Some(0), commands.as_str()), "{}", ran.err);
     let ran = bench.flash("elsewhere", &["--dry-run", "--firmware", "an image", "--no-log"]);

@@ -1,5 +1,5 @@
 //! What the tests that cross crates share: where the firmware's images are, the robot's board in the emulator, faults and
-//! long growths of simulated robots, growths that are interrupted, and a slow search for shortest paths.
+//! long growths of simulated robots, growths that are interrupted, a slow search for shortest paths, and the table of pins.
 
 pub mod fault_campaign;
 pub mod netduinoplus2;
@@ -8,6 +8,7 @@ pub mod slow_shortest;
 pub mod stack_depth;
 pub mod survival;
 pub mod tip_words;
+pub mod wiring;
 
 use std::env;
 use std::path::{Path, PathBuf};

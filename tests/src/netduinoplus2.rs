@@ -4,39 +4,123 @@
 //! ever. So the emulator is started halted, the bits that hardware would set are set from outside, and only then the board runs.
 //!
 //! What this shows: start-up, clocks, interrupts, SysTick, and the link. What it cannot: timers run at a rate of their own, and pins,
-//! the analog converter and the watchdog are absent.
+//! the analog converter and the watchdog are absent. What the firmware writes to their registers is seen all the same, by the
+//! emulator's trace.
 
 use std::io::{BufRead, BufReader, Write};
 use std::net::TcpStream;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use growbot_host::port::qemu::{Line, Qemu, QemuError, doing};
 
-/// Clock control register: both oscillators and the PLL ready, the internal one on as after reset.
-const RCC_CR: (u32, u32) = (0x4002_3800, 0x0202_0083);
-/// Clock configuration register: the PLL is the system clock.
+/// Clock control register.
+pub const RCC_CR: u32 = 0x4002_3800;
+/// The internal oscillator is on as after reset, and the PLL ready.
+const CLOCKS_READY: u32 = 0x0200_0083;
+/// The crystal is ready (HSERDY).
+const CRYSTAL_READY: u32 = 1 << 17;
+/// Clock configuration register, and what says that the PLL is the system clock.
 const RCC_CFGR: (u32, u32) = (0x4002_3808, 0x0000_0008);
 
 /// How long QEMU may take to answer a command.
 const ANSWER: Duration = Duration::from_secs(120);
 
+/// What the board is like.
+#[derive(Debug, Clone, Default)]
+pub struct Setup {
+    /// The crystal never gets ready.
+    pub without_crystal: bool,
+    /// Where to write down each write to a register; see [`writes`].
+    pub trace: Option<PathBuf>,
+}
+
 /// The running board; killed when dropped.
 pub struct Board {
     _qemu: Qemu,
     // Held open: QEMU ends when they close.
-    _control: TcpStream,
-    _registers: TcpStream,
+    control: TcpStream,
+    registers: TcpStream,
     /// USART2, the robot's link.
     pub link: TcpStream,
 }
 
+impl Board {
+    /// Writes a register from outside, as hardware would.
+    ///
+    /// # Errors
+    /// The emulator does not answer.
+    pub fn write(&self, address: u32, value: u32) -> Result<(), QemuError> {
+        self.command(&format!("writel {address:#x} {value:#x}"))
+    }
+
+    /// Has the clocks be ready, with the crystal's or without. A reset of the board takes that away.
+    ///
+    /// # Errors
+    /// The emulator does not answer.
+    pub fn make_clocks_ready(&self, crystal: bool) -> Result<(), QemuError> {
+        self.write(RCC_CR, CLOCKS_READY | if crystal { CRYSTAL_READY } else { 0 })?;
+        let (address, value) = RCC_CFGR;
+        self.write(address, value)
+    }
+
+    /// Raises the interrupt that cannot be masked. On the robot's board that is the clock security system's: the crystal has stopped.
+    ///
+    /// # Errors
+    /// The emulator does not answer.
+    pub fn raise_nmi(&self) -> Result<(), QemuError> {
+        // ICSR, NMIPENDSET.
+        self.write(0xE000_ED04, 1 << 31)
+    }
+
+    fn command(&self, command: &str) -> Result<(), QemuError> {
+        ask(&self.registers, &mut reader(&self.registers)?, command, "OK", "FAIL")
+    }
+}
+
+/// A write to a register.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct RegisterWrite {
+    /// The register's address.
+    pub address: u32,
+    /// What was written.
+    pub value: u32,
+}
+
+/// The writes to registers in a trace, in order. A line that is only half there yet is left out.
+#[must_use]
+pub fn writes(trace: &str) -> Vec<RegisterWrite> {
+    let whole = trace.rsplit_once('\n').map_or("", |(whole, _)| whole);
+    let lines = whole.lines().filter(|line| line.contains("memory_region_ops_write"));
+    lines
+        .filter_map(|line| Some(RegisterWrite { address: number(line, "addr")?, value: number(line, "value")? }))
+        .collect()
+}
+
+/// The hexadecimal number behind a word.
+fn number(line: &str, word: &str) -> Option<u32> {
+    let mut words = line.split_ascii_whitespace().skip_while(|found| *found != word);
+    u64::from_str_radix(words.nth(1)?.strip_prefix("0x")?, 16).ok().map(|number| number as u32)
+}
+
 /// Boots a firmware image and returns once the processor runs.
+///
+/// # Errors
+/// QEMU is missing, or does not do as it should.
 pub fn boot(firmware: &Path) -> Result<Board, QemuError> {
+    boot_with(firmware, &Setup::default())
+}
+
+/// Boots a firmware image on such a board.
+///
+/// # Errors
+/// As [`boot`].
+pub fn boot_with(firmware: &Path, setup: &Setup) -> Result<Board, QemuError> {
+    let trace = setup.trace.as_ref().map(|file| file.to_string_lossy().into_owned());
     let (serial, control, registers) =
         (Line::open("serial line")?, Line::open("control line")?, Line::open("register line")?);
     let (serial_to, control_to, registers_to) = (serial.argument()?, control.argument()?, registers.argument()?);
-    let arguments = [
+    let mut arguments = vec![
         // USART1 is left alone: in QEMU 10.0 the reset of any peripheral on its bus ends the emulator.
         "-serial",
         "null",
@@ -52,22 +136,23 @@ pub fn boot(firmware: &Path) -> Result<Board, QemuError> {
         "-qmp",
         &control_to,
     ];
+    if let Some(file) = &trace {
+        arguments.extend(["-trace", "memory_region_ops_write", "-D", file]);
+    }
     let mut qemu = Qemu::start("netduinoplus2", firmware, arguments)?;
     let link = qemu.connect(&serial)?;
     let registers = qemu.connect(&registers)?;
     let control = qemu.connect(&control)?;
 
-    let mut answers = reader(&registers)?;
-    for (address, value) in [RCC_CR, RCC_CFGR] {
-        let command = format!("writel {address:#x} {value:#x}");
-        ask(&registers, &mut answers, &command, "OK", "FAIL")?;
-    }
-    let mut answers = reader(&control)?;
+    let board = Board { _qemu: qemu, control, registers, link };
+    board.make_clocks_ready(!setup.without_crystal)?;
+    let control = &board.control;
+    let mut answers = reader(control)?;
     for command in [r#"{"execute":"qmp_capabilities"}"#, r#"{"execute":"cont"}"#] {
         // Between the greeting and the answers there may be events; they begin otherwise.
-        ask(&control, &mut answers, command, r#"{"return""#, r#"{"error""#)?;
+        ask(control, &mut answers, command, r#"{"return""#, r#"{"error""#)?;
     }
-    Ok(Board { _qemu: qemu, _control: control, _registers: registers, link })
+    Ok(board)
 }
 
 fn reader(stream: &TcpStream) -> Result<BufReader<TcpStream>, QemuError> {

@@ -134,11 +134,15 @@ pub enum Fault {
     HeaterSwitchWelded,
     /// The firmware's image in the board's flash is not what was sealed.
     ImageCorrupt,
+    /// The crystal does not swing: the board's clock cannot be relied on.
+    ClockFailed,
+    /// A debug probe has switched the processor's debugging on: it may halt with the heater on.
+    DebugProbe,
 }
 
 impl Fault {
     /// Every fault.
-    pub const ALL: [Self; 30] = [
+    pub const ALL: [Self; 33] = [
         Self::ThermistorOpen,
         Self::ThermistorShort,
         Self::ThermistorSilent,
@@ -170,6 +174,8 @@ impl Fault {
         Self::StackOverflow,
         Self::PowerLost,
         Self::ImageCorrupt,
+        Self::ClockFailed,
+        Self::DebugProbe,
     ];
 
     /// The fault as a code.
@@ -207,6 +213,8 @@ impl Fault {
             Self::StackOverflow => "stack-overflow",
             Self::PowerLost => "power-lost",
             Self::ImageCorrupt => "image-corrupt",
+            Self::ClockFailed => "clock-failed",
+            Self::DebugProbe => "debug-probe",
         }
     }
 
@@ -283,6 +291,12 @@ impl Fault {
             Self::PowerLost => {
                 "the board was reset or lost its power while it was working: the nozzle may have stood still on the body; check the layer"
             }
+            Self::ClockFailed => {
+                "the board's crystal has stopped or did not start, and its other oscillator is too inexact to heat by: check the crystal, then reset the board"
+            }
+            Self::DebugProbe => {
+                "a debug probe is attached, or was: in debug mode the processor may halt with the heater on. Detach the probe and take the board's power away for a moment; a test bench says so in its file (test_bench = true)"
+            }
         }
     }
 }
@@ -302,6 +316,8 @@ pub enum ResetCause {
     External,
     /// The firmware used more stack than there is.
     StackOverflow,
+    /// The crystal stopped.
+    ClockFailed,
 }
 
 impl ResetCause {
@@ -315,6 +331,7 @@ impl ResetCause {
             Self::ProcessorFault => "processor fault",
             Self::External => "reset from outside",
             Self::StackOverflow => "stack overflow",
+            Self::ClockFailed => "clock failure",
         }
     }
 }

@@ -13,6 +13,9 @@ pub struct RobotDescription {
     pub name: String<32>,
     /// The radius that plans use unless another is asked for, mm.
     pub planning_radius_mm: f64,
+    /// Whether this is a test bench, watched by somebody: it heats although a debug probe is attached. No robot that grows is one.
+    #[serde(default)]
+    pub test_bench: bool,
     /// The sizes that bound the curvature.
     pub geometry: Geometry,
     /// One layer of material and its limits.
@@ -140,7 +143,8 @@ pub enum Turning {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Motion {
-    /// Rate of the step interrupt, Hz. A step pulse is high for one tick and low for at least one.
+    /// Rate of the step interrupt, Hz. A step pulse is high for one tick and low for at least one. A robot that needs more than 100 kHz can
+    /// only be simulated: no board does it.
     pub tick_hz: u32,
     /// How material is varied round a turn.
     pub strategy: FeedStrategy,

@@ -27,6 +27,9 @@ pub struct Robot {
     hash: u64,
 }
 
+/// The greatest rate of the step interrupt on a board, Hz: the robot's takes half of its processor for it at 112 kHz (`cargo step-cost`).
+pub const MAX_BOARD_TICK_HZ: u32 = 100_000;
+
 /// The longest description in postcard form, bytes.
 pub const LONGEST_ENCODED: usize = 768;
 
@@ -41,6 +44,14 @@ impl Robot {
         let encoded = postcard::to_slice(&description, &mut bytes).map_err(|_| RobotError::TooLong)?;
         let hash = Hasher::of(encoded);
         Ok(Self { description, hash })
+    }
+
+    /// Whether a board can drive this robot, and not only a simulation: what [`Robot::new`] takes may ask more of the step interrupt.
+    ///
+    /// # Errors
+    /// [`RobotError::TooLarge`] where `motion.tick_hz` is above [`MAX_BOARD_TICK_HZ`].
+    pub fn check_for_board(&self) -> Result<(), RobotError> {
+        validate::check_for_board(&self.description)
     }
 
     /// A robot that [`Robot::new`] has passed before and given this hash: when the firmware was built for it.

@@ -1,7 +1,7 @@
 //! The checks of a robot description, in the order in which a person would fix what they find.
 
 use super::step_rate::{AxisMotion, BusiestSector, LONGEST_RAMP_S, LayerMotion};
-use super::{Material, RobotDescription, RobotError};
+use super::{MAX_BOARD_TICK_HZ, Material, RobotDescription, RobotError};
 use crate::angle::radians;
 use crate::curvature::{least_radius_of_geometry, least_radius_of_layers};
 use crate::layer::{Layer, SECTORS};
@@ -54,6 +54,15 @@ pub(super) fn check(robot: &RobotDescription) -> Result<(), RobotError> {
     check_sensors(robot)?;
     check_step_rates(robot)?;
     check_accelerations(robot)
+}
+
+/// What a board asks beyond [`check`].
+pub(super) fn check_for_board(robot: &RobotDescription) -> Result<(), RobotError> {
+    Field("motion.tick_hz", f64::from(robot.motion.tick_hz)).between(
+        0.0,
+        f64::from(MAX_BOARD_TICK_HZ),
+        "a board's step interrupt runs at 100 kHz at most: lower it; a robot that needs more can only be simulated",
+    )
 }
 
 fn check_geometry(robot: &RobotDescription) -> Result<(), RobotError> {
@@ -141,7 +150,7 @@ fn check_motors(robot: &RobotDescription) -> Result<(), RobotError> {
     Field("motion.tick_hz", f64::from(motion.tick_hz)).between(
         100.0,
         1e6,
-        "the step interrupt runs at 100 Hz to 1 MHz",
+        "the step interrupt runs at 100 Hz to 1 MHz in simulations, and at 100 kHz at most on a board",
     )?;
     Field("head.steps_per_turn", f64::from(head.steps_per_turn)).between(
         8.0,
@@ -359,6 +368,21 @@ mod tests {
         ] {
             assert!(message.contains(part), "{message}");
         }
+    }
+
+    #[test]
+    fn a_board_asks_for_a_slower_step_interrupt_than_a_simulation() {
+        let with = |tick_hz| {
+            let mut description = description_a();
+            description.motion.tick_hz = tick_hz;
+            Robot::new(description)
+        };
+        assert!(with(100_000).unwrap().check_for_board().is_ok());
+        let fast = with(100_001).unwrap().check_for_board().unwrap_err().to_string();
+        assert!(fast.starts_with("motion.tick_hz is 100001, above 100000: "), "{fast}");
+        assert!(with(1_000_000).is_ok());
+        let faster = with(1_000_001).unwrap_err().to_string();
+        assert!(faster.starts_with("motion.tick_hz is 1000001, above 1000000: "), "{faster}");
     }
 
     #[test]

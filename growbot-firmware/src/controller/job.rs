@@ -269,6 +269,9 @@ impl<B: Board> Controller<B> {
             // What becomes of the layer that was cut is for a host to say, by `Resume`.
             return Err(Refusal::OutOfOrder { expected: self.job.laid });
         }
+        if self.may_be_halted() {
+            return Err(Refusal::DebugProbe);
+        }
         self.go_on_holding(None);
         self.job.silence = start.silence;
         match self.state {

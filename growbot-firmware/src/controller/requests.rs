@@ -148,6 +148,9 @@ impl<B: Board> Controller<B> {
         if !(LEAST_TUNING_C..=greatest).contains(&target) {
             return Err(Refusal::Temperature { least: centi(LEAST_TUNING_C), greatest: centi(greatest) });
         }
+        if self.may_be_halted() {
+            return Err(Refusal::DebugProbe);
+        }
         self.heater.tune(target, self.now);
         self.happens(Event::Tune);
         Ok(self.accepted())
@@ -177,15 +180,19 @@ impl<B: Board> Controller<B> {
     fn remains(&self, fault: Fault) -> bool {
         let description = self.robot.description();
         let temperature = self.heater.temperature(self.now);
+        // A robot that has lost a sensor since, with another description, has nothing to see there.
+        let measured = description.sensors.supply;
         let volts = self.readings.supply_mv.map(|millivolts| f64::from(millivolts) / 1000.0);
         match fault {
             Fault::OverTemperature => temperature.is_none_or(|temperature| temperature > description.heater.max_c),
             Fault::ThermistorOpen | Fault::ThermistorShort | Fault::ThermistorSilent => temperature.is_none(),
             Fault::FilamentOut => self.readings.filament_present == Some(false),
             Fault::DriverFault => self.readings.driver_fault == Some(true),
-            Fault::SupplyLow => volts.is_none_or(|volts| volts < description.supply.min_v),
+            Fault::SupplyLow => measured && volts.is_none_or(|volts| volts < description.supply.min_v),
+            Fault::SupplyHigh => measured && volts.is_none_or(|volts| volts > description.supply.max_v),
             Fault::ImageCorrupt => self.identity.is_corrupt(),
-            Fault::SupplyHigh => volts.is_none_or(|volts| volts > description.supply.max_v),
+            Fault::ClockFailed => self.identity.without_crystal,
+            Fault::DebugProbe => self.may_be_halted(),
             _ => false,
         }
     }

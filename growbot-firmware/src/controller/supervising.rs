@@ -5,7 +5,7 @@ use embedded_hal::pwm::SetDutyCycle;
 use growbot_core::link::message::{Fault, FaultRecord, Measured, SensorReadings, Silence, State, Waits};
 
 use super::{Controller, centi};
-use crate::hal::{Board, Orientation, Watchdog};
+use crate::hal::{Board, DebugPort, Orientation, Watchdog};
 use crate::heater::{self, Demand, Output};
 use crate::link;
 use crate::safety::inputs::{Look, volts};
@@ -26,6 +26,7 @@ const LOOKS_WITHOUT_TICKS: u8 = 3;
 impl<B: Board> Controller<B> {
     /// One look at everything.
     pub(super) fn supervise(&mut self, handover: &Handover) {
+        self.look_at_board(handover);
         let look = self.look(handover);
         let needs_filament = may_heat(self.state) && self.state != State::Tuning;
         let found = self.inputs.look(&look, self.robot.description(), needs_filament);
@@ -49,6 +50,21 @@ impl<B: Board> Controller<B> {
         if self.proof.take() {
             self.parts.watchdog.feed();
         }
+    }
+
+    /// Whether the board itself can be relied on: its clock, and that nothing halts it.
+    fn look_at_board(&mut self, handover: &Handover) {
+        let latched = matches!(self.state, State::Fault | State::EmergencyStop);
+        if self.identity.without_crystal && !latched {
+            self.fail(Fault::ClockFailed, handover);
+        } else if may_heat(self.state) && self.may_be_halted() {
+            self.fail(Fault::DebugProbe, handover);
+        }
+    }
+
+    /// Whether a debug probe may halt the processor with the heater on, where nobody watches.
+    pub(super) fn may_be_halted(&self) -> bool {
+        self.parts.debug_port.is_on() && !self.robot.description().test_bench
     }
 
     /// What tells how far the tip has grown, and which way it points.

@@ -1,6 +1,7 @@
 //! The controller with everything round it: link, step engine, and a tip that warms, turns and breaks.
 
 mod bench;
+mod board;
 mod faults;
 mod growing;
 mod holding;

@@ -148,6 +148,7 @@ pub const fn fault_of(cause: ResetCause) -> Fault {
         ResetCause::Watchdog => Fault::WatchdogReset,
         ResetCause::ProcessorFault => Fault::ProcessorFault,
         ResetCause::StackOverflow => Fault::StackOverflow,
+        ResetCause::ClockFailed => Fault::ClockFailed,
         ResetCause::PowerOn | ResetCause::External => Fault::PowerLost,
     }
 }

@@ -19,6 +19,7 @@ use super::handover::{Done, FeedMove, Handover, Homing, Outline, Report, Slot, T
 use super::index::{IndexWatch, Mark};
 use super::pace::Clock;
 use super::turn::Sector;
+use crate::hal::Outputs;
 
 /// A stepper driver: step, direction and enable pins. Levels are logical; a board that wires them the other way round wraps
 /// its pins in [`crate::polarity::Polarized`].
@@ -241,10 +242,11 @@ impl Progress {
 }
 
 /// Drives head and feed. One per robot, ticked by the step interrupt.
-pub struct Engine<HS, HD, HE, FS, FD, FE, I, M, S> {
+pub struct Engine<HS, HD, HE, FS, FD, FE, I, M, S, O> {
     head: Driver<HS, HD, HE>,
     feed: Driver<FS, FD, FE>,
     inputs: Inputs<I, M, S>,
+    outputs: O,
     settings: EngineSettings,
     mode: Mode,
     turn: Outline,
@@ -260,7 +262,7 @@ pub struct Engine<HS, HD, HE, FS, FD, FE, I, M, S> {
     fed_blindly: u32,
 }
 
-impl<HS, HD, HE, FS, FD, FE, I, M, S> Engine<HS, HD, HE, FS, FD, FE, I, M, S>
+impl<HS, HD, HE, FS, FD, FE, I, M, S, O> Engine<HS, HD, HE, FS, FD, FE, I, M, S, O>
 where
     HS: OutputPin,
     HD: OutputPin,
@@ -271,18 +273,21 @@ where
     I: InputPin,
     M: InputPin,
     S: InputPin,
+    O: Outputs,
 {
-    /// An idle engine; both drivers are switched off.
+    /// An idle engine; both drivers are switched off. The outputs are those that an emergency stop and an alarm switch off.
     pub fn new(
         head: Axis<HS, HD, HE>,
         feed: Axis<FS, FD, FE>,
         inputs: Inputs<I, M, S>,
+        outputs: O,
         settings: EngineSettings,
     ) -> Self {
         let mut engine = Self {
             head: Driver::new(head),
             feed: Driver::new(feed),
             inputs,
+            outputs,
             settings,
             mode: Mode::Idle,
             turn: Outline::NONE,
@@ -305,6 +310,7 @@ where
         handover.set_ticks(self.ticks);
         if let Err(alarm) = self.watch_and_advance(handover) {
             self.let_go();
+            self.outputs.make_safe();
             handover.report(Done::Alarm(alarm));
         }
     }
@@ -358,8 +364,13 @@ where
     fn watch_and_advance(&mut self, handover: &Handover) -> Result<(), Alarm> {
         let halted = handover.take_halt();
         self.count_filament(handover)?;
-        if self.emergency_stop(halted, handover)? || halted {
+        let stopped = self.emergency_stop(halted, handover)?;
+        if stopped || halted {
             self.let_go();
+            if stopped {
+                // Here and not in the main loop only, which may hang with the heater on.
+                self.outputs.make_safe();
+            }
             return Ok(());
         }
         self.advance(handover)

@@ -13,7 +13,7 @@ use growbot_core::layer_bytes::{Encoder, Fields, HEIGHT_UNITS, LayerBytes, decod
 use growbot_core::robot::{FeedStrategy, Robot, RobotDescription, Turning};
 
 use super::*;
-use crate::testing::{FakePin, FakePins, robot_a};
+use crate::testing::{FakeOutputs, FakePins, robot_a};
 
 const HEAD: usize = 0;
 const FEED: usize = 1;
@@ -153,7 +153,8 @@ struct Rig {
     robot: Robot,
     world: Rc<World>,
     handover: Handover,
-    engine: Engine<Pin, Pin, Pin, Pin, Pin, Pin, Pin, Pin, Pin>,
+    engine: Engine<Pin, Pin, Pin, Pin, Pin, Pin, Pin, Pin, Pin, FakeOutputs>,
+    outputs: FakeOutputs,
     skipping: bool,
 }
 
@@ -191,8 +192,9 @@ impl Rig {
             filament_motion: pin(0, Kind::Filament),
             emergency_stop: pin(0, Kind::Stop),
         };
-        let engine = Engine::new(axis(HEAD), axis(FEED), inputs, EngineSettings::of(&robot));
-        Self { robot, world, handover: Handover::new(), engine, skipping: true }
+        let outputs = FakeOutputs::default();
+        let engine = Engine::new(axis(HEAD), axis(FEED), inputs, outputs.clone(), EngineSettings::of(&robot));
+        Self { robot, world, handover: Handover::new(), engine, outputs, skipping: true }
     }
 
     /// The same, with the head at the tip's x axis.
@@ -597,6 +599,7 @@ fn an_emergency_stop_lets_go_at_once_and_refuses_orders_until_the_controller_kno
     rig.world.pressed.set(true);
     rig.run(1);
     assert!(!rig.holds() && rig.handover.emergency_stop() && !rig.handover.takes_orders());
+    assert_eq!(*rig.outputs.0.borrow(), 1, "the heater waits for the main loop");
     rig.world.pressed.set(false);
     let moved = [rig.moved(HEAD), rig.moved(FEED)];
     rig.handover.give(Order::Lay(turn));
@@ -786,8 +789,8 @@ fn a_pin_that_fails_switches_everything_off() {
         let (pins, handover) = (FakePins::default(), Handover::new());
         let axis = |at: usize| Axis { step: pins.pin(at), direction: pins.pin(at + 1), enable: pins.pin(at + 2) };
         let inputs = Inputs { index: pins.pin(6), filament_motion: pins.pin(7), emergency_stop: pins.pin(8) };
-        let mut engine: Engine<FakePin, FakePin, FakePin, FakePin, FakePin, FakePin, FakePin, FakePin, FakePin> =
-            Engine::new(axis(0), axis(3), inputs, EngineSettings::of(&robot));
+        let outputs = FakeOutputs::default();
+        let mut engine = Engine::new(axis(0), axis(3), inputs, outputs.clone(), EngineSettings::of(&robot));
         engine.tick(&handover);
         assert_eq!(handover.take_report(), None);
         pins.fail(broken);
@@ -796,6 +799,7 @@ fn a_pin_that_fails_switches_everything_off() {
             engine.tick(&handover);
         }
         assert_eq!(handover.take_report(), Some(Report::Hardware), "pin {broken}");
+        assert!(*outputs.0.borrow() > 0, "pin {broken}: the heater waits for the main loop");
         assert!([2, 5].into_iter().all(|enable| enable == broken || !pins.level(enable)));
     }
 }

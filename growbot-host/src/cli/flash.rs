@@ -17,6 +17,10 @@ use super::{Failure, RobotArg};
 
 /// The robot's processor, as probe-rs calls it.
 const CHIP: &str = "STM32F405RGTx";
+/// The board runs on after a fault or a reset of its processor: halted by the probe, it could not make the tip safe.
+const NO_VECTOR_CATCH: [&str; 2] = ["--no-catch-reset", "--no-catch-hardfault"];
+/// What is left to do.
+const POWER_CYCLE: &str = "growbot: once it is flashed, unplug the probe and take the board's power away for a moment: a probe leaves the processor in debug mode, in which the firmware does not heat";
 /// Where the firmware's image lies, from cargo's target directory.
 const IMAGE: &str = "thumbv7em-none-eabihf/firmware/stm32f405";
 
@@ -24,7 +28,8 @@ const IMAGE: &str = "thumbv7em-none-eabihf/firmware/stm32f405";
 ///
 /// In growbot's source tree the firmware is built first, for the robot that is named; elsewhere, give a firmware image. The image gets a seal, by
 /// which the board checks it at each start: one that is damaged does not heat. Then probe-rs writes it to the board and shows its log, until
-/// Ctrl-C.
+/// Ctrl-C. Afterwards the board's power must go for a moment: a probe leaves the processor in debug
+/// mode, in which the firmware does not heat.
 #[derive(Args)]
 #[command(
     after_help = "Examples:\n  growbot flash --robot growbot-b\n  growbot flash --firmware stm32f405 --no-log\n\nWhat it needs: a debug probe, and probe-rs (cargo install probe-rs-tools --locked)."
@@ -78,6 +83,16 @@ pub fn run(args: &FlashArgs) -> Result<(), Failure> {
         }
         Err(error) => return Err(Failure::bad_input(error)),
     }
+    if args.seal_only {
+        return Ok(());
+    }
+    if args.no_log {
+        flash.iter().try_for_each(Step::run)?;
+        tell!("{POWER_CYCLE}");
+        return Ok(());
+    }
+    // First, since Ctrl-C ends the log and this program.
+    tell!("{POWER_CYCLE}");
     flash.iter().try_for_each(Step::run)
 }
 
@@ -108,7 +123,8 @@ impl Step {
     /// Builds the firmware for a robot.
     fn build(robot: &RobotArg) -> Result<Self, Failure> {
         // A robot that is none is better said before a minute of building.
-        robot.load()?;
+        let (name, checked) = (robot.robot.display(), robot.load()?.check_for_board());
+        checked.map_err(|error| Failure::bad_input(format!("{name}: {error}")))?;
         let directory = source_tree().ok_or_else(|| {
             Failure::bad_input("this is not growbot's source tree, so there is nothing to build: give an image with --firmware, or go there")
         })?;
@@ -124,22 +140,22 @@ impl Step {
 
     /// Writes an image to the board, and starts it.
     fn flash(image: &Path, no_log: bool) -> Vec<Self> {
-        let probe_rs = |subcommand: &str, image: Option<&Path>| {
-            let arguments = [subcommand, "--chip", CHIP].map(OsString::from);
+        let probe_rs = |subcommand: &str, options: &[&str], image: Option<&Path>| {
+            let arguments = [subcommand, "--chip", CHIP].into_iter().chain(options.iter().copied()).map(OsString::from);
             Self {
                 tool: "probe-rs",
                 remedy: "install it with `cargo install probe-rs-tools --locked`",
                 failed: "the board was not flashed, or its log broke off; is the probe connected, and the board powered?",
-                arguments: arguments.into_iter().chain(image.map(|image| image.as_os_str().to_owned())).collect(),
+                arguments: arguments.chain(image.map(|image| image.as_os_str().to_owned())).collect(),
                 robot: None,
                 directory: None,
             }
         };
         if no_log {
             // A download alone leaves the processor halted.
-            vec![probe_rs("download", Some(image)), probe_rs("reset", None)]
+            vec![probe_rs("download", &[], Some(image)), probe_rs("reset", &[], None)]
         } else {
-            vec![probe_rs("run", Some(image))]
+            vec![probe_rs("run", &NO_VECTOR_CATCH, Some(image))]
         }
     }
 

@@ -50,6 +50,14 @@ pub fn run(args: &NewRobotArgs) -> Result<(), Failure> {
     replace_file(&output, text.as_bytes())?;
     let assumed = text.matches("# assumed").count();
     let output = output.display();
+    let mut notes = String::new();
+    if robot.description().test_bench {
+        notes += "\ntest_bench is true, as in the robot that this one starts from: it heats although a debug probe is attached. Take the line \
+                  out before it works with nobody watching.\n";
+    }
+    if let Err(error) = robot.check_for_board() {
+        notes += &format!("\nIt can be planned and simulated, but no board drives it: {error}.\n");
+    }
     Ok(print(&format!(
         "{name}, written to {output}\n\
          R_min     {r_min:.2} mm: {by_geometry:.2} by its mechanics, {by_layers:.2} by its layers\n\
@@ -61,7 +69,7 @@ pub fn run(args: &NewRobotArgs) -> Result<(), Failure> {
            head.index_angle_deg: where the mark is\n  \
            thermistor, heater.max_c: what the data sheets of your parts say\n  \
            heater.kp, ki, kd: growbot tune --robot {output}\n\
-         growbot robots {output} explains all of it.\n",
+         growbot robots {output} explains all of it.\n{notes}",
         name = robot.name(),
         r_min = robot.least_radius(),
         by_geometry = robot.least_radius_of_geometry(),

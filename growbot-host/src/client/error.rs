@@ -1,7 +1,7 @@
 //! Why a request to a board came to nothing, in words.
 
 use growbot_core::link::frame::FrameError;
-use growbot_core::link::message::Refusal;
+use growbot_core::link::message::{Fault, Refusal};
 
 use super::patience::SILENCE;
 use crate::port::PortError;
@@ -127,5 +127,6 @@ fn explain(refusal: &Refusal) -> String {
             f64::from(below) / 100.0
         ),
         Refusal::Journal => "its journal cannot be written, and it must not begin what it could not resume".to_string(),
+        Refusal::DebugProbe => format!("it does not heat: {}", Fault::DebugProbe.explanation()),
     }
 }

@@ -54,6 +54,7 @@ impl Emulator {
     /// # Errors
     /// As [`Emulator::start`].
     pub fn start_with_flash(robot: &Robot, firmware: Option<&Path>, flash: &[u8]) -> Result<Self, PortError> {
+        robot.check_for_board().map_err(|error| PortError::NoBoard(robot.name().to_owned(), error))?;
         let firmware = firmware.map_or_else(built_last, Path::to_path_buf);
         let memory = TipMemory::create(table::SIZE as u64)?;
         prepare(&memory, robot)?;

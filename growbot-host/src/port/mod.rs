@@ -15,7 +15,7 @@ use std::time::Duration;
 
 use growbot_core::layer::Layer;
 use growbot_core::pose::Pose;
-use growbot_core::robot::Robot;
+use growbot_core::robot::{Robot, RobotError};
 
 use faulty::{FaultSpec, Faulty};
 use paced::Paced;
@@ -108,6 +108,9 @@ pub enum PortError {
     /// It worked and then it did not.
     #[error("the line to {0} broke ({1}): check the cable; what the robot has laid stays laid")]
     Lost(String, String),
+    /// No board drives this robot.
+    #[error("{0} cannot be grown by a board, nor by an emulated one: {1}")]
+    NoBoard(String, RobotError),
     /// The emulator.
     #[error(transparent)]
     Emulator(#[from] qemu::QemuError),
@@ -214,6 +217,16 @@ pub fn open(name: &PortName, robot: &Robot, settings: &TipSettings) -> Result<Bo
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_robot_that_no_board_can_drive_is_simulated_and_not_emulated() {
+        let robot = crate::robot_file::load("growbot-c".as_ref()).unwrap();
+        let settings = TipSettings::default();
+        assert!(open(&PortName::Sim, &robot, &settings).is_ok());
+        let Err(refused) = open(&PortName::Emulator(None), &robot, &settings) else { panic!("it is emulated") };
+        let said = refused.to_string();
+        assert!(said.starts_with("growbot-c cannot be grown by a board") && said.contains("above 100000"), "{said}");
+    }
 
     #[test]
     fn port_names_are_read() {

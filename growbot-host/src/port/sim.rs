@@ -13,7 +13,7 @@ use growbot_core::link::message::{Fault, ImageCheck, ResetCause, State};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_firmware::controller::{Controller, Identity};
-use growbot_firmware::hal::{Board, KeptMemory, Parts, Watchdog};
+use growbot_firmware::hal::{Board, KeptMemory, NoDebugPort, Outputs, Parts, Watchdog};
 use growbot_firmware::journal::Journal;
 use growbot_firmware::layer_store::LayerStore;
 use growbot_firmware::safety::kept::{COPY_BYTES, KEPT_BYTES};
@@ -23,6 +23,7 @@ use super::{Port, PortError, TipRecord};
 use crate::tip::flash::Flash;
 use crate::tip::pins::{
     Converter, DirectionPin, EnablePin, Fan, HeaterEnable, HeaterPower, Input, Orientation, SharedTip, StepPin,
+    TipOutputs,
 };
 use crate::tip::{Motor, Tip, TipFault, Variation, scramble};
 
@@ -36,7 +37,8 @@ const WATCHDOG_S: u64 = 1;
 /// Sectors of the board's flash.
 const FLASH_SECTORS: usize = 2;
 
-type SimEngine = Engine<StepPin, DirectionPin, EnablePin, StepPin, DirectionPin, EnablePin, Input, Input, Input>;
+type SimEngine =
+    Engine<StepPin, DirectionPin, EnablePin, StepPin, DirectionPin, EnablePin, Input, Input, Input, TipOutputs>;
 
 /// A robot in this process.
 pub struct Sim {
@@ -193,11 +195,7 @@ impl Sim {
     }
 
     fn outputs_off(&self) {
-        let mut tip = self.tip.borrow_mut();
-        tip.heat(0.0, false);
-        tip.blow(0.0);
-        tip.enable(Motor::Head, false);
-        tip.enable(Motor::Feed, false);
+        TipOutputs(Rc::clone(&self.tip)).make_safe();
     }
 
     fn ticks(&self, time: Duration) -> u64 {
@@ -248,7 +246,8 @@ fn engine(robot: &Robot, tip: &SharedTip) -> SimEngine {
         filament_motion: Input::filament_motion(tip),
         emergency_stop: Input::emergency_stop(tip),
     };
-    Engine::new(axis(Motor::Head), axis(Motor::Feed), inputs, EngineSettings::of(robot))
+    let outputs = TipOutputs(Rc::clone(tip));
+    Engine::new(axis(Motor::Head), axis(Motor::Feed), inputs, outputs, EngineSettings::of(robot))
 }
 
 fn controller(
@@ -270,6 +269,7 @@ fn controller(
         driver_fault: Input::driver_fault(tip),
         orientation: Orientation(Rc::clone(tip)),
         watchdog: SimWatchdog(Rc::clone(fed)),
+        debug_port: NoDebugPort,
         kept: kept.clone(),
         journal: Journal::open(flash.clone()),
         store: Box::new(LayerStore::new()),
@@ -321,6 +321,7 @@ impl Board for SimBoard {
     type DriverFault = Input;
     type Orientation = Orientation;
     type Watchdog = SimWatchdog;
+    type DebugPort = NoDebugPort;
     type Kept = Kept;
     type Flash = Flash;
     type Store = Box<LayerStore>;
@@ -328,7 +329,7 @@ impl Board for SimBoard {
 
 /// A boot of a simulated board, which has no image that could be checked, and does not crash.
 fn identity_of(boot_id: u32, reset_cause: ResetCause) -> Identity {
-    Identity { boot_id, reset_cause, image: ImageCheck::NotSealed, crash: None }
+    Identity { boot_id, reset_cause, image: ImageCheck::NotSealed, crash: None, without_crystal: false }
 }
 
 /// Memory of the board that survives a reset.

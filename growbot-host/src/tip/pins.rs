@@ -94,6 +94,19 @@ impl Converter {
     }
 }
 
+/// Heater, fan and both drivers, for the step interrupt.
+pub struct TipOutputs(pub SharedTip);
+
+impl hal::Outputs for TipOutputs {
+    fn make_safe(&mut self) {
+        let mut tip = self.0.borrow_mut();
+        tip.heat(0.0, false);
+        tip.blow(0.0);
+        tip.enable(Motor::Head, false);
+        tip.enable(Motor::Feed, false);
+    }
+}
+
 impl hal::Converter for Converter {
     fn sample(&mut self) -> Option<u16> {
         (self.sample)(&mut self.tip.borrow_mut())

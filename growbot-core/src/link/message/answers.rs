@@ -89,6 +89,8 @@ pub enum Refusal {
     },
     /// The journal cannot be written: the board must not begin what it could not resume.
     Journal,
+    /// A debug probe has switched the processor's debugging on: it may halt, so the board does not heat.
+    DebugProbe,
 }
 
 /// Who the board is and what it knows.

@@ -28,9 +28,9 @@ mod tip;
 mod watchdog;
 
 use cortex_m_rt::entry;
-use growbot_core::robot::Robot;
+use growbot_core::robot::{Robot, RobotError};
 use growbot_firmware::controller::{Controller, Identity};
-use growbot_firmware::hal::{Board, Parts};
+use growbot_firmware::hal::{Board, NoDebugPort, Parts};
 use growbot_firmware::journal::Journal;
 use growbot_firmware::layer_store::LayerStore;
 use growbot_firmware::machine;
@@ -63,6 +63,7 @@ impl Board for An386 {
     type DriverFault = tip::Flag;
     type Orientation = tip::OrientationSensor;
     type Watchdog = watchdog::BoardWatchdog;
+    type DebugPort = NoDebugPort;
     type Kept = tip::Kept;
     type Flash = BoardFlash;
     type Store = &'static mut LayerStore;
@@ -81,6 +82,7 @@ fn run(line: &Line, controller: &mut Controller<An386>) -> ! {
     let mut high_water = HighWater::default();
     loop {
         high_water.look();
+        watchdog::hang();
         while let Some(byte) = line.received.dequeue() {
             controller.receive(byte, &HANDOVER);
         }
@@ -121,6 +123,7 @@ fn set_up() -> (Line, &'static mut Controller<An386>) {
             filament_motion: tip.filament_motion,
             emergency_stop: tip.emergency_stop,
         },
+        tip::TipOutputs,
         EngineSettings::of(&robot),
     );
     step_timer::start(engine, robot.description().motion.tick_hz, CLOCK_HZ);
@@ -130,6 +133,7 @@ fn set_up() -> (Line, &'static mut Controller<An386>) {
         reset_cause: reset::named(tip::reset_cause()),
         image: seal::check(),
         crash: crash::latest(),
+        without_crystal: false,
     };
     defmt::info!(
         "an386 for {=str}, boot id {=u32:08x}, started by {=str}",
@@ -148,6 +152,7 @@ fn set_up() -> (Line, &'static mut Controller<An386>) {
         driver_fault: tip.driver_fault,
         orientation: tip.orientation,
         watchdog,
+        debug_port: NoDebugPort,
         kept: tip.kept,
         journal: Journal::open(BoardFlash::new()),
         store,
@@ -161,10 +166,16 @@ fn set_up() -> (Line, &'static mut Controller<An386>) {
     (line, controller)
 }
 
+fn decode_for_board(bytes: &[u8]) -> Result<Robot, RobotError> {
+    let robot = Robot::decode(bytes)?;
+    robot.check_for_board()?;
+    Ok(robot)
+}
+
 /// The robot whose description the desktop has put into the tip's memory; without one, that the firmware was built for.
 #[inline(never)] // As above.
-fn robot() -> Result<Robot, growbot_core::robot::RobotError> {
+fn robot() -> Result<Robot, RobotError> {
     let mut bytes = [0; growbot_core::robot::LONGEST_ENCODED];
     let length = tip::copy_machine_description(&mut bytes);
-    bytes.get(..length).filter(|bytes| !bytes.is_empty()).map_or_else(|| Ok(machine::built_for()), Robot::decode)
+    bytes.get(..length).filter(|bytes| !bytes.is_empty()).map_or_else(|| Ok(machine::built_for()), decode_for_board)
 }

@@ -8,7 +8,7 @@ use growbot_firmware::stepping::Engine;
 use crate::HANDOVER;
 use crate::interrupt_owned::InterruptOwned;
 use crate::registers::Register;
-use crate::tip::{self, Encoder, Flag, IndexSensor, Step, Switch, Wire};
+use crate::tip::{self, Encoder, Flag, IndexSensor, Step, Switch, TipOutputs, Wire};
 
 const BASE: usize = 0x4000_0000;
 // SAFETY: the registers of TIMER0, which only this file uses.
@@ -24,7 +24,7 @@ const CONTROL_ENABLE: u32 = 1 << 0;
 const CONTROL_INTERRUPT: u32 = 1 << 3;
 
 /// What runs in the step interrupt.
-pub type StepEngine = Engine<Step, Wire, Switch, Step, Wire, Switch, Polarized<IndexSensor>, Encoder, Flag>;
+pub type StepEngine = Engine<Step, Wire, Switch, Step, Wire, Switch, Polarized<IndexSensor>, Encoder, Flag, TipOutputs>;
 
 static ENGINE: InterruptOwned<StepEngine> = InterruptOwned::empty();
 
@@ -33,13 +33,13 @@ static TICKS_HI: AtomicU32 = AtomicU32::new(0);
 
 static TICK_HZ: AtomicU32 = AtomicU32::new(1);
 
-/// Starts the ticks (they come once the interrupts are let through). The rate is kept within 1 Hz and 100 kHz.
+/// Starts the ticks (they come once the interrupts are let through), at a rate that [`growbot_core::robot::Robot::check_for_board`] has
+/// found possible.
 pub fn start(engine: StepEngine, tick_hz: u32, clock_hz: u32) {
-    let tick_hz = tick_hz.clamp(1, 100_000);
     ENGINE.give(engine);
     TICK_HZ.store(tick_hz, Ordering::Relaxed);
     tip::set_tick_hz(tick_hz);
-    let reload = (clock_hz / tick_hz).saturating_sub(1);
+    let reload = (clock_hz / tick_hz.max(1)).saturating_sub(1);
     RELOAD.write(reload);
     VALUE.write(reload);
     CONTROL.write(CONTROL_ENABLE | CONTROL_INTERRUPT);

@@ -8,7 +8,7 @@ use core::sync::atomic::{Ordering, fence};
 use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
 use embedded_hal::pwm::{self, SetDutyCycle};
 use growbot_firmware::emulated_tip::{self as table, Axis, EncoderCourse, StepRecord};
-use growbot_firmware::hal::{Converter, KeptMemory, Orientation};
+use growbot_firmware::hal::{Converter, KeptMemory, Orientation, Outputs};
 use growbot_firmware::safety::kept::{COPY_BYTES, KEPT_BYTES};
 
 use crate::registers::Register;
@@ -119,6 +119,15 @@ impl Tip {
     }
 }
 
+/// Heater, fan and both drivers, for the step interrupt.
+pub struct TipOutputs;
+
+impl Outputs for TipOutputs {
+    fn make_safe(&mut self) {
+        make_safe();
+    }
+}
+
 /// Heater, fan and both drivers off, now, from any context.
 pub fn make_safe() {
     for output in [table::HEATER_ENABLE, table::HEATER_DUTY, table::HEAD_ENABLE, table::FEED_ENABLE, table::FAN_DUTY] {
@@ -181,6 +190,11 @@ pub fn count_feed() {
 /// Counts a received byte that found the queue full.
 pub fn count_lost_byte() {
     count(table::LINK_BYTES_LOST);
+}
+
+/// Whether the host wants the main loop to hang.
+pub fn wants_hang() -> bool {
+    word(table::HANG).read() == 1
 }
 
 /// Tells the host how much stack was never used.

@@ -61,9 +61,10 @@ enum Kind {
     Sector,
     End,
     Halt,
+    Stop,
 }
 
-const KINDS: [(Kind, &str); 11] = [
+const KINDS: [(Kind, &str); 12] = [
     (Kind::Idle, "idle"),
     (Kind::Homing, "homing"),
     (Kind::Feeding, "feed move"),
@@ -75,6 +76,7 @@ const KINDS: [(Kind, &str); 11] = [
     (Kind::Sector, "sector ends"),
     (Kind::End, "turn ends"),
     (Kind::Halt, "halt"),
+    (Kind::Stop, "emergency stop"),
 ];
 
 /// Ticks of each kind, and the most instructions of one.
@@ -176,6 +178,9 @@ impl Bench {
         self.idle(100);
         self.handover.halt();
         self.tick(Kind::Halt);
+        pins::press_emergency_stop(true);
+        self.tick(Kind::Stop);
+        pins::press_emergency_stop(false);
         Some(self.costs)
     }
 

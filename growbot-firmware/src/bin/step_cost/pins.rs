@@ -5,6 +5,7 @@ use core::sync::atomic::{AtomicBool, Ordering};
 
 use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
 use growbot_core::robot::Robot;
+use growbot_firmware::hal::Outputs;
 use growbot_firmware::polarity::Polarized;
 use growbot_firmware::stepping::{Axis, Engine, EngineSettings, Handover, Inputs};
 
@@ -50,7 +51,7 @@ impl InputPin for Pin {
 type Wired = Polarized<Pin>;
 
 /// The engine with its pins wired as the robot's are.
-pub type StepEngine = Engine<Pin, Wired, Wired, Pin, Wired, Wired, Wired, Pin, Wired>;
+pub type StepEngine = Engine<Pin, Wired, Wired, Pin, Wired, Wired, Wired, Pin, Wired, TipOutputs>;
 
 fn wired(pin: &'static AtomicBool) -> Wired {
     Polarized::new(Pin(pin), false)
@@ -63,8 +64,23 @@ pub fn engine(settings: EngineSettings) -> StepEngine {
         Axis { step: Pin(&HEAD_STEP), direction: wired(&HEAD_DIRECTION), enable: wired(&HEAD_ENABLE) },
         Axis { step: Pin(&FEED_STEP), direction: wired(&FEED_DIRECTION), enable: wired(&FEED_ENABLE) },
         Inputs { index: wired(&INDEX), filament_motion: Pin(&FILAMENT), emergency_stop: wired(&STOP) },
+        TipOutputs,
         settings,
     )
+}
+
+/// Heater, fan and both drivers: five stores, as on the robot's board.
+pub struct TipOutputs;
+
+impl Outputs for TipOutputs {
+    fn make_safe(&mut self) {
+        crate::tip::make_safe();
+    }
+}
+
+/// Presses the emergency stop, or lets it go.
+pub fn press_emergency_stop(pressed: bool) {
+    STOP.store(pressed, Ordering::Relaxed);
 }
 
 /// What the step interrupt does.

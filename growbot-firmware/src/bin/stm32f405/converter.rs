@@ -5,9 +5,10 @@
 use core::sync::atomic::{AtomicU32, Ordering};
 
 use growbot_firmware::hal::Converter;
-use stm32f4xx_hal::gpio::{Analog, PC0, PC1};
 use stm32f4xx_hal::pac;
 use stm32f4xx_hal::rcc::{Enable, Rcc};
+
+use crate::pins::{SupplyInput, ThermistorInput};
 
 /// ADC1's input at PC0 (data sheet, table 7).
 const THERMISTOR: u8 = 10;
@@ -23,12 +24,12 @@ pub struct Thermistor {
     adc: pac::ADC1,
     common: pac::ADC_COMMON,
     state: State,
-    _pin: PC0<Analog>,
+    _pin: ThermistorInput,
 }
 
 /// The supply's input. It is converted while the thermistor is asked for.
 pub struct Supply {
-    _pin: PC1<Analog>,
+    _pin: SupplyInput,
 }
 
 enum State {
@@ -46,8 +47,8 @@ enum State {
 pub fn new(
     adc: pac::ADC1,
     common: pac::ADC_COMMON,
-    thermistor: PC0<Analog>,
-    supply: PC1<Analog>,
+    thermistor: ThermistorInput,
+    supply: SupplyInput,
     rcc: &mut Rcc,
 ) -> (Thermistor, Supply) {
     pac::ADC1::enable(rcc);

@@ -3,9 +3,10 @@
 use core::convert::Infallible;
 
 use embedded_hal::pwm::{ErrorType, SetDutyCycle};
-use stm32f4xx_hal::gpio::{Alternate, PB15};
 use stm32f4xx_hal::pac;
 use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
+
+use crate::pins::FanPower;
 
 /// One period is this many clocks less one, so that a duty of `u16::MAX` never goes low.
 const LAST_COUNT: u16 = u16::MAX - 1;
@@ -13,12 +14,12 @@ const LAST_COUNT: u16 = u16::MAX - 1;
 /// The fan's switch.
 pub struct Fan {
     timer: pac::TIM12,
-    _pin: PB15<Alternate<9>>,
+    _pin: FanPower,
 }
 
 impl Fan {
     /// Starts the PWM at no power.
-    pub fn new(timer: pac::TIM12, pin: PB15<Alternate<9>>, rcc: &mut Rcc) -> Self {
+    pub fn new(timer: pac::TIM12, pin: FanPower, rcc: &mut Rcc) -> Self {
         pac::TIM12::enable(rcc);
         pac::TIM12::reset(rcc);
         timer.arr().write(|w| w.arr().set(LAST_COUNT));

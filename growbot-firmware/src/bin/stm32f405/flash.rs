@@ -99,6 +99,9 @@ unsafe fn erase(status: *const u32, control: *mut u32, start: u32) {
     // SAFETY: registers of the flash, and of the watchdog, which may be fed at any time.
     unsafe {
         control.write_volatile(start);
+        // The write may still be on its way when the status is read, which would then say that all is over. (Not `cortex_m::asm::dsb`, which
+        // might not be inlined.)
+        core::arch::asm!("dsb", options(nostack, preserves_flags));
         let mut looks = 0;
         while status.read_volatile() & BUSY != 0 {
             if looks < MOST_LOOKS {

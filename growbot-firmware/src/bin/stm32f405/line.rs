@@ -3,10 +3,10 @@
 use growbot_core::link::emergency_stop::Recogniser;
 use growbot_firmware::byte_queue::ByteQueue;
 use growbot_firmware::stepping::Handover;
-use stm32f4xx_hal::gpio::{Alternate, PA2, PA3};
 use stm32f4xx_hal::pac;
 use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
 
+use crate::pins::{LinkRx, LinkTx};
 use crate::{clock, pins};
 
 /// A queue of so many bytes.
@@ -25,12 +25,12 @@ pub struct Line {
     /// Looks for an emergency stop in what is received.
     watch: Recogniser,
     lost: u32,
-    _pins: (PA2<Alternate<7>>, PA3<Alternate<7>>),
+    _pins: (LinkTx, LinkRx),
 }
 
 impl Line {
     /// Sets the USART up: 8 bits, no parity, one stop bit, an interrupt for each received byte.
-    pub fn start(usart: pac::USART2, pins: (PA2<Alternate<7>>, PA3<Alternate<7>>), rcc: &mut Rcc) -> Self {
+    pub fn start(usart: pac::USART2, pins: (LinkTx, LinkRx), rcc: &mut Rcc) -> Self {
         pac::USART2::enable(rcc);
         pac::USART2::reset(rcc);
         // Sixteenfold oversampling: the register holds the divider in sixteenths, which is clock over rate, rounded.

@@ -2,6 +2,7 @@
 //!
 //! | priority | task | does |
 //! |---|---|---|
+//! | not maskable | NMI | the crystal has stopped: everything off |
 //! | 5 | PVD | the processor's supply sags: everything off |
 //! | 4 | TIM2 | steps the motors |
 //! | 3 | USART2 | moves the bytes of the link |
@@ -16,6 +17,7 @@ mod clock;
 mod converter;
 #[path = "../crash.rs"]
 mod crash;
+mod debug_port;
 mod fan;
 mod flash;
 mod heater;
@@ -49,7 +51,9 @@ mod app {
     use stm32f4xx_hal::pac;
     use stm32f4xx_hal::prelude::*;
 
+    use crate::clock::Oscillator;
     use crate::converter::{self, Supply, Thermistor};
+    use crate::debug_port::{BoardDebugPort, Halts};
     use crate::fan::Fan;
     use crate::flash::BoardFlash;
     use crate::heater::Heater;
@@ -74,6 +78,7 @@ mod app {
         pins::Index,
         pins::FilamentMotion,
         pins::EmergencyStop,
+        pins::TipOutputs,
     >;
 
     /// The parts of this board.
@@ -89,6 +94,7 @@ mod app {
         type DriverFault = pins::DriverFault;
         type Orientation = BoardOrientation;
         type Watchdog = BoardWatchdog;
+        type DebugPort = BoardDebugPort;
         type Kept = BoardMemory;
         type Flash = BoardFlash;
         type Store = &'static mut LayerStore;
@@ -110,7 +116,7 @@ mod app {
     fn init(cx: init::Context) -> (Shared, Local) {
         let device = cx.device;
         let mut core = cx.core;
-        let (reset_cause, boot_id) = (reset::take_cause(&device.RCC), reset::next_boot_id());
+        let watchdog = watchdog::start(device.IWDG, Halts::set_up(device.DBGMCU, &mut core.DCB));
         let robot = machine::built_for();
         let Some(kept) = BoardMemory::take() else {
             // Nobody has had it before.
@@ -118,13 +124,17 @@ mod app {
         };
 
         brown_out::check_reset_level(&device.FLASH);
-        clock::speed_up(&device.RCC, &device.FLASH);
+        let identity = Identity {
+            reset_cause: reset::take_cause(&device.RCC),
+            boot_id: reset::next_boot_id(),
+            without_crystal: clock::speed_up(&device.RCC, &device.FLASH) == Oscillator::Internal,
+            // At full speed, and long before the watchdog wants to be fed.
+            image: seal::check(),
+            crash: crash::latest(),
+        };
         let mut rcc = device.RCC.constrain();
         brown_out::start_detector(&device.PWR, &mut rcc);
         let pins = Pins::new(robot.description(), device.GPIOA, device.GPIOB, device.GPIOC, &mut rcc);
-        let watchdog = watchdog::start(device.IWDG, &device.DBGMCU);
-        // At full speed, and long before the watchdog wants to be fed.
-        let identity = Identity { boot_id, reset_cause, image: seal::check(), crash: crash::latest() };
         clock::start(&mut core.SYST);
 
         let line = Line::start(device.USART2, (pins.link_tx, pins.link_rx), &mut rcc);
@@ -133,12 +143,13 @@ mod app {
             Axis { step: pins.head_step, direction: pins.head_direction, enable: pins.head_enable },
             Axis { step: pins.feed_step, direction: pins.feed_direction, enable: pins.feed_enable },
             Inputs { index: pins.index, filament_motion: pins.filament_motion, emergency_stop: pins.emergency_stop },
+            pins::TipOutputs,
             EngineSettings::of(&robot),
         );
         let (thermistor, supply) =
             converter::new(device.ADC1, device.ADC_COMMON, pins.thermistor, pins.supply, &mut rcc);
         let parts = Parts {
-            heater_power: Heater::new(device.TIM3, pins.heater, &mut rcc),
+            heater_power: Heater::new(device.TIM1, pins.heater, &mut rcc),
             heater_enable: pins.heater_enable,
             fan: Fan::new(device.TIM12, pins.fan, &mut rcc),
             thermistor,
@@ -147,6 +158,7 @@ mod app {
             driver_fault: pins.driver_fault,
             orientation: tip_bus::orientation(pins.orientation_clock, pins.orientation_data, clock::PROCESSOR_HZ),
             watchdog,
+            debug_port: BoardDebugPort,
             kept,
             journal: Journal::open(BoardFlash::new(device.FLASH)),
             store: cx.local.store,

@@ -1,72 +1,63 @@
-//! What is wired where: the one table of the robot's pins.
-//!
-//! | signal | pin | kind | safe level |
-//! |---|---|---|---|
-//! | head STEP | PC6 | push-pull output | low |
-//! | head DIR | PC7 | push-pull output | any |
-//! | head EN | PC8 | push-pull output | off |
-//! | feed STEP | PB12 | push-pull output | low |
-//! | feed DIR | PB13 | push-pull output | any |
-//! | feed EN | PB14 | push-pull output | off |
-//! | drivers' fault outputs, joined | PC9 | input with pull-up | |
-//! | heater power | PA6 | TIM3 channel 1, PWM | low |
-//! | heater second switch | PA7 | push-pull output | low |
-//! | fan | PB15 | TIM12 channel 2, PWM | low |
-//! | thermistor | PC0 | ADC1 channel 10, analog | |
-//! | supply voltage | PC1 | ADC1 channel 11, analog | |
-//! | index sensor | PB6 | input with pull-up | |
-//! | filament presence | PB5 | input with pull-up | |
-//! | filament encoder | PB7 | input with pull-up | |
-//! | emergency stop | PB8 | input with pull-up | |
-//! | orientation sensor SCL | PB10 | open-drain output with pull-up | released |
-//! | orientation sensor SDA | PB11 | open-drain output with pull-up | released |
-//! | link, board to host | PA2 | USART2 TX | |
-//! | link, host to board | PA3 | USART2 RX | |
-//! | oscillator | PH0, PH1 | 8 MHz crystal | |
-//! | debug probe | PA13, PA14 | SWD | |
+//! What is wired where: a type for each signal of WIRING.md's table, which names it, and its role.
 //!
 //! Which pins the published robots use is not known: this table is an assumption, for an STM32F405RG in its 64-pin package. PA15,
 //! PB3 and PB4 are left alone, since they are JTAG's until software says otherwise. The levels of DIR, EN and the inputs are the robot
 //! description's (`direction_high_is_positive`, `enable_low`, `active_low`, ...). What the board needs round the processor, first
-//! of all resistors that hold everything off while its pins float, is in WIRING.md; a test holds the two tables equal.
+//! of all resistors that hold everything off while its pins float, is in WIRING.md. A test compares its table with these types, and with
+//! what the image writes to the ports.
 
 use core::sync::atomic::{AtomicBool, Ordering};
 
 use growbot_core::robot::RobotDescription;
+use growbot_firmware::hal::Outputs;
 use growbot_firmware::polarity::Polarized;
-use stm32f4xx_hal::gpio::{Alternate, Analog, GpioExt, Input, Output, PinState, Pull};
+use stm32f4xx_hal::gpio::{Alternate, Analog, GpioExt, Input, OpenDrain, Output, PinState, Pull};
 use stm32f4xx_hal::gpio::{
-    PA2, PA3, PA6, PA7, PB5, PB6, PB7, PB8, PB12, PB13, PB14, PB15, PC0, PC1, PC6, PC7, PC8, PC9,
+    PA2, PA3, PA7, PA8, PB5, PB6, PB7, PB8, PB10, PB11, PB12, PB13, PB14, PB15, PC0, PC1, PC6, PC7, PC8, PC9,
 };
 use stm32f4xx_hal::pac;
 use stm32f4xx_hal::rcc::Rcc;
 
-use crate::tip_bus;
-
-/// STEP of the head.
+/// Signal `head STEP`.
 pub type HeadStep = PC6<Output>;
-/// DIR of the head.
+/// Signal `head DIR`.
 pub type HeadDirection = Polarized<PC7<Output>>;
-/// EN of the head; high is energised.
+/// Signal `head EN`; high is energised.
 pub type HeadEnable = Polarized<PC8<Output>>;
-/// STEP of the feed.
+/// Signal `feed STEP`.
 pub type FeedStep = PB12<Output>;
-/// DIR of the feed.
+/// Signal `feed DIR`.
 pub type FeedDirection = Polarized<PB13<Output>>;
-/// EN of the feed; high is energised.
+/// Signal `feed EN`; high is energised.
 pub type FeedEnable = Polarized<PB14<Output>>;
-/// The second switch in the heater's supply.
-pub type HeaterEnable = PA7<Output>;
-/// The index sensor.
-pub type Index = Polarized<PB6<Input>>;
-/// The encoder that the filament turns.
-pub type FilamentMotion = PB7<Input>;
-/// The emergency stop; high is pressed.
-pub type EmergencyStop = Polarized<PB8<Input>>;
-/// The filament's switch; high is filament.
-pub type FilamentPresence = Polarized<PB5<Input>>;
-/// The drivers' fault outputs; high is a fault.
+/// Signal `drivers' fault outputs, joined`; high is a fault.
 pub type DriverFault = Polarized<PC9<Input>>;
+/// Signal `heater power`.
+pub type HeaterPower = PA8<Alternate<1>>;
+/// Signal `heater second switch`.
+pub type HeaterEnable = PA7<Output>;
+/// Signal `fan`.
+pub type FanPower = PB15<Alternate<9>>;
+/// Signal `thermistor`.
+pub type ThermistorInput = PC0<Analog>;
+/// Signal `supply voltage`.
+pub type SupplyInput = PC1<Analog>;
+/// Signal `index sensor`; high is on the mark.
+pub type Index = Polarized<PB6<Input>>;
+/// Signal `filament presence`; high is filament.
+pub type FilamentPresence = Polarized<PB5<Input>>;
+/// Signal `filament encoder`.
+pub type FilamentMotion = PB7<Input>;
+/// Signal `emergency stop`; high is pressed.
+pub type EmergencyStop = Polarized<PB8<Input>>;
+/// Signal `orientation sensor SCL`.
+pub type OrientationClock = PB10<Output<OpenDrain>>;
+/// Signal `orientation sensor SDA`.
+pub type OrientationData = PB11<Output<OpenDrain>>;
+/// Signal `link, board to host`.
+pub type LinkTx = PA2<Alternate<7>>;
+/// Signal `link, host to board`.
+pub type LinkRx = PA3<Alternate<7>>;
 
 /// Whether a low level enables the drivers: [`make_safe`] must know it whoever owns the pins.
 static ENABLE_LOW: AtomicBool = AtomicBool::new(true);
@@ -86,23 +77,23 @@ pub struct Pins {
     /// EN of the feed.
     pub feed_enable: FeedEnable,
     /// Output of the heater's PWM.
-    pub heater: PA6<Alternate<2>>,
+    pub heater: HeaterPower,
     /// The second switch in the heater's supply.
     pub heater_enable: HeaterEnable,
     /// Output of the fan's PWM.
-    pub fan: PB15<Alternate<9>>,
+    pub fan: FanPower,
     /// Divider of the thermistor.
-    pub thermistor: PC0<Analog>,
+    pub thermistor: ThermistorInput,
     /// Divider of the supply.
-    pub supply: PC1<Analog>,
+    pub supply: SupplyInput,
     /// The filament's switch.
     pub filament_presence: FilamentPresence,
     /// The drivers' fault outputs.
     pub driver_fault: DriverFault,
     /// SCL of the orientation sensor.
-    pub orientation_clock: tip_bus::Clock,
+    pub orientation_clock: OrientationClock,
     /// SDA of the orientation sensor.
-    pub orientation_data: tip_bus::Data,
+    pub orientation_data: OrientationData,
     /// Index sensor of the head.
     pub index: Index,
     /// The encoder that the filament turns.
@@ -110,9 +101,9 @@ pub struct Pins {
     /// The emergency stop.
     pub emergency_stop: EmergencyStop,
     /// TX of the link.
-    pub link_tx: PA2<Alternate<7>>,
+    pub link_tx: LinkTx,
     /// RX of the link.
-    pub link_rx: PA3<Alternate<7>>,
+    pub link_rx: LinkRx,
 }
 
 impl Pins {
@@ -134,9 +125,10 @@ impl Pins {
             feed_step: b.pb12.into_push_pull_output_in_state(PinState::Low),
             feed_direction: Polarized::new(b.pb13.into_push_pull_output_in_state(PinState::Low), feed_backwards),
             feed_enable: Polarized::new(b.pb14.into_push_pull_output_in_state(off), enable_low),
-            heater: a.pa6.into_alternate(),
-            heater_enable: a.pa7.into_push_pull_output_in_state(PinState::Low),
-            fan: b.pb15.into_alternate(),
+            // The processor's own pull-downs beside those at the gate drivers: the timers' outputs may be off, and a wire may break.
+            heater: a.pa8.into_alternate().internal_resistor(Pull::Down),
+            heater_enable: a.pa7.into_push_pull_output_in_state(PinState::Low).internal_resistor(Pull::Down),
+            fan: b.pb15.into_alternate().internal_resistor(Pull::Down),
             thermistor: c.pc0.into_analog(),
             supply: c.pc1.into_analog(),
             filament_presence: Polarized::new(b.pb5.into_pull_up_input(), active_low(sensors.filament_presence)),
@@ -147,8 +139,18 @@ impl Pins {
             filament_motion: b.pb7.into_pull_up_input(),
             emergency_stop: Polarized::new(b.pb8.into_pull_up_input(), active_low(sensors.emergency_stop)),
             link_tx: a.pa2.into_alternate(),
-            link_rx: a.pa3.into_alternate(),
+            // Without an adapter the line idles, instead of picking up bytes.
+            link_rx: a.pa3.into_alternate().internal_resistor(Pull::Up),
         }
+    }
+}
+
+/// Heater, fan and both drivers, for the step interrupt.
+pub struct TipOutputs;
+
+impl Outputs for TipOutputs {
+    fn make_safe(&mut self) {
+        make_safe();
     }
 }
 

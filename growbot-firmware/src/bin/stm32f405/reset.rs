@@ -29,6 +29,7 @@ const CHECK: usize = 2;
 const FAULTED: u32 = 0x6E0F_E502;
 const SAGGED: u32 = 0x6E0F_E503;
 const OVERFLOWED: u32 = 0x6E0F_E504;
+const CLOCK_FAILED: u32 = 0x6E0F_E505;
 
 impl Notes {
     fn word(&self, index: usize) -> *mut u32 {
@@ -61,6 +62,8 @@ pub fn take_cause(rcc: &pac::RCC) -> ResetCause {
         ResetCause::Watchdog
     } else if end == OVERFLOWED {
         ResetCause::StackOverflow
+    } else if end == CLOCK_FAILED {
+        ResetCause::ClockFailed
     } else if end == FAULTED {
         ResetCause::ProcessorFault
     } else {
@@ -97,6 +100,11 @@ pub fn end_by_brown_out() -> ! {
 #[unsafe(export_name = "DefaultHandler")]
 extern "C" fn default_handler() -> ! {
     naked_asm!("b HardFault")
+}
+
+/// The crystal has stopped: everything off, and a new start.
+pub fn end_by_clock_failure() -> ! {
+    end(CLOCK_FAILED)
 }
 
 /// The stack is full, or the processor faulted for another reason.

@@ -9,12 +9,11 @@ use crate::clock;
 pub struct StepTimer(pac::TIM2);
 
 impl StepTimer {
-    /// Starts interrupts at a rate, kept within 1 Hz and 100 kHz.
+    /// Starts interrupts at a rate that [`growbot_core::robot::Robot::check_for_board`] has found possible.
     pub fn start(timer: pac::TIM2, tick_hz: u32, rcc: &mut Rcc) -> Self {
-        let tick_hz = tick_hz.clamp(1, 100_000);
         pac::TIM2::enable(rcc);
         pac::TIM2::reset(rcc);
-        let period = clock::TIMERS_1_HZ / tick_hz;
+        let period = clock::TIMERS_1_HZ / tick_hz.max(1);
         timer.psc().write(|w| w.psc().set(0));
         timer.arr().write(|w| w.arr().set(period.saturating_sub(1)));
         timer.cnt().write(|w| w.cnt().set(0));

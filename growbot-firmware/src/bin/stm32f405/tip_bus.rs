@@ -3,14 +3,11 @@
 use embedded_hal::delay::DelayNs;
 use growbot_firmware::orientation::TipOrientation;
 use growbot_firmware::two_wire::TwoWire;
-use stm32f4xx_hal::gpio::{OpenDrain, Output, PB10, PB11};
 
-/// SCL.
-pub type Clock = PB10<Output<OpenDrain>>;
-/// SDA.
-pub type Data = PB11<Output<OpenDrain>>;
+use crate::pins::{OrientationClock, OrientationData};
+
 /// The sensor.
-pub type BoardOrientation = TipOrientation<TwoWire<Clock, Data, Cycles>>;
+pub type BoardOrientation = TipOrientation<TwoWire<OrientationClock, OrientationData, Cycles>>;
 
 /// Waits by counting the processor's cycles.
 pub struct Cycles {
@@ -25,7 +22,7 @@ impl DelayNs for Cycles {
 }
 
 /// The sensor on these pins; nothing is sent yet.
-pub fn orientation(clock: Clock, data: Data, processor_hz: u32) -> BoardOrientation {
+pub fn orientation(clock: OrientationClock, data: OrientationData, processor_hz: u32) -> BoardOrientation {
     // A round is a subtraction and a branch that is taken: 2 to 4 cycles (Cortex-M4 reference manual, 3.3.1).
     let rounds_per_us = processor_hz.div_ceil(2_000_000);
     TipOrientation::new(TwoWire::new(clock, data, Cycles { rounds_per_us }))

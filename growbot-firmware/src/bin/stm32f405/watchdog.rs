@@ -5,19 +5,24 @@ use stm32f4xx_hal::pac;
 use stm32f4xx_hal::prelude::*;
 use stm32f4xx_hal::watchdog::IndependentWatchdog;
 
-/// The running watchdog. It cannot be stopped again.
-pub struct BoardWatchdog(IndependentWatchdog);
+use crate::debug_port::Halts;
 
-/// Starts the watchdog. It pauses while a debugger holds the processor.
-pub fn start(iwdg: pac::IWDG, debug: &pac::DBGMCU) -> BoardWatchdog {
+/// The running watchdog. It cannot be stopped again.
+pub struct BoardWatchdog {
+    watchdog: IndependentWatchdog,
+    halts: Halts,
+}
+
+/// Starts the watchdog. It runs on while a debug probe halts the processor, as `halts` has it.
+pub fn start(iwdg: pac::IWDG, halts: Halts) -> BoardWatchdog {
     let mut watchdog = IndependentWatchdog::new(iwdg);
-    watchdog.stop_on_debug(debug, true);
     watchdog.start(1.secs());
-    BoardWatchdog(watchdog)
+    BoardWatchdog { watchdog, halts }
 }
 
 impl Watchdog for BoardWatchdog {
     fn feed(&mut self) {
-        self.0.feed();
+        self.halts.assert();
+        self.watchdog.feed();
     }
 }

@@ -10,14 +10,14 @@ use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::{Encoder, LayerBytes, decode};
 use growbot_core::link::frame::{self, Header, LONGEST_BODY, Receiver, next};
 use growbot_core::link::message::{
-    Accepted, Amend, Begin, Empty, HostHello, HostName, Laid, Layers, MOST_LAYERS, Message, Refusal, Refused,
+    Accepted, Amend, Begin, Empty, Fault, HostHello, HostName, Laid, Layers, MOST_LAYERS, Message, Refusal, Refused,
     ResetCause, Resume, SCHEMA_HASH, Silence, Start, State, Status, Tune,
 };
 use growbot_core::robot::Robot;
 
 use super::tip::{
-    DRIVER_FAULT, EMERGENCY_STOP, FEED, FILAMENT_MOTION, FILAMENT_PRESENCE, FakeKept, FakeOrientation, FakeSupply,
-    FakeThermistor, FakeWatchdog, HEAD, HEATER_ENABLE, HeaterWires, INDEX, Motors, Wire, World,
+    DRIVER_FAULT, EMERGENCY_STOP, FEED, FILAMENT_MOTION, FILAMENT_PRESENCE, FakeDebugPort, FakeKept, FakeOrientation,
+    FakeSupply, FakeThermistor, FakeWatchdog, HEAD, HEATER_ENABLE, HeaterWires, INDEX, Motors, TipOutputs, Wire, World,
 };
 use crate::controller::{Controller, Identity};
 use crate::hal::{Board, Parts};
@@ -53,6 +53,8 @@ pub struct Bench {
     pub session: u32,
     /// Whether the step interrupt runs.
     pub interrupt_runs: bool,
+    /// Whether the main loop runs: it hangs somewhere otherwise, and the controller is not polled.
+    pub main_loop_runs: bool,
     engine: TestEngine,
     handover: Handover,
     tick: u64,
@@ -67,7 +69,7 @@ pub struct Bench {
     called_out: u32,
 }
 
-type TestEngine = Engine<FakePin, FakePin, FakePin, FakePin, FakePin, FakePin, FakePin, FakePin, FakePin>;
+type TestEngine = Engine<FakePin, FakePin, FakePin, FakePin, FakePin, FakePin, FakePin, FakePin, FakePin, TipOutputs>;
 
 pub struct TestBoard;
 
@@ -81,6 +83,7 @@ impl Board for TestBoard {
     type DriverFault = FakePin;
     type Orientation = FakeOrientation;
     type Watchdog = FakeWatchdog;
+    type DebugPort = FakeDebugPort;
     type Kept = FakeKept;
     type Flash = Flash;
     type Store = Box<LayerStore>;
@@ -106,7 +109,8 @@ impl Bench {
         bench
     }
 
-    fn boot(robot: Robot, world: Rc<World>, reset_cause: ResetCause) -> Self {
+    /// A board in this world, just started.
+    pub fn boot(robot: Robot, world: Rc<World>, reset_cause: ResetCause) -> Self {
         let (pins, power, fed) = (FakePins::default(), FakePower::default(), FakeWatchdog::default());
         let fan = FakePower::default();
         let axis = |at: usize| Axis { step: pins.pin(at), direction: pins.pin(at + 1), enable: pins.pin(at + 2) };
@@ -115,7 +119,8 @@ impl Bench {
             filament_motion: pins.pin(FILAMENT_MOTION),
             emergency_stop: pins.pin(EMERGENCY_STOP),
         };
-        let engine = Engine::new(axis(HEAD), axis(FEED), inputs, EngineSettings::of(&robot));
+        let outputs = TipOutputs { power: power.clone(), fan: fan.clone(), pins: pins.clone() };
+        let engine = Engine::new(axis(HEAD), axis(FEED), inputs, outputs, EngineSettings::of(&robot));
         let handover = Handover::new();
         let parts = Parts {
             heater_power: power.clone(),
@@ -127,12 +132,19 @@ impl Bench {
             driver_fault: pins.pin(DRIVER_FAULT),
             orientation: FakeOrientation,
             watchdog: fed.clone(),
+            debug_port: FakeDebugPort(Rc::clone(&world)),
             kept: FakeKept(Rc::clone(&world)),
             journal: Journal::open(world.flash.clone()),
             store: Box::new(LayerStore::new()),
         };
         pins.set(FILAMENT_PRESENCE, true);
-        let identity = Identity { boot_id: 5, reset_cause, image: world.image.get(), crash: None };
+        let identity = Identity {
+            boot_id: 5,
+            reset_cause,
+            image: world.image.get(),
+            crash: None,
+            without_crystal: world.without_crystal.get(),
+        };
         Self {
             controller: Controller::new(robot.clone(), identity, parts, &handover),
             motors: Motors::new(pins.clone(), &robot, 17),
@@ -146,6 +158,7 @@ impl Bench {
             reads: true,
             session: SESSION,
             interrupt_runs: true,
+            main_loop_runs: true,
             engine,
             handover,
             tick: 0,
@@ -194,13 +207,14 @@ impl Bench {
     /// One tick in which something happens, or all up to the next poll in which nothing does.
     fn advance(&mut self, until: u64) {
         let quiet = u32::try_from(self.next_poll.min(until).saturating_sub(self.tick).max(1)).unwrap_or(u32::MAX);
+        let quiet = if self.main_loop_runs { quiet } else { 1 };
         let event = if self.interrupt_runs { self.engine.ticks_to_event(&self.handover) } else { u32::MAX };
         let ticks = event.min(quiet);
         if self.interrupt_runs {
             self.engine.skip(ticks - 1);
         }
         self.tick_once(u64::from(ticks));
-        if self.tick >= self.next_poll || self.handover.report_waits() {
+        if self.main_loop_runs && (self.tick >= self.next_poll || self.handover.report_waits()) {
             self.poll();
         }
     }
@@ -254,7 +268,7 @@ impl Bench {
         }
         assert_eq!(state == State::Fault, self.controller.fault().is_some(), "{state:?}");
         assert!(self.fan.share() == 0.0 || may_heat(state), "the fan turns in {state:?}");
-        if self.heater.share() > 0.0 {
+        if self.main_loop_runs && self.heater.share() > 0.0 {
             let age = self.now_us() - self.world.sampled_at.get();
             assert!(age <= 500_000 + POLL_US, "power on a reading {age} us old");
         }
@@ -455,6 +469,11 @@ impl Bench {
     /// How often the board has said that it obeyed one, since the last question.
     pub fn called_out(&mut self) -> u32 {
         core::mem::take(&mut self.called_out)
+    }
+
+    /// Something is found to be wrong, whatever it is.
+    pub fn fail(&mut self, fault: Fault) {
+        self.controller.fail(fault, &self.handover);
     }
 
     pub fn press_emergency_stop(&self, pressed: bool) {

@@ -323,6 +323,43 @@ fn the_emergency_stop_stops_at_once_and_is_left_only_when_released() {
 }
 
 #[test]
+fn the_button_switches_the_heater_off_while_the_main_loop_hangs() {
+    for state in HEATED {
+        let mut bench = Bench::in_state(state);
+        bench.run_until(60.0, |bench| bench.heater.share() > 0.0);
+        bench.main_loop_runs = false;
+        bench.run(0.1);
+        assert!(bench.heater.share() > 0.0, "{state:?}: nothing else switches it off");
+        bench.press_emergency_stop(true);
+        // One tick of the step interrupt.
+        bench.run(1.1 / f64::from(bench.robot.description().motion.tick_hz));
+        assert!(bench.heater.off() && bench.fan.share() == 0.0 && !bench.motors.enabled(), "{state:?}");
+        // However short it was pressed.
+        bench.press_emergency_stop(false);
+        bench.run(0.2);
+        assert!(bench.heater.off() && bench.fan.share() == 0.0 && !bench.motors.enabled(), "{state:?}");
+        bench.main_loop_runs = true;
+        bench.run(0.1);
+        assert_eq!(bench.controller.state(), State::EmergencyStop, "{state:?}");
+        assert!(bench.heater.off());
+    }
+}
+
+#[test]
+fn an_alarm_of_the_step_interrupt_switches_the_heater_off_while_the_main_loop_hangs() {
+    let mut bench = Bench::in_state(State::Homing);
+    bench.run_until(60.0, |bench| bench.heater.share() > 0.0);
+    bench.motors.index_dead = true;
+    bench.main_loop_runs = false;
+    bench.run(20.0);
+    assert!(bench.heater.off() && !bench.motors.enabled());
+    // Back again, the main loop first misses the temperatures that it has not taken.
+    bench.main_loop_runs = true;
+    bench.run(0.1);
+    assert_eq!((bench.controller.state(), bench.heater.off()), (State::Fault, true));
+}
+
+#[test]
 fn a_fault_keeps_what_was_laid_in_sight_and_takes_no_job() {
     let mut bench = Bench::in_state(State::Fault);
     let status = bench.status();

@@ -25,6 +25,7 @@ fn a_reset_in_the_midst_of_work_is_a_fault_by_its_cause() {
         (ResetCause::ProcessorFault, Fault::ProcessorFault),
         (ResetCause::StackOverflow, Fault::StackOverflow),
         (ResetCause::External, Fault::PowerLost),
+        (ResetCause::ClockFailed, Fault::ClockFailed),
     ] {
         for state in State::ALL.into_iter().filter(|state| !at_rest(*state) || *state == State::Parked) {
             let mut bench = Bench::in_state(state);

@@ -55,6 +55,10 @@ pub struct World {
     pub kept: Cell<[u8; KEPT_BYTES]>,
     /// Every write to it: which copy, and what.
     pub kept_writes: RefCell<Vec<(usize, [u8; COPY_BYTES])>>,
+    /// A debug probe has switched debugging on.
+    pub debugging: Cell<bool>,
+    /// The crystal does not start.
+    pub without_crystal: Cell<bool>,
     robot: Robot,
 }
 
@@ -79,6 +83,8 @@ impl World {
             image: Cell::new(ImageCheck::NotSealed),
             kept: Cell::new([0; KEPT_BYTES]),
             kept_writes: RefCell::default(),
+            debugging: Cell::new(false),
+            without_crystal: Cell::new(false),
             robot: robot.clone(),
         })
     }
@@ -141,6 +147,15 @@ impl hal::KeptMemory for FakeKept {
         kept.as_chunks_mut::<COPY_BYTES>().0[copy] = *bytes;
         self.0.kept.set(kept);
         self.0.kept_writes.borrow_mut().push((copy, *bytes));
+    }
+}
+
+/// The processor's debugging.
+pub struct FakeDebugPort(pub Rc<World>);
+
+impl hal::DebugPort for FakeDebugPort {
+    fn is_on(&self) -> bool {
+        self.0.debugging.get()
     }
 }
 
@@ -237,6 +252,25 @@ impl Motors {
 
     pub fn enabled(&self) -> bool {
         self.pins.level(HEAD + 2) || self.pins.level(FEED + 2)
+    }
+}
+
+/// Heater, fan and both drivers, for the step interrupt.
+pub struct TipOutputs {
+    pub power: FakePower,
+    pub fan: FakePower,
+    pub pins: FakePins,
+}
+
+impl hal::Outputs for TipOutputs {
+    fn make_safe(&mut self) {
+        self.power.set(0);
+        self.fan.set(0);
+        for pin in [HEATER_ENABLE, HEAD + 2, FEED + 2] {
+            if self.pins.works(pin) {
+                self.pins.set(pin, false);
+            }
+        }
     }
 }
 

@@ -1,0 +1,49 @@
+//! The table of pins in WIRING.md.
+
+/// The document.
+pub const WIRING: &str = include_str!("../../WIRING.md");
+
+/// A row of the table: a signal and its wire.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Row {
+    /// What the signal is called.
+    pub signal: String,
+    /// Its pins, as "PA2": one, but for the oscillator and the debug probe.
+    pub pins: Vec<String>,
+    /// What the pin is.
+    pub kind: String,
+    /// The level at which it does no harm; empty for an input.
+    pub safe: String,
+}
+
+/// All rows.
+///
+/// # Panics
+/// If there is no such table.
+#[must_use]
+pub fn rows() -> Vec<Row> {
+    let lines = WIRING.lines().skip_while(|line| !line.starts_with("<!-- pins")).skip(3);
+    let rows = lines.take_while(|line| line.starts_with('|')).map(|line| {
+        let cells: Vec<&str> = line.split('|').map(str::trim).collect();
+        let [_, signal, pins, kind, safe, _] = cells[..] else { panic!("a row of another shape: {line}") };
+        Row {
+            signal: signal.to_owned(),
+            pins: pins.split(',').map(|pin| pin.trim().to_owned()).collect(),
+            kind: kind.to_owned(),
+            safe: safe.to_owned(),
+        }
+    });
+    let rows: Vec<Row> = rows.collect();
+    assert!(rows.len() > 20, "the table of pins in WIRING.md has {} rows", rows.len());
+    rows
+}
+
+/// The pin of a signal.
+///
+/// # Panics
+/// If there is no such signal.
+#[must_use]
+pub fn pin_of(signal: &str) -> String {
+    let row = rows().into_iter().find(|row| row.signal == signal);
+    row.and_then(|row| row.pins.into_iter().next()).unwrap_or_else(|| panic!("WIRING.md has no signal {signal:?}"))
+}
