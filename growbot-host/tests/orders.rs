@@ -87,6 +87,10 @@ impl Port for Cut {
         self.sim.receive(buffer, timeout)
     }
 
+    fn now(&self) -> Duration {
+        self.sim.now()
+    }
+
     fn tip(&mut self) -> Result<Option<TipRecord>, PortError> {
         self.sim.tip()
     }

@@ -17,7 +17,7 @@ use super::following::{Following, OnSilence, refuse};
 use super::goal::GoalArgs;
 use super::interrupt::stop_on_interrupt;
 use super::watching::WatchArgs;
-use super::{Failure, PortArg, plan_table};
+use super::{ChosenPort, Failure, PortArg, plan_table};
 
 /// Grow a body: a plan, or straight from a pose
 ///
@@ -69,7 +69,7 @@ Exit codes: 0, the body is grown; 1, stopped, refused or a fault; 2, something
 was wrong before the job.";
 
 /// What `growbot` alone grows: 1 m of robot A to a pose that needs both planes.
-const MAIN_JOB: [&str; 3] = ["growbot grow", "--to", "550,345,610,120,-25"];
+const MAIN_JOB: [&str; 5] = ["growbot grow", "--to", "550,345,610,120,-25", "--port", "sim"];
 
 /// The arguments of a command on their own, for [`MAIN_JOB`].
 #[derive(Parser)]
@@ -88,6 +88,7 @@ pub fn run_main_job() -> Result<(), Failure> {
 
 /// Runs the command.
 pub fn run(args: &GrowArgs) -> Result<(), Failure> {
+    let port = args.port.choose()?;
     let (robot, plan) = args.goal.robot_and_plan()?;
     let preventing: Vec<_> =
         plan.warnings.iter().filter(|warning| PREVENTING.contains(&warning.code.as_str())).collect();
@@ -96,15 +97,15 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     }
     if !preventing.is_empty() && !args.force {
         let codes: Vec<_> = preventing.iter().map(|warning| warning.code.as_str()).collect();
-        refuse(args.json, &plan)?;
+        refuse(args.json, &plan, port.is_simulated())?;
         return Err(Failure::answered_no(format!(
             "not grown because of {}: change the plan, or grow it all the same with --force",
             codes.join(", ")
         )));
     }
-    let name = args.port.name()?;
-    args.suits(&name, &robot)?;
-    let pace = args.watching.pace(&name)?;
+    let name = port.name();
+    args.suits(&port, &robot)?;
+    let pace = args.watching.pace(name)?;
     if matches!(name, PortName::Emulator(_)) {
         let time = plan_table::duration(plan.needs.duration);
         growbot_host::tell!("growbot: the emulated board runs in real time: the layers alone take {time}");
@@ -120,28 +121,29 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
         seed: disturbance.seed,
     };
     let settings = TipSettings { start: Some(plan.start), imperfection, pace };
-    let mut client = args.port.client_of(&robot, &settings)?;
-    let orders = stop_on_interrupt();
+    let mut client = port.client_of(&robot, &settings)?;
+    let orders = stop_on_interrupt(&mut client, &port);
     let subject = Subject { name: &args.goal.name(), robot: &robot, plan: &plan, run: None };
     let watch = args.watching.begin(&subject, &job, &[], &orders)?;
     let log = match &args.log {
-        Some(path) => RunLog::begin(path, &plan, &job, noise, args.port.text()).map_err(Failure::bad_input)?,
+        Some(path) => RunLog::begin(path, &plan, &job, noise, port.text()).map_err(Failure::bad_input)?,
         None => RunLog::none(),
     };
     let seed = (disturbance.disturbs() || disturbance.knows_sensors()).then_some(disturbance.seed);
     let seed = seed.filter(|_| name.is_simulated());
-    let following = Following { robot: &robot, plan: &plan, log, watch, json: args.json, laid: 0, seed };
+    let simulated = port.is_simulated();
+    let following = Following { robot: &robot, plan: &plan, log, watch, json: args.json, laid: 0, seed, simulated };
     let manner = Manner { silence: args.on_silence.into(), feedback };
     following.follow(|tell| grow_job(&mut client, &job, manner, &orders, tell))
 }
 
 impl GrowArgs {
     /// Whether what is asked for can be had there.
-    fn suits(&self, port: &PortName, robot: &Robot) -> Result<(), Failure> {
+    fn suits(&self, port: &ChosenPort, robot: &Robot) -> Result<(), Failure> {
         if self.disturbance.disturbs() && !port.is_simulated() {
             return Err(Failure::bad_input(format!(
                 "layers cannot be disturbed at {}, which is no simulated tip: leave out noises and biases, or use --port sim or emulator",
-                self.port.text()
+                port.text()
             )));
         }
         if self.disturbance.knows_sensors() && !port.is_simulated() && !self.feedback {

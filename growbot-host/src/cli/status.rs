@@ -8,7 +8,7 @@ use growbot_host::output::print;
 use serde_json::{Value, json};
 
 use super::growth_table::made;
-use super::{Failure, PortArg, RobotArg};
+use super::{Failure, RobotArg, RobotPortArg};
 
 /// Ask the robot's board who it is, what it is doing and what its sensors say
 ///
@@ -17,7 +17,7 @@ use super::{Failure, PortArg, RobotArg};
 #[command(after_help = "Example:\n  growbot status --port /dev/ttyACM0")]
 pub struct StatusArgs {
     #[command(flatten)]
-    port: PortArg,
+    port: RobotPortArg,
     #[command(flatten)]
     robot: RobotArg,
     /// Print one line of JSON
@@ -27,15 +27,17 @@ pub struct StatusArgs {
 
 /// Runs the command.
 pub fn run(args: &StatusArgs) -> Result<(), Failure> {
+    let port = args.port.choose()?;
     let robot = args.robot.load()?;
-    let mut client = args.port.client(&robot)?;
-    let report = Report::of(&mut client)?;
+    let mut client = port.client(&robot)?;
+    let report = Report::of(&mut client, port.is_simulated())?;
     print(&if args.json { format!("{}\n", report.json()) } else { report.text() })?;
     Ok(())
 }
 
 /// All that a board says of itself.
 pub struct Report {
+    simulated: bool,
     hello: BoardHello,
     sensors: SensorReadings,
     latest_fault: Option<FaultRecord>,
@@ -43,13 +45,14 @@ pub struct Report {
 
 impl Report {
     /// Asks the board.
-    pub fn of(client: &mut Client) -> Result<Self, ClientError> {
-        Ok(Self { hello: client.board()?, sensors: client.sensors()?, latest_fault: client.latest_fault()? })
+    pub fn of(client: &mut Client, simulated: bool) -> Result<Self, ClientError> {
+        Ok(Self { simulated, hello: client.board()?, sensors: client.sensors()?, latest_fault: client.latest_fault()? })
     }
 
     fn json(&self) -> Value {
         let mut value = json_of(&self.hello);
         if let Value::Object(fields) = &mut value {
+            fields.insert("simulated".to_string(), self.simulated.into());
             fields.insert("sensors".to_string(), json_of_sensors(&self.sensors));
             fields.insert("latest_fault".to_string(), self.latest_fault.as_ref().map_or(Value::Null, json_of_record));
         }
@@ -58,7 +61,7 @@ impl Report {
 
     /// In a few lines.
     pub fn text(&self) -> String {
-        let mut text = text_of(&self.hello);
+        let mut text = text_of(&self.hello, self.simulated);
         text += &format!("sensors      {}\n", text_of_sensors(&self.sensors));
         if let Some(record) = &self.latest_fault {
             text += &text_of_record(record);
@@ -196,7 +199,7 @@ fn version(hello: &BoardHello) -> String {
 }
 
 /// The status in a few lines.
-fn text_of(hello: &BoardHello) -> String {
+fn text_of(hello: &BoardHello, simulated: bool) -> String {
     let status = &hello.status;
     let temperature = status.temperature_centi_c.map_or("no reading".to_string(), |t| format!("{:.1} C", celsius(t)));
     let target = status.target_centi_c.map_or("heater off".to_string(), |t| format!("target {:.1} C", celsius(t)));
@@ -211,7 +214,9 @@ fn text_of(hello: &BoardHello) -> String {
             )
         }
     };
-    let mut text = format!("robot        {} ({:016x}), firmware {}\n", hello.robot_name, hello.robot, version(hello));
+    let simulated = if simulated { ", simulated" } else { "" };
+    let mut text =
+        format!("robot        {} ({:016x}), firmware {}{simulated}\n", hello.robot_name, hello.robot, version(hello));
     text += &format!("state        {}\n", status.state.name());
     if let Some(fault) = status.fault {
         text += &format!("fault        {}: {}\n", fault.code(), fault.explanation());

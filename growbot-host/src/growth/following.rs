@@ -6,7 +6,7 @@ use growbot_core::link::message::{Empty, Fault, Laid, Message, Refusal, State, S
 
 use super::handover::IN_ENGINE;
 use super::{CutLayer, Grown, Growth, GrowthError, News, Order, Orders, Outcome};
-use crate::client::ClientError;
+use crate::client::{ClientError, ClockDrift};
 
 /// How long to wait for an event before orders are looked at,
 const LOOK: Duration = Duration::from_millis(200);
@@ -84,7 +84,10 @@ impl Growth<'_> {
                 stopped_by = Some(order).filter(|order| *order >= Order::Stop);
                 ask = true;
             }
-            if std::mem::take(&mut ask) {
+            if let Some(drift) = self.client.clock_drift() {
+                return self.stop_for(drift, tell);
+            }
+            if std::mem::take(&mut ask) || self.client.wants_clock() {
                 let status = self.client.status()?;
                 let outcome = self.take_status(&status, tell)?;
                 tell(&News::Status(status));
@@ -115,6 +118,8 @@ impl Growth<'_> {
                     // The news may be of the job before: only the status says how this one stands.
                     ask = true;
                 }
+                // By another host, say: what of the body that leaves, the status says.
+                Some(Message::StoppedAtOnce(_)) => ask = true,
                 Some(_) => {}
                 None if quiet_looks >= QUIET_LOOKS => {
                     quiet_looks = 0;
@@ -123,6 +128,18 @@ impl Growth<'_> {
                 None => {}
             }
         }
+    }
+
+    /// Stops a board whose clock is wrong: by a request, after which the body can be resumed, or else at once.
+    fn stop_for(&mut self, drift: ClockDrift, tell: &mut dyn FnMut(&News)) -> Result<Outcome, ClientError> {
+        if self.client.request("to stop", &Message::Stop(Empty {})).is_err() {
+            self.client.emergency_stop()?;
+        }
+        let status = self.client.status()?;
+        self.take_status(&status, tell)?;
+        tell(&News::State(status.state));
+        tell(&News::Status(status));
+        Ok(Outcome::ClockDrift(drift))
     }
 
     /// Carries an order out. One that does not suit the board's state is refused, and the growth goes on as it was.
