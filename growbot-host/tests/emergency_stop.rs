@@ -238,13 +238,14 @@ fn the_second_ctrl_c_goes_ahead_of_what_a_stalled_line_has_not_sent() {
     let queued = bench.fill();
     growing.interrupt("stopping");
     growing.interrupt("giving the emergency stop");
+    until("the stop is ahead of the queue", || bench.takes_bytes());
     bench.set(|line| line.is_stalled = false);
     let grown = growing.end();
     assert_eq!(grown.code, Some(1), "{}", grown.err);
     assert!(grown.err.contains("emergency stop: heater and steppers are off"), "{}", grown.err);
     let seen = bench.seen();
     assert_eq!((seen.state, seen.off_at_once), (State::EmergencyStop, Some(true)), "{seen:?}");
-    // What had waited on this side was dropped in favour of the stop; the far end of such a line has taken some of it.
+    // What had waited on this side was dropped; the far end of such a line has taken some of it already.
     println!("{queued} bytes queued, {} of them before the stop", seen.bytes_before_stop);
     assert!(seen.bytes_before_stop < queued / 2, "{seen:?}");
 }

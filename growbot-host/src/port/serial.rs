@@ -1,15 +1,19 @@
 //! A serial device: raw bytes at 115200 baud.
 //!
-//! Growbot's commands share devices by an advisory lock: whoever has it has the device. The emergency stop asks for no lock, and no
-//! command takes a device in a way that would keep it out (`TIOCEXCL`): it opens the device beside whoever holds it.
+//! Growbot's commands share devices by an advisory lock (`flock`): who has it has the device. The emergency stop does not ask for it, and no
+//! command takes a device in a way that would keep it out (`TIOCEXCL`): it opens the device beside the command that holds it.
+//!
+//! Two programs that read one device each get some of the bytes. So the emergency stop has a lock of its own, on the device's bytes (`fcntl`):
+//! while it is there, the holder of the device reads nothing, and the board's acknowledgement is heard by who waits for it.
 
 use std::fs::{self, File};
 use std::io::{self, ErrorKind, Read, Write};
 use std::path::Path;
+use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
-use rustix::fs::{Mode, OFlags};
+use rustix::fs::{FlockOperation, Mode, OFlags, fcntl_lock};
 use rustix::io::Errno;
 use rustix::termios::{Action, ControlModes, OptionalActions, QueueSelector, tcflow, tcflush, tcgetattr, tcsetattr};
 
@@ -21,10 +25,16 @@ const BAUD: u32 = 115_200;
 const STALLED: Duration = Duration::from_secs(2);
 /// For so long an emergency stop waits at a device that takes nothing; then it is sent again.
 const EMERGENCY_WAIT: Duration = Duration::from_millis(100);
+/// A holder looks so often whether the emergency stop of another program is over, and that one tries so often to have the holder's silence,
+const SILENCE_LOOK: Duration = Duration::from_millis(2);
+/// so many times.
+const SILENCE_TRIES: u32 = 10;
 
 /// An open serial device. It never blocks but for the time that it is told to wait.
 pub struct Serial {
     file: File,
+    /// It is the emergency stop's, which others are silent for.
+    is_for_emergency: bool,
 }
 
 impl Serial {
@@ -33,7 +43,7 @@ impl Serial {
     /// # Errors
     /// A device that is missing, busy or forbidden, or is none.
     pub fn open(device: &str) -> Result<Self, PortError> {
-        let serial = Self::open_beside(device)?;
+        let serial = Self::open_beside(device, false)?;
         match serial.file.try_lock() {
             Ok(()) => {}
             Err(fs::TryLockError::WouldBlock) => return Err(PortError::Busy(device.to_string(), holder(device))),
@@ -48,15 +58,37 @@ impl Serial {
     /// # Errors
     /// As [`Serial::open`], but busy only where another program than growbot's has closed the device to all others.
     pub fn open_for_emergency_stop(device: &str) -> Result<Self, PortError> {
-        let serial = Self::open_beside(device)?;
+        let serial = Self::open_beside(device, true)?;
         serial.set_up().map_err(|error| unusable(device, &error))?;
+        for _ in 0..SILENCE_TRIES {
+            // Without it the acknowledgement may need another stop or two.
+            if fcntl_lock(&serial.file, FlockOperation::NonBlockingLockExclusive).is_ok() {
+                break;
+            }
+            sleep(SILENCE_LOOK);
+        }
         Ok(serial)
     }
 
-    fn open_beside(device: &str) -> Result<Self, PortError> {
+    /// Whether the emergency stop of another program wants to hear what the board says.
+    fn is_to_be_silent(&self) -> bool {
+        if self.is_for_emergency {
+            return false;
+        }
+        match fcntl_lock(&self.file, FlockOperation::NonBlockingLockShared) {
+            Ok(()) => {
+                // Fails as little as taking it.
+                let _ = fcntl_lock(&self.file, FlockOperation::NonBlockingUnlock);
+                false
+            }
+            Err(error) => matches!(error, Errno::AGAIN | Errno::ACCESS),
+        }
+    }
+
+    fn open_beside(device: &str, is_for_emergency: bool) -> Result<Self, PortError> {
         let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
         match rustix::fs::open(device, flags, Mode::empty()) {
-            Ok(file) => Ok(Self { file: file.into() }),
+            Ok(file) => Ok(Self { file: file.into(), is_for_emergency }),
             Err(Errno::BUSY) => Err(PortError::Closed(device.to_string(), holder(device))),
             Err(error) => Err(unusable(device, &error.into())),
         }
@@ -72,12 +104,12 @@ impl Serial {
         Ok(tcsetattr(&self.file, OptionalActions::Now, &settings)?)
     }
 
-    /// The same device for another thread.
+    /// The same device for the emergency stop of another thread.
     ///
     /// # Errors
     /// The system has no more files to give.
     pub fn try_clone(&self) -> io::Result<Self> {
-        Ok(Self { file: self.file.try_clone()? })
+        Ok(Self { file: self.file.try_clone()?, is_for_emergency: true })
     }
 
     /// Sends bytes. `gives_up` is asked every 100 ms while the device takes none.
@@ -139,7 +171,15 @@ impl Serial {
         timeout: Duration,
         leaves: impl Fn() -> bool,
     ) -> io::Result<Option<usize>> {
+        let began = Instant::now();
         self.wait(PollFlags::IN, timeout)?;
+        while self.is_to_be_silent() {
+            if leaves() || began.elapsed() >= timeout {
+                return Ok(None);
+            }
+            sleep(SILENCE_LOOK);
+            self.wait(PollFlags::IN, timeout.saturating_sub(began.elapsed()))?;
+        }
         if leaves() {
             return Ok(None);
         }

@@ -14,12 +14,15 @@ use growbot_core::random::Random;
 use growbot_host::port::Port;
 use growbot_host::port::sim::Sim;
 use growbot_host::robot_file;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use serialport::{SerialPort, TTYPort};
 
 use crate::running::Ran;
 
 /// The board's time passes so many times as fast as real time.
 const PACE: u32 = 50;
+/// What the board says arrives in such pieces, bytes, as from a UART: of two programs that read the line, each may have some of them.
+const PIECE: usize = 8;
 /// A test that waits for longer has failed.
 const PATIENCE: Duration = Duration::from_secs(120);
 /// Seed of the noise.
@@ -97,8 +100,7 @@ impl Bench {
 
     /// Writes to the near end until it takes no more, as a host does whose line has stalled. Bytes that it has taken.
     pub fn fill(&self) -> usize {
-        let non_blocking = rustix::fs::OFlags::NONBLOCK.bits().cast_signed();
-        let mut near = OpenOptions::new().write(true).custom_flags(non_blocking).open(&self.name).unwrap();
+        let mut near = self.near_end();
         let mut taken = 0;
         // Twice: what the far end still takes makes room.
         for _ in 0..2 {
@@ -108,7 +110,19 @@ impl Bench {
             sleep(Duration::from_millis(50));
         }
         self.seen.lock().unwrap().bytes_before_stop = 0;
+        assert!(!self.takes_bytes());
         taken
+    }
+
+    /// Whether the near end takes bytes.
+    pub fn takes_bytes(&self) -> bool {
+        let near = self.near_end();
+        poll(&mut [PollFd::new(&near, PollFlags::OUT)], Some(&Timespec::default())).unwrap() > 0
+    }
+
+    fn near_end(&self) -> File {
+        let non_blocking = rustix::fs::OFlags::NONBLOCK.bits().cast_signed();
+        OpenOptions::new().write(true).custom_flags(non_blocking).open(&self.name).unwrap()
     }
 }
 
@@ -134,50 +148,56 @@ fn carry(mut master: TTYPort, line: &Mutex<Line>, seen: &Mutex<Seen>, over: &Mut
     while !*over.lock().unwrap() {
         let mut line = line.lock().unwrap();
         let count = if line.is_stalled { Ok(0) } else { master.read(&mut buffer) };
+        let heats = |sim: &mut Sim| sim.simulated_tip().heater_is_on() || sim.simulated_tip().steppers_are_on();
         let mut bytes = std::mem::take(&mut line.inject);
+        let mut idle = bytes.is_empty();
         let count = match count {
             Ok(count) => count,
             Err(error) if matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::WouldBlock) => 0,
             Err(error) => panic!("the line is gone: {error}"),
         };
         for byte in buffer.iter().take(count) {
+            idle = false;
             let mut seen = seen.lock().unwrap();
             seen.bytes_before_stop += usize::from(seen.stops == 0);
-            if sent.push(*byte) {
-                seen.stops += 1;
-                if line.heals_after == Some(seen.stops) {
-                    (line.is_cut, line.heals_after) = (false, None);
-                } else {
-                    passes += u32::from(!line.is_cut);
-                }
-            }
             if !line.is_cut {
                 bytes.push(*byte);
+            }
+            if sent.push(*byte) {
+                seen.stops += 1;
+                passes += u32::from(!line.is_cut);
+                if line.heals_after == Some(seen.stops) {
+                    (line.is_cut, line.heals_after) = (false, None);
+                }
+                flip(&mut bytes, line.flips, &mut random);
+                sim.send(&bytes).unwrap();
+                bytes.clear();
+                // Before any time passes on the board.
+                if sim.state() == State::EmergencyStop && seen.passed.is_none() {
+                    (seen.passed, seen.off_at_once) = (Some(passes), Some(!heats(&mut sim)));
+                }
             }
         }
         flip(&mut bytes, line.flips, &mut random);
         sim.send(&bytes).unwrap();
-        let heats = |sim: &mut Sim| sim.simulated_tip().heater_is_on() || sim.simulated_tip().steppers_are_on();
-        // Obeyed before any time passes on the board.
-        let off_at_once = !heats(&mut sim);
         let passed = last.elapsed();
         last = Instant::now();
         sim.pass(passed * PACE);
         {
             let mut seen = seen.lock().unwrap();
-            if sim.state() == State::EmergencyStop && seen.state != State::EmergencyStop {
-                (seen.passed, seen.off_at_once) = (Some(passes), Some(off_at_once));
-            }
             (seen.state, seen.heats) = (sim.state(), heats(&mut sim));
         }
         let count = sim.receive(&mut buffer, Duration::ZERO).unwrap();
         let mut answer = buffer[..count].to_vec();
         flip(&mut answer, line.flips, &mut random);
         if !line.is_cut && !answer.is_empty() {
-            // Where nobody reads, it is lost.
-            let _ = master.write_all(&answer);
+            for piece in answer.chunks(PIECE) {
+                // Where nobody reads, it is lost.
+                let _ = master.write_all(piece);
+                sleep(Duration::from_micros(500));
+            }
         }
-        let idle = count == 0 && bytes.is_empty();
+        let idle = idle && count == 0;
         let stalled = line.is_stalled;
         drop(line);
         if idle && stalled {
