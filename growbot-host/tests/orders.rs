@@ -1,9 +1,10 @@
 //! Orders given while a body grows on the simulated robot: it holds, goes on and stops, and lays each layer once.
 
-use std::cell::Cell;
+use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 use std::time::Duration;
 
+use growbot_core::link::emergency_stop::EMERGENCY_STOP;
 use growbot_core::link::message::{Silence, State};
 use growbot_core::path::{Segment, end};
 use growbot_core::pose::Pose;
@@ -63,6 +64,54 @@ fn a_growth_stops_as_ordered_and_at_once_where_it_must() {
         assert!((5..=6).contains(&grown.as_built.len()), "{order:?}: {}", grown.as_built.len());
         assert_eq!(tells(&told, &News::Ordered(order)), 1);
     }
+}
+
+/// A line that breaks for good under whatever is sent, but for the emergency stop.
+struct Stalled {
+    sim: Rc<RefCell<Sim>>,
+    is_stalled: Rc<Cell<bool>>,
+}
+
+impl Port for Stalled {
+    fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+        if self.is_stalled.get() {
+            return Err(PortError::Lost("sim".to_string(), "it takes no more bytes".to_string()));
+        }
+        self.sim.send(bytes)
+    }
+
+    fn send_emergency_stop(&mut self) -> Result<(), PortError> {
+        self.sim.send(&EMERGENCY_STOP)
+    }
+
+    fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, PortError> {
+        self.sim.receive(buffer, timeout)
+    }
+
+    fn now(&self) -> Duration {
+        self.sim.now()
+    }
+}
+
+#[test]
+fn a_stop_that_does_not_get_through_becomes_an_emergency_stop() {
+    let (is_stalled, board) = (Rc::new(Cell::new(false)), RefCell::new(None));
+    let (grown, told) = grow_over(
+        |news, orders| {
+            if let News::Laid(4, ..) = news {
+                is_stalled.set(true);
+                orders.give(Order::Stop);
+            }
+        },
+        |sim| {
+            let sim = Rc::new(RefCell::new(sim));
+            board.replace(Some(Rc::clone(&sim)));
+            Box::new(Stalled { sim, is_stalled: Rc::clone(&is_stalled) })
+        },
+    );
+    assert_eq!(grown.outcome, Outcome::Stopped);
+    assert_eq!(tells(&told, &News::State(State::EmergencyStop)), 1);
+    assert_eq!(board.take().map(|sim| sim.borrow().state()), Some(State::EmergencyStop));
 }
 
 /// A line that carries nothing to the board while it is cut.

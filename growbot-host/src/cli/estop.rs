@@ -18,7 +18,7 @@ use super::{ChosenPort, Failure, RobotArg, RobotPortArg};
 /// three seconds until it says that it has obeyed. It stays off until the stop is cleared (`clear` in `growbot console`).
 #[derive(Args)]
 #[command(
-    after_help = "Example:\n  growbot estop --port /dev/ttyACM0\n\nExit codes: 0, the board has said that everything is off; 1, it has not: cut its power,\nwhatever the reason."
+    after_help = "Example:\n  growbot estop --port /dev/ttyACM0\n\nExit codes: 0, the board has said that everything is off; 1, it has not,\nfor whatever reason: cut its power."
 )]
 pub struct EstopArgs {
     #[command(flatten)]

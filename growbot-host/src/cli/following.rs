@@ -132,6 +132,11 @@ impl Following<'_> {
     }
 }
 
+/// A robot was stopped because its board's clock is wrong.
+pub fn stopped_for(drift: &ClockDrift) -> Failure {
+    Failure::answered_no(format!("{drift}: the robot was stopped, heater and steppers are off; {}", ClockDrift::REMEDY))
+}
+
 /// What a growth that ended so means for whoever asked for it; `emergency` where the emergency stop was given.
 pub fn judged(outcome: Outcome, emergency: bool) -> Result<(), Failure> {
     match outcome {
@@ -145,10 +150,7 @@ pub fn judged(outcome: Outcome, emergency: bool) -> Result<(), Failure> {
             fault.code(),
             fault.explanation()
         ))),
-        Outcome::ClockDrift(drift) => Err(Failure::answered_no(format!(
-            "{drift}: the robot was stopped, heater and steppers are off; {}",
-            ClockDrift::REMEDY
-        ))),
+        Outcome::ClockDrift(drift) => Err(stopped_for(&drift)),
         Outcome::Parked => {
             Err(Failure::answered_no("held for so long that the heater is off: `growbot resume` goes on with the body"))
         }

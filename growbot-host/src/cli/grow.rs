@@ -22,9 +22,10 @@ use super::{ChosenPort, Failure, PortArg, plan_table};
 /// Grow a body: a plan, or straight from a pose
 ///
 /// Hands the layers to the robot's board, which heats, homes its head and lays them one by one; shows how far it is, and at the end
-/// where the tip arrived: as the steps that were made say, or with --feedback the sensors. Ctrl-C stops the robot.
+/// where the tip arrived: as the steps that were made say, or with --feedback the sensors. Ctrl-C stops the robot; a second one gives the
+/// emergency stop and leaves.
 ///
-/// Without a robot (--port sim, the default) the same controller runs in this program against a simulated tip, on a virtual clock, and
+/// Without a robot (--port sim, the default unless GROWBOT_PORT names another port) the same controller runs in this program against a simulated tip, on a virtual clock, and
 /// where the tip arrived is what that has really laid.
 #[derive(Args)]
 #[command(after_help = AFTER_HELP)]
@@ -103,16 +104,15 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
             codes.join(", ")
         )));
     }
-    let name = port.name();
     args.suits(&port, &robot)?;
-    let pace = args.watching.pace(name)?;
-    if matches!(name, PortName::Emulator(_)) {
+    let pace = args.watching.pace(port.name())?;
+    if matches!(port.name(), PortName::Emulator(_)) {
         let time = plan_table::duration(plan.needs.duration);
         growbot_host::tell!("growbot: the emulated board runs in real time: the layers alone take {time}");
     }
     let job = Job::new(&robot, &plan.start, &plan.goal, &plan.path);
     let disturbance = &args.disturbance;
-    let assumed = if name.is_simulated() { disturbance.sensor_noise() } else { disturbance.sensor_noise_or(ASSUMED) };
+    let assumed = if port.is_simulated() { disturbance.sensor_noise() } else { disturbance.sensor_noise_or(ASSUMED) };
     let noise = args.feedback.then_some(assumed);
     let feedback = noise.map(|noise| Feedback::new(&robot, &plan.start, &plan.path, &plan.legs, noise));
     let imperfection = Imperfection {
@@ -123,14 +123,15 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     let settings = TipSettings { start: Some(plan.start), imperfection, pace };
     let mut client = port.client_of(&robot, &settings)?;
     let orders = stop_on_interrupt(&mut client, &port);
-    let subject = Subject { name: &args.goal.name(), robot: &robot, plan: &plan, run: None };
+    let name = format!("{}{}", args.goal.name(), port.remark());
+    let subject = Subject { name: &name, robot: &robot, plan: &plan, run: None };
     let watch = args.watching.begin(&subject, &job, &[], &orders)?;
     let log = match &args.log {
         Some(path) => RunLog::begin(path, &plan, &job, noise, port.text()).map_err(Failure::bad_input)?,
         None => RunLog::none(),
     };
     let seed = (disturbance.disturbs() || disturbance.knows_sensors()).then_some(disturbance.seed);
-    let seed = seed.filter(|_| name.is_simulated());
+    let seed = seed.filter(|_| port.is_simulated());
     let simulated = port.is_simulated();
     let following = Following { robot: &robot, plan: &plan, log, watch, json: args.json, laid: 0, seed, simulated };
     let manner = Manner { silence: args.on_silence.into(), feedback };

@@ -72,6 +72,8 @@ Examples:
   growbot plan --to 200,100,600,0,45 -o plan.json
   growbot grow plan.json --port /dev/ttyACM0
 
+GROWBOT_PORT names the port of commands that are given no --port.
+
 Exit codes: 0, done; 1, the answer is no; 2, something was wrong before the job.";
 
 #[derive(Subcommand)]
@@ -328,6 +330,11 @@ impl ChosenPort {
     /// What messages say before "robot" or "board": that it is a simulated one.
     fn kind(&self) -> &'static str {
         kind(self.is_simulated())
+    }
+
+    /// What is said behind a name that belongs to a simulated robot.
+    fn remark(&self) -> &'static str {
+        if self.is_simulated() { ", simulated" } else { "" }
     }
 
     /// A client at the port of this robot.

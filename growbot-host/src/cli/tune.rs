@@ -4,11 +4,12 @@ use std::time::Duration;
 
 use clap::Args;
 use growbot_core::link::message::{Empty, Message, State, Tune, Tuned};
-use growbot_host::client::{Client, ClockDrift};
+use growbot_host::client::Client;
 use growbot_host::output::print;
 use growbot_host::pose_text::parse_number;
 use serde_json::json;
 
+use super::following::stopped_for;
 use super::interrupt::stop_on_interrupt;
 use super::{ChosenPort, Failure, RobotArg, RobotPortArg};
 
@@ -78,11 +79,8 @@ fn follow(client: &mut Client, port: &ChosenPort) -> Result<Tuned, Failure> {
             client.request("to stop", &Message::Stop(Empty {}))?;
             return Err(Failure::answered_no("stopped: heater and steppers are off"));
         }
-        if let Some(drift) = client.clock_drift() {
-            if client.request("to stop", &Message::Stop(Empty {})).is_err() {
-                client.emergency_stop()?;
-            }
-            return Err(Failure::answered_no(format!("{drift}: the robot was stopped; {}", ClockDrift::REMEDY)));
+        if let Some(drift) = client.stop_if_clock_drifts()? {
+            return Err(stopped_for(&drift));
         }
         match client.event(QUIET)? {
             Some(Message::Tuned(tuned)) => return Ok(tuned),

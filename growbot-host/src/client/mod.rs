@@ -255,11 +255,19 @@ impl Client {
         }
     }
 
-    /// How far the board's clock has gone from the port's, as the answers to [`Client::status`] tell; none while they agree, or where they
-    /// cannot be compared.
-    #[must_use]
-    pub fn clock_drift(&self) -> Option<ClockDrift> {
-        self.clocks.drift()
+    /// Stops a board whose clock has gone from the port's, as the answers to [`Client::status`] tell: by a request, after which its body can
+    /// be resumed, or else at once. Gives how far it has; none while the clocks agree, or cannot be compared.
+    ///
+    /// # Errors
+    /// [`ClientError::NotStopped`]: nobody knows whether it has stopped, and the power must be cut.
+    pub fn stop_if_clock_drifts(&mut self) -> Result<Option<ClockDrift>, ClientError> {
+        let Some(drift) = self.clocks.drift() else { return Ok(None) };
+        if self.request("to stop", &Message::Stop(Empty {})).is_err() {
+            self.emergency_stop()?;
+        }
+        // Whoever starts it all the same has it compared again.
+        self.clocks = ClockWatch::default();
+        Ok(Some(drift))
     }
 
     /// Whether it is time to ask for the status again for the sake of the clocks.

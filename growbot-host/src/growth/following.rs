@@ -6,7 +6,7 @@ use growbot_core::link::message::{Empty, Fault, Laid, Message, Refusal, State, S
 
 use super::handover::IN_ENGINE;
 use super::{CutLayer, Grown, Growth, GrowthError, News, Order, Orders, Outcome};
-use crate::client::{ClientError, ClockDrift};
+use crate::client::ClientError;
 
 /// How long to wait for an event before orders are looked at,
 const LOOK: Duration = Duration::from_millis(200);
@@ -24,6 +24,10 @@ impl Growth<'_> {
         for _ in 0..CALLS {
             match outcome {
                 Err(ClientError::Silent { .. } | ClientError::Garbage { .. } | ClientError::NotStopped { .. }) => {
+                    if let Err(error @ ClientError::NotStopped { .. }) = &outcome {
+                        // It is tried again, but nobody is to wait for that.
+                        tell(&News::NotObeyed(error.to_string()));
+                    }
                     tell(&News::Silent);
                     outcome = self.call_again(orders, tell);
                 }
@@ -36,6 +40,16 @@ impl Growth<'_> {
         }
         let outcome = match outcome {
             Ok(outcome) => outcome,
+            Err(
+                ClientError::Silent { .. }
+                | ClientError::Garbage { .. }
+                | ClientError::NotStopped { .. }
+                | ClientError::Port(_),
+            ) if orders.stops() && self.client.emergency_stop().is_ok() => {
+                // The order did not get through, and this did.
+                tell(&News::State(State::EmergencyStop));
+                Outcome::Stopped
+            }
             Err(ClientError::Silent { .. } | ClientError::Garbage { .. }) => Outcome::Lost,
             Err(ClientError::Held { .. } | ClientError::Refused { refusal: Refusal::NoSession, .. }) => {
                 Outcome::Interrupted
@@ -84,8 +98,12 @@ impl Growth<'_> {
                 stopped_by = Some(order).filter(|order| *order >= Order::Stop);
                 ask = true;
             }
-            if let Some(drift) = self.client.clock_drift() {
-                return self.stop_for(drift, tell);
+            if let Some(drift) = self.client.stop_if_clock_drifts()? {
+                let status = self.client.status()?;
+                self.take_status(&status, tell)?;
+                tell(&News::State(status.state));
+                tell(&News::Status(status));
+                return Ok(Outcome::ClockDrift(drift));
             }
             if std::mem::take(&mut ask) || self.client.wants_clock() {
                 let status = self.client.status()?;
@@ -128,18 +146,6 @@ impl Growth<'_> {
                 None => {}
             }
         }
-    }
-
-    /// Stops a board whose clock is wrong: by a request, after which the body can be resumed, or else at once.
-    fn stop_for(&mut self, drift: ClockDrift, tell: &mut dyn FnMut(&News)) -> Result<Outcome, ClientError> {
-        if self.client.request("to stop", &Message::Stop(Empty {})).is_err() {
-            self.client.emergency_stop()?;
-        }
-        let status = self.client.status()?;
-        self.take_status(&status, tell)?;
-        tell(&News::State(status.state));
-        tell(&News::Status(status));
-        Ok(Outcome::ClockDrift(drift))
     }
 
     /// Carries an order out. One that does not suit the board's state is refused, and the growth goes on as it was.

@@ -181,6 +181,9 @@ impl Session {
                 return Ok(());
             }
             self.stop_if_interrupted()?;
+            if let Some(drift) = self.client.stop_if_clock_drifts()? {
+                return Err(following::stopped_for(&drift));
+            }
             let left = Duration::from_millis((until - now).min(1000));
             match self.client.event(left)? {
                 Some(Message::StateChanged(change)) => {

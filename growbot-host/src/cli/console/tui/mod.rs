@@ -68,7 +68,7 @@ pub fn run(client: Client, robot: Robot, start: Pose, port: &ChosenPort) -> Resu
     let mut watch = Watch::new(client, name.is_virtual());
     // What cannot be talked to at all is better said before the screen is taken.
     let hello = watch.client().hello()?;
-    let place = if simulated { format!("{}, simulated", port.text()) } else { port.text().to_owned() };
+    let place = format!("{}{}", port.text(), port.remark());
     let mut model = Model::new(robot, &place, start, watch.speed());
     if hello.robot != model.robot.hash() {
         model.complain(&format!(
