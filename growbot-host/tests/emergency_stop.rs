@@ -213,8 +213,13 @@ fn a_line_that_stays_dead_is_told_after_the_whole_time() {
 
 #[test]
 fn the_second_ctrl_c_stops_a_board_that_does_not_answer_the_first() {
-    let bench = Bench::new();
-    let mut growing = Growing::begin(&bench);
+    for bench in [Bench::new(), Bench::on_tcp()] {
+        the_second_ctrl_c_stops(&bench);
+    }
+}
+
+fn the_second_ctrl_c_stops(bench: &Bench) {
+    let mut growing = Growing::begin(bench);
     bench.set(|line| {
         line.is_cut = true;
         line.heals_after = Some(3);

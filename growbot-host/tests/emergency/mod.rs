@@ -1,7 +1,8 @@
-//! A simulated board at the far end of a serial line whose faults a test sets, and `growbot grow` at the near end.
+//! A simulated board at the far end of a line, serial or TCP, whose faults a test sets, and `growbot grow` at the near end.
 
 use std::fs::{File, OpenOptions};
 use std::io::{ErrorKind, Read, Write};
+use std::net::TcpListener;
 use std::os::unix::fs::OpenOptionsExt;
 use std::process::{Child, Command, Stdio};
 use std::sync::{Arc, Mutex};
@@ -60,31 +61,49 @@ pub struct Seen {
     pub bytes_before_stop: usize,
 }
 
-/// A board at the end of a serial line.
+/// A board at the end of a line.
 pub struct Bench {
     /// The near end's name.
     pub name: String,
     line: Arc<Mutex<Line>>,
     seen: Arc<Mutex<Seen>>,
-    /// Keeps the line from being hung up.
-    _open: File,
+    /// Keeps a serial line from being hung up.
+    _open: Option<File>,
     over: Arc<Mutex<bool>>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl Bench {
+    /// A board on a serial line.
     pub fn new() -> Self {
-        let (master, slave) = TTYPort::pair().unwrap();
+        let (mut master, slave) = TTYPort::pair().unwrap();
         let name = slave.name().unwrap();
         // Not closed to others, as serialport would have it.
         let open = File::open(&name).unwrap();
         drop(slave);
+        master.set_timeout(Duration::from_millis(1)).unwrap();
+        Self::behind(name, Some(open), || master)
+    }
+
+    /// A board behind TCP, which hears one host.
+    pub fn on_tcp() -> Self {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let name = format!("tcp:{}", listener.local_addr().unwrap());
+        Self::behind(name, None, move || {
+            let (stream, _) = listener.accept().unwrap();
+            stream.set_nodelay(true).unwrap();
+            stream.set_read_timeout(Some(Duration::from_millis(1))).unwrap();
+            stream
+        })
+    }
+
+    fn behind<L: Read + Write>(name: String, open: Option<File>, far_end: impl FnOnce() -> L + Send + 'static) -> Self {
         let seen =
             Seen { state: State::Idle, heats: false, stops: 0, passed: None, off_at_once: None, bytes_before_stop: 0 };
         let (line, seen, over) = (Arc::default(), Arc::new(Mutex::new(seen)), Arc::default());
         let thread = thread::spawn({
             let (line, seen, over) = (Arc::clone(&line), Arc::clone(&seen), Arc::clone(&over));
-            move || carry(master, &line, &seen, &over)
+            move || carry(far_end(), &line, &seen, &over)
         });
         Self { name, line, seen, _open: open, over, thread: Some(thread) }
     }
@@ -137,14 +156,13 @@ impl Drop for Bench {
 }
 
 /// Carries bytes between the line and a simulated board until it is over.
-fn carry(mut master: TTYPort, line: &Mutex<Line>, seen: &Mutex<Seen>, over: &Mutex<bool>) {
-    master.set_timeout(Duration::from_millis(1)).unwrap();
+fn carry(mut master: impl Read + Write, line: &Mutex<Line>, seen: &Mutex<Seen>, over: &Mutex<bool>) {
     println!("noise of seed {SEED}");
     let mut sim = Sim::new(robot_file::load("growbot-a".as_ref()).unwrap());
     let (mut random, mut buffer) = (Random::new(&[SEED]), [0; 256]);
     // Of what the host sends, and of what of it passes.
     let mut sent = Recogniser::new();
-    let (mut passes, mut last) = (0, Instant::now());
+    let (mut passes, mut last, mut has_gone) = (0, Instant::now(), false);
     while !*over.lock().unwrap() {
         let mut line = line.lock().unwrap();
         let count = if line.is_stalled { Ok(0) } else { master.read(&mut buffer) };
@@ -152,7 +170,10 @@ fn carry(mut master: TTYPort, line: &Mutex<Line>, seen: &Mutex<Seen>, over: &Mut
         let mut bytes = std::mem::take(&mut line.inject);
         let mut idle = bytes.is_empty();
         let count = match count {
-            Ok(count) => count,
+            Ok(count) => {
+                has_gone |= count == 0;
+                count
+            }
             Err(error) if matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::WouldBlock) => 0,
             Err(error) => panic!("the line is gone: {error}"),
         };
@@ -200,7 +221,8 @@ fn carry(mut master: TTYPort, line: &Mutex<Line>, seen: &Mutex<Seen>, over: &Mut
         let idle = idle && count == 0;
         let stalled = line.is_stalled;
         drop(line);
-        if idle && stalled {
+        // A host that has gone makes reading return at once.
+        if idle && (stalled || has_gone) {
             sleep(Duration::from_millis(1));
         }
     }
