@@ -5,6 +5,7 @@ mod emergency;
 mod running;
 
 use std::cell::{Cell, RefCell};
+use std::fs::OpenOptions;
 use std::net::TcpListener;
 use std::rc::Rc;
 use std::time::{Duration, Instant};
@@ -17,6 +18,7 @@ use growbot_host::client::{Client, ClientError, EMERGENCY_LIMIT, EMERGENCY_PAUSE
 use growbot_host::port::sim::Sim;
 use growbot_host::port::{Port, PortError};
 use growbot_host::robot_file;
+use rustix::fs::{FlockOperation, fcntl_lock};
 use serialport::{SerialPort, TTYPort};
 
 use emergency::{Bench, Growing, until, without_privilege};
@@ -160,6 +162,30 @@ fn the_stop_reaches_a_board_whose_port_grow_holds() {
     assert!(grown.err.contains("emergency stop"), "{}", grown.err);
     let seen = bench.seen();
     assert_eq!((seen.state, seen.passed, seen.off_at_once), (State::EmergencyStop, Some(1), Some(true)), "{seen:?}");
+}
+
+#[test]
+fn who_holds_a_port_is_silent_while_an_emergency_stop_listens() {
+    let bench = Bench::new();
+    let listening = OpenOptions::new().read(true).write(true).open(&bench.name).unwrap();
+    fcntl_lock(&listening, FlockOperation::NonBlockingLockExclusive).unwrap();
+    let mut status = Growing::run(&["status", "--port", &bench.name], "");
+    until("the board answers some times", || bench.seen().answers >= 3);
+    assert!(status.is_running());
+    fcntl_lock(&listening, FlockOperation::NonBlockingUnlock).unwrap();
+    let ran = status.end();
+    assert_eq!(ran.code, Some(0), "{}", ran.err);
+}
+
+#[test]
+fn ctrl_c_stops_the_robot_of_a_script_that_waits() {
+    let bench = Bench::new();
+    let mut console = Growing::by_console(&bench);
+    console.interrupt("stopping");
+    let ran = console.end();
+    assert_eq!(ran.code, Some(1), "{}", ran.err);
+    assert!(ran.err.contains("stopped: heater and steppers of the robot are off"), "{}", ran.err);
+    until("the board is stopped", || bench.seen().state == State::Stopped);
 }
 
 #[test]

@@ -172,6 +172,17 @@ fn an_order_outlives_a_line_that_is_cut_while_it_is_given() {
 }
 
 #[test]
+fn a_stop_before_the_start_heats_nothing() {
+    let (grown, told) = grow(|news, orders| {
+        if let News::Board(_) = news {
+            orders.give(Order::Stop);
+        }
+    });
+    assert_eq!((grown.outcome, grown.body.len()), (Outcome::Stopped, 0));
+    assert_eq!(tells(&told, &News::State(State::Heating)), 0, "{told:?}");
+}
+
+#[test]
 fn an_order_in_any_state_leaves_the_body_whole() {
     for (state, order) in [(State::Heating, Order::Hold), (State::Homing, Order::Hold), (State::Growing, Order::GoOn)] {
         let (grown, told) = grow(|news, orders| match news {

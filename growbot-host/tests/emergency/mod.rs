@@ -57,6 +57,8 @@ pub struct Seen {
     pub passed: Option<u32>,
     /// Whether all was off as soon as that one had arrived, before any time passed on the board.
     pub off_at_once: Option<bool>,
+    /// How often the board has answered.
+    pub answers: u32,
     /// Bytes that came after the line was stalled, before the first stop.
     pub bytes_before_stop: usize,
 }
@@ -98,8 +100,15 @@ impl Bench {
     }
 
     fn behind<L: Read + Write>(name: String, open: Option<File>, far_end: impl FnOnce() -> L + Send + 'static) -> Self {
-        let seen =
-            Seen { state: State::Idle, heats: false, stops: 0, passed: None, off_at_once: None, bytes_before_stop: 0 };
+        let seen = Seen {
+            state: State::Idle,
+            heats: false,
+            stops: 0,
+            passed: None,
+            off_at_once: None,
+            answers: 0,
+            bytes_before_stop: 0,
+        };
         let (line, seen, over) = (Arc::default(), Arc::new(Mutex::new(seen)), Arc::default());
         let thread = thread::spawn({
             let (line, seen, over) = (Arc::clone(&line), Arc::clone(&seen), Arc::clone(&over));
@@ -212,6 +221,7 @@ fn carry(mut master: impl Read + Write, line: &Mutex<Line>, seen: &Mutex<Seen>, 
         let mut answer = buffer[..count].to_vec();
         flip(&mut answer, line.flips, &mut random);
         if !line.is_cut && !answer.is_empty() {
+            seen.lock().unwrap().answers += 1;
             for piece in answer.chunks(PIECE) {
                 // Where nobody reads, it is lost.
                 let _ = master.write_all(piece);
@@ -247,13 +257,30 @@ pub struct Growing {
 impl Growing {
     /// Begins a body of some hours, and waits until the board heats.
     pub fn begin(bench: &Bench) -> Self {
+        let mut growing =
+            Self::run(&["grow", "--to", "0,0,300,0,90", "--on-silence", "go-on", "--port", &bench.name], "");
+        growing.until_hot(bench);
+        growing
+    }
+
+    /// The same by a script for the console, which then waits.
+    pub fn by_console(bench: &Bench) -> Self {
+        let mut growing =
+            Self::run(&["console", "--port", &bench.name], "plan 0,0,60,0,90\nstart\nwait 1000000\nstart\n");
+        growing.until_hot(bench);
+        growing
+    }
+
+    /// Runs `growbot` and leaves it running.
+    pub fn run(args: &[&str], input: &str) -> Self {
         let mut child = Command::new(env!("CARGO_BIN_EXE_growbot"))
-            .args(["grow", "--to", "0,0,300,0,90", "--on-silence", "go-on", "--port", &bench.name])
-            .stdin(Stdio::null())
+            .args(args)
+            .stdin(Stdio::piped())
             .stdout(Stdio::null())
             .stderr(Stdio::piped())
             .spawn()
             .unwrap();
+        child.stdin.take().unwrap().write_all(input.as_bytes()).unwrap();
         let (mut stderr, said) = (child.stderr.take().unwrap(), Arc::new(Mutex::new(String::new())));
         let heard = Arc::clone(&said);
         let listener = thread::spawn(move || {
@@ -262,12 +289,18 @@ impl Growing {
                 heard.lock().unwrap().push_str(&String::from_utf8_lossy(&buffer[..count]));
             }
         });
-        let mut growing = Self { child, said, listener };
+        Self { child, said, listener }
+    }
+
+    fn until_hot(&mut self, bench: &Bench) {
         until("the board heats", || {
-            assert!(growing.child.try_wait().unwrap().is_none(), "{}", growing.said());
+            assert!(self.is_running(), "{}", self.said());
             bench.seen().heats
         });
-        growing
+    }
+
+    pub fn is_running(&mut self) -> bool {
+        self.child.try_wait().unwrap().is_none()
     }
 
     fn said(&self) -> String {
