@@ -84,22 +84,33 @@ impl Bench {
         let open = File::open(&name).unwrap();
         drop(slave);
         master.set_timeout(Duration::from_millis(1)).unwrap();
-        Self::behind(name, Some(open), || master)
+        Self::behind(name, Some(open), |_| Some(master))
     }
 
     /// A board behind TCP, which hears one host.
     pub fn on_tcp() -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let name = format!("tcp:{}", listener.local_addr().unwrap());
-        Self::behind(name, None, move || {
-            let (stream, _) = listener.accept().unwrap();
-            stream.set_nodelay(true).unwrap();
-            stream.set_read_timeout(Some(Duration::from_millis(1))).unwrap();
-            stream
+        listener.set_nonblocking(true).unwrap();
+        Self::behind(name, None, move |over| {
+            while !*over.lock().unwrap() {
+                if let Ok((stream, _)) = listener.accept() {
+                    stream.set_nonblocking(false).unwrap();
+                    stream.set_nodelay(true).unwrap();
+                    stream.set_read_timeout(Some(Duration::from_millis(1))).unwrap();
+                    return Some(stream);
+                }
+                sleep(Duration::from_millis(1));
+            }
+            None
         })
     }
 
-    fn behind<L: Read + Write>(name: String, open: Option<File>, far_end: impl FnOnce() -> L + Send + 'static) -> Self {
+    fn behind<L: Read + Write>(
+        name: String,
+        open: Option<File>,
+        far_end: impl FnOnce(&Mutex<bool>) -> Option<L> + Send + 'static,
+    ) -> Self {
         let seen = Seen {
             state: State::Idle,
             heats: false,
@@ -112,7 +123,11 @@ impl Bench {
         let (line, seen, over) = (Arc::default(), Arc::new(Mutex::new(seen)), Arc::default());
         let thread = thread::spawn({
             let (line, seen, over) = (Arc::clone(&line), Arc::clone(&seen), Arc::clone(&over));
-            move || carry(far_end(), &line, &seen, &over)
+            move || {
+                if let Some(end) = far_end(&over) {
+                    carry(end, &line, &seen, &over);
+                }
+            }
         });
         Self { name, line, seen, _open: open, over, thread: Some(thread) }
     }
@@ -251,7 +266,16 @@ fn flip(bytes: &mut [u8], chance: f64, random: &mut Random) {
 pub struct Growing {
     child: Child,
     said: Arc<Mutex<String>>,
-    listener: JoinHandle<()>,
+    listener: Option<JoinHandle<()>>,
+}
+
+impl Drop for Growing {
+    /// One that a test has not seen end does not outlive it.
+    fn drop(&mut self) {
+        if self.is_running() {
+            let _ = self.child.kill();
+        }
+    }
 }
 
 impl Growing {
@@ -289,7 +313,7 @@ impl Growing {
                 heard.lock().unwrap().push_str(&String::from_utf8_lossy(&buffer[..count]));
             }
         });
-        Self { child, said, listener }
+        Self { child, said, listener: Some(listener) }
     }
 
     fn until_hot(&mut self, bench: &Bench) {
@@ -321,14 +345,10 @@ impl Growing {
             if let Some(status) = self.child.try_wait().unwrap() {
                 break status.code();
             }
-            if began.elapsed() > PATIENCE {
-                // Only what was started here.
-                let _ = self.child.kill();
-                panic!("grow does not end: {}", self.said());
-            }
+            assert!(began.elapsed() <= PATIENCE, "growbot does not end: {}", self.said());
             sleep(Duration::from_millis(10));
         };
-        self.listener.join().unwrap();
+        self.listener.take().into_iter().for_each(|listener| listener.join().unwrap());
         let err = self.said.lock().unwrap().clone();
         Ran { code, out: String::new(), err }
     }
