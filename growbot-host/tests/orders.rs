@@ -5,7 +5,8 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use growbot_core::link::emergency_stop::EMERGENCY_STOP;
-use growbot_core::link::message::{Silence, State};
+use growbot_core::link::frame::Receiver;
+use growbot_core::link::message::{Message, Silence, State};
 use growbot_core::path::{Segment, end};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
@@ -171,15 +172,46 @@ fn an_order_outlives_a_line_that_is_cut_while_it_is_given() {
     }
 }
 
+/// A line on which the requests to start are counted.
+struct Overheard {
+    sim: Sim,
+    receiver: Receiver,
+    starts: Rc<Cell<u32>>,
+}
+
+impl Port for Overheard {
+    fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+        for frame in bytes.iter().filter_map(|byte| self.receiver.push(*byte)).flatten() {
+            let is_start = matches!(Message::decode(frame.header.kind, &frame.body), Ok(Message::Start(_)));
+            self.starts.set(self.starts.get() + u32::from(is_start));
+        }
+        self.sim.send(bytes)
+    }
+
+    fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, PortError> {
+        self.sim.receive(buffer, timeout)
+    }
+
+    fn now(&self) -> Duration {
+        self.sim.now()
+    }
+}
+
 #[test]
 fn a_stop_before_the_start_heats_nothing() {
-    let (grown, told) = grow(|news, orders| {
-        if let News::Board(_) = news {
-            orders.give(Order::Stop);
-        }
-    });
-    assert_eq!((grown.outcome, grown.body.len()), (Outcome::Stopped, 0));
-    assert_eq!(tells(&told, &News::State(State::Heating)), 0, "{told:?}");
+    for stops in [false, true] {
+        let starts = Rc::new(Cell::new(0));
+        let (grown, _) = grow_over(
+            |news, orders| {
+                if stops && matches!(news, News::Board(_)) {
+                    orders.give(Order::Stop);
+                }
+            },
+            |sim| Box::new(Overheard { sim, receiver: Receiver::default(), starts: Rc::clone(&starts) }),
+        );
+        assert_eq!(grown.outcome, if stops { Outcome::Stopped } else { Outcome::Done });
+        assert_eq!(starts.get(), u32::from(!stops));
+    }
 }
 
 #[test]
