@@ -143,6 +143,10 @@ impl Port for Line {
         self.0.receive(buffer, timeout)
     }
 
+    fn now(&self) -> Duration {
+        self.0.now()
+    }
+
     fn tip(&mut self) -> Result<Option<TipRecord>, PortError> {
         self.0.tip()
     }

@@ -153,7 +153,7 @@ fn ports_that_are_not_there_are_told() {
 
 #[test]
 fn a_bad_line_is_asked_for_by_its_faults() {
-    let status = |spec: &str| growbot(&["status", "--fault", spec]);
+    let status = |spec: &str| growbot(&["status", "--port", "sim", "--fault", spec]);
     assert_refused(&status("drop=200%"), &["--fault", "\"200%\"", "0% to 100%"]);
     assert_refused(&status("dorp=1%"), &["did you mean drop?"]);
     assert_refused(&status("drop=100%"), &["does not answer"]);
@@ -320,13 +320,15 @@ fn what_is_no_run_log_is_told() {
 
 #[test]
 fn status_says_who_and_how() {
-    let ran = growbot(&["status"]);
+    let ran = growbot(&["status", "--port", "sim"]);
     assert_eq!(ran.code, Some(0));
-    for part in ["growbot-a", "idle", "heater off", "power on"] {
+    for part in ["growbot-a", "simulated", "idle", "heater off", "power on"] {
         assert!(ran.out.contains(part), "{}", ran.out);
     }
-    let status = json(&growbot(&["status", "--robot", "growbot-b", "--json"]));
-    assert_eq!(status["robot"], "growbot-b");
+    let status = json(&growbot(&["status", "--port", "sim", "--robot", "growbot-b", "--json"]));
+    assert_eq!((&status["robot"], &status["simulated"]), (&"growbot-b".into(), &true.into()));
+    let board = FakeBoard::lasting("growbot-a");
+    assert_eq!(json(&growbot(&["status", "--port", &board.port(), "--json"]))["simulated"], false);
     assert_eq!(status["plan_id"], Value::Null);
     assert_eq!(number(&status, "capacity"), 4096.0);
     assert_eq!((&status["image"]["check"], &status["crash"]), (&"not-sealed".into(), &Value::Null));
@@ -335,9 +337,57 @@ fn status_says_who_and_how() {
 
 #[test]
 fn stop_stops() {
-    let ran = growbot(&["stop"]);
+    let ran = growbot(&["stop", "--port", "sim"]);
     assert_eq!(ran.code, Some(0));
-    assert!(ran.out.contains("off"));
+    assert!(ran.out.contains("simulated robot are off"), "{}", ran.out);
+}
+
+/// Runs a command with a port that is configured.
+fn growbot_configured(port: &str, args: &[&str]) -> Ran {
+    let output = std::process::Command::new(env!("CARGO_BIN_EXE_growbot"))
+        .args(args)
+        .env("GROWBOT_PORT", port)
+        .stdin(std::process::Stdio::null())
+        .output()
+        .unwrap();
+    let [out, err] = [output.stdout, output.stderr].map(|bytes| String::from_utf8(bytes).unwrap());
+    Ran { code: output.status.code(), out, err }
+}
+
+#[test]
+fn commands_about_a_robot_that_is_there_want_to_know_which() {
+    for command in ["stop", "cancel", "status", "tune"] {
+        let remedy = ["no port is given", "--port PORT", "export GROWBOT_PORT=PORT"];
+        assert_refused(&growbot(&[command]), &remedy);
+        assert_refused(&growbot_configured("", &[command]), &remedy);
+        assert_refused(&growbot_configured("/dev/ttyNONE7", &[command]), &["/dev/ttyNONE7", "not there"]);
+        // What is said goes before what is configured.
+        let ran = growbot_configured("/dev/ttyNONE7", &[command, "--port", "sim"]);
+        assert_eq!(ran.code, Some(0), "{}", ran.err);
+        assert!(ran.out.contains("simulated"), "{command}: {}", ran.out);
+        assert!(growbot(&[command, "--help"]).out.contains("GROWBOT_PORT"));
+    }
+    let stopped = growbot_configured("sim", &["estop"]);
+    assert_eq!(stopped.code, Some(0), "{}", stopped.err);
+    assert!(stopped.out.contains("simulated robot are off"), "{}", stopped.out);
+    // Those that begin something simulate it unless told otherwise, and `growbot` alone always does.
+    assert_refused(&growbot_configured("/dev/ttyNONE7", &["grow", "--to", "0,0,9,0,90"]), &["/dev/ttyNONE7"]);
+    assert_eq!(growbot_configured("/dev/ttyNONE7", &[]).code, Some(0));
+}
+
+#[test]
+fn what_a_simulated_robot_does_is_said_to_be_simulated() {
+    let grown = growbot(&["grow", "--to", "0,0,7.74,0,90", "--json"]);
+    assert_eq!(json(&grown)["simulated"], true);
+    assert!(growbot(&["grow", "--to", "0,0,7.74,0,90"]).out.contains("on simulated growbot-a"));
+    let board = FakeBoard::simulated("growbot-a");
+    let grown = growbot(&["grow", "--to", "0,0,7.74,0,90", "--port", &board.port(), "--json"]);
+    assert_eq!(json(&grown)["simulated"], false);
+    let tuned = growbot(&["tune", "--port", "sim"]);
+    assert!(tuned.out.contains("# found on a simulated robot"), "{}", tuned.out);
+    assert_eq!(json(&growbot(&["tune", "--port", "sim", "--json"]))["simulated"], true);
+    let told = growbot_reading(&["console"], "stop\nestop\n");
+    assert_eq!(told.out.matches("simulated").count(), 3, "{}", told.out);
 }
 
 #[test]
@@ -369,23 +419,42 @@ fn a_stop_does_not_end_the_growth_after_it() {
 }
 
 #[test]
-fn the_console_says_what_is_wrong_and_goes_on() {
-    let ran = growbot_reading(&["console"], "dance\nplan 1,2,3\nstart\nwait soon\nlayers -1\nclear\nhelp\n");
-    assert_eq!(ran.code, Some(1));
-    for part in ["\"dance\"", "five numbers", "holds no plan", "\"soon\"", "\"-1\"", "5 commands failed"] {
-        assert!(ran.err.contains(part), "no {part}: {}", ran.err);
+fn a_script_ends_at_the_first_line_that_fails() {
+    for (line, part) in [
+        ("dance", "\"dance\""),
+        ("plan 1,2,3", "five numbers"),
+        ("start", "holds no plan"),
+        ("wait soon", "\"soon\""),
+        ("layers -1", "\"-1\""),
+        ("stop now", "`stop` takes nothing: leave \"now\" away"),
+        ("grow 0,0,9,0,95", "pitch is 95"),
+    ] {
+        // What follows would heat.
+        let ran = growbot_reading(&["console"], &format!("help\n{line}\ngrow 0,0,3,0,90\n"));
+        assert_eq!(ran.code, Some(1), "{line}: {}", ran.err);
+        for part in [part, "line 2 failed"] {
+            assert!(ran.err.contains(part), "no {part}: {}", ran.err);
+        }
+        assert!(ran.out.contains("plan POSE") && !ran.out.contains("heating"), "{line}: {}", ran.out);
     }
-    assert!(ran.out.contains("plan POSE"));
 }
 
 #[test]
-fn a_line_that_is_no_text_is_told_and_the_next_one_is_carried_out() {
-    let ran = growbot_reading_bytes(&["console"], b"sta\xfftus\nstop now\nstatus\n");
+fn a_script_stops_the_robot_at_once_and_ends_where_a_growth_does() {
+    let ran = growbot_reading(&["console"], "plan 0,0,60,0,90\nstart\nwait 5\nestop\nstatus\nstart\nstatus\n");
+    assert_eq!(ran.code, Some(1), "{}", ran.err);
+    assert!(ran.err.contains("line 6 failed"), "{}", ran.err);
+    assert!(ran.out.contains("emergency stop: heater and steppers of the simulated robot are off"), "{}", ran.out);
+    assert_eq!(ran.out.matches("state        emergency-stop").count(), 1, "{}", ran.out);
+    assert!(growbot_reading(&["console"], "help\n").out.contains("estop "));
+}
+
+#[test]
+fn a_line_that_is_no_text_ends_a_script() {
+    let ran = growbot_reading_bytes(&["console"], b"sta\xfftus\nstatus\n");
     assert_eq!(ran.code, Some(1));
-    for part in ["no UTF-8 text (at byte 3)", "`stop` takes nothing: leave \"now\" away", "2 commands failed"] {
-        assert!(ran.err.contains(part), "no {part}: {}", ran.err);
-    }
-    assert_eq!(ran.out.matches("state        idle").count(), 2, "{}", ran.out);
+    assert!(ran.err.contains("no UTF-8 text (at byte 3)") && ran.err.contains("line 1 failed"), "{}", ran.err);
+    assert_eq!(ran.out.matches("state        idle").count(), 1, "{}", ran.out);
 }
 
 #[test]
@@ -410,7 +479,9 @@ mod serial {
     fn a_robot_on_a_serial_line_answers() {
         let (master, name, _open) = line();
         let _board = FakeBoard::on_serial(master, "growbot-a");
-        let ran = growbot(&["grow", "--to", "0,0,7.74,0,90", "--port", &name, "--json"]);
+        // This board's time runs so fast that any host is silent for long.
+        let args = ["grow", "--to", "0,0,7.74,0,90", "--on-silence", "go-on", "--port", &name, "--json"];
+        let ran = growbot(&args);
         assert_eq!(ran.code, Some(0), "{}", ran.err);
         assert_eq!(number(&json(&ran), "layers"), 10.0);
     }

@@ -1,10 +1,12 @@
 //! Orders given while a body grows on the simulated robot: it holds, goes on and stops, and lays each layer once.
 
-use std::cell::Cell;
+use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 use std::time::Duration;
 
-use growbot_core::link::message::{Silence, State};
+use growbot_core::link::emergency_stop::EMERGENCY_STOP;
+use growbot_core::link::frame::Receiver;
+use growbot_core::link::message::{Message, Silence, State};
 use growbot_core::path::{Segment, end};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
@@ -65,6 +67,54 @@ fn a_growth_stops_as_ordered_and_at_once_where_it_must() {
     }
 }
 
+/// A line that breaks for good under whatever is sent, but for the emergency stop.
+struct Stalled {
+    sim: Rc<RefCell<Sim>>,
+    is_stalled: Rc<Cell<bool>>,
+}
+
+impl Port for Stalled {
+    fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+        if self.is_stalled.get() {
+            return Err(PortError::Lost("sim".to_string(), "it takes no more bytes".to_string()));
+        }
+        self.sim.send(bytes)
+    }
+
+    fn send_emergency_stop(&mut self) -> Result<(), PortError> {
+        self.sim.send(&EMERGENCY_STOP)
+    }
+
+    fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, PortError> {
+        self.sim.receive(buffer, timeout)
+    }
+
+    fn now(&self) -> Duration {
+        self.sim.now()
+    }
+}
+
+#[test]
+fn a_stop_that_does_not_get_through_becomes_an_emergency_stop() {
+    let (is_stalled, board) = (Rc::new(Cell::new(false)), RefCell::new(None));
+    let (grown, told) = grow_over(
+        |news, orders| {
+            if let News::Laid(4, ..) = news {
+                is_stalled.set(true);
+                orders.give(Order::Stop);
+            }
+        },
+        |sim| {
+            let sim = Rc::new(RefCell::new(sim));
+            board.replace(Some(Rc::clone(&sim)));
+            Box::new(Stalled { sim, is_stalled: Rc::clone(&is_stalled) })
+        },
+    );
+    assert_eq!(grown.outcome, Outcome::Stopped);
+    assert_eq!(tells(&told, &News::State(State::EmergencyStop)), 1);
+    assert_eq!(board.take().map(|sim| sim.borrow().state()), Some(State::EmergencyStop));
+}
+
 /// A line that carries nothing to the board while it is cut.
 struct Cut {
     sim: Sim,
@@ -85,6 +135,10 @@ impl Port for Cut {
 
     fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, PortError> {
         self.sim.receive(buffer, timeout)
+    }
+
+    fn now(&self) -> Duration {
+        self.sim.now()
     }
 
     fn tip(&mut self) -> Result<Option<TipRecord>, PortError> {
@@ -115,6 +169,48 @@ fn an_order_outlives_a_line_that_is_cut_while_it_is_given() {
         assert_eq!((grown.outcome, cut.get()), (wanted, 0), "{order:?}");
         assert!(tells(&told, &News::Silent) > 0, "{order:?} was not cut off");
         assert!(tells(&told, &News::Ordered(order)) > 1, "{order:?} was not given again");
+    }
+}
+
+/// A line on which the requests to start are counted.
+struct Overheard {
+    sim: Sim,
+    receiver: Receiver,
+    starts: Rc<Cell<u32>>,
+}
+
+impl Port for Overheard {
+    fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+        for frame in bytes.iter().filter_map(|byte| self.receiver.push(*byte)).flatten() {
+            let is_start = matches!(Message::decode(frame.header.kind, &frame.body), Ok(Message::Start(_)));
+            self.starts.set(self.starts.get() + u32::from(is_start));
+        }
+        self.sim.send(bytes)
+    }
+
+    fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, PortError> {
+        self.sim.receive(buffer, timeout)
+    }
+
+    fn now(&self) -> Duration {
+        self.sim.now()
+    }
+}
+
+#[test]
+fn a_stop_before_the_start_heats_nothing() {
+    for stops in [false, true] {
+        let starts = Rc::new(Cell::new(0));
+        let (grown, _) = grow_over(
+            |news, orders| {
+                if stops && matches!(news, News::Board(_)) {
+                    orders.give(Order::Stop);
+                }
+            },
+            |sim| Box::new(Overheard { sim, receiver: Receiver::default(), starts: Rc::clone(&starts) }),
+        );
+        assert_eq!(grown.outcome, if stops { Outcome::Stopped } else { Outcome::Done });
+        assert_eq!(starts.get(), u32::from(!stops));
     }
 }
 

@@ -4,7 +4,7 @@ use clap::Args;
 use growbot_core::link::message::{Cancel, Message};
 use growbot_host::output::print;
 
-use super::{Failure, PortArg, RobotArg};
+use super::{Failure, RobotArg, RobotPortArg};
 
 /// Give up the body under way: heater and steppers off, and the board forgets it
 ///
@@ -13,20 +13,25 @@ use super::{Failure, PortArg, RobotArg};
 #[command(after_help = "Example:\n  growbot cancel --port /dev/ttyACM0")]
 pub struct CancelArgs {
     #[command(flatten)]
-    port: PortArg,
+    port: RobotPortArg,
     #[command(flatten)]
     robot: RobotArg,
 }
 
 /// Runs the command.
 pub fn run(args: &CancelArgs) -> Result<(), Failure> {
+    let port = args.port.choose()?;
     let robot = args.robot.load()?;
-    let mut client = args.port.client(&robot)?;
+    let mut client = port.client(&robot)?;
     let hello = client.hello()?;
     let plan_id = hello.status.plan_id;
     if plan_id == 0 {
-        return Ok(print("the board holds no body\n")?);
+        return Ok(print(&format!("the {}board holds no body\n", port.kind()))?);
     }
     client.request("to give the body up", &Message::Cancel(Cancel { plan_id }))?;
-    Ok(print(&format!("given up: plan {plan_id:016x}, {} layers laid\n", hello.status.laid))?)
+    Ok(print(&format!(
+        "given up by the {}board: plan {plan_id:016x}, {} layers laid\n",
+        port.kind(),
+        hello.status.laid
+    ))?)
 }

@@ -8,7 +8,7 @@ use growbot_core::path::length;
 use growbot_core::pose::angle_between;
 use growbot_core::robot::Robot;
 use growbot_host::arrival::Arrival;
-use growbot_host::client::ClientError;
+use growbot_host::client::{ClientError, ClockDrift};
 use growbot_host::feedback::FedBack;
 use growbot_host::growth::{Grown, GrowthError, MeasuredBy, News, Order, Outcome, as_built_hash};
 use growbot_host::output::print;
@@ -55,6 +55,8 @@ pub struct Following<'a> {
     pub laid: usize,
     /// Where chance comes from; none where nothing is drawn by chance.
     pub seed: Option<u64>,
+    /// Whether the robot is a simulated one.
+    pub simulated: bool,
 }
 
 impl Following<'_> {
@@ -81,7 +83,7 @@ impl Following<'_> {
         match grown {
             Ok(grown) => self.result(&grown, show.emergency),
             Err(GrowthError::During(error)) => {
-                let mut result = json_of("lost", None, self.plan, self.seed);
+                let mut result = json_of("lost", None, self.plan, self.seed, self.simulated);
                 result["error"] = error.to_string().into();
                 self.end(&result)?;
                 if self.json {
@@ -95,10 +97,10 @@ impl Following<'_> {
                     self.log.discard();
                 }
                 if !matches!(&error, GrowthError::Before(error) if !matches!(error, ClientError::Refused { .. })) {
-                    refuse(self.json, self.plan)?;
+                    refuse(self.json, self.plan, self.simulated)?;
                 }
                 if let Some(watch) = self.watch.take() {
-                    let mut result = json_of("refused", None, self.plan, self.seed);
+                    let mut result = json_of("refused", None, self.plan, self.seed, self.simulated);
                     result["error"] = error.to_string().into();
                     watch.end(&result);
                 }
@@ -119,47 +121,58 @@ impl Following<'_> {
     }
 
     fn result(mut self, grown: &Grown, emergency: bool) -> Result<(), Failure> {
-        let result = json_of(grown.outcome.name(), Some(grown), self.plan, self.seed);
+        let result = json_of(grown.outcome.name(), Some(grown), self.plan, self.seed, self.simulated);
         self.end(&result)?;
         print(&if self.json {
             format!("{result}\n")
         } else {
-            growth_table::table(self.plan, self.robot, grown, self.seed)
+            growth_table::table(self.plan, self.robot, grown, self.seed, self.simulated)
         })?;
-        match grown.outcome {
-            Outcome::Done => Ok(()),
-            Outcome::Stopped if emergency => Err(Failure::answered_no(
-                "emergency stop: heater and steppers are off, until it is cleared (`clear` in `growbot console`)",
-            )),
-            Outcome::Stopped => Err(Failure::answered_no("stopped before the last layer: heater and steppers are off")),
-            Outcome::Fault(fault) => Err(Failure::answered_no(format!(
-                "fault {}: {}; heater and steppers are off",
-                fault.code(),
-                fault.explanation()
-            ))),
-            Outcome::Parked => Err(Failure::answered_no(
-                "held for so long that the heater is off: `growbot resume` goes on with the body",
-            )),
-            Outcome::Interrupted => Err(Failure::answered_no(
-                "the board has started anew, or another host has taken it: `growbot status` shows what it knows, `growbot resume` goes on",
-            )),
-            Outcome::Lost => Err(Failure::answered_no(
-                "the board does not answer any more; the robot may still be growing: see `growbot status`, and cut its power if that does not answer",
-            )),
+        judged(grown.outcome, emergency)
+    }
+}
+
+/// A robot was stopped because its board's clock is wrong.
+pub fn stopped_for(drift: &ClockDrift) -> Failure {
+    Failure::answered_no(format!("{drift}: the robot was stopped, heater and steppers are off; {}", ClockDrift::REMEDY))
+}
+
+/// What a growth that ended so means for whoever asked for it; `emergency` where the emergency stop was given.
+pub fn judged(outcome: Outcome, emergency: bool) -> Result<(), Failure> {
+    match outcome {
+        Outcome::Done => Ok(()),
+        Outcome::Stopped if emergency => Err(Failure::answered_no(
+            "emergency stop: heater and steppers are off, until it is cleared (`clear` in `growbot console`)",
+        )),
+        Outcome::Stopped => Err(Failure::answered_no("stopped before the last layer: heater and steppers are off")),
+        Outcome::Fault(fault) => Err(Failure::answered_no(format!(
+            "fault {}: {}; heater and steppers are off",
+            fault.code(),
+            fault.explanation()
+        ))),
+        Outcome::ClockDrift(drift) => Err(stopped_for(&drift)),
+        Outcome::Parked => {
+            Err(Failure::answered_no("held for so long that the heater is off: `growbot resume` goes on with the body"))
         }
+        Outcome::Interrupted => Err(Failure::answered_no(
+            "the board has started anew, or another host has taken it: `growbot status` shows what it knows, `growbot resume` goes on",
+        )),
+        Outcome::Lost => Err(Failure::answered_no(
+            "the board does not answer any more; the robot may still be growing: see `growbot status`, and cut its power if that does not answer",
+        )),
     }
 }
 
 /// The line of JSON of a growth that did not begin.
-pub fn refuse(json: bool, plan: &Plan) -> Result<(), Failure> {
+pub fn refuse(json: bool, plan: &Plan, simulated: bool) -> Result<(), Failure> {
     if json {
-        print(&format!("{}\n", json_of("refused", None, plan, None)))?;
+        print(&format!("{}\n", json_of("refused", None, plan, None, simulated)))?;
     }
     Ok(())
 }
 
 /// The result as scripts read it. What was not grown is where it started.
-fn json_of(outcome: &str, grown: Option<&Grown>, plan: &Plan, seed: Option<u64>) -> Value {
+fn json_of(outcome: &str, grown: Option<&Grown>, plan: &Plan, seed: Option<u64>, simulated: bool) -> Value {
     let arrival =
         grown.map_or_else(|| Arrival::of(&plan.start.frame(), &plan.goal, length(&plan.path)), |grown| grown.arrival);
     let mut value = json_of_arrival(&arrival);
@@ -167,6 +180,7 @@ fn json_of(outcome: &str, grown: Option<&Grown>, plan: &Plan, seed: Option<u64>)
         &mut value,
         json!({
             "outcome": outcome,
+            "simulated": simulated,
             "fault": grown.and_then(|grown| match grown.outcome {
                 Outcome::Fault(fault) => Some(fault.code()),
                 _ => None,
@@ -278,7 +292,10 @@ impl Show {
                     self.progress.say(self.state);
                 }
             }
-            News::Status(status) => self.state = status.state.name(),
+            News::Status(status) => {
+                self.state = status.state.name();
+                self.emergency |= status.state == State::EmergencyStop;
+            }
             News::Amending(amendment) => {
                 self.layers_before = std::mem::replace(&mut self.layers, amendment.total as usize);
             }

@@ -17,14 +17,15 @@ use super::following::{Following, OnSilence, refuse};
 use super::goal::GoalArgs;
 use super::interrupt::stop_on_interrupt;
 use super::watching::WatchArgs;
-use super::{Failure, PortArg, plan_table};
+use super::{ChosenPort, Failure, PortArg, plan_table};
 
 /// Grow a body: a plan, or straight from a pose
 ///
 /// Hands the layers to the robot's board, which heats, homes its head and lays them one by one; shows how far it is, and at the end
-/// where the tip arrived: as the steps that were made say, or with --feedback the sensors. Ctrl-C stops the robot.
+/// where the tip arrived: as the steps that were made say, or with --feedback the sensors. Ctrl-C stops the robot; a second one gives the
+/// emergency stop and leaves.
 ///
-/// Without a robot (--port sim, the default) the same controller runs in this program against a simulated tip, on a virtual clock, and
+/// Without a robot (--port sim, the default unless GROWBOT_PORT names another port) the same controller runs in this program against a simulated tip, on a virtual clock, and
 /// where the tip arrived is what that has really laid.
 #[derive(Args)]
 #[command(after_help = AFTER_HELP)]
@@ -69,7 +70,7 @@ Exit codes: 0, the body is grown; 1, stopped, refused or a fault; 2, something
 was wrong before the job.";
 
 /// What `growbot` alone grows: 1 m of robot A to a pose that needs both planes.
-const MAIN_JOB: [&str; 3] = ["growbot grow", "--to", "550,345,610,120,-25"];
+const MAIN_JOB: [&str; 5] = ["growbot grow", "--to", "550,345,610,120,-25", "--port", "sim"];
 
 /// The arguments of a command on their own, for [`MAIN_JOB`].
 #[derive(Parser)]
@@ -88,6 +89,7 @@ pub fn run_main_job() -> Result<(), Failure> {
 
 /// Runs the command.
 pub fn run(args: &GrowArgs) -> Result<(), Failure> {
+    let port = args.port.choose()?;
     let (robot, plan) = args.goal.robot_and_plan()?;
     let preventing: Vec<_> =
         plan.warnings.iter().filter(|warning| PREVENTING.contains(&warning.code.as_str())).collect();
@@ -96,22 +98,21 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     }
     if !preventing.is_empty() && !args.force {
         let codes: Vec<_> = preventing.iter().map(|warning| warning.code.as_str()).collect();
-        refuse(args.json, &plan)?;
+        refuse(args.json, &plan, port.is_simulated())?;
         return Err(Failure::answered_no(format!(
             "not grown because of {}: change the plan, or grow it all the same with --force",
             codes.join(", ")
         )));
     }
-    let name = args.port.name()?;
-    args.suits(&name, &robot)?;
-    let pace = args.watching.pace(&name)?;
-    if matches!(name, PortName::Emulator(_)) {
+    args.suits(&port, &robot)?;
+    let pace = args.watching.pace(port.name())?;
+    if matches!(port.name(), PortName::Emulator(_)) {
         let time = plan_table::duration(plan.needs.duration);
         growbot_host::tell!("growbot: the emulated board runs in real time: the layers alone take {time}");
     }
     let job = Job::new(&robot, &plan.start, &plan.goal, &plan.path);
     let disturbance = &args.disturbance;
-    let assumed = if name.is_simulated() { disturbance.sensor_noise() } else { disturbance.sensor_noise_or(ASSUMED) };
+    let assumed = if port.is_simulated() { disturbance.sensor_noise() } else { disturbance.sensor_noise_or(ASSUMED) };
     let noise = args.feedback.then_some(assumed);
     let feedback = noise.map(|noise| Feedback::new(&robot, &plan.start, &plan.path, &plan.legs, noise));
     let imperfection = Imperfection {
@@ -120,28 +121,30 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
         seed: disturbance.seed,
     };
     let settings = TipSettings { start: Some(plan.start), imperfection, pace };
-    let mut client = args.port.client_of(&robot, &settings)?;
-    let orders = stop_on_interrupt();
-    let subject = Subject { name: &args.goal.name(), robot: &robot, plan: &plan, run: None };
+    let mut client = port.client_of(&robot, &settings)?;
+    let orders = stop_on_interrupt(&mut client, &port);
+    let name = format!("{}{}", args.goal.name(), port.remark());
+    let subject = Subject { name: &name, robot: &robot, plan: &plan, run: None };
     let watch = args.watching.begin(&subject, &job, &[], &orders)?;
     let log = match &args.log {
-        Some(path) => RunLog::begin(path, &plan, &job, noise, args.port.text()).map_err(Failure::bad_input)?,
+        Some(path) => RunLog::begin(path, &plan, &job, noise, port.text()).map_err(Failure::bad_input)?,
         None => RunLog::none(),
     };
     let seed = (disturbance.disturbs() || disturbance.knows_sensors()).then_some(disturbance.seed);
-    let seed = seed.filter(|_| name.is_simulated());
-    let following = Following { robot: &robot, plan: &plan, log, watch, json: args.json, laid: 0, seed };
+    let seed = seed.filter(|_| port.is_simulated());
+    let simulated = port.is_simulated();
+    let following = Following { robot: &robot, plan: &plan, log, watch, json: args.json, laid: 0, seed, simulated };
     let manner = Manner { silence: args.on_silence.into(), feedback };
     following.follow(|tell| grow_job(&mut client, &job, manner, &orders, tell))
 }
 
 impl GrowArgs {
     /// Whether what is asked for can be had there.
-    fn suits(&self, port: &PortName, robot: &Robot) -> Result<(), Failure> {
+    fn suits(&self, port: &ChosenPort, robot: &Robot) -> Result<(), Failure> {
         if self.disturbance.disturbs() && !port.is_simulated() {
             return Err(Failure::bad_input(format!(
                 "layers cannot be disturbed at {}, which is no simulated tip: leave out noises and biases, or use --port sim or emulator",
-                self.port.text()
+                port.text()
             )));
         }
         if self.disturbance.knows_sensors() && !port.is_simulated() && !self.feedback {

@@ -11,16 +11,18 @@ use growbot_host::growth::{Grown, MeasuredBy};
 use growbot_host::plan::Plan;
 
 use super::following::{believed, error_of};
+use super::kind;
 use super::plan_table::duration;
 
 /// Wanted, reached, and by how much the one missed the other; with feedback, where the tip was believed to be.
-pub fn table(plan: &Plan, robot: &Robot, grown: &Grown, seed: Option<u64>) -> String {
+pub fn table(plan: &Plan, robot: &Robot, grown: &Grown, seed: Option<u64>, simulated: bool) -> String {
     let length = grown.length_mm();
     let mut table = arrived(&plan.goal, &grown.arrival);
     table += &format!("body      {} layers of {}, {length:.1} mm\n", grown.body.len(), plan.needs.layers);
     table += &format!(
-        "growth    {} on {}, {:.2} m of filament\n",
+        "growth    {} on {}{}, {:.2} m of filament\n",
         duration(grown.duration_s),
+        kind(simulated),
         robot.name(),
         grown.filament_mm / 1000.0
     );

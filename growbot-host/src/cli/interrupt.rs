@@ -2,21 +2,45 @@
 
 use std::sync::Arc;
 
+use growbot_host::client::{Client, ClientError};
 use growbot_host::growth::Orders;
+use growbot_host::port::Port;
 
-/// What is ordered by Ctrl-C, by SIGTERM and when the terminal goes away: to stop. A second time ends the program, as people expect of
-/// one that seems to hang.
-pub fn stop_on_interrupt() -> Arc<Orders> {
+use super::ChosenPort;
+
+/// What is ordered by Ctrl-C, by SIGTERM and when the terminal goes away: to stop. A second time gives the emergency stop and ends the
+/// program, as people expect of one that seems to hang: by a line of its own, whatever the rest of the program waits for.
+pub fn stop_on_interrupt(client: &mut Client, port: &ChosenPort) -> Arc<Orders> {
     let orders = Arc::new(Orders::default());
     let given = Arc::clone(&orders);
+    let (mut line, name, simulated) = (client.emergency_line(), port.text().to_string(), port.is_simulated());
     let installed = ctrlc::set_handler(move || {
         if given.interrupt() {
+            if !simulated {
+                stop_at_once(line.take(), &name);
+            }
             std::process::exit(1);
         }
-        growbot_host::tell!("growbot: stopping; press Ctrl-C again to leave without waiting for the robot");
+        growbot_host::tell!(
+            "growbot: stopping; press Ctrl-C again for the emergency stop, and to leave without waiting for the robot"
+        );
     });
     if let Err(error) = installed {
         growbot_host::tell!("growbot: Ctrl-C will end this program without stopping the robot ({error})");
     }
     orders
+}
+
+/// Gives the emergency stop, and says what came of it.
+fn stop_at_once(line: Option<Box<dyn Port + Send>>, name: &str) {
+    growbot_host::tell!("growbot: giving the emergency stop");
+    let stopped = line.is_some_and(|line| Client::new(line, name).emergency_stop().is_ok());
+    if stopped {
+        growbot_host::tell!(
+            "growbot: emergency stop: heater and steppers are off, until it is cleared (`clear` in `growbot console`)"
+        );
+    } else {
+        let error = ClientError::NotStopped { port: name.to_string() };
+        growbot_host::tell!("growbot: {error}");
+    }
 }

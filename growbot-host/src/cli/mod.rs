@@ -37,6 +37,7 @@ mod view;
 mod watching;
 mod workspace;
 
+use std::env::VarError;
 use std::fmt::Display;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -71,6 +72,8 @@ Examples:
   growbot plan --to 200,100,600,0,45 -o plan.json
   growbot grow plan.json --port /dev/ttyACM0
 
+GROWBOT_PORT names the port of commands that are given no --port.
+
 Exit codes: 0, done; 1, the answer is no; 2, something was wrong before the job.";
 
 #[derive(Subcommand)]
@@ -101,7 +104,11 @@ enum Command {
 
 /// Reads the command line and runs the command.
 pub fn run() -> ExitCode {
-    let done = match Cli::parse().command {
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) => return estop::usage_error(&error),
+    };
+    let done = match cli.command {
         Some(Command::Robots(args)) => robots::run(&args),
         Some(Command::NewRobot(args)) => new_robot::run(&args),
         Some(Command::Rmin(args)) => rmin::run(&args),
@@ -205,19 +212,42 @@ bad_input!(BatchError, InputError, PlanFileError, PortError, RobotFileError);
 impl From<ClientError> for Failure {
     fn from(error: ClientError) -> Self {
         match error {
-            ClientError::Refused { .. } => Self::answered_no(error),
+            ClientError::Refused { .. } | ClientError::NotStopped { .. } => Self::answered_no(error),
             error => Self::bad_input(error),
         }
     }
 }
 
-/// `--port`, where a robot is talked to, and `--fault`, how badly.
+/// Names the port of commands that are not told one.
+const PORT_VARIABLE: &str = "GROWBOT_PORT";
+
+/// `--port`, where a robot is talked to: without it the configured one, or else a simulated robot.
 #[derive(Args)]
 pub struct PortArg {
     /// Where the robot is: sim, emulator, emulator:ELF, tcp:HOST:PORT or a
-    /// serial device
-    #[arg(long, value_name = "PORT", default_value = "sim")]
-    port: String,
+    /// serial device [default: what GROWBOT_PORT says, or else sim]
+    #[arg(long, value_name = "PORT")]
+    port: Option<String>,
+    #[command(flatten)]
+    line: LineArg,
+}
+
+/// `--port` of commands that are about a robot that is there already, and would be meaningless for one that is simulated from now on: they
+/// are told a port, or have one configured.
+#[derive(Args)]
+pub struct RobotPortArg {
+    /// Where the robot is: tcp:HOST:PORT or a serial device; sim and emulator
+    /// start a simulated one [default: what GROWBOT_PORT says; one of the two
+    /// must be given]
+    #[arg(long, value_name = "PORT")]
+    port: Option<String>,
+    #[command(flatten)]
+    line: LineArg,
+}
+
+/// How good the line is, and what becomes of another host.
+#[derive(Args, Clone, Copy)]
+struct LineArg {
     /// Try a bad line: lose and spoil what it carries, say drop=1%,flip=1e-4
     ///
     /// Chances are for each frame, both ways: drop, dup, reorder, truncate,
@@ -230,14 +260,81 @@ pub struct PortArg {
     take_over: bool,
 }
 
+/// A port, chosen and understood.
+#[derive(Clone)]
+pub struct ChosenPort {
+    text: String,
+    name: PortName,
+    take_over: bool,
+}
+
+/// The port that is configured; none where the variable is not there, or empty.
+fn configured_port() -> Result<Option<String>, Failure> {
+    match std::env::var(PORT_VARIABLE) {
+        Ok(text) => Ok(Some(text).filter(|text| !text.is_empty())),
+        Err(VarError::NotPresent) => Ok(None),
+        Err(VarError::NotUnicode(text)) => Err(Failure::bad_input(format!(
+            "{PORT_VARIABLE} is {text:?}, which is no UTF-8 text: name a port by it, or unset it"
+        ))),
+    }
+}
+
 impl PortArg {
-    /// The port's name, understood.
-    fn name(&self) -> Result<PortName, Failure> {
-        let name = self.port.parse()?;
-        Ok(match self.fault {
+    /// The port.
+    fn choose(&self) -> Result<ChosenPort, Failure> {
+        let text = match &self.port {
+            Some(text) => text.clone(),
+            None => configured_port()?.unwrap_or_else(|| "sim".to_string()),
+        };
+        self.line.at(text)
+    }
+}
+
+impl RobotPortArg {
+    /// The port.
+    fn choose(&self) -> Result<ChosenPort, Failure> {
+        let text = match &self.port {
+            Some(text) => text.clone(),
+            None => configured_port()?.ok_or_else(|| {
+                Failure::bad_input(format!(
+                    "no port is given, so it is not known which robot is meant: say --port PORT, or configure one (export {PORT_VARIABLE}=PORT)"
+                ))
+            })?,
+        };
+        self.line.at(text)
+    }
+}
+
+impl LineArg {
+    fn at(self, text: String) -> Result<ChosenPort, Failure> {
+        let name = text.parse()?;
+        let name = match self.fault {
             None => name,
             Some(spec) => PortName::Faulty(Box::new(name), spec),
-        })
+        };
+        Ok(ChosenPort { text, name, take_over: self.take_over })
+    }
+}
+
+impl ChosenPort {
+    /// The port's name, understood.
+    fn name(&self) -> &PortName {
+        &self.name
+    }
+
+    /// Whether the robot there is a simulated one.
+    fn is_simulated(&self) -> bool {
+        self.name.is_simulated()
+    }
+
+    /// What messages say before "robot" or "board": that it is a simulated one.
+    fn kind(&self) -> &'static str {
+        kind(self.is_simulated())
+    }
+
+    /// What is said behind a name that belongs to a simulated robot.
+    fn remark(&self) -> &'static str {
+        if self.is_simulated() { ", simulated" } else { "" }
     }
 
     /// A client at the port of this robot.
@@ -247,14 +344,19 @@ impl PortArg {
 
     /// A client at the port of this robot, whose tip, where that is a simulated one, is like this.
     fn client_of(&self, robot: &Robot, settings: &TipSettings) -> Result<Client, Failure> {
-        let port = port::open(&self.name()?, robot, settings)?;
+        let port = port::open(&self.name, robot, settings)?;
         Ok(Client::new(port, self.text()).taking_over(self.take_over))
     }
 
     /// The port's name as it was given.
     fn text(&self) -> &str {
-        &self.port
+        &self.text
     }
+}
+
+/// What messages say before "robot" or "board" of a simulated one.
+fn kind(is_simulated: bool) -> &'static str {
+    if is_simulated { "simulated " } else { "" }
 }
 
 /// What an argument that names a robot is called in the help: [`completions`] knows them by it.

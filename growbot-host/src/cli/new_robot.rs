@@ -68,7 +68,7 @@ pub fn run(args: &NewRobotArgs) -> Result<(), Failure> {
            feed.steps_per_mm: how much filament a revolution pushes\n  \
            head.index_angle_deg: where the mark is\n  \
            thermistor, heater.max_c: what the data sheets of your parts say\n  \
-           heater.kp, ki, kd: growbot tune --robot {output}\n\
+           heater.kp, ki, kd: growbot tune --robot {output} --port PORT, on the robot itself: a simulated one has other gains\n\
          growbot robots {output} explains all of it.\n{notes}",
         name = robot.name(),
         r_min = robot.least_radius(),

@@ -74,9 +74,10 @@ enum WithCut {
 
 /// Runs the command.
 pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
+    let port = args.port.choose()?;
     let (robot, plan, mut record) = args.robot_plan_and_record()?;
-    let pace = args.watching.pace(&args.port.name()?)?;
-    let mut client = args.port.client_of(&robot, &TipSettings { pace, ..TipSettings::default() })?;
+    let pace = args.watching.pace(port.name())?;
+    let mut client = port.client_of(&robot, &TipSettings { pace, ..TipSettings::default() })?;
     let board = client.board()?;
     Client::belongs_to(&board, &robot)?;
     let mut job = Job::new(&robot, &plan.start, &plan.goal, &plan.path);
@@ -91,15 +92,16 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
     }
     let known = record.as_ref().map_or_else(Vec::new, |record| record.as_built.clone());
     let log = match &record {
-        Some(record) => RunLog::go_on(&args.file, record, args.port.text()).map_err(Failure::bad_input)?,
+        Some(record) => RunLog::go_on(&args.file, record, port.text()).map_err(Failure::bad_input)?,
         None => RunLog::none(),
     };
     let cut = match args.cut_layer {
         WithCut::Again => CutLayer::Again,
         WithCut::LetBe => CutLayer::LetBe,
     };
-    let orders = stop_on_interrupt();
+    let orders = stop_on_interrupt(&mut client, &port);
     let name = args.file.file_name().unwrap_or_default().to_string_lossy();
+    let name = format!("{name}{}", port.remark());
     let subject = Subject { name: &name, robot: &robot, plan: &plan, run: None };
     let watch = args.watching.begin(&subject, &job, &known, &orders)?;
     let laid = board.status.laid as usize;
@@ -107,7 +109,8 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
     if feedback.is_some() {
         growbot_host::tell!("growbot: with feedback, as it was begun");
     }
-    let following = Following { robot: &robot, plan: &plan, log, watch, json: args.json, laid, seed: None };
+    let simulated = port.is_simulated();
+    let following = Following { robot: &robot, plan: &plan, log, watch, json: args.json, laid, seed: None, simulated };
     let manner = Manner { silence: args.on_silence.into(), feedback };
     following.follow(|tell| resume_job(&mut client, &job, known, cut, manner, &orders, tell))
 }

@@ -15,7 +15,7 @@ use serde_json::{Value, json};
 
 use super::flash::built_images;
 use super::growth_table::made;
-use super::{Failure, PortArg, RobotArg};
+use super::{Failure, RobotArg, RobotPortArg};
 
 /// Ask the robot's board who it is, what it is doing and what its sensors say
 ///
@@ -24,7 +24,7 @@ use super::{Failure, PortArg, RobotArg};
 #[command(after_help = "Example:\n  growbot status --port /dev/ttyACM0")]
 pub struct StatusArgs {
     #[command(flatten)]
-    port: PortArg,
+    port: RobotPortArg,
     #[command(flatten)]
     robot: RobotArg,
     /// After a crash: name functions and lines by this image of the firmware
@@ -39,10 +39,11 @@ pub struct StatusArgs {
 
 /// Runs the command.
 pub fn run(args: &StatusArgs) -> Result<(), Failure> {
+    let port = args.port.choose()?;
     let robot = args.robot.load()?;
     let given = args.elf.as_deref().map(Image::open).transpose().map_err(Failure::bad_input)?;
-    let mut client = args.port.client(&robot)?;
-    let mut report = Report::of(&mut client)?;
+    let mut client = port.client(&robot)?;
+    let mut report = Report::of(&mut client, port.is_simulated())?;
     report.look_up_in(given)?;
     print(&if args.json { format!("{}\n", report.json()) } else { report.text() })?;
     Ok(())
@@ -50,6 +51,7 @@ pub fn run(args: &StatusArgs) -> Result<(), Failure> {
 
 /// All that a board says of itself.
 pub struct Report {
+    simulated: bool,
     hello: BoardHello,
     sensors: SensorReadings,
     latest_fault: Option<FaultRecord>,
@@ -61,8 +63,9 @@ pub struct Report {
 
 impl Report {
     /// Asks the board.
-    pub fn of(client: &mut Client) -> Result<Self, ClientError> {
+    pub fn of(client: &mut Client, simulated: bool) -> Result<Self, ClientError> {
         Ok(Self {
+            simulated,
             hello: client.board()?,
             sensors: client.sensors()?,
             latest_fault: client.latest_fault()?,
@@ -105,6 +108,7 @@ impl Report {
     fn json(&self) -> Value {
         let mut value = json_of(&self.hello);
         if let Value::Object(fields) = &mut value {
+            fields.insert("simulated".to_string(), self.simulated.into());
             fields.insert("sensors".to_string(), json_of_sensors(&self.sensors));
             fields
                 .insert("image".to_string(), self.boot.as_ref().map_or(Value::Null, |boot| json_of_image(boot.image)));
@@ -116,7 +120,7 @@ impl Report {
 
     /// In a few lines.
     pub fn text(&self) -> String {
-        let mut text = text_of(&self.hello);
+        let mut text = text_of(&self.hello, self.simulated);
         if let Some(boot) = &self.boot {
             text += &format!("image        {}\n", text_of_image(boot.image));
         }
@@ -279,7 +283,7 @@ fn version(hello: &BoardHello) -> String {
 }
 
 /// The status in a few lines.
-fn text_of(hello: &BoardHello) -> String {
+fn text_of(hello: &BoardHello, simulated: bool) -> String {
     let status = &hello.status;
     let temperature = status.temperature_centi_c.map_or("no reading".to_string(), |t| format!("{:.1} C", celsius(t)));
     let target = status.target_centi_c.map_or("heater off".to_string(), |t| format!("target {:.1} C", celsius(t)));
@@ -294,7 +298,9 @@ fn text_of(hello: &BoardHello) -> String {
             )
         }
     };
-    let mut text = format!("robot        {} ({:016x}), firmware {}\n", hello.robot_name, hello.robot, version(hello));
+    let simulated = if simulated { ", simulated" } else { "" };
+    let mut text =
+        format!("robot        {} ({:016x}), firmware {}{simulated}\n", hello.robot_name, hello.robot, version(hello));
     text += &format!("state        {}\n", status.state.name());
     if let Some(fault) = status.fault {
         text += &format!("fault        {}: {}\n", fault.code(), fault.explanation());

@@ -4,7 +4,7 @@ use clap::Args;
 use growbot_core::link::message::{Empty, Message};
 use growbot_host::output::print;
 
-use super::{Failure, PortArg, RobotArg};
+use super::{Failure, RobotArg, RobotPortArg};
 
 /// Stop the robot: heater and steppers off at once
 ///
@@ -13,15 +13,16 @@ use super::{Failure, PortArg, RobotArg};
 #[command(after_help = "Example:\n  growbot stop --port /dev/ttyACM0")]
 pub struct StopArgs {
     #[command(flatten)]
-    port: PortArg,
+    port: RobotPortArg,
     #[command(flatten)]
     robot: RobotArg,
 }
 
 /// Runs the command. A board of another release or robot is stopped all the same: no hello is asked for.
 pub fn run(args: &StopArgs) -> Result<(), Failure> {
+    let port = args.port.choose()?;
     let robot = args.robot.load()?;
-    let mut client = args.port.client(&robot)?;
+    let mut client = port.client(&robot)?;
     client.request("to stop", &Message::Stop(Empty {}))?;
-    Ok(print("stopped: heater and steppers are off\n")?)
+    Ok(print(&format!("stopped: heater and steppers of the {}robot are off\n", port.kind()))?)
 }

@@ -9,8 +9,9 @@ use growbot_host::output::print;
 use growbot_host::pose_text::parse_number;
 use serde_json::json;
 
+use super::following::stopped_for;
 use super::interrupt::stop_on_interrupt;
-use super::{Failure, PortArg, RobotArg};
+use super::{ChosenPort, Failure, RobotArg, RobotPortArg};
 
 /// How long the board may be quiet before it is asked how it does.
 const QUIET: Duration = Duration::from_secs(2);
@@ -23,7 +24,7 @@ const QUIET: Duration = Duration::from_secs(2);
 #[command(after_help = "Example:\n  growbot tune --port /dev/ttyACM0 --target 210")]
 pub struct TuneArgs {
     #[command(flatten)]
-    port: PortArg,
+    port: RobotPortArg,
     #[command(flatten)]
     robot: RobotArg,
     /// The temperature, degrees Celsius [default: the robot's heater.target_c]
@@ -36,6 +37,7 @@ pub struct TuneArgs {
 
 /// Runs the command.
 pub fn run(args: &TuneArgs) -> Result<(), Failure> {
+    let port = args.port.choose()?;
     let robot = args.robot.load()?;
     let target = match &args.target {
         None => robot.description().heater.target_c,
@@ -43,33 +45,42 @@ pub fn run(args: &TuneArgs) -> Result<(), Failure> {
             .filter(|celsius| (-1000.0..=1000.0).contains(celsius))
             .ok_or_else(|| Failure::bad_input(format!("--target {text:?} is no temperature: give degrees Celsius")))?,
     };
-    let mut client = args.port.client(&robot)?;
+    let mut client = port.client(&robot)?;
     client.hello_robot(&robot)?;
     client.request("to tune", &Message::Tune(Tune { target_centi_c: (target * 100.0) as i32 }))?;
     growbot_host::tell!("growbot: tuning at {target} C; this takes some minutes");
-    let tuned = follow(&mut client)?;
+    let tuned = follow(&mut client, &port)?;
     let gains = &tuned.gains;
     print(&if args.json {
         let result = json!({
             "kp": gains.kp, "ki": gains.ki, "kd": gains.kd,
             "period_s": tuned.period_s, "amplitude_c": tuned.amplitude_c,
+            "simulated": port.is_simulated(),
         });
         format!("{result}\n")
     } else {
+        let caution = if port.is_simulated() {
+            "# found on a simulated robot: they suit no real one, which finds its own\n"
+        } else {
+            ""
+        };
         format!(
-            "# swung by {:.2} C with a period of {:.1} s round {target} C\n[heater]\nkp = {:.5}\nki = {:.6}\nkd = {:.4}\n",
+            "{caution}# swung by {:.2} C with a period of {:.1} s round {target} C\n[heater]\nkp = {:.5}\nki = {:.6}\nkd = {:.4}\n",
             tuned.amplitude_c, tuned.period_s, gains.kp, gains.ki, gains.kd
         )
     })?;
     Ok(())
 }
 
-fn follow(client: &mut Client) -> Result<Tuned, Failure> {
-    let orders = stop_on_interrupt();
+fn follow(client: &mut Client, port: &ChosenPort) -> Result<Tuned, Failure> {
+    let orders = stop_on_interrupt(client, port);
     loop {
         if orders.stops() {
             client.request("to stop", &Message::Stop(Empty {}))?;
             return Err(Failure::answered_no("stopped: heater and steppers are off"));
+        }
+        if let Some(drift) = client.stop_if_clock_drifts()? {
+            return Err(stopped_for(&drift));
         }
         match client.event(QUIET)? {
             Some(Message::Tuned(tuned)) => return Ok(tuned),

@@ -70,7 +70,7 @@ pub enum ClientError {
         silent_s: f64,
     },
     /// Nobody said that the emergency stop was obeyed.
-    #[error("NOBODY ACKNOWLEDGED THE EMERGENCY STOP at {port}: cut the robot's power now")]
+    #[error("NOBODY HAS ACKNOWLEDGED THE EMERGENCY STOP at {port}: cut the power of the robot now")]
     NotStopped {
         /// The port.
         port: String,

@@ -1,5 +1,7 @@
 //! The host's end of the link: requests with answers, and the events in between.
 
+mod clock;
+mod emergency;
 mod error;
 mod patience;
 
@@ -7,7 +9,6 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 use growbot_core::layer_bytes::LayerBytes;
-use growbot_core::link::emergency_stop::EMERGENCY_STOP;
 use growbot_core::link::frame::{self, Frame, FrameError, Header, LONGEST_BODY, Receiver, next};
 use growbot_core::link::message::{
     Accepted, BoardHello, BootReport, Empty, FaultRecord, HostHello, HostName, LatestFault, LayerBatch, Layers,
@@ -15,6 +16,9 @@ use growbot_core::link::message::{
 };
 use growbot_core::robot::Robot;
 
+pub use self::clock::ClockDrift;
+use self::clock::{ClockWatch, Reading};
+pub use self::emergency::{EMERGENCY_LIMIT, EMERGENCY_PAUSE};
 pub use self::error::ClientError;
 use self::patience::{FIRST_REPEAT, MOST_TRIES, REPEAT_OF_PLAN, SILENCE_OF_PLAN, SLOWEST_REPEAT, Wait};
 use crate::port::Port;
@@ -25,10 +29,6 @@ const HELD_LOOKS: u32 = 24;
 const HELD_LOOK: Duration = Duration::from_millis(500);
 /// A board whose host says nothing for 10 s holds: in long waits it is told so often that its host lives.
 const SIGN_OF_LIFE: Duration = Duration::from_secs(3);
-/// The emergency stop is sent so often,
-const EMERGENCY_TRIES: u32 = 20;
-/// with such pauses, until the board says that it has obeyed.
-const EMERGENCY_PAUSE: Duration = Duration::from_millis(150);
 /// The kind of a refusal.
 const REFUSED: u8 = 0x44;
 /// Messages with layers that may be on their way at a time: less than what boards can keep before they look at it.
@@ -59,6 +59,7 @@ pub struct Client {
     repeated: u64,
     /// Another host that holds the board loses it.
     takes_over: bool,
+    clocks: ClockWatch,
 }
 
 impl Client {
@@ -78,6 +79,7 @@ impl Client {
             events: VecDeque::new(),
             repeated: 0,
             takes_over: false,
+            clocks: ClockWatch::default(),
         }
     }
 
@@ -241,10 +243,43 @@ impl Client {
     /// As [`Client::request`].
     pub fn status(&mut self) -> Result<Status, ClientError> {
         let what = "for its status";
+        let sent = self.port.now();
         match self.request(what, &Message::AskStatus(Empty {}))? {
-            Message::Status(status) => Ok(status),
+            Message::Status(status) => {
+                if self.port.compares_clocks() {
+                    self.clocks.take(&Reading { board_ms: status.uptime_ms, sent, received: self.port.now() });
+                }
+                Ok(status)
+            }
             other => Err(ClientError::Unexpected { request: what, kind: other.kind() }),
         }
+    }
+
+    /// Stops a board whose clock has gone from the port's, as the answers to [`Client::status`] tell: by a request, after which its body can
+    /// be resumed, or else at once. Gives how far it has; none while the clocks agree, or cannot be compared.
+    ///
+    /// # Errors
+    /// [`ClientError::NotStopped`]: nobody knows whether it has stopped, and the power must be cut.
+    pub fn stop_if_clock_drifts(&mut self) -> Result<Option<ClockDrift>, ClientError> {
+        let Some(drift) = self.clocks.drift() else { return Ok(None) };
+        if self.request("to stop", &Message::Stop(Empty {})).is_err() {
+            self.emergency_stop()?;
+        }
+        // Whoever starts it all the same has it compared again.
+        self.clocks = ClockWatch::default();
+        Ok(Some(drift))
+    }
+
+    /// Whether it is time to ask for the status again for the sake of the clocks.
+    #[must_use]
+    pub fn wants_clock(&self) -> bool {
+        self.port.compares_clocks() && self.clocks.wants(self.port.now())
+    }
+
+    /// The same line for the emergency stop of another thread; none where the robot ends with this program. From its first use on, this
+    /// client waits for the end of the program.
+    pub fn emergency_line(&mut self) -> Option<Box<dyn Port + Send>> {
+        self.port.emergency_line()
     }
 
     /// What the board's sensors say.
@@ -438,30 +473,6 @@ impl Client {
         }
     }
 
-    /// Has the board switch everything off at once, whatever it is doing and whoever holds it, and waits until it says so.
-    ///
-    /// # Errors
-    /// [`ClientError::NotStopped`]: then the power must be cut.
-    pub fn emergency_stop(&mut self) -> Result<(), ClientError> {
-        for _ in 0..EMERGENCY_TRIES {
-            // A line that is gone is no reason to give up: it may come back.
-            let _ = self.port.send(&EMERGENCY_STOP);
-            for _ in 0..64 {
-                match self.next_frame(EMERGENCY_PAUSE) {
-                    Ok(Some(Ok(frame))) => {
-                        if matches!(Message::decode(frame.header.kind, &frame.body), Ok(Message::StoppedAtOnce(_))) {
-                            return Ok(());
-                        }
-                        self.take_event(&frame);
-                    }
-                    Ok(Some(Err(_))) => {}
-                    Ok(None) | Err(_) => break,
-                }
-            }
-        }
-        Err(ClientError::NotStopped { port: self.name.clone() })
-    }
-
     /// Waits for an event.
     ///
     /// # Errors
@@ -478,6 +489,15 @@ impl Client {
     /// Takes an event if it is the next one: the board sends those after it again.
     fn take_event(&mut self, frame: &Frame) {
         let Header { session, seq, ack, .. } = frame.header;
+        // Somebody has stopped the board at once, this host or another.
+        if let (0, 0, 0, Ok(stopped @ Message::StoppedAtOnce(_))) =
+            (session, seq, ack, Message::decode(frame.header.kind, &frame.body))
+        {
+            if !self.events.contains(&stopped) {
+                self.events.push_back(stopped);
+            }
+            return;
+        }
         // An answer that came too late, or a frame of another session, is not for us.
         if session != self.session || ack != 0 || seq == 0 {
             return;
@@ -600,6 +620,10 @@ mod tests {
 
         fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, PortError> {
             self.0.receive(buffer, timeout)
+        }
+
+        fn now(&self) -> Duration {
+            self.0.now()
         }
     }
 

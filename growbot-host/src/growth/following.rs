@@ -24,6 +24,10 @@ impl Growth<'_> {
         for _ in 0..CALLS {
             match outcome {
                 Err(ClientError::Silent { .. } | ClientError::Garbage { .. } | ClientError::NotStopped { .. }) => {
+                    if let Err(error @ ClientError::NotStopped { .. }) = &outcome {
+                        // It is tried again, but nobody is to wait for that.
+                        tell(&News::NotObeyed(error.to_string()));
+                    }
                     tell(&News::Silent);
                     outcome = self.call_again(orders, tell);
                 }
@@ -36,6 +40,16 @@ impl Growth<'_> {
         }
         let outcome = match outcome {
             Ok(outcome) => outcome,
+            Err(
+                ClientError::Silent { .. }
+                | ClientError::Garbage { .. }
+                | ClientError::NotStopped { .. }
+                | ClientError::Port(_),
+            ) if orders.stops() && self.client.emergency_stop().is_ok() => {
+                // The order did not get through, and this did.
+                tell(&News::State(State::EmergencyStop));
+                Outcome::Stopped
+            }
             Err(ClientError::Silent { .. } | ClientError::Garbage { .. }) => Outcome::Lost,
             Err(ClientError::Held { .. } | ClientError::Refused { refusal: Refusal::NoSession, .. }) => {
                 Outcome::Interrupted
@@ -87,7 +101,14 @@ impl Growth<'_> {
                 stopped_by = Some(order).filter(|order| *order >= Order::Stop);
                 ask = true;
             }
-            if std::mem::take(&mut ask) {
+            if let Some(drift) = self.client.stop_if_clock_drifts()? {
+                let status = self.client.status()?;
+                self.take_status(&status, tell)?;
+                tell(&News::State(status.state));
+                tell(&News::Status(status));
+                return Ok(Outcome::ClockDrift(drift));
+            }
+            if std::mem::take(&mut ask) || self.client.wants_clock() {
                 let status = self.client.status()?;
                 let outcome = self.take_status(&status, tell)?;
                 tell(&News::Status(status));
@@ -124,6 +145,8 @@ impl Growth<'_> {
                     // The news may be of the job before: only the status says how this one stands.
                     ask = true;
                 }
+                // By another host, say: what of the body that leaves, the status says.
+                Some(Message::StoppedAtOnce(_)) => ask = true,
                 Some(_) => {}
                 None if quiet_looks >= QUIET_LOOKS => {
                     quiet_looks = 0;

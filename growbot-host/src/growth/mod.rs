@@ -18,7 +18,7 @@ use growbot_core::robot::Robot;
 
 pub use self::grown::{Grown, MeasuredBy, as_built_hash};
 pub use self::orders::{Order, Orders};
-use crate::client::{Client, ClientError};
+use crate::client::{Client, ClientError, ClockDrift};
 use crate::feedback::{Count, Feedback};
 
 /// A job: the layers of a path, for a robot.
@@ -62,6 +62,8 @@ pub enum Outcome {
     Stopped,
     /// A fault switched everything off.
     Fault(Fault),
+    /// The board's clock is wrong, and with it heating, speeds and limits in time: it was stopped.
+    ClockDrift(ClockDrift),
     /// It was held for so long that the heater was switched off; it can be resumed.
     Parked,
     /// The board has started anew, or another host has it; what was laid can be resumed.
@@ -76,7 +78,7 @@ impl Outcome {
     pub fn name(self) -> &'static str {
         match self {
             Self::Done => "done",
-            Self::Stopped => "stopped",
+            Self::Stopped | Self::ClockDrift(_) => "stopped",
             Self::Fault(_) => "fault",
             Self::Parked => "parked",
             Self::Interrupted => "interrupted",
@@ -197,7 +199,7 @@ pub fn grow_job<'a>(
     tell: &mut dyn FnMut(&News),
 ) -> Result<Grown, GrowthError> {
     let mut growth = Growth::begin(client, job, manner.into(), tell)?;
-    growth.start().map_err(GrowthError::Before)?;
+    growth.start_unless_stopped(orders).map_err(GrowthError::Before)?;
     growth.finish(orders, tell)
 }
 
@@ -215,7 +217,7 @@ pub fn resume_job<'a>(
     tell: &mut dyn FnMut(&News),
 ) -> Result<Grown, GrowthError> {
     let mut growth = Growth::take_up(client, job, known, cut, manner.into(), tell)?;
-    growth.start().map_err(GrowthError::Before)?;
+    growth.start_unless_stopped(orders).map_err(GrowthError::Before)?;
     growth.finish(orders, tell)
 }
 
@@ -294,6 +296,11 @@ impl<'a> Growth<'a> {
             other => return Err(ClientError::Unexpected { request: what, kind: other.kind() }),
         }
         Ok(())
+    }
+
+    /// Starts, unless it was to stop while layers were handed over: then nothing is heated.
+    fn start_unless_stopped(&mut self, orders: &Orders) -> Result<(), ClientError> {
+        if orders.stops() { Ok(()) } else { self.start() }
     }
 
     fn start(&mut self) -> Result<(), ClientError> {

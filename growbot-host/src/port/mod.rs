@@ -4,6 +4,7 @@ pub mod emulator;
 pub mod faulty;
 pub mod paced;
 pub mod qemu;
+pub mod serial;
 pub mod sim;
 pub mod stream;
 
@@ -14,8 +15,10 @@ use std::str::FromStr;
 use std::time::Duration;
 
 use growbot_core::layer::Layer;
+use growbot_core::link::emergency_stop::EMERGENCY_STOP;
 use growbot_core::pose::Pose;
 use growbot_core::robot::{Robot, RobotError};
+use rustix::time::{ClockId, clock_gettime};
 
 use faulty::{FaultSpec, Faulty};
 use paced::Paced;
@@ -36,6 +39,31 @@ pub trait Port {
     /// If the line is gone.
     fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, PortError>;
 
+    /// Sends the emergency stop: in one piece, and ahead of bytes that wait to be sent where the line can drop these.
+    ///
+    /// # Errors
+    /// The line is gone, or takes nothing now.
+    fn send_emergency_stop(&mut self) -> Result<(), PortError> {
+        self.send(&EMERGENCY_STOP)
+    }
+
+    /// The time on the clock by which [`Port::receive`] waits: real time, unless the port has a virtual clock.
+    fn now(&self) -> Duration {
+        real_time()
+    }
+
+    /// Whether a healthy board's clock runs as [`Port::now`] does. The clock of an emulated board stands still while a busy machine runs
+    /// other programs.
+    fn compares_clocks(&self) -> bool {
+        true
+    }
+
+    /// The same line for the emergency stop of another thread. From its first use on, this end of the line is silent: it neither sends
+    /// nor receives, and waits for the end of the program. None where the robot ends with this program.
+    fn emergency_line(&mut self) -> Option<Box<dyn Port + Send>> {
+        None
+    }
+
     /// What the tip behind this port has really done, where it is a simulated one.
     ///
     /// # Errors
@@ -55,6 +83,22 @@ impl<P: Port> Port for Rc<RefCell<P>> {
         self.borrow_mut().receive(buffer, timeout)
     }
 
+    fn send_emergency_stop(&mut self) -> Result<(), PortError> {
+        self.borrow_mut().send_emergency_stop()
+    }
+
+    fn now(&self) -> Duration {
+        self.borrow().now()
+    }
+
+    fn compares_clocks(&self) -> bool {
+        self.borrow().compares_clocks()
+    }
+
+    fn emergency_line(&mut self) -> Option<Box<dyn Port + Send>> {
+        self.borrow_mut().emergency_line()
+    }
+
     fn tip(&mut self) -> Result<Option<TipRecord>, PortError> {
         self.borrow_mut().tip()
     }
@@ -69,9 +113,32 @@ impl Port for Box<dyn Port> {
         self.as_mut().receive(buffer, timeout)
     }
 
+    fn send_emergency_stop(&mut self) -> Result<(), PortError> {
+        self.as_mut().send_emergency_stop()
+    }
+
+    fn now(&self) -> Duration {
+        self.as_ref().now()
+    }
+
+    fn compares_clocks(&self) -> bool {
+        self.as_ref().compares_clocks()
+    }
+
+    fn emergency_line(&mut self) -> Option<Box<dyn Port + Send>> {
+        self.as_mut().emergency_line()
+    }
+
     fn tip(&mut self) -> Result<Option<TipRecord>, PortError> {
         self.as_mut().tip()
     }
+}
+
+/// Real time since the machine was started, its sleep included.
+#[must_use]
+pub fn real_time() -> Duration {
+    let time = clock_gettime(ClockId::Boottime);
+    Duration::new(time.tv_sec.unsigned_abs(), time.tv_nsec.unsigned_abs() as u32)
 }
 
 /// What a simulated tip has done, from its steps.
@@ -97,8 +164,16 @@ pub enum PortError {
     #[error("port {0} is not there: check the cable and the name{1}")]
     Missing(String, String),
     /// Another program has it.
-    #[error("port {0} is busy: {1} holds it; close that first")]
+    #[error(
+        "port {0} is busy: {1} holds it; close that first (in an emergency: `growbot estop --port {0}`, which does not wait for it)"
+    )]
     Busy(String, String),
+    /// Another program has closed it to all others.
+    #[error("port {0} is closed to other programs by {1}: end that")]
+    Closed(String, String),
+    /// A simulated robot is reached through its program alone.
+    #[error("a simulated robot has no line: it ends with its program")]
+    NoLine,
     /// This user may not use it.
     #[error("port {0} may not be used by this user: join its group (often `dialout`) and log in again")]
     Forbidden(String),
@@ -211,6 +286,19 @@ pub fn open(name: &PortName, robot: &Robot, settings: &TipSettings) -> Result<Bo
         PortName::Tcp(address) => Box::new(stream::Stream::tcp(address)?),
         PortName::Serial(device) => Box::new(stream::Stream::serial(device)?),
         PortName::Faulty(name, spec) => Box::new(Faulty::new(open(name, robot, settings)?, *spec)),
+    })
+}
+
+/// Opens the line to a robot for the emergency stop, whoever holds it, within so much time.
+///
+/// # Errors
+/// As [`open`]; a robot that is simulated has no line of its own.
+pub fn open_for_emergency_stop(name: &PortName, limit: Duration) -> Result<Box<dyn Port>, PortError> {
+    Ok(match name {
+        PortName::Sim | PortName::Emulator(_) => return Err(PortError::NoLine),
+        PortName::Tcp(address) => Box::new(stream::Stream::tcp_within(address, limit)?),
+        PortName::Serial(device) => Box::new(stream::Stream::serial_for_emergency_stop(device)?),
+        PortName::Faulty(name, spec) => Box::new(Faulty::new(open_for_emergency_stop(name, limit)?, *spec)),
     })
 }
 

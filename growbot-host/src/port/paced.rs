@@ -47,6 +47,10 @@ impl Port for Paced {
         Ok(count)
     }
 
+    fn now(&self) -> Duration {
+        self.sim.now()
+    }
+
     fn tip(&mut self) -> Result<Option<TipRecord>, PortError> {
         self.sim.tip()
     }

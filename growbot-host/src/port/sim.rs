@@ -302,6 +302,10 @@ impl Port for Sim {
         Ok(count)
     }
 
+    fn now(&self) -> Duration {
+        Duration::from_secs_f64(self.now_s())
+    }
+
     fn tip(&mut self) -> Result<Option<TipRecord>, PortError> {
         let mut tip = self.tip.borrow_mut();
         Ok(Some(TipRecord { body: tip.body(), feed_steps: tip.feed_steps(), temperature_c: tip.nozzle_c() }))

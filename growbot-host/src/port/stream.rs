@@ -1,27 +1,35 @@
 //! A robot at the other end of a TCP connection or a serial line.
 
-use std::fs;
 use std::io::{self, Read, Write};
 use std::net::{TcpStream, ToSocketAddrs};
-use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, mpsc};
+use std::thread;
 use std::time::Duration;
 
+use growbot_core::link::emergency_stop::EMERGENCY_STOP;
+
+use super::serial::Serial;
 use super::{Port, PortError};
 
-/// Rate of serial lines, baud.
-const BAUD: u32 = 115_200;
 /// How long a connection may take.
 const CONNECT: Duration = Duration::from_secs(5);
+/// A connection that takes no byte for so long is given up.
+const STALLED: Duration = Duration::from_secs(2);
 
 /// A robot at the other end of a stream of bytes.
 pub struct Stream {
     name: String,
     bytes: Bytes,
+    /// Whether an emergency stop of this program has taken the line.
+    emergency: Arc<AtomicBool>,
+    /// Whether this is the end that it uses.
+    is_for_emergency: bool,
 }
 
 enum Bytes {
     Tcp(TcpStream),
-    Serial(Box<dyn serialport::SerialPort>),
+    Serial(Serial),
 }
 
 impl Stream {
@@ -41,66 +49,84 @@ impl Stream {
         Err(unreachable(last))
     }
 
+    /// Connects within so much time, however long the name takes to be found.
+    ///
+    /// # Errors
+    /// As [`Stream::tcp`], or the time is over.
+    pub fn tcp_within(address: &str, limit: Duration) -> Result<Self, PortError> {
+        let (made, connection) = mpsc::channel();
+        let name = address.to_string();
+        // Ends by itself where nobody waits for it any more.
+        thread::spawn(move || made.send(Self::tcp(&name)));
+        connection.recv_timeout(limit).unwrap_or_else(|_| {
+            Err(PortError::Unreachable(
+                address.to_string(),
+                format!("no connection within {:.1} s", limit.as_secs_f64()),
+            ))
+        })
+    }
+
     /// Takes over a connection that has been made.
     ///
     /// # Errors
     /// If the system refuses to send short messages at once.
     pub fn over(name: String, stream: TcpStream) -> io::Result<Self> {
         stream.set_nodelay(true)?;
-        Ok(Self { name, bytes: Bytes::Tcp(stream) })
+        stream.set_write_timeout(Some(STALLED))?;
+        Ok(Self::new(name, Bytes::Tcp(stream)))
     }
 
-    /// Opens a serial device at 115200 baud.
+    /// Opens a serial device, unless another growbot holds it.
     ///
     /// # Errors
-    /// A device that is missing, busy or forbidden.
+    /// As [`Serial::open`].
     pub fn serial(device: &str) -> Result<Self, PortError> {
-        let opened = serialport::new(device, BAUD).timeout(Duration::from_millis(100)).open();
-        match opened {
-            Ok(port) => Ok(Self { name: device.to_string(), bytes: Bytes::Serial(port) }),
-            Err(error) => Err(serial_error(device, &error)),
-        }
+        Ok(Self::new(device.to_string(), Bytes::Serial(Serial::open(device)?)))
+    }
+
+    /// Opens a serial device for the emergency stop, whether or not another program holds it.
+    ///
+    /// # Errors
+    /// As [`Serial::open_for_emergency_stop`].
+    pub fn serial_for_emergency_stop(device: &str) -> Result<Self, PortError> {
+        Ok(Self::new(device.to_string(), Bytes::Serial(Serial::open_for_emergency_stop(device)?)))
+    }
+
+    fn new(name: String, bytes: Bytes) -> Self {
+        Self { name, bytes, emergency: Arc::default(), is_for_emergency: false }
     }
 
     fn lost(&self, error: &io::Error) -> PortError {
         PortError::Lost(self.name.clone(), error.to_string())
     }
-}
 
-fn serial_error(device: &str, error: &serialport::Error) -> PortError {
-    let name = device.to_string();
-    match error.kind() {
-        serialport::ErrorKind::Io(io::ErrorKind::PermissionDenied) => PortError::Forbidden(name),
-        // On Unix a device that is there and locked comes back as "no device".
-        serialport::ErrorKind::NoDevice if Path::new(device).exists() => {
-            PortError::Busy(name, holder(device).unwrap_or_else(|| "another program".to_string()))
-        }
-        serialport::ErrorKind::NoDevice | serialport::ErrorKind::Io(io::ErrorKind::NotFound) => {
-            PortError::Missing(name, there_are())
-        }
-        _ => PortError::Missing(name, format!(" ({})", error.description)),
+    /// Whether the line is left to the emergency stop of another thread.
+    fn is_left_to_emergency(&self) -> bool {
+        !self.is_for_emergency && self.emergency.load(Ordering::Relaxed)
     }
-}
 
-/// The program that has a device open, where the system tells: Linux does of this user's programs.
-fn holder(device: &str) -> Option<String> {
-    let device = fs::canonicalize(device).ok()?;
-    let has_it = |process: &Path| {
-        let open = fs::read_dir(process.join("fd")).into_iter().flatten().flatten();
-        open.filter_map(|file| fs::read_link(file.path()).ok()).any(|file| file == device)
-    };
-    let processes = fs::read_dir("/proc").ok()?.flatten().map(|entry| entry.path());
-    processes.filter(|path| has_it(path)).find_map(|path| {
-        let name = fs::read_to_string(path.join("comm")).ok()?;
-        Some(format!("{} (process {})", name.trim(), path.file_name()?.to_str()?))
-    })
-}
+    /// Leaves the line to the emergency stop of another thread, which ends the program once it is done.
+    fn wait_for_end(&self) {
+        while self.is_left_to_emergency() {
+            thread::sleep(Duration::from_millis(100));
+        }
+    }
 
-/// The serial devices that there are, to choose from.
-fn there_are() -> String {
-    let names: Vec<String> =
-        serialport::available_ports().unwrap_or_default().into_iter().map(|port| port.port_name).collect();
-    if names.is_empty() { "; I see no serial device".to_string() } else { format!("; I see {}", names.join(", ")) }
+    /// Has all other ends of this line in this program be silent.
+    fn take_line(&self) {
+        if self.is_for_emergency {
+            self.emergency.store(true, Ordering::Relaxed);
+        }
+    }
+
+    fn try_clone(&self) -> io::Result<Self> {
+        let bytes = match &self.bytes {
+            Bytes::Tcp(stream) => Bytes::Tcp(stream.try_clone()?),
+            Bytes::Serial(serial) => Bytes::Serial(serial.try_clone()?),
+        };
+        let emergency = Arc::clone(&self.emergency);
+        Ok(Self { name: self.name.clone(), bytes, emergency, is_for_emergency: true })
+    }
 }
 
 /// Whether an error only says that the time is over.
@@ -110,25 +136,49 @@ fn is_timeout(error: &io::Error) -> bool {
 
 impl Port for Stream {
     fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+        self.wait_for_end();
+        let emergency = &self.emergency;
         let sent = match &mut self.bytes {
             Bytes::Tcp(stream) => stream.write_all(bytes),
-            Bytes::Serial(port) => port.write_all(bytes),
+            Bytes::Serial(serial) => serial.send(bytes, || emergency.load(Ordering::Relaxed)),
         };
+        self.wait_for_end();
         sent.map_err(|error| self.lost(&error))
     }
 
     fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, PortError> {
+        self.wait_for_end();
         // No timeout at all would mean to wait for ever.
         let timeout = timeout.max(Duration::from_millis(1));
+        let (emergency, leaves) = (&self.emergency, !self.is_for_emergency);
         let received = match &mut self.bytes {
             Bytes::Tcp(stream) => stream.set_read_timeout(Some(timeout)).and_then(|()| stream.read(buffer)),
-            Bytes::Serial(port) => port.set_timeout(timeout).map_err(io::Error::from).and_then(|()| port.read(buffer)),
+            Bytes::Serial(serial) => {
+                let received = serial.receive(buffer, timeout, || leaves && emergency.load(Ordering::Relaxed));
+                received.and_then(|count| count.ok_or_else(|| io::ErrorKind::WouldBlock.into()))
+            }
         };
+        self.wait_for_end();
         match received {
             Ok(0) => Err(PortError::Lost(self.name.clone(), "the other side closed it".to_string())),
             Ok(count) => Ok(count),
             Err(error) if is_timeout(&error) => Ok(0),
             Err(error) => Err(self.lost(&error)),
         }
+    }
+
+    fn send_emergency_stop(&mut self) -> Result<(), PortError> {
+        self.take_line();
+        self.wait_for_end();
+        let sent = match &mut self.bytes {
+            Bytes::Tcp(stream) => stream.write_all(&EMERGENCY_STOP),
+            Bytes::Serial(serial) => serial.send_ahead(&EMERGENCY_STOP),
+        };
+        sent.map_err(|error| self.lost(&error))
+    }
+
+    fn emergency_line(&mut self) -> Option<Box<dyn Port + Send>> {
+        // Without one, an interrupted program says that the power is to be cut.
+        self.try_clone().ok().map(|line| Box::new(line) as Box<dyn Port + Send>)
     }
 }

@@ -22,6 +22,7 @@ pub fn growbot_reading(args: &[&str], input: &str) -> Ran {
 pub fn growbot_reading_bytes(args: &[&str], input: &[u8]) -> Ran {
     let mut child = Command::new(env!("CARGO_BIN_EXE_growbot"))
         .args(args)
+        .env_remove("GROWBOT_PORT")
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())

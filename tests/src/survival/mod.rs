@@ -119,6 +119,14 @@ impl<P: Port> Port for Cuttable<P> {
         self.whole()?.receive(buffer, timeout)
     }
 
+    fn now(&self) -> Duration {
+        self.port.now()
+    }
+
+    fn compares_clocks(&self) -> bool {
+        self.port.compares_clocks()
+    }
+
     fn tip(&mut self) -> Result<Option<TipRecord>, PortError> {
         self.whole()?.tip()
     }

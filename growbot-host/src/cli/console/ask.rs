@@ -11,13 +11,19 @@ use growbot_host::client::{Client, ClientError};
 use growbot_host::degrees::degrees_below_turn;
 
 use super::commands::Ask;
-use crate::cli::Failure;
 use crate::cli::status::Report;
+use crate::cli::{Failure, kind};
 
-/// Asks the board of this robot, whose bodies begin at `start`.
-pub fn ask(client: &mut Client, robot: &Robot, start: &Pose, what: &Ask) -> Result<String, Failure> {
+/// Asks the board of this robot, simulated or not, whose bodies begin at `start`.
+pub fn ask(
+    client: &mut Client,
+    robot: &Robot,
+    is_simulated: bool,
+    start: &Pose,
+    what: &Ask,
+) -> Result<String, Failure> {
     match what {
-        Ask::Status => Ok(Report::of(client)?.text()),
+        Ask::Status => Ok(Report::of(client, is_simulated)?.text()),
         Ask::Plan(goal) => plan(client, robot, start, goal),
         Ask::Start => start_held(client),
         Ask::Hold => {
@@ -27,19 +33,17 @@ pub fn ask(client: &mut Client, robot: &Robot, start: &Pose, what: &Ask) -> Resu
         Ask::Layers(first) => layers(client, *first),
         Ask::Stop => {
             client.request("to stop", &Message::Stop(Empty {}))?;
-            Ok("stopped: heater and steppers are off\n".to_owned())
+            Ok(format!("stopped: heater and steppers of the {}robot are off\n", kind(is_simulated)))
+        }
+        Ask::EmergencyStop => {
+            client.emergency_stop()?;
+            Ok(format!("emergency stop: heater and steppers of the {}robot are off\n", kind(is_simulated)))
         }
         Ask::Clear => {
             client.request("to clear the fault", &Message::ClearFault(Empty {}))?;
             Ok("cleared\n".to_owned())
         }
     }
-}
-
-/// Everything off, before the board does anything else.
-pub fn emergency_stop(client: &mut Client) -> Result<String, Failure> {
-    client.emergency_stop()?;
-    Ok("emergency stop: heater and steppers are off\n".to_owned())
 }
 
 fn plan(client: &mut Client, robot: &Robot, start: &Pose, goal: &Pose) -> Result<String, Failure> {

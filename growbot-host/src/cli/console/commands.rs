@@ -39,6 +39,8 @@ pub enum Ask {
     Layers(Option<u32>),
     /// Heater and steppers off.
     Stop,
+    /// The same, ahead of all else and until it is cleared.
+    EmergencyStop,
     /// Leave a fault.
     Clear,
 }
@@ -50,7 +52,7 @@ struct Word {
     help: &'static str,
 }
 
-const WORDS: [Word; 11] = [
+const WORDS: [Word; 12] = [
     Word { name: "status", argument: "", help: "who the board is, what it is doing, what its sensors say" },
     Word { name: "plan", argument: "POSE", help: "the board plans from 0,0,0,0,90 to POSE and holds the layers" },
     Word { name: "start", argument: "", help: "heat, home and grow what the board holds; go on after a hold" },
@@ -59,6 +61,7 @@ const WORDS: [Word; 11] = [
     Word { name: "layers", argument: "[FROM]", help: "up to 16 of the layers that the board holds" },
     Word { name: "wait", argument: "[SECONDS]", help: "show what happens for so long (1)" },
     Word { name: "stop", argument: "", help: "heater and steppers off" },
+    Word { name: "estop", argument: "", help: "emergency stop: the same, ahead of all else, and off until `clear`" },
     Word { name: "clear", argument: "", help: "leave a fault or an emergency stop, if its cause is gone" },
     Word { name: "help", argument: "", help: "this list" },
     Word { name: "quit", argument: "", help: "leave; a robot that grows finishes its layer and holds" },
@@ -102,6 +105,8 @@ pub fn parse(line: &str) -> Result<Command, String> {
             .map(Command::Wait)
             .ok_or_else(|| format!("{rest:?} is no time: give seconds, 0 to {LONGEST_WAIT_S}")),
         "stop" => alone(Command::Ask(Ask::Stop)),
+        // Whatever stands behind it: an emergency is no time for grammar.
+        "estop" => Ok(Command::Ask(Ask::EmergencyStop)),
         "clear" => alone(Command::Ask(Ask::Clear)),
         "help" => alone(Command::Help),
         "quit" | "exit" => alone(Command::Quit),
@@ -159,6 +164,7 @@ mod tests {
         assert_eq!(parse("wait 2.5"), Ok(Command::Wait(2.5)));
         assert_eq!(parse("layers 16"), Ok(Command::Ask(Ask::Layers(Some(16)))));
         assert_eq!(parse("exit"), Ok(Command::Quit));
+        assert_eq!(parse("estop now"), Ok(Command::Ask(Ask::EmergencyStop)));
         assert_eq!(parse("\t"), Ok(Command::Nothing));
         assert!(parse("plan 0, 0, 100, 0, 90").is_ok());
     }

@@ -2,15 +2,17 @@
 
 use std::io::{self, BufRead, IsTerminal};
 use std::sync::Arc;
+use std::sync::mpsc::{self, RecvTimeoutError};
+use std::thread;
 use std::time::Duration;
 
 use growbot_core::layer_bytes::decode;
-use growbot_core::link::message::{Message, Silence};
+use growbot_core::link::message::{Message, Silence, State};
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_host::client::Client;
-use growbot_host::growth::{Job, News, Orders, grow_job};
+use growbot_host::growth::{Job, News, Orders, Outcome, grow_job};
 use growbot_host::output::print;
 use growbot_host::plan::{Plan, Search};
 use rustyline::completion::Completer;
@@ -22,15 +24,19 @@ use rustyline::validate::Validator;
 use rustyline::{CompletionType, Config, Context, Editor, Helper};
 
 use super::ask::ask;
-use super::commands::{Command, complete, help, hint, parse};
+use super::commands::{Ask, Command, complete, help, hint, parse};
 use super::history;
 use crate::cli::interrupt::stop_on_interrupt;
-use crate::cli::{Failure, growth_table};
+use crate::cli::{ChosenPort, Failure, following, growth_table};
+
+/// So often Ctrl-C is looked for while a line is waited for.
+const LOOK: Duration = Duration::from_millis(100);
 
 /// A session on a terminal or a pipe.
 pub struct Session {
     client: Client,
     robot: Robot,
+    simulated: bool,
     start: Pose,
     /// What Ctrl-C orders: to stop.
     orders: Arc<Orders>,
@@ -44,8 +50,9 @@ enum Next {
 
 impl Session {
     /// A session with a board.
-    pub fn new(client: Client, robot: Robot, start: Pose) -> Self {
-        Self { client, robot, start, orders: stop_on_interrupt() }
+    pub fn new(mut client: Client, robot: Robot, start: Pose, port: &ChosenPort) -> Self {
+        let orders = stop_on_interrupt(&mut client, port);
+        Self { client, robot, simulated: port.is_simulated(), start, orders }
     }
 
     /// Carries commands out until the last one.
@@ -66,7 +73,7 @@ impl Session {
                     if editor.add_history_entry(&line).unwrap_or(false) {
                         let _ = history.as_ref().map(|file| editor.append_history(file));
                     }
-                    match self.command(&line) {
+                    match self.stop_if_interrupted().and_then(|()| self.command(&line)) {
                         Ok(Next::GoOn) => {}
                         Ok(Next::Quit) => return Ok(()),
                         Err(failure) => failure.say(),
@@ -78,10 +85,27 @@ impl Session {
         }
     }
 
+    /// Carries lines out until the last one, or the first that fails: what follows a failure was written for a robot that had done as asked.
     fn read_pipe(&mut self) -> Result<(), Failure> {
-        let mut refused = 0;
-        for line in io::stdin().lock().split(b'\n') {
-            let line = line.map_err(Failure::bad_input)?;
+        let (read, lines) = mpsc::sync_channel(0);
+        // Reading may wait for long, and Ctrl-C must not. The thread ends with the input or with the program.
+        thread::spawn(move || {
+            for line in io::stdin().lock().split(b'\n') {
+                let failed = line.is_err();
+                if read.send(line).is_err() || failed {
+                    break;
+                }
+            }
+        });
+        for number in 1.. {
+            let line = loop {
+                self.stop_if_interrupted()?;
+                match lines.recv_timeout(LOOK) {
+                    Ok(line) => break line.map_err(Failure::bad_input)?,
+                    Err(RecvTimeoutError::Timeout) => {}
+                    Err(RecvTimeoutError::Disconnected) => return Ok(()),
+                }
+            };
             let done = match String::from_utf8(line) {
                 Ok(line) => self.command(&line),
                 Err(error) => Err(Failure::answered_no(format!(
@@ -95,21 +119,29 @@ impl Session {
                 Ok(Next::Quit) => break,
                 Err(failure) if failure.is_reader_gone() => return Err(failure),
                 Err(failure) => {
-                    refused += 1;
-                    failure.say();
+                    return Err(Failure::answered_no(format!(
+                        "{}; line {number} failed, and those after it are not carried out",
+                        failure.message()
+                    )));
                 }
             }
         }
-        if refused > 0 {
-            return Err(Failure::answered_no(format!("{refused} commands failed: see above")));
-        }
         Ok(())
+    }
+
+    /// Has the robot stop where Ctrl-C was pressed.
+    fn stop_if_interrupted(&mut self) -> Result<(), Failure> {
+        if !self.orders.clear() {
+            return Ok(());
+        }
+        let stopped = ask(&mut self.client, &self.robot, self.simulated, &self.start, &Ask::Stop)?;
+        Err(Failure::answered_no(stopped.trim_end()))
     }
 
     fn command(&mut self, line: &str) -> Result<Next, Failure> {
         match parse(line).map_err(Failure::answered_no)? {
             Command::Nothing => {}
-            Command::Ask(what) => print(&ask(&mut self.client, &self.robot, &self.start, &what)?)?,
+            Command::Ask(what) => print(&ask(&mut self.client, &self.robot, self.simulated, &self.start, &what)?)?,
             Command::Grow(goal) => self.grow(&goal)?,
             Command::Wait(seconds) => self.wait(seconds)?,
             Command::Help => print(&help())?,
@@ -123,7 +155,11 @@ impl Session {
         let search = Search { radius, planner: Planner::Shortest, clear_of_self: true };
         let plan = Plan::through(&self.robot, &self.start, &[], goal, &search)?;
         let job = Job::new(&self.robot, &plan.start, &plan.goal, &plan.path);
+        let mut emergency = false;
         let grown = grow_job(&mut self.client, &job, Silence::Hold, &self.orders, &mut |news| {
+            if let News::Status(status) = news {
+                emergency |= status.state == State::EmergencyStop;
+            }
             if let News::State(state) = news {
                 // A reader that is gone is noticed when the table is printed.
                 let _ = print(&format!("{}\n", state.name()));
@@ -131,7 +167,8 @@ impl Session {
         })
         .map_err(Failure::answered_no)?;
         self.orders.clear();
-        Ok(print(&growth_table::table(&plan, &self.robot, &grown, None))?)
+        print(&growth_table::table(&plan, &self.robot, &grown, None, self.simulated))?;
+        following::judged(grown.outcome, grown.outcome == Outcome::Stopped && emergency)
     }
 
     fn wait(&mut self, seconds: f64) -> Result<(), Failure> {
@@ -140,8 +177,12 @@ impl Session {
         let until = clock(&mut self.client)? + (seconds * 1000.0) as u64;
         loop {
             let now = clock(&mut self.client)?;
-            if now >= until || self.orders.clear() {
+            if now >= until {
                 return Ok(());
+            }
+            self.stop_if_interrupted()?;
+            if let Some(drift) = self.client.stop_if_clock_drifts()? {
+                return Err(following::stopped_for(&drift));
             }
             let left = Duration::from_millis((until - now).min(1000));
             match self.client.event(left)? {

@@ -15,7 +15,8 @@ use super::{Failure, PortArg, RobotArg};
 
 /// Type commands, see the robot; works in a pipe
 ///
-/// `help` lists the commands. In a pipe each line of standard input is a command, and the exit code is 1 if any was refused.
+/// `help` lists the commands. In a pipe each line of standard input is a command; the first one that fails ends it, with exit code 1, and the
+/// lines after it are not carried out.
 #[derive(Args)]
 #[command(
     after_help = "Examples:\n  growbot console --port /dev/ttyACM0\n  growbot console --tui\n  printf 'plan 0,0,60,0,90\\nstart\\nwait 60\\nstatus\\n' | growbot console"
@@ -39,14 +40,14 @@ pub fn run(args: &ConsoleArgs) -> Result<(), Failure> {
     if args.tui {
         tui::check_terminal()?;
     }
+    let port = args.port.choose()?;
     let robot = args.robot.load()?;
-    let name = args.port.name()?;
-    let mut client = args.port.client(&robot)?;
+    let mut client = port.client(&robot)?;
     let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).map_err(Failure::bad_input)?;
     if args.tui {
-        return tui::run(client, robot, start, &name, args.port.text());
+        return tui::run(client, robot, start, &port);
     }
     client.hello()?;
-    print(&Report::of(&mut client)?.text())?;
-    line::Session::new(client, robot, start).run()
+    print(&Report::of(&mut client, port.is_simulated())?.text())?;
+    line::Session::new(client, robot, start, &port).run()
 }

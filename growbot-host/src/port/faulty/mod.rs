@@ -232,6 +232,19 @@ impl<P: Port> Port for Faulty<P> {
         }
     }
 
+    fn now(&self) -> Duration {
+        self.port.now()
+    }
+
+    fn compares_clocks(&self) -> bool {
+        self.port.compares_clocks()
+    }
+
+    /// Past the faults: they are for trials.
+    fn emergency_line(&mut self) -> Option<Box<dyn Port + Send>> {
+        self.port.emergency_line()
+    }
+
     fn tip(&mut self) -> Result<Option<TipRecord>, PortError> {
         self.port.tip()
     }

@@ -9,8 +9,6 @@ use crate::cli::console::commands::Ask;
 pub enum Action {
     /// Something of the board.
     Ask(Ask),
-    /// Everything off.
-    EmergencyStop,
     /// A command is to be typed, which begins so.
     Prompt(&'static str),
     /// Time on `sim` is to pass faster.
@@ -45,7 +43,7 @@ pub fn action(key: KeyEvent) -> Option<Action> {
         KeyCode::Char('h') => Some(Action::Ask(Ask::Hold)),
         KeyCode::Char('g') => Some(Action::Ask(Ask::Start)),
         KeyCode::Char('s') => Some(Action::Ask(Ask::Stop)),
-        KeyCode::Char('e') => Some(Action::EmergencyStop),
+        KeyCode::Char('e') => Some(Action::Ask(Ask::EmergencyStop)),
         KeyCode::Char('c') => Some(Action::Ask(Ask::Clear)),
         KeyCode::Char('p') => Some(Action::Prompt("plan ")),
         KeyCode::Char(':') => Some(Action::Prompt("")),
@@ -59,7 +57,7 @@ pub fn action(key: KeyEvent) -> Option<Action> {
 /// What a key does even while a command is being typed.
 pub fn always(key: KeyEvent) -> Option<Action> {
     match key.code {
-        KeyCode::Char('e') if key.modifiers.contains(KeyModifiers::CONTROL) => Some(Action::EmergencyStop),
+        KeyCode::Char('e') if key.modifiers.contains(KeyModifiers::CONTROL) => Some(Action::Ask(Ask::EmergencyStop)),
         KeyCode::Char('c') if key.modifiers.contains(KeyModifiers::CONTROL) => Some(Action::Quit),
         _ => None,
     }
@@ -75,7 +73,7 @@ mod tests {
             assert!(action(KeyEvent::from(KeyCode::Char(letter))).is_some(), "{letter}");
         }
         let control = |letter| KeyEvent::new(KeyCode::Char(letter), KeyModifiers::CONTROL);
-        assert_eq!(always(control('e')), Some(Action::EmergencyStop));
+        assert_eq!(always(control('e')), Some(Action::Ask(Ask::EmergencyStop)));
         assert_eq!(action(control('c')), Some(Action::Quit));
         assert_eq!(action(control('s')), None);
         assert_eq!(always(KeyEvent::from(KeyCode::Char('e'))), None);

@@ -28,13 +28,12 @@ use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_host::client::Client;
 use growbot_host::plan::{Plan, Search};
-use growbot_host::port::PortName;
 use growbot_host::warning::PREVENTING;
 use ratatui::DefaultTerminal;
 
-use super::ask::{ask, emergency_stop};
+use super::ask::ask;
 use super::commands::{Ask, Command, help, parse};
-use crate::cli::Failure;
+use crate::cli::{ChosenPort, Failure};
 use body::Body;
 use keys::Action;
 use model::Model;
@@ -64,11 +63,13 @@ pub fn check_terminal() -> Result<(), Failure> {
 }
 
 /// Shows the robot until the user leaves.
-pub fn run(client: Client, robot: Robot, start: Pose, name: &PortName, port: &str) -> Result<(), Failure> {
+pub fn run(client: Client, robot: Robot, start: Pose, port: &ChosenPort) -> Result<(), Failure> {
+    let (name, simulated) = (port.name(), port.is_simulated());
     let mut watch = Watch::new(client, name.is_virtual());
     // What cannot be talked to at all is better said before the screen is taken.
     let hello = watch.client().hello()?;
-    let mut model = Model::new(robot, port, start, watch.speed());
+    let place = format!("{}{}", port.text(), port.remark());
+    let mut model = Model::new(robot, &place, start, watch.speed());
     if hello.robot != model.robot.hash() {
         model.complain(&format!(
             "the board is {}, the limits shown are those of {}: choose it with --robot",
@@ -78,7 +79,7 @@ pub fn run(client: Client, robot: Robot, start: Pose, name: &PortName, port: &st
     }
     model.take_status(hello.status);
     let leave = leave_when_told()?;
-    let mut console = Console { watch, model, start, history: Vec::new(), quit: false };
+    let mut console = Console { watch, model, simulated, start, history: Vec::new(), quit: false };
     let mut screen = Screen::open()?;
     let done = console.run(&mut screen, &leave);
     drop(screen);
@@ -136,6 +137,8 @@ impl Drop for Screen {
 struct Console {
     watch: Watch,
     model: Model,
+    /// Whether the robot is a simulated one.
+    simulated: bool,
     start: Pose,
     /// Lines that were typed, the latest last.
     history: Vec<String>,
@@ -185,10 +188,6 @@ impl Console {
         match action {
             None => {}
             Some(Action::Ask(what)) => self.ask(&what),
-            Some(Action::EmergencyStop) => {
-                let answer = emergency_stop(self.watch.client());
-                self.tell(answer);
-            }
             Some(Action::Prompt(begun)) => self.model.prompt = Some(Prompt::new(begun)),
             Some(Action::Faster) => self.change_speed(true),
             Some(Action::Slower) => self.change_speed(false),
@@ -227,7 +226,7 @@ impl Console {
     }
 
     fn ask(&mut self, what: &Ask) {
-        let answer = ask(self.watch.client(), &self.model.robot, &self.start, what);
+        let answer = ask(self.watch.client(), &self.model.robot, self.simulated, &self.start, what);
         self.tell(answer);
     }
 
@@ -252,7 +251,7 @@ impl Console {
             self.model.complain("not planned: choose another pose, or grow it with `growbot grow --force`");
             return false;
         }
-        let answer = ask(self.watch.client(), &self.model.robot, &self.start, &Ask::Plan(*goal));
+        let answer = ask(self.watch.client(), &self.model.robot, self.simulated, &self.start, &Ask::Plan(*goal));
         let planned = answer.is_ok();
         if planned {
             self.model.body = body;
@@ -284,7 +283,7 @@ mod tests {
         let mut watch = Watch::new(Client::new(Box::new(Sim::new(robot.clone())), "sim"), true);
         watch.client().hello().unwrap();
         let model = Model::new(robot, "sim", start, watch.speed());
-        Console { watch, model, start, history: Vec::new(), quit: false }
+        Console { watch, model, simulated: true, start, history: Vec::new(), quit: false }
     }
 
     impl Console {

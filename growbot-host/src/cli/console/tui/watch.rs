@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 use growbot_host::client::{Client, ClientError};
 
 use super::model::Model;
+use crate::cli::following::stopped_for;
 
 /// How often a real board is asked how it does,
 const STATUS: Duration = Duration::from_millis(500);
@@ -129,6 +130,9 @@ impl Watch {
         }
         self.latest_ms = status.uptime_ms;
         model.take_status(status);
+        if let Some(drift) = self.client.stop_if_clock_drifts()? {
+            model.complain(stopped_for(&drift).message());
+        }
         Ok(self.latest_ms)
     }
 }

@@ -1,0 +1,210 @@
+//! The board's clock beside the host's.
+//!
+//! A board whose crystal has failed, or whose clocks are set up wrongly, heats and steps at another speed than it believes, and all its
+//! limits in time are off by as much. Its `uptime_ms` shows it. An answer was made between the moment at which it was asked for and the
+//! one at which it arrived; so two answers bound the rate of the board's clock from both sides, and whatever a line adds in delays
+//! only widens the bounds. The clock is wrong where even the bound on the side of caution is beyond the limit, in two windows of half a
+//! minute after each other: one alone may be a program that was halted, or a machine that slept.
+
+use std::fmt;
+use std::time::Duration;
+
+/// A clock may be off by so much: crystals are within 0.01 %, a UART needs 3 %, and the heater is supervised with margins of 10 %.
+const LIMIT: f64 = 0.02;
+/// The shortest window over which clocks are compared.
+const WINDOW: Duration = Duration::from_secs(30);
+/// Delays must be below this share of the window for the clocks to count as equal.
+const BLUR: f64 = 0.01;
+/// An answer that was so long on its way says nothing.
+const SLOWEST_ANSWER: Duration = Duration::from_secs(2);
+/// The clock is asked for at least so often.
+const ASK: Duration = Duration::from_secs(10);
+/// So many windows after each other make a clock wrong.
+const WINDOWS: u32 = 2;
+/// No clock that has failed is so many times as fast: it is the virtual one of a simulated board that somebody serves, and is not compared.
+const VIRTUAL: f64 = 2.0;
+
+/// A board's clock that is wrong.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ClockDrift {
+    /// Time that has passed on the board's clock, ms,
+    pub board_ms: u64,
+    /// and meanwhile on the host's: the shortest and the longest that it can have been, ms.
+    pub host_ms: [u64; 2],
+}
+
+impl ClockDrift {
+    /// What to do about it.
+    pub const REMEDY: &str =
+        "check the board's crystal and its solder joints; heating, speeds and time limits are off by as much";
+
+    /// How much faster than the host's clock the board's runs, percent: the bound nearer to 0.
+    #[must_use]
+    pub fn percent(&self) -> f64 {
+        let [shortest, longest] = self.host_ms;
+        let host = if self.board_ms < shortest { shortest } else { longest };
+        100.0 * (self.board_ms as f64 / host.max(1) as f64 - 1.0)
+    }
+}
+
+impl fmt::Display for ClockDrift {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [_, longest] = self.host_ms;
+        let way = if self.percent() < 0.0 { "slow" } else { "fast" };
+        write!(
+            f,
+            "the board's clock is {:.1} % {way}: it counted {:.1} s in {:.1} s (limit {} %)",
+            self.percent().abs(),
+            self.board_ms as f64 / 1000.0,
+            longest as f64 / 1000.0,
+            100.0 * LIMIT
+        )
+    }
+}
+
+/// An answer that tells the board's clock.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Reading {
+    /// The board's clock, ms.
+    pub board_ms: u64,
+    /// When it was asked for first, on the port's clock,
+    pub sent: Duration,
+    /// and when the answer arrived.
+    pub received: Duration,
+}
+
+/// Compares the clocks.
+#[derive(Debug, Default)]
+pub(super) struct ClockWatch {
+    /// Where the window began.
+    first: Option<Reading>,
+    latest: Option<Reading>,
+    /// Windows after each other in which the clock was slow (negative) or fast.
+    wrong: i32,
+    drift: Option<ClockDrift>,
+}
+
+impl ClockWatch {
+    /// What is wrong with the board's clock.
+    pub fn drift(&self) -> Option<ClockDrift> {
+        self.drift
+    }
+
+    /// Whether the latest reading is so old that another one is wanted.
+    pub fn wants(&self, now: Duration) -> bool {
+        self.latest.is_none_or(|latest| now.saturating_sub(latest.received) >= ASK)
+    }
+
+    /// Takes a reading.
+    pub fn take(&mut self, reading: &Reading) {
+        let latest = self.latest.replace(*reading);
+        if latest.is_some_and(|latest| reading.board_ms < latest.board_ms) {
+            // It has started anew.
+            *self = Self { latest: Some(*reading), ..Self::default() };
+        }
+        if reading.received.saturating_sub(reading.sent) > SLOWEST_ANSWER {
+            return;
+        }
+        let Some(first) = self.first else {
+            self.first = Some(*reading);
+            return;
+        };
+        let shortest = reading.sent.saturating_sub(first.received);
+        let longest = reading.received.saturating_sub(first.sent);
+        if shortest < WINDOW {
+            return;
+        }
+        let board = (reading.board_ms - first.board_ms) as f64 / 1000.0;
+        let way = if board < (1.0 - LIMIT) * shortest.as_secs_f64() {
+            -1
+        } else if board > VIRTUAL * longest.as_secs_f64() {
+            0
+        } else if board > (1.0 + LIMIT) * longest.as_secs_f64() {
+            1
+        } else if (longest - shortest).as_secs_f64() > BLUR * shortest.as_secs_f64() {
+            // The line has delayed too much for this window: a longer one tells.
+            return;
+        } else {
+            0
+        };
+        self.wrong = if way * self.wrong >= 0 { way * (self.wrong.abs() + 1) } else { way };
+        self.first = Some(*reading);
+        if self.wrong.unsigned_abs() >= WINDOWS {
+            let host_ms = [shortest, longest].map(|time| time.as_millis() as u64);
+            self.drift = Some(ClockDrift { board_ms: reading.board_ms - first.board_ms, host_ms });
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use growbot_core::random::Random;
+
+    /// Whether a clock that runs at this rate is found wrong within so much time, s, over a line that delays by up to `jitter`, s.
+    fn found(rate: f64, jitter: f64, seconds: f64, every: f64) -> Option<f64> {
+        let mut random = Random::new(&[7]);
+        let mut watch = ClockWatch::default();
+        let mut now = 1000.0;
+        while now < 1000.0 + seconds {
+            let [there, back] = [(); 2].map(|()| random.between(0.0, jitter));
+            let board_ms = ((now + there) * rate * 1000.0) as u64;
+            let [sent, received] = [now, now + there + back].map(Duration::from_secs_f64);
+            watch.take(&Reading { board_ms, sent, received });
+            if let Some(drift) = watch.drift() {
+                println!("rate {rate}, jitter {jitter} s: after {:.0} s: {drift}", now - 1000.0);
+                return Some(now - 1000.0);
+            }
+            now += every;
+        }
+        None
+    }
+
+    #[test]
+    fn a_clock_that_is_off_by_more_than_the_limit_is_found() {
+        for rate in [0.5, 0.95, 0.97, 1.03, 1.05, 1.9] {
+            for jitter in [0.0, 0.02, 0.2] {
+                assert!(found(rate, jitter, 120.0, 2.0).is_some(), "{rate}, jitter {jitter}");
+            }
+            // Where an answer takes seconds, it takes longer.
+            assert!(found(rate, 1.0, 600.0, 2.0).is_some(), "{rate}, seconds of jitter");
+        }
+    }
+
+    #[test]
+    fn a_healthy_clock_is_never_found_wrong_however_the_line_delays() {
+        for rate in [0.995, 1.0, 1.005, 0.99, 1.01] {
+            for jitter in [0.0, 0.1, 0.9, 5.0] {
+                assert_eq!(found(rate, jitter, 20_000.0, 2.0), None, "{rate}, jitter {jitter}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_halt_a_sleep_and_a_start_anew_are_no_drift() {
+        let mut watch = ClockWatch::default();
+        let mut take = |host: f64, board: f64| {
+            let [sent, received] = [host, host + 0.01].map(Duration::from_secs_f64);
+            watch.take(&Reading { board_ms: (board * 1000.0) as u64, sent, received });
+            watch.drift()
+        };
+        for second in 0..40 {
+            assert_eq!(take(f64::from(second), f64::from(second)), None);
+        }
+        // The board is halted for 20 s; the host sleeps for an hour; the board starts anew.
+        for (host, board) in [(20.0, 0.0), (20.0, 3600.0), (20.0, -40.0)] {
+            for second in 40..140 {
+                assert_eq!(
+                    take(host + f64::from(second), board + f64::from(second)),
+                    None,
+                    "{host}, {board}, {second}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn a_virtual_clock_is_not_compared() {
+        assert_eq!(found(100.0, 0.01, 2000.0, 2.0), None);
+    }
+}

@@ -1,0 +1,85 @@
+//! The emergency stop: eight bytes, sent again until the board says that it has obeyed, or the time is over.
+
+use std::thread::sleep;
+use std::time::Duration;
+
+use growbot_core::link::frame::Frame;
+use growbot_core::link::message::{Message, State};
+
+use super::{Client, ClientError};
+use crate::port::PortError;
+
+/// For so long an emergency stop is tried,
+pub const EMERGENCY_LIMIT: Duration = Duration::from_secs(3);
+/// and so long after each other the bytes are sent, whatever comes back meanwhile.
+pub const EMERGENCY_PAUSE: Duration = Duration::from_millis(150);
+/// A line that breaks while it is used, and on which time does not pass by itself, is given up after so many tries.
+const MOST_BREAKS: u32 = 20;
+
+impl Client {
+    /// Has the board switch everything off at once, whatever it is doing and whoever holds it, and waits until it says so: for
+    /// [`EMERGENCY_LIMIT`] on the port's clock, however much noise comes, and also over a line that breaks, which may come back.
+    ///
+    /// # Errors
+    /// [`ClientError::NotStopped`]: then the power must be cut.
+    pub fn emergency_stop(&mut self) -> Result<(), ClientError> {
+        let began = self.port.now();
+        for _ in 0..MOST_BREAKS {
+            let left = EMERGENCY_LIMIT.saturating_sub(self.port.now().saturating_sub(began));
+            match self.emergency_stop_within(left) {
+                Ok(true) => return Ok(()),
+                Ok(false) => break,
+                Err(_) => sleep(EMERGENCY_PAUSE.min(left)),
+            }
+        }
+        Err(ClientError::NotStopped { port: self.name.clone() })
+    }
+
+    /// The same for so long. Whether the board has obeyed.
+    ///
+    /// # Errors
+    /// The line is broken.
+    pub fn emergency_stop_within(&mut self, limit: Duration) -> Result<bool, PortError> {
+        let began = self.port.now();
+        loop {
+            // One that does not go out is followed by others.
+            let _ = self.port.send_emergency_stop();
+            let sent = self.port.now();
+            loop {
+                let waited = self.port.now().saturating_sub(sent);
+                if waited >= EMERGENCY_PAUSE {
+                    break;
+                }
+                // Nothing else is sent meanwhile: a line that takes nothing must not hold the next stop up.
+                self.acknowledged = true;
+                match self.next_frame(EMERGENCY_PAUSE - waited) {
+                    Ok(Some(Ok(frame))) if says_stopped(&frame) => {
+                        self.take_event(&frame);
+                        return Ok(true);
+                    }
+                    Ok(Some(Ok(frame))) => self.take_event(&frame),
+                    Ok(Some(Err(_))) => {}
+                    Ok(None) => break,
+                    Err(ClientError::Port(error)) => return Err(error),
+                    Err(_) => break,
+                }
+            }
+            if self.port.now().saturating_sub(began) >= limit {
+                return Ok(false);
+            }
+        }
+    }
+}
+
+/// Whether a board says in this frame, to whomever, that it has stopped at once. Where another program reads the same line, the news that
+/// was meant for that one may be all that arrives here.
+fn says_stopped(frame: &Frame) -> bool {
+    let state = match Message::decode(frame.header.kind, &frame.body) {
+        Ok(Message::StoppedAtOnce(_)) => return true,
+        Ok(Message::StateChanged(change)) => change.state,
+        Ok(Message::Status(status)) => status.state,
+        Ok(Message::BoardHello(hello)) => hello.status.state,
+        _ => return false,
+    };
+    state == State::EmergencyStop
+}

@@ -1,0 +1,329 @@
+//! The emergency stop from the host: over a serial line that `grow` holds, over noise, over a line that is cut in the midst of a frame, and
+//! by a second Ctrl-C. It stops the board within 1 s (six attempts) of the line being usable; otherwise it says to cut the power.
+
+mod emergency;
+mod running;
+
+use std::cell::{Cell, RefCell};
+use std::fs::OpenOptions;
+use std::net::TcpListener;
+use std::rc::Rc;
+use std::time::{Duration, Instant};
+
+use growbot_core::link::emergency_stop::EMERGENCY_STOP;
+use growbot_core::link::frame::{Header, encode};
+use growbot_core::link::message::State;
+use growbot_core::random::Random;
+use growbot_host::client::{Client, ClientError, EMERGENCY_LIMIT, EMERGENCY_PAUSE};
+use growbot_host::port::sim::Sim;
+use growbot_host::port::{Port, PortError};
+use growbot_host::robot_file;
+use rustix::fs::{FlockOperation, fcntl_lock};
+use serialport::{SerialPort, TTYPort};
+
+use emergency::{Bench, Growing, until, without_privilege};
+use running::{Ran, growbot};
+
+/// Attempts in a second.
+const A_SECOND: u32 = 6;
+
+/// Nobody has acknowledged: exit code 1, and the words.
+fn assert_power_to_be_cut(ran: &Ran, parts: &[&str]) {
+    assert_eq!(ran.code, Some(1), "{}", ran.err);
+    assert!(ran.out.is_empty(), "{}", ran.out);
+    for part in [&["cut the power"], parts].concat() {
+        assert!(ran.err.contains(part), "{part:?} is not in {:?}", ran.err);
+    }
+}
+
+/// A simulated board on a line of a virtual clock that carries noise at its full rate to the host, half of it zeros, which end as many pieces
+/// of frames; and to the board nothing until it is usable.
+struct Noisy {
+    sim: Rc<RefCell<Sim>>,
+    random: Random,
+    usable_at: Duration,
+    /// Stops sent, and those of them that were carried.
+    sent: Rc<Cell<(u32, u32)>>,
+}
+
+/// What a byte takes at 115200 baud.
+const BYTE: Duration = Duration::from_nanos(86_806);
+
+impl Port for Noisy {
+    fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+        let is_usable = self.now() >= self.usable_at;
+        if bytes == EMERGENCY_STOP {
+            let (sent, carried) = self.sent.get();
+            self.sent.set((sent + 1, carried + u32::from(is_usable)));
+        }
+        if is_usable { self.sim.send(bytes) } else { Ok(()) }
+    }
+
+    fn receive(&mut self, buffer: &mut [u8], _: Duration) -> Result<usize, PortError> {
+        let count = buffer.len().min(32);
+        let mut answer = [0; 256];
+        let answered = self.sim.receive(&mut answer, Duration::ZERO)?;
+        self.sim.borrow_mut().pass(BYTE * (count + answered) as u32);
+        // What the board says is heard whole between the noise; a board's zero ends what noise has begun.
+        let noise = buffer.iter_mut().take(count - answered.min(count));
+        if answered > 0 {
+            let whole: Vec<u8> = [&[0], &answer[..answered]].concat();
+            let length = whole.len().min(buffer.len());
+            buffer[..length].copy_from_slice(&whole[..length]);
+            return Ok(length);
+        }
+        noise.for_each(|byte| *byte = self.random.between(-256.0, 256.0) as u8);
+        Ok(count)
+    }
+
+    fn now(&self) -> Duration {
+        self.sim.borrow().now()
+    }
+}
+
+/// Has a board behind noise stop; the line is usable after so long. What came of it, the board's state, the stops sent and carried, and for
+/// how long it was tried, s.
+fn stop_behind_noise(usable_after: Duration) -> (Result<(), ClientError>, State, (u32, u32), f64) {
+    let sim = Rc::new(RefCell::new(Sim::new(robot_file::load("growbot-a".as_ref()).unwrap())));
+    sim.borrow_mut().pass(Duration::from_secs(5));
+    let began = sim.borrow().now();
+    let sent = Rc::default();
+    let line = Noisy {
+        sim: Rc::clone(&sim),
+        random: Random::new(&[3]),
+        usable_at: began + usable_after,
+        sent: Rc::clone(&sent),
+    };
+    let done = Client::new(Box::new(line), "noise").emergency_stop();
+    let board = sim.borrow();
+    (done, board.state(), sent.get(), (board.now() - began).as_secs_f64())
+}
+
+#[test]
+fn noise_at_the_rate_of_the_line_ends_no_emergency_stop_early() {
+    for milliseconds in [0, 600, 2800] {
+        let usable = Duration::from_millis(milliseconds);
+        let (done, state, (sent, carried), seconds) = stop_behind_noise(usable);
+        println!("usable after {milliseconds} ms: {sent} stops sent, told after {seconds:.3} s");
+        assert!(done.is_ok(), "{milliseconds} ms: {done:?} after {seconds} s, {sent} stops");
+        assert_eq!(state, State::EmergencyStop);
+        assert!(carried <= A_SECOND && seconds <= usable.as_secs_f64() + 1.0, "{carried} attempts, {seconds} s");
+    }
+}
+
+#[test]
+fn an_emergency_stop_is_tried_for_the_whole_time_and_no_longer() {
+    let (done, _, (sent, _), seconds) = stop_behind_noise(Duration::MAX / 2);
+    assert!(matches!(done, Err(ClientError::NotStopped { .. })), "{done:?}");
+    let limit = EMERGENCY_LIMIT.as_secs_f64();
+    assert!((limit..limit + EMERGENCY_PAUSE.as_secs_f64()).contains(&seconds), "{seconds} s");
+    let attempts = (limit / EMERGENCY_PAUSE.as_secs_f64()) as u32;
+    // A pause is over with the frame that ends it.
+    assert!((attempts - 2..=attempts + 1).contains(&sent), "{sent} of {attempts} stops");
+}
+
+/// A line that is broken.
+struct Broken(Rc<Cell<u32>>);
+
+impl Port for Broken {
+    fn send(&mut self, _: &[u8]) -> Result<(), PortError> {
+        self.0.set(self.0.get() + 1);
+        Err(PortError::Lost("nowhere".to_string(), "it is broken".to_string()))
+    }
+
+    fn receive(&mut self, _: &mut [u8], _: Duration) -> Result<usize, PortError> {
+        Err(PortError::Lost("nowhere".to_string(), "it is broken".to_string()))
+    }
+}
+
+#[test]
+fn a_broken_line_is_tried_again_for_the_whole_time() {
+    let (began, sent) = (Instant::now(), Rc::default());
+    let done = Client::new(Box::new(Broken(Rc::clone(&sent))), "nowhere").emergency_stop();
+    assert!(matches!(done, Err(ClientError::NotStopped { .. })), "{done:?}");
+    // However slow this machine is.
+    assert!(began.elapsed() >= EMERGENCY_LIMIT - EMERGENCY_PAUSE && sent.get() > 1, "{:?}", began.elapsed());
+}
+
+#[test]
+fn the_stop_reaches_a_board_whose_port_grow_holds() {
+    let bench = Bench::new();
+    let growing = Growing::begin(&bench);
+    // Other commands respect who holds the port.
+    let status = growbot(&["status", "--port", &bench.name]);
+    assert_eq!(status.code, Some(2), "{}", status.err);
+    assert!(status.err.contains("busy") && status.err.contains("growbot estop --port"), "{}", status.err);
+    // A robot file that is not there is no reason to wait. Without a privilege, a port that is closed to others could not be opened.
+    let ran = without_privilege(&["estop", "--port", &bench.name, "--robot", "/no/such.toml"]);
+    assert_eq!(ran.code, Some(0), "{}", ran.err);
+    assert!(ran.out.contains("heater and steppers of the robot are off"), "{}", ran.out);
+    let grown = growing.end();
+    assert_eq!(grown.code, Some(1), "{}", grown.err);
+    assert!(grown.err.contains("emergency stop"), "{}", grown.err);
+    let seen = bench.seen();
+    assert_eq!((seen.state, seen.passed, seen.off_at_once), (State::EmergencyStop, Some(1), Some(true)), "{seen:?}");
+}
+
+#[test]
+fn who_holds_a_port_is_silent_while_an_emergency_stop_listens() {
+    let bench = Bench::new();
+    let listening = OpenOptions::new().read(true).write(true).open(&bench.name).unwrap();
+    fcntl_lock(&listening, FlockOperation::NonBlockingLockExclusive).unwrap();
+    let mut status = Growing::run(&["status", "--port", &bench.name], "");
+    // To the same question: three answers are all that it wants.
+    until("the board answers some times", || {
+        assert!(status.is_running(), "it has read an answer");
+        bench.seen().answers >= 8
+    });
+    fcntl_lock(&listening, FlockOperation::NonBlockingUnlock).unwrap();
+    let ran = status.end();
+    assert_eq!(ran.code, Some(0), "{}", ran.err);
+}
+
+#[test]
+fn ctrl_c_stops_the_robot_of_a_script_that_waits() {
+    let bench = Bench::new();
+    let mut console = Growing::by_console(&bench);
+    console.interrupt("stopping");
+    let ran = console.end();
+    assert_eq!(ran.code, Some(1), "{}", ran.err);
+    assert!(ran.err.contains("stopped: heater and steppers of the robot are off"), "{}", ran.err);
+    until("the board is stopped", || bench.seen().state == State::Stopped);
+}
+
+#[test]
+fn the_stop_passes_noise_while_grow_holds_the_port() {
+    let bench = Bench::new();
+    let growing = Growing::begin(&bench);
+    bench.set(|line| line.flips = 0.01);
+    let ran = without_privilege(&["estop", "--port", &bench.name]);
+    until("the board stops", || bench.seen().state == State::EmergencyStop);
+    let seen = bench.seen();
+    assert!(seen.passed.is_some_and(|attempts| attempts <= A_SECOND), "{seen:?}");
+    // On such a line the acknowledgement may be lost each time: then that is said.
+    if ran.code != Some(0) {
+        assert_power_to_be_cut(&ran, &[]);
+    }
+    bench.set(|line| line.flips = 0.0);
+    let grown = growing.end();
+    assert_eq!(grown.code, Some(1), "{}", grown.err);
+}
+
+#[test]
+fn the_stop_passes_a_line_that_was_cut_in_the_midst_of_a_frame() {
+    let bench = Bench::new();
+    let growing = Growing::begin(&bench);
+    // Half a frame of the growing host has come through when the line is cut; it heals after five stops.
+    let whole = encode(&Header { kind: 4, session: 1, seq: 1, ack: 0 }, &[7; 200]).unwrap();
+    bench.set(|line| {
+        line.inject = whole[..whole.len() / 2].to_vec();
+        line.is_cut = true;
+        line.heals_after = Some(5);
+    });
+    let ran = without_privilege(&["estop", "--port", &bench.name]);
+    until("the board stops", || bench.seen().state == State::EmergencyStop);
+    assert_eq!(ran.code, Some(0), "{}", ran.err);
+    let seen = bench.seen();
+    assert!(seen.passed.is_some_and(|attempts| attempts <= A_SECOND) && seen.stops > 5, "{seen:?}");
+    assert_eq!(seen.off_at_once, Some(true));
+    let grown = growing.end();
+    assert_eq!(grown.code, Some(1), "{}", grown.err);
+}
+
+#[test]
+fn a_line_that_stays_dead_is_told_after_the_whole_time() {
+    let bench = Bench::new();
+    bench.set(|line| line.is_cut = true);
+    let began = Instant::now();
+    let ran = growbot(&["estop", "--port", &bench.name]);
+    assert_power_to_be_cut(&ran, &[&bench.name, "for 3 s"]);
+    assert!(began.elapsed() >= EMERGENCY_LIMIT && bench.seen().stops > 1, "{:?}", bench.seen());
+}
+
+#[test]
+fn the_second_ctrl_c_stops_a_board_that_does_not_answer_the_first() {
+    for bench in [Bench::new(), Bench::on_tcp()] {
+        the_second_ctrl_c_stops(&bench);
+    }
+}
+
+fn the_second_ctrl_c_stops(bench: &Bench) {
+    let mut growing = Growing::begin(bench);
+    bench.set(|line| {
+        line.is_cut = true;
+        line.heals_after = Some(3);
+    });
+    growing.interrupt("stopping");
+    growing.interrupt("giving the emergency stop");
+    let grown = growing.end();
+    assert_eq!(grown.code, Some(1), "{}", grown.err);
+    assert!(grown.err.contains("emergency stop: heater and steppers are off"), "{}", grown.err);
+    let seen = bench.seen();
+    assert_eq!((seen.state, seen.off_at_once), (State::EmergencyStop, Some(true)), "{seen:?}");
+    assert!(seen.passed.is_some_and(|attempts| attempts <= A_SECOND), "{seen:?}");
+}
+
+#[test]
+fn the_second_ctrl_c_goes_ahead_of_what_a_stalled_line_has_not_sent() {
+    let bench = Bench::new();
+    let mut growing = Growing::begin(&bench);
+    // The line takes no more bytes, and its queue is full: whatever grow writes waits.
+    bench.set(|line| line.is_stalled = true);
+    let queued = bench.fill();
+    growing.interrupt("stopping");
+    growing.interrupt("giving the emergency stop");
+    until("the stop is ahead of the queue", || bench.takes_bytes());
+    bench.set(|line| line.is_stalled = false);
+    let grown = growing.end();
+    assert_eq!(grown.code, Some(1), "{}", grown.err);
+    assert!(grown.err.contains("emergency stop: heater and steppers are off"), "{}", grown.err);
+    let seen = bench.seen();
+    assert_eq!((seen.state, seen.off_at_once), (State::EmergencyStop, Some(true)), "{seen:?}");
+    // What had waited on this side was dropped; the far end of such a line has taken some of it already.
+    println!("{queued} bytes queued, {} of them before the stop", seen.bytes_before_stop);
+    assert!(seen.bytes_before_stop < queued / 2, "{seen:?}");
+}
+
+#[test]
+fn the_second_ctrl_c_on_a_dead_line_says_to_cut_the_power() {
+    let bench = Bench::new();
+    let mut growing = Growing::begin(&bench);
+    bench.set(|line| line.is_cut = true);
+    growing.interrupt("stopping");
+    growing.interrupt("giving the emergency stop");
+    assert_power_to_be_cut(&growing.end(), &[&bench.name]);
+    assert!(bench.seen().stops > 1);
+}
+
+#[test]
+fn whatever_keeps_an_emergency_stop_from_the_board_the_power_is_to_be_cut() {
+    let estop = |port: &str| growbot(&["estop", "--port", port]);
+    assert_power_to_be_cut(&growbot(&["estop"]), &["no port is given", "GROWBOT_PORT"]);
+    assert_power_to_be_cut(&growbot(&["estop", "--bogus"]), &["--bogus"]);
+    assert_power_to_be_cut(&growbot(&["estop", "--port"]), &["--port"]);
+    assert_power_to_be_cut(&growbot(&["estop", "--port", "sim", "--fault", "drop=200%"]), &["200%"]);
+    assert_power_to_be_cut(&growbot(&["estop", "--port", "sim", "--robot", "/no/such.toml"]), &["/no/such.toml"]);
+    assert_power_to_be_cut(&estop("simulator"), &["simulator"]);
+    assert_power_to_be_cut(&estop("/dev/ttyNONE7"), &["/dev/ttyNONE7", "not there"]);
+    assert_power_to_be_cut(&estop("/proc/self/status"), &["/proc/self/status"]);
+    assert_power_to_be_cut(&estop("emulator:/no/such.elf"), &["/no/such.elf"]);
+    let free = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    assert_power_to_be_cut(&estop(&format!("tcp:127.0.0.1:{free}")), &["nobody answers"]);
+    // Somebody else is connected, and this connection waits for its turn.
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let held = format!("tcp:{}", listener.local_addr().unwrap());
+    assert_power_to_be_cut(&estop(&held), &["one program at a time"]);
+    // Help is no emergency.
+    assert_eq!(growbot(&["estop", "--help"]).code, Some(0));
+    assert_eq!(growbot(&["stop", "--bogus"]).code, Some(2));
+}
+
+#[test]
+fn a_port_that_another_program_has_closed_to_others_is_told() {
+    let (_master, slave) = TTYPort::pair().unwrap();
+    let name = slave.name().unwrap();
+    drop(slave);
+    let mut locked = TTYPort::open(&serialport::new(&name, 115_200)).unwrap();
+    locked.set_exclusive(true).unwrap();
+    assert_power_to_be_cut(&without_privilege(&["estop", "--port", &name]), &[&name, "closed to other programs by"]);
+}
