@@ -38,19 +38,22 @@ mod watching;
 mod workspace;
 
 use std::fmt::Display;
-use std::path::PathBuf;
-use std::process::ExitCode;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::process::{ExitCode, exit};
 
 use clap::{Args, Parser, Subcommand};
 use growbot_core::robot::Robot;
 use growbot_host::batch::BatchError;
 use growbot_host::client::{Client, ClientError};
-use growbot_host::input::InputError;
+use growbot_host::input::{InputError, name_of};
 use growbot_host::output::OutputError;
 use growbot_host::plan_file::PlanFileError;
 use growbot_host::port::faulty::FaultSpec;
 use growbot_host::port::{self, PortError, PortName, TipSettings};
+use growbot_host::printable;
 use growbot_host::robot_file::{self, RobotFileError};
+use growbot_host::run_log::RunRecord;
 
 /// Plan, slice and grow: the control stack of robots that grow by printing their
 /// own body.
@@ -101,7 +104,8 @@ enum Command {
 
 /// Reads the command line and runs the command.
 pub fn run() -> ExitCode {
-    let done = match Cli::parse().command {
+    let cli = Cli::try_parse().unwrap_or_else(|error| leave(&error));
+    let done = match cli.command {
         Some(Command::Robots(args)) => robots::run(&args),
         Some(Command::NewRobot(args)) => new_robot::run(&args),
         Some(Command::Rmin(args)) => rmin::run(&args),
@@ -130,6 +134,17 @@ pub fn run() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => failure.report(),
     }
+}
+
+/// Says what is wrong with the command line, or its help, and ends. What an argument holds must not steer a terminal.
+fn leave(error: &clap::Error) -> ! {
+    let plain = error.render().to_string();
+    let shown = printable::lines(&plain);
+    if shown == plain {
+        error.exit();
+    }
+    let _ = io::stderr().write_all(shown.as_bytes());
+    exit(error.exit_code());
 }
 
 /// Why a command did not do what it was asked: the exit code, and what to say.
@@ -173,9 +188,7 @@ impl Failure {
     /// Says it, in one line.
     pub fn say(&self) {
         if let Some(message) = &self.message {
-            // What a file or an argument holds must not break the line or move the cursor.
-            let line: String = message.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
-            growbot_host::tell!("growbot: {line}");
+            growbot_host::tell!("growbot: {message}");
         }
     }
 }
@@ -254,6 +267,13 @@ impl PortArg {
     /// The port's name as it was given.
     fn text(&self) -> &str {
         &self.port
+    }
+}
+
+/// Says what of a run log could not be read.
+fn say_damage(record: &RunRecord, file: &Path) {
+    if let Some(words) = record.damage.in_words(&name_of(file)) {
+        growbot_host::tell!("growbot: {words}");
     }
 }
 

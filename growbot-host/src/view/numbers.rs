@@ -22,7 +22,13 @@ pub fn of(subject: &Subject, layers: &Layers) -> Vec<Group> {
             let rows = arrival(subject, &Arrival::of(&reached.frame(), &plan.goal, needs.length));
             groups.push(group(format!("Arrived, as the {by} {}", if by == "steps" { "say" } else { "says" }), rows));
         }
-        groups.push(group("As built, by the board's steps", body(subject, built)));
+        match &layers.commanded {
+            Some(commanded) => {
+                groups.push(group("Laid (simulated)", body(subject, built)));
+                groups.push(group("Commanded, by the board's steps", body(subject, commanded)));
+            }
+            None => groups.push(group("As built, by the board's steps", body(subject, built))),
+        }
     }
     let mut rows = vec![
         ("Length", format!("{:.1} mm", needs.length)),

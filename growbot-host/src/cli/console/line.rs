@@ -137,7 +137,7 @@ impl Session {
     fn wait(&mut self, seconds: f64) -> Result<(), Failure> {
         let clock = |client: &mut Client| client.status().map(|status| status.uptime_ms);
         // By the board's clock: on `sim` time passes only while we wait.
-        let until = clock(&mut self.client)? + (seconds * 1000.0) as u64;
+        let until = clock(&mut self.client)?.saturating_add((seconds * 1000.0) as u64);
         loop {
             let now = clock(&mut self.client)?;
             if now >= until || self.orders.clear() {
