@@ -84,12 +84,13 @@ pub fn open(path: &Path) -> Result<Box<dyn Read>, InputError> {
         return Err(InputError::NoFile { name: name_of(path), what });
     }
     let file = File::open(path).map_err(unreadable)?;
-    let metadata = file.metadata().map_err(unreadable)?;
     // Opening a directory succeeds on Unix; saying so here reads better than the first failing read.
-    if metadata.is_dir() {
+    if file.metadata().map_err(unreadable)?.is_dir() {
         return Err(unreadable(io::ErrorKind::IsADirectory.into()));
     }
-    note_input(&metadata);
+    if let Ok(same) = file.try_clone() {
+        note_input(same);
+    }
     Ok(Box::new(file))
 }
 
@@ -118,9 +119,8 @@ fn never_ending(_: &Path, _: &Metadata) -> Option<&'static str> {
 #[cfg(unix)]
 fn note_standard_input() {
     use std::os::fd::AsFd;
-    let file = io::stdin().as_fd().try_clone_to_owned().map(File::from);
-    if let Ok(metadata) = file.and_then(|file| file.metadata()) {
-        note_input(&metadata);
+    if let Ok(same) = io::stdin().as_fd().try_clone_to_owned() {
+        note_input(File::from(same));
     }
 }
 
@@ -160,7 +160,7 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let write = |name: &str, bytes: &[u8]| {
             let path = directory.path().join(name);
-            std::fs::write(&path, bytes).unwrap();
+            fs::write(&path, bytes).unwrap();
             path
         };
         assert_eq!(read_text(&write("bom", "\u{feff}a".as_bytes())).unwrap(), "a");

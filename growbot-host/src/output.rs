@@ -3,7 +3,7 @@
 //! What a terminal would obey instead of showing it is taken out here ([`crate::printable`]), and here alone a file is refused that the
 //! command has read ([`refuse_inputs`]), or whose ending promises another format ([`refuse_ending`]).
 
-use std::collections::HashSet;
+use std::collections::VecDeque;
 use std::ffi::{OsStr, OsString};
 use std::fmt;
 use std::fs::{self, File, Metadata, OpenOptions};
@@ -75,13 +75,19 @@ impl From<io::Error> for OutputError {
     }
 }
 
-/// The files that this program has read: device and inode of each.
-static READ: Mutex<Option<HashSet<(u64, u64)>>> = Mutex::new(None);
+/// The files that this program has read last: device and inode of each, and the file itself, so that no other one gets these numbers when
+/// it is deleted.
+static READ: Mutex<VecDeque<((u64, u64), File)>> = Mutex::new(VecDeque::new());
+/// No command reads so many files.
+const MOST_READ: usize = 64;
 
 /// The file is an input from now on: nothing is written to it, whatever it is called.
-pub fn note_input(file: &Metadata) {
-    if let Some(place) = place_of(file) {
-        READ.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert_default().insert(place);
+pub fn note_input(file: File) {
+    let Some(place) = file.metadata().ok().as_ref().and_then(place_of) else { return };
+    let mut read = READ.lock().unwrap_or_else(PoisonError::into_inner);
+    if read.iter().all(|(known, _)| *known != place) {
+        read.truncate(MOST_READ - 1);
+        read.push_front((place, file));
     }
 }
 
@@ -92,10 +98,10 @@ pub fn note_input(file: &Metadata) {
 pub fn refuse_inputs(path: &Path) -> Result<(), OutputError> {
     let place = fs::metadata(path).ok().as_ref().and_then(place_of);
     let read = READ.lock().unwrap_or_else(PoisonError::into_inner);
-    match place.is_some_and(|place| read.as_ref().is_some_and(|read| read.contains(&place))) {
-        true => Err(OutputError::Input { file: path.display().to_string() }),
-        false => Ok(()),
+    if place.is_some_and(|place| read.iter().any(|(known, _)| *known == place)) {
+        return Err(OutputError::Input { file: path.display().to_string() });
     }
+    Ok(())
 }
 
 /// What a file is, whatever it is called: its device and inode. Only for files that hold something.

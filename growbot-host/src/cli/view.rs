@@ -248,14 +248,6 @@ impl ViewArgs {
             let (ending, output) = (format.ending(), output.display());
             return Err(Failure::bad_input(format!("{output} would hold {ending}: end it in .{ending}")));
         }
-        if let Some(output) = &self.output {
-            let formats: &[&str] = if self.plot.is_empty() { &["html", "svg", "png"] } else { &["svg", "png"] };
-            let is_known = ending(output).is_none_or(|ending| formats.contains(&&*ending));
-            if !is_known && !self.svg && !self.png {
-                return Err(unknown_ending(output, formats).into());
-            }
-            refuse_ending(output, &[format.ending()])?;
-        }
         if self.files.iter().filter(|file| is_standard_input(file)).count() > 1 {
             return Err(Failure::bad_input("standard input holds one plan only: give the other as a file"));
         }
@@ -271,6 +263,14 @@ impl ViewArgs {
                 let file = file.display();
                 return Err(Failure::bad_input(format!("the view would replace {file}: choose another place with -o")));
             }
+        }
+        if let Some(output) = &self.output {
+            let formats: &[&str] = if self.plot.is_empty() { &["html", "svg", "png"] } else { &["svg", "png"] };
+            let is_known = ending(output).is_none_or(|ending| formats.contains(&&*ending));
+            if !is_known && !self.svg && !self.png {
+                return Err(unknown_ending(output, formats).into());
+            }
+            refuse_ending(output, &[format.ending()])?;
         }
         Ok(output)
     }

@@ -45,7 +45,7 @@ mod tests {
     #[test]
     fn the_bytes_are_those_of_the_format() {
         let vertices = vec![Point3::origin(), Point3::new(2.0, 0.0, 0.0), Point3::new(0.0, 3.0, 0.0)];
-        let bytes = encode(&Mesh { vertices, triangles: vec![[0, 1, 2]] }, &"a-very-long-name".repeat(9));
+        let bytes = encode(&Mesh { vertices, triangles: vec![[0, 1, 2]] }, &"a-very-long-name".repeat(9), "planned");
         assert_eq!(bytes.len(), HEADER + 4 + TRIANGLE);
         assert!(bytes.starts_with(b"binary STL, units mm"));
         assert_eq!(bytes[HEADER..HEADER + 4], [1, 0, 0, 0]);

@@ -64,7 +64,7 @@ pub struct RunRecord {
     /// What was measured after each of them.
     pub measured: Vec<Option<Measured>>,
     /// From where filament was counted, each with how many layers had been told before.
-    counts: Vec<(usize, Count)>,
+    pub(super) counts: Vec<(usize, Count)>,
     /// Amendments that the board has taken.
     amendments: u32,
     /// The job as it was before the latest amendment: name, layers in all, and which layers the amendment took the place of, from where.

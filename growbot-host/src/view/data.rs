@@ -16,6 +16,10 @@ pub fn of(subject: &Subject, layers: &Layers) -> Value {
     if unknown > 0 {
         warnings.push(format!("{unknown} layers are not known, cut and let be or lost: they are shown as planned"));
     }
+    match run.map_or(0, |run| run.not_simulated()) {
+        0 => {}
+        layers => warnings.push(format!("the log does not say where {layers} layers lie: they are shown as commanded")),
+    }
     if let Some(words) = run.and_then(|run| run.damage.in_words(name)) {
         warnings.push(words);
     }
