@@ -118,8 +118,8 @@ fn place_of(_: &Metadata) -> Option<(u64, u64)> {
 
 /// The endings of all files that growbot writes or reads, and some that people take it to write.
 const KNOWN_ENDINGS: [&str; 20] = [
-    "html", "htm", "svg", "png", "pdf", "jpg", "jpeg", "gif", "eps", "json", "jsonl", "csv", "parquet", "toml", "stl", "glb",
-    "gltf", "obj", "ply", "mcap",
+    "html", "htm", "svg", "png", "pdf", "jpg", "jpeg", "gif", "eps", "json", "jsonl", "csv", "parquet", "toml", "stl",
+    "glb", "gltf", "obj", "ply", "mcap",
 ];
 
 /// The ending of a file's name, in small letters.

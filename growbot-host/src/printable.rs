@@ -37,6 +37,9 @@ mod tests {
         assert_eq!(one_line(hostile), "a [31mb   2J c d e f g h");
         let plain = "73 \u{b0} \u{b7} \u{2026} \u{645}\u{631}\u{62d}\u{628}\u{627}";
         assert!(matches!(one_line(plain), Cow::Borrowed(same) if same == plain));
-        assert_eq!((0..=0x10_ffff_u32).filter_map(char::from_u32).filter(|letter| steers(*letter)).count(), 65 + 3 + 7 + 4);
+        assert_eq!(
+            (0..=0x10_ffff_u32).filter_map(char::from_u32).filter(|letter| steers(*letter)).count(),
+            65 + 3 + 7 + 4
+        );
     }
 }

@@ -72,7 +72,8 @@ fn a_log_is_exported_as_built_and_as_far_as_it_goes() {
     assert!(commanded.lines().skip(2).all(|row| row.ends_with(",as-built")), "{commanded}");
     // Of a robot the log has no more than the steps say.
     let log = fs::read_to_string(bodies.path("run.jsonl")).unwrap();
-    let steps: String = log.lines().filter(|line| !line.contains("\"simulated\",\"height")).flat_map(|line| [line, "\n"]).collect();
+    let steps: String =
+        log.lines().filter(|line| !line.contains("\"simulated\",\"height")).flat_map(|line| [line, "\n"]).collect();
     assert!(steps.len() < log.len());
     fs::write(bodies.path("robot.jsonl"), &steps).unwrap();
     assert_eq!(String::from_utf8(bodies.export("robot.jsonl", "robot.csv", &[])).unwrap(), commanded);

@@ -260,9 +260,9 @@ fn what_files_and_arguments_hold_does_not_steer_the_terminal() {
 /// Grows with a limit on the length of files, of so many blocks of 512 bytes: writing beyond it fails as on a disk that is full.
 fn grow_on_a_full_disk(files: &Files, blocks: u32, more: &str) -> (Ran, String) {
     let log = files.path(&format!("full{blocks}.jsonl"));
-    let script =
-        format!("trap '' XFSZ; ulimit -f {blocks}; exec \"$0\" grow --to 0,0,120,0,90 --log \"$LOG\" {more}");
-    let ran = Command::new("sh").args(["-c", &script, env!("CARGO_BIN_EXE_growbot")]).env("LOG", &log).output().unwrap();
+    let script = format!("trap '' XFSZ; ulimit -f {blocks}; exec \"$0\" grow --to 0,0,120,0,90 --log \"$LOG\" {more}");
+    let ran =
+        Command::new("sh").args(["-c", &script, env!("CARGO_BIN_EXE_growbot")]).env("LOG", &log).output().unwrap();
     let text = |bytes: &[u8]| String::from_utf8(bytes.to_vec()).unwrap();
     (Ran { code: ran.status.code(), out: text(&ran.stdout), err: text(&ran.stderr) }, log)
 }

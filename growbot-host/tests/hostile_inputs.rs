@@ -6,8 +6,8 @@
 //! `GROWBOT_HOSTILE_SECONDS` (the longest that one may take) and `GROWBOT_HOSTILE_SEED` change that.
 
 mod hostile;
-mod running;
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -16,7 +16,6 @@ use growbot_core::random::Random;
 use hostile::boards::{self, Manner};
 use hostile::mutation::mutated;
 use hostile::{faults, number, run};
-use running::growbot;
 
 fn limit() -> Duration {
     Duration::from_secs(number("GROWBOT_HOSTILE_SECONDS", 60))
@@ -70,18 +69,26 @@ fn text_of(file: &str) -> Vec<u8> {
     fs::read(Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(file)).unwrap()
 }
 
+/// Runs a command that has to succeed.
+fn done(directory: &Path, command: &str) {
+    let args: Vec<String> = command.split(' ').map(str::to_owned).collect();
+    let ran = run(directory, &args, b"", Duration::from_secs(600));
+    assert_eq!(ran.code, Some(0), "{command}: {}", String::from_utf8_lossy(&ran.err));
+}
+
 /// What is changed: each kind with the commands that read it.
 fn kinds(directory: &Path) -> Vec<Kind> {
-    let path = |name: &str| directory.join(name).to_str().unwrap().to_owned();
-    let done = |args: &[&str]| assert_eq!(growbot(args).code, Some(0), "{args:?}");
-    done(&["plan", "--robot", "growbot-a2", "--to", "0,60,120,90,30", "-o", &path("plan.json")]);
-    done(&["plan", "--to", "0,0,20,0,90", "-o", &path("short.json")]);
-    done(&["grow", "--to", "0,0,20,0,90", "--noise", "5", "--log", &path("run.jsonl")]);
-    done(&["grow", "--to", "0,0,20,0,90", "--noise", "5", "--feedback", "--log", &path("fed-back.jsonl")]);
-    let read = |name: &str| fs::read(path(name)).unwrap();
+    done(directory, "plan --robot growbot-a2 --to 0,60,120,90,30 -o plan.json");
+    done(directory, "plan --to 0,0,20,0,90 -o short.json");
+    done(directory, "grow --to 0,0,20,0,90 --noise 5 --log run.jsonl");
+    done(directory, "grow --to 0,0,20,0,90 --noise 5 --feedback --log fed-back.jsonl");
+    let read = |name: &str| fs::read(directory.join(name)).unwrap();
     let header = "id,from_x_mm,from_y_mm,from_z_mm,from_heading_deg,from_pitch_deg,to_x_mm,to_y_mm,to_z_mm,to_heading_deg,to_pitch_deg,radius_mm,planner";
-    let batch = format!("{header}\na,0,0,0,0,90,0,0,100,0,90,,\nb,0,0,0,0,90,200,100,600,0,45,120,two-plane\nc,1,2,3,4,5,6,7,8,9,10,,\n");
-    let script = "help\nstatus\nplan 0,0,20,0,90\nlayers 3\nstart\nwait 60\nhold\nwait 5\nstart\nstop\nstatus\nclear\nquit\n";
+    let batch = format!(
+        "{header}\na,0,0,0,0,90,0,0,100,0,90,,\nb,0,0,0,0,90,200,100,600,0,45,120,two-plane\nc,1,2,3,4,5,6,7,8,9,10,,\n"
+    );
+    let script =
+        "help\nstatus\nplan 0,0,20,0,90\nlayers 3\nstart\nwait 60\nhold\nwait 5\nstart\nstop\nstatus\nclear\nquit\n";
     let kind = |name, text, commands| Kind { name, text, commands };
     vec![
         kind("plan", read("plan.json"), OF_PLANS),
@@ -95,8 +102,8 @@ fn kinds(directory: &Path) -> Vec<Kind> {
     ]
 }
 
-/// Tries one file; what is wrong with what came of it.
-fn try_file(kind: &Kind, seed: u64, index: u64) -> Vec<String> {
+/// Tries one file: the exit code, and what is wrong with what came of it.
+fn try_file(kind: &Kind, seed: u64, index: u64) -> (Option<i32>, Vec<String>) {
     let mut random = Random::new(&[seed, index]);
     let text = mutated(&kind.text, &mut random);
     let command = kind.commands[random.below(kind.commands.len() as u64) as usize];
@@ -113,10 +120,17 @@ fn try_file(kind: &Kind, seed: u64, index: u64) -> Vec<String> {
     }
     if !wrong.is_empty() {
         let kept = keep(&text, kind.name, seed, index);
-        wrong.push(format!("{} {index} of seed {seed}, `growbot {command}`; the file is {}", kind.name, kept.display()));
+        wrong.push(format!(
+            "{} {index} of seed {seed}, `growbot {command}`; the file is {}",
+            kind.name,
+            kept.display()
+        ));
     }
-    wrong
+    (ran.code, wrong)
 }
+
+/// How often each exit code came.
+type Codes = BTreeMap<Option<i32>, u64>;
 
 /// A file that did harm, to look at.
 fn keep(text: &[u8], kind: &str, seed: u64, index: u64) -> PathBuf {
@@ -133,13 +147,19 @@ fn changed_files_do_no_harm() {
     println!("{files} files, seed {seed}");
     let directory = tempfile::tempdir().unwrap();
     let kinds = kinds(directory.path());
-    let wrong: Vec<Vec<String>> = (0..files)
-        .map(|index| try_file(&kinds[index as usize % kinds.len()], seed, index))
-        .filter(|wrong| !wrong.is_empty())
-        .inspect(|wrong| println!("{}", wrong.join("\n  ")))
-        .collect();
-    println!("{} of {files} files did harm", wrong.len());
+    let (mut codes, mut wrong) = (Codes::new(), Vec::new());
+    for index in 0..files {
+        let (code, faults) = try_file(&kinds[index as usize % kinds.len()], seed, index);
+        *codes.entry(code).or_default() += 1;
+        if !faults.is_empty() {
+            println!("{}", faults.join("\n  "));
+            wrong.push(faults);
+        }
+    }
+    println!("{} of {files} files did harm; exit codes {codes:?}", wrong.len());
     assert!(wrong.is_empty(), "{wrong:#?}");
+    // Changes that all end at the first check would try nothing.
+    assert!(codes.get(&Some(0)).is_some_and(|done| *done > files / 10), "{codes:?}");
 }
 
 /// Commands that talk to a board.
@@ -162,9 +182,8 @@ fn boards_that_answer_nonsense_do_no_harm() {
     let script = "status\nplan 0,0,6,0,90\nstart\nwait 600\nlayers\nstatus\nquit\n";
     let before = tempfile::tempdir().unwrap();
     let log = before.path().join("run.jsonl");
-    let grown = growbot(&["grow", "--robot", "growbot-a2", "--to", "0,0,8,0,90", "--log", log.to_str().unwrap()]);
-    assert_eq!(grown.code, Some(0), "{}", grown.err);
-    let mut wrong = Vec::new();
+    done(before.path(), "grow --robot growbot-a2 --to 0,0,8,0,90 --log run.jsonl");
+    let (mut codes, mut wrong) = (Codes::new(), Vec::new());
     for index in 0..boards {
         let mut random = Random::new(&[seed, index]);
         let manner = Manner::ALL[index as usize % Manner::ALL.len()];
@@ -178,6 +197,7 @@ fn boards_that_answer_nonsense_do_no_harm() {
         let output = args.iter().find(|arg| arg.starts_with("OUT.")).cloned();
         let ran = run(directory.path(), &args, script.as_bytes(), limit() + boards::LIFE);
         let mut faults = faults(&ran, directory.path(), None);
+        *codes.entry(ran.code).or_default() += 1;
         let log = output.filter(|_| ran.code == Some(2)).map(|output| directory.path().join(output));
         if log.is_some_and(|log| log.exists()) {
             faults.push("a log was left of a growth that never began".to_owned());
@@ -189,6 +209,6 @@ fn boards_that_answer_nonsense_do_no_harm() {
             wrong.push(faults);
         }
     }
-    println!("{} of {boards} boards did harm", wrong.len());
+    println!("{} of {boards} boards did harm; exit codes {codes:?}", wrong.len());
     assert!(wrong.is_empty(), "{wrong:#?}");
 }

@@ -12,11 +12,11 @@ use growbot_host::export::{glb, recording, stl, table};
 use growbot_host::input::{LONGEST_LOG, is_standard_input, read_bytes};
 use growbot_host::output::{OutputError, ending, replace_file, unknown_ending};
 use growbot_host::plan::Plan;
+use growbot_host::plan_file;
 use growbot_host::run_log::RunRecord;
-use growbot_host::{plan_file, robot_file};
 use serde_json::Value;
 
-use super::{Failure, say_damage};
+use super::{Failure, robot_of, say_damage};
 
 /// Write a body in the format of another tool: STL, GLB, CSV or MCAP
 ///
@@ -83,7 +83,8 @@ enum Format {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Which {
     /// As it was laid: on a simulated tip where the plastic is, with the
-    /// commanded body beside it in CSV and GLB; on a robot as the steps say
+    /// commanded body beside it in CSV, and in GLB where the two part; on a
+    /// robot as the steps say
     Laid,
     /// As the board's steps say
     Commanded,
@@ -98,6 +99,9 @@ impl Format {
     }
 }
 
+/// Bodies that part by less, mm, are one to see.
+const APART: f64 = 0.05;
+
 /// What is exported.
 struct Subject {
     robot: Robot,
@@ -111,12 +115,10 @@ pub fn run(args: &ExportArgs) -> Result<(), Failure> {
     let to = args.output.as_deref().filter(|path| !is_standard_input(path));
     let format = match (args.format, to) {
         (Some(format), _) => format,
-        (None, Some(path)) if ending(path).is_some() => {
-            Format::of(path).ok_or_else(|| {
-                let unknown = unknown_ending(path, &Format::ENDINGS);
-                Failure::bad_input(format_args!("{unknown}, or say --format"))
-            })?
-        }
+        (None, Some(path)) if ending(path).is_some() => Format::of(path).ok_or_else(|| {
+            let unknown = unknown_ending(path, &Format::ENDINGS);
+            Failure::bad_input(format_args!("{unknown}, or say --format"))
+        })?,
         _ => {
             return Err(Failure::bad_input(
                 "which format? Name a file that ends in .stl, .glb, .csv or .mcap with -o, or say --format",
@@ -156,7 +158,9 @@ impl ExportArgs {
         match format {
             Format::Stl => Ok(stl::write(name, &body, resolution)?),
             Format::Glb => {
-                let beside = beside.as_ref().map(|beside| ("commanded", beside));
+                // Two walls in one place would only flicker.
+                let beside = beside.as_ref().filter(|beside| body.parts_from(beside, APART));
+                let beside = beside.map(|beside| ("commanded", beside));
                 let name = if record.is_some() { name } else { robot.name() };
                 let bodies: Vec<(&str, &Body)> = [(name, &body)].into_iter().chain(beside).collect();
                 Ok(glb::write(&bodies, resolution)?)
@@ -181,8 +185,7 @@ impl ExportArgs {
         {
             let record = RunRecord::read(&log, &self.body.display().to_string()).map_err(Failure::bad_input)?;
             say_damage(&record, &self.body);
-            let name = self.robot.clone().unwrap_or_else(|| PathBuf::from(&record.robot.0));
-            let robot = robot_file::load(&name)?;
+            let robot = robot_of(&record, self.robot.as_deref())?;
             let plan = record.plan(&robot)?;
             return Ok(Subject { robot, plan, run: Some((record, log)) });
         }

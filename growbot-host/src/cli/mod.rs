@@ -270,6 +270,18 @@ impl PortArg {
     }
 }
 
+/// The robot of a run: the one that is named here or, if none is, the built-in one that its log names. A log leads to no other file.
+fn robot_of(record: &RunRecord, robot: Option<&Path>) -> Result<Robot, Failure> {
+    let named = &record.robot.0;
+    match robot {
+        Some(robot) => Ok(robot_file::load(robot)?),
+        None if robot_file::is_built_in(named) => Ok(robot_file::load(named.as_ref())?),
+        None => Err(Failure::bad_input(format_args!(
+            "the run is of robot {named:?}, which is not built in: give its file with --robot"
+        ))),
+    }
+}
+
 /// Says what of a run log could not be read.
 fn say_damage(record: &RunRecord, file: &Path) {
     if let Some(words) = record.damage.in_words(&name_of(file)) {

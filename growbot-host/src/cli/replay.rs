@@ -13,12 +13,11 @@ use growbot_host::growth::{Job, MeasuredBy, as_built_hash};
 use growbot_host::output::print;
 use growbot_host::plan::Plan;
 use growbot_host::plan_file::written_hash;
-use growbot_host::robot_file;
 use growbot_host::run_log::RunRecord;
 use serde_json::json;
 
-use super::{Failure, say_damage};
 use super::following::{believed, json_of_arrival, json_of_feedback, merge};
+use super::{Failure, robot_of, say_damage};
 
 /// Rebuild the body from the log of its growth, bit for bit as the board has built it
 ///
@@ -58,9 +57,8 @@ pub fn run(args: &ReplayArgs) -> Result<(), Failure> {
         return Ok(print(&layers_table(body, laid.is_some().then_some(&commanded[..])))?);
     }
     let (start, goal) = record.start_and_goal()?;
-    let arrived_at = |body: &[Layer]| {
-        Arrival::of(&grow(&start.frame(), body.iter().copied()), &goal, record.plan.length_mm)
-    };
+    let arrived_at =
+        |body: &[Layer]| Arrival::of(&grow(&start.frame(), body.iter().copied()), &goal, record.plan.length_mm);
     let arrival = arrived_at(body);
     let beside = laid.is_some().then(|| arrived_at(&commanded));
     let length = body.iter().fold(0.0, |length, layer| length + layer.height);
@@ -108,14 +106,18 @@ pub fn run(args: &ReplayArgs) -> Result<(), Failure> {
     }
     match record.not_simulated() {
         0 => {}
-        layers => text += &format!("caution   the log does not say where {layers} layers lie: they are counted as commanded\n"),
+        layers => {
+            text +=
+                &format!("caution   the log does not say where {layers} layers lie: they are counted as commanded\n")
+        }
     }
     Ok(print(&text)?)
 }
 
 /// Layers as CSV; with those that were commanded beside them, where these are others.
 fn layers_table(body: &[Layer], commanded: Option<&[Layer]>) -> String {
-    let fields = |layer: &Layer| format!(",{},{},{}", degrees_below_turn(layer.alpha), layer.height, degrees(layer.tilt));
+    let fields =
+        |layer: &Layer| format!(",{},{},{}", degrees_below_turn(layer.alpha), layer.height, degrees(layer.tilt));
     let mut text = String::from("layer,alpha_deg,height_mm,tilt_deg");
     if commanded.is_some() {
         text += ",commanded_alpha_deg,commanded_height_mm,commanded_tilt_deg";
@@ -138,7 +140,7 @@ fn fed_back(record: &RunRecord, robot: Option<&Path>) -> Result<Option<(FedBack,
         return Ok(None);
     }
     let load = || -> Result<_, Failure> {
-        let found = robot_file::load(robot.unwrap_or(record.robot.0.as_ref()))?;
+        let found = robot_of(record, robot)?;
         let plan = record.plan(&found)?;
         Ok((found, plan))
     };

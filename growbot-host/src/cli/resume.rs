@@ -12,7 +12,6 @@ use growbot_host::growth::{CutLayer, GrowthError, Job, Manner, resume_job};
 use growbot_host::plan::Plan;
 use growbot_host::plan_file;
 use growbot_host::port::TipSettings;
-use growbot_host::robot_file;
 use growbot_host::run_log::{RunLog, RunRecord, RunRecordError};
 use growbot_host::view::Subject;
 
@@ -20,7 +19,7 @@ use super::following::{Following, OnSilence};
 use super::growth_table::made;
 use super::interrupt::stop_on_interrupt;
 use super::watching::WatchArgs;
-use super::{Failure, PortArg, say_damage};
+use super::{Failure, PortArg, robot_of, say_damage};
 
 /// Go on with a body that was left unfinished: after a stop, a fault, a reset, a loss of power or of the host
 ///
@@ -127,8 +126,7 @@ impl ResumeArgs {
                     )));
                 }
                 say_damage(&record, &self.file);
-                let name = self.robot.clone().unwrap_or_else(|| PathBuf::from(&record.robot.0));
-                let robot = robot_file::load(&name)?;
+                let robot = robot_of(&record, self.robot.as_deref())?;
                 let plan = record.plan(&robot)?;
                 Ok((robot, plan, Some(record)))
             }

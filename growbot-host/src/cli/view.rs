@@ -10,13 +10,12 @@ use growbot_host::input::{LONGEST_LOG, is_standard_input, name_of, read_bytes};
 use growbot_host::output::{ending, refuse_ending, replace_file, unknown_ending};
 use growbot_host::plan::Plan;
 use growbot_host::plan_file::{self, PlanFileError};
-use growbot_host::robot_file;
 use growbot_host::run_log::RunRecord;
 use growbot_host::view::picture::Look;
 use growbot_host::view::plot::{Along, Quantity};
 use growbot_host::view::{Subject, page, picture, plot};
 
-use super::{Failure, say_damage};
+use super::{Failure, robot_of, say_damage};
 
 /// Look at a plan, or at the log of a growth: a page, a picture, or plots
 ///
@@ -322,7 +321,7 @@ impl Opened {
         let log = read_bytes(file, LONGEST_LOG)?;
         match RunRecord::read(&log, &name) {
             Ok(record) => {
-                let robot = robot_file::load(robot.unwrap_or(record.robot.0.as_ref()))?;
+                let robot = robot_of(&record, robot)?;
                 let plan = record.plan(&robot)?;
                 say_damage(&record, file);
                 Ok(Self { robot, plan, run: Some(record), log: Some(log) })

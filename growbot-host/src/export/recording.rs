@@ -102,7 +102,8 @@ fn level_of(kind: &str) -> Level {
 /// An event in words: its kind and what it says, without layers in their bytes.
 fn in_words(kind: &str, event: &Value) -> String {
     let fields = event.as_object().into_iter().flatten();
-    let said = fields.filter(|(name, value)| !matches!(name.as_str(), "event" | "layers" | "utc" | "command") && !value.is_null());
+    let said = fields
+        .filter(|(name, value)| !matches!(name.as_str(), "event" | "layers" | "utc" | "command") && !value.is_null());
     let said: Vec<String> = said
         .map(|(name, value)| match value {
             Value::String(text) => format!("{name} {text}"),

@@ -83,6 +83,9 @@ mod tests {
         let text = write(&body, Some(&commanded));
         let rows: Vec<Vec<&str>> = text.lines().map(|line| line.split(',').collect()).collect();
         assert!(rows.iter().all(|row| row.len() == 14));
-        assert_eq!((&rows[0][11], &rows[2][11..], &rows[3][11..]), (&"commanded_x_mm", &rows[2][1..4], &["", "", ""][..]));
+        assert_eq!(
+            (&rows[0][11], &rows[2][11..], &rows[3][11..]),
+            (&"commanded_x_mm", &rows[2][1..4], &["", "", ""][..])
+        );
     }
 }

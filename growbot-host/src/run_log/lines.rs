@@ -25,9 +25,9 @@ impl Damage {
         let skipped = match lines {
             0 => None,
             1 => Some(format!("line {first} of {file} is no event and was skipped: what it told is missing")),
-            _ => {
-                Some(format!("{lines} lines of {file}, the first is line {first}, are no events and were skipped: what they told is missing"))
-            }
+            _ => Some(format!(
+                "{lines} lines of {file}, the first is line {first}, are no events and were skipped: what they told is missing"
+            )),
         };
         let cut = (*cut_off > 0)
             .then(|| format!("the last {cut_off} bytes of {file} are no whole line: the log was cut off there"));

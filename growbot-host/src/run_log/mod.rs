@@ -379,9 +379,7 @@ fn utc_now() -> String {
 fn disturbances(imperfection: &Imperfection) -> Value {
     let Imperfection { disturbance, noise, seed } = imperfection;
     let uniform = |most: f64, unit: &str| json!({ "distribution": "uniform", "mean": 0.0, "most": most, "unit": unit });
-    let normal = |deviation: f64, unit: &str| {
-        json!({ "distribution": "normal", "mean": 0.0, "standard_deviation": deviation, "unit": unit })
-    };
+    let normal = |deviation: f64, unit: &str| json!({ "distribution": "normal", "mean": 0.0, "standard_deviation": deviation, "unit": unit });
     let constant = |value: f64, unit: &str| json!({ "distribution": "constant", "value": value, "unit": unit });
     let percent = |share: f64| 100.0 * share;
     json!({

@@ -103,7 +103,8 @@ impl RunRecord {
         }
         let mut events = Events::of(bytes);
         let header = events.next().filter(|_| events.damage == Damage::default());
-        let mut record = Self::of_header(&header.ok_or_else(|| wrong("its first line is no whole line of JSON"))?, file)?;
+        let mut record =
+            Self::of_header(&header.ok_or_else(|| wrong("its first line is no whole line of JSON"))?, file)?;
         for event in events.by_ref() {
             record.take(&event);
         }
@@ -300,7 +301,8 @@ impl RunRecord {
     /// Where a layer of a simulated tip lies.
     fn lies(&mut self, index: usize, event: &Value) {
         let number = |field: &str| event.get(field).and_then(Value::as_f64).filter(|number| number.is_finite());
-        let (Some(alpha), Some(height), Some(tilt)) = (number("alpha_deg"), number("height_mm"), number("tilt_deg")) else {
+        let (Some(alpha), Some(height), Some(tilt)) = (number("alpha_deg"), number("height_mm"), number("tilt_deg"))
+        else {
             return;
         };
         let tilt = radians(tilt);

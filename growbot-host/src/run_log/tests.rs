@@ -44,10 +44,7 @@ fn amendments_are_read_back_and_those_that_the_board_did_not_take_are_none() {
     let mut record = RunRecord::read(&log(&lines), "log").unwrap();
     assert_eq!((record.plan_id, record.total, record.layers.len()), (9, 9, 4));
     assert_eq!(record.layers[1..], [other(1), other(2), other(5)]);
-    assert_eq!(
-        record.measured[0],
-        Some(Measured { filament_pulses: Some(60), gravity_milli_g: Some([0, -3, 999]) })
-    );
+    assert_eq!(record.measured[0], Some(Measured { filament_pulses: Some(60), gravity_milli_g: Some([0, -3, 999]) }));
     assert_eq!(record.measured[1], Some(Measured::default()));
     assert_eq!(record.counts, [(0, Count { boot_id: 5, laid: 0, filament_pulses: Some(3) })]);
     // The board has taken the latest one, or it has not.
@@ -139,7 +136,9 @@ fn a_disk_that_is_full_for_a_while_costs_no_line_wherever_it_tears_one() {
 
 #[test]
 fn a_layer_whose_line_is_spoilt_is_lost_and_those_after_it_are_not() {
-    let line = |index: u32| format!("{}\n", json!({ "event": "laid", "layer": index, "as_built": hex(&[index as u8 + 1; 12]) }));
+    let line = |index: u32| {
+        format!("{}\n", json!({ "event": "laid", "layer": index, "as_built": hex(&[index as u8 + 1; 12]) }))
+    };
     let mut bytes = header_of_three();
     bytes.extend(line(0).bytes());
     bytes.extend(&line(1).as_bytes()[..20]);
@@ -233,7 +232,8 @@ fn numbers_beyond_reason_do_no_harm() {
     let lie = |layer: u64, height: f64| json!({ "event": "simulated", "layer": layer, "alpha_deg": 0.0, "height_mm": height, "tilt_deg": 0.0 });
     let told = |layer: u64| json!({ "event": "laid", "layer": layer, "as_built": hex(&[1; 12]) });
     let most = u64::from(u32::MAX);
-    let lines = [told(u64::MAX), told(most), told(1 << 40), lie(u64::MAX, 1.0), lie(most, 1.0), lie(0, -1.0), lie(0, 1e300)];
+    let lines =
+        [told(u64::MAX), told(most), told(1 << 40), lie(u64::MAX, 1.0), lie(most, 1.0), lie(0, -1.0), lie(0, 1e300)];
     let record = RunRecord::read(&log(&lines), "run").unwrap();
     assert!(record.as_built.is_empty() && record.simulated().is_none());
     let amending = |from: u64| json!({ "event": "amending", "plan_id": "0000000000000007", "from": from, "total": 4_000_000_000_u32, "layers": "" });

@@ -67,9 +67,10 @@ fn group<N: Into<String>>(heading: impl Into<String>, rows: impl IntoIterator<It
 /// A body in a line: how its path was found, its pieces, length and layers. A planner that it is `called` by already is left out.
 pub fn caption(subject: &Subject, layers: &Layers, called: &str) -> String {
     let plan = subject.plan;
-    let grown = layers.built.as_ref().map(|_| {
-        if layers.commanded.is_some() { "laid (simulated)".to_owned() } else { "grown".to_owned() }
-    });
+    let grown = layers
+        .built
+        .as_ref()
+        .map(|_| if layers.commanded.is_some() { "laid (simulated)".to_owned() } else { "grown".to_owned() });
     let planner = Some(planner(plan.planner)).filter(|planner| *planner != called);
     let pieces = Some(plan.word()).filter(|pieces| !pieces.is_empty());
     let path = match (planner, pieces) {

@@ -101,7 +101,11 @@ fn serve(mut line: TcpStream, manner: Manner, mut random: Random) -> std::io::Re
                 for byte in buffer.get(..count).unwrap_or_default() {
                     let Some(Ok(frame)) = from_sim.push(*byte) else { continue };
                     let bytes = frame::encode(&frame.header, &frame.body).unwrap().to_vec();
-                    let said = if manner == Manner::Lies { lie(&frame, bytes, &mut random) } else { garble(bytes, &mut last, &mut random) };
+                    let said = if manner == Manner::Lies {
+                        lie(&frame, bytes, &mut random)
+                    } else {
+                        garble(bytes, &mut last, &mut random)
+                    };
                     line.write_all(&said)?;
                 }
             }
@@ -136,7 +140,8 @@ fn lie(frame: &Frame, bytes: Vec<u8>, random: &mut Random) -> Vec<u8> {
     let told = match message {
         Message::Laid(laid) => {
             let measured = laid.measured;
-            let as_built: Option<LayerBytes> = (random.below(2) == 0).then(|| std::array::from_fn(|_| random.bits() as u8));
+            let as_built: Option<LayerBytes> =
+                (random.below(2) == 0).then(|| std::array::from_fn(|_| random.bits() as u8));
             Message::Laid(Laid { index: extreme(random), as_built, measured, ..laid })
         }
         Message::BoardHello(mut hello) => {
