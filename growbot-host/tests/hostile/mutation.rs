@@ -40,6 +40,10 @@ const TOKENS: [&[u8]; 34] = [
     b"/dev/zero",
 ];
 
+/// What is put into strings: escaped as JSON and TOML have it, and raw.
+const STRINGS: [&str; 5] =
+    ["\\u001b[2J\\u0007", "\\u009b2J\\u007f", "\\u202e\\u2066", "\u{202e}\u{200f}\u{9b}", "\\n\\r\\t"];
+
 /// A text with one to six changes.
 pub fn mutated(text: &[u8], random: &mut Random) -> Vec<u8> {
     let mut bytes = text.to_vec();
@@ -55,7 +59,7 @@ fn change(bytes: &mut Vec<u8>, random: &mut Random) {
         let from = place(bytes, random);
         from..(from + random.below(longest) as usize).min(bytes.len())
     };
-    match random.below(12) {
+    match random.below(16) {
         0 | 1 => {
             let at = place(bytes, random);
             if let Some(byte) = bytes.get_mut(at) {
@@ -87,7 +91,25 @@ fn change(bytes: &mut Vec<u8>, random: &mut Random) {
             let token = TOKENS[17 + random.below(TOKENS.len() as u64 - 17) as usize];
             bytes.splice(from..end, token.iter().copied());
         }
-        10 => {
+        10..=13 => {
+            // Into a string, so that the text stays whole: of the first or the last line, where names and outcomes are, or of any.
+            let ends = (
+                bytes.iter().position(|byte| *byte == b'\n'),
+                bytes.trim_ascii().iter().rposition(|byte| *byte == b'\n'),
+            );
+            let (from, to) = match (random.below(3), ends) {
+                (0, (Some(first), _)) => (0, first),
+                (1, (_, Some(last))) => (last, bytes.len()),
+                _ => (0, bytes.len()),
+            };
+            let quotes: Vec<usize> = (from..to).filter(|at| bytes[*at] == b'"').collect();
+            if !quotes.is_empty() {
+                let at = quotes[random.below(quotes.len() as u64) as usize] + 1;
+                let token = STRINGS[random.below(STRINGS.len() as u64) as usize];
+                bytes.splice(at..at, token.bytes());
+            }
+        }
+        14 => {
             // Two lines change places.
             let mut lines: Vec<Vec<u8>> = bytes.split(|byte| *byte == b'\n').map(<[u8]>::to_vec).collect();
             let (one, other) = (random.below(lines.len() as u64) as usize, random.below(lines.len() as u64) as usize);
