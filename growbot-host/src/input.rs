@@ -127,6 +127,35 @@ fn note_standard_input() {
 #[cfg(not(unix))]
 fn note_standard_input() {}
 
+/// A stream of lines, none of which is longer than [`LONGEST_TEXT`]: the stream may be as long as it likes, and no memory is filled by a
+/// line that does not end.
+pub struct BoundedLines<R> {
+    lines: R,
+    /// Bytes since the last end of a line.
+    length: u64,
+}
+
+impl<R: Read> BoundedLines<R> {
+    /// The lines of a stream.
+    pub fn of(lines: R) -> Self {
+        Self { lines, length: 0 }
+    }
+}
+
+impl<R: Read> Read for BoundedLines<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let count = self.lines.read(buffer)?;
+        for byte in buffer.get(..count).unwrap_or_default() {
+            self.length = if *byte == b'\n' { 0 } else { self.length + 1 };
+            if self.length > LONGEST_TEXT {
+                let said = format!("a line is longer than {LONGEST_TEXT} bytes, more than any: is it the right file?");
+                return Err(io::Error::new(io::ErrorKind::InvalidData, said));
+            }
+        }
+        Ok(count)
+    }
+}
+
 /// All bytes of a file, or of standard input for `-`, up to this many.
 ///
 /// # Errors
@@ -169,6 +198,16 @@ mod tests {
         assert!(matches!(read_text(&write("long", &long)), Err(InputError::TooLong { .. })));
         assert!(matches!(read_text(directory.path()), Err(InputError::Unreadable { .. })));
         assert!(matches!(read_text(&directory.path().join("none")), Err(InputError::Unreadable { .. })));
+    }
+
+    #[test]
+    fn a_line_that_does_not_end_is_refused_and_a_stream_of_lines_is_not() {
+        let line = vec![b'x'; LONGEST_TEXT as usize];
+        let lines = [&line[..], b"\n"].concat().repeat(3);
+        assert_eq!(io::copy(&mut BoundedLines::of(&lines[..]), &mut io::sink()).unwrap(), lines.len() as u64);
+        let endless = [&line[..], b"xy"].concat();
+        let error = io::copy(&mut BoundedLines::of(&endless[..]), &mut io::sink()).unwrap_err();
+        assert_eq!(error.kind(), io::ErrorKind::InvalidData);
     }
 
     #[cfg(unix)]

@@ -24,8 +24,7 @@ impl Files {
         let grown = growbot(&["grow", &files.path("plan.json"), "--tilt-bias", "20", "--log", &log, "--json"]);
         assert_eq!(grown.code, Some(0), "{}", grown.err);
         fs::write(files.path("grown.json"), grown.out).unwrap();
-        let robot = growbot(&["robots", "growbot-a", "--toml"]).out;
-        fs::write(files.path("robot.toml"), if robot.is_empty() { text_of_robot() } else { robot }).unwrap();
+        fs::write(files.path("robot.toml"), text_of_robot()).unwrap();
         let header = "id,from_x_mm,from_y_mm,from_z_mm,from_heading_deg,from_pitch_deg,to_x_mm,to_y_mm,to_z_mm,to_heading_deg,to_pitch_deg";
         fs::write(files.path("queries.csv"), format!("{header}\na,0,0,0,0,90,0,0,100,0,90\n")).unwrap();
         files
@@ -156,6 +155,11 @@ fn nothing_is_waited_for_that_never_ends_and_nothing_is_read_without_limit() {
             assert_eq!(ran.code, Some(2), "{args:?}: {}", ran.err);
             assert_eq!(ran.err.lines().count(), 1, "{args:?}: {}", ran.err);
         }
+    }
+    let endless = "x".repeat(3 << 20);
+    for args in [vec!["plan", "--batch", "-", "--json"], vec!["console"]] {
+        let ran = growbot_reading(&args, &endless);
+        assert!(ran.code == Some(2) && ran.err.contains("longer than 1048576 bytes"), "{args:?}: {}", ran.err);
     }
     // What the shell opens is read.
     let run = files.path("run.jsonl");

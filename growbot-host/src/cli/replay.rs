@@ -108,7 +108,7 @@ pub fn run(args: &ReplayArgs) -> Result<(), Failure> {
         0 => {}
         layers => {
             text +=
-                &format!("caution   the log does not say where {layers} layers lie: they are counted as commanded\n")
+                &format!("caution   the log does not say where {layers} layers lie: they are counted as commanded\n");
         }
     }
     Ok(print(&text)?)

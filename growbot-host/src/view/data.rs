@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 
 use super::numbers::caption;
 use super::{Layers, Subject, measured_end};
-use crate::run_log::hex_of;
+use crate::run_log::{RunRecord, hex_of};
 
 /// The JSON, without numbers in words.
 pub fn of(subject: &Subject, layers: &Layers) -> Value {
@@ -16,7 +16,7 @@ pub fn of(subject: &Subject, layers: &Layers) -> Value {
     if unknown > 0 {
         warnings.push(format!("{unknown} layers are not known, cut and let be or lost: they are shown as planned"));
     }
-    match run.map_or(0, |run| run.not_simulated()) {
+    match run.map_or(0, RunRecord::not_simulated) {
         0 => {}
         layers => warnings.push(format!("the log does not say where {layers} layers lie: they are shown as commanded")),
     }

@@ -70,7 +70,8 @@ function paintable(place, { start, goal, via, reached, commanded, estimated, pla
   scene.add(line);
   const asked = commanded && makeTrace(commanded, 0);
   const trace = estimated && makeTrace(estimated, 0);
-  scene.add(...[asked, trace].filter(Boolean));
+  if (asked) scene.add(asked);
+  if (trace) scene.add(trace);
 
   const bodies = () => [body, planned].flatMap(outline);
   const box = boxOf([body, planned]);

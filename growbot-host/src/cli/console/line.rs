@@ -1,6 +1,6 @@
 //! The console line by line: on a terminal, with history and completion, or in a pipe.
 
-use std::io::{self, BufRead, IsTerminal};
+use std::io::{self, BufRead, BufReader, IsTerminal};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -11,6 +11,7 @@ use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_host::client::Client;
 use growbot_host::growth::{Job, News, Orders, grow_job};
+use growbot_host::input::BoundedLines;
 use growbot_host::output::print;
 use growbot_host::plan::{Plan, Search};
 use rustyline::completion::Completer;
@@ -80,7 +81,7 @@ impl Session {
 
     fn read_pipe(&mut self) -> Result<(), Failure> {
         let mut refused = 0;
-        for line in io::stdin().lock().split(b'\n') {
+        for line in BufReader::new(BoundedLines::of(io::stdin().lock())).split(b'\n') {
             let line = line.map_err(Failure::bad_input)?;
             let done = match String::from_utf8(line) {
                 Ok(line) => self.command(&line),
