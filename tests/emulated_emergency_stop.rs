@@ -17,7 +17,7 @@ use growbot_host::client::Client;
 use growbot_host::port::Port;
 use growbot_host::port::emulator::Emulator;
 use growbot_host::robot_file;
-use growbot_host::tip::{Motor, TipFault};
+use growbot_host::tip::TipFault;
 use growbot_tests::firmware;
 use growbot_tests::tip_words::{Words, all_off_at_the_tip};
 

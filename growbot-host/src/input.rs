@@ -1,11 +1,15 @@
 //! Reading the texts that people hand over: whole, bounded, from a file or from standard input (`-`).
 
-use std::fs::File;
+use std::fs::{self, File, Metadata};
 use std::io::{self, Read};
 use std::path::Path;
 
+use crate::output::note_input;
+
 /// No plan and no robot description is longer than this, bytes (1 MiB).
 pub const LONGEST_TEXT: u64 = 1 << 20;
+/// And no run log, bytes (256 MiB): a growth of weeks, whose board is asked for its status all the time.
+pub const LONGEST_LOG: u64 = 256 << 20;
 
 /// Why a text could not be read.
 #[derive(Debug, thiserror::Error)]
@@ -18,13 +22,23 @@ pub enum InputError {
         /// What the system says.
         error: io::Error,
     },
-    /// More bytes than any plan or description has.
-    #[error(
-        "{name} is longer than {LONGEST_TEXT} bytes, more than any plan or robot description: is it the right file?"
-    )]
+    /// More bytes than any such file has.
+    #[error("{name} is longer than {most} bytes, more than any {}: is it the right file?", kind(.most))]
     TooLong {
         /// What was read.
         name: String,
+        /// The limit.
+        most: u64,
+    },
+    /// A named pipe, a device or a socket: reading it might wait for ever.
+    #[error(
+        "cannot read {name}: it is {what}, and might never end; give a file, or send it to standard input (-), as in `growbot COMMAND - < FILE`"
+    )]
+    NoFile {
+        /// What was to be read.
+        name: String,
+        /// What it is instead of a file.
+        what: &'static str,
     },
     /// The bytes are no UTF-8.
     #[error("{name} is not UTF-8 text (at byte {position}): save it as UTF-8")]
@@ -34,6 +48,11 @@ pub enum InputError {
         /// Where the first byte that is no text stands.
         position: usize,
     },
+}
+
+/// What is no longer than this.
+fn kind(most: &u64) -> &'static str {
+    if *most == LONGEST_LOG { "run log" } else { "plan or robot description" }
 }
 
 /// How a path is called in messages.
@@ -48,21 +67,106 @@ pub fn is_standard_input(path: &Path) -> bool {
     path.as_os_str() == "-"
 }
 
-/// Opens a file, or standard input for `-`.
+/// Opens a file, or standard input for `-`. A pipe that the shell has opened (`<(command)`, which is called /dev/fd/N) is read too; a named
+/// pipe, a device or a socket is not, since opening or reading it might wait for ever. What is opened is an input of this program, which
+/// [`crate::output`] does not write to.
 ///
 /// # Errors
-/// [`InputError::Unreadable`].
+/// [`InputError::Unreadable`] or [`InputError::NoFile`].
 pub fn open(path: &Path) -> Result<Box<dyn Read>, InputError> {
     if is_standard_input(path) {
+        note_standard_input();
         return Ok(Box::new(io::stdin().lock()));
     }
     let unreadable = |error| InputError::Unreadable { name: name_of(path), error };
+    // Looked at before it is opened: opening a named pipe waits for somebody who writes to it.
+    if let Some(what) = never_ending(path, &fs::metadata(path).map_err(unreadable)?) {
+        return Err(InputError::NoFile { name: name_of(path), what });
+    }
     let file = File::open(path).map_err(unreadable)?;
     // Opening a directory succeeds on Unix; saying so here reads better than the first failing read.
     if file.metadata().map_err(unreadable)?.is_dir() {
         return Err(unreadable(io::ErrorKind::IsADirectory.into()));
     }
+    if let Ok(same) = file.try_clone() {
+        note_input(same);
+    }
     Ok(Box::new(file))
+}
+
+/// What a path is, if reading it might wait for ever.
+#[cfg(unix)]
+fn never_ending(path: &Path, metadata: &Metadata) -> Option<&'static str> {
+    use std::os::unix::fs::FileTypeExt;
+    let kind = metadata.file_type();
+    if kind.is_fifo() {
+        // The shell's own pipes have no name in any directory.
+        return fs::canonicalize(path).is_ok().then_some("a named pipe");
+    }
+    if kind.is_char_device() || kind.is_block_device() {
+        let ends = path == Path::new("/dev/null") || path == Path::new("/dev/stdin");
+        return (!ends).then_some("a device");
+    }
+    kind.is_socket().then_some("a socket")
+}
+
+#[cfg(not(unix))]
+fn never_ending(_: &Path, _: &Metadata) -> Option<&'static str> {
+    None
+}
+
+/// A file may be standard input, too.
+#[cfg(unix)]
+fn note_standard_input() {
+    use std::os::fd::AsFd;
+    if let Ok(same) = io::stdin().as_fd().try_clone_to_owned() {
+        note_input(File::from(same));
+    }
+}
+
+#[cfg(not(unix))]
+fn note_standard_input() {}
+
+/// A stream of lines, none of which is longer than [`LONGEST_TEXT`]: the stream may be as long as it likes, and no memory is filled by a
+/// line that does not end.
+pub struct BoundedLines<R> {
+    lines: R,
+    /// Bytes since the last end of a line.
+    length: u64,
+}
+
+impl<R: Read> BoundedLines<R> {
+    /// The lines of a stream.
+    pub fn of(lines: R) -> Self {
+        Self { lines, length: 0 }
+    }
+}
+
+impl<R: Read> Read for BoundedLines<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let count = self.lines.read(buffer)?;
+        for byte in buffer.get(..count).unwrap_or_default() {
+            self.length = if *byte == b'\n' { 0 } else { self.length + 1 };
+            if self.length > LONGEST_TEXT {
+                let said = format!("a line is longer than {LONGEST_TEXT} bytes, more than any: is it the right file?");
+                return Err(io::Error::new(io::ErrorKind::InvalidData, said));
+            }
+        }
+        Ok(count)
+    }
+}
+
+/// All bytes of a file, or of standard input for `-`, up to this many.
+///
+/// # Errors
+/// What cannot be opened or read, or is longer.
+pub fn read_bytes(path: &Path, most: u64) -> Result<Vec<u8>, InputError> {
+    let mut bytes = Vec::new();
+    open(path)?
+        .take(most + 1)
+        .read_to_end(&mut bytes)
+        .map_err(|error| InputError::Unreadable { name: name_of(path), error })?;
+    if bytes.len() as u64 > most { Err(InputError::TooLong { name: name_of(path), most }) } else { Ok(bytes) }
 }
 
 /// The whole text of a file, or of standard input for `-`, without a byte order mark.
@@ -70,14 +174,7 @@ pub fn open(path: &Path) -> Result<Box<dyn Read>, InputError> {
 /// # Errors
 /// What cannot be opened or read, is longer than [`LONGEST_TEXT`], or is no UTF-8.
 pub fn read_text(path: &Path) -> Result<String, InputError> {
-    let mut bytes = Vec::new();
-    open(path)?
-        .take(LONGEST_TEXT + 1)
-        .read_to_end(&mut bytes)
-        .map_err(|error| InputError::Unreadable { name: name_of(path), error })?;
-    if bytes.len() as u64 > LONGEST_TEXT {
-        return Err(InputError::TooLong { name: name_of(path) });
-    }
+    let bytes = read_bytes(path, LONGEST_TEXT)?;
     let text = String::from_utf8(bytes)
         .map_err(|error| InputError::NotText { name: name_of(path), position: error.utf8_error().valid_up_to() })?;
     Ok(text.strip_prefix('\u{feff}').map(str::to_owned).unwrap_or(text))
@@ -92,7 +189,7 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let write = |name: &str, bytes: &[u8]| {
             let path = directory.path().join(name);
-            std::fs::write(&path, bytes).unwrap();
+            fs::write(&path, bytes).unwrap();
             path
         };
         assert_eq!(read_text(&write("bom", "\u{feff}a".as_bytes())).unwrap(), "a");
@@ -101,5 +198,31 @@ mod tests {
         assert!(matches!(read_text(&write("long", &long)), Err(InputError::TooLong { .. })));
         assert!(matches!(read_text(directory.path()), Err(InputError::Unreadable { .. })));
         assert!(matches!(read_text(&directory.path().join("none")), Err(InputError::Unreadable { .. })));
+    }
+
+    #[test]
+    fn a_line_that_does_not_end_is_refused_and_a_stream_of_lines_is_not() {
+        let line = vec![b'x'; LONGEST_TEXT as usize];
+        let lines = [&line[..], b"\n"].concat().repeat(3);
+        assert_eq!(io::copy(&mut BoundedLines::of(&lines[..]), &mut io::sink()).unwrap(), lines.len() as u64);
+        let endless = [&line[..], b"xy"].concat();
+        let error = io::copy(&mut BoundedLines::of(&endless[..]), &mut io::sink()).unwrap_err();
+        assert_eq!(error.kind(), io::ErrorKind::InvalidData);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn what_might_never_end_is_refused_before_it_is_opened() {
+        let directory = tempfile::tempdir().unwrap();
+        let fifo = directory.path().join("fifo");
+        assert!(std::process::Command::new("mkfifo").arg(&fifo).status().unwrap().success());
+        let _socket = std::os::unix::net::UnixListener::bind(directory.path().join("socket")).unwrap();
+        for (path, what) in
+            [(fifo, "pipe"), ("/dev/zero".into(), "device"), (directory.path().join("socket"), "socket")]
+        {
+            let error = read_text(&path).unwrap_err();
+            assert!(matches!(error, InputError::NoFile { .. }) && error.to_string().contains(what), "{error}");
+        }
+        assert_eq!(read_text("/dev/null".as_ref()).unwrap(), "");
     }
 }

@@ -16,7 +16,8 @@
 //! - [`image_seal`]: firmware images get their seal; [`crash`]: where in an image the firmware crashed;
 //! - [`watch`]: a growth under way, as a page on this machine;
 //! - [`simulation`]: growth without a robot, with what goes wrong, once or a million times;
-//! - [`input`], [`output`], [`progress`], [`parallel`]: bounded reading, whole files or none, pipes that close, progress, all cores.
+//! - [`input`], [`output`], [`printable`], [`progress`], [`parallel`]: bounded reading, whole files or none, pipes that close, text that
+//!   steers no terminal, progress, all cores.
 //!
 //! Lengths are in mm. Angles are in radians inside and in degrees in every text and file; names carry the unit.
 #![forbid(unsafe_code)]
@@ -42,6 +43,7 @@ pub mod plan_check;
 pub mod plan_file;
 pub mod port;
 pub mod pose_text;
+pub mod printable;
 pub mod progress;
 pub mod reproduce;
 pub mod robot_explained;

@@ -1,17 +1,28 @@
 //! Writing results: to standard output, whose reader may go away, and to files, which are whole or not there.
+//!
+//! What a terminal would obey instead of showing it is taken out here ([`crate::printable`]), and here alone a file is refused that the
+//! command has read ([`refuse_inputs`]), or whose ending promises another format ([`refuse_ending`]).
 
-use std::ffi::OsString;
-use std::fs::{self, File, OpenOptions};
+use std::collections::VecDeque;
+use std::ffi::{OsStr, OsString};
+use std::fmt;
+use std::fs::{self, File, Metadata, OpenOptions};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 
-/// Says something on standard error. Whoever listened there may have gone; that is no reason to leave a robot alone.
+use crate::printable::{lines, one_line};
+
+/// Says something on standard error, in one line. Whoever listened there may have gone; that is no reason to leave a robot alone.
 #[macro_export]
 macro_rules! tell {
-    ($($words:tt)*) => {{
-        use std::io::Write as _;
-        let _ = writeln!(std::io::stderr(), $($words)*);
-    }};
+    ($($words:tt)*) => { $crate::output::say(format_args!($($words)*)) };
+}
+
+/// What [`tell!`](crate::tell) does.
+pub fn say(words: fmt::Arguments) {
+    let line = format!("{}\n", one_line(&words.to_string()));
+    let _ = io::stderr().write_all(line.as_bytes());
 }
 
 /// Why a result could not be written.
@@ -31,6 +42,22 @@ pub enum OutputError {
         /// The directory that is not there.
         directory: String,
     },
+    /// The file is one that the command reads.
+    #[error("cannot write {file}: it is an input of this command, which would be lost; choose another file")]
+    Input {
+        /// The file.
+        file: String,
+    },
+    /// The file's ending promises another format.
+    #[error("cannot write {file}: its ending .{ending} is none of the formats here; end it in {formats}")]
+    Ending {
+        /// The file.
+        file: String,
+        /// Its ending.
+        ending: String,
+        /// The endings there are.
+        formats: String,
+    },
     /// The file cannot be written.
     #[error("cannot write {file}: {error}")]
     File {
@@ -48,6 +75,84 @@ impl From<io::Error> for OutputError {
     }
 }
 
+/// The files that this program has read last: device and inode of each, and the file itself, so that no other one gets these numbers when
+/// it is deleted.
+static READ: Mutex<VecDeque<((u64, u64), File)>> = Mutex::new(VecDeque::new());
+/// No command reads so many files.
+const MOST_READ: usize = 64;
+
+/// The file is an input from now on: nothing is written to it, whatever it is called.
+pub fn note_input(file: File) {
+    let Some(place) = file.metadata().ok().as_ref().and_then(place_of) else { return };
+    let mut read = READ.lock().unwrap_or_else(PoisonError::into_inner);
+    if read.iter().all(|(known, _)| *known != place) {
+        read.truncate(MOST_READ - 1);
+        read.push_front((place, file));
+    }
+}
+
+/// Refuses a file that this program has read, under this name or another: through links, relative paths, descriptors.
+///
+/// # Errors
+/// [`OutputError::Input`].
+pub fn refuse_inputs(path: &Path) -> Result<(), OutputError> {
+    let place = fs::metadata(path).ok().as_ref().and_then(place_of);
+    let read = READ.lock().unwrap_or_else(PoisonError::into_inner);
+    if place.is_some_and(|place| read.iter().any(|(known, _)| *known == place)) {
+        return Err(OutputError::Input { file: path.display().to_string() });
+    }
+    Ok(())
+}
+
+/// What a file is, whatever it is called: its device and inode. Only for files that hold something.
+#[cfg(unix)]
+fn place_of(file: &Metadata) -> Option<(u64, u64)> {
+    use std::os::unix::fs::MetadataExt;
+    file.is_file().then(|| (file.dev(), file.ino()))
+}
+
+#[cfg(not(unix))]
+fn place_of(_: &Metadata) -> Option<(u64, u64)> {
+    None
+}
+
+/// The endings of all files that growbot writes or reads, and some that people take it to write.
+const KNOWN_ENDINGS: [&str; 20] = [
+    "html", "htm", "svg", "png", "pdf", "jpg", "jpeg", "gif", "eps", "json", "jsonl", "csv", "parquet", "toml", "stl",
+    "glb", "gltf", "obj", "ply", "mcap",
+];
+
+/// The ending of a file's name, in small letters.
+#[must_use]
+pub fn ending(path: &Path) -> Option<String> {
+    path.extension().and_then(OsStr::to_str).map(str::to_ascii_lowercase)
+}
+
+/// Refuses a file whose ending is that of another format than these.
+///
+/// # Errors
+/// [`OutputError::Ending`].
+pub fn refuse_ending(path: &Path, formats: &[&str]) -> Result<(), OutputError> {
+    match ending(path) {
+        Some(ending) if KNOWN_ENDINGS.contains(&&*ending) && !formats.contains(&&*ending) => {
+            Err(unknown_ending(path, formats))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// The file's ending is none of these.
+#[must_use]
+pub fn unknown_ending(path: &Path, formats: &[&str]) -> OutputError {
+    let formats: Vec<String> = formats.iter().map(|format| format!(".{format}")).collect();
+    let formats = match formats.split_last() {
+        Some((last, [])) => last.clone(),
+        Some((last, others)) => format!("{} or {last}", others.join(", ")),
+        None => String::new(),
+    };
+    OutputError::Ending { file: path.display().to_string(), ending: ending(path).unwrap_or_default(), formats }
+}
+
 /// Writes to standard output and flushes it, so that a reader at the other end of a pipe has the answer at once and
 /// that a failure is noticed.
 ///
@@ -55,17 +160,19 @@ impl From<io::Error> for OutputError {
 /// [`OutputError::Closed`] or [`OutputError::Stdout`].
 pub fn print(text: &str) -> Result<(), OutputError> {
     let mut stdout = io::stdout().lock();
-    stdout.write_all(text.as_bytes())?;
+    stdout.write_all(lines(text).as_bytes())?;
     stdout.flush()?;
     Ok(())
 }
 
 /// Writes a file beside its place and renames it there, so that nobody ever sees half of it and a failure leaves what
-/// was there before. Symbolic links are followed; a device or a named pipe is written to, not replaced.
+/// was there before. Symbolic links are followed; a device or a named pipe is written to, not replaced. What this program has read is
+/// not written to.
 ///
 /// # Errors
-/// [`OutputError::NoDirectory`] or [`OutputError::File`].
+/// [`OutputError::NoDirectory`] or [`OutputError::File`]; [`OutputError::Input`] for a file that this program has read.
 pub fn replace_file(path: &Path, contents: &[u8]) -> Result<(), OutputError> {
+    refuse_inputs(path)?;
     let failed = |error| OutputError::File { file: path.display().to_string(), error };
     let target = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
     let existing = fs::metadata(&target).ok();
@@ -150,6 +257,38 @@ mod tests {
         assert!(matches!(&error, OutputError::NoDirectory { directory, .. } if directory.ends_with("missing")));
         assert!(matches!(replace_file(directory.path(), b"x"), Err(OutputError::File { .. })));
         assert!(names(directory.path()).is_empty());
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn what_was_read_is_not_written_to_whatever_it_is_called() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = |name: &str| directory.path().join(name);
+        fs::write(path("plan"), b"old").unwrap();
+        fs::hard_link(path("plan"), path("hard")).unwrap();
+        std::os::unix::fs::symlink(path("plan"), path("soft")).unwrap();
+        fs::write(path("other"), b"old").unwrap();
+        assert_eq!(crate::input::read_text(&path("plan")).unwrap(), "old");
+        fs::create_dir(path("sub")).unwrap();
+        let open = File::open(path("plan")).unwrap();
+        let descriptor = format!("/proc/self/fd/{}", std::os::fd::AsRawFd::as_raw_fd(&open));
+        for name in [path("plan"), path("hard"), path("soft"), path("sub").join("../plan"), descriptor.into()] {
+            let refused = replace_file(&name, b"new");
+            assert!(matches!(refused, Err(OutputError::Input { .. })), "{}: {refused:?}", name.display());
+        }
+        assert_eq!(fs::read(path("plan")).unwrap(), b"old");
+        replace_file(&path("other"), b"new").unwrap();
+    }
+
+    #[test]
+    fn an_ending_of_another_format_is_refused_and_the_formats_are_listed() {
+        for wrong in ["a.pdf", "a.PNG", "a.b.svg"] {
+            let error = refuse_ending(wrong.as_ref(), &["json", "csv", "stl"]).unwrap_err().to_string();
+            assert!(error.contains("end it in .json, .csv or .stl"), "{error}");
+        }
+        for right in ["a", "a.json", "a.JSON", "a.plan", ".pdf"] {
+            refuse_ending(right.as_ref(), &["json"]).unwrap();
+        }
     }
 
     #[cfg(unix)]

@@ -5,6 +5,8 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
+use crate::printable::one_line;
+
 /// Time between plain lines.
 const BETWEEN_LINES: Duration = Duration::from_secs(10);
 
@@ -43,7 +45,7 @@ impl Progress {
     pub fn at(&mut self, position: u64, message: impl FnOnce() -> String) {
         if let Some(bar) = &self.bar {
             bar.set_position(position);
-            bar.set_message(message());
+            bar.set_message(one_line(&message()).into_owned());
         } else if self.said.elapsed() >= BETWEEN_LINES {
             self.said = Instant::now();
             match self.total {
@@ -59,6 +61,14 @@ impl Progress {
     pub fn say(&self, message: &str) {
         if self.bar.is_none() {
             crate::tell!("growbot: {message}");
+        }
+    }
+
+    /// Something has happened that must be seen: a line, above the bar where there is one.
+    pub fn interrupt(&self, message: &str) {
+        match &self.bar {
+            Some(bar) => bar.suspend(|| crate::tell!("growbot: {message}")),
+            None => crate::tell!("growbot: {message}"),
         }
     }
 

@@ -1,13 +1,14 @@
 //! The time of a growth, from what is told of it: by a run log, or live.
 //!
-//! A run log has no clock. Time begins at 0 with the first status; each status gives the board's time, which goes on where it was after a
-//! reset; between them a layer is told no sooner after the one before than the robot needs for it.
+//! A run log has the time of day of each line, which says little where a simulated robot grows in a second, and the board's time in each
+//! status, which this goes by. Time begins at 0 with the first status; the board's time goes on where it was after a reset; between them
+//! a layer is told no sooner after the one before than the robot needs for it.
 
 use growbot_core::layer::Layer;
 use serde_json::Value;
 
 use crate::plan::Plan;
-use crate::run_log::RunRecord;
+use crate::run_log::Events;
 
 /// The time of a growth, ms.
 #[derive(Debug, Default)]
@@ -57,8 +58,7 @@ pub fn time_for(layer: &Layer, plan: &Plan) -> u64 {
     (1000.0 * share * plan.needs.duration).round() as u64
 }
 
-/// The events of a log of these bytes after its header, as far as it is whole.
-pub fn events<'a>(log: &'a [u8], record: &RunRecord) -> impl Iterator<Item = Value> + 'a {
-    let whole = log.get(..log.len().saturating_sub(record.cut_off)).unwrap_or_default();
-    whole.split(|byte| *byte == b'\n').filter_map(|line| serde_json::from_slice(line).ok()).skip(1)
+/// The events of a log of these bytes after its header.
+pub fn events(log: &[u8]) -> impl Iterator<Item = Value> {
+    Events::of(log).skip(1)
 }

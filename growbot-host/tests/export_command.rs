@@ -67,11 +67,22 @@ fn a_plan_from_a_pipe_goes_into_a_pipe() {
 fn a_log_is_exported_as_built_and_as_far_as_it_goes() {
     let bodies = Bodies::new();
     let whole = String::from_utf8(bodies.export("run.jsonl", "whole.csv", &[])).unwrap();
-    assert!(whole.lines().skip(2).all(|row| row.ends_with(",as-built")), "{whole}");
-    let log = fs::read(bodies.path("run.jsonl")).unwrap();
-    fs::write(bodies.path("cut.jsonl"), &log[..log.len() / 2]).unwrap();
-    let part = String::from_utf8(bodies.export("cut.jsonl", "part.csv", &[])).unwrap();
-    assert!(whole.starts_with(&part) && part.len() < whole.len());
+    assert!(whole.lines().skip(2).all(|row| row.contains(",laid-simulated,")), "{whole}");
+    let commanded = String::from_utf8(bodies.export("run.jsonl", "commanded.csv", &["--body", "commanded"])).unwrap();
+    assert!(commanded.lines().skip(2).all(|row| row.ends_with(",as-built")), "{commanded}");
+    // Of a robot the log has no more than the steps say.
+    let log = fs::read_to_string(bodies.path("run.jsonl")).unwrap();
+    let steps: String =
+        log.lines().filter(|line| !line.contains("\"simulated\",\"height")).flat_map(|line| [line, "\n"]).collect();
+    assert!(steps.len() < log.len());
+    fs::write(bodies.path("robot.jsonl"), &steps).unwrap();
+    assert_eq!(String::from_utf8(bodies.export("robot.jsonl", "robot.csv", &[])).unwrap(), commanded);
+    for (log, of) in [(&log, &whole), (&steps, &commanded)] {
+        fs::write(bodies.path("cut.jsonl"), &log[..log.len() * 4 / 5]).unwrap();
+        let part = String::from_utf8(bodies.export("cut.jsonl", "part.csv", &[])).unwrap();
+        let told = part.lines().filter(|row| !row.contains(",as-built,")).count();
+        assert!(part.lines().take(told).eq(of.lines().take(told)) && told > 1 && part.len() < of.len(), "{part}");
+    }
 }
 
 #[test]

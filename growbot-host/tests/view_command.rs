@@ -89,7 +89,9 @@ fn a_growth_is_shown_beside_its_plan_even_if_its_log_was_cut_off() {
     assert_eq!(growbot(&["view", text(&log), "-o", text(&page)]).code, Some(0));
     let whole = data(&page);
     assert_eq!(whole["about"], "growth of growbot-a: done");
-    assert_eq!(number(&whole, "As built, by the board's steps", "Layers"), "50 of 50");
+    assert_eq!(number(&whole, "Laid (simulated)", "Layers"), "50 of 50");
+    assert_eq!(number(&whole, "Commanded, by the board's steps", "Layers"), "50 of 50");
+    assert_eq!(whole["built_name"], "Laid (simulated)");
     assert_eq!(whole["built"].as_str().unwrap().len(), 24 * 50);
     // The steps say that all is well; the tip, which had noise, knows better.
     let result: Value = serde_json::from_str(ran.out.lines().last().unwrap()).unwrap();
@@ -97,6 +99,10 @@ fn a_growth_is_shown_beside_its_plan_even_if_its_log_was_cut_off() {
     assert!(error > 0.01, "{error}");
     assert_eq!(number(&whole, "Arrived, as the tip says", "From the goal"), format!("{error:.3} mm"));
     assert_eq!(whole["reached"][2], result["final"]["z_mm"]);
+    // The body that is shown ends there, and the commanded line beside it at the goal.
+    assert_eq!(number(&whole, "Laid (simulated)", "From the goal"), format!("{error:.3} mm"));
+    let commanded = whole["commanded"].as_array().unwrap().last().unwrap()[2].as_f64().unwrap();
+    assert!((commanded - 38.7).abs() < 1e-3, "{commanded}");
 
     let lines = fs::read_to_string(&log).unwrap();
     let laid = lines.match_indices("\"event\":\"laid\"").nth(10).unwrap().0;
@@ -105,7 +111,7 @@ fn a_growth_is_shown_beside_its_plan_even_if_its_log_was_cut_off() {
     assert!(ran.code == Some(0) && ran.err.contains("cut off"), "{}", ran.err);
     let cut = data(&page);
     assert_eq!(cut["about"], "growth of growbot-a: unfinished");
-    assert_eq!(number(&cut, "As built, by the board's steps", "Layers"), "10 of 50");
+    assert_eq!(number(&cut, "Laid (simulated)", "Layers"), "10 of 50");
     assert_eq!(cut["planned"], whole["planned"]);
     assert_eq!(cut["reached"], Value::Null);
 }
@@ -121,7 +127,7 @@ fn of_a_growth_with_feedback_the_path_that_was_estimated_is_shown() {
     let grown = data(&path("run.html"));
     let estimated = grown["estimated"].as_array().unwrap();
     assert_eq!(estimated[0], serde_json::json!([0.0, 0.0, 0.0]));
-    // By the board's steps the body is a tenth shorter than it is; the estimate knows better.
+    // The steps were commanded a tenth shorter than the body is; the estimate knows better.
     let result: Value = serde_json::from_str(ran.out.lines().last().unwrap()).unwrap();
     let last = estimated.last().unwrap()[2].as_f64().unwrap();
     assert!((last - result["final"]["z_mm"].as_f64().unwrap()).abs() < 0.5, "{last}, {result}");
@@ -201,7 +207,7 @@ fn two_stand_side_by_side_on_one_page() {
     assert_eq!(ran.code, Some(0), "{}", ran.err);
     let pair = data(&path("c.html"));
     assert_eq!(pair["difference"], "a.json and run.jsonl are of one length");
-    assert_eq!(pair["numbers"][1][0], "As built, by the board's steps");
+    assert_eq!(pair["numbers"][1][0], "Laid (simulated)");
 }
 
 #[test]

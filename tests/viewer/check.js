@@ -219,6 +219,8 @@ try {
 
   const grown = await open(browser, "run");
   const both = await picture(grown);
+  assert.equal(await grown.textContent("#built-name"), "Laid (simulated)");
+  assert.ok(await grown.isVisible("#commanded"), "no switch for the commanded body beside the laid one");
   await grown.uncheck("#show-built");
   assert.ok(difference(both, await picture(grown)) > 0.005, "the body as built cannot be hidden");
   await grown.uncheck("#show-planned");

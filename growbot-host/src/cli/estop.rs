@@ -48,10 +48,8 @@ fn cut_the_power(why: impl Display) -> Failure {
 pub fn usage_error(error: &clap::Error) -> ExitCode {
     let is_estop = std::env::args_os().nth(1).as_deref() == Some(OsStr::new("estop"));
     if !is_estop || !error.use_stderr() {
-        error.exit();
+        return ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(2));
     }
-    // Where it cannot be printed, nothing can.
-    let _ = error.print();
     cut_the_power("none was sent: the command line was not understood").report()
 }
 

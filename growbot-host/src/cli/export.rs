@@ -9,18 +9,19 @@ use growbot_core::robot::Robot;
 use growbot_host::export::body::Body;
 use growbot_host::export::mesh::{MeshError, Resolution};
 use growbot_host::export::{glb, recording, stl, table};
-use growbot_host::input::is_standard_input;
-use growbot_host::output::{OutputError, replace_file};
+use growbot_host::input::{LONGEST_LOG, is_standard_input, read_bytes};
+use growbot_host::output::{OutputError, ending, replace_file, unknown_ending};
 use growbot_host::plan::Plan;
+use growbot_host::plan_file;
 use growbot_host::run_log::RunRecord;
-use growbot_host::{plan_file, robot_file};
 use serde_json::Value;
 
-use super::Failure;
+use super::{Failure, robot_of, say_damage};
 
 /// Write a body in the format of another tool: STL, GLB, CSV or MCAP
 ///
-/// A plan is exported as planned, the log of a growth as built, up to the last layer that it tells of.
+/// A plan is exported as planned, the log of a growth as built, up to the last layer that it tells of: on a robot as the steps that the
+/// board has made say; on a simulated tip as its plastic lies, which is called laid (simulated), beside the commanded body.
 ///
 /// STL (binary, mm, z up) and GLB (glTF 2.0: metres, z up turned into y up by the node's matrix) have the printed wall as a closed
 /// surface: outer and inner side and both rims. Layers of less than a few micrometres vanish between their neighbours there.
@@ -49,6 +50,9 @@ pub struct ExportArgs {
     /// STL and GLB: a ring of vertices at every Nth layer; more where it bends
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
     every: u32,
+    /// CSV, STL and GLB: which body of a growth
+    #[arg(long = "body", value_enum, value_name = "BODY", default_value_t = Which::Laid)]
+    which: Which,
     /// The robot: a built-in name or a TOML file [default: the built-in one that
     /// the plan names]
     #[arg(long, value_name = "FILE|NAME")]
@@ -75,12 +79,28 @@ enum Format {
     Mcap,
 }
 
+/// Which body of a growth is exported.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Which {
+    /// As it was laid: on a simulated tip where the plastic is, with the
+    /// commanded body beside it in CSV, and in GLB where the two part; on a
+    /// robot as the steps say
+    Laid,
+    /// As the board's steps say
+    Commanded,
+}
+
 impl Format {
+    const ENDINGS: [&str; 4] = ["stl", "glb", "csv", "mcap"];
+
     /// By a file's extension.
     fn of(path: &Path) -> Option<Self> {
         Self::from_str(path.extension()?.to_str()?, true).ok()
     }
 }
+
+/// Bodies that part by less, mm, are one to see.
+const APART: f64 = 0.05;
 
 /// What is exported.
 struct Subject {
@@ -93,9 +113,19 @@ struct Subject {
 /// Runs the command.
 pub fn run(args: &ExportArgs) -> Result<(), Failure> {
     let to = args.output.as_deref().filter(|path| !is_standard_input(path));
-    let format = args.format.or_else(|| to.and_then(Format::of)).ok_or_else(|| {
-        Failure::bad_input("which format? Name a file that ends in .stl, .glb, .csv or .mcap with -o, or say --format")
-    })?;
+    let format = match (args.format, to) {
+        (Some(format), _) => format,
+        (None, Some(path)) if ending(path).is_some() => Format::of(path).ok_or_else(|| {
+            let unknown = unknown_ending(path, &Format::ENDINGS);
+            Failure::bad_input(format_args!("{unknown}, or say --format"))
+        })?,
+        _ => {
+            return Err(Failure::bad_input(
+                "which format? Name a file that ends in .stl, .glb, .csv or .mcap with -o, or say --format",
+            ));
+        }
+    };
+
     if to.is_none() && format != Format::Csv && io::stdout().is_terminal() {
         return Err(Failure::bad_input(
             "this format is not for terminals: name a file with -o, or redirect the output",
@@ -114,15 +144,28 @@ pub fn run(args: &ExportArgs) -> Result<(), Failure> {
 impl ExportArgs {
     fn encode(&self, format: Format) -> Result<Vec<u8>, Failure> {
         let Subject { robot, plan, run } = self.subject()?;
-        let body = || match &run {
-            Some((record, _)) => Body::as_built(&robot, &plan.start, record),
-            None => Body::planned(&robot, &plan),
+        let record = run.as_ref().map(|(record, _)| record);
+        let commanded = record.map(|record| Body::as_built(&robot, &plan.start, record));
+        let laid = record.and_then(|record| Body::simulated(&robot, &plan.start, record));
+        // The one that is exported, how it is called, and another one beside it.
+        let (name, body, beside) = match (laid, commanded, self.which) {
+            (Some(laid), commanded, Which::Laid) => ("laid (simulated)", laid, commanded),
+            (Some(_), Some(commanded), Which::Commanded) => ("commanded", commanded, None),
+            (_, Some(commanded), _) => ("as built", commanded, None),
+            (_, None, _) => ("planned", Body::planned(&robot, &plan), None),
         };
         let resolution = Resolution { segments: self.segments, every: self.every };
         match format {
-            Format::Stl => Ok(stl::write(&body(), resolution)?),
-            Format::Glb => Ok(glb::write(&body(), resolution)?),
-            Format::Csv => Ok(table::write(&body()).into_bytes()),
+            Format::Stl => Ok(stl::write(name, &body, resolution)?),
+            Format::Glb => {
+                // Two walls in one place would only flicker.
+                let beside = beside.as_ref().filter(|beside| body.parts_from(beside, APART));
+                let beside = beside.map(|beside| ("commanded", beside));
+                let name = if record.is_some() { name } else { robot.name() };
+                let bodies: Vec<(&str, &Body)> = [(name, &body)].into_iter().chain(beside).collect();
+                Ok(glb::write(&bodies, resolution)?)
+            }
+            Format::Csv => Ok(table::write(&body, beside.as_ref()).into_bytes()),
             Format::Mcap => match &run {
                 Some((record, log)) => recording::write(&robot, &plan, record, log).map_err(Failure::bad_input),
                 None => Err(Failure::bad_input(format!(
@@ -136,20 +179,13 @@ impl ExportArgs {
     /// Reads the plan or the run log, whichever it is.
     fn subject(&self) -> Result<Subject, Failure> {
         // Pipes and devices are read once, and bounded: as plans.
-        if let Some(log) = fs::metadata(&self.body).is_ok_and(|file| file.is_file()).then(|| fs::read(&self.body))
-            && let Ok(log) = log
+        let is_file = fs::metadata(&self.body).is_ok_and(|file| file.is_file());
+        if let Some(log) = is_file.then(|| read_bytes(&self.body, LONGEST_LOG)).transpose()?
             && is_log(&log)
         {
             let record = RunRecord::read(&log, &self.body.display().to_string()).map_err(Failure::bad_input)?;
-            if record.cut_off > 0 {
-                growbot_host::tell!(
-                    "growbot: the last {} bytes of {} are no whole line: the log was cut off there",
-                    record.cut_off,
-                    self.body.display()
-                );
-            }
-            let name = self.robot.clone().unwrap_or_else(|| PathBuf::from(&record.robot.0));
-            let robot = robot_file::load(&name)?;
+            say_damage(&record, &self.body);
+            let robot = robot_of(&record, self.robot.as_deref())?;
             let plan = record.plan(&robot)?;
             return Ok(Subject { robot, plan, run: Some((record, log)) });
         }

@@ -15,7 +15,7 @@ use growbot_host::output::print;
 use growbot_host::plan::Plan;
 use growbot_host::plan_file::{WrittenPose, written_hash};
 use growbot_host::progress::{Progress, Results};
-use growbot_host::run_log::RunLog;
+use growbot_host::run_log::{RunLog, RunLogError};
 use growbot_host::watch::Watch;
 use serde_json::{Value, json};
 
@@ -66,36 +66,32 @@ impl Following<'_> {
         grow: impl FnOnce(&mut dyn FnMut(&News)) -> Result<Grown, GrowthError>,
     ) -> Result<(), Failure> {
         let mut show = Show::new(self.plan.needs.layers, self.laid as u64);
-        let mut log_error = None;
+        let mut logging = Logging::default();
         let grown = grow(&mut |news| {
             show.tell(news);
             if let Some(watch) = &self.watch {
                 watch.tell(news);
             }
-            if let Err(error) = self.log.news(news) {
-                log_error.get_or_insert(error);
-            }
+            let written = self.log.news(news);
+            logging.take(written, self.watch.as_ref(), |words| show.interrupt(words));
         });
         show.end();
-        if let Some(error) = log_error {
-            growbot_host::tell!("growbot: {error}");
-        }
         match grown {
             Ok(grown) => self.result(&grown, show.emergency),
             Err(GrowthError::During(error)) => {
                 let mut result = json_of("lost", None, self.plan, self.seed, self.simulated);
                 result["error"] = error.to_string().into();
-                self.end(&result)?;
+                let logged = self.end(&mut result);
                 if self.json {
                     print(&format!("{result}\n"))?;
+                }
+                if let Err(failure) = logged {
+                    failure.say();
                 }
                 Err(Failure::answered_no(GrowthError::During(error)))
             }
             Err(error) => {
-                // A log that was there before this growth is the record of a body.
-                if self.laid == 0 {
-                    self.log.discard();
-                }
+                self.log.discard();
                 if !matches!(&error, GrowthError::Before(error) if !matches!(error, ClientError::Refused { .. })) {
                     refuse(self.json, self.plan, self.simulated)?;
                 }
@@ -112,23 +108,43 @@ impl Following<'_> {
         }
     }
 
-    /// Log and page hear the end.
-    fn end(&mut self, result: &Value) -> Result<(), Failure> {
+    /// Log and page hear the end. A log that lacks lines is no reason not to tell the result, which says so.
+    fn end(&mut self, result: &mut Value) -> Result<(), Failure> {
+        let written = self.log.end(result);
+        let missing = self.log.missing();
+        if missing > 0 {
+            result["log_lines_missing"] = missing.into();
+        }
         if let Some(watch) = self.watch.take() {
             watch.end(result);
         }
-        self.log.end(result).map_err(Failure::answered_no)
+        match (written, missing) {
+            (Ok(()), 0) => Ok(()),
+            (written, _) => Err(Failure::answered_no(format_args!(
+                "the run log is incomplete, its last {missing} lines are missing{}",
+                written.map_or_else(|error| format!(": {error}"), |()| String::new())
+            ))),
+        }
     }
 
     fn result(mut self, grown: &Grown, emergency: bool) -> Result<(), Failure> {
-        let result = json_of(grown.outcome.name(), Some(grown), self.plan, self.seed, self.simulated);
-        self.end(&result)?;
+        let mut result = json_of(grown.outcome.name(), Some(grown), self.plan, self.seed, self.simulated);
+        let logged = self.end(&mut result);
         print(&if self.json {
             format!("{result}\n")
         } else {
             growth_table::table(self.plan, self.robot, grown, self.seed, self.simulated)
         })?;
-        judged(grown.outcome, emergency)
+        // A growth that is done has no other failure to tell.
+        match (grown.outcome, logged) {
+            (Outcome::Done, logged) => logged,
+            (outcome, logged) => {
+                if let Err(failure) = logged {
+                    failure.say();
+                }
+                judged(outcome, emergency)
+            }
+        }
     }
 }
 
@@ -160,6 +176,28 @@ pub fn judged(outcome: Outcome, emergency: bool) -> Result<(), Failure> {
         Outcome::Lost => Err(Failure::answered_no(
             "the board does not answer any more; the robot may still be growing: see `growbot status`, and cut its power if that does not answer",
         )),
+    }
+}
+
+/// Whether the run log can be written: what changes is said at once, on the terminal and on the page.
+#[derive(Default)]
+struct Logging {
+    fails: bool,
+}
+
+impl Logging {
+    fn take(&mut self, written: Result<(), RunLogError>, watch: Option<&Watch>, say: impl FnOnce(&str)) {
+        let was = std::mem::replace(&mut self.fails, written.is_err());
+        let words = match (was, written) {
+            (false, Err(error)) => Some(error.to_string()),
+            (true, Ok(())) => Some("the run log can be written again: no line is missing".to_owned()),
+            _ => None,
+        };
+        let Some(words) = words else { return };
+        say(&words);
+        if let Some(watch) = watch {
+            watch.warn(self.fails.then_some(words));
+        }
     }
 }
 
@@ -300,7 +338,7 @@ impl Show {
                 self.layers_before = std::mem::replace(&mut self.layers, amendment.total as usize);
             }
             News::Crash(_) => self.progress.say("the board's firmware crashed: `growbot status` says where"),
-            News::Board(_) | News::Counting(_) | News::HandingOver(..) => {}
+            News::Board(_) | News::Counting(_) | News::HandingOver(..) | News::Simulated(..) => {}
             News::Ordered(order) => {
                 self.emergency |= *order == Order::EmergencyStop;
                 self.progress.say(&format!("ordered: {}", order.name()));
@@ -319,6 +357,11 @@ impl Show {
         }
         let Self { state, laid, layers, .. } = *self;
         self.progress.at(laid, || format!("{state}, layer {laid} of {layers}"));
+    }
+
+    /// Something that must be seen, beside a bar too.
+    fn interrupt(&self, words: &str) {
+        self.progress.interrupt(words);
     }
 
     fn end(&self) {

@@ -7,7 +7,7 @@ use growbot_core::robot::Robot;
 use growbot_host::feedback::{ASSUMED, Feedback};
 use growbot_host::growth::{Job, Manner, grow_job};
 use growbot_host::port::{PortName, TipSettings};
-use growbot_host::run_log::RunLog;
+use growbot_host::run_log::{Origin, RunLog};
 use growbot_host::tip::Imperfection;
 use growbot_host::view::Subject;
 use growbot_host::warning::PREVENTING;
@@ -127,7 +127,10 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     let subject = Subject { name: &name, robot: &robot, plan: &plan, run: None };
     let watch = args.watching.begin(&subject, &job, &[], &orders)?;
     let log = match &args.log {
-        Some(path) => RunLog::begin(path, &plan, &job, noise, port.text()).map_err(Failure::bad_input)?,
+        Some(path) => {
+            let origin = Origin { port: port.text(), imperfection: port.is_simulated().then_some(&imperfection) };
+            RunLog::begin(path, &plan, &job, noise, origin).map_err(Failure::bad_input)?
+        }
         None => RunLog::none(),
     };
     let seed = (disturbance.disturbs() || disturbance.knows_sensors()).then_some(disturbance.seed);

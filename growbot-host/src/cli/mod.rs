@@ -39,19 +39,22 @@ mod workspace;
 
 use std::env::VarError;
 use std::fmt::Display;
-use std::path::PathBuf;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::{Args, Parser, Subcommand};
 use growbot_core::robot::Robot;
 use growbot_host::batch::BatchError;
 use growbot_host::client::{Client, ClientError};
-use growbot_host::input::InputError;
+use growbot_host::input::{InputError, name_of};
 use growbot_host::output::OutputError;
 use growbot_host::plan_file::PlanFileError;
 use growbot_host::port::faulty::FaultSpec;
 use growbot_host::port::{self, PortError, PortName, TipSettings};
+use growbot_host::printable;
 use growbot_host::robot_file::{self, RobotFileError};
+use growbot_host::run_log::RunRecord;
 
 /// Plan, slice and grow: the control stack of robots that grow by printing their
 /// own body.
@@ -106,7 +109,10 @@ enum Command {
 pub fn run() -> ExitCode {
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
-        Err(error) => return estop::usage_error(&error),
+        Err(error) => {
+            show(&error);
+            return estop::usage_error(&error);
+        }
     };
     let done = match cli.command {
         Some(Command::Robots(args)) => robots::run(&args),
@@ -137,6 +143,14 @@ pub fn run() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => failure.report(),
     }
+}
+
+/// Says what is wrong with the command line, or shows its help. What an argument holds must not steer a terminal.
+fn show(error: &clap::Error) {
+    let plain = error.render().to_string();
+    let shown = printable::lines(&plain);
+    // Where it cannot be printed, nothing can.
+    let _ = if shown == plain { error.print() } else { io::stderr().write_all(shown.as_bytes()) };
 }
 
 /// Why a command did not do what it was asked: the exit code, and what to say.
@@ -180,9 +194,7 @@ impl Failure {
     /// Says it, in one line.
     pub fn say(&self) {
         if let Some(message) = &self.message {
-            // What a file or an argument holds must not break the line or move the cursor.
-            let line: String = message.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
-            growbot_host::tell!("growbot: {line}");
+            growbot_host::tell!("growbot: {message}");
         }
     }
 }
@@ -357,6 +369,25 @@ impl ChosenPort {
 /// What messages say before "robot" or "board" of a simulated one.
 fn kind(is_simulated: bool) -> &'static str {
     if is_simulated { "simulated " } else { "" }
+}
+
+/// The robot of a run: the one that is named here or, if none is, the built-in one that its log names. A log leads to no other file.
+fn robot_of(record: &RunRecord, robot: Option<&Path>) -> Result<Robot, Failure> {
+    let named = &record.robot.0;
+    match robot {
+        Some(robot) => Ok(robot_file::load(robot)?),
+        None if robot_file::is_built_in(named) => Ok(robot_file::load(named.as_ref())?),
+        None => Err(Failure::bad_input(format_args!(
+            "the run is of robot {named:?}, which is not built in: give its file with --robot"
+        ))),
+    }
+}
+
+/// Says what of a run log could not be read.
+fn say_damage(record: &RunRecord, file: &Path) {
+    if let Some(words) = record.damage.in_words(&name_of(file)) {
+        growbot_host::tell!("growbot: {words}");
+    }
 }
 
 /// What an argument that names a robot is called in the help: [`completions`] knows them by it.

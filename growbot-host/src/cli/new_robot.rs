@@ -4,7 +4,7 @@ use std::io::{self, BufRead, IsTerminal, Read};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use growbot_host::output::{print, replace_file};
+use growbot_host::output::{print, refuse_ending, replace_file};
 use growbot_host::robot_questions::{Draft, NAME, NO_LIMIT, QUESTIONS, UNLIMITED};
 use growbot_host::{robot_file, schema};
 
@@ -38,6 +38,7 @@ pub struct NewRobotArgs {
 /// Runs the command.
 pub fn run(args: &NewRobotArgs) -> Result<(), Failure> {
     if let Some(output) = &args.output {
+        refuse_ending(output, &["toml"])?;
         refuse_to_overwrite(output, args.force)?;
     }
     let (text, file) = robot_file::text_of(&args.base)?;
@@ -114,7 +115,8 @@ fn ask(draft: &mut Draft) -> Result<Vec<&'static str>, Failure> {
             } else {
                 let words: Vec<&str> = schema::choices(&schema, path).iter().map(|(word, _)| *word).collect();
                 let words = if words.is_empty() { String::new() } else { format!(" ({})", words.join(", ")) };
-                growbot_host::tell!("{}\n  {path}{words} [{shown}]:", schema::meaning(&schema, path));
+                growbot_host::tell!("{}", schema::meaning(&schema, path));
+                growbot_host::tell!("  {path}{words} [{shown}]:");
                 answers.next()?
             };
             let text = answer.as_deref().map(str::trim).filter(|answer| !answer.is_empty());

@@ -7,8 +7,8 @@ use clap::Args;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_host::batch::Batch;
-use growbot_host::input;
-use growbot_host::output::{print, replace_file};
+use growbot_host::input::{self, BoundedLines};
+use growbot_host::output::{print, refuse_ending, replace_file};
 use growbot_host::plan::{Plan, Search};
 use growbot_host::plan_file::PlanFile;
 use growbot_host::pose_text::parse_pose;
@@ -88,6 +88,7 @@ fn run_one(args: &PlanArgs, plan: &Plan) -> Result<(), Failure> {
         if input::is_standard_input(path) {
             return Err(Failure::bad_input("-o takes a file: for standard output use --json"));
         }
+        refuse_ending(path, &["json"])?;
         replace_file(path, written.to_text().as_bytes())?;
         growbot_host::tell!("growbot: plan written to {}", path.display());
     }
@@ -105,7 +106,7 @@ fn run_batch(args: &PlanArgs, queries: &Path, robot: &Robot, search: Search) -> 
     let name = input::name_of(queries);
     let total = fs::metadata(queries).ok().filter(fs::Metadata::is_file).map(|file| file.len());
     let named = |error| Failure::bad_input(format!("{name}: {error}"));
-    let mut batch = Batch::open(input::open(queries)?, search).map_err(named)?;
+    let mut batch = Batch::open(BoundedLines::of(input::open(queries)?), search).map_err(named)?;
     let mut progress = Progress::start(total, Results::Streamed);
     let (mut done, mut failed) = (0_u64, 0_u64);
     while let Some(answer) = batch.next(robot).map_err(named)? {

@@ -3,25 +3,29 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use growbot_core::layer::grow;
+use growbot_core::angle::degrees;
+use growbot_core::layer::{Layer, grow};
 use growbot_core::layer_bytes::decode;
 use growbot_host::arrival::Arrival;
 use growbot_host::degrees::degrees_below_turn;
 use growbot_host::feedback::FedBack;
-use growbot_host::growth::{Job, as_built_hash};
+use growbot_host::growth::{Job, MeasuredBy, as_built_hash};
 use growbot_host::output::print;
 use growbot_host::plan::Plan;
 use growbot_host::plan_file::written_hash;
-use growbot_host::robot_file;
 use growbot_host::run_log::RunRecord;
 use serde_json::json;
 
-use super::Failure;
 use super::following::{believed, json_of_arrival, json_of_feedback, merge};
+use super::{Failure, robot_of, say_damage};
 
 /// Rebuild the body from the log of its growth, bit for bit as the board has built it
 ///
-/// The log may be cut off anywhere: the body is told up to there. Of a growth with feedback, so is where that took the tip to be.
+/// The log may be cut off anywhere: the body is told up to there. Lines that cannot be read are skipped, and that is said. Of a growth with
+/// feedback, so is where that took the tip to be.
+///
+/// On a robot the body is what the board's steps have built. On a simulated tip it is where the plastic lies, laid (simulated), which
+/// disturbances take elsewhere; the commanded body, that of the steps, is told beside it.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  growbot replay run.jsonl\n  growbot replay run.jsonl --layers > as-built.csv")]
 pub struct ReplayArgs {
@@ -43,31 +47,20 @@ pub struct ReplayArgs {
 /// Runs the command.
 pub fn run(args: &ReplayArgs) -> Result<(), Failure> {
     let record = RunRecord::open(&args.run).map_err(Failure::bad_input)?;
-    if record.cut_off > 0 {
-        growbot_host::tell!(
-            "growbot: the last {} bytes of {} are no whole line: the log was cut off there",
-            record.cut_off,
-            args.run.display()
-        );
-    }
+    say_damage(&record, &args.run);
     let unknown = record.as_built.iter().filter(|layer| layer.is_none()).count();
-    let body: Vec<_> = record
-        .as_built
-        .iter()
-        .zip(&record.layers)
-        .map(|(as_built, planned)| decode(as_built.as_ref().unwrap_or(planned)))
-        .collect();
+    let commanded: Vec<Layer> = record.commanded().map(|layer| decode(&layer)).collect();
+    // Of a simulated tip the log has where its plastic is.
+    let laid = record.simulated();
+    let body = laid.as_ref().unwrap_or(&commanded);
     if args.layers {
-        let mut text = String::from("layer,alpha_deg,height_mm,tilt_deg\n");
-        for (index, layer) in body.iter().enumerate() {
-            let tilt = growbot_core::angle::degrees(layer.tilt);
-            text += &format!("{index},{},{},{tilt}\n", degrees_below_turn(layer.alpha), layer.height);
-        }
-        return Ok(print(&text)?);
+        return Ok(print(&layers_table(body, laid.is_some().then_some(&commanded[..])))?);
     }
     let (start, goal) = record.start_and_goal()?;
-    let end = grow(&start.frame(), body.iter().copied());
-    let arrival = Arrival::of(&end, &goal, record.plan.length_mm);
+    let arrived_at =
+        |body: &[Layer]| Arrival::of(&grow(&start.frame(), body.iter().copied()), &goal, record.plan.length_mm);
+    let arrival = arrived_at(body);
+    let beside = laid.is_some().then(|| arrived_at(&commanded));
     let length = body.iter().fold(0.0, |length, layer| length + layer.height);
     let outcome = record.outcome.as_deref().unwrap_or("unfinished");
     let hash = written_hash(as_built_hash(&record.as_built));
@@ -83,6 +76,9 @@ pub fn run(args: &ReplayArgs) -> Result<(), Failure> {
                 "length_mm": length,
                 "as_built_hash": hash,
                 "unknown_layers": unknown,
+                "measured_by": if laid.is_some() { MeasuredBy::Tip } else { MeasuredBy::Steps }.name(),
+                "commanded": beside.as_ref().map(json_of_arrival),
+                "skipped_lines": record.damage.lines,
                 "feedback": fed_back.as_ref().map(|(fed_back, plan)| json_of_feedback(fed_back, plan, None)),
             }),
         );
@@ -90,17 +86,52 @@ pub fn run(args: &ReplayArgs) -> Result<(), Failure> {
     }
     let mut text = format!("run       {outcome}, plan {}, robot {}\n", written_hash(record.plan_id), record.robot.0);
     text += &format!("body      {} layers of {}, {length:.1} mm, as built {hash}\n", body.len(), record.total);
-    match &fed_back {
+    match &beside {
+        Some(commanded) => {
+            text += &arrived("reached", &arrival, ", laid (simulated)");
+            text += &arrived("commanded", commanded, ", as the steps say");
+        }
+        None if fed_back.is_some() => text += &arrived("reached", &arrival, ", as the steps say"),
         None => text += &arrived("reached", &arrival, ""),
-        Some((fed_back, plan)) => {
-            text += &arrived("reached", &arrival, ", as the steps say");
-            text += &arrived("believed", &believed(fed_back, plan), ", as feedback took it to be");
+    }
+    if let Some((fed_back, plan)) = &fed_back {
+        text += &arrived("believed", &believed(fed_back, plan), ", as feedback took it to be");
+    }
+    let lost = record.lost.len();
+    if unknown > lost {
+        text += &format!("caution   {} layers were cut and let be: they are counted as planned\n", unknown - lost);
+    }
+    if lost > 0 {
+        text += &format!("caution   the lines of {lost} layers are missing in the log: they are counted as planned\n");
+    }
+    match record.not_simulated() {
+        0 => {}
+        layers => {
+            text +=
+                &format!("caution   the log does not say where {layers} layers lie: they are counted as commanded\n");
         }
     }
-    if unknown > 0 {
-        text += &format!("caution   {unknown} layers were cut and let be: they are counted as planned\n");
-    }
     Ok(print(&text)?)
+}
+
+/// Layers as CSV; with those that were commanded beside them, where these are others.
+fn layers_table(body: &[Layer], commanded: Option<&[Layer]>) -> String {
+    let fields =
+        |layer: &Layer| format!(",{},{},{}", degrees_below_turn(layer.alpha), layer.height, degrees(layer.tilt));
+    let mut text = String::from("layer,alpha_deg,height_mm,tilt_deg");
+    if commanded.is_some() {
+        text += ",commanded_alpha_deg,commanded_height_mm,commanded_tilt_deg";
+    }
+    text += "\n";
+    for (index, layer) in body.iter().enumerate() {
+        text += &format!("{index}{}", fields(layer));
+        if let Some(commanded) = commanded {
+            // The layer under way was not finished.
+            text += &commanded.get(index).map_or_else(|| ",,,".to_owned(), fields);
+        }
+        text += "\n";
+    }
+    text
 }
 
 /// What feedback came to, if there was some, and its plan. A robot that is not said need be neither found nor the same as then.
@@ -109,7 +140,7 @@ fn fed_back(record: &RunRecord, robot: Option<&Path>) -> Result<Option<(FedBack,
         return Ok(None);
     }
     let load = || -> Result<_, Failure> {
-        let found = robot_file::load(robot.unwrap_or(record.robot.0.as_ref()))?;
+        let found = robot_of(record, robot)?;
         let plan = record.plan(&found)?;
         Ok((found, plan))
     };

@@ -1,6 +1,7 @@
 //! `growbot resume`: go on with a body that was left unfinished.
 
-use std::io::{self, BufRead, IsTerminal, Write};
+use std::fs;
+use std::io::{self, BufRead, IsTerminal, Read, Write};
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
@@ -11,7 +12,6 @@ use growbot_host::growth::{CutLayer, GrowthError, Job, Manner, resume_job};
 use growbot_host::plan::Plan;
 use growbot_host::plan_file;
 use growbot_host::port::TipSettings;
-use growbot_host::robot_file;
 use growbot_host::run_log::{RunLog, RunRecord, RunRecordError};
 use growbot_host::view::Subject;
 
@@ -19,7 +19,7 @@ use super::following::{Following, OnSilence};
 use super::growth_table::made;
 use super::interrupt::stop_on_interrupt;
 use super::watching::WatchArgs;
-use super::{Failure, PortArg};
+use super::{Failure, PortArg, robot_of, say_damage};
 
 /// Go on with a body that was left unfinished: after a stop, a fault, a reset, a loss of power or of the host
 ///
@@ -63,6 +63,9 @@ Examples:
 Exit codes: 0, the body is grown; 1, nothing to resume, stopped, refused or a
 fault; 2, something was wrong before.";
 
+/// No answer is longer, bytes.
+const LONGEST_ANSWER: u64 = 4096;
+
 /// What becomes of a layer that was cut.
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum WithCut {
@@ -90,7 +93,7 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
     if !args.yes {
         ask(&board)?;
     }
-    let known = record.as_ref().map_or_else(Vec::new, |record| record.as_built.clone());
+    let known = record.as_ref().map_or_else(Vec::new, RunRecord::known);
     let log = match &record {
         Some(record) => RunLog::go_on(&args.file, record, port.text()).map_err(Failure::bad_input)?,
         None => RunLog::none(),
@@ -119,12 +122,18 @@ impl ResumeArgs {
     fn robot_plan_and_record(&self) -> Result<(Robot, Plan, Option<RunRecord>), Failure> {
         match RunRecord::open(&self.file) {
             Ok(record) => {
-                let name = self.robot.clone().unwrap_or_else(|| PathBuf::from(&record.robot.0));
-                let robot = robot_file::load(&name)?;
+                if !fs::metadata(&self.file).is_ok_and(|file| file.is_file()) {
+                    return Err(Failure::bad_input(format_args!(
+                        "{} is no file, and a run log is continued where it is: give the file itself",
+                        self.file.display()
+                    )));
+                }
+                say_damage(&record, &self.file);
+                let robot = robot_of(&record, self.robot.as_deref())?;
                 let plan = record.plan(&robot)?;
                 Ok((robot, plan, Some(record)))
             }
-            Err(error @ RunRecordError::File { .. }) => Err(Failure::bad_input(error)),
+            Err(error @ RunRecordError::File(_)) => Err(Failure::bad_input(error)),
             // Not a log: then a plan, or neither.
             Err(_) => {
                 let (robot, plan) = plan_file::open(&self.file, self.robot.as_deref())?;
@@ -177,7 +186,7 @@ fn ask(board: &BoardHello) -> Result<(), Failure> {
     eprint!("growbot: heat the nozzle, find the head's index and go on? [y/N] ");
     let _ = io::stderr().flush();
     let mut answer = String::new();
-    io::stdin().lock().read_line(&mut answer).map_err(Failure::bad_input)?;
+    io::stdin().lock().take(LONGEST_ANSWER).read_line(&mut answer).map_err(Failure::bad_input)?;
     match answer.trim() {
         "y" | "Y" | "yes" => Ok(()),
         _ => Err(Failure::answered_no("not resumed: nothing was heated or moved")),

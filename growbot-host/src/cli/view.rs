@@ -6,17 +6,16 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 use growbot_core::robot::Robot;
 use growbot_host::drawing::png::png;
-use growbot_host::input::{is_standard_input, name_of};
-use growbot_host::output::replace_file;
+use growbot_host::input::{LONGEST_LOG, is_standard_input, name_of, read_bytes};
+use growbot_host::output::{ending, refuse_ending, replace_file, unknown_ending};
 use growbot_host::plan::Plan;
 use growbot_host::plan_file::{self, PlanFileError};
-use growbot_host::robot_file;
 use growbot_host::run_log::RunRecord;
 use growbot_host::view::picture::Look;
 use growbot_host::view::plot::{Along, Quantity};
 use growbot_host::view::{Subject, page, picture, plot};
 
-use super::Failure;
+use super::{Failure, robot_of, say_damage};
 
 /// Look at a plan, or at the log of a growth: a page, a picture, or plots
 ///
@@ -264,6 +263,14 @@ impl ViewArgs {
                 return Err(Failure::bad_input(format!("the view would replace {file}: choose another place with -o")));
             }
         }
+        if let Some(output) = &self.output {
+            let formats: &[&str] = if self.plot.is_empty() { &["html", "svg", "png"] } else { &["svg", "png"] };
+            let is_known = ending(output).is_none_or(|ending| formats.contains(&&*ending));
+            if !is_known && !self.svg && !self.png {
+                return Err(unknown_ending(output, formats).into());
+            }
+            refuse_ending(output, &[format.ending()])?;
+        }
         Ok(output)
     }
 
@@ -311,17 +318,12 @@ impl Opened {
             return Ok(as_plan()?);
         }
         let name = file.display().to_string();
-        let log = fs::read(file).map_err(|error| Failure::bad_input(format!("cannot read {name}: {error}")))?;
+        let log = read_bytes(file, LONGEST_LOG)?;
         match RunRecord::read(&log, &name) {
             Ok(record) => {
-                let robot = robot_file::load(robot.unwrap_or(record.robot.0.as_ref()))?;
+                let robot = robot_of(&record, robot)?;
                 let plan = record.plan(&robot)?;
-                if record.cut_off > 0 {
-                    let bytes = record.cut_off;
-                    growbot_host::tell!(
-                        "growbot: the last {bytes} bytes of {name} are no whole line: the log was cut off there"
-                    );
-                }
+                say_damage(&record, file);
                 Ok(Self { robot, plan, run: Some(record), log: Some(log) })
             }
             Err(no_run) => match as_plan() {

@@ -7,7 +7,7 @@ use growbot_core::number::Short;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_host::input;
-use growbot_host::output::{print, replace_file};
+use growbot_host::output::{ending, print, refuse_inputs, replace_file, unknown_ending};
 use growbot_host::plan_file::WrittenPose;
 use growbot_host::pose_text::{parse_pose, pose_of_numbers};
 use growbot_host::progress::{Progress, Results};
@@ -88,6 +88,13 @@ pub fn run(args: &WorkspaceArgs) -> Result<(), Failure> {
     };
     if args.output.as_deref().is_some_and(input::is_standard_input) {
         return Err(Failure::bad_input("-o takes a file: the picture goes nowhere else"));
+    }
+    if let Some(output) = args.output.as_deref() {
+        // The section has one format: an ending of another one would be a lie, whatever it is.
+        if ending(output).is_some_and(|ending| ending != "svg") {
+            return Err(unknown_ending(output, &["svg"]).into());
+        }
+        refuse_inputs(output)?;
     }
     let question = Question {
         robot: &robot,

@@ -418,6 +418,8 @@ impl Client {
         // Numbers of the messages on their way.
         let mut flying: VecDeque<u16> = VecDeque::new();
         let (mut sent, mut batch, mut fruitless) = (accepted.next, MOST_LAYERS, 0);
+        // The furthest that the board has come: one that accepts the same layers for ever gets nowhere.
+        let mut furthest = accepted.next;
         let mut wait = Wait::default();
         loop {
             let end = (layers.len() as u32).min(accepted.next.saturating_add(accepted.room));
@@ -448,8 +450,13 @@ impl Client {
             while flying.pop_front().is_some_and(|seq| seq != frame.header.ack) {}
             match answer(what, &frame) {
                 Ok(Message::Accepted(now)) => {
-                    if now.next > accepted.next {
-                        fruitless = 0;
+                    if now.next > furthest {
+                        (fruitless, furthest) = (0, now.next);
+                    } else if flying.is_empty() {
+                        fruitless += 1;
+                    }
+                    if fruitless > MOST_TRIES {
+                        return Err(ClientError::Unexpected { request: what, kind: frame.header.kind });
                     }
                     accepted = now;
                     sent = sent.max(accepted.next);

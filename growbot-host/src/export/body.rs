@@ -17,6 +17,8 @@ pub enum Source {
     Planned,
     /// From the board: the layer as built.
     AsBuilt,
+    /// From the simulated tip: the layer as its plastic lies.
+    Simulated,
 }
 
 impl Source {
@@ -26,6 +28,7 @@ impl Source {
         match self {
             Self::Planned => "planned",
             Self::AsBuilt => "as-built",
+            Self::Simulated => "laid-simulated",
         }
     }
 }
@@ -67,14 +70,22 @@ impl Body {
         Self::new(robot, &plan.start, planned)
     }
 
-    /// The body that a run log tells of, up to the last layer laid. A layer that nothing is known of is as it was handed over.
+    /// The body that the board's steps have built, as a run log tells, up to the last layer laid. A layer that nothing is known of is as
+    /// it was handed over.
     #[must_use]
     pub fn as_built(robot: &Robot, start: &Pose, record: &RunRecord) -> Self {
-        let laid = record.as_built.iter().zip(&record.layers).map(|(as_built, planned)| match as_built {
-            Some(bytes) => (decode(bytes), Source::AsBuilt),
-            None => (decode(planned), Source::Planned),
+        let laid = record.commanded().zip(&record.as_built).map(|(layer, as_built)| {
+            (decode(&layer), if as_built.is_some() { Source::AsBuilt } else { Source::Planned })
         });
         Self::new(robot, start, laid)
+    }
+
+    /// The body as the plastic of a simulated tip lies, the layer under way included; none of a robot.
+    #[must_use]
+    pub fn simulated(robot: &Robot, start: &Pose, record: &RunRecord) -> Option<Self> {
+        let laid = record.simulated()?.into_iter().enumerate();
+        let source = |index| if record.is_simulated(index) { Source::Simulated } else { Source::AsBuilt };
+        Some(Self::new(robot, start, laid.map(|(index, layer)| (layer, source(index)))))
     }
 
     fn new(robot: &Robot, start: &Pose, layers: impl Iterator<Item = (Layer, Source)>) -> Self {
@@ -92,6 +103,14 @@ impl Body {
             width: robot.description().wall.width_mm,
             filament_per_length: robot.filament_area() * robot.filament_per_length(),
         }
+    }
+
+    /// Whether its tip was ever further than this from that of another body after as many layers, mm.
+    #[must_use]
+    pub fn parts_from(&self, other: &Self, most: f64) -> bool {
+        let places =
+            |body: &Self| body.layers.iter().map(|layer| layer.base_from_tip.translation.vector).collect::<Vec<_>>();
+        places(self).iter().zip(places(other)).any(|(one, other)| (one - other).norm() > most)
     }
 
     /// Length of the centreline, mm.

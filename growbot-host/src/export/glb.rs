@@ -1,6 +1,6 @@
 //! GLB: glTF 2.0 in one file, a chunk of JSON and one of numbers.
 //!
-//! glTF is in metres with y up. Vertices are in metres in the base's axes, from the body's start; the matrix of the one node turns z up
+//! glTF is in metres with y up. Vertices are in metres in the base's axes, from the body's start; the matrix of each node turns z up
 //! into y up and puts the start in its place.
 
 use nalgebra::Point3;
@@ -23,55 +23,68 @@ const ARRAY_BUFFER: u32 = 34962;
 const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 const TRIANGLES: u32 = 4;
 
-/// The wall of a body.
+/// Colours of bodies: the one that is shown, and one beside it.
+const COLOURS: [[f64; 4]; 2] = [[0.85, 0.55, 0.2, 1.0], [0.3, 0.5, 0.75, 1.0]];
+
+/// The walls of bodies, each a node of this name.
 ///
 /// # Errors
-/// Where there is no mesh of it.
-pub fn write(body: &Body, resolution: Resolution) -> Result<Vec<u8>, MeshError> {
-    let start = body.base_from_start.translation.vector;
-    let mesh = Mesh::of_wall(body, resolution, &start)?;
-    let positions: Vec<[f32; 3]> = mesh.vertices.iter().map(metres).collect();
-    let bound = |pick: fn(f32, f32) -> f32| {
-        let first = positions.first().copied().unwrap_or_default();
-        positions.iter().fold(first, |[x, y, z], [a, b, c]| [pick(x, *a), pick(y, *b), pick(z, *c)])
-    };
-    let [x, y, z] = <[f64; 3]>::from(start).map(|mm| mm / 1000.0);
-    let position_bytes = 12 * positions.len();
-    let index_bytes = 12 * mesh.triangles.len();
+/// Where there is no mesh of one.
+pub fn write(bodies: &[(&str, &Body)], resolution: Resolution) -> Result<Vec<u8>, MeshError> {
+    let (mut nodes, mut meshes, mut materials) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut accessors, mut views, mut binary) = (Vec::new(), Vec::new(), Vec::new());
+    for (index, (name, body)) in bodies.iter().enumerate() {
+        let start = body.base_from_start.translation.vector;
+        let mesh = Mesh::of_wall(body, resolution, &start)?;
+        let positions: Vec<[f32; 3]> = mesh.vertices.iter().map(metres).collect();
+        let bound = |pick: fn(f32, f32) -> f32| {
+            let first = positions.first().copied().unwrap_or_default();
+            positions.iter().fold(first, |[x, y, z], [a, b, c]| [pick(x, *a), pick(y, *b), pick(z, *c)])
+        };
+        let [x, y, z] = <[f64; 3]>::from(start).map(|mm| mm / 1000.0);
+        // By columns: x stays, y becomes -z, z becomes y.
+        nodes.push(json!({
+            "name": name,
+            "mesh": index,
+            "matrix": [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 1.0, 0.0, 0.0, x, z, -y, 1.0],
+        }));
+        let (first, second) = (2 * index, 2 * index + 1);
+        meshes.push(json!({
+            "name": if index == 0 { "wall".to_owned() } else { format!("wall, {name}") },
+            "primitives": [{ "attributes": { "POSITION": first }, "indices": second, "material": index, "mode": TRIANGLES }],
+        }));
+        let colour = COLOURS.get(index).or(COLOURS.last());
+        materials.push(json!({
+            "name": if index == 0 { "filament".to_owned() } else { format!("filament, {name}") },
+            "pbrMetallicRoughness": { "baseColorFactor": colour, "metallicFactor": 0.0, "roughnessFactor": 0.7 },
+        }));
+        accessors.push(json!({
+            "bufferView": first, "componentType": FLOAT, "count": positions.len(), "type": "VEC3",
+            "min": bound(f32::min), "max": bound(f32::max),
+        }));
+        accessors.push(json!({
+            "bufferView": second, "componentType": UNSIGNED_INT, "count": 3 * mesh.triangles.len(), "type": "SCALAR",
+        }));
+        let mut view = |bytes: Vec<u8>, target: u32| {
+            views.push(json!({ "buffer": 0, "byteOffset": binary.len(), "byteLength": bytes.len(), "target": target }));
+            binary.extend(bytes);
+        };
+        let positions = positions.as_flattened().iter().flat_map(|number| number.to_le_bytes());
+        view(positions.collect(), ARRAY_BUFFER);
+        let indices = mesh.triangles.as_flattened().iter().flat_map(|index| index.to_le_bytes());
+        view(indices.collect(), ELEMENT_ARRAY_BUFFER);
+    }
     let document = json!({
         "asset": { "version": "2.0", "generator": concat!("growbot ", env!("CARGO_PKG_VERSION")) },
         "scene": 0,
-        "scenes": [{ "nodes": [0] }],
-        // By columns: x stays, y becomes -z, z becomes y.
-        "nodes": [{
-            "name": body.robot,
-            "mesh": 0,
-            "matrix": [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 1.0, 0.0, 0.0, x, z, -y, 1.0],
-        }],
-        "meshes": [{
-            "name": "wall",
-            "primitives": [{ "attributes": { "POSITION": 0 }, "indices": 1, "material": 0, "mode": TRIANGLES }],
-        }],
-        "materials": [{
-            "name": "filament",
-            "pbrMetallicRoughness": { "baseColorFactor": [0.85, 0.55, 0.2, 1.0], "metallicFactor": 0.0, "roughnessFactor": 0.7 },
-        }],
-        "accessors": [
-            {
-                "bufferView": 0, "componentType": FLOAT, "count": positions.len(), "type": "VEC3",
-                "min": bound(f32::min), "max": bound(f32::max),
-            },
-            { "bufferView": 1, "componentType": UNSIGNED_INT, "count": 3 * mesh.triangles.len(), "type": "SCALAR" },
-        ],
-        "bufferViews": [
-            { "buffer": 0, "byteOffset": 0, "byteLength": position_bytes, "target": ARRAY_BUFFER },
-            { "buffer": 0, "byteOffset": position_bytes, "byteLength": index_bytes, "target": ELEMENT_ARRAY_BUFFER },
-        ],
-        "buffers": [{ "byteLength": position_bytes + index_bytes }],
+        "scenes": [{ "nodes": (0..nodes.len()).collect::<Vec<_>>() }],
+        "nodes": nodes,
+        "meshes": meshes,
+        "materials": materials,
+        "accessors": accessors,
+        "bufferViews": views,
+        "buffers": [{ "byteLength": binary.len() }],
     });
-    let mut binary = Vec::with_capacity(position_bytes + index_bytes);
-    binary.extend(positions.as_flattened().iter().flat_map(|number| number.to_le_bytes()));
-    binary.extend(mesh.triangles.as_flattened().iter().flat_map(|index| index.to_le_bytes()));
     Ok(container(&document, &binary))
 }
 

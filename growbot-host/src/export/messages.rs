@@ -17,8 +17,10 @@ pub enum Topic {
     Start,
     /// Where it is to end.
     Goal,
-    /// Where the tip is.
+    /// Where the tip is: as the steps say, or on a simulated tip as its plastic lies.
     Tip,
+    /// And where a simulated tip would be if its plastic lay as commanded.
+    Commanded,
     /// The centreline as planned.
     Plan,
     /// The wall as it grows, a disc for each layer.
@@ -35,10 +37,11 @@ pub enum Topic {
 
 impl Topic {
     /// Every channel.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::Start,
         Self::Goal,
         Self::Tip,
+        Self::Commanded,
         Self::Plan,
         Self::Body,
         Self::Layers,
@@ -54,6 +57,7 @@ impl Topic {
             Self::Start => "/start",
             Self::Goal => "/goal",
             Self::Tip => "/tip",
+            Self::Commanded => "/commanded",
             Self::Plan => "/plan",
             Self::Body => "/body",
             Self::Layers => "/layers",
@@ -67,7 +71,7 @@ impl Topic {
     #[must_use]
     pub fn schema(self) -> (&'static str, Value) {
         match self {
-            Self::Start | Self::Goal | Self::Tip => ("foxglove.PoseInFrame", pose_in_frame_schema()),
+            Self::Start | Self::Goal | Self::Tip | Self::Commanded => ("foxglove.PoseInFrame", pose_in_frame_schema()),
             Self::Plan | Self::Body => ("foxglove.SceneUpdate", scene_schema()),
             Self::Layers => ("growbot.Layer", layer_schema()),
             Self::Status => ("growbot.Status", status_schema()),
@@ -259,7 +263,10 @@ fn layer_schema() -> Value {
         ("source", json!({ "type": "string" })),
         ("planned_alpha_deg", number.clone()),
         ("planned_height_mm", number.clone()),
-        ("planned_tilt_deg", number),
+        ("planned_tilt_deg", number.clone()),
+        ("commanded_alpha_deg", number.clone()),
+        ("commanded_height_mm", number.clone()),
+        ("commanded_tilt_deg", number),
         ("filament_pulses", whole.clone()),
         ("gravity_milli_g", list(&whole)),
     ])

@@ -33,7 +33,9 @@ const PLANNED: [f64; 3] = [0.3, 0.7, 0.3];
 /// # Errors
 /// What the writer of MCAP fails with, which writing to memory does not.
 pub fn write(robot: &Robot, plan: &Plan, record: &RunRecord, log: &[u8]) -> Result<Vec<u8>, McapError> {
-    let body = Body::as_built(robot, &plan.start, record);
+    let commanded = Body::as_built(robot, &plan.start, record);
+    let simulated = Body::simulated(robot, &plan.start, record);
+    let body = simulated.as_ref().unwrap_or(&commanded);
     let mut recorder = Recorder::new(robot)?;
     recorder.frame(Topic::Start, &plan.start)?;
     recorder.frame(Topic::Goal, &plan.goal)?;
@@ -44,20 +46,26 @@ pub fn write(robot: &Robot, plan: &Plan, record: &RunRecord, log: &[u8]) -> Resu
     recorder.frame(Topic::Tip, &plan.start)?;
 
     let mut growing = body.growing().zip(&record.layers).enumerate().peekable();
-    for event in events(log, record) {
+    for event in events(log) {
         let kind = event.get("event").and_then(Value::as_str).unwrap_or_default();
         match kind {
             "status" => recorder.status(&event)?,
             "laid" => {
-                // A layer may be told again after a resumption: the first report stands.
-                let told = event.get("layer").and_then(Value::as_u64);
-                let next = growing.next_if(|(index, _)| told == Some(*index as u64));
-                if let Some((index, ((before, laid), planned))) = next {
+                // A layer may be told again after a resumption: the first report stands. One whose line is lost came before the next.
+                let told = event.get("layer").and_then(Value::as_u64).filter(|told| *told < body.layers.len() as u64);
+                while let Some((index, ((before, laid), planned))) =
+                    growing.next_if(|(index, _)| told.is_some_and(|told| told >= *index as u64))
+                {
                     recorder.clock.layer_took(time_for(&laid.layer, plan));
-                    recorder.layer(index, laid, &decode(planned), &event)?;
+                    let beside = commanded.layers.get(index).filter(|_| simulated.is_some());
+                    let is_told = told == Some(index as u64);
+                    recorder.layer(index, laid, &decode(planned), beside, is_told.then_some(&event))?;
                     let middle = before * half(&laid.layer).step();
-                    recorder.disc(index, &middle, &laid.layer, &body)?;
-                    recorder.tip(laid)?;
+                    recorder.disc(index, &middle, &laid.layer, body)?;
+                    recorder.tip(Topic::Tip, laid)?;
+                    if let Some(beside) = beside {
+                        recorder.tip(Topic::Commanded, beside)?;
+                    }
                 }
             }
             "end" => {
@@ -75,7 +83,8 @@ pub fn write(robot: &Robot, plan: &Plan, record: &RunRecord, log: &[u8]) -> Resu
                 }
                 recorder.event(level, &format!("end: {outcome}"))?;
             }
-            "" => {}
+            // What it says is in the layers.
+            "" | "simulated" => {}
             _ => recorder.event(level_of(kind), &in_words(kind, &event))?,
         }
     }
@@ -93,7 +102,8 @@ fn level_of(kind: &str) -> Level {
 /// An event in words: its kind and what it says, without layers in their bytes.
 fn in_words(kind: &str, event: &Value) -> String {
     let fields = event.as_object().into_iter().flatten();
-    let said = fields.filter(|(name, value)| *name != "event" && *name != "layers" && !value.is_null());
+    let said = fields
+        .filter(|(name, value)| !matches!(name.as_str(), "event" | "layers" | "utc" | "command") && !value.is_null());
     let said: Vec<String> = said
         .map(|(name, value)| match value {
             Value::String(text) => format!("{name} {text}"),
@@ -149,9 +159,9 @@ impl Recorder {
         self.tell(topic, &message)
     }
 
-    fn tip(&mut self, laid: &BodyLayer) -> Result<(), McapError> {
+    fn tip(&mut self, topic: Topic, laid: &BodyLayer) -> Result<(), McapError> {
         let message = messages::pose_in_frame(self.clock.now(), &laid.base_from_tip);
-        self.tell(Topic::Tip, &message)
+        self.tell(topic, &message)
     }
 
     fn event(&mut self, level: Level, words: &str) -> Result<(), McapError> {
@@ -187,7 +197,15 @@ impl Recorder {
         self.event(Level::Error, &format!("fault {code}: {explanation}"))
     }
 
-    fn layer(&mut self, index: usize, laid: &BodyLayer, planned: &Layer, event: &Value) -> Result<(), McapError> {
+    /// `beside` is the layer as commanded, where it is known to lie otherwise; `event`, what the log says of it.
+    fn layer(
+        &mut self,
+        index: usize,
+        laid: &BodyLayer,
+        planned: &Layer,
+        beside: Option<&BodyLayer>,
+        event: Option<&Value>,
+    ) -> Result<(), McapError> {
         let layer = &laid.layer;
         let mut message = json!({
             "timestamp": messages::time(self.clock.now()),
@@ -200,7 +218,14 @@ impl Recorder {
             "planned_height_mm": planned.height,
             "planned_tilt_deg": degrees(planned.tilt),
         });
-        copy(event, &["filament_pulses", "gravity_milli_g"], &mut message);
+        if let Some(BodyLayer { layer, .. }) = beside {
+            message["commanded_alpha_deg"] = degrees_below_turn(layer.alpha).into();
+            message["commanded_height_mm"] = layer.height.into();
+            message["commanded_tilt_deg"] = degrees(layer.tilt).into();
+        }
+        if let Some(event) = event {
+            copy(event, &["filament_pulses", "gravity_milli_g"], &mut message);
+        }
         self.tell(Topic::Layers, &message)
     }
 

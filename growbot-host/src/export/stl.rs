@@ -10,18 +10,18 @@ const HEADER: usize = 80;
 /// Bytes of a triangle: its normal and three corners, of three 32-bit numbers each, and two bytes that mean nothing.
 const TRIANGLE: usize = 50;
 
-/// The wall of a body in the base's axes, mm, z up.
+/// The wall of a body, which is called so, in the base's axes, mm, z up.
 ///
 /// # Errors
 /// Where there is no mesh of it.
-pub fn write(body: &Body, resolution: Resolution) -> Result<Vec<u8>, MeshError> {
-    Ok(encode(&Mesh::of_wall(body, resolution, &Vector3::zeros())?, &body.robot))
+pub fn write(name: &str, body: &Body, resolution: Resolution) -> Result<Vec<u8>, MeshError> {
+    Ok(encode(&Mesh::of_wall(body, resolution, &Vector3::zeros())?, &body.robot, name))
 }
 
-fn encode(mesh: &Mesh, robot: &str) -> Vec<u8> {
+fn encode(mesh: &Mesh, robot: &str, name: &str) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(HEADER + 4 + TRIANGLE * mesh.triangles.len());
     // Not "solid" first: that is how text STL begins.
-    let header = format!("binary STL, units mm, z up; growbot {}, {robot}", env!("CARGO_PKG_VERSION"));
+    let header = format!("binary STL, units mm, z up; growbot {}, {robot}, {name}", env!("CARGO_PKG_VERSION"));
     bytes.extend(header.bytes().take(HEADER));
     bytes.resize(HEADER, b' ');
     bytes.extend((mesh.triangles.len() as u32).to_le_bytes());
@@ -45,7 +45,7 @@ mod tests {
     #[test]
     fn the_bytes_are_those_of_the_format() {
         let vertices = vec![Point3::origin(), Point3::new(2.0, 0.0, 0.0), Point3::new(0.0, 3.0, 0.0)];
-        let bytes = encode(&Mesh { vertices, triangles: vec![[0, 1, 2]] }, &"a-very-long-name".repeat(9));
+        let bytes = encode(&Mesh { vertices, triangles: vec![[0, 1, 2]] }, &"a-very-long-name".repeat(9), "planned");
         assert_eq!(bytes.len(), HEADER + 4 + TRIANGLE);
         assert!(bytes.starts_with(b"binary STL, units mm"));
         assert_eq!(bytes[HEADER..HEADER + 4], [1, 0, 0, 0]);

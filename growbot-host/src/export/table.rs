@@ -12,26 +12,49 @@ use crate::degrees::degrees_below_turn;
 /// The header: layers laid, where the tip then is (mm) and points (a unit vector), the layer laid last, and where that is known from.
 pub const HEADER: &str = "laid,x_mm,y_mm,z_mm,direction_x,direction_y,direction_z,alpha_deg,height_mm,tilt_deg,source";
 
+/// And where the tip would be if the plastic lay as the steps say, where it is known to lie otherwise: on a simulated tip.
+pub const COMMANDED: &str = ",commanded_x_mm,commanded_y_mm,commanded_z_mm";
+
 /// A row for the start, with a layer of no height, and one for each layer: row `n` is the tip after `n` layers, the last of which is layer
 /// `n - 1` of `growbot layers`.
 #[must_use]
-pub fn write(body: &Body) -> String {
-    let mut text = format!("{HEADER}\n");
-    row(&mut text, 0, &body.base_from_start, &Layer::default(), "start");
+pub fn write(body: &Body, commanded: Option<&Body>) -> String {
+    let mut text = format!("{HEADER}{}\n", if commanded.is_some() { COMMANDED } else { "" });
+    let beside = |laid: usize| {
+        commanded.map(|commanded| match laid.checked_sub(1) {
+            None => Some(commanded.base_from_start),
+            Some(last) => commanded.layers.get(last).map(|layer| layer.base_from_tip),
+        })
+    };
+    row(&mut text, 0, &body.base_from_start, &Layer::default(), "start", beside(0));
     for (index, laid) in body.layers.iter().enumerate() {
-        row(&mut text, index + 1, &laid.base_from_tip, &laid.layer, laid.source.name());
+        let laid_by_then = index + 1;
+        row(&mut text, laid_by_then, &laid.base_from_tip, &laid.layer, laid.source.name(), beside(laid_by_then));
     }
     text
 }
 
-fn row(text: &mut String, laid: usize, base_from_tip: &Frame, layer: &Layer, source: &str) {
+/// `beside`: the commanded tip, where there is one; its fields are empty for a layer that was not finished.
+fn row(
+    text: &mut String,
+    laid: usize,
+    base_from_tip: &Frame,
+    layer: &Layer,
+    source: &str,
+    beside: Option<Option<Frame>>,
+) {
     let at = base_from_tip.translation.vector;
     let to = tip_direction(base_from_tip);
     let alpha = if layer.tilt > 0.0 { degrees_below_turn(layer.alpha) } else { 0.0 };
     let (height, tilt) = (layer.height, degrees(layer.tilt));
     // Writing to a String does not fail.
     let _ =
-        writeln!(text, "{laid},{},{},{},{},{},{},{alpha},{height},{tilt},{source}", at.x, at.y, at.z, to.x, to.y, to.z);
+        write!(text, "{laid},{},{},{},{},{},{},{alpha},{height},{tilt},{source}", at.x, at.y, at.z, to.x, to.y, to.z);
+    let _ = match beside.map(|tip| tip.map(|tip| tip.translation.vector)) {
+        None => writeln!(text),
+        Some(None) => writeln!(text, ",,,"),
+        Some(Some(at)) => writeln!(text, ",{},{},{}", at.x, at.y, at.z),
+    };
 }
 
 #[cfg(test)]
@@ -45,7 +68,7 @@ mod tests {
         let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
         let layer = |tilt| Layer { alpha: 1.5, height: 0.1 + 0.2, tilt };
         let body = Body::of_layers(&robot, [(layer(0.0), Source::Planned), (layer(0.005), Source::AsBuilt)]);
-        let text = write(&body);
+        let text = write(&body, None);
         let rows: Vec<Vec<&str>> = text.lines().map(|line| line.split(',').collect()).collect();
         assert_eq!(rows[0].join(","), HEADER);
         let up = tip_direction(&body.base_from_start).x;
@@ -56,5 +79,13 @@ mod tests {
         assert_eq!([1, 2, 3].map(|column| rows[3][column].parse::<f64>().unwrap()), [end.x, end.y, end.z]);
         assert_eq!(rows[3][10], "as-built");
         assert_eq!(rows.len(), 4);
+        let commanded = Body::of_layers(&robot, [(layer(0.0), Source::AsBuilt)]);
+        let text = write(&body, Some(&commanded));
+        let rows: Vec<Vec<&str>> = text.lines().map(|line| line.split(',').collect()).collect();
+        assert!(rows.iter().all(|row| row.len() == 14));
+        assert_eq!(
+            (&rows[0][11], &rows[2][11..], &rows[3][11..]),
+            (&"commanded_x_mm", &rows[2][1..4], &["", "", ""][..])
+        );
     }
 }

@@ -85,7 +85,7 @@ impl<'a> Growth<'a> {
         // What is not known is told from the first hole on.
         let known = self.as_built.len().min(status.laid as usize);
         self.as_built.truncate(known);
-        let from = status.laid + u32::from(skip);
+        let from = status.laid.saturating_add(u32::from(skip));
         let resume = Resume { plan_id: self.job.plan_id, from, known: known as u32 };
         self.ask("to resume", &Message::Resume(resume))?;
         self.laid = from;

@@ -56,7 +56,7 @@ impl Growth<'_> {
             }
             Err(error) => return Err(GrowthError::During(error)),
         };
-        self.measure(outcome).map_err(GrowthError::During)
+        self.measure(outcome, tell).map_err(GrowthError::During)
     }
 
     /// Opens another session and goes on following, if the board still has the job.
@@ -128,14 +128,18 @@ impl Growth<'_> {
             let event = self.client.event(LOOK)?;
             quiet_looks = if event.is_some() { 0 } else { quiet_looks + 1 };
             match event {
-                Some(Message::Laid(laid)) if self.names.contains(&laid.plan_id) => {
+                // One beyond the job is nonsense.
+                Some(Message::Laid(laid))
+                    if self.names.contains(&laid.plan_id) && (laid.index as usize) < self.most_layers() =>
+                {
                     if laid.index as usize == self.as_built.len() {
                         self.take_layer(&laid);
                         tell(&News::Laid(laid.index, laid.as_built, laid.measured));
+                        self.tell_settled(tell)?;
                     }
-                    self.laid = self.laid.max(laid.index + 1);
+                    self.laid = self.laid.max(laid.index.saturating_add(1));
                     self.accepted.room = self.capacity.saturating_sub(self.accepted.next.saturating_sub(self.laid));
-                    self.amend(self.laid + IN_ENGINE, tell)?;
+                    self.amend(self.laid.saturating_add(IN_ENGINE), tell)?;
                     self.refill(tell)?;
                     // The last of those that were missing at the end.
                     ask = questions_after_the_end > 0 && self.as_built.len() >= self.laid as usize;
@@ -155,6 +159,11 @@ impl Growth<'_> {
                 None => {}
             }
         }
+    }
+
+    /// Layers that the job may have: an amendment of which nothing is known yet may have more of them.
+    fn most_layers(&self) -> usize {
+        self.job.layers.len().max(self.amending.as_ref().map_or(0, |(_, layers, _)| layers.len()))
     }
 
     /// Carries an order out. One that does not suit the board's state is refused, and the growth goes on as it was.

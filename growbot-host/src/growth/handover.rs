@@ -21,7 +21,7 @@ impl Growth<'_> {
     /// Layers of the job that the board is to have by now: with feedback, none that will be others before they are laid.
     fn wanted(&self) -> usize {
         let all = self.job.layers.len();
-        if self.feedback.is_some() { all.min((self.laid + HORIZON) as usize) } else { all }
+        if self.feedback.is_some() { all.min(self.laid.saturating_add(HORIZON) as usize) } else { all }
     }
 
     /// Sends as many layers as the board has room for; whole messages, but for the last, while it grows.
@@ -58,7 +58,7 @@ impl Growth<'_> {
             let amended = [kept, &rest].concat();
             let (plan_id, total) = (feedback.plan_id(&amended), amended.len() as u32);
             let in_time = libm::ceil(AMEND_EVERY_S / self.job.robot.description().layer.period_s) as u32;
-            self.amend_at = self.laid + in_time.max(layers.div_ceil(most) as u32).max(1);
+            self.amend_at = self.laid.saturating_add(in_time.max(layers.div_ceil(most) as u32).max(1));
             // A board takes no job of which nothing is left.
             if plan_id == self.job.plan_id || total <= self.laid || feedback.amendments() as usize >= most {
                 return Ok(());
@@ -67,7 +67,7 @@ impl Growth<'_> {
             tell(&News::Amending(Amendment { plan_id, from, total, layers: horizon }));
             let first_layers = rest.iter().take(MOST_LAYERS).copied().collect();
             let amend = Amend { plan_id: self.job.plan_id, amended: plan_id, from, layers: total, first_layers };
-            self.amending = Some((plan_id, amended, total.min(from + HORIZON)));
+            self.amending = Some((plan_id, amended, total.min(from.saturating_add(HORIZON))));
             match self.client.request("to amend the job", &Message::Amend(amend)) {
                 Ok(Message::Accepted(accepted)) => {
                     self.accepted = accepted;

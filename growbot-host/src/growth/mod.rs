@@ -7,6 +7,7 @@ mod handover;
 mod orders;
 
 use growbot_core::job::{job_layers, summarize};
+use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::crash::CrashWords;
 use growbot_core::link::message::{
@@ -100,6 +101,9 @@ pub enum News {
     Status(Status),
     /// A layer is laid: its index, the layer as built where that is known, and what was measured after it.
     Laid(u32, Option<LayerBytes>, Option<Measured>),
+    /// Where the plastic of a simulated tip is: layers of the body from this index on, as they came out. They come once they no longer
+    /// change, the last ones at the end.
+    Simulated(u32, Vec<Layer>),
     /// Feedback counts filament from here on.
     Counting(Count),
     /// The job is about to be amended. It is, unless `NotAmended` follows.
@@ -242,6 +246,8 @@ struct Growth<'a> {
     laid: u32,
     /// What a simulated tip had laid before: layers, and feed steps. None where this host has not seen the body's beginning.
     laid_before: Option<(usize, u64)>,
+    /// Of how many layers since then it has been told where their plastic is.
+    told_simulated: usize,
     /// The layers as the board reports them.
     as_built: Vec<Option<LayerBytes>>,
     cut: Option<Cut>,
@@ -280,6 +286,7 @@ impl<'a> Growth<'a> {
             accepted: Accepted { plan_id: 0, next: 0, room: 0 },
             laid: 0,
             laid_before: None,
+            told_simulated: 0,
             as_built: Vec::new(),
             cut: None,
             capacity: hello.capacity,

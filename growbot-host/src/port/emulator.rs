@@ -14,6 +14,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
+use growbot_core::layer::Layer;
 use growbot_core::robot::{LONGEST_ENCODED, Robot};
 use growbot_firmware::emulated_tip as table;
 
@@ -130,6 +131,10 @@ impl Port for Emulator {
 
     fn tip(&mut self) -> Result<Option<TipRecord>, PortError> {
         self.player.record().map(Some)
+    }
+
+    fn settled(&mut self, from: usize) -> Result<Vec<Layer>, PortError> {
+        Ok(self.player.followed().tip.settled(from).to_vec())
     }
 }
 

@@ -71,6 +71,14 @@ pub trait Port {
     fn tip(&mut self) -> Result<Option<TipRecord>, PortError> {
         Ok(None)
     }
+
+    /// The layers of that tip's body which no longer change, from this index on; none where there is no simulated tip.
+    ///
+    /// # Errors
+    /// If the tip can no longer be read.
+    fn settled(&mut self, _from: usize) -> Result<Vec<Layer>, PortError> {
+        Ok(Vec::new())
+    }
 }
 
 /// A port that somebody else holds too: who breaks things on a simulated tip while a host talks to its board.
@@ -102,6 +110,10 @@ impl<P: Port> Port for Rc<RefCell<P>> {
     fn tip(&mut self) -> Result<Option<TipRecord>, PortError> {
         self.borrow_mut().tip()
     }
+
+    fn settled(&mut self, from: usize) -> Result<Vec<Layer>, PortError> {
+        self.borrow_mut().settled(from)
+    }
 }
 
 impl Port for Box<dyn Port> {
@@ -131,6 +143,10 @@ impl Port for Box<dyn Port> {
 
     fn tip(&mut self) -> Result<Option<TipRecord>, PortError> {
         self.as_mut().tip()
+    }
+
+    fn settled(&mut self, from: usize) -> Result<Vec<Layer>, PortError> {
+        self.as_mut().settled(from)
     }
 }
 

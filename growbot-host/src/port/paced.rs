@@ -3,6 +3,8 @@
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
+use growbot_core::layer::Layer;
+
 use super::sim::Sim;
 use super::{Port, PortError, TipRecord};
 
@@ -53,6 +55,10 @@ impl Port for Paced {
 
     fn tip(&mut self) -> Result<Option<TipRecord>, PortError> {
         self.sim.tip()
+    }
+
+    fn settled(&mut self, from: usize) -> Result<Vec<Layer>, PortError> {
+        self.sim.settled(from)
     }
 }
 

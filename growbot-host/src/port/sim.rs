@@ -8,6 +8,7 @@ use std::collections::VecDeque;
 use std::rc::Rc;
 use std::time::Duration;
 
+use growbot_core::layer::Layer;
 use growbot_core::link::emergency_stop::Recogniser;
 use growbot_core::link::message::{Fault, ImageCheck, ResetCause, State};
 use growbot_core::pose::Pose;
@@ -309,6 +310,10 @@ impl Port for Sim {
     fn tip(&mut self) -> Result<Option<TipRecord>, PortError> {
         let mut tip = self.tip.borrow_mut();
         Ok(Some(TipRecord { body: tip.body(), feed_steps: tip.feed_steps(), temperature_c: tip.nozzle_c() }))
+    }
+
+    fn settled(&mut self, from: usize) -> Result<Vec<Layer>, PortError> {
+        Ok(self.tip.borrow_mut().settled(from).to_vec())
     }
 }
 

@@ -461,6 +461,12 @@ impl Tip {
         self.plastic.layers(&self.robot, &self.imperfection)
     }
 
+    /// The layers of [`Tip::body`] that no longer change, from this index on.
+    #[must_use]
+    pub fn settled(&mut self, from: usize) -> &[Layer] {
+        self.plastic.settled(&self.robot, &self.imperfection).get(from..).unwrap_or_default()
+    }
+
     /// Where the tip is and how it lies.
     pub fn base_from_tip(&mut self) -> Frame {
         self.start * self.plastic.start_from_tip(&self.robot, &self.imperfection)

@@ -114,6 +114,25 @@ pub(super) struct Plastic {
     /// Layers whose sweep is over.
     swept_layers: u64,
     grown: Grown,
+    settled: Settled,
+}
+
+/// The layers that no longer change.
+#[derive(Debug, Clone, Default)]
+struct Settled {
+    rings: usize,
+    layers: Layers,
+    came_out: Vec<Layer>,
+    twist: f64,
+}
+
+impl Settled {
+    fn take(&mut self, moments: &Moments, robot: &Robot, imperfection: &Imperfection) {
+        let laid = imperfection.lay(self.came_out.len() as u64, &layer(moments, robot));
+        let alpha = wrap_positive(laid.layer.alpha + self.twist);
+        self.twist += laid.twist;
+        self.came_out.push(Layer { alpha, ..laid.layer });
+    }
 }
 
 impl Plastic {
@@ -138,6 +157,7 @@ impl Plastic {
             laid: Vec::new(),
             swept_layers: 0,
             grown: Grown { rings: 0, layers: Layers::default(), start_from_tip: Frame::identity(), index: 0 },
+            settled: Settled::default(),
         }
     }
 
@@ -234,14 +254,23 @@ impl Plastic {
             None if layers.edge.sum > 0.0 => all.push(layers.edge),
             None => {}
         }
-        let mut twist = 0.0;
-        let came_out = |(moments, index): (&Moments, u64)| {
-            let laid = imperfection.lay(index, &layer(moments, robot));
-            let alpha = wrap_positive(laid.layer.alpha + twist);
-            twist += laid.twist;
-            Layer { alpha, ..laid.layer }
-        };
-        all.iter().zip(0..).map(came_out).collect()
+        let mut settled = Settled::default();
+        all.iter().for_each(|moments| settled.take(moments, robot, imperfection));
+        settled.came_out
+    }
+
+    /// Those of [`Self::layers`] that no longer change, whatever comes.
+    pub fn settled(&mut self, robot: &Robot, imperfection: &Imperfection) -> &[Layer] {
+        // Only the last two rings still change; and what may be an edge at the very end belongs to the layer before it.
+        let settled = &mut self.settled;
+        let end = self.laid.len().saturating_sub(3);
+        for ring in self.laid.get(settled.rings..end).unwrap_or_default() {
+            if let Some(moments) = settled.layers.next(ring) {
+                settled.take(&moments, robot, imperfection);
+            }
+        }
+        settled.rings = settled.rings.max(end);
+        &settled.came_out
     }
 
     /// The tip's frame in that of the start, that under way included.

@@ -491,6 +491,26 @@ fn layers_that_twist_chain_to_where_the_tip_is() {
 }
 
 #[test]
+fn layers_that_have_settled_are_those_of_the_body_whatever_is_laid_next() {
+    let disturbance = Disturbance { growth_noise: 0.1, twist_noise: 0.1, tilt_bias: 0.2, ..Disturbance::default() };
+    let imperfection = Imperfection { disturbance, seed: 11, ..Imperfection::default() };
+    for alternate in [false, true] {
+        let mut tip = hot_tip();
+        tip.disturb(&imperfection);
+        let mut told = Vec::new();
+        for turn in 0..12 {
+            tip.set_nozzle_c(200.0);
+            lay_turn(&mut tip, !alternate || turn % 2 == 0);
+            told.extend_from_slice(tip.settled(told.len()));
+            // Three turns behind at most, and never one that is laid differently in the end.
+            assert!(told.len() <= tip.body().len() && told.len() + 4 > turn, "{} after {turn}", told.len());
+        }
+        let body = tip.body();
+        assert_eq!((&body[..told.len()], body.len()), (&told[..], 12));
+    }
+}
+
+#[test]
 fn noise_of_the_sensors_changes_nothing_but_what_they_show() {
     let noise = SensorNoise { odometry: 0.02, direction: 0.01 };
     let (mut noisy, turned) = laid(8, &Imperfection { noise, seed: 5, ..Imperfection::default() });

@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 
 use super::numbers::caption;
 use super::{Layers, Subject, measured_end};
-use crate::run_log::hex_of;
+use crate::run_log::{RunRecord, hex_of};
 
 /// The JSON, without numbers in words.
 pub fn of(subject: &Subject, layers: &Layers) -> Value {
@@ -14,7 +14,14 @@ pub fn of(subject: &Subject, layers: &Layers) -> Value {
     let mut warnings: Vec<String> = plan.warnings.iter().map(|warning| warning.message.clone()).collect();
     let unknown = run.map_or(0, |run| run.as_built.iter().filter(|layer| layer.is_none()).count());
     if unknown > 0 {
-        warnings.push(format!("{unknown} layers were cut and let be: they are shown as planned"));
+        warnings.push(format!("{unknown} layers are not known, cut and let be or lost: they are shown as planned"));
+    }
+    match run.map_or(0, RunRecord::not_simulated) {
+        0 => {}
+        layers => warnings.push(format!("the log does not say where {layers} layers lie: they are shown as commanded")),
+    }
+    if let Some(words) = run.and_then(|run| run.damage.in_words(name)) {
+        warnings.push(words);
     }
     let about = match run {
         Some(run) => format!("growth of {}: {}", plan.robot, run.outcome.as_deref().unwrap_or("unfinished")),
@@ -38,6 +45,8 @@ pub fn of(subject: &Subject, layers: &Layers) -> Value {
         "via": plan.via().iter().map(|via| json!(via.position().as_slice())).collect::<Vec<_>>(),
         "reached": run.and_then(measured_end).map(|(reached, _)| json!(reached.position().as_slice())),
         "estimated": subject.estimated().map(|path| path.iter().map(|place| json!(place.as_slice())).collect::<Vec<_>>()),
+        "commanded": subject.commanded(layers).map(|path| path.iter().map(|place| json!(place.as_slice())).collect::<Vec<_>>()),
+        "built_name": layers.built_name(),
         "planned": hex_of(&layers.planned),
         "built": layers.built.as_deref().map(hex_of),
         "warnings": warnings,

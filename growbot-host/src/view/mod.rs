@@ -19,7 +19,8 @@ use std::ffi::OsStr;
 use std::path::Path;
 
 use growbot_core::job::job_layers;
-use growbot_core::layer_bytes::{LayerBytes, decode};
+use growbot_core::kinematics::advance;
+use growbot_core::layer_bytes::{Encoder, LayerBytes, decode};
 use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::Robot;
 use nalgebra::Vector3;
@@ -32,6 +33,9 @@ use crate::run_log::RunRecord;
 
 /// A page shows no more layers, of a body of some 150 m: beyond, browsers give up.
 pub const MOST_LAYERS: usize = 200_000;
+
+/// A line beside a body has no more places.
+const MOST_PLACES: usize = 500;
 
 /// Why there is no page.
 #[derive(Debug, thiserror::Error)]
@@ -86,12 +90,33 @@ impl Subject<'_> {
             return Err(ViewError::TooManyLayers { name: self.name.to_owned(), found });
         }
         let planned = job_layers(&self.plan.path, self.robot).collect();
-        Ok(Layers { planned, built: self.run.map(built_layers) })
+        let commanded: Option<Vec<LayerBytes>> = self.run.map(|run| run.commanded().collect());
+        let mut encoder = Encoder::default();
+        let simulated = self.run.and_then(RunRecord::simulated);
+        let simulated = simulated.map(|layers| layers.iter().map(|layer| encoder.encode(layer)).collect());
+        Ok(match simulated {
+            Some(simulated) => Layers { planned, built: Some(simulated), commanded },
+            None => Layers { planned, built: commanded, commanded: None },
+        })
+    }
+
+    /// Where the tip would be on its way if all plastic lay as it was commanded, some hundreds of places, mm; none where that is all that
+    /// is known.
+    fn commanded(&self, layers: &Layers) -> Option<Vec<Vector3<f64>>> {
+        let commanded = layers.commanded.as_ref()?;
+        let mut tip = self.plan.start.frame();
+        let path = commanded.iter().map(|layer| {
+            tip = advance(&tip, &decode(layer).step());
+            tip.translation.vector
+        });
+        let path: Vec<Vector3<f64>> = path.collect();
+        let stride = path.len().div_ceil(MOST_PLACES).max(1);
+        let places = path.chunks(stride).filter_map(<[_]>::last).copied();
+        Some([self.plan.start.position()].into_iter().chain(places).collect())
     }
 
     /// Where feedback took the tip to be on its way, some hundreds of places, mm; none without feedback.
     fn estimated(&self) -> Option<Vec<Vector3<f64>>> {
-        const MOST_PLACES: usize = 500;
         let Self { robot, plan, .. } = self;
         let path = self.run?.estimated(&Job::new(robot, &plan.start, &plan.goal, &plan.path), plan)?;
         let stride = path.len().div_ceil(MOST_PLACES).max(1);
@@ -103,7 +128,10 @@ impl Subject<'_> {
 /// The layers of a subject.
 struct Layers {
     planned: Vec<LayerBytes>,
+    /// As the plastic of a simulated tip lies; as the steps of a robot have built it.
     built: Option<Vec<LayerBytes>>,
+    /// As the steps say, where it is known to lie otherwise: on a simulated tip.
+    commanded: Option<Vec<LayerBytes>>,
 }
 
 impl Layers {
@@ -112,15 +140,15 @@ impl Layers {
         self.built.as_deref().unwrap_or(&self.planned)
     }
 
+    /// What is known of the body that is shown: how it is called.
+    fn built_name(&self) -> &'static str {
+        if self.commanded.is_some() { "Laid (simulated)" } else { "As built" }
+    }
+
     /// Length of that body, mm.
     fn length(&self) -> f64 {
         self.body().iter().map(|layer| decode(layer).height).sum()
     }
-}
-
-/// Layers as built of a run, as far as it went; those of which nothing is known as planned, as `growbot replay` has them.
-fn built_layers(run: &RunRecord) -> Vec<LayerBytes> {
-    run.as_built.iter().zip(&run.layers).map(|(as_built, planned)| as_built.unwrap_or(*planned)).collect()
 }
 
 /// Where the tip arrived and what that was measured by, as the log of a run that ended says.

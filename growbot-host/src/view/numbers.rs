@@ -22,7 +22,13 @@ pub fn of(subject: &Subject, layers: &Layers) -> Vec<Group> {
             let rows = arrival(subject, &Arrival::of(&reached.frame(), &plan.goal, needs.length));
             groups.push(group(format!("Arrived, as the {by} {}", if by == "steps" { "say" } else { "says" }), rows));
         }
-        groups.push(group("As built, by the board's steps", body(subject, built)));
+        match &layers.commanded {
+            Some(commanded) => {
+                groups.push(group("Laid (simulated)", body(subject, built)));
+                groups.push(group("Commanded, by the board's steps", body(subject, commanded)));
+            }
+            None => groups.push(group("As built, by the board's steps", body(subject, built))),
+        }
     }
     let mut rows = vec![
         ("Length", format!("{:.1} mm", needs.length)),
@@ -61,7 +67,10 @@ fn group<N: Into<String>>(heading: impl Into<String>, rows: impl IntoIterator<It
 /// A body in a line: how its path was found, its pieces, length and layers. A planner that it is `called` by already is left out.
 pub fn caption(subject: &Subject, layers: &Layers, called: &str) -> String {
     let plan = subject.plan;
-    let grown = layers.built.as_ref().map(|_| "grown".to_owned());
+    let grown = layers
+        .built
+        .as_ref()
+        .map(|_| if layers.commanded.is_some() { "laid (simulated)".to_owned() } else { "grown".to_owned() });
     let planner = Some(planner(plan.planner)).filter(|planner| *planner != called);
     let pieces = Some(plan.word()).filter(|pieces| !pieces.is_empty());
     let path = match (planner, pieces) {

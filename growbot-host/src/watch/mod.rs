@@ -128,6 +128,12 @@ impl Watch {
         self.shared.changes.send_modify(|changes| *changes += 1);
     }
 
+    /// Tells pages what is wrong with this program's own files, until nothing is.
+    pub fn warn(&self, words: Option<String>) {
+        self.shared.watched().warn(words);
+        self.shared.changes.send_modify(|changes| *changes += 1);
+    }
+
     /// Tells pages how it ended, as `growbot grow --json` says it, and waits a moment for those that are open to hear it.
     pub fn end(self, result: &Value) {
         self.shared.watched().end(result);

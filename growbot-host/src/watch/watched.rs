@@ -1,6 +1,7 @@
 //! How a growth stands, and what of it a page does not know yet.
 
-use growbot_core::layer_bytes::LayerBytes;
+use growbot_core::layer::Layer;
+use growbot_core::layer_bytes::{Encoder, LayerBytes};
 use growbot_core::link::message::{Fault, State, Status, Waits};
 use serde_json::{Value, json};
 
@@ -33,6 +34,12 @@ pub struct Watched {
     answers: bool,
     /// What was said last: a refusal.
     said: Option<String>,
+    /// What is wrong with this program's own files.
+    warned: Option<String>,
+    /// Layers before this are as the plastic of a simulated tip lies.
+    simulated: usize,
+    /// What their rounding owes.
+    rounding: Encoder,
     ended: Option<Value>,
 }
 
@@ -40,6 +47,8 @@ pub struct Watched {
 #[derive(Debug, Default)]
 pub struct Seen {
     layers: usize,
+    /// Layers that it has seen as the plastic of a simulated tip lies.
+    simulated: usize,
     readings: usize,
     thinned: u32,
     /// Whether it has been told of the end.
@@ -63,6 +72,9 @@ impl Watched {
             clock: Clock::default(),
             answers: true,
             said: None,
+            warned: None,
+            simulated: 0,
+            rounding: Encoder::default(),
             ended: None,
         }
     }
@@ -91,8 +103,14 @@ impl Watched {
             News::Ordered(_) => self.said = None,
             News::Silent => self.answers = false,
             News::Back => self.answers = true,
+            News::Simulated(from, layers) => self.lies(*from as usize, layers),
             News::Counting(_) | News::Crash(_) => {}
         }
+    }
+
+    /// Something is wrong with this program's own files, or no longer.
+    pub fn warn(&mut self, words: Option<String>) {
+        self.warned = words;
     }
 
     /// It has ended, as `growbot grow --json` says it.
@@ -105,6 +123,10 @@ impl Watched {
         if seen.thinned != self.thinned {
             (seen.readings, seen.thinned) = (0, self.thinned);
         }
+        // What a simulated tip has laid takes the place of what was commanded.
+        if self.simulated > seen.simulated {
+            seen.layers = seen.layers.min(seen.simulated);
+        }
         let layers = self.built.get(seen.layers..).unwrap_or_default();
         let readings = self.readings.get(seen.readings..).unwrap_or_default();
         let message = json!({
@@ -112,6 +134,8 @@ impl Watched {
             "answers": self.answers,
             "explanation": self.explanation(),
             "said": self.said,
+            "warned": self.warned,
+            "simulated": self.simulated > 0,
             "total": self.total,
             "left_s": self.total.saturating_sub(self.built.len()) as f64 * self.period_s,
             "layers": { "from": seen.layers, "built": hex_of(layers) },
@@ -119,6 +143,7 @@ impl Watched {
             "ended": self.ended,
         });
         (seen.layers, seen.readings, seen.ended) = (self.built.len(), self.readings.len(), self.ended.is_some());
+        seen.simulated = self.simulated;
         message
     }
 
@@ -169,6 +194,18 @@ impl Watched {
         }
         self.built.extend_from_slice(self.commanded.get(self.built.len()..index).unwrap_or_default());
         self.built.extend(as_built.or_else(|| self.commanded.get(index).copied()));
+    }
+
+    /// Where the plastic of a simulated tip is, in the place of what was commanded.
+    fn lies(&mut self, from: usize, layers: &[Layer]) {
+        for (index, layer) in (from..).zip(layers) {
+            let layer = self.rounding.encode(layer);
+            match self.built.get_mut(index) {
+                Some(built) => *built = layer,
+                None => self.built.push(layer),
+            }
+        }
+        self.simulated = self.simulated.max(from + layers.len());
     }
 
     fn replace(&mut self, from: u32, layers: &[LayerBytes]) {
@@ -256,6 +293,31 @@ mod tests {
         assert_eq!((watched.commanded.len(), watched.total), (3, 20));
         watched.take(&News::NotAmended(None));
         assert!(watched.commanded == commanded && watched.total == total);
+    }
+
+    #[test]
+    fn where_a_simulated_tip_has_laid_comes_in_the_place_of_what_was_commanded() {
+        let mut watched = watched(&[]);
+        let mut seen = Seen::default();
+        watched.take(&News::Laid(0, Some([7; 12]), None));
+        watched.take(&News::Laid(1, Some([8; 12]), None));
+        assert_eq!(watched.news_for(&mut seen)["simulated"], json!(false));
+        let layer = Layer { alpha: 1.0, height: 0.5, tilt: 0.003 };
+        watched.take(&News::Simulated(0, vec![layer]));
+        let news = watched.news_for(&mut seen);
+        let expected = hex_of(&[Encoder::default().encode(&layer), [8; 12]]);
+        assert_eq!((&news["simulated"], &news["layers"]), (&json!(true), &json!({ "from": 0, "built": expected })));
+        assert_eq!(watched.news_for(&mut seen)["layers"]["from"], 2);
+    }
+
+    #[test]
+    fn a_log_that_fails_is_told_until_it_does_not() {
+        let mut watched = watched(&[]);
+        watched.warn(Some("disk full".to_owned()));
+        watched.take(&News::Ordered(crate::growth::Order::Hold));
+        assert_eq!(watched.news_for(&mut Seen::default())["warned"], "disk full");
+        watched.warn(None);
+        assert_eq!(watched.news_for(&mut Seen::default())["warned"], Value::Null);
     }
 
     #[test]

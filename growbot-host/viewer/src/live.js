@@ -24,26 +24,31 @@ export function showLive(data) {
   let built = "";
   let readings = [];
   let timer = null;
+  let stale = false;
   const grow = () => {
     timer = null;
+    stale = false;
     const began = performance.now();
     view.replaceBuilt(growBody(data.start, decodeLayers(built)));
     const took = performance.now() - began;
     timer = setTimeout(() => {
       timer = null;
-      if (view.layers() * HEX_PER_LAYER < built.length) grow();
+      if (stale) grow();
     }, took / SHARE);
   };
 
   const source = new EventSource("news");
   source.onmessage = ({ data: text }) => {
     const news = JSON.parse(text);
-    const { layers, readings: taken, total, ended } = news;
+    const { layers, readings: taken, total, ended, simulated } = news;
     const laid = layers.from + layers.built.length / HEX_PER_LAYER;
     readings = [...readings.slice(0, taken.from), ...taken.taken];
     built = built.slice(0, layers.from * HEX_PER_LAYER) + layers.built;
     view.total = total;
-    if (timer === null && view.layers() !== laid) grow();
+    // Layers of a simulated tip are told again, as its plastic lies: the picture may be older than its length says.
+    stale ||= layers.built.length > 0;
+    if (timer === null && stale) grow();
+    if (simulated) find("#built-name").textContent = "Laid (simulated)";
     showState(news);
     find("#progress").value = total > 0 ? laid / total : 1;
     find("#laid").textContent = `${laid} of ${total} layers`;
@@ -67,13 +72,14 @@ export function showLive(data) {
   return [view.picture];
 }
 
-function showState({ state, answers, explanation, said }) {
+function showState({ state, answers, explanation, said, warned }) {
   const badge = find("#state");
   badge.textContent = STATE_NAMES[state] ?? state;
   badge.dataset.state = state;
   find("#explanation").textContent = explanation ?? "";
   find("#order-hold").hidden = state === "hold";
   find("#order-go-on").hidden = state !== "hold";
+  showProblem(warned ?? "", "#log-problem");
   showProblem(answers ? (said ?? "") : "The board does not answer: growbot calls it again.");
 }
 

@@ -28,11 +28,13 @@ export function joinOne(data) {
   const picture = makePicture(find(".stage"), subject, data.live ? { range: heightRange(planned, sizes.tipRadius) } : {});
   const view = { picture, total: (data.live ? planned : body).layers.count, layers: () => body.layers.count };
 
-  const shown = ["built", "planned", "estimated"].map((name) => [name, find(`#show-${name}`)]);
+  const shown = ["built", "planned", "commanded", "estimated"].map((name) => [name, find(`#show-${name}`)]);
   shown.forEach(([, box]) => {
     box.addEventListener("change", () => picture?.reveal(Object.fromEntries(shown.map(([name, { checked }]) => [name, checked]))));
   });
   find("#compared").hidden = !built;
+  find("#built-name").textContent = data.built_name;
+  find("#commanded").hidden = !subject.commanded;
   find("#estimated").hidden = !subject.estimated;
 
   let [off, chart] = [null, null];

@@ -18,7 +18,8 @@ const along = (from, direction, length) => from.map((part, k) => part + directio
  *
  * - `show(layers)`: so much of the body;
  * - `replaceBody(body)`: another body instead, say a longer one; the view stays as it is, and `show` says how much of it is there;
- * - `reveal({ built, planned, estimated })`: whether the body as built, the planned one and where feedback took it to be are shown;
+ * - `reveal({ built, planned, commanded, estimated })`: whether the body as built, the planned one, where it was commanded to be and where
+ *   feedback took it to be are shown;
  * - `look(side)`: everything from `corner`, `front`, `side` or `top`;
  * - `paint()`: takes the colours of the page;
  * - `stage`: see stage.js.
@@ -36,7 +37,7 @@ export function makePicture(place, subject, { range, square } = {}) {
   }
 }
 
-function paintable(place, { start, goal, via, reached, estimated, planned, built, sizes }, range, square) {
+function paintable(place, { start, goal, via, reached, commanded, estimated, planned, built, sizes }, range, square) {
   const find = (selector) => place.querySelector(selector);
   let body = built ?? planned;
   let shown = body.layers.count;
@@ -67,7 +68,9 @@ function paintable(place, { start, goal, via, reached, estimated, planned, built
   line.visible = Boolean(built);
   if (ghost) scene.add(ghost);
   scene.add(line);
+  const asked = commanded && makeTrace(commanded, 0);
   const trace = estimated && makeTrace(estimated, 0);
+  if (asked) scene.add(asked);
   if (trace) scene.add(trace);
 
   const bodies = () => [body, planned].flatMap(outline);
@@ -137,10 +140,11 @@ function paintable(place, { start, goal, via, reached, estimated, planned, built
     stage.points = [...bodies(), ...marks];
     show(Math.min(shown, body.layers.count));
   };
-  const reveal = ({ built: asBuilt, planned: asPlanned, estimated: asEstimated }) => {
+  const reveal = ({ built: asBuilt, planned: asPlanned, commanded: asCommanded, estimated: asEstimated }) => {
     tube.mesh.visible = asBuilt;
     if (ghost) ghost.visible = asPlanned;
     line.visible = asPlanned;
+    if (asked) asked.visible = asCommanded;
     if (trace) trace.visible = asEstimated;
     stage.redraw();
   };
@@ -149,6 +153,7 @@ function paintable(place, { start, goal, via, reached, estimated, planned, built
     paintShadow();
     line.material.color.set(colour("--planned"));
     ghost?.material.color.set(colour("--planned"));
+    asked?.material.color.set(colour("--commanded"));
     trace?.material.color.set(colour("--estimated"));
     for (const [arrow, name] of arrows) arrow.children.forEach((part) => part.material.color.set(colour(name)));
     balls.forEach((ball) => ball.material.color.set(colour("--goal")));

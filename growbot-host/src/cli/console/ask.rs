@@ -88,7 +88,7 @@ fn layers(client: &mut Client, first: Option<u32>) -> Result<String, Failure> {
     match client.request(what, &Message::ReadLayers(ReadLayers { first }))? {
         Message::HeldLayers(HeldLayers { first, layers }) => {
             let mut text = String::from("layer,alpha_deg,height_mm,tilt_deg\n");
-            for (index, layer) in (first..).zip(layers.iter().map(decode)) {
+            for (index, layer) in (u64::from(first)..).zip(layers.iter().map(decode)) {
                 let tilt = growbot_core::angle::degrees(layer.tilt);
                 text += &format!("{index},{},{},{tilt}\n", degrees_below_turn(layer.alpha), layer.height);
             }

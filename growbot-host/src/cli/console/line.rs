@@ -1,6 +1,6 @@
 //! The console line by line: on a terminal, with history and completion, or in a pipe.
 
-use std::io::{self, BufRead, IsTerminal};
+use std::io::{self, BufRead, BufReader, IsTerminal};
 use std::sync::Arc;
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::thread;
@@ -13,6 +13,7 @@ use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_host::client::Client;
 use growbot_host::growth::{Job, News, Orders, Outcome, grow_job};
+use growbot_host::input::BoundedLines;
 use growbot_host::output::print;
 use growbot_host::plan::{Plan, Search};
 use rustyline::completion::Completer;
@@ -90,7 +91,7 @@ impl Session {
         let (read, lines) = mpsc::sync_channel(0);
         // Reading may wait for long, and Ctrl-C must not. The thread ends with the input or with the program.
         thread::spawn(move || {
-            for line in io::stdin().lock().split(b'\n') {
+            for line in BufReader::new(BoundedLines::of(io::stdin().lock())).split(b'\n') {
                 let failed = line.is_err();
                 if read.send(line).is_err() || failed {
                     break;
@@ -174,7 +175,7 @@ impl Session {
     fn wait(&mut self, seconds: f64) -> Result<(), Failure> {
         let clock = |client: &mut Client| client.status().map(|status| status.uptime_ms);
         // By the board's clock: on `sim` time passes only while we wait.
-        let until = clock(&mut self.client)? + (seconds * 1000.0) as u64;
+        let until = clock(&mut self.client)?.saturating_add((seconds * 1000.0) as u64);
         loop {
             let now = clock(&mut self.client)?;
             if now >= until {

@@ -20,6 +20,7 @@ mod spec;
 use std::collections::VecDeque;
 use std::time::Duration;
 
+use growbot_core::layer::Layer;
 use growbot_core::link::frame::LONGEST_FRAME;
 
 pub use self::spec::{FaultSpec, FaultSpecError};
@@ -247,6 +248,10 @@ impl<P: Port> Port for Faulty<P> {
 
     fn tip(&mut self) -> Result<Option<TipRecord>, PortError> {
         self.port.tip()
+    }
+
+    fn settled(&mut self, from: usize) -> Result<Vec<Layer>, PortError> {
+        self.port.settled(from)
     }
 }
 

@@ -22,6 +22,8 @@ const SHADOW: &str = "#e6e9ee";
 /// The lines that may lie beside a body: names, and how they are drawn.
 const PLANNED_LINE: Line =
     Line { name: "plan", style: "stroke=\"#4a5563\" stroke-width=\"1.3\" stroke-dasharray=\"7 4\"" };
+const COMMANDED_LINE: Line =
+    Line { name: "commanded", style: "stroke=\"#1f5fbf\" stroke-width=\"1.5\" stroke-dasharray=\"2 3\"" };
 const ESTIMATED_LINE: Line = Line { name: "estimated", style: "stroke=\"#c2185b\" stroke-width=\"1.5\"" };
 
 /// A body and its marks, mm.
@@ -29,6 +31,8 @@ pub struct Stage {
     tube: Tube,
     /// The planned body, where another one is shown.
     planned: Option<Tube>,
+    /// Where the tip would be if the plastic lay as commanded, where it is known not to.
+    commanded: Option<Vec<Vector3<f64>>>,
     /// Where feedback took the tip to be.
     estimated: Option<Vec<Vector3<f64>>>,
     start: Pose,
@@ -63,6 +67,7 @@ impl Stage {
         Self {
             tube: shown,
             planned,
+            commanded: subject.commanded(layers),
             estimated: subject.estimated(),
             start: plan.start,
             goal: plan.goal,
@@ -77,7 +82,8 @@ impl Stage {
     /// The lines beside the body.
     pub fn lines(&self) -> impl Iterator<Item = Line> {
         let planned = self.planned.as_ref().map(|_| PLANNED_LINE);
-        planned.into_iter().chain(self.estimated.as_ref().map(|_| ESTIMATED_LINE))
+        let commanded = self.commanded.as_ref().map(|_| COMMANDED_LINE);
+        planned.into_iter().chain(commanded).chain(self.estimated.as_ref().map(|_| ESTIMATED_LINE))
     }
 
     /// Whether it has a word for where the tip really is.
@@ -103,7 +109,7 @@ impl Stage {
     /// What is to be seen of it, with a floor of squares of this side, mm.
     pub fn bounds(&self, camera: &Camera, square: f64) -> Bounds {
         let centrelines = self.tube.centreline().chain(self.planned.iter().flat_map(Tube::centreline));
-        let lines = centrelines.chain(self.estimated.iter().flatten().copied());
+        let lines = centrelines.chain(self.commanded.iter().chain(&self.estimated).flatten().copied());
         let seen = lines.fold(Bounds::NONE, |seen, point| seen.with(camera.see(&point), self.outer));
         let [start, goal] = [self.start_arrow(), self.goal_arrow()];
         let marks = [start.from, goal.from + goal.length * goal.along].into_iter().chain(self.reached);
@@ -188,6 +194,9 @@ impl Stage {
         // The dashed line last: where both agree, both are seen.
         if let Some(estimated) = &self.estimated {
             ESTIMATED_LINE.draw(canvas, place, estimated.iter().copied());
+        }
+        if let Some(commanded) = &self.commanded {
+            COMMANDED_LINE.draw(canvas, place, commanded.iter().copied());
         }
         if let Some(planned) = &self.planned {
             PLANNED_LINE.draw(canvas, place, planned.centreline());

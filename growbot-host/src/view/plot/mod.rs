@@ -4,6 +4,8 @@ mod series;
 
 use std::fmt::Write;
 
+use growbot_core::layer_bytes::LayerBytes;
+
 use self::series::{Layered, Reading, Timeline, off_the_plan};
 use super::numbers::{caption, measured};
 use super::{Layers, Subject, ViewError};
@@ -59,7 +61,7 @@ const TARGET: &str = "#b3367a";
 pub fn svg(subject: &Subject, log: Option<&[u8]>, quantities: &[Quantity], along: Along) -> Result<String, ViewError> {
     let layers = subject.layers()?;
     let timeline = match (subject.run, log) {
-        (Some(run), Some(log)) => Timeline::told(log, run, layers.body(), subject.plan),
+        (Some(_), Some(log)) => Timeline::told(log, layers.body(), subject.plan),
         _ => Timeline::planned(layers.body(), subject.plan),
     };
     let layered = Layered::of(layers.body(), subject.robot.tip_radius());
@@ -203,10 +205,17 @@ fn error(subject: &Subject, layers: &Layers, axis: &Axis) -> Result<Lines, ViewE
             what: "error: it lies where it is planned",
         });
     };
-    let line = means(&axis.at, &off_the_plan(&subject.plan.start.frame(), built, &layers.planned));
-    let y = Scale::from_zero(line.iter().map(|(_, off)| *off).chain([FINEST]));
-    let head = "Off the plan, by the board's steps".to_owned();
-    Ok(Lines { head, unit: "mm", y, band: Vec::new(), line, dashed: Vec::new() })
+    let start = subject.plan.start.frame();
+    let off = |body: &[LayerBytes]| means(&axis.at, &off_the_plan(&start, body, &layers.planned));
+    let line = off(built);
+    let commanded = layers.commanded.as_deref().map(off).unwrap_or_default();
+    let y = Scale::from_zero(line.iter().chain(&commanded).map(|(_, off)| *off).chain([FINEST]));
+    let head = match &layers.commanded {
+        Some(_) => "Off the plan, laid (simulated); dashed, commanded, by the board's steps",
+        None => "Off the plan, by the board's steps",
+    };
+    let dashed = commanded.into_iter().map(|(at, off)| (at, Some(off))).collect();
+    Ok(Lines { head: head.to_owned(), unit: "mm", y, band: Vec::new(), line, dashed })
 }
 
 fn temperature(subject: &Subject, readings: &[Reading], axis: &Axis) -> Result<Lines, ViewError> {

@@ -9,7 +9,6 @@ use serde_json::Value;
 
 use crate::plan::Plan;
 use crate::run_clock::{Clock, events, time_for};
-use crate::run_log::RunRecord;
 
 /// The layers of a body, each at the end of what it adds.
 pub struct Layered {
@@ -98,10 +97,10 @@ impl Timeline {
     }
 
     /// Of a run log of these bytes, whose body has these layers.
-    pub fn told(log: &[u8], record: &RunRecord, layers: &[LayerBytes], plan: &Plan) -> Self {
+    pub fn told(log: &[u8], layers: &[LayerBytes], plan: &Plan) -> Self {
         let mut clock = Clock::default();
         let mut told = Self::default();
-        for event in events(log, record) {
+        for event in events(log) {
             match event.get("event").and_then(Value::as_str).unwrap_or_default() {
                 "status" => {
                     clock.status(&event);
@@ -113,10 +112,11 @@ impl Timeline {
                     }
                 }
                 "laid" => {
-                    // A layer may be told again after a resumption: the first report stands.
-                    let next = told.laid.len();
-                    let is_next = event.get("layer").and_then(Value::as_u64) == Some(next as u64);
-                    if let Some(layer) = layers.get(next).filter(|_| is_next) {
+                    // A layer may be told again after a resumption: the first report stands. One whose line is lost came before the next.
+                    let index = event.get("layer").and_then(Value::as_u64);
+                    while let Some(layer) = layers.get(told.laid.len())
+                        && index.is_some_and(|index| index < layers.len() as u64 && index >= told.laid.len() as u64)
+                    {
                         clock.layer_took(time_for(&decode(layer), plan));
                         told.laid.push(seconds(&clock));
                     }

@@ -5,6 +5,9 @@ use std::iter::once;
 use growbot_core::layer::{Layer, grow};
 use growbot_core::pose::{Frame, Pose};
 
+/// So many reports may be lost in a row, of a job whose plan is not known here.
+const MOST_UNREPORTED: usize = 65_536;
+
 /// A point, x, y, z, mm.
 pub type Point = [f64; 3];
 
@@ -50,6 +53,12 @@ impl Body {
 
     /// A layer is laid. One whose report was lost counts as planned, or as an even one of `full` height (mm).
     pub fn lay(&mut self, index: u32, layer: Layer, full: f64) {
+        let known = self.planned.len().max(self.built.len().saturating_add(MOST_UNREPORTED));
+        let is_far = !self.built.is_empty() && (index.saturating_sub(self.first) as usize) > known;
+        if is_far || index == u32::MAX {
+            // No board has laid so many since: it is not believed.
+            return;
+        }
         if self.built.is_empty() {
             self.first = index;
         }
@@ -76,7 +85,7 @@ impl Body {
 
     /// Index of the layer that is expected next.
     pub fn next(&self) -> u32 {
-        self.first + self.built.len() as u32
+        self.first.saturating_add(self.built.len() as u32)
     }
 
     /// Index of the first layer that is known.
@@ -134,6 +143,23 @@ mod tests {
         body.lay(1, even(0.8), 0.774);
         assert_eq!((body.built().len(), body.next(), body.unreported()), (2, 2, 0));
         assert!((body.tip().position().z - 1.5).abs() < 1e-12);
+    }
+
+    #[test]
+    fn indices_that_no_board_can_have_come_to_are_not_believed() {
+        let mut body = Body::new(1, &upright(), Vec::new());
+        body.lay(u32::MAX, even(0.7), 0.774);
+        assert_eq!((body.built().len(), body.next()), (0, 0));
+        body.lay(0, even(0.7), 0.774);
+        for far in [u32::MAX, u32::MAX - 1, 1 << 20] {
+            body.lay(far, even(0.7), 0.774);
+        }
+        assert_eq!((body.built().len(), body.unreported()), (1, 0));
+        let mut body = Body::new(1, &upright(), Vec::new());
+        for index in [u32::MAX - 2, u32::MAX - 1, u32::MAX] {
+            body.lay(index, even(0.7), 0.774);
+        }
+        assert_eq!(body.next(), u32::MAX);
     }
 
     #[test]

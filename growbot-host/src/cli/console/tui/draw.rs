@@ -2,6 +2,7 @@
 
 use growbot_core::layer::Layer;
 use growbot_core::link::message::{State, Status};
+use growbot_host::printable::steers;
 use ratatui::Frame;
 use ratatui::layout::{Alignment, Constraint, Layout, Position, Rect};
 use ratatui::style::{Color, Modifier, Style};
@@ -33,8 +34,17 @@ const WORKING: Style = Style::new().fg(Color::Yellow).add_modifier(Modifier::BOL
 const BAD: Style = Style::new().fg(Color::Red).add_modifier(Modifier::BOLD);
 const KEY: Style = Style::new().fg(Color::Cyan).add_modifier(Modifier::BOLD.union(Modifier::REVERSED));
 
-/// Draws the whole screen.
+/// Draws the whole screen. What names and messages of a board hold must not steer the terminal.
 pub fn screen(frame: &mut Frame, model: &Model) {
+    draw(frame, model);
+    for cell in &mut frame.buffer_mut().content {
+        if cell.symbol().contains(steers) {
+            cell.set_symbol(" ");
+        }
+    }
+}
+
+fn draw(frame: &mut Frame, model: &Model) {
     let area = frame.area();
     let [head, state, trouble, heater, tip, pictures, log, keys] = Layout::vertical([
         Constraint::Length(1),

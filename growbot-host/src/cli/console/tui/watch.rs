@@ -103,7 +103,7 @@ impl Watch {
     fn let_pass(&mut self, model: &mut Model, time: Duration) -> Result<(), ClientError> {
         let began = Instant::now();
         let mut now = self.ask(model)?;
-        let until = now + time.as_millis() as u64;
+        let until = now.saturating_add(time.as_millis() as u64);
         let step = VIRTUAL_STEP.max(time / LOOKS);
         while now < until && began.elapsed() < COMPUTE {
             if let Some(event) = self.client.event(step.min(Duration::from_millis(until - now)))? {

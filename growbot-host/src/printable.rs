@@ -1,0 +1,45 @@
+//! Text on its way to a terminal. Names, outcomes and messages come from files, boards and other programs: none of their characters may
+//! move the cursor, change colours or turn the direction of writing.
+
+use std::borrow::Cow;
+
+/// Whether a terminal obeys this character instead of showing it: C0, DEL, C1, and what changes lines or the direction of writing.
+#[must_use]
+pub fn steers(letter: char) -> bool {
+    letter.is_control()
+        || matches!(letter, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
+}
+
+/// The text with a space in place of each such character but the ends of lines.
+#[must_use]
+pub fn lines(text: &str) -> Cow<'_, str> {
+    without(text, |letter| letter != '\n' && steers(letter))
+}
+
+/// The text in one line, with a space in place of each such character.
+#[must_use]
+pub fn one_line(text: &str) -> Cow<'_, str> {
+    without(text, steers)
+}
+
+fn without(text: &str, goes: impl Fn(char) -> bool) -> Cow<'_, str> {
+    if text.contains(&goes) { text.replace(goes, " ").into() } else { text.into() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_steers_a_terminal_is_gone_and_the_rest_stays() {
+        let hostile = "a\u{1b}[31mb\u{7}\u{7f}\u{9b}2J\u{202e}c\u{2066}d\u{200f}e\rf\tg\nh";
+        assert_eq!(lines(hostile), "a [31mb   2J c d e f g\nh");
+        assert_eq!(one_line(hostile), "a [31mb   2J c d e f g h");
+        let plain = "73 \u{b0} \u{b7} \u{2026} \u{645}\u{631}\u{62d}\u{628}\u{627}";
+        assert!(matches!(one_line(plain), Cow::Borrowed(same) if same == plain));
+        assert_eq!(
+            (0..=0x10_ffff_u32).filter_map(char::from_u32).filter(|letter| steers(*letter)).count(),
+            65 + 3 + 7 + 4
+        );
+    }
+}

@@ -1,0 +1,103 @@
+//! The lines of a log: one JSON object each. What is none, since a disk was full or a byte was spoilt, is skipped and counted, and reading
+//! goes on at the next line.
+
+use serde_json::Value;
+
+/// No line of a log is longer, bytes (16 MiB): the layers of a job are in one.
+const LONGEST_LINE: usize = 16 << 20;
+
+/// What of a log could not be read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Damage {
+    /// Lines that are no JSON objects.
+    pub lines: usize,
+    /// The number of the first of them, from 1.
+    pub first: usize,
+    /// Bytes at the end, of a line that was cut off.
+    pub cut_off: usize,
+}
+
+impl Damage {
+    /// What to tell people, in sentences; none where all could be read. `file` is how the log is called.
+    #[must_use]
+    pub fn in_words(&self, file: &str) -> Option<String> {
+        let Self { lines, first, cut_off } = self;
+        let skipped = match lines {
+            0 => None,
+            1 => Some(format!("line {first} of {file} is no event and was skipped: what it told is missing")),
+            _ => Some(format!(
+                "{lines} lines of {file}, the first is line {first}, are no events and were skipped: what they told is missing"
+            )),
+        };
+        let cut = (*cut_off > 0)
+            .then(|| format!("the last {cut_off} bytes of {file} are no whole line: the log was cut off there"));
+        match (skipped, cut) {
+            (Some(skipped), Some(cut)) => Some(format!("{skipped}; {cut}")),
+            (skipped, cut) => skipped.or(cut),
+        }
+    }
+}
+
+/// The events of a log, one after the other.
+pub struct Events<'a> {
+    rest: &'a [u8],
+    number: usize,
+    /// What could not be read so far.
+    pub damage: Damage,
+}
+
+impl<'a> Events<'a> {
+    /// Of a log of these bytes.
+    #[must_use]
+    pub fn of(log: &'a [u8]) -> Self {
+        Self { rest: log, number: 0, damage: Damage::default() }
+    }
+}
+
+impl Iterator for Events<'_> {
+    type Item = Value;
+
+    fn next(&mut self) -> Option<Value> {
+        while !self.rest.is_empty() {
+            let end = self.rest.iter().position(|byte| *byte == b'\n').map_or(self.rest.len(), |end| end + 1);
+            let (line, rest) = self.rest.split_at(end);
+            self.rest = rest;
+            self.number += 1;
+            let text = line.trim_ascii();
+            let event = (text.len() <= LONGEST_LINE).then(|| serde_json::from_slice(text).ok()).flatten();
+            match event.filter(Value::is_object) {
+                Some(event) => return Some(event),
+                // A line that was torn before its first byte.
+                None if text.is_empty() => {}
+                None if !line.ends_with(b"\n") => self.damage.cut_off = line.len(),
+                None => {
+                    if self.damage.lines == 0 {
+                        self.damage.first = self.number;
+                    }
+                    self.damage.lines += 1;
+                }
+            }
+        }
+        None
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn reading_goes_on_after_a_line_that_is_no_event() {
+        let log = b"{\"a\":1}\n{\"b\":\n\n7\n{\"c\":3}\r\n\xff\xfe\n{\"d\":4}\n{\"e\":";
+        let mut events = Events::of(log);
+        let keys: Vec<String> =
+            events.by_ref().flat_map(|event| event.as_object().unwrap().keys().cloned().collect::<Vec<_>>()).collect();
+        assert_eq!(keys, ["a", "c", "d"]);
+        assert_eq!(events.damage, Damage { lines: 3, first: 2, cut_off: 5 });
+        let words = events.damage.in_words("run").unwrap();
+        assert!(words.contains("3 lines of run, the first is line 2") && words.contains("last 5 bytes"), "{words}");
+        assert_eq!(Damage::default().in_words("run"), None);
+        // A last line that only lacks its end is whole.
+        assert_eq!(Events::of(b"{\"a\":1}").count(), 1);
+    }
+}

@@ -1,0 +1,264 @@
+use std::cell::RefCell;
+use std::rc::Rc;
+
+use growbot_core::layer_bytes::LayerBytes;
+use growbot_core::link::message::Measured;
+use growbot_core::plan::Planner;
+use growbot_core::simulation::Disturbance;
+
+use super::*;
+use crate::feedback::Count;
+use crate::plan::Search;
+
+/// A log of three layers with feedback, and lines after its header.
+fn log(lines: &[Value]) -> Vec<u8> {
+    let robot = crate::robot_file::load("growbot-a".as_ref()).unwrap();
+    let up = |z| Pose::from_degrees([0.0, 0.0, z, 0.0, 90.0]).unwrap();
+    let search = Search { radius: 100.0, planner: Planner::Shortest, clear_of_self: false };
+    let plan = Plan::through(&robot, &up(0.0), &[], &up(2.1), &search).unwrap();
+    let job = Job::new(&robot, &plan.start, &plan.goal, &plan.path);
+    let file = tempfile::tempdir().unwrap();
+    let path = file.path().join("run.jsonl");
+    let noise = SensorNoise { odometry: 0.01, direction: 0.002 };
+    let mut log = RunLog::begin(&path, &plan, &job, Some(noise), "sim").unwrap();
+    for line in lines {
+        log.write(line.clone()).unwrap();
+    }
+    fs::read(&path).unwrap()
+}
+
+#[test]
+fn amendments_are_read_back_and_those_that_the_board_did_not_take_are_none() {
+    let other = |byte: u8| [byte; 12];
+    let amending = |plan_id: u64, from: u32, layers: &[LayerBytes]| json!({ "event": "amending", "plan_id": written_hash(plan_id), "from": from, "total": 9, "layers": hex_of(layers) });
+    let lines = [
+        json!({ "event": "counting", "boot_id": 5, "laid": 0, "filament_pulses": 3 }),
+        amending(7, 1, &[other(1), other(2)]),
+        json!({ "event": "laid", "layer": 0, "as_built": hex(&other(9)), "filament_pulses": 60, "gravity_milli_g": [0, -3, 999] }),
+        json!({ "event": "laid", "layer": 1, "as_built": null, "filament_pulses": null, "gravity_milli_g": null }),
+        amending(8, 2, &[other(3)]),
+        json!({ "event": "not-amended" }),
+        json!({ "event": "handing-over", "from": 3, "layers": hex_of(&[other(4)]) }),
+        amending(9, 3, &[other(5)]),
+    ];
+    let mut record = RunRecord::read(&log(&lines), "log").unwrap();
+    assert_eq!((record.plan_id, record.total, record.layers.len()), (9, 9, 4));
+    assert_eq!(record.layers[1..], [other(1), other(2), other(5)]);
+    assert_eq!(record.measured[0], Some(Measured { filament_pulses: Some(60), gravity_milli_g: Some([0, -3, 999]) }));
+    assert_eq!(record.measured[1], Some(Measured::default()));
+    assert_eq!(record.counts, [(0, Count { boot_id: 5, laid: 0, filament_pulses: Some(3) })]);
+    // The board has taken the latest one, or it has not.
+    record.is_held_as(9);
+    assert_eq!(record.plan_id, 9);
+    record.is_held_as(7);
+    assert_eq!((record.plan_id, record.layers[3]), (7, other(4)));
+}
+
+#[test]
+fn a_log_without_feedback_has_none() {
+    let mut bytes = log(&[]);
+    assert!(RunRecord::read(&bytes, "log").unwrap().feedback.is_some());
+    let text = String::from_utf8(bytes).unwrap();
+    let mut header: Value = serde_json::from_str(&text).unwrap();
+    header["feedback"] = Value::Null;
+    bytes = format!("{header}\n").into_bytes();
+    assert_eq!(RunRecord::read(&bytes, "log").unwrap().feedback, None);
+}
+
+/// A disk that is full from a number of bytes on, until somebody makes room.
+#[derive(Clone, Default)]
+struct Disk(Rc<RefCell<(Vec<u8>, usize)>>);
+
+impl Disk {
+    fn with_room(bytes: usize) -> Self {
+        Self(Rc::new(RefCell::new((Vec::new(), bytes))))
+    }
+
+    fn make_room(&self, bytes: usize) {
+        self.0.borrow_mut().1 += bytes;
+    }
+
+    fn written(&self) -> Vec<u8> {
+        self.0.borrow().0.clone()
+    }
+}
+
+impl Write for Disk {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let (written, room) = &mut *self.0.borrow_mut();
+        let count = bytes.len().min(*room);
+        if count == 0 && !bytes.is_empty() {
+            return Err(io::ErrorKind::StorageFull.into());
+        }
+        written.extend_from_slice(&bytes[..count]);
+        *room -= count;
+        Ok(count)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+fn laid(index: u32) -> News {
+    News::Laid(index, Some([index as u8 + 1; 12]), None)
+}
+
+/// A log of three layers that ends with the header.
+fn header_of_three() -> Vec<u8> {
+    log(&[])
+}
+
+#[test]
+fn a_disk_that_is_full_for_a_while_costs_no_line_wherever_it_tears_one() {
+    let header = header_of_three();
+    let whole = {
+        let disk = Disk::with_room(usize::MAX / 2);
+        let mut log = RunLog::to(Box::new(disk.clone()), "run", Frame::identity());
+        (0..3).for_each(|index| log.news(&laid(index)).unwrap());
+        disk.written().len()
+    };
+    for room in 0..whole {
+        let disk = Disk::with_room(room);
+        let mut log = RunLog::to(Box::new(disk.clone()), "run", Frame::identity());
+        let failed = (0..3).filter(|index| log.news(&laid(*index)).is_err()).count();
+        assert!(failed > 0 && log.missing() > 0, "{room}");
+        disk.make_room(10_000);
+        log.end(&json!({ "outcome": "done" })).unwrap();
+        assert_eq!(log.missing(), 0, "{room}");
+        let record = RunRecord::read(&[header.clone(), disk.written()].concat(), "run").unwrap();
+        let layers: Vec<Option<LayerBytes>> = (1..=3).map(|byte| Some([byte; 12])).collect();
+        assert_eq!((record.as_built, record.lost.len()), (layers, 0), "{room}");
+        assert_eq!(record.outcome.as_deref(), Some("done"), "{room}");
+        assert!(record.damage.lines <= 1 && record.damage.cut_off == 0, "{room}: {:?}", record.damage);
+    }
+}
+
+#[test]
+fn a_layer_whose_line_is_spoilt_is_lost_and_those_after_it_are_not() {
+    let line = |index: u32| {
+        format!("{}\n", json!({ "event": "laid", "layer": index, "as_built": hex(&[index as u8 + 1; 12]) }))
+    };
+    let mut bytes = header_of_three();
+    bytes.extend(line(0).bytes());
+    bytes.extend(&line(1).as_bytes()[..20]);
+    bytes.extend(b"\n");
+    bytes.extend(line(2).bytes());
+    let damaged = RunRecord::read(&bytes, "run").unwrap();
+    assert_eq!(damaged.as_built, [Some([1; 12]), None, Some([3; 12])]);
+    assert_eq!((&damaged.lost[..], damaged.known()), (&[1][..], vec![Some([1; 12])]));
+    assert_eq!(damaged.damage, Damage { lines: 1, first: 3, cut_off: 0 });
+    assert_eq!(damaged.commanded().count(), 3);
+    // A board that tells it again mends that.
+    bytes.extend(line(1).bytes());
+    let mended = RunRecord::read(&bytes, "run").unwrap();
+    assert_eq!(mended.as_built, [Some([1; 12]), Some([2; 12]), Some([3; 12])]);
+    assert!(mended.lost.is_empty() && mended.known().len() == 3);
+}
+
+#[test]
+fn a_log_is_gone_on_with_without_losing_a_byte() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.jsonl");
+    let good = format!("{}\n", json!({ "event": "laid", "layer": 0, "as_built": hex(&[1; 12]) }));
+    for end in ["", "{\"event\":\"la", "{\"event\":\"la\n{\"event\":\"silent\"}\n"] {
+        let before = [&header_of_three()[..], good.as_bytes(), end.as_bytes()].concat();
+        fs::write(&path, &before).unwrap();
+        let record = RunRecord::open(&path).unwrap();
+        let mut log = RunLog::go_on(&path, &record, "sim").unwrap();
+        log.news(&laid(1)).unwrap();
+        let after = fs::read(&path).unwrap();
+        assert!(after.starts_with(&before), "{end:?}");
+        let record = RunRecord::open(&path).unwrap();
+        assert_eq!((record.as_built.len(), record.lost.len()), (2, 0), "{end:?}");
+        // A log of another growth is not this one's to take away.
+        log.discard();
+        assert!(path.exists());
+    }
+}
+
+#[test]
+fn a_log_that_cannot_be_begun_leaves_nothing_behind_and_one_that_is_there_stays() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.jsonl");
+    fs::write(&path, b"a body").unwrap();
+    let robot = crate::robot_file::load("growbot-a".as_ref()).unwrap();
+    let up = |z| Pose::from_degrees([0.0, 0.0, z, 0.0, 90.0]).unwrap();
+    let plan = Plan::make(&robot, &up(0.0), &up(2.1), 100.0, Planner::Shortest).unwrap();
+    let job = Job::new(&robot, &plan.start, &plan.goal, &plan.path);
+    assert!(RunLog::begin(&path, &plan, &job, None, "sim").is_err());
+    assert_eq!(fs::read(&path).unwrap(), b"a body");
+    assert!(RunLog::begin(&folder.path().join("run.pdf"), &plan, &job, None, "sim").is_err());
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+}
+
+#[test]
+fn the_header_tells_of_the_command_the_time_and_the_disturbances_and_every_event_has_a_time() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.jsonl");
+    let robot = crate::robot_file::load("growbot-a".as_ref()).unwrap();
+    let up = |z| Pose::from_degrees([0.0, 0.0, z, 0.0, 90.0]).unwrap();
+    let plan = Plan::make(&robot, &up(0.0), &up(2.1), 100.0, Planner::Shortest).unwrap();
+    let job = Job::new(&robot, &plan.start, &plan.goal, &plan.path);
+    let disturbance = Disturbance { growth_noise: 0.1, tilt_bias: 0.05, ..Disturbance::default() };
+    let imperfection = Imperfection { disturbance, seed: 7, ..Imperfection::default() };
+    let origin = Origin { port: "sim", imperfection: Some(&imperfection) };
+    let mut log = RunLog::begin(&path, &plan, &job, None, origin).unwrap();
+    log.news(&laid(0)).unwrap();
+    log.news(&News::Simulated(0, vec![Layer { alpha: 1.0, height: 0.7, tilt: 0.004 }])).unwrap();
+    log.end(&json!({ "outcome": "done" })).unwrap();
+    let bytes = fs::read(&path).unwrap();
+    let lines: Vec<Value> = Events::of(&bytes).collect();
+    let header = &lines[0];
+    assert!(!header["command"].as_array().unwrap().is_empty() && header["tip"] == "simulated");
+    assert_eq!(header["disturbances"]["seed"], 7);
+    let noise = &header["disturbances"]["growth_noise"];
+    assert_eq!((&noise["distribution"], &noise["most"]), (&json!("uniform"), &json!(10.0)));
+    assert_eq!(header["disturbances"]["tilt_bias"]["value"], json!(5.0));
+    for time in lines.iter().map(|line| &line["utc"]).chain([&header["started_utc"]]) {
+        let time = time.as_str().unwrap();
+        OffsetDateTime::parse(time, &Rfc3339).unwrap();
+        assert!(time.ends_with('Z'), "{time}");
+    }
+    let record = RunRecord::open(&path).unwrap();
+    let laid = record.simulated().unwrap();
+    assert_eq!(laid.len(), 1);
+    assert!((laid[0].alpha - 1.0).abs() < 1e-15 && (laid[0].tilt - 0.004).abs() < 1e-15, "{laid:?}");
+    assert_eq!(lines[2]["tip"]["z_mm"].as_f64().map(|z| (z - 0.7).abs() < 1e-4), Some(true));
+}
+
+#[test]
+fn numbers_beyond_reason_do_no_harm() {
+    let lie = |layer: u64, height: f64| json!({ "event": "simulated", "layer": layer, "alpha_deg": 0.0, "height_mm": height, "tilt_deg": 0.0 });
+    let told = |layer: u64| json!({ "event": "laid", "layer": layer, "as_built": hex(&[1; 12]) });
+    let most = u64::from(u32::MAX);
+    let lines =
+        [told(u64::MAX), told(most), told(1 << 40), lie(u64::MAX, 1.0), lie(most, 1.0), lie(0, -1.0), lie(0, 1e300)];
+    let record = RunRecord::read(&log(&lines), "run").unwrap();
+    assert!(record.as_built.is_empty() && record.simulated().is_none());
+    let amending = |from: u64| json!({ "event": "amending", "plan_id": "0000000000000007", "from": from, "total": 4_000_000_000_u32, "layers": "" });
+    let record = RunRecord::read(&log(&[amending(most), amending(0), amending(0), told(0), told(1)]), "run").unwrap();
+    assert_eq!((record.layers.len(), record.commanded().count()), (0, 2));
+}
+
+#[test]
+fn a_crash_of_the_firmware_is_written_with_its_registers_and_changes_nothing_else() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("run.jsonl");
+    fs::write(&path, log(&[])).unwrap();
+    let before = RunRecord::open(&path).unwrap();
+    let mut log = RunLog::go_on(&path, &before, "sim").unwrap();
+    let mut words = [0x1001; growbot_core::link::crash::CRASH_WORDS];
+    words[..9].copy_from_slice(&[3 << 16 | 3, 7, 0xfeed_beef, 0x1000_0800, 0xFFFF_FFF9, 1 << 16, 1 << 30, 1, 2]);
+    log.news(&News::Crash(words)).unwrap();
+    let text = fs::read_to_string(&path).unwrap();
+    let line: Value = serde_json::from_str(text.lines().last().unwrap()).unwrap();
+    assert_eq!(
+        (&line["event"], &line["cause"], &line["boot_id"]),
+        (&"crash".into(), &"processor fault".into(), &7.into())
+    );
+    assert_eq!((&line["pc"], &line["cfsr"]), (&"00001001".into(), &"00010000".into()));
+    assert_eq!((&line["reasons"][0], &line["image_crc"]), (&"UNDEFINSTR".into(), &"feedbeef".into()));
+    let after = RunRecord::open(&path).unwrap();
+    assert_eq!((after.as_built, after.layers, after.outcome), (before.as_built, before.layers, before.outcome));
+}

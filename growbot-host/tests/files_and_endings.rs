@@ -1,0 +1,295 @@
+//! What commands read and write, whatever it is: no input is overwritten under any name, no ending is a lie, nothing is waited for that
+//! never ends, nothing that files hold steers a terminal, and a log that cannot be written is said at once.
+#![cfg(unix)]
+
+mod running;
+
+use std::fs;
+use std::os::unix::fs::symlink;
+use std::process::{Command, Stdio};
+
+use growbot_host::printable::steers;
+use running::{Ran, growbot, growbot_reading};
+use serde_json::Value;
+use tempfile::TempDir;
+
+/// A directory with a plan, the log of its growth on a disturbed tip, a robot and queries.
+struct Files(TempDir);
+
+impl Files {
+    fn new() -> Self {
+        let files = Self(tempfile::tempdir().unwrap());
+        assert_eq!(growbot(&["plan", "--to", "200,0,200,0,0", "-o", &files.path("plan.json")]).code, Some(0));
+        let log = files.path("run.jsonl");
+        let grown = growbot(&["grow", &files.path("plan.json"), "--tilt-bias", "20", "--log", &log, "--json"]);
+        assert_eq!(grown.code, Some(0), "{}", grown.err);
+        fs::write(files.path("grown.json"), grown.out).unwrap();
+        fs::write(files.path("robot.toml"), text_of_robot()).unwrap();
+        let header = "id,from_x_mm,from_y_mm,from_z_mm,from_heading_deg,from_pitch_deg,to_x_mm,to_y_mm,to_z_mm,to_heading_deg,to_pitch_deg";
+        fs::write(files.path("queries.csv"), format!("{header}\na,0,0,0,0,90,0,0,100,0,90\n")).unwrap();
+        files
+    }
+
+    fn path(&self, name: &str) -> String {
+        self.0.path().join(name).to_str().unwrap().to_owned()
+    }
+}
+
+fn text_of_robot() -> String {
+    fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/growbot-a.toml")).unwrap()
+}
+
+/// Nothing that a terminal would obey.
+#[track_caller]
+fn assert_plain(ran: &Ran) {
+    for text in [&ran.out, &ran.err] {
+        let hostile = text.chars().find(|letter| *letter != '\n' && steers(*letter));
+        assert_eq!(hostile, None, "{text:?}");
+    }
+}
+
+#[test]
+fn no_command_overwrites_what_it_reads_under_any_name() {
+    let files = Files::new();
+    let [plan, run, robot] = ["plan.json", "run.jsonl", "robot.toml"].map(|name| files.path(name));
+    // Each command, the input that it is told to write to, and the ending that its output has.
+    let table: [(Vec<&str>, &str, &str, &str); 13] = [
+        (vec!["plan", "--to", "0,0,50,0,90", "--robot", &robot], &robot, "-o", "json"),
+        (vec!["view", &plan], &plan, "-o", "html"),
+        (vec!["view", &run], &run, "-o", "html"),
+        (vec!["view", &run, "--svg"], &run, "-o", "svg"),
+        (vec!["view", &run, "--plot", "heights"], &run, "-o", "svg"),
+        (vec!["view", "--compare", &plan, &run], &run, "-o", "html"),
+        (vec!["view", &plan, "--robot", &robot], &robot, "-o", "html"),
+        (vec!["export", &plan, "--format", "stl"], &plan, "-o", "stl"),
+        (vec!["export", &run, "--format", "mcap"], &run, "-o", "mcap"),
+        (vec!["export", &run, "--format", "csv", "--robot", &robot], &robot, "-o", "csv"),
+        (vec!["workspace", "--robot", &robot, "--length", "100"], &robot, "-o", "svg"),
+        (vec!["grow", &plan], &plan, "--log", "jsonl"),
+        (vec!["grow", "--to", "0,0,5,0,90", "--robot", &robot], &robot, "--log", "jsonl"),
+    ];
+    fs::create_dir(files.path("sub")).unwrap();
+    for (index, (args, input, option, ending)) in table.iter().enumerate() {
+        let before = fs::read(input).unwrap();
+        let [hard, soft] = ["hard", "soft"].map(|name| files.path(&format!("{name}{index}.{ending}")));
+        fs::hard_link(input, &hard).unwrap();
+        symlink(input, &soft).unwrap();
+        let name = input.rsplit('/').next().unwrap();
+        let around = files.path(&format!("sub/../{name}"));
+        for output in [(*input).to_owned(), hard, soft, around] {
+            let ran = growbot(&[&args[..], &[option, &output]].concat());
+            assert_eq!(ran.code, Some(2), "{args:?} {option} {output}: {}", ran.err);
+            assert_eq!(fs::read(input).unwrap(), before, "{args:?} {option} {output}");
+            assert_eq!(ran.err.lines().filter(|line| !line.contains("warning")).count(), 1, "{}", ran.err);
+        }
+        // The same under a name that the shell has opened.
+        let through = Command::new("sh")
+            .args(["-c", "exec \"$0\" \"$@\" 3<\"$INPUT\"", env!("CARGO_BIN_EXE_growbot")])
+            .args([&args[..], &[*option, "/proc/self/fd/3"]].concat())
+            .env("INPUT", input)
+            .stdin(Stdio::null())
+            .output()
+            .unwrap();
+        assert_eq!(through.status.code(), Some(2), "{args:?}: {}", String::from_utf8_lossy(&through.stderr));
+        assert_eq!(fs::read(input).unwrap(), before, "{args:?} through a descriptor");
+    }
+    // From standard input, which may be that file.
+    let through = Command::new(env!("CARGO_BIN_EXE_growbot"))
+        .args(["export", "-", "--format", "csv", "-o", &plan])
+        .stdin(fs::File::open(&plan).unwrap())
+        .output()
+        .unwrap();
+    assert_eq!(through.status.code(), Some(2), "{}", String::from_utf8_lossy(&through.stderr));
+    assert!(fs::read_to_string(&plan).unwrap().starts_with('{'));
+}
+
+#[test]
+fn an_ending_that_promises_another_format_is_refused_and_the_formats_are_listed() {
+    let files = Files::new();
+    let [plan, run] = ["plan.json", "run.jsonl"].map(|name| files.path(name));
+    let before = fs::read_dir(files.0.path()).unwrap().count();
+    for (args, option, name, listed) in [
+        (vec!["view", &plan], "-o", "a.pdf", ".html, .svg or .png"),
+        (vec!["view", &run], "-o", "a.xyz", ".html, .svg or .png"),
+        (vec!["view", &run, "--plot", "error"], "-o", "a.pdf", ".svg or .png"),
+        (vec!["view", &plan, "--png"], "-o", "a.pdf", ".png"),
+        (vec!["export", &run], "-o", "a.pdf", ".stl, .glb, .csv or .mcap"),
+        (vec!["export", &plan], "-o", "a.json", ".stl, .glb, .csv or .mcap"),
+        (vec!["workspace", "--length", "100"], "-o", "a.png", ".svg"),
+        (vec!["plan", "--to", "0,0,50,0,90"], "-o", "a.svg", ".json"),
+        (vec!["new-robot"], "-o", "a.json", ".toml"),
+        (vec!["grow", "--to", "0,0,5,0,90"], "--log", "a.mcap", ".jsonl or .json"),
+    ] {
+        let ran = growbot(&[&args[..], &[option, &files.path(name)]].concat());
+        assert_eq!((ran.code, ran.out.as_str()), (Some(2), ""), "{args:?}: {}", ran.err);
+        assert!(ran.err.contains(listed) && ran.err.contains(name), "{args:?}: {}", ran.err);
+    }
+    assert_eq!(fs::read_dir(files.0.path()).unwrap().count(), before);
+}
+
+#[test]
+fn nothing_is_waited_for_that_never_ends_and_nothing_is_read_without_limit() {
+    let files = Files::new();
+    let fifo = files.path("fifo");
+    assert!(Command::new("mkfifo").arg(&fifo).status().unwrap().success());
+    let huge = files.path("huge.jsonl");
+    // Sparse: longer than any log, and no disk is filled.
+    fs::File::create(&huge).unwrap().set_len((256 << 20) + 1).unwrap();
+    for file in [fifo.as_str(), "/dev/zero", "/dev/tty", &huge, files.0.path().to_str().unwrap()] {
+        for args in [
+            vec!["replay", file],
+            vec!["resume", file],
+            vec!["view", file, "-o", "/dev/null"],
+            vec!["export", file, "--format", "csv"],
+            vec!["layers", file],
+            vec!["simulate", file],
+            vec!["grow", file],
+            vec!["rmin", "--robot", file],
+            vec!["plan", "--batch", file, "--json"],
+        ] {
+            // A batch is a stream, and may be as long as it likes.
+            if args.contains(&"--batch") && file == huge {
+                continue;
+            }
+            let ran = growbot(&args);
+            assert_eq!(ran.code, Some(2), "{args:?}: {}", ran.err);
+            assert_eq!(ran.err.lines().count(), 1, "{args:?}: {}", ran.err);
+        }
+    }
+    let endless = "x".repeat(3 << 20);
+    for args in [vec!["plan", "--batch", "-", "--json"], vec!["console"]] {
+        let ran = growbot_reading(&args, &endless);
+        assert!(ran.code == Some(2) && ran.err.contains("longer than 1048576 bytes"), "{args:?}: {}", ran.err);
+    }
+    // What the shell opens is read.
+    let run = files.path("run.jsonl");
+    let piped = Command::new("bash")
+        .args(["-c", "exec \"$0\" replay <(cat \"$RUN\") --json", env!("CARGO_BIN_EXE_growbot")])
+        .env("RUN", &run)
+        .output()
+        .unwrap();
+    let direct = growbot(&["replay", &run, "--json"]);
+    assert_eq!(String::from_utf8_lossy(&piped.stdout), direct.out, "{}", String::from_utf8_lossy(&piped.stderr));
+    assert_eq!(growbot_reading(&["replay", "-", "--json"], &fs::read_to_string(&run).unwrap()).out, direct.out);
+}
+
+#[test]
+fn a_disturbed_growth_is_told_as_it_was_laid_and_beside_it_as_it_was_commanded() {
+    let files = Files::new();
+    let run = files.path("run.jsonl");
+    let grown: Value = serde_json::from_str(&fs::read_to_string(files.path("grown.json")).unwrap()).unwrap();
+    let replayed: Value = serde_json::from_str(&growbot(&["replay", &run, "--json"]).out).unwrap();
+    let number = |value: &Value| value.as_f64().unwrap();
+    let error = number(&grown["position_error_mm"]);
+    assert!(error > 1.0, "{error}");
+    assert!((number(&replayed["position_error_mm"]) - error).abs() < 1e-9, "{replayed}");
+    assert_eq!((&replayed["measured_by"], &replayed["layers"]), (&grown["measured_by"], &grown["layers"]));
+    assert!(number(&replayed["commanded"]["position_error_mm"]) < 0.1, "{replayed}");
+    let told = growbot(&["replay", &run]).out;
+    assert!(told.contains("laid (simulated)") && told.contains("commanded "), "{told}");
+    // The export's last rows are where replay says that the tip is.
+    let reached = number(&replayed["final"]["x_mm"]);
+    let last = |args: &[&str]| -> Vec<String> {
+        let out = growbot(&[&["export", &run, "--format", "csv"], args].concat()).out;
+        out.lines().last().unwrap().split(',').map(str::to_owned).collect()
+    };
+    let row = last(&[]);
+    assert!((row[1].parse::<f64>().unwrap() - reached).abs() < 1e-9 && row[10] == "laid-simulated", "{row:?}");
+    let commanded = number(&replayed["commanded"]["final"]["x_mm"]);
+    assert!((row[11].parse::<f64>().unwrap() - commanded).abs() < 1e-9, "{row:?}");
+    assert_eq!(last(&["--body", "commanded"])[1], row[11]);
+    for (output, says) in [("a.html", "Laid (simulated)"), ("a.svg", "commanded")] {
+        assert_eq!(growbot(&["view", &run, "-o", &files.path(output)]).code, Some(0));
+        assert!(fs::read_to_string(files.path(output)).unwrap().contains(says), "{output}");
+    }
+    let plot = growbot(&["view", &run, "--plot", "error", "-o", &files.path("plot.svg")]);
+    assert_eq!(plot.code, Some(0), "{}", plot.err);
+    assert!(fs::read_to_string(files.path("plot.svg")).unwrap().contains("laid (simulated); dashed, commanded"));
+    let glb = growbot(&["export", &run, "-o", &files.path("a.glb")]);
+    assert_eq!(glb.code, Some(0), "{}", glb.err);
+    let glb = fs::read(files.path("a.glb")).unwrap();
+    let text = String::from_utf8_lossy(&glb);
+    assert!(text.contains("\"laid (simulated)\"") && text.contains("\"commanded\""));
+}
+
+#[test]
+fn what_files_and_arguments_hold_does_not_steer_the_terminal() {
+    let files = Files::new();
+    let hostile = "\u{1b}[31mred\u{7}\u{9b}2J\u{202e}\u{7f}";
+    let log = fs::read_to_string(files.path("run.jsonl")).unwrap();
+    let escaped = serde_json::to_string(hostile).unwrap();
+    let outcome = log.replace("\"outcome\":\"done\"", &format!("\"outcome\":{escaped}"));
+    let named = log.replace("\"robot\":\"growbot-a\"", &format!("\"robot\":{escaped}"));
+    let format = log.replace("growbot-run/2", hostile.trim_matches('\u{1b}'));
+    assert!([&outcome, &named].iter().all(|changed| **changed != log));
+    for (name, text) in [("outcome", &outcome), ("named", &named), ("format", &format)] {
+        let file = files.path(&format!("{name}.jsonl"));
+        fs::write(&file, text).unwrap();
+        for args in [
+            vec!["replay", &file],
+            vec!["replay", &file, "--json"],
+            vec!["replay", &file, "--layers"],
+            vec!["resume", &file, "--yes"],
+            vec!["view", &file, "-o", "/dev/null"],
+            vec!["export", &file, "--format", "csv"],
+        ] {
+            assert_plain(&growbot(&args));
+        }
+    }
+    let plan = fs::read_to_string(files.path("plan.json")).unwrap().replace("shortest", hostile);
+    fs::write(files.path("hostile.json"), plan).unwrap();
+    let toml = text_of_robot().replacen("growbot-a", "growbot\\u001b[31m", 1);
+    fs::write(files.path("hostile.toml"), toml).unwrap();
+    let odd = files.path(&format!("odd{hostile}.json"));
+    fs::write(&odd, "{").unwrap();
+    for args in [
+        vec!["layers", &files.path("hostile.json")],
+        vec!["rmin", "--robot", &files.path("hostile.toml")],
+        vec!["layers", &odd],
+        vec!["view", &odd],
+        vec!["plan", "--to", hostile],
+        vec![hostile],
+        vec!["status", "--port", hostile],
+        vec!["man", hostile],
+    ] {
+        let ran = growbot(&args);
+        assert!(ran.code == Some(2), "{args:?}");
+        assert_plain(&ran);
+    }
+    let queries = fs::read_to_string(files.path("queries.csv")).unwrap().replace("\na,", &format!("\na{hostile},"));
+    assert_plain(&growbot_reading(&["plan", "--batch", "-", "--json"], &queries));
+    assert_plain(&growbot_reading(&["console"], &format!("{hostile}\nplan {hostile}\n")));
+}
+
+/// Grows with a limit on the length of files, of so many blocks of 512 bytes: writing beyond it fails as on a disk that is full.
+fn grow_on_a_full_disk(files: &Files, blocks: u32, more: &str) -> (Ran, String) {
+    let log = files.path(&format!("full{blocks}.jsonl"));
+    let script = format!("trap '' XFSZ; ulimit -f {blocks}; exec \"$0\" grow --to 0,0,120,0,90 --log \"$LOG\" {more}");
+    let ran =
+        Command::new("sh").args(["-c", &script, env!("CARGO_BIN_EXE_growbot")]).env("LOG", &log).output().unwrap();
+    let text = |bytes: &[u8]| String::from_utf8(bytes.to_vec()).unwrap();
+    (Ran { code: ran.status.code(), out: text(&ran.stdout), err: text(&ran.stderr) }, log)
+}
+
+#[test]
+fn a_log_that_cannot_be_written_is_said_at_once_and_the_result_is_told_all_the_same() {
+    let files = Files::new();
+    // A header and some layers.
+    let (ran, log) = grow_on_a_full_disk(&files, 32, "--json");
+    assert_eq!(ran.code, Some(1), "{}", ran.err);
+    let result: Value = serde_json::from_str(&ran.out).unwrap();
+    assert_eq!((&result["outcome"], result["layers"].as_u64()), (&Value::from("done"), Some(156)));
+    let missing = result["log_lines_missing"].as_u64().unwrap();
+    assert!(missing > 10, "{missing}");
+    let said: Vec<&str> = ran.err.lines().collect();
+    let failed = said.iter().position(|line| line.contains("cannot write the run log")).unwrap();
+    assert!(failed + 1 < said.len() && said.last().unwrap().contains("the run log is incomplete"), "{said:?}");
+    let replayed = growbot(&["replay", &log, "--json"]);
+    assert_eq!(replayed.code, Some(0), "{}", replayed.err);
+    let replayed: Value = serde_json::from_str(&replayed.out).unwrap();
+    assert!((1..156).contains(&replayed["layers"].as_u64().unwrap()), "{replayed}");
+    // Without room for the header nothing is begun, and nothing is left.
+    let (ran, log) = grow_on_a_full_disk(&files, 1, "");
+    assert_eq!((ran.code, ran.out.as_str()), (Some(2), ""), "{}", ran.err);
+    assert!(!fs::exists(log).unwrap());
+}

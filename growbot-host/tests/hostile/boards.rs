@@ -1,0 +1,213 @@
+//! Boards that wish us ill: a simulated robot behind a TCP connection, whose answers are changed on their way, or no robot at all.
+
+use std::io::{ErrorKind, Read, Write};
+use std::net::{TcpListener, TcpStream};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use growbot_core::layer_bytes::LayerBytes;
+use growbot_core::link::frame::{self, Frame, Header, Receiver};
+use growbot_core::link::message::{BoardHello, Laid, Message, Refusal, Refused, Status};
+use growbot_core::random::Random;
+use growbot_host::port::Port;
+use growbot_host::port::sim::Sim;
+use growbot_host::robot_file;
+
+/// A board hangs up after so long: from then on whoever talks to it has to come to an end.
+pub const LIFE: Duration = Duration::from_secs(3);
+
+/// Numbers that are just within their types.
+const EXTREMES: [u32; 8] = [0, 1, 63, 65_535, 1 << 31, u32::MAX - 2, u32::MAX - 1, u32::MAX];
+/// What steers a terminal.
+const HOSTILE: [&str; 4] = ["\u{1b}[2J\u{1b}[31mA", "\u{9b}2J\u{7}", "\u{202e}\u{2066}bot", "a\r\nb\u{7f}"];
+
+/// How a board behaves.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Manner {
+    /// Says nothing.
+    Silent,
+    /// Says random bytes.
+    Noise,
+    /// Says random messages in frames that are in order.
+    RandomMessages,
+    /// A robot whose messages are changed, in frames that are in order.
+    Lies,
+    /// A robot whose frames are lost, repeated, exchanged and spoilt.
+    Garbles,
+}
+
+impl Manner {
+    /// All of them; lies come most often.
+    pub const ALL: [Self; 8] = [
+        Self::Lies,
+        Self::Garbles,
+        Self::Lies,
+        Self::RandomMessages,
+        Self::Lies,
+        Self::Noise,
+        Self::Lies,
+        Self::Silent,
+    ];
+}
+
+/// A board at the end of a TCP connection, for each that comes within its life.
+pub fn start(manner: Manner, seed: u64) -> String {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = listener.local_addr().unwrap().port();
+    thread::spawn(move || {
+        if let Ok((stream, _)) = listener.accept() {
+            // A host that has gone is no fault of the board's.
+            let _ = serve(stream, manner, Random::new(&[seed, 99]));
+        }
+    });
+    format!("tcp:127.0.0.1:{port}")
+}
+
+fn serve(mut line: TcpStream, manner: Manner, mut random: Random) -> std::io::Result<()> {
+    line.set_nodelay(true)?;
+    line.set_read_timeout(Some(Duration::from_millis(2)))?;
+    line.set_write_timeout(Some(LIFE))?;
+    let mut sim = Sim::new(robot_file::load("growbot-a2".as_ref()).unwrap());
+    let (mut to_us, mut from_sim) = (Receiver::default(), Receiver::default());
+    let mut last: Vec<u8> = Vec::new();
+    let mut buffer = [0; 512];
+    let began = Instant::now();
+    while began.elapsed() < LIFE {
+        let count = match line.read(&mut buffer) {
+            Ok(0) => return Ok(()),
+            Ok(count) => count,
+            Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => 0,
+            Err(error) => return Err(error),
+        };
+        let heard = buffer.get(..count).unwrap_or_default().to_vec();
+        match manner {
+            Manner::Silent => {}
+            Manner::Noise => {
+                let noise: Vec<u8> = (0..random.below(600)).map(|_| random.bits() as u8).collect();
+                line.write_all(&noise)?;
+            }
+            Manner::RandomMessages => {
+                for byte in heard {
+                    let Some(Ok(request)) = to_us.push(byte) else { continue };
+                    let body: Vec<u8> = (0..random.below(120)).map(|_| random.bits() as u8).collect();
+                    let kind = if random.below(2) == 0 { 0x40 + random.below(24) as u8 } else { random.bits() as u8 };
+                    let header = Header { kind, ack: request.header.seq, ..request.header };
+                    line.write_all(&frame::encode(&header, &body).unwrap())?;
+                }
+            }
+            Manner::Lies | Manner::Garbles => {
+                sim.send(&heard).unwrap();
+                let count = sim.receive(&mut buffer, Duration::from_secs(2)).unwrap();
+                for byte in buffer.get(..count).unwrap_or_default() {
+                    let Some(Ok(frame)) = from_sim.push(*byte) else { continue };
+                    let bytes = frame::encode(&frame.header, &frame.body).unwrap().to_vec();
+                    let said = if manner == Manner::Lies {
+                        lie(&frame, bytes, &mut random)
+                    } else {
+                        garble(bytes, &mut last, &mut random)
+                    };
+                    line.write_all(&said)?;
+                }
+            }
+        }
+    }
+    Ok(())
+}
+
+fn extreme(random: &mut Random) -> u32 {
+    EXTREMES[random.below(EXTREMES.len() as u64) as usize]
+}
+
+/// Another status than the true one.
+fn status(status: &mut Status, random: &mut Random) {
+    match random.below(6) {
+        0 => status.laid = extreme(random),
+        1 => status.next = extreme(random),
+        2 => status.layers = extreme(random),
+        3 => status.uptime_ms = if random.below(2) == 0 { u64::MAX } else { random.bits() },
+        4 => status.temperature_centi_c = Some(extreme(random).cast_signed()),
+        _ => status.plan_id = random.bits(),
+    }
+}
+
+/// The bytes of a frame, or of one that says something else.
+fn lie(frame: &Frame, bytes: Vec<u8>, random: &mut Random) -> Vec<u8> {
+    if random.below(3) > 0 {
+        return bytes;
+    }
+    let name = HOSTILE[random.below(HOSTILE.len() as u64) as usize];
+    let Ok(message) = Message::decode(frame.header.kind, &frame.body) else { return bytes };
+    let told = match message {
+        Message::Laid(laid) => {
+            let measured = laid.measured;
+            let as_built: Option<LayerBytes> =
+                (random.below(2) == 0).then(|| std::array::from_fn(|_| random.bits() as u8));
+            Message::Laid(Laid { index: extreme(random), as_built, measured, ..laid })
+        }
+        Message::BoardHello(mut hello) => {
+            match random.below(4) {
+                0 => hello.robot_name = name.try_into().unwrap(),
+                1 => hello.capacity = extreme(random),
+                _ => status(&mut hello.status, random),
+            }
+            Message::BoardHello(BoardHello { boot_id: extreme(random), ..hello })
+        }
+        Message::Status(mut told) => {
+            status(&mut told, random);
+            Message::Status(told)
+        }
+        Message::Accepted(mut accepted) => {
+            if random.below(2) == 0 {
+                accepted.next = extreme(random);
+            } else {
+                accepted.room = extreme(random);
+            }
+            Message::Accepted(accepted)
+        }
+        _ if random.below(4) == 0 => {
+            let refusal = match random.below(4) {
+                0 => Refusal::OutOfOrder { expected: extreme(random) },
+                1 => Refusal::Begun { first: extreme(random) },
+                2 => Refusal::BadLayer { index: extreme(random) },
+                _ => Refusal::Held { silent_ms: extreme(random) },
+            };
+            Message::Refused(Refused { kind: frame.header.kind, refusal })
+        }
+        _ => {
+            // Any other content that may still be a message.
+            let mut body = frame.body.to_vec();
+            let at = random.below(body.len().max(1) as u64) as usize;
+            if let Some(byte) = body.get_mut(at) {
+                *byte = random.bits() as u8;
+            }
+            return frame::encode(&frame.header, &body).map_or(bytes, |frame| frame.to_vec());
+        }
+    };
+    let mut buffer = [0; frame::LONGEST_BODY];
+    let header = Header { kind: told.kind(), ..frame.header };
+    match told.encode(&mut buffer) {
+        Ok(body) => frame::encode(&header, body).map_or(bytes, |frame| frame.to_vec()),
+        Err(_) => bytes,
+    }
+}
+
+/// The bytes of a frame as a very bad line would have them.
+fn garble(mut bytes: Vec<u8>, last: &mut Vec<u8>, random: &mut Random) -> Vec<u8> {
+    match random.below(8) {
+        0 => Vec::new(),
+        1 => bytes.repeat(2),
+        2 => std::mem::replace(last, bytes),
+        3 => {
+            bytes.truncate(random.below(bytes.len() as u64 + 1) as usize);
+            bytes
+        }
+        4 => {
+            let at = random.below(bytes.len() as u64) as usize;
+            bytes[at] = random.bits() as u8;
+            bytes
+        }
+        // Longer than any frame.
+        5 => [vec![0x55; 2000], bytes].concat(),
+        _ => bytes,
+    }
+}

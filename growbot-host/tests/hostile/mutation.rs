@@ -1,0 +1,131 @@
+//! Texts with something changed in them.
+
+use growbot_core::random::Random;
+
+/// What is put into texts: extremes, what steers terminals, what nests, what breaks lines and quotes.
+const TOKENS: [&[u8]; 34] = [
+    b"\x1b[2J\x1b[31m",
+    "\u{9b}2J".as_bytes(),
+    "\u{202e}\u{2066}".as_bytes(),
+    b"\\u001b[2J\\u009b1m\\u202e\\u0007",
+    b"\x00",
+    b"\x7f",
+    b"\xff\xfe",
+    b"\n",
+    b"\r\n",
+    b"\"",
+    b"\\",
+    b"{",
+    b"}",
+    b"[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[",
+    b"]",
+    b",",
+    b":",
+    b"null",
+    b"true",
+    b"[]",
+    b"{}",
+    b"-1",
+    b"0",
+    b"1e308",
+    b"-1e308",
+    b"1e-308",
+    b"NaN",
+    b"inf",
+    b"4294967295",
+    b"4294967296",
+    b"18446744073709551615",
+    b"99999999999999999999999999",
+    b"0.0000000001",
+    b"/dev/zero",
+];
+
+/// What is put into strings: escaped as JSON and TOML have it, and raw.
+const STRINGS: [&str; 5] =
+    ["\\u001b[2J\\u0007", "\\u009b2J\\u007f", "\\u202e\\u2066", "\u{202e}\u{200f}\u{9b}", "\\n\\r\\t"];
+
+/// A text with one to six changes.
+pub fn mutated(text: &[u8], random: &mut Random) -> Vec<u8> {
+    let mut bytes = text.to_vec();
+    for _ in 0..=random.below(6) {
+        change(&mut bytes, random);
+    }
+    bytes
+}
+
+fn change(bytes: &mut Vec<u8>, random: &mut Random) {
+    let place = |bytes: &[u8], random: &mut Random| random.below(bytes.len() as u64 + 1) as usize;
+    let range = |bytes: &[u8], random: &mut Random, longest: u64| {
+        let from = place(bytes, random);
+        from..(from + random.below(longest) as usize).min(bytes.len())
+    };
+    match random.below(16) {
+        0 | 1 => {
+            let at = place(bytes, random);
+            if let Some(byte) = bytes.get_mut(at) {
+                *byte ^= 1 << random.below(8);
+            }
+        }
+        2 => {
+            let longest = 1 + bytes.len() as u64 / 8;
+            let gone = range(bytes, random, longest);
+            bytes.drain(gone);
+        }
+        3 => {
+            let again = range(bytes, random, 200);
+            let copy = bytes.get(again.clone()).unwrap_or_default().to_vec();
+            bytes.splice(again.end..again.end, copy);
+        }
+        4 => bytes.truncate(place(bytes, random)),
+        5..=7 => {
+            let at = place(bytes, random);
+            let token = TOKENS[random.below(TOKENS.len() as u64) as usize];
+            bytes.splice(at..at, token.iter().copied());
+        }
+        8 | 9 => {
+            // Another number, or another word between quotes.
+            let is_part = |byte: &u8| byte.is_ascii_digit() || matches!(byte, b'.' | b'-' | b'+' | b'e');
+            let from = place(bytes, random);
+            let from = bytes.iter().skip(from).position(is_part).map_or(bytes.len(), |ahead| from + ahead);
+            let end = bytes.iter().skip(from).position(|byte| !is_part(byte)).map_or(bytes.len(), |ahead| from + ahead);
+            let token = TOKENS[17 + random.below(TOKENS.len() as u64 - 17) as usize];
+            bytes.splice(from..end, token.iter().copied());
+        }
+        10..=13 => {
+            // Into a string, so that the text stays whole: of the first or the last line, where names and outcomes are, or of any.
+            let ends = (
+                bytes.iter().position(|byte| *byte == b'\n'),
+                bytes.trim_ascii().iter().rposition(|byte| *byte == b'\n'),
+            );
+            let (from, to) = match (random.below(3), ends) {
+                (0, (Some(first), _)) => (0, first),
+                (1, (_, Some(last))) => (last, bytes.len()),
+                _ => (0, bytes.len()),
+            };
+            let quotes: Vec<usize> = (from..to).filter(|at| bytes[*at] == b'"').collect();
+            if !quotes.is_empty() {
+                let at = quotes[random.below(quotes.len() as u64) as usize] + 1;
+                let token = STRINGS[random.below(STRINGS.len() as u64) as usize];
+                bytes.splice(at..at, token.bytes());
+            }
+        }
+        14 => {
+            // Two lines change places.
+            let mut lines: Vec<Vec<u8>> = bytes.split(|byte| *byte == b'\n').map(<[u8]>::to_vec).collect();
+            let (one, other) = (random.below(lines.len() as u64) as usize, random.below(lines.len() as u64) as usize);
+            lines.swap(one, other);
+            *bytes = lines.join(&b'\n');
+        }
+        _ => {
+            // A line is gone, or comes again.
+            let mut lines: Vec<Vec<u8>> = bytes.split(|byte| *byte == b'\n').map(<[u8]>::to_vec).collect();
+            let at = random.below(lines.len() as u64) as usize;
+            if random.below(2) == 0 {
+                lines.remove(at);
+            } else {
+                lines.insert(at, lines[at].clone());
+            }
+            *bytes = lines.join(&b'\n');
+        }
+    }
+}
