@@ -37,7 +37,7 @@ fn hot_later(time: f32, reading_c: f32, duty: f32, target_c: f32) -> Sight {
 
 /// So small that no limit feels it, and no reading is the same as the one before.
 fn living(time: f32) -> f32 {
-    if (time / DT).round() as i64 % 2 == 0 { 1e-3 } else { 0.0 }
+    if libm::roundf(time / DT) as i64 % 2 == 0 { 1e-3 } else { 0.0 }
 }
 
 /// Looks on for so long, s: the first fault and when it came.
@@ -126,7 +126,7 @@ fn a_reading_that_stands_through_a_likely_change_is_frozen() {
     let moved = |t: f32| if t < 1.0 { 196.0 } else { 200.0 };
     at_time(watch(60.0, |t| sight(moved(t), 0.52)), Fault::ThermistorFrozen, 32.7, 1.5);
     // One that has never moved may as well be that of a dead heater.
-    at_time(watch(60.0, |t| sight(200.0, 0.52)), Fault::HeatingTooSlow, 32.7, 1.5);
+    at_time(watch(60.0, |_| sight(200.0, 0.52)), Fault::HeatingTooSlow, 32.7, 1.5);
     let stirred =
         |by: f32| watch(60.0, move |t| sight(if t < 1.0 { 200.0 - by } else { 200.0 }, 0.52)).map(|(fault, _)| fault);
     assert_eq!((stirred(2.9), stirred(3.1)), (Some(Fault::HeatingTooSlow), Some(Fault::ThermistorFrozen)));
@@ -268,7 +268,7 @@ fn wiggled(shown: f32, saturated: f32) -> Option<(Fault, f32)> {
     watch(120.0, |t| {
         let phase = t / 16.0 % 1.0;
         let regulated = Regulated { trim: 0.0, saturated: phase < saturated, wiggle: Some((phase, 0.5)) };
-        let reading_c = 200.0 + 0.5 * shown * (core::f32::consts::TAU * phase).sin() + living(t);
+        let reading_c = 200.0 + 0.5 * shown * libm::sinf(core::f32::consts::TAU * phase) + living(t);
         Sight { regulated: Some(regulated), ..hot(reading_c, HOLDS_200, 200.0) }
     })
 }
