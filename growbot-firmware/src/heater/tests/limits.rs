@@ -37,7 +37,7 @@ fn hot_later(time: f32, reading_c: f32, duty: f32, target_c: f32) -> Sight {
 
 /// So small that no limit feels it, and no reading is the same as the one before.
 fn living(time: f32) -> f32 {
-    if (time / DT).round() as i64 % 2 == 0 { 1e-3 } else { 0.0 }
+    if libm::roundf(time / DT) as i64 % 2 == 0 { 1e-3 } else { 0.0 }
 }
 
 /// Looks on for so long, s: the first fault and when it came.
@@ -268,7 +268,7 @@ fn wiggled(shown: f32, saturated: f32) -> Option<(Fault, f32)> {
     watch(120.0, |t| {
         let phase = t / 16.0 % 1.0;
         let regulated = Regulated { trim: 0.0, saturated: phase < saturated, wiggle: Some((phase, 0.5)) };
-        let reading_c = 200.0 + 0.5 * shown * (core::f32::consts::TAU * phase).sin() + living(t);
+        let reading_c = 200.0 + 0.5 * shown * libm::sinf(core::f32::consts::TAU * phase) + living(t);
         Sight { regulated: Some(regulated), ..hot(reading_c, HOLDS_200, 200.0) }
     })
 }

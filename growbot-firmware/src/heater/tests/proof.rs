@@ -24,7 +24,7 @@ fn prove(reading_c: impl Fn(f32) -> f32) -> (Vec<(f32, Output)>, f32, Option<Fau
         let time = look as f32 * DT;
         match proof.look(&mut rest, reading_c(time), DT, TIMEOUT_S, &nozzle) {
             Ok(Some(output)) if outputs.last().is_none_or(|(_, before)| *before != output) => {
-                outputs.push((time, output))
+                outputs.push((time, output));
             }
             Ok(Some(_)) => {}
             Ok(None) => return (outputs, time, None),
@@ -83,7 +83,7 @@ fn a_nozzle_that_goes_on_rising_with_both_open_is_heated() {
     assert_eq!((outputs.len(), fault), (1, Some(Fault::HeaterStuckOn)));
     assert!((30.0..32.0).contains(&end), "{end}");
     // One that was heated a moment ago rises on for a while, and is waited for.
-    let (outputs, _, fault) = prove(|t| 180.0 - 12.0 * (-t / 4.0).exp());
+    let (outputs, _, fault) = prove(|t| 180.0 - 12.0 * libm::expf(-t / 4.0));
     assert!(fault.is_none() && outputs[1].0 > 8.0, "{outputs:?} {fault:?}");
 }
 
@@ -103,7 +103,7 @@ fn the_course_must_be_straight_and_no_draughts() {
 fn a_reading_that_stands_where_it_should_fall_is_frozen() {
     assert_eq!(fault(|t| 190.0 - 1.5 * t.min(7.0)), Some(Fault::ThermistorFrozen));
     // A fall that levels off as a cooling nozzle's does is none.
-    assert_eq!(fault(|t| 25.0 + 165.0 * (-t / 100.0).exp()), None);
+    assert_eq!(fault(|t| 25.0 + 165.0 * libm::expf(-t / 100.0)), None);
 }
 
 /// Switches on from anything that a nozzle may have done before, after any pause.
