@@ -133,3 +133,33 @@ impl Relay {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::heater::Demand;
+    use crate::testing::robot_a;
+
+    #[test]
+    fn the_power_switches_between_two_levels_round_the_need_at_each_side_of_the_hysteresis() {
+        let robot = robot_a();
+        let nozzle = Nozzle::new(&Demand { supply_v: Some(12.0), ..Demand::default() }, robot.description());
+        let mut relay = Relay::default();
+        let duty = |relay: &mut Relay, reading_c| relay.duty(200.0, reading_c, 0.25, &nozzle).unwrap();
+        // Full power from far below; then 0.42 of it and nine tenths of that more or less.
+        let [high, low] = [0.42 + 0.378, 0.42 - 0.378];
+        assert!((duty(&mut relay, 189.5) - 1.0).abs() < 1e-5);
+        for reading_c in [190.5, 199.0, 200.39] {
+            assert!((duty(&mut relay, reading_c) - high).abs() < 1e-4);
+            assert_eq!(relay.swing_s(), None, "the way up is no swing");
+        }
+        assert!((duty(&mut relay, 200.41) - low).abs() < 1e-4);
+        assert_eq!(relay.swing_s(), Some(0.0));
+        assert!((duty(&mut relay, 199.61) - low).abs() < 1e-4);
+        assert_eq!(relay.swing_s(), Some(0.25));
+        assert!((duty(&mut relay, 199.59) - high).abs() < 1e-4);
+        assert_eq!((relay.cycles, relay.swing_s()), (1, Some(0.0)));
+        duty(&mut relay, 199.7);
+        assert_eq!(relay.swing_s(), Some(0.25), "a swing under way with the power high");
+    }
+}
