@@ -75,7 +75,8 @@ fn the_image_notices_faults_and_switches_everything_off() {
     type Case = (TipFault, State, Option<Fault>, f64);
     let cases: [Case; 8] = [
         (TipFault::ThermistorOpen, State::Heating, Some(Fault::ThermistorOpen), 3.0),
-        (TipFault::HeaterOpen, State::Heating, Some(Fault::HeatingTooSlow), 30.0),
+        // Of these, 21 s pass before it heats, for the proof of its switches.
+        (TipFault::HeaterOpen, State::Heating, Some(Fault::HeatingTooSlow), 45.0),
         (TipFault::IndexDead, State::Homing, Some(Fault::IndexNotFound), 30.0),
         (TipFault::ThermistorSilent, State::Growing, Some(Fault::ThermistorSilent), 3.0),
         (TipFault::IndexStuck, State::Growing, Some(Fault::IndexStuck), 20.0),

@@ -133,3 +133,62 @@ impl Relay {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::heater::Demand;
+    use crate::testing::robot_a;
+
+    #[test]
+    fn the_power_switches_between_two_levels_round_the_need_at_each_side_of_the_hysteresis() {
+        let robot = robot_a();
+        let nozzle = Nozzle::new(&Demand { supply_v: Some(12.0), ..Demand::default() }, robot.description());
+        let mut relay = Relay::default();
+        let duty = |relay: &mut Relay, reading_c| relay.duty(200.0, reading_c, 0.25, &nozzle).unwrap();
+        // Full power from far below; then 0.42 of it and nine tenths of that more or less.
+        let [high, low] = [0.42 + 0.378, 0.42 - 0.378];
+        assert!((duty(&mut relay, 189.5) - 1.0).abs() < 1e-5);
+        for reading_c in [190.5, 199.0, 200.39] {
+            assert!((duty(&mut relay, reading_c) - high).abs() < 1e-4);
+            assert_eq!(relay.swing_s(), None, "the way up is no swing");
+        }
+        assert!((duty(&mut relay, 200.41) - low).abs() < 1e-4);
+        assert_eq!(relay.swing_s(), Some(0.0));
+        assert!((duty(&mut relay, 199.61) - low).abs() < 1e-4);
+        assert_eq!(relay.swing_s(), Some(0.25));
+        assert!((duty(&mut relay, 199.59) - high).abs() < 1e-4);
+        assert_eq!((relay.cycles, relay.swing_s()), (1, Some(0.0)));
+        duty(&mut relay, 199.7);
+        assert_eq!(relay.swing_s(), Some(0.25), "a swing under way with the power high");
+        // Where the power is low for most of a swing, the middle was too high: by no more than 0.7 at a time.
+        duty(&mut relay, 200.41);
+        for _ in 0..20 {
+            duty(&mut relay, 200.0);
+        }
+        let middle = 0.42 * 0.7;
+        assert!((duty(&mut relay, 199.59) - 1.9 * middle).abs() > 1e-3, "the levels are those of the swing that ends");
+        assert_eq!(relay.cycles, 2);
+        assert!((duty(&mut relay, 199.7) - 1.9 * middle).abs() < 1e-4);
+    }
+
+    #[test]
+    fn the_gains_are_half_and_whole_of_tyreus_and_luybens() {
+        let of = |amplitude_c: f32| {
+            let sums = Sums { period_s: 4.0 * 10.0, amplitude_c: 4.0 * amplitude_c, relay: 4.0 * 0.3 };
+            Relay { sums, ..Relay::default() }.found(1.0)
+        };
+        // Where noise is all of the swing, a fifth of it counts.
+        for (amplitude_c, swing) in [(2.0, libm::sqrt(3.0)), (1.0, 0.2)] {
+            let tuned = of(amplitude_c);
+            let ultimate = 4.0 * 0.3 / (core::f64::consts::PI * swing);
+            let kp = 0.5 * ultimate / 2.2;
+            let right =
+                [(tuned.gains.kp, kp), (tuned.gains.ki, kp / 22.0), (tuned.gains.kd, ultimate / 2.2 * 10.0 / 6.3)];
+            for (found, expected) in right {
+                assert!((found / expected - 1.0).abs() < 1e-5, "{found}, not {expected}");
+            }
+            assert_eq!((tuned.period_s, tuned.amplitude_c), (10.0, f64::from(amplitude_c)));
+        }
+    }
+}

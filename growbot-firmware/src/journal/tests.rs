@@ -335,6 +335,39 @@ fn a_place_that_does_not_take_its_record_is_passed_over_and_of_broken_flash_noth
     assert_eq!(Journal::open(flash.clone()).job(), None);
 }
 
+#[test]
+fn a_record_that_is_missing_is_noticed_whatever_it_was() {
+    // The second one: that a layer is begun.
+    for missing in 2..6 {
+        let flash = Small::new(SECTORS);
+        let mut journal = Journal::open(flash.clone());
+        while journal.erase_step(4).unwrap() {}
+        journal.begin(1, ROBOT, 4).unwrap();
+        journal.begun(0).unwrap();
+        journal.committed(0, &layer(1, 0), false).unwrap();
+        journal.begun(1).unwrap();
+        journal.begun(1).unwrap();
+        journal.committed(1, &layer(1, 1), false).unwrap();
+        let mut bytes = flash.bytes();
+        bytes[32 * missing..32 * (missing + 1)].fill(0);
+        flash.set_bytes(&bytes);
+        assert_eq!(Journal::open(flash.clone()).job(), None, "record {missing}");
+    }
+}
+
+#[test]
+fn a_job_that_cannot_begin_leaves_the_one_that_has_ended() {
+    let flash = Small::new(SECTORS);
+    let mut journal = Journal::open(flash.clone());
+    while journal.erase_step(4).unwrap() {}
+    journal.begin(1, ROBOT, 1).unwrap();
+    journal.committed(0, &layer(1, 0), false).unwrap();
+    journal.ended().unwrap();
+    let ended = journal.job().copied();
+    assert_eq!(journal.begin(2, ROBOT, 1000), Err(JournalError::Full));
+    assert_eq!((journal.job().copied(), Journal::open(flash).job().copied()), (ended, ended));
+}
+
 type Try = fn(&mut Journal<Small>) -> Result<(), JournalError>;
 
 #[test]

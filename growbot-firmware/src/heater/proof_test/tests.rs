@@ -40,6 +40,7 @@ fn a_mean_is_of_a_second() {
     assert_eq!(rest.take(20.0, 0.75), Some(17.5));
     // One that comes half a period early is whole.
     assert_eq!([rest.take(5.0, 0.5), rest.take(5.0, 0.5)], [None, Some(5.0)]);
+    assert_eq!([rest.take(5.0, 0.4), rest.take(5.0, 0.4)], [None, Some(5.0)]);
     assert_eq!([rest.take(5.0, 0.625), rest.take(5.0, 0.625)], [None, Some(5.0)]);
     assert_eq!(rest.take(5.0, 0.6875), Some(5.0));
     assert_eq!(rest.means.len(), MEANS);
