@@ -178,7 +178,7 @@ fn a_nozzle_that_still_rises_after_30_s_at_rest_is_heated() {
     let (times, ended) = prove(|time, _| 20.0 + 0.5 * time);
     assert_eq!((times, ended), ([30.75, 0.0, 0.0], Err(Fault::HeaterStuckOn)));
     // One that swings is never at rest, and does not rise at last either.
-    let swings = |time: f32, _| if (time * 0.5) as u32 % 2 == 0 { 100.0 } else { 101.5 };
+    let swings = |time: f32, _| if ((time * 0.5) as u32).is_multiple_of(2) { 100.0 } else { 101.5 };
     let (times, ended) = prove(swings);
     assert!((30.0..=301.0).contains(&times[0]), "{times:?}");
     assert_eq!(ended, Err(Fault::HeaterStuckOn));
