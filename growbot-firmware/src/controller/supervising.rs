@@ -138,7 +138,7 @@ impl<B: Board> Controller<B> {
     fn cool(&mut self, handover: &Handover) {
         let growing = if self.state == State::Growing { self.robot.description().fan.growing_duty } else { 0.0 };
         let step = heater::PERIOD_US as f64 * 1e-6 / FAN_RAMP_S;
-        self.fan = if may_heat(self.state) { growing.clamp(self.fan - step, self.fan + step) } else { 0.0 };
+        self.fan = if may_heat(self.state) { growing.max(self.fan - step).min(self.fan + step) } else { 0.0 };
         let duty = (self.fan * f64::from(self.parts.fan.max_duty_cycle())) as u16;
         if self.parts.fan.set_duty_cycle(duty).is_err() {
             self.fail(Fault::Hardware, handover);
