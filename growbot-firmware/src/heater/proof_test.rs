@@ -95,7 +95,12 @@ impl Rest {
     fn bend_c(&self) -> f32 {
         let (Some(first), Some(last)) = (self.means.front(), self.means.back()) else { return 0.0 };
         let step = (last - first) / (MEANS - 1) as f32;
-        self.means.iter().zip(0_u8..).map(|(mean, at)| (mean - first - step * f32::from(at)).abs()).fold(0.0, f32::max)
+        let (mut line, mut bend) = (*first, 0.0_f32);
+        for mean in &self.means {
+            bend = bend.max((mean - line).abs());
+            line += step;
+        }
+        bend
     }
 
     fn course(&self, nozzle: &Nozzle) -> Option<Course> {

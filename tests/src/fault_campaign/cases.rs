@@ -103,7 +103,8 @@ impl Case {
             T::ThermistorDetached { .. } => &[F::ThermistorDetached, F::TemperatureDrop],
             T::HeaterOpen | T::Draught { .. } if cold => &[F::HeatingTooSlow],
             T::HeaterOpen => &[F::TemperatureDrop, F::HeatingTooSlow],
-            T::Draught { .. } => &[F::TemperatureDrop, F::HeatingTooSlow, F::ThermistorDetached],
+            // A nozzle that it has cooled within seconds holds its filament.
+            T::Draught { .. } => &[F::TemperatureDrop, F::HeatingTooSlow, F::ThermistorDetached, F::FilamentJam],
             T::PowerStageOn => &[F::HeaterStuckOn],
             T::IndexDead if cold => &[F::IndexNotFound],
             T::IndexDead => &[F::IndexMissing],
