@@ -137,7 +137,7 @@ fn the_wiggle_goes_round_in_16_s() {
     let robot = robot_a();
     let nozzle = nozzle(&robot, true);
     let mut regulation = Regulation::default();
-    assert_near(regulation.amplitude_c(), 0.4);
+    assert_near(regulation.amplitude_c(), 0.35);
     for step in 1..=200_u32 {
         regulation.duty(200.0, 200.0, true, DT, &nozzle);
         assert_near(regulation.phase(), (step % 64) as f32 / 64.0);
@@ -157,15 +157,15 @@ fn target_and_power_swing_together() {
         let mut regulation = Regulation { phase, ..Regulation::default() };
         let duty = regulation.duty(200.0, 200.0, true, DT, &nozzle);
         let (sin, cos) = wiggle_at((phase + 1.0 / 64.0) % 1.0);
-        let in_reading = 0.4 * (sin - lag * cos) / (1.0 + lag * lag);
-        let power = 12.0 * 0.4 * TAU / 16.0 * cos;
+        let in_reading = 0.35 * (sin - lag * cos) / (1.0 + lag * lag);
+        let power = 12.0 * 0.35 * TAU / 16.0 * cos;
         assert_near(duty, (21.0 + power + 0.07 * in_reading * 50.0) / 50.0);
     }
 }
 
 #[test]
 fn the_wiggle_is_of_a_count_of_the_converter_within_its_bounds() {
-    for (pull_up_ohm, bounds) in [(4_700.0, (0.4, 0.4)), (25_000.0, (0.41, 0.69)), (40_000.0, (0.7, 0.7))] {
+    for (pull_up_ohm, bounds) in [(4_700.0, (0.35, 0.35)), (25_000.0, (0.36, 0.69)), (40_000.0, (0.7, 0.7))] {
         let mut description = robot_a().description().clone();
         description.thermistor.pull_up_ohm = pull_up_ohm;
         let nozzle = Nozzle::new(&Demand::default(), &description);
