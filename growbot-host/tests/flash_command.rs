@@ -134,7 +134,7 @@ fn cargos_runner_is_the_same_call() {
     let config = include_str!("../../.cargo/config.toml");
     let bench = Bench::new();
     let ran = bench.flash("tree", &["--dry-run", "--firmware", "image"]);
-    let call = ran.out.trim_end().strip_suffix(" image").unwrap();
+    let call = ran.out.lines().last().unwrap().strip_suffix(" image").unwrap();
     assert!(config.contains(&format!("runner = \"{call}\"")), "{call}");
     assert!(call.contains("--no-catch-reset") && call.contains("--no-catch-hardfault"), "{call}");
 }
