@@ -337,7 +337,10 @@ fn status_says_who_and_how() {
     assert_eq!(status["plan_id"], Value::Null);
     assert_eq!(number(&status, "capacity"), 4096.0);
     assert_eq!((&status["image"]["check"], &status["crash"]), (&"not-sealed".into(), &Value::Null));
-    assert_refused(&growbot(&["status", "--elf", "nothing.elf"]), &["nothing.elf", "give the ELF image"]);
+    assert_refused(
+        &growbot(&["status", "--port", "sim", "--elf", "nothing.elf"]),
+        &["nothing.elf", "give the ELF image"],
+    );
 }
 
 #[test]
