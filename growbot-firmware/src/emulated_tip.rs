@@ -488,6 +488,7 @@ mod tests {
             ENCODER_PHASE,
             ENCODER_SLIP,
             CRASH,
+            HANG,
             MACHINE,
             JOURNAL,
         ];

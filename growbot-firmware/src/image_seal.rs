@@ -27,6 +27,9 @@ pub type Seal = [u32; SEAL_WORDS];
 pub const NOT_SEALED: u32 = 0x6E6F_7365;
 /// First word of an image that is sealed.
 pub const SEALED: u32 = 0x9153_A1E1;
+/// The most bytes of an image that are checked: a damaged seal must not keep a board at it for longer than its watchdog waits. 256 KiB take
+/// some 0.2 s at 168 MHz.
+pub const MAX_BYTES: u32 = 256 * 1024;
 /// What the linker puts into an image.
 pub const EMPTY: Seal = {
     let mut seal = [0; SEAL_WORDS];
@@ -43,8 +46,12 @@ pub fn parts(seal: &Seal) -> impl Iterator<Item = [u32; 2]> {
     pairs.iter().skip(1).copied()
 }
 
-/// CRC-32C of a sealed image. `byte` gives the byte of the image at an address; none where the image cannot have one.
+/// CRC-32C of a sealed image. `byte` gives the byte of the image at an address; none where the image cannot have one, or is longer than
+/// [`MAX_BYTES`].
 pub fn crc_of(seal: &Seal, byte: impl Fn(u32) -> Option<u8>) -> Option<u32> {
+    if parts(seal).fold(0_u32, |sum, [_, bytes]| sum.saturating_add(bytes)) > MAX_BYTES {
+        return None;
+    }
     let mut digest = CRC.digest();
     let [mark, _, parts_of_it @ ..] = seal;
     for word in [mark].into_iter().chain(parts_of_it) {
@@ -107,6 +114,16 @@ mod tests {
             let at = FLASH + bit as u32 / 8;
             let covered = parts(&seal).any(|[from, bytes]| at.checked_sub(from).is_some_and(|offset| offset < bytes));
             assert_eq!(matches!(checked(&seal, &flipped), ImageCheck::Corrupt { .. }), covered, "bit {bit}");
+        }
+    }
+
+    #[test]
+    fn of_an_image_that_is_too_long_not_a_byte_is_read() {
+        for lengths in [[MAX_BYTES + 1, 0], [MAX_BYTES, 1], [u32::MAX, u32::MAX]] {
+            let mut seal = sealed().0;
+            (seal[3], seal[5]) = lengths.into();
+            let found = check(&seal, |address| panic!("{address:08x} is read"));
+            assert!(matches!(found, ImageCheck::Corrupt { .. }), "{found:?}");
         }
     }
 

@@ -1,6 +1,5 @@
 //! Where in an image the firmware crashed: functions and lines, from the image's debug information.
 
-use std::fs;
 use std::path::Path;
 
 use addr2line::Context;
@@ -10,8 +9,12 @@ use object::{Object, ObjectSection, SectionKind};
 use serde_json::{Value, json};
 
 use crate::image_seal;
+use crate::input::read_bytes;
 
 type Slice = EndianArcSlice<RunTimeEndian>;
+
+/// The longest ELF image that is read, bytes: with what a debugger needs, growbot's own have some 3 MB.
+const LONGEST_IMAGE: u64 = 64 << 20;
 
 /// A function that an address lies in, or that was inlined there.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -43,7 +46,7 @@ impl Image {
                 path.display()
             )
         };
-        let bytes = fs::read(path).map_err(|error| wrong(error.to_string()))?;
+        let bytes = read_bytes(path, LONGEST_IMAGE).map_err(|error| wrong(error.to_string()))?;
         let file = object::File::parse(&*bytes).map_err(|error| wrong(error.to_string()))?;
         let endian = if file.is_little_endian() { RunTimeEndian::Little } else { RunTimeEndian::Big };
         let dwarf = Dwarf::load(|section| {
@@ -52,7 +55,8 @@ impl Image {
         });
         let context = dwarf.and_then(Context::from_dwarf).map_err(|error| wrong(error.to_string()))?;
         let is_code = |section: &object::Section| section.kind() == SectionKind::Text;
-        let code = file.sections().filter(is_code).map(|it| it.address()..it.address() + it.size()).collect();
+        let code =
+            file.sections().filter(is_code).map(|it| it.address()..it.address().saturating_add(it.size())).collect();
         let crc = image_seal::seal(&bytes).ok().map(|sealed| sealed.crc);
         Ok(Self { context, code, crc })
     }

@@ -59,7 +59,7 @@ const OF_ROBOTS: &[&str] = &[
     "rmin --robot IN",
     "rmin --robot IN --json",
     "plan --robot IN --to 0,60,120,90,30 -o OUT.json",
-    "status --robot IN",
+    "status --port sim --robot IN",
     "grow --robot IN --to 0,0,5,0,90 --json --log OUT.jsonl",
 ];
 const OF_BATCHES: &[&str] = &["plan --batch IN --json", "plan --batch - --json"];

@@ -2,7 +2,7 @@
 
 use embedded_hal::digital::{InputPin, OutputPin};
 use embedded_hal::pwm::SetDutyCycle;
-use growbot_core::link::message::{Fault, FaultRecord, Measured, SensorReadings, Silence, State, Waits};
+use growbot_core::link::message::{Fault, FaultRecord, Measured, ResetCause, SensorReadings, Silence, State, Waits};
 
 use super::{Controller, centi};
 use crate::hal::{Board, DebugPort, Orientation, Watchdog};
@@ -245,9 +245,11 @@ impl<B: Board> Controller<B> {
     /// After a start: a fault that was never cleared is latched again, and a reset in the midst of work is a fault. So is one that has
     /// destroyed what would say so.
     pub(super) fn take_up_fault(&mut self, is_known: bool) {
+        let cause = self.identity.reset_cause;
+        let latched = self.kept.record.is_some_and(|record| !record.cleared);
         if let Some(under_way) = self.kept.under_way {
             let record = FaultRecord {
-                fault: Some(fault_of(self.identity.reset_cause)),
+                fault: Some(fault_of(cause)),
                 state: under_way.state,
                 plan_id: under_way.plan_id,
                 laid: under_way.laid,
@@ -255,8 +257,8 @@ impl<B: Board> Controller<B> {
                 ..self.record(None)
             };
             self.kept.record = Some(record);
-        } else if !is_known && survives(self.identity.reset_cause) {
-            self.kept.record = Some(self.record(Some(fault_of(self.identity.reset_cause))));
+        } else if !latched && (cause == ResetCause::ClockFailed || !is_known && survives(cause)) {
+            self.kept.record = Some(self.record(Some(fault_of(cause))));
         }
         if self.identity.is_corrupt() {
             // Whatever was before: with this image nothing is to be relied on.

@@ -391,9 +391,15 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         match record {
             Some(record) => {
                 self.take(&record, place);
-                if !self.write(Self::offset(place), &bytes) && record.job == self.jobs {
-                    // These cells do not hold it: others shall.
-                    let _ = self.append(&record);
+                if !self.write(Self::offset(place), &bytes)
+                    && record.job == self.jobs
+                    && let Ok(copy) = self.append(&record)
+                {
+                    // These cells do not hold it: others do.
+                    self.strike_out(place);
+                    if let Some(present) = self.present.as_mut().filter(|present| present.at == place) {
+                        present.at = copy;
+                    }
                 }
             }
             None if bytes != STRUCK => self.strike_out(place),
@@ -440,6 +446,8 @@ impl<F: MultiwriteNorFlash> Journal<F> {
             if self.write(Self::offset(place), &bytes) {
                 return Ok(place);
             }
+            // It may read as whole later, beside the copy that counts.
+            self.strike_out(place);
         }
         Err(JournalError::Flash)
     }

@@ -156,7 +156,10 @@ pub const fn fault_of(cause: ResetCause) -> Fault {
 /// Whether the memory has had power through a reset of this cause: what cannot be read then was destroyed.
 #[must_use]
 pub const fn survives(cause: ResetCause) -> bool {
-    matches!(cause, ResetCause::Watchdog | ResetCause::ProcessorFault | ResetCause::StackOverflow)
+    matches!(
+        cause,
+        ResetCause::Watchdog | ResetCause::ProcessorFault | ResetCause::StackOverflow | ResetCause::ClockFailed
+    )
 }
 
 #[cfg(test)]
@@ -258,6 +261,7 @@ mod tests {
             (ResetCause::Watchdog, true, Fault::WatchdogReset),
             (ResetCause::ProcessorFault, true, Fault::ProcessorFault),
             (ResetCause::StackOverflow, true, Fault::StackOverflow),
+            (ResetCause::ClockFailed, true, Fault::ClockFailed),
         ] {
             assert_eq!((survives(cause), fault_of(cause)), (expected, fault));
         }

@@ -317,7 +317,10 @@ impl Handover {
     /// How fast the layer under way feeds at this moment, steps a tick; 0 where none is laid.
     #[must_use]
     pub fn feed_rate(&self) -> f64 {
-        let (steps, ticks) = (self.sector_feed.load(Ordering::Acquire), self.sector_ticks.load(Ordering::Acquire));
+        // Both of one sector: the step interrupt must not come between.
+        let (steps, ticks) = critical_section::with(|_| {
+            (self.sector_feed.load(Ordering::Acquire), self.sector_ticks.load(Ordering::Acquire))
+        });
         f64::from(steps) / f64::from(ticks.max(1))
     }
 

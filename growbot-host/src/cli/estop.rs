@@ -1,6 +1,5 @@
 //! `growbot estop`: the emergency stop.
 
-use std::ffi::OsStr;
 use std::fmt::Display;
 use std::process::ExitCode;
 use std::thread::sleep;
@@ -46,7 +45,7 @@ fn cut_the_power(why: impl Display) -> Failure {
 
 /// What a command line that cannot be understood ends with. An emergency stop that is mistyped stops nothing, and that is said.
 pub fn usage_error(error: &clap::Error) -> ExitCode {
-    let is_estop = std::env::args_os().nth(1).as_deref() == Some(OsStr::new("estop"));
+    let is_estop = std::env::args_os().any(|argument| argument == "estop");
     if !is_estop || !error.use_stderr() {
         return ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(2));
     }

@@ -73,7 +73,7 @@ impl Following<'_> {
                 watch.tell(news);
             }
             let written = self.log.news(news);
-            logging.take(written, self.watch.as_ref(), |words| show.interrupt(words));
+            logging.take(written, self.log.missing(), self.watch.as_ref(), |words| show.interrupt(words));
         });
         show.end();
         match grown {
@@ -82,8 +82,11 @@ impl Following<'_> {
                 let mut result = json_of("lost", None, self.plan, self.seed, self.simulated);
                 result["error"] = error.to_string().into();
                 let logged = self.end(&mut result);
-                if self.json {
-                    print(&format!("{result}\n"))?;
+                // That the robot is lost is told whether or not the result can be printed.
+                if self.json
+                    && let Err(error) = print(&format!("{result}\n"))
+                {
+                    Failure::from(error).say();
                 }
                 if let Err(failure) = logged {
                     failure.say();
@@ -121,8 +124,8 @@ impl Following<'_> {
         match (written, missing) {
             (Ok(()), 0) => Ok(()),
             (written, _) => Err(Failure::answered_no(format_args!(
-                "the run log is incomplete, its last {missing} lines are missing{}",
-                written.map_or_else(|error| format!(": {error}"), |()| String::new())
+                "the run log is incomplete, {missing} lines are missing{}",
+                written.map_or_else(|error| format!(": {}", error.reason()), |()| String::new())
             ))),
         }
     }
@@ -130,16 +133,16 @@ impl Following<'_> {
     fn result(mut self, grown: &Grown, emergency: bool) -> Result<(), Failure> {
         let mut result = json_of(grown.outcome.name(), Some(grown), self.plan, self.seed, self.simulated);
         let logged = self.end(&mut result);
-        print(&if self.json {
+        let printed = print(&if self.json {
             format!("{result}\n")
         } else {
             growth_table::table(self.plan, self.robot, grown, self.seed, self.simulated)
-        })?;
+        });
         // A growth that is done has no other failure to tell.
         match (grown.outcome, logged) {
-            (Outcome::Done, logged) => logged,
+            (Outcome::Done, logged) => logged.and_then(|()| Ok(printed?)),
             (outcome, logged) => {
-                if let Err(failure) = logged {
+                for failure in [logged.err(), printed.err().map(Failure::from)].into_iter().flatten() {
                     failure.say();
                 }
                 judged(outcome, emergency)
@@ -186,11 +189,18 @@ struct Logging {
 }
 
 impl Logging {
-    fn take(&mut self, written: Result<(), RunLogError>, watch: Option<&Watch>, say: impl FnOnce(&str)) {
+    fn take(
+        &mut self,
+        written: Result<(), RunLogError>,
+        missing: usize,
+        watch: Option<&Watch>,
+        say: impl FnOnce(&str),
+    ) {
         let was = std::mem::replace(&mut self.fails, written.is_err());
         let words = match (was, written) {
             (false, Err(error)) => Some(error.to_string()),
-            (true, Ok(())) => Some("the run log can be written again: no line is missing".to_owned()),
+            (true, Ok(())) if missing == 0 => Some("the run log can be written again: no line is missing".to_owned()),
+            (true, Ok(())) => Some(format!("the run log can be written again: {missing} lines are missing")),
             _ => None,
         };
         let Some(words) = words else { return };

@@ -5,13 +5,14 @@ use std::time::Duration;
 use clap::Args;
 use growbot_core::link::message::{Empty, Message, State, Tune, Tuned};
 use growbot_host::client::Client;
+use growbot_host::growth::Orders;
 use growbot_host::output::print;
 use growbot_host::pose_text::parse_number;
 use serde_json::json;
 
 use super::following::stopped_for;
 use super::interrupt::stop_on_interrupt;
-use super::{ChosenPort, Failure, RobotArg, RobotPortArg};
+use super::{Failure, RobotArg, RobotPortArg};
 
 /// How long the board may be quiet before it is asked how it does.
 const QUIET: Duration = Duration::from_secs(2);
@@ -47,9 +48,11 @@ pub fn run(args: &TuneArgs) -> Result<(), Failure> {
     };
     let mut client = port.client(&robot)?;
     client.hello_robot(&robot)?;
+    // Before anything heats: from here on Ctrl-C stops the board.
+    let orders = stop_on_interrupt(&mut client, &port);
     client.request("to tune", &Message::Tune(Tune { target_centi_c: (target * 100.0) as i32 }))?;
     growbot_host::tell!("growbot: tuning at {target} C; this takes some minutes");
-    let tuned = follow(&mut client, &port)?;
+    let tuned = follow(&mut client, &orders, port.kind())?;
     let gains = &tuned.gains;
     print(&if args.json {
         let result = json!({
@@ -72,12 +75,11 @@ pub fn run(args: &TuneArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-fn follow(client: &mut Client, port: &ChosenPort) -> Result<Tuned, Failure> {
-    let orders = stop_on_interrupt(client, port);
+fn follow(client: &mut Client, orders: &Orders, kind: &str) -> Result<Tuned, Failure> {
     loop {
         if orders.stops() {
             client.request("to stop", &Message::Stop(Empty {}))?;
-            return Err(Failure::answered_no("stopped: heater and steppers are off"));
+            return Err(Failure::answered_no(format!("stopped: heater and steppers of the {kind}robot are off")));
         }
         if let Some(drift) = client.stop_if_clock_drifts()? {
             return Err(stopped_for(&drift));

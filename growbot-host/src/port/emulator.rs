@@ -140,7 +140,11 @@ impl Port for Emulator {
 
 /// A copy of an image with its seal, where it has none: one that is sealed is taken as it is, damaged or not.
 fn with_seal(firmware: &Path) -> Result<Option<File>, QemuError> {
-    let Ok(image) = std::fs::read(firmware) else { return Ok(None) };
+    // A pipe or a device would be waited for.
+    if !firmware.is_file() {
+        return Err(QemuError::NoFirmware(firmware.to_path_buf()));
+    }
+    let image = std::fs::read(firmware).map_err(doing("read the firmware"))?;
     let sealed = match image_seal::seal(&image) {
         Ok(sealed) if !image_seal::is_sealed(&image) => sealed.bytes,
         _ => return Ok(None),

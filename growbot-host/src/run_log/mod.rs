@@ -72,6 +72,17 @@ pub enum RunLogError {
     Place(#[from] OutputError),
 }
 
+impl RunLogError {
+    /// The system's reason alone.
+    #[must_use]
+    pub fn reason(&self) -> String {
+        match self {
+            Self::Begin { error, .. } | Self::Write { error, .. } => error.to_string(),
+            Self::Place(error) => error.to_string(),
+        }
+    }
+}
+
 /// Where a growth takes place, for the first line of its log.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Origin<'a> {

@@ -33,6 +33,7 @@ pub struct Ran {
 pub fn run(directory: &Path, args: &[String], input: &[u8], limit: Duration) -> Ran {
     let mut child = Command::new(env!("CARGO_BIN_EXE_growbot"))
         .args(args)
+        .env_remove("GROWBOT_PORT")
         .current_dir(directory)
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())

@@ -20,9 +20,9 @@ const TICK_HZ: u32 = 1_000;
 static MILLISECONDS_LO: AtomicU32 = AtomicU32::new(0);
 static MILLISECONDS_HI: AtomicU32 = AtomicU32::new(0);
 
-/// Looks at a crystal that does not start: 0.1 s at the 16 MHz of the internal oscillator, at 4 clocks a look at least. A crystal takes
+/// Looks at a crystal that does not start: 0.1 s at the 16 MHz of the internal oscillator, at 8 clocks a look. A crystal takes
 /// some 2 ms (data sheet, table "HSE oscillator characteristics"), and the watchdog 0.7 s.
-const MAX_LOOKS: u32 = 400_000;
+const MAX_LOOKS: u32 = 200_000;
 
 /// What the clocks are made of.
 #[derive(Clone, Copy, PartialEq, Eq)]

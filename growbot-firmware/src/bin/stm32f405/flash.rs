@@ -63,7 +63,7 @@ impl BoardFlash {
         }
         // SAFETY: clears the errors of before.
         registers.sr().write(|w| unsafe { w.bits(ERRORS) });
-        let is_done = registers.cr().read().lock().bit_is_clear() && work(registers);
+        let is_done = registers.cr().read().lock().bit_is_clear() && has_supply() && work(registers);
         // All other bits are cleared.
         registers.cr().write(|w| w.lock().set_bit());
         // What the data cache holds may be what was there before. It can be reset while it is off.
@@ -72,6 +72,13 @@ impl BoardFlash {
         registers.acr().modify(|_, w| w.dcrst().clear_bit().dcen().set_bit());
         if is_done { Ok(()) } else { Err(NorFlashErrorKind::Other) }
     }
+}
+
+/// Whether the processor's supply is enough to program by words (2.7 V, data sheet DS8626): its detector is set above that (`brown_out.rs`).
+/// What reads wrongly at less is not to be settled for good, either.
+fn has_supply() -> bool {
+    // SAFETY: reading this register has no effect.
+    unsafe { &*pac::PWR::ptr() }.csr().read().pvdo().bit_is_clear()
 }
 
 /// Whether the last write or erasure, which is over, went well.

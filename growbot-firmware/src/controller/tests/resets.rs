@@ -128,6 +128,7 @@ fn what_a_reset_with_power_has_destroyed_is_a_fault() {
         (ResetCause::Watchdog, Some(Fault::WatchdogReset)),
         (ResetCause::ProcessorFault, Some(Fault::ProcessorFault)),
         (ResetCause::StackOverflow, Some(Fault::StackOverflow)),
+        (ResetCause::ClockFailed, Some(Fault::ClockFailed)),
         // The memory may have been without power.
         (ResetCause::BrownOut, None),
         (ResetCause::PowerOn, None),
@@ -219,4 +220,15 @@ fn however_a_write_is_torn_a_board_at_work_comes_up_with_a_fault() {
             assert!(matches!(state, State::Fault | State::EmergencyStop), "{state:?} after {kept:?}");
         }
     }
+}
+
+#[test]
+fn a_crystal_that_stopped_while_the_robot_rested_is_a_fault_too() {
+    let mut bench = Bench::in_state(State::Idle).reset(ResetCause::ClockFailed);
+    assert_eq!(bench.controller.fault(), Some(Fault::ClockFailed));
+    // The first fault wins: another one that is latched stays.
+    bench = Bench::in_state(State::Fault);
+    let latched = bench.controller.fault();
+    assert!(latched.is_some() && latched != Some(Fault::ClockFailed));
+    assert_eq!(bench.reset(ResetCause::ClockFailed).controller.fault(), latched);
 }
