@@ -15,6 +15,7 @@ mod record;
 use std::collections::VecDeque;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read, Seek, SeekFrom, Write};
+use std::num::NonZero;
 use std::path::Path;
 
 use growbot_core::angle::degrees;
@@ -26,7 +27,8 @@ use growbot_core::pose::{Frame, Pose};
 use growbot_core::tracking::SensorNoise;
 use serde_json::{Value, json};
 use time::OffsetDateTime;
-use time::format_description::well_known::Rfc3339;
+use time::format_description::well_known::Iso8601;
+use time::format_description::well_known::iso8601::{Config, EncodedConfig, TimePrecision};
 
 use self::hexadecimal::hex;
 pub(crate) use self::hexadecimal::hex_of;
@@ -385,11 +387,13 @@ impl Open {
     }
 }
 
-/// Now, as RFC 3339 has it, to the millisecond.
+/// Seconds with three decimals.
+const MILLISECONDS: EncodedConfig =
+    Config::DEFAULT.set_time_precision(TimePrecision::Second { decimal_digits: NonZero::new(3) }).encode();
+
+/// Now, as RFC 3339 has it, to the millisecond: always as long.
 fn utc_now() -> String {
-    let now = OffsetDateTime::now_utc();
-    let whole = now.replace_nanosecond(now.nanosecond() / 1_000_000 * 1_000_000).unwrap_or(now);
-    whole.format(&Rfc3339).unwrap_or_default()
+    OffsetDateTime::now_utc().format(&Iso8601::<MILLISECONDS>).unwrap_or_default()
 }
 
 /// How a simulated tip is off: what is drawn from which distribution, what is always so, and the seed.

@@ -9,6 +9,7 @@ use growbot_core::simulation::Disturbance;
 use super::*;
 use crate::feedback::Count;
 use crate::plan::Search;
+use time::format_description::well_known::Rfc3339;
 
 /// A log of three layers with feedback, and lines after its header.
 fn log(lines: &[Value]) -> Vec<u8> {
@@ -217,6 +218,7 @@ fn the_header_tells_of_the_command_the_time_and_the_disturbances_and_every_event
     assert_eq!(header["disturbances"]["tilt_bias"]["value"], json!(5.0));
     for time in lines.iter().map(|line| &line["utc"]).chain([&header["started_utc"]]) {
         let time = time.as_str().unwrap();
+        assert_eq!(time.len(), "2026-11-22T14:49:08.123Z".len(), "{time}");
         OffsetDateTime::parse(time, &Rfc3339).unwrap();
         assert!(time.ends_with('Z'), "{time}");
     }
