@@ -243,7 +243,7 @@ mod tests {
     fn both_copies_say_what_a_start_must_do_and_the_rest_takes_one_write() {
         let (mut memory, mut copies) = (Memory([0xA5; KEPT_BYTES]), Copies::default());
         // Of each of the story: whether a start would have to do something else than after the one before.
-        let otherwise = [true, true, false, false, false, true, true, true, false, true, true];
+        let otherwise = [true, true, true, false, true, false, false, false, true, true, true, false, true, true];
         for (kept, otherwise) in story().iter().zip(otherwise) {
             let before = copies.generation;
             copies.write(&mut memory, kept);
@@ -267,12 +267,17 @@ mod tests {
         }
     }
 
-    /// What a board keeps one after the other: at rest, at work, a fault, the fault cleared, at work again, an emergency stop.
+    /// What a board retains one after the other: at rest, a fault of the self-test, at rest, at work, a fault, the fault cleared, at work
+    /// again, an emergency stop.
     fn story() -> std::vec::Vec<Kept> {
         let record = |fault, cleared| longest().record.map(|record| FaultRecord { fault, cleared, ..record });
         let at = |state, sectors| longest().under_way.map(|under_way| UnderWay { state, sectors, ..under_way });
         let fault = Some(Fault::ThermistorOpen);
         std::vec![
+            Kept::default(),
+            // A fault of the self-test, before anything was under way.
+            Kept { record: record(Some(Fault::SupplyLow), false), under_way: None },
+            Kept { record: record(Some(Fault::SupplyLow), true), under_way: None },
             Kept::default(),
             Kept { record: None, under_way: at(State::Heating, 0) },
             Kept { record: None, under_way: at(State::Growing, 0) },
