@@ -57,6 +57,10 @@ pub(super) fn check(robot: &RobotDescription) -> Result<(), RobotError> {
 }
 
 /// What a board asks beyond [`check`].
+///
+/// `motion.tick_hz` has two limits, as a description is for two things. Who plans and simulates may describe a robot that needs more ticks
+/// than any board makes, as the paper's robot C does: the limit of 1 MHz there only keeps numbers reasonable. A board's step interrupt
+/// must leave the processor time for everything else: hence [`MAX_BOARD_TICK_HZ`].
 pub(super) fn check_for_board(robot: &RobotDescription) -> Result<(), RobotError> {
     Field("motion.tick_hz", f64::from(robot.motion.tick_hz)).between(
         0.0,
@@ -147,6 +151,7 @@ fn check_radius(robot: &RobotDescription) -> Result<(), RobotError> {
 
 fn check_motors(robot: &RobotDescription) -> Result<(), RobotError> {
     let (motion, head, feed) = (&robot.motion, &robot.head, &robot.feed);
+    // A board takes less: `check_for_board` says why.
     Field("motion.tick_hz", f64::from(motion.tick_hz)).between(
         100.0,
         1e6,
