@@ -4,7 +4,7 @@ use std::fs::{self, File, Metadata};
 use std::io::{self, Read};
 use std::path::Path;
 
-use crate::output::note_input;
+use crate::output::{OutputError, note_input};
 
 /// No plan and no robot description is longer than this, bytes (1 MiB).
 pub const LONGEST_TEXT: u64 = 1 << 20;
@@ -40,6 +40,9 @@ pub enum InputError {
         /// What it is instead of a file.
         what: &'static str,
     },
+    /// Standard output would destroy it.
+    #[error(transparent)]
+    Destroyed(#[from] OutputError),
     /// The bytes are no UTF-8.
     #[error("{name} is not UTF-8 text (at byte {position}): save it as UTF-8")]
     NotText {
@@ -72,10 +75,10 @@ pub fn is_standard_input(path: &Path) -> bool {
 /// [`crate::output`] does not write to.
 ///
 /// # Errors
-/// [`InputError::Unreadable`] or [`InputError::NoFile`].
+/// [`InputError::Unreadable`], [`InputError::NoFile`] or [`InputError::Destroyed`].
 pub fn open(path: &Path) -> Result<Box<dyn Read>, InputError> {
     if is_standard_input(path) {
-        note_standard_input();
+        note_standard_input()?;
         return Ok(Box::new(io::stdin().lock()));
     }
     let unreadable = |error| InputError::Unreadable { name: name_of(path), error };
@@ -89,7 +92,7 @@ pub fn open(path: &Path) -> Result<Box<dyn Read>, InputError> {
         return Err(unreadable(io::ErrorKind::IsADirectory.into()));
     }
     if let Ok(same) = file.try_clone() {
-        note_input(same);
+        note_input(same, &name_of(path))?;
     }
     Ok(Box::new(file))
 }
@@ -115,17 +118,27 @@ fn never_ending(_: &Path, _: &Metadata) -> Option<&'static str> {
     None
 }
 
-/// A file may be standard input, too.
+/// Standard input, which may be a file, is an input from now on.
+///
+/// # Errors
+/// As [`note_input`].
 #[cfg(unix)]
-fn note_standard_input() {
+pub fn note_standard_input() -> Result<(), OutputError> {
     use std::os::fd::AsFd;
-    if let Ok(same) = io::stdin().as_fd().try_clone_to_owned() {
-        note_input(File::from(same));
+    match io::stdin().as_fd().try_clone_to_owned() {
+        Ok(same) => note_input(File::from(same), "standard input"),
+        Err(_) => Ok(()),
     }
 }
 
+/// Standard input, which may be a file, is an input from now on.
+///
+/// # Errors
+/// None.
 #[cfg(not(unix))]
-fn note_standard_input() {}
+pub fn note_standard_input() -> Result<(), OutputError> {
+    Ok(())
+}
 
 /// A stream of lines, none of which is longer than [`LONGEST_TEXT`]: the stream may be as long as it likes, and no memory is filled by a
 /// line that does not end.
@@ -174,7 +187,17 @@ pub fn read_bytes(path: &Path, most: u64) -> Result<Vec<u8>, InputError> {
 /// # Errors
 /// What cannot be opened or read, is longer than [`LONGEST_TEXT`], or is no UTF-8.
 pub fn read_text(path: &Path) -> Result<String, InputError> {
-    let bytes = read_bytes(path, LONGEST_TEXT)?;
+    text_of(read_bytes(path, LONGEST_TEXT)?, path)
+}
+
+/// The text that these bytes of a file are, without a byte order mark.
+///
+/// # Errors
+/// As [`read_text`].
+pub fn text_of(bytes: Vec<u8>, path: &Path) -> Result<String, InputError> {
+    if bytes.len() as u64 > LONGEST_TEXT {
+        return Err(InputError::TooLong { name: name_of(path), most: LONGEST_TEXT });
+    }
     let text = String::from_utf8(bytes)
         .map_err(|error| InputError::NotText { name: name_of(path), position: error.utf8_error().valid_up_to() })?;
     Ok(text.strip_prefix('\u{feff}').map(str::to_owned).unwrap_or(text))

@@ -1,7 +1,7 @@
 //! Writing results: to standard output, whose reader may go away, and to files, which are whole or not there.
 //!
 //! What a terminal would obey instead of showing it is taken out here ([`crate::printable`]), and here alone a file is refused that the
-//! command has read ([`refuse_inputs`]), or whose ending promises another format ([`refuse_ending`]).
+//! command reads ([`refuse_inputs`], [`note_input`]), or whose ending promises another format ([`refuse_ending`]).
 
 use std::collections::VecDeque;
 use std::ffi::{OsStr, OsString};
@@ -48,6 +48,14 @@ pub enum OutputError {
         /// The file.
         file: String,
     },
+    /// Standard output goes to a file that the command reads.
+    #[error(
+        "cannot read {file}: standard output is redirected onto it, and what is printed would destroy it; redirect to another file"
+    )]
+    OntoInput {
+        /// The file.
+        file: String,
+    },
     /// The file's ending promises another format.
     #[error("cannot write {file}: its ending .{ending} is none of the formats here; end it in {formats}")]
     Ending {
@@ -81,14 +89,40 @@ static READ: Mutex<VecDeque<((u64, u64), File)>> = Mutex::new(VecDeque::new());
 /// No command reads so many files.
 const MOST_READ: usize = 64;
 
-/// The file is an input from now on: nothing is written to it, whatever it is called.
-pub fn note_input(file: File) {
-    let Some(place) = file.metadata().ok().as_ref().and_then(place_of) else { return };
+/// The file, which messages call `name`, is an input from now on: nothing is written to it, whatever it is called.
+///
+/// # Errors
+/// [`OutputError::OntoInput`] where standard output is redirected onto it. Refused before anything is done: results that have nowhere to
+/// go help nobody.
+pub fn note_input(file: File, name: &str) -> Result<(), OutputError> {
+    note_input_beside(file, name, place_of_stdout())
+}
+
+/// As [`note_input`], where standard output is such a file.
+fn note_input_beside(file: File, name: &str, stdout: Option<(u64, u64)>) -> Result<(), OutputError> {
+    let Some(place) = file.metadata().ok().as_ref().and_then(place_of) else { return Ok(()) };
+    if stdout == Some(place) {
+        return Err(OutputError::OntoInput { file: name.to_owned() });
+    }
     let mut read = READ.lock().unwrap_or_else(PoisonError::into_inner);
     if read.iter().all(|(known, _)| *known != place) {
         read.truncate(MOST_READ - 1);
         read.push_front((place, file));
     }
+    Ok(())
+}
+
+/// The file that standard output is redirected to.
+#[cfg(unix)]
+fn place_of_stdout() -> Option<(u64, u64)> {
+    use std::os::fd::AsFd;
+    let stdout = File::from(io::stdout().as_fd().try_clone_to_owned().ok()?);
+    stdout.metadata().ok().as_ref().and_then(place_of)
+}
+
+#[cfg(not(unix))]
+fn place_of_stdout() -> Option<(u64, u64)> {
+    None
 }
 
 /// Refuses a file that this program has read, under this name or another: through links, relative paths, descriptors.
@@ -159,8 +193,16 @@ pub fn unknown_ending(path: &Path, formats: &[&str]) -> OutputError {
 /// # Errors
 /// [`OutputError::Closed`] or [`OutputError::Stdout`].
 pub fn print(text: &str) -> Result<(), OutputError> {
+    print_bytes(lines(text).as_bytes())
+}
+
+/// As [`print`], for what is no text.
+///
+/// # Errors
+/// As [`print`].
+pub fn print_bytes(bytes: &[u8]) -> Result<(), OutputError> {
     let mut stdout = io::stdout().lock();
-    stdout.write_all(lines(text).as_bytes())?;
+    stdout.write_all(bytes)?;
     stdout.flush()?;
     Ok(())
 }
@@ -278,6 +320,23 @@ mod tests {
         }
         assert_eq!(fs::read(path("plan")).unwrap(), b"old");
         replace_file(&path("other"), b"new").unwrap();
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn an_input_that_standard_output_goes_to_is_refused() {
+        let directory = tempfile::tempdir().unwrap();
+        let [log, other] = ["run.jsonl", "other"].map(|name| directory.path().join(name));
+        fs::write(&log, b"log").unwrap();
+        fs::write(&other, b"other").unwrap();
+        let place = |path: &Path| place_of(&fs::metadata(path).unwrap());
+        let noted = |stdout| note_input_beside(File::open(&log).unwrap(), "run.jsonl", stdout);
+        let refused = noted(place(&log)).unwrap_err();
+        assert!(matches!(refused, OutputError::OntoInput { .. }) && refused.to_string().contains("run.jsonl"));
+        noted(place(&other)).unwrap();
+        noted(None).unwrap();
+        // A terminal or a null device may be read and written at once.
+        note_input_beside(File::open("/dev/null").unwrap(), "/dev/null", place("/dev/null".as_ref())).unwrap();
     }
 
     #[test]

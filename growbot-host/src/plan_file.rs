@@ -351,8 +351,16 @@ impl PlanFile {
 /// # Errors
 /// Whatever is wrong with the file, the robot's description, or the plan.
 pub fn open(path: &FilePath, robot: Option<&FilePath>) -> Result<(Robot, Plan), PlanFileError> {
-    let file = input::name_of(path);
-    let written = PlanFile::parse(&input::read_text(path)?, &file)?;
+    read(&input::read_text(path)?, &input::name_of(path), robot)
+}
+
+/// As [`open`], from a text that messages call `file`.
+///
+/// # Errors
+/// Whatever is wrong with the text, the robot's description, or the plan.
+pub fn read(text: &str, file: &str, robot: Option<&FilePath>) -> Result<(Robot, Plan), PlanFileError> {
+    let written = PlanFile::parse(text, file)?;
+    let file = file.to_owned();
     let robot = match robot {
         Some(robot) => robot_file::load(robot)?,
         None if robot_file::is_built_in(&written.robot) => robot_file::load(written.robot.as_ref())?,

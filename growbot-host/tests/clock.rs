@@ -73,7 +73,7 @@ fn a_board_whose_clock_is_wrong_is_stopped() {
             let (grown, state, seconds) = grow(rate, jitter);
             let Outcome::ClockDrift(drift) = grown.outcome else { panic!("{rate}, {jitter}: {:?}", grown.outcome) };
             println!("rate {rate}, jitter {jitter} s: stopped after {seconds:.0} s: {drift}");
-            assert_eq!((state, grown.outcome.name()), (State::Stopped, "stopped"), "{rate}, {jitter}");
+            assert_eq!((state, grown.outcome.name()), (State::Stopped, "clock-drift"), "{rate}, {jitter}");
             assert!(drift.to_string().contains(way) && (1.9..6.0).contains(&drift.percent().abs()), "{drift}");
             // Two windows of half a minute, and what the delays add.
             assert!(seconds < 90.0, "{rate}, {jitter}: {seconds} s");

@@ -50,7 +50,8 @@ fn the_format_is_that_of_the_extension_unless_it_is_given() {
     assert!(bodies.export("plan.json", "a.GLB", &[]).starts_with(b"glTF"));
     assert!(bodies.export("plan.json", "a.csv", &[]).starts_with(b"laid,x_mm"));
     assert!(bodies.export("run.jsonl", "a.mcap", &[]).starts_with(b"\x89MCAP0\r\n"));
-    assert!(bodies.export("plan.json", "b.stl", &["--format", "csv"]).starts_with(b"laid,x_mm"));
+    assert!(bodies.export("plan.json", "b", &["--format", "csv"]).starts_with(b"laid,x_mm"));
+    assert!(bodies.export("plan.json", "b.STL", &["--format", "stl"]).starts_with(b"binary STL, units mm"));
 }
 
 #[test]

@@ -6,10 +6,10 @@ mod running;
 
 use std::fs;
 use std::os::unix::fs::symlink;
-use std::process::{Command, Stdio};
+use std::process::Stdio;
 
 use growbot_host::printable::steers;
-use running::{Ran, growbot, growbot_reading};
+use running::{PROGRAM, Ran, command, growbot, growbot_reading};
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -83,8 +83,8 @@ fn no_command_overwrites_what_it_reads_under_any_name() {
             assert_eq!(ran.err.lines().filter(|line| !line.contains("warning")).count(), 1, "{}", ran.err);
         }
         // The same under a name that the shell has opened.
-        let through = Command::new("sh")
-            .args(["-c", "exec \"$0\" \"$@\" 3<\"$INPUT\"", env!("CARGO_BIN_EXE_growbot")])
+        let through = command("sh")
+            .args(["-c", "exec \"$0\" \"$@\" 3<\"$INPUT\"", PROGRAM])
             .args([&args[..], &[*option, "/proc/self/fd/3"]].concat())
             .env("INPUT", input)
             .stdin(Stdio::null())
@@ -94,7 +94,7 @@ fn no_command_overwrites_what_it_reads_under_any_name() {
         assert_eq!(fs::read(input).unwrap(), before, "{args:?} through a descriptor");
     }
     // From standard input, which may be that file.
-    let through = Command::new(env!("CARGO_BIN_EXE_growbot"))
+    let through = command(PROGRAM)
         .args(["export", "-", "--format", "csv", "-o", &plan])
         .stdin(fs::File::open(&plan).unwrap())
         .output()
@@ -115,6 +115,11 @@ fn an_ending_that_promises_another_format_is_refused_and_the_formats_are_listed(
         (vec!["view", &plan, "--png"], "-o", "a.pdf", ".png"),
         (vec!["export", &run], "-o", "a.pdf", ".stl, .glb, .csv or .mcap"),
         (vec!["export", &plan], "-o", "a.json", ".stl, .glb, .csv or .mcap"),
+        (vec!["export", &run, "--format", "stl"], "-o", "a.glb", ".stl"),
+        (vec!["export", &run, "--format", "mcap"], "-o", "a.CSV", ".mcap"),
+        (vec!["export", &plan, "--format", "csv"], "-o", "a.json", ".csv"),
+        (vec!["view", &run, "--svg"], "-o", "a.png", ".svg"),
+        (vec!["view", &run, "--png"], "-o", "a.html", ".png"),
         (vec!["workspace", "--length", "100"], "-o", "a.png", ".svg"),
         (vec!["plan", "--to", "0,0,50,0,90"], "-o", "a.svg", ".json"),
         (vec!["new-robot"], "-o", "a.json", ".toml"),
@@ -131,7 +136,7 @@ fn an_ending_that_promises_another_format_is_refused_and_the_formats_are_listed(
 fn nothing_is_waited_for_that_never_ends_and_nothing_is_read_without_limit() {
     let files = Files::new();
     let fifo = files.path("fifo");
-    assert!(Command::new("mkfifo").arg(&fifo).status().unwrap().success());
+    assert!(command("mkfifo").arg(&fifo).status().unwrap().success());
     let huge = files.path("huge.jsonl");
     // Sparse: longer than any log, and no disk is filled.
     fs::File::create(&huge).unwrap().set_len((256 << 20) + 1).unwrap();
@@ -163,14 +168,162 @@ fn nothing_is_waited_for_that_never_ends_and_nothing_is_read_without_limit() {
     }
     // What the shell opens is read.
     let run = files.path("run.jsonl");
-    let piped = Command::new("bash")
-        .args(["-c", "exec \"$0\" replay <(cat \"$RUN\") --json", env!("CARGO_BIN_EXE_growbot")])
+    let piped = command("bash")
+        .args(["-c", "exec \"$0\" replay <(cat \"$RUN\") --json", PROGRAM])
         .env("RUN", &run)
         .output()
         .unwrap();
     let direct = growbot(&["replay", &run, "--json"]);
     assert_eq!(String::from_utf8_lossy(&piped.stdout), direct.out, "{}", String::from_utf8_lossy(&piped.stderr));
     assert_eq!(growbot_reading(&["replay", "-", "--json"], &fs::read_to_string(&run).unwrap()).out, direct.out);
+}
+
+/// Runs growbot in a shell, with files by the names of variables.
+fn in_shell(script: &str, files: &[(&str, &str)]) -> Ran {
+    let ran = command("bash").args(["-c", script, PROGRAM]).envs(files.iter().copied()).output().unwrap();
+    let text = |bytes: Vec<u8>| String::from_utf8_lossy(&bytes).into_owned();
+    Ran { code: ran.status.code(), out: text(ran.stdout), err: text(ran.stderr) }
+}
+
+#[test]
+fn run_logs_are_viewed_and_exported_from_pipes_too() {
+    let files = Files::new();
+    let [run, plan] = ["run.jsonl", "plan.json"].map(|name| files.path(name));
+    for (file, format) in [(&run, "csv"), (&run, "stl"), (&plan, "csv")] {
+        let direct =
+            in_shell("\"$0\" export \"$RUN\" --format $FORMAT | sha256sum", &[("RUN", file), ("FORMAT", format)]);
+        for script in [
+            "\"$0\" export - --format $FORMAT <\"$RUN\" | sha256sum",
+            "cat \"$RUN\" | \"$0\" export - --format $FORMAT | sha256sum",
+            "\"$0\" export <(cat \"$RUN\") --format $FORMAT | sha256sum",
+        ] {
+            let ran = in_shell(script, &[("RUN", file), ("FORMAT", format)]);
+            assert_eq!((&ran.out, &ran.err), (&direct.out, &direct.err), "{script}");
+        }
+    }
+    let page = files.path("a.html");
+    for script in [
+        "cat \"$RUN\" | \"$0\" view - -o \"$PAGE\"",
+        "\"$0\" view - -o \"$PAGE\" <\"$RUN\"",
+        "\"$0\" view <(cat \"$RUN\") -o \"$PAGE\"",
+    ] {
+        let ran = in_shell(script, &[("RUN", &run), ("PAGE", &page)]);
+        assert_eq!(ran.code, Some(0), "{script}: {}", ran.err);
+        assert!(fs::read_to_string(&page).unwrap().contains("\"built_name\":\"Laid (simulated)\""), "{script}");
+        fs::remove_file(&page).unwrap();
+    }
+    // What is no log is not longer than a plan.
+    let ran = growbot_reading(&["export", "-", "--format", "csv"], &" ".repeat((1 << 20) + 1));
+    assert!(ran.code == Some(2) && ran.err.contains("longer than 1048576 bytes"), "{}", ran.err);
+}
+
+#[test]
+fn standard_output_that_goes_onto_an_input_is_refused_and_the_input_is_whole() {
+    let files = Files::new();
+    let [run, plan, robot, queries] =
+        ["run.jsonl", "plan.json", "robot.toml", "queries.csv"].map(|name| files.path(name));
+    let before: Vec<Vec<u8>> = [&run, &plan, &robot, &queries].map(|file| fs::read(file).unwrap()).into();
+    for (command, input) in [
+        ("export \"$IN\" -o - --format csv", &run),
+        ("export \"$IN\" --format mcap", &run),
+        ("export - --format stl <\"$IN\"", &run),
+        ("replay \"$IN\" --layers", &run),
+        ("resume \"$IN\" --yes", &run),
+        ("layers \"$IN\"", &plan),
+        ("simulate \"$IN\" --json", &plan),
+        ("grow \"$IN\" --json", &plan),
+        ("rmin --robot \"$IN\"", &robot),
+        ("plan --batch \"$IN\" --json", &queries),
+        ("plan --batch - --json <\"$IN\"", &queries),
+        ("console <\"$IN\"", &queries),
+    ] {
+        for onto in [">>\"$IN\"", "1<>\"$IN\""] {
+            let ran = in_shell(&format!("\"$0\" {command} {onto}"), &[("IN", input)]);
+            assert_eq!(ran.code, Some(2), "{command} {onto}: {}", ran.err);
+            assert!(ran.err.contains("standard output is redirected onto it"), "{command} {onto}: {}", ran.err);
+            let after: Vec<Vec<u8>> = [&run, &plan, &robot, &queries].map(|file| fs::read(file).unwrap()).into();
+            assert!(after == before, "{command} {onto}");
+        }
+    }
+    // Under another name, too; and what goes elsewhere is written.
+    fs::hard_link(&run, files.path("hard")).unwrap();
+    let ran =
+        in_shell("\"$0\" export \"$IN\" --format csv 1<>\"$OTHER\"", &[("IN", &run), ("OTHER", &files.path("hard"))]);
+    assert_eq!(ran.code, Some(2), "{}", ran.err);
+    assert!(fs::read(&run).unwrap() == before[0]);
+    let ran = in_shell("\"$0\" layers \"$IN\" >>\"$OUT\"", &[("IN", &plan), ("OUT", &files.path("out.csv"))]);
+    assert!(ran.code == Some(0) && fs::metadata(files.path("out.csv")).unwrap().len() > 1000, "{}", ran.err);
+}
+
+#[test]
+fn a_simulated_run_says_that_it_is_one_however_short_it_is() {
+    let files = Files::new();
+    let log = fs::read_to_string(files.path("run.jsonl")).unwrap();
+    let header = log.lines().next().unwrap();
+    let end = r#"{"event":"end","result":{"outcome":"stopped"}}"#;
+    let stopped = files.path("stopped.jsonl");
+    fs::write(&stopped, format!("{header}\n{end}\n")).unwrap();
+    let robots = files.path("robots.jsonl");
+    fs::write(&robots, log.replacen("\"tip\":\"simulated\"", "\"tip\":\"robot\"", 1)).unwrap();
+    let json = |file: &str| -> Value { serde_json::from_str(&growbot(&["replay", file, "--json"]).out).unwrap() };
+    for (file, simulated, by) in
+        [(files.path("run.jsonl"), true, "tip"), (stopped.clone(), true, "tip"), (robots.clone(), false, "steps")]
+    {
+        let told = json(&file);
+        assert_eq!((&told["simulated"], &told["measured_by"]), (&simulated.into(), &by.into()), "{file}");
+        let text = growbot(&["replay", &file]).out;
+        assert_eq!(text.contains("simulated"), simulated, "{text}");
+        assert_eq!(text.lines().next().unwrap().ends_with(", simulated"), simulated, "{text}");
+    }
+    for (file, name) in [(&stopped, "Laid (simulated)"), (&robots, "As built")] {
+        assert_eq!(growbot(&["view", file, "-o", &files.path("a.html")]).code, Some(0));
+        let page = fs::read_to_string(files.path("a.html")).unwrap();
+        assert!(page.contains(&format!("\"built_name\":\"{name}\"")), "{file}");
+        assert_eq!(growbot(&["view", file, "-o", &files.path("a.svg")]).code, Some(0));
+        let picture = fs::read_to_string(files.path("a.svg")).unwrap();
+        assert_eq!(picture.contains("simulated"), file == &stopped, "{file}");
+    }
+    for (file, says) in [(&stopped, true), (&robots, false)] {
+        let ran = growbot(&["export", file, "--format", "csv"]);
+        assert_eq!((ran.code, ran.err.contains("laid (simulated)")), (Some(0), says), "{}", ran.err);
+        let ran = growbot(&["export", file, "-o", &files.path("a.mcap")]);
+        assert_eq!((ran.code, ran.err.contains("laid (simulated)")), (Some(0), says), "{}", ran.err);
+    }
+    for (from, body, says) in [
+        ("run", "laid", "laid (simulated)"),
+        ("run", "commanded", "commanded (simulated)"),
+        ("robots", "laid", "as built"),
+    ] {
+        let stl = files.path("a.stl");
+        assert_eq!(
+            growbot(&["export", &files.path(&format!("{from}.jsonl")), "--body", body, "-o", &stl]).code,
+            Some(0)
+        );
+        let header = String::from_utf8_lossy(&fs::read(&stl).unwrap()[..80]).into_owned();
+        assert!(header.contains(says), "{from}, {body}: {header}");
+    }
+}
+
+#[test]
+fn a_board_that_was_stopped_for_its_clock_is_told_by_replay_and_page() {
+    let files = Files::new();
+    let drift = growbot_host::client::ClockDrift { board_ms: 28_500, host_ms: [30_000, 30_100] };
+    let log = fs::read_to_string(files.path("run.jsonl")).unwrap();
+    let end =
+        serde_json::json!({ "event": "end", "result": { "outcome": "clock-drift", "clock_drift": drift.json() } });
+    let run = files.path("drift.jsonl");
+    fs::write(&run, format!("{}\n{end}\n", log.lines().next().unwrap())).unwrap();
+    let told: Value = serde_json::from_str(&growbot(&["replay", &run, "--json"]).out).unwrap();
+    assert_eq!((&told["outcome"], &told["clock_drift"]), (&"clock-drift".into(), &drift.json()));
+    let text = growbot(&["replay", &run]).out;
+    assert!(text.contains("clock-drift") && text.contains("5.0 % slow") && text.contains("limit 2 %"), "{text}");
+    assert_eq!(growbot(&["view", &run, "-o", &files.path("a.html")]).code, Some(0));
+    let page = fs::read_to_string(files.path("a.html")).unwrap();
+    assert!(page.contains("growth of growbot-a: clock-drift") && page.contains("5.0 % slow"));
+    assert_eq!(
+        serde_json::from_str::<Value>(&growbot(&["replay", &files.path("run.jsonl"), "--json"]).out).unwrap()["clock_drift"],
+        Value::Null
+    );
 }
 
 #[test]
@@ -265,8 +418,7 @@ fn what_files_and_arguments_hold_does_not_steer_the_terminal() {
 fn grow_on_a_full_disk(files: &Files, blocks: u32, more: &str) -> (Ran, String) {
     let log = files.path(&format!("full{blocks}.jsonl"));
     let script = format!("trap '' XFSZ; ulimit -f {blocks}; exec \"$0\" grow --to 0,0,120,0,90 --log \"$LOG\" {more}");
-    let ran =
-        Command::new("sh").args(["-c", &script, env!("CARGO_BIN_EXE_growbot")]).env("LOG", &log).output().unwrap();
+    let ran = command("sh").args(["-c", &script, PROGRAM]).env("LOG", &log).output().unwrap();
     let text = |bytes: &[u8]| String::from_utf8(bytes.to_vec()).unwrap();
     (Ran { code: ran.status.code(), out: text(&ran.stdout), err: text(&ran.stderr) }, log)
 }

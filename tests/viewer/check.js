@@ -15,6 +15,7 @@ import { dirname, join, resolve } from "node:path";
 import { fileURLToPath, pathToFileURL } from "node:url";
 import { chromium } from "playwright-core";
 import { PNG } from "pngjs";
+import { environment } from "./environment.js";
 
 const here = dirname(fileURLToPath(import.meta.url));
 const [program, bless] = process.argv.slice(2);
@@ -28,7 +29,7 @@ const MOST_BYTES = 2_000_000;
 const [DIFFERENT, MOST_DIFFERENT] = [48, 0.02];
 
 const directory = mkdtempSync(join(tmpdir(), "growbot-view-"));
-const run = (...args) => execFileSync(growbot, args, { cwd: directory, stdio: ["ignore", "pipe", "pipe"] });
+const run = (...args) => execFileSync(growbot, args, { cwd: directory, env: environment, stdio: ["ignore", "pipe", "pipe"] });
 const plan = (name, ...args) => {
   run("plan", ...args, "-o", `${name}.json`);
   run("view", `${name}.json`);

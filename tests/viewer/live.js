@@ -17,6 +17,7 @@ import { tmpdir } from "node:os";
 import { join, resolve } from "node:path";
 import { createInterface } from "node:readline";
 import { chromium } from "playwright-core";
+import { environment } from "./environment.js";
 
 const growbot = resolve(process.argv[2]);
 const PATIENCE_MS = 600_000;
@@ -33,7 +34,7 @@ await writeFile(patient, described.replace(parksAfter, "off_after_s = 86400.0"))
 /** A growth of 400 mm that is watched: its process and the page's address. */
 async function grow(...args) {
   const growth = ["grow", "--robot", patient, "--to", "60,40,390,30,60", "--watch", ...args];
-  const child = spawn(growbot, growth, { stdio: ["ignore", "ignore", "pipe"] });
+  const child = spawn(growbot, growth, { env: environment, stdio: ["ignore", "ignore", "pipe"] });
   children.push(child);
   const ended = once(child, "exit").then(([code]) => code);
   for await (const line of createInterface({ input: child.stderr })) {
@@ -46,8 +47,11 @@ async function grow(...args) {
   throw new Error(`growbot ended with ${await ended} and told no address`);
 }
 
-async function open(browser, address) {
+/** Opens the page; with `news`, as if growbot had said that. */
+async function open(browser, address, news) {
   const page = await browser.newPage({ viewport: { width: 1200, height: 760 }, colorScheme: "light" });
+  const said = { contentType: "text/event-stream", body: `data: ${JSON.stringify(news)}\n\n` };
+  if (news) await page.route("**/news", (route) => route.fulfill(said));
   page.setDefaultTimeout(PATIENCE_MS);
   page.on("console", (message) => errors.push(`console ${message.type()}: ${message.text()}`));
   page.on("pageerror", (error) => errors.push(error.stack));
@@ -94,6 +98,21 @@ try {
   await comesTo(second, held + 3);
   await second.waitForFunction((least) => Number(document.querySelector("#slider").max) >= least, held + 3);
   await second.close();
+  // A board that was stopped for its clock: as it is told at the end.
+  const drift = { message: "the board's clock is 5.0 % slow (limit 2 %)", remedy: "check the board's crystal" };
+  const drifted = await open(browser, controlled.address, {
+    state: "stopped",
+    answers: true,
+    total: 10,
+    left_s: 0,
+    layers: { from: 0, built: "" },
+    readings: { from: 0, taken: [] },
+    ended: { outcome: "clock-drift", clock_drift: drift },
+  });
+  await isIn(drifted, "clock-drift");
+  const problem = await drifted.textContent("#problem");
+  assert.ok(problem.includes(drift.message) && problem.includes(drift.remedy) && (await drifted.isVisible("#problem")), problem);
+  await drifted.close();
   await page.click("[data-order=stop]");
   await isIn(page, "stopped");
   assert.equal(await controlled.ended, 1, "a growth that was stopped ends with 1");

@@ -1,22 +1,18 @@
 //! `growbot export`: a body in the format of another tool.
 
-use std::fs;
-use std::io::{self, IsTerminal, Write};
+use std::io::{self, IsTerminal};
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
-use growbot_core::robot::Robot;
 use growbot_host::export::body::Body;
 use growbot_host::export::mesh::{MeshError, Resolution};
 use growbot_host::export::{glb, recording, stl, table};
-use growbot_host::input::{LONGEST_LOG, is_standard_input, read_bytes};
-use growbot_host::output::{OutputError, ending, replace_file, unknown_ending};
-use growbot_host::plan::Plan;
-use growbot_host::plan_file;
-use growbot_host::run_log::RunRecord;
-use serde_json::Value;
+use growbot_host::input::is_standard_input;
+use growbot_host::output::{ending, print_bytes, refuse_ending, replace_file, unknown_ending};
+use growbot_host::run_log::BodyKind;
 
-use super::{Failure, robot_of, say_damage};
+use super::Failure;
+use super::subject::Subject;
 
 /// Write a body in the format of another tool: STL, GLB, CSV or MCAP
 ///
@@ -34,8 +30,8 @@ use super::{Failure, robot_of, say_damage};
 #[derive(Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct ExportArgs {
-    /// The plan, as `growbot plan -o` writes it (- for standard input), or the
-    /// run log, as `growbot grow --log` does
+    /// The plan, as `growbot plan -o` writes it, or the run log, as `growbot grow
+    /// --log` does (- for standard input)
     #[arg(value_name = "PLAN|RUN")]
     body: PathBuf,
     /// The format [default: by the extension of the file]
@@ -93,6 +89,15 @@ enum Which {
 impl Format {
     const ENDINGS: [&str; 4] = ["stl", "glb", "csv", "mcap"];
 
+    fn ending(self) -> &'static str {
+        match self {
+            Self::Stl => "stl",
+            Self::Glb => "glb",
+            Self::Csv => "csv",
+            Self::Mcap => "mcap",
+        }
+    }
+
     /// By a file's extension.
     fn of(path: &Path) -> Option<Self> {
         Self::from_str(path.extension()?.to_str()?, true).ok()
@@ -102,19 +107,16 @@ impl Format {
 /// Bodies that part by less, mm, are one to see.
 const APART: f64 = 0.05;
 
-/// What is exported.
-struct Subject {
-    robot: Robot,
-    plan: Plan,
-    /// The run log: what it tells, and its bytes.
-    run: Option<(RunRecord, Vec<u8>)>,
-}
-
 /// Runs the command.
 pub fn run(args: &ExportArgs) -> Result<(), Failure> {
     let to = args.output.as_deref().filter(|path| !is_standard_input(path));
     let format = match (args.format, to) {
-        (Some(format), _) => format,
+        (Some(format), to) => {
+            if let Some(to) = to {
+                refuse_ending(to, &[format.ending()])?;
+            }
+            format
+        }
         (None, Some(path)) if ending(path).is_some() => Format::of(path).ok_or_else(|| {
             let unknown = unknown_ending(path, &Format::ENDINGS);
             Failure::bad_input(format_args!("{unknown}, or say --format"))
@@ -131,28 +133,45 @@ pub fn run(args: &ExportArgs) -> Result<(), Failure> {
             "this format is not for terminals: name a file with -o, or redirect the output",
         ));
     }
-    let bytes = args.encode(format)?;
+    let subject = Subject::open(&args.body, args.robot.as_deref())?;
+    let bytes = args.encode(format, &subject)?;
+    // Not every format, and no body without layers, has room to say that nobody has grown it.
+    let simulated = args.kind(&subject).filter(|kind| *kind != BodyKind::AsBuilt).map(BodyKind::name);
     let Some(path) = to else {
-        let mut stdout = io::stdout().lock();
-        return Ok(stdout.write_all(&bytes).and_then(|()| stdout.flush()).map_err(OutputError::from)?);
+        if let Some(kind) = simulated {
+            growbot_host::tell!("growbot: the body is {kind}");
+        }
+        return Ok(print_bytes(&bytes)?);
     };
     replace_file(path, &bytes)?;
-    growbot_host::tell!("growbot: body written to {}, {} bytes", path.display(), bytes.len());
+    let kind = simulated.map_or_else(String::new, |kind| format!(", {kind},"));
+    growbot_host::tell!("growbot: body{kind} written to {}, {} bytes", path.display(), bytes.len());
     Ok(())
 }
 
 impl ExportArgs {
-    fn encode(&self, format: Format) -> Result<Vec<u8>, Failure> {
-        let Subject { robot, plan, run } = self.subject()?;
+    /// What is known of the body that is exported; none of a plan.
+    fn kind(&self, subject: &Subject) -> Option<BodyKind> {
+        let (record, _) = subject.run.as_ref()?;
+        Some(match (self.which, record.body_kind()) {
+            (Which::Commanded, BodyKind::Laid) => BodyKind::Commanded,
+            (_, kind) => kind,
+        })
+    }
+
+    fn encode(&self, format: Format, subject: &Subject) -> Result<Vec<u8>, Failure> {
+        let Subject { robot, plan, run } = subject;
         let record = run.as_ref().map(|(record, _)| record);
-        let commanded = record.map(|record| Body::as_built(&robot, &plan.start, record));
-        let laid = record.and_then(|record| Body::simulated(&robot, &plan.start, record));
-        // The one that is exported, how it is called, and another one beside it.
-        let (name, body, beside) = match (laid, commanded, self.which) {
-            (Some(laid), commanded, Which::Laid) => ("laid (simulated)", laid, commanded),
-            (Some(_), Some(commanded), Which::Commanded) => ("commanded", commanded, None),
-            (_, Some(commanded), _) => ("as built", commanded, None),
-            (_, None, _) => ("planned", Body::planned(&robot, &plan), None),
+        let kind = self.kind(subject);
+        let laid = record.filter(|_| kind == Some(BodyKind::Laid));
+        let laid = laid.and_then(|record| Body::simulated(robot, &plan.start, record));
+        let commanded = record.map(|record| Body::as_built(robot, &plan.start, record));
+        let name = kind.map_or("planned", BodyKind::name);
+        // The one that is exported, and another one beside it, which has layers to be told from its own.
+        let (body, beside) = match (laid, commanded) {
+            (Some(laid), commanded) => (laid, commanded.filter(|commanded| !commanded.layers.is_empty())),
+            (None, Some(commanded)) => (commanded, None),
+            (None, None) => (Body::planned(robot, plan), None),
         };
         let resolution = Resolution { segments: self.segments, every: self.every };
         match format {
@@ -166,8 +185,8 @@ impl ExportArgs {
                 Ok(glb::write(&bodies, resolution)?)
             }
             Format::Csv => Ok(table::write(&body, beside.as_ref()).into_bytes()),
-            Format::Mcap => match &run {
-                Some((record, log)) => recording::write(&robot, &plan, record, log).map_err(Failure::bad_input),
+            Format::Mcap => match run {
+                Some((record, log)) => recording::write(robot, plan, record, log).map_err(Failure::bad_input),
                 None => Err(Failure::bad_input(format!(
                     "{} is a plan, and MCAP is a recording of a growth: give a run log, as `growbot grow --log` writes it",
                     growbot_host::input::name_of(&self.body)
@@ -175,29 +194,6 @@ impl ExportArgs {
             },
         }
     }
-
-    /// Reads the plan or the run log, whichever it is.
-    fn subject(&self) -> Result<Subject, Failure> {
-        // Pipes and devices are read once, and bounded: as plans.
-        let is_file = fs::metadata(&self.body).is_ok_and(|file| file.is_file());
-        if let Some(log) = is_file.then(|| read_bytes(&self.body, LONGEST_LOG)).transpose()?
-            && is_log(&log)
-        {
-            let record = RunRecord::read(&log, &self.body.display().to_string()).map_err(Failure::bad_input)?;
-            say_damage(&record, &self.body);
-            let robot = robot_of(&record, self.robot.as_deref())?;
-            let plan = record.plan(&robot)?;
-            return Ok(Subject { robot, plan, run: Some((record, log)) });
-        }
-        let (robot, plan) = plan_file::open(&self.body, self.robot.as_deref())?;
-        Ok(Subject { robot, plan, run: None })
-    }
-}
-
-/// Whether a file begins as run logs do: with a line of JSON that is an event.
-fn is_log(bytes: &[u8]) -> bool {
-    let first = bytes.split(|byte| *byte == b'\n').next().unwrap_or_default();
-    serde_json::from_slice::<Value>(first).is_ok_and(|line| line.get("event").is_some())
 }
 
 impl From<MeshError> for Failure {

@@ -19,7 +19,7 @@ use growbot_host::run_log::{RunLog, RunLogError};
 use growbot_host::watch::Watch;
 use serde_json::{Value, json};
 
-use super::{Failure, growth_table};
+use super::{Failure, growth_table, kind};
 
 /// What the board does when it no longer hears from its host.
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -91,7 +91,7 @@ impl Following<'_> {
                 if let Err(failure) = logged {
                     failure.say();
                 }
-                Err(Failure::answered_no(GrowthError::During(error)))
+                Err(failed(GrowthError::During(error), self.simulated))
             }
             Err(error) => {
                 self.log.discard();
@@ -105,7 +105,7 @@ impl Following<'_> {
                 }
                 Err(match error {
                     GrowthError::Before(error) => error.into(),
-                    error => Failure::answered_no(error),
+                    error => failed(error, self.simulated),
                 })
             }
         }
@@ -145,36 +145,54 @@ impl Following<'_> {
                 for failure in [logged.err(), printed.err().map(Failure::from)].into_iter().flatten() {
                     failure.say();
                 }
-                judged(outcome, emergency)
+                judged(outcome, emergency, self.simulated)
             }
         }
     }
 }
 
-/// A robot was stopped because its board's clock is wrong.
-pub fn stopped_for(drift: &ClockDrift) -> Failure {
-    Failure::answered_no(format!("{drift}: the robot was stopped, heater and steppers are off; {}", ClockDrift::REMEDY))
+/// A robot, simulated or not, was stopped because its board's clock is wrong.
+pub fn stopped_for(drift: &ClockDrift, simulated: bool) -> Failure {
+    Failure::answered_no(format!("{drift}: the robot was stopped, {}; {}", all_off(simulated), ClockDrift::REMEDY))
 }
 
-/// What a growth that ended so means for whoever asked for it; `emergency` where the emergency stop was given.
-pub fn judged(outcome: Outcome, emergency: bool) -> Result<(), Failure> {
+/// What is off after a stop.
+fn all_off(simulated: bool) -> &'static str {
+    if simulated { "heater and steppers of the simulated robot are off" } else { "heater and steppers are off" }
+}
+
+/// A growth that came to no end that could be measured.
+pub fn failed(error: GrowthError, simulated: bool) -> Failure {
+    match error {
+        GrowthError::During(error) if simulated => {
+            Failure::answered_no(format_args!("{error}; the robot is a simulated one, and ends with this program"))
+        }
+        error => Failure::answered_no(error),
+    }
+}
+
+/// What a growth that ended so means for whoever asked for it; `emergency` where the emergency stop was given, `simulated` where no robot
+/// has grown.
+pub fn judged(outcome: Outcome, emergency: bool, simulated: bool) -> Result<(), Failure> {
+    let (kind, off) = (kind(simulated), all_off(simulated));
     match outcome {
         Outcome::Done => Ok(()),
-        Outcome::Stopped if emergency => Err(Failure::answered_no(
-            "emergency stop: heater and steppers are off, until it is cleared (`clear` in `growbot console`)",
-        )),
-        Outcome::Stopped => Err(Failure::answered_no("stopped before the last layer: heater and steppers are off")),
-        Outcome::Fault(fault) => Err(Failure::answered_no(format!(
-            "fault {}: {}; heater and steppers are off",
-            fault.code(),
-            fault.explanation()
+        Outcome::Stopped if emergency => Err(Failure::answered_no(format!(
+            "emergency stop: {off}, until it is cleared (`clear` in `growbot console`)"
         ))),
-        Outcome::ClockDrift(drift) => Err(stopped_for(&drift)),
-        Outcome::Parked => {
-            Err(Failure::answered_no("held for so long that the heater is off: `growbot resume` goes on with the body"))
+        Outcome::Stopped => Err(Failure::answered_no(format!("stopped before the last layer: {off}"))),
+        Outcome::Fault(fault) => {
+            Err(Failure::answered_no(format!("fault {}: {}; {off}", fault.code(), fault.explanation())))
         }
-        Outcome::Interrupted => Err(Failure::answered_no(
-            "the board has started anew, or another host has taken it: `growbot status` shows what it knows, `growbot resume` goes on",
+        Outcome::ClockDrift(drift) => Err(stopped_for(&drift, simulated)),
+        Outcome::Parked => Err(Failure::answered_no(format!(
+            "held for so long that the heater of the {kind}robot is off: `growbot resume` goes on with the body"
+        ))),
+        Outcome::Interrupted => Err(Failure::answered_no(format!(
+            "the {kind}board has started anew, or another host has taken it: `growbot status` shows what it knows, `growbot resume` goes on",
+        ))),
+        Outcome::Lost if simulated => Err(Failure::answered_no(
+            "the simulated board does not answer any more: the robot is a simulated one, and ends with this program",
         )),
         Outcome::Lost => Err(Failure::answered_no(
             "the board does not answer any more; the robot may still be growing: see `growbot status`, and cut its power if that does not answer",
@@ -231,6 +249,10 @@ fn json_of(outcome: &str, grown: Option<&Grown>, plan: &Plan, seed: Option<u64>,
             "simulated": simulated,
             "fault": grown.and_then(|grown| match grown.outcome {
                 Outcome::Fault(fault) => Some(fault.code()),
+                _ => None,
+            }),
+            "clock_drift": grown.and_then(|grown| match &grown.outcome {
+                Outcome::ClockDrift(drift) => Some(drift.json()),
                 _ => None,
             }),
             "layers": grown.map_or(0, |grown| grown.body.len()),
@@ -376,5 +398,64 @@ impl Show {
 
     fn end(&self) {
         self.progress.finish();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use growbot_core::link::message::Fault;
+    use growbot_core::plan::Planner;
+    use growbot_core::pose::Pose;
+
+    const DRIFT: ClockDrift = ClockDrift { board_ms: 28_500, host_ms: [30_000, 30_100] };
+
+    #[test]
+    fn a_clock_that_is_wrong_has_its_own_outcome_with_drift_and_limit() {
+        let robot = growbot_host::robot_file::load("growbot-a".as_ref()).unwrap();
+        let up = |z| Pose::from_degrees([0.0, 0.0, z, 0.0, 90.0]).unwrap();
+        let plan = Plan::make(&robot, &up(0.0), &up(2.1), 100.0, Planner::Shortest).unwrap();
+        let grown = |outcome| Grown {
+            outcome,
+            plan_id: 1,
+            body: Vec::new(),
+            arrival: Arrival::of(&plan.start.frame(), &plan.goal, 2.1),
+            duration_s: 0.0,
+            filament_mm: 0.0,
+            as_built: Vec::new(),
+            cut: None,
+            measured_by: MeasuredBy::Steps,
+            fed_back: None,
+        };
+        let json = |outcome: Outcome| json_of(outcome.name(), Some(&grown(outcome)), &plan, None, false);
+        let drifted = json(Outcome::ClockDrift(DRIFT));
+        assert_eq!(drifted["outcome"], "clock-drift");
+        assert!((drifted["clock_drift"]["percent"].as_f64().unwrap() + 5.0).abs() < 1e-9, "{drifted}");
+        assert_eq!(drifted["clock_drift"]["limit_percent"], 2.0);
+        assert_eq!(json(Outcome::Stopped)["clock_drift"], Value::Null);
+    }
+
+    #[test]
+    fn what_is_said_of_a_simulated_robot_says_so_and_asks_nobody_to_cut_a_power() {
+        let outcomes = [
+            (Outcome::Stopped, false),
+            (Outcome::Stopped, true),
+            (Outcome::Fault(Fault::OverTemperature), false),
+            (Outcome::ClockDrift(DRIFT), false),
+            (Outcome::Parked, false),
+            (Outcome::Interrupted, false),
+            (Outcome::Lost, false),
+        ];
+        for (outcome, emergency) in outcomes {
+            let said = |simulated| {
+                let Err(failure) = judged(outcome, emergency, simulated) else { panic!("{outcome:?}") };
+                failure.message().to_owned()
+            };
+            assert!(said(true).contains("simulated") && !said(true).contains("power"), "{}", said(true));
+            assert!(!said(false).contains("simulated"), "{}", said(false));
+        }
+        let silent = || GrowthError::During(ClientError::NotStopped { port: "sim (simulated)".to_owned() });
+        assert!(failed(silent(), true).message().ends_with("ends with this program"));
+        assert!(failed(silent(), false).message().contains("cut its power"));
     }
 }

@@ -14,6 +14,7 @@ pub fn stop_on_interrupt(client: &mut Client, port: &ChosenPort) -> Arc<Orders> 
     let orders = Arc::new(Orders::default());
     let given = Arc::clone(&orders);
     let (mut line, name, simulated) = (client.emergency_line(), port.text().to_string(), port.is_simulated());
+    let kind = port.kind();
     let installed = ctrlc::set_handler(move || {
         if given.interrupt() {
             if !simulated {
@@ -22,7 +23,7 @@ pub fn stop_on_interrupt(client: &mut Client, port: &ChosenPort) -> Arc<Orders> 
             std::process::exit(1);
         }
         growbot_host::tell!(
-            "growbot: stopping; press Ctrl-C again for the emergency stop, and to leave without waiting for the robot"
+            "growbot: stopping; press Ctrl-C again for the emergency stop, and to leave without waiting for the {kind}robot"
         );
     });
     if let Err(error) = installed {

@@ -32,6 +32,7 @@ mod simulate;
 mod simulate_table;
 mod status;
 mod stop;
+mod subject;
 mod tune;
 mod view;
 mod watching;
@@ -357,7 +358,8 @@ impl ChosenPort {
     /// A client at the port of this robot, whose tip, where that is a simulated one, is like this.
     fn client_of(&self, robot: &Robot, settings: &TipSettings) -> Result<Client, Failure> {
         let port = port::open(&self.name, robot, settings)?;
-        Ok(Client::new(port, self.text()).taking_over(self.take_over))
+        let name = if self.is_simulated() { format!("{} (simulated)", self.text()) } else { self.text().to_owned() };
+        Ok(Client::new(port, &name).taking_over(self.take_over))
     }
 
     /// The port's name as it was given.

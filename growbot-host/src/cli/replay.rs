@@ -7,6 +7,7 @@ use growbot_core::angle::degrees;
 use growbot_core::layer::{Layer, grow};
 use growbot_core::layer_bytes::decode;
 use growbot_host::arrival::Arrival;
+use growbot_host::client::ClockDrift;
 use growbot_host::degrees::degrees_below_turn;
 use growbot_host::feedback::FedBack;
 use growbot_host::growth::{Job, MeasuredBy, as_built_hash};
@@ -71,6 +72,8 @@ pub fn run(args: &ReplayArgs) -> Result<(), Failure> {
             &mut result,
             json!({
                 "outcome": outcome,
+                "simulated": record.is_simulated(),
+                "clock_drift": record.clock_drift().map(|drift| drift.json()),
                 "plan_id": written_hash(record.plan_id),
                 "layers": body.len(),
                 "length_mm": length,
@@ -84,13 +87,19 @@ pub fn run(args: &ReplayArgs) -> Result<(), Failure> {
         );
         return Ok(print(&format!("{result}\n"))?);
     }
-    let mut text = format!("run       {outcome}, plan {}, robot {}\n", written_hash(record.plan_id), record.robot.0);
+    let remark = if record.is_simulated() { ", simulated" } else { "" };
+    let plan_id = written_hash(record.plan_id);
+    let mut text = format!("run       {outcome}, plan {plan_id}, robot {}{remark}\n", record.robot.0);
+    if let Some(drift) = record.clock_drift() {
+        text += &format!("clock     {drift}; {}\n", ClockDrift::REMEDY);
+    }
     text += &format!("body      {} layers of {}, {length:.1} mm, as built {hash}\n", body.len(), record.total);
     match &beside {
         Some(commanded) => {
             text += &arrived("reached", &arrival, ", laid (simulated)");
             text += &arrived("commanded", commanded, ", as the steps say");
         }
+        None if record.is_simulated() => text += &arrived("reached", &arrival, ", commanded (simulated)"),
         None if fed_back.is_some() => text += &arrived("reached", &arrival, ", as the steps say"),
         None => text += &arrived("reached", &arrival, ""),
     }

@@ -12,7 +12,7 @@ use serde_json::json;
 
 use super::following::stopped_for;
 use super::interrupt::stop_on_interrupt;
-use super::{Failure, RobotArg, RobotPortArg};
+use super::{Failure, RobotArg, RobotPortArg, kind};
 
 /// How long the board may be quiet before it is asked how it does.
 const QUIET: Duration = Duration::from_secs(2);
@@ -52,7 +52,7 @@ pub fn run(args: &TuneArgs) -> Result<(), Failure> {
     let orders = stop_on_interrupt(&mut client, &port);
     client.request("to tune", &Message::Tune(Tune { target_centi_c: (target * 100.0) as i32 }))?;
     growbot_host::tell!("growbot: tuning at {target} C; this takes some minutes");
-    let tuned = follow(&mut client, &orders, port.kind())?;
+    let tuned = follow(&mut client, &orders, port.is_simulated())?;
     let gains = &tuned.gains;
     print(&if args.json {
         let result = json!({
@@ -75,14 +75,17 @@ pub fn run(args: &TuneArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-fn follow(client: &mut Client, orders: &Orders, kind: &str) -> Result<Tuned, Failure> {
+fn follow(client: &mut Client, orders: &Orders, simulated: bool) -> Result<Tuned, Failure> {
     loop {
         if orders.stops() {
             client.request("to stop", &Message::Stop(Empty {}))?;
-            return Err(Failure::answered_no(format!("stopped: heater and steppers of the {kind}robot are off")));
+            return Err(Failure::answered_no(format!(
+                "stopped: heater and steppers of the {}robot are off",
+                kind(simulated)
+            )));
         }
         if let Some(drift) = client.stop_if_clock_drifts()? {
-            return Err(stopped_for(&drift));
+            return Err(stopped_for(&drift, simulated));
         }
         match client.event(QUIET)? {
             Some(Message::Tuned(tuned)) => return Ok(tuned),

@@ -4,18 +4,15 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
-use growbot_core::robot::Robot;
 use growbot_host::drawing::png::png;
-use growbot_host::input::{LONGEST_LOG, is_standard_input, name_of, read_bytes};
+use growbot_host::input::{is_standard_input, name_of};
 use growbot_host::output::{ending, refuse_ending, replace_file, unknown_ending};
-use growbot_host::plan::Plan;
-use growbot_host::plan_file::{self, PlanFileError};
-use growbot_host::run_log::RunRecord;
 use growbot_host::view::picture::Look;
 use growbot_host::view::plot::{Along, Quantity};
 use growbot_host::view::{Subject, page, picture, plot};
 
-use super::{Failure, robot_of, say_damage};
+use super::Failure;
+use super::subject::Subject as Opened;
 
 /// Look at a plan, or at the log of a growth: a page, a picture, or plots
 ///
@@ -29,8 +26,8 @@ use super::{Failure, robot_of, say_damage};
 #[derive(Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct ViewArgs {
-    /// The plan, as `growbot plan -o` writes it (- for standard input), or the
-    /// run log, as `growbot grow --log` does; two with --compare
+    /// The plan, as `growbot plan -o` writes it, or the run log, as `growbot grow
+    /// --log` does (- for standard input); two with --compare
     #[arg(value_name = "PLAN|RUN", required = true, num_args = 1..=2)]
     files: Vec<PathBuf>,
     /// Two plans or run logs side by side
@@ -169,9 +166,9 @@ Examples:
 pub fn run(args: &ViewArgs) -> Result<(), Failure> {
     let output = args.output()?;
     let opened =
-        args.files.iter().map(|file| Opened::of(file, args.robot.as_deref())).collect::<Result<Vec<_>, _>>()?;
+        args.files.iter().map(|file| Opened::open(file, args.robot.as_deref())).collect::<Result<Vec<_>, _>>()?;
     let names = names(&args.files);
-    let subjects: Vec<Subject> = opened.iter().zip(&names).map(|(opened, name)| opened.subject(name)).collect();
+    let subjects: Vec<Subject> = opened.iter().zip(&names).map(|(opened, name)| subject(opened, name)).collect();
     let subjects: Vec<&Subject> = subjects.iter().collect();
     let format = args.format();
     let contents = match format {
@@ -213,7 +210,7 @@ impl ViewArgs {
         let picture = match (subjects, opened) {
             ([one], [opened]) if !self.plot.is_empty() => {
                 let quantities: Vec<Quantity> = self.plot.iter().map(|name| Quantity::from(*name)).collect();
-                plot::svg(one, opened.log.as_deref(), &quantities, self.along.into())
+                plot::svg(one, opened.run.as_ref().map(|(_, log)| &log[..]), &quantities, self.along.into())
             }
             _ => picture::svg(subjects, self.look.unwrap_or(LookName::Corner).into()),
         };
@@ -248,7 +245,7 @@ impl ViewArgs {
             return Err(Failure::bad_input(format!("{output} would hold {ending}: end it in .{ending}")));
         }
         if self.files.iter().filter(|file| is_standard_input(file)).count() > 1 {
-            return Err(Failure::bad_input("standard input holds one plan only: give the other as a file"));
+            return Err(Failure::bad_input("standard input holds one plan or run log only: give the other as a file"));
         }
         let output = match &self.output {
             Some(output) if is_standard_input(output) => return Err(Failure::bad_input("-o takes a file")),
@@ -277,7 +274,9 @@ impl ViewArgs {
     /// Beside the first file, under the names of all.
     fn beside(&self) -> Result<PathBuf, Failure> {
         if self.files.iter().any(|file| is_standard_input(file)) {
-            return Err(Failure::bad_input("a plan from standard input has no name: say where the view goes with -o"));
+            return Err(Failure::bad_input(
+                "what comes from standard input has no name: say where the view goes with -o",
+            ));
         }
         let stems: Vec<_> = self.files.iter().filter_map(|file| file.file_stem()).collect();
         // A plan and its log may be called alike.
@@ -301,41 +300,6 @@ fn names(files: &[PathBuf]) -> Vec<String> {
     files.iter().map(|file| short(file).filter(|_| !alike).unwrap_or_else(|| name_of(file))).collect()
 }
 
-/// What is in a file: a plan, or a plan and how it was grown.
-struct Opened {
-    robot: Robot,
-    plan: Plan,
-    run: Option<RunRecord>,
-    /// The bytes of the log.
-    log: Option<Vec<u8>>,
-}
-
-impl Opened {
-    fn of(file: &Path, robot: Option<&Path>) -> Result<Self, Failure> {
-        let as_plan = || plan_file::open(file, robot).map(|(robot, plan)| Self { robot, plan, run: None, log: None });
-        // Pipes and devices are read once, and bounded: as plans.
-        if is_standard_input(file) || !fs::metadata(file).is_ok_and(|file| file.is_file()) {
-            return Ok(as_plan()?);
-        }
-        let name = file.display().to_string();
-        let log = read_bytes(file, LONGEST_LOG)?;
-        match RunRecord::read(&log, &name) {
-            Ok(record) => {
-                let robot = robot_of(&record, robot)?;
-                let plan = record.plan(&robot)?;
-                say_damage(&record, file);
-                Ok(Self { robot, plan, run: Some(record), log: Some(log) })
-            }
-            Err(no_run) => match as_plan() {
-                Err(PlanFileError::NotJson { .. } | PlanFileError::NoPlan { .. }) => {
-                    Err(Failure::bad_input(format!("{no_run}; it is no plan either, as `growbot plan -o` writes one")))
-                }
-                opened => Ok(opened?),
-            },
-        }
-    }
-
-    fn subject<'a>(&'a self, name: &'a str) -> Subject<'a> {
-        Subject { name, robot: &self.robot, plan: &self.plan, run: self.run.as_ref() }
-    }
+fn subject<'a>(opened: &'a Opened, name: &'a str) -> Subject<'a> {
+    Subject { name, robot: &opened.robot, plan: &opened.plan, run: opened.run.as_ref().map(|(record, _)| record) }
 }

@@ -9,6 +9,8 @@
 use std::fmt;
 use std::time::Duration;
 
+use serde_json::{Value, json};
+
 /// A clock may be off by so much: crystals are within 0.01 %, a UART needs 3 %, and the heater is supervised with margins of 10 %.
 const LIMIT: f64 = 0.02;
 /// The shortest window over which clocks are compared.
@@ -44,6 +46,27 @@ impl ClockDrift {
         let [shortest, longest] = self.host_ms;
         let host = if self.board_ms < shortest { shortest } else { longest };
         100.0 * (self.board_ms as f64 / host.max(1) as f64 - 1.0)
+    }
+
+    /// As scripts, run logs and pages read it.
+    #[must_use]
+    pub fn json(&self) -> Value {
+        json!({
+            "percent": self.percent(),
+            "limit_percent": 100.0 * LIMIT,
+            "board_ms": self.board_ms,
+            "host_ms": self.host_ms,
+            "message": self.to_string(),
+            "remedy": Self::REMEDY,
+        })
+    }
+
+    /// From what [`ClockDrift::json`] has written; none where it is something else.
+    #[must_use]
+    pub fn read(written: &Value) -> Option<Self> {
+        let host_ms = written.get("host_ms")?;
+        let host_ms = [host_ms.get(0)?.as_u64()?, host_ms.get(1)?.as_u64()?];
+        Some(Self { board_ms: written.get("board_ms")?.as_u64()?, host_ms })
     }
 }
 
@@ -200,6 +223,18 @@ mod tests {
                     "{host}, {board}, {second}"
                 );
             }
+        }
+    }
+
+    #[test]
+    fn a_drift_is_written_with_its_limit_and_read_back() {
+        let drift = ClockDrift { board_ms: 28_500, host_ms: [30_000, 30_100] };
+        let written = drift.json();
+        assert!((written["percent"].as_f64().unwrap() + 5.0).abs() < 1e-9, "{written}");
+        assert_eq!(written["limit_percent"], 2.0);
+        assert_eq!(ClockDrift::read(&written), Some(drift));
+        for other in [Value::Null, json!({ "board_ms": 1 }), json!({ "board_ms": 1, "host_ms": [-1, 2] })] {
+            assert_eq!(ClockDrift::read(&other), None, "{other}");
         }
     }
 

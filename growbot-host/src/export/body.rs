@@ -84,7 +84,7 @@ impl Body {
     #[must_use]
     pub fn simulated(robot: &Robot, start: &Pose, record: &RunRecord) -> Option<Self> {
         let laid = record.simulated()?.into_iter().enumerate();
-        let source = |index| if record.is_simulated(index) { Source::Simulated } else { Source::AsBuilt };
+        let source = |index| if record.says_where(index) { Source::Simulated } else { Source::AsBuilt };
         Some(Self::new(robot, start, laid.map(|(index, layer)| (layer, source(index)))))
     }
 

@@ -44,6 +44,9 @@ pub fn write(robot: &Robot, plan: &Plan, record: &RunRecord, log: &[u8]) -> Resu
     let points = points.map(|frame| Point3::from(frame.translation.vector));
     recorder.tell(Topic::Plan, &messages::line(0, "planned", points, PLANNED))?;
     recorder.frame(Topic::Tip, &plan.start)?;
+    if record.is_simulated() {
+        recorder.event(Level::Info, "the robot is a simulated one")?;
+    }
 
     let mut growing = body.growing().zip(&record.layers).enumerate().peekable();
     for event in events(log) {
@@ -264,17 +267,23 @@ mod tests {
     use crate::growth::Job;
     use crate::pose_text::parse_pose;
     use crate::robot_file;
-    use crate::run_log::RunLog;
+    use crate::run_log::{Origin, RunLog};
+    use crate::tip::Imperfection;
 
     /// The messages of the recording of a log with these lines after its header: topic, time in ms, message.
     fn recorded(lines: &[Value]) -> Vec<(String, u64, Value)> {
+        recorded_from("tcp:robot:1".into(), lines)
+    }
+
+    /// As [`recorded`], of a growth there.
+    fn recorded_from(origin: Origin, lines: &[Value]) -> Vec<(String, u64, Value)> {
         let robot = robot_file::load("growbot-a".as_ref()).unwrap();
         let (start, goal) = (parse_pose("0,0,0,0,90").unwrap(), parse_pose("0,0,3,0,90").unwrap());
         let plan = Plan::make(&robot, &start, &goal, 100.0, Planner::Shortest).unwrap();
         let job = Job::new(&robot, &plan.start, &plan.goal, &plan.path);
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("run.jsonl");
-        RunLog::begin(&path, &plan, &job, None, "sim").unwrap();
+        RunLog::begin(&path, &plan, &job, None, origin).unwrap();
         let mut log = std::fs::read(&path).unwrap();
         log.extend(lines.iter().flat_map(|line| format!("{line}\n").into_bytes()));
         log.extend(b"{\"event\":\"sta");
@@ -335,6 +344,18 @@ mod tests {
             let messages = with(result);
             assert!(messages.iter().any(|(topic, _, fault)| topic == "/faults" && fault["code"] == code), "{code}");
         }
+    }
+
+    #[test]
+    fn a_recording_of_a_simulated_robot_says_so_even_without_layers() {
+        let says = |origin| {
+            recorded_from(origin, &[]).iter().any(|(topic, _, message)| {
+                topic == "/events" && message["message"].as_str().is_some_and(|words| words.contains("simulated"))
+            })
+        };
+        let imperfection = Imperfection::default();
+        assert!(says(Origin { port: "sim", imperfection: Some(&imperfection) }));
+        assert!(!says("tcp:robot:1".into()));
     }
 
     #[test]

@@ -20,8 +20,8 @@ pub fn write(name: &str, body: &Body, resolution: Resolution) -> Result<Vec<u8>,
 
 fn encode(mesh: &Mesh, robot: &str, name: &str) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(HEADER + 4 + TRIANGLE * mesh.triangles.len());
-    // Not "solid" first: that is how text STL begins.
-    let header = format!("binary STL, units mm, z up; growbot {}, {robot}, {name}", env!("CARGO_PKG_VERSION"));
+    // Not "solid" first: that is how text STL begins. What the body is stands where no robot's name cuts it off.
+    let header = format!("binary STL, units mm, z up; {name}; growbot {}, {robot}", env!("CARGO_PKG_VERSION"));
     bytes.extend(header.bytes().take(HEADER));
     bytes.resize(HEADER, b' ');
     bytes.extend((mesh.triangles.len() as u32).to_le_bytes());
@@ -41,6 +41,7 @@ mod tests {
     use nalgebra::Point3;
 
     use super::*;
+    use crate::run_log::BodyKind;
 
     #[test]
     fn the_bytes_are_those_of_the_format() {
@@ -48,6 +49,12 @@ mod tests {
         let bytes = encode(&Mesh { vertices, triangles: vec![[0, 1, 2]] }, &"a-very-long-name".repeat(9), "planned");
         assert_eq!(bytes.len(), HEADER + 4 + TRIANGLE);
         assert!(bytes.starts_with(b"binary STL, units mm"));
+        for kind in [BodyKind::Laid, BodyKind::Commanded, BodyKind::AsBuilt] {
+            let mesh = Mesh { vertices: Vec::new(), triangles: Vec::new() };
+            let header = encode(&mesh, &"a-very-long-name".repeat(9), kind.name());
+            let header = String::from_utf8_lossy(&header[..HEADER]).into_owned();
+            assert!(header.contains(kind.name()), "{header}");
+        }
         assert_eq!(bytes[HEADER..HEADER + 4], [1, 0, 0, 0]);
         let numbers: Vec<f32> = bytes[HEADER + 4..HEADER + 52]
             .as_chunks::<4>()

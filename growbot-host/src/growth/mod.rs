@@ -79,7 +79,8 @@ impl Outcome {
     pub fn name(self) -> &'static str {
         match self {
             Self::Done => "done",
-            Self::Stopped | Self::ClockDrift(_) => "stopped",
+            Self::Stopped => "stopped",
+            Self::ClockDrift(_) => "clock-drift",
             Self::Fault(_) => "fault",
             Self::Parked => "parked",
             Self::Interrupted => "interrupted",

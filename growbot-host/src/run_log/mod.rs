@@ -33,7 +33,7 @@ use time::format_description::well_known::iso8601::{Config, EncodedConfig, TimeP
 use self::hexadecimal::hex;
 pub(crate) use self::hexadecimal::hex_of;
 pub use self::lines::{Damage, Events};
-pub use self::record::{RunRecord, RunRecordError};
+pub use self::record::{BodyKind, RecordedTip, RunRecord, RunRecordError};
 use crate::crash::Crash;
 use crate::degrees::degrees_below_turn;
 use crate::growth::{Amendment, Job, News};
@@ -142,6 +142,7 @@ impl RunLog {
         origin: impl Into<Origin<'a>>,
     ) -> Result<Self, RunLogError> {
         let Origin { port, imperfection } = origin.into();
+        let tip = if imperfection.is_some() { RecordedTip::Simulated } else { RecordedTip::Robot };
         refuse_ending(path, &["jsonl", "json"])?;
         refuse_inputs(path)?;
         let name = path.display().to_string();
@@ -155,7 +156,7 @@ impl RunLog {
             "started_utc": utc_now(),
             "command": std::env::args_os().map(|part| part.to_string_lossy().into_owned()).collect::<Vec<_>>(),
             "port": port,
-            "tip": if imperfection.is_some() { "simulated" } else { "robot" },
+            "tip": tip.name(),
             "disturbances": imperfection.map(disturbances),
             "robot": job.robot.name(),
             "robot_hash": written_hash(job.robot.hash()),

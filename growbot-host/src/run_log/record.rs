@@ -14,6 +14,7 @@ use serde_json::Value;
 use super::FORMAT;
 use super::hexadecimal::unhex;
 use super::lines::{Damage, Events};
+use crate::client::ClockDrift;
 use crate::feedback::{Count, Feedback};
 use crate::growth::Job;
 use crate::input::{InputError, LONGEST_LOG, name_of, read_bytes};
@@ -44,11 +45,60 @@ pub enum RunRecordError {
     Plan(#[from] PlanFileError),
 }
 
+/// Whose tip has laid a body, as the header of its log says.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RecordedTip {
+    /// A robot's. Nobody has measured where its plastic is.
+    Robot,
+    /// A simulated one.
+    Simulated,
+}
+
+impl RecordedTip {
+    /// In the header.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Robot => "robot",
+            Self::Simulated => "simulated",
+        }
+    }
+
+    fn named(name: &str) -> Option<Self> {
+        [Self::Robot, Self::Simulated].into_iter().find(|tip| tip.name() == name)
+    }
+}
+
+/// What is known of a body that was grown.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum BodyKind {
+    /// Where the plastic of a simulated tip lies.
+    Laid,
+    /// What the steps of a simulated robot's board have made.
+    Commanded,
+    /// What the steps of a robot's board have made.
+    AsBuilt,
+}
+
+impl BodyKind {
+    /// As people are told.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Laid => "laid (simulated)",
+            Self::Commanded => "commanded (simulated)",
+            Self::AsBuilt => "as built",
+        }
+    }
+}
+
 /// What a run log tells of a growth, as far as it goes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RunRecord {
     /// Name of the robot, and hash of its description.
     pub robot: (String, u64),
+    /// Whose tip has laid the body.
+    pub tip: RecordedTip,
     /// The plan.
     pub plan: PlanFile,
     /// What the sensors were taken for; none without feedback.
@@ -77,7 +127,7 @@ pub struct RunRecord {
     pub lost: Vec<usize>,
     /// What could not be read.
     pub damage: Damage,
-    /// Of a simulated tip: the layers as its plastic lies. None where the log does not say.
+    /// Of a simulated tip: the layers as its plastic lies, perhaps one more than are laid. None where the log does not say.
     simulated: Vec<Option<Layer>>,
     /// The file, as errors call it.
     file: String,
@@ -118,11 +168,24 @@ impl RunRecord {
         layers.map_while(|(index, as_built)| as_built.or_else(|| self.layers.get(index).copied()))
     }
 
-    /// The layers as the plastic of a simulated tip lies, the one under way included; none of a robot, whose plastic nobody has measured.
-    /// Where the log does not say, a layer is as the steps have built it.
+    /// By how much the board's clock was wrong, where it was stopped for that.
+    #[must_use]
+    pub fn clock_drift(&self) -> Option<ClockDrift> {
+        ClockDrift::read(self.result.as_ref()?.get("clock_drift")?)
+    }
+
+    /// Whether the body was grown by a simulated robot.
+    #[must_use]
+    pub fn is_simulated(&self) -> bool {
+        self.tip == RecordedTip::Simulated
+    }
+
+    /// The layers as the plastic of a simulated tip lies, the one under way included. None of a robot, and none where the log has layers
+    /// and does not say of one where it lies. One of which it does not say is as the steps have built it.
     #[must_use]
     pub fn simulated(&self) -> Option<Vec<Layer>> {
-        self.simulated.iter().any(Option::is_some).then(|| {
+        let says = self.as_built.is_empty() || self.simulated.iter().any(Option::is_some);
+        (self.is_simulated() && says).then(|| {
             let mut commanded = self.commanded();
             let count = self.simulated.len().max(self.as_built.len());
             (0..count)
@@ -134,17 +197,26 @@ impl RunRecord {
         })
     }
 
-    /// Whether the log says where the plastic of the layer of this index lies.
+    /// What is known of the body: where its plastic lies, or what the steps have made.
     #[must_use]
-    pub fn is_simulated(&self, index: usize) -> bool {
-        self.simulated.get(index).is_some_and(Option::is_some)
+    pub fn body_kind(&self) -> BodyKind {
+        match (self.tip, self.simulated()) {
+            (RecordedTip::Robot, _) => BodyKind::AsBuilt,
+            (RecordedTip::Simulated, None) => BodyKind::Commanded,
+            (RecordedTip::Simulated, Some(_)) => BodyKind::Laid,
+        }
     }
 
-    /// Layers laid of which the log of a simulated tip does not say where they are.
+    /// Whether the log says where the plastic of the layer of this index lies.
+    #[must_use]
+    pub fn says_where(&self, index: usize) -> bool {
+        self.is_simulated() && self.simulated.get(index).is_some_and(Option::is_some)
+    }
+
+    /// Layers laid of which the log of a simulated tip does not say where they are. The one under way is not laid.
     #[must_use]
     pub fn not_simulated(&self) -> usize {
-        let told = self.simulated.iter().filter(|layer| layer.is_some()).count();
-        if told == 0 { 0 } else { self.as_built.len().saturating_sub(told) }
+        if self.is_simulated() { (0..self.as_built.len()).filter(|index| !self.says_where(*index)).count() } else { 0 }
     }
 
     /// The layers as built up to the first whose line is lost: what a board need not tell again.
@@ -243,6 +315,9 @@ impl RunRecord {
             u64::from_str_radix(text(field)?, 16).map_err(|_| wrong(format!("its \"{field}\" is no hash")))
         };
         let layers = unhex(text("layers")?).ok_or_else(|| wrong("its \"layers\" are no layers".to_string()))?;
+        let tip = text("tip")?;
+        let tip = RecordedTip::named(tip)
+            .ok_or_else(|| wrong(format!("its \"tip\" is {tip:?}, neither \"robot\" nor \"simulated\"")))?;
         let plan = header.get("plan").cloned().unwrap_or_default();
         let noise = |field: &str| header.get("feedback")?.get(field)?.as_f64().filter(|noise| *noise >= 0.0);
         Ok(Self {
@@ -250,6 +325,7 @@ impl RunRecord {
                 .zip(noise("direction"))
                 .map(|(odometry, direction)| SensorNoise { odometry, direction }),
             robot: (text("robot")?.to_string(), hash("robot_hash")?),
+            tip,
             plan: PlanFile::parse(&plan.to_string(), file)?,
             file: file.to_string(),
             plan_id: hash("plan_id")?,

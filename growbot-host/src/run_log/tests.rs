@@ -7,12 +7,18 @@ use growbot_core::plan::Planner;
 use growbot_core::simulation::Disturbance;
 
 use super::*;
+use crate::client::ClockDrift;
 use crate::feedback::Count;
 use crate::plan::Search;
 use time::format_description::well_known::Rfc3339;
 
-/// A log of three layers with feedback, and lines after its header.
+/// A log of three layers of a robot with feedback, and lines after its header.
 fn log(lines: &[Value]) -> Vec<u8> {
+    log_from("tcp:robot:1".into(), lines)
+}
+
+/// As [`log`], of a growth there.
+fn log_from(origin: Origin, lines: &[Value]) -> Vec<u8> {
     let robot = crate::robot_file::load("growbot-a".as_ref()).unwrap();
     let up = |z| Pose::from_degrees([0.0, 0.0, z, 0.0, 90.0]).unwrap();
     let search = Search { radius: 100.0, planner: Planner::Shortest, clear_of_self: false };
@@ -21,7 +27,7 @@ fn log(lines: &[Value]) -> Vec<u8> {
     let file = tempfile::tempdir().unwrap();
     let path = file.path().join("run.jsonl");
     let noise = SensorNoise { odometry: 0.01, direction: 0.002 };
-    let mut log = RunLog::begin(&path, &plan, &job, Some(noise), "sim").unwrap();
+    let mut log = RunLog::begin(&path, &plan, &job, Some(noise), origin).unwrap();
     for line in lines {
         log.write(line.clone()).unwrap();
     }
@@ -227,6 +233,54 @@ fn the_header_tells_of_the_command_the_time_and_the_disturbances_and_every_event
     assert_eq!(laid.len(), 1);
     assert!((laid[0].alpha - 1.0).abs() < 1e-15 && (laid[0].tilt - 0.004).abs() < 1e-15, "{laid:?}");
     assert_eq!(lines[2]["tip"]["z_mm"].as_f64().map(|z| (z - 0.7).abs() < 1e-4), Some(true));
+}
+
+#[test]
+fn whose_tip_it_was_is_what_the_header_says_and_nothing_else() {
+    let imperfection = Imperfection::default();
+    let simulated = Origin { port: "sim", imperfection: Some(&imperfection) };
+    let told = |layer: u32| json!({ "event": "laid", "layer": layer, "as_built": hex(&[1; 12]) });
+    let lies = |layer: u32| json!({ "event": "simulated", "layer": layer, "alpha_deg": 0.0, "height_mm": 0.7, "tilt_deg": 0.0 });
+    let read = |origin, lines: &[Value]| RunRecord::read(&log_from(origin, lines), "run").unwrap();
+    let known = |record: &RunRecord| (record.tip, record.body_kind(), record.simulated().map(|layers| layers.len()));
+    // It stopped before its first layer; its lines on plastic are missing; they are there.
+    for (lines, kind, layers) in [
+        (&[][..], BodyKind::Laid, Some(0)),
+        (&[told(0)], BodyKind::Commanded, None),
+        (&[told(0), lies(0)], BodyKind::Laid, Some(1)),
+    ] {
+        assert_eq!(known(&read(simulated, lines)), (RecordedTip::Simulated, kind, layers));
+        assert_eq!(known(&read("tcp:robot:1".into(), lines)), (RecordedTip::Robot, BodyKind::AsBuilt, None));
+    }
+    let text = String::from_utf8(log(&[])).unwrap();
+    for (changed, said) in [("\"tip\":\"both\"", "\"both\""), ("\"tap\":\"robot\"", "has no \"tip\"")] {
+        let error = RunRecord::read(text.replace("\"tip\":\"robot\"", changed).as_bytes(), "run").unwrap_err();
+        assert!(error.to_string().contains(said), "{error}");
+    }
+}
+
+#[test]
+fn the_layer_under_way_makes_up_for_none_that_the_log_does_not_place() {
+    let imperfection = Imperfection::default();
+    let told = |layer: u32| json!({ "event": "laid", "layer": layer, "as_built": hex(&[1; 12]) });
+    let lies = |layer: u32| json!({ "event": "simulated", "layer": layer, "alpha_deg": 0.0, "height_mm": 0.7, "tilt_deg": 0.0 });
+    for (places, missing) in [(&[0, 1, 2][..], 0), (&[0, 2], 1), (&[1], 1), (&[2], 2), (&[0, 1], 0), (&[], 2)] {
+        let lines: Vec<Value> = [told(0), told(1)].into_iter().chain(places.iter().map(|layer| lies(*layer))).collect();
+        let origin = Origin { port: "sim", imperfection: Some(&imperfection) };
+        let record = RunRecord::read(&log_from(origin, &lines), "run").unwrap();
+        assert_eq!(record.not_simulated(), missing, "{places:?}");
+        assert_eq!(RunRecord::read(&log(&lines), "run").unwrap().not_simulated(), 0, "of a robot: {places:?}");
+    }
+}
+
+#[test]
+fn a_clock_that_was_wrong_is_read_back_from_the_end() {
+    let drift = ClockDrift { board_ms: 28_500, host_ms: [30_000, 30_100] };
+    let end = json!({ "event": "end", "result": { "outcome": "clock-drift", "clock_drift": drift.json() } });
+    let record = RunRecord::read(&log(std::slice::from_ref(&end)), "run").unwrap();
+    assert_eq!((record.outcome.as_deref(), record.clock_drift()), (Some("clock-drift"), Some(drift)));
+    let resumed = RunRecord::read(&log(&[end, json!({ "event": "resumed" })]), "run").unwrap();
+    assert_eq!((resumed.outcome.as_deref(), resumed.clock_drift()), (None, None));
 }
 
 #[test]

@@ -5,6 +5,7 @@ use serde_json::{Value, json};
 
 use super::numbers::caption;
 use super::{Layers, Subject, measured_end};
+use crate::client::ClockDrift;
 use crate::run_log::{RunRecord, hex_of};
 
 /// The JSON, without numbers in words.
@@ -15,6 +16,9 @@ pub fn of(subject: &Subject, layers: &Layers) -> Value {
     let unknown = run.map_or(0, |run| run.as_built.iter().filter(|layer| layer.is_none()).count());
     if unknown > 0 {
         warnings.push(format!("{unknown} layers are not known, cut and let be or lost: they are shown as planned"));
+    }
+    if let Some(drift) = run.and_then(RunRecord::clock_drift) {
+        warnings.push(format!("{drift}; {}", ClockDrift::REMEDY));
     }
     match run.map_or(0, RunRecord::not_simulated) {
         0 => {}

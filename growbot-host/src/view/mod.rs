@@ -29,7 +29,7 @@ use crate::growth::Job;
 use crate::plan::Plan;
 use crate::plan_check::pose;
 use crate::plan_file::WrittenPose;
-use crate::run_log::RunRecord;
+use crate::run_log::{BodyKind, RunRecord};
 
 /// A page shows no more layers, of a body of some 150 m: beyond, browsers give up.
 pub const MOST_LAYERS: usize = 200_000;
@@ -94,9 +94,10 @@ impl Subject<'_> {
         let mut encoder = Encoder::default();
         let simulated = self.run.and_then(RunRecord::simulated);
         let simulated = simulated.map(|layers| layers.iter().map(|layer| encoder.encode(layer)).collect());
+        let kind = self.run.map(RunRecord::body_kind);
         Ok(match simulated {
-            Some(simulated) => Layers { planned, built: Some(simulated), commanded },
-            None => Layers { planned, built: commanded, commanded: None },
+            Some(simulated) => Layers { planned, built: Some(simulated), kind, commanded },
+            None => Layers { planned, built: commanded, kind, commanded: None },
         })
     }
 
@@ -130,6 +131,8 @@ struct Layers {
     planned: Vec<LayerBytes>,
     /// As the plastic of a simulated tip lies; as the steps of a robot have built it.
     built: Option<Vec<LayerBytes>>,
+    /// What is known of that; none of a plan.
+    kind: Option<BodyKind>,
     /// As the steps say, where it is known to lie otherwise: on a simulated tip.
     commanded: Option<Vec<LayerBytes>>,
 }
@@ -142,7 +145,11 @@ impl Layers {
 
     /// What is known of the body that is shown: how it is called.
     fn built_name(&self) -> &'static str {
-        if self.commanded.is_some() { "Laid (simulated)" } else { "As built" }
+        match self.kind {
+            Some(BodyKind::Laid) => "Laid (simulated)",
+            Some(BodyKind::Commanded) => "Commanded (simulated)",
+            Some(BodyKind::AsBuilt) | None => "As built",
+        }
     }
 
     /// Length of that body, mm.

@@ -8,6 +8,7 @@ use growbot_core::pose::Pose;
 use super::self_clearance::self_clearance;
 use super::{Layers, Subject, measured_end};
 use crate::arrival::Arrival;
+use crate::run_log::BodyKind;
 
 /// A heading and, below it, names and values.
 pub type Group = (String, Vec<(String, String)>);
@@ -24,10 +25,10 @@ pub fn of(subject: &Subject, layers: &Layers) -> Vec<Group> {
         }
         match &layers.commanded {
             Some(commanded) => {
-                groups.push(group("Laid (simulated)", body(subject, built)));
+                groups.push(group(layers.built_name(), body(subject, built)));
                 groups.push(group("Commanded, by the board's steps", body(subject, commanded)));
             }
-            None => groups.push(group("As built, by the board's steps", body(subject, built))),
+            None => groups.push(group(format!("{}, by the board's steps", layers.built_name()), body(subject, built))),
         }
     }
     let mut rows = vec![
@@ -67,10 +68,10 @@ fn group<N: Into<String>>(heading: impl Into<String>, rows: impl IntoIterator<It
 /// A body in a line: how its path was found, its pieces, length and layers. A planner that it is `called` by already is left out.
 pub fn caption(subject: &Subject, layers: &Layers, called: &str) -> String {
     let plan = subject.plan;
-    let grown = layers
-        .built
-        .as_ref()
-        .map(|_| if layers.commanded.is_some() { "laid (simulated)".to_owned() } else { "grown".to_owned() });
+    let grown = layers.kind.map(|kind| match kind {
+        BodyKind::AsBuilt => "grown".to_owned(),
+        BodyKind::Laid | BodyKind::Commanded => kind.name().to_owned(),
+    });
     let planner = Some(planner(plan.planner)).filter(|planner| *planner != called);
     let pieces = Some(plan.word()).filter(|pieces| !pieces.is_empty());
     let path = match (planner, pieces) {

@@ -1,7 +1,19 @@
-//! Runs the `growbot` command as a user would and keeps what it said.
+//! Runs the `growbot` command as a user would and keeps what it said. Every program that a test starts is started by [`command`].
+#![allow(dead_code, reason = "no test needs all of it")]
 
+use std::ffi::OsStr;
 use std::io::Write;
 use std::process::{Command, Stdio};
+
+/// The `growbot` command.
+pub const PROGRAM: &str = env!("CARGO_BIN_EXE_growbot");
+
+/// A program, without the port of a robot that is configured on this machine: no test is to move that.
+pub fn command(program: impl AsRef<OsStr>) -> Command {
+    let mut command = Command::new(program);
+    command.env_remove("GROWBOT_PORT");
+    command
+}
 
 /// What a run left behind.
 pub struct Ran {
@@ -20,9 +32,8 @@ pub fn growbot_reading(args: &[&str], input: &str) -> Ran {
 
 /// Runs `growbot` with these arguments and these bytes on its standard input.
 pub fn growbot_reading_bytes(args: &[&str], input: &[u8]) -> Ran {
-    let mut child = Command::new(env!("CARGO_BIN_EXE_growbot"))
+    let mut child = command(PROGRAM)
         .args(args)
-        .env_remove("GROWBOT_PORT")
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())

@@ -97,6 +97,8 @@ function end(result) {
   badge.dataset.state = result.outcome;
   find("#orders").hidden = true;
   if (result.error) showProblem(result.error);
+  const drift = result.clock_drift;
+  if (drift) showProblem(`It was stopped: ${drift.message}; ${drift.remedy}.`);
   if (!result.measured_by) return;
   const by = result.measured_by === "steps" ? "steps say" : `${result.measured_by} says`;
   const rows = [

@@ -166,10 +166,10 @@ impl Session {
                 let _ = print(&format!("{}\n", state.name()));
             }
         })
-        .map_err(Failure::answered_no)?;
+        .map_err(|error| following::failed(error, self.simulated))?;
         self.orders.clear();
         print(&growth_table::table(&plan, &self.robot, &grown, None, self.simulated))?;
-        following::judged(grown.outcome, grown.outcome == Outcome::Stopped && emergency)
+        following::judged(grown.outcome, grown.outcome == Outcome::Stopped && emergency, self.simulated)
     }
 
     fn wait(&mut self, seconds: f64) -> Result<(), Failure> {
@@ -183,7 +183,7 @@ impl Session {
             }
             self.stop_if_interrupted()?;
             if let Some(drift) = self.client.stop_if_clock_drifts()? {
-                return Err(following::stopped_for(&drift));
+                return Err(following::stopped_for(&drift, self.simulated));
             }
             let left = Duration::from_millis((until - now).min(1000));
             match self.client.event(left)? {

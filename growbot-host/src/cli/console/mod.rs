@@ -8,6 +8,7 @@ mod tui;
 
 use clap::Args;
 use growbot_core::pose::Pose;
+use growbot_host::input::note_standard_input;
 use growbot_host::output::print;
 
 use super::status::Report;
@@ -40,6 +41,7 @@ pub fn run(args: &ConsoleArgs) -> Result<(), Failure> {
     if args.tui {
         tui::check_terminal()?;
     }
+    note_standard_input()?;
     let port = args.port.choose()?;
     let robot = args.robot.load()?;
     let mut client = port.client(&robot)?;

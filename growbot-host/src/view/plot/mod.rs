@@ -11,6 +11,7 @@ use super::numbers::{caption, measured};
 use super::{Layers, Subject, ViewError};
 use crate::drawing::canvas::{Canvas, escape};
 use crate::drawing::chart::{Panel, Scale, number};
+use crate::run_log::BodyKind;
 
 /// What a panel shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -212,6 +213,7 @@ fn error(subject: &Subject, layers: &Layers, axis: &Axis) -> Result<Lines, ViewE
     let y = Scale::from_zero(line.iter().chain(&commanded).map(|(_, off)| *off).chain([FINEST]));
     let head = match &layers.commanded {
         Some(_) => "Off the plan, laid (simulated); dashed, commanded, by the board's steps",
+        None if layers.kind == Some(BodyKind::Commanded) => "Off the plan, commanded (simulated), by the board's steps",
         None => "Off the plan, by the board's steps",
     };
     let dashed = commanded.into_iter().map(|(at, off)| (at, Some(off))).collect();

@@ -131,7 +131,7 @@ impl Watch {
         self.latest_ms = status.uptime_ms;
         model.take_status(status);
         if let Some(drift) = self.client.stop_if_clock_drifts()? {
-            model.complain(stopped_for(&drift).message());
+            model.complain(stopped_for(&drift, self.speed.is_some()).message());
         }
         Ok(self.latest_ms)
     }
