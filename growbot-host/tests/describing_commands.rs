@@ -3,10 +3,10 @@
 mod running;
 
 use std::fs;
-use std::process::{Command, Stdio};
+use std::process::Stdio;
 
 use growbot_host::robot_file;
-use running::{growbot, growbot_reading};
+use running::{PROGRAM, command, growbot, growbot_reading};
 use serde_json::Value;
 
 fn json(text: &str) -> Value {
@@ -38,7 +38,7 @@ fn a_new_robot_that_is_a_bench_or_too_fast_for_a_board_says_so() {
         ("growbot-b", None),
     ] {
         let output = folder.path().join("new.toml");
-        let ran = Command::new(env!("CARGO_BIN_EXE_growbot"))
+        let ran = command(PROGRAM)
             .args(["new-robot", "--force", "--from", base, "-o"])
             .arg(&output)
             .stdin(Stdio::null())
@@ -51,7 +51,7 @@ fn a_new_robot_that_is_a_bench_or_too_fast_for_a_board_says_so() {
             None => assert!(!out.contains("test_bench") && !out.contains("no board"), "{out}"),
         }
     }
-    let ran = Command::new(env!("CARGO_BIN_EXE_growbot")).arg("robots").arg(&bench).output().unwrap();
+    let ran = command(PROGRAM).arg("robots").arg(&bench).output().unwrap();
     let out = String::from_utf8(ran.stdout).unwrap();
     let row = out.lines().find(|line| line.contains("test_bench")).unwrap_or_else(|| panic!("{out}"));
     assert!(row.contains("true"), "{row}");
@@ -255,7 +255,7 @@ fn completed(script: &str, words: &[&str]) -> Vec<String> {
         words.join(" "),
         words.len() - 1,
     );
-    let output = Command::new("bash").args(["--norc", "-c", &line]).output().unwrap();
+    let output = command("bash").args(["--norc", "-c", &line]).output().unwrap();
     assert!(output.stderr.is_empty(), "{}", String::from_utf8_lossy(&output.stderr));
     String::from_utf8(output.stdout).unwrap().split_whitespace().map(str::to_owned).collect()
 }

@@ -3,6 +3,7 @@
 
 #[path = "documents/blocks.rs"]
 mod blocks;
+mod running;
 #[path = "documents/transcript.rs"]
 mod transcript;
 

@@ -1,11 +1,13 @@
 //! `growbot flash` with tools that only write down how they were called.
 #![cfg(unix)]
 
+mod running;
+
 use std::fs::{self, Permissions};
 use std::os::unix::fs::PermissionsExt;
 use std::path::PathBuf;
-use std::process::Command;
 
+use running::{PROGRAM, command};
 use tempfile::TempDir;
 
 /// What a run left behind.
@@ -59,7 +61,7 @@ impl Bench {
     }
 
     fn flash(&self, folder: &str, args: &[&str]) -> Ran {
-        let output = Command::new(env!("CARGO_BIN_EXE_growbot"))
+        let output = command(PROGRAM)
             .arg("flash")
             .args(args)
             .current_dir(self.path(folder))

@@ -6,7 +6,7 @@ mod running;
 use serde_json::Value;
 
 use fake_board::FakeBoard;
-use running::{Ran, growbot, growbot_reading, growbot_reading_bytes};
+use running::{PROGRAM, Ran, command, growbot, growbot_reading, growbot_reading_bytes};
 
 fn json(ran: &Ran) -> Value {
     serde_json::from_str(ran.out.lines().last().unwrap_or_default())
@@ -117,7 +117,7 @@ fn a_plan_that_warns_of_a_collision_is_grown_by_force_only() {
 
 #[test]
 fn a_listener_that_goes_away_does_not_end_a_growth() {
-    let ran = std::process::Command::new(env!("CARGO_BIN_EXE_growbot"))
+    let ran = command(PROGRAM)
         .args(["grow", "--to", "0,0,7.74,0,90", "--json"])
         .stderr(std::fs::File::create("/dev/full").unwrap())
         .output()
@@ -213,7 +213,7 @@ fn reports_that_are_lost_are_sent_again() {
 /// A growth whose program is killed after so many layers are in its log; the board's time hardly passes from there on.
 fn grow_and_kill(board: &FakeBoard, log: &std::path::Path, layers: usize) {
     board.pause_after(layers as u32);
-    let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_growbot"))
+    let mut child = command(PROGRAM)
         .args(["grow", "--to", "0,0,46.44,0,90", "--port", &board.port(), "--on-silence", "go-on", "--log"])
         .arg(log)
         .stdout(std::process::Stdio::null())
@@ -350,14 +350,44 @@ fn stop_stops() {
     assert!(ran.out.contains("simulated robot are off"), "{}", ran.out);
 }
 
+#[test]
+fn no_test_starts_a_program_that_knows_of_a_robot_configured_here() {
+    let cleared: Vec<_> = command(PROGRAM).get_envs().map(|(name, value)| (name.to_owned(), value.is_some())).collect();
+    assert_eq!(cleared, [("GROWBOT_PORT".into(), false)]);
+    let mut folders = vec![concat!(env!("CARGO_MANIFEST_DIR"), "/tests").into()];
+    let mut files = 0;
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir::<std::path::PathBuf>(folder).unwrap().map(|entry| entry.unwrap().path()) {
+            if entry.is_dir() {
+                folders.push(entry);
+            } else if !entry.ends_with("running/mod.rs") {
+                let text = std::fs::read_to_string(&entry).unwrap();
+                for way in [concat!("Command", "::new("), concat!("CARGO_BIN", "_EXE")] {
+                    assert!(!text.contains(way), "{}: {way}: use running::command and PROGRAM", entry.display());
+                }
+                files += 1;
+            }
+        }
+    }
+    assert!(files > 20, "{files}");
+    let checks = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests");
+    for (file, way) in [
+        ("viewer/check.js", "env: environment"),
+        ("viewer/live.js", "env: environment"),
+        ("exports/check.py", "env=ENVIRONMENT"),
+    ] {
+        let text = std::fs::read_to_string(format!("{checks}/{file}")).unwrap();
+        // It imports what starts programs, and does so in one place.
+        let starts: usize =
+            ["spawn(", "execFileSync(", "subprocess.run("].iter().map(|start| text.matches(start).count()).sum();
+        assert_eq!((starts, text.matches(way).count()), (1, 1), "{file}");
+    }
+}
+
 /// Runs a command with a port that is configured.
 fn growbot_configured(port: &str, args: &[&str]) -> Ran {
-    let output = std::process::Command::new(env!("CARGO_BIN_EXE_growbot"))
-        .args(args)
-        .env("GROWBOT_PORT", port)
-        .stdin(std::process::Stdio::null())
-        .output()
-        .unwrap();
+    let output =
+        command(PROGRAM).args(args).env("GROWBOT_PORT", port).stdin(std::process::Stdio::null()).output().unwrap();
     let [out, err] = [output.stdout, output.stderr].map(|bytes| String::from_utf8(bytes).unwrap());
     Ran { code: output.status.code(), out, err }
 }

@@ -5,7 +5,7 @@ mod running;
 use std::fs;
 use std::path::Path;
 
-use running::{Ran, growbot, growbot_reading};
+use running::{PROGRAM, Ran, command, growbot, growbot_reading};
 use serde_json::Value;
 
 /// A plan whose figures are known; by the two planes, which do not change when a better planner does.
@@ -423,19 +423,14 @@ fn a_batch_that_cannot_start_is_refused() {
 #[test]
 fn a_reader_that_goes_away_ends_the_work_quietly() {
     use std::io::{BufRead, BufReader};
-    use std::process::{Command, Stdio};
+    use std::process::Stdio;
     let directory = tempfile::tempdir().unwrap();
     let rows: String = (0..20_000).map(|i| format!("{i},0,0,0,0,90,0,0,500,0,90\n")).collect();
     let queries = file(directory.path(), "q.csv", &format!("{HEADER}\n{rows}"));
     let plan = directory.path().join("p.json").display().to_string();
     assert_eq!(growbot(&["plan", "--to", "100000,0,0,0,0", "-o", &plan]).code, Some(0));
     for args in [&["plan", "--batch", &queries, "--json"][..], &["layers", &plan]] {
-        let mut child = Command::new(env!("CARGO_BIN_EXE_growbot"))
-            .args(args)
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped())
-            .spawn()
-            .unwrap();
+        let mut child = command(PROGRAM).args(args).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
         let mut first = String::new();
         BufReader::new(child.stdout.take().unwrap()).read_line(&mut first).unwrap();
         let ended = child.wait_with_output().unwrap();
@@ -446,9 +441,8 @@ fn a_reader_that_goes_away_ends_the_work_quietly() {
 #[cfg(target_os = "linux")]
 #[test]
 fn a_full_disk_is_told() {
-    use std::process::Command;
     let full = || fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
-    let ran = Command::new(env!("CARGO_BIN_EXE_growbot")).args(with(&TO, &["--json"])).stdout(full()).output().unwrap();
+    let ran = command(PROGRAM).args(with(&TO, &["--json"])).stdout(full()).output().unwrap();
     assert_eq!(ran.status.code(), Some(2));
     assert!(String::from_utf8(ran.stderr).unwrap().starts_with("growbot: cannot write to standard output"));
 }

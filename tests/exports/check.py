@@ -9,6 +9,7 @@ import csv
 import io
 import json
 import math
+import os
 import subprocess
 import sys
 import tempfile
@@ -21,6 +22,8 @@ import trimesh
 from mcap.reader import make_reader
 
 GROWBOT = sys.argv[1]
+# Without the port of a robot that is configured here: no check is to move that.
+ENVIRONMENT = {name: value for name, value in os.environ.items() if name != "GROWBOT_PORT"}
 # What a wall's volume may be off by, as a share of the filament used.
 VOLUME = 0.005
 
@@ -47,7 +50,7 @@ def demand(holds, message):
 
 
 def growbot(*args, code=0):
-    ran = subprocess.run([GROWBOT, *map(str, args)], capture_output=True, text=True)
+    ran = subprocess.run([GROWBOT, *map(str, args)], capture_output=True, text=True, env=ENVIRONMENT)
     demand(ran.returncode == code, f"growbot {' '.join(map(str, args))}: exit {ran.returncode}: {ran.stderr}")
     return ran
 

@@ -2,9 +2,10 @@
 
 use std::fs;
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::Stdio;
 
 use super::blocks::Document;
+use crate::running::{self, PROGRAM};
 
 /// All that a document's commands do otherwise than it says; nothing, if it is right.
 pub fn differences(document: &Document) -> Vec<String> {
@@ -56,11 +57,11 @@ struct Shell<'a> {
 impl Shell<'_> {
     /// What the command prints, messages and all, in the order in which it does.
     fn run(&mut self, command: &str) -> String {
-        let growbot = Path::new(env!("CARGO_BIN_EXE_growbot")).parent().unwrap();
+        let growbot = Path::new(PROGRAM).parent().unwrap();
         let path = format!("{}:{}", growbot.display(), std::env::var("PATH").unwrap_or_default());
         let home = self.directory.join("home");
         fs::create_dir_all(&home).unwrap();
-        let output = Command::new("sh")
+        let output = running::command("sh")
             .arg("-c")
             .arg(format!("exec 2>&1\n(exit {})\n{command}", self.last))
             .current_dir(self.directory)

@@ -4,7 +4,7 @@ use std::fs::{File, OpenOptions};
 use std::io::{ErrorKind, Read, Write};
 use std::net::TcpListener;
 use std::os::unix::fs::OpenOptionsExt;
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Stdio};
 use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle, sleep};
 use std::time::{Duration, Instant};
@@ -18,7 +18,7 @@ use growbot_host::robot_file;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use serialport::{SerialPort, TTYPort};
 
-use crate::running::Ran;
+use crate::running::{PROGRAM, Ran, command};
 
 /// The board's time passes so many times as fast as real time.
 const PACE: u32 = 50;
@@ -297,7 +297,7 @@ impl Growing {
 
     /// Runs `growbot` and leaves it running.
     pub fn run(args: &[&str], input: &str) -> Self {
-        let mut child = Command::new(env!("CARGO_BIN_EXE_growbot"))
+        let mut child = command(PROGRAM)
             .args(args)
             .stdin(Stdio::piped())
             .stdout(Stdio::null())
@@ -333,7 +333,7 @@ impl Growing {
 
     /// Ctrl-C, and waits until it is answered so.
     pub fn interrupt(&mut self, answer: &str) {
-        let killed = Command::new("kill").args(["-INT", &self.child.id().to_string()]).status().unwrap();
+        let killed = command("kill").args(["-INT", &self.child.id().to_string()]).status().unwrap();
         assert!(killed.success());
         until(answer, || self.said().contains(answer));
     }
@@ -369,13 +369,12 @@ pub fn without_privilege(args: &[&str]) -> Ran {
     let status = std::fs::read_to_string("/proc/self/status").unwrap();
     let capabilities = status.lines().find_map(|line| line.strip_prefix("CapEff:")).unwrap();
     let is_privileged = u64::from_str_radix(capabilities.trim(), 16).unwrap() & SYS_ADMIN != 0;
-    let program = env!("CARGO_BIN_EXE_growbot");
     let mut command = if is_privileged {
-        let mut command = Command::new("setpriv");
-        command.args(["--inh-caps=-sys_admin", "--bounding-set=-sys_admin", program]);
+        let mut command = command("setpriv");
+        command.args(["--inh-caps=-sys_admin", "--bounding-set=-sys_admin", PROGRAM]);
         command
     } else {
-        Command::new(program)
+        command(PROGRAM)
     };
     let output = command.args(args).stdin(Stdio::null()).output().unwrap();
     Ran {

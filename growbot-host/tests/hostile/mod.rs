@@ -6,11 +6,13 @@ pub mod mutation;
 use std::fs;
 use std::io::{Read, Write};
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::Stdio;
 use std::thread;
 use std::time::{Duration, Instant};
 
 use growbot_host::printable::steers;
+
+use crate::running::{PROGRAM, command};
 
 /// A number from the environment.
 pub fn number(variable: &str, unless_set: u64) -> u64 {
@@ -31,9 +33,8 @@ pub struct Ran {
 
 /// Runs the command in a directory, for so long at most.
 pub fn run(directory: &Path, args: &[String], input: &[u8], limit: Duration) -> Ran {
-    let mut child = Command::new(env!("CARGO_BIN_EXE_growbot"))
+    let mut child = command(PROGRAM)
         .args(args)
-        .env_remove("GROWBOT_PORT")
         .current_dir(directory)
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
