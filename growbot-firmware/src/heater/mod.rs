@@ -81,7 +81,7 @@ pub struct Heater {
     reading: Option<(f64, u64)>,
     /// What is wrong with the sensor.
     broken: Option<Broken>,
-    /// The latest duty with which it heats, 0 to 1.
+    /// The latest duty of the power stage, 0 to 1.
     duty: f64,
     /// When the latest update was, us.
     updated: Option<u64>,
@@ -160,7 +160,7 @@ impl Heater {
         }
     }
 
-    /// The duty with which it heats, 0 to 1, as the latest update gave it.
+    /// The duty of the power stage, 0 to 1, as the latest update gave it. In the proof test it is full with the second switch open.
     #[must_use]
     pub fn duty(&self) -> f64 {
         self.duty
@@ -198,9 +198,16 @@ impl Heater {
         robot: &RobotDescription,
         now: u64,
     ) -> Result<Output, Fault> {
+        // A fault leaves the duty as it was: that is what its record says.
+        let output = self.next(raw, demand, robot, now)?;
+        self.duty = output.duty;
+        Ok(output)
+    }
+
+    /// What the switches are to do next.
+    fn next(&mut self, raw: Option<f64>, demand: &Demand, robot: &RobotDescription, now: u64) -> Result<Output, Fault> {
         let before = self.updated.replace(now).unwrap_or(now);
         let seconds = now.saturating_sub(before).min(OLDEST_READING_US) as f32 * 1e-6;
-        let given = core::mem::take(&mut self.duty) as f32;
         if let Some(raw) = raw {
             match temperature(raw, &robot.thermistor) {
                 Ok(temperature) => {
@@ -231,12 +238,15 @@ impl Heater {
         };
         let nozzle = Nozzle::new(demand, robot);
         let (target_c, reading_c) = (target_c as f32, reading_c as f32);
+        let mut given = self.duty as f32;
         if let Some(proof) = &mut self.proof {
             let timeout_s = robot.heater.heating_timeout_s as f32;
             if let Some(output) = proof.look(&mut self.rest, reading_c, seconds, timeout_s, &nozzle)? {
                 return Ok(output);
             }
             (self.proof, self.rest, self.on_since) = (None, Rest::default(), now);
+            // The second switch was open.
+            given = 0.0;
         }
         self.watch_band(target_c - reading_c, nozzle.band_c, seconds_us(robot.heater.heating_timeout_s), now)?;
         let wiggles = (target_c - reading_c).abs() < WIGGLED_BANDS * nozzle.band_c;
@@ -265,8 +275,7 @@ impl Heater {
                 }
             },
         };
-        self.duty = f64::from(duty);
-        Ok(Output { duty: self.duty, closed: self.target.is_some() })
+        Ok(Output { duty: f64::from(duty), closed: self.target.is_some() })
     }
 
     /// Watches whether the target is reached, and in time.

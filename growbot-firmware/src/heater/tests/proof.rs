@@ -126,6 +126,34 @@ fn again(seed: u64, wrong: Wrong) -> (Rig, Option<Fault>, f64) {
 }
 
 #[test]
+fn the_duty_is_that_of_the_power_stage_from_the_first_stage_to_a_fault() {
+    for (wrong, duty, fault) in [
+        (Wrong::StuckOn(1.0), 0.0, Some(Fault::HeaterStuckOn)),
+        (Wrong::Welded, 1.0, Some(Fault::HeaterSwitchWelded)),
+        (Wrong::Nothing, 1.0, None),
+    ] {
+        let mut rig = Rig::new(Spread::of(&mut Random::new(1), 0.0), 1);
+        rig.wrong = wrong;
+        rig.on(rig.robot.heater.target_c);
+        let mut greatest = 0.0_f64;
+        let ended = loop {
+            if let Err(fault) = rig.step() {
+                break Some(fault);
+            }
+            if rig.heater.proof.is_none() {
+                break None;
+            }
+            assert_eq!(rig.heater.duty().to_bits(), rig.output.duty.to_bits());
+            greatest = greatest.max(rig.heater.duty());
+        };
+        assert_eq!((ended, greatest), (fault, duty), "{wrong:?}");
+        if fault.is_some() {
+            assert_eq!(rig.heater.duty(), duty, "what it was when the fault came");
+        }
+    }
+}
+
+#[test]
 fn both_switches_are_proven_whenever_it_is_switched_on() {
     let mut longest = [0.0_f64; 3];
     for seed in 0..300 {

@@ -4,7 +4,7 @@ use growbot_core::link::message::{Fault, Gains, Tuned};
 use growbot_core::robot::RobotDescription;
 
 use crate::heater::tuning::Relay;
-use crate::heater::{Demand, Heater, Output, STEADY_BANDS};
+use crate::heater::{Demand, Heater, Output, PERIOD_US, STEADY_BANDS};
 use crate::testing::robot_a;
 use crate::thermistor::{FULL_SCALE, reading, temperature};
 
@@ -41,6 +41,25 @@ fn a_reading_counts_for_400_ms_and_survives_the_heaters_being_switched_off() {
         assert_eq!(heater.update(Some(raw), &Demand::default(), &robot, 1_200_000), Err(fault));
         heater.switch_off();
     }
+}
+
+#[test]
+fn a_nozzle_that_has_rested_is_proven_in_15_s() {
+    let robot = robot();
+    let (mut heater, raw) = (Heater::default(), reading(25.0, &robot.thermistor));
+    let mut now = 0;
+    let mut update = |heater: &mut Heater| {
+        now += PERIOD_US;
+        heater.update(Some(raw), &Demand { supply_v: Some(12.0), ..Demand::default() }, &robot, now).unwrap()
+    };
+    for _ in 0..80 {
+        assert_eq!(update(&mut heater), Output::OFF);
+    }
+    heater.switch_on(200.0, 8_000_000);
+    let outputs: std::vec::Vec<Output> = (0..160).map(|_| update(&mut heater)).collect();
+    let heats = outputs.iter().position(|output| output.closed && output.duty > 0.0).unwrap();
+    // Each switch for 7 s, from the next whole second on.
+    assert!((140..=150).contains(&heats), "{heats} periods");
 }
 
 #[test]
