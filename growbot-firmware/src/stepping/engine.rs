@@ -300,7 +300,8 @@ where
             filament_high: true,
             fed_blindly: 0,
         };
-        engine.let_go();
+        engine.head.disable();
+        engine.feed.disable();
         engine
     }
 
@@ -309,7 +310,7 @@ where
         self.ticks = self.ticks.wrapping_add(1);
         handover.set_ticks(self.ticks);
         if let Err(alarm) = self.watch_and_advance(handover) {
-            self.let_go();
+            self.let_go(handover);
             self.outputs.make_safe();
             handover.report(Done::Alarm(alarm));
         }
@@ -352,8 +353,9 @@ where
         }
     }
 
-    fn let_go(&mut self) {
+    fn let_go(&mut self, handover: &Handover) {
         self.mode = Mode::Idle;
+        handover.set_sector(&Sector::default());
         self.clock = Clock::AT_REST;
         self.watch = IndexWatch::LOST;
         self.fed_blindly = 0;
@@ -366,7 +368,7 @@ where
         self.count_filament(handover)?;
         let stopped = self.emergency_stop(halted, handover)?;
         if stopped || halted {
-            self.let_go();
+            self.let_go(handover);
             if stopped {
                 // Here and not in the main loop only, which may hang with the heater on.
                 self.outputs.make_safe();

@@ -782,6 +782,29 @@ fn a_halt_lets_go_at_the_next_tick() {
 }
 
 #[test]
+fn nothing_is_fed_any_more_once_the_engine_has_let_go() {
+    let robot = robot_a();
+    let turn = turns(&robot, &layers(&robot, 1, 0.5))[0];
+    let ends: [fn(&mut Rig); 3] = [
+        |rig| rig.handover.halt(),
+        |rig| rig.world.pressed.set(true),
+        // The next step of the head finds its mark nowhere.
+        |rig| rig.world.sensor.set(Sensor::Stuck),
+    ];
+    for (number, end) in ends.into_iter().enumerate() {
+        let mut rig = Rig::homed(robot.clone());
+        assert_eq!(rig.handover.feed_rate(), 0.0);
+        rig.handover.give(Order::Lay(turn));
+        rig.run(1000);
+        assert!(rig.handover.feed_rate() > 0.0);
+        end(&mut rig);
+        rig.run(1_000_000);
+        assert!(!rig.holds());
+        assert_eq!(rig.handover.feed_rate(), 0.0, "end {number}");
+    }
+}
+
+#[test]
 fn a_pin_that_fails_switches_everything_off() {
     let robot = robot_a();
     let turn = turns(&robot, &layers(&robot, 1, 0.5))[0];
