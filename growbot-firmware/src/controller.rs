@@ -98,7 +98,7 @@ impl<B: Board> Controller<B> {
     /// A controller with everything off: about to test itself, or with the fault of the boot before.
     pub fn new(robot: Robot, identity: Identity, mut parts: Parts<B>, handover: &Handover) -> Self {
         let (copies, kept) = Copies::find(&mut parts.kept);
-        let is_known = kept.is_some();
+        let unknown = kept.err();
         let mut controller = Self {
             robot,
             identity,
@@ -127,7 +127,7 @@ impl<B: Board> Controller<B> {
         };
         controller.switch_off(handover);
         controller.take_up_job();
-        controller.take_up_fault(is_known);
+        controller.take_up_fault(unknown);
         controller
     }
 

@@ -9,7 +9,7 @@ use crate::hal::{Board, DebugPort, Orientation, Watchdog};
 use crate::heater::{self, Demand, Output};
 use crate::link;
 use crate::safety::inputs::{Look, volts};
-use crate::safety::kept::{fault_of, survives};
+use crate::safety::kept::{Unknown, fault_of};
 use crate::safety::transitions::{Event, may_feed, may_heat};
 use crate::stepping::Handover;
 
@@ -242,9 +242,9 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// After a start: a fault that was never cleared is latched again, and a reset in the midst of work is a fault. So is one that has
-    /// destroyed what would say so.
-    pub(super) fn take_up_fault(&mut self, is_known: bool) {
+    /// After a start: a fault that was never cleared is latched again, and a reset in the midst of work is a fault. So is one after
+    /// which nobody knows what was under way, though the memory has had power.
+    pub(super) fn take_up_fault(&mut self, unknown: Option<Unknown>) {
         let cause = self.identity.reset_cause;
         let latched = self.kept.record.is_some_and(|record| !record.cleared);
         if let Some(under_way) = self.kept.under_way {
@@ -257,7 +257,9 @@ impl<B: Board> Controller<B> {
                 ..self.record(None)
             };
             self.kept.record = Some(record);
-        } else if !latched && (cause == ResetCause::ClockFailed || !is_known && survives(cause)) {
+        } else if !latched
+            && (cause == ResetCause::ClockFailed || unknown.is_some_and(|unknown| unknown.is_fault(cause)))
+        {
             self.kept.record = Some(self.record(Some(fault_of(cause))));
         }
         if self.identity.is_corrupt() {

@@ -6,7 +6,9 @@
 //! - A write goes to the older copy, from its first byte to its last, so a reset in the midst of it leaves the newer one whole.
 //! - A write that changes what a start must do (whether work was under way, which fault is latched) goes to both, one after the other:
 //!   then either copy alone says what matters.
-//! - A start takes the newer copy of those that are whole.
+//! - A start takes the newer copy of those that are whole. Where that is one which this firmware cannot decode, such as another version's,
+//!   the memory has had power, and what it says may be that work was under way or a fault latched: the start is a fault, whatever its cause.
+//! - Where no copy is whole, the cause of the reset decides: see [`survives`].
 
 use growbot_core::link::frame;
 use growbot_core::link::message::{Fault, FaultRecord, ResetCause, State};
@@ -86,6 +88,26 @@ fn generation_of(bytes: &[u8; COPY_BYTES]) -> Option<u32> {
     (frame::checksum(covered).to_le_bytes() == *checksum).then_some(u32::from_le_bytes(*number))
 }
 
+/// Why a start does not know what was kept.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Unknown {
+    /// No copy is whole: the memory was without power, or is destroyed.
+    NotWhole,
+    /// The newer copy is whole, and this firmware cannot decode it: another one has written it.
+    NotDecodable,
+}
+
+impl Unknown {
+    /// Whether it may hide work that was under way, or a fault, so that a start after a reset of this cause is a fault.
+    #[must_use]
+    pub const fn is_fault(self, cause: ResetCause) -> bool {
+        match self {
+            Self::NotWhole => survives(cause),
+            Self::NotDecodable => true,
+        }
+    }
+}
+
 /// What a start must do because of what was kept.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Meaning {
@@ -107,8 +129,8 @@ pub struct Copies {
 }
 
 impl Copies {
-    /// Finds the newer copy of those that are whole, and what it says; none where neither is.
-    pub fn find(memory: &mut impl KeptMemory) -> (Self, Option<Kept>) {
+    /// Finds the newer copy of those that are whole, and what it says.
+    pub fn find(memory: &mut impl KeptMemory) -> (Self, Result<Kept, Unknown>) {
         let bytes = memory.read();
         let mut found = Self::default();
         let mut newest = None;
@@ -120,7 +142,8 @@ impl Copies {
                 newest = Some(bytes);
             }
         }
-        (found, newest.and_then(Kept::from_bytes))
+        let bytes = newest.ok_or(Unknown::NotWhole);
+        (found, bytes.and_then(|bytes| Kept::from_bytes(bytes).ok_or(Unknown::NotDecodable)))
     }
 
     /// Has the memory hold this: in the older copy, or in both where a start would have to do something else because of it.
@@ -153,7 +176,8 @@ pub const fn fault_of(cause: ResetCause) -> Fault {
     }
 }
 
-/// Whether the memory has had power through a reset of this cause: what cannot be read then was destroyed.
+/// Whether the memory has had power through a reset of this cause, and only this firmware has written there: what is not whole then was
+/// destroyed. (A debug probe, which is [`ResetCause::External`], flashes a board by code in RAM.)
 #[must_use]
 pub const fn survives(cause: ResetCause) -> bool {
     matches!(
@@ -163,7 +187,7 @@ pub const fn survives(cause: ResetCause) -> bool {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use growbot_core::link::message::SensorReadings;
 
@@ -211,7 +235,35 @@ mod tests {
 
     /// What a start finds.
     fn found(memory: &Memory) -> Option<Kept> {
-        Copies::find(&mut memory.clone()).1
+        Copies::find(&mut memory.clone()).1.ok()
+    }
+
+    /// A copy that is whole, and that this firmware cannot decode.
+    pub(crate) fn of_another_firmware(generation: u32) -> [u8; COPY_BYTES] {
+        let mut bytes = [0xff; COPY_BYTES];
+        let (covered, checksum) = bytes.split_last_chunk_mut::<NUMBER_BYTES>().unwrap();
+        *covered.last_chunk_mut().unwrap() = generation.to_le_bytes();
+        *checksum = frame::checksum(covered).to_le_bytes();
+        bytes
+    }
+
+    #[test]
+    fn what_another_firmware_has_left_is_not_decodable_and_hides_what_is_older() {
+        let (own, other) = (|generation| longest().to_bytes(generation), of_another_firmware);
+        for (copies, expected) in [
+            ([other(7), other(8)], Err(Unknown::NotDecodable)),
+            ([own(7), other(8)], Err(Unknown::NotDecodable)),
+            ([other(8), own(7)], Err(Unknown::NotDecodable)),
+            // The first write of this firmware has come to its end.
+            ([other(7), own(8)], Ok(longest())),
+            ([other(7), [0; COPY_BYTES]], Err(Unknown::NotDecodable)),
+            ([own(7), [0; COPY_BYTES]], Ok(longest())),
+            ([[0; COPY_BYTES]; 2], Err(Unknown::NotWhole)),
+        ] {
+            let mut memory = Memory([0; KEPT_BYTES]);
+            memory.0.as_chunks_mut::<COPY_BYTES>().0.copy_from_slice(&copies);
+            assert_eq!(Copies::find(&mut memory).1, expected);
+        }
     }
 
     #[test]

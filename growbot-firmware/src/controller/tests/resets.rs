@@ -8,6 +8,7 @@ use std::vec::Vec;
 
 use super::bench::{Bench, PLAN, WARM, at_rest, bends, clear, hold, start, tune};
 use super::tip::Wire;
+use crate::safety::kept::tests::of_another_firmware;
 use crate::safety::kept::{COPY_BYTES, Copies, KEPT_BYTES, Kept};
 
 fn record(bench: &mut Bench) -> Option<FaultRecord> {
@@ -66,6 +67,7 @@ fn a_fault_survives_resets_until_it_is_cleared_and_can_be_read_after_that() {
     let first = record(&mut bench).unwrap();
     assert_eq!((first.fault, first.state), (Some(Fault::ThermistorOpen), State::Growing));
     assert!(first.temperature_centi_c.is_none(), "there was no reading when it came");
+    assert!(first.duty > 0, "as it was when it came");
     assert!(first.target_centi_c.is_some() && first.laid > 0 && first.begun > first.laid);
     for cause in [ResetCause::External, ResetCause::Watchdog, ResetCause::BrownOut] {
         bench = bench.reset(cause);
@@ -88,14 +90,19 @@ fn an_emergency_stop_survives_a_reset() {
 
 #[test]
 fn without_power_the_journal_is_what_is_known() {
-    let mut bench = Bench::in_state(State::Growing);
-    let laid = bench.status().laid;
-    assert!(laid > 0);
-    bench.world.kept.set([0xA5; KEPT_BYTES]);
-    let mut bench = bench.reset(ResetCause::PowerOn);
-    assert_eq!((bench.controller.state(), record(&mut bench)), (State::Idle, None));
-    let status = bench.status();
-    assert_eq!((status.plan_id, status.laid, status.cut), (PLAN, laid, Some(Cut { least: 0, most: 64 })));
+    // A debug probe writes to RAM when it flashes the board.
+    for cause in [ResetCause::PowerOn, ResetCause::BrownOut, ResetCause::External] {
+        let mut bench = Bench::in_state(State::Growing);
+        let laid = bench.status().laid;
+        assert!(laid > 0);
+        bench.world.kept.set([0xA5; KEPT_BYTES]);
+        let mut bench = bench.reset(cause);
+        assert_eq!((bench.controller.state(), record(&mut bench)), (State::Idle, None));
+        let status = bench.status();
+        assert_eq!((status.plan_id, status.laid, status.cut), (PLAN, laid, Some(Cut { least: 0, most: 64 })));
+        assert!(matches!(bench.ask(&start()), Message::Refused(_)), "the layer that was cut is to be decided on");
+        assert!(bench.heater.off());
+    }
 }
 
 #[test]
@@ -137,6 +144,31 @@ fn what_a_reset_with_power_has_destroyed_is_a_fault() {
         let bench = Bench::in_state(State::Growing);
         bench.world.kept.set([0xA5; KEPT_BYTES]);
         assert_eq!(bench.reset(cause).controller.fault(), fault, "{cause:?}");
+    }
+}
+
+#[test]
+fn what_another_firmware_has_retained_is_a_fault_whatever_it_was() {
+    for (cause, fault) in [
+        (ResetCause::PowerOn, Fault::PowerLost),
+        (ResetCause::External, Fault::PowerLost),
+        (ResetCause::BrownOut, Fault::BrownOut),
+        (ResetCause::Watchdog, Fault::WatchdogReset),
+    ] {
+        for before in [State::Idle, State::Growing, State::EmergencyStop] {
+            let bench = Bench::in_state(before);
+            let mut memory = [0; KEPT_BYTES];
+            memory.as_chunks_mut::<COPY_BYTES>().0.copy_from_slice(&[of_another_firmware(1), of_another_firmware(2)]);
+            bench.world.kept.set(memory);
+            let mut bench = bench.reset(cause);
+            assert_eq!((bench.controller.state(), bench.controller.fault()), (State::Fault, Some(fault)), "{before:?}");
+            assert!(matches!(bench.ask(&start()), Message::Refused(_)), "not before it is cleared");
+            // It is retained in this firmware's own way, and cleared once and for all.
+            bench = bench.reset(ResetCause::External);
+            assert_eq!(bench.controller.fault(), Some(fault));
+            bench.accepted(&clear());
+            assert_eq!(bench.reset(ResetCause::External).controller.state(), State::Idle);
+        }
     }
 }
 
