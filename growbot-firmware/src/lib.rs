@@ -33,6 +33,7 @@ pub mod orientation;
 pub mod polarity;
 pub mod safety;
 pub mod stepping;
+pub mod supplied;
 #[cfg(test)]
 mod testing;
 pub mod thermistor;

@@ -3,6 +3,7 @@
 //! The detector's interrupt switches the tip off and starts the board anew, which then says "brown-out". It comes with the fall below
 //! the threshold only: a board whose supply is still rising, or always that low, starts nevertheless, and its log says so.
 
+use growbot_firmware::supplied::SupplyDetector;
 use stm32f4xx_hal::pac;
 use stm32f4xx_hal::rcc::{Enable, Rcc};
 
@@ -17,6 +18,16 @@ pub fn start_detector(pwr: &pac::PWR, rcc: &mut Rcc) {
     pac::PWR::enable(rcc);
     // SAFETY: PLS has three bits, and every value is a level.
     pwr.cr().modify(|_, w| unsafe { w.pls().bits(LEVEL) }.pvde().set_bit());
+}
+
+/// The detector that has been started: its level is above what flash needs to be programmed by words (2.7 V, data sheet DS8626).
+pub struct Detector;
+
+impl SupplyDetector for Detector {
+    fn is_enough(&self) -> bool {
+        // SAFETY: reading this register has no effect.
+        unsafe { &*pac::PWR::ptr() }.csr().read().pvdo().bit_is_clear()
+    }
 }
 
 /// From now on a fall below the threshold interrupts. To be called as late as possible in the start-up.

@@ -2,7 +2,8 @@
 //!
 //! While flash is programmed or erased, nothing can be read from it, code included: the processor stands. That is 16 us a word, 100 us at most,
 //! and up to 2 s a sector (data sheet DS8626, table "flash memory programming"). Interrupts are served between words. A sector is erased
-//! by code in RAM, which feeds the watchdog meanwhile, without interrupts: heater and steppers must be off.
+//! by code in RAM, which feeds the watchdog meanwhile, without interrupts: heater and steppers must be off. Words need a supply of 2.7 V:
+//! it is behind the detector of `brown_out.rs`.
 //!
 //! (The flash of `stm32f4xx-hal` leaves panics in the firmware, writes bytes, and knows nothing of a watchdog.)
 
@@ -11,7 +12,10 @@ use core::ops::RangeInclusive;
 use embedded_storage::nor_flash::{
     ErrorType, MultiwriteNorFlash, NorFlash, NorFlashErrorKind, ReadNorFlash, check_erase, check_read, check_write,
 };
+use growbot_firmware::supplied::Supplied;
 use stm32f4xx_hal::pac;
+
+use crate::brown_out::Detector;
 
 /// Sectors that may be erased. Those before hold the firmware.
 const JOURNAL_SECTORS: RangeInclusive<usize> = 10..=11;
@@ -40,7 +44,10 @@ unsafe extern "C" {
     static _journal_end: u32;
 }
 
-/// The journal's flash: written by words.
+/// The journal's flash, which is changed only while the processor has its supply.
+pub type JournalFlash = Supplied<BoardFlash, Detector>;
+
+/// The flash itself: written by words.
 pub struct BoardFlash(pac::FLASH);
 
 impl BoardFlash {
@@ -63,7 +70,7 @@ impl BoardFlash {
         }
         // SAFETY: clears the errors of before.
         registers.sr().write(|w| unsafe { w.bits(ERRORS) });
-        let is_done = registers.cr().read().lock().bit_is_clear() && has_supply() && work(registers);
+        let is_done = registers.cr().read().lock().bit_is_clear() && work(registers);
         // All other bits are cleared.
         registers.cr().write(|w| w.lock().set_bit());
         // What the data cache holds may be what was there before. It can be reset while it is off.
@@ -72,13 +79,6 @@ impl BoardFlash {
         registers.acr().modify(|_, w| w.dcrst().clear_bit().dcen().set_bit());
         if is_done { Ok(()) } else { Err(NorFlashErrorKind::Other) }
     }
-}
-
-/// Whether the processor's supply is enough to program by words (2.7 V, data sheet DS8626): its detector is set above that (`brown_out.rs`).
-/// What reads wrongly at less is not to be settled for good, either.
-fn has_supply() -> bool {
-    // SAFETY: reading this register has no effect.
-    unsafe { &*pac::PWR::ptr() }.csr().read().pvdo().bit_is_clear()
 }
 
 /// Whether the last write or erasure, which is over, went well.

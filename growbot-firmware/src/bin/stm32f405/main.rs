@@ -55,7 +55,7 @@ mod app {
     use crate::converter::{self, Supply, Thermistor};
     use crate::debug_port::{BoardDebugPort, Halts};
     use crate::fan::Fan;
-    use crate::flash::BoardFlash;
+    use crate::flash::{BoardFlash, JournalFlash};
     use crate::heater::Heater;
     use crate::kept::BoardMemory;
     use crate::line::{self, Line};
@@ -96,7 +96,7 @@ mod app {
         type Watchdog = BoardWatchdog;
         type DebugPort = BoardDebugPort;
         type Kept = BoardMemory;
-        type Flash = BoardFlash;
+        type Flash = JournalFlash;
         type Store = &'static mut LayerStore;
     }
 
@@ -160,7 +160,7 @@ mod app {
             watchdog,
             debug_port: BoardDebugPort,
             kept,
-            journal: Journal::open(BoardFlash::new(device.FLASH)),
+            journal: Journal::open(JournalFlash::new(BoardFlash::new(device.FLASH), brown_out::Detector)),
             store: cx.local.store,
         };
         let step_timer = StepTimer::start(device.TIM2, robot.description().motion.tick_hz, &mut rcc);
