@@ -20,9 +20,15 @@ const TICK_HZ: u32 = 1_000;
 static MILLISECONDS_LO: AtomicU32 = AtomicU32::new(0);
 static MILLISECONDS_HI: AtomicU32 = AtomicU32::new(0);
 
-/// Looks at a crystal that does not start: 0.1 s at the 16 MHz of the internal oscillator, at 8 clocks a look. A crystal takes
-/// some 2 ms (data sheet, table "HSE oscillator characteristics"), and the watchdog 0.7 s.
-const MAX_LOOKS: u32 = 200_000;
+/// The internal oscillator, by which the processor starts.
+const INTERNAL_HZ: u32 = 16_000_000;
+/// A crystal is waited for so long, ms. It takes some 2 ms (data sheet, table "HSE oscillator characteristics"), and the watchdog waits for
+/// 700 ms at least.
+const CRYSTAL_WAIT_MS: u32 = 100;
+/// Clocks of a look at it. They are 7 to 10: a count, a load, a shift, and two branches, of which the one that is taken has 2 to 4.
+const LOOK_CLOCKS: u32 = 8;
+/// Looks at a crystal that does not start: 200,000, which take 88 to 125 ms.
+const MAX_LOOKS: u32 = INTERNAL_HZ / 1000 * CRYSTAL_WAIT_MS / LOOK_CLOCKS;
 
 /// What the clocks are made of.
 #[derive(Clone, Copy, PartialEq, Eq)]
