@@ -383,7 +383,7 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         let Some((place, mut bytes)) = tail else { return };
         let mut record = Record::from_bytes(&bytes);
         for _ in 1..ATTEMPTS {
-            if record.is_none() && bytes != STRUCK {
+            if record.is_none() {
                 bytes = self.read(Self::offset(place));
                 record = Record::from_bytes(&bytes);
             }
@@ -402,8 +402,7 @@ impl<F: MultiwriteNorFlash> Journal<F> {
                     }
                 }
             }
-            None if bytes != STRUCK => self.strike_out(place),
-            None => {}
+            None => self.strike_out(place),
         }
     }
 

@@ -358,6 +358,87 @@ fn a_record_that_is_missing_is_noticed_whatever_it_was() {
 }
 
 #[test]
+fn up_to_14_records_that_are_missing_in_a_row_are_noticed() {
+    // They are counted modulo 16, and one that is there twice counts once.
+    let flash = Small::new(SECTORS);
+    let mut journal = Journal::open(flash.clone());
+    while journal.erase_step(4).unwrap() {}
+    journal.begin(1, ROBOT, 4).unwrap();
+    for _ in 0..20 {
+        journal.begun(0).unwrap();
+    }
+    let whole = flash.bytes();
+    for missing in 1..=14 {
+        for first in 2..22 - missing {
+            let mut bytes = whole.clone();
+            bytes[32 * first..32 * (first + missing)].fill(0);
+            flash.set_bytes(&bytes);
+            assert_eq!(Journal::open(flash.clone()).job(), None, "{missing} from {first} on");
+        }
+    }
+}
+
+#[test]
+fn a_record_of_a_job_before_the_present_one_counts_for_nothing_wherever_it_lies() {
+    let flash = Small::new(SECTORS);
+    let mut journal = Journal::open(flash.clone());
+    while journal.erase_step(4).unwrap() {}
+    journal.begin(1, ROBOT, 4).unwrap();
+    let place = |number: usize| 32 * number..32 * (number + 1);
+    let earlier = flash.bytes()[place(1)].to_vec();
+    journal.begin(2, ROBOT, 4).unwrap();
+    journal.committed(0, &layer(2, 0), true).unwrap();
+    let before = known(&mut journal);
+    let mut bytes = flash.bytes();
+    bytes[place(4)].copy_from_slice(&earlier);
+    bytes[place(5)].copy_from_slice(&earlier);
+    flash.set_bytes(&bytes);
+    assert_eq!(known(&mut Journal::open(flash)), before);
+}
+
+/// The most layers of a job that could begin now.
+fn room(journal: &Journal<Small>) -> u32 {
+    (0..=64).rev().find(|layers| !journal.needs_erasing(*layers)).unwrap_or(0)
+}
+
+#[test]
+fn after_any_job_all_places_can_be_used_and_none_twice() {
+    for records in 1..60 {
+        for restarted in [false, true] {
+            let flash = Small::new(SECTORS);
+            let mut journal = Journal::open(flash.clone());
+            while journal.erase_step(47).unwrap() {}
+            journal.begin(1, ROBOT, 4).unwrap();
+            (0..records).for_each(|_| journal.begun(0).unwrap());
+            journal.ended().unwrap();
+            while journal.erase_step(47).unwrap() {}
+            let mut places = 62;
+            if restarted {
+                // The first blank place may have been written to.
+                journal = Journal::open(flash.clone());
+                places -= 1;
+            }
+            assert_eq!(room(&journal), places - 15);
+            journal.begin(2, ROBOT, 46).unwrap();
+            (1..places).for_each(|_| journal.begun(0).unwrap());
+            assert_eq!(journal.job().copied(), Journal::open(flash.clone()).job().copied());
+            assert_eq!(journal.begun(0), Err(JournalError::Full), "{records} records");
+        }
+    }
+}
+
+#[test]
+fn a_job_that_cannot_begin_ends_the_one_that_has_not() {
+    let flash = Small::new(SECTORS);
+    let mut journal = Journal::open(flash.clone());
+    while journal.erase_step(4).unwrap() {}
+    journal.begin(1, ROBOT, 4).unwrap();
+    journal.begun(0).unwrap();
+    assert_eq!(journal.begin(2, ROBOT, 1000), Err(JournalError::Full));
+    assert_eq!((journal.job(), Journal::open(flash).job()), (None, None));
+}
+
+#[test]
 fn a_job_that_cannot_begin_leaves_the_one_that_has_ended() {
     let flash = Small::new(SECTORS);
     let mut journal = Journal::open(flash.clone());
@@ -374,13 +455,20 @@ type Try = fn(&mut Journal<Small>) -> Result<(), JournalError>;
 
 #[test]
 fn what_does_not_follow_ends_what_can_be_resumed() {
-    let out_of_order: [Try; 6] = [
+    let out_of_order: [Try; 8] = [
         |journal| journal.begun(3),
         |journal| journal.committed(1, &layer(1, 1), false),
         |journal| journal.skipped(3, &layer(1, 3)),
         |journal| journal.amended(1, 2, 8),
         |journal| journal.amended(9, 2, 8),
-        |journal| journal.amended(LAST_INDEX + 1, 2, u32::MAX),
+        // An index has 24 bits.
+        |journal| journal.amended(1 << 24, 2, u32::MAX),
+        // The job has four layers.
+        |journal| (2..5).try_for_each(|index| journal.committed(index, &layer(1, index), false)),
+        |journal| {
+            (2..4).try_for_each(|index| journal.committed(index, &layer(1, index), false))?;
+            journal.begun(4)
+        },
     ];
     for deed in out_of_order {
         let flash = Small::new(SECTORS);

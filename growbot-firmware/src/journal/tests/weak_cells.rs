@@ -210,6 +210,37 @@ fn a_record_that_reads_as_blank_and_is_back_after_others_were_written_costs_noth
     }
 }
 
+#[test]
+fn a_sector_that_one_start_has_found_blank_is_so_at_the_next_one() {
+    let whole = Small::new(SECTORS);
+    Deed::Erase(47).done(&mut Journal::open(whole.clone())).unwrap();
+    for sector in 0..SECTORS {
+        let offset = 1024 * sector;
+        let record: RecordBytes = whole.bytes()[offset..offset + 32].try_into().unwrap();
+        let flash = Small::new(SECTORS);
+        flash.set_bytes(&whole.bytes());
+        flash.weaken(offset, &record.map(|byte| !byte));
+        for reading in [record, BLANK, record.map(|byte| byte | 0xA5)] {
+            flash.read_weak_as(&reading);
+            // One place is passed over.
+            assert_eq!(room(&Journal::open(flash.clone())), 62 - 1 - 15, "sector {sector}");
+        }
+    }
+}
+
+#[test]
+fn a_record_that_cannot_be_read_at_one_start_is_not_back_at_the_next_one() {
+    for case in cases().iter().filter(|case| !matches!(case.deed, Deed::Erase(_))) {
+        // As flash that refuses to be read is taken.
+        assert_eq!(
+            flickering(case, &[&[0_u8; 32][..]; 3]),
+            [case.before.clone(), case.before.clone()],
+            "{:?}",
+            case.deed
+        );
+    }
+}
+
 /// The last record reads like this, again and again, at one start; then at the next one as it is. What both find.
 fn flickering(case: &Case, readings: &[&[u8]]) -> [Option<Known>; 2] {
     let flash = Small::new(SECTORS);
