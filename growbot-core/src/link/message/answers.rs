@@ -127,7 +127,7 @@ pub struct Status {
     pub temperature_centi_c: Option<i32>,
     /// What it is regulated to; none with the heater off.
     pub target_centi_c: Option<i32>,
-    /// Duty of the heater, 0 to 65,535.
+    /// Duty of the power stage, 0 to 65,535; in the proof test with the second switch open.
     pub duty: u16,
     /// The job, 0 for none.
     pub plan_id: u64,
@@ -299,7 +299,7 @@ pub struct FaultRecord {
     pub temperature_centi_c: Option<i32>,
     /// What it was regulated to.
     pub target_centi_c: Option<i32>,
-    /// Duty of the heater, 0 to 65,535.
+    /// Duty of the power stage, 0 to 65,535; in the proof test with the second switch open.
     pub duty: u16,
     /// What the other sensors said.
     pub sensors: SensorReadings,

@@ -1,7 +1,6 @@
 //! The heater on a nozzle with lag, noise and spread.
 
 mod faults;
-mod limits;
 mod plant;
 mod proof;
 mod regulating;

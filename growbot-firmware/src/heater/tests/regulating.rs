@@ -97,6 +97,21 @@ fn a_sensor_that_fails_ends_the_tuning() {
     }
 }
 
+#[test]
+fn a_reading_that_does_not_swing_for_90_s_ends_the_tuning() {
+    // So little power holds 60 degrees that supervision expects no change in the time that it looks back.
+    let mut rig = Rig::new(Spread { noise: 1.0, ..Spread::of(&mut Random::new(1), 0.0) }, 1);
+    rig.heater.tune(60.0, rig.now);
+    while rig.heater.tuning.is_some_and(|relay| relay.swing_s().is_none()) {
+        rig.step().unwrap();
+    }
+    rig.wrong = Wrong::Stuck;
+    let begin = rig.now;
+    assert_eq!(tune_on(&mut rig), Some(Fault::ThermistorFrozen));
+    let seconds = (rig.now - begin) as f64 * 1e-6;
+    assert!((89.0..=91.0).contains(&seconds), "after {seconds} s");
+}
+
 /// Goes on tuning until something is wrong.
 fn tune_on(rig: &mut Rig) -> Option<Fault> {
     (0..3000).find_map(|_| rig.step().err())

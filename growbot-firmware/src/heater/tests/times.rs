@@ -106,6 +106,22 @@ fn it_is_blind_where_power_flows_on_an_old_reading() {
 }
 
 #[test]
+fn the_power_is_wiggled_within_two_bands_of_the_target() {
+    let robot = robot();
+    let raw = reading(150.0, &robot.thermistor);
+    let reading_c = temperature(raw, &robot.thermistor).unwrap() as f32;
+    // The band is 3 C.
+    for (off, wiggles) in [(5.9, true), (6.0, false), (6.1, false), (-5.9, true), (-6.1, false)] {
+        let mut heater = Heater { target: Some(f64::from(reading_c + off)), ..Heater::default() };
+        for now in [1, 1 + PERIOD_US] {
+            let demand = Demand { supply_v: Some(12.0), ..Demand::default() };
+            heater.update(Some(raw), &demand, &robot, now).unwrap();
+        }
+        assert_eq!(heater.regulation.phase() > 0.0, wiggles, "{off}");
+    }
+}
+
+#[test]
 fn the_band_is_watched_to_its_edges() {
     const BAND: f32 = 4.0;
     let watch = |heater: &mut Heater, error: f32, now: u64| heater.watch_band(error, BAND, 1_000, now);
