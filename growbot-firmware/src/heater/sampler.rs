@@ -70,6 +70,11 @@ mod tests {
             sampler.take(raw);
         }
         assert_eq!(sampler.mean(), Some(600.0));
+        // As many of them are too few.
+        for raw in [4095, 600] {
+            sampler.take(raw);
+        }
+        assert_eq!(sampler.mean(), Some(600.0));
         for raw in [600, 4095, 4095] {
             sampler.take(raw);
         }

@@ -381,13 +381,13 @@ impl<F: MultiwriteNorFlash> Journal<F> {
             (self.next, self.free) = (self.around(self.next + 1), self.free - 1);
         }
         let Some((place, mut bytes)) = tail else { return };
-        let mut record = Record::from_bytes(&bytes);
-        for _ in 1..ATTEMPTS {
-            if record.is_none() {
-                bytes = self.read(Self::offset(place));
-                record = Record::from_bytes(&bytes);
+        let mut looks = 1;
+        let record = loop {
+            match Record::from_bytes(&bytes) {
+                None if looks < ATTEMPTS => (looks, bytes) = (looks + 1, self.read(Self::offset(place))),
+                found => break found,
             }
-        }
+        };
         match record {
             Some(record) => {
                 self.take(&record, place);
