@@ -12,13 +12,16 @@ use crate::testing::flash::Flash;
 type Small = Flash<1024>;
 const LAYER: Laid = Laid { as_built: [7; size_of::<LayerBytes>()], height_units: 1, lean_owed: [0; 2] };
 
-impl SupplyDetector for Rc<Cell<bool>> {
+type Supply = Rc<Cell<bool>>;
+
+impl SupplyDetector for Supply {
     fn is_enough(&self) -> bool {
         self.get()
     }
 }
 
-fn below(flash: &Small, enough: bool) -> (Supplied<Small, Rc<Cell<bool>>>, Rc<Cell<bool>>) {
+/// Flash below a detector, and what that says.
+fn below(flash: &Small, enough: bool) -> (Supplied<Small, Supply>, Supply) {
     let supply = Rc::new(Cell::new(enough));
     (Supplied::new(flash.clone(), Rc::clone(&supply)), supply)
 }

@@ -457,7 +457,7 @@ mod tests {
         sim.simulated_tip().enable(Motor::Head, true);
         sim.simulated_tip().set_nozzle_c(150.0);
         let before = Copies::find(&mut sim.kept()).1;
-        assert!(before.is_some());
+        assert!(before.is_ok());
         sim.reset(ResetCause::External);
         assert_eq!(Copies::find(&mut sim.kept()).1, before);
         assert_eq!((sim.state(), sim.fault()), (State::SelfTest, None));
