@@ -344,7 +344,7 @@ fn a_reading_must_follow_a_likely_fall_by_40_percent() {
         supervision.does_not_follow(&look(150.0 + change, hot, false))
     };
     assert_eq!(cools(26.0, 5.0, 0.0, true), None);
-    assert_eq!(cools(30.0, 5.0, -12.25, true), None);
+    assert_eq!(cools(30.0, 5.0, -12.0, true), None);
     assert_eq!(cools(30.0, 5.0, -11.75, true), Some(Fault::HeaterStuckOn));
     assert_eq!(cools(30.0, 4.75, -11.75, true), None);
     // Of a reading that has not risen either, who knows.
