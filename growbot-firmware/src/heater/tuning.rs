@@ -173,6 +173,17 @@ mod tests {
     }
 
     #[test]
+    fn the_levels_stay_within_the_power_where_most_of_it_is_needed() {
+        let robot = robot_a();
+        let nozzle = Nozzle::new(&Demand { supply_v: Some(12.0), ..Demand::default() }, robot.description());
+        let mut relay = Relay::default();
+        // 33 W of 50 W, and nine tenths of the 17 W that are left.
+        for (reading_c, duty) in [(299.0, 0.66 + 0.306), (301.0, 0.66 - 0.306)] {
+            assert!((relay.duty(300.0, reading_c, 0.25, &nozzle).unwrap() - duty).abs() < 1e-4);
+        }
+    }
+
+    #[test]
     fn the_gains_are_half_and_whole_of_tyreus_and_luybens() {
         let of = |amplitude_c: f32| {
             let sums = Sums { period_s: 4.0 * 10.0, amplitude_c: 4.0 * amplitude_c, relay: 4.0 * 0.3 };

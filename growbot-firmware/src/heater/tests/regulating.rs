@@ -41,6 +41,8 @@ fn tune(rig: &mut Rig) -> Result<Tuned, Fault> {
         rig.step()?;
         if let Some(tuned) = rig.heater.take_tuned() {
             assert_eq!((rig.heater.target(), rig.heater.duty()), (None, 0.0), "it is off when it is done");
+            // As a nozzle with lag swings about a hysteresis of 0.4 C or more.
+            assert!((0.4..5.0).contains(&tuned.amplitude_c), "{tuned:?}");
             return Ok(tuned);
         }
         assert!(rig.peak_c < 215.0 && rig.now < 600_000_000);
