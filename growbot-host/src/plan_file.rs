@@ -15,6 +15,7 @@ use crate::degrees::{degrees_below_turn, shortest_degrees, shortest_heading};
 use crate::input::{self, InputError};
 use crate::plan::{Choice, Plan, word};
 use crate::plan_check::PlanFault;
+use crate::printable;
 use crate::robot_file::{self, RobotFileError};
 use crate::warning::Warning;
 
@@ -311,13 +312,13 @@ impl PlanFile {
     /// The JSON in one line, with its newline: what goes to pipes.
     #[must_use]
     pub fn to_line(&self) -> String {
-        // Only maps with keys that are no strings could fail, and there are none.
-        serde_json::to_string(self).unwrap_or_default() + "\n"
+        printable::json_line(self)
     }
 
     /// The JSON in many lines: what goes to files.
     #[must_use]
     pub fn to_text(&self) -> String {
+        // Only maps with keys that are no strings could fail, and there are none.
         serde_json::to_string_pretty(self).unwrap_or_default() + "\n"
     }
 

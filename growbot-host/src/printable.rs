@@ -3,6 +3,8 @@
 
 use std::borrow::Cow;
 
+use serde::Serialize;
+
 /// Whether a terminal obeys this character instead of showing it: C0, DEL, C1, and what changes lines or the direction of writing.
 #[must_use]
 pub fn steers(letter: char) -> bool {
@@ -20,6 +22,23 @@ pub fn lines(text: &str) -> Cow<'_, str> {
 #[must_use]
 pub fn one_line(text: &str) -> Cow<'_, str> {
     without(text, steers)
+}
+
+/// A value as one line of JSON, with its newline. Such a character is escaped in it, so that whoever reads it has the very text.
+#[must_use]
+pub fn json_line(value: &impl Serialize) -> String {
+    // Only maps with keys that are no strings could fail, and there are none. What steers stands in strings alone.
+    let plain = serde_json::to_string(value).unwrap_or_default();
+    let mut line = String::with_capacity(plain.len() + 1);
+    for letter in plain.chars() {
+        if steers(letter) {
+            // All of them are below 0x10000.
+            line += &format!("\\u{:04x}", u32::from(letter));
+        } else {
+            line.push(letter);
+        }
+    }
+    line + "\n"
 }
 
 fn without(text: &str, goes: impl Fn(char) -> bool) -> Cow<'_, str> {
@@ -41,5 +60,15 @@ mod tests {
             (0..=0x10_ffff_u32).filter_map(char::from_u32).filter(|letter| steers(*letter)).count(),
             65 + 3 + 7 + 4
         );
+    }
+    #[test]
+    fn json_escapes_each_of_them_and_gives_the_very_text_back() {
+        let hostile: String = (0..=0x10_ffff_u32).filter_map(char::from_u32).filter(|letter| steers(*letter)).collect();
+        let text = format!("\"\\{hostile}73 \u{b0}");
+        let line = json_line(&serde_json::json!({ "id": text, &text: [1.5] }));
+        assert_eq!(lines(&line), line);
+        assert!(line.ends_with("}\n") && line.matches('\n').count() == 1 && line.contains("\\u202e\\u2066"), "{line}");
+        let read: serde_json::Value = serde_json::from_str(&line).unwrap();
+        assert_eq!((&read["id"], &read[&text]), (&text.clone().into(), &serde_json::json!([1.5])));
     }
 }

@@ -404,6 +404,19 @@ fn a_batch_is_answered_in_order_and_faults_do_not_stop_it() {
 }
 
 #[test]
+fn an_id_comes_back_as_it_was_and_steers_no_terminal() {
+    let id = "a\u{1b}[31m\u{7}\u{7f}\u{9b}2J\u{202e}\u{2066}\u{2028}\tb\u{e4}";
+    let rows = format!("{HEADER}\n{id},0,0,0,0,90,0,0,500,0,90\n{id},0,0,0,0,90,0,0,500,0,95\n");
+    let ran = growbot_reading(&["plan", "--batch", "-", "--json"], &rows);
+    assert_eq!(ran.out.lines().count(), 2, "{}", ran.out);
+    for line in ran.out.lines() {
+        assert_eq!(json(line)["id"], id, "{line}");
+        assert!(!line.contains(growbot_host::printable::steers), "{line:?}");
+        assert!(line.contains("\\u009b2J\\u202e\\u2066\\u2028\\tb\u{e4}"), "{line}");
+    }
+}
+
+#[test]
 fn a_batch_that_cannot_start_is_refused() {
     let batch = |text: &str| growbot_reading(&["plan", "--batch", "-", "--json"], text);
     assert_refused_in_a_line(&batch(""), 2, &["standard input", "no column id"]);

@@ -21,6 +21,7 @@ use columns::{Column, Columns};
 use crate::plan::{Plan, Search};
 use crate::plan_file::PlanFile;
 use crate::pose_text::{parse_number, pose_of_numbers};
+use crate::printable;
 
 /// Why a batch cannot go on.
 #[derive(Debug, thiserror::Error)]
@@ -101,7 +102,7 @@ impl Answer {
             Ok(plan) => PlanFile { id: Some(self.id.clone()), ..PlanFile::from(plan) }.to_line(),
             Err(error) => {
                 let failed = Failed { id: &self.id, error: error.to_string() };
-                serde_json::to_string(&failed).unwrap_or_default() + "\n"
+                printable::json_line(&failed)
             }
         }
     }

@@ -14,6 +14,7 @@ use growbot_host::growth::{Job, MeasuredBy, as_built_hash};
 use growbot_host::output::print;
 use growbot_host::plan::Plan;
 use growbot_host::plan_file::written_hash;
+use growbot_host::printable::json_line;
 use growbot_host::run_log::RunRecord;
 use serde_json::json;
 
@@ -85,7 +86,7 @@ pub fn run(args: &ReplayArgs) -> Result<(), Failure> {
                 "feedback": fed_back.as_ref().map(|(fed_back, plan)| json_of_feedback(fed_back, plan, None)),
             }),
         );
-        return Ok(print(&format!("{result}\n"))?);
+        return Ok(print(&json_line(&result))?);
     }
     let remark = if record.is_simulated() { ", simulated" } else { "" };
     let plan_id = written_hash(record.plan_id);

@@ -6,6 +6,7 @@ use std::thread;
 
 use clap::Args;
 use growbot_host::output::{OutputError, print, replace_file};
+use growbot_host::printable::json_line;
 use growbot_host::progress::{Progress, Results};
 use growbot_host::reproduce::{FIGURES, REPEATS, Reproduction, Request, SEED, TABLES, paper, tables};
 
@@ -84,7 +85,7 @@ pub fn run(args: &ReproduceArgs) -> Result<(), Failure> {
         }
         growbot_host::tell!("growbot: {} files written to {}", files.len(), directory.display());
     }
-    let text = if args.json { format!("{}\n", tables::json(&done)) } else { tables::summary(&done) };
+    let text = if args.json { json_line(&tables::json(&done)) } else { tables::summary(&done) };
     Ok(print(&text)?)
 }
 

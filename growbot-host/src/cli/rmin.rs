@@ -2,6 +2,7 @@
 
 use clap::Args;
 use growbot_host::output::print;
+use growbot_host::printable::json_line;
 use serde::Serialize;
 
 use super::{Failure, RobotArg};
@@ -38,8 +39,7 @@ pub fn run(args: &RminArgs) -> Result<(), Failure> {
         r_min_layers_mm: robot.least_radius_of_layers(),
     };
     if args.json {
-        let line = serde_json::to_string(&rmin).map_err(Failure::bad_input)?;
-        return Ok(print(&(line + "\n"))?);
+        return Ok(print(&json_line(&rmin))?);
     }
     let Rmin { robot, r_min_mm, r_min_geometry_mm, r_min_layers_mm } = rmin;
     Ok(print(&format!(

@@ -7,6 +7,7 @@ use clap::Args;
 use growbot_core::angle::degrees;
 use growbot_core::robot::Robot;
 use growbot_host::output::print;
+use growbot_host::printable::json_line;
 use growbot_host::robot_explained::{Explained, Field};
 use growbot_host::robot_questions::{NO_LIMIT, UNLIMITED};
 use growbot_host::{robot_file, schema};
@@ -44,10 +45,10 @@ pub fn run(args: &RobotsArgs) -> Result<(), Failure> {
         (None, true) => {
             let robots: Result<Vec<Value>, Failure> =
                 robot_file::names().map(|name| Ok(overview(&Explained::of(Path::new(name))?))).collect();
-            format!("{}\n", Value::from(robots?))
+            json_line(&Value::from(robots?))
         }
         (None, false) => table()?,
-        (Some(robot), true) => format!("{}\n", in_full(&Explained::of(robot)?)),
+        (Some(robot), true) => json_line(&in_full(&Explained::of(robot)?)),
         (Some(robot), false) => in_words(&Explained::of(robot)?),
     };
     Ok(print(&text)?)

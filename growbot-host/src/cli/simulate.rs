@@ -11,6 +11,7 @@ use growbot_host::feedback::ASSUMED;
 use growbot_host::output::print;
 use growbot_host::plan_file::WrittenPose;
 use growbot_host::pose_text::parse_number;
+use growbot_host::printable::json_line;
 use growbot_host::progress::{Progress, Results};
 use growbot_host::simulation::campaign::Campaign;
 use growbot_host::simulation::statistics::Statistics;
@@ -115,7 +116,7 @@ pub fn run(args: &SimulateArgs) -> Result<(), Failure> {
             warn(&outcome.hung.map(|hung| simulation.warnings(&hung)).unwrap_or_default());
             let seed = args.disturbance.seed;
             Ok(print(&if args.json {
-                format!("{}\n", json_of(&outcome, simulation.path_length(), seed))
+                json_line(&json_of(&outcome, simulation.path_length(), seed))
             } else {
                 simulate_table::growth(&plan.goal, &outcome, seed)
             })?)
@@ -125,7 +126,7 @@ pub fn run(args: &SimulateArgs) -> Result<(), Failure> {
             warn(&campaign.hung.map(|hung| simulation.warnings(&hung)).unwrap_or_default());
             let seed = args.disturbance.seed;
             Ok(print(&if args.json {
-                format!("{}\n", json_of_campaign(&campaign, simulation.path_length(), seed))
+                json_line(&json_of_campaign(&campaign, simulation.path_length(), seed))
             } else {
                 simulate_table::campaign(&campaign, robot.name(), simulation.path_length(), seed)
             })?)

@@ -11,6 +11,7 @@ use growbot_core::link::message::{
 use growbot_host::client::{Client, ClientError};
 use growbot_host::crash::{Crash, Image};
 use growbot_host::output::print;
+use growbot_host::printable::json_line;
 use serde_json::{Value, json};
 
 use super::flash::built_images;
@@ -45,7 +46,7 @@ pub fn run(args: &StatusArgs) -> Result<(), Failure> {
     let mut client = port.client(&robot)?;
     let mut report = Report::of(&mut client, port.is_simulated())?;
     report.look_up_in(given)?;
-    print(&if args.json { format!("{}\n", report.json()) } else { report.text() })?;
+    print(&if args.json { json_line(&report.json()) } else { report.text() })?;
     Ok(())
 }
 

@@ -10,6 +10,7 @@ use growbot_host::input;
 use growbot_host::output::{ending, print, refuse_inputs, replace_file, unknown_ending};
 use growbot_host::plan_file::WrittenPose;
 use growbot_host::pose_text::{parse_pose, pose_of_numbers};
+use growbot_host::printable::json_line;
 use growbot_host::progress::{Progress, Results};
 use growbot_host::workspace::{DIRECTIONS, POSITIONS, Question, Workspace, svg, workspace};
 use serde_json::{Value, json};
@@ -118,7 +119,7 @@ pub fn run(args: &WorkspaceArgs) -> Result<(), Failure> {
         replace_file(path, svg(&question, &answer).as_bytes())?;
         growbot_host::tell!("growbot: section drawn to {}", path.display());
     }
-    let text = if args.json { format!("{}\n", json_of(args, &question, &answer)) } else { table(&question, &answer) };
+    let text = if args.json { json_line(&json_of(args, &question, &answer)) } else { table(&question, &answer) };
     Ok(print(&text)?)
 }
 
