@@ -192,6 +192,24 @@ fn ctrl_c_stops_the_robot_of_a_script_that_waits() {
 }
 
 #[test]
+fn a_script_that_ends_while_the_robot_heats_says_so() {
+    for (line, code, parts) in [
+        ("dance", 1, &["line 4 failed", "2 more commands are not carried out, among them `stop` in line 6"][..]),
+        ("quit", 0, &[][..]),
+    ] {
+        let bench = Bench::new();
+        let script = format!("plan 0,0,60,0,90\nstart\nwait 5\n{line}\nstatus\nstop\n");
+        let ran = Growing::run(&["console", "--port", &bench.name], &script).end();
+        assert_eq!(ran.code, Some(code), "{}", ran.err);
+        let remedy = format!("`growbot stop --port {}`", bench.name);
+        for part in [&["the robot is heating", "finishes the layer under way", "300 s", &remedy], parts].concat() {
+            assert!(ran.err.contains(part), "no {part:?}: {}", ran.err);
+        }
+        assert!(bench.seen().heats);
+    }
+}
+
+#[test]
 fn the_stop_passes_noise_while_grow_holds_the_port() {
     let bench = Bench::new();
     let growing = Growing::begin(&bench);
@@ -308,7 +326,14 @@ fn whatever_keeps_an_emergency_stop_from_the_board_the_power_is_to_be_cut() {
     assert_power_to_be_cut(&estop("/proc/self/status"), &["/proc/self/status"]);
     assert_power_to_be_cut(&estop("emulator:/no/such.elf"), &["/no/such.elf"]);
     let free = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
-    assert_power_to_be_cut(&estop(&format!("tcp:127.0.0.1:{free}")), &["nobody answers"]);
+    let refused = estop(&format!("tcp:127.0.0.1:{free}"));
+    assert_power_to_be_cut(&refused, &["nobody answers", "refused", "; tried ", " times in 3."]);
+    let lost = growbot(&["estop", "--port", "sim", "--fault", "drop=100%"]);
+    assert_power_to_be_cut(&lost, &["(sim has not answered for 3 s; tried ", " times in 3."]);
+    for ran in [&refused, &lost] {
+        assert!(!ran.err.contains("no connection within"), "{}", ran.err);
+        assert_eq!((ran.err.matches("NOBODY").count(), ran.err.lines().count()), (1, 1), "{}", ran.err);
+    }
     // Somebody else is connected, and this connection waits for its turn.
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let held = format!("tcp:{}", listener.local_addr().unwrap());

@@ -3,11 +3,12 @@
 use std::fmt::Display;
 use std::process::ExitCode;
 use std::thread::sleep;
+use std::time::Duration;
 
 use clap::Args;
 use growbot_host::client::{Client, EMERGENCY_LIMIT, EMERGENCY_PAUSE};
 use growbot_host::output::print;
-use growbot_host::port::{self, PortName, real_time};
+use growbot_host::port::{self, PortError, PortName, real_time};
 
 use super::{ChosenPort, Failure, RobotArg, RobotPortArg};
 
@@ -54,28 +55,56 @@ pub fn usage_error(error: &clap::Error) -> ExitCode {
 
 /// Has the board stop, or tells why nobody knows whether it has.
 fn stop(port: &ChosenPort, robot: &RobotArg) -> Result<(), String> {
+    let mut attempts = 0;
     if port.is_simulated() {
         let robot = robot.load().map_err(|failure| failure.message().to_string())?;
         let mut client = port.client(&robot).map_err(|failure| failure.message().to_string())?;
-        return client.emergency_stop().map_err(|error| error.to_string());
+        let began = client.port().now();
+        let why = match client.emergency_stop_within(EMERGENCY_LIMIT, &mut attempts) {
+            Ok(true) => return Ok(()),
+            Ok(false) => unheard(port),
+            Err(error) => error.to_string(),
+        };
+        return Err(tried(&why, attempts, client.port().now().saturating_sub(began)));
     }
     let began = real_time();
-    let left = || EMERGENCY_LIMIT.saturating_sub(real_time().saturating_sub(began));
+    let elapsed = || real_time().saturating_sub(began);
+    let left = || EMERGENCY_LIMIT.saturating_sub(elapsed());
+    let mut why: Option<PortError> = None;
     loop {
         // A line that breaks or is not there may come back: it is opened anew for as long as a stop is tried.
-        let why = match port::open_for_emergency_stop(port.name(), left()) {
-            Err(error) => error,
-            Ok(line) => match Client::new(line, port.text()).emergency_stop_within(left()) {
+        let error = match port::open_for_emergency_stop(port.name(), left()) {
+            Err(error) => {
+                attempts += 1;
+                error
+            }
+            Ok(line) => match Client::new(line, port.text()).emergency_stop_within(left(), &mut attempts) {
                 Ok(true) => return Ok(()),
-                Ok(false) => return Err(unheard(port)),
+                Ok(false) => {
+                    let why = why.map_or_else(|| unheard(port), |error| error.to_string());
+                    return Err(tried(&why, attempts, elapsed()));
+                }
                 Err(error) => error,
             },
         };
-        if left().is_zero() {
-            return Err(why.to_string());
+        let is_over = left().is_zero();
+        // That the time was over in the midst of the last attempt is no reason where there was one before.
+        let latest = match why {
+            Some(before) if is_over => before,
+            _ => error,
+        };
+        if is_over {
+            return Err(tried(&latest.to_string(), attempts, elapsed()));
         }
+        why = Some(latest);
         sleep(EMERGENCY_PAUSE.min(left()));
     }
+}
+
+/// A reason, how often a stop was tried and for how long.
+fn tried(why: &str, attempts: u32, time: Duration) -> String {
+    let times = if attempts == 1 { "once" } else { &format!("{attempts} times") };
+    format!("{why}; tried {times} in {:.1} s", time.as_secs_f64())
 }
 
 /// The bytes were sent for as long as they are, and no answer came.

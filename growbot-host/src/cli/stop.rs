@@ -2,6 +2,7 @@
 
 use clap::Args;
 use growbot_core::link::message::{Empty, Message};
+use growbot_host::client::ClientError;
 use growbot_host::output::print;
 
 use super::{Failure, RobotArg, RobotPortArg};
@@ -23,6 +24,12 @@ pub fn run(args: &StopArgs) -> Result<(), Failure> {
     let port = args.port.choose()?;
     let robot = args.robot.load()?;
     let mut client = port.client(&robot)?;
-    client.request("to stop", &Message::Stop(Empty {}))?;
+    client.request("to stop", &Message::Stop(Empty {})).map_err(|error| match error {
+        ClientError::Refused { .. } => error.into(),
+        error => Failure::bad_input(format!(
+            "{error}; the robot may still be hot or moving: give the emergency stop (`growbot estop --port {}`), or cut its power",
+            port.text()
+        )),
+    })?;
     Ok(print(&format!("stopped: heater and steppers of the {}robot are off\n", port.kind()))?)
 }

@@ -23,10 +23,11 @@ impl Client {
     /// # Errors
     /// [`ClientError::NotStopped`]: then the power must be cut.
     pub fn emergency_stop(&mut self) -> Result<(), ClientError> {
+        let mut sent = 0;
         let began = self.port.now();
         for _ in 0..MOST_BREAKS {
             let left = EMERGENCY_LIMIT.saturating_sub(self.port.now().saturating_sub(began));
-            match self.emergency_stop_within(left) {
+            match self.emergency_stop_within(left, &mut sent) {
                 Ok(true) => return Ok(()),
                 Ok(false) => break,
                 Err(_) => sleep(EMERGENCY_PAUSE.min(left)),
@@ -35,18 +36,19 @@ impl Client {
         Err(ClientError::NotStopped { port: self.name.clone() })
     }
 
-    /// The same for so long. Whether the board has obeyed.
+    /// The same for so long. Whether the board has obeyed; the stops are added to those `sent`.
     ///
     /// # Errors
     /// The line is broken.
-    pub fn emergency_stop_within(&mut self, limit: Duration) -> Result<bool, PortError> {
+    pub fn emergency_stop_within(&mut self, limit: Duration, sent: &mut u32) -> Result<bool, PortError> {
         let began = self.port.now();
         loop {
             // One that does not go out is followed by others.
             let _ = self.port.send_emergency_stop();
-            let sent = self.port.now();
+            *sent += 1;
+            let sent_at = self.port.now();
             loop {
-                let waited = self.port.now().saturating_sub(sent);
+                let waited = self.port.now().saturating_sub(sent_at);
                 if waited >= EMERGENCY_PAUSE {
                     break;
                 }

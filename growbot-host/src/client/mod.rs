@@ -38,6 +38,34 @@ const MOST_LOOKS_AT_SELF_TEST: u32 = 60;
 /// with such pauses.
 const SELF_TEST_LOOK: Duration = Duration::from_millis(50);
 
+/// An emergency stop by the link counts as released within 20 ms; it is looked so often whether it is,
+const MOST_LOOKS_AT_RELEASE: u32 = 6;
+/// with such pauses.
+const LOOK_AT_RELEASE: Duration = Duration::from_millis(50);
+
+/// How a board was stopped.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stopped {
+    /// By a request: its body can be resumed.
+    ByRequest,
+    /// The request was not answered, and the emergency stop was.
+    AtOnce,
+}
+
+impl Stopped {
+    /// In words.
+    #[must_use]
+    pub fn in_words(self, is_simulated: bool) -> String {
+        let kind = if is_simulated { "simulated " } else { "" };
+        match self {
+            Self::ByRequest => format!("stopped: heater and steppers of the {kind}robot are off"),
+            Self::AtOnce => format!(
+                "emergency stop, as the request to stop was not answered: heater and steppers of the {kind}robot are off, until it is cleared (`clear` in `growbot console`)"
+            ),
+        }
+    }
+}
+
 /// The host's end of the link to one board.
 ///
 /// Dropped, it says goodbye, so that the board knows that it is alone.
@@ -253,6 +281,34 @@ impl Client {
             }
             other => Err(ClientError::Unexpected { request: what, kind: other.kind() }),
         }
+    }
+
+    /// Stops the board: by a request, after which its body can be resumed, or by the emergency stop where that is not answered.
+    ///
+    /// # Errors
+    /// A refusal; [`ClientError::NotStopped`]: nobody knows whether it has stopped, and the power must be cut.
+    pub fn stop(&mut self) -> Result<Stopped, ClientError> {
+        match self.request("to stop", &Message::Stop(Empty {})) {
+            Ok(_) => Ok(Stopped::ByRequest),
+            Err(error @ ClientError::Refused { .. }) => Err(error),
+            Err(_) => self.emergency_stop().map(|()| Stopped::AtOnce),
+        }
+    }
+
+    /// Leaves a fault or an emergency stop. The board refuses that for some milliseconds after a stop by the link, as while the button is
+    /// pressed: it is asked again for a while.
+    ///
+    /// # Errors
+    /// As [`Client::request`].
+    pub fn clear_fault(&mut self) -> Result<(), ClientError> {
+        let (what, request) = ("to clear the fault", Message::ClearFault(Empty {}));
+        for _ in 0..MOST_LOOKS_AT_RELEASE {
+            match self.request(what, &request) {
+                Err(ClientError::Refused { refusal: Refusal::EmergencyStop, .. }) => self.pass(LOOK_AT_RELEASE)?,
+                done => return done.map(drop),
+            }
+        }
+        self.request(what, &request).map(drop)
     }
 
     /// Stops a board whose clock has gone from the port's, as the answers to [`Client::status`] tell: by a request, after which its body can
@@ -610,10 +666,12 @@ mod tests {
     use crate::port::PortError;
     use crate::port::sim::Sim;
     use crate::robot_file;
+    use crate::tip::TipFault;
     use growbot_core::layer::Layer;
     use growbot_core::layer_bytes::Encoder;
+    use growbot_core::link::emergency_stop::EMERGENCY_STOP;
     use growbot_core::link::message::Begin;
-    use std::cell::Cell;
+    use std::cell::{Cell, RefCell};
     use std::rc::Rc;
 
     /// A port that counts what the host sends.
@@ -656,5 +714,54 @@ mod tests {
         println!("{bytes} bytes for 4,096 layers: {:.1} % layers, {seconds:.2} s at 115200 baud", 100.0 * share);
         assert!(share >= 0.85 && seconds < 8.0);
         assert_eq!(client.repeated(), 0);
+    }
+
+    /// A line that carries nothing to the board but the emergency stop.
+    struct OnlyStops(Rc<RefCell<Sim>>);
+
+    impl Port for OnlyStops {
+        fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+            if bytes == EMERGENCY_STOP { self.0.send(bytes) } else { Ok(()) }
+        }
+
+        fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, PortError> {
+            self.0.receive(buffer, timeout)
+        }
+
+        fn now(&self) -> Duration {
+            self.0.now()
+        }
+    }
+
+    fn shared_sim() -> Rc<RefCell<Sim>> {
+        Rc::new(RefCell::new(Sim::new(robot_file::load("growbot-a".as_ref()).unwrap())))
+    }
+
+    #[test]
+    fn a_stop_that_is_not_answered_becomes_the_emergency_stop() {
+        let sim = shared_sim();
+        let mut client = Client::new(Box::new(OnlyStops(Rc::clone(&sim))), "sim");
+        assert_eq!(client.stop().unwrap(), Stopped::AtOnce);
+        assert_eq!(sim.borrow().state(), State::EmergencyStop);
+        let mut client = Client::new(Box::new(shared_sim()), "sim");
+        client.hello().unwrap();
+        assert_eq!(client.stop().unwrap(), Stopped::ByRequest);
+    }
+
+    #[test]
+    fn an_emergency_stop_by_the_link_is_cleared_at_once_and_one_of_a_button_that_is_pressed_is_not() {
+        let sim = shared_sim();
+        let mut client = Client::new(Box::new(Rc::clone(&sim)), "sim");
+        client.hello().unwrap();
+        for _ in 0..3 {
+            client.emergency_stop().unwrap();
+            assert_eq!(sim.borrow().state(), State::EmergencyStop);
+            client.clear_fault().unwrap();
+            assert_eq!(sim.borrow().state(), State::Idle);
+        }
+        sim.borrow_mut().inject(TipFault::EmergencyStop);
+        client.pass(Duration::from_millis(100)).unwrap();
+        let refused = client.clear_fault().unwrap_err();
+        assert!(matches!(refused, ClientError::Refused { refusal: Refusal::EmergencyStop, .. }), "{refused}");
     }
 }
