@@ -11,7 +11,7 @@ use growbot_core::path::{Segment, end};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_host::client::Client;
-use growbot_host::growth::{Grown, Job, News, Order, Orders, Outcome, grow_job};
+use growbot_host::growth::{Grown, GrowthError, Job, News, Order, Orders, Outcome, grow_job};
 use growbot_host::port::sim::Sim;
 use growbot_host::port::{Port, PortError, TipRecord};
 
@@ -21,7 +21,16 @@ fn grow(order: impl FnMut(&News, &Orders)) -> (Grown, Vec<News>) {
 }
 
 /// The same, over another line.
-fn grow_over(mut order: impl FnMut(&News, &Orders), line: impl FnOnce(Sim) -> Box<dyn Port>) -> (Grown, Vec<News>) {
+fn grow_over(order: impl FnMut(&News, &Orders), line: impl FnOnce(Sim) -> Box<dyn Port>) -> (Grown, Vec<News>) {
+    let (grown, told) = try_to_grow(order, line);
+    (grown.unwrap(), told)
+}
+
+/// The same, which may come to nothing.
+fn try_to_grow(
+    mut order: impl FnMut(&News, &Orders),
+    line: impl FnOnce(Sim) -> Box<dyn Port>,
+) -> (Result<Grown, GrowthError>, Vec<News>) {
     let robot: Robot = growbot_host::robot_file::load("growbot-a".as_ref()).unwrap();
     let path = [Segment::Straight { length: 20.0 * 0.774 }];
     let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
@@ -33,7 +42,7 @@ fn grow_over(mut order: impl FnMut(&News, &Orders), line: impl FnOnce(Sim) -> Bo
         order(news, &orders);
         told.push(news.clone());
     });
-    (grown.unwrap(), told)
+    (grown, told)
 }
 
 fn tells(told: &[News], wanted: &News) -> usize {
@@ -177,6 +186,8 @@ struct Overheard {
     sim: Sim,
     receiver: Receiver,
     starts: Rc<Cell<u32>>,
+    /// From the first of them on, nothing comes back.
+    goes_deaf: bool,
 }
 
 impl Port for Overheard {
@@ -189,12 +200,28 @@ impl Port for Overheard {
     }
 
     fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, PortError> {
-        self.sim.receive(buffer, timeout)
+        let count = self.sim.receive(buffer, timeout)?;
+        Ok(if self.goes_deaf && self.starts.get() > 0 { 0 } else { count })
     }
 
     fn now(&self) -> Duration {
         self.sim.now()
     }
+}
+
+impl Overheard {
+    fn new(sim: Sim, starts: &Rc<Cell<u32>>, goes_deaf: bool) -> Self {
+        Self { sim, receiver: Receiver::default(), starts: Rc::clone(starts), goes_deaf }
+    }
+}
+
+#[test]
+fn a_start_whose_answer_is_lost_may_have_heated() {
+    let starts = Rc::default();
+    let outcome = try_to_grow(|_, _| {}, |sim| Box::new(Overheard::new(sim, &starts, true))).0;
+    assert!(starts.get() > 0);
+    let Err(error @ GrowthError::During(_)) = outcome else { panic!("{outcome:?}") };
+    assert!(error.to_string().contains("the robot may still be growing"), "{error}");
 }
 
 #[test]
@@ -207,7 +234,7 @@ fn a_stop_before_the_start_heats_nothing() {
                     orders.give(Order::Stop);
                 }
             },
-            |sim| Box::new(Overheard { sim, receiver: Receiver::default(), starts: Rc::clone(&starts) }),
+            |sim| Box::new(Overheard::new(sim, &starts, false)),
         );
         assert_eq!(grown.outcome, if stops { Outcome::Stopped } else { Outcome::Done });
         assert_eq!(starts.get(), u32::from(!stops));

@@ -14,6 +14,7 @@ use growbot_host::growth::{Grown, GrowthError, MeasuredBy, News, Order, Outcome,
 use growbot_host::output::print;
 use growbot_host::plan::Plan;
 use growbot_host::plan_file::{WrittenPose, written_hash};
+use growbot_host::printable::json_line;
 use growbot_host::progress::{Progress, Results};
 use growbot_host::run_log::{RunLog, RunLogError};
 use growbot_host::watch::Watch;
@@ -84,7 +85,7 @@ impl Following<'_> {
                 let logged = self.end(&mut result);
                 // That the robot is lost is told whether or not the result can be printed.
                 if self.json
-                    && let Err(error) = print(&format!("{result}\n"))
+                    && let Err(error) = print(&json_line(&result))
                 {
                     Failure::from(error).say();
                 }
@@ -96,7 +97,7 @@ impl Following<'_> {
             Err(error) => {
                 self.log.discard();
                 if !matches!(&error, GrowthError::Before(error) if !matches!(error, ClientError::Refused { .. })) {
-                    refuse(self.json, self.plan, self.simulated)?;
+                    refuse(self.json, self.plan, self.simulated);
                 }
                 if let Some(watch) = self.watch.take() {
                     let mut result = json_of("refused", None, self.plan, self.seed, self.simulated);
@@ -134,7 +135,7 @@ impl Following<'_> {
         let mut result = json_of(grown.outcome.name(), Some(grown), self.plan, self.seed, self.simulated);
         let logged = self.end(&mut result);
         let printed = print(&if self.json {
-            format!("{result}\n")
+            json_line(&result)
         } else {
             growth_table::table(self.plan, self.robot, grown, self.seed, self.simulated)
         });
@@ -229,12 +230,11 @@ impl Logging {
     }
 }
 
-/// The line of JSON of a growth that did not begin.
-pub fn refuse(json: bool, plan: &Plan, simulated: bool) -> Result<(), Failure> {
-    if json {
-        print(&format!("{}\n", json_of("refused", None, plan, None, simulated)))?;
+/// The line of JSON of a growth that did not begin. Why it did not is told whether or not this can be printed.
+pub fn refuse(json: bool, plan: &Plan, simulated: bool) {
+    if json && let Err(error) = print(&json_line(&json_of("refused", None, plan, None, simulated))) {
+        Failure::from(error).say();
     }
-    Ok(())
 }
 
 /// The result as scripts read it. What was not grown is where it started.

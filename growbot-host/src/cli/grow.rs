@@ -98,7 +98,7 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     }
     if !preventing.is_empty() && !args.force {
         let codes: Vec<_> = preventing.iter().map(|warning| warning.code.as_str()).collect();
-        refuse(args.json, &plan, port.is_simulated())?;
+        refuse(args.json, &plan, port.is_simulated());
         return Err(Failure::answered_no(format!(
             "not grown because of {}: change the plan, or grow it all the same with --force",
             codes.join(", ")

@@ -3,11 +3,12 @@
 use std::time::Duration;
 
 use clap::Args;
-use growbot_core::link::message::{Empty, Message, State, Tune, Tuned};
-use growbot_host::client::Client;
+use growbot_core::link::message::{Message, State, Tune, Tuned};
+use growbot_host::client::{Client, ClientError};
 use growbot_host::growth::Orders;
 use growbot_host::output::print;
 use growbot_host::pose_text::parse_number;
+use growbot_host::printable::json_line;
 use serde_json::json;
 
 use super::following::stopped_for;
@@ -50,17 +51,14 @@ pub fn run(args: &TuneArgs) -> Result<(), Failure> {
     client.hello_robot(&robot)?;
     // Before anything heats: from here on Ctrl-C stops the board.
     let orders = stop_on_interrupt(&mut client, &port);
-    client.request("to tune", &Message::Tune(Tune { target_centi_c: (target * 100.0) as i32 }))?;
-    growbot_host::tell!("growbot: tuning at {target} C; this takes some minutes");
-    let tuned = follow(&mut client, &orders, port.is_simulated())?;
+    let tuned = tune(&mut client, &orders, target, port.is_simulated())?;
     let gains = &tuned.gains;
     print(&if args.json {
-        let result = json!({
+        json_line(&json!({
             "kp": gains.kp, "ki": gains.ki, "kd": gains.kd,
             "period_s": tuned.period_s, "amplitude_c": tuned.amplitude_c,
             "simulated": port.is_simulated(),
-        });
-        format!("{result}\n")
+        }))
     } else {
         let caution = if port.is_simulated() {
             "# found on a simulated robot: they suit no real one, which finds its own\n"
@@ -75,23 +73,39 @@ pub fn run(args: &TuneArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-fn follow(client: &mut Client, orders: &Orders, simulated: bool) -> Result<Tuned, Failure> {
+/// Has the board tune, unless it was to stop before.
+fn tune(client: &mut Client, orders: &Orders, target: f64, is_simulated: bool) -> Result<Tuned, Failure> {
+    if orders.stops() {
+        return Err(Failure::answered_no("stopped before anything was heated"));
+    }
+    client.request("to tune", &Message::Tune(Tune { target_centi_c: (target * 100.0) as i32 })).map_err(lost)?;
+    growbot_host::tell!("growbot: tuning at {target} C; this takes some minutes");
+    follow(client, orders, is_simulated)
+}
+
+/// A board that was to tune does not answer.
+fn lost(error: ClientError) -> Failure {
+    match error {
+        ClientError::Refused { .. } | ClientError::NotStopped { .. } => error.into(),
+        error => Failure::answered_no(format!(
+            "{error}; the robot may still be heating: see `growbot status`, and cut its power if that does not answer"
+        )),
+    }
+}
+
+fn follow(client: &mut Client, orders: &Orders, is_simulated: bool) -> Result<Tuned, Failure> {
     loop {
         if orders.stops() {
-            client.request("to stop", &Message::Stop(Empty {}))?;
-            return Err(Failure::answered_no(format!(
-                "stopped: heater and steppers of the {}robot are off",
-                kind(simulated)
-            )));
+            return Err(Failure::answered_no(client.stop()?.in_words(is_simulated)));
         }
         if let Some(drift) = client.stop_if_clock_drifts()? {
-            return Err(stopped_for(&drift, simulated));
+            return Err(stopped_for(&drift, is_simulated));
         }
-        match client.event(QUIET)? {
+        match client.event(QUIET).map_err(lost)? {
             Some(Message::Tuned(tuned)) => return Ok(tuned),
             Some(_) => {}
             None => {
-                let status = client.status()?;
+                let status = client.status().map_err(lost)?;
                 match (status.state, status.fault) {
                     (State::Tuning, _) => {}
                     (_, Some(fault)) => {
@@ -106,5 +120,50 @@ fn follow(client: &mut Client, orders: &Orders, simulated: bool) -> Result<Tuned
                 }
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::cell::RefCell;
+    use std::rc::Rc;
+
+    use growbot_host::port::sim::Sim;
+    use growbot_host::robot_file;
+
+    use super::*;
+
+    /// A board, and a client that has said hello to it.
+    fn board() -> (Rc<RefCell<Sim>>, Client) {
+        let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
+        let sim = Rc::new(RefCell::new(Sim::new(robot.clone())));
+        let mut client = Client::new(Box::new(Rc::clone(&sim)), "sim");
+        client.hello_robot(&robot).unwrap();
+        (sim, client)
+    }
+
+    #[test]
+    fn an_interruption_before_the_board_tunes_heats_nothing() {
+        let (sim, mut client) = board();
+        let orders = Orders::default();
+        orders.interrupt();
+        let Err(failure) = tune(&mut client, &orders, 200.0, true) else { panic!("it has tuned") };
+        assert!(failure.message().contains("before anything was heated"), "{}", failure.message());
+        assert_eq!(sim.borrow().state(), State::Idle);
+        assert!(sim.borrow_mut().simulated_tip().nozzle_c() < 30.0);
+    }
+
+    #[test]
+    fn an_interruption_while_the_board_tunes_stops_it() {
+        let (sim, mut client) = board();
+        let orders = Orders::default();
+        client.request("to tune", &Message::Tune(Tune { target_centi_c: 20_000 })).unwrap();
+        client.pass(Duration::from_secs(5)).unwrap();
+        assert_eq!(sim.borrow().state(), State::Tuning);
+        orders.interrupt();
+        let Err(failure) = follow(&mut client, &orders, true) else { panic!("it has tuned") };
+        assert_eq!(failure.message(), "stopped: heater and steppers of the simulated robot are off");
+        assert_eq!(sim.borrow().state(), State::Stopped);
+        assert!(!sim.borrow_mut().simulated_tip().heater_is_on());
     }
 }

@@ -204,7 +204,7 @@ pub fn grow_job<'a>(
     tell: &mut dyn FnMut(&News),
 ) -> Result<Grown, GrowthError> {
     let mut growth = Growth::begin(client, job, manner.into(), tell)?;
-    growth.start_unless_stopped(orders).map_err(GrowthError::Before)?;
+    growth.start_unless_stopped(orders)?;
     growth.finish(orders, tell)
 }
 
@@ -222,7 +222,7 @@ pub fn resume_job<'a>(
     tell: &mut dyn FnMut(&News),
 ) -> Result<Grown, GrowthError> {
     let mut growth = Growth::take_up(client, job, known, cut, manner.into(), tell)?;
-    growth.start_unless_stopped(orders).map_err(GrowthError::Before)?;
+    growth.start_unless_stopped(orders)?;
     growth.finish(orders, tell)
 }
 
@@ -307,8 +307,15 @@ impl<'a> Growth<'a> {
     }
 
     /// Starts, unless it was to stop while layers were handed over: then nothing is heated.
-    fn start_unless_stopped(&mut self, orders: &Orders) -> Result<(), ClientError> {
-        if orders.stops() { Ok(()) } else { self.start() }
+    fn start_unless_stopped(&mut self, orders: &Orders) -> Result<(), GrowthError> {
+        if orders.stops() {
+            return Ok(());
+        }
+        self.start().map_err(|error| match error {
+            ClientError::Refused { .. } => GrowthError::Before(error),
+            // It may have started, and only the answer is lost.
+            error => GrowthError::During(error),
+        })
     }
 
     fn start(&mut self) -> Result<(), ClientError> {
