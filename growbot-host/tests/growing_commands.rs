@@ -6,7 +6,7 @@ mod running;
 use serde_json::Value;
 
 use fake_board::FakeBoard;
-use running::{PROGRAM, Ran, command, growbot, growbot_reading, growbot_reading_bytes};
+use running::{PROGRAM, Ran, command, growbot, growbot_reading, growbot_reading_bytes, growbot_unread};
 
 fn json(ran: &Ran) -> Value {
     serde_json::from_str(ran.out.lines().last().unwrap_or_default())
@@ -124,6 +124,34 @@ fn a_listener_that_goes_away_does_not_end_a_growth() {
         .unwrap();
     assert_eq!(ran.status.code(), Some(0));
     assert!(String::from_utf8(ran.stdout).unwrap().contains("\"outcome\":\"done\""));
+}
+
+#[test]
+fn a_reader_that_goes_away_changes_nothing_about_how_a_growth_ended() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = |name: &str| directory.path().join(name).to_str().unwrap().to_owned();
+    let log = path("run.jsonl");
+    for more in [&["--json", "--log", &log][..], &[]] {
+        let done = growbot_unread(&[&["grow", "--to", "0,0,7.74,0,90"], more].concat(), "");
+        assert_eq!(done.code, Some(0), "{}", done.err);
+    }
+    let lines = std::fs::read_to_string(&log).unwrap();
+    assert!(lines.lines().last().unwrap().contains("\"outcome\":\"done\""), "{lines}");
+
+    let plan = growbot(&["plan", "--to", "0,0,7.74,0,90", "--json"]).out;
+    let warning = r#""warnings":[{"code":"self-collision","message":"it meets itself","value":31.0,"limit":47.1}]"#;
+    std::fs::write(path("plan.json"), plan.replace(r#""warnings":[]"#, warning)).unwrap();
+    let refused = growbot_unread(&["grow", &path("plan.json"), "--json"], "");
+    assert_eq!(refused.code, Some(1), "{}", refused.err);
+    assert!(refused.err.contains("not grown because of self-collision"), "{}", refused.err);
+
+    let board = FakeBoard::simulated("growbot-b");
+    let other = growbot_unread(&["grow", "--to", "0,0,100,0,90", "--port", &board.port(), "--json"], "");
+    assert_eq!(other.code, Some(2), "{}", other.err);
+    assert!(other.err.contains("growbot-b"), "{}", other.err);
+
+    let tuned = growbot_unread(&["tune", "--port", "sim", "--json"], "");
+    assert_eq!(tuned.code, Some(0), "{}", tuned.err);
 }
 
 #[test]
@@ -485,6 +513,60 @@ fn a_script_stops_the_robot_at_once_and_ends_where_a_growth_does() {
     assert!(ran.out.contains("emergency stop: heater and steppers of the simulated robot are off"), "{}", ran.out);
     assert_eq!(ran.out.matches("state        emergency-stop").count(), 1, "{}", ran.out);
     assert!(growbot_reading(&["console"], "help\n").out.contains("estop "));
+}
+
+#[test]
+fn a_script_that_fails_says_what_it_leaves_out_and_what_the_robot_is_doing() {
+    let told = |script: &str, parts: &[&str]| {
+        let ran = growbot_reading(&["console"], script);
+        assert_eq!(ran.code, Some(1), "{script}: {}", ran.err);
+        for part in parts {
+            assert!(ran.err.contains(part), "no {part:?} after {script:?}: {}", ran.err);
+        }
+    };
+    told(
+        "plan 0,0,60,0,90\nstart\nwait 5\ndance\nstatus\n\nstop\nquit\nstart\n",
+        &[
+            "line 4 failed",
+            "2 more commands are not carried out, among them `stop` in line 7",
+            "the simulated robot is heating, and ends with this program",
+        ],
+    );
+    told(
+        "stop\ndance\nestop\n",
+        &["1 more command is not carried out, among them `estop` in line 3", "(it is in state stopped)"],
+    );
+    told("dance", &["no more commands came after it", "heater and steppers of the simulated robot are off"]);
+}
+
+#[cfg(unix)]
+#[test]
+fn a_script_whose_results_nobody_reads_is_not_done() {
+    let script = "plan 0,0,60,0,90\nstart\nwait 5\nstop\n";
+    let ran = growbot_unread(&["console"], script);
+    assert_eq!(ran.code, Some(1), "{}", ran.err);
+    for part in [
+        "standard output was closed by its reader",
+        "4 more commands are not carried out, among them `stop` in line 4",
+        "heater and steppers of the simulated robot are off",
+    ] {
+        assert!(ran.err.contains(part), "no {part:?}: {}", ran.err);
+    }
+    // With nothing left to do, nothing is amiss: as with other commands.
+    let ran = growbot_unread(&["console"], "");
+    assert_eq!((ran.code, ran.err.as_str()), (Some(0), ""));
+}
+
+#[test]
+fn an_emergency_stop_is_cleared_as_soon_as_it_was_given() {
+    let ran = growbot_reading(&["console"], "estop\nclear\nstatus\nstop\nestop\nclear\n");
+    assert_eq!(ran.code, Some(0), "{}", ran.err);
+    assert_eq!(
+        (ran.out.matches("cleared\n").count(), ran.out.matches("state        idle").count()),
+        (2, 2),
+        "{}",
+        ran.out
+    );
 }
 
 #[test]

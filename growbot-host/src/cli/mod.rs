@@ -181,6 +181,11 @@ impl Failure {
         self.code == 0
     }
 
+    /// Whether something was wrong before the job started.
+    pub fn is_bad_input(&self) -> bool {
+        self.code == 2
+    }
+
     /// What to say; nothing where nothing failed.
     pub fn message(&self) -> &str {
         self.message.as_deref().unwrap_or_default()

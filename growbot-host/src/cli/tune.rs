@@ -13,7 +13,7 @@ use serde_json::json;
 
 use super::following::stopped_for;
 use super::interrupt::stop_on_interrupt;
-use super::{Failure, RobotArg, RobotPortArg, kind};
+use super::{Failure, RobotArg, RobotPortArg};
 
 /// How long the board may be quiet before it is asked how it does.
 const QUIET: Duration = Duration::from_secs(2);

@@ -56,3 +56,23 @@ pub fn growbot_reading_bytes(args: &[&str], input: &[u8]) -> Ran {
 pub fn growbot(args: &[&str]) -> Ran {
     growbot_reading(args, "")
 }
+
+/// Runs `growbot` with these arguments and this input, and with nobody who reads its standard output.
+#[cfg(unix)]
+#[allow(dead_code)]
+pub fn growbot_unread(args: &[&str], input: &str) -> Ran {
+    let (reader, writer) = std::io::pipe().unwrap();
+    drop(reader);
+    let mut child = Command::new(env!("CARGO_BIN_EXE_growbot"))
+        .args(args)
+        .env_remove("GROWBOT_PORT")
+        .stdin(Stdio::piped())
+        .stdout(writer)
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    // Short enough for the pipe, and a command that has ended need not read it.
+    let _ = child.stdin.take().unwrap().write_all(input.as_bytes());
+    let output = child.wait_with_output().unwrap();
+    Ran { code: output.status.code(), out: String::new(), err: String::from_utf8(output.stderr).unwrap() }
+}

@@ -32,15 +32,15 @@ pub fn ask(
         }
         Ask::Layers(first) => layers(client, *first),
         Ask::Stop => {
-            client.request("to stop", &Message::Stop(Empty {}))?;
-            Ok(format!("stopped: heater and steppers of the {}robot are off\n", kind(is_simulated)))
+            let stopped = client.stop()?;
+            Ok(format!("{}\n", stopped.in_words(is_simulated)))
         }
         Ask::EmergencyStop => {
             client.emergency_stop()?;
             Ok(format!("emergency stop: heater and steppers of the {}robot are off\n", kind(is_simulated)))
         }
         Ask::Clear => {
-            client.request("to clear the fault", &Message::ClearFault(Empty {}))?;
+            client.clear_fault()?;
             Ok("cleared\n".to_owned())
         }
     }

@@ -1,9 +1,8 @@
 //! The console line by line: on a terminal, with history and completion, or in a pipe.
 
-use std::io::{self, BufRead, BufReader, IsTerminal};
+use std::io::{self, IsTerminal};
 use std::sync::Arc;
-use std::sync::mpsc::{self, RecvTimeoutError};
-use std::thread;
+use std::sync::mpsc::RecvTimeoutError;
 use std::time::Duration;
 
 use growbot_core::layer_bytes::decode;
@@ -13,7 +12,6 @@ use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_host::client::Client;
 use growbot_host::growth::{Job, News, Orders, Outcome, grow_job};
-use growbot_host::input::BoundedLines;
 use growbot_host::output::print;
 use growbot_host::plan::{Plan, Search};
 use rustyline::completion::Completer;
@@ -27,7 +25,9 @@ use rustyline::{CompletionType, Config, Context, Editor, Helper};
 use super::ask::ask;
 use super::commands::{Ask, Command, complete, help, hint, parse};
 use super::history;
+use super::leaving::{LeftOut, Lines, left, lines_of_stdin, works};
 use crate::cli::interrupt::stop_on_interrupt;
+use crate::cli::status::Report;
 use crate::cli::{ChosenPort, Failure, following, growth_table};
 
 /// So often Ctrl-C is looked for while a line is waited for.
@@ -37,10 +37,19 @@ const LOOK: Duration = Duration::from_millis(100);
 pub struct Session {
     client: Client,
     robot: Robot,
-    simulated: bool,
+    port: ChosenPort,
     start: Pose,
     /// What Ctrl-C orders: to stop.
     orders: Arc<Orders>,
+}
+
+/// A script that has ended before its end.
+struct Ended {
+    failure: Failure,
+    /// The last line that was begun, from 1; 0 for none.
+    line: usize,
+    /// Whether it is that line that failed.
+    failed: bool,
 }
 
 /// What to do after a command.
@@ -51,9 +60,9 @@ enum Next {
 
 impl Session {
     /// A session with a board.
-    pub fn new(mut client: Client, robot: Robot, start: Pose, port: &ChosenPort) -> Self {
-        let orders = stop_on_interrupt(&mut client, port);
-        Self { client, robot, simulated: port.is_simulated(), start, orders }
+    pub fn new(mut client: Client, robot: Robot, start: Pose, port: ChosenPort) -> Self {
+        let orders = stop_on_interrupt(&mut client, &port);
+        Self { client, robot, port, start, orders }
     }
 
     /// Carries commands out until the last one.
@@ -62,6 +71,7 @@ impl Session {
     }
 
     fn interact(&mut self) -> Result<(), Failure> {
+        self.greet()?;
         let config = Config::builder().completion_type(CompletionType::List).build();
         let mut editor: Editor<Help, FileHistory> = Editor::with_config(config).map_err(Failure::bad_input)?;
         editor.set_helper(Some(Help));
@@ -76,73 +86,153 @@ impl Session {
                     }
                     match self.stop_if_interrupted().and_then(|()| self.command(&line)) {
                         Ok(Next::GoOn) => {}
-                        Ok(Next::Quit) => return Ok(()),
+                        Ok(Next::Quit) => return self.leave(),
                         Err(failure) => failure.say(),
                     }
                 }
-                Err(ReadlineError::Eof | ReadlineError::Interrupted) => return Ok(()),
-                Err(error) => return Err(Failure::bad_input(error)),
+                Err(ReadlineError::Eof) => return self.leave(),
+                Err(ReadlineError::Interrupted) => return self.stop_if_it_works(),
+                Err(error) => {
+                    self.leave()?;
+                    return Err(Failure::bad_input(error));
+                }
             }
         }
     }
 
     /// Carries lines out until the last one, or the first that fails: what follows a failure was written for a robot that had done as asked.
     fn read_pipe(&mut self) -> Result<(), Failure> {
-        let (read, lines) = mpsc::sync_channel(0);
-        // Reading may wait for long, and Ctrl-C must not. The thread ends with the input or with the program.
-        thread::spawn(move || {
-            for line in BufReader::new(BoundedLines::of(io::stdin().lock())).split(b'\n') {
-                let failed = line.is_err();
-                if read.send(line).is_err() || failed {
-                    break;
-                }
-            }
-        });
-        for number in 1.. {
-            let line = loop {
-                self.stop_if_interrupted()?;
+        let lines = lines_of_stdin();
+        match self.carry_out(&lines) {
+            Ok(()) => self.leave(),
+            Err(ended) => self.give_up(ended, &lines),
+        }
+    }
+
+    fn carry_out(&mut self, lines: &Lines) -> Result<(), Ended> {
+        self.greet().map_err(|failure| Ended { failure, line: 0, failed: false })?;
+        for line in 1.. {
+            let between = |failure| Ended { failure, line: line - 1, failed: false };
+            let bytes = loop {
+                self.stop_if_interrupted().map_err(between)?;
                 match lines.recv_timeout(LOOK) {
-                    Ok(line) => break line.map_err(Failure::bad_input)?,
+                    Ok(bytes) => break bytes.map_err(|error| between(Failure::bad_input(error)))?,
                     Err(RecvTimeoutError::Timeout) => {}
                     Err(RecvTimeoutError::Disconnected) => return Ok(()),
                 }
             };
-            let done = match String::from_utf8(line) {
-                Ok(line) => self.command(&line),
+            let done = match String::from_utf8(bytes) {
+                Ok(text) => self.command(&text),
                 Err(error) => Err(Failure::answered_no(format!(
                     "the line {:?} is no UTF-8 text (at byte {}): it is not carried out; send UTF-8",
                     String::from_utf8_lossy(error.as_bytes()),
                     error.utf8_error().valid_up_to()
                 ))),
             };
-            match done {
-                Ok(Next::GoOn) => {}
-                Ok(Next::Quit) => break,
-                Err(failure) if failure.is_reader_gone() => return Err(failure),
-                Err(failure) => {
-                    return Err(Failure::answered_no(format!(
-                        "{}; line {number} failed, and those after it are not carried out",
-                        failure.message()
-                    )));
-                }
+            match done.map_err(|failure| Ended { failure, line, failed: true })? {
+                Next::GoOn => {}
+                Next::Quit => break,
             }
         }
         Ok(())
     }
 
-    /// Has the robot stop where Ctrl-C was pressed.
-    fn stop_if_interrupted(&mut self) -> Result<(), Failure> {
-        if !self.orders.clear() {
+    /// Who the board is, before the first command.
+    fn greet(&mut self) -> Result<(), Failure> {
+        Ok(print(&Report::of(&mut self.client, self.port.is_simulated())?.text())?)
+    }
+
+    /// A script has ended before its end: why, what is left out, what the robot is doing.
+    fn give_up(&mut self, ended: Ended, lines: &Lines) -> Result<(), Failure> {
+        let Ended { failure, line, failed } = ended;
+        // At once: the board may take long to answer.
+        if !failure.is_reader_gone() {
+            let message = failure.message();
+            if failed {
+                growbot_host::tell!("growbot: {message}; line {line} failed, and those after it are not carried out");
+            } else {
+                growbot_host::tell!("growbot: {message}; no command after line {line} is carried out");
+            }
+        }
+        let left_out = LeftOut::after(line, lines);
+        let stopped = self.stop_if_interrupted();
+        let status = self.client.status();
+        // Asking may take long enough for Ctrl-C.
+        let stopped = stopped.and_then(|()| self.stop_if_interrupted());
+        let state = match (stopped, status) {
+            (Err(stopped), _) => stopped.message().to_owned(),
+            (Ok(()), Ok(status)) if works(status.state) => left(status.state, &self.robot, &self.port),
+            (Ok(()), Ok(_)) if failure.is_reader_gone() && left_out.is_nothing() => return Err(failure),
+            (Ok(()), Ok(status)) => format!(
+                "heater and steppers of the {}robot are off (it is in state {})",
+                self.port.kind(),
+                status.state.name()
+            ),
+            (Ok(()), Err(error)) => format!(
+                "what the {}robot is doing is not known ({error}): see `growbot status`, and cut its power if that does not answer",
+                self.port.kind()
+            ),
+        };
+        let left_out = left_out.in_words();
+        let message = match (failure.is_reader_gone(), line) {
+            (false, _) => format!("{left_out}; {state}"),
+            (true, 0) => format!("standard output was closed by its reader: {left_out}; {state}"),
+            (true, line) => format!("standard output was closed by its reader at line {line}: {left_out}; {state}"),
+        };
+        // Nothing was carried out where not even the first line could be read.
+        Err(if line == 0 && failure.is_bad_input() {
+            Failure::bad_input(message)
+        } else {
+            Failure::answered_no(message)
+        })
+    }
+
+    /// Says what becomes of a robot that works, where it does not end with this program.
+    fn leave(&mut self) -> Result<(), Failure> {
+        if self.port.is_simulated() {
             return Ok(());
         }
-        let stopped = ask(&mut self.client, &self.robot, self.simulated, &self.start, &Ask::Stop)?;
-        Err(Failure::answered_no(stopped.trim_end()))
+        match self.client.status() {
+            Ok(status) if works(status.state) => {
+                growbot_host::tell!("growbot: {}", left(status.state, &self.robot, &self.port));
+                Ok(())
+            }
+            Ok(_) => Ok(()),
+            Err(error) => Err(Failure::answered_no(format!(
+                "{error}; the robot may still be hot or moving: see `growbot status`, and cut its power if that does not answer"
+            ))),
+        }
+    }
+
+    /// Ctrl-C at the prompt, where it is a key: it stops a robot that works, as it does elsewhere.
+    fn stop_if_it_works(&mut self) -> Result<(), Failure> {
+        match self.client.status() {
+            Ok(status) if !works(status.state) => Ok(()),
+            _ => Err(self.stop()),
+        }
+    }
+
+    /// Has the robot stop where Ctrl-C was pressed.
+    fn stop_if_interrupted(&mut self) -> Result<(), Failure> {
+        if self.orders.clear() { Err(self.stop()) } else { Ok(()) }
+    }
+
+    /// Has the robot stop, and says what came of it.
+    fn stop(&mut self) -> Failure {
+        match self.ask(&Ask::Stop) {
+            Ok(stopped) => Failure::answered_no(stopped.trim_end()),
+            Err(failure) => failure,
+        }
+    }
+
+    fn ask(&mut self, what: &Ask) -> Result<String, Failure> {
+        ask(&mut self.client, &self.robot, self.port.is_simulated(), &self.start, what)
     }
 
     fn command(&mut self, line: &str) -> Result<Next, Failure> {
         match parse(line).map_err(Failure::answered_no)? {
             Command::Nothing => {}
-            Command::Ask(what) => print(&ask(&mut self.client, &self.robot, self.simulated, &self.start, &what)?)?,
+            Command::Ask(what) => print(&self.ask(&what)?)?,
             Command::Grow(goal) => self.grow(&goal)?,
             Command::Wait(seconds) => self.wait(seconds)?,
             Command::Help => print(&help())?,
@@ -166,10 +256,11 @@ impl Session {
                 let _ = print(&format!("{}\n", state.name()));
             }
         })
-        .map_err(|error| following::failed(error, self.simulated))?;
+        .map_err(|error| following::failed(error, self.port.is_simulated()))?;
         self.orders.clear();
-        print(&growth_table::table(&plan, &self.robot, &grown, None, self.simulated))?;
-        following::judged(grown.outcome, grown.outcome == Outcome::Stopped && emergency, self.simulated)
+        let is_simulated = self.port.is_simulated();
+        print(&growth_table::table(&plan, &self.robot, &grown, None, is_simulated))?;
+        following::judged(grown.outcome, grown.outcome == Outcome::Stopped && emergency, is_simulated)
     }
 
     fn wait(&mut self, seconds: f64) -> Result<(), Failure> {
@@ -183,7 +274,7 @@ impl Session {
             }
             self.stop_if_interrupted()?;
             if let Some(drift) = self.client.stop_if_clock_drifts()? {
-                return Err(following::stopped_for(&drift, self.simulated));
+                return Err(following::stopped_for(&drift, self.port.is_simulated()));
             }
             let left = Duration::from_millis((until - now).min(1000));
             match self.client.event(left)? {
@@ -238,3 +329,37 @@ impl Hinter for Help {
 impl Highlighter for Help {}
 impl Validator for Help {}
 impl Helper for Help {}
+
+#[cfg(test)]
+mod tests {
+    use std::cell::RefCell;
+    use std::rc::Rc;
+
+    use growbot_core::link::message::State;
+    use growbot_host::port::sim::Sim;
+    use growbot_host::robot_file;
+
+    use super::*;
+    use crate::cli::LineArg;
+
+    #[test]
+    fn ctrl_c_at_the_prompt_stops_a_robot_that_works() {
+        let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
+        let sim = Rc::new(RefCell::new(Sim::new(robot.clone())));
+        let mut client = Client::new(Box::new(Rc::clone(&sim)), "sim");
+        client.hello_robot(&robot).unwrap();
+        let Ok(port) = (LineArg { fault: None, take_over: false }).at("sim".to_owned()) else { panic!("no port") };
+        let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
+        let mut session = Session { client, robot, port, start, orders: Arc::default() };
+        assert!(session.stop_if_it_works().is_ok());
+        assert_eq!(sim.borrow().state(), State::Idle);
+
+        for what in [Ask::Plan(Pose::from_degrees([0.0, 0.0, 60.0, 0.0, 90.0]).unwrap()), Ask::Start] {
+            assert!(session.ask(&what).is_ok(), "{what:?}");
+        }
+        assert_eq!(sim.borrow().state(), State::Heating);
+        let Err(failure) = session.stop_if_it_works() else { panic!("it is left heating") };
+        assert_eq!(failure.message(), "stopped: heater and steppers of the simulated robot are off");
+        assert_eq!(sim.borrow().state(), State::Stopped);
+    }
+}

@@ -3,21 +3,20 @@
 mod ask;
 mod commands;
 mod history;
+mod leaving;
 mod line;
 mod tui;
 
 use clap::Args;
 use growbot_core::pose::Pose;
 use growbot_host::input::note_standard_input;
-use growbot_host::output::print;
 
-use super::status::Report;
 use super::{Failure, PortArg, RobotArg};
 
 /// Type commands, see the robot; works in a pipe
 ///
-/// `help` lists the commands. In a pipe each line of standard input is a command; the first one that fails ends it, with exit code 1, and the
-/// lines after it are not carried out.
+/// `help` lists the commands. In a pipe each line of standard input is a command; the first one that fails, or whose result nobody reads any
+/// more, ends it, with exit code 1. The lines after it are not carried out: what they were, and what the robot is doing, is told.
 #[derive(Args)]
 #[command(
     after_help = "Examples:\n  growbot console --port /dev/ttyACM0\n  growbot console --tui\n  printf 'plan 0,0,60,0,90\\nstart\\nwait 60\\nstatus\\n' | growbot console"
@@ -50,6 +49,5 @@ pub fn run(args: &ConsoleArgs) -> Result<(), Failure> {
         return tui::run(client, robot, start, &port);
     }
     client.hello()?;
-    print(&Report::of(&mut client, port.is_simulated())?.text())?;
-    line::Session::new(client, robot, start, &port).run()
+    line::Session::new(client, robot, start, port).run()
 }

@@ -22,7 +22,6 @@ use std::time::{Duration, Instant};
 use crossterm::event::{self, Event, KeyEvent, KeyEventKind};
 use growbot_core::job::job_layers;
 use growbot_core::layer_bytes::decode;
-use growbot_core::link::message::State;
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
@@ -33,6 +32,7 @@ use ratatui::DefaultTerminal;
 
 use super::ask::ask;
 use super::commands::{Ask, Command, help, parse};
+use super::leaving::{left, works};
 use crate::cli::{ChosenPort, Failure};
 use body::Body;
 use keys::Action;
@@ -86,12 +86,9 @@ pub fn run(client: Client, robot: Robot, start: Pose, port: &ChosenPort) -> Resu
     done?;
     if !name.is_virtual()
         && let Some(status) = &console.model.status
-        && matches!(status.state, State::Heating | State::Homing | State::Growing | State::Hold | State::Tuning)
+        && works(status.state)
     {
-        growbot_host::tell!(
-            "growbot: the robot is {}; one that grows finishes its layer and holds: `start` in the console goes on",
-            status.state.name()
-        );
+        growbot_host::tell!("growbot: {}", left(status.state, &console.model.robot, port));
     }
     Ok(())
 }
@@ -273,6 +270,7 @@ impl Console {
 mod tests {
     use super::*;
     use crossterm::event::{KeyCode, KeyModifiers};
+    use growbot_core::link::message::State;
     use growbot_host::port::sim::Sim;
     use growbot_host::robot_file;
 

@@ -1,0 +1,159 @@
+//! What is said of a robot that a console leaves, and of commands that a script leaves out.
+
+use std::io::{self, BufRead, BufReader};
+use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use growbot_core::link::message::State;
+use growbot_core::robot::Robot;
+use growbot_host::input::BoundedLines;
+
+use super::commands::{Ask, Command, parse};
+use crate::cli::ChosenPort;
+
+/// Lines of standard input as they come.
+pub type Lines = Receiver<io::Result<Vec<u8>>>;
+
+/// For so long the rest of a script is read to tell what is not carried out.
+const READING: Duration = Duration::from_millis(500);
+
+/// Lines are read by a thread of their own, which may wait for long, while Ctrl-C must not. It ends with the input or with the program.
+pub fn lines_of_stdin() -> Lines {
+    let (read, lines) = mpsc::sync_channel(0);
+    thread::spawn(move || {
+        for line in BufReader::new(BoundedLines::of(io::stdin().lock())).split(b'\n') {
+            let failed = line.is_err();
+            if read.send(line).is_err() || failed {
+                break;
+            }
+        }
+    });
+    lines
+}
+
+/// Whether a robot in this state is hot or moves.
+pub fn works(state: State) -> bool {
+    matches!(state, State::Heating | State::Homing | State::Growing | State::Hold | State::Tuning)
+}
+
+/// What becomes of a robot that is left while it works, and the remedy.
+pub fn left(state: State, robot: &Robot, port: &ChosenPort) -> String {
+    let name = state.name();
+    if port.is_simulated() {
+        return format!("the simulated robot is {name}, and ends with this program");
+    }
+    let goes_on = if state == State::Tuning {
+        "it heats on until it is tuned".to_owned()
+    } else {
+        let off_after = robot.description().hold.off_after_s;
+        format!(
+            "left alone it finishes the layer under way, holds, and has its heater on for {off_after} s more, or grows on if it was started so"
+        )
+    };
+    format!("the robot is {name}: {goes_on}; to stop it: `growbot stop --port {}`", port.text())
+}
+
+/// Commands of a script that are not carried out.
+#[derive(Debug, Default, PartialEq, Eq)]
+pub struct LeftOut {
+    commands: usize,
+    /// The first of them that stops the robot: its word and its line.
+    stop: Option<(&'static str, usize)>,
+    /// The end of the script was not reached in time.
+    goes_on: bool,
+}
+
+impl LeftOut {
+    /// Reads on after this line.
+    pub fn after(number: usize, lines: &Lines) -> Self {
+        let began = Instant::now();
+        let mut left_out = Self::default();
+        for number in number + 1.. {
+            let line = match lines.recv_timeout(READING.saturating_sub(began.elapsed())) {
+                Ok(Ok(line)) => line,
+                Ok(Err(_)) | Err(RecvTimeoutError::Disconnected) => return left_out,
+                Err(RecvTimeoutError::Timeout) => break,
+            };
+            if !left_out.take(number, &String::from_utf8_lossy(&line)) {
+                return left_out;
+            }
+            if began.elapsed() >= READING {
+                break;
+            }
+        }
+        left_out.goes_on = true;
+        left_out
+    }
+
+    /// Takes a line. False for the one that ends the script.
+    fn take(&mut self, number: usize, line: &str) -> bool {
+        let stop = match parse(line) {
+            Ok(Command::Nothing) => return true,
+            Ok(Command::Quit) => return false,
+            Ok(Command::Ask(Ask::Stop)) => Some("stop"),
+            Ok(Command::Ask(Ask::EmergencyStop)) => Some("estop"),
+            _ => None,
+        };
+        self.commands += 1;
+        self.stop = self.stop.or(stop.map(|word| (word, number)));
+        true
+    }
+
+    /// Whether nothing is left out.
+    pub fn is_nothing(&self) -> bool {
+        self.commands == 0 && !self.goes_on
+    }
+
+    /// In words.
+    pub fn in_words(&self) -> String {
+        let (count, some) = (self.commands, if self.goes_on { "at least " } else { "" });
+        let commands = if count == 1 { "command is" } else { "commands are" };
+        match self.stop {
+            _ if self.is_nothing() => "no more commands came after it".to_owned(),
+            None if count == 0 => "commands that come after it are not carried out".to_owned(),
+            None => format!("{some}{count} more {commands} not carried out"),
+            Some((word, line)) => {
+                format!("{some}{count} more {commands} not carried out, among them `{word}` in line {line}")
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn left_out(lines: &[&str], ends: bool) -> LeftOut {
+        let (read, taken) = mpsc::sync_channel(lines.len());
+        lines.iter().for_each(|line| read.send(Ok(line.as_bytes().to_vec())).unwrap());
+        if ends {
+            drop(read);
+            LeftOut::after(2, &taken)
+        } else {
+            let told = LeftOut::after(2, &taken);
+            drop(read);
+            told
+        }
+    }
+
+    #[test]
+    fn commands_that_are_left_out_are_counted_and_the_first_stop_among_them_is_named() {
+        let words = |lines: &[&str]| left_out(lines, true).in_words();
+        assert_eq!(words(&[]), "no more commands came after it");
+        assert_eq!(words(&["", "status", " "]), "1 more command is not carried out");
+        assert_eq!(
+            words(&["wait 5", "", "stop", "estop", "quit", "start"]),
+            "3 more commands are not carried out, among them `stop` in line 5"
+        );
+        assert_eq!(words(&["dance", "estop now"]), "2 more commands are not carried out, among them `estop` in line 4");
+        assert!(left_out(&["", "quit", "start"], true).is_nothing());
+    }
+
+    #[test]
+    fn a_script_whose_end_does_not_come_is_not_waited_for() {
+        let told = left_out(&["status"], false);
+        assert_eq!(told.in_words(), "at least 1 more command is not carried out");
+        assert!(!left_out(&[], false).is_nothing());
+    }
+}
