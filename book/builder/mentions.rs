@@ -1,20 +1,33 @@
-//! Mentions: SAFETY.md and its like, named in a text that the book includes, become links to their chapters.
+//! Links between documents: SAFETY.md and its like lead to the chapters that include them.
+//!
+//! Chapters and included documents link to files of the repository, so that they can be read there. In the book such a link leads
+//! to the chapter that includes the file, and one to a file that no chapter includes becomes its words alone. A document that is
+//! named in the text of an included one becomes a link.
+
+use std::path::{Component, Path, PathBuf};
 
 use anyhow::Result;
-use mdbook_preprocessor::book::{Book, BookItem};
+use mdbook_preprocessor::book::{Book, BookItem, Chapter};
 use mdbook_preprocessor::{Preprocessor, PreprocessorContext};
 use pulldown_cmark::{Event, Options, Parser, Tag, TagEnd};
 
 /// The documents, and the chapters that include them.
-const CHAPTERS: [(&str, &str); 5] = [
+const CHAPTERS: [(&str, &str); 8] = [
+    ("ARCHITECTURE.md", "architecture.md"),
     ("CHANGELOG.md", "changes.md"),
-    ("DESIGN.md", "design.md"),
     ("PROTOCOL.md", "link.md"),
     ("SAFETY.md", "safety.md"),
     ("WIRING.md", "wiring.md"),
+    ("docs/decisions/README.md", DECISIONS),
+    ("docs/dependencies.md", "dependencies.md"),
+    ("docs/measurements.md", "measurements.md"),
 ];
+/// The chapter that includes all decisions, each below its title.
+const DECISIONS: &str = "decisions.md";
+/// Where the chapters are.
+const SOURCES: &str = "book/src";
 
-/// Puts links for mentions.
+/// Puts links for mentions, and leads links to chapters.
 pub struct Mentions;
 
 impl Preprocessor for Mentions {
@@ -25,36 +38,135 @@ impl Preprocessor for Mentions {
     fn run(&self, _: &PreprocessorContext, mut book: Book) -> Result<Book> {
         book.for_each_mut(|item| {
             if let BookItem::Chapter(chapter) = item {
-                // Chapters that include a document lie beside each other at the top.
-                let own = chapter.path.as_ref().and_then(|path| path.to_str()).unwrap_or_default().to_owned();
-                if CHAPTERS.iter().any(|(_, chapter)| *chapter == own) {
-                    chapter.content = with_links(&chapter.content, &own);
-                }
+                let place = Place::of(chapter);
+                chapter.content = with_links(&chapter.content, &place);
             }
         });
         Ok(book)
     }
 }
 
-/// The chapter of this path with links, but to itself, where it is neither code nor a link or heading.
-fn with_links(chapter: &str, own: &str) -> String {
+/// Where a chapter is.
+struct Place {
+    /// Its path below [`SOURCES`].
+    chapter: PathBuf,
+    /// The document that it includes.
+    document: Option<&'static str>,
+}
+
+impl Place {
+    fn of(chapter: &Chapter) -> Self {
+        let chapter = chapter.path.clone().unwrap_or_default();
+        let document = CHAPTERS.iter().find(|(_, own)| Path::new(own) == chapter).map(|(document, _)| *document);
+        Self { chapter, document }
+    }
+
+    /// What a link of the chapter becomes; None where it is lost.
+    fn link(&self, target: &str) -> Option<String> {
+        let (path, anchor) = target.split_once('#').map_or((target, ""), |(path, anchor)| (path, anchor));
+        if path.is_empty() || path.contains(':') {
+            return Some(target.to_owned());
+        }
+        let own = self.document.map_or_else(|| Path::new(SOURCES).join(&self.chapter), PathBuf::from);
+        let file = normal(&own.parent().unwrap_or(Path::new("")).join(path));
+        let file = file.to_str()?;
+        let chapter = CHAPTERS.iter().find(|(document, _)| *document == file).map(|(_, chapter)| *chapter);
+        let (chapter, anchor) = match (chapter, decision(file)) {
+            (Some(chapter), _) => (chapter, anchor),
+            (None, Some(title)) => (DECISIONS, title),
+            (None, None) => (file.strip_prefix(SOURCES)?.strip_prefix('/')?, anchor),
+        };
+        let up = "../".repeat(self.chapter.components().count().saturating_sub(1));
+        let hash = if anchor.is_empty() { "" } else { "#" };
+        Some(format!("{up}{chapter}{hash}{anchor}"))
+    }
+}
+
+/// The place of a decision in its chapter: its file is named by number and title.
+fn decision(file: &str) -> Option<&str> {
+    let name = file.strip_prefix("docs/decisions/")?.strip_suffix(".md")?;
+    name.split_once('-').filter(|(number, _)| number.parse::<u16>().is_ok()).map(|(_, title)| title)
+}
+
+/// The path without `.` and `..`.
+fn normal(path: &Path) -> PathBuf {
+    let mut whole = PathBuf::new();
+    for component in path.components() {
+        match component {
+            Component::ParentDir => drop(whole.pop()),
+            Component::CurDir => {}
+            component => whole.push(component),
+        }
+    }
+    whole
+}
+
+/// The chapter with its links as they are in the book. In an included document, names of others become links, where they are neither
+/// code nor in a link or heading.
+fn with_links(chapter: &str, place: &Place) -> String {
     let mut text = String::with_capacity(chapter.len());
     let (mut copied, mut within) = (0, 0);
-    for (event, place) in Parser::new_ext(chapter, Options::ENABLE_TABLES).into_offset_iter() {
+    for (event, range) in Parser::new_ext(chapter, Options::ENABLE_TABLES).into_offset_iter() {
         match event {
-            Event::Start(Tag::CodeBlock(_) | Tag::Link { .. } | Tag::Heading { .. }) => within += 1,
+            Event::Start(Tag::Link { dest_url, .. }) => {
+                within += 1;
+                // `[words](target)`, which ends with its target.
+                let whole = &chapter[range.clone()];
+                let Some(words) = whole.strip_suffix(&format!("]({dest_url})")) else { continue };
+                text += &chapter[copied..range.start];
+                text += &match place.link(&dest_url) {
+                    Some(link) => format!("{words}]({link})"),
+                    None => words[1..].to_owned(),
+                };
+                copied = range.end;
+            }
+            Event::Start(Tag::CodeBlock(_) | Tag::Heading { .. }) => within += 1,
             Event::End(TagEnd::CodeBlock | TagEnd::Link | TagEnd::Heading(_)) => within -= 1,
-            Event::Text(_) if within == 0 => {
-                let mut said = chapter[place.clone()].to_owned();
-                for (document, path) in CHAPTERS.iter().filter(|(_, path)| *path != own) {
-                    said = said.replace(document, &format!("[{document}]({path})"));
-                }
-                text += &chapter[copied..place.start];
-                text += &said;
-                copied = place.end;
+            Event::Text(_) if within == 0 && place.document.is_some() => {
+                text += &chapter[copied..range.start];
+                text += &with_mentions(&chapter[range.clone()], place);
+                copied = range.end;
             }
             _ => {}
         }
     }
     text + &chapter[copied..]
+}
+
+/// The text with links for the documents that it names, but for its own.
+fn with_mentions(text: &str, place: &Place) -> String {
+    let others = CHAPTERS.iter().filter(|(document, _)| place.document != Some(document));
+    others.fold(text.to_owned(), |text, (document, chapter)| {
+        text.replace(document, &format!("[{document}]({chapter})"))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn place(chapter: &str, document: Option<&'static str>) -> Place {
+        Place { chapter: chapter.into(), document }
+    }
+
+    #[test]
+    fn links_lead_to_chapters() {
+        let maths = place("maths/space.md", None);
+        assert_eq!(maths.link("step.md#a-step").unwrap(), "../maths/step.md#a-step");
+        assert_eq!(maths.link("../../../SAFETY.md#faults").unwrap(), "../safety.md#faults");
+        assert_eq!(maths.link("#here").unwrap(), "#here");
+        assert_eq!(maths.link("https://doi.org/10").unwrap(), "https://doi.org/10");
+        let measured = place("measurements.md", Some("docs/measurements.md"));
+        assert_eq!(measured.link("decisions/0040-stack.md").unwrap(), "decisions.md#stack");
+        assert_eq!(measured.link("../book/src/maths/sag.md").unwrap(), "maths/sag.md");
+        assert_eq!(measured.link("releasing.md"), None);
+    }
+
+    #[test]
+    fn names_become_links_and_lost_links_words() {
+        let place = place("architecture.md", Some("ARCHITECTURE.md"));
+        let text = "See SAFETY.md, `SAFETY.md`, [the link](PROTOCOL.md) and [releasing](docs/releasing.md).";
+        let book = "See [SAFETY.md](safety.md), `SAFETY.md`, [the link](link.md) and releasing.";
+        assert_eq!(with_links(text, &place), book);
+    }
 }

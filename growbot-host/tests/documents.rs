@@ -11,7 +11,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 
-use blocks::{Document, for_users, included, root};
+use blocks::{Document, beside, for_users, root};
 use growbot_host::robot_file;
 use transcript::{agree, differences};
 
@@ -121,7 +121,7 @@ fn every_toml_block_is_a_part_of_a_robot_file() {
 fn every_link_leads_to_a_file() {
     let mut wrong = Vec::new();
     let chapters = for_users();
-    for document in chapters.iter().chain(&included()) {
+    for document in chapters.iter().chain(&beside()) {
         let directory = root().join(&document.path).parent().unwrap().to_owned();
         for (line, link) in document.links() {
             let path = link.split('#').next().unwrap_or_default();

@@ -7,7 +7,7 @@ mod blocks;
 
 use std::fs;
 
-use blocks::{Document, for_users, included, root};
+use blocks::{Document, for_users, beside, root};
 use clap::error::ErrorKind;
 use clap::{CommandFactory, Parser};
 use pulldown_cmark::Event;
@@ -95,7 +95,7 @@ fn inline_code(document: &Document) -> Vec<(usize, String)> {
 #[test]
 fn every_command_of_a_block_is_one() {
     let (mut all, mut faults) = (0, Vec::new());
-    for document in for_users().iter().chain(&included()) {
+    for document in for_users().iter().chain(&beside()) {
         for (line, words) in commands(document) {
             if let Some(words) = growbot(&words) {
                 all += 1;
@@ -112,7 +112,7 @@ fn every_command_within_a_line_has_its_name_and_options() {
     let mut root = Cli::command();
     root.build();
     let (mut all, mut faults) = (0, Vec::new());
-    for document in for_users().iter().chain(&included()) {
+    for document in for_users().iter().chain(&beside()) {
         for (line, code) in inline_code(document) {
             for words in simple_commands(&code) {
                 let mut words = words.iter().map(String::as_str);
@@ -150,7 +150,7 @@ fn every_alias_of_cargo_is_there() {
     let aliases = config["alias"].as_table().unwrap();
     let cargos_own = ["bench", "build", "clippy", "doc", "fmt", "install", "run", "rustc", "test"];
     let mut faults = Vec::new();
-    for document in for_users().iter().chain(&included()) {
+    for document in for_users().iter().chain(&beside()) {
         let inline = inline_code(document)
             .into_iter()
             .flat_map(|(line, code)| simple_commands(&code).into_iter().map(move |words| (line, words)));

@@ -50,9 +50,18 @@ pub fn for_users() -> Vec<Document> {
     paths.into_iter().map(read).collect()
 }
 
-/// The specifications beside README.md; the book includes them.
-pub fn included() -> Vec<Document> {
-    ["CHANGELOG.md", "DESIGN.md", "PROTOCOL.md", "SAFETY.md", "WIRING.md"].map(|path| read(PathBuf::from(path))).into()
+/// The documents beside README.md and below `docs/`.
+pub fn beside() -> Vec<Document> {
+    let mut paths = Vec::new();
+    for entry in fs::read_dir(root()).unwrap() {
+        let path = PathBuf::from(entry.unwrap().file_name());
+        if path.extension().is_some_and(|extension| extension == "md") && path != Path::new("README.md") {
+            paths.push(path);
+        }
+    }
+    list(Path::new("docs"), &mut paths);
+    paths.sort();
+    paths.into_iter().map(read).collect()
 }
 
 fn read(path: PathBuf) -> Document {
