@@ -136,9 +136,8 @@ fn with_links(chapter: &str, place: &Place) -> String {
 /// The text with links for the documents that it names, but for its own.
 fn with_mentions(text: &str, place: &Place) -> String {
     let others = CHAPTERS.iter().filter(|(document, _)| place.document != Some(document));
-    others.fold(text.to_owned(), |text, (document, chapter)| {
-        text.replace(document, &format!("[{document}]({chapter})"))
-    })
+    others
+        .fold(text.to_owned(), |text, (document, chapter)| text.replace(document, &format!("[{document}]({chapter})")))
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@ mod blocks;
 
 use std::fs;
 
-use blocks::{Document, for_users, beside, root};
+use blocks::{Document, beside, for_users, root};
 use clap::error::ErrorKind;
 use clap::{CommandFactory, Parser};
 use pulldown_cmark::Event;
