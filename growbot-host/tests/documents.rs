@@ -1,5 +1,5 @@
-//! README.md and the book say what growbot does: their commands are run, what they print is compared, their robot files are read, and
-//! their links lead somewhere. (`src/cli/documents.rs` reads the commands that cannot be run here.)
+//! README.md and the book say what growbot does: their commands are run, what they print is compared, their robot files are read,
+//! their links lead somewhere, and the files that they name are there. (`src/cli/documents.rs` reads the commands that cannot be run here.)
 
 #[path = "documents/blocks.rs"]
 mod blocks;
@@ -13,6 +13,7 @@ use std::thread;
 
 use blocks::{Document, beside, for_users, root};
 use growbot_host::robot_file;
+use pulldown_cmark::Event;
 use transcript::{agree, differences};
 
 /// What a block that is not run may need.
@@ -143,4 +144,28 @@ fn every_link_leads_to_a_file() {
         }
     }
     assert_nothing_wrong(&wrong);
+}
+
+/// Where the repository's files are.
+const DIRECTORIES: [&str; 8] =
+    ["growbot-core/", "growbot-firmware/", "growbot-host/", "tests/", "book/", "docs/", "robots/", "fuzz/"];
+
+/// The files and directories that a document names in code and that are not there.
+fn names_without_a_file(document: &Document) -> Vec<String> {
+    let missing = |(event, line)| {
+        let Event::Code(code) = event else { return None };
+        let path = code.split(' ').next().unwrap_or_default();
+        let missing = DIRECTORIES.iter().any(|directory| path.starts_with(directory)) && !root().join(path).exists();
+        missing.then(|| format!("{}:{line}: there is no {path}", document.path.display()))
+    };
+    document.events().filter_map(missing).collect()
+}
+
+#[test]
+fn every_file_that_is_named_is_there() {
+    let wrong: Vec<_> = for_users().iter().chain(&beside()).flat_map(names_without_a_file).collect();
+    assert_nothing_wrong(&wrong);
+    let made_up = |text: &str| Document { path: "made-up.md".into(), text: text.to_owned() };
+    assert_eq!(names_without_a_file(&made_up("`growbot-core/src/path.rs`, `tests/run`, `growbot-run/2`")).len(), 0);
+    assert_eq!(names_without_a_file(&made_up("| a | `growbot-core/src/word.rs` (`Word`) |")).len(), 1);
 }

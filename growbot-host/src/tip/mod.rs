@@ -9,7 +9,7 @@
 //!
 //! It lays exactly what its steps ask for unless told otherwise ([`Imperfection`]).
 //!
-//! Not modelled: play in the gears, the flow's delay behind the feed, and sag.
+//! What it does not model is in the book's chapter "Limits" (`book/src/limits.md`).
 
 mod cartridge;
 mod fault;
