@@ -4,16 +4,16 @@
 
 use crc::{CRC_64_XZ, Crc, Digest};
 
-/// A table of 2 kB spares time on the desktop; boards would rather have the room.
+/// How a CRC is computed: a table of 1 or 2 kB saves time on the desktop; boards would rather have the room.
 #[cfg(not(target_os = "none"))]
-type Way = crc::Table<1>;
+pub(crate) type CrcTable = crc::Table<1>;
 #[cfg(target_os = "none")]
-type Way = crc::NoTable;
+pub(crate) type CrcTable = crc::NoTable;
 
-static CRC: Crc<u64, Way> = Crc::<u64, Way>::new(&CRC_64_XZ);
+static CRC: Crc<u64, CrcTable> = Crc::<u64, CrcTable>::new(&CRC_64_XZ);
 
 /// A CRC-64/XZ under way.
-pub struct Hasher(Digest<'static, u64, Way>);
+pub struct Hasher(Digest<'static, u64, CrcTable>);
 
 impl Default for Hasher {
     fn default() -> Self {

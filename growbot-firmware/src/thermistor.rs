@@ -64,22 +64,29 @@ pub fn temperature(raw: f64, thermistor: &Thermistor) -> Result<f64, Broken> {
     Ok(1.0 / inverse - ZERO_C)
 }
 
+/// `ln R` at which `1/T = a + b ln R + c (ln R)^3`, in 1/K; `b` is positive and `c` is not negative.
+///
+/// By Newton's method, from where the curve would be without its third term: that lies beyond the root, and the curve is bent
+/// such that each step leads nearer to the root and none past it. Without a third term it is the root.
+fn log_resistance(inverse: f64, [a, b, c]: [f64; 3]) -> f64 {
+    let mut log = (inverse - a) / b;
+    for _ in 0..60 {
+        let square = log * log;
+        let step = (a + (b + c * square) * log - inverse) / (b + 3.0 * c * square);
+        log -= step;
+        if step.abs() <= 1e-14 * log.abs() {
+            break;
+        }
+    }
+    log
+}
+
 /// The reading of a temperature, not rounded: what a simulated tip shows.
 #[must_use]
 pub fn reading(temperature_c: f64, thermistor: &Thermistor) -> f64 {
     let inverse = 1.0 / (temperature_c + ZERO_C).max(1.0);
-    let [a, b, c] = coefficients(thermistor);
-    // `a + b x + c x^3` grows with x, and no thermistor has less than 1e-9 ohm or more than 1e17.
-    let (mut low, mut high) = (-20.0, 40.0);
-    for _ in 0..60 {
-        let log = 0.5 * (low + high);
-        if a + (b + c * log * log) * log < inverse {
-            low = log;
-        } else {
-            high = log;
-        }
-    }
-    let resistance = libm::exp(0.5 * (low + high));
+    // No thermistor has less than 1e-9 ohm or more than 1e17.
+    let resistance = libm::exp(log_resistance(inverse, coefficients(thermistor)).clamp(-20.0, 40.0));
     resistance / (resistance + thermistor.pull_up_ohm) * f64::from(FULL_SCALE)
 }
 

@@ -8,11 +8,12 @@
 //! at the next zero whatever came before. CRC-32C (Castagnoli) over everything before it keeps a Hamming distance of 6 at
 //! this length: any five flipped bits are seen.
 
-use crc::{CRC_32_ISCSI, Crc, NoTable};
+use crc::{CRC_32_ISCSI, Crc};
 use heapless::Vec;
 
-/// Without a table: the line is slow, and boards would rather have the room.
-static CRC: Crc<u32, NoTable> = Crc::<u32, NoTable>::new(&CRC_32_ISCSI);
+use crate::hash::CrcTable;
+
+static CRC: Crc<u32, CrcTable> = Crc::<u32, CrcTable>::new(&CRC_32_ISCSI);
 
 /// CRC-32C of some bytes.
 #[must_use]

@@ -158,6 +158,7 @@ impl Faults {
     }
 
     /// Whether there is exactly this fault.
+    #[inline]
     #[must_use]
     pub fn has(&self, fault: TipFault) -> bool {
         self.0.contains(&fault)

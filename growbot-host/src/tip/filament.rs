@@ -25,6 +25,8 @@ pub(super) struct Filament {
     position: i64,
     /// How far it has turned the encoder.
     turned: f64,
+    /// The encoder's level: asked for in each tick, and only changed by a step.
+    level: bool,
     /// How far it has been at most: beyond, it flows.
     front: i64,
     /// Where it ends.
@@ -41,10 +43,12 @@ impl Filament {
             half_pulse: description.sensors.filament_motion.map(|motion| 0.5 * motion.mm_per_pulse * steps_per_mm),
             position: 0,
             turned: 0.0,
+            level: false,
             front: 0,
             end: 0,
         };
         filament.set_left(description.filament.spool_mm);
+        filament.turn(0.0);
         filament
     }
 
@@ -72,7 +76,7 @@ impl Filament {
     pub fn step(&mut self, forwards: bool, seen: f64) -> Moved {
         if !forwards {
             self.position -= 1;
-            self.turned -= 1.0;
+            self.turn(-1.0);
             return Moved::Back;
         }
         if !self.is_there() {
@@ -80,12 +84,18 @@ impl Filament {
         }
         self.position += 1;
         if self.position <= self.front {
-            self.turned += 1.0;
+            self.turn(1.0);
             return Moved::Filled;
         }
-        self.turned += seen;
+        self.turn(seen);
         self.front = self.position;
         Moved::Out
+    }
+
+    fn turn(&mut self, steps: f64) {
+        self.turned += steps;
+        // Half pulses from the start are even where it is high.
+        self.level = self.half_pulse.is_some_and(|half| libm::floor(self.turned / half) as i64 % 2 == 0);
     }
 
     /// How far it has turned the encoder, steps.
@@ -95,7 +105,7 @@ impl Filament {
 
     /// The level of the encoder.
     pub fn encoder(&self) -> bool {
-        self.half_pulse.is_some_and(|half| libm::floor(self.turned / half) % 2.0 == 0.0)
+        self.level
     }
 }
 

@@ -53,6 +53,7 @@ pub(super) struct Nozzle {
     heated: f64,
     /// Feed steps made in this slot.
     fed: f64,
+    decay: Option<Decay>,
 }
 
 impl Nozzle {
@@ -79,6 +80,7 @@ impl Nozzle {
             at_slot: variation.ambient_c,
             heated: 0.0,
             fed: 0.0,
+            decay: None,
         }
     }
 
@@ -152,27 +154,62 @@ impl Nozzle {
             self.peak = self.peak.max(peak);
             return;
         }
-        let loss = (drive.loss_w_per_k + flow).max(f64::MIN_POSITIVE);
-        let settled = drive.power_w / loss;
+        let decay = self.decay.filter(|decay| decay.is_of(seconds, drive, flow));
+        let decay = *self.decay.insert(decay.unwrap_or_else(|| Decay::new(seconds, drive, flow, self.heat_capacity)));
+        let settled = drive.power_w / decay.loss_w_per_k;
         // Above the surroundings, and above where the block settles.
-        let block = self.block - self.ambient_c;
-        let above = block - settled;
-        let (slow, quick) = {
-            let (block, sensor) = (loss / self.heat_capacity, 1.0 / drive.lag_s.max(1e-6));
-            (block.min(sensor), block.max(sensor))
-        };
-        let own = libm::exp(-seconds / drive.lag_s.max(1e-6));
-        // The integral of what the block's decay does to the thermistor, without a difference of like numbers.
-        let apart = quick - slow;
-        let mixed = libm::exp(-slow * seconds)
-            * if apart * seconds > 1e-12 { -libm::expm1(-apart * seconds) / apart } else { seconds };
+        let above = self.block - self.ambient_c - settled;
         let sensor = self.sensor - self.ambient_c;
         self.sensor = self.ambient_c
             + drive.share * settled
-            + (sensor - drive.share * settled) * own
-            + drive.share * above * mixed / drive.lag_s.max(1e-6);
-        self.block = self.ambient_c + settled + above * libm::exp(-loss / self.heat_capacity * seconds);
+            + (sensor - drive.share * settled) * decay.sensor
+            + drive.share * above * decay.mixed;
+        self.block = self.ambient_c + settled + above * decay.block;
         self.peak = self.peak.max(self.block);
+    }
+}
+
+/// How much is left of a difference after some time: the same for each poll of a board, and computed once.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Decay {
+    seconds: f64,
+    lag_s: f64,
+    drive_loss_w_per_k: f64,
+    flow_w_per_k: f64,
+    /// Loss to the surroundings and to the filament, W/K.
+    loss_w_per_k: f64,
+    /// Of the block's and of the thermistor's own difference.
+    block: f64,
+    sensor: f64,
+    /// What the block's decay does to the thermistor meanwhile.
+    mixed: f64,
+}
+
+impl Decay {
+    fn new(seconds: f64, drive: &Drive, flow_w_per_k: f64, heat_capacity: f64) -> Self {
+        let loss_w_per_k = (drive.loss_w_per_k + flow_w_per_k).max(f64::MIN_POSITIVE);
+        let (of_block, of_sensor) = (loss_w_per_k / heat_capacity, 1.0 / drive.lag_s.max(1e-6));
+        let (slow, quick) = (of_block.min(of_sensor), of_block.max(of_sensor));
+        // The integral, without a difference of like numbers.
+        let apart = quick - slow;
+        let mixed = libm::exp(-slow * seconds)
+            * if apart * seconds > 1e-12 { -libm::expm1(-apart * seconds) / apart } else { seconds };
+        Self {
+            seconds,
+            lag_s: drive.lag_s,
+            drive_loss_w_per_k: drive.loss_w_per_k,
+            flow_w_per_k,
+            loss_w_per_k,
+            block: libm::exp(-of_block * seconds),
+            sensor: libm::exp(-of_sensor * seconds),
+            mixed: mixed * of_sensor,
+        }
+    }
+
+    /// Whether it is of these conditions, to the last bit.
+    fn is_of(&self, seconds: f64, drive: &Drive, flow_w_per_k: f64) -> bool {
+        (self.seconds, self.lag_s, self.drive_loss_w_per_k, self.flow_w_per_k)
+            == (seconds, drive.lag_s, drive.loss_w_per_k, flow_w_per_k)
     }
 }
 
