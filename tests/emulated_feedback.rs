@@ -9,9 +9,10 @@ use growbot_core::simulation::Disturbance;
 use growbot_core::tracking::SensorNoise;
 use growbot_host::client::Client;
 use growbot_host::feedback::Feedback;
-use growbot_host::growth::{Grown, Job, Manner, MeasuredBy, Orders, Outcome, grow_job};
+use growbot_host::growth::{Grown, Job, Manner, MeasuredBy, News, Orders, Outcome, grow_job};
 use growbot_host::port::emulator::Emulator;
 use growbot_host::tip::Imperfection;
+use growbot_host::truth::compare;
 use growbot_tests::firmware;
 
 /// Robot A2, which is fast, with robot A's sensors.
@@ -48,9 +49,11 @@ fn grow(robot: &Robot, with_feedback: bool) -> Grown {
         tip.warm_at_once(190.0);
     });
     let feedback = with_feedback.then(|| Feedback::new(robot, &start, &path, &legs, noise));
+    let mut simulation = emulator.simulation();
     let mut client = Client::new(Box::new(emulator), "a board under test");
     let manner = Manner { silence: Silence::Hold, feedback };
-    grow_job(&mut client, &job, manner, &Orders::default(), &mut |_| ()).unwrap()
+    let grow = |tell: &mut dyn FnMut(&News)| grow_job(&mut client, &job, manner, &Orders::default(), tell);
+    compare(Some(&mut simulation), &job, &mut |_| (), grow).unwrap()
 }
 
 #[test]

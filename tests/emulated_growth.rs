@@ -5,20 +5,23 @@ use growbot_core::path::{Segment, end, length};
 use growbot_core::pose::{Pose, angle_between};
 use growbot_core::robot::Robot;
 use growbot_host::client::Client;
-use growbot_host::growth::{Grown, Job, Orders, Outcome, grow_job};
+use growbot_host::growth::{Grown, Job, News, Orders, Outcome, grow_job};
 use growbot_host::port::Port;
 use growbot_host::port::emulator::Emulator;
 use growbot_host::port::sim::Sim;
 use growbot_host::robot_file;
+use growbot_host::truth::{Simulation, compare};
 use growbot_tests::firmware;
 
 /// What grew.
-fn grow_on(port: Box<dyn Port>, robot: &Robot, path: &[Segment]) -> Grown {
+fn grow_on(opened: (Box<dyn Port>, Box<dyn Simulation>), robot: &Robot, path: &[Segment]) -> Grown {
     let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
     let goal = Pose::from_frame(&end(path, &start.frame()));
     let job = Job::new(robot, &start, &goal, path);
+    let (port, mut simulation) = opened;
     let mut client = Client::new(port, "a board under test");
-    grow_job(&mut client, &job, Silence::Hold, &Orders::default(), &mut |_| ()).unwrap()
+    let grow = |tell: &mut dyn FnMut(&News)| grow_job(&mut client, &job, Silence::Hold, &Orders::default(), tell);
+    compare(Some(&mut simulation), &job, &mut |_| (), grow).unwrap()
 }
 
 #[test]
@@ -35,8 +38,11 @@ fn the_emulated_board_lays_the_layers_that_the_simulation_lays() {
     let mut emulator = Emulator::start(&robot, Some(&firmware("an386"))).unwrap();
     // A nozzle that is warm at once saves the time of heating, which is real here.
     emulator.simulated_tip(|tip| tip.warm_at_once(190.0));
-    let emulated = grow_on(Box::new(emulator), &robot, &path);
-    let simulated = grow_on(Box::new(Sim::new(robot.clone())), &robot, &path);
+    let tip = emulator.simulation();
+    let emulated = grow_on((Box::new(emulator), tip), &robot, &path);
+    let sim = Sim::new(robot.clone());
+    let tip = sim.simulation();
+    let simulated = grow_on((Box::new(sim), tip), &robot, &path);
 
     assert_eq!(emulated.outcome, Outcome::Done);
     assert!(emulated.body.len() >= 100, "{} layers", emulated.body.len());

@@ -23,7 +23,6 @@ use growbot_core::robot::Robot;
 use growbot_firmware::emulated_tip as table;
 use growbot_host::client::Client;
 use growbot_host::growth::{CutLayer, Grown, GrowthError, Job, News, Orders, Outcome, grow_job, resume_job};
-use growbot_host::port::Port;
 use growbot_host::port::emulator::Emulator;
 use growbot_host::port::faulty::{FaultSpec, Faulty};
 use growbot_host::robot_file;
@@ -129,11 +128,12 @@ fn over_a_bad_line(board: &Board, job: &Job, undisturbed: &Undisturbed, seed: u6
     let wire = Rc::new(RefCell::new(Faulty::new(Rc::clone(board), spec)));
     let mut client = Client::new(Box::new(Rc::clone(&wire)), "the emulated board");
     let never = Orders::default();
+    let laid_before = board.borrow().simulation().laid().map_err(|error| error.to_string())?.body.len();
     let grown = grow_job(&mut client, job, Silence::Hold, &never, &mut |_| ());
     let what = format!("{:.1} % of frames lost, {flip:.1e} of bytes flipped", 100.0 * drop);
     let grown = grown.map_err(|error| format!("{what}: {error}"))?;
     // The tip has seen each layer as it was laid.
-    let laid = grown.body.len();
+    let laid = board.borrow().simulation().laid().map_err(|error| format!("{what}: {error}"))?.body.len() - laid_before;
     if (grown.outcome, laid) != (Outcome::Done, LAYERS) || grown.as_built != undisturbed.as_built {
         return Err(format!("{what}: {:?} after {laid} layers, {:?}", grown.outcome, grown.as_built));
     }
@@ -249,7 +249,7 @@ fn reset(board: &Board) {
 }
 
 fn feed_steps(board: &Board) -> u64 {
-    board.borrow_mut().tip().unwrap().unwrap().feed_steps
+    board.borrow().simulation().laid().unwrap().feed_steps
 }
 
 /// Somebody comes back, clears what is to be cleared, and goes on: what was found, and what came of it.

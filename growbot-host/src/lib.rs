@@ -11,7 +11,7 @@
 //! - [`batch`]: many plans from a CSV stream;
 //! - [`reproduce`]: the experiments of the paper, done again, with page and figures;
 //! - [`layer_table`]: the layers of a plan as CSV; [`view`]: a body in a page to look at, or in a picture; [`drawing`], what pictures are drawn with; [`export`]: bodies as STL, GLB, CSV and MCAP;
-//! - [`port`]: where a robot is: simulated here, emulated, or at the end of a line; [`tip`], what a simulated one does;
+//! - [`port`]: where a robot is: simulated here, emulated, or at the end of a line; [`tip`], what a simulated one does, and [`truth`], what it has really laid;
 //! - [`client`]: requests to its board and their answers; [`growth`], a whole job; [`arrival`], how near it came; [`run_log`], and its time, [`run_clock`];
 //! - [`image_seal`]: firmware images get their seal; [`crash`]: where in an image the firmware crashed;
 //! - [`watch`]: a growth under way, as a page on this machine;
@@ -54,6 +54,7 @@ pub mod run_log;
 pub mod schema;
 pub mod simulation;
 pub mod tip;
+pub mod truth;
 pub mod view;
 pub mod warning;
 pub mod watch;

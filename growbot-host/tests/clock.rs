@@ -11,7 +11,7 @@ use growbot_core::random::Random;
 use growbot_host::client::Client;
 use growbot_host::growth::{Grown, Job, Orders, Outcome, grow_job};
 use growbot_host::port::sim::Sim;
-use growbot_host::port::{Port, PortError, TipRecord};
+use growbot_host::port::{Port, PortError};
 use growbot_host::robot_file;
 
 /// A simulated robot whose clock runs so many times as fast as its host's, on a line that delays answers.
@@ -44,10 +44,6 @@ impl Port for Skewed {
 
     fn now(&self) -> Duration {
         Duration::from_secs_f64(self.sim.borrow().now_s() / self.rate)
-    }
-
-    fn tip(&mut self) -> Result<Option<TipRecord>, PortError> {
-        self.sim.tip()
     }
 }
 

@@ -20,7 +20,7 @@ use growbot_host::growth::{
 };
 use growbot_host::plan::{Plan, Search};
 use growbot_host::port::sim::Sim;
-use growbot_host::port::{Port, PortError, TipRecord};
+use growbot_host::port::{Port, PortError};
 use growbot_host::robot_file;
 use growbot_host::run_log::{RunLog, RunRecord};
 use growbot_host::tip::Imperfection;
@@ -145,10 +145,6 @@ impl Port for Line {
 
     fn now(&self) -> Duration {
         self.0.now()
-    }
-
-    fn tip(&mut self) -> Result<Option<TipRecord>, PortError> {
-        self.0.tip()
     }
 }
 

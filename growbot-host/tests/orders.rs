@@ -13,7 +13,7 @@ use growbot_core::robot::Robot;
 use growbot_host::client::Client;
 use growbot_host::growth::{Grown, GrowthError, Job, News, Order, Orders, Outcome, grow_job};
 use growbot_host::port::sim::Sim;
-use growbot_host::port::{Port, PortError, TipRecord};
+use growbot_host::port::{Port, PortError};
 
 /// Grows 20 upright layers; `order` sees all news and gives orders. Also what was told.
 fn grow(order: impl FnMut(&News, &Orders)) -> (Grown, Vec<News>) {
@@ -148,10 +148,6 @@ impl Port for Cut {
 
     fn now(&self) -> Duration {
         self.sim.now()
-    }
-
-    fn tip(&mut self) -> Result<Option<TipRecord>, PortError> {
-        self.sim.tip()
     }
 }
 

@@ -9,6 +9,7 @@ use growbot_host::growth::{Job, Manner, grow_job};
 use growbot_host::port::{PortName, TipSettings};
 use growbot_host::run_log::{Origin, RunLog};
 use growbot_host::tip::Imperfection;
+use growbot_host::truth::compare;
 use growbot_host::view::Subject;
 use growbot_host::warning::PREVENTING;
 
@@ -17,7 +18,7 @@ use super::following::{Following, OnSilence, refuse};
 use super::goal::GoalArgs;
 use super::interrupt::stop_on_interrupt;
 use super::watching::WatchArgs;
-use super::{ChosenPort, Failure, PortArg, plan_table};
+use super::{ChosenPort, Connection, Failure, PortArg, plan_table};
 
 /// Grow a body: a plan, or straight from a pose
 ///
@@ -121,7 +122,7 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
         seed: disturbance.seed,
     };
     let settings = TipSettings { start: Some(plan.start), imperfection, pace };
-    let mut client = port.client_of(&robot, &settings)?;
+    let Connection { mut client, mut simulation } = port.connect(&robot, &settings)?;
     let orders = stop_on_interrupt(&mut client, &port);
     let name = format!("{}{}", args.goal.name(), port.remark());
     let subject = Subject { name: &name, robot: &robot, plan: &plan, run: None };
@@ -138,7 +139,9 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     let simulated = port.is_simulated();
     let following = Following { robot: &robot, plan: &plan, log, watch, json: args.json, laid: 0, seed, simulated };
     let manner = Manner { silence: args.on_silence.into(), feedback };
-    following.follow(|tell| grow_job(&mut client, &job, manner, &orders, tell))
+    following.follow(|tell| {
+        compare(simulation.as_mut(), &job, tell, |tell| grow_job(&mut client, &job, manner, &orders, tell))
+    })
 }
 
 impl GrowArgs {

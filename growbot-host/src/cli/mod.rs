@@ -52,10 +52,11 @@ use growbot_host::input::{InputError, name_of};
 use growbot_host::output::OutputError;
 use growbot_host::plan_file::PlanFileError;
 use growbot_host::port::faulty::FaultSpec;
-use growbot_host::port::{self, PortError, PortName, TipSettings};
+use growbot_host::port::{self, Opened, PortError, PortName, TipSettings};
 use growbot_host::printable;
 use growbot_host::robot_file::{self, RobotFileError};
 use growbot_host::run_log::RunRecord;
+use growbot_host::truth::Simulation;
 
 /// Plan, slice and grow: the control stack of robots that grow by printing their
 /// own body.
@@ -357,20 +358,28 @@ impl ChosenPort {
 
     /// A client at the port of this robot.
     fn client(&self, robot: &Robot) -> Result<Client, Failure> {
-        self.client_of(robot, &TipSettings::default())
+        Ok(self.connect(robot, &TipSettings::default())?.client)
     }
 
-    /// A client at the port of this robot, whose tip, where that is a simulated one, is like this.
-    fn client_of(&self, robot: &Robot, settings: &TipSettings) -> Result<Client, Failure> {
-        let port = port::open(&self.name, robot, settings)?;
+    /// Opens the port of this robot, whose tip, where that is a simulated one, is like this.
+    fn connect(&self, robot: &Robot, settings: &TipSettings) -> Result<Connection, Failure> {
+        let Opened { port, simulation } = port::open(&self.name, robot, settings)?;
         let name = if self.is_simulated() { format!("{} (simulated)", self.text()) } else { self.text().to_owned() };
-        Ok(Client::new(port, &name).taking_over(self.take_over))
+        Ok(Connection { client: Client::new(port, &name).taking_over(self.take_over), simulation })
     }
 
     /// The port's name as it was given.
     fn text(&self) -> &str {
         &self.text
     }
+}
+
+/// A robot at the end of an open port.
+pub struct Connection {
+    /// Talks to its board.
+    client: Client,
+    /// What its tip has really laid, where that is a simulated one.
+    simulation: Option<Box<dyn Simulation>>,
 }
 
 /// What messages say before "robot" or "board" of a simulated one.

@@ -80,7 +80,7 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
     let port = args.port.choose()?;
     let (robot, plan, mut record) = args.robot_plan_and_record()?;
     let pace = args.watching.pace(port.name())?;
-    let mut client = port.client_of(&robot, &TipSettings { pace, ..TipSettings::default() })?;
+    let mut client = port.connect(&robot, &TipSettings { pace, ..TipSettings::default() })?.client;
     let board = client.board()?;
     Client::belongs_to(&board, &robot)?;
     let mut job = Job::new(&robot, &plan.start, &plan.goal, &plan.path);

@@ -31,8 +31,6 @@ impl<'a> Growth<'a> {
     }
 
     fn hand_over_all(&mut self, tell: &mut dyn FnMut(&News)) -> Result<(), ClientError> {
-        let tip = self.client.port().tip()?;
-        self.laid_before = Some(tip.map_or((0, 0), |tip| (tip.body.len(), tip.feed_steps)));
         let begin =
             Begin { plan_id: self.job.plan_id, layers: self.job.layers.len() as u32, robot: self.job.robot.hash() };
         self.ask("to begin a job", &Message::Begin(begin))?;

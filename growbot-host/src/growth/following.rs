@@ -56,7 +56,7 @@ impl Growth<'_> {
             }
             Err(error) => return Err(GrowthError::During(error)),
         };
-        self.measure(outcome, tell).map_err(GrowthError::During)
+        Ok(self.measure(outcome))
     }
 
     /// Opens another session and goes on following, if the board still has the job.
@@ -135,7 +135,6 @@ impl Growth<'_> {
                     if laid.index as usize == self.as_built.len() {
                         self.take_layer(&laid);
                         tell(&News::Laid(laid.index, laid.as_built, laid.measured));
-                        self.tell_settled(tell)?;
                     }
                     self.laid = self.laid.max(laid.index.saturating_add(1));
                     self.accepted.room = self.capacity.saturating_sub(self.accepted.next.saturating_sub(self.laid));

@@ -5,12 +5,11 @@ use growbot_core::layer::{Layer, grow};
 use growbot_core::layer_bytes::{LayerBytes, decode};
 use growbot_core::link::message::Cut;
 
-use super::{Growth, News, Outcome};
+use super::{Growth, Outcome};
 use crate::arrival::Arrival;
-use crate::client::ClientError;
 use crate::feedback::{FedBack, Feedback};
 
-/// What a growth came to, measured from the steps that were made.
+/// What a growth came to.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Grown {
     /// How it ended.
@@ -84,52 +83,18 @@ pub fn as_built_hash(layers: &[Option<LayerBytes>]) -> u64 {
 }
 
 impl Growth<'_> {
-    /// Tells where the plastic of layers is that have settled on a simulated tip.
-    pub(super) fn tell_settled(&mut self, tell: &mut dyn FnMut(&News)) -> Result<(), ClientError> {
-        if let Some((before, _)) = self.laid_before {
-            let settled = self.client.port().settled(before.saturating_add(self.told_simulated))?;
-            self.tell_simulated(&settled, tell);
-        }
-        Ok(())
-    }
-
-    fn tell_simulated(&mut self, layers: &[Layer], tell: &mut dyn FnMut(&News)) {
-        if !layers.is_empty() {
-            tell(&News::Simulated(u32::try_from(self.told_simulated).unwrap_or(u32::MAX), layers.to_vec()));
-            self.told_simulated += layers.len();
-        }
-    }
-
-    /// The body from the steps: the simulated tip's where there is one, else as the board reports it.
-    pub(super) fn measure(mut self, outcome: Outcome, tell: &mut dyn FnMut(&News)) -> Result<Grown, ClientError> {
-        // What cannot be asked any more is not asked.
-        let tip = if outcome == Outcome::Lost { None } else { self.client.port().tip()? };
-        let per_length = self.job.robot.feed_steps_per_length();
-        let is_tip = tip.is_some() && self.laid_before.is_some();
-        let (body, feed_steps): (Vec<Layer>, f64) = match (tip, self.laid_before) {
-            (Some(mut tip), Some((layers, feed))) => {
-                (tip.body.split_off(layers.min(tip.body.len())), tip.feed_steps.saturating_sub(feed) as f64)
-            }
-            _ => {
-                let layers = self.as_built.iter().zip(&self.job.layers);
-                let body: Vec<Layer> =
-                    layers.map(|(as_built, planned)| decode(as_built.as_ref().unwrap_or(planned))).collect();
-                let fed = body.iter().fold(0.0, |sum, layer| sum + layer.height) * per_length;
-                (body, fed)
-            }
-        };
-        if is_tip {
-            self.tell_simulated(body.get(self.told_simulated..).unwrap_or_default(), tell);
-        }
+    /// The body as the board reports its steps, and its end as the sensors say where there is feedback.
+    pub(super) fn measure(self, outcome: Outcome) -> Grown {
+        let layers = self.as_built.iter().zip(&self.job.layers);
+        let body: Vec<Layer> = layers.map(|(as_built, planned)| decode(as_built.as_ref().unwrap_or(planned))).collect();
+        let length = body.iter().fold(0.0, |sum, layer| sum + layer.height);
+        let feed_steps = length * self.job.robot.feed_steps_per_length();
         let fed_back = self.feedback.as_ref().map(Feedback::result);
         let (measured_by, end) = match &fed_back {
-            Some(fed_back) if !is_tip => (MeasuredBy::Estimate, fed_back.estimate.base_from_tip),
-            _ => {
-                let measured_by = if is_tip { MeasuredBy::Tip } else { MeasuredBy::Steps };
-                (measured_by, grow(&self.job.start.frame(), body.iter().copied()))
-            }
+            Some(fed_back) => (MeasuredBy::Estimate, fed_back.estimate.base_from_tip),
+            None => (MeasuredBy::Steps, grow(&self.job.start.frame(), body.iter().copied())),
         };
-        Ok(Grown {
+        Grown {
             outcome,
             plan_id: self.job.plan_id,
             arrival: Arrival::of(&end, self.job.goal, self.job.length),
@@ -140,6 +105,6 @@ impl Growth<'_> {
             cut: self.cut,
             measured_by,
             fed_back,
-        })
+        }
     }
 }

@@ -245,10 +245,6 @@ struct Growth<'a> {
     accepted: Accepted,
     /// Layers that the board has laid.
     laid: u32,
-    /// What a simulated tip had laid before: layers, and feed steps. None where this host has not seen the body's beginning.
-    laid_before: Option<(usize, u64)>,
-    /// Of how many layers since then it has been told where their plastic is.
-    told_simulated: usize,
     /// The layers as the board reports them.
     as_built: Vec<Option<LayerBytes>>,
     cut: Option<Cut>,
@@ -286,8 +282,6 @@ impl<'a> Growth<'a> {
             told: job.layers.len() as u32,
             accepted: Accepted { plan_id: 0, next: 0, room: 0 },
             laid: 0,
-            laid_before: None,
-            told_simulated: 0,
             as_built: Vec::new(),
             cut: None,
             capacity: hello.capacity,

@@ -20,9 +20,10 @@ use growbot_firmware::emulated_tip as table;
 
 use super::qemu::{EmulatedRobot, QemuError, TipMemory, doing};
 use super::stream::Stream;
-use super::{Port, PortError, TipRecord};
+use super::{Port, PortError};
 use crate::image_seal;
 use crate::tip::{IndexMark, Motor, Tip, TipFault, Variation, encoder_pitch};
+use crate::truth::{Laid, Simulation};
 
 /// How often the tip looks at its memory.
 const LOOK: Duration = Duration::from_millis(1);
@@ -87,6 +88,12 @@ impl Emulator {
         what(&mut self.player.followed().tip);
     }
 
+    /// The tip, for comparing a growth with what it has really laid.
+    #[must_use]
+    pub fn simulation(&self) -> Box<dyn Simulation> {
+        Box::new(SharedFollowed(Arc::clone(&self.player.followed)))
+    }
+
     /// Cuts the board's power at this moment. What is left is the flash of its journal; the tip stays as it is.
     ///
     /// # Errors
@@ -127,14 +134,6 @@ impl Port for Emulator {
     /// The board counts the interrupts of its timer, some of which a busy machine lets pass.
     fn compares_clocks(&self) -> bool {
         false
-    }
-
-    fn tip(&mut self) -> Result<Option<TipRecord>, PortError> {
-        self.player.record().map(Some)
-    }
-
-    fn settled(&mut self, from: usize) -> Result<Vec<Layer>, PortError> {
-        Ok(self.player.followed().tip.settled(from).to_vec())
     }
 }
 
@@ -419,19 +418,24 @@ impl Player {
     fn followed(&self) -> MutexGuard<'_, Followed> {
         self.followed.lock().unwrap_or_else(PoisonError::into_inner)
     }
+}
 
-    fn record(&self) -> Result<TipRecord, PortError> {
-        let mut followed = self.followed();
+/// The tip that the thread plays, for who compares a growth with it.
+struct SharedFollowed(Arc<Mutex<Followed>>);
+
+impl Simulation for SharedFollowed {
+    fn laid(&mut self) -> Result<Laid, PortError> {
+        let mut followed = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         followed.look().map_err(|error| QemuError::Io("read the tip's memory", error))?;
         if followed.lost_steps > 0 {
             let what = format!("{} steps were lost before the tip could read them", followed.lost_steps);
             return Err(PortError::Lost("the emulated tip".to_string(), what));
         }
-        Ok(TipRecord {
-            body: followed.tip.body(),
-            feed_steps: followed.tip.feed_steps(),
-            temperature_c: followed.tip.nozzle_c(),
-        })
+        Ok(Laid { body: followed.tip.body(), feed_steps: followed.tip.feed_steps() })
+    }
+
+    fn settled(&mut self, from: usize) -> Vec<Layer> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).tip.settled(from).to_vec()
     }
 }
 

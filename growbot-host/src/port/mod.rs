@@ -14,7 +14,6 @@ use std::rc::Rc;
 use std::str::FromStr;
 use std::time::Duration;
 
-use growbot_core::layer::Layer;
 use growbot_core::link::emergency_stop::EMERGENCY_STOP;
 use growbot_core::pose::Pose;
 use growbot_core::robot::{Robot, RobotError};
@@ -24,6 +23,7 @@ use faulty::{FaultSpec, Faulty};
 use paced::Paced;
 
 use crate::tip::{Imperfection, Tip};
+use crate::truth::Simulation;
 
 /// The line to a robot: bytes both ways.
 pub trait Port {
@@ -63,22 +63,6 @@ pub trait Port {
     fn emergency_line(&mut self) -> Option<Box<dyn Port + Send>> {
         None
     }
-
-    /// What the tip behind this port has really done, where it is a simulated one.
-    ///
-    /// # Errors
-    /// If the tip can no longer be read.
-    fn tip(&mut self) -> Result<Option<TipRecord>, PortError> {
-        Ok(None)
-    }
-
-    /// The layers of that tip's body which no longer change, from this index on; none where there is no simulated tip.
-    ///
-    /// # Errors
-    /// If the tip can no longer be read.
-    fn settled(&mut self, _from: usize) -> Result<Vec<Layer>, PortError> {
-        Ok(Vec::new())
-    }
 }
 
 /// A port that somebody else holds too: who breaks things on a simulated tip while a host talks to its board.
@@ -106,14 +90,6 @@ impl<P: Port> Port for Rc<RefCell<P>> {
     fn emergency_line(&mut self) -> Option<Box<dyn Port + Send>> {
         self.borrow_mut().emergency_line()
     }
-
-    fn tip(&mut self) -> Result<Option<TipRecord>, PortError> {
-        self.borrow_mut().tip()
-    }
-
-    fn settled(&mut self, from: usize) -> Result<Vec<Layer>, PortError> {
-        self.borrow_mut().settled(from)
-    }
 }
 
 impl Port for Box<dyn Port> {
@@ -140,14 +116,6 @@ impl Port for Box<dyn Port> {
     fn emergency_line(&mut self) -> Option<Box<dyn Port + Send>> {
         self.as_mut().emergency_line()
     }
-
-    fn tip(&mut self) -> Result<Option<TipRecord>, PortError> {
-        self.as_mut().tip()
-    }
-
-    fn settled(&mut self, from: usize) -> Result<Vec<Layer>, PortError> {
-        self.as_mut().settled(from)
-    }
 }
 
 /// Real time since the machine was started, its sleep included.
@@ -155,17 +123,6 @@ impl Port for Box<dyn Port> {
 pub fn real_time() -> Duration {
     let time = clock_gettime(ClockId::Boottime);
     Duration::new(time.tv_sec.unsigned_abs(), time.tv_nsec.unsigned_abs() as u32)
-}
-
-/// What a simulated tip has done, from its steps.
-#[derive(Debug, Clone, PartialEq)]
-pub struct TipRecord {
-    /// The body, layer by layer.
-    pub body: Vec<Layer>,
-    /// Steps of the feed.
-    pub feed_steps: u64,
-    /// Temperature of the nozzle, degrees Celsius.
-    pub temperature_c: f64,
 }
 
 /// Why a port could not be opened, or was lost.
@@ -279,29 +236,50 @@ impl TipSettings {
     }
 }
 
+/// An open port.
+pub struct Opened {
+    /// The line to the robot.
+    pub port: Box<dyn Port>,
+    /// The simulation behind it; none where the robot is a real one.
+    pub simulation: Option<Box<dyn Simulation>>,
+}
+
+impl Opened {
+    /// A port to a robot.
+    fn robot(port: impl Port + 'static) -> Self {
+        Self { port: Box::new(port), simulation: None }
+    }
+}
+
 /// Opens a port. `robot` is the one that is simulated or emulated there, with a tip of these settings; on other ports the board says
 /// what it is.
 ///
 /// # Errors
 /// A port that is not there, is busy or does not start.
-pub fn open(name: &PortName, robot: &Robot, settings: &TipSettings) -> Result<Box<dyn Port>, PortError> {
+pub fn open(name: &PortName, robot: &Robot, settings: &TipSettings) -> Result<Opened, PortError> {
     Ok(match name {
         PortName::Sim => {
             let mut sim = sim::Sim::new(robot.clone());
             settings.apply(&mut sim.simulated_tip());
-            match settings.pace {
+            let simulation = Some(sim.simulation());
+            let port: Box<dyn Port> = match settings.pace {
                 Some(times) => Box::new(Paced::new(sim, times)),
                 None => Box::new(sim),
-            }
+            };
+            Opened { port, simulation }
         }
         PortName::Emulator(firmware) => {
             let mut emulator = emulator::Emulator::start(robot, firmware.as_deref())?;
             emulator.simulated_tip(|tip| settings.apply(tip));
-            Box::new(emulator)
+            let simulation = Some(emulator.simulation());
+            Opened { port: Box::new(emulator), simulation }
         }
-        PortName::Tcp(address) => Box::new(stream::Stream::tcp(address)?),
-        PortName::Serial(device) => Box::new(stream::Stream::serial(device)?),
-        PortName::Faulty(name, spec) => Box::new(Faulty::new(open(name, robot, settings)?, *spec)),
+        PortName::Tcp(address) => Opened::robot(stream::Stream::tcp(address)?),
+        PortName::Serial(device) => Opened::robot(stream::Stream::serial(device)?),
+        PortName::Faulty(name, spec) => {
+            let Opened { port, simulation } = open(name, robot, settings)?;
+            Opened { port: Box::new(Faulty::new(port, *spec)), simulation }
+        }
     })
 }
 

@@ -3,10 +3,8 @@
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use growbot_core::layer::Layer;
-
 use super::sim::Sim;
-use super::{Port, PortError, TipRecord};
+use super::{Port, PortError};
 
 /// A pause of this program is not made up for beyond this.
 const MOST_BEHIND: Duration = Duration::from_secs(1);
@@ -51,14 +49,6 @@ impl Port for Paced {
 
     fn now(&self) -> Duration {
         self.sim.now()
-    }
-
-    fn tip(&mut self) -> Result<Option<TipRecord>, PortError> {
-        self.sim.tip()
-    }
-
-    fn settled(&mut self, from: usize) -> Result<Vec<Layer>, PortError> {
-        self.sim.settled(from)
     }
 }
 

@@ -8,7 +8,6 @@ use std::collections::VecDeque;
 use std::rc::Rc;
 use std::time::Duration;
 
-use growbot_core::layer::Layer;
 use growbot_core::link::emergency_stop::Recogniser;
 use growbot_core::link::message::{Fault, ImageCheck, ResetCause, State};
 use growbot_core::pose::Pose;
@@ -20,13 +19,14 @@ use growbot_firmware::layer_store::LayerStore;
 use growbot_firmware::safety::kept::{COPY_BYTES, KEPT_BYTES};
 use growbot_firmware::stepping::{Axis, Engine, EngineSettings, Handover, Inputs};
 
-use super::{Port, PortError, TipRecord};
+use super::{Port, PortError};
 use crate::tip::flash::Flash;
 use crate::tip::pins::{
     Converter, DirectionPin, EnablePin, Fan, HeaterEnable, HeaterPower, Input, Orientation, SharedTip, StepPin,
     TipOutputs,
 };
 use crate::tip::{Motor, Tip, TipFault, Variation, scramble};
+use crate::truth::Simulation;
 
 /// How often the controller is polled, us of virtual time.
 const POLL_US: u64 = 10_000;
@@ -118,6 +118,12 @@ impl Sim {
     /// The tip at this moment, with everything that can be known of it.
     pub fn simulated_tip(&mut self) -> RefMut<'_, Tip> {
         self.tip.borrow_mut()
+    }
+
+    /// The tip, for comparing a growth with what it has really laid.
+    #[must_use]
+    pub fn simulation(&self) -> Box<dyn Simulation> {
+        Box::new(Rc::clone(&self.tip))
     }
 
     /// Virtual time since the robot was switched on, s.
@@ -306,15 +312,6 @@ impl Port for Sim {
     fn now(&self) -> Duration {
         Duration::from_secs_f64(self.now_s())
     }
-
-    fn tip(&mut self) -> Result<Option<TipRecord>, PortError> {
-        let mut tip = self.tip.borrow_mut();
-        Ok(Some(TipRecord { body: tip.body(), feed_steps: tip.feed_steps(), temperature_c: tip.nozzle_c() }))
-    }
-
-    fn settled(&mut self, from: usize) -> Result<Vec<Layer>, PortError> {
-        Ok(self.tip.borrow_mut().settled(from).to_vec())
-    }
 }
 
 /// The parts of the simulated board.
@@ -397,7 +394,8 @@ impl Watchdog for SimWatchdog {
 mod tests {
     use super::*;
     use crate::client::Client;
-    use crate::growth::{Grown, Job, Orders, grow_job};
+    use crate::growth::{Grown, Job, News, Orders, grow_job};
+    use crate::truth::compare;
     use embedded_storage::nor_flash::NorFlash;
     use growbot_core::link::message::Silence;
     use growbot_core::path::{Segment, end};
@@ -415,8 +413,10 @@ mod tests {
         let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
         let goal = Pose::from_frame(&end(&path, &start.frame()));
         let job = Job::new(&robot, &start, &goal, &path);
+        let mut simulation = sim.simulation();
         let mut client = Client::new(Box::new(sim), "a simulated board");
-        grow_job(&mut client, &job, Silence::Hold, &Orders::default(), &mut |_| {}).unwrap()
+        let grow = |tell: &mut dyn FnMut(&News)| grow_job(&mut client, &job, Silence::Hold, &Orders::default(), tell);
+        compare(Some(&mut simulation), &job, &mut |_| {}, grow).unwrap()
     }
 
     #[test]

@@ -18,7 +18,7 @@ use growbot_core::robot::Robot;
 use growbot_host::client::Client;
 use growbot_host::growth::{Job, News, Orders, Outcome, grow_job};
 use growbot_host::port::sim::Sim;
-use growbot_host::port::{Port, PortError, TipRecord};
+use growbot_host::port::{Port, PortError};
 use growbot_host::robot_file;
 
 /// Robot A, homing and growing faster, so that campaigns do not take long.
@@ -85,8 +85,7 @@ impl Undisturbed {
         let board: Board = Rc::new(RefCell::new(Sim::new(job.robot.clone())));
         let mut client = Client::new(Box::new(Rc::clone(&board)), "sim");
         let mut events = 0;
-        // A line that can be cut leads to no simulation, only to a board.
-        let count = &mut |news: &News| events += usize::from(!matches!(news, News::Simulated(..)));
+        let count = &mut |_: &News| events += 1;
         let grown = grow_job(&mut client, job, Silence::Hold, &Orders::default(), count);
         let grown = grown.expect("nothing is in the way");
         assert_eq!((grown.outcome, grown.as_built.len()), (Outcome::Done, job.layers.len()));
@@ -127,9 +126,5 @@ impl<P: Port> Port for Cuttable<P> {
 
     fn compares_clocks(&self) -> bool {
         self.port.compares_clocks()
-    }
-
-    fn tip(&mut self) -> Result<Option<TipRecord>, PortError> {
-        self.whole()?.tip()
     }
 }

@@ -14,6 +14,7 @@ use growbot_host::client::Client;
 use growbot_host::growth::{Job, News, Orders, Outcome, grow_job};
 use growbot_host::output::print;
 use growbot_host::plan::{Plan, Search};
+use growbot_host::truth::{Simulation, compare};
 use rustyline::completion::Completer;
 use rustyline::error::ReadlineError;
 use rustyline::highlight::Highlighter;
@@ -36,6 +37,8 @@ const LOOK: Duration = Duration::from_millis(100);
 /// A session on a terminal or a pipe.
 pub struct Session {
     client: Client,
+    /// What the tip has really laid, where it is a simulated one.
+    simulation: Option<Box<dyn Simulation>>,
     robot: Robot,
     port: ChosenPort,
     start: Pose,
@@ -60,9 +63,15 @@ enum Next {
 
 impl Session {
     /// A session with a board.
-    pub fn new(mut client: Client, robot: Robot, start: Pose, port: ChosenPort) -> Self {
+    pub fn new(
+        mut client: Client,
+        simulation: Option<Box<dyn Simulation>>,
+        robot: Robot,
+        start: Pose,
+        port: ChosenPort,
+    ) -> Self {
         let orders = stop_on_interrupt(&mut client, &port);
-        Self { client, robot, port, start, orders }
+        Self { client, simulation, robot, port, start, orders }
     }
 
     /// Carries commands out until the last one.
@@ -247,7 +256,7 @@ impl Session {
         let plan = Plan::through(&self.robot, &self.start, &[], goal, &search)?;
         let job = Job::new(&self.robot, &plan.start, &plan.goal, &plan.path);
         let mut emergency = false;
-        let grown = grow_job(&mut self.client, &job, Silence::Hold, &self.orders, &mut |news| {
+        let mut show = |news: &News| {
             if let News::Status(status) = news {
                 emergency |= status.state == State::EmergencyStop;
             }
@@ -255,10 +264,12 @@ impl Session {
                 // A reader that is gone is noticed when the table is printed.
                 let _ = print(&format!("{}\n", state.name()));
             }
-        })
-        .map_err(|error| following::failed(error, self.port.is_simulated()))?;
-        self.orders.clear();
+        };
         let is_simulated = self.port.is_simulated();
+        let grow = |tell: &mut dyn FnMut(&News)| grow_job(&mut self.client, &job, Silence::Hold, &self.orders, tell);
+        let grown = compare(self.simulation.as_mut(), &job, &mut show, grow)
+            .map_err(|error| following::failed(error, is_simulated))?;
+        self.orders.clear();
         print(&growth_table::table(&plan, &self.robot, &grown, None, is_simulated))?;
         following::judged(grown.outcome, grown.outcome == Outcome::Stopped && emergency, is_simulated)
     }
@@ -350,7 +361,7 @@ mod tests {
         client.hello_robot(&robot).unwrap();
         let Ok(port) = (LineArg { fault: None, take_over: false }).at("sim".to_owned()) else { panic!("no port") };
         let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
-        let mut session = Session { client, robot, port, start, orders: Arc::default() };
+        let mut session = Session { client, simulation: None, robot, port, start, orders: Arc::default() };
         assert!(session.stop_if_it_works().is_ok());
         assert_eq!(sim.borrow().state(), State::Idle);
 

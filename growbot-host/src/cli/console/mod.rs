@@ -10,8 +10,9 @@ mod tui;
 use clap::Args;
 use growbot_core::pose::Pose;
 use growbot_host::input::note_standard_input;
+use growbot_host::port::TipSettings;
 
-use super::{Failure, PortArg, RobotArg};
+use super::{Connection, Failure, PortArg, RobotArg};
 
 /// Type commands, see the robot; works in a pipe
 ///
@@ -43,11 +44,11 @@ pub fn run(args: &ConsoleArgs) -> Result<(), Failure> {
     note_standard_input()?;
     let port = args.port.choose()?;
     let robot = args.robot.load()?;
-    let mut client = port.client(&robot)?;
+    let Connection { mut client, simulation } = port.connect(&robot, &TipSettings::default())?;
     let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).map_err(Failure::bad_input)?;
     if args.tui {
         return tui::run(client, robot, start, &port);
     }
     client.hello()?;
-    line::Session::new(client, robot, start, port).run()
+    line::Session::new(client, simulation, robot, start, port).run()
 }

@@ -20,11 +20,10 @@ mod spec;
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use growbot_core::layer::Layer;
 use growbot_core::link::frame::LONGEST_FRAME;
 
 pub use self::spec::{FaultSpec, FaultSpecError};
-use super::{Port, PortError, TipRecord};
+use super::{Port, PortError};
 use crate::tip::scramble;
 
 /// How long the line stays cut.
@@ -244,14 +243,6 @@ impl<P: Port> Port for Faulty<P> {
     /// Past the faults: they are for trials.
     fn emergency_line(&mut self) -> Option<Box<dyn Port + Send>> {
         self.port.emergency_line()
-    }
-
-    fn tip(&mut self) -> Result<Option<TipRecord>, PortError> {
-        self.port.tip()
-    }
-
-    fn settled(&mut self, from: usize) -> Result<Vec<Layer>, PortError> {
-        self.port.settled(from)
     }
 }
 
