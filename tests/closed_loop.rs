@@ -2,6 +2,8 @@
 //!
 //! `GROWBOT_LOOPS=1000 cargo test --release -p growbot-tests --test closed_loop -- --nocapture` grows a thousand bodies of each kind.
 
+use growbot_client::arrival::Arrival;
+use growbot_client::robot_file;
 use growbot_core::path::{Leg, length};
 use growbot_core::plan::{Planner, plan};
 use growbot_core::pose::Pose;
@@ -10,8 +12,7 @@ use growbot_core::robot::Robot;
 use growbot_core::simulation::{DirectionSensor, Disturbance, Sensors, Task, grow_closed, grow_open};
 use growbot_core::slicing::{LIMIT_SLACK, Slicing, layers};
 use growbot_core::tracking::SensorNoise;
-use growbot_host::arrival::Arrival;
-use growbot_host::{parallel, robot_file};
+use growbot_sim::parallel;
 use nalgebra::Vector3;
 
 /// Bodies of each kind.

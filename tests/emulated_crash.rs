@@ -4,15 +4,15 @@ use std::path::{Path, PathBuf};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
+use growbot_client::client::{Client, ClientError};
+use growbot_client::robot_file;
 use growbot_core::link::message::{
     Begin, Empty, Fault, ImageCheck, Message, Refusal, ResetCause, Silence, Start, State, Status, Tune,
 };
 use growbot_firmware::emulated_tip as table;
-use growbot_host::client::{Client, ClientError};
 use growbot_host::crash::{Crash, Image};
-use growbot_host::image_seal::{SealError, is_sealed, seal, seal_in_place};
-use growbot_host::port::emulator::Emulator;
-use growbot_host::robot_file;
+use growbot_sim::image_seal::{SealError, is_sealed, seal, seal_in_place};
+use growbot_sim::port::emulator::Emulator;
 use growbot_tests::firmware;
 use growbot_tests::tip_words::Words;
 use object::{Object, ObjectSection, ObjectSymbol};

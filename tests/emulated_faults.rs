@@ -4,14 +4,14 @@ use std::cell::RefCell;
 use std::rc::Rc;
 use std::time::{Duration, Instant};
 
+use growbot_client::client::Client;
+use growbot_client::robot_file;
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::Encoder;
 use growbot_core::link::message::{Begin, Fault, Layers, Message, Silence, Start, State};
 use growbot_core::robot::Robot;
-use growbot_host::client::Client;
-use growbot_host::port::emulator::Emulator;
-use growbot_host::robot_file;
-use growbot_host::tip::TipFault;
+use growbot_sim::port::emulator::Emulator;
+use growbot_sim::tip::TipFault;
 use growbot_tests::firmware;
 use growbot_tests::tip_words::all_off_at_the_tip;
 

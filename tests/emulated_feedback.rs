@@ -1,18 +1,18 @@
 //! The firmware in the emulator grows with feedback: it measures, it is amended while it grows, and it arrives where a growth without
 //! feedback does not.
 
+use growbot_client::client::Client;
+use growbot_client::feedback::Feedback;
+use growbot_client::growth::{Grown, Job, Manner, MeasuredBy, News, Orders, Outcome, grow_job};
 use growbot_core::link::message::Silence;
 use growbot_core::path::{Leg, Segment, end};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_core::simulation::Disturbance;
+use growbot_core::simulation::Imperfection;
 use growbot_core::tracking::SensorNoise;
-use growbot_host::client::Client;
-use growbot_host::feedback::Feedback;
-use growbot_host::growth::{Grown, Job, Manner, MeasuredBy, News, Orders, Outcome, grow_job};
-use growbot_host::port::emulator::Emulator;
-use growbot_host::tip::Imperfection;
-use growbot_host::truth::compare;
+use growbot_sim::port::emulator::Emulator;
+use growbot_sim::truth::compare;
 use growbot_tests::firmware;
 
 /// Robot A2, which is fast, with robot A's sensors.
@@ -22,7 +22,7 @@ fn robot() -> Robot {
     let text = std::fs::read_to_string(file).unwrap().replace("[sensors]\n", sensors);
     let folder = std::env::temp_dir().join(format!("growbot-feedback-{}.toml", std::process::id()));
     std::fs::write(&folder, text).unwrap();
-    let robot = growbot_host::robot_file::load(&folder).unwrap();
+    let robot = growbot_client::robot_file::load(&folder).unwrap();
     let _ = std::fs::remove_file(folder);
     robot
 }

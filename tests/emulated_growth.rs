@@ -1,16 +1,16 @@
 //! The firmware in the emulator grows a body, step for step as the same controller does in a simulation on the desktop.
 
+use growbot_client::client::Client;
+use growbot_client::growth::{Grown, Job, News, Orders, Outcome, grow_job};
+use growbot_client::port::Port;
+use growbot_client::robot_file;
 use growbot_core::link::message::Silence;
 use growbot_core::path::{Segment, end, length};
 use growbot_core::pose::{Pose, angle_between};
 use growbot_core::robot::Robot;
-use growbot_host::client::Client;
-use growbot_host::growth::{Grown, Job, News, Orders, Outcome, grow_job};
-use growbot_host::port::Port;
-use growbot_host::port::emulator::Emulator;
-use growbot_host::port::sim::Sim;
-use growbot_host::robot_file;
-use growbot_host::truth::{Simulation, compare};
+use growbot_sim::port::emulator::Emulator;
+use growbot_sim::port::sim::Sim;
+use growbot_sim::truth::{Simulation, compare};
 use growbot_tests::firmware;
 
 /// What grew.

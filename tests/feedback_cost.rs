@@ -10,8 +10,8 @@ mod trial;
 use std::io::{BufRead, BufReader};
 use std::time::Duration;
 
-use growbot_host::port::qemu::{Line, Qemu};
-use growbot_host::robot_file;
+use growbot_client::robot_file;
+use growbot_sim::port::qemu::{Line, Qemu};
 use growbot_tests::{build_image, firmware};
 
 /// Instructions that a layer may take: a seventh of a second of the robot's processor, at two cycles an instruction.

@@ -2,15 +2,15 @@
 
 use std::time::Duration;
 
+use growbot_client::client::Client;
+use growbot_client::growth::{Job, Orders, Outcome, grow_job};
+use growbot_client::robot_file;
 use growbot_core::link::message::{Message, PlanRequest, ResetCause, Silence, State};
 use growbot_core::path::{Segment, end};
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
 use growbot_firmware::emulated_tip as table;
-use growbot_host::client::Client;
-use growbot_host::growth::{Job, Orders, Outcome, grow_job};
-use growbot_host::port::emulator::Emulator;
-use growbot_host::robot_file;
+use growbot_sim::port::emulator::Emulator;
 use growbot_tests::firmware;
 use growbot_tests::tip_words::Words;
 

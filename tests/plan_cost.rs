@@ -7,7 +7,7 @@
 use std::io::{BufRead, BufReader};
 use std::time::Duration;
 
-use growbot_host::port::qemu::{Line, Qemu};
+use growbot_sim::port::qemu::{Line, Qemu};
 use growbot_tests::{build_image, firmware};
 
 /// The planar planner's median of random goals may be this many instructions.

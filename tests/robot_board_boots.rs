@@ -7,13 +7,13 @@ use std::path::Path;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
+use growbot_client::client::{Client, ClientError};
+use growbot_client::port::stream::Stream;
+use growbot_client::robot_file;
 use growbot_core::link::message::{
     Begin, BootReport, Empty, Fault, ImageCheck, Message, Refusal, Silence, Start, State,
 };
-use growbot_host::client::{Client, ClientError};
-use growbot_host::image_seal::seal;
-use growbot_host::port::stream::Stream;
-use growbot_host::robot_file;
+use growbot_sim::image_seal::seal;
 use growbot_tests::{firmware, netduinoplus2};
 
 /// How long the board may take to do something: seconds, or more on a busy machine.

@@ -5,10 +5,10 @@ use std::path::Path;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
+use growbot_client::client::Client;
+use growbot_client::port::stream::Stream;
+use growbot_client::robot_file;
 use growbot_core::link::message::{ResetCause, State};
-use growbot_host::client::Client;
-use growbot_host::port::stream::Stream;
-use growbot_host::robot_file;
 use growbot_tests::netduinoplus2::{self, Board, RegisterWrite, Setup};
 use growbot_tests::{firmware, wiring};
 

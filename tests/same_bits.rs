@@ -5,15 +5,15 @@
 //!
 //! `GROWBOT_GOALS=48 cargo test -p growbot-tests --test same_bits` takes more random goals than the few of every run.
 
+use growbot_client::client::Client;
+use growbot_client::robot_file;
 use growbot_core::job::{job_layers, summarize};
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::message::{HeldLayers, Message, PlanRequest, Planned, ReadLayers};
 use growbot_core::path::{Segment, length};
 use growbot_core::plan::{Planner, plan};
 use growbot_core::pose::Pose;
-use growbot_host::client::Client;
-use growbot_host::port::emulator::Emulator;
-use growbot_host::robot_file;
+use growbot_sim::port::emulator::Emulator;
 use growbot_tests::firmware;
 
 /// Goals all round the start, near and far, in any direction.

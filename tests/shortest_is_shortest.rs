@@ -4,12 +4,12 @@
 
 use std::time::Instant;
 
+use growbot_client::robot_file;
 use growbot_core::path::length;
 use growbot_core::plan::{Planner, plan};
 use growbot_core::pose::Pose;
 use growbot_core::random::Random;
 use growbot_core::robot::Robot;
-use growbot_host::robot_file;
 use growbot_tests::slow_shortest::table::{Row, Stratum, read};
 use growbot_tests::slow_shortest::{Effort, Problem, helicoid, shortest};
 use nalgebra::Vector3;

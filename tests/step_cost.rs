@@ -13,7 +13,7 @@ use std::time::Duration;
 
 use growbot_core::link::emergency_stop::EMERGENCY_STOP;
 use growbot_core::link::frame::LONGEST_FRAME;
-use growbot_host::port::qemu::{Line, Qemu};
+use growbot_sim::port::qemu::{Line, Qemu};
 use growbot_tests::{build_image, firmware};
 
 /// The robot's board, Hz.

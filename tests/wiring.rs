@@ -3,9 +3,9 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-use growbot_host::client::Client;
-use growbot_host::port::stream::Stream;
-use growbot_host::robot_file;
+use growbot_client::client::Client;
+use growbot_client::port::stream::Stream;
+use growbot_client::robot_file;
 use growbot_tests::firmware;
 use growbot_tests::netduinoplus2::{self, RegisterWrite, Setup};
 use growbot_tests::wiring::{Row, WIRING, rows};

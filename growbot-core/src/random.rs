@@ -7,6 +7,18 @@ use core::f64::consts::TAU;
 
 use nalgebra::Vector3;
 
+/// From one state of a stream to the next.
+const INCREMENT: u64 = 0x9e37_79b9_7f4a_7c15;
+
+/// 64 bits that look random, from 64 that need not: what a stream in this state gives.
+#[must_use]
+pub const fn scramble(state: u64) -> u64 {
+    let mut z = state.wrapping_add(INCREMENT);
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
+}
+
 /// A stream of random numbers.
 #[derive(Debug, Clone)]
 pub struct Random(u64);
@@ -23,11 +35,9 @@ impl Random {
 
     /// 64 bits.
     pub fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
+        let bits = scramble(self.0);
+        self.0 = self.0.wrapping_add(INCREMENT);
+        bits
     }
 
     /// A whole number from 0 to `end`, without it.

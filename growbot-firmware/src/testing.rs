@@ -1,7 +1,7 @@
 //! Robots and pins for this crate's tests.
 
 /// The one of the simulated board.
-#[path = "../../growbot-host/src/tip/flash.rs"]
+#[path = "../../growbot-sim/src/tip/flash.rs"]
 pub mod flash;
 pub mod wires;
 

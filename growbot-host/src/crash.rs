@@ -4,12 +4,12 @@ use std::path::Path;
 
 use addr2line::Context;
 use gimli::{Dwarf, EndianArcSlice, RunTimeEndian};
+use growbot_client::crash::json_of_crash;
+use growbot_client::input::read_bytes;
 use growbot_core::link::crash::{CrashRecord, CrashWords};
+use growbot_sim::image_seal;
 use object::{Object, ObjectSection, SectionKind};
 use serde_json::{Value, json};
-
-use crate::image_seal;
-use crate::input::read_bytes;
 
 type Slice = EndianArcSlice<RunTimeEndian>;
 
@@ -177,28 +177,12 @@ impl<'a> Crash<'a> {
     /// As JSON.
     #[must_use]
     pub fn json(&self) -> Value {
-        let CrashRecord { cause, boot_id, image, exception, frame, cfsr, hfsr, address, sp, stack } = self.record;
-        let hex = |word: u32| format!("{word:08x}");
-        json!({
-            "cause": cause.name(),
-            "boot_id": boot_id,
-            "image_crc": image.map(hex),
-            "exception": exception,
-            "reasons": self.record.reasons().map(|(name, _)| name).collect::<Vec<_>>(),
-            "address": address.map(hex),
-            "pc": frame.map(|frame| hex(frame.pc)),
-            "lr": frame.map(|frame| hex(frame.lr)),
-            "xpsr": frame.map(|frame| hex(frame.xpsr)),
-            "registers": frame.map(|frame| frame.registers.map(hex)),
-            "sp": hex(sp),
-            "cfsr": hex(cfsr),
-            "hfsr": hex(hfsr),
-            "stack": stack.map(hex),
-            "at": json_of(&self.at()),
-            "called_from": self.calls().iter()
-                .map(|(address, places)| json!({ "address": hex(*address), "at": json_of(places) }))
-                .collect::<Vec<_>>(),
-        })
+        let mut json = json_of_crash(&self.record);
+        let calls = self.calls();
+        let called = |(address, places): &(u32, Vec<Place>)| json!({ "address": format!("{address:08x}"), "at": json_of(places) });
+        json["at"] = json_of(&self.at()).into();
+        json["called_from"] = calls.iter().map(called).collect();
+        json
     }
 }
 

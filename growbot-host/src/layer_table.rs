@@ -2,13 +2,12 @@
 
 use std::io::{self, Write};
 
+use growbot_client::degrees::degrees_below_turn;
 use growbot_core::angle::degrees;
 use growbot_core::layer::Layer;
 use growbot_core::path::Segment;
 use growbot_core::robot::Robot;
 use growbot_core::slicing::{SlicedLayer, Slicing, layers};
-
-use crate::degrees::degrees_below_turn;
 
 /// The header.
 pub const HEADER: &str = "layer,segment,alpha_deg,height_mm,tilt_deg";
@@ -37,7 +36,7 @@ pub fn write_layers(out: &mut impl Write, path: &[Segment], robot: &Robot) -> io
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::robot_file;
+    use growbot_client::robot_file;
     use std::f64::consts::TAU;
 
     #[test]

@@ -3,9 +3,8 @@
 use std::io::{self, IsTerminal};
 use std::time::{Duration, Instant};
 
+use growbot_client::printable::one_line;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-
-use crate::printable::one_line;
 
 /// Time between plain lines.
 const BETWEEN_LINES: Duration = Duration::from_secs(10);
@@ -50,9 +49,13 @@ impl Progress {
             self.said = Instant::now();
             match self.total {
                 Some(total) if total > 0 => {
-                    crate::tell!("growbot: {}, {} %", message(), (100 * u128::from(position)) / u128::from(total));
+                    growbot_client::tell!(
+                        "growbot: {}, {} %",
+                        message(),
+                        (100 * u128::from(position)) / u128::from(total)
+                    );
                 }
-                _ => crate::tell!("growbot: {}", message()),
+                _ => growbot_client::tell!("growbot: {}", message()),
             }
         }
     }
@@ -60,15 +63,15 @@ impl Progress {
     /// Something has happened: a line where there is no bar to show it.
     pub fn say(&self, message: &str) {
         if self.bar.is_none() {
-            crate::tell!("growbot: {message}");
+            growbot_client::tell!("growbot: {message}");
         }
     }
 
     /// Something has happened that must be seen: a line, above the bar where there is one.
     pub fn interrupt(&self, message: &str) {
         match &self.bar {
-            Some(bar) => bar.suspend(|| crate::tell!("growbot: {message}")),
-            None => crate::tell!("growbot: {message}"),
+            Some(bar) => bar.suspend(|| growbot_client::tell!("growbot: {message}")),
+            None => growbot_client::tell!("growbot: {message}"),
         }
     }
 

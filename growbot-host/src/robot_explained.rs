@@ -5,10 +5,10 @@
 
 use std::path::Path;
 
+use growbot_client::robot_file::{self, RobotFileError};
 use growbot_core::robot::Robot;
 use toml_edit::{DocumentMut, Item};
 
-use crate::robot_file::{self, RobotFileError};
 use crate::schema;
 
 /// A robot and what is said of it.

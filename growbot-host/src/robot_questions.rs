@@ -3,11 +3,11 @@
 //! The file begun with is kept with its comments. Each answer goes into it and the whole is checked as any robot file is
 //! ([`robot_file::parse`]); what the check finds wrong with the answer, or with one given before, refuses it.
 
+use growbot_client::robot_file::{self, RobotFileError};
 use growbot_core::robot::{Robot, RobotError};
 use toml_edit::{DocumentMut, Item, RawString, Value};
 
 use crate::robot_explained::{is_assumed, opening_comment};
-use crate::robot_file::{self, RobotFileError};
 
 /// What is asked, in this order: a field comes after those that bound it.
 pub const QUESTIONS: [&str; 24] = [

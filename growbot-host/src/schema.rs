@@ -4,11 +4,10 @@
 //! checks: each number is set far too low and far too high, and the refusal tells the limit. A limit that moves with another
 //! field cannot be said in a schema as a number; it stands in the field's description, in the words of the refusal.
 
+use growbot_client::robot_file;
 use growbot_core::robot::{Robot, RobotDescription, RobotError};
 use schemars::generate::SchemaSettings;
 use serde_json::{Map, Value, json};
-
-use crate::robot_file;
 
 /// The schema, with units and bounds: draft 7, which the TOML tools of editors read.
 #[must_use]

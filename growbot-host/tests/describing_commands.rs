@@ -5,7 +5,7 @@ mod running;
 use std::fs;
 use std::process::Stdio;
 
-use growbot_host::robot_file;
+use growbot_client::robot_file;
 use running::{PROGRAM, command, growbot, growbot_reading};
 use serde_json::Value;
 

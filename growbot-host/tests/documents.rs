@@ -12,7 +12,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 
 use blocks::{Document, beside, for_users, root};
-use growbot_host::robot_file;
+use growbot_client::robot_file;
 use pulldown_cmark::Event;
 use transcript::{agree, differences};
 

@@ -10,14 +10,14 @@ use std::net::TcpListener;
 use std::rc::Rc;
 use std::time::{Duration, Instant};
 
+use growbot_client::client::{Client, ClientError, EMERGENCY_LIMIT, EMERGENCY_PAUSE};
+use growbot_client::port::{Port, PortError};
+use growbot_client::robot_file;
 use growbot_core::link::emergency_stop::EMERGENCY_STOP;
 use growbot_core::link::frame::{Header, encode};
 use growbot_core::link::message::State;
 use growbot_core::random::Random;
-use growbot_host::client::{Client, ClientError, EMERGENCY_LIMIT, EMERGENCY_PAUSE};
-use growbot_host::port::sim::Sim;
-use growbot_host::port::{Port, PortError};
-use growbot_host::robot_file;
+use growbot_sim::port::sim::Sim;
 use rustix::fs::{FlockOperation, fcntl_lock};
 use serialport::{SerialPort, TTYPort};
 

@@ -7,23 +7,23 @@ use std::fs;
 use std::rc::Rc;
 use std::time::Duration;
 
+use growbot_client::client::Client;
+use growbot_client::feedback::Feedback;
+use growbot_client::growth::{
+    CutLayer, Grown, GrowthError, Job, Manner, MeasuredBy, News, Order, Orders, Outcome, grow_job, resume_job,
+};
+use growbot_client::plan::{Plan, Search};
+use growbot_client::port::{Port, PortError};
+use growbot_client::robot_file;
+use growbot_client::run_log::{RunLog, RunRecord};
 use growbot_core::link::message::{Empty, Message, ResetCause, Silence, State};
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_core::simulation::Disturbance;
+use growbot_core::simulation::Imperfection;
 use growbot_core::tracking::SensorNoise;
-use growbot_host::client::Client;
-use growbot_host::feedback::Feedback;
-use growbot_host::growth::{
-    CutLayer, Grown, GrowthError, Job, Manner, MeasuredBy, News, Order, Orders, Outcome, grow_job, resume_job,
-};
-use growbot_host::plan::{Plan, Search};
-use growbot_host::port::sim::Sim;
-use growbot_host::port::{Port, PortError};
-use growbot_host::robot_file;
-use growbot_host::run_log::{RunLog, RunRecord};
-use growbot_host::tip::Imperfection;
+use growbot_sim::port::sim::Sim;
 use serde_json::Value;
 
 use running::growbot;

@@ -8,7 +8,7 @@ use std::fs;
 use std::os::unix::fs::symlink;
 use std::process::Stdio;
 
-use growbot_host::printable::steers;
+use growbot_client::printable::steers;
 use running::{PROGRAM, Ran, command, growbot, growbot_reading};
 use serde_json::Value;
 use tempfile::TempDir;
@@ -307,7 +307,7 @@ fn a_simulated_run_says_that_it_is_one_however_short_it_is() {
 #[test]
 fn a_board_that_was_stopped_for_its_clock_is_told_by_replay_and_page() {
     let files = Files::new();
-    let drift = growbot_host::client::ClockDrift { board_ms: 28_500, host_ms: [30_000, 30_100] };
+    let drift = growbot_client::client::ClockDrift { board_ms: 28_500, host_ms: [30_000, 30_100] };
     let log = fs::read_to_string(files.path("run.jsonl")).unwrap();
     let end =
         serde_json::json!({ "event": "end", "result": { "outcome": "clock-drift", "clock_drift": drift.json() } });

@@ -7,10 +7,10 @@ use std::net::{SocketAddr, TcpListener, TcpStream, UdpSocket};
 use std::sync::Arc;
 use std::time::Duration;
 
+use growbot_client::growth::{Job, News, Orders};
+use growbot_client::plan::{Plan, Search};
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
-use growbot_host::growth::{Job, News, Orders};
-use growbot_host::plan::{Plan, Search};
 use growbot_host::view::Subject;
 use growbot_host::watch::Watch;
 use serde_json::{Value, json};
@@ -19,7 +19,7 @@ use running::growbot;
 
 /// A page of a body of 40 mm.
 fn watch(orders: Option<Arc<Orders>>) -> Watch {
-    let robot = growbot_host::robot_file::load("growbot-a".as_ref()).unwrap();
+    let robot = growbot_client::robot_file::load("growbot-a".as_ref()).unwrap();
     let up = |z| Pose::from_degrees([0.0, 0.0, z, 0.0, 90.0]).unwrap();
     let search = Search { radius: 100.0, planner: Planner::Shortest, clear_of_self: false };
     let plan = Plan::through(&robot, &up(0.0), &[], &up(40.0), &search).unwrap();

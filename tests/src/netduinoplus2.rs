@@ -12,7 +12,7 @@ use std::net::TcpStream;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use growbot_host::port::qemu::{Line, Qemu, QemuError, doing};
+use growbot_sim::port::qemu::{Line, Qemu, QemuError, doing};
 
 /// Clock control register.
 pub const RCC_CR: u32 = 0x4002_3800;

@@ -88,7 +88,7 @@ fn grow(plant: Plant, seed: u64) -> Seen {
     let mut rig = Rig::new(&robot(plant), variation);
     let mut seen = Seen::default();
     let alarm = |rig: &Rig| matches!(rig.state(), State::Fault | State::EmergencyStop);
-    let mut all = || -> Result<(), growbot_host::client::ClientError> {
+    let mut all = || -> Result<(), growbot_client::client::ClientError> {
         rig.greet()?;
         rig.begin(LAYERS)?;
         let mut left = LAYERS;

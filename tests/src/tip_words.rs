@@ -4,8 +4,8 @@ use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::time::{Duration, Instant};
 
-use growbot_host::port::emulator::Emulator;
-use growbot_host::tip::Motor;
+use growbot_sim::port::emulator::Emulator;
+use growbot_sim::tip::Motor;
 
 /// How long the board may take to a reset, or to look through its stack. It takes some 100 ms, or more on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(120);

@@ -2,10 +2,12 @@
 
 mod disturbance;
 mod growth;
+mod imperfection;
 mod sag;
 mod sensors;
 
 pub use disturbance::{Disturbance, Laid};
 pub use growth::{Grown, Task, grow_closed, grow_open};
+pub use imperfection::Imperfection;
 pub use sag::{Hanging, RootStress};
 pub use sensors::{DirectionSensor, Sensors};

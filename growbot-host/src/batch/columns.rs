@@ -1,8 +1,7 @@
 //! The header of a batch: which column holds what. Any order; two columns are optional.
 
 use csv::ByteRecord;
-
-use crate::nearest::nearest;
+use growbot_client::nearest::nearest;
 
 /// The columns that every batch has: `id`, then the start, then the goal.
 pub const REQUIRED: [&str; 11] = [

@@ -8,6 +8,10 @@ mod columns;
 use std::io::Read;
 
 use csv::{ByteRecord, Reader, ReaderBuilder};
+use growbot_client::plan::{Plan, Search};
+use growbot_client::plan_file::PlanFile;
+use growbot_client::pose_text::{parse_number, pose_of_numbers};
+use growbot_client::printable;
 use growbot_core::plan::{PlanError, Planner};
 use growbot_core::pose::{Pose, PoseError};
 use growbot_core::robot::Robot;
@@ -17,11 +21,6 @@ use serde::de::{Deserialize, IntoDeserializer};
 
 pub use columns::HeaderError;
 use columns::{Column, Columns};
-
-use crate::plan::{Plan, Search};
-use crate::plan_file::PlanFile;
-use crate::pose_text::{parse_number, pose_of_numbers};
-use crate::printable;
 
 /// Why a batch cannot go on.
 #[derive(Debug, thiserror::Error)]
@@ -202,7 +201,7 @@ fn planner_of_name(name: &str) -> Result<Planner, QueryError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::robot_file;
+    use growbot_client::robot_file;
 
     const HEADER: &str = "id,from_x_mm,from_y_mm,from_z_mm,from_heading_deg,from_pitch_deg,to_x_mm,to_y_mm,to_z_mm,to_heading_deg,to_pitch_deg";
 

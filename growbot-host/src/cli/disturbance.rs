@@ -1,10 +1,10 @@
 //! What goes wrong where nothing is a real robot: the layers' errors, the sensors' noise, and the seed of both.
 
 use clap::Args;
+use growbot_client::pose_text::parse_number;
 use growbot_core::angle::radians;
 use growbot_core::simulation::Disturbance;
 use growbot_core::tracking::SensorNoise;
-use growbot_host::pose_text::parse_number;
 
 /// Greatest error of a layer, percent of its growth or tilt.
 const MOST_PERCENT: f64 = 90.0;

@@ -6,9 +6,10 @@ use std::thread::sleep;
 use std::time::Duration;
 
 use clap::Args;
-use growbot_host::client::{Client, EMERGENCY_LIMIT, EMERGENCY_PAUSE};
-use growbot_host::output::print;
-use growbot_host::port::{self, PortError, PortName, real_time};
+use growbot_client::client::{Client, EMERGENCY_LIMIT, EMERGENCY_PAUSE};
+use growbot_client::output::print;
+use growbot_client::port::real_time;
+use growbot_sim::port::{self, OpenError, PortName};
 
 use super::{ChosenPort, Failure, RobotArg, RobotPortArg};
 
@@ -34,7 +35,7 @@ pub fn run(args: &EstopArgs) -> Result<(), Failure> {
     let done = format!("emergency stop: heater and steppers of the {}robot are off\n", port.kind());
     if print(&done).is_err() {
         // The board has obeyed, whether or not anybody can read it.
-        growbot_host::tell!("growbot: {}", done.trim_end());
+        growbot_client::tell!("growbot: {}", done.trim_end());
     }
     Ok(())
 }
@@ -70,7 +71,7 @@ fn stop(port: &ChosenPort, robot: &RobotArg) -> Result<(), String> {
     let began = real_time();
     let elapsed = || real_time().saturating_sub(began);
     let left = || EMERGENCY_LIMIT.saturating_sub(elapsed());
-    let mut why: Option<PortError> = None;
+    let mut why: Option<OpenError> = None;
     loop {
         // A line that breaks or is not there may come back: it is opened anew for as long as a stop is tried.
         let error = match port::open_for_emergency_stop(port.name(), left()) {
@@ -84,7 +85,7 @@ fn stop(port: &ChosenPort, robot: &RobotArg) -> Result<(), String> {
                     let why = why.map_or_else(|| unheard(port), |error| error.to_string());
                     return Err(tried(&why, attempts, elapsed()));
                 }
-                Err(error) => error,
+                Err(error) => error.into(),
             },
         };
         let is_over = left().is_zero();

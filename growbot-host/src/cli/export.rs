@@ -4,12 +4,12 @@ use std::io::{self, IsTerminal};
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
+use growbot_client::input::is_standard_input;
+use growbot_client::output::{ending, print_bytes, refuse_ending, replace_file, unknown_ending};
+use growbot_client::run_log::BodyKind;
 use growbot_host::export::body::Body;
 use growbot_host::export::mesh::{MeshError, Resolution};
 use growbot_host::export::{glb, recording, stl, table};
-use growbot_host::input::is_standard_input;
-use growbot_host::output::{ending, print_bytes, refuse_ending, replace_file, unknown_ending};
-use growbot_host::run_log::BodyKind;
 
 use super::Failure;
 use super::subject::Subject;
@@ -139,13 +139,13 @@ pub fn run(args: &ExportArgs) -> Result<(), Failure> {
     let simulated = args.kind(&subject).filter(|kind| *kind != BodyKind::AsBuilt).map(BodyKind::name);
     let Some(path) = to else {
         if let Some(kind) = simulated {
-            growbot_host::tell!("growbot: the body is {kind}");
+            growbot_client::tell!("growbot: the body is {kind}");
         }
         return Ok(print_bytes(&bytes)?);
     };
     replace_file(path, &bytes)?;
     let kind = simulated.map_or_else(String::new, |kind| format!(", {kind},"));
-    growbot_host::tell!("growbot: body{kind} written to {}, {} bytes", path.display(), bytes.len());
+    growbot_client::tell!("growbot: body{kind} written to {}, {} bytes", path.display(), bytes.len());
     Ok(())
 }
 
@@ -189,7 +189,7 @@ impl ExportArgs {
                 Some((record, log)) => recording::write(robot, plan, record, log).map_err(Failure::bad_input),
                 None => Err(Failure::bad_input(format!(
                     "{} is a plan, and MCAP is a recording of a growth: give a run log, as `growbot grow --log` writes it",
-                    growbot_host::input::name_of(&self.body)
+                    growbot_client::input::name_of(&self.body)
                 ))),
             },
         }

@@ -9,9 +9,9 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use clap::Args;
-use growbot_host::image_seal::{self, SealError};
-use growbot_host::output::print;
-use growbot_host::{robot_file, tell};
+use growbot_client::output::print;
+use growbot_client::{robot_file, tell};
+use growbot_sim::image_seal::{self, SealError};
 
 use super::{Failure, RobotArg};
 
@@ -99,7 +99,7 @@ pub fn run(args: &FlashArgs) -> Result<(), Failure> {
 /// Images that may have been built last in this source tree.
 pub fn built_images() -> Vec<PathBuf> {
     let target = target_in(&source_tree().unwrap_or_else(|| ".".into()));
-    [IMAGE, growbot_host::port::emulator::FIRMWARE].map(|image| target.join(image)).into()
+    [IMAGE, growbot_sim::port::emulator::FIRMWARE].map(|image| target.join(image)).into()
 }
 
 /// Cargo's target directory, where cargo is run in this one.

@@ -1,22 +1,22 @@
 //! A growth as the command line shows it: progress, log, result and exit code.
 
 use clap::ValueEnum;
+use growbot_client::arrival::Arrival;
+use growbot_client::client::{ClientError, ClockDrift};
+use growbot_client::feedback::FedBack;
+use growbot_client::growth::{Grown, GrowthError, MeasuredBy, News, Order, Outcome, as_built_hash};
+use growbot_client::output::print;
+use growbot_client::plan::Plan;
+use growbot_client::plan_file::{WrittenPose, written_hash};
+use growbot_client::printable::json_line;
+use growbot_client::run_log::{RunLog, RunLogError};
 use growbot_core::angle::degrees;
 use growbot_core::layer::SECTORS;
 use growbot_core::link::message::{Silence, State};
 use growbot_core::path::length;
 use growbot_core::pose::angle_between;
 use growbot_core::robot::Robot;
-use growbot_host::arrival::Arrival;
-use growbot_host::client::{ClientError, ClockDrift};
-use growbot_host::feedback::FedBack;
-use growbot_host::growth::{Grown, GrowthError, MeasuredBy, News, Order, Outcome, as_built_hash};
-use growbot_host::output::print;
-use growbot_host::plan::Plan;
-use growbot_host::plan_file::{WrittenPose, written_hash};
-use growbot_host::printable::json_line;
 use growbot_host::progress::{Progress, Results};
-use growbot_host::run_log::{RunLog, RunLogError};
 use growbot_host::watch::Watch;
 use serde_json::{Value, json};
 
@@ -412,7 +412,7 @@ mod tests {
 
     #[test]
     fn a_clock_that_is_wrong_has_its_own_outcome_with_drift_and_limit() {
-        let robot = growbot_host::robot_file::load("growbot-a".as_ref()).unwrap();
+        let robot = growbot_client::robot_file::load("growbot-a".as_ref()).unwrap();
         let up = |z| Pose::from_degrees([0.0, 0.0, z, 0.0, 90.0]).unwrap();
         let plan = Plan::make(&robot, &up(0.0), &up(2.1), 100.0, Planner::Shortest).unwrap();
         let grown = |outcome| Grown {

@@ -3,12 +3,12 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use growbot_client::plan::Plan;
+use growbot_client::plan_file;
+use growbot_client::pose_text::parse_pose;
+use growbot_client::robot_file;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
-use growbot_host::plan::Plan;
-use growbot_host::plan_file;
-use growbot_host::pose_text::parse_pose;
-use growbot_host::robot_file;
 
 use super::Failure;
 use super::search::SearchArgs;

@@ -3,15 +3,15 @@
 use std::path::PathBuf;
 
 use clap::{Args, Parser};
+use growbot_client::feedback::{ASSUMED, Feedback};
+use growbot_client::growth::{Job, Manner, grow_job};
+use growbot_client::run_log::{Origin, RunLog};
+use growbot_client::warning::PREVENTING;
 use growbot_core::robot::Robot;
-use growbot_host::feedback::{ASSUMED, Feedback};
-use growbot_host::growth::{Job, Manner, grow_job};
-use growbot_host::port::{PortName, TipSettings};
-use growbot_host::run_log::{Origin, RunLog};
-use growbot_host::tip::Imperfection;
-use growbot_host::truth::compare;
+use growbot_core::simulation::Imperfection;
 use growbot_host::view::Subject;
-use growbot_host::warning::PREVENTING;
+use growbot_sim::port::{PortName, TipSettings};
+use growbot_sim::truth::compare;
 
 use super::disturbance::DisturbanceArgs;
 use super::following::{Following, OnSilence, refuse};
@@ -83,8 +83,8 @@ struct Alone {
 /// Runs the main job.
 pub fn run_main_job() -> Result<(), Failure> {
     let Alone { grow } = Alone::try_parse_from(MAIN_JOB).map_err(Failure::bad_input)?;
-    growbot_host::tell!("growbot: no command given, so the simulated robot A grows {} {}", MAIN_JOB[1], MAIN_JOB[2]);
-    growbot_host::tell!("growbot: `growbot --help` shows what else there is");
+    growbot_client::tell!("growbot: no command given, so the simulated robot A grows {} {}", MAIN_JOB[1], MAIN_JOB[2]);
+    growbot_client::tell!("growbot: `growbot --help` shows what else there is");
     run(&grow)
 }
 
@@ -95,7 +95,7 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     let preventing: Vec<_> =
         plan.warnings.iter().filter(|warning| PREVENTING.contains(&warning.code.as_str())).collect();
     for warning in &plan.warnings {
-        growbot_host::tell!("growbot: warning, {}: {}", warning.code, warning.message);
+        growbot_client::tell!("growbot: warning, {}: {}", warning.code, warning.message);
     }
     if !preventing.is_empty() && !args.force {
         let codes: Vec<_> = preventing.iter().map(|warning| warning.code.as_str()).collect();
@@ -109,7 +109,7 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     let pace = args.watching.pace(port.name())?;
     if matches!(port.name(), PortName::Emulator(_)) {
         let time = plan_table::duration(plan.needs.duration);
-        growbot_host::tell!("growbot: the emulated board runs in real time: the layers alone take {time}");
+        growbot_client::tell!("growbot: the emulated board runs in real time: the layers alone take {time}");
     }
     let job = Job::new(&robot, &plan.start, &plan.goal, &plan.path);
     let disturbance = &args.disturbance;
@@ -166,12 +166,12 @@ impl GrowArgs {
             )));
         }
         if self.feedback && sensors.filament_motion.is_none() {
-            growbot_host::tell!(
+            growbot_client::tell!(
                 "growbot: without sensors.filament_motion feedback sees no growth, but where the tip points alone"
             );
         }
         if self.feedback && !sensors.orientation {
-            growbot_host::tell!("growbot: without sensors.orientation feedback sees no bends, but growth alone");
+            growbot_client::tell!("growbot: without sensors.orientation feedback sees no bends, but growth alone");
         }
         Ok(())
     }

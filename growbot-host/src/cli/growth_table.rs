@@ -1,14 +1,14 @@
 //! The table that a growth ends with.
 
+use growbot_client::arrival::Arrival;
+use growbot_client::feedback::FedBack;
+use growbot_client::growth::{Grown, MeasuredBy};
+use growbot_client::plan::Plan;
 use growbot_core::angle::degrees;
 use growbot_core::layer::SECTORS;
 use growbot_core::link::message::Cut;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
-use growbot_host::arrival::Arrival;
-use growbot_host::feedback::FedBack;
-use growbot_host::growth::{Grown, MeasuredBy};
-use growbot_host::plan::Plan;
 
 use super::following::{believed, error_of};
 use super::kind;

@@ -5,8 +5,8 @@ use std::path::PathBuf;
 
 use clap::{Args, Command, CommandFactory};
 use clap_mangen::Man;
-use growbot_host::nearest::nearest;
-use growbot_host::output::{print, replace_file};
+use growbot_client::nearest::nearest;
+use growbot_client::output::{print, replace_file};
 
 use super::{Cli, Failure};
 
@@ -40,7 +40,7 @@ pub fn run(args: &ManArgs) -> Result<(), Failure> {
         for (name, page) in &pages {
             replace_file(&directory.join(name), page)?;
         }
-        growbot_host::tell!("growbot: {} pages written to {}", pages.len(), directory.display());
+        growbot_client::tell!("growbot: {} pages written to {}", pages.len(), directory.display());
         return Ok(());
     }
     let command = match &args.command {

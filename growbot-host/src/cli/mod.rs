@@ -45,18 +45,19 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::{Args, Parser, Subcommand};
+use growbot_client::client::{Client, ClientError};
+use growbot_client::input::{InputError, name_of};
+use growbot_client::output::OutputError;
+use growbot_client::plan_file::PlanFileError;
+use growbot_client::port::PortError;
+use growbot_client::port::faulty::FaultSpec;
+use growbot_client::printable;
+use growbot_client::robot_file::{self, RobotFileError};
+use growbot_client::run_log::RunRecord;
 use growbot_core::robot::Robot;
 use growbot_host::batch::BatchError;
-use growbot_host::client::{Client, ClientError};
-use growbot_host::input::{InputError, name_of};
-use growbot_host::output::OutputError;
-use growbot_host::plan_file::PlanFileError;
-use growbot_host::port::faulty::FaultSpec;
-use growbot_host::port::{self, Opened, PortError, PortName, TipSettings};
-use growbot_host::printable;
-use growbot_host::robot_file::{self, RobotFileError};
-use growbot_host::run_log::RunRecord;
-use growbot_host::truth::Simulation;
+use growbot_sim::port::{self, OpenError, Opened, PortName, TipSettings};
+use growbot_sim::truth::Simulation;
 
 /// Plan, slice and grow: the control stack of robots that grow by printing their
 /// own body.
@@ -201,7 +202,7 @@ impl Failure {
     /// Says it, in one line.
     pub fn say(&self) {
         if let Some(message) = &self.message {
-            growbot_host::tell!("growbot: {message}");
+            growbot_client::tell!("growbot: {message}");
         }
     }
 }
@@ -226,7 +227,7 @@ macro_rules! bad_input {
     };
 }
 
-bad_input!(BatchError, InputError, PlanFileError, PortError, RobotFileError);
+bad_input!(BatchError, InputError, OpenError, PlanFileError, PortError, RobotFileError);
 
 impl From<ClientError> for Failure {
     fn from(error: ClientError) -> Self {
@@ -402,7 +403,7 @@ fn robot_of(record: &RunRecord, robot: Option<&Path>) -> Result<Robot, Failure> 
 /// Says what of a run log could not be read.
 fn say_damage(record: &RunRecord, file: &Path) {
     if let Some(words) = record.damage.in_words(&name_of(file)) {
-        growbot_host::tell!("growbot: {words}");
+        growbot_client::tell!("growbot: {words}");
     }
 }
 

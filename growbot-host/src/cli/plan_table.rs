@@ -2,12 +2,12 @@
 
 use std::fmt::Write;
 
+use growbot_client::degrees::{shortest_degrees, shortest_heading};
+use growbot_client::plan::{Choice, Plan, word};
 use growbot_core::angle::degrees;
 use growbot_core::path::{Segment, length};
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
-use growbot_host::degrees::{shortest_degrees, shortest_heading};
-use growbot_host::plan::{Choice, Plan, word};
 
 /// Columns of a terminal.
 const WIDTH: usize = 80;

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use std::thread;
 
 use clap::Args;
-use growbot_host::output::{OutputError, print, replace_file};
-use growbot_host::printable::json_line;
+use growbot_client::output::{OutputError, print, replace_file};
+use growbot_client::printable::json_line;
 use growbot_host::progress::{Progress, Results};
 use growbot_host::reproduce::{FIGURES, REPEATS, Reproduction, Request, SEED, TABLES, paper, tables};
 
@@ -83,7 +83,7 @@ pub fn run(args: &ReproduceArgs) -> Result<(), Failure> {
         for file in &files {
             replace_file(&directory.join(&file.name), file.contents.as_bytes())?;
         }
-        growbot_host::tell!("growbot: {} files written to {}", files.len(), directory.display());
+        growbot_client::tell!("growbot: {} files written to {}", files.len(), directory.display());
     }
     let text = if args.json { json_line(&tables::json(&done)) } else { tables::summary(&done) };
     Ok(print(&text)?)

@@ -1,11 +1,11 @@
 //! How a path is looked for, as `plan` and `grow` ask.
 
 use clap::{Args, ValueEnum};
+use growbot_client::plan::Search;
+use growbot_client::pose_text::parse_pose;
 use growbot_core::plan::{PlanError, Planner};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
-use growbot_host::plan::Search;
-use growbot_host::pose_text::parse_pose;
 
 use super::Failure;
 

@@ -2,9 +2,9 @@
 
 use growbot_core::angle::degrees;
 use growbot_core::pose::Pose;
-use growbot_host::simulation::campaign::Campaign;
-use growbot_host::simulation::statistics::Statistics;
-use growbot_host::simulation::{Hung, Outcome};
+use growbot_sim::simulation::campaign::Campaign;
+use growbot_sim::simulation::statistics::Statistics;
+use growbot_sim::simulation::{Hung, Outcome};
 
 use super::growth_table::{arrived, row};
 

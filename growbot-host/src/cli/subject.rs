@@ -2,11 +2,11 @@
 
 use std::path::Path;
 
+use growbot_client::input::{LONGEST_LOG, name_of, read_bytes, text_of};
+use growbot_client::plan::Plan;
+use growbot_client::plan_file::{self, PlanFileError};
+use growbot_client::run_log::RunRecord;
 use growbot_core::robot::Robot;
-use growbot_host::input::{LONGEST_LOG, name_of, read_bytes, text_of};
-use growbot_host::plan::Plan;
-use growbot_host::plan_file::{self, PlanFileError};
-use growbot_host::run_log::RunRecord;
 use serde_json::Value;
 
 use super::{Failure, robot_of, say_damage};

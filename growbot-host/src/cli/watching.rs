@@ -3,11 +3,11 @@
 use std::sync::Arc;
 
 use clap::Args;
+use growbot_client::growth::{Job, Orders};
 use growbot_core::layer_bytes::LayerBytes;
-use growbot_host::growth::{Job, Orders};
-use growbot_host::port::PortName;
 use growbot_host::view::Subject;
 use growbot_host::watch::Watch;
+use growbot_sim::port::PortName;
 
 use super::Failure;
 
@@ -60,7 +60,7 @@ impl WatchArgs {
         let orders = self.control.then(|| Arc::clone(orders));
         let watch =
             Watch::start(subject, job, known, orders, self.watch_port.unwrap_or(0)).map_err(Failure::bad_input)?;
-        growbot_host::tell!("growbot: watch it at {}", watch.address());
+        growbot_client::tell!("growbot: watch it at {}", watch.address());
         Ok(Some(watch))
     }
 }

@@ -1,14 +1,13 @@
 //! A body as exports see it: its layers, and the tip's frame before and after each of them.
 
+use growbot_client::plan::Plan;
+use growbot_client::run_log::RunRecord;
 use growbot_core::kinematics::advance;
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::decode;
 use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::Robot;
 use growbot_core::slicing::{SlicedLayer, Slicing, layers};
-
-use crate::plan::Plan;
-use crate::run_log::RunRecord;
 
 /// Where a layer is known from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -136,7 +135,7 @@ impl Body {
 impl Body {
     /// A body of these layers, straight up from the origin.
     pub(super) fn of_layers(robot: &Robot, layers: impl IntoIterator<Item = (Layer, Source)>) -> Self {
-        let up = crate::pose_text::parse_pose("0,0,0,0,90").unwrap();
+        let up = growbot_client::pose_text::parse_pose("0,0,0,0,90").unwrap();
         Self::new(robot, &up, layers.into_iter())
     }
 }

@@ -222,9 +222,9 @@ mod tests {
 
     use super::super::body::Source;
     use super::*;
-    use crate::plan::Plan;
-    use crate::pose_text::parse_pose;
-    use crate::robot_file;
+    use growbot_client::plan::Plan;
+    use growbot_client::pose_text::parse_pose;
+    use growbot_client::robot_file;
 
     const ROUND: Resolution = Resolution { segments: 64, every: 1 };
 

@@ -1,10 +1,14 @@
 //! What a run log tells, over time, as MCAP (<https://mcap.dev/spec>), which Foxglove plays.
 //!
-//! Time is as [`crate::run_clock`] has it.
+//! Time is as [`growbot_client::run_clock`] has it.
 
 use std::collections::{BTreeMap, HashMap};
 use std::io::Cursor;
 
+use growbot_client::degrees::degrees_below_turn;
+use growbot_client::plan::Plan;
+use growbot_client::run_clock::{Clock, events, time_for};
+use growbot_client::run_log::RunRecord;
 use growbot_core::angle::degrees;
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::decode;
@@ -18,10 +22,6 @@ use serde_json::{Value, json};
 
 use super::body::{Body, BodyLayer};
 use super::messages::{self, Level, Topic};
-use crate::degrees::degrees_below_turn;
-use crate::plan::Plan;
-use crate::run_clock::{Clock, events, time_for};
-use crate::run_log::RunRecord;
 
 /// Colours from the least to the greatest height of a layer, and of the planned centreline.
 const LOW: [f64; 3] = [0.2, 0.4, 0.9];
@@ -264,11 +264,11 @@ mod tests {
     use mcap::MessageStream;
 
     use super::*;
-    use crate::growth::Job;
-    use crate::pose_text::parse_pose;
-    use crate::robot_file;
-    use crate::run_log::{Origin, RunLog};
-    use crate::tip::Imperfection;
+    use growbot_client::growth::Job;
+    use growbot_client::pose_text::parse_pose;
+    use growbot_client::robot_file;
+    use growbot_client::run_log::{Origin, RunLog};
+    use growbot_core::simulation::Imperfection;
 
     /// The messages of the recording of a log with these lines after its header: topic, time in ms, message.
     fn recorded(lines: &[Value]) -> Vec<(String, u64, Value)> {

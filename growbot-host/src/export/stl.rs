@@ -41,7 +41,7 @@ mod tests {
     use nalgebra::Point3;
 
     use super::*;
-    use crate::run_log::BodyKind;
+    use growbot_client::run_log::BodyKind;
 
     #[test]
     fn the_bytes_are_those_of_the_format() {

@@ -2,12 +2,12 @@
 
 use std::fmt::Write;
 
+use growbot_client::degrees::degrees_below_turn;
 use growbot_core::angle::degrees;
 use growbot_core::layer::Layer;
 use growbot_core::pose::{Frame, tip_direction};
 
 use super::body::Body;
-use crate::degrees::degrees_below_turn;
 
 /// The header: layers laid, where the tip then is (mm) and points (a unit vector), the layer laid last, and where that is known from.
 pub const HEADER: &str = "laid,x_mm,y_mm,z_mm,direction_x,direction_y,direction_z,alpha_deg,height_mm,tilt_deg,source";
@@ -61,7 +61,7 @@ fn row(
 mod tests {
     use super::super::body::Source;
     use super::*;
-    use crate::robot_file;
+    use growbot_client::robot_file;
 
     #[test]
     fn rows_have_the_tip_after_each_layer() {

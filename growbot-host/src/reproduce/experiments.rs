@@ -1,5 +1,7 @@
 //! The paper's growths: planned between random poses, cut into layers, laid, and compared with the goal.
 
+use growbot_client::arrival::Arrival;
+use growbot_client::robot_file::{self, RobotFileError};
 use growbot_core::path;
 use growbot_core::path::{Leg, Path};
 use growbot_core::plan::{PlanError, Planner, plan};
@@ -9,14 +11,12 @@ use growbot_core::robot::Robot;
 use growbot_core::simulation::{self, DirectionSensor, Disturbance, Grown, Sensors, grow_closed, grow_open};
 use growbot_core::slicing::{Slicing, layers};
 use growbot_core::tracking::SensorNoise;
+use growbot_sim::parallel;
 use nalgebra::Vector3;
 
 use super::paper::{self, GROUPS, NOISE, ROBOTS};
 use super::statistics::Summary;
 use super::{Request, poses};
-use crate::arrival::Arrival;
-use crate::parallel;
-use crate::robot_file::{self, RobotFileError};
 
 /// How a path is cut into layers. The paper gives two values of the step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]

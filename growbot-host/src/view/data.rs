@@ -1,12 +1,12 @@
 //! What the page is given of a body: JSON that its script (growbot-host/viewer/src/subject.js) reads. Lengths in mm.
 
+use growbot_client::client::ClockDrift;
+use growbot_client::run_log::{RunRecord, hex_of};
 use growbot_core::pose::{Frame, Pose};
 use serde_json::{Value, json};
 
 use super::numbers::caption;
 use super::{Layers, Subject, measured_end};
-use crate::client::ClockDrift;
-use crate::run_log::{RunRecord, hex_of};
 
 /// The JSON, without numbers in words.
 pub fn of(subject: &Subject, layers: &Layers) -> Value {

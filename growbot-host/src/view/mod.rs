@@ -18,18 +18,17 @@ mod side_by_side;
 use std::ffi::OsStr;
 use std::path::Path;
 
+use growbot_client::growth::Job;
+use growbot_client::plan::Plan;
+use growbot_client::plan_check::pose;
+use growbot_client::plan_file::WrittenPose;
+use growbot_client::run_log::{BodyKind, RunRecord};
 use growbot_core::job::job_layers;
 use growbot_core::kinematics::advance;
 use growbot_core::layer_bytes::{Encoder, LayerBytes, decode};
 use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::Robot;
 use nalgebra::Vector3;
-
-use crate::growth::Job;
-use crate::plan::Plan;
-use crate::plan_check::pose;
-use crate::plan_file::WrittenPose;
-use crate::run_log::{BodyKind, RunRecord};
 
 /// A page shows no more layers, of a body of some 150 m: beyond, browsers give up.
 pub const MOST_LAYERS: usize = 200_000;

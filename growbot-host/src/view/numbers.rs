@@ -1,5 +1,7 @@
 //! The numbers beside a picture, in words: groups of names and values.
 
+use growbot_client::arrival::Arrival;
+use growbot_client::run_log::BodyKind;
 use growbot_core::layer::{Layer, grow};
 use growbot_core::layer_bytes::{LayerBytes, decode};
 use growbot_core::plan::Planner;
@@ -7,8 +9,6 @@ use growbot_core::pose::Pose;
 
 use super::self_clearance::self_clearance;
 use super::{Layers, Subject, measured_end};
-use crate::arrival::Arrival;
-use crate::run_log::BodyKind;
 
 /// A heading and, below it, names and values.
 pub type Group = (String, Vec<(String, String)>);

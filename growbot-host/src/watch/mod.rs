@@ -16,12 +16,12 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
+use growbot_client::growth::{Job, News, Orders};
 use growbot_core::layer_bytes::LayerBytes;
 use serde_json::Value;
 use tokio::sync::{oneshot, watch};
 
 use self::watched::Watched;
-use crate::growth::{Job, News, Orders};
 use crate::view::{Subject, ViewError, page};
 
 /// Open pages are given so long to hear the end.

@@ -12,6 +12,7 @@ use axum::response::sse::{Event, KeepAlive, Sse};
 use axum::response::{Html, IntoResponse, Response};
 use axum::routing::{get, post};
 use futures_util::stream::{Stream, unfold};
+use growbot_client::growth::Order;
 use tokio::net::TcpListener;
 use tokio::sync::{oneshot, watch};
 use tokio::time::sleep;
@@ -19,7 +20,6 @@ use tokio::time::sleep;
 use super::Shared;
 use super::guard::{guard, nothing};
 use super::watched::Seen;
-use crate::growth::Order;
 
 /// Pages are told so often at most.
 const BETWEEN_NEWS: Duration = Duration::from_millis(200);

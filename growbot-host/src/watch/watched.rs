@@ -1,13 +1,12 @@
 //! How a growth stands, and what of it a page does not know yet.
 
+use growbot_client::growth::{Job, News};
+use growbot_client::run_clock::Clock;
+use growbot_client::run_log::hex_of;
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::{Encoder, LayerBytes};
 use growbot_core::link::message::{Fault, State, Status, Waits};
 use serde_json::{Value, json};
-
-use crate::growth::{Job, News};
-use crate::run_clock::Clock;
-use crate::run_log::hex_of;
 
 /// So many readings of the temperature are kept; where there are more, every second one goes.
 const MOST_READINGS: usize = 4096;
@@ -217,12 +216,12 @@ impl Watched {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::growth::Amendment;
+    use growbot_client::growth::Amendment;
     use growbot_core::path::{Segment, end};
     use growbot_core::pose::Pose;
 
     fn watched(known: &[Option<LayerBytes>]) -> Watched {
-        let robot = crate::robot_file::load("growbot-a".as_ref()).unwrap();
+        let robot = growbot_client::robot_file::load("growbot-a".as_ref()).unwrap();
         let path = [Segment::Straight { length: 7.0 }];
         let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
         let goal = Pose::from_frame(&end(&path, &start.frame()));
@@ -314,7 +313,7 @@ mod tests {
     fn a_log_that_fails_is_told_until_it_does_not() {
         let mut watched = watched(&[]);
         watched.warn(Some("disk full".to_owned()));
-        watched.take(&News::Ordered(crate::growth::Order::Hold));
+        watched.take(&News::Ordered(growbot_client::growth::Order::Hold));
         assert_eq!(watched.news_for(&mut Seen::default())["warned"], "disk full");
         watched.warn(None);
         assert_eq!(watched.news_for(&mut Seen::default())["warned"], Value::Null);

@@ -14,9 +14,8 @@ use growbot_core::path;
 use growbot_core::plan::{PlanError, Planner, plan};
 use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::Robot;
+use growbot_sim::parallel;
 use nalgebra::{Point3, Vector3};
-
-use crate::parallel;
 
 pub use anywhere::shortest_to;
 pub use picture::svg;
@@ -350,7 +349,7 @@ fn heading_and_pitch(direction: &Vector3<f64>) -> (f64, f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::robot_file;
+    use growbot_client::robot_file;
 
     fn question(robot: &Robot, length: f64) -> Question<'_> {
         Question {

@@ -9,12 +9,12 @@ use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle, sleep};
 use std::time::{Duration, Instant};
 
+use growbot_client::port::Port;
+use growbot_client::robot_file;
 use growbot_core::link::emergency_stop::Recogniser;
 use growbot_core::link::message::State;
 use growbot_core::random::Random;
-use growbot_host::port::Port;
-use growbot_host::port::sim::Sim;
-use growbot_host::robot_file;
+use growbot_sim::port::sim::Sim;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use serialport::{SerialPort, TTYPort};
 

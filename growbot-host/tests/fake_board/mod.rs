@@ -7,11 +7,11 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::thread;
 use std::time::Duration;
 
+use growbot_client::port::Port;
+use growbot_client::robot_file;
 use growbot_core::link::frame::{self, Frame, Header, LONGEST_BODY, Receiver};
 use growbot_core::link::message::{Message, Refusal, Refused};
-use growbot_host::port::Port;
-use growbot_host::port::sim::Sim;
-use growbot_host::robot_file;
+use growbot_sim::port::sim::Sim;
 use serialport::{SerialPort, TTYPort};
 
 /// A board that listens for one connection. Its thread ends with the connection, or with the tests.

@@ -5,13 +5,13 @@ use std::net::{TcpListener, TcpStream};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use growbot_client::port::Port;
+use growbot_client::robot_file;
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::frame::{self, Frame, Header, Receiver};
 use growbot_core::link::message::{BoardHello, Laid, Message, Refusal, Refused, Status};
 use growbot_core::random::Random;
-use growbot_host::port::Port;
-use growbot_host::port::sim::Sim;
-use growbot_host::robot_file;
+use growbot_sim::port::sim::Sim;
 
 /// A board hangs up after so long: from then on whoever talks to it has to come to an end.
 pub const LIFE: Duration = Duration::from_secs(3);

@@ -10,7 +10,7 @@ use std::process::Stdio;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use growbot_host::printable::steers;
+use growbot_client::printable::steers;
 
 use crate::running::{PROGRAM, command};
 

@@ -1,7 +1,7 @@
 //! Which fault comes when, and what is right to make of it.
 
 use growbot_core::link::message::Fault;
-use growbot_host::tip::TipFault;
+use growbot_sim::tip::TipFault;
 
 /// When a fault comes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -1,10 +1,10 @@
 //! One growth that meets one fault.
 
+use growbot_client::client::ClientError;
+use growbot_client::robot_file;
 use growbot_core::link::message::{Fault, State};
 use growbot_core::robot::Robot;
-use growbot_host::client::ClientError;
-use growbot_host::robot_file;
-use growbot_host::tip::{Motor, Parts, STEINHART_HART_104GT_2, Variation};
+use growbot_sim::tip::{Motor, Parts, STEINHART_HART_104GT_2, Variation};
 
 use super::cases::{Case, Onset, Right};
 use super::rig::Rig;

@@ -4,13 +4,13 @@ use std::cell::RefCell;
 use std::rc::Rc;
 use std::time::Duration;
 
+use growbot_client::client::{Client, ClientError};
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::{Encoder, LayerBytes};
 use growbot_core::link::message::{Begin, Layers, MOST_LAYERS, Message, Silence, Start, State, Status};
 use growbot_core::robot::Robot;
-use growbot_host::client::{Client, ClientError};
-use growbot_host::port::sim::Sim;
-use growbot_host::tip::Variation;
+use growbot_sim::port::sim::Sim;
+use growbot_sim::tip::Variation;
 
 use growbot_core::random::Random;
 

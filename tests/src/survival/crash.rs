@@ -4,11 +4,11 @@ use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 use std::time::Duration;
 
+use growbot_client::client::Client;
+use growbot_client::growth::{CutLayer, Grown, GrowthError, Job, News, Orders, Outcome, grow_job, resume_job};
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::message::{Empty, Message, ResetCause, Silence, State, Status};
-use growbot_host::client::Client;
-use growbot_host::growth::{CutLayer, Grown, GrowthError, Job, News, Orders, Outcome, grow_job, resume_job};
-use growbot_host::port::sim::Sim;
+use growbot_sim::port::sim::Sim;
 
 use super::{Board, Cuttable, Undisturbed};
 

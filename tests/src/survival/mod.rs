@@ -10,16 +10,16 @@ use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 use std::time::Duration;
 
+use growbot_client::client::Client;
+use growbot_client::growth::{Job, News, Orders, Outcome, grow_job};
+use growbot_client::port::{Port, PortError};
+use growbot_client::robot_file;
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::message::Silence;
 use growbot_core::path::{Segment, end};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
-use growbot_host::client::Client;
-use growbot_host::growth::{Job, News, Orders, Outcome, grow_job};
-use growbot_host::port::sim::Sim;
-use growbot_host::port::{Port, PortError};
-use growbot_host::robot_file;
+use growbot_sim::port::sim::Sim;
 
 /// Robot A, homing and growing faster, so that campaigns do not take long.
 ///

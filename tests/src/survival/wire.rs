@@ -7,11 +7,11 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread;
 
+use growbot_client::client::Client;
+use growbot_client::growth::{Job, Orders, Outcome, grow_job};
+use growbot_client::port::faulty::{FaultSpec, Faulty};
 use growbot_core::link::message::Silence;
-use growbot_host::client::Client;
-use growbot_host::growth::{Job, Orders, Outcome, grow_job};
-use growbot_host::port::faulty::{FaultSpec, Faulty};
-use growbot_host::port::sim::Sim;
+use growbot_sim::port::sim::Sim;
 
 use super::{Board, Body, Undisturbed, robot};
 

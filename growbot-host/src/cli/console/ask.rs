@@ -1,5 +1,7 @@
 //! What a board answers at once, in a few lines of text.
 
+use growbot_client::client::{Client, ClientError};
+use growbot_client::degrees::degrees_below_turn;
 use growbot_core::layer_bytes::decode;
 use growbot_core::link::message::{
     Accepted, Empty, HeldLayers, Message, PlanRequest, ReadLayers, Resume, Silence, Start, State,
@@ -7,8 +9,6 @@ use growbot_core::link::message::{
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
-use growbot_host::client::{Client, ClientError};
-use growbot_host::degrees::degrees_below_turn;
 
 use super::commands::Ask;
 use crate::cli::status::Report;

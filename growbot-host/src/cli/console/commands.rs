@@ -1,8 +1,8 @@
 //! What the console can be told, as words and as values.
 
+use growbot_client::nearest::nearest;
+use growbot_client::pose_text::{parse_number, parse_pose};
 use growbot_core::pose::Pose;
-use growbot_host::nearest::nearest;
-use growbot_host::pose_text::{parse_number, parse_pose};
 
 /// The longest wait, s.
 const LONGEST_WAIT_S: f64 = 1e6;

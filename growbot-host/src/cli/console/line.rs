@@ -5,16 +5,16 @@ use std::sync::Arc;
 use std::sync::mpsc::RecvTimeoutError;
 use std::time::Duration;
 
+use growbot_client::client::Client;
+use growbot_client::growth::{Job, News, Orders, Outcome, grow_job};
+use growbot_client::output::print;
+use growbot_client::plan::{Plan, Search};
 use growbot_core::layer_bytes::decode;
 use growbot_core::link::message::{Message, Silence, State};
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
-use growbot_host::client::Client;
-use growbot_host::growth::{Job, News, Orders, Outcome, grow_job};
-use growbot_host::output::print;
-use growbot_host::plan::{Plan, Search};
-use growbot_host::truth::{Simulation, compare};
+use growbot_sim::truth::{Simulation, compare};
 use rustyline::completion::Completer;
 use rustyline::error::ReadlineError;
 use rustyline::highlight::Highlighter;
@@ -158,9 +158,9 @@ impl Session {
         if !failure.is_reader_gone() {
             let message = failure.message();
             if failed {
-                growbot_host::tell!("growbot: {message}; line {line} failed, and those after it are not carried out");
+                growbot_client::tell!("growbot: {message}; line {line} failed, and those after it are not carried out");
             } else {
-                growbot_host::tell!("growbot: {message}; no command after line {line} is carried out");
+                growbot_client::tell!("growbot: {message}; no command after line {line} is carried out");
             }
         }
         let left_out = LeftOut::after(line, lines);
@@ -203,7 +203,7 @@ impl Session {
         }
         match self.client.status() {
             Ok(status) if works(status.state) => {
-                growbot_host::tell!("growbot: {}", left(status.state, &self.robot, &self.port));
+                growbot_client::tell!("growbot: {}", left(status.state, &self.robot, &self.port));
                 Ok(())
             }
             Ok(_) => Ok(()),
@@ -346,9 +346,9 @@ mod tests {
     use std::cell::RefCell;
     use std::rc::Rc;
 
+    use growbot_client::robot_file;
     use growbot_core::link::message::State;
-    use growbot_host::port::sim::Sim;
-    use growbot_host::robot_file;
+    use growbot_sim::port::sim::Sim;
 
     use super::*;
     use crate::cli::LineArg;

@@ -8,9 +8,9 @@ mod line;
 mod tui;
 
 use clap::Args;
+use growbot_client::input::note_standard_input;
 use growbot_core::pose::Pose;
-use growbot_host::input::note_standard_input;
-use growbot_host::port::TipSettings;
+use growbot_sim::port::TipSettings;
 
 use super::{Connection, Failure, PortArg, RobotArg};
 

@@ -4,6 +4,7 @@ mod series;
 
 use std::fmt::Write;
 
+use growbot_client::run_log::BodyKind;
 use growbot_core::layer_bytes::LayerBytes;
 
 use self::series::{Layered, Reading, Timeline, off_the_plan};
@@ -11,7 +12,6 @@ use super::numbers::{caption, measured};
 use super::{Layers, Subject, ViewError};
 use crate::drawing::canvas::{Canvas, escape};
 use crate::drawing::chart::{Panel, Scale, number};
-use crate::run_log::BodyKind;
 
 /// What a panel shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

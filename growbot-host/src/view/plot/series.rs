@@ -1,14 +1,13 @@
 //! What there is to plot of a body: one value for each layer, and the temperatures that a run log tells.
 
+use growbot_client::plan::Plan;
+use growbot_client::run_clock::{Clock, events, time_for};
 use growbot_core::angle::degrees;
 use growbot_core::kinematics::advance;
 use growbot_core::layer_bytes::{LayerBytes, decode};
 use growbot_core::pose::Frame;
 use nalgebra::Vector3;
 use serde_json::Value;
-
-use crate::plan::Plan;
-use crate::run_clock::{Clock, events, time_for};
 
 /// The layers of a body, each at the end of what it adds.
 pub struct Layered {

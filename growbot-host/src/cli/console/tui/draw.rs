@@ -1,8 +1,8 @@
 //! The model as text and braille: nothing here knows a terminal or a board.
 
+use growbot_client::printable::steers;
 use growbot_core::layer::Layer;
 use growbot_core::link::message::{State, Status};
-use growbot_host::printable::steers;
 use ratatui::Frame;
 use ratatui::layout::{Alignment, Constraint, Layout, Position, Rect};
 use ratatui::style::{Color, Modifier, Style};

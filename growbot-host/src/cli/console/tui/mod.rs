@@ -20,14 +20,14 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use crossterm::event::{self, Event, KeyEvent, KeyEventKind};
+use growbot_client::client::Client;
+use growbot_client::plan::{Plan, Search};
+use growbot_client::warning::PREVENTING;
 use growbot_core::job::job_layers;
 use growbot_core::layer_bytes::decode;
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
-use growbot_host::client::Client;
-use growbot_host::plan::{Plan, Search};
-use growbot_host::warning::PREVENTING;
 use ratatui::DefaultTerminal;
 
 use super::ask::ask;
@@ -88,7 +88,7 @@ pub fn run(client: Client, robot: Robot, start: Pose, port: &ChosenPort) -> Resu
         && let Some(status) = &console.model.status
         && works(status.state)
     {
-        growbot_host::tell!("growbot: {}", left(status.state, &console.model.robot, port));
+        growbot_client::tell!("growbot: {}", left(status.state, &console.model.robot, port));
     }
     Ok(())
 }
@@ -270,9 +270,9 @@ impl Console {
 mod tests {
     use super::*;
     use crossterm::event::{KeyCode, KeyModifiers};
+    use growbot_client::robot_file;
     use growbot_core::link::message::State;
-    use growbot_host::port::sim::Sim;
-    use growbot_host::robot_file;
+    use growbot_sim::port::sim::Sim;
 
     /// The console on a simulated robot, without a terminal.
     fn console() -> Console {

@@ -1,10 +1,10 @@
 //! Boards' messages for the tests of this folder.
 
+use growbot_client::robot_file;
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::Encoder;
 use growbot_core::link::message::{Laid, Message, State, Status, Waits};
 use growbot_core::pose::Pose;
-use growbot_host::robot_file;
 
 use super::model::Model;
 

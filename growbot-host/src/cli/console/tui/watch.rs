@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use growbot_host::client::{Client, ClientError};
+use growbot_client::client::{Client, ClientError};
 
 use super::model::Model;
 use crate::cli::following::stopped_for;

@@ -1,0 +1,76 @@
+//! Angles as they are written: degrees that read back as the same radians wherever such degrees exist.
+//!
+//! `30` typed by a person, taken as radians and turned back, comes out as 29.999999999999996. Of all the numbers that
+//! give the same radians, [`shortest_degrees`] finds the one with the fewest digits.
+
+use growbot_core::angle::{degrees, radians, wrap_signed};
+
+/// The shortest decimal number of degrees that gives exactly these radians; where none does, the nearest there is.
+///
+/// ```
+/// use growbot_core::angle::{degrees, radians};
+/// use crate::degrees::shortest_degrees;
+/// assert_eq!(degrees(radians(30.0)), 29.999999999999996);
+/// assert_eq!(shortest_degrees(radians(30.0)), 30.0);
+/// ```
+#[must_use]
+pub fn shortest_degrees(angle: f64) -> f64 {
+    shortest(angle, radians)
+}
+
+/// As [`shortest_degrees`], for headings: degrees that give exactly this heading to who wraps what it reads, as
+/// [`growbot_core::pose::Pose`] does. Wrapping costs a negative heading its last digits.
+#[must_use]
+pub fn shortest_heading(heading: f64) -> f64 {
+    shortest(heading, |degrees| wrap_signed(radians(degrees)))
+}
+
+/// The shortest decimal number that `read` turns into exactly this angle.
+fn shortest(angle: f64, read: impl Fn(f64) -> f64) -> f64 {
+    let plain = degrees(angle);
+    let gives_the_angle = |candidate: &f64| read(*candidate).to_bits() == angle.to_bits();
+    (0..17)
+        .filter_map(|digits| format!("{plain:.digits$e}").parse().ok())
+        .find(gives_the_angle)
+        .or_else(|| [plain.next_down(), plain.next_up()].into_iter().find(gives_the_angle))
+        .unwrap_or(plain)
+}
+
+/// Degrees of an angle in `[0, 2 pi)`, in `[0, 360)`: what the conversion rounds up to a full turn is 0.
+#[must_use]
+pub fn degrees_below_turn(angle: f64) -> f64 {
+    let written = degrees(angle);
+    if written >= 360.0 { 0.0 } else { written }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::f64::consts::TAU;
+
+    #[test]
+    fn whole_degrees_and_typed_decimals_come_back_as_typed() {
+        for tenths in -1800..=1800 {
+            let typed = f64::from(tenths) / 10.0;
+            assert_eq!(shortest_degrees(radians(typed)), typed);
+            if typed > -180.0 {
+                assert_eq!(shortest_heading(wrap_signed(radians(typed))), typed);
+            }
+        }
+    }
+
+    #[test]
+    fn any_angle_comes_back_within_a_rounding_error() {
+        for i in 0..10_000 {
+            let angle = f64::from(i) * 3.14e-4 + 1e-9;
+            assert!((radians(shortest_degrees(angle)) - angle).abs() <= f64::EPSILON * angle);
+        }
+    }
+
+    #[test]
+    fn a_full_turn_is_never_written() {
+        assert_eq!(degrees_below_turn(TAU), 0.0);
+        let below = degrees_below_turn(TAU.next_down());
+        assert!(below < 360.0 && below > 359.999);
+    }
+}

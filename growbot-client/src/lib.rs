@@ -1,0 +1,36 @@
+//! Drives a growing robot's board.
+//!
+//! The geometry is growbot-core's; here is what a program needs to have a body planned, grown and recorded:
+//!
+//! - [`robot_file`]: descriptions of robots, built in or from TOML files;
+//! - [`pose_text`]: poses as people type them, [`degrees`];
+//! - [`plan`]: a path with all that is said about it; [`warning`], what speaks against growing it; [`clearance`], whether a body would run into itself;
+//! - [`plan_file`] and [`plan_check`]: plans as JSON, and what is checked before one is believed;
+//! - [`port`]: the line to a board; [`client`]: requests to it and their answers;
+//! - [`growth`]: a whole job; [`feedback`]: its layers planned again as they are measured; [`arrival`]: how near it came;
+//! - [`run_log`]: the log of a growth, and [`run_clock`], its time;
+//! - [`input`], [`output`], [`printable`], [`nearest`]: bounded reading, whole files or none, text that steers no terminal, what was meant.
+//!
+//! Lengths are in mm. Angles are in radians inside and in degrees in every text and file; names carry the unit.
+#![forbid(unsafe_code)]
+
+pub mod arrival;
+pub mod clearance;
+pub mod client;
+pub mod crash;
+pub mod degrees;
+pub mod feedback;
+pub mod growth;
+pub mod input;
+pub mod nearest;
+pub mod output;
+pub mod plan;
+pub mod plan_check;
+pub mod plan_file;
+pub mod port;
+pub mod pose_text;
+pub mod printable;
+pub mod robot_file;
+pub mod run_clock;
+pub mod run_log;
+pub mod warning;

@@ -1,0 +1,231 @@
+//! A plan: a path that has been checked to end at its goal, with all that is said about it.
+
+use growbot_core::path::{self, Leg, Segment};
+use growbot_core::plan::{self as planning, Chosen, GREATEST_RADIUS, Needs, PlanError, Planner};
+use growbot_core::pose::{Frame, Pose};
+use growbot_core::robot::Robot;
+
+use crate::clearance::first_collision;
+use crate::warning::{Warning, warnings};
+
+/// A plan for one robot. Lengths in mm, angles in radians.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Plan {
+    /// The robot's name.
+    pub robot: String,
+    /// Hash of the robot's whole description ([`Robot::hash`]).
+    pub robot_hash: u64,
+    /// How the path was found.
+    pub planner: Planner,
+    /// Radius of the arcs, mm.
+    pub radius: f64,
+    /// Where the tip starts.
+    pub start: Pose,
+    /// Where it is to arrive: the goal of the last leg.
+    pub goal: Pose,
+    /// The legs, one at least: from pose to pose.
+    pub legs: Vec<Leg>,
+    /// What each leg was chosen from; plans of older versions do not say.
+    pub choices: Vec<Option<Choice>>,
+    /// The path from start to goal.
+    pub path: Vec<Segment>,
+    /// Length, layers, time and filament.
+    pub needs: Needs,
+    /// What speaks against growing it.
+    pub warnings: Vec<Warning>,
+}
+
+/// What the path of a leg, or of a plan, was chosen from.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Choice {
+    /// How many paths were found that reach the goal; of several legs, the sum.
+    pub candidates: usize,
+    /// How many shorter ones were passed over because the body would have run into itself.
+    pub passed_over: usize,
+    /// Length of the two-plane path, mm.
+    pub two_plane_length: f64,
+}
+
+impl Choice {
+    /// By how much the two-plane path is longer than one of this length (mm), percent; 0 for a path of no length.
+    #[must_use]
+    pub fn two_plane_longer_percent(&self, length: f64) -> f64 {
+        if length > 0.0 { 100.0 * (self.two_plane_length / length - 1.0) } else { 0.0 }
+    }
+
+    fn and(self, other: Self) -> Self {
+        Self {
+            candidates: self.candidates + other.candidates,
+            passed_over: self.passed_over + other.passed_over,
+            two_plane_length: self.two_plane_length + other.two_plane_length,
+        }
+    }
+}
+
+/// How a path is looked for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Search {
+    /// Radius of the arcs, mm.
+    pub radius: f64,
+    /// Where candidates come from.
+    pub planner: Planner,
+    /// Whether to take the shortest candidate that does not run into the body instead of the shortest of all.
+    pub clear_of_self: bool,
+}
+
+/// A leg is planned from the pose it should start at as long as the tip is this near to it, in radii and radians: a goal that
+/// lies exactly ahead then still does. Beyond, it is planned from where the tip is, so that errors do not add up.
+const AT_THE_POSE: f64 = 1e-11;
+
+impl Plan {
+    /// Plans the shortest path of this radius (mm) that the planner finds.
+    ///
+    /// ```
+    /// use growbot_client::{plan::Plan, pose_text::parse_pose, robot_file};
+    /// use growbot_core::plan::Planner;
+    /// let robot = robot_file::load("growbot-a".as_ref()).unwrap();
+    /// let (start, goal) = (parse_pose("0,0,0,0,90").unwrap(), parse_pose("0,0,77.4,0,90").unwrap());
+    /// let plan = Plan::make(&robot, &start, &goal, 100.0, Planner::Shortest).unwrap();
+    /// assert_eq!(plan.needs.layers, 100);
+    /// assert_eq!(plan.word(), "S");
+    /// ```
+    ///
+    /// # Errors
+    /// As [`growbot_core::plan::plan`]: a radius that the robot cannot bend to, above all.
+    pub fn make(robot: &Robot, start: &Pose, goal: &Pose, radius: f64, planner: Planner) -> Result<Self, PlanError> {
+        Self::through(robot, start, &[], goal, &Search { radius, planner, clear_of_self: false })
+    }
+
+    /// Plans from the start through these poses, in order, to the goal: each leg from where the one before ended, with the
+    /// frame of the tip carried along.
+    ///
+    /// With [`Search::clear_of_self`], each leg is the shortest candidate that meets neither itself nor the legs before; where
+    /// there is none, the shortest of all, and the plan's warnings say so.
+    ///
+    /// # Errors
+    /// As [`Plan::make`].
+    pub fn through(robot: &Robot, start: &Pose, via: &[Pose], goal: &Pose, search: &Search) -> Result<Self, PlanError> {
+        let mut body: Vec<Segment> = Vec::new();
+        let (mut legs, mut choices) = (Vec::with_capacity(via.len() + 1), Vec::with_capacity(via.len() + 1));
+        // Where the tip is, and the pose and the roll from which the next leg is planned.
+        let mut base_from_tip = start.frame();
+        let (mut from, mut roll) = (*start, 0.0);
+        for goal in via.iter().chain([goal]) {
+            let (chosen, passed_over) = plan_leg(robot, &from, goal, search, &body, roll)?;
+            let own: Vec<Segment> = chosen.path.iter().map(|segment| segment.rolled(roll)).collect();
+            let Chosen { candidates, two_plane_length, .. } = chosen;
+            choices.push(Some(Choice { candidates, passed_over, two_plane_length }));
+            legs.push(Leg { goal: *goal, segments: own.len() });
+            base_from_tip = path::end(&own, &base_from_tip);
+            body.extend(own);
+            let miss = planning::miss(&base_from_tip, goal);
+            let there = miss.distance <= AT_THE_POSE * search.radius && miss.angle <= AT_THE_POSE;
+            from = if there { *goal } else { Pose::from_frame(&base_from_tip) };
+            roll = roll_from(&from, &base_from_tip);
+        }
+        Ok(Self::of_path(robot, start, search.radius, search.planner, (legs, choices), body))
+    }
+
+    /// The plan of a path that is known to lead from the start along its legs, of which there is one at least.
+    pub(crate) fn of_path(
+        robot: &Robot,
+        start: &Pose,
+        radius: f64,
+        planner: Planner,
+        (legs, choices): (Vec<Leg>, Vec<Option<Choice>>),
+        path: Vec<Segment>,
+    ) -> Self {
+        let needs = planning::needs(&path, robot);
+        Self {
+            robot: robot.name().to_owned(),
+            robot_hash: robot.hash(),
+            planner,
+            radius,
+            start: *start,
+            goal: legs.last().map_or(*start, |leg| leg.goal),
+            warnings: warnings(&path, &needs, robot),
+            needs,
+            legs,
+            choices,
+            path,
+        }
+    }
+
+    /// The pieces in order: C for an arc, S for a straight line, H for a helicoidal arc. Empty for a path of no length.
+    #[must_use]
+    pub fn word(&self) -> String {
+        word(&self.path)
+    }
+
+    /// The segments of each leg, and what they were chosen from.
+    pub fn by_leg(&self) -> impl Iterator<Item = (Option<Choice>, &[Segment])> {
+        let mut rest = self.path.as_slice();
+        self.legs.iter().zip(&self.choices).map(move |(leg, choice)| {
+            let (own, after) = rest.split_at_checked(leg.segments).unwrap_or((rest, &[]));
+            rest = after;
+            (*choice, own)
+        })
+    }
+
+    /// The poses on the way: the goals of all legs but the last.
+    #[must_use]
+    pub fn via(&self) -> Vec<Pose> {
+        let on_the_way = self.legs.len().saturating_sub(1);
+        self.legs.iter().take(on_the_way).map(|leg| leg.goal).collect()
+    }
+
+    /// What the whole path was chosen from, if every leg says.
+    #[must_use]
+    pub fn choice(&self) -> Option<Choice> {
+        self.choices.iter().try_fold(Choice::default(), |sum, choice| Some(sum.and((*choice)?)))
+    }
+}
+
+/// The pieces of a path in order, a letter each.
+#[must_use]
+pub fn word(path: &[Segment]) -> String {
+    let letter = |segment: &Segment| match segment {
+        Segment::Arc { .. } => 'C',
+        Segment::Straight { .. } => 'S',
+        Segment::Helicoid { .. } => 'H',
+    };
+    let mut letters: Vec<char> = path.iter().map(letter).collect();
+    // A helicoidal arc with a narrow neck comes in two segments.
+    letters.dedup_by(|after, before| *after == 'H' && *before == 'H');
+    letters.into_iter().collect()
+}
+
+/// By how much a tip at this pose is turned about its direction of growth from the pose's own frame, radians.
+fn roll_from(pose: &Pose, base_from_tip: &Frame) -> f64 {
+    let pose_from_tip = pose.frame().rotation.inverse() * base_from_tip.rotation;
+    let matrix = pose_from_tip.matrix();
+    libm::atan2(matrix[(1, 0)], matrix[(0, 0)])
+}
+
+/// The path of one leg, and how many shorter ones were passed over. The leg begins where this body ends.
+fn plan_leg(
+    robot: &Robot,
+    from: &Pose,
+    goal: &Pose,
+    search: &Search,
+    body: &[Segment],
+    roll: f64,
+) -> Result<(Chosen, usize), PlanError> {
+    let &Search { radius, planner, clear_of_self } = search;
+    if clear_of_self && radius <= GREATEST_RADIUS {
+        let before = path::length(body);
+        let mut whole = body.to_vec();
+        let mut passed_over = 0;
+        let is_clear = |candidate: &[Segment]| {
+            whole.truncate(body.len());
+            whole.extend(candidate.iter().map(|segment| segment.rolled(roll)));
+            let clear = first_collision(&whole, robot.outer_diameter(), before).is_none();
+            passed_over += usize::from(!clear);
+            clear
+        };
+        if let Some(chosen) = planning::plan_where(robot, from, goal, radius, planner, is_clear)? {
+            return Ok((chosen, passed_over));
+        }
+    }
+    Ok((planning::plan(robot, from, goal, radius, planner)?, 0))
+}

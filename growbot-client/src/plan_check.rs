@@ -1,0 +1,496 @@
+//! What is checked before a plan from a file is believed.
+//!
+//! The plan must be for this very robot, its numbers must make sense, its bends must be ones that the robot can make,
+//! its totals must be those of its segments, and chaining Eq 4 over the segments from the start must end at the goal.
+//! With poses on the way it must pass through each of them. Warnings are found anew; of those in the file, the ones whose
+//! code is not among them stand: another program or a person may know more.
+
+use growbot_core::angle::{radians, wrap_positive};
+use growbot_core::helicoid::Helicoid;
+use growbot_core::number::Short;
+use growbot_core::path::{Leg, Segment, end, length};
+use growbot_core::plan::{GREATEST_RADIUS, Miss, miss};
+use growbot_core::pose::{Frame, Pose, PoseError};
+use growbot_core::robot::Robot;
+use nalgebra::Vector3;
+
+use crate::plan::{Choice, Plan, word};
+use crate::plan_file::{PlanFile, WrittenLeg, WrittenPose, WrittenSegment, written_hash};
+use crate::pose_text::pose_of_numbers;
+use crate::warning::{THIN_LAYER, Warning};
+
+/// Why a plan is not believed: what, the value, the limit, what to do.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum PlanFault {
+    /// The plan is for a robot of another name.
+    #[error(
+        "the plan is for robot {plan:?}, not for {robot:?}: plan again for this robot, or choose that one with --robot"
+    )]
+    OtherRobot {
+        /// Name in the plan.
+        plan: String,
+        /// Name of the robot at hand.
+        robot: String,
+    },
+    /// The robot's description has changed since.
+    #[error(
+        "the plan is for {robot} of hash {plan}, and this {robot} has hash {here}: the description has changed; plan again, or give the old one with --robot FILE"
+    )]
+    OtherHash {
+        /// The robot.
+        robot: String,
+        /// Hash in the plan.
+        plan: String,
+        /// Hash of the robot at hand.
+        here: String,
+    },
+    /// Start or goal are no poses.
+    #[error("{which}: {error}")]
+    Pose {
+        /// Start or goal.
+        which: &'static str,
+        /// What is wrong.
+        error: PoseError,
+    },
+    /// A number out of its range.
+    #[error("{what} is {value:?}; it must lie between {least:?} and {greatest:?}: plan again")]
+    Range {
+        /// Which number.
+        what: String,
+        /// What it is.
+        value: f64,
+        /// The least that is taken.
+        least: f64,
+        /// The greatest that is taken.
+        greatest: f64,
+    },
+    /// A bend that the robot cannot make.
+    #[error(
+        "segment {segment} has a radius of {} mm, below R_min = {limit} mm of this robot: plan again with a larger --radius", Short(.radius)
+    )]
+    TooTight {
+        /// Which segment, from 0.
+        segment: usize,
+        /// Its radius, mm.
+        radius: f64,
+        /// The robot's least radius, mm.
+        limit: f64,
+    },
+    /// Too many segments.
+    #[error("the plan has {found} segments; growbot reads {MOST_SEGMENTS} at most: split it")]
+    TooManySegments {
+        /// How many there are.
+        found: usize,
+    },
+    /// A helicoidal arc whose tip would not only bend but twist.
+    #[error(
+        "m0 of segment {segment} is not perpendicular to the tip there: {value} of it points ahead, {limit} may; plan again"
+    )]
+    NotPerpendicular {
+        /// Which segment, from 0.
+        segment: usize,
+        /// The part of m0 along the tip's direction, as a share.
+        value: f64,
+        /// The greatest that is taken.
+        limit: f64,
+    },
+    /// A total that is not the sum of the segments.
+    #[error("{what} is {}, and the segments give {}: the plan was changed by hand; plan again", Short(.value), Short(.expected))]
+    Total {
+        /// Which total.
+        what: &'static str,
+        /// What the file says.
+        value: f64,
+        /// What the segments give.
+        expected: f64,
+    },
+    /// Letters that are not those of the segments.
+    #[error("word is {found:?}, and the segments give {expected:?}: the plan was changed by hand; plan again")]
+    Word {
+        /// What the file says.
+        found: String,
+        /// What the segments give.
+        expected: String,
+    },
+    /// Legs that are not those between the poses.
+    #[error(
+        "the plan has {found} legs, and its via poses ask for {expected}: the plan was changed by hand; plan again"
+    )]
+    Legs {
+        /// How many there are.
+        found: usize,
+        /// How many there must be: one more than via poses, and none without.
+        expected: usize,
+    },
+    /// The segments lead elsewhere.
+    #[error(
+        "the segments end {} mm and {} rad from {which}, more than {} mm and {} rad: the plan was changed by hand; plan again",
+        .miss.distance, .miss.angle, .limit.distance, .limit.angle
+    )]
+    Missed {
+        /// The goal, or which of the poses on the way.
+        which: String,
+        /// How far off they end.
+        miss: Miss,
+        /// How far off they may.
+        limit: Miss,
+    },
+}
+
+/// More segments than this are no plan: what they ask for could not be grown in a lifetime.
+const MOST_SEGMENTS: usize = 10_000;
+/// No segment is longer than this, mm: from one corner of the space of poses to the other and back.
+const LONGEST_SEGMENT: f64 = 8.0 * Pose::GREATEST_COORDINATE;
+/// All helicoidal arcs together are no longer than this, in radii: to integrate more, which no planner gives, would only take time.
+const MOST_TURNS: f64 = 1e4;
+/// No planner looks at more paths.
+const MOST_CANDIDATES: f64 = 1e9;
+/// So many letters of a word are shown.
+const LONGEST_WORD: usize = 40;
+/// No number of `m0` and `p` is greater than this...
+const GREATEST_MOMENT: f64 = 1e6;
+/// ...and not all of them are smaller than this.
+const LEAST_MOMENT: f64 = 1e-6;
+/// `m0` is perpendicular to the tip to this share of it.
+const PERPENDICULAR: f64 = 1e-9;
+/// Limits hold to this share of themselves: degrees and radians do not convert exactly.
+const ROUNDING: f64 = 1e-9;
+/// A plan of ordinary size ends this near its goal, mm.
+const ARRIVED_DISTANCE: f64 = 1e-6;
+/// And in this direction, radians; for plans beyond 100 radii in proportion, as the planner's own check.
+const ARRIVED_ANGLE: f64 = 1e-8;
+
+impl PlanFile {
+    /// The plan, if it is for this robot and holds together.
+    ///
+    /// # Errors
+    /// The first thing that does not.
+    pub fn check(&self, robot: &Robot) -> Result<Plan, PlanFault> {
+        self.check_robot(robot)?;
+        range("radius_mm", self.radius_mm, robot.least_radius(), GREATEST_RADIUS)?;
+        let start = pose("start", &self.start)?;
+        let goal = pose("goal", &self.goal)?;
+        let path = self.path(robot, &start)?;
+        let legs = self.legs(&start, &goal, &path)?;
+        let mut plan = Plan::of_path(robot, &start, self.radius_mm, self.planner, legs, path);
+        let stands = |warning: &&Warning| {
+            warning.code != THIN_LAYER && plan.warnings.iter().all(|found| found.code != warning.code)
+        };
+        let standing: Vec<_> = self.warnings.iter().filter(stands).cloned().collect();
+        plan.warnings.extend(standing);
+        self.check_totals(&plan, robot)?;
+        self.check_words(&plan)?;
+        Ok(plan)
+    }
+
+    fn check_robot(&self, robot: &Robot) -> Result<(), PlanFault> {
+        if self.robot != robot.name() {
+            return Err(PlanFault::OtherRobot { plan: self.robot.clone(), robot: robot.name().to_owned() });
+        }
+        let here = written_hash(robot.hash());
+        if self.robot_hash != here {
+            return Err(PlanFault::OtherHash { robot: self.robot.clone(), plan: self.robot_hash.clone(), here });
+        }
+        Ok(())
+    }
+
+    fn path(&self, robot: &Robot, start: &Pose) -> Result<Vec<Segment>, PlanFault> {
+        let found = self.segments.len();
+        if found > MOST_SEGMENTS {
+            return Err(PlanFault::TooManySegments { found });
+        }
+        let mut path = Vec::with_capacity(found);
+        let mut base_from_tip = start.frame();
+        let mut turns = 0.0;
+        for (index, written) in self.segments.iter().enumerate() {
+            if let WrittenSegment::Helicoid { length_mm, .. } = written {
+                turns += length_mm / self.radius_mm;
+                range(format!("the helicoids' length up to segment {index}, in radii,"), turns, 0.0, MOST_TURNS)?;
+            }
+            let segment = segment(index, written, self.radius_mm, &base_from_tip, robot.least_radius())?;
+            base_from_tip *= segment.step();
+            path.push(segment);
+        }
+        Ok(path)
+    }
+
+    /// The legs, each of which ends at its own pose, the last at the goal; and what they were chosen from.
+    fn legs(&self, start: &Pose, goal: &Pose, path: &[Segment]) -> Result<(Vec<Leg>, Vec<Option<Choice>>), PlanFault> {
+        let (found, expected) = (self.legs.len(), if self.via.is_empty() { 0 } else { self.via.len() + 1 });
+        if found != expected {
+            return Err(PlanFault::Legs { found, expected });
+        }
+        let whole;
+        let written = if self.legs.is_empty() {
+            let (candidates, two_plane_length_mm, passed_over) =
+                (self.candidates, self.two_plane_length_mm, self.passed_over);
+            whole = [WrittenLeg {
+                segments: path.len(),
+                word: self.word.clone().unwrap_or_else(|| word(path)),
+                length_mm: self.length_mm,
+                candidates,
+                passed_over,
+                two_plane_length_mm,
+            }];
+            &whole[..]
+        } else {
+            &self.legs
+        };
+        let sum = written.iter().map(|leg| leg.segments as u128).sum::<u128>();
+        if sum != path.len() as u128 {
+            return Err(PlanFault::Total {
+                what: "the number of segments in the legs",
+                value: sum as f64,
+                expected: path.len() as f64,
+            });
+        }
+        let (mut legs, mut choices) = (Vec::with_capacity(written.len()), Vec::with_capacity(written.len()));
+        let (mut base_from_tip, mut from, mut rest) = (start.frame(), *start, path);
+        for (index, leg) in written.iter().enumerate() {
+            let to = match self.via.get(index) {
+                Some(written) => pose("via", written)?,
+                None => *goal,
+            };
+            let (own, after) = rest.split_at_checked(leg.segments).unwrap_or((rest, &[]));
+            rest = after;
+            base_from_tip = end(own, &base_from_tip);
+            let which = if index + 1 < written.len() { format!("via {}", index + 1) } else { "the goal".to_owned() };
+            check_arrival(which, &base_from_tip, &from, &to, self.radius_mm)?;
+            check_word(&leg.word, own)?;
+            check_total("length_mm of a leg", leg.length_mm, length(own), 0.0)?;
+            legs.push(Leg { goal: to, segments: leg.segments });
+            choices.push(leg.choice()?);
+            from = to;
+        }
+        Ok((legs, choices))
+    }
+
+    /// What is said of the path in words and by comparison.
+    fn check_words(&self, plan: &Plan) -> Result<(), PlanFault> {
+        if let Some(word) = &self.word {
+            check_word(word, &plan.path)?;
+        }
+        let Some(choice) = plan.choice() else { return Ok(()) };
+        let percent = choice.two_plane_longer_percent(plan.needs.length);
+        for (what, value, expected) in [
+            ("candidates", self.candidates.map(|count| count as f64), choice.candidates as f64),
+            ("passed_over", Some(self.passed_over as f64), choice.passed_over as f64),
+            ("two_plane_length_mm", self.two_plane_length_mm, choice.two_plane_length),
+        ] {
+            check_total(what, value.unwrap_or(expected), expected, 0.0)?;
+        }
+        // A difference of two lengths, in percent.
+        check_total("two_plane_longer_percent", self.two_plane_longer_percent.unwrap_or(percent), percent, 1e-6)
+    }
+
+    /// Totals that do not fit show that segments were changed, dropped or doubled.
+    fn check_totals(&self, plan: &Plan, robot: &Robot) -> Result<(), PlanFault> {
+        let needs = &plan.needs;
+        // Where a segment is a whole number of layers to the last digit, rounding may decide for one more or less.
+        let layers_off = plan.path.len() as f64;
+        let duration_off = layers_off * robot.description().layer.period_s;
+        for (what, value, expected, off) in [
+            ("length_mm", self.length_mm, needs.length, 0.0),
+            ("layers", self.layers as f64, needs.layers as f64, layers_off),
+            ("duration_s", self.duration_s, needs.duration, duration_off),
+            ("filament_mm", self.filament_mm, needs.filament, 0.0),
+        ] {
+            check_total(what, value, expected, off)?;
+        }
+        Ok(())
+    }
+}
+
+impl WrittenLeg {
+    fn choice(&self) -> Result<Option<Choice>, PlanFault> {
+        let (Some(candidates), Some(two_plane_length)) = (self.candidates, self.two_plane_length_mm) else {
+            return Ok(None);
+        };
+        range("candidates", candidates as f64, 1.0, MOST_CANDIDATES)?;
+        range("passed_over", self.passed_over as f64, 0.0, candidates as f64 - 1.0)?;
+        range("two_plane_length_mm", two_plane_length, 0.0, LONGEST_SEGMENT)?;
+        Ok(Some(Choice { candidates, passed_over: self.passed_over, two_plane_length }))
+    }
+}
+
+/// A total may be off by so much, and by rounding.
+fn check_total(what: &'static str, value: f64, expected: f64, off: f64) -> Result<(), PlanFault> {
+    // What is no number is off too.
+    if (value - expected).abs() <= off + ROUNDING * expected.abs() {
+        return Ok(());
+    }
+    Err(PlanFault::Total { what, value, expected })
+}
+
+fn check_word(found: &str, path: &[Segment]) -> Result<(), PlanFault> {
+    let expected = word(path);
+    if found == expected {
+        return Ok(());
+    }
+    Err(PlanFault::Word { found: found.chars().take(LONGEST_WORD).collect(), expected })
+}
+
+fn range(what: impl Into<String>, value: f64, least: f64, greatest: f64) -> Result<(), PlanFault> {
+    if (least..=greatest).contains(&value) {
+        return Ok(());
+    }
+    Err(PlanFault::Range { what: what.into(), value, least, greatest })
+}
+
+/// The pose that a written one means.
+pub fn pose(which: &'static str, written: &WrittenPose) -> Result<Pose, PlanFault> {
+    let &WrittenPose { x_mm, y_mm, z_mm, heading_deg, pitch_deg } = written;
+    pose_of_numbers([x_mm, y_mm, z_mm, heading_deg, pitch_deg]).map_err(|error| PlanFault::Pose { which, error })
+}
+
+fn segment(
+    index: usize,
+    written: &WrittenSegment,
+    radius: f64,
+    base_from_tip: &Frame,
+    least_radius: f64,
+) -> Result<Segment, PlanFault> {
+    let named = |field: &str| format!("{field} of segment {index}");
+    let check_length = |length_mm| range(named("length_mm"), length_mm, f64::MIN_POSITIVE, LONGEST_SEGMENT);
+    match *written {
+        WrittenSegment::Straight { length_mm } => {
+            check_length(length_mm)?;
+            Ok(Segment::Straight { length: length_mm })
+        }
+        WrittenSegment::Arc { alpha_deg, beta_deg, length_mm } => {
+            check_length(length_mm)?;
+            range(named("alpha_deg"), alpha_deg, -360.0, 360.0)?;
+            range(named("beta_deg"), beta_deg, 0.0, 360.0)?;
+            let bend = radians(beta_deg);
+            if bend * least_radius > length_mm * (1.0 + ROUNDING) {
+                return Err(PlanFault::TooTight { segment: index, radius: length_mm / bend, limit: least_radius });
+            }
+            Ok(Segment::Arc { alpha: wrap_positive(radians(alpha_deg)), bend, length: length_mm })
+        }
+        WrittenSegment::Helicoid { length_mm, m0, p } => {
+            check_length(length_mm)?;
+            for value in m0.into_iter().chain(p) {
+                range(named("m0 and p"), value, -GREATEST_MOMENT, GREATEST_MOMENT)?;
+            }
+            let tip_from_base = base_from_tip.rotation.inverse();
+            let (m0, p) = (tip_from_base * Vector3::from(m0), tip_from_base * Vector3::from(p));
+            let scale = m0.norm().max(p.norm());
+            range(format!("the scale of m0 and p of segment {index}"), scale, LEAST_MOMENT, GREATEST_MOMENT)?;
+            if m0.z.abs() > PERPENDICULAR * scale {
+                return Err(PlanFault::NotPerpendicular { segment: index, value: m0.z / scale, limit: PERPENDICULAR });
+            }
+            // What rounding has left along the tip is removed: it would add up along the curve.
+            Ok(Segment::Helicoid {
+                curve: Helicoid { m0: Vector3::new(m0.x, m0.y, 0.0), p },
+                radius,
+                length: length_mm,
+            })
+        }
+    }
+}
+
+fn check_arrival(
+    which: String,
+    base_from_tip: &Frame,
+    start: &Pose,
+    goal: &Pose,
+    radius: f64,
+) -> Result<(), PlanFault> {
+    let distance = (goal.position() - start.position()).norm();
+    let scale = (distance / (100.0 * radius)).max(1.0);
+    let limit = Miss { distance: ARRIVED_DISTANCE.max(1e-8 * scale * radius), angle: ARRIVED_ANGLE * scale };
+    let miss = miss(base_from_tip, goal);
+    if miss.distance <= limit.distance && miss.angle <= limit.angle {
+        return Ok(());
+    }
+    Err(PlanFault::Missed { which, miss, limit })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::pose_text::parse_pose;
+    use crate::robot_file;
+    use growbot_core::layer::Layer;
+    use growbot_core::plan::Planner;
+    use growbot_core::slicing::{Slicing, layers};
+
+    fn robot(name: &str) -> Robot {
+        robot_file::load(name.as_ref()).unwrap()
+    }
+
+    fn plan() -> Plan {
+        let (start, goal) = (parse_pose("1,2,3,40,50").unwrap(), parse_pose("-300,200,900,170,-20").unwrap());
+        Plan::make(&robot("growbot-a"), &start, &goal, 100.0, Planner::TwoPlane).unwrap()
+    }
+
+    /// What is said of a plan after a change.
+    fn fault(change: impl Fn(&mut PlanFile)) -> String {
+        let mut written = PlanFile::from(&plan());
+        change(&mut written);
+        written.check(&robot("growbot-a")).unwrap_err().to_string()
+    }
+
+    fn sliced(path: &[Segment], robot: &Robot) -> Vec<Layer> {
+        layers(path, robot, Slicing::Exact).map(|sliced| sliced.layer).collect()
+    }
+
+    #[test]
+    fn a_plan_that_was_written_has_the_same_layers() {
+        let (plan, robot) = (plan(), robot("growbot-a"));
+        let again = PlanFile::from(&plan).check(&robot).unwrap();
+        assert_eq!((again.start, again.goal, again.needs), (plan.start, plan.goal, plan.needs));
+        let (before, after) = (sliced(&plan.path, &robot), sliced(&again.path, &robot));
+        assert_eq!(before.len(), after.len());
+        for (before, after) in before.iter().zip(&after) {
+            assert!((before.alpha - after.alpha).abs() < 1e-14);
+            assert!((before.tilt - after.tilt).abs() < 1e-17);
+            assert_eq!(before.height, after.height);
+        }
+    }
+
+    #[test]
+    fn a_plan_for_another_robot_shows_both() {
+        let written = PlanFile::from(&plan());
+        let message = written.check(&robot("growbot-b")).unwrap_err().to_string();
+        assert!(message.contains("\"growbot-a\"") && message.contains("\"growbot-b\""), "{message}");
+        let here = written_hash(robot("growbot-a").hash());
+        let message = fault(|plan| plan.robot_hash = "0123456789abcdef".to_owned());
+        assert!(message.contains("0123456789abcdef") && message.contains(&here), "{message}");
+    }
+
+    #[test]
+    fn what_does_not_hold_together_is_refused_with_value_and_limit() {
+        fn arc(plan: &mut PlanFile) -> (&mut f64, &mut f64, &mut f64) {
+            plan.segments
+                .iter_mut()
+                .find_map(|segment| match segment {
+                    WrittenSegment::Arc { alpha_deg, beta_deg, length_mm } => Some((alpha_deg, beta_deg, length_mm)),
+                    _ => None,
+                })
+                .unwrap()
+        }
+        type Change = fn(&mut PlanFile);
+        let cases: [(Change, &str); 13] = [
+            (|plan| plan.radius_mm = 98.0, "radius_mm is 98.0; it must lie between 98.2 and"),
+            (|plan| plan.radius_mm = f64::NAN, "radius_mm is NaN"),
+            (|plan| plan.start.pitch_deg = 91.0, "start: pitch is 91 deg"),
+            (|plan| plan.goal.x_mm = f64::INFINITY, "goal: x is inf"),
+            (|plan| *arc(plan).2 = 0.0, "length_mm of segment 0 is 0"),
+            (|plan| *arc(plan).2 = -5.0, "length_mm of segment 0 is -5"),
+            (|plan| *arc(plan).1 = -1.0, "beta_deg of segment 0 is -1"),
+            (|plan| *arc(plan).1 *= 1.05, "below R_min = 98.2 mm"),
+            (|plan| *arc(plan).0 = 400.0, "alpha_deg of segment 0 is 400"),
+            (|plan| plan.goal.z_mm += 1e-4, "from the goal"),
+            (|plan| plan.goal.heading_deg += 1e-5, "from the goal"),
+            (|plan| plan.layers += 20, "layers is"),
+            (|plan| plan.filament_mm *= 1.001, "filament_mm is"),
+        ];
+        for (change, part) in cases {
+            let message = fault(change);
+            assert!(message.contains(part), "{part}: {message}");
+        }
+        let message = fault(|plan| plan.segments = vec![WrittenSegment::Straight { length_mm: 1.0 }; 10_001]);
+        assert!(message.contains("10001 segments") && message.contains("10000"), "{message}");
+    }
+}

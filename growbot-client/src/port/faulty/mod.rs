@@ -1,0 +1,451 @@
+//! A line that loses, spoils, doubles and swaps what it carries: any port behind a wire with faults, drawn from a seed.
+//!
+//! What travels is looked at piece by piece; a piece ends in a zero byte, as frames do, or is as long as the longest frame. Each
+//! direction draws by itself, one draw for each fault and piece, so that the same seed and the same traffic give the same faults.
+//!
+//! | fault | what happens to a piece |
+//! |---|---|
+//! | `drop` | it is lost |
+//! | `flip` | one bit of a byte is turned over; the chance is each byte's, the ending zero's too |
+//! | `dup` | it comes twice |
+//! | `reorder` | it comes after the next one; without a next one it stays on the way |
+//! | `truncate` | its tail is lost, with the ending zero, so that the next one is glued to what is left |
+//! | `stall` | it and all that follows, both ways, waits for so long, and comes then |
+//! | `reset` | the line is cut: it, what is under way both ways, and what is sent within a second is lost |
+//!
+//! Time is measured by the time-outs that are waited out, on the virtual clock of `sim` too.
+
+mod spec;
+
+use std::collections::VecDeque;
+use std::time::Duration;
+
+use growbot_core::link::frame::LONGEST_FRAME;
+
+pub use self::spec::{FaultSpec, FaultSpecError};
+use super::{Port, PortError};
+use growbot_core::random::scramble;
+
+/// How long the line stays cut.
+const CUT: Duration = Duration::from_secs(1);
+/// Time is counted in such steps.
+const STEP: Duration = Duration::from_millis(10);
+/// So many bytes may come, and come to nothing, before whoever waits is told that there are none.
+const MOST_SWALLOWED: usize = 1 << 16;
+
+/// What a wire has done so far, both ways together.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Tally {
+    /// Pieces that came to the wire.
+    pub frames: u64,
+    /// Pieces that were lost by `drop`.
+    pub dropped: u64,
+    /// Bytes that had a bit turned over.
+    pub flipped: u64,
+    /// Pieces that came twice.
+    pub doubled: u64,
+    /// Pieces that were kept back until after the next one.
+    pub reordered: u64,
+    /// Pieces that lost their tails.
+    pub truncated: u64,
+    /// How often the wire stalled.
+    pub stalls: u64,
+    /// How often the line was cut.
+    pub resets: u64,
+    /// Pieces that were lost because the line was cut.
+    pub cut_off: u64,
+}
+
+/// A port behind a wire with faults.
+///
+/// Whoever wants to see what became of the traffic keeps it in an `Rc<RefCell<_>>`, which is a port too.
+pub struct Faulty<P> {
+    port: P,
+    spec: FaultSpec,
+    tally: Tally,
+    to_board: Wire,
+    from_board: Wire,
+    /// For how long nothing passes yet.
+    stalled: Duration,
+    /// For how long everything is lost yet.
+    cut: Duration,
+}
+
+/// One direction.
+struct Wire {
+    draws: Draws,
+    /// The beginning of a piece.
+    begun: Vec<u8>,
+    /// A piece that comes after the next one.
+    kept_back: Option<Vec<u8>>,
+    /// Bytes that have passed the faults.
+    through: VecDeque<u8>,
+}
+
+#[derive(Clone, Copy)]
+enum Direction {
+    ToBoard,
+    FromBoard,
+}
+
+impl<P: Port> Faulty<P> {
+    /// Puts a wire with such faults before a port.
+    pub fn new(port: P, spec: FaultSpec) -> Self {
+        Self {
+            port,
+            spec,
+            tally: Tally::default(),
+            to_board: Wire::new(spec.seed, 1),
+            from_board: Wire::new(spec.seed, 2),
+            stalled: Duration::ZERO,
+            cut: Duration::ZERO,
+        }
+    }
+
+    /// What the wire has done so far.
+    pub fn tally(&self) -> Tally {
+        self.tally
+    }
+
+    /// The port behind the wire.
+    pub fn port(&mut self) -> &mut P {
+        &mut self.port
+    }
+
+    fn wire(&mut self, direction: Direction) -> &mut Wire {
+        match direction {
+            Direction::ToBoard => &mut self.to_board,
+            Direction::FromBoard => &mut self.from_board,
+        }
+    }
+
+    /// Puts bytes on the wire.
+    fn take(&mut self, direction: Direction, bytes: &[u8]) {
+        for byte in bytes {
+            let wire = self.wire(direction);
+            wire.begun.push(*byte);
+            if *byte == 0 || wire.begun.len() >= LONGEST_FRAME {
+                let piece = std::mem::take(&mut wire.begun);
+                self.carry(direction, piece);
+            }
+        }
+    }
+
+    /// Carries a piece as far as its faults let it come.
+    fn carry(&mut self, direction: Direction, mut piece: Vec<u8>) {
+        let spec = self.spec;
+        let draws = &mut self.wire(direction).draws;
+        let [reset, stall, drop, truncate, tail, reorder, dup] = [(); 7].map(|()| draws.draw());
+        let mut flipped = 0;
+        if spec.flip > 0.0 {
+            for byte in &mut piece {
+                if draws.draw() < spec.flip {
+                    *byte ^= 1 << (draws.draw() * 8.0) as u32;
+                    flipped += 1;
+                }
+            }
+        }
+        self.tally.frames += 1;
+        if !self.cut.is_zero() {
+            self.tally.cut_off += 1;
+            return;
+        }
+        if reset < spec.reset {
+            self.tally.resets += 1;
+            self.tally.cut_off += 1;
+            self.cut = CUT;
+            self.to_board.clear();
+            self.from_board.clear();
+            return;
+        }
+        if stall < spec.stall {
+            self.tally.stalls += 1;
+            self.stalled = spec.stall_for;
+        }
+        if drop < spec.drop {
+            self.tally.dropped += 1;
+            return;
+        }
+        self.tally.flipped += flipped;
+        if truncate < spec.truncate {
+            self.tally.truncated += 1;
+            piece.truncate((tail * piece.len() as f64) as usize);
+        }
+        let doubled = dup < spec.dup;
+        self.tally.doubled += u64::from(doubled);
+        if doubled {
+            piece.extend_from_within(..);
+        }
+        let wire = self.wire(direction);
+        match wire.kept_back.take() {
+            Some(earlier) => wire.through.extend(piece.into_iter().chain(earlier)),
+            None if reorder < spec.reorder => {
+                wire.kept_back = Some(piece);
+                self.tally.reordered += 1;
+            }
+            None => wire.through.extend(piece),
+        }
+    }
+
+    /// Sends what has come through to the board, unless the wire is stalled.
+    fn deliver(&mut self) -> Result<(), PortError> {
+        if !self.stalled.is_zero() || self.to_board.through.is_empty() {
+            return Ok(());
+        }
+        self.port.send(&self.to_board.through.drain(..).collect::<Vec<_>>())
+    }
+}
+
+impl<P: Port> Port for Faulty<P> {
+    fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+        self.take(Direction::ToBoard, bytes);
+        self.deliver()
+    }
+
+    fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, PortError> {
+        let mut left = timeout;
+        let mut swallowed = 0;
+        loop {
+            if self.stalled.is_zero() && !self.from_board.through.is_empty() {
+                let through = &mut self.from_board.through;
+                let count = buffer.len().min(through.len());
+                for (slot, byte) in buffer.iter_mut().zip(through.drain(..count)) {
+                    *slot = byte;
+                }
+                return Ok(count);
+            }
+            let mut arrived = [0; LONGEST_FRAME];
+            let step = STEP.min(left);
+            let count = self.port.receive(&mut arrived, step)?;
+            self.take(Direction::FromBoard, arrived.get(..count).unwrap_or_default());
+            swallowed += count;
+            if count == 0 {
+                left -= step;
+                self.cut = self.cut.saturating_sub(step);
+                self.stalled = self.stalled.saturating_sub(step);
+                self.deliver()?;
+            }
+            let nothing = !self.stalled.is_zero() || self.from_board.through.is_empty();
+            if nothing && (left.is_zero() || swallowed > MOST_SWALLOWED) {
+                return Ok(0);
+            }
+        }
+    }
+
+    fn now(&self) -> Duration {
+        self.port.now()
+    }
+
+    fn compares_clocks(&self) -> bool {
+        self.port.compares_clocks()
+    }
+
+    /// Past the faults: they are for trials.
+    fn emergency_line(&mut self) -> Option<Box<dyn Port + Send>> {
+        self.port.emergency_line()
+    }
+}
+
+impl Wire {
+    fn new(seed: u64, direction: u64) -> Self {
+        Self {
+            draws: Draws { state: scramble(seed) ^ scramble(direction), count: 0 },
+            begun: Vec::new(),
+            kept_back: None,
+            through: VecDeque::new(),
+        }
+    }
+
+    /// What is under way is lost.
+    fn clear(&mut self) {
+        self.begun.clear();
+        self.kept_back = None;
+        self.through.clear();
+    }
+}
+
+/// Numbers that look random, the same for the same seed.
+struct Draws {
+    state: u64,
+    count: u64,
+}
+
+impl Draws {
+    /// The next one, from 0 up to but below 1.
+    fn draw(&mut self) -> f64 {
+        self.count += 1;
+        (scramble(self.state ^ self.count) >> 11) as f64 / (1_u64 << 53) as f64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Gives back what it is sent. Its clock goes on only while somebody waits in vain.
+    #[derive(Default)]
+    struct LoopBack {
+        bytes: VecDeque<u8>,
+        waited: Duration,
+    }
+
+    impl Port for LoopBack {
+        fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+            self.bytes.extend(bytes);
+            Ok(())
+        }
+
+        fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, PortError> {
+            let count = buffer.len().min(self.bytes.len());
+            for (slot, byte) in buffer.iter_mut().zip(self.bytes.drain(..count)) {
+                *slot = byte;
+            }
+            if count == 0 {
+                self.waited += timeout;
+            }
+            Ok(count)
+        }
+    }
+
+    fn faulty(spec: &str) -> Faulty<LoopBack> {
+        Faulty::new(LoopBack::default(), spec.parse().unwrap())
+    }
+
+    /// A frame of ten bytes that holds its number.
+    fn frame(number: u32) -> Vec<u8> {
+        let digits = (0..8).map(|digit| 1 + (number >> (4 * digit) & 15) as u8);
+        digits.chain([0xA5, 0]).collect()
+    }
+
+    /// All that comes back within so long.
+    fn received(port: &mut Faulty<LoopBack>, timeout: Duration) -> Vec<u8> {
+        let (mut all, mut buffer) = (Vec::new(), [0; 64]);
+        loop {
+            match port.receive(&mut buffer, timeout).unwrap() {
+                0 => return all,
+                count => all.extend(&buffer[..count]),
+            }
+        }
+    }
+
+    /// Sends so many frames one by one, and what comes back.
+    fn run(spec: &str, frames: u32) -> (Vec<u8>, Tally) {
+        let mut port = faulty(spec);
+        let mut all = Vec::new();
+        for number in 0..frames {
+            port.send(&frame(number)).unwrap();
+            all.extend(received(&mut port, STEP));
+        }
+        (all, port.tally())
+    }
+
+    /// Whether a count is what so many tries with such a chance give, within 4.5 deviations.
+    fn assert_rate(count: u64, tries: u64, chance: f64) {
+        let mean = tries as f64 * chance;
+        let deviation = (mean * (1.0 - chance)).sqrt();
+        assert!((count as f64 - mean).abs() <= 4.5 * deviation, "{count} of {tries}, expected {mean} +- {deviation}");
+    }
+
+    #[test]
+    fn a_sound_wire_changes_nothing() {
+        let (bytes, tally) = run("seed=3", 100);
+        assert_eq!(bytes, (0..100).flat_map(frame).collect::<Vec<_>>());
+        assert_eq!(tally, Tally { frames: 200, ..Tally::default() });
+    }
+
+    #[test]
+    fn each_fault_comes_as_often_as_was_asked_for() {
+        let n = 20_000;
+        let (bytes, tally) = run("drop=10%", n);
+        assert_rate(tally.dropped, tally.frames, 0.1);
+        assert_eq!(bytes.len() as u64, 10 * (u64::from(n) - tally.dropped));
+
+        let (_, tally) = run("dup=0.05", n);
+        // A piece that is doubled on its way there is two on its way back.
+        assert_rate(tally.doubled, tally.frames, 0.05);
+        let (_, tally) = run("truncate=2%", n);
+        assert_rate(tally.truncated, tally.frames, 0.02);
+        let (_, tally) = run("flip=1e-3", n);
+        // A flipped zero no longer ends its piece, and others do: the bytes stay as many.
+        assert_rate(tally.flipped, 2 * 10 * u64::from(n), 1e-3);
+        let (_, tally) = run("stall=500ms@3%", 2_000);
+        assert_rate(tally.stalls, tally.frames, 0.03);
+        let (_, tally) = run("reset=0.2%", n);
+        assert_rate(tally.resets, tally.frames - (tally.cut_off - tally.resets), 0.002);
+    }
+
+    #[test]
+    fn the_same_seed_gives_the_same_faults_and_another_one_others() {
+        let spec = "drop=2%,flip=1e-3,dup=2%,reorder,truncate,stall=50ms,reset=0.1%";
+        let [first, second] = [(); 2].map(|()| run(&format!("{spec},seed=7"), 3_000));
+        assert!(first == second);
+        assert!(first != run(&format!("{spec},seed=8"), 3_000));
+        assert!(run("drop=2%,seed=1", 500) == run("drop=2%", 500));
+    }
+
+    #[test]
+    fn neighbours_are_swapped() {
+        let mut port = faulty("reorder=100%");
+        // Both are swapped on their way there and once more on their way back.
+        for number in 0..4 {
+            port.send(&frame(number)).unwrap();
+        }
+        assert_eq!(port.port().bytes, [1, 0, 3, 2].into_iter().flat_map(frame).collect::<Vec<_>>());
+        assert_eq!(received(&mut port, STEP), (0..4).flat_map(frame).collect::<Vec<_>>());
+        assert_eq!(port.tally().reordered, 4);
+    }
+
+    #[test]
+    fn what_is_truncated_is_glued_to_what_follows() {
+        let mut port = faulty("truncate=100%");
+        port.send(&frame(1)).unwrap();
+        port.send(&frame(2)).unwrap();
+        let arrived: Vec<u8> = port.port().bytes.iter().copied().collect();
+        assert!(arrived.len() < 20 && !arrived.contains(&0), "{arrived:?}");
+    }
+
+    #[test]
+    fn a_stall_holds_everything_for_as_long_as_was_waited() {
+        let mut port = faulty("stall=2s@100%");
+        port.send(&frame(1)).unwrap();
+        assert!(port.port().bytes.is_empty());
+        let mut buffer = [0; 64];
+        for _ in 0..3 {
+            assert_eq!(port.receive(&mut buffer, Duration::from_millis(500)).unwrap(), 0);
+        }
+        assert!(port.port().bytes.is_empty());
+        // Here the board gets it, and its answer stalls anew.
+        assert_eq!(port.receive(&mut buffer, Duration::from_secs(2)).unwrap(), 0);
+        assert_eq!(port.receive(&mut buffer, Duration::from_secs(2)).unwrap(), 10);
+        assert_eq!((&buffer[..10], port.tally().stalls), (&frame(1)[..], 2));
+        assert_eq!(port.port().waited, Duration::from_secs(4));
+    }
+
+    #[test]
+    fn a_cut_line_loses_everything_and_comes_back() {
+        let mut port = faulty("reset=100%");
+        port.send(&frame(1)).unwrap();
+        port.send(&frame(2)).unwrap();
+        assert_eq!(port.tally(), Tally { frames: 2, resets: 1, cut_off: 2, ..Tally::default() });
+        assert!(received(&mut port, CUT).is_empty());
+        port.spec.reset = 0.0;
+        port.send(&frame(3)).unwrap();
+        assert_eq!(received(&mut port, STEP), frame(3));
+    }
+
+    #[test]
+    fn with_everything_lost_a_wait_takes_as_long_as_it_should() {
+        let mut port = faulty("drop=100%");
+        port.port().bytes.extend((0..10).flat_map(frame));
+        assert!(received(&mut port, Duration::from_secs(3)).is_empty());
+        assert_eq!((port.tally().dropped, port.port().waited), (10, Duration::from_secs(3)));
+        assert_eq!(port.receive(&mut [0; 8], Duration::ZERO).unwrap(), 0);
+    }
+
+    #[test]
+    fn what_never_ends_in_a_zero_passes_all_the_same() {
+        let mut port = faulty("seed=1");
+        port.send(&[7; 3 * LONGEST_FRAME]).unwrap();
+        assert_eq!(received(&mut port, STEP).len(), 3 * LONGEST_FRAME);
+    }
+}

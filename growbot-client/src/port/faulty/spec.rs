@@ -1,0 +1,237 @@
+//! The faults of a wire as users write them: `drop=1%,flip=1e-4,stall=2s@0.1%,seed=7`.
+
+use std::str::FromStr;
+use std::time::Duration;
+
+use super::STEP;
+use crate::nearest::nearest;
+use crate::pose_text::parse_number;
+
+/// The chance of a fault that is named without one.
+const CHANCE: f64 = 0.01;
+/// The longest stall.
+const LONGEST_STALL_S: f64 = 3600.0;
+
+const NAMES: [&str; 8] = ["drop", "flip", "dup", "reorder", "truncate", "stall", "reset", "seed"];
+
+/// Why a text names no faults.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum FaultSpecError {
+    /// There is no such fault.
+    #[error("there is no fault {name:?}{}: give some of {}, with commas between", meant(.name), NAMES.join(", "))]
+    Unknown {
+        /// What was there.
+        name: String,
+    },
+    /// A fault is there twice.
+    #[error("{name} is there twice: remove one")]
+    Twice {
+        /// Its name.
+        name: &'static str,
+    },
+    /// A fault needs a value.
+    #[error("{name} has no value: write it like {example}")]
+    NoValue {
+        /// Its name.
+        name: &'static str,
+        /// How it may look.
+        example: &'static str,
+    },
+    /// Not between never and always.
+    #[error("{name} is {text:?}, which is no chance: give 0% to 100%, or 0 to 1")]
+    Chance {
+        /// The fault.
+        name: &'static str,
+        /// What was there.
+        text: String,
+    },
+    /// Not a time that a line can stall for.
+    #[error("stall is {text:?}, which is no time: give 0.01s to {LONGEST_STALL_S}s, as in 2s or 500ms@0.1%")]
+    Time {
+        /// What was there.
+        text: String,
+    },
+    /// Not a seed.
+    #[error("seed is {text:?}, which is no seed: give a whole number from 0 to {}", u64::MAX)]
+    Seed {
+        /// What was there.
+        text: String,
+    },
+}
+
+fn meant(name: &str) -> String {
+    nearest(name, NAMES).map(|nearest| format!(" (did you mean {nearest}?)")).unwrap_or_default()
+}
+
+/// How often which fault comes: chances from 0 to 1, for each piece, or for each byte in `flip`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FaultSpec {
+    /// A piece is lost.
+    pub drop: f64,
+    /// A byte has one bit turned over.
+    pub flip: f64,
+    /// A piece comes twice.
+    pub dup: f64,
+    /// A piece comes after the next one.
+    pub reorder: f64,
+    /// A piece loses its tail.
+    pub truncate: f64,
+    /// Nothing passes for as long as [`FaultSpec::stall_for`].
+    pub stall: f64,
+    /// How long a stall takes.
+    pub stall_for: Duration,
+    /// The line is cut for a second.
+    pub reset: f64,
+    /// What the faults are drawn from.
+    pub seed: u64,
+}
+
+impl Default for FaultSpec {
+    /// A sound wire.
+    fn default() -> Self {
+        Self {
+            drop: 0.0,
+            flip: 0.0,
+            dup: 0.0,
+            reorder: 0.0,
+            truncate: 0.0,
+            stall: 0.0,
+            stall_for: Duration::ZERO,
+            reset: 0.0,
+            seed: 1,
+        }
+    }
+}
+
+impl FromStr for FaultSpec {
+    type Err = FaultSpecError;
+
+    /// ```
+    /// use crate::port::faulty::FaultSpec;
+    /// let spec: FaultSpec = "drop=1%, flip=1e-4, stall=2s@0.1%, seed=7".parse().unwrap();
+    /// assert_eq!((spec.drop, spec.flip, spec.stall, spec.seed), (0.01, 1e-4, 0.001, 7));
+    /// assert!("drop=200%".parse::<FaultSpec>().is_err());
+    /// ```
+    fn from_str(text: &str) -> Result<Self, FaultSpecError> {
+        let mut spec = Self::default();
+        let mut named = Vec::new();
+        for part in text.split(',').map(str::trim) {
+            let (word, value) = match part.split_once('=') {
+                Some((word, value)) => (word.trim(), Some(value.trim())),
+                None => (part, None),
+            };
+            let name = NAMES
+                .into_iter()
+                .find(|name| *name == word)
+                .ok_or_else(|| FaultSpecError::Unknown { name: word.to_owned() })?;
+            if named.contains(&name) {
+                return Err(FaultSpecError::Twice { name });
+            }
+            named.push(name);
+            match name {
+                "drop" => spec.drop = needed_chance(name, value, "drop=1%")?,
+                "flip" => spec.flip = needed_chance(name, value, "flip=1e-4")?,
+                "dup" => spec.dup = needed_chance(name, value, "dup=1%")?,
+                "reorder" => spec.reorder = chance_or_default(name, value)?,
+                "truncate" => spec.truncate = chance_or_default(name, value)?,
+                "reset" => spec.reset = chance_or_default(name, value)?,
+                "stall" => {
+                    let value = value.ok_or(FaultSpecError::NoValue { name, example: "stall=2s or stall=2s@0.1%" })?;
+                    let (time, odds) = value.split_once('@').map_or((value, None), |(time, odds)| (time, Some(odds)));
+                    spec.stall_for = stall_time(time)?;
+                    spec.stall = chance_or_default(name, odds)?;
+                }
+                // The last of the names.
+                _ => {
+                    let text = value.ok_or(FaultSpecError::NoValue { name, example: "seed=7" })?;
+                    spec.seed = text.parse().map_err(|_| FaultSpecError::Seed { text: text.to_owned() })?;
+                }
+            }
+        }
+        Ok(spec)
+    }
+}
+
+fn needed_chance(name: &'static str, value: Option<&str>, example: &'static str) -> Result<f64, FaultSpecError> {
+    chance(name, value.ok_or(FaultSpecError::NoValue { name, example })?)
+}
+
+fn chance_or_default(name: &'static str, value: Option<&str>) -> Result<f64, FaultSpecError> {
+    value.map_or(Ok(CHANCE), |text| chance(name, text))
+}
+
+fn chance(name: &'static str, text: &str) -> Result<f64, FaultSpecError> {
+    let number = match text.strip_suffix('%') {
+        Some(percent) => parse_number(percent).map(|percent| percent / 100.0),
+        None => parse_number(text),
+    };
+    number
+        .filter(|number| (0.0..=1.0).contains(number))
+        .ok_or_else(|| FaultSpecError::Chance { name, text: text.to_owned() })
+}
+
+fn stall_time(text: &str) -> Result<Duration, FaultSpecError> {
+    let text = text.trim();
+    let seconds = match text.strip_suffix("ms") {
+        Some(milliseconds) => parse_number(milliseconds).map(|number| number / 1000.0),
+        None => text.strip_suffix('s').and_then(parse_number),
+    };
+    seconds
+        .filter(|seconds| (STEP.as_secs_f64()..=LONGEST_STALL_S).contains(seconds))
+        .map(Duration::from_secs_f64)
+        .ok_or_else(|| FaultSpecError::Time { text: text.to_owned() })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_users_write_is_read() {
+        let spec: FaultSpec =
+            "drop=1%,flip=1e-4,dup=0.5,reorder,truncate=3 %,stall=1500ms,reset=0,seed=18446744073709551615"
+                .parse()
+                .unwrap();
+        let expected = FaultSpec {
+            drop: 0.01,
+            flip: 1e-4,
+            dup: 0.5,
+            reorder: CHANCE,
+            truncate: 0.03,
+            stall: CHANCE,
+            stall_for: Duration::from_millis(1500),
+            reset: 0.0,
+            seed: u64::MAX,
+        };
+        assert_eq!(spec, expected);
+        assert_eq!("stall=2s@0.1%".parse::<FaultSpec>().unwrap().stall, 0.001);
+        assert_eq!("reset".parse::<FaultSpec>().unwrap().reset, CHANCE);
+    }
+
+    #[test]
+    fn what_is_no_fault_is_refused_with_what_it_was() {
+        for (text, parts) in [
+            ("", ["no fault \"\"", "drop, flip"]),
+            ("dorp=1%", ["\"dorp\"", "did you mean drop?"]),
+            ("drop", ["drop has no value", "drop=1%"]),
+            ("drop=", ["drop is \"\"", "100%"]),
+            ("drop=1%,", ["no fault \"\"", "seed"]),
+            ("drop=1%,drop=2%", ["drop is there twice", "remove"]),
+            ("drop=101%", ["\"101%\"", "0% to 100%"]),
+            ("flip=-1e-9", ["flip is \"-1e-9\"", "0 to 1"]),
+            ("flip=nan", ["\"nan\"", "no chance"]),
+            ("reorder=often", ["reorder is \"often\"", "no chance"]),
+            ("stall", ["stall has no value", "2s@0.1%"]),
+            ("stall=2", ["stall is \"2\"", "3600s"]),
+            ("stall=1ms", ["\"1ms\"", "0.01s"]),
+            ("stall=2h", ["\"2h\"", "500ms"]),
+            ("stall=1e9s", ["\"1e9s\"", "3600s"]),
+            ("stall=2s@2", ["stall is \"2\"", "no chance"]),
+            ("seed=-1", ["seed is \"-1\"", "whole number"]),
+            ("seed", ["seed has no value", "seed=7"]),
+        ] {
+            let message = text.parse::<FaultSpec>().unwrap_err().to_string();
+            assert!(parts.iter().all(|part| message.contains(part)), "{text:?}: {message}");
+        }
+    }
+}

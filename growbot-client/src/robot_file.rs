@@ -1,0 +1,247 @@
+//! Descriptions of robots: built in by name, or from TOML files.
+//!
+//! The files in `robots/` are in the binary, so that nothing has to be installed beside it. A file of one's own may have any name;
+//! what it describes is checked in full ([`Robot::new`]) before anything else sees it.
+
+use std::borrow::Cow;
+use std::path::Path;
+
+use growbot_core::robot::{Robot, RobotDescription, RobotError};
+
+use crate::input::{self, InputError};
+use crate::nearest::nearest;
+
+/// The robot that is meant where none is named: the paper's robot A.
+pub const DEFAULT: &str = "growbot-a";
+
+/// The built-in descriptions: name, and text of the file.
+const BUILT_IN: [(&str, &str); 11] = [
+    ("growbot-a", include_str!("../../robots/growbot-a.toml")),
+    ("growbot-a1", include_str!("../../robots/growbot-a1.toml")),
+    ("growbot-a2", include_str!("../../robots/growbot-a2.toml")),
+    ("growbot-a3", include_str!("../../robots/growbot-a3.toml")),
+    ("growbot-a4", include_str!("../../robots/growbot-a4.toml")),
+    ("growbot-a5", include_str!("../../robots/growbot-a5.toml")),
+    ("growbot-a6", include_str!("../../robots/growbot-a6.toml")),
+    ("growbot-a7", include_str!("../../robots/growbot-a7.toml")),
+    ("growbot-a8", include_str!("../../robots/growbot-a8.toml")),
+    ("growbot-b", include_str!("../../robots/growbot-b.toml")),
+    ("growbot-c", include_str!("../../robots/growbot-c.toml")),
+];
+
+/// Why there is no robot.
+#[derive(Debug, thiserror::Error)]
+pub enum RobotFileError {
+    /// Neither a built-in name nor a file.
+    #[error("there is no robot and no file {name:?}{}; built in are {}", meant(.name), names().collect::<Vec<_>>().join(", "))]
+    Unknown {
+        /// What was asked for.
+        name: String,
+    },
+    /// The file cannot be read.
+    #[error(transparent)]
+    Input(#[from] InputError),
+    /// The file is no TOML, or says something that no description says.
+    #[error("{file}, line {line}, column {column}: {reason}")]
+    Toml {
+        /// The file.
+        file: String,
+        /// Line, from 1.
+        line: usize,
+        /// Column, from 1, in characters.
+        column: usize,
+        /// What is wrong there.
+        reason: String,
+    },
+    /// The description is complete but describes no robot that works.
+    #[error("{file}: {error}")]
+    Robot {
+        /// The file.
+        file: String,
+        /// The field and its limit.
+        error: RobotError,
+    },
+}
+
+/// The names of the built-in descriptions, in order.
+pub fn names() -> impl Iterator<Item = &'static str> {
+    BUILT_IN.iter().map(|(name, _)| *name)
+}
+
+/// Whether a name is that of a built-in description.
+#[must_use]
+pub fn is_built_in(name: &str) -> bool {
+    names().any(|built_in| built_in == name)
+}
+
+/// The robot of this built-in name or, failing that, of this file.
+///
+/// ```
+/// use crate::robot_file;
+/// let robot = robot_file::load("growbot-a".as_ref()).unwrap();
+/// assert!((robot.least_radius() - 98.2).abs() < 1e-9);
+/// ```
+///
+/// # Errors
+/// What is neither, cannot be read, or is no valid description.
+pub fn load(name_or_file: &Path) -> Result<Robot, RobotFileError> {
+    let (text, file) = text_of(name_or_file)?;
+    parse(&text, &file)
+}
+
+/// The text of the built-in description of this name or, failing that, of this file; and how messages call it.
+///
+/// # Errors
+/// What is neither or cannot be read.
+pub fn text_of(name_or_file: &Path) -> Result<(Cow<'static, str>, String), RobotFileError> {
+    if let Some((name, text)) = BUILT_IN.iter().find(|(name, _)| name_or_file.as_os_str() == *name) {
+        return Ok(((*text).into(), (*name).to_owned()));
+    }
+    match input::read_text(name_or_file) {
+        Ok(text) => Ok((text.into(), input::name_of(name_or_file))),
+        Err(InputError::Unreadable { name, error })
+            if error.kind() == std::io::ErrorKind::NotFound && looks_like_a_name(name_or_file) =>
+        {
+            Err(RobotFileError::Unknown { name })
+        }
+        Err(error) => Err(error.into()),
+    }
+}
+
+/// The robot that a TOML text describes. `file` is how messages call the text.
+///
+/// # Errors
+/// [`RobotFileError::Toml`] with the place, or [`RobotFileError::Robot`].
+pub fn parse(text: &str, file: &str) -> Result<Robot, RobotFileError> {
+    let description: RobotDescription = toml::from_str(text).map_err(|error| {
+        let at = error.span().map_or(0, |span| span.start);
+        let (line, column) = line_and_column(text, at);
+        RobotFileError::Toml { file: file.to_owned(), line, column, reason: reason(&error) }
+    })?;
+    Robot::new(description).map_err(|error| RobotFileError::Robot { file: file.to_owned(), error })
+}
+
+/// No directory and no extension: more likely a name than a file.
+fn looks_like_a_name(path: &Path) -> bool {
+    path.components().count() == 1 && path.extension().is_none()
+}
+
+/// ` (did you mean growbot-a?)`, or nothing.
+fn meant(name: &str) -> String {
+    nearest(name, names()).map(|nearest| format!(" (did you mean {nearest}?)")).unwrap_or_default()
+}
+
+/// What a TOML error says, in one line, with the key that was probably meant.
+fn reason(error: &toml::de::Error) -> String {
+    let message = error.message().replace('\n', "; ");
+    // serde's form: unknown field `a`, expected one of `b`, `c`
+    let mut quoted = message.split('`').skip(1).step_by(2);
+    let meant = match (message.starts_with("unknown "), quoted.next()) {
+        (true, Some(found)) => nearest(found, quoted),
+        _ => None,
+    };
+    match meant {
+        Some(meant) => format!("{message}; did you mean {meant}?"),
+        None => message,
+    }
+}
+
+/// Line and column, both from 1, of a byte of a text.
+fn line_and_column(text: &str, at: usize) -> (usize, usize) {
+    let before = text.get(..at).unwrap_or(text);
+    let line_start = before.rfind('\n').map_or(0, |newline| newline + 1);
+    (before.matches('\n').count() + 1, before.get(line_start..).unwrap_or_default().chars().count() + 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Planning radius of each robot in the paper (Tables 1 and 3), and time for a layer.
+    const PAPER: [(&str, f64, f64); 11] = [
+        ("growbot-a", 100.0, 18.0),
+        ("growbot-a1", 100.0, 1.8),
+        ("growbot-a2", 100.0, 0.18),
+        ("growbot-a3", 300.0, 18.0),
+        ("growbot-a4", 300.0, 1.8),
+        ("growbot-a5", 300.0, 0.18),
+        ("growbot-a6", 33.3, 18.0),
+        ("growbot-a7", 33.3, 1.8),
+        ("growbot-a8", 33.3, 0.18),
+        ("growbot-b", 680.0, 522.0),
+        ("growbot-c", 38.0, 0.002),
+    ];
+
+    #[test]
+    fn every_file_in_robots_is_built_in_under_its_name() {
+        let directory = concat!(env!("CARGO_MANIFEST_DIR"), "/../robots");
+        let mut files: Vec<String> = std::fs::read_dir(directory)
+            .unwrap()
+            .map(|entry| entry.unwrap().file_name().into_string().unwrap().replace(".toml", ""))
+            .collect();
+        files.sort();
+        assert_eq!(names().collect::<Vec<_>>(), files);
+        for (name, text) in BUILT_IN {
+            assert_eq!(text, std::fs::read_to_string(format!("{directory}/{name}.toml")).unwrap());
+            assert_eq!(parse(text, name).unwrap().name(), name);
+        }
+    }
+
+    #[test]
+    fn built_in_robots_are_the_papers() {
+        assert_eq!(PAPER.map(|(name, ..)| name).to_vec(), names().collect::<Vec<_>>());
+        for (name, radius, period) in PAPER {
+            let robot = load(name.as_ref()).unwrap();
+            let description = robot.description();
+            assert_eq!(description.planning_radius_mm, radius, "{name}");
+            assert_eq!(description.layer.period_s, period, "{name}");
+            assert!(radius >= robot.least_radius(), "{name}: R_min is {}", robot.least_radius());
+            // A full layer at the planning radius is a whole g * dt high, as in the paper.
+            assert_eq!(robot.greatest_mean_height(1.0 / radius), description.layer.height_mm, "{name}");
+        }
+    }
+
+    #[test]
+    fn robot_a_bends_to_98_20_mm_by_eq_7() {
+        let robot = load(DEFAULT.as_ref()).unwrap();
+        assert_eq!(format!("{:.2}", robot.least_radius_of_geometry()), "98.20");
+        assert_eq!(robot.least_radius(), robot.least_radius_of_geometry());
+    }
+
+    #[test]
+    fn a_misspelt_key_is_named_with_its_place_and_what_was_meant() {
+        let (_, good) = BUILT_IN[0];
+        let bad = good.replace("height_min_mm", "heigth_min_mm");
+        let line = good.lines().position(|line| line.starts_with("height_min_mm")).unwrap() + 1;
+        let message = parse(&bad, "my.toml").unwrap_err().to_string();
+        assert!(
+            message.starts_with(&format!("my.toml, line {line}, column 1: unknown field `heigth_min_mm`")),
+            "{message}"
+        );
+        assert!(message.ends_with("did you mean height_min_mm?"), "{message}");
+    }
+
+    #[test]
+    fn other_faults_name_their_place_too() {
+        let (_, good) = BUILT_IN[0];
+        for (from, to, part) in [
+            ("height_max_mm = 0.95", "height_max_mm = \"high\"", "invalid type: string \"high\""),
+            ("planning_radius_mm = 100.0", "planning_radius_mm = 90.0", "planning_radius_mm is 90, below 98.2"),
+            ("[wall]\nwidth_mm = 1.6", "[wall]\n", "missing field `width_mm`"),
+            ("strategy = \"feed\"", "strategy = \"fead\"", "did you mean feed?"),
+            ("[wall]", "[wall", "line "),
+        ] {
+            assert!(good.contains(from));
+            let message = parse(&good.replace(from, to), "my.toml").unwrap_err().to_string();
+            assert!(message.starts_with("my.toml") && message.contains(part), "{message}");
+            assert!(!message.contains('\n'), "{message}");
+        }
+    }
+
+    #[test]
+    fn what_is_neither_robot_nor_file_gets_a_suggestion() {
+        let message = load("growbot_a".as_ref()).unwrap_err().to_string();
+        assert!(message.contains("did you mean growbot-a?") && message.contains("growbot-a8, growbot-b"), "{message}");
+        assert!(matches!(load("none.toml".as_ref()), Err(RobotFileError::Input(_))));
+    }
+}

@@ -1,0 +1,65 @@
+//! How a simulated tip lays and measures otherwise than it should, layer by layer.
+//!
+//! Growth is off because the filament slips in its drive, or is carried along: while a layer is laid, as much more or less of it
+//! moves for each step, and the encoder that it turns sees that, give or take its own noise. The layer is as much higher or lower,
+//! its tilt is kept. Tilt, deposition angle and twist are off as [`Disturbance`] says; only gravity shows them.
+//!
+//! The index of a layer is its place in the tip's body, so that the same seed gives the same errors on `sim` and on the emulated board,
+//! and those that `growbot simulate` gives.
+
+use nalgebra::Vector3;
+
+use super::{DirectionSensor, Disturbance, Laid, Sensors};
+use crate::layer::Layer;
+use crate::pose::Frame;
+use crate::tracking::SensorNoise;
+
+/// What is off. Nothing by default.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Imperfection {
+    /// How layers come out.
+    pub disturbance: Disturbance,
+    /// Noise of the filament's encoder, as odometry, and of gravity.
+    pub noise: SensorNoise,
+    /// Where all noise comes from.
+    pub seed: u64,
+}
+
+impl Default for Imperfection {
+    fn default() -> Self {
+        let noise = SensorNoise { odometry: 0.0, direction: 0.0 };
+        Self { disturbance: Disturbance::default(), noise, seed: 0 }
+    }
+}
+
+/// A layer of which only shares are asked.
+const UNIT: Layer = Layer { alpha: 0.0, height: 1.0, tilt: 0.0 };
+
+impl Imperfection {
+    /// The layer of this index as it comes out.
+    #[must_use]
+    pub fn lay(&self, index: u64, layer: &Layer) -> Laid {
+        self.disturbance.lay(self.seed, index, layer)
+    }
+
+    /// How much filament the encoder sees for each step's worth while the layer of this index is laid.
+    #[must_use]
+    pub fn seen_per_step(&self, index: u64) -> f64 {
+        let laid = self.lay(index, &UNIT);
+        self.sensors().measure(self.seed, index, &UNIT, &laid, &Frame::identity()).growth.unwrap_or(1.0)
+    }
+
+    /// The direction upwards in the tip's frame, as it is measured after the layer of this index.
+    #[must_use]
+    pub fn up(&self, index: u64, base_from_tip: &Frame) -> Vector3<f64> {
+        let up = base_from_tip.rotation.inverse() * Vector3::z();
+        if self.noise.direction == 0.0 {
+            return up;
+        }
+        self.sensors().measure(self.seed, index, &UNIT, &self.lay(index, &UNIT), base_from_tip).up.unwrap_or(up)
+    }
+
+    fn sensors(&self) -> Sensors {
+        Sensors { noise: self.noise, odometry_scale: 0.0, direction: DirectionSensor::Gravity }
+    }
+}

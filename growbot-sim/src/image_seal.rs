@@ -1,0 +1,154 @@
+//! Firmware images get their seal: what a board checks itself against when it starts (`growbot_firmware::image_seal`).
+
+use std::fs;
+use std::io;
+use std::path::Path;
+
+use growbot_client::output::{OutputError, replace_file};
+use growbot_firmware::image_seal::{EMPTY, PARTS, SEAL_WORDS, SEALED, SYMBOL, Seal, crc_of};
+use object::elf::{FileHeader32, PT_LOAD};
+use object::read::elf::{ElfFile32, ProgramHeader};
+use object::{Endianness, Object, ObjectSection, ObjectSymbol};
+
+/// Why an image was not sealed.
+#[derive(Debug, thiserror::Error)]
+pub enum SealError {
+    /// It cannot be read.
+    #[error("cannot seal the firmware image {file}: {error}")]
+    File {
+        /// The file.
+        file: String,
+        /// The system's reason.
+        error: io::Error,
+    },
+    /// It is no image of growbot's firmware, or one of before images were sealed.
+    #[error("{file} cannot be sealed: {reason}; give the ELF image that `cargo build-robot` makes")]
+    NoImage {
+        /// The file.
+        file: String,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// It has a seal that is not its own.
+    #[error(
+        "{file} is sealed, and differs from what was sealed: it was damaged or changed since; build it anew, or get it again"
+    )]
+    Damaged {
+        /// The file.
+        file: String,
+    },
+    /// The sealed image cannot be written.
+    #[error(transparent)]
+    Output(#[from] OutputError),
+}
+
+/// An image with its seal.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Sealed {
+    /// The ELF file.
+    pub bytes: Vec<u8>,
+    /// The CRC-32C of the image.
+    pub crc: u32,
+}
+
+/// A part of an image: where it lies in flash, and its bytes.
+type Part<'a> = (u32, &'a [u8]);
+
+/// Parts that follow on each other are one.
+fn joined(mut parts: Vec<(u32, u32)>) -> Vec<(u32, u32)> {
+    parts.retain(|(_, bytes)| *bytes > 0);
+    parts.sort_unstable();
+    let mut joined: Vec<(u32, u32)> = Vec::new();
+    for (address, bytes) in parts {
+        match joined.last_mut() {
+            Some((before, length)) if *before + *length == address => *length += bytes,
+            _ => joined.push((address, bytes)),
+        }
+    }
+    joined
+}
+
+/// Seals an ELF image, whatever seal it has had. One that was not changed gets the same again.
+///
+/// # Errors
+/// In words, what makes it no image that can be sealed.
+pub fn seal(image: &[u8]) -> Result<Sealed, String> {
+    let file: ElfFile32 = ElfFile32::parse(image).map_err(|error| format!("it is no 32-bit ELF file ({error})"))?;
+    let symbol = file.symbols().find(|symbol| symbol.name() == Ok(SYMBOL));
+    let place = symbol.ok_or_else(|| format!("it has no {SYMBOL}"))?.address() as u32;
+    let loaded = |header: &<FileHeader32<Endianness> as object::read::elf::FileHeader>::ProgramHeader| {
+        let endian = file.endian();
+        (header.p_type(endian) == PT_LOAD && header.p_filesz(endian) > 0)
+            .then(|| Some((header.p_paddr(endian), header.data(endian, image).ok()?, header.p_offset(endian))))
+    };
+    let segments: Option<Vec<(u32, &[u8], u32)>> = file.elf_program_headers().iter().filter_map(loaded).collect();
+    let segments = segments.ok_or("a segment lies outside of the file")?;
+
+    // The place of the seal itself, which is in no part.
+    let seal_bytes = 4 * SEAL_WORDS as u32;
+    let end = place.wrapping_add(seal_bytes);
+    let holder = segments.iter().find(|(address, bytes, _)| {
+        place >= *address && u64::from(place) + u64::from(seal_bytes) <= u64::from(*address) + bytes.len() as u64
+    });
+    let &(holder_address, _, holder_offset) = holder.ok_or("its seal is in no segment")?;
+    let mut parts: Vec<(u32, u32)> = Vec::new();
+    for &(address, bytes, _) in &segments {
+        let length = u32::try_from(bytes.len()).map_err(|_| "a segment is too long")?;
+        if address == holder_address {
+            parts.extend([(address, place - address), (end, (address + length).saturating_sub(end))]);
+        } else {
+            parts.push((address, length));
+        }
+    }
+    let parts = joined(parts);
+    if parts.len() > PARTS {
+        return Err(format!("it has {} parts; a seal covers {PARTS}", parts.len()));
+    }
+
+    let contents: Vec<Part> = segments.iter().map(|(address, bytes, _)| (*address, *bytes)).collect();
+    let byte = |address: u32| {
+        contents.iter().find_map(|(from, bytes)| bytes.get(address.checked_sub(*from)? as usize).copied())
+    };
+    let mut words: Seal = EMPTY;
+    words[0] = SEALED;
+    for (into, (address, bytes)) in words[2..].as_chunks_mut::<2>().0.iter_mut().zip(parts) {
+        *into = [address, bytes];
+    }
+    let crc = crc_of(&words, byte).ok_or("its parts overlap")?;
+    words[1] = crc;
+
+    let at = holder_offset as usize + (place - holder_address) as usize;
+    let mut bytes = image.to_vec();
+    let into = bytes.get_mut(at..at + 4 * SEAL_WORDS).ok_or("its seal lies outside of the file")?;
+    for (into, word) in into.as_chunks_mut::<4>().0.iter_mut().zip(words) {
+        *into = word.to_le_bytes();
+    }
+    Ok(Sealed { bytes, crc })
+}
+
+/// Whether an image has a seal, right or wrong.
+#[must_use]
+pub fn is_sealed(image: &[u8]) -> bool {
+    let seal_of = || {
+        let file: ElfFile32 = ElfFile32::parse(image).ok()?;
+        let place = file.symbols().find(|symbol| symbol.name() == Ok(SYMBOL))?.address();
+        let section = file.sections().find(|it| (it.address()..it.address() + it.size()).contains(&place))?;
+        Some(section.data_range(place, 4 * SEAL_WORDS as u64).ok()?? == EMPTY.map(u32::to_le_bytes).as_flattened())
+    };
+    seal_of() == Some(false)
+}
+
+/// Seals an image where it lies. Its CRC.
+///
+/// # Errors
+/// [`SealError`].
+pub fn seal_in_place(path: &Path) -> Result<u32, SealError> {
+    let file = path.display().to_string();
+    let image = fs::read(path).map_err(|error| SealError::File { file: file.clone(), error })?;
+    let Sealed { bytes, crc } = seal(&image).map_err(|reason| SealError::NoImage { file: file.clone(), reason })?;
+    if is_sealed(&image) {
+        return if bytes == image { Ok(crc) } else { Err(SealError::Damaged { file }) };
+    }
+    replace_file(path, &bytes)?;
+    Ok(crc)
+}

@@ -1,0 +1,210 @@
+//! Where a robot is: in this process (`sim`), in an emulator, behind a TCP connection or on a serial line.
+
+pub mod emulator;
+pub mod paced;
+pub mod qemu;
+pub mod sim;
+
+use std::path::PathBuf;
+use std::str::FromStr;
+use std::time::Duration;
+
+use growbot_client::port::faulty::{FaultSpec, Faulty};
+use growbot_client::port::stream::Stream;
+use growbot_client::port::{Port, PortError};
+use growbot_core::pose::Pose;
+use growbot_core::robot::{Robot, RobotError};
+
+use paced::Paced;
+use qemu::QemuError;
+
+use crate::tip::Tip;
+use crate::truth::Simulation;
+use growbot_core::simulation::Imperfection;
+
+/// Why a port could not be opened.
+#[derive(Debug, thiserror::Error)]
+pub enum OpenError {
+    /// The port's name means nothing.
+    #[error(
+        "port `{0}` is none that I know: use sim, emulator, emulator:ELF, tcp:HOST:PORT or a serial device such as /dev/ttyACM0"
+    )]
+    Unknown(String),
+    /// A simulated robot is reached through its program alone.
+    #[error("a simulated robot has no line: it ends with its program")]
+    NoLine,
+    /// No board drives this robot.
+    #[error("{0} cannot be grown by a board, nor by an emulated one: {1}")]
+    NoBoard(String, RobotError),
+    /// The emulator.
+    #[error(transparent)]
+    Emulator(#[from] QemuError),
+    /// The line.
+    #[error(transparent)]
+    Port(#[from] PortError),
+}
+
+impl From<QemuError> for PortError {
+    fn from(error: QemuError) -> Self {
+        Self::Simulated(Box::new(error))
+    }
+}
+
+/// The name of a port, as given to `--port`.
+#[derive(Debug, Clone, PartialEq)]
+pub enum PortName {
+    /// The controller in this process, on a virtual clock.
+    Sim,
+    /// The firmware in QEMU: the image given, or the one that was built last.
+    Emulator(Option<PathBuf>),
+    /// `tcp:HOST:PORT`.
+    Tcp(String),
+    /// A serial device.
+    Serial(String),
+    /// Any of them, behind a wire with faults.
+    Faulty(Box<Self>, FaultSpec),
+}
+
+impl PortName {
+    /// Whether time passes there only while somebody waits for it.
+    #[must_use]
+    pub fn is_virtual(&self) -> bool {
+        match self {
+            Self::Sim => true,
+            Self::Faulty(name, _) => name.is_virtual(),
+            Self::Emulator(_) | Self::Tcp(_) | Self::Serial(_) => false,
+        }
+    }
+
+    /// Whether the tip there is a simulated one.
+    #[must_use]
+    pub fn is_simulated(&self) -> bool {
+        match self {
+            Self::Sim | Self::Emulator(_) => true,
+            Self::Faulty(name, _) => name.is_simulated(),
+            Self::Tcp(_) | Self::Serial(_) => false,
+        }
+    }
+}
+
+impl FromStr for PortName {
+    type Err = OpenError;
+
+    fn from_str(text: &str) -> Result<Self, OpenError> {
+        match text.split_once(':') {
+            None if text == "sim" => Ok(Self::Sim),
+            None if text == "emulator" => Ok(Self::Emulator(None)),
+            Some(("emulator", path)) if !path.is_empty() => Ok(Self::Emulator(Some(path.into()))),
+            Some(("tcp", address)) if address.contains(':') => Ok(Self::Tcp(address.to_string())),
+            None if text.starts_with('/') || text.starts_with("COM") => Ok(Self::Serial(text.to_string())),
+            _ => Err(OpenError::Unknown(text.to_string())),
+        }
+    }
+}
+
+/// What a simulated tip is like, and where.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct TipSettings {
+    /// Where growth begins, for its orientation sensor; none for the origin and upwards.
+    pub start: Option<Pose>,
+    /// What is off about it.
+    pub imperfection: Imperfection,
+    /// How many times as fast as real time its time passes, above 0; none for as fast as it is computed. On `sim` alone.
+    pub pace: Option<f64>,
+}
+
+impl TipSettings {
+    fn apply(&self, tip: &mut Tip) {
+        if let Some(start) = &self.start {
+            tip.start_at(start);
+        }
+        tip.disturb(&self.imperfection);
+    }
+}
+
+/// An open port.
+pub struct Opened {
+    /// The line to the robot.
+    pub port: Box<dyn Port>,
+    /// The simulation behind it; none where the robot is a real one.
+    pub simulation: Option<Box<dyn Simulation>>,
+}
+
+impl Opened {
+    /// A port to a robot.
+    fn robot(port: impl Port + 'static) -> Self {
+        Self { port: Box::new(port), simulation: None }
+    }
+}
+
+/// Opens a port. `robot` is the one that is simulated or emulated there, with a tip of these settings; on other ports the board says
+/// what it is.
+///
+/// # Errors
+/// A port that is not there, is busy or does not start.
+pub fn open(name: &PortName, robot: &Robot, settings: &TipSettings) -> Result<Opened, OpenError> {
+    Ok(match name {
+        PortName::Sim => {
+            let mut sim = sim::Sim::new(robot.clone());
+            settings.apply(&mut sim.simulated_tip());
+            let simulation = Some(sim.simulation());
+            let port: Box<dyn Port> = match settings.pace {
+                Some(times) => Box::new(Paced::new(sim, times)),
+                None => Box::new(sim),
+            };
+            Opened { port, simulation }
+        }
+        PortName::Emulator(firmware) => {
+            let mut emulator = emulator::Emulator::start(robot, firmware.as_deref())?;
+            emulator.simulated_tip(|tip| settings.apply(tip));
+            let simulation = Some(emulator.simulation());
+            Opened { port: Box::new(emulator), simulation }
+        }
+        PortName::Tcp(address) => Opened::robot(Stream::tcp(address)?),
+        PortName::Serial(device) => Opened::robot(Stream::serial(device)?),
+        PortName::Faulty(name, spec) => {
+            let Opened { port, simulation } = open(name, robot, settings)?;
+            Opened { port: Box::new(Faulty::new(port, *spec)), simulation }
+        }
+    })
+}
+
+/// Opens the line to a robot for the emergency stop, whoever holds it, within so much time.
+///
+/// # Errors
+/// As [`open`]; a robot that is simulated has no line of its own.
+pub fn open_for_emergency_stop(name: &PortName, limit: Duration) -> Result<Box<dyn Port>, OpenError> {
+    Ok(match name {
+        PortName::Sim | PortName::Emulator(_) => return Err(OpenError::NoLine),
+        PortName::Tcp(address) => Box::new(Stream::tcp_within(address, limit)?),
+        PortName::Serial(device) => Box::new(Stream::serial_for_emergency_stop(device)?),
+        PortName::Faulty(name, spec) => Box::new(Faulty::new(open_for_emergency_stop(name, limit)?, *spec)),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_robot_that_no_board_can_drive_is_simulated_and_not_emulated() {
+        let robot = growbot_client::robot_file::load("growbot-c".as_ref()).unwrap();
+        let settings = TipSettings::default();
+        assert!(open(&PortName::Sim, &robot, &settings).is_ok());
+        let Err(refused) = open(&PortName::Emulator(None), &robot, &settings) else { panic!("it is emulated") };
+        let said = refused.to_string();
+        assert!(said.starts_with("growbot-c cannot be grown by a board") && said.contains("above 100000"), "{said}");
+    }
+
+    #[test]
+    fn port_names_are_read() {
+        assert_eq!("sim".parse::<PortName>().unwrap(), PortName::Sim);
+        assert_eq!("emulator".parse::<PortName>().unwrap(), PortName::Emulator(None));
+        assert_eq!("emulator:a.elf".parse::<PortName>().unwrap(), PortName::Emulator(Some("a.elf".into())));
+        assert_eq!("tcp:robot:4000".parse::<PortName>().unwrap(), PortName::Tcp("robot:4000".into()));
+        assert_eq!("/dev/ttyACM0".parse::<PortName>().unwrap(), PortName::Serial("/dev/ttyACM0".into()));
+        for wrong in ["", "tcp", "tcp:", "tcp:robot", "emulator:", "simulator"] {
+            assert!(matches!(wrong.parse::<PortName>(), Err(OpenError::Unknown(_))), "{wrong}");
+        }
+    }
+}

@@ -1,0 +1,497 @@
+//! A robot in this process: the real controller and step engine against the simulated tip, on a virtual clock.
+//!
+//! Time passes only while the host waits for bytes, and then as fast as the machine computes it, so that a growth of
+//! hours takes seconds and every run of the same job is the same.
+
+use std::cell::{Cell, RefCell, RefMut};
+use std::collections::VecDeque;
+use std::rc::Rc;
+use std::time::Duration;
+
+use growbot_client::port::{Port, PortError};
+use growbot_core::link::emergency_stop::Recogniser;
+use growbot_core::link::message::{Fault, ImageCheck, ResetCause, State};
+use growbot_core::pose::Pose;
+use growbot_core::robot::Robot;
+use growbot_firmware::controller::{Controller, Identity};
+use growbot_firmware::hal::{Board, KeptMemory, NoDebugPort, Outputs, Parts, Watchdog};
+use growbot_firmware::journal::Journal;
+use growbot_firmware::layer_store::LayerStore;
+use growbot_firmware::safety::kept::{COPY_BYTES, KEPT_BYTES};
+use growbot_firmware::stepping::{Axis, Engine, EngineSettings, Handover, Inputs};
+
+use crate::tip::flash::Flash;
+use crate::tip::pins::{
+    Converter, DirectionPin, EnablePin, Fan, HeaterEnable, HeaterPower, Input, Orientation, SharedTip, StepPin,
+    TipOutputs,
+};
+use crate::tip::{Motor, Tip, TipFault, Variation};
+use crate::truth::Simulation;
+use growbot_core::random::scramble;
+
+/// How often the controller is polled, us of virtual time.
+const POLL_US: u64 = 10_000;
+/// Where the head stands at first, in head steps from the tip's x axis: anywhere, so that homing has something to do.
+const HEAD_AT_FIRST: i64 = -137;
+
+/// How long the watchdog waits to be fed, s.
+const WATCHDOG_S: u64 = 1;
+/// Sectors of the board's flash.
+const FLASH_SECTORS: usize = 2;
+
+type SimEngine =
+    Engine<StepPin, DirectionPin, EnablePin, StepPin, DirectionPin, EnablePin, Input, Input, Input, TipOutputs>;
+
+/// A robot in this process.
+pub struct Sim {
+    robot: Robot,
+    tip: SharedTip,
+    engine: SimEngine,
+    handover: Handover,
+    controller: Controller<SimBoard>,
+    tick_hz: u64,
+    /// Ticks since the robot was switched on.
+    tick: u64,
+    /// When the board last started, ticks.
+    boot_tick: u64,
+    boots: u32,
+    next_poll: u64,
+    fed: Rc<WatchdogClock>,
+    kept: Kept,
+    flash: Flash,
+    from_board: VecDeque<u8>,
+    /// Looks for an emergency stop in what is received.
+    watch: Recogniser,
+}
+
+impl Sim {
+    /// A robot that has just been switched on, its nozzle cold and its head anywhere.
+    #[must_use]
+    pub fn new(robot: Robot) -> Self {
+        Self::with(robot, Variation::default())
+    }
+
+    /// A robot that is not exactly as described.
+    #[must_use]
+    pub fn with(robot: Robot, variation: Variation) -> Self {
+        let tip = Rc::new(RefCell::new(Tip::new(robot.clone(), HEAD_AT_FIRST, variation)));
+        let fed = Rc::new(WatchdogClock::default());
+        let kept = Kept::holding_anything(&tip.borrow(), 0);
+        let flash = Flash::new(FLASH_SECTORS);
+        let handover = Handover::new();
+        let tick_hz = u64::from(robot.description().motion.tick_hz);
+        let mut sim = Self {
+            engine: engine(&robot, &tip),
+            controller: controller(&robot, &tip, &fed, &kept, &flash, identity_of(1, ResetCause::PowerOn), &handover),
+            robot,
+            tip,
+            handover,
+            tick_hz,
+            tick: 0,
+            boot_tick: 0,
+            boots: 1,
+            next_poll: 0,
+            fed,
+            kept,
+            flash,
+            from_board: VecDeque::new(),
+            watch: Recogniser::new(),
+        };
+        sim.poll();
+        sim
+    }
+
+    /// Growth begins at this pose, as the orientation sensor is to see it. Without it, at the origin and upwards.
+    pub fn start_at(&mut self, pose: &Pose) {
+        self.simulated_tip().start_at(pose);
+    }
+
+    /// Breaks something; a fault of the same kind is replaced.
+    pub fn inject(&mut self, fault: TipFault) {
+        self.simulated_tip().inject(fault);
+    }
+
+    /// Mends the fault of this one's kind.
+    pub fn mend(&mut self, fault: TipFault) {
+        self.simulated_tip().mend(fault);
+    }
+
+    /// The tip at this moment, with everything that can be known of it.
+    pub fn simulated_tip(&mut self) -> RefMut<'_, Tip> {
+        self.tip.borrow_mut()
+    }
+
+    /// The tip, for comparing a growth with what it has really laid.
+    #[must_use]
+    pub fn simulation(&self) -> Box<dyn Simulation> {
+        Box::new(Rc::clone(&self.tip))
+    }
+
+    /// Virtual time since the robot was switched on, s.
+    #[must_use]
+    pub fn now_s(&self) -> f64 {
+        self.tick as f64 / self.tick_hz as f64
+    }
+
+    /// How often the board has started.
+    #[must_use]
+    pub fn boots(&self) -> u32 {
+        self.boots
+    }
+
+    /// The board's controller.
+    #[must_use]
+    pub fn controller(&self) -> &Controller<SimBoard> {
+        &self.controller
+    }
+
+    /// What the board is doing.
+    #[must_use]
+    pub fn state(&self) -> State {
+        self.controller.state()
+    }
+
+    /// The fault that the board has latched.
+    #[must_use]
+    pub fn fault(&self) -> Option<Fault> {
+        self.controller.fault()
+    }
+
+    /// Lets virtual time pass. What the board says meanwhile waits to be received.
+    pub fn pass(&mut self, time: Duration) {
+        let deadline = self.tick + self.ticks(time);
+        while self.tick < deadline {
+            self.advance(deadline);
+        }
+    }
+
+    /// The memory that survives a reset of the board.
+    #[must_use]
+    pub fn kept(&self) -> Kept {
+        self.kept.clone()
+    }
+
+    /// What the board kept is lost, as without power: its memory holds anything.
+    pub fn lose_kept(&mut self) {
+        self.kept = Kept::holding_anything(&self.tip.borrow(), self.tick);
+    }
+
+    /// The board's flash. A loss of power while it is written to resets the board.
+    #[must_use]
+    pub fn flash(&self) -> Flash {
+        self.flash.clone()
+    }
+
+    /// Resets the board: its outputs go off and its controller starts anew. The tip goes on as it is. What the board kept is
+    /// lost when its power was away, but for its flash.
+    pub fn reset(&mut self, cause: ResetCause) {
+        if cause == ResetCause::PowerOn {
+            self.lose_kept();
+            self.flash.power_up();
+        }
+        self.outputs_off();
+        self.boots += 1;
+        self.boot_tick = self.tick;
+        self.fed.feed();
+        self.handover = Handover::new();
+        // An engine lets go of both motors when it starts.
+        self.engine = engine(&self.robot, &self.tip);
+        let identity = identity_of(self.boots, cause);
+        self.controller =
+            controller(&self.robot, &self.tip, &self.fed, &self.kept, &self.flash, identity, &self.handover);
+        self.poll();
+    }
+
+    fn outputs_off(&self) {
+        TipOutputs(Rc::clone(&self.tip)).make_safe();
+    }
+
+    fn ticks(&self, time: Duration) -> u64 {
+        time.as_micros() as u64 * self.tick_hz / 1_000_000
+    }
+
+    /// Lets time pass up to the next moment at which something happens, or until `deadline` (ticks).
+    fn advance(&mut self, deadline: u64) {
+        let until = self.next_poll.min(deadline).saturating_sub(self.tick).max(1);
+        let until = u32::try_from(until).unwrap_or(u32::MAX);
+        let stopped = self.tip.borrow().faults().has(TipFault::StepInterruptStopped);
+        let ticks = if stopped { until } else { self.engine.ticks_to_event(&self.handover).min(until) };
+        self.tick += u64::from(ticks);
+        self.tip.borrow_mut().advance(self.tick);
+        self.fed.now.set(self.tick);
+        if !stopped {
+            self.engine.skip(ticks - 1);
+            self.engine.tick(&self.handover);
+        }
+        if self.tick >= self.next_poll || self.handover.report_waits() {
+            self.poll();
+        }
+        if self.fed.hungry_for() > WATCHDOG_S * self.tick_hz {
+            self.reset(ResetCause::Watchdog);
+        }
+        if self.flash.has_lost_power() {
+            self.reset(ResetCause::PowerOn);
+        }
+    }
+
+    fn poll(&mut self) {
+        self.controller.poll((self.tick - self.boot_tick) * 1_000_000 / self.tick_hz, &self.handover);
+        self.next_poll = self.tick + (POLL_US * self.tick_hz / 1_000_000).max(1);
+        while let Some(byte) = self.controller.transmit() {
+            self.from_board.push_back(byte);
+        }
+    }
+}
+
+fn engine(robot: &Robot, tip: &SharedTip) -> SimEngine {
+    let axis = |motor| Axis {
+        step: StepPin(motor, Rc::clone(tip)),
+        direction: DirectionPin(motor, Rc::clone(tip)),
+        enable: EnablePin(motor, Rc::clone(tip)),
+    };
+    let inputs = Inputs {
+        index: Input::index(tip),
+        filament_motion: Input::filament_motion(tip),
+        emergency_stop: Input::emergency_stop(tip),
+    };
+    let outputs = TipOutputs(Rc::clone(tip));
+    Engine::new(axis(Motor::Head), axis(Motor::Feed), inputs, outputs, EngineSettings::of(robot))
+}
+
+fn controller(
+    robot: &Robot,
+    tip: &SharedTip,
+    fed: &Rc<WatchdogClock>,
+    kept: &Kept,
+    flash: &Flash,
+    identity: Identity,
+    handover: &Handover,
+) -> Controller<SimBoard> {
+    let parts = Parts {
+        heater_power: HeaterPower(Rc::clone(tip)),
+        heater_enable: HeaterEnable(Rc::clone(tip)),
+        fan: Fan(Rc::clone(tip)),
+        thermistor: Converter::thermistor(tip),
+        supply: Converter::supply(tip),
+        filament_presence: Input::filament_presence(tip),
+        driver_fault: Input::driver_fault(tip),
+        orientation: Orientation(Rc::clone(tip)),
+        watchdog: SimWatchdog(Rc::clone(fed)),
+        debug_port: NoDebugPort,
+        kept: kept.clone(),
+        journal: Journal::open(flash.clone()),
+        store: Box::new(LayerStore::new()),
+    };
+    Controller::new(robot.clone(), identity, parts, handover)
+}
+
+impl Port for Sim {
+    fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+        for byte in bytes {
+            if self.watch.push(*byte) {
+                self.outputs_off();
+                self.handover.call_emergency_stop();
+            }
+            self.controller.receive(*byte, &self.handover);
+        }
+        self.poll();
+        Ok(())
+    }
+
+    fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, PortError> {
+        let deadline = self.tick + self.ticks(timeout);
+        while self.from_board.is_empty() && self.tick < deadline {
+            self.advance(deadline);
+        }
+        let count = buffer.len().min(self.from_board.len());
+        for (slot, byte) in buffer.iter_mut().zip(self.from_board.drain(..count)) {
+            *slot = byte;
+        }
+        Ok(count)
+    }
+
+    fn now(&self) -> Duration {
+        Duration::from_secs_f64(self.now_s())
+    }
+}
+
+/// The parts of the simulated board.
+pub struct SimBoard;
+
+impl Board for SimBoard {
+    type HeaterPower = HeaterPower;
+    type HeaterEnable = HeaterEnable;
+    type Fan = Fan;
+    type Thermistor = Converter;
+    type Supply = Converter;
+    type FilamentPresence = Input;
+    type DriverFault = Input;
+    type Orientation = Orientation;
+    type Watchdog = SimWatchdog;
+    type DebugPort = NoDebugPort;
+    type Kept = Kept;
+    type Flash = Flash;
+    type Store = Box<LayerStore>;
+}
+
+/// A boot of a simulated board, which has no image that could be checked, and does not crash.
+fn identity_of(boot_id: u32, reset_cause: ResetCause) -> Identity {
+    Identity { boot_id, reset_cause, image: ImageCheck::NotSealed, crash: None, without_crystal: false }
+}
+
+/// Memory of the board that survives a reset.
+#[derive(Clone)]
+pub struct Kept(Rc<Cell<[u8; KEPT_BYTES]>>);
+
+impl Kept {
+    /// As memory comes up when its power does.
+    fn holding_anything(tip: &Tip, tick: u64) -> Self {
+        let seed = tip.variation().seed;
+        Self(Rc::new(Cell::new(std::array::from_fn(|at| scramble(seed ^ tick << 8 ^ at as u64) as u8))))
+    }
+}
+
+impl KeptMemory for Kept {
+    fn read(&mut self) -> [u8; KEPT_BYTES] {
+        self.0.get()
+    }
+
+    fn write(&mut self, copy: usize, bytes: &[u8; COPY_BYTES]) {
+        let mut kept = self.0.get();
+        if let Some(into) = kept.as_chunks_mut::<COPY_BYTES>().0.get_mut(copy) {
+            *into = *bytes;
+        }
+        self.0.set(kept);
+    }
+}
+
+/// When the watchdog was fed. Ticks.
+#[derive(Default)]
+pub struct WatchdogClock {
+    now: Cell<u64>,
+    fed: Cell<u64>,
+}
+
+impl WatchdogClock {
+    fn feed(&self) {
+        self.fed.set(self.now.get());
+    }
+
+    fn hungry_for(&self) -> u64 {
+        self.now.get() - self.fed.get()
+    }
+}
+
+/// A watchdog that resets the board a second after it was last fed.
+pub struct SimWatchdog(Rc<WatchdogClock>);
+
+impl Watchdog for SimWatchdog {
+    fn feed(&mut self) {
+        self.0.feed();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::truth::compare;
+    use embedded_storage::nor_flash::NorFlash;
+    use growbot_client::client::Client;
+    use growbot_client::growth::{Grown, Job, News, Orders, grow_job};
+    use growbot_core::link::message::Silence;
+    use growbot_core::path::{Segment, end};
+    use growbot_firmware::safety::kept::Copies;
+    use std::time::Instant;
+
+    fn robot() -> Robot {
+        growbot_client::robot_file::load("growbot-a".as_ref()).unwrap()
+    }
+
+    /// An upright body of so many layers.
+    fn grow(sim: Sim, layers: u32) -> Grown {
+        let robot = sim.robot.clone();
+        let path = [Segment::Straight { length: 0.774 * f64::from(layers) }];
+        let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
+        let goal = Pose::from_frame(&end(&path, &start.frame()));
+        let job = Job::new(&robot, &start, &goal, &path);
+        let mut simulation = sim.simulation();
+        let mut client = Client::new(Box::new(sim), "a simulated board");
+        let grow = |tell: &mut dyn FnMut(&News)| grow_job(&mut client, &job, Silence::Hold, &Orders::default(), tell);
+        compare(Some(&mut simulation), &job, &mut |_| {}, grow).unwrap()
+    }
+
+    #[test]
+    fn every_run_is_the_same() {
+        let [first, second] = [(); 2].map(|()| grow(Sim::new(robot()), 3));
+        assert_eq!(first.body, second.body);
+        let other = grow(Sim::with(robot(), Variation { seed: 2, power: 0.9, ..Variation::default() }), 3);
+        assert_eq!(first.body.len(), other.body.len());
+    }
+
+    #[test]
+    fn simulated_hours_take_little_time() {
+        let began = Instant::now();
+        let layers = 100;
+        let grown = grow(Sim::new(robot()), layers);
+        let simulated = f64::from(layers) * robot().description().layer.period_s;
+        println!("{:.1} simulated hours in a second", simulated / 3600.0 / began.elapsed().as_secs_f64());
+        assert_eq!(grown.body.len(), layers as usize);
+    }
+
+    #[test]
+    fn a_board_that_hangs_is_reset_by_its_watchdog() {
+        let mut sim = Sim::new(robot());
+        sim.pass(Duration::from_secs(10));
+        assert_eq!(sim.boots(), 1);
+        sim.next_poll = u64::MAX;
+        sim.pass(Duration::from_millis(1100));
+        assert_eq!(sim.boots(), 2);
+        sim.pass(Duration::from_secs(10));
+        assert_eq!(sim.boots(), 2);
+        assert!((sim.now_s() - 21.1).abs() < 1e-3);
+    }
+
+    #[test]
+    fn a_reset_switches_off_and_keeps_the_tip_and_the_memory_meant_for_it() {
+        let mut sim = Sim::new(robot());
+        sim.simulated_tip().heat(1.0, true);
+        sim.simulated_tip().enable(Motor::Head, true);
+        sim.simulated_tip().set_nozzle_c(150.0);
+        let before = Copies::find(&mut sim.kept()).1;
+        assert!(before.is_ok());
+        sim.reset(ResetCause::External);
+        assert_eq!(Copies::find(&mut sim.kept()).1, before);
+        assert_eq!((sim.state(), sim.fault()), (State::SelfTest, None));
+        let mut tip = sim.simulated_tip();
+        assert!(!tip.heater_is_on() && !tip.steppers_are_on() && tip.heater_power_w() == 0.0);
+        assert!((tip.nozzle_c() - 150.0).abs() < 1e-9);
+        drop(tip);
+        sim.reset(ResetCause::PowerOn);
+        assert_eq!(sim.state(), State::SelfTest);
+    }
+
+    #[test]
+    fn flash_is_kept_and_a_loss_of_power_in_the_midst_of_a_write_starts_the_board_anew() {
+        let mut sim = Sim::new(robot());
+        let mut flash = sim.flash();
+        flash.write(0, b"kept").unwrap();
+        sim.reset(ResetCause::PowerOn);
+        flash.lose_power_after(2, 1);
+        flash.write(4, b"lost").unwrap_err();
+        sim.pass(Duration::from_secs(1));
+        assert_eq!(sim.boots(), 3);
+        assert_eq!(flash.bytes()[..6], *b"keptlo");
+    }
+
+    #[test]
+    fn with_the_step_interrupt_stopped_time_passes_and_nothing_moves() {
+        let mut sim = Sim::new(robot());
+        sim.inject(TipFault::StepInterruptStopped);
+        let before = sim.simulated_tip().head_position();
+        sim.pass(Duration::from_secs(3));
+        assert!((sim.now_s() - 3.0).abs() < 1e-3);
+        assert_eq!(sim.simulated_tip().head_position(), before);
+        sim.mend(TipFault::StepInterruptStopped);
+        sim.pass(Duration::from_secs(1));
+    }
+}

@@ -1,0 +1,120 @@
+//! The same growth with many seeds, on all cores, in a memory that does not grow with their number.
+
+use super::statistics::Statistics;
+use super::{Hung, Outcome, Simulation};
+use crate::parallel;
+
+/// So many growths are kept at a time.
+const KEPT: u64 = 16_384;
+
+/// What is kept of a growth until it is taken in.
+struct Kept {
+    layers: u64,
+    errors: [f64; 5],
+    hung: Option<Hung>,
+}
+
+impl From<Outcome> for Kept {
+    fn from(Outcome { grown, arrival, hung }: Outcome) -> Self {
+        let errors = [
+            arrival.position_error_mm,
+            arrival.normalized_position_error,
+            arrival.heading_error_deg,
+            arrival.pitch_error_deg,
+            arrival.direction_error_deg,
+        ];
+        Self { layers: grown.layers, errors, hung }
+    }
+}
+
+/// What many growths came to.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Campaign {
+    /// How many.
+    pub runs: u64,
+    /// Layers laid.
+    pub layers: Statistics,
+    /// Distance from the goal, mm.
+    pub position_error_mm: Statistics,
+    /// That, over the length of the planned path.
+    pub normalized_position_error: Statistics,
+    /// Difference of the headings, degrees.
+    pub heading_error_deg: Statistics,
+    /// Difference of the pitches, degrees.
+    pub pitch_error_deg: Statistics,
+    /// Angle between the directions, degrees.
+    pub direction_error_deg: Statistics,
+    /// The seed of the growth that came least near, and how far from the goal it ended, mm.
+    pub worst: Option<(u64, f64)>,
+    /// The worst of each, where bodies hang: the greatest sag, and the greatest stress of a root.
+    pub hung: Option<Hung>,
+}
+
+impl Campaign {
+    /// Grows with so many seeds, from `seed` on, on so many threads. `at` hears how many are done. What comes out does not depend on
+    /// the number of threads: outcomes are taken in by the order of the seeds.
+    pub fn run(simulation: &Simulation, seed: u64, runs: u64, threads: usize, mut at: impl FnMut(u64)) -> Self {
+        let mut campaign = Self::default();
+        while campaign.runs < runs {
+            let done = campaign.runs;
+            let seeds: Vec<u64> = (done..runs.min(done + KEPT)).map(|run| seed.wrapping_add(run)).collect();
+            let grown: Vec<Kept> =
+                parallel::map_on(threads, &seeds, |seed| simulation.run(*seed).into(), |more| at(done + more as u64));
+            for (seed, kept) in seeds.iter().zip(&grown) {
+                campaign.take_in(*seed, kept);
+            }
+        }
+        campaign
+    }
+
+    fn take_in(&mut self, seed: u64, kept: &Kept) {
+        let [position, normalized, heading, pitch, direction] = kept.errors;
+        self.runs += 1;
+        self.layers.add(kept.layers as f64);
+        self.position_error_mm.add(position);
+        self.normalized_position_error.add(normalized);
+        self.heading_error_deg.add(heading);
+        self.pitch_error_deg.add(pitch);
+        self.direction_error_deg.add(direction);
+        if self.worst.is_none_or(|(_, worst)| position > worst) {
+            self.worst = Some((seed, position));
+        }
+        if let Some(hung) = kept.hung {
+            let worst = self.hung.get_or_insert(hung);
+            worst.deflection = worst.deflection.max(hung.deflection);
+            if hung.root.stress > worst.root.stress {
+                worst.root = hung.root;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use growbot_client::plan::Plan;
+    use growbot_client::pose_text::parse_pose;
+    use growbot_client::robot_file;
+    use growbot_core::plan::Planner;
+    use growbot_core::slicing::Slicing;
+
+    #[test]
+    fn threads_do_not_show_and_each_run_can_be_had_alone() {
+        let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
+        let (start, goal) = (parse_pose("0,0,0,0,90").unwrap(), parse_pose("0,20,50,90,80").unwrap());
+        let plan = Plan::make(&robot, &start, &goal, 100.0, Planner::TwoPlane).unwrap();
+        let mut simulation = Simulation::new(&plan, &robot, Slicing::Exact);
+        simulation.disturbance.growth_noise = 0.1;
+        simulation.sag = true;
+        // More than are kept at a time.
+        let runs = KEPT + 100;
+        let one = Campaign::run(&simulation, 7, runs, 1, |_| ());
+        assert_eq!(one, Campaign::run(&simulation, 7, runs, 3, |_| ()));
+        assert_eq!(one.runs, runs);
+        let (seed, worst) = one.worst.unwrap();
+        assert_eq!(simulation.run(seed).arrival.position_error_mm, worst);
+        assert_eq!(one.position_error_mm.greatest(), worst);
+        assert_ne!(one, Campaign::run(&simulation, 8, runs, 1, |_| ()));
+        assert_eq!(Campaign::run(&simulation, 7, 0, 1, |_| ()).runs, 0);
+    }
+}

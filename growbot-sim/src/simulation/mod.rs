@@ -1,0 +1,217 @@
+//! Plans grown without a robot: layer by layer, with what goes wrong, in open or in closed loop, once or a million times.
+//!
+//! The physics and the loop are growbot-core's ([`growbot_core::simulation`]); here they are put together for a plan
+//! ([`Simulation`]), repeated with many seeds ([`campaign`]) and summed up ([`statistics`]).
+
+pub mod campaign;
+pub mod statistics;
+
+use growbot_client::arrival::Arrival;
+use growbot_client::plan::Plan;
+use growbot_client::warning::Warning;
+use growbot_core::robot::Robot;
+use growbot_core::simulation::{Disturbance, Grown, Hanging, RootStress, Sensors, Task, grow_closed, grow_open};
+use growbot_core::slicing::{Layers, Slicing, layers};
+
+/// Code of the warning of a root that would fail: greatest stress, strength (MPa).
+pub const ROOT_FAILS: &str = "root-fails";
+/// Code of the warning of a body that sags further than the model of it is good for: deflection of the tip, a tenth of the length (mm).
+pub const SAGS_FAR: &str = "sags-far";
+
+/// Beyond this share of the length a sag is no longer small.
+const SMALL_SAG: f64 = 0.1;
+
+/// A growth that can be simulated, with any seed.
+#[derive(Debug, Clone)]
+pub struct Simulation<'a> {
+    task: Task<'a>,
+    /// Of the path, mm.
+    path_length: f64,
+    /// What open loop lays.
+    layers: Layers<'a>,
+    /// How layers come out.
+    pub disturbance: Disturbance,
+    /// What closed loop measures; none for open loop.
+    pub sensors: Option<Sensors>,
+    /// Whether the body hangs under its own weight.
+    pub sag: bool,
+}
+
+/// What a simulated growth came to.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Outcome {
+    /// The body.
+    pub grown: Grown,
+    /// How near its tip came to the goal.
+    pub arrival: Arrival,
+    /// How it hangs, if it does.
+    pub hung: Option<Hung>,
+}
+
+/// How a body hangs.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Hung {
+    /// How far the tip is from where it would be without weight, mm.
+    pub deflection: f64,
+    /// What the root has borne.
+    pub root: RootStress,
+}
+
+impl<'a> Simulation<'a> {
+    /// An undisturbed growth of this plan in open loop, cut so.
+    #[must_use]
+    pub fn new(plan: &'a Plan, robot: &'a Robot, slicing: Slicing) -> Self {
+        Self {
+            task: Task { robot, start: plan.start, path: &plan.path, legs: &plan.legs },
+            path_length: plan.needs.length,
+            layers: layers(&plan.path, robot, slicing),
+            disturbance: Disturbance::default(),
+            sensors: None,
+            sag: false,
+        }
+    }
+
+    /// Grows it. The same seed gives the same growth, to the bit.
+    ///
+    /// ```
+    /// use growbot_core::{plan::Planner, slicing::Slicing};
+    /// use growbot_client::{plan::Plan, pose_text::parse_pose, robot_file};
+    /// use growbot_sim::simulation::Simulation;
+    /// let robot = robot_file::load("growbot-a".as_ref()).unwrap();
+    /// let (start, goal) = (parse_pose("0,0,0,0,90").unwrap(), parse_pose("200,100,600,0,45").unwrap());
+    /// let plan = Plan::make(&robot, &start, &goal, 100.0, Planner::Shortest).unwrap();
+    ///
+    /// let mut simulation = Simulation::new(&plan, &robot, Slicing::Exact);
+    /// assert!(simulation.run(1).arrival.normalized_position_error < 1e-9);
+    /// simulation.disturbance.growth_noise = 0.1;
+    /// assert!(simulation.run(1).arrival.normalized_position_error > 1e-6);
+    /// assert_eq!(simulation.run(1), simulation.run(1));
+    /// ```
+    #[must_use]
+    pub fn run(&self, seed: u64) -> Outcome {
+        let Self { task, disturbance, .. } = self;
+        let mut hanging = self.sag.then(|| Hanging::new(task.robot, &task.start.frame()));
+        let mut grown = match &self.sensors {
+            None => grow_open(&task.start, self.layers.clone().map(|sliced| sliced.layer), disturbance, seed, |laid| {
+                if let Some(hanging) = &mut hanging {
+                    hanging.lay(laid);
+                }
+            }),
+            // The sensors feel the sag as it is after each layer.
+            Some(sensors) => grow_closed(task, disturbance, sensors, seed, |_, laid, by_growth| match &mut hanging {
+                Some(hanging) => {
+                    hanging.lay(laid);
+                    hanging.base_from_tip()
+                }
+                None => *by_growth,
+            }),
+        };
+        let hung = hanging.map(|hanging| {
+            grown.base_from_tip = hanging.base_from_tip();
+            Hung { deflection: hanging.deflection(), root: hanging.root_stress() }
+        });
+        Outcome { grown, arrival: Arrival::of(&grown.base_from_tip, &task.goal(), self.path_length), hung }
+    }
+
+    /// Length of the planned path, mm.
+    #[must_use]
+    pub fn path_length(&self) -> f64 {
+        self.path_length
+    }
+
+    /// What speaks against a body that hangs so.
+    #[must_use]
+    pub fn warnings(&self, hung: &Hung) -> Vec<Warning> {
+        let mut found = Vec::new();
+        let (stress, strength) = (hung.root.stress, self.task.robot.description().material.strength_mpa);
+        if stress > strength {
+            let message = format!(
+                "the root fails: with {:.0} mm of body it bears {stress:.1} MPa, over the {strength:.1} MPa of material.strength_mpa: \
+                 grow less far aside, support the body, or make the wall thicker (wall.width_mm)",
+                hung.root.length
+            );
+            found.push(Warning { code: ROOT_FAILS.to_owned(), message, value: stress, limit: strength });
+        }
+        let small = SMALL_SAG * self.path_length;
+        if hung.deflection > small {
+            let message = format!(
+                "the tip sags by {:.0} mm, over a tenth of the path: the model is of small sags, take it for no more than a sign",
+                hung.deflection
+            );
+            found.push(Warning { code: SAGS_FAR.to_owned(), message, value: hung.deflection, limit: small });
+        }
+        found
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use growbot_client::pose_text::parse_pose;
+    use growbot_client::robot_file;
+    use growbot_core::plan::Planner;
+    use growbot_core::pose::Pose;
+
+    fn plan(robot: &Robot, from: &str, to: &str) -> Plan {
+        let (start, goal) = (parse_pose(from).unwrap(), parse_pose(to).unwrap());
+        Plan::make(robot, &start, &goal, robot.description().planning_radius_mm, Planner::Shortest).unwrap()
+    }
+
+    #[test]
+    fn without_noise_every_robot_arrives() {
+        for name in robot_file::names() {
+            let robot = robot_file::load(name.as_ref()).unwrap();
+            let radius = robot.description().planning_radius_mm;
+            for [x, y, z, heading, pitch] in [[2.0, 1.0, 6.0, 30.0, 45.0], [-8.0, 5.0, -20.0, -100.0, -30.0]] {
+                let goal = Pose::from_degrees([x * radius, y * radius, z * radius, heading, pitch]).unwrap();
+                for planner in [Planner::Shortest, Planner::TwoPlane] {
+                    let start = parse_pose("0,0,0,0,90").unwrap();
+                    let plan = Plan::make(&robot, &start, &goal, radius, planner).unwrap();
+                    let arrival = Simulation::new(&plan, &robot, Slicing::Exact).run(1).arrival;
+                    assert!(arrival.normalized_position_error <= 1e-9, "{name}: {arrival:?}");
+                    assert!(arrival.direction_error_deg.to_radians() <= 1e-9, "{name}: {arrival:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn whole_steps_pass_the_goal_by_up_to_a_step() {
+        let robot = robot_file::load("growbot-a".as_ref()).unwrap();
+        let plan = plan(&robot, "0,0,0,0,90", "0,0,100,0,90");
+        // 32.3 steps, rounded up: 33 of them are 102.168 mm.
+        let outcome = Simulation::new(&plan, &robot, Slicing::Whole { step: 3.096 }).run(1);
+        assert_eq!(outcome.grown.layers, 33);
+        assert!((outcome.arrival.position_error_mm - 2.168).abs() < 1e-9, "{outcome:?}");
+        assert!((outcome.arrival.normalized_position_error - 0.021_68).abs() < 1e-11);
+        assert_eq!(outcome.arrival.direction_error_deg, 0.0);
+    }
+
+    #[test]
+    fn a_level_body_hangs_and_a_long_one_breaks() {
+        let robot = robot_file::load("growbot-a".as_ref()).unwrap();
+        for (length, code) in [(1000.0, None), (8000.0, Some(ROOT_FAILS))] {
+            let plan = plan(&robot, "0,0,0,0,0", &format!("{length},0,0,0,0"));
+            let mut simulation = Simulation::new(&plan, &robot, Slicing::Exact);
+            simulation.sag = true;
+            let outcome = simulation.run(1);
+            let hung = outcome.hung.unwrap();
+            assert!((outcome.arrival.position_error_mm - hung.deflection).abs() < 1e-9 * length);
+            let codes: Vec<String> = simulation.warnings(&hung).into_iter().map(|warning| warning.code).collect();
+            assert_eq!(codes.first().map(String::as_str), code, "{hung:?}");
+        }
+    }
+
+    #[test]
+    fn the_loop_feels_the_sag_and_bends_against_it() {
+        let robot = robot_file::load("growbot-a".as_ref()).unwrap();
+        let plan = plan(&robot, "0,0,0,0,0", "1500,0,200,0,0");
+        let mut simulation = Simulation::new(&plan, &robot, Slicing::Exact);
+        simulation.sag = true;
+        let open = simulation.run(1).arrival.position_error_mm;
+        let noise = growbot_core::tracking::SensorNoise { odometry: 0.01, direction: 0.01 };
+        simulation.sensors = Some(Sensors { noise, odometry_scale: 0.0, direction: Default::default() });
+        let closed = simulation.run(1).arrival.position_error_mm;
+        assert!(closed < open, "{closed} {open}");
+    }
+}

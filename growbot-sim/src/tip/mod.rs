@@ -1,0 +1,528 @@
+//! The simulated tip: what a robot's head, feed and nozzle would do with the signals they get, and what its sensors would show.
+//!
+//! It knows nothing of plans or layers. Head and feed steps become plastic by angle, plastic becomes height
+//! and tilt, and these chain to a body (Eq 4). The nozzle warms and cools, and its thermistor follows. The index sensor
+//! passes once a turn, the filament turns its encoder, and gravity turns as the body bends. Faults of a controller therefore
+//! show as they would on a robot: in the body. What can break on a robot breaks here on request ([`TipFault`]).
+//!
+//! Its clock is the board's: ticks of the step interrupt. Nothing depends on how often it is looked at.
+//!
+//! It lays exactly what its steps ask for unless told otherwise ([`Imperfection`]).
+//!
+//! What it does not model is in the book's chapter "Limits" (`book/src/limits.md`).
+
+mod cartridge;
+mod fault;
+mod filament;
+pub mod flash;
+mod noise;
+mod nozzle;
+pub mod pins;
+mod plastic;
+mod sensors;
+#[cfg(test)]
+mod tests;
+mod variation;
+
+pub use cartridge::{Parts, STEINHART_HART_104GT_2};
+pub use fault::{Faults, TipFault};
+pub use sensors::encoder_pitch;
+pub use variation::Variation;
+
+use growbot_core::angle::{radians, wrap_positive};
+use growbot_core::layer::Layer;
+use growbot_core::pose::{Frame, Pose};
+use growbot_core::robot::Robot;
+use growbot_core::simulation::Imperfection;
+
+use filament::{Filament, Moved};
+use nozzle::{Drive, Nozzle};
+use plastic::Plastic;
+use sensors::Held;
+
+/// The simulated tip of one robot.
+#[derive(Debug, Clone)]
+pub struct Tip {
+    robot: Robot,
+    variation: Variation,
+    faults: Faults,
+    mark: IndexMark,
+    /// The board's clock, ticks.
+    now: u64,
+    head: Axis,
+    feed: Axis,
+    /// Where the head stands, steps from the tip's x axis; counter-clockwise is positive.
+    position: i64,
+    /// How far that is from where its steps should have taken it.
+    slipped: i64,
+    /// Steps that the head is not going to follow, or is going to make too many.
+    to_slip: i64,
+    heater: HeaterInput,
+    fan: f64,
+    nozzle: Nozzle,
+    /// Where the nozzle is put when its heater is switched on, degrees Celsius; none where it heats as it does.
+    warm_at_once: Option<f64>,
+    /// It has been put there since the second switch was closed.
+    warmed: bool,
+    /// What a thermistor that no longer follows shows.
+    held: Held,
+    /// When a dip of the supply is over, ticks; none without a dip.
+    dip_until: Option<u64>,
+    filament: Filament,
+    plastic: Plastic,
+    imperfection: Imperfection,
+    /// A layer's index, and how much filament the encoder sees for each step's worth in it.
+    seen_per_step: (u64, f64),
+    /// The base's frame of where growth began.
+    start: Frame,
+    feed_steps: i64,
+    cold_feed_steps: u64,
+}
+
+/// A motor of the tip.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Motor {
+    /// Turns the head.
+    Head,
+    /// Pushes filament.
+    Feed,
+}
+
+/// What a motor's driver is told.
+#[derive(Debug, Clone, Copy, Default)]
+struct Axis {
+    enabled: bool,
+    forwards: bool,
+}
+
+/// What the heater's two switches are told.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+struct HeaterInput {
+    /// Share of full power, 0 to 1.
+    duty: f64,
+    /// Whether the second switch is to be closed.
+    closed: bool,
+}
+
+impl Tip {
+    /// A cold tip on an upright body, whose head stands somewhere, `head_steps` from the tip's x axis.
+    #[must_use]
+    pub fn new(robot: Robot, head_steps: i64, variation: Variation) -> Self {
+        Self {
+            variation,
+            faults: Faults::default(),
+            mark: IndexMark::of(&robot),
+            now: 0,
+            head: Axis::default(),
+            feed: Axis::default(),
+            position: head_steps,
+            slipped: 0,
+            to_slip: 0,
+            heater: HeaterInput::default(),
+            fan: 0.0,
+            nozzle: Nozzle::new(&robot, &variation),
+            warm_at_once: None,
+            warmed: false,
+            held: Held::default(),
+            dip_until: None,
+            filament: Filament::new(&robot),
+            plastic: Plastic::new(&robot, head_steps),
+            imperfection: Imperfection::default(),
+            seen_per_step: (0, 1.0),
+            start: Frame::identity(),
+            feed_steps: 0,
+            cold_feed_steps: 0,
+            robot,
+        }
+    }
+
+    /// Growth begins at this pose. Without it, at the origin and upwards.
+    pub fn start_at(&mut self, pose: &Pose) {
+        self.start = pose.frame();
+    }
+
+    /// Lays and measures otherwise than it should, from the first layer on: to be said before.
+    pub fn disturb(&mut self, imperfection: &Imperfection) {
+        self.imperfection = *imperfection;
+        self.seen_per_step = (0, imperfection.seen_per_step(0));
+    }
+
+    /// So much filament is left from now on, mm. Without it, a full spool.
+    pub fn load_filament(&mut self, mm: f64) {
+        self.filament.set_left(mm);
+    }
+
+    /// Time passes up to this tick of the board's clock.
+    pub fn advance(&mut self, tick: u64) {
+        self.now = self.now.max(tick);
+    }
+
+    /// The board's clock, ticks.
+    #[must_use]
+    pub fn now(&self) -> u64 {
+        self.now
+    }
+
+    /// The enable signal of a motor's driver.
+    pub fn enable(&mut self, motor: Motor, enabled: bool) {
+        self.axis(motor).enabled = enabled;
+    }
+
+    /// The direction signal of a motor's driver.
+    pub fn direct(&mut self, motor: Motor, forwards: bool) {
+        self.axis(motor).forwards = forwards;
+    }
+
+    fn axis(&mut self, motor: Motor) -> &mut Axis {
+        match motor {
+            Motor::Head => &mut self.head,
+            Motor::Feed => &mut self.feed,
+        }
+    }
+
+    /// A step pulse. A driver that is off lets its motor stand.
+    pub fn step(&mut self, motor: Motor) {
+        let Axis { enabled, forwards } = *self.axis(motor);
+        if !enabled {
+            return;
+        }
+        match motor {
+            Motor::Head => self.step_head(forwards),
+            Motor::Feed => self.step_feed(forwards),
+        }
+    }
+
+    fn step_head(&mut self, positive: bool) {
+        let sign = if positive { 1 } else { -1 };
+        self.slipped -= sign;
+        if self.head_is_held() {
+            return;
+        }
+        if self.to_slip < 0 {
+            self.to_slip += 1;
+            return;
+        }
+        for _ in 0..=std::mem::take(&mut self.to_slip) {
+            self.plastic.turn(positive, self.now);
+            self.position += sign;
+            self.slipped += sign;
+        }
+    }
+
+    fn step_feed(&mut self, forwards: bool) {
+        if self.faults.has(TipFault::DriverFault) {
+            return;
+        }
+        self.feed_steps += if forwards { 1 } else { -1 };
+        if self.filament_is_held() {
+            self.plastic.pass(self.now);
+            return;
+        }
+        // Cold plastic in the nozzle lets filament come no further than it was.
+        if forwards && self.filament.is_at_front() {
+            self.sync_slot();
+            if self.nozzle.at_slot() < self.robot.description().heater.extrusion_min_c {
+                self.cold_feed_steps += 1;
+                self.plastic.pass(self.now);
+                return;
+            }
+        }
+        let seen = self.seen_per_step();
+        match self.filament.step(forwards, seen) {
+            Moved::Out => {
+                self.nozzle.feed();
+                self.plastic.lay(self.now);
+            }
+            Moved::Back => self.plastic.hold_back(true, self.now),
+            Moved::Filled => self.plastic.hold_back(!self.filament.is_at_front(), self.now),
+            Moved::Not => self.plastic.pass(self.now),
+        }
+    }
+
+    /// How much filament the encoder sees for each step's worth in the layer that is laid.
+    fn seen_per_step(&mut self) -> f64 {
+        let index = self.plastic.layer_index();
+        if self.seen_per_step.0 != index {
+            self.seen_per_step = (index, self.imperfection.seen_per_step(index));
+        }
+        self.seen_per_step.1
+    }
+
+    /// Whether the head stands whatever its motor is told.
+    fn head_is_held(&self) -> bool {
+        self.faults.has(TipFault::HeadBlocked) || self.faults.has(TipFault::DriverFault)
+    }
+
+    /// Whether the filament stands whatever the feed does.
+    fn filament_is_held(&self) -> bool {
+        self.faults.has(TipFault::FilamentJam) || self.faults.has(TipFault::FilamentOut)
+    }
+
+    /// What the heater is told: a share of full power (0 to 1), and whether the second switch is to be closed.
+    pub fn heat(&mut self, duty: f64, closed: bool) {
+        let input = HeaterInput { duty, closed };
+        if self.heater != input {
+            self.sync();
+            self.heater = input;
+            self.warmed &= closed;
+            if let Some(celsius) = self.warm_at_once.filter(|_| closed && duty > 0.0 && !self.warmed) {
+                self.nozzle.set(celsius.max(self.nozzle.block()));
+                self.warmed = true;
+            }
+        }
+    }
+
+    /// What the fan is told: a share of full speed (0 to 1).
+    pub fn blow(&mut self, duty: f64) {
+        if self.fan != duty {
+            self.sync();
+            self.fan = duty;
+        }
+    }
+
+    /// The supply's voltage from now on, V, unless it is broken.
+    pub fn set_supply_v(&mut self, volts: f64) {
+        self.sync();
+        self.variation.supply_v = Some(volts);
+    }
+
+    /// Breaks something; a fault of the same kind is replaced.
+    pub fn inject(&mut self, fault: TipFault) {
+        self.sync();
+        match fault {
+            TipFault::ThermistorFrozen => self.held.number = self.converted_thermistor(),
+            TipFault::ThermistorStuck => self.held.counts = self.thermistor_counts(),
+            TipFault::HeadLosesSteps { steps } => self.to_slip = -i64::from(steps),
+            TipFault::HeadGainsSteps { steps } => self.to_slip = i64::from(steps),
+            TipFault::SupplyDip { seconds, .. } => {
+                let ticks = seconds * f64::from(self.robot.description().motion.tick_hz);
+                self.dip_until = Some(self.now + libm::rint(ticks) as u64);
+            }
+            _ => {}
+        }
+        self.faults.add(fault);
+    }
+
+    /// Mends the fault of this one's kind. Steps that the head has lost stay lost.
+    pub fn mend(&mut self, fault: TipFault) {
+        self.sync();
+        if let TipFault::HeadLosesSteps { .. } | TipFault::HeadGainsSteps { .. } = fault {
+            self.to_slip = 0;
+        }
+        self.faults.remove(fault);
+    }
+
+    /// What is broken.
+    #[must_use]
+    pub fn faults(&self) -> &Faults {
+        &self.faults
+    }
+
+    /// Lets the nozzle come to the present. All that acts on it has stood still since the last time.
+    fn sync(&mut self) {
+        if let Some(end) = self.dip_until.take_if(|end| *end <= self.now) {
+            let drive = self.drive();
+            self.nozzle.advance(end, &drive);
+            self.faults.remove(TipFault::SupplyDip { volts: 0.0, seconds: 0.0 });
+        }
+        if self.nozzle.tick() < self.now {
+            let drive = self.drive();
+            self.nozzle.advance(self.now, &drive);
+        }
+    }
+
+    /// Lets the nozzle come to the present where a slot of its flow has ended.
+    fn sync_slot(&mut self) {
+        if self.nozzle.slot_is_over(self.now) {
+            self.sync();
+        }
+    }
+
+    /// What acts on the nozzle.
+    fn drive(&self) -> Drive {
+        let description = self.robot.description();
+        let heater = &description.heater;
+        let mut drive = Drive {
+            power_w: self.power(),
+            loss_w_per_k: heater.loss_w_per_k * self.variation.loss + description.fan.loss_w_per_k * self.fan,
+            lag_s: self.variation.sensor_lag_s,
+            share: 1.0,
+        };
+        for fault in self.faults.iter() {
+            match fault {
+                TipFault::Draught { factor } => drive.loss_w_per_k *= factor,
+                TipFault::ThermistorDetached { tau_s, share } => (drive.lag_s, drive.share) = (tau_s, share),
+                _ => {}
+            }
+        }
+        drive
+    }
+
+    /// Power that really flows into the nozzle, W.
+    pub fn heater_power_w(&mut self) -> f64 {
+        self.sync();
+        self.power()
+    }
+
+    fn power(&self) -> f64 {
+        let description = self.robot.description();
+        let closed = self.heater.closed || self.faults.has(TipFault::SecondSwitchClosed);
+        let duty = if self.faults.has(TipFault::PowerStageOn) { 1.0 } else { self.heater.duty };
+        if !closed || self.faults.has(TipFault::HeaterOpen) {
+            return 0.0;
+        }
+        let voltage = self.supply_v() / description.supply.nominal_v;
+        description.heater.power_w * self.variation.power * duty * voltage * voltage
+    }
+
+    /// Voltage of the supply, V.
+    fn supply_v(&self) -> f64 {
+        let sound = self.variation.supply_v.unwrap_or(self.robot.description().supply.nominal_v);
+        self.faults.iter().fold(sound, |voltage, fault| match fault {
+            TipFault::SupplyLow { volts } | TipFault::SupplyHigh { volts } | TipFault::SupplyDip { volts, .. } => volts,
+            _ => voltage,
+        })
+    }
+
+    /// How it differs from its robot's description.
+    #[must_use]
+    pub fn variation(&self) -> &Variation {
+        &self.variation
+    }
+
+    /// The robot that it belongs to.
+    #[must_use]
+    pub fn robot(&self) -> &Robot {
+        &self.robot
+    }
+
+    /// Temperature of the nozzle, degrees Celsius.
+    pub fn nozzle_c(&mut self) -> f64 {
+        self.sync();
+        self.nozzle.block()
+    }
+
+    /// The highest temperature that the nozzle has had, degrees Celsius.
+    pub fn nozzle_peak_c(&mut self) -> f64 {
+        self.sync();
+        self.nozzle.peak()
+    }
+
+    /// Puts the nozzle at a temperature, degrees Celsius.
+    pub fn set_nozzle_c(&mut self, celsius: f64) {
+        self.sync();
+        self.nozzle.set(celsius);
+    }
+
+    /// From now on the nozzle is this warm, degrees Celsius, at the moment in which its heater first gets power: for trials in real time, in
+    /// which heating would take most of it. Earlier or later than that, the firmware would rightly take it for a heater out of control.
+    pub fn warm_at_once(&mut self, celsius: f64) {
+        self.warm_at_once = Some(celsius);
+    }
+
+    /// Whether the second switch of the heater is told to be closed.
+    #[must_use]
+    pub fn heater_is_on(&self) -> bool {
+        self.heater.closed
+    }
+
+    /// Share of full power that the heater is told to give, 0 to 1.
+    #[must_use]
+    pub fn heater_duty(&self) -> f64 {
+        self.heater.duty
+    }
+
+    /// Whether a motor is told to hold.
+    #[must_use]
+    pub fn is_enabled(&self, motor: Motor) -> bool {
+        match motor {
+            Motor::Head => self.head.enabled,
+            Motor::Feed => self.feed.enabled,
+        }
+    }
+
+    /// Where the head stands, steps from the tip's x axis.
+    #[must_use]
+    pub fn head_position(&self) -> i64 {
+        self.position
+    }
+
+    /// How far the head is from where its steps should have taken it.
+    #[must_use]
+    pub fn head_slip(&self) -> i64 {
+        self.slipped
+    }
+
+    /// The layers laid so far, from the plastic itself.
+    #[must_use]
+    pub fn body(&self) -> Vec<Layer> {
+        self.plastic.layers(&self.robot, &self.imperfection)
+    }
+
+    /// The layers of [`Tip::body`] that no longer change, from this index on.
+    #[must_use]
+    pub fn settled(&mut self, from: usize) -> &[Layer] {
+        self.plastic.settled(&self.robot, &self.imperfection).get(from..).unwrap_or_default()
+    }
+
+    /// Where the tip is and how it lies.
+    pub fn base_from_tip(&mut self) -> Frame {
+        self.start * self.plastic.start_from_tip(&self.robot, &self.imperfection)
+    }
+
+    /// Filament that is left, mm.
+    #[must_use]
+    pub fn filament_left(&self) -> f64 {
+        self.filament.left()
+    }
+
+    /// Feed steps made with the motor held: those forwards less those backwards.
+    #[must_use]
+    pub fn feed_steps(&self) -> u64 {
+        u64::try_from(self.feed_steps).unwrap_or(0)
+    }
+
+    /// Where the feed stands, steps.
+    #[must_use]
+    pub fn feed_position(&self) -> i64 {
+        self.feed_steps
+    }
+
+    /// Feed steps made against a cold nozzle, which laid nothing.
+    #[must_use]
+    pub fn cold_feed_steps(&self) -> u64 {
+        self.cold_feed_steps
+    }
+}
+
+/// The index mark in head steps.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct IndexMark {
+    /// Head steps in a turn.
+    pub steps_per_turn: u32,
+    /// Where it begins, from the tip's x axis.
+    pub position: u32,
+    /// How wide it is.
+    pub width: u32,
+}
+
+impl IndexMark {
+    /// The mark of a robot, to the nearest step.
+    #[must_use]
+    pub fn of(robot: &Robot) -> Self {
+        let head = &robot.description().head;
+        let per_degree = f64::from(head.steps_per_turn) / 360.0;
+        let angle = wrap_positive(radians(head.index_angle_deg)) / std::f64::consts::TAU * 360.0;
+        Self {
+            steps_per_turn: head.steps_per_turn,
+            position: libm::rint(angle * per_degree) as u32 % head.steps_per_turn,
+            width: (libm::rint(head.index_width_deg * per_degree) as u32).max(1),
+        }
+    }
+
+    /// Whether it is at a position of the head, steps.
+    #[must_use]
+    pub fn covers(&self, head: i64) -> bool {
+        (head - i64::from(self.position)).rem_euclid(i64::from(self.steps_per_turn)) < i64::from(self.width)
+    }
+}

@@ -1,0 +1,27 @@
+//! Noise that is the same in every run: a function of a seed, of what is measured, and of the time.
+
+use growbot_core::random::scramble;
+
+/// Noise of mean 0 and variance 1 on a channel at a tick: the sum of four even distributions, so never beyond 3.5.
+pub(super) fn noise(seed: u64, channel: u64, tick: u64) -> f64 {
+    let bits = scramble(scramble(seed ^ (channel << 56)) ^ tick);
+    let sum: f64 = (0..4).map(|part| (bits >> (16 * part) & 0xFFFF) as f64 / 65535.0 - 0.5).sum();
+    sum * libm::sqrt(3.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn noise_has_no_mean_a_variance_of_one_and_depends_on_seed_channel_and_time() {
+        let samples: Vec<f64> = (0..100_000).map(|tick| noise(1, 0, tick)).collect();
+        let mean = samples.iter().sum::<f64>() / 1e5;
+        let variance = samples.iter().map(|sample| sample * sample).sum::<f64>() / 1e5;
+        assert!(mean.abs() < 0.02 && (variance - 1.0).abs() < 0.02, "{mean} {variance}");
+        assert_eq!(noise(1, 0, 7), noise(1, 0, 7));
+        assert!(
+            noise(1, 0, 7) != noise(2, 0, 7) && noise(1, 0, 7) != noise(1, 1, 7) && noise(1, 0, 7) != noise(1, 0, 8)
+        );
+    }
+}

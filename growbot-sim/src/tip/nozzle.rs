@@ -1,0 +1,311 @@
+//! The nozzle: a block of heat, and a thermistor that follows it.
+//!
+//! `C dT/dt = P - (K + c Q) (T - T_ambient)` for the block, with the flow Q of the filament that it heats, and
+//! `tau dS/dt = T_ambient + share (T - T_ambient) - S` for the thermistor.
+//!
+//! A copy of a robot may have a [`Cartridge`] instead, which is solved otherwise; what follows is of the lump above.
+//!
+//! Both are solved in closed form while power, loss and flow stand still. The flow is told in slots of a tenth of a second:
+//! in each, the nozzle heats, evenly, what was fed in the one before. So the heat is exact, the result does not
+//! depend on how often anybody looks, and hours without flow are one step.
+
+use growbot_core::robot::{Heater, Robot};
+
+use super::Variation;
+use super::cartridge::{Cartridge, Load};
+
+/// Slots of the flow in a second.
+const SLOTS_PER_S: u64 = 10;
+
+/// What acts on the nozzle, for as long as it stands still.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Drive {
+    /// Power of the heater, W.
+    pub power_w: f64,
+    /// Loss to the surroundings, W/K.
+    pub loss_w_per_k: f64,
+    /// Time constant of the thermistor, s.
+    pub lag_s: f64,
+    /// Share of the nozzle's warmth that the thermistor gets, 0 to 1.
+    pub share: f64,
+}
+
+/// A nozzle that warms and cools.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Nozzle {
+    ambient_c: f64,
+    heat_capacity: f64,
+    /// The heater where it is a part of its own, none where the nozzle is one lump.
+    cartridge: Option<Cartridge>,
+    tick_hz: f64,
+    /// Ticks in a slot of the flow.
+    slot: u64,
+    /// Heat that a feed step takes away for each degree above the surroundings, J/K.
+    heat_of_step: f64,
+    /// All that follows is of this tick.
+    tick: u64,
+    block: f64,
+    sensor: f64,
+    peak: f64,
+    /// Temperature of the block when the slot began.
+    at_slot: f64,
+    /// Feed steps heated in this slot: those made in the one before.
+    heated: f64,
+    /// Feed steps made in this slot.
+    fed: f64,
+    decay: Option<Decay>,
+}
+
+impl Nozzle {
+    /// A nozzle at the temperature of its surroundings.
+    pub fn new(robot: &Robot, variation: &Variation) -> Self {
+        let description = robot.description();
+        let Heater { heat_capacity_j_per_k, loss_w_per_k, target_c, .. } = description.heater;
+        let heat_capacity = heat_capacity_j_per_k * variation.heat_capacity;
+        let loss = loss_w_per_k * variation.loss;
+        let cartridge =
+            variation.parts.map(|parts| Cartridge::new(parts, heat_capacity, loss, target_c, variation.ambient_c));
+        let tick_hz = u64::from(description.motion.tick_hz);
+        Self {
+            ambient_c: variation.ambient_c,
+            heat_capacity,
+            cartridge,
+            tick_hz: tick_hz as f64,
+            slot: (tick_hz / SLOTS_PER_S).max(1),
+            heat_of_step: description.filament.heat_j_per_mm3_k * robot.filament_area() / description.feed.steps_per_mm,
+            tick: 0,
+            block: variation.ambient_c,
+            sensor: variation.ambient_c,
+            peak: variation.ambient_c,
+            at_slot: variation.ambient_c,
+            heated: 0.0,
+            fed: 0.0,
+            decay: None,
+        }
+    }
+
+    /// The tick that the temperatures are of.
+    pub fn tick(&self) -> u64 {
+        self.tick
+    }
+
+    /// Temperature of the block, degrees Celsius.
+    pub fn block(&self) -> f64 {
+        self.block
+    }
+
+    /// Temperature of the block when the tenth of a second began, degrees Celsius.
+    pub fn at_slot(&self) -> f64 {
+        self.at_slot
+    }
+
+    /// Temperature of the thermistor, degrees Celsius.
+    pub fn sensor(&self) -> f64 {
+        self.sensor
+    }
+
+    /// The highest that the block has been, degrees Celsius.
+    pub fn peak(&self) -> f64 {
+        self.peak
+    }
+
+    /// Puts block and thermistor at a temperature, degrees Celsius.
+    pub fn set(&mut self, celsius: f64) {
+        (self.block, self.sensor, self.at_slot) = (celsius, celsius, celsius);
+        if let Some(cartridge) = &mut self.cartridge {
+            cartridge.set(celsius);
+        }
+        self.peak = self.peak.max(celsius);
+    }
+
+    /// Whether this tick lies beyond the slot.
+    pub fn slot_is_over(&self, tick: u64) -> bool {
+        tick / self.slot > self.tick / self.slot
+    }
+
+    /// A feed step has brought cold filament.
+    pub fn feed(&mut self) {
+        self.fed += 1.0;
+    }
+
+    /// Time passes up to a tick.
+    pub fn advance(&mut self, until: u64, drive: &Drive) {
+        while self.tick < until {
+            let still = self.heated == 0.0 && self.fed == 0.0;
+            let next_slot = (self.tick / self.slot + 1) * self.slot;
+            let end = if still { (until / self.slot * self.slot).max(next_slot) } else { next_slot };
+            let end = end.min(until);
+            self.pass((end - self.tick) as f64 / self.tick_hz, drive);
+            self.tick = end;
+            if end.is_multiple_of(self.slot) {
+                self.at_slot = self.block;
+                self.heated = std::mem::take(&mut self.fed);
+            }
+        }
+    }
+
+    /// Time passes in which nothing changes.
+    fn pass(&mut self, seconds: f64, drive: &Drive) {
+        let flow = self.heated * self.heat_of_step * self.tick_hz / self.slot as f64;
+        if let Some(cartridge) = &mut self.cartridge {
+            let load = Load { drive, flow_w_per_k: flow };
+            let peak;
+            (self.block, self.sensor, peak) = cartridge.pass(seconds, self.block, self.sensor, &load);
+            self.peak = self.peak.max(peak);
+            return;
+        }
+        let decay = self.decay.filter(|decay| decay.is_of(seconds, drive, flow));
+        let decay = *self.decay.insert(decay.unwrap_or_else(|| Decay::new(seconds, drive, flow, self.heat_capacity)));
+        let settled = drive.power_w / decay.loss_w_per_k;
+        // Above the surroundings, and above where the block settles.
+        let above = self.block - self.ambient_c - settled;
+        let sensor = self.sensor - self.ambient_c;
+        self.sensor = self.ambient_c
+            + drive.share * settled
+            + (sensor - drive.share * settled) * decay.sensor
+            + drive.share * above * decay.mixed;
+        self.block = self.ambient_c + settled + above * decay.block;
+        self.peak = self.peak.max(self.block);
+    }
+}
+
+/// How much is left of a difference after some time: the same for each poll of a board, and computed once.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Decay {
+    seconds: f64,
+    lag_s: f64,
+    drive_loss_w_per_k: f64,
+    flow_w_per_k: f64,
+    /// Loss to the surroundings and to the filament, W/K.
+    loss_w_per_k: f64,
+    /// Of the block's and of the thermistor's own difference.
+    block: f64,
+    sensor: f64,
+    /// What the block's decay does to the thermistor meanwhile.
+    mixed: f64,
+}
+
+impl Decay {
+    fn new(seconds: f64, drive: &Drive, flow_w_per_k: f64, heat_capacity: f64) -> Self {
+        let loss_w_per_k = (drive.loss_w_per_k + flow_w_per_k).max(f64::MIN_POSITIVE);
+        let (of_block, of_sensor) = (loss_w_per_k / heat_capacity, 1.0 / drive.lag_s.max(1e-6));
+        let (slow, quick) = (of_block.min(of_sensor), of_block.max(of_sensor));
+        // The integral, without a difference of like numbers.
+        let apart = quick - slow;
+        let mixed = libm::exp(-slow * seconds)
+            * if apart * seconds > 1e-12 { -libm::expm1(-apart * seconds) / apart } else { seconds };
+        Self {
+            seconds,
+            lag_s: drive.lag_s,
+            drive_loss_w_per_k: drive.loss_w_per_k,
+            flow_w_per_k,
+            loss_w_per_k,
+            block: libm::exp(-of_block * seconds),
+            sensor: libm::exp(-of_sensor * seconds),
+            mixed: mixed * of_sensor,
+        }
+    }
+
+    /// Whether it is of these conditions, to the last bit.
+    fn is_of(&self, seconds: f64, drive: &Drive, flow_w_per_k: f64) -> bool {
+        (self.seconds, self.lag_s, self.drive_loss_w_per_k, self.flow_w_per_k)
+            == (seconds, drive.lag_s, drive.loss_w_per_k, flow_w_per_k)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TICK_HZ: u64 = 4000;
+
+    fn nozzle() -> (Nozzle, Heater) {
+        let robot = growbot_client::robot_file::load("growbot-a".as_ref()).unwrap();
+        (Nozzle::new(&robot, &Variation::default()), robot.description().heater)
+    }
+
+    fn drive(power_w: f64) -> Drive {
+        Drive { power_w, loss_w_per_k: 0.12, lag_s: 2.0, share: 1.0 }
+    }
+
+    #[test]
+    fn it_settles_where_losses_balance() {
+        let (mut nozzle, heater) = nozzle();
+        nozzle.advance(100_000 * TICK_HZ, &drive(25.0));
+        assert!((nozzle.block() - (22.0 + 25.0 / heater.loss_w_per_k)).abs() < 1e-9);
+        assert!((nozzle.sensor() - nozzle.block()).abs() < 1e-9);
+        nozzle.advance(200_000 * TICK_HZ, &drive(0.0));
+        assert!((nozzle.block() - 22.0).abs() < 1e-9);
+        assert!((nozzle.peak() - (22.0 + 25.0 / heater.loss_w_per_k)).abs() < 1e-9);
+    }
+
+    #[test]
+    fn however_often_it_is_looked_at_the_temperatures_are_the_same() {
+        let run = |every: u64| {
+            let (mut nozzle, _) = nozzle();
+            for tick in 0..60 * TICK_HZ {
+                if tick % every == 0 {
+                    nozzle.advance(tick, &drive(40.0));
+                }
+                // A step every 2.5 ms, and none in the third quarter of a minute.
+                if tick % 10 == 0 && !(30..45).contains(&(tick / TICK_HZ)) {
+                    if nozzle.slot_is_over(tick) {
+                        nozzle.advance(tick, &drive(40.0));
+                    }
+                    nozzle.feed();
+                }
+            }
+            nozzle.advance(60 * TICK_HZ, &drive(40.0));
+            (nozzle.block(), nozzle.sensor(), nozzle.at_slot())
+        };
+        let (block, sensor, at_slot) = run(1);
+        for every in [7, 40, 400, 3001, 1_000_000] {
+            let (b, s, a) = run(every);
+            assert!((b - block).abs() < 1e-8 && (s - sensor).abs() < 1e-8 && (a - at_slot).abs() < 1e-8, "{every}");
+        }
+    }
+
+    #[test]
+    fn the_thermistor_lags() {
+        let (mut nozzle, heater) = nozzle();
+        nozzle.advance(20 * TICK_HZ, &drive(50.0));
+        // Well after the lag it follows a steady rise by the rise of one time constant.
+        let rate = (50.0 - 0.12 * (nozzle.block() - 22.0)) / heater.heat_capacity_j_per_k;
+        assert!((nozzle.block() - nozzle.sensor() - 2.0 * rate).abs() < 0.3, "{nozzle:?}");
+    }
+
+    #[test]
+    fn a_thermistor_as_slow_as_the_block_is_no_special_case() {
+        let (base, heater) = nozzle();
+        let tau = heater.heat_capacity_j_per_k / 0.12;
+        let after = |lag_s| {
+            let mut nozzle = base.clone();
+            nozzle.advance(100 * TICK_HZ, &Drive { lag_s, ..drive(50.0) });
+            nozzle.sensor()
+        };
+        assert!((after(tau) - after(tau * (1.0 + 1e-9))).abs() < 1e-6);
+        assert!((after(tau) - after(tau * (1.0 - 1e-9))).abs() < 1e-6);
+    }
+
+    #[test]
+    fn energy_is_neither_made_nor_lost() {
+        let (mut nozzle, heater) = nozzle();
+        nozzle.set(200.0);
+        // 400 feed steps a second for a minute; what is carried away and lost is added up from the temperatures.
+        let (mut lost, mut carried) = (0.0, 0.0);
+        for slot in 0..600 {
+            let heated = nozzle.heated;
+            let before = nozzle.block();
+            for _ in 0..40 {
+                nozzle.feed();
+            }
+            nozzle.advance((slot + 1) * 400, &drive(45.0));
+            let mean = 0.5 * (before + nozzle.block()) - 22.0;
+            lost += 0.12 * mean * 0.1;
+            carried += heated * nozzle.heat_of_step * mean;
+        }
+        let kept = heater.heat_capacity_j_per_k * (nozzle.block() - 200.0);
+        assert!((45.0 * 60.0 - lost - carried - kept).abs() < 0.01, "{lost} {carried} {kept}");
+        assert!(carried > 100.0);
+    }
+}

@@ -1,0 +1,300 @@
+//! Plastic by angle, layer by layer.
+//!
+//! Between two feed steps one step's volume flows, evenly in time, and lies wherever the head stood meanwhile. Over a sweep
+//! of the head the sum gives the mean height and the first harmonic the tilt: `h = sum`, `r_t phi = 2 |sum e^(i psi)|`, in
+//! units of the height that one step spread over the whole ring would have.
+//!
+//! A layer is a sweep from one visit of the tip's x axis to the next, whichever way the head turns. A head that turns back
+//! elsewhere, since it has lost steps, ends a layer there. What is less than half a turn is no layer of its own and belongs
+//! to the next.
+
+use growbot_core::angle::wrap_positive;
+use growbot_core::layer::Layer;
+use growbot_core::pose::Frame;
+use growbot_core::robot::Robot;
+
+use growbot_core::simulation::Imperfection;
+
+/// An amount of plastic, or of time, and its first harmonic.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+struct Moments {
+    sum: f64,
+    cosine: f64,
+    sine: f64,
+}
+
+impl Moments {
+    /// Whether all of it lies on the tip's x axis: the edge of a layer, not a layer.
+    fn is_edge(&self) -> bool {
+        // Sums of the same numbers, so equal to the last bit.
+        self.cosine >= self.sum
+    }
+
+    fn add(&mut self, other: Self, factor: f64) {
+        self.sum += factor * other.sum;
+        self.cosine += factor * other.cosine;
+        self.sine += factor * other.sine;
+    }
+}
+
+/// What belongs to one sweep of the head.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Ring {
+    sweep: u64,
+    moments: Moments,
+}
+
+/// The ring of a sweep, which is the last one or comes after it.
+fn ring_of(rings: &mut Vec<Ring>, sweep: u64) -> &mut Moments {
+    // A sweep ends with the head on the axis, half of which counts to it: the ring may be the last but one.
+    let at = rings.iter().rposition(|ring| ring.sweep <= sweep).filter(|at| rings[*at].sweep == sweep);
+    let at = at.unwrap_or_else(|| {
+        rings.push(Ring { sweep, moments: Moments::default() });
+        rings.len() - 1
+    });
+    &mut rings[at].moments
+}
+
+/// Layers from rings, one after the other.
+#[derive(Debug, Clone, Default)]
+struct Layers {
+    /// What lies on the axis and belongs to the layer that it opens.
+    edge: Moments,
+}
+
+impl Layers {
+    /// The layer that this ring completes.
+    fn next(&mut self, ring: &Ring) -> Option<Moments> {
+        self.edge.add(ring.moments, 1.0);
+        (!ring.moments.is_edge()).then(|| std::mem::take(&mut self.edge))
+    }
+}
+
+/// The body up to rings that no longer change.
+#[derive(Debug, Clone)]
+struct Grown {
+    rings: usize,
+    layers: Layers,
+    start_from_tip: Frame,
+    /// The layer that comes next.
+    index: u64,
+}
+
+impl Grown {
+    fn take(&mut self, ring: &Ring, robot: &Robot, imperfection: &Imperfection) {
+        if let Some(moments) = self.layers.next(ring) {
+            self.start_from_tip *= imperfection.lay(self.index, &layer(&moments, robot)).step();
+            self.index += 1;
+        }
+    }
+}
+
+/// All plastic laid.
+#[derive(Debug, Clone)]
+pub(super) struct Plastic {
+    steps_per_turn: i64,
+    /// Cosine and sine of each head step.
+    directions: Vec<(f64, f64)>,
+    head: i64,
+    /// Whether the head last stepped counter-clockwise.
+    positive: bool,
+    /// Sweeps of the head so far.
+    sweep: u64,
+    /// Head steps in this sweep.
+    swept: i64,
+    /// When the head or the feed last stepped, ticks.
+    stepped: u64,
+    /// Whether filament is pulled back, so that nothing flows.
+    held_back: bool,
+    /// Head steps since the last feed step; none before the first.
+    since_fed: Option<i64>,
+    /// Where the head has stood since then, weighed by time.
+    stood: Vec<Ring>,
+    laid: Vec<Ring>,
+    /// Layers whose sweep is over.
+    swept_layers: u64,
+    grown: Grown,
+    settled: Settled,
+}
+
+/// The layers that no longer change.
+#[derive(Debug, Clone, Default)]
+struct Settled {
+    rings: usize,
+    layers: Layers,
+    came_out: Vec<Layer>,
+    twist: f64,
+}
+
+impl Settled {
+    fn take(&mut self, moments: &Moments, robot: &Robot, imperfection: &Imperfection) {
+        let laid = imperfection.lay(self.came_out.len() as u64, &layer(moments, robot));
+        let alpha = wrap_positive(laid.layer.alpha + self.twist);
+        self.twist += laid.twist;
+        self.came_out.push(Layer { alpha, ..laid.layer });
+    }
+}
+
+impl Plastic {
+    pub fn new(robot: &Robot, head: i64) -> Self {
+        let steps = robot.description().head.steps_per_turn;
+        let directions = (0..steps).map(|step| {
+            let (sine, cosine) = libm::sincos(f64::from(step) / f64::from(steps) * std::f64::consts::TAU);
+            (cosine, sine)
+        });
+        Self {
+            steps_per_turn: i64::from(steps),
+            directions: directions.collect(),
+            head,
+            positive: true,
+            sweep: 0,
+            // The first visit of the axis begins a layer.
+            swept: i64::from(steps),
+            stepped: 0,
+            held_back: false,
+            since_fed: None,
+            stood: Vec::new(),
+            laid: Vec::new(),
+            swept_layers: 0,
+            grown: Grown { rings: 0, layers: Layers::default(), start_from_tip: Frame::identity(), index: 0 },
+            settled: Settled::default(),
+        }
+    }
+
+    /// The head makes a step at this tick.
+    pub fn turn(&mut self, positive: bool, tick: u64) {
+        self.stand(tick);
+        if self.sweep_is_whole() && (self.is_on_axis() || positive != self.positive) {
+            let is_layer = |ring: &&Ring| ring.sweep == self.sweep && !ring.moments.is_edge();
+            self.swept_layers += self.laid.iter().rev().take(2).find(is_layer).map_or(0, |_| 1);
+            self.sweep += 1;
+            self.swept = 0;
+        }
+        self.positive = positive;
+        self.head += if positive { 1 } else { -1 };
+        self.swept += 1;
+        self.since_fed = self.since_fed.map(|steps| steps + 1);
+    }
+
+    fn is_on_axis(&self) -> bool {
+        self.head.rem_euclid(self.steps_per_turn) == 0
+    }
+
+    /// Whether the sweep is more than what is left by lost steps.
+    fn sweep_is_whole(&self) -> bool {
+        self.swept >= self.steps_per_turn / 2
+    }
+
+    /// Notes how long the head has stood. On the tip's x axis, where one layer ends and the next begins, half of the time
+    /// counts to either.
+    fn stand(&mut self, tick: u64) {
+        let time = tick.saturating_sub(self.stepped) as f64;
+        self.stepped = self.stepped.max(tick);
+        if time == 0.0 || self.held_back {
+            return;
+        }
+        let (cosine, sine) = self.directions[self.head.rem_euclid(self.steps_per_turn) as usize];
+        let moments = Moments { sum: 1.0, cosine, sine };
+        if self.is_on_axis() && self.sweep_is_whole() {
+            ring_of(&mut self.stood, self.sweep).add(moments, 0.5 * time);
+            ring_of(&mut self.stood, self.sweep + 1).add(moments, 0.5 * time);
+        } else {
+            ring_of(&mut self.stood, self.sweep).add(moments, time);
+        }
+    }
+
+    /// The feed steps at this tick: what flowed since its last step lies where the head stood.
+    pub fn lay(&mut self, tick: u64) {
+        self.stand(tick);
+        let time: f64 = self.stood.iter().map(|ring| ring.moments.sum).sum();
+        // With a whole turn since the last step, as after homing, nothing flowed; this one begins.
+        let flowed = self.since_fed.is_some_and(|steps| steps < self.steps_per_turn) && time > 0.0;
+        if flowed {
+            for stood in &self.stood {
+                ring_of(&mut self.laid, stood.sweep).add(stood.moments, 1.0 / time);
+            }
+        } else {
+            let (cosine, sine) = self.directions[self.head.rem_euclid(self.steps_per_turn) as usize];
+            let begins = self.is_on_axis() && self.sweep_is_whole();
+            let sweep = self.sweep + u64::from(begins);
+            // Rings lie in order, and half of what flows here next is of the sweep that ends.
+            ring_of(&mut self.laid, self.sweep);
+            ring_of(&mut self.laid, sweep).add(Moments { sum: 1.0, cosine, sine }, 1.0);
+        }
+        self.stood.clear();
+        self.since_fed = Some(0);
+    }
+
+    /// The feed steps without effect: nothing flowed.
+    pub fn pass(&mut self, tick: u64) {
+        self.stand(tick);
+        self.stood.clear();
+        self.since_fed = None;
+    }
+
+    /// Filament is pulled back (nothing flows) or has come forward again.
+    pub fn hold_back(&mut self, held_back: bool, tick: u64) {
+        self.stand(tick);
+        self.held_back = held_back;
+    }
+
+    /// Index of the layer that is laid, or comes next.
+    pub fn layer_index(&self) -> u64 {
+        self.swept_layers
+    }
+
+    /// The layers as they came out, that under way included. What twist they have shows in the deposition angles of those after them, so
+    /// that the layers chain to the same body without it.
+    pub fn layers(&self, robot: &Robot, imperfection: &Imperfection) -> Vec<Layer> {
+        let mut layers = Layers::default();
+        let mut all: Vec<Moments> = self.laid.iter().filter_map(|ring| layers.next(ring)).collect();
+        // At the very end an edge belongs to the layer that it closes.
+        match all.last_mut() {
+            Some(last) => last.add(layers.edge, 1.0),
+            None if layers.edge.sum > 0.0 => all.push(layers.edge),
+            None => {}
+        }
+        let mut settled = Settled::default();
+        all.iter().for_each(|moments| settled.take(moments, robot, imperfection));
+        settled.came_out
+    }
+
+    /// Those of [`Self::layers`] that no longer change, whatever comes.
+    pub fn settled(&mut self, robot: &Robot, imperfection: &Imperfection) -> &[Layer] {
+        // Only the last two rings still change; and what may be an edge at the very end belongs to the layer before it.
+        let settled = &mut self.settled;
+        let end = self.laid.len().saturating_sub(3);
+        for ring in self.laid.get(settled.rings..end).unwrap_or_default() {
+            if let Some(moments) = settled.layers.next(ring) {
+                settled.take(&moments, robot, imperfection);
+            }
+        }
+        settled.rings = settled.rings.max(end);
+        &settled.came_out
+    }
+
+    /// The tip's frame in that of the start, that under way included.
+    pub fn start_from_tip(&mut self, robot: &Robot, imperfection: &Imperfection) -> Frame {
+        // Only the last two rings still change.
+        let grown = &mut self.grown;
+        let settled = self.laid.len().saturating_sub(2);
+        for ring in self.laid.get(grown.rings..settled).unwrap_or_default() {
+            grown.take(ring, robot, imperfection);
+        }
+        grown.rings = grown.rings.max(settled);
+        let mut present = grown.clone();
+        for ring in self.laid.get(grown.rings..).unwrap_or_default() {
+            present.take(ring, robot, imperfection);
+        }
+        present.start_from_tip
+    }
+}
+
+fn layer(plastic: &Moments, robot: &Robot) -> Layer {
+    let height_of_step = 1.0 / robot.feed_steps_per_length();
+    Layer {
+        alpha: wrap_positive(libm::atan2(plastic.sine, plastic.cosine)),
+        height: plastic.sum * height_of_step,
+        tilt: 2.0 * height_of_step * libm::hypot(plastic.cosine, plastic.sine) / robot.tip_radius(),
+    }
+}

@@ -1,0 +1,546 @@
+//! The tip, driven by hand.
+
+use std::f64::consts::FRAC_PI_2;
+
+use growbot_core::layer::grow;
+use growbot_core::simulation::Disturbance;
+use growbot_core::tracking::SensorNoise;
+use growbot_firmware::emulated_tip::{ENCODER_TURNS, EncoderCourse, encoder_level};
+use growbot_firmware::thermistor::{self, Broken};
+
+use super::*;
+
+fn robot() -> Robot {
+    growbot_client::robot_file::load("growbot-a".as_ref()).unwrap()
+}
+
+/// A tip without noise at 200 degrees whose motors are held.
+fn hot_tip() -> Tip {
+    let mut tip = Tip::new(robot(), 0, Variation { noise_counts: 0.0, ..Variation::default() });
+    tip.set_nozzle_c(200.0);
+    for motor in [Motor::Head, Motor::Feed] {
+        tip.enable(motor, true);
+        tip.direct(motor, true);
+    }
+    tip
+}
+
+fn temperature(tip: &mut Tip) -> Result<f64, Broken> {
+    thermistor::temperature(f64::from(tip.sample_thermistor().unwrap()), &robot().description().thermistor)
+}
+
+fn seconds(tip: &Tip, seconds: f64) -> u64 {
+    tip.now() + (seconds * 4000.0) as u64
+}
+
+/// Lets time pass.
+fn wait(tip: &mut Tip, time: f64) {
+    tip.advance(seconds(tip, time));
+}
+
+/// Feeds so many steps, a tick each.
+fn feed(tip: &mut Tip, steps: u32) {
+    for _ in 0..steps {
+        tip.advance(tip.now() + 1);
+        tip.step(Motor::Feed);
+    }
+}
+
+/// Lays a turn with twice the plastic in the quarter round 90 degrees, this way round. In each step of the head, half of its
+/// plastic comes before and half after, so that both ways are alike.
+fn lay_turn(tip: &mut Tip, positive: bool) {
+    tip.direct(Motor::Head, positive);
+    for step in 0..3200 {
+        let at = if positive { step } else { 3199 - step };
+        for _ in 0..if (400..1200).contains(&at) { 4 } else { 2 } {
+            tip.advance(tip.now() + 1);
+            tip.step(Motor::Feed);
+        }
+        tip.step(Motor::Head);
+    }
+}
+
+#[test]
+fn a_nozzle_to_be_warm_at_once_is_warm_when_its_heater_is_switched_on() {
+    let mut tip = Tip::new(robot(), 0, Variation { noise_counts: 0.0, ..Variation::default() });
+    tip.warm_at_once(190.0);
+    wait(&mut tip, 1.0);
+    assert!(tip.nozzle_c() < 30.0);
+    // Not while its switches are tried.
+    tip.heat(0.0, true);
+    tip.heat(1.0, false);
+    assert!(tip.nozzle_c() < 30.0);
+    tip.heat(0.5, true);
+    assert_eq!(tip.nozzle_c(), 190.0);
+    tip.heat(0.0, true);
+    // Only then: what is on already cools and heats as ever, and what is hotter is not cooled.
+    wait(&mut tip, 5.0);
+    let cooled = tip.nozzle_c();
+    tip.heat(0.1, true);
+    assert!(cooled < 189.0 && tip.nozzle_c() == cooled);
+    tip.heat(0.0, false);
+    tip.set_nozzle_c(200.0);
+    tip.heat(0.1, true);
+    assert_eq!(tip.nozzle_c(), 200.0);
+}
+
+#[test]
+fn the_index_passes_once_a_turn() {
+    let mut tip = hot_tip();
+    let mut edges = 0;
+    let mut before = tip.on_index();
+    for _ in 0..5 * 3200 {
+        tip.step(Motor::Head);
+        edges += u32::from(tip.on_index() && !before);
+        before = tip.on_index();
+    }
+    assert_eq!(edges, 5);
+}
+
+#[test]
+fn motors_that_are_not_held_do_nothing() {
+    let mut tip = Tip::new(robot(), 17, Variation::default());
+    tip.step(Motor::Head);
+    tip.step(Motor::Feed);
+    assert_eq!((tip.head_position(), tip.feed_steps()), (17, 0));
+}
+
+#[test]
+fn a_cold_nozzle_lays_nothing_and_holds_the_filament() {
+    let mut tip = Tip::new(robot(), 0, Variation::default());
+    tip.enable(Motor::Feed, true);
+    tip.direct(Motor::Feed, true);
+    tip.step(Motor::Feed);
+    assert_eq!((tip.feed_steps(), tip.cold_feed_steps()), (1, 1));
+    assert!(tip.body().is_empty() && !tip.filament_follows());
+    assert!((tip.filament_left() - 330_000.0).abs() < 1e-6);
+}
+
+#[test]
+fn more_plastic_on_one_side_tilts_the_layer_away_from_it() {
+    let mut tip = hot_tip();
+    lay_turn(&mut tip, true);
+    let body = tip.body();
+    assert_eq!(body.len(), 1);
+    assert!((body[0].alpha - FRAC_PI_2).abs() < 2e-3, "{body:?}");
+    let height = 8000.0 / robot().feed_steps_per_length();
+    assert!((body[0].height - height).abs() < 1e-9);
+}
+
+#[test]
+fn a_head_that_turns_to_and_fro_lays_the_same_body() {
+    let grown = |alternate: bool| {
+        let mut tip = hot_tip();
+        for turn in 0..6 {
+            tip.set_nozzle_c(200.0);
+            lay_turn(&mut tip, !alternate || turn % 2 == 0);
+        }
+        (tip.body(), tip.base_from_tip())
+    };
+    let ((there, end), (to_and_fro, end_too)) = (grown(false), grown(true));
+    assert_eq!((there.len(), to_and_fro.len()), (6, 6));
+    for (a, b) in there.iter().zip(&to_and_fro).skip(1) {
+        assert!((a.height - b.height).abs() < 2.0 / robot().feed_steps_per_length(), "{a:?} {b:?}");
+        assert!((a.tilt / b.tilt - 1.0).abs() < 2e-3 && (a.alpha - b.alpha).abs() < 3e-3, "{a:?} {b:?}");
+    }
+    assert!((end.translation.vector - end_too.translation.vector).norm() < 1e-3);
+}
+
+#[test]
+fn a_head_that_turns_back_early_makes_no_more_layers() {
+    let mut tip = hot_tip();
+    for turn in 0..6 {
+        tip.set_nozzle_c(200.0);
+        if turn == 1 {
+            tip.inject(TipFault::HeadLosesSteps { steps: 40 });
+        }
+        lay_turn(&mut tip, turn % 2 == 0);
+    }
+    assert_eq!(tip.head_slip(), 40);
+    let body = tip.body();
+    assert_eq!(body.len(), 6);
+    let height: f64 = body.iter().map(|layer| layer.height).sum();
+    assert!((height - 48_000.0 / robot().feed_steps_per_length()).abs() < 1e-9);
+}
+
+#[test]
+fn what_is_pulled_back_and_pushed_forward_again_lays_nothing() {
+    let grown = |retracts: bool| {
+        let mut tip = hot_tip();
+        for _ in 0..3 {
+            tip.set_nozzle_c(200.0);
+            lay_turn(&mut tip, true);
+            if retracts {
+                tip.direct(Motor::Feed, false);
+                feed(&mut tip, 180);
+                wait(&mut tip, 1.0);
+                tip.direct(Motor::Feed, true);
+                feed(&mut tip, 180);
+            }
+        }
+        (tip.body(), tip.feed_steps())
+    };
+    let ((plain, steps), (retracted, steps_too)) = (grown(false), grown(true));
+    assert_eq!((plain.len(), steps), (retracted.len(), steps_too));
+    for (a, b) in plain.iter().zip(&retracted) {
+        assert!((a.height - b.height).abs() < 1e-12 && (a.tilt - b.tilt).abs() < 1e-12, "{a:?} {b:?}");
+    }
+}
+
+#[test]
+fn gravity_turns_as_the_body_bends() {
+    let mut tip = hot_tip();
+    assert_eq!(tip.gravity(), Some([0, 0, 1000]));
+    for _ in 0..100 {
+        tip.set_nozzle_c(200.0);
+        lay_turn(&mut tip, true);
+    }
+    let whole = grow(&Frame::identity(), tip.body());
+    assert!((tip.base_from_tip().translation.vector - whole.translation.vector).norm() < 1e-9);
+    // It has leant away from its y axis, so up lies on that side of it.
+    let lean: f64 = tip.body().iter().map(|layer| layer.tilt).sum();
+    let [x, y, z] = tip.gravity().unwrap().map(f64::from);
+    assert!(lean > 0.1 && x.abs() < 5.0, "{lean} {x}");
+    assert!((y - 1000.0 * libm::sin(lean)).abs() < 2.0 && (z - 1000.0 * libm::cos(lean)).abs() < 2.0, "{lean} {y} {z}");
+
+    tip.start_at(&Pose::from_degrees([0.0; 5]).unwrap());
+    tip.inject(TipFault::OrientationSilent);
+    assert_eq!(tip.gravity(), None);
+    let mut level = hot_tip();
+    level.start_at(&Pose::from_degrees([0.0; 5]).unwrap());
+    assert_eq!(level.gravity(), Some([-1000, 0, 0]));
+}
+
+#[test]
+fn flowing_filament_and_fan_take_heat_from_the_nozzle() {
+    let mut tip = hot_tip();
+    let description = robot().description().clone();
+    tip.heat(1.0, true);
+    tip.blow(1.0);
+    for _ in 0..10 * 60 * 400 {
+        // 400 feed steps a second: 10.7 mm^3/s.
+        tip.advance(tip.now() + 10);
+        tip.step(Motor::Feed);
+    }
+    let flow = 400.0 / 90.0 * robot().filament_area() * 0.0022;
+    let heater = description.heater;
+    let settled = 22.0 + heater.power_w / (heater.loss_w_per_k + description.fan.loss_w_per_k + flow);
+    assert!((tip.nozzle_c() - settled).abs() < 0.05, "{} {settled}", tip.nozzle_c());
+    assert_eq!(tip.cold_feed_steps(), 0);
+}
+
+#[test]
+fn however_often_it_is_looked_at_the_tip_is_the_same() {
+    let run = |every: u64| {
+        let mut tip = Tip::new(robot(), 0, Variation::default());
+        tip.enable(Motor::Feed, true);
+        tip.direct(Motor::Feed, true);
+        tip.heat(1.0, true);
+        for tick in 0..90 * 4000 {
+            tip.advance(tick);
+            if tick == 40_000 {
+                tip.inject(TipFault::SupplyDip { volts: 9.0, seconds: 2.5 });
+            }
+            if tick % 10 == 0 {
+                tip.step(Motor::Feed);
+            }
+            if tick % every == 0 {
+                tip.sample_thermistor();
+            }
+        }
+        (tip.nozzle_c(), tip.cold_feed_steps(), tip.body(), tip.sample_thermistor())
+    };
+    let (celsius, cold, body, raw) = run(1);
+    assert!(cold > 1000 && !body.is_empty());
+    for every in [13, 400, 100_000_000] {
+        let (c, k, b, r) = run(every);
+        assert!((c - celsius).abs() < 1e-7, "{every}: {c} {celsius}");
+        assert_eq!((k, b, r), (cold, body.clone(), raw), "{every}");
+    }
+}
+
+#[test]
+fn the_same_seed_gives_the_same_noise_and_another_does_not() {
+    let run = |seed| {
+        let mut tip = Tip::new(robot(), 0, Variation { seed, ..Variation::default() });
+        (1..1000).map(|tick| (tip.advance(400 * tick), tip.sample_thermistor()).1).collect::<Vec<_>>()
+    };
+    assert_eq!(run(1), run(1));
+    assert_ne!(run(1), run(2));
+}
+
+#[test]
+fn a_copy_of_the_robot_may_be_stronger_and_stand_in_the_cold() {
+    let settled = |variation| {
+        let mut tip = Tip::new(robot(), 0, variation);
+        tip.heat(0.5, true);
+        wait(&mut tip, 100_000.0);
+        tip.nozzle_c()
+    };
+    let rise = 0.5 * 50.0 / 0.12;
+    let cold = Variation { ambient_c: 5.0, power: 1.1, loss: 1.2, ..Variation::default() };
+    assert!((settled(cold) - 5.0 - rise * 1.1 / 1.2).abs() < 1e-6);
+    let low = Variation { supply_v: Some(11.0), heat_capacity: 2.0, ..Variation::default() };
+    assert!((settled(low) - 22.0 - rise * 121.0 / 144.0).abs() < 1e-6);
+}
+
+#[test]
+fn a_thermistor_breaks_in_every_way() {
+    let mut tip = hot_tip();
+    assert!((temperature(&mut tip).unwrap() - 200.0).abs() < 1.0);
+    tip.inject(TipFault::ThermistorOpen);
+    assert_eq!(temperature(&mut tip), Err(Broken::Open));
+    tip.mend(TipFault::ThermistorOpen);
+    tip.inject(TipFault::ThermistorShort);
+    assert_eq!(temperature(&mut tip), Err(Broken::Short));
+    tip.mend(TipFault::ThermistorShort);
+    tip.inject(TipFault::ThermistorSilent);
+    assert_eq!(tip.sample_thermistor(), None);
+    tip.mend(TipFault::ThermistorSilent);
+
+    tip.inject(TipFault::ThermistorFrozen);
+    wait(&mut tip, 60.0);
+    assert!((temperature(&mut tip).unwrap() - 200.0).abs() < 1.0 && tip.nozzle_c() < 130.0);
+    tip.mend(TipFault::ThermistorFrozen);
+    let real = tip.nozzle_c();
+    tip.inject(TipFault::ThermistorDetached { tau_s: 5.0, share: 0.2 });
+    wait(&mut tip, 30.0);
+    let air = 22.0 + 0.2 * (tip.nozzle_c() - 22.0);
+    assert!((temperature(&mut tip).unwrap() - air).abs() < 3.0 && tip.nozzle_c() > 0.6 * real);
+}
+
+#[test]
+fn a_stuck_thermistor_is_noisy_and_a_frozen_converter_is_not() {
+    let different = |fault| {
+        let mut tip = Tip::new(robot(), 0, Variation::default());
+        tip.heat(1.0, true);
+        wait(&mut tip, 30.0);
+        tip.inject(fault);
+        let mut samples: Vec<_> = (0..100).map(|_| (wait(&mut tip, 0.1), tip.sample_thermistor()).1.unwrap()).collect();
+        samples.sort_unstable();
+        (samples[99] - samples[0], tip.nozzle_c())
+    };
+    assert_eq!(different(TipFault::ThermistorFrozen).0, 0);
+    let (spread, real) = different(TipFault::ThermistorStuck);
+    assert!((3..8).contains(&spread) && real > 150.0, "{spread} {real}");
+}
+
+#[test]
+fn a_heater_breaks_in_every_way() {
+    let mut tip = hot_tip();
+    tip.heat(0.5, true);
+    assert!((tip.heater_power_w() - 25.0).abs() < 1e-12);
+    for (fault, on, off) in [
+        (TipFault::HeaterOpen, 0.0, 0.0),
+        (TipFault::PowerStageOn, 50.0, 0.0),
+        (TipFault::SecondSwitchClosed, 25.0, 25.0),
+        (TipFault::SupplyLow { volts: 6.0 }, 6.25, 0.0),
+        (TipFault::SupplyHigh { volts: 24.0 }, 100.0, 0.0),
+    ] {
+        tip.inject(fault);
+        tip.heat(0.5, true);
+        assert!((tip.heater_power_w() - on).abs() < 1e-12, "{fault:?}");
+        tip.heat(0.5, false);
+        assert!((tip.heater_power_w() - off).abs() < 1e-12, "{fault:?}");
+        tip.mend(fault);
+    }
+    tip.heat(0.5, true);
+    assert!((tip.heater_power_w() - 25.0).abs() < 1e-12);
+}
+
+#[test]
+fn a_draught_cools() {
+    let cooled = |fault: Option<TipFault>| {
+        let mut tip = hot_tip();
+        fault.into_iter().for_each(|fault| tip.inject(fault));
+        wait(&mut tip, 20.0);
+        tip.nozzle_c()
+    };
+    let left = (cooled(Some(TipFault::Draught { factor: 8.0 })) - 22.0) / (cooled(None) - 22.0);
+    assert!((left - libm::exp(-7.0 * 0.12 / 12.0 * 20.0)).abs() < 1e-9);
+}
+
+#[test]
+fn the_supply_is_seen_and_a_dip_of_it_is_over_by_itself() {
+    let mut tip = hot_tip();
+    let volts = |tip: &mut Tip| f64::from(tip.sample_supply().unwrap()) / 4095.0 * 36.3;
+    assert!((volts(&mut tip) - 12.0).abs() < 0.01);
+    tip.inject(TipFault::SupplyDip { volts: 9.0, seconds: 1.0 });
+    wait(&mut tip, 0.9);
+    assert!((volts(&mut tip) - 9.0).abs() < 0.01);
+    wait(&mut tip, 0.2);
+    assert!((volts(&mut tip) - 12.0).abs() < 0.01);
+    assert_eq!(tip.faults().iter().count(), 0);
+}
+
+#[test]
+fn an_index_sensor_breaks_in_both_ways() {
+    let mut tip = hot_tip();
+    let seen = |tip: &mut Tip| (0..3200).filter(|_| (tip.step(Motor::Head), tip.on_index()).1).count();
+    assert_eq!(seen(&mut tip), 44);
+    tip.inject(TipFault::IndexDead);
+    assert_eq!(seen(&mut tip), 0);
+    tip.mend(TipFault::IndexDead);
+    tip.inject(TipFault::IndexStuck);
+    assert_eq!(seen(&mut tip), 3200);
+    assert!(!tip.index_follows());
+}
+
+#[test]
+fn a_head_slips_once_and_a_blocked_one_stands() {
+    let mut tip = hot_tip();
+    let after = |tip: &mut Tip, steps| {
+        (0..steps).for_each(|_| tip.step(Motor::Head));
+        (tip.head_position(), tip.head_slip())
+    };
+    assert_eq!(after(&mut tip, 100), (100, 0));
+    tip.inject(TipFault::HeadLosesSteps { steps: 10 });
+    assert_eq!(after(&mut tip, 100), (190, -10));
+    tip.mend(TipFault::HeadLosesSteps { steps: 10 });
+    tip.inject(TipFault::HeadGainsSteps { steps: 30 });
+    assert_eq!(after(&mut tip, 100), (320, 20));
+    for fault in [TipFault::HeadBlocked, TipFault::DriverFault] {
+        let before = tip.head_position();
+        tip.inject(fault);
+        assert_eq!(tip.driver_fault(), fault == TipFault::DriverFault);
+        assert_eq!(after(&mut tip, 50).0, before);
+        tip.mend(fault);
+    }
+    assert_eq!(after(&mut tip, 1), (321, -80));
+}
+
+#[test]
+fn the_encoder_turns_with_the_filament_and_not_with_the_feed() {
+    let mut tip = hot_tip();
+    let pulses = |tip: &mut Tip| {
+        let mut level = tip.encoder();
+        let rises = (0..1125).filter(|_| {
+            feed(tip, 1);
+            let before = std::mem::replace(&mut level, tip.encoder());
+            level && !before
+        });
+        rises.count()
+    };
+    assert_eq!(pulses(&mut tip), 10);
+    for fault in [TipFault::FilamentJam, TipFault::FilamentOut, TipFault::DriverFault] {
+        tip.inject(fault);
+        assert_eq!(pulses(&mut tip), 0);
+        assert_eq!(tip.has_filament(), fault != TipFault::FilamentOut);
+        assert!(!tip.filament_follows());
+        tip.mend(fault);
+    }
+    let laid: f64 = tip.body().iter().map(|layer| layer.height).sum();
+    assert!((laid * robot().feed_steps_per_length() - 1125.0).abs() < 1e-6);
+    assert!(tip.filament_follows());
+    tip.load_filament(5.0);
+    assert_eq!(pulses(&mut tip), 4);
+    assert!(!tip.has_filament());
+}
+
+#[test]
+fn the_emulated_board_computes_the_same_encoder() {
+    let mut tip = hot_tip();
+    let pitch = encoder_pitch(&robot());
+    for step in 0..1000 {
+        assert_eq!(tip.encoder(), encoder_level(step, pitch, ENCODER_TURNS, EncoderCourse::default()), "{step}");
+        feed(&mut tip, 1);
+    }
+}
+
+/// A tip that has laid so many turns, and how far it has turned its encoder after each, mm of filament.
+fn laid(turns: u32, imperfection: &Imperfection) -> (Tip, Vec<f64>) {
+    let mut tip = hot_tip();
+    tip.disturb(imperfection);
+    let mut turned = Vec::new();
+    for _ in 0..turns {
+        tip.set_nozzle_c(200.0);
+        lay_turn(&mut tip, true);
+        turned.push(tip.encoder_course().0 / robot().description().feed.steps_per_mm);
+    }
+    (tip, turned)
+}
+
+#[test]
+fn a_disturbed_tip_lays_layers_that_are_off_and_its_encoder_sees_the_growth() {
+    let (mut exact, _) = laid(6, &Imperfection::default());
+    let disturbance = Disturbance { growth_noise: 0.1, growth_bias: -0.05, ..Disturbance::default() };
+    let imperfection = Imperfection { disturbance, seed: 7, ..Imperfection::default() };
+    let (mut tip, turned) = laid(6, &imperfection);
+    let filament_per_length = robot().feed_steps_per_length() / robot().description().feed.steps_per_mm;
+    let mut before = 0.0;
+    for (index, (layer, asked)) in tip.body().iter().zip(exact.body()).enumerate() {
+        assert_eq!(*layer, disturbance.lay(7, index as u64, &asked).layer);
+        // Half a step lies to either side of where layers meet.
+        let grown = (turned[index] - before) / filament_per_length;
+        assert!((grown / layer.height - 1.0).abs() < 1e-3, "{index}: {grown} {}", layer.height);
+        before = turned[index];
+    }
+    assert_ne!(tip.base_from_tip(), exact.base_from_tip());
+    assert_eq!(tip.feed_steps(), exact.feed_steps());
+}
+
+#[test]
+fn layers_that_twist_chain_to_where_the_tip_is() {
+    let disturbance = Disturbance { twist_bias: 0.02, alpha_noise: 0.1, tilt_noise: 0.002, ..Disturbance::default() };
+    let (mut tip, _) = laid(20, &Imperfection { disturbance, seed: 3, ..Imperfection::default() });
+    let chained = grow(&Frame::identity(), tip.body());
+    let there = tip.base_from_tip();
+    assert!((chained.translation.vector - there.translation.vector).norm() < 1e-12);
+    let roll = (chained.rotation.inverse() * there.rotation).angle();
+    assert!((roll - 0.4).abs() < 1e-12, "{roll}");
+}
+
+#[test]
+fn layers_that_have_settled_are_those_of_the_body_whatever_is_laid_next() {
+    let disturbance = Disturbance { growth_noise: 0.1, twist_noise: 0.1, tilt_bias: 0.2, ..Disturbance::default() };
+    let imperfection = Imperfection { disturbance, seed: 11, ..Imperfection::default() };
+    for alternate in [false, true] {
+        let mut tip = hot_tip();
+        tip.disturb(&imperfection);
+        let mut told = Vec::new();
+        for turn in 0..12 {
+            tip.set_nozzle_c(200.0);
+            lay_turn(&mut tip, !alternate || turn % 2 == 0);
+            told.extend_from_slice(tip.settled(told.len()));
+            // Three turns behind at most, and never one that is laid differently in the end.
+            assert!(told.len() <= tip.body().len() && told.len() + 4 > turn, "{} after {turn}", told.len());
+        }
+        let body = tip.body();
+        assert_eq!((&body[..told.len()], body.len()), (&told[..], 12));
+    }
+}
+
+#[test]
+fn noise_of_the_sensors_changes_nothing_but_what_they_show() {
+    let noise = SensorNoise { odometry: 0.02, direction: 0.01 };
+    let (mut noisy, turned) = laid(8, &Imperfection { noise, seed: 5, ..Imperfection::default() });
+    let (mut exact, really) = laid(8, &Imperfection::default());
+    assert_eq!(noisy.body(), exact.body());
+    assert_eq!(noisy.base_from_tip(), exact.base_from_tip());
+    assert!(noisy.gravity() != exact.gravity());
+    let off = (turned[7] - really[7]).abs() / really[7];
+    assert!(off > 1e-4 && off < 0.04, "{off}");
+}
+
+#[test]
+fn the_emergency_stop_is_an_input_only() {
+    let mut tip = hot_tip();
+    tip.heat(0.5, true);
+    tip.inject(TipFault::EmergencyStop);
+    assert!(tip.emergency_stop() && tip.heater_power_w() > 0.0);
+    tip.mend(TipFault::EmergencyStop);
+    assert!(!tip.emergency_stop());
+}
+
+#[test]
+fn every_fault_can_come_and_go_at_any_time() {
+    let mut tip = hot_tip();
+    for fault in TipFault::ALL {
+        tip.inject(fault);
+        feed(&mut tip, 3);
+        tip.step(Motor::Head);
+        tip.mend(fault);
+    }
+    assert_eq!(tip.faults().iter().count(), 0);
+    assert!(tip.sample_thermistor().is_some() && tip.gravity().is_some());
+}

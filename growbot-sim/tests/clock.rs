@@ -1,0 +1,88 @@
+//! The board's clock beside the host's while a body grows: a board whose clock is wrong is stopped, a healthy one on a bad line is not.
+
+use std::cell::RefCell;
+use std::rc::Rc;
+use std::time::Duration;
+
+use growbot_client::client::Client;
+use growbot_client::growth::{Grown, Job, Orders, Outcome, grow_job};
+use growbot_client::port::{Port, PortError};
+use growbot_client::robot_file;
+use growbot_core::link::message::{Silence, State};
+use growbot_core::path::{Segment, end};
+use growbot_core::pose::Pose;
+use growbot_core::random::Random;
+use growbot_sim::port::sim::Sim;
+
+/// A simulated robot whose clock runs so many times as fast as its host's, on a line that delays answers.
+struct Skewed {
+    sim: Rc<RefCell<Sim>>,
+    rate: f64,
+    /// Answers are delayed by up to so much, s, of the host's time.
+    jitter: f64,
+    random: Random,
+}
+
+impl Skewed {
+    /// What is so long on the host's clock, on the board's.
+    fn on_board(&self, time: Duration) -> Duration {
+        time.mul_f64(self.rate)
+    }
+}
+
+impl Port for Skewed {
+    fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+        self.sim.send(bytes)?;
+        let delay = Duration::from_secs_f64(self.random.between(0.0, self.jitter));
+        self.sim.borrow_mut().pass(self.on_board(delay));
+        Ok(())
+    }
+
+    fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, PortError> {
+        self.sim.receive(buffer, self.on_board(timeout))
+    }
+
+    fn now(&self) -> Duration {
+        Duration::from_secs_f64(self.sim.borrow().now_s() / self.rate)
+    }
+}
+
+/// Grows 20 upright layers, which takes six minutes. Also how the board is left, and the host's time then, s.
+fn grow(rate: f64, jitter: f64) -> (Grown, State, f64) {
+    let robot = robot_file::load("growbot-a".as_ref()).unwrap();
+    let path = [Segment::Straight { length: 20.0 * 0.774 }];
+    let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
+    let goal = Pose::from_frame(&end(&path, &start.frame()));
+    let job = Job::new(&robot, &start, &goal, &path);
+    let sim = Rc::new(RefCell::new(Sim::new(robot.clone())));
+    let line = Skewed { sim: Rc::clone(&sim), rate, jitter, random: Random::new(&[1]) };
+    let mut client = Client::new(Box::new(line), "a board of its own time");
+    let grown = grow_job(&mut client, &job, Silence::Hold, &Orders::default(), &mut |_| {}).unwrap();
+    let (state, seconds) = (sim.borrow().state(), sim.borrow().now_s() / rate);
+    (grown, state, seconds)
+}
+
+#[test]
+fn a_board_whose_clock_is_wrong_is_stopped() {
+    for (rate, way) in [(0.95, "slow"), (1.05, "fast")] {
+        for jitter in [0.0, 0.1] {
+            let (grown, state, seconds) = grow(rate, jitter);
+            let Outcome::ClockDrift(drift) = grown.outcome else { panic!("{rate}, {jitter}: {:?}", grown.outcome) };
+            println!("rate {rate}, jitter {jitter} s: stopped after {seconds:.0} s: {drift}");
+            assert_eq!((state, grown.outcome.name()), (State::Stopped, "clock-drift"), "{rate}, {jitter}");
+            assert!(drift.to_string().contains(way) && (1.9..6.0).contains(&drift.percent().abs()), "{drift}");
+            // Two windows of half a minute, and what the delays add.
+            assert!(seconds < 90.0, "{rate}, {jitter}: {seconds} s");
+        }
+    }
+}
+
+#[test]
+fn a_healthy_board_is_left_alone_however_the_line_delays() {
+    for rate in [0.995, 1.0, 1.005] {
+        for jitter in [0.0, 0.1, 0.4] {
+            let (grown, state, _) = grow(rate, jitter);
+            assert_eq!((grown.outcome, state, grown.body.len()), (Outcome::Done, State::Done, 20), "{rate}, {jitter}");
+        }
+    }
+}

@@ -1,0 +1,251 @@
+//! Orders given while a body grows on the simulated robot: it holds, goes on and stops, and lays each layer once.
+
+use std::cell::{Cell, RefCell};
+use std::rc::Rc;
+use std::time::Duration;
+
+use growbot_client::client::Client;
+use growbot_client::growth::{Grown, GrowthError, Job, News, Order, Orders, Outcome, grow_job};
+use growbot_client::port::{Port, PortError};
+use growbot_core::link::emergency_stop::EMERGENCY_STOP;
+use growbot_core::link::frame::Receiver;
+use growbot_core::link::message::{Message, Silence, State};
+use growbot_core::path::{Segment, end};
+use growbot_core::pose::Pose;
+use growbot_core::robot::Robot;
+use growbot_sim::port::sim::Sim;
+
+/// Grows 20 upright layers; `order` sees all news and gives orders. Also what was told.
+fn grow(order: impl FnMut(&News, &Orders)) -> (Grown, Vec<News>) {
+    grow_over(order, |sim| Box::new(sim))
+}
+
+/// The same, over another line.
+fn grow_over(order: impl FnMut(&News, &Orders), line: impl FnOnce(Sim) -> Box<dyn Port>) -> (Grown, Vec<News>) {
+    let (grown, told) = try_to_grow(order, line);
+    (grown.unwrap(), told)
+}
+
+/// The same, which may come to nothing.
+fn try_to_grow(
+    mut order: impl FnMut(&News, &Orders),
+    line: impl FnOnce(Sim) -> Box<dyn Port>,
+) -> (Result<Grown, GrowthError>, Vec<News>) {
+    let robot: Robot = growbot_client::robot_file::load("growbot-a".as_ref()).unwrap();
+    let path = [Segment::Straight { length: 20.0 * 0.774 }];
+    let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
+    let goal = Pose::from_frame(&end(&path, &start.frame()));
+    let job = Job::new(&robot, &start, &goal, &path);
+    let mut client = Client::new(line(Sim::new(robot.clone())), "sim");
+    let (orders, mut told) = (Orders::default(), Vec::new());
+    let grown = grow_job(&mut client, &job, Silence::Hold, &orders, &mut |news| {
+        order(news, &orders);
+        told.push(news.clone());
+    });
+    (grown, told)
+}
+
+fn tells(told: &[News], wanted: &News) -> usize {
+    told.iter().filter(|news| *news == wanted).count()
+}
+
+#[test]
+fn a_growth_holds_and_goes_on_as_ordered_and_each_layer_is_laid_once() {
+    let (grown, told) = grow(|news, orders| match news {
+        News::Laid(4, ..) => orders.give(Order::Hold),
+        News::State(State::Hold) => orders.give(Order::GoOn),
+        _ => {}
+    });
+    assert_eq!(grown.outcome, Outcome::Done);
+    assert_eq!((grown.body.len(), tells(&told, &News::State(State::Hold))), (20, 1));
+    assert_eq!((tells(&told, &News::Ordered(Order::Hold)), tells(&told, &News::Ordered(Order::GoOn))), (1, 1));
+    assert_eq!(told.iter().filter(|news| matches!(news, News::Laid(..))).count(), 20);
+}
+
+#[test]
+fn a_growth_stops_as_ordered_and_at_once_where_it_must() {
+    for order in [Order::Stop, Order::EmergencyStop] {
+        let (grown, told) = grow(|news, orders| {
+            if let News::Laid(4, ..) = news {
+                orders.give(order);
+            }
+        });
+        assert_eq!(grown.outcome, Outcome::Stopped);
+        assert!((5..=6).contains(&grown.as_built.len()), "{order:?}: {}", grown.as_built.len());
+        assert_eq!(tells(&told, &News::Ordered(order)), 1);
+    }
+}
+
+/// A line that breaks for good under whatever is sent, but for the emergency stop.
+struct Stalled {
+    sim: Rc<RefCell<Sim>>,
+    is_stalled: Rc<Cell<bool>>,
+}
+
+impl Port for Stalled {
+    fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+        if self.is_stalled.get() {
+            return Err(PortError::Lost("sim".to_string(), "it takes no more bytes".to_string()));
+        }
+        self.sim.send(bytes)
+    }
+
+    fn send_emergency_stop(&mut self) -> Result<(), PortError> {
+        self.sim.send(&EMERGENCY_STOP)
+    }
+
+    fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, PortError> {
+        self.sim.receive(buffer, timeout)
+    }
+
+    fn now(&self) -> Duration {
+        self.sim.now()
+    }
+}
+
+#[test]
+fn a_stop_that_does_not_get_through_becomes_an_emergency_stop() {
+    let (is_stalled, board) = (Rc::new(Cell::new(false)), RefCell::new(None));
+    let (grown, told) = grow_over(
+        |news, orders| {
+            if let News::Laid(4, ..) = news {
+                is_stalled.set(true);
+                orders.give(Order::Stop);
+            }
+        },
+        |sim| {
+            let sim = Rc::new(RefCell::new(sim));
+            board.replace(Some(Rc::clone(&sim)));
+            Box::new(Stalled { sim, is_stalled: Rc::clone(&is_stalled) })
+        },
+    );
+    assert_eq!(grown.outcome, Outcome::Stopped);
+    assert_eq!(tells(&told, &News::State(State::EmergencyStop)), 1);
+    assert_eq!(board.take().map(|sim| sim.borrow().state()), Some(State::EmergencyStop));
+}
+
+/// A line that carries nothing to the board while it is cut.
+struct Cut {
+    sim: Sim,
+    /// So many times more something is to be sent and lost.
+    losses: Rc<Cell<u32>>,
+}
+
+impl Port for Cut {
+    fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+        match self.losses.get() {
+            0 => self.sim.send(bytes),
+            left => {
+                self.losses.set(left - 1);
+                Ok(())
+            }
+        }
+    }
+
+    fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, PortError> {
+        self.sim.receive(buffer, timeout)
+    }
+
+    fn now(&self) -> Duration {
+        self.sim.now()
+    }
+}
+
+#[test]
+fn an_order_outlives_a_line_that_is_cut_while_it_is_given() {
+    // More than the tries of an order have, fewer than those of all calls.
+    for (order, losses) in [(Order::Hold, 150), (Order::Stop, 150), (Order::EmergencyStop, 50)] {
+        let cut = Rc::new(Cell::new(0));
+        let mut given = false;
+        let (grown, told) = grow_over(
+            |news, orders| match news {
+                News::Laid(4, ..) if !given => {
+                    given = true;
+                    cut.set(losses);
+                    orders.give(order);
+                }
+                // It holds by now, as asked to or as its host was silent.
+                News::Status(status) if status.state == State::Hold => orders.give(Order::GoOn),
+                _ => {}
+            },
+            |sim| Box::new(Cut { sim, losses: Rc::clone(&cut) }),
+        );
+        let wanted = if order == Order::Hold { Outcome::Done } else { Outcome::Stopped };
+        assert_eq!((grown.outcome, cut.get()), (wanted, 0), "{order:?}");
+        assert!(tells(&told, &News::Silent) > 0, "{order:?} was not cut off");
+        assert!(tells(&told, &News::Ordered(order)) > 1, "{order:?} was not given again");
+    }
+}
+
+/// A line on which the requests to start are counted.
+struct Overheard {
+    sim: Sim,
+    receiver: Receiver,
+    starts: Rc<Cell<u32>>,
+    /// From the first of them on, nothing comes back.
+    goes_deaf: bool,
+}
+
+impl Port for Overheard {
+    fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+        for frame in bytes.iter().filter_map(|byte| self.receiver.push(*byte)).flatten() {
+            let is_start = matches!(Message::decode(frame.header.kind, &frame.body), Ok(Message::Start(_)));
+            self.starts.set(self.starts.get() + u32::from(is_start));
+        }
+        self.sim.send(bytes)
+    }
+
+    fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, PortError> {
+        let count = self.sim.receive(buffer, timeout)?;
+        Ok(if self.goes_deaf && self.starts.get() > 0 { 0 } else { count })
+    }
+
+    fn now(&self) -> Duration {
+        self.sim.now()
+    }
+}
+
+impl Overheard {
+    fn new(sim: Sim, starts: &Rc<Cell<u32>>, goes_deaf: bool) -> Self {
+        Self { sim, receiver: Receiver::default(), starts: Rc::clone(starts), goes_deaf }
+    }
+}
+
+#[test]
+fn a_start_whose_answer_is_lost_may_have_heated() {
+    let starts = Rc::default();
+    let outcome = try_to_grow(|_, _| {}, |sim| Box::new(Overheard::new(sim, &starts, true))).0;
+    assert!(starts.get() > 0);
+    let Err(error @ GrowthError::During(_)) = outcome else { panic!("{outcome:?}") };
+    assert!(error.to_string().contains("the robot may still be growing"), "{error}");
+}
+
+#[test]
+fn a_stop_before_the_start_heats_nothing() {
+    for stops in [false, true] {
+        let starts = Rc::new(Cell::new(0));
+        let (grown, _) = grow_over(
+            |news, orders| {
+                if stops && matches!(news, News::Board(_)) {
+                    orders.give(Order::Stop);
+                }
+            },
+            |sim| Box::new(Overheard::new(sim, &starts, false)),
+        );
+        assert_eq!(grown.outcome, if stops { Outcome::Stopped } else { Outcome::Done });
+        assert_eq!(starts.get(), u32::from(!stops));
+    }
+}
+
+#[test]
+fn an_order_in_any_state_leaves_the_body_whole() {
+    for (state, order) in [(State::Heating, Order::Hold), (State::Homing, Order::Hold), (State::Growing, Order::GoOn)] {
+        let (grown, told) = grow(|news, orders| match news {
+            News::State(now) if *now == state => orders.give(order),
+            News::State(State::Hold) | News::NotObeyed(_) => orders.give(Order::GoOn),
+            _ => {}
+        });
+        assert_eq!((grown.outcome, grown.body.len()), (Outcome::Done, 20), "{state:?}, {order:?}");
+        assert_eq!(tells(&told, &News::State(State::Hold)) > 0, order == Order::Hold, "{state:?}, {order:?}");
+    }
+}
