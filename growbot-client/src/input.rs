@@ -4,7 +4,7 @@ use std::fs::{self, File, Metadata};
 use std::io::{self, Read};
 use std::path::Path;
 
-use crate::output::{OutputError, note_input};
+use crate::files::{FileError, note_input};
 
 /// No plan and no robot description is longer than this, bytes (1 MiB).
 pub const LONGEST_TEXT: u64 = 1 << 20;
@@ -42,7 +42,7 @@ pub enum InputError {
     },
     /// Standard output would destroy it.
     #[error(transparent)]
-    Destroyed(#[from] OutputError),
+    Destroyed(#[from] FileError),
     /// The bytes are no UTF-8.
     #[error("{name} is not UTF-8 text (at byte {position}): save it as UTF-8")]
     NotText {
@@ -72,7 +72,7 @@ pub fn is_standard_input(path: &Path) -> bool {
 
 /// Opens a file, or standard input for `-`. A pipe that the shell has opened (`<(command)`, which is called /dev/fd/N) is read too; a named
 /// pipe, a device or a socket is not, since opening or reading it might wait for ever. What is opened is an input of this program, which
-/// [`crate::output`] does not write to.
+/// [`crate::files`] does not write to.
 ///
 /// # Errors
 /// [`InputError::Unreadable`], [`InputError::NoFile`] or [`InputError::Destroyed`].
@@ -123,7 +123,7 @@ fn never_ending(_: &Path, _: &Metadata) -> Option<&'static str> {
 /// # Errors
 /// As [`note_input`].
 #[cfg(unix)]
-pub fn note_standard_input() -> Result<(), OutputError> {
+pub fn note_standard_input() -> Result<(), FileError> {
     use std::os::fd::AsFd;
     match io::stdin().as_fd().try_clone_to_owned() {
         Ok(same) => note_input(File::from(same), "standard input"),
@@ -136,7 +136,7 @@ pub fn note_standard_input() -> Result<(), OutputError> {
 /// # Errors
 /// None.
 #[cfg(not(unix))]
-pub fn note_standard_input() -> Result<(), OutputError> {
+pub fn note_standard_input() -> Result<(), FileError> {
     Ok(())
 }
 

@@ -9,7 +9,7 @@
 //! - [`port`]: the line to a board; [`client`]: requests to it and their answers;
 //! - [`growth`]: a whole job; [`feedback`]: its layers planned again as they are measured; [`arrival`]: how near it came;
 //! - [`run_log`]: the log of a growth, and [`run_clock`], its time;
-//! - [`input`], [`output`], [`printable`], [`nearest`]: bounded reading, whole files or none, text that steers no terminal, what was meant.
+//! - [`input`], [`files`], [`printable`], [`nearest`]: bounded reading, whole files or none, text that steers no terminal, what was meant.
 //!
 //! Lengths are in mm. Angles are in radians inside and in degrees in every text and file; names carry the unit.
 #![forbid(unsafe_code)]
@@ -20,10 +20,10 @@ pub mod client;
 pub mod crash;
 pub mod degrees;
 pub mod feedback;
+pub mod files;
 pub mod growth;
 pub mod input;
 pub mod nearest;
-pub mod output;
 pub mod plan;
 pub mod plan_check;
 pub mod plan_file;

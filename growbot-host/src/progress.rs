@@ -49,13 +49,9 @@ impl Progress {
             self.said = Instant::now();
             match self.total {
                 Some(total) if total > 0 => {
-                    growbot_client::tell!(
-                        "growbot: {}, {} %",
-                        message(),
-                        (100 * u128::from(position)) / u128::from(total)
-                    );
+                    crate::tell!("growbot: {}, {} %", message(), (100 * u128::from(position)) / u128::from(total));
                 }
-                _ => growbot_client::tell!("growbot: {}", message()),
+                _ => crate::tell!("growbot: {}", message()),
             }
         }
     }
@@ -63,15 +59,15 @@ impl Progress {
     /// Something has happened: a line where there is no bar to show it.
     pub fn say(&self, message: &str) {
         if self.bar.is_none() {
-            growbot_client::tell!("growbot: {message}");
+            crate::tell!("growbot: {message}");
         }
     }
 
     /// Something has happened that must be seen: a line, above the bar where there is one.
     pub fn interrupt(&self, message: &str) {
         match &self.bar {
-            Some(bar) => bar.suspend(|| growbot_client::tell!("growbot: {message}")),
-            None => growbot_client::tell!("growbot: {message}"),
+            Some(bar) => bar.suspend(|| crate::tell!("growbot: {message}")),
+            None => crate::tell!("growbot: {message}"),
         }
     }
 

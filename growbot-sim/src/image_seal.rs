@@ -4,7 +4,7 @@ use std::fs;
 use std::io;
 use std::path::Path;
 
-use growbot_client::output::{OutputError, replace_file};
+use growbot_client::files::{FileError, replace_file};
 use growbot_firmware::image_seal::{EMPTY, PARTS, SEAL_WORDS, SEALED, SYMBOL, Seal, crc_of};
 use object::elf::{FileHeader32, PT_LOAD};
 use object::read::elf::{ElfFile32, ProgramHeader};
@@ -39,7 +39,7 @@ pub enum SealError {
     },
     /// The sealed image cannot be written.
     #[error(transparent)]
-    Output(#[from] OutputError),
+    Output(#[from] FileError),
 }
 
 /// An image with its seal.

@@ -3,7 +3,7 @@
 //! - [`Port`]: what a line can do; [`stream`]: lines that the system has; [`faulty`]: any line, made worse.
 
 pub mod faulty;
-mod serial;
+pub mod serial;
 pub mod stream;
 
 use std::cell::RefCell;

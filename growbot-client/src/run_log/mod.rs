@@ -38,8 +38,8 @@ pub use self::lines::{Damage, Events};
 pub use self::record::{BodyKind, RecordedTip, RunRecord, RunRecordError};
 use crate::crash::json_of_crash;
 use crate::degrees::degrees_below_turn;
+use crate::files::{FileError, refuse_ending, refuse_inputs};
 use crate::growth::{Amendment, Job, News};
-use crate::output::{OutputError, refuse_ending, refuse_inputs};
 use crate::plan::Plan;
 use crate::plan_file::{PlanFile, WrittenPose, written_hash};
 
@@ -72,7 +72,7 @@ pub enum RunLogError {
     },
     /// It is no place for a log.
     #[error(transparent)]
-    Place(#[from] OutputError),
+    Place(#[from] FileError),
 }
 
 impl RunLogError {

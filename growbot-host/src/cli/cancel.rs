@@ -1,8 +1,8 @@
 //! `growbot cancel`: give up the body that the board knows.
 
 use clap::Args;
-use growbot_client::output::print;
 use growbot_core::link::message::{Cancel, Message};
+use growbot_host::output::print;
 
 use super::{Failure, RobotArg, RobotPortArg};
 

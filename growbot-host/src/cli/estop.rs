@@ -7,8 +7,8 @@ use std::time::Duration;
 
 use clap::Args;
 use growbot_client::client::{Client, EMERGENCY_LIMIT, EMERGENCY_PAUSE};
-use growbot_client::output::print;
 use growbot_client::port::real_time;
+use growbot_host::output::print;
 use growbot_sim::port::{self, OpenError, PortName};
 
 use super::{ChosenPort, Failure, RobotArg, RobotPortArg};
@@ -35,7 +35,7 @@ pub fn run(args: &EstopArgs) -> Result<(), Failure> {
     let done = format!("emergency stop: heater and steppers of the {}robot are off\n", port.kind());
     if print(&done).is_err() {
         // The board has obeyed, whether or not anybody can read it.
-        growbot_client::tell!("growbot: {}", done.trim_end());
+        growbot_host::tell!("growbot: {}", done.trim_end());
     }
     Ok(())
 }

@@ -4,12 +4,13 @@ use std::io::{self, IsTerminal};
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
+use growbot_client::files::{ending, refuse_ending, replace_file, unknown_ending};
 use growbot_client::input::is_standard_input;
-use growbot_client::output::{ending, print_bytes, refuse_ending, replace_file, unknown_ending};
 use growbot_client::run_log::BodyKind;
 use growbot_host::export::body::Body;
 use growbot_host::export::mesh::{MeshError, Resolution};
 use growbot_host::export::{glb, recording, stl, table};
+use growbot_host::output::print_bytes;
 
 use super::Failure;
 use super::subject::Subject;
@@ -139,13 +140,13 @@ pub fn run(args: &ExportArgs) -> Result<(), Failure> {
     let simulated = args.kind(&subject).filter(|kind| *kind != BodyKind::AsBuilt).map(BodyKind::name);
     let Some(path) = to else {
         if let Some(kind) = simulated {
-            growbot_client::tell!("growbot: the body is {kind}");
+            growbot_host::tell!("growbot: the body is {kind}");
         }
         return Ok(print_bytes(&bytes)?);
     };
     replace_file(path, &bytes)?;
     let kind = simulated.map_or_else(String::new, |kind| format!(", {kind},"));
-    growbot_client::tell!("growbot: body{kind} written to {}, {} bytes", path.display(), bytes.len());
+    growbot_host::tell!("growbot: body{kind} written to {}, {} bytes", path.display(), bytes.len());
     Ok(())
 }
 

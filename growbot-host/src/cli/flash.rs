@@ -9,8 +9,9 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use clap::Args;
-use growbot_client::output::print;
-use growbot_client::{robot_file, tell};
+use growbot_client::robot_file;
+use growbot_host::output::print;
+use growbot_host::tell;
 use growbot_sim::image_seal::{self, SealError};
 
 use super::{Failure, RobotArg};

@@ -83,8 +83,8 @@ struct Alone {
 /// Runs the main job.
 pub fn run_main_job() -> Result<(), Failure> {
     let Alone { grow } = Alone::try_parse_from(MAIN_JOB).map_err(Failure::bad_input)?;
-    growbot_client::tell!("growbot: no command given, so the simulated robot A grows {} {}", MAIN_JOB[1], MAIN_JOB[2]);
-    growbot_client::tell!("growbot: `growbot --help` shows what else there is");
+    growbot_host::tell!("growbot: no command given, so the simulated robot A grows {} {}", MAIN_JOB[1], MAIN_JOB[2]);
+    growbot_host::tell!("growbot: `growbot --help` shows what else there is");
     run(&grow)
 }
 
@@ -95,7 +95,7 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     let preventing: Vec<_> =
         plan.warnings.iter().filter(|warning| PREVENTING.contains(&warning.code.as_str())).collect();
     for warning in &plan.warnings {
-        growbot_client::tell!("growbot: warning, {}: {}", warning.code, warning.message);
+        growbot_host::tell!("growbot: warning, {}: {}", warning.code, warning.message);
     }
     if !preventing.is_empty() && !args.force {
         let codes: Vec<_> = preventing.iter().map(|warning| warning.code.as_str()).collect();
@@ -109,7 +109,7 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     let pace = args.watching.pace(port.name())?;
     if matches!(port.name(), PortName::Emulator(_)) {
         let time = plan_table::duration(plan.needs.duration);
-        growbot_client::tell!("growbot: the emulated board runs in real time: the layers alone take {time}");
+        growbot_host::tell!("growbot: the emulated board runs in real time: the layers alone take {time}");
     }
     let job = Job::new(&robot, &plan.start, &plan.goal, &plan.path);
     let disturbance = &args.disturbance;
@@ -166,12 +166,12 @@ impl GrowArgs {
             )));
         }
         if self.feedback && sensors.filament_motion.is_none() {
-            growbot_client::tell!(
+            growbot_host::tell!(
                 "growbot: without sensors.filament_motion feedback sees no growth, but where the tip points alone"
             );
         }
         if self.feedback && !sensors.orientation {
-            growbot_client::tell!("growbot: without sensors.orientation feedback sees no bends, but growth alone");
+            growbot_host::tell!("growbot: without sensors.orientation feedback sees no bends, but growth alone");
         }
         Ok(())
     }

@@ -4,9 +4,9 @@ use std::io::{self, BufWriter, Write};
 use std::path::PathBuf;
 
 use clap::Args;
-use growbot_client::output::OutputError;
 use growbot_client::plan_file;
 use growbot_host::layer_table::write_layers;
+use growbot_host::output::OutputError;
 
 use super::Failure;
 

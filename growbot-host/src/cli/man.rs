@@ -5,8 +5,9 @@ use std::path::PathBuf;
 
 use clap::{Args, Command, CommandFactory};
 use clap_mangen::Man;
+use growbot_client::files::replace_file;
 use growbot_client::nearest::nearest;
-use growbot_client::output::{print, replace_file};
+use growbot_host::output::print;
 
 use super::{Cli, Failure};
 
@@ -40,7 +41,7 @@ pub fn run(args: &ManArgs) -> Result<(), Failure> {
         for (name, page) in &pages {
             replace_file(&directory.join(name), page)?;
         }
-        growbot_client::tell!("growbot: {} pages written to {}", pages.len(), directory.display());
+        growbot_host::tell!("growbot: {} pages written to {}", pages.len(), directory.display());
         return Ok(());
     }
     let command = match &args.command {

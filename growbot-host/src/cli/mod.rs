@@ -46,8 +46,8 @@ use std::process::ExitCode;
 
 use clap::{Args, Parser, Subcommand};
 use growbot_client::client::{Client, ClientError};
+use growbot_client::files::FileError;
 use growbot_client::input::{InputError, name_of};
-use growbot_client::output::OutputError;
 use growbot_client::plan_file::PlanFileError;
 use growbot_client::port::PortError;
 use growbot_client::port::faulty::FaultSpec;
@@ -56,6 +56,7 @@ use growbot_client::robot_file::{self, RobotFileError};
 use growbot_client::run_log::RunRecord;
 use growbot_core::robot::Robot;
 use growbot_host::batch::BatchError;
+use growbot_host::output::OutputError;
 use growbot_sim::port::{self, OpenError, Opened, PortName, TipSettings};
 use growbot_sim::truth::Simulation;
 
@@ -202,7 +203,7 @@ impl Failure {
     /// Says it, in one line.
     pub fn say(&self) {
         if let Some(message) = &self.message {
-            growbot_client::tell!("growbot: {message}");
+            growbot_host::tell!("growbot: {message}");
         }
     }
 }
@@ -227,7 +228,7 @@ macro_rules! bad_input {
     };
 }
 
-bad_input!(BatchError, InputError, OpenError, PlanFileError, PortError, RobotFileError);
+bad_input!(BatchError, FileError, InputError, OpenError, PlanFileError, PortError, RobotFileError);
 
 impl From<ClientError> for Failure {
     fn from(error: ClientError) -> Self {
@@ -403,7 +404,7 @@ fn robot_of(record: &RunRecord, robot: Option<&Path>) -> Result<Robot, Failure> 
 /// Says what of a run log could not be read.
 fn say_damage(record: &RunRecord, file: &Path) {
     if let Some(words) = record.damage.in_words(&name_of(file)) {
-        growbot_client::tell!("growbot: {words}");
+        growbot_host::tell!("growbot: {words}");
     }
 }
 

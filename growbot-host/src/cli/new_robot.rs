@@ -4,8 +4,9 @@ use std::io::{self, BufRead, IsTerminal, Read};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use growbot_client::output::{print, refuse_ending, replace_file};
+use growbot_client::files::{refuse_ending, replace_file};
 use growbot_client::robot_file;
+use growbot_host::output::print;
 use growbot_host::robot_questions::{Draft, NAME, NO_LIMIT, QUESTIONS, UNLIMITED};
 use growbot_host::schema;
 
@@ -116,15 +117,15 @@ fn ask(draft: &mut Draft) -> Result<Vec<&'static str>, Failure> {
             } else {
                 let words: Vec<&str> = schema::choices(&schema, path).iter().map(|(word, _)| *word).collect();
                 let words = if words.is_empty() { String::new() } else { format!(" ({})", words.join(", ")) };
-                growbot_client::tell!("{}", schema::meaning(&schema, path));
-                growbot_client::tell!("  {path}{words} [{shown}]:");
+                growbot_host::tell!("{}", schema::meaning(&schema, path));
+                growbot_host::tell!("  {path}{words} [{shown}]:");
                 answers.next()?
             };
             let text = answer.as_deref().map(str::trim).filter(|answer| !answer.is_empty());
             match draft.answer(path, text.unwrap_or(shown)) {
                 Ok(adapted) => {
                     for change in adapted {
-                        growbot_client::tell!(
+                        growbot_host::tell!(
                             "  {} was {}, which does not go with that: it is {} now",
                             change.path,
                             change.from,
@@ -161,7 +162,7 @@ impl Answers {
         io::stdin().lock().take(LONGEST_ANSWER).read_until(b'\n', &mut line).map_err(unreadable)?;
         if line.is_empty() {
             self.ended = true;
-            growbot_client::tell!("growbot: the answers end here: the rest is as in brackets, or as it was");
+            growbot_host::tell!("growbot: the answers end here: the rest is as in brackets, or as it was");
             return Ok(None);
         }
         if line.len() as u64 >= LONGEST_ANSWER {

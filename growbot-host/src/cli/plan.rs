@@ -4,14 +4,15 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use growbot_client::files::{refuse_ending, replace_file};
 use growbot_client::input::{self, BoundedLines};
-use growbot_client::output::{print, refuse_ending, replace_file};
 use growbot_client::plan::{Plan, Search};
 use growbot_client::plan_file::PlanFile;
 use growbot_client::pose_text::parse_pose;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_host::batch::Batch;
+use growbot_host::output::print;
 use growbot_host::progress::{Progress, Results};
 
 use super::search::SearchArgs;
@@ -90,7 +91,7 @@ fn run_one(args: &PlanArgs, plan: &Plan) -> Result<(), Failure> {
         }
         refuse_ending(path, &["json"])?;
         replace_file(path, written.to_text().as_bytes())?;
-        growbot_client::tell!("growbot: plan written to {}", path.display());
+        growbot_host::tell!("growbot: plan written to {}", path.display());
     }
     Ok(print(&if args.json { written.to_line() } else { plan_table::table(plan) })?)
 }

@@ -8,7 +8,6 @@ use growbot_client::client::ClockDrift;
 use growbot_client::degrees::degrees_below_turn;
 use growbot_client::feedback::FedBack;
 use growbot_client::growth::{Job, MeasuredBy, as_built_hash};
-use growbot_client::output::print;
 use growbot_client::plan::Plan;
 use growbot_client::plan_file::written_hash;
 use growbot_client::printable::json_line;
@@ -16,6 +15,7 @@ use growbot_client::run_log::RunRecord;
 use growbot_core::angle::degrees;
 use growbot_core::layer::{Layer, grow};
 use growbot_core::layer_bytes::decode;
+use growbot_host::output::print;
 use serde_json::json;
 
 use super::following::{believed, json_of_arrival, json_of_feedback, merge};

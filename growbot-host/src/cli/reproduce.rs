@@ -5,8 +5,9 @@ use std::path::{Path, PathBuf};
 use std::thread;
 
 use clap::Args;
-use growbot_client::output::{OutputError, print, replace_file};
+use growbot_client::files::{FileError, replace_file};
 use growbot_client::printable::json_line;
+use growbot_host::output::print;
 use growbot_host::progress::{Progress, Results};
 use growbot_host::reproduce::{FIGURES, REPEATS, Reproduction, Request, SEED, TABLES, paper, tables};
 
@@ -83,7 +84,7 @@ pub fn run(args: &ReproduceArgs) -> Result<(), Failure> {
         for file in &files {
             replace_file(&directory.join(&file.name), file.contents.as_bytes())?;
         }
-        growbot_client::tell!("growbot: {} files written to {}", files.len(), directory.display());
+        growbot_host::tell!("growbot: {} files written to {}", files.len(), directory.display());
     }
     let text = if args.json { json_line(&tables::json(&done)) } else { tables::summary(&done) };
     Ok(print(&text)?)
@@ -99,11 +100,11 @@ fn make_directory(directory: &Path) -> Result<(), Failure> {
     }
     let parent = directory.parent().filter(|parent| !parent.as_os_str().is_empty());
     if let Some(parent) = parent.filter(|parent| !parent.is_dir()) {
-        return Err(Failure::from(OutputError::NoDirectory {
+        return Err(Failure::from(FileError::NoDirectory {
             file: directory.display().to_string(),
             directory: parent.display().to_string(),
         }));
     }
     fs::create_dir(directory)
-        .map_err(|error| Failure::from(OutputError::File { file: directory.display().to_string(), error }))
+        .map_err(|error| Failure::from(FileError::File { file: directory.display().to_string(), error }))
 }

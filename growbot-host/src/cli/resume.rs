@@ -110,7 +110,7 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
     let laid = board.status.laid as usize;
     let feedback = record.as_ref().and_then(|record| record.feedback(&job, &plan));
     if feedback.is_some() {
-        growbot_client::tell!("growbot: with feedback, as it was begun");
+        growbot_host::tell!("growbot: with feedback, as it was begun");
     }
     let simulated = port.is_simulated();
     let following = Following { robot: &robot, plan: &plan, log, watch, json: args.json, laid, seed: None, simulated };
@@ -153,7 +153,7 @@ fn show(board: &BoardHello, plan_id: u64) -> Result<(), Failure> {
         };
         return Err(Failure::answered_no(GrowthError::NothingToResume { plan_id, held }));
     }
-    growbot_client::tell!(
+    growbot_host::tell!(
         "growbot: plan {plan_id:016x}: {} of {} layers laid; the board is {}, started by {}",
         status.laid,
         status.layers,
@@ -161,8 +161,8 @@ fn show(board: &BoardHello, plan_id: u64) -> Result<(), Failure> {
         board.reset_cause.name()
     );
     match status.cut {
-        Some(cut) => growbot_client::tell!("growbot: layer {} was cut: {}", status.laid, made(cut)),
-        None => growbot_client::tell!("growbot: no layer was cut: the head stood at 0 degrees"),
+        Some(cut) => growbot_host::tell!("growbot: layer {} was cut: {}", status.laid, made(cut)),
+        None => growbot_host::tell!("growbot: no layer was cut: the head stood at 0 degrees"),
     }
     if let Some(fault) = status.fault {
         return Err(Failure::answered_no(format!(

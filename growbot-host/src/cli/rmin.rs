@@ -1,8 +1,8 @@
 //! `growbot rmin`: the tightest bend of a robot.
 
 use clap::Args;
-use growbot_client::output::print;
 use growbot_client::printable::json_line;
+use growbot_host::output::print;
 use serde::Serialize;
 
 use super::{Failure, RobotArg};

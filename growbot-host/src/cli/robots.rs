@@ -4,11 +4,11 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use growbot_client::output::print;
 use growbot_client::printable::json_line;
 use growbot_client::robot_file;
 use growbot_core::angle::degrees;
 use growbot_core::robot::Robot;
+use growbot_host::output::print;
 use growbot_host::robot_explained::{Explained, Field};
 use growbot_host::robot_questions::{NO_LIMIT, UNLIMITED};
 use growbot_host::schema;

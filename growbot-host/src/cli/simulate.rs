@@ -4,7 +4,6 @@ use std::thread;
 
 use clap::{Args, ValueEnum};
 use growbot_client::feedback::ASSUMED;
-use growbot_client::output::print;
 use growbot_client::plan_file::WrittenPose;
 use growbot_client::pose_text::parse_number;
 use growbot_client::printable::json_line;
@@ -13,6 +12,7 @@ use growbot_core::angle::degrees;
 use growbot_core::pose::Pose;
 use growbot_core::simulation::{DirectionSensor, Disturbance, Sensors};
 use growbot_core::slicing::Slicing;
+use growbot_host::output::print;
 use growbot_host::progress::{Progress, Results};
 use growbot_sim::simulation::campaign::Campaign;
 use growbot_sim::simulation::statistics::Statistics;
@@ -136,7 +136,7 @@ pub fn run(args: &SimulateArgs) -> Result<(), Failure> {
 
 fn warn(warnings: &[Warning]) {
     for warning in warnings {
-        growbot_client::tell!("growbot: warning, {}: {}", warning.code, warning.message);
+        growbot_host::tell!("growbot: warning, {}: {}", warning.code, warning.message);
     }
 }
 
@@ -169,7 +169,7 @@ impl SimulateArgs {
         let Disturbance { growth_noise, tilt_noise, alpha_noise, twist_noise, .. } = simulation.disturbance;
         let even = [growth_noise, tilt_noise, alpha_noise, twist_noise].iter().all(|noise| *noise == 0.0);
         if even && !self.feedback && runs > 1 {
-            growbot_client::tell!("growbot: nothing is drawn by chance, so all {runs} growths are the same");
+            growbot_host::tell!("growbot: nothing is drawn by chance, so all {runs} growths are the same");
         }
         let threads = self.threads.map_or_else(|| thread::available_parallelism().map_or(1, usize::from), usize::from);
         let mut progress = Progress::start(Some(runs), Results::AtEnd);

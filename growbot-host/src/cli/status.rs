@@ -4,7 +4,6 @@ use std::path::PathBuf;
 
 use clap::Args;
 use growbot_client::client::{Client, ClientError};
-use growbot_client::output::print;
 use growbot_client::printable::json_line;
 use growbot_core::layer::SECTORS;
 use growbot_core::link::crash::{CrashRecord, CrashWords};
@@ -12,6 +11,7 @@ use growbot_core::link::message::{
     BoardHello, BootReport, Fault, FaultRecord, ImageCheck, Refusal, SensorReadings, State, Waits,
 };
 use growbot_host::crash::{Crash, Image};
+use growbot_host::output::print;
 use serde_json::{Value, json};
 
 use super::flash::built_images;

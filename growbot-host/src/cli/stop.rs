@@ -2,8 +2,8 @@
 
 use clap::Args;
 use growbot_client::client::ClientError;
-use growbot_client::output::print;
 use growbot_core::link::message::{Empty, Message};
+use growbot_host::output::print;
 
 use super::{Failure, RobotArg, RobotPortArg};
 

@@ -5,10 +5,10 @@ use std::time::Duration;
 use clap::Args;
 use growbot_client::client::{Client, ClientError};
 use growbot_client::growth::Orders;
-use growbot_client::output::print;
 use growbot_client::pose_text::parse_number;
 use growbot_client::printable::json_line;
 use growbot_core::link::message::{Message, State, Tune, Tuned};
+use growbot_host::output::print;
 use serde_json::json;
 
 use super::following::stopped_for;
@@ -79,7 +79,7 @@ fn tune(client: &mut Client, orders: &Orders, target: f64, is_simulated: bool) -
         return Err(Failure::answered_no("stopped before anything was heated"));
     }
     client.request("to tune", &Message::Tune(Tune { target_centi_c: (target * 100.0) as i32 })).map_err(lost)?;
-    growbot_client::tell!("growbot: tuning at {target} C; this takes some minutes");
+    growbot_host::tell!("growbot: tuning at {target} C; this takes some minutes");
     follow(client, orders, is_simulated)
 }
 

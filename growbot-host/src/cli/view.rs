@@ -4,8 +4,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
+use growbot_client::files::{ending, refuse_ending, replace_file, unknown_ending};
 use growbot_client::input::{is_standard_input, name_of};
-use growbot_client::output::{ending, refuse_ending, replace_file, unknown_ending};
 use growbot_host::drawing::png::png;
 use growbot_host::view::picture::Look;
 use growbot_host::view::plot::{Along, Quantity};
@@ -180,7 +180,7 @@ pub fn run(args: &ViewArgs) -> Result<(), Failure> {
     };
     replace_file(&output, &contents)?;
     let hint = if format == Format::Html { ": open it in a browser" } else { "" };
-    growbot_client::tell!("growbot: view written to {}{hint}", output.display());
+    growbot_host::tell!("growbot: view written to {}{hint}", output.display());
     Ok(())
 }
 

@@ -3,14 +3,15 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use growbot_client::files::{ending, refuse_inputs, replace_file, unknown_ending};
 use growbot_client::input;
-use growbot_client::output::{ending, print, refuse_inputs, replace_file, unknown_ending};
 use growbot_client::plan_file::WrittenPose;
 use growbot_client::pose_text::{parse_pose, pose_of_numbers};
 use growbot_client::printable::json_line;
 use growbot_core::number::Short;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
+use growbot_host::output::print;
 use growbot_host::progress::{Progress, Results};
 use growbot_host::workspace::{DIRECTIONS, POSITIONS, Question, Workspace, svg, workspace};
 use serde_json::{Value, json};
@@ -117,7 +118,7 @@ pub fn run(args: &WorkspaceArgs) -> Result<(), Failure> {
     let answer = answer?;
     if let Some(path) = &args.output {
         replace_file(path, svg(&question, &answer).as_bytes())?;
-        growbot_client::tell!("growbot: section drawn to {}", path.display());
+        growbot_host::tell!("growbot: section drawn to {}", path.display());
     }
     let text = if args.json { json_line(&json_of(args, &question, &answer)) } else { table(&question, &answer) };
     Ok(print(&text)?)

@@ -7,13 +7,13 @@ use std::time::Duration;
 
 use growbot_client::client::Client;
 use growbot_client::growth::{Job, News, Orders, Outcome, grow_job};
-use growbot_client::output::print;
 use growbot_client::plan::{Plan, Search};
 use growbot_core::layer_bytes::decode;
 use growbot_core::link::message::{Message, Silence, State};
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
+use growbot_host::output::print;
 use growbot_sim::truth::{Simulation, compare};
 use rustyline::completion::Completer;
 use rustyline::error::ReadlineError;
@@ -158,9 +158,9 @@ impl Session {
         if !failure.is_reader_gone() {
             let message = failure.message();
             if failed {
-                growbot_client::tell!("growbot: {message}; line {line} failed, and those after it are not carried out");
+                growbot_host::tell!("growbot: {message}; line {line} failed, and those after it are not carried out");
             } else {
-                growbot_client::tell!("growbot: {message}; no command after line {line} is carried out");
+                growbot_host::tell!("growbot: {message}; no command after line {line} is carried out");
             }
         }
         let left_out = LeftOut::after(line, lines);
@@ -203,7 +203,7 @@ impl Session {
         }
         match self.client.status() {
             Ok(status) if works(status.state) => {
-                growbot_client::tell!("growbot: {}", left(status.state, &self.robot, &self.port));
+                growbot_host::tell!("growbot: {}", left(status.state, &self.robot, &self.port));
                 Ok(())
             }
             Ok(_) => Ok(()),

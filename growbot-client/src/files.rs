@@ -1,39 +1,18 @@
-//! Writing results: to standard output, whose reader may go away, and to files, which are whole or not there.
+//! Writing files: they are whole or not there.
 //!
-//! What a terminal would obey instead of showing it is taken out here ([`crate::printable`]), and here alone a file is refused that the
-//! command reads ([`refuse_inputs`], [`note_input`]), or whose ending promises another format ([`refuse_ending`]).
+//! Only here is a file refused that the program reads ([`refuse_inputs`], [`note_input`]), or whose ending promises another format
+//! ([`refuse_ending`]).
 
 use std::collections::VecDeque;
 use std::ffi::{OsStr, OsString};
-use std::fmt;
 use std::fs::{self, File, Metadata, OpenOptions};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
-use crate::printable::{lines, one_line};
-
-/// Says something on standard error, in one line. Whoever listened there may have gone; that is no reason to leave a robot alone.
-#[macro_export]
-macro_rules! tell {
-    ($($words:tt)*) => { $crate::output::say(format_args!($($words)*)) };
-}
-
-/// What [`tell!`](crate::tell) does.
-pub fn say(words: fmt::Arguments) {
-    let line = format!("{}\n", one_line(&words.to_string()));
-    let _ = io::stderr().write_all(line.as_bytes());
-}
-
-/// Why a result could not be written.
+/// Why a file could not be written.
 #[derive(Debug, thiserror::Error)]
-pub enum OutputError {
-    /// Whoever read standard output has stopped, as `head` does. Not worth a message.
-    #[error("standard output was closed by its reader")]
-    Closed,
-    /// Standard output cannot be written, say because a disk is full.
-    #[error("cannot write to standard output: {0}")]
-    Stdout(io::Error),
+pub enum FileError {
     /// The directory for a file does not exist.
     #[error("cannot write {file}: there is no directory {directory}; create it, or choose another place")]
     NoDirectory {
@@ -76,13 +55,6 @@ pub enum OutputError {
     },
 }
 
-impl From<io::Error> for OutputError {
-    /// A failure on standard output.
-    fn from(error: io::Error) -> Self {
-        if error.kind() == io::ErrorKind::BrokenPipe { Self::Closed } else { Self::Stdout(error) }
-    }
-}
-
 /// The files that this program has read last: device and inode of each, and the file itself, so that no other one gets these numbers when
 /// it is deleted.
 static READ: Mutex<VecDeque<((u64, u64), File)>> = Mutex::new(VecDeque::new());
@@ -92,17 +64,17 @@ const MOST_READ: usize = 64;
 /// The file, which messages call `name`, is an input from now on: nothing is written to it, whatever it is called.
 ///
 /// # Errors
-/// [`OutputError::OntoInput`] where standard output is redirected onto it. Refused before anything is done: results that have nowhere to
+/// [`FileError::OntoInput`] where standard output is redirected onto it. Refused before anything is done: results that have nowhere to
 /// go help nobody.
-pub fn note_input(file: File, name: &str) -> Result<(), OutputError> {
+pub fn note_input(file: File, name: &str) -> Result<(), FileError> {
     note_input_beside(file, name, place_of_stdout())
 }
 
 /// As [`note_input`], where standard output is such a file.
-fn note_input_beside(file: File, name: &str, stdout: Option<(u64, u64)>) -> Result<(), OutputError> {
+fn note_input_beside(file: File, name: &str, stdout: Option<(u64, u64)>) -> Result<(), FileError> {
     let Some(place) = file.metadata().ok().as_ref().and_then(place_of) else { return Ok(()) };
     if stdout == Some(place) {
-        return Err(OutputError::OntoInput { file: name.to_owned() });
+        return Err(FileError::OntoInput { file: name.to_owned() });
     }
     let mut read = READ.lock().unwrap_or_else(PoisonError::into_inner);
     if read.iter().all(|(known, _)| *known != place) {
@@ -128,12 +100,12 @@ fn place_of_stdout() -> Option<(u64, u64)> {
 /// Refuses a file that this program has read, under this name or another: through links, relative paths, descriptors.
 ///
 /// # Errors
-/// [`OutputError::Input`].
-pub fn refuse_inputs(path: &Path) -> Result<(), OutputError> {
+/// [`FileError::Input`].
+pub fn refuse_inputs(path: &Path) -> Result<(), FileError> {
     let place = fs::metadata(path).ok().as_ref().and_then(place_of);
     let read = READ.lock().unwrap_or_else(PoisonError::into_inner);
     if place.is_some_and(|place| read.iter().any(|(known, _)| *known == place)) {
-        return Err(OutputError::Input { file: path.display().to_string() });
+        return Err(FileError::Input { file: path.display().to_string() });
     }
     Ok(())
 }
@@ -165,8 +137,8 @@ pub fn ending(path: &Path) -> Option<String> {
 /// Refuses a file whose ending is that of another format than these.
 ///
 /// # Errors
-/// [`OutputError::Ending`].
-pub fn refuse_ending(path: &Path, formats: &[&str]) -> Result<(), OutputError> {
+/// [`FileError::Ending`].
+pub fn refuse_ending(path: &Path, formats: &[&str]) -> Result<(), FileError> {
     match ending(path) {
         Some(ending) if KNOWN_ENDINGS.contains(&&*ending) && !formats.contains(&&*ending) => {
             Err(unknown_ending(path, formats))
@@ -177,34 +149,14 @@ pub fn refuse_ending(path: &Path, formats: &[&str]) -> Result<(), OutputError> {
 
 /// The file's ending is none of these.
 #[must_use]
-pub fn unknown_ending(path: &Path, formats: &[&str]) -> OutputError {
+pub fn unknown_ending(path: &Path, formats: &[&str]) -> FileError {
     let formats: Vec<String> = formats.iter().map(|format| format!(".{format}")).collect();
     let formats = match formats.split_last() {
         Some((last, [])) => last.clone(),
         Some((last, others)) => format!("{} or {last}", others.join(", ")),
         None => String::new(),
     };
-    OutputError::Ending { file: path.display().to_string(), ending: ending(path).unwrap_or_default(), formats }
-}
-
-/// Writes to standard output and flushes it, so that a reader at the other end of a pipe has the answer at once and
-/// that a failure is noticed.
-///
-/// # Errors
-/// [`OutputError::Closed`] or [`OutputError::Stdout`].
-pub fn print(text: &str) -> Result<(), OutputError> {
-    print_bytes(lines(text).as_bytes())
-}
-
-/// As [`print`], for what is no text.
-///
-/// # Errors
-/// As [`print`].
-pub fn print_bytes(bytes: &[u8]) -> Result<(), OutputError> {
-    let mut stdout = io::stdout().lock();
-    stdout.write_all(bytes)?;
-    stdout.flush()?;
-    Ok(())
+    FileError::Ending { file: path.display().to_string(), ending: ending(path).unwrap_or_default(), formats }
 }
 
 /// Writes a file beside its place and renames it there, so that nobody ever sees half of it and a failure leaves what
@@ -212,10 +164,10 @@ pub fn print_bytes(bytes: &[u8]) -> Result<(), OutputError> {
 /// not written to.
 ///
 /// # Errors
-/// [`OutputError::NoDirectory`] or [`OutputError::File`]; [`OutputError::Input`] for a file that this program has read.
-pub fn replace_file(path: &Path, contents: &[u8]) -> Result<(), OutputError> {
+/// [`FileError::NoDirectory`] or [`FileError::File`]; [`FileError::Input`] for a file that this program has read.
+pub fn replace_file(path: &Path, contents: &[u8]) -> Result<(), FileError> {
     refuse_inputs(path)?;
-    let failed = |error| OutputError::File { file: path.display().to_string(), error };
+    let failed = |error| FileError::File { file: path.display().to_string(), error };
     let target = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
     let existing = fs::metadata(&target).ok();
     match &existing {
@@ -236,7 +188,7 @@ pub fn replace_file(path: &Path, contents: &[u8]) -> Result<(), OutputError> {
     let names_a_directory = path.to_string_lossy().ends_with(std::path::is_separator);
     if names_a_directory || !directory.is_dir() {
         let missing = if names_a_directory { path } else { directory };
-        return Err(OutputError::NoDirectory {
+        return Err(FileError::NoDirectory {
             file: path.display().to_string(),
             directory: missing.display().to_string(),
         });
@@ -296,8 +248,8 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let missing = directory.path().join("missing");
         let error = replace_file(&missing.join("plan.json"), b"x").unwrap_err();
-        assert!(matches!(&error, OutputError::NoDirectory { directory, .. } if directory.ends_with("missing")));
-        assert!(matches!(replace_file(directory.path(), b"x"), Err(OutputError::File { .. })));
+        assert!(matches!(&error, FileError::NoDirectory { directory, .. } if directory.ends_with("missing")));
+        assert!(matches!(replace_file(directory.path(), b"x"), Err(FileError::File { .. })));
         assert!(names(directory.path()).is_empty());
     }
 
@@ -316,7 +268,7 @@ mod tests {
         let descriptor = format!("/proc/self/fd/{}", std::os::fd::AsRawFd::as_raw_fd(&open));
         for name in [path("plan"), path("hard"), path("soft"), path("sub").join("../plan"), descriptor.into()] {
             let refused = replace_file(&name, b"new");
-            assert!(matches!(refused, Err(OutputError::Input { .. })), "{}: {refused:?}", name.display());
+            assert!(matches!(refused, Err(FileError::Input { .. })), "{}: {refused:?}", name.display());
         }
         assert_eq!(fs::read(path("plan")).unwrap(), b"old");
         replace_file(&path("other"), b"new").unwrap();
@@ -332,7 +284,7 @@ mod tests {
         let place = |path: &Path| place_of(&fs::metadata(path).unwrap());
         let noted = |stdout| note_input_beside(File::open(&log).unwrap(), "run.jsonl", stdout);
         let refused = noted(place(&log)).unwrap_err();
-        assert!(matches!(refused, OutputError::OntoInput { .. }) && refused.to_string().contains("run.jsonl"));
+        assert!(matches!(refused, FileError::OntoInput { .. }) && refused.to_string().contains("run.jsonl"));
         noted(place(&other)).unwrap();
         noted(None).unwrap();
         // A terminal or a null device may be read and written at once.

@@ -1,0 +1,62 @@
+//! What the program says: results on standard output, whose reader may go away, and everything else on standard error.
+//!
+//! What a terminal would obey instead of showing it is taken out here ([`growbot_client::printable`]).
+
+use std::fmt;
+use std::io::{self, Write};
+
+use growbot_client::files::FileError;
+use growbot_client::printable::{lines, one_line};
+
+/// Says something on standard error, in one line. Whoever listened there may have gone; that is no reason to leave a robot alone.
+#[macro_export]
+macro_rules! tell {
+    ($($words:tt)*) => { $crate::output::say(format_args!($($words)*)) };
+}
+
+/// What [`tell!`](crate::tell) does.
+pub fn say(words: fmt::Arguments) {
+    let line = format!("{}\n", one_line(&words.to_string()));
+    let _ = io::stderr().write_all(line.as_bytes());
+}
+
+/// Why a result could not be written.
+#[derive(Debug, thiserror::Error)]
+pub enum OutputError {
+    /// Whoever read standard output has stopped, as `head` does. Not worth a message.
+    #[error("standard output was closed by its reader")]
+    Closed,
+    /// Standard output cannot be written, say because a disk is full.
+    #[error("cannot write to standard output: {0}")]
+    Stdout(io::Error),
+    /// A file cannot be written.
+    #[error(transparent)]
+    File(#[from] FileError),
+}
+
+impl From<io::Error> for OutputError {
+    /// A failure on standard output.
+    fn from(error: io::Error) -> Self {
+        if error.kind() == io::ErrorKind::BrokenPipe { Self::Closed } else { Self::Stdout(error) }
+    }
+}
+
+/// Writes to standard output and flushes it, so that a reader at the other end of a pipe has the answer at once and
+/// that a failure is noticed.
+///
+/// # Errors
+/// [`OutputError::Closed`] or [`OutputError::Stdout`].
+pub fn print(text: &str) -> Result<(), OutputError> {
+    print_bytes(lines(text).as_bytes())
+}
+
+/// As [`print()`], for what is no text.
+///
+/// # Errors
+/// As [`print()`].
+pub fn print_bytes(bytes: &[u8]) -> Result<(), OutputError> {
+    let mut stdout = io::stdout().lock();
+    stdout.write_all(bytes)?;
+    stdout.flush()?;
+    Ok(())
+}
