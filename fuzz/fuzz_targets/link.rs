@@ -7,12 +7,12 @@
 use std::sync::LazyLock;
 use std::time::Duration;
 
+use growbot_client::port::Port;
+use growbot_client::robot_file;
 use growbot_core::link::frame::{self, Header, LONGEST_BODY};
 use growbot_core::link::message::{HostHello, HostName, Message, SCHEMA_HASH, State};
 use growbot_core::robot::Robot;
-use growbot_client::port::Port;
 use growbot_sim::port::sim::Sim;
-use growbot_client::robot_file;
 use libfuzzer_sys::fuzz_target;
 
 static ROBOT: LazyLock<Robot> = LazyLock::new(|| robot_file::load("growbot-a".as_ref()).expect("robot A is built in"));
