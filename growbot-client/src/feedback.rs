@@ -4,7 +4,7 @@
 //! ([`Feedback::laid`]); and the rest of the path becomes layers in bytes, under a name ([`Feedback::rest`]). Which of them a board is
 //! told, and when, is [`crate::growth`]'s.
 
-use growbot_core::hash::Hasher;
+use growbot_core::job::plan_id;
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::{Encoder, LayerBytes, decode};
 use growbot_core::link::message::Measured;
@@ -140,10 +140,7 @@ impl<'a> Feedback<'a> {
     /// The name of a job of these layers, the laid ones as they were commanded.
     #[must_use]
     pub fn plan_id(&self, layers: &[LayerBytes]) -> u64 {
-        let mut hasher = Hasher::default();
-        hasher.bytes(&self.robot.hash().to_le_bytes());
-        hasher.bytes(layers.as_flattened());
-        hasher.finish().max(1)
+        plan_id(self.robot, layers)
     }
 
     /// The job has been amended.

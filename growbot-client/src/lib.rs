@@ -5,7 +5,7 @@
 //! - [`robot_file`]: descriptions of robots, built in or from TOML files;
 //! - [`pose_text`]: poses as people type them, [`degrees`];
 //! - [`plan`]: a path with all that is said about it; [`warning`], what speaks against growing it; [`clearance`], whether a body would run into itself;
-//! - [`plan_file`] and [`plan_check`]: plans as JSON, and what is checked before one is believed;
+//! - [`plan_file`]: plans as JSON, and what is checked before one is believed;
 //! - [`port`]: the line to a board; [`client`]: requests to it and their answers;
 //! - [`growth`]: a whole job; [`feedback`]: its layers planned again as they are measured; [`arrival`]: how near it came;
 //! - [`run_log`]: the log of a growth, and [`run_clock`], its time;
@@ -25,7 +25,6 @@ pub mod growth;
 pub mod input;
 pub mod nearest;
 pub mod plan;
-pub mod plan_check;
 pub mod plan_file;
 pub mod port;
 pub mod pose_text;

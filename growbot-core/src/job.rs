@@ -59,20 +59,47 @@ impl JobLayers<'_> {
     /// As [`JobLayers::summary`], for boards: `meanwhile` is called for each layer.
     #[must_use]
     pub fn summary_meanwhile(&self, meanwhile: &mut dyn FnMut()) -> JobSummary {
-        let (mut bytes, mut exact) = (Hasher::default(), Hasher::default());
+        let (mut name, mut exact) = (JobName::new(self.robot), Hasher::default());
         let mut encoder = self.encoder.clone();
         let mut count = 0;
-        bytes.bytes(&self.robot.hash().to_le_bytes());
         for sliced in self.layers.clone() {
             meanwhile();
-            bytes.bytes(&encoder.encode_layable(&sliced.layer, self.robot.tip_radius()));
+            name.layer(&encoder.encode_layable(&sliced.layer, self.robot.tip_radius()));
             exact.f64(sliced.layer.alpha);
             exact.f64(sliced.layer.height);
             exact.f64(sliced.layer.tilt);
             count += 1;
         }
-        JobSummary { plan_id: bytes.finish().max(1), exact_hash: exact.finish(), layers: count }
+        JobSummary { plan_id: name.finish(), exact_hash: exact.finish(), layers: count }
     }
+}
+
+/// The name of a job under way: the hash of the robot's hash and of all layers' bytes.
+struct JobName(Hasher);
+
+impl JobName {
+    fn new(robot: &Robot) -> Self {
+        let mut hasher = Hasher::default();
+        hasher.bytes(&robot.hash().to_le_bytes());
+        Self(hasher)
+    }
+
+    fn layer(&mut self, layer: &LayerBytes) {
+        self.0.bytes(layer);
+    }
+
+    /// Never 0, which stands for no job.
+    fn finish(self) -> u64 {
+        self.0.finish().max(1)
+    }
+}
+
+/// The name of a job of these layers: [`JobSummary::plan_id`].
+#[must_use]
+pub fn plan_id(robot: &Robot, layers: &[LayerBytes]) -> u64 {
+    let mut name = JobName::new(robot);
+    layers.iter().for_each(|layer| name.layer(layer));
+    name.finish()
 }
 
 /// The hashes of a path's layers.

@@ -6,7 +6,7 @@ mod grown;
 mod handover;
 mod orders;
 
-use growbot_core::job::{job_layers, summarize};
+use growbot_core::job::{job_layers, plan_id};
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::crash::CrashWords;
@@ -43,14 +43,8 @@ impl<'a> Job<'a> {
     /// The job that a path is.
     #[must_use]
     pub fn new(robot: &'a Robot, start: &'a Pose, goal: &'a Pose, path: &[Segment]) -> Self {
-        Self {
-            robot,
-            start,
-            goal,
-            length: length(path),
-            plan_id: summarize(path, robot).plan_id,
-            layers: job_layers(path, robot).collect(),
-        }
+        let layers: Vec<LayerBytes> = job_layers(path, robot).collect();
+        Self { robot, start, goal, length: length(path), plan_id: plan_id(robot, &layers), layers }
     }
 }
 

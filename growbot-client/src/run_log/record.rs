@@ -19,8 +19,7 @@ use crate::feedback::{Count, Feedback};
 use crate::growth::Job;
 use crate::input::{InputError, LONGEST_LOG, name_of, read_bytes};
 use crate::plan::Plan;
-use crate::plan_check::pose;
-use crate::plan_file::{PlanFile, PlanFileError};
+use crate::plan_file::{PlanFile, PlanFileError, pose};
 
 /// No layer is higher, mm, nor tilted more, radians: as the bytes of the link have it.
 const HIGHEST: f64 = 256.0;

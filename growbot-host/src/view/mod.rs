@@ -20,8 +20,7 @@ use std::path::Path;
 
 use growbot_client::growth::Job;
 use growbot_client::plan::Plan;
-use growbot_client::plan_check::pose;
-use growbot_client::plan_file::WrittenPose;
+use growbot_client::plan_file::{WrittenPose, pose};
 use growbot_client::run_log::{BodyKind, RunRecord};
 use growbot_core::job::job_layers;
 use growbot_core::kinematics::advance;

@@ -1,0 +1,206 @@
+//! Plans as JSON, in the format `growbot-plan/1`: mm and degrees, numbers in full precision.
+//!
+//! [`PlanFile`] is the text: what is read has the right fields of the right types. [`PlanFile::check`] finds whether it holds together,
+//! and is for the robot at hand. [`open`] does both.
+
+mod check;
+mod fault;
+mod written;
+
+use std::path::Path as FilePath;
+
+use growbot_core::robot::Robot;
+use serde::Deserialize;
+
+pub use self::check::pose;
+pub use self::fault::PlanFault;
+pub use self::written::{PlanFile, WrittenLeg, WrittenPose, WrittenSegment, written_hash};
+use crate::input::{self, InputError};
+use crate::plan::Plan;
+use crate::robot_file::{self, RobotFileError};
+
+/// The format that this version writes and reads.
+pub const FORMAT: &str = "growbot-plan/1";
+
+/// Why there is no plan in a file.
+#[derive(Debug, thiserror::Error)]
+pub enum PlanFileError {
+    /// The file cannot be read.
+    #[error(transparent)]
+    Input(#[from] InputError),
+    /// The JSON stops in the middle.
+    #[error(
+        "{file} stops in the middle of the plan, at line {line}: it was not written whole; copy it again, or plan again"
+    )]
+    CutShort {
+        /// The file.
+        file: String,
+        /// Where it stops.
+        line: usize,
+    },
+    /// The file is no JSON.
+    #[error("{file} is no JSON ({reason}): give a file that `growbot plan -o` wrote")]
+    NotJson {
+        /// The file.
+        file: String,
+        /// What is wrong, and where.
+        reason: String,
+    },
+    /// The plan is of another version.
+    #[error("{file} has format {found:?}, and this version of growbot reads {FORMAT:?}: plan again with this version")]
+    OtherFormat {
+        /// The file.
+        file: String,
+        /// The format that it names.
+        found: String,
+    },
+    /// The JSON is no plan.
+    #[error("{file} is no plan ({reason}): give a file that `growbot plan -o` wrote")]
+    NoPlan {
+        /// The file.
+        file: String,
+        /// What is wrong, and where.
+        reason: String,
+    },
+    /// Nobody says where to find the plan's robot.
+    #[error("{file} is a plan for robot {robot:?}, which is not built in: give its description with --robot FILE")]
+    UnknownRobot {
+        /// The file.
+        file: String,
+        /// The plan's robot.
+        robot: String,
+    },
+    /// The robot's description is at fault.
+    #[error(transparent)]
+    Robot(#[from] RobotFileError),
+    /// The plan does not hold together, or not for this robot.
+    #[error("{file}: {fault}")]
+    Fault {
+        /// The file.
+        file: String,
+        /// What does not.
+        fault: PlanFault,
+    },
+}
+
+/// Only the version, so that a plan of another one is told from nonsense.
+#[derive(Deserialize)]
+struct Version {
+    format: String,
+}
+
+impl PlanFile {
+    /// Reads a plan's JSON. `file` is how messages call the text.
+    ///
+    /// # Errors
+    /// What is cut short, no JSON, of another version, or has other fields than a plan.
+    pub fn parse(text: &str, file: &str) -> Result<Self, PlanFileError> {
+        let file = || file.to_owned();
+        let classify = |error: serde_json::Error| match error.classify() {
+            serde_json::error::Category::Eof => PlanFileError::CutShort { file: file(), line: error.line() },
+            serde_json::error::Category::Data => PlanFileError::NoPlan { file: file(), reason: error.to_string() },
+            // A cut inside a number, as after `100.`, is no "end of file" to serde_json.
+            _ if text.ends_with(['.', '-', '+', 'e', 'E']) && error.to_string().starts_with("invalid number") => {
+                PlanFileError::CutShort { file: file(), line: error.line() }
+            }
+            _ => PlanFileError::NotJson { file: file(), reason: error.to_string() },
+        };
+        let Version { format } = serde_json::from_str(text).map_err(classify)?;
+        if format != FORMAT {
+            return Err(PlanFileError::OtherFormat { file: file(), found: format });
+        }
+        serde_json::from_str(text).map_err(classify)
+    }
+}
+
+/// Reads a plan (`-`: from standard input), finds its robot, and checks the plan against it in full.
+///
+/// The robot is the one named here or, if none is, the built-in one that the plan names.
+///
+/// # Errors
+/// Whatever is wrong with the file, the robot's description, or the plan.
+pub fn open(path: &FilePath, robot: Option<&FilePath>) -> Result<(Robot, Plan), PlanFileError> {
+    read(&input::read_text(path)?, &input::name_of(path), robot)
+}
+
+/// As [`open`], from a text that messages call `file`.
+///
+/// # Errors
+/// Whatever is wrong with the text, the robot's description, or the plan.
+pub fn read(text: &str, file: &str, robot: Option<&FilePath>) -> Result<(Robot, Plan), PlanFileError> {
+    let written = PlanFile::parse(text, file)?;
+    let file = file.to_owned();
+    let robot = match robot {
+        Some(robot) => robot_file::load(robot)?,
+        None if robot_file::is_built_in(&written.robot) => robot_file::load(written.robot.as_ref())?,
+        None => return Err(PlanFileError::UnknownRobot { file, robot: written.robot }),
+    };
+    match written.check(&robot) {
+        Ok(plan) => Ok((robot, plan)),
+        Err(fault) => Err(PlanFileError::Fault { file, fault }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::pose_text::parse_pose;
+    use growbot_core::plan::Planner;
+
+    fn text() -> String {
+        let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
+        let (start, goal) = (parse_pose("0,0,0,30,60").unwrap(), parse_pose("-300,200,400,0.1,-12.3").unwrap());
+        PlanFile::from(&Plan::make(&robot, &start, &goal, 100.0, Planner::TwoPlane).unwrap()).to_text()
+    }
+
+    fn refused(text: &str) -> PlanFileError {
+        PlanFile::parse(text, "plan.json").unwrap_err()
+    }
+
+    #[test]
+    fn what_is_written_reads_back_the_same() {
+        let written = PlanFile::parse(&text(), "plan.json").unwrap();
+        assert_eq!(written.to_text(), text());
+        assert_eq!(PlanFile::parse(&written.to_line(), "plan.json").unwrap(), written);
+        assert_eq!((written.start.heading_deg, written.goal.pitch_deg), (30.0, -12.3));
+    }
+
+    #[test]
+    fn every_cut_is_noticed() {
+        let text = text();
+        for end in 1..text.trim_end().len() {
+            assert!(
+                matches!(refused(&text[..end]), PlanFileError::CutShort { .. }),
+                "cut at {end}: {}",
+                refused(&text[..end])
+            );
+        }
+        assert!(matches!(refused(""), PlanFileError::CutShort { .. }));
+    }
+
+    #[test]
+    fn what_is_no_plan_is_told_apart() {
+        assert!(matches!(refused("solid cube"), PlanFileError::NotJson { .. }));
+        assert!(matches!(refused(&(text() + "x")), PlanFileError::NotJson { .. }));
+        assert!(matches!(refused("[1, 2]"), PlanFileError::NoPlan { .. }));
+        assert!(matches!(refused("{}"), PlanFileError::NoPlan { .. }));
+        assert!(matches!(refused(&text().replace("plan/1", "plan/2")), PlanFileError::OtherFormat { .. }));
+        for (from, to) in [
+            ("\"radius_mm\"", "\"radius\""),
+            ("\"beta_deg\"", "\"beta\""),
+            ("\"arc\"", "\"helicoid\""),
+            ("\"two-plane\"", "\"teleport\""),
+            ("\"candidates\": ", "\"candidates\": -"),
+            ("\"layers\": ", "\"layers\": -"),
+            ("\"x_mm\": ", "\"roll_deg\": 0.0, \"x_mm\": "),
+        ] {
+            let text = text();
+            assert!(text.contains(from));
+            assert!(matches!(refused(&text.replace(from, to)), PlanFileError::NoPlan { .. }), "{from} to {to}");
+        }
+        assert!(matches!(
+            refused(&text().replace("\"radius_mm\": 100.0", "\"radius_mm\": 1e999")),
+            PlanFileError::NotJson { .. }
+        ));
+    }
+}
