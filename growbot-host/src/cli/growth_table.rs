@@ -10,7 +10,7 @@ use growbot_core::link::message::Cut;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 
-use super::following::{believed, error_of};
+use super::growth_json::{believed, error_of};
 use super::kind;
 use super::plan_table::duration;
 

@@ -15,6 +15,7 @@ mod flash;
 mod following;
 mod goal;
 mod grow;
+mod growth_json;
 mod growth_table;
 mod interrupt;
 mod layers;

@@ -18,7 +18,7 @@ use growbot_core::layer_bytes::decode;
 use growbot_host::output::print;
 use serde_json::json;
 
-use super::following::{believed, json_of_arrival, json_of_feedback, merge};
+use super::growth_json::{believed, json_of_arrival, json_of_feedback, merge};
 use super::{Failure, robot_of, say_damage};
 
 /// Rebuild the body from the log of its growth, bit for bit as the board has built it

@@ -20,8 +20,8 @@ use growbot_sim::simulation::{Hung, Outcome, Simulation};
 use serde_json::{Value, json};
 
 use super::disturbance::{DisturbanceArgs, signed_percent};
-use super::following::{json_of_arrival, merge};
 use super::goal::GoalArgs;
+use super::growth_json::{json_of_arrival, merge};
 use super::{Failure, simulate_table};
 
 /// Simulate a growth with noise, with or without feedback, once or many times
