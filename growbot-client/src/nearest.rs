@@ -4,7 +4,7 @@
 /// for a slip (a third of the letters or two, but not all); else one that begins or ends with the word.
 ///
 /// ```
-/// use crate::nearest::nearest;
+/// use growbot_client::nearest::nearest;
 /// assert_eq!(nearest("growbot-a", ["growbot-b", "growbot-a1", "growbot-a"]), Some("growbot-a"));
 /// assert_eq!(nearest("heigth_mm", ["width_mm", "height_mm"]), Some("height_mm"));
 /// assert_eq!(nearest("a8", ["growbot-a", "growbot-a8"]), Some("growbot-a8"));

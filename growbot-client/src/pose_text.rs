@@ -31,7 +31,7 @@ const FIELDS: [&str; 5] = ["x", "y", "z", "heading", "pitch"];
 /// A pose from its text.
 ///
 /// ```
-/// use crate::pose_text::parse_pose;
+/// use growbot_client::pose_text::parse_pose;
 /// let pose = parse_pose("-120, 0, 350.5, -90, 45").unwrap();
 /// assert_eq!(pose.position().x, -120.0);
 /// assert!(parse_pose("1,2,3").is_err());

@@ -77,7 +77,7 @@ pub fn is_built_in(name: &str) -> bool {
 /// The robot of this built-in name or, failing that, of this file.
 ///
 /// ```
-/// use crate::robot_file;
+/// use growbot_client::robot_file;
 /// let robot = robot_file::load("growbot-a".as_ref()).unwrap();
 /// assert!((robot.least_radius() - 98.2).abs() < 1e-9);
 /// ```

@@ -148,7 +148,7 @@ fn every_alias_of_cargo_is_there() {
     let config = fs::read_to_string(root().join(".cargo/config.toml")).unwrap();
     let config: toml::Table = config.parse().unwrap();
     let aliases = config["alias"].as_table().unwrap();
-    let cargos_own = ["bench", "build", "clippy", "doc", "fmt", "install", "run", "rustc", "test"];
+    let cargos_own = ["bench", "build", "clippy", "doc", "fmt", "install", "run", "rustc", "test", "tree"];
     let mut faults = Vec::new();
     for document in for_users().iter().chain(&beside()) {
         let inline = inline_code(document)
