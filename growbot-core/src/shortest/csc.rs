@@ -17,8 +17,8 @@ use heapless::Vec;
 use nalgebra::{Matrix3, Matrix5, Rotation3, Vector3, Vector5};
 
 use super::{Problem, any_perpendicular, axes_after, insert_behind};
-use crate::five::Cholesky;
 use crate::kinematics::step;
+use crate::linalg5::Cholesky;
 use crate::trigonometry;
 
 /// An arc, a straight line, an arc.

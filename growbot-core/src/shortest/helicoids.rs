@@ -18,8 +18,8 @@ use nalgebra::{Matrix3, Matrix5, Matrix6x5, Vector3, Vector5, Vector6};
 use super::csc::Csc;
 use super::{Problem, insert_behind, move_last_behind};
 use crate::angle::wrap_signed;
-use crate::five::{self, Cholesky};
 use crate::helicoid::{Helicoid, Walk};
+use crate::linalg5::{self, Cholesky};
 use crate::pose::{Frame, tip_direction};
 use crate::trigonometry;
 
@@ -454,7 +454,7 @@ fn joined(
             turn(&end_axis, &at_end) + ahead(&direction),
             by_width,
         ]);
-        let step = five::solve(&jacobian, &lack)?;
+        let step = linalg5::solve(&jacobian, &lack)?;
         if step.amax() > 0.1 {
             return None;
         }

@@ -8,9 +8,9 @@
 use nalgebra::{Matrix5, Vector3, Vector5};
 
 use crate::angle::wrap_positive;
-use crate::five::Cholesky;
 use crate::helicoid::{Helicoid, Walk};
 use crate::layer::Layer;
+use crate::linalg5::Cholesky;
 use crate::pose::{Frame, column, tip_direction};
 
 /// A correction is good when it ends within this of the curve's end, radii and radians.

@@ -1,14 +1,14 @@
-//! Five linear equations in five unknowns.
+//! Linear algebra in five dimensions: five linear equations in five unknowns.
 //!
-//! nalgebra solves them too, but through views whose sizes only the program knows: in the firmware that leaves panics that no
-//! input reaches and no compiler can rule out. The operations are the same ones in the same order, to the same bits.
+//! nalgebra solves them too, but through views whose sizes are only known at run time. In the firmware that leaves panics that
+//! no input reaches and that the compiler cannot rule out. The operations here are nalgebra's, in the same order, so the results
+//! have the same bits.
 
 use core::mem;
 
 use nalgebra::{Matrix5, Vector5};
 
-/// Solves `matrix x = right` by Gauss's elimination, with the greatest number of each column as its pivot; none for a matrix that is
-/// singular.
+/// Solves `matrix x = right` by Gaussian elimination with partial pivoting. None if the matrix is singular.
 #[inline(never)]
 pub fn solve(matrix: &Matrix5<f64>, right: &Vector5<f64>) -> Option<Vector5<f64>> {
     // Each equation with its right side as the last number.
@@ -54,12 +54,12 @@ pub fn solve(matrix: &Matrix5<f64>, right: &Vector5<f64>) -> Option<Vector5<f64>
     Some(solution.into())
 }
 
-/// Cholesky's factor of a symmetric matrix, by columns; what is above the diagonal means nothing.
+/// The Cholesky factor of a symmetric matrix, by columns. Entries above the diagonal have no meaning.
 #[derive(Debug, Clone)]
 pub struct Cholesky([[f64; 5]; 5]);
 
 impl Cholesky {
-    /// Takes a matrix apart, of which only what is not above the diagonal is looked at; none if it is not positive definite.
+    /// Factorizes a matrix. Only its lower triangle is read. None if it is not positive definite.
     #[inline(never)]
     pub fn new(matrix: &Matrix5<f64>) -> Option<Self> {
         let mut columns = matrix.data.0;
