@@ -33,7 +33,7 @@ const NO_PLANE: f64 = 1e-9;
 /// Helicoidal arcs win only for goals nearer than this, radii: the furthest of 753 in `tests/best_known.csv` is 3.51.
 const HELICOIDS_WITHIN: f64 = 3.9;
 /// The most candidates.
-pub const MOST: usize = csc::MOST + helicoids::MAX_ARCS + 1;
+pub const MOST: usize = csc::MAX_PATHS + helicoids::MAX_ARCS + 1;
 
 /// Where to, seen from the tip that starts.
 #[derive(Debug, Clone, Copy)]
