@@ -1,13 +1,13 @@
-//! What a word's length cannot be below.
+//! Lower bounds for the length of each path type.
 //!
 //! The angles are in single precision, which a microcontroller may have in hardware where double precision is software,
-//! by a short arc tangent and without branches, so that a desktop does four words at once. The margins are some times
-//! the errors; `tests.rs` holds every bound against the word it is for.
+//! by a short arc tangent and without branches, so that a desktop does four path types at once. The margins are some
+//! times the errors; `tests.rs` holds every bound against the path type it is for.
 
 use core::array;
 use core::f32::consts::{FRAC_PI_2, FRAC_PI_4, PI, TAU};
 
-use super::words::Goal;
+use super::path_types::Goal;
 
 /// An angle this close below a full turn counts as 0, which it may be. An angle is wrong by the 0.004 of the arc
 /// tangent, a difference of two by twice that.
@@ -21,8 +21,8 @@ const COINCIDING: f32 = 1e-4;
 /// A square below 0 by more than this is so by more than rounding.
 const EDGE: f32 = 1e-4;
 
-/// For each of [`super::Word::ALL`], what its length cannot be below: infinite if there is no such word. Beyond the
-/// range of single precision the bounds are not numbers, and rule nothing out.
+/// For each of [`super::Word::ALL`], what its length cannot be below: infinite if there is no such path type. Beyond
+/// the range of single precision the bounds are not numbers, and rule nothing out.
 #[inline(always)]
 pub(super) fn lower_bounds(goal: &Goal) -> [f32; 6] {
     let tangents = goal.tangents.each_ref();

@@ -1,33 +1,33 @@
 //! The shortest path in a plane between two poses, of curvature at most 1 (Dubins 1957).
 //!
 //! Lengths are in units of the turning radius; the start is at the origin with heading 0; left is counter-clockwise.
-//! A shortest path is one of six words, LSL, RSR, LSR, RSL, LRL, RLR, or a part of one (S, C, SC, CS, CC): a part is a
-//! word with angles or lengths of 0.
+//! A shortest path has one of six types, LSL, RSR, LSR, RSL, LRL, RLR, or a part of one (S, C, SC, CS, CC): a part is a
+//! path type with angles or lengths of 0.
 //!
-//! Each word is built from the centres of its circles (Shkel and Lumelsky 2001 classify the same words by their
-//! angles); words that begin to the right are those that begin to the left, in the mirrored plane (`words.rs`). Square
-//! roots of values that rounding put below 0 are taken as 0: there, the lengths that follow are stationary, and the
-//! word is taken if it ends at the goal.
+//! Each path type is built from the centres of its circles (Shkel and Lumelsky 2001 classify the same path types by
+//! their angles); path types that begin to the right are those that begin to the left, in the mirrored plane
+//! (`path_types.rs`). Square roots of values that rounding put below 0 are taken as 0: there, the lengths that follow
+//! are stationary, and the path type is taken if it ends at the goal.
 //!
 //! What classic implementations get wrong is handled explicitly: where an angle is a rounding error short of a full
-//! turn, or two circles coincide and the line between their centres has no direction, the word without that turn is
-//! tried and taken if it ends at the goal.
+//! turn, or two circles coincide and the line between their centres has no direction, the path type without that turn
+//! is tried and taken if it ends at the goal.
 //!
-//! Building six words for the sake of one is mostly wasted. So this is a branch and bound: each word first gets a lower
-//! bound of its length, in single precision and with a short polynomial for the arc tangent (`bounds.rs`), and only
-//! words whose bound is below the best length found are built. The bounds decide what is computed, never what is
-//! returned.
+//! Building six path types for the sake of one is mostly wasted. So this is a branch and bound: each path type first
+//! gets a lower bound of its length, in single precision and with a short polynomial for the arc tangent (`bounds.rs`),
+//! and only path types whose bound is below the best length found are built. The bounds decide what is computed, never
+//! what is returned.
 
 mod bounds;
+mod path_types;
 #[cfg(test)]
 mod tests;
-mod words;
 
 use core::f64::consts::TAU;
 
 use crate::angle::wrap_positive;
 use crate::trigonometry;
-use words::Goal;
+use path_types::Goal;
 
 /// A pose in the plane: x, y in radii, heading in radians.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -53,7 +53,7 @@ pub enum Direction {
 
 use Direction::{Left, Right, Straight};
 
-/// One of the six words.
+/// One of the six path types.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Word {
     /// Left, straight, left.
@@ -71,7 +71,7 @@ pub enum Word {
 }
 
 impl Word {
-    /// All words, in the order in which ties are decided.
+    /// All path types, in the order in which ties are decided.
     pub const ALL: [Self; 6] = [Self::Lsl, Self::Rsr, Self::Lsr, Self::Rsl, Self::Lrl, Self::Rlr];
 
     /// The three pieces.
@@ -88,10 +88,10 @@ impl Word {
     }
 }
 
-/// A path of one word. Pieces may have no length.
+/// A path of one of the types. Pieces may have no length.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlanarPath {
-    /// The word.
+    /// The path type.
     pub word: Word,
     /// Length of each piece, radii; for an arc that is its angle.
     pub lengths: [f64; 3],
@@ -109,7 +109,7 @@ impl PlanarPath {
         self.word.directions().into_iter().zip(self.lengths).filter(|(_, length)| *length > 0.0)
     }
 
-    /// Where the path ends: the forward integration by which every doubtful word is checked.
+    /// Where the path ends: the forward integration by which every doubtful path is checked.
     #[must_use]
     pub fn end(&self) -> PlanarPose {
         let mut at = PlanarPose { x: 0.0, y: 0.0, heading: 0.0 };
@@ -142,7 +142,7 @@ impl PlanarPath {
     }
 }
 
-/// A word that is longer than the shortest by no more than this is as short: the first of them, in the order of
+/// A path type that is longer than the shortest by no more than this is as short: the first of them, in the order of
 /// [`Word::ALL`], is returned, so that ties fall the same way everywhere.
 const TIE: f64 = 1e-12;
 
@@ -161,18 +161,18 @@ pub fn shortest(goal: &PlanarPose) -> PlanarPath {
     shortest_within(&goal, bounds::lower_bounds(&goal))
 }
 
-/// The shortest path, built only from words whose lower bound leaves that possible. Whatever the bounds, the result is
-/// the same.
+/// The shortest path, built only from path types whose lower bound leaves that possible. Whatever the bounds, the
+/// result is the same.
 #[inline(always)]
 fn shortest_within(goal: &Goal, bounds: [f32; 6]) -> PlanarPath {
     let mut likeliest = Word::Lsl;
-    let mut least = f32::INFINITY;
+    let mut min_bound = f32::INFINITY;
     for (word, bound) in Word::ALL.into_iter().zip(bounds) {
-        if bound < least {
-            (likeliest, least) = (word, bound);
+        if bound < min_bound {
+            (likeliest, min_bound) = (word, bound);
         }
     }
-    // After the likeliest word there is mostly no other left.
+    // After the likeliest path type there is mostly no other left.
     let first = goal.build(likeliest);
     let shortest = first.as_ref().map_or(f64::INFINITY, PlanarPath::length);
     let longer = bounds.map(|bound| is_longer(bound, shortest));
@@ -182,13 +182,13 @@ fn shortest_within(goal: &Goal, bounds: [f32; 6]) -> PlanarPath {
     }
 }
 
-/// Whether a word of that bound is certainly longer than the shortest. A bound that is not a number rules nothing out;
-/// the rounding to single precision is within the bounds' margins.
+/// Whether a path type of that bound is certainly longer than the shortest. A bound that is not a number rules nothing
+/// out; the rounding to single precision is within the bounds' margins.
 fn is_longer(bound: f32, shortest: f64) -> bool {
     bound > (shortest + TIE) as f32
 }
 
-/// [`shortest_within`], where more than one word may be the shortest; one of them is built already.
+/// [`shortest_within`], where more than one path type may be the shortest; one of them is built already.
 #[cold]
 fn shortest_of_several(goal: &Goal, bounds: [f32; 6], built: Word, first: Option<PlanarPath>) -> PlanarPath {
     let mut found = [None; 6];

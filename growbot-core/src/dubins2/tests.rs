@@ -1,10 +1,10 @@
-//! Each family of goals for which words degenerate, and that the bounds decide nothing but the time.
+//! Each family of goals for which path types degenerate, and that the bounds decide nothing but the time.
 
 use core::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use proptest::prelude::*;
 
-use super::words::{ARRIVED, ARRIVED_AT_DISTANCE};
+use super::path_types::{ARRIVED, ARRIVED_AT_DISTANCE};
 use super::*;
 
 /// A goal and the length of a path to it, which was laid out by hand.
@@ -225,7 +225,7 @@ proptest! {
     }
 
     #[test]
-    fn no_word_is_shorter_than_its_bound(goal in any_goal()) {
+    fn no_path_type_is_shorter_than_its_bound(goal in any_goal()) {
         let goal = Goal::new(&goal);
         for (word, bound) in Word::ALL.into_iter().zip(bounds::lower_bounds(&goal)) {
             if let Some(path) = goal.build(word) {
@@ -251,7 +251,7 @@ fn turning_round_on_the_spot_takes_three_arcs() {
 }
 
 #[test]
-fn goals_at_the_edges_of_the_words_are_reached() {
+fn goals_at_the_edges_of_the_path_types_are_reached() {
     for distance in [2.0, 4.0, 4.0 - 1e-16, 4.0 + 1e-15, 2.0 - 1e-13, 2.0 - 1e-10, 4.0 + 1e-10, 1e-300] {
         for heading in [0.0, PI, FRAC_PI_2, -FRAC_PI_2] {
             for angle in [0.0, FRAC_PI_2, PI, 1.0] {

@@ -1,4 +1,4 @@
-//! The six words, built from the centres of their circles.
+//! The six path types, built from the centres of their circles.
 
 use core::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI, TAU};
 
@@ -13,14 +13,14 @@ const NEAR_FULL_TURN: f64 = 1e-5;
 pub(super) const ARRIVED: f64 = 1e-12;
 /// ...and beyond that, where the goal itself has fewer digits, in proportion.
 pub(super) const ARRIVED_AT_DISTANCE: f64 = 1e-12 / 64.0;
-/// A square that is below 0 by no more than this may be so by rounding: the word is tried.
+/// A square that is below 0 by no more than this may be so by rounding: the path type is tried.
 const EDGE: f64 = 1e-9;
 /// The tangent of pi/8, to the little that matters.
 const TAN_PI_8: f64 = 0.414;
 
-/// The goal as the words see it.
+/// The goal as the path types see it.
 ///
-/// Words that begin to the right are seen in the mirrored plane, where they begin to the left.
+/// Path types that begin to the right are seen in the mirrored plane, where they begin to the left.
 pub(super) struct Goal<'a> {
     pose: &'a PlanarPose,
     /// For LSL, RSR, LSR, RSL. LRL and RLR are between the same circles as LSL and RSR.
@@ -64,10 +64,11 @@ impl<'a> Goal<'a> {
         Self { pose, tangents }
     }
 
-    /// The shortest of a word and its parts, if there is one that leads to the goal.
+    /// The shortest of a path type and its parts, if there is one that leads to the goal.
     #[cfg_attr(not(target_os = "none"), inline(always))]
     pub(super) fn build(&self, word: Word) -> Option<PlanarPath> {
-        // In the order of the words: after the four with a tangent come the two between the first two pairs of circles.
+        // In the order of the path types: after the four with a tangent come the two between the first two pairs of
+        // circles.
         let index = word as usize;
         let between = &self.tangents[index & 3];
         let built = if index < 4 { between.straight() } else { between.three_arcs() };
@@ -75,15 +76,15 @@ impl<'a> Goal<'a> {
         if built.doubtful { self.build_doubtful(path, between, built.square) } else { Some(path) }
     }
 
-    /// [`Self::build`], where rounding may have added a turn, or made a word of what is none.
+    /// [`Self::build`], where rounding may have added a turn, or a path type may seem to exist that does not.
     #[cold]
     fn build_doubtful(&self, path: PlanarPath, between: &Tangent, square: f64) -> Option<PlanarPath> {
         let [first, middle, last] = path.lengths;
         let mut shortest = Shortest { goal: self.pose, word: path.word, path: None };
         if matches!(path.word, Word::Lsl | Word::Rsr) && middle < NEAR_FULL_TURN {
             // The line between the centres has no direction, and one arc may make the whole turn.
-            shortest.take_if_it_arrives([0.0; 3]);
-            shortest.take_if_it_arrives([between.heading, 0.0, 0.0]);
+            shortest.offer_if_it_arrives([0.0; 3]);
+            shortest.offer_if_it_arrives([between.heading, 0.0, 0.0]);
         }
         // What an arc falls short of a full turn goes to the arc at the other end, so that the heading stays.
         let same_side = !matches!(path.word, Word::Lsr | Word::Rsl);
@@ -93,27 +94,27 @@ impl<'a> Goal<'a> {
         };
         let (drop_first, drop_last) = (first > TAU - NEAR_FULL_TURN, last > TAU - NEAR_FULL_TURN);
         if drop_first && drop_last {
-            shortest.take_if_it_arrives([0.0, middle, 0.0]);
+            shortest.offer_if_it_arrives([0.0, middle, 0.0]);
         }
         if drop_first {
-            shortest.take_if_it_arrives([0.0, middle, other(last, first)]);
+            shortest.offer_if_it_arrives([0.0, middle, other(last, first)]);
         }
         if drop_last {
-            shortest.take_if_it_arrives([other(first, last), middle, 0.0]);
+            shortest.offer_if_it_arrives([other(first, last), middle, 0.0]);
         }
         if square >= 0.0 {
-            shortest.take(path.lengths);
+            shortest.offer(path.lengths);
         } else if square >= -EDGE {
-            shortest.take_if_it_arrives(path.lengths);
+            shortest.offer_if_it_arrives(path.lengths);
         }
         shortest.path
     }
 }
 
-/// A word as its formula has it.
+/// What the formula of a path type gives.
 struct Built {
     lengths: [f64; 3],
-    /// Of the root: if it is below 0 there is no such word, or rounding has put it there.
+    /// Of the root: if it is below 0 there is no such path type, or rounding has put it there.
     square: f64,
     /// Whether rounding may be of consequence.
     doubtful: bool,
@@ -199,7 +200,7 @@ fn wrap(angle: f64) -> f64 {
     if wrapped >= TAU { 0.0 } else { wrapped }
 }
 
-/// The shortest so far of a word and its parts.
+/// The shortest so far of a path type and its parts.
 struct Shortest<'a> {
     goal: &'a PlanarPose,
     word: Word,
@@ -208,7 +209,7 @@ struct Shortest<'a> {
 
 impl Shortest<'_> {
     /// Integrating it forwards is what costs, so that comes last.
-    fn take_if_it_arrives(&mut self, lengths: [f64; 3]) {
+    fn offer_if_it_arrives(&mut self, lengths: [f64; 3]) {
         let path = PlanarPath { word: self.word, lengths };
         let tolerance = || ARRIVED.max(ARRIVED_AT_DISTANCE * trigonometry::hypot(self.goal.x, self.goal.y));
         if self.is_shorter(&path) && path.miss(self.goal) <= tolerance() {
@@ -216,7 +217,7 @@ impl Shortest<'_> {
         }
     }
 
-    fn take(&mut self, lengths: [f64; 3]) {
+    fn offer(&mut self, lengths: [f64; 3]) {
         let path = PlanarPath { word: self.word, lengths };
         if self.is_shorter(&path) {
             self.path = Some(path);
