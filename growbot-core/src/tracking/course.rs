@@ -1,9 +1,9 @@
 //! The rest of the path: pieces of constant curvature from the tip to the goal, bent so that they end there.
 //!
-//! What is planned again after a layer is hardly ever far from what was planned before it. So the pieces are corrected, not found
-//! anew: of all corrections that lead to the goal, the one that strays least from the path as it was planned (the least squares
-//! of curvature and length, by Gauss and Newton), with no curvature over the greatest. A path is planned with a radius over R_min, and
-//! corrected down to it.
+//! What is planned again after a layer is hardly ever far from what was planned before it. So the pieces are corrected,
+//! not found anew: of all corrections that lead to the goal, the one that strays least from the path as it was planned
+//! (the least squares of curvature and length, by Gauss and Newton), with no curvature above the max. A path is planned
+//! with a radius over R_min, and corrected down to it.
 
 use heapless::Vec;
 use nalgebra::{SMatrix, SVector, Vector2, Vector3};
@@ -13,12 +13,12 @@ use crate::path::Segment;
 use crate::pose::{Frame, Pose, angle_between, tip_direction};
 use crate::trigonometry;
 
-/// The most pieces.
-const MOST_PIECES: usize = 48;
-/// A path is cut into about so many at first.
+/// Max pieces.
+const MAX_PIECES: usize = 48;
+/// A path is first cut into about this many pieces.
 const FIRST_PIECES: f64 = 40.0;
-/// There are at least so many, while they are longer than a layer.
-const LEAST_PIECES: usize = 12;
+/// Min pieces, as long as each is longer than a layer.
+const MIN_PIECES: usize = 12;
 /// Corrections in a row.
 const ROUNDS: usize = 5;
 /// How often one that leads away from the goal is halved.
@@ -31,7 +31,8 @@ const CONSTRAINTS: usize = 5;
 const NEARLY: f64 = 1e-3;
 /// A goal is not met better than this at any cost: deviations by which missing it is weighed, radii and radians.
 const UNWEIGHED: [f64; 2] = [2e-4, 1e-4];
-/// How far a piece as long as a radius may stray: the deviation of its curvature, in curvatures of the radius, and of its length, in radii.
+/// How far a piece as long as a radius may stray: the deviation of its curvature, in curvatures of the radius, and of
+/// its length, in radii.
 const FREEDOM: [f64; 2] = [0.2, 0.2];
 
 /// A piece of constant curvature.
@@ -75,7 +76,7 @@ pub struct Miss {
 /// The rest of a path.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Course {
-    pieces: Vec<Piece, MOST_PIECES>,
+    pieces: Vec<Piece, MAX_PIECES>,
     /// Scale of lengths and curvatures, mm.
     radius: f64,
     /// The pull on its end that bends it as it is.
@@ -110,8 +111,8 @@ impl Course {
         self.pieces.iter().map(|piece| piece.length).sum()
     }
 
-    /// Takes this length off the course's beginning.
-    pub fn take(&mut self, mut length: f64) {
+    /// Removes this length from the beginning of the course.
+    pub fn advance(&mut self, mut length: f64) {
         while let Some(first) = self.pieces.first_mut() {
             if first.length > length {
                 *first = first.without(length);
@@ -158,22 +159,23 @@ impl Course {
         if covered > 0.0 { turned / covered } else { turned }
     }
 
-    /// Bends the course so that it leads from the tip to the goal, with no piece bent tighter than `greatest` (1/mm). How far from
-    /// the goal it ends then. Where only few pieces are left they are cut, down to about `resolution`, mm.
-    pub fn correct(&mut self, base_from_tip: &Frame, goal: &Pose, greatest: f64, resolution: f64) -> Miss {
+    /// Bends the course so that it leads from the tip to the goal, with no piece bent tighter than `max_curvature`
+    /// (1/mm). How far from the goal it ends then. Where only few pieces are left they are cut, down to about
+    /// `resolution`, mm.
+    pub fn correct(&mut self, base_from_tip: &Frame, goal: &Pose, max_curvature: f64, resolution: f64) -> Miss {
         self.refine(resolution);
         let mut linear = Linear::default();
-        linear.set(self, base_from_tip, goal, greatest);
+        linear.set(self, base_from_tip, goal, max_curvature);
         for _ in 0..ROUNDS {
             let (before, error) = (self.clone(), linear.weighed_error());
             linear.pull(self);
-            linear.set(self, base_from_tip, goal, greatest);
+            linear.set(self, base_from_tip, goal, max_curvature);
             for _ in 0..HALVINGS {
                 if linear.weighed_error() <= error.max(1.0) {
                     break;
                 }
                 self.back_halfway(&before);
-                linear.set(self, base_from_tip, goal, greatest);
+                linear.set(self, base_from_tip, goal, max_curvature);
             }
             // What cannot be reached is not reached in more rounds.
             if linear.error.norm() < NEARLY * NEARLY || linear.weighed_error() > 0.99 * error {
@@ -194,7 +196,7 @@ impl Course {
 
     /// Cuts the longest pieces while there are few.
     fn refine(&mut self, resolution: f64) {
-        while self.pieces.len() < LEAST_PIECES {
+        while self.pieces.len() < MIN_PIECES {
             let longest = self.pieces.iter().enumerate().max_by(|a, b| a.1.length.total_cmp(&b.1.length));
             let Some((index, piece)) = longest.map(|(index, piece)| (index, *piece)) else { break };
             if piece.length < 2.0 * resolution {
@@ -219,16 +221,17 @@ struct Linear {
     /// The same, had no piece strayed from what was planned.
     from_planned: Constraint,
     /// For each piece, from the last to the first.
-    columns: Vec<Columns, MOST_PIECES>,
+    columns: Vec<Columns, MAX_PIECES>,
     miss: Miss,
 }
 
-/// How the end of a course moves with a piece: by its curvature's x and y (1/mm) and its length (mm); and how far that may stray.
+/// How the end of a course moves with a piece: by its curvature's x and y (1/mm) and its length (mm); and how far that
+/// may stray.
 struct Columns {
     by_curvature: [Constraint; 2],
     by_length: Constraint,
-    /// The greatest curvature, 1/mm.
-    greatest: f64,
+    /// Max curvature, 1/mm.
+    max_curvature: f64,
     /// Variances: 1/mm^2 and mm^2.
     freedom: (f64, f64),
     planned: (Vector2<f64>, f64),
@@ -249,7 +252,7 @@ impl Columns {
         let [x, y] = self.by_curvature.map(|column| column.dot(pull));
         let wanted = self.planned.0 + Vector2::new(x, y) * self.freedom.0;
         let tightness = wanted.norm();
-        let curvature = if tightness > self.greatest { wanted * (self.greatest / tightness) } else { wanted };
+        let curvature = if tightness > self.max_curvature { wanted * (self.max_curvature / tightness) } else { wanted };
         let length = self.planned.1 + self.by_length.dot(pull) * self.freedom.1;
         (curvature, length.clamp(self.lengths.0, self.lengths.1), wanted)
     }
@@ -263,10 +266,10 @@ impl Columns {
         dual.value += moved.dot(pull) - 0.5 * cost;
         dual.slope += moved;
         let tightness = wanted.norm();
-        if tightness > self.greatest {
+        if tightness > self.max_curvature {
             // Along the bound only, and the less the further it is pulled beyond.
             let across = (by_y * wanted.x - by_x * wanted.y) / tightness;
-            dual.hessian += across * across.transpose() * (self.freedom.0 * self.greatest / tightness);
+            dual.hessian += across * across.transpose() * (self.freedom.0 * self.max_curvature / tightness);
         } else {
             dual.hessian += (by_x * by_x.transpose() + by_y * by_y.transpose()) * self.freedom.0;
         }
@@ -277,7 +280,7 @@ impl Columns {
 }
 
 impl Linear {
-    fn set(&mut self, course: &Course, base_from_tip: &Frame, goal: &Pose, greatest: f64) {
+    fn set(&mut self, course: &Course, base_from_tip: &Frame, goal: &Pose, max_curvature: f64) {
         let constraint = |moved: Vector3<f64>, turned: Vector3<f64>| {
             let moved = moved / course.radius;
             Constraint::new(moved.x, moved.y, moved.z, turned.y, -turned.x)
@@ -306,7 +309,7 @@ impl Linear {
             let _ = self.columns.push(Columns {
                 by_curvature: [by_x, by_y],
                 by_length,
-                greatest,
+                max_curvature,
                 freedom: piece.freedom(course.radius),
                 planned: piece.planned,
                 lengths: (0.5 * piece.length, 2.0 * piece.length),
@@ -328,12 +331,12 @@ impl Linear {
         self.error.component_div(&Constraint::from_fn(|row, _| UNWEIGHED[row / 3])).norm()
     }
 
-    /// Moves the pieces to where they stray least, none of them bent too tightly, and lead to the goal as far as straight
-    /// lines tell.
+    /// Moves the pieces to where they stray least, none of them bent too tightly, and lead to the goal as far as
+    /// straight lines tell.
     ///
-    /// The least squares have five constraints and a bound for each piece; so their dual has five unknowns and no bound, and is convex:
-    /// a pull on the end of the course, to which each piece gives way by itself as far as it can. Newton's method with Armijo's
-    /// step rule finds it (Nocedal and Wright 2006, chapters 3 and 17).
+    /// The least squares have five constraints and a bound for each piece; so their dual has five unknowns and no
+    /// bound, and is convex: a pull on the end of the course, to which each piece gives way by itself as far as it can.
+    /// Newton's method with Armijo's step rule finds it (Nocedal and Wright 2006, chapters 3 and 17).
     fn pull(&self, course: &mut Course) {
         let mut at = self.dual(&course.pull);
         for _ in 0..NEWTON_STEPS {
@@ -433,7 +436,7 @@ mod tests {
 
     #[test]
     fn a_tip_that_is_off_is_led_to_the_goal_within_the_greatest_curvature() {
-        let greatest = 1.0 / 98.2;
+        let max_curvature = 1.0 / 98.2;
         let mut missed = 0;
         for (seed, (start, goal, path)) in (0..).zip(problems()) {
             let mut random = Random::new(&[seed, 1]);
@@ -441,8 +444,8 @@ mod tests {
             off.translation.vector += random.normal_vector();
             off.rotation = super::super::estimator::rotation(&(random.normal_vector() * 0.01)) * off.rotation;
             let mut course = Course::along(&path, 100.0);
-            let miss = course.correct(&off, &goal, greatest, 0.774);
-            assert!(course.pieces.iter().all(|piece| piece.curvature.norm() <= greatest * (1.0 + 1e-12)));
+            let miss = course.correct(&off, &goal, max_curvature, 0.774);
+            assert!(course.pieces.iter().all(|piece| piece.curvature.norm() <= max_curvature * (1.0 + 1e-12)));
             let end = course.end(&off);
             assert!(((end.translation.vector - goal.position()).norm() - miss.distance).abs() < 1e-9);
             missed += u32::from(miss.distance > 0.1 || miss.angle > 0.002);
@@ -463,13 +466,13 @@ mod tests {
     }
 
     #[test]
-    fn lengths_are_taken_from_the_beginning() {
+    fn advancing_removes_length_from_the_beginning() {
         let path = [Segment::Straight { length: 10.0 }, Segment::Arc { alpha: 0.0, bend: 0.5, length: 50.0 }];
         let mut course = Course::along(&path, 100.0);
-        course.take(30.0);
+        course.advance(30.0);
         assert!((course.length() - 30.0).abs() < 1e-12);
         assert!((course.curvature_over(5.0).norm() - 0.01).abs() < 1e-15);
-        course.take(100.0);
+        course.advance(100.0);
         assert_eq!(course.length(), 0.0);
     }
 }

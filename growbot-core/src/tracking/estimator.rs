@@ -1,9 +1,9 @@
 //! Where the tip is: dead reckoning from the layers as commanded, corrected by what is measured.
 //!
-//! An extended Kalman filter (Kalman 1960; the error of the attitude is a small rotation in the base's frame, as in Sola 2017,
-//! section 7, so that it stands still while the tip turns). Its errors are those of the position (3), of the attitude (3), and of three
-//! things that a robot does in every layer and that are learned: tilt gain, offset of the deposition angle, twist. How much more or
-//! less than asked for a layer grows is learned beside it, from the odometry.
+//! An extended Kalman filter (Kalman 1960; the error of the attitude is a small rotation in the base's frame, as in
+//! Sola 2017, section 7, so that it stands still while the tip turns). Its errors are those of the position (3), of the
+//! attitude (3), and of three things that a robot does in every layer and that are learned: tilt gain, offset of the
+//! deposition angle, twist. How much more or less than asked for a layer grows is learned beside it, from the odometry.
 
 use nalgebra::{Rotation3, SMatrix, SVector, Vector3};
 
@@ -32,7 +32,7 @@ mod assumed {
     pub const GROWTH_BIAS_DRIFT: f64 = 1e-4;
     /// Of the growth of a single layer, a share: what is found takes its place.
     pub const GROWTH: f64 = 0.06;
-    pub const GROWTH_LEAST: f64 = 1e-3;
+    pub const GROWTH_MIN: f64 = 1e-3;
     /// Layers over which the growth's noise is found.
     pub const GROWTH_WINDOW: f64 = 100.0;
     /// How much more or less than asked for layers tilt, a share.
@@ -41,19 +41,19 @@ mod assumed {
     pub const ALPHA: f64 = 2.0 * DEGREE;
     /// Twist of every layer, radians.
     pub const TWIST: f64 = 0.002 * DEGREE;
-    /// The most that is learned: shares, and radians.
-    pub const MOST_SHARE: f64 = 0.5;
-    pub const MOST_ALPHA: f64 = 30.0 * DEGREE;
-    pub const MOST_TWIST: f64 = DEGREE;
+    /// Max that is learned: shares, and radians.
+    pub const MAX_SHARE: f64 = 0.5;
+    pub const MAX_ALPHA: f64 = 30.0 * DEGREE;
+    pub const MAX_TWIST: f64 = DEGREE;
     /// Lean of a single layer about each axis of the deposition plane, radians.
     pub const LEAN_NOISE: f64 = 0.003 * DEGREE;
     /// Twist of a single layer, radians.
     pub const TWIST_NOISE: f64 = 0.001 * DEGREE;
 }
 
-/// What the robot does in every layer, as far as it has been learned.
+/// The systematic errors of the robot, the same in every layer, as far as they have been learned.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Habits {
+pub struct SystematicErrors {
     /// Over-deposition, a share of the height; negative for under-deposition.
     pub growth: f64,
     /// How much more layers tilt than asked for, a share.
@@ -64,14 +64,14 @@ pub struct Habits {
     pub twist: f64,
 }
 
-impl Habits {
+impl SystematicErrors {
     /// Nothing beyond what a robot can do: no more is learned from sensors that are broken.
     fn within_reason(&self) -> Self {
         Self {
-            growth: self.growth.clamp(-assumed::MOST_SHARE, assumed::MOST_SHARE),
-            tilt: self.tilt.clamp(-assumed::MOST_SHARE, assumed::MOST_SHARE),
-            alpha: self.alpha.clamp(-assumed::MOST_ALPHA, assumed::MOST_ALPHA),
-            twist: self.twist.clamp(-assumed::MOST_TWIST, assumed::MOST_TWIST),
+            growth: self.growth.clamp(-assumed::MAX_SHARE, assumed::MAX_SHARE),
+            tilt: self.tilt.clamp(-assumed::MAX_SHARE, assumed::MAX_SHARE),
+            alpha: self.alpha.clamp(-assumed::MAX_ALPHA, assumed::MAX_ALPHA),
+            twist: self.twist.clamp(-assumed::MAX_TWIST, assumed::MAX_TWIST),
         }
     }
 
@@ -101,7 +101,7 @@ impl Habits {
 pub struct Estimator {
     noise: SensorNoise,
     base_from_tip: Frame,
-    habits: Habits,
+    systematic: SystematicErrors,
     covariance: Covariance,
     /// Of the growth's bias.
     bias_variance: f64,
@@ -121,7 +121,7 @@ impl Estimator {
         Self {
             noise,
             base_from_tip,
-            habits: Habits::default(),
+            systematic: SystematicErrors::default(),
             covariance,
             bias_variance: square(assumed::GROWTH_BIAS),
             growth_variance: square(assumed::GROWTH),
@@ -135,8 +135,8 @@ impl Estimator {
     }
 
     /// What has been learned.
-    pub fn habits(&self) -> &Habits {
-        &self.habits
+    pub fn systematic(&self) -> &SystematicErrors {
+        &self.systematic
     }
 
     /// Standard deviation of the position, mm: the root of the sum over the axes.
@@ -170,10 +170,11 @@ impl Estimator {
         growth + correction
     }
 
-    /// Growth of the layer and its variance, mm and mm^2; and what the layers before it, which were not measured, grew besides.
+    /// Growth of the layer and its variance, mm and mm^2; and what the layers before it, which were not measured, grew
+    /// besides.
     fn odometry(&mut self, commanded: &Layer, measured: Option<f64>) -> (f64, f64, f64) {
         let height = commanded.height;
-        let expected = height * (1.0 + self.habits.growth);
+        let expected = height * (1.0 + self.systematic.growth);
         let variance = square(height) * self.growth_variance;
         let (before, before_variance) = self.unmeasured;
         let Some(measured) = measured else {
@@ -182,13 +183,13 @@ impl Estimator {
         };
         self.unmeasured = (0.0, 0.0);
         let noise = square(height * self.noise.odometry);
-        let surprise = measured - before - expected;
+        let innovation = measured - before - expected;
         let all = variance + before_variance;
         if height > 0.0 && before == 0.0 {
-            self.learn_growth(surprise / height, square(self.noise.odometry));
+            self.learn_growth(innovation / height, square(self.noise.odometry));
         }
         let share = all / (all + noise).max(f64::MIN_POSITIVE);
-        let correction = share * surprise;
+        let correction = share * innovation;
         let left = share * noise;
         // What the layers before have to bear of it was added to the position's variance with each of them.
         let own = if all > 0.0 { variance / all } else { 1.0 };
@@ -196,23 +197,23 @@ impl Estimator {
     }
 
     /// A layer grew by this share of its height more than expected; the odometry's variance is a share squared.
-    fn learn_growth(&mut self, surprise: f64, odometry: f64) {
+    fn learn_growth(&mut self, innovation: f64, odometry: f64) {
         self.bias_variance += square(assumed::GROWTH_BIAS_DRIFT);
         let variance = self.bias_variance + self.growth_variance + odometry;
         let gain = self.bias_variance / variance;
-        self.habits.growth += gain * surprise;
-        self.habits = self.habits.within_reason();
+        self.systematic.growth += gain * innovation;
+        self.systematic = self.systematic.within_reason();
         self.bias_variance *= 1.0 - gain;
         // One that is far off is no more than three times the noise.
-        let noise = (square(surprise) - odometry - self.bias_variance).min(9.0 * self.growth_variance);
+        let noise = (square(innovation) - odometry - self.bias_variance).min(9.0 * self.growth_variance);
         let found = self.growth_variance + (noise - self.growth_variance) / assumed::GROWTH_WINDOW;
-        self.growth_variance = found.max(square(assumed::GROWTH_LEAST));
+        self.growth_variance = found.max(square(assumed::GROWTH_MIN));
     }
 
     fn predict(&mut self, commanded: &Layer, growth: f64, growth_variance: f64) {
         let before = self.base_from_tip;
-        let after = self.habits.lay_grown(&before, commanded, growth);
-        let (layer, _) = self.habits.of(commanded, growth);
+        let after = self.systematic.lay_grown(&before, commanded, growth);
+        let (layer, _) = self.systematic.of(commanded, growth);
         let moved = after.translation.vector - before.translation.vector;
         let (sine, cosine) = trigonometry::sin_cos(layer.alpha);
         // The tip turns about this axis, by the tilt; and about the other one where the deposition angle is off.
@@ -259,18 +260,18 @@ impl Estimator {
             let toward = self.covariance.fixed_view::<ERRORS, 3>(0, 3) * axis;
             let variance = axis.dot(&toward.fixed_rows::<3>(3)) + square(self.noise.direction);
             if variance > 0.0 {
-                let surprise = value - axis.dot(&found.fixed_rows::<3>(3));
-                found += toward * (surprise / variance);
+                let innovation = value - axis.dot(&found.fixed_rows::<3>(3));
+                found += toward * (innovation / variance);
                 self.covariance -= toward * toward.transpose() / variance;
             }
         }
         self.base_from_tip.translation.vector += found.fixed_rows::<3>(0);
         let turned = rotation(&found.fixed_rows::<3>(3).into_owned()) * self.base_from_tip.rotation;
         self.base_from_tip.rotation = orthonormal(&turned);
-        self.habits.tilt += found[TILT_GAIN];
-        self.habits.alpha += found[ALPHA];
-        self.habits.twist += found[TWIST];
-        self.habits = self.habits.within_reason();
+        self.systematic.tilt += found[TILT_GAIN];
+        self.systematic.alpha += found[ALPHA];
+        self.systematic.twist += found[TWIST];
+        self.systematic = self.systematic.within_reason();
     }
 }
 
@@ -354,7 +355,7 @@ mod tests {
     }
 
     #[test]
-    fn habits_are_learned() {
+    fn systematic_errors_are_learned() {
         let disturbance = Disturbance {
             growth_noise: 0.1,
             growth_bias: 0.05,
@@ -365,7 +366,7 @@ mod tests {
         };
         for direction in [DirectionSensor::Tip, DirectionSensor::Gravity] {
             let (estimator, _) = follow(&disturbance, direction, 1);
-            let Habits { growth, tilt, alpha, twist } = *estimator.habits();
+            let SystematicErrors { growth, tilt, alpha, twist } = *estimator.systematic();
             assert!((growth - 0.05).abs() < 0.01, "{growth}");
             assert!((tilt + 0.04).abs() < 0.005, "{tilt}");
             assert!((degrees(alpha) - 3.0).abs() < 0.5, "{alpha}");

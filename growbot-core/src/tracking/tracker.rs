@@ -5,7 +5,7 @@ use core::f64::consts::PI;
 use nalgebra::Vector2;
 
 use super::course::{Course, Miss};
-use super::estimator::{Estimator, Habits};
+use super::estimator::{Estimator, SystematicErrors};
 use super::measurement::{Measurement, SensorNoise};
 use crate::angle::wrap_positive;
 use crate::layer::Layer;
@@ -22,8 +22,8 @@ pub struct Estimate {
     pub position_deviation: f64,
     /// Standard deviation of the direction, radians: the root of the sum over the two axes across it.
     pub direction_deviation: f64,
-    /// What the robot was found to do in every layer.
-    pub habits: Habits,
+    /// The systematic errors that were found, the same in every layer.
+    pub habits: SystematicErrors,
 }
 
 /// Follows a growth and plans the rest of it again.
@@ -36,20 +36,22 @@ pub struct Tracker<'a> {
     /// Where that is.
     begins: Frame,
     stages: Stages<'a>,
-    /// Layers laid, and layers whose part of the course has been taken off it.
+    /// Layers laid, and layers that can no longer be changed: their part of the course has been removed.
     laid: u64,
-    taken: u64,
+    committed: u64,
     miss: Miss,
 }
 
 impl<'a> Tracker<'a> {
-    /// Before the first layer. The path leads from the start through the goals of its legs, each of which is steered for in turn.
+    /// Before the first layer. The path leads from the start through the goals of its legs, each of which is steered
+    /// for in turn.
     #[must_use]
     pub fn new(robot: &'a Robot, start: &Pose, path: &'a [Segment], legs: &'a [Leg], noise: SensorNoise) -> Self {
         let mut stages = Stages::new(robot, start, path, legs);
         let course = stages.next(&start.frame()).unwrap_or_else(|| Course::along(&[], stages.radius));
         let (estimator, begins) = (Estimator::new(start.frame(), noise), start.frame());
-        let mut tracker = Self { robot, estimator, course, begins, stages, laid: 0, taken: 0, miss: Miss::default() };
+        let mut tracker =
+            Self { robot, estimator, course, begins, stages, laid: 0, committed: 0, miss: Miss::default() };
         tracker.replan(&[]);
         tracker
     }
@@ -58,26 +60,27 @@ impl<'a> Tracker<'a> {
     pub fn laid(&mut self, commanded: &Layer, measured: &Measurement) {
         let growth = self.estimator.laid(commanded, measured);
         self.laid += 1;
-        if self.taken < self.laid {
-            self.take(growth);
+        if self.committed < self.laid {
+            self.commit(growth);
         }
     }
 
     /// A layer of this growth, mm, can no longer be changed.
-    fn take(&mut self, growth: f64) {
-        self.taken += 1;
-        self.course.take(growth);
-        self.course.roll(self.estimator.habits().twist);
+    fn commit(&mut self, growth: f64) {
+        self.committed += 1;
+        self.course.advance(growth);
+        self.course.roll(self.estimator.systematic().twist);
     }
 
-    /// Plans the rest again, from where the tip will be once the layers under way, which can no longer be changed, are laid.
+    /// Plans the rest again, from where the tip will be once the layers under way, which can no longer be changed, are
+    /// laid.
     pub fn replan(&mut self, under_way: &[Layer]) {
-        let habits = *self.estimator.habits();
+        let systematic = *self.estimator.systematic();
         self.begins = *self.estimator.base_from_tip();
         for (index, layer) in (self.laid..).zip(under_way) {
-            self.begins = habits.lay(&self.begins, layer);
-            if self.taken <= index {
-                self.take(layer.height * (1.0 + habits.growth));
+            self.begins = systematic.lay(&self.begins, layer);
+            if self.committed <= index {
+                self.commit(layer.height * (1.0 + systematic.growth));
             }
         }
         while too_thin(&self.course, self.robot) {
@@ -85,23 +88,23 @@ impl<'a> Tracker<'a> {
             self.course = course;
         }
         let resolution = self.robot.description().layer.height_mm;
-        self.miss = self.course.correct(&self.begins, &self.stages.goal, self.greatest_curvature(), resolution);
+        self.miss = self.course.correct(&self.begins, &self.stages.goal, self.max_curvature(), resolution);
     }
 
     /// The layers to come, as they are to be commanded now.
     pub fn rest(&self) -> impl Iterator<Item = Layer> + use<'a> {
-        let (robot, habits, greatest) = (self.robot, *self.estimator.habits(), self.greatest_curvature());
+        let (robot, systematic, max_curvature) = (self.robot, *self.estimator.systematic(), self.max_curvature());
         let (mut course, mut stages) = (self.course.clone(), self.stages.clone());
         let mut ends = course.end(&self.begins);
         core::iter::from_fn(move || {
             while too_thin(&course, robot) {
                 course = stages.next(&ends)?;
-                course.correct(&ends, &stages.goal, greatest, robot.description().layer.height_mm);
+                course.correct(&ends, &stages.goal, max_curvature, robot.description().layer.height_mm);
                 ends = course.end(&ends);
             }
-            let (layer, length) = first_layer(&course, robot, &habits, greatest)?;
-            course.take(length);
-            course.roll(habits.twist);
+            let (layer, length) = first_layer(&course, robot, &systematic, max_curvature)?;
+            course.advance(length);
+            course.roll(systematic.twist);
             Some(layer)
         })
     }
@@ -109,7 +112,7 @@ impl<'a> Tracker<'a> {
     /// The next layer, as it is to be commanded now; none at the end.
     #[must_use]
     pub fn next_layer(&self) -> Option<Layer> {
-        let (layer, _) = first_layer(&self.course, self.robot, self.estimator.habits(), self.greatest_curvature())?;
+        let (layer, _) = first_layer(&self.course, self.robot, self.estimator.systematic(), self.max_curvature())?;
         Some(layer)
     }
 
@@ -120,7 +123,7 @@ impl<'a> Tracker<'a> {
             base_from_tip: *self.estimator.base_from_tip(),
             position_deviation: self.estimator.position_deviation(),
             direction_deviation: self.estimator.direction_deviation(),
-            habits: *self.estimator.habits(),
+            habits: *self.estimator.systematic(),
         }
     }
 
@@ -130,16 +133,16 @@ impl<'a> Tracker<'a> {
         self.miss
     }
 
-    /// The greatest curvature that comes out, 1/mm: as tight as the stiff parts pass, and as the layers' limits allow.
-    fn greatest_curvature(&self) -> f64 {
-        let Habits { growth, tilt, .. } = *self.estimator.habits();
+    /// Max curvature that comes out, 1/mm: as tight as the stiff parts pass, and as the layers' limits allow.
+    fn max_curvature(&self) -> f64 {
+        let SystematicErrors { growth, tilt, .. } = *self.estimator.systematic();
         let laid = (1.0 + tilt) / (self.robot.least_radius_of_layers() * (1.0 + growth));
         laid.min(1.0 / self.robot.least_radius_of_geometry())
     }
 }
 
-/// What a path leads to, one after the other: the goals of its legs, and where a leg has more segments than a course takes, the poses
-/// that are planned between.
+/// What a path leads to, one after the other: the goals of its legs, and where a leg has more segments than a course
+/// takes, the poses that are planned between.
 #[derive(Debug, Clone)]
 struct Stages<'a> {
     path: &'a [Segment],
@@ -189,28 +192,33 @@ fn too_thin(course: &Course, robot: &Robot) -> bool {
     course.length() < 0.5 * robot.description().layer.height_min_mm
 }
 
-/// The first layer of a course, as it is to be commanded, and its length as it will come out, mm. None where what is left is too
-/// thin to be laid.
-fn first_layer(course: &Course, robot: &Robot, habits: &Habits, greatest: f64) -> Option<(Layer, f64)> {
+/// The first layer of a course, as it is to be commanded, and its length as it will come out, mm. None where what is
+/// left is too thin to be laid.
+fn first_layer(
+    course: &Course,
+    robot: &Robot,
+    systematic: &SystematicErrors,
+    max_curvature: f64,
+) -> Option<(Layer, f64)> {
     if too_thin(course, robot) {
         return None;
     }
     let limits = &robot.description().layer;
     let left = course.length();
-    let (grown, tilted) = (1.0 + habits.growth, 1.0 + habits.tilt);
+    let (grown, tilted) = (1.0 + systematic.growth, 1.0 + systematic.tilt);
     let mut length = left.min(limits.height_mm * grown);
     let mut curvature = Vector2::zeros();
     // The curvature over the layer bounds its height, and depends on it.
     for _ in 0..2 {
         curvature = course.curvature_over(length);
-        let tightness = curvature.norm().min(greatest);
+        let tightness = curvature.norm().min(max_curvature);
         let highest = robot.greatest_mean_height(tightness * grown / tilted) * grown;
         let count = -libm::floor(-left / highest + 1e-9);
         length = (left / count.max(1.0)).max(limits.height_min_mm.min(highest * (1.0 - 1e-9)));
     }
-    let tightness = curvature.norm().min(greatest);
+    let tightness = curvature.norm().min(max_curvature);
     let tilt = tightness * length / tilted;
-    let alpha = if tilt > 0.0 { libm::atan2(curvature.y, curvature.x) + PI - habits.alpha } else { 0.0 };
+    let alpha = if tilt > 0.0 { libm::atan2(curvature.y, curvature.x) + PI - systematic.alpha } else { 0.0 };
     Some((Layer { alpha: wrap_positive(alpha), height: length / grown, tilt }, length))
 }
 
@@ -246,7 +254,7 @@ mod tests {
         }
     }
 
-    /// Grows with so many layers that cannot be changed any more while one is measured.
+    /// Grows with a number of layers that cannot be changed any more while one is measured.
     fn grow_behind(under_way: usize, disturbance: &Disturbance, seed: u64) -> f64 {
         let (robot, (start, goal)) = (robot_a(), poses());
         let path = plan(&robot, &start, &goal, 100.0, Planner::Shortest).unwrap().path;
