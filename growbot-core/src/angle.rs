@@ -6,7 +6,8 @@ use core::f64::consts::{PI, TAU};
 
 /// Wraps an angle to `[0, 2 pi)`.
 ///
-/// An angle a rounding error below zero comes back as exactly 0, never as `2 pi`; so does one too large to say where in its turn it is.
+/// An angle a rounding error below zero comes back as exactly 0, never as `2 pi`; so does one too large to say where in
+/// its turn it is.
 #[must_use]
 pub fn wrap_positive(angle: f64) -> f64 {
     let wrapped = angle - TAU * libm::floor(angle / TAU);

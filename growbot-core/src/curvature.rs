@@ -1,8 +1,8 @@
 //! The tightest bend of a robot, from its mechanics (Eq 7) and from its layers.
 //!
-//! Both are least radii of the centreline, mm; the larger binds.
+//! Both are min radii of the centreline, mm; the larger one binds.
 
-/// The least radius that the mechanics allow (Eq 7 of Del Dottore et al. 2019), mm:
+/// Min radius that the mechanics allow (Eq 7 of Del Dottore et al. 2019), mm:
 /// `R_min = (L^2 - r_t^2 + r_r^2) / (2 (r_t - r_r))`.
 ///
 /// - `tip_radius`, `r_t`: from the centreline to where material is laid.
@@ -19,8 +19,8 @@ pub fn least_radius_of_geometry(tip_radius: f64, inner_radius: f64, inner_length
     (l * l - t * t + r * r) / (2.0 * (t - r))
 }
 
-/// The least radius that the layers allow, mm: where the highest mean height that a bend of radius `R` permits,
-/// [`greatest_mean_height`], leaves exactly the least height on the inner side, `h (1 - r_t / R) = height_min`.
+/// Min radius that the layers allow, mm: where the highest mean height that a bend of radius `R` permits,
+/// [`greatest_mean_height`], leaves exactly the min height on the inner side, `h (1 - r_t / R) = height_min`.
 ///
 /// Each of the three bounds on the mean height gives a radius of its own; the largest binds.
 #[must_use]

@@ -1,16 +1,16 @@
-//! Helicoidal arcs: curves of constant curvature whose torsion varies, the third kind of piece of which shortest paths in
-//! space consist, beside circular arcs and straight lines.
+//! Helicoidal arcs: curves of constant curvature whose torsion varies, the third kind of piece of which shortest paths
+//! in space consist, beside circular arcs and straight lines.
 //!
-//! Sussmann 1995 ("Shortest 3-dimensional paths with a prescribed curvature bound", CDC) shows that a shortest path of bounded
-//! curvature is made of arcs and lines or is one helicoidal arc. In units of the radius it is the curve
+//! Sussmann 1995 ("Shortest 3-dimensional paths with a prescribed curvature bound", CDC) shows that a shortest path of
+//! bounded curvature is made of arcs and lines or is one helicoidal arc. In units of the radius it is the curve
 //!
 //! ```text
 //! x'' = w x x',   w = m / |m|,   m = m0 + p x (x - x0)
 //! ```
 //!
-//! with constant vectors `m0`, perpendicular to the direction in which the curve starts, and `p`; their common scale is free.
-//! The tip turns about `w` by one radian per radius of length, and `w` itself turns about the tip: the body bends as tightly
-//! as it may throughout, and only the angle of deposition changes from layer to layer.
+//! with constant vectors `m0`, perpendicular to the direction in which the curve starts, and `p`; their common scale is
+//! free. The tip turns about `w` by one radian per radius of length, and `w` itself turns about the tip: the body bends
+//! as tightly as it may throughout, and only the angle of deposition changes from layer to layer.
 
 use nalgebra::{Matrix3, Rotation3, Translation3, Vector3};
 
@@ -27,14 +27,15 @@ pub struct Helicoid {
 }
 
 /// Longest step of the integration, radii.
-const LONGEST_STEP: f64 = 0.2;
-/// Near a point where `m` vanishes its direction turns fast: no step is longer than this share of the length in which `m`, as it
-/// changes there, would vanish...
+const MAX_STEP: f64 = 0.2;
+/// Near a point where `m` vanishes its direction turns fast: no step is longer than this share of the length in which
+/// `m`, as it changes there, would vanish...
 const SHARE_OF_WAY: f64 = 0.25;
 /// ...nor than this share of that in which it would at the rate at which its change changes.
 const SHARE_OF_TURN: f64 = 0.25;
-/// Yet none is shorter than this, radii: `w` turns half a turn within such a step at most, which moves the end by its square.
-const SHORTEST_STEP: f64 = 1e-9;
+/// Yet none is shorter than this, radii: `w` turns half a turn within such a step at most, which moves the end by its
+/// square.
+const MIN_STEP: f64 = 1e-9;
 /// Steps up to this, such as layers, may be short ones.
 const SHORT: f64 = 0.01;
 /// Substeps of the midpoint rule whose results are extrapolated: order 10.
@@ -50,7 +51,8 @@ impl Helicoid {
         self.m0 + self.p.cross(position)
     }
 
-    /// The same curve grown from a tip that is turned by `roll` about its direction of growth (radians, counter-clockwise).
+    /// The same curve grown from a tip that is turned by `roll` about its direction of growth (radians,
+    /// counter-clockwise).
     #[must_use]
     pub fn rolled(&self, roll: f64) -> Self {
         let (sin, cos) = sin_cos(roll);
@@ -75,7 +77,7 @@ impl Helicoid {
         State::from_columns(&[direction, w.cross(&direction), w.cross(&column::<2>(state))])
     }
 
-    /// The midpoint rule in so many substeps over one step.
+    /// The midpoint rule over one step, in a given number of substeps.
     fn midpoint(&self, state: &State, step: f64, substeps: u32) -> State {
         let short = step / f64::from(substeps);
         let (mut before, mut here) = (*state, state + self.rate(state) * short);
@@ -136,17 +138,18 @@ impl Walk {
         self.advance_meanwhile(length, &mut || ());
     }
 
-    /// As [`Walk::advance`], for boards: past a narrow neck it takes a second of a microcontroller, and `meanwhile` is called in each step.
+    /// As [`Walk::advance`], for boards: past a narrow neck it takes a second of a microcontroller, and `keep_alive` is
+    /// called in each step.
     #[inline(never)]
-    pub fn advance_meanwhile(&mut self, length: f64, meanwhile: &mut dyn FnMut()) {
+    pub fn advance_meanwhile(&mut self, length: f64, keep_alive: &mut dyn FnMut()) {
         let force = self.curve.p.norm().max(f64::MIN_POSITIVE);
         let mut left = length;
         while left > 0.0 {
-            meanwhile();
+            keep_alive();
             let m = self.curve.m(&column::<0>(&self.state)).norm();
             let slope = self.curve.p.cross(&column::<1>(&self.state)).norm().max(f64::MIN_POSITIVE);
             let safe = (SHARE_OF_WAY * m / slope).min(SHARE_OF_TURN * libm::sqrt(m / force));
-            let safe = safe.clamp(SHORTEST_STEP, LONGEST_STEP);
+            let safe = safe.clamp(MIN_STEP, MAX_STEP);
             // The last two steps are equal, so that none is nothing but rounding.
             let step = if left <= safe {
                 left

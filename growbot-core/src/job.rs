@@ -22,8 +22,8 @@ pub fn job_layers<'a>(path: &'a [Segment], robot: &'a Robot) -> JobLayers<'a> {
 
 /// As [`job_layers`], for boards (see [`layers_meanwhile`]).
 #[must_use]
-pub fn job_layers_meanwhile<'a>(path: &'a [Segment], robot: &'a Robot, meanwhile: &mut dyn FnMut()) -> JobLayers<'a> {
-    JobLayers { layers: layers_meanwhile(path, robot, Slicing::Exact, meanwhile), encoder: Encoder::default(), robot }
+pub fn job_layers_meanwhile<'a>(path: &'a [Segment], robot: &'a Robot, keep_alive: &mut dyn FnMut()) -> JobLayers<'a> {
+    JobLayers { layers: layers_meanwhile(path, robot, Slicing::Exact, keep_alive), encoder: Encoder::default(), robot }
 }
 
 impl Iterator for JobLayers<'_> {
@@ -56,14 +56,14 @@ impl JobLayers<'_> {
         self.summary_meanwhile(&mut || ())
     }
 
-    /// As [`JobLayers::summary`], for boards: `meanwhile` is called for each layer.
+    /// As [`JobLayers::summary`], for boards: `keep_alive` is called for each layer.
     #[must_use]
-    pub fn summary_meanwhile(&self, meanwhile: &mut dyn FnMut()) -> JobSummary {
+    pub fn summary_meanwhile(&self, keep_alive: &mut dyn FnMut()) -> JobSummary {
         let (mut name, mut exact) = (JobName::new(self.robot), Hasher::default());
         let mut encoder = self.encoder.clone();
         let mut count = 0;
         for sliced in self.layers.clone() {
-            meanwhile();
+            keep_alive();
             name.layer(&encoder.encode_layable(&sliced.layer, self.robot.tip_radius()));
             exact.f64(sliced.layer.alpha);
             exact.f64(sliced.layer.height);

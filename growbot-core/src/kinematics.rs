@@ -3,7 +3,7 @@
 //! Del Dottore et al. 2019, Front. Robot. AI 6:45, in its corrected form. What the printed Eq 4 gets
 //! wrong: the group is SE(3), not SO(4); the first row has `C_phi`; the y translation is
 //! `s sin(b) (1 - cos phi) / phi`; and the matrix bends **towards** its angle, which is therefore
-//! the bend direction `b = alpha + pi`, opposite to the point of greatest deposition `alpha`.
+//! the bend direction `b = alpha + pi`, opposite to the point of max deposition `alpha`.
 
 use nalgebra::{Matrix3, Rotation3, Translation3, Vector3};
 
@@ -12,7 +12,7 @@ use crate::trigonometry;
 
 /// `tip_from_next_tip` of one step of growth (Eq 4, corrected).
 ///
-/// - `alpha`: angle of greatest deposition from the tip's x axis, radians; the tip bends away from it.
+/// - `alpha`: angle of max deposition from the tip's x axis, radians; the tip bends away from it.
 /// - `bend`: rotation within this step, radians. The radius of curvature is `length / bend`.
 /// - `length`: arc length of this step, mm.
 ///
@@ -69,8 +69,9 @@ fn versine_ratio(x: f64) -> f64 {
     0.5 * x * (1.0 - x2 / 12.0 * (1.0 - x2 / 30.0 * (1.0 - x2 / 56.0)))
 }
 
-/// `base_from_tip * tip_from_next_tip`, with a rotation that stays one however many steps follow each other: the rounding errors of
-/// 100,000 equal steps add up to 1e-11 of it otherwise. (A step of Newton and Schulz towards the nearest rotation mends it, Higham 2008, chapter 8.)
+/// `base_from_tip * tip_from_next_tip`, with a rotation that stays one however many steps follow each other: the
+/// rounding errors of 100,000 equal steps add up to 1e-11 of it otherwise. (A step of Newton and Schulz towards the
+/// nearest rotation mends it, Higham 2008, chapter 8.)
 #[must_use]
 pub fn advance(base_from_tip: &Frame, tip_from_next_tip: &Frame) -> Frame {
     let next = base_from_tip * tip_from_next_tip;
@@ -124,7 +125,7 @@ impl Inputs {
         trigonometry::hypot(self.heading_rate * trigonometry::cos(pitch), self.pitch_rate)
     }
 
-    /// Whether a robot of this least radius (mm) can follow the inputs at this pitch (Eq 8, corrected).
+    /// Whether a robot of this min radius (mm) can follow the inputs at this pitch (Eq 8, corrected).
     ///
     /// The printed box `|u_i| <= g / R_min` lets the curvature reach `sqrt(2) / R_min`; the bound that holds
     /// couples the inputs: `u1^2 cos^2 gamma + u2^2 <= (g / R_min)^2`.
@@ -201,13 +202,13 @@ mod tests {
     #[test]
     fn steering_is_bounded_by_curvature_not_by_a_box() {
         let growth = 0.043;
-        let greatest = growth / 98.2;
-        let corner = Inputs { growth, heading_rate: greatest, pitch_rate: greatest };
+        let max_rate = growth / 98.2;
+        let corner = Inputs { growth, heading_rate: max_rate, pitch_rate: max_rate };
         assert!(!corner.within_curvature(0.0, 98.2));
         assert!(!corner.within_curvature(1.0, 98.2));
         assert!(Inputs { pitch_rate: 0.0, ..corner }.within_curvature(0.0, 98.2));
         // Near the vertical a change of heading costs no curvature.
-        assert!(Inputs { heading_rate: 100.0 * greatest, pitch_rate: 0.0, growth }.within_curvature(FRAC_PI_2, 98.2));
+        assert!(Inputs { heading_rate: 100.0 * max_rate, pitch_rate: 0.0, growth }.within_curvature(FRAC_PI_2, 98.2));
     }
 
     #[test]

@@ -7,14 +7,14 @@ use crate::kinematics;
 use crate::pose::Frame;
 use crate::trigonometry;
 
-/// Sectors into which a turn of the head is divided: at the edges of each, head and feed stand exactly, to the step, where
-/// the closed form of [`Layer::share_of_material`] puts them; within each, both run evenly.
+/// Sectors into which a turn of the head is divided: at the edges of each, head and feed stand exactly, to the step,
+/// where the closed form of [`Layer::share_of_material`] puts them; within each, both run evenly.
 pub const SECTORS: usize = 64;
 
 /// One layer.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Layer {
-    /// Angle of greatest deposition from the tip's x axis, `[0, 2 pi)`, radians; 0 where the layer is even.
+    /// Angle of max deposition from the tip's x axis, `[0, 2 pi)`, radians; 0 where the layer is even.
     pub alpha: f64,
     /// Mean height, mm.
     pub height: f64,

@@ -1,8 +1,8 @@
 //! A layer in 12 bytes: what the link carries and the board holds.
 //!
-//! Three little-endian `u32` in fixed point: alpha in 2^-32 turns, height in 2^-24 mm, tilt in 2^-32 rad. Height and tilt
-//! of a segment are rarely a whole number of these units; the [`Encoder`] carries what it rounded off forward to the next
-//! layer, so that a path of any length is off by half a unit (30 pm, 0.1 nrad) and not by that for each layer.
+//! Three little-endian `u32` in fixed point: alpha in 2^-32 turns, height in 2^-24 mm, tilt in 2^-32 rad. Height and
+//! tilt of a segment are rarely a whole number of these units; the [`Encoder`] carries what it rounded off forward to
+//! the next layer, so that a path of any length is off by half a unit (30 pm, 0.1 nrad) and not by that for each layer.
 
 use crate::angle::wrap_positive;
 use crate::layer::{Layer, LayerError};
@@ -37,14 +37,14 @@ impl Encoder {
         self.encode_rounded(layer, units, units)
     }
 
-    /// The next layer in bytes, as a board lays it: a layer of a few units must not be rounded to one without height or with
-    /// no material on its inner side. What that takes away or adds is carried forward too.
+    /// The next layer in bytes, as a board lays it: a layer of a few units must not be rounded to one without height or
+    /// with no material on its inner side. What that takes away or adds is carried forward too.
     pub fn encode_layable(&mut self, layer: &Layer, tip_radius: f64) -> LayerBytes {
         let height = |wanted: f64| units(wanted).max(1);
         let mut encoder = self.clone();
-        let least = Fields::of(&encoder.encode_rounded(layer, height, units)).height;
-        let greatest_tilt = (f64::from(least) / HEIGHT_UNITS / tip_radius * TILT_UNITS - 1.0).max(0.0);
-        self.encode_rounded(layer, height, |wanted| units(wanted.min(greatest_tilt)))
+        let min_height = Fields::of(&encoder.encode_rounded(layer, height, units)).height;
+        let max_tilt = (f64::from(min_height) / HEIGHT_UNITS / tip_radius * TILT_UNITS - 1.0).max(0.0);
+        self.encode_rounded(layer, height, |wanted| units(wanted.min(max_tilt)))
     }
 
     fn encode_rounded(&mut self, layer: &Layer, height: impl Fn(f64) -> u32, tilt: impl Fn(f64) -> u32) -> LayerBytes {
@@ -114,7 +114,7 @@ pub fn decode(bytes: &LayerBytes) -> Layer {
 pub fn decode_checked(bytes: &LayerBytes, robot: &Robot) -> Result<Layer, LayerError> {
     let layer = decode(bytes);
     let height_unit = 1.0 / (HEIGHT_UNITS * robot.description().layer.height_max_mm);
-    let tilt_unit = 1.0 / (TILT_UNITS * robot.greatest_tilt());
+    let tilt_unit = 1.0 / (TILT_UNITS * robot.max_tilt());
     robot.check_layer(&layer, LIMIT_SLACK + height_unit + tilt_unit)?;
     Ok(layer)
 }

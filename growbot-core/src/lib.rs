@@ -2,21 +2,22 @@
 //!
 //! Such a robot prints the tube behind its tip, layer by layer, as a root grows. A layer that is higher on one side
 //! bends the tube away from that side; many such layers are a curve, and where the curve ends is where the robot has
-//! got to. This crate turns "be there, pointing that way" into those layers. It has no I/O, no clock and no heap, and gives
-//! the same bits on the desktop and on the robot's microcontroller. The model is that of Del Dottore et al. 2019, Front. Robot. AI
-//! 6:45, doi 10.3389/frobt.2019.00045; what its printed equations get wrong is said where they are used.
+//! got to. This crate turns "be there, pointing that way" into those layers. It has no I/O, no clock and no heap, and
+//! gives the same bits on the desktop and on the robot's microcontroller. The model is that of Del Dottore et al. 2019,
+//! Front. Robot. AI 6:45, doi 10.3389/frobt.2019.00045; what its printed equations get wrong is said where they are
+//! used.
 //!
 //! # Conventions
 //!
-//! - Millimetres, radians, seconds, degrees Celsius, all `f64`. Degrees exist where people read and write: there the name says so,
-//!   as in `tilt_max_deg` or [`pose::Pose::from_degrees`].
+//! - Millimetres, radians, seconds, degrees Celsius, all `f64`. Degrees exist where people read and write: there the
+//!   name says so, as in `tilt_max_deg` or [`pose::Pose::from_degrees`].
 //! - Right-handed frames; counter-clockwise is positive.
-//! - A [`pose::Pose`] is a point and a direction: *heading*, the angle in the x-y plane, and *pitch*, the angle above it. Pitch 90
-//!   degrees is straight up. It says nothing of roll.
+//! - A [`pose::Pose`] is a point and a direction: *heading*, the angle in the x-y plane, and *pitch*, the angle above
+//!   it. Pitch 90 degrees is straight up. It says nothing of roll.
 //! - A [`pose::Frame`] is named by what it converts, `base_from_tip`, so that products read right:
 //!   `base_from_tip * tip_from_next_tip`. The tip's z axis is the direction of growth; x and y span the plane in which
 //!   material is laid. Growth carries the frame along without twist.
-//! - *alpha* is the angle, from the tip's x axis, of the point of **greatest deposition**. The tip bends **away** from it.
+//! - *alpha* is the angle, from the tip's x axis, of the point of **max deposition**. The tip bends **away** from it.
 //! - Errors are small enums that hold the value and the limit. No input panics.
 //!
 //! # From a goal to layers, in file order

@@ -1,8 +1,8 @@
 //! Linear algebra in five dimensions: five linear equations in five unknowns.
 //!
-//! nalgebra solves them too, but through views whose sizes are only known at run time. In the firmware that leaves panics that
-//! no input reaches and that the compiler cannot rule out. The operations here are nalgebra's, in the same order, so the results
-//! have the same bits.
+//! nalgebra solves them too, but through views whose sizes are only known at run time. In the firmware that leaves
+//! panics that no input reaches and that the compiler cannot rule out. The operations here are nalgebra's, in the same
+//! order, so the results have the same bits.
 
 use core::mem;
 

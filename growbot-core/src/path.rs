@@ -1,7 +1,8 @@
 //! A path: circular arcs, straight lines and helicoidal arcs, each named by what the tip does (the paper's actions
 //! `alpha, beta, S`).
 //!
-//! A path is a slice of segments, `&[Segment]`, in the order in which they grow; [`Path`] is what a planner puts together.
+//! A path is a slice of segments, `&[Segment]`, in the order in which they grow; [`Path`] is what a planner puts
+//! together.
 
 use core::ops::Deref;
 
@@ -12,7 +13,7 @@ use crate::helicoid::Helicoid;
 use crate::kinematics::step;
 use crate::pose::{Frame, Pose};
 
-/// The most segments that a planner puts together: two planar paths take up to six.
+/// Max segments of a planned path: two planar paths have up to six.
 pub const MOST_SEGMENTS: usize = 6;
 
 /// One piece of a path.
@@ -20,7 +21,7 @@ pub const MOST_SEGMENTS: usize = 6;
 pub enum Segment {
     /// A circular arc. The radius is `length / bend`.
     Arc {
-        /// Angle of greatest deposition from the tip's x axis, `[0, 2 pi)`, radians; the tip bends away from it.
+        /// Angle of max deposition from the tip's x axis, `[0, 2 pi)`, radians; the tip bends away from it.
         alpha: f64,
         /// The angle of the arc (`beta`), radians, positive.
         bend: f64,
@@ -82,7 +83,8 @@ impl Segment {
         }
     }
 
-    /// The same segment grown from a tip that is turned by `roll` about its direction of growth (radians, counter-clockwise).
+    /// The same segment grown from a tip that is turned by `roll` about its direction of growth (radians,
+    /// counter-clockwise).
     #[must_use]
     pub fn rolled(&self, roll: f64) -> Self {
         match *self {

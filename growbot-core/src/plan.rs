@@ -38,7 +38,7 @@ pub enum PlanError {
     RadiusTooSmall {
         /// The radius asked for, mm.
         radius: f64,
-        /// The robot's least radius, mm.
+        /// The robot's min radius, mm.
         limit: f64,
     },
     /// The radius is not finite or absurdly large.
@@ -46,7 +46,7 @@ pub enum PlanError {
     RadiusTooLarge {
         /// The radius asked for, mm.
         radius: f64,
-        /// The greatest that is taken, mm.
+        /// Max value that is accepted, mm.
         limit: f64,
     },
     /// The path found does not end at the goal.
@@ -58,7 +58,7 @@ pub enum PlanError {
         distance: f64,
         /// Angle between the directions, radians.
         angle: f64,
-        /// The greatest distance that is taken, mm.
+        /// Max distance that is accepted, mm.
         limit: f64,
     },
     /// No path was found at all.
@@ -69,12 +69,13 @@ pub enum PlanError {
     TooManySegments(#[from] PathFull),
 }
 
-/// The greatest radius that is taken, mm (1 km).
+/// Max radius that is accepted, mm (1 km).
 pub const GREATEST_RADIUS: f64 = 1e6;
-/// A path arrives if it ends within this of the goal, in radii and radians, for goals within 100 radii; beyond, in proportion.
+/// A path arrives if it ends within this of the goal, in radii and radians, for goals within 100 radii; beyond, in
+/// proportion.
 const ARRIVED: f64 = 1e-9;
 /// Segments shorter than this, in radii, are rounding, and are dropped...
-const SHORTEST_SEGMENT: f64 = 1e-9;
+const MIN_SEGMENT: f64 = 1e-9;
 /// ...if the path without them still ends within this of the goal, in radii and radians.
 const UNMOVED: f64 = 1e-10;
 
@@ -104,7 +105,8 @@ pub fn plan(robot: &Robot, start: &Pose, goal: &Pose, radius: f64, planner: Plan
     plan_meanwhile(robot, start, goal, radius, planner, &mut || ())
 }
 
-/// As [`plan`], for boards: `meanwhile` is called now and then, at least every few milliseconds of a microcontroller.
+/// As [`plan`], for boards: `keep_alive` is called at least every few milliseconds on a microcontroller, so that it can
+/// feed its watchdog.
 ///
 /// # Errors
 /// As [`plan`].
@@ -114,14 +116,14 @@ pub fn plan_meanwhile(
     goal: &Pose,
     radius: f64,
     planner: Planner,
-    meanwhile: &mut dyn FnMut(),
+    keep_alive: &mut dyn FnMut(),
 ) -> Result<Chosen, PlanError> {
     // Whatever is offered first is accepted, so there is always an answer.
-    search(robot, start, goal, radius, planner, |_| true, meanwhile).and_then(|chosen| chosen.ok_or(PlanError::NoPath))
+    search(robot, start, goal, radius, planner, |_| true, keep_alive).and_then(|chosen| chosen.ok_or(PlanError::NoPath))
 }
 
-/// Plans the shortest of the planner's candidates that `accept` accepts; none if it accepts none. Candidates are offered by
-/// length, the two-plane path among them.
+/// Plans the shortest of the planner's candidates that `accept` accepts; none if it accepts none. Candidates are
+/// offered by length, the two-plane path among them.
 ///
 /// # Errors
 /// As [`plan`].
@@ -143,7 +145,7 @@ fn search(
     radius: f64,
     planner: Planner,
     accept: impl FnMut(&[Segment]) -> bool,
-    meanwhile: &mut dyn FnMut(),
+    keep_alive: &mut dyn FnMut(),
 ) -> Result<Option<Chosen>, PlanError> {
     let limit = robot.least_radius();
     if radius < limit {
@@ -154,7 +156,7 @@ fn search(
     }
     match planner {
         Planner::TwoPlane => two_plane_only(start, goal, radius, accept),
-        Planner::Shortest => shortest_of_all(start, goal, radius, accept, meanwhile),
+        Planner::Shortest => shortest_of_all(start, goal, radius, accept, keep_alive),
     }
 }
 
@@ -176,17 +178,17 @@ fn shortest_of_all(
     goal: &Pose,
     radius: f64,
     mut accept: impl FnMut(&[Segment]) -> bool,
-    meanwhile: &mut dyn FnMut(),
+    keep_alive: &mut dyn FnMut(),
 ) -> Result<Option<Chosen>, PlanError> {
     let two_plane_length = two_plane_length(start, goal, radius)?;
     let problem = Problem::between(start, goal, radius);
     let mut found = Candidates::new();
-    shortest::candidates(&problem, two_plane_length / radius, &mut found, meanwhile);
+    shortest::candidates(&problem, two_plane_length / radius, &mut found, keep_alive);
     let count = found.len() + 1;
     // The two-plane path takes its turn among the others.
     let shorter = found.partition_point(|candidate| candidate.length() * radius < two_plane_length);
     for index in 0..count {
-        meanwhile();
+        keep_alive();
         let path = match index.cmp(&shorter) {
             Ordering::Equal => arriving_two_plane(start, goal, radius),
             Ordering::Less => arriving_candidate(found.get(index), start, goal, radius),
@@ -230,7 +232,7 @@ fn arriving(path: Path, start: &Pose, goal: &Pose, radius: f64) -> Result<Path, 
         let miss = miss(&path::end(path, &start.frame()), goal);
         (miss.distance <= share * scale * radius && miss.angle <= share * scale, miss)
     };
-    let short = path.filtered(|segment| segment.length() >= SHORTEST_SEGMENT * radius);
+    let short = path.filtered(|segment| segment.length() >= MIN_SEGMENT * radius);
     if short.len() < path.len() && within(&short, UNMOVED).0 {
         return Ok(short);
     }

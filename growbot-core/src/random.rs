@@ -1,7 +1,8 @@
 //! Random numbers that are the same on every machine: SplitMix64 (Steele, Lea and Flood 2014).
 //!
-//! A stream is named by a list of numbers, such as a seed, what is drawn for, and the index of a layer. So what a layer draws does
-//! not depend on what was drawn before it: threads, boards and simulated tips agree on it without sharing anything.
+//! A stream is named by a list of numbers, such as a seed, what is drawn for, and the index of a layer. So what a layer
+//! draws does not depend on what was drawn before it: threads, boards and simulated tips agree on it without sharing
+//! anything.
 
 use core::f64::consts::TAU;
 
@@ -50,9 +51,9 @@ impl Random {
         (self.bits() >> 11) as f64 / (1_u64 << 53) as f64
     }
 
-    /// Uniform in [least, greatest).
-    pub fn between(&mut self, least: f64, greatest: f64) -> f64 {
-        least + (greatest - least) * self.unit()
+    /// Uniform in [min, max).
+    pub fn between(&mut self, min: f64, max: f64) -> f64 {
+        min + (max - min) * self.unit()
     }
 
     /// Uniform in [-1, 1).

@@ -1,14 +1,16 @@
 //! Sine, cosine and what follows from them, in little code.
 //!
-//! `libm`'s reduce arguments of any size, in two thirds of their 5 kB of a microcontroller's flash; angles here are a few turns. The
-//! polynomials are those of FreeBSD's msun (`k_sin.c`, `k_cos.c`), as in `libm`, and so is the precision: an ulp.
+//! `libm`'s reduce arguments of any size, in two thirds of their 5 kB of a microcontroller's flash; angles here are a
+//! few turns. The polynomials are those of FreeBSD's msun (`k_sin.c`, `k_cos.c`), as in `libm`, and so is the
+//! precision: an ulp.
 
 use core::f64::consts::FRAC_2_PI;
 
 use crate::angle::wrap_positive;
 
-/// Beyond this, radians, the number of quarter turns times [`QUARTER`] is no longer exact, and the angle is wrapped first.
-const GREATEST: f64 = 1e6;
+/// Beyond this, radians, the number of quarter turns times [`QUARTER`] is no longer exact, and the angle is wrapped
+/// first.
+const MAX_ANGLE: f64 = 1e6;
 /// A quarter turn: its first 33 bits, and the rest.
 const QUARTER: f64 = f64::from_bits(0x3ff9_21fb_5440_0000);
 const QUARTER_REST: f64 = f64::from_bits(0x3dd0_b461_1a62_6331);
@@ -32,7 +34,7 @@ const COSINE: [f64; 6] = [
     -1.135_964_755_778_819_5e-11,
 ];
 
-/// An angle as so many quarter turns and what is left, an eighth of a turn at most: `left + rest`.
+/// An angle as a number of quarter turns and a remainder of at most an eighth of a turn: `left + rest`.
 struct Reduced {
     quarters: i32,
     left: f64,
@@ -41,14 +43,14 @@ struct Reduced {
 
 impl Reduced {
     fn new(angle: f64) -> Self {
-        let angle = if angle.abs() > GREATEST { wrap_positive(angle) } else { angle };
+        let angle = if angle.abs() > MAX_ANGLE { wrap_positive(angle) } else { angle };
         let quarters = libm::rint(angle * FRAC_2_PI);
         let (off, rest) = (angle - quarters * QUARTER, quarters * QUARTER_REST);
         let left = off - rest;
         Self { quarters: quarters as i32, left, rest: (off - left) - rest }
     }
 
-    /// The sine of the angle and so many quarter turns more.
+    /// The sine of the angle plus a number of quarter turns.
     #[cfg_attr(target_os = "none", inline(never))]
     fn sine(&self, more: i32) -> f64 {
         let &Self { quarters, left, rest } = self;
@@ -58,8 +60,8 @@ impl Reduced {
             left + (rest - square * (0.5 * rest - left * series(&SINE, square)))
         } else {
             let half = 0.5 * square;
-            let most = 1.0 - half;
-            most + (((1.0 - most) - half) + (square * square * series(&COSINE, square) - left * rest))
+            let main = 1.0 - half;
+            main + (((1.0 - main) - half) + (square * square * series(&COSINE, square) - left * rest))
         };
         if quarters & 2 == 0 { value } else { -value }
     }
@@ -116,7 +118,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn sine_and_cosine_are_exact_to_their_last_digits(angle in -GREATEST..GREATEST, turns in -3.0..3.0_f64) {
+        fn sine_and_cosine_are_exact_to_their_last_digits(angle in -MAX_ANGLE..MAX_ANGLE, turns in -3.0..3.0_f64) {
             for angle in [angle, turns * TAU, 1e-9 * turns] {
                 let (sin, cos) = sin_cos(angle);
                 prop_assert!((sin - libm::sin(angle)).abs() <= f64::EPSILON * libm::sin(angle).abs().max(1e-9), "sin {angle}: {sin}");

@@ -1,9 +1,9 @@
 //! The paper's planner: two planar paths that meet on the line from start to goal.
 //!
-//! Del Dottore et al. 2019, Eqs 9 to 25, after Babaei and Mortazavi 2010. The line from start to goal, of direction `v_se`,
-//! lies in two planes: one holds the start's direction `v_s`, the other the goal's `v_e`. A waypoint on the line
-//! (Eqs 12 to 14) is reached in the first plane with direction `v_se`, and left in the second. Each half is a planar
-//! Dubins path.
+//! Del Dottore et al. 2019, Eqs 9 to 25, after Babaei and Mortazavi 2010. The line from start to goal, of direction
+//! `v_se`, lies in two planes: one holds the start's direction `v_s`, the other the goal's `v_e`. A waypoint on the
+//! line (Eqs 12 to 14) is reached in the first plane with direction `v_se`, and left in the second. Each half is a
+//! planar Dubins path.
 //!
 //! Corrected, or closed where the paper leaves a gap:
 //! - A direction parallel to the line spans no plane (Eqs 9, 10): then the other pose's plane serves, so that the path
@@ -76,9 +76,9 @@ fn perpendicular(vector: &Vector3<f64>, axis: &Vector3<f64>) -> Vector3<f64> {
 
 /// Some unit vector perpendicular to a unit vector.
 fn any_normal(axis: &Vector3<f64>) -> Vector3<f64> {
-    let least = axis.iamin();
+    let min_axis = axis.iamin();
     let mut other = Vector3::zeros();
-    if let Some(component) = other.get_mut(least) {
+    if let Some(component) = other.get_mut(min_axis) {
         *component = 1.0;
     }
     perpendicular(&axis.cross(&other), axis)

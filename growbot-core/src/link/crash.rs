@@ -63,7 +63,8 @@ const CFSR_BITS: [(u32, &str, &str); 17] = [
     (25, "DIVBYZERO", "a division by zero"),
 ];
 
-/// How many bytes lie between the stack pointer at which an exception was taken and the stack beyond what the processor saved.
+/// How many bytes lie between the stack pointer at which an exception was taken and the stack beyond what the processor
+/// saved.
 #[must_use]
 pub const fn frame_bytes(exc_return: u32) -> u32 {
     let [basic, extended] = FRAME_BYTES;
@@ -101,7 +102,8 @@ pub struct CrashRecord {
     pub address: Option<u32>,
     /// Stack pointer before the exception; where there is no frame, that at which it was taken.
     pub sp: u32,
-    /// The stack from there on, or from its lowest word on where the stack pointer is below that; as far as it is known.
+    /// The stack from there on, or from its lowest word on where the stack pointer is below that; as far as it is
+    /// known.
     pub stack: [u32; STACK_WORDS],
 }
 

@@ -1,7 +1,8 @@
-//! The emergency stop on the wire: eight bytes that are recognised wherever they come, ahead of all that is queued, in any session.
+//! The emergency stop on the wire: eight bytes that are recognised wherever they come, ahead of all that is queued, in
+//! any session.
 //!
-//! They begin and end with the zero that ends frames, and what lies between is shorter than any frame: no sequence of whole frames
-//! holds them, whatever the frames carry. A receiver looks at each byte as it arrives, before any queue.
+//! They begin and end with the zero that ends frames, and what lies between is shorter than any frame: no sequence of
+//! whole frames holds them, whatever the frames carry. A receiver looks at each byte as it arrives, before any queue.
 
 /// The bytes, in the order of sending.
 pub const EMERGENCY_STOP: [u8; 8] = [0x00, 0xE5, 0x70, 0x9E, 0xE5, 0x70, 0x9E, 0x00];

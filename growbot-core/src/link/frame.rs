@@ -4,9 +4,9 @@
 //! COBS( version u8 | kind u8 | session u32 | seq u16 | ack u16 | body, up to 224 bytes | CRC-32C u32 ) 00
 //! ```
 //!
-//! Numbers are little-endian. A zero byte ends a frame and occurs nowhere inside it, so that a receiver finds its feet again
-//! at the next zero whatever came before. CRC-32C (Castagnoli) over everything before it keeps a Hamming distance of 6 at
-//! this length: any five flipped bits are seen.
+//! Numbers are little-endian. A zero byte ends a frame and occurs nowhere inside it, so that a receiver finds its feet
+//! again at the next zero whatever came before. CRC-32C (Castagnoli) over everything before it keeps a Hamming distance
+//! of 6 at this length: any five flipped bits are seen.
 
 use crc::{CRC_32_ISCSI, Crc};
 use heapless::Vec;
@@ -42,8 +42,8 @@ pub struct Header {
     pub session: u32,
     /// Number of this request, or of this event, in its session: from 1 on, wrapping past 0. Answers have none, 0.
     pub seq: u16,
-    /// In an answer: number of its request. In what a host sends: number of the latest event that it has, all before it included.
-    /// 0 for none.
+    /// In an answer: number of its request. In what a host sends: number of the latest event that it has, all before it
+    /// included. 0 for none.
     pub ack: u16,
 }
 
@@ -141,8 +141,8 @@ fn decode(bytes: &[u8]) -> Result<Frame, FrameError> {
     })
 }
 
-/// Takes COBS off: each run of bytes begins with its length, itself included, and stands for a zero after it, unless it is the longest
-/// or the last. None for what is no COBS. (The crate's own decoder leaves panics in the firmware.)
+/// Takes COBS off: each run of bytes begins with its length, itself included, and stands for a zero after it, unless it
+/// is the longest or the last. None for what is no COBS. (The crate's own decoder leaves panics in the firmware.)
 fn unstuff(bytes: &[u8]) -> Option<Vec<u8, LONGEST_RAW>> {
     let mut raw = Vec::new();
     let mut left = bytes;

@@ -78,9 +78,9 @@ pub enum Fault {
     ThermistorShort,
     /// There has been no temperature reading for half a second.
     ThermistorSilent,
-    /// The nozzle is above the robot's greatest temperature.
+    /// The nozzle is above the robot's max temperature.
     OverTemperature,
-    /// The nozzle cooled below the least extrusion temperature while growing.
+    /// The nozzle cooled below the min extrusion temperature while growing.
     UnderTemperature,
     /// The nozzle was not hot in time.
     HeatingTooSlow,
@@ -112,9 +112,9 @@ pub enum Fault {
     FilamentJam,
     /// A stepper driver reports a fault.
     DriverFault,
-    /// The supply's voltage is below the robot's least.
+    /// The supply's voltage is below the robot's min.
     SupplyLow,
-    /// The supply's voltage is above the robot's greatest.
+    /// The supply's voltage is above the robot's max.
     SupplyHigh,
     /// A layer, or the homing, was not done in time.
     MotionOverdue,

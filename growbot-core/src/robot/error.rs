@@ -20,7 +20,7 @@ pub enum RobotError {
         field: &'static str,
         /// What it was.
         value: f64,
-        /// The least that is taken.
+        /// Min value that is accepted.
         limit: f64,
         /// Where the limit comes from and what to do.
         advice: &'static str,
@@ -32,7 +32,7 @@ pub enum RobotError {
         field: &'static str,
         /// What it was.
         value: f64,
-        /// The greatest that is taken.
+        /// Max value that is accepted.
         limit: f64,
         /// Where the limit comes from and what to do.
         advice: &'static str,

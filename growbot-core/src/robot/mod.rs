@@ -27,7 +27,8 @@ pub struct Robot {
     hash: u64,
 }
 
-/// The greatest rate of the step interrupt on a board, Hz: the robot's takes half of its processor for it at 112 kHz (`cargo step-cost`).
+/// Max rate of the step interrupt on a board, Hz. The robot's board spends half of its processor on it at 112 kHz
+/// (`cargo step-cost`).
 pub const MAX_BOARD_TICK_HZ: u32 = 100_000;
 
 /// The longest description in postcard form, bytes.
@@ -46,7 +47,8 @@ impl Robot {
         Ok(Self { description, hash })
     }
 
-    /// Whether a board can drive this robot, and not only a simulation: what [`Robot::new`] takes may ask more of the step interrupt.
+    /// Whether a board can drive this robot, and not only a simulation: what [`Robot::new`] takes may ask more of the
+    /// step interrupt.
     ///
     /// # Errors
     /// [`RobotError::TooLarge`] where `motion.tick_hz` is above [`MAX_BOARD_TICK_HZ`].
@@ -106,28 +108,28 @@ impl Robot {
         2.0 * self.tip_radius() + self.description.wall.width_mm
     }
 
-    /// The greatest tilt of a layer, radians.
+    /// Max tilt of a layer, radians.
     #[must_use]
-    pub fn greatest_tilt(&self) -> f64 {
+    pub fn max_tilt(&self) -> f64 {
         radians(self.description.layer.tilt_max_deg)
     }
 
-    /// The least radius by the mechanics (Eq 7), mm.
+    /// Min radius by the mechanics (Eq 7), mm.
     #[must_use]
     pub fn least_radius_of_geometry(&self) -> f64 {
         let geometry = &self.description.geometry;
         least_radius_of_geometry(geometry.tip_radius_mm, geometry.inner_radius_mm, geometry.inner_length_mm)
     }
 
-    /// The least radius by the limits of a layer, mm.
+    /// Min radius by the limits of a layer, mm.
     #[must_use]
     pub fn least_radius_of_layers(&self) -> f64 {
         let layer = &self.description.layer;
-        let tilt_max = self.greatest_tilt();
+        let tilt_max = self.max_tilt();
         least_radius_of_layers(self.tip_radius(), layer.height_mm, layer.height_min_mm, layer.height_max_mm, tilt_max)
     }
 
-    /// The least radius of the centreline, mm: the larger of mechanics and layers.
+    /// Min radius of the centreline, mm: the larger of mechanics and layers.
     #[must_use]
     pub fn least_radius(&self) -> f64 {
         self.least_radius_of_geometry().max(self.least_radius_of_layers())
@@ -137,7 +139,7 @@ impl Robot {
     #[must_use]
     pub fn greatest_mean_height(&self, curvature: f64) -> f64 {
         let layer = &self.description.layer;
-        let tilt_max = self.greatest_tilt();
+        let tilt_max = self.max_tilt();
         greatest_mean_height(self.tip_radius(), layer.height_mm, layer.height_max_mm, tilt_max, curvature)
     }
 
@@ -155,11 +157,11 @@ impl Robot {
         self.motion_of(layer).check()
     }
 
-    /// Whether this layer can be laid: nowhere above the greatest height or tilt, material all round, steps no faster than
+    /// Whether this layer can be laid: nowhere above the max height or tilt, material all round, steps no faster than
     /// the step interrupt makes them, and speeds that change no faster than the motors can follow.
     ///
     /// `slack` is how far a limit may be passed to allow for rounding, as a share of it. A layer thinner than the
-    /// least height is worth a warning and can be laid; one that would need negative material cannot.
+    /// min height is worth a warning and can be laid; one that would need negative material cannot.
     ///
     /// # Errors
     /// The limit that the layer breaks, with the value.
@@ -171,7 +173,7 @@ impl Robot {
         if layer.tilt < 0.0 {
             return Err(LayerError::Tilt { tilt: layer.tilt, limit: 0.0 });
         }
-        let tilt_max = self.greatest_tilt();
+        let tilt_max = self.max_tilt();
         if layer.tilt > tilt_max * (1.0 + slack) {
             return Err(LayerError::Tilt { tilt: layer.tilt, limit: tilt_max });
         }

@@ -1,11 +1,11 @@
-//! What a layer asks of the motors: steps, of which the step interrupt makes one every two ticks at most, speeds, and how fast
-//! those change.
+//! What a layer asks of the motors: steps, of which the step interrupt makes one every two ticks at most, speeds, and
+//! how fast those change.
 //!
-//! A motor can change its speed by so much at an instant (its *jump*), and beyond that only with so much acceleration: over any time
-//! `t`, by `jump + acceleration t`. Three things share that. The profile of a layer, whose speed changes from sector to sector,
-//! may take [`PROFILE_ACCELERATION`] and [`PROFILE_JUMP`]; the ramps between rest and full speed take the rest of the
-//! acceleration, [`RAMP_ACCELERATION`]; and the change from one layer to the next the rest of the jump, [`PASSING_JUMP`]. An
-//! axis that never gets faster than its jump can do whatever it likes.
+//! A motor can change its speed by so much at an instant (its *jump*), and beyond that only with so much acceleration:
+//! over any time `t`, by `jump + acceleration t`. Three things share that. The profile of a layer, whose speed changes
+//! from sector to sector, may take [`PROFILE_ACCELERATION`] and [`PROFILE_JUMP`]; the ramps between rest and full speed
+//! take the rest of the acceleration, [`RAMP_ACCELERATION`]; and the change from one layer to the next the rest of the
+//! jump, [`PASSING_JUMP`]. An axis that never gets faster than its jump can do whatever it likes.
 
 use core::f64::consts::{FRAC_PI_4, TAU};
 
@@ -22,9 +22,10 @@ const RAMP_ACCELERATION: f64 = 1.0 - PROFILE_ACCELERATION;
 /// Share of an axis's jump that is left where one layer follows the other.
 const PASSING_JUMP: f64 = 1.0 - 2.0 * PROFILE_JUMP;
 /// The longest ramp from rest to full speed, s.
-pub(super) const LONGEST_RAMP_S: f64 = 10.0;
+pub(super) const MAX_RAMP_S: f64 = 10.0;
 
-/// How far the sides of a layer are from its mean height, as a share of it: 0 for an even layer, 1 for nothing on the inner side.
+/// How far the sides of a layer are from its mean height, as a share of it: 0 for an even layer, 1 for nothing on the
+/// inner side.
 fn lean(robot: &RobotDescription, height: f64, tilt: f64) -> f64 {
     (robot.geometry.tip_radius_mm * tilt / height).min(1.0)
 }
@@ -53,7 +54,7 @@ impl BusiestSector {
         let feed = filament(robot, height) * robot.feed.steps_per_mm / sectors;
         // Rounding at both edges of a sector gives up to one step more and one tick less than the even share.
         match robot.motion.strategy {
-            // Even ticks; the most material lies on the outer side.
+            // Even ticks; most of the material lies on the outer side.
             FeedStrategy::Feed => Self {
                 ticks: libm::floor(ticks),
                 head: libm::floor(head) + 1.0,
@@ -74,18 +75,19 @@ impl BusiestSector {
     }
 }
 
-/// How fast an axis moves while a layer is laid at full speed, and what it can do. The head in turns, the feed in mm of filament.
+/// How fast an axis moves while a layer is laid at full speed, and what it can do. The head in turns, the feed in mm of
+/// filament.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AxisMotion {
-    /// The greatest speed, /s.
+    /// Max speed, /s.
     pub speed: f64,
     /// The speed at the tip's x axis, where a layer begins and ends, /s.
     pub speed_at_ends: f64,
-    /// The greatest speed from rest and to rest, /s.
+    /// Max speed from rest and to rest, /s.
     pub jump: f64,
-    /// The greatest change of speed where one layer follows the other, /s.
+    /// Max change of speed where one layer follows the other, /s.
     pub passing_jump: f64,
-    /// The greatest acceleration of a ramp, /s^2.
+    /// Max acceleration of a ramp, /s^2.
     pub ramp: f64,
     /// Bound on how fast the profile changes the speed, /s^2.
     pub(super) acceleration: f64,

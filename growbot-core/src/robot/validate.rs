@@ -1,15 +1,15 @@
 //! The checks of a robot description, in the order in which a person would fix what they find.
 
-use super::step_rate::{AxisMotion, BusiestSector, LONGEST_RAMP_S, LayerMotion};
-use super::{MAX_BOARD_TICK_HZ, Material, RobotDescription, RobotError};
+use super::step_rate::{AxisMotion, BusiestSector, LayerMotion, MAX_RAMP_S};
+use super::{Feed, Head, MAX_BOARD_TICK_HZ, Material, Motion, RobotDescription, RobotError};
 use crate::angle::radians;
 use crate::curvature::{least_radius_of_geometry, least_radius_of_layers};
 use crate::layer::{Layer, SECTORS};
 
 /// No size of a robot is taken beyond this, mm.
-const GREATEST_SIZE: f64 = 1e4;
+const MAX_SIZE: f64 = 1e4;
 /// Nothing about a robot is smaller than this, mm.
-const LEAST_SIZE: f64 = 1e-3;
+const MIN_SIZE: f64 = 1e-3;
 
 /// Where limits may be left out, this is as good as none.
 const UNLIMITED: f64 = 1e9;
@@ -18,22 +18,22 @@ const UNLIMITED: f64 = 1e9;
 struct Field(&'static str, f64);
 
 impl Field {
-    fn between(&self, least: f64, greatest: f64, advice: &'static str) -> Result<(), RobotError> {
+    fn between(&self, min: f64, max: f64, advice: &'static str) -> Result<(), RobotError> {
         let &Self(field, value) = self;
         if !value.is_finite() {
             return Err(RobotError::NotFinite { field, value });
         }
-        if value < least {
-            return Err(RobotError::TooSmall { field, value, limit: least, advice });
+        if value < min {
+            return Err(RobotError::TooSmall { field, value, limit: min, advice });
         }
-        if value > greatest {
-            return Err(RobotError::TooLarge { field, value, limit: greatest, advice });
+        if value > max {
+            return Err(RobotError::TooLarge { field, value, limit: max, advice });
         }
         Ok(())
     }
 
     fn size(&self) -> Result<(), RobotError> {
-        self.between(LEAST_SIZE, GREATEST_SIZE, "sizes are in mm; check the unit")
+        self.between(MIN_SIZE, MAX_SIZE, "sizes are in mm; check the unit")
     }
 }
 
@@ -58,9 +58,9 @@ pub(super) fn check(robot: &RobotDescription) -> Result<(), RobotError> {
 
 /// What a board asks beyond [`check`].
 ///
-/// `motion.tick_hz` has two limits, as a description is for two things. Who plans and simulates may describe a robot that needs more ticks
-/// than any board makes, as the paper's robot C does: the limit of 1 MHz there only keeps numbers reasonable. A board's step interrupt
-/// must leave the processor time for everything else: hence [`MAX_BOARD_TICK_HZ`].
+/// `motion.tick_hz` has two limits, as a description is for two things. Who plans and simulates may describe a robot
+/// that needs more ticks than any board makes, as the paper's robot C does: the limit of 1 MHz there only keeps numbers
+/// reasonable. A board's step interrupt must leave the processor time for everything else: hence [`MAX_BOARD_TICK_HZ`].
 pub(super) fn check_for_board(robot: &RobotDescription) -> Result<(), RobotError> {
     Field("motion.tick_hz", f64::from(robot.motion.tick_hz)).between(
         0.0,
@@ -83,7 +83,7 @@ fn check_geometry(robot: &RobotDescription) -> Result<(), RobotError> {
         });
     }
     Field("wall.width_mm", robot.wall.width_mm).between(
-        LEAST_SIZE,
+        MIN_SIZE,
         geometry.tip_radius_mm,
         "the wall must be thinner than the tip's radius",
     )
@@ -113,7 +113,7 @@ fn check_layer(robot: &RobotDescription) -> Result<(), RobotError> {
     let layer = &robot.layer;
     Field("layer.height_mm", layer.height_mm).size()?;
     Field("layer.height_min_mm", layer.height_min_mm).between(
-        LEAST_SIZE,
+        MIN_SIZE,
         layer.height_mm * (1.0 - 1e-6),
         "the least height must be positive and below layer.height_mm",
     )?;
@@ -144,19 +144,34 @@ fn check_radius(robot: &RobotDescription) -> Result<(), RobotError> {
     );
     Field("planning_radius_mm", robot.planning_radius_mm).between(
         by_geometry.max(by_layers),
-        GREATEST_SIZE,
+        MAX_SIZE,
         "the radius of plans cannot be below R_min, the larger of what the mechanics (Eq 7) and the layers allow",
     )
 }
 
 fn check_motors(robot: &RobotDescription) -> Result<(), RobotError> {
-    let (motion, head, feed) = (&robot.motion, &robot.head, &robot.feed);
+    let motion = &robot.motion;
     // A board takes less: `check_for_board` says why.
     Field("motion.tick_hz", f64::from(motion.tick_hz)).between(
         100.0,
         1e6,
         "the step interrupt runs at 100 Hz to 1 MHz in simulations, and at 100 kHz at most on a board",
     )?;
+    check_head(motion, &robot.head)?;
+    check_feed(motion, &robot.feed)?;
+    Field("filament.spool_mm", robot.filament.spool_mm).between(
+        1.0,
+        1e9,
+        "the length of filament on the spool, in mm: a spool of 1 kg of 1.75 mm holds some 330,000",
+    )?;
+    Field("filament.heat_j_per_mm3_k", robot.filament.heat_j_per_mm3_k).between(
+        0.0,
+        0.01,
+        "density times specific heat, in J/(mm^3 K): PLA has 0.0022",
+    )
+}
+
+fn check_head(motion: &Motion, head: &Head) -> Result<(), RobotError> {
     Field("head.steps_per_turn", f64::from(head.steps_per_turn)).between(
         8.0,
         1e6,
@@ -187,7 +202,10 @@ fn check_motors(robot: &RobotDescription) -> Result<(), RobotError> {
         head.homing_turns_per_s,
         UNLIMITED,
         "homing stops at an instant, so head.homing_turns_per_s must be within it; leave it out for no limit",
-    )?;
+    )
+}
+
+fn check_feed(motion: &Motion, feed: &Feed) -> Result<(), RobotError> {
     Field("feed.steps_per_mm", feed.steps_per_mm).between(1e-3, 1e6, "steps of the feed motor for a mm of filament")?;
     Field("feed.filament_diameter_mm", feed.filament_diameter_mm).size()?;
     Field("feed.acceleration_mm_per_s2", feed.acceleration_mm_per_s2).between(
@@ -196,29 +214,19 @@ fn check_motors(robot: &RobotDescription) -> Result<(), RobotError> {
         "mm of filament per second and second; leave it out for no limit",
     )?;
     Field("feed.retract_mm", feed.retract_mm).between(0.0, 100.0, "mm of filament; 0 for none")?;
-    let mut least_jump = 1e-3;
+    let mut min_jump = 1e-3;
     if feed.retract_mm > 0.0 {
         Field("feed.retract_mm_per_s", feed.retract_mm_per_s).between(
-            least_jump,
+            min_jump,
             f64::from(motion.tick_hz) / (2.0 * feed.steps_per_mm),
             "the step interrupt makes a step every two ticks at most: lower it or raise motion.tick_hz",
         )?;
-        least_jump = feed.retract_mm_per_s;
+        min_jump = feed.retract_mm_per_s;
     }
     Field("feed.speed_jump_mm_per_s", feed.speed_jump_mm_per_s).between(
-        least_jump,
+        min_jump,
         UNLIMITED,
         "filament is pulled back without a ramp, so feed.retract_mm_per_s must be within it; leave it out for no limit",
-    )?;
-    Field("filament.spool_mm", robot.filament.spool_mm).between(
-        1.0,
-        1e9,
-        "the length of filament on the spool, in mm: a spool of 1 kg of 1.75 mm holds some 330,000",
-    )?;
-    Field("filament.heat_j_per_mm3_k", robot.filament.heat_j_per_mm3_k).between(
-        0.0,
-        0.01,
-        "density times specific heat, in J/(mm^3 K): PLA has 0.0022",
     )
 }
 
@@ -322,9 +330,9 @@ fn check_step_rates(robot: &RobotDescription) -> Result<(), RobotError> {
     let tilt = layer.height_mm / robot.planning_radius_mm;
     let busiest = BusiestSector::of(robot, layer.height_mm, tilt);
     let advice = "the step interrupt makes a step every two ticks at most: lower the steps, raise motion.tick_hz or layer.period_s";
-    let most = libm::floor(busiest.ticks / 2.0);
-    Field("head steps in the busiest sector", busiest.head).between(0.0, most, advice)?;
-    Field("feed steps in the busiest sector", busiest.feed).between(0.0, most, advice)
+    let max = libm::floor(busiest.ticks / 2.0);
+    Field("head steps in the busiest sector", busiest.head).between(0.0, max, advice)?;
+    Field("feed steps in the busiest sector", busiest.feed).between(0.0, max, advice)
 }
 
 /// The motors must follow the steepest layer of a plan at the planning radius, and get up to its speed.
@@ -336,8 +344,8 @@ fn check_accelerations(robot: &RobotDescription) -> Result<(), RobotError> {
         if motion.needs_no_ramp() {
             return Ok(());
         }
-        let least = 2.0 * motion.speed / LONGEST_RAMP_S;
-        acceleration.between(least, UNLIMITED, "the ramp to the speed of a layer takes ten seconds at most")?;
+        let min = 2.0 * motion.speed / MAX_RAMP_S;
+        acceleration.between(min, UNLIMITED, "the ramp to the speed of a layer takes ten seconds at most")?;
         Field(profile, motion.acceleration).between(
             0.0,
             motion.acceleration_limit,

@@ -1,11 +1,12 @@
 //! The shortest path in space between two poses, of curvature at most 1, with free roll.
 //!
-//! Sussmann 1995 ("Shortest 3-dimensional paths with a prescribed curvature bound", CDC): a shortest path is CSC (arc, line, arc, each
-//! arc in a plane of its own), CCC (in one plane), a part of these, or a helicoidal arc H. All CSC paths are found ([`csc`]), the
-//! planar ones by their six words ([`crate::dubins2`]) where start and goal lie in one plane, and near the start, where alone they
-//! can win, helicoidal arcs ([`helicoids`]).
+//! Sussmann 1995 ("Shortest 3-dimensional paths with a prescribed curvature bound", CDC): a shortest path is CSC (arc,
+//! line, arc, each arc in a plane of its own), CCC (in one plane), a part of these, or a helicoidal arc H. All CSC
+//! paths are found ([`csc`]), the planar ones by their six path types ([`crate::dubins2`]) where start and goal lie in
+//! one plane, and near the start, where alone they can win, helicoidal arcs ([`helicoids`]).
 //!
-//! Lengths are in units of the radius, and everything is in the frame of the tip that starts: it grows along z from the origin.
+//! Lengths are in units of the radius, and everything is in the frame of the tip that starts: it grows along z from the
+//! origin.
 
 use core::f64::consts::PI;
 use core::mem;
@@ -24,16 +25,18 @@ pub mod helicoids;
 use csc::{Csc, Overlapping};
 use helicoids::{HelicoidalArc, Piece};
 
-/// A path arrives if it ends within this of the goal, in radii and radians, for goals within 100 radii; beyond, in proportion.
+/// A path arrives if it ends within this of the goal, in radii and radians, for goals within 100 radii; beyond, in
+/// proportion.
 const ARRIVED: f64 = 1e-10;
-/// Start and goal lie in one plane if neither the goal nor its direction leaves it by more than this, in radii and radians.
+/// Start and goal lie in one plane if neither the goal nor its direction leaves it by more than this, in radii and
+/// radians.
 const IN_PLANE: f64 = 1e-10;
 /// Vectors shorter than this span no plane.
 const NO_PLANE: f64 = 1e-9;
 /// Helicoidal arcs win only for goals nearer than this, radii: the furthest of 753 in `tests/best_known.csv` is 3.51.
 const HELICOIDS_WITHIN: f64 = 3.9;
-/// The most candidates.
-pub const MOST: usize = csc::MAX_PATHS + helicoids::MAX_ARCS + 1;
+/// Max candidates.
+pub const MAX_CANDIDATES: usize = csc::MAX_PATHS + helicoids::MAX_ARCS + 1;
 
 /// Where to, seen from the tip that starts.
 #[derive(Debug, Clone, Copy)]
@@ -133,16 +136,16 @@ impl Candidate {
 }
 
 /// Candidates, shortest first.
-pub type Candidates = Vec<Candidate, MOST>;
+pub type Candidates = Vec<Candidate, MAX_CANDIDATES>;
 
 /// Finds candidates that lead to the goal.
 ///
-/// Helicoidal arcs are looked for below `longest` (radii, e.g. the length of a path that is known) and take hundreds of times as long as
-/// the rest; `meanwhile` is called now and then, so that a board can feed its watchdog.
+/// Helicoidal arcs are looked for below `longest` (radii, e.g. the length of a path that is known) and take hundreds of
+/// times as long as the rest; `keep_alive` is called regularly, so that a board can feed its watchdog.
 #[inline(never)] // Its room on the stack is not the caller's.
-pub fn candidates(problem: &Problem, longest: f64, found: &mut Candidates, meanwhile: &mut dyn FnMut()) {
+pub fn candidates(problem: &Problem, longest: f64, found: &mut Candidates, keep_alive: &mut dyn FnMut()) {
     let mut overlapping = Vec::new();
-    arcs_and_lines(problem, found, &mut overlapping, meanwhile);
+    arcs_and_lines(problem, found, &mut overlapping, keep_alive);
     if let Some(planar) = planar(problem) {
         // Mostly it has been found already.
         if found.iter().all(|other| (other.length() - planar.length()).abs() > ARRIVED) {
@@ -150,7 +153,7 @@ pub fn candidates(problem: &Problem, longest: f64, found: &mut Candidates, meanw
         }
     }
     if problem.goal.norm() < HELICOIDS_WITHIN {
-        helicoidal_arcs(problem, &overlapping, longest, found, meanwhile);
+        helicoidal_arcs(problem, &overlapping, longest, found, keep_alive);
     }
 }
 
@@ -159,10 +162,10 @@ fn arcs_and_lines(
     problem: &Problem,
     found: &mut Candidates,
     overlapping: &mut Overlapping,
-    meanwhile: &mut dyn FnMut(),
+    keep_alive: &mut dyn FnMut(),
 ) {
     let mut paths = Vec::new();
-    csc::search(problem, &mut paths, overlapping, meanwhile);
+    csc::search(problem, &mut paths, overlapping, keep_alive);
     for path in &paths {
         keep(found, Candidate::Csc(*path));
     }
@@ -174,11 +177,11 @@ fn helicoidal_arcs(
     overlapping: &Overlapping,
     longest: f64,
     found: &mut Candidates,
-    meanwhile: &mut dyn FnMut(),
+    keep_alive: &mut dyn FnMut(),
 ) {
     let shortest = found.first().map_or(longest, |best| best.length().min(longest));
     let mut arcs = Vec::new();
-    helicoids::search(problem, overlapping, shortest, &mut arcs, meanwhile);
+    helicoids::search(problem, overlapping, shortest, &mut arcs, keep_alive);
     for arc in &arcs {
         keep(found, Candidate::Helicoid(*arc));
     }
@@ -261,7 +264,8 @@ mod tests {
         Segment::Arc { alpha, bend, length: bend }
     }
 
-    /// An arc that is nearly nothing, beside one of about half a turn, is not always found: bends below this are known to be missed.
+    /// An arc that is nearly nothing, beside one of about half a turn, is not always found: bends below this are known
+    /// to be missed.
     const NEARLY_NOTHING: f64 = 0.01;
 
     fn bend() -> impl Strategy<Value = f64> {
@@ -354,8 +358,8 @@ mod tests {
         }
     }
 
-    /// Three arcs in any planes are no shortest path, but a helicoidal arc beside them mostly is: some of these are not found, as
-    /// `tests/shortest_is_shortest.rs` tells in more detail.
+    /// Three arcs in any planes are no shortest path, but a helicoidal arc beside them mostly is: some of these are not
+    /// found, as `tests/shortest_is_shortest.rs` tells in more detail.
     #[test]
     fn most_near_goals_are_reached_no_longer_than_by_three_arcs() {
         const GOALS: u32 = 400;

@@ -10,8 +10,8 @@ use crate::trigonometry;
 
 /// What goes wrong in each layer, at random and always. All zero by default.
 ///
-/// Noise is uniform to either side, of mean 0, and independent from layer to layer. The growth of a layer is disturbed with its tilt
-/// kept, as the paper does it.
+/// Noise is uniform to either side, of mean 0, and independent from layer to layer. The growth of a layer is disturbed
+/// with its tilt kept, as the paper does it.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Disturbance {
     /// Noise of the growth: at most this share of the layer's height.
@@ -70,12 +70,12 @@ enum Draw {
 }
 
 impl Disturbance {
-    /// The layer of this index (from 0, along the body) as it comes out. The same seed gives the same errors to the layer of the same
-    /// index, each source by itself: noise of one kind does not change that of another.
+    /// The layer of this index (from 0, along the body) as it comes out. The same seed gives the same errors to the
+    /// layer of the same index, each source by itself: noise of one kind does not change that of another.
     #[must_use]
     pub fn lay(&self, seed: u64, index: u64, layer: &Layer) -> Laid {
         let draw = |what: Draw| Random::new(&[seed, what as u64, index]);
-        let noise = |what: Draw, most: f64| if most == 0.0 { 0.0 } else { most * draw(what).even() };
+        let noise = |what: Draw, max: f64| if max == 0.0 { 0.0 } else { max * draw(what).even() };
         let height = layer.height * (1.0 + self.growth_bias + noise(Draw::Growth, self.growth_noise));
         let mut tilt = layer.tilt * (1.0 + self.tilt_bias);
         let mut alpha = layer.alpha + self.alpha_bias + noise(Draw::Alpha, self.alpha_noise);

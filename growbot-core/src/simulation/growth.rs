@@ -44,10 +44,11 @@ pub struct Grown {
     pub estimate: Option<Estimate>,
 }
 
-/// A closed loop that does not come to an end, since next to nothing grows, is given up after so many times the layers of its plan.
+/// A closed loop in which almost nothing grows does not end. It is given up after this many times the layers of its
+/// plan...
 const PATIENCE: u64 = 20;
-/// And so many besides.
-const PATIENCE_AT_LEAST: u64 = 100;
+/// ...plus this many layers.
+const MIN_PATIENCE: u64 = 100;
 
 /// Lays the layers as they are, whatever becomes of them. `each` hears of every layer laid.
 pub fn grow_open(
@@ -68,8 +69,8 @@ pub fn grow_open(
     grown
 }
 
-/// Measures each layer and plans the rest again after it. `tip` has each layer as commanded and as laid, and the frame in which
-/// growth alone leaves the tip; it says where the tip is, should the body do more than grow.
+/// Measures each layer and plans the rest again after it. `tip` has each layer as commanded and as laid, and the frame
+/// in which growth alone leaves the tip; it says where the tip is, should the body do more than grow.
 pub fn grow_closed(
     task: &Task,
     disturbance: &Disturbance,
@@ -80,9 +81,9 @@ pub fn grow_closed(
     let Task { robot, start, path, legs } = *task;
     let mut tracker = Tracker::new(robot, &start, path, legs, sensors.noise);
     let mut grown = Grown { base_from_tip: start.frame(), layers: 0, length: 0.0, estimate: None };
-    let most = PATIENCE * needs(path, robot).layers as u64 + PATIENCE_AT_LEAST;
+    let max_layers = PATIENCE * needs(path, robot).layers as u64 + MIN_PATIENCE;
     let mut by_growth = start.frame();
-    while let Some(layer) = tracker.next_layer().filter(|_| grown.layers < most) {
+    while let Some(layer) = tracker.next_layer().filter(|_| grown.layers < max_layers) {
         let laid = disturbance.lay(seed, grown.layers, &layer);
         by_growth = advance(&by_growth, &laid.step());
         grown.base_from_tip = tip(&layer, &laid, &by_growth);

@@ -1,13 +1,13 @@
 //! How a body hangs under its own weight: a cantilever, to first order.
 //!
-//! The body is clamped where it starts. Every cross-section carries the moment of the weight of all that lies beyond it, the rings of the
-//! wall and the tip at the end, and turns by it: by `M h / (E I)` across a layer of height `h`. As all that lies beyond a section was
-//! laid after it, the section was laid without that moment and turns by all of it. The part of a moment along the tube's axis twists:
-//! for a ring `G J = E I / (1 + nu)`.
+//! The body is clamped where it starts. Every cross-section carries the moment of the weight of all that lies beyond
+//! it, the rings of the wall and the tip at the end, and turns by it: by `M h / (E I)` across a layer of height `h`. As
+//! all that lies beyond a section was laid after it, the section was laid without that moment and turns by all of it.
+//! The part of a moment along the tube's axis twists: for a ring `G J = E I / (1 + nu)`.
 //!
-//! First order: moments are taken on the body as it was laid, before it hangs, and turns add up as vectors. That is good to some percent
-//! of a sag of a tenth of the length. Left out are shear, which matters to tubes no longer than a few diameters; buckling of a thin wall;
-//! creep; and whatever the body may lie on.
+//! First order: moments are taken on the body as it was laid, before it hangs, and turns add up as vectors. That is
+//! good to some percent of a sag of a tenth of the length. Left out are shear, which matters to tubes no longer than a
+//! few diameters; buckling of a thin wall; creep; and whatever the body may lie on.
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
@@ -21,8 +21,8 @@ const GRAVITY: f64 = 9.806_65;
 /// Poisson's ratio, assumed: plastics have 0.3 to 0.45. It is in twist only.
 const POISSON: f64 = 0.35;
 
-/// A body that grows and hangs, in a base whose z axis is up. A layer takes the same few operations however long the body is:
-/// the turns of all sections by a weight depend on where it is through sums over the sections alone.
+/// A body that grows and hangs, in a base whose z axis is up. A layer takes the same few operations however long the
+/// body is: the turns of all sections by a weight depend on where it is through sums over the sections alone.
 #[derive(Debug, Clone)]
 pub struct Hanging {
     /// N/mm of body, and N.
@@ -42,10 +42,10 @@ pub struct Hanging {
     /// Weight of the rings, N, and its first moment about the root, N mm.
     rings: (f64, Vector3<f64>),
     length: f64,
-    greatest: RootStress,
+    max_stress: RootStress,
 }
 
-/// The greatest stress that the root has borne.
+/// The max stress that the root has borne.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct RootStress {
     /// The principal stress of bending and twist in the outer fibre of the wall, MPa.
@@ -131,7 +131,7 @@ impl Hanging {
             by_rings: Sag::default(),
             rings: (0.0, Vector3::zeros()),
             length: 0.0,
-            greatest: RootStress::default(),
+            max_stress: RootStress::default(),
         };
         hanging.load_root();
         hanging
@@ -165,10 +165,10 @@ impl Hanging {
         self.sag().moves(&self.reach()).norm()
     }
 
-    /// The greatest stress that the root has borne since growth began.
+    /// The max stress that the root has borne since growth began.
     #[must_use]
     pub fn root_stress(&self) -> RootStress {
-        self.greatest
+        self.max_stress
     }
 
     /// From the root to the tip.
@@ -185,8 +185,8 @@ impl Hanging {
         let (bending, all) = (moment.cross(&self.root_direction).norm(), moment.norm());
         // The twist is the rest of all: Rankine's rule, for what breaks without yielding.
         let stress = 0.5 * (bending + all) * self.stress_per_moment;
-        if stress > self.greatest.stress {
-            self.greatest = RootStress { stress, moment: all, length: self.length };
+        if stress > self.max_stress.stress {
+            self.max_stress = RootStress { stress, moment: all, length: self.length };
         }
     }
 }

@@ -1,9 +1,9 @@
 //! Cutting a helicoidal arc into layers that end where it ends.
 //!
-//! Each layer is a short circular arc that bends towards where the curve goes meanwhile. A chain of such arcs strays from the
-//! curve by the square of a layer's tilt, so the angles of deposition, the height of all layers and, where these do not help (a
-//! curve that stays in a plane), the tilts are corrected by the least (in squares) that brings the chain's end to the curve's: to
-//! the last digits, in a few rounds.
+//! Each layer is a short circular arc that bends towards where the curve goes along the layer. A chain of such arcs
+//! strays from the curve by the square of a layer's tilt, so the angles of deposition, the height of all layers and,
+//! where these do not help (a curve that stays in a plane), the tilts are corrected by the least (in squares) that
+//! brings the chain's end to the curve's: to the last digits, in a few rounds.
 
 use nalgebra::{Matrix5, Vector3, Vector5};
 
@@ -25,8 +25,8 @@ const DAMPING: f64 = 1e-13;
 /// The correction of a chain of layers.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Correction {
-    /// With `u = force x (end - x) + moment` for a layer at `x` that bends towards `n` about `b`: `n . u` is added to alpha, and
-    /// `-TILT_WEIGHT^2 b . u` of itself to the tilt.
+    /// With `u = force x (end - x) + moment` for a layer at `x` that bends towards `n` about `b`: `n . u` is added to
+    /// alpha, and `-TILT_WEIGHT^2 b . u` of itself to the tilt.
     force: Vector3<f64>,
     moment: Vector3<f64>,
     /// Factor of all heights, and of the tilts with them.
@@ -50,10 +50,10 @@ pub(super) struct HelicoidLayers {
 
 impl HelicoidLayers {
     /// Layers that end where the curve does after `length` radii, `count` of them.
-    pub(super) fn exact(curve: &Helicoid, length: f64, count: u64, meanwhile: &mut dyn FnMut()) -> Self {
+    pub(super) fn exact(curve: &Helicoid, length: f64, count: u64, keep_alive: &mut dyn FnMut()) -> Self {
         let mut layers = Self::steps(curve, length / count as f64, count);
         layers.end = curve.frame_after(length);
-        layers.correct(meanwhile);
+        layers.correct(keep_alive);
         layers
     }
 
@@ -79,23 +79,23 @@ impl HelicoidLayers {
     }
 
     /// The layer that tilts most.
-    pub(super) fn steepest(&self, radius: f64, meanwhile: &mut dyn FnMut()) -> Layer {
+    pub(super) fn steepest(&self, radius: f64, keep_alive: &mut dyn FnMut()) -> Layer {
         let mut layers = self.rewound();
         let all = (0..self.count).map(|_| {
-            meanwhile();
+            keep_alive();
             layers.next(radius)
         });
-        all.fold(Layer::default(), |most, layer| if layer.tilt > most.tilt { layer } else { most })
+        all.fold(Layer::default(), |steepest, layer| if layer.tilt > steepest.tilt { layer } else { steepest })
     }
 
     /// How far the tip of the chain is rolled from that of the curve at the end, radians.
-    pub(super) fn roll(&self, meanwhile: &mut dyn FnMut()) -> f64 {
-        let end_from_tip = self.end.rotation.inverse() * self.chain_end(meanwhile).rotation;
+    pub(super) fn roll(&self, keep_alive: &mut dyn FnMut()) -> f64 {
+        let end_from_tip = self.end.rotation.inverse() * self.chain_end(keep_alive).rotation;
         let x = column::<0>(end_from_tip.matrix());
         libm::atan2(x.y, x.x)
     }
 
-    /// Goes on by a layer: the direction, perpendicular to the tip, in which the curve bends meanwhile.
+    /// Goes on by a layer: the direction, perpendicular to the tip, in which the curve bends along the layer.
     fn go_on(&mut self) -> Vector3<f64> {
         let here = tip_direction(&self.here);
         self.walk.advance(self.tilt);
@@ -109,25 +109,25 @@ impl HelicoidLayers {
     }
 
     /// Where the chain of layers ends.
-    fn chain_end(&self, meanwhile: &mut dyn FnMut()) -> Frame {
+    fn chain_end(&self, keep_alive: &mut dyn FnMut()) -> Frame {
         let mut layers = self.rewound();
         (0..self.count).fold(Frame::identity(), |start_from_tip, _| {
-            meanwhile();
+            keep_alive();
             start_from_tip * layers.next(1.0).step()
         })
     }
 
     /// What the chain lacks at its end: position in the axes of the start, direction in those of the end.
-    fn lack(&self, meanwhile: &mut dyn FnMut()) -> Vector5<f64> {
-        let chain = self.chain_end(meanwhile);
+    fn lack(&self, keep_alive: &mut dyn FnMut()) -> Vector5<f64> {
+        let chain = self.chain_end(keep_alive);
         let offset = self.end.translation.vector - chain.translation.vector;
         let turn = self.end.rotation.inverse() * tip_direction(&chain);
         Vector5::new(offset.x, offset.y, offset.z, -turn.x, -turn.y)
     }
 
-    /// Finds the correction: `lambda` of the least squares `sum J J^T lambda = lack`, where `J` says how the end moves with one
-    /// layer's alpha, and one more `J` how it moves with the scale of all layers.
-    fn correct(&mut self, meanwhile: &mut dyn FnMut()) {
+    /// Finds the correction: `lambda` of the least squares `sum J J^T lambda = lack`, where `J` says how the end moves
+    /// with one layer's alpha, and one more `J` how it moves with the scale of all layers.
+    fn correct(&mut self, keep_alive: &mut dyn FnMut()) {
         let end_axes = self.end.rotation.matrix();
         let (end_x, end_y) = (column::<0>(end_axes), column::<1>(end_axes));
         let end_direction = tip_direction(&self.end);
@@ -139,7 +139,7 @@ impl HelicoidLayers {
         let mut layers = self.rewound();
         let (mut sum, mut by_scale) = (Matrix5::zeros(), Vector5::zeros());
         for _ in 0..self.count {
-            meanwhile();
+            keep_alive();
             let direction = tip_direction(&layers.here);
             let arm = self.end.translation.vector - layers.here.translation.vector;
             let bend = layers.go_on();
@@ -157,18 +157,18 @@ impl HelicoidLayers {
         }
         let Some(normal_equations) = Cholesky::new(&sum) else { return };
 
-        let (mut best, mut least, mut best_lack) = (self.correction, f64::INFINITY, Vector5::zeros());
+        let (mut best, mut min_miss, mut best_lack) = (self.correction, f64::INFINITY, Vector5::zeros());
         let mut share = 1.0;
         for _ in 0..ROUNDS {
-            let lack = self.lack(meanwhile);
+            let lack = self.lack(keep_alive);
             let miss = lack.norm();
-            if miss < least {
-                (best, least, best_lack) = (self.correction, miss, lack);
+            if miss < min_miss {
+                (best, min_miss, best_lack) = (self.correction, miss, lack);
                 share = f64::min(2.0 * share, 1.0);
             } else {
                 share *= 0.25;
             }
-            if least <= ARRIVED || miss.is_nan() {
+            if min_miss <= ARRIVED || miss.is_nan() {
                 break;
             }
             let lambda = normal_equations.solve(&best_lack) * share;

@@ -1,13 +1,13 @@
 //! Cutting a path into layers.
 //!
 //! *Exact* slicing cuts a segment of length `S` and bend `beta` into `n` equal layers of height `S / n` and tilt
-//! `beta / n`, with the least `n` that keeps every layer within the robot's limits
+//! `beta / n`, with the min `n` that keeps every layer within the robot's limits
 //! (`h <= min(nominal, R tilt_max, h_max / (1 + r_t / R))`, to 1e-9 of the limit): the sum of the layers is the path.
 //!
 //! A helicoidal arc is cut in the same way, and the angle of deposition changes from layer to layer (`helicoid.rs`).
 //!
-//! *Whole* slicing is the paper's: a segment is cut into steps of one height, and the last step is laid whole, so that the
-//! tip passes the end of the segment by up to a step. It is there to reproduce the paper's tables.
+//! *Whole* slicing is the paper's: a segment is cut into steps of one height, and the last step is laid whole, so that
+//! the tip passes the end of the segment by up to a step. It is there to reproduce the paper's tables.
 
 use core::iter::FusedIterator;
 
@@ -62,7 +62,7 @@ pub struct Layers<'a> {
     /// How far the tip is rolled from where the path has it, radians: what the layers of helicoidal arcs leave.
     roll: f64,
     /// The first helicoidal arcs, cut beforehand: to fit their layers takes long, and every clone can use them.
-    fitted: Vec<Fitted, MOST_FITTED>,
+    fitted: Vec<Fitted, MAX_FITTED>,
 }
 
 /// A helicoidal arc that has been cut.
@@ -76,7 +76,7 @@ struct Fitted {
 }
 
 /// How many helicoidal arcs are cut beforehand: a planned path has two at most.
-const MOST_FITTED: usize = 2;
+const MAX_FITTED: usize = 2;
 
 /// How the layers of a segment follow on each other.
 #[derive(Debug, Clone)]
@@ -90,10 +90,10 @@ enum Cut {
 
 impl Cut {
     /// How far the tip is rolled, after all layers, from where the path has it, radians.
-    fn roll(&self, meanwhile: &mut dyn FnMut()) -> f64 {
+    fn roll(&self, keep_alive: &mut dyn FnMut()) -> f64 {
         match self {
             Self::Alike(_) => 0.0,
-            Self::Helicoid(layers, _) => layers.roll(meanwhile),
+            Self::Helicoid(layers, _) => layers.roll(keep_alive),
         }
     }
 }
@@ -114,41 +114,41 @@ pub fn layers<'a>(path: &'a [Segment], robot: &'a Robot, slicing: Slicing) -> La
     layers_meanwhile(path, robot, slicing, &mut || ())
 }
 
-/// As [`layers()`], for boards: to fit the layers of a helicoidal arc takes seconds of a microcontroller, and `meanwhile` is called for
-/// each layer that is looked at in them.
+/// As [`layers()`], for boards: to fit the layers of a helicoidal arc takes seconds of a microcontroller, and
+/// `keep_alive` is called for each layer that is looked at in them.
 #[must_use]
 pub fn layers_meanwhile<'a>(
     path: &'a [Segment],
     robot: &'a Robot,
     slicing: Slicing,
-    meanwhile: &mut dyn FnMut(),
+    keep_alive: &mut dyn FnMut(),
 ) -> Layers<'a> {
     let none = Cut::Alike(Layer::default());
     let mut layers =
         Layers { segments: path, robot, slicing, segment: 0, left: 0, cut: none, roll: 0.0, fitted: Vec::new() };
     if slicing == Slicing::Exact {
-        layers.fit(meanwhile);
+        layers.fit(keep_alive);
     }
     layers.cut_from(0);
     layers
 }
 
-/// The least whole number that is not less. (`floor` is in an image anyway.)
+/// The min whole number that is not below a number. (`floor` is in an image anyway.)
 fn ceil(value: f64) -> f64 {
     -libm::floor(-value)
 }
 
-/// The least number of equal layers, none of them longer than the limit.
-fn least_count(length: f64, limit: f64) -> f64 {
+/// The min number of equal layers, none of them longer than the limit.
+fn min_count(length: f64, limit: f64) -> f64 {
     ceil(length / (limit * (1.0 + LIMIT_SLACK))).max(1.0)
 }
 
 /// Number of layers and the layers themselves, for one segment.
-fn cut(segment: &Segment, robot: &Robot, slicing: Slicing, meanwhile: &mut dyn FnMut()) -> (u64, Cut) {
+fn cut(segment: &Segment, robot: &Robot, slicing: Slicing, keep_alive: &mut dyn FnMut()) -> (u64, Cut) {
     let length = segment.length();
     let limit = robot.greatest_mean_height(segment.curvature());
     let count = match slicing {
-        Slicing::Exact => least_count(length, limit),
+        Slicing::Exact => min_count(length, limit),
         Slicing::Whole { step } => ceil(length / step * (1.0 - LIMIT_SLACK)).max(1.0),
     };
     let height = match slicing {
@@ -165,15 +165,15 @@ fn cut(segment: &Segment, robot: &Robot, slicing: Slicing, meanwhile: &mut dyn F
         (Segment::Helicoid { curve, radius, .. }, Slicing::Exact) => {
             let mut count = count as u64;
             for _ in 0..MORE_LAYERS {
-                let layers = HelicoidLayers::exact(&curve, length / radius, count, meanwhile);
-                let steepest = layers.steepest(radius, meanwhile);
+                let layers = HelicoidLayers::exact(&curve, length / radius, count, keep_alive);
+                let steepest = layers.steepest(radius, keep_alive);
                 if steepest.height <= limit * (1.0 + LIMIT_SLACK) && robot.check_layer(&steepest, LIMIT_SLACK).is_ok() {
                     return (count, Cut::Helicoid(layers, radius));
                 }
                 // Corrected, a layer passes a limit by a trace: with more of them all are lower.
                 count += 1 + count / 400;
             }
-            (count, Cut::Helicoid(HelicoidLayers::exact(&curve, length / radius, count, meanwhile), radius))
+            (count, Cut::Helicoid(HelicoidLayers::exact(&curve, length / radius, count, keep_alive), radius))
         }
         (Segment::Helicoid { curve, radius, .. }, Slicing::Whole { .. }) => {
             (count as u64, Cut::Helicoid(HelicoidLayers::steps(&curve, height / radius, count as u64), radius))
@@ -183,12 +183,12 @@ fn cut(segment: &Segment, robot: &Robot, slicing: Slicing, meanwhile: &mut dyn F
 
 impl Layers<'_> {
     /// Cuts the first helicoidal arcs.
-    fn fit(&mut self, meanwhile: &mut dyn FnMut()) {
+    fn fit(&mut self, keep_alive: &mut dyn FnMut()) {
         let mut roll = 0.0;
         for (index, segment) in self.segments.iter().enumerate() {
             if let Segment::Helicoid { .. } = segment {
-                let (count, cut) = cut(&segment.rolled(roll), self.robot, self.slicing, meanwhile);
-                roll += cut.roll(meanwhile);
+                let (count, cut) = cut(&segment.rolled(roll), self.robot, self.slicing, keep_alive);
+                roll += cut.roll(keep_alive);
                 if self.fitted.push(Fitted { segment: index, count, cut, roll }).is_err() {
                     return;
                 }

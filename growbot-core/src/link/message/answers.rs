@@ -54,7 +54,7 @@ pub enum Refusal {
         /// The fault.
         fault: Fault,
     },
-    /// There is no plan for these poses and this radius: not finite, out of range, or below the least radius.
+    /// There is no plan for these poses and this radius: not finite, out of range, or below the min radius.
     NoPlan,
     /// The plan has more layers than the board holds.
     PlanTooLong {
@@ -65,9 +65,9 @@ pub enum Refusal {
     },
     /// A temperature outside of what the robot's description allows.
     Temperature {
-        /// The least, hundredths of a degree Celsius.
+        /// Min, hundredths of a degree Celsius.
         least: i32,
-        /// The greatest.
+        /// Max, hundredths of a degree Celsius.
         greatest: i32,
     },
     /// The emergency stop is still pressed.
@@ -150,9 +150,9 @@ pub struct Status {
 /// How much of a layer's turn was made when it was cut: between these two.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub struct Cut {
-    /// At least so many of its 64 sectors.
+    /// Min number of its 64 sectors.
     pub least: u8,
-    /// At most so many; 64 where nothing is known.
+    /// Max number; 64 where nothing is known.
     pub most: u8,
 }
 
@@ -175,7 +175,7 @@ pub struct Accepted {
     pub plan_id: u64,
     /// Index of the next layer expected.
     pub next: u32,
-    /// Room for so many more.
+    /// Number of further layers that there is room for.
     pub room: u32,
 }
 
@@ -217,10 +217,11 @@ pub struct Laid {
     pub plan_id: u64,
     /// Index of the layer.
     pub index: u32,
-    /// The layer as built, from the steps that were made. Nothing is known of one that was cut and let be, or after a failure of the
-    /// journal.
+    /// The layer as built, from the steps that were made. Nothing is known of one that was cut and let be, or after a
+    /// failure of the journal.
     pub as_built: Option<LayerBytes>,
-    /// What the sensors said when it was laid. The board keeps that for its latest layers only, and not through a reset.
+    /// What the sensors said when it was laid. The board keeps that for its latest layers only, and not through a
+    /// reset.
     pub measured: Option<Measured>,
 }
 
@@ -273,8 +274,8 @@ pub struct SensorReadings {
     pub on_index: bool,
     /// Whether there is filament.
     pub filament_present: Option<bool>,
-    /// Pulses of the filament's encoder since the board started: those forwards less those backwards, wrapping. So filament that is
-    /// pulled back and pushed forward again does not count, and what has gone into the body does.
+    /// Pulses of the filament's encoder since the board started: those forwards less those backwards, wrapping. So
+    /// filament that is pulled back and pushed forward again does not count, and what has gone into the body does.
     pub filament_pulses: Option<u32>,
     /// Whether a stepper driver reports a fault.
     pub driver_fault: Option<bool>,
@@ -323,8 +324,8 @@ pub struct LatestFault {
 pub struct BootReport {
     /// What the check of the image found at this start.
     pub image: ImageCheck,
-    /// The latest crash that the retained memory knows of, through resets until the next one; none where there was none since the board
-    /// was without power. [`CrashRecord`](crate::link::crash::CrashRecord) says what the words mean.
+    /// The latest crash that the retained memory knows of, through resets until the next one; none where there was none
+    /// since the board was without power. [`CrashRecord`](crate::link::crash::CrashRecord) says what the words mean.
     pub crash: Option<CrashWords>,
 }
 

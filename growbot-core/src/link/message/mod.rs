@@ -1,9 +1,9 @@
 //! The messages of the link, and the table of their kinds.
 //!
-//! A message is its kind (in the frame's header) and its body in postcard form. Both sides compare [`SCHEMA_HASH`], taken over
-//! every kind and every type below, before anything else: a board and a host that would misread each other say so. The bodies of
-//! `Hello`, `Status` and `Refused` stay as they are for as long as [`super::frame::VERSION`] does, so that a board can always be asked
-//! who it is.
+//! A message is its kind (in the frame's header) and its body in postcard form. Both sides compare [`SCHEMA_HASH`],
+//! taken over every kind and every type below, before anything else: a board and a host that would misread each other
+//! say so. The bodies of `Hello`, `Status` and `Refused` stay as they are for as long as [`super::frame::VERSION`]
+//! does, so that a board can always be asked who it is.
 
 mod answers;
 mod requests;
@@ -18,7 +18,7 @@ use super::frame::LONGEST_BODY;
 pub use super::state::{Fault, ResetCause, State};
 use crate::layer_bytes::LayerBytes;
 
-/// The most layers in one `Layers` or `HeldLayers`.
+/// Max layers in one `Layers` or `HeldLayers`.
 pub const MOST_LAYERS: usize = 16;
 /// Layers in a batch.
 pub type LayerBatch = Vec<LayerBytes, MOST_LAYERS>;
@@ -119,7 +119,8 @@ macro_rules! messages {
             pub const KINDS: &[(u8, &str)] = &[$(($kind, stringify!($name)),)*];
         }
 
-        /// Hash of the kinds and of the types of all bodies. Hosts and boards with different hashes don't understand each other.
+        /// Hash of the kinds and of the types of all bodies. Hosts and boards with different hashes don't understand
+        /// each other.
         pub const SCHEMA_HASH: u64 = {
             let mut hash: u64 = 0xcbf2_9ce4_8422_2325;
             $(
@@ -209,7 +210,7 @@ messages! {
     0x51 StateChanged(StateChanged),
     /// An event.
     0x52 Tuned(Tuned),
-    /// Emergency stops by the link were obeyed: sent in session 0, whoever asks.
+    /// Emergency stops by the link were obeyed: sent in session 0, for every session that asks.
     0x53 StoppedAtOnce(Empty),
 }
 

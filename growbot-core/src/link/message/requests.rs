@@ -33,14 +33,14 @@ pub struct Begin {
     pub robot: u64,
 }
 
-/// Takes up the job that the board knows: after a loss of the line or of the host it is followed on; after a stop, a fault or a
-/// reset it goes on, with the layers that the board does not hold any more handed over anew.
+/// Takes up the job that the board knows: after a loss of the line or of the host it is followed on; after a stop, a
+/// fault or a reset it goes on, with the layers that the board does not hold any more handed over anew.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Resume {
     /// The job.
     pub plan_id: u64,
-    /// The layer to go on at, while the board rests: the first that is not laid, or, where that one was cut, the one after it, so
-    /// that the cut one is let be. While the board works, any.
+    /// The layer to go on at, while the board rests: the first that is not laid, or, where that one was cut, the one
+    /// after it, so that the cut one is let be. While the board works, any.
     pub from: u32,
     /// The host has the layers below this as built: events tell the others.
     pub known: u32,
@@ -57,8 +57,8 @@ pub struct Layers {
     pub layers: LayerBatch,
 }
 
-/// Replaces the layers from an index on, all at once: those that were held from there on are gone, and the plan has another name.
-/// More layers follow with [`Layers`], under the new name.
+/// Replaces the layers from an index on, all at once: those that were held from there on are gone, and the plan has
+/// another name. More layers follow with [`Layers`], under the new name.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Amend {
     /// The job as it was.
