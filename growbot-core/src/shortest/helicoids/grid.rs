@@ -240,3 +240,43 @@ fn keep(seeds: &mut Seeds, seed: GridSeed) {
         insert_behind(seeds, seed, fits_better);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn seed(before: f32, misfit: f32) -> GridSeed {
+        GridSeed { narrowness: 0.0, twist: 0.0, mirrored: false, before, after: 1.0, misfit }
+    }
+
+    fn kept(seeds: impl IntoIterator<Item = GridSeed>) -> Seeds {
+        let mut kept = Seeds::new();
+        for seed in seeds {
+            keep(&mut kept, seed);
+        }
+        kept
+    }
+
+    #[test]
+    fn of_seeds_next_to_each_other_the_best_stays() {
+        let kept = kept([seed(0.0, 0.3), seed(2.0, 0.2), seed(0.1, 0.1), seed(0.2, 0.4)]);
+        assert_eq!(kept.iter().map(|seed| seed.misfit).collect::<std::vec::Vec<_>>(), [0.1, 0.2]);
+    }
+
+    #[test]
+    fn the_best_seeds_are_kept() {
+        let all = (0..2 * MAX_SEEDS).map(|n| seed(n as f32, 1.0 - 0.001 * n as f32));
+        let kept = kept(all);
+        assert_eq!(kept.len(), MAX_SEEDS);
+        assert!(kept.iter().all(|seed| seed.before >= MAX_SEEDS as f32));
+        assert!(kept.is_sorted_by(|a, b| a.misfit <= b.misfit));
+    }
+
+    #[test]
+    fn seeds_are_removed_by_length() {
+        let mut seeds = kept([seed(3.0, 0.1), seed(1.0, 0.2), seed(4.0, 0.3), seed(2.0, 0.4)]);
+        let lengths: std::vec::Vec<_> =
+            core::iter::from_fn(|| pop_shortest(&mut seeds)).map(|seed| seed.length()).collect();
+        assert_eq!(lengths, [2.0, 3.0, 4.0, 5.0]);
+    }
+}

@@ -117,3 +117,52 @@ fn mean_direction(middle: &Vector3<f64>, change: &Vector3<f64>) -> Vector3<f64> 
     let logarithm = if off_square > 1e-24 { libm::log(sum(to, norm_to) / sum(from, norm_from)) } else { 0.0 };
     change * ((norm_to - norm_from) / change_square) + off * (logarithm / size)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn neck() -> impl Strategy<Value = Neck> {
+        (0.05..2.0, -2.0..2.0).prop_map(|(narrowness, twist)| Neck { narrowness, twist })
+    }
+
+    fn vector() -> impl Strategy<Value = Vector3<f64>> {
+        prop::array::uniform3(-1.0..1.0).prop_map(Vector3::from)
+    }
+
+    fn apart(a: &Point, b: &Point) -> f64 {
+        (a.position - b.position).norm().max((a.direction - b.direction).norm())
+    }
+
+    proptest! {
+        #[test]
+        fn the_coarse_integration_agrees_with_the_fine_one(neck in neck(), start in -3.0..3.0, end in -3.0..3.0) {
+            let ends = |fine| neck.ends(start, end, fine, &mut || ());
+            let (coarse, fine) = (ends(false), ends(true));
+            let apart = apart(&coarse.0, &fine.0).max(apart(&coarse.1, &fine.1));
+            prop_assert!(apart < 0.02, "{apart} apart");
+        }
+
+        #[test]
+        fn growth_from_before_the_neck_reaches_it(neck in neck(), before in 0.1..3.0_f64) {
+            let (mut point, at_neck) = neck.ends(-before, 0.0, true, &mut || ());
+            for _ in 0..10_000 {
+                point = neck.step(&point, before / 10_000.0);
+            }
+            let apart = apart(&point, &at_neck);
+            prop_assert!(apart < 1e-5, "{apart} apart");
+        }
+
+        #[test]
+        fn the_mean_direction_is_that_of_many_samples(middle in vector(), change in vector()) {
+            let samples = 4000_u32;
+            let sum = (0..samples).fold(Vector3::zeros(), |sum, n| {
+                sum + (middle + change * ((f64::from(n) + 0.5) / f64::from(samples) - 0.5)).normalize()
+            });
+            let apart = (mean_direction(&middle, &change) - sum / f64::from(samples)).norm();
+            // Below 5 % of change the direction in the middle is taken for the mean.
+            prop_assert!(apart < 5e-3, "{apart} apart");
+        }
+    }
+}

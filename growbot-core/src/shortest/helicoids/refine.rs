@@ -189,3 +189,34 @@ pub(super) fn refined(
     }
     None
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Rotation3;
+    use proptest::prelude::*;
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(50))]
+
+        #[test]
+        fn an_arc_that_is_a_little_off_is_found_again(
+            narrowness in -1.5..-0.5, twist in -1.0..0.0, before in 0.8..1.6, after in 0.8..1.6,
+            mirrored in any::<bool>(),
+            off in prop::array::uniform4(-0.01..0.01),
+        ) {
+            let arc = Seed { narrowness, twist, mirrored, before, after };
+            let (start, end) = arc.neck().ends(-before, after, true, &mut || ());
+            let start_from_neck = Rotation3::rotation_between(&start.direction, &Vector3::z()).unwrap();
+            let goal = start_from_neck * (end.position - start.position);
+            let problem = Problem::new(&goal, &(start_from_neck * end.direction));
+            let [a, b, c, d] = off;
+            let seed =
+                Seed { narrowness: narrowness + a, twist: twist + b, before: before + c, after: after + d, mirrored };
+            let found = refined(&problem, &seed, 8.0, true, &mut || ()).unwrap();
+            let fit = Fit::new(&problem, &found, true, &mut || ());
+            prop_assert!(fit.misfit.norm() <= FINE_MISFIT);
+            prop_assert!((found.length() - arc.length()).abs() < 1e-6, "{found:?} for {arc:?}");
+        }
+    }
+}
