@@ -74,7 +74,7 @@ fn a_crash_is_told_after_the_reset_by_function_and_line() {
         });
         let named = named.unwrap_or_else(|| panic!("{function} is not named: {json}"));
         assert!(named["file"].as_str().unwrap().ends_with("an386/high_water.rs"), "{named}");
-        let source = include_str!("../growbot-firmware/src/bin/an386/high_water.rs");
+        let source = include_str!("../growbot-firmware/boards/an386/high_water.rs");
         let lines: Vec<&str> = source.lines().collect();
         let line = named["line"].as_u64().unwrap() as usize;
         let begins = lines.iter().position(|line| line.contains(&format!("fn {function}("))).unwrap() + 1;

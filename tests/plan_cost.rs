@@ -1,6 +1,6 @@
 //! What planning costs on the microcontroller, as a table: `cargo plan-cost`.
 //!
-//! Builds the program that measures it (`growbot-firmware/src/bin/plan_cost/`) and runs it in the emulator, which
+//! Builds the program that measures it (`growbot-firmware/costs/plan/`) and runs it in the emulator, which
 //! counts each instruction, so that the figures are the same on every machine. They are instructions, not cycles: a
 //! Cortex-M4 takes somewhat more cycles.
 

@@ -1,7 +1,7 @@
 //! What a tick of the step interrupt costs on the microcontroller, as a table, and the step rate that this allows; and what
 //! an emergency stop by the link costs: `cargo step-cost`.
 //!
-//! Builds the program that measures it (`growbot-firmware/src/bin/step_cost/`) and runs it in the emulator, which
+//! Builds the program that measures it (`growbot-firmware/costs/step/`) and runs it in the emulator, which
 //! counts each instruction, so that the figures are the same on every machine. They are instructions; what they take on
 //! the robot's board is computed from them, on the side of caution.
 

@@ -10,7 +10,7 @@ use growbot_tests::firmware;
 use growbot_tests::netduinoplus2::{self, RegisterWrite, Setup};
 use growbot_tests::wiring::{Row, WIRING, rows};
 
-const PINS: &str = include_str!("../growbot-firmware/src/bin/stm32f405/pins.rs");
+const PINS: &str = include_str!("../growbot-firmware/boards/stm32f405/pins.rs");
 
 /// Signals whose pins are as the processor's reset leaves them.
 const LEFT_ALONE: [&str; 2] = ["oscillator", "debug probe"];

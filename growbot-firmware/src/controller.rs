@@ -28,7 +28,7 @@ use growbot_core::link::message::{
 };
 use growbot_core::robot::Robot;
 
-use crate::hal::{Board, Converter, Parts};
+use crate::hal::{Adc, Board, Parts};
 use crate::heater::{self, Heater, Sampler};
 use crate::layer_store::LayerStore;
 use crate::link::{self, Link};

@@ -28,8 +28,8 @@
 //! | `0x058` | [`LINK_BYTES_LOST`] | board | received bytes dropped because the queue was full, in this boot |
 //! | `0x05C` | [`STACK_UNUSED`] | board | bytes of the stack that this boot has not used yet; 0 until they are counted |
 //! | `0x060` | [`FAN_DUTY`] | board | 0 to 65535, full speed |
-//! | `0x100` | [`THERMISTOR_RAW`] | host | 0 to 4095, as the board's converter would read |
-//! | `0x104` | [`THERMISTOR_LIVE`] | host | 1: the converter delivers readings; 0: it has stopped |
+//! | `0x100` | [`THERMISTOR_RAW`] | host | 0 to 4095, as the board's ADC would read |
+//! | `0x104` | [`THERMISTOR_LIVE`] | host | 1: the ADC delivers readings; 0: it has stopped |
 //! | `0x108` | [`STEP_READ_INDEX`] | host | records read, wrapping |
 //! | `0x110` | [`INDEX_STEPS_PER_TURN`] | host | head steps in a turn; 0: there is no index mark |
 //! | `0x114` | [`INDEX_POSITION`] | host | where the mark begins, in head steps from 0 |
@@ -37,7 +37,7 @@
 //! | `0x11C` | [`INDEX_FAULT`] | host | `INDEX_FAULT_*` |
 //! | `0x120` | [`ENTROPY`] | host | any number, another one for each run: makes boot ids differ |
 //! | `0x124` | [`MACHINE_LENGTH`] | host | bytes of [`MACHINE`] that are valid, at most [`MACHINE_CAPACITY`] |
-//! | `0x128` | [`SUPPLY_RAW`] | host | 0 to 4095, as the board's converter would read |
+//! | `0x128` | [`SUPPLY_RAW`] | host | 0 to 4095, as the board's ADC would read |
 //! | `0x12C` | [`SUPPLY_LIVE`] | host | as [`THERMISTOR_LIVE`] |
 //! | `0x130` | [`FILAMENT_PRESENT`] | host | 1: there is filament |
 //! | `0x134` | [`DRIVER_FAULT`] | host | 1: a stepper driver reports a fault |
@@ -66,7 +66,7 @@
 //!   [`STEP_READ_INDEX`]. The board never waits: when the ring is full it drops the record and counts it in [`STEP_OVERRUN`]. The
 //!   positions [`HEAD_STEPS`] and [`FEED_STEPS`] count such steps all the same.
 //! - The host writes [`THERMISTOR_RAW`], then 1 to [`THERMISTOR_LIVE`]. From then on the board reads the latest value as often
-//!   as it likes, as it would a converter of its own: a host that is slow is not a sensor that is broken.
+//!   as it likes, as it would an ADC of its own: a host that is slow is not a sensor that is broken.
 //! - The board writes to [`JOURNAL`] as one writes to flash: it programs words by clearing bits, and erases sectors of [`JOURNAL_SECTOR`]
 //!   bytes by setting all. The zeros that it finds at first are not erased.
 //! - Pairs (`_LO`, `_HI`) are read high, low, high, until both highs agree; each pair lies in eight aligned bytes.
@@ -140,7 +140,7 @@ pub const FAN_DUTY: usize = 0x060;
 
 /// Offset, host to board: thermistor reading, 0 to 4095.
 pub const THERMISTOR_RAW: usize = 0x100;
-/// Offset, host to board: 1 while the thermistor's converter delivers readings.
+/// Offset, host to board: 1 while the thermistor's ADC delivers readings.
 pub const THERMISTOR_LIVE: usize = 0x104;
 /// Offset, host to board: step records read.
 pub const STEP_READ_INDEX: usize = 0x108;
@@ -158,7 +158,7 @@ pub const ENTROPY: usize = 0x120;
 pub const MACHINE_LENGTH: usize = 0x124;
 /// Offset, host to board: reading of the supply's voltage, 0 to 4095.
 pub const SUPPLY_RAW: usize = 0x128;
-/// Offset, host to board: 1 while the supply's converter delivers readings.
+/// Offset, host to board: 1 while the supply's ADC delivers readings.
 pub const SUPPLY_LIVE: usize = 0x12C;
 /// Offset, host to board: 1 while there is filament.
 pub const FILAMENT_PRESENT: usize = 0x130;

@@ -13,8 +13,8 @@ use crate::journal::Journal;
 use crate::layer_store::LayerStore;
 use crate::safety::kept::{COPY_BYTES, KEPT_BYTES};
 
-/// A channel of a 12-bit converter.
-pub trait Converter {
+/// A channel of a 12-bit ADC.
+pub trait Adc {
     /// A reading (0 to 4095) taken since the last call, none if there is no new one. Never blocks.
     fn sample(&mut self) -> Option<u16>;
 }
@@ -73,9 +73,9 @@ pub trait Board {
     /// The fan that cools what is printed.
     type Fan: SetDutyCycle;
     /// The thermistor's divider.
-    type Thermistor: Converter;
+    type Thermistor: Adc;
     /// The supply's divider.
-    type Supply: Converter;
+    type Supply: Adc;
     /// High while there is filament.
     type FilamentPresence: InputPin;
     /// High while a stepper driver reports a fault.

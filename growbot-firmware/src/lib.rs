@@ -9,9 +9,10 @@
 //! 4. [`stepping::Engine`]: it becomes step pulses, tick by tick;
 //! 5. and back: the steps made become the layer as built, and a `Laid` message.
 //!
-//! Beside it [`heater`] and [`thermistor`] keep the nozzle hot, [`safety`] says what leads where when anything is wrong, and the
-//! [`journal`] knows after a loss of power how far a growth has come.
-//! [`hal`] says what a board must have. The boards themselves are the binaries `an386` (emulated) and `stm32f405` (the robot's).
+//! Beside it [`heater`] and [`thermistor`] keep the nozzle hot, and [`safety`] says what leads where when anything is wrong.
+//! After a loss of power the [`journal`] knows how far a growth has come.
+//! [`hal`] says what a board must have. The boards themselves are the binaries in `boards/`: `an386` (emulated) and
+//! `stm32f405` (the robot's).
 #![no_std]
 #![forbid(unsafe_code)]
 
@@ -32,9 +33,9 @@ pub mod machine;
 pub mod orientation;
 pub mod polarity;
 pub mod safety;
+pub mod soft_i2c;
 pub mod stepping;
 pub mod supplied;
 #[cfg(test)]
 mod testing;
 pub mod thermistor;
-pub mod two_wire;

@@ -68,8 +68,8 @@ fn milli_g(counts: i16) -> i16 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::soft_i2c::SoftI2c;
     use crate::testing::wires::{FakeChip, FakeWires, Trouble};
-    use crate::two_wire::TwoWire;
 
     /// Register of the first of six bytes of acceleration.
     const ACC: u8 = 0x12;
@@ -84,7 +84,7 @@ mod tests {
         fn new() -> Self {
             let chip = FakeChip::default();
             let wires = FakeWires::new(chip.clone());
-            let mut orientation = TipOrientation::new(TwoWire::new(wires.clock(), wires.data(), wires.timer()));
+            let mut orientation = TipOrientation::new(SoftI2c::new(wires.clock(), wires.data(), wires.timer()));
             Self { chip, wires, looks: std::boxed::Box::new(move || orientation.gravity()) }
         }
 

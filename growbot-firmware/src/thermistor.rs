@@ -1,13 +1,13 @@
-//! From a reading of the converter to a temperature.
+//! From a reading of the ADC to a temperature.
 //!
-//! The thermistor (NTC) lies between the input and ground, a pull-up resistor between the input and the converter's
+//! The thermistor (NTC) lies between the input and ground, a pull-up resistor between the input and the ADC's
 //! reference: `raw / 4095 = R / (R + R_pull_up)`. Its resistance follows either the Beta equation,
 //! `1/T = 1/298.15 K + ln(R / R_25) / Beta`, or that of Steinhart and Hart (Deep-Sea Res. 15, 1968),
 //! `1/T = A + B ln R + C (ln R)^3`.
 
 use growbot_core::robot::Thermistor;
 
-/// The greatest reading of the 12-bit converter.
+/// The max reading of the 12-bit ADC.
 pub const FULL_SCALE: u16 = 4095;
 /// Readings at least this high mean a cut wire: robot A's thermistor reads this at -60 degrees Celsius.
 const OPEN_FROM: f64 = FULL_SCALE as f64 - 8.0;

@@ -4,7 +4,7 @@
 //! ever. So the emulator is started halted, the bits that hardware would set are set from outside, and only then the board runs.
 //!
 //! What this shows: start-up, clocks, interrupts, SysTick, and the link. What it cannot: timers run at a rate of their own, and pins,
-//! the analog converter and the watchdog are absent. What the firmware writes to their registers is seen all the same, by the
+//! the ADC and the watchdog are absent. What the firmware writes to their registers is seen all the same, by the
 //! emulator's trace.
 
 use std::io::{BufRead, BufReader, Write};

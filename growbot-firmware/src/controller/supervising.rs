@@ -13,7 +13,7 @@ use crate::safety::kept::{Unknown, fault_of};
 use crate::safety::transitions::{Event, may_feed, may_heat};
 use crate::stepping::Handover;
 
-/// The self-test takes this long at least, us: whatever must persist to count can persist, and a converter that stopped at once has no
+/// The self-test takes this long at least, us: whatever must persist to count can persist, and an ADC that stopped at once has no
 /// reading any more that is young enough.
 const SELF_TEST_LEAST_US: u64 = 600_000;
 /// It has this long to find every sensor well, us.

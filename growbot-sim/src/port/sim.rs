@@ -22,8 +22,7 @@ use growbot_firmware::stepping::{Axis, Engine, EngineSettings, Handover, Inputs}
 
 use crate::tip::flash::Flash;
 use crate::tip::pins::{
-    Converter, DirectionPin, EnablePin, Fan, HeaterEnable, HeaterPower, Input, Orientation, SharedTip, StepPin,
-    TipOutputs,
+    Adc, DirectionPin, EnablePin, Fan, HeaterEnable, HeaterPower, Input, Orientation, SharedTip, StepPin, TipOutputs,
 };
 use crate::tip::{Motor, Tip, TipFault, Variation};
 use crate::truth::Simulation;
@@ -271,8 +270,8 @@ fn controller(
         heater_power: HeaterPower(Rc::clone(tip)),
         heater_enable: HeaterEnable(Rc::clone(tip)),
         fan: Fan(Rc::clone(tip)),
-        thermistor: Converter::thermistor(tip),
-        supply: Converter::supply(tip),
+        thermistor: Adc::thermistor(tip),
+        supply: Adc::supply(tip),
         filament_presence: Input::filament_presence(tip),
         driver_fault: Input::driver_fault(tip),
         orientation: Orientation(Rc::clone(tip)),
@@ -322,8 +321,8 @@ impl Board for SimBoard {
     type HeaterPower = HeaterPower;
     type HeaterEnable = HeaterEnable;
     type Fan = Fan;
-    type Thermistor = Converter;
-    type Supply = Converter;
+    type Thermistor = Adc;
+    type Supply = Adc;
     type FilamentPresence = Input;
     type DriverFault = Input;
     type Orientation = Orientation;

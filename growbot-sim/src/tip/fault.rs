@@ -9,11 +9,11 @@ pub enum TipFault {
     ThermistorOpen,
     /// The wires of the thermistor touch.
     ThermistorShort,
-    /// The converter delivers no readings of the thermistor.
+    /// The ADC delivers no readings of the thermistor.
     ThermistorSilent,
-    /// The converter delivers the same number for ever.
+    /// The ADC delivers the same number for ever.
     ThermistorFrozen,
-    /// The thermistor's voltage stands still; the converter's noise is on it as ever.
+    /// The thermistor's voltage stands still; the ADC's noise is on it as ever.
     ThermistorStuck,
     /// The thermistor has slipped out of its place: it follows the air near the nozzle.
     ThermistorDetached {

@@ -39,8 +39,8 @@ pub struct HeaterEnable(pub SharedTip);
 /// The fan.
 pub struct Fan(pub SharedTip);
 
-/// A channel of the converter.
-pub struct Converter {
+/// A channel of the ADC.
+pub struct Adc {
     tip: SharedTip,
     sample: fn(&mut Tip) -> Option<u16>,
 }
@@ -80,7 +80,7 @@ impl Input {
     }
 }
 
-impl Converter {
+impl Adc {
     /// The thermistor's divider.
     #[must_use]
     pub fn thermistor(tip: &SharedTip) -> Self {
@@ -107,7 +107,7 @@ impl hal::Outputs for TipOutputs {
     }
 }
 
-impl hal::Converter for Converter {
+impl hal::Adc for Adc {
     fn sample(&mut self) -> Option<u16> {
         (self.sample)(&mut self.tip.borrow_mut())
     }

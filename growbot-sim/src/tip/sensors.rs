@@ -7,7 +7,7 @@ use super::cartridge::resistance_104gt_2;
 use super::noise::noise;
 use super::{Motor, Tip, TipFault};
 
-/// Channels of the converter, each with its own noise.
+/// Channels of the ADC, each with its own noise.
 #[derive(Debug, Clone, Copy)]
 enum Channel {
     Thermistor,
@@ -17,14 +17,14 @@ enum Channel {
 /// What a thermistor that no longer follows shows.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Held {
-    /// The converter's number.
+    /// The ADC's number.
     pub number: u16,
     /// The voltage, counts.
     pub counts: f64,
 }
 
 impl Tip {
-    /// The thermistor's voltage, counts of the converter; none while that is silent.
+    /// The thermistor's voltage, counts of the ADC; none while that is silent.
     pub fn sample_thermistor(&mut self) -> Option<u16> {
         self.sync();
         if self.faults.has(TipFault::ThermistorSilent) {
@@ -33,7 +33,7 @@ impl Tip {
         Some(if self.faults.has(TipFault::ThermistorFrozen) { self.held.number } else { self.converted_thermistor() })
     }
 
-    /// The thermistor's reading as the converter makes it now.
+    /// The thermistor's reading as the ADC makes it now.
     pub(super) fn converted_thermistor(&self) -> u16 {
         self.convert(self.thermistor_counts(), Channel::Thermistor)
     }
@@ -58,14 +58,14 @@ impl Tip {
         }
     }
 
-    /// The supply's voltage, counts of the converter.
+    /// The supply's voltage, counts of the ADC.
     pub fn sample_supply(&mut self) -> Option<u16> {
         self.sync();
         let supply = &self.robot.description().supply;
         Some(self.convert(self.supply_v() / supply.full_scale_v * f64::from(FULL_SCALE), Channel::Supply))
     }
 
-    /// What the 12-bit converter makes of a voltage, given in counts.
+    /// What the 12-bit ADC makes of a voltage, given in counts.
     fn convert(&self, counts: f64, channel: Channel) -> u16 {
         let noisy = counts + self.variation.noise_counts * noise(self.variation.seed, channel as u64, self.now);
         libm::rint(noisy).clamp(0.0, f64::from(FULL_SCALE)) as u16

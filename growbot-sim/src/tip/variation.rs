@@ -19,7 +19,7 @@ pub struct Variation {
     pub supply_v: Option<f64>,
     /// Time constant with which the thermistor follows the nozzle, s.
     pub sensor_lag_s: f64,
-    /// Noise of the converter, counts (root mean square).
+    /// Noise of the ADC, counts (root mean square).
     pub noise_counts: f64,
     /// Where the noise comes from: the same seed gives the same noise.
     pub seed: u64,

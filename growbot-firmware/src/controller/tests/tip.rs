@@ -32,7 +32,7 @@ pub enum Wire {
     Whole,
     Cut,
     Shorted,
-    /// The converter gives nothing.
+    /// The ADC gives nothing.
     Silent,
 }
 
@@ -42,10 +42,10 @@ pub struct World {
     pub wire: Cell<Wire>,
     /// How much faster than in still air the nozzle loses heat.
     pub draught: Cell<f64>,
-    /// The tick at which the converter gave its latest reading.
+    /// The tick at which the ADC gave its latest reading.
     pub sampled_at: Cell<u64>,
     pub now: Cell<u64>,
-    /// The supply's voltage, V; none where its converter has stopped.
+    /// The supply's voltage, V; none where its ADC has stopped.
     pub supply_v: Cell<Option<f64>>,
     /// The journal's flash, as it leaves the works: erased and ready.
     pub flash: Flash,
@@ -101,7 +101,7 @@ impl World {
 /// The thermistor on the nozzle.
 pub struct FakeThermistor(pub Rc<World>);
 
-impl hal::Converter for FakeThermistor {
+impl hal::Adc for FakeThermistor {
     fn sample(&mut self) -> Option<u16> {
         let thermistor = &self.0.robot.description().thermistor;
         let raw = match self.0.wire.get() {
@@ -118,7 +118,7 @@ impl hal::Converter for FakeThermistor {
 /// The supply's divider.
 pub struct FakeSupply(pub Rc<World>);
 
-impl hal::Converter for FakeSupply {
+impl hal::Adc for FakeSupply {
     fn sample(&mut self) -> Option<u16> {
         let full_scale = self.0.robot.description().supply.full_scale_v;
         self.0.supply_v.get().map(|volts| (volts / full_scale * f64::from(FULL_SCALE)).round() as u16)

@@ -1,6 +1,6 @@
-//! The line to the host: UART0, a byte queue in each direction.
+//! The UART of the link, UART0: a byte queue in each direction.
 //!
-//! Both queues end in interrupts, so `main` never waits for the line.
+//! Both queues end in interrupts, so `main` never waits for the UART.
 
 use growbot_core::link::emergency_stop::Recogniser;
 use growbot_firmware::byte_queue::ByteQueue;
@@ -37,26 +37,26 @@ static RECEIVED: Queue = Queue::new();
 static TO_SEND: Queue = Queue::new();
 
 /// `main`'s ends of the queues.
-pub struct Line {
+pub struct Uart {
     /// Received bytes, oldest first.
     pub received: &'static Queue,
-    /// Bytes to send; call [`Line::send_queued`] after adding some.
+    /// Bytes to send; call [`Uart::send_queued`] after adding some.
     pub to_send: &'static Queue,
 }
 
-impl Line {
+impl Uart {
     /// Sets the UART up. Bytes flow once the interrupts are let through.
     pub fn start(clock_hz: u32) -> Self {
         // The emulator ignores the rate, but wants a divider of at least 16.
         BAUD_DIVIDER.write((clock_hz / 115_200).max(16));
         WATCH.give(Recogniser::new());
         CONTROL.write(CONTROL_ALL);
-        Line { received: &RECEIVED, to_send: &TO_SEND }
+        Uart { received: &RECEIVED, to_send: &TO_SEND }
     }
 
     /// Has the transmit interrupt look at the queue.
     pub fn send_queued(&self) {
-        interrupts::pend(Interrupt::LineTransmit);
+        interrupts::pend(Interrupt::UartTransmit);
     }
 }
 

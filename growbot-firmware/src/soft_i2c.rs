@@ -19,7 +19,7 @@ const CLOCKS_TO_FREE: u8 = 9;
 
 /// Why a transaction failed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum TwoWireError {
+pub enum SoftI2cError {
     /// Nobody acknowledged the address, or the chip did not acknowledge a byte.
     NotAcknowledged(NoAcknowledgeSource),
     /// A chip holds the clock down.
@@ -30,7 +30,7 @@ pub enum TwoWireError {
     Pin,
 }
 
-impl Error for TwoWireError {
+impl Error for SoftI2cError {
     fn kind(&self) -> ErrorKind {
         match self {
             Self::NotAcknowledged(source) => ErrorKind::NoAcknowledge(*source),
@@ -41,7 +41,7 @@ impl Error for TwoWireError {
 }
 
 /// The bus. Both pins are open-drain outputs, so that "high" lets go, with pull-up resistors.
-pub struct TwoWire<C, D, T> {
+pub struct SoftI2c<C, D, T> {
     clock: C,
     data: D,
     timer: T,
@@ -49,7 +49,7 @@ pub struct TwoWire<C, D, T> {
     patience_us: u16,
 }
 
-impl<C: InputPin + OutputPin, D: InputPin + OutputPin, T: DelayNs> TwoWire<C, D, T> {
+impl<C: InputPin + OutputPin, D: InputPin + OutputPin, T: DelayNs> SoftI2c<C, D, T> {
     /// A bus on two pins that are both let go.
     pub fn new(clock: C, data: D, timer: T) -> Self {
         Self { clock, data, timer, patience_us: PATIENCE_US }
@@ -60,31 +60,31 @@ impl<C: InputPin + OutputPin, D: InputPin + OutputPin, T: DelayNs> TwoWire<C, D,
         self.timer.delay_ns(HALF_NS);
     }
 
-    fn set_data(&mut self, high: bool) -> Result<(), TwoWireError> {
-        self.data.set_state(high.into()).map_err(|_| TwoWireError::Pin)
+    fn set_data(&mut self, high: bool) -> Result<(), SoftI2cError> {
+        self.data.set_state(high.into()).map_err(|_| SoftI2cError::Pin)
     }
 
-    fn data(&mut self) -> Result<bool, TwoWireError> {
-        self.data.is_high().map_err(|_| TwoWireError::Pin)
+    fn data(&mut self) -> Result<bool, SoftI2cError> {
+        self.data.is_high().map_err(|_| SoftI2cError::Pin)
     }
 
-    fn clock_low(&mut self) -> Result<(), TwoWireError> {
-        self.clock.set_low().map_err(|_| TwoWireError::Pin)
+    fn clock_low(&mut self) -> Result<(), SoftI2cError> {
+        self.clock.set_low().map_err(|_| SoftI2cError::Pin)
     }
 
     /// Lets go of the clock, and waits for chips that hold it down.
     #[inline(never)]
-    fn clock_high(&mut self) -> Result<(), TwoWireError> {
-        self.clock.set_high().map_err(|_| TwoWireError::Pin)?;
-        while self.clock.is_low().map_err(|_| TwoWireError::Pin)? {
-            self.patience_us = self.patience_us.checked_sub(1).ok_or(TwoWireError::ClockHeld)?;
+    fn clock_high(&mut self) -> Result<(), SoftI2cError> {
+        self.clock.set_high().map_err(|_| SoftI2cError::Pin)?;
+        while self.clock.is_low().map_err(|_| SoftI2cError::Pin)? {
+            self.patience_us = self.patience_us.checked_sub(1).ok_or(SoftI2cError::ClockHeld)?;
             self.timer.delay_us(1);
         }
         Ok(())
     }
 
     /// One clock, from low to low; the level of the data line while the clock was high.
-    fn bit(&mut self, high: bool) -> Result<bool, TwoWireError> {
+    fn bit(&mut self, high: bool) -> Result<bool, SoftI2cError> {
         self.set_data(high)?;
         self.half();
         self.clock_high()?;
@@ -95,7 +95,7 @@ impl<C: InputPin + OutputPin, D: InputPin + OutputPin, T: DelayNs> TwoWire<C, D,
     }
 
     /// Has the bus free: both lines high.
-    fn free(&mut self) -> Result<(), TwoWireError> {
+    fn free(&mut self) -> Result<(), SoftI2cError> {
         self.set_data(true)?;
         self.clock_high()?;
         for _ in 0..CLOCKS_TO_FREE {
@@ -107,11 +107,11 @@ impl<C: InputPin + OutputPin, D: InputPin + OutputPin, T: DelayNs> TwoWire<C, D,
             self.clock_high()?;
             self.half();
         }
-        if self.data()? { Ok(()) } else { Err(TwoWireError::DataHeld) }
+        if self.data()? { Ok(()) } else { Err(SoftI2cError::DataHeld) }
     }
 
     /// A start condition, or a repeated one: the data line falls while the clock is high. The clock is low afterwards.
-    fn start(&mut self) -> Result<(), TwoWireError> {
+    fn start(&mut self) -> Result<(), SoftI2cError> {
         self.set_data(true)?;
         self.half();
         self.clock_high()?;
@@ -122,7 +122,7 @@ impl<C: InputPin + OutputPin, D: InputPin + OutputPin, T: DelayNs> TwoWire<C, D,
     }
 
     /// A stop condition: the data line rises while the clock is high.
-    fn stop(&mut self) -> Result<(), TwoWireError> {
+    fn stop(&mut self) -> Result<(), SoftI2cError> {
         self.clock_low()?;
         self.set_data(false)?;
         self.half();
@@ -134,14 +134,14 @@ impl<C: InputPin + OutputPin, D: InputPin + OutputPin, T: DelayNs> TwoWire<C, D,
         clock
     }
 
-    fn send(&mut self, byte: u8, source: NoAcknowledgeSource) -> Result<(), TwoWireError> {
+    fn send(&mut self, byte: u8, source: NoAcknowledgeSource) -> Result<(), SoftI2cError> {
         for bit in (0..8).rev() {
             self.bit(byte & (1 << bit) != 0)?;
         }
-        if self.bit(true)? { Err(TwoWireError::NotAcknowledged(source)) } else { Ok(()) }
+        if self.bit(true)? { Err(SoftI2cError::NotAcknowledged(source)) } else { Ok(()) }
     }
 
-    fn receive(&mut self, is_last: bool) -> Result<u8, TwoWireError> {
+    fn receive(&mut self, is_last: bool) -> Result<u8, SoftI2cError> {
         let mut byte = 0;
         for _ in 0..8 {
             byte = byte << 1 | u8::from(self.bit(true)?);
@@ -151,7 +151,7 @@ impl<C: InputPin + OutputPin, D: InputPin + OutputPin, T: DelayNs> TwoWire<C, D,
     }
 
     /// Everything between start and stop. Operations of one direction are one, as [`I2c::transaction`] has it.
-    fn operate(&mut self, address: u8, operations: &mut [Operation<'_>]) -> Result<(), TwoWireError> {
+    fn operate(&mut self, address: u8, operations: &mut [Operation<'_>]) -> Result<(), SoftI2cError> {
         let mut direction = None;
         let mut operations = operations.iter_mut().peekable();
         while let Some(operation) = operations.next() {
@@ -180,12 +180,12 @@ impl<C: InputPin + OutputPin, D: InputPin + OutputPin, T: DelayNs> TwoWire<C, D,
     }
 }
 
-impl<C, D, T> ErrorType for TwoWire<C, D, T> {
-    type Error = TwoWireError;
+impl<C, D, T> ErrorType for SoftI2c<C, D, T> {
+    type Error = SoftI2cError;
 }
 
-impl<C: InputPin + OutputPin, D: InputPin + OutputPin, T: DelayNs> I2c for TwoWire<C, D, T> {
-    fn transaction(&mut self, address: u8, operations: &mut [Operation<'_>]) -> Result<(), TwoWireError> {
+impl<C: InputPin + OutputPin, D: InputPin + OutputPin, T: DelayNs> I2c for SoftI2c<C, D, T> {
+    fn transaction(&mut self, address: u8, operations: &mut [Operation<'_>]) -> Result<(), SoftI2cError> {
         if operations.is_empty() {
             return Ok(());
         }
@@ -202,9 +202,9 @@ mod tests {
     use super::*;
     use crate::testing::wires::{ADDRESS, FakeChip, FakeWires, Trouble};
 
-    fn bus(chip: &FakeChip) -> (FakeWires, impl I2c<Error = TwoWireError> + use<>) {
+    fn bus(chip: &FakeChip) -> (FakeWires, impl I2c<Error = SoftI2cError> + use<>) {
         let wires = FakeWires::new(chip.clone());
-        let bus = TwoWire::new(wires.clock(), wires.data(), wires.timer());
+        let bus = SoftI2c::new(wires.clock(), wires.data(), wires.timer());
         (wires, bus)
     }
 
@@ -237,11 +237,11 @@ mod tests {
     fn who_does_not_answer_is_said() {
         let chip = FakeChip::default();
         let (wires, mut bus) = bus(&chip);
-        let nobody = TwoWireError::NotAcknowledged(NoAcknowledgeSource::Address);
+        let nobody = SoftI2cError::NotAcknowledged(NoAcknowledgeSource::Address);
         assert_eq!(bus.write(ADDRESS ^ 2, &[0]), Err(nobody));
         assert_eq!(nobody.kind(), ErrorKind::NoAcknowledge(NoAcknowledgeSource::Address));
         chip.trouble(Trouble::RefusesData);
-        assert_eq!(bus.write(ADDRESS, &[0x30, 1]), Err(TwoWireError::NotAcknowledged(NoAcknowledgeSource::Data)));
+        assert_eq!(bus.write(ADDRESS, &[0x30, 1]), Err(SoftI2cError::NotAcknowledged(NoAcknowledgeSource::Data)));
         chip.trouble(Trouble::Absent);
         assert_eq!(bus.read(ADDRESS, &mut [0]), Err(nobody));
         assert!(wires.is_free());
@@ -254,7 +254,7 @@ mod tests {
     fn a_chip_that_holds_a_line_down_costs_less_than_a_millisecond() {
         let chip = FakeChip::default();
         for (trouble, error) in
-            [(Trouble::HoldsClock, TwoWireError::ClockHeld), (Trouble::HoldsData, TwoWireError::DataHeld)]
+            [(Trouble::HoldsClock, SoftI2cError::ClockHeld), (Trouble::HoldsData, SoftI2cError::DataHeld)]
         {
             let (wires, mut bus) = bus(&chip);
             chip.trouble(trouble);
@@ -276,7 +276,7 @@ mod tests {
         bus.write_read(ADDRESS, &[0x20], &mut bytes).unwrap();
         assert_eq!(bytes, [0x3C]);
         wires.stretch_next(130);
-        assert_eq!(bus.write_read(ADDRESS, &[0x20], &mut bytes), Err(TwoWireError::ClockHeld));
+        assert_eq!(bus.write_read(ADDRESS, &[0x20], &mut bytes), Err(SoftI2cError::ClockHeld));
         wires.stretch_next(0);
         bus.write_read(ADDRESS, &[0x20], &mut bytes).unwrap();
     }
@@ -290,7 +290,7 @@ mod tests {
             // The board is reset in the midst of reading: the chip stays as it is.
             wires.cut_after(clocks);
             let _ = bus.write_read(ADDRESS, &[0x20], &mut [0xFF; 2]);
-            let mut again = TwoWire::new(wires.clock(), wires.data(), wires.timer());
+            let mut again = SoftI2c::new(wires.clock(), wires.data(), wires.timer());
             wires.mend();
             let mut bytes = [0xFF; 2];
             let answer = again.write_read(ADDRESS, &[0x20], &mut bytes);
@@ -311,6 +311,6 @@ mod tests {
         let chip = FakeChip::default();
         let (wires, mut bus) = bus(&chip);
         wires.break_pins();
-        assert_eq!(bus.write(ADDRESS, &[0]), Err(TwoWireError::Pin));
+        assert_eq!(bus.write(ADDRESS, &[0]), Err(SoftI2cError::Pin));
     }
 }

@@ -1,13 +1,13 @@
-//! The bus to the tip's orientation sensor: I2C on PB10 and PB11, by the library's `two_wire`.
+//! The bus to the tip's orientation sensor: I2C on PB10 and PB11, by the library's `soft_i2c`.
 
 use embedded_hal::delay::DelayNs;
 use growbot_firmware::orientation::TipOrientation;
-use growbot_firmware::two_wire::TwoWire;
+use growbot_firmware::soft_i2c::SoftI2c;
 
 use crate::pins::{OrientationClock, OrientationData};
 
 /// The sensor.
-pub type BoardOrientation = TipOrientation<TwoWire<OrientationClock, OrientationData, Cycles>>;
+pub type BoardOrientation = TipOrientation<SoftI2c<OrientationClock, OrientationData, Cycles>>;
 
 /// Waits by counting the processor's cycles.
 pub struct Cycles {
@@ -25,5 +25,5 @@ impl DelayNs for Cycles {
 pub fn orientation(clock: OrientationClock, data: OrientationData, processor_hz: u32) -> BoardOrientation {
     // A round is a subtraction and a branch that is taken: 2 to 4 cycles (Cortex-M4 reference manual, 3.3.1).
     let rounds_per_us = processor_hz.div_ceil(2_000_000);
-    TipOrientation::new(TwoWire::new(clock, data, Cycles { rounds_per_us }))
+    TipOrientation::new(SoftI2c::new(clock, data, Cycles { rounds_per_us }))
 }

@@ -18,19 +18,19 @@ const STATE_TRANSMIT_FULL: u32 = 1 << 0;
 const CONTROL_TRANSMIT: u32 = 1 << 0;
 
 /// The running UART.
-pub struct Uart(());
+pub struct PolledUart(());
 
-impl Uart {
+impl PolledUart {
     /// Starts it. It may be started again at any time.
     pub fn start() -> Self {
-        // The least that the emulator takes.
+        // The min that the emulator takes.
         BAUD_DIVIDER.write(16);
         CONTROL.write(CONTROL_TRANSMIT);
-        Uart(())
+        PolledUart(())
     }
 }
 
-impl fmt::Write for Uart {
+impl fmt::Write for PolledUart {
     fn write_str(&mut self, text: &str) -> fmt::Result {
         for byte in text.bytes() {
             while STATE.read() & STATE_TRANSMIT_FULL != 0 {}

@@ -9,23 +9,25 @@
 #![no_main]
 
 mod emergency_stop;
-#[path = "../an386/interrupt_owned.rs"]
+#[path = "../../boards/an386/interrupt_owned.rs"]
 mod interrupt_owned;
-#[path = "../an386/interrupts.rs"]
+#[path = "../../boards/an386/interrupts.rs"]
 mod interrupts;
-#[expect(dead_code, reason = "nothing is sent by the line's interrupt")]
-#[path = "../an386/line.rs"]
-mod line;
 mod pins;
-#[path = "../an386/registers.rs"]
+#[path = "../polled_uart.rs"]
+mod polled_uart;
+#[path = "../../boards/an386/registers.rs"]
 mod registers;
 mod step_timer;
 mod timer;
 #[expect(dead_code, reason = "nothing here moves the emulated tip")]
-#[path = "../an386/tip.rs"]
+#[path = "../../boards/an386/tip.rs"]
 mod tip;
-#[path = "../plan_cost/uart.rs"]
+#[expect(dead_code, reason = "nothing is sent by the UART's interrupt")]
+#[path = "../../boards/an386/uart.rs"]
 mod uart;
+#[path = "../../boards/an386/vectors.rs"]
+mod vectors;
 
 use core::fmt::Write;
 use core::panic::PanicInfo;
@@ -38,10 +40,10 @@ use growbot_firmware::machine;
 use growbot_firmware::stepping::{EngineSettings, FeedMove, Handover, Homing, Material, Order, Report, Turn};
 
 use crate::pins::{StepEngine, World};
+use crate::polled_uart::PolledUart;
 use crate::timer::Timer;
-use crate::uart::Uart;
 
-/// Where the line's interrupt leaves word of an emergency stop.
+/// Where the UART's interrupt leaves word of an emergency stop.
 static HANDOVER: Handover = Handover::new();
 
 /// Turns of each run.
@@ -79,7 +81,7 @@ const KINDS: [(Kind, &str); 12] = [
     (Kind::Stop, "emergency stop"),
 ];
 
-/// Ticks of each kind, and the most instructions of one.
+/// Ticks of each kind, and the max instructions of one.
 #[derive(Default)]
 struct Costs([(u32, u32); KINDS.len()]);
 
@@ -97,8 +99,8 @@ impl Costs {
 #[entry]
 fn main() -> ! {
     let stops = emergency_stop::measure(&Timer::start());
-    // The line's UART has been another one's until here.
-    let mut uart = Uart::start();
+    // Interrupts have driven the UART until here.
+    let mut uart = PolledUart::start();
     if let Some((count, worst)) = stops {
         let _ = writeln!(uart, "link,emergency stop,{count},{worst}");
     }
@@ -127,7 +129,7 @@ fn needs_ramps(description: &mut RobotDescription) {
     description.feed.steps_per_mm = 25.0;
 }
 
-fn run(uart: &mut Uart, name: &str, ramps: &str, robot: &Robot, change: impl FnOnce(&mut RobotDescription)) {
+fn run(uart: &mut PolledUart, name: &str, ramps: &str, robot: &Robot, change: impl FnOnce(&mut RobotDescription)) {
     let mut description = robot.description().clone();
     change(&mut description);
     let costs = Robot::new(description).ok().and_then(|robot| Bench::new(&robot).measure(&robot));
@@ -259,7 +261,7 @@ impl Bench {
 
 #[panic_handler]
 fn panic(_info: &PanicInfo) -> ! {
-    let _ = writeln!(Uart::start(), "panic");
+    let _ = writeln!(PolledUart::start(), "panic");
     loop {
         cortex_m::asm::wfi();
     }

@@ -1,17 +1,17 @@
 //! What an emergency stop by the link costs: from its last byte, which waits in the UART, until heater and drivers are off.
 //!
-//! The line is the board's own, `bin/an386/line.rs`. Its queue is full all the time, as if the main loop never came to it. The
-//! desktop sends stops behind noise until enough are measured.
+//! The UART's driver is the board's own, `boards/an386/uart.rs`. Its queue is full all the time, as if the main loop never
+//! came to it. The desktop sends stops behind noise until enough are measured.
 
 use cortex_m::asm::isb;
 use cortex_m::interrupt;
 use growbot_firmware::emulated_tip as table;
 
 use crate::interrupts;
-use crate::line::Line;
 use crate::registers::Register;
 use crate::timer::Timer;
 use crate::tip::word;
+use crate::uart::Uart;
 
 /// The board's clock, Hz.
 const CLOCK_HZ: u32 = 25_000_000;
@@ -21,21 +21,21 @@ const STOPS: u32 = 16;
 const OUTPUTS: [usize; 5] =
     [table::HEATER_ENABLE, table::HEATER_DUTY, table::HEAD_ENABLE, table::FEED_ENABLE, table::FAN_DUTY];
 
-// SAFETY: the state of UART0, which `line` drives; reading it changes nothing.
-const LINE_STATE: Register = unsafe { Register::at(0x4000_4004) };
-const LINE_STATE_RECEIVE_FULL: u32 = 1 << 1;
+// SAFETY: the state of UART0, which `uart` drives; reading it changes nothing.
+const UART_STATE: Register = unsafe { Register::at(0x4000_4004) };
+const UART_STATE_RECEIVE_FULL: u32 = 1 << 1;
 
-/// Stops, and the most instructions of one, the way into its interrupt and out of it included.
+/// Stops, and the max instructions of one, with the way into its interrupt and out of it.
 pub fn measure(timer: &Timer) -> Option<(u32, u32)> {
     let mut core = cortex_m::Peripherals::take()?;
     interrupt::disable();
-    let line = Line::start(CLOCK_HZ);
-    while line.received.enqueue(0xA5).is_ok() {}
+    let uart = Uart::start(CLOCK_HZ);
+    while uart.received.enqueue(0xA5).is_ok() {}
     interrupts::start(&mut core.NVIC);
 
     let (mut stops, mut worst) = (0, 0);
     while stops < STOPS {
-        while LINE_STATE.read() & LINE_STATE_RECEIVE_FULL == 0 {}
+        while UART_STATE.read() & UART_STATE_RECEIVE_FULL == 0 {}
         for output in OUTPUTS {
             word(output).write(1);
         }

@@ -9,13 +9,13 @@
 #![no_std]
 #![no_main]
 
-#[path = "../plan_cost/measure.rs"]
+#[path = "../measure.rs"]
 mod measure;
-#[path = "../an386/registers.rs"]
+#[path = "../polled_uart.rs"]
+mod polled_uart;
+#[path = "../../boards/an386/registers.rs"]
 mod registers;
 mod trial;
-#[path = "../plan_cost/uart.rs"]
-mod uart;
 
 use core::fmt::Write;
 use core::panic::PanicInfo;
@@ -24,11 +24,11 @@ use cortex_m_rt::entry;
 use growbot_firmware::machine;
 
 use crate::measure::measure;
-use crate::uart::Uart;
+use crate::polled_uart::PolledUart;
 
 #[entry]
 fn main() -> ! {
-    let mut uart = Uart::start();
+    let mut uart = PolledUart::start();
     let robot = machine::built_for();
     for seed in 0..trial::GROWTHS {
         let mut grown = None;
@@ -45,7 +45,7 @@ fn main() -> ! {
 
 #[panic_handler]
 fn panic(_info: &PanicInfo) -> ! {
-    let _ = writeln!(Uart::start(), "panic");
+    let _ = writeln!(PolledUart::start(), "panic");
     loop {
         cortex_m::asm::wfi();
     }

@@ -1,6 +1,4 @@
-//! The board's interrupts: numbers, priorities, and who answers them.
-//!
-//! There is no device crate for this board, so cortex-m-rt's vector table leads all of them to `DefaultHandler`.
+//! The board's interrupts: numbers and priorities. `vectors.rs` has who answers them.
 
 use cortex_m::interrupt::InterruptNumber;
 use cortex_m::peripheral::NVIC;
@@ -10,9 +8,9 @@ use cortex_m::peripheral::NVIC;
 #[repr(u16)]
 pub enum Interrupt {
     /// UART0 has received a byte.
-    LineReceive = 0,
+    UartReceive = 0,
     /// UART0 can take another byte.
-    LineTransmit = 1,
+    UartTransmit = 1,
     /// TIMER0 has run out: a step tick.
     StepTick = 8,
 }
@@ -24,9 +22,9 @@ unsafe impl InterruptNumber for Interrupt {
     }
 }
 
-/// Steps go before the line: a late byte waits in the UART, a late step is a fault in the printed layer.
+/// Steps go before bytes: a late byte waits in the UART, a late step is a fault in the printed layer.
 const PRIORITIES: [(Interrupt, u8); 3] =
-    [(Interrupt::StepTick, 0x20), (Interrupt::LineReceive, 0x40), (Interrupt::LineTransmit, 0x60)];
+    [(Interrupt::StepTick, 0x20), (Interrupt::UartReceive, 0x40), (Interrupt::UartTransmit, 0x60)];
 
 /// Lets the interrupts through. Whatever their handlers use must be in place.
 pub fn start(nvic: &mut NVIC) {
@@ -41,15 +39,4 @@ pub fn start(nvic: &mut NVIC) {
 /// Has the handler run as soon as its priority lets it.
 pub fn pend(interrupt: Interrupt) {
     NVIC::pend(interrupt);
-}
-
-#[cortex_m_rt::exception]
-unsafe fn DefaultHandler(number: i16) {
-    match number {
-        0 => crate::line::on_receive(),
-        1 => crate::line::on_transmit(),
-        8 => crate::step_timer::on_tick(),
-        // None of the others is ever let through.
-        _ => {}
-    }
 }

@@ -7,7 +7,7 @@ use cortex_m::peripheral::SCB;
 use growbot_core::link::message::ResetCause;
 use growbot_firmware::emulated_tip;
 
-use crate::crash::{self, Moment};
+use crate::image::crash::{self, Moment};
 use crate::registers::Register;
 use crate::tip;
 
@@ -30,8 +30,8 @@ fn note() -> Register {
     unsafe { Register::at(NOTE.0.get() as usize) }
 }
 
-/// Why the board started, as a `RESET_*` of the tip's table. Call it once: it takes the note away.
-pub fn take_cause(first_boot: bool) -> u32 {
+/// Why the board started, as a `RESET_*` of the tip's table. Call it once: it clears the note.
+pub fn read_and_clear_cause(first_boot: bool) -> u32 {
     let left = note().read();
     note().write(0);
     if first_boot {

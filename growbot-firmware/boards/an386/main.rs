@@ -6,25 +6,18 @@
 #![no_std]
 #![no_main]
 
-#[path = "../crash.rs"]
-mod crash;
 mod flash;
 mod high_water;
+#[path = "../image/mod.rs"]
+mod image;
 mod interrupt_owned;
 mod interrupts;
-mod line;
-#[path = "../no_panic.rs"]
-mod no_panic;
 mod registers;
 mod reset;
-#[path = "../rtt.rs"]
-mod rtt;
-#[path = "../seal.rs"]
-mod seal;
-#[path = "../stack.rs"]
-mod stack;
 mod step_timer;
 mod tip;
+mod uart;
+mod vectors;
 mod watchdog;
 
 use cortex_m_rt::entry;
@@ -39,8 +32,9 @@ use growbot_firmware::stepping::{Axis, Engine, EngineSettings, Handover, Inputs}
 
 use crate::flash::BoardFlash;
 use crate::high_water::HighWater;
-use crate::line::Line;
+use crate::image::{crash, seal};
 use crate::tip::Tip;
+use crate::uart::Uart;
 
 /// The board's only clock.
 const CLOCK_HZ: u32 = 25_000_000;
@@ -57,8 +51,8 @@ impl Board for An386 {
     type HeaterPower = tip::Power;
     type HeaterEnable = tip::Switch;
     type Fan = tip::Power;
-    type Thermistor = tip::TipConverter;
-    type Supply = tip::TipConverter;
+    type Thermistor = tip::TipAdc;
+    type Supply = tip::TipAdc;
     type FilamentPresence = tip::Flag;
     type DriverFault = tip::Flag;
     type Orientation = tip::OrientationSensor;
@@ -71,27 +65,27 @@ impl Board for An386 {
 
 #[entry]
 fn main() -> ! {
-    let (line, controller) = set_up();
-    run(&line, controller)
+    let (uart, controller) = set_up();
+    run(&uart, controller)
 }
 
 /// What the board does for ever.
 #[inline(never)] // So that its room on the stack is not taken while everything is started.
-fn run(line: &Line, controller: &mut Controller<An386>) -> ! {
+fn run(uart: &Uart, controller: &mut Controller<An386>) -> ! {
     let mut logged = controller.state();
     let mut high_water = HighWater::default();
     loop {
         high_water.look();
         watchdog::hang();
-        while let Some(byte) = line.received.dequeue() {
+        while let Some(byte) = uart.received.dequeue() {
             controller.receive(byte, &HANDOVER);
         }
         controller.poll(step_timer::now_us(), &HANDOVER);
-        while line.to_send.ready() {
+        while uart.to_send.ready() {
             let Some(byte) = controller.transmit() else { break };
-            let _ = line.to_send.enqueue(byte);
+            let _ = uart.to_send.enqueue(byte);
         }
-        line.send_queued();
+        uart.send_queued();
         if controller.state() != logged {
             logged = controller.state();
             let fault = controller.fault().map_or("none", |fault| fault.code());
@@ -104,8 +98,8 @@ fn run(line: &Line, controller: &mut Controller<An386>) -> ! {
 
 /// Starts everything.
 #[inline(never)] // Its room on the stack is not needed for longer.
-fn set_up() -> (Line, &'static mut Controller<An386>) {
-    let tip = Tip::start(reset::take_cause);
+fn set_up() -> (Uart, &'static mut Controller<An386>) {
+    let tip = Tip::start(reset::read_and_clear_cause);
     let watchdog = watchdog::start(CLOCK_HZ);
     let store = cortex_m::singleton!(: LayerStore = LayerStore::new());
     let (Some(mut core), Some(store), Ok(robot)) = (cortex_m::Peripherals::take(), store, robot()) else {
@@ -113,7 +107,7 @@ fn set_up() -> (Line, &'static mut Controller<An386>) {
         cortex_m::peripheral::SCB::sys_reset()
     };
 
-    let line = Line::start(CLOCK_HZ);
+    let uart = Uart::start(CLOCK_HZ);
     let engine = Engine::new(
         Axis { step: tip.head_step, direction: tip.head_direction, enable: tip.head_enable },
         Axis { step: tip.feed_step, direction: tip.feed_direction, enable: tip.feed_enable },
@@ -163,7 +157,7 @@ fn set_up() -> (Line, &'static mut Controller<An386>) {
     else {
         cortex_m::peripheral::SCB::sys_reset()
     };
-    (line, controller)
+    (uart, controller)
 }
 
 fn decode_for_board(bytes: &[u8]) -> Result<Robot, RobotError> {

@@ -1,4 +1,4 @@
-//! The line to the host: USART2 at 115200 baud, a byte queue in each direction.
+//! The UART of the link, USART2 at 115200 baud: a byte queue in each direction.
 
 use growbot_core::link::emergency_stop::Recogniser;
 use growbot_firmware::byte_queue::ByteQueue;
@@ -19,8 +19,8 @@ pub static TO_SEND: Queue = Queue::new();
 
 const BAUD: u32 = 115_200;
 
-/// The interrupt's side of the line.
-pub struct Line {
+/// The interrupt's side of the UART.
+pub struct Uart {
     usart: pac::USART2,
     /// Looks for an emergency stop in what is received.
     watch: Recogniser,
@@ -28,7 +28,7 @@ pub struct Line {
     _pins: (LinkTx, LinkRx),
 }
 
-impl Line {
+impl Uart {
     /// Sets the USART up: 8 bits, no parity, one stop bit, an interrupt for each received byte.
     pub fn start(usart: pac::USART2, pins: (LinkTx, LinkRx), rcc: &mut Rcc) -> Self {
         pac::USART2::enable(rcc);
@@ -38,7 +38,7 @@ impl Line {
         // SAFETY: any 16-bit divider is valid; at 42 MHz it is 365, 0.1 % off the rate.
         usart.brr().write(|w| unsafe { w.bits((divider & 0xFFFF) as u16) });
         usart.cr1().write(|w| w.ue().set_bit().te().set_bit().re().set_bit().rxneie().set_bit());
-        Line { usart, watch: Recogniser::new(), lost: 0, _pins: pins }
+        Uart { usart, watch: Recogniser::new(), lost: 0, _pins: pins }
     }
 
     /// The USART's interrupt, also pended by the main loop once it has queued bytes. An emergency stop is obeyed here, ahead of

@@ -12,29 +12,21 @@
 #![no_std]
 #![no_main]
 
+mod adc;
 mod brown_out;
 mod clock;
-mod converter;
-#[path = "../crash.rs"]
-mod crash;
 mod debug_port;
 mod fan;
 mod flash;
 mod heater;
+#[path = "../image/mod.rs"]
+mod image;
 mod kept;
-mod line;
-#[path = "../no_panic.rs"]
-mod no_panic;
 mod pins;
 mod reset;
-#[path = "../rtt.rs"]
-mod rtt;
-#[path = "../seal.rs"]
-mod seal;
-#[path = "../stack.rs"]
-mod stack;
 mod step_timer;
 mod tip_bus;
+mod uart;
 mod watchdog;
 
 defmt::timestamp!("{=u64:ms}", clock::milliseconds());
@@ -51,19 +43,20 @@ mod app {
     use stm32f4xx_hal::pac;
     use stm32f4xx_hal::prelude::*;
 
+    use crate::adc::{self, Supply, Thermistor};
     use crate::clock::Oscillator;
-    use crate::converter::{self, Supply, Thermistor};
     use crate::debug_port::{BoardDebugPort, Halts};
     use crate::fan::Fan;
     use crate::flash::{BoardFlash, JournalFlash};
     use crate::heater::Heater;
+    use crate::image::{crash, seal};
     use crate::kept::BoardMemory;
-    use crate::line::{self, Line};
     use crate::pins::{self, Pins};
     use crate::step_timer::StepTimer;
     use crate::tip_bus::{self, BoardOrientation};
+    use crate::uart::{self, Uart};
     use crate::watchdog::BoardWatchdog;
-    use crate::{brown_out, clock, crash, reset, seal, watchdog};
+    use crate::{brown_out, clock, reset, watchdog};
 
     /// Where the controller and the step interrupt meet.
     static HANDOVER: Handover = Handover::new();
@@ -107,7 +100,7 @@ mod app {
     struct Local {
         engine: StepEngine,
         step_timer: StepTimer,
-        line: Line,
+        uart: Uart,
         controller: Controller<Stm32f405>,
         logged: State,
     }
@@ -125,7 +118,7 @@ mod app {
 
         brown_out::check_reset_level(&device.FLASH);
         let identity = Identity {
-            reset_cause: reset::take_cause(&device.RCC),
+            reset_cause: reset::read_and_clear_cause(&device.RCC),
             boot_id: reset::next_boot_id(),
             without_crystal: clock::speed_up(&device.RCC, &device.FLASH) == Oscillator::Internal,
             // At full speed, and long before the watchdog wants to be fed.
@@ -137,7 +130,7 @@ mod app {
         let pins = Pins::new(robot.description(), device.GPIOA, device.GPIOB, device.GPIOC, &mut rcc);
         clock::start(&mut core.SYST);
 
-        let line = Line::start(device.USART2, (pins.link_tx, pins.link_rx), &mut rcc);
+        let uart = Uart::start(device.USART2, (pins.link_tx, pins.link_rx), &mut rcc);
 
         let engine = Engine::new(
             Axis { step: pins.head_step, direction: pins.head_direction, enable: pins.head_enable },
@@ -146,8 +139,7 @@ mod app {
             pins::TipOutputs,
             EngineSettings::of(&robot),
         );
-        let (thermistor, supply) =
-            converter::new(device.ADC1, device.ADC_COMMON, pins.thermistor, pins.supply, &mut rcc);
+        let (thermistor, supply) = adc::new(device.ADC1, device.ADC_COMMON, pins.thermistor, pins.supply, &mut rcc);
         let parts = Parts {
             heater_power: Heater::new(device.TIM1, pins.heater, &mut rcc),
             heater_enable: pins.heater_enable,
@@ -173,13 +165,13 @@ mod app {
         let controller = Controller::new(robot, identity, parts, &HANDOVER);
         let logged = controller.state();
         brown_out::arm(&device.PWR, &device.EXTI);
-        (Shared {}, Local { engine, step_timer, line, controller, logged })
+        (Shared {}, Local { engine, step_timer, uart, controller, logged })
     }
 
     #[idle(local = [controller, logged])]
     fn idle(cx: idle::Context) -> ! {
         let idle::LocalResources { controller, logged, .. } = cx.local;
-        let (received, to_send) = (&line::RECEIVED, &line::TO_SEND);
+        let (received, to_send) = (&uart::RECEIVED, &uart::TO_SEND);
         loop {
             while let Some(byte) = received.dequeue() {
                 controller.receive(byte, &HANDOVER);
@@ -211,9 +203,9 @@ mod app {
         cx.local.engine.tick(&HANDOVER);
     }
 
-    #[task(binds = USART2, priority = 3, local = [line])]
+    #[task(binds = USART2, priority = 3, local = [uart])]
     fn link(cx: link::Context) {
-        cx.local.line.on_interrupt(&HANDOVER);
+        cx.local.uart.on_interrupt(&HANDOVER);
     }
 
     #[task(binds = SysTick, priority = 2)]

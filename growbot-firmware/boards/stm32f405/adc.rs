@@ -1,10 +1,10 @@
-//! The analog inputs: ADC1, thermistor and supply by turns, one conversion at a time, never waited for.
+//! The analog inputs: ADC1. It converts thermistor and supply by turns, one at a time, and nothing waits for it.
 //!
-//! The converter is switched on by the first call of `sample`, not at start-up: the link answers first.
+//! The ADC is switched on by the first call of `sample`, not at start-up: the link answers first.
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
-use growbot_firmware::hal::Converter;
+use growbot_firmware::hal::Adc;
 use stm32f4xx_hal::pac;
 use stm32f4xx_hal::rcc::{Enable, Rcc};
 
@@ -15,11 +15,11 @@ const THERMISTOR: u8 = 10;
 /// ADC1's input at PC1.
 const SUPPLY: u8 = 11;
 
-/// The latest reading of the supply that has not been taken, else [`NONE`].
+/// The latest reading of the supply that nobody has read yet, else [`NONE`].
 static SUPPLY_READING: AtomicU32 = AtomicU32::new(NONE);
 const NONE: u32 = u32::MAX;
 
-/// The thermistor's input, and the converter: it is what has both inputs converted.
+/// The thermistor's input, and the ADC, which converts both inputs.
 pub struct Thermistor {
     adc: pac::ADC1,
     common: pac::ADC_COMMON,
@@ -43,7 +43,7 @@ enum State {
     ConvertingSupply,
 }
 
-/// Clocks the converter, and leaves it alone.
+/// Clocks the ADC, and leaves it alone.
 pub fn new(
     adc: pac::ADC1,
     common: pac::ADC_COMMON,
@@ -71,15 +71,15 @@ impl Thermistor {
     }
 
     /// What has been converted, if that is done.
-    fn take(&mut self) -> Option<u16> {
+    fn read_converted(&mut self) -> Option<u16> {
         // Reading the data clears the flag.
         self.adc.sr().read().eoc().is_complete().then(|| self.adc.dr().read().data().bits() & 0xFFF)
     }
 }
 
-impl Converter for Thermistor {
-    /// A conversion that has ended since the last call, and starts the next one. A call more often than every 25 us gives `None`,
-    /// and every other one does.
+impl Adc for Thermistor {
+    /// The conversion that has ended since the last call. Starts the next one. Every other call gives `None`, and so does a
+    /// call within 25 us.
     fn sample(&mut self) -> Option<u16> {
         match self.state {
             State::Off => {
@@ -93,13 +93,13 @@ impl Converter for Thermistor {
                 None
             }
             State::ConvertingThermistor => {
-                let reading = self.take()?;
+                let reading = self.read_converted()?;
                 self.begin(SUPPLY);
                 self.state = State::ConvertingSupply;
                 Some(reading)
             }
             State::ConvertingSupply => {
-                let reading = self.take()?;
+                let reading = self.read_converted()?;
                 self.begin(THERMISTOR);
                 self.state = State::ConvertingThermistor;
                 SUPPLY_READING.store(u32::from(reading), Ordering::Relaxed);
@@ -109,7 +109,7 @@ impl Converter for Thermistor {
     }
 }
 
-impl Converter for Supply {
+impl Adc for Supply {
     fn sample(&mut self) -> Option<u16> {
         u16::try_from(SUPPLY_READING.swap(NONE, Ordering::Relaxed)).ok()
     }

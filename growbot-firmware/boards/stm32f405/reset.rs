@@ -8,7 +8,7 @@ use cortex_m::peripheral::SCB;
 use growbot_core::link::message::ResetCause;
 use stm32f4xx_hal::pac;
 
-use crate::crash::{self, Moment};
+use crate::image::crash::{self, Moment};
 
 /// Three words that survive a reset: nothing loads or clears this section.
 #[unsafe(link_section = ".uninit.reset_notes")]
@@ -48,7 +48,7 @@ impl Notes {
 }
 
 /// Reads and clears the flags of the last reset and the note of the last boot. Call it once.
-pub fn take_cause(rcc: &pac::RCC) -> ResetCause {
+pub fn read_and_clear_cause(rcc: &pac::RCC) -> ResetCause {
     let flags = rcc.csr().read();
     rcc.csr().modify(|_, w| w.rmvf().set_bit());
     let end = NOTES.read(END);

@@ -6,7 +6,7 @@ use core::arch::naked_asm;
 
 use growbot_core::link::message::ResetCause;
 
-use crate::crash::Moment;
+use super::crash::Moment;
 
 unsafe extern "C" {
     /// The linker's: the lowest word of the stack.

@@ -7,10 +7,12 @@
 #![no_std]
 #![no_main]
 
+#[path = "../measure.rs"]
 mod measure;
-#[path = "../an386/registers.rs"]
+#[path = "../polled_uart.rs"]
+mod polled_uart;
+#[path = "../../boards/an386/registers.rs"]
 mod registers;
-mod uart;
 
 use core::f64::consts::{PI, TAU};
 use core::fmt::Write;
@@ -25,14 +27,14 @@ use growbot_core::robot::Robot;
 use growbot_firmware::machine;
 
 use crate::measure::measure;
-use crate::uart::Uart;
+use crate::polled_uart::PolledUart;
 
 /// mm; near what the built-in robot can bend to.
 const RADIUS: f64 = 100.0;
 
 #[entry]
 fn main() -> ! {
-    let mut uart = Uart::start();
+    let mut uart = PolledUart::start();
     measure_all(&mut uart, &machine::built_for());
     let _ = writeln!(uart, "end");
     loop {
@@ -41,7 +43,7 @@ fn main() -> ! {
 }
 
 /// One line for each planner and kind of goals: a further one is a further line.
-fn measure_all(to: &mut Uart, robot: &Robot) {
+fn measure_all(to: &mut PolledUart, robot: &Robot) {
     run(to, "planar", "0 to 40 R", 512, |n| planar_goal(n, 40.0), dubins2::shortest);
     run(to, "planar", "0 to 5 R", 512, |n| planar_goal(n, 5.0), dubins2::shortest);
     run(to, "planar", "degenerate", 512, degenerate_goal, dubins2::shortest);
@@ -51,7 +53,14 @@ fn measure_all(to: &mut Uart, robot: &Robot) {
     run(to, "shortest", "0 to 4 R", 12, |n| goal(n, 0.0, 4.0), |goal| plan_to(robot, goal, Planner::Shortest));
 }
 
-fn run<G, P>(to: &mut Uart, planner: &str, goals: &str, count: u32, goal: impl Fn(u32) -> G, plan: impl Fn(&G) -> P) {
+fn run<G, P>(
+    to: &mut PolledUart,
+    planner: &str,
+    goals: &str,
+    count: u32,
+    goal: impl Fn(u32) -> G,
+    plan: impl Fn(&G) -> P,
+) {
     for n in 0..count {
         let goal = black_box(goal(n));
         let cost = measure(&mut || {
@@ -110,7 +119,7 @@ fn goal(n: u32, nearest: f64, farthest: f64) -> Option<Pose> {
 
 #[panic_handler]
 fn panic(_info: &PanicInfo) -> ! {
-    let _ = writeln!(Uart::start(), "panic");
+    let _ = writeln!(PolledUart::start(), "panic");
     loop {
         cortex_m::asm::wfi();
     }

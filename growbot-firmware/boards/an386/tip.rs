@@ -8,7 +8,7 @@ use core::sync::atomic::{Ordering, fence};
 use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
 use embedded_hal::pwm::{self, SetDutyCycle};
 use growbot_firmware::emulated_tip::{self as table, Axis, EncoderCourse, StepRecord};
-use growbot_firmware::hal::{Converter, KeptMemory, Orientation, Outputs};
+use growbot_firmware::hal::{Adc, KeptMemory, Orientation, Outputs};
 use growbot_firmware::safety::kept::{COPY_BYTES, KEPT_BYTES};
 
 use crate::registers::Register;
@@ -43,13 +43,13 @@ pub struct Tip {
     /// High: the second switch in the heater's supply is closed.
     pub heater_enable: Switch,
     /// Heater temperature.
-    pub thermistor: TipConverter,
+    pub thermistor: TipAdc,
     /// Low: the head is on its index mark.
     pub index: IndexSensor,
     /// The fan that cools what is printed.
     pub fan: Power,
     /// Voltage of the supply.
-    pub supply: TipConverter,
+    pub supply: TipAdc,
     /// High: there is filament.
     pub filament_presence: Flag,
     /// Rises with each pulse's length of filament.
@@ -105,10 +105,10 @@ impl Tip {
             feed_enable: Switch { offset: table::FEED_ENABLE },
             heater: Power { offset: table::HEATER_DUTY },
             heater_enable: Switch { offset: table::HEATER_ENABLE },
-            thermistor: TipConverter { raw: table::THERMISTOR_RAW, live: table::THERMISTOR_LIVE },
+            thermistor: TipAdc { raw: table::THERMISTOR_RAW, live: table::THERMISTOR_LIVE },
             index: IndexSensor(()),
             fan: Power { offset: table::FAN_DUTY },
-            supply: TipConverter { raw: table::SUPPLY_RAW, live: table::SUPPLY_LIVE },
+            supply: TipAdc { raw: table::SUPPLY_RAW, live: table::SUPPLY_LIVE },
             filament_presence: Flag { offset: table::FILAMENT_PRESENT },
             filament_motion: Encoder { course: EncoderCourse::default() },
             driver_fault: Flag { offset: table::DRIVER_FAULT },
@@ -345,13 +345,13 @@ impl SetDutyCycle for Power {
     }
 }
 
-/// A channel of the converter: of the thermistor, or of the supply.
-pub struct TipConverter {
+/// A channel of the ADC: of the thermistor, or of the supply.
+pub struct TipAdc {
     raw: usize,
     live: usize,
 }
 
-impl Converter for TipConverter {
+impl Adc for TipAdc {
     fn sample(&mut self) -> Option<u16> {
         if word(self.live).read() != 1 {
             return None;

@@ -5,8 +5,9 @@ use core::hint::black_box;
 use cortex_m_rt::STACK_PAINT_VALUE;
 use growbot_firmware::emulated_tip as table;
 
+use crate::image::stack;
 use crate::registers::Register;
-use crate::{stack, tip};
+use crate::tip;
 
 /// Words that are looked at in one round of the main loop.
 const AT_ONCE: usize = 64;

@@ -7,7 +7,7 @@ use growbot_core::link::crash::{CrashWords, number_of};
 use growbot_core::link::message::ResetCause;
 use growbot_firmware::safety::crash::{RETAINED_WORDS, from_words, words};
 
-use crate::{seal, stack};
+use super::{seal, stack};
 
 /// Survives a reset: nothing loads or clears this section.
 #[unsafe(link_section = ".uninit.crash")]

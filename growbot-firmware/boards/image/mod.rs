@@ -1,0 +1,9 @@
+//! What every image has around the controller, whichever its board is.
+//!
+//! A board has a `reset::on_crash`, which makes the tip safe and starts it anew.
+
+pub mod crash;
+mod no_panic;
+mod rtt;
+pub mod seal;
+pub mod stack;
