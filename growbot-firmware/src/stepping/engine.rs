@@ -1,9 +1,7 @@
 //! The step interrupt: tick by tick, integers only.
 //!
-//! Both axes of a sector are spread evenly over its ticks by adding and comparing: with `n` steps in `t` ticks, `n` is added
-//! in each tick to an accumulator that starts at `t / 2`, and each time it reaches `t` a step is due. So steps fall
-//! where the even line crosses half steps, and after `t` ticks there are exactly `n`. The ticks of a turn are virtual: see
-//! [`super::pace`].
+//! The steps of both axes are spread evenly over the ticks of a sector: see [`super::spread`]. The ticks of a turn are
+//! virtual: see [`super::pace`].
 //!
 //! A step pulse is raised in one tick and lowered in the next, so it is high for a tick and low for at least one. A direction
 //! changes while no pulse is high, a tick at least before the next one.
@@ -15,22 +13,16 @@ use embedded_hal::digital::{InputPin, OutputPin};
 use growbot_core::layer::SECTORS;
 use growbot_core::robot::Robot;
 
-use super::handover::{Done, FeedMove, Handover, Homing, Outline, Report, Slot, Task};
-use super::index::{IndexWatch, Mark};
+use super::axis::{Axis, Driver};
+use super::feed_move::FeedRun;
+use super::handover::{Done, Handover, Outline, Slot, Task};
+use super::homing::HomingRun;
+use super::index::{IndexWatch, Mark, see_index};
+use super::orders::Alarm;
 use super::pace::Clock;
+use super::spread::Spread;
 use super::turn::Sector;
 use crate::hal::Outputs;
-
-/// A stepper driver: step, direction and enable pins. Levels are logical; a board that wires them the other way round wraps
-/// its pins in [`crate::polarity::Polarized`].
-pub struct Axis<S, D, E> {
-    /// A rising edge is a step.
-    pub step: S,
-    /// High: the head turns counter-clockwise, the feed pushes filament out.
-    pub direction: D,
-    /// High: the motor is held.
-    pub enable: E,
-}
 
 /// What the engine looks at. Levels are logical.
 pub struct Inputs<I, M, S> {
@@ -67,113 +59,6 @@ impl EngineSettings {
     }
 }
 
-/// Why the engine lets go of everything.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Alarm {
-    /// A pin failed.
-    Hardware,
-    IndexNotFound,
-    IndexMissing,
-    IndexStuck,
-    HeadStepsLost,
-    FilamentJam,
-}
-
-impl Alarm {
-    pub fn report(self) -> Report {
-        match self {
-            Self::Hardware => Report::Hardware,
-            Self::IndexNotFound => Report::IndexNotFound,
-            Self::IndexMissing => Report::IndexMissing,
-            Self::IndexStuck => Report::IndexStuck,
-            Self::HeadStepsLost => Report::HeadStepsLost,
-            Self::FilamentJam => Report::FilamentJam,
-        }
-    }
-}
-
-/// An axis, and whether its step pin is high.
-struct Driver<S, D, E> {
-    pins: Axis<S, D, E>,
-    raised: bool,
-    /// The level of the direction pin, once it has one.
-    backwards: Option<bool>,
-}
-
-impl<S: OutputPin, D: OutputPin, E: OutputPin> Driver<S, D, E> {
-    fn new(pins: Axis<S, D, E>) -> Self {
-        Self { pins, raised: false, backwards: None }
-    }
-
-    /// Holds the motor and says which way it is to turn. Whether that is another one, so that a tick must pass before a step.
-    fn enable(&mut self, backwards: bool) -> Result<bool, Alarm> {
-        let other = self.backwards != Some(backwards);
-        if other {
-            let set = if backwards { self.pins.direction.set_low() } else { self.pins.direction.set_high() };
-            set.map_err(|_| Alarm::Hardware)?;
-            self.backwards = Some(backwards);
-        }
-        self.pins.enable.set_high().map_err(|_| Alarm::Hardware)?;
-        Ok(other)
-    }
-
-    /// Lets go of the motor. Tried even where a pin has failed before.
-    fn disable(&mut self) {
-        self.raised = false;
-        let _ = self.pins.step.set_low();
-        let _ = self.pins.enable.set_low();
-    }
-
-    fn raise(&mut self) -> Result<(), Alarm> {
-        self.raised = true;
-        self.pins.step.set_high().map_err(|_| Alarm::Hardware)
-    }
-
-    fn lower(&mut self) -> Result<(), Alarm> {
-        if !self.raised {
-            return Ok(());
-        }
-        self.raised = false;
-        self.pins.step.set_low().map_err(|_| Alarm::Hardware)
-    }
-}
-
-/// Spreads steps evenly over ticks.
-#[derive(Debug, Clone, Copy)]
-struct Spread {
-    steps: u32,
-    ticks: u32,
-    accumulator: u32,
-}
-
-impl Spread {
-    const NONE: Self = Self { steps: 0, ticks: 1, accumulator: 0 };
-
-    fn new(steps: u32, ticks: u32) -> Self {
-        Self { steps, ticks, accumulator: ticks / 2 }
-    }
-
-    /// One tick on: whether a step is due.
-    fn tick(&mut self) -> bool {
-        self.accumulator += self.steps;
-        let due = self.accumulator >= self.ticks;
-        if due {
-            self.accumulator -= self.ticks;
-        }
-        due
-    }
-
-    /// Ticks until a step is due, that tick included.
-    fn ticks_to_step(&self) -> u32 {
-        if self.steps == 0 { u32::MAX } else { (self.ticks - self.accumulator).div_ceil(self.steps) }
-    }
-
-    /// Passes over ticks in which no step is due.
-    fn skip(&mut self, ticks: u32) {
-        self.accumulator += self.steps * ticks;
-    }
-}
-
 /// What the engine is doing.
 enum Mode {
     Idle,
@@ -191,26 +76,6 @@ enum Finished {
     Homed,
     Laid,
     Fed,
-}
-
-/// A homing under way.
-struct HomingRun {
-    homing: Homing,
-    ticks_to_step: u32,
-    steps_made: u32,
-    /// Steps in a row at which the mark was seen.
-    on_mark_for: u32,
-    /// The mark has been seen from outside, so that its leading edge is told from its middle.
-    left_mark: bool,
-    /// Steps still to make after the leading edge.
-    steps_to_zero: Option<u32>,
-}
-
-/// A move of the filament under way.
-struct FeedRun {
-    ticks_per_step: u32,
-    ticks_to_step: u32,
-    steps_left: u32,
 }
 
 /// A turn under way.
@@ -458,20 +323,12 @@ where
             Task::Home(homing) => {
                 self.head.enable(false)?;
                 self.watch = IndexWatch::LOST;
-                self.mode = Mode::Homing(HomingRun {
-                    homing,
-                    ticks_to_step: homing.ticks_per_step,
-                    steps_made: 0,
-                    on_mark_for: 0,
-                    left_mark: false,
-                    steps_to_zero: None,
-                });
+                self.mode = Mode::Homing(HomingRun::new(homing));
                 Ok(false)
             }
-            Task::Feed(FeedMove { steps, backwards, ticks_per_step }) => {
-                self.feed.enable(backwards)?;
-                let ticks_per_step = ticks_per_step.max(2);
-                self.mode = Mode::Feeding(FeedRun { ticks_per_step, ticks_to_step: ticks_per_step, steps_left: steps });
+            Task::Feed(order) => {
+                self.feed.enable(order.backwards)?;
+                self.mode = Mode::Feeding(FeedRun::new(order));
                 Ok(false)
             }
             Task::Lay(turn) => {
@@ -555,92 +412,5 @@ where
             }
         }
         Ok(())
-    }
-}
-
-/// Whether the index sensor sees its mark.
-fn see_index(index: &mut impl InputPin, handover: &Handover) -> Result<bool, Alarm> {
-    let on = index.is_high().map_err(|_| Alarm::Hardware)?;
-    handover.set_on_index(on);
-    Ok(on)
-}
-
-impl HomingRun {
-    /// One tick: whether it is over.
-    fn tick<S: OutputPin, D: OutputPin, E: OutputPin>(
-        &mut self,
-        head: &mut Driver<S, D, E>,
-        index: &mut impl InputPin,
-        mark: &Mark,
-        handover: &Handover,
-    ) -> Result<bool, Alarm> {
-        self.ticks_to_step = self.ticks_to_step.saturating_sub(1);
-        if self.ticks_to_step > 0 {
-            return Ok(false);
-        }
-        let on_mark = see_index(index, handover)?;
-        self.on_mark_for = if on_mark { self.on_mark_for + 1 } else { 0 };
-        if self.on_mark_for > mark.longest {
-            return Err(Alarm::IndexStuck);
-        }
-        if self.steps_to_zero.is_none() {
-            if on_mark && self.left_mark {
-                self.steps_to_zero = Some(self.homing.steps_to_zero);
-            }
-            self.left_mark |= !on_mark;
-        }
-        match &mut self.steps_to_zero {
-            Some(0) => return Ok(true),
-            Some(left) => *left -= 1,
-            None if self.steps_made == self.homing.most_steps => return Err(Alarm::IndexNotFound),
-            None => self.steps_made += 1,
-        }
-        self.ticks_to_step = self.homing.ticks_per_step;
-        head.raise()?;
-        Ok(false)
-    }
-}
-
-impl FeedRun {
-    /// One tick: whether it is over.
-    fn tick<S: OutputPin, D: OutputPin, E: OutputPin>(&mut self, feed: &mut Driver<S, D, E>) -> Result<bool, Alarm> {
-        self.ticks_to_step = self.ticks_to_step.saturating_sub(1);
-        if self.ticks_to_step > 0 {
-            return Ok(false);
-        }
-        // The last step gets its time too, so that whatever follows does not follow too fast.
-        if self.steps_left == 0 {
-            return Ok(true);
-        }
-        self.steps_left -= 1;
-        self.ticks_to_step = self.ticks_per_step;
-        feed.raise()?;
-        Ok(false)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use std::vec::Vec;
-
-    #[test]
-    fn steps_of_a_spread_fall_within_its_ticks_and_leave_room_for_the_pulse() {
-        for ticks in 2..60 {
-            for steps in 0..=ticks / 2 {
-                // Two sectors alike, one after the other.
-                let mut due = Vec::new();
-                for sector in 0..2 {
-                    let mut spread = Spread::new(steps, ticks);
-                    for tick in 0..ticks {
-                        if spread.tick() {
-                            due.push(sector * ticks + tick);
-                        }
-                    }
-                }
-                assert_eq!(due.len() as u32, 2 * steps);
-                assert!(due.windows(2).all(|pair| pair[1] - pair[0] >= 2), "{steps} in {ticks}: {due:?}");
-            }
-        }
     }
 }

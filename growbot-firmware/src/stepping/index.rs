@@ -4,10 +4,12 @@
 //! it elsewhere, and may do either within a tolerance round both edges. Two samples in a row that contradict this are
 //! needed, so that a single disturbed one is no alarm. It is the same in both directions of turning.
 
+use embedded_hal::digital::InputPin;
 use growbot_core::angle::{radians, wrap_positive};
 use growbot_core::robot::Robot;
 
-use super::engine::Alarm;
+use super::handover::Handover;
+use super::orders::Alarm;
 
 /// Samples in a row that must contradict.
 const CONTRADICTIONS: u32 = 2;
@@ -144,4 +146,11 @@ impl IndexWatch {
         let missing = self.place.is_some() && !self.seen && !self.stray;
         if missing { Err(Alarm::IndexMissing) } else { Ok(()) }
     }
+}
+
+/// Whether the index sensor sees its mark.
+pub(super) fn see_index(index: &mut impl InputPin, handover: &Handover) -> Result<bool, Alarm> {
+    let on = index.is_high().map_err(|_| Alarm::Hardware)?;
+    handover.set_on_index(on);
+    Ok(on)
 }

@@ -5,22 +5,30 @@
 //! ```
 //!
 //! [`Material::lay`] does the floating-point work in the controller's time, a layer ahead. The [`Engine`] runs in the step
-//! interrupt and adds and compares integers. They meet only in the [`Handover`].
+//! interrupt: it adds and compares integers. They meet only in the
+//! [`Handover`].
 //!
 //! The engine also looks at what must be seen at once: the index mark at each step of the head, the filament's encoder, and
 //! the emergency stop.
 
+mod axis;
 mod engine;
+mod feed_move;
 mod handover;
+mod homing;
 mod index;
 mod material;
+mod orders;
 mod pace;
+mod spread;
 #[cfg(test)]
 mod tests;
 mod turn;
 
-pub use engine::{Axis, Engine, EngineSettings, Inputs};
-pub use handover::{FeedMove, Handover, Homing, Order, Report, TurnReport};
+pub use axis::Axis;
+pub use engine::{Engine, EngineSettings, Inputs};
+pub use handover::Handover;
 pub use material::Material;
+pub use orders::{FeedMove, Homing, Order, Report, TurnReport};
 pub use pace::Pace;
 pub use turn::{Sector, StepRate, Turn, as_built};

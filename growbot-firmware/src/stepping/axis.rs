@@ -1,0 +1,62 @@
+//! A stepper driver and its pins.
+
+use embedded_hal::digital::OutputPin;
+
+use super::orders::Alarm;
+
+/// A stepper driver: step, direction and enable pins. Levels are logical; a board that wires them the other way round wraps
+/// its pins in [`crate::polarity::Polarized`].
+pub struct Axis<S, D, E> {
+    /// A rising edge is a step.
+    pub step: S,
+    /// High: the head turns counter-clockwise, the feed pushes filament out.
+    pub direction: D,
+    /// High: the motor is held.
+    pub enable: E,
+}
+
+/// An axis, and whether its step pin is high.
+pub(super) struct Driver<S, D, E> {
+    pins: Axis<S, D, E>,
+    pub raised: bool,
+    /// The level of the direction pin, once it has one.
+    pub backwards: Option<bool>,
+}
+
+impl<S: OutputPin, D: OutputPin, E: OutputPin> Driver<S, D, E> {
+    pub fn new(pins: Axis<S, D, E>) -> Self {
+        Self { pins, raised: false, backwards: None }
+    }
+
+    /// Holds the motor and says which way it is to turn. Whether that is another one, so that a tick must pass before a step.
+    pub fn enable(&mut self, backwards: bool) -> Result<bool, Alarm> {
+        let other = self.backwards != Some(backwards);
+        if other {
+            let set = if backwards { self.pins.direction.set_low() } else { self.pins.direction.set_high() };
+            set.map_err(|_| Alarm::Hardware)?;
+            self.backwards = Some(backwards);
+        }
+        self.pins.enable.set_high().map_err(|_| Alarm::Hardware)?;
+        Ok(other)
+    }
+
+    /// Lets go of the motor. Tried even where a pin has failed before.
+    pub fn disable(&mut self) {
+        self.raised = false;
+        let _ = self.pins.step.set_low();
+        let _ = self.pins.enable.set_low();
+    }
+
+    pub fn raise(&mut self) -> Result<(), Alarm> {
+        self.raised = true;
+        self.pins.step.set_high().map_err(|_| Alarm::Hardware)
+    }
+
+    pub fn lower(&mut self) -> Result<(), Alarm> {
+        if !self.raised {
+            return Ok(());
+        }
+        self.raised = false;
+        self.pins.step.set_low().map_err(|_| Alarm::Hardware)
+    }
+}

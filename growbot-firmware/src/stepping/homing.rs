@@ -1,0 +1,68 @@
+//! Finds the index mark: turns the head to the leading edge of the mark, and on to the tip's x axis.
+
+use embedded_hal::digital::{InputPin, OutputPin};
+
+use super::axis::Driver;
+use super::handover::Handover;
+use super::index::{Mark, see_index};
+use super::orders::{Alarm, Homing};
+
+/// A homing under way.
+pub(super) struct HomingRun {
+    homing: Homing,
+    pub ticks_to_step: u32,
+    steps_made: u32,
+    /// Steps in a row at which the mark was seen.
+    on_mark_for: u32,
+    /// The mark has been seen from outside, so that its leading edge is told from its middle.
+    left_mark: bool,
+    /// Steps still to make after the leading edge.
+    steps_to_zero: Option<u32>,
+}
+
+impl HomingRun {
+    pub fn new(homing: Homing) -> Self {
+        Self {
+            homing,
+            ticks_to_step: homing.ticks_per_step,
+            steps_made: 0,
+            on_mark_for: 0,
+            left_mark: false,
+            steps_to_zero: None,
+        }
+    }
+
+    /// One tick: whether it is over.
+    pub fn tick<S: OutputPin, D: OutputPin, E: OutputPin>(
+        &mut self,
+        head: &mut Driver<S, D, E>,
+        index: &mut impl InputPin,
+        mark: &Mark,
+        handover: &Handover,
+    ) -> Result<bool, Alarm> {
+        self.ticks_to_step = self.ticks_to_step.saturating_sub(1);
+        if self.ticks_to_step > 0 {
+            return Ok(false);
+        }
+        let on_mark = see_index(index, handover)?;
+        self.on_mark_for = if on_mark { self.on_mark_for + 1 } else { 0 };
+        if self.on_mark_for > mark.longest {
+            return Err(Alarm::IndexStuck);
+        }
+        if self.steps_to_zero.is_none() {
+            if on_mark && self.left_mark {
+                self.steps_to_zero = Some(self.homing.steps_to_zero);
+            }
+            self.left_mark |= !on_mark;
+        }
+        match &mut self.steps_to_zero {
+            Some(0) => return Ok(true),
+            Some(left) => *left -= 1,
+            None if self.steps_made == self.homing.most_steps => return Err(Alarm::IndexNotFound),
+            None => self.steps_made += 1,
+        }
+        self.ticks_to_step = self.homing.ticks_per_step;
+        head.raise()?;
+        Ok(false)
+    }
+}

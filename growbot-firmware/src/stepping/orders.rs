@@ -1,0 +1,97 @@
+//! What the controller orders of the engine, and what the engine reports.
+
+use growbot_core::layer::SECTORS;
+
+use super::turn::Turn;
+
+/// What the engine is to do next.
+#[expect(clippy::large_enum_variant, reason = "one of each exists, and there is no heap to box a turn on")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Order {
+    /// Find the index mark and stop at the tip's x axis.
+    Home(Homing),
+    /// Lay a layer. Given while the one before is laid, it follows without a stop.
+    Lay(Turn),
+    /// Move filament while the head stands.
+    Feed(FeedMove),
+}
+
+/// How to find the index mark.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Homing {
+    /// Ticks between two steps of the head, 2 at least.
+    pub ticks_per_step: u32,
+    /// Give up after so many steps without the leading edge of the mark.
+    pub most_steps: u32,
+    /// Steps from the leading edge to the tip's x axis.
+    pub steps_to_zero: u32,
+}
+
+/// How to move filament: back where feeding ends for a while, and forward again before it goes on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct FeedMove {
+    /// Steps of the feed.
+    pub steps: u32,
+    /// Whether filament is pulled back.
+    pub backwards: bool,
+    /// Ticks between two steps, 2 at least.
+    pub ticks_per_step: u32,
+}
+
+/// What the engine has done.
+#[expect(clippy::large_enum_variant, reason = "one of each exists, and there is no heap to box a turn on")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Report {
+    /// The head stands at the tip's x axis.
+    Homed,
+    /// A layer is laid.
+    Laid(TurnReport),
+    /// Filament is moved.
+    Fed,
+    /// Homing did not find the index mark; everything is off, as with all that follow.
+    IndexNotFound,
+    /// A turn has passed without the index mark.
+    IndexMissing,
+    /// The index sensor sees its mark for longer than the mark is wide.
+    IndexStuck,
+    /// The index mark came in another place.
+    HeadStepsLost,
+    /// Filament is fed and does not move.
+    FilamentJam,
+    /// A pin could not be read or written.
+    Hardware,
+}
+
+/// The steps of a layer that were made.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct TurnReport {
+    /// Steps of the head.
+    pub head: u32,
+    /// Steps of the feed in each sector, by angle, whichever way the head has turned.
+    pub feed: [u32; SECTORS],
+}
+
+/// Why the engine lets go of everything.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Alarm {
+    /// A pin failed.
+    Hardware,
+    IndexNotFound,
+    IndexMissing,
+    IndexStuck,
+    HeadStepsLost,
+    FilamentJam,
+}
+
+impl Alarm {
+    pub fn report(self) -> Report {
+        match self {
+            Self::Hardware => Report::Hardware,
+            Self::IndexNotFound => Report::IndexNotFound,
+            Self::IndexMissing => Report::IndexMissing,
+            Self::IndexStuck => Report::IndexStuck,
+            Self::HeadStepsLost => Report::HeadStepsLost,
+            Self::FilamentJam => Report::FilamentJam,
+        }
+    }
+}
