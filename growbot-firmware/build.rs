@@ -1,5 +1,5 @@
-//! Chooses the memory map, the linker arguments and the robot's description of the board being built; does nothing for the
-//! desktop.
+//! Chooses the memory map, the linker arguments and the robot's description of the board being built; does nothing for
+//! the desktop.
 
 use std::path::{Path, PathBuf};
 use std::{env, fs, process};
@@ -16,14 +16,16 @@ fn main() {
         (true, false) => "an386",
         (false, true) => "stm32f405",
         (true, true) => stop(
-            "the features `an386` and `stm32f405` exclude each other: build one board a call, with `cargo build-an386` or `cargo build-robot`",
+            "the features `an386` and `stm32f405` exclude each other: build one board a call, with `cargo build-an386` \
+             or `cargo build-robot`",
         ),
     };
 
     let target = env::var("TARGET").unwrap_or_default();
     if target != "thumbv7em-none-eabihf" {
         stop(&format!(
-            "the feature `{board}` is for --target thumbv7em-none-eabihf, not {target}: use `cargo build-an386` or `cargo build-robot`"
+            "the feature `{board}` is for --target thumbv7em-none-eabihf, not {target}: use `cargo build-an386` or \
+             `cargo build-robot`"
         ));
     }
 

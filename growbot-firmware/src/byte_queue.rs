@@ -1,7 +1,7 @@
 //! A queue of bytes between a board's main loop and the interrupt of its line.
 //!
-//! heapless has one for any items; it divides by the length of a buffer that the compiler does not know, and so leaves panics in the
-//! firmware.
+//! heapless has one for any items; it divides by the length of a buffer that the compiler does not know, and so leaves
+//! panics in the firmware.
 
 use core::sync::atomic::{AtomicU8, AtomicUsize, Ordering};
 

@@ -1,7 +1,7 @@
 //! The controller: what the robot does, and when.
 //!
-//! Duties: answer the host, hold the job's layers, heat, home, hand one layer after the other to the step engine, report
-//! each as it is laid, and switch everything off when told to, when done, and when anything is wrong.
+//! Duties: answer the host, hold the job's layers, heat, home, hand one layer after the other to the step engine,
+//! report each as it is laid, and switch everything off when told to, when done, and when anything is wrong.
 //!
 //! Where each event leads is the table in [`crate::safety::transitions`]. Heating comes before any motion of the head,
 //! since cold plastic may hold the nozzle. A reset never heats or moves by itself.
@@ -126,8 +126,8 @@ impl<B: Board> Controller<B> {
             now: 0,
         };
         controller.switch_off(handover);
-        controller.take_up_job();
-        controller.take_up_fault(unknown);
+        controller.restore_job();
+        controller.restore_fault(unknown);
         controller
     }
 
@@ -186,7 +186,7 @@ impl<B: Board> Controller<B> {
             self.supervise(handover);
         }
         if let Some(report) = handover.take_report() {
-            self.take(report, handover);
+            self.handle_report(report, handover);
         }
         self.proceed(handover);
         self.tell_layers();

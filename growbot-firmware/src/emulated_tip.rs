@@ -1,8 +1,8 @@
 //! The memory that the emulated board and the simulated tip share: one table for both sides.
 //!
-//! QEMU's mps2-an386 has no pins. Its firmware drives these words instead of a heater and two stepper drivers, and reads
-//! them instead of a thermistor and an index sensor; the desktop maps the same memory (QEMU's `memory-backend-file`, at
-//! [`ADDRESS`] for the board) and plays the tip.
+//! QEMU's mps2-an386 has no pins. Its firmware drives these words instead of a heater and two stepper drivers, and
+//! reads them instead of a thermistor and an index sensor; the desktop maps the same memory (QEMU's
+//! `memory-backend-file`, at [`ADDRESS`] for the board) and plays the tip.
 //!
 //! Every word is a little-endian `u32`, named here by its byte offset. Each word has one writer:
 //!
@@ -22,11 +22,11 @@
 //! | `0x03C` | [`FEED_ENABLE`] | board | 1: the feed's driver is energised |
 //! | `0x040` | [`HEAD_STEPS`] | board | `i32`: steps the head has turned, survives a reset of the board |
 //! | `0x044` | [`FEED_STEPS`] | board | `i32`: steps the feed has turned, survives a reset of the board |
-//! | `0x048` | [`HEATER_ENERGY_LO`], [`HEATER_ENERGY_HI`] | board | duty x ticks while the heater was on, in this boot |
+//! | `0x048` | [`HEATER_ENERGY_LO`], [`HEATER_ENERGY_HI`] | board | duty x ticks with the heater on, in this boot |
 //! | `0x050` | [`STEP_WRITE_INDEX`] | board | records written, wrapping, survives a reset of the board |
 //! | `0x054` | [`STEP_OVERRUN`] | board | records dropped because the ring was full, in this boot |
 //! | `0x058` | [`LINK_BYTES_LOST`] | board | received bytes dropped because the queue was full, in this boot |
-//! | `0x05C` | [`STACK_UNUSED`] | board | bytes of the stack that this boot has not used yet; 0 until they are counted |
+//! | `0x05C` | [`STACK_UNUSED`] | board | bytes of the stack never used in this boot; 0 until they are counted |
 //! | `0x060` | [`FAN_DUTY`] | board | 0 to 65535, full speed |
 //! | `0x100` | [`THERMISTOR_RAW`] | host | 0 to 4095, as the board's ADC would read |
 //! | `0x104` | [`THERMISTOR_LIVE`] | host | 1: the ADC delivers readings; 0: it has stopped |
@@ -42,43 +42,47 @@
 //! | `0x130` | [`FILAMENT_PRESENT`] | host | 1: there is filament |
 //! | `0x134` | [`DRIVER_FAULT`] | host | 1: a stepper driver reports a fault |
 //! | `0x138` | [`EMERGENCY_STOP`] | host | 1: the emergency stop is pressed |
-//! | `0x13C` | [`ENCODER_PITCH`] | host | feed steps between two rising edges of the filament's encoder, in 1/256; 0: there is none |
+//! | `0x13C` | [`ENCODER_PITCH`] | host | feed steps between rising edges of the encoder, in 1/256; 0: no encoder |
 //! | `0x140` | [`ENCODER_STATE`] | host | `ENCODER_*`: whether filament follows the feed |
-//! | `0x144` | [`GRAVITY_X`], [`GRAVITY_Y`], [`GRAVITY_Z`] | host | `i32`: gravity in the tip's frame, thousandths of the earth's |
+//! | `0x144` | [`GRAVITY_X`], [`GRAVITY_Y`], [`GRAVITY_Z`] | host | `i32`: gravity in the tip's frame, 1/1000 g |
 //! | `0x150` | [`GRAVITY_LIVE`] | host | 1: the orientation sensor answers |
 //! | `0x154` | [`OVERFLOW_STACK`] | host | 1: the board is to overflow its stack, to show what comes of it |
 //! | `0x158` | [`ENCODER_SEQUENCE`] | host | odd while the host changes the three words after it |
 //! | `0x15C` | [`ENCODER_ORIGIN`] | host | `i32`; the [`FEED_STEPS`] from which the encoder goes on |
 //! | `0x160` | [`ENCODER_PHASE`] | host | how far it is turned there, in 1/256 steps |
-//! | `0x164` | [`ENCODER_SLIP`] | host | `i32`; how much more than a step's worth of filament each step moves, in 1/65536 |
+//! | `0x164` | [`ENCODER_SLIP`] | host | `i32`; filament moved beyond a step's worth by each step, in 1/65536 |
 //! | `0x168` | [`CRASH`] | host | `CRASH_*`: how the board is to crash, to show what comes of it |
-//! | `0x16C` | [`HANG`] | host | 1: the board's main loop is to hang, while its watchdog is fed, to show what comes of it |
+//! | `0x16C` | [`HANG`] | host | 1: the main loop is to hang while the watchdog is fed, as a test |
 //! | `0x1000` | [`MACHINE`] | host | the machine description, bytes |
 //! | `0x2_0000` | [`JOURNAL`] | board | its flash, [`JOURNAL_CAPACITY`] bytes: survives a reset of the board |
 //! | `0x10_0000` | [`STEP_RING`] | board | [`STEP_RING_RECORDS`] step records, see [`StepRecord`] |
 //!
 //! # Who does what, in which order
 //!
-//! - The host makes the memory ([`SIZE`] bytes of zero), writes its words, then starts the board. The board leaves the host's words
-//!   alone in every boot, and its own running indices too when it finds [`MAGIC_VALUE`]; all its outputs start at 0.
-//! - A new boot shows as a change of [`BOOTS`], which the board writes last. Records from [`BOOT_WRITE_INDEX`] on are of this boot.
-//! - The board writes a record, then [`STEP_WRITE_INDEX`]; the host reads the index, then the records below it, then writes
-//!   [`STEP_READ_INDEX`]. The board never waits: when the ring is full it drops the record and counts it in [`STEP_OVERRUN`]. The
-//!   positions [`HEAD_STEPS`] and [`FEED_STEPS`] count such steps all the same.
-//! - The host writes [`THERMISTOR_RAW`], then 1 to [`THERMISTOR_LIVE`]. From then on the board reads the latest value as often
-//!   as it likes, as it would an ADC of its own: a host that is slow is not a sensor that is broken.
-//! - The board writes to [`JOURNAL`] as one writes to flash: it programs words by clearing bits, and erases sectors of [`JOURNAL_SECTOR`]
-//!   bytes by setting all. The zeros that it finds at first are not erased.
+//! - The host makes the memory ([`SIZE`] bytes of zero), writes its words, then starts the board. The board leaves the
+//!   host's words alone in every boot, and its own running indices too when it finds [`MAGIC_VALUE`]; all its outputs
+//!   start at 0.
+//! - A new boot shows as a change of [`BOOTS`], which the board writes last. Records from [`BOOT_WRITE_INDEX`] on are
+//!   of this boot.
+//! - The board writes a record, then [`STEP_WRITE_INDEX`]; the host reads the index, then the records below it, then
+//!   writes [`STEP_READ_INDEX`]. The board never waits: when the ring is full it drops the record and counts it in
+//!   [`STEP_OVERRUN`]. The positions [`HEAD_STEPS`] and [`FEED_STEPS`] count such steps all the same.
+//! - The host writes [`THERMISTOR_RAW`], then 1 to [`THERMISTOR_LIVE`]. From then on the board reads the latest value
+//!   as often as it likes, as it would an ADC of its own: a host that is slow is not a sensor that is broken.
+//! - The board writes to [`JOURNAL`] as one writes to flash: it programs words by clearing bits, and erases sectors of
+//!   [`JOURNAL_SECTOR`] bytes by setting all. The zeros that it finds at first are not erased.
 //! - Pairs (`_LO`, `_HI`) are read high, low, high, until both highs agree; each pair lies in eight aligned bytes.
 //!
 //! # What the pins mean
 //!
-//! A step counts at the rising edge of STEP; DIR high turns forward (counts up). A driver that is not energised doesn't turn, so its
-//! edges are recorded with `enabled` false and don't count in the positions. The index sensor pulls its line low while
-//! `(HEAD_STEPS - INDEX_POSITION) mod INDEX_STEPS_PER_TURN < INDEX_WIDTH`. The board computes it from its own edges, so that homing takes
-//! the same steps in every run; a host that wants the head to slip moves [`INDEX_POSITION`]. The filament's encoder comes from
-//! [`FEED_STEPS`] in the same way: high in the first half of each [`ENCODER_PITCH`]; where the filament slips in its drive, the host
-//! says from where and how much; where it does not follow the feed at all, the host has its level stand. The words of the other inputs say what they are called, not a wire's level.
+//! A step counts at the rising edge of STEP; DIR high turns forward (counts up). A driver that is not energised doesn't
+//! turn, so its edges are recorded with `enabled` false and don't count in the positions. The index sensor pulls its
+//! line low while `(HEAD_STEPS - INDEX_POSITION) mod INDEX_STEPS_PER_TURN < INDEX_WIDTH`. The board computes it from
+//! its own edges, so that homing takes the same steps in every run; a host that wants the head to slip moves
+//! [`INDEX_POSITION`]. The filament's encoder comes from [`FEED_STEPS`] in the same way: high in the first half of each
+//! [`ENCODER_PITCH`]; where the filament slips in its drive, the host says from where and how much; where it does not
+//! follow the feed at all, the host has its level stand. The words of the other inputs say what they are called, not a
+//! wire's level.
 //!
 //! Not modelled here: step pulse widths, set-up times of DIR, micro-step tables, and the two directions of a worn gear.
 
@@ -122,8 +126,8 @@ pub const FEED_ENABLE: usize = 0x03C;
 pub const HEAD_STEPS: usize = 0x040;
 /// Offset, board to host: steps the feed has turned, as an `i32`.
 pub const FEED_STEPS: usize = 0x044;
-/// Offset, board to host: low half of the sum of the duty over the ticks with the heater on. What the tip got between two looks is
-/// their difference, however rarely the host looks.
+/// Offset, board to host: low half of the sum of the duty over the ticks with the heater on. What the tip got between
+/// two looks is their difference, however rarely the host looks.
 pub const HEATER_ENERGY_LO: usize = 0x048;
 /// Offset, board to host: high half of [`HEATER_ENERGY_LO`].
 pub const HEATER_ENERGY_HI: usize = 0x04C;
@@ -170,8 +174,8 @@ pub const EMERGENCY_STOP: usize = 0x138;
 pub const ENCODER_PITCH: usize = 0x13C;
 /// Offset, host to board: whether filament follows the feed, one of `ENCODER_*`.
 pub const ENCODER_STATE: usize = 0x140;
-/// Offset, host to board: gravity along the tip's x axis, thousandths of the earth's, as an `i32`; upwards, as a resting
-/// accelerometer shows it.
+/// Offset, host to board: gravity along the tip's x axis, thousandths of the earth's, as an `i32`; upwards, as a
+/// resting accelerometer shows it.
 pub const GRAVITY_X: usize = 0x144;
 /// Offset, host to board: gravity along the tip's y axis.
 pub const GRAVITY_Y: usize = 0x148;
@@ -187,7 +191,8 @@ pub const ENCODER_SEQUENCE: usize = 0x158;
 pub const ENCODER_ORIGIN: usize = 0x15C;
 /// Offset, host to board: how far the encoder is turned there, in 1/256 steps, below [`ENCODER_PITCH`].
 pub const ENCODER_PHASE: usize = 0x160;
-/// Offset, host to board: how much more than a step's worth of filament each step moves from there on, in 1/65536, as an `i32`.
+/// Offset, host to board: how much more than a step's worth of filament each step moves from there on, in 1/65536, as
+/// an `i32`.
 pub const ENCODER_SLIP: usize = 0x164;
 /// Offset, host to board: how the board is to crash, one of `CRASH_*`; 0 for not.
 pub const CRASH: usize = 0x168;

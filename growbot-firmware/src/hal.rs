@@ -1,7 +1,7 @@
 //! What a board must have beyond the traits of embedded-hal.
 //!
-//! Levels are logical: a board that wires a pin the other way round wraps it in [`crate::polarity::Polarized`]. A robot need
-//! not have every sensor; pins of those that its description does not name are never asked.
+//! Levels are logical: a board that wires a pin the other way round wraps it in [`crate::polarity::Polarized`]. A robot
+//! need not have every sensor; pins of those that its description does not name are never asked.
 
 use core::ops::DerefMut;
 
@@ -34,8 +34,8 @@ pub trait Watchdog {
 
 /// The processor's debugging.
 pub trait DebugPort {
-    /// Whether a debug probe has switched it on. The processor may then halt at any time; it stays on when the probe is unplugged, until
-    /// the power goes.
+    /// Whether a debug probe has switched it on. The processor may then halt at any time; it stays on when the probe is
+    /// unplugged, until the power goes.
     fn is_on(&self) -> bool;
 }
 
@@ -58,13 +58,13 @@ pub trait Outputs {
 pub trait KeptMemory {
     /// What it holds: [`COPIES`](crate::safety::kept::COPIES) copies, one after the other.
     fn read(&mut self) -> [u8; KEPT_BYTES];
-    /// Has one of the copies hold something else, from its first byte to its last. The other copy is not touched, and whatever is done
-    /// afterwards is done after the last byte is in the memory.
+    /// Has one of the copies hold something else, from its first byte to its last. The other copy is not touched, and
+    /// whatever is done afterwards is done after the last byte is in the memory.
     fn write(&mut self, copy: usize, bytes: &[u8; COPY_BYTES]);
 }
 
-/// The parts of a board that the controller drives. Steppers, index sensor, filament encoder and emergency stop belong to the
-/// [`crate::stepping::Engine`].
+/// The parts of a board that the controller drives. Steppers, index sensor, filament encoder and emergency stop belong
+/// to the [`crate::stepping::Engine`].
 pub trait Board {
     /// Power of the heater.
     type HeaterPower: SetDutyCycle;
@@ -88,7 +88,8 @@ pub trait Board {
     type DebugPort: DebugPort;
     /// What survives a reset.
     type Kept: KeptMemory;
-    /// What survives a loss of power: two sectors or more, whose programmed words can be programmed again: to the same, and to zero.
+    /// What survives a loss of power: two sectors or more, whose programmed words can be programmed again: to the same,
+    /// and to zero.
     type Flash: MultiwriteNorFlash;
     /// Where the layers are kept: some 48 KiB, so a reference or a box.
     type Store: DerefMut<Target = LayerStore>;

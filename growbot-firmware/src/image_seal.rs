@@ -1,7 +1,8 @@
-//! The seal of a firmware image: a CRC of all that the image puts into flash, checked at each start before anything may heat.
+//! The seal of a firmware image: a CRC of all that the image puts into flash, checked at each start before anything may
+//! heat.
 //!
-//! An image comes from the linker without one: it holds a place of [`SEAL_WORDS`] words under the name [`SYMBOL`], which says so. After
-//! linking, `growbot flash` and the emulator's port fill it in:
+//! An image comes from the linker without one: it holds a place of [`SEAL_WORDS`] words under the name [`SYMBOL`],
+//! which says so. After linking, `growbot flash` and the emulator's port fill it in:
 //!
 //! | word | content |
 //! |---|---|
@@ -17,7 +18,7 @@ use growbot_core::link::message::ImageCheck;
 
 /// The symbol of the seal in an image.
 pub const SYMBOL: &str = "GROWBOT_IMAGE_SEAL";
-/// The most parts of an image.
+/// The max parts of an image.
 pub const PARTS: usize = 3;
 /// Words of the seal.
 pub const SEAL_WORDS: usize = 2 + 2 * PARTS;
@@ -27,8 +28,8 @@ pub type Seal = [u32; SEAL_WORDS];
 pub const NOT_SEALED: u32 = 0x6E6F_7365;
 /// First word of an image that is sealed.
 pub const SEALED: u32 = 0x9153_A1E1;
-/// The most bytes of an image that are checked: a damaged seal must not keep a board at it for longer than its watchdog waits. 256 KiB take
-/// some 0.2 s at 168 MHz.
+/// The max bytes of an image that are checked: a damaged seal must not keep a board at it for longer than its watchdog
+/// waits. 256 KiB take some 0.2 s at 168 MHz.
 pub const MAX_BYTES: u32 = 256 * 1024;
 /// What the linker puts into an image.
 pub const EMPTY: Seal = {
@@ -46,8 +47,8 @@ pub fn parts(seal: &Seal) -> impl Iterator<Item = [u32; 2]> {
     pairs.iter().skip(1).copied()
 }
 
-/// CRC-32C of a sealed image. `byte` gives the byte of the image at an address; none where the image cannot have one, or is longer than
-/// [`MAX_BYTES`].
+/// CRC-32C of a sealed image. `byte` gives the byte of the image at an address; none where the image cannot have one,
+/// or is longer than [`MAX_BYTES`].
 pub fn crc_of(seal: &Seal, byte: impl Fn(u32) -> Option<u8>) -> Option<u32> {
     if parts(seal).fold(0_u32, |sum, [_, bytes]| sum.saturating_add(bytes)) > MAX_BYTES {
         return None;

@@ -49,7 +49,8 @@ impl LayerStore {
 
     /// Takes in the next layer. False if there is no room.
     #[must_use]
-    #[inline(never)] // So the layer is known to lie outside of the store, and copying it needs no `memmove`, 1.5 kB of flash.
+    // So the layer is known to lie outside of the store, and copying it needs no `memmove`, 1.5 kB of flash.
+    #[inline(never)]
     pub fn push(&mut self, layer: LayerBytes) -> bool {
         self.layers.push_back(layer).is_ok()
     }

@@ -1,4 +1,5 @@
-//! The controller of a robot that moves by growing: heats, homes the head, lays layer after layer, and answers its host.
+//! The controller of a robot that moves by growing: heats, homes the head, lays layer after layer, and answers its
+//! host.
 //!
 //! Generic over embedded-hal 1.0 traits, so the same code runs on the robot, in an emulator and in a simulation on the
 //! desktop. To follow a layer through it:
@@ -9,10 +10,9 @@
 //! 4. [`stepping::Engine`]: it becomes step pulses, tick by tick;
 //! 5. and back: the steps made become the layer as built, and a `Laid` message.
 //!
-//! Beside it [`heater`] and [`thermistor`] keep the nozzle hot, and [`safety`] says what leads where when anything is wrong.
-//! After a loss of power the [`journal`] knows how far a growth has come.
-//! [`hal`] says what a board must have. The boards themselves are the binaries in `boards/`: `an386` (emulated) and
-//! `stm32f405` (the robot's).
+//! Beside it [`heater`] and [`thermistor`] keep the nozzle hot, and [`safety`] says what leads where when anything is
+//! wrong. After a loss of power the [`journal`] knows how far a growth has come. [`hal`] says what a board must have.
+//! The boards themselves are the binaries in `boards/`: `an386` (emulated) and `stm32f405` (the robot's).
 #![no_std]
 #![forbid(unsafe_code)]
 

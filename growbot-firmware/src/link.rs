@@ -1,7 +1,7 @@
 //! The board's end of the link: frames in, frames out, the session, and events until a host has them.
 //!
-//! Both directions are reliable. A host repeats a request until it is answered; one that comes again is answered as the first time and
-//! not carried out again. Events wait until the host acknowledges them, and are sent again until then.
+//! Both directions are reliable. A host repeats a request until it is answered; one that comes again is answered as the
+//! first time and not carried out again. Events wait until the host acknowledges them, and are sent again until then.
 
 use growbot_core::link::frame::{
     self, Frame, FrameError, Header, LONGEST_BODY, LONGEST_FRAME, Receiver, is_after, next,
@@ -17,8 +17,9 @@ const KEPT_FOR_ANSWERS: usize = LONGEST_FRAME;
 const EVENTS: usize = 16;
 /// The kind of a frame that only acknowledges events.
 const HEARD: u8 = 0x0E;
-/// Layers wait outside, where they are kept anyway: of these events there are never more, which leaves room for the others.
-const MOST_LAID: usize = EVENTS - 4;
+/// Layers wait outside, where they are kept anyway: of these events there are never more, which leaves room for the
+/// others.
+const MAX_LAID: usize = EVENTS - 4;
 /// Sessions that are over and whose delayed frames must not open them again.
 const CLOSED: usize = 4;
 /// A host that has not been heard for so long is silent, us.
@@ -90,8 +91,8 @@ pub struct Link {
 }
 
 impl Link {
-    /// Takes a byte that arrived. Where it ends a frame, that frame; what is no frame is passed over, since its sender will
-    /// repeat it.
+    /// Takes a byte that arrived. Where it ends a frame, that frame; what is no frame is passed over, since its sender
+    /// will repeat it.
     pub fn receive(&mut self, byte: u8) -> Option<Result<Frame, FrameError>> {
         self.receiver.push(byte)
     }
@@ -141,7 +142,8 @@ impl Link {
         self.session.as_ref().is_some_and(|open| open.id == session)
     }
 
-    /// The host that holds the board, and since when it has not been heard, us. None once it has been silent for too long.
+    /// The host that holds the board, and since when it has not been heard, us. None once it has been silent for too
+    /// long.
     #[must_use]
     pub fn holder(&self, now: u64) -> Option<(&HostName, u64)> {
         let session = self.session.as_ref()?;
@@ -196,11 +198,11 @@ impl Link {
     #[must_use]
     pub fn takes_layers(&self) -> bool {
         let waiting = self.events.iter().filter(|event| matches!(event, Event::Laid(_))).count();
-        self.session.is_some() && waiting < MOST_LAID && !self.events.is_full()
+        self.session.is_some() && waiting < MAX_LAID && !self.events.is_full()
     }
 
-    /// Tells an event to the host. One that has not heard so many is given up, and its session closed: when it comes back, the status
-    /// tells where they led.
+    /// Tells an event to the host. One that has not heard so many is given up, and its session closed: when it comes
+    /// back, the status tells where they led.
     pub fn tell(&mut self, event: Event) {
         if self.session.is_some() && self.events.push_back(event).is_err() {
             self.close();

@@ -1,7 +1,7 @@
 //! The robot that this firmware was built for.
 //!
-//! `build.rs` reads and checks `robots/<GROWBOT_ROBOT>.toml` (`growbot-a` unless the variable says otherwise; a path to a file works too)
-//! and writes the robot down as source.
+//! `build.rs` reads and checks `robots/<GROWBOT_ROBOT>.toml` (`growbot-a` unless the variable says otherwise; a path to
+//! a file works too) and writes the robot down as source.
 
 #[allow(unused_imports, reason = "not every robot has every sensor")]
 use growbot_core::robot::{

@@ -1,8 +1,8 @@
 //! The tip's orientation by a BMI160: which way gravity points, seen from the tip.
 //!
-//! A look takes one of two steps, each well below a millisecond: find the chip and start it, or read it. A chip that
-//! is absent, or another one, is looked for again at each look, for one address byte; one that has lost its power for a moment
-//! is found asleep, and started anew.
+//! A look takes one of two steps, each well below a millisecond: find the chip and start it, or read it. A chip that is
+//! absent, or another one, is looked for again at each look, for one address byte; one that has lost its power for a
+//! moment is found asleep, and started anew.
 
 use bmi160::interface::I2cInterface;
 use bmi160::{AccelerometerPowerMode, AccelerometerRange, Bmi160, SensorSelector, SlaveAddr};

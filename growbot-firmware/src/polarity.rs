@@ -1,4 +1,5 @@
-//! Pins that are wired the other way round: the electrical level as the robot's description says, the logical one inside.
+//! Pins that are wired the other way round: the electrical level as the robot's description says, the logical one
+//! inside.
 
 use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
 

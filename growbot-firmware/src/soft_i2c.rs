@@ -1,7 +1,8 @@
 //! An I2C bus on two open-drain pins, clocked by the processor: what it costs is bounded, whatever the other side does.
 //!
-//! A hardware controller is not used on purpose. Some wait for flags that a disturbed bus never sets, and their ways out of
-//! that cannot be tried on a desktop; this one runs there, pin by pin, against a chip that misbehaves. A byte takes some 30 us.
+//! A hardware controller is not used on purpose. Some wait for flags that a disturbed bus never sets, and their ways
+//! out of that cannot be tried on a desktop; this one runs there, pin by pin, against a chip that misbehaves. A byte
+//! takes some 30 us.
 //!
 //! One controller only: nobody else may clock the bus.
 
@@ -13,8 +14,8 @@ use embedded_hal::i2c::{Error, ErrorKind, ErrorType, I2c, NoAcknowledgeSource, O
 const HALF_NS: u32 = 1500;
 /// For so long all chips together may hold the clock down in one transaction, us.
 const PATIENCE_US: u16 = 100;
-/// A chip that was interrupted while it sent a byte lets go of the data line after so many clocks: the rest of the byte, and
-/// its acknowledgement (UM10204, 3.1.16).
+/// A chip that was interrupted while it sent a byte lets go of the data line after so many clocks: the rest of the
+/// byte, and its acknowledgement (UM10204, 3.1.16).
 const CLOCKS_TO_FREE: u8 = 9;
 
 /// Why a transaction failed.

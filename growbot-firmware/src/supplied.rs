@@ -1,7 +1,8 @@
 //! Flash that is changed only while the processor's supply is enough for it.
 //!
-//! A word that is programmed at too low a voltage may read differently later, and what reads wrongly at such a voltage is not to be settled
-//! for good (see [`crate::journal`]): a write or an erasure is refused before it begins, and flash is as it was.
+//! A word that is programmed at too low a voltage may read differently later, and what reads wrongly at such a voltage
+//! is not to be settled for good (see [`crate::journal`]): a write or an erasure is refused before it begins, and flash
+//! is as it was.
 
 use embedded_storage::nor_flash::{ErrorType, MultiwriteNorFlash, NorFlash, NorFlashErrorKind, ReadNorFlash};
 

@@ -66,8 +66,8 @@ pub fn temperature(raw: f64, thermistor: &Thermistor) -> Result<f64, Broken> {
 
 /// `ln R` at which `1/T = a + b ln R + c (ln R)^3`, in 1/K; `b` is positive and `c` is not negative.
 ///
-/// By Newton's method, from where the curve would be without its third term: that lies beyond the root, and the curve is bent
-/// such that each step leads nearer to the root and none past it. Without a third term it is the root.
+/// By Newton's method, from where the curve would be without its third term: that lies beyond the root, and the curve
+/// is bent such that each step leads nearer to the root and none past it. Without a third term it is the root.
 fn log_resistance(inverse: f64, [a, b, c]: [f64; 3]) -> f64 {
     let mut log = (inverse - a) / b;
     for _ in 0..60 {

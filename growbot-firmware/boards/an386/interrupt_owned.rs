@@ -9,8 +9,8 @@ pub struct InterruptOwned<T> {
     value: UnsafeCell<Option<T>>,
 }
 
-// SAFETY: the value is reached in two ways only: `give`, which does so before `given` is true, and `with`, which does so after, from
-// the one handler that its caller has promised. So there is never more than one at a time.
+// SAFETY: the value is reached in two ways only: `give`, which does so before `given` is true, and `with`, which does
+// so after, from the one handler that its caller has promised. So there is never more than one at a time.
 unsafe impl<T: Send> Sync for InterruptOwned<T> {}
 
 impl<T> InterruptOwned<T> {

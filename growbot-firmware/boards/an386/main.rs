@@ -1,7 +1,8 @@
 //! growbot on QEMU's mps2-an386, a Cortex-M4F at 25 MHz: the emulated robot.
 //!
 //! The controller is the robot's own; its pins and sensors are words of memory that the desktop maps (see
-//! `growbot_firmware::emulated_tip`). Interrupts step the motors and move the bytes of the line; the main loop does the rest.
+//! `growbot_firmware::emulated_tip`). Interrupts step the motors and move the bytes of the link; the main loop does the
+//! rest.
 
 #![no_std]
 #![no_main]

@@ -33,8 +33,8 @@ static TICKS_HI: AtomicU32 = AtomicU32::new(0);
 
 static TICK_HZ: AtomicU32 = AtomicU32::new(1);
 
-/// Starts the ticks (they come once the interrupts are let through), at a rate that [`growbot_core::robot::Robot::check_for_board`] has
-/// found possible.
+/// Starts the ticks (they come once the interrupts are let through), at a rate that
+/// [`growbot_core::robot::Robot::check_for_board`] has found possible.
 pub fn start(engine: StepEngine, tick_hz: u32, clock_hz: u32) {
     ENGINE.give(engine);
     TICK_HZ.store(tick_hz, Ordering::Relaxed);
@@ -69,8 +69,8 @@ fn ticks() -> u64 {
     }
 }
 
-/// Microseconds since the board started. They count step ticks, so that an emulator which falls behind slows down steps and
-/// time alike.
+/// Microseconds since the board started. They count step ticks, so that an emulator which falls behind slows down steps
+/// and time alike.
 pub fn now_us() -> u64 {
     microseconds(ticks(), TICK_HZ.load(Ordering::Relaxed))
 }

@@ -16,7 +16,8 @@ use crate::registers::Register;
 /// The word at a byte offset. An offset that is no word of the memory falls onto one that is.
 pub fn word(offset: usize) -> Register {
     let inside = offset & (table::SIZE - 4);
-    // SAFETY: aligned and inside the expansion RAM, which no linker region covers, so that Rust code owns nothing there.
+    // SAFETY: aligned and inside the expansion RAM, which no linker region covers, so that Rust code owns nothing
+    // there.
     unsafe { Register::at(table::ADDRESS + inside) }
 }
 
@@ -146,7 +147,8 @@ pub fn boot_id() -> u32 {
     word(table::ENTROPY).read() ^ word(table::BOOTS).read().wrapping_mul(0x9E37_79B1)
 }
 
-/// Copies the machine description that the host has put there and says how long it is: 0 for none, and for one that doesn't fit.
+/// Copies the machine description that the host has put there and says how long it is: 0 for none, and for one that
+/// doesn't fit.
 pub fn copy_machine_description(into: &mut [u8]) -> usize {
     let length = word(table::MACHINE_LENGTH).read() as usize;
     if length > table::MACHINE_CAPACITY || length > into.len() {

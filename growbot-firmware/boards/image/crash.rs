@@ -1,4 +1,5 @@
-//! The latest crash: words in RAM that nothing clears, which the handler of the processor's faults fills in and the next start reads.
+//! The latest crash: words in RAM that nothing clears, which the handler of the processor's faults fills in and the
+//! next start reads.
 
 use core::cell::UnsafeCell;
 use core::mem::MaybeUninit;
@@ -41,7 +42,8 @@ fn word(index: usize) -> *mut u32 {
 fn stack_word(address: u32) -> u32 {
     let at = address as usize;
     let within = at >= stack::bottom() && at < stack::top() && at.is_multiple_of(4);
-    // SAFETY: an aligned word of the stack, which is memory from its bottom to its top; it is only read, whatever it holds.
+    // SAFETY: an aligned word of the stack, which is memory from its bottom to its top; it is only read, whatever it
+    // holds.
     if within { unsafe { (at as *const u32).read_volatile() } } else { 0 }
 }
 

@@ -1,8 +1,8 @@
-//! Logs through the debug probe: defmt's frames in a ring in memory, which the probe finds by its header and reads while the board runs
-//! (SEGGER's RTT).
+//! Logs through the debug probe: defmt's frames in a ring in memory, which the probe finds by its header and reads
+//! while the board runs (SEGGER's RTT).
 //!
-//! A frame for which there is no room is left out: the robot never waits for a probe. (The crate `defmt-rtt` does, and leaves panics in
-//! the firmware.)
+//! A frame for which there is no room is left out: the robot never waits for a probe. (The crate `defmt-rtt` does, and
+//! leaves panics in the firmware.)
 
 use core::cell::UnsafeCell;
 use core::sync::atomic::{AtomicU8, AtomicU32, Ordering};
@@ -71,7 +71,8 @@ static FRAME: FrameCell = FrameCell(UnsafeCell::new(Frame {
 #[defmt::global_logger]
 struct Logger;
 
-// SAFETY: all interrupts are off from `acquire` to `release`, and what is logged logs nothing itself, so that there is one frame at a time.
+// SAFETY: all interrupts are off from `acquire` to `release`, and what is logged logs nothing itself, so that there is
+// one frame at a time.
 unsafe impl defmt::Logger for Logger {
     fn acquire() {
         // SAFETY: `release` follows, by defmt's promise.

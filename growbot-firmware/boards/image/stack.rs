@@ -15,8 +15,8 @@ unsafe extern "C" {
     static _stack_start: u32;
 }
 
-/// A fault that leaves less than this of the stack, or none, is an overflow: more than any one push, the exception's own frame, or what
-/// follows here takes.
+/// A fault that leaves less than this of the stack, or none, is an overflow: more than any one push, the exception's
+/// own frame, or what follows here takes.
 const LITTLE: usize = 512;
 
 /// Address of the lowest word of the stack.
@@ -29,9 +29,9 @@ pub fn top() -> usize {
     &raw const _stack_start as usize
 }
 
-/// The processor's faults come here. The stack pointer may point anywhere: where it does not leave enough of the stack, that begins anew,
-/// before anything needs it. Else it stays, so that what was on the stack can be told. What the processor still owes to the old one (the
-/// floating-point registers, by FPCCR.LSPACT) is let go.
+/// The processor's faults come here. The stack pointer may point anywhere: where it does not leave enough of the stack,
+/// that begins anew, before anything needs it. Else it stays, so that what was on the stack can be told. What the
+/// processor still owes to the old one (the floating-point registers, by FPCCR.LSPACT) is let go.
 #[unsafe(naked)]
 #[unsafe(export_name = "HardFault")]
 extern "C" fn hard_fault() -> ! {

@@ -78,8 +78,8 @@ impl Thermistor {
 }
 
 impl Adc for Thermistor {
-    /// The conversion that has ended since the last call. Starts the next one. Every other call gives `None`, and so does a
-    /// call within 25 us.
+    /// The conversion that has ended since the last call. Starts the next one. Every other call gives `None`, and so
+    /// does a call within 25 us.
     fn sample(&mut self) -> Option<u16> {
         match self.state {
             State::Off => {

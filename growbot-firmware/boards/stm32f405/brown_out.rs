@@ -1,14 +1,16 @@
 //! The processor's own supply: the detector that warns before it is too low, and the reset that holds where it is.
 //!
-//! The detector's interrupt switches the tip off and starts the board anew, which then says "brown-out". It comes with the fall below
-//! the threshold only: a board whose supply is still rising, or always that low, starts nevertheless, and its log says so.
+//! The detector's interrupt switches the tip off and starts the board anew, which then says "brown-out". It comes with
+//! the fall below the threshold only: a board whose supply is still rising, or always that low, starts nevertheless,
+//! and its log says so.
 
 use growbot_firmware::supplied::SupplyDetector;
 use stm32f4xx_hal::pac;
 use stm32f4xx_hal::rcc::{Enable, Rcc};
 
 /// PLS: 2.93 V falling (2.85 to 2.99), 3.03 V rising (data sheet, table "embedded reset and power control block
-/// characteristics"). The processor may run at 168 MHz down to 2.7 V; the next level, 3.03 V, is within the tolerance of 3.3 V.
+/// characteristics"). The processor may run at 168 MHz down to 2.7 V; the next level, 3.03 V, is within the tolerance
+/// of 3.3 V.
 const LEVEL: u8 = 0b110;
 /// The detector's line of the interrupt controller EXTI (reference manual, 12.2.5).
 const LINE: u8 = 16;
@@ -20,7 +22,8 @@ pub fn start_detector(pwr: &pac::PWR, rcc: &mut Rcc) {
     pwr.cr().modify(|_, w| unsafe { w.pls().bits(LEVEL) }.pvde().set_bit());
 }
 
-/// The detector that has been started: its level is above what flash needs to be programmed by words (2.7 V, data sheet DS8626).
+/// The detector that has been started: its level is above what flash needs to be programmed by words (2.7 V, data sheet
+/// DS8626).
 pub struct Detector;
 
 impl SupplyDetector for Detector {
@@ -42,7 +45,8 @@ pub fn arm(pwr: &pac::PWR, exti: &pac::EXTI) {
     }
 }
 
-/// Warns where the option bytes have the brown-out reset off: then the processor runs on while its supply sags to 1.7 V.
+/// Warns where the option bytes have the brown-out reset off: then the processor runs on while its supply sags to 1.7
+/// V.
 pub fn check_reset_level(flash: &pac::FLASH) {
     // BOR_LEV, bits 3:2 (reference manual, 3.9.10): 11 is off, as boards are delivered, 00 the highest level.
     if flash.optcr().read().bor_lev().bits() == 0b11 {

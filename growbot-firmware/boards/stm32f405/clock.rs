@@ -1,4 +1,5 @@
-//! The board's clocks: those that its parts run by, and the time, by SysTick, a thousand times a second, and the microseconds between.
+//! The board's clocks: those that its parts run by, and the time, by SysTick, a thousand times a second, and the
+//! microseconds between.
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
@@ -22,10 +23,11 @@ static MILLISECONDS_HI: AtomicU32 = AtomicU32::new(0);
 
 /// The internal oscillator, by which the processor starts.
 const INTERNAL_HZ: u32 = 16_000_000;
-/// A crystal is waited for so long, ms. It takes some 2 ms (data sheet, table "HSE oscillator characteristics"), and the watchdog waits for
-/// 700 ms at least.
+/// A crystal is waited for so long, ms. It takes some 2 ms (data sheet, table "HSE oscillator characteristics"), and
+/// the watchdog waits for 700 ms at least.
 const CRYSTAL_WAIT_MS: u32 = 100;
-/// Clocks of a look at it. They are 7 to 10: a count, a load, a shift, and two branches, of which the one that is taken has 2 to 4.
+/// Clocks of a look at it. They are 7 to 10: a count, a load, a shift, and two branches, of which the one that is taken
+/// has 2 to 4.
 const LOOK_CLOCKS: u32 = 8;
 /// Looks at a crystal that does not start: 200,000, which take 88 to 125 ms.
 const MAX_LOOKS: u32 = INTERNAL_HZ / 1000 * CRYSTAL_WAIT_MS / LOOK_CLOCKS;
@@ -35,20 +37,22 @@ const MAX_LOOKS: u32 = INTERNAL_HZ / 1000 * CRYSTAL_WAIT_MS / LOOK_CLOCKS;
 pub enum Oscillator {
     /// The crystal, watched by the clock security system.
     Crystal,
-    /// The one in the processor, since the crystal did not start: exact to 1 % at 25 C, to 8 % at worst. The link works as a rule, so that
-    /// the board can tell; nothing heats.
+    /// The one in the processor, since the crystal did not start: exact to 1 % at 25 C, to 8 % at worst. The link works
+    /// as a rule, so that the board can tell; nothing heats.
     Internal,
 }
 
-/// Makes the 168 MHz of the crystal's 8 MHz, or of the internal oscillator's 16 MHz. (The set-up of `stm32f4xx-hal`, for clocks of any
-/// rate, leaves panics in the firmware; what that crate says of its clocks afterwards is what they were before.)
+/// Makes the 168 MHz of the crystal's 8 MHz, or of the internal oscillator's 16 MHz. (The set-up of `stm32f4xx-hal`,
+/// for clocks of any rate, leaves panics in the firmware; what that crate says of its clocks afterwards is what they
+/// were before.)
 ///
 /// The watchdog has been started: what never gets ready ends in a reset, with every pin afloat.
 pub fn speed_up(rcc: &pac::RCC, flash: &pac::FLASH) -> Oscillator {
     rcc.cr().modify(|_, w| w.hseon().set_bit());
     let starts = (0..MAX_LOOKS).any(|_| rcc.cr().read().hserdy().bit_is_set());
     if starts {
-        // From now on a crystal that stops is a non-maskable interrupt, and the processor runs on by the internal oscillator.
+        // From now on a crystal that stops is a non-maskable interrupt, and the processor runs on by the internal
+        // oscillator.
         rcc.cr().modify(|_, w| w.csson().set_bit());
     } else {
         rcc.cr().modify(|_, w| w.hseon().clear_bit());
@@ -71,8 +75,8 @@ pub fn speed_up(rcc: &pac::RCC, flash: &pac::FLASH) -> Oscillator {
     if starts { Oscillator::Crystal } else { Oscillator::Internal }
 }
 
-/// The crystal has stopped: the clock security system's interrupt, which cannot be masked. The processor runs by the internal oscillator,
-/// ten times as slow, so that nothing would come in time any more.
+/// The crystal has stopped: the clock security system's interrupt, which cannot be masked. The processor runs by the
+/// internal oscillator, ten times as slow, so that nothing would come in time any more.
 #[exception]
 unsafe fn NonMaskableInt() {
     crate::reset::end_by_clock_failure();
@@ -107,8 +111,8 @@ pub fn milliseconds() -> u64 {
     }
 }
 
-/// Microseconds since the board started. For code that the SysTick interrupt may interrupt; it would repeat up to a millisecond
-/// otherwise.
+/// Microseconds since the board started. For code that the SysTick interrupt may interrupt; it would repeat up to a
+/// millisecond otherwise.
 pub fn now_us() -> u64 {
     loop {
         let before = milliseconds();

@@ -1,9 +1,9 @@
 //! The journal's flash: sectors 10 and 11 of the processor's own, 128 KiB each (reference manual RM0090, chapter 3).
 //!
-//! While flash is programmed or erased, nothing can be read from it, code included: the processor stands. That is 16 us a word, 100 us at most,
-//! and up to 2 s a sector (data sheet DS8626, table "flash memory programming"). Interrupts are served between words. A sector is erased
-//! by code in RAM, which feeds the watchdog meanwhile, without interrupts: heater and steppers must be off. Words need a supply of 2.7 V:
-//! it is behind the detector of `brown_out.rs`.
+//! While flash is programmed or erased, nothing can be read from it, code included: the processor stands. That is 16 us
+//! a word, 100 us at most, and up to 2 s a sector (data sheet DS8626, table "flash memory programming"). Interrupts are
+//! served between words. A sector is erased by code in RAM, which feeds the watchdog as it waits, without interrupts:
+//! heater and steppers must be off. Words need a supply of 2.7 V: it is behind the detector of `brown_out.rs`.
 //!
 //! (The flash of `stm32f4xx-hal` leaves panics in the firmware, writes bytes, and knows nothing of a watchdog.)
 
@@ -35,8 +35,9 @@ const ERRORS: u32 = 0xF2;
 /// The watchdog's key register, and what feeds it.
 const WATCHDOG_KEY: *mut u32 = 0x4000_3000 as *mut u32;
 const FEED: u32 = 0xAAAA;
-/// Looks at an erasure after which the watchdog is left to reset the board: more than 3 s, at 12 clocks a look at least.
-const MOST_LOOKS: u32 = 45_000_000;
+/// Looks at an erasure after which the watchdog is left to reset the board: more than 3 s, at 12 clocks a look at
+/// least.
+const MAX_LOOKS: u32 = 45_000_000;
 
 unsafe extern "C" {
     /// Where the memory map has the journal begin, and end. Addresses only.
@@ -106,12 +107,12 @@ unsafe fn erase(status: *const u32, control: *mut u32, start: u32) {
     // SAFETY: registers of the flash, and of the watchdog, which may be fed at any time.
     unsafe {
         control.write_volatile(start);
-        // The write may still be on its way when the status is read, which would then say that all is over. (Not `cortex_m::asm::dsb`, which
-        // might not be inlined.)
+        // The write may still be on its way when the status is read, which would then say that all is over. (Not
+        // `cortex_m::asm::dsb`, which might not be inlined.)
         core::arch::asm!("dsb", options(nostack, preserves_flags));
         let mut looks = 0;
         while status.read_volatile() & BUSY != 0 {
-            if looks < MOST_LOOKS {
+            if looks < MAX_LOOKS {
                 looks += 1;
                 WATCHDOG_KEY.write_volatile(FEED);
             }

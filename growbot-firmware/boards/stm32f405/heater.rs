@@ -1,8 +1,9 @@
 //! Heater power: TIM1 channel 1, PWM at 1.28 kHz.
 //!
-//! An advanced timer, because its output goes low without the processor: where the processor is halted (`debug_port.rs`), and where
-//! the crystal stops (the clock security system is a break of TIM1). Either clears MOE or acts as if, and OSSI then drives the output
-//! to OIS1's level, which is low. After a break it stays so until the board is reset.
+//! An advanced timer, because its output goes low without the processor: where the processor is halted
+//! (`debug_port.rs`), and where the crystal stops (the clock security system is a break of TIM1). Either clears MOE or
+//! acts as if, and OSSI then drives the output to OIS1's level, which is low. After a break it stays so until the board
+//! is reset.
 
 use core::convert::Infallible;
 

@@ -41,7 +41,8 @@ impl KeptMemory for BoardMemory {
         bytes
     }
 
-    /// Not interrupted, so that no interrupt that resets the board finds half of it. Any other reset leaves the other copy whole.
+    /// Not interrupted, so that no interrupt that resets the board finds half of it. Any other reset leaves the other
+    /// copy whole.
     fn write(&mut self, copy: usize, bytes: &[u8; COPY_BYTES]) {
         cortex_m::interrupt::free(|_| {
             for (index, from) in bytes.as_chunks::<4>().0.iter().enumerate() {

@@ -1,10 +1,10 @@
 //! What is wired where: a type for each signal of WIRING.md's table, which names it, and its role.
 //!
-//! Which pins the published robots use is not known: this table is an assumption, for an STM32F405RG in its 64-pin package. PA15,
-//! PB3 and PB4 are left alone, since they are JTAG's until software says otherwise. The levels of DIR, EN and the inputs are the robot
-//! description's (`direction_high_is_positive`, `enable_low`, `active_low`, ...). What the board needs round the processor, first
-//! of all resistors that hold everything off while its pins float, is in WIRING.md. A test compares its table with these types, and with
-//! what the image writes to the ports.
+//! Which pins the published robots use is not known: this table is an assumption, for an STM32F405RG in its 64-pin
+//! package. PA15, PB3 and PB4 are left alone, since they are JTAG's until software says otherwise. The levels of DIR,
+//! EN and the inputs are the robot description's (`direction_high_is_positive`, `enable_low`, `active_low`, ...). What
+//! the board needs round the processor, first of all resistors that hold everything off while its pins float, is in
+//! WIRING.md. A test compares its table with these types, and with what the image writes to the ports.
 
 use core::sync::atomic::{AtomicBool, Ordering};
 
@@ -125,7 +125,8 @@ impl Pins {
             feed_step: b.pb12.into_push_pull_output_in_state(PinState::Low),
             feed_direction: Polarized::new(b.pb13.into_push_pull_output_in_state(PinState::Low), feed_backwards),
             feed_enable: Polarized::new(b.pb14.into_push_pull_output_in_state(off), enable_low),
-            // The processor's own pull-downs beside those at the gate drivers: the timers' outputs may be off, and a wire may break.
+            // The processor's own pull-downs beside those at the gate drivers: the timers' outputs may be off, and a
+            // wire may break.
             heater: a.pa8.into_alternate().internal_resistor(Pull::Down),
             heater_enable: a.pa7.into_push_pull_output_in_state(PinState::Low).internal_resistor(Pull::Down),
             fan: b.pb15.into_alternate().internal_resistor(Pull::Down),

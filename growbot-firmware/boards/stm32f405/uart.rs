@@ -41,8 +41,8 @@ impl Uart {
         Uart { usart, watch: Recogniser::new(), lost: 0, _pins: pins }
     }
 
-    /// The USART's interrupt, also pended by the main loop once it has queued bytes. An emergency stop is obeyed here, ahead of
-    /// everything that is queued.
+    /// The USART's interrupt, also pended by the main loop once it has queued bytes. An emergency stop is obeyed here,
+    /// ahead of everything that is queued.
     pub fn on_interrupt(&mut self, handover: &Handover) {
         loop {
             let status = self.usart.sr().read();

@@ -1,10 +1,10 @@
-//! What a layer in closed loop costs on the microcontroller, and whether it comes to the same there as on a desktop: growths with
-//! noise and feedback, on QEMU's mps2-an386.
+//! What a layer in closed loop costs on the microcontroller, and whether it comes to the same there as on a desktop:
+//! growths with noise and feedback, on QEMU's mps2-an386.
 //!
-//! For each growth one line goes out over UART0, `seed,layers,hash,instructions,stack`, and `end` at last: the hash is over the bits of
-//! every layer asked for and of the tip's last frame, the instructions are those of one layer, in the mean.
-//! `tests/feedback_cost.rs` runs this, and the same growths on the desktop. QEMU must run it with `-icount shift=10`, that is 1024 ns
-//! an instruction.
+//! For each growth one line goes out over UART0, `seed,layers,hash,instructions,stack`, and `end` at last: the hash is
+//! over the bits of every layer asked for and of the tip's last frame, the instructions are those of one layer, in the
+//! mean. `tests/feedback_cost.rs` runs this, and the same growths on the desktop. QEMU must run it with `-icount
+//! shift=10`, that is 1024 ns an instruction.
 
 #![no_std]
 #![no_main]

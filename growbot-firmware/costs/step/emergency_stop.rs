@@ -1,7 +1,8 @@
-//! What an emergency stop by the link costs: from its last byte, which waits in the UART, until heater and drivers are off.
+//! What an emergency stop by the link costs: from its last byte, which waits in the UART, until heater and drivers are
+//! off.
 //!
-//! The UART's driver is the board's own, `boards/an386/uart.rs`. Its queue is full all the time, as if the main loop never
-//! came to it. The desktop sends stops behind noise until enough are measured.
+//! The UART's driver is the board's own, `boards/an386/uart.rs`. Its queue is full all the time, as if the main loop
+//! never came to it. The desktop sends stops behind noise until enough are measured.
 
 use cortex_m::asm::isb;
 use cortex_m::interrupt;

@@ -1,9 +1,9 @@
 //! What a tick of the step interrupt costs on the microcontroller: instructions of `Engine::tick` in each kind of tick,
 //! measured on QEMU's mps2-an386; and what an emergency stop by the link costs.
 //!
-//! Every tick of some turns is measured. For each kind one line goes out over UART0, `turns,tick,count,worst`, and `end` at
-//! last; `tests/step_cost.rs` runs this and makes the table. It counts instructions, not cycles: QEMU must run it with
-//! `-icount shift=10`, that is 1024 ns an instruction.
+//! Every tick of some turns is measured. For each kind one line goes out over UART0, `turns,tick,count,worst`, and
+//! `end` at last; `tests/step_cost.rs` runs this and makes the table. It counts instructions, not cycles: QEMU must run
+//! it with `-icount shift=10`, that is 1024 ns an instruction.
 
 #![no_std]
 #![no_main]
@@ -167,7 +167,7 @@ impl Bench {
         let head = &robot.description().head;
         let homing = Homing {
             ticks_per_step: 4,
-            most_steps: 2 * head.steps_per_turn,
+            max_steps: 2 * head.steps_per_turn,
             steps_to_zero: self.world.steps_from_mark_to_zero(),
         };
         self.idle(100);

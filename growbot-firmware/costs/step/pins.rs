@@ -1,4 +1,5 @@
-//! Pins that cost what the robot's cost, a store or a load and their polarity, and the head and the filament behind them.
+//! Pins that cost what the robot's cost, a store or a load and their polarity, and the head and the filament behind
+//! them.
 
 use core::convert::Infallible;
 use core::sync::atomic::{AtomicBool, Ordering};

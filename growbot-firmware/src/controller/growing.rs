@@ -13,9 +13,10 @@ use crate::stepping::{FeedMove, Handover, Homing, Order, Report, TurnReport, as_
 /// What an order may take beyond the time that it should: this share of it,
 const ALLOWANCE: f64 = 0.2;
 /// and so many us.
-const LEAST_ALLOWANCE_US: u64 = 2_000_000;
+const MIN_ALLOWANCE_US: u64 = 2_000_000;
 
-/// The power for a layer after a wait goes ahead of its plastic by so long, s, since it takes seconds from the heater to the nozzle;
+/// The power for a layer after a wait goes ahead of its plastic by so long, s, since it takes seconds from the heater
+/// to the nozzle;
 const LEAD_S: f64 = 1.5;
 /// by this share of a layer's period at most.
 const LEAD_SHARE: f64 = 1.0 / 12.0;
@@ -63,7 +64,7 @@ impl Motion {
 
     /// An order is given that should take so long.
     fn gave(&mut self, seconds: f64, now: u64) {
-        self.latest_us = (seconds * (1.0 + ALLOWANCE) * 1e6) as u64 + LEAST_ALLOWANCE_US;
+        self.latest_us = (seconds * (1.0 + ALLOWANCE) * 1e6) as u64 + MIN_ALLOWANCE_US;
         if self.outstanding == 0 {
             self.due = Some(now.saturating_add(self.latest_us));
         }
@@ -78,8 +79,8 @@ impl Motion {
 }
 
 impl<B: Board> Controller<B> {
-    /// Takes what the step engine reports.
-    pub(super) fn take(&mut self, report: Report, handover: &Handover) {
+    /// Does what follows from a report of the step engine.
+    pub(super) fn handle_report(&mut self, report: Report, handover: &Handover) {
         let growing = matches!(self.state, State::Growing | State::Hold);
         match report {
             Report::Homed if self.state == State::Homing => {
@@ -131,7 +132,7 @@ impl<B: Board> Controller<B> {
 
     fn home(&mut self, handover: &Handover) {
         let homing = self.homing();
-        let steps = f64::from(homing.most_steps) + f64::from(homing.steps_to_zero);
+        let steps = f64::from(homing.max_steps) + f64::from(homing.steps_to_zero);
         let seconds = steps * f64::from(homing.ticks_per_step) / f64::from(self.robot.description().motion.tick_hz);
         handover.give(Order::Home(homing));
         self.motion.gave(seconds, self.now);
@@ -149,7 +150,7 @@ impl<B: Board> Controller<B> {
         Homing {
             ticks_per_step: (f64::from(description.motion.tick_hz) / steps_a_second).max(2.0) as u32,
             // A turn to pass the mark, and half a turn for a start within it.
-            most_steps: head.steps_per_turn + head.steps_per_turn / 2,
+            max_steps: head.steps_per_turn + head.steps_per_turn / 2,
             steps_to_zero: if index_steps == 0 { 0 } else { head.steps_per_turn.saturating_sub(index_steps) },
         }
     }
@@ -255,8 +256,8 @@ impl<B: Board> Controller<B> {
         waits && (self.in_state_us() as f64) < lead_s * 1e6
     }
 
-    /// Material that the heater is to melt now, mm^3/s: what the step engine feeds, since that goes round with a bend and from layer to
-    /// layer; or the first layer's mean, ahead of it.
+    /// Material that the heater is to melt now, mm^3/s: what the step engine feeds, since that goes round with a bend
+    /// and from layer to layer; or the first layer's mean, ahead of it.
     pub(super) fn flow(&self, handover: &Handover) -> f64 {
         if self.state != State::Growing {
             return 0.0;

@@ -1,7 +1,8 @@
 //! The job: which plan, how far it has come, and the requests that change it.
 //!
-//! A layer is a transaction named by plan and index: accepted into the store, begun, and committed to the journal once it is laid.
-//! Whatever happens in between, no index is laid twice and none is passed over, but where the operator says so of a layer that was cut.
+//! A layer is a transaction named by plan and index: accepted into the store, begun, and committed to the journal once
+//! it is laid. Whatever happens in between, no index is laid twice and none is passed over, but where the operator says
+//! so of a layer that was cut.
 
 use growbot_core::layer::SECTORS;
 use growbot_core::layer_bytes::{LayerBytes, decode_checked};
@@ -21,9 +22,9 @@ use crate::stepping::{Handover, Material, Report};
 /// Erasing a sector of the journal stops the processor for up to two seconds: only below this, degrees Celsius.
 const COLD_C: f64 = 50.0;
 /// Layers handed to the engine and not yet laid.
-const MOST_GIVEN: usize = 3;
+const MAX_GIVEN: usize = 3;
 /// What the sensors said is kept for so many of the layers laid last.
-const MOST_MEASURED: usize = 16;
+const MAX_MEASURED: usize = 16;
 /// What is kept through a reset about the layer under way is so old at most, s.
 const KEPT_AGE_S: f64 = 0.25;
 
@@ -51,9 +52,9 @@ pub(super) struct Job {
     /// What the layers handed over amount to.
     pub material: Material,
     /// What each of those handed over and not yet laid leaves to the next one.
-    pub carries: Deque<journal::Laid, MOST_GIVEN>,
+    pub carries: Deque<journal::Laid, MAX_GIVEN>,
     /// What the sensors said after the layers laid last, by index.
-    measured: Deque<(u32, Measured), MOST_MEASURED>,
+    measured: Deque<(u32, Measured), MAX_MEASURED>,
 }
 
 impl Job {
@@ -87,7 +88,7 @@ impl<B: Board> Controller<B> {
         if begin.plan_id == 0 {
             return Err(Refusal::NotUnderstood);
         }
-        self.takes(Event::Begin)?;
+        self.check_event(Event::Begin)?;
         let repeated = (begin.plan_id, begin.layers) == (self.job.plan_id, self.job.layers);
         match self.state {
             // At rest it is the wish for another growth, of the same plan or not.
@@ -116,7 +117,8 @@ impl<B: Board> Controller<B> {
         Ok(())
     }
 
-    /// Erases what the journal needs for a job. Everything is off: the nozzle must be cold too, since nothing is looked at meanwhile.
+    /// Erases what the journal needs for a job. Everything is off. The nozzle must be cold too, since nothing is
+    /// watched while it erases.
     fn make_room(&mut self, layers: u32) -> Result<(), Refusal> {
         while self.parts.journal.needs_erasing(layers) {
             if self.heater.temperature(self.now).is_none_or(|temperature| temperature >= COLD_C) {
@@ -139,7 +141,7 @@ impl<B: Board> Controller<B> {
     }
 
     pub(super) fn resume(&mut self, resume: &Resume) -> Result<Message, Refusal> {
-        self.takes(Event::Resume)?;
+        self.check_event(Event::Resume)?;
         self.this_plan(resume.plan_id)?;
         let laid = self.job.laid;
         if matches!(self.state, State::Idle | State::Stopped) {
@@ -184,7 +186,7 @@ impl<B: Board> Controller<B> {
 
     pub(super) fn hold_layers(&mut self, batch: &Layers) -> Result<Message, Refusal> {
         self.this_plan(batch.plan_id)?;
-        self.takes(Event::Layers)?;
+        self.check_event(Event::Layers)?;
         let expected = self.store().next_index();
         if batch.first > expected {
             return Err(Refusal::OutOfOrder { expected });
@@ -224,7 +226,7 @@ impl<B: Board> Controller<B> {
 
     /// Replaces the layers from an index on, all or none.
     pub(super) fn amend(&mut self, amend: &Amend) -> Result<Message, Refusal> {
-        self.takes(Event::Amend)?;
+        self.check_event(Event::Amend)?;
         if amend.amended == 0 {
             return Err(Refusal::NotUnderstood);
         }
@@ -264,7 +266,7 @@ impl<B: Board> Controller<B> {
 
     pub(super) fn start(&mut self, start: &Start) -> Result<Message, Refusal> {
         self.this_plan(start.plan_id)?;
-        self.takes(Event::Start)?;
+        self.check_event(Event::Start)?;
         if self.state == State::Idle && self.job.cut.is_some() {
             // What becomes of the layer that was cut is for a host to say, by `Resume`.
             return Err(Refusal::OutOfOrder { expected: self.job.laid });
@@ -291,7 +293,7 @@ impl<B: Board> Controller<B> {
 
     /// Gives the job up. Repeating it changes nothing.
     pub(super) fn cancel(&mut self, cancel: &Cancel, handover: &Handover) -> Result<Message, Refusal> {
-        self.takes(Event::Cancel)?;
+        self.check_event(Event::Cancel)?;
         if self.job.plan_id != 0 {
             self.this_plan(cancel.plan_id)?;
         }
@@ -328,7 +330,7 @@ impl<B: Board> Controller<B> {
     }
 
     /// After a start of the board: the job that the journal knows, with nothing of it in the store.
-    pub(super) fn take_up_job(&mut self) {
+    pub(super) fn restore_job(&mut self) {
         let robot = self.robot.hash();
         // One that is done is known too: its host may not have heard of its last layers.
         let is_known = |job: &&JobState| job.robot == robot && (!job.ended || job.laid == job.layers);
@@ -349,8 +351,8 @@ impl<B: Board> Controller<B> {
         self.motion.assume_retracted(self.job.laid > 0 && self.job.cut.is_none());
     }
 
-    /// The layer that is about to be handed to the engine is begun, as far as the journal is concerned. One that follows another
-    /// without a pause is written down with that one.
+    /// The layer that is about to be handed to the engine is begun, as far as the journal is concerned. One that
+    /// follows another without a pause is written down with that one.
     pub(super) fn note_begun(&mut self) {
         if self.job.given == self.job.laid {
             self.job.unwritten |= self.parts.journal.begun(self.job.given).is_err();

@@ -1,7 +1,7 @@
 //! What the host asks for: every request is answered, and one that is refused changes nothing.
 //!
-//! Requests may be repeated, since an answer may be lost: each says what it is about (a plan, an index), so that doing it
-//! a second time is recognised and answered like the first.
+//! Requests may be repeated, since an answer may be lost: each says what it is about (a plan, an index), so that doing
+//! it a second time is recognised and answered like the first.
 
 use growbot_core::job::job_layers_meanwhile;
 use growbot_core::link::frame::{Frame, Header};
@@ -22,8 +22,8 @@ use crate::stepping::Handover;
 /// A stop is obeyed whatever its body holds.
 const STOP: u8 = 0x06;
 /// Below this there is nothing to tune, degrees Celsius.
-const LEAST_TUNING_C: f64 = 50.0;
-/// While tuning the nozzle swings; its target stays so far below the greatest temperature, degrees.
+const MIN_TUNING_C: f64 = 50.0;
+/// While tuning the nozzle swings: its target stays so far below the max temperature, degrees.
 const TUNING_MARGIN_C: f64 = 20.0;
 
 impl<B: Board> Controller<B> {
@@ -127,8 +127,8 @@ impl<B: Board> Controller<B> {
         self.accepted()
     }
 
-    /// Whether this event is taken now.
-    pub(super) fn takes(&self, event: Event) -> Result<(), Refusal> {
+    /// Whether this event is possible in this state.
+    pub(super) fn check_event(&self, event: Event) -> Result<(), Refusal> {
         match after(self.state, event) {
             Some(_) => Ok(()),
             None => Err(Refusal::WrongState { state: self.state }),
@@ -136,17 +136,17 @@ impl<B: Board> Controller<B> {
     }
 
     fn hold(&mut self) -> Result<Message, Refusal> {
-        self.takes(Event::Hold)?;
+        self.check_event(Event::Hold)?;
         self.go_on_holding(Some(Waits::AsAsked));
         Ok(self.accepted())
     }
 
     fn tune(&mut self, tune: &Tune) -> Result<Message, Refusal> {
-        self.takes(Event::Tune)?;
+        self.check_event(Event::Tune)?;
         let target = f64::from(tune.target_centi_c) / 100.0;
-        let greatest = self.robot.description().heater.max_c - TUNING_MARGIN_C;
-        if !(LEAST_TUNING_C..=greatest).contains(&target) {
-            return Err(Refusal::Temperature { least: centi(LEAST_TUNING_C), greatest: centi(greatest) });
+        let max = self.robot.description().heater.max_c - TUNING_MARGIN_C;
+        if !(MIN_TUNING_C..=max).contains(&target) {
+            return Err(Refusal::Temperature { least: centi(MIN_TUNING_C), greatest: centi(max) });
         }
         if self.may_be_halted() {
             return Err(Refusal::DebugProbe);
@@ -156,9 +156,10 @@ impl<B: Board> Controller<B> {
         Ok(self.accepted())
     }
 
-    /// Leaves `Fault` or `EmergencyStop` if nothing that can be seen at rest is still wrong; what cannot be seen will show again.
+    /// Leaves `Fault` or `EmergencyStop` if nothing that can be seen at rest is still wrong; what cannot be seen will
+    /// show again.
     fn clear_fault(&mut self, handover: &Handover) -> Result<Message, Refusal> {
-        self.takes(Event::Clear)?;
+        self.check_event(Event::Clear)?;
         match self.state {
             State::EmergencyStop if handover.emergency_stop() => return Err(Refusal::EmergencyStop),
             State::Fault | State::EmergencyStop => {}
@@ -199,10 +200,11 @@ impl<B: Board> Controller<B> {
 
     /// Plans on the board: the same code as on the host, so the same layers, bit for bit.
     fn plan_by_itself(&mut self, request: &PlanRequest) -> Result<Message, Refusal> {
-        self.takes(Event::Plan)?;
+        self.check_event(Event::Plan)?;
         let start = Pose::try_from(request.start).map_err(|_| Refusal::NoPlan)?;
         let goal = Pose::try_from(request.goal).map_err(|_| Refusal::NoPlan)?;
-        // A near goal takes some ten seconds, or a minute. The heater is off, so nothing needs the controller meanwhile but the watchdog.
+        // A near goal takes some ten seconds, or a minute. The heater is off, so only the watchdog needs the
+        // controller: the keep-alive callback feeds it.
         let robot = self.robot.clone();
         let watchdog = &mut self.parts.watchdog;
         let path = plan_meanwhile(&robot, &start, &goal, request.radius, request.planner, &mut || watchdog.feed())

@@ -13,11 +13,11 @@ use crate::safety::kept::{Unknown, fault_of};
 use crate::safety::transitions::{Event, may_feed, may_heat};
 use crate::stepping::Handover;
 
-/// The self-test takes this long at least, us: whatever must persist to count can persist, and an ADC that stopped at once has no
-/// reading any more that is young enough.
-const SELF_TEST_LEAST_US: u64 = 600_000;
+/// The self-test takes this long at least, us: whatever must persist to count can persist, and an ADC that stopped at
+/// once has no reading any more that is young enough.
+const SELF_TEST_MIN_US: u64 = 600_000;
 /// It has this long to find every sensor well, us.
-const SELF_TEST_MOST_US: u64 = 2_000_000;
+const SELF_TEST_MAX_US: u64 = 2_000_000;
 /// From nothing to full speed the fan takes so long, s.
 const FAN_RAMP_S: f64 = 10.0;
 /// Looks in a row, ten a second, at which the step interrupt has not run, that make a fault.
@@ -112,8 +112,8 @@ impl<B: Board> Controller<B> {
             Err(fault) => self.fail(fault, handover),
         }
         self.proof.regulator = true;
-        let least = self.robot.description().heater.extrusion_min_c;
-        if may_feed(self.state) && self.heater.temperature(self.now).is_some_and(|temperature| temperature < least) {
+        let min_c = self.robot.description().heater.extrusion_min_c;
+        if may_feed(self.state) && self.heater.temperature(self.now).is_some_and(|temperature| temperature < min_c) {
             self.fail(Fault::UnderTemperature, handover);
         }
         if let Some(tuned) = self.heater.take_tuned() {
@@ -138,7 +138,8 @@ impl<B: Board> Controller<B> {
         self.obey_emergency_stop(handover);
     }
 
-    /// A host that has fallen silent is as if it had asked to hold, unless it has said otherwise when it started the job.
+    /// A host that has fallen silent is as if it had asked to hold, unless it has said otherwise when it started the
+    /// job.
     fn heed_silence(&mut self) {
         let works = may_heat(self.state) && self.state != State::Tuning;
         if works
@@ -167,7 +168,8 @@ impl<B: Board> Controller<B> {
         let ticks = handover.ticks();
         self.ticks = if ticks == before { (ticks, still.saturating_add(1)) } else { (ticks, 0) };
         let works = may_heat(self.state);
-        // Only a reset lets go of motors that the interrupt holds and does not let go of: the watchdog is left to starve.
+        // Only a reset lets go of motors that the interrupt holds and does not let go of: the watchdog is left to
+        // starve.
         self.proof.steps = ticks != before || !(works || self.holds_motors);
         if self.ticks.1 >= LOOKS_WITHOUT_TICKS && (works || self.state == State::SelfTest) {
             self.fail(Fault::StepsStalled, handover);
@@ -182,12 +184,12 @@ impl<B: Board> Controller<B> {
     fn test(&mut self, look: &Look, handover: &Handover) {
         let measures = self.heater.temperature(self.now).is_some();
         let powered = !self.robot.description().sensors.supply || look.supply_v.is_some();
-        if self.in_state_us() < SELF_TEST_LEAST_US {
+        if self.in_state_us() < SELF_TEST_MIN_US {
             return;
         }
         if measures && powered {
             self.happens(Event::Tested);
-        } else if self.in_state_us() > SELF_TEST_MOST_US {
+        } else if self.in_state_us() > SELF_TEST_MAX_US {
             let fault = if measures { Fault::SupplyLow } else { self.heater.sensor_fault() };
             self.fail(fault, handover);
         }
@@ -242,9 +244,9 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// After a start: a fault that was never cleared is latched again, and a reset in the midst of work is a fault. So is one after
-    /// which nobody knows what was under way, though the memory has had power.
-    pub(super) fn take_up_fault(&mut self, unknown: Option<Unknown>) {
+    /// After a start: a fault that was never cleared is latched again, and a reset in the midst of work is a fault. So
+    /// is one after which nobody knows what was under way, though the memory has had power.
+    pub(super) fn restore_fault(&mut self, unknown: Option<Unknown>) {
         let cause = self.identity.reset_cause;
         let latched = self.kept.record.is_some_and(|record| !record.cleared);
         if let Some(under_way) = self.kept.under_way {

@@ -3,11 +3,11 @@
 //! The steps of both axes are spread evenly over the ticks of a sector: see [`super::spread`]. The ticks of a turn are
 //! virtual: see [`super::pace`].
 //!
-//! A step pulse is raised in one tick and lowered in the next, so it is high for a tick and low for at least one. A direction
-//! changes while no pulse is high, a tick at least before the next one.
+//! A step pulse is raised in one tick and lowered in the next, so it is high for a tick and low for at least one. A
+//! direction changes while no pulse is high, a tick at least before the next one.
 //!
-//! [`Engine::ticks_to_event`] and [`Engine::skip`] let a simulation pass over ticks in which no pin changes; what happens
-//! is the same, tick for tick.
+//! [`Engine::ticks_to_event`] and [`Engine::skip`] let a simulation pass over ticks in which no pin changes; what
+//! happens is the same, tick for tick.
 
 use embedded_hal::digital::{InputPin, OutputPin};
 use growbot_core::layer::SECTORS;
@@ -39,7 +39,8 @@ pub struct Inputs<I, M, S> {
 pub struct EngineSettings {
     mark: Mark,
     emergency_stop: bool,
-    /// Feed steps without a pulse of the filament's encoder that mean that it does not move; the greatest number without one.
+    /// So many feed steps without a pulse of the encoder mean that the filament does not move. `u32::MAX` without an
+    /// encoder.
     jam_steps: u32,
 }
 
@@ -140,7 +141,8 @@ where
     S: InputPin,
     O: Outputs,
 {
-    /// An idle engine; both drivers are switched off. The outputs are those that an emergency stop and an alarm switch off.
+    /// An idle engine; both drivers are switched off. The outputs are those that an emergency stop and an alarm switch
+    /// off.
     pub fn new(
         head: Axis<HS, HD, HE>,
         feed: Axis<FS, FD, FE>,
@@ -229,7 +231,7 @@ where
     }
 
     fn watch_and_advance(&mut self, handover: &Handover) -> Result<(), Alarm> {
-        let halted = handover.take_halt();
+        let halted = handover.acknowledge_halt();
         self.count_filament(handover)?;
         let stopped = self.emergency_stop(halted, handover)?;
         if stopped || halted {
@@ -259,11 +261,12 @@ where
         Ok(())
     }
 
-    /// Whether the emergency stop is pressed, or has come by the link. The controller hears of it however short that was.
+    /// Whether the emergency stop is pressed, or has come by the link. The controller hears of it however short that
+    /// was.
     fn emergency_stop(&mut self, halted: bool, handover: &Handover) -> Result<bool, Alarm> {
         let pressed =
             self.settings.emergency_stop && self.inputs.emergency_stop.is_high().map_err(|_| Alarm::Hardware)?;
-        let stopped = handover.take_call() || pressed;
+        let stopped = handover.acknowledge_call() || pressed;
         if stopped {
             handover.set_emergency_stop(true);
             if handover.order_waits() {
@@ -287,7 +290,7 @@ where
                 // Released, and the controller has not heard of it yet.
                 handover.refuse_order();
             }
-            let Some(task) = handover.take_order() else { return Ok(()) };
+            let Some(task) = handover.accept_order() else { return Ok(()) };
             if !self.begin(task, handover)? {
                 return Ok(());
             }

@@ -1,4 +1,5 @@
-//! Where the controller and the step interrupt meet: one order waiting, one report waiting, a halt, and what the interrupt sees.
+//! Where the controller and the step interrupt meet: one order waiting, one report waiting, a halt, and what the
+//! interrupt sees.
 
 use core::cell::Cell;
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
@@ -12,7 +13,8 @@ use super::turn::{Sector, Turn};
 
 /// An order as the engine takes it: without the sectors, of which it asks for one after the other.
 ///
-/// Here and in [`Done`] the numbers leave 0 for `None`: a [`Handover`] in which nothing waits is all zeros, and a board's costs no flash.
+/// Here and in [`Done`] the numbers leave 0 for `None`: a [`Handover`] in which nothing waits is all zeros, and a
+/// board's costs no flash.
 #[derive(Clone, Copy)]
 #[repr(u8)]
 pub(super) enum Task {
@@ -45,7 +47,8 @@ pub(super) enum Done {
     Alarm(Alarm) = 4,
 }
 
-/// One of two places, so that one turn can be laid while the next one waits, and counted while the one before is reported.
+/// One of two places, so that one turn can be laid while the next one waits, and counted while the one before is
+/// reported.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Slot {
     A,
@@ -85,11 +88,11 @@ impl<T: Copy> Slots<T> {
     }
 }
 
-/// Shared by the controller and the step interrupt. Every access is short and none waits: what belongs to a whole turn is
-/// copied sector by sector, so that neither the interrupt takes long nor the controller keeps it waiting.
+/// Shared by the controller and the step interrupt. Every access is short and none waits: what belongs to a whole turn
+/// is copied sector by sector, so that neither the interrupt takes long nor the controller keeps it waiting.
 ///
-/// The flags spare the interrupt a critical section in each tick. A flag and what it stands for change in one critical section,
-/// so that no tick falls between the two.
+/// The flags spare the interrupt a critical section in each tick. A flag and what it stands for change in one critical
+/// section, so that no tick falls between the two.
 pub struct Handover {
     task: Mutex<Cell<Option<Task>>>,
     /// Of the turn that is laid, and of the one that waits.
@@ -159,8 +162,8 @@ impl Handover {
         !self.order_waits.load(Ordering::Acquire) && !self.halt.load(Ordering::Acquire) && !self.emergency_stop()
     }
 
-    /// Controller: gives an order. One that still waits is replaced: only [`Handover::halt`] before makes that safe, since the
-    /// engine may be braking for it.
+    /// Controller: gives an order. One that still waits is replaced: only [`Handover::halt`] before makes that safe,
+    /// since the engine may be braking for it.
     pub fn give(&self, order: Order) {
         self.refuse_order();
         let (task, entry) = match order {
@@ -201,15 +204,15 @@ impl Handover {
             Done::Alarm(alarm) => alarm.report(),
         });
         critical_section::with(|cs| {
-            // An alarm may have come meanwhile.
+            // An alarm may have come since.
             let alarm = self.done.borrow(cs).get();
             self.report_waits.store(alarm.is_some(), Ordering::Release);
         });
         report
     }
 
-    /// Controller: stops the steppers and lets go of them at the next tick. Orders and reports that wait are forgotten, and so
-    /// is an emergency stop that is no longer pressed.
+    /// Controller: stops the steppers and lets go of them at the next tick. Orders and reports that wait are forgotten,
+    /// and so is an emergency stop that is no longer pressed.
     pub fn halt(&self) {
         critical_section::with(|cs| {
             self.halt.store(true, Ordering::Release);
@@ -219,15 +222,15 @@ impl Handover {
         });
     }
 
-    /// Whether the emergency stop is pressed, or was pressed since the last [`Handover::halt`]. The engine has let go by itself and
-    /// takes no orders.
+    /// Whether the emergency stop is pressed, or was pressed since the last [`Handover::halt`]. The engine has let go
+    /// by itself and takes no orders.
     #[must_use]
     pub fn emergency_stop(&self) -> bool {
         self.emergency_stop.load(Ordering::Acquire)
     }
 
-    /// The line's interrupt: an emergency stop has come by the link. The engine lets go at its next tick, as if the input were pressed
-    /// for a moment.
+    /// The UART's interrupt: an emergency stop has come by the link. The engine lets go at its next tick, as if the
+    /// input were pressed for a moment.
     pub fn call_emergency_stop(&self) {
         self.emergency_stop.store(true, Ordering::Release);
         self.called.store(true, Ordering::Release);
@@ -286,8 +289,8 @@ impl Handover {
         self.halt.load(Ordering::Acquire)
     }
 
-    /// Engine: whether to halt now. Asking clears it.
-    pub(super) fn take_halt(&self) -> bool {
+    /// Engine: whether to halt now. The halt no longer waits then.
+    pub(super) fn acknowledge_halt(&self) -> bool {
         // A load first: a swap in each tick would cost more than the rest of an idle tick.
         self.halt_waits() && self.halt.swap(false, Ordering::AcqRel)
     }
@@ -297,14 +300,14 @@ impl Handover {
         self.order_waits.load(Ordering::Acquire)
     }
 
-    /// Engine: the rate at which the next turn can follow this one, 0 if it must stop: where no turn waits, or the report of
-    /// this one would find no room.
+    /// Engine: the rate at which the next turn can follow this one, 0 if it must stop: where no turn waits, or the
+    /// report of this one would find no room.
     pub(super) fn passing(&self) -> u32 {
         if self.report_waits() { 0 } else { self.entry.load(Ordering::Acquire) }
     }
 
-    /// Engine: takes the order.
-    pub(super) fn take_order(&self) -> Option<Task> {
+    /// Engine: accepts the order that waits.
+    pub(super) fn accept_order(&self) -> Option<Task> {
         critical_section::with(|cs| {
             let task = self.task.borrow(cs).get();
             self.forget(cs);
@@ -348,8 +351,8 @@ impl Handover {
         self.called.load(Ordering::Acquire)
     }
 
-    /// Engine: whether an emergency stop has come by the link. Asking clears it.
-    pub(super) fn take_call(&self) -> bool {
+    /// Engine: whether an emergency stop has come by the link. It no longer waits then.
+    pub(super) fn acknowledge_call(&self) -> bool {
         self.call_waits() && self.called.swap(false, Ordering::AcqRel)
     }
 

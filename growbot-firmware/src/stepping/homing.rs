@@ -58,7 +58,7 @@ impl HomingRun {
         match &mut self.steps_to_zero {
             Some(0) => return Ok(true),
             Some(left) => *left -= 1,
-            None if self.steps_made == self.homing.most_steps => return Err(Alarm::IndexNotFound),
+            None if self.steps_made == self.homing.max_steps => return Err(Alarm::IndexNotFound),
             None => self.steps_made += 1,
         }
         self.ticks_to_step = self.homing.ticks_per_step;

@@ -1,8 +1,8 @@
 //! The index mark, looked for in every turn: whether the head still is where its steps say.
 //!
-//! The head's position is known since homing. At each of its steps the sensor must see the mark where the mark is, must not see
-//! it elsewhere, and may do either within a tolerance round both edges. Two samples in a row that contradict this are
-//! needed, so that a single disturbed one is no alarm. It is the same in both directions of turning.
+//! The head's position is known since homing. At each of its steps the sensor must see the mark where the mark is, must
+//! not see it elsewhere, and may do either within a tolerance round both edges. Two samples in a row that contradict
+//! this are needed, so that a single disturbed one is no alarm. It is the same in both directions of turning.
 
 use embedded_hal::digital::InputPin;
 use growbot_core::angle::{radians, wrap_positive};

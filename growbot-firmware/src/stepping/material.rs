@@ -1,9 +1,9 @@
 //! What the layers of a job amount to so far, to the step, and what rounding has left owing.
 //!
-//! A turn makes whole steps, so a layer as laid is off by a fraction of a step in height, and by about a quarter of a step in its
-//! lean to one side. Left alone both would add up, since layers of a segment are all alike and rounded alike. So feed steps are
-//! counted from the beginning of the job, and the lean that one layer lacked is asked of the next one: height and direction of a
-//! body stay within a step's worth of the plan however long it grows.
+//! A turn makes whole steps, so a layer as laid is off by a fraction of a step in height, and by about a quarter of a
+//! step in its lean to one side. Left alone both would add up, since layers of a segment are all alike and rounded
+//! alike. So feed steps are counted from the beginning of the job, and the lean that one layer lacked is asked of the
+//! next one: height and direction of a body stay within a step's worth of the plan however long it grows.
 
 use growbot_core::angle::wrap_positive;
 use growbot_core::layer::Layer;
@@ -17,9 +17,10 @@ use crate::journal::Carry;
 use super::pace::Ends;
 use super::turn::{StepRate, Turn};
 
-/// The lean that rounding can leave owing, in the height of a step spread over the whole ring: with every edge of a sector off by
-/// half a step, the first harmonic is off by `2 pi` at most. What goes beyond, because a layer was too thin to pay, is forgotten.
-const MOST_OWED_STEPS: f64 = core::f64::consts::TAU;
+/// The lean that rounding can leave owing, in the height of a step spread over the whole ring: with every edge of a
+/// sector off by half a step, the first harmonic is off by `2 pi` at most. What goes beyond, because a layer was too
+/// thin to pay, is forgotten.
+const MAX_OWED_STEPS: f64 = core::f64::consts::TAU;
 
 /// Lean that is owed is kept in these parts of a step, so that it can be written down as it is.
 const LEAN_UNITS: f64 = 4096.0;
@@ -55,9 +56,9 @@ impl Material {
     /// The turn that lays a layer next, counter-clockwise or (`backwards`) clockwise. The layer counts as laid.
     ///
     /// # Errors
-    /// [`StepRate`] if a sector asks for more than one step in two ticks, the layer for no height or for feed taken back, or
-    /// its profile for more acceleration than the motors have.
-    /// No layer does that which [`growbot_core::layer_bytes::decode_checked`] has passed. The layer does not count then.
+    /// [`StepRate`] if a sector asks for more than one step in two ticks, the layer for no height or for feed taken
+    /// back, or its profile for more acceleration than the motors have. No layer does that which
+    /// [`growbot_core::layer_bytes::decode_checked`] has passed. The layer does not count then.
     pub fn lay(&mut self, bytes: &LayerBytes, robot: &Robot, backwards: bool) -> Result<Turn, StepRate> {
         let fields = Fields::of(bytes);
         if fields.height == 0 {
@@ -81,9 +82,9 @@ impl Material {
         let (turn, ends) = lay(&paying).or_else(|StepRate| lay(&layer))?;
         self.before = Some(ends);
         let mut owed = (asked - lean(&turn.layer(robot), robot)) / unit;
-        let most = MOST_OWED_STEPS * LEAN_UNITS;
-        if owed.norm() > most {
-            owed *= most / owed.norm();
+        let max = MAX_OWED_STEPS * LEAN_UNITS;
+        if owed.norm() > max {
+            owed *= max / owed.norm();
         }
         self.carry = Carry {
             height_units: self.carry.height_units + u64::from(fields.height),
@@ -118,12 +119,7 @@ mod tests {
                     let bytes = bytes(&layer);
                     let turn = material.lay(&bytes, &robot, false).unwrap();
                     owed += lean(&decode(&bytes), &robot) - lean(&turn.layer(&robot), &robot);
-                    assert!(
-                        owed.norm() <= MOST_OWED_STEPS * step,
-                        "{} owes {} steps",
-                        robot.name(),
-                        owed.norm() / step
-                    );
+                    assert!(owed.norm() <= MAX_OWED_STEPS * step, "{} owes {} steps", robot.name(), owed.norm() / step);
                 }
             }
         }

@@ -22,7 +22,7 @@ pub struct Homing {
     /// Ticks between two steps of the head, 2 at least.
     pub ticks_per_step: u32,
     /// Give up after so many steps without the leading edge of the mark.
-    pub most_steps: u32,
+    pub max_steps: u32,
     /// Steps from the leading edge to the tip's x axis.
     pub steps_to_zero: u32,
 }

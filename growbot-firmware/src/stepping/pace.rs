@@ -1,12 +1,12 @@
 //! Ramps: how the time of a turn speeds up and slows down.
 //!
-//! The sectors of a turn are laid out in *virtual ticks*. A real tick moves virtual time on by the *rate*, [`ONE`] at most: an
-//! accumulator adds it up, and each time it overflows a virtual tick is due. So both axes slow down together and lay the same
-//! plastic at any rate, to the step.
+//! The sectors of a turn are laid out in *virtual ticks*. A real tick moves virtual time on by the *rate*, [`ONE`] at
+//! most: an accumulator adds it up, and each time it overflows a virtual tick is due. So both axes slow down together
+//! and lay the same plastic at any rate, to the step.
 //!
-//! From rest the rate begins at what the motors can do at an instant and goes up evenly; before the end of a turn it goes
-//! down in time, to what allows a stop, or to what the next turn can be entered at. Slopes and rates come with each
-//! turn ([`Pace`]), so that the interrupt multiplies and compares, and divides nothing.
+//! From rest the rate begins at what the motors can do at an instant and goes up evenly; before the end of a turn it
+//! goes down in time, to what allows a stop, or to what the next turn can be entered at. Slopes and rates come with
+//! each turn ([`Pace`]), so that the interrupt multiplies and compares, and divides nothing.
 
 use growbot_core::robot::{AxisMotion, LayerMotion};
 
@@ -18,11 +18,11 @@ const FRACTION: u32 = 24;
 /// How fast a turn may be begun, entered and ended, and how fast that may change. Rates in units of 2^-24.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Pace {
-    /// The greatest rate from rest, and to rest.
+    /// The max rate from rest, and to rest.
     pub(super) start: u32,
     /// By how much the rate may change in a tick.
     pub(super) slope: u32,
-    /// The greatest rate at which the turn may follow the one before: the change of speed between the two is within what the
+    /// The max rate at which the turn may follow the one before: the change of speed between the two is within what the
     /// motors can do at an instant, and there is room enough to brake.
     pub(super) entry: u32,
     /// Virtual ticks within which any rate can be braked away.
@@ -55,9 +55,9 @@ impl Pace {
     /// The pace of a turn of so many ticks that follows another.
     pub(super) fn of(motion: &LayerMotion, ends: &Ends, before: Option<&Ends>, tick_hz: u32, ticks: u32) -> Self {
         let axes = [&motion.head, &motion.feed];
-        let least = |share: &dyn Fn(&AxisMotion) -> f64| axes.into_iter().map(share).fold(1.0, f64::min);
-        let start = units(least(&|axis| axis.jump / axis.speed));
-        let slope = units(least(&|axis| {
+        let min_share = |share: &dyn Fn(&AxisMotion) -> f64| axes.into_iter().map(share).fold(1.0, f64::min);
+        let start = units(min_share(&|axis| axis.jump / axis.speed));
+        let slope = units(min_share(&|axis| {
             if axis.needs_no_ramp() { 1.0 } else { axis.ramp / axis.speed / f64::from(tick_hz) }
         }));
         let change = before.map_or([0.0; 2], |before| [ends.head - before.head, ends.feed - before.feed]);
@@ -76,8 +76,8 @@ impl Pace {
         }
     }
 
-    /// The most ticks that a turn can take beyond its own: two ramps up and two down, since an order that comes while it brakes
-    /// speeds it up again, and some virtual ticks at the slowest rate.
+    /// The max ticks that a turn can take beyond its own: two ramps up and two down, since an order that comes while it
+    /// brakes speeds it up again, and some virtual ticks at the slowest rate.
     pub(super) fn ramps_ticks(&self) -> u32 {
         let slowest = ONE.div_ceil(self.start.min(self.entry).max(1));
         self.braking.saturating_mul(4).saturating_add(slowest.saturating_mul(4))
@@ -104,8 +104,8 @@ impl Clock {
         self.rate = if self.rate <= pace.entry { self.rate.max(pace.start) } else { pace.start };
     }
 
-    /// One tick on, with so many virtual ticks of the turn left: whether one is due. `passing` is the rate at which the next
-    /// turn can be entered, 0 without one.
+    /// One tick on, with so many virtual ticks of the turn left: whether one is due. `passing` is the rate at which the
+    /// next turn can be entered, 0 without one.
     pub fn tick(&mut self, pace: &Pace, left: u32, passing: u32) -> bool {
         let goal = passing.max(pace.start);
         if self.rate != ONE || (goal != ONE && left <= pace.braking) {
@@ -129,8 +129,9 @@ impl Clock {
         }
     }
 
-    /// Whether this tick can pass at a rate. Each tick after it takes off a slope, until the goal is reached: from `r` to `g` by `s`,
-    /// that takes `(r + g)(r - g + s) / 2 s` of virtual time. Nothing overflows, since `left` is within [`Pace::braking`].
+    /// Whether this tick can pass at a rate. Each tick after it takes off a slope, until the goal is reached: from `r`
+    /// to `g` by `s`, that takes `(r + g)(r - g + s) / 2 s` of virtual time. Nothing overflows, since `left` is within
+    /// [`Pace::braking`].
     fn can_brake(&self, pace: &Pace, left: u32, goal: u32, rate: u32) -> bool {
         let Some(over) = rate.checked_sub(goal) else { return true };
         let room = (u64::from(left) << FRACTION) - u64::from(self.accumulator);

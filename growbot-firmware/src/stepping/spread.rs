@@ -1,7 +1,8 @@
 //! Spreads the steps of a sector evenly over its ticks, by adding and comparing.
 //!
-//! With `n` steps in `t` ticks, `n` is added in each tick to an accumulator that starts at `t / 2`. Each time it reaches `t`,
-//! a step is due. So steps fall where the even line crosses half steps, and after `t` ticks there are exactly `n`.
+//! With `n` steps in `t` ticks, `n` is added in each tick to an accumulator that starts at `t / 2`. Each time it
+//! reaches `t`, a step is due. So steps fall where the even line crosses half steps, and after `t` ticks there are
+//! exactly `n`.
 
 /// Spreads steps evenly over ticks.
 #[derive(Debug, Clone, Copy)]

@@ -1,5 +1,5 @@
-//! Layers through [`Material`] and [`Engine`] to the pins, and what stands at the other end of the pins: motors, an index
-//! mark, a filament's encoder and a button. What must hold for every pulse is asserted at every pulse.
+//! Layers through [`Material`] and [`Engine`] to the pins, and what stands at the other end of the pins: motors, an
+//! index mark, a filament's encoder and a button. What must hold for every pulse is asserted at every pulse.
 
 use core::f64::consts::TAU;
 use std::cell::{Cell, RefCell};
@@ -209,7 +209,7 @@ impl Rig {
     fn homing(&self) -> Homing {
         let turn = self.robot.description().head.steps_per_turn;
         let mark = self.world.mark.rem_euclid(i64::from(turn)) as u32;
-        Homing { ticks_per_step: 4, most_steps: turn + turn / 2, steps_to_zero: (turn - mark) % turn }
+        Homing { ticks_per_step: 4, max_steps: turn + turn / 2, steps_to_zero: (turn - mark) % turn }
     }
 
     fn moved(&self, motor: usize) -> i64 {
@@ -228,9 +228,9 @@ impl Rig {
         self.world.rises.borrow().clone().unwrap()
     }
 
-    /// One event, and the quiet ticks before it, of which there are fewer than `most`.
-    fn advance(&mut self, most: u32) {
-        let quiet = if self.skipping { self.engine.ticks_to_event(&self.handover).min(most) - 1 } else { 0 };
+    /// One event, and the quiet ticks before it, of which there are fewer than `max`.
+    fn advance(&mut self, max: u32) {
+        let quiet = if self.skipping { self.engine.ticks_to_event(&self.handover).min(max) - 1 } else { 0 };
         self.engine.skip(quiet);
         self.world.now.set(self.world.now.get() + u64::from(quiet) + 1);
         self.engine.tick(&self.handover);
@@ -360,7 +360,7 @@ fn five_thousand_layers_are_laid_to_the_step() {
             for (i, made) in report.feed.iter().enumerate() {
                 let closed_form = edge(i + 1) - edge(i);
                 let off = (f64::from(*made) - closed_form).abs();
-                // A step by rounding; what the layers before owe is a tenth of a step in a sector at most.
+                // A step by rounding; what the layers before owe is a tenth of a step in a sector at max.
                 assert!(off <= (0.01 * closed_form).max(1.1), "sector {i}: {made} for {closed_form}");
             }
         }
@@ -448,7 +448,7 @@ fn assert_limits(rig: &Rig, rises: &[(u64, usize, bool)]) {
         let positions = positions(rises, motor, per_unit, every, until);
         let speeds: Vec<f64> = positions.windows(2).map(|pair| (pair[1] - pair[0]) / window).collect();
         assert!(speeds.iter().any(|speed| speed.abs() > 2.0 * jump), "no ramp is needed");
-        // Each end of a window is a step off at most, by rounding.
+        // Each end of a window is a step off at max, by rounding.
         let grain = 4.0 / per_unit / window;
         for (i, a) in speeds.iter().enumerate() {
             for (n, b) in speeds[i..].iter().enumerate() {
@@ -750,13 +750,13 @@ fn a_single_disturbed_sample_is_no_alarm() {
 
 #[test]
 fn homing_tells_what_is_wrong_with_the_mark() {
-    for (sensor, report, most) in
+    for (sensor, report, max) in
         [(Sensor::Dead, Report::IndexNotFound, 4800), (Sensor::Stuck, Report::IndexStuck, 44 + 18)]
     {
         let mut rig = Rig::new(robot_a());
         rig.world.sensor.set(sensor);
         assert_eq!(rig.order(Order::Home(rig.homing())), report);
-        assert!(!rig.holds() && rig.moved(HEAD) <= most, "{} steps", rig.moved(HEAD));
+        assert!(!rig.holds() && rig.moved(HEAD) <= max, "{} steps", rig.moved(HEAD));
     }
     // From within the mark it goes round once more.
     let mut rig = Rig::new(robot_a());

@@ -1,9 +1,9 @@
 //! One layer as one turn of the head: how many steps of head and feed, in how many ticks, in each sector.
 //!
-//! The material between angle 0 and `psi` has a closed form ([`Layer::share_of_material`]). At the edges of the
-//! sectors both axes stand where it puts them, to the step; within a sector both run evenly. Running evenly within a
-//! sector flattens the first harmonic of the profile, which *is* the tilt, by `sinc^2` of half the sector's angle (0.08 % for 64
-//! sectors); the turn asks for that much more, so that the layer as laid has the tilt that was asked for.
+//! The material between angle 0 and `psi` has a closed form ([`Layer::share_of_material`]). At the edges of the sectors
+//! both axes stand where it puts them, to the step; within a sector both run evenly. Running evenly within a sector
+//! flattens the first harmonic of the profile, which *is* the tilt, by `sinc^2` of half the sector's angle (0.08 % for
+//! 64 sectors); the turn asks for that much more, so that the layer as laid has the tilt that was asked for.
 //!
 //! Two strategies lay the same steps in the same sectors: `feed` gives every sector the same time and varies the feed,
 //! `speed` gives every sector time in proportion to its material, so that the feed is steady and the head slower where
@@ -56,12 +56,12 @@ fn flattening() -> f64 {
 }
 
 impl Turn {
-    /// The turn that lays this profile from one position of the feed to another, and how it ends: `feed_steps` gives the
-    /// position, in steps and not rounded, after a share of the layer. `before` is how the turn before has ended.
+    /// The turn that lays this profile from one position of the feed to another, and how it ends: `feed_steps` gives
+    /// the position, in steps and not rounded, after a share of the layer. `before` is how the turn before has ended.
     ///
     /// # Errors
-    /// [`StepRate`] if a sector asks for more than one step in two ticks, for feed taken back, or for more acceleration than
-    /// the motors have.
+    /// [`StepRate`] if a sector asks for more than one step in two ticks, for feed taken back, or for more acceleration
+    /// than the motors have.
     pub(super) fn new(
         profile: &Layer,
         feed_steps: impl Fn(f64) -> f64,
@@ -120,7 +120,7 @@ impl Turn {
         self.pace.start == ONE
     }
 
-    /// The most ticks that it can take, from rest to rest and with an order that comes late: what takes longer is stuck.
+    /// The max ticks that it can take, from rest to rest and with an order that comes late. What takes longer is stuck.
     #[must_use]
     pub fn longest_ticks(&self) -> u32 {
         self.ticks.saturating_add(self.pace.ramps_ticks())
@@ -135,7 +135,8 @@ impl Turn {
 
 /// The layer that the feed steps made in each sector amount to.
 ///
-/// The mean height follows from the sum, tilt and alpha from the first harmonic: `h(psi) = h + r_t phi cos(psi - alpha)`.
+/// The mean height follows from the sum, tilt and alpha from the first harmonic: `h(psi) = h + r_t phi cos(psi -
+/// alpha)`.
 #[must_use]
 pub fn as_built(feed: &[u32; SECTORS], robot: &Robot) -> Layer {
     let half_sector = PI / SECTORS as f64;
@@ -183,9 +184,11 @@ mod tests {
             let turn = lay(&layer, &robot).unwrap();
             let steps = layer.height * robot.feed_steps_per_length();
             for (index, sector) in turn.sectors.iter().enumerate() {
-                let share = |edge: usize| layer.share_of_material(TAU * edge as f64 / SECTORS as f64, robot.tip_radius());
+                let angle = |edge: usize| TAU * edge as f64 / SECTORS as f64;
+                let share = |edge: usize| layer.share_of_material(angle(edge), robot.tip_radius());
                 let closed_form = steps * (share(index + 1) - share(index));
-                prop_assert!((f64::from(sector.feed) - closed_form).abs() <= 1.1, "{index}: {} for {closed_form}", sector.feed);
+                let feed = f64::from(sector.feed);
+                prop_assert!((feed - closed_form).abs() <= 1.1, "{index}: {feed} for {closed_form}");
             }
         }
 

@@ -1,4 +1,5 @@
-//! Two wires with a chip at the other end, level by level: a BMI160 as far as its I2C interface and the registers used here go.
+//! Two wires with a chip at the other end, level by level: a BMI160 as far as its I2C interface and the registers used
+//! here go.
 
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -178,7 +179,7 @@ impl Bus {
     fn fall(&mut self) {
         self.chip_data_low = false;
         self.phase = match self.phase {
-            Phase::Takes { what, byte, bits: 8 } => self.take(what, byte),
+            Phase::Takes { what, byte, bits: 8 } => self.accept_byte(what, byte),
             Phase::Acknowledges { reads: true, .. } | Phase::Listens { goes_on: true } => self.send(),
             Phase::Acknowledges { reads: false, next } => Phase::Takes { what: next, byte: 0, bits: 0 },
             Phase::Sends { bits: 8, .. } => Phase::Listens { goes_on: false },
@@ -191,7 +192,7 @@ impl Bus {
         };
     }
 
-    fn take(&mut self, what: What, byte: u8) -> Phase {
+    fn accept_byte(&mut self, what: What, byte: u8) -> Phase {
         let (acknowledged, reads, next) = match what {
             What::Address => (byte >> 1 == ADDRESS, byte & 1 == 1, What::Register),
             What::Register => (true, false, What::Data),
@@ -282,7 +283,7 @@ impl FakeWires {
         self.0.borrow_mut().clocks_left = Some(clocks);
     }
 
-    /// The board is back: its pins have let go meanwhile.
+    /// The board is back: its pins have let go in between.
     pub fn mend(&self) {
         let mut bus = self.0.borrow_mut();
         (bus.clocks_left, bus.broken) = (None, false);

@@ -1,4 +1,5 @@
-//! What is wrong with the board itself: a debug probe that may halt it, a crystal that does not start; and that no fault is for ever.
+//! What is wrong with the board itself: a debug probe that may halt it, a crystal that does not start; and that no
+//! fault is for ever.
 
 use growbot_core::link::message::{Fault, Refusal, ResetCause, State};
 use growbot_core::robot::{Robot, Sensors};

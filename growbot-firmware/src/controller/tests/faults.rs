@@ -1,5 +1,5 @@
-//! Every fault by its real cause, in every state in which it can occur. A `StepRate` does not occur, since no layer that asks
-//! for it passes its check.
+//! Every fault by its real cause, in every state in which it can occur. A `StepRate` does not occur, since no layer
+//! that asks for it passes its check.
 
 use growbot_core::link::message::{Empty, Fault, LatestFault, Message, Refusal, State, StateChanged};
 

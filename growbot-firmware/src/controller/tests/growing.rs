@@ -47,8 +47,8 @@ fn assert_laid(bench: &mut Bench, layers: &[LayerBytes]) {
         assert_eq!((laid.plan_id, laid.index), (PLAN, index as u32));
         let as_built = laid.as_built.unwrap();
         assert!((decode(&as_built).height - decode(asked).height).abs() <= step, "height of layer {index}");
-        // Every sector begins and ends within half a step of where it should. In the first harmonic that is 2 pi steps at most, and
-        // what one layer owes the next one pays: it never adds up.
+        // Every sector begins and ends within half a step of where it should. In the first harmonic that is 2 pi steps
+        // at most, and what one layer owes the next one pays: it never adds up.
         owed += lean(asked) - lean(&as_built);
         assert!(owed.norm() <= std::f64::consts::TAU * step, "lean after layer {index}");
     }

@@ -172,8 +172,8 @@ fn what_another_firmware_has_retained_is_a_fault_whatever_it_was() {
     }
 }
 
-/// What a start would find in the memory after every write of those under way, torn at every byte; the byte that the reset met holds
-/// anything.
+/// What a start would find in the memory after every write of those under way, torn at every byte; the byte that the
+/// reset met holds anything.
 fn found_after_tears(
     mut memory: [u8; KEPT_BYTES],
     writes: &[(usize, [u8; COPY_BYTES])],

@@ -1,4 +1,5 @@
-//! A job that was interrupted, taken up again: every layer is laid once, and those after the interruption are as if there had been none.
+//! A job that was interrupted, taken up again: every layer is laid once, and those after the interruption are as if
+//! there had been none.
 
 use std::vec::Vec;
 

@@ -14,7 +14,8 @@ use crate::testing::flash::Flash;
 use crate::testing::{FakePins, FakePower};
 use crate::thermistor::{FULL_SCALE, reading};
 
-/// Pins by number: step, direction, enable of the head, then of the feed; index sensor; the heater's second switch; inputs.
+/// Pins by number: step, direction, enable of the head, then of the feed; index sensor; the heater's second switch;
+/// inputs.
 pub const HEAD: usize = 0;
 pub const FEED: usize = 3;
 pub const INDEX: usize = 6;
