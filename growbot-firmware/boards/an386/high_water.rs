@@ -46,7 +46,7 @@ impl HighWater {
     }
 }
 
-/// Calls itself for ever, each time with a frame of its own.
+/// Calls itself without end, each time with a frame of its own.
 #[expect(unconditional_recursion, reason = "it is to overflow the stack")]
 #[inline(never)]
 fn overflow(depth: u32) -> u32 {
@@ -54,13 +54,13 @@ fn overflow(depth: u32) -> u32 {
     overflow(black_box(depth + 1)) ^ black_box(frame)[0]
 }
 
-/// Does what the processor does not know.
+/// Runs an instruction that the processor does not know.
 #[inline(never)]
 fn undefined_instruction() {
     cortex_m::asm::udf();
 }
 
-/// Reads where there is nothing.
+/// Reads from an address without memory.
 #[inline(never)]
 fn access_in_vain() -> u32 {
     // SAFETY: nothing is there: the processor faults, which is what is wanted.

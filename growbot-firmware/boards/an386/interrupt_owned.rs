@@ -3,14 +3,14 @@
 use core::cell::UnsafeCell;
 use core::sync::atomic::{AtomicBool, Ordering};
 
-/// Is filled once by `main`, and from then on used by a single interrupt handler without any lock.
+/// `main` fills it once. From then on a single interrupt handler uses it, without a lock.
 pub struct InterruptOwned<T> {
     given: AtomicBool,
     value: UnsafeCell<Option<T>>,
 }
 
-// SAFETY: the value is reached in two ways only: `give`, which does so before `given` is true, and `with`, which does
-// so after, from the one handler that its caller has promised. So there is never more than one at a time.
+// SAFETY: only `give` and `with` reach the value. `give` does so before `given` is true. `with` does so after, and its
+// caller promises that one handler calls it. So there is never more than one access at a time.
 unsafe impl<T: Send> Sync for InterruptOwned<T> {}
 
 impl<T> InterruptOwned<T> {

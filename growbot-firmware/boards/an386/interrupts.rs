@@ -26,12 +26,12 @@ unsafe impl InterruptNumber for Interrupt {
 const PRIORITIES: [(Interrupt, u8); 3] =
     [(Interrupt::StepTick, 0x20), (Interrupt::UartReceive, 0x40), (Interrupt::UartTransmit, 0x60)];
 
-/// Lets the interrupts through. Whatever their handlers use must be in place.
+/// Enables the interrupts. Whatever their handlers use must be in place.
 pub fn start(nvic: &mut NVIC) {
     for (interrupt, priority) in PRIORITIES {
         // SAFETY: no code here is protected by a priority mask that this could undercut.
         unsafe { nvic.set_priority(interrupt, priority) };
-        // SAFETY: the caller has put everything in place that the handlers use, and holds no critical section.
+        // SAFETY: the caller has put in place what the handlers use, and holds no critical section.
         unsafe { NVIC::unmask(interrupt) };
     }
 }

@@ -33,8 +33,8 @@ static TICKS_HI: AtomicU32 = AtomicU32::new(0);
 
 static TICK_HZ: AtomicU32 = AtomicU32::new(1);
 
-/// Starts the ticks (they come once the interrupts are let through), at a rate that
-/// [`growbot_core::robot::Robot::check_for_board`] has found possible.
+/// Starts the ticks, which come once the interrupts are enabled. [`growbot_core::robot::Robot::check_for_board`] has
+/// checked the rate.
 pub fn start(engine: StepEngine, tick_hz: u32, clock_hz: u32) {
     ENGINE.give(engine);
     TICK_HZ.store(tick_hz, Ordering::Relaxed);

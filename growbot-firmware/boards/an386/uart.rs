@@ -45,7 +45,7 @@ pub struct Uart {
 }
 
 impl Uart {
-    /// Sets the UART up. Bytes flow once the interrupts are let through.
+    /// Sets the UART up. Bytes flow once the interrupts are enabled.
     pub fn start(clock_hz: u32) -> Self {
         // The emulator ignores the rate, but wants a divider of at least 16.
         BAUD_DIVIDER.write((clock_hz / 115_200).max(16));
@@ -65,7 +65,7 @@ static WATCH: InterruptOwned<Recogniser> = InterruptOwned::empty();
 
 /// Takes what has been received. An emergency stop is obeyed here, ahead of everything that is queued.
 pub fn on_receive() {
-    // Cleared before the bytes are read: cleared afterwards, it would take the news of a byte that comes in between.
+    // Cleared before the bytes are read. Cleared afterwards, it would lose a byte that comes in between.
     INTERRUPT_CLEAR.write(CLEAR_RECEIVE);
     while STATE.read() & STATE_RECEIVE_FULL != 0 {
         let byte = (DATA.read() & 0xFF) as u8;
@@ -77,7 +77,7 @@ pub fn on_receive() {
     }
 }
 
-/// Everything off before anything else runs, where an emergency stop has come.
+/// Switches everything off before anything else runs, if an emergency stop has come.
 fn obey(emergency_stop: bool) {
     if emergency_stop {
         // First, so that no step in between holds a motor again.

@@ -15,7 +15,7 @@ unsafe fn DefaultHandler(number: i16) {
         RECEIVE => uart::on_receive(),
         TRANSMIT => uart::on_transmit(),
         STEP_TICK => step_timer::on_tick(),
-        // None of the others is ever let through.
+        // No other interrupt is enabled.
         _ => {}
     }
 }

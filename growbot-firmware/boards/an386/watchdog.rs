@@ -22,8 +22,8 @@ const CONTROL_RESET: u32 = 1 << 1;
 /// The running watchdog. It cannot be stopped again.
 pub struct BoardWatchdog(());
 
-/// How long it waits to be fed, s. Time on this board is the desktop's, which may leave the emulator standing for a
-/// while when it has other work; the robot's board waits for one.
+/// How long it waits to be fed, s. Time on this board is the desktop's, which may stop the emulator for a while when it
+/// has other work. The robot's board waits for 1 s.
 const PATIENCE: u32 = 10;
 
 /// Starts the watchdog: the tip is made safe [`PATIENCE`] after the last feed, and the board resets as long after that.
@@ -48,8 +48,8 @@ fn feed() {
     LOCK.write(0);
 }
 
-/// Nothing but feeding the watchdog, for as long as the host wants it: whatever is switched off now, an interrupt
-/// switches off.
+/// Only feeds the watchdog, for as long as the host wants the main loop to hang. Only an interrupt can switch anything
+/// off then.
 pub fn hang() {
     while tip::wants_hang() {
         feed();

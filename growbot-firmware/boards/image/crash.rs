@@ -1,5 +1,5 @@
-//! The latest crash: words in RAM that nothing clears, which the handler of the processor's faults fills in and the
-//! next start reads.
+//! The latest crash: words in RAM that nothing clears. The handler of the processor's faults writes them, and the next
+//! start reads them.
 
 use core::cell::UnsafeCell;
 use core::mem::MaybeUninit;
@@ -26,7 +26,7 @@ const HFSR: *const u32 = 0xE000_ED2C as *const u32;
 const MMFAR: *const u32 = 0xE000_ED34 as *const u32;
 const BFAR: *const u32 = 0xE000_ED38 as *const u32;
 
-/// The moment at which an exception was taken, as its handler finds it.
+/// What the handler of an exception finds.
 pub struct Moment {
     /// The stack pointer.
     pub stack_pointer: usize,
@@ -47,7 +47,7 @@ fn stack_word(address: u32) -> u32 {
     if within { unsafe { (at as *const u32).read_volatile() } } else { 0 }
 }
 
-/// Retains how things are in the handler of an exception that nothing returns from.
+/// Retains the state of the processor. Called by the handler of an exception that nothing returns from.
 #[inline(never)]
 pub fn retain(cause: ResetCause, boot_id: u32, moment: &Moment) {
     // SAFETY: registers that every Cortex-M4 has, and that may be read at any time.
@@ -63,7 +63,7 @@ pub fn retain(cause: ResetCause, boot_id: u32, moment: &Moment) {
     cortex_m::asm::dsb();
 }
 
-/// The latest crash that the memory knows of.
+/// The latest crash; none if the memory has none.
 pub fn latest() -> Option<CrashWords> {
     // SAFETY: aligned words; RAM may be read before it was written, whatever it holds.
     from_words(&core::array::from_fn(|index| unsafe { word(index).read_volatile() }))

@@ -1,8 +1,8 @@
-//! The firmware cannot panic: the linker finds no such function, so that an image in which a panic is left is no image.
+//! The firmware cannot panic. The panic handler calls a function that no crate defines, so an image with a panic in it
+//! does not link.
 //!
-//! "undefined symbol: growbot_firmware_can_panic" means that somewhere an index, a slice, a division, an `expect` or
-//! the like may fail as far as the compiler can tell. docs/decisions/0039-images-without-panics.md says how to find the
-//! place.
+//! The linker then says "undefined symbol: growbot_firmware_can_panic": as far as the compiler can tell, an index, a
+//! slice, a division or an `expect` may fail. docs/decisions/0039-images-without-panics.md says how to find it.
 
 use core::panic::PanicInfo;
 

@@ -1,8 +1,8 @@
-//! Logs through the debug probe: defmt's frames in a ring in memory, which the probe finds by its header and reads
-//! while the board runs (SEGGER's RTT).
+//! Logs through the debug probe (SEGGER's RTT). The frames of defmt are in a ring in memory. The probe finds it by its
+//! header and reads it while the board runs.
 //!
-//! A frame for which there is no room is left out: the robot never waits for a probe. (The crate `defmt-rtt` does, and
-//! leaves panics in the firmware.)
+//! A frame that finds no room is dropped: the robot never waits for a probe. (The crate `defmt-rtt` waits, and leaves
+//! panics in the firmware.)
 
 use core::cell::UnsafeCell;
 use core::sync::atomic::{AtomicU8, AtomicU32, Ordering};
@@ -27,7 +27,7 @@ struct Header {
     write: AtomicU32,
     /// Where the probe reads on; the probe's.
     read: AtomicU32,
-    /// 0: frames without room are left out. The probe may ask for another mode, in vain.
+    /// 0: frames without room are dropped. A probe that asks for another mode is ignored.
     mode: AtomicU32,
 }
 

@@ -9,7 +9,7 @@ use growbot_firmware::image_seal::{self, EMPTY, Seal};
 static GROWBOT_IMAGE_SEAL: Seal = EMPTY;
 
 unsafe extern "C" {
-    /// Where the memory map has the firmware's flash begin, and end. Addresses only.
+    /// Where the firmware's flash begins and ends in the memory map. Addresses only.
     static _image_start: u32;
     static _image_end: u32;
 }

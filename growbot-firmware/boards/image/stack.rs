@@ -15,8 +15,8 @@ unsafe extern "C" {
     static _stack_start: u32;
 }
 
-/// A fault that leaves less than this of the stack, or none, is an overflow: more than any one push, the exception's
-/// own frame, or what follows here takes.
+/// A fault that leaves less of the stack than this is an overflow, bytes. No push, no exception's frame and nothing
+/// that follows here takes as much.
 const LITTLE: usize = 512;
 
 /// Address of the lowest word of the stack.
@@ -29,9 +29,9 @@ pub fn top() -> usize {
     &raw const _stack_start as usize
 }
 
-/// The processor's faults come here. The stack pointer may point anywhere: where it does not leave enough of the stack,
-/// that begins anew, before anything needs it. Else it stays, so that what was on the stack can be told. What the
-/// processor still owes to the old one (the floating-point registers, by FPCCR.LSPACT) is let go.
+/// The handler of the processor's faults. The stack pointer may point anywhere. If it leaves too little of the stack,
+/// it is set to the top before anything uses the stack. Else it stays, so that the crash record can have what was on
+/// the stack. The floating-point registers that the processor has not saved yet (FPCCR.LSPACT) are dropped.
 #[unsafe(naked)]
 #[unsafe(export_name = "HardFault")]
 extern "C" fn hard_fault() -> ! {

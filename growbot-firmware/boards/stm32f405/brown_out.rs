@@ -1,4 +1,5 @@
-//! The processor's own supply: the detector that warns before it is too low, and the reset that holds where it is.
+//! The processor's own supply: the detector that warns before it is too low, and the reset that holds the processor
+//! while it is.
 //!
 //! The detector's interrupt switches the tip off and starts the board anew, which then says "brown-out". It comes with
 //! the fall below the threshold only: a board whose supply is still rising, or always that low, starts nevertheless,

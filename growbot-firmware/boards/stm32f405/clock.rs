@@ -1,5 +1,4 @@
-//! The board's clocks: those that its parts run by, and the time, by SysTick, a thousand times a second, and the
-//! microseconds between.
+//! The board's clocks, and the time: SysTick counts milliseconds, and its counter gives the microseconds between.
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
@@ -75,8 +74,8 @@ pub fn speed_up(rcc: &pac::RCC, flash: &pac::FLASH) -> Oscillator {
     if starts { Oscillator::Crystal } else { Oscillator::Internal }
 }
 
-/// The crystal has stopped: the clock security system's interrupt, which cannot be masked. The processor runs by the
-/// internal oscillator, ten times as slow, so that nothing would come in time any more.
+/// The interrupt of the clock security system, which cannot be masked: the crystal has stopped. The processor runs by
+/// the internal oscillator, ten times as slow, so that nothing would come in time any more.
 #[exception]
 unsafe fn NonMaskableInt() {
     crate::reset::end_by_clock_failure();

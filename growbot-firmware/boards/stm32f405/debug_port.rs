@@ -1,4 +1,4 @@
-//! What a debug probe may do to a robot, and what of it is taken back.
+//! What a debug probe may do to a robot, and what the firmware undoes.
 //!
 //! A probe can halt the processor at any moment, and so can a vector catch that it has left behind: the registers of
 //! debugging live until the power goes, whatever is reset or unplugged. What then holds the tip:

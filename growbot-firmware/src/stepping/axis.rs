@@ -4,7 +4,7 @@ use embedded_hal::digital::OutputPin;
 
 use super::orders::Alarm;
 
-/// A stepper driver: step, direction and enable pins. Levels are logical; a board that wires them the other way round
+/// A stepper driver: step, direction and enable pins. Levels are logical. A board that wires them the other way round
 /// wraps its pins in [`crate::polarity::Polarized`].
 pub struct Axis<S, D, E> {
     /// A rising edge is a step.
@@ -28,8 +28,8 @@ impl<S: OutputPin, D: OutputPin, E: OutputPin> Driver<S, D, E> {
         Self { pins, raised: false, backwards: None }
     }
 
-    /// Holds the motor and says which way it is to turn. Whether that is another one, so that a tick must pass before a
-    /// step.
+    /// Holds the motor and sets its direction. Returns whether the direction has changed, so that a tick must pass
+    /// before the next step.
     pub fn enable(&mut self, backwards: bool) -> Result<bool, Alarm> {
         let other = self.backwards != Some(backwards);
         if other {

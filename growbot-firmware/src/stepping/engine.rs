@@ -203,7 +203,7 @@ where
         }
     }
 
-    /// Passes over ticks in which nothing happens: fewer than [`Engine::ticks_to_event`].
+    /// Skips ticks in which nothing happens: fewer than [`Engine::ticks_to_event`].
     pub fn skip(&mut self, ticks: u32) {
         self.ticks = self.ticks.wrapping_add(ticks);
         match &mut self.mode {
@@ -320,7 +320,7 @@ where
         }
     }
 
-    /// Begins what is ordered. Whether it goes on in this very tick: a turn that follows another the same way.
+    /// Begins an order. Returns whether it goes on in this very tick: so does a turn that follows another the same way.
     fn begin(&mut self, task: Task, handover: &Handover) -> Result<bool, Alarm> {
         match task {
             Task::Home(homing) => {
@@ -351,7 +351,7 @@ where
         }
     }
 
-    /// Reports, or waits until the report before has been taken.
+    /// Reports, or waits until the controller has taken the report before.
     fn finish(&mut self, finished: Finished, handover: &Handover) {
         if handover.report_waits() {
             self.mode = Mode::Finished(finished);

@@ -18,7 +18,7 @@ impl FeedRun {
         Self { ticks_per_step, ticks_to_step: ticks_per_step, steps_left: order.steps }
     }
 
-    /// One tick: whether it is over.
+    /// One tick. Returns whether the move is over.
     pub fn tick<S: OutputPin, D: OutputPin, E: OutputPin>(
         &mut self,
         feed: &mut Driver<S, D, E>,

@@ -32,7 +32,7 @@ impl HomingRun {
         }
     }
 
-    /// One tick: whether it is over.
+    /// One tick. Returns whether the homing is over.
     pub fn tick<S: OutputPin, D: OutputPin, E: OutputPin>(
         &mut self,
         head: &mut Driver<S, D, E>,
