@@ -183,14 +183,76 @@ mod tests {
         }
     }
 
+    /// The relay through one swing: so many looks at each level, with the reading at its extremes in the last of each.
+    fn swing(relay: &mut Relay, nozzle: &Nozzle, looks: [u32; 2], extremes_c: [f32; 2]) -> Result<f32, Tuned> {
+        let mut latest = Ok(0.0);
+        for (looks, extreme_c) in looks.into_iter().zip(extremes_c) {
+            for look in 1..=looks {
+                latest = relay.duty(200.0, if look < looks { 200.0 } else { extreme_c }, 0.25, nozzle);
+            }
+        }
+        latest
+    }
+
+    #[test]
+    fn the_gains_are_those_of_the_mean_of_four_swings_after_two() {
+        let robot = robot_a();
+        let nozzle = Nozzle::new(&Demand { supply_v: Some(13.2), ..Demand::default() }, robot.description());
+        let mut relay = Relay::default();
+        // Two that are not yet steady.
+        for (looks, highest_c) in [(50, 230.0), (90, 210.0)] {
+            assert!(swing(&mut relay, &nozzle, [looks; 2], [highest_c, 199.0]).is_ok());
+        }
+        // As long at one level as at the other, so that the levels stay: 9, 10, 12 and 13 s, and 1, 1.5, 2 and 2.5 C.
+        for (looks, highest_c) in [(18, 201.0), (20, 202.0), (24, 203.0)] {
+            assert!(swing(&mut relay, &nozzle, [looks; 2], [highest_c, 199.0]).is_ok());
+        }
+        let tuned = swing(&mut relay, &nozzle, [26; 2], [204.0, 199.0]).unwrap_err();
+        assert_eq!((tuned.period_s, tuned.amplitude_c), (11.0, 1.75));
+        // The need is 0.42 of the nominal power whatever the supply, and the levels are nine tenths of it more and less.
+        let ultimate = 4.0 * 0.9 * 0.42 / (core::f64::consts::PI * libm::sqrt(1.75 * 1.75 - 0.4 * 0.4));
+        let kp = 0.5 * ultimate / 2.2;
+        assert!((tuned.gains.kp / kp - 1.0).abs() < 1e-5, "{}, not {kp}", tuned.gains.kp);
+    }
+
+    #[test]
+    fn a_swing_that_takes_no_time_leaves_the_levels() {
+        let robot = robot_a();
+        let nozzle = Nozzle::new(&Demand { supply_v: Some(12.0), ..Demand::default() }, robot.description());
+        let mut relay = Relay::default();
+        assert!(swing(&mut relay, &nozzle, [10; 2], [201.0, 199.0]).is_ok());
+        for reading_c in [201.0, 199.0] {
+            assert!(relay.duty(200.0, reading_c, 0.0, &nozzle).is_ok());
+        }
+        let duty = relay.duty(200.0, 199.0, 0.25, &nozzle).unwrap();
+        assert!((duty - 1.9 * 0.42).abs() < 1e-4, "{duty}");
+    }
+
+    #[test]
+    fn the_middle_moves_as_far_as_the_levels_differ_in_length_and_by_no_more_than_the_limits() {
+        let robot = robot_a();
+        let nozzle = Nozzle::new(&Demand { supply_v: Some(12.0), ..Demand::default() }, robot.description());
+        // Of a swing the power is high for 0.6, 0.4, 0.9 and 0.1: nine tenths of 0.2 more or less, or the limit.
+        for (looks, times) in [([6, 4], 1.18), ([4, 6], 0.82), ([9, 1], 1.4), ([1, 9], 0.7)] {
+            let mut relay = Relay::default();
+            for looks in [[10, 10], looks] {
+                assert!(swing(&mut relay, &nozzle, looks, [201.0, 199.0]).is_ok());
+            }
+            let middle: f32 = 0.42 * times;
+            let high = middle + 0.9 * middle.min(1.0 - middle);
+            let duty = relay.duty(200.0, 200.0, 0.25, &nozzle).unwrap();
+            assert!((duty - high).abs() < 1e-4, "{duty}, not {high}");
+        }
+    }
+
     #[test]
     fn the_gains_are_half_and_whole_of_tyreus_and_luybens() {
         let of = |amplitude_c: f32| {
             let sums = Sums { period_s: 4.0 * 10.0, amplitude_c: 4.0 * amplitude_c, relay: 4.0 * 0.3 };
-            Relay { sums, ..Relay::default() }.found(1.0)
+            Relay { sums, ..Relay::default() }.found(0.5)
         };
         // Where noise is all of the swing, a fifth of it counts.
-        for (amplitude_c, swing) in [(2.0, libm::sqrt(3.0)), (1.0, 0.2)] {
+        for (amplitude_c, swing) in [(2.0, libm::sqrt(3.75)), (0.5, 0.1)] {
             let tuned = of(amplitude_c);
             let ultimate = 4.0 * 0.3 / (core::f64::consts::PI * swing);
             let kp = 0.5 * ultimate / 2.2;

@@ -310,10 +310,10 @@ fn a_reading_must_follow_a_sure_rise_by_70_percent_and_a_likely_one_by_40() {
         supervision.does_not_follow(&Look { hot: false, ..at(150.0 + change) })
     };
     assert_eq!(found(12.0, 0.0, 0.0), None);
-    assert_eq!(found(20.0, 0.0, 14.25), None);
+    assert_eq!(found(20.0, 0.0, 14.0), None);
     assert_eq!(found(20.0, 0.0, 13.75), Some(Fault::HeatingTooSlow));
     assert_eq!(found(0.0, 26.0, 0.0), None);
-    assert_eq!(found(0.0, 30.0, 12.25), None);
+    assert_eq!(found(0.0, 30.0, 12.0), None);
     assert_eq!(found(0.0, 30.0, 11.75), Some(Fault::HeatingTooSlow));
     // What the lesser of both says.
     let late = Reckoned { prompt: 40.0, late: 12.0, late_rate: 0.0 };
@@ -466,6 +466,21 @@ fn a_wiggle_that_does_not_show_twice_is_a_reading_that_is_not_the_nozzles() {
         assert_eq!(swing(&mut supervision, 0.0, 0.0, 0.0, 1), (64, None));
         forget(&mut supervision);
     }
+}
+
+#[test]
+fn a_reading_that_stands_at_its_target_shows_no_wiggle_where_the_looks_do_not_divide_its_period() {
+    const LOOKS: u32 = 53;
+    let mut supervision = Supervision::default();
+    let mut look = 0;
+    // Looks each 0.3 s: 53 of them are a period, with a tenth of a second missing.
+    let found = looks_in_peace(10 * LOOKS, || {
+        let phase = look as f32 * 0.3 / WIGGLE_PERIOD_S;
+        look += 1;
+        let regulated = Some(Regulated { wiggle: Some((phase - libm::floorf(phase), 0.5)), ..STEADY });
+        supervision.wiggles(&Look { seconds: 0.3, regulated, ..at(TARGET_C) })
+    });
+    assert_eq!(found, (2 * LOOKS, Some(Fault::ThermistorFrozen)));
 }
 
 #[test]
