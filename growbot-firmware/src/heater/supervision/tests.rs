@@ -470,17 +470,18 @@ fn a_wiggle_that_does_not_show_twice_is_a_reading_that_is_not_the_nozzles() {
 
 #[test]
 fn a_reading_that_stands_at_its_target_shows_no_wiggle_where_the_looks_do_not_divide_its_period() {
-    const LOOKS: u32 = 53;
-    let mut supervision = Supervision::default();
-    let mut look = 0;
-    // Looks each 0.3 s: 53 of them are a period, with a tenth of a second missing.
-    let found = looks_in_peace(10 * LOOKS, || {
-        let phase = look as f32 * 0.3 / WIGGLE_PERIOD_S;
-        look += 1;
-        let regulated = Some(Regulated { wiggle: Some((phase - libm::floorf(phase), 0.5)), ..STEADY });
-        supervision.wiggles(&Look { seconds: 0.3, regulated, ..at(TARGET_C) })
-    });
-    assert_eq!(found, (2 * LOOKS, Some(Fault::ThermistorFrozen)));
+    // The period that is looked at ends within half a look of 16 s: after 15.9 and 15.95 s.
+    for (seconds, looks) in [(0.3, 53), (0.11, 145)] {
+        let mut supervision = Supervision::default();
+        let mut look = 0;
+        let found = looks_in_peace(10 * looks, || {
+            let phase = look as f32 * seconds / WIGGLE_PERIOD_S;
+            look += 1;
+            let regulated = Some(Regulated { wiggle: Some((phase - libm::floorf(phase), 0.5)), ..STEADY });
+            supervision.wiggles(&Look { seconds, regulated, ..at(TARGET_C) })
+        });
+        assert_eq!(found, (2 * looks, Some(Fault::ThermistorFrozen)));
+    }
 }
 
 #[test]
