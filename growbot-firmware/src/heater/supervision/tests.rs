@@ -362,6 +362,23 @@ fn a_reading_must_follow_a_likely_fall_by_40_percent() {
 }
 
 #[test]
+fn a_reading_that_stands_at_all_the_power_may_be_that_of_a_nozzle_that_comes_no_further() {
+    let still = Some(Still { seconds: 4.25, ..still(150.0) });
+    for (duty, hot, fault) in [
+        (0.99, false, Fault::ThermistorFrozen),
+        (1.0, false, Fault::HeatingTooSlow),
+        (0.99, true, Fault::ThermistorFrozen),
+        (1.0, true, Fault::TemperatureDrop),
+    ] {
+        let look = Look { duty, hot, ..at(150.0) };
+        let mut stands = Supervision { likely: by(12.25), moved: true, still, ..Supervision::default() };
+        assert_eq!(stands.stands_still(&look), Some(fault), "{duty}");
+        let follows_not = Supervision { sure: by(20.0), moved: true, still, ..since(5.0, 150.0) };
+        assert_eq!(follows_not.does_not_follow(&look), Some(fault), "{duty}");
+    }
+}
+
+#[test]
 fn a_hot_nozzle_that_is_8_c_too_cold_for_3_s_or_out_of_its_band_for_30_s_drops() {
     let low = |below: f32, hot: bool, regulated: Option<Regulated>| {
         let mut supervision = Supervision::default();
