@@ -1,8 +1,8 @@
 //! Growths in closed loop come to the same bits on the desktop and on the microcontroller; and what a layer of them costs there, as a
 //! table: `cargo feedback-cost`.
 //!
-//! Builds the program that grows them (`growbot-firmware/costs/feedback/`) and runs it in the emulator, which counts each
-//! instruction, so that the figures are the same on every machine.
+//! Builds the program that grows them (`growbot-firmware/costs/feedback/`) and runs it in the emulator, which counts
+//! each instruction, so that the figures are the same on every machine.
 
 #[path = "../growbot-firmware/costs/feedback/trial.rs"]
 mod trial;

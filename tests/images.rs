@@ -43,7 +43,8 @@ fn the_robots_image_is_small() {
     assert!(flash < FLASH && ram < STATIC_RAM, "{flash} B of flash, {ram} B of static RAM");
 }
 
-/// The handler of a crash keeps the stack pointer where this much of the stack is left (`LITTLE` in `boards/image/stack.rs`).
+/// The handler of a crash keeps the stack pointer where this much of the stack is left (`LITTLE` in
+/// `boards/image/stack.rs`).
 const LEFT_FOR_A_CRASH: u64 = 512;
 
 #[test]

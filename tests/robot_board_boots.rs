@@ -1,7 +1,7 @@
 //! The robot's own image, sealed as `growbot flash` does it, boots in the emulator and answers over its serial line.
 //!
-//! There its pins read low and its ADC gives nothing: to this board that is a robot whose drivers report a fault and whose
-//! sensors are silent. So its self-test must fail, and nothing must ever be switched on.
+//! There its pins read low and its ADC gives nothing: to this board that is a robot whose drivers report a fault and
+//! whose sensors are silent. So its self-test must fail, and nothing must ever be switched on.
 
 use std::path::Path;
 use std::thread::sleep;

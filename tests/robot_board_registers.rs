@@ -135,7 +135,8 @@ fn a_crystal_that_stops_switches_everything_off_and_is_told_after_the_reset() {
     off("feed EN", enable_low);
     let duty = position(&writes, "no duty", |write| (write.address, write.value) == (TIM1 + CCR1, 0));
     assert!(duty < reset);
-    // What hardware would make ready again. The reset comes some time after its request, and takes away what was ready before.
+    // What hardware would make ready again. The reset comes some time after its request, and takes away what was ready
+    // before.
     let starts = |write: &RegisterWrite| (write.address, write.value) == (WATCHDOG_KEY, WATCHDOG_START);
     while !traced.writes()[before + reset..].iter().any(starts) {
         assert!(began.elapsed() < PATIENCE, "the board does not start again");

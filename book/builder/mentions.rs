@@ -1,8 +1,8 @@
 //! Links between documents: SAFETY.md and its like lead to the chapters that include them.
 //!
-//! Chapters and included documents link to files of the repository, so that they can be read there. In the book such a link leads
-//! to the chapter that includes the file, and one to a file that no chapter includes becomes its words alone. A document that is
-//! named in the text of an included one becomes a link.
+//! Chapters and included documents link to files of the repository, so that they can be read there. In the book such a
+//! link leads to the chapter that includes the file, and one to a file that no chapter includes becomes its words
+//! alone. A document that is named in the text of an included one becomes a link.
 
 use std::path::{Component, Path, PathBuf};
 
@@ -101,8 +101,8 @@ fn normal(path: &Path) -> PathBuf {
     whole
 }
 
-/// The chapter with its links as they are in the book. In an included document, names of others become links, where they are neither
-/// code nor in a link or heading.
+/// The chapter with its links as they are in the book. In an included document, names of others become links, where
+/// they are neither code nor in a link or heading.
 fn with_links(chapter: &str, place: &Place) -> String {
     let mut text = String::with_capacity(chapter.len());
     let (mut copied, mut within) = (0, 0);

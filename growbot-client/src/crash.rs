@@ -1,4 +1,5 @@
-//! A crash of the firmware as JSON: registers, reasons and the top of the stack. In which function it was, only an image tells.
+//! A crash of the firmware as JSON: registers, reasons and the top of the stack. In which function it was, only an
+//! image tells.
 
 use growbot_core::link::crash::CrashRecord;
 use serde_json::{Value, json};

@@ -1,7 +1,7 @@
 //! Writing files: they are whole or not there.
 //!
-//! Only here is a file refused that the program reads ([`refuse_inputs`], [`note_input`]), or whose ending promises another format
-//! ([`refuse_ending`]).
+//! Only here is a file refused that the program reads ([`refuse_inputs`], [`note_input`]), or whose ending promises
+//! another format ([`refuse_ending`]).
 
 use std::collections::VecDeque;
 use std::ffi::{OsStr, OsString};
@@ -55,8 +55,8 @@ pub enum FileError {
     },
 }
 
-/// The files that this program has read last: device and inode of each, and the file itself, so that no other one gets these numbers when
-/// it is deleted.
+/// The files that this program has read last: device and inode of each, and the file itself, so that no other one gets
+/// these numbers when it is deleted.
 static READ: Mutex<VecDeque<((u64, u64), File)>> = Mutex::new(VecDeque::new());
 /// No command reads so many files.
 const MOST_READ: usize = 64;
@@ -64,8 +64,8 @@ const MOST_READ: usize = 64;
 /// The file, which messages call `name`, is an input from now on: nothing is written to it, whatever it is called.
 ///
 /// # Errors
-/// [`FileError::OntoInput`] where standard output is redirected onto it. Refused before anything is done: results that have nowhere to
-/// go help nobody.
+/// [`FileError::OntoInput`] where standard output is redirected onto it. Refused before anything is done: results that
+/// have nowhere to go help nobody.
 pub fn note_input(file: File, name: &str) -> Result<(), FileError> {
     note_input_beside(file, name, place_of_stdout())
 }
@@ -160,8 +160,8 @@ pub fn unknown_ending(path: &Path, formats: &[&str]) -> FileError {
 }
 
 /// Writes a file beside its place and renames it there, so that nobody ever sees half of it and a failure leaves what
-/// was there before. Symbolic links are followed; a device or a named pipe is written to, not replaced. What this program has read is
-/// not written to.
+/// was there before. Symbolic links are followed; a device or a named pipe is written to, not replaced. What this
+/// program has read is not written to.
 ///
 /// # Errors
 /// [`FileError::NoDirectory`] or [`FileError::File`]; [`FileError::Input`] for a file that this program has read.

@@ -4,12 +4,15 @@
 //!
 //! - [`robot_file`]: descriptions of robots, built in or from TOML files;
 //! - [`pose_text`]: poses as people type them, [`degrees`];
-//! - [`plan`]: a path with all that is said about it; [`warning`], what speaks against growing it; [`clearance`], whether a body would run into itself;
+//! - [`plan`]: a path with all that is said about it; [`warning`], what speaks against growing it; [`clearance`],
+//!   whether a body would run into itself;
 //! - [`plan_file`]: plans as JSON, and what is checked before one is believed;
 //! - [`port`]: the line to a board; [`client`]: requests to it and their answers;
-//! - [`growth`]: a whole job; [`feedback`]: its layers planned again as they are measured; [`arrival`]: how near it came;
+//! - [`growth`]: a whole job; [`feedback`]: its layers planned again as they are measured; [`arrival`]: how near it
+//!   came;
 //! - [`run_log`]: the log of a growth, and [`run_clock`], its time;
-//! - [`input`], [`files`], [`printable`], [`nearest`]: bounded reading, whole files or none, text that steers no terminal, what was meant.
+//! - [`input`], [`files`], [`printable`], [`nearest`]: bounded reading, whole files or none, text that steers no
+//!   terminal, what was meant.
 //!
 //! Lengths are in mm. Angles are in radians inside and in degrees in every text and file; names carry the unit.
 #![forbid(unsafe_code)]

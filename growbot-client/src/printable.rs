@@ -24,7 +24,8 @@ pub fn one_line(text: &str) -> Cow<'_, str> {
     without(text, steers)
 }
 
-/// A value as one line of JSON, with its newline. Such a character is escaped in it, so that whoever reads it has the very text.
+/// A value as one line of JSON, with its newline. Such a character is escaped in it, so that its reader has the
+/// very text.
 #[must_use]
 pub fn json_line(value: &impl Serialize) -> String {
     // Only maps with keys that are no strings could fail, and there are none. What steers stands in strings alone.

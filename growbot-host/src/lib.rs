@@ -1,15 +1,17 @@
 //! The library behind the `growbot` command: what it shows and writes.
 //!
-//! Boards, growths, plans and run logs are growbot-client's, simulated robots growbot-sim's; here is what the command does with them:
+//! Boards, growths, plans and run logs are growbot-client's, simulated robots growbot-sim's; here is what the command
+//! does with them:
 //!
 //! - [`robot_explained`]: a robot in words; [`robot_questions`]: a new one; [`schema`]: what robot files may hold;
 //! - [`batch`]: many plans from a CSV stream; [`layer_table`]: the layers of a plan as CSV;
 //! - [`workspace`]: which goals are within reach, in numbers and as a picture;
-//! - [`view`]: a body in a page to look at, or in a picture; [`drawing`], what pictures are drawn with; [`watch`]: a growth under way, as a
-//!   page on this machine;
+//! - [`view`]: a body in a page to look at, or in a picture; [`drawing`], what pictures are drawn with; [`watch`]: a
+//!   growth under way, as a page on this machine;
 //! - [`export`]: bodies as STL, GLB, CSV and MCAP;
 //! - [`reproduce`]: the experiments of the paper, done again, with page and figures;
-//! - [`crash`]: where in an image the firmware crashed; [`progress`]: how far something has come; [`output`]: results and messages.
+//! - [`crash`]: where in an image the firmware crashed; [`progress`]: how far something has come; [`output`]: results
+//!   and messages.
 //!
 //! Lengths are in mm. Angles are in radians inside and in degrees in every text and file; names carry the unit.
 #![forbid(unsafe_code)]

@@ -1,5 +1,6 @@
-//! README.md and the book say what growbot does: their commands are run, what they print is compared, their robot files are read,
-//! their links lead somewhere, and the files that they name are there. (`src/cli/documents.rs` reads the commands that cannot be run here.)
+//! README.md and the book say what growbot does: their commands are run, what they print is compared, their robot files
+//! are read, their links lead somewhere, and the files that they name are there. (`src/cli/documents.rs` reads the
+//! commands that cannot be run here.)
 
 #[path = "documents/blocks.rs"]
 mod blocks;

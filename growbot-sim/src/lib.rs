@@ -1,9 +1,11 @@
 //! Growing robots without a robot.
 //!
 //! - [`tip`]: what a simulated tip does with the signals of its board;
-//! - [`port`]: boards that drive it: the real controller in this process, or its image in QEMU; and every port by its name;
+//! - [`port`]: boards that drive it: the real controller in this process, or its image in QEMU; and every port by its
+//!   name;
 //! - [`truth`]: where the plastic really is;
-//! - [`simulation`]: growths without a board, with what goes wrong, once or a million times, on all cores ([`parallel`]);
+//! - [`simulation`]: growths without a board, with what goes wrong, once or a million times, on all cores
+//!   ([`parallel`]);
 //! - [`image_seal`]: firmware images get their seal.
 //!
 //! Lengths are in mm. Angles are in radians inside and in degrees in every text and file; names carry the unit.

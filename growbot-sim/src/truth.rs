@@ -1,7 +1,7 @@
 //! The truth about a growth on a simulated tip: where its plastic really is.
 //!
-//! A port carries bytes; who opens one to a simulated robot also gets its [`Simulation`]. [`compare`] follows a growth with it, and replaces
-//! what the steps or the sensors say of the body by what the tip has laid.
+//! A port carries bytes; who opens one to a simulated robot also gets its [`Simulation`]. [`compare`] follows a growth
+//! with it, and replaces what the steps or the sensors say of the body by what the tip has laid.
 
 use growbot_client::arrival::Arrival;
 use growbot_client::client::ClientError;
@@ -43,8 +43,8 @@ impl Simulation for SharedTip {
     }
 }
 
-/// Grows a job by `grow`. Where a simulation is given, whose tip stands where the body begins, it is told beside the news where the plastic
-/// is, and what comes of the growth is measured by the tip, unless the board was lost.
+/// Grows a job by `grow`. Where a simulation is given, whose tip stands where the body begins, it is told beside the
+/// news where the plastic is, and what comes of the growth is measured by the tip, unless the board was lost.
 ///
 /// # Errors
 /// Those of `grow`, and a tip that cannot be read.

@@ -283,7 +283,8 @@ impl Client {
         }
     }
 
-    /// Stops the board: by a request, after which its body can be resumed, or by the emergency stop where that is not answered.
+    /// Stops the board: by a request, after which its body can be resumed, or by the emergency stop where that is not
+    /// answered.
     ///
     /// # Errors
     /// A refusal; [`ClientError::NotStopped`]: nobody knows whether it has stopped, and the power must be cut.
@@ -295,8 +296,8 @@ impl Client {
         }
     }
 
-    /// Leaves a fault or an emergency stop. The board refuses that for some milliseconds after a stop by the link, as while the button is
-    /// pressed: it is asked again for a while.
+    /// Leaves a fault or an emergency stop. The board refuses that for some milliseconds after a stop by the link, as
+    /// while the button is pressed: it is asked again for a while.
     ///
     /// # Errors
     /// As [`Client::request`].

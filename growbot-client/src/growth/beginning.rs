@@ -1,7 +1,8 @@
 //! How a growth begins: with a new job, or with one that the board knows.
 
 use growbot_core::layer_bytes::LayerBytes;
-use growbot_core::link::message::{Begin, Message, Resume, State, Status};
+use growbot_core::link::message::{Begin, BoardHello, Message, Resume, State, Status};
+use growbot_core::robot::Robot;
 
 use super::{CutLayer, Growth, GrowthError, Job, Manner, News, is_crash, tell_crash};
 use crate::client::{Client, ClientError};
@@ -15,11 +16,7 @@ impl<'a> Growth<'a> {
         manner: Manner<'a>,
         tell: &mut dyn FnMut(&News),
     ) -> Result<Self, GrowthError> {
-        let hello = client.hello_robot(job.robot).map_err(GrowthError::Before)?;
-        tell(&News::Board(hello.clone()));
-        if is_crash(hello.reset_cause) {
-            tell_crash(client, tell);
-        }
+        let hello = meet(client, job.robot, tell)?;
         let Status { plan_id, laid, layers, state, cut, .. } = hello.status;
         if plan_id != 0 && (laid > 0 || cut.is_some()) && laid < layers && state != State::Stopped {
             return Err(GrowthError::Unfinished { plan_id, laid, layers });
@@ -46,11 +43,7 @@ impl<'a> Growth<'a> {
         manner: Manner<'a>,
         tell: &mut dyn FnMut(&News),
     ) -> Result<Self, GrowthError> {
-        let hello = client.hello_robot(job.robot).map_err(GrowthError::Before)?;
-        tell(&News::Board(hello.clone()));
-        if is_crash(hello.reset_cause) {
-            tell_crash(client, tell);
-        }
+        let hello = meet(client, job.robot, tell)?;
         let mut growth = Self::new(client, job, manner, &hello);
         if hello.status.plan_id != growth.job.plan_id {
             return Err(GrowthError::NothingToResume { plan_id: growth.job.plan_id, held: held(&hello.status) });
@@ -93,6 +86,16 @@ impl<'a> Growth<'a> {
         self.amend(self.laid, tell)?;
         self.hand_over(tell)
     }
+}
+
+/// Opens a session with the board of a robot, and tells who it is and whether it has crashed.
+fn meet(client: &mut Client, robot: &Robot, tell: &mut dyn FnMut(&News)) -> Result<BoardHello, GrowthError> {
+    let hello = client.hello_robot(robot).map_err(GrowthError::Before)?;
+    tell(&News::Board(hello.clone()));
+    if is_crash(hello.reset_cause) {
+        tell_crash(client, tell);
+    }
+    Ok(hello)
 }
 
 /// What a board holds, in words.

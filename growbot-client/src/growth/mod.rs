@@ -59,7 +59,7 @@ pub enum Outcome {
     Fault(Fault),
     /// The board's clock is wrong, and with it heating, speeds and limits in time: it was stopped.
     ClockDrift(ClockDrift),
-    /// It was held for so long that the heater was switched off; it can be resumed.
+    /// A long hold has switched the heater off; it can be resumed.
     Parked,
     /// The board has started anew, or another host has it; what was laid can be resumed.
     Interrupted,
@@ -233,7 +233,7 @@ struct Growth<'a> {
     amending: Option<(u64, Vec<LayerBytes>, u32)>,
     /// The job is amended once so many layers are laid.
     amend_at: u32,
-    /// Layers below this have been told to whoever hears the news.
+    /// Layers below this have been told.
     told: u32,
     /// What the board has accepted, and has room for.
     accepted: Accepted,

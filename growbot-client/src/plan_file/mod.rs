@@ -1,7 +1,7 @@
 //! Plans as JSON, in the format `growbot-plan/1`: mm and degrees, numbers in full precision.
 //!
-//! [`PlanFile`] is the text: what is read has the right fields of the right types. [`PlanFile::check`] finds whether it holds together,
-//! and is for the robot at hand. [`open`] does both.
+//! [`PlanFile`] is the text: what is read has the right fields of the right types. [`PlanFile::check`] finds whether it
+//! holds together, and is for the robot at hand. [`open`] does both.
 
 mod check;
 mod fault;

@@ -41,14 +41,15 @@ pub trait Port {
         real_time()
     }
 
-    /// Whether a healthy board's clock runs as [`Port::now`] does. The clock of an emulated board stands still while a busy machine runs
-    /// other programs.
+    /// Whether a healthy board's clock runs as [`Port::now`] does. The clock of an emulated board stands still while a
+    /// busy machine runs other programs.
     fn compares_clocks(&self) -> bool {
         true
     }
 
-    /// The same line for the emergency stop of another thread. From its first use on, this end of the line is silent: it neither sends
-    /// nor receives, and waits for the end of the program. None where the robot ends with this program.
+    /// The same line for the emergency stop of another thread. From its first use on, this end of the line is silent:
+    /// it neither sends nor receives, and waits for the end of the program. None where the robot ends with this
+    /// program.
     fn emergency_line(&mut self) -> Option<Box<dyn Port + Send>> {
         None
     }

@@ -126,7 +126,8 @@ pub struct RunRecord {
     pub lost: Vec<usize>,
     /// What could not be read.
     pub damage: Damage,
-    /// Of a simulated tip: the layers as its plastic lies, perhaps one more than are laid. None where the log does not say.
+    /// Of a simulated tip: the layers as its plastic lies, perhaps one more than are laid. None where the log does not
+    /// say.
     simulated: Vec<Option<Layer>>,
     /// The file, as errors call it.
     file: String,
@@ -179,8 +180,9 @@ impl RunRecord {
         self.tip == RecordedTip::Simulated
     }
 
-    /// The layers as the plastic of a simulated tip lies, the one under way included. None of a robot, and none where the log has layers
-    /// and does not say of one where it lies. One of which it does not say is as the steps have built it.
+    /// The layers as the plastic of a simulated tip lies, the one under way included. None of a robot, and none where
+    /// the log has layers and does not say of one where it lies. One of which it does not say is as the steps have
+    /// built it.
     #[must_use]
     pub fn simulated(&self) -> Option<Vec<Layer>> {
         let says = self.as_built.is_empty() || self.simulated.iter().any(Option::is_some);

@@ -24,7 +24,7 @@ pub enum State {
     Fault,
     /// Just started: the sensors are looked at; everything is off.
     SelfTest,
-    /// Held for so long that the heater was switched off; the job is kept, and `Start` goes on with it.
+    /// A long hold has switched the heater off; the job is kept, and `Start` goes on with it.
     Parked,
     /// The nozzle is driven round a temperature to find the gains of its regulation.
     Tuning,

@@ -109,7 +109,7 @@ impl<'a> Tracker<'a> {
         })
     }
 
-    /// The next layer, as it is to be commanded now; none at the end.
+    /// The next layer to command; none at the end.
     #[must_use]
     pub fn next_layer(&self) -> Option<Layer> {
         let (layer, _) = first_layer(&self.course, self.robot, self.estimator.systematic(), self.max_curvature())?;
@@ -192,7 +192,7 @@ fn too_thin(course: &Course, robot: &Robot) -> bool {
     course.length() < 0.5 * robot.description().layer.height_min_mm
 }
 
-/// The first layer of a course, as it is to be commanded, and its length as it will come out, mm. None where what is
+/// The first layer of a course, to be commanded, and its length as it will come out, mm. None where what is
 /// left is too thin to be laid.
 fn first_layer(
     course: &Course,

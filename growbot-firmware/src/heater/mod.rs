@@ -160,7 +160,8 @@ impl Heater {
         }
     }
 
-    /// The duty of the power stage, 0 to 1, as the latest update gave it. In the proof test it is full with the second switch open.
+    /// The duty of the power stage, 0 to 1, as the latest update gave it. In the proof test it is full with the second
+    /// switch open.
     #[must_use]
     pub fn duty(&self) -> f64 {
         self.duty

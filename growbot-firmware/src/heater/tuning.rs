@@ -209,7 +209,8 @@ mod tests {
         }
         let tuned = swing(&mut relay, &nozzle, [26; 2], [204.0, 199.0]).unwrap_err();
         assert_eq!((tuned.period_s, tuned.amplitude_c), (11.0, 1.75));
-        // The need is 0.42 of the nominal power whatever the supply, and the levels are nine tenths of it more and less.
+        // The need is 0.42 of the nominal power whatever the supply, and the levels are nine tenths of it more and
+        // less.
         let ultimate = 4.0 * 0.9 * 0.42 / (core::f64::consts::PI * libm::sqrt(1.75 * 1.75 - 0.4 * 0.4));
         let kp = 0.5 * ultimate / 2.2;
         assert!((tuned.gains.kp / kp - 1.0).abs() < 1e-5, "{}, not {kp}", tuned.gains.kp);

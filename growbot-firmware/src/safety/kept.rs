@@ -6,8 +6,9 @@
 //! - A write goes to the older copy, from its first byte to its last, so a reset in the midst of it leaves the newer one whole.
 //! - A write that changes what a start must do (whether work was under way, which fault is latched) goes to both, one after the other:
 //!   then either copy alone says what matters.
-//! - A start takes the newer copy of those that are whole. Where that is one which this firmware cannot decode, such as another version's,
-//!   the memory has had power, and what it says may be that work was under way or a fault latched: the start is a fault, whatever its cause.
+//! - A start takes the newer copy of those that are whole. Where that is one which this firmware cannot decode, such as
+//!   another version's, the memory has had power, and what it says may be that work was under way or a fault latched:
+//!   the start is a fault, whatever its cause.
 //! - Where no copy is whole, the cause of the reset decides: see [`survives`].
 
 use growbot_core::link::frame;
@@ -176,8 +177,8 @@ pub const fn fault_of(cause: ResetCause) -> Fault {
     }
 }
 
-/// Whether the memory has had power through a reset of this cause, and only this firmware has written there: what is not whole then was
-/// destroyed. (A debug probe, which is [`ResetCause::External`], flashes a board by code in RAM.)
+/// Whether the memory has had power through a reset of this cause, and only this firmware has written there: what is
+/// not whole then was destroyed. (A debug probe, which is [`ResetCause::External`], flashes a board by code in RAM.)
 #[must_use]
 pub const fn survives(cause: ResetCause) -> bool {
     matches!(
@@ -319,8 +320,8 @@ pub(crate) mod tests {
         }
     }
 
-    /// What a board retains one after the other: at rest, a fault of the self-test, at rest, at work, a fault, the fault cleared, at work
-    /// again, an emergency stop.
+    /// What a board retains one after the other: at rest, a fault of the self-test, at rest, at work, a fault, the
+    /// fault cleared, at work again, an emergency stop.
     fn story() -> std::vec::Vec<Kept> {
         let record = |fault, cleared| longest().record.map(|record| FaultRecord { fault, cleared, ..record });
         let at = |state, sectors| longest().under_way.map(|under_way| UnderWay { state, sectors, ..under_way });

@@ -166,8 +166,8 @@ pub fn failed(error: GrowthError, simulated: bool) -> Failure {
     }
 }
 
-/// What a growth that ended so means for whoever asked for it; `emergency` where the emergency stop was given, `simulated` where no robot
-/// has grown.
+/// Whether such an end is a success or a failure; `emergency` where the emergency stop was given,
+/// `simulated` where no robot has grown.
 pub fn judged(outcome: Outcome, emergency: bool, simulated: bool) -> Result<(), Failure> {
     let (kind, off) = (kind(simulated), all_off(simulated));
     match outcome {
@@ -181,7 +181,7 @@ pub fn judged(outcome: Outcome, emergency: bool, simulated: bool) -> Result<(), 
         }
         Outcome::ClockDrift(drift) => Err(stopped_for(&drift, simulated)),
         Outcome::Parked => Err(Failure::answered_no(format!(
-            "held for so long that the heater of the {kind}robot is off: `growbot resume` goes on with the body"
+            "a long hold has switched the heater of the {kind}robot off: `growbot resume` goes on with the body"
         ))),
         Outcome::Interrupted => Err(Failure::answered_no(format!(
             "the {kind}board has started anew, or another host has taken it: `growbot status` shows what it knows, `growbot resume` goes on",

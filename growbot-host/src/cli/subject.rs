@@ -20,8 +20,8 @@ pub struct Subject {
 }
 
 impl Subject {
-    /// Reads it from a file, from standard input (`-`), or from a pipe that the shell has opened: once, as none of these but the file can
-    /// be read again.
+    /// Reads it from a file, from standard input (`-`), or from a pipe that the shell has opened: once, as none of
+    /// these but the file can be read again.
     pub fn open(file: &Path, robot: Option<&Path>) -> Result<Self, Failure> {
         let bytes = read_bytes(file, LONGEST_LOG)?;
         if is_log(&bytes) {

@@ -1,7 +1,8 @@
 //! How near the wall of a body comes to itself.
 //!
 //! Every body is near itself along itself; what counts is where one stretch passes another. That is where the distance between two
-//! points of the centreline, more than `pi D / 2` apart along it (see [`growbot_client::clearance`]), is least among those around both.
+//! points of the centreline, more than `pi D / 2` apart along it (see [`growbot_client::clearance`]), is least among
+//! those around both.
 
 use std::f64::consts::FRAC_PI_2;
 

@@ -27,7 +27,7 @@ use growbot_core::simulation::Imperfection;
 pub enum OpenError {
     /// The port's name means nothing.
     #[error(
-        "port `{0}` is none that I know: use sim, emulator, emulator:ELF, tcp:HOST:PORT or a serial device such as /dev/ttyACM0"
+        "port `{0}` is unknown: use sim, emulator, emulator:ELF, tcp:HOST:PORT or a serial device such as /dev/ttyACM0"
     )]
     Unknown(String),
     /// A simulated robot is reached through its program alone.
@@ -109,7 +109,8 @@ pub struct TipSettings {
     pub start: Option<Pose>,
     /// What is off about it.
     pub imperfection: Imperfection,
-    /// How many times as fast as real time its time passes, above 0; none for as fast as it is computed. On `sim` alone.
+    /// How many times as fast as real time its time passes, above 0; none for as fast as it is computed. On `sim`
+    /// alone.
     pub pace: Option<f64>,
 }
 
@@ -137,8 +138,8 @@ impl Opened {
     }
 }
 
-/// Opens a port. `robot` is the one that is simulated or emulated there, with a tip of these settings; on other ports the board says
-/// what it is.
+/// Opens a port. `robot` is the one that is simulated or emulated there, with a tip of these settings; on other ports
+/// the board says what it is.
 ///
 /// # Errors
 /// A port that is not there, is busy or does not start.
@@ -169,7 +170,7 @@ pub fn open(name: &PortName, robot: &Robot, settings: &TipSettings) -> Result<Op
     })
 }
 
-/// Opens the line to a robot for the emergency stop, whoever holds it, within so much time.
+/// Opens the line to a robot for the emergency stop within a time limit, even if another host holds it.
 ///
 /// # Errors
 /// As [`open`]; a robot that is simulated has no line of its own.

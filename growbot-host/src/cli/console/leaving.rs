@@ -18,7 +18,8 @@ pub type Lines = Receiver<io::Result<Vec<u8>>>;
 /// For so long the rest of a script is read to tell what is not carried out.
 const READING: Duration = Duration::from_millis(500);
 
-/// Lines are read by a thread of their own, which may wait for long, while Ctrl-C must not. It ends with the input or with the program.
+/// Lines are read by a thread of their own, which may wait for long, while Ctrl-C must not. It ends with the input or
+/// with the program.
 pub fn lines_of_stdin() -> Lines {
     let (read, lines) = mpsc::sync_channel(0);
     thread::spawn(move || {
