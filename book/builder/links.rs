@@ -109,7 +109,7 @@ fn leads_somewhere(from: &Path, target: &str, pages: &BTreeMap<PathBuf, Page>) -
 }
 
 /// The path without `.` and `..`.
-fn normal(path: &Path) -> PathBuf {
+pub fn normal(path: &Path) -> PathBuf {
     let mut whole = PathBuf::new();
     for component in path.components() {
         match component {

@@ -4,12 +4,14 @@
 //! link leads to the chapter that includes the file, and one to a file that no chapter includes becomes its words
 //! alone. A document that is named in the text of an included one becomes a link.
 
-use std::path::{Component, Path, PathBuf};
+use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 use mdbook_preprocessor::book::{Book, BookItem, Chapter};
 use mdbook_preprocessor::{Preprocessor, PreprocessorContext};
 use pulldown_cmark::{Event, Options, Parser, Tag, TagEnd};
+
+use crate::links::normal;
 
 /// The documents, and the chapters that include them.
 const CHAPTERS: [(&str, &str); 8] = [
@@ -86,19 +88,6 @@ impl Place {
 fn decision(file: &str) -> Option<&str> {
     let name = file.strip_prefix("docs/decisions/")?.strip_suffix(".md")?;
     name.split_once('-').filter(|(number, _)| number.parse::<u16>().is_ok()).map(|(_, title)| title)
-}
-
-/// The path without `.` and `..`.
-fn normal(path: &Path) -> PathBuf {
-    let mut whole = PathBuf::new();
-    for component in path.components() {
-        match component {
-            Component::ParentDir => drop(whole.pop()),
-            Component::CurDir => {}
-            component => whole.push(component),
-        }
-    }
-    whole
 }
 
 /// The chapter with its links as they are in the book. In an included document, names of others become links, where
