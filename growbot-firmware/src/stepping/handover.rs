@@ -225,6 +225,7 @@ impl Handover {
     /// Whether the emergency stop is pressed, or was pressed since the last [`Handover::halt`]. The engine has let go
     /// by itself and takes no orders.
     #[must_use]
+    #[inline]
     pub fn emergency_stop(&self) -> bool {
         self.emergency_stop.load(Ordering::Acquire)
     }
@@ -280,28 +281,33 @@ impl Handover {
 
     /// Whether a report waits for the controller.
     #[must_use]
+    #[inline]
     pub fn report_waits(&self) -> bool {
         self.report_waits.load(Ordering::Acquire)
     }
 
     /// Engine: whether the controller wants a halt.
+    #[inline]
     pub(super) fn halt_waits(&self) -> bool {
         self.halt.load(Ordering::Acquire)
     }
 
     /// Engine: whether to halt now. The halt no longer waits then.
+    #[inline]
     pub(super) fn acknowledge_halt(&self) -> bool {
         // A load first: a swap in each tick would cost more than the rest of an idle tick.
         self.halt_waits() && self.halt.swap(false, Ordering::AcqRel)
     }
 
     /// Engine: whether an order waits.
+    #[inline]
     pub(super) fn order_waits(&self) -> bool {
         self.order_waits.load(Ordering::Acquire)
     }
 
     /// Engine: the rate at which the next turn can follow this one, 0 if it must stop: where no turn waits, or the
     /// report of this one would find no room.
+    #[inline]
     pub(super) fn passing(&self) -> u32 {
         if self.report_waits() { 0 } else { self.entry.load(Ordering::Acquire) }
     }
@@ -347,11 +353,13 @@ impl Handover {
         });
     }
 
+    #[inline]
     pub(super) fn call_waits(&self) -> bool {
         self.called.load(Ordering::Acquire)
     }
 
     /// Engine: whether an emergency stop has come by the link. It no longer waits then.
+    #[inline]
     pub(super) fn acknowledge_call(&self) -> bool {
         self.call_waits() && self.called.swap(false, Ordering::AcqRel)
     }
@@ -370,14 +378,17 @@ impl Handover {
         self.emergency_stop.store(pressed, Ordering::Release);
     }
 
+    #[inline]
     pub(super) fn set_on_index(&self, on: bool) {
         self.on_index.store(on, Ordering::Release);
     }
 
+    #[inline]
     pub(super) fn set_filament_pulses(&self, pulses: u32) {
         self.filament_pulses.store(pulses, Ordering::Release);
     }
 
+    #[inline]
     pub(super) fn set_ticks(&self, ticks: u32) {
         self.ticks.store(ticks, Ordering::Release);
     }

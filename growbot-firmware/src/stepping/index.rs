@@ -96,6 +96,7 @@ impl IndexWatch {
     }
 
     /// What the sensor sees as the head makes a step.
+    #[inline]
     pub fn step(&mut self, on: bool, mark: &Mark) -> Result<(), Alarm> {
         let Some(place) = self.place else { return Ok(()) };
         self.place = Some(match (self.backwards, place) {

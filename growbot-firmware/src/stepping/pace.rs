@@ -94,6 +94,7 @@ pub(super) struct Clock {
 impl Clock {
     pub const AT_REST: Self = Self { rate: 0, accumulator: 0 };
 
+    #[inline]
     pub fn is_at_rest(&self) -> bool {
         self.rate == 0
     }
@@ -106,6 +107,7 @@ impl Clock {
 
     /// One tick on, with so many virtual ticks of the turn left: whether one is due. `passing` is the rate at which the
     /// next turn can be entered, 0 without one.
+    #[inline]
     pub fn tick(&mut self, pace: &Pace, left: u32, passing: u32) -> bool {
         let goal = passing.max(pace.start);
         if self.rate != ONE || (goal != ONE && left <= pace.braking) {
@@ -139,6 +141,7 @@ impl Clock {
     }
 
     /// Ticks, from now on, of which each is a virtual tick for certain; 0 while the rate changes.
+    #[inline]
     pub fn steady_ticks(&self, pace: &Pace, left: u32, passing: u32) -> u32 {
         if self.rate != ONE {
             0

@@ -209,27 +209,45 @@ impl Sim {
         time.as_micros() as u64 * self.tick_hz / 1_000_000
     }
 
-    /// Lets time pass up to the next moment at which something happens, or until `deadline` (ticks).
+    /// Lets time pass until the controller is polled, until its watchdog bites, or until `deadline` (ticks): nothing
+    /// else feeds the watchdog or writes to the flash.
     fn advance(&mut self, deadline: u64) {
-        let until = self.next_poll.min(deadline).saturating_sub(self.tick).max(1);
-        let until = u32::try_from(until).unwrap_or(u32::MAX);
-        let stopped = self.tip.borrow().faults().has(TipFault::StepInterruptStopped);
-        let ticks = if stopped { until } else { self.engine.ticks_to_event(&self.handover).min(until) };
-        self.tick += u64::from(ticks);
-        self.tip.borrow_mut().advance(self.tick);
-        self.fed.now.set(self.tick);
-        if !stopped {
-            self.engine.skip(ticks - 1);
-            self.engine.tick(&self.handover);
+        let until = self.next_poll.min(self.watchdog_bites()).min(deadline).max(self.tick + 1);
+        if self.tip.borrow().faults().has(TipFault::StepInterruptStopped) {
+            self.tick = until;
+            self.tip.borrow_mut().advance(until);
+        } else {
+            self.run_engine(until);
         }
+        self.fed.now.set(self.tick);
         if self.tick >= self.next_poll || self.handover.report_waits() {
             self.poll();
         }
-        if self.fed.hungry_for() > WATCHDOG_S * self.tick_hz {
+        if self.tick >= self.watchdog_bites() {
             self.reset(ResetCause::Watchdog);
         }
         if self.flash.has_lost_power() {
             self.reset(ResetCause::PowerOn);
+        }
+    }
+
+    /// When the watchdog resets the board unless it is fed, ticks.
+    fn watchdog_bites(&self) -> u64 {
+        self.fed.fed.get() + WATCHDOG_S * self.tick_hz + 1
+    }
+
+    /// Runs the step interrupt up to this tick, or until it has a report. Ticks in which no pin changes are skipped.
+    fn run_engine(&mut self, until: u64) {
+        loop {
+            let left = u32::try_from(until - self.tick).unwrap_or(u32::MAX);
+            let ticks = self.engine.ticks_to_event(&self.handover).min(left);
+            self.tick += u64::from(ticks);
+            self.tip.borrow_mut().advance(self.tick);
+            self.engine.skip(ticks - 1);
+            self.engine.tick(&self.handover);
+            if self.tick >= until || self.handover.report_waits() {
+                return;
+            }
         }
     }
 
@@ -374,10 +392,6 @@ pub struct WatchdogClock {
 impl WatchdogClock {
     fn feed(&self) {
         self.fed.set(self.now.get());
-    }
-
-    fn hungry_for(&self) -> u64 {
-        self.now.get() - self.fed.get()
     }
 }
 

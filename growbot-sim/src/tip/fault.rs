@@ -161,7 +161,7 @@ impl Faults {
     #[inline]
     #[must_use]
     pub fn has(&self, fault: TipFault) -> bool {
-        self.0.contains(&fault)
+        !self.0.is_empty() && self.0.contains(&fault)
     }
 
     /// Each of them, in the order in which they came.

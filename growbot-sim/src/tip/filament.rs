@@ -27,6 +27,8 @@ pub(super) struct Filament {
     turned: f64,
     /// The encoder's level: asked for in each tick, and only changed by a step.
     level: bool,
+    /// Between these two ends of `turned` the level is the same.
+    level_span: [f64; 2],
     /// How far it has been at most: beyond, it flows.
     front: i64,
     /// Where it ends.
@@ -44,6 +46,7 @@ impl Filament {
             position: 0,
             turned: 0.0,
             level: false,
+            level_span: [0.0; 2],
             front: 0,
             end: 0,
         };
@@ -94,8 +97,16 @@ impl Filament {
 
     fn turn(&mut self, steps: f64) {
         self.turned += steps;
-        // Half pulses from the start are even where it is high.
-        self.level = self.half_pulse.is_some_and(|half| libm::floor(self.turned / half) as i64 % 2 == 0);
+        let [from, to] = self.level_span;
+        if let Some(half) = self.half_pulse
+            && !(from < self.turned && self.turned < to)
+        {
+            // Half pulses from the start are even where it is high.
+            let halves = libm::floor(self.turned / half);
+            self.level = halves as i64 % 2 == 0;
+            // Close to the ends rounding decides, so they stay outside.
+            self.level_span = [halves + 1e-6, halves + 1.0 - 1e-6].map(|halves| halves * half);
+        }
     }
 
     /// How far it has turned the encoder, steps.

@@ -53,7 +53,7 @@ pub(super) struct Nozzle {
     heated: f64,
     /// Feed steps made in this slot.
     fed: f64,
-    decay: Option<Decay>,
+    decays: Decays,
 }
 
 impl Nozzle {
@@ -80,7 +80,7 @@ impl Nozzle {
             at_slot: variation.ambient_c,
             heated: 0.0,
             fed: 0.0,
-            decay: None,
+            decays: Decays::default(),
         }
     }
 
@@ -154,8 +154,7 @@ impl Nozzle {
             self.peak = self.peak.max(peak);
             return;
         }
-        let decay = self.decay.filter(|decay| decay.is_of(seconds, drive, flow));
-        let decay = *self.decay.insert(decay.unwrap_or_else(|| Decay::new(seconds, drive, flow, self.heat_capacity)));
+        let decay = self.decays.of(seconds, drive, flow, self.heat_capacity);
         let settled = drive.power_w / decay.loss_w_per_k;
         // Above the surroundings, and above where the block settles.
         let above = self.block - self.ambient_c - settled;
@@ -169,7 +168,28 @@ impl Nozzle {
     }
 }
 
-/// How much is left of a difference after some time: the same for each poll of a board, and computed once.
+/// The latest decays: a board that is polled evenly needs the same few again and again.
+#[derive(Debug, Clone, PartialEq, Default)]
+struct Decays {
+    known: [Option<Decay>; 8],
+    /// Where the next new one goes.
+    next: usize,
+}
+
+impl Decays {
+    fn of(&mut self, seconds: f64, drive: &Drive, flow_w_per_k: f64, heat_capacity: f64) -> Decay {
+        let mut known = self.known.iter().flatten();
+        if let Some(decay) = known.find(|decay| decay.is_of(seconds, drive, flow_w_per_k)) {
+            return *decay;
+        }
+        let decay = Decay::new(seconds, drive, flow_w_per_k, heat_capacity);
+        self.known[self.next] = Some(decay);
+        self.next = (self.next + 1) % self.known.len();
+        decay
+    }
+}
+
+/// How much is left of a difference after some time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Decay {
     seconds: f64,

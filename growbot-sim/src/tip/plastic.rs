@@ -95,7 +95,8 @@ pub(super) struct Plastic {
     steps_per_turn: i64,
     /// Cosine and sine of each head step.
     directions: Vec<(f64, f64)>,
-    head: i64,
+    /// Where the head stands in its turn, steps from the tip's x axis: below `directions.len()`.
+    head: usize,
     /// Whether the head last stepped counter-clockwise.
     positive: bool,
     /// Sweeps of the head so far.
@@ -145,7 +146,7 @@ impl Plastic {
         Self {
             steps_per_turn: i64::from(steps),
             directions: directions.collect(),
-            head,
+            head: head.rem_euclid(i64::from(steps)) as usize,
             positive: true,
             sweep: 0,
             // The first visit of the axis begins a layer.
@@ -171,13 +172,23 @@ impl Plastic {
             self.swept = 0;
         }
         self.positive = positive;
-        self.head += if positive { 1 } else { -1 };
+        let steps = self.directions.len();
+        self.head = match (positive, self.head) {
+            (true, head) => {
+                if head + 1 == steps {
+                    0
+                } else {
+                    head + 1
+                }
+            }
+            (false, head) => head.checked_sub(1).unwrap_or(steps - 1),
+        };
         self.swept += 1;
         self.since_fed = self.since_fed.map(|steps| steps + 1);
     }
 
     fn is_on_axis(&self) -> bool {
-        self.head.rem_euclid(self.steps_per_turn) == 0
+        self.head == 0
     }
 
     /// Whether the sweep is more than what is left by lost steps.
@@ -193,7 +204,7 @@ impl Plastic {
         if time == 0.0 || self.held_back {
             return;
         }
-        let (cosine, sine) = self.directions[self.head.rem_euclid(self.steps_per_turn) as usize];
+        let (cosine, sine) = self.directions[self.head];
         let moments = Moments { sum: 1.0, cosine, sine };
         if self.is_on_axis() && self.sweep_is_whole() {
             ring_of(&mut self.stood, self.sweep).add(moments, 0.5 * time);
@@ -214,7 +225,7 @@ impl Plastic {
                 ring_of(&mut self.laid, stood.sweep).add(stood.moments, 1.0 / time);
             }
         } else {
-            let (cosine, sine) = self.directions[self.head.rem_euclid(self.steps_per_turn) as usize];
+            let (cosine, sine) = self.directions[self.head];
             let begins = self.is_on_axis() && self.sweep_is_whole();
             let sweep = self.sweep + u64::from(begins);
             // Rings lie in order, and half of what flows here next is of the sweep that ends.
