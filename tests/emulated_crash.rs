@@ -137,10 +137,10 @@ fn an_image_that_is_damaged_is_told_and_never_heats() {
     let plan_id = 1;
     let requests = [
         Message::Begin(Begin { plan_id, layers: 8, robot: hello.robot }),
-        Message::Start(Start { plan_id, silence: Silence::GoOn }),
+        Message::Start(Start { plan_id, silence: Silence::Continue }),
         Message::Tune(Tune { target_centi_c: 20_000 }),
         Message::ClearFault(Empty {}),
-        Message::Start(Start { plan_id, silence: Silence::GoOn }),
+        Message::Start(Start { plan_id, silence: Silence::Continue }),
     ];
     for request in requests {
         let refused = client.request("in vain", &request).unwrap_err();

@@ -53,7 +53,7 @@ fn wait(what: &str, mut until: impl FnMut() -> bool) -> Duration {
 }
 
 fn start(client: &mut Client) {
-    client.request("to start", &Message::Start(Start { plan_id: PLAN, silence: Silence::GoOn })).unwrap();
+    client.request("to start", &Message::Start(Start { plan_id: PLAN, silence: Silence::Continue })).unwrap();
     wait("to grow", || {
         let _ = client.event(Duration::from_millis(50));
         let status = client.status().unwrap();

@@ -51,7 +51,7 @@ fn grow(robot: &Robot, with_feedback: bool) -> Grown {
     let feedback = with_feedback.then(|| Feedback::new(robot, &start, &path, &legs, noise));
     let mut simulation = emulator.simulation();
     let mut client = Client::new(Box::new(emulator), "a board under test");
-    let manner = Manner { silence: Silence::Hold, feedback };
+    let manner = Manner { silence: Silence::Pause, feedback };
     let grow = |tell: &mut dyn FnMut(&News)| grow_job(&mut client, &job, manner, &Orders::default(), tell);
     compare(Some(&mut simulation), &job, &mut |_| (), grow).unwrap()
 }

@@ -20,7 +20,7 @@ fn grow_on(opened: (Box<dyn Port>, Box<dyn Simulation>), robot: &Robot, path: &[
     let job = Job::new(robot, &start, &goal, path);
     let (port, mut simulation) = opened;
     let mut client = Client::new(port, "a board under test");
-    let grow = |tell: &mut dyn FnMut(&News)| grow_job(&mut client, &job, Silence::Hold, &Orders::default(), tell);
+    let grow = |tell: &mut dyn FnMut(&News)| grow_job(&mut client, &job, Silence::Pause, &Orders::default(), tell);
     compare(Some(&mut simulation), &job, &mut |_| (), grow).unwrap()
 }
 

@@ -129,7 +129,7 @@ fn over_a_bad_line(board: &Board, job: &Job, undisturbed: &Undisturbed, seed: u6
     let mut client = Client::new(Box::new(Rc::clone(&wire)), "the emulated board");
     let never = Orders::default();
     let laid_before = board.borrow().simulation().laid().map_err(|error| error.to_string())?.body.len();
-    let grown = grow_job(&mut client, job, Silence::Hold, &never, &mut |_| ());
+    let grown = grow_job(&mut client, job, Silence::Pause, &never, &mut |_| ());
     let what = format!("{:.1} % of frames lost, {flip:.1e} of bytes flipped", 100.0 * drop);
     let grown = grown.map_err(|error| format!("{what}: {error}"))?;
     // The tip has seen each layer as it was laid.
@@ -197,7 +197,7 @@ impl Point {
         }
         let feed_steps: u64 = [Some(&first), second.as_ref()].into_iter().flatten().map(feed_steps).sum();
         let more_feed_steps = feed_steps as i64 - undisturbed.feed_steps as i64;
-        let told = format!("{what}: {laid} layers known, {} laid, cut {:?}", found.laid, found.cut);
+        let told = format!("{what}: {laid} layers known, {} laid, cut {:?}", found.laid, found.interrupted);
         let recovered = Recovered { found, as_built: grown.as_built, more_feed_steps };
         crash::check(job, undisturbed, *crash, &recovered).map_err(|wrong| format!("{told}: {wrong}"))?;
         Ok(format!("{told}: resumed, {} layers, {more_feed_steps} feed steps laid again", recovered.as_built.len()))
@@ -215,7 +215,7 @@ impl Point {
         let mut client = Client::new(Box::new(line), "the emulated board");
         let (mut told, mut flash) = (0, None);
         let mut crashed = None;
-        let grown = grow_job(&mut client, job, Silence::Hold, &Orders::default(), &mut |news| {
+        let grown = grow_job(&mut client, job, Silence::Pause, &Orders::default(), &mut |news| {
             match news {
                 News::Laid(_, as_built, _) => known.push(*as_built),
                 News::State(_) => {}
@@ -267,6 +267,6 @@ fn come_back(
         client.request("to clear the fault", &Message::ClearFault(Empty {})).map_err(GrowthError::Before)?;
     }
     let found = client.status().map_err(GrowthError::Before)?;
-    let grown = resume_job(&mut client, job, known, CutLayer::Again, Silence::Hold, &Orders::default(), &mut |_| ())?;
+    let grown = resume_job(&mut client, job, known, CutLayer::Again, Silence::Pause, &Orders::default(), &mut |_| ())?;
     Ok((found, grown))
 }

@@ -61,7 +61,7 @@ fn planning_and_growing_leave_half_of_the_stack_unused() {
     let path = [Segment::Arc { alpha: 1.0, bend: 0.03, length: 3.0 }];
     let goal = Pose::from_frame(&end(&path, &start.frame()));
     let job = Job::new(&robot, &start, &goal, &path);
-    let grown = grow_job(&mut client, &job, Silence::Hold, &Orders::default(), &mut |_| ()).unwrap();
+    let grown = grow_job(&mut client, &job, Silence::Pause, &Orders::default(), &mut |_| ()).unwrap();
     assert_eq!(grown.outcome, Outcome::Done);
 
     // As long as a whole look through the stack takes, by the board's clock.

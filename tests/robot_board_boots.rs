@@ -68,7 +68,7 @@ fn the_robots_board_says_hello_and_answers_requests() {
         "{refused}"
     );
     let refused =
-        client.request("to start", &Message::Start(Start { plan_id: 7, silence: Silence::Hold })).unwrap_err();
+        client.request("to start", &Message::Start(Start { plan_id: 7, silence: Silence::Pause })).unwrap_err();
     assert!(matches!(refused, ClientError::Refused { refusal: Refusal::OtherPlan { board: 0 }, .. }), "{refused}");
     let refused = client.request("to clear the fault", &Message::ClearFault(Empty {})).unwrap_err();
     assert!(matches!(refused, ClientError::Refused { refusal: Refusal::FaultRemains { .. }, .. }), "{refused}");

@@ -9,7 +9,7 @@ use growbot_client::client::Client;
 use growbot_client::robot_file;
 use growbot_core::job::{job_layers, summarize};
 use growbot_core::layer_bytes::LayerBytes;
-use growbot_core::link::message::{HeldLayers, Message, PlanRequest, Planned, ReadLayers};
+use growbot_core::link::message::{Message, PlanRequest, Planned, ReadLayers, StoredLayers};
 use growbot_core::path::{Segment, length};
 use growbot_core::plan::{Planner, plan};
 use growbot_core::pose::Pose;
@@ -117,7 +117,8 @@ fn compare<'a>(goals: impl Iterator<Item = &'a [f64; 5]>) -> Compared {
         let mut held: Vec<LayerBytes> = Vec::new();
         while held.len() < expected.layers as usize {
             let read = Message::ReadLayers(ReadLayers { first: held.len() as u32 });
-            let Message::HeldLayers(HeldLayers { layers, .. }) = client.request("for layers", &read).unwrap() else {
+            let Message::StoredLayers(StoredLayers { layers, .. }) = client.request("for layers", &read).unwrap()
+            else {
                 panic!("no layers for {goal:?}");
             };
             assert!(!layers.is_empty(), "{} layers of {} for {goal:?}", held.len(), expected.layers);

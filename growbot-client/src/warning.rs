@@ -38,12 +38,12 @@ pub const LAYER_LIMIT: &str = "layer-limit";
 pub const PREVENTING: [&str; 3] = [SELF_COLLISION, FILAMENT_SHORT, LAYER_LIMIT];
 
 /// The layers of a helicoidal arc differ. Of all in a path so many are looked at, the first.
-const MOST_LAYERS: usize = 100_000;
+const MAX_LAYERS: usize = 100_000;
 
 /// All that speaks against growing this path, which needs this much, on this robot.
 #[must_use]
 pub fn warnings(path: &[Segment], needs: &Needs, robot: &Robot) -> Vec<Warning> {
-    let mut left = MOST_LAYERS;
+    let mut left = MAX_LAYERS;
     let mut found: Vec<Warning> = self_collision(path, robot).into_iter().collect();
     found.extend(filament_short(needs, robot));
     for (index, segment) in path.iter().enumerate() {

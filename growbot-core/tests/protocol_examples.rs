@@ -20,9 +20,10 @@ use growbot_core::layer_bytes::{self, Encoder, LayerBytes};
 use growbot_core::link::emergency_stop::EMERGENCY_STOP;
 use growbot_core::link::frame::{self, Frame, Header, LONGEST_BODY, LONGEST_FRAME, Receiver, VERSION};
 use growbot_core::link::message::{
-    Accepted, Amend, Begin, BoardHello, BootReport, Cancel, Cut, Empty, HeldLayers, HostHello, HostName, Laid,
-    LatestFault, Layers, MOST_LAYERS, Measured, Message, PlanRequest, Planned, ReadLayers, Refusal, Refused,
-    ResetCause, Resume, SCHEMA_HASH, SensorReadings, Silence, Start, State, StateChanged, Status, Tune, Tuned, Waits,
+    Accepted, Amend, Begin, BoardHello, BootReport, Cancel, Empty, HostHello, HostName, InterruptedLayer, Laid,
+    LatestFault, Layers, MAX_LAYERS, Measured, Message, PauseCause, PlanRequest, Planned, ReadLayers, Refusal, Refused,
+    ResetCause, Resume, SCHEMA_HASH, SensorReadings, Silence, Start, State, StateChanged, Status, StoredLayers, Tune,
+    Tuned,
 };
 use growbot_core::path::Segment;
 use growbot_core::plan::{Planner, plan};
@@ -184,8 +185,8 @@ fn conversation() -> Vec<Said> {
         layers: 0,
         next: 0,
         laid: 0,
-        cut: None,
-        waits: Waits::ForLayers,
+        interrupted: None,
+        pause_cause: PauseCause::LayersExhausted,
         journal: true,
         uptime_ms: 1500,
     };
@@ -201,12 +202,12 @@ fn conversation() -> Vec<Said> {
         uptime_ms: 120_000,
         ..idle.clone()
     };
-    let cut = Status {
+    let interrupted = Status {
         state: State::Idle,
         temperature_centi_c: Some(19_120),
         target_centi_c: None,
         duty: 0,
-        cut: Some(Cut { least: 31, most: 32 }),
+        interrupted: Some(InterruptedLayer { min: 31, max: 32 }),
         uptime_ms: 126_000,
         ..growing.clone()
     };
@@ -227,7 +228,7 @@ fn conversation() -> Vec<Said> {
         robot: robot.hash(),
         capacity: 4096,
         status: idle,
-        holder: Some(host(b"grow 4711 on bench")),
+        owner: Some(host(b"grow 4711 on bench")),
     };
     let measured = Measured { filament_pulses: Some(55), gravity_milli_g: Some([-7, 0, 1000]) };
     let as_built = Some(Encoder::default().encode(&as_built));
@@ -248,21 +249,25 @@ fn conversation() -> Vec<Said> {
         request("Begin", 2, 0, Message::Begin(Begin { plan_id: job_id, layers: 2, robot: robot.hash() })),
         answer("Accepted", 2, Message::Accepted(Accepted { plan_id: job_id, next: 0, room: 4096 })),
         request("Layers", 3, 0, Message::Layers(Layers { plan_id: job_id, first: 0, layers })),
-        request("Start", 4, 0, Message::Start(Start { plan_id: job_id, silence: Silence::Hold })),
+        request("Start", 4, 0, Message::Start(Start { plan_id: job_id, silence: Silence::Pause })),
         event("StateChanged", 1, Message::StateChanged(StateChanged { state: State::Heating, fault: None })),
-        request("Heard", 0, 1, Message::Heard(Empty {})),
+        request("Ack", 0, 1, Message::Ack(Empty {})),
         event("Laid", 4, Message::Laid(laid)),
         request("AskStatus", 5, 4, Message::AskStatus(Empty {})),
         answer("Status", 5, Message::Status(growing)),
         request("Plan", 6, 4, Message::Plan(plan_request)),
         answer("Refused", 6, refused(0x08, Refusal::WrongState { state: State::Growing })),
         other("Hello of another host", 1, 0, hello(b"status 4712 on desk")),
-        other("Refused, held", 0, 1, refused(0x01, Refusal::Held { silent_ms: 340 })),
+        other("Refused, owned", 0, 1, refused(0x01, Refusal::Owned { silent_ms: 340 })),
         Said { name: "StoppedAtOnce", session: NO_SESSION, seq: 0, ack: 0, message: Message::StoppedAtOnce(Empty {}) },
         request("ClearFault", 7, 5, Message::ClearFault(Empty {})),
-        answer("Status of a layer that was cut", 8, Message::Status(cut)),
+        answer("Status of an interrupted layer", 8, Message::Status(interrupted)),
         request("Resume", 9, 6, Message::Resume(Resume { plan_id: job_id, from: 1, known: 1 })),
-        answer("Accepted, layers still held", 9, Message::Accepted(Accepted { plan_id: job_id, next: 2, room: 4095 })),
+        answer(
+            "Accepted, layers still stored",
+            9,
+            Message::Accepted(Accepted { plan_id: job_id, next: 2, room: 4095 }),
+        ),
         answer("Planned", 11, Message::Planned(planned)),
         request("Goodbye", 12, 12, Message::Goodbye(Empty {})),
     ]
@@ -345,7 +350,7 @@ fn the_numbers_quoted_are_the_codes() {
         ("Schema hash", format!("{SCHEMA_HASH:016x}")),
         ("Longest body", LONGEST_BODY.to_string()),
         ("Longest frame", LONGEST_FRAME.to_string()),
-        ("Layers in one message", MOST_LAYERS.to_string()),
+        ("Layers in one message", MAX_LAYERS.to_string()),
         ("Sectors of a layer", SECTORS.to_string()),
         ("CRC-32C check value", format!("{:08x}", crc_32c(b"123456789"))),
         ("CRC-64/XZ check value", format!("{:016x}", Hasher::of(b"123456789"))),
@@ -368,7 +373,7 @@ fn layers_fill_the_line_as_the_text_says() {
     // The longest: its varint takes ten bytes.
     let plan_id = u64::MAX;
     let (mut there, mut back) = (0, 0);
-    for (seq, (batch, first)) in (1..).zip(layers.chunks(MOST_LAYERS).zip((0..).step_by(MOST_LAYERS))) {
+    for (seq, (batch, first)) in (1..).zip(layers.chunks(MAX_LAYERS).zip((0..).step_by(MAX_LAYERS))) {
         let layers = batch.iter().copied().collect();
         there += wire_bytes(seq, 0, &Message::Layers(Layers { plan_id, first, layers }));
         let next = first + batch.len() as u32;
@@ -485,7 +490,7 @@ fn the_types_written_out_are_the_codes() {
         Accepted::SCHEMA,
         Refused::SCHEMA,
         Planned::SCHEMA,
-        HeldLayers::SCHEMA,
+        StoredLayers::SCHEMA,
         LatestFault::SCHEMA,
         SensorReadings::SCHEMA,
         BootReport::SCHEMA,

@@ -242,8 +242,8 @@ impl<B: Board> Controller<B> {
             layers: self.job.layers,
             next: self.store().next_index(),
             laid: self.job.laid,
-            cut: self.job.cut,
-            waits: self.waits(),
+            interrupted: self.job.interrupted,
+            pause_cause: self.pause_cause(),
             journal: !self.job.unwritten,
             uptime_ms: self.now / 1000,
         }

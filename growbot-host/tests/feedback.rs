@@ -184,7 +184,7 @@ impl Try {
         let cut = Rc::new(Cell::new(false));
         let mut client = Client::new(Box::new(Line(Rc::clone(&self.sim), Rc::clone(&cut))), "sim");
         let orders = Orders::default();
-        let manner = Manner { silence: Silence::GoOn, feedback: Some(feedback) };
+        let manner = Manner { silence: Silence::Continue, feedback: Some(feedback) };
         let grown = grow_job(&mut client, &job, manner, &orders, &mut |news| {
             log.news(news).unwrap();
             if matches!(news, News::Laid(60, ..)) {
@@ -210,7 +210,7 @@ impl Try {
         let feedback = record.feedback(&job, &plan);
         assert!(feedback.is_some());
         let (orders, known) = (Orders::default(), record.as_built.clone());
-        let manner = Manner { silence: Silence::Hold, feedback };
+        let manner = Manner { silence: Silence::Pause, feedback };
         resume_job(&mut client, &job, known, CutLayer::Again, manner, &orders, &mut |_| {}).unwrap()
     }
 

@@ -57,7 +57,7 @@ fn grow(rate: f64, jitter: f64) -> (Grown, State, f64) {
     let sim = Rc::new(RefCell::new(Sim::new(robot.clone())));
     let line = Skewed { sim: Rc::clone(&sim), rate, jitter, random: Random::new(&[1]) };
     let mut client = Client::new(Box::new(line), "a board of its own time");
-    let grown = grow_job(&mut client, &job, Silence::Hold, &Orders::default(), &mut |_| {}).unwrap();
+    let grown = grow_job(&mut client, &job, Silence::Pause, &Orders::default(), &mut |_| {}).unwrap();
     let (state, seconds) = (sim.borrow().state(), sim.borrow().now_s() / rate);
     (grown, state, seconds)
 }

@@ -38,7 +38,7 @@ fn try_to_grow(
     let job = Job::new(&robot, &start, &goal, &path);
     let mut client = Client::new(line(Sim::new(robot.clone())), "sim");
     let (orders, mut told) = (Orders::default(), Vec::new());
-    let grown = grow_job(&mut client, &job, Silence::Hold, &orders, &mut |news| {
+    let grown = grow_job(&mut client, &job, Silence::Pause, &orders, &mut |news| {
         order(news, &orders);
         told.push(news.clone());
     });
@@ -53,11 +53,11 @@ fn tells(told: &[News], wanted: &News) -> usize {
 fn a_growth_holds_and_goes_on_as_ordered_and_each_layer_is_laid_once() {
     let (grown, told) = grow(|news, orders| match news {
         News::Laid(4, ..) => orders.give(Order::Hold),
-        News::State(State::Hold) => orders.give(Order::GoOn),
+        News::State(State::Paused) => orders.give(Order::GoOn),
         _ => {}
     });
     assert_eq!(grown.outcome, Outcome::Done);
-    assert_eq!((grown.body.len(), tells(&told, &News::State(State::Hold))), (20, 1));
+    assert_eq!((grown.body.len(), tells(&told, &News::State(State::Paused))), (20, 1));
     assert_eq!((tells(&told, &News::Ordered(Order::Hold)), tells(&told, &News::Ordered(Order::GoOn))), (1, 1));
     assert_eq!(told.iter().filter(|news| matches!(news, News::Laid(..))).count(), 20);
 }
@@ -165,7 +165,7 @@ fn an_order_outlives_a_line_that_is_cut_while_it_is_given() {
                     orders.give(order);
                 }
                 // It holds by now, as asked to or as its host was silent.
-                News::Status(status) if status.state == State::Hold => orders.give(Order::GoOn),
+                News::Status(status) if status.state == State::Paused => orders.give(Order::GoOn),
                 _ => {}
             },
             |sim| Box::new(Cut { sim, losses: Rc::clone(&cut) }),
@@ -242,10 +242,10 @@ fn an_order_in_any_state_leaves_the_body_whole() {
     for (state, order) in [(State::Heating, Order::Hold), (State::Homing, Order::Hold), (State::Growing, Order::GoOn)] {
         let (grown, told) = grow(|news, orders| match news {
             News::State(now) if *now == state => orders.give(order),
-            News::State(State::Hold) | News::NotObeyed(_) => orders.give(Order::GoOn),
+            News::State(State::Paused) | News::NotObeyed(_) => orders.give(Order::GoOn),
             _ => {}
         });
         assert_eq!((grown.outcome, grown.body.len()), (Outcome::Done, 20), "{state:?}, {order:?}");
-        assert_eq!(tells(&told, &News::State(State::Hold)) > 0, order == Order::Hold, "{state:?}, {order:?}");
+        assert_eq!(tells(&told, &News::State(State::Paused)) > 0, order == Order::Hold, "{state:?}, {order:?}");
     }
 }

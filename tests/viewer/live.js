@@ -87,7 +87,7 @@ try {
   await page.waitForFunction(() => Number(document.querySelector("#slider").max) >= 5);
   assert.match(await page.textContent("#bar output"), /^layer \d+ of \d{3} /);
   await page.click("#order-hold");
-  await isIn(page, "hold");
+  await isIn(page, "paused");
   const held = await laid(page);
   assert.match(await page.textContent("#explanation"), /as it was asked to/);
   await page.click("#order-go-on");

@@ -114,13 +114,13 @@ fn explain(refusal: &Refusal) -> String {
         Refusal::PlanTooLong { layers, capacity } => {
             format!("the plan has {layers} layers, it can take {capacity}")
         }
-        Refusal::Temperature { least, greatest } => format!(
+        Refusal::Temperature { min, max } => format!(
             "the temperature must lie between {} and {} C, the limits of its description",
-            f64::from(least) / 100.0,
-            f64::from(greatest) / 100.0
+            f64::from(min) / 100.0,
+            f64::from(max) / 100.0
         ),
         Refusal::EmergencyStop => "the emergency stop is pressed: release it first".to_string(),
-        Refusal::Held { silent_ms } => format!("another host holds it, heard {silent_ms} ms ago"),
+        Refusal::Owned { silent_ms } => format!("another host holds it, heard {silent_ms} ms ago"),
         Refusal::Begun { first } => format!("those layers have been begun; the first that can be replaced is {first}"),
         Refusal::Hot { below } => format!(
             "it must make room in its journal, which it does only with the nozzle below {} C: wait until it has cooled",

@@ -12,7 +12,7 @@ use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::frame::{self, Frame, FrameError, Header, LONGEST_BODY, Receiver, next};
 use growbot_core::link::message::{
     Accepted, BoardHello, BootReport, Empty, FaultRecord, HostHello, HostName, LatestFault, LayerBatch, Layers,
-    MOST_LAYERS, Message, MessageError, Refusal, Refused, SCHEMA_HASH, SensorReadings, State, Status,
+    MAX_LAYERS, Message, MessageError, Refusal, Refused, SCHEMA_HASH, SensorReadings, State, Status,
 };
 use growbot_core::robot::Robot;
 
@@ -142,14 +142,14 @@ impl Client {
         let mut silent_before = 0;
         for _ in 0..HELD_LOOKS {
             match self.open_session(self.takes_over) {
-                Err(ClientError::Refused { refusal: Refusal::Held { .. }, .. })
-                    if self.board()?.holder == Some(host_name()) =>
+                Err(ClientError::Refused { refusal: Refusal::Owned { .. }, .. })
+                    if self.board()?.owner == Some(host_name()) =>
                 {
                     // It is this program, which the line had lost.
                     return self.open_session(true);
                 }
                 // As long as it is not heard it may be gone.
-                Err(ClientError::Refused { refusal: Refusal::Held { silent_ms }, .. })
+                Err(ClientError::Refused { refusal: Refusal::Owned { silent_ms }, .. })
                     if silent_ms >= silent_before =>
                 {
                     silent_before = silent_ms;
@@ -184,11 +184,11 @@ impl Client {
 
     /// The board is held: by whom.
     fn told_holder(&mut self, error: ClientError) -> Result<BoardHello, ClientError> {
-        let ClientError::Refused { refusal: Refusal::Held { silent_ms }, .. } = error else { return Err(error) };
-        let holder = self.board()?.holder.unwrap_or_default();
+        let ClientError::Refused { refusal: Refusal::Owned { silent_ms }, .. } = error else { return Err(error) };
+        let owner = self.board()?.owner.unwrap_or_default();
         Err(ClientError::Held {
             port: self.name.clone(),
-            host: String::from_utf8_lossy(&holder).into_owned(),
+            host: String::from_utf8_lossy(&owner).into_owned(),
             silent_s: f64::from(silent_ms) / 1000.0,
         })
     }
@@ -474,7 +474,7 @@ impl Client {
         let what = "to take layers";
         // Numbers of the messages on their way.
         let mut flying: VecDeque<u16> = VecDeque::new();
-        let (mut sent, mut batch, mut fruitless) = (accepted.next, MOST_LAYERS, 0);
+        let (mut sent, mut batch, mut fruitless) = (accepted.next, MAX_LAYERS, 0);
         // The furthest that the board has come: one that accepts the same layers for ever gets nowhere.
         let mut furthest = accepted.next;
         let mut wait = Wait::default();
@@ -582,7 +582,7 @@ impl Client {
         while taken < 2 * frame::LONGEST_FRAME {
             if self.arrived.is_empty() {
                 if !self.acknowledged {
-                    self.post(0, &Message::Heard(Empty {}))?;
+                    self.post(0, &Message::Ack(Empty {}))?;
                 }
                 self.receive(timeout)?;
             }
@@ -611,7 +611,7 @@ impl Client {
             if count > 0 || left.is_zero() {
                 return Ok(());
             }
-            self.post(0, &Message::Heard(Empty {}))?;
+            self.post(0, &Message::Ack(Empty {}))?;
         }
     }
 }

@@ -17,8 +17,8 @@ impl<'a> Growth<'a> {
         tell: &mut dyn FnMut(&News),
     ) -> Result<Self, GrowthError> {
         let hello = meet(client, job.robot, tell)?;
-        let Status { plan_id, laid, layers, state, cut, .. } = hello.status;
-        if plan_id != 0 && (laid > 0 || cut.is_some()) && laid < layers && state != State::Stopped {
+        let Status { plan_id, laid, layers, state, interrupted, .. } = hello.status;
+        if plan_id != 0 && (laid > 0 || interrupted.is_some()) && laid < layers && state != State::Stopped {
             return Err(GrowthError::Unfinished { plan_id, laid, layers });
         }
         let mut growth = Self::new(client, job, manner, &hello);
@@ -71,7 +71,7 @@ impl<'a> Growth<'a> {
         cut: CutLayer,
         tell: &mut dyn FnMut(&News),
     ) -> Result<(), ClientError> {
-        let skip = status.cut.is_some() && cut == CutLayer::LetBe;
+        let skip = status.interrupted.is_some() && cut == CutLayer::LetBe;
         self.laid = status.laid;
         // What is not known is told from the first hole on.
         let known = self.as_built.len().min(status.laid as usize);

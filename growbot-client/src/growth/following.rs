@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use growbot_core::link::message::{Empty, Fault, Laid, Message, Refusal, State, Status, Waits};
+use growbot_core::link::message::{Empty, Fault, Laid, Message, PauseCause, Refusal, State, Status};
 
 use super::handover::IN_ENGINE;
 use super::{CutLayer, Grown, Growth, GrowthError, News, Order, Orders, Outcome, is_crash, tell_crash};
@@ -77,7 +77,7 @@ impl Growth<'_> {
         }
         if hello.boot_id != self.boot_id || hello.status.plan_id != self.job.plan_id {
             self.laid = hello.status.laid;
-            self.cut = hello.status.cut;
+            self.interrupted = hello.status.interrupted;
             self.ended_ms = hello.status.uptime_ms;
             return Ok(Outcome::Interrupted);
         }
@@ -170,7 +170,7 @@ impl Growth<'_> {
         tell(&News::Ordered(order));
         let done = match order {
             Order::GoOn => self.start(),
-            Order::Hold => self.client.request("to hold", &Message::Hold(Empty {})).map(drop),
+            Order::Hold => self.client.request("to hold", &Message::Pause(Empty {})).map(drop),
             Order::Stop => self.client.request("to stop", &Message::Stop(Empty {})).map(drop),
             Order::EmergencyStop => self.client.emergency_stop(),
         };
@@ -202,7 +202,7 @@ impl Growth<'_> {
         if let Some(outcome) = outcome(status.state, status.fault).or(lost) {
             self.ended_ms = status.uptime_ms;
             if status.plan_id == self.job.plan_id {
-                (self.laid, self.cut) = (status.laid, status.cut);
+                (self.laid, self.interrupted) = (status.laid, status.interrupted);
             }
             return Ok(Some(outcome));
         }
@@ -211,7 +211,7 @@ impl Growth<'_> {
         self.accepted.room = self.capacity.saturating_sub(status.next.saturating_sub(status.laid));
         self.refill(tell)?;
         // It held because it had not heard of us for long.
-        if status.state == State::Hold && status.waits == Waits::ForHost {
+        if status.state == State::Paused && status.pause_cause == PauseCause::HostSilent {
             self.start()?;
         }
         Ok(None)
@@ -230,7 +230,7 @@ fn outcome(state: State, fault: Option<Fault>) -> Option<Outcome> {
         | State::Heating
         | State::Homing
         | State::Growing
-        | State::Hold
+        | State::Paused
         | State::Tuning => None,
     }
 }

@@ -3,7 +3,7 @@
 use growbot_core::hash::Hasher;
 use growbot_core::layer::{Layer, grow};
 use growbot_core::layer_bytes::{LayerBytes, decode};
-use growbot_core::link::message::Cut;
+use growbot_core::link::message::InterruptedLayer;
 
 use super::{Growth, Outcome};
 use crate::arrival::Arrival;
@@ -28,7 +28,7 @@ pub struct Grown {
     /// the body it stands as planned.
     pub as_built: Vec<Option<LayerBytes>>,
     /// The layer under way when it ended: how much of it was made.
-    pub cut: Option<Cut>,
+    pub interrupted: Option<InterruptedLayer>,
     /// What the arrival is measured by.
     pub measured_by: MeasuredBy,
     /// What feedback came to; none without it.
@@ -102,7 +102,7 @@ impl Growth<'_> {
             duration_s: self.began_ms.map_or(0.0, |began| self.ended_ms.saturating_sub(began) as f64 / 1000.0),
             filament_mm: feed_steps / self.job.robot.description().feed.steps_per_mm,
             as_built: self.as_built,
-            cut: self.cut,
+            interrupted: self.interrupted,
             measured_by,
             fed_back,
         }

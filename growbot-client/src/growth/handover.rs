@@ -1,6 +1,6 @@
 //! Layers on their way to the board: all of them without feedback; with it, those of the next minutes, amended as the tip is measured.
 
-use growbot_core::link::message::{Amend, MOST_LAYERS, Message, Refusal};
+use growbot_core::link::message::{Amend, MAX_LAYERS, Message, Refusal};
 
 use super::{Amendment, Growth, News};
 use crate::client::ClientError;
@@ -65,7 +65,7 @@ impl Growth<'_> {
             }
             let horizon = rest.iter().take(HORIZON as usize).copied().collect();
             tell(&News::Amending(Amendment { plan_id, from, total, layers: horizon }));
-            let first_layers = rest.iter().take(MOST_LAYERS).copied().collect();
+            let first_layers = rest.iter().take(MAX_LAYERS).copied().collect();
             let amend = Amend { plan_id: self.job.plan_id, amended: plan_id, from, layers: total, first_layers };
             self.amending = Some((plan_id, amended, total.min(from.saturating_add(HORIZON))));
             match self.client.request("to amend the job", &Message::Amend(amend)) {

@@ -11,7 +11,8 @@ use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::crash::CrashWords;
 use growbot_core::link::message::{
-    Accepted, BoardHello, BootReport, Cut, Fault, Measured, Message, ResetCause, Silence, Start, State, Status,
+    Accepted, BoardHello, BootReport, Fault, InterruptedLayer, Measured, Message, ResetCause, Silence, Start, State,
+    Status,
 };
 use growbot_core::path::{Segment, length};
 use growbot_core::pose::Pose;
@@ -241,7 +242,7 @@ struct Growth<'a> {
     laid: u32,
     /// The layers as the board reports them.
     as_built: Vec<Option<LayerBytes>>,
-    cut: Option<Cut>,
+    interrupted: Option<InterruptedLayer>,
     /// Layers that the board can hold.
     capacity: u32,
     boot_id: u32,
@@ -277,7 +278,7 @@ impl<'a> Growth<'a> {
             accepted: Accepted { plan_id: 0, next: 0, room: 0 },
             laid: 0,
             as_built: Vec::new(),
-            cut: None,
+            interrupted: None,
             capacity: hello.capacity,
             boot_id: hello.boot_id,
             began_ms: None,

@@ -241,7 +241,7 @@ impl RunLog {
                 "reset_cause": hello.reset_cause.name(),
                 "state": hello.status.state.name(),
                 "laid": hello.status.laid,
-                "cut": hello.status.cut.map(|cut| [cut.least, cut.most]),
+                "cut": hello.status.interrupted.map(|layer| [layer.min, layer.max]),
             })),
             News::Crash(words) => {
                 let mut line = json_of_crash(&CrashRecord::from(words));

@@ -1,4 +1,4 @@
-//! What a board can be doing, what can go wrong with it, and why it may have started: in bytes and in words.
+//! The states and faults of a board and the causes of its resets, with their names and explanations.
 
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 /// What the board is doing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub enum State {
-    /// Nothing: heater and steppers are off.
+    /// The board does nothing; heater and steppers are off.
     Idle,
     /// The nozzle warms up; nothing moves, since cold plastic may hold the nozzle.
     Heating,
@@ -14,17 +14,17 @@ pub enum State {
     Homing,
     /// Layers are being laid.
     Growing,
-    /// Between layers, hot, waiting for more of them.
-    Hold,
+    /// Between layers, the nozzle hot or at standby. The board waits for layers, or until it is to continue.
+    Paused,
     /// Every layer of the job is laid; heater and steppers are off.
     Done,
     /// Stopped on request; heater and steppers are off.
     Stopped,
     /// A fault is latched; heater and steppers are off until it is cleared.
     Fault,
-    /// Just started: the sensors are looked at; everything is off.
+    /// The board has just started and tests its sensors; everything is off.
     SelfTest,
-    /// A long hold has switched the heater off; the job is kept, and `Start` goes on with it.
+    /// A long pause has switched the heater off. The board stores the job, and `Start` continues it.
     Parked,
     /// The nozzle is driven round a temperature to find the gains of its regulation.
     Tuning,
@@ -40,7 +40,7 @@ impl State {
         Self::Heating,
         Self::Homing,
         Self::Growing,
-        Self::Hold,
+        Self::Paused,
         Self::Parked,
         Self::Done,
         Self::Stopped,
@@ -49,7 +49,7 @@ impl State {
         Self::EmergencyStop,
     ];
 
-    /// The state in a word.
+    /// The state's name, as programs print it.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -57,7 +57,7 @@ impl State {
             Self::Heating => "heating",
             Self::Homing => "homing",
             Self::Growing => "growing",
-            Self::Hold => "hold",
+            Self::Paused => "paused",
             Self::Done => "done",
             Self::Stopped => "stopped",
             Self::Fault => "fault",
@@ -242,7 +242,7 @@ impl Fault {
             }
             Self::Hardware => "a pin or the heater's output refused a command: check the board",
             Self::ThermistorFrozen => {
-                "the thermistor's reading stands still though the heater's power varies: check the converter and the board"
+                "the thermistor's reading stands still though the heater's power varies: check the ADC and the board"
             }
             Self::ThermistorDetached => {
                 "the reading fell faster than the nozzle can cool: check that the thermistor sits in its place"

@@ -1,7 +1,7 @@
 //! The orders to the step engine: homing, layers, and filament pulled back and pushed forward again round a hold.
 
 use growbot_core::layer_bytes::{self, Encoder, Fields, LayerBytes};
-use growbot_core::link::message::{Fault, State, Waits};
+use growbot_core::link::message::{Fault, PauseCause, State};
 use growbot_core::robot::Turning;
 
 use super::Controller;
@@ -37,7 +37,7 @@ pub(super) struct Motion {
     /// The next turn goes back to where the one before came from.
     backwards: bool,
     /// Why the robot is to wait after the layer under way, if it is.
-    hold: Option<Waits>,
+    hold: Option<PauseCause>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -81,7 +81,7 @@ impl Motion {
 impl<B: Board> Controller<B> {
     /// Does what follows from a report of the step engine.
     pub(super) fn handle_report(&mut self, report: Report, handover: &Handover) {
-        let growing = matches!(self.state, State::Growing | State::Hold);
+        let growing = matches!(self.state, State::Growing | State::Paused);
         match report {
             Report::Homed if self.state == State::Homing => {
                 self.motion.reported(self.now);
@@ -125,7 +125,7 @@ impl<B: Board> Controller<B> {
         match self.state {
             State::Heating if self.heater.is_steady(self.now) => self.home(handover),
             State::Growing if handover.takes_orders() && self.motion.feeding.is_none() => self.go_on(handover),
-            State::Hold if self.motion.feeding.is_none() => self.wait(handover),
+            State::Paused if self.motion.feeding.is_none() => self.wait(handover),
             _ => {}
         }
     }
@@ -240,12 +240,12 @@ impl<B: Board> Controller<B> {
     }
 
     /// Has the robot wait after the layer under way, or not any more.
-    pub(super) fn go_on_holding(&mut self, hold: Option<Waits>) {
+    pub(super) fn go_on_holding(&mut self, hold: Option<PauseCause>) {
         self.motion.hold = hold;
     }
 
     /// What the robot waits for, or will once the layer under way is laid.
-    pub(super) fn waits(&self) -> Waits {
+    pub(super) fn pause_cause(&self) -> PauseCause {
         self.motion.hold.unwrap_or_default()
     }
 

@@ -7,7 +7,7 @@
 use growbot_core::layer::SECTORS;
 use growbot_core::layer_bytes::{LayerBytes, decode_checked};
 use growbot_core::link::message::{
-    Amend, Begin, Cancel, Cut, Laid, Layers, Measured, Message, Refusal, Resume, Silence, Start, State,
+    Amend, Begin, Cancel, InterruptedLayer, Laid, Layers, Measured, Message, Refusal, Resume, Silence, Start, State,
 };
 use heapless::Deque;
 
@@ -42,7 +42,7 @@ pub(super) struct Job {
     /// Layers that the host has been told of.
     pub told: u32,
     /// The layer that was cut: how much of it was made.
-    pub cut: Option<Cut>,
+    pub interrupted: Option<InterruptedLayer>,
     /// What to do when the host falls silent.
     pub silence: Silence,
     /// The journal has failed: the job cannot be taken up again.
@@ -93,7 +93,9 @@ impl<B: Board> Controller<B> {
         match self.state {
             // At rest it is the wish for another growth, of the same plan or not.
             State::Done | State::Stopped => {}
-            State::Idle if repeated && self.job.laid == 0 && self.job.cut.is_none() => return Ok(self.accepted()),
+            State::Idle if repeated && self.job.laid == 0 && self.job.interrupted.is_none() => {
+                return Ok(self.accepted());
+            }
             State::Idle => {}
             _ if repeated => return Ok(self.accepted()),
             // Another job is under way.
@@ -145,14 +147,14 @@ impl<B: Board> Controller<B> {
         self.this_plan(resume.plan_id)?;
         let laid = self.job.laid;
         if matches!(self.state, State::Idle | State::Stopped) {
-            if resume.from == laid.saturating_add(1) && self.job.cut.is_some() {
+            if resume.from == laid.saturating_add(1) && self.job.interrupted.is_some() {
                 self.let_be()?;
             } else if resume.from != laid {
                 return Err(Refusal::OutOfOrder { expected: laid });
             }
             self.job.forget_given();
             // It is laid again, on top of what there is of it.
-            self.job.cut = None;
+            self.job.interrupted = None;
         }
         self.job.told = resume.known.min(self.job.laid);
         self.happens(Event::Resume);
@@ -180,7 +182,7 @@ impl<B: Board> Controller<B> {
             self.store_mut().restart(index + 1);
         }
         self.job.laid += 1;
-        self.job.cut = None;
+        self.job.interrupted = None;
         Ok(())
     }
 
@@ -267,7 +269,7 @@ impl<B: Board> Controller<B> {
     pub(super) fn start(&mut self, start: &Start) -> Result<Message, Refusal> {
         self.this_plan(start.plan_id)?;
         self.check_event(Event::Start)?;
-        if self.state == State::Idle && self.job.cut.is_some() {
+        if self.state == State::Idle && self.job.interrupted.is_some() {
             // What becomes of the layer that was cut is for a host to say, by `Resume`.
             return Err(Refusal::OutOfOrder { expected: self.job.laid });
         }
@@ -323,8 +325,8 @@ impl<B: Board> Controller<B> {
         let sectors = handover.progress();
         self.switch_off(handover);
         if self.job.given > self.job.laid {
-            let least = sectors.min(SECTORS as u32 - 1) as u8;
-            self.job.cut = Some(Cut { least, most: least + 1 });
+            let min = sectors.min(SECTORS as u32 - 1) as u8;
+            self.job.interrupted = Some(InterruptedLayer { min, max: min + 1 });
             self.job.forget_given();
         }
     }
@@ -335,20 +337,21 @@ impl<B: Board> Controller<B> {
         // One that is done is known too: its host may not have heard of its last layers.
         let is_known = |job: &&JobState| job.robot == robot && (!job.ended || job.laid == job.layers);
         let Some(known) = self.parts.journal.job().filter(is_known).copied() else { return };
-        let cut = (known.begun > known.laid).then(|| match self.kept.under_way {
+        let interrupted = (known.begun > known.laid).then(|| match self.kept.under_way {
             Some(UnderWay { plan_id, laid, sectors, .. }) if (plan_id, laid) == (known.plan_id, known.laid) => {
                 let since = KEPT_AGE_S / self.robot.description().layer.period_s * SECTORS as f64;
-                let most = (f64::from(sectors) + 1.0 + since).min(SECTORS as f64) as u8;
-                Cut { least: sectors, most }
+                let max = (f64::from(sectors) + 1.0 + since).min(SECTORS as f64) as u8;
+                InterruptedLayer { min: sectors, max }
             }
-            _ => Cut { least: 0, most: SECTORS as u8 },
+            _ => InterruptedLayer { min: 0, max: SECTORS as u8 },
         });
-        self.job = Job { plan_id: known.plan_id, layers: known.layers, laid: known.laid, cut, ..Job::default() };
+        self.job =
+            Job { plan_id: known.plan_id, layers: known.layers, laid: known.laid, interrupted, ..Job::default() };
         self.store_mut().restart(known.laid);
         self.job.carry = self.parts.journal.carry();
         self.job.forget_given();
         // Between layers it held, and filament was pulled back.
-        self.motion.assume_retracted(self.job.laid > 0 && self.job.cut.is_none());
+        self.motion.assume_retracted(self.job.laid > 0 && self.job.interrupted.is_none());
     }
 
     /// The layer that is about to be handed to the engine is begun, as far as the journal is concerned. One that
@@ -357,7 +360,7 @@ impl<B: Board> Controller<B> {
         if self.job.given == self.job.laid {
             self.job.unwritten |= self.parts.journal.begun(self.job.given).is_err();
         }
-        self.job.cut = None;
+        self.job.interrupted = None;
     }
 
     /// A layer is laid: the journal knows before anybody else.

@@ -6,8 +6,8 @@
 use growbot_core::job::job_layers_meanwhile;
 use growbot_core::link::frame::{Frame, Header};
 use growbot_core::link::message::{
-    Accepted, BoardHello, BootReport, Fault, HeldLayers, HostHello, LatestFault, LayerBatch, MOST_LAYERS, Message,
-    PlanRequest, Planned, Refusal, Refused, SCHEMA_HASH, State, Tune, Waits,
+    Accepted, BoardHello, BootReport, Fault, HostHello, LatestFault, LayerBatch, MAX_LAYERS, Message, PauseCause,
+    PlanRequest, Planned, Refusal, Refused, SCHEMA_HASH, State, StoredLayers, Tune,
 };
 use growbot_core::plan::plan_meanwhile;
 use growbot_core::pose::Pose;
@@ -36,7 +36,7 @@ impl<B: Board> Controller<B> {
         }
         let answer = match Message::decode_request(header.kind, &frame.body) {
             _ if header.kind == STOP => Ok(self.stop(handover)),
-            Ok(Message::Heard(_)) => return,
+            Ok(Message::Ack(_)) => return,
             Ok(Message::Goodbye(_)) if arrival == Arrival::New => return self.link.close(),
             Ok(message) => self.carry_out(message, &header, arrival, handover),
             Err(_) => Err(Refusal::NotUnderstood),
@@ -74,7 +74,7 @@ impl<B: Board> Controller<B> {
             Message::Layers(layers) => self.hold_layers(&layers),
             Message::Amend(amend) => self.amend(&amend),
             Message::Start(start) => self.start(&start),
-            Message::Hold(_) => self.hold(),
+            Message::Pause(_) => self.hold(),
             Message::Cancel(cancel) => self.cancel(&cancel, handover),
             Message::Tune(tune) => self.tune(&tune),
             Message::ClearFault(_) => self.clear_fault(handover),
@@ -94,7 +94,7 @@ impl<B: Board> Controller<B> {
         }
         if !self.link.is_open(header.session) {
             if let Some((_, silent)) = self.link.holder(self.now).filter(|_| !hello.take_over) {
-                return Err(Refusal::Held { silent_ms: (silent / 1000) as u32 });
+                return Err(Refusal::Owned { silent_ms: (silent / 1000) as u32 });
             }
             self.link.open(header, hello.host, self.now);
             self.job.told = self.job.laid;
@@ -112,7 +112,7 @@ impl<B: Board> Controller<B> {
             robot: self.robot.hash(),
             capacity: CAPACITY as u32,
             status: self.status(),
-            holder: self.link.holder(self.now).map(|(host, _)| host.clone()),
+            owner: self.link.holder(self.now).map(|(host, _)| host.clone()),
         })
     }
 
@@ -137,7 +137,7 @@ impl<B: Board> Controller<B> {
 
     fn hold(&mut self) -> Result<Message, Refusal> {
         self.check_event(Event::Hold)?;
-        self.go_on_holding(Some(Waits::AsAsked));
+        self.go_on_holding(Some(PauseCause::Requested));
         Ok(self.accepted())
     }
 
@@ -146,7 +146,7 @@ impl<B: Board> Controller<B> {
         let target = f64::from(tune.target_centi_c) / 100.0;
         let max = self.robot.description().heater.max_c - TUNING_MARGIN_C;
         if !(MIN_TUNING_C..=max).contains(&target) {
-            return Err(Refusal::Temperature { least: centi(MIN_TUNING_C), greatest: centi(max) });
+            return Err(Refusal::Temperature { min: centi(MIN_TUNING_C), max: centi(max) });
         }
         if self.may_be_halted() {
             return Err(Refusal::DebugProbe);
@@ -237,13 +237,13 @@ impl<B: Board> Controller<B> {
     }
 
     fn read_layers(&self, first: u32) -> Message {
-        let end = first.saturating_add(MOST_LAYERS as u32);
+        let end = first.saturating_add(MAX_LAYERS as u32);
         let mut layers = LayerBatch::new();
         for layer in (first..end).map_while(|index| self.store().get(index)) {
             // There is room: the range is no longer than a batch.
             let _ = layers.push(layer);
         }
-        Message::HeldLayers(HeldLayers { first, layers })
+        Message::StoredLayers(StoredLayers { first, layers })
     }
 }
 

@@ -2,7 +2,9 @@
 
 use embedded_hal::digital::{InputPin, OutputPin};
 use embedded_hal::pwm::SetDutyCycle;
-use growbot_core::link::message::{Fault, FaultRecord, Measured, ResetCause, SensorReadings, Silence, State, Waits};
+use growbot_core::link::message::{
+    Fault, FaultRecord, Measured, PauseCause, ResetCause, SensorReadings, Silence, State,
+};
 
 use super::{Controller, centi};
 use crate::hal::{Board, DebugPort, Orientation, Watchdog};
@@ -143,11 +145,11 @@ impl<B: Board> Controller<B> {
     fn heed_silence(&mut self) {
         let works = may_heat(self.state) && self.state != State::Tuning;
         if works
-            && self.job.silence == Silence::Hold
-            && self.waits() == Waits::ForLayers
+            && self.job.silence == Silence::Pause
+            && self.pause_cause() == PauseCause::LayersExhausted
             && self.link.holder(self.now).is_none()
         {
-            self.go_on_holding(Some(Waits::ForHost));
+            self.go_on_holding(Some(PauseCause::HostSilent));
         }
     }
 

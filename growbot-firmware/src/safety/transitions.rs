@@ -130,28 +130,28 @@ pub const fn after(state: State, event: Event) -> Option<State> {
         (S::Idle | S::Done | S::Stopped, Event::Begin | Event::Plan) => Some(S::Idle),
         (S::Idle | S::Done | S::Stopped, Event::Tune) => Some(S::Tuning),
         // The same job again, where it is under way: a request that is repeated.
-        (S::Heating | S::Homing | S::Growing | S::Hold | S::Parked, Event::Begin) => Some(state),
+        (S::Heating | S::Homing | S::Growing | S::Paused | S::Parked, Event::Begin) => Some(state),
 
         // What was stopped goes on from rest; what is under way is followed on.
         (S::Stopped, Event::Resume) => Some(S::Idle),
-        (S::Idle | S::Heating | S::Homing | S::Growing | S::Hold | S::Parked | S::Done, Event::Resume) => Some(state),
+        (S::Idle | S::Heating | S::Homing | S::Growing | S::Paused | S::Parked | S::Done, Event::Resume) => Some(state),
 
-        (S::Idle | S::Heating | S::Homing | S::Growing | S::Hold | S::Parked | S::Done, Event::Layers) => Some(state),
-        (S::Idle | S::Heating | S::Homing | S::Growing | S::Hold | S::Parked, Event::Amend) => Some(state),
+        (S::Idle | S::Heating | S::Homing | S::Growing | S::Paused | S::Parked | S::Done, Event::Layers) => Some(state),
+        (S::Idle | S::Heating | S::Homing | S::Growing | S::Paused | S::Parked, Event::Amend) => Some(state),
 
         (S::Idle | S::Parked, Event::Start) => Some(S::Heating),
         // A body of no length is grown at once.
         (S::Idle, Event::Finished) => Some(S::Done),
-        (S::Heating | S::Homing | S::Growing | S::Hold | S::Done, Event::Start) => Some(state),
+        (S::Heating | S::Homing | S::Growing | S::Paused | S::Done, Event::Start) => Some(state),
 
-        (S::Heating | S::Homing | S::Growing | S::Hold | S::Parked, Event::Hold) => Some(state),
+        (S::Heating | S::Homing | S::Growing | S::Paused | S::Parked, Event::Hold) => Some(state),
 
         (S::Heating, Event::Hot) => Some(S::Homing),
         (S::Homing, Event::Homed) => Some(S::Growing),
-        (S::Growing, Event::LayersOut) => Some(S::Hold),
+        (S::Growing, Event::LayersOut) => Some(S::Paused),
         (S::Growing, Event::Finished) => Some(S::Done),
-        (S::Hold, Event::LayersIn) => Some(S::Growing),
-        (S::Hold, Event::HeldTooLong) => Some(S::Parked),
+        (S::Paused, Event::LayersIn) => Some(S::Growing),
+        (S::Paused, Event::HeldTooLong) => Some(S::Parked),
         (S::Tuning, Event::Tuned) => Some(S::Idle),
         _ => None,
     }
@@ -160,13 +160,13 @@ pub const fn after(state: State, event: Event) -> Option<State> {
 /// Whether the heater may be on.
 #[must_use]
 pub const fn may_heat(state: State) -> bool {
-    matches!(state, State::Heating | State::Homing | State::Growing | State::Hold | State::Tuning)
+    matches!(state, State::Heating | State::Homing | State::Growing | State::Paused | State::Tuning)
 }
 
 /// Whether motors may be held and turn.
 #[must_use]
 pub const fn may_move(state: State) -> bool {
-    matches!(state, State::Homing | State::Growing | State::Hold)
+    matches!(state, State::Homing | State::Growing | State::Paused)
 }
 
 /// Whether filament may be fed: not below the least extrusion temperature.

@@ -28,8 +28,8 @@ pub enum OnSilence {
 impl From<OnSilence> for Silence {
     fn from(what: OnSilence) -> Self {
         match what {
-            OnSilence::Hold => Self::Hold,
-            OnSilence::GoOn => Self::GoOn,
+            OnSilence::Hold => Self::Pause,
+            OnSilence::GoOn => Self::Continue,
         }
     }
 }
@@ -263,7 +263,7 @@ impl Show {
             News::State(state) => {
                 self.state = state.name();
                 self.emergency |= *state == State::EmergencyStop;
-                if matches!(state, State::Heating | State::Homing | State::Growing | State::Hold | State::Parked) {
+                if matches!(state, State::Heating | State::Homing | State::Growing | State::Paused | State::Parked) {
                     self.progress.say(self.state);
                 }
             }
@@ -330,7 +330,7 @@ mod tests {
             duration_s: 0.0,
             filament_mm: 0.0,
             as_built: Vec::new(),
-            cut: None,
+            interrupted: None,
             measured_by: MeasuredBy::Steps,
             fed_back: None,
         };

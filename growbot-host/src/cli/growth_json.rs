@@ -42,10 +42,10 @@ pub fn json_of(outcome: &str, grown: Option<&Grown>, plan: &Plan, seed: Option<u
             "plan_id": grown.map(|grown| written_hash(grown.plan_id)),
             "as_built_hash": grown.map(|grown| written_hash(as_built_hash(&grown.as_built))),
             "unknown_layers": grown.map_or(0, Grown::unknown),
-            "cut": grown.and_then(|grown| grown.cut).map(|cut| json!({
+            "cut": grown.and_then(|grown| grown.interrupted).map(|layer| json!({
                 "layer": grown.map(|grown| grown.as_built.len()),
-                "least": f64::from(cut.least) / SECTORS as f64,
-                "most": f64::from(cut.most) / SECTORS as f64,
+                "least": f64::from(layer.min) / SECTORS as f64,
+                "most": f64::from(layer.max) / SECTORS as f64,
             })),
         }),
     );

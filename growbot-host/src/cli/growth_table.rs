@@ -6,7 +6,7 @@ use growbot_client::growth::{Grown, MeasuredBy};
 use growbot_client::plan::Plan;
 use growbot_core::angle::degrees;
 use growbot_core::layer::SECTORS;
-use growbot_core::link::message::Cut;
+use growbot_core::link::message::InterruptedLayer;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 
@@ -35,8 +35,8 @@ pub fn table(plan: &Plan, robot: &Robot, grown: &Grown, seed: Option<u64>, simul
     if grown.unknown() > 0 {
         table += &format!("caution   {} layers were cut and let be: they are counted as planned\n", grown.unknown());
     }
-    if let Some(cut) = grown.cut {
-        table += &format!("cut       layer {}: {}\n", grown.as_built.len(), made(cut));
+    if let Some(interrupted) = grown.interrupted {
+        table += &format!("cut       layer {}: {}\n", grown.as_built.len(), made(interrupted));
     }
     table
 }
@@ -82,11 +82,11 @@ fn feedback(plan: &Plan, grown: &Grown, fed_back: &FedBack) -> String {
 }
 
 /// How much of a layer that was cut was made, in words.
-pub fn made(cut: Cut) -> String {
+pub fn made(interrupted: InterruptedLayer) -> String {
     let degrees = |sectors: u8| f64::from(sectors) / SECTORS as f64 * 360.0;
-    if cut.least == 0 && usize::from(cut.most) == SECTORS {
+    if interrupted.min == 0 && usize::from(interrupted.max) == SECTORS {
         "how much of it was made is not known".to_string()
     } else {
-        format!("made from 0 to {:.1} or {:.1} degrees of its turn", degrees(cut.least), degrees(cut.most))
+        format!("made from 0 to {:.1} or {:.1} degrees of its turn", degrees(interrupted.min), degrees(interrupted.max))
     }
 }

@@ -160,8 +160,8 @@ fn show(board: &BoardHello, plan_id: u64) -> Result<(), Failure> {
         status.state.name(),
         board.reset_cause.name()
     );
-    match status.cut {
-        Some(cut) => growbot_host::tell!("growbot: layer {} was cut: {}", status.laid, made(cut)),
+    match status.interrupted {
+        Some(interrupted) => growbot_host::tell!("growbot: layer {} was cut: {}", status.laid, made(interrupted)),
         None => growbot_host::tell!("growbot: no layer was cut: the head stood at 0 degrees"),
     }
     if let Some(fault) = status.fault {
@@ -176,7 +176,7 @@ fn show(board: &BoardHello, plan_id: u64) -> Result<(), Failure> {
 
 /// Asks a person, who must be there: what follows heats and moves.
 fn ask(board: &BoardHello) -> Result<(), Failure> {
-    if matches!(board.status.state, State::Heating | State::Homing | State::Growing | State::Hold) {
+    if matches!(board.status.state, State::Heating | State::Homing | State::Growing | State::Paused) {
         // It is at work already: this only follows it on.
         return Ok(());
     }

@@ -8,7 +8,7 @@ use growbot_client::printable::json_line;
 use growbot_core::layer::SECTORS;
 use growbot_core::link::crash::{CrashRecord, CrashWords};
 use growbot_core::link::message::{
-    BoardHello, BootReport, Fault, FaultRecord, ImageCheck, Refusal, SensorReadings, State, Waits,
+    BoardHello, BootReport, Fault, FaultRecord, ImageCheck, PauseCause, Refusal, SensorReadings, State,
 };
 use growbot_host::crash::{Crash, Image};
 use growbot_host::output::print;
@@ -258,23 +258,23 @@ fn json_of(hello: &BoardHello) -> Value {
         "laid": status.laid,
         "held": status.next.saturating_sub(status.laid),
         "capacity": hello.capacity,
-        "cut": status.cut.map(|cut| json!({
+        "cut": status.interrupted.map(|layer| json!({
             "layer": status.laid,
-            "least": f64::from(cut.least) / SECTORS as f64,
-            "most": f64::from(cut.most) / SECTORS as f64,
+            "least": f64::from(layer.min) / SECTORS as f64,
+            "most": f64::from(layer.max) / SECTORS as f64,
         })),
-        "waits": waits(status.waits),
+        "waits": waits(status.pause_cause),
         "journal": status.journal,
-        "holder": hello.holder.as_ref().map(|holder| String::from_utf8_lossy(holder).into_owned()),
+        "holder": hello.owner.as_ref().map(|owner| String::from_utf8_lossy(owner).into_owned()),
         "uptime_s": status.uptime_ms as f64 / 1000.0,
     })
 }
 
-fn waits(waits: Waits) -> &'static str {
-    match waits {
-        Waits::ForLayers => "for layers",
-        Waits::AsAsked => "as asked",
-        Waits::ForHost => "for its host, which has fallen silent",
+fn waits(cause: PauseCause) -> &'static str {
+    match cause {
+        PauseCause::LayersExhausted => "for layers",
+        PauseCause::Requested => "as asked",
+        PauseCause::HostSilent => "for its host, which has fallen silent",
     }
 }
 
@@ -308,17 +308,17 @@ fn text_of(hello: &BoardHello, simulated: bool) -> String {
     }
     text += &format!("temperature  {temperature}, {target}\n");
     text += &format!("job          {job}\n");
-    if let Some(cut) = status.cut {
-        text += &format!("cut          layer {}: {}\n", status.laid, made(cut));
+    if let Some(interrupted) = status.interrupted {
+        text += &format!("cut          layer {}: {}\n", status.laid, made(interrupted));
     }
-    if matches!(status.state, State::Hold | State::Parked) {
-        text += &format!("waits        {}\n", waits(status.waits));
+    if matches!(status.state, State::Paused | State::Parked) {
+        text += &format!("waits        {}\n", waits(status.pause_cause));
     }
     if !status.journal {
         text += "journal      failed: this body cannot be resumed after a reset\n";
     }
-    if let Some(holder) = &hello.holder {
-        text += &format!("held by      {}\n", String::from_utf8_lossy(holder));
+    if let Some(owner) = &hello.owner {
+        text += &format!("held by      {}\n", String::from_utf8_lossy(owner));
     }
     text += &format!(
         "board        up {:.1} s, started by {}, boot {:08x}\n",

@@ -30,7 +30,7 @@ use growbot_core::robot::Robot;
 use nalgebra::Vector3;
 
 /// A page shows no more layers, of a body of some 150 m: beyond, browsers give up.
-pub const MOST_LAYERS: usize = 200_000;
+pub const MAX_LAYERS: usize = 200_000;
 
 /// A line beside a body has no more places.
 const MOST_PLACES: usize = 500;
@@ -39,7 +39,7 @@ const MOST_PLACES: usize = 500;
 #[derive(Debug, thiserror::Error)]
 pub enum ViewError {
     /// More layers than a browser can show.
-    #[error("{name} has {found} layers; a view shows {MOST_LAYERS} at most: split the plan")]
+    #[error("{name} has {found} layers; a view shows {MAX_LAYERS} at most: split the plan")]
     TooManyLayers {
         /// What was to be shown.
         name: String,
@@ -84,7 +84,7 @@ impl Subject<'_> {
     /// The planned layers, and those as built where it is a run; as many as can be shown.
     fn layers(&self) -> Result<Layers, ViewError> {
         let found = self.plan.needs.layers.max(self.run.map_or(0, |run| run.as_built.len()));
-        if found > MOST_LAYERS {
+        if found > MAX_LAYERS {
             return Err(ViewError::TooManyLayers { name: self.name.to_owned(), found });
         }
         let planned = job_layers(&self.plan.path, self.robot).collect();

@@ -5,7 +5,7 @@ use growbot_client::run_clock::Clock;
 use growbot_client::run_log::hex_of;
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::{Encoder, LayerBytes};
-use growbot_core::link::message::{Fault, State, Status, Waits};
+use growbot_core::link::message::{Fault, PauseCause, State, Status};
 use serde_json::{Value, json};
 
 /// So many readings of the temperature are kept; where there are more, every second one goes.
@@ -24,7 +24,7 @@ pub struct Watched {
     built: Vec<LayerBytes>,
     state: &'static str,
     fault: Option<Fault>,
-    waits: Waits,
+    waits: PauseCause,
     /// Time in s, degrees Celsius, and what they are regulated to.
     readings: Vec<(f64, f64, Option<f64>)>,
     /// How often readings were thinned out.
@@ -65,7 +65,7 @@ impl Watched {
             built: known.iter().zip(&job.layers).map(|(built, commanded)| built.unwrap_or(*commanded)).collect(),
             state: "starting",
             fault: None,
-            waits: Waits::default(),
+            waits: PauseCause::default(),
             readings: Vec::new(),
             thinned: 0,
             clock: Clock::default(),
@@ -150,9 +150,9 @@ impl Watched {
     fn explanation(&self) -> Option<&'static str> {
         match (self.fault, self.state, self.waits) {
             (Some(fault), ..) => Some(fault.explanation()),
-            (None, "hold", Waits::AsAsked) => Some("holds as it was asked to"),
-            (None, "hold", Waits::ForHost) => Some("holds until its host is back"),
-            (None, "hold", Waits::ForLayers) => Some("holds until it has more layers"),
+            (None, "paused", PauseCause::Requested) => Some("holds as it was asked to"),
+            (None, "paused", PauseCause::HostSilent) => Some("holds until its host is back"),
+            (None, "paused", PauseCause::LayersExhausted) => Some("holds until it has more layers"),
             (None, "emergency-stop", _) => {
                 Some("stays off until the emergency stop is cleared (`clear` in `growbot console`)")
             }
@@ -163,13 +163,13 @@ impl Watched {
     /// The state has changed. Why it is a pause or a fault is in the status, which the growth asks for at once: such a state is shown
     /// from then on, together with its explanation.
     fn changed(&mut self, state: State) {
-        if !matches!(state, State::Hold | State::Fault) {
+        if !matches!(state, State::Paused | State::Fault) {
             (self.state, self.fault) = (state.name(), None);
         }
     }
 
     fn status(&mut self, status: &Status) {
-        (self.state, self.fault, self.waits) = (status.state.name(), status.fault, status.waits);
+        (self.state, self.fault, self.waits) = (status.state.name(), status.fault, status.pause_cause);
         self.clock.board_says(status.uptime_ms);
         let now = self.clock.now() as f64 / 1000.0;
         let celsius = |centi: i32| f64::from(centi) / 100.0;
@@ -239,8 +239,8 @@ mod tests {
             layers: 10,
             next: 10,
             laid: 0,
-            cut: None,
-            waits: Waits::ForLayers,
+            interrupted: None,
+            pause_cause: PauseCause::LayersExhausted,
             journal: true,
             uptime_ms,
         })
@@ -342,14 +342,15 @@ mod tests {
         let mut watched = watched(&[]);
         watched.take(&status(0));
         let News::Status(growing) = status(1) else { unreachable!() };
-        let pause = |waits| Status { state: State::Hold, waits, ..growing.clone() };
-        for (waits, explanation) in
-            [(Waits::AsAsked, "holds as it was asked to"), (Waits::ForHost, "holds until its host is back")]
-        {
-            watched.take(&News::State(State::Hold));
+        let pause = |pause_cause| Status { state: State::Paused, pause_cause, ..growing.clone() };
+        for (waits, explanation) in [
+            (PauseCause::Requested, "holds as it was asked to"),
+            (PauseCause::HostSilent, "holds until its host is back"),
+        ] {
+            watched.take(&News::State(State::Paused));
             assert_eq!(shown(&watched), (json!("growing"), Value::Null), "not yet known why");
             watched.take(&News::Status(pause(waits)));
-            assert_eq!(shown(&watched), (json!("hold"), json!(explanation)));
+            assert_eq!(shown(&watched), (json!("paused"), json!(explanation)));
             watched.take(&News::State(State::Growing));
             assert_eq!(shown(&watched), (json!("growing"), Value::Null));
         }

@@ -169,7 +169,7 @@ fn lie(frame: &Frame, bytes: Vec<u8>, random: &mut Random) -> Vec<u8> {
                 0 => Refusal::OutOfOrder { expected: extreme(random) },
                 1 => Refusal::Begun { first: extreme(random) },
                 2 => Refusal::BadLayer { index: extreme(random) },
-                _ => Refusal::Held { silent_ms: extreme(random) },
+                _ => Refusal::Owned { silent_ms: extreme(random) },
             };
             Message::Refused(Refused { kind: frame.header.kind, refusal })
         }

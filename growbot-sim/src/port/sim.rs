@@ -429,7 +429,7 @@ mod tests {
         let job = Job::new(&robot, &start, &goal, &path);
         let mut simulation = sim.simulation();
         let mut client = Client::new(Box::new(sim), "a simulated board");
-        let grow = |tell: &mut dyn FnMut(&News)| grow_job(&mut client, &job, Silence::Hold, &Orders::default(), tell);
+        let grow = |tell: &mut dyn FnMut(&News)| grow_job(&mut client, &job, Silence::Pause, &Orders::default(), tell);
         compare(Some(&mut simulation), &job, &mut |_| {}, grow).unwrap()
     }
 

@@ -165,7 +165,7 @@ fn bring_to(rig: &mut Rig, robot: &Robot, onset: Onset, at: f64) -> Result<(), C
             rig.pass((layer + 0.02 + 0.9 * at) * period, |_| false);
         }
         Onset::Hold | Onset::Cooling => {
-            rig.pass(PATIENCE, |rig| rig.state() == State::Hold);
+            rig.pass(PATIENCE, |rig| rig.state() == State::Paused);
             let standby = robot.description().hold.standby_after_s;
             rig.pass(if onset == Onset::Hold { 2.0 + 0.8 * standby * at } else { standby + 1.0 + 20.0 * at }, |_| {
                 false

@@ -7,7 +7,7 @@ use std::time::Duration;
 use growbot_client::client::{Client, ClientError};
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::{Encoder, LayerBytes};
-use growbot_core::link::message::{Begin, Layers, MOST_LAYERS, Message, Silence, Start, State, Status};
+use growbot_core::link::message::{Begin, Layers, MAX_LAYERS, Message, Silence, Start, State, Status};
 use growbot_core::robot::Robot;
 use growbot_sim::port::sim::Sim;
 use growbot_sim::tip::Variation;
@@ -76,7 +76,7 @@ impl Rig {
         let greatest = 0.97 * self.robot.greatest_mean_height(1.0 / radius);
         let layer = |share: f64| Layer { alpha: 1.0, height: share * greatest, tilt: share * greatest / radius };
         let layers: Vec<LayerBytes> = shares.map(|share| self.encoder.encode(&layer(share))).collect();
-        for batch in layers.chunks(MOST_LAYERS) {
+        for batch in layers.chunks(MAX_LAYERS) {
             let layers = Layers { plan_id: PLAN, first: self.handed_over, layers: batch.iter().copied().collect() };
             self.client.request("to hold layers", &Message::Layers(layers))?;
             self.handed_over += batch.len() as u32;
@@ -89,7 +89,9 @@ impl Rig {
     /// # Errors
     /// If the board refuses.
     pub fn start(&mut self) -> Result<(), ClientError> {
-        self.client.request("to start", &Message::Start(Start { plan_id: PLAN, silence: Silence::GoOn })).map(|_| ())
+        self.client
+            .request("to start", &Message::Start(Start { plan_id: PLAN, silence: Silence::Continue }))
+            .map(|_| ())
     }
 
     /// What the board says of itself.

@@ -81,7 +81,7 @@ fn grow_until(
     let line = Cuttable { port: Rc::clone(board), cut: Rc::clone(&cut) };
     let mut client = Client::new(Box::new(line), "sim");
     let mut told = 0;
-    let grown = grow_job(&mut client, job, Silence::Hold, &Orders::default(), &mut |news| {
+    let grown = grow_job(&mut client, job, Silence::Pause, &Orders::default(), &mut |news| {
         if cut.get() {
             return;
         }
@@ -124,10 +124,10 @@ fn come_back(job: &Job, board: &Board, known: Vec<Option<LayerBytes>>) -> Result
     let found = client.status().map_err(GrowthError::Before)?;
     let (stop, tell) = (Orders::default(), &mut |_: &News| {});
     let grown = if found.plan_id == job.plan_id {
-        resume_job(&mut client, job, known, CutLayer::Again, Silence::Hold, &stop, tell)
+        resume_job(&mut client, job, known, CutLayer::Again, Silence::Pause, &stop, tell)
     } else {
         // Nothing had been begun.
-        grow_job(&mut client, job, Silence::Hold, &stop, tell)
+        grow_job(&mut client, job, Silence::Pause, &stop, tell)
     };
     Ok((found, grown?))
 }
@@ -143,12 +143,12 @@ pub fn check(job: &Job, undisturbed: &Undisturbed, crash: Crash, recovered: &Rec
     }
     let layer = 0.8 * job.robot.feed_steps_per_length();
     let more = recovered.more_feed_steps as f64;
-    match recovered.found.cut {
+    match recovered.found.interrupted {
         None if more != 0.0 => Err(format!("{more} feed steps too many, and no layer was cut")),
         Some(_) if !(0.0..layer).contains(&more) => Err(format!("{more} feed steps too many")),
         Some(cut) => {
             let share = more / layer;
-            let (least, most) = (f64::from(cut.least) / 64.0, f64::from(cut.most) / 64.0);
+            let (least, most) = (f64::from(cut.min) / 64.0, f64::from(cut.max) / 64.0);
             let in_layer = matches!(crash, Crash::BoardInLayer | Crash::PowerInLayer);
             if in_layer && crash == Crash::BoardInLayer && most - least > 0.3 {
                 return Err(format!("all that is known is {least} to {most}"));

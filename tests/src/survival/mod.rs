@@ -86,7 +86,7 @@ impl Undisturbed {
         let mut client = Client::new(Box::new(Rc::clone(&board)), "sim");
         let mut events = 0;
         let count = &mut |_: &News| events += 1;
-        let grown = grow_job(&mut client, job, Silence::Hold, &Orders::default(), count);
+        let grown = grow_job(&mut client, job, Silence::Pause, &Orders::default(), count);
         let grown = grown.expect("nothing is in the way");
         assert_eq!((grown.outcome, grown.as_built.len()), (Outcome::Done, job.layers.len()));
         let feed_steps = board.borrow_mut().simulated_tip().feed_steps();

@@ -1,4 +1,4 @@
-//! What a board answers, and what it tells unasked.
+//! The answers and events of a board.
 
 use heapless::String;
 use postcard_schema::Schema;
@@ -20,31 +20,31 @@ pub enum Refusal {
         /// The board's [`SCHEMA_HASH`](super::SCHEMA_HASH).
         board: u64,
     },
-    /// The host has not said `Hello` in this session.
+    /// The host has not opened this session with `Hello`.
     NoSession,
     /// The job is for another robot.
     OtherRobot {
         /// Hash of the board's robot.
         board: u64,
     },
-    /// The board holds another plan.
+    /// The board stores another plan.
     OtherPlan {
-        /// The plan that it holds, 0 for none.
+        /// The id of the plan that it stores, 0 for none.
         board: u64,
     },
-    /// The layers do not follow on those held.
+    /// The layers do not follow on those that the board has.
     OutOfOrder {
-        /// The index expected.
+        /// The index that the board expects.
         expected: u32,
     },
     /// No room for more layers now.
     Full,
     /// A layer breaks a limit of the robot, or lies beyond the job's end.
     BadLayer {
-        /// Its index.
+        /// The index of that layer.
         index: u32,
     },
-    /// Not in this state.
+    /// The board does not do this in its state.
     WrongState {
         /// The state that the board is in.
         state: State,
@@ -54,66 +54,67 @@ pub enum Refusal {
         /// The fault.
         fault: Fault,
     },
-    /// There is no plan for these poses and this radius: not finite, out of range, or below the min radius.
+    /// There is no plan for these poses and this radius: a number is not finite or out of range, or the radius is below
+    /// R_min.
     NoPlan,
-    /// The plan has more layers than the board holds.
+    /// The plan has more layers than the board can store.
     PlanTooLong {
-        /// Layers of the plan.
+        /// Number of layers of the plan.
         layers: u32,
-        /// Layers that the board holds.
+        /// Number of layers that the board can store.
         capacity: u32,
     },
-    /// A temperature outside of what the robot's description allows.
+    /// The temperature asked for is outside the limits of the robot's description.
     Temperature {
-        /// Min, hundredths of a degree Celsius.
-        least: i32,
-        /// Max, hundredths of a degree Celsius.
-        greatest: i32,
+        /// The min, hundredths of a degree Celsius.
+        min: i32,
+        /// The max, hundredths of a degree Celsius.
+        max: i32,
     },
     /// The emergency stop is still pressed.
     EmergencyStop,
-    /// Another host holds the board: [`BoardHello::holder`] tells which.
-    Held {
-        /// Since when that host has not been heard, ms.
+    /// Another host owns the board; [`BoardHello::owner`] names it.
+    Owned {
+        /// The time since the last frame of that host, ms.
         silent_ms: u32,
     },
-    /// The layers to be replaced have been begun.
+    /// One of the layers to be replaced has been begun.
     Begun {
         /// The first layer that can still be replaced.
         first: u32,
     },
-    /// The nozzle is too hot for what stops the processor for seconds: making room in the journal.
+    /// The nozzle is too hot to erase the journal, which stops the processor for seconds.
     Hot {
-        /// It must be below this, hundredths of a degree Celsius.
+        /// The nozzle must be below this, hundredths of a degree Celsius.
         below: i32,
     },
-    /// The journal cannot be written: the board must not begin what it could not resume.
+    /// The journal cannot be written, and the board must not begin a job that it could not resume.
     Journal,
-    /// A debug probe has switched the processor's debugging on: it may halt, so the board does not heat.
+    /// A debug probe has switched the processor's debugging on. The processor may halt, so the board does not heat.
     DebugProbe,
 }
 
-/// Who the board is and what it knows.
+/// The board's identity and status.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct BoardHello {
     /// The board's [`SCHEMA_HASH`](super::SCHEMA_HASH).
     pub schema: u64,
-    /// Another number at each start of the board.
+    /// A number that differs at each start of the board.
     pub boot_id: u32,
-    /// Why it started.
+    /// Why the board started.
     pub reset_cause: ResetCause,
     /// Version of the firmware: major, minor, patch.
     pub firmware: [u8; 3],
     /// Name of the robot whose description the board carries.
     pub robot_name: String<32>,
-    /// Hash of that description.
+    /// Hash of the robot description.
     pub robot: u64,
-    /// Layers that the board can hold.
+    /// Number of layers that the board can store.
     pub capacity: u32,
-    /// What it is doing.
+    /// What the board is doing.
     pub status: Status,
-    /// The host that holds the board.
-    pub holder: Option<HostName>,
+    /// The name of the host that owns the board.
+    pub owner: Option<HostName>,
 }
 
 /// What the board is doing.
@@ -121,151 +122,154 @@ pub struct BoardHello {
 pub struct Status {
     /// The state.
     pub state: State,
-    /// The fault that is latched.
+    /// The fault that is latched, if any.
     pub fault: Option<Fault>,
-    /// Temperature of the nozzle, hundredths of a degree Celsius; none without a reading.
+    /// Temperature of the nozzle, hundredths of a degree Celsius; `None` without a reading.
     pub temperature_centi_c: Option<i32>,
-    /// What it is regulated to; none with the heater off.
+    /// Target temperature of the nozzle, hundredths of a degree Celsius; `None` with the heater off.
     pub target_centi_c: Option<i32>,
-    /// Duty of the power stage, 0 to 65,535; in the proof test with the second switch open.
+    /// Duty of the power stage, 0 to 65,535. In the proof test the second switch is open meanwhile.
     pub duty: u16,
-    /// The job, 0 for none.
+    /// The job's id, 0 for none.
     pub plan_id: u64,
-    /// Layers of the job.
+    /// Number of layers of the job.
     pub layers: u32,
     /// Index of the next layer that the board expects.
     pub next: u32,
-    /// Layers laid.
+    /// Number of layers laid.
     pub laid: u32,
-    /// The layer that was begun and not finished, after a stop, a fault or a reset: how much of its turn has been made.
-    pub cut: Option<Cut>,
-    /// What the board waits for, in `Hold` and `Parked`.
-    pub waits: Waits,
-    /// Whether the job can be taken up again after a reset or a loss of power.
+    /// The progress of the layer that a stop, a fault, a reset or a loss of power has interrupted, if any. Its index is
+    /// `laid`.
+    pub interrupted: Option<InterruptedLayer>,
+    /// Why the board pauses, in `Paused` and `Parked`.
+    pub pause_cause: PauseCause,
+    /// Whether the job can be resumed after a reset or a loss of power.
     pub journal: bool,
     /// Time since the board started, ms.
     pub uptime_ms: u64,
 }
 
-/// How much of a layer's turn was made when it was cut: between these two.
+/// How many of its 64 sectors an interrupted layer has. The number is known between two bounds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
-pub struct Cut {
-    /// Min number of its 64 sectors.
-    pub least: u8,
-    /// Max number; 64 where nothing is known.
-    pub most: u8,
+pub struct InterruptedLayer {
+    /// Min number of sectors made; 0 where nothing is known.
+    pub min: u8,
+    /// Max number of sectors made; 64 where nothing is known.
+    pub max: u8,
 }
 
-/// What a board waits for.
+/// Why a board pauses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, Schema)]
-pub enum Waits {
-    /// Nothing, or more layers.
+pub enum PauseCause {
+    /// It has laid every layer that it has. Also the value while the board does not pause.
     #[default]
-    ForLayers,
-    /// A host has asked it to hold.
-    AsAsked,
+    LayersExhausted,
+    /// A host has requested it.
+    Requested,
     /// Its host has fallen silent.
-    ForHost,
+    HostSilent,
 }
 
 /// A request was carried out.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Accepted {
-    /// The job, 0 for none.
+    /// The job's id, 0 for none.
     pub plan_id: u64,
-    /// Index of the next layer expected.
+    /// Index of the next layer that the board expects.
     pub next: u32,
-    /// Number of further layers that there is room for.
+    /// Number of further layers that the board has room for.
     pub room: u32,
 }
 
 /// A request was refused.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Refused {
-    /// Kind of the request.
+    /// The kind of the request.
     pub kind: u8,
-    /// Why.
+    /// Why it was refused.
     pub refusal: Refusal,
 }
 
-/// The board's own plan.
+/// The summary of a plan that the board has made.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Planned {
-    /// Hash of the layers' bytes: the job's name.
+    /// The job's id: the hash of the layers' bytes.
     pub plan_id: u64,
     /// Hash of the layers in full precision.
     pub exact_hash: u64,
-    /// Layers.
+    /// Number of layers.
     pub layers: u32,
-    /// Arc length, mm.
+    /// Arc length of the path, mm.
     pub length: f64,
 }
 
-/// Layers that the board holds.
+/// Layers that the board stores.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
-pub struct HeldLayers {
-    /// Index of the first.
+pub struct StoredLayers {
+    /// Index of the first of them.
     pub first: u32,
-    /// The layers; fewer than [`MOST_LAYERS`](super::MOST_LAYERS) at the end.
+    /// The layers; fewer than [`MAX_LAYERS`](super::MAX_LAYERS) at the end.
     pub layers: LayerBatch,
 }
 
-/// A layer is laid. The board sends this unasked.
+/// The event of a layer that is laid.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Laid {
-    /// The job.
+    /// The job's id.
     pub plan_id: u64,
     /// Index of the layer.
     pub index: u32,
-    /// The layer as built, from the steps that were made. Nothing is known of one that was cut and let be, or after a
+    /// The layer as built, from the steps that were made. `None` for an interrupted layer that was let be, and after a
     /// failure of the journal.
     pub as_built: Option<LayerBytes>,
-    /// What the sensors said when it was laid. The board keeps that for its latest layers only, and not through a
+    /// The sensors' readings when the layer was laid. The board retains them for its latest layers only, and not through a
     /// reset.
     pub measured: Option<Measured>,
 }
 
-/// What the sensors said when a layer was laid. None where a robot does not have the sensor, or where it gave nothing.
+/// The sensors' readings when a layer was laid. `None` where the robot does not have the sensor, or where the sensor gave
+/// nothing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, Schema)]
 pub struct Measured {
-    /// Pulses of the filament's encoder since the board started, as in [`SensorReadings`].
+    /// Pulses of the filament's encoder since the board started ([`SensorReadings::filament_pulses`]).
     pub filament_pulses: Option<u32>,
-    /// Gravity in the tip's frame, as in [`SensorReadings`].
+    /// Gravity in the tip's frame, thousandths of the earth's ([`SensorReadings::gravity_milli_g`]).
     pub gravity_milli_g: Option<[i16; 3]>,
 }
 
-/// The state changed. The board sends this unasked.
+/// The event of a new state.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct StateChanged {
     /// The new state.
     pub state: State,
-    /// The fault that is latched.
+    /// The fault that is latched, if any.
     pub fault: Option<Fault>,
 }
 
-/// Gains that were found.
+/// Gains of the heater's regulation.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Gains {
-    /// Duty (0 to 1) per degree.
+    /// Proportional gain, duty (0 to 1) per degree.
     pub kp: f64,
-    /// Duty per degree and second.
+    /// Integral gain, duty per degree and second.
     pub ki: f64,
-    /// Duty per degree a second.
+    /// Derivative gain, duty per degree a second.
     pub kd: f64,
 }
 
-/// The nozzle was driven round its temperature. The board sends this unasked.
+/// The event that ends a `Tune`: the gains that were found.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Tuned {
-    /// What suits it.
+    /// The gains.
     pub gains: Gains,
-    /// Period of its swings, s.
+    /// Period of the nozzle's swings, s.
     pub period_s: f64,
-    /// How far it swung to either side, degrees.
+    /// Amplitude of the swings to either side, degrees Celsius.
     pub amplitude_c: f64,
 }
 
-/// What the board's sensors say. None where a robot does not have the sensor, or where it gives nothing.
+/// The readings of the board's sensors. `None` where the robot does not have the sensor, or where the sensor gives
+/// nothing.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, Schema)]
 pub struct SensorReadings {
     /// The supply's voltage, mV.
@@ -274,76 +278,76 @@ pub struct SensorReadings {
     pub on_index: bool,
     /// Whether there is filament.
     pub filament_present: Option<bool>,
-    /// Pulses of the filament's encoder since the board started: those forwards less those backwards, wrapping. So
-    /// filament that is pulled back and pushed forward again does not count, and what has gone into the body does.
+    /// Pulses of the filament's encoder since the board started: forward pulses less backward ones, modulo 2^32.
+    /// Filament that is pulled back and pushed forward again does not count; filament that has gone into the body does.
     pub filament_pulses: Option<u32>,
     /// Whether a stepper driver reports a fault.
     pub driver_fault: Option<bool>,
     /// Whether the emergency stop is pressed.
     pub emergency_stop: Option<bool>,
-    /// Gravity in the tip's frame, thousandths of the earth's; upwards, as a resting accelerometer shows it.
+    /// Gravity in the tip's frame, thousandths of the earth's. It points upwards, as a resting accelerometer shows it.
     pub gravity_milli_g: Option<[i16; 3]>,
 }
 
-/// A fault as it was when it came, kept until the next one, through resets.
+/// The board's status when a fault came. The board retains it through resets, until the next fault.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, Schema)]
 pub struct FaultRecord {
-    /// What went wrong; none for the emergency stop.
+    /// What went wrong; `None` for the emergency stop.
     pub fault: Option<Fault>,
-    /// Whether it has been cleared since.
+    /// Whether the fault has been cleared since.
     pub cleared: bool,
     /// What the board was doing.
     pub state: State,
-    /// Time since the start of the board in which it came, ms.
+    /// When the fault came: the time since the board's start before it, ms.
     pub uptime_ms: u64,
-    /// Temperature of the nozzle, hundredths of a degree Celsius.
+    /// Temperature of the nozzle, hundredths of a degree Celsius; `None` without a reading.
     pub temperature_centi_c: Option<i32>,
-    /// What it was regulated to.
+    /// Target temperature of the nozzle, hundredths of a degree Celsius; `None` with the heater off.
     pub target_centi_c: Option<i32>,
-    /// Duty of the power stage, 0 to 65,535; in the proof test with the second switch open.
+    /// Duty of the power stage, 0 to 65,535. In the proof test the second switch is open meanwhile.
     pub duty: u16,
-    /// What the other sensors said.
+    /// The readings of the other sensors.
     pub sensors: SensorReadings,
-    /// The job, 0 for none.
+    /// The job's id, 0 for none.
     pub plan_id: u64,
-    /// Layers laid.
+    /// Number of layers laid.
     pub laid: u32,
-    /// Layers begun: one more than those laid where one was cut.
+    /// Number of layers begun: one more than those laid where one was interrupted.
     pub begun: u32,
 }
 
 /// The latest fault.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct LatestFault {
-    /// None where the board knows of none.
+    /// The record; `None` where the board knows of no fault.
     pub record: Option<FaultRecord>,
 }
 
-/// How the board came up: whether its image is sound, and the latest crash.
+/// The result of the image's check at the board's start, and the latest crash.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct BootReport {
     /// What the check of the image found at this start.
     pub image: ImageCheck,
-    /// The latest crash that the retained memory knows of, through resets until the next one; none where there was none
-    /// since the board was without power. [`CrashRecord`](crate::link::crash::CrashRecord) says what the words mean.
+    /// The latest crash. The retained memory stores it through resets, until the next crash or a loss of power. `None`
+    /// without a crash. [`CrashRecord`](crate::link::crash::CrashRecord) decodes the words.
     pub crash: Option<CrashWords>,
 }
 
-/// What the check of the firmware's image found when the board started.
+/// The result of the check of the firmware's image when the board started.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub enum ImageCheck {
     /// The image was never sealed, so nothing could be checked.
     NotSealed,
     /// The image is what was sealed.
     Sound {
-        /// Its CRC-32C.
+        /// The image's CRC-32C.
         crc: u32,
     },
-    /// The image is not what was sealed: nothing heats.
+    /// The image is not what was sealed. Nothing heats.
     Corrupt {
-        /// The CRC-32C that its seal states.
+        /// The CRC-32C in the image's seal.
         sealed: u32,
-        /// That of what is there; the same where the seal itself makes no sense.
+        /// The CRC-32C of the image as found; the same where the seal itself makes no sense.
         found: u32,
     },
 }

@@ -1,9 +1,9 @@
 //! The messages of the link, and the table of their kinds.
 //!
 //! A message is its kind (in the frame's header) and its body in postcard form. Both sides compare [`SCHEMA_HASH`],
-//! taken over every kind and every type below, before anything else: a board and a host that would misread each other
-//! say so. The bodies of `Hello`, `Status` and `Refused` stay as they are for as long as [`super::frame::VERSION`]
-//! does, so that a board can always be asked who it is.
+//! taken over every kind and every type below, before anything else, so that a board and a host with different messages
+//! refuse each other. The bodies of `Hello`, `Status` and `Refused` stay as they are for as long as
+//! [`super::frame::VERSION`] does, so that every host can ask a board for its identity.
 
 mod answers;
 mod requests;
@@ -18,10 +18,10 @@ use super::frame::LONGEST_BODY;
 pub use super::state::{Fault, ResetCause, State};
 use crate::layer_bytes::LayerBytes;
 
-/// Max layers in one `Layers` or `HeldLayers`.
-pub const MOST_LAYERS: usize = 16;
-/// Layers in a batch.
-pub type LayerBatch = Vec<LayerBytes, MOST_LAYERS>;
+/// Max number of layers in one `Layers`, `Amend` or `StoredLayers`.
+pub const MAX_LAYERS: usize = 16;
+/// The layers of one message.
+pub type LayerBatch = Vec<LayerBytes, MAX_LAYERS>;
 
 /// A message without a body.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
@@ -30,21 +30,21 @@ pub struct Empty {}
 /// Why a message could not be encoded or decoded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum MessageError {
-    /// No message has this kind.
+    /// No message has the kind.
     #[error("unknown kind of message {kind:#04x}")]
     UnknownKind {
-        /// The kind.
+        /// The kind in the frame's header.
         kind: u8,
     },
     /// The body is not what its kind says, or too long.
     #[error("the body of a message of kind {kind:#04x} does not decode")]
     Body {
-        /// The kind.
+        /// The kind in the frame's header.
         kind: u8,
     },
 }
 
-/// The first kind of what boards say; hosts' kinds are below.
+/// The first kind of the board's messages. The host's kinds are below.
 const ANSWERS_FROM: u8 = 0x40;
 
 macro_rules! messages {
@@ -56,7 +56,7 @@ macro_rules! messages {
         }
 
         impl Message {
-            /// Its kind in the frame's header.
+            /// The message's kind in the frame's header.
             #[must_use]
             pub fn kind(&self) -> u8 {
                 match self { $(Self::$name(_) => $kind,)* }
@@ -65,12 +65,12 @@ macro_rules! messages {
             /// Encodes the body.
             ///
             /// # Errors
-            /// If it does not fit a frame; with the messages above it does.
+            /// If the body does not fit a frame. Every message of the table fits.
             pub fn encode<'a>(&self, buffer: &'a mut [u8; LONGEST_BODY]) -> Result<&'a [u8], MessageError> {
                 self.encode_from::<0>(buffer)
             }
 
-            /// Encodes the body of an answer or event: what a board needs, without the code for requests.
+            /// Encodes the body of an answer or event. A board uses this, so that its image has no code for requests.
             ///
             /// # Errors
             /// As [`Message::encode`], or for a request.
@@ -89,7 +89,7 @@ macro_rules! messages {
                 encoded.map(|bytes| &*bytes).map_err(|_| MessageError::Body { kind: self.kind() })
             }
 
-            /// Decodes a body. It must be used up to its last byte.
+            /// Decodes a body, up to its last byte.
             ///
             /// # Errors
             /// An unknown kind, or a body that is not of its kind.
@@ -97,10 +97,10 @@ macro_rules! messages {
                 Self::decode_below::<{ u8::MAX }>(kind, body)
             }
 
-            /// Decodes the body of a request: what a board needs, without the code for answers.
+            /// Decodes the body of a request. A board uses this, so that its image has no code for answers.
             ///
             /// # Errors
-            /// As [`Message::decode`]; answers are unknown.
+            /// As [`Message::decode`]. The kinds of answers and events are unknown here.
             pub fn decode_request(kind: u8, body: &[u8]) -> Result<Self, MessageError> {
                 Self::decode_below::<ANSWERS_FROM>(kind, body)
             }
@@ -115,12 +115,11 @@ macro_rules! messages {
                 }
             }
 
-            /// Every kind with its name, in the order of the table.
+            /// Every kind with its message's name, in the order of the table.
             pub const KINDS: &[(u8, &str)] = &[$(($kind, stringify!($name)),)*];
         }
 
-        /// Hash of the kinds and of the types of all bodies. Hosts and boards with different hashes don't understand
-        /// each other.
+        /// Hash of the kinds and of the types of all bodies. Hosts and boards with different hashes refuse each other.
         pub const SCHEMA_HASH: u64 = {
             let mut hash: u64 = 0xcbf2_9ce4_8422_2325;
             $(
@@ -144,73 +143,73 @@ const fn fnv1a(mut hash: u64, bytes: &[u8]) -> u64 {
 
 messages! {
     // Host to board.
-    /// Opens a session; answered by `BoardHello`, or by `Refused` with both schemas.
+    /// Opens a session. Answered by `BoardHello`, or by `Refused` with the board's schema hash.
     0x01 Hello(HostHello),
-    /// Answered by `Status`, in any session.
+    /// Asks for the board's status. Answered by `Status`, in any session.
     0x02 AskStatus(Empty),
-    /// Answered by `Accepted` or `Refused`.
+    /// Begins a job. Answered by `Accepted` or `Refused`.
     0x03 Begin(Begin),
-    /// Answered by `Accepted` or `Refused`.
+    /// Hands over layers of the job. Answered by `Accepted` or `Refused`.
     0x04 Layers(Layers),
-    /// Answered by `Accepted` or `Refused`.
+    /// Starts or continues the job. Answered by `Accepted` or `Refused`.
     0x05 Start(Start),
-    /// Stops at once, in any state; answered by `Accepted`.
+    /// Stops at once, in any state. Answered by `Accepted`.
     0x06 Stop(Empty),
-    /// Leaves `Fault` if its cause is gone; answered by `Accepted` or `Refused`.
+    /// Leaves `Fault` or `EmergencyStop` if the cause is gone. Answered by `Accepted` or `Refused`.
     0x07 ClearFault(Empty),
-    /// Answered by `Planned` or `Refused`.
+    /// Asks the board to plan. Answered by `Planned` or `Refused`.
     0x08 Plan(PlanRequest),
-    /// Answered by `HeldLayers`.
+    /// Asks for layers that the board stores. Answered by `StoredLayers`.
     0x09 ReadLayers(ReadLayers),
-    /// Finishes the layer under way and waits; `Start` goes on. Answered by `Accepted` or `Refused`.
-    0x0A Hold(Empty),
-    /// Answered by `Accepted` or `Refused`; when it is done, the event `Tuned` comes.
+    /// Pauses after the layer under way; `Start` continues. Answered by `Accepted` or `Refused`.
+    0x0A Pause(Empty),
+    /// Finds the heater's gains. Answered by `Accepted` or `Refused`; the event `Tuned` ends it.
     0x0B Tune(Tune),
-    /// Answered by `LatestFault`, in any session.
+    /// Asks for the latest fault. Answered by `LatestFault`, in any session.
     0x0C AskFault(Empty),
-    /// Answered by `SensorReadings`, in any session.
+    /// Asks for the sensors' readings. Answered by `SensorReadings`, in any session.
     0x0D AskSensors(Empty),
-    /// Acknowledges events; not answered.
-    0x0E Heard(Empty),
-    /// Answered by `Accepted` or `Refused`.
+    /// Acknowledges events. Not answered.
+    0x0E Ack(Empty),
+    /// Resumes the job that the board knows. Answered by `Accepted` or `Refused`.
     0x0F Resume(Resume),
-    /// Answered by `Accepted` or `Refused`.
+    /// Replaces layers of the job. Answered by `Accepted` or `Refused`.
     0x10 Amend(Amend),
-    /// Answered by `Accepted` or `Refused`.
+    /// Cancels the job. Answered by `Accepted` or `Refused`.
     0x11 Cancel(Cancel),
-    /// Answered by `BoardHello`, in any session; opens none.
+    /// Asks for the board's identity. Answered by `BoardHello`, in any session; opens none.
     0x12 AskBoard(Empty),
-    /// Closes the session: another host need not wait. Not answered.
+    /// Closes the session, so that another host need not wait. Not answered.
     0x13 Goodbye(Empty),
-    /// Answered by `BootReport`, in any session.
+    /// Asks how the board started. Answered by `BootReport`, in any session.
     0x14 AskBoot(Empty),
 
     // Board to host.
-    /// Answers `Hello`.
+    /// Answers `Hello` and `AskBoard`.
     0x41 BoardHello(BoardHello),
     /// Answers `AskStatus`.
     0x42 Status(Status),
-    /// Answers what changed something.
+    /// Answers a request that was carried out.
     0x43 Accepted(Accepted),
-    /// Answers what did not.
+    /// Answers a request that was refused.
     0x44 Refused(Refused),
     /// Answers `Plan`.
     0x45 Planned(Planned),
     /// Answers `ReadLayers`.
-    0x46 HeldLayers(HeldLayers),
+    0x46 StoredLayers(StoredLayers),
     /// Answers `AskFault`.
     0x47 LatestFault(LatestFault),
     /// Answers `AskSensors`.
     0x48 SensorReadings(SensorReadings),
     /// Answers `AskBoot`.
     0x49 BootReport(BootReport),
-    /// An event.
+    /// Event: a layer is laid.
     0x50 Laid(Laid),
-    /// An event.
+    /// Event: the state changed.
     0x51 StateChanged(StateChanged),
-    /// An event.
+    /// Event: the heater's gains are found.
     0x52 Tuned(Tuned),
-    /// Emergency stops by the link were obeyed: sent in session 0, for every session that asks.
+    /// Emergency stops by the link were obeyed. Sent in session 0; not an event.
     0x53 StoppedAtOnce(Empty),
 }
 
@@ -220,7 +219,7 @@ mod tests {
 
     #[test]
     fn the_longest_messages_fit_a_frame() {
-        let layers: LayerBatch = (0..MOST_LAYERS).map(|_| [0xff; 12]).collect();
+        let layers: LayerBatch = (0..MAX_LAYERS).map(|_| [0xff; 12]).collect();
         let name = core::iter::repeat_n('x', 32).collect();
         let status = Status {
             state: State::Fault,
@@ -232,14 +231,14 @@ mod tests {
             layers: u32::MAX,
             next: u32::MAX,
             laid: u32::MAX,
-            cut: Some(Cut { least: u8::MAX, most: u8::MAX }),
-            waits: Waits::ForHost,
+            interrupted: Some(InterruptedLayer { min: u8::MAX, max: u8::MAX }),
+            pause_cause: PauseCause::HostSilent,
             journal: true,
             uptime_ms: u64::MAX,
         };
         let longest = [
             Message::Layers(Layers { plan_id: u64::MAX, first: u32::MAX, layers: layers.clone() }),
-            Message::HeldLayers(HeldLayers { first: u32::MAX, layers: layers.clone() }),
+            Message::StoredLayers(StoredLayers { first: u32::MAX, layers: layers.clone() }),
             Message::BoardHello(BoardHello {
                 schema: u64::MAX,
                 boot_id: u32::MAX,
@@ -249,7 +248,7 @@ mod tests {
                 robot: u64::MAX,
                 capacity: u32::MAX,
                 status,
-                holder: Some([b'x'; 32].into()),
+                owner: Some([b'x'; 32].into()),
             }),
             Message::Amend(Amend {
                 plan_id: u64::MAX,

@@ -1,4 +1,4 @@
-//! What a host asks for.
+//! The requests of a host.
 
 use heapless::Vec;
 use postcard_schema::Schema;
@@ -8,66 +8,66 @@ use super::LayerBatch;
 use crate::plan::Planner;
 use crate::pose::{Pose, PoseError};
 
-/// Who a host is, in a few words: program, machine, process. UTF-8, but taken as bytes by the board.
+/// The name of a host: program, process, machine. It is UTF-8, which the board does not check.
 pub type HostName = Vec<u8, 32>;
 
-/// Opens a session. One that another host holds is taken only if asked for, or once that host has been silent.
+/// Opens a session. A board that another host owns is refused, unless that host has been silent or `take_over` is set.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct HostHello {
     /// The host's [`SCHEMA_HASH`](super::SCHEMA_HASH).
     pub schema: u64,
-    /// Who it is: told to another host that wants the board.
+    /// The host's name. The board tells it to another host that wants the board.
     pub host: HostName,
-    /// Take the board over from a host that holds it.
+    /// Whether to take the board over from a host that owns it.
     pub take_over: bool,
 }
 
-/// Begins a job: the board forgets the one before. Repeating it changes nothing.
+/// Begins a job. The board forgets the job before. Repeating the request changes nothing.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Begin {
-    /// Hash of the plan's layers ([`crate::job::JobSummary`]).
+    /// The job's id: the hash of the plan's layers ([`crate::job::JobSummary`]).
     pub plan_id: u64,
-    /// How many layers the plan has.
+    /// Number of layers of the plan.
     pub layers: u32,
     /// Hash of the robot that the plan is for.
     pub robot: u64,
 }
 
-/// Takes up the job that the board knows: after a loss of the line or of the host it is followed on; after a stop, a
-/// fault or a reset it goes on, with the layers that the board does not hold any more handed over anew.
+/// Resumes the job that the board knows. After a loss of the line or of the host, the host follows the job again. After a
+/// stop, a fault or a reset, the host hands over again the layers that the board no longer stores, and then starts.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Resume {
-    /// The job.
+    /// The job's id.
     pub plan_id: u64,
-    /// The layer to go on at, while the board rests: the first that is not laid, or, where that one was cut, the one
-    /// after it, so that the cut one is let be. While the board works, any.
+    /// The layer to resume at: the first that is not laid or, to let an interrupted layer be, the one after it. The board
+    /// ignores this while the job is under way.
     pub from: u32,
-    /// The host has the layers below this as built: events tell the others.
+    /// The host knows the layers below this index as built. The board sends events for the others.
     pub known: u32,
 }
 
-/// Hands over layers. Those that the board already has are passed over.
+/// Hands over layers. The board ignores those that it already has.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Layers {
-    /// The job.
+    /// The job's id.
     pub plan_id: u64,
-    /// Index of the first of them, from 0.
+    /// Index of the first of them, counted from 0.
     pub first: u32,
     /// The layers.
     pub layers: LayerBatch,
 }
 
-/// Replaces the layers from an index on, all at once: those that were held from there on are gone, and the plan has
-/// another name. More layers follow with [`Layers`], under the new name.
+/// Replaces the layers from an index on, all at once. The board drops the layers that it stored from there on, and the job
+/// gets another id. More layers follow with [`Layers`], under the new id.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Amend {
-    /// The job as it was.
+    /// The job's id so far.
     pub plan_id: u64,
-    /// The job from now on.
+    /// The job's id from now on.
     pub amended: u64,
-    /// Index of the first layer that is another one; it must not have been begun.
+    /// Index of the first layer that is replaced. It must not have been begun.
     pub from: u32,
-    /// How many layers the plan has now.
+    /// Number of layers of the amended plan.
     pub layers: u32,
     /// The first of the new layers.
     pub first_layers: LayerBatch,
@@ -76,37 +76,37 @@ pub struct Amend {
 /// What a board does when its host falls silent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, Schema)]
 pub enum Silence {
-    /// Finishes the layer under way and holds, as if asked to.
+    /// Pauses after the layer under way.
     #[default]
-    Hold,
-    /// Goes on to the last layer that it has.
-    GoOn,
+    Pause,
+    /// Continues to the last layer that it has.
+    Continue,
 }
 
-/// Starts the job that is held, or goes on with it after a hold.
+/// Starts the job that the board stores, or continues it after a pause.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Start {
-    /// The job.
+    /// The job's id.
     pub plan_id: u64,
-    /// What to do when the host falls silent.
+    /// What the board does when the host falls silent.
     pub silence: Silence,
 }
 
-/// Gives a job up: heater and steppers off, and the board forgets it.
+/// Cancels a job: the board switches heater and steppers off and forgets the job.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Cancel {
-    /// The job.
+    /// The job's id.
     pub plan_id: u64,
 }
 
-/// A pose on the link: mm and radians.
+/// A pose on the link.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, Schema)]
 pub struct PoseFields {
-    /// x, y, z, mm.
+    /// Position x, y, z, mm.
     pub position: [f64; 3],
-    /// Radians.
+    /// Heading, rad.
     pub heading: f64,
-    /// Radians.
+    /// Pitch, rad, -pi/2 to pi/2.
     pub pitch: f64,
 }
 
@@ -124,30 +124,30 @@ impl TryFrom<PoseFields> for Pose {
     }
 }
 
-/// Has the board plan by itself and hold the layers as its job.
+/// Asks the board to plan by itself and to store the layers as its job.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct PlanRequest {
-    /// From here.
+    /// The start pose.
     pub start: PoseFields,
-    /// To there.
+    /// The goal pose.
     pub goal: PoseFields,
-    /// With this radius, mm.
+    /// The planning radius, mm.
     pub radius: f64,
-    /// By this planner.
+    /// The planner to use.
     pub planner: Planner,
 }
 
-/// Asks for layers that the board holds.
+/// Asks for layers that the board stores.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct ReadLayers {
-    /// Index of the first wanted.
+    /// Index of the first layer asked for.
     pub first: u32,
 }
 
-/// Finds the gains of the heater's regulation at a temperature, by driving the nozzle round it. The gains are told, not
-/// taken: a robot's description is the only place that they come from.
+/// Finds the gains of the heater's regulation at a temperature, by driving the nozzle round it. The board only reports the
+/// gains, by the event `Tuned`: it regulates with those of the robot's description.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Tune {
-    /// The temperature, hundredths of a degree Celsius.
+    /// The temperature to tune at, hundredths of a degree Celsius.
     pub target_centi_c: i32,
 }

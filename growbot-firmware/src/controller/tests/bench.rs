@@ -10,7 +10,7 @@ use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::{Encoder, LayerBytes, decode};
 use growbot_core::link::frame::{self, Header, LONGEST_BODY, Receiver, next};
 use growbot_core::link::message::{
-    Accepted, Amend, Begin, Empty, Fault, HostHello, HostName, Laid, Layers, MOST_LAYERS, Message, Refusal, Refused,
+    Accepted, Amend, Begin, Empty, Fault, HostHello, HostName, Laid, Layers, MAX_LAYERS, Message, Refusal, Refused,
     ResetCause, Resume, SCHEMA_HASH, Silence, Start, State, Status, Tune,
 };
 use growbot_core::robot::Robot;
@@ -380,8 +380,8 @@ impl Bench {
 
     /// Hands over layers in batches, from this index on.
     pub fn hand_over(&mut self, first: usize, layers: &[LayerBytes]) {
-        for (batch, bytes) in layers.chunks(MOST_LAYERS).enumerate() {
-            self.accepted(&batch_of(first + batch * MOST_LAYERS, bytes));
+        for (batch, bytes) in layers.chunks(MAX_LAYERS).enumerate() {
+            self.accepted(&batch_of(first + batch * MAX_LAYERS, bytes));
         }
     }
 
@@ -496,7 +496,7 @@ pub fn batch_of(first: usize, layers: &[LayerBytes]) -> Message {
 }
 
 pub fn start() -> Message {
-    Message::Start(Start { plan_id: PLAN, silence: Silence::GoOn })
+    Message::Start(Start { plan_id: PLAN, silence: Silence::Continue })
 }
 
 /// Takes the job up at a layer, none of it known.
@@ -518,7 +518,7 @@ pub fn stop() -> Message {
 }
 
 pub fn hold() -> Message {
-    Message::Hold(Empty {})
+    Message::Pause(Empty {})
 }
 
 pub fn tune(celsius: f64) -> Message {

@@ -8,9 +8,9 @@ use super::tip::{DRIVER_FAULT, FEED, FILAMENT_PRESENCE, HEAD, HEATER_ENABLE, Wir
 use crate::testing::fast_robot;
 
 /// States in which the heater is on.
-const HEATED: [State; 5] = [State::Heating, State::Homing, State::Growing, State::Hold, State::Tuning];
+const HEATED: [State; 5] = [State::Heating, State::Homing, State::Growing, State::Paused, State::Tuning];
 /// Those in which the nozzle must be hot.
-const HOT: [State; 3] = [State::Homing, State::Growing, State::Hold];
+const HOT: [State; 3] = [State::Homing, State::Growing, State::Paused];
 
 /// Breaks something and waits for this fault; then nothing is warm or moves.
 fn assert_fault(bench: &mut Bench, fault: Fault, within: f64) {
@@ -139,7 +139,7 @@ fn inputs_that_mean_danger_are_faults_while_the_robot_works() {
         (Fault::SupplyLow, |bench, broken| bench.world.supply_v.set((!broken).then_some(12.0))),
     ];
     for (fault, set) in inputs {
-        for state in [State::Heating, State::Homing, State::Growing, State::Hold] {
+        for state in [State::Heating, State::Homing, State::Growing, State::Paused] {
             let mut bench = Bench::in_state(state);
             set(&bench, true);
             assert_fault(&mut bench, fault, 1.3);
@@ -201,7 +201,7 @@ fn steps_that_the_head_loses_are_a_fault_within_a_turn() {
 
 #[test]
 fn a_step_interrupt_that_stops_is_a_fault_and_then_starves_the_watchdog() {
-    for state in [State::Heating, State::Homing, State::Growing, State::Hold] {
+    for state in [State::Heating, State::Homing, State::Growing, State::Paused] {
         let mut bench = Bench::in_state(state);
         bench.interrupt_runs = false;
         bench.run_to(State::Fault, 0.5);

@@ -6,7 +6,7 @@ use growbot_core::angle::radians;
 use growbot_core::job::{job_layers, summarize};
 use growbot_core::layer_bytes::{Fields, HEIGHT_UNITS, LayerBytes, decode};
 use growbot_core::link::message::{
-    HeldLayers, MOST_LAYERS, Message, PlanRequest, Planned, PoseFields, ReadLayers, Refusal, State,
+    MAX_LAYERS, Message, PlanRequest, Planned, PoseFields, ReadLayers, Refusal, State, StoredLayers,
 };
 use growbot_core::plan::{Planner, plan};
 use growbot_core::pose::Pose;
@@ -114,8 +114,8 @@ fn more_layers_than_the_board_holds_stream() {
     bench.hand_over(0, held);
     assert_eq!(bench.refused(&batch_of(CAPACITY, &rest[..1])), Refusal::Full);
     bench.start();
-    for (batch, bytes) in rest.chunks(MOST_LAYERS).enumerate() {
-        let laid = batch * MOST_LAYERS + bytes.len();
+    for (batch, bytes) in rest.chunks(MAX_LAYERS).enumerate() {
+        let laid = batch * MAX_LAYERS + bytes.len();
         if batch == 0 {
             bench.run_until(200.0, |bench| bench.laid().len() >= laid - 1);
             assert_eq!(
@@ -125,7 +125,7 @@ fn more_layers_than_the_board_holds_stream() {
             );
         }
         bench.run_until(60.0, |bench| bench.events.len() > laid + 3);
-        bench.hand_over(CAPACITY + batch * MOST_LAYERS, bytes);
+        bench.hand_over(CAPACITY + batch * MAX_LAYERS, bytes);
     }
     bench.run_to(State::Done, 1000.0);
     assert_laid(&mut bench, &layers);
@@ -137,11 +137,11 @@ fn without_layers_it_holds_and_goes_on_when_they_come() {
     let layers = bends(20);
     bench.begin(20);
     bench.start();
-    bench.run_to(State::Hold, 60.0);
+    bench.run_to(State::Paused, 60.0);
     for at in [0, 5, 10] {
         bench.hand_over(at, &layers[at..at + 5]);
         bench.run_to(State::Growing, 0.1);
-        bench.run_to(State::Hold, 2.0);
+        bench.run_to(State::Paused, 2.0);
         let (moved, temperature) = (bench.motors.moved, bench.world.nozzle_c.get());
         bench.run(20.0);
         assert_eq!(bench.motors.moved, moved, "it only holds");
@@ -288,12 +288,13 @@ fn the_board_plans_as_the_desktop_does() {
         let mut held = Vec::new();
         loop {
             let first = held.len() as u32;
-            let Message::HeldLayers(HeldLayers { layers, .. }) = bench.ask(&Message::ReadLayers(ReadLayers { first }))
+            let Message::StoredLayers(StoredLayers { layers, .. }) =
+                bench.ask(&Message::ReadLayers(ReadLayers { first }))
             else {
                 panic!()
             };
             held.extend_from_slice(&layers);
-            if layers.len() < MOST_LAYERS {
+            if layers.len() < MAX_LAYERS {
                 break;
             }
         }

@@ -24,14 +24,14 @@ fn a_hold_finishes_the_layer_pulls_filament_back_and_pushes_it_forward_again() {
     bench.accepted(&hold());
     bench.accepted(&hold());
     assert_eq!(bench.controller.state(), State::Growing, "the layer under way is finished");
-    bench.run_to(State::Hold, 0.5);
+    bench.run_to(State::Paused, 0.5);
     let fed = bench.fed();
     assert_eq!(bench.motors.moved.feed, i64::from(fed));
     bench.run(1.0);
     assert_eq!(bench.motors.moved.feed, i64::from(fed) - 10, "pulled back");
     assert!(bench.motors.enabled(), "the head keeps its place");
     bench.run(20.0);
-    assert_eq!(bench.controller.state(), State::Hold, "though there are layers");
+    assert_eq!(bench.controller.state(), State::Paused, "though there are layers");
     bench.start();
     bench.run_to(State::Done, 60.0);
     let fed = bench.fed();
@@ -45,7 +45,7 @@ fn a_long_hold_lets_the_nozzle_down_to_standby_and_then_parks() {
     bench.begin(40);
     bench.hand_over(0, &layers[..10]);
     bench.start();
-    bench.run_to(State::Hold, 100.0);
+    bench.run_to(State::Paused, 100.0);
     let settings = bench.robot.description().hold;
     bench.run(settings.standby_after_s - 2.0);
     assert!(bench.world.nozzle_c.get() > 195.0);
@@ -54,10 +54,10 @@ fn a_long_hold_lets_the_nozzle_down_to_standby_and_then_parks() {
     // From standby it heats up again before it goes on.
     bench.hand_over(10, &layers[10..20]);
     bench.run(0.1);
-    assert_eq!(bench.controller.state(), State::Hold, "not while it is cold");
+    assert_eq!(bench.controller.state(), State::Paused, "not while it is cold");
     bench.run_to(State::Growing, 60.0);
     assert!(bench.world.nozzle_c.get() > 195.0);
-    bench.run_to(State::Hold, 60.0);
+    bench.run_to(State::Paused, 60.0);
     // Without layers for long enough the heater goes off, and the job is kept.
     bench.run_to(State::Parked, settings.off_after_s + 1.0);
     assert!(bench.heater.off());
@@ -82,7 +82,7 @@ fn a_hold_may_be_asked_for_before_the_first_layer() {
     let mut bench = Bench::greeted(retracting(), WARM);
     bench.grow(&bends(5));
     bench.accepted(&hold());
-    bench.run_to(State::Hold, 60.0);
+    bench.run_to(State::Paused, 60.0);
     assert!(bench.laid().is_empty());
     bench.start();
     bench.run_to(State::Done, 60.0);
@@ -130,7 +130,7 @@ fn going_on_twice_is_going_on_once() {
     bench.grow(&bends(8));
     bench.run_to(State::Growing, 60.0);
     bench.accepted(&hold());
-    bench.run_to(State::Hold, 2.0);
+    bench.run_to(State::Paused, 2.0);
     bench.accepted(&start());
     bench.run_to(State::Done, 60.0);
     assert_eq!(bench.laid().len(), 8);

@@ -3,8 +3,8 @@
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::{Encoder, LayerBytes};
 use growbot_core::link::message::{
-    Begin, HeldLayers, LayerBatch, Layers, MOST_LAYERS, Message, PlanRequest, PoseFields, ReadLayers, Refusal, Refused,
-    SCHEMA_HASH, Silence, Start, State,
+    Begin, LayerBatch, Layers, MAX_LAYERS, Message, PlanRequest, PoseFields, ReadLayers, Refusal, Refused, SCHEMA_HASH,
+    Silence, Start, State, StoredLayers,
 };
 use growbot_core::plan::Planner;
 use growbot_core::robot::{FeedStrategy, Robot};
@@ -110,12 +110,12 @@ fn another_plan_than_the_one_held_is_refused_in_every_state() {
         for plan_id in [0, PLAN + 1, u64::MAX] {
             let refusal = Refusal::OtherPlan { board };
             assert_eq!(bench.refused(&layers_of(plan_id, 30, &bends(1))), refusal);
-            assert_eq!(bench.refused(&Message::Start(Start { plan_id, silence: Silence::Hold })), refusal);
+            assert_eq!(bench.refused(&Message::Start(Start { plan_id, silence: Silence::Pause })), refusal);
         }
     }
     let mut fresh = Bench::greeted(fast_robot(), 25.0);
     assert_eq!(
-        fresh.refused(&Message::Start(Start { plan_id: 0, silence: Silence::Hold })),
+        fresh.refused(&Message::Start(Start { plan_id: 0, silence: Silence::Pause })),
         Refusal::OtherPlan { board: 0 }
     );
 }
@@ -190,17 +190,17 @@ fn the_greatest_numbers_do_no_harm() {
     let robot = bench.robot.clone();
     let read = |first| Message::ReadLayers(ReadLayers { first });
     for first in [30, 4096, u32::MAX - 1, u32::MAX] {
-        assert_eq!(bench.ask(&read(first)), Message::HeldLayers(HeldLayers { first, layers: LayerBatch::new() }));
+        assert_eq!(bench.ask(&read(first)), Message::StoredLayers(StoredLayers { first, layers: LayerBatch::new() }));
     }
     let begin = |layers| Message::Begin(Begin { plan_id: u64::MAX, layers, robot: robot.hash() });
     let too_long = bench.refused(&begin(u32::MAX));
     assert!(matches!(too_long, Refusal::PlanTooLong { layers: u32::MAX, capacity: 6000.. }), "{too_long:?}");
     bench.accepted(&begin(6000));
-    for batch in 0..CAPACITY / MOST_LAYERS {
-        let first = (batch * MOST_LAYERS) as u32;
-        bench.accepted(&layers_of(u64::MAX, first, &bends(MOST_LAYERS)));
+    for batch in 0..CAPACITY / MAX_LAYERS {
+        let first = (batch * MAX_LAYERS) as u32;
+        bench.accepted(&layers_of(u64::MAX, first, &bends(MAX_LAYERS)));
     }
     assert_eq!(bench.refused(&layers_of(u64::MAX, CAPACITY as u32, &bends(1))), Refusal::Full);
-    bench.accepted(&Message::Start(Start { plan_id: u64::MAX, silence: Silence::Hold }));
+    bench.accepted(&Message::Start(Start { plan_id: u64::MAX, silence: Silence::Pause }));
     assert_eq!(bench.controller.state(), State::Heating);
 }

@@ -1,7 +1,8 @@
 //! What a reset of the board leaves: nothing heats or moves, and what was under way and what was wrong are told.
 
 use growbot_core::link::message::{
-    BootReport, Cut, Empty, Fault, FaultRecord, ImageCheck, LatestFault, Message, Refusal, ResetCause, State,
+    BootReport, Empty, Fault, FaultRecord, ImageCheck, InterruptedLayer, LatestFault, Message, Refusal, ResetCause,
+    State,
 };
 
 use std::vec::Vec;
@@ -99,7 +100,10 @@ fn without_power_the_journal_is_what_is_known() {
         let mut bench = bench.reset(cause);
         assert_eq!((bench.controller.state(), record(&mut bench)), (State::Idle, None));
         let status = bench.status();
-        assert_eq!((status.plan_id, status.laid, status.cut), (PLAN, laid, Some(Cut { least: 0, most: 64 })));
+        assert_eq!(
+            (status.plan_id, status.laid, status.interrupted),
+            (PLAN, laid, Some(InterruptedLayer { min: 0, max: 64 }))
+        );
         assert!(matches!(bench.ask(&start()), Message::Refused(_)), "the layer that was cut is to be decided on");
         assert!(bench.heater.off());
     }
@@ -233,7 +237,7 @@ fn however_a_write_is_torn_a_board_at_work_comes_up_with_a_fault() {
         bench.run_to(State::Growing, 60.0);
         bench.run(2.5);
         bench.accepted(&hold());
-        bench.run_to(State::Hold, 4.0);
+        bench.run_to(State::Paused, 4.0);
         bench.start();
         bench.run_to(State::Growing, 60.0);
         bench.run(0.5);

@@ -4,7 +4,7 @@
 use std::vec::Vec;
 
 use growbot_core::layer_bytes::LayerBytes;
-use growbot_core::link::message::{Cancel, Cut, Message, Refusal, ResetCause, State};
+use growbot_core::link::message::{Cancel, InterruptedLayer, Message, Refusal, ResetCause, State};
 
 use super::bench::{AMENDED, Bench, PLAN, WARM, amend, bends, clear, hold, resume, start, stop};
 use crate::testing::fast_robot;
@@ -73,7 +73,7 @@ fn after_a_stop_a_fault_or_a_reset_the_rest_is_laid_as_if_nothing_had_happened()
         |mut bench| {
             // Between two layers.
             bench.accepted(&hold());
-            bench.run_to(State::Hold, 2.0);
+            bench.run_to(State::Paused, 2.0);
             bench.world.kept.set([0x5A; crate::safety::kept::KEPT_BYTES]);
             bench.reset(ResetCause::PowerOn)
         },
@@ -88,7 +88,7 @@ fn after_a_stop_a_fault_or_a_reset_the_rest_is_laid_as_if_nothing_had_happened()
             let mut bench = interrupt(bench);
             let status = bench.status();
             assert_eq!(status.plan_id, PLAN);
-            assert_eq!(status.cut.is_some(), which != 4, "{status:?}");
+            assert_eq!(status.interrupted.is_some(), which != 4, "{status:?}");
             go_on(&mut bench, status.laid);
             assert_eq!(bench.status().laid, 40);
             let all = body(&bench);
@@ -100,24 +100,24 @@ fn after_a_stop_a_fault_or_a_reset_the_rest_is_laid_as_if_nothing_had_happened()
 #[test]
 fn how_much_of_a_layer_was_made_is_known_after_a_stop_and_roughly_after_a_reset() {
     // 0.5 s a layer; a sector is 8 ms.
-    let cut = |bench: &mut Bench| bench.status().cut.unwrap();
+    let cut = |bench: &mut Bench| bench.status().interrupted.unwrap();
     let mut bench = Bench::greeted(fast_robot(), WARM);
     bench.grow(&bends(40));
     bench.run_until(60.0, |bench| bench.laid().len() == 3);
     let period = bench.robot.description().layer.period_s;
     bench.run(0.4 * period);
     bench.accepted(&stop());
-    let Cut { least, most } = cut(&mut bench);
-    assert_eq!(most, least + 1);
-    assert!((22..30).contains(&least), "{least}");
+    let InterruptedLayer { min, max } = cut(&mut bench);
+    assert_eq!(max, min + 1);
+    assert!((22..30).contains(&min), "{min}");
 
     let mut bench = Bench::greeted(fast_robot(), WARM);
     bench.grow(&bends(40));
     bench.run_until(60.0, |bench| bench.laid().len() == 3);
     bench.run(0.7 * period);
     let mut bench = bench.reset(ResetCause::External);
-    let Cut { least, most } = cut(&mut bench);
-    assert!(least <= 45 && most >= 45 && most - least < 40, "{least} to {most}");
+    let InterruptedLayer { min, max } = cut(&mut bench);
+    assert!(min <= 45 && max >= 45 && max - min < 40, "{min} to {max}");
 }
 
 #[test]
@@ -136,7 +136,7 @@ fn a_layer_that_was_cut_can_be_let_be() {
 fn nothing_but_the_next_layer_is_taken_up() {
     let mut bench = Bench::in_state(State::Growing);
     bench.accepted(&hold());
-    bench.run_to(State::Hold, 2.0);
+    bench.run_to(State::Paused, 2.0);
     bench.accepted(&stop());
     let laid = bench.status().laid;
     for from in [0, laid - 1, laid + 1, laid + 2, u32::MAX] {
@@ -148,7 +148,7 @@ fn nothing_but_the_next_layer_is_taken_up() {
 
 #[test]
 fn a_job_given_up_is_forgotten_for_good() {
-    for state in [State::Growing, State::Stopped, State::Hold, State::Parked] {
+    for state in [State::Growing, State::Stopped, State::Paused, State::Parked] {
         let mut bench = Bench::in_state(state);
         bench.accepted(&Message::Cancel(Cancel { plan_id: PLAN }));
         bench.accepted(&Message::Cancel(Cancel { plan_id: PLAN }));
@@ -165,7 +165,7 @@ fn a_job_that_is_done_is_told_after_a_reset_and_not_laid_again() {
     let mut bench = Bench::in_state(State::Done).reset(ResetCause::PowerOn);
     bench.events.clear();
     let status = bench.status();
-    assert_eq!((status.plan_id, status.laid, status.layers, status.cut), (PLAN, 40, 40, None));
+    assert_eq!((status.plan_id, status.laid, status.layers, status.interrupted), (PLAN, 40, 40, None));
     bench.accepted(&resume(40));
     bench.start();
     assert_eq!(bench.controller.state(), State::Done);

@@ -2,7 +2,7 @@
 
 use growbot_core::link::frame::{self, Header, LONGEST_BODY};
 use growbot_core::link::message::{
-    BoardHello, Empty, HostHello, HostName, Message, Refusal, Refused, SCHEMA_HASH, Silence, Start, State, Waits,
+    BoardHello, Empty, HostHello, HostName, Message, PauseCause, Refusal, Refused, SCHEMA_HASH, Silence, Start, State,
 };
 
 use super::bench::{Bench, PLAN, WARM, bends, clear, start, stop};
@@ -25,14 +25,14 @@ fn a_board_that_is_held_is_not_given_to_another_host_until_that_one_is_silent() 
     let mut bench = Bench::in_state(State::Growing);
     let answer = knock(&mut bench, 99);
     assert!(
-        matches!(answer, Message::Refused(Refused { refusal: Refusal::Held { silent_ms: 0..1000 }, .. })),
+        matches!(answer, Message::Refused(Refused { refusal: Refusal::Owned { silent_ms: 0..1000 }, .. })),
         "{answer:?}"
     );
     // It can be asked all the same, and tells who holds it.
-    let Message::BoardHello(BoardHello { holder, .. }) = bench.ask_in(99, &Message::AskBoard(Empty {})) else {
+    let Message::BoardHello(BoardHello { owner, .. }) = bench.ask_in(99, &Message::AskBoard(Empty {})) else {
         panic!()
     };
-    assert_eq!(holder, Some(HostName::new()));
+    assert_eq!(owner, Some(HostName::new()));
     bench.reads = false;
     bench.run(10.5);
     assert!(matches!(knock(&mut bench, 99), Message::BoardHello(_)));
@@ -81,7 +81,7 @@ fn requests_that_come_late_or_twice_are_not_carried_out_again() {
 
 #[test]
 fn a_host_that_falls_silent_has_it_hold_unless_it_has_said_otherwise() {
-    for silence in [Silence::Hold, Silence::GoOn] {
+    for silence in [Silence::Pause, Silence::Continue] {
         let mut bench = Bench::greeted(fast_robot(), WARM);
         bench.begin(100);
         bench.hand_over(0, &bends(100));
@@ -91,12 +91,12 @@ fn a_host_that_falls_silent_has_it_hold_unless_it_has_said_otherwise() {
         bench.run(9.5);
         assert_eq!(bench.controller.state(), State::Growing);
         match silence {
-            Silence::GoOn => bench.run_to(State::Done, 60.0),
-            Silence::Hold => {
-                bench.run_to(State::Hold, 3.0);
-                assert_eq!(bench.controller.status().waits, Waits::ForHost);
+            Silence::Continue => bench.run_to(State::Done, 60.0),
+            Silence::Pause => {
+                bench.run_to(State::Paused, 3.0);
+                assert_eq!(bench.controller.status().pause_cause, PauseCause::HostSilent);
                 bench.run(30.0);
-                assert_eq!(bench.controller.state(), State::Hold);
+                assert_eq!(bench.controller.state(), State::Paused);
                 bench.reads = true;
                 bench.start();
                 bench.run_to(State::Done, 60.0);

@@ -80,7 +80,7 @@ impl Random {
                 let robot = self.one_of(&[bench.robot.hash(), bench.robot.hash(), bench.robot.hash(), 0]);
                 Message::Begin(Begin { plan_id, layers: self.one_of(&[30, 30, 30, 30, 0, 1, u32::MAX]), robot })
             }
-            11..21 => Message::Start(Start { plan_id, silence: Silence::GoOn }),
+            11..21 => Message::Start(Start { plan_id, silence: Silence::Continue }),
             21 => {
                 let pose = |random: &mut Self| PoseFields {
                     position: core::array::from_fn(|_| random.number()),
@@ -148,7 +148,7 @@ fn random_requests_in_random_order_never_break_what_must_hold() {
 
 #[test]
 fn random_bytes_change_nothing() {
-    for state in [State::Idle, State::Hold, State::Stopped, State::Fault] {
+    for state in [State::Idle, State::Paused, State::Stopped, State::Fault] {
         let mut bench = Bench::in_state(state);
         let mut random = Random::new(state as u64);
         let laid = bench.status().laid;
@@ -166,7 +166,7 @@ fn random_bytes_change_nothing() {
 #[test]
 fn whole_frames_of_random_bodies_do_no_harm() {
     let mut random = Random::new(1);
-    let mut bench = Bench::in_state(State::Hold);
+    let mut bench = Bench::in_state(State::Paused);
     let mut seq = 1000;
     for count in 0..messages() {
         let body: Vec<u8> = (0..random.below(LONGEST_BODY as u64 + 1)).map(|_| random.next() as u8).collect();
@@ -182,5 +182,5 @@ fn whole_frames_of_random_bodies_do_no_harm() {
             bench.run(0.01);
         }
     }
-    assert_eq!(bench.controller.state(), State::Hold);
+    assert_eq!(bench.controller.state(), State::Paused);
 }

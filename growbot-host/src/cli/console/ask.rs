@@ -4,7 +4,7 @@ use growbot_client::client::{Client, ClientError};
 use growbot_client::degrees::degrees_below_turn;
 use growbot_core::layer_bytes::decode;
 use growbot_core::link::message::{
-    Accepted, Empty, HeldLayers, Message, PlanRequest, ReadLayers, Resume, Silence, Start, State,
+    Accepted, Empty, Message, PlanRequest, ReadLayers, Resume, Silence, Start, State, StoredLayers,
 };
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
@@ -27,7 +27,7 @@ pub fn ask(
         Ask::Plan(goal) => plan(client, robot, start, goal),
         Ask::Start => start_held(client),
         Ask::Hold => {
-            client.request("to hold", &Message::Hold(Empty {}))?;
+            client.request("to hold", &Message::Pause(Empty {}))?;
             Ok("holds after the layer under way; `start` goes on\n".to_owned())
         }
         Ask::Layers(first) => layers(client, *first),
@@ -67,13 +67,13 @@ fn start_held(client: &mut Client) -> Result<String, Failure> {
     let status = client.status()?;
     let plan_id = status.plan_id;
     let mut text = String::new();
-    if plan_id != 0 && (status.state == State::Stopped || status.cut.is_some()) {
+    if plan_id != 0 && (status.state == State::Stopped || status.interrupted.is_some()) {
         // A layer that was cut is laid again; `growbot resume` has the choice.
         let resume = Resume { plan_id, from: status.laid, known: status.laid };
         client.request("to resume", &Message::Resume(resume))?;
         text += &format!("goes on at layer {}\n", status.laid);
     }
-    match client.request(what, &Message::Start(Start { plan_id, silence: Silence::Hold }))? {
+    match client.request(what, &Message::Start(Start { plan_id, silence: Silence::Pause }))? {
         Message::Accepted(Accepted { next, .. }) => Ok(text + &format!("started with {next} layers\n")),
         other => Err(unexpected(what, &other)),
     }
@@ -86,7 +86,7 @@ fn layers(client: &mut Client, first: Option<u32>) -> Result<String, Failure> {
         None => client.status()?.laid,
     };
     match client.request(what, &Message::ReadLayers(ReadLayers { first }))? {
-        Message::HeldLayers(HeldLayers { first, layers }) => {
+        Message::StoredLayers(StoredLayers { first, layers }) => {
             let mut text = String::from("layer,alpha_deg,height_mm,tilt_deg\n");
             for (index, layer) in (u64::from(first)..).zip(layers.iter().map(decode)) {
                 let tilt = growbot_core::angle::degrees(layer.tilt);

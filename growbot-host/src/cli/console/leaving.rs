@@ -35,7 +35,7 @@ pub fn lines_of_stdin() -> Lines {
 
 /// Whether a robot in this state is hot or moves.
 pub fn works(state: State) -> bool {
-    matches!(state, State::Heating | State::Homing | State::Growing | State::Hold | State::Tuning)
+    matches!(state, State::Heating | State::Homing | State::Growing | State::Paused | State::Tuning)
 }
 
 /// What becomes of a robot that is left while it works, and the remedy.

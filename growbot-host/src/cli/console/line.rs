@@ -266,7 +266,7 @@ impl Session {
             }
         };
         let is_simulated = self.port.is_simulated();
-        let grow = |tell: &mut dyn FnMut(&News)| grow_job(&mut self.client, &job, Silence::Hold, &self.orders, tell);
+        let grow = |tell: &mut dyn FnMut(&News)| grow_job(&mut self.client, &job, Silence::Pause, &self.orders, tell);
         let grown = compare(self.simulation.as_mut(), &job, &mut show, grow)
             .map_err(|error| following::failed(error, is_simulated))?;
         self.orders.clear();

@@ -99,7 +99,7 @@ fn state_line(model: &Model) -> Line<'static> {
     let Some(status) = &model.status else { return Line::styled("waiting for the board", WORKING) };
     let style = match status.state {
         State::Fault | State::EmergencyStop => BAD,
-        State::Heating | State::Homing | State::Growing | State::Tuning | State::Hold => WORKING,
+        State::Heating | State::Homing | State::Growing | State::Tuning | State::Paused => WORKING,
         _ => GOOD,
     };
     let known = if model.lost.is_some() { "last known: " } else { "" };

@@ -316,7 +316,7 @@ mod tests {
         console.press("+++g");
         console.follow_until(State::Growing);
         console.press("h");
-        console.follow_until(State::Hold);
+        console.follow_until(State::Paused);
         console.press("g");
         console.follow_until(State::Done);
         assert_eq!((console.model.body.built().len(), console.model.body.unreported()), (10, 0));

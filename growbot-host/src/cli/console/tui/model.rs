@@ -160,7 +160,7 @@ pub fn in_words(state: State) -> &'static str {
         State::Heating => "the nozzle warms up, nothing moves yet",
         State::Homing => "the head looks for its index mark",
         State::Growing => "laying layers",
-        State::Hold => "hot, waiting between layers; g goes on",
+        State::Paused => "hot, waiting between layers; g goes on",
         State::Parked => "held for long, the heater is off; g goes on",
         State::Done => "every layer is laid, heater and steppers are off",
         State::Stopped => "stopped on request, heater and steppers are off",

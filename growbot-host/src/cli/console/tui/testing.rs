@@ -3,7 +3,7 @@
 use growbot_client::robot_file;
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::Encoder;
-use growbot_core::link::message::{Laid, Message, State, Status, Waits};
+use growbot_core::link::message::{Laid, Message, PauseCause, State, Status};
 use growbot_core::pose::Pose;
 
 use super::model::Model;
@@ -26,8 +26,8 @@ pub fn status(state: State, uptime_s: f64) -> Status {
         layers: 100,
         next: 100,
         laid: 0,
-        cut: None,
-        waits: Waits::ForLayers,
+        interrupted: None,
+        pause_cause: PauseCause::LayersExhausted,
         journal: true,
         uptime_ms: (uptime_s * 1000.0) as u64,
     }
