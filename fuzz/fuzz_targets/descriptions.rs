@@ -7,7 +7,7 @@ use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|bytes: &[u8]| {
     let Ok(robot) = Robot::decode(bytes) else { return };
-    assert!(robot.least_radius() > 0.0);
+    assert!(robot.min_radius() > 0.0);
     assert!(robot.feed_steps_per_length() > 0.0);
     let mut buffer = [0; LONGEST_ENCODED];
     let encoded = robot.encode(&mut buffer).expect("what was read can be written");

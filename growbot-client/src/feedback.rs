@@ -114,7 +114,7 @@ impl<'a> Feedback<'a> {
 
     /// How far the tip has grown since the last layer that was measured, mm.
     fn growth(&mut self, layer: &Layer, pulses: Option<u32>) -> Option<f64> {
-        let expected = layer.height * (1.0 + self.tracker.estimate().habits.growth);
+        let expected = layer.height * (1.0 + self.tracker.estimate().systematic_errors.growth);
         if self.laid < self.counts_from {
             self.uncounted += expected;
             return None;
@@ -220,7 +220,7 @@ mod tests {
         }
         let grown = 1.1 * HEIGHT * 100.0;
         assert!((height(&feedback) / grown - 1.0).abs() < 0.002, "{} {grown}", height(&feedback));
-        assert!((feedback.result().estimate.habits.growth - 0.1).abs() < 0.01);
+        assert!((feedback.result().estimate.systematic_errors.growth - 0.1).abs() < 0.01);
         // The rest is commanded less high, and ends where it should.
         let rest = feedback.rest(&[]);
         let end = grow(&feedback.result().estimate.base_from_tip, rest.iter().map(decode));
@@ -246,7 +246,7 @@ mod tests {
             feedback.laid(&layer, Some(&counted(2 + (PULSES * f64::from(index)) as u32)));
         }
         assert!((height(&feedback) - 100.0 * HEIGHT).abs() < 0.05, "{}", height(&feedback));
-        assert!(feedback.result().estimate.habits.growth.abs() < 0.005);
+        assert!(feedback.result().estimate.systematic_errors.growth.abs() < 0.005);
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! A plan: a path that has been checked to end at its goal, with all that is said about it.
 
 use growbot_core::path::{self, Leg, Segment};
-use growbot_core::plan::{self as planning, Chosen, GREATEST_RADIUS, Needs, PlanError, Planner};
+use growbot_core::plan::{self as planning, Chosen, MAX_RADIUS, Needs, PlanError, Planner};
 use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::Robot;
 
@@ -212,7 +212,7 @@ fn plan_leg(
     roll: f64,
 ) -> Result<(Chosen, usize), PlanError> {
     let &Search { radius, planner, clear_of_self } = search;
-    if clear_of_self && radius <= GREATEST_RADIUS {
+    if clear_of_self && radius <= MAX_RADIUS {
         let before = path::length(body);
         let mut whole = body.to_vec();
         let mut passed_over = 0;

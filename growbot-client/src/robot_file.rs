@@ -79,7 +79,7 @@ pub fn is_built_in(name: &str) -> bool {
 /// ```
 /// use growbot_client::robot_file;
 /// let robot = robot_file::load("growbot-a".as_ref()).unwrap();
-/// assert!((robot.least_radius() - 98.2).abs() < 1e-9);
+/// assert!((robot.min_radius() - 98.2).abs() < 1e-9);
 /// ```
 ///
 /// # Errors
@@ -195,17 +195,17 @@ mod tests {
             let description = robot.description();
             assert_eq!(description.planning_radius_mm, radius, "{name}");
             assert_eq!(description.layer.period_s, period, "{name}");
-            assert!(radius >= robot.least_radius(), "{name}: R_min is {}", robot.least_radius());
+            assert!(radius >= robot.min_radius(), "{name}: R_min is {}", robot.min_radius());
             // A full layer at the planning radius is a whole g * dt high, as in the paper.
-            assert_eq!(robot.greatest_mean_height(1.0 / radius), description.layer.height_mm, "{name}");
+            assert_eq!(robot.max_mean_height(1.0 / radius), description.layer.height_mm, "{name}");
         }
     }
 
     #[test]
     fn robot_a_bends_to_98_20_mm_by_eq_7() {
         let robot = load(DEFAULT.as_ref()).unwrap();
-        assert_eq!(format!("{:.2}", robot.least_radius_of_geometry()), "98.20");
-        assert_eq!(robot.least_radius(), robot.least_radius_of_geometry());
+        assert_eq!(format!("{:.2}", robot.min_radius_by_packaging()), "98.20");
+        assert_eq!(robot.min_radius(), robot.min_radius_by_packaging());
     }
 
     #[test]

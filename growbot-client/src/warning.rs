@@ -108,7 +108,7 @@ fn kind(segment: &Segment) -> &'static str {
 fn thin_layer(index: usize, segment: &Segment, robot: &Robot) -> Option<Warning> {
     let mut layers = layers(std::slice::from_ref(segment), robot, Slicing::Exact);
     let count = layers.size_hint().0;
-    let value = layers.next()?.layer.least_height(robot.tip_radius());
+    let value = layers.next()?.layer.min_height(robot.tip_radius());
     let limit = robot.description().layer.height_min_mm;
     if value >= limit * (1.0 - LIMIT_SLACK) {
         return None;

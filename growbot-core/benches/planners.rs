@@ -5,7 +5,7 @@ use std::hint::black_box;
 use std::time::Duration;
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use growbot_core::dubins2::{self, PlanarPath, PlanarPose, Word};
+use growbot_core::dubins2::{self, PathType, PlanarPath, PlanarPose};
 use growbot_core::plan::{Chosen, Planner, plan};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
@@ -64,19 +64,19 @@ fn planar_goal(n: u32, farthest: f64) -> PlanarPose {
 /// A kind of goals, and the goal for each n.
 type Family = (&'static str, fn(u32) -> PlanarPose);
 
-/// The families of goals for which words degenerate, each the end of a path that is a part of a word.
+/// The families of goals for which words degenerate, each the end of a path that is a part of a path_type.
 const FAMILIES: [Family; 7] = [
-    ("arc below pi", |n| laid(Word::Lsl, [0.5 * angle(n), 0.0, 0.0])),
-    ("arc above pi", |n| laid(Word::Lsl, [PI + 0.5 * angle(n), 0.0, 0.0])),
-    ("tangent arcs", |n| laid(Word::Lsr, [angle(n), 0.0, other_angle(n)])),
-    ("arc, line", |n| laid(Word::Lsl, [angle(n), line(n), 0.0])),
-    ("line, arc", |n| laid(Word::Lsl, [0.0, line(n), angle(n)])),
-    ("line", |n| laid(Word::Lsl, [0.0, line(n), 0.0])),
-    ("start is goal", |_| laid(Word::Lsl, [0.0; 3])),
+    ("arc below pi", |n| laid(PathType::Lsl, [0.5 * angle(n), 0.0, 0.0])),
+    ("arc above pi", |n| laid(PathType::Lsl, [PI + 0.5 * angle(n), 0.0, 0.0])),
+    ("tangent arcs", |n| laid(PathType::Lsr, [angle(n), 0.0, other_angle(n)])),
+    ("arc, line", |n| laid(PathType::Lsl, [angle(n), line(n), 0.0])),
+    ("line, arc", |n| laid(PathType::Lsl, [0.0, line(n), angle(n)])),
+    ("line", |n| laid(PathType::Lsl, [0.0, line(n), 0.0])),
+    ("start is goal", |_| laid(PathType::Lsl, [0.0; 3])),
 ];
 
-fn laid(word: Word, lengths: [f64; 3]) -> PlanarPose {
-    PlanarPath { word, lengths }.end()
+fn laid(path_type: PathType, lengths: [f64; 3]) -> PlanarPose {
+    PlanarPath { path_type, lengths }.end()
 }
 
 fn angle(n: u32) -> f64 {

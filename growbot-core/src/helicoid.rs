@@ -135,13 +135,13 @@ impl Walk {
 
     /// Goes on by this length, radii.
     pub fn advance(&mut self, length: f64) {
-        self.advance_meanwhile(length, &mut || ());
+        self.advance_with_keep_alive(length, &mut || ());
     }
 
     /// As [`Walk::advance`], for boards: past a narrow neck it takes a second of a microcontroller, and `keep_alive` is
     /// called in each step.
     #[inline(never)]
-    pub fn advance_meanwhile(&mut self, length: f64, keep_alive: &mut dyn FnMut()) {
+    pub fn advance_with_keep_alive(&mut self, length: f64, keep_alive: &mut dyn FnMut()) {
         let force = self.curve.p.norm().max(f64::MIN_POSITIVE);
         let mut left = length;
         while left > 0.0 {

@@ -4,7 +4,7 @@ use crate::hash::Hasher;
 use crate::layer_bytes::{Encoder, LayerBytes};
 use crate::path::Segment;
 use crate::robot::Robot;
-use crate::slicing::{Layers, Slicing, layers_meanwhile};
+use crate::slicing::{Layers, Slicing, layers_with_keep_alive};
 
 /// The layers of a path in bytes, in order.
 #[derive(Debug, Clone)]
@@ -17,13 +17,21 @@ pub struct JobLayers<'a> {
 /// The layers of a path in bytes, by exact slicing.
 #[must_use]
 pub fn job_layers<'a>(path: &'a [Segment], robot: &'a Robot) -> JobLayers<'a> {
-    job_layers_meanwhile(path, robot, &mut || ())
+    job_layers_with_keep_alive(path, robot, &mut || ())
 }
 
-/// As [`job_layers`], for boards (see [`layers_meanwhile`]).
+/// As [`job_layers`], for boards (see [`layers_with_keep_alive`]).
 #[must_use]
-pub fn job_layers_meanwhile<'a>(path: &'a [Segment], robot: &'a Robot, keep_alive: &mut dyn FnMut()) -> JobLayers<'a> {
-    JobLayers { layers: layers_meanwhile(path, robot, Slicing::Exact, keep_alive), encoder: Encoder::default(), robot }
+pub fn job_layers_with_keep_alive<'a>(
+    path: &'a [Segment],
+    robot: &'a Robot,
+    keep_alive: &mut dyn FnMut(),
+) -> JobLayers<'a> {
+    JobLayers {
+        layers: layers_with_keep_alive(path, robot, Slicing::Exact, keep_alive),
+        encoder: Encoder::default(),
+        robot,
+    }
 }
 
 impl Iterator for JobLayers<'_> {
@@ -53,12 +61,12 @@ impl JobLayers<'_> {
     /// The hashes of these layers.
     #[must_use]
     pub fn summary(&self) -> JobSummary {
-        self.summary_meanwhile(&mut || ())
+        self.summary_with_keep_alive(&mut || ())
     }
 
     /// As [`JobLayers::summary`], for boards: `keep_alive` is called for each layer.
     #[must_use]
-    pub fn summary_meanwhile(&self, keep_alive: &mut dyn FnMut()) -> JobSummary {
+    pub fn summary_with_keep_alive(&self, keep_alive: &mut dyn FnMut()) -> JobSummary {
         let (mut name, mut exact) = (JobName::new(self.robot), Hasher::default());
         let mut encoder = self.encoder.clone();
         let mut count = 0;

@@ -130,8 +130,8 @@ impl Inputs {
     /// The printed box `|u_i| <= g / R_min` lets the curvature reach `sqrt(2) / R_min`; the bound that holds
     /// couples the inputs: `u1^2 cos^2 gamma + u2^2 <= (g / R_min)^2`.
     #[must_use]
-    pub fn within_curvature(&self, pitch: f64, least_radius: f64) -> bool {
-        self.turning_rate(pitch) * least_radius <= self.growth.abs()
+    pub fn within_curvature(&self, pitch: f64, min_radius: f64) -> bool {
+        self.turning_rate(pitch) * min_radius <= self.growth.abs()
     }
 }
 

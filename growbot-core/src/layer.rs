@@ -55,7 +55,8 @@ pub enum LayerError {
     StepRate,
     /// The speed of an axis would have to change faster, from sector to sector, than its motor can follow.
     #[error(
-        "the layer asks for an acceleration of {value} of the {axis}, over {limit}: it leans too much for its period, or raise the axis's acceleration and speed jump"
+        "the layer asks for an acceleration of {value} of the {axis}, over {limit}: it leans too much for its \
+         period, or raise the axis's acceleration and speed jump"
     )]
     Acceleration {
         /// The axis and the unit.
@@ -76,13 +77,13 @@ impl Layer {
 
     /// Height of the outer side of the bend, mm.
     #[must_use]
-    pub fn greatest_height(&self, tip_radius: f64) -> f64 {
+    pub fn max_height(&self, tip_radius: f64) -> f64 {
         self.height + tip_radius * self.tilt
     }
 
     /// Height of the inner side of the bend, mm.
     #[must_use]
-    pub fn least_height(&self, tip_radius: f64) -> f64 {
+    pub fn min_height(&self, tip_radius: f64) -> f64 {
         self.height - tip_radius * self.tilt
     }
 

@@ -145,7 +145,7 @@ mod tests {
     fn a_layer_at_the_limit_passes_however_it_was_rounded() {
         let robot = robot_a();
         let curvature = 1.0 / 98.2;
-        let height = robot.greatest_mean_height(curvature) * (1.0 + LIMIT_SLACK);
+        let height = robot.max_mean_height(curvature) * (1.0 + LIMIT_SLACK);
         let mut encoder = Encoder::default();
         for _ in 0..1000 {
             let bytes = encoder.encode(&Layer { alpha: 6.25, height, tilt: height * curvature });

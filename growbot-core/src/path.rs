@@ -14,7 +14,7 @@ use crate::kinematics::step;
 use crate::pose::{Frame, Pose};
 
 /// Max segments of a planned path: two planar paths have up to six.
-pub const MOST_SEGMENTS: usize = 6;
+pub const MAX_SEGMENTS: usize = 6;
 
 /// One piece of a path.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -116,13 +116,13 @@ pub fn end(path: &[Segment], base_from_start: &Frame) -> Frame {
     path.iter().fold(*base_from_start, |base_from_tip, segment| base_from_tip * segment.step())
 }
 
-/// At most [`MOST_SEGMENTS`] segments.
+/// At most [`MAX_SEGMENTS`] segments.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Path(Vec<Segment, MOST_SEGMENTS>);
+pub struct Path(Vec<Segment, MAX_SEGMENTS>);
 
 /// A path has no room for another segment.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[error("a planned path holds at most {MOST_SEGMENTS} segments: please report these poses")]
+#[error("a planned path holds at most {MAX_SEGMENTS} segments: please report these poses")]
 pub struct PathFull;
 
 impl Path {
@@ -135,7 +135,7 @@ impl Path {
     /// Adds a segment at the end.
     ///
     /// # Errors
-    /// [`PathFull`] beyond [`MOST_SEGMENTS`].
+    /// [`PathFull`] beyond [`MAX_SEGMENTS`].
     pub fn push(&mut self, segment: Segment) -> Result<(), PathFull> {
         self.0.push(segment).map_err(|_| PathFull)
     }

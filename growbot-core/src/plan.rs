@@ -51,7 +51,8 @@ pub enum PlanError {
     },
     /// The path found does not end at the goal.
     #[error(
-        "the path found ends {distance} mm and {angle} rad from the goal, more than {limit} mm: please report these poses"
+        "the path found ends {distance} mm and {angle} rad from the goal, more than {limit} mm: please report these \
+         poses"
     )]
     Missed {
         /// Distance from the goal, mm.
@@ -70,7 +71,7 @@ pub enum PlanError {
 }
 
 /// Max radius that is accepted, mm (1 km).
-pub const GREATEST_RADIUS: f64 = 1e6;
+pub const MAX_RADIUS: f64 = 1e6;
 /// A path arrives if it ends within this of the goal, in radii and radians, for goals within 100 radii; beyond, in
 /// proportion.
 const ARRIVED: f64 = 1e-9;
@@ -102,7 +103,7 @@ pub fn miss(base_from_tip: &Frame, goal: &Pose) -> Miss {
 /// # Errors
 /// A radius that the robot cannot bend to, or, never yet seen, a path that misses.
 pub fn plan(robot: &Robot, start: &Pose, goal: &Pose, radius: f64, planner: Planner) -> Result<Chosen, PlanError> {
-    plan_meanwhile(robot, start, goal, radius, planner, &mut || ())
+    plan_with_keep_alive(robot, start, goal, radius, planner, &mut || ())
 }
 
 /// As [`plan`], for boards: `keep_alive` is called at least every few milliseconds on a microcontroller, so that it can
@@ -110,7 +111,7 @@ pub fn plan(robot: &Robot, start: &Pose, goal: &Pose, radius: f64, planner: Plan
 ///
 /// # Errors
 /// As [`plan`].
-pub fn plan_meanwhile(
+pub fn plan_with_keep_alive(
     robot: &Robot,
     start: &Pose,
     goal: &Pose,
@@ -147,12 +148,12 @@ fn search(
     accept: impl FnMut(&[Segment]) -> bool,
     keep_alive: &mut dyn FnMut(),
 ) -> Result<Option<Chosen>, PlanError> {
-    let limit = robot.least_radius();
+    let limit = robot.min_radius();
     if radius < limit {
         return Err(PlanError::RadiusTooSmall { radius, limit });
     }
-    if radius.is_nan() || radius > GREATEST_RADIUS {
-        return Err(PlanError::RadiusTooLarge { radius, limit: GREATEST_RADIUS });
+    if radius.is_nan() || radius > MAX_RADIUS {
+        return Err(PlanError::RadiusTooLarge { radius, limit: MAX_RADIUS });
     }
     match planner {
         Planner::TwoPlane => two_plane_only(start, goal, radius, accept),

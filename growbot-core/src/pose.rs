@@ -36,7 +36,7 @@ pub enum PoseError {
         /// What it was.
         value: f64,
     },
-    /// A coordinate lies further out than [`Pose::GREATEST_COORDINATE`].
+    /// A coordinate lies further out than [`Pose::MAX_COORDINATE`].
     #[error("{field} is {} mm: keep coordinates within {limit} mm of the origin", Short(.value))]
     TooFar {
         /// Which coordinate.
@@ -56,12 +56,12 @@ pub enum PoseError {
 
 impl Pose {
     /// The furthest coordinate that is taken, mm (10 km): beyond it a micrometre is no longer told apart reliably.
-    pub const GREATEST_COORDINATE: f64 = 1e7;
+    pub const MAX_COORDINATE: f64 = 1e7;
 
     /// A pose from mm and radians. The heading is wrapped to `(-pi, pi]`.
     ///
     /// # Errors
-    /// Anything not finite, a coordinate beyond [`Self::GREATEST_COORDINATE`], a pitch beyond `+-pi/2`.
+    /// Anything not finite, a coordinate beyond [`Self::MAX_COORDINATE`], a pitch beyond `+-pi/2`.
     pub fn new(position: Vector3<f64>, heading: f64, pitch: f64) -> Result<Self, PoseError> {
         let named = [("x", position.x), ("y", position.y), ("z", position.z), ("heading", heading), ("pitch", pitch)];
         for (field, value) in named {
@@ -70,8 +70,8 @@ impl Pose {
             }
         }
         for (field, value) in &named[..3] {
-            if value.abs() > Self::GREATEST_COORDINATE {
-                return Err(PoseError::TooFar { field, value: *value, limit: Self::GREATEST_COORDINATE });
+            if value.abs() > Self::MAX_COORDINATE {
+                return Err(PoseError::TooFar { field, value: *value, limit: Self::MAX_COORDINATE });
             }
         }
         if pitch.abs() > core::f64::consts::FRAC_PI_2 {

@@ -2,11 +2,13 @@
 //!
 //! What is read there, and must be there:
 //!
-//! - fenced blocks ` ```frame NAME `: lines `header`, `body`, `crc` and `wire`, each with bytes in hex, which go on in lines that begin
-//!   with a space; `#` begins a comment. Header, body and crc are the frame before COBS, wire is what travels;
+//! - fenced blocks ` ```frame NAME `: lines `header`, `body`, `crc` and `wire`, each with bytes in hex, which go on in
+//!   lines that begin with a space; `#` begins a comment. Header, body and crc are the frame before COBS, wire is what
+//!   travels;
 //! - fenced blocks ` ```bytes NAME `: a line `wire` of bytes that are no frame, written as above;
 //! - fenced blocks ` ```type NAME `: a struct's fields or an enum's variants, one a line, comments as above;
-//! - rows ``| `0x01` | `Name` | direction | `Body` | ...`` for the messages, and ``| name | `value` | ...`` for the constants.
+//! - rows ``| `0x01` | `Name` | direction | `Body` | ...`` for the messages, and ``| name | `value` | ...`` for the
+//!   constants.
 //!
 //! Where an example is wrong, the failure shows how it must read.
 

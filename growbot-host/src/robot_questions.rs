@@ -198,7 +198,7 @@ impl Draft {
                 (false, false) => format!("as {}", self.base),
             };
             if path == RADIUS {
-                said += &format!("; R_min is {:.2}", robot.least_radius());
+                said += &format!("; R_min is {:.2}", robot.min_radius());
             } else if let (true, Some(was)) = (changed, was) {
                 let old = if old.is_empty() { old } else { format!(", {old}") };
                 said += &format!("; {} has {was}{old}", self.base);
@@ -470,7 +470,7 @@ mod tests {
         draft.answer("geometry.inner_length_mm", "90").unwrap();
         let radius: f64 = draft.default(RADIUS).unwrap().parse().unwrap();
         draft.answer(RADIUS, &radius.to_string()).unwrap();
-        let least = draft.robot().unwrap().least_radius();
+        let least = draft.robot().unwrap().min_radius();
         assert!(least > 100.0 && (least..least * 1.01).contains(&radius), "{radius} for {least}");
     }
 

@@ -230,7 +230,7 @@ fn a_growth_that_was_stopped_goes_on_with_feedback() {
     assert_eq!((done.outcome, done.measured_by), (Outcome::Done, MeasuredBy::Estimate));
     // Without feedback it would be 8 %; what was cut and laid again is seen by the encoder.
     assert!(tried.miss() < 0.006, "{}", tried.miss());
-    assert!(done.fed_back.is_some_and(|fed_back| (fed_back.estimate.habits.growth + 0.08).abs() < 0.02));
+    assert!(done.fed_back.is_some_and(|fed_back| (fed_back.estimate.systematic_errors.growth + 0.08).abs() < 0.02));
 }
 
 #[test]

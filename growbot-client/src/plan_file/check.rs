@@ -8,7 +8,7 @@
 use growbot_core::angle::{radians, wrap_positive};
 use growbot_core::helicoid::Helicoid;
 use growbot_core::path::{Leg, Segment, end, length};
-use growbot_core::plan::{GREATEST_RADIUS, Miss, miss};
+use growbot_core::plan::{MAX_RADIUS, Miss, miss};
 use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::Robot;
 use nalgebra::Vector3;
@@ -21,7 +21,7 @@ use crate::pose_text::pose_of_numbers;
 use crate::warning::{THIN_LAYER, Warning};
 
 /// No segment is longer than this, mm: from one corner of the space of poses to the other and back.
-const LONGEST_SEGMENT: f64 = 8.0 * Pose::GREATEST_COORDINATE;
+const LONGEST_SEGMENT: f64 = 8.0 * Pose::MAX_COORDINATE;
 /// All helicoidal arcs together are no longer than this, in radii: to integrate more, which no planner gives, would only take time.
 const MOST_TURNS: f64 = 1e4;
 /// No planner looks at more paths.
@@ -48,7 +48,7 @@ impl PlanFile {
     /// The first thing that does not.
     pub fn check(&self, robot: &Robot) -> Result<Plan, PlanFault> {
         self.check_robot(robot)?;
-        range("radius_mm", self.radius_mm, robot.least_radius(), GREATEST_RADIUS)?;
+        range("radius_mm", self.radius_mm, robot.min_radius(), MAX_RADIUS)?;
         let start = pose("start", &self.start)?;
         let goal = pose("goal", &self.goal)?;
         let path = self.path(robot, &start)?;
@@ -88,7 +88,7 @@ impl PlanFile {
                 turns += length_mm / self.radius_mm;
                 range(format!("the helicoids' length up to segment {index}, in radii,"), turns, 0.0, MOST_TURNS)?;
             }
-            let segment = segment(index, written, self.radius_mm, &base_from_tip, robot.least_radius())?;
+            let segment = segment(index, written, self.radius_mm, &base_from_tip, robot.min_radius())?;
             base_from_tip *= segment.step();
             path.push(segment);
         }
@@ -229,7 +229,7 @@ fn segment(
     written: &WrittenSegment,
     radius: f64,
     base_from_tip: &Frame,
-    least_radius: f64,
+    min_radius: f64,
 ) -> Result<Segment, PlanFault> {
     let named = |field: &str| format!("{field} of segment {index}");
     let check_length = |length_mm| range(named("length_mm"), length_mm, f64::MIN_POSITIVE, LONGEST_SEGMENT);
@@ -243,8 +243,8 @@ fn segment(
             range(named("alpha_deg"), alpha_deg, -360.0, 360.0)?;
             range(named("beta_deg"), beta_deg, 0.0, 360.0)?;
             let bend = radians(beta_deg);
-            if bend * least_radius > length_mm * (1.0 + ROUNDING) {
-                return Err(PlanFault::TooTight { segment: index, radius: length_mm / bend, limit: least_radius });
+            if bend * min_radius > length_mm * (1.0 + ROUNDING) {
+                return Err(PlanFault::TooTight { segment: index, radius: length_mm / bend, limit: min_radius });
             }
             Ok(Segment::Arc { alpha: wrap_positive(radians(alpha_deg)), bend, length: length_mm })
         }

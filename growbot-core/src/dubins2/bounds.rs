@@ -21,8 +21,8 @@ const COINCIDING: f32 = 1e-4;
 /// A square below 0 by more than this is so by more than rounding.
 const EDGE: f32 = 1e-4;
 
-/// For each of [`super::Word::ALL`], what its length cannot be below: infinite if there is no such path type. Beyond
-/// the range of single precision the bounds are not numbers, and rule nothing out.
+/// For each of [`super::PathType::ALL`], what its length cannot be below: infinite if there is no such path type.
+/// Beyond the range of single precision the bounds are not numbers, and rule nothing out.
 #[inline(always)]
 pub(super) fn lower_bounds(goal: &Goal) -> [f32; 6] {
     let tangents = goal.tangents.each_ref();
@@ -32,14 +32,14 @@ pub(super) fn lower_bounds(goal: &Goal) -> [f32; 6] {
     let straight = tangents.map(|tangent| tangent.straight as f32);
     let heading = tangents.map(|tangent| tangent.heading as f32);
     let side = tangents.map(|tangent| tangent.side as f32);
-    let first = array::from_fn::<_, 4, _>(|word| direction(x[word], y[word]));
-    let [lsl, rsr, lsr, rsl] = array::from_fn(|word| {
-        let last = wrap(side[word] * (heading[word] - first[word]));
-        let bound = straight[word] + turn(first[word]) + turn(last) - margin(straight[word]);
-        let bound = if straight[word] < COINCIDING { 0.0 } else { bound };
-        if square[word] < -EDGE { f32::INFINITY } else { bound }
+    let first = array::from_fn::<_, 4, _>(|path_type| direction(x[path_type], y[path_type]));
+    let [lsl, rsr, lsr, rsl] = array::from_fn(|path_type| {
+        let last = wrap(side[path_type] * (heading[path_type] - first[path_type]));
+        let bound = straight[path_type] + turn(first[path_type]) + turn(last) - margin(straight[path_type]);
+        let bound = if straight[path_type] < COINCIDING { 0.0 } else { bound };
+        if square[path_type] < -EDGE { f32::INFINITY } else { bound }
     });
-    let [lrl, rlr] = array::from_fn(|word| three_arcs(straight[word], first[word], heading[word]));
+    let [lrl, rlr] = array::from_fn(|path_type| three_arcs(straight[path_type], first[path_type], heading[path_type]));
     [lsl, rsr, lsr, rsl, lrl, rlr]
 }
 

@@ -55,7 +55,7 @@ use Direction::{Left, Right, Straight};
 
 /// One of the six path types.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Word {
+pub enum PathType {
     /// Left, straight, left.
     Lsl,
     /// Right, straight, right.
@@ -70,7 +70,7 @@ pub enum Word {
     Rlr,
 }
 
-impl Word {
+impl PathType {
     /// All path types, in the order in which ties are decided.
     pub const ALL: [Self; 6] = [Self::Lsl, Self::Rsr, Self::Lsr, Self::Rsl, Self::Lrl, Self::Rlr];
 
@@ -92,7 +92,7 @@ impl Word {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlanarPath {
     /// The path type.
-    pub word: Word,
+    pub path_type: PathType,
     /// Length of each piece, radii; for an arc that is its angle.
     pub lengths: [f64; 3],
 }
@@ -106,7 +106,7 @@ impl PlanarPath {
 
     /// The pieces that have a length, in order.
     pub fn pieces(&self) -> impl Iterator<Item = (Direction, f64)> + use<> {
-        self.word.directions().into_iter().zip(self.lengths).filter(|(_, length)| *length > 0.0)
+        self.path_type.directions().into_iter().zip(self.lengths).filter(|(_, length)| *length > 0.0)
     }
 
     /// Where the path ends: the forward integration by which every doubtful path is checked.
@@ -143,17 +143,17 @@ impl PlanarPath {
 }
 
 /// A path type that is longer than the shortest by no more than this is as short: the first of them, in the order of
-/// [`Word::ALL`], is returned, so that ties fall the same way everywhere.
+/// [`PathType::ALL`], is returned, so that ties fall the same way everywhere.
 const TIE: f64 = 1e-12;
 
 /// The shortest path to a goal.
 ///
 /// ```
-/// use growbot_core::dubins2::{PlanarPose, Word, shortest};
+/// use growbot_core::dubins2::{PlanarPose, PathType, shortest};
 /// let path = shortest(&PlanarPose { x: 10.0, y: 0.0, heading: 0.0 });
 /// assert_eq!(path.length(), 10.0);
 /// let behind = shortest(&PlanarPose { x: -1.0, y: 0.0, heading: 0.0 });
-/// assert!(matches!(behind.word, Word::Lrl | Word::Rlr | Word::Lsl | Word::Rsr));
+/// assert!(matches!(behind.path_type, PathType::Lrl | PathType::Rlr | PathType::Lsl | PathType::Rsr));
 /// ```
 #[must_use]
 pub fn shortest(goal: &PlanarPose) -> PlanarPath {
@@ -165,11 +165,11 @@ pub fn shortest(goal: &PlanarPose) -> PlanarPath {
 /// result is the same.
 #[inline(always)]
 fn shortest_within(goal: &Goal, bounds: [f32; 6]) -> PlanarPath {
-    let mut likeliest = Word::Lsl;
+    let mut likeliest = PathType::Lsl;
     let mut min_bound = f32::INFINITY;
-    for (word, bound) in Word::ALL.into_iter().zip(bounds) {
+    for (path_type, bound) in PathType::ALL.into_iter().zip(bounds) {
         if bound < min_bound {
-            (likeliest, min_bound) = (word, bound);
+            (likeliest, min_bound) = (path_type, bound);
         }
     }
     // After the likeliest path type there is mostly no other left.
@@ -190,18 +190,22 @@ fn is_longer(bound: f32, shortest: f64) -> bool {
 
 /// [`shortest_within`], where more than one path type may be the shortest; one of them is built already.
 #[cold]
-fn shortest_of_several(goal: &Goal, bounds: [f32; 6], built: Word, first: Option<PlanarPath>) -> PlanarPath {
+fn shortest_of_several(goal: &Goal, bounds: [f32; 6], built: PathType, first: Option<PlanarPath>) -> PlanarPath {
     let mut found = [None; 6];
     let mut shortest = first.as_ref().map_or(f64::INFINITY, PlanarPath::length);
-    for (path, (word, bound)) in found.iter_mut().zip(Word::ALL.into_iter().zip(bounds)) {
-        if word == built {
+    for (path, (path_type, bound)) in found.iter_mut().zip(PathType::ALL.into_iter().zip(bounds)) {
+        if path_type == built {
             *path = first;
         } else if !is_longer(bound, shortest) {
-            *path = goal.build(word);
+            *path = goal.build(path_type);
             shortest = path.as_ref().map_or(shortest, |path| path.length().min(shortest));
         }
     }
     let as_short = |path: &PlanarPath| path.length() <= shortest + TIE;
     // LSL always exists, so there is always a path, unless the goal is not in numbers.
-    found.into_iter().flatten().find(as_short).unwrap_or(PlanarPath { word: Word::Lsl, lengths: [f64::NAN; 3] })
+    found
+        .into_iter()
+        .flatten()
+        .find(as_short)
+        .unwrap_or(PlanarPath { path_type: PathType::Lsl, lengths: [f64::NAN; 3] })
 }

@@ -2,7 +2,7 @@
 
 use core::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI, TAU};
 
-use super::{PlanarPath, PlanarPose, TIE, Word};
+use super::{PathType, PlanarPath, PlanarPose, TIE};
 
 use crate::angle::wrap_positive;
 use crate::trigonometry;
@@ -66,13 +66,13 @@ impl<'a> Goal<'a> {
 
     /// The shortest of a path type and its parts, if there is one that leads to the goal.
     #[cfg_attr(not(target_os = "none"), inline(always))]
-    pub(super) fn build(&self, word: Word) -> Option<PlanarPath> {
+    pub(super) fn build(&self, path_type: PathType) -> Option<PlanarPath> {
         // In the order of the path types: after the four with a tangent come the two between the first two pairs of
         // circles.
-        let index = word as usize;
+        let index = path_type as usize;
         let between = &self.tangents[index & 3];
         let built = if index < 4 { between.straight() } else { between.three_arcs() };
-        let path = PlanarPath { word, lengths: built.lengths };
+        let path = PlanarPath { path_type, lengths: built.lengths };
         if built.doubtful { self.build_doubtful(path, between, built.square) } else { Some(path) }
     }
 
@@ -80,14 +80,14 @@ impl<'a> Goal<'a> {
     #[cold]
     fn build_doubtful(&self, path: PlanarPath, between: &Tangent, square: f64) -> Option<PlanarPath> {
         let [first, middle, last] = path.lengths;
-        let mut shortest = Shortest { goal: self.pose, word: path.word, path: None };
-        if matches!(path.word, Word::Lsl | Word::Rsr) && middle < NEAR_FULL_TURN {
+        let mut shortest = Shortest { goal: self.pose, path_type: path.path_type, path: None };
+        if matches!(path.path_type, PathType::Lsl | PathType::Rsr) && middle < NEAR_FULL_TURN {
             // The line between the centres has no direction, and one arc may make the whole turn.
             shortest.offer_if_it_arrives([0.0; 3]);
             shortest.offer_if_it_arrives([between.heading, 0.0, 0.0]);
         }
         // What an arc falls short of a full turn goes to the arc at the other end, so that the heading stays.
-        let same_side = !matches!(path.word, Word::Lsr | Word::Rsl);
+        let same_side = !matches!(path.path_type, PathType::Lsr | PathType::Rsl);
         let other = |angle: f64, dropped: f64| {
             let missing = TAU - dropped;
             (if same_side { angle - missing } else { angle + missing }).max(0.0)
@@ -203,14 +203,14 @@ fn wrap(angle: f64) -> f64 {
 /// The shortest so far of a path type and its parts.
 struct Shortest<'a> {
     goal: &'a PlanarPose,
-    word: Word,
+    path_type: PathType,
     path: Option<PlanarPath>,
 }
 
 impl Shortest<'_> {
     /// Integrating it forwards is what costs, so that comes last.
     fn offer_if_it_arrives(&mut self, lengths: [f64; 3]) {
-        let path = PlanarPath { word: self.word, lengths };
+        let path = PlanarPath { path_type: self.path_type, lengths };
         let tolerance = || ARRIVED.max(ARRIVED_AT_DISTANCE * trigonometry::hypot(self.goal.x, self.goal.y));
         if self.is_shorter(&path) && path.miss(self.goal) <= tolerance() {
             self.path = Some(path);
@@ -218,7 +218,7 @@ impl Shortest<'_> {
     }
 
     fn offer(&mut self, lengths: [f64; 3]) {
-        let path = PlanarPath { word: self.word, lengths };
+        let path = PlanarPath { path_type: self.path_type, lengths };
         if self.is_shorter(&path) {
             self.path = Some(path);
         }

@@ -14,8 +14,8 @@ struct Laid {
     length: f64,
 }
 
-fn laid(word: Word, lengths: [f64; 3]) -> Laid {
-    let path = PlanarPath { word, lengths };
+fn laid(path_type: PathType, lengths: [f64; 3]) -> Laid {
+    let path = PlanarPath { path_type, lengths };
     Laid { goal: path.end(), length: path.length() }
 }
 
@@ -33,18 +33,18 @@ fn assert_as_short(laid: &Laid) {
     assert!(path.length() <= laid.length + 1e-9, "{laid:?}: {path:?} is {} long", path.length());
 }
 
-fn any_word() -> impl Strategy<Value = Word> + Clone {
-    prop::sample::select(&Word::ALL)
+fn any_path_type() -> impl Strategy<Value = PathType> + Clone {
+    prop::sample::select(&PathType::ALL)
 }
 
 /// LSL or RSR.
-fn outer() -> impl Strategy<Value = Word> {
-    prop::sample::select(&[Word::Lsl, Word::Rsr])
+fn outer() -> impl Strategy<Value = PathType> {
+    prop::sample::select(&[PathType::Lsl, PathType::Rsr])
 }
 
 /// LSR or RSL.
-fn inner() -> impl Strategy<Value = Word> {
-    prop::sample::select(&[Word::Lsr, Word::Rsl])
+fn inner() -> impl Strategy<Value = PathType> {
+    prop::sample::select(&[PathType::Lsr, PathType::Rsl])
 }
 
 /// Ten to a power in a range.
@@ -69,27 +69,28 @@ fn far_goal() -> impl Strategy<Value = PlanarPose> {
 }
 
 fn whole_word() -> impl Strategy<Value = Laid> {
-    (any_word(), 0.0..TAU, 0.0..TAU, 0.0..TAU).prop_map(|(word, first, middle, last)| laid(word, [first, middle, last]))
+    (any_path_type(), 0.0..TAU, 0.0..TAU, 0.0..TAU)
+        .prop_map(|(path_type, first, middle, last)| laid(path_type, [first, middle, last]))
 }
 
 fn arc_below_pi() -> impl Strategy<Value = Laid> {
-    (outer(), 0.0..PI).prop_map(|(word, angle)| laid(word, [angle, 0.0, 0.0]))
+    (outer(), 0.0..PI).prop_map(|(path_type, angle)| laid(path_type, [angle, 0.0, 0.0]))
 }
 
 fn arc_above_pi() -> impl Strategy<Value = Laid> {
-    (outer(), PI..TAU).prop_map(|(word, angle)| laid(word, [angle, 0.0, 0.0]))
+    (outer(), PI..TAU).prop_map(|(path_type, angle)| laid(path_type, [angle, 0.0, 0.0]))
 }
 
 fn tangent_arcs() -> impl Strategy<Value = Laid> {
-    (inner(), 0.0..TAU, 0.0..TAU).prop_map(|(word, first, last)| laid(word, [first, 0.0, last]))
+    (inner(), 0.0..TAU, 0.0..TAU).prop_map(|(path_type, first, last)| laid(path_type, [first, 0.0, last]))
 }
 
 fn arc_then_line() -> impl Strategy<Value = Laid> {
-    (outer(), 0.0..TAU, 0.0..40.0).prop_map(|(word, angle, line)| laid(word, [angle, line, 0.0]))
+    (outer(), 0.0..TAU, 0.0..40.0).prop_map(|(path_type, angle, line)| laid(path_type, [angle, line, 0.0]))
 }
 
 fn line_then_arc() -> impl Strategy<Value = Laid> {
-    (outer(), 0.0..40.0, 0.0..TAU).prop_map(|(word, line, angle)| laid(word, [0.0, line, angle]))
+    (outer(), 0.0..40.0, 0.0..TAU).prop_map(|(path_type, line, angle)| laid(path_type, [0.0, line, angle]))
 }
 
 /// To the last digit, or a rounding error aside.
@@ -110,20 +111,21 @@ fn coincident() -> impl Strategy<Value = Laid> {
 
 /// The goal's direction is the start's, reversed.
 fn antiparallel() -> impl Strategy<Value = Laid> {
-    (any_word(), 0.0..TAU, 0.0..TAU).prop_map(|(word, first, middle)| {
-        let last = match word {
-            Word::Lsl | Word::Rsr => PI - first,
-            Word::Lsr | Word::Rsl => first - PI,
-            Word::Lrl | Word::Rlr => PI - first + middle,
+    (any_path_type(), 0.0..TAU, 0.0..TAU).prop_map(|(path_type, first, middle)| {
+        let last = match path_type {
+            PathType::Lsl | PathType::Rsr => PI - first,
+            PathType::Lsr | PathType::Rsl => first - PI,
+            PathType::Lrl | PathType::Rlr => PI - first + middle,
         };
-        let Laid { goal, length } = laid(word, [first, middle, wrap_positive(last)]);
+        let Laid { goal, length } = laid(path_type, [first, middle, wrap_positive(last)]);
         Laid { goal: PlanarPose { heading: PI, ..goal }, length }
     })
 }
 
 fn tiny_step() -> impl Strategy<Value = Laid> {
-    (magnitude(-12.0..-3.0), 0.0..1.0, any_word())
-        .prop_map(|(size, share, word)| laid(word, [size * share, size * (1.0 - share), size * share * share]))
+    (magnitude(-12.0..-3.0), 0.0..1.0, any_path_type()).prop_map(|(size, share, path_type)| {
+        laid(path_type, [size * share, size * (1.0 - share), size * share * share])
+    })
 }
 
 /// Every family, and each also by a rounding error or more off its edge.
@@ -150,8 +152,8 @@ fn any_goal() -> impl Strategy<Value = PlanarPose> {
     prop_oneof![2 => random_goal(), 2 => near_goal(), 1 => far_goal(), 5 => off]
 }
 
-fn bits(path: &PlanarPath) -> (Word, [u64; 3]) {
-    (path.word, path.lengths.map(f64::to_bits))
+fn bits(path: &PlanarPath) -> (PathType, [u64; 3]) {
+    (path.path_type, path.lengths.map(f64::to_bits))
 }
 
 proptest! {
@@ -227,8 +229,8 @@ proptest! {
     #[test]
     fn no_path_type_is_shorter_than_its_bound(goal in any_goal()) {
         let goal = Goal::new(&goal);
-        for (word, bound) in Word::ALL.into_iter().zip(bounds::lower_bounds(&goal)) {
-            if let Some(path) = goal.build(word) {
+        for (path_type, bound) in PathType::ALL.into_iter().zip(bounds::lower_bounds(&goal)) {
+            if let Some(path) = goal.build(path_type) {
                 let excludes = f64::from(bound) > path.length();
                 prop_assert!(!excludes, "{:?} is bounded by {}", path, bound);
             }
@@ -267,7 +269,7 @@ fn ties_begin_to_the_left() {
     for x in [-7.0, -4.0, -3.0, -1.0, -0.1, 0.0, 0.1, 1.0, 3.0, 7.0] {
         for heading in [0.0, PI, -PI] {
             let path = assert_arrives(&PlanarPose { x, y: 0.0, heading });
-            assert!(matches!(path.word, Word::Lsl | Word::Lsr | Word::Lrl), "{x} {heading}: {path:?}");
+            assert!(matches!(path.path_type, PathType::Lsl | PathType::Lsr | PathType::Lrl), "{x} {heading}: {path:?}");
         }
     }
 }

@@ -235,7 +235,8 @@ impl Fault {
                 "the nozzle was not hot within heater.heating_timeout_s: check heater, supply and the thermistor's seat"
             }
             Self::IndexNotFound => {
-                "the head turned one and a half turns without passing its index mark: check the sensor, the motor and its driver"
+                "the head turned one and a half turns without passing its index mark: check the sensor, the motor \
+                 and its driver"
             }
             Self::StepRate => {
                 "a layer asks for more than one step in two ticks: raise motion.tick_hz or lower the steps"
@@ -248,23 +249,28 @@ impl Fault {
                 "the reading fell faster than the nozzle can cool: check that the thermistor sits in its place"
             }
             Self::TemperatureDrop => {
-                "the nozzle cools although the heater is driven: check the heater, its wires, the thermistor's seat and draught"
+                "the nozzle cools although the heater is driven: check the heater, its wires, the thermistor's seat \
+                 and draught"
             }
             Self::HeaterStuckOn => {
-                "the nozzle gets hotter, or does not cool, with the power at nothing: the heater's power stage conducts by itself, or the thermistor does not follow; replace it"
+                "the nozzle gets hotter, or does not cool, with the power at nothing: the heater's power stage \
+                 conducts by itself, or the thermistor does not follow; replace it"
             }
             Self::HeaterSwitchWelded => {
                 "the nozzle gets hotter though the heater's second switch is open: it conducts by itself; replace it"
             }
             Self::HeaterEnergy => {
-                "the heater takes more energy than the nozzle can need: check the thermistor's seat, the fan and draught"
+                "the heater takes more energy than the nozzle can need: check the thermistor's seat, the fan and \
+                 draught"
             }
             Self::IndexMissing => {
-                "a turn of the head passed without the index mark: check the head's motor, its driver and the index sensor"
+                "a turn of the head passed without the index mark: check the head's motor, its driver and the index \
+                 sensor"
             }
             Self::IndexStuck => "the index sensor sees its mark everywhere: check the sensor and its wire",
             Self::HeadStepsLost => {
-                "the index mark came in another place, so the head has lost or gained steps: look for what blocks it, check the motor's current and raise it, or lower the speed"
+                "the index mark came in another place, so the head has lost or gained steps: look for what blocks \
+                 it, check the motor's current and raise it, or lower the speed"
             }
             Self::FilamentOut => "there is no filament: load a spool",
             Self::FilamentJam => {
@@ -276,7 +282,8 @@ impl Fault {
             Self::SupplyLow => "the supply's voltage fell below supply.min_v: check the supply and its wires",
             Self::SupplyHigh => "the supply's voltage rose above supply.max_v: check the supply",
             Self::MotionOverdue => {
-                "a layer or the homing was not done in its time: the step interrupt is late or has stopped; check the board"
+                "a layer or the homing was not done in its time: the step interrupt is late or has stopped; check \
+                 the board"
             }
             Self::StepsStalled => "the step interrupt has stopped: check the board",
             Self::BrownOut => "the board's supply sagged while it was working and it started anew: check the supply",
@@ -286,16 +293,21 @@ impl Fault {
             Self::ProcessorFault => "the processor faulted and the board started anew: please report it",
             Self::StackOverflow => "the stack overflowed and the board started anew: please report it",
             Self::ImageCorrupt => {
-                "the firmware in the board's flash is not what was sealed: flash the board again; if it comes back, replace the board"
+                "the firmware in the board's flash is not what was sealed: flash the board again; if it comes back, \
+                 replace the board"
             }
             Self::PowerLost => {
-                "the board was reset or lost its power while it was working: the nozzle may have stood still on the body; check the layer"
+                "the board was reset or lost its power while it was working: the nozzle may have stood still on the \
+                 body; check the layer"
             }
             Self::ClockFailed => {
-                "the board's crystal has stopped or did not start, and its other oscillator is too inexact to heat by: check the crystal, then reset the board"
+                "the board's crystal has stopped or did not start, and its other oscillator is too inexact to heat \
+                 by: check the crystal, then reset the board"
             }
             Self::DebugProbe => {
-                "a debug probe is attached, or was: in debug mode the processor may halt with the heater on. Detach the probe and take the board's power away for a moment; a test bench says so in its file (test_bench = true)"
+                "a debug probe is attached, or was: in debug mode the processor may halt with the heater on. Detach \
+                 the probe and take the board's power away for a moment; a test bench says so in its file \
+                 (test_bench = true)"
             }
         }
     }

@@ -1,4 +1,4 @@
-//! What a robot file says, field by field: the units are in the names.
+//! The fields of a robot file. The units are in the names.
 
 use heapless::String;
 use serde::{Deserialize, Serialize};
@@ -13,7 +13,8 @@ pub struct RobotDescription {
     pub name: String<32>,
     /// The radius that plans use unless another is asked for, mm.
     pub planning_radius_mm: f64,
-    /// Whether this is a test bench, watched by somebody: it heats although a debug probe is attached. No robot that grows is one.
+    /// Whether this is a test bench that somebody watches. A test bench heats although a debug probe is attached; a
+    /// robot that grows must not.
     #[serde(default)]
     pub test_bench: bool,
     /// The sizes that bound the curvature.
@@ -22,34 +23,34 @@ pub struct RobotDescription {
     pub layer: LayerDescription,
     /// The printed wall.
     pub wall: Wall,
-    /// What the wall is made of; PLA unless the file says otherwise.
+    /// The wall's material; PLA by default.
     #[serde(default)]
     pub material: Material,
-    /// What the body carries at its end.
+    /// The mass at the body's end.
     #[serde(default)]
     pub tip: Tip,
-    /// How both steppers are driven.
+    /// The drive of both steppers.
     pub motion: Motion,
     /// The head, which turns the nozzle round the deposition plane.
     pub head: Head,
     /// The feed, which pushes filament.
     pub feed: Feed,
-    /// The filament that it has.
+    /// The filament.
     pub filament: Filament,
     /// The nozzle's heater.
     pub heater: Heater,
     /// The nozzle's temperature sensor.
     pub thermistor: Thermistor,
-    /// The fan that cools what is printed; none unless the file says so.
+    /// The fan that cools the print; none by default.
     #[serde(default)]
     pub fan: Fan,
-    /// What happens while the robot waits for layers.
+    /// The nozzle's temperature in a pause.
     #[serde(default)]
     pub hold: Hold,
     /// The supply of heater and motors.
     #[serde(default)]
     pub supply: Supply,
-    /// Which sensors it has; none of them unless the file says so.
+    /// The sensors beyond thermistor and index sensor; none by default.
     #[serde(default)]
     pub sensors: Sensors,
 }
@@ -59,11 +60,11 @@ pub struct RobotDescription {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Geometry {
-    /// `r_t`: from the centreline to where material is laid, mm.
+    /// `r_t`: distance from the centreline to where material is laid, mm.
     pub tip_radius_mm: f64,
     /// `r_r`: radius of the cylinder round the parts inside the tube, mm.
     pub inner_radius_mm: f64,
-    /// `L`: from the deposition plane to the back end of those parts, mm.
+    /// `L`: distance from the deposition plane to the back end of the parts inside the tube, mm.
     pub inner_length_mm: f64,
 }
 
@@ -74,11 +75,11 @@ pub struct Geometry {
 pub struct LayerDescription {
     /// Mean height of a full layer, mm.
     pub height_mm: f64,
-    /// Least height that prints well, on the inner side of a bend, mm.
+    /// Min height that prints well, on the inner side of a bend, mm.
     pub height_min_mm: f64,
-    /// Greatest height, on the outer side of a bend, mm.
+    /// Max height, on the outer side of a bend, mm.
     pub height_max_mm: f64,
-    /// Greatest tilt of one layer, degrees.
+    /// Max tilt of one layer, degrees.
     pub tilt_max_deg: f64,
     /// Time for one layer, which is one turn of the head, s.
     pub period_s: f64,
@@ -89,11 +90,11 @@ pub struct LayerDescription {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Wall {
-    /// Thickness, mm.
+    /// Thickness of the wall, mm.
     pub width_mm: f64,
 }
 
-/// What the wall is made of, as printed: what it weighs and bears.
+/// The wall's material, as printed.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
@@ -102,20 +103,20 @@ pub struct Material {
     pub density_g_per_cm3: f64,
     /// Young's modulus along the body, MPa.
     pub youngs_modulus_mpa: f64,
-    /// Bending stress at which the wall fails, MPa: where layers part, for a printed wall.
+    /// Bending stress at which the wall fails, MPa. In a printed wall the layers part.
     pub strength_mpa: f64,
 }
 
-/// What the body carries at its end: head, feed, heater and what else is inside the tube.
+/// The tip that the body carries at its end: head, feed, heater and the other parts inside the tube.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Tip {
-    /// Mass, g.
+    /// Mass of the tip, g.
     pub mass_g: f64,
 }
 
-/// How material is varied round a turn.
+/// How the robot varies the material round a turn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "lowercase")]
@@ -138,17 +139,17 @@ pub enum Turning {
     Alternate,
 }
 
-/// How both steppers are driven.
+/// The drive of both steppers.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Motion {
-    /// Rate of the step interrupt, Hz. A step pulse is high for one tick and low for at least one. A robot that needs more than 100 kHz can
-    /// only be simulated: no board does it.
+    /// Rate of the step interrupt, Hz. A step pulse is high for one tick and low for at least one. A board does at most
+    /// 100 kHz; a robot that needs more can only be simulated.
     pub tick_hz: u32,
-    /// How material is varied round a turn.
+    /// How the robot varies the material round a turn.
     pub strategy: FeedStrategy,
-    /// Whether the stepper drivers are enabled by a low level, as most are.
+    /// Whether a low level enables the stepper drivers, which is usual.
     pub enable_low: bool,
     /// Which way the head turns from layer to layer.
     #[serde(default)]
@@ -166,20 +167,20 @@ pub struct Head {
     pub direction_high_is_positive: bool,
     /// Speed of homing, turns a second.
     pub homing_turns_per_s: f64,
-    /// Angle of the head, from the tip's x axis, at the step at which the index sensor first sees the mark in a positive
-    /// turn, degrees. Taken to the nearest step.
+    /// Angle of the head, from the tip's x axis, at the step at which the index sensor first sees the mark in a
+    /// positive turn, degrees. It is rounded to the nearest step.
     pub index_angle_deg: f64,
-    /// Whether the index pin is low while the sensor sees the mark, as most are.
+    /// Whether the index pin is low while the sensor sees the mark, which is usual.
     pub index_low_on_mark: bool,
     /// Width of the index mark, degrees.
     pub index_width_deg: f64,
-    /// How far from its place an edge of the mark may be seen, degrees. Beyond that the head has lost or gained steps.
+    /// Max distance of an edge of the mark from its place, degrees. Beyond it the head has lost or gained steps.
     #[serde(default = "defaults::index_tolerance_deg")]
     pub index_tolerance_deg: f64,
-    /// Greatest acceleration, turns/s^2.
+    /// Max acceleration, turns/s^2.
     #[serde(default = "defaults::unlimited")]
     pub acceleration_turns_per_s2: f64,
-    /// Greatest change of speed at an instant, turns a second: below it the motor needs no ramp.
+    /// Max change of speed at an instant, turns/s. Up to this speed the motor needs no ramp.
     #[serde(default = "defaults::unlimited")]
     pub speed_jump_turns_per_s: f64,
 }
@@ -195,16 +196,16 @@ pub struct Feed {
     pub direction_high_is_forward: bool,
     /// Diameter of the filament, mm.
     pub filament_diameter_mm: f64,
-    /// Greatest acceleration, mm/s^2 of filament.
+    /// Max acceleration, mm/s^2 of filament.
     #[serde(default = "defaults::unlimited")]
     pub acceleration_mm_per_s2: f64,
-    /// Greatest change of speed at an instant, mm/s of filament: below it the motor needs no ramp.
+    /// Max change of speed at an instant, mm/s of filament. Up to this speed the motor needs no ramp.
     #[serde(default = "defaults::unlimited")]
     pub speed_jump_mm_per_s: f64,
-    /// Filament pulled back where feeding ends for a while, and pushed forward again before it goes on, mm.
+    /// Length of filament pulled back where feeding pauses, and pushed forward again before it continues, mm.
     #[serde(default)]
     pub retract_mm: f64,
-    /// How fast, mm/s.
+    /// Speed at which filament is pulled back and pushed forward again, mm/s.
     #[serde(default = "defaults::retract_mm_per_s")]
     pub retract_mm_per_s: f64,
 }
@@ -214,27 +215,27 @@ pub struct Feed {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Filament {
-    /// Length on the spool when growth begins, mm. A plan that needs more is warned of (`filament-short`).
+    /// Length on the spool when growth begins, mm. A plan that needs more has the warning `filament-short`.
     pub spool_mm: f64,
-    /// Heat that the nozzle gives to the filament, J/(mm^3 K): density times specific heat. 0 leaves it out of account.
+    /// Heat that the nozzle gives to the filament, J/(mm^3 K): density times specific heat. 0 neglects it.
     #[serde(default)]
     pub heat_j_per_mm3_k: f64,
 }
 
-/// The nozzle's heater: limits, regulation, and the figures that a simulation of it takes.
+/// The nozzle's heater: its limits, the gains of its regulation, and the figures of its thermal model.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Heater {
     /// Temperature while growing, degrees Celsius.
     pub target_c: f64,
-    /// Below this no filament is fed, degrees Celsius.
+    /// Min temperature at which filament is fed, degrees Celsius.
     pub extrusion_min_c: f64,
-    /// Above this the heater is cut off, degrees Celsius.
+    /// Max temperature of the nozzle, degrees Celsius. Above it the heater is switched off.
     pub max_c: f64,
-    /// The nozzle counts as hot within this distance of the target, degrees.
+    /// Half width of the band round the target in which the nozzle counts as hot, degrees.
     pub band_c: f64,
-    /// Longest time from cold to hot, s.
+    /// Max time from cold to hot, s.
     pub heating_timeout_s: f64,
     /// Proportional gain, duty (0 to 1) per degree.
     pub kp: f64,
@@ -250,7 +251,7 @@ pub struct Heater {
     pub loss_w_per_k: f64,
 }
 
-/// The nozzle's temperature sensor: a thermistor (NTC) to ground below a pull-up resistor, read by a 12-bit converter.
+/// The nozzle's temperature sensor: a thermistor (NTC) to ground below a pull-up resistor, read by a 12-bit ADC.
 ///
 /// Its equation is either Beta's (`r25_ohm` and `beta_k`) or that of Steinhart and Hart.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -277,39 +278,39 @@ pub struct Thermistor {
 pub struct Fan {
     /// Duty while growing, 0 to 1; 0 for no fan.
     pub growing_duty: f64,
-    /// Heat that it takes from the nozzle at full duty, W/K, beyond [`Heater::loss_w_per_k`].
+    /// Heat that the fan takes from the nozzle at full duty, W/K, in addition to [`Heater::loss_w_per_k`].
     pub loss_w_per_k: f64,
 }
 
-/// What happens while the robot waits for layers.
+/// The nozzle's temperature in a pause.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Hold {
-    /// Temperature that the nozzle is let down to, degrees Celsius; [`Heater::target_c`] where that is lower.
+    /// Standby temperature of the nozzle, degrees Celsius; [`Heater::target_c`] where that is lower.
     pub standby_c: f64,
-    /// After so long, s.
+    /// Time from the beginning of the pause to standby, s.
     pub standby_after_s: f64,
-    /// After so long the heater is switched off and the robot parks, s.
+    /// Time from the beginning of the pause until the robot parks with its heater off, s.
     pub off_after_s: f64,
 }
 
-/// The supply of heater and motors, read by a 12-bit converter behind a divider.
+/// The supply of heater and motors, read by a 12-bit ADC behind a divider.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Supply {
-    /// The voltage that [`Heater::power_w`] is meant at, V.
+    /// The voltage at which the heater has [`Heater::power_w`], V.
     pub nominal_v: f64,
-    /// Below this everything is switched off, V.
+    /// Min voltage, V. Below it everything is switched off.
     pub min_v: f64,
-    /// Above this everything is switched off, V.
+    /// Max voltage, V. Above it everything is switched off.
     pub max_v: f64,
-    /// The voltage at the converter's full scale, V.
+    /// The voltage at the ADC's full scale, V.
     pub full_scale_v: f64,
 }
 
-/// Which sensors a robot has beyond thermistor and index sensor, and how they are wired.
+/// The sensors of a robot beyond thermistor and index sensor, and how they are wired.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields, default)]
@@ -333,7 +334,7 @@ pub struct Sensors {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Input {
-    /// The level that means what the input is called: filament there, a driver's fault, the button pressed.
+    /// Whether a low level is the active one: filament present, a driver's fault, the button pressed.
     pub active_low: bool,
 }
 
@@ -342,9 +343,9 @@ pub struct Input {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct FilamentMotion {
-    /// Filament from one rising edge to the next, mm.
+    /// Length of filament from one rising edge to the next, mm.
     pub mm_per_pulse: f64,
-    /// Filament fed without an edge that means that it does not move, mm.
+    /// Length of filament fed without an edge from which on it counts as jammed, mm.
     pub jam_mm: f64,
 }
 
@@ -373,7 +374,7 @@ impl Default for Supply {
     }
 }
 
-/// What a file that says nothing means.
+/// Defaults of fields that a file leaves out.
 mod defaults {
     /// A limit that no robot reaches.
     pub fn unlimited() -> f64 {

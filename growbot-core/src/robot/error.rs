@@ -1,4 +1,4 @@
-//! Why a robot description was refused.
+//! The error of a robot description that is refused.
 
 use crate::number::Short;
 
@@ -10,7 +10,7 @@ pub enum RobotError {
     NotFinite {
         /// The field, as written in a robot file.
         field: &'static str,
-        /// What it was.
+        /// The field's value.
         value: f64,
     },
     /// A number is too small.
@@ -18,7 +18,7 @@ pub enum RobotError {
     TooSmall {
         /// The field, as written in a robot file.
         field: &'static str,
-        /// What it was.
+        /// The field's value.
         value: f64,
         /// Min value that is accepted.
         limit: f64,
@@ -30,7 +30,7 @@ pub enum RobotError {
     TooLarge {
         /// The field, as written in a robot file.
         field: &'static str,
-        /// What it was.
+        /// The field's value.
         value: f64,
         /// Max value that is accepted.
         limit: f64,
@@ -38,17 +38,17 @@ pub enum RobotError {
         advice: &'static str,
     },
     /// The name has a character that would not survive in a file name or a command.
-    #[error("name may hold lower-case letters, digits and hyphens only, and not be empty: rename the robot")]
+    #[error("name may have lower-case letters, digits and hyphens only, and not be empty: rename the robot")]
     Name,
     /// The thermistor has no equation, or two.
     #[error(
         "thermistor needs r25_ohm and beta_k, or steinhart_hart, and not both: its data sheet gives one or the other"
     )]
     ThermistorEquation,
-    /// Too long to encode.
+    /// The description is too long to encode.
     #[error("the description does not fit its 768 bytes: shorten the name")]
     TooLong,
-    /// The bytes are not a description at all.
+    /// The bytes are no description of this version.
     #[error(
         "the bytes are no robot description of this version: build the firmware and the desktop from the same source"
     )]

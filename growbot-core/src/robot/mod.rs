@@ -1,7 +1,7 @@
-//! A robot: its description as written, and the validated [`Robot`] that everything else takes.
+//! A robot: its description as written, and the validated [`Robot`] that all other code uses.
 //!
-//! A [`RobotDescription`] is what a robot file says, in mm, degrees, seconds and degrees Celsius. [`Robot::new`] checks
-//! it once; after that no code needs to ask again whether a radius is positive or a limit makes sense.
+//! A [`RobotDescription`] has the fields of a robot file, in mm, degrees, seconds and degrees Celsius. [`Robot::new`]
+//! checks it once; no other code needs to check again whether a radius is positive or a limit makes sense.
 
 mod description;
 mod error;
@@ -16,7 +16,7 @@ pub use error::RobotError;
 pub use step_rate::{AxisMotion, LayerMotion};
 
 use crate::angle::radians;
-use crate::curvature::{greatest_mean_height, least_radius_of_geometry, least_radius_of_layers};
+use crate::curvature::{max_mean_height, min_radius_by_layers, min_radius_by_packaging};
 use crate::hash::Hasher;
 use crate::layer::{Layer, LayerError};
 
@@ -31,14 +31,15 @@ pub struct Robot {
 /// (`cargo step-cost`).
 pub const MAX_BOARD_TICK_HZ: u32 = 100_000;
 
-/// The longest description in postcard form, bytes.
+/// Max size of a description in postcard form, bytes.
 pub const LONGEST_ENCODED: usize = 768;
 
 impl Robot {
     /// Checks a description.
     ///
     /// # Errors
-    /// The first field that is not finite, not of its range, or at odds with another, with its value and limit.
+    /// The first field that is not finite, out of its range, or inconsistent with another one, with its value and
+    /// limit.
     pub fn new(description: RobotDescription) -> Result<Self, RobotError> {
         validate::check(&description)?;
         let mut bytes = [0; LONGEST_ENCODED];
@@ -47,8 +48,7 @@ impl Robot {
         Ok(Self { description, hash })
     }
 
-    /// Whether a board can drive this robot, and not only a simulation: what [`Robot::new`] takes may ask more of the
-    /// step interrupt.
+    /// Checks that a board can drive this robot. [`Robot::new`] also accepts robots that only a simulation can drive.
     ///
     /// # Errors
     /// [`RobotError::TooLarge`] where `motion.tick_hz` is above [`MAX_BOARD_TICK_HZ`].
@@ -56,13 +56,14 @@ impl Robot {
         validate::check_for_board(&self.description)
     }
 
-    /// A robot that [`Robot::new`] has passed before and given this hash: when the firmware was built for it.
+    /// A robot that [`Robot::new`] has checked before, with the hash from then. The firmware carries both from its
+    /// build.
     #[must_use]
     pub fn checked_before(description: RobotDescription, hash: u64) -> Self {
         Self { description, hash }
     }
 
-    /// Reads the postcard form that a board carries ([`Robot::encode`]).
+    /// Decodes the postcard form of [`Robot::encode`].
     ///
     /// # Errors
     /// [`RobotError::Unreadable`] where the bytes are no description; else as [`Robot::new`].
@@ -70,7 +71,7 @@ impl Robot {
         Self::new(postcard::from_bytes(bytes).map_err(|_| RobotError::Unreadable)?)
     }
 
-    /// The postcard form of the description: what a board carries and what [`Robot::hash`] is taken over.
+    /// Encodes the description in postcard form. A board carries these bytes, and [`Robot::hash`] is taken over them.
     ///
     /// # Errors
     /// [`RobotError::TooLong`] where `buffer` (up to [`LONGEST_ENCODED`] bytes are needed) is too short.
@@ -90,7 +91,7 @@ impl Robot {
         &self.description.name
     }
 
-    /// CRC-64 over the postcard form of the whole description: equal hashes mean the same machine.
+    /// CRC-64 over the postcard form of the whole description. Equal hashes mean the same machine.
     #[must_use]
     pub fn hash(&self) -> u64 {
         self.hash
@@ -114,42 +115,42 @@ impl Robot {
         radians(self.description.layer.tilt_max_deg)
     }
 
-    /// Min radius by the mechanics (Eq 7), mm.
+    /// Min radius by the packaging limit (Eq 7), mm.
     #[must_use]
-    pub fn least_radius_of_geometry(&self) -> f64 {
+    pub fn min_radius_by_packaging(&self) -> f64 {
         let geometry = &self.description.geometry;
-        least_radius_of_geometry(geometry.tip_radius_mm, geometry.inner_radius_mm, geometry.inner_length_mm)
+        min_radius_by_packaging(geometry.tip_radius_mm, geometry.inner_radius_mm, geometry.inner_length_mm)
     }
 
     /// Min radius by the limits of a layer, mm.
     #[must_use]
-    pub fn least_radius_of_layers(&self) -> f64 {
+    pub fn min_radius_by_layers(&self) -> f64 {
         let layer = &self.description.layer;
         let tilt_max = self.max_tilt();
-        least_radius_of_layers(self.tip_radius(), layer.height_mm, layer.height_min_mm, layer.height_max_mm, tilt_max)
+        min_radius_by_layers(self.tip_radius(), layer.height_mm, layer.height_min_mm, layer.height_max_mm, tilt_max)
     }
 
-    /// Min radius of the centreline, mm: the larger of mechanics and layers.
+    /// R_min, the min radius of the centreline, mm: the larger of the packaging limit and the limit by the layers.
     #[must_use]
-    pub fn least_radius(&self) -> f64 {
-        self.least_radius_of_geometry().max(self.least_radius_of_layers())
+    pub fn min_radius(&self) -> f64 {
+        self.min_radius_by_packaging().max(self.min_radius_by_layers())
     }
 
-    /// The highest mean height of a layer on a bend of this curvature (1/mm), mm.
+    /// Max mean height of a layer on a bend of this curvature (1/mm), mm.
     #[must_use]
-    pub fn greatest_mean_height(&self, curvature: f64) -> f64 {
+    pub fn max_mean_height(&self, curvature: f64) -> f64 {
         let layer = &self.description.layer;
         let tilt_max = self.max_tilt();
-        greatest_mean_height(self.tip_radius(), layer.height_mm, layer.height_max_mm, tilt_max, curvature)
+        max_mean_height(self.tip_radius(), layer.height_mm, layer.height_max_mm, tilt_max, curvature)
     }
 
-    /// How head and feed move while this layer is laid at full speed.
+    /// The motion of head and feed while this layer is laid at full speed.
     #[must_use]
     pub fn motion_of(&self, layer: &Layer) -> LayerMotion {
         LayerMotion::of(&self.description, layer)
     }
 
-    /// Whether the motors can follow the profile of this layer.
+    /// Checks that the motors can follow the profile of this layer.
     ///
     /// # Errors
     /// [`LayerError::Acceleration`] where they cannot.
@@ -157,11 +158,11 @@ impl Robot {
         self.motion_of(layer).check()
     }
 
-    /// Whether this layer can be laid: nowhere above the max height or tilt, material all round, steps no faster than
-    /// the step interrupt makes them, and speeds that change no faster than the motors can follow.
+    /// Checks that this layer can be laid. It must not exceed the max height or tilt and must have material all round;
+    /// steps must not be faster than the step interrupt makes them, nor change faster than the motors can follow.
     ///
-    /// `slack` is how far a limit may be passed to allow for rounding, as a share of it. A layer thinner than the
-    /// min height is worth a warning and can be laid; one that would need negative material cannot.
+    /// `slack` is the share by which a layer may exceed a limit, to allow for rounding. A layer thinner than the min
+    /// height can be laid (a plan with one has a warning); a layer without material on its inner side cannot.
     ///
     /// # Errors
     /// The limit that the layer breaks, with the value.
@@ -177,11 +178,11 @@ impl Robot {
         if layer.tilt > tilt_max * (1.0 + slack) {
             return Err(LayerError::Tilt { tilt: layer.tilt, limit: tilt_max });
         }
-        let outer = layer.greatest_height(self.tip_radius());
+        let outer = layer.max_height(self.tip_radius());
         if outer > limits.height_max_mm * (1.0 + slack) {
             return Err(LayerError::TooHigh { height: outer, limit: limits.height_max_mm });
         }
-        let inner = layer.least_height(self.tip_radius());
+        let inner = layer.min_height(self.tip_radius());
         if inner <= 0.0 {
             return Err(LayerError::NoMaterial { height: inner });
         }
@@ -211,13 +212,13 @@ impl Robot {
         core::f64::consts::FRAC_PI_4 * diameter * diameter
     }
 
-    /// Filament for a mm of body, mm.
+    /// Length of filament for a mm of body, mm/mm.
     #[must_use]
     pub fn filament_per_length(&self) -> f64 {
         self.wall_area() / self.filament_area()
     }
 
-    /// Feed steps for a mm of body.
+    /// Feed steps for a mm of body, 1/mm.
     #[must_use]
     pub fn feed_steps_per_length(&self) -> f64 {
         self.filament_per_length() * self.description.feed.steps_per_mm

@@ -1,11 +1,11 @@
-//! What a layer asks of the motors: steps, of which the step interrupt makes one every two ticks at most, speeds, and
-//! how fast those change.
+//! The motion that a layer requires of the motors: the number of steps, of which the step interrupt makes at most one
+//! in two ticks, the speeds, and their changes.
 //!
-//! A motor can change its speed by so much at an instant (its *jump*), and beyond that only with so much acceleration:
-//! over any time `t`, by `jump + acceleration t`. Three things share that. The profile of a layer, whose speed changes
-//! from sector to sector, may take [`PROFILE_ACCELERATION`] and [`PROFILE_JUMP`]; the ramps between rest and full speed
-//! take the rest of the acceleration, [`RAMP_ACCELERATION`]; and the change from one layer to the next the rest of the
-//! jump, [`PASSING_JUMP`]. An axis that never gets faster than its jump can do whatever it likes.
+//! A motor can change its speed by its *jump* at an instant, and beyond that only by its acceleration: over any time
+//! `t` by `jump + acceleration t`. Three kinds of change share these limits. The profile of a layer, whose speed
+//! changes from sector to sector, may use [`PROFILE_ACCELERATION`] and [`PROFILE_JUMP`]. The ramps between rest and
+//! full speed use the rest of the acceleration, [`RAMP_ACCELERATION`]. The change from one layer to the next uses the
+//! rest of the jump, [`PASSING_JUMP`]. An axis that is never faster than its jump needs no ramp and has no such limit.
 
 use core::f64::consts::{FRAC_PI_4, TAU};
 
@@ -13,24 +13,24 @@ use super::{FeedStrategy, RobotDescription, Turning};
 use crate::layer::{Layer, LayerError, SECTORS};
 use crate::trigonometry;
 
-/// Share of an axis's acceleration that the profile within a layer may take.
+/// Share of an axis's acceleration that the profile within a layer may use.
 const PROFILE_ACCELERATION: f64 = 0.5;
-/// Share of an axis's jump that one edge between sectors may take. Two of them may lie at the edge between layers.
+/// Share of an axis's jump that one edge between sectors may use. Two of them may lie at the edge between layers.
 const PROFILE_JUMP: f64 = 0.25;
-/// Share of an axis's acceleration that ramps take.
+/// Share of an axis's acceleration that ramps use.
 const RAMP_ACCELERATION: f64 = 1.0 - PROFILE_ACCELERATION;
 /// Share of an axis's jump that is left where one layer follows the other.
 const PASSING_JUMP: f64 = 1.0 - 2.0 * PROFILE_JUMP;
-/// The longest ramp from rest to full speed, s.
+/// Max time of a ramp from rest to full speed, s.
 pub(super) const MAX_RAMP_S: f64 = 10.0;
 
-/// How far the sides of a layer are from its mean height, as a share of it: 0 for an even layer, 1 for nothing on the
-/// inner side.
+/// The difference between the height of a layer's outer side and its mean height, as a share of the mean height: 0 for
+/// an even layer, 1 for a layer without material on its inner side.
 fn lean(robot: &RobotDescription, height: f64, tilt: f64) -> f64 {
     (robot.geometry.tip_radius_mm * tilt / height).min(1.0)
 }
 
-/// Filament in a layer of this height (mm), mm.
+/// Length of filament in a layer of this mean height (mm), mm.
 fn filament(robot: &RobotDescription, height: f64) -> f64 {
     let diameter = robot.feed.filament_diameter_mm;
     let wall_area = TAU * robot.geometry.tip_radius_mm * robot.wall.width_mm;
@@ -69,33 +69,33 @@ impl BusiestSector {
         }
     }
 
-    /// Whether the step interrupt can carry it.
+    /// Whether the step interrupt can make the steps of this sector.
     pub fn can_be_carried(&self) -> bool {
         2.0 * self.head.max(self.feed) <= self.ticks
     }
 }
 
-/// How fast an axis moves while a layer is laid at full speed, and what it can do. The head in turns, the feed in mm of
-/// filament.
+/// The speeds of an axis while a layer is laid at full speed, and the axis's limits. The unit of the head is turns,
+/// that of the feed is mm of filament.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AxisMotion {
     /// Max speed, /s.
     pub speed: f64,
     /// The speed at the tip's x axis, where a layer begins and ends, /s.
     pub speed_at_ends: f64,
-    /// Max speed from rest and to rest, /s.
+    /// Max change of speed from rest or to rest at an instant, /s.
     pub jump: f64,
     /// Max change of speed where one layer follows the other, /s.
     pub passing_jump: f64,
     /// Max acceleration of a ramp, /s^2.
     pub ramp: f64,
-    /// Bound on how fast the profile changes the speed, /s^2.
+    /// Bound on the acceleration within the layer's profile, /s^2.
     pub(super) acceleration: f64,
-    /// The limit of that, /s^2.
+    /// The limit of [`Self::acceleration`], /s^2.
     pub(super) acceleration_limit: f64,
 }
 
-/// How head and feed move while a layer is laid at full speed.
+/// The motion of head and feed while a layer is laid at full speed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LayerMotion {
     /// The head, turns.
@@ -142,7 +142,7 @@ impl LayerMotion {
         }
     }
 
-    /// Whether the motors can follow the profile of the layer.
+    /// Checks that the motors can follow the profile of the layer.
     pub(super) fn check(&self) -> Result<(), LayerError> {
         for (axis, motion) in [("head, in turns/s^2", &self.head), ("feed, in mm/s^2", &self.feed)] {
             if !motion.follows_its_profile() {
@@ -172,7 +172,7 @@ impl AxisMotion {
         }
     }
 
-    /// Whether it never gets faster than it can at an instant.
+    /// Whether the axis is never faster than its jump.
     #[must_use]
     pub fn needs_no_ramp(&self) -> bool {
         self.speed <= self.jump

@@ -3,15 +3,15 @@
 use super::step_rate::{AxisMotion, BusiestSector, LayerMotion, MAX_RAMP_S};
 use super::{Feed, Head, MAX_BOARD_TICK_HZ, Material, Motion, RobotDescription, RobotError};
 use crate::angle::radians;
-use crate::curvature::{least_radius_of_geometry, least_radius_of_layers};
+use crate::curvature::{min_radius_by_layers, min_radius_by_packaging};
 use crate::layer::{Layer, SECTORS};
 
-/// No size of a robot is taken beyond this, mm.
+/// Max size of a part of a robot, mm.
 const MAX_SIZE: f64 = 1e4;
-/// Nothing about a robot is smaller than this, mm.
+/// Min size of a part of a robot, mm.
 const MIN_SIZE: f64 = 1e-3;
 
-/// Where limits may be left out, this is as good as none.
+/// The value of a limit that a file may leave out.
 const UNLIMITED: f64 = 1e9;
 
 /// A field with its name and value, and the checks on it.
@@ -56,11 +56,11 @@ pub(super) fn check(robot: &RobotDescription) -> Result<(), RobotError> {
     check_accelerations(robot)
 }
 
-/// What a board asks beyond [`check`].
+/// Checks what a board requires beyond [`check`].
 ///
-/// `motion.tick_hz` has two limits, as a description is for two things. Who plans and simulates may describe a robot
-/// that needs more ticks than any board makes, as the paper's robot C does: the limit of 1 MHz there only keeps numbers
-/// reasonable. A board's step interrupt must leave the processor time for everything else: hence [`MAX_BOARD_TICK_HZ`].
+/// `motion.tick_hz` has two limits, because a description has two uses. A plan or a simulation may be of a robot that
+/// needs more ticks than any board makes, as the paper's robot C does; its limit of 1 MHz only keeps numbers
+/// reasonable. A board's step interrupt must leave the processor time for everything else, hence [`MAX_BOARD_TICK_HZ`].
 pub(super) fn check_for_board(robot: &RobotDescription) -> Result<(), RobotError> {
     Field("motion.tick_hz", f64::from(robot.motion.tick_hz)).between(
         0.0,
@@ -115,13 +115,13 @@ fn check_layer(robot: &RobotDescription) -> Result<(), RobotError> {
     Field("layer.height_min_mm", layer.height_min_mm).between(
         MIN_SIZE,
         layer.height_mm * (1.0 - 1e-6),
-        "the least height must be positive and below layer.height_mm",
+        "the min height must be positive and below layer.height_mm",
     )?;
     // 255 mm is what a layer's bytes on the link can say.
     Field("layer.height_max_mm", layer.height_max_mm).between(
         layer.height_mm,
         255.0,
-        "the greatest height lies between layer.height_mm and what the link carries",
+        "the max height lies between layer.height_mm and what the link carries",
     )?;
     Field("layer.tilt_max_deg", layer.tilt_max_deg).between(
         1e-3,
@@ -133,9 +133,9 @@ fn check_layer(robot: &RobotDescription) -> Result<(), RobotError> {
 
 fn check_radius(robot: &RobotDescription) -> Result<(), RobotError> {
     let (geometry, layer) = (&robot.geometry, &robot.layer);
-    let by_geometry =
-        least_radius_of_geometry(geometry.tip_radius_mm, geometry.inner_radius_mm, geometry.inner_length_mm);
-    let by_layers = least_radius_of_layers(
+    let by_packaging =
+        min_radius_by_packaging(geometry.tip_radius_mm, geometry.inner_radius_mm, geometry.inner_length_mm);
+    let by_layers = min_radius_by_layers(
         geometry.tip_radius_mm,
         layer.height_mm,
         layer.height_min_mm,
@@ -143,9 +143,10 @@ fn check_radius(robot: &RobotDescription) -> Result<(), RobotError> {
         radians(layer.tilt_max_deg),
     );
     Field("planning_radius_mm", robot.planning_radius_mm).between(
-        by_geometry.max(by_layers),
+        by_packaging.max(by_layers),
         MAX_SIZE,
-        "the radius of plans cannot be below R_min, the larger of what the mechanics (Eq 7) and the layers allow",
+        "the radius of plans cannot be below R_min, the larger of the packaging limit (Eq 7) and the limit by the \
+         layers",
     )
 }
 
@@ -291,20 +292,16 @@ fn check_fan_and_hold(robot: &RobotDescription) -> Result<(), RobotError> {
 fn check_sensors(robot: &RobotDescription) -> Result<(), RobotError> {
     let (supply, sensors) = (&robot.supply, &robot.sensors);
     Field("supply.nominal_v", supply.nominal_v).between(1.0, 100.0, "volts")?;
-    Field("supply.min_v", supply.min_v).between(
-        0.5,
-        supply.nominal_v,
-        "the least voltage is below supply.nominal_v",
-    )?;
+    Field("supply.min_v", supply.min_v).between(0.5, supply.nominal_v, "the min voltage is below supply.nominal_v")?;
     Field("supply.max_v", supply.max_v).between(
         supply.nominal_v,
         200.0,
-        "the greatest voltage is above supply.nominal_v",
+        "the max voltage is above supply.nominal_v",
     )?;
     Field("supply.full_scale_v", supply.full_scale_v).between(
         supply.max_v,
         1000.0,
-        "the converter must be able to see supply.max_v: the voltage at which its input is at the reference",
+        "the ADC must be able to measure supply.max_v: give the voltage at which its input is at the reference",
     )?;
     if let Some(motion) = sensors.filament_motion {
         Field("sensors.filament_motion.mm_per_pulse", motion.mm_per_pulse).between(1e-3, 1e3, "mm of filament")?;
@@ -329,7 +326,8 @@ fn check_step_rates(robot: &RobotDescription) -> Result<(), RobotError> {
     // The steepest layer of a plan at the planning radius.
     let tilt = layer.height_mm / robot.planning_radius_mm;
     let busiest = BusiestSector::of(robot, layer.height_mm, tilt);
-    let advice = "the step interrupt makes a step every two ticks at most: lower the steps, raise motion.tick_hz or layer.period_s";
+    let advice = "the step interrupt makes a step every two ticks at most: lower the steps, raise motion.tick_hz or \
+        layer.period_s";
     let max = libm::floor(busiest.ticks / 2.0);
     Field("head steps in the busiest sector", busiest.head).between(0.0, max, advice)?;
     Field("feed steps in the busiest sector", busiest.feed).between(0.0, max, advice)
@@ -349,7 +347,8 @@ fn check_accelerations(robot: &RobotDescription) -> Result<(), RobotError> {
         Field(profile, motion.acceleration).between(
             0.0,
             motion.acceleration_limit,
-            "a layer at planning_radius_mm may take half of the axis's acceleration, and a quarter of its speed jump from sector to sector: raise these or layer.period_s",
+            "a layer at planning_radius_mm may take half of the axis's acceleration, and a quarter of its speed jump \
+             from sector to sector: raise these or layer.period_s",
         )
     };
     let acceleration = Field("head.acceleration_turns_per_s2", robot.head.acceleration_turns_per_s2);
@@ -402,8 +401,8 @@ mod tests {
     fn a_robot_whose_file_says_nothing_is_of_pla() {
         let text = include_str!("../../../robots/growbot-a.toml");
         let sections = |names: &[&str]| {
-            let kept = text.split("\n[").filter(|section| !names.iter().any(|name| section.starts_with(name)));
-            kept.collect::<std::vec::Vec<_>>().join("\n[")
+            let retained = text.split("\n[").filter(|section| !names.iter().any(|name| section.starts_with(name)));
+            retained.collect::<std::vec::Vec<_>>().join("\n[")
         };
         let robot: RobotDescription = toml::from_str(&sections(&["material]", "tip]"])).unwrap();
         assert_eq!((robot.material, robot.tip), (Material::default(), Tip::default()));

@@ -363,7 +363,7 @@ mod tests {
     #[test]
     fn most_near_goals_are_reached_no_longer_than_by_three_arcs() {
         const GOALS: u32 = 400;
-        const MOST_MISSED: u32 = GOALS / 100;
+        const MAX_MISSED: u32 = GOALS / 100;
         let spread = |n: u32, factor: f64| (f64::from(n + 1) * factor) % 1.0;
         let missed = (0..GOALS).filter(|n| {
             let turned = |factor| TAU * spread(*n, factor);
@@ -377,6 +377,6 @@ mod tests {
         });
         let missed = missed.count();
         std::println!("{missed} of {GOALS} missed");
-        assert!(missed <= MOST_MISSED as usize, "{missed} of {GOALS} missed");
+        assert!(missed <= MAX_MISSED as usize, "{missed} of {GOALS} missed");
     }
 }

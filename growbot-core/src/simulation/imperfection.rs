@@ -1,11 +1,12 @@
 //! How a simulated tip lays and measures otherwise than it should, layer by layer.
 //!
-//! Growth is off because the filament slips in its drive, or is carried along: while a layer is laid, as much more or less of it
-//! moves for each step, and the encoder that it turns sees that, give or take its own noise. The layer is as much higher or lower,
-//! its tilt is kept. Tilt, deposition angle and twist are off as [`Disturbance`] says; only gravity shows them.
+//! Growth is off because the filament slips in its drive, or is carried along: while a layer is laid, as much more or
+//! less of it moves for each step, and the encoder that it turns sees that, give or take its own noise. The layer is as
+//! much higher or lower, its tilt is kept. Tilt, deposition angle and twist are off as [`Disturbance`] says; only
+//! gravity shows them.
 //!
-//! The index of a layer is its place in the tip's body, so that the same seed gives the same errors on `sim` and on the emulated board,
-//! and those that `growbot simulate` gives.
+//! The index of a layer is its place in the tip's body, so that the same seed gives the same errors on `sim` and on the
+//! emulated board, and those that `growbot simulate` gives.
 
 use nalgebra::Vector3;
 

@@ -111,13 +111,13 @@ impl Cut {
 /// ```
 #[must_use]
 pub fn layers<'a>(path: &'a [Segment], robot: &'a Robot, slicing: Slicing) -> Layers<'a> {
-    layers_meanwhile(path, robot, slicing, &mut || ())
+    layers_with_keep_alive(path, robot, slicing, &mut || ())
 }
 
 /// As [`layers()`], for boards: to fit the layers of a helicoidal arc takes seconds of a microcontroller, and
 /// `keep_alive` is called for each layer that is looked at in them.
 #[must_use]
-pub fn layers_meanwhile<'a>(
+pub fn layers_with_keep_alive<'a>(
     path: &'a [Segment],
     robot: &'a Robot,
     slicing: Slicing,
@@ -146,7 +146,7 @@ fn min_count(length: f64, limit: f64) -> f64 {
 /// Number of layers and the layers themselves, for one segment.
 fn cut(segment: &Segment, robot: &Robot, slicing: Slicing, keep_alive: &mut dyn FnMut()) -> (u64, Cut) {
     let length = segment.length();
-    let limit = robot.greatest_mean_height(segment.curvature());
+    let limit = robot.max_mean_height(segment.curvature());
     let count = match slicing {
         Slicing::Exact => min_count(length, limit),
         Slicing::Whole { step } => ceil(length / step * (1.0 - LIMIT_SLACK)).max(1.0),

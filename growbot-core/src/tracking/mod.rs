@@ -4,12 +4,12 @@
 //! After each layer the [`Tracker`] ingests what was measured, and bends the rest of the path so that it still ends at
 //! the goal.
 
-mod course;
 mod estimator;
 mod measurement;
+mod reference;
 mod tracker;
 
-pub use course::Miss;
 pub use estimator::SystematicErrors;
 pub use measurement::{Measurement, SensorNoise};
+pub use reference::Miss;
 pub use tracker::{Estimate, Tracker};

@@ -4,12 +4,12 @@ use core::f64::consts::PI;
 
 use nalgebra::Vector2;
 
-use super::course::{Course, Miss};
 use super::estimator::{Estimator, SystematicErrors};
 use super::measurement::{Measurement, SensorNoise};
+use super::reference::{Miss, Reference};
 use crate::angle::wrap_positive;
 use crate::layer::Layer;
-use crate::path::{Leg, MOST_SEGMENTS, Segment, end};
+use crate::path::{Leg, MAX_SEGMENTS, Segment, end};
 use crate::pose::{Frame, Pose};
 use crate::robot::Robot;
 
@@ -23,7 +23,7 @@ pub struct Estimate {
     /// Standard deviation of the direction, radians: the root of the sum over the two axes across it.
     pub direction_deviation: f64,
     /// The systematic errors that were found, the same in every layer.
-    pub habits: SystematicErrors,
+    pub systematic_errors: SystematicErrors,
 }
 
 /// Follows a growth and plans the rest of it again.
@@ -32,11 +32,11 @@ pub struct Tracker<'a> {
     robot: &'a Robot,
     estimator: Estimator,
     /// The path up to the next goal, from where the next layer that can be changed begins.
-    course: Course,
+    reference: Reference,
     /// Where that is.
     begins: Frame,
     stages: Stages<'a>,
-    /// Layers laid, and layers that can no longer be changed: their part of the course has been removed.
+    /// Layers laid, and layers that can no longer be changed: their part of the reference has been removed.
     laid: u64,
     committed: u64,
     miss: Miss,
@@ -48,10 +48,10 @@ impl<'a> Tracker<'a> {
     #[must_use]
     pub fn new(robot: &'a Robot, start: &Pose, path: &'a [Segment], legs: &'a [Leg], noise: SensorNoise) -> Self {
         let mut stages = Stages::new(robot, start, path, legs);
-        let course = stages.next(&start.frame()).unwrap_or_else(|| Course::along(&[], stages.radius));
+        let reference = stages.next(&start.frame()).unwrap_or_else(|| Reference::along(&[], stages.radius));
         let (estimator, begins) = (Estimator::new(start.frame(), noise), start.frame());
         let mut tracker =
-            Self { robot, estimator, course, begins, stages, laid: 0, committed: 0, miss: Miss::default() };
+            Self { robot, estimator, reference, begins, stages, laid: 0, committed: 0, miss: Miss::default() };
         tracker.replan(&[]);
         tracker
     }
@@ -68,8 +68,8 @@ impl<'a> Tracker<'a> {
     /// A layer of this growth, mm, can no longer be changed.
     fn commit(&mut self, growth: f64) {
         self.committed += 1;
-        self.course.advance(growth);
-        self.course.roll(self.estimator.systematic().twist);
+        self.reference.advance(growth);
+        self.reference.roll(self.estimator.systematic().twist);
     }
 
     /// Plans the rest again, from where the tip will be once the layers under way, which can no longer be changed, are
@@ -83,28 +83,28 @@ impl<'a> Tracker<'a> {
                 self.commit(layer.height * (1.0 + systematic.growth));
             }
         }
-        while too_thin(&self.course, self.robot) {
-            let Some(course) = self.stages.next(&self.begins) else { break };
-            self.course = course;
+        while too_thin(&self.reference, self.robot) {
+            let Some(reference) = self.stages.next(&self.begins) else { break };
+            self.reference = reference;
         }
         let resolution = self.robot.description().layer.height_mm;
-        self.miss = self.course.correct(&self.begins, &self.stages.goal, self.max_curvature(), resolution);
+        self.miss = self.reference.correct(&self.begins, &self.stages.goal, self.max_curvature(), resolution);
     }
 
     /// The layers to come, as they are to be commanded now.
     pub fn rest(&self) -> impl Iterator<Item = Layer> + use<'a> {
         let (robot, systematic, max_curvature) = (self.robot, *self.estimator.systematic(), self.max_curvature());
-        let (mut course, mut stages) = (self.course.clone(), self.stages.clone());
-        let mut ends = course.end(&self.begins);
+        let (mut reference, mut stages) = (self.reference.clone(), self.stages.clone());
+        let mut ends = reference.end(&self.begins);
         core::iter::from_fn(move || {
-            while too_thin(&course, robot) {
-                course = stages.next(&ends)?;
-                course.correct(&ends, &stages.goal, max_curvature, robot.description().layer.height_mm);
-                ends = course.end(&ends);
+            while too_thin(&reference, robot) {
+                reference = stages.next(&ends)?;
+                reference.correct(&ends, &stages.goal, max_curvature, robot.description().layer.height_mm);
+                ends = reference.end(&ends);
             }
-            let (layer, length) = first_layer(&course, robot, &systematic, max_curvature)?;
-            course.advance(length);
-            course.roll(systematic.twist);
+            let (layer, length) = first_layer(&reference, robot, &systematic, max_curvature)?;
+            reference.advance(length);
+            reference.roll(systematic.twist);
             Some(layer)
         })
     }
@@ -112,7 +112,7 @@ impl<'a> Tracker<'a> {
     /// The next layer to command; none at the end.
     #[must_use]
     pub fn next_layer(&self) -> Option<Layer> {
-        let (layer, _) = first_layer(&self.course, self.robot, self.estimator.systematic(), self.max_curvature())?;
+        let (layer, _) = first_layer(&self.reference, self.robot, self.estimator.systematic(), self.max_curvature())?;
         Some(layer)
     }
 
@@ -123,7 +123,7 @@ impl<'a> Tracker<'a> {
             base_from_tip: *self.estimator.base_from_tip(),
             position_deviation: self.estimator.position_deviation(),
             direction_deviation: self.estimator.direction_deviation(),
-            habits: *self.estimator.systematic(),
+            systematic_errors: *self.estimator.systematic(),
         }
     }
 
@@ -136,12 +136,12 @@ impl<'a> Tracker<'a> {
     /// Max curvature that comes out, 1/mm: as tight as the stiff parts pass, and as the layers' limits allow.
     fn max_curvature(&self) -> f64 {
         let SystematicErrors { growth, tilt, .. } = *self.estimator.systematic();
-        let laid = (1.0 + tilt) / (self.robot.least_radius_of_layers() * (1.0 + growth));
-        laid.min(1.0 / self.robot.least_radius_of_geometry())
+        let laid = (1.0 + tilt) / (self.robot.min_radius_by_layers() * (1.0 + growth));
+        laid.min(1.0 / self.robot.min_radius_by_packaging())
     }
 }
 
-/// What a path leads to, one after the other: the goals of its legs, and where a leg has more segments than a course
+/// What a path leads to, one after the other: the goals of its legs, and where a leg has more segments than a reference
 /// takes, the poses that are planned between.
 #[derive(Debug, Clone)]
 struct Stages<'a> {
@@ -160,15 +160,15 @@ struct Stages<'a> {
 impl<'a> Stages<'a> {
     fn new(robot: &Robot, start: &Pose, path: &'a [Segment], legs: &'a [Leg]) -> Self {
         let curvature = path.iter().map(Segment::curvature).fold(0.0, f64::max);
-        let radius = if curvature > 0.0 { 1.0 / curvature } else { robot.least_radius() };
+        let radius = if curvature > 0.0 { 1.0 / curvature } else { robot.min_radius() };
         let left = legs.first().map_or(0, |leg| leg.segments);
         Self { path, legs, left, planned: start.frame(), goal: *start, radius }
     }
 
-    /// The course of the next stage for a tip that is about where it begins; none after the last.
-    fn next(&mut self, base_from_tip: &Frame) -> Option<Course> {
+    /// The reference of the next stage for a tip that is about where it begins; none after the last.
+    fn next(&mut self, base_from_tip: &Frame) -> Option<Reference> {
         let (leg, later) = self.legs.split_first()?;
-        let count = self.left.min(MOST_SEGMENTS);
+        let count = self.left.min(MAX_SEGMENTS);
         let (segments, rest) = self.path.split_at_checked(count).unwrap_or((self.path, &[]));
         let planned_end = end(segments, &self.planned);
         self.left -= count;
@@ -176,43 +176,43 @@ impl<'a> Stages<'a> {
         // Bends are given in the frame that the path has carried along; the tip has come to be rolled from it.
         let planned_from_tip = self.planned.rotation.inverse() * base_from_tip.rotation;
         let matrix = planned_from_tip.matrix();
-        let mut course = Course::along(segments, self.radius);
-        course.roll(libm::atan2(matrix[(1, 0)], matrix[(0, 0)]));
+        let mut reference = Reference::along(segments, self.radius);
+        reference.roll(libm::atan2(matrix[(1, 0)], matrix[(0, 0)]));
         (self.path, self.planned) = (rest, planned_end);
         if self.left == 0 {
             self.legs = later;
             self.left = later.first().map_or(0, |leg| leg.segments);
         }
-        Some(course)
+        Some(reference)
     }
 }
 
-/// Whether what is left of a course is no layer.
-fn too_thin(course: &Course, robot: &Robot) -> bool {
-    course.length() < 0.5 * robot.description().layer.height_min_mm
+/// Whether what is left of a reference is no layer.
+fn too_thin(reference: &Reference, robot: &Robot) -> bool {
+    reference.length() < 0.5 * robot.description().layer.height_min_mm
 }
 
-/// The first layer of a course, to be commanded, and its length as it will come out, mm. None where what is
+/// The first layer of a reference, to be commanded, and its length as it will come out, mm. None where what is
 /// left is too thin to be laid.
 fn first_layer(
-    course: &Course,
+    reference: &Reference,
     robot: &Robot,
     systematic: &SystematicErrors,
     max_curvature: f64,
 ) -> Option<(Layer, f64)> {
-    if too_thin(course, robot) {
+    if too_thin(reference, robot) {
         return None;
     }
     let limits = &robot.description().layer;
-    let left = course.length();
+    let left = reference.length();
     let (grown, tilted) = (1.0 + systematic.growth, 1.0 + systematic.tilt);
     let mut length = left.min(limits.height_mm * grown);
     let mut curvature = Vector2::zeros();
     // The curvature over the layer bounds its height, and depends on it.
     for _ in 0..2 {
-        curvature = course.curvature_over(length);
+        curvature = reference.curvature_over(length);
         let tightness = curvature.norm().min(max_curvature);
-        let highest = robot.greatest_mean_height(tightness * grown / tilted) * grown;
+        let highest = robot.max_mean_height(tightness * grown / tilted) * grown;
         let count = -libm::floor(-left / highest + 1e-9);
         length = (left / count.max(1.0)).max(limits.height_min_mm.min(highest * (1.0 - 1e-9)));
     }

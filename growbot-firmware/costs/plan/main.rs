@@ -20,7 +20,7 @@ use core::hint::black_box;
 use core::panic::PanicInfo;
 
 use cortex_m_rt::entry;
-use growbot_core::dubins2::{self, PlanarPath, PlanarPose, Word};
+use growbot_core::dubins2::{self, PathType, PlanarPath, PlanarPose};
 use growbot_core::plan::{Planner, plan};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
@@ -94,15 +94,15 @@ fn planar_goal(n: u32, farthest: f64) -> PlanarPose {
 fn degenerate_goal(n: u32) -> PlanarPose {
     let (first, last) = (TAU * spread(n, 0.754_877_666_246_692_7), TAU * spread(n, 0.569_840_290_998_053_2));
     let line = 40.0 * spread(n, 0.618_033_988_749_894_9);
-    let (word, lengths) = match n % 6 {
-        0 => (Word::Lsl, [first, 0.0, 0.0]),
-        1 => (Word::Lsr, [first, 0.0, last]),
-        2 => (Word::Rsr, [first, line, 0.0]),
-        3 => (Word::Lsl, [0.0, line, last]),
-        4 => (Word::Lsl, [0.0, line, 0.0]),
-        _ => (Word::Lsl, [0.0; 3]),
+    let (path_type, lengths) = match n % 6 {
+        0 => (PathType::Lsl, [first, 0.0, 0.0]),
+        1 => (PathType::Lsr, [first, 0.0, last]),
+        2 => (PathType::Rsr, [first, line, 0.0]),
+        3 => (PathType::Lsl, [0.0, line, last]),
+        4 => (PathType::Lsl, [0.0, line, 0.0]),
+        _ => (PathType::Lsl, [0.0; 3]),
     };
-    PlanarPath { word, lengths }.end()
+    PlanarPath { path_type, lengths }.end()
 }
 
 /// Evenly spread over distance (radii), direction, heading and pitch.

@@ -3,13 +3,13 @@
 //! Requests may be repeated, since an answer may be lost: each says what it is about (a plan, an index), so that doing
 //! it a second time is recognised and answered like the first.
 
-use growbot_core::job::job_layers_meanwhile;
+use growbot_core::job::job_layers_with_keep_alive;
 use growbot_core::link::frame::{Frame, Header};
 use growbot_core::link::message::{
     Accepted, BoardHello, BootReport, Fault, HostHello, LatestFault, LayerBatch, MAX_LAYERS, Message, PauseCause,
     PlanRequest, Planned, Refusal, Refused, SCHEMA_HASH, State, StoredLayers, Tune,
 };
-use growbot_core::plan::plan_meanwhile;
+use growbot_core::plan::plan_with_keep_alive;
 use growbot_core::pose::Pose;
 
 use super::{Controller, Identity, centi};
@@ -207,16 +207,17 @@ impl<B: Board> Controller<B> {
         // controller: the keep-alive callback feeds it.
         let robot = self.robot.clone();
         let watchdog = &mut self.parts.watchdog;
-        let path = plan_meanwhile(&robot, &start, &goal, request.radius, request.planner, &mut || watchdog.feed())
-            .map_err(|_| Refusal::NoPlan)?
-            .path;
-        let layers = job_layers_meanwhile(&path, &robot, &mut || watchdog.feed());
+        let path =
+            plan_with_keep_alive(&robot, &start, &goal, request.radius, request.planner, &mut || watchdog.feed())
+                .map_err(|_| Refusal::NoPlan)?
+                .path;
+        let layers = job_layers_with_keep_alive(&path, &robot, &mut || watchdog.feed());
         let count = layers.size_hint().0;
         if count > CAPACITY {
             let layers = u32::try_from(count).unwrap_or(u32::MAX);
             return Err(Refusal::PlanTooLong { layers, capacity: CAPACITY as u32 });
         }
-        let summary = layers.summary_meanwhile(&mut || watchdog.feed());
+        let summary = layers.summary_with_keep_alive(&mut || watchdog.feed());
         // A radius below the robot's planning radius may ask for steps that its motors do not make.
         for (index, bytes) in (0..).zip(layers.clone()) {
             self.parts.watchdog.feed();

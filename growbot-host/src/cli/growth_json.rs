@@ -64,7 +64,7 @@ pub fn json_of_feedback(fed_back: &FedBack, plan: &Plan, truth: Option<&Arrival>
         "believed_direction_error_deg": believed.direction_error_deg,
         "position_sd_mm": estimate.position_deviation,
         "direction_sd_deg": degrees(estimate.direction_deviation),
-        "growth_bias_percent": 100.0 * estimate.habits.growth,
+        "growth_bias_percent": 100.0 * estimate.systematic_errors.growth,
         "estimate_error_mm": error.map(|(distance, _)| distance),
         "estimate_direction_error_deg": error.map(|(_, angle)| angle),
     })

@@ -74,9 +74,9 @@ pub fn run(args: &NewRobotArgs) -> Result<(), Failure> {
            heater.kp, ki, kd: growbot tune --robot {output} --port PORT, on the robot itself: a simulated one has other gains\n\
          growbot robots {output} explains all of it.\n{notes}",
         name = robot.name(),
-        r_min = robot.least_radius(),
-        by_geometry = robot.least_radius_of_geometry(),
-        by_layers = robot.least_radius_of_layers(),
+        r_min = robot.min_radius(),
+        by_geometry = robot.min_radius_by_packaging(),
+        by_layers = robot.min_radius_by_layers(),
         radius = robot.description().planning_radius_mm,
     ))?)
 }

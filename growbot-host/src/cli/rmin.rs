@@ -34,9 +34,9 @@ pub fn run(args: &RminArgs) -> Result<(), Failure> {
     let robot = args.robot.load()?;
     let rmin = Rmin {
         robot: robot.name(),
-        r_min_mm: robot.least_radius(),
-        r_min_geometry_mm: robot.least_radius_of_geometry(),
-        r_min_layers_mm: robot.least_radius_of_layers(),
+        r_min_mm: robot.min_radius(),
+        r_min_geometry_mm: robot.min_radius_by_packaging(),
+        r_min_layers_mm: robot.min_radius_by_layers(),
     };
     if args.json {
         return Ok(print(&json_line(&rmin))?);

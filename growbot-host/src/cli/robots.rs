@@ -67,7 +67,7 @@ fn overview(explained: &Explained) -> Value {
     json!({
         "robot": robot.name(),
         "about": explained.about,
-        "r_min_mm": robot.least_radius(),
+        "r_min_mm": robot.min_radius(),
         "planning_radius_mm": description.planning_radius_mm,
         "layer_height_mm": description.layer.height_mm,
         "layer_period_s": description.layer.period_s,
@@ -98,7 +98,7 @@ fn table() -> Result<String, Failure> {
         let _ = writeln!(
             text,
             "{name:<12} {:>9.2}  {:>12}  {:>9}  {:>9}  {:>12.1}",
-            robot.least_radius(),
+            robot.min_radius(),
             description.planning_radius_mm,
             layer.height_mm,
             layer.period_s,
@@ -118,9 +118,9 @@ fn in_words(explained: &Explained) -> String {
     for line in [
         format!(
             "R_min, the tightest bend, is {:.2} mm: the mechanics allow {:.2} mm, the layers {:.2} mm. At the radius of plans, {} mm, a layer leans by {:.3} degrees.",
-            robot.least_radius(),
-            robot.least_radius_of_geometry(),
-            robot.least_radius_of_layers(),
+            robot.min_radius(),
+            robot.min_radius_by_packaging(),
+            robot.min_radius_by_layers(),
             robot.description().planning_radius_mm,
             degrees(layer.height_mm / robot.description().planning_radius_mm),
         ),

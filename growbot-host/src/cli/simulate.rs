@@ -195,7 +195,7 @@ fn json_of(outcome: &Outcome, path_length: f64, seed: u64) -> Value {
         }),
     );
     if let Some(estimate) = &grown.estimate {
-        let habits = &estimate.habits;
+        let habits = &estimate.systematic_errors;
         let found = json!({
             "believed": WrittenPose::from(&Pose::from_frame(&estimate.base_from_tip)),
             "position_sd_mm": estimate.position_deviation,

@@ -22,7 +22,7 @@ pub fn growth(goal: &Pose, outcome: &Outcome, seed: u64) -> String {
             "          within {:.3} mm and {:.3} deg (one SD); {:+.2} % of growth found in every layer\n",
             estimate.position_deviation,
             degrees(estimate.direction_deviation),
-            100.0 * estimate.habits.growth
+            100.0 * estimate.systematic_errors.growth
         );
     }
     table += &format!("body      {} layers, {:.1} mm\n", grown.layers, grown.length);

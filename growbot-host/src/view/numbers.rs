@@ -55,7 +55,7 @@ pub fn of(subject: &Subject, layers: &Layers) -> Vec<Group> {
         [
             ("Name", robot.name().to_owned()),
             ("Tube over its wall", format!("{:.1} mm", robot.outer_diameter())),
-            ("Least radius", format!("{:.1} mm", robot.least_radius())),
+            ("Least radius", format!("{:.1} mm", robot.min_radius())),
         ],
     ));
     groups

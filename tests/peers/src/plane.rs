@@ -5,7 +5,7 @@ use std::hint::black_box;
 
 use dubins_paths::PathType;
 use dubins_paths::f64::{DubinsPath, PosRot};
-use growbot_core::dubins2::{PlanarPath, PlanarPose, Word, shortest};
+use growbot_core::dubins2::{PlanarPath, PlanarPose, PathType, shortest};
 use serde::Serialize;
 
 /// Their names.
@@ -97,13 +97,13 @@ fn find_growbot([start, goal]: &[PlanarPose; 2]) -> PlanarPath {
 
 fn of_growbot(pair: &[PlanarPose; 2]) -> Path {
     let path = find_growbot(pair);
-    let word = match path.word {
-        Word::Lsl => "LSL",
-        Word::Rsr => "RSR",
-        Word::Lsr => "LSR",
-        Word::Rsl => "RSL",
-        Word::Lrl => "LRL",
-        Word::Rlr => "RLR",
+    let word = match path.path_type {
+        PathType::Lsl => "LSL",
+        PathType::Rsr => "RSR",
+        PathType::Lsr => "LSR",
+        PathType::Rsl => "RSL",
+        PathType::Lrl => "LRL",
+        PathType::Rlr => "RLR",
     };
     Path { word, lengths: path.lengths }
 }

@@ -73,7 +73,7 @@ impl Rig {
     /// Hands over layers of a bend, each with its share of the greatest height.
     fn hand_over_shares(&mut self, shares: impl Iterator<Item = f64>) -> Result<(), ClientError> {
         let radius = self.robot.description().planning_radius_mm;
-        let greatest = 0.97 * self.robot.greatest_mean_height(1.0 / radius);
+        let greatest = 0.97 * self.robot.max_mean_height(1.0 / radius);
         let layer = |share: f64| Layer { alpha: 1.0, height: share * greatest, tilt: share * greatest / radius };
         let layers: Vec<LayerBytes> = shares.map(|share| self.encoder.encode(&layer(share))).collect();
         for batch in layers.chunks(MAX_LAYERS) {

@@ -222,13 +222,13 @@ pub struct Laid {
     /// The layer as built, from the steps that were made. `None` for an interrupted layer that was let be, and after a
     /// failure of the journal.
     pub as_built: Option<LayerBytes>,
-    /// The sensors' readings when the layer was laid. The board retains them for its latest layers only, and not through a
-    /// reset.
+    /// The sensors' readings when the layer was laid. The board retains them for its latest layers only, and not
+    /// through a reset.
     pub measured: Option<Measured>,
 }
 
-/// The sensors' readings when a layer was laid. `None` where the robot does not have the sensor, or where the sensor gave
-/// nothing.
+/// The sensors' readings when a layer was laid. `None` where the robot does not have the sensor, or where the sensor
+/// gave nothing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, Schema)]
 pub struct Measured {
     /// Pulses of the filament's encoder since the board started ([`SensorReadings::filament_pulses`]).

@@ -33,14 +33,14 @@ pub struct Begin {
     pub robot: u64,
 }
 
-/// Resumes the job that the board knows. After a loss of the line or of the host, the host follows the job again. After a
-/// stop, a fault or a reset, the host hands over again the layers that the board no longer stores, and then starts.
+/// Resumes the job that the board knows. After a loss of the line or of the host, the host follows the job again. After
+/// a stop, a fault or a reset, the host hands over again the layers that the board no longer stores, and then starts.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Resume {
     /// The job's id.
     pub plan_id: u64,
-    /// The layer to resume at: the first that is not laid or, to let an interrupted layer be, the one after it. The board
-    /// ignores this while the job is under way.
+    /// The layer to resume at: the first that is not laid or, to let an interrupted layer be, the one after it. The
+    /// board ignores this while the job is under way.
     pub from: u32,
     /// The host knows the layers below this index as built. The board sends events for the others.
     pub known: u32,
@@ -57,8 +57,8 @@ pub struct Layers {
     pub layers: LayerBatch,
 }
 
-/// Replaces the layers from an index on, all at once. The board drops the layers that it stored from there on, and the job
-/// gets another id. More layers follow with [`Layers`], under the new id.
+/// Replaces the layers from an index on, all at once. The board drops the layers that it stored from there on, and the
+/// job gets another id. More layers follow with [`Layers`], under the new id.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Amend {
     /// The job's id so far.
@@ -144,8 +144,8 @@ pub struct ReadLayers {
     pub first: u32,
 }
 
-/// Finds the gains of the heater's regulation at a temperature, by driving the nozzle round it. The board only reports the
-/// gains, by the event `Tuned`: it regulates with those of the robot's description.
+/// Finds the gains of the heater's regulation at a temperature, by driving the nozzle round it. The board only reports
+/// the gains, by the event `Tuned`: it regulates with those of the robot's description.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Tune {
     /// The temperature to tune at, hundredths of a degree Celsius.

@@ -76,9 +76,9 @@ impl Neck {
                 let frame = walk.frame();
                 Point { position: frame.translation.vector, direction: frame.rotation * Vector3::z() }
             };
-            walk.advance_meanwhile(near, keep_alive);
+            walk.advance_with_keep_alive(near, keep_alive);
             let at_near = here(&walk);
-            walk.advance_meanwhile(far - near, keep_alive);
+            walk.advance_with_keep_alive(far - near, keep_alive);
             (at_near, here(&walk))
         } else {
             let at_near = self.walk(neck, 0.0, near);

@@ -38,7 +38,7 @@ pub fn height_range(layers: &[LayerBytes], tip_radius: f64) -> [f64; 2] {
     let splinter = SPLINTER * layers().map(|layer| layer.height).fold(0.0, f64::max);
     let whole = layers().filter(|layer| layer.height >= splinter);
     let [least, greatest] = whole.fold([f64::INFINITY, 0.0_f64], |[least, greatest], layer| {
-        [least.min(layer.least_height(tip_radius)), greatest.max(layer.greatest_height(tip_radius))]
+        [least.min(layer.min_height(tip_radius)), greatest.max(layer.max_height(tip_radius))]
     });
     if least > greatest {
         [0.0, 1.0]

@@ -27,7 +27,7 @@ impl Layered {
         for layer in layers.iter().map(decode) {
             length += layer.height;
             of.lengths.push(length);
-            of.heights.push([layer.least_height(tip_radius), layer.height, layer.greatest_height(tip_radius)]);
+            of.heights.push([layer.min_height(tip_radius), layer.height, layer.max_height(tip_radius)]);
             of.tilts.push(degrees(layer.tilt));
         }
         of

@@ -205,8 +205,8 @@ fn draw_layers(frame: &mut Frame, area: Rect, model: &Model) {
     let heights = |of: &dyn Fn(&Layer) -> f64| -> Vec<(f64, f64)> {
         (body.first()..).map(f64::from).zip(body.built().iter().map(of)).collect()
     };
-    let inner = heights(&|layer| layer.least_height(radius));
-    let outer = heights(&|layer| layer.greatest_height(radius));
+    let inner = heights(&|layer| layer.min_height(radius));
+    let outer = heights(&|layer| layer.max_height(radius));
     let mean = heights(&|layer| layer.height);
     let sets = [(&inner, Color::Blue), (&outer, Color::Blue), (&mean, Color::Green)]
         .map(|(heights, color)| line(heights, Style::new().fg(color)));

@@ -64,7 +64,7 @@ impl Piece {
     }
 }
 
-/// How far from the goal a course ends.
+/// How far from the goal a reference ends.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Miss {
     /// mm.
@@ -75,7 +75,7 @@ pub struct Miss {
 
 /// The rest of a path.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Course {
+pub struct Reference {
     pieces: Vec<Piece, MAX_PIECES>,
     /// Scale of lengths and curvatures, mm.
     radius: f64,
@@ -83,8 +83,8 @@ pub struct Course {
     pull: Constraint,
 }
 
-impl Course {
-    /// The course that a path of up to [`MOST_SEGMENTS`](crate::path::MOST_SEGMENTS) segments is.
+impl Reference {
+    /// The reference that a path of up to [`MAX_SEGMENTS`](crate::path::MAX_SEGMENTS) segments is.
     pub fn along(path: &[Segment], radius: f64) -> Self {
         let bend: f64 = path.iter().map(Segment::bend).sum();
         let length: f64 = path.iter().map(Segment::length).sum();
@@ -111,7 +111,7 @@ impl Course {
         self.pieces.iter().map(|piece| piece.length).sum()
     }
 
-    /// Removes this length from the beginning of the course.
+    /// Removes this length from the beginning of the reference.
     pub fn advance(&mut self, mut length: f64) {
         while let Some(first) = self.pieces.first_mut() {
             if first.length > length {
@@ -123,7 +123,7 @@ impl Course {
         }
     }
 
-    /// The course of a tip that is turned by `roll` about its direction of growth (radians, counter-clockwise).
+    /// The reference of a tip that is turned by `roll` about its direction of growth (radians, counter-clockwise).
     pub fn roll(&mut self, roll: f64) {
         if roll == 0.0 {
             return;
@@ -136,7 +136,7 @@ impl Course {
         }
     }
 
-    /// `base_from_tip` at the end of the course.
+    /// `base_from_tip` at the end of the reference.
     pub fn end(&self, base_from_tip: &Frame) -> Frame {
         self.pieces.iter().fold(*base_from_tip, |base_from_tip, piece| {
             let alpha = libm::atan2(-piece.curvature.y, -piece.curvature.x);
@@ -159,7 +159,7 @@ impl Course {
         if covered > 0.0 { turned / covered } else { turned }
     }
 
-    /// Bends the course so that it leads from the tip to the goal, with no piece bent tighter than `max_curvature`
+    /// Bends the reference so that it leads from the tip to the goal, with no piece bent tighter than `max_curvature`
     /// (1/mm). How far from the goal it ends then. Where only few pieces are left they are cut, down to about
     /// `resolution`, mm.
     pub fn correct(&mut self, base_from_tip: &Frame, goal: &Pose, max_curvature: f64, resolution: f64) -> Miss {
@@ -213,7 +213,7 @@ impl Course {
 
 type Constraint = SVector<f64, CONSTRAINTS>;
 
-/// How the end of a course moves with its pieces.
+/// How the end of a reference moves with its pieces.
 #[derive(Default)]
 struct Linear {
     /// From the end to the goal, in the end's frame: radii, and radians about its y and -x axes.
@@ -225,8 +225,8 @@ struct Linear {
     miss: Miss,
 }
 
-/// How the end of a course moves with a piece: by its curvature's x and y (1/mm) and its length (mm); and how far that
-/// may stray.
+/// How the end of a reference moves with a piece: by its curvature's x and y (1/mm) and its length (mm); and how far
+/// that may stray.
 struct Columns {
     by_curvature: [Constraint; 2],
     by_length: Constraint,
@@ -280,9 +280,9 @@ impl Columns {
 }
 
 impl Linear {
-    fn set(&mut self, course: &Course, base_from_tip: &Frame, goal: &Pose, max_curvature: f64) {
+    fn set(&mut self, reference: &Reference, base_from_tip: &Frame, goal: &Pose, max_curvature: f64) {
         let constraint = |moved: Vector3<f64>, turned: Vector3<f64>| {
-            let moved = moved / course.radius;
+            let moved = moved / reference.radius;
             Constraint::new(moved.x, moved.y, moved.z, turned.y, -turned.x)
         };
         // What turns about a point moves the end, which lies in the origin of its own frame.
@@ -294,7 +294,7 @@ impl Linear {
         self.columns.clear();
         let mut from_planned = Constraint::zeros();
         let mut end_from_tip = Frame::identity();
-        for piece in course.pieces.iter().rev() {
+        for piece in reference.pieces.iter().rev() {
             let longer = turning(Vector3::new(-piece.curvature.y, piece.curvature.x, 0.0), &end_from_tip);
             let by_length = longer + constraint(tip_direction(&end_from_tip), Vector3::zeros());
             let bend = piece.curvature.norm() * piece.length;
@@ -310,7 +310,7 @@ impl Linear {
                 by_curvature: [by_x, by_y],
                 by_length,
                 max_curvature,
-                freedom: piece.freedom(course.radius),
+                freedom: piece.freedom(reference.radius),
                 planned: piece.planned,
                 lengths: (0.5 * piece.length, 2.0 * piece.length),
             });
@@ -335,26 +335,26 @@ impl Linear {
     /// straight lines tell.
     ///
     /// The least squares have five constraints and a bound for each piece; so their dual has five unknowns and no
-    /// bound, and is convex: a pull on the end of the course, to which each piece gives way by itself as far as it can.
-    /// Newton's method with Armijo's step rule finds it (Nocedal and Wright 2006, chapters 3 and 17).
-    fn pull(&self, course: &mut Course) {
-        let mut at = self.dual(&course.pull);
+    /// bound, and is convex: a pull on the end of the reference, to which each piece gives way by itself as far as it
+    /// can. Newton's method with Armijo's step rule finds it (Nocedal and Wright 2006, chapters 3 and 17).
+    fn pull(&self, reference: &mut Reference) {
+        let mut at = self.dual(&reference.pull);
         for _ in 0..NEWTON_STEPS {
             let Some(step) = at.hessian.cholesky().map(|cholesky| cholesky.solve(&at.slope)) else { break };
             let decrease = step.dot(&at.slope);
-            let (mut share, mut next) = (1.0, self.dual(&(course.pull - step)));
+            let (mut share, mut next) = (1.0, self.dual(&(reference.pull - step)));
             while next.value > at.value - 1e-4 * share * decrease && share > 1e-3 {
                 share *= 0.5;
-                next = self.dual(&(course.pull - step * share));
+                next = self.dual(&(reference.pull - step * share));
             }
-            course.pull -= step * share;
+            reference.pull -= step * share;
             at = next;
             if at.slope.norm() < NEARLY * NEARLY {
                 break;
             }
         }
-        for (piece, columns) in course.pieces.iter_mut().rev().zip(&self.columns) {
-            (piece.curvature, piece.length, _) = columns.give_way(&course.pull);
+        for (piece, columns) in reference.pieces.iter_mut().rev().zip(&self.columns) {
+            (piece.curvature, piece.length, _) = columns.give_way(&reference.pull);
         }
     }
 
@@ -424,12 +424,12 @@ mod tests {
     }
 
     #[test]
-    fn a_course_is_the_path() {
+    fn a_reference_is_the_path() {
         for (start, _, path) in problems() {
-            let course = Course::along(&path, 100.0);
+            let reference = Reference::along(&path, 100.0);
             let planned = end(&path, &start.frame());
             let helicoid = path.iter().any(|segment| matches!(segment, Segment::Helicoid { .. }));
-            let off = (course.end(&start.frame()).translation.vector - planned.translation.vector).norm();
+            let off = (reference.end(&start.frame()).translation.vector - planned.translation.vector).norm();
             assert!(off < if helicoid { 1.0 } else { 1e-9 }, "{off} mm, {path:?}");
         }
     }
@@ -443,10 +443,10 @@ mod tests {
             let mut off = start.frame();
             off.translation.vector += random.normal_vector();
             off.rotation = super::super::estimator::rotation(&(random.normal_vector() * 0.01)) * off.rotation;
-            let mut course = Course::along(&path, 100.0);
-            let miss = course.correct(&off, &goal, max_curvature, 0.774);
-            assert!(course.pieces.iter().all(|piece| piece.curvature.norm() <= max_curvature * (1.0 + 1e-12)));
-            let end = course.end(&off);
+            let mut reference = Reference::along(&path, 100.0);
+            let miss = reference.correct(&off, &goal, max_curvature, 0.774);
+            assert!(reference.pieces.iter().all(|piece| piece.curvature.norm() <= max_curvature * (1.0 + 1e-12)));
+            let end = reference.end(&off);
             assert!(((end.translation.vector - goal.position()).norm() - miss.distance).abs() < 1e-9);
             missed += u32::from(miss.distance > 0.1 || miss.angle > 0.002);
         }
@@ -459,20 +459,20 @@ mod tests {
         let path = [Segment::Straight { length: 10.0 }];
         let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
         let goal = Pose::from_degrees([5.0, 0.0, 10.0, 0.0, 90.0]).unwrap();
-        let mut course = Course::along(&path, 100.0);
-        let miss = course.correct(&start.frame(), &goal, 0.01, 0.774);
+        let mut reference = Reference::along(&path, 100.0);
+        let miss = reference.correct(&start.frame(), &goal, 0.01, 0.774);
         assert!((4.0..5.0).contains(&miss.distance) && miss.angle < 0.05, "{miss:?}");
-        assert!((5.0..20.0).contains(&course.length()));
+        assert!((5.0..20.0).contains(&reference.length()));
     }
 
     #[test]
     fn advancing_removes_length_from_the_beginning() {
         let path = [Segment::Straight { length: 10.0 }, Segment::Arc { alpha: 0.0, bend: 0.5, length: 50.0 }];
-        let mut course = Course::along(&path, 100.0);
-        course.advance(30.0);
-        assert!((course.length() - 30.0).abs() < 1e-12);
-        assert!((course.curvature_over(5.0).norm() - 0.01).abs() < 1e-15);
-        course.advance(100.0);
-        assert_eq!(course.length(), 0.0);
+        let mut reference = Reference::along(&path, 100.0);
+        reference.advance(30.0);
+        assert!((reference.length() - 30.0).abs() < 1e-12);
+        assert!((reference.curvature_over(5.0).norm() - 0.01).abs() < 1e-15);
+        reference.advance(100.0);
+        assert_eq!(reference.length(), 0.0);
     }
 }
