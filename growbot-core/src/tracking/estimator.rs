@@ -1,9 +1,9 @@
-//! Where the tip is: dead reckoning from the layers as commanded, corrected by what is measured.
+//! The estimate of the tip: dead reckoning from the layers as commanded, corrected by measurements.
 //!
-//! An extended Kalman filter (Kalman 1960; the error of the attitude is a small rotation in the base's frame, as in
-//! Sola 2017, section 7, so that it stands still while the tip turns). Its errors are those of the position (3), of the
-//! attitude (3), and of three things that a robot does in every layer and that are learned: tilt gain, offset of the
-//! deposition angle, twist. How much more or less than asked for a layer grows is learned beside it, from the odometry.
+//! It is an extended Kalman filter (Kalman 1960). Its nine errors are those of the position (3), of the attitude (3),
+//! and of three systematic errors that it learns: tilt gain, offset of the deposition angle, twist. The error of the
+//! attitude is a small rotation in the base's frame (Sola 2017, section 7), so that it stays constant while the tip
+//! turns. The fourth systematic error, that of the growth, is learned by a filter of its own from the odometry.
 
 use nalgebra::{Rotation3, SMatrix, SVector, Vector3};
 
@@ -13,7 +13,7 @@ use crate::layer::Layer;
 use crate::pose::Frame;
 use crate::trigonometry;
 
-/// Errors that the filter keeps: position, attitude, tilt gain, deposition angle, twist.
+/// Number of the filter's errors: position (3), attitude (3), tilt gain, deposition angle, twist.
 const ERRORS: usize = 9;
 const TILT_GAIN: usize = 6;
 const ALPHA: usize = 7;
@@ -22,32 +22,32 @@ const TWIST: usize = 8;
 type Covariance = SMatrix<f64, ERRORS, ERRORS>;
 type Errors = SVector<f64, ERRORS>;
 
-/// What is assumed of a robot of which nothing is known but its description: standard deviations.
+/// Standard deviations that are assumed of any robot before the first measurement.
 mod assumed {
     use core::f64::consts::PI;
 
     const DEGREE: f64 = PI / 180.0;
-    /// How much more or less than asked for layers grow, a share; and how that changes from layer to layer.
+    /// Of the growth's bias, a share of the height; and of its change from layer to layer.
     pub const GROWTH_BIAS: f64 = 0.1;
     pub const GROWTH_BIAS_DRIFT: f64 = 1e-4;
-    /// Of the growth of a single layer, a share: what is found takes its place.
+    /// Of the growth of a single layer, a share of its height, until it is estimated; and the min of the estimate.
     pub const GROWTH: f64 = 0.06;
     pub const GROWTH_MIN: f64 = 1e-3;
-    /// Layers over which the growth's noise is found.
+    /// Number of layers over which the growth's noise is estimated.
     pub const GROWTH_WINDOW: f64 = 100.0;
-    /// How much more or less than asked for layers tilt, a share.
+    /// Of the tilt's bias, a share of the tilt.
     pub const TILT_GAIN: f64 = 0.05;
-    /// An offset of the deposition angle, radians.
+    /// Of the deposition angle's offset, radians.
     pub const ALPHA: f64 = 2.0 * DEGREE;
-    /// Twist of every layer, radians.
+    /// Of the twist of every layer, radians.
     pub const TWIST: f64 = 0.002 * DEGREE;
-    /// Max that is learned: shares, and radians.
+    /// Max systematic errors that are learned: of growth and tilt a share, of angle and twist radians.
     pub const MAX_SHARE: f64 = 0.5;
     pub const MAX_ALPHA: f64 = 30.0 * DEGREE;
     pub const MAX_TWIST: f64 = DEGREE;
-    /// Lean of a single layer about each axis of the deposition plane, radians.
+    /// Of the tilt of a single layer about each axis of the deposition plane, radians.
     pub const LEAN_NOISE: f64 = 0.003 * DEGREE;
-    /// Twist of a single layer, radians.
+    /// Of the twist of a single layer, radians.
     pub const TWIST_NOISE: f64 = 0.001 * DEGREE;
 }
 
@@ -56,7 +56,7 @@ mod assumed {
 pub struct SystematicErrors {
     /// Over-deposition, a share of the height; negative for under-deposition.
     pub growth: f64,
-    /// How much more layers tilt than asked for, a share.
+    /// Excess of the tilt, a share of the commanded tilt.
     pub tilt: f64,
     /// Offset of the deposition angle, radians.
     pub alpha: f64,
@@ -65,7 +65,7 @@ pub struct SystematicErrors {
 }
 
 impl SystematicErrors {
-    /// Nothing beyond what a robot can do: no more is learned from sensors that are broken.
+    /// The errors within the max of what a robot can do, so that broken sensors cannot teach more.
     fn within_reason(&self) -> Self {
         Self {
             growth: self.growth.clamp(-assumed::MAX_SHARE, assumed::MAX_SHARE),
@@ -75,13 +75,13 @@ impl SystematicErrors {
         }
     }
 
-    /// The layer that comes out when this one is commanded, and the twist after it.
+    /// The layer that results from a commanded one with this growth (mm), and the twist after it (radians).
     fn of(&self, commanded: &Layer, growth: f64) -> (Layer, f64) {
         let tilt = commanded.tilt * (1.0 + self.tilt);
         (Layer { alpha: commanded.alpha + self.alpha, height: growth, tilt }, self.twist)
     }
 
-    /// `base_from_tip` after a layer that is commanded so.
+    /// `base_from_tip` after a commanded layer.
     pub fn lay(&self, base_from_tip: &Frame, commanded: &Layer) -> Frame {
         self.lay_grown(base_from_tip, commanded, commanded.height * (1.0 + self.growth))
     }
@@ -96,23 +96,42 @@ impl SystematicErrors {
     }
 }
 
-/// Where the tip is, and what is known of it.
+/// The estimate of the tip's frame, its covariance, and the systematic errors.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Estimator {
     noise: SensorNoise,
     base_from_tip: Frame,
     systematic: SystematicErrors,
     covariance: Covariance,
-    /// Of the growth's bias.
+    /// Variance of the growth's bias, a share squared.
     bias_variance: f64,
-    /// Of the growth of a single layer, a share squared.
+    /// Variance of the growth of a single layer, a share squared.
     growth_variance: f64,
-    /// Layers since the odometry last said something: growth and variance that are reckoned with, mm.
-    unmeasured: (f64, f64),
+    /// The layers since the latest measurement of the odometry.
+    unmeasured: Unmeasured,
+}
+
+/// The expected growth of layers that the odometry has not measured yet.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+struct Unmeasured {
+    /// Sum of the expected growth, mm.
+    growth: f64,
+    /// Variance of that sum, mm^2.
+    variance: f64,
+}
+
+/// The growth of a layer by the odometry.
+struct MeasuredGrowth {
+    /// Growth of the layer, mm.
+    growth: f64,
+    /// Variance of that growth, mm^2.
+    variance: f64,
+    /// Correction of the unmeasured layers before it, mm.
+    correction: f64,
 }
 
 impl Estimator {
-    /// A tip that is known to be there.
+    /// An estimate that begins at a known `base_from_tip`.
     pub fn new(base_from_tip: Frame, noise: SensorNoise) -> Self {
         let mut covariance = Covariance::zeros();
         covariance[(TILT_GAIN, TILT_GAIN)] = square(assumed::TILT_GAIN);
@@ -125,16 +144,16 @@ impl Estimator {
             covariance,
             bias_variance: square(assumed::GROWTH_BIAS),
             growth_variance: square(assumed::GROWTH),
-            unmeasured: (0.0, 0.0),
+            unmeasured: Unmeasured::default(),
         }
     }
 
-    /// Where the tip is.
+    /// The estimated frame of the tip.
     pub fn base_from_tip(&self) -> &Frame {
         &self.base_from_tip
     }
 
-    /// What has been learned.
+    /// The systematic errors learned so far.
     pub fn systematic(&self) -> &SystematicErrors {
         &self.systematic
     }
@@ -155,48 +174,49 @@ impl Estimator {
         self.base_from_tip.rotation * Vector3::z()
     }
 
-    /// A layer has been laid, as commanded, and measured. How far the tip has grown, mm, by all that is known.
+    /// Ingests a layer that has been laid: as commanded, and as measured. Returns the tip's growth since the call
+    /// before, mm.
     pub fn laid(&mut self, commanded: &Layer, measured: &Measurement) -> f64 {
-        let (growth, variance, correction) =
+        let MeasuredGrowth { growth, variance, correction } =
             self.odometry(commanded, measured.growth.filter(|grown| grown.is_finite()));
         self.predict(commanded, growth, variance);
         self.base_from_tip.translation.vector += self.direction() * correction;
         if let Some(direction) = measured.direction.and_then(unit) {
-            self.see_direction(&direction);
+            self.update_by_direction(&direction);
         }
         if let Some(up) = measured.up.and_then(unit) {
-            self.see_up(&up);
+            self.update_by_up(&up);
         }
         growth + correction
     }
 
-    /// Growth of the layer and its variance, mm and mm^2; and what the layers before it, which were not measured, grew
-    /// besides.
-    fn odometry(&mut self, commanded: &Layer, measured: Option<f64>) -> (f64, f64, f64) {
+    /// The growth of the layer by the odometry's measurement, or as expected without one.
+    fn odometry(&mut self, commanded: &Layer, measured: Option<f64>) -> MeasuredGrowth {
         let height = commanded.height;
         let expected = height * (1.0 + self.systematic.growth);
         let variance = square(height) * self.growth_variance;
-        let (before, before_variance) = self.unmeasured;
+        let before = self.unmeasured;
         let Some(measured) = measured else {
-            self.unmeasured = (before + expected, before_variance + variance);
-            return (expected, variance, 0.0);
+            self.unmeasured = Unmeasured { growth: before.growth + expected, variance: before.variance + variance };
+            return MeasuredGrowth { growth: expected, variance, correction: 0.0 };
         };
-        self.unmeasured = (0.0, 0.0);
+        self.unmeasured = Unmeasured::default();
         let noise = square(height * self.noise.odometry);
-        let innovation = measured - before - expected;
-        let all = variance + before_variance;
-        if height > 0.0 && before == 0.0 {
+        let innovation = measured - before.growth - expected;
+        let all = variance + before.variance;
+        if height > 0.0 && before.growth == 0.0 {
             self.learn_growth(innovation / height, square(self.noise.odometry));
         }
         let share = all / (all + noise).max(f64::MIN_POSITIVE);
         let correction = share * innovation;
         let left = share * noise;
-        // What the layers before have to bear of it was added to the position's variance with each of them.
+        // The share of the layers before is in the position's variance since each of them.
         let own = if all > 0.0 { variance / all } else { 1.0 };
-        (expected + own * correction, left, (1.0 - own) * correction)
+        MeasuredGrowth { growth: expected + own * correction, variance: left, correction: (1.0 - own) * correction }
     }
 
-    /// A layer grew by this share of its height more than expected; the odometry's variance is a share squared.
+    /// Learns the growth's bias and noise from one layer. `innovation` is a share of the layer's height, `odometry` the
+    /// variance of the measurement, a share squared.
     fn learn_growth(&mut self, innovation: f64, odometry: f64) {
         self.bias_variance += square(assumed::GROWTH_BIAS_DRIFT);
         let variance = self.bias_variance + self.growth_variance + odometry;
@@ -204,19 +224,20 @@ impl Estimator {
         self.systematic.growth += gain * innovation;
         self.systematic = self.systematic.within_reason();
         self.bias_variance *= 1.0 - gain;
-        // One that is far off is no more than three times the noise.
+        // An outlier counts as three standard deviations at most.
         let noise = (square(innovation) - odometry - self.bias_variance).min(9.0 * self.growth_variance);
         let found = self.growth_variance + (noise - self.growth_variance) / assumed::GROWTH_WINDOW;
         self.growth_variance = found.max(square(assumed::GROWTH_MIN));
     }
 
+    /// Predicts the tip after a layer of this growth (mm) and variance (mm^2).
     fn predict(&mut self, commanded: &Layer, growth: f64, growth_variance: f64) {
         let before = self.base_from_tip;
         let after = self.systematic.lay_grown(&before, commanded, growth);
         let (layer, _) = self.systematic.of(commanded, growth);
         let moved = after.translation.vector - before.translation.vector;
         let (sine, cosine) = trigonometry::sin_cos(layer.alpha);
-        // The tip turns about this axis, by the tilt; and about the other one where the deposition angle is off.
+        // The tilt turns the tip about the first axis, an offset of the deposition angle about the second.
         let turns = before.rotation * Vector3::new(sine, -cosine, 0.0) * commanded.tilt;
         let strays = before.rotation * Vector3::new(cosine, sine, 0.0) * layer.tilt;
         let twists = after.rotation * Vector3::z();
@@ -225,7 +246,7 @@ impl Estimator {
         change.fixed_view_mut::<3, 3>(0, 3).copy_from(&-moved.cross_matrix());
         for (error, turn) in [(TILT_GAIN, turns), (ALPHA, strays), (TWIST, twists)] {
             change.fixed_view_mut::<3, 1>(3, error).copy_from(&turn);
-            // Half of the turn is made on the way.
+            // On the way the tip has made half of the turn on average.
             change.fixed_view_mut::<3, 1>(0, error).copy_from(&(turn.cross(&moved) * 0.5));
         }
         self.covariance = change * self.covariance * change.transpose();
@@ -238,25 +259,25 @@ impl Estimator {
         self.base_from_tip = after;
     }
 
-    /// The direction of growth, measured in the base's frame.
-    fn see_direction(&mut self, direction: &Vector3<f64>) {
+    /// Updates with the direction of growth, measured in the base's frame.
+    fn update_by_direction(&mut self, direction: &Vector3<f64>) {
         let rotation = self.base_from_tip.rotation;
         let (x, y) = (rotation * Vector3::x(), rotation * Vector3::y());
         // An error w turns the direction d by w x d: along x by w.y, along y by -w.x.
-        self.see([(y, x.dot(direction)), (-x, y.dot(direction))]);
+        self.update([(y, x.dot(direction)), (-x, y.dot(direction))]);
     }
 
-    /// The direction upwards, measured in the tip's frame.
-    fn see_up(&mut self, up: &Vector3<f64>) {
+    /// Updates with the direction upwards, measured in the tip's frame.
+    fn update_by_up(&mut self, up: &Vector3<f64>) {
         let seen = self.base_from_tip.rotation * up;
         // An error w shows as z - w x z.
-        self.see([(-Vector3::y(), seen.x), (Vector3::x(), seen.y)]);
+        self.update([(-Vector3::y(), seen.x), (Vector3::x(), seen.y)]);
     }
 
-    /// Two numbers, each of which shows the attitude's error along an axis.
-    fn see(&mut self, seen: [(Vector3<f64>, f64); 2]) {
+    /// Updates with two measurements of the attitude's error, each an axis and the component along it (radians).
+    fn update(&mut self, measured: [(Vector3<f64>, f64); 2]) {
         let mut found = Errors::zeros();
-        for (axis, value) in seen {
+        for (axis, value) in measured {
             let toward = self.covariance.fixed_view::<ERRORS, 3>(0, 3) * axis;
             let variance = axis.dot(&toward.fixed_rows::<3>(3)) + square(self.noise.direction);
             if variance > 0.0 {
@@ -283,7 +304,7 @@ fn unit(vector: Vector3<f64>) -> Option<Vector3<f64>> {
     vector.iter().all(|part| part.is_finite()).then_some(vector)?.try_normalize(1e-9)
 }
 
-/// The rotation by a vector: about it, by its length (Rodrigues).
+/// The rotation about a vector by its length, radians (Rodrigues' formula).
 pub fn rotation(by: &Vector3<f64>) -> Rotation3<f64> {
     let angle = by.norm();
     let Some(axis) = by.try_normalize(0.0) else { return Rotation3::identity() };
@@ -293,7 +314,7 @@ pub fn rotation(by: &Vector3<f64>) -> Rotation3<f64> {
     Rotation3::from_matrix_unchecked(matrix)
 }
 
-/// The rotation without what rounding has added to it.
+/// The rotation without the rounding errors that make it not orthonormal.
 fn orthonormal(rotation: &Rotation3<f64>) -> Rotation3<f64> {
     let matrix = rotation.matrix();
     let z = matrix.column(2).normalize();
@@ -342,7 +363,7 @@ mod tests {
     }
 
     #[test]
-    fn what_it_does_not_know_is_as_much_as_it_says() {
+    fn errors_are_as_large_as_the_standard_deviations() {
         let disturbance = Disturbance { growth_noise: 0.1, tilt_noise: radians(0.005), ..Disturbance::default() };
         let (mut position, mut direction) = (0.0, 0.0);
         for seed in 0..60 {

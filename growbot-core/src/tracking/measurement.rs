@@ -1,19 +1,20 @@
-//! What is measured of a layer once it is laid.
+//! The measurements after a layer.
 
 use nalgebra::Vector3;
 
-/// What the sensors say after a layer. None where a robot does not have the sensor, or where it gave nothing.
+/// The sensors' measurements after a layer. `None` where the robot does not have the sensor, or where it gave nothing.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Measurement {
-    /// By odometry: how far the tip has grown since the last layer with such a measurement, mm.
+    /// Growth of the tip since the latest layer with such a measurement, by odometry, mm.
     pub growth: Option<f64>,
-    /// The direction of growth in the base's frame.
+    /// The direction of growth in the base's frame; its length does not matter.
     pub direction: Option<Vector3<f64>>,
-    /// The direction upwards in the tip's frame, as a resting accelerometer shows it. It says nothing of the heading.
+    /// The direction upwards in the tip's frame, as a resting accelerometer shows it. It does not depend on the
+    /// heading.
     pub up: Option<Vector3<f64>>,
 }
 
-/// How far measurements are off: zero-mean, normal, independent from layer to layer.
+/// The noise of measurements: zero-mean, normal, independent from layer to layer.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SensorNoise {
     /// Standard deviation of the odometry, a share of the layer's height.

@@ -1,7 +1,6 @@
-//! Arriving in spite of noise: where the tip is by what was measured, and the rest of the path planned again from
-//! there.
+//! The closed loop: an estimate of the tip from the measurements, and a reference trajectory from there to the goal.
 //!
-//! After each layer the [`Tracker`] ingests what was measured, and bends the rest of the path so that it still ends at
+//! After each layer the [`Tracker`] ingests the measurements and bends the rest of the path so that it still ends at
 //! the goal.
 
 mod estimator;

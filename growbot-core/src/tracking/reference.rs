@@ -1,9 +1,9 @@
-//! The rest of the path: pieces of constant curvature from the tip to the goal, bent so that they end there.
+//! The reference trajectory: the rest of the path as pieces of constant curvature, bent so that they end at the goal.
 //!
-//! What is planned again after a layer is hardly ever far from what was planned before it. So the pieces are corrected,
-//! not found anew: of all corrections that lead to the goal, the one that strays least from the path as it was planned
-//! (the least squares of curvature and length, by Gauss and Newton), with no curvature above the max. A path is planned
-//! with a radius over R_min, and corrected down to it.
+//! The path after a layer differs little from the path before it, so the pieces are corrected and not searched for
+//! again. Of all corrections that lead to the goal with no curvature above the max, the one with the smallest deviation
+//! from the planned path is taken: least squares of curvature and length, by the Gauss-Newton method. A path is planned
+//! with a radius over R_min; its correction may use radii down to R_min.
 
 use heapless::Vec;
 use nalgebra::{SMatrix, SVector, Vector2, Vector3};
@@ -13,82 +13,106 @@ use crate::path::Segment;
 use crate::pose::{Frame, Pose, angle_between, tip_direction};
 use crate::trigonometry;
 
-/// Max pieces.
+/// Max number of pieces.
 const MAX_PIECES: usize = 48;
-/// A path is first cut into about this many pieces.
+/// Approximate number of pieces into which a path is divided at first.
 const FIRST_PIECES: f64 = 40.0;
-/// Min pieces, as long as each is longer than a layer.
+/// Min number of pieces, as long as each is longer than a layer.
 const MIN_PIECES: usize = 12;
-/// Corrections in a row.
+/// Max number of Gauss-Newton steps for one correction.
 const ROUNDS: usize = 5;
-/// How often one that leads away from the goal is halved.
+/// Max number of times that a step which increases the error is halved.
 const HALVINGS: usize = 4;
-/// Steps of Newton's method in one of them.
+/// Max number of steps of Newton's method on the dual, for one Gauss-Newton step.
 const NEWTON_STEPS: usize = 20;
-/// Position (mm) and direction (radians): three, and two.
+/// Number of constraints: three of the end's position, two of its direction.
 const CONSTRAINTS: usize = 5;
-/// A correction of less than this, in radii and radians, leaves no more than its square.
+/// A correction below this, in radii and radians, leaves an error of about its square.
 const NEARLY: f64 = 1e-3;
-/// A goal is not met better than this at any cost: deviations by which missing it is weighed, radii and radians.
-const UNWEIGHED: [f64; 2] = [2e-4, 1e-4];
-/// How far a piece as long as a radius may stray: the deviation of its curvature, in curvatures of the radius, and of
-/// its length, in radii.
-const FREEDOM: [f64; 2] = [0.2, 0.2];
+/// Standard deviations of position (radii) and direction (radians) by which an error at the goal is weighted, so that
+/// no curvature is spent on smaller errors.
+const GOAL_DEVIATION: [f64; 2] = [2e-4, 1e-4];
+/// Standard deviations from the plan of a piece that is a radius long: of its curvature, in inverse radii, and of its
+/// length, in radii.
+const PIECE_DEVIATION: [f64; 2] = [0.2, 0.2];
+
+/// The shape of a piece.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Shape {
+    /// The direction to which the tip bends, in its own frame, times the curvature, 1/mm.
+    curvature: Vector2<f64>,
+    /// Length, mm.
+    length: f64,
+}
+
+/// Variances of a piece's deviation from its plan.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Variances {
+    /// Of the curvature, 1/mm^2.
+    curvature: f64,
+    /// Of the length, mm^2.
+    length: f64,
+}
 
 /// A piece of constant curvature.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Piece {
-    /// Where the tip bends to, in its own frame, with the curvature as its length, 1/mm.
+    /// The direction to which the tip bends, in its own frame, times the curvature, 1/mm.
     curvature: Vector2<f64>,
-    /// mm.
+    /// Length, mm.
     length: f64,
-    /// Both as they were planned.
-    planned: (Vector2<f64>, f64),
+    /// The shape as planned.
+    planned: Shape,
 }
 
 impl Piece {
     fn new(curvature: Vector2<f64>, length: f64) -> Self {
-        Self { curvature, length, planned: (curvature, length) }
+        Self { curvature, length, planned: Shape { curvature, length } }
     }
 
-    /// Variances of curvature (1/mm^2) and length (mm^2) with which straying is weighed, by the scale's units.
-    fn freedom(&self, radius: f64) -> (f64, f64) {
-        let length = (self.planned.1 / radius).max(f64::MIN_POSITIVE);
-        (FREEDOM[0] * FREEDOM[0] / (length * radius), FREEDOM[1] * FREEDOM[1] * length * radius)
+    /// The variances by which deviations of this piece are weighted. `radius` is the scale of lengths, mm.
+    fn variances(&self, radius: f64) -> Variances {
+        let length = (self.planned.length / radius).max(f64::MIN_POSITIVE);
+        Variances {
+            curvature: PIECE_DEVIATION[0] * PIECE_DEVIATION[0] / (length * radius),
+            length: PIECE_DEVIATION[1] * PIECE_DEVIATION[1] * length * radius,
+        }
     }
 
-    /// The rest of it.
+    /// The piece without its first `length` mm.
     fn without(self, length: f64) -> Self {
         let share = ((self.length - length) / self.length).max(0.0);
-        Self { length: self.length * share, planned: (self.planned.0, self.planned.1 * share), ..self }
+        let planned = Shape { length: self.planned.length * share, ..self.planned };
+        Self { length: self.length * share, planned, ..self }
     }
 }
 
-/// How far from the goal a reference ends.
+/// The error at the end of a reference trajectory.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Miss {
-    /// mm.
+    /// Distance from the goal, mm.
     pub distance: f64,
-    /// Radians.
+    /// Angle between the directions of growth, radians.
     pub angle: f64,
 }
 
-/// The rest of a path.
+/// The rest of a path as a reference trajectory.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Reference {
     pieces: Vec<Piece, MAX_PIECES>,
     /// Scale of lengths and curvatures, mm.
     radius: f64,
-    /// The pull on its end that bends it as it is.
+    /// The dual variables of the latest correction: a pull on the end that bends the pieces as they are.
     pull: Constraint,
 }
 
 impl Reference {
-    /// The reference that a path of up to [`MAX_SEGMENTS`](crate::path::MAX_SEGMENTS) segments is.
+    /// The reference trajectory of a path of up to [`MAX_SEGMENTS`](crate::path::MAX_SEGMENTS) segments. `radius` is
+    /// the scale of lengths, mm.
     pub fn along(path: &[Segment], radius: f64) -> Self {
         let bend: f64 = path.iter().map(Segment::bend).sum();
         let length: f64 = path.iter().map(Segment::length).sum();
-        // A piece is as long as a share of all length, or as bent as a share of all bends.
+        // The share of the pieces that a segment gets, by its share of the bends and of the length.
         let share = |segment: &Segment| {
             let of_bend = if bend > 0.0 { segment.bend() / bend } else { 0.0 };
             let of_length = if length > 0.0 { segment.length() / length } else { 0.0 };
@@ -99,19 +123,19 @@ impl Reference {
             let count = libm::ceil(FIRST_PIECES * share(segment)).max(1.0);
             for index in 0..count as usize {
                 let piece = piece_of(segment, index as f64 / count, (index + 1) as f64 / count);
-                // A path that a planner puts together has at most 46.
+                // A path of a planner has at most 46 pieces.
                 let _ = pieces.push(piece);
             }
         }
         Self { pieces, radius, pull: Constraint::zeros() }
     }
 
-    /// mm.
+    /// Length, mm.
     pub fn length(&self) -> f64 {
         self.pieces.iter().map(|piece| piece.length).sum()
     }
 
-    /// Removes this length from the beginning of the reference.
+    /// Removes `length` mm from the beginning.
     pub fn advance(&mut self, mut length: f64) {
         while let Some(first) = self.pieces.first_mut() {
             if first.length > length {
@@ -123,7 +147,7 @@ impl Reference {
         }
     }
 
-    /// The reference of a tip that is turned by `roll` about its direction of growth (radians, counter-clockwise).
+    /// Turns the pieces for a tip that is turned by `roll` about its direction of growth (radians, counter-clockwise).
     pub fn roll(&mut self, roll: f64) {
         if roll == 0.0 {
             return;
@@ -132,11 +156,11 @@ impl Reference {
         let back = |v: Vector2<f64>| Vector2::new(cosine * v.x + sine * v.y, cosine * v.y - sine * v.x);
         for piece in &mut self.pieces {
             piece.curvature = back(piece.curvature);
-            piece.planned.0 = back(piece.planned.0);
+            piece.planned.curvature = back(piece.planned.curvature);
         }
     }
 
-    /// `base_from_tip` at the end of the reference.
+    /// `base_from_tip` at the end of the reference trajectory that begins at this `base_from_tip`.
     pub fn end(&self, base_from_tip: &Frame) -> Frame {
         self.pieces.iter().fold(*base_from_tip, |base_from_tip, piece| {
             let alpha = libm::atan2(-piece.curvature.y, -piece.curvature.x);
@@ -144,7 +168,7 @@ impl Reference {
         })
     }
 
-    /// The mean curvature over the first stretch of this length.
+    /// The mean curvature over the first `stretch` mm, 1/mm.
     pub fn curvature_over(&self, stretch: f64) -> Vector2<f64> {
         let (mut left, mut turned) = (stretch, Vector2::zeros());
         for piece in &self.pieces {
@@ -159,33 +183,33 @@ impl Reference {
         if covered > 0.0 { turned / covered } else { turned }
     }
 
-    /// Bends the reference so that it leads from the tip to the goal, with no piece bent tighter than `max_curvature`
-    /// (1/mm). How far from the goal it ends then. Where only few pieces are left they are cut, down to about
-    /// `resolution`, mm.
+    /// Bends the reference trajectory so that it leads from the tip to the goal, with no curvature above
+    /// `max_curvature` (1/mm), and returns the error that remains. Where few pieces are left they are divided, down to
+    /// about `resolution` mm.
     pub fn correct(&mut self, base_from_tip: &Frame, goal: &Pose, max_curvature: f64, resolution: f64) -> Miss {
         self.refine(resolution);
         let mut linear = Linear::default();
         linear.set(self, base_from_tip, goal, max_curvature);
         for _ in 0..ROUNDS {
-            let (before, error) = (self.clone(), linear.weighed_error());
+            let (before, error) = (self.clone(), linear.weighted_error());
             linear.pull(self);
             linear.set(self, base_from_tip, goal, max_curvature);
             for _ in 0..HALVINGS {
-                if linear.weighed_error() <= error.max(1.0) {
+                if linear.weighted_error() <= error.max(1.0) {
                     break;
                 }
                 self.back_halfway(&before);
                 linear.set(self, base_from_tip, goal, max_curvature);
             }
-            // What cannot be reached is not reached in more rounds.
-            if linear.error.norm() < NEARLY * NEARLY || linear.weighed_error() > 0.99 * error {
+            // A goal that is out of reach stays so in further rounds.
+            if linear.error.norm() < NEARLY * NEARLY || linear.weighted_error() > 0.99 * error {
                 break;
             }
         }
         linear.miss
     }
 
-    /// Half of the way back to how the pieces were before.
+    /// Takes half of the latest step back.
     fn back_halfway(&mut self, before: &Self) {
         for (piece, before) in self.pieces.iter_mut().zip(&before.pieces) {
             piece.curvature = (piece.curvature + before.curvature) * 0.5;
@@ -194,7 +218,7 @@ impl Reference {
         self.pull = (self.pull + before.pull) * 0.5;
     }
 
-    /// Cuts the longest pieces while there are few.
+    /// Divides the longest pieces while there are few.
     fn refine(&mut self, resolution: f64) {
         while self.pieces.len() < MIN_PIECES {
             let longest = self.pieces.iter().enumerate().max_by(|a, b| a.1.length.total_cmp(&b.1.length));
@@ -213,33 +237,37 @@ impl Reference {
 
 type Constraint = SVector<f64, CONSTRAINTS>;
 
-/// How the end of a reference moves with its pieces.
+/// The end of a reference trajectory, linearised in the shapes of its pieces.
 #[derive(Default)]
 struct Linear {
-    /// From the end to the goal, in the end's frame: radii, and radians about its y and -x axes.
+    /// The error from the end to the goal, in the end's frame: radii, and radians about its y and -x axes.
     error: Constraint,
-    /// The same, had no piece strayed from what was planned.
+    /// The error as linearised for pieces that are as planned.
     from_planned: Constraint,
-    /// For each piece, from the last to the first.
+    /// The columns of the pieces, from the last piece to the first.
     columns: Vec<Columns, MAX_PIECES>,
     miss: Miss,
 }
 
-/// How the end of a reference moves with a piece: by its curvature's x and y (1/mm) and its length (mm); and how far
-/// that may stray.
+/// The derivatives of the end with respect to one piece, and the piece's limits.
 struct Columns {
+    /// Derivatives with respect to the curvature's x and y, 1/mm.
     by_curvature: [Constraint; 2],
+    /// Derivative with respect to the length, mm.
     by_length: Constraint,
     /// Max curvature, 1/mm.
     max_curvature: f64,
-    /// Variances: 1/mm^2 and mm^2.
-    freedom: (f64, f64),
-    planned: (Vector2<f64>, f64),
-    /// No piece is made much longer or shorter at once: what is far from straight is not to be trusted.
-    lengths: (f64, f64),
+    /// Variances of the deviation from the plan.
+    variances: Variances,
+    /// The shape as planned.
+    planned: Shape,
+    /// Min length after one step, mm. The linearisation holds for small steps only.
+    min_length: f64,
+    /// Max length after one step, mm.
+    max_length: f64,
 }
 
-/// The dual at a pull: its value, slope and Hessian.
+/// The value, slope and Hessian of the dual at a pull.
 struct Dual {
     value: f64,
     slope: Constraint,
@@ -247,45 +275,48 @@ struct Dual {
 }
 
 impl Columns {
-    /// The curvature and the length that a pull gives the piece; and the curvature that it would have without a bound.
-    fn give_way(&self, pull: &Constraint) -> (Vector2<f64>, f64, Vector2<f64>) {
+    /// The shape that a pull gives the piece, and the curvature (1/mm) that it would have without the bound.
+    fn give_way(&self, pull: &Constraint) -> (Shape, Vector2<f64>) {
         let [x, y] = self.by_curvature.map(|column| column.dot(pull));
-        let wanted = self.planned.0 + Vector2::new(x, y) * self.freedom.0;
-        let tightness = wanted.norm();
-        let curvature = if tightness > self.max_curvature { wanted * (self.max_curvature / tightness) } else { wanted };
-        let length = self.planned.1 + self.by_length.dot(pull) * self.freedom.1;
-        (curvature, length.clamp(self.lengths.0, self.lengths.1), wanted)
+        let unbounded = self.planned.curvature + Vector2::new(x, y) * self.variances.curvature;
+        let tightness = unbounded.norm();
+        let is_bounded = tightness > self.max_curvature;
+        let curvature = if is_bounded { unbounded * (self.max_curvature / tightness) } else { unbounded };
+        let length = self.planned.length + self.by_length.dot(pull) * self.variances.length;
+        (Shape { curvature, length: length.clamp(self.min_length, self.max_length) }, unbounded)
     }
 
+    /// Adds the piece's part to the dual.
     fn add_to(&self, dual: &mut Dual, pull: &Constraint) {
-        let (curvature, length, wanted) = self.give_way(pull);
+        let (Shape { curvature, length }, unbounded) = self.give_way(pull);
         let [by_x, by_y] = &self.by_curvature;
-        let (strayed, longer) = (curvature - self.planned.0, length - self.planned.1);
+        let (strayed, longer) = (curvature - self.planned.curvature, length - self.planned.length);
         let moved = by_x * strayed.x + by_y * strayed.y + self.by_length * longer;
-        let cost = strayed.norm_squared() / self.freedom.0 + longer * longer / self.freedom.1;
+        let cost = strayed.norm_squared() / self.variances.curvature + longer * longer / self.variances.length;
         dual.value += moved.dot(pull) - 0.5 * cost;
         dual.slope += moved;
-        let tightness = wanted.norm();
+        let tightness = unbounded.norm();
         if tightness > self.max_curvature {
-            // Along the bound only, and the less the further it is pulled beyond.
-            let across = (by_y * wanted.x - by_x * wanted.y) / tightness;
-            dual.hessian += across * across.transpose() * (self.freedom.0 * self.max_curvature / tightness);
+            // The curvature moves along the bound only, and the less the further the pull is beyond it.
+            let across = (by_y * unbounded.x - by_x * unbounded.y) / tightness;
+            dual.hessian += across * across.transpose() * (self.variances.curvature * self.max_curvature / tightness);
         } else {
-            dual.hessian += (by_x * by_x.transpose() + by_y * by_y.transpose()) * self.freedom.0;
+            dual.hessian += (by_x * by_x.transpose() + by_y * by_y.transpose()) * self.variances.curvature;
         }
-        if self.lengths.0 < length && length < self.lengths.1 {
-            dual.hessian += self.by_length * self.by_length.transpose() * self.freedom.1;
+        if self.min_length < length && length < self.max_length {
+            dual.hessian += self.by_length * self.by_length.transpose() * self.variances.length;
         }
     }
 }
 
 impl Linear {
+    /// Linearises the end of `reference`.
     fn set(&mut self, reference: &Reference, base_from_tip: &Frame, goal: &Pose, max_curvature: f64) {
         let constraint = |moved: Vector3<f64>, turned: Vector3<f64>| {
             let moved = moved / reference.radius;
             Constraint::new(moved.x, moved.y, moved.z, turned.y, -turned.x)
         };
-        // What turns about a point moves the end, which lies in the origin of its own frame.
+        // A turn about a point moves the end, which lies in the origin of its own frame.
         let turning = |axis: Vector3<f64>, end_from: &Frame| {
             let turned = end_from.rotation * axis;
             constraint(end_from.translation.vector.cross(&turned), turned)
@@ -304,39 +335,40 @@ impl Linear {
             end_from_tip = end_from_middle * back;
             let by_x = turning(Vector3::y() * piece.length, &end_from_middle);
             let by_y = turning(-Vector3::x() * piece.length, &end_from_middle);
-            let strayed = piece.curvature - piece.planned.0;
-            from_planned += by_x * strayed.x + by_y * strayed.y + by_length * (piece.length - piece.planned.1);
+            let strayed = piece.curvature - piece.planned.curvature;
+            from_planned += by_x * strayed.x + by_y * strayed.y + by_length * (piece.length - piece.planned.length);
             let _ = self.columns.push(Columns {
                 by_curvature: [by_x, by_y],
                 by_length,
                 max_curvature,
-                freedom: piece.freedom(reference.radius),
+                variances: piece.variances(reference.radius),
                 planned: piece.planned,
-                lengths: (0.5 * piece.length, 2.0 * piece.length),
+                min_length: 0.5 * piece.length,
+                max_length: 2.0 * piece.length,
             });
         }
         let base_from_end = base_from_tip * end_from_tip.inverse();
         let to_goal = base_from_end.inverse_transform_point(&goal.position().into()).coords;
         let direction = base_from_end.inverse_transform_vector(&goal.direction());
         let angle = angle_between(&Vector3::z(), &direction);
-        // Of a goal that lies behind, the sine says too little.
+        // For a goal behind the end the sine is too small: the angle is the error.
         let about = Vector3::z().cross(&direction).try_normalize(1e-12).unwrap_or_else(Vector3::zeros);
         let error = constraint(to_goal, about * angle);
         (self.error, self.from_planned) = (error, from_planned + error);
         self.miss = Miss { distance: to_goal.norm(), angle };
     }
 
-    /// The error in units of what is not weighed.
-    fn weighed_error(&self) -> f64 {
-        self.error.component_div(&Constraint::from_fn(|row, _| UNWEIGHED[row / 3])).norm()
+    /// The error in units of [`GOAL_DEVIATION`].
+    fn weighted_error(&self) -> f64 {
+        self.error.component_div(&Constraint::from_fn(|row, _| GOAL_DEVIATION[row / 3])).norm()
     }
 
-    /// Moves the pieces to where they stray least, none of them bent too tightly, and lead to the goal as far as
-    /// straight lines tell.
+    /// Makes one Gauss-Newton step: moves the pieces to the shapes that deviate least from the plan, keep the bounds
+    /// and lead to the goal in the linearised problem.
     ///
-    /// The least squares have five constraints and a bound for each piece; so their dual has five unknowns and no
-    /// bound, and is convex: a pull on the end of the reference, to which each piece gives way by itself as far as it
-    /// can. Newton's method with Armijo's step rule finds it (Nocedal and Wright 2006, chapters 3 and 17).
+    /// The least squares have five constraints and a bound for each piece. Their dual is convex and has five unknowns
+    /// and no bound: a pull on the end of the reference trajectory, to which each piece gives way on its own. Newton's
+    /// method with Armijo's step rule finds the pull (Nocedal and Wright 2006, chapters 3 and 17).
     fn pull(&self, reference: &mut Reference) {
         let mut at = self.dual(&reference.pull);
         for _ in 0..NEWTON_STEPS {
@@ -354,16 +386,17 @@ impl Linear {
             }
         }
         for (piece, columns) in reference.pieces.iter_mut().rev().zip(&self.columns) {
-            (piece.curvature, piece.length, _) = columns.give_way(&reference.pull);
+            (Shape { curvature: piece.curvature, length: piece.length }, _) = columns.give_way(&reference.pull);
         }
     }
 
+    /// The dual at a pull.
     fn dual(&self, pull: &Constraint) -> Dual {
-        let weight = Constraint::from_fn(|row, _| UNWEIGHED[row / 3] * UNWEIGHED[row / 3]);
-        let held = weight.component_mul(pull);
+        let weight = Constraint::from_fn(|row, _| GOAL_DEVIATION[row / 3] * GOAL_DEVIATION[row / 3]);
+        let weighted = weight.component_mul(pull);
         let mut dual = Dual {
-            value: 0.5 * held.dot(pull) - self.from_planned.dot(pull),
-            slope: held - self.from_planned,
+            value: 0.5 * weighted.dot(pull) - self.from_planned.dot(pull),
+            slope: weighted - self.from_planned,
             hessian: SMatrix::from_diagonal(&weight),
         };
         for columns in &self.columns {
@@ -373,7 +406,7 @@ impl Linear {
     }
 }
 
-/// A part of a segment, from one share of its length to another, as a piece.
+/// The piece for a part of a segment. `from` and `to` are shares of the segment's length.
 fn piece_of(segment: &Segment, from: f64, to: f64) -> Piece {
     let length = segment.length() * (to - from);
     let curvature = match *segment {
@@ -382,7 +415,7 @@ fn piece_of(segment: &Segment, from: f64, to: f64) -> Piece {
         Segment::Helicoid { curve, radius, length: whole } => {
             let start_from = |share: f64| curve.frame_after(share * whole / radius);
             let turned = start_from(from).rotation.inverse() * start_from(to).rotation;
-            // Turned about (-y, x) of where it bends to.
+            // The turn is about (-y, x) of the direction to which the piece bends.
             let axis = turned.scaled_axis();
             Vector2::new(axis.y, -axis.x) / length
         }
@@ -390,6 +423,7 @@ fn piece_of(segment: &Segment, from: f64, to: f64) -> Piece {
     Piece::new(curvature, length)
 }
 
+/// The unit vector at this angle, radians.
 fn towards(angle: f64) -> Vector2<f64> {
     let (sine, cosine) = trigonometry::sin_cos(angle);
     Vector2::new(cosine, sine)
@@ -435,7 +469,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tip_that_is_off_is_led_to_the_goal_within_the_greatest_curvature() {
+    fn a_tip_that_is_off_is_led_to_the_goal_within_the_max_curvature() {
         let max_curvature = 1.0 / 98.2;
         let mut missed = 0;
         for (seed, (start, goal, path)) in (0..).zip(problems()) {
@@ -450,7 +484,7 @@ mod tests {
             assert!(((end.translation.vector - goal.position()).norm() - miss.distance).abs() < 1e-9);
             missed += u32::from(miss.distance > 0.1 || miss.angle > 0.002);
         }
-        // Paths of three bends without a line have nothing to give.
+        // Paths of three bends without a line leave no room for a correction.
         assert!(missed <= 4, "{missed} of 40");
     }
 

@@ -1,4 +1,4 @@
-//! The closed loop: measure a layer, know better where the tip is, plan the rest from there.
+//! The closed loop: it measures a layer, updates the estimate of the tip, and plans the rest from there.
 
 use core::f64::consts::PI;
 
@@ -13,16 +13,16 @@ use crate::path::{Leg, MAX_SEGMENTS, Segment, end};
 use crate::pose::{Frame, Pose};
 use crate::robot::Robot;
 
-/// Where the tip is by all that was measured.
+/// The estimate of the tip by all measurements so far.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Estimate {
-    /// Where it is.
+    /// The estimated frame of the tip.
     pub base_from_tip: Frame,
     /// Standard deviation of the position, mm: the root of the sum over the axes.
     pub position_deviation: f64,
     /// Standard deviation of the direction, radians: the root of the sum over the two axes across it.
     pub direction_deviation: f64,
-    /// The systematic errors that were found, the same in every layer.
+    /// The systematic errors of the robot's layers, as far as they have been learned.
     pub systematic_errors: SystematicErrors,
 }
 
@@ -31,20 +31,22 @@ pub struct Estimate {
 pub struct Tracker<'a> {
     robot: &'a Robot,
     estimator: Estimator,
-    /// The path up to the next goal, from where the next layer that can be changed begins.
+    /// The reference trajectory to the next goal. It begins with the next layer that can be changed.
     reference: Reference,
-    /// Where that is.
+    /// The estimated frame of the tip at the beginning of the reference trajectory.
     begins: Frame,
     stages: Stages<'a>,
-    /// Layers laid, and layers that can no longer be changed: their part of the reference has been removed.
+    /// Number of layers laid.
     laid: u64,
+    /// Number of layers that can no longer be changed. Their part of the reference trajectory has been removed.
     committed: u64,
+    /// The error at the end of the reference trajectory.
     miss: Miss,
 }
 
 impl<'a> Tracker<'a> {
-    /// Before the first layer. The path leads from the start through the goals of its legs, each of which is steered
-    /// for in turn.
+    /// A tracker before the first layer. The path leads from the start through the goals of its legs; the tracker
+    /// steers for one goal after the other.
     #[must_use]
     pub fn new(robot: &'a Robot, start: &Pose, path: &'a [Segment], legs: &'a [Leg], noise: SensorNoise) -> Self {
         let mut stages = Stages::new(robot, start, path, legs);
@@ -56,7 +58,7 @@ impl<'a> Tracker<'a> {
         tracker
     }
 
-    /// A layer has been laid: as it was commanded, and what was measured after it.
+    /// Ingests a layer that has been laid: as it was commanded, and as it was measured.
     pub fn laid(&mut self, commanded: &Layer, measured: &Measurement) {
         let growth = self.estimator.laid(commanded, measured);
         self.laid += 1;
@@ -65,15 +67,15 @@ impl<'a> Tracker<'a> {
         }
     }
 
-    /// A layer of this growth, mm, can no longer be changed.
+    /// Removes a layer of this growth (mm), which can no longer be changed, from the reference trajectory.
     fn commit(&mut self, growth: f64) {
         self.committed += 1;
         self.reference.advance(growth);
         self.reference.roll(self.estimator.systematic().twist);
     }
 
-    /// Plans the rest again, from where the tip will be once the layers under way, which can no longer be changed, are
-    /// laid.
+    /// Plans the rest again. It begins where the tip will be after the layers `under_way`, which can no longer be
+    /// changed.
     pub fn replan(&mut self, under_way: &[Layer]) {
         let systematic = *self.estimator.systematic();
         self.begins = *self.estimator.base_from_tip();
@@ -91,7 +93,7 @@ impl<'a> Tracker<'a> {
         self.miss = self.reference.correct(&self.begins, &self.stages.goal, self.max_curvature(), resolution);
     }
 
-    /// The layers to come, as they are to be commanded now.
+    /// The layers to command from here to the last goal, as planned now.
     pub fn rest(&self) -> impl Iterator<Item = Layer> + use<'a> {
         let (robot, systematic, max_curvature) = (self.robot, *self.estimator.systematic(), self.max_curvature());
         let (mut reference, mut stages) = (self.reference.clone(), self.stages.clone());
@@ -109,14 +111,14 @@ impl<'a> Tracker<'a> {
         })
     }
 
-    /// The next layer to command; none at the end.
+    /// The next layer to command; `None` at the end.
     #[must_use]
     pub fn next_layer(&self) -> Option<Layer> {
         let (layer, _) = first_layer(&self.reference, self.robot, self.estimator.systematic(), self.max_curvature())?;
         Some(layer)
     }
 
-    /// Where the tip is.
+    /// The estimate of the tip.
     #[must_use]
     pub fn estimate(&self) -> Estimate {
         Estimate {
@@ -127,13 +129,14 @@ impl<'a> Tracker<'a> {
         }
     }
 
-    /// How far from the next goal the rest of the way to it would end.
+    /// The error at the next goal that the reference trajectory leaves.
     #[must_use]
     pub fn miss(&self) -> Miss {
         self.miss
     }
 
-    /// Max curvature that comes out, 1/mm: as tight as the stiff parts pass, and as the layers' limits allow.
+    /// Max curvature of the body as it results, 1/mm: by the packaging limit, and by the limits of a layer with the
+    /// systematic errors learned.
     fn max_curvature(&self) -> f64 {
         let SystematicErrors { growth, tilt, .. } = *self.estimator.systematic();
         let laid = (1.0 + tilt) / (self.robot.min_radius_by_layers() * (1.0 + growth));
@@ -141,19 +144,19 @@ impl<'a> Tracker<'a> {
     }
 }
 
-/// What a path leads to, one after the other: the goals of its legs, and where a leg has more segments than a reference
-/// takes, the poses that are planned between.
+/// The poses that a path leads through, one after the other: the goals of its legs. A leg with more segments than a
+/// reference trajectory can have is divided at planned poses.
 #[derive(Debug, Clone)]
 struct Stages<'a> {
     path: &'a [Segment],
     legs: &'a [Leg],
-    /// Segments that are left of the first leg.
+    /// Number of segments that are left of the first leg.
     left: usize,
-    /// Where the rest of the path begins, as it was planned.
+    /// The planned frame at the beginning of the rest of the path.
     planned: Frame,
-    /// What is steered for.
+    /// The pose to steer for.
     goal: Pose,
-    /// Of the path's bends, mm.
+    /// Radius of the path's tightest bend, mm.
     radius: f64,
 }
 
@@ -165,7 +168,8 @@ impl<'a> Stages<'a> {
         Self { path, legs, left, planned: start.frame(), goal: *start, radius }
     }
 
-    /// The reference of the next stage for a tip that is about where it begins; none after the last.
+    /// The reference trajectory of the next stage, for a tip that is about at its beginning; `None` after the last
+    /// stage.
     fn next(&mut self, base_from_tip: &Frame) -> Option<Reference> {
         let (leg, later) = self.legs.split_first()?;
         let count = self.left.min(MAX_SEGMENTS);
@@ -173,7 +177,7 @@ impl<'a> Stages<'a> {
         let planned_end = end(segments, &self.planned);
         self.left -= count;
         self.goal = if self.left == 0 { leg.goal } else { Pose::from_frame(&planned_end) };
-        // Bends are given in the frame that the path has carried along; the tip has come to be rolled from it.
+        // Bends are in the frame that the path carries along, from which the tip may be rolled.
         let planned_from_tip = self.planned.rotation.inverse() * base_from_tip.rotation;
         let matrix = planned_from_tip.matrix();
         let mut reference = Reference::along(segments, self.radius);
@@ -187,13 +191,13 @@ impl<'a> Stages<'a> {
     }
 }
 
-/// Whether what is left of a reference is no layer.
+/// Whether the rest of a reference trajectory is too thin for a layer.
 fn too_thin(reference: &Reference, robot: &Robot) -> bool {
     reference.length() < 0.5 * robot.description().layer.height_min_mm
 }
 
-/// The first layer of a reference, to be commanded, and its length as it will come out, mm. None where what is
-/// left is too thin to be laid.
+/// The first layer of a reference trajectory, as it is to be commanded, and its expected growth, mm. `None` where the
+/// rest is too thin to be laid.
 fn first_layer(
     reference: &Reference,
     robot: &Robot,
