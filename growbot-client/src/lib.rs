@@ -11,8 +11,8 @@
 //! - [`growth`]: a whole job; [`feedback`]: its layers planned again as they are measured; [`arrival`]: how near it
 //!   came;
 //! - [`run_log`]: the log of a growth, and [`run_clock`], its time;
-//! - [`input`], [`files`], [`printable`], [`nearest`]: bounded reading, whole files or none, text that steers no
-//!   terminal, what was meant.
+//! - [`input`], [`files`], [`printable`], [`suggest`]: bounded reading, whole files or none, text that steers no
+//!   terminal, and names for mistyped ones.
 //!
 //! Lengths are in mm. Angles are in radians inside and in degrees in every text and file; names carry the unit.
 #![forbid(unsafe_code)]
@@ -26,7 +26,6 @@ pub mod feedback;
 pub mod files;
 pub mod growth;
 pub mod input;
-pub mod nearest;
 pub mod plan;
 pub mod plan_file;
 pub mod port;
@@ -35,4 +34,5 @@ pub mod printable;
 pub mod robot_file;
 pub mod run_clock;
 pub mod run_log;
+pub mod suggest;
 pub mod warning;

@@ -9,9 +9,9 @@ use std::path::Path;
 use growbot_core::robot::{Robot, RobotDescription, RobotError};
 
 use crate::input::{self, InputError};
-use crate::nearest::nearest;
+use crate::suggest::{did_you_mean, suggest};
 
-/// The robot that is meant where none is named: the paper's robot A.
+/// The default robot: the paper's robot A.
 pub const DEFAULT: &str = "growbot-a";
 
 /// The built-in descriptions: name, and text of the file.
@@ -33,7 +33,7 @@ const BUILT_IN: [(&str, &str); 11] = [
 #[derive(Debug, thiserror::Error)]
 pub enum RobotFileError {
     /// Neither a built-in name nor a file.
-    #[error("there is no robot and no file {name:?}{}; built in are {}", meant(.name), names().collect::<Vec<_>>().join(", "))]
+    #[error("there is no robot and no file {name:?}{}; built in are {}", did_you_mean(.name, names()), names().collect::<Vec<_>>().join(", "))]
     Unknown {
         /// What was asked for.
         name: String,
@@ -126,18 +126,13 @@ fn looks_like_a_name(path: &Path) -> bool {
     path.components().count() == 1 && path.extension().is_none()
 }
 
-/// ` (did you mean growbot-a?)`, or nothing.
-fn meant(name: &str) -> String {
-    nearest(name, names()).map(|nearest| format!(" (did you mean {nearest}?)")).unwrap_or_default()
-}
-
 /// What a TOML error says, in one line, with the key that was probably meant.
 fn reason(error: &toml::de::Error) -> String {
     let message = error.message().replace('\n', "; ");
     // serde's form: unknown field `a`, expected one of `b`, `c`
     let mut quoted = message.split('`').skip(1).step_by(2);
     let meant = match (message.starts_with("unknown "), quoted.next()) {
-        (true, Some(found)) => nearest(found, quoted),
+        (true, Some(found)) => suggest(found, quoted),
         _ => None,
     };
     match meant {

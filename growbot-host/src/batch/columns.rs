@@ -1,7 +1,7 @@
 //! The header of a batch: which column holds what. Any order; two columns are optional.
 
 use csv::ByteRecord;
-use growbot_client::nearest::nearest;
+use growbot_client::suggest::did_you_mean;
 
 /// The columns that every batch has: `id`, then the start, then the goal.
 pub const REQUIRED: [&str; 11] = [
@@ -24,7 +24,7 @@ pub const OPTIONAL: [&str; 2] = ["radius_mm", "planner"];
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum HeaderError {
     /// A column that no batch has.
-    #[error("the header has an unknown column {name:?}{}; there may be {}, {}", meant(.name), REQUIRED.join(","), OPTIONAL.join(","))]
+    #[error("the header has an unknown column {name:?}{}; there may be {}, {}", suggestion(.name), REQUIRED.join(","), OPTIONAL.join(","))]
     Unknown {
         /// Its name.
         name: String,
@@ -43,9 +43,8 @@ pub enum HeaderError {
     },
 }
 
-fn meant(name: &str) -> String {
-    let known = REQUIRED.into_iter().chain(OPTIONAL);
-    nearest(name, known).map(|nearest| format!(" (did you mean {nearest}?)")).unwrap_or_default()
+fn suggestion(name: &str) -> String {
+    did_you_mean(name, REQUIRED.into_iter().chain(OPTIONAL))
 }
 
 /// Where each column stands.

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use clap::{Args, Command, CommandFactory};
 use clap_mangen::Man;
 use growbot_client::files::replace_file;
-use growbot_client::nearest::nearest;
+use growbot_client::suggest::did_you_mean;
 use growbot_host::output::print;
 
 use super::{Cli, Failure};
@@ -52,9 +52,8 @@ pub fn run(args: &ManArgs) -> Result<(), Failure> {
 }
 
 fn unknown(name: &str, root: &Command) -> Failure {
-    let meant = nearest(name, root.get_subcommands().map(Command::get_name));
-    let meant = meant.map(|meant| format!(" (did you mean {meant}?)")).unwrap_or_default();
-    Failure::bad_input(format!("there is no command {name:?}{meant}: growbot help lists them"))
+    let suggestion = did_you_mean(name, root.get_subcommands().map(Command::get_name));
+    Failure::bad_input(format!("there is no command {name:?}{suggestion}: growbot help lists them"))
 }
 
 /// The page of a command, as roff: what `--help` says, its examples and exit codes in sections of their own.

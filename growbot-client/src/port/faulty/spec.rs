@@ -4,7 +4,7 @@ use std::str::FromStr;
 use std::time::Duration;
 
 use super::STEP;
-use crate::nearest::nearest;
+use crate::suggest::did_you_mean;
 use crate::pose_text::parse_number;
 
 /// The chance of a fault that is named without one.
@@ -18,7 +18,7 @@ const NAMES: [&str; 8] = ["drop", "flip", "dup", "reorder", "truncate", "stall",
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum FaultSpecError {
     /// There is no such fault.
-    #[error("there is no fault {name:?}{}: give some of {}, with commas between", meant(.name), NAMES.join(", "))]
+    #[error("there is no fault {name:?}{}: give some of {}, with commas between", did_you_mean(.name, NAMES), NAMES.join(", "))]
     Unknown {
         /// What was there.
         name: String,
@@ -57,10 +57,6 @@ pub enum FaultSpecError {
         /// What was there.
         text: String,
     },
-}
-
-fn meant(name: &str) -> String {
-    nearest(name, NAMES).map(|nearest| format!(" (did you mean {nearest}?)")).unwrap_or_default()
 }
 
 /// How often which fault comes: chances from 0 to 1, for each piece, or for each byte in `flip`.

@@ -1,6 +1,6 @@
 //! What the console can be told, as words and as values.
 
-use growbot_client::nearest::nearest;
+use growbot_client::suggest::did_you_mean;
 use growbot_client::pose_text::{parse_number, parse_pose};
 use growbot_core::pose::Pose;
 
@@ -111,9 +111,8 @@ pub fn parse(line: &str) -> Result<Command, String> {
         "help" => alone(Command::Help),
         "quit" | "exit" => alone(Command::Quit),
         _ => {
-            let meant = nearest(word, WORDS.iter().map(|word| word.name));
-            let meant = meant.map(|name| format!(" (did you mean {name}?)")).unwrap_or_default();
-            Err(format!("there is no command {word:?}{meant}: `help` lists them"))
+            let suggestion = did_you_mean(word, WORDS.iter().map(|word| word.name));
+            Err(format!("there is no command {word:?}{suggestion}: `help` lists them"))
         }
     }
 }

@@ -1,23 +1,24 @@
 //! Which known name a person may have meant.
 
-/// The known name nearest to a word: the one that the fewest single-letter edits turn it into, if they are few enough
-/// for a slip (a third of the letters or two, but not all); else one that begins or ends with the word.
+/// The known name that fits a mistyped one best. That is the name at the fewest single-letter edits, if they are few
+/// enough for a slip (a third of the letters or two, but not all). Otherwise it is a name that begins or ends with the
+/// text.
 ///
 /// ```
-/// use growbot_client::nearest::nearest;
-/// assert_eq!(nearest("growbot-a", ["growbot-b", "growbot-a1", "growbot-a"]), Some("growbot-a"));
-/// assert_eq!(nearest("heigth_mm", ["width_mm", "height_mm"]), Some("height_mm"));
-/// assert_eq!(nearest("a8", ["growbot-a", "growbot-a8"]), Some("growbot-a8"));
-/// assert_eq!(nearest("elephant", ["growbot-a"]), None);
+/// use growbot_client::suggest::suggest;
+/// assert_eq!(suggest("growbot-a", ["growbot-b", "growbot-a1", "growbot-a"]), Some("growbot-a"));
+/// assert_eq!(suggest("heigth_mm", ["width_mm", "height_mm"]), Some("height_mm"));
+/// assert_eq!(suggest("a8", ["growbot-a", "growbot-a8"]), Some("growbot-a8"));
+/// assert_eq!(suggest("elephant", ["growbot-a"]), None);
 /// ```
 #[must_use]
-pub fn nearest<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
-    let letters = word.chars().count();
+pub fn suggest<'a>(text: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+    let letters = text.chars().count();
     let slip = (letters / 3).max(2).min(letters.saturating_sub(1));
     let mut best: Option<((bool, usize), &str)> = None;
     for name in known {
-        let edits = edits(word, name);
-        let part = !word.is_empty() && (name.starts_with(word) || name.ends_with(word));
+        let edits = edits(text, name);
+        let part = !text.is_empty() && (name.starts_with(text) || name.ends_with(text));
         let rank = (edits > slip, edits);
         if (edits <= slip || part) && best.is_none_or(|(best, _)| rank < best) {
             best = Some((rank, name));
@@ -26,8 +27,14 @@ pub fn nearest<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) -> Opti
     best.map(|(_, name)| name)
 }
 
-/// Insertions, deletions and replacements that turn one word into another (Levenshtein's distance). Names are short:
-/// of longer words only the first 64 letters count.
+/// The suggestion as an error message ends with it, ` (did you mean growbot-a?)`; empty without one.
+#[must_use]
+pub fn did_you_mean<'a>(text: &str, known: impl IntoIterator<Item = &'a str>) -> String {
+    suggest(text, known).map(|name| format!(" (did you mean {name}?)")).unwrap_or_default()
+}
+
+/// Insertions, deletions and replacements that turn one name into another (Levenshtein's distance). Names are short:
+/// of longer texts only the first 64 letters count.
 fn edits(from: &str, to: &str) -> usize {
     let to: Vec<char> = to.chars().take(64).collect();
     let mut row: Vec<usize> = (0..=to.len()).collect();
