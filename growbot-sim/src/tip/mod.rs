@@ -15,6 +15,8 @@ mod cartridge;
 mod fault;
 mod filament;
 pub mod flash;
+mod heat;
+mod index_mark;
 mod noise;
 mod nozzle;
 pub mod pins;
@@ -26,17 +28,17 @@ mod variation;
 
 pub use cartridge::{Parts, STEINHART_HART_104GT_2};
 pub use fault::{Faults, TipFault};
+pub use index_mark::IndexMark;
 pub use sensors::encoder_pitch;
 pub use variation::Variation;
 
-use growbot_core::angle::{radians, wrap_positive};
 use growbot_core::layer::Layer;
 use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::Robot;
 use growbot_core::simulation::Imperfection;
 
 use filament::{Filament, Moved};
-use nozzle::{Drive, Nozzle};
+use nozzle::Nozzle;
 use plastic::Plastic;
 use sensors::Held;
 
@@ -258,34 +260,6 @@ impl Tip {
         self.faults.has(TipFault::FilamentJam) || self.faults.has(TipFault::FilamentOut)
     }
 
-    /// What the heater is told: a share of full power (0 to 1), and whether the second switch is to be closed.
-    pub fn heat(&mut self, duty: f64, closed: bool) {
-        let input = HeaterInput { duty, closed };
-        if self.heater != input {
-            self.sync();
-            self.heater = input;
-            self.warmed &= closed;
-            if let Some(celsius) = self.warm_at_once.filter(|_| closed && duty > 0.0 && !self.warmed) {
-                self.nozzle.set(celsius.max(self.nozzle.block()));
-                self.warmed = true;
-            }
-        }
-    }
-
-    /// What the fan is told: a share of full speed (0 to 1).
-    pub fn blow(&mut self, duty: f64) {
-        if self.fan != duty {
-            self.sync();
-            self.fan = duty;
-        }
-    }
-
-    /// The supply's voltage from now on, V, unless it is broken.
-    pub fn set_supply_v(&mut self, volts: f64) {
-        self.sync();
-        self.variation.supply_v = Some(volts);
-    }
-
     /// Breaks something; a fault of the same kind is replaced.
     pub fn inject(&mut self, fault: TipFault) {
         self.sync();
@@ -318,72 +292,6 @@ impl Tip {
         &self.faults
     }
 
-    /// Lets the nozzle come to the present. All that acts on it has stood still since the last time.
-    fn sync(&mut self) {
-        if let Some(end) = self.dip_until.take_if(|end| *end <= self.now) {
-            let drive = self.drive();
-            self.nozzle.advance(end, &drive);
-            self.faults.remove(TipFault::SupplyDip { volts: 0.0, seconds: 0.0 });
-        }
-        if self.nozzle.tick() < self.now {
-            let drive = self.drive();
-            self.nozzle.advance(self.now, &drive);
-        }
-    }
-
-    /// Lets the nozzle come to the present where a slot of its flow has ended.
-    fn sync_slot(&mut self) {
-        if self.nozzle.slot_is_over(self.now) {
-            self.sync();
-        }
-    }
-
-    /// What acts on the nozzle.
-    fn drive(&self) -> Drive {
-        let description = self.robot.description();
-        let heater = &description.heater;
-        let mut drive = Drive {
-            power_w: self.power(),
-            loss_w_per_k: heater.loss_w_per_k * self.variation.loss + description.fan.loss_w_per_k * self.fan,
-            lag_s: self.variation.sensor_lag_s,
-            share: 1.0,
-        };
-        for fault in self.faults.iter() {
-            match fault {
-                TipFault::Draught { factor } => drive.loss_w_per_k *= factor,
-                TipFault::ThermistorDetached { tau_s, share } => (drive.lag_s, drive.share) = (tau_s, share),
-                _ => {}
-            }
-        }
-        drive
-    }
-
-    /// Power that really flows into the nozzle, W.
-    pub fn heater_power_w(&mut self) -> f64 {
-        self.sync();
-        self.power()
-    }
-
-    fn power(&self) -> f64 {
-        let description = self.robot.description();
-        let closed = self.heater.closed || self.faults.has(TipFault::SecondSwitchClosed);
-        let duty = if self.faults.has(TipFault::PowerStageOn) { 1.0 } else { self.heater.duty };
-        if !closed || self.faults.has(TipFault::HeaterOpen) {
-            return 0.0;
-        }
-        let voltage = self.supply_v() / description.supply.nominal_v;
-        description.heater.power_w * self.variation.power * duty * voltage * voltage
-    }
-
-    /// Voltage of the supply, V.
-    fn supply_v(&self) -> f64 {
-        let sound = self.variation.supply_v.unwrap_or(self.robot.description().supply.nominal_v);
-        self.faults.iter().fold(sound, |voltage, fault| match fault {
-            TipFault::SupplyLow { volts } | TipFault::SupplyHigh { volts } | TipFault::SupplyDip { volts, .. } => volts,
-            _ => voltage,
-        })
-    }
-
     /// How it differs from its robot's description.
     #[must_use]
     pub fn variation(&self) -> &Variation {
@@ -394,42 +302,6 @@ impl Tip {
     #[must_use]
     pub fn robot(&self) -> &Robot {
         &self.robot
-    }
-
-    /// Temperature of the nozzle, degrees Celsius.
-    pub fn nozzle_c(&mut self) -> f64 {
-        self.sync();
-        self.nozzle.block()
-    }
-
-    /// The highest temperature that the nozzle has had, degrees Celsius.
-    pub fn nozzle_peak_c(&mut self) -> f64 {
-        self.sync();
-        self.nozzle.peak()
-    }
-
-    /// Puts the nozzle at a temperature, degrees Celsius.
-    pub fn set_nozzle_c(&mut self, celsius: f64) {
-        self.sync();
-        self.nozzle.set(celsius);
-    }
-
-    /// From now on the nozzle is this warm, degrees Celsius, at the moment in which its heater first gets power: for trials in real time, in
-    /// which heating would take most of it. Earlier or later than that, the firmware would rightly take it for a heater out of control.
-    pub fn warm_at_once(&mut self, celsius: f64) {
-        self.warm_at_once = Some(celsius);
-    }
-
-    /// Whether the second switch of the heater is told to be closed.
-    #[must_use]
-    pub fn heater_is_on(&self) -> bool {
-        self.heater.closed
-    }
-
-    /// Share of full power that the heater is told to give, 0 to 1.
-    #[must_use]
-    pub fn heater_duty(&self) -> f64 {
-        self.heater.duty
     }
 
     /// Whether a motor is told to hold.
@@ -492,37 +364,5 @@ impl Tip {
     #[must_use]
     pub fn cold_feed_steps(&self) -> u64 {
         self.cold_feed_steps
-    }
-}
-
-/// The index mark in head steps.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct IndexMark {
-    /// Head steps in a turn.
-    pub steps_per_turn: u32,
-    /// Where it begins, from the tip's x axis.
-    pub position: u32,
-    /// How wide it is.
-    pub width: u32,
-}
-
-impl IndexMark {
-    /// The mark of a robot, to the nearest step.
-    #[must_use]
-    pub fn of(robot: &Robot) -> Self {
-        let head = &robot.description().head;
-        let per_degree = f64::from(head.steps_per_turn) / 360.0;
-        let angle = wrap_positive(radians(head.index_angle_deg)) / std::f64::consts::TAU * 360.0;
-        Self {
-            steps_per_turn: head.steps_per_turn,
-            position: libm::rint(angle * per_degree) as u32 % head.steps_per_turn,
-            width: (libm::rint(head.index_width_deg * per_degree) as u32).max(1),
-        }
-    }
-
-    /// Whether it is at a position of the head, steps.
-    #[must_use]
-    pub fn covers(&self, head: i64) -> bool {
-        (head - i64::from(self.position)).rem_euclid(i64::from(self.steps_per_turn)) < i64::from(self.width)
     }
 }

@@ -1,0 +1,136 @@
+//! Heater, fan and supply of the simulated tip, and how warm they make its nozzle.
+
+use super::nozzle::Drive;
+use super::{HeaterInput, Tip, TipFault};
+
+impl Tip {
+    /// What the heater is told: a share of full power (0 to 1), and whether the second switch is to be closed.
+    pub fn heat(&mut self, duty: f64, closed: bool) {
+        let input = HeaterInput { duty, closed };
+        if self.heater != input {
+            self.sync();
+            self.heater = input;
+            self.warmed &= closed;
+            if let Some(celsius) = self.warm_at_once.filter(|_| closed && duty > 0.0 && !self.warmed) {
+                self.nozzle.set(celsius.max(self.nozzle.block()));
+                self.warmed = true;
+            }
+        }
+    }
+
+    /// What the fan is told: a share of full speed (0 to 1).
+    pub fn blow(&mut self, duty: f64) {
+        if self.fan != duty {
+            self.sync();
+            self.fan = duty;
+        }
+    }
+
+    /// The supply's voltage from now on, V, unless it is broken.
+    pub fn set_supply_v(&mut self, volts: f64) {
+        self.sync();
+        self.variation.supply_v = Some(volts);
+    }
+
+    /// Lets the nozzle come to the present. All that acts on it has stood still since the last time.
+    pub(super) fn sync(&mut self) {
+        if let Some(end) = self.dip_until.take_if(|end| *end <= self.now) {
+            let drive = self.drive();
+            self.nozzle.advance(end, &drive);
+            self.faults.remove(TipFault::SupplyDip { volts: 0.0, seconds: 0.0 });
+        }
+        if self.nozzle.tick() < self.now {
+            let drive = self.drive();
+            self.nozzle.advance(self.now, &drive);
+        }
+    }
+
+    /// Lets the nozzle come to the present where a slot of its flow has ended.
+    pub(super) fn sync_slot(&mut self) {
+        if self.nozzle.slot_is_over(self.now) {
+            self.sync();
+        }
+    }
+
+    /// What acts on the nozzle.
+    fn drive(&self) -> Drive {
+        let description = self.robot.description();
+        let heater = &description.heater;
+        let mut drive = Drive {
+            power_w: self.power(),
+            loss_w_per_k: heater.loss_w_per_k * self.variation.loss + description.fan.loss_w_per_k * self.fan,
+            lag_s: self.variation.sensor_lag_s,
+            share: 1.0,
+        };
+        for fault in self.faults.iter() {
+            match fault {
+                TipFault::Draught { factor } => drive.loss_w_per_k *= factor,
+                TipFault::ThermistorDetached { tau_s, share } => (drive.lag_s, drive.share) = (tau_s, share),
+                _ => {}
+            }
+        }
+        drive
+    }
+
+    /// Power that really flows into the nozzle, W.
+    pub fn heater_power_w(&mut self) -> f64 {
+        self.sync();
+        self.power()
+    }
+
+    fn power(&self) -> f64 {
+        let description = self.robot.description();
+        let closed = self.heater.closed || self.faults.has(TipFault::SecondSwitchClosed);
+        let duty = if self.faults.has(TipFault::PowerStageOn) { 1.0 } else { self.heater.duty };
+        if !closed || self.faults.has(TipFault::HeaterOpen) {
+            return 0.0;
+        }
+        let voltage = self.supply_v() / description.supply.nominal_v;
+        description.heater.power_w * self.variation.power * duty * voltage * voltage
+    }
+
+    /// Voltage of the supply, V.
+    pub(super) fn supply_v(&self) -> f64 {
+        let sound = self.variation.supply_v.unwrap_or(self.robot.description().supply.nominal_v);
+        self.faults.iter().fold(sound, |voltage, fault| match fault {
+            TipFault::SupplyLow { volts } | TipFault::SupplyHigh { volts } | TipFault::SupplyDip { volts, .. } => volts,
+            _ => voltage,
+        })
+    }
+
+    /// Temperature of the nozzle, degrees Celsius.
+    pub fn nozzle_c(&mut self) -> f64 {
+        self.sync();
+        self.nozzle.block()
+    }
+
+    /// The highest temperature that the nozzle has had, degrees Celsius.
+    pub fn nozzle_peak_c(&mut self) -> f64 {
+        self.sync();
+        self.nozzle.peak()
+    }
+
+    /// Puts the nozzle at a temperature, degrees Celsius.
+    pub fn set_nozzle_c(&mut self, celsius: f64) {
+        self.sync();
+        self.nozzle.set(celsius);
+    }
+
+    /// From now on the nozzle is this warm, degrees Celsius, at the moment in which its heater first gets power: for trials in real time, in
+    /// which heating would take most of it. Earlier or later than that, the firmware would rightly take it for a heater out of control.
+    pub fn warm_at_once(&mut self, celsius: f64) {
+        self.warm_at_once = Some(celsius);
+    }
+
+    /// Whether the second switch of the heater is told to be closed.
+    #[must_use]
+    pub fn heater_is_on(&self) -> bool {
+        self.heater.closed
+    }
+
+    /// Share of full power that the heater is told to give, 0 to 1.
+    #[must_use]
+    pub fn heater_duty(&self) -> f64 {
+        self.heater.duty
+    }
+}

@@ -1,0 +1,36 @@
+//! The index mark, in head steps.
+
+use growbot_core::angle::{radians, wrap_positive};
+use growbot_core::robot::Robot;
+
+/// The index mark in head steps.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct IndexMark {
+    /// Head steps in a turn.
+    pub steps_per_turn: u32,
+    /// Where it begins, from the tip's x axis.
+    pub position: u32,
+    /// How wide it is.
+    pub width: u32,
+}
+
+impl IndexMark {
+    /// The mark of a robot, to the nearest step.
+    #[must_use]
+    pub fn of(robot: &Robot) -> Self {
+        let head = &robot.description().head;
+        let per_degree = f64::from(head.steps_per_turn) / 360.0;
+        let angle = wrap_positive(radians(head.index_angle_deg)) / std::f64::consts::TAU * 360.0;
+        Self {
+            steps_per_turn: head.steps_per_turn,
+            position: libm::rint(angle * per_degree) as u32 % head.steps_per_turn,
+            width: (libm::rint(head.index_width_deg * per_degree) as u32).max(1),
+        }
+    }
+
+    /// Whether it is at a position of the head, steps.
+    #[must_use]
+    pub fn covers(&self, head: i64) -> bool {
+        (head - i64::from(self.position)).rem_euclid(i64::from(self.steps_per_turn)) < i64::from(self.width)
+    }
+}
