@@ -3,7 +3,7 @@
 
 use growbot_client::client::Client;
 use growbot_client::feedback::Feedback;
-use growbot_client::growth::{Grown, Job, Manner, MeasuredBy, News, Orders, Outcome, grow_job};
+use growbot_client::growth::{Grown, Job, JobEvent, Manner, MeasuredBy, Orders, Outcome, grow_job};
 use growbot_core::link::message::Silence;
 use growbot_core::path::{Leg, Segment, end};
 use growbot_core::pose::Pose;
@@ -52,7 +52,7 @@ fn grow(robot: &Robot, with_feedback: bool) -> Grown {
     let mut simulation = emulator.simulation();
     let mut client = Client::new(Box::new(emulator), "a board under test");
     let manner = Manner { silence: Silence::Pause, feedback };
-    let grow = |tell: &mut dyn FnMut(&News)| grow_job(&mut client, &job, manner, &Orders::default(), tell);
+    let grow = |on_event: &mut dyn FnMut(&JobEvent)| grow_job(&mut client, &job, manner, &Orders::default(), on_event);
     compare(Some(&mut simulation), &job, &mut |_| (), grow).unwrap()
 }
 

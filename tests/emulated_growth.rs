@@ -1,7 +1,7 @@
 //! The firmware in the emulator grows a body, step for step as the same controller does in a simulation on the desktop.
 
 use growbot_client::client::Client;
-use growbot_client::growth::{Grown, Job, News, Orders, Outcome, grow_job};
+use growbot_client::growth::{Grown, Job, JobEvent, Orders, Outcome, grow_job};
 use growbot_client::port::Port;
 use growbot_client::robot_file;
 use growbot_core::link::message::Silence;
@@ -20,7 +20,8 @@ fn grow_on(opened: (Box<dyn Port>, Box<dyn Simulation>), robot: &Robot, path: &[
     let job = Job::new(robot, &start, &goal, path);
     let (port, mut simulation) = opened;
     let mut client = Client::new(port, "a board under test");
-    let grow = |tell: &mut dyn FnMut(&News)| grow_job(&mut client, &job, Silence::Pause, &Orders::default(), tell);
+    let grow =
+        |on_event: &mut dyn FnMut(&JobEvent)| grow_job(&mut client, &job, Silence::Pause, &Orders::default(), on_event);
     compare(Some(&mut simulation), &job, &mut |_| (), grow).unwrap()
 }
 

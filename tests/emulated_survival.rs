@@ -16,7 +16,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use growbot_client::client::Client;
-use growbot_client::growth::{CutLayer, Grown, GrowthError, Job, News, Orders, Outcome, grow_job, resume_job};
+use growbot_client::growth::{CutLayer, Grown, GrowthError, Job, JobEvent, Orders, Outcome, grow_job, resume_job};
 use growbot_client::port::faulty::{FaultSpec, Faulty};
 use growbot_client::robot_file;
 use growbot_core::layer_bytes::LayerBytes;
@@ -215,11 +215,11 @@ impl Point {
         let mut client = Client::new(Box::new(line), "the emulated board");
         let (mut told, mut flash) = (0, None);
         let mut crashed = None;
-        let grown = grow_job(&mut client, job, Silence::Pause, &Orders::default(), &mut |news| {
-            match news {
-                News::Laid(_, as_built, _) => known.push(*as_built),
-                News::State(_) => {}
-                News::Crash(words) => return crashed = Some(CrashRecord::from(words).cause),
+        let grown = grow_job(&mut client, job, Silence::Pause, &Orders::default(), &mut |event| {
+            match event {
+                JobEvent::Laid { as_built, .. } => known.push(*as_built),
+                JobEvent::State(_) => {}
+                JobEvent::Crash(words) => return crashed = Some(CrashRecord::from(words).cause),
                 _ => return,
             }
             told += 1;

@@ -10,7 +10,7 @@ use std::time::Duration;
 use growbot_client::client::Client;
 use growbot_client::feedback::Feedback;
 use growbot_client::growth::{
-    CutLayer, Grown, GrowthError, Job, Manner, MeasuredBy, News, Order, Orders, Outcome, grow_job, resume_job,
+    CutLayer, Grown, GrowthError, Job, JobEvent, Manner, MeasuredBy, Order, Orders, Outcome, grow_job, resume_job,
 };
 use growbot_client::plan::{Plan, Search};
 use growbot_client::port::{Port, PortError};
@@ -185,9 +185,9 @@ impl Try {
         let mut client = Client::new(Box::new(Line(Rc::clone(&self.sim), Rc::clone(&cut))), "sim");
         let orders = Orders::default();
         let manner = Manner { silence: Silence::Continue, feedback: Some(feedback) };
-        let grown = grow_job(&mut client, &job, manner, &orders, &mut |news| {
-            log.news(news).unwrap();
-            if matches!(news, News::Laid(60, ..)) {
+        let grown = grow_job(&mut client, &job, manner, &orders, &mut |event| {
+            log.record(event).unwrap();
+            if matches!(event, JobEvent::Laid { index: 60, .. }) {
                 at(&cut, &orders);
             }
         });

@@ -7,7 +7,7 @@ use std::net::{SocketAddr, TcpListener, TcpStream, UdpSocket};
 use std::sync::Arc;
 use std::time::Duration;
 
-use growbot_client::growth::{Job, News, Orders};
+use growbot_client::growth::{Job, JobEvent, Orders};
 use growbot_client::plan::{Plan, Search};
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
@@ -69,12 +69,13 @@ fn who_knows_the_address_gets_the_page_and_nobody_else_gets_anything() {
 
     let nothing = (404, String::new());
     let wrong = path.replace(&path[1..2], if &path[1..2] == "0" { "1" } else { "0" });
-    for path in ["/", "/news", "/orders/stop", &wrong, &path[..33], &format!("{path}x"), &format!("{path}orders/dance")]
+    for path in
+        ["/", "/updates", "/orders/stop", &wrong, &path[..33], &format!("{path}x"), &format!("{path}orders/dance")]
     {
         assert_eq!(ask(address, "GET", path, &[]), nothing, "{path}");
         assert_eq!(ask(address, "POST", path, &[]), nothing, "{path}");
     }
-    let news = format!("{path}news");
+    let update = format!("{path}updates");
     let stop = format!("{path}orders/stop");
     for other in [
         ("Host", "evil.example"),
@@ -82,7 +83,7 @@ fn who_knows_the_address_gets_the_page_and_nobody_else_gets_anything() {
         ("Origin", "null"),
         ("Sec-Fetch-Site", "cross-site"),
     ] {
-        for (method, path) in [("GET", &path), ("GET", &news), ("POST", &stop)] {
+        for (method, path) in [("GET", &path), ("GET", &update), ("POST", &stop)] {
             assert_eq!(ask(address, method, path, &[other]), nothing, "{method} {path} {other:?}");
         }
     }
@@ -131,7 +132,7 @@ fn orders_are_taken_where_the_page_may_control_and_refused_where_it_may_look() {
 fn news_come_as_they_are_and_the_end_is_the_last() {
     let watch = watch(None);
     let (address, path) = parts(&watch);
-    let stream = send(address, "GET", &format!("{path}news"), &[]);
+    let stream = send(address, "GET", &format!("{path}updates"), &[]);
     let mut lines = BufReader::new(stream).lines().map(Result::unwrap);
     let mut next = move || -> Option<Value> {
         let line = lines.find(|line| line.starts_with("data: "))?;
@@ -142,14 +143,14 @@ fn news_come_as_they_are_and_the_end_is_the_last() {
     let total = first["total"].as_u64().unwrap();
     assert!(total > 50);
     for index in 0..3 {
-        watch.tell(&News::Laid(index, Some([index as u8; 12]), None));
+        watch.ingest(&JobEvent::Laid { index, as_built: Some([index as u8; 12]), measured: None });
     }
     let mut laid = 0;
     while laid < 3 {
-        let news = next().unwrap();
-        assert_eq!(news["layers"]["from"].as_u64(), Some(laid));
-        laid += news["layers"]["built"].as_str().unwrap().len() as u64 / 24;
-        assert_eq!(news["left_s"].as_f64(), Some((total - laid) as f64 * 18.0));
+        let update = next().unwrap();
+        assert_eq!(update["layers"]["from"].as_u64(), Some(laid));
+        laid += update["layers"]["built"].as_str().unwrap().len() as u64 / 24;
+        assert_eq!(update["left_s"].as_f64(), Some((total - laid) as f64 * 18.0));
     }
     watch.end(&json!({ "outcome": "stopped" }));
     let last = std::iter::from_fn(next).last().unwrap();

@@ -5,7 +5,7 @@
 
 use growbot_client::arrival::Arrival;
 use growbot_client::client::ClientError;
-use growbot_client::growth::{Grown, GrowthError, Job, MeasuredBy, News, Outcome};
+use growbot_client::growth::{Grown, GrowthError, Job, JobEvent, MeasuredBy, Outcome};
 use growbot_client::port::PortError;
 use growbot_core::layer::{Layer, grow};
 
@@ -43,28 +43,28 @@ impl Simulation for SharedTip {
     }
 }
 
-/// Grows a job by `grow`. Where a simulation is given, whose tip stands where the body begins, it is told beside the
-/// news where the plastic is, and what comes of the growth is measured by the tip, unless the board was lost.
+/// Grows a job by `grow`. Where a simulation is given, whose tip stands where the body begins, `on_event` also gets where the
+/// plastic is, and the result is measured by the tip, unless the board was lost.
 ///
 /// # Errors
 /// Those of `grow`, and a tip that cannot be read.
 pub fn compare(
     simulation: Option<&mut Box<dyn Simulation>>,
     job: &Job,
-    tell: &mut dyn FnMut(&News),
-    grow: impl FnOnce(&mut dyn FnMut(&News)) -> Result<Grown, GrowthError>,
+    on_event: &mut dyn FnMut(&JobEvent),
+    grow: impl FnOnce(&mut dyn FnMut(&JobEvent)) -> Result<Grown, GrowthError>,
 ) -> Result<Grown, GrowthError> {
-    let Some(simulation) = simulation else { return grow(tell) };
+    let Some(simulation) = simulation else { return grow(on_event) };
     let mut truth =
         Truth::from_here(simulation.as_mut()).map_err(|error| GrowthError::Before(ClientError::Port(error)))?;
-    let mut grown = grow(&mut |news| {
-        tell(news);
-        if let News::Laid(..) = news {
-            truth.tell_settled(tell);
+    let mut grown = grow(&mut |event| {
+        on_event(event);
+        if let JobEvent::Laid { .. } = event {
+            truth.report_settled(on_event);
         }
     })?;
     if grown.outcome != Outcome::Lost {
-        truth.measure(&mut grown, job, tell).map_err(|error| GrowthError::During(ClientError::Port(error)))?;
+        truth.measure(&mut grown, job, on_event).map_err(|error| GrowthError::During(ClientError::Port(error)))?;
     }
     Ok(grown)
 }
@@ -85,15 +85,15 @@ impl<'a> Truth<'a> {
         Ok(Self { simulation, layers_before: body.len(), feed_steps_before: feed_steps, told: 0 })
     }
 
-    fn tell_settled(&mut self, tell: &mut dyn FnMut(&News)) {
+    fn report_settled(&mut self, on_event: &mut dyn FnMut(&JobEvent)) {
         let settled = self.simulation.settled(self.layers_before.saturating_add(self.told));
-        self.tell(&settled, tell);
+        self.report(&settled, on_event);
     }
 
-    fn measure(&mut self, grown: &mut Grown, job: &Job, tell: &mut dyn FnMut(&News)) -> Result<(), PortError> {
+    fn measure(&mut self, grown: &mut Grown, job: &Job, on_event: &mut dyn FnMut(&JobEvent)) -> Result<(), PortError> {
         let Laid { mut body, feed_steps } = self.simulation.laid()?;
         let body = body.split_off(self.layers_before.min(body.len()));
-        self.tell(body.get(self.told..).unwrap_or_default(), tell);
+        self.report(body.get(self.told..).unwrap_or_default(), on_event);
         let end = grow(&job.start.frame(), body.iter().copied());
         let fed = feed_steps.saturating_sub(self.feed_steps_before) as f64;
         grown.measured_by = MeasuredBy::Tip;
@@ -103,9 +103,12 @@ impl<'a> Truth<'a> {
         Ok(())
     }
 
-    fn tell(&mut self, layers: &[Layer], tell: &mut dyn FnMut(&News)) {
+    fn report(&mut self, layers: &[Layer], on_event: &mut dyn FnMut(&JobEvent)) {
         if !layers.is_empty() {
-            tell(&News::Simulated(u32::try_from(self.told).unwrap_or(u32::MAX), layers.to_vec()));
+            on_event(&JobEvent::Simulated {
+                from: u32::try_from(self.told).unwrap_or(u32::MAX),
+                layers: layers.to_vec(),
+            });
             self.told += layers.len();
         }
     }

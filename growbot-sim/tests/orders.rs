@@ -5,7 +5,7 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use growbot_client::client::Client;
-use growbot_client::growth::{Grown, GrowthError, Job, News, Order, Orders, Outcome, grow_job};
+use growbot_client::growth::{Grown, GrowthError, Job, JobEvent, Order, Orders, Outcome, grow_job};
 use growbot_client::port::{Port, PortError};
 use growbot_core::link::emergency_stop::EMERGENCY_STOP;
 use growbot_core::link::frame::Receiver;
@@ -15,22 +15,22 @@ use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_sim::port::sim::Sim;
 
-/// Grows 20 upright layers; `order` sees all news and gives orders. Also what was told.
-fn grow(order: impl FnMut(&News, &Orders)) -> (Grown, Vec<News>) {
+/// Grows 20 upright layers; `order` sees all events and gives orders. Also what was told.
+fn grow(order: impl FnMut(&JobEvent, &Orders)) -> (Grown, Vec<JobEvent>) {
     grow_over(order, |sim| Box::new(sim))
 }
 
 /// The same, over another line.
-fn grow_over(order: impl FnMut(&News, &Orders), line: impl FnOnce(Sim) -> Box<dyn Port>) -> (Grown, Vec<News>) {
+fn grow_over(order: impl FnMut(&JobEvent, &Orders), line: impl FnOnce(Sim) -> Box<dyn Port>) -> (Grown, Vec<JobEvent>) {
     let (grown, told) = try_to_grow(order, line);
     (grown.unwrap(), told)
 }
 
 /// The same, which may come to nothing.
 fn try_to_grow(
-    mut order: impl FnMut(&News, &Orders),
+    mut order: impl FnMut(&JobEvent, &Orders),
     line: impl FnOnce(Sim) -> Box<dyn Port>,
-) -> (Result<Grown, GrowthError>, Vec<News>) {
+) -> (Result<Grown, GrowthError>, Vec<JobEvent>) {
     let robot: Robot = growbot_client::robot_file::load("growbot-a".as_ref()).unwrap();
     let path = [Segment::Straight { length: 20.0 * 0.774 }];
     let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
@@ -38,41 +38,41 @@ fn try_to_grow(
     let job = Job::new(&robot, &start, &goal, &path);
     let mut client = Client::new(line(Sim::new(robot.clone())), "sim");
     let (orders, mut told) = (Orders::default(), Vec::new());
-    let grown = grow_job(&mut client, &job, Silence::Pause, &orders, &mut |news| {
-        order(news, &orders);
-        told.push(news.clone());
+    let grown = grow_job(&mut client, &job, Silence::Pause, &orders, &mut |event| {
+        order(event, &orders);
+        told.push(event.clone());
     });
     (grown, told)
 }
 
-fn tells(told: &[News], wanted: &News) -> usize {
-    told.iter().filter(|news| *news == wanted).count()
+fn tells(told: &[JobEvent], wanted: &JobEvent) -> usize {
+    told.iter().filter(|event| *event == wanted).count()
 }
 
 #[test]
 fn a_growth_holds_and_goes_on_as_ordered_and_each_layer_is_laid_once() {
-    let (grown, told) = grow(|news, orders| match news {
-        News::Laid(4, ..) => orders.give(Order::Hold),
-        News::State(State::Paused) => orders.give(Order::GoOn),
+    let (grown, told) = grow(|event, orders| match event {
+        JobEvent::Laid { index: 4, .. } => orders.give(Order::Hold),
+        JobEvent::State(State::Paused) => orders.give(Order::GoOn),
         _ => {}
     });
     assert_eq!(grown.outcome, Outcome::Done);
-    assert_eq!((grown.body.len(), tells(&told, &News::State(State::Paused))), (20, 1));
-    assert_eq!((tells(&told, &News::Ordered(Order::Hold)), tells(&told, &News::Ordered(Order::GoOn))), (1, 1));
-    assert_eq!(told.iter().filter(|news| matches!(news, News::Laid(..))).count(), 20);
+    assert_eq!((grown.body.len(), tells(&told, &JobEvent::State(State::Paused))), (20, 1));
+    assert_eq!((tells(&told, &JobEvent::Ordered(Order::Hold)), tells(&told, &JobEvent::Ordered(Order::GoOn))), (1, 1));
+    assert_eq!(told.iter().filter(|event| matches!(event, JobEvent::Laid { .. })).count(), 20);
 }
 
 #[test]
 fn a_growth_stops_as_ordered_and_at_once_where_it_must() {
     for order in [Order::Stop, Order::EmergencyStop] {
-        let (grown, told) = grow(|news, orders| {
-            if let News::Laid(4, ..) = news {
+        let (grown, told) = grow(|event, orders| {
+            if let JobEvent::Laid { index: 4, .. } = event {
                 orders.give(order);
             }
         });
         assert_eq!(grown.outcome, Outcome::Stopped);
         assert!((5..=6).contains(&grown.as_built.len()), "{order:?}: {}", grown.as_built.len());
-        assert_eq!(tells(&told, &News::Ordered(order)), 1);
+        assert_eq!(tells(&told, &JobEvent::Ordered(order)), 1);
     }
 }
 
@@ -107,8 +107,8 @@ impl Port for Stalled {
 fn a_stop_that_does_not_get_through_becomes_an_emergency_stop() {
     let (is_stalled, board) = (Rc::new(Cell::new(false)), RefCell::new(None));
     let (grown, told) = grow_over(
-        |news, orders| {
-            if let News::Laid(4, ..) = news {
+        |event, orders| {
+            if let JobEvent::Laid { index: 4, .. } = event {
                 is_stalled.set(true);
                 orders.give(Order::Stop);
             }
@@ -120,7 +120,7 @@ fn a_stop_that_does_not_get_through_becomes_an_emergency_stop() {
         },
     );
     assert_eq!(grown.outcome, Outcome::Stopped);
-    assert_eq!(tells(&told, &News::State(State::EmergencyStop)), 1);
+    assert_eq!(tells(&told, &JobEvent::State(State::EmergencyStop)), 1);
     assert_eq!(board.take().map(|sim| sim.borrow().state()), Some(State::EmergencyStop));
 }
 
@@ -158,22 +158,22 @@ fn an_order_outlives_a_line_that_is_cut_while_it_is_given() {
         let cut = Rc::new(Cell::new(0));
         let mut given = false;
         let (grown, told) = grow_over(
-            |news, orders| match news {
-                News::Laid(4, ..) if !given => {
+            |event, orders| match event {
+                JobEvent::Laid { index: 4, .. } if !given => {
                     given = true;
                     cut.set(losses);
                     orders.give(order);
                 }
                 // It holds by now, as asked to or as its host was silent.
-                News::Status(status) if status.state == State::Paused => orders.give(Order::GoOn),
+                JobEvent::Status(status) if status.state == State::Paused => orders.give(Order::GoOn),
                 _ => {}
             },
             |sim| Box::new(Cut { sim, losses: Rc::clone(&cut) }),
         );
         let wanted = if order == Order::Hold { Outcome::Done } else { Outcome::Stopped };
         assert_eq!((grown.outcome, cut.get()), (wanted, 0), "{order:?}");
-        assert!(tells(&told, &News::Silent) > 0, "{order:?} was not cut off");
-        assert!(tells(&told, &News::Ordered(order)) > 1, "{order:?} was not given again");
+        assert!(tells(&told, &JobEvent::Silent) > 0, "{order:?} was not cut off");
+        assert!(tells(&told, &JobEvent::Ordered(order)) > 1, "{order:?} was not given again");
     }
 }
 
@@ -225,8 +225,8 @@ fn a_stop_before_the_start_heats_nothing() {
     for stops in [false, true] {
         let starts = Rc::new(Cell::new(0));
         let (grown, _) = grow_over(
-            |news, orders| {
-                if stops && matches!(news, News::Board(_)) {
+            |event, orders| {
+                if stops && matches!(event, JobEvent::Board(_)) {
                     orders.give(Order::Stop);
                 }
             },
@@ -240,12 +240,12 @@ fn a_stop_before_the_start_heats_nothing() {
 #[test]
 fn an_order_in_any_state_leaves_the_body_whole() {
     for (state, order) in [(State::Heating, Order::Hold), (State::Homing, Order::Hold), (State::Growing, Order::GoOn)] {
-        let (grown, told) = grow(|news, orders| match news {
-            News::State(now) if *now == state => orders.give(order),
-            News::State(State::Paused) | News::NotObeyed(_) => orders.give(Order::GoOn),
+        let (grown, told) = grow(|event, orders| match event {
+            JobEvent::State(now) if *now == state => orders.give(order),
+            JobEvent::State(State::Paused) | JobEvent::NotObeyed(_) => orders.give(Order::GoOn),
             _ => {}
         });
         assert_eq!((grown.outcome, grown.body.len()), (Outcome::Done, 20), "{state:?}, {order:?}");
-        assert_eq!(tells(&told, &News::State(State::Paused)) > 0, order == Order::Hold, "{state:?}, {order:?}");
+        assert_eq!(tells(&told, &JobEvent::State(State::Paused)) > 0, order == Order::Hold, "{state:?}, {order:?}");
     }
 }

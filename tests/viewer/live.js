@@ -1,5 +1,5 @@
 // Follows growths on the simulated robot in Debian's Chromium, on the page that `growbot grow --watch` serves: it grows as the robot
-// does, holds and goes on and stops by its buttons, tells how it ended, and asks for nothing but its own news. Without --control there are
+// does, holds and goes on and stops by its buttons, tells how it ended, and asks for nothing but its own updates. Without --control there are
 // no buttons.
 //
 //   node live.js GROWBOT
@@ -47,11 +47,11 @@ async function grow(...args) {
   throw new Error(`growbot ended with ${await ended} and told no address`);
 }
 
-/** Opens the page; with `news`, as if growbot had said that. */
-async function open(browser, address, news) {
+/** Opens the page; with `update`, as if growbot had said that. */
+async function open(browser, address, update) {
   const page = await browser.newPage({ viewport: { width: 1200, height: 760 }, colorScheme: "light" });
-  const said = { contentType: "text/event-stream", body: `data: ${JSON.stringify(news)}\n\n` };
-  if (news) await page.route("**/news", (route) => route.fulfill(said));
+  const said = { contentType: "text/event-stream", body: `data: ${JSON.stringify(update)}\n\n` };
+  if (update) await page.route("**/updates", (route) => route.fulfill(said));
   page.setDefaultTimeout(PATIENCE_MS);
   page.on("console", (message) => errors.push(`console ${message.type()}: ${message.text()}`));
   page.on("pageerror", (error) => errors.push(error.stack));

@@ -4,7 +4,7 @@ use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::message::{Begin, BoardHello, Message, Resume, State, Status};
 use growbot_core::robot::Robot;
 
-use super::{CutLayer, Growth, GrowthError, Job, Manner, News, is_crash, tell_crash};
+use super::{CutLayer, Growth, GrowthError, Job, JobEvent, Manner, is_crash, report_crash};
 use crate::client::{Client, ClientError};
 use crate::feedback::Count;
 
@@ -14,24 +14,24 @@ impl<'a> Growth<'a> {
         client: &'a mut Client,
         job: &Job<'a>,
         manner: Manner<'a>,
-        tell: &mut dyn FnMut(&News),
+        on_event: &mut dyn FnMut(&JobEvent),
     ) -> Result<Self, GrowthError> {
-        let hello = meet(client, job.robot, tell)?;
+        let hello = meet(client, job.robot, on_event)?;
         let Status { plan_id, laid, layers, state, interrupted, .. } = hello.status;
         if plan_id != 0 && (laid > 0 || interrupted.is_some()) && laid < layers && state != State::Stopped {
             return Err(GrowthError::Unfinished { plan_id, laid, layers });
         }
         let mut growth = Self::new(client, job, manner, &hello);
-        growth.hand_over_all(tell).map_err(GrowthError::Before)?;
-        growth.count_from_here(tell).map_err(GrowthError::Before)?;
+        growth.hand_over_all(on_event).map_err(GrowthError::Before)?;
+        growth.count_from_here(on_event).map_err(GrowthError::Before)?;
         Ok(growth)
     }
 
-    fn hand_over_all(&mut self, tell: &mut dyn FnMut(&News)) -> Result<(), ClientError> {
+    fn hand_over_all(&mut self, on_event: &mut dyn FnMut(&JobEvent)) -> Result<(), ClientError> {
         let begin =
             Begin { plan_id: self.job.plan_id, layers: self.job.layers.len() as u32, robot: self.job.robot.hash() };
         self.ask("to begin a job", &Message::Begin(begin))?;
-        self.hand_over(tell)
+        self.hand_over(on_event)
     }
 
     /// Takes up a job that the board knows.
@@ -41,27 +41,27 @@ impl<'a> Growth<'a> {
         known: Vec<Option<LayerBytes>>,
         cut: CutLayer,
         manner: Manner<'a>,
-        tell: &mut dyn FnMut(&News),
+        on_event: &mut dyn FnMut(&JobEvent),
     ) -> Result<Self, GrowthError> {
-        let hello = meet(client, job.robot, tell)?;
+        let hello = meet(client, job.robot, on_event)?;
         let mut growth = Self::new(client, job, manner, &hello);
         if hello.status.plan_id != growth.job.plan_id {
             return Err(GrowthError::NothingToResume { plan_id: growth.job.plan_id, held: held(&hello.status) });
         }
         growth.as_built = known;
-        growth.attach(&hello.status, cut, tell).map_err(GrowthError::Before)?;
+        growth.attach(&hello.status, cut, on_event).map_err(GrowthError::Before)?;
         Ok(growth)
     }
 
     /// Feedback counts the filament from now on, unless it already counts what this start of the board has fed.
-    fn count_from_here(&mut self, tell: &mut dyn FnMut(&News)) -> Result<(), ClientError> {
+    fn count_from_here(&mut self, on_event: &mut dyn FnMut(&JobEvent)) -> Result<(), ClientError> {
         let Some(feedback) = self.feedback.as_mut().filter(|feedback| !feedback.counts_in(self.boot_id)) else {
             return Ok(());
         };
         let filament_pulses = self.client.sensors()?.filament_pulses;
         let count = Count { boot_id: self.boot_id, laid: self.laid, filament_pulses };
         feedback.count_from(&count);
-        tell(&News::Counting(count));
+        on_event(&JobEvent::Counting(count));
         Ok(())
     }
 
@@ -69,7 +69,7 @@ impl<'a> Growth<'a> {
         &mut self,
         status: &Status,
         cut: CutLayer,
-        tell: &mut dyn FnMut(&News),
+        on_event: &mut dyn FnMut(&JobEvent),
     ) -> Result<(), ClientError> {
         let skip = status.interrupted.is_some() && cut == CutLayer::LetBe;
         self.laid = status.laid;
@@ -80,20 +80,20 @@ impl<'a> Growth<'a> {
         let resume = Resume { plan_id: self.job.plan_id, from, known: known as u32 };
         self.ask("to resume", &Message::Resume(resume))?;
         self.laid = from;
-        self.count_from_here(tell)?;
+        self.count_from_here(on_event)?;
         // At rest any layer can be another one.
         self.amend_at = 0;
-        self.amend(self.laid, tell)?;
-        self.hand_over(tell)
+        self.amend(self.laid, on_event)?;
+        self.hand_over(on_event)
     }
 }
 
 /// Opens a session with the board of a robot, and tells who it is and whether it has crashed.
-fn meet(client: &mut Client, robot: &Robot, tell: &mut dyn FnMut(&News)) -> Result<BoardHello, GrowthError> {
+fn meet(client: &mut Client, robot: &Robot, on_event: &mut dyn FnMut(&JobEvent)) -> Result<BoardHello, GrowthError> {
     let hello = client.hello_robot(robot).map_err(GrowthError::Before)?;
-    tell(&News::Board(hello.clone()));
+    on_event(&JobEvent::Board(hello.clone()));
     if is_crash(hello.reset_cause) {
-        tell_crash(client, tell);
+        report_crash(client, on_event);
     }
     Ok(hello)
 }

@@ -5,35 +5,35 @@ use std::time::Duration;
 use growbot_core::link::message::{Empty, Fault, Laid, Message, PauseCause, Refusal, State, Status};
 
 use super::handover::IN_ENGINE;
-use super::{CutLayer, Grown, Growth, GrowthError, News, Order, Orders, Outcome, is_crash, tell_crash};
+use super::{CutLayer, Grown, Growth, GrowthError, JobEvent, Order, Orders, Outcome, is_crash, report_crash};
 use crate::client::ClientError;
 
 /// How long to wait for an event before orders are looked at,
 const LOOK: Duration = Duration::from_millis(200);
 /// and, after so many looks in vain, before the board is asked for its status.
 const QUIET_LOOKS: u32 = 10;
-/// Layers whose news are still on the way when the growth has ended are waited for until the status was asked for so often.
+/// Layers whose events are still on the way when the growth has ended are waited for until the status was asked for so often.
 const QUESTIONS_AFTER_THE_END: u32 = 40;
 /// A board that has fallen silent is called again so often before it counts as lost.
 const CALLS: u32 = 12;
 
 impl Growth<'_> {
     /// Follows the growth to its end and measures the body.
-    pub(super) fn finish(mut self, orders: &Orders, tell: &mut dyn FnMut(&News)) -> Result<Grown, GrowthError> {
-        let mut outcome = self.follow(orders, tell);
+    pub(super) fn finish(mut self, orders: &Orders, on_event: &mut dyn FnMut(&JobEvent)) -> Result<Grown, GrowthError> {
+        let mut outcome = self.follow(orders, on_event);
         for _ in 0..CALLS {
             match outcome {
                 Err(ClientError::Silent { .. } | ClientError::Garbage { .. } | ClientError::NotStopped { .. }) => {
                     if let Err(error @ ClientError::NotStopped { .. }) = &outcome {
                         // It is tried again, but nobody is to wait for that.
-                        tell(&News::NotObeyed(error.to_string()));
+                        on_event(&JobEvent::NotObeyed(error.to_string()));
                     }
-                    tell(&News::Silent);
-                    outcome = self.call_again(orders, tell);
+                    on_event(&JobEvent::Silent);
+                    outcome = self.call_again(orders, on_event);
                 }
                 // The board does not know us any more: it has restarted, or another host has taken it.
                 Err(ClientError::Refused { refusal: Refusal::NoSession, .. }) => {
-                    outcome = self.call_again(orders, tell);
+                    outcome = self.call_again(orders, on_event);
                 }
                 _ => break,
             }
@@ -47,7 +47,7 @@ impl Growth<'_> {
                 | ClientError::Port(_),
             ) if orders.stops() && self.client.emergency_stop().is_ok() => {
                 // The order did not get through, and this did.
-                tell(&News::State(State::EmergencyStop));
+                on_event(&JobEvent::State(State::EmergencyStop));
                 Outcome::Stopped
             }
             Err(ClientError::Silent { .. } | ClientError::Garbage { .. }) => Outcome::Lost,
@@ -60,20 +60,20 @@ impl Growth<'_> {
     }
 
     /// Opens another session and goes on following, if the board still has the job.
-    fn call_again(&mut self, orders: &Orders, tell: &mut dyn FnMut(&News)) -> Result<Outcome, ClientError> {
+    fn call_again(&mut self, orders: &Orders, on_event: &mut dyn FnMut(&JobEvent)) -> Result<Outcome, ClientError> {
         if orders.stop_at_once() {
             // It needs no session: a line on which nothing comes back may still carry it.
             self.client.emergency_stop()?;
         }
         let hello = self.client.hello_robot(self.job.robot)?;
-        tell(&News::Back);
+        on_event(&JobEvent::Back);
         if hello.boot_id != self.boot_id && is_crash(hello.reset_cause) {
-            tell_crash(self.client, tell);
+            report_crash(self.client, on_event);
         }
         if self.amending.as_ref().is_some_and(|(plan_id, ..)| *plan_id == hello.status.plan_id) {
             self.amended();
         } else if self.amending.take().is_some() {
-            tell(&News::NotAmended(None));
+            on_event(&JobEvent::NotAmended(None));
         }
         if hello.boot_id != self.boot_id || hello.status.plan_id != self.job.plan_id {
             self.laid = hello.status.laid;
@@ -82,12 +82,12 @@ impl Growth<'_> {
             return Ok(Outcome::Interrupted);
         }
         if outcome(hello.status.state, hello.status.fault).is_none() || hello.status.state == State::Done {
-            self.attach(&hello.status, CutLayer::Again, tell)?;
+            self.attach(&hello.status, CutLayer::Again, on_event)?;
         }
-        self.follow(orders, tell)
+        self.follow(orders, on_event)
     }
 
-    fn follow(&mut self, orders: &Orders, tell: &mut dyn FnMut(&News)) -> Result<Outcome, ClientError> {
+    fn follow(&mut self, orders: &Orders, on_event: &mut dyn FnMut(&JobEvent)) -> Result<Outcome, ClientError> {
         let mut stopped_by = None;
         let mut quiet_looks = 0;
         // A body of no length is done at once.
@@ -97,26 +97,26 @@ impl Growth<'_> {
         loop {
             if let Some(order) = orders.take().filter(|order| stopped_by != Some(*order)) {
                 // One that did not reach the board is for the next session.
-                self.obey(order, tell).inspect_err(|_| orders.give_back(order))?;
+                self.obey(order, on_event).inspect_err(|_| orders.give_back(order))?;
                 stopped_by = Some(order).filter(|order| *order >= Order::Stop);
                 ask = true;
             }
             if let Some(drift) = self.client.stop_if_clock_drifts()? {
                 let status = self.client.status()?;
-                self.take_status(&status, tell)?;
-                tell(&News::State(status.state));
-                tell(&News::Status(status));
+                self.take_status(&status, on_event)?;
+                on_event(&JobEvent::State(status.state));
+                on_event(&JobEvent::Status(status));
                 return Ok(Outcome::ClockDrift(drift));
             }
             if std::mem::take(&mut ask) || self.client.wants_clock() {
                 let status = self.client.status()?;
-                let outcome = self.take_status(&status, tell)?;
-                tell(&News::Status(status));
+                let outcome = self.take_status(&status, on_event)?;
+                on_event(&JobEvent::Status(status));
                 if let Some(Outcome::Fault(Fault::WatchdogReset | Fault::ProcessorFault | Fault::StackOverflow)) =
                     outcome
                     && questions_after_the_end == 0
                 {
-                    tell_crash(self.client, tell);
+                    report_crash(self.client, on_event);
                 }
                 if let Some(outcome) = outcome {
                     if self.as_built.len() >= self.laid as usize || questions_after_the_end > QUESTIONS_AFTER_THE_END {
@@ -134,18 +134,22 @@ impl Growth<'_> {
                 {
                     if laid.index as usize == self.as_built.len() {
                         self.take_layer(&laid);
-                        tell(&News::Laid(laid.index, laid.as_built, laid.measured));
+                        on_event(&JobEvent::Laid {
+                            index: laid.index,
+                            as_built: laid.as_built,
+                            measured: laid.measured,
+                        });
                     }
                     self.laid = self.laid.max(laid.index.saturating_add(1));
                     self.accepted.room = self.capacity.saturating_sub(self.accepted.next.saturating_sub(self.laid));
-                    self.amend(self.laid.saturating_add(IN_ENGINE), tell)?;
-                    self.refill(tell)?;
+                    self.amend(self.laid.saturating_add(IN_ENGINE), on_event)?;
+                    self.refill(on_event)?;
                     // The last of those that were missing at the end.
                     ask = questions_after_the_end > 0 && self.as_built.len() >= self.laid as usize;
                 }
                 Some(Message::StateChanged(change)) => {
-                    tell(&News::State(change.state));
-                    // The news may be of the job before: only the status says how this one stands.
+                    on_event(&JobEvent::State(change.state));
+                    // The event may be of the job before: only the status says how this one stands.
                     ask = true;
                 }
                 // By another host, say: what of the body that leaves, the status says.
@@ -166,8 +170,8 @@ impl Growth<'_> {
     }
 
     /// Carries an order out. One that does not suit the board's state is refused, and the growth goes on as it was.
-    fn obey(&mut self, order: Order, tell: &mut dyn FnMut(&News)) -> Result<(), ClientError> {
-        tell(&News::Ordered(order));
+    fn obey(&mut self, order: Order, on_event: &mut dyn FnMut(&JobEvent)) -> Result<(), ClientError> {
+        on_event(&JobEvent::Ordered(order));
         let done = match order {
             Order::GoOn => self.start(),
             Order::Hold => self.client.request("to hold", &Message::Pause(Empty {})).map(drop),
@@ -176,7 +180,7 @@ impl Growth<'_> {
         };
         match done {
             Err(error @ ClientError::Refused { refusal: Refusal::WrongState { .. }, .. }) => {
-                tell(&News::NotObeyed(error.to_string()));
+                on_event(&JobEvent::NotObeyed(error.to_string()));
                 Ok(())
             }
             done => done,
@@ -193,7 +197,11 @@ impl Growth<'_> {
     }
 
     /// Takes what the board says of itself: how the job ended, if it did.
-    fn take_status(&mut self, status: &Status, tell: &mut dyn FnMut(&News)) -> Result<Option<Outcome>, ClientError> {
+    fn take_status(
+        &mut self,
+        status: &Status,
+        on_event: &mut dyn FnMut(&JobEvent),
+    ) -> Result<Option<Outcome>, ClientError> {
         if status.state == State::Growing && self.began_ms.is_none() {
             self.began_ms = Some(status.uptime_ms);
         }
@@ -209,7 +217,7 @@ impl Growth<'_> {
         self.accepted.next = status.next;
         self.laid = status.laid;
         self.accepted.room = self.capacity.saturating_sub(status.next.saturating_sub(status.laid));
-        self.refill(tell)?;
+        self.refill(on_event)?;
         // It held because it had not heard of us for long.
         if status.state == State::Paused && status.pause_cause == PauseCause::HostSilent {
             self.start()?;

@@ -2,7 +2,7 @@
 
 use growbot_core::link::message::{Amend, MAX_LAYERS, Message, Refusal};
 
-use super::{Amendment, Growth, News};
+use super::{Amendment, Growth, JobEvent};
 use crate::client::ClientError;
 
 /// With feedback, layers are handed over so far ahead.
@@ -25,10 +25,10 @@ impl Growth<'_> {
     }
 
     /// Sends as many layers as the board has room for; whole messages, but for the last, while it grows.
-    pub(super) fn hand_over(&mut self, tell: &mut dyn FnMut(&News)) -> Result<(), ClientError> {
+    pub(super) fn hand_over(&mut self, on_event: &mut dyn FnMut(&JobEvent)) -> Result<(), ClientError> {
         let wanted = self.wanted();
         if let Some(layers) = self.job.layers.get(self.told as usize..wanted).filter(|layers| !layers.is_empty()) {
-            tell(&News::HandingOver(self.told, layers.to_vec()));
+            on_event(&JobEvent::HandingOver { from: self.told, layers: layers.to_vec() });
             self.told = wanted as u32;
         }
         let layers = self.job.layers.get(..wanted).unwrap_or_default();
@@ -43,7 +43,7 @@ impl Growth<'_> {
 
     /// With feedback, plans the layers from this index on again, or from the first one that can still be another, and has the board lay
     /// these. Where it does not take them it goes on with those that it has.
-    pub(super) fn amend(&mut self, mut from: u32, tell: &mut dyn FnMut(&News)) -> Result<(), ClientError> {
+    pub(super) fn amend(&mut self, mut from: u32, on_event: &mut dyn FnMut(&JobEvent)) -> Result<(), ClientError> {
         let layers = self.job.layers.len();
         let is_early = self.laid < self.amend_at || self.as_built.len() < self.laid as usize;
         if is_early || self.laid as usize >= layers {
@@ -64,7 +64,7 @@ impl Growth<'_> {
                 return Ok(());
             }
             let horizon = rest.iter().take(HORIZON as usize).copied().collect();
-            tell(&News::Amending(Amendment { plan_id, from, total, layers: horizon }));
+            on_event(&JobEvent::Amending(Amendment { plan_id, from, total, layers: horizon }));
             let first_layers = rest.iter().take(MAX_LAYERS).copied().collect();
             let amend = Amend { plan_id: self.job.plan_id, amended: plan_id, from, layers: total, first_layers };
             self.amending = Some((plan_id, amended, total.min(from.saturating_add(HORIZON))));
@@ -81,7 +81,7 @@ impl Growth<'_> {
                         Refusal::Begun { .. } | Refusal::OutOfOrder { .. } | Refusal::WrongState { .. } => None,
                         refusal => Some(ClientError::Refused { request, refusal }.to_string()),
                     };
-                    tell(&News::NotAmended(why));
+                    on_event(&JobEvent::NotAmended(why));
                     match refusal {
                         // A layer has been begun meanwhile.
                         Refusal::Begun { first } => from = first,
@@ -106,12 +106,12 @@ impl Growth<'_> {
     }
 
     /// Sends more layers, once there is room for a few messages of them, or for the rest.
-    pub(super) fn refill(&mut self, tell: &mut dyn FnMut(&News)) -> Result<(), ClientError> {
+    pub(super) fn refill(&mut self, on_event: &mut dyn FnMut(&JobEvent)) -> Result<(), ClientError> {
         let wanted = self.wanted() as u32;
         let left = wanted.saturating_sub(self.accepted.next);
         if left == 0 || self.accepted.room < left.min(HORIZON) {
             return Ok(());
         }
-        self.hand_over(tell)
+        self.hand_over(on_event)
     }
 }

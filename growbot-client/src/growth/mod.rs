@@ -84,9 +84,9 @@ impl Outcome {
     }
 }
 
-/// News of a growth.
+/// Something that happened to a job.
 #[derive(Debug, Clone, PartialEq)]
-pub enum News {
+pub enum JobEvent {
     /// The board went into a state.
     State(State),
     /// The board has said who it is.
@@ -95,19 +95,35 @@ pub enum News {
     Crash(CrashWords),
     /// The board's status, asked for in quiet times.
     Status(Status),
-    /// A layer is laid: its index, the layer as built where that is known, and what was measured after it.
-    Laid(u32, Option<LayerBytes>, Option<Measured>),
-    /// Where the plastic of a simulated tip is: layers of the body from this index on, as they came out. They come once they no longer
-    /// change, the last ones at the end.
-    Simulated(u32, Vec<Layer>),
+    /// A layer is laid.
+    Laid {
+        /// Its index.
+        index: u32,
+        /// The layer as built, where that is known.
+        as_built: Option<LayerBytes>,
+        /// What was measured after it.
+        measured: Option<Measured>,
+    },
+    /// Where the plastic of a simulated tip is. A layer comes once it no longer changes, the last ones at the end.
+    Simulated {
+        /// Index of the first layer.
+        from: u32,
+        /// The layers as they came out.
+        layers: Vec<Layer>,
+    },
     /// Feedback counts filament from here on.
     Counting(Count),
     /// The job is about to be amended. It is, unless `NotAmended` follows.
     Amending(Amendment),
     /// The board has not taken the latest amendment: why, unless it just came too late.
     NotAmended(Option<String>),
-    /// With feedback: layers of the job beyond those of its latest amendment are handed over, from this index on.
-    HandingOver(u32, Vec<LayerBytes>),
+    /// With feedback: layers of the job beyond those of its latest amendment are handed over.
+    HandingOver {
+        /// Index of the first layer.
+        from: u32,
+        /// The layers.
+        layers: Vec<LayerBytes>,
+    },
     /// Somebody has given an order, which is now carried out.
     Ordered(Order),
     /// The board refused it: why.
@@ -187,7 +203,7 @@ impl From<Silence> for Manner<'_> {
     }
 }
 
-/// Grows a job from its first layer. `orders` may be given at any time; `tell` hears the news.
+/// Grows a job from its first layer. `orders` may be given at any time; `on_event` gets what happens to the job.
 ///
 /// # Errors
 /// A board that is of another robot, holds an unfinished body, refuses or falls silent.
@@ -196,11 +212,11 @@ pub fn grow_job<'a>(
     job: &Job<'a>,
     manner: impl Into<Manner<'a>>,
     orders: &Orders,
-    tell: &mut dyn FnMut(&News),
+    on_event: &mut dyn FnMut(&JobEvent),
 ) -> Result<Grown, GrowthError> {
-    let mut growth = Growth::begin(client, job, manner.into(), tell)?;
+    let mut growth = Growth::begin(client, job, manner.into(), on_event)?;
     growth.start_unless_stopped(orders)?;
-    growth.finish(orders, tell)
+    growth.finish(orders, on_event)
 }
 
 /// Goes on with a job that the board knows. `known` are the layers as built that this host has already.
@@ -214,11 +230,11 @@ pub fn resume_job<'a>(
     cut: CutLayer,
     manner: impl Into<Manner<'a>>,
     orders: &Orders,
-    tell: &mut dyn FnMut(&News),
+    on_event: &mut dyn FnMut(&JobEvent),
 ) -> Result<Grown, GrowthError> {
-    let mut growth = Growth::take_up(client, job, known, cut, manner.into(), tell)?;
+    let mut growth = Growth::take_up(client, job, known, cut, manner.into(), on_event)?;
     growth.start_unless_stopped(orders)?;
-    growth.finish(orders, tell)
+    growth.finish(orders, on_event)
 }
 
 /// A growth under way.
@@ -251,11 +267,11 @@ struct Growth<'a> {
     ended_ms: u64,
 }
 
-/// Tells of the latest crash of the board's firmware, if the board knows of one.
-fn tell_crash(client: &mut Client, tell: &mut dyn FnMut(&News)) {
+/// Reports the latest crash of the board's firmware, if the board knows of one.
+fn report_crash(client: &mut Client, on_event: &mut dyn FnMut(&JobEvent)) {
     // Whether the board answers this changes nothing for the growth.
     if let Ok(BootReport { crash: Some(crash), .. }) = client.boot() {
-        tell(&News::Crash(crash));
+        on_event(&JobEvent::Crash(crash));
     }
 }
 

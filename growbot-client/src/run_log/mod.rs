@@ -39,7 +39,7 @@ pub use self::record::{BodyKind, RecordedTip, RunRecord, RunRecordError};
 use crate::crash::json_of_crash;
 use crate::degrees::degrees_below_turn;
 use crate::files::{FileError, refuse_ending, refuse_inputs};
-use crate::growth::{Amendment, Job, News};
+use crate::growth::{Amendment, Job, JobEvent};
 use crate::plan::Plan;
 use crate::plan_file::{PlanFile, WrittenPose, written_hash};
 
@@ -231,9 +231,9 @@ impl RunLog {
     ///
     /// # Errors
     /// If the file cannot be written, say because a disk is full: then the line waits and is tried again with the next one.
-    pub fn news(&mut self, news: &News) -> Result<(), RunLogError> {
-        match news {
-            News::Board(hello) => self.write(json!({
+    pub fn record(&mut self, event: &JobEvent) -> Result<(), RunLogError> {
+        match event {
+            JobEvent::Board(hello) => self.write(json!({
                 "event": "board",
                 "firmware": hello.firmware,
                 "schema": written_hash(hello.schema),
@@ -243,13 +243,13 @@ impl RunLog {
                 "laid": hello.status.laid,
                 "cut": hello.status.interrupted.map(|layer| [layer.min, layer.max]),
             })),
-            News::Crash(words) => {
+            JobEvent::Crash(words) => {
                 let mut line = json_of_crash(&CrashRecord::from(words));
                 line["event"] = "crash".into();
                 self.write(line)
             }
-            News::State(state) => self.write(json!({ "event": "state", "state": state.name() })),
-            News::Status(status) => self.write(json!({
+            JobEvent::State(state) => self.write(json!({ "event": "state", "state": state.name() })),
+            JobEvent::Status(status) => self.write(json!({
                 "event": "status",
                 "state": status.state.name(),
                 "fault": status.fault.map(Fault::code),
@@ -258,7 +258,7 @@ impl RunLog {
                 "laid": status.laid,
                 "uptime_ms": status.uptime_ms,
             })),
-            News::Laid(index, as_built, measured) => {
+            JobEvent::Laid { index, as_built, measured } => {
                 let mut line = json!({ "event": "laid", "layer": index, "as_built": as_built.as_ref().map(hex) });
                 if let Some(bytes) = as_built {
                     let layer = decode(bytes);
@@ -272,28 +272,28 @@ impl RunLog {
                 }
                 self.write(line)
             }
-            News::Simulated(from, layers) => self.simulated(*from, layers),
-            News::Counting(count) => self.write(json!({
+            JobEvent::Simulated { from, layers } => self.simulated(*from, layers),
+            JobEvent::Counting(count) => self.write(json!({
                 "event": "counting",
                 "boot_id": count.boot_id,
                 "laid": count.laid,
                 "filament_pulses": count.filament_pulses,
             })),
-            News::Amending(Amendment { plan_id, from, total, layers }) => self.write(json!({
+            JobEvent::Amending(Amendment { plan_id, from, total, layers }) => self.write(json!({
                 "event": "amending",
                 "plan_id": written_hash(*plan_id),
                 "from": from,
                 "total": total,
                 "layers": hex_of(layers),
             })),
-            News::NotAmended(why) => self.write(json!({ "event": "not-amended", "why": why })),
-            News::HandingOver(from, layers) => {
+            JobEvent::NotAmended(why) => self.write(json!({ "event": "not-amended", "why": why })),
+            JobEvent::HandingOver { from, layers } => {
                 self.write(json!({ "event": "handing-over", "from": from, "layers": hex_of(layers) }))
             }
-            News::Ordered(order) => self.write(json!({ "event": "ordered", "order": order.name() })),
-            News::NotObeyed(why) => self.write(json!({ "event": "not-obeyed", "why": why })),
-            News::Silent => self.write(json!({ "event": "silent" })),
-            News::Back => self.write(json!({ "event": "back" })),
+            JobEvent::Ordered(order) => self.write(json!({ "event": "ordered", "order": order.name() })),
+            JobEvent::NotObeyed(why) => self.write(json!({ "event": "not-obeyed", "why": why })),
+            JobEvent::Silent => self.write(json!({ "event": "silent" })),
+            JobEvent::Back => self.write(json!({ "event": "back" })),
         }
     }
 
@@ -326,7 +326,7 @@ impl RunLog {
     /// Writes how it ended.
     ///
     /// # Errors
-    /// As [`RunLog::news`].
+    /// As [`RunLog::record`].
     pub fn end(&mut self, result: &Value) -> Result<(), RunLogError> {
         self.write(json!({ "event": "end", "result": result }))
     }

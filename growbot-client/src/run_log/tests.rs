@@ -107,8 +107,8 @@ impl Write for Disk {
     }
 }
 
-fn laid(index: u32) -> News {
-    News::Laid(index, Some([index as u8 + 1; 12]), None)
+fn laid(index: u32) -> JobEvent {
+    JobEvent::Laid { index, as_built: Some([index as u8 + 1; 12]), measured: None }
 }
 
 /// A log of three layers that ends with the header.
@@ -122,13 +122,13 @@ fn a_disk_that_is_full_for_a_while_costs_no_line_wherever_it_tears_one() {
     let whole = {
         let disk = Disk::with_room(usize::MAX / 2);
         let mut log = RunLog::to(Box::new(disk.clone()), "run", Frame::identity());
-        (0..3).for_each(|index| log.news(&laid(index)).unwrap());
+        (0..3).for_each(|index| log.record(&laid(index)).unwrap());
         disk.written().len()
     };
     for room in 0..whole {
         let disk = Disk::with_room(room);
         let mut log = RunLog::to(Box::new(disk.clone()), "run", Frame::identity());
-        let failed = (0..3).filter(|index| log.news(&laid(*index)).is_err()).count();
+        let failed = (0..3).filter(|index| log.record(&laid(*index)).is_err()).count();
         assert!(failed > 0 && log.missing() > 0, "{room}");
         disk.make_room(10_000);
         log.end(&json!({ "outcome": "done" })).unwrap();
@@ -173,7 +173,7 @@ fn a_log_is_gone_on_with_without_losing_a_byte() {
         fs::write(&path, &before).unwrap();
         let record = RunRecord::open(&path).unwrap();
         let mut log = RunLog::go_on(&path, &record, "sim").unwrap();
-        log.news(&laid(1)).unwrap();
+        log.record(&laid(1)).unwrap();
         let after = fs::read(&path).unwrap();
         assert!(after.starts_with(&before), "{end:?}");
         let record = RunRecord::open(&path).unwrap();
@@ -211,8 +211,8 @@ fn the_header_tells_of_the_command_the_time_and_the_disturbances_and_every_event
     let imperfection = Imperfection { disturbance, seed: 7, ..Imperfection::default() };
     let origin = Origin { port: "sim", imperfection: Some(&imperfection) };
     let mut log = RunLog::begin(&path, &plan, &job, None, origin).unwrap();
-    log.news(&laid(0)).unwrap();
-    log.news(&News::Simulated(0, vec![Layer { alpha: 1.0, height: 0.7, tilt: 0.004 }])).unwrap();
+    log.record(&laid(0)).unwrap();
+    log.record(&JobEvent::Simulated { from: 0, layers: vec![Layer { alpha: 1.0, height: 0.7, tilt: 0.004 }] }).unwrap();
     log.end(&json!({ "outcome": "done" })).unwrap();
     let bytes = fs::read(&path).unwrap();
     let lines: Vec<Value> = Events::of(&bytes).collect();
@@ -306,7 +306,7 @@ fn a_crash_of_the_firmware_is_written_with_its_registers_and_changes_nothing_els
     let mut log = RunLog::go_on(&path, &before, "sim").unwrap();
     let mut words = [0x1001; growbot_core::link::crash::CRASH_WORDS];
     words[..9].copy_from_slice(&[3 << 16 | 3, 7, 0xfeed_beef, 0x1000_0800, 0xFFFF_FFF9, 1 << 16, 1 << 30, 1, 2]);
-    log.news(&News::Crash(words)).unwrap();
+    log.record(&JobEvent::Crash(words)).unwrap();
     let text = fs::read_to_string(&path).unwrap();
     let line: Value = serde_json::from_str(text.lines().last().unwrap()).unwrap();
     assert_eq!(

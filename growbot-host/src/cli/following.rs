@@ -2,7 +2,7 @@
 
 use clap::ValueEnum;
 use growbot_client::client::{ClientError, ClockDrift};
-use growbot_client::growth::{Grown, GrowthError, News, Order, Outcome};
+use growbot_client::growth::{Grown, GrowthError, JobEvent, Order, Outcome};
 use growbot_client::plan::Plan;
 use growbot_client::printable::json_line;
 use growbot_client::run_log::{RunLog, RunLogError};
@@ -58,16 +58,16 @@ impl Following<'_> {
     /// Shows a growth while it is grown, and what came of it.
     pub fn follow(
         mut self,
-        grow: impl FnOnce(&mut dyn FnMut(&News)) -> Result<Grown, GrowthError>,
+        grow: impl FnOnce(&mut dyn FnMut(&JobEvent)) -> Result<Grown, GrowthError>,
     ) -> Result<(), Failure> {
         let mut show = Show::new(self.plan.needs.layers, self.laid as u64);
         let mut logging = Logging::default();
-        let grown = grow(&mut |news| {
-            show.tell(news);
+        let grown = grow(&mut |event| {
+            show.ingest(event);
             if let Some(watch) = &self.watch {
-                watch.tell(news);
+                watch.ingest(event);
             }
-            let written = self.log.news(news);
+            let written = self.log.record(event);
             logging.take(written, self.log.missing(), self.watch.as_ref(), |words| show.interrupt(words));
         });
         show.end();
@@ -258,39 +258,39 @@ impl Show {
         }
     }
 
-    fn tell(&mut self, news: &News) {
-        match news {
-            News::State(state) => {
+    fn ingest(&mut self, event: &JobEvent) {
+        match event {
+            JobEvent::State(state) => {
                 self.state = state.name();
                 self.emergency |= *state == State::EmergencyStop;
                 if matches!(state, State::Heating | State::Homing | State::Growing | State::Paused | State::Parked) {
                     self.progress.say(self.state);
                 }
             }
-            News::Status(status) => {
+            JobEvent::Status(status) => {
                 self.state = status.state.name();
                 self.emergency |= status.state == State::EmergencyStop;
             }
-            News::Amending(amendment) => {
+            JobEvent::Amending(amendment) => {
                 self.layers_before = std::mem::replace(&mut self.layers, amendment.total as usize);
             }
-            News::Crash(_) => self.progress.say("the board's firmware crashed: `growbot status` says where"),
-            News::Board(_) | News::Counting(_) | News::HandingOver(..) | News::Simulated(..) => {}
-            News::Ordered(order) => {
+            JobEvent::Crash(_) => self.progress.say("the board's firmware crashed: `growbot status` says where"),
+            JobEvent::Board(_) | JobEvent::Counting(_) | JobEvent::HandingOver { .. } | JobEvent::Simulated { .. } => {}
+            JobEvent::Ordered(order) => {
                 self.emergency |= *order == Order::EmergencyStop;
                 self.progress.say(&format!("ordered: {}", order.name()));
             }
-            News::NotObeyed(why) => self.progress.say(why),
-            News::Silent => self.progress.say("the board does not answer: calling it again"),
-            News::Back => self.progress.say("the board answers again"),
-            News::NotAmended(why) => {
+            JobEvent::NotObeyed(why) => self.progress.say(why),
+            JobEvent::Silent => self.progress.say("the board does not answer: calling it again"),
+            JobEvent::Back => self.progress.say("the board answers again"),
+            JobEvent::NotAmended(why) => {
                 self.layers = self.layers_before;
                 if let Some(why) = why.as_ref().filter(|why| self.not_amended.as_ref() != Some(why)) {
                     self.progress.say(&format!("{why}; it goes on with the layers that it has"));
                     self.not_amended = Some(why.clone());
                 }
             }
-            News::Laid(index, ..) => self.laid = u64::from(*index) + 1,
+            JobEvent::Laid { index, .. } => self.laid = u64::from(*index) + 1,
         }
         let Self { state, laid, layers, .. } = *self;
         self.progress.at(laid, || format!("{state}, layer {laid} of {layers}"));

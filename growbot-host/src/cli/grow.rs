@@ -139,8 +139,8 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     let simulated = port.is_simulated();
     let following = Following { robot: &robot, plan: &plan, log, watch, json: args.json, laid: 0, seed, simulated };
     let manner = Manner { silence: args.on_silence.into(), feedback };
-    following.follow(|tell| {
-        compare(simulation.as_mut(), &job, tell, |tell| grow_job(&mut client, &job, manner, &orders, tell))
+    following.follow(|on_event| {
+        compare(simulation.as_mut(), &job, on_event, |on_event| grow_job(&mut client, &job, manner, &orders, on_event))
     })
 }
 

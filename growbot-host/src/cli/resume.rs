@@ -115,7 +115,7 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
     let simulated = port.is_simulated();
     let following = Following { robot: &robot, plan: &plan, log, watch, json: args.json, laid, seed: None, simulated };
     let manner = Manner { silence: args.on_silence.into(), feedback };
-    following.follow(|tell| resume_job(&mut client, &job, known, cut, manner, &orders, tell))
+    following.follow(|on_event| resume_job(&mut client, &job, known, cut, manner, &orders, on_event))
 }
 
 impl ResumeArgs {

@@ -113,7 +113,7 @@ fn follow(client: &mut Client, orders: &Orders, is_simulated: bool) -> Result<Tu
                     }
                     (state, None) => {
                         return Err(Failure::answered_no(format!(
-                            "the board is {} and has told no gains: it was stopped, or the news was lost; tune again",
+                            "the board is {} and has told no gains: it was stopped, or the event was lost; tune again",
                             state.name()
                         )));
                     }

@@ -24,7 +24,7 @@ pub fn of_one(subject: &Subject) -> Result<String, ViewError> {
     Ok(filled(subject.name, &data, NOWHERE))
 }
 
-/// The page of a growth under way, which asks where it comes from for news; `control`: whether it may give orders.
+/// The page of a growth under way, which asks where it comes from for updates; `control`: whether it may give orders.
 ///
 /// # Errors
 /// [`ViewError::TooManyLayers`].

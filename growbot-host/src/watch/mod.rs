@@ -16,7 +16,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
-use growbot_client::growth::{Job, News, Orders};
+use growbot_client::growth::{Job, JobEvent, Orders};
 use growbot_core::layer_bytes::LayerBytes;
 use serde_json::Value;
 use tokio::sync::{oneshot, watch};
@@ -123,8 +123,8 @@ impl Watch {
     }
 
     /// Tells pages what happened.
-    pub fn tell(&self, news: &News) {
-        self.shared.watched().take(news);
+    pub fn ingest(&self, event: &JobEvent) {
+        self.shared.watched().ingest(event);
         self.shared.changes.send_modify(|changes| *changes += 1);
     }
 

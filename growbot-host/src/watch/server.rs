@@ -1,4 +1,4 @@
-//! The page over HTTP: itself, its news as they come (server-sent events), and orders.
+//! The page over HTTP: itself, its updates as they come (server-sent events), and orders.
 
 use std::convert::Infallible;
 use std::sync::Arc;
@@ -22,7 +22,7 @@ use super::guard::{guard, nothing};
 use super::watched::Seen;
 
 /// Pages are told so often at most.
-const BETWEEN_NEWS: Duration = Duration::from_millis(200);
+const BETWEEN_UPDATES: Duration = Duration::from_millis(200);
 /// Connections are given so long to end by themselves.
 const TO_CLOSE: Duration = Duration::from_millis(500);
 
@@ -45,7 +45,7 @@ fn routes(shared: Arc<Shared>) -> Router {
     let token = &shared.token;
     Router::new()
         .route(&format!("/{token}/"), get(page))
-        .route(&format!("/{token}/news"), get(news))
+        .route(&format!("/{token}/updates"), get(updates))
         .route(&format!("/{token}/orders/{{order}}"), post(order))
         .fallback(nothing)
         .method_not_allowed_fallback(nothing)
@@ -57,7 +57,7 @@ async fn page(State(shared): State<Arc<Shared>>) -> Html<String> {
     Html(shared.page.clone())
 }
 
-async fn news(State(shared): State<Arc<Shared>>) -> Sse<impl Stream<Item = Result<Event, Infallible>>> {
+async fn updates(State(shared): State<Arc<Shared>>) -> Sse<impl Stream<Item = Result<Event, Infallible>>> {
     let listener = Listener { changes: shared.changes.subscribe(), shared, seen: Seen::default(), told: false };
     Sse::new(unfold(listener, Listener::next)).keep_alive(KeepAlive::default())
 }
@@ -78,13 +78,13 @@ impl Listener {
             return None;
         }
         if self.told {
-            sleep(BETWEEN_NEWS).await;
+            sleep(BETWEEN_UPDATES).await;
             self.changes.changed().await.ok()?;
         }
         self.changes.mark_unchanged();
-        let news = self.shared.watched().news_for(&mut self.seen);
+        let update = self.shared.watched().update_for(&mut self.seen);
         self.told = true;
-        Some((Ok(Event::default().data(news.to_string())), self))
+        Some((Ok(Event::default().data(update.to_string())), self))
     }
 }
 

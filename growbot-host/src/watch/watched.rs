@@ -1,6 +1,6 @@
 //! How a growth stands, and what of it a page does not know yet.
 
-use growbot_client::growth::{Job, News};
+use growbot_client::growth::{Job, JobEvent};
 use growbot_client::run_clock::Clock;
 use growbot_client::run_log::hex_of;
 use growbot_core::layer::Layer;
@@ -79,31 +79,31 @@ impl Watched {
     }
 
     /// Takes what happened.
-    pub fn take(&mut self, news: &News) {
-        match news {
-            News::Board(hello) => self.status(&hello.status),
-            News::State(state) => self.changed(*state),
-            News::Status(status) => self.status(status),
-            News::Laid(index, as_built, _) => self.laid(*index as usize, *as_built),
-            News::Amending(amendment) => {
+    pub fn ingest(&mut self, event: &JobEvent) {
+        match event {
+            JobEvent::Board(hello) => self.status(&hello.status),
+            JobEvent::State(state) => self.changed(*state),
+            JobEvent::Status(status) => self.status(status),
+            JobEvent::Laid { index, as_built, .. } => self.laid(*index as usize, *as_built),
+            JobEvent::Amending(amendment) => {
                 let from = self.commanded.len().min(amendment.from as usize);
                 self.replaced = Some((from, self.commanded.split_off(from), self.total));
                 self.replace(amendment.from, &amendment.layers);
                 self.total = amendment.total as usize;
             }
-            News::NotAmended(_) => {
+            JobEvent::NotAmended(_) => {
                 if let Some((from, layers, total)) = self.replaced.take() {
                     self.replace(from as u32, &layers);
                     self.total = total;
                 }
             }
-            News::HandingOver(from, layers) => self.replace(*from, layers),
-            News::NotObeyed(why) => self.said = Some(why.clone()),
-            News::Ordered(_) => self.said = None,
-            News::Silent => self.answers = false,
-            News::Back => self.answers = true,
-            News::Simulated(from, layers) => self.lies(*from as usize, layers),
-            News::Counting(_) | News::Crash(_) => {}
+            JobEvent::HandingOver { from, layers } => self.replace(*from, layers),
+            JobEvent::NotObeyed(why) => self.said = Some(why.clone()),
+            JobEvent::Ordered(_) => self.said = None,
+            JobEvent::Silent => self.answers = false,
+            JobEvent::Back => self.answers = true,
+            JobEvent::Simulated { from, layers } => self.lies(*from as usize, layers),
+            JobEvent::Counting(_) | JobEvent::Crash(_) => {}
         }
     }
 
@@ -118,7 +118,7 @@ impl Watched {
     }
 
     /// What a page that has seen so much does not know yet. Layers and readings are to be put in from the given index on.
-    pub fn news_for(&self, seen: &mut Seen) -> Value {
+    pub fn update_for(&self, seen: &mut Seen) -> Value {
         if seen.thinned != self.thinned {
             (seen.readings, seen.thinned) = (0, self.thinned);
         }
@@ -228,8 +228,8 @@ mod tests {
         Watched::new(&Job::new(&robot, &start, &goal, &path), known)
     }
 
-    fn status(uptime_ms: u64) -> News {
-        News::Status(Status {
+    fn status(uptime_ms: u64) -> JobEvent {
+        JobEvent::Status(Status {
             state: State::Growing,
             fault: None,
             temperature_centi_c: Some(20_050),
@@ -251,21 +251,21 @@ mod tests {
         let mut watched = watched(&[Some([7; 12]), None]);
         let total = watched.total;
         let mut seen = Seen::default();
-        let first = watched.news_for(&mut seen);
+        let first = watched.update_for(&mut seen);
         assert_eq!(first["layers"]["built"].as_str().unwrap().len(), 2 * 24);
         assert_eq!((&first["state"], &first["total"]), (&json!("starting"), &json!(total)));
-        watched.take(&News::Laid(1, Some([9; 12]), None));
-        watched.take(&News::Laid(2, Some([1; 12]), None));
-        watched.take(&News::Laid(4, None, None));
-        watched.take(&status(1000));
-        let second = watched.news_for(&mut seen);
+        watched.ingest(&JobEvent::Laid { index: 1, as_built: Some([9; 12]), measured: None });
+        watched.ingest(&JobEvent::Laid { index: 2, as_built: Some([1; 12]), measured: None });
+        watched.ingest(&JobEvent::Laid { index: 4, as_built: None, measured: None });
+        watched.ingest(&status(1000));
+        let second = watched.update_for(&mut seen);
         let commanded = hex_of(&watched.commanded[3..5]);
         assert_eq!(second["layers"], json!({ "from": 2, "built": format!("{}{commanded}", hex_of(&[[1; 12]])) }));
         assert_eq!(second["readings"], json!({ "from": 0, "taken": [[0.0, 200.5, null]] }));
         assert_eq!(second["left_s"], json!((total - 5) as f64 * 18.0));
-        let third = watched.news_for(&mut seen);
+        let third = watched.update_for(&mut seen);
         assert_eq!((&third["layers"]["built"], &third["readings"]["taken"]), (&json!(""), &json!([])));
-        let anew = watched.news_for(&mut Seen::default());
+        let anew = watched.update_for(&mut Seen::default());
         assert_eq!(anew["layers"]["built"].as_str().unwrap().len(), 5 * 24);
     }
 
@@ -274,13 +274,13 @@ mod tests {
         let mut watched = watched(&[]);
         let mut seen = Seen::default();
         for second in 0..MOST_READINGS as u64 {
-            watched.take(&status(1000 * second));
+            watched.ingest(&status(1000 * second));
         }
-        watched.news_for(&mut seen);
-        watched.take(&status(0));
-        let news = watched.news_for(&mut seen);
-        let taken = news["readings"]["taken"].as_array().unwrap();
-        assert_eq!((news["readings"]["from"].as_u64(), taken.len()), (Some(0), MOST_READINGS / 2 + 1));
+        watched.update_for(&mut seen);
+        watched.ingest(&status(0));
+        let update = watched.update_for(&mut seen);
+        let taken = update["readings"]["taken"].as_array().unwrap();
+        assert_eq!((update["readings"]["from"].as_u64(), taken.len()), (Some(0), MOST_READINGS / 2 + 1));
         assert_eq!((taken[1][0].as_f64(), taken.last().unwrap()[0].as_f64()), (Some(2.0), Some(4095.0)));
     }
 
@@ -288,9 +288,9 @@ mod tests {
     fn an_amendment_that_the_board_does_not_take_is_taken_back() {
         let mut watched = watched(&[]);
         let (commanded, total) = (watched.commanded.clone(), watched.total);
-        watched.take(&News::Amending(Amendment { plan_id: 2, from: 1, total: 20, layers: vec![[5; 12]; 2] }));
+        watched.ingest(&JobEvent::Amending(Amendment { plan_id: 2, from: 1, total: 20, layers: vec![[5; 12]; 2] }));
         assert_eq!((watched.commanded.len(), watched.total), (3, 20));
-        watched.take(&News::NotAmended(None));
+        watched.ingest(&JobEvent::NotAmended(None));
         assert!(watched.commanded == commanded && watched.total == total);
     }
 
@@ -298,36 +298,36 @@ mod tests {
     fn where_a_simulated_tip_has_laid_comes_in_the_place_of_what_was_commanded() {
         let mut watched = watched(&[]);
         let mut seen = Seen::default();
-        watched.take(&News::Laid(0, Some([7; 12]), None));
-        watched.take(&News::Laid(1, Some([8; 12]), None));
-        assert_eq!(watched.news_for(&mut seen)["simulated"], json!(false));
+        watched.ingest(&JobEvent::Laid { index: 0, as_built: Some([7; 12]), measured: None });
+        watched.ingest(&JobEvent::Laid { index: 1, as_built: Some([8; 12]), measured: None });
+        assert_eq!(watched.update_for(&mut seen)["simulated"], json!(false));
         let layer = Layer { alpha: 1.0, height: 0.5, tilt: 0.003 };
-        watched.take(&News::Simulated(0, vec![layer]));
-        let news = watched.news_for(&mut seen);
+        watched.ingest(&JobEvent::Simulated { from: 0, layers: vec![layer] });
+        let update = watched.update_for(&mut seen);
         let expected = hex_of(&[Encoder::default().encode(&layer), [8; 12]]);
-        assert_eq!((&news["simulated"], &news["layers"]), (&json!(true), &json!({ "from": 0, "built": expected })));
-        assert_eq!(watched.news_for(&mut seen)["layers"]["from"], 2);
+        assert_eq!((&update["simulated"], &update["layers"]), (&json!(true), &json!({ "from": 0, "built": expected })));
+        assert_eq!(watched.update_for(&mut seen)["layers"]["from"], 2);
     }
 
     #[test]
     fn a_log_that_fails_is_told_until_it_does_not() {
         let mut watched = watched(&[]);
         watched.warn(Some("disk full".to_owned()));
-        watched.take(&News::Ordered(growbot_client::growth::Order::Hold));
-        assert_eq!(watched.news_for(&mut Seen::default())["warned"], "disk full");
+        watched.ingest(&JobEvent::Ordered(growbot_client::growth::Order::Hold));
+        assert_eq!(watched.update_for(&mut Seen::default())["warned"], "disk full");
         watched.warn(None);
-        assert_eq!(watched.news_for(&mut Seen::default())["warned"], Value::Null);
+        assert_eq!(watched.update_for(&mut Seen::default())["warned"], Value::Null);
     }
 
     #[test]
     fn a_fault_is_explained() {
         let mut watched = watched(&[]);
-        let News::Status(mut status) = status(0) else { unreachable!() };
+        let JobEvent::Status(mut status) = status(0) else { unreachable!() };
         (status.state, status.fault) = (State::Fault, Some(Fault::OverTemperature));
-        watched.take(&News::Status(status));
-        let news = watched.news_for(&mut Seen::default());
+        watched.ingest(&JobEvent::Status(status));
+        let update = watched.update_for(&mut Seen::default());
         assert_eq!(
-            (&news["state"], &news["explanation"]),
+            (&update["state"], &update["explanation"]),
             (&json!("fault"), &json!(Fault::OverTemperature.explanation()))
         );
     }
@@ -336,42 +336,42 @@ mod tests {
     #[test]
     fn a_state_is_not_shown_before_its_explanation() {
         let shown = |watched: &Watched| {
-            let news = watched.news_for(&mut Seen::default());
-            (news["state"].clone(), news["explanation"].clone())
+            let update = watched.update_for(&mut Seen::default());
+            (update["state"].clone(), update["explanation"].clone())
         };
         let mut watched = watched(&[]);
-        watched.take(&status(0));
-        let News::Status(growing) = status(1) else { unreachable!() };
+        watched.ingest(&status(0));
+        let JobEvent::Status(growing) = status(1) else { unreachable!() };
         let pause = |pause_cause| Status { state: State::Paused, pause_cause, ..growing.clone() };
         for (waits, explanation) in [
             (PauseCause::Requested, "holds as it was asked to"),
             (PauseCause::HostSilent, "holds until its host is back"),
         ] {
-            watched.take(&News::State(State::Paused));
+            watched.ingest(&JobEvent::State(State::Paused));
             assert_eq!(shown(&watched), (json!("growing"), Value::Null), "not yet known why");
-            watched.take(&News::Status(pause(waits)));
+            watched.ingest(&JobEvent::Status(pause(waits)));
             assert_eq!(shown(&watched), (json!("paused"), json!(explanation)));
-            watched.take(&News::State(State::Growing));
+            watched.ingest(&JobEvent::State(State::Growing));
             assert_eq!(shown(&watched), (json!("growing"), Value::Null));
         }
-        watched.take(&News::State(State::Fault));
+        watched.ingest(&JobEvent::State(State::Fault));
         assert_eq!(shown(&watched), (json!("growing"), Value::Null), "not yet known which");
         let fault = Status { state: State::Fault, fault: Some(Fault::FilamentOut), ..growing };
-        watched.take(&News::Status(fault));
+        watched.ingest(&JobEvent::Status(fault));
         assert_eq!(shown(&watched), (json!("fault"), json!(Fault::FilamentOut.explanation())));
-        watched.take(&News::State(State::Idle));
+        watched.ingest(&JobEvent::State(State::Idle));
         assert_eq!(shown(&watched), (json!("idle"), Value::Null), "a fault that was cleared is not told any more");
     }
 
     #[test]
     fn amended_layers_are_those_that_unknown_ones_are_shown_by() {
         let mut watched = watched(&[]);
-        watched.take(&News::Amending(Amendment { plan_id: 2, from: 1, total: 20, layers: vec![[5; 12]; 2] }));
-        watched.take(&News::HandingOver(3, vec![[6; 12]]));
-        watched.take(&News::Laid(3, None, None));
+        watched.ingest(&JobEvent::Amending(Amendment { plan_id: 2, from: 1, total: 20, layers: vec![[5; 12]; 2] }));
+        watched.ingest(&JobEvent::HandingOver { from: 3, layers: vec![[6; 12]] });
+        watched.ingest(&JobEvent::Laid { index: 3, as_built: None, measured: None });
         assert_eq!(watched.built[1..], [[5; 12], [5; 12], [6; 12]]);
-        let news = watched.news_for(&mut Seen::default());
-        assert_eq!(news["total"], 20);
+        let update = watched.update_for(&mut Seen::default());
+        assert_eq!(update["total"], 20);
         watched.end(&json!({ "outcome": "stopped" }));
         assert!(watched.ended.is_some());
     }

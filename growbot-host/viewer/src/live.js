@@ -1,6 +1,6 @@
 // A growth under way: the view of its plan, which grows as the board tells of its layers; state, progress, temperature, and orders.
 //
-// News come as server-sent events (growbot-host/src/watch/): what has changed since the last ones, layers and readings from an index on.
+// Updates come as server-sent events (growbot-host/src/watch/): what has changed since the last ones, layers and readings from an index on.
 
 import { decodeLayers, growBody } from "./body.js";
 import { drawReadings } from "./chart.js";
@@ -37,10 +37,10 @@ export function showLive(data) {
     }, took / SHARE);
   };
 
-  const source = new EventSource("news");
+  const source = new EventSource("updates");
   source.onmessage = ({ data: text }) => {
-    const news = JSON.parse(text);
-    const { layers, readings: taken, total, ended, simulated } = news;
+    const update = JSON.parse(text);
+    const { layers, readings: taken, total, ended, simulated } = update;
     const laid = layers.from + layers.built.length / HEX_PER_LAYER;
     readings = [...readings.slice(0, taken.from), ...taken.taken];
     built = built.slice(0, layers.from * HEX_PER_LAYER) + layers.built;
@@ -49,10 +49,10 @@ export function showLive(data) {
     stale ||= layers.built.length > 0;
     if (timer === null && stale) grow();
     if (simulated) find("#built-name").textContent = "Laid (simulated)";
-    showState(news);
+    showState(update);
     find("#progress").value = total > 0 ? laid / total : 1;
     find("#laid").textContent = `${laid} of ${total} layers`;
-    find("#left").textContent = ended ? "" : `${durationText(news.left_s)} ${news.state === "growing" ? "left" : "of growing left"}`;
+    find("#left").textContent = ended ? "" : `${durationText(update.left_s)} ${update.state === "growing" ? "left" : "of growing left"}`;
     drawReadings(find("#temperature"), readings);
     document.title = `${total > 0 ? Math.floor((100 * laid) / total) : 100} % · ${title}`;
     if (ended) {
@@ -83,7 +83,7 @@ function showState({ state, answers, explanation, said, warned }) {
   showProblem(answers ? (said ?? "") : "The board does not answer: growbot calls it again.");
 }
 
-/** What is wrong with the growth or the connection; or, beside it, with an order, which no news wipe away. */
+/** What is wrong with the growth or the connection; or, beside it, with an order, which no update wipes away. */
 function showProblem(text, place = "#problem") {
   const problem = find(place);
   problem.textContent = text;

@@ -410,7 +410,7 @@ mod tests {
     use crate::truth::compare;
     use embedded_storage::nor_flash::NorFlash;
     use growbot_client::client::Client;
-    use growbot_client::growth::{Grown, Job, News, Orders, grow_job};
+    use growbot_client::growth::{Grown, Job, JobEvent, Orders, grow_job};
     use growbot_core::link::message::Silence;
     use growbot_core::path::{Segment, end};
     use growbot_firmware::safety::kept::Copies;
@@ -429,7 +429,9 @@ mod tests {
         let job = Job::new(&robot, &start, &goal, &path);
         let mut simulation = sim.simulation();
         let mut client = Client::new(Box::new(sim), "a simulated board");
-        let grow = |tell: &mut dyn FnMut(&News)| grow_job(&mut client, &job, Silence::Pause, &Orders::default(), tell);
+        let grow = |on_event: &mut dyn FnMut(&JobEvent)| {
+            grow_job(&mut client, &job, Silence::Pause, &Orders::default(), on_event)
+        };
         compare(Some(&mut simulation), &job, &mut |_| {}, grow).unwrap()
     }
 

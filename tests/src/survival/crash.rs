@@ -5,7 +5,7 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use growbot_client::client::Client;
-use growbot_client::growth::{CutLayer, Grown, GrowthError, Job, News, Orders, Outcome, grow_job, resume_job};
+use growbot_client::growth::{CutLayer, Grown, GrowthError, Job, JobEvent, Orders, Outcome, grow_job, resume_job};
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::message::{Empty, Message, ResetCause, Silence, State, Status};
 use growbot_sim::port::sim::Sim;
@@ -81,11 +81,11 @@ fn grow_until(
     let line = Cuttable { port: Rc::clone(board), cut: Rc::clone(&cut) };
     let mut client = Client::new(Box::new(line), "sim");
     let mut told = 0;
-    let grown = grow_job(&mut client, job, Silence::Pause, &Orders::default(), &mut |news| {
+    let grown = grow_job(&mut client, job, Silence::Pause, &Orders::default(), &mut |happened| {
         if cut.get() {
             return;
         }
-        if let News::Laid(_, as_built, _) = news {
+        if let JobEvent::Laid { as_built, .. } = happened {
             known.push(*as_built);
         }
         told += 1;
@@ -122,12 +122,12 @@ fn come_back(job: &Job, board: &Board, known: Vec<Option<LayerBytes>>) -> Result
         client.request("to clear the fault", &clear).map_err(GrowthError::Before)?;
     }
     let found = client.status().map_err(GrowthError::Before)?;
-    let (stop, tell) = (Orders::default(), &mut |_: &News| {});
+    let (stop, on_event) = (Orders::default(), &mut |_: &JobEvent| {});
     let grown = if found.plan_id == job.plan_id {
-        resume_job(&mut client, job, known, CutLayer::Again, Silence::Pause, &stop, tell)
+        resume_job(&mut client, job, known, CutLayer::Again, Silence::Pause, &stop, on_event)
     } else {
         // Nothing had been begun.
-        grow_job(&mut client, job, Silence::Pause, &stop, tell)
+        grow_job(&mut client, job, Silence::Pause, &stop, on_event)
     };
     Ok((found, grown?))
 }

@@ -11,7 +11,7 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use growbot_client::client::Client;
-use growbot_client::growth::{Job, News, Orders, Outcome, grow_job};
+use growbot_client::growth::{Job, JobEvent, Orders, Outcome, grow_job};
 use growbot_client::port::{Port, PortError};
 use growbot_client::robot_file;
 use growbot_core::layer_bytes::LayerBytes;
@@ -85,7 +85,7 @@ impl Undisturbed {
         let board: Board = Rc::new(RefCell::new(Sim::new(job.robot.clone())));
         let mut client = Client::new(Box::new(Rc::clone(&board)), "sim");
         let mut events = 0;
-        let count = &mut |_: &News| events += 1;
+        let count = &mut |_: &JobEvent| events += 1;
         let grown = grow_job(&mut client, job, Silence::Pause, &Orders::default(), count);
         let grown = grown.expect("nothing is in the way");
         assert_eq!((grown.outcome, grown.as_built.len()), (Outcome::Done, job.layers.len()));

@@ -4,8 +4,8 @@ use std::str::FromStr;
 use std::time::Duration;
 
 use super::STEP;
-use crate::suggest::did_you_mean;
 use crate::pose_text::parse_number;
+use crate::suggest::did_you_mean;
 
 /// The chance of a fault that is named without one.
 const CHANCE: f64 = 0.01;

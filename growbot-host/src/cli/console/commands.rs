@@ -1,7 +1,7 @@
 //! What the console can be told, as words and as values.
 
-use growbot_client::suggest::did_you_mean;
 use growbot_client::pose_text::{parse_number, parse_pose};
+use growbot_client::suggest::did_you_mean;
 use growbot_core::pose::Pose;
 
 /// The longest wait, s.

@@ -6,7 +6,7 @@ use std::sync::mpsc::RecvTimeoutError;
 use std::time::Duration;
 
 use growbot_client::client::Client;
-use growbot_client::growth::{Job, News, Orders, Outcome, grow_job};
+use growbot_client::growth::{Job, JobEvent, Orders, Outcome, grow_job};
 use growbot_client::plan::{Plan, Search};
 use growbot_core::layer_bytes::decode;
 use growbot_core::link::message::{Message, Silence, State};
@@ -256,17 +256,19 @@ impl Session {
         let plan = Plan::through(&self.robot, &self.start, &[], goal, &search)?;
         let job = Job::new(&self.robot, &plan.start, &plan.goal, &plan.path);
         let mut emergency = false;
-        let mut show = |news: &News| {
-            if let News::Status(status) = news {
+        let mut show = |event: &JobEvent| {
+            if let JobEvent::Status(status) = event {
                 emergency |= status.state == State::EmergencyStop;
             }
-            if let News::State(state) = news {
+            if let JobEvent::State(state) = event {
                 // A reader that is gone is noticed when the table is printed.
                 let _ = print(&format!("{}\n", state.name()));
             }
         };
         let is_simulated = self.port.is_simulated();
-        let grow = |tell: &mut dyn FnMut(&News)| grow_job(&mut self.client, &job, Silence::Pause, &self.orders, tell);
+        let grow = |on_event: &mut dyn FnMut(&JobEvent)| {
+            grow_job(&mut self.client, &job, Silence::Pause, &self.orders, on_event)
+        };
         let grown = compare(self.simulation.as_mut(), &job, &mut show, grow)
             .map_err(|error| following::failed(error, is_simulated))?;
         self.orders.clear();

@@ -88,7 +88,7 @@ impl Model {
         }
         let (state, fault) = (status.state, status.fault);
         let before = self.status.replace(status).map(|before| (before.state, before.fault));
-        // The news of it was lost, or there was a fault before we came.
+        // The event was lost, or there was a fault before we came.
         if before.is_none_or(|before| before != (state, fault)) {
             self.say_state(state, fault);
         }
