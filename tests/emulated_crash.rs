@@ -68,7 +68,7 @@ fn a_crash_is_told_after_the_reset_by_function_and_line() {
         assert_eq!(crash.record.exception, if cause == ResetCause::Watchdog { 2 } else { 3 }, "{function}");
         assert_eq!(crash.record.image, image.crc(), "{function}");
 
-        let json = crash.json();
+        let json = serde_json::to_value(crash.written()).unwrap();
         let named = json["at"].as_array().unwrap().iter().find(|place| {
             place["function"].as_str().is_some_and(|name| name.ends_with(&format!("high_water::{function}")))
         });

@@ -65,8 +65,8 @@ fn an_emulated_board_is_amended_while_it_grows_and_arrives() {
         grown.arrival.normalized_position_error
     };
     let fed_back = closed.fed_back.as_ref().unwrap();
-    let believed = fed_back.estimate.base_from_tip.translation.vector;
-    let off = (believed - closed.arrival.reached.position()).norm();
+    let estimated = fed_back.estimate.base_from_tip.translation.vector;
+    let off = (estimated - closed.arrival.final_pose.position()).norm();
     println!("{:.4} without feedback, {:.4} with; {} amendments", miss(&open), miss(&closed), fed_back.amendments);
     println!("{} layers, believed to be {off:.3} mm from where it is", closed.body.len());
     assert!(miss(&open) > 0.08 && miss(&closed) < 0.02, "{:?} {:?}", open.arrival, closed.arrival);

@@ -2,13 +2,13 @@
 
 use growbot_core::angle::{degrees, wrap_signed};
 use growbot_core::plan::miss;
-use growbot_core::pose::{Frame, Pose};
+use growbot_core::pose::{Frame, Pose, angle_between};
 
 /// Where a tip is, and how far that is from where it was to be.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Arrival {
     /// Where the tip is.
-    pub reached: Pose,
+    pub final_pose: Pose,
     /// Distance from the goal, mm.
     pub position_error_mm: f64,
     /// That, over the length of the planned path (Eq 26); 0 for a path of no length.
@@ -25,17 +25,36 @@ impl Arrival {
     /// Compares a tip with its goal. `path_length` in mm.
     #[must_use]
     pub fn of(base_from_tip: &Frame, goal: &Pose, path_length: f64) -> Self {
-        let reached = Pose::from_frame(base_from_tip);
+        let final_pose = Pose::from_frame(base_from_tip);
         let missed = miss(base_from_tip, goal);
         Self {
-            reached,
+            final_pose,
             position_error_mm: missed.distance,
             normalized_position_error: if path_length > 0.0 { missed.distance / path_length } else { 0.0 },
-            heading_error_deg: degrees(wrap_signed(reached.heading() - goal.heading()).abs()),
-            pitch_error_deg: degrees((reached.pitch() - goal.pitch()).abs()),
+            heading_error_deg: degrees(wrap_signed(final_pose.heading() - goal.heading()).abs()),
+            pitch_error_deg: degrees((final_pose.pitch() - goal.pitch()).abs()),
             direction_error_deg: degrees(missed.angle),
         }
     }
+
+    /// How far this pose is from another one, say an estimate from the truth.
+    #[must_use]
+    pub fn error_from(&self, other: &Self) -> PoseError {
+        let (this, other) = (&self.final_pose, &other.final_pose);
+        PoseError {
+            position_mm: (this.position() - other.position()).norm(),
+            direction_deg: degrees(angle_between(&this.direction(), &other.direction())),
+        }
+    }
+}
+
+/// How far one pose is from another.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PoseError {
+    /// Distance, mm.
+    pub position_mm: f64,
+    /// Angle between the directions, degrees.
+    pub direction_deg: f64,
 }
 
 #[cfg(test)]

@@ -8,11 +8,15 @@ use growbot_core::job::plan_id;
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::{Encoder, LayerBytes, decode};
 use growbot_core::link::message::Measured;
-use growbot_core::path::{Leg, Segment};
+use growbot_core::path::{Leg, Segment, length};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_core::tracking::{Estimate, Measurement, SensorNoise, Tracker};
 use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+
+use crate::arrival::Arrival;
+use crate::plan::Plan;
 
 /// What a robot's sensors are taken for where nobody says: odometry to 1 % of a layer, a direction to half a degree.
 pub const ASSUMED: SensorNoise = SensorNoise { odometry: 0.01, direction: 0.5 * std::f64::consts::PI / 180.0 };
@@ -43,13 +47,14 @@ pub struct Feedback<'a> {
 }
 
 /// From where the filament's encoder is counted.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Count {
     /// The start of the board.
     pub boot_id: u32,
     /// Layers laid before.
     pub laid: u32,
     /// What the encoder shows; none without one.
+    #[serde(default, deserialize_with = "crate::run_log::lenient")]
     pub filament_pulses: Option<u32>,
 }
 
@@ -60,6 +65,14 @@ pub struct FedBack {
     pub amendments: u32,
     /// Where the tip is, by all that was measured.
     pub estimate: Estimate,
+}
+
+impl FedBack {
+    /// Where the tip is by the estimate, and how far that is from the goal of a plan.
+    #[must_use]
+    pub fn arrival(&self, plan: &Plan) -> Arrival {
+        Arrival::of(&self.estimate.base_from_tip, &plan.goal, length(&plan.path))
+    }
 }
 
 impl<'a> Feedback<'a> {

@@ -5,10 +5,9 @@
 //! a layer is told no sooner after the one before than the robot needs for it.
 
 use growbot_core::layer::Layer;
-use serde_json::Value;
 
 use crate::plan::Plan;
-use crate::run_log::Events;
+use crate::run_log::{BoardStatus, Events, RunEvent};
 
 /// The time of a growth, ms.
 #[derive(Debug, Default)]
@@ -28,8 +27,8 @@ impl Clock {
     }
 
     /// A status has the board's time.
-    pub fn status(&mut self, event: &Value) {
-        if let Some(uptime_ms) = event.get("uptime_ms").and_then(Value::as_u64) {
+    pub fn status(&mut self, status: &BoardStatus) {
+        if let Some(uptime_ms) = status.uptime_ms {
             self.board_says(uptime_ms);
         }
     }
@@ -59,6 +58,6 @@ pub fn time_for(layer: &Layer, plan: &Plan) -> u64 {
 }
 
 /// The events of a log of these bytes after its header.
-pub fn events(log: &[u8]) -> impl Iterator<Item = Value> {
-    Events::of(log).skip(1)
+pub fn events(log: &[u8]) -> impl Iterator<Item = RunEvent> {
+    Events::after_header(log)
 }

@@ -4,26 +4,16 @@ use std::path::Path;
 
 use addr2line::Context;
 use gimli::{Dwarf, EndianArcSlice, RunTimeEndian};
-use growbot_client::crash::json_of_crash;
+use growbot_client::crash::{Caller, Place, WrittenCrash, hex};
 use growbot_client::input::read_bytes;
 use growbot_core::link::crash::{CrashRecord, CrashWords};
 use growbot_sim::image_seal;
 use object::{Object, ObjectSection, SectionKind};
-use serde_json::{Value, json};
 
 type Slice = EndianArcSlice<RunTimeEndian>;
 
 /// The longest ELF image that is read, bytes: with what a debugger needs, growbot's own have some 3 MB.
 const LONGEST_IMAGE: u64 = 64 << 20;
-
-/// A function that an address lies in, or that was inlined there.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Place {
-    /// Its name.
-    pub function: String,
-    /// File and line.
-    pub line: Option<(String, u32)>,
-}
 
 /// An image in which addresses can be looked up.
 pub struct Image {
@@ -80,7 +70,8 @@ impl Image {
             let name = frame.function.as_ref().and_then(|function| function.demangle().ok());
             let function = name.map_or_else(|| "?".to_string(), std::borrow::Cow::into_owned);
             let line = frame.location.and_then(|at| Some((shortened(at.file?), at.line?)));
-            places.push(Place { function, line });
+            let (file, line) = line.unzip();
+            places.push(Place { function, file, line });
         }
         places
     }
@@ -174,31 +165,20 @@ impl<'a> Crash<'a> {
         text
     }
 
-    /// As JSON.
+    /// As scripts read it.
     #[must_use]
-    pub fn json(&self) -> Value {
-        let mut json = json_of_crash(&self.record);
-        let calls = self.calls();
-        let called = |(address, places): &(u32, Vec<Place>)| json!({ "address": format!("{address:08x}"), "at": json_of(places) });
-        json["at"] = json_of(&self.at()).into();
-        json["called_from"] = calls.iter().map(called).collect();
-        json
+    pub fn written(&self) -> WrittenCrash {
+        let caller = |(address, at): (u32, Vec<Place>)| Caller { address: hex(address), at };
+        let called_from = self.calls().into_iter().map(caller).collect();
+        WrittenCrash { at: self.at(), called_from, ..WrittenCrash::from(&self.record) }
     }
 }
 
 /// Functions and lines after an address, the innermost first.
 fn text_of(places: &[Place]) -> String {
-    let place = |place: &Place| match &place.line {
-        Some((file, line)) => format!(" {} ({file}:{line})", place.function),
-        None => format!(" {}", place.function),
+    let place = |place: &Place| match (&place.file, place.line) {
+        (Some(file), Some(line)) => format!(" {} ({file}:{line})", place.function),
+        _ => format!(" {}", place.function),
     };
     places.iter().map(place).collect::<Vec<_>>().join(" in")
-}
-
-fn json_of(places: &[Place]) -> Vec<Value> {
-    let place = |place: &Place| {
-        let (file, line) = place.line.clone().unzip();
-        json!({ "function": place.function, "file": file, "line": line })
-    };
-    places.iter().map(place).collect()
 }

@@ -45,10 +45,10 @@ fn biased_deposition_is_learned() {
         let open = grown(&["--bias", bias]);
         let closed = grown(&["--bias", bias, "--feedback"]);
         assert!(error(&open) > 0.04 && error(&closed) < 0.002, "{} {}", error(&open), error(&closed));
-        let believed = &closed["feedback"];
-        assert!(believed["amendments"].as_u64().unwrap() > 300, "{believed}");
-        assert!((believed["growth_bias_percent"].as_f64().unwrap() - bias.parse::<f64>().unwrap()).abs() < 0.5);
-        assert!(believed["estimate_error_mm"].as_f64().unwrap() < 0.5, "{believed}");
+        let feedback = &closed["feedback"];
+        assert!(feedback["amendments"].as_u64().unwrap() > 300, "{feedback}");
+        assert!((feedback["growth_bias_percent"].as_f64().unwrap() - bias.parse::<f64>().unwrap()).abs() < 0.5);
+        assert!(feedback["estimate_error_mm"].as_f64().unwrap() < 0.5, "{feedback}");
         assert_eq!((&closed["measured_by"], &open["feedback"]), (&"tip".into(), &Value::Null));
     }
 }
@@ -93,11 +93,11 @@ fn a_growth_with_feedback_is_replayed_from_its_log() {
     assert_eq!(replayed["as_built_hash"], result["as_built_hash"]);
     assert_eq!(replayed["layers"], result["layers"]);
     assert_eq!(replayed["outcome"], "done");
-    for same in ["amendments", "believed", "believed_position_error_mm", "position_sd_mm", "growth_bias_percent"] {
+    for same in ["amendments", "estimate", "estimated_position_error_mm", "position_sd_mm", "growth_bias_percent"] {
         assert_eq!(replayed["feedback"][same], result["feedback"][same], "{same}");
     }
     let told = growbot(&["replay", &log]);
-    assert!(told.out.contains("as the steps say\n") && told.out.contains("believed  "), "{}", told.out);
+    assert!(told.out.contains("as the steps say\n") && told.out.contains("estimate  "), "{}", told.out);
 
     // Of a robot that is nowhere to be found, the body is told all the same; but one that was asked for must be there.
     let elsewhere = fs::read_to_string(&log).unwrap().replace("\"growbot-a\"", "\"my-robot\"");
@@ -105,7 +105,7 @@ fn a_growth_with_feedback_is_replayed_from_its_log() {
     let without = growbot(&["replay", &log]);
     assert_eq!((without.code, without.err.lines().count()), (Some(0), 1), "{}", without.err);
     assert!(without.err.contains("my-robot") && without.out.contains("as built"), "{}{}", without.err, without.out);
-    assert!(!without.out.contains("believed"), "{}", without.out);
+    assert!(!without.out.contains("estimate  "), "{}", without.out);
     assert_eq!(growbot(&["replay", &log, "--robot", "other.toml"]).code, Some(2));
 }
 
@@ -203,7 +203,7 @@ impl Try {
             client.request("to clear the fault", &Message::ClearFault(Empty {})).unwrap();
         }
         let mut record = RunRecord::open(&self.folder.path().join("run")).unwrap();
-        record.is_held_as(hello.status.plan_id);
+        record.is_stored_as(hello.status.plan_id);
         let mut job = self.job();
         (job.plan_id, job.layers) = (record.plan_id, record.layers.clone());
         let plan = record.plan(&self.robot).unwrap();

@@ -309,12 +309,11 @@ fn a_board_that_was_stopped_for_its_clock_is_told_by_replay_and_page() {
     let files = Files::new();
     let drift = growbot_client::client::ClockDrift { board_ms: 28_500, host_ms: [30_000, 30_100] };
     let log = fs::read_to_string(files.path("run.jsonl")).unwrap();
-    let end =
-        serde_json::json!({ "event": "end", "result": { "outcome": "clock-drift", "clock_drift": drift.json() } });
+    let end = serde_json::json!({ "event": "end", "result": { "outcome": "clock-drift", "clock_drift": drift } });
     let run = files.path("drift.jsonl");
     fs::write(&run, format!("{}\n{end}\n", log.lines().next().unwrap())).unwrap();
     let told: Value = serde_json::from_str(&growbot(&["replay", &run, "--json"]).out).unwrap();
-    assert_eq!((&told["outcome"], &told["clock_drift"]), (&"clock-drift".into(), &drift.json()));
+    assert_eq!((&told["outcome"], &told["clock_drift"]), (&"clock-drift".into(), &serde_json::json!(drift)));
     let text = growbot(&["replay", &run]).out;
     assert!(text.contains("clock-drift") && text.contains("5.0 % slow") && text.contains("limit 2 %"), "{text}");
     assert_eq!(growbot(&["view", &run, "-o", &files.path("a.html")]).code, Some(0));

@@ -31,7 +31,7 @@ fn assert_refused(ran: &Ran, parts: &[&str]) {
 fn the_main_job_grows_a_metre_to_its_pose() {
     let ran = growbot(&[]);
     assert_eq!(ran.code, Some(0), "{}", ran.err);
-    for part in ["wanted", "reached", "error", "body", "growth", "filament", " mm"] {
+    for part in ["target", "final", "error", "body", "growth", "filament", " mm"] {
         assert!(ran.out.contains(part), "no {part}: {}", ran.out);
     }
     assert!(ran.out.lines().all(|line| line.len() <= 80), "{}", ran.out);

@@ -60,7 +60,7 @@ fn without_noise_every_robot_arrives_to_the_last_digits() {
 fn a_growth_is_a_table_or_a_line_with_the_seed() {
     let ran = growbot(&with(&GOAL, &["--noise", "10", "--seed", "42"]));
     assert_eq!((ran.code, ran.err.as_str()), (Some(0), ""));
-    assert!(ran.out.contains("reached") && ran.out.contains("\nseed      42\n"), "{}", ran.out);
+    assert!(ran.out.contains("final") && ran.out.contains("\nseed      42\n"), "{}", ran.out);
     assert!(ran.out.lines().all(|line| line.chars().count() <= 80), "{}", ran.out);
 
     let found = json(&GOAL, &["--noise", "10", "--seed", "42"]);
@@ -143,7 +143,7 @@ fn feedback_brings_a_biased_growth_nearer() {
     assert!(number(&closed, "position_error_mm") < 0.2 * number(&open, "position_error_mm"), "{closed} {open}");
     let found = &closed["feedback"];
     assert!((number(found, "growth_bias_percent") - 5.0).abs() < 2.0, "{found}");
-    assert!(number(found, "position_sd_mm") > 0.0 && found["believed"]["x_mm"].is_f64());
+    assert!(number(found, "position_sd_mm") > 0.0 && found["estimate"]["x_mm"].is_f64());
     // What the loop cannot see: everything is a hundredth shorter than it is shown.
     let scaled = json(&GOAL, &["--feedback", "--odometry-scale", "1"]);
     assert!((0.004..0.02).contains(&number(&scaled, "normalized_position_error")), "{scaled}");

@@ -152,7 +152,7 @@ fn news_come_as_they_are_and_the_end_is_the_last() {
         laid += update["layers"]["built"].as_str().unwrap().len() as u64 / 24;
         assert_eq!(update["left_s"].as_f64(), Some((total - laid) as f64 * 18.0));
     }
-    watch.end(&json!({ "outcome": "stopped" }));
+    watch.end(serde_json::from_value(json!({ "outcome": "stopped" })).unwrap());
     let last = std::iter::from_fn(next).last().unwrap();
     assert_eq!(last["ended"]["outcome"], "stopped");
     assert_eq!(TcpStream::connect(address).unwrap_err().kind(), ErrorKind::ConnectionRefused);

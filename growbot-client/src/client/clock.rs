@@ -9,7 +9,7 @@
 use std::fmt;
 use std::time::Duration;
 
-use serde_json::{Value, json};
+use serde::{Deserialize, Serialize};
 
 /// A clock may be off by so much: crystals are within 0.01 %, a UART needs 3 %, and the heater is supervised with margins of 10 %.
 const LIMIT: f64 = 0.02;
@@ -27,7 +27,8 @@ const WINDOWS: u32 = 2;
 const VIRTUAL: f64 = 2.0;
 
 /// A board's clock that is wrong.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(into = "WrittenDrift", from = "WrittenDrift")]
 pub struct ClockDrift {
     /// Time that has passed on the board's clock, ms,
     pub board_ms: u64,
@@ -47,26 +48,45 @@ impl ClockDrift {
         let host = if self.board_ms < shortest { shortest } else { longest };
         100.0 * (self.board_ms as f64 / host.max(1) as f64 - 1.0)
     }
+}
 
-    /// As scripts, run logs and pages read it.
-    #[must_use]
-    pub fn json(&self) -> Value {
-        json!({
-            "percent": self.percent(),
-            "limit_percent": 100.0 * LIMIT,
-            "board_ms": self.board_ms,
-            "host_ms": self.host_ms,
-            "message": self.to_string(),
-            "remedy": Self::REMEDY,
-        })
+/// A clock that is wrong, as scripts, run logs and pages read it.
+#[derive(Serialize, Deserialize)]
+struct WrittenDrift {
+    /// How much faster than the host's clock the board's runs, percent: the bound nearer to 0.
+    #[serde(default)]
+    percent: f64,
+    /// The limit, percent.
+    #[serde(default)]
+    limit_percent: f64,
+    /// Time that has passed on the board's clock, ms.
+    board_ms: u64,
+    /// Time that has passed on the host's clock, ms: the shortest and the longest that it can have been.
+    host_ms: [u64; 2],
+    /// The same in words.
+    #[serde(default)]
+    message: String,
+    /// What to do about it.
+    #[serde(default)]
+    remedy: String,
+}
+
+impl From<ClockDrift> for WrittenDrift {
+    fn from(drift: ClockDrift) -> Self {
+        Self {
+            percent: drift.percent(),
+            limit_percent: 100.0 * LIMIT,
+            board_ms: drift.board_ms,
+            host_ms: drift.host_ms,
+            message: drift.to_string(),
+            remedy: ClockDrift::REMEDY.to_owned(),
+        }
     }
+}
 
-    /// From what [`ClockDrift::json`] has written; none where it is something else.
-    #[must_use]
-    pub fn read(written: &Value) -> Option<Self> {
-        let host_ms = written.get("host_ms")?;
-        let host_ms = [host_ms.get(0)?.as_u64()?, host_ms.get(1)?.as_u64()?];
-        Some(Self { board_ms: written.get("board_ms")?.as_u64()?, host_ms })
+impl From<WrittenDrift> for ClockDrift {
+    fn from(written: WrittenDrift) -> Self {
+        Self { board_ms: written.board_ms, host_ms: written.host_ms }
     }
 }
 
@@ -163,6 +183,7 @@ impl ClockWatch {
 mod tests {
     use super::*;
     use growbot_core::random::Random;
+    use serde_json::json;
 
     /// Whether a clock that runs at this rate is found wrong within so much time, s, over a line that delays by up to `jitter`, s.
     fn found(rate: f64, jitter: f64, seconds: f64, every: f64) -> Option<f64> {
@@ -229,12 +250,12 @@ mod tests {
     #[test]
     fn a_drift_is_written_with_its_limit_and_read_back() {
         let drift = ClockDrift { board_ms: 28_500, host_ms: [30_000, 30_100] };
-        let written = drift.json();
+        let written = serde_json::to_value(drift).unwrap();
         assert!((written["percent"].as_f64().unwrap() + 5.0).abs() < 1e-9, "{written}");
         assert_eq!(written["limit_percent"], 2.0);
-        assert_eq!(ClockDrift::read(&written), Some(drift));
-        for other in [Value::Null, json!({ "board_ms": 1 }), json!({ "board_ms": 1, "host_ms": [-1, 2] })] {
-            assert_eq!(ClockDrift::read(&other), None, "{other}");
+        assert_eq!(serde_json::from_value::<ClockDrift>(written).unwrap(), drift);
+        for other in [json!(null), json!({ "board_ms": 1 }), json!({ "board_ms": 1, "host_ms": [-1, 2] })] {
+            assert!(serde_json::from_value::<ClockDrift>(other.clone()).is_err(), "{other}");
         }
     }
 

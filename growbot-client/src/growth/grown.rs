@@ -4,6 +4,7 @@ use growbot_core::hash::Hasher;
 use growbot_core::layer::{Layer, grow};
 use growbot_core::layer_bytes::{LayerBytes, decode};
 use growbot_core::link::message::InterruptedLayer;
+use serde::{Deserialize, Serialize};
 
 use super::{Growth, Outcome};
 use crate::arrival::Arrival;
@@ -24,8 +25,8 @@ pub struct Grown {
     pub duration_s: f64,
     /// Filament that was fed, mm.
     pub filament_mm: f64,
-    /// The layers as the board has built them, from the first one. None where nothing is known of one: it was cut and let be, and in
-    /// the body it stands as planned.
+    /// The layers as the board has built them, from the first one. None where nothing is known of one: it was
+    /// interrupted and kept, and in the body it stands as planned.
     pub as_built: Vec<Option<LayerBytes>>,
     /// The layer under way when it ended: how much of it was made.
     pub interrupted: Option<InterruptedLayer>,
@@ -36,7 +37,8 @@ pub struct Grown {
 }
 
 /// What an arrival is measured by.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum MeasuredBy {
     /// The simulated tip: it is the truth.
     Tip,
@@ -72,6 +74,14 @@ impl Grown {
     }
 }
 
+/// The layers of a body as built; one of which nothing is known is as it was commanded.
+pub fn as_built_or_commanded(
+    as_built: &[Option<LayerBytes>],
+    commanded: &[LayerBytes],
+) -> impl Iterator<Item = LayerBytes> {
+    as_built.iter().enumerate().map_while(|(index, layer)| layer.or_else(|| commanded.get(index).copied()))
+}
+
 /// CRC-64/XZ of the layers as built, in order, each in its 12 bytes; one of which nothing is known is 12 zeros.
 #[must_use]
 pub fn as_built_hash(layers: &[Option<LayerBytes>]) -> u64 {
@@ -85,8 +95,8 @@ pub fn as_built_hash(layers: &[Option<LayerBytes>]) -> u64 {
 impl Growth<'_> {
     /// The body as the board reports its steps, and its end as the sensors say where there is feedback.
     pub(super) fn measure(self, outcome: Outcome) -> Grown {
-        let layers = self.as_built.iter().zip(&self.job.layers);
-        let body: Vec<Layer> = layers.map(|(as_built, planned)| decode(as_built.as_ref().unwrap_or(planned))).collect();
+        let layers = as_built_or_commanded(&self.as_built, &self.job.layers);
+        let body: Vec<Layer> = layers.map(|layer| decode(&layer)).collect();
         let length = body.iter().fold(0.0, |sum, layer| sum + layer.height);
         let feed_steps = length * self.job.robot.feed_steps_per_length();
         let fed_back = self.feedback.as_ref().map(Feedback::result);

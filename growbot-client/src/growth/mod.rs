@@ -17,8 +17,9 @@ use growbot_core::link::message::{
 use growbot_core::path::{Segment, length};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
+use serde::{Deserialize, Serialize};
 
-pub use self::grown::{Grown, MeasuredBy, as_built_hash};
+pub use self::grown::{Grown, MeasuredBy, as_built_hash, as_built_or_commanded};
 pub use self::orders::{Order, Orders};
 use crate::client::{Client, ClientError, ClockDrift};
 use crate::feedback::{Count, Feedback};
@@ -135,15 +136,17 @@ pub enum JobEvent {
 }
 
 /// Other layers from an index on.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Amendment {
     /// The job's new name.
+    #[serde(with = "crate::run_log::hash")]
     pub plan_id: u64,
     /// Index of the first other layer.
     pub from: u32,
     /// Layers of the job from now on.
     pub total: u32,
     /// The first of the other layers.
+    #[serde(with = "crate::run_log::layers")]
     pub layers: Vec<LayerBytes>,
 }
 
@@ -178,7 +181,7 @@ pub enum GrowthError {
     },
 }
 
-/// What becomes of a layer that was cut.
+/// What becomes of an interrupted layer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum CutLayer {
     /// It is laid anew, on top of what there is of it.

@@ -1,4 +1,6 @@
-//! Layers in a log: the bytes of the link as hexadecimal digits.
+//! Layers and hashes in a log, as hexadecimal digits: layers in the bytes of the link, hashes as 16 digits.
+//!
+//! The modules are for `#[serde(with)]`. A layer as built that cannot be read counts as one of which nothing is known.
 
 use growbot_core::layer_bytes::LayerBytes;
 
@@ -27,6 +29,79 @@ pub(super) fn unhex(text: &str) -> Option<Vec<LayerBytes>> {
         bytes
     };
     Some(layers.iter().map(layer).collect())
+}
+
+/// Layers in one string.
+pub mod layers {
+    use growbot_core::layer_bytes::LayerBytes;
+    use serde::de::Error;
+    use serde::{Deserialize, Deserializer, Serializer};
+
+    /// Writes them.
+    pub fn serialize<S: Serializer>(layers: &[LayerBytes], to: S) -> Result<S::Ok, S::Error> {
+        to.serialize_str(&super::hex_of(layers))
+    }
+
+    /// Reads them.
+    pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<LayerBytes>, D::Error> {
+        super::unhex(&String::deserialize(from)?).ok_or_else(|| D::Error::custom("\"layers\" that are no layers"))
+    }
+}
+
+/// A layer of which nothing may be known.
+pub mod layer {
+    use growbot_core::layer_bytes::LayerBytes;
+    use serde::{Deserializer, Serialize, Serializer};
+
+    /// Writes it.
+    #[expect(clippy::ref_option, reason = "the form that serde calls")]
+    pub fn serialize<S: Serializer>(layer: &Option<LayerBytes>, to: S) -> Result<S::Ok, S::Error> {
+        layer.as_ref().map(super::hex).serialize(to)
+    }
+
+    /// Reads it; none where it cannot be read.
+    pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Option<LayerBytes>, D::Error> {
+        let text: Option<String> = super::super::event::lenient(from)?;
+        Ok(text.and_then(|text| super::unhex(&text)?.first().copied()))
+    }
+}
+
+/// A hash.
+pub mod hash {
+    use serde::de::Error;
+    use serde::{Deserialize, Deserializer, Serializer};
+
+    /// Writes it.
+    #[expect(clippy::trivially_copy_pass_by_ref, reason = "the form that serde calls")]
+    pub fn serialize<S: Serializer>(hash: &u64, to: S) -> Result<S::Ok, S::Error> {
+        to.serialize_str(&crate::plan_file::written_hash(*hash))
+    }
+
+    /// Reads it.
+    pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<u64, D::Error> {
+        let text = String::deserialize(from)?;
+        u64::from_str_radix(&text, 16).map_err(|_| D::Error::custom(format!("{text:?}, which is no hash")))
+    }
+}
+
+/// A hash that may be missing.
+pub mod hash_or_none {
+    use serde::de::Error;
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    /// Writes it.
+    #[expect(clippy::ref_option, reason = "the form that serde calls")]
+    pub fn serialize<S: Serializer>(hash: &Option<u64>, to: S) -> Result<S::Ok, S::Error> {
+        hash.map(crate::plan_file::written_hash).serialize(to)
+    }
+
+    /// Reads it.
+    pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Option<u64>, D::Error> {
+        let read = |text: String| {
+            u64::from_str_radix(&text, 16).map_err(|_| D::Error::custom(format!("{text:?}, which is no hash")))
+        };
+        Option::<String>::deserialize(from)?.map(read).transpose()
+    }
 }
 
 #[cfg(test)]

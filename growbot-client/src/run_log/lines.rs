@@ -1,7 +1,9 @@
 //! The lines of a log: one JSON object each. What is none, since a disk was full or a byte was spoilt, is skipped and counted, and reading
 //! goes on at the next line.
 
-use serde_json::Value;
+use serde_json::{Map, Value};
+
+use super::event::{RunEvent, RunLine};
 
 /// No line of a log is longer, bytes (16 MiB): the layers of a job are in one.
 const LONGEST_LINE: usize = 16 << 20;
@@ -38,7 +40,7 @@ impl Damage {
     }
 }
 
-/// The events of a log, one after the other.
+/// The events of a log, one after the other. Those that this version does not know, or cannot read, are skipped.
 pub struct Events<'a> {
     rest: &'a [u8],
     number: usize,
@@ -52,21 +54,25 @@ impl<'a> Events<'a> {
     pub fn of(log: &'a [u8]) -> Self {
         Self { rest: log, number: 0, damage: Damage::default() }
     }
-}
 
-impl Iterator for Events<'_> {
-    type Item = Value;
+    /// Those after the header: after the first line that is an object of JSON.
+    #[must_use]
+    pub fn after_header(log: &'a [u8]) -> Self {
+        let mut events = Self::of(log);
+        events.next_line();
+        events
+    }
 
-    fn next(&mut self) -> Option<Value> {
+    /// The next line that is an object of JSON.
+    pub(super) fn next_line(&mut self) -> Option<Line> {
         while !self.rest.is_empty() {
             let end = self.rest.iter().position(|byte| *byte == b'\n').map_or(self.rest.len(), |end| end + 1);
             let (line, rest) = self.rest.split_at(end);
             self.rest = rest;
             self.number += 1;
             let text = line.trim_ascii();
-            let event = (text.len() <= LONGEST_LINE).then(|| serde_json::from_slice(text).ok()).flatten();
-            match event.filter(Value::is_object) {
-                Some(event) => return Some(event),
+            match (text.len() <= LONGEST_LINE).then(|| Line::read(text)).flatten() {
+                Some(line) => return Some(line),
                 // A line that was torn before its first byte.
                 None if text.is_empty() => {}
                 None if !line.ends_with(b"\n") => self.damage.cut_off = line.len(),
@@ -82,22 +88,58 @@ impl Iterator for Events<'_> {
     }
 }
 
+impl Iterator for Events<'_> {
+    type Item = RunEvent;
+
+    fn next(&mut self) -> Option<RunEvent> {
+        loop {
+            if let Line::Event(event) = self.next_line()? {
+                return Some(event);
+            }
+        }
+    }
+}
+
+/// A line that is an object of JSON.
+pub(super) enum Line {
+    /// An event.
+    Event(RunEvent),
+    /// Something else: an event that this version does not know, or with values that it cannot read.
+    Other(Map<String, Value>),
+}
+
+impl Line {
+    fn read(text: &[u8]) -> Option<Self> {
+        match serde_json::from_slice::<RunLine>(text) {
+            Ok(line) => Some(Self::Event(line.event)),
+            Err(_) => serde_json::from_slice(text).ok().map(Self::Other),
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
     fn reading_goes_on_after_a_line_that_is_no_event() {
-        let log = b"{\"a\":1}\n{\"b\":\n\n7\n{\"c\":3}\r\n\xff\xfe\n{\"d\":4}\n{\"e\":";
+        let log = b"{\"event\":\"silent\"}\n{\"b\":\n\n7\n{\"event\":\"back\"}\r\n\xff\xfe\n{\"event\":\"state\",\"state\":\"idle\"}\n{\"e\":";
         let mut events = Events::of(log);
-        let keys: Vec<String> =
-            events.by_ref().flat_map(|event| event.as_object().unwrap().keys().cloned().collect::<Vec<_>>()).collect();
-        assert_eq!(keys, ["a", "c", "d"]);
+        let read: Vec<RunEvent> = events.by_ref().collect();
+        assert_eq!(read, [RunEvent::Silent, RunEvent::Back, RunEvent::State { state: "idle".to_owned() }]);
         assert_eq!(events.damage, Damage { lines: 3, first: 2, cut_off: 5 });
         let words = events.damage.in_words("run").unwrap();
         assert!(words.contains("3 lines of run, the first is line 2") && words.contains("last 5 bytes"), "{words}");
         assert_eq!(Damage::default().in_words("run"), None);
         // A last line that only lacks its end is whole.
-        assert_eq!(Events::of(b"{\"a\":1}").count(), 1);
+        assert_eq!(Events::of(b"{\"event\":\"silent\"}").count(), 1);
+    }
+
+    #[test]
+    fn events_that_are_not_known_or_have_wrong_values_are_skipped_and_are_no_damage() {
+        let log = b"{}\n{\"event\":\"dance\"}\n{\"event\":3}\n{\"event\":\"laid\",\"layer\":-1}\n{\"event\":\"back\",\"new\":[1]}\n";
+        let mut events = Events::of(log);
+        assert_eq!(events.by_ref().collect::<Vec<_>>(), [RunEvent::Back]);
+        assert_eq!(events.damage, Damage::default());
     }
 }

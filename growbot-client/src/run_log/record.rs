@@ -12,18 +12,20 @@ use growbot_core::tracking::SensorNoise;
 use serde_json::Value;
 
 use super::FORMAT;
-use super::hexadecimal::unhex;
-use super::lines::{Damage, Events};
+use super::event::{LaidLayer, RunEvent, SimulatedLayer, WrittenLayer};
+use super::header::{Header, RecordedTip, WrittenNoise};
+use super::lines::{Damage, Events, Line};
+use super::result::{GrowthResult, ResultOutcome};
 use crate::client::ClockDrift;
 use crate::feedback::{Count, Feedback};
-use crate::growth::Job;
+use crate::growth::{Amendment, Job, as_built_or_commanded};
 use crate::input::{InputError, LONGEST_LOG, name_of, read_bytes};
 use crate::plan::Plan;
-use crate::plan_file::{PlanFile, PlanFileError, pose};
+use crate::plan_file::{self, PlanFile, PlanFileError, pose};
 
 /// No layer is higher, mm, nor tilted more, radians: as the bytes of the link have it.
-const HIGHEST: f64 = 256.0;
-const MOST_TILT: f64 = 1.0;
+const MAX_HEIGHT: f64 = 256.0;
+const MAX_TILT: f64 = 1.0;
 
 /// Why a run log could not be read.
 #[derive(Debug, thiserror::Error)]
@@ -42,30 +44,6 @@ pub enum RunRecordError {
     /// The plan in it.
     #[error(transparent)]
     Plan(#[from] PlanFileError),
-}
-
-/// Whose tip has laid a body, as the header of its log says.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum RecordedTip {
-    /// A robot's. Nobody has measured where its plastic is.
-    Robot,
-    /// A simulated one.
-    Simulated,
-}
-
-impl RecordedTip {
-    /// In the header.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Robot => "robot",
-            Self::Simulated => "simulated",
-        }
-    }
-
-    fn named(name: &str) -> Option<Self> {
-        [Self::Robot, Self::Simulated].into_iter().find(|tip| tip.name() == name)
-    }
 }
 
 /// What is known of a body that was grown.
@@ -94,8 +72,8 @@ impl BodyKind {
 /// What a run log tells of a growth, as far as it goes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RunRecord {
-    /// Name of the robot, and hash of its description.
-    pub robot: (String, u64),
+    /// The robot.
+    pub robot: RobotId,
     /// Whose tip has laid the body.
     pub tip: RecordedTip,
     /// The plan.
@@ -112,16 +90,14 @@ pub struct RunRecord {
     pub as_built: Vec<Option<LayerBytes>>,
     /// What was measured after each of them.
     pub measured: Vec<Option<Measured>>,
-    /// From where filament was counted, each with how many layers had been told before.
-    pub(super) counts: Vec<(usize, Count)>,
+    /// From where filament was counted.
+    pub(super) counts: Vec<CountBefore>,
     /// Amendments that the board has taken.
     amendments: u32,
-    /// The job as it was before the latest amendment: name, layers in all, and which layers the amendment took the place of, from where.
-    before: Option<(u64, u32, usize, Vec<LayerBytes>)>,
-    /// How it ended, if the log says so.
-    pub outcome: Option<String>,
-    /// What it came to, as `growbot grow --json` has said it, if the log says so.
-    pub result: Option<Value>,
+    /// What the latest amendment has replaced.
+    replaced: Option<Replaced>,
+    /// What the growth came to, if the log says so.
+    pub result: Option<GrowthResult>,
     /// Layers whose lines are missing, in order: they were laid, and the log has lost what it knew of them.
     pub lost: Vec<usize>,
     /// What could not be read.
@@ -131,6 +107,37 @@ pub struct RunRecord {
     simulated: Vec<Option<Layer>>,
     /// The file, as errors call it.
     file: String,
+}
+
+/// A robot as the header of a log names it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct RobotId {
+    /// Its name.
+    pub name: String,
+    /// Hash of its description.
+    pub hash: u64,
+}
+
+/// A count of the filament's encoder.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct CountBefore {
+    /// Index of the layer before which it was taken.
+    pub layer: usize,
+    /// The count.
+    pub count: Count,
+}
+
+/// What an amendment has replaced.
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct Replaced {
+    /// The job's name before.
+    plan_id: u64,
+    /// Layers of the job before.
+    total: u32,
+    /// Index of the first layer that was replaced.
+    from: usize,
+    /// The layers that were replaced.
+    layers: Vec<LayerBytes>,
 }
 
 impl RunRecord {
@@ -152,11 +159,18 @@ impl RunRecord {
             return Err(wrong("it is empty"));
         }
         let mut events = Events::of(bytes);
-        let header = events.next().filter(|_| events.damage == Damage::default());
-        let mut record =
-            Self::of_header(&header.ok_or_else(|| wrong("its first line is no whole line of JSON"))?, file)?;
+        let first = events.next_line().filter(|_| events.damage == Damage::default());
+        let mut record = match first.ok_or_else(|| wrong("its first line is no whole line of JSON"))? {
+            Line::Event(RunEvent::Header(header))
+                if header.format == FORMAT && header.plan.format == plan_file::FORMAT =>
+            {
+                Self::of_header(*header, file)
+            }
+            Line::Event(event) => return Err(wrong_header(&serde_json::to_value(event).unwrap_or_default(), file)),
+            Line::Other(fields) => return Err(wrong_header(&fields.into(), file)),
+        };
         for event in events.by_ref() {
-            record.take(&event);
+            record.ingest(event);
         }
         record.damage = events.damage;
         Ok(record)
@@ -164,14 +178,25 @@ impl RunRecord {
 
     /// The layers as the board's steps have built them: one of which nothing is known is as it was handed over.
     pub fn commanded(&self) -> impl Iterator<Item = LayerBytes> {
-        let layers = self.as_built.iter().enumerate();
-        layers.map_while(|(index, as_built)| as_built.or_else(|| self.layers.get(index).copied()))
+        as_built_or_commanded(&self.as_built, &self.layers)
+    }
+
+    /// Layers laid of which nothing is known.
+    #[must_use]
+    pub fn unknown(&self) -> usize {
+        self.as_built.iter().filter(|layer| layer.is_none()).count()
+    }
+
+    /// How the growth ended, if the log says so.
+    #[must_use]
+    pub fn outcome(&self) -> ResultOutcome {
+        self.result.as_ref().map_or(ResultOutcome::Unfinished, |result| result.outcome)
     }
 
     /// By how much the board's clock was wrong, where it was stopped for that.
     #[must_use]
     pub fn clock_drift(&self) -> Option<ClockDrift> {
-        ClockDrift::read(self.result.as_ref()?.get("clock_drift")?)
+        self.result.as_ref()?.clock_drift
     }
 
     /// Whether the body was grown by a simulated robot.
@@ -250,15 +275,15 @@ impl RunRecord {
         Ok((pose("start", &self.plan.start).map_err(fault)?, pose("goal", &self.plan.goal).map_err(fault)?))
     }
 
-    /// The board has this job: where it has not taken the latest amendment, the job is as before.
-    pub fn is_held_as(&mut self, plan_id: u64) {
-        if self.before.as_ref().is_some_and(|(before, ..)| *before == plan_id) {
-            self.take_back();
+    /// The board stores this job: where it has refused the latest amendment, the job is as before.
+    pub fn is_stored_as(&mut self, plan_id: u64) {
+        if self.replaced.as_ref().is_some_and(|before| before.plan_id == plan_id) {
+            self.revert_amendment();
         }
     }
 
-    fn take_back(&mut self) {
-        if let Some((plan_id, total, from, layers)) = self.before.take() {
+    fn revert_amendment(&mut self) {
+        if let Some(Replaced { plan_id, total, from, layers }) = self.replaced.take() {
             self.layers.truncate(from);
             self.layers.extend(layers);
             (self.plan_id, self.total) = (plan_id, total);
@@ -290,166 +315,129 @@ impl RunRecord {
         let mut feedback = Feedback::new(job.robot, job.start, &plan.path, &plan.legs, self.feedback?);
         let mut counts = self.counts.iter().peekable();
         for (index, (as_built, measured)) in self.as_built.iter().zip(&self.measured).enumerate() {
-            while let Some((_, count)) = counts.next_if(|(told, _)| *told <= index) {
-                feedback.count_from(count);
+            while let Some(before) = counts.next_if(|before| before.layer <= index) {
+                feedback.count_from(&before.count);
             }
             if let Some(layer) = as_built.as_ref().or(self.layers.get(index)) {
                 feedback.laid(layer, measured.as_ref());
                 after_layer(&feedback);
             }
         }
-        counts.for_each(|(_, count)| feedback.count_from(count));
+        counts.for_each(|before| feedback.count_from(&before.count));
         (0..self.amendments).for_each(|_| feedback.amended());
         Some(feedback)
     }
 
-    fn of_header(header: &Value, file: &str) -> Result<Self, RunRecordError> {
-        let wrong = |reason: String| RunRecordError::Header { file: file.to_string(), reason };
-        let text = |field: &str| {
-            header.get(field).and_then(Value::as_str).ok_or_else(|| wrong(format!("its header has no \"{field}\"")))
-        };
-        let format = text("format")?;
-        if format != FORMAT {
-            return Err(wrong(format!("its format is {format:?}, I read {FORMAT:?}")));
-        }
-        let hash = |field: &str| {
-            u64::from_str_radix(text(field)?, 16).map_err(|_| wrong(format!("its \"{field}\" is no hash")))
-        };
-        let layers = unhex(text("layers")?).ok_or_else(|| wrong("its \"layers\" are no layers".to_string()))?;
-        let tip = text("tip")?;
-        let tip = RecordedTip::named(tip)
-            .ok_or_else(|| wrong(format!("its \"tip\" is {tip:?}, neither \"robot\" nor \"simulated\"")))?;
-        let plan = header.get("plan").cloned().unwrap_or_default();
-        let noise = |field: &str| header.get("feedback")?.get(field)?.as_f64().filter(|noise| *noise >= 0.0);
-        Ok(Self {
-            feedback: noise("odometry")
-                .zip(noise("direction"))
-                .map(|(odometry, direction)| SensorNoise { odometry, direction }),
-            robot: (text("robot")?.to_string(), hash("robot_hash")?),
-            tip,
-            plan: PlanFile::parse(&plan.to_string(), file)?,
+    fn of_header(header: Header, file: &str) -> Self {
+        Self {
+            feedback: header.feedback.and_then(WrittenNoise::checked),
+            robot: RobotId { name: header.robot, hash: header.robot_hash },
+            tip: header.tip,
+            plan: header.plan,
             file: file.to_string(),
-            plan_id: hash("plan_id")?,
-            total: layers.len() as u32,
-            layers,
+            plan_id: header.plan_id,
+            total: header.layers.len() as u32,
+            layers: header.layers,
             as_built: Vec::new(),
             measured: Vec::new(),
             counts: Vec::new(),
             amendments: 0,
-            before: None,
-            outcome: None,
+            replaced: None,
             result: None,
             lost: Vec::new(),
             damage: Damage::default(),
             simulated: Vec::new(),
-        })
+        }
     }
 
-    /// Puts the layers of an event in the place of what is there from its first on; gives from where on, and what was there.
-    fn put(&mut self, event: &Value) -> Option<(usize, Vec<LayerBytes>)> {
-        let from = number(event, "from")? as usize;
-        let layers = unhex(event.get("layers")?.as_str()?)?;
+    fn ingest(&mut self, event: RunEvent) {
+        match event {
+            RunEvent::Laid(laid) => self.laid(&laid),
+            RunEvent::Simulated(layer) => self.place(&layer),
+            RunEvent::Counting(count) => self.counts.push(CountBefore { layer: self.as_built.len(), count }),
+            RunEvent::Amending(amendment) => self.amend(amendment),
+            RunEvent::NotAmended { .. } => self.revert_amendment(),
+            // The job before the latest amendment had what that put there, and not what is handed over since.
+            RunEvent::HandingOver { from, layers } => drop(self.replace(from as usize, layers)),
+            RunEvent::Resumed(_) => self.result = None,
+            RunEvent::End { result } => self.result = Some(*result),
+            _ => {}
+        }
+    }
+
+    fn amend(&mut self, amendment: Amendment) {
+        let Amendment { plan_id, from, total, layers } = amendment;
+        if let Some(layers) = self.replace(from as usize, layers) {
+            let before = Replaced { plan_id: self.plan_id, total: self.total, from: from as usize, layers };
+            self.replaced = Some(before);
+            (self.plan_id, self.total) = (plan_id, total);
+            self.amendments = self.amendments.saturating_add(1);
+        }
+    }
+
+    /// Replaces the layers from an index on; gives what was there.
+    fn replace(&mut self, from: usize, layers: Vec<LayerBytes>) -> Option<Vec<LayerBytes>> {
         let before = (from <= self.layers.len()).then(|| self.layers.split_off(from))?;
         self.layers.extend(layers);
-        Some((from, before))
+        Some(before)
     }
 
     /// A layer was laid. Those before it whose lines are missing were laid too.
-    fn laid(&mut self, index: usize, event: &Value) {
-        let next = self.as_built.len();
-        let as_built = event.get("as_built").and_then(Value::as_str).and_then(unhex);
-        let as_built = as_built.and_then(|layers| layers.first().copied());
+    fn laid(&mut self, laid: &LaidLayer) {
+        let (index, next) = (laid.layer as usize, self.as_built.len());
+        let measured = laid.measured.map(Measured::from);
         if let Ok(at) = self.lost.binary_search(&index) {
             // It is told again after a resumption.
             self.lost.remove(at);
             if let (Some(layer), Some(known)) = (self.as_built.get_mut(index), self.measured.get_mut(index)) {
-                (*layer, *known) = (as_built, measured(event));
+                (*layer, *known) = (laid.as_built, measured);
             }
         } else if index >= next && (index == next || index < self.layers.len()) {
             self.lost.extend(next..index);
             self.as_built.resize(index, None);
             self.measured.resize(index, None);
-            self.as_built.push(as_built);
-            self.measured.push(measured(event));
+            self.as_built.push(laid.as_built);
+            self.measured.push(measured);
         }
         // Otherwise it is told again after a resumption: the first report stands.
     }
 
     /// Where a layer of a simulated tip lies.
-    fn lies(&mut self, index: usize, event: &Value) {
-        let number = |field: &str| event.get(field).and_then(Value::as_f64).filter(|number| number.is_finite());
-        let (Some(alpha), Some(height), Some(tilt)) = (number("alpha_deg"), number("height_mm"), number("tilt_deg"))
-        else {
-            return;
-        };
-        let tilt = radians(tilt);
+    fn place(&mut self, placed: &SimulatedLayer) {
+        let WrittenLayer { alpha_deg, height_mm, tilt_deg } = placed.numbers;
+        let (index, tilt) = (placed.layer as usize, radians(tilt_deg));
         // One more than there are layers may be under way.
         let is_one = index <= self.layers.len().max(self.simulated.len());
-        if is_one && (0.0..=HIGHEST).contains(&height) && (0.0..=MOST_TILT).contains(&tilt) {
+        if is_one
+            && (0.0..=MAX_HEIGHT).contains(&height_mm)
+            && (0.0..=MAX_TILT).contains(&tilt)
+            && alpha_deg.is_finite()
+        {
             if self.simulated.len() <= index {
                 self.simulated.resize(index + 1, None);
             }
             if let Some(layer) = self.simulated.get_mut(index) {
-                *layer = Some(Layer { alpha: wrap_positive(radians(alpha)), height, tilt });
+                *layer = Some(Layer { alpha: wrap_positive(radians(alpha_deg)), height: height_mm, tilt });
             }
         }
     }
+}
 
-    fn take(&mut self, event: &Value) {
-        match event.get("event").and_then(Value::as_str) {
-            Some(kind @ ("laid" | "simulated")) => {
-                let index = event.get("layer").and_then(Value::as_u64).and_then(|index| index.try_into().ok());
-                match (kind, index) {
-                    ("laid", Some(index)) => self.laid(index, event),
-                    (_, Some(index)) => self.lies(index, event),
-                    (_, None) => {}
-                }
-            }
-            Some("counting") => {
-                if let (Some(boot_id), Some(laid)) = (number(event, "boot_id"), number(event, "laid")) {
-                    let filament_pulses = number(event, "filament_pulses");
-                    self.counts.push((self.as_built.len(), Count { boot_id, laid, filament_pulses }));
-                }
-            }
-            Some("amending") => {
-                if let (Some(plan_id), Some(total)) = (hash(event, "plan_id"), number(event, "total"))
-                    && let Some((from, layers)) = self.put(event)
-                {
-                    self.before = Some((self.plan_id, self.total, from, layers));
-                    (self.plan_id, self.total) = (plan_id, total);
-                    self.amendments = self.amendments.saturating_add(1);
-                }
-            }
-            Some("not-amended") => self.take_back(),
-            Some("handing-over") => {
-                // The job before the latest amendment had what that put there, and not what is handed over since.
-                let _ = self.put(event);
-            }
-            Some("resumed") => (self.outcome, self.result) = (None, None),
-            Some("end") => {
-                self.result = event.get("result").cloned();
-                let outcome = event.get("result").and_then(|result| result.get("outcome"));
-                self.outcome = outcome.and_then(Value::as_str).map(ToString::to_string);
-            }
-            _ => {}
-        }
+/// Why the first line of a log is no header that can be read: its format, its plan, or another field.
+fn wrong_header(fields: &Value, file: &str) -> RunRecordError {
+    let wrong = |reason: String| RunRecordError::Header { file: file.to_string(), reason };
+    match fields.get("format").and_then(Value::as_str) {
+        None => return wrong("its header has no \"format\"".to_string()),
+        Some(FORMAT) => {}
+        Some(format) => return wrong(format!("its format is {format:?}, I read {FORMAT:?}")),
     }
-}
-
-/// A number of an event.
-fn number(event: &Value, field: &str) -> Option<u32> {
-    event.get(field)?.as_u64()?.try_into().ok()
-}
-
-/// A hash of an event.
-fn hash(event: &Value, field: &str) -> Option<u64> {
-    u64::from_str_radix(event.get(field)?.as_str()?, 16).ok()
-}
-
-/// What was measured after a layer.
-fn measured(event: &Value) -> Option<Measured> {
-    let gravity = event.get("gravity_milli_g")?;
-    let part = |axis: usize| gravity.get(axis)?.as_i64()?.try_into().ok();
-    let gravity_milli_g = part(0).zip(part(1)).zip(part(2)).map(|((x, y), z)| [x, y, z]);
-    Some(Measured { filament_pulses: number(event, "filament_pulses"), gravity_milli_g })
+    let plan = fields.get("plan").unwrap_or(&Value::Null).to_string();
+    match (serde_json::from_value::<Header>(fields.clone()), PlanFile::parse(&plan, file)) {
+        (_, Err(error)) => error.into(),
+        (Err(error), Ok(_)) => wrong(match error.to_string().replace('`', "\"").strip_prefix("missing field ") {
+            Some(field) => format!("its header has no {field}"),
+            None => format!("its header has {}", error.to_string().replace('`', "\"")),
+        }),
+        (Ok(_), Ok(_)) => wrong("its first line is no header".to_string()),
+    }
 }

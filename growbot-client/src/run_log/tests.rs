@@ -1,15 +1,21 @@
 use std::cell::RefCell;
 use std::rc::Rc;
 
+use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::message::Measured;
 use growbot_core::plan::Planner;
+use growbot_core::pose::Pose;
 use growbot_core::simulation::Disturbance;
+use serde_json::{Value, json};
 
+use super::hexadecimal::hex;
+use super::record::CountBefore;
 use super::*;
 use crate::client::ClockDrift;
 use crate::feedback::Count;
 use crate::plan::Search;
+use crate::plan_file::written_hash;
 use time::format_description::well_known::Rfc3339;
 
 /// A log of three layers of a robot with feedback, and lines after its header.
@@ -27,11 +33,15 @@ fn log_from(origin: Origin, lines: &[Value]) -> Vec<u8> {
     let file = tempfile::tempdir().unwrap();
     let path = file.path().join("run.jsonl");
     let noise = SensorNoise { odometry: 0.01, direction: 0.002 };
-    let mut log = RunLog::begin(&path, &plan, &job, Some(noise), origin).unwrap();
-    for line in lines {
-        log.write(line.clone()).unwrap();
-    }
-    fs::read(&path).unwrap()
+    RunLog::begin(&path, &plan, &job, Some(noise), origin).unwrap();
+    let mut log = fs::read(&path).unwrap();
+    log.extend(lines.iter().flat_map(|line| format!("{line}\n").into_bytes()));
+    log
+}
+
+/// The result of a growth of which only the outcome is known.
+fn done() -> GrowthResult {
+    serde_json::from_value(json!({ "outcome": "done" })).unwrap()
 }
 
 #[test]
@@ -53,11 +63,12 @@ fn amendments_are_read_back_and_those_that_the_board_did_not_take_are_none() {
     assert_eq!(record.layers[1..], [other(1), other(2), other(5)]);
     assert_eq!(record.measured[0], Some(Measured { filament_pulses: Some(60), gravity_milli_g: Some([0, -3, 999]) }));
     assert_eq!(record.measured[1], Some(Measured::default()));
-    assert_eq!(record.counts, [(0, Count { boot_id: 5, laid: 0, filament_pulses: Some(3) })]);
+    let count = Count { boot_id: 5, laid: 0, filament_pulses: Some(3) };
+    assert_eq!(record.counts, [CountBefore { layer: 0, count }]);
     // The board has taken the latest one, or it has not.
-    record.is_held_as(9);
+    record.is_stored_as(9);
     assert_eq!(record.plan_id, 9);
-    record.is_held_as(7);
+    record.is_stored_as(7);
     assert_eq!((record.plan_id, record.layers[3]), (7, other(4)));
 }
 
@@ -131,12 +142,12 @@ fn a_disk_that_is_full_for_a_while_costs_no_line_wherever_it_tears_one() {
         let failed = (0..3).filter(|index| log.record(&laid(*index)).is_err()).count();
         assert!(failed > 0 && log.missing() > 0, "{room}");
         disk.make_room(10_000);
-        log.end(&json!({ "outcome": "done" })).unwrap();
+        log.end(&done()).unwrap();
         assert_eq!(log.missing(), 0, "{room}");
         let record = RunRecord::read(&[header.clone(), disk.written()].concat(), "run").unwrap();
         let layers: Vec<Option<LayerBytes>> = (1..=3).map(|byte| Some([byte; 12])).collect();
-        assert_eq!((record.as_built, record.lost.len()), (layers, 0), "{room}");
-        assert_eq!(record.outcome.as_deref(), Some("done"), "{room}");
+        assert_eq!((&record.as_built, record.lost.len()), (&layers, 0), "{room}");
+        assert_eq!(record.outcome(), ResultOutcome::Done, "{room}");
         assert!(record.damage.lines <= 1 && record.damage.cut_off == 0, "{room}: {:?}", record.damage);
     }
 }
@@ -164,7 +175,7 @@ fn a_layer_whose_line_is_spoilt_is_lost_and_those_after_it_are_not() {
 }
 
 #[test]
-fn a_log_is_gone_on_with_without_losing_a_byte() {
+fn a_log_is_resumed_without_losing_a_byte() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.jsonl");
     let good = format!("{}\n", json!({ "event": "laid", "layer": 0, "as_built": hex(&[1; 12]) }));
@@ -172,7 +183,7 @@ fn a_log_is_gone_on_with_without_losing_a_byte() {
         let before = [&header_of_three()[..], good.as_bytes(), end.as_bytes()].concat();
         fs::write(&path, &before).unwrap();
         let record = RunRecord::open(&path).unwrap();
-        let mut log = RunLog::go_on(&path, &record, "sim").unwrap();
+        let mut log = RunLog::resume(&path, &record, "sim").unwrap();
         log.record(&laid(1)).unwrap();
         let after = fs::read(&path).unwrap();
         assert!(after.starts_with(&before), "{end:?}");
@@ -213,14 +224,15 @@ fn the_header_tells_of_the_command_the_time_and_the_disturbances_and_every_event
     let mut log = RunLog::begin(&path, &plan, &job, None, origin).unwrap();
     log.record(&laid(0)).unwrap();
     log.record(&JobEvent::Simulated { from: 0, layers: vec![Layer { alpha: 1.0, height: 0.7, tilt: 0.004 }] }).unwrap();
-    log.end(&json!({ "outcome": "done" })).unwrap();
+    log.end(&done()).unwrap();
     let bytes = fs::read(&path).unwrap();
-    let lines: Vec<Value> = Events::of(&bytes).collect();
+    let lines: Vec<Value> =
+        bytes.split(|byte| *byte == b'\n').filter_map(|line| serde_json::from_slice(line).ok()).collect();
     let header = &lines[0];
     assert!(!header["command"].as_array().unwrap().is_empty() && header["tip"] == "simulated");
     assert_eq!(header["disturbances"]["seed"], 7);
     let noise = &header["disturbances"]["growth_noise"];
-    assert_eq!((&noise["distribution"], &noise["most"]), (&json!("uniform"), &json!(10.0)));
+    assert_eq!((&noise["distribution"], &noise["max"]), (&json!("uniform"), &json!(10.0)));
     assert_eq!(header["disturbances"]["tilt_bias"]["value"], json!(5.0));
     for time in lines.iter().map(|line| &line["utc"]).chain([&header["started_utc"]]) {
         let time = time.as_str().unwrap();
@@ -276,11 +288,11 @@ fn the_layer_under_way_makes_up_for_none_that_the_log_does_not_place() {
 #[test]
 fn a_clock_that_was_wrong_is_read_back_from_the_end() {
     let drift = ClockDrift { board_ms: 28_500, host_ms: [30_000, 30_100] };
-    let end = json!({ "event": "end", "result": { "outcome": "clock-drift", "clock_drift": drift.json() } });
+    let end = json!({ "event": "end", "result": { "outcome": "clock-drift", "clock_drift": drift } });
     let record = RunRecord::read(&log(std::slice::from_ref(&end)), "run").unwrap();
-    assert_eq!((record.outcome.as_deref(), record.clock_drift()), (Some("clock-drift"), Some(drift)));
+    assert_eq!((record.outcome(), record.clock_drift()), (ResultOutcome::ClockDrift, Some(drift)));
     let resumed = RunRecord::read(&log(&[end, json!({ "event": "resumed" })]), "run").unwrap();
-    assert_eq!((resumed.outcome.as_deref(), resumed.clock_drift()), (None, None));
+    assert_eq!((resumed.outcome(), resumed.clock_drift()), (ResultOutcome::Unfinished, None));
 }
 
 #[test]
@@ -303,7 +315,7 @@ fn a_crash_of_the_firmware_is_written_with_its_registers_and_changes_nothing_els
     let path = directory.path().join("run.jsonl");
     fs::write(&path, log(&[])).unwrap();
     let before = RunRecord::open(&path).unwrap();
-    let mut log = RunLog::go_on(&path, &before, "sim").unwrap();
+    let mut log = RunLog::resume(&path, &before, "sim").unwrap();
     let mut words = [0x1001; growbot_core::link::crash::CRASH_WORDS];
     words[..9].copy_from_slice(&[3 << 16 | 3, 7, 0xfeed_beef, 0x1000_0800, 0xFFFF_FFF9, 1 << 16, 1 << 30, 1, 2]);
     log.record(&JobEvent::Crash(words)).unwrap();
@@ -316,5 +328,5 @@ fn a_crash_of_the_firmware_is_written_with_its_registers_and_changes_nothing_els
     assert_eq!((&line["pc"], &line["cfsr"]), (&"00001001".into(), &"00010000".into()));
     assert_eq!((&line["reasons"][0], &line["image_crc"]), (&"UNDEFINSTR".into(), &"feedbeef".into()));
     let after = RunRecord::open(&path).unwrap();
-    assert_eq!((after.as_built, after.layers, after.outcome), (before.as_built, before.layers, before.outcome));
+    assert_eq!((after.as_built, after.layers, after.result), (before.as_built, before.layers, before.result));
 }

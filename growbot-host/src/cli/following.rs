@@ -1,19 +1,19 @@
 //! A growth as the command line shows it: progress, log, result and exit code.
 
+use std::fmt::Display;
+
 use clap::ValueEnum;
 use growbot_client::client::{ClientError, ClockDrift};
 use growbot_client::growth::{Grown, GrowthError, JobEvent, Order, Outcome};
 use growbot_client::plan::Plan;
 use growbot_client::printable::json_line;
-use growbot_client::run_log::{RunLog, RunLogError};
+use growbot_client::run_log::{GrowthResult, ResultOutcome, RunLog, RunLogError};
 use growbot_core::link::message::{Silence, State};
 use growbot_core::robot::Robot;
 use growbot_host::output::print;
 use growbot_host::progress::{Progress, Results};
 use growbot_host::watch::Watch;
-use serde_json::Value;
 
-use super::growth_json::json_of;
 use super::{Failure, growth_table, kind};
 
 /// What the board does when it no longer hears from its host.
@@ -68,14 +68,13 @@ impl Following<'_> {
                 watch.ingest(event);
             }
             let written = self.log.record(event);
-            logging.take(written, self.log.missing(), self.watch.as_ref(), |words| show.interrupt(words));
+            logging.update(written, self.log.missing(), self.watch.as_ref(), |words| show.interrupt(words));
         });
         show.end();
         match grown {
             Ok(grown) => self.result(&grown, show.emergency),
             Err(GrowthError::During(error)) => {
-                let mut result = json_of("lost", None, self.plan, self.seed, self.simulated);
-                result["error"] = error.to_string().into();
+                let mut result = self.nothing_grown(ResultOutcome::Lost, &error);
                 let logged = self.end(&mut result);
                 // That the robot is lost is told whether or not the result can be printed.
                 if self.json
@@ -89,14 +88,12 @@ impl Following<'_> {
                 Err(failed(GrowthError::During(error), self.simulated))
             }
             Err(error) => {
-                self.log.discard();
+                std::mem::take(&mut self.log).discard();
                 if !matches!(&error, GrowthError::Before(error) if !matches!(error, ClientError::Refused { .. })) {
                     refuse(self.json, self.plan, self.simulated);
                 }
                 if let Some(watch) = self.watch.take() {
-                    let mut result = json_of("refused", None, self.plan, self.seed, self.simulated);
-                    result["error"] = error.to_string().into();
-                    watch.end(&result);
+                    watch.end(self.nothing_grown(ResultOutcome::Refused, &error));
                 }
                 Err(match error {
                     GrowthError::Before(error) => error.into(),
@@ -106,15 +103,19 @@ impl Following<'_> {
         }
     }
 
-    /// Log and page hear the end. A log that lacks lines is no reason not to tell the result, which says so.
-    fn end(&mut self, result: &mut Value) -> Result<(), Failure> {
+    /// The result of a growth that has not begun, or of which nothing is known.
+    fn nothing_grown(&self, outcome: ResultOutcome, error: &dyn Display) -> GrowthResult {
+        let nothing = GrowthResult::nothing_grown(outcome, self.plan, self.seed, self.simulated);
+        GrowthResult { error: Some(error.to_string()), ..nothing }
+    }
+
+    /// Ends log and page. A log that lacks lines is no reason not to print the result, which says so.
+    fn end(&mut self, result: &mut GrowthResult) -> Result<(), Failure> {
         let written = self.log.end(result);
         let missing = self.log.missing();
-        if missing > 0 {
-            result["log_lines_missing"] = missing.into();
-        }
+        result.log_lines_missing = (missing > 0).then_some(missing);
         if let Some(watch) = self.watch.take() {
-            watch.end(result);
+            watch.end(result.clone());
         }
         match (written, missing) {
             (Ok(()), 0) => Ok(()),
@@ -126,7 +127,7 @@ impl Following<'_> {
     }
 
     fn result(mut self, grown: &Grown, emergency: bool) -> Result<(), Failure> {
-        let mut result = json_of(grown.outcome.name(), Some(grown), self.plan, self.seed, self.simulated);
+        let mut result = GrowthResult::new(grown, self.plan, self.seed, self.simulated);
         let logged = self.end(&mut result);
         let printed = print(&if self.json {
             json_line(&result)
@@ -202,7 +203,7 @@ struct Logging {
 }
 
 impl Logging {
-    fn take(
+    fn update(
         &mut self,
         written: Result<(), RunLogError>,
         missing: usize,
@@ -226,7 +227,10 @@ impl Logging {
 
 /// The line of JSON of a growth that did not begin. Why it did not is told whether or not this can be printed.
 pub fn refuse(json: bool, plan: &Plan, simulated: bool) {
-    if json && let Err(error) = print(&json_line(&json_of("refused", None, plan, None, simulated))) {
+    if json
+        && let Err(error) =
+            print(&json_line(&GrowthResult::nothing_grown(ResultOutcome::Refused, plan, None, simulated)))
+    {
         Failure::from(error).say();
     }
 }
@@ -334,12 +338,12 @@ mod tests {
             measured_by: MeasuredBy::Steps,
             fed_back: None,
         };
-        let json = |outcome: Outcome| json_of(outcome.name(), Some(&grown(outcome)), &plan, None, false);
+        let json = |outcome| serde_json::to_value(GrowthResult::new(&grown(outcome), &plan, None, false)).unwrap();
         let drifted = json(Outcome::ClockDrift(DRIFT));
         assert_eq!(drifted["outcome"], "clock-drift");
         assert!((drifted["clock_drift"]["percent"].as_f64().unwrap() + 5.0).abs() < 1e-9, "{drifted}");
         assert_eq!(drifted["clock_drift"]["limit_percent"], 2.0);
-        assert_eq!(json(Outcome::Stopped)["clock_drift"], Value::Null);
+        assert!(json(Outcome::Stopped)["clock_drift"].is_null());
     }
 
     #[test]

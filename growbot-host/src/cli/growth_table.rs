@@ -1,6 +1,6 @@
 //! The table that a growth ends with.
 
-use growbot_client::arrival::Arrival;
+use growbot_client::arrival::{Arrival, PoseError};
 use growbot_client::feedback::FedBack;
 use growbot_client::growth::{Grown, MeasuredBy};
 use growbot_client::plan::Plan;
@@ -10,11 +10,10 @@ use growbot_core::link::message::InterruptedLayer;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 
-use super::growth_json::{believed, error_of};
 use super::kind;
 use super::plan_table::duration;
 
-/// Wanted, reached, and by how much the one missed the other; with feedback, where the tip was believed to be.
+/// Target and final pose, and the error between them; with feedback, the estimate.
 pub fn table(plan: &Plan, robot: &Robot, grown: &Grown, seed: Option<u64>, simulated: bool) -> String {
     let length = grown.length_mm();
     let mut table = arrived(&plan.goal, &grown.arrival);
@@ -33,20 +32,23 @@ pub fn table(plan: &Plan, robot: &Robot, grown: &Grown, seed: Option<u64>, simul
         table += &feedback(plan, grown, fed_back);
     }
     if grown.unknown() > 0 {
-        table += &format!("caution   {} layers were cut and let be: they are counted as planned\n", grown.unknown());
+        table += &format!(
+            "caution   {} layers were interrupted and kept as they are: they are counted as planned\n",
+            grown.unknown()
+        );
     }
     if let Some(interrupted) = grown.interrupted {
-        table += &format!("cut       layer {}: {}\n", grown.as_built.len(), made(interrupted));
+        table += &format!("layer     {} was interrupted: {}\n", grown.as_built.len(), made(interrupted));
     }
     table
 }
 
-/// Wanted, reached, and by how much the one missed the other.
+/// Target and final pose, and the error between them.
 pub fn arrived(goal: &Pose, arrival: &Arrival) -> String {
     let mut table =
         format!("{:<10}{:>11}{:>11}{:>11}{:>13}{:>12}\n", "", "x mm", "y mm", "z mm", "heading deg", "pitch deg");
-    table += &row("wanted", goal);
-    table += &row("reached", &arrival.reached);
+    table += &row("target", goal);
+    table += &row("final", &arrival.final_pose);
     table += &format!(
         "error     {:.3} mm, {:.4} % of the length, {:.3} deg between the directions\n",
         arrival.position_error_mm,
@@ -62,31 +64,31 @@ pub fn row(name: &str, pose: &Pose) -> String {
     format!("{name:<10}{x:>11.3}{y:>11.3}{z:>11.3}{heading:>13.3}{pitch:>12.3}\n")
 }
 
-/// How often the job was amended, and what was known of the tip.
+/// How often the job was amended, and how good the estimate of the tip is.
 fn feedback(plan: &Plan, grown: &Grown, fed_back: &FedBack) -> String {
     let estimate = &fed_back.estimate;
     let arrived = match grown.measured_by {
         MeasuredBy::Tip => {
-            let (distance, angle) = error_of(&believed(fed_back, plan), &grown.arrival);
-            format!("believed  {distance:.3} mm and {angle:.3} deg from where the tip is\n")
+            let PoseError { position_mm, direction_deg } = fed_back.arrival(plan).error_from(&grown.arrival);
+            format!("estimate  {position_mm:.3} mm and {direction_deg:.3} deg from where the tip is\n")
         }
         MeasuredBy::Estimate | MeasuredBy::Steps => {
-            "reached   is what the sensors say, and nobody has looked\n".to_string()
+            "final     is the estimate by the sensors; nobody has looked\n".to_string()
         }
     };
     let (position, direction) = (estimate.position_deviation, degrees(estimate.direction_deviation));
     format!(
-        "feedback  {} amendments\n{arrived}known to  {position:.3} mm and {direction:.3} deg, standard deviations\n",
+        "feedback  {} amendments\n{arrived}1 sd      {position:.3} mm and {direction:.3} deg, of the estimate\n",
         fed_back.amendments
     )
 }
 
-/// How much of a layer that was cut was made, in words.
-pub fn made(interrupted: InterruptedLayer) -> String {
+/// How much of an interrupted layer was made, in words.
+pub fn made(cut: InterruptedLayer) -> String {
     let degrees = |sectors: u8| f64::from(sectors) / SECTORS as f64 * 360.0;
-    if interrupted.min == 0 && usize::from(interrupted.max) == SECTORS {
+    if cut.min == 0 && usize::from(cut.max) == SECTORS {
         "how much of it was made is not known".to_string()
     } else {
-        format!("made from 0 to {:.1} or {:.1} degrees of its turn", degrees(interrupted.min), degrees(interrupted.max))
+        format!("made from 0 to {:.1} or {:.1} degrees of its turn", degrees(cut.min), degrees(cut.max))
     }
 }

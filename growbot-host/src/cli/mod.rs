@@ -15,7 +15,6 @@ mod flash;
 mod following;
 mod goal;
 mod grow;
-mod growth_json;
 mod growth_table;
 mod interrupt;
 mod layers;
@@ -392,7 +391,7 @@ fn kind(is_simulated: bool) -> &'static str {
 
 /// The robot of a run: the one that is named here or, if none is, the built-in one that its log names. A log leads to no other file.
 fn robot_of(record: &RunRecord, robot: Option<&Path>) -> Result<Robot, Failure> {
-    let named = &record.robot.0;
+    let named = &record.robot.name;
     match robot {
         Some(robot) => Ok(robot_file::load(robot)?),
         None if robot_file::is_built_in(named) => Ok(robot_file::load(named.as_ref())?),

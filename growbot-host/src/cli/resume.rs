@@ -27,7 +27,7 @@ use super::{Failure, PortArg, robot_of, say_damage};
 /// takes the plan, or better the log of the growth (`grow --log`), which it then continues. A growth with feedback goes on with it, and only
 /// from its log.
 ///
-/// Of a layer that was cut it says how much was made. That layer is laid again unless you say otherwise.
+/// Of an interrupted layer it says how much was made. That layer is laid again unless you say otherwise.
 #[derive(Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct ResumeArgs {
@@ -39,7 +39,7 @@ pub struct ResumeArgs {
     robot: Option<PathBuf>,
     #[command(flatten)]
     port: PortArg,
-    /// What becomes of a layer that was cut
+    /// What becomes of an interrupted layer
     #[arg(long, value_name = "WHAT", default_value = "again")]
     cut_layer: WithCut,
     /// What the board does when it no longer hears from this program
@@ -66,7 +66,7 @@ fault; 2, something was wrong before.";
 /// No answer is longer, bytes.
 const LONGEST_ANSWER: u64 = 4096;
 
-/// What becomes of a layer that was cut.
+/// What becomes of an interrupted layer.
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum WithCut {
     /// Lay it again, on top of what there is of it
@@ -85,7 +85,7 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
     Client::belongs_to(&board, &robot)?;
     let mut job = Job::new(&robot, &plan.start, &plan.goal, &plan.path);
     if let Some(record) = &mut record {
-        record.is_held_as(board.status.plan_id);
+        record.is_stored_as(board.status.plan_id);
         // The very layers, whatever the plan's file has rounded.
         (job.plan_id, job.layers) = (record.plan_id, record.layers.clone());
     }
@@ -95,7 +95,7 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
     }
     let known = record.as_ref().map_or_else(Vec::new, RunRecord::known);
     let log = match &record {
-        Some(record) => RunLog::go_on(&args.file, record, port.text()).map_err(Failure::bad_input)?,
+        Some(record) => RunLog::resume(&args.file, record, port.text()).map_err(Failure::bad_input)?,
         None => RunLog::none(),
     };
     let cut = match args.cut_layer {
@@ -161,8 +161,8 @@ fn show(board: &BoardHello, plan_id: u64) -> Result<(), Failure> {
         board.reset_cause.name()
     );
     match status.interrupted {
-        Some(interrupted) => growbot_host::tell!("growbot: layer {} was cut: {}", status.laid, made(interrupted)),
-        None => growbot_host::tell!("growbot: no layer was cut: the head stood at 0 degrees"),
+        Some(cut) => growbot_host::tell!("growbot: layer {} was interrupted: {}", status.laid, made(cut)),
+        None => growbot_host::tell!("growbot: no layer was interrupted: the head stood at 0 degrees"),
     }
     if let Some(fault) = status.fault {
         return Err(Failure::answered_no(format!(

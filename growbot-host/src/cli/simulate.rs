@@ -7,21 +7,22 @@ use growbot_client::feedback::ASSUMED;
 use growbot_client::plan_file::WrittenPose;
 use growbot_client::pose_text::parse_number;
 use growbot_client::printable::json_line;
+use growbot_client::run_log::WrittenArrival;
 use growbot_client::warning::Warning;
 use growbot_core::angle::degrees;
 use growbot_core::pose::Pose;
 use growbot_core::simulation::{DirectionSensor, Disturbance, Sensors};
 use growbot_core::slicing::Slicing;
+use growbot_core::tracking::Estimate;
 use growbot_host::output::print;
 use growbot_host::progress::{Progress, Results};
 use growbot_sim::simulation::campaign::Campaign;
 use growbot_sim::simulation::statistics::Statistics;
 use growbot_sim::simulation::{Hung, Outcome, Simulation};
-use serde_json::{Value, json};
+use serde::Serialize;
 
 use super::disturbance::{DisturbanceArgs, signed_percent};
 use super::goal::GoalArgs;
-use super::growth_json::{json_of_arrival, merge};
 use super::{Failure, simulate_table};
 
 /// Simulate a growth with noise, with or without feedback, once or many times
@@ -92,12 +93,12 @@ enum Slice {
 const STEPS_MM: [f64; 2] = [0.01, 1e4];
 
 fn step_mm(text: &str) -> Result<f64, String> {
-    let [least, most] = STEPS_MM;
+    let [min, max] = STEPS_MM;
     let number = parse_number(text).ok_or("it is no number: give mm, such as 3.096")?;
-    if (least..=most).contains(&number) {
+    if (min..=max).contains(&number) {
         Ok(number)
     } else {
-        Err(format!("it is {number} mm, and may be {least} to {most}: give one within"))
+        Err(format!("it is {number} mm, and may be {min} to {max}: give one within"))
     }
 }
 
@@ -116,7 +117,7 @@ pub fn run(args: &SimulateArgs) -> Result<(), Failure> {
             warn(&outcome.hung.map(|hung| simulation.warnings(&hung)).unwrap_or_default());
             let seed = args.disturbance.seed;
             Ok(print(&if args.json {
-                json_line(&json_of(&outcome, simulation.path_length(), seed))
+                json_line(&SimulatedGrowth::new(&outcome, simulation.path_length(), seed))
             } else {
                 simulate_table::growth(&plan.goal, &outcome, seed)
             })?)
@@ -126,7 +127,7 @@ pub fn run(args: &SimulateArgs) -> Result<(), Failure> {
             warn(&campaign.hung.map(|hung| simulation.warnings(&hung)).unwrap_or_default());
             let seed = args.disturbance.seed;
             Ok(print(&if args.json {
-                json_line(&json_of_campaign(&campaign, simulation.path_length(), seed))
+                json_line(&SimulatedCampaign::new(&campaign, simulation.path_length(), seed))
             } else {
                 simulate_table::campaign(&campaign, robot.name(), simulation.path_length(), seed)
             })?)
@@ -182,72 +183,131 @@ impl SimulateArgs {
 }
 
 /// A growth as scripts read it.
-fn json_of(outcome: &Outcome, path_length: f64, seed: u64) -> Value {
-    let Outcome { grown, arrival, hung } = outcome;
-    let mut value = json_of_arrival(arrival);
-    merge(
-        &mut value,
-        json!({
-            "layers": grown.layers,
-            "length_mm": grown.length,
-            "path_length_mm": path_length,
-            "seed": seed,
-        }),
-    );
-    if let Some(estimate) = &grown.estimate {
-        let habits = &estimate.systematic_errors;
-        let found = json!({
-            "believed": WrittenPose::from(&Pose::from_frame(&estimate.base_from_tip)),
-            "position_sd_mm": estimate.position_deviation,
-            "direction_sd_deg": degrees(estimate.direction_deviation),
-            "growth_bias_percent": 100.0 * habits.growth,
-            "tilt_bias_percent": 100.0 * habits.tilt,
-            "alpha_bias_deg": degrees(habits.alpha),
-            "twist_bias_deg": degrees(habits.twist),
-        });
-        merge(&mut value, json!({ "feedback": found }));
+#[derive(Serialize)]
+struct SimulatedGrowth {
+    #[serde(flatten)]
+    arrival: WrittenArrival,
+    layers: u64,
+    length_mm: f64,
+    path_length_mm: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    feedback: Option<WrittenEstimate>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    sag: Option<WrittenSag>,
+    seed: u64,
+}
+
+impl SimulatedGrowth {
+    fn new(outcome: &Outcome, path_length_mm: f64, seed: u64) -> Self {
+        let Outcome { grown, arrival, hung } = outcome;
+        Self {
+            arrival: arrival.into(),
+            layers: grown.layers,
+            length_mm: grown.length,
+            path_length_mm,
+            seed,
+            feedback: grown.estimate.as_ref().map(WrittenEstimate::from),
+            sag: hung.as_ref().map(WrittenSag::from),
+        }
     }
-    if let Some(hung) = hung {
-        merge(&mut value, json!({ "sag": json_of_hung(hung) }));
+}
+
+/// What feedback has found.
+#[derive(Serialize)]
+struct WrittenEstimate {
+    estimate: WrittenPose,
+    position_sd_mm: f64,
+    direction_sd_deg: f64,
+    growth_bias_percent: f64,
+    tilt_bias_percent: f64,
+    alpha_bias_deg: f64,
+    twist_bias_deg: f64,
+}
+
+impl From<&Estimate> for WrittenEstimate {
+    fn from(estimate: &Estimate) -> Self {
+        let bias = &estimate.systematic_errors;
+        Self {
+            estimate: WrittenPose::from(&Pose::from_frame(&estimate.base_from_tip)),
+            position_sd_mm: estimate.position_deviation,
+            direction_sd_deg: degrees(estimate.direction_deviation),
+            growth_bias_percent: 100.0 * bias.growth,
+            tilt_bias_percent: 100.0 * bias.tilt,
+            alpha_bias_deg: degrees(bias.alpha),
+            twist_bias_deg: degrees(bias.twist),
+        }
     }
-    value
 }
 
 /// Many growths as scripts read them.
-fn json_of_campaign(campaign: &Campaign, path_length: f64, seed: u64) -> Value {
-    let mut value = json!({
-        "repeat": campaign.runs,
-        "seed": seed,
-        "path_length_mm": path_length,
-        "layers": json_of_statistics(&campaign.layers),
-        "position_error_mm": json_of_statistics(&campaign.position_error_mm),
-        "normalized_position_error": json_of_statistics(&campaign.normalized_position_error),
-        "heading_error_deg": json_of_statistics(&campaign.heading_error_deg),
-        "pitch_error_deg": json_of_statistics(&campaign.pitch_error_deg),
-        "direction_error_deg": json_of_statistics(&campaign.direction_error_deg),
-        "worst_seed": campaign.worst.map(|(seed, _)| seed),
-    });
-    if let Some(hung) = &campaign.hung {
-        merge(&mut value, json!({ "greatest_sag": json_of_hung(hung) }));
+#[derive(Serialize)]
+struct SimulatedCampaign {
+    repeat: u64,
+    seed: u64,
+    path_length_mm: f64,
+    layers: WrittenStatistics,
+    position_error_mm: WrittenStatistics,
+    normalized_position_error: WrittenStatistics,
+    heading_error_deg: WrittenStatistics,
+    pitch_error_deg: WrittenStatistics,
+    direction_error_deg: WrittenStatistics,
+    worst_seed: Option<u64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    greatest_sag: Option<WrittenSag>,
+}
+
+impl SimulatedCampaign {
+    fn new(campaign: &Campaign, path_length_mm: f64, seed: u64) -> Self {
+        Self {
+            repeat: campaign.runs,
+            seed,
+            path_length_mm,
+            layers: (&campaign.layers).into(),
+            position_error_mm: (&campaign.position_error_mm).into(),
+            normalized_position_error: (&campaign.normalized_position_error).into(),
+            heading_error_deg: (&campaign.heading_error_deg).into(),
+            pitch_error_deg: (&campaign.pitch_error_deg).into(),
+            direction_error_deg: (&campaign.direction_error_deg).into(),
+            worst_seed: campaign.worst.map(|(seed, _)| seed),
+            greatest_sag: campaign.hung.as_ref().map(WrittenSag::from),
+        }
     }
-    value
 }
 
-fn json_of_statistics(statistics: &Statistics) -> Value {
-    json!({
-        "mean": statistics.mean(),
-        "sd": statistics.deviation(),
-        "min": statistics.least(),
-        "p50": statistics.percentile(50.0),
-        "p95": statistics.percentile(95.0),
-        "max": statistics.greatest(),
-    })
+/// The distribution of an error.
+#[derive(Serialize)]
+struct WrittenStatistics {
+    mean: f64,
+    sd: f64,
+    min: f64,
+    p50: f64,
+    p95: f64,
+    max: f64,
 }
 
-fn json_of_hung(hung: &Hung) -> Value {
-    json!({
-        "deflection_mm": hung.deflection,
-        "root_stress_mpa": hung.root.stress,
-        "root_moment_n_mm": hung.root.moment,
-    })
+impl From<&Statistics> for WrittenStatistics {
+    fn from(statistics: &Statistics) -> Self {
+        Self {
+            mean: statistics.mean(),
+            sd: statistics.deviation(),
+            min: statistics.least(),
+            p50: statistics.percentile(50.0),
+            p95: statistics.percentile(95.0),
+            max: statistics.greatest(),
+        }
+    }
+}
+
+/// How a body hangs under its weight.
+#[derive(Serialize)]
+struct WrittenSag {
+    deflection_mm: f64,
+    root_stress_mpa: f64,
+    root_moment_n_mm: f64,
+}
+
+impl From<&Hung> for WrittenSag {
+    fn from(hung: &Hung) -> Self {
+        Self { deflection_mm: hung.deflection, root_stress_mpa: hung.root.stress, root_moment_n_mm: hung.root.moment }
+    }
 }

@@ -8,7 +8,7 @@ use growbot_sim::simulation::{Hung, Outcome};
 
 use super::growth_table::{arrived, row};
 
-/// Wanted, reached, by how much the one missed the other; and the body.
+/// Target and final pose, the error between them, and the body.
 pub fn growth(goal: &Pose, outcome: &Outcome, seed: u64) -> String {
     let Outcome { grown, arrival, hung } = outcome;
     let mut table = arrived(goal, arrival);
@@ -17,9 +17,9 @@ pub fn growth(goal: &Pose, outcome: &Outcome, seed: u64) -> String {
         arrival.heading_error_deg, arrival.pitch_error_deg
     );
     if let Some(estimate) = &grown.estimate {
-        table += &row("believed", &Pose::from_frame(&estimate.base_from_tip));
+        table += &row("estimate", &Pose::from_frame(&estimate.base_from_tip));
         table += &format!(
-            "          within {:.3} mm and {:.3} deg (one SD); {:+.2} % of growth found in every layer\n",
+            "          1 sd {:.3} mm and {:.3} deg; estimated bias of growth {:+.2} %\n",
             estimate.position_deviation,
             degrees(estimate.direction_deviation),
             100.0 * estimate.systematic_errors.growth

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use growbot_client::client::{Client, ClientError};
 use growbot_client::printable::json_line;
-use growbot_core::layer::SECTORS;
+use growbot_client::run_log::InterruptedLayer;
 use growbot_core::link::crash::{CrashRecord, CrashWords};
 use growbot_core::link::message::{
     BoardHello, BootReport, Fault, FaultRecord, ImageCheck, PauseCause, Refusal, SensorReadings, State,
@@ -113,7 +113,7 @@ impl Report {
             fields.insert("sensors".to_string(), json_of_sensors(&self.sensors));
             fields
                 .insert("image".to_string(), self.boot.as_ref().map_or(Value::Null, |boot| json_of_image(boot.image)));
-            fields.insert("crash".to_string(), self.crash().map_or(Value::Null, |crash| crash.json()));
+            fields.insert("crash".to_string(), json!(self.crash().map(|crash| crash.written())));
             fields.insert("latest_fault".to_string(), self.latest_fault.as_ref().map_or(Value::Null, json_of_record));
         }
         value
@@ -217,9 +217,9 @@ pub fn text_of_record(record: &FaultRecord) -> String {
         record.temperature_centi_c.map_or("no reading".to_string(), |centi| format!("{:.1} C", celsius(centi)));
     let target =
         record.target_centi_c.map_or("heater off".to_string(), |centi| format!("target {:.1} C", celsius(centi)));
-    let cut = match record.begun.saturating_sub(record.laid) {
+    let interrupted = match record.begun.saturating_sub(record.laid) {
         0 => String::new(),
-        _ => format!(", layer {} cut", record.laid),
+        _ => format!(", layer {} interrupted", record.laid),
     };
     let mut text = format!(
         "last fault   {}, while {}, {:.1} s after its start{since}\n",
@@ -228,7 +228,7 @@ pub fn text_of_record(record: &FaultRecord) -> String {
         record.uptime_ms as f64 / 1000.0
     );
     text += &format!(
-        "             {temperature}, {target}, duty {:.0} %, {} layers laid{cut}\n",
+        "             {temperature}, {target}, duty {:.0} %, {} layers laid{interrupted}\n",
         f64::from(record.duty) / f64::from(u16::MAX) * 100.0,
         record.laid
     );
@@ -258,11 +258,7 @@ fn json_of(hello: &BoardHello) -> Value {
         "laid": status.laid,
         "held": status.next.saturating_sub(status.laid),
         "capacity": hello.capacity,
-        "cut": status.interrupted.map(|layer| json!({
-            "layer": status.laid,
-            "least": f64::from(layer.min) / SECTORS as f64,
-            "most": f64::from(layer.max) / SECTORS as f64,
-        })),
+        "interrupted": status.interrupted.map(|layer| InterruptedLayer::new(status.laid as usize, layer)),
         "waits": waits(status.pause_cause),
         "journal": status.journal,
         "holder": hello.owner.as_ref().map(|owner| String::from_utf8_lossy(owner).into_owned()),
@@ -309,7 +305,7 @@ fn text_of(hello: &BoardHello, simulated: bool) -> String {
     text += &format!("temperature  {temperature}, {target}\n");
     text += &format!("job          {job}\n");
     if let Some(interrupted) = status.interrupted {
-        text += &format!("cut          layer {}: {}\n", status.laid, made(interrupted));
+        text += &format!("interrupted  layer {}: {}\n", status.laid, made(interrupted));
     }
     if matches!(status.state, State::Paused | State::Parked) {
         text += &format!("waits        {}\n", waits(status.pause_cause));

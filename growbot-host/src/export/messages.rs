@@ -3,8 +3,10 @@
 //! Poses and scenes are those that Foxglove draws (<https://docs.foxglove.dev/docs/sdk/schemas>): metres, in the frame `base`, z up. What is
 //! growbot's own is in mm and degrees, as the names say. What is not known is left out.
 
+use growbot_client::run_log::BoardStatus;
 use growbot_core::pose::Frame;
 use nalgebra::{Point3, UnitQuaternion};
+use serde::Serialize;
 use serde_json::{Map, Value, json};
 
 /// The frame of all poses.
@@ -108,6 +110,27 @@ pub fn time(ms: u64) -> Value {
 #[must_use]
 pub fn pose_in_frame(ms: u64, base_from_tip: &Frame) -> Value {
     json!({ "timestamp": time(ms), "frame_id": FRAME, "pose": pose(base_from_tip) })
+}
+
+/// The board's status.
+#[must_use]
+pub fn status(ms: u64, status: &BoardStatus) -> Value {
+    let BoardStatus { state, fault, temperature_c, target_c, laid, uptime_ms } = status;
+    let mut message = json!({ "timestamp": time(ms) });
+    add_known(&mut message, "state", state.as_deref());
+    add_known(&mut message, "fault", fault.as_deref());
+    add_known(&mut message, "temperature_c", *temperature_c);
+    add_known(&mut message, "target_c", *target_c);
+    add_known(&mut message, "laid", *laid);
+    add_known(&mut message, "uptime_ms", *uptime_ms);
+    message
+}
+
+/// Adds a field, unless its value is not known.
+pub fn add_known(message: &mut Value, field: &str, value: Option<impl Serialize>) {
+    if let Some(value) = value {
+        message[field] = json!(value);
+    }
 }
 
 /// An event in words.

@@ -8,7 +8,7 @@ use std::io::Cursor;
 use growbot_client::degrees::degrees_below_turn;
 use growbot_client::plan::Plan;
 use growbot_client::run_clock::{Clock, events, time_for};
-use growbot_client::run_log::RunRecord;
+use growbot_client::run_log::{Board, BoardStatus, GrowthResult, ResultOutcome, RunEvent, RunRecord, WrittenMeasured};
 use growbot_core::angle::degrees;
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::decode;
@@ -23,7 +23,7 @@ use serde_json::{Value, json};
 use super::body::{Body, BodyLayer};
 use super::messages::{self, Level, Topic};
 
-/// Colours from the least to the greatest height of a layer, and of the planned centreline.
+/// Colours from the smallest to the largest height of a layer, and of the planned centreline.
 const LOW: [f64; 3] = [0.2, 0.4, 0.9];
 const HIGH: [f64; 3] = [0.95, 0.45, 0.1];
 const PLANNED: [f64; 3] = [0.3, 0.7, 0.3];
@@ -50,74 +50,91 @@ pub fn write(robot: &Robot, plan: &Plan, record: &RunRecord, log: &[u8]) -> Resu
 
     let mut growing = body.growing().zip(&record.layers).enumerate().peekable();
     for event in events(log) {
-        let kind = event.get("event").and_then(Value::as_str).unwrap_or_default();
-        match kind {
-            "status" => recorder.status(&event)?,
-            "laid" => {
-                // A layer may be told again after a resumption: the first report stands. One whose line is lost came before the next.
-                let told = event.get("layer").and_then(Value::as_u64).filter(|told| *told < body.layers.len() as u64);
-                while let Some((index, ((before, laid), planned))) =
-                    growing.next_if(|(index, _)| told.is_some_and(|told| told >= *index as u64))
-                {
-                    recorder.clock.layer_took(time_for(&laid.layer, plan));
+        match &event {
+            RunEvent::Status(status) => recorder.status(status)?,
+            // A layer may be told again after a resumption: the first report stands. One whose line is lost came before the next.
+            RunEvent::Laid(laid) if (laid.layer as usize) < body.layers.len() => {
+                let told = laid.layer as usize;
+                while let Some((index, ((before, grown), planned))) = growing.next_if(|(index, _)| told >= *index) {
+                    recorder.clock.layer_took(time_for(&grown.layer, plan));
                     let beside = commanded.layers.get(index).filter(|_| simulated.is_some());
-                    let is_told = told == Some(index as u64);
-                    recorder.layer(index, laid, &decode(planned), beside, is_told.then_some(&event))?;
-                    let middle = before * half(&laid.layer).step();
-                    recorder.disc(index, &middle, &laid.layer, body)?;
-                    recorder.tip(Topic::Tip, laid)?;
+                    let measured = laid.measured.filter(|_| told == index);
+                    recorder.layer(index, grown, &decode(planned), beside, measured)?;
+                    let middle = before * half(&grown.layer).step();
+                    recorder.disc(index, &middle, &grown.layer, body)?;
+                    recorder.tip(Topic::Tip, grown)?;
                     if let Some(beside) = beside {
                         recorder.tip(Topic::Commanded, beside)?;
                     }
                 }
             }
-            "end" => {
-                let said = |name: &str| event.get("result").and_then(|result| result.get(name)).and_then(Value::as_str);
-                let outcome = said("outcome").unwrap_or("unknown");
-                let level = match outcome {
-                    "done" => Level::Info,
-                    "fault" => Level::Error,
-                    _ => Level::Warning,
-                };
-                if let Some(code) = said("fault") {
-                    recorder.latched(Some(code))?;
-                } else if outcome == "fault" && recorder.fault.is_none() {
-                    recorder.fault("unknown", "the log says that a fault ended the growth, not which")?;
+            RunEvent::End { result } => recorder.end(result)?,
+            event => {
+                if let Some((level, words)) = in_words(event) {
+                    recorder.event(level, &words)?;
                 }
-                recorder.event(level, &format!("end: {outcome}"))?;
             }
-            // What it says is in the layers.
-            "" | "simulated" => {}
-            _ => recorder.event(level_of(kind), &in_words(kind, &event))?,
         }
     }
     recorder.finish()
 }
 
-/// What a log's other events come to.
-fn level_of(kind: &str) -> Level {
-    match kind {
-        "silent" | "not-amended" => Level::Warning,
+/// An event in words, without layers in their bytes; none where it is told otherwise.
+fn in_words(event: &RunEvent) -> Option<(Level, String)> {
+    let words = match event {
+        RunEvent::Board(board) => {
+            let [major, minor, patch] = board.firmware;
+            let Board { boot_id, reset_cause, state, laid, .. } = board;
+            format!(
+                "board: firmware {major}.{minor}.{patch}, boot {boot_id:08x}, started by {reset_cause}, {state}, {laid} layers laid"
+            )
+        }
+        RunEvent::Crash(crash) => {
+            let at = crash.pc.as_deref().map(|pc| format!(", at {pc}")).unwrap_or_default();
+            format!("crash: {}{at}", crash.cause)
+        }
+        RunEvent::State { state } => format!("state: {state}"),
+        RunEvent::Counting(count) => match count.filament_pulses {
+            Some(pulses) => format!("counting: {} layers laid, {pulses} pulses of filament", count.laid),
+            None => format!("counting: {} layers laid", count.laid),
+        },
+        RunEvent::Amending(amendment) => {
+            format!(
+                "amending: plan {:016x}, {} layers, new from {}",
+                amendment.plan_id, amendment.total, amendment.from
+            )
+        }
+        RunEvent::NotAmended { why: Some(why) } => format!("not-amended: {why}"),
+        RunEvent::NotAmended { why: None } => "not-amended".to_owned(),
+        RunEvent::HandingOver { from, .. } => format!("handing-over: from {from}"),
+        RunEvent::Ordered { order } => format!("ordered: {}", order.name()),
+        RunEvent::NotObeyed { why } => format!("not-obeyed: {why}"),
+        RunEvent::Silent => "silent".to_owned(),
+        RunEvent::Back => "back".to_owned(),
+        RunEvent::Resumed(resumed) => format!("resumed: growbot {}, port {}", resumed.growbot, resumed.port),
+        // What they say is in the layers and in the status.
+        RunEvent::Header(_)
+        | RunEvent::Status(_)
+        | RunEvent::Laid(_)
+        | RunEvent::Simulated(_)
+        | RunEvent::End { .. } => return None,
+    };
+    let level = match event {
+        RunEvent::Silent | RunEvent::NotAmended { .. } => Level::Warning,
         _ => Level::Info,
-    }
-}
-
-/// An event in words: its kind and what it says, without layers in their bytes.
-fn in_words(kind: &str, event: &Value) -> String {
-    let fields = event.as_object().into_iter().flatten();
-    let said = fields
-        .filter(|(name, value)| !matches!(name.as_str(), "event" | "layers" | "utc" | "command") && !value.is_null());
-    let said: Vec<String> = said
-        .map(|(name, value)| match value {
-            Value::String(text) => format!("{name} {text}"),
-            other => format!("{name} {other}"),
-        })
-        .collect();
-    if said.is_empty() { kind.to_string() } else { format!("{kind}: {}", said.join(", ")) }
+    };
+    Some((level, words))
 }
 
 fn half(layer: &Layer) -> Layer {
     Layer { height: 0.5 * layer.height, tilt: 0.5 * layer.tilt, ..*layer }
+}
+
+/// Limits of the height of a layer, mm.
+#[derive(Debug, Clone, Copy)]
+struct Heights {
+    min: f64,
+    max: f64,
 }
 
 /// A recording under way.
@@ -129,8 +146,8 @@ struct Recorder {
     told: u32,
     /// The latched fault of the status before.
     fault: Option<String>,
-    /// Least and greatest height of a layer, mm.
-    heights: (f64, f64),
+    /// Smallest and largest height of a layer, mm.
+    heights: Heights,
 }
 
 impl Recorder {
@@ -145,7 +162,7 @@ impl Recorder {
             channels.insert(topic, channel);
         }
         let limits = &robot.description().layer;
-        let heights = (limits.height_min_mm, limits.height_max_mm);
+        let heights = Heights { min: limits.height_min_mm, max: limits.height_max_mm };
         Ok(Self { writer, channels, clock: Clock::default(), told: 0, fault: None, heights })
     }
 
@@ -172,12 +189,26 @@ impl Recorder {
         self.tell(Topic::Events, &message)
     }
 
-    fn status(&mut self, event: &Value) -> Result<(), McapError> {
-        self.clock.status(event);
-        let mut message = json!({ "timestamp": messages::time(self.clock.now()) });
-        copy(event, &["state", "fault", "temperature_c", "target_c", "laid", "uptime_ms"], &mut message);
+    fn status(&mut self, status: &BoardStatus) -> Result<(), McapError> {
+        self.clock.status(status);
+        let message = messages::status(self.clock.now(), status);
         self.tell(Topic::Status, &message)?;
-        self.latched(event.get("fault").and_then(Value::as_str))
+        self.latched(status.fault.as_deref())
+    }
+
+    /// The growth has ended.
+    fn end(&mut self, result: &GrowthResult) -> Result<(), McapError> {
+        let level = match result.outcome {
+            ResultOutcome::Done => Level::Info,
+            ResultOutcome::Fault => Level::Error,
+            _ => Level::Warning,
+        };
+        if let Some(code) = &result.fault {
+            self.latched(Some(code))?;
+        } else if result.outcome == ResultOutcome::Fault && self.fault.is_none() {
+            self.fault("unknown", "the log says that a fault ended the growth, not which")?;
+        }
+        self.event(level, &format!("end: {}", result.outcome))
     }
 
     /// The fault that is latched now, or none: told once.
@@ -200,14 +231,14 @@ impl Recorder {
         self.event(Level::Error, &format!("fault {code}: {explanation}"))
     }
 
-    /// `beside` is the layer as commanded, where it is known to lie otherwise; `event`, what the log says of it.
+    /// `beside` is the layer as commanded, where it is known to lie otherwise.
     fn layer(
         &mut self,
         index: usize,
         laid: &BodyLayer,
         planned: &Layer,
         beside: Option<&BodyLayer>,
-        event: Option<&Value>,
+        measured: Option<WrittenMeasured>,
     ) -> Result<(), McapError> {
         let layer = &laid.layer;
         let mut message = json!({
@@ -226,15 +257,16 @@ impl Recorder {
             message["commanded_height_mm"] = layer.height.into();
             message["commanded_tilt_deg"] = degrees(layer.tilt).into();
         }
-        if let Some(event) = event {
-            copy(event, &["filament_pulses", "gravity_milli_g"], &mut message);
+        if let Some(WrittenMeasured { filament_pulses, gravity_milli_g }) = measured {
+            messages::add_known(&mut message, "filament_pulses", filament_pulses);
+            messages::add_known(&mut message, "gravity_milli_g", gravity_milli_g);
         }
         self.tell(Topic::Layers, &message)
     }
 
     fn disc(&mut self, index: usize, base_from_middle: &Frame, layer: &Layer, body: &Body) -> Result<(), McapError> {
-        let (least, greatest) = self.heights;
-        let share = ((layer.height - least) / (greatest - least).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+        let Heights { min, max } = self.heights;
+        let share = ((layer.height - min) / (max - min).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
         let [low, high] = [LOW, HIGH].map(nalgebra::Vector3::from);
         let color = low.lerp(&high, share).into();
         let diameter = 2.0 * body.radius + body.width;
@@ -246,15 +278,6 @@ impl Recorder {
     fn finish(mut self) -> Result<Vec<u8>, McapError> {
         self.writer.finish()?;
         Ok(self.writer.into_inner().into_inner())
-    }
-}
-
-/// Takes over what an event says in these fields, as far as it does.
-fn copy(event: &Value, fields: &[&str], message: &mut Value) {
-    for field in fields {
-        if let Some(value) = event.get(field).filter(|value| !value.is_null()) {
-            message[field] = value.clone();
-        }
     }
 }
 

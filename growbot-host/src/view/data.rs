@@ -13,9 +13,9 @@ pub fn of(subject: &Subject, layers: &Layers) -> Value {
     let Subject { name, robot, plan, run } = subject;
     let description = robot.description();
     let mut warnings: Vec<String> = plan.warnings.iter().map(|warning| warning.message.clone()).collect();
-    let unknown = run.map_or(0, |run| run.as_built.iter().filter(|layer| layer.is_none()).count());
+    let unknown = run.map_or(0, RunRecord::unknown);
     if unknown > 0 {
-        warnings.push(format!("{unknown} layers are not known, cut and let be or lost: they are shown as planned"));
+        warnings.push(format!("{unknown} layers are not known, interrupted or lost: they are shown as planned"));
     }
     if let Some(drift) = run.and_then(RunRecord::clock_drift) {
         warnings.push(format!("{drift}; {}", ClockDrift::REMEDY));
@@ -28,7 +28,7 @@ pub fn of(subject: &Subject, layers: &Layers) -> Value {
         warnings.push(words);
     }
     let about = match run {
-        Some(run) => format!("growth of {}: {}", plan.robot, run.outcome.as_deref().unwrap_or("unfinished")),
+        Some(run) => format!("growth of {}: {}", plan.robot, run.outcome()),
         None => format!("plan for {}", plan.robot),
     };
     json!({

@@ -20,7 +20,7 @@ use std::path::Path;
 
 use growbot_client::growth::Job;
 use growbot_client::plan::Plan;
-use growbot_client::plan_file::{WrittenPose, pose};
+use growbot_client::plan_file::pose;
 use growbot_client::run_log::{BodyKind, RunRecord};
 use growbot_core::job::job_layers;
 use growbot_core::kinematics::advance;
@@ -157,9 +157,8 @@ impl Layers {
 }
 
 /// Where the tip arrived and what that was measured by, as the log of a run that ended says.
-fn measured_end(run: &RunRecord) -> Option<(Pose, &str)> {
+fn measured_end(run: &RunRecord) -> Option<(Pose, &'static str)> {
     let result = run.result.as_ref()?;
-    let by = result.get("measured_by")?.as_str()?;
-    let written: WrittenPose = serde_json::from_value(result.get("final")?.clone()).ok()?;
-    Some((pose("final", &written).ok()?, by))
+    let (by, arrival) = (result.measured_by?, result.arrival.as_ref()?);
+    Some((pose("final", &arrival.final_pose).ok()?, by.name()))
 }

@@ -17,8 +17,8 @@ use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use growbot_client::growth::{Job, JobEvent, Orders};
+use growbot_client::run_log::GrowthResult;
 use growbot_core::layer_bytes::LayerBytes;
-use serde_json::Value;
 use tokio::sync::{oneshot, watch};
 
 use self::watched::Watched;
@@ -135,7 +135,7 @@ impl Watch {
     }
 
     /// Tells pages how it ended, as `growbot grow --json` says it, and waits a moment for those that are open to hear it.
-    pub fn end(self, result: &Value) {
+    pub fn end(self, result: GrowthResult) {
         self.shared.watched().end(result);
         self.shared.changes.send_modify(|changes| *changes += 1);
         let asked = Instant::now();

@@ -13,6 +13,7 @@ use axum::response::{Html, IntoResponse, Response};
 use axum::routing::{get, post};
 use futures_util::stream::{Stream, unfold};
 use growbot_client::growth::Order;
+use growbot_client::printable::json_line;
 use tokio::net::TcpListener;
 use tokio::sync::{oneshot, watch};
 use tokio::time::sleep;
@@ -82,9 +83,9 @@ impl Listener {
             self.changes.changed().await.ok()?;
         }
         self.changes.mark_unchanged();
-        let update = self.shared.watched().update_for(&mut self.seen);
+        let update = json_line(&self.shared.watched().update_for(&mut self.seen));
         self.told = true;
-        Some((Ok(Event::default().data(update.to_string())), self))
+        Some((Ok(Event::default().data(update.trim_end())), self))
     }
 }
 

@@ -2,14 +2,14 @@
 
 use growbot_client::growth::{Job, JobEvent};
 use growbot_client::run_clock::Clock;
-use growbot_client::run_log::hex_of;
+use growbot_client::run_log::{GrowthResult, hex_of};
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::{Encoder, LayerBytes};
 use growbot_core::link::message::{Fault, PauseCause, State, Status};
-use serde_json::{Value, json};
+use serde::Serialize;
 
 /// So many readings of the temperature are kept; where there are more, every second one goes.
-const MOST_READINGS: usize = 4096;
+const MAX_READINGS: usize = 4096;
 
 /// A growth as pages show it.
 pub struct Watched {
@@ -18,28 +18,81 @@ pub struct Watched {
     commanded: Vec<LayerBytes>,
     /// Layers of the job.
     total: usize,
-    /// What the latest amendment replaced: from which layer on, these, of so many in all.
-    replaced: Option<(usize, Vec<LayerBytes>, usize)>,
+    /// What the latest amendment has replaced.
+    replaced: Option<Replaced>,
     /// Layers as built; those of which nothing is known as commanded.
     built: Vec<LayerBytes>,
     state: &'static str,
     fault: Option<Fault>,
-    waits: PauseCause,
-    /// Time in s, degrees Celsius, and what they are regulated to.
-    readings: Vec<(f64, f64, Option<f64>)>,
+    pause_cause: PauseCause,
+    readings: Vec<Reading>,
     /// How often readings were thinned out.
     thinned: u32,
     clock: Clock,
     answers: bool,
-    /// What was said last: a refusal.
-    said: Option<String>,
+    /// Why the board has refused the latest order.
+    refused: Option<String>,
     /// What is wrong with this program's own files.
     warned: Option<String>,
     /// Layers before this are as the plastic of a simulated tip lies.
     simulated: usize,
     /// What their rounding owes.
     rounding: Encoder,
-    ended: Option<Value>,
+    ended: Option<GrowthResult>,
+}
+
+/// What an amendment has replaced.
+struct Replaced {
+    /// Index of the first layer.
+    from: u32,
+    /// The layers.
+    layers: Vec<LayerBytes>,
+    /// Layers of the job before.
+    total: usize,
+}
+
+/// A reading of the nozzle's temperature; three numbers in JSON.
+#[derive(Debug, Clone, Copy, Serialize)]
+struct Reading(f64, f64, Option<f64>);
+
+/// What a page does not know yet.
+#[derive(Debug, Serialize)]
+pub struct Update<'a> {
+    /// The name of the board's state.
+    state: &'static str,
+    /// Whether the board answers.
+    answers: bool,
+    /// What the state means, where its name does not say it.
+    explanation: Option<&'static str>,
+    /// Why the board has refused an order.
+    refused: Option<&'a str>,
+    /// What is wrong with this program's own files.
+    warned: Option<&'a str>,
+    /// Whether the layers are those that a simulated tip has laid.
+    simulated: bool,
+    /// Layers of the job.
+    total: usize,
+    /// Time that the layers to come take, s.
+    left_s: f64,
+    layers: NewLayers,
+    readings: NewReadings<'a>,
+    /// The result, once there is one.
+    ended: Option<&'a GrowthResult>,
+}
+
+/// Layers to be put in from an index on.
+#[derive(Debug, Serialize)]
+struct NewLayers {
+    from: usize,
+    /// 24 hexadecimal digits each.
+    built: String,
+}
+
+/// Readings to be put in from an index on.
+#[derive(Debug, Serialize)]
+struct NewReadings<'a> {
+    from: usize,
+    taken: &'a [Reading],
 }
 
 /// What a page has seen.
@@ -65,12 +118,12 @@ impl Watched {
             built: known.iter().zip(&job.layers).map(|(built, commanded)| built.unwrap_or(*commanded)).collect(),
             state: "starting",
             fault: None,
-            waits: PauseCause::default(),
+            pause_cause: PauseCause::default(),
             readings: Vec::new(),
             thinned: 0,
             clock: Clock::default(),
             answers: true,
-            said: None,
+            refused: None,
             warned: None,
             simulated: 0,
             rounding: Encoder::default(),
@@ -87,19 +140,20 @@ impl Watched {
             JobEvent::Laid { index, as_built, .. } => self.laid(*index as usize, *as_built),
             JobEvent::Amending(amendment) => {
                 let from = self.commanded.len().min(amendment.from as usize);
-                self.replaced = Some((from, self.commanded.split_off(from), self.total));
+                let layers = self.commanded.split_off(from);
+                self.replaced = Some(Replaced { from: from as u32, layers, total: self.total });
                 self.replace(amendment.from, &amendment.layers);
                 self.total = amendment.total as usize;
             }
             JobEvent::NotAmended(_) => {
-                if let Some((from, layers, total)) = self.replaced.take() {
-                    self.replace(from as u32, &layers);
-                    self.total = total;
+                if let Some(before) = self.replaced.take() {
+                    self.replace(before.from, &before.layers);
+                    self.total = before.total;
                 }
             }
             JobEvent::HandingOver { from, layers } => self.replace(*from, layers),
-            JobEvent::NotObeyed(why) => self.said = Some(why.clone()),
-            JobEvent::Ordered(_) => self.said = None,
+            JobEvent::NotObeyed(why) => self.refused = Some(why.clone()),
+            JobEvent::Ordered(_) => self.refused = None,
             JobEvent::Silent => self.answers = false,
             JobEvent::Back => self.answers = true,
             JobEvent::Simulated { from, layers } => self.lies(*from as usize, layers),
@@ -112,13 +166,13 @@ impl Watched {
         self.warned = words;
     }
 
-    /// It has ended, as `growbot grow --json` says it.
-    pub fn end(&mut self, result: &Value) {
-        self.ended = Some(result.clone());
+    /// It has ended with this result.
+    pub fn end(&mut self, result: GrowthResult) {
+        self.ended = Some(result);
     }
 
     /// What a page that has seen so much does not know yet. Layers and readings are to be put in from the given index on.
-    pub fn update_for(&self, seen: &mut Seen) -> Value {
+    pub fn update_for(&self, seen: &mut Seen) -> Update<'_> {
         if seen.thinned != self.thinned {
             (seen.readings, seen.thinned) = (0, self.thinned);
         }
@@ -128,27 +182,27 @@ impl Watched {
         }
         let layers = self.built.get(seen.layers..).unwrap_or_default();
         let readings = self.readings.get(seen.readings..).unwrap_or_default();
-        let message = json!({
-            "state": self.state,
-            "answers": self.answers,
-            "explanation": self.explanation(),
-            "said": self.said,
-            "warned": self.warned,
-            "simulated": self.simulated > 0,
-            "total": self.total,
-            "left_s": self.total.saturating_sub(self.built.len()) as f64 * self.period_s,
-            "layers": { "from": seen.layers, "built": hex_of(layers) },
-            "readings": { "from": seen.readings, "taken": readings },
-            "ended": self.ended,
-        });
+        let update = Update {
+            state: self.state,
+            answers: self.answers,
+            explanation: self.explanation(),
+            refused: self.refused.as_deref(),
+            warned: self.warned.as_deref(),
+            simulated: self.simulated > 0,
+            total: self.total,
+            left_s: self.total.saturating_sub(self.built.len()) as f64 * self.period_s,
+            layers: NewLayers { from: seen.layers, built: hex_of(layers) },
+            readings: NewReadings { from: seen.readings, taken: readings },
+            ended: self.ended.as_ref(),
+        };
         (seen.layers, seen.readings, seen.ended) = (self.built.len(), self.readings.len(), self.ended.is_some());
         seen.simulated = self.simulated;
-        message
+        update
     }
 
     /// What a state means for who looks on, where its name does not say it.
     fn explanation(&self) -> Option<&'static str> {
-        match (self.fault, self.state, self.waits) {
+        match (self.fault, self.state, self.pause_cause) {
             (Some(fault), ..) => Some(fault.explanation()),
             (None, "paused", PauseCause::Requested) => Some("holds as it was asked to"),
             (None, "paused", PauseCause::HostSilent) => Some("holds until its host is back"),
@@ -169,14 +223,14 @@ impl Watched {
     }
 
     fn status(&mut self, status: &Status) {
-        (self.state, self.fault, self.waits) = (status.state.name(), status.fault, status.pause_cause);
+        (self.state, self.fault, self.pause_cause) = (status.state.name(), status.fault, status.pause_cause);
         self.clock.board_says(status.uptime_ms);
         let now = self.clock.now() as f64 / 1000.0;
         let celsius = |centi: i32| f64::from(centi) / 100.0;
         if let Some(temperature) = status.temperature_centi_c {
-            self.readings.push((now, celsius(temperature), status.target_centi_c.map(celsius)));
+            self.readings.push(Reading(now, celsius(temperature), status.target_centi_c.map(celsius)));
         }
-        if self.readings.len() > MOST_READINGS {
+        if self.readings.len() > MAX_READINGS {
             let mut index = 0;
             self.readings.retain(|_| {
                 index += 1;
@@ -217,8 +271,14 @@ impl Watched {
 mod tests {
     use super::*;
     use growbot_client::growth::Amendment;
+    use growbot_client::run_log::ResultOutcome;
     use growbot_core::path::{Segment, end};
     use growbot_core::pose::Pose;
+    use serde_json::{Value, json};
+
+    fn update_of(watched: &Watched, seen: &mut Seen) -> Value {
+        serde_json::to_value(watched.update_for(seen)).unwrap()
+    }
 
     fn watched(known: &[Option<LayerBytes>]) -> Watched {
         let robot = growbot_client::robot_file::load("growbot-a".as_ref()).unwrap();
@@ -251,21 +311,21 @@ mod tests {
         let mut watched = watched(&[Some([7; 12]), None]);
         let total = watched.total;
         let mut seen = Seen::default();
-        let first = watched.update_for(&mut seen);
+        let first = update_of(&watched, &mut seen);
         assert_eq!(first["layers"]["built"].as_str().unwrap().len(), 2 * 24);
         assert_eq!((&first["state"], &first["total"]), (&json!("starting"), &json!(total)));
         watched.ingest(&JobEvent::Laid { index: 1, as_built: Some([9; 12]), measured: None });
         watched.ingest(&JobEvent::Laid { index: 2, as_built: Some([1; 12]), measured: None });
         watched.ingest(&JobEvent::Laid { index: 4, as_built: None, measured: None });
         watched.ingest(&status(1000));
-        let second = watched.update_for(&mut seen);
+        let second = update_of(&watched, &mut seen);
         let commanded = hex_of(&watched.commanded[3..5]);
         assert_eq!(second["layers"], json!({ "from": 2, "built": format!("{}{commanded}", hex_of(&[[1; 12]])) }));
         assert_eq!(second["readings"], json!({ "from": 0, "taken": [[0.0, 200.5, null]] }));
         assert_eq!(second["left_s"], json!((total - 5) as f64 * 18.0));
-        let third = watched.update_for(&mut seen);
+        let third = update_of(&watched, &mut seen);
         assert_eq!((&third["layers"]["built"], &third["readings"]["taken"]), (&json!(""), &json!([])));
-        let anew = watched.update_for(&mut Seen::default());
+        let anew = update_of(&watched, &mut Seen::default());
         assert_eq!(anew["layers"]["built"].as_str().unwrap().len(), 5 * 24);
     }
 
@@ -273,14 +333,14 @@ mod tests {
     fn readings_are_thinned_out_and_told_anew_and_the_clock_goes_on_over_a_restart() {
         let mut watched = watched(&[]);
         let mut seen = Seen::default();
-        for second in 0..MOST_READINGS as u64 {
+        for second in 0..MAX_READINGS as u64 {
             watched.ingest(&status(1000 * second));
         }
-        watched.update_for(&mut seen);
+        update_of(&watched, &mut seen);
         watched.ingest(&status(0));
-        let update = watched.update_for(&mut seen);
+        let update = update_of(&watched, &mut seen);
         let taken = update["readings"]["taken"].as_array().unwrap();
-        assert_eq!((update["readings"]["from"].as_u64(), taken.len()), (Some(0), MOST_READINGS / 2 + 1));
+        assert_eq!((update["readings"]["from"].as_u64(), taken.len()), (Some(0), MAX_READINGS / 2 + 1));
         assert_eq!((taken[1][0].as_f64(), taken.last().unwrap()[0].as_f64()), (Some(2.0), Some(4095.0)));
     }
 
@@ -300,13 +360,13 @@ mod tests {
         let mut seen = Seen::default();
         watched.ingest(&JobEvent::Laid { index: 0, as_built: Some([7; 12]), measured: None });
         watched.ingest(&JobEvent::Laid { index: 1, as_built: Some([8; 12]), measured: None });
-        assert_eq!(watched.update_for(&mut seen)["simulated"], json!(false));
+        assert_eq!(update_of(&watched, &mut seen)["simulated"], json!(false));
         let layer = Layer { alpha: 1.0, height: 0.5, tilt: 0.003 };
         watched.ingest(&JobEvent::Simulated { from: 0, layers: vec![layer] });
-        let update = watched.update_for(&mut seen);
+        let update = update_of(&watched, &mut seen);
         let expected = hex_of(&[Encoder::default().encode(&layer), [8; 12]]);
         assert_eq!((&update["simulated"], &update["layers"]), (&json!(true), &json!({ "from": 0, "built": expected })));
-        assert_eq!(watched.update_for(&mut seen)["layers"]["from"], 2);
+        assert_eq!(update_of(&watched, &mut seen)["layers"]["from"], 2);
     }
 
     #[test]
@@ -314,9 +374,9 @@ mod tests {
         let mut watched = watched(&[]);
         watched.warn(Some("disk full".to_owned()));
         watched.ingest(&JobEvent::Ordered(growbot_client::growth::Order::Hold));
-        assert_eq!(watched.update_for(&mut Seen::default())["warned"], "disk full");
+        assert_eq!(update_of(&watched, &mut Seen::default())["warned"], "disk full");
         watched.warn(None);
-        assert_eq!(watched.update_for(&mut Seen::default())["warned"], Value::Null);
+        assert_eq!(update_of(&watched, &mut Seen::default())["warned"], Value::Null);
     }
 
     #[test]
@@ -325,7 +385,7 @@ mod tests {
         let JobEvent::Status(mut status) = status(0) else { unreachable!() };
         (status.state, status.fault) = (State::Fault, Some(Fault::OverTemperature));
         watched.ingest(&JobEvent::Status(status));
-        let update = watched.update_for(&mut Seen::default());
+        let update = update_of(&watched, &mut Seen::default());
         assert_eq!(
             (&update["state"], &update["explanation"]),
             (&json!("fault"), &json!(Fault::OverTemperature.explanation()))
@@ -336,7 +396,7 @@ mod tests {
     #[test]
     fn a_state_is_not_shown_before_its_explanation() {
         let shown = |watched: &Watched| {
-            let update = watched.update_for(&mut Seen::default());
+            let update = update_of(watched, &mut Seen::default());
             (update["state"].clone(), update["explanation"].clone())
         };
         let mut watched = watched(&[]);
@@ -370,9 +430,9 @@ mod tests {
         watched.ingest(&JobEvent::HandingOver { from: 3, layers: vec![[6; 12]] });
         watched.ingest(&JobEvent::Laid { index: 3, as_built: None, measured: None });
         assert_eq!(watched.built[1..], [[5; 12], [5; 12], [6; 12]]);
-        let update = watched.update_for(&mut Seen::default());
+        let update = update_of(&watched, &mut Seen::default());
         assert_eq!(update["total"], 20);
-        watched.end(&json!({ "outcome": "stopped" }));
-        assert!(watched.ended.is_some());
+        watched.end(serde_json::from_value(json!({ "outcome": "stopped" })).unwrap());
+        assert_eq!(watched.ended.unwrap().outcome, ResultOutcome::Stopped);
     }
 }

@@ -72,7 +72,7 @@ export function showLive(data) {
   return [view.picture];
 }
 
-function showState({ state, answers, explanation, said, warned }) {
+function showState({ state, answers, explanation, refused, warned }) {
   const badge = find("#state");
   badge.textContent = STATE_NAMES[state] ?? state;
   badge.dataset.state = state;
@@ -80,7 +80,7 @@ function showState({ state, answers, explanation, said, warned }) {
   find("#order-hold").hidden = state === "paused";
   find("#order-go-on").hidden = state !== "paused";
   showProblem(warned ?? "", "#log-problem");
-  showProblem(answers ? (said ?? "") : "The board does not answer: growbot calls it again.");
+  showProblem(answers ? (refused ?? "") : "The board does not answer: growbot calls it again.");
 }
 
 /** What is wrong with the growth or the connection; or, beside it, with an order, which no update wipes away. */

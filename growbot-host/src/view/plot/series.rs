@@ -2,12 +2,12 @@
 
 use growbot_client::plan::Plan;
 use growbot_client::run_clock::{Clock, events, time_for};
+use growbot_client::run_log::RunEvent;
 use growbot_core::angle::degrees;
 use growbot_core::kinematics::advance;
 use growbot_core::layer_bytes::{LayerBytes, decode};
 use growbot_core::pose::Frame;
 use nalgebra::Vector3;
-use serde_json::Value;
 
 /// The layers of a body, each at the end of what it adds.
 pub struct Layered {
@@ -100,21 +100,18 @@ impl Timeline {
         let mut clock = Clock::default();
         let mut told = Self::default();
         for event in events(log) {
-            match event.get("event").and_then(Value::as_str).unwrap_or_default() {
-                "status" => {
-                    clock.status(&event);
-                    let number =
-                        |field: &str| event.get(field).and_then(Value::as_f64).filter(|value| value.is_finite());
-                    if let Some(celsius) = number("temperature_c") {
-                        let (at, laid, target) = (seconds(&clock), told.laid.len(), number("target_c"));
-                        told.temperatures.push(Reading { at, laid, celsius, target });
+            match event {
+                RunEvent::Status(status) => {
+                    clock.status(&status);
+                    if let Some(celsius) = status.temperature_c {
+                        let (at, laid) = (seconds(&clock), told.laid.len());
+                        told.temperatures.push(Reading { at, laid, celsius, target: status.target_c });
                     }
                 }
-                "laid" => {
+                RunEvent::Laid(laid) if (laid.layer as usize) < layers.len() => {
                     // A layer may be told again after a resumption: the first report stands. One whose line is lost came before the next.
-                    let index = event.get("layer").and_then(Value::as_u64);
                     while let Some(layer) = layers.get(told.laid.len())
-                        && index.is_some_and(|index| index < layers.len() as u64 && index >= told.laid.len() as u64)
+                        && laid.layer as usize >= told.laid.len()
                     {
                         clock.layer_took(time_for(&decode(layer), plan));
                         told.laid.push(seconds(&clock));

@@ -1,0 +1,285 @@
+//! The lines of a run log: what [`RunLog`](super::RunLog) writes, and what [`Events`](super::Events) reads.
+//!
+//! Fields that are added later are optional, and readers skip events that they do not know, so a log can be read by a
+//! version that is older or newer than the one that has written it.
+
+use growbot_core::angle::degrees;
+use growbot_core::kinematics::advance;
+use growbot_core::layer::Layer;
+use growbot_core::layer_bytes::{LayerBytes, decode};
+use growbot_core::link::crash::CrashRecord;
+use growbot_core::link::message::{BoardHello, Fault, Measured, Status};
+use growbot_core::pose::{Frame, Pose};
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Deserializer, Serialize};
+use serde_json::Value;
+
+use super::header::{Header, Resumed};
+use super::result::{GrowthResult, InterruptedLayer};
+use crate::crash::WrittenCrash;
+use crate::degrees::degrees_below_turn;
+use crate::feedback::Count;
+use crate::growth::{Amendment, JobEvent, Order};
+use crate::plan_file::WrittenPose;
+
+/// A line of a run log: an event and the time of day at which it was written.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct RunLine {
+    /// What happened.
+    #[serde(flatten)]
+    pub event: RunEvent,
+    /// Time of day, RFC 3339 with milliseconds.
+    #[serde(default)]
+    pub utc: String,
+}
+
+/// An event of a run log.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "event", rename_all = "kebab-case")]
+pub enum RunEvent {
+    /// The first line: versions, command, robot, plan and the layers that were handed over.
+    Header(Box<Header>),
+    /// The board has said who it is.
+    Board(Board),
+    /// The board has started anew because its firmware crashed.
+    Crash(Box<WrittenCrash>),
+    /// The board went into another state.
+    State {
+        /// The name of the state.
+        state: String,
+    },
+    /// The board's status.
+    Status(BoardStatus),
+    /// A layer is laid.
+    Laid(LaidLayer),
+    /// Where the plastic of a layer of a simulated tip is.
+    Simulated(SimulatedLayer),
+    /// With feedback: from here on the filament's encoder counts from this value.
+    Counting(Count),
+    /// With feedback: the job is about to be amended. It is, unless `not-amended` follows.
+    Amending(Amendment),
+    /// The board has refused the latest amendment.
+    NotAmended {
+        /// Why; null where the amendment only came too late.
+        why: Option<String>,
+    },
+    /// With feedback: more layers of the job are handed over.
+    HandingOver {
+        /// Index of the first layer.
+        from: u32,
+        /// The layers, 24 hexadecimal digits each.
+        #[serde(with = "super::hexadecimal::layers")]
+        layers: Vec<LayerBytes>,
+    },
+    /// An order was given and is carried out.
+    Ordered {
+        /// The order.
+        order: Order,
+    },
+    /// The board has refused the order.
+    NotObeyed {
+        /// Why.
+        why: String,
+    },
+    /// The board does not answer.
+    Silent,
+    /// The board answers again.
+    Back,
+    /// From here on the growth was resumed by another program.
+    Resumed(Resumed),
+    /// The growth has ended.
+    End {
+        /// The result, as `growbot grow --json` prints it.
+        result: Box<GrowthResult>,
+    },
+}
+
+/// Who the board is and what it was doing when the session was opened.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Board {
+    /// Version of its firmware: major, minor, patch.
+    pub firmware: [u8; 3],
+    /// Hash of the link's messages.
+    #[serde(with = "super::hexadecimal::hash")]
+    pub schema: u64,
+    /// Number of this start of the board.
+    pub boot_id: u32,
+    /// Why it started.
+    pub reset_cause: String,
+    /// The name of its state.
+    pub state: String,
+    /// Layers laid.
+    pub laid: u32,
+    /// The layer that was interrupted; null if none was.
+    pub interrupted: Option<InterruptedLayer>,
+}
+
+impl From<&BoardHello> for Board {
+    fn from(hello: &BoardHello) -> Self {
+        let status = &hello.status;
+        Self {
+            firmware: hello.firmware,
+            schema: hello.schema,
+            boot_id: hello.boot_id,
+            reset_cause: hello.reset_cause.name().to_owned(),
+            state: status.state.name().to_owned(),
+            laid: status.laid,
+            interrupted: status.interrupted.map(|layer| InterruptedLayer::new(status.laid as usize, layer)),
+        }
+    }
+}
+
+/// The board's status.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct BoardStatus {
+    /// The name of its state.
+    #[serde(default, deserialize_with = "lenient")]
+    pub state: Option<String>,
+    /// Code of the fault; null if there is none.
+    #[serde(default, deserialize_with = "lenient")]
+    pub fault: Option<String>,
+    /// Temperature of the nozzle, C; null without a reading.
+    #[serde(default, deserialize_with = "lenient")]
+    pub temperature_c: Option<f64>,
+    /// What the temperature is regulated to, C; null while the heater is off.
+    #[serde(default, deserialize_with = "lenient")]
+    pub target_c: Option<f64>,
+    /// Layers laid.
+    #[serde(default, deserialize_with = "lenient")]
+    pub laid: Option<u32>,
+    /// Time since the board started, ms.
+    #[serde(default, deserialize_with = "lenient")]
+    pub uptime_ms: Option<u64>,
+}
+
+impl From<&Status> for BoardStatus {
+    fn from(status: &Status) -> Self {
+        let celsius = |centi: i32| f64::from(centi) / 100.0;
+        Self {
+            state: Some(status.state.name().to_owned()),
+            fault: status.fault.map(|fault| Fault::code(fault).to_owned()),
+            temperature_c: status.temperature_centi_c.map(celsius),
+            target_c: status.target_centi_c.map(celsius),
+            laid: Some(status.laid),
+            uptime_ms: Some(status.uptime_ms),
+        }
+    }
+}
+
+/// A layer in numbers.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct WrittenLayer {
+    /// Angle of greatest deposition, degrees.
+    pub alpha_deg: f64,
+    /// Mean height, mm.
+    pub height_mm: f64,
+    /// Tilt, degrees.
+    pub tilt_deg: f64,
+}
+
+/// A layer as the board has built it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct LaidLayer {
+    /// Its index, from 0.
+    pub layer: u32,
+    /// The bytes of the link, 24 hexadecimal digits; null where nothing is known of the layer.
+    #[serde(default, with = "super::hexadecimal::layer")]
+    pub as_built: Option<LayerBytes>,
+    /// The same in numbers.
+    #[serde(flatten)]
+    pub numbers: Option<WrittenLayer>,
+    /// What the board's sensors showed after it, where it says.
+    #[serde(flatten)]
+    pub measured: Option<WrittenMeasured>,
+}
+
+impl LaidLayer {
+    fn new(index: u32, as_built: Option<LayerBytes>, measured: Option<Measured>) -> Self {
+        let numbers = |bytes: &LayerBytes| {
+            let Layer { alpha, height, tilt } = decode(bytes);
+            WrittenLayer { alpha_deg: degrees(alpha), height_mm: height, tilt_deg: degrees(tilt) }
+        };
+        Self {
+            layer: index,
+            as_built,
+            numbers: as_built.as_ref().map(numbers),
+            measured: measured.map(|Measured { filament_pulses, gravity_milli_g }| WrittenMeasured {
+                filament_pulses,
+                gravity_milli_g,
+            }),
+        }
+    }
+}
+
+/// What the board's sensors showed after a layer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct WrittenMeasured {
+    /// Pulses of the filament's encoder since the board started; null without one.
+    #[serde(default, deserialize_with = "lenient")]
+    pub filament_pulses: Option<u32>,
+    /// Gravity in the tip's frame, thousandths of g; null without a sensor.
+    #[serde(deserialize_with = "lenient")]
+    pub gravity_milli_g: Option<[i16; 3]>,
+}
+
+impl From<WrittenMeasured> for Measured {
+    fn from(written: WrittenMeasured) -> Self {
+        let WrittenMeasured { filament_pulses, gravity_milli_g } = written;
+        Self { filament_pulses, gravity_milli_g }
+    }
+}
+
+/// Where the plastic of a layer of a simulated tip is.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SimulatedLayer {
+    /// Its index, from 0.
+    pub layer: u32,
+    /// The layer as it came out.
+    #[serde(flatten)]
+    pub numbers: WrittenLayer,
+    /// The tip after it.
+    #[serde(default, deserialize_with = "lenient")]
+    pub tip: Option<WrittenPose>,
+}
+
+/// The events of a log that tell of what happened to a job. `laid_tip` is where the simulated tip was told to be, which
+/// moves on with each of its layers.
+pub(super) fn events_of(event: &JobEvent, laid_tip: &mut Frame) -> Vec<RunEvent> {
+    let written = match event {
+        JobEvent::Board(hello) => RunEvent::Board(hello.into()),
+        JobEvent::Crash(words) => RunEvent::Crash(Box::new((&CrashRecord::from(words)).into())),
+        JobEvent::State(state) => RunEvent::State { state: state.name().to_owned() },
+        JobEvent::Status(status) => RunEvent::Status(status.into()),
+        JobEvent::Laid { index, as_built, measured } => RunEvent::Laid(LaidLayer::new(*index, *as_built, *measured)),
+        JobEvent::Simulated { from, layers } => {
+            return (*from..).zip(layers).map(|(index, layer)| simulated(index, layer, laid_tip)).collect();
+        }
+        JobEvent::Counting(count) => RunEvent::Counting(*count),
+        JobEvent::Amending(amendment) => RunEvent::Amending(amendment.clone()),
+        JobEvent::NotAmended(why) => RunEvent::NotAmended { why: why.clone() },
+        JobEvent::HandingOver { from, layers } => RunEvent::HandingOver { from: *from, layers: layers.clone() },
+        JobEvent::Ordered(order) => RunEvent::Ordered { order: *order },
+        JobEvent::NotObeyed(why) => RunEvent::NotObeyed { why: why.clone() },
+        JobEvent::Silent => RunEvent::Silent,
+        JobEvent::Back => RunEvent::Back,
+    };
+    vec![written]
+}
+
+fn simulated(index: u32, layer: &Layer, laid_tip: &mut Frame) -> RunEvent {
+    *laid_tip = advance(laid_tip, &layer.step());
+    RunEvent::Simulated(SimulatedLayer {
+        layer: index,
+        numbers: WrittenLayer {
+            alpha_deg: degrees_below_turn(layer.alpha),
+            height_mm: layer.height,
+            tilt_deg: degrees(layer.tilt),
+        },
+        tip: Some(WrittenPose::from(&Pose::from_frame(laid_tip))),
+    })
+}
+
+/// For fields without which an event still says something: a value that cannot be read is none.
+pub(crate) fn lenient<'de, D: Deserializer<'de>, T: DeserializeOwned>(from: D) -> Result<Option<T>, D::Error> {
+    Ok(serde_json::from_value(Value::deserialize(from)?).unwrap_or_default())
+}

@@ -1,0 +1,186 @@
+//! The first line of a run log, and that of a growth that goes on in it.
+
+use growbot_core::angle::degrees;
+use growbot_core::layer_bytes::LayerBytes;
+use growbot_core::simulation::Imperfection;
+use growbot_core::tracking::SensorNoise;
+use serde::{Deserialize, Serialize};
+
+use super::event::lenient;
+use crate::plan_file::PlanFile;
+
+/// The first line of a run log.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Header {
+    /// Name and version of the format.
+    pub format: String,
+    /// Version of the program that has written it.
+    #[serde(default)]
+    pub growbot: String,
+    /// Time of day at the start, RFC 3339 with milliseconds.
+    #[serde(default)]
+    pub started_utc: String,
+    /// The command line.
+    #[serde(default)]
+    pub command: Vec<String>,
+    /// The port, as it was given.
+    #[serde(default)]
+    pub port: String,
+    /// Whose tip lays the body.
+    pub tip: RecordedTip,
+    /// How a simulated tip is disturbed; null for a robot.
+    #[serde(default, deserialize_with = "lenient")]
+    pub disturbances: Option<Disturbances>,
+    /// The robot's name.
+    pub robot: String,
+    /// Hash of the robot's description, 16 hexadecimal digits.
+    #[serde(with = "super::hexadecimal::hash")]
+    pub robot_hash: u64,
+    /// Hash of the layers: the job's name.
+    #[serde(with = "super::hexadecimal::hash")]
+    pub plan_id: u64,
+    /// The layers that were handed over, 24 hexadecimal digits each.
+    #[serde(with = "super::hexadecimal::layers")]
+    pub layers: Vec<LayerBytes>,
+    /// What the sensors are taken for; null without feedback.
+    #[serde(default, deserialize_with = "lenient")]
+    pub feedback: Option<WrittenNoise>,
+    /// The plan.
+    pub plan: PlanFile,
+}
+
+/// A growth goes on, by another program.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Resumed {
+    /// Version of the program.
+    pub growbot: String,
+    /// The command line.
+    pub command: Vec<String>,
+    /// The port, as it was given.
+    pub port: String,
+}
+
+/// Whose tip has laid a body.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum RecordedTip {
+    /// A robot's. Nobody has measured where its plastic is.
+    Robot,
+    /// A simulated one.
+    Simulated,
+}
+
+/// Noise of the sensors, one standard deviation.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct WrittenNoise {
+    /// Of the odometry, as a share of a layer's growth.
+    pub odometry: f64,
+    /// Of a direction, radians.
+    pub direction: f64,
+}
+
+impl From<SensorNoise> for WrittenNoise {
+    fn from(noise: SensorNoise) -> Self {
+        Self { odometry: noise.odometry, direction: noise.direction }
+    }
+}
+
+impl WrittenNoise {
+    /// The noise, unless a number is negative.
+    pub(super) fn checked(self) -> Option<SensorNoise> {
+        let Self { odometry, direction } = self;
+        (odometry >= 0.0 && direction >= 0.0).then_some(SensorNoise { odometry, direction })
+    }
+}
+
+/// How a simulated tip is off: each error with its distribution, and the seed of what is drawn.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Disturbances {
+    /// Where all noise comes from.
+    pub seed: u64,
+    /// Noise of the height of a layer.
+    pub growth_noise: Distribution,
+    /// Systematic error of the height.
+    pub growth_bias: Distribution,
+    /// Noise of the tilt.
+    pub tilt_noise: Distribution,
+    /// Systematic error of the tilt.
+    pub tilt_bias: Distribution,
+    /// Noise of the direction of the tilt.
+    pub alpha_noise: Distribution,
+    /// Systematic error of the direction of the tilt.
+    pub alpha_bias: Distribution,
+    /// Noise of the twist of a layer about its axis.
+    pub twist_noise: Distribution,
+    /// Systematic error of the twist.
+    pub twist_bias: Distribution,
+    /// Noise of the filament's encoder.
+    pub odometry_noise: Distribution,
+    /// Noise of the orientation sensor.
+    pub direction_noise: Distribution,
+}
+
+/// How an error is distributed.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "distribution", rename_all = "kebab-case")]
+pub enum Distribution {
+    /// Anywhere between the mean less `max` and the mean plus `max`.
+    Uniform {
+        /// Its mean.
+        mean: f64,
+        /// The largest deviation from the mean.
+        max: f64,
+        /// The unit of both.
+        unit: Unit,
+    },
+    /// Gaussian.
+    Normal {
+        /// Its mean.
+        mean: f64,
+        /// Its standard deviation.
+        standard_deviation: f64,
+        /// The unit of both.
+        unit: Unit,
+    },
+    /// The same always.
+    Constant {
+        /// The value.
+        value: f64,
+        /// Its unit.
+        unit: Unit,
+    },
+}
+
+/// The unit of an error.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Unit {
+    /// Percent of the value.
+    Percent,
+    /// Degrees.
+    Deg,
+}
+
+impl From<&Imperfection> for Disturbances {
+    fn from(imperfection: &Imperfection) -> Self {
+        let Imperfection { disturbance, noise, seed } = imperfection;
+        let uniform = |max, unit| Distribution::Uniform { mean: 0.0, max, unit };
+        let normal = |standard_deviation, unit| Distribution::Normal { mean: 0.0, standard_deviation, unit };
+        let constant = |value, unit| Distribution::Constant { value, unit };
+        let percent = |share: f64| 100.0 * share;
+        Self {
+            seed: *seed,
+            growth_noise: uniform(percent(disturbance.growth_noise), Unit::Percent),
+            growth_bias: constant(percent(disturbance.growth_bias), Unit::Percent),
+            tilt_noise: uniform(degrees(disturbance.tilt_noise), Unit::Deg),
+            tilt_bias: constant(percent(disturbance.tilt_bias), Unit::Percent),
+            alpha_noise: uniform(degrees(disturbance.alpha_noise), Unit::Deg),
+            alpha_bias: constant(degrees(disturbance.alpha_bias), Unit::Deg),
+            twist_noise: uniform(degrees(disturbance.twist_noise), Unit::Deg),
+            twist_bias: constant(degrees(disturbance.twist_bias), Unit::Deg),
+            odometry_noise: normal(percent(noise.odometry), Unit::Percent),
+            direction_noise: normal(degrees(noise.direction), Unit::Deg),
+        }
+    }
+}

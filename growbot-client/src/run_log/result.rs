@@ -1,0 +1,285 @@
+//! The result of a growth: the last line of a run log, and what `grow`, `resume` and `replay` print with `--json`.
+
+use std::fmt;
+
+use growbot_core::angle::degrees;
+use growbot_core::layer::SECTORS;
+use growbot_core::link::message;
+use growbot_core::path::length;
+use serde::{Deserialize, Serialize};
+
+use crate::arrival::Arrival;
+use crate::client::ClockDrift;
+use crate::feedback::FedBack;
+use crate::growth::{Grown, MeasuredBy, Outcome, as_built_hash};
+use crate::plan::Plan;
+use crate::plan_file::WrittenPose;
+
+/// What a growth came to.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct GrowthResult {
+    /// How it ended.
+    pub outcome: ResultOutcome,
+    /// Whether the robot was a simulated one.
+    #[serde(default)]
+    pub simulated: bool,
+    /// Why it was refused or lost.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub error: Option<String>,
+    /// Code of the fault that ended it; null if none did.
+    pub fault: Option<String>,
+    /// By how much the board's clock was wrong, where the growth was stopped for that.
+    pub clock_drift: Option<ClockDrift>,
+    /// Where the tip is. What was not grown is where it started.
+    #[serde(flatten)]
+    pub arrival: Option<WrittenArrival>,
+    /// Layers of the body.
+    #[serde(default)]
+    pub layers: usize,
+    /// Length of the body, mm.
+    #[serde(default)]
+    pub length_mm: f64,
+    /// Where all noise of a simulated robot comes from; null where there is none.
+    pub seed: Option<u64>,
+    /// What `final` is measured by; null where nothing was grown.
+    pub measured_by: Option<MeasuredBy>,
+    /// What feedback came to; null without.
+    pub feedback: Option<FeedbackResult>,
+    /// From the first layer to the last, s, by the board's clock; null where that is not known.
+    pub duration_s: Option<f64>,
+    /// Filament that was fed, mm; null where that is not known.
+    pub filament_mm: Option<f64>,
+    /// Hash of the layers, 16 hexadecimal digits: the job's name. Null where nothing was grown.
+    #[serde(default, with = "super::hexadecimal::hash_or_none")]
+    pub plan_id: Option<u64>,
+    /// Hash of the layers as built, 16 hexadecimal digits; null where nothing was grown.
+    #[serde(default, with = "super::hexadecimal::hash_or_none")]
+    pub as_built_hash: Option<u64>,
+    /// Layers of which nothing is known: they count as planned.
+    #[serde(default)]
+    pub unknown_layers: usize,
+    /// The layer that was interrupted; null if none was.
+    pub interrupted: Option<InterruptedLayer>,
+    /// Of `replay`, on a simulated robot: where the tip would be if its plastic lay as commanded.
+    pub commanded: Option<WrittenArrival>,
+    /// Of `replay`: lines of the log that could not be read.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub skipped_lines: Option<usize>,
+    /// Lines that are missing in the log, because it could not be written.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub log_lines_missing: Option<usize>,
+}
+
+/// How a growth ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ResultOutcome {
+    /// Every layer is laid.
+    Done,
+    /// Stopped on request, or by the emergency stop.
+    Stopped,
+    /// Stopped because the board's clock is wrong.
+    ClockDrift,
+    /// A fault switched everything off.
+    Fault,
+    /// A long pause has switched the heater off; it can be resumed.
+    Parked,
+    /// The board has started anew, or another host has it; it can be resumed.
+    Interrupted,
+    /// The board does not answer: it may still be growing.
+    Lost,
+    /// It did not begin.
+    Refused,
+    /// Of `replay`: the log has no end.
+    Unfinished,
+}
+
+impl ResultOutcome {
+    /// In a word.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Done => "done",
+            Self::Stopped => "stopped",
+            Self::ClockDrift => "clock-drift",
+            Self::Fault => "fault",
+            Self::Parked => "parked",
+            Self::Interrupted => "interrupted",
+            Self::Lost => "lost",
+            Self::Refused => "refused",
+            Self::Unfinished => "unfinished",
+        }
+    }
+}
+
+impl fmt::Display for ResultOutcome {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl From<&Outcome> for ResultOutcome {
+    fn from(outcome: &Outcome) -> Self {
+        match outcome {
+            Outcome::Done => Self::Done,
+            Outcome::Stopped => Self::Stopped,
+            Outcome::ClockDrift(_) => Self::ClockDrift,
+            Outcome::Fault(_) => Self::Fault,
+            Outcome::Parked => Self::Parked,
+            Outcome::Interrupted => Self::Interrupted,
+            Outcome::Lost => Self::Lost,
+        }
+    }
+}
+
+/// Where a tip is, and how far that is from the goal.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct WrittenArrival {
+    /// Where the tip is.
+    #[serde(rename = "final")]
+    pub final_pose: WrittenPose,
+    /// Distance from the goal, mm.
+    pub position_error_mm: f64,
+    /// That, over the length of the planned path; 0 for a path of no length.
+    pub normalized_position_error: f64,
+    /// Difference of the headings, degrees.
+    pub heading_error_deg: f64,
+    /// Difference of the pitches, degrees.
+    pub pitch_error_deg: f64,
+    /// Angle between the two directions, degrees.
+    pub direction_error_deg: f64,
+}
+
+impl From<&Arrival> for WrittenArrival {
+    fn from(arrival: &Arrival) -> Self {
+        Self {
+            final_pose: WrittenPose::from(&arrival.final_pose),
+            position_error_mm: arrival.position_error_mm,
+            normalized_position_error: arrival.normalized_position_error,
+            heading_error_deg: arrival.heading_error_deg,
+            pitch_error_deg: arrival.pitch_error_deg,
+            direction_error_deg: arrival.direction_error_deg,
+        }
+    }
+}
+
+/// What feedback came to.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct FeedbackResult {
+    /// How often the job was amended.
+    pub amendments: u32,
+    /// The estimate of the tip's pose.
+    pub estimate: WrittenPose,
+    /// Distance of the estimate from the goal, mm.
+    pub estimated_position_error_mm: f64,
+    /// Angle between the directions of the estimate and the goal, degrees.
+    pub estimated_direction_error_deg: f64,
+    /// Standard deviation of the estimated position, mm.
+    pub position_sd_mm: f64,
+    /// Standard deviation of the estimated direction, degrees.
+    pub direction_sd_deg: f64,
+    /// Estimated systematic error of the growth, percent.
+    pub growth_bias_percent: f64,
+    /// On a simulated robot: distance of the estimate from the tip, mm.
+    pub estimate_error_mm: Option<f64>,
+    /// On a simulated robot: angle between the directions of the estimate and the tip, degrees.
+    pub estimate_direction_error_deg: Option<f64>,
+}
+
+impl FeedbackResult {
+    /// What feedback came to on the way to a plan's goal. `truth` is where the tip is, where that is known.
+    #[must_use]
+    pub fn new(fed_back: &FedBack, plan: &Plan, truth: Option<&Arrival>) -> Self {
+        let FedBack { amendments, estimate } = fed_back;
+        let estimated = fed_back.arrival(plan);
+        let error = truth.map(|truth| estimated.error_from(truth));
+        Self {
+            amendments: *amendments,
+            estimate: WrittenPose::from(&estimated.final_pose),
+            estimated_position_error_mm: estimated.position_error_mm,
+            estimated_direction_error_deg: estimated.direction_error_deg,
+            position_sd_mm: estimate.position_deviation,
+            direction_sd_deg: degrees(estimate.direction_deviation),
+            growth_bias_percent: 100.0 * estimate.systematic_errors.growth,
+            estimate_error_mm: error.map(|error| error.position_mm),
+            estimate_direction_error_deg: error.map(|error| error.direction_deg),
+        }
+    }
+}
+
+/// How much of a layer's turn was made when it was interrupted: between these two, as shares of the turn.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct InterruptedLayer {
+    /// The layer's index, from 0.
+    pub layer: usize,
+    /// The smallest share that may have been made.
+    pub min: f64,
+    /// The largest; 1 where nothing is known.
+    pub max: f64,
+}
+
+impl InterruptedLayer {
+    /// Of the layer of this index.
+    #[must_use]
+    pub fn new(layer: usize, interrupted: message::InterruptedLayer) -> Self {
+        let share = |sectors: u8| f64::from(sectors) / SECTORS as f64;
+        Self { layer, min: share(interrupted.min), max: share(interrupted.max) }
+    }
+}
+
+impl GrowthResult {
+    /// Of a growth that has not begun, or of which nothing is known.
+    #[must_use]
+    pub fn nothing_grown(outcome: ResultOutcome, plan: &Plan, seed: Option<u64>, simulated: bool) -> Self {
+        let arrival = Arrival::of(&plan.start.frame(), &plan.goal, length(&plan.path));
+        Self {
+            outcome,
+            simulated,
+            error: None,
+            fault: None,
+            clock_drift: None,
+            arrival: Some((&arrival).into()),
+            layers: 0,
+            length_mm: 0.0,
+            seed,
+            measured_by: None,
+            feedback: None,
+            duration_s: Some(0.0),
+            filament_mm: Some(0.0),
+            plan_id: None,
+            as_built_hash: None,
+            unknown_layers: 0,
+            interrupted: None,
+            commanded: None,
+            skipped_lines: None,
+            log_lines_missing: None,
+        }
+    }
+
+    /// Of a growth that has ended.
+    #[must_use]
+    pub fn new(grown: &Grown, plan: &Plan, seed: Option<u64>, simulated: bool) -> Self {
+        let truth = (grown.measured_by == MeasuredBy::Tip).then_some(&grown.arrival);
+        let (fault, clock_drift) = match grown.outcome {
+            Outcome::Fault(fault) => (Some(fault.code().to_owned()), None),
+            Outcome::ClockDrift(drift) => (None, Some(drift)),
+            _ => (None, None),
+        };
+        Self {
+            fault,
+            clock_drift,
+            arrival: Some((&grown.arrival).into()),
+            layers: grown.body.len(),
+            length_mm: grown.length_mm(),
+            measured_by: Some(grown.measured_by),
+            feedback: grown.fed_back.as_ref().map(|fed_back| FeedbackResult::new(fed_back, plan, truth)),
+            duration_s: Some(grown.duration_s),
+            filament_mm: Some(grown.filament_mm),
+            plan_id: Some(grown.plan_id),
+            as_built_hash: Some(as_built_hash(&grown.as_built)),
+            unknown_layers: grown.unknown(),
+            interrupted: grown.interrupted.map(|layer| InterruptedLayer::new(grown.as_built.len(), layer)),
+            ..Self::nothing_grown((&grown.outcome).into(), plan, seed, simulated)
+        }
+    }
+}
