@@ -33,8 +33,8 @@ use crate::heater::{self, Heater, Sampler};
 use crate::layer_store::LayerStore;
 use crate::link::{self, Link};
 use crate::safety::inputs::Inputs;
-use crate::safety::kept::{Copies, Kept, UnderWay};
 use crate::safety::proof_of_life::ProofOfLife;
+use crate::safety::retained::{Copies, Retained, UnderWay};
 use crate::safety::transitions::{Event, after, may_heat};
 use crate::stepping::Handover;
 
@@ -68,7 +68,7 @@ pub struct Controller<B: Board> {
     link: Link,
     state: State,
     fault: Option<Fault>,
-    kept: Kept,
+    retained: Retained,
     copies: Copies,
     job: job::Job,
     motion: growing::Motion,
@@ -86,7 +86,7 @@ pub struct Controller<B: Board> {
     holds_motors: bool,
     /// Emergency stops by the link that have been obeyed.
     calls: u32,
-    /// Sectors made of the layer under way, as last written to what is kept.
+    /// Sectors made of the layer under way, as last retained.
     sectors: u8,
     /// When the state was entered, us.
     since: u64,
@@ -97,8 +97,8 @@ pub struct Controller<B: Board> {
 impl<B: Board> Controller<B> {
     /// A controller with everything off: about to test itself, or with the fault of the boot before.
     pub fn new(robot: Robot, identity: Identity, mut parts: Parts<B>, handover: &Handover) -> Self {
-        let (copies, kept) = Copies::find(&mut parts.kept);
-        let unknown = kept.err();
+        let (copies, retained) = Copies::find(&mut parts.retained);
+        let unknown = retained.err();
         let mut controller = Self {
             robot,
             identity,
@@ -106,7 +106,7 @@ impl<B: Board> Controller<B> {
             link: Link::default(),
             state: State::SelfTest,
             fault: None,
-            kept: kept.unwrap_or_default(),
+            retained: retained.unwrap_or_default(),
             copies,
             job: job::Job::default(),
             motion: growing::Motion::default(),
@@ -211,7 +211,7 @@ impl<B: Board> Controller<B> {
         if self.state != state {
             self.state = state;
             self.since = self.now;
-            self.keep();
+            self.retain();
             self.link.tell(link::Event::State(StateChanged { state, fault: self.fault }));
         }
         true
@@ -222,12 +222,12 @@ impl<B: Board> Controller<B> {
         self.now.saturating_sub(self.since)
     }
 
-    /// Has the memory that survives a reset hold what it must.
-    fn keep(&mut self) {
+    /// Writes what a start must know into the memory that survives a reset.
+    fn retain(&mut self) {
         let job::Job { plan_id, laid, given, .. } = self.job;
         let under_way = UnderWay { state: self.state, plan_id, laid, begun: given, sectors: self.sectors };
-        self.kept.under_way = (may_heat(self.state) || self.state == State::Parked).then_some(under_way);
-        self.copies.write(&mut self.parts.kept, &self.kept);
+        self.retained.under_way = (may_heat(self.state) || self.state == State::Parked).then_some(under_way);
+        self.copies.write(&mut self.parts.retained, &self.retained);
     }
 
     /// What the host is told about all this.

@@ -11,7 +11,7 @@ use embedded_storage::nor_flash::MultiwriteNorFlash;
 
 use crate::journal::Journal;
 use crate::layer_store::LayerStore;
-use crate::safety::kept::{COPY_BYTES, KEPT_BYTES};
+use crate::safety::retained::{COPY_BYTES, RETAINED_BYTES};
 
 /// A channel of a 12-bit ADC.
 pub trait Adc {
@@ -55,9 +55,9 @@ pub trait Outputs {
 }
 
 /// Memory that survives a reset, though not a loss of power.
-pub trait KeptMemory {
-    /// What it holds: [`COPIES`](crate::safety::kept::COPIES) copies, one after the other.
-    fn read(&mut self) -> [u8; KEPT_BYTES];
+pub trait RetainedMemory {
+    /// What it holds: [`COPIES`](crate::safety::retained::COPIES) copies, one after the other.
+    fn read(&mut self) -> [u8; RETAINED_BYTES];
     /// Has one of the copies hold something else, from its first byte to its last. The other copy is not touched, and
     /// whatever is done afterwards is done after the last byte is in the memory.
     fn write(&mut self, copy: usize, bytes: &[u8; COPY_BYTES]);
@@ -87,7 +87,7 @@ pub trait Board {
     /// The processor's debugging.
     type DebugPort: DebugPort;
     /// What survives a reset.
-    type Kept: KeptMemory;
+    type Retained: RetainedMemory;
     /// What survives a loss of power: two sectors or more, whose programmed words can be programmed again: to the same,
     /// and to zero.
     type Flash: MultiwriteNorFlash;
@@ -118,7 +118,7 @@ pub struct Parts<B: Board> {
     /// The processor's debugging.
     pub debug_port: B::DebugPort,
     /// What survives a reset.
-    pub kept: B::Kept,
+    pub retained: B::Retained,
     /// What survives a loss of power, opened.
     pub journal: Journal<B::Flash>,
     /// Where the layers are kept.

@@ -12,7 +12,7 @@ use heapless::Deque;
 /// Bytes that wait to be sent: some frames.
 const OUTBOX: usize = 1024;
 /// Room that events leave free, so that a request can always be answered.
-const KEPT_FOR_ANSWERS: usize = LONGEST_FRAME;
+const RESERVED_FOR_ANSWERS: usize = LONGEST_FRAME;
 /// Events that wait to be acknowledged.
 const EVENTS: usize = 16;
 /// The kind of a frame that only acknowledges events.
@@ -219,7 +219,7 @@ impl Link {
             session.resend = (now.saturating_add(pause), pause);
         }
         while let Some(session) = &mut self.session
-            && self.outbox.len() + LONGEST_FRAME + KEPT_FOR_ANSWERS <= OUTBOX
+            && self.outbox.len() + LONGEST_FRAME + RESERVED_FOR_ANSWERS <= OUTBOX
             && let Some(event) = self.events.iter().nth(session.sent)
         {
             if session.sent == 0 && now >= session.resend.0 {

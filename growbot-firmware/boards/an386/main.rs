@@ -33,6 +33,7 @@ use growbot_firmware::stepping::{Axis, Engine, EngineSettings, Handover, Inputs}
 
 use crate::flash::BoardFlash;
 use crate::high_water::HighWater;
+use crate::image::retained::RetainedRam;
 use crate::image::{crash, seal};
 use crate::tip::Tip;
 use crate::uart::Uart;
@@ -59,7 +60,7 @@ impl Board for An386 {
     type Orientation = tip::OrientationSensor;
     type Watchdog = watchdog::BoardWatchdog;
     type DebugPort = NoDebugPort;
-    type Kept = tip::Kept;
+    type Retained = RetainedRam;
     type Flash = BoardFlash;
     type Store = &'static mut LayerStore;
 }
@@ -103,7 +104,9 @@ fn set_up() -> (Uart, &'static mut Controller<An386>) {
     let tip = Tip::start(reset::read_and_clear_cause);
     let watchdog = watchdog::start(CLOCK_HZ);
     let store = cortex_m::singleton!(: LayerStore = LayerStore::new());
-    let (Some(mut core), Some(store), Ok(robot)) = (cortex_m::Peripherals::take(), store, robot()) else {
+    let (Some(mut core), Some(store), Some(retained), Ok(robot)) =
+        (cortex_m::Peripherals::take(), store, RetainedRam::take(), robot())
+    else {
         // `main` runs once and the built-in robot was checked when it was built, so all of them are there.
         cortex_m::peripheral::SCB::sys_reset()
     };
@@ -148,7 +151,7 @@ fn set_up() -> (Uart, &'static mut Controller<An386>) {
         orientation: tip.orientation,
         watchdog,
         debug_port: NoDebugPort,
-        kept: tip.kept,
+        retained,
         journal: Journal::open(BoardFlash::new()),
         store,
     };

@@ -1,15 +1,12 @@
 //! The emulated tip, from the board's side: pins and sensors that are words of `growbot_firmware::emulated_tip`.
 
-use core::cell::UnsafeCell;
 use core::convert::Infallible;
-use core::mem::MaybeUninit;
 use core::sync::atomic::{Ordering, fence};
 
 use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
 use embedded_hal::pwm::{self, SetDutyCycle};
 use growbot_firmware::emulated_tip::{self as table, Axis, EncoderCourse, StepRecord};
-use growbot_firmware::hal::{Adc, KeptMemory, Orientation, Outputs};
-use growbot_firmware::safety::kept::{COPY_BYTES, KEPT_BYTES};
+use growbot_firmware::hal::{Adc, Orientation, Outputs};
 
 use crate::registers::Register;
 
@@ -61,8 +58,6 @@ pub struct Tip {
     pub emergency_stop: Flag,
     /// The tip's orientation.
     pub orientation: OrientationSensor,
-    /// What survives a reset.
-    pub kept: Kept,
 }
 
 impl Tip {
@@ -115,7 +110,6 @@ impl Tip {
             driver_fault: Flag { offset: table::DRIVER_FAULT },
             emergency_stop: Flag { offset: table::EMERGENCY_STOP },
             orientation: OrientationSensor(()),
-            kept: Kept(()),
         }
     }
 }
@@ -432,44 +426,6 @@ impl Orientation for OrientationSensor {
         }
         let [x, y, z] = [table::GRAVITY_X, table::GRAVITY_Y, table::GRAVITY_Z].map(|offset| word(offset).read() as i16);
         Some([x, y, z])
-    }
-}
-
-/// Survives a reset: nothing loads or clears this section.
-#[unsafe(link_section = ".uninit.kept")]
-static KEPT: KeptCell = KeptCell(UnsafeCell::new(MaybeUninit::uninit()));
-
-struct KeptCell(UnsafeCell<MaybeUninit<[u32; KEPT_BYTES / 4]>>);
-
-// SAFETY: only reached through `kept_word`, which reads and writes it word by word, from the main loop.
-unsafe impl Sync for KeptCell {}
-
-/// A word of the memory that survives a reset. An index beyond it falls onto one within.
-fn kept_word(index: usize) -> Register {
-    // SAFETY: an aligned word inside a static that nothing else reaches.
-    unsafe { Register::at(KEPT.0.get() as usize + 4 * (index % (KEPT_BYTES / 4))) }
-}
-
-/// What survives a reset.
-pub struct Kept(());
-
-impl KeptMemory for Kept {
-    fn read(&mut self) -> [u8; KEPT_BYTES] {
-        let mut bytes = [0; KEPT_BYTES];
-        for (index, into) in bytes.chunks_mut(4).enumerate() {
-            for (byte, from) in into.iter_mut().zip(kept_word(index).read().to_le_bytes()) {
-                *byte = from;
-            }
-        }
-        bytes
-    }
-
-    fn write(&mut self, copy: usize, bytes: &[u8; COPY_BYTES]) {
-        for (index, from) in bytes.as_chunks::<4>().0.iter().enumerate() {
-            kept_word(copy * (COPY_BYTES / 4) + index).write(u32::from_le_bytes(*from));
-        }
-        // The last word is in the memory before anything follows: the other copy, or power for the heater.
-        cortex_m::asm::dsb();
     }
 }
 

@@ -4,6 +4,7 @@
 
 pub mod crash;
 mod no_panic;
+pub mod retained;
 mod rtt;
 pub mod seal;
 pub mod stack;

@@ -21,7 +21,6 @@ mod flash;
 mod heater;
 #[path = "../image/mod.rs"]
 mod image;
-mod kept;
 mod pins;
 mod reset;
 mod step_timer;
@@ -49,8 +48,8 @@ mod app {
     use crate::fan::Fan;
     use crate::flash::{BoardFlash, JournalFlash};
     use crate::heater::Heater;
+    use crate::image::retained::RetainedRam;
     use crate::image::{crash, seal};
-    use crate::kept::BoardMemory;
     use crate::pins::{self, Pins};
     use crate::step_timer::StepTimer;
     use crate::tip_bus::{self, BoardOrientation};
@@ -88,7 +87,7 @@ mod app {
         type Orientation = BoardOrientation;
         type Watchdog = BoardWatchdog;
         type DebugPort = BoardDebugPort;
-        type Kept = BoardMemory;
+        type Retained = RetainedRam;
         type Flash = JournalFlash;
         type Store = &'static mut LayerStore;
     }
@@ -111,8 +110,8 @@ mod app {
         let mut core = cx.core;
         let watchdog = watchdog::start(device.IWDG, Halts::set_up(device.DBGMCU, &mut core.DCB));
         let robot = machine::built_for();
-        let Some(kept) = BoardMemory::take() else {
-            // Nobody has had it before.
+        let Some(retained) = RetainedRam::take() else {
+            // Nothing has taken it before.
             cortex_m::peripheral::SCB::sys_reset()
         };
 
@@ -151,7 +150,7 @@ mod app {
             orientation: tip_bus::orientation(pins.orientation_clock, pins.orientation_data, clock::PROCESSOR_HZ),
             watchdog,
             debug_port: BoardDebugPort,
-            kept,
+            retained,
             journal: Journal::open(JournalFlash::new(BoardFlash::new(device.FLASH), brown_out::Detector)),
             store: cx.local.store,
         };

@@ -73,7 +73,7 @@ pub fn read_and_clear_cause(rcc: &pac::RCC) -> ResetCause {
 
 /// A number that tells this boot from the ones before. Call it once.
 ///
-/// It counts up while the RAM is kept. After a loss of power it starts anew at what the cells came up with, which
+/// It counts up while RAM has power. After a loss of power it starts anew at what the cells came up with, which
 /// differs from board to board and, in part, from time to time.
 pub fn next_boot_id() -> u32 {
     let (boot, check) = (NOTES.read(BOOT), NOTES.read(CHECK));

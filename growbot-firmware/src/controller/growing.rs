@@ -112,7 +112,7 @@ impl<B: Board> Controller<B> {
         let measured = self.measure(handover);
         self.commit(Encoder::default().encode(&as_built(&turn.feed, &self.robot)), measured);
         self.sectors = 0;
-        self.keep();
+        self.retain();
         if self.job.laid == self.job.layers {
             self.switch_off(handover);
             self.end_job();
@@ -191,7 +191,7 @@ impl<B: Board> Controller<B> {
                     height_units: Fields::of(&bytes).height,
                     lean_owed: self.job.material.carry().lean_owed,
                 });
-                self.keep();
+                self.retain();
             }
             Err(_) => self.fail(Fault::StepRate, handover),
         }

@@ -15,7 +15,7 @@ use super::{Controller, centi};
 use crate::hal::{Board, Watchdog};
 use crate::journal::{self, JobState, JournalError};
 use crate::link;
-use crate::safety::kept::UnderWay;
+use crate::safety::retained::UnderWay;
 use crate::safety::transitions::Event;
 use crate::stepping::{Handover, Material, Report};
 
@@ -26,7 +26,7 @@ const MAX_GIVEN: usize = 3;
 /// What the sensors said is kept for so many of the layers laid last.
 const MAX_MEASURED: usize = 16;
 /// What is kept through a reset about the layer under way is so old at most, s.
-const KEPT_AGE_S: f64 = 0.25;
+const RETAINED_AGE_S: f64 = 0.25;
 
 /// The job: which plan, and how far it has come.
 #[derive(Debug, Clone, Default)]
@@ -337,9 +337,9 @@ impl<B: Board> Controller<B> {
         // One that is done is known too: its host may not have heard of its last layers.
         let is_known = |job: &&JobState| job.robot == robot && (!job.ended || job.laid == job.layers);
         let Some(known) = self.parts.journal.job().filter(is_known).copied() else { return };
-        let interrupted = (known.begun > known.laid).then(|| match self.kept.under_way {
+        let cut = (known.begun > known.laid).then(|| match self.retained.under_way {
             Some(UnderWay { plan_id, laid, sectors, .. }) if (plan_id, laid) == (known.plan_id, known.laid) => {
-                let since = KEPT_AGE_S / self.robot.description().layer.period_s * SECTORS as f64;
+                let since = RETAINED_AGE_S / self.robot.description().layer.period_s * SECTORS as f64;
                 let max = (f64::from(sectors) + 1.0 + since).min(SECTORS as f64) as u8;
                 InterruptedLayer { min: sectors, max }
             }

@@ -57,7 +57,7 @@ impl<B: Board> Controller<B> {
             Message::Hello(hello) => return self.hello(hello, header),
             Message::AskBoard(_) => return Ok(self.board_hello()),
             Message::AskStatus(_) => return Ok(Message::Status(self.status())),
-            Message::AskFault(_) => return Ok(Message::LatestFault(LatestFault { record: self.kept.record })),
+            Message::AskFault(_) => return Ok(Message::LatestFault(LatestFault { record: self.retained.record })),
             Message::AskBoot(_) => {
                 let Identity { image, crash, .. } = self.identity;
                 return Ok(Message::BootReport(BootReport { image, crash }));
@@ -170,7 +170,7 @@ impl<B: Board> Controller<B> {
             return Err(Refusal::FaultRemains { fault });
         }
         self.fault = None;
-        if let Some(record) = &mut self.kept.record {
+        if let Some(record) = &mut self.retained.record {
             record.cleared = true;
         }
         self.happens(Event::Clear);

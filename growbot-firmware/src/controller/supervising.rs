@@ -11,7 +11,7 @@ use crate::hal::{Board, DebugPort, Orientation, Watchdog};
 use crate::heater::{self, Demand, Output};
 use crate::link;
 use crate::safety::inputs::{Look, volts};
-use crate::safety::kept::{Unknown, fault_of};
+use crate::safety::retained::{Unknown, fault_of};
 use crate::safety::transitions::{Event, may_feed, may_heat};
 use crate::stepping::Handover;
 
@@ -46,7 +46,7 @@ impl<B: Board> Controller<B> {
         self.heed_silence();
         if self.state == State::Growing {
             self.sectors = handover.progress() as u8;
-            self.keep();
+            self.retain();
         }
         self.proof.supervisor = true;
         if self.proof.take() {
@@ -214,7 +214,7 @@ impl<B: Board> Controller<B> {
         self.cut_off(handover);
         if !matches!(self.state, State::Fault | State::EmergencyStop) {
             self.fault = Some(fault);
-            self.kept.record = Some(record);
+            self.retained.record = Some(record);
             self.happens(Event::Fault);
         }
     }
@@ -224,7 +224,7 @@ impl<B: Board> Controller<B> {
         let record = self.record(None);
         self.cut_off(handover);
         if !matches!(self.state, State::Fault | State::EmergencyStop) {
-            self.kept.record = Some(record);
+            self.retained.record = Some(record);
             self.happens(Event::EmergencyStop);
         }
     }
@@ -250,8 +250,8 @@ impl<B: Board> Controller<B> {
     /// is one after which nobody knows what was under way, though the memory has had power.
     pub(super) fn restore_fault(&mut self, unknown: Option<Unknown>) {
         let cause = self.identity.reset_cause;
-        let latched = self.kept.record.is_some_and(|record| !record.cleared);
-        if let Some(under_way) = self.kept.under_way {
+        let latched = self.retained.record.is_some_and(|record| !record.cleared);
+        if let Some(under_way) = self.retained.under_way {
             let record = FaultRecord {
                 fault: Some(fault_of(cause)),
                 state: under_way.state,
@@ -260,20 +260,20 @@ impl<B: Board> Controller<B> {
                 begun: under_way.begun,
                 ..self.record(None)
             };
-            self.kept.record = Some(record);
+            self.retained.record = Some(record);
         } else if !latched
             && (cause == ResetCause::ClockFailed || unknown.is_some_and(|unknown| unknown.is_fault(cause)))
         {
-            self.kept.record = Some(self.record(Some(fault_of(cause))));
+            self.retained.record = Some(self.record(Some(fault_of(cause))));
         }
         if self.identity.is_corrupt() {
             // Whatever was before: with this image nothing is to be relied on.
-            self.kept.record = Some(self.record(Some(Fault::ImageCorrupt)));
+            self.retained.record = Some(self.record(Some(Fault::ImageCorrupt)));
         }
-        if let Some(FaultRecord { fault, cleared: false, .. }) = self.kept.record {
+        if let Some(FaultRecord { fault, cleared: false, .. }) = self.retained.record {
             self.fault = fault;
             self.happens(if fault.is_some() { Event::Fault } else { Event::EmergencyStop });
         }
-        self.keep();
+        self.retain();
     }
 }

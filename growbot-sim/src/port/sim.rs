@@ -14,10 +14,10 @@ use growbot_core::link::message::{Fault, ImageCheck, ResetCause, State};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_firmware::controller::{Controller, Identity};
-use growbot_firmware::hal::{Board, KeptMemory, NoDebugPort, Outputs, Parts, Watchdog};
+use growbot_firmware::hal::{Board, NoDebugPort, Outputs, Parts, RetainedMemory, Watchdog};
 use growbot_firmware::journal::Journal;
 use growbot_firmware::layer_store::LayerStore;
-use growbot_firmware::safety::kept::{COPY_BYTES, KEPT_BYTES};
+use growbot_firmware::safety::retained::{COPY_BYTES, RETAINED_BYTES};
 use growbot_firmware::stepping::{Axis, Engine, EngineSettings, Handover, Inputs};
 
 use crate::tip::flash::Flash;
@@ -56,7 +56,7 @@ pub struct Sim {
     boots: u32,
     next_poll: u64,
     fed: Rc<WatchdogClock>,
-    kept: Kept,
+    retained: Retained,
     flash: Flash,
     from_board: VecDeque<u8>,
     /// Looks for an emergency stop in what is received.
@@ -75,13 +75,21 @@ impl Sim {
     pub fn with(robot: Robot, variation: Variation) -> Self {
         let tip = Rc::new(RefCell::new(Tip::new(robot.clone(), HEAD_AT_FIRST, variation)));
         let fed = Rc::new(WatchdogClock::default());
-        let kept = Kept::holding_anything(&tip.borrow(), 0);
+        let retained = Retained::of_noise(&tip.borrow(), 0);
         let flash = Flash::new(FLASH_SECTORS);
         let handover = Handover::new();
         let tick_hz = u64::from(robot.description().motion.tick_hz);
         let mut sim = Self {
             engine: engine(&robot, &tip),
-            controller: controller(&robot, &tip, &fed, &kept, &flash, identity_of(1, ResetCause::PowerOn), &handover),
+            controller: controller(
+                &robot,
+                &tip,
+                &fed,
+                &retained,
+                &flash,
+                identity_of(1, ResetCause::PowerOn),
+                &handover,
+            ),
             robot,
             tip,
             handover,
@@ -91,7 +99,7 @@ impl Sim {
             boots: 1,
             next_poll: 0,
             fed,
-            kept,
+            retained,
             flash,
             from_board: VecDeque::new(),
             watch: Recogniser::new(),
@@ -166,13 +174,13 @@ impl Sim {
 
     /// The memory that survives a reset of the board.
     #[must_use]
-    pub fn kept(&self) -> Kept {
-        self.kept.clone()
+    pub fn retained(&self) -> Retained {
+        self.retained.clone()
     }
 
-    /// What the board kept is lost, as without power: its memory holds anything.
-    pub fn lose_kept(&mut self) {
-        self.kept = Kept::holding_anything(&self.tip.borrow(), self.tick);
+    /// What the board retained is lost, as without power: its memory holds anything.
+    pub fn lose_retained(&mut self) {
+        self.retained = Retained::of_noise(&self.tip.borrow(), self.tick);
     }
 
     /// The board's flash. A loss of power while it is written to resets the board.
@@ -181,11 +189,11 @@ impl Sim {
         self.flash.clone()
     }
 
-    /// Resets the board: its outputs go off and its controller starts anew. The tip goes on as it is. What the board kept is
+    /// Resets the board: its outputs go off and its controller starts anew. The tip goes on as it is. What the board retained is
     /// lost when its power was away, but for its flash.
     pub fn reset(&mut self, cause: ResetCause) {
         if cause == ResetCause::PowerOn {
-            self.lose_kept();
+            self.lose_retained();
             self.flash.power_up();
         }
         self.outputs_off();
@@ -197,7 +205,7 @@ impl Sim {
         self.engine = engine(&self.robot, &self.tip);
         let identity = identity_of(self.boots, cause);
         self.controller =
-            controller(&self.robot, &self.tip, &self.fed, &self.kept, &self.flash, identity, &self.handover);
+            controller(&self.robot, &self.tip, &self.fed, &self.retained, &self.flash, identity, &self.handover);
         self.poll();
     }
 
@@ -279,7 +287,7 @@ fn controller(
     robot: &Robot,
     tip: &SharedTip,
     fed: &Rc<WatchdogClock>,
-    kept: &Kept,
+    retained: &Retained,
     flash: &Flash,
     identity: Identity,
     handover: &Handover,
@@ -295,7 +303,7 @@ fn controller(
         orientation: Orientation(Rc::clone(tip)),
         watchdog: SimWatchdog(Rc::clone(fed)),
         debug_port: NoDebugPort,
-        kept: kept.clone(),
+        retained: retained.clone(),
         journal: Journal::open(flash.clone()),
         store: Box::new(LayerStore::new()),
     };
@@ -346,7 +354,7 @@ impl Board for SimBoard {
     type Orientation = Orientation;
     type Watchdog = SimWatchdog;
     type DebugPort = NoDebugPort;
-    type Kept = Kept;
+    type Retained = Retained;
     type Flash = Flash;
     type Store = Box<LayerStore>;
 }
@@ -358,27 +366,27 @@ fn identity_of(boot_id: u32, reset_cause: ResetCause) -> Identity {
 
 /// Memory of the board that survives a reset.
 #[derive(Clone)]
-pub struct Kept(Rc<Cell<[u8; KEPT_BYTES]>>);
+pub struct Retained(Rc<Cell<[u8; RETAINED_BYTES]>>);
 
-impl Kept {
+impl Retained {
     /// As memory comes up when its power does.
-    fn holding_anything(tip: &Tip, tick: u64) -> Self {
+    fn of_noise(tip: &Tip, tick: u64) -> Self {
         let seed = tip.variation().seed;
         Self(Rc::new(Cell::new(std::array::from_fn(|at| scramble(seed ^ tick << 8 ^ at as u64) as u8))))
     }
 }
 
-impl KeptMemory for Kept {
-    fn read(&mut self) -> [u8; KEPT_BYTES] {
+impl RetainedMemory for Retained {
+    fn read(&mut self) -> [u8; RETAINED_BYTES] {
         self.0.get()
     }
 
     fn write(&mut self, copy: usize, bytes: &[u8; COPY_BYTES]) {
-        let mut kept = self.0.get();
-        if let Some(into) = kept.as_chunks_mut::<COPY_BYTES>().0.get_mut(copy) {
+        let mut retained = self.0.get();
+        if let Some(into) = retained.as_chunks_mut::<COPY_BYTES>().0.get_mut(copy) {
             *into = *bytes;
         }
-        self.0.set(kept);
+        self.0.set(retained);
     }
 }
 
@@ -413,7 +421,7 @@ mod tests {
     use growbot_client::growth::{Grown, Job, JobEvent, Orders, grow_job};
     use growbot_core::link::message::Silence;
     use growbot_core::path::{Segment, end};
-    use growbot_firmware::safety::kept::Copies;
+    use growbot_firmware::safety::retained::Copies;
     use std::time::Instant;
 
     fn robot() -> Robot {
@@ -472,10 +480,10 @@ mod tests {
         sim.simulated_tip().heat(1.0, true);
         sim.simulated_tip().enable(Motor::Head, true);
         sim.simulated_tip().set_nozzle_c(150.0);
-        let before = Copies::find(&mut sim.kept()).1;
+        let before = Copies::find(&mut sim.retained()).1;
         assert!(before.is_ok());
         sim.reset(ResetCause::External);
-        assert_eq!(Copies::find(&mut sim.kept()).1, before);
+        assert_eq!(Copies::find(&mut sim.retained()).1, before);
         assert_eq!((sim.state(), sim.fault()), (State::SelfTest, None));
         let mut tip = sim.simulated_tip();
         assert!(!tip.heater_is_on() && !tip.steppers_are_on() && tip.heater_power_w() == 0.0);

@@ -16,8 +16,9 @@ use growbot_core::link::message::{
 use growbot_core::robot::Robot;
 
 use super::tip::{
-    DRIVER_FAULT, EMERGENCY_STOP, FEED, FILAMENT_MOTION, FILAMENT_PRESENCE, FakeDebugPort, FakeKept, FakeOrientation,
-    FakeSupply, FakeThermistor, FakeWatchdog, HEAD, HEATER_ENABLE, HeaterWires, INDEX, Motors, TipOutputs, Wire, World,
+    DRIVER_FAULT, EMERGENCY_STOP, FEED, FILAMENT_MOTION, FILAMENT_PRESENCE, FakeDebugPort, FakeOrientation,
+    FakeRetained, FakeSupply, FakeThermistor, FakeWatchdog, HEAD, HEATER_ENABLE, HeaterWires, INDEX, Motors,
+    TipOutputs, Wire, World,
 };
 use crate::controller::{Controller, Identity};
 use crate::hal::{Board, Parts};
@@ -84,7 +85,7 @@ impl Board for TestBoard {
     type Orientation = FakeOrientation;
     type Watchdog = FakeWatchdog;
     type DebugPort = FakeDebugPort;
-    type Kept = FakeKept;
+    type Retained = FakeRetained;
     type Flash = Flash;
     type Store = Box<LayerStore>;
 }
@@ -101,7 +102,7 @@ impl Bench {
         Self::boot(robot, world, ResetCause::PowerOn)
     }
 
-    /// The same board after a reset: what it kept is still there.
+    /// The same board after a reset: what it retained is still there.
     pub fn reset(self, cause: ResetCause) -> Self {
         let mut bench = Self::boot(self.robot, self.world, cause);
         bench.run(0.7);
@@ -133,7 +134,7 @@ impl Bench {
             orientation: FakeOrientation,
             watchdog: fed.clone(),
             debug_port: FakeDebugPort(Rc::clone(&world)),
-            kept: FakeKept(Rc::clone(&world)),
+            retained: FakeRetained(Rc::clone(&world)),
             journal: Journal::open(world.flash.clone()),
             store: Box::new(LayerStore::new()),
         };

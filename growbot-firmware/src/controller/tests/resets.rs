@@ -9,8 +9,8 @@ use std::vec::Vec;
 
 use super::bench::{Bench, PLAN, WARM, at_rest, bends, clear, hold, start, tune};
 use super::tip::Wire;
-use crate::safety::kept::tests::of_another_firmware;
-use crate::safety::kept::{COPY_BYTES, Copies, KEPT_BYTES, Kept};
+use crate::safety::retained::tests::of_another_firmware;
+use crate::safety::retained::{COPY_BYTES, Copies, RETAINED_BYTES, Retained};
 
 fn record(bench: &mut Bench) -> Option<FaultRecord> {
     match bench.ask(&Message::AskFault(Empty {})) {
@@ -96,7 +96,7 @@ fn without_power_the_journal_is_what_is_known() {
         let mut bench = Bench::in_state(State::Growing);
         let laid = bench.status().laid;
         assert!(laid > 0);
-        bench.world.kept.set([0xA5; KEPT_BYTES]);
+        bench.world.retained.set([0xA5; RETAINED_BYTES]);
         let mut bench = bench.reset(cause);
         assert_eq!((bench.controller.state(), record(&mut bench)), (State::Idle, None));
         let status = bench.status();
@@ -146,7 +146,7 @@ fn what_a_reset_with_power_has_destroyed_is_a_fault() {
         (ResetCause::External, None),
     ] {
         let bench = Bench::in_state(State::Growing);
-        bench.world.kept.set([0xA5; KEPT_BYTES]);
+        bench.world.retained.set([0xA5; RETAINED_BYTES]);
         assert_eq!(bench.reset(cause).controller.fault(), fault, "{cause:?}");
     }
 }
@@ -161,9 +161,9 @@ fn what_another_firmware_has_retained_is_a_fault_whatever_it_was() {
     ] {
         for before in [State::Idle, State::Growing, State::EmergencyStop] {
             let bench = Bench::in_state(before);
-            let mut memory = [0; KEPT_BYTES];
+            let mut memory = [0; RETAINED_BYTES];
             memory.as_chunks_mut::<COPY_BYTES>().0.copy_from_slice(&[of_another_firmware(1), of_another_firmware(2)]);
-            bench.world.kept.set(memory);
+            bench.world.retained.set(memory);
             let mut bench = bench.reset(cause);
             assert_eq!((bench.controller.state(), bench.controller.fault()), (State::Fault, Some(fault)), "{before:?}");
             assert!(matches!(bench.ask(&start()), Message::Refused(_)), "not before it is cleared");
@@ -179,10 +179,10 @@ fn what_another_firmware_has_retained_is_a_fault_whatever_it_was() {
 /// What a start would find in the memory after every write of those under way, torn at every byte; the byte that the
 /// reset met holds anything.
 fn found_after_tears(
-    mut memory: [u8; KEPT_BYTES],
+    mut memory: [u8; RETAINED_BYTES],
     writes: &[(usize, [u8; COPY_BYTES])],
-) -> Vec<([u8; KEPT_BYTES], Kept)> {
-    let mut found: Vec<([u8; KEPT_BYTES], Kept)> = Vec::new();
+) -> Vec<([u8; RETAINED_BYTES], Retained)> {
+    let mut found: Vec<([u8; RETAINED_BYTES], Retained)> = Vec::new();
     for (copy, bytes) in writes {
         let before = memory;
         memory.as_chunks_mut::<COPY_BYTES>().0[*copy] = *bytes;
@@ -196,9 +196,9 @@ fn found_after_tears(
             })
         });
         for torn in [before, memory].into_iter().chain(torn) {
-            let kept = Copies::find(&mut Fixed(torn)).1.expect("one of the copies is whole");
-            if found.iter().all(|(_, other)| *other != kept) {
-                found.push((torn, kept));
+            let retained = Copies::find(&mut Fixed(torn)).1.expect("one of the copies is whole");
+            if found.iter().all(|(_, other)| *other != retained) {
+                found.push((torn, retained));
             }
         }
     }
@@ -206,10 +206,10 @@ fn found_after_tears(
 }
 
 /// Memory that only holds what it holds.
-struct Fixed([u8; KEPT_BYTES]);
+struct Fixed([u8; RETAINED_BYTES]);
 
-impl crate::hal::KeptMemory for Fixed {
-    fn read(&mut self) -> [u8; KEPT_BYTES] {
+impl crate::hal::RetainedMemory for Fixed {
+    fn read(&mut self) -> [u8; RETAINED_BYTES] {
         self.0
     }
 
@@ -232,8 +232,8 @@ fn however_a_write_is_torn_a_board_at_work_comes_up_with_a_fault() {
         bench.grow(&bends(40));
         // From here on the heater is on.
         bench.run_until(60.0, |bench| !bench.heater.off());
-        let memory = bench.world.kept.get();
-        bench.world.kept_writes.borrow_mut().clear();
+        let memory = bench.world.retained.get();
+        bench.world.retained_writes.borrow_mut().clear();
         bench.run_to(State::Growing, 60.0);
         bench.run(2.5);
         bench.accepted(&hold());
@@ -245,15 +245,15 @@ fn however_a_write_is_torn_a_board_at_work_comes_up_with_a_fault() {
         bench.run_to(state, 1.0);
         bench.run(0.3);
 
-        let writes = bench.world.kept_writes.borrow().clone();
+        let writes = bench.world.retained_writes.borrow().clone();
         let found = found_after_tears(memory, &writes);
-        std::println!("{} writes, {} states of what is kept", writes.len(), found.len());
+        std::println!("{} writes, {} states of what is retained", writes.len(), found.len());
         assert!(writes.len() > 30 && found.len() > 20);
-        for (memory, kept) in found {
-            bench.world.kept.set(memory);
+        for (memory, retained) in found {
+            bench.world.retained.set(memory);
             bench = bench.reset(ResetCause::External);
             let state = bench.controller.state();
-            assert!(matches!(state, State::Fault | State::EmergencyStop), "{state:?} after {kept:?}");
+            assert!(matches!(state, State::Fault | State::EmergencyStop), "{state:?} after {retained:?}");
         }
     }
 }

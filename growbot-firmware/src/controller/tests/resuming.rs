@@ -67,14 +67,14 @@ fn after_a_stop_a_fault_or_a_reset_the_rest_is_laid_as_if_nothing_had_happened()
             bench
         },
         |bench| {
-            bench.world.kept.set([0x5A; crate::safety::kept::KEPT_BYTES]);
+            bench.world.retained.set([0x5A; crate::safety::retained::RETAINED_BYTES]);
             bench.reset(ResetCause::PowerOn)
         },
         |mut bench| {
             // Between two layers.
             bench.accepted(&hold());
             bench.run_to(State::Paused, 2.0);
-            bench.world.kept.set([0x5A; crate::safety::kept::KEPT_BYTES]);
+            bench.world.retained.set([0x5A; crate::safety::retained::RETAINED_BYTES]);
             bench.reset(ResetCause::PowerOn)
         },
     ];
@@ -197,7 +197,7 @@ fn an_amended_job_is_known_by_its_new_name_after_a_loss_of_power() {
     let mut bench = Bench::in_state(State::Growing);
     let given = bench.status().laid + 2;
     bench.accepted(&amend(given + 4, 50));
-    bench.world.kept.set([0; crate::safety::kept::KEPT_BYTES]);
+    bench.world.retained.set([0; crate::safety::retained::RETAINED_BYTES]);
     let mut bench = bench.reset(ResetCause::PowerOn);
     let status = bench.status();
     assert_eq!((status.plan_id, status.layers), (AMENDED, 50));
@@ -215,7 +215,7 @@ fn a_layer_is_told_with_what_was_measured_after_it_as_long_as_the_board_keeps_th
     let pulses: Vec<u32> = measured.iter().map(|measured| measured.filament_pulses.unwrap()).collect();
     assert!(pulses.is_sorted() && pulses[39] > pulses[0] + 40, "{pulses:?}");
 
-    // Told again: only the latest are still kept, and none of them through a reset.
+    // Only the latest are still stored, and none of them survives a reset.
     bench.events.clear();
     bench.accepted(&resume(0));
     bench.run(1.0);

@@ -9,7 +9,7 @@ use growbot_core::robot::Robot;
 
 use crate::hal;
 use crate::journal::Journal;
-use crate::safety::kept::{COPY_BYTES, KEPT_BYTES};
+use crate::safety::retained::{COPY_BYTES, RETAINED_BYTES};
 use crate::testing::flash::Flash;
 use crate::testing::{FakePins, FakePower};
 use crate::thermistor::{FULL_SCALE, reading};
@@ -53,9 +53,9 @@ pub struct World {
     /// What the board finds of its image at its next start.
     pub image: Cell<ImageCheck>,
     /// What survives a reset.
-    pub kept: Cell<[u8; KEPT_BYTES]>,
+    pub retained: Cell<[u8; RETAINED_BYTES]>,
     /// Every write to it: which copy, and what.
-    pub kept_writes: RefCell<Vec<(usize, [u8; COPY_BYTES])>>,
+    pub retained_writes: RefCell<Vec<(usize, [u8; COPY_BYTES])>>,
     /// A debug probe has switched debugging on.
     pub debugging: Cell<bool>,
     /// The crystal does not start.
@@ -82,8 +82,8 @@ impl World {
             supply_v: Cell::new(Some(12.0)),
             flash: prepared_flash(),
             image: Cell::new(ImageCheck::NotSealed),
-            kept: Cell::new([0; KEPT_BYTES]),
-            kept_writes: RefCell::default(),
+            retained: Cell::new([0; RETAINED_BYTES]),
+            retained_writes: RefCell::default(),
             debugging: Cell::new(false),
             without_crystal: Cell::new(false),
             robot: robot.clone(),
@@ -136,18 +136,18 @@ impl hal::Orientation for FakeOrientation {
 }
 
 /// Memory that outlives the board.
-pub struct FakeKept(pub Rc<World>);
+pub struct FakeRetained(pub Rc<World>);
 
-impl hal::KeptMemory for FakeKept {
-    fn read(&mut self) -> [u8; KEPT_BYTES] {
-        self.0.kept.get()
+impl hal::RetainedMemory for FakeRetained {
+    fn read(&mut self) -> [u8; RETAINED_BYTES] {
+        self.0.retained.get()
     }
 
     fn write(&mut self, copy: usize, bytes: &[u8; COPY_BYTES]) {
-        let mut kept = self.0.kept.get();
-        kept.as_chunks_mut::<COPY_BYTES>().0[copy] = *bytes;
-        self.0.kept.set(kept);
-        self.0.kept_writes.borrow_mut().push((copy, *bytes));
+        let mut retained = self.0.retained.get();
+        retained.as_chunks_mut::<COPY_BYTES>().0[copy] = *bytes;
+        self.0.retained.set(retained);
+        self.0.retained_writes.borrow_mut().push((copy, *bytes));
     }
 }
 

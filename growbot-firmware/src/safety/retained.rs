@@ -1,13 +1,14 @@
 //! What survives a reset of the board: the latest fault as it was when it came, and what was under way.
 //!
-//! It lies in RAM that nothing clears at start-up: after a loss of power it holds anything, and then nothing is known. There are two
-//! copies, each with a generation number and a CRC:
+//! It lies in RAM that nothing clears at start-up. After a loss of power that RAM holds noise, and nothing is known.
+//! There are two copies, each with a generation number and a CRC:
 //!
-//! - A write goes to the older copy, from its first byte to its last, so a reset in the midst of it leaves the newer one whole.
-//! - A write that changes what a start must do (whether work was under way, which fault is latched) goes to both, one after the other:
-//!   then either copy alone says what matters.
-//! - A start takes the newer copy of those that are whole. Where that is one which this firmware cannot decode, such as
-//!   another version's, the memory has had power, and what it says may be that work was under way or a fault latched:
+//! - A write goes to the older copy, from its first byte to its last, so a reset in the midst of it leaves the newer
+//!   one whole.
+//! - A write that changes what a start must do (whether work was under way, which fault is latched) goes to both
+//!   copies, one after the other, so that either copy alone says what matters.
+//! - A start takes the newer of the copies that are whole. If this firmware cannot decode that copy, another version
+//!   has written it. The memory has had power then, and the copy may say that work was under way or a fault latched:
 //!   the start is a fault, whatever its cause.
 //! - Where no copy is whole, the cause of the reset decides: see [`survives`].
 
@@ -15,14 +16,14 @@ use growbot_core::link::frame;
 use growbot_core::link::message::{Fault, FaultRecord, ResetCause, State};
 use serde::{Deserialize, Serialize};
 
-use crate::hal::KeptMemory;
+use crate::hal::RetainedMemory;
 
 /// Copies in the memory.
 pub const COPIES: usize = 2;
 /// Bytes of a copy: its content, its generation number and its checksum.
 pub const COPY_BYTES: usize = 128;
 /// Bytes of the memory.
-pub const KEPT_BYTES: usize = COPIES * COPY_BYTES;
+pub const RETAINED_BYTES: usize = COPIES * COPY_BYTES;
 /// Bytes of a generation number, and of a checksum.
 const NUMBER_BYTES: usize = 4;
 
@@ -41,23 +42,23 @@ pub struct UnderWay {
     pub sectors: u8,
 }
 
-/// What is kept.
+/// What a board retains through a reset.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-pub struct Kept {
+pub struct Retained {
     /// The latest fault.
     pub record: Option<FaultRecord>,
     /// None while the robot rests.
     pub under_way: Option<UnderWay>,
 }
 
-impl Kept {
-    /// As the bytes of a copy.
+impl Retained {
+    /// The bytes of a copy.
     #[must_use]
     pub fn to_bytes(&self, generation: u32) -> [u8; COPY_BYTES] {
         let mut bytes = [0; COPY_BYTES];
         if let Some((covered, checksum)) = bytes.split_last_chunk_mut::<NUMBER_BYTES>() {
             if let Some((content, number)) = covered.split_last_chunk_mut::<NUMBER_BYTES>() {
-                // It fits: a test says so of the longest. If not, an empty one would be kept.
+                // It fits: a test says so of the longest one. If it did not, an empty one would be retained.
                 let _ = postcard::to_slice(self, content);
                 *number = generation.to_le_bytes();
             }
@@ -66,11 +67,11 @@ impl Kept {
         bytes
     }
 
-    /// From the bytes of a copy; none where they are not what [`Kept::to_bytes`] made.
+    /// Decodes the bytes of a copy; none where they are not what [`Retained::to_bytes`] made.
     #[must_use]
     pub fn from_bytes(bytes: &[u8; COPY_BYTES]) -> Option<Self> {
         generation_of(bytes)?;
-        postcard::take_from_bytes(bytes).ok().map(|(kept, _)| kept)
+        postcard::take_from_bytes(bytes).ok().map(|(retained, _)| retained)
     }
 
     /// What a start must do because of it.
@@ -89,7 +90,7 @@ fn generation_of(bytes: &[u8; COPY_BYTES]) -> Option<u32> {
     (frame::checksum(covered).to_le_bytes() == *checksum).then_some(u32::from_le_bytes(*number))
 }
 
-/// Why a start does not know what was kept.
+/// Why a start does not know what was under way.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Unknown {
     /// No copy is whole: the memory was without power, or is destroyed.
@@ -109,7 +110,7 @@ impl Unknown {
     }
 }
 
-/// What a start must do because of what was kept.
+/// The part of what is retained that decides what a start must do.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Meaning {
     /// Work was under way: its end is a fault.
@@ -125,13 +126,13 @@ pub struct Copies {
     newer: usize,
     /// Its generation number.
     generation: u32,
-    /// What both of them mean; none before the first write after a start.
+    /// The meaning of both copies; none before the first write after a start.
     meaning: Option<Meaning>,
 }
 
 impl Copies {
-    /// Finds the newer copy of those that are whole, and what it says.
-    pub fn find(memory: &mut impl KeptMemory) -> (Self, Result<Kept, Unknown>) {
+    /// Finds the newer of the copies that are whole, and decodes it.
+    pub fn find(memory: &mut impl RetainedMemory) -> (Self, Result<Retained, Unknown>) {
         let bytes = memory.read();
         let mut found = Self::default();
         let mut newest = None;
@@ -144,27 +145,27 @@ impl Copies {
             }
         }
         let bytes = newest.ok_or(Unknown::NotWhole);
-        (found, bytes.and_then(|bytes| Kept::from_bytes(bytes).ok_or(Unknown::NotDecodable)))
+        (found, bytes.and_then(|bytes| Retained::from_bytes(bytes).ok_or(Unknown::NotDecodable)))
     }
 
-    /// Has the memory hold this: in the older copy, or in both where a start would have to do something else because of it.
-    pub fn write(&mut self, memory: &mut impl KeptMemory, kept: &Kept) {
-        let meaning = Some(kept.meaning());
+    /// Writes to the older copy, or to both copies if a start would have to do something else because of it.
+    pub fn write(&mut self, memory: &mut impl RetainedMemory, retained: &Retained) {
+        let meaning = Some(retained.meaning());
         if self.meaning != meaning {
-            self.write_older(memory, kept);
+            self.write_older(memory, retained);
         }
-        self.write_older(memory, kept);
+        self.write_older(memory, retained);
         self.meaning = meaning;
     }
 
-    fn write_older(&mut self, memory: &mut impl KeptMemory, kept: &Kept) {
+    fn write_older(&mut self, memory: &mut impl RetainedMemory, retained: &Retained) {
         self.newer = (self.newer + 1) % COPIES;
         self.generation = self.generation.wrapping_add(1);
-        memory.write(self.newer, &kept.to_bytes(self.generation));
+        memory.write(self.newer, &retained.to_bytes(self.generation));
     }
 }
 
-/// The fault that a reset in the midst of work is.
+/// The fault that a reset in the midst of work is latched as.
 #[must_use]
 pub const fn fault_of(cause: ResetCause) -> Fault {
     match cause {
@@ -192,7 +193,7 @@ pub(crate) mod tests {
     use super::*;
     use growbot_core::link::message::SensorReadings;
 
-    fn longest() -> Kept {
+    fn longest() -> Retained {
         let sensors = SensorReadings {
             supply_mv: Some(u32::MAX),
             on_index: true,
@@ -217,15 +218,15 @@ pub(crate) mod tests {
         };
         let under_way =
             UnderWay { state: State::EmergencyStop, plan_id: u64::MAX, laid: u32::MAX, begun: u32::MAX, sectors: 64 };
-        Kept { record: Some(record), under_way: Some(under_way) }
+        Retained { record: Some(record), under_way: Some(under_way) }
     }
 
     /// The memory as a test sees it.
     #[derive(Clone)]
-    struct Memory([u8; KEPT_BYTES]);
+    struct Memory([u8; RETAINED_BYTES]);
 
-    impl KeptMemory for Memory {
-        fn read(&mut self) -> [u8; KEPT_BYTES] {
+    impl RetainedMemory for Memory {
+        fn read(&mut self) -> [u8; RETAINED_BYTES] {
             self.0
         }
 
@@ -235,7 +236,7 @@ pub(crate) mod tests {
     }
 
     /// What a start finds.
-    fn found(memory: &Memory) -> Option<Kept> {
+    fn found(memory: &Memory) -> Option<Retained> {
         Copies::find(&mut memory.clone()).1.ok()
     }
 
@@ -261,7 +262,7 @@ pub(crate) mod tests {
             ([own(7), [0; COPY_BYTES]], Ok(longest())),
             ([[0; COPY_BYTES]; 2], Err(Unknown::NotWhole)),
         ] {
-            let mut memory = Memory([0; KEPT_BYTES]);
+            let mut memory = Memory([0; RETAINED_BYTES]);
             memory.0.as_chunks_mut::<COPY_BYTES>().0.copy_from_slice(&copies);
             assert_eq!(Copies::find(&mut memory).1, expected);
         }
@@ -269,10 +270,10 @@ pub(crate) mod tests {
 
     #[test]
     fn it_survives_and_the_longest_fits() {
-        for kept in [Kept::default(), longest()] {
+        for retained in [Retained::default(), longest()] {
             for generation in [0, 1, u32::MAX] {
-                let bytes = kept.to_bytes(generation);
-                assert_eq!((Kept::from_bytes(&bytes), generation_of(&bytes)), (Some(kept), Some(generation)));
+                let bytes = retained.to_bytes(generation);
+                assert_eq!((Retained::from_bytes(&bytes), generation_of(&bytes)), (Some(retained), Some(generation)));
             }
         }
         let mut buffer = [0; COPY_BYTES - 2 * NUMBER_BYTES];
@@ -282,26 +283,26 @@ pub(crate) mod tests {
     #[test]
     fn what_memory_comes_up_with_is_nothing() {
         for byte in [0, 0x55, 0xff] {
-            assert_eq!(found(&Memory([byte; KEPT_BYTES])), None);
+            assert_eq!(found(&Memory([byte; RETAINED_BYTES])), None);
         }
         let bytes = longest().to_bytes(7);
         for bit in 0..8 * COPY_BYTES {
             let mut flipped = bytes;
             flipped[bit / 8] ^= 1 << (bit % 8);
-            assert_eq!(Kept::from_bytes(&flipped), None, "bit {bit}");
+            assert_eq!(Retained::from_bytes(&flipped), None, "bit {bit}");
         }
     }
 
     #[test]
     fn both_copies_say_what_a_start_must_do_and_the_rest_takes_one_write() {
-        let (mut memory, mut copies) = (Memory([0xA5; KEPT_BYTES]), Copies::default());
+        let (mut memory, mut copies) = (Memory([0xA5; RETAINED_BYTES]), Copies::default());
         // Of each of the story: whether a start would have to do something else than after the one before.
         let otherwise = [true, true, true, false, true, false, false, false, true, true, true, false, true, true];
-        for (kept, otherwise) in story().iter().zip(otherwise) {
+        for (retained, otherwise) in story().iter().zip(otherwise) {
             let before = copies.generation;
-            copies.write(&mut memory, kept);
-            assert_eq!(copies.generation.wrapping_sub(before), if otherwise { 2 } else { 1 }, "{kept:?}");
-            assert_eq!(found(&memory), Some(*kept));
+            copies.write(&mut memory, retained);
+            assert_eq!(copies.generation.wrapping_sub(before), if otherwise { 2 } else { 1 }, "{retained:?}");
+            assert_eq!(found(&memory), Some(*retained));
         }
     }
 
@@ -322,26 +323,26 @@ pub(crate) mod tests {
 
     /// What a board retains one after the other: at rest, a fault of the self-test, at rest, at work, a fault, the
     /// fault cleared, at work again, an emergency stop.
-    fn story() -> std::vec::Vec<Kept> {
+    fn story() -> std::vec::Vec<Retained> {
         let record = |fault, cleared| longest().record.map(|record| FaultRecord { fault, cleared, ..record });
         let at = |state, sectors| longest().under_way.map(|under_way| UnderWay { state, sectors, ..under_way });
         let fault = Some(Fault::ThermistorOpen);
         std::vec![
-            Kept::default(),
+            Retained::default(),
             // A fault of the self-test, before anything was under way.
-            Kept { record: record(Some(Fault::SupplyLow), false), under_way: None },
-            Kept { record: record(Some(Fault::SupplyLow), true), under_way: None },
-            Kept::default(),
-            Kept { record: None, under_way: at(State::Heating, 0) },
-            Kept { record: None, under_way: at(State::Growing, 0) },
-            Kept { record: None, under_way: at(State::Growing, 7) },
-            Kept { record: None, under_way: at(State::Growing, 14) },
-            Kept { record: record(fault, false), under_way: None },
-            Kept { record: record(fault, true), under_way: None },
-            Kept { record: record(fault, true), under_way: at(State::Heating, 0) },
-            Kept { record: record(fault, true), under_way: at(State::Growing, 1) },
-            Kept { record: record(None, false), under_way: None },
-            Kept { record: record(None, true), under_way: None },
+            Retained { record: record(Some(Fault::SupplyLow), false), under_way: None },
+            Retained { record: record(Some(Fault::SupplyLow), true), under_way: None },
+            Retained::default(),
+            Retained { record: None, under_way: at(State::Heating, 0) },
+            Retained { record: None, under_way: at(State::Growing, 0) },
+            Retained { record: None, under_way: at(State::Growing, 7) },
+            Retained { record: None, under_way: at(State::Growing, 14) },
+            Retained { record: record(fault, false), under_way: None },
+            Retained { record: record(fault, true), under_way: None },
+            Retained { record: record(fault, true), under_way: at(State::Heating, 0) },
+            Retained { record: record(fault, true), under_way: at(State::Growing, 1) },
+            Retained { record: record(None, false), under_way: None },
+            Retained { record: record(None, true), under_way: None },
         ]
     }
 
@@ -357,8 +358,8 @@ pub(crate) mod tests {
     #[test]
     fn a_write_that_is_torn_at_any_byte_leaves_what_was_there_or_what_was_to_be() {
         struct Recording(Memory, std::vec::Vec<(usize, [u8; COPY_BYTES])>);
-        impl KeptMemory for Recording {
-            fn read(&mut self) -> [u8; KEPT_BYTES] {
+        impl RetainedMemory for Recording {
+            fn read(&mut self) -> [u8; RETAINED_BYTES] {
                 self.0.read()
             }
             fn write(&mut self, copy: usize, bytes: &[u8; COPY_BYTES]) {
@@ -368,22 +369,25 @@ pub(crate) mod tests {
         let mut tears = 0;
         // Generation numbers that wrap at each of the writes, and memory that comes up with anything.
         for first in (u32::MAX - 24..=u32::MAX).chain([0, 1 << 31, (1 << 31) - 3]) {
-            let mut memory = Memory([0xA5; KEPT_BYTES]);
+            let mut memory = Memory([0xA5; RETAINED_BYTES]);
             let mut copies = Copies { generation: first, ..Copies::default() };
             let mut before = None;
-            for kept in story() {
+            for retained in story() {
                 let mut recording = Recording(memory.clone(), std::vec![]);
-                copies.write(&mut recording, &kept);
+                copies.write(&mut recording, &retained);
                 for (copy, bytes) in recording.1 {
                     for written in 0..COPY_BYTES {
                         for noise in [0, 0xff, bytes[written], !bytes[written]] {
                             let found = found(&torn(&memory, copy, &bytes, written, noise));
-                            assert!(found == before || found == Some(kept), "{written} bytes of {kept:?}: {found:?}");
+                            assert!(
+                                found == before || found == Some(retained),
+                                "{written} bytes of {retained:?}: {found:?}"
+                            );
                             tears += 1;
                         }
                     }
                     memory.write(copy, &bytes);
-                    before = Some(kept);
+                    before = Some(retained);
                     assert_eq!(found(&memory), before);
                 }
             }
@@ -393,15 +397,15 @@ pub(crate) mod tests {
 
     #[test]
     fn one_copy_that_is_destroyed_hides_neither_work_nor_a_fault() {
-        let mut memory = Memory([0; KEPT_BYTES]);
+        let mut memory = Memory([0; RETAINED_BYTES]);
         let mut copies = Copies::default();
-        for kept in story() {
-            copies.write(&mut memory, &kept);
-            for byte in 0..KEPT_BYTES {
+        for retained in story() {
+            copies.write(&mut memory, &retained);
+            for byte in 0..RETAINED_BYTES {
                 let mut damaged = memory.clone();
                 damaged.0[byte] ^= 0x10;
                 let found = found(&damaged).unwrap();
-                assert_eq!(found.meaning(), kept.meaning(), "byte {byte}");
+                assert_eq!(found.meaning(), retained.meaning(), "byte {byte}");
             }
         }
     }

@@ -1,25 +1,25 @@
-//! Memory that survives a reset: two copies of what is kept, which nothing loads or clears.
+//! Memory that survives a reset: RAM that nothing loads or clears.
 
 use core::cell::UnsafeCell;
 use core::mem::MaybeUninit;
 use core::sync::atomic::{AtomicBool, Ordering};
 
-use growbot_firmware::hal::KeptMemory;
-use growbot_firmware::safety::kept::{COPY_BYTES, KEPT_BYTES};
+use growbot_firmware::hal::RetainedMemory;
+use growbot_firmware::safety::retained::{COPY_BYTES, RETAINED_BYTES};
 
-#[unsafe(link_section = ".uninit.kept")]
+#[unsafe(link_section = ".uninit.retained")]
 static WORDS: Words = Words(UnsafeCell::new(MaybeUninit::uninit()));
 
-struct Words(UnsafeCell<MaybeUninit<[u32; KEPT_BYTES / 4]>>);
+struct Words(UnsafeCell<MaybeUninit<[u32; RETAINED_BYTES / 4]>>);
 
-// SAFETY: only reached through the one `BoardMemory` there is.
+// SAFETY: only reached through the one `RetainedRam` there is.
 unsafe impl Sync for Words {}
 
 /// The memory.
-pub struct BoardMemory(());
+pub struct RetainedRam(());
 
-impl BoardMemory {
-    /// The memory; none where somebody has it already.
+impl RetainedRam {
+    /// The memory; none where it is owned already.
     pub fn take() -> Option<Self> {
         static TAKEN: AtomicBool = AtomicBool::new(false);
         (!TAKEN.swap(true, Ordering::Relaxed)).then_some(Self(()))
@@ -27,13 +27,13 @@ impl BoardMemory {
 
     /// A word of the memory. An index beyond it falls onto one within.
     fn word(&self, index: usize) -> *mut u32 {
-        WORDS.0.get().cast::<u32>().wrapping_add(index % (KEPT_BYTES / 4))
+        WORDS.0.get().cast::<u32>().wrapping_add(index % (RETAINED_BYTES / 4))
     }
 }
 
-impl KeptMemory for BoardMemory {
-    fn read(&mut self) -> [u8; KEPT_BYTES] {
-        let mut bytes = [0; KEPT_BYTES];
+impl RetainedMemory for RetainedRam {
+    fn read(&mut self) -> [u8; RETAINED_BYTES] {
+        let mut bytes = [0; RETAINED_BYTES];
         for (index, into) in bytes.as_chunks_mut::<4>().0.iter_mut().enumerate() {
             // SAFETY: an aligned word of the array; RAM may be read before it was written, whatever it holds.
             *into = unsafe { self.word(index).read_volatile() }.to_le_bytes();
