@@ -171,10 +171,10 @@ impl<B: Board> Controller<B> {
     pub fn poll(&mut self, now: u64, handover: &Handover) {
         self.now = now;
         if let Some(raw) = self.parts.thermistor.sample() {
-            self.thermistor.take(raw);
+            self.thermistor.add(raw);
         }
         if let Some(raw) = self.parts.supply.sample() {
-            self.supply.take(raw);
+            self.supply.add(raw);
         }
         self.proof.sampler = true;
         self.obey_emergency_stop(handover);

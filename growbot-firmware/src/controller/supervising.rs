@@ -82,7 +82,7 @@ impl<B: Board> Controller<B> {
     fn look(&mut self, handover: &Handover) -> Look {
         let description = self.robot.description();
         let sensors = &description.sensors;
-        let raw = self.supply.mean();
+        let raw = self.supply.pop_mean();
         let look = Look {
             supply_v: raw.filter(|_| sensors.supply).map(|raw| volts(raw, &description.supply)),
             // A pin that cannot be read says the worst.
@@ -108,7 +108,7 @@ impl<B: Board> Controller<B> {
     /// Takes the temperature and sets the heater.
     fn regulate(&mut self, supply_v: Option<f64>, handover: &Handover) {
         let demand = Demand { flow_mm3_per_s: self.flow(handover), fan: self.fan, supply_v };
-        let raw = self.thermistor.mean();
+        let raw = self.thermistor.pop_mean();
         match self.heater.update(raw, &demand, self.robot.description(), self.now) {
             Ok(output) => self.power(output, handover),
             Err(fault) => self.fail(fault, handover),
@@ -118,7 +118,7 @@ impl<B: Board> Controller<B> {
         if may_feed(self.state) && self.heater.temperature(self.now).is_some_and(|temperature| temperature < min_c) {
             self.fail(Fault::UnderTemperature, handover);
         }
-        if let Some(tuned) = self.heater.take_tuned() {
+        if let Some(tuned) = self.heater.pop_tuned() {
             self.switch_off(handover);
             self.happens(Event::Tuned);
             self.link.tell(link::Event::Tuned(tuned));

@@ -1,11 +1,12 @@
-//! The heater: regulation of the nozzle's temperature, and the conditions under which it is cut off.
+//! The heater: regulation of the nozzle's temperature, and the conditions under which it is switched off.
 //!
-//! [`Heater::update`] takes the mean of the period's conversions ([`Sampler`]) and what the nozzle is asked for ([`Demand`]), ten
-//! times a second, and gives the duty: by `regulation` on the way to a target and at it, by `tuning` where the gains are to be
-//! found. `supervision` compares the reading with what the nozzle can do by the `model`.
+//! [`Heater::update`] is called ten times a second with the mean of the period's conversions ([`Sampler`]) and what is
+//! asked of the nozzle ([`Demand`]). It gives the duty: by `regulation` on the way to a target and at it, by `tuning`
+//! where the gains are to be found. `supervision` compares the reading with what the nozzle can do by the `model`.
 //!
-//! Before it heats, both of its switches are tried (`proof_test`). Power flows only while a reading is younger than half a second. Too high a temperature is a fault whether the heater is on
-//! or not; everything else matters only while it is on.
+//! Before it heats, both of its switches are tried (`proof_test`). Power flows only while a reading is younger than
+//! half a second. Too high a temperature is a fault whether the heater is on or not; everything else matters only while
+//! it is on.
 
 mod model;
 mod proof_test;
@@ -27,36 +28,43 @@ use self::supervision::{Look, Regulated, Supervision};
 use self::tuning::Relay;
 use crate::thermistor::{Broken, temperature};
 
-/// Between two updates of the regulation, us.
+/// Time between two updates of the regulation, us (docs/decisions/0022-heater-regulation.md).
 pub const PERIOD_US: u64 = 100_000;
-/// The oldest reading on which power flows, us. Its conversions may be a period older.
+/// Age of the oldest reading on which power flows, us. Its conversions may be a period older, so that power never flows
+/// on one older than 0.5 s (decision 0022).
 const OLDEST_READING_US: u64 = 400_000;
-/// How long the temperature must stay in its band to count as hot, us.
+/// How long the temperature must stay in its band to count as hot, us. No derivation is recorded;
+/// `heater::tests::times` holds it, and `heater::tests::sound` bounds it from below: a nozzle that counts as hot too
+/// early drops.
 const SETTLING_US: u64 = 2_000_000;
-/// To lay a layer, the temperature must have been within this share of its band for so long, us: the overshoot is over then.
+/// The share of its band within which the temperature must be for [`STEADY_US`] before a layer is laid. With both the
+/// overshoot is over by then: `tests/normal_growth.rs` demands 1.5 C while growing, and half of robot A's band is that.
 const STEADY_BANDS: f32 = 0.45;
+/// Time within [`STEADY_BANDS`] before a layer is laid, us: bounded as these.
 const STEADY_US: u64 = 10_000_000;
-/// Or anywhere in its band for so long, us.
+/// Time anywhere in its band after which a layer is laid, too, us: a nozzle that never comes nearer still grows. No
+/// derivation is recorded; `heater::tests::times` holds it.
 const STEADY_ENOUGH_US: u64 = 60_000_000;
-/// Within this many bands of the target the power is wiggled.
-const WIGGLED_BANDS: f32 = 2.0;
-/// Tuning takes at most so many times the robot's longest heating.
+/// The power is dithered within this many bands of the target: then a living reading shows the dither before it is hot.
+/// No derivation is recorded; `heater::tests::sound` and `heater::tests::faults` bound it.
+const DITHERED_BANDS: f32 = 2.0;
+/// Tuning takes at most this many times the robot's heating timeout (docs/decisions/0024-heater-tuning.md).
 const TUNING_TIMEOUTS: u64 = 2;
-/// A reading that does not swing in so long, s, does not follow the power.
-const LONGEST_SWING_S: f32 = 90.0;
+/// A reading that does not swing within this time, s, does not follow the power (decision 0024).
+const MAX_SWING_S: f32 = 90.0;
 
-/// What the nozzle is asked for, and what there is to do it with.
+/// What is asked of the nozzle, and the supply that it has for that.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Demand {
-    /// Plastic that flows through it, mm^3/s.
+    /// Flow of plastic through the nozzle, mm^3/s.
     pub flow_mm3_per_s: f64,
     /// Duty of the fan, 0 to 1.
     pub fan: f64,
-    /// The supply as measured, V; none where it is not.
+    /// The measured supply, V; none without a sensor.
     pub supply_v: Option<f64>,
 }
 
-/// What the heater's two switches are to do.
+/// The states of the heater's two switches.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Output {
     /// Duty of the power stage, 0 to 1.
@@ -66,10 +74,18 @@ pub struct Output {
 }
 
 impl Output {
-    /// Both are open.
+    /// Both switches are open.
     pub const OFF: Self = Self { duty: 0.0, closed: false };
     const SECOND_SWITCH_ALONE: Self = Self { duty: 0.0, closed: true };
     const POWER_STAGE_ALONE: Self = Self { duty: 1.0, closed: false };
+}
+
+/// A reading of the thermistor.
+#[derive(Debug, Clone, Copy)]
+struct Reading {
+    celsius: f64,
+    /// The time at which it was taken, us.
+    taken: u64,
 }
 
 /// The heater's regulation and limits.
@@ -77,23 +93,22 @@ impl Output {
 pub struct Heater {
     /// Degrees Celsius, none while off.
     target: Option<f64>,
-    /// The latest reading, degrees Celsius, and when it was taken, us.
-    reading: Option<(f64, u64)>,
-    /// What is wrong with the sensor.
+    reading: Option<Reading>,
+    /// Why the latest conversions gave no reading.
     broken: Option<Broken>,
     /// The latest duty of the power stage, 0 to 1.
     duty: f64,
-    /// When the latest update was, us.
+    /// The time of the latest update, us.
     updated: Option<u64>,
-    /// When it was switched on, got its target, or began to heat, us.
+    /// The time at which it was switched on, got its target, or began to heat, us.
     on_since: u64,
-    /// Since when the temperature has been in its band, us.
+    /// The time since which the temperature has been in its band, us.
     in_band_since: Option<u64>,
-    /// Since when it has been so near to the target that a layer can be laid, us.
+    /// The time since which the temperature has been near enough to the target for a layer, us.
     steady_since: Option<u64>,
     /// The reading while nothing heats.
     rest: Rest,
-    /// Its switches are being tried.
+    /// The proof test of its switches, while that runs.
     proof: Option<ProofTest>,
     regulation: Regulation,
     supervision: Supervision,
@@ -108,7 +123,7 @@ impl Heater {
         (self.target, self.on_since, self.proof) = (Some(target_c), now, Some(ProofTest::default()));
     }
 
-    /// Another target, without switching off in between. Nothing while it is off or being tuned.
+    /// Sets another target, without switching off in between. It does nothing while the heater is off or being tuned.
     pub fn set_target(&mut self, target_c: f64, now: u64) {
         if self.tuning.is_some() || self.target.is_none_or(|target| target.to_bits() == target_c.to_bits()) {
             return;
@@ -126,14 +141,15 @@ impl Heater {
         *self = Self { reading, broken, rest, tuned: self.tuned.take(), ..Self::default() };
     }
 
-    /// Switches the heater on to drive the nozzle round a target and find its gains. When they are found, it is off.
+    /// Switches the heater on to drive the nozzle round a target and find its gains. Once they are found, the heater is
+    /// off.
     pub fn tune(&mut self, target_c: f64, now: u64) {
         self.switch_on(target_c, now);
         (self.tuning, self.tuned) = (Some(Relay::default()), None);
     }
 
-    /// What was found since it was last asked for.
-    pub fn take_tuned(&mut self) -> Option<Tuned> {
+    /// The gains that were found since the last call.
+    pub fn pop_tuned(&mut self) -> Option<Tuned> {
         self.tuned.take()
     }
 
@@ -146,11 +162,11 @@ impl Heater {
     /// The temperature, degrees Celsius, none without a recent reading.
     #[must_use]
     pub fn temperature(&self, now: u64) -> Option<f64> {
-        let (temperature, taken) = self.reading?;
-        (self.broken.is_none() && now.saturating_sub(taken) <= OLDEST_READING_US).then_some(temperature)
+        let Reading { celsius, taken } = self.reading?;
+        (self.broken.is_none() && now.saturating_sub(taken) <= OLDEST_READING_US).then_some(celsius)
     }
 
-    /// What a sensor that gives no temperature suffers from.
+    /// The fault of a sensor that gives no temperature.
     #[must_use]
     pub fn sensor_fault(&self) -> Fault {
         match self.broken {
@@ -160,8 +176,8 @@ impl Heater {
         }
     }
 
-    /// The duty of the power stage, 0 to 1, as the latest update gave it. In the proof test it is full with the second
-    /// switch open.
+    /// The duty of the power stage after the latest update, 0 to 1. In the proof test it is full with the second switch
+    /// open.
     #[must_use]
     pub fn duty(&self) -> f64 {
         self.duty
@@ -176,21 +192,21 @@ impl Heater {
     /// Whether the temperature is steady enough to lay a layer.
     #[must_use]
     pub fn is_steady(&self, now: u64) -> bool {
-        let lasts = |since: Option<u64>, least| since.is_some_and(|since| now.saturating_sub(since) >= least);
+        let lasts = |since: Option<u64>, min| since.is_some_and(|since| now.saturating_sub(since) >= min);
         lasts(self.steady_since, STEADY_US) || lasts(self.in_band_since, STEADY_ENOUGH_US)
     }
 
-    /// Whether power flows on a reading that has grown too old since the latest update.
+    /// Whether power flows although the reading has grown too old since the latest update.
     #[must_use]
     pub fn is_blind(&self, now: u64) -> bool {
         self.duty > 0.0 && self.temperature(now).is_none()
     }
 
-    /// One update: takes the mean reading of the period if there is one and gives what the switches are to do. To be called every
-    /// [`PERIOD_US`].
+    /// One update by the mean conversion of the period, if there is one: the states of the switches until the next. To
+    /// be called every [`PERIOD_US`].
     ///
     /// # Errors
-    /// The fault for which the heater must be cut off.
+    /// The fault for which the heater must be switched off.
     #[inline(never)] // It is far in the controller, which has it beyond the reach of short instructions.
     pub fn update(
         &mut self,
@@ -199,30 +215,22 @@ impl Heater {
         robot: &RobotDescription,
         now: u64,
     ) -> Result<Output, Fault> {
-        // A fault leaves the duty as it was: that is what its record says.
+        // A fault leaves the duty unchanged, for its record.
         let output = self.next(raw, demand, robot, now)?;
         self.duty = output.duty;
         Ok(output)
     }
 
-    /// What the switches are to do next.
+    /// The states of the switches until the next update.
     fn next(&mut self, raw: Option<f64>, demand: &Demand, robot: &RobotDescription, now: u64) -> Result<Output, Fault> {
         let before = self.updated.replace(now).unwrap_or(now);
         let seconds = now.saturating_sub(before).min(OLDEST_READING_US) as f32 * 1e-6;
         if let Some(raw) = raw {
-            match temperature(raw, &robot.thermistor) {
-                Ok(temperature) => {
-                    (self.reading, self.broken) = (Some((temperature, now)), None);
-                    if temperature > robot.heater.max_c {
-                        return Err(Fault::OverTemperature);
-                    }
-                }
-                Err(broken) => self.broken = Some(broken),
-            }
+            self.read(raw, robot, now)?;
         }
         let Some(target_c) = self.target else {
             match self.temperature(now) {
-                Some(reading_c) => _ = self.rest.take(reading_c as f32, seconds),
+                Some(reading_c) => _ = self.rest.add(reading_c as f32, seconds),
                 None => self.rest = Rest::default(),
             }
             return Ok(Output::OFF);
@@ -250,36 +258,46 @@ impl Heater {
             given = 0.0;
         }
         self.watch_band(target_c - reading_c, nozzle.band_c, seconds_us(robot.heater.heating_timeout_s), now)?;
-        let wiggles = (target_c - reading_c).abs() < WIGGLED_BANDS * nozzle.band_c;
-        let wiggle = wiggles.then(|| (self.regulation.phase(), self.regulation.amplitude_c()));
-        let regulated = Regulated { trim: self.regulation.trim(), saturated: self.regulation.saturated(), wiggle };
-        self.supervision.look(&Look {
-            reading_c,
-            target_c,
-            duty: given,
-            seconds,
-            hot: self.is_hot(now),
-            regulated: self.tuning.is_none().then_some(regulated),
-            nozzle: &nozzle,
-        })?;
-        if self.tuning.and_then(|relay| relay.swing_s()).is_some_and(|swing| swing > LONGEST_SWING_S) {
+        let dithers = (target_c - reading_c).abs() < DITHERED_BANDS * nozzle.band_c;
+        let regulated = self.tuning.is_none().then(|| Regulated {
+            trim: self.regulation.trim(),
+            saturated: self.regulation.saturated(),
+            dither: dithers.then(|| self.regulation.dither()),
+        });
+        let (hot, nozzle) = (self.is_hot(now), &nozzle);
+        self.supervision.look(&Look { reading_c, target_c, duty: given, seconds, hot, regulated, nozzle })?;
+        if self.tuning.and_then(|relay| relay.swing_s()).is_some_and(|swing| swing > MAX_SWING_S) {
             return Err(Fault::ThermistorFrozen);
         }
         let duty = match &mut self.tuning {
-            None => self.regulation.duty(target_c, reading_c, wiggles, seconds, &nozzle),
-            Some(relay) => match relay.duty(target_c, reading_c, seconds, &nozzle) {
-                Ok(duty) => duty,
-                Err(tuned) => {
-                    self.switch_off();
-                    self.tuned = Some(tuned);
-                    0.0
-                }
-            },
+            None => self.regulation.duty(target_c, reading_c, dithers, seconds, nozzle),
+            Some(relay) => relay.duty(target_c, reading_c, seconds, nozzle).unwrap_or_else(|tuned| self.finish(tuned)),
         };
         Ok(Output { duty: f64::from(duty), closed: self.target.is_some() })
     }
 
-    /// Watches whether the target is reached, and in time.
+    /// Converts the mean conversion of a period.
+    fn read(&mut self, raw: f64, robot: &RobotDescription, now: u64) -> Result<(), Fault> {
+        match temperature(raw, &robot.thermistor) {
+            Ok(celsius) => {
+                (self.reading, self.broken) = (Some(Reading { celsius, taken: now }), None);
+                if celsius > robot.heater.max_c {
+                    return Err(Fault::OverTemperature);
+                }
+            }
+            Err(broken) => self.broken = Some(broken),
+        }
+        Ok(())
+    }
+
+    /// Ends the tuning with the gains that it has found: the duty is none.
+    fn finish(&mut self, tuned: Tuned) -> f32 {
+        self.switch_off();
+        self.tuned = Some(tuned);
+        0.0
+    }
+
+    /// Notes whether the temperature is in its band, and fails if it does not get there in time.
     fn watch_band(&mut self, error: f32, band: f32, timeout: u64, now: u64) -> Result<(), Fault> {
         if error.abs() > STEADY_BANDS * band {
             self.steady_since = None;

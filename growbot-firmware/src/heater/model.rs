@@ -1,23 +1,28 @@
-//! The nozzle as the robot's description says: a lump of heat, `C dT/dt = P duty - need`.
+//! The nozzle as the robot's description says: one heat capacity, `C dT/dt = P duty - need`.
 
 use growbot_core::robot::{RobotDescription, Thermistor};
 
 use super::Demand;
 use crate::thermistor;
 
-/// Taken for the temperature of the surroundings, degrees Celsius. Ten degrees more or less are 1.2 W for robot A.
+/// The assumed temperature of the surroundings, degrees Celsius. Ten degrees more or less are 1.2 W for robot A, and
+/// the trials have 15 to 35 C (`heater::tests::plant`).
 const SURROUNDINGS_C: f32 = 25.0;
-/// A supply that is measured is not believed beyond these shares of the nominal voltage.
-const SUPPLY: (f64, f64) = (0.5, 1.5);
+/// The smallest share of the nominal voltage that a measured supply counts as. What is further off is a fault of the
+/// supply (`supply.min_v`), and no division by nothing. No trial bounds it.
+const MIN_SUPPLY: f64 = 0.5;
+/// The largest share, as [`MIN_SUPPLY`].
+const MAX_SUPPLY: f64 = 1.5;
 
-/// The nozzle under a demand. In single precision, which the microcontroller's hardware computes: readings are good to five digits.
+/// The nozzle under a demand. It is in single precision, which the microcontroller's hardware computes: readings are
+/// good to five digits.
 pub struct Nozzle<'a> {
     thermistor: &'a Thermistor,
-    /// Heat that it takes for each degree above the surroundings, W/K: loss, fan and filament.
+    /// Power that it needs for each degree above the surroundings, W/K: loss, fan and filament.
     pub need_w_per_k: f32,
-    /// Power at full duty, W: it goes with the square of the supply's voltage.
+    /// Power at full duty, W: proportional to the square of the supply's voltage.
     pub available_w: f32,
-    /// The same at the nominal voltage.
+    /// Power at full duty and the nominal voltage, W.
     pub power_w: f32,
     /// Whether the supply is measured.
     pub measured: bool,
@@ -34,7 +39,7 @@ impl<'a> Nozzle<'a> {
         let heater = &robot.heater;
         let fan = robot.fan.loss_w_per_k * demand.fan.clamp(0.0, 1.0);
         let flow = robot.filament.heat_j_per_mm3_k * demand.flow_mm3_per_s.max(0.0);
-        let share = demand.supply_v.map_or(1.0, |volts| volts / robot.supply.nominal_v).clamp(SUPPLY.0, SUPPLY.1);
+        let share = demand.supply_v.map_or(1.0, |volts| volts / robot.supply.nominal_v).clamp(MIN_SUPPLY, MAX_SUPPLY);
         Self {
             thermistor: &robot.thermistor,
             need_w_per_k: (heater.loss_w_per_k + fan + flow) as f32,
@@ -55,7 +60,7 @@ impl<'a> Nozzle<'a> {
         self.need_w_per_k * (celsius - SURROUNDINGS_C)
     }
 
-    /// Degrees that one count of the converter spans round a temperature.
+    /// Degrees that one count of the ADC spans round a temperature.
     pub fn count_c(&self, celsius: f32) -> f32 {
         let raw = thermistor::reading(f64::from(celsius), self.thermistor);
         match (thermistor::temperature(raw - 0.5, self.thermistor), thermistor::temperature(raw + 0.5, self.thermistor))

@@ -1,11 +1,11 @@
-//! Oversampling: the mean of all conversions of a period.
+//! Oversampling: averages all conversions of a period.
 
 use crate::thermistor::is_broken;
 
-/// Adds up conversions of the converter.
+/// Adds up conversions of the ADC.
 ///
-/// Those at either end of the scale, where only a broken sensor is, are counted by themselves: a mean of them and of sound
-/// ones would be a temperature that is nowhere.
+/// Conversions at either end of the scale, where only a broken sensor is, are averaged apart from the sound ones: a
+/// mean of both would be a temperature that is nowhere.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Sampler {
     sound: Sum,
@@ -19,7 +19,7 @@ struct Sum {
 }
 
 impl Sum {
-    fn take(&mut self, raw: u16) {
+    fn add(&mut self, raw: u16) {
         if let (Some(sum), Some(count)) = (self.sum.checked_add(u32::from(raw)), self.count.checked_add(1)) {
             (self.sum, self.count) = (sum, count);
         }
@@ -31,14 +31,14 @@ impl Sum {
 }
 
 impl Sampler {
-    /// Takes a conversion, 0 to 4095.
-    pub fn take(&mut self, raw: u16) {
-        if is_broken(raw) { self.broken.take(raw) } else { self.sound.take(raw) }
+    /// Adds a conversion, 0 to 4095.
+    pub fn add(&mut self, raw: u16) {
+        if is_broken(raw) { self.broken.add(raw) } else { self.sound.add(raw) }
     }
 
-    /// The mean of those taken since it was last asked for, none where there were none: of the sound ones, or of those at the
-    /// ends of the scale where they are more.
-    pub fn mean(&mut self) -> Option<f64> {
+    /// The mean of the conversions since the last call, none without any: of the sound ones, or of those at the ends of
+    /// the scale where these are more.
+    pub fn pop_mean(&mut self) -> Option<f64> {
         let Self { sound, broken } = core::mem::take(self);
         if broken.count > sound.count { broken.mean() } else { sound.mean() }
     }
@@ -51,33 +51,33 @@ mod tests {
     #[test]
     fn the_mean_is_of_one_period() {
         let mut sampler = Sampler::default();
-        assert_eq!(sampler.mean(), None);
+        assert_eq!(sampler.pop_mean(), None);
         for raw in [1010, 1011, 1011, 1012] {
-            sampler.take(raw);
+            sampler.add(raw);
         }
-        assert_eq!(sampler.mean(), Some(1011.0));
-        assert_eq!(sampler.mean(), None);
+        assert_eq!(sampler.pop_mean(), Some(1011.0));
+        assert_eq!(sampler.pop_mean(), None);
         for _ in 0..70_000 {
-            sampler.take(4000);
+            sampler.add(4000);
         }
-        assert_eq!(sampler.mean(), Some(4000.0));
+        assert_eq!(sampler.pop_mean(), Some(4000.0));
     }
 
     #[test]
     fn a_wire_that_breaks_within_a_period_is_no_cold_nozzle() {
         let mut sampler = Sampler::default();
         for raw in [600, 600, 600, 4095] {
-            sampler.take(raw);
+            sampler.add(raw);
         }
-        assert_eq!(sampler.mean(), Some(600.0));
+        assert_eq!(sampler.pop_mean(), Some(600.0));
         // As many of them are too few.
         for raw in [4095, 600] {
-            sampler.take(raw);
+            sampler.add(raw);
         }
-        assert_eq!(sampler.mean(), Some(600.0));
+        assert_eq!(sampler.pop_mean(), Some(600.0));
         for raw in [600, 4095, 4095] {
-            sampler.take(raw);
+            sampler.add(raw);
         }
-        assert_eq!(sampler.mean(), Some(4095.0));
+        assert_eq!(sampler.pop_mean(), Some(4095.0));
     }
 }

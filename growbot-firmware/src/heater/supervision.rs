@@ -1,136 +1,123 @@
-//! Supervision: what the reading does against what the nozzle can do.
+//! Supervision: compares the reading with what the nozzle can do.
 //!
-//! Three nozzles are reckoned along with the real one, by the power that they are given: one that takes heat as badly as a
-//! sound one may (*sure*), one as the description says, mended by what the regulation has learned (*likely*), and one that takes
-//! it as well as a sound one may (*most*). Each is reckoned for a reading that follows at once and for one that follows by
-//! [`LAG_S`]; where a rise is missed the lesser counts, where there is too much of one the greater. The reading's change over each of
-//! the last seconds, up to [`MARKS`], is compared with theirs.
+//! Three models run along with the real nozzle, by the power that it is given ([`models`]). The change of the reading
+//! over each of the last seconds, up to [`MARKS`] of them, is compared with theirs. Of a model's two changes, for a
+//! reading that follows at once and for one that lags, the one counts that accuses less.
 //!
-//! The limits hold for a capacity, loss and power of 10 % more or less than described and a reading that follows within 4 s.
+//! The limits are those of docs/decisions/0023-heater-supervision.md, for a capacity, loss and power of 10 % more or
+//! less than described and a reading that follows within 4 s. Two trials bound each of them, from opposite sides: no
+//! limit may accuse a sound nozzle (`heater::tests::sound`, 1,000 h, and `tests/normal_growth.rs`), and every fault
+//! must be found in its time (`heater::tests::faults`, 200 nozzles, and `cargo fault-campaign`). "Sound" and "faults"
+//! below are these two. The module's own tests hold the values.
 
+mod models;
 #[cfg(test)]
 mod tests;
+
+use core::ops::RangeInclusive;
 
 use growbot_core::link::message::Fault;
 use heapless::Deque;
 
+use self::models::{Bounds, Change, Factors, LAG_S, LOWER, MARK_S, MARKS, Mark, UNMEASURED_MAX, UNMEASURED_MIN, UPPER};
 use super::model::Nozzle;
-use super::regulation::{WIGGLE_PERIOD_S, wiggle_at};
+use super::regulation::{DITHER_PERIOD_S, Dither, dither_at};
 
-/// How late a sound reading may follow the nozzle, s.
-const LAG_S: f32 = 4.0;
-/// Seconds that are looked back, a mark each.
-const MARKS: usize = 25;
-const MARK_S: f32 = 1.0;
-
-/// The nozzle that takes heat worst and best: shares of power, need and heat capacity.
-const SURE: [f32; 3] = [0.88, 1.15, 1.12];
-const MOST: [f32; 3] = [1.12, 0.85, 0.88];
-/// A supply that is not measured may be 10 % off: shares of power.
-const UNMEASURED: (f32, f32) = (0.81, 1.21);
-
-/// The reading must follow a change that is sure of so much, degrees, by this share.
-const SURE_C: f32 = 12.0;
-const SURE_SHARE: f32 = 0.7;
-/// And one that is likely.
-const LIKELY_C: f32 = 26.0;
-const LIKELY_SHARE: f32 = 0.4;
-/// A reading that stands still through a likely change of so much, degrees, or for so long while the power is wiggled, is frozen.
+/// A rise of the lower model, degrees, from which on the reading must follow. Decision 0023; sound bounds it from
+/// below, faults (a heater's open wire) from above.
+const LOWER_C: f32 = 12.0;
+/// The share of that rise that the reading must show. Decision 0023; sound bounds it from above, faults from below.
+const LOWER_SHARE: f32 = 0.7;
+/// A change of the nominal model, degrees, from which on the reading must follow. It was raised from 22 until sound
+/// raised no alarm.
+const NOMINAL_C: f32 = 26.0;
+/// The share of that change that the reading must show. Decision 0023; faults, whose thermistors that come out still
+/// take up to 40 % of the nozzle's warmth, bounds it from below.
+const NOMINAL_SHARE: f32 = 0.4;
+/// A change of the nominal model, degrees, through which no living reading stands still. Decision 0023; faults (a
+/// frozen reading must be known within 15 s of switching on) bounds it from above.
 const FROZEN_C: f32 = 12.0;
+/// Time of dither, s, through which no living reading stands still. Decision 0023; faults (a frozen reading must be
+/// known within 60 s) bounds it from above.
 const FROZEN_S: f32 = 45.0;
-/// One that does not follow, and has not changed at all for so long, s, is frozen too. A living one of half a degree a count stands for
-/// nearly 3 s where a draught turns a rise into a fall.
+/// A reading that does not follow, and has not changed at all for this long, s, is frozen. In sound a living reading of
+/// half a degree a count stands for nearly 3 s, where a draught turns a rise into a fall.
 const STILL_S: f32 = 4.0;
-/// A reading that has never moved so far, degrees, may as well be that of a heater without effect.
+/// A reading that has never moved so far, degrees, may as well be that of a heater without effect. Decision 0023; it is
+/// well above the noise of sound, 1.5 counts of half a degree.
 const MOVED_C: f32 = 3.0;
-/// A rise beyond what is possible at most, degrees, over windows of so many seconds: at any duty, and at none.
-const RISE_C: (f32, f32) = (6.0, 2.0);
-const RISE_S: (f32, f32) = (3.0, 6.0);
-/// A fall beyond this many times what the nozzle does without any power, and so many degrees, over windows of so many seconds.
-const FALL: (f32, f32) = (1.6, 4.0);
-const FALL_S: (f32, f32) = (1.0, 5.0);
-/// Once hot: so far below the target for so long, degrees and s; and out of the band for so long, s.
-const DROP: (f32, f32) = (8.0, 3.0);
+/// Rise above the upper model, degrees, that is too much. Decision 0023; sound bounds it from below, faults (a power
+/// stage that is stuck on) from above.
+const RISE_C: f32 = 6.0;
+/// The same where there was no power in the whole time. Decision 0023; bounded as [`RISE_C`].
+const RISE_UNPOWERED_C: f32 = 2.0;
+/// Ages of the marks since which a rise is judged, s. Decision 0023; bounded as [`RISE_C`].
+const RISE_WINDOW_S: RangeInclusive<f32> = 3.0..=6.0;
+/// A fall beyond this many times what the nozzle does without any power, and [`FALL_C`], is none of the nozzle's.
+/// Decision 0023; sound bounds it from below, faults (a thermistor that comes out) from above.
+const FALL_TIMES: f32 = 1.6;
+/// Degrees of a fall beyond [`FALL_TIMES`]. Decision 0023; bounded as [`FALL_TIMES`].
+const FALL_C: f32 = 4.0;
+/// Ages of the marks since which a fall is judged, s. Decision 0023; bounded as [`FALL_TIMES`].
+const FALL_WINDOW_S: RangeInclusive<f32> = 1.0..=5.0;
+/// A hot nozzle that is so far below its target, degrees, for [`DROP_S`] has dropped. Decision 0023; sound, whose flow
+/// goes by 35 %, bounds it from below.
+const DROP_C: f32 = 8.0;
+/// Time of a drop by [`DROP_C`], s. Decision 0023; faults (20 s for a heater's open wire) bounds it from above.
+const DROP_S: f32 = 3.0;
+/// Time of a hot nozzle below its band, s. It was lengthened from 20 s until sound raised no alarm.
 const OUT_OF_BAND_S: f32 = 30.0;
-/// Mean power over about so long, s, beyond so many times the need.
+/// Time over which power and need are averaged, s. Decision 0023; sound bounds it from below, faults from above.
 const ENERGY_S: f32 = 60.0;
-const ENERGY: f32 = 1.6;
-/// Over so long the regulation's trim is learned, s, while the reading is so near the target, degrees.
+/// Mean power beyond so many times the mean need is too much. Decision 0023; sound bounds it from below: 10 % more loss
+/// and 10 % less power than described alone make 1.22 times.
+const ENERGY_TIMES: f32 = 1.6;
+/// Time over which the regulation's trim is learned, s. Sound bounds it from above, since the nominal model is wrong
+/// until then, and faults from below, since a fault is learned too.
 const LEARNING_S: f32 = 30.0;
+/// The trim is learned within this distance of the target, degrees. Bounded as [`LEARNING_S`].
 const LEARNING_C: f32 = 2.0;
-/// The reading's part in the wiggle, as a share of it, below which it is missed; so often in a row means a fault.
-const WIGGLE_SHARE: f32 = 0.15;
-const WIGGLES: u32 = 2;
-/// Power that is saturated for more than this share of so many periods in a row is more than a hot nozzle can need.
+/// The share of the dither's amplitude below which it is missing in the reading. Decision 0023; sound bounds it from
+/// above, faults (a standing voltage with noise) from below.
+const DITHER_SHARE: f32 = 0.15;
+/// Periods in a row without the dither that are a fault. Decision 0023; faults allows 120 s for them.
+const DITHERS_MISSED: u32 = 2;
+/// The share of a period beyond which the power counts as saturated in it. It was raised from 0.3 until sound raised no
+/// alarm.
 const SATURATED_SHARE: f32 = 0.6;
-const SATURATED: u32 = 3;
-/// The nozzle's own temperature is that of a reading that goes on for so long, s, at its rate beyond this, degrees a second.
+/// Saturated periods in a row that a hot nozzle cannot need. Decision 0023; bounded as [`SATURATED_SHARE`].
+const PERIODS_SATURATED: u32 = 3;
+/// The nozzle is ahead of its thermistor: its temperature is that of the reading if it goes on for this long, s. It is
+/// the lag of the slowest sound reading, [`LAG_S`].
 const AHEAD_S: f32 = 4.0;
+/// Only the rate beyond this counts then, degrees a second. Decision 0023; faults (the nozzle stays below 5 C above
+/// `max_c`) bounds it from above.
 const AHEAD_C_PER_S: f32 = 0.5;
-const AHEAD_WINDOW_S: f32 = 3.0;
+/// Ages of the marks since which that rate is measured, s: about 3 s (decision 0023).
+const AHEAD_WINDOW_S: RangeInclusive<f32> = 2.5..=3.5;
 
-/// A change that is reckoned: of the nozzle, and of a reading that follows it late, degrees.
-#[derive(Debug, Clone, Copy, Default)]
-struct Reckoned {
-    prompt: f32,
-    late: f32,
-    late_rate: f32,
-}
-
-impl Reckoned {
-    fn add(&mut self, rate: f32, seconds: f32) {
-        self.prompt += rate * seconds;
-        self.late += self.late_rate * seconds;
-        self.late_rate += (rate - self.late_rate) * (seconds / LAG_S).min(1.0);
-    }
-
-    /// The same from another beginning on: over hours the sums would grow until what is added is lost in rounding.
-    fn begin_at(&mut self, beginning: &Self) {
-        self.prompt -= beginning.prompt;
-        self.late -= beginning.late;
-    }
-
-    /// Changes since an earlier moment: the lesser and the greater.
-    fn since(&self, earlier: &Self) -> (f32, f32) {
-        let (prompt, late) = (self.prompt - earlier.prompt, self.late - earlier.late);
-        (prompt.min(late), prompt.max(late))
-    }
-}
-
-/// A moment that is looked back at.
-#[derive(Debug, Clone, Copy)]
-struct Mark {
-    age_s: f32,
-    reading_c: f32,
-    sure: Reckoned,
-    likely: Reckoned,
-    most: Reckoned,
-    /// The most that the reading may have fallen without any power, degrees.
-    fall_c: f32,
-}
-
-/// What there is to look at after each period.
+/// What is compared after each period.
 pub struct Look<'a> {
     pub reading_c: f32,
     pub target_c: f32,
-    /// The duty over the time that has passed.
+    /// The duty in the period.
     pub duty: f32,
-    /// That time, s.
+    /// The length of the period, s.
     pub seconds: f32,
     /// Whether the target has been reached.
     pub hot: bool,
-    /// The regulation as it was; none where it is not regulated but driven round the target.
+    /// The state of the regulation; none while the gains are tuned.
     pub regulated: Option<Regulated>,
     pub nozzle: &'a Nozzle<'a>,
 }
 
-/// What supervision takes from the regulation.
+/// The state of the regulation that supervision needs.
 #[derive(Debug, Clone, Copy)]
 pub struct Regulated {
     pub trim: f32,
     pub saturated: bool,
-    /// Phase (0 to 1) and amplitude (degrees) of the wiggle, none where there is none.
-    pub wiggle: Option<(f32, f32)>,
+    /// None without dither.
+    pub dither: Option<Dither>,
 }
 
 /// The supervision of a heater that is on.
@@ -138,67 +125,80 @@ pub struct Regulated {
 pub struct Supervision {
     marks: Deque<Mark, MARKS>,
     since_mark_s: f32,
-    sure: Reckoned,
-    likely: Reckoned,
-    most: Reckoned,
+    lower: Change,
+    nominal: Change,
+    upper: Change,
     fall_c: f32,
     /// The trim, learned slowly.
     learned: f32,
-    /// The reading when the heater was switched on, degrees Celsius, and whether it has left it since.
+    /// The reading when the heater was switched on, degrees Celsius.
     first_c: Option<f32>,
+    /// Whether the reading has left its first value since.
     moved: bool,
-    /// Since when the reading has not changed at all.
+    /// The time in which the reading has not changed at all.
     still: Option<Still>,
     /// How long there has been no power, s.
-    zero_s: f32,
-    /// How long it has been far below the target, and out of the band, since it was hot, s.
+    unpowered_s: f32,
+    /// How long a hot nozzle has been far below the target, s.
     low_s: f32,
+    /// How long a hot nozzle has been below its band, s.
     out_s: f32,
-    /// Mean power and mean need, W.
-    energy: (f32, f32),
-    wiggle: Wiggle,
+    /// Power and need, each a mean over [`ENERGY_S`].
+    mean: MeanHeat,
+    dither: DitherPeriod,
 }
 
+/// A reading that stands still.
 #[derive(Debug, Clone, Copy)]
 struct Still {
     reading_c: f32,
-    /// For how long, s, and for how long of it the power has been wiggled.
+    /// How long it has stood, s.
     seconds: f32,
-    wiggled_s: f32,
-    likely: Reckoned,
+    /// How long of that the power was dithered, s.
+    dithered_s: f32,
+    /// The nominal model's change when it began to stand.
+    nominal: Change,
 }
 
-/// The reading's part in the wiggle, over one period.
+/// Mean power and mean need, W.
 #[derive(Debug, Clone, Copy, Default)]
-struct Wiggle {
+struct MeanHeat {
+    power_w: f32,
+    need_w: f32,
+}
+
+/// The dither in the reading, over one period of it.
+#[derive(Debug, Clone, Copy, Default)]
+struct DitherPeriod {
     sine: f32,
     cosine: f32,
     seconds: f32,
-    /// Saturated meanwhile, s.
+    /// How long of that the power was saturated, s.
     saturated_s: f32,
-    /// Periods in a row in which it was missed, and in which there was too little room for it.
+    /// Periods in a row in which the dither was missing in the reading.
     missed: u32,
+    /// Periods in a row in which the power was saturated.
     saturated: u32,
 }
 
 impl Supervision {
-    /// Another target: what refers to the one before is forgotten.
+    /// Forgets what refers to the target before this one.
     pub fn retarget(&mut self) {
         (self.low_s, self.out_s) = (0.0, 0.0);
-        self.wiggle = Wiggle::default();
+        self.dither = DitherPeriod::default();
     }
 
-    /// Looks at a reading.
+    /// Compares a reading with the models.
     ///
     /// # Errors
-    /// What is wrong.
+    /// The fault that the reading shows.
     #[inline(never)]
     pub fn look(&mut self, look: &Look) -> Result<(), Fault> {
-        self.reckon(look);
+        self.advance_models(look);
         let fault =
             self.rises_or_falls(look).or_else(|| self.stands_still(look)).or_else(|| self.does_not_follow(look));
         let fault =
-            fault.or_else(|| self.drops(look)).or_else(|| self.takes_energy(look)).or_else(|| self.wiggles(look));
+            fault.or_else(|| self.drops(look)).or_else(|| self.takes_energy(look)).or_else(|| self.misses_dither(look));
         if self.since_mark_s >= MARK_S {
             self.mark(look.reading_c);
         }
@@ -210,70 +210,70 @@ impl Supervision {
         if self.marks.is_full() {
             self.marks.pop_front();
         }
-        let Self { sure, likely, most, fall_c, .. } = *self;
+        let Self { lower, nominal, upper, fall_c, .. } = *self;
         // There is room now.
-        let _ = self.marks.push_back(Mark { age_s: 0.0, reading_c, sure, likely, most, fall_c });
-        // All is reckoned from this mark on.
+        let _ = self.marks.push_back(Mark { age_s: 0.0, reading_c, lower, nominal, upper, fall_c });
+        // All changes count from this mark on.
         for mark in &mut self.marks {
-            mark.sure.begin_at(&sure);
-            mark.likely.begin_at(&likely);
-            mark.most.begin_at(&most);
+            mark.lower.rebase(&lower);
+            mark.nominal.rebase(&nominal);
+            mark.upper.rebase(&upper);
             mark.fall_c -= fall_c;
         }
-        self.sure.begin_at(&sure);
-        self.likely.begin_at(&likely);
-        self.most.begin_at(&most);
+        self.lower.rebase(&lower);
+        self.nominal.rebase(&nominal);
+        self.upper.rebase(&upper);
         self.fall_c = 0.0;
         if let Some(still) = &mut self.still {
-            still.likely.begin_at(&likely);
+            still.nominal.rebase(&nominal);
         }
     }
 
-    /// Reckons the three nozzles on.
-    fn reckon(&mut self, look: &Look) {
+    /// Advances the three models, and the means, by a period.
+    fn advance_models(&mut self, look: &Look) {
         let (seconds, capacity) = (look.seconds, look.nozzle.heat_capacity_j_per_k);
-        let (least, greatest) = if look.nozzle.measured { (1.0, 1.0) } else { UNMEASURED };
+        let (min, max) = if look.nozzle.measured { (1.0, 1.0) } else { (UNMEASURED_MIN, UNMEASURED_MAX) };
         let need = look.nozzle.needed_w(look.reading_c);
         let power = look.duty * look.nozzle.available_w;
-        let rate = |[of_power, of_need, of_capacity]: [f32; 3], supply: f32| {
-            (power * supply * of_power - need * of_need) / (capacity * of_capacity)
-        };
-        self.sure.add(rate(SURE, least), seconds);
-        self.most.add(rate(MOST, greatest), seconds);
-        self.likely.add(rate([1.0 / (1.0 + self.learned), 1.0, 1.0], least), seconds);
-        self.fall_c += FALL.0 * need.max(0.0) / capacity * seconds;
+        let rate = |of: Factors, supply: f32| (power * supply * of.power - need * of.need) / (capacity * of.capacity);
+        self.lower.add(rate(LOWER, min), seconds);
+        self.upper.add(rate(UPPER, max), seconds);
+        let learned = Factors { power: 1.0 / (1.0 + self.learned), need: 1.0, capacity: 1.0 };
+        self.nominal.add(rate(learned, min), seconds);
+        self.fall_c += FALL_TIMES * need.max(0.0) / capacity * seconds;
         let near = (look.reading_c - look.target_c).abs() < LEARNING_C;
         if let Some(regulated) = look.regulated.filter(|regulated| near && !regulated.saturated) {
             self.learned += (regulated.trim - self.learned) * (seconds / LEARNING_S).min(1.0);
         }
-        self.zero_s = if look.duty > 0.0 { 0.0 } else { self.zero_s + seconds };
+        self.unpowered_s = if look.duty > 0.0 { 0.0 } else { self.unpowered_s + seconds };
         self.since_mark_s += seconds;
         for mark in &mut self.marks {
             mark.age_s += seconds;
         }
         if look.hot {
             let share = (seconds / ENERGY_S).min(1.0);
-            self.energy.0 += (power * least - self.energy.0) * share;
-            self.energy.1 += (need - self.energy.1) * share;
+            self.mean.power_w += (power * min - self.mean.power_w) * share;
+            self.mean.need_w += (need - self.mean.need_w) * share;
         } else {
-            // What heats the nozzle up is judged by its rise.
-            self.energy = (need, need);
+            // The power of the way up is judged by the rise.
+            self.mean = MeanHeat { power_w: need, need_w: need };
         }
     }
 
-    /// Faster up than with all the power that was given, hotter than it may be, or faster down than with none.
+    /// The reading rises faster than the power given can heat, is about to be too hot, or falls faster than a nozzle
+    /// without power.
     fn rises_or_falls(&self, look: &Look) -> Option<Fault> {
         for mark in &self.marks {
             let (age, change) = (mark.age_s, look.reading_c - mark.reading_c);
-            if within(age, FALL_S) && -change > self.fall_c - mark.fall_c + FALL.1 {
+            if FALL_WINDOW_S.contains(&age) && -change > self.fall_c - mark.fall_c + FALL_C {
                 return Some(Fault::ThermistorDetached);
             }
-            let most = self.most.since(&mark.most).1.max(0.0);
-            let margin = if self.zero_s >= age { RISE_C.1 } else { RISE_C.0 };
-            if within(age, RISE_S) && change > most + margin {
+            let upper = self.upper.since(&mark.upper).max.max(0.0);
+            let margin = if self.unpowered_s >= age { RISE_UNPOWERED_C } else { RISE_C };
+            if RISE_WINDOW_S.contains(&age) && change > upper + margin {
                 return Some(Fault::HeaterStuckOn);
             }
-            if within(age, (AHEAD_WINDOW_S - 0.5, AHEAD_WINDOW_S + 0.5)) {
+            if AHEAD_WINDOW_S.contains(&age) {
                 let ahead = AHEAD_S * (change / age - AHEAD_C_PER_S).max(0.0);
                 if look.reading_c + ahead > look.nozzle.max_c {
                     return Some(Fault::OverTemperature);
@@ -283,11 +283,11 @@ impl Supervision {
         None
     }
 
-    /// Not the least change where there must be one.
+    /// The reading does not change at all where it must.
     fn stands_still(&mut self, look: &Look) -> Option<Fault> {
         let first = *self.first_c.get_or_insert(look.reading_c);
         self.moved |= (look.reading_c - first).abs() > MOVED_C;
-        let fresh = Still { reading_c: look.reading_c, seconds: 0.0, wiggled_s: 0.0, likely: self.likely };
+        let fresh = Still { reading_c: look.reading_c, seconds: 0.0, dithered_s: 0.0, nominal: self.nominal };
         let still = self.still.get_or_insert(fresh);
         // A mean of whole counts that does not change comes out the same to the last bit.
         if (still.reading_c - look.reading_c).abs() > 1e-6 {
@@ -295,17 +295,17 @@ impl Supervision {
             return None;
         }
         still.seconds += look.seconds;
-        if look.regulated.is_some_and(|regulated| regulated.wiggle.is_some() && !regulated.saturated) {
-            still.wiggled_s += look.seconds;
+        if look.regulated.is_some_and(|regulated| regulated.dither.is_some() && !regulated.saturated) {
+            still.dithered_s += look.seconds;
         }
-        let (least, greatest) = self.likely.since(&still.likely);
+        let nominal = self.nominal.since(&still.nominal);
         // With a supply that is not measured, a fall is known only where there is no power.
-        let falls = look.nozzle.measured || self.zero_s > LAG_S;
-        if least > FROZEN_C {
+        let falls = look.nozzle.measured || self.unpowered_s > LAG_S;
+        if nominal.min > FROZEN_C {
             let dead_heater = !self.moved && !look.hot;
             return Some(if dead_heater || has_all_the_power(look) { lacks(look) } else { Fault::ThermistorFrozen });
         }
-        let frozen = falls && greatest < -FROZEN_C || still.wiggled_s > FROZEN_S;
+        let frozen = falls && nominal.max < -FROZEN_C || still.dithered_s > FROZEN_S;
         frozen.then_some(Fault::ThermistorFrozen)
     }
 
@@ -313,16 +313,16 @@ impl Supervision {
     fn does_not_follow(&self, look: &Look) -> Option<Fault> {
         for mark in &self.marks {
             let change = look.reading_c - mark.reading_c;
-            let sure = self.sure.since(&mark.sure).0;
-            let (likely, fall) = self.likely.since(&mark.likely);
-            if sure > SURE_C && change < SURE_SHARE * sure || likely > LIKELY_C && change < LIKELY_SHARE * likely {
+            let lower = self.lower.since(&mark.lower).min;
+            let Bounds { min: rise, max: fall } = self.nominal.since(&mark.nominal);
+            if lower > LOWER_C && change < LOWER_SHARE * lower || rise > NOMINAL_C && change < NOMINAL_SHARE * rise {
                 let still = self.moved && self.still.is_some_and(|still| still.seconds > STILL_S);
                 return Some(if still && !has_all_the_power(look) { Fault::ThermistorFrozen } else { lacks(look) });
             }
             let above = look.reading_c - look.target_c > look.nozzle.band_c && look.nozzle.measured;
-            let reckoned = above || self.zero_s >= mark.age_s;
-            if reckoned && fall < -LIKELY_C && change > LIKELY_SHARE * fall {
-                return Some(if look.hot || change > RISE_C.1 {
+            let is_known = above || self.unpowered_s >= mark.age_s;
+            if is_known && fall < -NOMINAL_C && change > NOMINAL_SHARE * fall {
+                return Some(if look.hot || change > RISE_UNPOWERED_C {
                     Fault::HeaterStuckOn
                 } else {
                     Fault::ThermistorFrozen
@@ -332,56 +332,57 @@ impl Supervision {
         None
     }
 
-    /// It was hot and is so no more.
+    /// A nozzle that was hot is too cold.
     fn drops(&mut self, look: &Look) -> Option<Fault> {
         let below = if look.hot && look.regulated.is_some() { look.target_c - look.reading_c } else { 0.0 };
-        self.low_s = if below > DROP.0 { self.low_s + look.seconds } else { 0.0 };
+        self.low_s = if below > DROP_C { self.low_s + look.seconds } else { 0.0 };
         self.out_s = if below > look.nozzle.band_c { self.out_s + look.seconds } else { 0.0 };
-        (self.low_s > DROP.1 || self.out_s > OUT_OF_BAND_S).then_some(Fault::TemperatureDrop)
+        (self.low_s > DROP_S || self.out_s > OUT_OF_BAND_S).then_some(Fault::TemperatureDrop)
     }
 
-    /// More energy than the nozzle can need.
+    /// The nozzle takes more power than it can need.
     fn takes_energy(&self, look: &Look) -> Option<Fault> {
-        let (mean, need) = self.energy;
-        (look.hot && mean > ENERGY * need).then_some(Fault::HeaterEnergy)
+        let MeanHeat { power_w, need_w } = self.mean;
+        (look.hot && power_w > ENERGY_TIMES * need_w).then_some(Fault::HeaterEnergy)
     }
 
-    /// The wiggle of the power does not show.
-    fn wiggles(&mut self, look: &Look) -> Option<Fault> {
-        let Some((phase, amplitude)) = look.regulated.and_then(|regulated| regulated.wiggle) else {
-            self.wiggle = Wiggle::default();
+    /// The dither does not show in the reading, or the power has no room for it.
+    fn misses_dither(&mut self, look: &Look) -> Option<Fault> {
+        let Some(Dither { phase, amplitude_c }) = look.regulated.and_then(|regulated| regulated.dither) else {
+            self.dither = DitherPeriod::default();
             return None;
         };
-        let wiggle = &mut self.wiggle;
-        if wiggle.seconds > WIGGLE_PERIOD_S - 0.5 * look.seconds {
-            let Wiggle { sine, cosine, seconds, saturated_s, missed, saturated } = *wiggle;
+        let period = &mut self.dither;
+        if period.seconds > DITHER_PERIOD_S - 0.5 * look.seconds {
+            let DitherPeriod { sine, cosine, seconds, saturated_s, missed, saturated } = *period;
             let shown = 2.0 * libm::sqrtf(sine * sine + cosine * cosine) / seconds.max(1e-3);
-            let missed = if shown < WIGGLE_SHARE * amplitude { missed + 1 } else { 0 };
+            let missed = if shown < DITHER_SHARE * amplitude_c { missed + 1 } else { 0 };
             let saturated = if saturated_s > SATURATED_SHARE * seconds { saturated + 1 } else { 0 };
-            *wiggle = Wiggle { missed, saturated, ..Wiggle::default() };
+            *period = DitherPeriod { missed, saturated, ..DitherPeriod::default() };
         }
         if look.regulated.is_some_and(|regulated| regulated.saturated) {
-            wiggle.saturated_s += look.seconds;
+            period.saturated_s += look.seconds;
         }
-        let (sin, cos) = wiggle_at(phase);
+        let (sin, cos) = dither_at(phase);
         let error = look.reading_c - look.target_c;
-        wiggle.sine += error * sin * look.seconds;
-        wiggle.cosine += error * cos * look.seconds;
-        wiggle.seconds += look.seconds;
-        if wiggle.missed >= WIGGLES {
-            // With all the power there is no wiggle; but a reading that stands meanwhile is not that of a hot nozzle either.
-            return Some(if wiggle.saturated > 0 { Fault::HeaterEnergy } else { Fault::ThermistorFrozen });
+        period.sine += error * sin * look.seconds;
+        period.cosine += error * cos * look.seconds;
+        period.seconds += look.seconds;
+        if period.missed >= DITHERS_MISSED {
+            // With all the power on there is no dither; a reading that stands then is not that of a hot nozzle either.
+            return Some(if period.saturated > 0 { Fault::HeaterEnergy } else { Fault::ThermistorFrozen });
         }
-        (wiggle.saturated >= SATURATED).then_some(Fault::HeaterEnergy)
+        (period.saturated >= PERIODS_SATURATED).then_some(Fault::HeaterEnergy)
     }
 }
 
-/// Whether it gets all the power. A reading that stands then may be that of a nozzle that comes no further, as in a draught.
+/// Whether all the power is on. A reading that stands then may be that of a nozzle that comes no further, as in a
+/// draught.
 fn has_all_the_power(look: &Look) -> bool {
     look.duty >= 1.0
 }
 
-/// What a nozzle has that does not get as warm as its power makes it.
+/// The fault of a nozzle that does not get as warm as its power makes it, by where the reading is.
 fn lacks(look: &Look) -> Fault {
     if !look.hot {
         Fault::HeatingTooSlow
@@ -390,8 +391,4 @@ fn lacks(look: &Look) -> Fault {
     } else {
         Fault::HeaterEnergy
     }
-}
-
-fn within(value: f32, (least, greatest): (f32, f32)) -> bool {
-    (least..=greatest).contains(&value)
 }

@@ -1,4 +1,4 @@
-//! The course of the reading and the stages of the proof, each limit from both sides.
+//! The reference of the reading and the stages of the proof, each limit from both sides.
 
 use super::*;
 use crate::heater::Demand;
@@ -6,7 +6,7 @@ use crate::testing::robot_a;
 use growbot_core::robot::Robot;
 
 const DT: f32 = 0.25;
-/// For how long a nozzle may be at no rest, s: within the second between two means.
+/// Time in which a nozzle may come to rest, s: within the second between two means.
 const TIMEOUT_S: f32 = 299.5;
 
 /// Robot A's nozzle: 50 W, 12 J/K, 0.12 W/K, 240 C at most.
@@ -15,11 +15,11 @@ fn nozzle(robot: &Robot) -> Nozzle<'_> {
     Nozzle::new(&Demand { supply_v, ..Demand::default() }, robot.description())
 }
 
-/// A course of these means.
+/// The readings at rest with these means.
 fn of(means: impl IntoIterator<Item = f32>) -> Rest {
     let mut rest = Rest::default();
     for mean in means {
-        assert_eq!(rest.take(mean, 1.0), Some(mean));
+        assert_eq!(rest.add(mean, 1.0), Some(mean));
     }
     rest
 }
@@ -32,56 +32,56 @@ fn line(from: f32, slope: f32) -> [f32; 7] {
 fn a_mean_is_of_a_second() {
     let mut rest = Rest::default();
     for _ in 0..3 {
-        let found = [10.0, 20.0, 20.0, 40.0].map(|reading| rest.take(reading, DT));
+        let found = [10.0, 20.0, 20.0, 40.0].map(|reading| rest.add(reading, DT));
         assert_eq!(found, [None, None, None, Some(22.5)]);
     }
     // Of periods that do not fit, as many as come nearest; each counts by its time.
-    let found = [10.0, 20.0, 30.0].map(|reading| rest.take(reading, 0.3));
+    let found = [10.0, 20.0, 30.0].map(|reading| rest.add(reading, 0.3));
     assert!(found[..2] == [None; 2] && (found[2].unwrap() - 20.0).abs() < 1e-4);
-    assert_eq!(rest.take(10.0, 0.25), None);
-    assert_eq!(rest.take(20.0, 0.75), Some(17.5));
+    assert_eq!(rest.add(10.0, 0.25), None);
+    assert_eq!(rest.add(20.0, 0.75), Some(17.5));
     // One that comes half a period early is whole.
-    assert_eq!([rest.take(5.0, 0.5), rest.take(5.0, 0.5)], [None, Some(5.0)]);
-    assert_eq!([rest.take(5.0, 0.4), rest.take(5.0, 0.4)], [None, Some(5.0)]);
-    assert_eq!([rest.take(5.0, 0.625), rest.take(5.0, 0.625)], [None, Some(5.0)]);
-    assert_eq!(rest.take(5.0, 0.6875), Some(5.0));
+    assert_eq!([rest.add(5.0, 0.5), rest.add(5.0, 0.5)], [None, Some(5.0)]);
+    assert_eq!([rest.add(5.0, 0.4), rest.add(5.0, 0.4)], [None, Some(5.0)]);
+    assert_eq!([rest.add(5.0, 0.625), rest.add(5.0, 0.625)], [None, Some(5.0)]);
+    assert_eq!(rest.add(5.0, 0.6875), Some(5.0));
     assert_eq!(rest.means.len(), MEANS);
 }
 
 #[test]
-fn a_course_is_of_the_latest_seven_means() {
+fn a_reference_is_of_the_latest_seven_means() {
     let robot = robot_a();
     let nozzle = nozzle(&robot);
     for count in 0..7 {
-        assert_eq!(of(line(100.0, 0.0).into_iter().take(count)).course(&nozzle), None);
+        assert_eq!(of(line(100.0, 0.0).into_iter().take(count)).reference(&nozzle), None);
     }
     // What was before does not count any more.
     let rest = of([500.0, 300.0].into_iter().chain(line(100.0, -0.5)));
-    assert_eq!(rest.course(&nozzle), Some(Course { at_c: 97.0, slope_c_per_s: -0.5 }));
-    assert_eq!(rest.latter_half(), Some((-0.5, 97.0)));
+    assert_eq!(rest.reference(&nozzle), Some(Reference { at_c: 97.0, slope_c_per_s: -0.5 }));
+    assert_eq!(rest.latter_half(), Some(Reference { at_c: 97.0, slope_c_per_s: -0.5 }));
     assert_eq!(rest.bend_c(), 0.0);
 }
 
 #[test]
-fn a_course_is_straight_and_as_steep_as_a_nozzle_without_power() {
+fn a_reference_is_straight_and_as_steep_as_a_nozzle_without_power() {
     let robot = robot_a();
     let nozzle = nozzle(&robot);
-    let is_course = |means: [f32; 7]| of(means).course(&nozzle).is_some();
+    let is_reference = |means: [f32; 7]| of(means).reference(&nozzle).is_some();
     // Upwards no more than 0.3 C/s, and then as if it stood.
-    assert_eq!(of(line(100.0, 0.25)).course(&nozzle).unwrap().slope_c_per_s, 0.0);
-    assert!(is_course(line(100.0, 0.29)) && !is_course(line(100.0, 0.31)));
+    assert_eq!(of(line(100.0, 0.25)).reference(&nozzle).unwrap().slope_c_per_s, 0.0);
+    assert!(is_reference(line(100.0, 0.29)) && !is_reference(line(100.0, 0.31)));
     assert!(!of(line(100.0, 0.29)).rises() && of(line(100.0, 0.31)).rises());
-    // What may be a course is no rise, to the last bit.
+    // What may be a reference is no rise, to the last bit.
     let steepest = of([0.0, 0.0, 0.0, 0.0, 0.3, 0.6, 0.900_000_04]);
-    assert_eq!(steepest.latter_half(), Some((RISING_C_PER_S, 0.900_000_04)));
+    assert_eq!(steepest.latter_half(), Some(Reference { at_c: 0.900_000_04, slope_c_per_s: RISING_C_PER_S }));
     assert!(!steepest.rises());
     assert!(!of(line(100.0, -0.5)).rises() && !Rest::default().rises());
     // 125 C need 12 W: 1.6 C/s, and 0.3 C/s more.
     let down = |slope: f32| line(125.0 - 6.0 * slope, slope);
-    assert!(is_course(down(-1.89)) && !is_course(down(-1.91)));
+    assert!(is_reference(down(-1.89)) && !is_reference(down(-1.91)));
     // Below the surroundings nothing falls by itself.
     let cold = |slope: f32| line(10.0 - 6.0 * slope, slope);
-    assert!(is_course(cold(-0.29)) && !is_course(cold(-0.31)));
+    assert!(is_reference(cold(-0.29)) && !is_reference(cold(-0.31)));
     // Any mean may lie 0.4 C beside the line.
     for at in 1..6 {
         for (off, straight) in [(0.39, true), (-0.39, true), (0.41, false), (-0.41, false)] {
@@ -89,7 +89,7 @@ fn a_course_is_straight_and_as_steep_as_a_nozzle_without_power() {
             means[at] += off;
             let rest = of(means);
             assert!((rest.bend_c() - off.abs()).abs() < 1e-4);
-            assert_eq!(rest.course(&nozzle).is_some(), straight, "{off} at {at}");
+            assert_eq!(rest.reference(&nozzle).is_some(), straight, "{off} at {at}");
         }
     }
 }
@@ -108,11 +108,11 @@ fn a_reading_stands_still_where_two_means_are_the_same() {
 fn a_fall_levels_off() {
     let robot = robot_a();
     let nozzle = nozzle(&robot);
-    let course = Course { at_c: 100.0, slope_c_per_s: -1.0 };
-    assert!((course.after(0.0, &nozzle) - 100.0).abs() < 1e-4);
+    let reference = Reference { at_c: 100.0, slope_c_per_s: -1.0 };
+    assert!((reference.after(0.0, &nozzle) - 100.0).abs() < 1e-4);
     // By half of 10 s at 0.12 W/K of 12 J/K.
-    assert!((course.after(10.0, &nozzle) - (100.0 - 10.0 * 0.95)).abs() < 1e-3);
-    assert!((course.after(200.0, &nozzle) - (100.0 - 200.0 * 0.5)).abs() < 1e-3);
+    assert!((reference.after(10.0, &nozzle) - (100.0 - 10.0 * 0.95)).abs() < 1e-3);
+    assert!((reference.after(200.0, &nozzle) - (100.0 - 200.0 * 0.5)).abs() < 1e-3);
 }
 
 #[test]
@@ -121,7 +121,8 @@ fn a_stage_lasts_until_the_whole_power_would_show() {
     assert!((stage_s(&nozzle(&robot)) - (5.0 + 8.0 * 12.0 / 50.0)).abs() < 1e-4);
 }
 
-/// A proof while the reading is as `reading` says of the time and of the switches: for how long each output is given, s, and how it ended.
+/// Runs a proof test whose reading is a function of time and switches. Returns how long each output was given, s, and
+/// how the test ended.
 fn prove(mut reading: impl FnMut(f32, Output) -> f32) -> ([f32; 3], Result<(), Fault>) {
     let robot = robot_a();
     let nozzle = nozzle(&robot);
@@ -145,14 +146,14 @@ fn sound_switches_are_proven_one_after_the_other() {
     // At rest for seven means, then each switch for seven more, the least whole seconds beyond 6.92 s.
     for celsius in [20.0, 205.0] {
         let cools = if celsius > 100.0 { 1.0 } else { 0.0 };
-        let course = |time: f32, _| celsius - cools * time;
-        assert_eq!(prove(course), ([6.75, 7.0, 7.0], Ok(())));
+        let reading = |time: f32, _| celsius - cools * time;
+        assert_eq!(prove(reading), ([6.75, 7.0, 7.0], Ok(())));
     }
 }
 
 #[test]
 fn a_switch_that_conducts_is_found_in_its_stage() {
-    // Of more than 3.5 C above the course.
+    // Of more than 3.5 C above the reference.
     for (rise, found) in [(3.5, false), (3.6, true)] {
         let stuck = prove(|_, output| if output == Output::SECOND_SWITCH_ALONE { 30.0 + rise } else { 30.0 });
         let welded = prove(|_, output| if output == Output::POWER_STAGE_ALONE { 30.0 + rise } else { 30.0 });
@@ -160,7 +161,7 @@ fn a_switch_that_conducts_is_found_in_its_stage() {
             assert_eq!(stuck, ([6.75, 1.0, 0.0], Err(Fault::HeaterStuckOn)));
             assert_eq!(welded, ([6.75, 7.0, 1.0], Err(Fault::HeaterSwitchWelded)));
         } else {
-            // What it has risen by bends the course after the stage: it must be at rest again.
+            // What it has risen by bends the reference after the stage: it must be at rest again.
             assert_eq!((stuck.1, welded.1), (Ok(()), Ok(())));
         }
     }
@@ -189,7 +190,7 @@ fn a_nozzle_that_still_rises_after_30_s_at_rest_is_heated() {
 }
 
 #[test]
-fn it_waits_until_it_is_35_c_below_the_greatest_temperature() {
+fn it_waits_until_it_is_35_c_below_the_max_temperature() {
     let (times, ended) = prove(|time, _| 225.0 - time);
     assert_eq!(ended, Ok(()));
     // The mean of a second is that of its middle.

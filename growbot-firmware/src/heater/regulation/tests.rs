@@ -77,9 +77,9 @@ fn a_reading_that_nears_the_target_by_0_15_c_a_second_teaches_nothing() {
 fn what_there_is_not_is_not_given_and_teaches_nothing() {
     let robot = robot_a();
     let nozzle = nozzle(&robot, true);
-    for (reading_c, most) in [(150.0, 1.0), (250.0, 0.0)] {
+    for (reading_c, max) in [(150.0, 1.0), (250.0, 0.0)] {
         let mut regulation = Regulation { trim: 0.1, ..Regulation::default() };
-        assert_near(regulation.duty(200.0, reading_c, false, DT, &nozzle), most);
+        assert_near(regulation.duty(200.0, reading_c, false, DT, &nozzle), max);
         assert!(regulation.saturated());
         assert_near(regulation.trim(), 0.1);
         // And no longer so as soon as there is room.
@@ -93,14 +93,14 @@ fn what_there_is_not_is_not_given_and_teaches_nothing() {
 #[test]
 fn the_trim_goes_no_further_than_its_authority() {
     let robot = robot_a();
-    for (measured, most) in [(true, 0.35), (false, 0.55)] {
+    for (measured, max) in [(true, 0.35), (false, 0.55)] {
         let nozzle = nozzle(&robot, measured);
         for error in [1.0, -1.0] {
             let mut regulation = Regulation::default();
             for _ in 0..1000 {
                 regulation.duty(200.0, 200.0 - error, false, DT, &nozzle);
             }
-            assert_near(regulation.trim(), most * error);
+            assert_near(regulation.trim(), max * error);
         }
     }
 }
@@ -115,7 +115,7 @@ fn where_next_to_nothing_is_needed_the_trim_is_scaled_by_a_fiftieth_of_the_power
 }
 
 #[test]
-fn another_target_keeps_what_was_learned_and_forgets_the_wiggle() {
+fn another_target_keeps_what_was_learned_and_forgets_the_dither() {
     let robot = robot_a();
     let nozzle = nozzle(&robot, true);
     let mut regulation = Regulation { trim: 0.1, ..Regulation::default() };
@@ -128,23 +128,23 @@ fn another_target_keeps_what_was_learned_and_forgets_the_wiggle() {
     assert_near(regulation.trim, before.trim);
     assert_near(regulation.slope_c_per_s, before.slope_c_per_s);
     assert_eq!(regulation.previous_c, before.previous_c);
-    assert_near(regulation.phase(), 0.0);
+    assert_near(regulation.dither().phase, 0.0);
     assert_eq!((regulation.amplitude_c, regulation.saturated()), (None, false));
 }
 
 #[test]
-fn the_wiggle_goes_round_in_16_s() {
+fn the_dither_goes_round_in_16_s() {
     let robot = robot_a();
     let nozzle = nozzle(&robot, true);
     let mut regulation = Regulation::default();
-    assert_near(regulation.amplitude_c(), 0.35);
+    assert_near(regulation.dither().amplitude_c, 0.35);
     for step in 1..=200_u32 {
         regulation.duty(200.0, 200.0, true, DT, &nozzle);
-        assert_near(regulation.phase(), (step % 64) as f32 / 64.0);
+        assert_near(regulation.dither().phase, (step % 64) as f32 / 64.0);
     }
     // Without it, it stands.
     regulation.duty(200.0, 200.0, false, DT, &nozzle);
-    assert_near(regulation.phase(), 8.0 / 64.0);
+    assert_near(regulation.dither().phase, 8.0 / 64.0);
 }
 
 #[test]
@@ -156,7 +156,7 @@ fn target_and_power_swing_together() {
         let phase = step as f32 / 64.0;
         let mut regulation = Regulation { phase, ..Regulation::default() };
         let duty = regulation.duty(200.0, 200.0, true, DT, &nozzle);
-        let (sin, cos) = wiggle_at((phase + 1.0 / 64.0) % 1.0);
+        let (sin, cos) = dither_at((phase + 1.0 / 64.0) % 1.0);
         let in_reading = 0.35 * (sin - lag * cos) / (1.0 + lag * lag);
         let power = 12.0 * 0.35 * TAU / 16.0 * cos;
         assert_near(duty, (21.0 + power + 0.07 * in_reading * 50.0) / 50.0);
@@ -164,14 +164,14 @@ fn target_and_power_swing_together() {
 }
 
 #[test]
-fn the_wiggle_is_of_a_count_of_the_converter_within_its_bounds() {
+fn the_dither_is_of_a_count_of_the_adc_within_its_bounds() {
     for (pull_up_ohm, bounds) in [(4_700.0, (0.35, 0.35)), (25_000.0, (0.36, 0.69)), (40_000.0, (0.7, 0.7))] {
         let mut description = robot_a().description().clone();
         description.thermistor.pull_up_ohm = pull_up_ohm;
         let nozzle = Nozzle::new(&Demand::default(), &description);
         let mut regulation = Regulation::default();
         regulation.duty(200.0, 200.0, true, DT, &nozzle);
-        let amplitude = regulation.amplitude_c();
+        let amplitude = regulation.dither().amplitude_c;
         let count = 1.2 * nozzle.count_c(200.0);
         assert!(bounds.0 <= amplitude && amplitude <= bounds.1, "{amplitude} of {count}");
         assert!(amplitude.to_bits() == count.to_bits() || bounds.0.to_bits() == amplitude.to_bits());
@@ -179,9 +179,9 @@ fn the_wiggle_is_of_a_count_of_the_converter_within_its_bounds() {
 }
 
 #[test]
-fn the_wiggles_sine_and_cosine_are_those_of_its_phase() {
+fn sine_and_cosine_of_the_dither_are_those_of_its_phase() {
     for (phase, sin, cos) in [(0.0, 0.0, 1.0), (0.25, 1.0, 0.0), (0.5, 0.0, -1.0), (0.75, -1.0, 0.0)] {
-        let (found_sin, found_cos) = wiggle_at(phase);
+        let (found_sin, found_cos) = dither_at(phase);
         assert_near(found_sin, sin);
         assert_near(found_cos, cos);
     }

@@ -19,7 +19,7 @@ enum Phase {
     LettingDown,
     Standby,
     Returning,
-    //// Off after a growth, and then on again while the nozzle is still hot.
+    /// Off after a growth, and then on again while the nozzle is still hot.
     Again,
 }
 
@@ -83,8 +83,9 @@ fn bring(rig: &mut Rig, phase: Phase) {
     }
 }
 
-/// Goes on from a phase until the fault shows: which, how long after it came, or after the proof test that did not show it; or none.
-fn go_on(rig: &mut Rig, phase: Phase) -> Option<(Fault, f64)> {
+/// Runs on from a phase until a fault shows: the fault, and the time since it came or since the proof test that did not
+/// show it, s. None if no fault shows.
+fn run_to_fault(rig: &mut Rig, phase: Phase) -> Option<(Fault, f64)> {
     let mut fault = None;
     if matches!(phase, Phase::Before | Phase::Again) {
         rig.on(rig.robot.heater.target_c);
@@ -130,8 +131,8 @@ const WRONGS: [(&str, Draw); 11] = [
     ("draught", |_| Wrong::Draught(4.0)),
 ];
 
-/// The codes that are right, and the time within which one must come, s. Where the power is full on the way up, whatever
-/// keeps the reading down is too slow a heating.
+/// The codes that are right, and the time within which one must come, s. Where the power is full on the way up,
+/// whatever keeps the reading down is too slow a heating.
 fn expected(wrong: Wrong, phase: Phase) -> (&'static [Fault], f64) {
     use Fault::{
         HeaterEnergy, HeaterStuckOn, HeaterSwitchWelded, HeatingTooSlow, TemperatureDrop, ThermistorDetached,
@@ -177,7 +178,7 @@ fn expected(wrong: Wrong, phase: Phase) -> (&'static [Fault], f64) {
     }
 }
 
-/// Breaks everything in every phase on so many nozzles each.
+/// Breaks everything in every phase, on a nozzle for each seed.
 fn break_everything(seeds: core::ops::Range<u64>) {
     for (name, draw) in WRONGS {
         for phase in PHASES {
@@ -188,7 +189,7 @@ fn break_everything(seeds: core::ops::Range<u64>) {
                 bring(&mut rig, phase);
                 let wrong = draw(&mut random);
                 rig.wrong = wrong;
-                let found = go_on(&mut rig, phase);
+                let found = run_to_fault(&mut rig, phase);
                 let (right, within) = expected(wrong, phase);
                 let what = std::format!("{wrong:?} in {phase:?}, seed {seed}: {found:?}, peak {}", rig.peak_c);
                 match found {
@@ -203,8 +204,8 @@ fn break_everything(seeds: core::ops::Range<u64>) {
                 peak = peak.max(rig.peak_c);
             }
             times.sort_by(f64::total_cmp);
-            let (median, worst) = (times.get(times.len() / 2), times.last());
-            std::println!("{name:12} {phase:12?} {median:.1?} {worst:.1?} s, to {peak:.1} C, {codes:?}");
+            let (median, max) = (times.get(times.len() / 2), times.last());
+            std::println!("{name:12} {phase:12?} {median:.1?} {max:.1?} s, to {peak:.1} C, {codes:?}");
         }
     }
 }
@@ -216,7 +217,7 @@ fn every_fault_is_found_in_time_in_every_phase() {
     break_everything(first..first + number_from_environment("GROWBOT_NOZZLES", 6));
 }
 
-/// What is reckoned along is in single precision: added up for hours, it would no longer notice what is added.
+/// The models are in single precision: sums over hours would no longer notice what is added.
 #[test]
 fn hours_at_the_target_do_not_dull_supervision() {
     for (wrong, right, within) in [
@@ -228,7 +229,7 @@ fn hours_at_the_target_do_not_dull_supervision() {
         bring(&mut rig, Phase::Holding);
         rig.run(20.0 * 3600.0).unwrap();
         rig.wrong = wrong;
-        let found = go_on(&mut rig, Phase::Holding);
+        let found = run_to_fault(&mut rig, Phase::Holding);
         assert!(found.is_some_and(|(fault, after)| right.contains(&fault) && after <= within), "{wrong:?}: {found:?}");
     }
 }

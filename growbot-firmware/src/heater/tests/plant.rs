@@ -1,4 +1,4 @@
-//! A nozzle with its thermistor, and what may be wrong with them: on purpose not the model that supervision reckons with.
+//! A nozzle with its thermistor, and what may be wrong with them. It is on purpose not the model of the supervision.
 
 use growbot_core::robot::RobotDescription;
 
@@ -27,8 +27,8 @@ impl Random {
         self.0
     }
 
-    pub fn between(&mut self, least: f64, greatest: f64) -> f64 {
-        least + (greatest - least) * (self.next() >> 11) as f64 / (1u64 << 53) as f64
+    pub fn between(&mut self, min: f64, max: f64) -> f64 {
+        min + (max - min) * (self.next() >> 11) as f64 / (1u64 << 53) as f64
     }
 
     /// One of these.
@@ -49,25 +49,25 @@ impl Random {
 pub enum Wrong {
     #[default]
     Nothing,
-    /// The thermistor's wire is cut.
+    /// The thermistor's wire is open.
     Open,
     /// Its wires touch.
     Short,
-    /// The converter gives nothing.
+    /// The ADC gives nothing.
     Silent,
-    /// The converter gives the same number for ever.
+    /// The ADC gives the same number for ever.
     Frozen,
     /// The input holds its voltage; there is noise on it.
     Stuck,
     /// The thermistor has come out: it goes, with this time constant (s), to this share of the nozzle's warmth.
     Detached(f64, f64),
-    /// The heater's wire is cut.
+    /// The heater's wire is open.
     HeaterOpen,
     /// The power stage gives at least this duty.
     StuckOn(f64),
     /// The second switch is always closed.
     Welded,
-    /// So many times the loss.
+    /// A draught: this many times the loss.
     Draught(f64),
     /// No filament comes, and the fan stands, whatever is asked for.
     NoFlow,
@@ -92,7 +92,7 @@ pub struct Spread {
 }
 
 impl Spread {
-    /// Anything within so much, as a share: often the extremes, which are worst.
+    /// Drawn within a share to either side: often the extremes, which are the hardest.
     pub fn of(random: &mut Random, share: f64) -> Self {
         let mut near = |share: f64| {
             let even = random.between(-share, share);
@@ -128,11 +128,11 @@ pub struct Rig {
     pub peak_c: f64,
     /// What the switches do.
     pub output: Output,
-    held: u16,
+    latest: u16,
     conversions: u16,
 }
 
-/// A nozzle that is not hot after so long will never be.
+/// A nozzle that is not hot by then will never be.
 const LONGEST_HEATING_US: u64 = 1_000_000_000;
 
 pub const DT: f64 = PERIOD_US as f64 * 1e-6;
@@ -154,17 +154,17 @@ impl Rig {
             sensor_c: spread.ambient_c,
             peak_c: spread.ambient_c,
             output: Output::OFF,
-            held: 0,
+            latest: 0,
             conversions: 10,
         }
     }
 
-    /// One period: the nozzle goes on at the duty, then is read and regulated.
+    /// One period: the nozzle advances at the duty, then is read and regulated.
     pub fn step(&mut self) -> Result<(), Fault> {
         let Output { duty, closed } = self.output;
         let duty = match self.wrong {
             Wrong::HeaterOpen => 0.0,
-            Wrong::StuckOn(least) if closed => duty.max(least),
+            Wrong::StuckOn(min) if closed => duty.max(min),
             Wrong::Welded => duty,
             _ if closed => duty,
             _ => 0.0,
@@ -196,16 +196,16 @@ impl Rig {
             let raw = libm::rint(exact + noise).clamp(0.0, f64::from(FULL_SCALE)) as u16;
             match self.wrong {
                 Wrong::Silent => {}
-                Wrong::Open => sampler.take(FULL_SCALE),
-                Wrong::Short => sampler.take(0),
-                Wrong::Frozen => sampler.take(self.held),
+                Wrong::Open => sampler.add(FULL_SCALE),
+                Wrong::Short => sampler.add(0),
+                Wrong::Frozen => sampler.add(self.latest),
                 _ => {
-                    self.held = raw;
-                    sampler.take(raw);
+                    self.latest = raw;
+                    sampler.add(raw);
                 }
             }
         }
-        let output = self.heater.update(sampler.mean(), &demand, &self.robot, self.now);
+        let output = self.heater.update(sampler.pop_mean(), &demand, &self.robot, self.now);
         self.output = output.unwrap_or(Output::OFF);
         output.map(|_| ())
     }
@@ -233,7 +233,7 @@ impl Rig {
         self.heater.set_target(celsius, self.now);
     }
 
-    /// Steps for so long.
+    /// Steps for a time.
     pub fn run(&mut self, seconds: f64) -> Result<(), Fault> {
         for _ in 0..(seconds / DT) as u64 {
             self.step()?;
@@ -251,7 +251,7 @@ impl Rig {
         Ok(())
     }
 
-    /// Heats, grows, waits, lets the nozzle down and heats again, for so many hours, as a robot may in its life.
+    /// Heats, grows, waits, lets the nozzle down and heats again for some hours, as a robot may in its life.
     pub fn live(&mut self, hours: f64) -> Result<(), Fault> {
         let until = self.now + (hours * 3.6e9) as u64;
         let (target, hold) = (self.robot.heater.target_c, self.robot.hold);

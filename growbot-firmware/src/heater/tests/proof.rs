@@ -33,7 +33,7 @@ fn the_duty_is_that_of_the_power_stage_from_the_first_stage_to_a_fault() {
         let mut rig = Rig::new(Spread::of(&mut Random::new(1), 0.0), 1);
         rig.wrong = wrong;
         rig.on(rig.robot.heater.target_c);
-        let mut greatest = 0.0_f64;
+        let mut max_duty = 0.0_f64;
         let ended = loop {
             if let Err(fault) = rig.step() {
                 break Some(fault);
@@ -42,9 +42,9 @@ fn the_duty_is_that_of_the_power_stage_from_the_first_stage_to_a_fault() {
                 break None;
             }
             assert_eq!(rig.heater.duty().to_bits(), rig.output.duty.to_bits());
-            greatest = greatest.max(rig.heater.duty());
+            max_duty = max_duty.max(rig.heater.duty());
         };
-        assert_eq!((ended, greatest), (fault, duty), "{wrong:?}");
+        assert_eq!((ended, max_duty), (fault, duty), "{wrong:?}");
         if fault.is_some() {
             assert_eq!(rig.heater.duty(), duty, "what it was when the fault came");
         }

@@ -1,4 +1,4 @@
-//! How well the temperature is kept.
+//! The precision of the regulation.
 
 use growbot_core::link::message::{Fault, Tuned};
 
@@ -39,7 +39,7 @@ fn tune(rig: &mut Rig) -> Result<Tuned, Fault> {
     rig.heater.tune(200.0, rig.now);
     loop {
         rig.step()?;
-        if let Some(tuned) = rig.heater.take_tuned() {
+        if let Some(tuned) = rig.heater.pop_tuned() {
             assert_eq!((rig.heater.target(), rig.heater.duty()), (None, 0.0), "it is off when it is done");
             // As a nozzle with lag swings about a hysteresis of 0.4 C or more.
             assert!((0.4..5.0).contains(&tuned.amplitude_c), "{tuned:?}");
@@ -93,7 +93,7 @@ fn a_sensor_that_fails_ends_the_tuning() {
             let whole = rig.random.between(5.0, 60.0);
             rig.run(whole).unwrap();
             rig.wrong = wrong;
-            let fault = tune_on(&mut rig);
+            let fault = tune_to_fault(&mut rig);
             assert!(fault.is_some() && rig.peak_c < 245.0, "{wrong:?}, seed {seed}: {fault:?}, {}", rig.peak_c);
         }
     }
@@ -109,12 +109,12 @@ fn a_reading_that_does_not_swing_for_90_s_ends_the_tuning() {
     }
     rig.wrong = Wrong::Stuck;
     let begin = rig.now;
-    assert_eq!(tune_on(&mut rig), Some(Fault::ThermistorFrozen));
+    assert_eq!(tune_to_fault(&mut rig), Some(Fault::ThermistorFrozen));
     let seconds = (rig.now - begin) as f64 * 1e-6;
     assert!((89.0..=91.0).contains(&seconds), "after {seconds} s");
 }
 
-/// Goes on tuning until something is wrong.
-fn tune_on(rig: &mut Rig) -> Option<Fault> {
+/// Continues tuning until a fault shows.
+fn tune_to_fault(rig: &mut Rig) -> Option<Fault> {
     (0..3000).find_map(|_| rig.step().err())
 }

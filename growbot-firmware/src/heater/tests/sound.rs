@@ -3,7 +3,8 @@
 use super::plant::{Random, Rig, Spread, Wrong};
 use crate::testing::number_from_environment;
 
-/// Lives of an hour each. A third of the nozzles has no measured supply; for a sixth, filament and fan take no heat, as in a jam.
+/// Lives of an hour each. A third of the nozzles has no measured supply; for a sixth, filament and fan take no heat, as
+/// in a jam.
 fn live(seeds: core::ops::Range<u64>) {
     for seed in seeds {
         let mut random = Random::new(seed);

@@ -72,7 +72,7 @@ fn without_a_reading_it_waits_for_400_ms() {
 }
 
 #[test]
-fn the_greatest_temperature_itself_may_be_read() {
+fn the_max_temperature_itself_may_be_read() {
     let mut robot = robot();
     let raw = reading(239.0, &robot.thermistor);
     robot.heater.max_c = temperature(raw, &robot.thermistor).unwrap();
@@ -106,18 +106,18 @@ fn it_is_blind_where_power_flows_on_an_old_reading() {
 }
 
 #[test]
-fn the_power_is_wiggled_within_two_bands_of_the_target() {
+fn the_power_is_dithered_within_two_bands_of_the_target() {
     let robot = robot();
     let raw = reading(150.0, &robot.thermistor);
     let reading_c = temperature(raw, &robot.thermistor).unwrap() as f32;
     // The band is 3 C.
-    for (off, wiggles) in [(5.9, true), (6.0, false), (6.1, false), (-5.9, true), (-6.1, false)] {
+    for (off, dithers) in [(5.9, true), (6.0, false), (6.1, false), (-5.9, true), (-6.1, false)] {
         let mut heater = Heater { target: Some(f64::from(reading_c + off)), ..Heater::default() };
         for now in [1, 1 + PERIOD_US] {
             let demand = Demand { supply_v: Some(12.0), ..Demand::default() };
             heater.update(Some(raw), &demand, &robot, now).unwrap();
         }
-        assert_eq!(heater.regulation.phase() > 0.0, wiggles, "{off}");
+        assert_eq!(heater.regulation.dither().phase > 0.0, dithers, "{off}");
     }
 }
 
@@ -185,9 +185,9 @@ fn what_tuning_found_is_given_once_and_not_lost_before() {
     let mut heater = Heater { tuned: Some(TUNED), ..Heater::default() };
     heater.switch_off();
     heater.switch_on(200.0, 0);
-    assert_eq!(heater.take_tuned(), Some(TUNED));
-    assert_eq!(heater.take_tuned(), None);
+    assert_eq!(heater.pop_tuned(), Some(TUNED));
+    assert_eq!(heater.pop_tuned(), None);
     heater.tuned = Some(TUNED);
     heater.tune(200.0, 0);
-    assert_eq!(heater.take_tuned(), None, "a new search forgets the one before");
+    assert_eq!(heater.pop_tuned(), None, "a new search forgets the one before");
 }

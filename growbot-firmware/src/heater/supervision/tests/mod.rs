@@ -1,0 +1,79 @@
+//! Each limit of the supervision, from both sides, in numbers that single precision has exactly.
+
+mod changes;
+mod dither;
+mod hot;
+mod models;
+mod standing;
+
+use std::boxed::Box;
+use std::sync::LazyLock;
+
+use super::*;
+use crate::heater::Demand;
+use crate::testing::robot_a;
+
+/// Between two looks, s.
+const DT: f32 = 0.25;
+const TARGET_C: f32 = 200.0;
+
+/// The nozzle of robot A: 50 W, 12 J/K, 0.12 W/K, a band of 3 C, 240 C at upper.
+fn nozzle(measured: bool) -> &'static Nozzle<'static> {
+    static MEASURED_OR_NOT: LazyLock<[Nozzle; 2]> = LazyLock::new(|| {
+        let robot = Box::leak(Box::new(robot_a()));
+        let supplies = [Some(robot.description().supply.nominal_v), None];
+        supplies.map(|supply_v| Nozzle::new(&Demand { supply_v, ..Demand::default() }, robot.description()))
+    });
+    let [known, unknown] = &*MEASURED_OR_NOT;
+    if measured { known } else { unknown }
+}
+
+const STEADY: Regulated = Regulated { trim: 0.0, saturated: false, dither: None };
+
+/// What is compared of a hot nozzle at its target, without power.
+fn at(reading_c: f32) -> Look<'static> {
+    let nozzle = nozzle(true);
+    Look { reading_c, target_c: TARGET_C, duty: 0.0, seconds: DT, hot: true, regulated: Some(STEADY), nozzle }
+}
+
+/// A change of a model that does not lag.
+const fn by(change: f32) -> Change {
+    Change { prompt: change, late: change, late_rate: 0.0 }
+}
+
+/// An earlier moment, from which all changes count.
+fn mark(age_s: f32, reading_c: f32) -> Mark {
+    Mark { age_s, reading_c, lower: by(0.0), nominal: by(0.0), upper: by(0.0), fall_c: 0.0 }
+}
+
+/// A supervision that looks back at this moment only.
+fn since(age_s: f32, reading_c: f32) -> Supervision {
+    let mut supervision = Supervision::default();
+    let _ = supervision.marks.push_back(mark(age_s, reading_c));
+    supervision
+}
+
+/// The number of looks in a row without a fault, up to `max`.
+fn looks_without_fault(max: u32, mut look: impl FnMut() -> Option<Fault>) -> (u32, Option<Fault>) {
+    for looks in 0..max {
+        if let Some(fault) = look() {
+            return (looks, Some(fault));
+        }
+    }
+    (max, None)
+}
+
+/// Advances the models for a time at this duty.
+fn run(supervision: &mut Supervision, look: &Look, seconds: f32) {
+    for _ in 0..(seconds / DT) as u32 {
+        supervision.advance_models(look);
+    }
+}
+
+fn assert_near(value: f32, expected: f32) {
+    assert!((value - expected).abs() <= 2e-3 * expected.abs().max(0.1), "{value}, not {expected}");
+}
+
+fn still(reading_c: f32) -> Still {
+    Still { reading_c, seconds: 0.0, dithered_s: 0.0, nominal: by(0.0) }
+}
