@@ -1,17 +1,18 @@
-//! A queue of bytes between a board's main loop and the interrupt of its line.
+//! A queue of bytes between a board's main loop and the interrupt of its UART.
 //!
 //! heapless has one for any items; it divides by the length of a buffer that the compiler does not know, and so leaves
 //! panics in the firmware.
 
 use core::sync::atomic::{AtomicU8, AtomicUsize, Ordering};
 
-/// Up to `N` bytes, `N` being a power of two. One side adds, the other takes, either may interrupt the other.
+/// Up to `N` bytes, `N` being a power of two. One side adds and the other removes; either may interrupt the other.
 #[derive(Debug)]
 pub struct ByteQueue<const N: usize> {
     bytes: [AtomicU8; N],
-    /// How many have been added and taken, wrapping.
+    /// Number of bytes added, wrapping.
     added: AtomicUsize,
-    taken: AtomicUsize,
+    /// Number of bytes removed, wrapping.
+    removed: AtomicUsize,
 }
 
 impl<const N: usize> ByteQueue<N> {
@@ -20,12 +21,12 @@ impl<const N: usize> ByteQueue<N> {
     pub const fn new() -> Self {
         // Else bytes would be lost where the counts wrap.
         const { assert!(N.is_power_of_two()) };
-        Self { bytes: [const { AtomicU8::new(0) }; N], added: AtomicUsize::new(0), taken: AtomicUsize::new(0) }
+        Self { bytes: [const { AtomicU8::new(0) }; N], added: AtomicUsize::new(0), removed: AtomicUsize::new(0) }
     }
 
     /// Whether there is room for another byte.
     pub fn ready(&self) -> bool {
-        self.added.load(Ordering::Relaxed).wrapping_sub(self.taken.load(Ordering::Acquire)) < N
+        self.added.load(Ordering::Relaxed).wrapping_sub(self.removed.load(Ordering::Acquire)) < N
     }
 
     /// Adds a byte.
@@ -42,14 +43,14 @@ impl<const N: usize> ByteQueue<N> {
         Ok(())
     }
 
-    /// Takes the oldest byte.
+    /// Removes the oldest byte.
     pub fn dequeue(&self) -> Option<u8> {
-        let taken = self.taken.load(Ordering::Relaxed);
-        if self.added.load(Ordering::Acquire) == taken {
+        let removed = self.removed.load(Ordering::Relaxed);
+        if self.added.load(Ordering::Acquire) == removed {
             return None;
         }
-        let byte = self.bytes[taken % N].load(Ordering::Relaxed);
-        self.taken.store(taken.wrapping_add(1), Ordering::Release);
+        let byte = self.bytes[removed % N].load(Ordering::Relaxed);
+        self.removed.store(removed.wrapping_add(1), Ordering::Release);
         Some(byte)
     }
 }

@@ -1,15 +1,13 @@
-//! The controller: what the robot does, and when.
+//! The controller: answers the host, stores the job's layers, heats, homes, hands one layer after the other to the step
+//! engine, reports each as it is laid, and switches everything off on request, when done, and when anything is wrong.
 //!
-//! Duties: answer the host, hold the job's layers, heat, home, hand one layer after the other to the step engine,
-//! report each as it is laid, and switch everything off when told to, when done, and when anything is wrong.
+//! The table in [`crate::safety::transitions`] says where each event leads. Heating comes before any motion of the
+//! head, since the nozzle may stick in cold plastic. A reset never heats or moves by itself.
 //!
-//! Where each event leads is the table in [`crate::safety::transitions`]. Heating comes before any motion of the head,
-//! since cold plastic may hold the nozzle. A reset never heats or moves by itself.
-//!
-//! - `requests`: what the host asks for;
-//! - `job`: the plan under way, its layers, and what the journal knows of them;
-//! - `supervising`: ten times a second: temperature, sensors, watchdog; and what happens when something is wrong;
-//! - `growing`: the orders to the step engine: homing, layers, filament pulled back round holds.
+//! - `requests`: the requests of the host;
+//! - `job`: the plan under way, its layers, and their records in the journal;
+//! - `supervising`: temperature, sensors and watchdog, ten times a second, and the reaction to a fault;
+//! - `growing`: the orders to the step engine: homing, layers, filament pulled back for a pause.
 //!
 //! The controller never waits: [`Controller::poll`] is called at least every 20 ms with a clock in us, and returns.
 
@@ -38,26 +36,35 @@ use crate::safety::retained::{Copies, Retained, UnderWay};
 use crate::safety::transitions::{Event, after, may_heat};
 use crate::stepping::Handover;
 
-/// What a board knows about its own start.
+/// Facts about the start of a board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Identity {
-    /// Another number at each start.
+    /// A number that differs at each start.
     pub boot_id: u32,
-    /// Why it started.
+    /// The cause of the start.
     pub reset_cause: ResetCause,
-    /// What the check of its firmware's image has found.
+    /// The result of the check of its firmware's image.
     pub image: ImageCheck,
-    /// The latest crash of its firmware, as far as that is still known.
+    /// The latest crash of its firmware, if its record is whole.
     pub crash: Option<CrashWords>,
     /// The crystal did not start: the board runs on an oscillator that is too inexact to heat by.
     pub without_crystal: bool,
 }
 
 impl Identity {
-    /// Whether the image is known to be another one than was meant.
+    /// Whether the image is known to differ from what was sealed.
     pub(crate) fn is_corrupt(&self) -> bool {
         matches!(self.image, ImageCheck::Corrupt { .. })
     }
+}
+
+/// Watches that the step interrupt runs.
+#[derive(Debug, Clone, Copy, Default)]
+struct TickWatch {
+    /// Ticks of the step interrupt at the latest look.
+    ticks: u32,
+    /// Looks in a row at which they had not changed.
+    looks_without: u8,
 }
 
 /// The controller of one robot.
@@ -80,22 +87,21 @@ pub struct Controller<B: Board> {
     inputs: Inputs,
     readings: SensorReadings,
     proof: ProofOfLife,
-    /// Ticks of the step interrupt at the latest look, and looks since they stood still.
-    ticks: (u32, u8),
-    /// The step interrupt stopped while it may have held motors.
-    holds_motors: bool,
+    ticks: TickWatch,
+    /// The step interrupt stopped while motors may have been energised.
+    motors_energised: bool,
     /// Emergency stops by the link that have been obeyed.
     calls: u32,
     /// Sectors made of the layer under way, as last retained.
     sectors: u8,
-    /// When the state was entered, us.
+    /// The time at which the state was entered, us.
     since: u64,
     next_update: u64,
     now: u64,
 }
 
 impl<B: Board> Controller<B> {
-    /// A controller with everything off: about to test itself, or with the fault of the boot before.
+    /// A controller with everything off, in its self-test or with the fault of the boot before.
     pub fn new(robot: Robot, identity: Identity, mut parts: Parts<B>, handover: &Handover) -> Self {
         let (copies, retained) = Copies::find(&mut parts.retained);
         let unknown = retained.err();
@@ -117,8 +123,8 @@ impl<B: Board> Controller<B> {
             inputs: Inputs::default(),
             readings: SensorReadings::default(),
             proof: ProofOfLife::default(),
-            ticks: (0, 0),
-            holds_motors: false,
+            ticks: TickWatch::default(),
+            motors_energised: false,
             calls: handover.calls(),
             sectors: 0,
             since: 0,
@@ -131,43 +137,43 @@ impl<B: Board> Controller<B> {
         controller
     }
 
-    /// Takes a byte from the host. (An emergency stop among them is recognised before, where the byte arrives.)
+    /// Ingests a byte from the host. (An emergency stop is recognised before, where the byte arrives.)
     pub fn receive(&mut self, byte: u8, handover: &Handover) {
         if let Some(Ok(frame)) = self.link.receive(byte) {
             self.serve(&frame, handover);
         }
     }
 
-    /// The next byte for the host.
+    /// Pops the next byte for the host.
     pub fn transmit(&mut self) -> Option<u8> {
         self.link.transmit()
     }
 
-    /// What the robot is doing.
+    /// The state of the robot.
     #[must_use]
     pub fn state(&self) -> State {
         self.state
     }
 
-    /// The fault that is latched.
+    /// The latched fault.
     #[must_use]
     pub fn fault(&self) -> Option<Fault> {
         self.fault
     }
 
-    /// Layers of the job that are laid.
+    /// Number of layers of the job that are laid.
     #[must_use]
     pub fn laid(&self) -> u32 {
         self.job.laid
     }
 
-    /// What the nozzle is regulated to, degrees Celsius; none with the heater off.
+    /// The target of the nozzle's temperature, degrees Celsius; none with the heater off.
     #[must_use]
     pub fn target_c(&self) -> Option<f64> {
         self.heater.target()
     }
 
-    /// Does what is due at this time (us since the start).
+    /// Does everything that is due at a time, us since the start.
     pub fn poll(&mut self, now: u64, handover: &Handover) {
         self.now = now;
         if let Some(raw) = self.parts.thermistor.sample() {
@@ -185,39 +191,39 @@ impl<B: Board> Controller<B> {
             self.next_update = now.saturating_add(heater::PERIOD_US);
             self.supervise(handover);
         }
-        if let Some(report) = handover.take_report() {
+        if let Some(report) = handover.pop_report() {
             self.handle_report(report, handover);
         }
         self.proceed(handover);
-        self.tell_layers();
+        self.report_layers();
         self.link.send_events(now);
     }
 
-    /// Whatever else there is to do, this comes first.
+    /// Switches everything off after an emergency stop. It comes before everything else.
     fn obey_emergency_stop(&mut self, handover: &Handover) {
         let calls = handover.calls();
         if handover.emergency_stop() || calls != self.calls {
-            self.stop_at_once(handover);
+            self.latch_emergency_stop(handover);
         }
         if calls != self.calls {
             self.calls = calls;
-            self.link.call_out(&Message::StoppedAtOnce(Empty {}));
+            self.link.broadcast(&Message::StoppedAtOnce(Empty {}));
         }
     }
 
-    /// Goes where the table says. False where the event means nothing in this state.
+    /// Enters the state that the table says. False where the event means nothing in this state.
     fn happens(&mut self, event: Event) -> bool {
         let Some(state) = after(self.state, event) else { return false };
         if self.state != state {
             self.state = state;
             self.since = self.now;
             self.retain();
-            self.link.tell(link::Event::State(StateChanged { state, fault: self.fault }));
+            self.link.push_event(link::Event::State(StateChanged { state, fault: self.fault }));
         }
         true
     }
 
-    /// Since when the state has been what it is, us.
+    /// The time since the state was entered, us.
     fn in_state_us(&self) -> u64 {
         self.now.saturating_sub(self.since)
     }
@@ -230,7 +236,7 @@ impl<B: Board> Controller<B> {
         self.copies.write(&mut self.parts.retained, &self.retained);
     }
 
-    /// What the host is told about all this.
+    /// The status for the host.
     fn status(&self) -> Status {
         Status {
             state: self.state,

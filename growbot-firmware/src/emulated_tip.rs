@@ -342,7 +342,7 @@ pub const fn index_level(head_steps: i32, steps_per_turn: u32, position: u32, wi
 
 /// Where the filament's encoder goes on from, and how.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct EncoderCourse {
+pub struct EncoderMapping {
     /// [`ENCODER_ORIGIN`].
     pub origin: i32,
     /// [`ENCODER_PHASE`].
@@ -354,13 +354,13 @@ pub struct EncoderCourse {
 /// Level of the filament's encoder (`true` is high) for a feed at `feed_steps`, as the encoder's words describe it.
 ///
 /// ```
-/// use growbot_firmware::emulated_tip::{ENCODER_TURNS, EncoderCourse, encoder_level};
+/// use growbot_firmware::emulated_tip::{ENCODER_TURNS, EncoderMapping, encoder_level};
 /// // An edge every 112.5 steps.
-/// let (pitch, course) = (225 * 128, EncoderCourse::default());
+/// let (pitch, course) = (225 * 128, EncoderMapping::default());
 /// let level = |steps| encoder_level(steps, pitch, ENCODER_TURNS, course);
 /// assert!(level(0) && level(56) && !level(57) && !level(112) && level(113) && !level(-1));
 /// ```
-pub const fn encoder_level(feed_steps: i32, pitch: u32, state: u32, course: EncoderCourse) -> bool {
+pub const fn encoder_level(feed_steps: i32, pitch: u32, state: u32, course: EncoderMapping) -> bool {
     match state {
         ENCODER_STANDS_LOW => false,
         ENCODER_STANDS_HIGH => true,
@@ -417,7 +417,7 @@ mod tests {
 
     #[test]
     fn the_encoder_stands_where_the_filament_does() {
-        let course = EncoderCourse::default();
+        let course = EncoderMapping::default();
         assert!(!encoder_level(0, 0, ENCODER_TURNS, course));
         assert!(!encoder_level(0, 100 * 256, ENCODER_STANDS_LOW, course));
         assert!(encoder_level(70, 100 * 256, ENCODER_STANDS_HIGH, course));
@@ -425,19 +425,19 @@ mod tests {
     }
 
     /// Rising edges of the encoder in 100,000 steps, 112.5 steps a pulse.
-    fn rises(course: EncoderCourse) -> usize {
+    fn rises(course: EncoderMapping) -> usize {
         let level = |step| encoder_level(step, 225 * 128, ENCODER_TURNS, course);
         (1..=100_000).filter(|step| level(*step) && !level(step - 1)).count()
     }
 
     #[test]
     fn the_encoder_turns_as_far_as_the_filament_that_slips() {
-        assert_eq!(rises(EncoderCourse { slip: -65_536 / 10, ..EncoderCourse::default() }), 800);
-        assert_eq!(rises(EncoderCourse { slip: 65_536 / 4, ..EncoderCourse::default() }), 1111);
+        assert_eq!(rises(EncoderMapping { slip: -65_536 / 10, ..EncoderMapping::default() }), 800);
+        assert_eq!(rises(EncoderMapping { slip: 65_536 / 4, ..EncoderMapping::default() }), 1111);
         // From one course to the next it goes on where it was.
-        let (pitch, before) = (225 * 128, EncoderCourse { origin: 0, phase: 0, slip: 6554 });
+        let (pitch, before) = (225 * 128, EncoderMapping { origin: 0, phase: 0, slip: 6554 });
         let phase = ((70_i64 * 256 + ((70 * 6554) >> 8)) % i64::from(pitch)) as u32;
-        let after = EncoderCourse { origin: 70, phase, slip: -6554 };
+        let after = EncoderMapping { origin: 70, phase, slip: -6554 };
         let level = |course| encoder_level(70, pitch, ENCODER_TURNS, course);
         assert_eq!(level(before), level(after));
     }

@@ -1,16 +1,16 @@
-//! The layers that the board holds: those accepted and not yet laid.
+//! The layers that the board stores: those accepted and not yet laid.
 
 use growbot_core::layer_bytes::LayerBytes;
 use heapless::Deque;
 
-/// How many layers the board holds: 3.2 m of robot A.
+/// Number of layers that the board stores: 3.2 m of robot A.
 pub const CAPACITY: usize = 4096;
 
 /// Layers of one job, in order. Those laid make room for those to come.
 #[derive(Debug, Default)]
 pub struct LayerStore {
     layers: Deque<LayerBytes, CAPACITY>,
-    /// Index, in the job, of the first layer held.
+    /// Index, in the job, of the first layer stored.
     first: u32,
 }
 
@@ -21,13 +21,13 @@ impl LayerStore {
         Self { layers: Deque::new(), first: 0 }
     }
 
-    /// Forgets everything; the next layer is this one.
+    /// Clears the store. The next layer has this index.
     pub fn restart(&mut self, first: u32) {
         self.layers.clear();
         self.first = first;
     }
 
-    /// Forgets the layers from this one on.
+    /// Drops the layers from this index on.
     pub fn truncate(&mut self, index: u32) {
         let keep = index.saturating_sub(self.first) as usize;
         while self.layers.len() > keep {
@@ -35,19 +35,19 @@ impl LayerStore {
         }
     }
 
-    /// Index of the next layer to be taken in.
+    /// Index of the next layer to be pushed.
     #[must_use]
     pub fn next_index(&self) -> u32 {
         self.first + self.layers.len() as u32
     }
 
-    /// Room for so many more.
+    /// Number of layers for which there is room.
     #[must_use]
     pub fn room(&self) -> u32 {
         (CAPACITY - self.layers.len()) as u32
     }
 
-    /// Takes in the next layer. False if there is no room.
+    /// Pushes the next layer. False if there is no room.
     #[must_use]
     // So the layer is known to lie outside of the store, and copying it needs no `memmove`, 1.5 kB of flash.
     #[inline(never)]
@@ -55,14 +55,14 @@ impl LayerStore {
         self.layers.push_back(layer).is_ok()
     }
 
-    /// The layer of this index, if it is held.
+    /// The layer of this index, if it is stored.
     #[must_use]
     pub fn get(&self, index: u32) -> Option<LayerBytes> {
         let offset = usize::try_from(index.checked_sub(self.first)?).ok()?;
         self.layers.get(offset).copied()
     }
 
-    /// Drops the first layer held, which has been laid.
+    /// Drops the first layer stored, which has been laid.
     pub fn drop_first(&mut self) {
         if self.layers.pop_front().is_some() {
             self.first += 1;

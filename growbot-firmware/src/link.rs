@@ -1,7 +1,7 @@
-//! The board's end of the link: frames in, frames out, the session, and events until a host has them.
+//! The board's end of the link: received and sent frames, the session, and events until a host has acknowledged them.
 //!
-//! Both directions are reliable. A host repeats a request until it is answered; one that comes again is answered as the
-//! first time and not carried out again. Events wait until the host acknowledges them, and are sent again until then.
+//! Both directions are reliable. A host repeats a request until it is answered; a repeated request is answered like the
+//! first time and not carried out again. Events wait until the host acknowledges them, and are repeated until then.
 
 use growbot_core::link::frame::{
     self, Frame, FrameError, Header, LONGEST_BODY, LONGEST_FRAME, Receiver, is_after, next,
@@ -9,27 +9,26 @@ use growbot_core::link::frame::{
 use growbot_core::link::message::{HostName, Laid, Message, StateChanged, Tuned};
 use heapless::Deque;
 
-/// Bytes that wait to be sent: some frames.
+/// Capacity of the queue of bytes to send: some frames.
 const OUTBOX: usize = 1024;
-/// Room that events leave free, so that a request can always be answered.
+/// Bytes of that queue that events leave free, so that a request can always be answered.
 const RESERVED_FOR_ANSWERS: usize = LONGEST_FRAME;
-/// Events that wait to be acknowledged.
+/// Capacity of the queue of events to be acknowledged.
 const EVENTS: usize = 16;
 /// The kind of a frame that only acknowledges events.
-const HEARD: u8 = 0x0E;
-/// Layers wait outside, where they are kept anyway: of these events there are never more, which leaves room for the
-/// others.
+const ACK: u8 = 0x0E;
+/// The max number of layers among these events, which leaves room for the others. Further layers wait in the journal.
 const MAX_LAID: usize = EVENTS - 4;
-/// Sessions that are over and whose delayed frames must not open them again.
+/// Number of closed sessions that are remembered, so that their delayed frames do not open them again.
 const CLOSED: usize = 4;
-/// A host that has not been heard for so long is silent, us.
+/// A host from which nothing was received for this time is silent, us.
 pub const SILENCE_US: u64 = 10_000_000;
-/// Events are sent again after so long without an acknowledgement, us; twice that after each time,
+/// Events are repeated after this time without an acknowledgement, us. The time doubles with each repetition.
 const RESEND_US: u64 = 400_000;
-/// up to this.
-const SLOWEST_RESEND_US: u64 = 3_200_000;
+/// The max time between two repetitions, us.
+const MAX_RESEND_US: u64 = 3_200_000;
 
-/// What a host must hear.
+/// An event that a host must receive.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Event {
     /// A layer is laid.
@@ -50,33 +49,47 @@ impl Event {
     }
 }
 
-/// The session that is open.
+/// The repetition of events that are not acknowledged.
+#[derive(Debug, Clone, Copy)]
+struct Resend {
+    /// The time of the next repetition, us.
+    due: u64,
+    /// The time between two repetitions, us.
+    pause: u64,
+}
+
+impl Resend {
+    fn after(pause: u64, now: u64) -> Self {
+        Self { due: now.saturating_add(pause), pause }
+    }
+}
+
+/// The open session.
 #[derive(Debug)]
 struct Session {
     id: u32,
     host: HostName,
-    /// When its host was last heard, us.
-    heard: u64,
+    /// The time at which a frame of its host was last received, us.
+    received: u64,
     /// Number of the latest request.
     request: u16,
-    /// What that request was answered.
+    /// The answer to that request.
     answer: Option<Message>,
-    /// Number of the first event that waits.
+    /// Number of the first waiting event.
     first_event: u16,
-    /// How many of the events that wait have been sent since the latest repetition.
+    /// Number of the waiting events that have been sent since the latest repetition.
     sent: usize,
-    /// When the events are sent again unless one is acknowledged, us, and how long that takes.
-    resend: (u64, u64),
+    resend: Resend,
 }
 
-/// What is to be done with a frame.
+/// How a frame is to be handled.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Arrival {
-    /// A request of the session that is open, for the first time.
+    /// A request of the open session, received for the first time.
     New,
-    /// A request that belongs to no session that is open.
+    /// A request outside of the open session.
     Outside,
-    /// Nothing: it was answered again, or is too old to matter.
+    /// A frame with nothing left to do: it was answered again, or is too old to matter.
     Settled,
 }
 
@@ -91,33 +104,33 @@ pub struct Link {
 }
 
 impl Link {
-    /// Takes a byte that arrived. Where it ends a frame, that frame; what is no frame is passed over, since its sender
-    /// will repeat it.
+    /// Ingests a byte that arrived. Returns the frame that it ends. What is no frame is an error to be passed over, since its
+    /// sender will repeat it.
     pub fn receive(&mut self, byte: u8) -> Option<Result<Frame, FrameError>> {
         self.receiver.push(byte)
     }
 
-    /// The next byte to send.
+    /// Pops the next byte to send.
     pub fn transmit(&mut self) -> Option<u8> {
         self.outbox.pop_front()
     }
 
-    /// Opens a session with the request that asks for it; one that was open is over.
+    /// Opens a session with the request that asks for it. A session that was open is closed.
     pub fn open(&mut self, header: &Header, host: HostName, now: u64) {
         self.close();
         self.session = Some(Session {
             id: header.session,
             host,
-            heard: now,
+            received: now,
             request: header.seq,
             answer: None,
             first_event: 1,
             sent: 0,
-            resend: (now, RESEND_US),
+            resend: Resend { due: now, pause: RESEND_US },
         });
     }
 
-    /// Closes the session: its host says goodbye, or is given up.
+    /// Closes the session, when its host says goodbye or is given up.
     pub fn close(&mut self) {
         if let Some(session) = self.session.take() {
             if self.closed.is_full() {
@@ -126,44 +139,44 @@ impl Link {
             // There is room now.
             let _ = self.closed.push_back(session.id);
         }
-        // What happened before is told by the status.
+        // The status says what happened before.
         self.events.clear();
     }
 
-    /// Whether a session with this number is over, and must not be opened again.
+    /// Whether the session with this number is closed, and must not be opened again.
     #[must_use]
-    pub fn is_over(&self, session: u32) -> bool {
+    pub fn is_closed(&self, session: u32) -> bool {
         self.closed.iter().any(|closed| *closed == session)
     }
 
-    /// Whether this is the session that is open.
+    /// Whether the session with this number is open.
     #[must_use]
     pub fn is_open(&self, session: u32) -> bool {
         self.session.as_ref().is_some_and(|open| open.id == session)
     }
 
-    /// The host that holds the board, and since when it has not been heard, us. None once it has been silent for too
+    /// The host that owns the board, and the time since a frame of it was received, us. None once it has been silent for too
     /// long.
     #[must_use]
-    pub fn holder(&self, now: u64) -> Option<(&HostName, u64)> {
+    pub fn owner(&self, now: u64) -> Option<(&HostName, u64)> {
         let session = self.session.as_ref()?;
-        let silent = now.saturating_sub(session.heard);
+        let silent = now.saturating_sub(session.received);
         (silent < SILENCE_US).then_some((&session.host, silent))
     }
 
-    /// Takes note of a frame: that its host lives, and which events it has. Tells what is to be done with it.
-    pub fn note(&mut self, header: &Header, now: u64) -> Arrival {
+    /// Ingests the header of a frame: its host lives, and acknowledges events. Returns how the frame is to be handled.
+    pub fn ingest(&mut self, header: &Header, now: u64) -> Arrival {
         let Some(session) = self.session.as_mut().filter(|session| session.id == header.session) else {
             return Arrival::Outside;
         };
-        session.heard = now;
+        session.received = now;
         while session.sent > 0 && header.ack != 0 && !is_after(session.first_event, header.ack) {
             self.events.pop_front();
             session.first_event = next(session.first_event);
             session.sent -= 1;
-            session.resend = (now.saturating_add(RESEND_US), RESEND_US);
+            session.resend = Resend::after(RESEND_US, now);
         }
-        if header.kind == HEARD || header.seq == 0 {
+        if header.kind == ACK || header.seq == 0 {
             return Arrival::Settled;
         }
         if is_after(header.seq, session.request) {
@@ -180,7 +193,7 @@ impl Link {
         Arrival::Settled
     }
 
-    /// Answers a request, and will do so again. Without room the answer is dropped: the host will ask again.
+    /// Answers a request, and stores the answer for repetitions. Without room it is not sent: the host will ask again.
     pub fn answer(&mut self, request: &Header, message: Message) {
         self.send(request.session, 0, request.seq, &message);
         if self.is_open(request.session) {
@@ -194,36 +207,35 @@ impl Link {
         }
     }
 
-    /// Whether there is a host to tell of layers, and room for another.
+    /// Whether there is a session, and room for another layer among its events.
     #[must_use]
-    pub fn takes_layers(&self) -> bool {
+    pub fn has_room_for_layer(&self) -> bool {
         let waiting = self.events.iter().filter(|event| matches!(event, Event::Laid(_))).count();
         self.session.is_some() && waiting < MAX_LAID && !self.events.is_full()
     }
 
-    /// Tells an event to the host. One that has not heard so many is given up, and its session closed: when it comes
-    /// back, the status tells where they led.
-    pub fn tell(&mut self, event: Event) {
+    /// Queues an event for the host. A host that has left a whole queue unacknowledged is given up, and its session closed:
+    /// when it comes back, the status says what the events led to.
+    pub fn push_event(&mut self, event: Event) {
         if self.session.is_some() && self.events.push_back(event).is_err() {
             self.close();
         }
     }
 
-    /// Sends the events that are due, as far as there is room.
+    /// Sends the events that are due, as long as there is room.
     pub fn send_events(&mut self, now: u64) {
         let Some(session) = &mut self.session else { return };
-        let (due, pause) = session.resend;
+        let Resend { due, pause } = session.resend;
         if session.sent > 0 && now >= due {
-            let pause = (2 * pause).min(SLOWEST_RESEND_US);
             session.sent = 0;
-            session.resend = (now.saturating_add(pause), pause);
+            session.resend = Resend::after((2 * pause).min(MAX_RESEND_US), now);
         }
         while let Some(session) = &mut self.session
             && self.outbox.len() + LONGEST_FRAME + RESERVED_FOR_ANSWERS <= OUTBOX
             && let Some(event) = self.events.iter().nth(session.sent)
         {
-            if session.sent == 0 && now >= session.resend.0 {
-                session.resend.0 = now.saturating_add(session.resend.1);
+            if session.sent == 0 && now >= session.resend.due {
+                session.resend = Resend::after(session.resend.pause, now);
             }
             let seq = (0..session.sent).fold(session.first_event, |seq, _| next(seq));
             let (id, message) = (session.id, event.clone().message());
@@ -232,8 +244,8 @@ impl Link {
         }
     }
 
-    /// Sends a message that belongs to no session.
-    pub fn call_out(&mut self, message: &Message) {
+    /// Sends a message outside of any session.
+    pub fn broadcast(&mut self, message: &Message) {
         self.send(0, 0, 0, message);
     }
 

@@ -9,21 +9,24 @@ use growbot_core::robot::Thermistor;
 
 /// The max reading of the 12-bit ADC.
 pub const FULL_SCALE: u16 = 4095;
-/// Readings at least this high mean a cut wire: robot A's thermistor reads this at -60 degrees Celsius.
+/// Readings at least this high mean an open wire: robot A's thermistor reads this at -33 degrees Celsius, by its Beta
+/// equation. No derivation is recorded; `both_ends_of_the_scale_are_a_broken_sensor` and `cargo fault-campaign` (open wire)
+/// bound it.
 const OPEN_FROM: f64 = FULL_SCALE as f64 - 8.0;
-/// Readings at most this high mean touching wires: robot A's thermistor reads this at 450 degrees Celsius.
+/// Readings at most this high mean touching wires: robot A's thermistor reads this at 436 degrees Celsius, by its Beta
+/// equation, far above any nozzle.
 const SHORT_UP_TO: f64 = 40.0;
 /// 0 degrees Celsius, K.
 const ZERO_C: f64 = 273.15;
 /// 25 degrees Celsius, K.
 const ROOM: f64 = 298.15;
 
-/// Why a reading is no temperature.
+/// The reason why a reading is no temperature.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Broken {
-    /// As if the wire were cut.
+    /// An open wire.
     Open,
-    /// As if the wires touched.
+    /// Wires that touch.
     Short,
 }
 
@@ -81,7 +84,7 @@ fn log_resistance(inverse: f64, [a, b, c]: [f64; 3]) -> f64 {
     log
 }
 
-/// The reading of a temperature, not rounded: what a simulated tip shows.
+/// The reading of a temperature, not rounded. A simulated tip shows it.
 #[must_use]
 pub fn reading(temperature_c: f64, thermistor: &Thermistor) -> f64 {
     let inverse = 1.0 / (temperature_c + ZERO_C).max(1.0);

@@ -5,7 +5,7 @@ use core::sync::atomic::{Ordering, fence};
 
 use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
 use embedded_hal::pwm::{self, SetDutyCycle};
-use growbot_firmware::emulated_tip::{self as table, Axis, EncoderCourse, StepRecord};
+use growbot_firmware::emulated_tip::{self as table, Axis, EncoderMapping, StepRecord};
 use growbot_firmware::hal::{Adc, Orientation, Outputs};
 
 use crate::registers::Register;
@@ -106,7 +106,7 @@ impl Tip {
             fan: Power { offset: table::FAN_DUTY },
             supply: TipAdc { raw: table::SUPPLY_RAW, live: table::SUPPLY_LIVE },
             filament_presence: Flag { offset: table::FILAMENT_PRESENT },
-            filament_motion: Encoder { course: EncoderCourse::default() },
+            filament_motion: Encoder { course: EncoderMapping::default() },
             driver_fault: Flag { offset: table::DRIVER_FAULT },
             emergency_stop: Flag { offset: table::EMERGENCY_STOP },
             orientation: OrientationSensor(()),
@@ -378,14 +378,14 @@ impl InputPin for Flag {
 
 /// The encoder that the filament turns.
 pub struct Encoder {
-    course: EncoderCourse,
+    course: EncoderMapping,
 }
 
 impl Encoder {
     /// Its course as the host has it, or as it was at the latest look where the host is just changing it.
-    fn look(&mut self) -> EncoderCourse {
+    fn look(&mut self) -> EncoderMapping {
         let sequence = word(table::ENCODER_SEQUENCE).read();
-        let course = EncoderCourse {
+        let course = EncoderMapping {
             origin: word(table::ENCODER_ORIGIN).read().cast_signed(),
             phase: word(table::ENCODER_PHASE).read(),
             slip: word(table::ENCODER_SLIP).read().cast_signed(),

@@ -210,7 +210,7 @@ impl Bench {
         while !self.handover.report_waits() {
             self.tick(kind);
         }
-        matches!(self.handover.take_report(), Some(Report::Homed | Report::Fed)).then_some(())
+        matches!(self.handover.pop_report(), Some(Report::Homed | Report::Fed)).then_some(())
     }
 
     /// Turns without a stop between them.
@@ -234,7 +234,7 @@ impl Bench {
                 self.handover.give(Order::Lay(next));
             }
             self.lay_one(&turn, u32::from(laid > 0));
-            let Some(Report::Laid(_)) = self.handover.take_report() else { return None };
+            let Some(Report::Laid(_)) = self.handover.pop_report() else { return None };
             laid += 1;
         }
         Some(())

@@ -1,4 +1,5 @@
-//! The orders to the step engine: homing, layers, and filament pulled back and pushed forward again round a hold.
+//! The orders to the step engine: homing, layers, and filament that is pulled back for a pause and pushed forward again
+//! after it.
 
 use growbot_core::layer_bytes::{self, Encoder, Fields, LayerBytes};
 use growbot_core::link::message::{Fault, PauseCause, State};
@@ -10,34 +11,34 @@ use crate::journal;
 use crate::safety::transitions::Event;
 use crate::stepping::{FeedMove, Handover, Homing, Order, Report, TurnReport, as_built};
 
-/// What an order may take beyond the time that it should: this share of it,
+/// The share of its time that an order may take longer.
 const ALLOWANCE: f64 = 0.2;
-/// and so many us.
-const MIN_ALLOWANCE_US: u64 = 2_000_000;
+/// The time that any order may take longer on top of that, us.
+const ALLOWANCE_US: u64 = 2_000_000;
 
-/// The power for a layer after a wait goes ahead of its plastic by so long, s, since it takes seconds from the heater
-/// to the nozzle;
+/// Time by which the power for a first layer leads its plastic, s, since power takes seconds from the heater to the
+/// nozzle (docs/decisions/0022-heater-regulation.md; `tests/normal_growth.rs` bounds it).
 const LEAD_S: f64 = 1.5;
-/// by this share of a layer's period at most.
-const LEAD_SHARE: f64 = 1.0 / 12.0;
+/// The max lead as a share of a layer's period (decision 0022).
+const MAX_LEAD_SHARE: f64 = 1.0 / 12.0;
 
-/// What the step engine has been told.
+/// The orders given to the step engine, and where they left head and filament.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Motion {
-    /// Orders given and not yet reported.
+    /// Number of orders given and not yet reported.
     outstanding: u8,
-    /// When the first of them must be reported at the latest, us.
+    /// The latest time at which the first of them must be reported, us.
     due: Option<u64>,
-    /// How long the order given last should take, us.
+    /// The time that the order given last may take, us.
     latest_us: u64,
-    /// Which way filament is being moved without a layer.
+    /// The direction in which filament is moved without a layer.
     feeding: Option<Feeding>,
     /// Filament has been pulled back.
     retracted: bool,
     /// The next turn goes back to where the one before came from.
     backwards: bool,
-    /// Why the robot is to wait after the layer under way, if it is.
-    hold: Option<PauseCause>,
+    /// The reason for a pause after the layer under way, if one was asked for.
+    pause: Option<PauseCause>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -47,31 +48,31 @@ enum Feeding {
 }
 
 impl Motion {
-    /// What was under way is over. What the filament and the head have done stays so.
+    /// Forgets the orders under way. Where the filament is stays known.
     pub fn halt(&mut self) {
         *self = Self { retracted: self.retracted, ..Self::default() };
     }
 
-    /// Where the filament stands, as far as can be known after a start of the board.
+    /// Sets where the filament is, after a start of the board.
     pub fn assume_retracted(&mut self, retracted: bool) {
         self.retracted = retracted;
     }
 
-    /// Whether the engine has not reported in time.
+    /// Whether the engine has failed to report in time.
     pub fn is_overdue(&self, now: u64) -> bool {
         self.due.is_some_and(|due| now > due)
     }
 
-    /// An order is given that should take so long.
-    fn gave(&mut self, seconds: f64, now: u64) {
-        self.latest_us = (seconds * (1.0 + ALLOWANCE) * 1e6) as u64 + MIN_ALLOWANCE_US;
+    /// Notes an order that should take this time.
+    fn given(&mut self, seconds: f64, now: u64) {
+        self.latest_us = (seconds * (1.0 + ALLOWANCE) * 1e6) as u64 + ALLOWANCE_US;
         if self.outstanding == 0 {
             self.due = Some(now.saturating_add(self.latest_us));
         }
         self.outstanding = self.outstanding.saturating_add(1);
     }
 
-    /// An order is reported.
+    /// Notes the report of an order.
     fn reported(&mut self, now: u64) {
         self.outstanding = self.outstanding.saturating_sub(1);
         self.due = (self.outstanding > 0).then_some(now.saturating_add(self.latest_us));
@@ -79,7 +80,7 @@ impl Motion {
 }
 
 impl<B: Board> Controller<B> {
-    /// Does what follows from a report of the step engine.
+    /// Handles a report of the step engine.
     pub(super) fn handle_report(&mut self, report: Report, handover: &Handover) {
         let growing = matches!(self.state, State::Growing | State::Paused);
         match report {
@@ -102,12 +103,12 @@ impl<B: Board> Controller<B> {
             Report::HeadStepsLost => self.fail(Fault::HeadStepsLost, handover),
             Report::FilamentJam => self.fail(Fault::FilamentJam, handover),
             Report::Hardware => self.fail(Fault::Hardware, handover),
-            // What was under way when everything was switched off.
+            // Reports of orders that were under way when everything was switched off.
             Report::Homed | Report::Laid(_) | Report::Fed => {}
         }
     }
 
-    /// Counts a layer as laid: the journal hears of it, and then the host.
+    /// Counts a layer as laid, in the journal and then for the host.
     pub(super) fn count(&mut self, turn: &TurnReport, handover: &Handover) {
         let measured = self.measure(handover);
         self.commit(Encoder::default().encode(&as_built(&turn.feed, &self.robot)), measured);
@@ -120,12 +121,12 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// Moves on where nothing but time was missing.
+    /// Takes the next step of the growth if everything is there for it.
     pub(super) fn proceed(&mut self, handover: &Handover) {
         match self.state {
             State::Heating if self.heater.is_steady(self.now) => self.home(handover),
-            State::Growing if handover.takes_orders() && self.motion.feeding.is_none() => self.go_on(handover),
-            State::Paused if self.motion.feeding.is_none() => self.wait(handover),
+            State::Growing if handover.accepts_orders() && self.motion.feeding.is_none() => self.lay_or_pause(handover),
+            State::Paused if self.motion.feeding.is_none() => self.pause_or_continue(handover),
             _ => {}
         }
     }
@@ -135,11 +136,11 @@ impl<B: Board> Controller<B> {
         let steps = f64::from(homing.max_steps) + f64::from(homing.steps_to_zero);
         let seconds = steps * f64::from(homing.ticks_per_step) / f64::from(self.robot.description().motion.tick_hz);
         handover.give(Order::Home(homing));
-        self.motion.gave(seconds, self.now);
+        self.motion.given(seconds, self.now);
         self.happens(Event::Hot);
     }
 
-    /// How this robot homes.
+    /// The homing of this robot.
     fn homing(&self) -> Homing {
         let description = self.robot.description();
         let head = &description.head;
@@ -155,16 +156,16 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// While growing: the next layer, or a hold.
-    fn go_on(&mut self, handover: &Handover) {
+    /// While growing: lays the next layer, or pauses.
+    fn lay_or_pause(&mut self, handover: &Handover) {
         if self.job.given == self.job.layers {
             return;
         }
-        let next = self.store().get(self.job.given).filter(|_| self.motion.hold.is_none());
+        let next = self.store().get(self.job.given).filter(|_| self.motion.pause.is_none());
         let Some(bytes) = next else {
             // The layer under way is finished first.
             if self.job.laid == self.job.given {
-                self.happens(Event::LayersOut);
+                self.happens(Event::LayersExhausted);
                 self.feed(Feeding::Back, handover);
             }
             return;
@@ -182,7 +183,7 @@ impl<B: Board> Controller<B> {
                 let period_s = self.robot.description().layer.period_s;
                 self.note_begun();
                 handover.give(Order::Lay(turn));
-                self.motion.gave(period_s, self.now);
+                self.motion.given(period_s, self.now);
                 self.motion.backwards = !backwards;
                 self.job.given += 1;
                 // There is room: no more than two turns are under way.
@@ -197,7 +198,7 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// Pulls filament back or pushes it forward again, where this robot does so.
+    /// Pulls filament back or pushes it forward again, if this robot does so.
     fn feed(&mut self, feeding: Feeding, handover: &Handover) {
         let description = self.robot.description();
         let feed = &description.feed;
@@ -212,52 +213,53 @@ impl<B: Board> Controller<B> {
         let steps_a_second = feed.retract_mm_per_s * feed.steps_per_mm;
         let ticks_per_step = (f64::from(description.motion.tick_hz) / steps_a_second).max(2.0) as u32;
         handover.give(Order::Feed(FeedMove { steps, backwards, ticks_per_step }));
-        self.motion.gave(f64::from(steps) / steps_a_second, self.now);
+        self.motion.given(f64::from(steps) / steps_a_second, self.now);
         self.motion.feeding = Some(feeding);
     }
 
-    /// While holding: go on as soon as there is a layer and the nozzle is hot; let it down to standby; park.
-    fn wait(&mut self, handover: &Handover) {
+    /// While paused: continues as soon as there is a layer and the nozzle is hot; otherwise lets the nozzle cool to
+    /// standby and parks, each after its time.
+    fn pause_or_continue(&mut self, handover: &Handover) {
         let description = self.robot.description();
         let (heater, hold) = (&description.heater, &description.hold);
-        let goes_on = self.motion.hold.is_none() && self.store().get(self.job.given).is_some();
-        let held_s = self.in_state_us() as f64 * 1e-6;
-        let target = if goes_on || held_s < hold.standby_after_s {
+        let continues = self.motion.pause.is_none() && self.store().get(self.job.given).is_some();
+        let paused_s = self.in_state_us() as f64 * 1e-6;
+        let target = if continues || paused_s < hold.standby_after_s {
             heater.target_c
         } else {
             hold.standby_c.min(heater.target_c)
         };
-        if !goes_on && held_s >= hold.off_after_s {
+        if !continues && paused_s >= hold.off_after_s {
             self.switch_off(handover);
-            self.happens(Event::HeldTooLong);
+            self.happens(Event::PausedTooLong);
             return;
         }
         if self.heater.target() != Some(target) {
             self.heater.set_target(target, self.now);
-        } else if goes_on && self.heater.is_steady(self.now) {
-            self.happens(Event::LayersIn);
+        } else if continues && self.heater.is_steady(self.now) {
+            self.happens(Event::LayersAvailable);
         }
     }
 
-    /// Has the robot wait after the layer under way, or not any more.
-    pub(super) fn go_on_holding(&mut self, hold: Option<PauseCause>) {
-        self.motion.hold = hold;
+    /// Sets or clears the reason for a pause after the layer under way.
+    pub(super) fn set_pause(&mut self, pause: Option<PauseCause>) {
+        self.motion.pause = pause;
     }
 
-    /// What the robot waits for, or will once the layer under way is laid.
+    /// The reason for which the robot waits, or will wait once the layer under way is laid.
     pub(super) fn pause_cause(&self) -> PauseCause {
-        self.motion.hold.unwrap_or_default()
+        self.motion.pause.unwrap_or_default()
     }
 
-    /// Whether the power for a first layer goes ahead of it.
+    /// Whether the power for a first layer leads it at this moment.
     fn leads(&self) -> bool {
-        let lead_s = LEAD_S.min(LEAD_SHARE * self.robot.description().layer.period_s);
+        let lead_s = LEAD_S.min(MAX_LEAD_SHARE * self.robot.description().layer.period_s);
         let waits = self.state == State::Growing && self.motion.outstanding == 0;
         waits && (self.in_state_us() as f64) < lead_s * 1e6
     }
 
-    /// Material that the heater is to melt now, mm^3/s: what the step engine feeds, since that goes round with a bend
-    /// and from layer to layer; or the first layer's mean, ahead of it.
+    /// The flow that the heater must melt now, mm^3/s: what the step engine feeds, which varies in a bend and from
+    /// layer to layer; or the mean of the first layer, before that begins.
     pub(super) fn flow(&self, handover: &Handover) -> f64 {
         if self.state != State::Growing {
             return 0.0;

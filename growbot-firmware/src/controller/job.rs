@@ -1,8 +1,7 @@
-//! The job: which plan, how far it has come, and the requests that change it.
+//! The job: its plan, its progress, and the requests that change it.
 //!
 //! A layer is a transaction named by plan and index: accepted into the store, begun, and committed to the journal once
-//! it is laid. Whatever happens in between, no index is laid twice and none is passed over, but where the operator says
-//! so of a layer that was cut.
+//! it is laid. No index is laid twice and none is passed over, unless the operator says so of an interrupted layer.
 
 use growbot_core::layer::SECTORS;
 use growbot_core::layer_bytes::{LayerBytes, decode_checked};
@@ -19,64 +18,72 @@ use crate::safety::retained::UnderWay;
 use crate::safety::transitions::Event;
 use crate::stepping::{Handover, Material, Report};
 
-/// Erasing a sector of the journal stops the processor for up to two seconds: only below this, degrees Celsius.
+/// The nozzle must be below this to erase a sector of the journal, degrees Celsius, which stops the processor for up to
+/// two seconds.
 const COLD_C: f64 = 50.0;
-/// Layers handed to the engine and not yet laid.
+/// The max number of layers handed to the engine and not yet laid.
 const MAX_GIVEN: usize = 3;
-/// What the sensors said is kept for so many of the layers laid last.
+/// Number of the latest layers whose measurements are stored.
 const MAX_MEASURED: usize = 16;
-/// What is kept through a reset about the layer under way is so old at most, s.
+/// The max age of what is retained about the layer under way, s.
 const RETAINED_AGE_S: f64 = 0.25;
 
-/// The job: which plan, and how far it has come.
+/// The job: its plan and its progress.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Job {
-    /// 0 for none.
+    /// The plan; 0 without a job.
     pub plan_id: u64,
-    /// Layers of the plan.
+    /// Number of layers of the plan.
     pub layers: u32,
-    /// Layers laid.
+    /// Number of layers laid.
     pub laid: u32,
-    /// Layers handed to the engine.
+    /// Number of layers handed to the engine.
     pub given: u32,
-    /// Layers that the host has been told of.
-    pub told: u32,
-    /// The layer that was cut: how much of it was made.
+    /// Number of layers reported to the host.
+    pub reported: u32,
+    /// How much was made of the layer that was interrupted, if one was.
     pub interrupted: Option<InterruptedLayer>,
-    /// What to do when the host falls silent.
+    /// The reaction to a silent host.
     pub silence: Silence,
-    /// The journal has failed: the job cannot be taken up again.
+    /// The journal has failed, so that the job cannot be resumed.
     pub unwritten: bool,
-    /// What the layers laid leave to those to come.
+    /// The carry of the layers laid to those to come.
     pub carry: journal::Carry,
-    /// What the layers handed over amount to.
+    /// The material of the layers handed over.
     pub material: Material,
-    /// What each of those handed over and not yet laid leaves to the next one.
+    /// The carry of each layer handed over and not yet laid to the next one.
     pub carries: Deque<journal::Laid, MAX_GIVEN>,
-    /// What the sensors said after the layers laid last, by index.
-    measured: Deque<(u32, Measured), MAX_MEASURED>,
+    /// Measurements after the latest layers.
+    measured: Deque<MeasuredLayer, MAX_MEASURED>,
+}
+
+/// The measurements after a layer.
+#[derive(Debug, Clone)]
+struct MeasuredLayer {
+    index: u32,
+    measured: Measured,
 }
 
 impl Job {
-    /// The layers handed over and not laid never will be: what comes next follows on those that were.
+    /// Forgets the layers handed over and not laid, so that the next one follows those that were laid.
     pub fn forget_given(&mut self) {
         self.given = self.laid;
         self.carries.clear();
         self.material = Material::from(self.carry);
     }
 
-    /// Keeps what the sensors said after a layer.
-    fn keep_measured(&mut self, index: u32, measured: Measured) {
+    /// Stores the measurements after a layer.
+    fn store_measured(&mut self, index: u32, measured: Measured) {
         if self.measured.is_full() {
             self.measured.pop_front();
         }
         // There is room now.
-        let _ = self.measured.push_back((index, measured));
+        let _ = self.measured.push_back(MeasuredLayer { index, measured });
     }
 
-    /// What the sensors said after a layer, if that is still known.
+    /// The measurements after a layer, if they are still stored.
     fn measured(&self, index: u32) -> Option<Measured> {
-        self.measured.iter().find(|(of, _)| *of == index).map(|(_, measured)| *measured)
+        self.measured.iter().find(|layer| layer.index == index).map(|layer| layer.measured)
     }
 }
 
@@ -91,7 +98,7 @@ impl<B: Board> Controller<B> {
         self.check_event(Event::Begin)?;
         let repeated = (begin.plan_id, begin.layers) == (self.job.plan_id, self.job.layers);
         match self.state {
-            // At rest it is the wish for another growth, of the same plan or not.
+            // At rest it asks for another growth, of the same plan or not.
             State::Done | State::Stopped => {}
             State::Idle if repeated && self.job.laid == 0 && self.job.interrupted.is_none() => {
                 return Ok(self.accepted());
@@ -106,7 +113,7 @@ impl<B: Board> Controller<B> {
         Ok(self.accepted())
     }
 
-    /// Forgets the job before and holds another, in the journal too.
+    /// Replaces the job by another one, in the journal too.
     pub(super) fn new_job(&mut self, plan_id: u64, layers: u32) -> Result<(), Refusal> {
         let capacity = self.parts.journal.capacity();
         if layers > capacity {
@@ -148,7 +155,7 @@ impl<B: Board> Controller<B> {
         let laid = self.job.laid;
         if matches!(self.state, State::Idle | State::Stopped) {
             if resume.from == laid.saturating_add(1) && self.job.interrupted.is_some() {
-                self.let_be()?;
+                self.skip_interrupted()?;
             } else if resume.from != laid {
                 return Err(Refusal::OutOfOrder { expected: laid });
             }
@@ -156,12 +163,12 @@ impl<B: Board> Controller<B> {
             // It is laid again, on top of what there is of it.
             self.job.interrupted = None;
         }
-        self.job.told = resume.known.min(self.job.laid);
+        self.job.reported = resume.known.min(self.job.laid);
         self.happens(Event::Resume);
         Ok(self.accepted())
     }
 
-    /// What could not be written down cannot be taken up again, and is not done.
+    /// Refuses a request that the journal could not record, and notes that the job cannot be resumed.
     fn in_journal(&mut self, written: Result<(), JournalError>) -> Result<(), Refusal> {
         written.map_err(|_| {
             self.job.unwritten = true;
@@ -169,8 +176,8 @@ impl<B: Board> Controller<B> {
         })
     }
 
-    /// The layer that was cut counts as laid, as far as it was.
-    fn let_be(&mut self) -> Result<(), Refusal> {
+    /// Counts the interrupted layer as laid, as far as it was made.
+    fn skip_interrupted(&mut self) -> Result<(), Refusal> {
         let index = self.job.laid;
         let unknown =
             journal::Laid { as_built: LayerBytes::default(), height_units: 0, lean_owed: self.job.carry.lean_owed };
@@ -186,26 +193,26 @@ impl<B: Board> Controller<B> {
         Ok(())
     }
 
-    pub(super) fn hold_layers(&mut self, batch: &Layers) -> Result<Message, Refusal> {
+    pub(super) fn store_layers(&mut self, batch: &Layers) -> Result<Message, Refusal> {
         self.this_plan(batch.plan_id)?;
         self.check_event(Event::Layers)?;
         let expected = self.store().next_index();
         if batch.first > expected {
             return Err(Refusal::OutOfOrder { expected });
         }
-        let already_held = (expected - batch.first) as usize;
-        let new = batch.layers.get(already_held..).unwrap_or_default();
+        let already_stored = (expected - batch.first) as usize;
+        let new = batch.layers.get(already_stored..).unwrap_or_default();
         self.check_layers(expected, new, self.job.layers)?;
         if new.len() > self.store().room() as usize {
             return Err(Refusal::Full);
         }
         for bytes in new {
-            self.hold_layer(*bytes)?;
+            self.store_layer(*bytes)?;
         }
         Ok(self.accepted())
     }
 
-    /// All are checked before any is taken: a batch is held as a whole or not at all.
+    /// Checks all layers of a batch before any is stored: a batch is stored as a whole or not at all.
     fn check_layers(&self, first: u32, batch: &[LayerBytes], end: u32) -> Result<(), Refusal> {
         for (index, bytes) in (first..end).zip(batch) {
             self.check_layer(index, bytes)?;
@@ -216,13 +223,14 @@ impl<B: Board> Controller<B> {
         Ok(())
     }
 
-    /// Whether a layer can be laid. The robot's limits are the board's own: nothing that a host sends lifts them.
+    /// Refuses a layer that cannot be laid. The robot's limits are built into the board: nothing that a host sends
+    /// lifts them.
     pub(super) fn check_layer(&self, index: u32, bytes: &LayerBytes) -> Result<(), Refusal> {
         decode_checked(bytes, &self.robot).map(|_| ()).map_err(|_| Refusal::BadLayer { index })
     }
 
-    /// Takes a layer into the store.
-    pub(super) fn hold_layer(&mut self, bytes: LayerBytes) -> Result<(), Refusal> {
+    /// Stores a layer.
+    pub(super) fn store_layer(&mut self, bytes: LayerBytes) -> Result<(), Refusal> {
         if self.store_mut().push(bytes) { Ok(()) } else { Err(Refusal::Full) }
     }
 
@@ -260,7 +268,7 @@ impl<B: Board> Controller<B> {
         self.in_journal(written)?;
         self.store_mut().truncate(amend.from);
         for bytes in &amend.first_layers {
-            self.hold_layer(*bytes)?;
+            self.store_layer(*bytes)?;
         }
         (self.job.plan_id, self.job.layers) = (amend.amended, amend.layers);
         Ok(self.accepted())
@@ -270,13 +278,13 @@ impl<B: Board> Controller<B> {
         self.this_plan(start.plan_id)?;
         self.check_event(Event::Start)?;
         if self.state == State::Idle && self.job.interrupted.is_some() {
-            // What becomes of the layer that was cut is for a host to say, by `Resume`.
+            // A host must say by `Resume` what becomes of the interrupted layer.
             return Err(Refusal::OutOfOrder { expected: self.job.laid });
         }
         if self.may_be_halted() {
             return Err(Refusal::DebugProbe);
         }
-        self.go_on_holding(None);
+        self.set_pause(None);
         self.job.silence = start.silence;
         match self.state {
             State::Idle if self.job.laid == self.job.layers => {
@@ -287,7 +295,7 @@ impl<B: Board> Controller<B> {
                 self.heater.switch_on(self.robot.description().heater.target_c, self.now);
                 self.happens(Event::Start);
             }
-            // Repeated, or the end of a hold.
+            // A repetition, or the end of a pause.
             _ => {}
         }
         Ok(self.accepted())
@@ -299,7 +307,7 @@ impl<B: Board> Controller<B> {
         if self.job.plan_id != 0 {
             self.this_plan(cancel.plan_id)?;
         }
-        self.cut_off(handover);
+        self.interrupt(handover);
         self.end_job();
         self.store_mut().restart(0);
         self.job = Job::default();
@@ -307,18 +315,18 @@ impl<B: Board> Controller<B> {
         Ok(self.accepted())
     }
 
-    /// The journal need not remember the job any more.
+    /// Ends the job in the journal.
     pub(super) fn end_job(&mut self) {
         if self.parts.journal.job().is_some_and(|job| !job.ended) {
             self.job.unwritten |= self.parts.journal.ended().is_err();
         }
     }
 
-    /// Everything off; a layer that was under way is cut, and how much of it was made is known.
-    pub(super) fn cut_off(&mut self, handover: &Handover) {
+    /// Switches everything off. A layer that was under way is interrupted, and how much of it was made is noted.
+    pub(super) fn interrupt(&mut self, handover: &Handover) {
         // A layer whose report waits is laid.
         if self.job.given > self.job.laid
-            && let Some(Report::Laid(turn)) = handover.take_report()
+            && let Some(Report::Laid(turn)) = handover.pop_report()
         {
             self.count(&turn, handover);
         }
@@ -331,13 +339,13 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// After a start of the board: the job that the journal knows, with nothing of it in the store.
+    /// Restores the job that the journal knows after a start of the board, with nothing of it in the store.
     pub(super) fn restore_job(&mut self) {
         let robot = self.robot.hash();
-        // One that is done is known too: its host may not have heard of its last layers.
+        // A job that is done is known too: its last layers may not be acknowledged.
         let is_known = |job: &&JobState| job.robot == robot && (!job.ended || job.laid == job.layers);
         let Some(known) = self.parts.journal.job().filter(is_known).copied() else { return };
-        let cut = (known.begun > known.laid).then(|| match self.retained.under_way {
+        let interrupted = (known.begun > known.laid).then(|| match self.retained.under_way {
             Some(UnderWay { plan_id, laid, sectors, .. }) if (plan_id, laid) == (known.plan_id, known.laid) => {
                 let since = RETAINED_AGE_S / self.robot.description().layer.period_s * SECTORS as f64;
                 let max = (f64::from(sectors) + 1.0 + since).min(SECTORS as f64) as u8;
@@ -350,12 +358,12 @@ impl<B: Board> Controller<B> {
         self.store_mut().restart(known.laid);
         self.job.carry = self.parts.journal.carry();
         self.job.forget_given();
-        // Between layers it held, and filament was pulled back.
+        // Between layers it was paused, and filament pulled back.
         self.motion.assume_retracted(self.job.laid > 0 && self.job.interrupted.is_none());
     }
 
-    /// The layer that is about to be handed to the engine is begun, as far as the journal is concerned. One that
-    /// follows another without a pause is written down with that one.
+    /// Records in the journal that the layer that is about to be handed to the engine is begun. A layer that follows
+    /// another without a pause is recorded with that one.
     pub(super) fn note_begun(&mut self) {
         if self.job.given == self.job.laid {
             self.job.unwritten |= self.parts.journal.begun(self.job.given).is_err();
@@ -363,11 +371,11 @@ impl<B: Board> Controller<B> {
         self.job.interrupted = None;
     }
 
-    /// A layer is laid: the journal knows before anybody else.
+    /// Records that a layer is laid, in the journal first.
     pub(super) fn commit(&mut self, as_built: LayerBytes, measured: Measured) {
         let index = self.job.laid;
         self.job.laid += 1;
-        self.job.keep_measured(index, measured);
+        self.job.store_measured(index, measured);
         self.parts.store.drop_first();
         let Some(left) = self.job.carries.pop_front() else { return };
         let layer = journal::Laid { as_built, ..left };
@@ -377,14 +385,14 @@ impl<B: Board> Controller<B> {
         self.job.unwritten |= self.parts.journal.committed(index, &layer, next_begun).is_err();
     }
 
-    /// Tells the host of layers that it has not heard of, out of the journal.
-    pub(super) fn tell_layers(&mut self) {
-        while self.job.told < self.job.laid && self.link.takes_layers() {
-            let index = self.job.told;
-            let as_built = self.parts.journal.laid(index).filter(|laid| !laid.cut).map(|laid| laid.as_built);
+    /// Reports to the host the layers that it has not received yet, out of the journal.
+    pub(super) fn report_layers(&mut self) {
+        while self.job.reported < self.job.laid && self.link.has_room_for_layer() {
+            let index = self.job.reported;
+            let as_built = self.parts.journal.laid(index).filter(|laid| !laid.interrupted).map(|laid| laid.as_built);
             let measured = self.job.measured(index);
-            self.link.tell(link::Event::Laid(Laid { plan_id: self.job.plan_id, index, as_built, measured }));
-            self.job.told += 1;
+            self.link.push_event(link::Event::Laid(Laid { plan_id: self.job.plan_id, index, as_built, measured }));
+            self.job.reported += 1;
         }
     }
 }

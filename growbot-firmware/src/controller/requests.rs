@@ -1,7 +1,7 @@
-//! What the host asks for: every request is answered, and one that is refused changes nothing.
+//! The requests of the host. Every request is answered, and one that is refused changes nothing.
 //!
-//! Requests may be repeated, since an answer may be lost: each says what it is about (a plan, an index), so that doing
-//! it a second time is recognised and answered like the first.
+//! Requests may be repeated, since an answer may be lost. Each names what it is about (a plan, an index), so that a
+//! repetition is recognised and answered like the first time.
 
 use growbot_core::job::job_layers_with_keep_alive;
 use growbot_core::link::frame::{Frame, Header};
@@ -19,18 +19,19 @@ use crate::link::Arrival;
 use crate::safety::transitions::{Event, after};
 use crate::stepping::Handover;
 
-/// A stop is obeyed whatever its body holds.
+/// The kind of a stop, which is obeyed with any body.
 const STOP: u8 = 0x06;
-/// Below this there is nothing to tune, degrees Celsius.
+/// The min target of tuning, degrees Celsius: below it there is nothing to tune.
 const MIN_TUNING_C: f64 = 50.0;
-/// While tuning the nozzle swings: its target stays so far below the max temperature, degrees.
+/// Distance of the target from the max temperature while tuning, degrees, since the nozzle swings. In
+/// `heater::tests::regulating` it swings by 15 C at most.
 const TUNING_MARGIN_C: f64 = 20.0;
 
 impl<B: Board> Controller<B> {
     /// Carries out a request and answers it.
     pub(super) fn serve(&mut self, frame: &Frame, handover: &Handover) {
         let header = frame.header;
-        let arrival = self.link.note(&header, self.now);
+        let arrival = self.link.ingest(&header, self.now);
         if arrival == Arrival::Settled {
             return;
         }
@@ -52,7 +53,7 @@ impl<B: Board> Controller<B> {
         arrival: Arrival,
         handover: &Handover,
     ) -> Result<Message, Refusal> {
-        // These are answered whoever asks.
+        // These are answered without a session, too.
         match request {
             Message::Hello(hello) => return self.hello(hello, header),
             Message::AskBoard(_) => return Ok(self.board_hello()),
@@ -71,10 +72,10 @@ impl<B: Board> Controller<B> {
         match request {
             Message::Begin(begin) => self.begin(&begin),
             Message::Resume(resume) => self.resume(&resume),
-            Message::Layers(layers) => self.hold_layers(&layers),
+            Message::Layers(layers) => self.store_layers(&layers),
             Message::Amend(amend) => self.amend(&amend),
             Message::Start(start) => self.start(&start),
-            Message::Pause(_) => self.hold(),
+            Message::Pause(_) => self.pause(),
             Message::Cancel(cancel) => self.cancel(&cancel, handover),
             Message::Tune(tune) => self.tune(&tune),
             Message::ClearFault(_) => self.clear_fault(handover),
@@ -88,16 +89,16 @@ impl<B: Board> Controller<B> {
         if hello.schema != SCHEMA_HASH {
             return Err(Refusal::OtherSchema { board: SCHEMA_HASH });
         }
-        // A session that is over stays so: this frame has been long on its way.
-        if header.session == 0 || self.link.is_over(header.session) {
+        // A closed session stays closed: this frame has been long on its way.
+        if header.session == 0 || self.link.is_closed(header.session) {
             return Err(Refusal::NoSession);
         }
         if !self.link.is_open(header.session) {
-            if let Some((_, silent)) = self.link.holder(self.now).filter(|_| !hello.take_over) {
+            if let Some((_, silent)) = self.link.owner(self.now).filter(|_| !hello.take_over) {
                 return Err(Refusal::Owned { silent_ms: (silent / 1000) as u32 });
             }
             self.link.open(header, hello.host, self.now);
-            self.job.told = self.job.laid;
+            self.job.reported = self.job.laid;
         }
         Ok(self.board_hello())
     }
@@ -112,7 +113,7 @@ impl<B: Board> Controller<B> {
             robot: self.robot.hash(),
             capacity: CAPACITY as u32,
             status: self.status(),
-            owner: self.link.holder(self.now).map(|(host, _)| host.clone()),
+            owner: self.link.owner(self.now).map(|(host, _)| host.clone()),
         })
     }
 
@@ -122,12 +123,12 @@ impl<B: Board> Controller<B> {
     }
 
     fn stop(&mut self, handover: &Handover) -> Message {
-        self.cut_off(handover);
+        self.interrupt(handover);
         self.happens(Event::Stop);
         self.accepted()
     }
 
-    /// Whether this event is possible in this state.
+    /// Refuses an event that is not possible in this state.
     pub(super) fn check_event(&self, event: Event) -> Result<(), Refusal> {
         match after(self.state, event) {
             Some(_) => Ok(()),
@@ -135,9 +136,9 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    fn hold(&mut self) -> Result<Message, Refusal> {
-        self.check_event(Event::Hold)?;
-        self.go_on_holding(Some(PauseCause::Requested));
+    fn pause(&mut self) -> Result<Message, Refusal> {
+        self.check_event(Event::Pause)?;
+        self.set_pause(Some(PauseCause::Requested));
         Ok(self.accepted())
     }
 
@@ -156,8 +157,8 @@ impl<B: Board> Controller<B> {
         Ok(self.accepted())
     }
 
-    /// Leaves `Fault` or `EmergencyStop` if nothing that can be seen at rest is still wrong; what cannot be seen will
-    /// show again.
+    /// Leaves `Fault` or `EmergencyStop` if nothing that can be seen at rest is still wrong. What cannot be seen at
+    /// rest will be found again.
     fn clear_fault(&mut self, handover: &Handover) -> Result<Message, Refusal> {
         self.check_event(Event::Clear)?;
         match self.state {
@@ -177,7 +178,7 @@ impl<B: Board> Controller<B> {
         Ok(self.accepted())
     }
 
-    /// Whether what caused a fault can be seen to be there still.
+    /// Whether the cause of a fault can be seen to remain.
     fn remains(&self, fault: Fault) -> bool {
         let description = self.robot.description();
         let temperature = self.heater.temperature(self.now);
@@ -198,7 +199,7 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// Plans on the board: the same code as on the host, so the same layers, bit for bit.
+    /// Plans on the board, by the same code as on the host, and so to the same layers, bit for bit.
     fn plan_by_itself(&mut self, request: &PlanRequest) -> Result<Message, Refusal> {
         self.check_event(Event::Plan)?;
         let start = Pose::try_from(request.start).map_err(|_| Refusal::NoPlan)?;
@@ -227,7 +228,7 @@ impl<B: Board> Controller<B> {
         self.happens(Event::Plan);
         for bytes in layers {
             self.parts.watchdog.feed();
-            self.hold_layer(bytes)?;
+            self.store_layer(bytes)?;
         }
         Ok(Message::Planned(Planned {
             plan_id: summary.plan_id,

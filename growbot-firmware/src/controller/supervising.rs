@@ -1,4 +1,4 @@
-//! Ten times a second: temperature, sensors, watchdog; and what happens when something is wrong.
+//! Supervision ten times a second: temperature, sensors, watchdog; and the reaction to a fault.
 
 use embedded_hal::digital::{InputPin, OutputPin};
 use embedded_hal::pwm::SetDutyCycle;
@@ -6,7 +6,7 @@ use growbot_core::link::message::{
     Fault, FaultRecord, Measured, PauseCause, ResetCause, SensorReadings, Silence, State,
 };
 
-use super::{Controller, centi};
+use super::{Controller, TickWatch, centi};
 use crate::hal::{Board, DebugPort, Orientation, Watchdog};
 use crate::heater::{self, Demand, Output};
 use crate::link;
@@ -15,14 +15,15 @@ use crate::safety::retained::{Unknown, fault_of};
 use crate::safety::transitions::{Event, may_feed, may_heat};
 use crate::stepping::Handover;
 
-/// The self-test takes this long at least, us: whatever must persist to count can persist, and an ADC that stopped at
-/// once has no reading any more that is young enough.
+/// The min time of the self-test, us: what must persist to count can persist in it, and the reading of an ADC that has
+/// stopped at once gets too old.
 const SELF_TEST_MIN_US: u64 = 600_000;
-/// It has this long to find every sensor well, us.
+/// The max time of the self-test, in which every sensor must be found well, us. No derivation is recorded.
 const SELF_TEST_MAX_US: u64 = 2_000_000;
-/// From nothing to full speed the fan takes so long, s.
+/// Time in which the fan comes up from nothing to full speed, s (docs/decisions/0022-heater-regulation.md;
+/// `tests/normal_growth.rs` bounds it).
 const FAN_RAMP_S: f64 = 10.0;
-/// Looks in a row, ten a second, at which the step interrupt has not run, that make a fault.
+/// Looks in a row, ten a second, without the step interrupt that make a fault (SAFETY.md, `steps-stalled`).
 const LOOKS_WITHOUT_TICKS: u8 = 3;
 
 impl<B: Board> Controller<B> {
@@ -43,18 +44,18 @@ impl<B: Board> Controller<B> {
         if self.state == State::SelfTest {
             self.test(&look, handover);
         }
-        self.heed_silence();
+        self.pause_on_silence();
         if self.state == State::Growing {
             self.sectors = handover.progress() as u8;
             self.retain();
         }
         self.proof.supervisor = true;
-        if self.proof.take() {
+        if self.proof.accept() {
             self.parts.watchdog.feed();
         }
     }
 
-    /// Whether the board itself can be relied on: its clock, and that nothing halts it.
+    /// Fails if the board itself cannot be relied on: without its crystal, or where a debug probe may halt it.
     fn look_at_board(&mut self, handover: &Handover) {
         let latched = matches!(self.state, State::Fault | State::EmergencyStop);
         if self.identity.without_crystal && !latched {
@@ -69,7 +70,7 @@ impl<B: Board> Controller<B> {
         self.parts.debug_port.is_on() && !self.robot.description().test_bench
     }
 
-    /// What tells how far the tip has grown, and which way it points.
+    /// Measures how far the tip has grown, and which way it points.
     pub(super) fn measure(&mut self, handover: &Handover) -> Measured {
         let sensors = &self.robot.description().sensors;
         Measured {
@@ -85,7 +86,7 @@ impl<B: Board> Controller<B> {
         let raw = self.supply.pop_mean();
         let look = Look {
             supply_v: raw.filter(|_| sensors.supply).map(|raw| volts(raw, &description.supply)),
-            // A pin that cannot be read says the worst.
+            // A pin that cannot be read counts as the fault.
             filament_present: sensors
                 .filament_presence
                 .map(|_| self.parts.filament_presence.is_high().unwrap_or(false)),
@@ -105,7 +106,7 @@ impl<B: Board> Controller<B> {
         look
     }
 
-    /// Takes the temperature and sets the heater.
+    /// Reads the temperature and sets the heater.
     fn regulate(&mut self, supply_v: Option<f64>, handover: &Handover) {
         let demand = Demand { flow_mm3_per_s: self.flow(handover), fan: self.fan, supply_v };
         let raw = self.thermistor.pop_mean();
@@ -121,7 +122,7 @@ impl<B: Board> Controller<B> {
         if let Some(tuned) = self.heater.pop_tuned() {
             self.switch_off(handover);
             self.happens(Event::Tuned);
-            self.link.tell(link::Event::Tuned(tuned));
+            self.link.push_event(link::Event::Tuned(tuned));
         }
     }
 
@@ -140,16 +141,15 @@ impl<B: Board> Controller<B> {
         self.obey_emergency_stop(handover);
     }
 
-    /// A host that has fallen silent is as if it had asked to hold, unless it has said otherwise when it started the
-    /// job.
-    fn heed_silence(&mut self) {
+    /// Pauses when the host has fallen silent, unless it asked to continue then when it started the job.
+    fn pause_on_silence(&mut self) {
         let works = may_heat(self.state) && self.state != State::Tuning;
         if works
             && self.job.silence == Silence::Pause
             && self.pause_cause() == PauseCause::LayersExhausted
-            && self.link.holder(self.now).is_none()
+            && self.link.owner(self.now).is_none()
         {
-            self.go_on_holding(Some(PauseCause::HostSilent));
+            self.set_pause(Some(PauseCause::HostSilent));
         }
     }
 
@@ -164,18 +164,18 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// Whether the step interrupt runs, and does what it has to in time.
+    /// Fails if the step interrupt does not run, or an order takes too long.
     fn watch_steps(&mut self, handover: &Handover) {
-        let (before, still) = self.ticks;
+        let TickWatch { ticks: before, looks_without } = self.ticks;
         let ticks = handover.ticks();
-        self.ticks = if ticks == before { (ticks, still.saturating_add(1)) } else { (ticks, 0) };
+        let looks_without = if ticks == before { looks_without.saturating_add(1) } else { 0 };
+        self.ticks = TickWatch { ticks, looks_without };
         let works = may_heat(self.state);
-        // Only a reset lets go of motors that the interrupt holds and does not let go of: the watchdog is left to
-        // starve.
-        self.proof.steps = ticks != before || !(works || self.holds_motors);
-        if self.ticks.1 >= LOOKS_WITHOUT_TICKS && (works || self.state == State::SelfTest) {
+        // Only a reset releases motors that a stalled interrupt has energised: the watchdog is left to starve.
+        self.proof.steps = ticks != before || !(works || self.motors_energised);
+        if looks_without >= LOOKS_WITHOUT_TICKS && (works || self.state == State::SelfTest) {
             self.fail(Fault::StepsStalled, handover);
-            self.holds_motors = works;
+            self.motors_energised = works;
         }
         if self.motion.is_overdue(self.now) {
             self.fail(Fault::MotionOverdue, handover);
@@ -197,7 +197,7 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// Heater, fan and steppers off. Tried in full even where a part has failed before.
+    /// Switches heater, fan and steppers off. Each is tried, also if another one fails.
     pub(super) fn switch_off(&mut self, handover: &Handover) {
         self.heater.switch_off();
         let _ = self.parts.heater_enable.set_low();
@@ -211,7 +211,7 @@ impl<B: Board> Controller<B> {
     /// Switches everything off and latches a fault, unless an earlier one is latched.
     pub(super) fn fail(&mut self, fault: Fault, handover: &Handover) {
         let record = self.record(Some(fault));
-        self.cut_off(handover);
+        self.interrupt(handover);
         if !matches!(self.state, State::Fault | State::EmergencyStop) {
             self.fault = Some(fault);
             self.retained.record = Some(record);
@@ -219,17 +219,17 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// The emergency stop is pressed.
-    pub(super) fn stop_at_once(&mut self, handover: &Handover) {
+    /// Switches everything off and latches the emergency stop.
+    pub(super) fn latch_emergency_stop(&mut self, handover: &Handover) {
         let record = self.record(None);
-        self.cut_off(handover);
+        self.interrupt(handover);
         if !matches!(self.state, State::Fault | State::EmergencyStop) {
             self.retained.record = Some(record);
             self.happens(Event::EmergencyStop);
         }
     }
 
-    /// How things stand at this moment.
+    /// The record of a fault at this moment.
     fn record(&self, fault: Option<Fault>) -> FaultRecord {
         FaultRecord {
             fault,
@@ -246,8 +246,8 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// After a start: a fault that was never cleared is latched again, and a reset in the midst of work is a fault. So
-    /// is one after which nobody knows what was under way, though the memory has had power.
+    /// Restores the fault after a start. One that was never cleared is latched again, and a reset in the midst of work
+    /// is a fault. So is a reset after which it is unknown what was under way, though the memory has had power.
     pub(super) fn restore_fault(&mut self, unknown: Option<Unknown>) {
         let cause = self.identity.reset_cause;
         let latched = self.retained.record.is_some_and(|record| !record.cleared);
@@ -267,7 +267,7 @@ impl<B: Board> Controller<B> {
             self.retained.record = Some(self.record(Some(fault_of(cause))));
         }
         if self.identity.is_corrupt() {
-            // Whatever was before: with this image nothing is to be relied on.
+            // With this image nothing can be relied on, so this fault comes first.
             self.retained.record = Some(self.record(Some(Fault::ImageCorrupt)));
         }
         if let Some(FaultRecord { fault, cleared: false, .. }) = self.retained.record {

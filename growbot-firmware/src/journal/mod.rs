@@ -1,4 +1,5 @@
-//! The progress journal: what a growth has come to, in flash, so that it can be resumed to the layer after a reset or a loss of power.
+//! The progress journal: the progress of a growth, in flash, so that the growth can be resumed at its layer after a
+//! reset or a loss of power.
 //!
 //! Records of 32 bytes (`record`) are appended in a ring of two or more erase sectors:
 //!
@@ -7,19 +8,23 @@
 //! sector 1: | sector | laid 4092 | ... | ended | job 8 | begun 0 | laid 0 | (blank) ...
 //! ```
 //!
-//! - A record counts as a whole or not at all: its CRC says so. One that was torn by a loss of power is passed over; the next one goes to the
-//!   next place.
-//! - Cells that lost their power while they were programmed may read differently at each start. So a start settles what they say once
-//!   and for all: the last record is programmed again where it reads as whole, and struck out where it does not. The first blank place
-//!   may have been written to and read as blank: it is passed over, and struck out before anything is written after it.
-//! - A record that is there twice in a row counts once: a place that seemed not to take it may read as if it had.
-//! - Every record carries the number of its job, and jobs are counted for ever. The present job is the one of the greatest number that any
-//!   record has; where one of its records is missing, but for the last ones, there is no job.
-//! - A sector is erased only between jobs, when the next job would not fit in what is blank, the one written longest ago first. Its first
-//!   record is struck out before and written anew after: without it the sector holds nothing, whatever an interrupted erasure has left.
-//! - Where a record cannot be written, the present job's own record is struck out: better no growth to resume than one to resume at the wrong
-//!   layer.
+//! - A record counts as a whole or not at all, by its CRC. A record that was torn by a loss of power is passed over,
+//!   and the next one goes to the next place.
+//! - Cells that lost their power while they were programmed may read differently at each start. So a start settles what
+//!   they say for good: the last record is programmed again if it reads as whole, and struck out if not. The first
+//!   blank place may have been written to and read as blank. It is passed over, and struck out before anything is
+//!   written after it.
+//! - A record that is there twice in a row counts once, since a place that seemed not to accept it may read as if it
+//!   had.
+//! - Every record has the number of its job, and jobs are counted for ever. The present job is the one with the max
+//!   number of any record. If one of its records is missing, except for the last ones, there is no job.
+//! - A sector is erased only between jobs, when the next job would not fit into the blank places; the sector written
+//!   longest ago is erased first. Its first record is struck out before and written anew after: without it the sector
+//!   has no journal, even after an interrupted erasure.
+//! - If a record cannot be written, the present job's own record is struck out: better no growth to resume than one to
+//!   resume at the wrong layer.
 
+mod present;
 mod record;
 #[cfg(test)]
 mod tests;
@@ -27,15 +32,18 @@ mod tests;
 use embedded_storage::nor_flash::MultiwriteNorFlash;
 use growbot_core::layer_bytes::LayerBytes;
 
+pub use present::{Carry, JobState};
+use present::{Found, Present};
 pub use record::Laid;
-use record::{BLANK, Kind, LAST_COUNT, LAST_INDEX, RECORD_BYTES, Record, RecordBytes, STRUCK, join, lean_owed, split};
+use record::{BLANK, Kind, RECORD_BYTES, Record, RecordBytes, STRUCK, split};
 
-/// Places at which a record is tried before flash is said to be broken.
+/// Number of places at which a record is tried before flash counts as broken.
 const ATTEMPTS: u32 = 3;
-/// One part in so many of the area is kept for records that are not layers: those of holds, and of amended plans.
+/// The part of the area, one in this number, that is reserved for records that are not layers: those of pauses and of
+/// amended plans.
 const SPARE_PART: u32 = 4;
 
-/// Why a record is not in the journal, or a sector not erased.
+/// The reason why a record is not in the journal, or a sector not erased.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum JournalError {
     /// There is no room: erase, or grow without a journal.
@@ -44,27 +52,10 @@ pub enum JournalError {
     NoJob,
     /// The record does not follow from those before it.
     OutOfOrder,
-    /// The sector holds a job that has not ended: end it or forget it first.
+    /// The sector has a job that has not ended: end it or forget it first.
     JobNotEnded,
-    /// Flash refuses, or does not hold what was written.
+    /// Flash refuses, or reads differently from what was written.
     Flash,
-}
-
-/// The job that the journal knows of.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct JobState {
-    /// The plan.
-    pub plan_id: u64,
-    /// Hash of the robot's description.
-    pub robot: u64,
-    /// Layers of the job.
-    pub layers: u32,
-    /// Layers laid, those cut and let be included.
-    pub laid: u32,
-    /// Layers begun: as many, or one more.
-    pub begun: u32,
-    /// Whether it is done or given up.
-    pub ended: bool,
 }
 
 /// A layer of the present job that is laid.
@@ -72,31 +63,8 @@ pub struct JobState {
 pub struct LaidRecord {
     /// The layer as built.
     pub as_built: LayerBytes,
-    /// Whether it was cut and is let be.
-    pub cut: bool,
-}
-
-/// What the layers laid leave to those after them.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Carry {
-    /// Sum of their planned heights, units of [`growbot_core::layer_bytes`].
-    pub height_units: u64,
-    /// The lean that is owed.
-    pub lean_owed: [i16; 2],
-}
-
-/// The present job, and where it is.
-struct Present {
-    state: JobState,
-    carry: Carry,
-    /// Records of it, as a record counts them.
-    count: u32,
-    /// Place of its own record.
-    at: u32,
-    /// A layer, and how many places behind `at` it is at least.
-    found: (u32, u32),
-    /// The record taken last.
-    latest: Record,
+    /// Whether it was interrupted, and counts as laid.
+    pub interrupted: bool,
 }
 
 /// The journal in one area of flash, all of it.
@@ -108,17 +76,20 @@ pub struct Journal<F> {
     next: u32,
     /// Blank places from there on, round the ring.
     free: u32,
-    /// The greatest count of erasures.
+    /// The max count of erasures.
     erasures: u32,
-    /// The greatest number of a job.
+    /// The max number of a job.
     jobs: u32,
     /// A place that reads as blank, and may have been written to as power was lost.
     doubtful: Option<u32>,
     present: Option<Present>,
 }
 
-/// The last place that is not blank, as far as the journal has been read, and what it holds.
-type Tail = Option<(u32, RecordBytes)>;
+/// The last place that is not blank, as far as the journal has been read.
+struct Tail {
+    place: u32,
+    bytes: RecordBytes,
+}
 
 impl<F: MultiwriteNorFlash> Journal<F> {
     /// Places in a sector.
@@ -128,8 +99,8 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         (F::ERASE_SIZE / RECORD_BYTES - 1) as u32
     };
 
-    /// Reads what is there, and settles what a loss of power has left in doubt. Takes whatever is no journal as flash to be erased, and
-    /// writes nothing there.
+    /// Reads the area, and settles what a loss of power has left in doubt. Anything that is no journal counts as flash
+    /// to be erased, and nothing is written there.
     pub fn open(flash: F) -> Self {
         let mut journal = Self { flash, next: 0, free: 0, erasures: 0, jobs: 0, doubtful: None, present: None };
         let sectors = journal.sectors();
@@ -155,21 +126,21 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         self.present.as_ref().map(|present| &present.state)
     }
 
-    /// The most layers that a job may have: a quarter of the places is left for other records.
+    /// The max number of layers of a job: a quarter of the places is left for other records.
     pub fn capacity(&self) -> u32 {
         self.places() - self.places() / SPARE_PART
     }
 
-    /// Whether a job of so many layers cannot begin before something is erased.
+    /// Whether a job of this number of layers cannot begin before something is erased.
     pub fn needs_erasing(&self, layers: u32) -> bool {
         self.free < layers.saturating_add(self.places() / SPARE_PART)
     }
 
-    /// Erases one sector for a job of so many layers, where it needs that. True while more is to be erased. Takes up to
-    /// two seconds, in which nothing else happens: only with heater and steppers off and the nozzle cold.
+    /// Erases one sector for a job of this number of layers, if it needs that. True while more is to be erased. It
+    /// takes up to two seconds in which nothing else happens, so heater and steppers must be off and the nozzle cold.
     ///
     /// # Errors
-    /// [`JournalError::JobNotEnded`] where the sector holds such a job; it stays. [`JournalError::Flash`].
+    /// [`JournalError::JobNotEnded`] if the sector has such a job, which stays; [`JournalError::Flash`].
     pub fn erase_step(&mut self, layers: u32) -> Result<bool, JournalError> {
         if !self.can_erase(layers) {
             return Ok(false);
@@ -206,16 +177,16 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         Ok(self.can_erase(layers))
     }
 
-    /// There is no present job any more, as far as erasing goes. It comes back with a reset unless a sector of it has been erased or
-    /// another job begun.
+    /// Forgets the present job, so that its sectors can be erased. The job comes back with a reset unless a sector of
+    /// it has been erased or another job begun.
     pub fn forget(&mut self) {
         self.present = None;
     }
 
-    /// A job begins; the one before it is over, whatever comes of this.
+    /// Records the beginning of a job. The job before it is over, even if this fails.
     ///
     /// # Errors
-    /// [`JournalError::Full`] where something must be erased first, or the job has more layers than [`Journal::capacity`];
+    /// [`JournalError::Full`] if something must be erased first, or the job has more layers than [`Journal::capacity`];
     /// [`JournalError::Flash`]. After an error there is no job that has not ended.
     pub fn begin(&mut self, plan_id: u64, robot: u64, layers: u32) -> Result<(), JournalError> {
         let ([a, b], [c, d]) = (split(plan_id), split(robot));
@@ -224,14 +195,14 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         let place = if self.needs_erasing(layers) { Err(JournalError::Full) } else { self.append(&record) };
         match place {
             // The job before goes with it: its number is lower.
-            Ok(place) => self.take(&record, place),
+            Ok(place) => self.apply(&record, place),
             Err(_) if self.present.as_ref().is_some_and(|present| !present.state.ended) => self.strike(),
             Err(_) => {}
         }
         place.map(|_| ())
     }
 
-    /// A layer is begun: the first one, or the first one after a hold.
+    /// Records the beginning of a layer: the first one, or the first one after a pause.
     ///
     /// # Errors
     /// As of [`Journal::committed`].
@@ -239,34 +210,35 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         self.put(Kind::Begun, index, [0; 5])
     }
 
-    /// A layer is laid; the next one may have been begun at once.
+    /// Records a layer that is laid. The next one may have been begun at once.
     ///
     /// # Errors
-    /// [`JournalError::NoJob`]; [`JournalError::OutOfOrder`] where it is not the next layer of the job; [`JournalError::Full`] and
-    /// [`JournalError::Flash`]. After an error there is no job to resume any more.
+    /// [`JournalError::NoJob`]; [`JournalError::OutOfOrder`] if it is not the next layer of the job;
+    /// [`JournalError::Full`] and [`JournalError::Flash`]. After an error there is no job to resume any more.
     pub fn committed(&mut self, index: u32, laid: &Laid, next_begun: bool) -> Result<(), JournalError> {
         let kind = if next_begun { Kind::LaidNextBegun } else { Kind::Laid };
         self.put(kind, index, laid.to_content())
     }
 
-    /// A layer was cut, and is let be as far as it came.
+    /// Records an interrupted layer that counts as laid, as far as it was made.
     ///
     /// # Errors
     /// As of [`Journal::committed`].
     pub fn skipped(&mut self, index: u32, laid: &Laid) -> Result<(), JournalError> {
-        self.put(Kind::Cut, index, laid.to_content())
+        self.put(Kind::Interrupted, index, laid.to_content())
     }
 
-    /// Another plan from a layer on.
+    /// Records another plan from a layer on.
     ///
     /// # Errors
-    /// As of [`Journal::committed`]; [`JournalError::OutOfOrder`] also where that layer is laid already or beyond the job.
+    /// As of [`Journal::committed`]; [`JournalError::OutOfOrder`] also where that layer is laid already or beyond the
+    /// job.
     pub fn amended(&mut self, from: u32, plan_id: u64, layers: u32) -> Result<(), JournalError> {
         let [a, b] = split(plan_id);
         self.put(Kind::Amended, from, [a, b, layers, 0, 0])
     }
 
-    /// The job is done or given up.
+    /// Records that the job is done or given up.
     ///
     /// # Errors
     /// As of [`Journal::committed`].
@@ -274,10 +246,10 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         self.put(Kind::Ended, 0, [0; 5])
     }
 
-    /// A layer of the present job. Quick, and quickest in their order.
+    /// A layer of the present job. It is found quickly, and most quickly in order.
     pub fn laid(&mut self, index: u32) -> Option<LaidRecord> {
         let present = self.present.as_ref().filter(|present| index < present.state.laid)?;
-        let (at, (near, offset)) = (present.at, present.found);
+        let (at, Found { layer: near, offset }) = (present.at, present.found);
         // There is at least a place for each layer in between.
         let first = index.checked_sub(near).map_or(index + 1, |layers| offset + layers);
         for offset in first..=self.places() {
@@ -286,22 +258,22 @@ impl<F: MultiwriteNorFlash> Journal<F> {
                 break;
             }
             let Some(record) = self.record(place) else { continue };
-            let cut = match record.kind {
+            let interrupted = match record.kind {
                 Kind::Laid | Kind::LaidNextBegun => false,
-                Kind::Cut => true,
+                Kind::Interrupted => true,
                 _ => continue,
             };
             if record.job == self.jobs && record.index == index {
                 if let Some(present) = &mut self.present {
-                    present.found = (index, offset);
+                    present.found = Found { layer: index, offset };
                 }
-                return Some(LaidRecord { as_built: Laid::from_content(record.content).as_built, cut });
+                return Some(LaidRecord { as_built: Laid::from_content(record.content).as_built, interrupted });
             }
         }
         None
     }
 
-    /// What the layers laid leave to those after them.
+    /// The carry of the layers laid to those after them.
     pub fn carry(&self) -> Carry {
         self.present.as_ref().map_or_else(Carry::default, |present| present.carry)
     }
@@ -310,12 +282,12 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         (self.flash.capacity() / F::ERASE_SIZE) as u32
     }
 
-    /// Places of the area.
+    /// Number of places in the area.
     fn places(&self) -> u32 {
         self.sectors() * Self::PLACES
     }
 
-    /// The same place, once round the ring at most.
+    /// A place, wrapped once round the ring.
     fn around(&self, place: u32) -> u32 {
         place.checked_sub(self.places()).unwrap_or(place)
     }
@@ -331,7 +303,7 @@ impl<F: MultiwriteNorFlash> Journal<F> {
 
     fn read(&mut self, offset: u32) -> RecordBytes {
         let mut bytes = STRUCK;
-        // What cannot be read is neither blank nor a record.
+        // A place that cannot be read is neither blank nor a record.
         if self.flash.read(offset, &mut bytes).is_ok() { bytes } else { STRUCK }
     }
 
@@ -339,20 +311,20 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         Record::from_bytes(&self.read(Self::offset(place)))
     }
 
-    /// The first record of a sector; none where the sector holds no journal.
+    /// The first record of a sector; none where the sector has no journal.
     fn sector_record(&mut self, sector: u32) -> Option<Record> {
         let bytes = self.read(sector * F::ERASE_SIZE as u32);
         Record::from_bytes(&bytes).filter(|record| record.kind == Kind::Sector)
     }
 
-    /// Reads a sector's records but for the last one, which becomes the tail, and where the ring is free.
-    fn read_sector(&mut self, sector: u32, tail: &mut Tail) {
+    /// Reads a sector's records except for the last one, which becomes the tail, and finds where the ring is free.
+    fn read_sector(&mut self, sector: u32, tail: &mut Option<Tail>) {
         let first = sector * Self::PLACES;
         let Some(own) = self.sector_record(sector) else {
             (self.next, self.free) = (self.around(first + Self::PLACES), 0);
             return;
         };
-        self.take(&own, first);
+        self.apply(&own, first);
         let mut blank = true;
         for place in first..first + Self::PLACES {
             let bytes = self.read(Self::offset(place));
@@ -362,25 +334,25 @@ impl<F: MultiwriteNorFlash> Journal<F> {
             }
             (self.next, self.free) = (self.around(place + 1), 0);
             blank = false;
-            if let Some((place, bytes)) = tail.replace((place, bytes))
+            if let Some(Tail { place, bytes }) = tail.replace(Tail { place, bytes })
                 && let Some(record) = Record::from_bytes(&bytes)
             {
-                self.take(&record, place);
+                self.apply(&record, place);
             }
         }
         if blank {
-            // It may be this record as which power was lost.
+            // Power may have been lost while this record was written.
             let _ = self.write(sector * F::ERASE_SIZE as u32, &own.to_bytes());
         }
     }
 
     /// Settles what the last record is, and where the next one goes.
-    fn settle(&mut self, tail: Tail) {
+    fn settle(&mut self, tail: Option<Tail>) {
         if self.free > 0 {
             self.doubtful = Some(self.next);
             (self.next, self.free) = (self.around(self.next + 1), self.free - 1);
         }
-        let Some((place, mut bytes)) = tail else { return };
+        let Some(Tail { place, mut bytes }) = tail else { return };
         let mut looks = 1;
         let record = loop {
             match Record::from_bytes(&bytes) {
@@ -390,12 +362,12 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         };
         match record {
             Some(record) => {
-                self.take(&record, place);
+                self.apply(&record, place);
                 if !self.write(Self::offset(place), &bytes)
                     && record.job == self.jobs
                     && let Ok(copy) = self.append(&record)
                 {
-                    // These cells do not hold it: others do.
+                    // These cells are weak: others have the record now.
                     self.strike_out(place);
                     if let Some(present) = self.present.as_mut().filter(|present| present.at == place) {
                         present.at = copy;
@@ -406,14 +378,14 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         }
     }
 
-    /// Has a place never read as a record again.
+    /// Strikes a place out, so that it never reads as a record again.
     #[inline(never)]
     fn strike_out(&mut self, place: u32) {
-        // Where flash refuses even this, nothing is left to be tried.
+        // If flash refuses even this, nothing is left to be tried.
         let _ = self.flash.write(Self::offset(place), &STRUCK);
     }
 
-    /// Writes a record, and sees whether it is there.
+    /// Writes a record, and reads it back. False if it is not there.
     #[inline(never)]
     fn write(&mut self, offset: u32, bytes: &RecordBytes) -> bool {
         self.flash.write(offset, bytes).is_ok() && self.read(offset) == *bytes
@@ -425,14 +397,14 @@ impl<F: MultiwriteNorFlash> Journal<F> {
             return Err(JournalError::NoJob);
         };
         let record = Record { kind, count: present.count, index, job: self.jobs, content };
-        let written = if present.take(&record) { self.append(&record) } else { Err(JournalError::OutOfOrder) };
+        let written = if present.apply(&record) { self.append(&record) } else { Err(JournalError::OutOfOrder) };
         if written.is_err() {
             self.strike();
         }
         written.map(|_| ())
     }
 
-    /// Writes a record to the next place, or to one of those after it, and says which.
+    /// Writes a record to the next place, or to one of those after it, and returns the place.
     fn append(&mut self, record: &Record) -> Result<u32, JournalError> {
         let bytes = record.to_bytes();
         for _ in 0..ATTEMPTS {
@@ -458,8 +430,8 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         }
     }
 
-    /// Takes in a record, in the order in which they were written.
-    fn take(&mut self, record: &Record, at: u32) {
+    /// Applies a record. They come in the order in which they were written.
+    fn apply(&mut self, record: &Record, at: u32) {
         if record.job > self.jobs {
             (self.jobs, self.present) = (record.job, None);
         }
@@ -470,40 +442,9 @@ impl<F: MultiwriteNorFlash> Journal<F> {
             return;
         }
         if let (Kind::Job, [a, b, c, d, layers]) = (record.kind, record.content) {
-            let state = JobState { plan_id: join(a, b), robot: join(c, d), layers, laid: 0, begun: 0, ended: false };
-            let (carry, latest) = (Carry::default(), *record);
-            self.present = Some(Present { state, carry, count: 1, at, found: (0, 1), latest });
-        } else if record.kind != Kind::Sector && self.present.as_mut().is_some_and(|present| !present.take(record)) {
+            self.present = Some(Present::new(record, at, [a, b, c, d, layers]));
+        } else if record.kind != Kind::Sector && self.present.as_mut().is_some_and(|present| !present.apply(record)) {
             self.present = None;
         }
-    }
-}
-
-impl Present {
-    /// Takes in one more record of the job. False where that does not follow; then nothing more is to be known of it.
-    fn take(&mut self, record: &Record) -> bool {
-        if record.count != self.count {
-            return false;
-        }
-        self.count = (self.count + 1) & LAST_COUNT;
-        self.latest = *record;
-        let state = &mut self.state;
-        let is_next = record.index == state.laid && state.laid < state.layers;
-        let [a, b, layers, height_units, lean] = record.content;
-        match record.kind {
-            Kind::Begun if is_next => state.begun = state.laid + 1,
-            Kind::Laid | Kind::LaidNextBegun | Kind::Cut if is_next => {
-                state.laid += 1;
-                state.begun = state.laid + u32::from(record.kind == Kind::LaidNextBegun);
-                self.carry.height_units += u64::from(height_units);
-                self.carry.lean_owed = lean_owed(lean);
-            }
-            Kind::Amended if state.laid <= record.index && record.index <= layers.min(LAST_INDEX) => {
-                (state.plan_id, state.layers) = (join(a, b), layers);
-            }
-            Kind::Ended => state.ended = true,
-            _ => return false,
-        }
-        true
     }
 }

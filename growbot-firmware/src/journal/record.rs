@@ -1,11 +1,11 @@
-//! A record of the journal: 32 bytes, which hold or do not hold as a whole.
+//! A record of the journal: 32 bytes, which count as a whole or not at all.
 //!
 //! | byte | content |
 //! |---|---|
-//! | 0 | [`Kind`] in the low four bits; in the others how many records the job has before this one, modulo 16 |
+//! | 0 | [`Kind`] in the low four bits; in the others the number of the job's records before this one, modulo 16 |
 //! | 1 to 3 | index of a layer, 24 bits; 0 where the record is about none |
 //! | 4 to 7 | number of the job; jobs are counted for ever |
-//! | 8 to 27 | what the kind says |
+//! | 8 to 27 | content, by the kind |
 //! | 28 to 31 | CRC-32C of bytes 0 to 27 |
 //!
 //! All numbers are little-endian.
@@ -16,9 +16,9 @@ use growbot_core::link::frame;
 /// Bytes of a record.
 pub(super) const RECORD_BYTES: usize = 32;
 
-/// The greatest count of records.
+/// The max count of records.
 pub(super) const LAST_COUNT: u32 = 15;
-/// The greatest index that fits.
+/// The max index that fits.
 pub(super) const LAST_INDEX: u32 = (1 << 24) - 1;
 
 /// A record as it lies in flash.
@@ -26,56 +26,64 @@ pub(super) type RecordBytes = [u8; RECORD_BYTES];
 
 /// A place where nothing has been written since it was erased.
 pub(super) const BLANK: RecordBytes = [0xff; RECORD_BYTES];
-/// A record that was struck out: flash can be programmed to zero whatever it holds. It has no right CRC.
+/// A record that was struck out: flash can always be programmed to zero. It has no right CRC.
 pub(super) const STRUCK: RecordBytes = [0; RECORD_BYTES];
 
-/// What a record is about, as the low bits of its first byte.
+/// The kind of a record, as the low bits of its first byte.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
 pub(super) enum Kind {
-    /// The first one of a sector: how often the area's sectors had been erased, this time included. Its job is the last one begun
-    /// before that.
+    /// The first record of a sector, with the number of erasures in the area, this one included. Its job is the last
+    /// one begun before that.
     Sector,
-    /// A job begins: plan id, robot's hash, layers.
+    /// The beginning of a job: plan id, robot's hash, layers.
     Job,
-    /// A layer is begun.
+    /// The beginning of a layer.
     Begun,
-    /// A layer is laid, and the next one is not begun.
+    /// A layer that is laid, with the next one not begun.
     Laid,
-    /// A layer is laid, and the next one was begun at once.
+    /// A layer that is laid, with the next one begun at once.
     LaidNextBegun,
-    /// A layer was cut and is let be.
-    Cut,
-    /// Another plan from a layer on: its id and the count of layers.
+    /// A layer that was interrupted, and counts as laid.
+    Interrupted,
+    /// Another plan from a layer on: its id and its number of layers.
     Amended,
-    /// The job is done or given up.
+    /// The end of a job that is done or given up.
     Ended,
 }
 
 impl Kind {
-    /// By their numbers.
-    const ALL: [Self; 8] =
-        [Self::Sector, Self::Job, Self::Begun, Self::Laid, Self::LaidNextBegun, Self::Cut, Self::Amended, Self::Ended];
+    /// All kinds by their numbers.
+    const ALL: [Self; 8] = [
+        Self::Sector,
+        Self::Job,
+        Self::Begun,
+        Self::Laid,
+        Self::LaidNextBegun,
+        Self::Interrupted,
+        Self::Amended,
+        Self::Ended,
+    ];
 }
 
-/// What a layer came to.
+/// A layer that is laid, as the journal records it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Laid {
     /// The layer as built.
     pub as_built: LayerBytes,
     /// The height that was planned, units of [`growbot_core::layer_bytes`].
     pub height_units: u32,
-    /// The lean that is owed to the layers after it, as the caller counts it.
+    /// The lean that is owed to the next layers, in the caller's units.
     pub lean_owed: [i16; 2],
 }
 
-/// A record.
+/// A record, decoded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Record {
     pub kind: Kind,
-    /// How many records the job has before this one; 0 to [`LAST_COUNT`], then again from 0.
+    /// Number of the job's records before this one: 0 to [`LAST_COUNT`], then again from 0.
     pub count: u32,
-    /// 24 bits.
+    /// Index of a layer, 24 bits.
     pub index: u32,
     pub job: u32,
     pub content: [u32; 5],
@@ -95,7 +103,7 @@ impl Record {
         bytes
     }
 
-    /// None for what is no record.
+    /// Decodes a record; none where the bytes are no record.
     pub fn from_bytes(bytes: &RecordBytes) -> Option<Self> {
         let (content, checksum) = bytes.split_last_chunk::<4>()?;
         if frame::checksum(content).to_le_bytes() != *checksum {
@@ -138,11 +146,12 @@ pub(super) const fn lean_owed(lean: u32) -> [i16; 2] {
     [lean as i16, (lean >> 16) as i16]
 }
 
-/// A number of 64 bits as two words, and back.
+/// A number of 64 bits as two words of 32.
 pub(super) const fn split(number: u64) -> [u32; 2] {
     [number as u32, (number >> 32) as u32]
 }
 
+/// A number of 64 bits from two words of 32.
 pub(super) const fn join(low: u32, high: u32) -> u64 {
     low as u64 | (high as u64) << 32
 }
@@ -164,7 +173,10 @@ mod tests {
         }
 
         #[test]
-        fn up_to_five_flipped_bits_are_seen(record in record(), bits in prop::collection::btree_set(0_usize..256, 1..=5)) {
+        fn up_to_five_flipped_bits_are_seen(
+            record in record(),
+            bits in prop::collection::btree_set(0_usize..256, 1..=5),
+        ) {
             let mut bytes = record.to_bytes();
             for bit in bits {
                 bytes[bit / 8] ^= 1 << (bit % 8);
@@ -173,7 +185,11 @@ mod tests {
         }
 
         #[test]
-        fn what_a_layer_came_to_survives(as_built in any::<LayerBytes>(), height_units in any::<u32>(), lean_owed in any::<[i16; 2]>()) {
+        fn a_layer_that_is_laid_survives(
+            as_built in any::<LayerBytes>(),
+            height_units in any::<u32>(),
+            lean_owed in any::<[i16; 2]>(),
+        ) {
             let laid = Laid { as_built, height_units, lean_owed };
             prop_assert_eq!(Laid::from_content(laid.to_content()), laid);
         }

@@ -1,4 +1,4 @@
-//! What a crash leaves for the next start: words in RAM that nothing clears, between a mark and a checksum.
+//! The record of a crash, for the next start: words in RAM that nothing clears, between a mark and a checksum.
 //!
 //! The handler of the processor's faults fills them in after it has switched everything off, with little stack and without trust in
 //! anything: the stack pointer may point anywhere, so every word of the stack is read through a function that knows where the stack is.
@@ -8,7 +8,7 @@ use growbot_core::link::crash::{CRASH_WORDS, CrashWords, FRAME_WORDS, HEAD_WORDS
 
 /// Words that are retained: a mark, the crash, a checksum.
 pub const RETAINED_WORDS: usize = CRASH_WORDS + 2;
-/// What the first of them holds.
+/// The first of them.
 const MARK: u32 = 0x6372_6173;
 
 /// The words to be retained. `stack` gives the stack's word at an address, 0 where there is no stack; `bottom` is its lowest address.

@@ -1,19 +1,22 @@
-//! Inputs that mean danger. A level must persist over some looks, ten a second, before it counts: wires pick up noise.
+//! Inputs that mean danger. A level must persist over some looks, ten a second, before it counts, since wires pick up
+//! noise.
 
 use growbot_core::link::message::Fault;
 use growbot_core::robot::{RobotDescription, Supply};
 
-/// Looks in a row that make a fault of the supply or of a driver: 0.2 s.
+/// Looks in a row that make a fault of the supply or of a driver: 0.2 s, so that one disturbed look is none
+/// (`what_passes_by_is_no_fault`). SAFETY.md and `cargo fault-campaign` have the time.
 const LOOKS: u8 = 2;
-/// Looks in a row without filament: 0.5 s. The switch chatters as the filament's end passes.
+/// Looks in a row without filament: 0.5 s, since the switch chatters as the filament's end passes.
+/// `cargo fault-campaign` has the time.
 const LOOKS_WITHOUT_FILAMENT: u8 = 5;
-/// Looks in a row without a reading of the supply's voltage: 1 s.
+/// Looks in a row without a reading of the supply's voltage: 1 s, as SAFETY.md says. No derivation is recorded.
 const LOOKS_WITHOUT_VOLTAGE: u8 = 10;
 
-/// What the inputs say now. None where the robot has no such sensor, or where it gives nothing.
+/// The present inputs: none where the robot has no such sensor, or where it gives nothing.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Look {
-    /// The supply, V.
+    /// Voltage of the supply, V.
     pub supply_v: Option<f64>,
     /// Whether there is filament.
     pub filament_present: Option<bool>,
@@ -21,7 +24,7 @@ pub struct Look {
     pub driver_fault: Option<bool>,
 }
 
-/// For how long each input has been as it should not be, in looks.
+/// The time for which each input has been wrong, in looks.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Inputs {
     no_voltage: u8,
@@ -31,19 +34,19 @@ pub struct Inputs {
     no_filament: u8,
 }
 
-/// Counts looks in a row at which something was so.
+/// Counts looks in a row.
 fn count(counter: &mut u8, is_so: bool) -> u8 {
     *counter = if is_so { counter.saturating_add(1) } else { 0 };
     *counter
 }
 
 impl Inputs {
-    /// Takes a look. A fault where something has persisted; `needs_filament` is whether it would be missed.
+    /// Counts a look. Returns a fault where something has persisted. Filament counts only if `needs_filament`.
     pub fn look(&mut self, look: &Look, robot: &RobotDescription, needs_filament: bool) -> Option<Fault> {
         let low = look.supply_v.is_some_and(|volts| volts < robot.supply.min_v);
         let high = look.supply_v.is_some_and(|volts| volts > robot.supply.max_v);
         let blind = robot.sensors.supply && look.supply_v.is_none();
-        // Every counter goes on whatever another one says.
+        // Every counter counts, also where another one has found a fault.
         let found = [
             (count(&mut self.driver, look.driver_fault == Some(true)) >= LOOKS, Fault::DriverFault),
             (count(&mut self.low, low) >= LOOKS, Fault::SupplyLow),
@@ -107,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn the_converters_full_scale_is_the_dividers() {
+    fn the_adcs_full_scale_is_the_dividers() {
         let robot = robot_a();
         let supply = &robot.description().supply;
         for (raw, share) in [(0.0, 0.0), (1023.75, 0.25), (4095.0, 1.0)] {

@@ -1,9 +1,9 @@
 //! When the watchdog may be fed: only once everything that keeps the robot safe has shown that it runs.
 
-/// Who has reported since the watchdog was last fed.
+/// The parts that have reported since the watchdog was last fed.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct ProofOfLife {
-    /// The thermistor's converter has been asked.
+    /// The thermistor's ADC has been sampled.
     pub sampler: bool,
     /// The heater's duty has been computed anew.
     pub regulator: bool,
@@ -15,7 +15,7 @@ pub struct ProofOfLife {
 
 impl ProofOfLife {
     /// Whether all have reported. If so, they have to report again before the next time.
-    pub fn take(&mut self) -> bool {
+    pub fn accept(&mut self) -> bool {
         let complete = self.sampler && self.regulator && self.supervisor && self.steps;
         if complete {
             *self = Self::default();
@@ -37,10 +37,10 @@ mod tests {
             ProofOfLife { supervisor: false, ..all },
             ProofOfLife { steps: false, ..all },
         ] {
-            assert!(!incomplete.take());
+            assert!(!incomplete.accept());
         }
         let mut proof = all;
-        assert!(proof.take());
-        assert!(!proof.take(), "each time anew");
+        assert!(proof.accept());
+        assert!(!proof.accept(), "each time anew");
     }
 }

@@ -2,23 +2,23 @@
 
 use growbot_core::link::message::State;
 
-/// What can happen to a robot, as far as its state is concerned.
+/// The events that a state can react to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Event {
     /// A host begins a job, or begins it again.
     Begin,
-    /// A host has the board plan by itself.
+    /// A host asks the board to plan by itself.
     Plan,
-    /// A host takes the job up that the board knows.
+    /// A host resumes the job that the board knows.
     Resume,
     /// A host hands over layers that can be laid.
     Layers,
     /// A host replaces the layers to come.
     Amend,
-    /// A host starts the job that is held, or goes on with it.
+    /// A host starts the job that is stored, or continues it.
     Start,
-    /// A host wants the robot to wait after the layer under way.
-    Hold,
+    /// A host wants the robot to pause after the layer under way.
+    Pause,
     /// A host wants the gains of the heater found.
     Tune,
     /// A host stops everything.
@@ -33,14 +33,14 @@ pub enum Event {
     Hot,
     /// The head stands at the tip's x axis.
     Homed,
-    /// A layer is laid, and no other one is to follow now.
-    LayersOut,
-    /// The nozzle is hot and there is a layer to go on with.
-    LayersIn,
+    /// A layer is laid, and none is to follow now.
+    LayersExhausted,
+    /// The nozzle is hot and there is a layer to continue with.
+    LayersAvailable,
     /// The last layer is laid.
     Finished,
-    /// The robot has waited for as long as its heater may be on for nothing.
-    HeldTooLong,
+    /// The robot has paused for as long as its heater may be on for nothing.
+    PausedTooLong,
     /// The gains are found.
     Tuned,
     /// The emergency stop is pressed.
@@ -58,7 +58,7 @@ impl Event {
         Self::Layers,
         Self::Amend,
         Self::Start,
-        Self::Hold,
+        Self::Pause,
         Self::Tune,
         Self::Stop,
         Self::Cancel,
@@ -66,16 +66,16 @@ impl Event {
         Self::Tested,
         Self::Hot,
         Self::Homed,
-        Self::LayersOut,
-        Self::LayersIn,
+        Self::LayersExhausted,
+        Self::LayersAvailable,
         Self::Finished,
-        Self::HeldTooLong,
+        Self::PausedTooLong,
         Self::Tuned,
         Self::EmergencyStop,
         Self::Fault,
     ];
 
-    /// The event in a few words.
+    /// The name of the event.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -85,7 +85,7 @@ impl Event {
             Self::Layers => "layers",
             Self::Amend => "amend",
             Self::Start => "start",
-            Self::Hold => "hold",
+            Self::Pause => "pause",
             Self::Tune => "tune",
             Self::Stop => "stop",
             Self::Cancel => "cancel",
@@ -93,10 +93,10 @@ impl Event {
             Self::Tested => "tested",
             Self::Hot => "hot",
             Self::Homed => "homed",
-            Self::LayersOut => "layers out",
-            Self::LayersIn => "layers in",
+            Self::LayersExhausted => "layers exhausted",
+            Self::LayersAvailable => "layers available",
             Self::Finished => "finished",
-            Self::HeldTooLong => "held too long",
+            Self::PausedTooLong => "paused too long",
             Self::Tuned => "tuned",
             Self::EmergencyStop => "emergency stop",
             Self::Fault => "fault",
@@ -104,13 +104,13 @@ impl Event {
     }
 }
 
-/// The state that an event leads to. The same state where the event is taken and changes nothing about it; none where a request
-/// is refused and anything else means nothing.
+/// The state that an event leads to: the same one where the event is accepted and changes nothing; none where a request is
+/// refused, or any other event ignored.
 #[must_use]
 pub const fn after(state: State, event: Event) -> Option<State> {
     use State as S;
     match (state, event) {
-        // Latched: the first one wins, whatever comes after it.
+        // Latched: the first one wins.
         (S::Fault | S::EmergencyStop, Event::Fault | Event::EmergencyStop | Event::Stop | Event::Cancel) => Some(state),
         (S::Fault | S::EmergencyStop, Event::Clear) => Some(S::Idle),
         (S::Fault | S::EmergencyStop, _) => None,
@@ -132,7 +132,7 @@ pub const fn after(state: State, event: Event) -> Option<State> {
         // The same job again, where it is under way: a request that is repeated.
         (S::Heating | S::Homing | S::Growing | S::Paused | S::Parked, Event::Begin) => Some(state),
 
-        // What was stopped goes on from rest; what is under way is followed on.
+        // What was stopped is resumed from rest; what is under way continues.
         (S::Stopped, Event::Resume) => Some(S::Idle),
         (S::Idle | S::Heating | S::Homing | S::Growing | S::Paused | S::Parked | S::Done, Event::Resume) => Some(state),
 
@@ -144,14 +144,14 @@ pub const fn after(state: State, event: Event) -> Option<State> {
         (S::Idle, Event::Finished) => Some(S::Done),
         (S::Heating | S::Homing | S::Growing | S::Paused | S::Done, Event::Start) => Some(state),
 
-        (S::Heating | S::Homing | S::Growing | S::Paused | S::Parked, Event::Hold) => Some(state),
+        (S::Heating | S::Homing | S::Growing | S::Paused | S::Parked, Event::Pause) => Some(state),
 
         (S::Heating, Event::Hot) => Some(S::Homing),
         (S::Homing, Event::Homed) => Some(S::Growing),
-        (S::Growing, Event::LayersOut) => Some(S::Paused),
+        (S::Growing, Event::LayersExhausted) => Some(S::Paused),
         (S::Growing, Event::Finished) => Some(S::Done),
-        (S::Paused, Event::LayersIn) => Some(S::Growing),
-        (S::Paused, Event::HeldTooLong) => Some(S::Parked),
+        (S::Paused, Event::LayersAvailable) => Some(S::Growing),
+        (S::Paused, Event::PausedTooLong) => Some(S::Parked),
         (S::Tuning, Event::Tuned) => Some(S::Idle),
         _ => None,
     }
@@ -163,13 +163,13 @@ pub const fn may_heat(state: State) -> bool {
     matches!(state, State::Heating | State::Homing | State::Growing | State::Paused | State::Tuning)
 }
 
-/// Whether motors may be held and turn.
+/// Whether motors may be energised and turn.
 #[must_use]
 pub const fn may_move(state: State) -> bool {
     matches!(state, State::Homing | State::Growing | State::Paused)
 }
 
-/// Whether filament may be fed: not below the least extrusion temperature.
+/// Whether filament may be fed, which is a fault below the min extrusion temperature.
 #[must_use]
 pub const fn may_feed(state: State) -> bool {
     matches!(state, State::Homing | State::Growing)
@@ -180,7 +180,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn whatever_is_under_way_can_be_stopped_and_faults_lead_to_rest() {
+    fn all_states_can_be_stopped_and_faults_lead_to_rest() {
         for state in State::ALL {
             for event in [Event::Stop, Event::Fault, Event::EmergencyStop] {
                 let to = after(state, event).expect("taken in every state");

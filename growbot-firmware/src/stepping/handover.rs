@@ -158,7 +158,7 @@ impl Handover {
 
     /// Controller: whether an order can be given.
     #[must_use]
-    pub fn takes_orders(&self) -> bool {
+    pub fn accepts_orders(&self) -> bool {
         !self.order_waits.load(Ordering::Acquire) && !self.halt.load(Ordering::Acquire) && !self.emergency_stop()
     }
 
@@ -186,7 +186,7 @@ impl Handover {
     }
 
     /// Controller: takes the report.
-    pub fn take_report(&self) -> Option<Report> {
+    pub fn pop_report(&self) -> Option<Report> {
         if !self.report_waits.load(Ordering::Acquire) {
             return None;
         }

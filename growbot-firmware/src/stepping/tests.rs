@@ -246,7 +246,7 @@ impl Rig {
 
     fn report(&mut self) -> Report {
         loop {
-            if let Some(report) = self.handover.take_report() {
+            if let Some(report) = self.handover.pop_report() {
                 return report;
             }
             self.advance(1 << 22);
@@ -262,17 +262,17 @@ impl Rig {
     fn lay(&mut self, turns: impl IntoIterator<Item = Turn>) -> (Vec<TurnReport>, Option<Report>) {
         let (mut turns, mut reports, mut given) = (turns.into_iter(), Vec::new(), 0);
         loop {
-            if self.handover.takes_orders()
+            if self.handover.accepts_orders()
                 && let Some(turn) = turns.next()
             {
                 self.handover.give(Order::Lay(turn));
                 given += 1;
             }
-            if let Some(report) = self.handover.take_report() {
+            if let Some(report) = self.handover.pop_report() {
                 let Report::Laid(report) = report else { return (reports, Some(report)) };
                 reports.push(report);
             }
-            if reports.len() == given && self.handover.takes_orders() {
+            if reports.len() == given && self.handover.accepts_orders() {
                 return (reports, None);
             }
             self.advance(1 << 22);
@@ -501,8 +501,8 @@ fn orders_that_come_late_cost_no_step_and_break_no_limit() {
                 given += 1;
             }
             let until = rig.world.now.get() + wait;
-            while rig.world.now.get() < until || (given < 10 && !rig.handover.takes_orders()) {
-                if rig.handover.take_report().is_some() {
+            while rig.world.now.get() < until || (given < 10 && !rig.handover.accepts_orders()) {
+                if rig.handover.pop_report().is_some() {
                     laid += 1;
                 }
                 rig.advance(10);
@@ -529,7 +529,7 @@ fn a_report_that_nobody_takes_loses_nothing() {
     rig.handover.give(Order::Lay(turns[2]));
     rig.run(150_000);
     // The second is laid and waits to say so.
-    assert!(!rig.handover.takes_orders());
+    assert!(!rig.handover.accepts_orders());
     assert_eq!(rig.engine.ticks_to_event(&rig.handover), u32::MAX);
     for _ in 0..3 {
         assert!(matches!(rig.report(), Report::Laid(_)));
@@ -598,7 +598,7 @@ fn an_emergency_stop_lets_go_at_once_and_refuses_orders_until_the_controller_kno
     rig.handover.give(Order::Lay(turn));
     rig.world.pressed.set(true);
     rig.run(1);
-    assert!(!rig.holds() && rig.handover.emergency_stop() && !rig.handover.takes_orders());
+    assert!(!rig.holds() && rig.handover.emergency_stop() && !rig.handover.accepts_orders());
     assert_eq!(*rig.outputs.0.borrow(), 1, "the heater waits for the main loop");
     rig.world.pressed.set(false);
     let moved = [rig.moved(HEAD), rig.moved(FEED)];
@@ -607,7 +607,7 @@ fn an_emergency_stop_lets_go_at_once_and_refuses_orders_until_the_controller_kno
     assert!(!rig.holds() && rig.handover.emergency_stop(), "it was pressed, however short");
     rig.handover.halt();
     rig.run(2);
-    assert!(!rig.handover.emergency_stop() && rig.handover.takes_orders());
+    assert!(!rig.handover.emergency_stop() && rig.handover.accepts_orders());
     rig.run(1000);
     assert_eq!([rig.moved(HEAD), rig.moved(FEED)], moved);
     // Pressed, a halt changes nothing.
@@ -636,7 +636,7 @@ fn index_fault_at(share: f64, robot: &Robot, fault: impl Fn(&World)) -> (Option<
     assert_eq!((first.len(), none), (1, None));
     rig.handover.give(Order::Lay(turns[1]));
     rig.run((f64::from(turns[1].ticks) * share) as u64);
-    assert_eq!(rig.handover.take_report(), None);
+    assert_eq!(rig.handover.pop_report(), None);
     fault(&rig.world);
     let (laid, report) = match rig.report() {
         Report::Laid(_) => {
@@ -815,13 +815,13 @@ fn a_pin_that_fails_switches_everything_off() {
         let outputs = FakeOutputs::default();
         let mut engine = Engine::new(axis(0), axis(3), inputs, outputs.clone(), EngineSettings::of(&robot));
         engine.tick(&handover);
-        assert_eq!(handover.take_report(), None);
+        assert_eq!(handover.pop_report(), None);
         pins.fail(broken);
         handover.give(Order::Lay(turn));
         for _ in 0..1000 {
             engine.tick(&handover);
         }
-        assert_eq!(handover.take_report(), Some(Report::Hardware), "pin {broken}");
+        assert_eq!(handover.pop_report(), Some(Report::Hardware), "pin {broken}");
         assert!(*outputs.0.borrow() > 0, "pin {broken}: the heater waits for the main loop");
         assert!([2, 5].into_iter().all(|enable| enable == broken || !pins.level(enable)));
     }

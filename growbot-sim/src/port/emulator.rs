@@ -247,7 +247,7 @@ impl Words {
             (false, true) => table::ENCODER_STANDS_HIGH,
         };
         self.write(table::ENCODER_STATE, encoder)?;
-        self.show_encoder_course(tip)?;
+        self.show_encoder_mapping(tip)?;
         let gravity = tip.gravity();
         if let Some(gravity) = gravity {
             for (offset, part) in [table::GRAVITY_X, table::GRAVITY_Y, table::GRAVITY_Z].into_iter().zip(gravity) {
@@ -258,8 +258,8 @@ impl Words {
     }
 
     /// How the encoder goes on from the tip's latest step, wherever that changes: the board computes its level from its own steps.
-    fn show_encoder_course(&self, tip: &mut Tip) -> io::Result<()> {
-        let (turned, seen_per_step) = tip.encoder_course();
+    fn show_encoder_mapping(&self, tip: &mut Tip) -> io::Result<()> {
+        let (turned, seen_per_step) = tip.encoder_mapping();
         let slip = libm::rint((seen_per_step - 1.0) * 65_536.0) as i32;
         if slip.cast_unsigned() == self.read(table::ENCODER_SLIP)? {
             return Ok(());

@@ -100,7 +100,7 @@ impl Tip {
     }
 
     /// How the encoder goes on from here: how far it has been turned, steps, and how much each step's worth adds in this layer.
-    pub fn encoder_course(&mut self) -> (f64, f64) {
+    pub fn encoder_mapping(&mut self) -> (f64, f64) {
         (self.filament.turned(), self.seen_per_step())
     }
 

@@ -449,7 +449,7 @@ impl Bench {
             }
             State::Fault => {
                 bench.run_to(State::Growing, 60.0);
-                bench.world.wire.set(Wire::Cut);
+                bench.world.wire.set(Wire::Open);
                 bench.run_to(State::Fault, 1.0);
                 bench.world.wire.set(Wire::Whole);
                 bench.run(0.5);

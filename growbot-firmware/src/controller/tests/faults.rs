@@ -42,7 +42,7 @@ fn assert_usable(bench: &mut Bench) {
 }
 
 const WIRES: [(Wire, Fault, f64); 3] = [
-    (Wire::Cut, Fault::ThermistorOpen, 0.22),
+    (Wire::Open, Fault::ThermistorOpen, 0.22),
     (Wire::Shorted, Fault::ThermistorShort, 0.22),
     (Wire::Silent, Fault::ThermistorSilent, 0.72),
 ];
@@ -97,7 +97,7 @@ fn too_hot_is_a_fault_in_every_state() {
         }
         assert_eq!(bench.refused(&clear()), Refusal::FaultRemains { fault });
         // Nor is it known to be gone without a reading.
-        bench.world.wire.set(Wire::Cut);
+        bench.world.wire.set(Wire::Open);
         bench.world.nozzle_c.set(100.0);
         bench.run(0.2);
         assert_eq!(bench.refused(&clear()), Refusal::FaultRemains { fault });
@@ -221,7 +221,7 @@ fn a_step_interrupt_that_stops_is_a_fault_and_then_starves_the_watchdog() {
 #[test]
 fn the_self_test_finds_what_is_broken_before_anything_is_asked() {
     for (wire, fault) in [
-        (Wire::Cut, Fault::ThermistorOpen),
+        (Wire::Open, Fault::ThermistorOpen),
         (Wire::Shorted, Fault::ThermistorShort),
         (Wire::Silent, Fault::ThermistorSilent),
     ] {
@@ -280,7 +280,7 @@ fn the_first_fault_wins_and_stays() {
     bench.run_to(State::Fault, 60.0);
     let first = bench.controller.fault();
     assert_eq!(first, Some(Fault::TemperatureDrop));
-    for wire in [Wire::Cut, Wire::Shorted, Wire::Silent] {
+    for wire in [Wire::Open, Wire::Shorted, Wire::Silent] {
         bench.world.wire.set(wire);
         bench.run(2.0);
         assert_eq!(bench.controller.fault(), first);

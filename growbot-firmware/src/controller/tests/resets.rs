@@ -62,7 +62,7 @@ fn a_reset_at_rest_is_none() {
 #[test]
 fn a_fault_survives_resets_until_it_is_cleared_and_can_be_read_after_that() {
     let mut bench = Bench::in_state(State::Growing);
-    bench.world.wire.set(Wire::Cut);
+    bench.world.wire.set(Wire::Open);
     bench.run_to(State::Fault, 1.0);
     bench.world.wire.set(Wire::Whole);
     let first = record(&mut bench).unwrap();
@@ -220,7 +220,7 @@ impl crate::hal::RetainedMemory for Fixed {
 fn however_a_write_is_torn_a_board_at_work_comes_up_with_a_fault() {
     type End = fn(&mut Bench);
     let ends: [(End, State); 2] = [
-        (|bench| bench.world.wire.set(Wire::Cut), State::Fault),
+        (|bench| bench.world.wire.set(Wire::Open), State::Fault),
         (|bench| bench.press_emergency_stop(true), State::EmergencyStop),
     ];
     for (end, state) in ends {

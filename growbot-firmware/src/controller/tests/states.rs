@@ -24,7 +24,7 @@ fn request(event: Event, bench: &mut Bench) -> Option<Message> {
         Event::Amend => amend(next, 50),
         Event::Cancel => Message::Cancel(Cancel { plan_id: bench.status().plan_id }),
         Event::Start => start(),
-        Event::Hold => hold(),
+        Event::Pause => hold(),
         Event::Tune => tune(200.0),
         Event::Stop => stop(),
         Event::Clear => clear(),
@@ -64,7 +64,7 @@ fn every_event_in_every_state_does_what_the_table_says() {
 
 /// The table as SAFETY.md prints it.
 fn table() -> String {
-    let mut text = String::from("| event | taken in | leads to |\n|---|---|---|\n");
+    let mut text = String::from("| event | accepted in | leads to |\n|---|---|---|\n");
     for event in Event::ALL {
         let mut rows: std::vec::Vec<(Option<State>, std::vec::Vec<&str>)> = std::vec::Vec::new();
         for state in State::ALL {

@@ -31,7 +31,7 @@ const ROOM: f64 = 25.0;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Wire {
     Whole,
-    Cut,
+    Open,
     Shorted,
     /// The ADC gives nothing.
     Silent,
@@ -107,7 +107,7 @@ impl hal::Adc for FakeThermistor {
         let thermistor = &self.0.robot.description().thermistor;
         let raw = match self.0.wire.get() {
             Wire::Whole => reading(self.0.nozzle_c.get(), thermistor).round() as u16,
-            Wire::Cut => FULL_SCALE,
+            Wire::Open => FULL_SCALE,
             Wire::Shorted => 0,
             Wire::Silent => return None,
         };

@@ -37,7 +37,7 @@ fn tuning_can_be_stopped_and_is_broken_off_by_faults() {
     bench.accepted(&stop());
     assert_eq!(bench.controller.state(), State::Stopped);
     let mut bench = Bench::in_state(State::Tuning);
-    bench.world.wire.set(Wire::Cut);
+    bench.world.wire.set(Wire::Open);
     bench.run_to(State::Fault, 0.3);
     bench.world.wire.set(Wire::Whole);
     bench.run(0.2);

@@ -120,7 +120,7 @@ fn random_requests_in_random_order_never_break_what_must_hold() {
                 0..20 => bench.run(0.05),
                 20..30 => bench.run(8.0),
                 30 if random.below(4) == 0 => {
-                    bench.world.wire.set(random.one_of(&[Wire::Cut, Wire::Shorted, Wire::Silent]));
+                    bench.world.wire.set(random.one_of(&[Wire::Open, Wire::Shorted, Wire::Silent]));
                 }
                 31..40 => bench.world.wire.set(Wire::Whole),
                 40 if random.below(4) == 0 => bench.world.nozzle_c.set(260.0),

@@ -8,7 +8,7 @@ use crate::journal::record::RecordBytes;
 
 /// Cells of a record that are weak.
 struct Weak {
-    /// What the other bits hold.
+    /// The values of the other bits.
     base: RecordBytes,
     /// The weak bits.
     mask: RecordBytes,
@@ -81,8 +81,8 @@ fn cases() -> Vec<Case> {
     cases
 }
 
-/// Something that follows on what is known; what is known then.
-fn go_on(journal: &mut Journal<Small>, known: Option<Known>) -> Option<Known> {
+/// Carries out what follows what is known. Returns what is known then.
+fn carry_on(journal: &mut Journal<Small>, known: Option<Known>) -> Option<Known> {
     let deeds = match known.as_ref().map(|known| known.state) {
         Some(state) if !state.ended && state.laid < state.layers => std::vec![Deed::Commit(true)],
         Some(state) if !state.ended => std::vec![Deed::End],
@@ -104,8 +104,8 @@ impl Case {
         flash
     }
 
-    /// Starts once for each reading, and goes on after each start if so wanted.
-    fn live(&self, weak: &Weak, readings: &[RecordBytes], goes_on: bool) {
+    /// Starts once for each reading, and carries on after each start if `works`.
+    fn live(&self, weak: &Weak, readings: &[RecordBytes], works: bool) {
         let flash = self.flash(weak);
         let mut expected: Option<Option<Known>> = None;
         for reading in readings {
@@ -117,12 +117,12 @@ impl Case {
                 None => assert!(found == self.before || found == self.after, "{found:?}: {}", what()),
                 Some(expected) => assert_eq!(&found, expected, "{}", what()),
             }
-            expected = Some(if goes_on { go_on(&mut journal, found) } else { found });
+            expected = Some(if works { carry_on(&mut journal, found) } else { found });
         }
     }
 }
 
-/// Every sequence of so many of these.
+/// Every sequence of this length of some readings.
 fn sequences<T: Copy>(of: &[T], length: usize) -> Vec<Vec<T>> {
     (0..length).fold(std::vec![Vec::new()], |sequences, _| {
         let longer = |sequence: Vec<T>| of.iter().map(move |next| [&sequence[..], &[*next]].concat());
@@ -137,8 +137,8 @@ fn whatever_the_last_record_reads_like_at_three_starts_nothing_is_lost() {
         let record = case.bytes[case.offset..case.offset + 32].try_into().unwrap();
         for weak in weaknesses(&record) {
             for readings in sequences(&weak.readings, 3) {
-                for goes_on in [false, true] {
-                    case.live(&weak, &readings, goes_on);
+                for works in [false, true] {
+                    case.live(&weak, &readings, works);
                     lives += 1;
                 }
             }
@@ -165,7 +165,7 @@ fn a_loss_of_power_while_that_is_settled_costs_no_more_than_the_record() {
                     let mut journal = Journal::open(flash.clone());
                     let found = known(&mut journal);
                     assert!(found == case.before || found == case.after, "{:?}: {found:?}", case.deed);
-                    let expected = go_on(&mut journal, found);
+                    let expected = carry_on(&mut journal, found);
                     flash.read_weak_as(&readings[0]);
                     assert_eq!(known(&mut Journal::open(flash)), expected, "{:?}", case.deed);
                     losses += 1;
@@ -263,7 +263,7 @@ fn a_record_that_reads_as_whole_at_one_of_three_looks_counts() {
 }
 
 #[test]
-fn a_record_that_its_cells_do_not_hold_goes_to_others() {
+fn a_record_in_weak_cells_goes_to_others() {
     for case in cases().iter().filter(|case| !matches!(case.deed, Deed::Erase(_))) {
         let flash = Small::new(SECTORS);
         flash.set_bytes(&case.bytes);

@@ -5,7 +5,7 @@ use std::f64::consts::FRAC_PI_2;
 use growbot_core::layer::grow;
 use growbot_core::simulation::Disturbance;
 use growbot_core::tracking::SensorNoise;
-use growbot_firmware::emulated_tip::{ENCODER_TURNS, EncoderCourse, encoder_level};
+use growbot_firmware::emulated_tip::{ENCODER_TURNS, EncoderMapping, encoder_level};
 use growbot_firmware::thermistor::{self, Broken};
 
 use super::*;
@@ -294,7 +294,7 @@ fn the_emulated_board_computes_the_same_encoder() {
     let mut tip = hot_tip();
     let pitch = encoder_pitch(&robot());
     for step in 0..1000 {
-        assert_eq!(tip.encoder(), encoder_level(step, pitch, ENCODER_TURNS, EncoderCourse::default()), "{step}");
+        assert_eq!(tip.encoder(), encoder_level(step, pitch, ENCODER_TURNS, EncoderMapping::default()), "{step}");
         feed(&mut tip, 1);
     }
 }
@@ -307,7 +307,7 @@ fn laid(turns: u32, imperfection: &Imperfection) -> (Tip, Vec<f64>) {
     for _ in 0..turns {
         tip.set_nozzle_c(200.0);
         lay_turn(&mut tip, true);
-        turned.push(tip.encoder_course().0 / robot().description().feed.steps_per_mm);
+        turned.push(tip.encoder_mapping().0 / robot().description().feed.steps_per_mm);
     }
     (tip, turned)
 }

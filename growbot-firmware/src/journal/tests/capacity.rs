@@ -1,0 +1,133 @@
+//! Room, erasures and wear.
+
+use super::*;
+
+#[test]
+fn new_flash_and_the_emulators_zeros_have_no_journal_and_are_not_written_to() {
+    for byte in [0, 0x55, 0xff] {
+        let flash = Small::new(SECTORS);
+        flash.set_bytes(&[byte; 2048]);
+        let mut journal = Journal::open(flash.clone());
+        assert_eq!(journal.job(), None);
+        assert_eq!(journal.laid(0), None);
+        assert!(journal.needs_erasing(1));
+        assert_eq!(journal.begin(1, ROBOT, 1), Err(JournalError::Full));
+        assert_eq!((flash.bytes(), flash.erasures()), (std::vec![byte; 2048], std::vec![0, 0]));
+        live(&flash, &story(), || None);
+    }
+}
+
+#[test]
+fn one_sector_does_and_more_do_too() {
+    for sectors in [1, 3, 4] {
+        let flash = Small::new(sectors);
+        for _ in 0..5 {
+            let mut losses = [Some((2000, 1)), Some((3000, 2))].into_iter();
+            live(&flash, &story(), || losses.next().flatten());
+        }
+    }
+}
+
+/// Jobs of up to a number of layers. Returns the number of their records, and of the erasures of each sector.
+fn many_jobs(max_layers: u64) -> (u32, Vec<u32>) {
+    let flash = Small::new(SECTORS);
+    let mut records = 0;
+    for plan_id in 1..=600 {
+        let mut journal = Journal::open(flash.clone());
+        let layers = (plan_id * 7 % max_layers) as u32 + 1;
+        while journal.erase_step(layers).unwrap() {}
+        assert!(!journal.needs_erasing(layers));
+        journal.begin(plan_id, ROBOT, layers).unwrap();
+        for index in 0..layers {
+            journal.committed(index, &layer(plan_id, index), true).unwrap();
+        }
+        journal.ended().unwrap();
+        // A start that writes passes over a place, which may have been written to.
+        records += layers + 2 + 1;
+        let known = known(&mut Journal::open(flash.clone())).unwrap();
+        assert_eq!((known.state.plan_id, known.state.laid, known.state.ended), (plan_id, layers, true));
+        assert!((0..).zip(&known.laid).all(|(index, laid)| laid.as_built == layer(plan_id, index).as_built));
+    }
+    (records, flash.erasures())
+}
+
+#[test]
+fn hundreds_of_jobs_wear_the_sectors_evenly() {
+    for max_layers in [1, 5, 16, 30, 47] {
+        let (records, erasures) = many_jobs(max_layers);
+        assert!(erasures[0].abs_diff(erasures[1]) <= 1, "{erasures:?}");
+        let places = 31 * erasures.iter().sum::<u32>();
+        if max_layers <= 16 {
+            // With the places reserved for other records they fit a sector: no place is erased before it was used.
+            assert!(places <= records + 2 * 31, "{places} places for {records} records");
+        }
+        // With the least favourable length of jobs 5/8 are used.
+        assert!(places * 5 <= (records + 2 * 31) * 8, "{places} places for {records} records");
+    }
+}
+
+#[test]
+fn a_job_of_the_robots_flash_may_have_six_thousand_layers_and_two_thousand_pauses() {
+    let flash = Flash::<{ 128 * 1024 }>::new(2);
+    let mut journal = Journal::open(flash.clone());
+    let layers = journal.capacity();
+    assert_eq!(layers, 6143);
+    while journal.erase_step(layers).unwrap() {}
+    assert!(journal.needs_erasing(layers + 1));
+    assert_eq!(journal.begin(1, ROBOT, layers + 1), Err(JournalError::Full));
+    journal.begin(2, ROBOT, layers).unwrap();
+    for index in 0..layers {
+        let paused = index % 3 == 0 && index < 2045 * 3;
+        if paused {
+            journal.begun(index).unwrap();
+        }
+        journal.committed(index, &layer(2, index), false).unwrap();
+    }
+    journal.ended().unwrap();
+    let mut journal = Journal::open(flash);
+    assert_eq!(known(&mut journal).unwrap().state.laid, layers);
+    for index in [6142, 0, 3000, 2999, 3001] {
+        assert_eq!(journal.laid(index).unwrap().as_built, layer(2, index).as_built, "{index}");
+    }
+}
+
+#[test]
+fn a_job_whose_records_find_no_room_is_not_resumed() {
+    let flash = Small::new(SECTORS);
+    let mut journal = Journal::open(flash.clone());
+    while journal.erase_step(47).unwrap() {}
+    journal.begin(1, ROBOT, 47).unwrap();
+    for _ in 0..61 {
+        journal.begun(0).unwrap();
+    }
+    assert_eq!(journal.committed(0, &layer(1, 0), true), Err(JournalError::Full));
+    assert_eq!(journal.committed(1, &layer(1, 1), true), Err(JournalError::NoJob));
+    assert_eq!(Journal::open(flash.clone()).job(), None);
+    live(&flash, &story(), || None);
+}
+
+#[test]
+fn after_any_job_all_places_can_be_used_and_none_twice() {
+    for records in 1..60 {
+        for restarted in [false, true] {
+            let flash = Small::new(SECTORS);
+            let mut journal = Journal::open(flash.clone());
+            while journal.erase_step(47).unwrap() {}
+            journal.begin(1, ROBOT, 4).unwrap();
+            (0..records).for_each(|_| journal.begun(0).unwrap());
+            journal.ended().unwrap();
+            while journal.erase_step(47).unwrap() {}
+            let mut places = 62;
+            if restarted {
+                // The first blank place may have been written to.
+                journal = Journal::open(flash.clone());
+                places -= 1;
+            }
+            assert_eq!(room(&journal), places - 15);
+            journal.begin(2, ROBOT, 46).unwrap();
+            (1..places).for_each(|_| journal.begun(0).unwrap());
+            assert_eq!(journal.job().copied(), Journal::open(flash.clone()).job().copied());
+            assert_eq!(journal.begun(0), Err(JournalError::Full), "{records} records");
+        }
+    }
+}

@@ -1,0 +1,186 @@
+//! The journal against a flash that loses power at every byte of a story, and against random flash.
+
+mod capacity;
+mod losses;
+mod order;
+mod weak_cells;
+
+use std::vec::Vec;
+
+use super::*;
+use crate::testing::flash::Flash;
+
+/// Two sectors of 31 places: 15 are reserved, so a job may have 47 layers.
+type Small = Flash<1024>;
+const SECTORS: usize = 2;
+
+const ROBOT: u64 = 0xfeed_0123_4567_89ab;
+
+/// A call of the journal.
+#[derive(Debug, Clone, Copy)]
+enum Deed {
+    Erase(u32),
+    Begin(u64, u32),
+    Begun,
+    /// The next layer, and whether the one after it is begun at once.
+    Commit(bool),
+    Skip,
+    Amend(u32, u64, u32),
+    End,
+}
+
+/// Everything that can be known of a job.
+#[derive(Debug, Clone, PartialEq)]
+struct Known {
+    state: JobState,
+    carry: Carry,
+    laid: Vec<LaidRecord>,
+}
+
+/// A layer that shows which one it is.
+fn layer(plan_id: u64, index: u32) -> Laid {
+    let mut as_built = LayerBytes::default();
+    as_built[..8].copy_from_slice(&(plan_id ^ u64::from(index) << 32).to_le_bytes());
+    as_built[8..].copy_from_slice(&index.to_le_bytes());
+    Laid { as_built, height_units: 1 << 24 | index, lean_owed: [index as i16, -3 - index as i16] }
+}
+
+fn known<const S: usize>(journal: &mut Journal<Flash<S>>) -> Option<Known> {
+    let state = *journal.job()?;
+    let laid = (0..state.laid).map(|index| journal.laid(index).unwrap()).collect();
+    assert_eq!(journal.laid(state.laid), None);
+    Some(Known { state, carry: journal.carry(), laid })
+}
+
+impl Deed {
+    fn done<const S: usize>(self, journal: &mut Journal<Flash<S>>) -> Result<(), JournalError> {
+        let state = journal.job().copied();
+        let next = || state.map_or((0, 0), |state| (state.plan_id, state.laid));
+        let ((plan_id, index), laid) = (next(), layer(next().0, next().1));
+        match self {
+            Deed::Erase(layers) => {
+                while journal.erase_step(layers)? {}
+                Ok(())
+            }
+            Deed::Begin(plan_id, layers) => journal.begin(plan_id, ROBOT, layers),
+            Deed::Begun => journal.begun(index),
+            Deed::Commit(next_begun) => journal.committed(index, &laid, next_begun),
+            Deed::Skip => journal.skipped(index, &layer(!plan_id, index)),
+            Deed::Amend(from, plan_id, layers) => journal.amended(from, plan_id, layers),
+            Deed::End => journal.ended(),
+        }
+    }
+
+    /// The job as it is known after it.
+    fn after(self, before: Option<&Known>) -> Option<Known> {
+        if let Deed::Begin(plan_id, layers) = self {
+            let state = JobState { plan_id, robot: ROBOT, layers, laid: 0, begun: 0, ended: false };
+            return Some(Known { state, carry: Carry::default(), laid: Vec::new() });
+        }
+        let mut known = before?.clone();
+        let Known { state, carry, laid } = &mut known;
+        let mut lay = |interrupted| {
+            let plan_id = if interrupted { !state.plan_id } else { state.plan_id };
+            let layer = layer(plan_id, state.laid);
+            laid.push(LaidRecord { as_built: layer.as_built, interrupted });
+            carry.height_units += u64::from(layer.height_units);
+            carry.lean_owed = layer.lean_owed;
+            state.laid += 1;
+            state.begun = state.laid;
+        };
+        match self {
+            Deed::Erase(_) | Deed::Begin(..) => {}
+            Deed::Begun => state.begun = state.laid + 1,
+            Deed::Commit(next_begun) => {
+                lay(false);
+                state.begun += u32::from(next_begun);
+            }
+            Deed::Skip => lay(true),
+            Deed::Amend(_, plan_id, layers) => {
+                (state.plan_id, state.layers) = (plan_id, layers);
+            }
+            Deed::End => state.ended = true,
+        }
+        Some(known)
+    }
+}
+
+/// A job with everything that can happen in one: 22 layers.
+fn job(plan_id: u64) -> Vec<Deed> {
+    let mut deeds = std::vec![Deed::Begin(plan_id, 20), Deed::Begun];
+    deeds.extend([Deed::Commit(true); 9]);
+    deeds.extend([Deed::Commit(false), Deed::Begun, Deed::Commit(true), Deed::Skip, Deed::Begun]);
+    deeds.extend([Deed::Amend(14, plan_id + 100, 22), Deed::Commit(true)]);
+    deeds.extend([Deed::Commit(true); 8]);
+    deeds.extend([Deed::Commit(false), Deed::End]);
+    deeds
+}
+
+/// Jobs after one another, with every kind of erasure: of new flash, of one sector, of the one in which the last job
+/// ended.
+fn story() -> Vec<Deed> {
+    let mut deeds = std::vec![Deed::Erase(20)];
+    deeds.extend(job(1));
+    deeds.push(Deed::Erase(20));
+    deeds.extend(job(2));
+    deeds.push(Deed::Erase(47));
+    deeds.extend(job(3));
+    // One that is given up for the next one.
+    deeds.push(Deed::Erase(8));
+    deeds.extend([Deed::Begin(4, 8), Deed::Begun, Deed::Commit(true), Deed::Begin(5, 3), Deed::Begun]);
+    deeds.extend([Deed::Commit(true), Deed::Commit(true), Deed::Commit(false), Deed::End]);
+    deeds
+}
+
+/// Lives through a story. Power is lost when `losses` says, and each time the journal must know what it knew before the
+/// deed under way, or after it; then the story continues from there.
+fn live<const S: usize>(flash: &Flash<S>, story: &[Deed], mut losses: impl FnMut() -> Option<(usize, u64)>) {
+    let power_up = |next: Option<(usize, u64)>| {
+        flash.power_up();
+        if let Some((bytes, seed)) = next {
+            flash.lose_power_after(bytes, seed);
+        }
+    };
+    let mut journal = Journal::open(flash.clone());
+    let mut before = known(&mut journal);
+    power_up(losses());
+    for (number, deed) in story.iter().enumerate() {
+        loop {
+            let after = deed.after(before.as_ref());
+            let result = deed.done(&mut journal);
+            if result.is_err() {
+                assert!(flash.has_lost_power(), "deed {number}, {deed:?}: {result:?}");
+            }
+            if flash.has_lost_power() {
+                power_up(None);
+                journal = Journal::open(flash.clone());
+            }
+            let now = if result.is_err() { known(&mut journal) } else { None };
+            let unended = before.as_ref().is_some_and(|known| !known.state.ended);
+            // An ended job goes with its sector, and one that has not ended when the next one begins.
+            let may_be_gone = matches!(deed, Deed::Erase(_)) && !unended || matches!(deed, Deed::Begin(..)) && unended;
+            if result.is_ok() {
+                before = if may_be_gone && journal.job().is_none() { None } else { after };
+                assert_eq!(journal.job(), before.as_ref().map(|known| &known.state), "deed {number}, {deed:?}");
+                break;
+            }
+            power_up(losses());
+            let is_record = !matches!(deed, Deed::Erase(_));
+            if is_record && now == after {
+                before = after;
+                break;
+            }
+            assert!(now == before || may_be_gone && now.is_none(), "deed {number}, {deed:?}: {now:?} after {before:?}");
+            before = now;
+        }
+    }
+    flash.power_up();
+    assert_eq!(known(&mut journal), before);
+    assert_eq!(known(&mut Journal::open(flash.clone())), before);
+    assert!(before.unwrap().state.ended);
+}
+
+/// The max number of layers of a job that could begin now.
+fn room(journal: &Journal<Small>) -> u32 {
+    (0..=64).rev().find(|layers| !journal.needs_erasing(*layers)).unwrap_or(0)
+}
