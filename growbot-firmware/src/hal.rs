@@ -1,4 +1,4 @@
-//! What a board must have beyond the traits of embedded-hal.
+//! The traits of a board, beyond those of embedded-hal.
 //!
 //! Levels are logical: a board that wires a pin the other way round wraps it in [`crate::polarity::Polarized`]. A robot
 //! need not have every sensor; pins of those that its description does not name are never asked.
@@ -48,7 +48,7 @@ impl DebugPort for NoDebugPort {
     }
 }
 
-/// All outputs of the tip at once, whoever owns them: what an interrupt needs that must not wait for the main loop.
+/// All outputs of the tip at once, for an interrupt that must not wait for their owners in the main loop.
 pub trait Outputs {
     /// Heater, fan and both drivers off, now, from any context. It cannot fail and never waits.
     fn make_safe(&mut self);
@@ -56,10 +56,10 @@ pub trait Outputs {
 
 /// Memory that survives a reset, though not a loss of power.
 pub trait RetainedMemory {
-    /// What it holds: [`COPIES`](crate::safety::retained::COPIES) copies, one after the other.
+    /// Reads its content: [`COPIES`](crate::safety::retained::COPIES) copies, one after the other.
     fn read(&mut self) -> [u8; RETAINED_BYTES];
-    /// Has one of the copies hold something else, from its first byte to its last. The other copy is not touched, and
-    /// whatever is done afterwards is done after the last byte is in the memory.
+    /// Writes one of the copies, from its first byte to its last. The other copy is not touched. Everything that
+    /// follows comes after the last byte is in the memory.
     fn write(&mut self, copy: usize, bytes: &[u8; COPY_BYTES]);
 }
 
@@ -86,12 +86,12 @@ pub trait Board {
     type Watchdog: Watchdog;
     /// The processor's debugging.
     type DebugPort: DebugPort;
-    /// What survives a reset.
+    /// The memory that survives a reset.
     type Retained: RetainedMemory;
-    /// What survives a loss of power: two sectors or more, whose programmed words can be programmed again: to the same,
+    /// The flash of the journal: two sectors or more, whose programmed words can be programmed again: to the same,
     /// and to zero.
     type Flash: MultiwriteNorFlash;
-    /// Where the layers are kept: some 48 KiB, so a reference or a box.
+    /// The store of layers: some 48 KiB, so a reference or a box.
     type Store: DerefMut<Target = LayerStore>;
 }
 
@@ -117,10 +117,10 @@ pub struct Parts<B: Board> {
     pub watchdog: B::Watchdog,
     /// The processor's debugging.
     pub debug_port: B::DebugPort,
-    /// What survives a reset.
+    /// The memory that survives a reset.
     pub retained: B::Retained,
-    /// What survives a loss of power, opened.
+    /// The journal, opened.
     pub journal: Journal<B::Flash>,
-    /// Where the layers are kept.
+    /// The store of layers.
     pub store: B::Store,
 }

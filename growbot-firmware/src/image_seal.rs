@@ -1,8 +1,8 @@
 //! The seal of a firmware image: a CRC of all that the image puts into flash, checked at each start before anything may
 //! heat.
 //!
-//! An image comes from the linker without one: it holds a place of [`SEAL_WORDS`] words under the name [`SYMBOL`],
-//! which says so. After linking, `growbot flash` and the emulator's port fill it in:
+//! An image comes from the linker without one: it has a place of [`SEAL_WORDS`] words under the name [`SYMBOL`], which
+//! says so. After linking, `growbot flash` and the emulator's port fill it in:
 //!
 //! | word | content |
 //! |---|---|

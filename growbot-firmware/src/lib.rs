@@ -1,18 +1,18 @@
-//! The controller of a robot that moves by growing: heats, homes the head, lays layer after layer, and answers its
+//! The firmware of a robot that moves by growing. It heats, homes the head, lays layer after layer, and answers its
 //! host.
 //!
 //! Generic over embedded-hal 1.0 traits, so the same code runs on the robot, in an emulator and in a simulation on the
 //! desktop. To follow a layer through it:
 //!
-//! 1. [`link`] and [`controller`]: it arrives in a `Layers` message, is checked and kept in the [`layer_store`];
+//! 1. [`link`] and [`controller`]: it arrives in a `Layers` message, is checked and stored in the [`layer_store`];
 //! 2. [`stepping::Material`] and [`stepping::Turn`]: it becomes steps and ticks of 64 sectors;
 //! 3. [`stepping::Handover`]: it passes to the step interrupt;
 //! 4. [`stepping::Engine`]: it becomes step pulses, tick by tick;
 //! 5. and back: the steps made become the layer as built, and a `Laid` message.
 //!
-//! Beside it [`heater`] and [`thermistor`] keep the nozzle hot, and [`safety`] says what leads where when anything is
-//! wrong. After a loss of power the [`journal`] knows how far a growth has come. [`hal`] says what a board must have.
-//! The boards themselves are the binaries in `boards/`: `an386` (emulated) and `stm32f405` (the robot's).
+//! Beside it [`heater`] and [`thermistor`] keep the nozzle hot, and [`safety`] has the table of states and the
+//! reactions to faults. After a loss of power the [`journal`] knows the progress of a growth. [`hal`] has the traits of
+//! a board. The boards themselves are the binaries in `boards/`: `an386` (emulated) and `stm32f405` (the robot's).
 #![no_std]
 #![forbid(unsafe_code)]
 

@@ -104,8 +104,8 @@ pub struct Link {
 }
 
 impl Link {
-    /// Ingests a byte that arrived. Returns the frame that it ends. What is no frame is an error to be passed over, since its
-    /// sender will repeat it.
+    /// Ingests a byte that arrived. Returns the frame that it ends. What is no frame is an error to be passed over,
+    /// since its sender will repeat it.
     pub fn receive(&mut self, byte: u8) -> Option<Result<Frame, FrameError>> {
         self.receiver.push(byte)
     }
@@ -155,8 +155,8 @@ impl Link {
         self.session.as_ref().is_some_and(|open| open.id == session)
     }
 
-    /// The host that owns the board, and the time since a frame of it was received, us. None once it has been silent for too
-    /// long.
+    /// The host that owns the board, and the time since a frame of it was received, us. None once it has been silent
+    /// for too long.
     #[must_use]
     pub fn owner(&self, now: u64) -> Option<(&HostName, u64)> {
         let session = self.session.as_ref()?;
@@ -214,8 +214,8 @@ impl Link {
         self.session.is_some() && waiting < MAX_LAID && !self.events.is_full()
     }
 
-    /// Queues an event for the host. A host that has left a whole queue unacknowledged is given up, and its session closed:
-    /// when it comes back, the status says what the events led to.
+    /// Queues an event for the host. A host that has left a whole queue unacknowledged is given up, and its session
+    /// closed: when it comes back, the status says what the events led to.
     pub fn push_event(&mut self, event: Event) {
         if self.session.is_some() && self.events.push_back(event).is_err() {
             self.close();

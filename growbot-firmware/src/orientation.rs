@@ -1,4 +1,4 @@
-//! The tip's orientation by a BMI160: which way gravity points, seen from the tip.
+//! The tip's orientation by a BMI160: the direction of gravity in the tip's frame.
 //!
 //! A look takes one of two steps, each well below a millisecond: find the chip and start it, or read it. A chip that is
 //! absent, or another one, is looked for again at each look, for one address byte; one that has lost its power for a
@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn another_chip_is_not_believed() {
+    fn another_chip_is_not_read() {
         let mut bench = Bench::new();
         bench.chip.set(0x00, &[0x68]);
         bench.chip.set(ACC, &LEANS);
@@ -149,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn whatever_is_wrong_with_the_bus_passes() {
+    fn any_trouble_of_the_bus_passes() {
         let mut bench = Bench::new();
         for trouble in [Trouble::RefusesData, Trouble::HoldsClock, Trouble::HoldsData, Trouble::Absent] {
             for looks_before in [0, 2] {

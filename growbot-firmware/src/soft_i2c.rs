@@ -1,10 +1,10 @@
-//! An I2C bus on two open-drain pins, clocked by the processor: what it costs is bounded, whatever the other side does.
+//! Soft I2C: a bus on two open-drain pins, clocked by the processor. Its time is bounded, even if a chip misbehaves.
 //!
 //! A hardware controller is not used on purpose. Some wait for flags that a disturbed bus never sets, and their ways
 //! out of that cannot be tried on a desktop; this one runs there, pin by pin, against a chip that misbehaves. A byte
 //! takes some 30 us.
 //!
-//! One controller only: nobody else may clock the bus.
+//! Nothing else may clock the bus.
 
 use embedded_hal::delay::DelayNs;
 use embedded_hal::digital::{InputPin, OutputPin};
@@ -12,9 +12,9 @@ use embedded_hal::i2c::{Error, ErrorKind, ErrorType, I2c, NoAcknowledgeSource, O
 
 /// Half a clock, ns: 333 kHz at most. In fast mode the clock is to be low for 1.3 us and high for 0.6 us at least.
 const HALF_NS: u32 = 1500;
-/// For so long all chips together may hold the clock down in one transaction, us.
+/// Time for which all chips together may hold the clock down in one transaction, us.
 const PATIENCE_US: u16 = 100;
-/// A chip that was interrupted while it sent a byte lets go of the data line after so many clocks: the rest of the
+/// A chip that was interrupted while it sent a byte releases the data line after this number of clocks: the rest of the
 /// byte, and its acknowledgement (UM10204, 3.1.16).
 const CLOCKS_TO_FREE: u8 = 9;
 
@@ -25,7 +25,7 @@ pub enum SoftI2cError {
     NotAcknowledged(NoAcknowledgeSource),
     /// A chip holds the clock down.
     ClockHeld,
-    /// A chip holds the data line down, and did not let go of it when it was clocked.
+    /// A chip holds the data line down, and did not release it when it was clocked.
     DataHeld,
     /// A pin cannot be set or read.
     Pin,
@@ -41,17 +41,17 @@ impl Error for SoftI2cError {
     }
 }
 
-/// The bus. Both pins are open-drain outputs, so that "high" lets go, with pull-up resistors.
+/// The bus. Both pins are open-drain outputs, so that "high" releases the line, with pull-up resistors.
 pub struct SoftI2c<C, D, T> {
     clock: C,
     data: D,
     timer: T,
-    /// For so long the clock may still be held down in this transaction, us.
+    /// Time for which the clock may still be held down in this transaction, us.
     patience_us: u16,
 }
 
 impl<C: InputPin + OutputPin, D: InputPin + OutputPin, T: DelayNs> SoftI2c<C, D, T> {
-    /// A bus on two pins that are both let go.
+    /// A bus on two pins that are both released.
     pub fn new(clock: C, data: D, timer: T) -> Self {
         Self { clock, data, timer, patience_us: PATIENCE_US }
     }
@@ -73,7 +73,7 @@ impl<C: InputPin + OutputPin, D: InputPin + OutputPin, T: DelayNs> SoftI2c<C, D,
         self.clock.set_low().map_err(|_| SoftI2cError::Pin)
     }
 
-    /// Lets go of the clock, and waits for chips that hold it down.
+    /// Releases the clock, and waits for chips that hold it down.
     #[inline(never)]
     fn clock_high(&mut self) -> Result<(), SoftI2cError> {
         self.clock.set_high().map_err(|_| SoftI2cError::Pin)?;
@@ -95,7 +95,7 @@ impl<C: InputPin + OutputPin, D: InputPin + OutputPin, T: DelayNs> SoftI2c<C, D,
         level
     }
 
-    /// Has the bus free: both lines high.
+    /// Frees the bus: both lines are high afterwards.
     fn free(&mut self) -> Result<(), SoftI2cError> {
         self.set_data(true)?;
         self.clock_high()?;
@@ -127,7 +127,7 @@ impl<C: InputPin + OutputPin, D: InputPin + OutputPin, T: DelayNs> SoftI2c<C, D,
         self.clock_low()?;
         self.set_data(false)?;
         self.half();
-        // The data line is let go of even where the clock is held down.
+        // The data line is released even if the clock is held down.
         let clock = self.clock_high();
         self.half();
         self.set_data(true)?;
@@ -169,10 +169,10 @@ impl<C: InputPin + OutputPin, D: InputPin + OutputPin, T: DelayNs> SoftI2c<C, D,
                     }
                 }
                 Operation::Read(bytes) => {
-                    let goes_on = matches!(operations.peek(), Some(Operation::Read(_)));
+                    let continues = matches!(operations.peek(), Some(Operation::Read(_)));
                     let mut bytes = bytes.iter_mut().peekable();
                     while let Some(byte) = bytes.next() {
-                        *byte = self.receive(bytes.peek().is_none() && !goes_on)?;
+                        *byte = self.receive(bytes.peek().is_none() && !continues)?;
                     }
                 }
             }
@@ -289,13 +289,13 @@ mod tests {
         for clocks in 1..40 {
             let (wires, mut bus) = bus(&chip);
             // The board is reset in the midst of reading: the chip stays as it is.
-            wires.cut_after(clocks);
+            wires.disconnect_after(clocks);
             let _ = bus.write_read(ADDRESS, &[0x20], &mut [0xFF; 2]);
             let mut again = SoftI2c::new(wires.clock(), wires.data(), wires.timer());
-            wires.mend();
+            wires.reconnect();
             let mut bytes = [0xFF; 2];
             let answer = again.write_read(ADDRESS, &[0x20], &mut bytes);
-            assert_eq!((answer, bytes), (Ok(()), [0x00, 0x00]), "cut after {clocks} clocks");
+            assert_eq!((answer, bytes), (Ok(()), [0x00, 0x00]), "disconnected after {clocks} clocks");
         }
     }
 

@@ -6,13 +6,13 @@
 
 use embedded_storage::nor_flash::{ErrorType, MultiwriteNorFlash, NorFlash, NorFlashErrorKind, ReadNorFlash};
 
-/// What watches the processor's supply.
+/// A detector of the processor's supply.
 pub trait SupplyDetector {
     /// Whether it is enough to program flash at this moment.
     fn is_enough(&self) -> bool;
 }
 
-/// Flash with what watches the supply.
+/// Flash with a detector of the supply.
 pub struct Supplied<F, D> {
     flash: F,
     detector: D,

@@ -96,7 +96,7 @@ pub struct FakePin {
     number: usize,
 }
 
-/// A pin that was told to fail.
+/// A pin that is set to fail.
 #[derive(Debug)]
 pub struct PinFailed;
 

@@ -10,8 +10,8 @@ use growbot_core::robot::Thermistor;
 /// The max reading of the 12-bit ADC.
 pub const FULL_SCALE: u16 = 4095;
 /// Readings at least this high mean an open wire: robot A's thermistor reads this at -33 degrees Celsius, by its Beta
-/// equation. No derivation is recorded; `both_ends_of_the_scale_are_a_broken_sensor` and `cargo fault-campaign` (open wire)
-/// bound it.
+/// equation. No derivation is recorded; `both_ends_of_the_scale_are_a_broken_sensor` and `cargo fault-campaign` (open
+/// wire) bound it.
 const OPEN_FROM: f64 = FULL_SCALE as f64 - 8.0;
 /// Readings at most this high mean touching wires: robot A's thermistor reads this at 436 degrees Celsius, by its Beta
 /// equation, far above any nozzle.

@@ -1,4 +1,4 @@
-//! The board's interrupts: numbers and priorities. `vectors.rs` has who answers them.
+//! The board's interrupts: numbers and priorities. Their handlers are in `vectors.rs`.
 
 use cortex_m::interrupt::InterruptNumber;
 use cortex_m::peripheral::NVIC;
@@ -36,7 +36,7 @@ pub fn start(nvic: &mut NVIC) {
     }
 }
 
-/// Has the handler run as soon as its priority lets it.
+/// Pends an interrupt: its handler runs as soon as its priority allows.
 pub fn pend(interrupt: Interrupt) {
     NVIC::pend(interrupt);
 }

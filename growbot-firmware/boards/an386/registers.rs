@@ -16,13 +16,13 @@ impl Register {
 
     /// Reads the word.
     pub fn read(self) -> u32 {
-        // SAFETY: whoever called `at` has promised that the address may be read at any time.
+        // SAFETY: the caller of `at` has promised that the address may be read at any time.
         unsafe { self.0.read_volatile() }
     }
 
     /// Writes the word.
     pub fn write(self, value: u32) {
-        // SAFETY: whoever called `at` has promised that the address may be written at any time.
+        // SAFETY: the caller of `at` has promised that the address may be written at any time.
         unsafe { self.0.write_volatile(value) }
     }
 }

@@ -1,4 +1,4 @@
-//! The emulated tip, from the board's side: pins and sensors that are words of `growbot_firmware::emulated_tip`.
+//! The emulated tip on the board's side: pins and sensors that are words of `growbot_firmware::emulated_tip`.
 
 use core::convert::Infallible;
 use core::sync::atomic::{Ordering, fence};
@@ -63,7 +63,7 @@ pub struct Tip {
 impl Tip {
     /// Writes the board's words for a new boot, all outputs off, and hands out the pins. Call it once.
     ///
-    /// `cause` is told whether this is the first boot on this memory and says why the board started.
+    /// `cause` gets whether this is the first boot on this memory, and returns why the board started.
     pub fn start(cause: impl FnOnce(bool) -> u32) -> Self {
         let first_boot =
             word(table::MAGIC).read() != table::MAGIC_VALUE || word(table::VERSION).read() != table::VERSION_VALUE;
@@ -106,7 +106,7 @@ impl Tip {
             fan: Power { offset: table::FAN_DUTY },
             supply: TipAdc { raw: table::SUPPLY_RAW, live: table::SUPPLY_LIVE },
             filament_presence: Flag { offset: table::FILAMENT_PRESENT },
-            filament_motion: Encoder { course: EncoderMapping::default() },
+            filament_motion: Encoder { mapping: EncoderMapping::default() },
             driver_fault: Flag { offset: table::DRIVER_FAULT },
             emergency_stop: Flag { offset: table::EMERGENCY_STOP },
             orientation: OrientationSensor(()),
@@ -378,22 +378,22 @@ impl InputPin for Flag {
 
 /// The encoder that the filament turns.
 pub struct Encoder {
-    course: EncoderMapping,
+    mapping: EncoderMapping,
 }
 
 impl Encoder {
-    /// Its course as the host has it, or as it was at the latest look where the host is just changing it.
+    /// Its mapping as the host has it, or as it was at the latest look while the host is changing it.
     fn look(&mut self) -> EncoderMapping {
         let sequence = word(table::ENCODER_SEQUENCE).read();
-        let course = EncoderMapping {
+        let mapping = EncoderMapping {
             origin: word(table::ENCODER_ORIGIN).read().cast_signed(),
             phase: word(table::ENCODER_PHASE).read(),
             slip: word(table::ENCODER_SLIP).read().cast_signed(),
         };
         if sequence.is_multiple_of(2) && word(table::ENCODER_SEQUENCE).read() == sequence {
-            self.course = course;
+            self.mapping = mapping;
         }
-        self.course
+        self.mapping
     }
 }
 

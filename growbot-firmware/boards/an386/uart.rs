@@ -11,7 +11,7 @@ use crate::interrupts::{self, Interrupt};
 use crate::registers::Register;
 use crate::tip;
 
-/// A queue of so many bytes.
+/// The queue of each direction.
 type Queue = ByteQueue<4096>;
 
 const BASE: usize = 0x4000_4000;
@@ -54,7 +54,7 @@ impl Uart {
         Uart { received: &RECEIVED, to_send: &TO_SEND }
     }
 
-    /// Has the transmit interrupt look at the queue.
+    /// Pends the transmit interrupt, which looks at the queue.
     pub fn send_queued(&self) {
         interrupts::pend(Interrupt::UartTransmit);
     }
@@ -63,7 +63,7 @@ impl Uart {
 /// Looks for an emergency stop in what is received.
 static WATCH: InterruptOwned<Recogniser> = InterruptOwned::empty();
 
-/// Takes what has been received. An emergency stop is obeyed here, ahead of everything that is queued.
+/// Ingests what has been received. An emergency stop is obeyed here, ahead of everything that is queued.
 pub fn on_receive() {
     // Cleared before the bytes are read. Cleared afterwards, it would lose a byte that comes in between.
     INTERRUPT_CLEAR.write(CLEAR_RECEIVE);
@@ -80,7 +80,7 @@ pub fn on_receive() {
 /// Switches everything off before anything else runs, if an emergency stop has come.
 fn obey(emergency_stop: bool) {
     if emergency_stop {
-        // First, so that no step in between holds a motor again.
+        // First, so that no step in between energises a motor again.
         HANDOVER.call_emergency_stop();
         tip::make_safe();
     }

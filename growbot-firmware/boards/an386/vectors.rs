@@ -1,4 +1,4 @@
-//! Who answers the board's interrupts.
+//! The handlers of the board's interrupts.
 //!
 //! There is no device crate for this board, so cortex-m-rt's vector table leads all of them to `DefaultHandler`.
 

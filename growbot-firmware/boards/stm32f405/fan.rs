@@ -47,7 +47,7 @@ impl SetDutyCycle for Fan {
     }
 }
 
-/// No power, now, whoever owns the fan.
+/// Switches the fan off at once. Its owner keeps it.
 pub fn off() {
     // SAFETY: a single write of a whole register that its owner only ever writes whole.
     let timer = unsafe { &*pac::TIM12::ptr() };

@@ -58,7 +58,7 @@ impl SetDutyCycle for Heater {
     }
 }
 
-/// No power, now, whoever owns the heater.
+/// Switches the heater off at once. Its owner keeps it.
 pub fn off() {
     // SAFETY: a single write of a whole register that its owner only ever writes whole.
     let timer = unsafe { &*pac::TIM1::ptr() };

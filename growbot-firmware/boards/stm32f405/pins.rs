@@ -59,7 +59,7 @@ pub type LinkTx = PA2<Alternate<7>>;
 /// Signal `link, host to board`.
 pub type LinkRx = PA3<Alternate<7>>;
 
-/// Whether a low level enables the drivers: [`make_safe`] must know it whoever owns the pins.
+/// Whether a low level enables the drivers: [`make_safe`] needs it without the pins.
 static ENABLE_LOW: AtomicBool = AtomicBool::new(true);
 
 /// All pins, each in its role and at its safe level.
@@ -155,7 +155,7 @@ impl Outputs for TipOutputs {
     }
 }
 
-/// Heater, fan and both drivers off, now, from any context, whoever owns the pins.
+/// Heater, fan and both drivers off at once, from any context. Their owners keep the pins.
 pub fn make_safe() {
     // SAFETY: `bsrr` sets and clears single pins in one write, so that no other pin's owner is disturbed.
     let (a, b, c) = unsafe { (&*pac::GPIOA::ptr(), &*pac::GPIOB::ptr(), &*pac::GPIOC::ptr()) };

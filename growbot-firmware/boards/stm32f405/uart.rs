@@ -9,7 +9,7 @@ use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
 use crate::pins::{LinkRx, LinkTx};
 use crate::{clock, pins};
 
-/// A queue of so many bytes.
+/// The queue of each direction.
 pub type Queue = ByteQueue<4096>;
 
 /// Received bytes, oldest first.
@@ -55,7 +55,7 @@ impl Uart {
                 self.lost = self.lost.wrapping_add(1);
             }
             if status.rxne().bit_is_set() && self.watch.push(byte) {
-                // First, so that no step in between holds a motor again.
+                // First, so that no step in between energises a motor again.
                 handover.call_emergency_stop();
                 pins::make_safe();
             }

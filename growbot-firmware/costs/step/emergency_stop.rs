@@ -34,7 +34,7 @@ pub fn measure(timer: &Timer) -> Option<(u32, u32)> {
     while uart.received.enqueue(0xA5).is_ok() {}
     interrupts::start(&mut core.NVIC);
 
-    let (mut stops, mut worst) = (0, 0);
+    let (mut stops, mut max) = (0, 0);
     while stops < STOPS {
         while UART_STATE.read() & UART_STATE_RECEIVE_FULL == 0 {}
         for output in OUTPUTS {
@@ -53,8 +53,8 @@ pub fn measure(timer: &Timer) -> Option<(u32, u32)> {
         let alone = word(table::LINK_BYTES_LOST).read().wrapping_sub(lost) == 1;
         if alone && OUTPUTS.iter().all(|output| word(*output).read() == 0) {
             stops += 1;
-            worst = instructions.max(worst);
+            max = instructions.max(max);
         }
     }
-    Some((stops, worst))
+    Some((stops, max))
 }

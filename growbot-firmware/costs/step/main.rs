@@ -1,7 +1,7 @@
 //! What a tick of the step interrupt costs on the microcontroller: instructions of `Engine::tick` in each kind of tick,
 //! measured on QEMU's mps2-an386; and what an emergency stop by the link costs.
 //!
-//! Every tick of some turns is measured. For each kind one line goes out over UART0, `turns,tick,count,worst`, and
+//! Every tick of some turns is measured. For each kind one line goes out over UART0, `turns,tick,count,max`, and
 //! `end` at last; `tests/step_cost.rs` runs this and makes the table. It counts instructions, not cycles: QEMU must run
 //! it with `-icount shift=10`, that is 1024 ns an instruction.
 
@@ -43,7 +43,7 @@ use crate::pins::{StepEngine, World};
 use crate::polled_uart::PolledUart;
 use crate::timer::Timer;
 
-/// Where the UART's interrupt leaves word of an emergency stop.
+/// The handover in which the UART's interrupt notes an emergency stop.
 static HANDOVER: Handover = Handover::new();
 
 /// Turns of each run.
@@ -87,10 +87,10 @@ struct Costs([(u32, u32); KINDS.len()]);
 
 impl Costs {
     fn add(&mut self, kind: Kind, instructions: u32) {
-        for ((known, _), (count, worst)) in KINDS.iter().zip(&mut self.0) {
+        for ((known, _), (count, max)) in KINDS.iter().zip(&mut self.0) {
             if *known == kind {
                 *count += 1;
-                *worst = instructions.max(*worst);
+                *max = instructions.max(*max);
             }
         }
     }
@@ -101,8 +101,8 @@ fn main() -> ! {
     let stops = emergency_stop::measure(&Timer::start());
     // Interrupts have driven the UART until here.
     let mut uart = PolledUart::start();
-    if let Some((count, worst)) = stops {
-        let _ = writeln!(uart, "link,emergency stop,{count},{worst}");
+    if let Some((count, max)) = stops {
+        let _ = writeln!(uart, "link,emergency stop,{count},{max}");
     }
     let robot = machine::built_for();
     for strategy in [FeedStrategy::Feed, FeedStrategy::Speed] {
@@ -137,8 +137,8 @@ fn run(uart: &mut PolledUart, name: &str, ramps: &str, robot: &Robot, change: im
         let _ = writeln!(uart, "{name}{ramps} cannot be laid");
         return;
     };
-    for ((_, kind), (count, worst)) in KINDS.iter().zip(costs.0) {
-        let _ = writeln!(uart, "{name}{ramps},{kind},{count},{worst}");
+    for ((_, kind), (count, max)) in KINDS.iter().zip(costs.0) {
+        let _ = writeln!(uart, "{name}{ramps},{kind},{count},{max}");
     }
 }
 

@@ -1,8 +1,9 @@
 //! The record of a crash, for the next start: words in RAM that nothing clears, between a mark and a checksum.
 //!
-//! The handler of the processor's faults fills them in after it has switched everything off, with little stack and without trust in
-//! anything: the stack pointer may point anywhere, so every word of the stack is read through a function that knows where the stack is.
-//! It copies only; what the words mean is the host's to find out ([`growbot_core::link::crash`]).
+//! The handler of the processor's faults fills them in after it has switched everything off, with little stack and
+//! without trust in anything: the stack pointer may point anywhere, so every word of the stack is read through a
+//! function that knows where the stack is. It copies only; what the words mean is the host's to find out
+//! ([`growbot_core::link::crash`]).
 
 use growbot_core::link::crash::{CRASH_WORDS, CrashWords, FRAME_WORDS, HEAD_WORDS, frame_bytes};
 
@@ -11,7 +12,8 @@ pub const RETAINED_WORDS: usize = CRASH_WORDS + 2;
 /// The first of them.
 const MARK: u32 = 0x6372_6173;
 
-/// The words to be retained. `stack` gives the stack's word at an address, 0 where there is no stack; `bottom` is its lowest address.
+/// The words to be retained. `stack` gives the stack's word at an address, 0 where there is no stack; `bottom` is its
+/// lowest address.
 pub fn words(head: &[u32; HEAD_WORDS], bottom: u32, stack: impl Fn(u32) -> u32) -> [u32; RETAINED_WORDS] {
     let [_, _, _, sp, exc_return, ..] = *head;
     let mut words = [MARK; RETAINED_WORDS];

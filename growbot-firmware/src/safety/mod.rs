@@ -6,8 +6,8 @@
 //! - [`retained`]: what survives a reset: the latest fault as it was when it came, and what was under way.
 //! - [`proof_of_life`]: the conditions for feeding the watchdog.
 //!
-//! The nozzle's own faults are found in [`crate::heater`], those of head and feed in [`crate::stepping`]. Whatever finds one,
-//! the controller switches everything off at once and latches the first.
+//! The nozzle's own faults are found in [`crate::heater`], those of head and feed in [`crate::stepping`]. Whatever
+//! finds one, the controller switches everything off at once and latches the first.
 
 pub mod crash;
 pub mod inputs;

@@ -104,8 +104,8 @@ impl Event {
     }
 }
 
-/// The state that an event leads to: the same one where the event is accepted and changes nothing; none where a request is
-/// refused, or any other event ignored.
+/// The state that an event leads to: the same one where the event is accepted and changes nothing; none where a request
+/// is refused, or any other event ignored.
 #[must_use]
 pub const fn after(state: State, event: Event) -> Option<State> {
     use State as S;

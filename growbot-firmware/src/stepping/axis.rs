@@ -11,7 +11,7 @@ pub struct Axis<S, D, E> {
     pub step: S,
     /// High: the head turns counter-clockwise, the feed pushes filament out.
     pub direction: D,
-    /// High: the motor is held.
+    /// High: the motor is energised.
     pub enable: E,
 }
 
@@ -28,7 +28,7 @@ impl<S: OutputPin, D: OutputPin, E: OutputPin> Driver<S, D, E> {
         Self { pins, raised: false, backwards: None }
     }
 
-    /// Holds the motor and sets its direction. Returns whether the direction has changed, so that a tick must pass
+    /// Energises the motor and sets its direction. Returns whether the direction has changed, so that a tick must pass
     /// before the next step.
     pub fn enable(&mut self, backwards: bool) -> Result<bool, Alarm> {
         let other = self.backwards != Some(backwards);
@@ -41,7 +41,7 @@ impl<S: OutputPin, D: OutputPin, E: OutputPin> Driver<S, D, E> {
         Ok(other)
     }
 
-    /// Lets go of the motor. Tried even where a pin has failed before.
+    /// Switches the driver off. Each pin is tried, also if another one has failed.
     pub fn disable(&mut self) {
         self.raised = false;
         let _ = self.pins.step.set_low();

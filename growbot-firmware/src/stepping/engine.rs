@@ -24,7 +24,7 @@ use super::spread::Spread;
 use super::turn::Sector;
 use crate::hal::Outputs;
 
-/// What the engine looks at. Levels are logical.
+/// The inputs of the engine. Levels are logical.
 pub struct Inputs<I, M, S> {
     /// High while the index sensor sees its mark.
     pub index: I,
@@ -34,13 +34,13 @@ pub struct Inputs<I, M, S> {
     pub emergency_stop: S,
 }
 
-/// What the engine must know of its robot.
+/// What the engine needs of its robot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct EngineSettings {
     mark: Mark,
     emergency_stop: bool,
-    /// So many feed steps without a pulse of the encoder mean that the filament does not move. `u32::MAX` without an
-    /// encoder.
+    /// Number of feed steps without a pulse of the encoder beyond which the filament does not move. `u32::MAX` without
+    /// an encoder.
     jam_steps: u32,
 }
 
@@ -60,18 +60,18 @@ impl EngineSettings {
     }
 }
 
-/// What the engine is doing.
+/// The task under way.
 enum Mode {
     Idle,
     Homing(HomingRun),
     Feeding(FeedRun),
     /// The turn is outlined in [`Engine::turn`], its progress in [`Engine::progress`].
     Laying,
-    /// The report waits for room.
+    /// The end of a task whose report waits for room.
     Finished(Finished),
 }
 
-/// What is to be reported.
+/// A task that has ended.
 #[derive(Clone, Copy)]
 enum Finished {
     Homed,
@@ -117,7 +117,7 @@ pub struct Engine<HS, HD, HE, FS, FD, FE, I, M, S, O> {
     mode: Mode,
     turn: Outline,
     progress: Progress,
-    /// Where the steps made are counted.
+    /// The slot in which the steps made are counted.
     made: Slot,
     clock: Clock,
     watch: IndexWatch,
@@ -141,8 +141,7 @@ where
     S: InputPin,
     O: Outputs,
 {
-    /// An idle engine; both drivers are switched off. The outputs are those that an emergency stop and an alarm switch
-    /// off.
+    /// An idle engine, with both drivers off. An emergency stop and an alarm switch `outputs` off.
     pub fn new(
         head: Axis<HS, HD, HE>,
         feed: Axis<FS, FD, FE>,
@@ -177,13 +176,13 @@ where
         self.ticks = self.ticks.wrapping_add(1);
         handover.set_ticks(self.ticks);
         if let Err(alarm) = self.watch_and_advance(handover) {
-            self.let_go(handover);
+            self.release(handover);
             self.outputs.make_safe();
             handover.report(Done::Alarm(alarm));
         }
     }
 
-    /// Ticks until something happens, that tick included. `u32::MAX` where nothing will without an order.
+    /// Number of ticks until something happens, that tick included. `u32::MAX` if nothing will without an order.
     pub fn ticks_to_event(&self, handover: &Handover) -> u32 {
         if self.head.raised || self.feed.raised || handover.halt_waits() || handover.call_waits() {
             return 1;
@@ -203,7 +202,7 @@ where
         }
     }
 
-    /// Skips ticks in which nothing happens: fewer than [`Engine::ticks_to_event`].
+    /// Skips ticks in which nothing happens, fewer than [`Engine::ticks_to_event`].
     pub fn skip(&mut self, ticks: u32) {
         self.ticks = self.ticks.wrapping_add(ticks);
         match &mut self.mode {
@@ -220,7 +219,7 @@ where
         }
     }
 
-    fn let_go(&mut self, handover: &Handover) {
+    fn release(&mut self, handover: &Handover) {
         self.mode = Mode::Idle;
         handover.set_sector(&Sector::default());
         self.clock = Clock::AT_REST;
@@ -235,7 +234,7 @@ where
         self.count_filament(handover)?;
         let stopped = self.emergency_stop(halted, handover)?;
         if stopped || halted {
-            self.let_go(handover);
+            self.release(handover);
             if stopped {
                 // Here and not in the main loop only, which may hang with the heater on.
                 self.outputs.make_safe();
@@ -261,8 +260,8 @@ where
         Ok(())
     }
 
-    /// Whether the emergency stop is pressed, or has come by the link. The controller hears of it however short that
-    /// was.
+    /// Whether the emergency stop is pressed, or has come by the link. It is latched for the controller, however short
+    /// it was.
     fn emergency_stop(&mut self, halted: bool, handover: &Handover) -> Result<bool, Alarm> {
         let pressed =
             self.settings.emergency_stop && self.inputs.emergency_stop.is_high().map_err(|_| Alarm::Hardware)?;
@@ -287,7 +286,7 @@ where
                 return see_index(&mut self.inputs.index, handover).map(|_| ());
             }
             if handover.emergency_stop() {
-                // Released, and the controller has not heard of it yet.
+                // The stop is released, and the controller has not seen it yet.
                 handover.refuse_order();
             }
             let Some(task) = handover.accept_order() else { return Ok(()) };
@@ -320,7 +319,8 @@ where
         }
     }
 
-    /// Begins an order. Returns whether it goes on in this very tick: so does a turn that follows another the same way.
+    /// Begins an order. Returns whether it continues in this very tick, as a turn does that follows another one in the
+    /// same direction.
     fn begin(&mut self, task: Task, handover: &Handover) -> Result<bool, Alarm> {
         match task {
             Task::Home(homing) => {
@@ -351,7 +351,7 @@ where
         }
     }
 
-    /// Reports, or waits until the controller has taken the report before.
+    /// Reports the end of a task, or waits until the controller has popped the report before.
     fn finish(&mut self, finished: Finished, handover: &Handover) {
         if handover.report_waits() {
             self.mode = Mode::Finished(finished);

@@ -1,4 +1,4 @@
-//! Where the controller and the step interrupt meet: one order waiting, one report waiting, a halt, and what the
+//! The handover between controller and step interrupt: one waiting order, one waiting report, a halt, and what the
 //! interrupt sees.
 
 use core::cell::Cell;
@@ -11,10 +11,10 @@ use super::orders::{Alarm, FeedMove, Homing, Order, Report, TurnReport};
 use super::pace::Pace;
 use super::turn::{Sector, Turn};
 
-/// An order as the engine takes it: without the sectors, of which it asks for one after the other.
+/// An order as the engine accepts it, without the sectors, which it gets one after the other.
 ///
-/// Here and in [`Done`] the numbers leave 0 for `None`: a [`Handover`] in which nothing waits is all zeros, and a
-/// board's costs no flash.
+/// Here and in [`Done`] the numbers leave 0 for `None`. So an empty [`Handover`] is all zeros, and costs a board no
+/// flash.
 #[derive(Clone, Copy)]
 #[repr(u8)]
 pub(super) enum Task {
@@ -26,7 +26,7 @@ pub(super) enum Task {
 /// A turn without its sectors.
 #[derive(Clone, Copy)]
 pub(super) struct Outline {
-    /// Where its sectors are.
+    /// The slot of its sectors.
     slot: Slot,
     pub backwards: bool,
     pub ticks: u32,
@@ -37,7 +37,7 @@ impl Outline {
     pub const NONE: Self = Self { slot: Slot::A, backwards: false, ticks: 0, pace: Pace::FULL };
 }
 
-/// A report as the engine leaves it: without the steps in each sector, which it has left one after the other.
+/// A report as the engine writes it, without the steps in each sector, which it has written one after the other.
 #[derive(Clone, Copy)]
 #[repr(u8)]
 pub(super) enum Done {
@@ -95,9 +95,9 @@ impl<T: Copy> Slots<T> {
 /// section, so that no tick falls between the two.
 pub struct Handover {
     task: Mutex<Cell<Option<Task>>>,
-    /// Of the turn that is laid, and of the one that waits.
+    /// Sectors of the turn that is laid, and of the one that waits.
     sectors: Slots<Sector>,
-    /// Where the turn that is laid has its sectors; the other place is the controller's.
+    /// The slot of the turn that is laid; the other slot is the controller's.
     laying: Mutex<Cell<Slot>>,
     done: Mutex<Cell<Option<Done>>>,
     /// Feed steps of the turn that is laid, and of the one that is reported.
@@ -108,9 +108,9 @@ pub struct Handover {
     /// The rate at which the turn that waits can be entered; 0 where none waits.
     entry: AtomicU32,
     emergency_stop: AtomicBool,
-    /// An emergency stop has come by the link, and the engine has not heard of it.
+    /// An emergency stop has come by the link, and the engine has not seen it.
     called: AtomicBool,
-    /// How many have come.
+    /// Number of emergency stops that have come by the link.
     calls: AtomicU32,
     /// Sectors made of the turn that is laid.
     progress: AtomicU32,
@@ -129,7 +129,7 @@ impl Default for Handover {
 }
 
 impl Handover {
-    /// Nothing waits.
+    /// A handover in which nothing waits.
     #[must_use]
     pub const fn new() -> Self {
         Self {
@@ -185,7 +185,7 @@ impl Handover {
         });
     }
 
-    /// Controller: takes the report.
+    /// Controller: pops the report.
     pub fn pop_report(&self) -> Option<Report> {
         if !self.report_waits.load(Ordering::Acquire) {
             return None;
@@ -211,8 +211,8 @@ impl Handover {
         report
     }
 
-    /// Controller: stops the steppers and lets go of them at the next tick. Orders and reports that wait are forgotten,
-    /// and so is an emergency stop that is no longer pressed.
+    /// Controller: stops the steppers and switches their drivers off at the next tick. Waiting orders and reports are
+    /// dropped, and so is an emergency stop that is no longer pressed.
     pub fn halt(&self) {
         critical_section::with(|cs| {
             self.halt.store(true, Ordering::Release);
@@ -222,16 +222,16 @@ impl Handover {
         });
     }
 
-    /// Whether the emergency stop is pressed, or was pressed since the last [`Handover::halt`]. The engine has let go
-    /// by itself and takes no orders.
+    /// Whether the emergency stop is pressed, or was pressed since the last [`Handover::halt`]. The engine has
+    /// released the motors by itself and accepts no orders.
     #[must_use]
     #[inline]
     pub fn emergency_stop(&self) -> bool {
         self.emergency_stop.load(Ordering::Acquire)
     }
 
-    /// The UART's interrupt: an emergency stop has come by the link. The engine lets go at its next tick, as if the
-    /// input were pressed for a moment.
+    /// The UART's interrupt: an emergency stop has come by the link. The engine releases the motors at its next tick,
+    /// as if the input were pressed for a moment.
     pub fn call_emergency_stop(&self) {
         self.emergency_stop.store(true, Ordering::Release);
         self.called.store(true, Ordering::Release);
@@ -329,7 +329,7 @@ impl Handover {
         self.sectors.get(turn.slot, index)
     }
 
-    /// Forgets the order that waits.
+    /// Drops the order that waits.
     pub(super) fn refuse_order(&self) {
         critical_section::with(|cs| self.forget(cs));
     }
@@ -340,12 +340,12 @@ impl Handover {
         self.task.borrow(cs).set(None);
     }
 
-    /// Engine: leaves the feed steps of a sector.
+    /// Engine: writes the feed steps of a sector.
     pub(super) fn count(&self, slot: Slot, sector: usize, steps: u32) {
         self.made.set(slot, sector, steps);
     }
 
-    /// Engine: leaves a report.
+    /// Engine: writes a report.
     pub(super) fn report(&self, done: Done) {
         critical_section::with(|cs| {
             self.done.borrow(cs).set(Some(done));
@@ -368,7 +368,7 @@ impl Handover {
         self.progress.store(sectors as u32, Ordering::Release);
     }
 
-    /// Engine: what the sector that it begins feeds; [`Sector::default`] where no layer is laid any more.
+    /// Engine: publishes the feed of the sector that it begins; [`Sector::default`] once no layer is laid.
     pub(super) fn set_sector(&self, sector: &Sector) {
         self.sector_feed.store(sector.feed, Ordering::Release);
         self.sector_ticks.store(sector.ticks, Ordering::Release);

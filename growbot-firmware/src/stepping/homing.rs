@@ -14,7 +14,7 @@ pub(super) struct HomingRun {
     steps_made: u32,
     /// Steps in a row at which the mark was seen.
     on_mark_for: u32,
-    /// The mark has been seen from outside, so that its leading edge is told from its middle.
+    /// The head has been outside of the mark, so that the next edge is the leading one.
     left_mark: bool,
     /// Steps still to make after the leading edge.
     steps_to_zero: Option<u32>,

@@ -56,7 +56,7 @@ impl Mark {
 
 /// What the sensor has seen of the mark.
 pub(super) struct IndexWatch {
-    /// Where the head is, counted like [`Mark::zero`]; none unless it has homed since its motor was last held.
+    /// Where the head is, counted like [`Mark::zero`]; none unless it has homed since its motor was last energised.
     place: Option<u32>,
     backwards: bool,
     /// Samples in a row that saw a mark.

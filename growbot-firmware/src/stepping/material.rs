@@ -1,4 +1,4 @@
-//! What the layers of a job amount to so far, to the step, and what rounding has left owing.
+//! The material of a job so far, to the step, and the lean that rounding has left owing.
 //!
 //! A turn makes whole steps, so a layer as laid is off by a fraction of a step in height, and by about a quarter of a
 //! step in its lean to one side. Left alone both would add up, since layers of a segment are all alike and rounded
@@ -22,19 +22,19 @@ use super::turn::{StepRate, Turn};
 /// thin to pay, is forgotten.
 const MAX_OWED_STEPS: f64 = core::f64::consts::TAU;
 
-/// Lean that is owed is kept in these parts of a step, so that it can be written down as it is.
+/// Parts of a step in which owed lean is stored, so that it can be recorded exactly.
 const LEAN_UNITS: f64 = 4096.0;
 
-/// What a job has laid so far.
+/// The material that a job has laid so far.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Material {
     carry: Carry,
-    /// How the turn before has ended.
+    /// The end of the turn before.
     before: Option<Ends>,
 }
 
 impl From<Carry> for Material {
-    /// To go on from there, the head at rest.
+    /// Continues from there, with the head at rest.
     fn from(carry: Carry) -> Self {
         Self { carry, before: None }
     }
@@ -47,7 +47,7 @@ fn lean(layer: &Layer, robot: &Robot) -> Vector2<f64> {
 }
 
 impl Material {
-    /// What the layers so far leave to those to come.
+    /// The carry of the layers so far to those to come.
     #[must_use]
     pub fn carry(&self) -> Carry {
         self.carry

@@ -1,10 +1,10 @@
-//! What the controller orders of the engine, and what the engine reports.
+//! Orders of the controller to the engine, and reports of the engine.
 
 use growbot_core::layer::SECTORS;
 
 use super::turn::Turn;
 
-/// What the engine is to do next.
+/// An order to the engine.
 #[expect(clippy::large_enum_variant, reason = "one of each exists, and there is no heap to box a turn on")]
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Order {
@@ -16,18 +16,18 @@ pub enum Order {
     Feed(FeedMove),
 }
 
-/// How to find the index mark.
+/// An order to find the index mark.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Homing {
     /// Ticks between two steps of the head, 2 at least.
     pub ticks_per_step: u32,
-    /// Give up after so many steps without the leading edge of the mark.
+    /// Number of steps without the leading edge of the mark after which homing fails.
     pub max_steps: u32,
     /// Steps from the leading edge to the tip's x axis.
     pub steps_to_zero: u32,
 }
 
-/// How to move filament: back where feeding ends for a while, and forward again before it goes on.
+/// An order to move filament: back when feeding pauses, and forward again before it continues.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FeedMove {
     /// Steps of the feed.
@@ -38,7 +38,7 @@ pub struct FeedMove {
     pub ticks_per_step: u32,
 }
 
-/// What the engine has done.
+/// A report of the engine.
 #[expect(clippy::large_enum_variant, reason = "one of each exists, and there is no heap to box a turn on")]
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Report {
@@ -71,7 +71,7 @@ pub struct TurnReport {
     pub feed: [u32; SECTORS],
 }
 
-/// Why the engine lets go of everything.
+/// The reason why the engine switches everything off.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Alarm {
     /// A pin failed.

@@ -52,7 +52,7 @@ impl Pace {
     /// No ramps at all.
     pub(super) const FULL: Self = Self { start: ONE, slope: ONE, entry: ONE, braking: 0 };
 
-    /// The pace of a turn of so many ticks that follows another.
+    /// The pace of a turn of this number of ticks that follows another.
     pub(super) fn of(motion: &LayerMotion, ends: &Ends, before: Option<&Ends>, tick_hz: u32, ticks: u32) -> Self {
         let axes = [&motion.head, &motion.feed];
         let min_share = |share: &dyn Fn(&AxisMotion) -> f64| axes.into_iter().map(share).fold(1.0, f64::min);
@@ -105,8 +105,8 @@ impl Clock {
         self.rate = if self.rate <= pace.entry { self.rate.max(pace.start) } else { pace.start };
     }
 
-    /// One tick on, with so many virtual ticks of the turn left: whether one is due. `passing` is the rate at which the
-    /// next turn can be entered, 0 without one.
+    /// Advances by a tick, with `left` virtual ticks of the turn left. Returns whether one is due. `passing` is the
+    /// rate at which the next turn can be entered, 0 without one.
     #[inline]
     pub fn tick(&mut self, pace: &Pace, left: u32, passing: u32) -> bool {
         let goal = passing.max(pace.start);
@@ -157,7 +157,7 @@ impl Clock {
 mod tests {
     use super::*;
 
-    /// Runs a turn of so many ticks: the rate in each real tick.
+    /// Runs a turn of this number of ticks. Returns the rate in each real tick.
     fn run(clock: &mut Clock, pace: &Pace, ticks: u32, passing: impl Fn(u32) -> u32) -> std::vec::Vec<u32> {
         let (mut left, mut rates) = (ticks, std::vec::Vec::new());
         clock.enter(pace);

@@ -19,7 +19,7 @@ impl Spread {
         Self { steps, ticks, accumulator: ticks / 2 }
     }
 
-    /// One tick on: whether a step is due.
+    /// Advances by a tick. Returns whether a step is due.
     pub fn tick(&mut self) -> bool {
         self.accumulator += self.steps;
         let due = self.accumulator >= self.ticks;

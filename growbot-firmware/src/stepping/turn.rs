@@ -9,7 +9,8 @@
 //! `speed` gives every sector time in proportion to its material, so that the feed is steady and the head slower where
 //! more is due.
 //!
-//! Turns come from [`Material::lay`](super::Material::lay), which knows what the layers before have left owing.
+//! Turns come from [`Material::lay`](super::Material::lay), which knows the lean that the layers before have left
+//! owing.
 
 use core::f64::consts::{PI, TAU};
 

@@ -99,7 +99,7 @@ enum Phase {
     Takes { what: What, byte: u8, bits: u8 },
     /// Holds the data line down to acknowledge; then this.
     Acknowledges { reads: bool, next: What },
-    /// Sends a byte; so many bits of it are out.
+    /// Sends a byte, of which this number of bits are out.
     Sends { byte: u8, bits: u8 },
     /// Looks whether the other side wants more.
     Listens { goes_on: bool },
@@ -129,7 +129,7 @@ struct Bus {
     clock: bool,
     data: bool,
     now: u64,
-    /// The board's pins fail after so many clocks.
+    /// The number of clocks after which the board's pins fail.
     clocks_left: Option<u32>,
     broken: bool,
 }
@@ -278,13 +278,13 @@ impl FakeWires {
         bus.clock_held_until = 0;
     }
 
-    /// After so many clocks the board is gone.
-    pub fn cut_after(&self, clocks: u32) {
+    /// Disconnects the board after a number of clocks.
+    pub fn disconnect_after(&self, clocks: u32) {
         self.0.borrow_mut().clocks_left = Some(clocks);
     }
 
     /// The board is back: its pins have let go in between.
-    pub fn mend(&self) {
+    pub fn reconnect(&self) {
         let mut bus = self.0.borrow_mut();
         (bus.clocks_left, bus.broken) = (None, false);
         (bus.board_clock, bus.board_data) = (true, true);

@@ -1,20 +1,19 @@
 //! A bench: the controller, its step engine and a tip in lock step, and a host at the other end of the link.
 //!
-//! What must hold at every moment is asserted at every moment: [`Bench::check`] after each poll and each tick.
+//! What must be true at every moment is asserted at every moment: [`Bench::check`] after each poll and each tick.
 
 use std::boxed::Box;
 use std::rc::Rc;
 use std::vec::Vec;
 
-use growbot_core::layer::Layer;
-use growbot_core::layer_bytes::{Encoder, LayerBytes, decode};
+use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::frame::{self, Header, LONGEST_BODY, Receiver, next};
 use growbot_core::link::message::{
-    Accepted, Amend, Begin, Empty, Fault, HostHello, HostName, Laid, Layers, MAX_LAYERS, Message, Refusal, Refused,
-    ResetCause, Resume, SCHEMA_HASH, Silence, Start, State, Status, Tune,
+    Accepted, Empty, Fault, Laid, MAX_LAYERS, Message, Refusal, Refused, ResetCause, SCHEMA_HASH, State, Status,
 };
 use growbot_core::robot::Robot;
 
+use super::requests::{PLAN, batch_of, begin, bends, feed_steps_of, hello, start, stop, tune};
 use super::tip::{
     DRIVER_FAULT, EMERGENCY_STOP, FEED, FILAMENT_MOTION, FILAMENT_PRESENCE, FakeDebugPort, FakeOrientation,
     FakeRetained, FakeSupply, FakeThermistor, FakeWatchdog, HEAD, HEATER_ENABLE, HeaterWires, INDEX, Motors,
@@ -31,8 +30,7 @@ use crate::testing::{FakePin, FakePins, FakePower};
 
 /// Sessions of the bench's host are numbered from here.
 const SESSION: u32 = 7;
-pub const PLAN: u64 = 0x1234;
-/// Between two polls, us.
+/// Time between two polls, us.
 const POLL_US: u64 = 10_000;
 /// A nozzle this warm is hot within seconds.
 pub const WARM: f64 = 190.0;
@@ -60,14 +58,14 @@ pub struct Bench {
     handover: Handover,
     tick: u64,
     next_poll: u64,
-    /// When the host says next that it lives, ticks.
+    /// The tick at which the host next shows that it lives.
     greets_at: u64,
     receiver: Receiver,
     seq: u16,
-    /// Number of the latest event.
-    heard: u16,
-    /// Emergency stops that the board says it has obeyed.
-    called_out: u32,
+    /// Number of the latest event received.
+    latest_event: u16,
+    /// Number of emergency stops that the board has acknowledged.
+    stops_acknowledged: u32,
 }
 
 type TestEngine = Engine<FakePin, FakePin, FakePin, FakePin, FakePin, FakePin, FakePin, FakePin, FakePin, TipOutputs>;
@@ -167,8 +165,8 @@ impl Bench {
             greets_at: 0,
             receiver: Receiver::default(),
             seq: 0,
-            heard: 0,
-            called_out: 0,
+            latest_event: 0,
+            stops_acknowledged: 0,
         }
     }
 
@@ -231,13 +229,13 @@ impl Bench {
         let (feed, risen) = (self.motors.moved.feed, self.motors.watch());
         let state = self.controller.state();
         assert!(!(at_rest(state) && risen), "a step in {state:?}");
-        let held = self.interrupt_runs && self.motors.enabled();
-        assert!(!(at_rest(state) && held), "motors are held in {state:?}");
+        let energised = self.interrupt_runs && self.motors.enabled();
+        assert!(!(at_rest(state) && energised), "motors are energised in {state:?}");
         assert!(!(state == State::Heating && risen), "a step while cold");
-        let least = self.robot.description().heater.extrusion_min_c;
+        let min_c = self.robot.description().heater.extrusion_min_c;
         if self.motors.moved.feed > feed && self.world.wire.get() == Wire::Whole {
             // The reading is up to a period of the regulation old, and has its own grain.
-            assert!(self.world.nozzle_c.get() > least - 5.0, "feed at {} C", self.world.nozzle_c.get());
+            assert!(self.world.nozzle_c.get() > min_c - 5.0, "feed at {} C", self.world.nozzle_c.get());
         }
         self.check();
     }
@@ -261,7 +259,7 @@ impl Bench {
         }
     }
 
-    /// What holds at every moment.
+    /// Asserts what must be true at every moment.
     fn check(&self) {
         let state = self.controller.state();
         if at_rest(state) {
@@ -291,11 +289,11 @@ impl Bench {
             let frame = frame.expect("the board sends whole frames");
             let message = Message::decode(frame.header.kind, &frame.body).expect("the board sends messages");
             match frame.header.ack {
-                0 if frame.header.seq == next(self.heard) => {
-                    self.heard = frame.header.seq;
+                0 if frame.header.seq == next(self.latest_event) => {
+                    self.latest_event = frame.header.seq;
                     events.push(message);
                 }
-                0 if matches!(message, Message::StoppedAtOnce(_)) => self.called_out += 1,
+                0 if matches!(message, Message::StoppedAtOnce(_)) => self.stops_acknowledged += 1,
                 // Again.
                 0 => {}
                 other if Some(other) == ack => answers.push(message),
@@ -308,16 +306,16 @@ impl Bench {
         (events, answers)
     }
 
-    /// Tells the board which events have come, and that its host lives.
+    /// Acknowledges the events that have come, which also shows that the host lives.
     fn acknowledge(&mut self) {
-        let header = Header { kind: 0x0E, session: self.session, seq: 0, ack: self.heard };
+        let header = Header { kind: 0x0E, session: self.session, seq: 0, ack: self.latest_event };
         self.send(&frame::encode(&header, &[]).unwrap());
     }
 
     /// Asks with any kind and body, in any session.
     pub fn ask_raw(&mut self, session: u32, kind: u8, body: &[u8]) -> Message {
         self.seq = next(self.seq);
-        let header = Header { kind, session, seq: self.seq, ack: self.heard };
+        let header = Header { kind, session, seq: self.seq, ack: self.latest_event };
         let bytes = frame::encode(&header, body).unwrap();
         let mut answer = None;
         for _ in 0..if self.stutters { 2 } else { 1 } {
@@ -350,7 +348,7 @@ impl Bench {
         }
     }
 
-    /// Asks for something that must be refused: why. State and status stay as they were.
+    /// Asks for something that must be refused. Returns the reason. State and status must stay as they were.
     pub fn refused(&mut self, message: &Message) -> Refusal {
         let before = self.status();
         let answer = self.ask(message);
@@ -363,7 +361,7 @@ impl Bench {
 
     pub fn hello(&mut self) {
         self.session += 1;
-        self.heard = 0;
+        self.latest_event = 0;
         let answer = self.ask(&hello(SCHEMA_HASH));
         assert!(matches!(answer, Message::BoardHello(_)), "{answer:?}");
     }
@@ -397,7 +395,7 @@ impl Bench {
         self.start();
     }
 
-    /// What was reported as laid.
+    /// The layers that were reported as laid.
     pub fn laid(&self) -> Vec<Laid> {
         let laid = |event: &Message| if let Message::Laid(laid) = event { Some(laid.clone()) } else { None };
         self.events.iter().filter_map(laid).collect()
@@ -415,7 +413,7 @@ impl Bench {
         self.events.iter().filter_map(state).collect()
     }
 
-    /// Brings the board into a state by what leads there. A warm nozzle saves the time of heating.
+    /// Brings the board into a state by the events that lead there. A warm nozzle saves the time of heating.
     pub fn in_state(state: State) -> Self {
         let robot = crate::testing::fast_robot();
         let cold = matches!(state, State::Heating | State::Tuning);
@@ -462,17 +460,17 @@ impl Bench {
         bench
     }
 
-    /// The line's interrupt has recognised an emergency stop.
+    /// Lets the UART's interrupt recognise an emergency stop.
     pub fn call_emergency_stop(&self) {
         self.handover.call_emergency_stop();
     }
 
-    /// How often the board has said that it obeyed one, since the last question.
-    pub fn called_out(&mut self) -> u32 {
-        core::mem::take(&mut self.called_out)
+    /// Pops the number of emergency stops that the board has acknowledged.
+    pub fn stops_acknowledged(&mut self) -> u32 {
+        core::mem::take(&mut self.stops_acknowledged)
     }
 
-    /// Something is found to be wrong, whatever it is.
+    /// Lets the controller find a fault.
     pub fn fail(&mut self, fault: Fault) {
         self.controller.fail(fault, &self.handover);
     }
@@ -480,68 +478,4 @@ impl Bench {
     pub fn press_emergency_stop(&self, pressed: bool) {
         self.heater.pins.set(EMERGENCY_STOP, pressed);
     }
-}
-
-pub fn begin(robot: &Robot, plan_id: u64, layers: u32) -> Message {
-    Message::Begin(Begin { plan_id, layers, robot: robot.hash() })
-}
-
-/// Takes the board, whoever has it.
-pub fn hello(schema: u64) -> Message {
-    Message::Hello(HostHello { schema, host: HostName::new(), take_over: true })
-}
-
-pub fn batch_of(first: usize, layers: &[LayerBytes]) -> Message {
-    let layers = layers.iter().copied().collect();
-    Message::Layers(Layers { plan_id: PLAN, first: first as u32, layers })
-}
-
-pub fn start() -> Message {
-    Message::Start(Start { plan_id: PLAN, silence: Silence::Continue })
-}
-
-/// Takes the job up at a layer, none of it known.
-pub fn resume(from: u32) -> Message {
-    Message::Resume(Resume { plan_id: PLAN, from, known: 0 })
-}
-
-/// The plan's name once it is amended.
-pub const AMENDED: u64 = 0x5678;
-
-/// Replaces the layers from this one on by others, three of them at once.
-pub fn amend(from: u32, layers: u32) -> Message {
-    let first_layers = bends(3).into_iter().collect();
-    Message::Amend(Amend { plan_id: PLAN, amended: AMENDED, from, layers, first_layers })
-}
-
-pub fn stop() -> Message {
-    Message::Stop(Empty {})
-}
-
-pub fn hold() -> Message {
-    Message::Pause(Empty {})
-}
-
-pub fn tune(celsius: f64) -> Message {
-    Message::Tune(Tune { target_centi_c: (celsius * 100.0) as i32 })
-}
-
-pub fn clear() -> Message {
-    Message::ClearFault(Empty {})
-}
-
-/// Feed steps of a layer, which its height gives exactly.
-pub fn feed_steps_of(laid: &Laid, robot: &Robot) -> u32 {
-    libm::rint(decode(&laid.as_built.unwrap()).height * robot.feed_steps_per_length()) as u32
-}
-
-/// Layers of a body that bends this way and that.
-pub fn bends(count: usize) -> Vec<LayerBytes> {
-    let mut encoder = Encoder::default();
-    let layer = |i: usize| Layer {
-        alpha: i as f64 * 0.37,
-        height: 0.76 - 0.003 * (i % 7) as f64,
-        tilt: 0.0009 * (i % 9) as f64,
-    };
-    (0..count).map(|i| encoder.encode(&layer(i))).collect()
 }

@@ -4,7 +4,8 @@
 use growbot_core::link::message::{Fault, Refusal, ResetCause, State};
 use growbot_core::robot::{Robot, Sensors};
 
-use super::bench::{Bench, WARM, bends, clear, start, tune};
+use super::bench::{Bench, WARM};
+use super::requests::{bends, clear, start, tune};
 use crate::safety::transitions::may_heat;
 use crate::testing::fast_robot;
 

@@ -3,7 +3,8 @@
 
 use growbot_core::link::message::{Empty, Fault, LatestFault, Message, Refusal, State, StateChanged};
 
-use super::bench::{Bench, PLAN, WARM, at_rest, batch_of, begin, bends, clear, start};
+use super::bench::{Bench, WARM, at_rest};
+use super::requests::{PLAN, batch_of, begin, bends, clear, start};
 use super::tip::{DRIVER_FAULT, FEED, FILAMENT_PRESENCE, HEAD, HEATER_ENABLE, Wire};
 use crate::testing::fast_robot;
 

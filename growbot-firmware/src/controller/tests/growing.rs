@@ -13,7 +13,8 @@ use growbot_core::pose::Pose;
 use growbot_core::robot::{FeedStrategy, Robot};
 use nalgebra::Vector2;
 
-use super::bench::{Bench, PLAN, WARM, batch_of, begin, bends, start, stop};
+use super::bench::{Bench, WARM};
+use super::requests::{PLAN, batch_of, begin, bends, start, stop};
 use crate::layer_store::CAPACITY;
 use crate::safety::transitions::{Event, after};
 use crate::testing::{fast_robot, robot_a, robot_a_by};
@@ -106,12 +107,12 @@ fn requests_that_are_repeated_change_nothing() {
 }
 
 #[test]
-fn more_layers_than_the_board_holds_stream() {
+fn more_layers_than_the_board_stores_stream() {
     let mut bench = Bench::greeted(fast_robot(), WARM);
     let layers = bends(CAPACITY + 600);
     bench.begin(layers.len());
-    let (held, rest) = layers.split_at(CAPACITY);
-    bench.hand_over(0, held);
+    let (stored, rest) = layers.split_at(CAPACITY);
+    bench.hand_over(0, stored);
     assert_eq!(bench.refused(&batch_of(CAPACITY, &rest[..1])), Refusal::Full);
     bench.start();
     for (batch, bytes) in rest.chunks(MAX_LAYERS).enumerate() {
@@ -132,7 +133,7 @@ fn more_layers_than_the_board_holds_stream() {
 }
 
 #[test]
-fn without_layers_it_holds_and_goes_on_when_they_come() {
+fn without_layers_it_pauses_and_continues_when_they_come() {
     let mut bench = Bench::greeted(fast_robot(), WARM);
     let layers = bends(20);
     bench.begin(20);
@@ -144,7 +145,7 @@ fn without_layers_it_holds_and_goes_on_when_they_come() {
         bench.run_to(State::Paused, 2.0);
         let (moved, temperature) = (bench.motors.moved, bench.world.nozzle_c.get());
         bench.run(20.0);
-        assert_eq!(bench.motors.moved, moved, "it only holds");
+        assert_eq!(bench.motors.moved, moved, "it only pauses");
         assert!(temperature > 180.0 && bench.world.nozzle_c.get() > 195.0, "hot");
         assert!(bench.motors.enabled(), "the head keeps its place");
     }
@@ -285,20 +286,20 @@ fn the_board_plans_as_the_desktop_does() {
                 length: growbot_core::path::length(&path),
             }
         );
-        let mut held = Vec::new();
+        let mut stored = Vec::new();
         loop {
-            let first = held.len() as u32;
+            let first = stored.len() as u32;
             let Message::StoredLayers(StoredLayers { layers, .. }) =
                 bench.ask(&Message::ReadLayers(ReadLayers { first }))
             else {
                 panic!()
             };
-            held.extend_from_slice(&layers);
+            stored.extend_from_slice(&layers);
             if layers.len() < MAX_LAYERS {
                 break;
             }
         }
-        assert_eq!(held, job_layers(&path, &robot).collect::<Vec<_>>());
+        assert_eq!(stored, job_layers(&path, &robot).collect::<Vec<_>>());
     }
 }
 

@@ -9,11 +9,12 @@ use growbot_core::link::message::{
 use growbot_core::plan::Planner;
 use growbot_core::robot::{FeedStrategy, Robot};
 
-use super::bench::{Bench, PLAN, batch_of, begin, bends, clear, hello, start};
+use super::bench::Bench;
+use super::requests::{PLAN, batch_of, begin, bends, clear, hello, start};
 use crate::layer_store::CAPACITY;
 use crate::testing::{fast_robot, robot_a};
 
-/// An idle board with a job of 40 layers, 30 of them held.
+/// An idle board with a job of 40 layers, 30 of them stored.
 fn idle() -> Bench {
     Bench::in_state(State::Idle)
 }

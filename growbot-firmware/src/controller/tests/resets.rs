@@ -7,7 +7,8 @@ use growbot_core::link::message::{
 
 use std::vec::Vec;
 
-use super::bench::{Bench, PLAN, WARM, at_rest, bends, clear, hold, start, tune};
+use super::bench::{Bench, WARM, at_rest};
+use super::requests::{PLAN, bends, clear, pause, start, tune};
 use super::tip::Wire;
 use crate::safety::retained::tests::of_another_firmware;
 use crate::safety::retained::{COPY_BYTES, Copies, RETAINED_BYTES, Retained};
@@ -44,7 +45,7 @@ fn a_reset_in_the_midst_of_work_is_a_fault_by_its_cause() {
             assert!(matches!(bench.ask(&start()), Message::Refused(_)), "not before it is cleared");
             bench.accepted(&clear());
             assert_eq!(bench.controller.state(), State::Idle);
-            // The job is known, and nothing of it is held.
+            // The job is known, and nothing of it is stored.
             let status = bench.status();
             assert_eq!((status.plan_id, status.layers, status.laid, status.next), (PLAN, 40, laid, laid));
         }
@@ -104,7 +105,7 @@ fn without_power_the_journal_is_what_is_known() {
             (status.plan_id, status.laid, status.interrupted),
             (PLAN, laid, Some(InterruptedLayer { min: 0, max: 64 }))
         );
-        assert!(matches!(bench.ask(&start()), Message::Refused(_)), "the layer that was cut is to be decided on");
+        assert!(matches!(bench.ask(&start()), Message::Refused(_)), "the interrupted layer is to be decided on");
         assert!(bench.heater.off());
     }
 }
@@ -177,7 +178,7 @@ fn what_another_firmware_has_retained_is_a_fault_whatever_it_was() {
 }
 
 /// What a start would find in the memory after every write of those under way, torn at every byte; the byte that the
-/// reset met holds anything.
+/// reset met is noise.
 fn found_after_tears(
     mut memory: [u8; RETAINED_BYTES],
     writes: &[(usize, [u8; COPY_BYTES])],
@@ -205,7 +206,7 @@ fn found_after_tears(
     found
 }
 
-/// Memory that only holds what it holds.
+/// Memory that cannot be written.
 struct Fixed([u8; RETAINED_BYTES]);
 
 impl crate::hal::RetainedMemory for Fixed {
@@ -236,7 +237,7 @@ fn however_a_write_is_torn_a_board_at_work_comes_up_with_a_fault() {
         bench.world.retained_writes.borrow_mut().clear();
         bench.run_to(State::Growing, 60.0);
         bench.run(2.5);
-        bench.accepted(&hold());
+        bench.accepted(&pause());
         bench.run_to(State::Paused, 4.0);
         bench.start();
         bench.run_to(State::Growing, 60.0);

@@ -6,10 +6,11 @@ use std::vec::Vec;
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::message::{Cancel, InterruptedLayer, Message, Refusal, ResetCause, State};
 
-use super::bench::{AMENDED, Bench, PLAN, WARM, amend, bends, clear, hold, resume, start, stop};
+use super::bench::{Bench, WARM};
+use super::requests::{AMENDED, PLAN, amend, bends, clear, pause, resume, start, stop};
 use crate::testing::fast_robot;
 
-/// The body as the host was told of it, each layer once and in order.
+/// The body as it was reported to the host, each layer once and in order.
 fn body(bench: &Bench) -> Vec<Option<LayerBytes>> {
     let laid = bench.laid();
     // Told again after each resumption, and always the same.
@@ -34,8 +35,8 @@ fn uninterrupted() -> Vec<Option<LayerBytes>> {
     body(&bench)
 }
 
-/// Goes on and grows to the end.
-fn go_on(bench: &mut Bench, from: u32) {
+/// Resumes and grows to the end.
+fn resume_to_end(bench: &mut Bench, from: u32) {
     let accepted = bench.accepted(&resume(from));
     bench.hand_over(accepted.next as usize, &bends(40)[accepted.next as usize..]);
     bench.start();
@@ -72,7 +73,7 @@ fn after_a_stop_a_fault_or_a_reset_the_rest_is_laid_as_if_nothing_had_happened()
         },
         |mut bench| {
             // Between two layers.
-            bench.accepted(&hold());
+            bench.accepted(&pause());
             bench.run_to(State::Paused, 2.0);
             bench.world.retained.set([0x5A; crate::safety::retained::RETAINED_BYTES]);
             bench.reset(ResetCause::PowerOn)
@@ -89,7 +90,7 @@ fn after_a_stop_a_fault_or_a_reset_the_rest_is_laid_as_if_nothing_had_happened()
             let status = bench.status();
             assert_eq!(status.plan_id, PLAN);
             assert_eq!(status.interrupted.is_some(), which != 4, "{status:?}");
-            go_on(&mut bench, status.laid);
+            resume_to_end(&mut bench, status.laid);
             assert_eq!(bench.status().laid, 40);
             let all = body(&bench);
             assert_eq!(all, whole, "interruption {which} after {seconds} s");
@@ -100,14 +101,14 @@ fn after_a_stop_a_fault_or_a_reset_the_rest_is_laid_as_if_nothing_had_happened()
 #[test]
 fn how_much_of_a_layer_was_made_is_known_after_a_stop_and_roughly_after_a_reset() {
     // 0.5 s a layer; a sector is 8 ms.
-    let cut = |bench: &mut Bench| bench.status().interrupted.unwrap();
+    let interrupted = |bench: &mut Bench| bench.status().interrupted.unwrap();
     let mut bench = Bench::greeted(fast_robot(), WARM);
     bench.grow(&bends(40));
     bench.run_until(60.0, |bench| bench.laid().len() == 3);
     let period = bench.robot.description().layer.period_s;
     bench.run(0.4 * period);
     bench.accepted(&stop());
-    let InterruptedLayer { min, max } = cut(&mut bench);
+    let InterruptedLayer { min, max } = interrupted(&mut bench);
     assert_eq!(max, min + 1);
     assert!((22..30).contains(&min), "{min}");
 
@@ -116,16 +117,16 @@ fn how_much_of_a_layer_was_made_is_known_after_a_stop_and_roughly_after_a_reset(
     bench.run_until(60.0, |bench| bench.laid().len() == 3);
     bench.run(0.7 * period);
     let mut bench = bench.reset(ResetCause::External);
-    let InterruptedLayer { min, max } = cut(&mut bench);
+    let InterruptedLayer { min, max } = interrupted(&mut bench);
     assert!(min <= 45 && max >= 45 && max - min < 40, "{min} to {max}");
 }
 
 #[test]
-fn a_layer_that_was_cut_can_be_let_be() {
+fn an_interrupted_layer_can_count_as_laid() {
     let mut bench = Bench::in_state(State::Growing);
     bench.accepted(&stop());
     let laid = bench.status().laid;
-    go_on(&mut bench, laid + 1);
+    resume_to_end(&mut bench, laid + 1);
     let body = body(&bench);
     assert_eq!(body.len(), 40);
     assert_eq!(body[laid as usize], None, "nothing is claimed of it");
@@ -135,7 +136,7 @@ fn a_layer_that_was_cut_can_be_let_be() {
 #[test]
 fn nothing_but_the_next_layer_is_taken_up() {
     let mut bench = Bench::in_state(State::Growing);
-    bench.accepted(&hold());
+    bench.accepted(&pause());
     bench.run_to(State::Paused, 2.0);
     bench.accepted(&stop());
     let laid = bench.status().laid;
@@ -143,7 +144,7 @@ fn nothing_but_the_next_layer_is_taken_up() {
         assert_eq!(bench.refused(&resume(from)), Refusal::OutOfOrder { expected: laid });
     }
     assert_eq!(bench.refused(&Message::Cancel(Cancel { plan_id: PLAN + 1 })), Refusal::OtherPlan { board: PLAN });
-    go_on(&mut bench, laid);
+    resume_to_end(&mut bench, laid);
 }
 
 #[test]
@@ -204,7 +205,7 @@ fn an_amended_job_is_known_by_its_new_name_after_a_loss_of_power() {
 }
 
 #[test]
-fn a_layer_is_told_with_what_was_measured_after_it_as_long_as_the_board_keeps_that() {
+fn a_layer_is_reported_with_what_was_measured_after_it_as_long_as_the_board_stores_that() {
     let mut bench = Bench::greeted(fast_robot(), WARM);
     bench.grow(&bends(40));
     bench.run_to(State::Done, 100.0);

@@ -5,7 +5,8 @@ use growbot_core::link::message::{
     BoardHello, Empty, HostHello, HostName, Message, PauseCause, Refusal, Refused, SCHEMA_HASH, Silence, Start, State,
 };
 
-use super::bench::{Bench, PLAN, WARM, bends, clear, start, stop};
+use super::bench::{Bench, WARM};
+use super::requests::{PLAN, bends, clear, start, stop};
 use crate::testing::fast_robot;
 
 /// Asks for the board under a name, without pressing.
@@ -28,7 +29,7 @@ fn a_board_that_is_held_is_not_given_to_another_host_until_that_one_is_silent() 
         matches!(answer, Message::Refused(Refused { refusal: Refusal::Owned { silent_ms: 0..1000 }, .. })),
         "{answer:?}"
     );
-    // It can be asked all the same, and tells who holds it.
+    // It can be asked all the same, and names its owner.
     let Message::BoardHello(BoardHello { owner, .. }) = bench.ask_in(99, &Message::AskBoard(Empty {})) else {
         panic!()
     };
@@ -62,7 +63,7 @@ fn requests_that_come_late_or_twice_are_not_carried_out_again() {
     let mut bench = Bench::greeted(fast_robot(), WARM);
     let session = bench.session;
     let old_stop = bytes_of(&stop(), session, 2);
-    let old_begin = bytes_of(&super::bench::begin(&bench.robot.clone(), PLAN, 1), session, 3);
+    let old_begin = bytes_of(&super::requests::begin(&bench.robot.clone(), PLAN, 1), session, 3);
     bench.grow(&bends(40));
     bench.run_to(State::Growing, 60.0);
     for late in [&old_stop, &old_begin] {
@@ -80,7 +81,7 @@ fn requests_that_come_late_or_twice_are_not_carried_out_again() {
 }
 
 #[test]
-fn a_host_that_falls_silent_has_it_hold_unless_it_has_said_otherwise() {
+fn a_silent_host_pauses_it_unless_it_has_asked_otherwise() {
     for silence in [Silence::Pause, Silence::Continue] {
         let mut bench = Bench::greeted(fast_robot(), WARM);
         bench.begin(100);
@@ -114,7 +115,7 @@ fn an_emergency_stop_by_the_link_is_obeyed_and_called_out_each_time() {
         for _ in 0..2 {
             bench.call_emergency_stop();
             bench.run(0.05);
-            assert_eq!(bench.called_out(), 1, "{state:?}");
+            assert_eq!(bench.stops_acknowledged(), 1, "{state:?}");
             assert!(bench.heater.off() && !bench.motors.enabled());
             assert!(matches!(bench.controller.state(), State::EmergencyStop | State::Fault));
         }

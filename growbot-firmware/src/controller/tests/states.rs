@@ -6,7 +6,8 @@ use std::{env, format, fs};
 use growbot_core::link::message::{Cancel, Message, PlanRequest, PoseFields, Refusal, Refused, State};
 use growbot_core::plan::Planner;
 
-use super::bench::{Bench, PLAN, amend, batch_of, begin, bends, clear, hold, resume, start, stop, tune};
+use super::bench::Bench;
+use super::requests::{PLAN, amend, batch_of, begin, bends, clear, pause, resume, start, stop, tune};
 use crate::safety::transitions::{Event, after};
 
 /// The request that an event is, if it is one.
@@ -24,7 +25,7 @@ fn request(event: Event, bench: &mut Bench) -> Option<Message> {
         Event::Amend => amend(next, 50),
         Event::Cancel => Message::Cancel(Cancel { plan_id: bench.status().plan_id }),
         Event::Start => start(),
-        Event::Pause => hold(),
+        Event::Pause => pause(),
         Event::Tune => tune(200.0),
         Event::Stop => stop(),
         Event::Clear => clear(),

@@ -2,7 +2,8 @@
 
 use growbot_core::link::message::{Message, Refusal, State, Tuned};
 
-use super::bench::{Bench, WARM, clear, stop, tune};
+use super::bench::{Bench, WARM};
+use super::requests::{clear, stop, tune};
 use super::tip::Wire;
 use crate::testing::fast_robot;
 
@@ -12,11 +13,11 @@ fn gains_are_found_and_told_and_nothing_is_changed() {
     bench.accepted(&tune(200.0));
     bench.run_to(State::Idle, 900.0);
     bench.run(0.1);
-    let told = bench.events.iter().rev().find_map(|event| match event {
+    let reported = bench.events.iter().rev().find_map(|event| match event {
         Message::Tuned(Tuned { gains, .. }) => Some(*gains),
         _ => None,
     });
-    let gains = told.expect("the gains are told");
+    let gains = reported.expect("the gains are reported");
     assert!(gains.kp > 0.0 && gains.ki > 0.0 && gains.kd >= 0.0, "{gains:?}");
     assert!(bench.heater.off());
     assert_eq!(bench.motors.moved.pulses, 0);

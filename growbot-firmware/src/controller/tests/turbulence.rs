@@ -1,4 +1,4 @@
-//! Anything at all on the line. The bench asserts at every moment what must always hold.
+//! Anything at all on the line. The bench asserts at every moment what must always be true.
 
 use std::vec::Vec;
 
@@ -9,7 +9,8 @@ use growbot_core::link::message::{
 };
 use growbot_core::plan::Planner;
 
-use super::bench::{Bench, PLAN, WARM, bends, hello, hold, tune};
+use super::bench::{Bench, WARM};
+use super::requests::{PLAN, bends, hello, pause, tune};
 use super::tip::Wire;
 use crate::testing::{fast_robot, number_from_environment};
 
@@ -51,8 +52,8 @@ impl Random {
     /// Any request, more often one that could be meant.
     fn request(&mut self, bench: &mut Bench) -> Message {
         let next = bench.status().next;
-        let held = bench.status().plan_id;
-        let plan_id = self.one_of(&[held, held, held, PLAN, PLAN, 0, PLAN + 1, u64::MAX]);
+        let stored = bench.status().plan_id;
+        let plan_id = self.one_of(&[stored, stored, stored, PLAN, PLAN, 0, PLAN + 1, u64::MAX]);
         match self.below(50) {
             44 if self.below(4) == 0 => Message::Cancel(Cancel { plan_id }),
             44..47 => Message::Resume(Resume {
@@ -68,7 +69,7 @@ impl Random {
                 layers: self.one_of(&[30, 40, 0, u32::MAX]),
                 first_layers: bends(self.below(17) as usize).into_iter().collect(),
             }),
-            40 => hold(),
+            40 => pause(),
             41 => tune(self.one_of(&[200.0, 200.0, 60.0, 20.0, 400.0, -1e6])),
             42 => Message::AskFault(Empty {}),
             43 => Message::AskSensors(Empty {}),
@@ -105,7 +106,7 @@ impl Random {
 }
 
 #[test]
-fn random_requests_in_random_order_never_break_what_must_hold() {
+fn random_requests_in_random_order_never_break_what_must_be_true() {
     let mut seen = Vec::new();
     let mut laid = 0;
     for seed in 0..messages() / MESSAGES_OF_A_SEED {

@@ -1,7 +1,8 @@
 //! The last record before a loss of power, whose cells read differently at each start.
 //!
-//! Bits that were to be programmed as power was lost may read as 0 or as 1, now and later, until they are programmed again. Whatever they
-//! read, and in whichever order: what a start has once found stays so, and is what was known before the record or after it.
+//! Bits that were to be programmed as power was lost may read as 0 or as 1, now and later, until they are programmed
+//! again. Whatever they read, and in whichever order: what a start has once found stays so, and is what was known
+//! before the record or after it.
 
 use super::*;
 use crate::journal::record::RecordBytes;
@@ -178,7 +179,8 @@ fn a_loss_of_power_while_that_is_settled_costs_no_more_than_the_record() {
 
 #[test]
 fn a_place_that_seemed_not_to_take_its_record_and_reads_as_if_it_had_costs_nothing() {
-    // One bit of the place reads as 1 while the record is written there, so that it goes to the next place; later it reads as 0.
+    // One bit of the place reads as 1 while the record is written there, so that it goes to the next place; later it
+    // reads as 0.
     let flash = Small::new(SECTORS);
     let mut journal = Journal::open(flash.clone());
     Deed::Erase(20).done(&mut journal).unwrap();

@@ -1,9 +1,10 @@
-//! Holds: asked for or for want of layers, with filament pulled back, standby, parking, and going on.
+//! Pauses, on request or for want of layers: filament pulled back, standby, parking, and continuing.
 
 use growbot_core::link::message::{Refusal, State};
 use growbot_core::robot::{Robot, Turning};
 
-use super::bench::{Bench, WARM, bends, feed_steps_of, hold, start};
+use super::bench::{Bench, WARM};
+use super::requests::{bends, feed_steps_of, pause, start};
 use crate::testing::fast_robot;
 
 /// The fast robot with filament to pull back: 4 mm, which are 10 steps.
@@ -15,14 +16,14 @@ fn retracting() -> Robot {
 }
 
 #[test]
-fn a_hold_finishes_the_layer_pulls_filament_back_and_pushes_it_forward_again() {
+fn a_pause_finishes_the_layer_pulls_filament_back_and_pushes_it_forward_again() {
     let mut bench = Bench::greeted(retracting(), WARM);
     let layers = bends(40);
     bench.grow(&layers);
     bench.run_to(State::Growing, 60.0);
     bench.run(0.7);
-    bench.accepted(&hold());
-    bench.accepted(&hold());
+    bench.accepted(&pause());
+    bench.accepted(&pause());
     assert_eq!(bench.controller.state(), State::Growing, "the layer under way is finished");
     bench.run_to(State::Paused, 0.5);
     let fed = bench.fed();
@@ -39,7 +40,7 @@ fn a_hold_finishes_the_layer_pulls_filament_back_and_pushes_it_forward_again() {
 }
 
 #[test]
-fn a_long_hold_lets_the_nozzle_down_to_standby_and_then_parks() {
+fn a_long_pause_lets_the_nozzle_down_to_standby_and_then_parks() {
     let mut bench = Bench::greeted(retracting(), WARM);
     let layers = bends(40);
     bench.begin(40);
@@ -51,14 +52,14 @@ fn a_long_hold_lets_the_nozzle_down_to_standby_and_then_parks() {
     assert!(bench.world.nozzle_c.get() > 195.0);
     bench.run(120.0);
     assert!((bench.world.nozzle_c.get() - settings.standby_c).abs() < 3.0, "{} C", bench.world.nozzle_c.get());
-    // From standby it heats up again before it goes on.
+    // From standby it heats up again before it continues.
     bench.hand_over(10, &layers[10..20]);
     bench.run(0.1);
     assert_eq!(bench.controller.state(), State::Paused, "not while it is cold");
     bench.run_to(State::Growing, 60.0);
     assert!(bench.world.nozzle_c.get() > 195.0);
     bench.run_to(State::Paused, 60.0);
-    // Without layers for long enough the heater goes off, and the job is kept.
+    // Without layers for long enough the heater goes off, and the job is stored.
     bench.run_to(State::Parked, settings.off_after_s + 1.0);
     assert!(bench.heater.off());
     bench.run(1.0);
@@ -78,10 +79,10 @@ fn a_long_hold_lets_the_nozzle_down_to_standby_and_then_parks() {
 }
 
 #[test]
-fn a_hold_may_be_asked_for_before_the_first_layer() {
+fn a_pause_may_be_asked_for_before_the_first_layer() {
     let mut bench = Bench::greeted(retracting(), WARM);
     bench.grow(&bends(5));
-    bench.accepted(&hold());
+    bench.accepted(&pause());
     bench.run_to(State::Paused, 60.0);
     assert!(bench.laid().is_empty());
     bench.start();
@@ -89,10 +90,10 @@ fn a_hold_may_be_asked_for_before_the_first_layer() {
 }
 
 #[test]
-fn there_is_nothing_to_hold_at_rest() {
+fn there_is_nothing_to_pause_at_rest() {
     for state in [State::Idle, State::Done, State::Stopped, State::Fault, State::Tuning] {
         let mut bench = Bench::in_state(state);
-        assert_eq!(bench.refused(&hold()), Refusal::WrongState { state });
+        assert_eq!(bench.refused(&pause()), Refusal::WrongState { state });
     }
 }
 
@@ -129,7 +130,7 @@ fn going_on_twice_is_going_on_once() {
     bench.stutters = true;
     bench.grow(&bends(8));
     bench.run_to(State::Growing, 60.0);
-    bench.accepted(&hold());
+    bench.accepted(&pause());
     bench.run_to(State::Paused, 2.0);
     bench.accepted(&start());
     bench.run_to(State::Done, 60.0);

@@ -35,7 +35,7 @@
 //! | `0x114` | [`INDEX_POSITION`] | host | where the mark begins, in head steps from 0 |
 //! | `0x118` | [`INDEX_WIDTH`] | host | width of the mark in head steps |
 //! | `0x11C` | [`INDEX_FAULT`] | host | `INDEX_FAULT_*` |
-//! | `0x120` | [`ENTROPY`] | host | any number, another one for each run: makes boot ids differ |
+//! | `0x120` | [`ENTROPY`] | host | a number that differs in each run, for boot ids |
 //! | `0x124` | [`MACHINE_LENGTH`] | host | bytes of [`MACHINE`] that are valid, at most [`MACHINE_CAPACITY`] |
 //! | `0x128` | [`SUPPLY_RAW`] | host | 0 to 4095, as the board's ADC would read |
 //! | `0x12C` | [`SUPPLY_LIVE`] | host | as [`THERMISTOR_LIVE`] |
@@ -46,18 +46,18 @@
 //! | `0x140` | [`ENCODER_STATE`] | host | `ENCODER_*`: whether filament follows the feed |
 //! | `0x144` | [`GRAVITY_X`], [`GRAVITY_Y`], [`GRAVITY_Z`] | host | `i32`: gravity in the tip's frame, 1/1000 g |
 //! | `0x150` | [`GRAVITY_LIVE`] | host | 1: the orientation sensor answers |
-//! | `0x154` | [`OVERFLOW_STACK`] | host | 1: the board is to overflow its stack, to show what comes of it |
+//! | `0x154` | [`OVERFLOW_STACK`] | host | 1: the board is to overflow its stack, as a test |
 //! | `0x158` | [`ENCODER_SEQUENCE`] | host | odd while the host changes the three words after it |
-//! | `0x15C` | [`ENCODER_ORIGIN`] | host | `i32`; the [`FEED_STEPS`] from which the encoder goes on |
+//! | `0x15C` | [`ENCODER_ORIGIN`] | host | `i32`; the [`FEED_STEPS`] from which the encoder continues |
 //! | `0x160` | [`ENCODER_PHASE`] | host | how far it is turned there, in 1/256 steps |
 //! | `0x164` | [`ENCODER_SLIP`] | host | `i32`; filament moved beyond a step's worth by each step, in 1/65536 |
-//! | `0x168` | [`CRASH`] | host | `CRASH_*`: how the board is to crash, to show what comes of it |
+//! | `0x168` | [`CRASH`] | host | `CRASH_*`: how the board is to crash, as a test |
 //! | `0x16C` | [`HANG`] | host | 1: the main loop is to hang while the watchdog is fed, as a test |
 //! | `0x1000` | [`MACHINE`] | host | the machine description, bytes |
 //! | `0x2_0000` | [`JOURNAL`] | board | its flash, [`JOURNAL_CAPACITY`] bytes: survives a reset of the board |
 //! | `0x10_0000` | [`STEP_RING`] | board | [`STEP_RING_RECORDS`] step records, see [`StepRecord`] |
 //!
-//! # Who does what, in which order
+//! # Order of accesses
 //!
 //! - The host makes the memory ([`SIZE`] bytes of zero), writes its words, then starts the board. The board leaves the
 //!   host's words alone in every boot, and its own running indices too when it finds [`MAGIC_VALUE`]; all its outputs
@@ -80,11 +80,17 @@
 //! line low while `(HEAD_STEPS - INDEX_POSITION) mod INDEX_STEPS_PER_TURN < INDEX_WIDTH`. The board computes it from
 //! its own edges, so that homing takes the same steps in every run; a host that wants the head to slip moves
 //! [`INDEX_POSITION`]. The filament's encoder comes from [`FEED_STEPS`] in the same way: high in the first half of each
-//! [`ENCODER_PITCH`]; where the filament slips in its drive, the host says from where and how much; where it does not
-//! follow the feed at all, the host has its level stand. The words of the other inputs say what they are called, not a
-//! wire's level.
+//! [`ENCODER_PITCH`]; if the filament slips in its drive, the host says from where and how much; if it does not
+//! follow the feed at all, the host sets a fixed level. The words of the other inputs have logical levels, not those of
+//! a wire.
 //!
 //! Not modelled here: step pulse widths, set-up times of DIR, micro-step tables, and the two directions of a worn gear.
+
+mod sensors;
+mod step_record;
+
+pub use sensors::{EncoderMapping, encoder_level, index_level};
+pub use step_record::{Axis, StepRecord, step_record_offset};
 
 /// Where the board finds the memory: the expansion RAM of the mps2 boards.
 pub const ADDRESS: usize = 0x2100_0000;
@@ -95,9 +101,9 @@ pub const SIZE: usize = 16 * 1024 * 1024;
 pub const MAGIC: usize = 0x000;
 /// Offset: version of this table.
 pub const VERSION: usize = 0x004;
-/// What [`MAGIC`] holds: `GBTP`.
+/// Value of [`MAGIC`]: `GBTP`.
 pub const MAGIC_VALUE: u32 = u32::from_le_bytes(*b"GBTP");
-/// What [`VERSION`] holds.
+/// Value of [`VERSION`].
 pub const VERSION_VALUE: u32 = 4;
 
 /// Offset, board to host: boots since the memory was zero.
@@ -187,7 +193,7 @@ pub const GRAVITY_LIVE: usize = 0x150;
 pub const OVERFLOW_STACK: usize = 0x154;
 /// Offset, host to board: odd while the host changes [`ENCODER_ORIGIN`], [`ENCODER_PHASE`] and [`ENCODER_SLIP`].
 pub const ENCODER_SEQUENCE: usize = 0x158;
-/// Offset, host to board: the [`FEED_STEPS`] from which the encoder goes on, as an `i32`.
+/// Offset, host to board: the [`FEED_STEPS`] from which the encoder continues, as an `i32`.
 pub const ENCODER_ORIGIN: usize = 0x15C;
 /// Offset, host to board: how far the encoder is turned there, in 1/256 steps, below [`ENCODER_PITCH`].
 pub const ENCODER_PHASE: usize = 0x160;
@@ -249,198 +255,9 @@ pub const ENCODER_STANDS_LOW: u32 = 1;
 /// [`ENCODER_STATE`]: filament stands, with the encoder's line high.
 pub const ENCODER_STANDS_HIGH: u32 = 2;
 
-/// One rising edge of a STEP pin, as the ring holds it:
-///
-/// | bits | meaning |
-/// |---|---|
-/// | 31 | axis: 0 head, 1 feed |
-/// | 30 | DIR: 1 forward |
-/// | 29 | the driver was energised |
-/// | 28..0 | low bits of the tick at which the edge came |
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct StepRecord {
-    /// Which motor.
-    pub axis: Axis,
-    /// Whether DIR was high.
-    pub forward: bool,
-    /// Whether the driver was energised, so that the motor turned.
-    pub enabled: bool,
-    /// The tick modulo 2^29 (37 hours at 4 kHz); see [`StepRecord::tick_after`].
-    pub tick: u32,
-}
-
-/// The two motors of the tip.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Axis {
-    /// Turns the print head.
-    Head,
-    /// Pushes the filament.
-    Feed,
-}
-
-const AXIS_BIT: u32 = 1 << 31;
-const FORWARD_BIT: u32 = 1 << 30;
-const ENABLED_BIT: u32 = 1 << 29;
-const TICK_MASK: u32 = ENABLED_BIT - 1;
-
-impl StepRecord {
-    /// The record as the ring holds it. Bits of the tick above 28 are dropped.
-    pub const fn to_word(self) -> u32 {
-        let axis = match self.axis {
-            Axis::Head => 0,
-            Axis::Feed => AXIS_BIT,
-        };
-        let forward = if self.forward { FORWARD_BIT } else { 0 };
-        let enabled = if self.enabled { ENABLED_BIT } else { 0 };
-        axis | forward | enabled | (self.tick & TICK_MASK)
-    }
-
-    /// Reads a word of the ring. Every word is a record.
-    pub const fn from_word(word: u32) -> Self {
-        StepRecord {
-            axis: if word & AXIS_BIT == 0 { Axis::Head } else { Axis::Feed },
-            forward: word & FORWARD_BIT != 0,
-            enabled: word & ENABLED_BIT != 0,
-            tick: word & TICK_MASK,
-        }
-    }
-
-    /// The whole tick number, given that of an earlier record (or the start of the boot) less than 2^29 ticks before.
-    pub const fn tick_after(self, earlier: u64) -> u64 {
-        let modulus = TICK_MASK as u64 + 1;
-        let gap = (self.tick as u64).wrapping_sub(earlier) % modulus;
-        earlier.wrapping_add(gap)
-    }
-}
-
-/// Byte offset of the record with a running index.
-pub const fn step_record_offset(index: u32) -> usize {
-    STEP_RING + 4 * (index % STEP_RING_RECORDS) as usize
-}
-
-/// Level of the index line (`true` is high) for a head at `head_steps`, as the sensor's words describe it.
-///
-/// ```
-/// use growbot_firmware::emulated_tip::{INDEX_FAULT_NONE, index_level};
-///
-/// // A mark 5 steps wide that begins at step 100 of a turn of 3200.
-/// assert!(index_level(99, 3200, 100, 5, INDEX_FAULT_NONE));
-/// assert!(!index_level(100, 3200, 100, 5, INDEX_FAULT_NONE));
-/// assert!(!index_level(100 - 3200, 3200, 100, 5, INDEX_FAULT_NONE));
-/// ```
-pub const fn index_level(head_steps: i32, steps_per_turn: u32, position: u32, width: u32, fault: u32) -> bool {
-    match fault {
-        INDEX_FAULT_STUCK_LOW => false,
-        INDEX_FAULT_STUCK_HIGH => true,
-        _ if steps_per_turn == 0 => true,
-        _ => {
-            let from_mark = (head_steps as i64).wrapping_sub(position as i64);
-            from_mark.rem_euclid(steps_per_turn as i64) >= width as i64
-        }
-    }
-}
-
-/// Where the filament's encoder goes on from, and how.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct EncoderMapping {
-    /// [`ENCODER_ORIGIN`].
-    pub origin: i32,
-    /// [`ENCODER_PHASE`].
-    pub phase: u32,
-    /// [`ENCODER_SLIP`].
-    pub slip: i32,
-}
-
-/// Level of the filament's encoder (`true` is high) for a feed at `feed_steps`, as the encoder's words describe it.
-///
-/// ```
-/// use growbot_firmware::emulated_tip::{ENCODER_TURNS, EncoderMapping, encoder_level};
-/// // An edge every 112.5 steps.
-/// let (pitch, course) = (225 * 128, EncoderMapping::default());
-/// let level = |steps| encoder_level(steps, pitch, ENCODER_TURNS, course);
-/// assert!(level(0) && level(56) && !level(57) && !level(112) && level(113) && !level(-1));
-/// ```
-pub const fn encoder_level(feed_steps: i32, pitch: u32, state: u32, course: EncoderMapping) -> bool {
-    match state {
-        ENCODER_STANDS_LOW => false,
-        ENCODER_STANDS_HIGH => true,
-        _ if pitch == 0 => false,
-        _ => {
-            let steps = feed_steps as i64 - course.origin as i64;
-            let turned = course.phase as i64 + steps * 256 + ((steps * course.slip as i64) >> 8);
-            turned.rem_euclid(pitch as i64) * 2 < pitch as i64
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_record_survives_the_ring() {
-        for axis in [Axis::Head, Axis::Feed] {
-            for (forward, enabled) in [(false, false), (false, true), (true, false), (true, true)] {
-                let record = StepRecord { axis, forward, enabled, tick: 0x1234_5678 & TICK_MASK };
-                assert_eq!(StepRecord::from_word(record.to_word()), record);
-            }
-        }
-    }
-
-    #[test]
-    fn ticks_are_whole_again_across_the_wrap() {
-        let record = |tick| StepRecord { axis: Axis::Head, forward: true, enabled: true, tick };
-        assert_eq!(record(7).tick_after(7), 7);
-        assert_eq!(record(3).tick_after((1 << 29) - 2), (1 << 29) + 3);
-        assert_eq!(record(1).tick_after((5 << 29) + 1), (5 << 29) + 1);
-    }
-
-    #[test]
-    fn the_ring_wraps_where_the_index_does() {
-        assert_eq!(step_record_offset(0), STEP_RING);
-        assert_eq!(step_record_offset(STEP_RING_RECORDS), STEP_RING);
-        assert_eq!(step_record_offset(u32::MAX), STEP_RING + 4 * (STEP_RING_RECORDS as usize - 1));
-        assert!(step_record_offset(u32::MAX) + 4 <= SIZE);
-    }
-
-    #[test]
-    fn the_index_line_is_low_on_the_mark_only() {
-        let low = (0..3200).filter(|&step| !index_level(step, 3200, 3198, 5, INDEX_FAULT_NONE)).count();
-        assert_eq!(low, 5);
-        assert!(!index_level(0, 3200, 3198, 5, INDEX_FAULT_NONE));
-        assert!(!index_level(-2, 3200, 3198, 5, INDEX_FAULT_NONE));
-        assert!(index_level(-3, 3200, 3198, 5, INDEX_FAULT_NONE));
-        assert!(index_level(0, 0, 0, 5, INDEX_FAULT_NONE));
-        assert!(!index_level(1000, 3200, 0, 5, INDEX_FAULT_STUCK_LOW));
-        assert!(index_level(0, 3200, 0, 5, INDEX_FAULT_STUCK_HIGH));
-    }
-
-    #[test]
-    fn the_encoder_stands_where_the_filament_does() {
-        let course = EncoderMapping::default();
-        assert!(!encoder_level(0, 0, ENCODER_TURNS, course));
-        assert!(!encoder_level(0, 100 * 256, ENCODER_STANDS_LOW, course));
-        assert!(encoder_level(70, 100 * 256, ENCODER_STANDS_HIGH, course));
-        assert_eq!(rises(course), 888);
-    }
-
-    /// Rising edges of the encoder in 100,000 steps, 112.5 steps a pulse.
-    fn rises(course: EncoderMapping) -> usize {
-        let level = |step| encoder_level(step, 225 * 128, ENCODER_TURNS, course);
-        (1..=100_000).filter(|step| level(*step) && !level(step - 1)).count()
-    }
-
-    #[test]
-    fn the_encoder_turns_as_far_as_the_filament_that_slips() {
-        assert_eq!(rises(EncoderMapping { slip: -65_536 / 10, ..EncoderMapping::default() }), 800);
-        assert_eq!(rises(EncoderMapping { slip: 65_536 / 4, ..EncoderMapping::default() }), 1111);
-        // From one course to the next it goes on where it was.
-        let (pitch, before) = (225 * 128, EncoderMapping { origin: 0, phase: 0, slip: 6554 });
-        let phase = ((70_i64 * 256 + ((70 * 6554) >> 8)) % i64::from(pitch)) as u32;
-        let after = EncoderMapping { origin: 70, phase, slip: -6554 };
-        let level = |course| encoder_level(70, pitch, ENCODER_TURNS, course);
-        assert_eq!(level(before), level(after));
-    }
 
     #[test]
     fn words_do_not_overlap() {

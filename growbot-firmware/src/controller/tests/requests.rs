@@ -1,0 +1,76 @@
+//! Requests and layers that the tests send.
+
+use std::vec::Vec;
+
+use growbot_core::layer::Layer;
+use growbot_core::layer_bytes::{Encoder, LayerBytes, decode};
+use growbot_core::link::message::{
+    Amend, Begin, Empty, HostHello, HostName, Laid, Layers, Message, Resume, Silence, Start, Tune,
+};
+use growbot_core::robot::Robot;
+
+pub const PLAN: u64 = 0x1234;
+
+pub fn begin(robot: &Robot, plan_id: u64, layers: u32) -> Message {
+    Message::Begin(Begin { plan_id, layers, robot: robot.hash() })
+}
+
+/// Takes the board over from any other host.
+pub fn hello(schema: u64) -> Message {
+    Message::Hello(HostHello { schema, host: HostName::new(), take_over: true })
+}
+
+pub fn batch_of(first: usize, layers: &[LayerBytes]) -> Message {
+    let layers = layers.iter().copied().collect();
+    Message::Layers(Layers { plan_id: PLAN, first: first as u32, layers })
+}
+
+pub fn start() -> Message {
+    Message::Start(Start { plan_id: PLAN, silence: Silence::Continue })
+}
+
+/// Resumes the job at a layer, with no layer known.
+pub fn resume(from: u32) -> Message {
+    Message::Resume(Resume { plan_id: PLAN, from, known: 0 })
+}
+
+/// Id of the plan once it is amended.
+pub const AMENDED: u64 = 0x5678;
+
+/// Replaces the layers from this one on by others, three of them at once.
+pub fn amend(from: u32, layers: u32) -> Message {
+    let first_layers = bends(3).into_iter().collect();
+    Message::Amend(Amend { plan_id: PLAN, amended: AMENDED, from, layers, first_layers })
+}
+
+pub fn stop() -> Message {
+    Message::Stop(Empty {})
+}
+
+pub fn pause() -> Message {
+    Message::Pause(Empty {})
+}
+
+pub fn tune(celsius: f64) -> Message {
+    Message::Tune(Tune { target_centi_c: (celsius * 100.0) as i32 })
+}
+
+pub fn clear() -> Message {
+    Message::ClearFault(Empty {})
+}
+
+/// Feed steps of a layer, which its height gives exactly.
+pub fn feed_steps_of(laid: &Laid, robot: &Robot) -> u32 {
+    libm::rint(decode(&laid.as_built.unwrap()).height * robot.feed_steps_per_length()) as u32
+}
+
+/// Layers of a body that bends this way and that.
+pub fn bends(count: usize) -> Vec<LayerBytes> {
+    let mut encoder = Encoder::default();
+    let layer = |i: usize| Layer {
+        alpha: i as f64 * 0.37,
+        height: 0.76 - 0.003 * (i % 7) as f64,
+        tilt: 0.0009 * (i % 9) as f64,
+    };
+    (0..count).map(|i| encoder.encode(&layer(i))).collect()
+}

@@ -1,0 +1,103 @@
+//! Levels of the sensors that follow from the board's own steps.
+
+use super::{ENCODER_STANDS_HIGH, ENCODER_STANDS_LOW, INDEX_FAULT_STUCK_HIGH, INDEX_FAULT_STUCK_LOW};
+
+/// Level of the index line (`true` is high) for a head at `head_steps`, as the sensor's words describe it.
+///
+/// ```
+/// use growbot_firmware::emulated_tip::{INDEX_FAULT_NONE, index_level};
+///
+/// // A mark 5 steps wide that begins at step 100 of a turn of 3200.
+/// assert!(index_level(99, 3200, 100, 5, INDEX_FAULT_NONE));
+/// assert!(!index_level(100, 3200, 100, 5, INDEX_FAULT_NONE));
+/// assert!(!index_level(100 - 3200, 3200, 100, 5, INDEX_FAULT_NONE));
+/// ```
+pub const fn index_level(head_steps: i32, steps_per_turn: u32, position: u32, width: u32, fault: u32) -> bool {
+    match fault {
+        INDEX_FAULT_STUCK_LOW => false,
+        INDEX_FAULT_STUCK_HIGH => true,
+        _ if steps_per_turn == 0 => true,
+        _ => {
+            let from_mark = (head_steps as i64).wrapping_sub(position as i64);
+            from_mark.rem_euclid(steps_per_turn as i64) >= width as i64
+        }
+    }
+}
+
+/// How the level of the filament's encoder follows from the feed's steps.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct EncoderMapping {
+    /// [`ENCODER_ORIGIN`](super::ENCODER_ORIGIN).
+    pub origin: i32,
+    /// [`ENCODER_PHASE`](super::ENCODER_PHASE).
+    pub phase: u32,
+    /// [`ENCODER_SLIP`](super::ENCODER_SLIP).
+    pub slip: i32,
+}
+
+/// Level of the filament's encoder (`true` is high) for a feed at `feed_steps`, as the encoder's words describe it.
+///
+/// ```
+/// use growbot_firmware::emulated_tip::{ENCODER_TURNS, EncoderMapping, encoder_level};
+/// // An edge every 112.5 steps.
+/// let (pitch, mapping) = (225 * 128, EncoderMapping::default());
+/// let level = |steps| encoder_level(steps, pitch, ENCODER_TURNS, mapping);
+/// assert!(level(0) && level(56) && !level(57) && !level(112) && level(113) && !level(-1));
+/// ```
+pub const fn encoder_level(feed_steps: i32, pitch: u32, state: u32, mapping: EncoderMapping) -> bool {
+    match state {
+        ENCODER_STANDS_LOW => false,
+        ENCODER_STANDS_HIGH => true,
+        _ if pitch == 0 => false,
+        _ => {
+            let steps = feed_steps as i64 - mapping.origin as i64;
+            let turned = mapping.phase as i64 + steps * 256 + ((steps * mapping.slip as i64) >> 8);
+            turned.rem_euclid(pitch as i64) * 2 < pitch as i64
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::emulated_tip::{ENCODER_TURNS, INDEX_FAULT_NONE};
+
+    #[test]
+    fn the_index_line_is_low_on_the_mark_only() {
+        let low = (0..3200).filter(|&step| !index_level(step, 3200, 3198, 5, INDEX_FAULT_NONE)).count();
+        assert_eq!(low, 5);
+        assert!(!index_level(0, 3200, 3198, 5, INDEX_FAULT_NONE));
+        assert!(!index_level(-2, 3200, 3198, 5, INDEX_FAULT_NONE));
+        assert!(index_level(-3, 3200, 3198, 5, INDEX_FAULT_NONE));
+        assert!(index_level(0, 0, 0, 5, INDEX_FAULT_NONE));
+        assert!(!index_level(1000, 3200, 0, 5, INDEX_FAULT_STUCK_LOW));
+        assert!(index_level(0, 3200, 0, 5, INDEX_FAULT_STUCK_HIGH));
+    }
+
+    #[test]
+    fn the_encoder_stands_where_the_filament_does() {
+        let mapping = EncoderMapping::default();
+        assert!(!encoder_level(0, 0, ENCODER_TURNS, mapping));
+        assert!(!encoder_level(0, 100 * 256, ENCODER_STANDS_LOW, mapping));
+        assert!(encoder_level(70, 100 * 256, ENCODER_STANDS_HIGH, mapping));
+        assert_eq!(rises(mapping), 888);
+    }
+
+    /// Rising edges of the encoder in 100,000 steps, 112.5 steps a pulse.
+    fn rises(mapping: EncoderMapping) -> usize {
+        let level = |step| encoder_level(step, 225 * 128, ENCODER_TURNS, mapping);
+        (1..=100_000).filter(|step| level(*step) && !level(step - 1)).count()
+    }
+
+    #[test]
+    fn the_encoder_turns_as_far_as_the_filament_that_slips() {
+        assert_eq!(rises(EncoderMapping { slip: -65_536 / 10, ..EncoderMapping::default() }), 800);
+        assert_eq!(rises(EncoderMapping { slip: 65_536 / 4, ..EncoderMapping::default() }), 1111);
+        // From one mapping to the next it continues where it was.
+        let (pitch, before) = (225 * 128, EncoderMapping { origin: 0, phase: 0, slip: 6554 });
+        let phase = ((70_i64 * 256 + ((70 * 6554) >> 8)) % i64::from(pitch)) as u32;
+        let after = EncoderMapping { origin: 70, phase, slip: -6554 };
+        let level = |mapping| encoder_level(70, pitch, ENCODER_TURNS, mapping);
+        assert_eq!(level(before), level(after));
+    }
+}

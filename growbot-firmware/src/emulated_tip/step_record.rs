@@ -1,0 +1,104 @@
+//! The records of steps, and where they are in the ring.
+
+use super::{STEP_RING, STEP_RING_RECORDS};
+
+/// One rising edge of a STEP pin, as it is in the ring:
+///
+/// | bits | meaning |
+/// |---|---|
+/// | 31 | axis: 0 head, 1 feed |
+/// | 30 | DIR: 1 forward |
+/// | 29 | the driver was energised |
+/// | 28..0 | low bits of the tick at which the edge came |
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct StepRecord {
+    /// Which motor.
+    pub axis: Axis,
+    /// Whether DIR was high.
+    pub forward: bool,
+    /// Whether the driver was energised, so that the motor turned.
+    pub enabled: bool,
+    /// The tick modulo 2^29 (37 hours at 4 kHz); see [`StepRecord::tick_after`].
+    pub tick: u32,
+}
+
+/// The two motors of the tip.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Axis {
+    /// Turns the print head.
+    Head,
+    /// Pushes the filament.
+    Feed,
+}
+
+const AXIS_BIT: u32 = 1 << 31;
+const FORWARD_BIT: u32 = 1 << 30;
+const ENABLED_BIT: u32 = 1 << 29;
+const TICK_MASK: u32 = ENABLED_BIT - 1;
+
+impl StepRecord {
+    /// The record as a word of the ring. Bits of the tick above 28 are dropped.
+    pub const fn to_word(self) -> u32 {
+        let axis = match self.axis {
+            Axis::Head => 0,
+            Axis::Feed => AXIS_BIT,
+        };
+        let forward = if self.forward { FORWARD_BIT } else { 0 };
+        let enabled = if self.enabled { ENABLED_BIT } else { 0 };
+        axis | forward | enabled | (self.tick & TICK_MASK)
+    }
+
+    /// Reads a word of the ring. Every word is a record.
+    pub const fn from_word(word: u32) -> Self {
+        StepRecord {
+            axis: if word & AXIS_BIT == 0 { Axis::Head } else { Axis::Feed },
+            forward: word & FORWARD_BIT != 0,
+            enabled: word & ENABLED_BIT != 0,
+            tick: word & TICK_MASK,
+        }
+    }
+
+    /// The whole tick number, given that of an earlier record (or the start of the boot) less than 2^29 ticks before.
+    pub const fn tick_after(self, earlier: u64) -> u64 {
+        let modulus = TICK_MASK as u64 + 1;
+        let gap = (self.tick as u64).wrapping_sub(earlier) % modulus;
+        earlier.wrapping_add(gap)
+    }
+}
+
+/// Byte offset of the record with a running index.
+pub const fn step_record_offset(index: u32) -> usize {
+    STEP_RING + 4 * (index % STEP_RING_RECORDS) as usize
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::emulated_tip::SIZE;
+
+    #[test]
+    fn a_record_survives_the_ring() {
+        for axis in [Axis::Head, Axis::Feed] {
+            for (forward, enabled) in [(false, false), (false, true), (true, false), (true, true)] {
+                let record = StepRecord { axis, forward, enabled, tick: 0x1234_5678 & TICK_MASK };
+                assert_eq!(StepRecord::from_word(record.to_word()), record);
+            }
+        }
+    }
+
+    #[test]
+    fn ticks_are_whole_again_across_the_wrap() {
+        let record = |tick| StepRecord { axis: Axis::Head, forward: true, enabled: true, tick };
+        assert_eq!(record(7).tick_after(7), 7);
+        assert_eq!(record(3).tick_after((1 << 29) - 2), (1 << 29) + 3);
+        assert_eq!(record(1).tick_after((5 << 29) + 1), (5 << 29) + 1);
+    }
+
+    #[test]
+    fn the_ring_wraps_where_the_index_does() {
+        assert_eq!(step_record_offset(0), STEP_RING);
+        assert_eq!(step_record_offset(STEP_RING_RECORDS), STEP_RING);
+        assert_eq!(step_record_offset(u32::MAX), STEP_RING + 4 * (STEP_RING_RECORDS as usize - 1));
+        assert!(step_record_offset(u32::MAX) + 4 <= SIZE);
+    }
+}

@@ -1,0 +1,150 @@
+//! The index mark, lost steps, and sensors that fail.
+
+use super::*;
+
+/// Lays turns with a fault that comes at the beginning of the second one. Returns the report, and the number of turns
+/// laid after the fault.
+fn index_fault(robot: &Robot, fault: impl Fn(&World)) -> (Option<Report>, usize) {
+    index_fault_at(0.0, robot, fault)
+}
+
+/// As [`index_fault`], with the fault after a share of the second turn.
+fn index_fault_at(share: f64, robot: &Robot, fault: impl Fn(&World)) -> (Option<Report>, usize) {
+    let turns = turns(robot, &layers(robot, 5, 0.5));
+    let mut rig = Rig::homed(robot.clone());
+    let (first, none) = rig.lay(turns[..1].iter().copied());
+    assert_eq!((first.len(), none), (1, None));
+    rig.handover.give(Order::Lay(turns[1]));
+    rig.run((f64::from(turns[1].ticks) * share) as u64);
+    assert_eq!(rig.handover.pop_report(), None);
+    fault(&rig.world);
+    let (laid, report) = match rig.report() {
+        Report::Laid(_) => {
+            let (more, report) = rig.lay(turns[2..].iter().copied());
+            (1 + more.len(), report)
+        }
+        other => (0, Some(other)),
+    };
+    if report.is_some() {
+        assert!(!rig.energised(), "the engine releases by itself");
+        rig.run(1000);
+    }
+    (report, laid)
+}
+
+#[test]
+fn lost_and_gained_steps_are_noticed_within_a_turn() {
+    for (strategy, turning) in ALL {
+        let robot = robot_a_with(strategy, turning);
+        // 2 degrees are 18 steps; two samples must contradict.
+        for steps in [20, 21, 25, 30, 44, 60, 61, 62, 63, 64, 100, 200, 320, 321, 399, 400, 1600, 3000] {
+            for lost in [steps, -steps] {
+                let (report, laid) = index_fault(&robot, |world| world.lost.set(lost));
+                assert_eq!(report, Some(Report::HeadStepsLost), "{lost} lost, {turning:?}");
+                assert!(laid <= 1, "{lost} lost: noticed after {laid} more layers");
+                // Lost in the midst of a turn, it may end before the mark comes.
+                let (report, laid) = index_fault_at(0.5, &robot, |world| world.lost.set(lost));
+                assert!(
+                    matches!(report, Some(Report::HeadStepsLost | Report::IndexMissing)),
+                    "{lost} lost: {report:?}"
+                );
+                assert!(laid <= 2, "{lost} lost: noticed after {laid} more layers");
+            }
+        }
+        for lost in [0, 8, -8, 18, -18] {
+            assert_eq!(index_fault(&robot, |world| world.lost.set(lost)), (None, 4), "{lost} are within the tolerance");
+        }
+    }
+}
+
+#[test]
+fn a_narrow_mark_is_looked_for_too() {
+    // Three steps wide with a tolerance of one; and one that is narrower than its tolerances.
+    let coarse = |steps, width, tolerance| {
+        with(|description| {
+            description.head.steps_per_turn = steps;
+            description.head.index_width_deg = width;
+            description.head.index_tolerance_deg = tolerance;
+        })
+    };
+    for (robot, tolerance) in [(coarse(200, 5.0, 2.0), 1), (coarse(3200, 2.0, 2.0), 18)] {
+        for steps in [tolerance + 2, 60, 100] {
+            for lost in [steps, -steps] {
+                let (report, laid) = index_fault(&robot, |world| world.lost.set(lost));
+                assert_eq!((report, laid <= 1), (Some(Report::HeadStepsLost), true), "{lost} {laid}");
+            }
+        }
+        for lost in [tolerance, -tolerance] {
+            assert_eq!(index_fault(&robot, |world| world.lost.set(lost)), (None, 4));
+        }
+        assert_eq!(index_fault(&robot, |world| world.sensor.set(Sensor::Dead)).0, Some(Report::IndexMissing));
+        assert_eq!(index_fault(&robot, |world| world.sensor.set(Sensor::Stuck)).0, Some(Report::IndexStuck));
+    }
+    // A coarse head: 8 steps of 200 are 14 degrees.
+    for lost in (8..=192).step_by(8) {
+        let (report, _) = index_fault(&coarse(200, 5.0, 2.0), |world| world.lost.set(lost));
+        assert_eq!(report, Some(Report::HeadStepsLost), "{lost}");
+    }
+}
+
+#[test]
+fn a_mark_at_the_edge_between_turns_is_looked_for_too() {
+    for turning in [Turning::Continuous, Turning::Alternate] {
+        for angle in [0.0, -5.0, -2.0, 1.0, 359.9] {
+            let robot = with(|description| {
+                description.motion.turning = turning;
+                description.head.index_angle_deg = angle;
+            });
+            assert_eq!(index_fault(&robot, |_| {}), (None, 4), "{angle}");
+            for lost in [-400, -25, 25, 400] {
+                let (report, _) = index_fault(&robot, |world| world.lost.set(lost));
+                assert_eq!(report, Some(Report::HeadStepsLost), "{lost} lost, mark at {angle}, {turning:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_dead_and_a_stuck_sensor_are_told_from_lost_steps() {
+    for (strategy, turning) in ALL {
+        let robot = robot_a_with(strategy, turning);
+        let (report, laid) = index_fault(&robot, |world| world.sensor.set(Sensor::Dead));
+        assert_eq!((report, laid <= 1), (Some(Report::IndexMissing), true));
+        let (report, laid) = index_fault(&robot, |world| world.sensor.set(Sensor::Stuck));
+        assert_eq!((report, laid), (Some(Report::IndexStuck), 0));
+    }
+}
+
+#[test]
+fn a_single_disturbed_sample_is_no_alarm() {
+    let robot = robot_a();
+    let mark = -320;
+    for place in [0, 100, 1600, mark - 20, mark - 10, mark, mark + 20, mark + 21, mark + 43, mark + 60, mark + 63] {
+        assert_eq!(
+            index_fault(&robot, |world| world.sensor.set(Sensor::Disturbed { from: place, steps: 1 })),
+            (None, 4),
+            "{place}"
+        );
+    }
+    for place in [100, 1600, mark + 20] {
+        let (report, _) = index_fault(&robot, |world| world.sensor.set(Sensor::Disturbed { from: place, steps: 2 }));
+        assert_eq!(report, Some(Report::HeadStepsLost), "{place}");
+    }
+}
+
+#[test]
+fn homing_tells_what_is_wrong_with_the_mark() {
+    for (sensor, report, max) in
+        [(Sensor::Dead, Report::IndexNotFound, 4800), (Sensor::Stuck, Report::IndexStuck, 44 + 18)]
+    {
+        let mut rig = Rig::new(robot_a());
+        rig.world.sensor.set(sensor);
+        assert_eq!(rig.order(Order::Home(rig.homing())), report);
+        assert!(!rig.energised() && rig.moved(HEAD) <= max, "{} steps", rig.moved(HEAD));
+    }
+    // From within the mark it goes round once more.
+    let mut rig = Rig::new(robot_a());
+    rig.world.lost.set(320 - 20);
+    assert_eq!(rig.order(Order::Home(rig.homing())), Report::Homed);
+    assert_eq!((rig.moved(HEAD) - 300) % 3200, 0);
+}
