@@ -15,14 +15,14 @@ pub enum Onset {
     /// In the third layer.
     MidLayer,
     /// While the robot waits for layers, hot.
-    Hold,
+    Pause,
     /// While the nozzle cools to standby.
     Cooling,
 }
 
 impl Onset {
     /// All of them, in the order of a growth.
-    pub const ALL: [Self; 6] = [Self::Boot, Self::Heating, Self::FirstLayer, Self::MidLayer, Self::Hold, Self::Cooling];
+    pub const ALL: [Self; 6] = [Self::Boot, Self::Heating, Self::FirstLayer, Self::MidLayer, Self::Pause, Self::Cooling];
 
     /// In a word or two.
     #[must_use]
@@ -32,7 +32,7 @@ impl Onset {
             Self::Heating => "heating",
             Self::FirstLayer => "first layer",
             Self::MidLayer => "mid layer",
-            Self::Hold => "hold",
+            Self::Pause => "pause",
             Self::Cooling => "cooling",
         }
     }

@@ -164,10 +164,10 @@ fn bring_to(rig: &mut Rig, robot: &Robot, onset: Onset, at: f64) -> Result<(), C
             let layer = if onset == Onset::FirstLayer { 0.0 } else { 2.0 };
             rig.pass((layer + 0.02 + 0.9 * at) * period, |_| false);
         }
-        Onset::Hold | Onset::Cooling => {
+        Onset::Pause | Onset::Cooling => {
             rig.pass(PATIENCE, |rig| rig.state() == State::Paused);
             let standby = robot.description().hold.standby_after_s;
-            rig.pass(if onset == Onset::Hold { 2.0 + 0.8 * standby * at } else { standby + 1.0 + 20.0 * at }, |_| {
+            rig.pass(if onset == Onset::Pause { 2.0 + 0.8 * standby * at } else { standby + 1.0 + 20.0 * at }, |_| {
                 false
             });
         }
@@ -190,7 +190,7 @@ fn go_on(rig: &mut Rig, onset: Onset) -> Result<(), ClientError> {
             rig.greet()?;
             begin_anew(rig)
         }
-        Onset::Hold | Onset::Cooling => {
+        Onset::Pause | Onset::Cooling => {
             rig.pass(HELD_ON, has_ended);
             rig.hand_over(LAYERS / 2)
         }
