@@ -62,6 +62,15 @@ impl Choice {
     }
 }
 
+/// The legs of a plan, and what each was chosen from. Both lists have one length.
+#[derive(Debug)]
+pub(crate) struct ChosenLegs {
+    /// The legs, one at least.
+    pub(crate) legs: Vec<Leg>,
+    /// What each leg was chosen from; `None` where a plan file does not say.
+    pub(crate) choices: Vec<Option<Choice>>,
+}
+
 /// How a path is looked for.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Search {
@@ -123,7 +132,7 @@ impl Plan {
             from = if there { *goal } else { Pose::from_frame(&base_from_tip) };
             roll = roll_from(&from, &base_from_tip);
         }
-        Ok(Self::of_path(robot, start, search.radius, search.planner, (legs, choices), body))
+        Ok(Self::of_path(robot, start, search.radius, search.planner, ChosenLegs { legs, choices }, body))
     }
 
     /// The plan of a path that is known to lead from the start along its legs, of which there is one at least.
@@ -132,7 +141,7 @@ impl Plan {
         start: &Pose,
         radius: f64,
         planner: Planner,
-        (legs, choices): (Vec<Leg>, Vec<Option<Choice>>),
+        ChosenLegs { legs, choices }: ChosenLegs,
         path: Vec<Segment>,
     ) -> Self {
         let needs = planning::needs(&path, robot);

@@ -103,15 +103,15 @@ impl Helicoid {
         for (index, substeps) in SUBSTEPS.into_iter().enumerate() {
             let mut value = self.midpoint(state, step, substeps);
             // Neville's scheme: `row` holds the row before, from its left end.
-            for (column, kept) in row.iter_mut().enumerate().take(index + 1) {
+            for (column, entry) in row.iter_mut().enumerate().take(index + 1) {
                 let next = match index.checked_sub(column + 1).and_then(|earlier| SUBSTEPS.get(earlier)) {
                     Some(earlier) => {
                         let ratio = f64::from(substeps) / f64::from(*earlier);
-                        value + (value - *kept) / (ratio * ratio - 1.0)
+                        value + (value - *entry) / (ratio * ratio - 1.0)
                     }
                     None => value,
                 };
-                *kept = value;
+                *entry = value;
                 value = next;
             }
         }

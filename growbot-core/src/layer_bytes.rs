@@ -40,19 +40,19 @@ impl Encoder {
     /// The next layer in bytes, as a board lays it: a layer of a few units must not be rounded to one without height or
     /// with no material on its inner side. What that takes away or adds is carried forward too.
     pub fn encode_layable(&mut self, layer: &Layer, tip_radius: f64) -> LayerBytes {
-        let height = |wanted: f64| units(wanted).max(1);
+        let height = |exact: f64| units(exact).max(1);
         let mut encoder = self.clone();
         let min_height = Fields::of(&encoder.encode_rounded(layer, height, units)).height;
         let max_tilt = (f64::from(min_height) / HEIGHT_UNITS / tip_radius * TILT_UNITS - 1.0).max(0.0);
-        self.encode_rounded(layer, height, |wanted| units(wanted.min(max_tilt)))
+        self.encode_rounded(layer, height, |exact| units(exact.min(max_tilt)))
     }
 
     fn encode_rounded(&mut self, layer: &Layer, height: impl Fn(f64) -> u32, tilt: impl Fn(f64) -> u32) -> LayerBytes {
-        let wanted_height = layer.height * HEIGHT_UNITS + self.height_owed;
-        let wanted_tilt = layer.tilt * TILT_UNITS + self.tilt_owed;
-        let (height, tilt) = (height(wanted_height), tilt(wanted_tilt));
-        self.height_owed = wanted_height - f64::from(height);
-        self.tilt_owed = wanted_tilt - f64::from(tilt);
+        let exact_height = layer.height * HEIGHT_UNITS + self.height_owed;
+        let exact_tilt = layer.tilt * TILT_UNITS + self.tilt_owed;
+        let (height, tilt) = (height(exact_height), tilt(exact_tilt));
+        self.height_owed = exact_height - f64::from(height);
+        self.tilt_owed = exact_tilt - f64::from(tilt);
         // A full turn is 0 again: the wrapping cast from u64 does that.
         let alpha = libm::rint(wrap_positive(layer.alpha) / core::f64::consts::TAU * ALPHA_UNITS) as u64 as u32;
         Fields { alpha, height, tilt }.to_bytes()

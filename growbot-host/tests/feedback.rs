@@ -173,7 +173,7 @@ impl Try {
     }
 
     fn job(&self) -> Job<'_> {
-        Job::new(&self.robot, &self.plan.start, &self.plan.goal, &self.plan.path)
+        Job::of_plan(&self.robot, &self.plan)
     }
 
     /// Grows, with `at` called after the layer of index 60, which may cut the line and give orders.

@@ -23,7 +23,7 @@ fn watch(orders: Option<Arc<Orders>>) -> Watch {
     let up = |z| Pose::from_degrees([0.0, 0.0, z, 0.0, 90.0]).unwrap();
     let search = Search { radius: 100.0, planner: Planner::Shortest, clear_of_self: false };
     let plan = Plan::through(&robot, &up(0.0), &[], &up(40.0), &search).unwrap();
-    let job = Job::new(&robot, &plan.start, &plan.goal, &plan.path);
+    let job = Job::of_plan(&robot, &plan);
     let subject = Subject { name: "plan.json", robot: &robot, plan: &plan, run: None };
     Watch::start(&subject, &job, &[], orders, 0).unwrap()
 }

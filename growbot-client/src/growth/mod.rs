@@ -23,6 +23,7 @@ pub use self::grown::{Grown, MeasuredBy, as_built_hash, as_built_or_commanded};
 pub use self::orders::{Order, Orders};
 use crate::client::{Client, ClientError, ClockDrift};
 use crate::feedback::{Count, Feedback};
+use crate::plan::Plan;
 
 /// A job: the layers of a path, for a robot.
 #[derive(Debug, Clone, PartialEq)]
@@ -42,7 +43,13 @@ pub struct Job<'a> {
 }
 
 impl<'a> Job<'a> {
-    /// The job that a path is.
+    /// The job of a plan. `robot` is the plan's robot.
+    #[must_use]
+    pub fn of_plan(robot: &'a Robot, plan: &'a Plan) -> Self {
+        Self::new(robot, &plan.start, &plan.goal, &plan.path)
+    }
+
+    /// The job of a path from `start` to `goal`.
     #[must_use]
     pub fn new(robot: &'a Robot, start: &'a Pose, goal: &'a Pose, path: &[Segment]) -> Self {
         let layers: Vec<LayerBytes> = job_layers(path, robot).collect();

@@ -15,7 +15,7 @@ use nalgebra::Vector3;
 
 use super::fault::MOST_SEGMENTS;
 use super::{PlanFault, PlanFile, WrittenLeg, WrittenPose, WrittenSegment, written_hash};
-use crate::plan::{Choice, Plan, word};
+use crate::plan::{Choice, ChosenLegs, Plan, word};
 
 use crate::pose_text::pose_of_numbers;
 use crate::warning::{THIN_LAYER, Warning};
@@ -96,7 +96,7 @@ impl PlanFile {
     }
 
     /// The legs, each of which ends at its own pose, the last at the goal; and what they were chosen from.
-    fn legs(&self, start: &Pose, goal: &Pose, path: &[Segment]) -> Result<(Vec<Leg>, Vec<Option<Choice>>), PlanFault> {
+    fn legs(&self, start: &Pose, goal: &Pose, path: &[Segment]) -> Result<ChosenLegs, PlanFault> {
         let (found, expected) = (self.legs.len(), if self.via.is_empty() { 0 } else { self.via.len() + 1 });
         if found != expected {
             return Err(PlanFault::Legs { found, expected });
@@ -143,7 +143,7 @@ impl PlanFile {
             choices.push(leg.choice()?);
             from = to;
         }
-        Ok((legs, choices))
+        Ok(ChosenLegs { legs, choices })
     }
 
     /// What is said of the path in words and by comparison.

@@ -29,7 +29,7 @@ fn log_from(origin: Origin, lines: &[Value]) -> Vec<u8> {
     let up = |z| Pose::from_degrees([0.0, 0.0, z, 0.0, 90.0]).unwrap();
     let search = Search { radius: 100.0, planner: Planner::Shortest, clear_of_self: false };
     let plan = Plan::through(&robot, &up(0.0), &[], &up(2.1), &search).unwrap();
-    let job = Job::new(&robot, &plan.start, &plan.goal, &plan.path);
+    let job = Job::of_plan(&robot, &plan);
     let file = tempfile::tempdir().unwrap();
     let path = file.path().join("run.jsonl");
     let noise = SensorNoise { odometry: 0.01, direction: 0.002 };
@@ -203,7 +203,7 @@ fn a_log_that_cannot_be_begun_leaves_nothing_behind_and_one_that_is_there_stays(
     let robot = crate::robot_file::load("growbot-a".as_ref()).unwrap();
     let up = |z| Pose::from_degrees([0.0, 0.0, z, 0.0, 90.0]).unwrap();
     let plan = Plan::make(&robot, &up(0.0), &up(2.1), 100.0, Planner::Shortest).unwrap();
-    let job = Job::new(&robot, &plan.start, &plan.goal, &plan.path);
+    let job = Job::of_plan(&robot, &plan);
     assert!(RunLog::begin(&path, &plan, &job, None, "sim").is_err());
     assert_eq!(fs::read(&path).unwrap(), b"a body");
     assert!(RunLog::begin(&folder.path().join("run.pdf"), &plan, &job, None, "sim").is_err());
@@ -217,7 +217,7 @@ fn the_header_tells_of_the_command_the_time_and_the_disturbances_and_every_event
     let robot = crate::robot_file::load("growbot-a".as_ref()).unwrap();
     let up = |z| Pose::from_degrees([0.0, 0.0, z, 0.0, 90.0]).unwrap();
     let plan = Plan::make(&robot, &up(0.0), &up(2.1), 100.0, Planner::Shortest).unwrap();
-    let job = Job::new(&robot, &plan.start, &plan.goal, &plan.path);
+    let job = Job::of_plan(&robot, &plan);
     let disturbance = Disturbance { growth_noise: 0.1, tilt_bias: 0.05, ..Disturbance::default() };
     let imperfection = Imperfection { disturbance, seed: 7, ..Imperfection::default() };
     let origin = Origin { port: "sim", imperfection: Some(&imperfection) };

@@ -84,7 +84,7 @@ fn direction(x: f32, y: f32) -> f32 {
     let ratio = (sum - difference.abs()) / (sum + difference.abs());
     let octant = ratio * ((FRAC_PI_4 + 0.273) - 0.273 * ratio);
     // An octant counts from a multiple of pi/2, upwards or downwards.
-    let (shallow, ahead, up) = (1.0_f32.copysign(difference), 1.0_f32.copysign(x), 1.0_f32.copysign(y));
-    let from = PI - up * (FRAC_PI_2 + ahead * (FRAC_PI_4 + shallow * FRAC_PI_4));
-    from + up * ahead * shallow * octant
+    let (shallow, forwards, up) = (1.0_f32.copysign(difference), 1.0_f32.copysign(x), 1.0_f32.copysign(y));
+    let from = PI - up * (FRAC_PI_2 + forwards * (FRAC_PI_4 + shallow * FRAC_PI_4));
+    from + up * forwards * shallow * octant
 }

@@ -5,8 +5,8 @@
 //! paths are found ([`csc`]), the planar ones by their six path types ([`crate::dubins2`]) where start and goal lie in
 //! one plane, and near the start, where alone they can win, helicoidal arcs ([`helicoids`]).
 //!
-//! Lengths are in units of the radius, and everything is in the frame of the tip that starts: it grows along z from the
-//! origin.
+//! Lengths are in units of the radius. All vectors are in the frame of the tip at the start, which grows along z from
+//! the origin.
 
 use core::f64::consts::PI;
 use core::mem;
@@ -35,24 +35,25 @@ const IN_PLANE: f64 = 1e-10;
 const NO_PLANE: f64 = 1e-9;
 /// Helicoidal arcs win only for goals nearer than this, radii: the furthest of 753 in `tests/best_known.csv` is 3.51.
 const HELICOIDS_WITHIN: f64 = 3.9;
-/// Max candidates.
+/// Max number of candidates.
 pub const MAX_CANDIDATES: usize = csc::MAX_PATHS + helicoids::MAX_ARCS + 1;
 
-/// Where to, seen from the tip that starts.
+/// The goal, seen from the tip at the start.
 #[derive(Debug, Clone, Copy)]
 pub struct Problem {
     /// Position of the goal, radii.
     goal: Vector3<f64>,
     /// Direction of the goal, a unit vector.
     direction: Vector3<f64>,
-    /// Two unit vectors across it.
+    /// Two unit vectors perpendicular to the direction.
     across: [Vector3<f64>; 2],
-    /// How much further than 100 radii the goal is, at least 1.
+    /// Distance of the goal in units of 100 radii, at least 1. Tolerances are multiplied by it.
     scale: f64,
 }
 
 impl Problem {
-    /// From a tip at the origin that grows along z, to this goal (radii) in this direction (a unit vector).
+    /// The problem from a tip at the origin that grows along z, to this goal (radii) with this direction (a unit
+    /// vector).
     #[must_use]
     pub fn new(goal: &Vector3<f64>, direction: &Vector3<f64>) -> Self {
         let e1 = any_perpendicular(direction);
@@ -60,7 +61,7 @@ impl Problem {
         Self { goal: *goal, direction: *direction, across: [e1, e2], scale: (0.01 * goal.norm()).max(1.0) }
     }
 
-    /// From pose to pose, with arcs of this radius (mm).
+    /// The problem from pose to pose, with arcs of this radius (mm).
     #[must_use]
     pub fn between(start: &Pose, goal: &Pose, radius: f64) -> Self {
         let tip_from_base = start.frame().rotation.inverse();
@@ -83,8 +84,13 @@ fn any_perpendicular(axis: &Vector3<f64>) -> Vector3<f64> {
 pub enum Candidate {
     /// Arc, line, arc.
     Csc(Csc),
-    /// A path in one plane, whose left lies at this angle in the deposition plane, radians.
-    Planar(PlanarPath, f64),
+    /// A path in one plane.
+    Planar {
+        /// The path.
+        path: PlanarPath,
+        /// The angle of the plane's left side in the deposition plane at the start, radians.
+        left: f64,
+    },
     /// A helicoidal arc.
     Helicoid(HelicoidalArc),
 }
@@ -95,7 +101,7 @@ impl Candidate {
     pub fn length(&self) -> f64 {
         match self {
             Self::Csc(path) => path.length(),
-            Self::Planar(path, _) => path.length(),
+            Self::Planar { path, .. } => path.length(),
             Self::Helicoid(arc) => arc.length(),
         }
     }
@@ -116,7 +122,7 @@ impl Candidate {
                 push(straight(line))?;
                 push(arc(last_towards, last))?;
             }
-            Self::Planar(planar, left) => {
+            Self::Planar { path: planar, left } => {
                 for (direction, length) in planar.pieces() {
                     push(match direction {
                         Direction::Left => arc(left, length),
@@ -140,14 +146,14 @@ pub type Candidates = Vec<Candidate, MAX_CANDIDATES>;
 
 /// Finds candidates that lead to the goal.
 ///
-/// Helicoidal arcs are looked for below `longest` (radii, e.g. the length of a path that is known) and take hundreds of
-/// times as long as the rest; `keep_alive` is called regularly, so that a board can feed its watchdog.
+/// Helicoidal arcs are searched for below the length `longest` (radii), such as that of a known path. That search takes
+/// hundreds of times as long as the others. `keep_alive` is called regularly, so that a board can feed its watchdog.
 #[inline(never)] // Its room on the stack is not the caller's.
 pub fn candidates(problem: &Problem, longest: f64, found: &mut Candidates, keep_alive: &mut dyn FnMut()) {
     let mut overlapping = Vec::new();
     arcs_and_lines(problem, found, &mut overlapping, keep_alive);
     if let Some(planar) = planar(problem) {
-        // Mostly it has been found already.
+        // The search for CSC paths has usually found it already.
         if found.iter().all(|other| (other.length() - planar.length()).abs() > ARRIVED) {
             keep(found, planar);
         }
@@ -187,14 +193,14 @@ fn helicoidal_arcs(
     }
 }
 
-/// Keeps a candidate in its place; of those equally long, the one found first stays first.
+/// Inserts a candidate by length. Of candidates of one length the one found first stays first.
 #[inline(never)]
 fn keep(found: &mut Candidates, candidate: Candidate) {
     let length = candidate.length();
     insert_behind(found, candidate, |other| other.length() <= length);
 }
 
-/// Puts an item behind all those of an ordered list that go before it. The last of a full list gives way.
+/// Inserts an item into an ordered list behind all items that go before it. A full list drops its last item.
 fn insert_behind<T, const N: usize>(list: &mut Vec<T, N>, item: T, goes_before: impl Fn(&T) -> bool) {
     if list.is_full() {
         if list.last().is_none_or(&goes_before) {
@@ -222,17 +228,17 @@ fn move_last_behind<T>(list: &mut [T], goes_before: impl Fn(&T) -> bool) {
 /// The shortest path in the plane of start and goal, if they lie in one.
 fn planar(problem: &Problem) -> Option<Candidate> {
     let Problem { goal, direction, .. } = problem;
-    let ahead = Vector3::z();
-    let (by_goal, by_direction) = (ahead.cross(goal), ahead.cross(direction));
+    let start = Vector3::z();
+    let (by_goal, by_direction) = (start.cross(goal), start.cross(direction));
     let normal = if by_goal.norm_squared() > by_direction.norm_squared() { by_goal } else { by_direction };
     let normal = if normal.norm() > NO_PLANE { normal.normalize() } else { Vector3::x() };
     if normal.dot(goal).abs() > IN_PLANE * problem.scale || normal.dot(direction).abs() > IN_PLANE {
         return None;
     }
-    let left = normal.cross(&ahead);
+    let left = normal.cross(&start);
     let heading = libm::atan2(direction.dot(&left), direction.z);
     let path = dubins2::shortest(&PlanarPose { x: goal.z, y: goal.dot(&left), heading });
-    Some(Candidate::Planar(path, libm::atan2(left.y, left.x)))
+    Some(Candidate::Planar { path, left: libm::atan2(left.y, left.x) })
 }
 
 /// The axes of a tip after an arc that bends towards this angle of its deposition plane, in the axes of the tip before.
@@ -280,8 +286,8 @@ mod tests {
         candidates(&problem, f64::INFINITY, &mut found, &mut || ());
         for candidate in &found {
             let path = candidate.path(1.0).unwrap();
-            let (reached, pointing) = ends_of(&path);
-            let miss = (reached - goal).norm().max((pointing - direction).norm());
+            let (end, end_direction) = ends_of(&path);
+            let miss = (end - goal).norm().max((end_direction - direction).norm());
             assert!(miss < 1e-9, "{candidate:?} misses by {miss:e}");
             assert!((length(&path) - candidate.length()).abs() < 1e-12);
         }
@@ -320,7 +326,7 @@ mod tests {
         #[test]
         fn planar_goals_are_reached_no_longer_than_in_their_plane(alpha in 0.0..TAU, x in -40.0..40.0, y in 4.0..40.0, heading in 0.0..TAU) {
             let planar = dubins2::shortest(&PlanarPose { x, y, heading });
-            let laid = Candidate::Planar(planar, alpha).path(1.0).unwrap();
+            let laid = Candidate::Planar { path: planar, left: alpha }.path(1.0).unwrap();
             prop_assert!(shortest_to_end_of(&laid) <= planar.length() + 1e-9);
         }
     }
@@ -345,7 +351,7 @@ mod tests {
         #[test]
         fn near_goals_are_reached_no_longer_than_in_their_plane(alpha in 0.0..TAU, x in -3.0..3.0, y in -3.0..3.0, heading in 0.0..TAU) {
             let planar = dubins2::shortest(&PlanarPose { x, y, heading });
-            let laid = Candidate::Planar(planar, alpha).path(1.0).unwrap();
+            let laid = Candidate::Planar { path: planar, left: alpha }.path(1.0).unwrap();
             prop_assert!(shortest_to_end_of(&laid) <= planar.length() + 1e-9);
         }
 

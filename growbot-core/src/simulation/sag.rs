@@ -37,10 +37,10 @@ pub struct Hanging {
     /// `base_from_tip` of the body without weight.
     straight: Frame,
     sections: Sections,
-    /// What the rings have turned and moved so far, the tip's weight left out.
+    /// The sag of the tip by the weight of the rings alone.
     by_rings: Sag,
-    /// Weight of the rings, N, and its first moment about the root, N mm.
-    rings: (f64, Vector3<f64>),
+    /// The first moment of the rings' weight about the root, N mm.
+    rings_moment: Vector3<f64>,
     length: f64,
     max_stress: RootStress,
 }
@@ -129,7 +129,7 @@ impl Hanging {
             straight: *base_from_start,
             sections: Sections::default(),
             by_rings: Sag::default(),
-            rings: (0.0, Vector3::zeros()),
+            rings_moment: Vector3::zeros(),
             length: 0.0,
             max_stress: RootStress::default(),
         };
@@ -146,7 +146,7 @@ impl Hanging {
         let middle = 0.5 * (before.translation.vector + self.straight.translation.vector) - self.root;
         let weight = self.ring_weight * height;
         self.by_rings = self.by_rings.plus(&self.sections.under(weight, &middle));
-        self.rings = (self.rings.0 + weight, self.rings.1 + middle * weight);
+        self.rings_moment += middle * weight;
         self.sections.add(height / self.stiffness, &middle, &tip_direction(&before));
         self.load_root();
     }
@@ -181,7 +181,7 @@ impl Hanging {
     }
 
     fn load_root(&mut self) {
-        let moment = moment(&(self.rings.1 + self.reach() * self.tip_weight));
+        let moment = moment(&(self.rings_moment + self.reach() * self.tip_weight));
         let (bending, all) = (moment.cross(&self.root_direction).norm(), moment.norm());
         // The twist is the rest of all: Rankine's rule, for what breaks without yielding.
         let stress = 0.5 * (bending + all) * self.stress_per_moment;

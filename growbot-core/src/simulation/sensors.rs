@@ -50,8 +50,8 @@ impl Sensors {
             }
             DirectionSensor::Gravity => {
                 let up = base_from_tip.rotation.inverse() * Vector3::z();
-                let aside = up.cross(&if up.x.abs() < 0.5 { Vector3::x() } else { Vector3::y() }).normalize();
-                measured.up = Some((up + aside * about_x + up.cross(&aside) * about_y).normalize());
+                let lateral = up.cross(&if up.x.abs() < 0.5 { Vector3::x() } else { Vector3::y() }).normalize();
+                measured.up = Some((up + lateral * about_x + up.cross(&lateral) * about_y).normalize());
             }
         }
         measured

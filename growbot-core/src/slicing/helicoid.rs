@@ -25,11 +25,12 @@ const DAMPING: f64 = 1e-13;
 /// The correction of a chain of layers.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Correction {
-    /// With `u = force x (end - x) + moment` for a layer at `x` that bends towards `n` about `b`: `n . u` is added to
-    /// alpha, and `-TILT_WEIGHT^2 b . u` of itself to the tilt.
+    /// The force of `u = force x (end - x) + moment`, for a layer at `x` that bends towards `n` about `b`: alpha
+    /// changes by `n . u`, and the tilt by its share `-TILT_WEIGHT^2 b . u`.
     force: Vector3<f64>,
+    /// The moment of the same formula.
     moment: Vector3<f64>,
-    /// Factor of all heights, and of the tilts with them.
+    /// Factor of all heights and tilts.
     scale: f64,
 }
 
@@ -78,7 +79,7 @@ impl HelicoidLayers {
         Layer { alpha: wrap_positive(alpha), height: height * radius, tilt }
     }
 
-    /// The layer that tilts most.
+    /// The layer of max tilt.
     pub(super) fn steepest(&self, radius: f64, keep_alive: &mut dyn FnMut()) -> Layer {
         let mut layers = self.rewound();
         let all = (0..self.count).map(|_| {
@@ -147,8 +148,8 @@ impl HelicoidLayers {
             let by_tilt = moved(&(direction.cross(&bend) * self.tilt), &arm);
             let weighted = by_tilt * TILT_WEIGHT;
             sum += by_alpha * by_alpha.transpose() + weighted * weighted.transpose();
-            let ahead = direction * self.tilt;
-            by_scale += by_tilt + Vector5::new(ahead.x, ahead.y, ahead.z, 0.0, 0.0);
+            let axial = direction * self.tilt;
+            by_scale += by_tilt + Vector5::new(axial.x, axial.y, axial.z, 0.0, 0.0);
         }
         sum += by_scale * by_scale.transpose();
         let damping = sum.trace() * DAMPING;

@@ -298,8 +298,8 @@ mod tests {
             let path = segments;
             let start = Frame::identity();
             let tip = grow(&start, layers(&path, &robot, Slicing::Exact).map(|sliced| sliced.layer));
-            let wanted = end(&path, &start);
-            prop_assert!((tip.translation.vector - wanted.translation.vector).norm() < 1e-6);
+            let target = end(&path, &start);
+            prop_assert!((tip.translation.vector - target.translation.vector).norm() < 1e-6);
             let limits = robot.description().layer;
             for SlicedLayer { layer, .. } in layers(&path, &robot, Slicing::Exact) {
                 prop_assert!(robot.check_layer(&layer, LIMIT_SLACK * 1.001).is_ok(), "{layer:?}");

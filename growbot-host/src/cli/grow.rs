@@ -111,7 +111,7 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
         let time = plan_table::duration(plan.needs.duration);
         growbot_host::tell!("growbot: the emulated board runs in real time: the layers alone take {time}");
     }
-    let job = Job::new(&robot, &plan.start, &plan.goal, &plan.path);
+    let job = Job::of_plan(&robot, &plan);
     let disturbance = &args.disturbance;
     let assumed = if port.is_simulated() { disturbance.sensor_noise() } else { disturbance.sensor_noise_or(ASSUMED) };
     let noise = args.feedback.then_some(assumed);

@@ -83,7 +83,7 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
     let mut client = port.connect(&robot, &TipSettings { pace, ..TipSettings::default() })?.client;
     let board = client.board()?;
     Client::belongs_to(&board, &robot)?;
-    let mut job = Job::new(&robot, &plan.start, &plan.goal, &plan.path);
+    let mut job = Job::of_plan(&robot, &plan);
     if let Some(record) = &mut record {
         record.is_stored_as(board.status.plan_id);
         // The very layers, whatever the plan's file has rounded.

@@ -303,7 +303,7 @@ mod tests {
         let robot = robot_file::load("growbot-a".as_ref()).unwrap();
         let (start, goal) = (parse_pose("0,0,0,0,90").unwrap(), parse_pose("0,0,3,0,90").unwrap());
         let plan = Plan::make(&robot, &start, &goal, 100.0, Planner::Shortest).unwrap();
-        let job = Job::new(&robot, &plan.start, &plan.goal, &plan.path);
+        let job = Job::of_plan(&robot, &plan);
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("run.jsonl");
         RunLog::begin(&path, &plan, &job, None, origin).unwrap();

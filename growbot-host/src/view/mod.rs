@@ -117,7 +117,7 @@ impl Subject<'_> {
     /// Where feedback took the tip to be on its way, some hundreds of places, mm; none without feedback.
     fn estimated(&self) -> Option<Vec<Vector3<f64>>> {
         let Self { robot, plan, .. } = self;
-        let path = self.run?.estimated(&Job::new(robot, &plan.start, &plan.goal, &plan.path), plan)?;
+        let path = self.run?.estimated(&Job::of_plan(robot, plan), plan)?;
         let stride = path.len().div_ceil(MOST_PLACES).max(1);
         let places = path.chunks(stride).filter_map(<[Frame]>::last).map(|frame| frame.translation.vector);
         Some([plan.start.position()].into_iter().chain(places).collect())

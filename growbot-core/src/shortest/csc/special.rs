@@ -14,10 +14,10 @@ impl Search<'_> {
     #[inline(never)]
     pub(super) fn crossing_lines(&mut self) {
         let Problem { goal, direction, .. } = *self.problem;
-        let ahead = Vector3::z();
+        let start = Vector3::z();
         let cosine_between = direction.z;
         let det = 1.0 - cosine_between * cosine_between;
-        let normal = ahead.cross(&direction);
+        let normal = start.cross(&direction);
         if det < 1e-6 || goal.dot(&normal).abs() > NEARLY {
             return;
         }
@@ -35,7 +35,7 @@ impl Search<'_> {
         let (first, last) = (angle(first_tau), angle(last_tau));
         let off = libm::sqrt(off.max(0.0)) / libm::sqrt(det);
         for side in [off, -off] {
-            let u = ahead * along_start + direction * along_goal + normal * side;
+            let u = start * along_start + direction * along_goal + normal * side;
             let first_towards = if first_tau < 0.0 { libm::atan2(-u.y, -u.x) } else { libm::atan2(u.y, u.x) };
             let towards = direction - u * last_cosine;
             let towards = if last_tau < 0.0 { -towards } else { towards };
@@ -80,8 +80,8 @@ impl Search<'_> {
     /// One of the two arcs is half a turn.
     fn half_turns(&mut self) {
         let Problem { goal, direction, .. } = *self.problem;
-        let ahead = Vector3::z();
-        for arc in arcs_between(&-ahead, &direction) {
+        let start = Vector3::z();
+        for arc in arcs_between(&-start, &direction) {
             // Half a turn first. The rest of the path determines its plane.
             let rest = goal - arc.offset;
             if (trigonometry::hypot(rest.x, rest.y) - 2.0).abs() < NEARLY {
@@ -90,7 +90,7 @@ impl Search<'_> {
                 self.keep(Csc { first_towards, first: PI, straight: -rest.z, last_towards, last: arc.angle });
             }
         }
-        for arc in arcs_between(&ahead, &-direction) {
+        for arc in arcs_between(&start, &-direction) {
             // Half a turn last.
             let rest = goal - arc.offset;
             let straight = -rest.dot(&direction);
@@ -108,12 +108,18 @@ impl Search<'_> {
         let Problem { goal, direction, .. } = *self.problem;
         let across = 0.25 * trigonometry::hypot(goal.x, goal.y);
         if across <= 1.0 && direction.z > 1.0 - NEARLY {
-            let (middle, aside) = (libm::atan2(goal.y, goal.x), trigonometry::acos(across));
-            for aside in [aside, -aside] {
-                let axes = axes_after(middle + aside, PI);
-                let (sin, cos) = trigonometry::sin_cos(middle - aside);
+            let (middle, half_angle) = (libm::atan2(goal.y, goal.x), trigonometry::acos(across));
+            for half_angle in [half_angle, -half_angle] {
+                let axes = axes_after(middle + half_angle, PI);
+                let (sin, cos) = trigonometry::sin_cos(middle - half_angle);
                 let last_towards = in_tip(&axes, &Vector3::new(cos, sin, 0.0));
-                self.keep(Csc { first_towards: middle + aside, first: PI, straight: -goal.z, last_towards, last: PI });
+                self.keep(Csc {
+                    first_towards: middle + half_angle,
+                    first: PI,
+                    straight: -goal.z,
+                    last_towards,
+                    last: PI,
+                });
             }
         }
     }

@@ -22,15 +22,33 @@ const MAX_STEPS: usize = 21;
 const SIDE: usize = MAX_STEPS + OUTSIDE;
 /// Points of a curve: both sides and the neck.
 const POINTS: usize = 2 * SIDE + 1;
-/// The grid over the logarithms of the two numbers at the neck: from, to, count.
-const NARROWNESS: (f64, f64, u32) = (-9.5, 1.2, 20);
-const TWIST: (f64, f64, u32) = (-2.5, 1.9, 11);
+/// The grid's axis over the logarithm of the narrowness.
+const NARROWNESS: Axis = Axis { from: -9.5, to: 1.2, count: 20 };
+/// The grid's axis over the logarithm of the twist.
+const TWIST: Axis = Axis { from: -2.5, to: 1.9, count: 11 };
 /// Max seeds. Those that fit best are kept.
 const MAX_SEEDS: usize = 80;
 /// Max misfit of a seed (square of radii and radians).
 const MAX_MISFIT: f32 = 0.6;
-/// Seeds nearer to each other than this (narrowness, twist, both lengths) count as one.
-const BESIDE: (f32, f32, f32) = (0.6, 0.5, 0.5);
+/// Seeds count as one if the logarithms of their narrowness differ by less than this...
+const SAME_NARROWNESS: f32 = 0.6;
+/// ...those of their twist by less than this...
+const SAME_TWIST: f32 = 0.5;
+/// ...and their lengths before and after the neck by less than this, radii.
+const SAME_LENGTH: f32 = 0.5;
+
+/// An axis of the grid: cells of equal width, each with its value in the middle.
+struct Axis {
+    from: f64,
+    to: f64,
+    count: u32,
+}
+
+impl Axis {
+    fn at(&self, index: u32) -> f64 {
+        self.from + (self.to - self.from) * (f64::from(index) + 0.5) / f64::from(self.count)
+    }
+}
 
 /// The seeds found so far.
 pub(super) type Seeds = Vec<GridSeed, MAX_SEEDS>;
@@ -113,12 +131,9 @@ impl Grid {
     }
 
     pub(super) fn seeds(&self, longest: f64, seeds: &mut Seeds, keep_alive: &mut dyn FnMut()) {
-        let at = |(from, to, count): (f64, f64, u32), index: u32| {
-            from + (to - from) * (f64::from(index) + 0.5) / f64::from(count)
-        };
-        for row in 0..NARROWNESS.2 {
-            for column in 0..TWIST.2 {
-                let (narrowness, twist) = (at(NARROWNESS, row), at(TWIST, column));
+        for row in 0..NARROWNESS.count {
+            for column in 0..TWIST.count {
+                let (narrowness, twist) = (NARROWNESS.at(row), TWIST.at(column));
                 let neck = Neck { narrowness: libm::exp(narrowness), twist: libm::exp(twist) };
                 // With less twist `|m|` would have its max here.
                 if neck.twist * neck.twist >= neck.narrowness * (neck.narrowness - 1.0) {
@@ -222,10 +237,10 @@ fn handedness(start: &GridPoint, end: &GridPoint) -> f64 {
 fn keep(seeds: &mut Seeds, seed: GridSeed) {
     let beside = |other: &GridSeed| {
         other.mirrored == seed.mirrored
-            && (other.narrowness - seed.narrowness).abs() < BESIDE.0
-            && (other.twist - seed.twist).abs() < BESIDE.1
-            && (other.before - seed.before).abs() < BESIDE.2
-            && (other.after - seed.after).abs() < BESIDE.2
+            && (other.narrowness - seed.narrowness).abs() < SAME_NARROWNESS
+            && (other.twist - seed.twist).abs() < SAME_TWIST
+            && (other.before - seed.before).abs() < SAME_LENGTH
+            && (other.after - seed.after).abs() < SAME_LENGTH
     };
     let fits_better = |other: &GridSeed| other.misfit <= seed.misfit;
     let up_to_other = seeds.iter().position(beside).and_then(|other| seeds.get_mut(..=other));
@@ -249,32 +264,32 @@ mod tests {
         GridSeed { narrowness: 0.0, twist: 0.0, mirrored: false, before, after: 1.0, misfit }
     }
 
-    fn kept(seeds: impl IntoIterator<Item = GridSeed>) -> Seeds {
-        let mut kept = Seeds::new();
+    fn collected(seeds: impl IntoIterator<Item = GridSeed>) -> Seeds {
+        let mut collected = Seeds::new();
         for seed in seeds {
-            keep(&mut kept, seed);
+            keep(&mut collected, seed);
         }
-        kept
+        collected
     }
 
     #[test]
     fn of_seeds_next_to_each_other_the_best_stays() {
-        let kept = kept([seed(0.0, 0.3), seed(2.0, 0.2), seed(0.1, 0.1), seed(0.2, 0.4)]);
-        assert_eq!(kept.iter().map(|seed| seed.misfit).collect::<std::vec::Vec<_>>(), [0.1, 0.2]);
+        let retained = collected([seed(0.0, 0.3), seed(2.0, 0.2), seed(0.1, 0.1), seed(0.2, 0.4)]);
+        assert_eq!(retained.iter().map(|seed| seed.misfit).collect::<std::vec::Vec<_>>(), [0.1, 0.2]);
     }
 
     #[test]
-    fn the_best_seeds_are_kept() {
+    fn the_best_seeds_are_retained() {
         let all = (0..2 * MAX_SEEDS).map(|n| seed(n as f32, 1.0 - 0.001 * n as f32));
-        let kept = kept(all);
-        assert_eq!(kept.len(), MAX_SEEDS);
-        assert!(kept.iter().all(|seed| seed.before >= MAX_SEEDS as f32));
-        assert!(kept.is_sorted_by(|a, b| a.misfit <= b.misfit));
+        let retained = collected(all);
+        assert_eq!(retained.len(), MAX_SEEDS);
+        assert!(retained.iter().all(|seed| seed.before >= MAX_SEEDS as f32));
+        assert!(retained.is_sorted_by(|a, b| a.misfit <= b.misfit));
     }
 
     #[test]
     fn seeds_are_removed_by_length() {
-        let mut seeds = kept([seed(3.0, 0.1), seed(1.0, 0.2), seed(4.0, 0.3), seed(2.0, 0.4)]);
+        let mut seeds = collected([seed(3.0, 0.1), seed(1.0, 0.2), seed(4.0, 0.3), seed(2.0, 0.4)]);
         let lengths: std::vec::Vec<_> =
             core::iter::from_fn(|| pop_shortest(&mut seeds)).map(|seed| seed.length()).collect();
         assert_eq!(lengths, [2.0, 3.0, 4.0, 5.0]);

@@ -148,29 +148,38 @@ fn at_joint(path: &Csc) -> [Seed; 3] {
     })
 }
 
-/// The arcs found so far, and what has been tried.
+/// The arcs found and tried so far.
 struct Search<'a> {
     problem: &'a Problem,
     longest: f64,
     found: &'a mut Vec<HelicoidalArc, MAX_ARCS>,
-    /// Arcs that were refined finely, and arcs for which that failed.
+    /// Arcs that were refined finely.
     refined: Tried,
+    /// Arcs for which the fine refinement failed.
     failed: Tried,
 }
 
-/// Coarse lengths of arcs that were tried, and whether they were mirrored.
+/// An arc that was tried.
+#[derive(Debug)]
+struct TriedArc {
+    /// Length by the coarse integration, radii.
+    length: f32,
+    mirrored: bool,
+}
+
+/// The arcs that were tried.
 #[derive(Debug, Default)]
-struct Tried(Vec<(f32, bool), MAX_TRIED>);
+struct Tried(Vec<TriedArc, MAX_TRIED>);
 
 impl Tried {
     /// Remembers an arc. If the list is full, the arc may be tried again, which only costs time.
     fn push(&mut self, length: f64, mirrored: bool) {
-        let _ = self.0.push((length as f32, mirrored));
+        let _ = self.0.push(TriedArc { length: length as f32, mirrored });
     }
 
-    /// The number of arcs with about this length.
+    /// The number of arcs whose length differs from this by less than `off`.
     fn about(&self, length: f64, mirrored: bool, off: f64) -> usize {
-        let about = |(other, side): &&(f32, bool)| (f64::from(*other) - length).abs() < off && *side == mirrored;
+        let about = |arc: &&TriedArc| (f64::from(arc.length) - length).abs() < off && arc.mirrored == mirrored;
         self.0.iter().filter(about).count()
     }
 }

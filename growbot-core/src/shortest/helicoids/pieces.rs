@@ -64,7 +64,7 @@ fn joined(
         let turn = |axis: &Vector3<f64>, about: &Vector3<f64>| {
             problem.column(&axis.cross(&(at_end - about)), &axis.cross(&direction))
         };
-        let ahead = |direction: &Vector3<f64>| problem.column(direction, &Vector3::zeros());
+        let shift = |direction: &Vector3<f64>| problem.column(direction, &Vector3::zeros());
         // A longer piece turns further about the axis at its end.
         let axis_after = |piece: &Piece, frame: &Frame| {
             let m = piece.curve.m(&frame.translation.vector);
@@ -80,9 +80,9 @@ fn joined(
         );
         let jacobian = Matrix5::from_columns(&[
             turn(&Vector3::z(), &Vector3::zeros()),
-            turn(&axis_after(&first, &joint), &about) + ahead(&tip),
+            turn(&axis_after(&first, &joint), &about) + shift(&tip),
             turn(&tip, &about),
-            turn(&end_axis, &at_end) + ahead(&direction),
+            turn(&end_axis, &at_end) + shift(&direction),
             by_width,
         ]);
         let step = linalg5::solve(&jacobian, &lack)?;
@@ -96,7 +96,7 @@ fn joined(
     None
 }
 
-/// What is missing to the goal at the end of a path. None if the path arrives.
+/// The offset that is missing to the goal at the end of a path. None if the path arrives.
 fn lack(problem: &Problem, end: &Frame) -> Option<Vector5<f64>> {
     let (off, direction) = (problem.goal - end.translation.vector, tip_direction(end));
     let miss = off.norm().max((direction - problem.direction).norm());

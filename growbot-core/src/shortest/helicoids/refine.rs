@@ -68,9 +68,9 @@ pub(super) fn axes(problem: &Problem, start: &Point, end: &Point) -> Matrix3<f64
     let unrolled = Matrix3::from_columns(&[x, z.cross(&x), z]);
     let (offset, direction) = (unrolled.tr_mul(&(end.position - start.position)), unrolled.tr_mul(&end.direction));
     // The rotation of one pair of vectors in a plane that fits it best to another pair.
-    let (goal, wanted) = (problem.goal, problem.direction);
-    let cos = goal.x * offset.x + goal.y * offset.y + wanted.x * direction.x + wanted.y * direction.y;
-    let sin = goal.x * offset.y - goal.y * offset.x + wanted.x * direction.y - wanted.y * direction.x;
+    let (goal, target) = (problem.goal, problem.direction);
+    let cos = goal.x * offset.x + goal.y * offset.y + target.x * direction.x + target.y * direction.y;
+    let sin = goal.x * offset.y - goal.y * offset.x + target.x * direction.y - target.y * direction.x;
     let norm = libm::sqrt(cos * cos + sin * sin);
     let (cos, sin) = if norm > 0.0 { (cos / norm, sin / norm) } else { (1.0, 0.0) };
     unrolled * Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0)
@@ -103,15 +103,15 @@ impl Fit {
             let axes = shortest_turn(&self.start.direction, &start.direction) * self.axes;
             (misfit(problem, &start, &end, &axes) - self.misfit) / share
         });
-        let (goal, wanted) = (self.axes * problem.goal, self.axes * problem.direction);
+        let (goal, target) = (self.axes * problem.goal, self.axes * problem.direction);
         let (start_axis, end_axis) = (neck.axis(&self.start), neck.axis(&self.end));
-        let (ahead, direction) = (&self.start.direction, &self.end.direction);
+        let (start_direction, direction) = (&self.start.direction, &self.end.direction);
         Matrix6x5::from_columns(&[
             by_narrowness,
             by_twist,
-            stacked(&(ahead + start_axis.cross(&goal)), &start_axis.cross(&wanted)),
+            stacked(&(start_direction + start_axis.cross(&goal)), &start_axis.cross(&target)),
             stacked(direction, &end_axis.cross(direction)),
-            stacked(&-ahead.cross(&goal), &-ahead.cross(&wanted)),
+            stacked(&-start_direction.cross(&goal), &-start_direction.cross(&target)),
         ])
     }
 }

@@ -254,7 +254,7 @@ impl Session {
         let radius = self.robot.description().planning_radius_mm;
         let search = Search { radius, planner: Planner::Shortest, clear_of_self: true };
         let plan = Plan::through(&self.robot, &self.start, &[], goal, &search)?;
-        let job = Job::new(&self.robot, &plan.start, &plan.goal, &plan.path);
+        let job = Job::of_plan(&self.robot, &plan);
         let mut emergency = false;
         let mut show = |event: &JobEvent| {
             if let JobEvent::Status(status) = event {
