@@ -59,7 +59,7 @@ pub enum FileError {
 /// these numbers when it is deleted.
 static READ: Mutex<VecDeque<((u64, u64), File)>> = Mutex::new(VecDeque::new());
 /// No command reads so many files.
-const MOST_READ: usize = 64;
+const MAX_READ: usize = 64;
 
 /// The file, which messages call `name`, is an input from now on: nothing is written to it, whatever it is called.
 ///
@@ -78,7 +78,7 @@ fn note_input_beside(file: File, name: &str, stdout: Option<(u64, u64)>) -> Resu
     }
     let mut read = READ.lock().unwrap_or_else(PoisonError::into_inner);
     if read.iter().all(|(known, _)| *known != place) {
-        read.truncate(MOST_READ - 1);
+        read.truncate(MAX_READ - 1);
         read.push_front((place, file));
     }
     Ok(())

@@ -23,12 +23,12 @@ pub enum InputError {
         error: io::Error,
     },
     /// More bytes than any such file has.
-    #[error("{name} is longer than {most} bytes, more than any {}: is it the right file?", kind(.most))]
+    #[error("{name} is longer than {max} bytes, more than any {}: is it the right file?", kind(.max))]
     TooLong {
         /// What was read.
         name: String,
         /// The limit.
-        most: u64,
+        max: u64,
     },
     /// A named pipe, a device or a socket: reading it might wait for ever.
     #[error(
@@ -54,8 +54,8 @@ pub enum InputError {
 }
 
 /// What is no longer than this.
-fn kind(most: &u64) -> &'static str {
-    if *most == LONGEST_LOG { "run log" } else { "plan or robot description" }
+fn kind(max: &u64) -> &'static str {
+    if *max == LONGEST_LOG { "run log" } else { "plan or robot description" }
 }
 
 /// How a path is called in messages.
@@ -173,13 +173,13 @@ impl<R: Read> Read for BoundedLines<R> {
 ///
 /// # Errors
 /// What cannot be opened or read, or is longer.
-pub fn read_bytes(path: &Path, most: u64) -> Result<Vec<u8>, InputError> {
+pub fn read_bytes(path: &Path, max: u64) -> Result<Vec<u8>, InputError> {
     let mut bytes = Vec::new();
     open(path)?
-        .take(most + 1)
+        .take(max + 1)
         .read_to_end(&mut bytes)
         .map_err(|error| InputError::Unreadable { name: name_of(path), error })?;
-    if bytes.len() as u64 > most { Err(InputError::TooLong { name: name_of(path), most }) } else { Ok(bytes) }
+    if bytes.len() as u64 > max { Err(InputError::TooLong { name: name_of(path), max }) } else { Ok(bytes) }
 }
 
 /// The whole text of a file, or of standard input for `-`, without a byte order mark.
@@ -196,7 +196,7 @@ pub fn read_text(path: &Path) -> Result<String, InputError> {
 /// As [`read_text`].
 pub fn text_of(bytes: Vec<u8>, path: &Path) -> Result<String, InputError> {
     if bytes.len() as u64 > LONGEST_TEXT {
-        return Err(InputError::TooLong { name: name_of(path), most: LONGEST_TEXT });
+        return Err(InputError::TooLong { name: name_of(path), max: LONGEST_TEXT });
     }
     let text = String::from_utf8(bytes)
         .map_err(|error| InputError::NotText { name: name_of(path), position: error.utf8_error().valid_up_to() })?;

@@ -190,7 +190,16 @@ impl Plan {
     }
 }
 
-/// The pieces of a path in order, a letter each.
+/// The planner's name, as `--planner` and files have it.
+#[must_use]
+pub const fn planner_name(planner: Planner) -> &'static str {
+    match planner {
+        Planner::TwoPlane => "two-plane",
+        Planner::Shortest => "shortest",
+    }
+}
+
+/// The kinds of a path's segments in order, a letter each.
 #[must_use]
 pub fn word(path: &[Segment]) -> String {
     let letter = |segment: &Segment| match segment {

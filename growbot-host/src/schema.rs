@@ -181,9 +181,9 @@ fn say_bounds(field: &mut Map<String, Value>, description: &Value, path: &[Strin
         }
     }
     let range = match (field.get("minimum"), field.get("maximum")) {
-        (Some(least), Some(greatest)) => format!("{least} to {greatest}: "),
-        (Some(least), None) => format!("{least} or more: "),
-        (None, Some(greatest)) => format!("{greatest} or less: "),
+        (Some(min), Some(max)) => format!("{min} to {max}: "),
+        (Some(min), None) => format!("{min} or more: "),
+        (None, Some(max)) => format!("{max} or less: "),
         (None, None) => String::new(),
     };
     if let (Some(Value::String(text)), false) = (field.get_mut("description"), advice.is_empty()) {

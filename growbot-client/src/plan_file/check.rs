@@ -13,7 +13,7 @@ use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::Robot;
 use nalgebra::Vector3;
 
-use super::fault::MOST_SEGMENTS;
+use super::fault::MAX_SEGMENTS;
 use super::{PlanFault, PlanFile, WrittenLeg, WrittenPose, WrittenSegment, written_hash};
 use crate::plan::{Choice, ChosenLegs, Plan, word};
 
@@ -23,15 +23,15 @@ use crate::warning::{THIN_LAYER, Warning};
 /// No segment is longer than this, mm: from one corner of the space of poses to the other and back.
 const LONGEST_SEGMENT: f64 = 8.0 * Pose::MAX_COORDINATE;
 /// All helicoidal arcs together are no longer than this, in radii: to integrate more, which no planner gives, would only take time.
-const MOST_TURNS: f64 = 1e4;
+const MAX_TURNS: f64 = 1e4;
 /// No planner looks at more paths.
-const MOST_CANDIDATES: f64 = 1e9;
+const MAX_CANDIDATES: f64 = 1e9;
 /// So many letters of a word are shown.
 const LONGEST_WORD: usize = 40;
 /// No number of `m0` and `p` is greater than this...
-const GREATEST_MOMENT: f64 = 1e6;
+const MAX_MOMENT: f64 = 1e6;
 /// ...and not all of them are smaller than this.
-const LEAST_MOMENT: f64 = 1e-6;
+const MIN_MOMENT: f64 = 1e-6;
 /// `m0` is perpendicular to the tip to this share of it.
 const PERPENDICULAR: f64 = 1e-9;
 /// Limits hold to this share of themselves: degrees and radians do not convert exactly.
@@ -77,7 +77,7 @@ impl PlanFile {
 
     fn path(&self, robot: &Robot, start: &Pose) -> Result<Vec<Segment>, PlanFault> {
         let found = self.segments.len();
-        if found > MOST_SEGMENTS {
+        if found > MAX_SEGMENTS {
             return Err(PlanFault::TooManySegments { found });
         }
         let mut path = Vec::with_capacity(found);
@@ -86,7 +86,7 @@ impl PlanFile {
         for (index, written) in self.segments.iter().enumerate() {
             if let WrittenSegment::Helicoid { length_mm, .. } = written {
                 turns += length_mm / self.radius_mm;
-                range(format!("the helicoids' length up to segment {index}, in radii,"), turns, 0.0, MOST_TURNS)?;
+                range(format!("the helicoids' length up to segment {index}, in radii,"), turns, 0.0, MAX_TURNS)?;
             }
             let segment = segment(index, written, self.radius_mm, &base_from_tip, robot.min_radius())?;
             base_from_tip *= segment.step();
@@ -187,7 +187,7 @@ impl WrittenLeg {
         let (Some(candidates), Some(two_plane_length)) = (self.candidates, self.two_plane_length_mm) else {
             return Ok(None);
         };
-        range("candidates", candidates as f64, 1.0, MOST_CANDIDATES)?;
+        range("candidates", candidates as f64, 1.0, MAX_CANDIDATES)?;
         range("passed_over", self.passed_over as f64, 0.0, candidates as f64 - 1.0)?;
         range("two_plane_length_mm", two_plane_length, 0.0, LONGEST_SEGMENT)?;
         Ok(Some(Choice { candidates, passed_over: self.passed_over, two_plane_length }))
@@ -211,11 +211,11 @@ fn check_word(found: &str, path: &[Segment]) -> Result<(), PlanFault> {
     Err(PlanFault::Word { found: found.chars().take(LONGEST_WORD).collect(), expected })
 }
 
-fn range(what: impl Into<String>, value: f64, least: f64, greatest: f64) -> Result<(), PlanFault> {
-    if (least..=greatest).contains(&value) {
+fn range(what: impl Into<String>, value: f64, min: f64, max: f64) -> Result<(), PlanFault> {
+    if (min..=max).contains(&value) {
         return Ok(());
     }
-    Err(PlanFault::Range { what: what.into(), value, least, greatest })
+    Err(PlanFault::Range { what: what.into(), value, min, max })
 }
 
 /// The pose that a written one means.
@@ -251,12 +251,12 @@ fn segment(
         WrittenSegment::Helicoid { length_mm, m0, p } => {
             check_length(length_mm)?;
             for value in m0.into_iter().chain(p) {
-                range(named("m0 and p"), value, -GREATEST_MOMENT, GREATEST_MOMENT)?;
+                range(named("m0 and p"), value, -MAX_MOMENT, MAX_MOMENT)?;
             }
             let tip_from_base = base_from_tip.rotation.inverse();
             let (m0, p) = (tip_from_base * Vector3::from(m0), tip_from_base * Vector3::from(p));
             let scale = m0.norm().max(p.norm());
-            range(format!("the scale of m0 and p of segment {index}"), scale, LEAST_MOMENT, GREATEST_MOMENT)?;
+            range(format!("the scale of m0 and p of segment {index}"), scale, MIN_MOMENT, MAX_MOMENT)?;
             if m0.z.abs() > PERPENDICULAR * scale {
                 return Err(PlanFault::NotPerpendicular { segment: index, value: m0.z / scale, limit: PERPENDICULAR });
             }

@@ -5,7 +5,7 @@ use growbot_core::plan::Miss;
 use growbot_core::pose::PoseError;
 
 /// More segments than this are no plan: what they ask for could not be grown in a lifetime.
-pub(super) const MOST_SEGMENTS: usize = 10_000;
+pub(super) const MAX_SEGMENTS: usize = 10_000;
 
 /// Why a plan is not believed: what, the value, the limit, what to do.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -41,16 +41,16 @@ pub enum PlanFault {
         error: PoseError,
     },
     /// A number out of its range.
-    #[error("{what} is {value:?}; it must lie between {least:?} and {greatest:?}: plan again")]
+    #[error("{what} is {value:?}; it must lie between {min:?} and {max:?}: plan again")]
     Range {
         /// Which number.
         what: String,
         /// What it is.
         value: f64,
         /// The least that is taken.
-        least: f64,
+        min: f64,
         /// The greatest that is taken.
-        greatest: f64,
+        max: f64,
     },
     /// A bend that the robot cannot make.
     #[error(
@@ -65,7 +65,7 @@ pub enum PlanFault {
         limit: f64,
     },
     /// Too many segments.
-    #[error("the plan has {found} segments; growbot reads {MOST_SEGMENTS} at most: split it")]
+    #[error("the plan has {found} segments; growbot reads {MAX_SEGMENTS} at most: split it")]
     TooManySegments {
         /// How many there are.
         found: usize,

@@ -7,9 +7,9 @@ use growbot_core::simulation::Disturbance;
 use growbot_core::tracking::SensorNoise;
 
 /// Greatest error of a layer, percent of its growth or tilt.
-const MOST_PERCENT: f64 = 90.0;
+const MAX_PERCENT: f64 = 90.0;
 /// Greatest error of a layer or of a direction, degrees.
-const MOST_DEG: f64 = 90.0;
+const MAX_DEG: f64 = 90.0;
 
 /// How simulated layers and sensors are off.
 #[derive(Debug, Clone, Args)]
@@ -91,30 +91,30 @@ impl DisturbanceArgs {
 
 /// A share without a sign, percent.
 fn percent(text: &str) -> Result<f64, String> {
-    number(text, 0.0, MOST_PERCENT, "percent")
+    number(text, 0.0, MAX_PERCENT, "percent")
 }
 
 /// A share to either side, percent.
 pub fn signed_percent(text: &str) -> Result<f64, String> {
-    number(text, -MOST_PERCENT, MOST_PERCENT, "percent")
+    number(text, -MAX_PERCENT, MAX_PERCENT, "percent")
 }
 
 /// An angle without a sign, degrees.
 fn deg(text: &str) -> Result<f64, String> {
-    number(text, 0.0, MOST_DEG, "degrees")
+    number(text, 0.0, MAX_DEG, "degrees")
 }
 
 /// An angle to either side, degrees.
 fn signed_deg(text: &str) -> Result<f64, String> {
-    number(text, -MOST_DEG, MOST_DEG, "degrees")
+    number(text, -MAX_DEG, MAX_DEG, "degrees")
 }
 
-fn number(text: &str, least: f64, most: f64, unit: &str) -> Result<f64, String> {
+fn number(text: &str, min: f64, max: f64, unit: &str) -> Result<f64, String> {
     let number = parse_number(text).ok_or_else(|| format!("it is no number: give {unit}, such as 0.5"))?;
-    if (least..=most).contains(&number) {
+    if (min..=max).contains(&number) {
         Ok(number)
     } else {
-        Err(format!("it is {number} {unit}, and may be {least} to {most}: give one within"))
+        Err(format!("it is {number} {unit}, and may be {min} to {max}: give one within"))
     }
 }
 

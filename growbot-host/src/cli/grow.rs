@@ -9,6 +9,7 @@ use growbot_client::run_log::{Origin, RunLog};
 use growbot_client::warning::PREVENTING;
 use growbot_core::robot::Robot;
 use growbot_core::simulation::Imperfection;
+use growbot_host::duration::duration_text;
 use growbot_host::view::Subject;
 use growbot_sim::port::{PortName, TipSettings};
 use growbot_sim::truth::compare;
@@ -18,7 +19,7 @@ use super::following::{Following, OnSilence, refuse};
 use super::goal::GoalArgs;
 use super::interrupt::stop_on_interrupt;
 use super::watching::WatchArgs;
-use super::{ChosenPort, Connection, Failure, PortArg, plan_table};
+use super::{ChosenPort, Connection, Failure, PortArg};
 
 /// Grow a body: a plan, or straight from a pose
 ///
@@ -108,7 +109,7 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     args.suits(&port, &robot)?;
     let pace = args.watching.pace(port.name())?;
     if matches!(port.name(), PortName::Emulator(_)) {
-        let time = plan_table::duration(plan.needs.duration);
+        let time = duration_text(plan.needs.duration);
         growbot_host::tell!("growbot: the emulated board runs in real time: the layers alone take {time}");
     }
     let job = Job::of_plan(&robot, &plan);

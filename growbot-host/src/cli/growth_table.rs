@@ -9,9 +9,9 @@ use growbot_core::layer::SECTORS;
 use growbot_core::link::message::InterruptedLayer;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
+use growbot_host::duration::duration_text;
 
 use super::kind;
-use super::plan_table::duration;
 
 /// Target and final pose, and the error between them; with feedback, the estimate.
 pub fn table(plan: &Plan, robot: &Robot, grown: &Grown, seed: Option<u64>, simulated: bool) -> String {
@@ -20,7 +20,7 @@ pub fn table(plan: &Plan, robot: &Robot, grown: &Grown, seed: Option<u64>, simul
     table += &format!("body      {} layers of {}, {length:.1} mm\n", grown.body.len(), plan.needs.layers);
     table += &format!(
         "growth    {} on {}{}, {:.2} m of filament\n",
-        duration(grown.duration_s),
+        duration_text(grown.duration_s),
         kind(simulated),
         robot.name(),
         grown.filament_mm / 1000.0

@@ -3,11 +3,12 @@
 use std::fmt::Write;
 
 use growbot_client::degrees::{shortest_degrees, shortest_heading};
-use growbot_client::plan::{Choice, Plan, word};
+use growbot_client::plan::{Choice, Plan, planner_name, word};
 use growbot_core::angle::degrees;
 use growbot_core::path::{Segment, length};
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
+use growbot_host::duration::duration_text;
 
 /// Columns of a terminal.
 const WIDTH: usize = 80;
@@ -58,7 +59,7 @@ pub fn table(plan: &Plan) -> String {
         text += &wrapped(&format!("  {name:<9} "), &words, 12);
     }
     text += &format!("  length    {:.1} mm\n  layers    {}\n", needs.length, needs.layers);
-    text += &format!("  time      {}\n  filament  {:.2} m\n", duration(needs.duration), needs.filament / 1000.0);
+    text += &format!("  time      {}\n  filament  {:.2} m\n", duration_text(needs.duration), needs.filament / 1000.0);
     for warning in &plan.warnings {
         text += &format!("\n{}", wrapped("", &format!("warning ({}): {}", warning.code, warning.message), 2));
     }
@@ -68,7 +69,7 @@ pub fn table(plan: &Plan) -> String {
 /// What a path of this length (mm) was chosen from.
 fn chosen(planner: Planner, choice: &Choice, length: f64) -> String {
     if planner == Planner::TwoPlane {
-        return "two-plane".to_owned();
+        return planner_name(planner).to_owned();
     }
     let &Choice { candidates, passed_over, .. } = choice;
     let rank = match (candidates, passed_over) {
@@ -119,20 +120,6 @@ fn wrapped(head: &str, words: &str, indent: usize) -> String {
     text + "\n"
 }
 
-/// A time in the two units that matter.
-pub fn duration(seconds: f64) -> String {
-    if seconds < 59.95 {
-        return format!("{seconds:.1} s");
-    }
-    let whole = seconds.round();
-    let (minutes, rest) = ((whole / 60.0).floor(), whole % 60.0);
-    if minutes < 60.0 {
-        return format!("{minutes} min {rest} s");
-    }
-    let minutes = (seconds / 60.0).round();
-    format!("{} h {} min", (minutes / 60.0).floor(), minutes % 60.0)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -147,21 +134,5 @@ mod tests {
                 .all(|line| line.starts_with("            eleven") || line.starts_with("            long"))
         );
         assert_eq!(wrapped("", "", 2), "\n");
-    }
-
-    #[test]
-    fn times_are_rounded_to_what_matters() {
-        for (seconds, text) in [
-            (0.0, "0.0 s"),
-            (59.94, "59.9 s"),
-            (59.96, "1 min 0 s"),
-            (60.0, "1 min 0 s"),
-            (3599.4, "59 min 59 s"),
-            (3599.6, "1 h 0 min"),
-            (18_900.0, "5 h 15 min"),
-            (1e6, "277 h 47 min"),
-        ] {
-            assert_eq!(duration(seconds), text);
-        }
     }
 }

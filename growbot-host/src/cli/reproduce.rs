@@ -9,7 +9,7 @@ use growbot_client::files::{FileError, replace_file};
 use growbot_client::printable::json_line;
 use growbot_host::output::print;
 use growbot_host::progress::{Progress, Results};
-use growbot_host::reproduce::{FIGURES, REPEATS, Reproduction, Request, SEED, TABLES, paper, tables};
+use growbot_host::reproduce::{FIGURES, REPEATS, Reproduction, Request, SEED, TABLES, paper, summary, tables};
 
 use super::Failure;
 
@@ -55,8 +55,8 @@ Examples:
 pub fn run(args: &ReproduceArgs) -> Result<(), Failure> {
     let repeat = args.repeat.unwrap_or(paper::REPEAT);
     if !REPEATS.contains(&repeat) {
-        let (least, most) = REPEATS.into_inner();
-        return Err(Failure::bad_input(format!("--repeat is {repeat}: give a number from {least} to {most}")));
+        let (min, max) = REPEATS.into_inner();
+        return Err(Failure::bad_input(format!("--repeat is {repeat}: give a number from {min} to {max}")));
     }
     let all = args.table.is_empty() && args.figure.is_empty();
     let request = Request {
@@ -86,7 +86,7 @@ pub fn run(args: &ReproduceArgs) -> Result<(), Failure> {
         }
         growbot_host::tell!("growbot: {} files written to {}", files.len(), directory.display());
     }
-    let text = if args.json { json_line(&tables::json(&done)) } else { tables::summary(&done) };
+    let text = if args.json { json_line(&tables::json(&done)) } else { summary::summary(&done) };
     Ok(print(&text)?)
 }
 

@@ -3,7 +3,7 @@
 use super::canvas::Canvas;
 
 /// An axis has no more steps.
-const MOST_STEPS: f64 = 6.0;
+const MAX_STEPS: f64 = 6.0;
 
 /// How values become places.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -17,41 +17,40 @@ pub enum Scale {
 impl Scale {
     /// From 0 to a little above the greatest of these.
     pub fn from_zero(values: impl IntoIterator<Item = f64>) -> Self {
-        let greatest = values.into_iter().fold(0.0, f64::max);
-        let step = round_step(if greatest > 0.0 { greatest } else { 1.0 }, MOST_STEPS);
-        Self::Linear(0.0, step * libm::ceil(1.02 * greatest / step).max(1.0))
+        let max = values.into_iter().fold(0.0, f64::max);
+        let step = round_step(if max > 0.0 { max } else { 1.0 }, MAX_STEPS);
+        Self::Linear(0.0, step * libm::ceil(1.02 * max / step).max(1.0))
     }
 
     /// From a round number below these to one above; they may be alike, or none.
     pub fn around(values: impl IntoIterator<Item = f64>) -> Self {
         let all = values.into_iter().filter(|value| value.is_finite());
-        let (least, greatest) = all.fold((f64::INFINITY, f64::NEG_INFINITY), |(least, greatest), value| {
-            (least.min(value), greatest.max(value))
-        });
-        if least > greatest {
+        let (min, max) =
+            all.fold((f64::INFINITY, f64::NEG_INFINITY), |(min, max), value| (min.min(value), max.max(value)));
+        if min > max {
             return Self::Linear(0.0, 1.0);
         }
-        let alike = (1e-3 * greatest.abs()).max(1e-9);
-        let wide = if greatest - least > alike { greatest - least } else { alike.max(0.1 * greatest.abs()) };
-        let step = round_step(wide, MOST_STEPS - 1.0);
-        let from = step * libm::floor(least / step + 1e-9);
-        let to = step * libm::ceil(greatest / step - 1e-9);
+        let alike = (1e-3 * max.abs()).max(1e-9);
+        let wide = if max - min > alike { max - min } else { alike.max(0.1 * max.abs()) };
+        let step = round_step(wide, MAX_STEPS - 1.0);
+        let from = step * libm::floor(min / step + 1e-9);
+        let to = step * libm::ceil(max / step - 1e-9);
         Self::Linear(from, if to > from { to } else { from + step })
     }
 
     /// By the logarithm, from a round number below the positive ones of these to one above.
     pub fn log_around(values: impl IntoIterator<Item = f64>) -> Self {
-        let (least, greatest) = values
+        let (min, max) = values
             .into_iter()
             .filter(|value| *value > 0.0)
-            .fold((f64::INFINITY, 0.0_f64), |(least, greatest), value| (least.min(value), greatest.max(value)));
-        if greatest == 0.0 {
+            .fold((f64::INFINITY, 0.0_f64), |(min, max), value| (min.min(value), max.max(value)));
+        if max == 0.0 {
             return Self::Log(0.1, 1.0);
         }
         let below = |value: f64| libm::pow(10.0, libm::floor(libm::log10(value)));
         let round = |value: f64| [1.0, 2.0, 5.0, 10.0].map(|step| step * below(value));
-        let from = round(least).into_iter().rfind(|step| *step <= 0.95 * least).unwrap_or(0.5 * below(least));
-        let to = round(greatest).into_iter().find(|step| *step >= 1.05 * greatest).unwrap_or(20.0 * below(greatest));
+        let from = round(min).into_iter().rfind(|step| *step <= 0.95 * min).unwrap_or(0.5 * below(min));
+        let to = round(max).into_iter().find(|step| *step >= 1.05 * max).unwrap_or(20.0 * below(max));
         Self::Log(from, to)
     }
 
@@ -67,7 +66,7 @@ impl Scale {
     pub fn ticks(self) -> Vec<f64> {
         match self {
             Self::Linear(from, to) => {
-                let step = round_step(to - from, MOST_STEPS);
+                let step = round_step(to - from, MAX_STEPS);
                 let count = libm::floor((to - from) / step + 1e-9) as i32;
                 (0..=count).map(|i| from + step * f64::from(i)).collect()
             }
@@ -85,15 +84,15 @@ impl Scale {
 }
 
 /// 1, 2 or 5 times a power of ten: the least that divides this into no more than so many parts.
-pub fn round_step(whole: f64, most: f64) -> f64 {
-    let power = libm::pow(10.0, libm::floor(libm::log10(whole / most)));
-    [1.0, 2.0, 5.0, 10.0].into_iter().map(|step| step * power).find(|step| whole / step <= most).unwrap_or(whole)
+pub fn round_step(whole: f64, max: f64) -> f64 {
+    let power = libm::pow(10.0, libm::floor(libm::log10(whole / max)));
+    [1.0, 2.0, 5.0, 10.0].into_iter().map(|step| step * power).find(|step| whole / step <= max).unwrap_or(whole)
 }
 
 /// 1, 2 or 5 times a power of ten: the greatest that is no more than this, which is positive.
-pub fn round_below(most: f64) -> f64 {
-    let power = libm::pow(10.0, libm::floor(libm::log10(most)));
-    [5.0, 2.0, 1.0].into_iter().map(|step| step * power).find(|step| *step <= most).unwrap_or(power)
+pub fn round_below(max: f64) -> f64 {
+    let power = libm::pow(10.0, libm::floor(libm::log10(max)));
+    [5.0, 2.0, 1.0].into_iter().map(|step| step * power).find(|step| *step <= max).unwrap_or(power)
 }
 
 /// A number on an axis: plain as far as four decimals say it.
@@ -128,7 +127,7 @@ impl Panel {
         let [left, top, width, height] = self.area;
         let (right, bottom) = (left + width, top + height);
         for value in self.y.ticks() {
-            let (_, y) = self.place(0.0_f64.max(self.least_x()), value);
+            let (_, y) = self.place(0.0_f64.max(self.min_x()), value);
             canvas.add(format_args!("<path class=\"grid\" d=\"M{left} {y:.1}H{right}\"/>"));
             canvas.text(left - 8.0, y + 4.5, "end", number(value));
         }
@@ -153,7 +152,7 @@ impl Panel {
     }
 
     /// Where the x axis begins.
-    pub fn least_x(&self) -> f64 {
+    pub fn min_x(&self) -> f64 {
         match self.x {
             Scale::Linear(from, _) | Scale::Log(from, _) => from,
         }
@@ -192,8 +191,8 @@ mod tests {
 
     #[test]
     fn steps_are_round() {
-        for (whole, most, step) in [(1000.0, 12.0, 100.0), (3589.0, 12.0, 500.0), (2.0, 10.0, 0.2), (7.0, 10.0, 1.0)] {
-            assert!((round_step(whole, most) - step).abs() < 1e-12 * step, "{whole}");
+        for (whole, max, step) in [(1000.0, 12.0, 100.0), (3589.0, 12.0, 500.0), (2.0, 10.0, 0.2), (7.0, 10.0, 1.0)] {
+            assert!((round_step(whole, max) - step).abs() < 1e-12 * step, "{whole}");
         }
     }
 

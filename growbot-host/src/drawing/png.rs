@@ -10,7 +10,7 @@ const FONTS: [&[u8]; 2] =
 const FAMILY: &str = "Inter";
 
 /// A picture has no more pixels, for which there should be memory: four bytes each.
-const MOST_PIXELS: u64 = 200_000_000;
+const MAX_PIXELS: u64 = 200_000_000;
 
 /// Why there are no pixels.
 #[derive(Debug, thiserror::Error)]
@@ -46,7 +46,7 @@ pub fn png(svg: &str, width: u32) -> Result<Vec<u8>, PngError> {
     let scale = width as f32 / tree.size().width();
     let height = (scale * tree.size().height()).round().max(1.0) as u32;
     let too_large = || PngError::TooLarge { width, height };
-    if u64::from(width) * u64::from(height) > MOST_PIXELS {
+    if u64::from(width) * u64::from(height) > MAX_PIXELS {
         return Err(too_large());
     }
     let mut pixels = Pixmap::new(width, height).ok_or_else(too_large)?;

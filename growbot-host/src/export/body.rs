@@ -106,10 +106,10 @@ impl Body {
 
     /// Whether its tip was ever further than this from that of another body after as many layers, mm.
     #[must_use]
-    pub fn parts_from(&self, other: &Self, most: f64) -> bool {
+    pub fn parts_from(&self, other: &Self, max: f64) -> bool {
         let places =
             |body: &Self| body.layers.iter().map(|layer| layer.base_from_tip.translation.vector).collect::<Vec<_>>();
-        places(self).iter().zip(places(other)).any(|(one, other)| (one - other).norm() > most)
+        places(self).iter().zip(places(other)).any(|(one, other)| (one - other).norm() > max)
     }
 
     /// Length of the centreline, mm.

@@ -16,13 +16,13 @@ use super::body::Body;
 
 /// Greatest bend from one ring to the next, radians. Layers that bend more (robots B and C) get rings within them, so that the volume is
 /// right to 0.1 %.
-const GREATEST_BEND: f64 = 0.05;
+const MAX_BEND: f64 = 0.05;
 
 /// The finest mesh, triangles: 500 MB of STL.
-pub const MOST_TRIANGLES: usize = 10_000_000;
+pub const MAX_TRIANGLES: usize = 10_000_000;
 
 /// Vertices are told apart from this distance on, mm: below it readers merge them.
-const LEAST_DISTANCE: f64 = 1e-4;
+const MIN_DISTANCE: f64 = 1e-4;
 
 /// How finely a mesh follows the wall.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -44,7 +44,7 @@ pub enum MeshError {
     },
     /// The file would be huge.
     #[error(
-        "the mesh would have {triangles} triangles, over {MOST_TRIANGLES}: take fewer --segments, or a ring --every so many layers"
+        "the mesh would have {triangles} triangles, over {MAX_TRIANGLES}: take fewer --segments, or a ring --every so many layers"
     )]
     TooMany {
         /// The triangles.
@@ -84,7 +84,7 @@ impl Mesh {
         let frames = ring_frames(body, resolution, origin);
         let per_ring = 4 * outline.points.len();
         let triangles = frames.len().saturating_mul(per_ring);
-        if triangles > MOST_TRIANGLES {
+        if triangles > MAX_TRIANGLES {
             return Err(MeshError::TooMany { triangles });
         }
         let reach = frames.iter().map(|frame| frame.translation.vector.amax()).fold(0.0, f64::max) + outline.outer;
@@ -92,7 +92,7 @@ impl Mesh {
         if spacing > 0.25 * body.width.min(outline.inner * TAU / f64::from(resolution.segments)) {
             return Err(MeshError::TooFar { reach, spacing });
         }
-        let rings = outline.distinct_rings(&frames, spacing.max(LEAST_DISTANCE));
+        let rings = outline.distinct_rings(&frames, spacing.max(MIN_DISTANCE));
         if rings.len() < 2 {
             return Err(MeshError::TooShort { length: body.length() });
         }
@@ -125,11 +125,11 @@ fn ring_frames(body: &Body, resolution: Resolution, origin: &Vector3<f64>) -> Ve
     let last = body.layers.len().saturating_sub(1);
     for (index, (before, laid)) in body.growing().enumerate() {
         let Layer { alpha, height, tilt } = laid.layer;
-        if waiting > 0 && bend + tilt > GREATEST_BEND {
+        if waiting > 0 && bend + tilt > MAX_BEND {
             frames.push(from_origin(before));
             (bend, waiting) = (0.0, 0);
         }
-        let pieces = (tilt / GREATEST_BEND).ceil().max(1.0);
+        let pieces = (tilt / MAX_BEND).ceil().max(1.0);
         for piece in 1..pieces as u32 {
             let share = f64::from(piece) / pieces;
             let part = Layer { alpha, height: share * height, tilt: share * tilt };

@@ -1,120 +1,32 @@
-//! The paper's growths: planned between random poses, cut into layers, laid, and compared with the goal.
+//! The paper's growths: planned between random poses, sliced into layers, laid, and compared with the goal.
 
 use growbot_client::arrival::Arrival;
 use growbot_client::robot_file::{self, RobotFileError};
 use growbot_core::path;
 use growbot_core::path::{Leg, Path};
 use growbot_core::plan::{PlanError, Planner, plan};
-use growbot_core::pose::{Pose, PoseError};
+use growbot_core::pose::PoseError;
 use growbot_core::random::Random;
 use growbot_core::robot::Robot;
 use growbot_core::simulation::{self, DirectionSensor, Disturbance, Grown, Sensors, grow_closed, grow_open};
-use growbot_core::slicing::{Slicing, layers};
+use growbot_core::slicing::layers;
 use growbot_core::tracking::SensorNoise;
 use growbot_sim::parallel;
 use nalgebra::Vector3;
 
 use super::paper::{self, GROUPS, NOISE, ROBOTS};
+use super::poses::Endpoints;
+use super::slicing_rule::SlicingRule;
 use super::statistics::Summary;
 use super::{Request, poses};
-
-/// How a path is cut into layers. The paper gives two values of the step.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Cutting {
-    /// Whole steps, rounded up, of the `g t = 0.3096` cm of the text. It is said of Table 1's robots only.
-    Text,
-    /// Whole steps, rounded up, of `g dt` by Tables 1 and 3.
-    Table,
-    /// Whole steps of half the table's: of a single latch of robot C. A guess: it comes near the paper's results.
-    Half,
-    /// Whole steps of a tenth of the table's: for robot B, as if a centimetre had been taken for a millimetre. A guess likewise.
-    Tenth,
-    /// Exact slicing: equal layers that end where the segment does.
-    Exact,
-}
-
-/// How much longer the text's step is than Table 1's: 0.3096 cm over 0.0774 cm.
-const TEXT_OVER_TABLE: f64 = 4.0;
-
-impl Cutting {
-    /// The cuttings that make sense for a robot of this index.
-    #[must_use]
-    pub fn of_robot(robot: usize) -> &'static [Self] {
-        match robot {
-            paper::B => &[Self::Table, Self::Tenth, Self::Exact],
-            paper::C => &[Self::Table, Self::Half, Self::Exact],
-            _ => &[Self::Text, Self::Table, Self::Exact],
-        }
-    }
-
-    /// What the paper seems to have simulated a robot of this index with.
-    #[must_use]
-    pub fn of_paper(robot: usize) -> Self {
-        if matches!(robot, paper::B | paper::C) { Self::Table } else { Self::Text }
-    }
-
-    /// Height of a whole step, mm; none where layers end with the segment.
-    #[must_use]
-    pub fn step(self, robot: &Robot) -> Option<f64> {
-        let table = robot.description().layer.height_mm;
-        match self {
-            Self::Text => Some(TEXT_OVER_TABLE * table),
-            Self::Table => Some(table),
-            Self::Half => Some(0.5 * table),
-            Self::Tenth => Some(0.1 * table),
-            Self::Exact => None,
-        }
-    }
-
-    /// The segments that are given whole steps. The waypoint of a two-plane path is where two circles touch, and by rounding every other
-    /// path has a straight of 3e-8 radii between them: whether it is there must not decide whether a step is.
-    fn stepped(self, robot: &Robot, path: &Path) -> Path {
-        let rounding = 1e-6 * robot.description().planning_radius_mm;
-        path.filtered(|segment| self == Self::Exact || segment.length() > rounding)
-    }
-
-    fn slicing(self, robot: &Robot) -> Slicing {
-        self.step(robot).map_or(Slicing::Exact, |step| Slicing::Whole { step })
-    }
-
-    /// In files and results.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Text => "whole-text",
-            Self::Table => "whole-table",
-            Self::Half => "whole-half",
-            Self::Tenth => "whole-tenth",
-            Self::Exact => "exact",
-        }
-    }
-
-    /// As a person reads it, for a robot of this name.
-    #[must_use]
-    pub fn label(self, robot: &Robot) -> String {
-        self.step(robot).map_or_else(
-            || "exact slicing".to_owned(),
-            |step| format!("whole steps of {} mm", libm::round(step * 1e6) / 1e6),
-        )
-    }
-}
-
-/// In files and results.
-#[must_use]
-pub fn planner_name(planner: Planner) -> &'static str {
-    match planner {
-        Planner::TwoPlane => "two-plane",
-        Planner::Shortest => "shortest",
-    }
-}
 
 /// How a growth is done.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Condition {
     /// The planner.
     pub planner: Planner,
-    /// How the path is cut.
-    pub cutting: Cutting,
+    /// How the path is sliced.
+    pub slicing: SlicingRule,
     /// Noise of the growth: at most this share of each layer's height.
     pub noise: f64,
     /// Whether the tip is measured and the rest of the path planned again.
@@ -122,13 +34,13 @@ pub struct Condition {
 }
 
 impl Condition {
-    const fn open(planner: Planner, cutting: Cutting, noise: f64) -> Self {
-        Self { planner, cutting, noise, feedback: false }
+    const fn open(planner: Planner, slicing: SlicingRule, noise: f64) -> Self {
+        Self { planner, slicing, noise, feedback: false }
     }
 
-    /// With feedback, each layer is cut anew, and exactly.
+    /// With feedback, each layer is sliced anew, and exactly.
     const fn closed(planner: Planner, noise: f64) -> Self {
-        Self { planner, cutting: Cutting::Exact, noise, feedback: true }
+        Self { planner, slicing: SlicingRule::Exact, noise, feedback: true }
     }
 
     /// In files and results.
@@ -244,15 +156,24 @@ pub struct Example {
     /// Which growth.
     pub growth: Growth,
     /// Start and goal.
-    pub poses: (Pose, Pose),
+    pub poses: Endpoints,
     /// The path between them.
     pub path: Path,
-    /// The planned curve, segment by segment: whether it bends, and points, mm.
-    pub planned: Vec<(bool, Vec<Vector3<f64>>)>,
+    /// The planned curve.
+    pub planned: Vec<PlannedSegment>,
     /// Where the tip was after each layer, from the start on, mm.
     pub grown: Vec<Vector3<f64>>,
     /// Time of growth, s.
     pub seconds: f64,
+}
+
+/// A segment of a planned curve.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PlannedSegment {
+    /// Whether it bends.
+    pub bends: bool,
+    /// Points along it, mm.
+    pub points: Vec<Vector3<f64>>,
 }
 
 /// All that was grown.
@@ -287,6 +208,7 @@ pub enum ExperimentError {
         /// The repetition.
         repetition: usize,
         /// Why.
+        #[source]
         error: PlanError,
     },
 }
@@ -309,14 +231,14 @@ struct Task {
 
 /// The noise with which open and closed loop are compared between random poses.
 pub const NOISE_OF_FEEDBACK: f64 = 0.1;
-/// What a closed loop measures, and how badly: growth to 1 % of a layer and the direction to 0.5 degrees an axis, standard deviations.
+/// What a closed loop measures, and its noise: growth to 1 % of a layer and the direction to 0.5 degrees an axis, standard deviations.
 pub const SENSORS: Sensors = Sensors {
     noise: SensorNoise { odometry: 0.01, direction: 0.5 / 180.0 * std::f64::consts::PI },
     odometry_scale: 0.0,
     direction: DirectionSensor::Tip,
 };
 
-/// Does what the request asks for on so many threads. `at` hears how many pieces of work are done, and of how many.
+/// Runs the experiments of the request on `threads` threads. `at` receives the number of finished tasks and of all.
 ///
 /// # Errors
 /// Never yet seen: a built-in robot that cannot be read, or poses without a path.
@@ -369,10 +291,10 @@ pub fn run(request: &Request, threads: usize, mut at: impl FnMut(u64, u64)) -> R
 
 /// Under which conditions a robot grows between random poses. Noise and feedback belong to Figure 4.
 fn conditions(request: &Request, robot: usize, planner: Planner) -> Vec<Condition> {
-    let cuttings = Cutting::of_robot(robot).iter();
-    let mut conditions: Vec<_> = cuttings.map(|cutting| Condition::open(planner, *cutting, 0.0)).collect();
+    let rules = SlicingRule::of_robot(robot).iter();
+    let mut conditions: Vec<_> = rules.map(|slicing| Condition::open(planner, *slicing, 0.0)).collect();
     if robot == paper::A && request.has_figure(4) {
-        conditions.push(Condition::open(planner, Cutting::Exact, NOISE_OF_FEEDBACK));
+        conditions.push(Condition::open(planner, SlicingRule::Exact, NOISE_OF_FEEDBACK));
         conditions.push(Condition::closed(planner, NOISE_OF_FEEDBACK));
     }
     conditions
@@ -381,14 +303,14 @@ fn conditions(request: &Request, robot: usize, planner: Planner) -> Vec<Conditio
 /// Under which conditions robot A grows along its representative paths. Without noise a growth is the same every time.
 fn conditions_with_noise() -> Vec<Condition> {
     let levels = [0.0].into_iter().chain(NOISE);
-    let open = Cutting::of_robot(paper::A)
+    let open = SlicingRule::of_robot(paper::A)
         .iter()
-        .flat_map(|cutting| levels.clone().map(|noise| Condition::open(Planner::TwoPlane, *cutting, noise)));
+        .flat_map(|slicing| levels.clone().map(|noise| Condition::open(Planner::TwoPlane, *slicing, noise)));
     open.chain(levels.clone().map(|noise| Condition::closed(Planner::TwoPlane, noise))).collect()
 }
 
 /// Start, goal and their distance.
-fn poses_of(request: &Request, robot: &Robot, task: &Task) -> Result<(Pose, Pose), PoseError> {
+fn poses_of(request: &Request, robot: &Robot, task: &Task) -> Result<Endpoints, PoseError> {
     let names = [request.seed, Draw::Poses as u64, task.robot as u64, task.group as u64, task.repetition as u64];
     poses::draw(&mut Random::new(&names), f64::from(GROUPS[task.group]) * robot.description().planning_radius_mm)
 }
@@ -396,7 +318,7 @@ fn poses_of(request: &Request, robot: &Robot, task: &Task) -> Result<(Pose, Pose
 fn planned(
     robot: &Robot,
     task: &Task,
-    (start, goal): &(Pose, Pose),
+    Endpoints { start, goal }: &Endpoints,
     planner: Planner,
 ) -> Result<Path, ExperimentError> {
     plan(robot, start, goal, robot.description().planning_radius_mm, planner).map(|chosen| chosen.path).map_err(
@@ -438,7 +360,7 @@ fn between_poses(request: &Request, robots: &[Robot], task: &Task) -> Result<Vec
 fn grow(
     robot: &Robot,
     task: &Task,
-    (start, goal): &(Pose, Pose),
+    Endpoints { start, goal }: &Endpoints,
     path: &Path,
     condition: Condition,
     seed: u64,
@@ -449,8 +371,8 @@ fn grow(
         let task = simulation::Task { robot, start: *start, path, legs: &legs };
         grow_closed(&task, &disturbance, &SENSORS, seed, |_, _, base_from_tip| *base_from_tip)
     } else {
-        let path = condition.cutting.stepped(robot, path);
-        let layers = layers(&path, robot, condition.cutting.slicing(robot)).map(|sliced| sliced.layer);
+        let path = condition.slicing.stepped(robot, path);
+        let layers = layers(&path, robot, condition.slicing.slicing(robot)).map(|sliced| sliced.layer);
         grow_open(start, layers, &disturbance, seed, |_| ())
     };
     let path_length = path::length(path);
@@ -470,10 +392,10 @@ fn grow(
 fn examples(request: &Request, robots: &[Robot], sets: &[Set]) -> Result<Vec<Example>, ExperimentError> {
     /// The group that Figure 7 shows, a place in [`GROUPS`].
     const SHOWN: usize = 1;
-    let wanted = (0..GROUPS.len()).map(|group| (paper::A, group)).chain([(paper::B, SHOWN), (paper::C, SHOWN)]);
+    let shown = (0..GROUPS.len()).map(|group| (paper::A, group)).chain([(paper::B, SHOWN), (paper::C, SHOWN)]);
     let mut examples = Vec::new();
-    for (robot, group) in wanted {
-        let condition = Condition::open(Planner::TwoPlane, Cutting::of_paper(robot), 0.0);
+    for (robot, group) in shown {
+        let condition = Condition::open(Planner::TwoPlane, SlicingRule::of_paper(robot), 0.0);
         let set = sets.iter().find(|set| set.robot == robot && set.group == group && set.condition == condition);
         if let Some(growth) = set.and_then(Set::representative) {
             examples.push(example(request, &robots[robot], growth)?);
@@ -489,7 +411,7 @@ fn example(request: &Request, robot: &Robot, growth: &Growth) -> Result<Example,
     let task = Task { robot: growth.robot, group: growth.group, repetition: growth.repetition };
     let poses = poses_of(request, robot, &task)?;
     let path = planned(robot, &task, &poses, growth.condition.planner)?;
-    let mut base_from_segment = poses.0.frame();
+    let mut base_from_segment = poses.start.frame();
     let mut planned = Vec::new();
     for segment in path.iter() {
         let bends = segment.bend() > 0.0;
@@ -498,18 +420,18 @@ fn example(request: &Request, robot: &Robot, growth: &Growth) -> Result<Example,
             let part = part_of(segment, f64::from(i) / f64::from(count));
             (base_from_segment * part.step()).translation.vector
         });
-        planned.push((bends, points.collect()));
+        planned.push(PlannedSegment { bends, points: points.collect() });
         base_from_segment *= segment.step();
     }
-    let cutting = growth.condition.cutting;
-    let mut base_from_tip = poses.0.frame();
-    let mut grown = vec![poses.0.position()];
-    for sliced in layers(&cutting.stepped(robot, &path), robot, cutting.slicing(robot)) {
+    let slicing = growth.condition.slicing;
+    let mut base_from_tip = poses.start.frame();
+    let mut grown = vec![poses.start.position()];
+    for sliced in layers(&slicing.stepped(robot, &path), robot, slicing.slicing(robot)) {
         base_from_tip *= sliced.layer.step();
         grown.push(base_from_tip.translation.vector);
     }
     // By the velocity, as the paper has it: a step of the text's length takes four of the table's.
-    let step = cutting.step(robot).unwrap_or_default();
+    let step = slicing.step(robot).unwrap_or_default();
     let layer = &robot.description().layer;
     let seconds = growth.layers as f64 * step / layer.height_mm * layer.period_s;
     Ok(Example { growth: *growth, poses, path, planned, grown, seconds })

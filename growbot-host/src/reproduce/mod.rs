@@ -4,21 +4,24 @@
 //! |---|---|
 //! | [`paper`] | the numbers that the paper prints |
 //! | [`poses`] | random starts and goals |
-//! | [`experiments`] | the growths: planned, cut, laid, compared with the goal |
-//! | [`statistics`], [`comparison`] | means and tests; ours beside the paper's, and why they differ |
-//! | [`tables`] | CSV files, JSON, and the summary that is printed |
+//! | [`experiments`], [`slicing_rule`] | the growths: planned, sliced, laid, compared with the goal |
+//! | [`statistics`], [`comparison`] | means and tests; ours beside the paper's; `differences`, why they differ |
+//! | [`tables`], [`summary`] | CSV files and JSON; the summary that is printed |
 //! | [`figures`], [`page`] | the figures as SVG; one page of HTML with everything |
 //!
 //! Every random number comes from a stream that is named by the seed and by what it is drawn for, so that the same seed gives the same
 //! bytes on any number of threads.
 
 pub mod comparison;
+mod differences;
 pub mod experiments;
 pub mod figures;
 pub mod page;
 pub mod paper;
 pub mod poses;
+pub mod slicing_rule;
 pub mod statistics;
+pub mod summary;
 pub mod tables;
 
 use std::ops::RangeInclusive;
@@ -32,7 +35,7 @@ pub const SEED: u64 = 2019;
 pub const TABLES: RangeInclusive<u8> = 1..=3;
 /// Figures that can be asked for.
 pub const FIGURES: RangeInclusive<u8> = 4..=8;
-/// How many repetitions can be asked for: a standard deviation needs two, and all growths are kept for the files.
+/// How many repetitions can be asked for: a standard deviation needs two, and all growths stay in memory for the files.
 pub const REPEATS: RangeInclusive<usize> = 2..=1000;
 
 /// What is to be reproduced.

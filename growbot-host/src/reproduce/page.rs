@@ -4,13 +4,16 @@ use std::fmt::Write;
 
 use growbot_core::plan::Planner;
 
-use super::comparison::{Cell, Question, capital, p_text};
-use super::experiments::{Cutting, NOISE_OF_FEEDBACK, Quantity, Set, planner_name};
+use super::comparison::{Cell, ExactErrors, Question, capital, p_text};
+use super::experiments::{NOISE_OF_FEEDBACK, Quantity, Set};
 use super::figures::Figure;
-use super::paper::{self, GROUPS, ROBOTS};
+use super::paper::{self, GROUPS, MeanSd, ROBOTS};
+use super::slicing_rule::SlicingRule;
 use super::statistics::{Summary, Test};
-use super::tables::{error_text, parameters};
+use super::summary::error_text;
+use super::tables::parameters;
 use super::{Reproduction, Request};
+use growbot_client::plan::planner_name;
 
 const STYLE: &str = "\
 :root{color-scheme:light dark;--ink:#1c2430;--soft:#4a5565;--paper:#fff;--line:#d8dde5;--shade:#f3f5f8;--good:#0b7a4b;--bad:#b3261e}
@@ -77,7 +80,7 @@ fn introduction(page: &mut String, of: &Reproduction) {
     );
     let _ = writeln!(
         page,
-        "<p>Each growth is planned from a random start to a random goal, cut into layers, laid layer by layer by the kinematics of growth \
+        "<p>Each growth is planned from a random start to a random goal, sliced into layers, laid layer by layer by the kinematics of growth \
          (Eq 4, corrected), and compared with its goal: position error over the length of the path (Eq 26), heading and pitch error \
          (Eqs 27 and 28, wrapped to half a turn). {} growths in each group, {} at each level of noise.</p>",
         request.repeat, request.repeat_noise
@@ -88,18 +91,18 @@ fn introduction(page: &mut String, of: &Reproduction) {
          are uniform on the sphere. Where the start is makes no difference.</li>\n\
          <li><b>Steps.</b> The paper lays whole steps and rounds their number up. It gives two heights for robots A to A8: 0.3096 cm in the \
          text, 0.0774 cm in Table 1. Both are shown. For robots B and C there are only those of Table 3. A segment that has no length but for rounding gets no step.</li>\n\
-         <li><b>Exact slicing.</b> growbot&#8217;s own: each segment is cut into equal layers that end where it does.</li>\n\
+         <li><b>Exact slicing.</b> growbot&#8217;s own: each segment is sliced into equal layers that end where it does.</li>\n\
          <li><b>Planners.</b> <i>two-plane</i> is the paper&#8217;s: two planar Dubins paths that meet on the line from start to goal. \
          <i>shortest</i> is growbot&#8217;s own.</li>\n\
          <li><b>Closed loop.</b> growbot&#8217;s own: after each layer its growth (odometry, standard deviation 1 % of the layer) and the tip&#8217;s direction \
          (0.5 degrees about each of two axes) are measured, and the rest of the path is planned again.</li>\n\
          <li><b>Numbers.</b> Mean &plusmn; standard deviation. All of them, each single growth too, are in the CSV files beside this page.</li>\n</ul>\n",
     );
-    if let Some((position, direction, growths)) = of.comparison.exact {
+    if let Some(ExactErrors { max_position, max_direction, growths }) = of.comparison.exact {
         let _ = writeln!(
             page,
             "<p><b>With exact slicing and without noise nothing is missed:</b> of {growths} growths of all robots here, none ended further from its goal than \
-             {position:.1e} of its length and {direction:.1e} rad. What the paper reports as the model&#8217;s error is the rounding up of steps.</p>"
+             {max_position:.1e} of its length and {max_direction:.1e} rad. What the paper reports as the model&#8217;s error is the rounding up of steps.</p>"
         );
     }
 }
@@ -196,26 +199,26 @@ fn table2(page: &mut String, of: &Reproduction) {
             "<tr class=\"first paper\"><td class=\"l\">{}</td><td class=\"l\" colspan=\"2\">the paper</td>",
             printed.name
         );
-        for (mean, sd) in numbers {
+        for MeanSd { mean, sd } in numbers {
             let _ = write!(page, "<td>{mean:.4} &plusmn; {sd:.4}</td>");
         }
         page.push_str("</tr>\n");
         for planner in [Planner::TwoPlane, Planner::Shortest] {
-            for cutting in Cutting::of_robot(robot) {
+            for slicing in SlicingRule::of_robot(robot) {
                 let cells: Vec<&Cell> = of
                     .comparison
                     .table2
                     .iter()
-                    .filter(|cell| (cell.robot, cell.planner, cell.cutting) == (robot, planner, *cutting))
+                    .filter(|cell| (cell.robot, cell.planner, cell.slicing) == (robot, planner, *slicing))
                     .collect();
                 let _ = write!(
                     page,
                     "<tr><td></td><td class=\"l\">{}</td><td class=\"l\">{}</td>",
                     planner_name(planner),
-                    cutting.label(&of.experiments.robots[robot])
+                    slicing.label(&of.experiments.robots[robot])
                 );
                 for cell in cells {
-                    let class = if *cutting == Cutting::Exact {
+                    let class = if *slicing == SlicingRule::Exact {
                         ""
                     } else if cell.is_within() {
                         "in"
@@ -272,7 +275,7 @@ fn tests(page: &mut String, of: &Reproduction) {
                 if is_first { "first" } else { "" },
                 if is_first { capital(&question.what) } else { String::new() },
                 planner_name(question.planner),
-                question.cutting,
+                question.slicing,
                 question.paper.map_or_else(String::new, |p| format!("<td>{p:.4}</td>")),
                 p_cell(question.kruskal_wallis),
                 p_cell(question.anova),
@@ -335,7 +338,7 @@ fn caption(figure: u8) -> &'static str {
     match figure {
         4 => {
             "The paper&#8217;s dots are not published as numbers: beside ours are its means and standard deviations from Table 2 and from the text. The length of a \
-             path does not depend on how it is cut."
+             path does not depend on how it is sliced."
         }
         5 => {
             "Above the planned path, below the body that whole steps of 3.096 mm make of it, with the planned path drawn over it. The paper chose its own \

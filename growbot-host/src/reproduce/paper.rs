@@ -1,5 +1,18 @@
 //! What Del Dottore et al. 2019 print: their robots, their results, the p-values they quote. Lengths in cm, as there.
 
+/// A mean and its standard deviation, as the paper prints them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MeanSd {
+    /// The mean.
+    pub mean: f64,
+    /// The standard deviation.
+    pub sd: f64,
+}
+
+const fn mean_sd((mean, sd): (f64, f64)) -> MeanSd {
+    MeanSd { mean, sd }
+}
+
 /// A robot of Tables 1 and 3.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PaperRobot {
@@ -18,7 +31,7 @@ pub struct PaperRobot {
     /// `g dt / R_c`, as printed.
     pub k: f64,
     /// Table 2: mean and standard deviation of the position error over the path's length, in each of [`GROUPS`].
-    pub position_error: Option<[(f64, f64); 4]>,
+    pub position_error: Option<[MeanSd; 4]>,
 }
 
 /// The groups: distance from start to goal, in radii.
@@ -36,6 +49,10 @@ const fn robot(
     [dt_s, g_cm_per_s, radius_cm, phi_rad_per_s, k]: [f64; 5],
     position_error: Option<[(f64, f64); 4]>,
 ) -> PaperRobot {
+    let position_error = match position_error {
+        Some([a, b, c, d]) => Some([mean_sd(a), mean_sd(b), mean_sd(c), mean_sd(d)]),
+        None => None,
+    };
     PaperRobot { name, file, dt_s, g_cm_per_s, radius_cm, phi_rad_per_s, k, position_error }
 }
 
@@ -74,13 +91,13 @@ pub const C: usize = 10;
 pub const CONSTANT_K: [[usize; 3]; 3] = [[0, 1, 2], [3, 4, 5], [6, 7, 8]];
 
 /// Robot A, mean heading error over the groups and its standard deviation, degrees.
-pub const HEADING_ERROR_DEG: (f64, f64) = (1.89, 0.28);
+pub const HEADING_ERROR_DEG: MeanSd = mean_sd((1.89, 0.28));
 /// The same of the pitch.
-pub const PITCH_ERROR_DEG: (f64, f64) = (1.77, 0.09);
+pub const PITCH_ERROR_DEG: MeanSd = mean_sd((1.77, 0.09));
 /// Position error of robot B over the path's length in the groups from 8 radii on, mean and standard deviation.
-pub const LONG_PATHS_B: (f64, f64) = (0.0043, 0.0023);
+pub const LONG_PATHS_B: MeanSd = mean_sd((0.0043, 0.0023));
 /// The same of robot C.
-pub const LONG_PATHS_C: (f64, f64) = (0.1655, 0.1089);
+pub const LONG_PATHS_C: MeanSd = mean_sd((0.1655, 0.1089));
 
 /// p of heading errors over the groups of robot A.
 pub const P_HEADING_A: f64 = 0.4327;

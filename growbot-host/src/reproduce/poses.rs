@@ -8,14 +8,23 @@ use growbot_core::random::Random;
 use growbot_core::trigonometry;
 use nalgebra::Vector3;
 
+/// A start and a goal.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Endpoints {
+    /// Where the tip starts.
+    pub start: Pose,
+    /// Where it is to arrive.
+    pub goal: Pose,
+}
+
 /// A start and a goal this far from it, mm, drawn from this stream.
 ///
 /// # Errors
 /// Only for a distance that no pose takes.
-pub fn draw(random: &mut Random, distance: f64) -> Result<(Pose, Pose), PoseError> {
+pub fn draw(random: &mut Random, distance: f64) -> Result<Endpoints, PoseError> {
     let start = pose(&Vector3::zeros(), &random.direction())?;
     let position = distance * random.direction();
-    Ok((start, pose(&position, &random.direction())?))
+    Ok(Endpoints { start, goal: pose(&position, &random.direction())? })
 }
 
 fn pose(position: &Vector3<f64>, direction: &Vector3<f64>) -> Result<Pose, PoseError> {
@@ -32,7 +41,7 @@ mod tests {
     fn goals_lie_on_the_sphere_and_directions_are_spread_evenly() {
         let (mut goals, mut directions) = (Vector3::zeros(), Vector3::zeros());
         for repetition in 0..4000 {
-            let (start, goal) = draw(&mut Random::new(&[3, repetition]), 400.0).unwrap();
+            let Endpoints { start, goal } = draw(&mut Random::new(&[3, repetition]), 400.0).unwrap();
             assert!((goal.position().norm() - 400.0).abs() < 1e-9 && start.position().norm() == 0.0);
             goals += goal.position() / 400.0;
             directions += goal.direction() + start.direction();

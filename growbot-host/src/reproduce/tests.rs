@@ -41,7 +41,7 @@ fn elements(markup: &str) -> usize {
 fn robot_a_misses_by_as_much_as_the_paper_says() {
     let done = run(Request { tables: vec![], figures: vec![5], ..Request::default() }, 2);
     let cells = done.comparison.table2.iter().filter(|cell| {
-        (cell.robot, cell.planner, cell.cutting) == (paper::A, Planner::TwoPlane, experiments::Cutting::Text)
+        (cell.robot, cell.planner, cell.slicing) == (paper::A, Planner::TwoPlane, slicing_rule::SlicingRule::Text)
     });
     assert_eq!(cells.clone().count(), paper::GROUPS.len());
     for cell in cells {
@@ -59,9 +59,9 @@ fn robot_a_misses_by_as_much_as_the_paper_says() {
 #[test]
 fn exact_slicing_without_noise_arrives_for_every_robot() {
     let done = run(Request { figures: vec![8], ..small() }, 2);
-    let (position, direction, growths) = done.comparison.exact.unwrap();
+    let comparison::ExactErrors { max_position, max_direction, growths } = done.comparison.exact.unwrap();
     assert_eq!(growths, 11 * 4 * 2 * 2);
-    assert!(position <= 1e-9 && direction <= 1e-9, "{position:e} of the length, {direction:e} rad");
+    assert!(max_position <= 1e-9 && max_direction <= 1e-9, "{max_position:e} of the length, {max_direction:e} rad");
 }
 
 #[test]
@@ -142,7 +142,7 @@ fn every_table_and_figure_is_there_and_can_be_read() {
 
 #[test]
 fn the_summary_fits_a_terminal_and_only_what_was_asked_for_is_done() {
-    let text = tables::summary(&run(small(), 2));
+    let text = summary::summary(&run(small(), 2));
     for line in text.lines() {
         assert!(line.chars().count() <= 80, "{line}");
     }

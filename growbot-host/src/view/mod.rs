@@ -33,7 +33,7 @@ use nalgebra::Vector3;
 pub const MAX_LAYERS: usize = 200_000;
 
 /// A line beside a body has no more places.
-const MOST_PLACES: usize = 500;
+const MAX_PLACES: usize = 500;
 
 /// Why there is no page.
 #[derive(Debug, thiserror::Error)]
@@ -109,7 +109,7 @@ impl Subject<'_> {
             tip.translation.vector
         });
         let path: Vec<Vector3<f64>> = path.collect();
-        let stride = path.len().div_ceil(MOST_PLACES).max(1);
+        let stride = path.len().div_ceil(MAX_PLACES).max(1);
         let places = path.chunks(stride).filter_map(<[_]>::last).copied();
         Some([self.plan.start.position()].into_iter().chain(places).collect())
     }
@@ -118,7 +118,7 @@ impl Subject<'_> {
     fn estimated(&self) -> Option<Vec<Vector3<f64>>> {
         let Self { robot, plan, .. } = self;
         let path = self.run?.estimated(&Job::of_plan(robot, plan), plan)?;
-        let stride = path.len().div_ceil(MOST_PLACES).max(1);
+        let stride = path.len().div_ceil(MAX_PLACES).max(1);
         let places = path.chunks(stride).filter_map(<[Frame]>::last).map(|frame| frame.translation.vector);
         Some([plan.start.position()].into_iter().chain(places).collect())
     }

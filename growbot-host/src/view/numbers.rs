@@ -1,14 +1,15 @@
 //! The numbers beside a picture, in words: groups of names and values.
 
 use growbot_client::arrival::Arrival;
+use growbot_client::plan::planner_name;
 use growbot_client::run_log::BodyKind;
 use growbot_core::layer::{Layer, grow};
 use growbot_core::layer_bytes::{LayerBytes, decode};
-use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
 
 use super::self_clearance::self_clearance;
 use super::{Layers, Subject, measured_end};
+use crate::duration::duration_text;
 
 /// A heading and, below it, names and values.
 pub type Group = (String, Vec<(String, String)>);
@@ -34,9 +35,9 @@ pub fn of(subject: &Subject, layers: &Layers) -> Vec<Group> {
     let mut rows = vec![
         ("Length", format!("{:.1} mm", needs.length)),
         ("Layers", needs.layers.to_string()),
-        ("Time", duration(needs.duration)),
+        ("Time", duration_text(needs.duration)),
         ("Filament", format!("{:.2} m", needs.filament / 1000.0)),
-        ("Planner", planner(plan.planner).to_owned()),
+        ("Planner", planner_name(plan.planner).to_owned()),
     ];
     if !plan.path.is_empty() {
         rows.push(("Pieces", plan.word()));
@@ -72,7 +73,7 @@ pub fn caption(subject: &Subject, layers: &Layers, called: &str) -> String {
         BodyKind::AsBuilt => "grown".to_owned(),
         BodyKind::Laid | BodyKind::Commanded => kind.name().to_owned(),
     });
-    let planner = Some(planner(plan.planner)).filter(|planner| *planner != called);
+    let planner = Some(planner_name(plan.planner)).filter(|planner| *planner != called);
     let pieces = Some(plan.word()).filter(|pieces| !pieces.is_empty());
     let path = match (planner, pieces) {
         (Some(planner), Some(pieces)) => Some(format!("{planner} ({pieces})")),
@@ -94,14 +95,6 @@ pub fn measured(subject: &Subject) -> Option<String> {
     Some(format!("arrived {mm:.2} mm and {deg:.2}° off the goal, as the {by} {says}"))
 }
 
-/// As `--planner` calls it.
-pub fn planner(planner: Planner) -> &'static str {
-    match planner {
-        Planner::TwoPlane => "two-plane",
-        Planner::Shortest => "shortest",
-    }
-}
-
 /// A body as built, measured from the steps that the board has made.
 fn body(subject: &Subject, built: &[LayerBytes]) -> Vec<(&'static str, String)> {
     let Subject { robot, run, .. } = subject;
@@ -112,7 +105,7 @@ fn body(subject: &Subject, built: &[LayerBytes]) -> Vec<(&'static str, String)> 
     let mut rows = vec![
         ("Length", format!("{length:.1} mm")),
         ("Layers", format!("{} of {}", layers.len(), run.map_or(layers.len(), |run| run.total as usize))),
-        ("Time to lay them", duration(layers.len() as f64 * robot.description().layer.period_s)),
+        ("Time to lay them", duration_text(layers.len() as f64 * robot.description().layer.period_s)),
     ];
     if tightest.is_finite() {
         rows.push(("Tightest bend", format!("{tightest:.1} mm")));
@@ -155,26 +148,12 @@ fn pose(pose: &Pose) -> String {
     parts.join(", ")
 }
 
-/// A time in the two units that matter.
-fn duration(seconds: f64) -> String {
-    let minutes = (seconds / 60.0).round();
-    if seconds < 59.5 {
-        return format!("{seconds:.0} s");
-    }
-    if minutes < 60.0 {
-        return format!("{minutes} min");
-    }
-    format!("{} h {} min", (minutes / 60.0).floor(), minutes % 60.0)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
     fn numbers_are_short() {
-        let texts = [0.0, 59.4, 59.6, 3599.0, 18_900.0].map(duration);
-        assert_eq!(texts, ["0 s", "59 s", "1 min", "1 h 0 min", "5 h 15 min"]);
         let text = pose(&Pose::from_degrees([-0.01, 12.34, -0.6, -179.96, 45.0]).unwrap());
         assert_eq!(text, "0, 12.3, -0.6, -180, 45");
     }

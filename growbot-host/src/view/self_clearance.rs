@@ -12,12 +12,12 @@ use growbot_core::pose::Frame;
 use nalgebra::Vector3;
 
 /// So many points of the body are looked at: of one of 1 m, each millimetre or so.
-const MOST_POINTS: usize = 1500;
+const MAX_POINTS: usize = 1500;
 
 /// The least distance between two walls of a tube of this diameter (mm, positive) that pass each other, mm: negative where they overlap,
 /// none where no stretch passes another. As fine as the points: of a body of `L` mm it may be too great by `(L / 1500)^2 / D` mm or so.
 pub fn self_clearance(start: &Frame, layers: &[LayerBytes], diameter: f64) -> Option<f64> {
-    let stride = layers.len().div_ceil(MOST_POINTS).max(1);
+    let stride = layers.len().div_ceil(MAX_POINTS).max(1);
     let (mut base_from_tip, mut length) = (*start, 0.0);
     let mut points = vec![(base_from_tip.translation.vector, length)];
     for (index, bytes) in layers.iter().enumerate() {

@@ -81,8 +81,8 @@ pub struct Section {
 }
 
 /// Near the start planning takes long: so many plans, nearer than [`NEAR`] radii, may be asked for, of shares and of lengths...
-const MOST_NEAR: f64 = 3000.0;
-const MOST_NEAR_IN_DIRECTION: f64 = 400.0;
+const MAX_NEAR: f64 = 3000.0;
+const MAX_NEAR_IN_DIRECTION: f64 = 400.0;
 /// ...and this is what counts as near, radii.
 const NEAR: f64 = 4.0;
 /// Final directions for each position: this many over the half sphere on one side of the section; the other mirrors it.
@@ -163,7 +163,7 @@ impl Question<'_> {
 
         // Rings round the start's direction, as in `share_section`.
         let near = FRAC_PI_2 * self.near() * self.near();
-        let coarse = (self.length / FINEST_SHARES).max(libm::sqrt(near * DIRECTIONS as f64 / MOST_NEAR));
+        let coarse = (self.length / FINEST_SHARES).max(libm::sqrt(near * DIRECTIONS as f64 / MAX_NEAR));
         let rows = libm::ceil(self.length / coarse);
         let coarse = self.length / rows;
         let cells: Vec<(f64, f64)> = (0..2 * rows as usize)
@@ -228,7 +228,7 @@ impl Question<'_> {
 
     fn in_direction(&self, heading: f64, pitch: f64, mut at: impl FnMut(u64, u64)) -> Workspace {
         let near = PI * self.near() * self.near();
-        let spacing = (self.length / FINEST_PLANNED).max(libm::sqrt(near / MOST_NEAR_IN_DIRECTION));
+        let spacing = (self.length / FINEST_PLANNED).max(libm::sqrt(near / MAX_NEAR_IN_DIRECTION));
         let rows = libm::ceil(self.length / spacing);
         let spacing = self.length / rows;
         let columns = if self.section { 2 * rows as usize + 1 } else { 0 };

@@ -316,7 +316,7 @@ fn share_step(share: f64) -> f64 {
 type Polygon = Vec<(f64, f64)>;
 
 /// The part of a cell where the values are up to a level, and where its sides cross it. Values count up to `most`.
-fn clip(corners: &[(f64, f64, f64); 4], level: f64, most: f64) -> (Polygon, Polygon) {
+fn clip(corners: &[(f64, f64, f64); 4], level: f64, max: f64) -> (Polygon, Polygon) {
     let (mut inside, mut crossings) = (Vec::new(), Vec::new());
     for (index, &(value, aside, ahead)) in corners.iter().enumerate() {
         if value <= level {
@@ -324,7 +324,7 @@ fn clip(corners: &[(f64, f64, f64); 4], level: f64, most: f64) -> (Polygon, Poly
         }
         let (next, next_aside, next_ahead) = corners[(index + 1) % 4];
         if (value <= level) != (next <= level) {
-            let (from, to) = (value.min(most), next.min(most));
+            let (from, to) = (value.min(max), next.min(max));
             let share = ((level - from) / (to - from)).clamp(0.0, 1.0);
             let point = (aside + share * (next_aside - aside), ahead + share * (next_ahead - ahead));
             inside.push(point);

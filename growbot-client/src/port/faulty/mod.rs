@@ -31,7 +31,7 @@ const CUT: Duration = Duration::from_secs(1);
 /// Time is counted in such steps.
 const STEP: Duration = Duration::from_millis(10);
 /// So many bytes may come, and come to nothing, before whoever waits is told that there are none.
-const MOST_SWALLOWED: usize = 1 << 16;
+const MAX_SWALLOWED: usize = 1 << 16;
 
 /// What a wire has done so far, both ways together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -226,7 +226,7 @@ impl<P: Port> Port for Faulty<P> {
                 self.deliver()?;
             }
             let nothing = !self.stalled.is_zero() || self.from_board.through.is_empty();
-            if nothing && (left.is_zero() || swallowed > MOST_SWALLOWED) {
+            if nothing && (left.is_zero() || swallowed > MAX_SWALLOWED) {
                 return Ok(0);
             }
         }

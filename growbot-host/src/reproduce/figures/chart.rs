@@ -3,6 +3,7 @@
 use crate::drawing::canvas::Canvas;
 use crate::drawing::chart::Panel;
 
+use super::super::paper::MeanSd;
 use super::super::statistics::Summary;
 
 /// Okabe and Ito's colours, told apart by the colour-blind too: steps of the text, of the table, exact slicing, closed loop.
@@ -93,16 +94,16 @@ pub fn dashed(colour: &str) -> String {
 }
 
 impl Panel {
-    /// Single values round a place of the x axis, spread aside so that they can be told apart, with their median.
+    /// Single values round a place of the x axis, spread sideways so that each can be seen, with their median.
     pub fn cloud(&self, canvas: &mut Canvas, x: f64, values: &[f64], colour: &str) {
-        /// The golden section: neighbours in order are far from each other aside.
+        /// The golden section: neighbours in order are spread far apart.
         const SPREAD: f64 = 0.618_033_988_749_895;
         for (index, value) in values.iter().enumerate() {
-            let aside = 2.0 * (SPREAD * index as f64).fract() - 1.0;
+            let spread = 2.0 * (SPREAD * index as f64).fract() - 1.0;
             if values.len() == 1 {
                 Mark::Disc.draw(canvas, self.place(x, *value), colour);
             } else {
-                Mark::Dot.draw(canvas, self.place(x + CLOUD * aside, *value), colour);
+                Mark::Dot.draw(canvas, self.place(x + CLOUD * spread, *value), colour);
             }
         }
         if values.len() > 1 {
@@ -116,11 +117,11 @@ impl Panel {
     }
 
     /// A mean with its standard deviation to either side.
-    pub fn whisker(&self, canvas: &mut Canvas, x: f64, (mean, sd): (f64, f64), mark: Mark, colour: &str) {
+    pub fn whisker(&self, canvas: &mut Canvas, x: f64, MeanSd { mean, sd }: MeanSd, mark: Mark, colour: &str) {
         let ((x, low), (_, high)) = (self.place(x, mean - sd), self.place(x, mean + sd));
         let bar = format!("M{x:.1} {low:.1}V{high:.1}M{:.1} {low:.1}h8M{:.1} {high:.1}h8", x - 4.0, x - 4.0);
         canvas.add(format_args!("<path fill=\"none\" stroke=\"{colour}\" stroke-width=\"1.6\" d=\"{bar}\"/>"));
-        let (_, y) = self.place(self.least_x(), mean);
+        let (_, y) = self.place(self.min_x(), mean);
         mark.draw(canvas, (x, y), colour);
     }
 }

@@ -4,8 +4,9 @@ use growbot_core::plan::Planner;
 
 use super::super::Reproduction;
 use super::super::comparison::open_set;
-use super::super::experiments::{Cutting, Quantity};
-use super::super::paper::{self, GROUPS, ROBOTS};
+use super::super::experiments::Quantity;
+use super::super::paper::{self, GROUPS, MeanSd, ROBOTS};
+use super::super::slicing_rule::SlicingRule;
 use super::chart::{Mark, PAPER, TABLE_STEP, TEXT_STEP, figure};
 use crate::drawing::canvas::Canvas;
 use crate::drawing::chart::{Panel, Scale};
@@ -52,28 +53,28 @@ pub fn group_ticks() -> Vec<(f64, String)> {
 }
 
 fn panel(canvas: &mut Canvas, of: &Reproduction, area: [f64; 4], quantity: Quantity, head: &str, y_name: &str) {
-    let clouds: &[(Cutting, f64, &str)] = match quantity {
-        // The path is the same, however it is cut.
-        Quantity::Length => &[(Cutting::Text, 0.0, TEXT_STEP)],
-        _ => &[(Cutting::Text, -0.24, TEXT_STEP), (Cutting::Table, 0.0, TABLE_STEP)],
+    let clouds: &[(SlicingRule, f64, &str)] = match quantity {
+        // The path is the same, however it is sliced.
+        Quantity::Length => &[(SlicingRule::Text, 0.0, TEXT_STEP)],
+        _ => &[(SlicingRule::Text, -0.24, TEXT_STEP), (SlicingRule::Table, 0.0, TABLE_STEP)],
     };
-    let values = |cutting: Cutting, group: usize| {
-        open_set(&of.experiments, paper::A, group, Planner::TwoPlane, cutting)
+    let values = |slicing: SlicingRule, group: usize| {
+        open_set(&of.experiments, paper::A, group, Planner::TwoPlane, slicing)
             .map(|set| set.values(quantity))
             .unwrap_or_default()
     };
     let groups = 0..GROUPS.len();
     let all: Vec<f64> =
-        clouds.iter().flat_map(|(cutting, ..)| groups.clone().flat_map(|group| values(*cutting, group))).collect();
-    let (y, cut) = scale(quantity, &all);
+        clouds.iter().flat_map(|(slicing, ..)| groups.clone().flat_map(|group| values(*slicing, group))).collect();
+    let (y, limit) = scale(quantity, &all);
     let panel = Panel { area, x: Scale::Linear(-0.5, 3.5), y };
     panel.axes(canvas, head, "distance from start to goal", y_name, Some(&group_ticks()));
-    for (cutting, aside, colour) in clouds {
+    for (slicing, offset, colour) in clouds {
         let mut means = Vec::new();
         for group in groups.clone() {
-            let (x, values) = (group as f64 + aside, values(*cutting, group));
+            let (x, values) = (group as f64 + offset, values(*slicing, group));
             let shown: Vec<f64> =
-                values.iter().copied().filter(|value| cut.is_none_or(|most| *value <= most)).collect();
+                values.iter().copied().filter(|value| limit.is_none_or(|max| *value <= max)).collect();
             panel.cloud(canvas, x, &shown, colour);
             means.push((x, super::super::statistics::Summary::of(&values).mean));
         }
@@ -96,8 +97,8 @@ fn panel(canvas: &mut Canvas, of: &Reproduction, area: [f64; 4], quantity: Quant
         }
         Quantity::Direction => {}
     }
-    if let Some(most) = cut {
-        let beyond = all.iter().filter(|value| **value > most).count();
+    if let Some(max) = limit {
+        let beyond = all.iter().filter(|value| **value > max).count();
         if beyond > 0 {
             let [left, top, width, _] = area;
             let note = format!("{beyond} of {} lie above, at steep pitch", all.len());
@@ -107,20 +108,20 @@ fn panel(canvas: &mut Canvas, of: &Reproduction, area: [f64; 4], quantity: Quant
 }
 
 /// The paper's number that stands for all groups.
-fn over_groups(canvas: &mut Canvas, panel: &Panel, (mean, sd): (f64, f64)) {
+fn over_groups(canvas: &mut Canvas, panel: &Panel, number: MeanSd) {
     const AT: f64 = 3.36;
-    panel.whisker(canvas, AT, (mean, sd), Mark::Diamond, PAPER);
-    let (x, y) = panel.place(AT, mean + sd);
+    panel.whisker(canvas, AT, number, Mark::Diamond, PAPER);
+    let (x, y) = panel.place(AT, number.mean + number.sd);
     canvas.text(x + 8.0, y - 8.0, "note end", "paper, all groups");
 }
 
-/// The scale of a quantity, and where it is cut: single heading errors at steep pitch would hide all others.
+/// The scale of a quantity, and where it ends: single heading errors at steep pitch would hide all others.
 fn scale(quantity: Quantity, values: &[f64]) -> (Scale, Option<f64>) {
     if quantity != Quantity::Heading {
         return (Scale::from_zero(values.iter().copied()), None);
     }
-    let most = 2.0 * super::super::statistics::Summary::of(values).p95;
-    let scale = Scale::from_zero(values.iter().copied().filter(|value| *value <= most));
+    let max = 2.0 * super::super::statistics::Summary::of(values).p95;
+    let scale = Scale::from_zero(values.iter().copied().filter(|value| *value <= max));
     let Scale::Linear(_, top) = scale else { return (scale, None) };
     (scale, Some(top))
 }

@@ -1,8 +1,9 @@
 //! Figure 6: position error by noise of the growth, along the representative path of each group.
 
 use super::super::Reproduction;
-use super::super::experiments::{Cutting, Quantity, Set};
+use super::super::experiments::{Quantity, Set};
 use super::super::paper::{GROUPS, NOISE};
+use super::super::slicing_rule::SlicingRule;
 use super::chart::{CLOSED, EXACT, Mark, TABLE_STEP, TEXT_STEP, figure};
 use crate::drawing::chart::{Panel, Scale};
 
@@ -12,13 +13,26 @@ const ROUNDING: f64 = 1e-9;
 
 /// How growths are told apart: colour, place beside the tick, name.
 fn series(set: &Set) -> Option<(&'static str, f64, &'static str)> {
-    Some(match (set.condition.cutting, set.condition.feedback) {
+    Some(match (set.condition.slicing, set.condition.feedback) {
         (_, true) => (CLOSED, 0.36, "closed loop"),
-        (Cutting::Text, false) => (TEXT_STEP, -0.36, "steps of 3.096 mm"),
-        (Cutting::Table, false) => (TABLE_STEP, -0.12, "steps of 0.774 mm"),
-        (Cutting::Exact, false) => (EXACT, 0.12, "exact slicing"),
-        (Cutting::Half | Cutting::Tenth, false) => return None,
+        (SlicingRule::Text, false) => (TEXT_STEP, -0.36, "steps of 3.096 mm"),
+        (SlicingRule::Table, false) => (TABLE_STEP, -0.12, "steps of 0.774 mm"),
+        (SlicingRule::Exact, false) => (EXACT, 0.12, "exact slicing"),
+        (SlicingRule::Half | SlicingRule::Tenth, false) => return None,
     })
+}
+
+/// The legend: each series once, then the median and the means.
+fn legend(sets: &[Set]) -> Vec<(Mark, &'static str, String)> {
+    let mut legend: Vec<(Mark, &str, String)> = Vec::new();
+    for (colour, _, name) in sets.iter().filter_map(series) {
+        if legend.iter().all(|(_, other, _)| *other != colour) {
+            legend.push((Mark::Dot, colour, name.to_owned()));
+        }
+    }
+    legend.push((Mark::Square, "#4a5565", "median".to_owned()));
+    legend.push((Mark::Dash, "#4a5565", "means".to_owned()));
+    legend
 }
 
 /// Draws it.
@@ -28,22 +42,14 @@ pub fn svg(of: &Reproduction, title: &'static str) -> String {
             "{} growths at each level, along the path of each group whose error is nearest to the median (Figure 5).",
             of.request.repeat_noise
         ),
-        "The noise is uniform, at most so many percent of each layer's growth. Without it and in open loop a growth is the same every time;"
+        "The noise is uniform, up to that percentage of each layer's growth. Without it and in open loop a growth is the same every time;"
             .to_owned(),
         "exact slicing then misses by less than 1e-9, below the scale. The closed loop's sensors are noisy throughout: 1 % of a layer, 0.5 degrees."
             .to_owned(),
     ];
     let mut canvas = figure(SIZE.0, SIZE.1, title, &notes);
     let sets = &of.experiments.noise;
-    let mut legend: Vec<(Mark, &str, String)> = Vec::new();
-    for (colour, _, name) in sets.iter().filter_map(series) {
-        if legend.iter().all(|(_, other, _)| *other != colour) {
-            legend.push((Mark::Dot, colour, name.to_owned()));
-        }
-    }
-    legend.push((Mark::Square, "#4a5565", "median".to_owned()));
-    legend.push((Mark::Dash, "#4a5565", "means".to_owned()));
-    canvas.legend(24.0, 118.0, &legend);
+    canvas.legend(24.0, 118.0, &legend(sets));
     let shown = |set: &Set| {
         let mut values = set.values(Quantity::Position);
         values.retain(|value| *value > ROUNDING);
@@ -64,9 +70,9 @@ pub fn svg(of: &Reproduction, title: &'static str) -> String {
         let here = sets.iter().filter(|set| set.group == group);
         let mut lines: Vec<(&str, Vec<(f64, f64)>)> = Vec::new();
         for set in here {
-            let Some((colour, aside, _)) = series(set) else { continue };
+            let Some((colour, offset, _)) = series(set) else { continue };
             let Some(place) = levels.iter().position(|level| *level == set.condition.noise) else { continue };
-            let (x, values) = (place as f64 + aside, shown(set));
+            let (x, values) = (place as f64 + offset, shown(set));
             panel.cloud(&mut canvas, x, &values, colour);
             if values.is_empty() {
                 continue;

@@ -1,13 +1,15 @@
-//! Figures 5 and 7: paths as planned and as grown, seen from aside.
+//! Figures 5 and 7: paths as planned and as grown, seen from the side.
 
 use nalgebra::Vector3;
 
 use super::super::Reproduction;
-use super::super::experiments::Example;
+use super::super::experiments::{Example, PlannedSegment};
 use super::super::paper::{self, GROUPS, ROBOTS};
+use super::super::poses::Endpoints;
 use super::chart::{Mark, figure};
 use crate::drawing::canvas::Canvas;
-use crate::drawing::chart::number;
+use crate::drawing::chart::{number, round_below};
+use crate::duration::duration_text;
 
 /// Arcs and straight lines, as in the paper.
 const ARC: &str = "#c8102e";
@@ -69,7 +71,7 @@ fn draw(of: &Reproduction, title: &str, first: &str, examples: &[&Example], side
         view.grown(&mut canvas, example, of.experiments.robots[growth.robot].outer_diameter());
         let arrival = &growth.arrival;
         for (line, note) in [
-            format!("{} steps, {}", growth.layers, time(example.seconds)),
+            format!("{} steps, {}", growth.layers, duration_text(example.seconds)),
             format!("missed by {} mm, {:.1} deg", round(arrival.position_error_mm), arrival.direction_error_deg),
             format!("{:.4} of the path's length", arrival.normalized_position_error),
         ]
@@ -84,16 +86,6 @@ fn draw(of: &Reproduction, title: &str, first: &str, examples: &[&Example], side
 
 fn round(mm: f64) -> f64 {
     if mm < 100.0 { libm::round(10.0 * mm) / 10.0 } else { libm::round(mm) }
-}
-
-/// A time as it is read.
-fn time(seconds: f64) -> String {
-    if seconds < 120.0 {
-        format!("{seconds:.2} s")
-    } else {
-        let minutes = libm::round(seconds / 60.0) as u64;
-        format!("{} h {} min", minutes / 60, minutes % 60)
-    }
 }
 
 /// How an example is looked at: without perspective, from where it is seen best.
@@ -113,7 +105,7 @@ struct View {
 impl View {
     fn of(example: &Example, area: [f64; 4], of: &Reproduction) -> Self {
         let [_, _, width, height] = area;
-        let points = || example.planned.iter().flat_map(|(_, points)| points).chain(&example.grown);
+        let points = || example.planned.iter().flat_map(|segment| &segment.points).chain(&example.grown);
         let diameter = of.experiments.robots[example.growth.robot].outer_diameter();
         let ground = points().map(|point| point.z).fold(f64::INFINITY, f64::min) - diameter;
         let views = (0..AZIMUTHS).map(|i| {
@@ -165,7 +157,7 @@ impl View {
             let foot = self.place(&Vector3::new(end.x, end.y, self.ground));
             canvas.line([self.place(end), foot], "stroke=\"#1c2430\" stroke-opacity=\".35\" stroke-dasharray=\"2 3\"");
         }
-        let long = scale_length(0.3 * width / self.scale);
+        let long = round_below(0.3 * width / self.scale);
         let (x, y) = (left + 12.0, top + height - 12.0);
         let end = x + long * self.scale;
         canvas.add(format_args!("<path class=\"axis\" d=\"M{x:.1} {:.1}v6M{x:.1} {y:.1}H{end:.1}m0 -3v6\"/>", y - 3.0));
@@ -200,9 +192,9 @@ impl View {
     }
 
     fn planned(&self, canvas: &mut Canvas, example: &Example) {
-        let curve: Vec<Vector3<f64>> = example.planned.iter().flat_map(|(_, points)| points).copied().collect();
+        let curve: Vec<Vector3<f64>> = example.planned.iter().flat_map(|segment| &segment.points).copied().collect();
         self.ground(canvas, &curve);
-        for (bends, points) in &example.planned {
+        for PlannedSegment { bends, points } in &example.planned {
             let colour = if *bends { ARC } else { STRAIGHT };
             let line = points.iter().map(|point| self.place(point));
             canvas.line(line, format_args!("stroke=\"{colour}\" stroke-width=\"2.6\" stroke-linecap=\"round\""));
@@ -218,7 +210,7 @@ impl View {
             let style = format!("stroke=\"{colour}\" stroke-width=\"{width:.1}\" stroke-linejoin=\"round\"");
             canvas.line(line.iter().copied(), style);
         }
-        for (bends, points) in &example.planned {
+        for PlannedSegment { bends, points } in &example.planned {
             let colour = if *bends { ARC } else { STRAIGHT };
             let line = points.iter().map(|point| self.place(point));
             canvas.line(line, format_args!("stroke=\"{colour}\" stroke-width=\"1.4\""));
@@ -227,7 +219,7 @@ impl View {
     }
 
     fn arrows(&self, canvas: &mut Canvas, example: &Example) {
-        let (start, goal) = &example.poses;
+        let Endpoints { start, goal } = &example.poses;
         self.arrow(canvas, &start.position(), &start.direction(), START);
         self.arrow(canvas, &goal.position(), &goal.direction(), GOAL);
     }
@@ -238,10 +230,4 @@ fn seen(azimuth: f64, point: &Vector3<f64>) -> (f64, f64) {
     let (sine, cosine) = libm::sincos(azimuth);
     let away = cosine * point.y + sine * point.x;
     (cosine * point.x - sine * point.y, libm::cos(ELEVATION) * point.z + libm::sin(ELEVATION) * away)
-}
-
-/// A round length not above this.
-fn scale_length(most: f64) -> f64 {
-    let power = libm::pow(10.0, libm::floor(libm::log10(most)));
-    [5.0, 2.0, 1.0].into_iter().map(|step| step * power).find(|step| *step <= most).unwrap_or(power)
 }

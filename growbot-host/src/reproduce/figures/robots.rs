@@ -4,8 +4,9 @@ use growbot_core::plan::Planner;
 
 use super::super::Reproduction;
 use super::super::comparison::open_set;
-use super::super::experiments::{Cutting, Quantity};
-use super::super::paper::{self, GROUPS, ROBOTS};
+use super::super::experiments::Quantity;
+use super::super::paper::{self, GROUPS, MeanSd, ROBOTS};
+use super::super::slicing_rule::SlicingRule;
 use super::super::statistics::Summary;
 use super::chart::{EXACT, Mark, PAPER, ROBOT, TABLE_STEP, TEXT_STEP, dashed, figure};
 use super::errors::group_ticks;
@@ -55,16 +56,16 @@ fn area(index: usize) -> [f64; 4] {
 
 fn by_group(canvas: &mut Canvas, of: &Reproduction, area: [f64; 4], quantity: Quantity, head: &str, y_name: &str) {
     let summary = |robot: usize, group: usize| {
-        open_set(&of.experiments, robot, group, Planner::TwoPlane, Cutting::of_paper(robot))
+        open_set(&of.experiments, robot, group, Planner::TwoPlane, SlicingRule::of_paper(robot))
             .map(|set| set.summary(quantity))
     };
     let everywhere = SHOWN.iter().flat_map(|robot| (0..GROUPS.len()).filter_map(|group| summary(*robot, group)));
     let quoted: Vec<f64> = match quantity {
         Quantity::Position => {
-            let of_a = ROBOTS[paper::A].position_error.into_iter().flatten().map(|(mean, sd)| mean - sd);
-            of_a.chain([paper::LONG_PATHS_B.0, paper::LONG_PATHS_C.0]).collect()
+            let of_a = ROBOTS[paper::A].position_error.into_iter().flatten().map(|MeanSd { mean, sd }| mean - sd);
+            of_a.chain([paper::LONG_PATHS_B.mean, paper::LONG_PATHS_C.mean]).collect()
         }
-        _ => vec![paper::PITCH_ERROR_DEG.0],
+        _ => vec![paper::PITCH_ERROR_DEG.mean],
     };
     let y = Scale::log_around(everywhere.map(|summary| summary.mean).chain(quoted));
     let panel = Panel { area, x: Scale::Linear(-0.5, 3.5), y };
@@ -75,15 +76,15 @@ fn by_group(canvas: &mut Canvas, of: &Reproduction, area: [f64; 4], quantity: Qu
     };
     match quantity {
         Quantity::Position => {
-            across(canvas, paper::LONG_PATHS_B.0, 0.5, ROBOT[1]);
-            across(canvas, paper::LONG_PATHS_C.0, 0.5, ROBOT[2]);
+            across(canvas, paper::LONG_PATHS_B.mean, 0.5, ROBOT[1]);
+            across(canvas, paper::LONG_PATHS_C.mean, 0.5, ROBOT[2]);
             for (group, number) in ROBOTS[paper::A].position_error.into_iter().flatten().enumerate() {
                 panel.whisker(canvas, group as f64 + 0.16, number, Mark::Diamond, PAPER);
             }
         }
         // About the same for all robots.
-        Quantity::Heading => across(canvas, paper::HEADING_ERROR_DEG.0, -0.5, PAPER),
-        _ => across(canvas, paper::PITCH_ERROR_DEG.0, -0.5, PAPER),
+        Quantity::Heading => across(canvas, paper::HEADING_ERROR_DEG.mean, -0.5, PAPER),
+        _ => across(canvas, paper::PITCH_ERROR_DEG.mean, -0.5, PAPER),
     }
     for (robot, colour) in SHOWN.into_iter().zip(ROBOT) {
         let points: Vec<(f64, Summary)> =
@@ -111,11 +112,11 @@ fn named(robot: usize) -> Option<&'static str> {
 /// Mean position errors in the groups from 8 radii on, by the bend of a step that was laid.
 fn by_k(canvas: &mut Canvas, of: &Reproduction, area: [f64; 4]) {
     let long = 1..GROUPS.len();
-    let mean_of = |robot: usize, cutting: Cutting| {
+    let mean_of = |robot: usize, slicing: SlicingRule| {
         let means: Option<Vec<f64>> = long
             .clone()
             .map(|group| {
-                open_set(&of.experiments, robot, group, Planner::TwoPlane, cutting)
+                open_set(&of.experiments, robot, group, Planner::TwoPlane, slicing)
                     .map(|set| set.summary(Quantity::Position).mean)
             })
             .collect();
@@ -131,9 +132,9 @@ fn by_k(canvas: &mut Canvas, of: &Reproduction, area: [f64; 4]) {
     );
     for (robot, paper) in ROBOTS.iter().enumerate() {
         let printed = match robot {
-            paper::B => Some(paper::LONG_PATHS_B.0),
-            paper::C => Some(paper::LONG_PATHS_C.0),
-            _ => paper.position_error.map(|groups| groups[1..].iter().map(|(mean, _)| mean).sum::<f64>() / 3.0),
+            paper::B => Some(paper::LONG_PATHS_B.mean),
+            paper::C => Some(paper::LONG_PATHS_C.mean),
+            _ => paper.position_error.map(|groups| groups[1..].iter().map(|group| group.mean).sum::<f64>() / 3.0),
         };
         if let Some(mean) = printed {
             let (x, y) = panel.place(paper.k, mean);
@@ -142,13 +143,13 @@ fn by_k(canvas: &mut Canvas, of: &Reproduction, area: [f64; 4]) {
                 canvas.text(x + 10.0, y + 4.5, "note", name);
             }
         }
-        for cutting in Cutting::of_robot(robot) {
+        for slicing in SlicingRule::of_robot(robot) {
             let described = &of.experiments.robots[robot];
-            let (Some(step), Some(mean)) = (cutting.step(described), mean_of(robot, *cutting)) else { continue };
+            let (Some(step), Some(mean)) = (slicing.step(described), mean_of(robot, *slicing)) else { continue };
             let k = step / described.description().planning_radius_mm;
-            let (mark, colour) = match cutting {
-                Cutting::Text => (Mark::Ring, TEXT_STEP),
-                Cutting::Half | Cutting::Tenth => (Mark::Ring, EXACT),
+            let (mark, colour) = match slicing {
+                SlicingRule::Text => (Mark::Ring, TEXT_STEP),
+                SlicingRule::Half | SlicingRule::Tenth => (Mark::Ring, EXACT),
                 _ => (Mark::Ring, TABLE_STEP),
             };
             mark.draw(canvas, panel.place(k, mean), colour);

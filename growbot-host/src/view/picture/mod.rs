@@ -30,7 +30,7 @@ use crate::drawing::colours::hex;
 
 /// Width of a drawing, and how high a stage in it must be, and may be alone and beside another, units of the drawing.
 const WIDE: f64 = 960.0;
-const LEAST_HIGH: f64 = 240.0;
+const MIN_HIGH: f64 = 240.0;
 const HIGH: f64 = 600.0;
 const HIGH_OF_TWO: f64 = 440.0;
 /// Room round a body for arrows' words, and above and below it for caption, scale bar and legend.
@@ -46,7 +46,7 @@ const LETTER: f64 = 6.8;
 const LEGEND: f64 = 220.0;
 /// What is written between scale bar and legend has its middle here; so many letters fit.
 const MIDDLE: f64 = 0.47 * WIDE;
-const MOST_WORDS: usize = 70;
+const MAX_WORDS: usize = 70;
 /// How finely a body alone is drawn and each of two: a picture has some hundreds of kB.
 const FINE: Detail = Detail { rings: 200, faces: 56 };
 const LESS_FINE: Detail = Detail { rings: 80, faces: 36 };
@@ -59,7 +59,7 @@ pub fn svg(subjects: &[&Subject], look: Look) -> Result<String, ViewError> {
     let layers = subjects.iter().map(|subject| subject.layers()).collect::<Result<Vec<_>, _>>()?;
     let all: Vec<(&Subject, &Layers)> = subjects.iter().copied().zip(&layers).collect();
     let width = WIDE / all.len().max(1) as f64;
-    let (most_high, detail) = if all.len() > 1 { (HIGH_OF_TWO, LESS_FINE) } else { (HIGH, FINE) };
+    let (max_high, detail) = if all.len() > 1 { (HIGH_OF_TWO, LESS_FINE) } else { (HIGH, FINE) };
     let stages: Vec<Stage> = all.iter().map(|(subject, layers)| Stage::new(subject, layers, detail)).collect();
     let camera = Camera::new(look, &facing(&stages));
     let range = whole_range(&all);
@@ -70,10 +70,10 @@ pub fn svg(subjects: &[&Subject], look: Look) -> Result<String, ViewError> {
         let together = bounds.iter().fold(Bounds::NONE, |all, one| all.and(*one));
         bounds.fill(together);
     }
-    let scale = bounds.iter().map(|bounds| scale(bounds, [width, most_high])).fold(f64::INFINITY, f64::min);
+    let scale = bounds.iter().map(|bounds| scale(bounds, [width, max_high])).fold(f64::INFINITY, f64::min);
     let room_above = if stages.iter().any(Stage::has_reached) { FREE_SIDE - MARGIN[1] } else { 0.0 };
     let top = HEAD + room_above;
-    let high = bounds.iter().map(|bounds| scale * bounds.size()[1] + 2.0 * MARGIN[1]).fold(LEAST_HIGH, f64::max);
+    let high = bounds.iter().map(|bounds| scale * bounds.size()[1] + 2.0 * MARGIN[1]).fold(MIN_HIGH, f64::max);
 
     let title: Vec<String> = all
         .iter()
@@ -98,7 +98,7 @@ pub fn svg(subjects: &[&Subject], look: Look) -> Result<String, ViewError> {
     key(&mut canvas, [MIDDLE, bottom + FOOT - 48.0], &lines(&stages));
     if let ([(_, a), (_, b)], [one, other]) = (&all[..], &names[..]) {
         let words = difference([(one, a), (other, b)]);
-        if words.chars().count() <= MOST_WORDS {
+        if words.chars().count() <= MAX_WORDS {
             canvas.text(MIDDLE, bottom + FOOT - 26.0, "mid", escape(&words));
         }
     }
@@ -136,9 +136,9 @@ fn whole_range(all: &[(&Subject, &Layers)]) -> [f64; 2] {
 }
 
 /// Units for a mm at which these bounds fit on a stage of this width and height.
-fn scale(bounds: &Bounds, [width, most_high]: [f64; 2]) -> f64 {
+fn scale(bounds: &Bounds, [width, max_high]: [f64; 2]) -> f64 {
     let [wide, high] = bounds.size().map(|size| size.max(1.0));
-    ((width - 2.0 * MARGIN[0]) / wide).min((most_high - 2.0 * MARGIN[1]) / high)
+    ((width - 2.0 * MARGIN[0]) / wide).min((max_high - 2.0 * MARGIN[1]) / high)
 }
 
 /// What is written over a stage, from `left` on, `width` wide.
@@ -151,12 +151,12 @@ fn head(canvas: &mut Canvas, [left, width]: [f64; 2], name: &str, subject: &Subj
 }
 
 /// So many letters of a text at most.
-fn fitting(text: &str, most: f64) -> String {
-    let most = most as usize;
-    if text.chars().count() <= most {
+fn fitting(text: &str, max: f64) -> String {
+    let max = max as usize;
+    if text.chars().count() <= max {
         return text.to_owned();
     }
-    text.chars().take(most.saturating_sub(1)).chain(['…']).collect()
+    text.chars().take(max.saturating_sub(1)).chain(['…']).collect()
 }
 
 fn scale_bar(canvas: &mut Canvas, [left, y]: [f64; 2], scale: f64) {
@@ -168,7 +168,7 @@ fn scale_bar(canvas: &mut Canvas, [left, y]: [f64; 2], scale: f64) {
     canvas.text(middle, y - 12.0, "mid", label);
 }
 
-fn legend(canvas: &mut Canvas, [left, y]: [f64; 2], [least, greatest]: [f64; 2]) {
+fn legend(canvas: &mut Canvas, [left, y]: [f64; 2], [min, max]: [f64; 2]) {
     let stops: String = HEIGHTS
         .iter()
         .enumerate()
@@ -183,6 +183,6 @@ fn legend(canvas: &mut Canvas, [left, y]: [f64; 2], [least, greatest]: [f64; 2])
     ));
     canvas.text(left, y - 9.0, "", "Height of the layers, mm");
     for (share, class) in [(0.0, "note"), (0.5, "note mid"), (1.0, "note end")] {
-        canvas.text(left + share * LEGEND, y + 26.0, class, format_args!("{:.2}", least + share * (greatest - least)));
+        canvas.text(left + share * LEGEND, y + 26.0, class, format_args!("{:.2}", min + share * (max - min)));
     }
 }

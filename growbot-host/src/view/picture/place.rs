@@ -11,36 +11,36 @@ use super::camera::Camera;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bounds {
     /// Least, rightwards and upwards.
-    pub least: [f64; 2],
+    pub min: [f64; 2],
     /// Greatest.
-    pub greatest: [f64; 2],
+    pub max: [f64; 2],
 }
 
 impl Bounds {
     /// Nothing yet.
-    pub const NONE: Self = Self { least: [f64::INFINITY; 2], greatest: [f64::NEG_INFINITY; 2] };
+    pub const NONE: Self = Self { min: [f64::INFINITY; 2], max: [f64::NEG_INFINITY; 2] };
 
     /// With this point and so much around it.
     pub fn with(self, [right, up]: [f64; 2], around: f64) -> Self {
         Self {
-            least: [self.least[0].min(right - around), self.least[1].min(up - around)],
-            greatest: [self.greatest[0].max(right + around), self.greatest[1].max(up + around)],
+            min: [self.min[0].min(right - around), self.min[1].min(up - around)],
+            max: [self.max[0].max(right + around), self.max[1].max(up + around)],
         }
     }
 
     /// Both.
     pub fn and(self, other: Self) -> Self {
-        self.with(other.least, 0.0).with(other.greatest, 0.0)
+        self.with(other.min, 0.0).with(other.max, 0.0)
     }
 
     /// Width and height.
     pub fn size(&self) -> [f64; 2] {
-        [self.greatest[0] - self.least[0], self.greatest[1] - self.least[1]]
+        [self.max[0] - self.min[0], self.max[1] - self.min[1]]
     }
 
     /// The middle.
     pub fn centre(&self) -> [f64; 2] {
-        [0.5 * (self.least[0] + self.greatest[0]), 0.5 * (self.least[1] + self.greatest[1])]
+        [0.5 * (self.min[0] + self.max[0]), 0.5 * (self.min[1] + self.max[1])]
     }
 }
 

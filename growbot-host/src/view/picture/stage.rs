@@ -56,11 +56,11 @@ impl Stage {
         let tube = |layers: &[LayerBytes]| Tube::new(plan.start.frame(), layers, radii, detail);
         let (shown, planned) = (tube(layers.body()), layers.built.as_ref().map(|_| tube(&layers.planned)));
         let points = || shown.centreline().chain(planned.iter().flat_map(Tube::centreline));
-        let [least, greatest] = points()
-            .fold([plan.goal.position(); 2], |[least, greatest], point| [least.inf(&point), greatest.sup(&point)]);
-        let reach = (3.0 * outer).max(0.06 * (greatest - least).norm());
+        let [min, max] =
+            points().fold([plan.goal.position(); 2], |[min, max], point| [min.inf(&point), max.sup(&point)]);
+        let reach = (3.0 * outer).max(0.06 * (max - min).norm());
         let tail = plan.start.position() - reach * plan.start.direction();
-        let floor = least.z.min(tail.z) - outer;
+        let floor = min.z.min(tail.z) - outer;
         // What is less than a dot off the tip is said in words only.
         let reached = subject.run.and_then(measured_end).map(|(reached, _)| reached.position());
         let reached = reached.filter(|reached| (reached - plan.goal.position()).norm() > 0.5 * outer);

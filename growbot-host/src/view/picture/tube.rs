@@ -37,16 +37,16 @@ pub fn height_range(layers: &[LayerBytes], tip_radius: f64) -> [f64; 2] {
     let layers = || layers.iter().map(decode);
     let splinter = SPLINTER * layers().map(|layer| layer.height).fold(0.0, f64::max);
     let whole = layers().filter(|layer| layer.height >= splinter);
-    let [least, greatest] = whole.fold([f64::INFINITY, 0.0_f64], |[least, greatest], layer| {
-        [least.min(layer.min_height(tip_radius)), greatest.max(layer.max_height(tip_radius))]
+    let [min, max] = whole.fold([f64::INFINITY, 0.0_f64], |[min, max], layer| {
+        [min.min(layer.min_height(tip_radius)), max.max(layer.max_height(tip_radius))]
     });
-    if least > greatest {
+    if min > max {
         [0.0, 1.0]
-    } else if greatest - least > 1e-3 {
-        [least, greatest]
+    } else if max - min > 1e-3 {
+        [min, max]
     } else {
         // Layers that are all alike are in the middle of the scale.
-        [least - 0.05, greatest + 0.05]
+        [min - 0.05, max + 0.05]
     }
 }
 
@@ -109,7 +109,7 @@ impl Tube {
     }
 
     /// The faces that are seen, ring by ring, each with how near it is; colours go over this range of heights, mm.
-    pub fn pieces(&self, camera: &Camera, place: &Place, [least, greatest]: [f64; 2]) -> Vec<(f64, String)> {
+    pub fn pieces(&self, camera: &Camera, place: &Place, [min, max]: [f64; 2]) -> Vec<(f64, String)> {
         let mut pieces = Vec::with_capacity(self.rings.len() + 2);
         let mut below = self.base_from_start;
         for (frame, layer) in &self.rings {
@@ -124,7 +124,7 @@ impl Tube {
                     continue;
                 }
                 let height = layer.height_at(middle, self.tip_radius);
-                let colour = hex(shaded(mixed(&HEIGHTS, (height - least) / (greatest - least)), &normal, camera));
+                let colour = hex(shaded(mixed(&HEIGHTS, (height - min) / (max - min)), &normal, camera));
                 let corners = [(&below, from), (&below, to), (frame, to), (frame, from)]
                     .map(|(ring, angle)| place.point(&on(ring, angle, self.outer)));
                 faces.push((
@@ -208,14 +208,14 @@ fn one_way_round(mut corners: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
 
 /// Layers by rings: each stretch as long and as bent as is not seen, or, if that were too many, as gives so many; and none with layers of
 /// two kinds, where there are few kinds.
-fn stretches(layers: &[Layer], most: usize, outer: f64) -> Vec<&[Layer]> {
-    let most = most.max(1);
+fn stretches(layers: &[Layer], max: usize, outer: f64) -> Vec<&[Layer]> {
+    let max = max.max(1);
     let length: f64 = layers.iter().map(|layer| layer.height).sum();
     let bend: f64 = layers.iter().map(|layer| layer.tilt).sum();
     let wanted = length / (LONG * outer) + bend / BENT;
-    let coarser = (wanted / most as f64).max(1.0);
+    let coarser = (wanted / max as f64).max(1.0);
     let kinds = layers.windows(2).filter(|pair| is_other(&pair[0], &pair[1])).count();
-    let by_kind = kinds <= most / 4;
+    let by_kind = kinds <= max / 4;
     let mut filled = 0.0;
     let mut stretches = Vec::new();
     let mut rest = layers;

@@ -46,7 +46,7 @@ const FOOT: f64 = 62.0;
 /// Left edge of what is written over them.
 const EDGE: f64 = 28.0;
 /// A line has no more points: of more, those of a stretch become one.
-const MOST_POINTS: usize = 800;
+const MAX_POINTS: usize = 800;
 
 /// The axis of the error is never finer than this, mm: what is off by less is rounding.
 const FINEST: f64 = 0.001;
@@ -150,8 +150,8 @@ impl Lines {
         let labels = |value: f64| if is_last { number(value) } else { String::new() };
         let ticks: Vec<(f64, String)> = axis.scale.ticks().into_iter().map(|tick| (tick, labels(tick))).collect();
         if !self.band.is_empty() {
-            let upper = self.band.iter().map(|(x, [_, greatest])| panel.place(*x, *greatest));
-            let lower = self.band.iter().rev().map(|(x, [least, _])| panel.place(*x, *least));
+            let upper = self.band.iter().map(|(x, [_, max])| panel.place(*x, *max));
+            let lower = self.band.iter().rev().map(|(x, [min, _])| panel.place(*x, *min));
             canvas.add(format_args!("<path fill=\"{BAND}\" d=\"{}z\"/>", path(upper.chain(lower))));
         }
         panel.axes(canvas, &self.head, if is_last { axis.name } else { "" }, self.unit, Some(&ticks));
@@ -183,9 +183,9 @@ fn path(points: impl Iterator<Item = (f64, f64)>) -> String {
 fn heights(layered: &Layered, axis: &Axis) -> Lines {
     let (mut band, mut line) = (Vec::new(), Vec::new());
     for (at, heights) in stretches(&axis.at, &layered.heights) {
-        let least = heights.iter().map(|[least, ..]| *least).fold(f64::INFINITY, f64::min);
-        let greatest = heights.iter().map(|[.., greatest]| *greatest).fold(f64::NEG_INFINITY, f64::max);
-        band.push((at, [least, greatest]));
+        let min = heights.iter().map(|[min, ..]| *min).fold(f64::INFINITY, f64::min);
+        let max = heights.iter().map(|[.., max]| *max).fold(f64::NEG_INFINITY, f64::max);
+        band.push((at, [min, max]));
         line.push((at, heights.iter().map(|[_, mean, _]| mean).sum::<f64>() / heights.len() as f64));
     }
     let y = Scale::around(band.iter().flat_map(|(_, ends)| *ends));
@@ -253,7 +253,7 @@ fn means(at: &[f64], values: &[f64]) -> Vec<(f64, f64)> {
 
 /// The values in stretches, as many as a line has points, and where each ends.
 fn stretches<'a, T>(at: &'a [f64], values: &'a [T]) -> impl Iterator<Item = (f64, &'a [T])> {
-    let stride = values.len().div_ceil(MOST_POINTS).max(1);
+    let stride = values.len().div_ceil(MAX_POINTS).max(1);
     at.chunks(stride).zip(values.chunks(stride)).filter_map(|(at, stretch)| Some((*at.last()?, stretch)))
 }
 
@@ -265,7 +265,7 @@ mod tests {
     fn a_line_of_many_points_has_their_means() {
         let at: Vec<f64> = (0..5000).map(f64::from).collect();
         let line = means(&at, &at);
-        assert!(line.len() <= MOST_POINTS && line.len() > MOST_POINTS / 2);
+        assert!(line.len() <= MAX_POINTS && line.len() > MAX_POINTS / 2);
         assert_eq!(line[0], (6.0, 3.0));
         assert!(means(&[], &[]).is_empty());
     }

@@ -6,7 +6,7 @@ use growbot_core::layer::{Layer, grow};
 use growbot_core::pose::{Frame, Pose};
 
 /// So many reports may be lost in a row, of a job whose plan is not known here.
-const MOST_UNREPORTED: usize = 65_536;
+const MAX_UNREPORTED: usize = 65_536;
 
 /// A point, x, y, z, mm.
 pub type Point = [f64; 3];
@@ -53,7 +53,7 @@ impl Body {
 
     /// A layer is laid. One whose report was lost counts as planned, or as an even one of `full` height (mm).
     pub fn lay(&mut self, index: u32, layer: Layer, full: f64) {
-        let known = self.planned.len().max(self.built.len().saturating_add(MOST_UNREPORTED));
+        let known = self.planned.len().max(self.built.len().saturating_add(MAX_UNREPORTED));
         let is_far = !self.built.is_empty() && (index.saturating_sub(self.first) as usize) > known;
         if is_far || index == u32::MAX {
             // No board has laid so many since: it is not believed.

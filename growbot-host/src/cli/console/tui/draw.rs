@@ -3,6 +3,7 @@
 use growbot_client::printable::steers;
 use growbot_core::layer::Layer;
 use growbot_core::link::message::{State, Status};
+use growbot_host::duration::duration_text;
 use ratatui::Frame;
 use ratatui::layout::{Alignment, Constraint, Layout, Position, Rect};
 use ratatui::style::{Color, Modifier, Style};
@@ -15,14 +16,13 @@ use super::body::Point;
 use super::keys::KEYS;
 use super::model::{Model, in_words};
 use crate::cli::console::commands::hint;
-use crate::cli::plan_table::duration;
 
 /// Below this there is no room for pictures.
-const LEAST: (u16, u16) = (72, 20);
+const MIN_SIZE: (u16, u16) = (72, 20);
 /// The planned body is dotted: its dots are so many dots of braille apart.
 const PLANNED_APART: f64 = 4.0;
 /// Heights that are seen from the beginning, mm.
-const LEAST_SEEN_MM: f64 = 50.0;
+const MIN_SEEN_MM: f64 = 50.0;
 
 /// What can be done while a command is typed.
 const TYPING: &str = "a command, `help` lists them; Tab completes, Esc gives up, ^E EMERGENCY STOP";
@@ -67,8 +67,8 @@ fn draw(frame: &mut Frame, model: &Model) {
     if let Some(sheet) = &model.sheet {
         let block = Block::bordered().title_bottom(Span::styled(" any key takes this away ", DIM));
         frame.render_widget(Paragraph::new(sheet.as_str()).block(block), pictures);
-    } else if area.width < LEAST.0 || area.height < LEAST.1 {
-        let said = format!("no room for pictures: {}x{} is needed", LEAST.0, LEAST.1);
+    } else if area.width < MIN_SIZE.0 || area.height < MIN_SIZE.1 {
+        let said = format!("no room for pictures: {}x{} is needed", MIN_SIZE.0, MIN_SIZE.1);
         frame.render_widget(Paragraph::new(said).style(DIM), pictures);
     } else {
         draw_pictures(frame, pictures, model);
@@ -115,7 +115,7 @@ fn state_line(model: &Model) -> Line<'static> {
 fn progress(model: &Model, status: &Status) -> String {
     let share = 100.0 * f64::from(status.laid) / f64::from(status.layers.max(1));
     let left = f64::from(status.layers.saturating_sub(status.laid)) * model.robot.description().layer.period_s;
-    format!("layer {} of {} ({share:.0} %), {} left", status.laid, status.layers, duration(left))
+    format!("layer {} of {} ({share:.0} %), {} left", status.laid, status.layers, duration_text(left))
 }
 
 fn heater_line(model: &Model) -> Line<'static> {
@@ -180,11 +180,11 @@ fn fits(paragraph: &Paragraph, width: u16, rows: u16) -> bool {
 fn draw_temperature(frame: &mut Frame, area: Rect, model: &Model) {
     let block = Block::bordered().title(Span::styled(" nozzle, C ", TITLE));
     let readings = &model.readings;
-    let (Some((from, to)), Some((least, greatest))) = (readings.span(), readings.range()) else {
+    let (Some((from, to)), Some((min, max))) = (readings.span(), readings.range()) else {
         return nothing_yet(frame, area, block, "no reading yet");
     };
     let to = to.max(from + 10.0);
-    let (low, high) = ((least / 10.0).floor() * 10.0, (greatest / 10.0).floor() * 10.0 + 10.0);
+    let (low, high) = ((min / 10.0).floor() * 10.0, (max / 10.0).floor() * 10.0 + 10.0);
     let sets = vec![line(readings.targets(), DIM), line(readings.readings(), Style::new().fg(Color::Yellow))];
     let block = block.title_bottom(Span::styled(format!(" {} to {} ", clock(from), clock(to)), DIM));
     frame.render_widget(chart(sets, [from, to], [low, high], 0).block(block), area);
@@ -245,8 +245,8 @@ fn draw_body(frame: &mut Frame, area: Rect, model: &Model) {
         let of = |point: &Point| point.get(axis).copied().unwrap_or_default();
         points().map(of).fold((0.0, seen), |(a, b): (f64, f64), v| (a.min(v), b.max(v)))
     };
-    let (x, y, z) = (range(0, 0.0), range(1, 0.0), range(2, LEAST_SEEN_MM));
-    let reach = |(least, greatest): (f64, f64)| greatest - least;
+    let (x, y, z) = (range(0, 0.0), range(1, 0.0), range(2, MIN_SEEN_MM));
+    let reach = |(min, max): (f64, f64)| max - min;
     // Two dots of braille across a cell, four down: about as far apart. The frame takes a cell on each side.
     let dots = |cells: u16, each: f64| f64::from(cells.saturating_sub(2).max(1)) * each;
     let (across, down) = (dots(left.width.min(right.width), 2.0), dots(left.height, 4.0));
@@ -255,8 +255,8 @@ fn draw_body(frame: &mut Frame, area: Rect, model: &Model) {
     let apart = (PLANNED_APART * scale / model.robot.description().layer.height_mm).ceil() as usize;
     for (part, axis, name, range) in [(left, 0, "x", x), (right, 1, "y", y)] {
         // The middle falls on a dot, not between two, where a straight body would flicker.
-        let bounds = |(least, greatest): (f64, f64), dots: f64| {
-            let low = f64::midpoint(least, greatest) - scale * (dots / 2.0 - 1.0);
+        let bounds = |(min, max): (f64, f64), dots: f64| {
+            let low = f64::midpoint(min, max) - scale * (dots / 2.0 - 1.0);
             [low, low + scale * (dots - 1.0)]
         };
         let (wide, tall) = (bounds(range, dots(part.width, 2.0)), bounds(z, down));

@@ -321,7 +321,7 @@ mod tests {
         console.follow_until(State::Done);
         assert_eq!((console.model.body.built().len(), console.model.body.unreported()), (10, 0));
         assert!((console.model.body.tip().position().z - 7.74).abs() < 0.01);
-        assert!(console.model.readings.range().is_some_and(|(_, greatest)| greatest > 150.0));
+        assert!(console.model.readings.range().is_some_and(|(_, max)| max > 150.0));
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Temperatures over time, as many as a chart can show: the whole time, however long it gets.
 
 /// The most readings that are kept.
-const MOST: usize = 1024;
+const MAX_READINGS: usize = 1024;
 
 /// What the nozzle was and what it was to be, over time: pairs of s on the board's clock and degrees Celsius.
 #[derive(Debug, Default)]
@@ -26,8 +26,9 @@ impl Readings {
         let celsius = |centi| f64::from(centi) / 100.0;
         self.readings.extend(reading.map(|centi| (at_s, celsius(centi))));
         self.targets.extend(target.map(|centi| (at_s, celsius(centi))));
-        if self.readings.len().max(self.targets.len()) > MOST {
-            self.apart_s = 2.0 * self.apart_s.max(self.span().map_or(0.0, |(from, to)| (to - from) / MOST as f64));
+        if self.readings.len().max(self.targets.len()) > MAX_READINGS {
+            self.apart_s =
+                2.0 * self.apart_s.max(self.span().map_or(0.0, |(from, to)| (to - from) / MAX_READINGS as f64));
             for track in [&mut self.readings, &mut self.targets] {
                 let mut keep = false;
                 track.retain(|_| {
@@ -72,7 +73,11 @@ mod tests {
         for second in 0..86_400 {
             readings.take(f64::from(second), Some(21_000 + second % 7), (second > 60).then_some(21_000));
         }
-        assert!((MOST / 4..=MOST).contains(&readings.readings().len()), "{}", readings.readings().len());
+        assert!(
+            (MAX_READINGS / 4..=MAX_READINGS).contains(&readings.readings().len()),
+            "{}",
+            readings.readings().len()
+        );
         let (from, to) = readings.span().unwrap();
         assert!(from == 0.0 && to > 86_000.0, "{from} {to}");
         assert!(readings.readings().is_sorted_by(|one, next| one.0 < next.0));

@@ -3,11 +3,14 @@
 //! The file begun with is kept with its comments. Each answer goes into it and the whole is checked as any robot file is
 //! ([`robot_file::parse`]); what the check finds wrong with the answer, or with one given before, refuses it.
 
+mod toml_values;
+
 use growbot_client::robot_file::{self, RobotFileError};
 use growbot_core::robot::{Robot, RobotError};
-use toml_edit::{DocumentMut, Item, RawString, Value};
+use toml_edit::{DocumentMut, Item, Value};
 
 use crate::robot_explained::{is_assumed, opening_comment};
+use toml_values::{comment, look_up, look_up_mut, paths, remark, remove, shown};
 
 /// What is asked, in this order: a field comes after those that bound it.
 pub const QUESTIONS: [&str; 24] = [
@@ -296,7 +299,7 @@ impl Draft {
         adapted
     }
 
-    /// The value of this field if it is good, else the limit that it broke, or else what is nearest to it by steps of a quarter.
+    /// The value of this field if it is good, else the limit that it broke, or else the nearest good value by steps of a quarter.
     fn possible(&self, path: &str, good: impl Fn(&Self) -> bool) -> Option<Value> {
         let value = self.value(path)?.clone();
         let (number, whole) = match &value {
@@ -365,155 +368,5 @@ fn field_of(error: &RobotError) -> &'static str {
     }
 }
 
-/// A value without its comment.
-fn shown(value: &Value) -> String {
-    let mut value = value.clone();
-    value.decor_mut().clear();
-    value.to_string().trim().to_owned()
-}
-
-/// The comment behind a value.
-fn remark(value: &Value) -> String {
-    let suffix = value.decor().suffix().and_then(RawString::as_str).unwrap_or_default();
-    suffix.split_once('#').map(|(_, comment)| comment.trim().to_owned()).unwrap_or_default()
-}
-
-/// The text as comment lines.
-fn comment(text: &str) -> String {
-    let mut lines = String::new();
-    let mut line = String::from("#");
-    for word in text.split_whitespace() {
-        if line.chars().count() + 1 + word.chars().count() > 120 {
-            lines += &line;
-            lines.push('\n');
-            line = String::from("#");
-        }
-        line.push(' ');
-        line += word;
-    }
-    lines += &line;
-    lines.push('\n');
-    lines
-}
-
-fn look_up<'a>(item: &'a Item, path: &str) -> Option<&'a Value> {
-    path.split('.').try_fold(item, |item, key| item.get(key))?.as_value()
-}
-
-fn look_up_mut<'a>(item: &'a mut Item, path: &str) -> Option<&'a mut Value> {
-    path.split('.').try_fold(item, |item, key| item.get_mut(key))?.as_value_mut()
-}
-
-fn remove(item: &mut Item, path: &str) {
-    let (table, key) = path.rsplit_once('.').unwrap_or(("", path));
-    let table = table.split('.').filter(|key| !key.is_empty()).try_fold(item, |item, key| item.get_mut(key));
-    if let Some(table) = table.and_then(Item::as_table_like_mut) {
-        table.remove(key);
-    }
-}
-
-/// The paths of all values with a line of their own.
-fn paths(item: &Item, here: &str) -> Vec<String> {
-    let Some(table) = item.as_table() else { return vec![here.to_owned()] };
-    let below = |key: &str| if here.is_empty() { key.to_owned() } else { format!("{here}.{key}") };
-    table.iter().flat_map(|(key, item)| paths(item, &below(key))).collect()
-}
-
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn draft() -> Draft {
-        let (text, file) = robot_file::text_of("growbot-a".as_ref()).unwrap();
-        Draft::of(&text, &file, "mine").unwrap()
-    }
-
-    #[test]
-    fn what_is_not_touched_is_the_robot_begun_with() {
-        for base in robot_file::names() {
-            let (text, file) = robot_file::text_of(base.as_ref()).unwrap();
-            let mut draft = Draft::of(&text, &file, "mine").unwrap();
-            for path in QUESTIONS {
-                let default = draft.default(path).unwrap();
-                assert_eq!(draft.answer(path, &default).unwrap(), [], "{base}: {path}");
-            }
-            let (robot, written) = draft.file(&[]).unwrap();
-            let begun = robot_file::load(base.as_ref()).unwrap();
-            let mut description = begun.description().clone();
-            description.name = robot.description().name.clone();
-            assert_eq!(robot.description(), &description, "{base}");
-            // As many lines that say something, and as many assumptions.
-            let said = |text: &str| text.lines().filter(|line| !line.starts_with('#') && !line.is_empty()).count();
-            assert_eq!(said(&written), said(&text), "{base}");
-            assert_eq!(written.matches("# assumed").count(), text.matches("# assumed").count(), "{base}");
-        }
-    }
-
-    #[test]
-    fn defaults_follow_the_answers_before() {
-        let mut draft = draft();
-        for (path, answer, next, default) in [
-            ("geometry.inner_radius_mm", "24", "geometry.tip_radius_mm", "44.0"),
-            ("layer.height_mm", "0.2", "layer.height_min_mm", "0.0775"),
-            ("heater.max_c", "190", "heater.target_c", "185.0"),
-        ] {
-            draft.answer(path, answer).unwrap();
-            assert_eq!(draft.default(next).as_deref(), Some(default));
-            draft.answer(next, default).unwrap();
-        }
-        // R_min is far below what it was: the radius of plans can stay.
-        assert_eq!(draft.default(RADIUS).as_deref(), Some("100.0"));
-        draft.answer("heater.extrusion_min_c", &draft.default("heater.extrusion_min_c").unwrap()).unwrap();
-        assert!(draft.file(&[]).is_ok());
-
-        let mut draft = self::draft();
-        draft.answer("geometry.inner_length_mm", "90").unwrap();
-        let radius: f64 = draft.default(RADIUS).unwrap().parse().unwrap();
-        draft.answer(RADIUS, &radius.to_string()).unwrap();
-        let least = draft.robot().unwrap().min_radius();
-        assert!(least > 100.0 && (least..least * 1.01).contains(&radius), "{radius} for {least}");
-    }
-
-    #[test]
-    fn what_is_not_asked_for_is_adapted_and_said() {
-        let mut draft = draft();
-        let adapted = draft.answer("head.steps_per_turn", "100").unwrap();
-        assert_eq!(
-            adapted.iter().map(|change| change.path.as_str()).collect::<Vec<_>>(),
-            ["head.index_width_deg", "head.index_tolerance_deg"]
-        );
-        let (_, text) = draft.file(&["head.steps_per_turn"]).unwrap();
-        assert!(text.contains("steps_per_turn = 100 # given; growbot-a has 3200, assumed: 200 full steps"), "{text}");
-        assert!(text.contains("index_width_deg = 7.2 # adapted; growbot-a has 5.0, assumed"), "{text}");
-    }
-
-    #[test]
-    fn what_cannot_be_is_refused_with_value_limit_and_what_to_do() {
-        for (path, answer, part) in [
-            ("geometry.tip_radius_mm", "10", "geometry.tip_radius_mm is 10, below 12: the tube (r_t) must be wider"),
-            ("geometry.tip_radius_mm", "wide", "geometry.tip_radius_mm cannot be \"wide\": give a number"),
-            ("geometry.tip_radius_mm", "nan", "is NaN"),
-            ("planning_radius_mm", "90", "planning_radius_mm is 90, below 98.2"),
-            ("motion.tick_hz", "-1", "a whole number"),
-            ("motion.strategy", "fead", "did you mean feed?"),
-            ("heater.target_c", "500", "above 235"),
-            (NAME, "My Robot", "lower-case letters"),
-            (NAME, "growbot-b", "growbot-b is built in"),
-            (NAME, "", "not be empty"),
-        ] {
-            let mut draft = draft();
-            let message = draft.answer(path, answer).unwrap_err().to_string();
-            assert!(message.contains(part), "{message}");
-            assert_eq!(draft.document.to_string(), self::draft().document.to_string());
-        }
-    }
-
-    #[test]
-    fn a_line_for_tools_stays_at_the_top() {
-        let (text, file) = robot_file::text_of("growbot-a".as_ref()).unwrap();
-        let text = format!("#:schema ./robot.json\n{text}");
-        let (_, written) = Draft::of(&text, &file, "mine").unwrap().file(&[]).unwrap();
-        assert!(written.starts_with("#:schema ./robot.json\n# mine: begun by"), "{written}");
-        assert_eq!(written.matches("#:schema").count(), 1);
-    }
-}
+mod tests;

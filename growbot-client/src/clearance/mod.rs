@@ -1,0 +1,155 @@
+//! Whether a body would run into itself.
+//!
+//! A body is a tube round its centreline: two stretches of it meet where their centrelines come nearer than the tube's
+//! outer diameter `D`. Stretches less than `pi D / 2` apart along the body are neighbours, not strangers: a bend that a
+//! tube of this diameter can make at all (a radius of `D / 2` or more) keeps the ends of a longer stretch at least `D`
+//! apart as long as it turns by no more than half a turn.
+//!
+//! The search halves the body again and again and looks only into pairs of pieces that may be near enough. A piece lies within
+//! `k l^2 / 8` of its chord (`k` the curvature, `l` the length), so that the distance of two chords bounds that of the pieces;
+//! long bodies that keep clear of themselves take a few steps a segment.
+
+mod tree;
+
+use std::f64::consts::FRAC_PI_2;
+
+use growbot_core::path::Segment;
+
+use tree::{Body, Node, Span, bound};
+
+/// Where a body comes nearest to itself. Lengths in mm.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Collision {
+    /// Distance between the two points of the centreline: at most the true min distance, and at least that less [`TOLERANCE`].
+    pub distance: f64,
+    /// How far along the body the points are, the earlier first.
+    pub at: [f64; 2],
+}
+
+/// The distance found is this near to the true one, as a share of the diameter.
+pub const TOLERANCE: f64 = 1e-3;
+/// Pieces of this share of the neighbourhood are not halved any further where it ends.
+const FINEST_SHARE: f64 = 1.0 / 16.0;
+/// After this many pairs the rest counts as near as it may be. Only a body that passes itself thousands of times needs more.
+const MAX_PAIRS: usize = 4_000_000;
+
+/// Where a body on this path comes nearest to itself, if it comes nearer than `diameter` (mm, positive): the min distance
+/// between two points of which the later one lies beyond `since` (mm along the body; 0 for the whole body).
+#[must_use]
+pub fn first_collision(path: &[Segment], diameter: f64, since: f64) -> Option<Collision> {
+    search(path, diameter, since).0
+}
+
+/// The same, and how many pairs of stretches were looked into.
+fn search(path: &[Segment], diameter: f64, since: f64) -> (Option<Collision>, usize) {
+    let body = Body::new(path, since);
+    let mut search = Search {
+        body: &body,
+        neighbourhood: FRAC_PI_2 * diameter,
+        sag: 0.5 * TOLERANCE * diameter / 2.0,
+        nearest: Collision { distance: diameter, at: [0.0; 2] },
+        found: false,
+        left: MAX_PAIRS,
+    };
+    search.run();
+    (search.found.then_some(search.nearest), MAX_PAIRS - search.left)
+}
+
+/// A search under way.
+struct Search<'a> {
+    body: &'a Body,
+    /// Points less than this apart along the body do not count, mm.
+    neighbourhood: f64,
+    /// A part within this of its chord is halved no further, mm.
+    sag: f64,
+    nearest: Collision,
+    found: bool,
+    /// Pairs that may still be looked into.
+    left: usize,
+}
+
+impl Search<'_> {
+    fn run(&mut self) {
+        let Some(root) = self.body.groups.last() else { return };
+        // The earlier stretch first; a stretch and itself stands for all pairs within it.
+        let mut pairs = vec![(*root, None)];
+        while let Some((a, b)) = pairs.pop() {
+            self.left = self.left.saturating_sub(1);
+            match b {
+                None => {
+                    if !self.may_meet(&a.span, &a.span) {
+                        continue;
+                    }
+                    if self.left == 0 {
+                        // Nothing is known of the pairs within.
+                        self.found_at(0.0, [a.span.from, a.span.to]);
+                        return;
+                    }
+                    let [first, second] = self.body.halves(&a);
+                    pairs.extend([(second, None), (first, None), (first, Some(second))]);
+                }
+                Some(b) => self.pair(&a, &b, &mut pairs),
+            }
+        }
+    }
+
+    /// Whether points of these stretches may be strangers: far enough along the body, and with a turn between them that can
+    /// bring them together. A curve that turns by a right angle at most goes at least `cos(pi / 4)` of its length ahead.
+    fn may_meet(&self, a: &Span, b: &Span) -> bool {
+        b.to > self.body.since && b.to - a.from > self.neighbourhood && b.turned[1] - a.turned[0] > FRAC_PI_2
+    }
+
+    /// Records a pair of points, if it is nearer than all before.
+    fn found_at(&mut self, distance: f64, at: [f64; 2]) {
+        if distance < self.nearest.distance {
+            self.nearest = Collision { distance, at };
+            self.found = true;
+        }
+    }
+
+    fn pair(&mut self, a: &Node, b: &Node, pairs: &mut Vec<(Node, Option<Node>)>) {
+        if !self.may_meet(&a.span, &b.span) {
+            return;
+        }
+        let (distance, on) = bound(a, b);
+        if distance >= self.nearest.distance {
+            return;
+        }
+        let strangers = b.span.from - a.span.to >= self.neighbourhood;
+        let small = |node: &Node| node.is_part() && node.span.length() <= FINEST_SHARE * self.neighbourhood;
+        if !strangers && small(a) && small(b) {
+            // The end of the neighbourhood, where points are still well apart.
+            return;
+        }
+        let fine = |node: &Node| node.is_part() && node.reach <= self.sag;
+        if self.left == 0 || (strangers && fine(a) && fine(b)) {
+            let along = |span: &Span, share: f64| span.from + share * span.length();
+            self.found_at(distance, [along(&a.span, on[0]), along(&b.span, on[1])]);
+            return;
+        }
+        // The one that says less of where it is.
+        let coarseness = |node: &Node| match (node.is_part(), strangers) {
+            (false, _) => f64::INFINITY,
+            (true, true) => node.reach,
+            (true, false) => node.span.length(),
+        };
+        let halve_a = match (a.is_part(), b.is_part()) {
+            (false, false) => a.reach >= b.reach,
+            _ => coarseness(a) >= coarseness(b),
+        };
+        // The nearer pair is looked into first: what it finds spares the other.
+        let mut halves = if halve_a {
+            self.body.halves(a).map(|half| (half, *b))
+        } else {
+            self.body.halves(b).map(|half| (*a, half))
+        };
+        let [near, far] = [0, 1].map(|i| bound(&halves[i].0, &halves[i].1).0);
+        if near <= far {
+            halves.reverse();
+        }
+        pairs.extend(halves.map(|(a, b)| (a, Some(b))));
+    }
+}
+
+#[cfg(test)]
+mod tests;

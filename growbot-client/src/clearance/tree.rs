@@ -1,0 +1,213 @@
+//! A body as a tree of stretches, each with a ball or a chord that it stays near.
+
+use growbot_core::helicoid::{Helicoid, Walk};
+use growbot_core::path::Segment;
+use growbot_core::pose::Frame;
+use nalgebra::Vector3;
+
+/// A helicoidal arc is divided into pieces of this length from the outset, radii: each is one step of the integration.
+const HELICOID_PIECE: f64 = 0.25;
+
+/// A stretch of the body that one formula gives: a segment, or a short piece of a helicoidal arc.
+pub(super) struct Piece {
+    pub(super) base_from_start: Frame,
+    pub(super) segment: Segment,
+    /// Length of the body, and by how much it has turned, up to the start.
+    pub(super) at: f64,
+    pub(super) turned: f64,
+}
+
+impl Piece {
+    /// The point after this length along the piece.
+    pub(super) fn point(&self, along: f64) -> Vector3<f64> {
+        let part = match self.segment {
+            Segment::Arc { alpha, bend, length } => {
+                Segment::Arc { alpha, bend: bend * (along / length), length: along }
+            }
+            Segment::Straight { .. } => Segment::Straight { length: along },
+            Segment::Helicoid { curve, radius, .. } => Segment::Helicoid { curve, radius, length: along },
+        };
+        (self.base_from_start * part.step()).translation.vector
+    }
+
+    /// The whole piece, or no more of it than this stretch.
+    fn part(&self, index: usize, from: (f64, Vector3<f64>), to: (f64, Vector3<f64>)) -> Node {
+        let length = to.0 - from.0;
+        let curvature = self.segment.curvature();
+        let turned = |along: f64| self.turned + curvature * along;
+        Node {
+            span: Span { from: self.at + from.0, to: self.at + to.0, turned: [turned(from.0), turned(to.0)] },
+            // Within half its length any point is also near one of the ends.
+            reach: (curvature * length * length / 8.0).min(0.5 * length),
+            kind: Kind::Part { piece: index, along: [from.0, to.0], ends: [from.1, to.1] },
+        }
+    }
+}
+
+/// A stretch of the body: from where to where, mm, and how far the direction has turned up to its ends, radians.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Span {
+    pub(super) from: f64,
+    pub(super) to: f64,
+    pub(super) turned: [f64; 2],
+}
+
+impl Span {
+    pub(super) fn length(&self) -> f64 {
+        self.to - self.from
+    }
+}
+
+/// A node of the tree over the body: a stretch, and what it cannot leave.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Node {
+    pub(super) span: Span,
+    /// The stretch lies within this of its chord, or of its centre.
+    pub(super) reach: f64,
+    pub(super) kind: Kind,
+}
+
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Kind {
+    /// Several pieces round a centre: two nodes of [`Body::groups`].
+    Group { centre: Vector3<f64>, halves: [usize; 2] },
+    /// A part of a piece, between two points along it.
+    Part { piece: usize, along: [f64; 2], ends: [Vector3<f64>; 2] },
+}
+
+/// A body as a tree of stretches.
+pub(super) struct Body {
+    pieces: Vec<Piece>,
+    /// All groups and whole pieces; the last is the root.
+    pub(super) groups: Vec<Node>,
+    /// Only points beyond this count as the later one of two, mm.
+    pub(super) since: f64,
+}
+
+impl Body {
+    pub(super) fn new(path: &[Segment], since: f64) -> Self {
+        let mut pieces = Vec::with_capacity(path.len());
+        let mut end = Piece {
+            base_from_start: Frame::identity(),
+            segment: Segment::Straight { length: 0.0 },
+            at: 0.0,
+            turned: 0.0,
+        };
+        let mut push = |segment: Segment| {
+            let next = Piece {
+                base_from_start: end.base_from_start * segment.step(),
+                segment,
+                at: end.at + segment.length(),
+                turned: end.turned + segment.bend(),
+            };
+            pieces.push(Piece { segment, ..std::mem::replace(&mut end, next) });
+        };
+        for segment in path {
+            match *segment {
+                Segment::Helicoid { curve, radius, length } => divide(&curve, radius, length, &mut push),
+                plain => push(plain),
+            }
+        }
+        // Sums of many short pieces do not end to the last digit where those of long ones do.
+        let mut body = Self { pieces, groups: Vec::new(), since: since * (1.0 + 1e-12) };
+        if !body.pieces.is_empty() {
+            body.group(0, body.pieces.len());
+        }
+        body
+    }
+
+    /// Makes the tree over these pieces, at least one, and gives the index of its root.
+    fn group(&mut self, first: usize, end: usize) -> usize {
+        let node = match self.pieces.get(first) {
+            Some(piece) if end - first == 1 => {
+                let length = piece.segment.length();
+                piece.part(first, (0.0, piece.point(0.0)), (length, piece.point(length)))
+            }
+            _ => {
+                let middle = first + (end - first) / 2;
+                let halves = [self.group(first, middle), self.group(middle, end)];
+                let [a, b] = halves.map(|half| self.groups[half]);
+                let (ball_a, ball_b) = (a.ball(), b.ball());
+                let centre = (ball_a.0 + ball_b.0) * 0.5;
+                let reach = [ball_a, ball_b].map(|(at, radius)| (at - centre).norm() + radius);
+                Node {
+                    span: Span { from: a.span.from, to: b.span.to, turned: [a.span.turned[0], b.span.turned[1]] },
+                    reach: reach[0].max(reach[1]),
+                    kind: Kind::Group { centre, halves },
+                }
+            }
+        };
+        self.groups.push(node);
+        self.groups.len() - 1
+    }
+
+    /// The two halves of a node.
+    pub(super) fn halves(&self, node: &Node) -> [Node; 2] {
+        match node.kind {
+            Kind::Group { halves, .. } => halves.map(|half| self.groups[half]),
+            Kind::Part { piece: index, along: [from, to], ends: [start, end] } => {
+                let piece = &self.pieces[index];
+                let middle = 0.5 * (from + to);
+                let at_middle = (middle, piece.point(middle));
+                [piece.part(index, (from, start), at_middle), piece.part(index, at_middle, (to, end))]
+            }
+        }
+    }
+}
+
+/// Divides a helicoidal arc into short ones.
+fn divide(curve: &Helicoid, radius: f64, length: f64, push: &mut impl FnMut(Segment)) {
+    let count = libm::ceil(length / radius / HELICOID_PIECE).max(1.0);
+    let short = length / count;
+    let mut walk = Walk::new(curve);
+    for _ in 0..count as usize {
+        // The same curve from here on: m at this point and p, seen from this tip.
+        let start_from_tip = walk.frame();
+        let tip_from_start = start_from_tip.rotation.inverse();
+        let m0 = tip_from_start * curve.m(&start_from_tip.translation.vector);
+        push(Segment::Helicoid { curve: Helicoid { m0, p: tip_from_start * curve.p }, radius, length: short });
+        walk.advance(short / radius);
+    }
+}
+
+impl Node {
+    /// A ball that holds the stretch: centre and radius.
+    fn ball(&self) -> (Vector3<f64>, f64) {
+        match self.kind {
+            Kind::Group { centre, .. } => (centre, self.reach),
+            Kind::Part { ends: [a, b], .. } => ((a + b) * 0.5, 0.5 * (b - a).norm() + self.reach),
+        }
+    }
+
+    pub(super) fn is_part(&self) -> bool {
+        matches!(self.kind, Kind::Part { .. })
+    }
+}
+
+/// The min distance between two nodes that their shapes allow, and where on each, 0 to 1.
+pub(super) fn bound(a: &Node, b: &Node) -> (f64, [f64; 2]) {
+    if let (Kind::Part { ends: ends_a, .. }, Kind::Part { ends: ends_b, .. }) = (&a.kind, &b.kind) {
+        let (distance, at) = between_chords(ends_a, ends_b);
+        return ((distance - a.reach - b.reach).max(0.0), at);
+    }
+    let ((centre_a, reach_a), (centre_b, reach_b)) = (a.ball(), b.ball());
+    (((centre_a - centre_b).norm() - reach_a - reach_b).max(0.0), [0.5; 2])
+}
+
+/// The distance of two straight lines between points, and where on each they are nearest, 0 to 1.
+fn between_chords([a0, a1]: &[Vector3<f64>; 2], [b0, b1]: &[Vector3<f64>; 2]) -> (f64, [f64; 2]) {
+    let (along_a, along_b, apart) = (a1 - a0, b1 - b0, a0 - b0);
+    let (aa, bb, ab) = (along_a.norm_squared(), along_b.norm_squared(), along_a.dot(&along_b));
+    let (a_apart, b_apart) = (along_a.dot(&apart), along_b.dot(&apart));
+    let share = |part: f64, whole: f64| if whole > 0.0 { (part / whole).clamp(0.0, 1.0) } else { 0.0 };
+    let on_a = |on_b: f64| share(ab * on_b - a_apart, aa);
+    let on_b = |on_a: f64| share(ab * on_a + b_apart, bb);
+    // The nearest pair is that of the whole lines, or has an end in it.
+    let crossing = share(ab * b_apart - a_apart * bb, aa * bb - ab * ab);
+    let pairs = [[crossing, on_b(crossing)], [on_a(0.0), 0.0], [on_a(1.0), 1.0], [0.0, on_b(0.0)], [1.0, on_b(1.0)]];
+    let distance = |[s, t]: [f64; 2]| (apart + along_a * s - along_b * t).norm();
+    pairs
+        .into_iter()
+        .map(|at| (distance(at), at))
+        .fold((f64::INFINITY, [0.0; 2]), |best, next| if next.0 < best.0 { next } else { best })
+}

@@ -1,0 +1,95 @@
+use super::*;
+
+fn draft() -> Draft {
+    let (text, file) = robot_file::text_of("growbot-a".as_ref()).unwrap();
+    Draft::of(&text, &file, "mine").unwrap()
+}
+
+#[test]
+fn what_is_not_touched_is_the_robot_begun_with() {
+    for base in robot_file::names() {
+        let (text, file) = robot_file::text_of(base.as_ref()).unwrap();
+        let mut draft = Draft::of(&text, &file, "mine").unwrap();
+        for path in QUESTIONS {
+            let default = draft.default(path).unwrap();
+            assert_eq!(draft.answer(path, &default).unwrap(), [], "{base}: {path}");
+        }
+        let (robot, written) = draft.file(&[]).unwrap();
+        let begun = robot_file::load(base.as_ref()).unwrap();
+        let mut description = begun.description().clone();
+        description.name = robot.description().name.clone();
+        assert_eq!(robot.description(), &description, "{base}");
+        // As many lines that say something, and as many assumptions.
+        let said = |text: &str| text.lines().filter(|line| !line.starts_with('#') && !line.is_empty()).count();
+        assert_eq!(said(&written), said(&text), "{base}");
+        assert_eq!(written.matches("# assumed").count(), text.matches("# assumed").count(), "{base}");
+    }
+}
+
+#[test]
+fn defaults_follow_the_answers_before() {
+    let mut draft = draft();
+    for (path, answer, next, default) in [
+        ("geometry.inner_radius_mm", "24", "geometry.tip_radius_mm", "44.0"),
+        ("layer.height_mm", "0.2", "layer.height_min_mm", "0.0775"),
+        ("heater.max_c", "190", "heater.target_c", "185.0"),
+    ] {
+        draft.answer(path, answer).unwrap();
+        assert_eq!(draft.default(next).as_deref(), Some(default));
+        draft.answer(next, default).unwrap();
+    }
+    // R_min is far below what it was: the radius of plans can stay.
+    assert_eq!(draft.default(RADIUS).as_deref(), Some("100.0"));
+    draft.answer("heater.extrusion_min_c", &draft.default("heater.extrusion_min_c").unwrap()).unwrap();
+    assert!(draft.file(&[]).is_ok());
+
+    let mut draft = self::draft();
+    draft.answer("geometry.inner_length_mm", "90").unwrap();
+    let radius: f64 = draft.default(RADIUS).unwrap().parse().unwrap();
+    draft.answer(RADIUS, &radius.to_string()).unwrap();
+    let r_min = draft.robot().unwrap().min_radius();
+    assert!(r_min > 100.0 && (r_min..r_min * 1.01).contains(&radius), "{radius} for {r_min}");
+}
+
+#[test]
+fn what_is_not_asked_for_is_adapted_and_said() {
+    let mut draft = draft();
+    let adapted = draft.answer("head.steps_per_turn", "100").unwrap();
+    assert_eq!(
+        adapted.iter().map(|change| change.path.as_str()).collect::<Vec<_>>(),
+        ["head.index_width_deg", "head.index_tolerance_deg"]
+    );
+    let (_, text) = draft.file(&["head.steps_per_turn"]).unwrap();
+    assert!(text.contains("steps_per_turn = 100 # given; growbot-a has 3200, assumed: 200 full steps"), "{text}");
+    assert!(text.contains("index_width_deg = 7.2 # adapted; growbot-a has 5.0, assumed"), "{text}");
+}
+
+#[test]
+fn what_cannot_be_is_refused_with_value_limit_and_what_to_do() {
+    for (path, answer, part) in [
+        ("geometry.tip_radius_mm", "10", "geometry.tip_radius_mm is 10, below 12: the tube (r_t) must be wider"),
+        ("geometry.tip_radius_mm", "wide", "geometry.tip_radius_mm cannot be \"wide\": give a number"),
+        ("geometry.tip_radius_mm", "nan", "is NaN"),
+        ("planning_radius_mm", "90", "planning_radius_mm is 90, below 98.2"),
+        ("motion.tick_hz", "-1", "a whole number"),
+        ("motion.strategy", "fead", "did you mean feed?"),
+        ("heater.target_c", "500", "above 235"),
+        (NAME, "My Robot", "lower-case letters"),
+        (NAME, "growbot-b", "growbot-b is built in"),
+        (NAME, "", "not be empty"),
+    ] {
+        let mut draft = draft();
+        let message = draft.answer(path, answer).unwrap_err().to_string();
+        assert!(message.contains(part), "{message}");
+        assert_eq!(draft.document.to_string(), self::draft().document.to_string());
+    }
+}
+
+#[test]
+fn a_line_for_tools_stays_at_the_top() {
+    let (text, file) = robot_file::text_of("growbot-a".as_ref()).unwrap();
+    let text = format!("#:schema ./robot.json\n{text}");
+    let (_, written) = Draft::of(&text, &file, "mine").unwrap().file(&[]).unwrap();
+    assert!(written.starts_with("#:schema ./robot.json\n# mine: begun by"), "{written}");
+    assert_eq!(written.matches("#:schema").count(), 1);
+}
