@@ -29,7 +29,8 @@ pub enum FileError {
     },
     /// Standard output goes to a file that the command reads.
     #[error(
-        "cannot read {file}: standard output is redirected onto it, and what is printed would destroy it; redirect to another file"
+        "cannot read {file}: standard output is redirected onto it, and what is printed would destroy it; redirect to \
+         another file"
     )]
     OntoInput {
         /// The file.

@@ -32,7 +32,8 @@ pub enum InputError {
     },
     /// A named pipe, a device or a socket: reading it might wait for ever.
     #[error(
-        "cannot read {name}: it is {what}, and might never end; give a file, or send it to standard input (-), as in `growbot COMMAND - < FILE`"
+        "cannot read {name}: it is {what}, and might never end; give a file, or send it to standard input (-), as in \
+         `growbot COMMAND - < FILE`"
     )]
     NoFile {
         /// What was to be read.
@@ -70,9 +71,9 @@ pub fn is_standard_input(path: &Path) -> bool {
     path.as_os_str() == "-"
 }
 
-/// Opens a file, or standard input for `-`. A pipe that the shell has opened (`<(command)`, which is called /dev/fd/N) is read too; a named
-/// pipe, a device or a socket is not, since opening or reading it might wait for ever. What is opened is an input of this program, which
-/// [`crate::files`] does not write to.
+/// Opens a file, or standard input for `-`. A pipe that the shell has opened (`<(command)`, which is called /dev/fd/N)
+/// is read too; a named pipe, a device or a socket is not, since opening or reading it might wait for ever. What is
+/// opened is an input of this program, which [`crate::files`] does not write to.
 ///
 /// # Errors
 /// [`InputError::Unreadable`], [`InputError::NoFile`] or [`InputError::Destroyed`].
@@ -140,8 +141,8 @@ pub fn note_standard_input() -> Result<(), FileError> {
     Ok(())
 }
 
-/// A stream of lines, none of which is longer than [`LONGEST_TEXT`]: the stream may be as long as it likes, and no memory is filled by a
-/// line that does not end.
+/// A stream of lines, none of which is longer than [`LONGEST_TEXT`]: the stream may be as long as it likes, and no
+/// memory is filled by a line that does not end.
 pub struct BoundedLines<R> {
     lines: R,
     /// Bytes since the last end of a line.

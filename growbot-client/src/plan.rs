@@ -82,8 +82,9 @@ pub struct Search {
     pub clear_of_self: bool,
 }
 
-/// A leg is planned from the pose it should start at as long as the tip is this near to it, in radii and radians: a goal that
-/// lies exactly ahead then still does. Beyond, it is planned from where the tip is, so that errors do not add up.
+/// A leg is planned from the pose it should start at as long as the tip is this near to it, in radii and radians: a
+/// goal that lies exactly ahead then still does. Beyond, it is planned from where the tip is, so that errors do not add
+/// up.
 const AT_THE_POSE: f64 = 1e-11;
 
 impl Plan {
@@ -105,11 +106,11 @@ impl Plan {
         Self::through(robot, start, &[], goal, &Search { radius, planner, clear_of_self: false })
     }
 
-    /// Plans from the start through these poses, in order, to the goal: each leg from where the one before ended, with the
-    /// frame of the tip carried along.
+    /// Plans from the start through these poses, in order, to the goal: each leg from where the one before ended, with
+    /// the frame of the tip carried along.
     ///
-    /// With [`Search::clear_of_self`], each leg is the shortest candidate that meets neither itself nor the legs before; where
-    /// there is none, the shortest of all, and the plan's warnings say so.
+    /// With [`Search::clear_of_self`], each leg is the shortest candidate that meets neither itself nor the legs
+    /// before; where there is none, the shortest of all, and the plan's warnings say so.
     ///
     /// # Errors
     /// As [`Plan::make`].

@@ -7,7 +7,8 @@ use growbot_core::pose::{Pose, PoseError};
 pub enum PoseTextError {
     /// Not five numbers.
     #[error(
-        "a pose is five numbers, X,Y,Z,HEADING,PITCH in mm and degrees, and this is {found}: with spaces, put it in quotes"
+        "a pose is five numbers, X,Y,Z,HEADING,PITCH in mm and degrees, and this is {found}: with spaces, put it in \
+         quotes"
     )]
     Count {
         /// How many there were.
@@ -51,8 +52,8 @@ pub fn parse_pose(text: &str) -> Result<Pose, PoseTextError> {
     Ok(pose_of_numbers(numbers)?)
 }
 
-/// A pose from x, y, z in mm, heading and pitch in degrees. The heading is wrapped while it is still in degrees, where a
-/// turn is a whole number: 190 is -170 to the last digit.
+/// A pose from x, y, z in mm, heading and pitch in degrees. The heading is wrapped while it is still in degrees, where
+/// a turn is a whole number: 190 is -170 to the last digit.
 ///
 /// # Errors
 /// As [`Pose::from_degrees`].
@@ -68,7 +69,8 @@ pub fn pose_of_numbers([x, y, z, heading, pitch]: [f64; 5]) -> Result<Pose, Pose
     Pose::from_degrees([x, y, z, if heading.is_finite() { wrapped } else { heading }, pitch])
 }
 
-/// A number from its text; spaces round it are tolerated. `nan` and `inf` pass, so that who checks the range can name them.
+/// A number from its text; spaces round it are tolerated. `nan` and `inf` pass, so that who checks the range can name
+/// them.
 #[must_use]
 pub fn parse_number(text: &str) -> Option<f64> {
     // Adding zero makes -0 plain 0, so that it is written as people expect.

@@ -1,11 +1,12 @@
-//! Text on its way to a terminal. Names, outcomes and messages come from files, boards and other programs: none of their characters may
-//! move the cursor, change colours or turn the direction of writing.
+//! Text on its way to a terminal. Names, outcomes and messages come from files, boards and other programs: none of
+//! their characters may move the cursor, change colours or turn the direction of writing.
 
 use std::borrow::Cow;
 
 use serde::Serialize;
 
-/// Whether a terminal obeys this character instead of showing it: C0, DEL, C1, and what changes lines or the direction of writing.
+/// Whether a terminal obeys this character instead of showing it: C0, DEL, C1, and what changes lines or the direction
+/// of writing.
 #[must_use]
 pub fn steers(letter: char) -> bool {
     letter.is_control()

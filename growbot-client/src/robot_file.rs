@@ -1,7 +1,7 @@
 //! Descriptions of robots: built in by name, or from TOML files.
 //!
-//! The files in `robots/` are in the binary, so that nothing has to be installed beside it. A file of one's own may have any name;
-//! what it describes is checked in full ([`Robot::new`]) before anything else sees it.
+//! The files in `robots/` are in the binary, so that nothing has to be installed beside it. A file of one's own may
+//! have any name; what it describes is checked in full ([`Robot::new`]) before anything else sees it.
 
 use std::borrow::Cow;
 use std::path::Path;
@@ -33,7 +33,10 @@ const BUILT_IN: [(&str, &str); 11] = [
 #[derive(Debug, thiserror::Error)]
 pub enum RobotFileError {
     /// Neither a built-in name nor a file.
-    #[error("there is no robot and no file {name:?}{}; built in are {}", did_you_mean(.name, names()), names().collect::<Vec<_>>().join(", "))]
+    #[error(
+        "there is no robot and no file {name:?}{}; built in are {}",
+        did_you_mean(.name, names()), names().collect::<Vec<_>>().join(", ")
+    )]
     Unknown {
         /// What was asked for.
         name: String,

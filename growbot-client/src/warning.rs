@@ -26,12 +26,13 @@ pub struct Warning {
 
 /// Code of the warning of layers that are thinner, on the inner side of the bend, than what prints well (mm).
 pub const THIN_LAYER: &str = "thin-layer";
-/// Code of the warning of a body that would run into itself: least distance of its centreline, outer diameter of the tube (mm).
+/// Code of the warning of a body that would run into itself: least distance of its centreline, outer diameter of the
+/// tube (mm).
 pub const SELF_COLLISION: &str = "self-collision";
 /// Code of the warning of a body that takes more filament than the spool holds (mm).
 pub const FILAMENT_SHORT: &str = "filament-short";
-/// Code of the warning of layers that the robot cannot lay: too high (mm), too tilted (degrees), without material somewhere
-/// (mm), or with too many steps (value and limit are 0).
+/// Code of the warning of layers that the robot cannot lay: too high (mm), too tilted (degrees), without material
+/// somewhere (mm), or with too many steps (value and limit are 0).
 pub const LAYER_LIMIT: &str = "layer-limit";
 
 /// The warnings of what cannot succeed: a growth heeds them.
@@ -57,8 +58,8 @@ fn self_collision(path: &[Segment], robot: &Robot) -> Option<Warning> {
     let limit = robot.outer_diameter();
     let Collision { distance: value, at: [from, to] } = first_collision(path, limit, 0.0)?;
     let message = format!(
-        "the body runs into itself: after {to:.0} mm its centreline comes within {value:.1} mm of where it was after {from:.0} mm, \
-         and the tube is {limit:.1} mm wide"
+        "the body runs into itself: after {to:.0} mm its centreline comes within {value:.1} mm of where it was after \
+         {from:.0} mm, and the tube is {limit:.1} mm wide"
     );
     Some(Warning { code: SELF_COLLISION.to_owned(), message, value, limit })
 }
@@ -69,7 +70,8 @@ fn filament_short(needs: &Needs, robot: &Robot) -> Option<Warning> {
         let (takes, holds) = (value / 1000.0, limit / 1000.0);
         let enough = needs.length * limit / value;
         let message = format!(
-            "the body takes {takes:.1} m of filament, and the spool holds {holds:.1} m: enough for {enough:.0} mm of {:.0}",
+            "the body takes {takes:.1} m of filament, and the spool holds {holds:.1} m: enough for {enough:.0} mm of \
+             {:.0}",
             needs.length
         );
         Warning { code: FILAMENT_SHORT.to_owned(), message, value, limit }
@@ -118,7 +120,8 @@ fn thin_layer(index: usize, segment: &Segment, robot: &Robot) -> Option<Warning>
     let layers = if count == 1 { "1 layer" } else { &format!("{count} layers") };
     let (length, thinnest) = (readable(segment.length()), readable(value));
     let message = format!(
-        "segment {index} ({kind}, {length} mm) takes {layers} of {thinnest} mm{side}, below the {limit} mm that print well"
+        "segment {index} ({kind}, {length} mm) takes {layers} of {thinnest} mm{side}, below the {limit} mm that print \
+         well"
     );
     Some(Warning { code: THIN_LAYER.to_owned(), message, value, limit })
 }

@@ -116,8 +116,8 @@ impl<'a> Crash<'a> {
         image.places(frame.pc)
     }
 
-    /// What may have called whom, the innermost first: return addresses in the link register and on the stack. On the stack there may be
-    /// some that are left from earlier calls.
+    /// What may have called whom, the innermost first: return addresses in the link register and on the stack. On the
+    /// stack there may be some that are left from earlier calls.
     fn calls(&self) -> Vec<(u32, Vec<Place>)> {
         let Some(image) = self.image else { return Vec::new() };
         let addresses = self.record.frame.map(|frame| frame.lr).into_iter().chain(self.record.stack);

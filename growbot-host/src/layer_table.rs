@@ -12,8 +12,8 @@ use growbot_core::slicing::{SlicedLayer, Slicing, layers};
 /// The header.
 pub const HEADER: &str = "layer,segment,alpha_deg,height_mm,tilt_deg";
 
-/// Writes the layers of a path, by exact slicing, in full precision: layers and segments count from 0, `alpha_deg` lies in
-/// `[0, 360)` and is 0 where a layer is straight.
+/// Writes the layers of a path, by exact slicing, in full precision: layers and segments count from 0, `alpha_deg` lies
+/// in `[0, 360)` and is 0 where a layer is straight.
 ///
 /// # Errors
 /// What `out` fails with.

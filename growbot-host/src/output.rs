@@ -8,7 +8,8 @@ use std::io::{self, Write};
 use growbot_client::files::FileError;
 use growbot_client::printable::{lines, one_line};
 
-/// Says something on standard error, in one line. Whoever listened there may have gone; that is no reason to leave a robot alone.
+/// Says something on standard error, in one line. Whoever listened there may have gone; that is no reason to leave a
+/// robot alone.
 #[macro_export]
 macro_rules! tell {
     ($($words:tt)*) => { $crate::output::say(format_args!($($words)*)) };

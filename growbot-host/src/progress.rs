@@ -1,4 +1,5 @@
-//! Progress of long work, on standard error: a bar with the time left on a terminal, a plain line now and then otherwise.
+//! Progress of long work, on standard error: a bar with the time left on a terminal, a plain line now and then
+//! otherwise.
 
 use std::io::{self, IsTerminal};
 use std::time::{Duration, Instant};

@@ -94,7 +94,8 @@ impl Explained {
         self.sections.iter().flat_map(|section| &section.fields)
     }
 
-    /// What the robot is, and where it comes from: the first sentence of its file, and the first that cites a publication.
+    /// What the robot is, and where it comes from: the first sentence of its file, and the first that cites a
+    /// publication.
     #[must_use]
     pub fn what_and_source(&self) -> String {
         let sentences = sentences(&self.about);

@@ -1,8 +1,9 @@
 //! The JSON Schema of robot files: what editors complete, explain and check by.
 //!
-//! Fields, kinds and descriptions are those of [`RobotDescription`], by its derive and its doc comments. Bounds are those of its
-//! checks: each number is set far too low and far too high, and the refusal tells the limit. A limit that moves with another
-//! field cannot be said in a schema as a number; it stands in the field's description, in the words of the refusal.
+//! Fields, kinds and descriptions are those of [`RobotDescription`], by its derive and its doc comments. Bounds are
+//! those of its checks: each number is set far too low and far too high, and the refusal tells the limit. A limit that
+//! moves with another field cannot be said in a schema as a number; it stands in the field's description, in the words
+//! of the refusal.
 
 use growbot_client::robot_file;
 use growbot_core::robot::{Robot, RobotDescription, RobotError};

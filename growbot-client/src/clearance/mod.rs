@@ -5,9 +5,9 @@
 //! tube of this diameter can make at all (a radius of `D / 2` or more) keeps the ends of a longer stretch at least `D`
 //! apart as long as it turns by no more than half a turn.
 //!
-//! The search halves the body again and again and looks only into pairs of pieces that may be near enough. A piece lies within
-//! `k l^2 / 8` of its chord (`k` the curvature, `l` the length), so that the distance of two chords bounds that of the pieces;
-//! long bodies that keep clear of themselves take a few steps a segment.
+//! The search halves the body again and again and looks only into pairs of pieces that may be near enough. A piece lies
+//! within `k l^2 / 8` of its chord (`k` the curvature, `l` the length), so that the distance of two chords bounds that
+//! of the pieces; long bodies that keep clear of themselves take a few steps a segment.
 
 mod tree;
 
@@ -20,7 +20,8 @@ use tree::{Body, Node, Span, bound};
 /// Where a body comes nearest to itself. Lengths in mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Collision {
-    /// Distance between the two points of the centreline: at most the true min distance, and at least that less [`TOLERANCE`].
+    /// Distance between the two points of the centreline: at most the true min distance, and at least that less
+    /// [`TOLERANCE`].
     pub distance: f64,
     /// How far along the body the points are, the earlier first.
     pub at: [f64; 2],
@@ -30,11 +31,12 @@ pub struct Collision {
 pub const TOLERANCE: f64 = 1e-3;
 /// Pieces of this share of the neighbourhood are not halved any further where it ends.
 const FINEST_SHARE: f64 = 1.0 / 16.0;
-/// After this many pairs the rest counts as near as it may be. Only a body that passes itself thousands of times needs more.
+/// After this many pairs the rest counts as near as it may be. Only a body that passes itself thousands of times needs
+/// more.
 const MAX_PAIRS: usize = 4_000_000;
 
-/// Where a body on this path comes nearest to itself, if it comes nearer than `diameter` (mm, positive): the min distance
-/// between two points of which the later one lies beyond `since` (mm along the body; 0 for the whole body).
+/// Where a body on this path comes nearest to itself, if it comes nearer than `diameter` (mm, positive): the min
+/// distance between two points of which the later one lies beyond `since` (mm along the body; 0 for the whole body).
 #[must_use]
 pub fn first_collision(path: &[Segment], diameter: f64, since: f64) -> Option<Collision> {
     search(path, diameter, since).0
@@ -93,8 +95,9 @@ impl Search<'_> {
         }
     }
 
-    /// Whether points of these stretches may be strangers: far enough along the body, and with a turn between them that can
-    /// bring them together. A curve that turns by a right angle at most goes at least `cos(pi / 4)` of its length ahead.
+    /// Whether points of these stretches may be strangers: far enough along the body, and with a turn between them that
+    /// can bring them together. A curve that turns by a right angle at most goes at least `cos(pi / 4)` of its length
+    /// ahead.
     fn may_meet(&self, a: &Span, b: &Span) -> bool {
         b.to > self.body.since && b.to - a.from > self.neighbourhood && b.turned[1] - a.turned[0] > FRAC_PI_2
     }

@@ -2,8 +2,8 @@
 //!
 //! The plan must be for this very robot, its numbers must make sense, its bends must be ones that the robot can make,
 //! its totals must be those of its segments, and chaining Eq 4 over the segments from the start must end at the goal.
-//! With poses on the way it must pass through each of them. Warnings are found anew; of those in the file, the ones whose
-//! code is not among them stand: another program or a person may know more.
+//! With poses on the way it must pass through each of them. Warnings are found anew; of those in the file, the ones
+//! whose code is not among them stand: another program or a person may know more.
 
 use growbot_core::angle::{radians, wrap_positive};
 use growbot_core::helicoid::Helicoid;
@@ -22,7 +22,8 @@ use crate::warning::{THIN_LAYER, Warning};
 
 /// No segment is longer than this, mm: from one corner of the space of poses to the other and back.
 const LONGEST_SEGMENT: f64 = 8.0 * Pose::MAX_COORDINATE;
-/// All helicoidal arcs together are no longer than this, in radii: to integrate more, which no planner gives, would only take time.
+/// All helicoidal arcs together are no longer than this, in radii: to integrate more, which no planner gives, would
+/// only take time.
 const MAX_TURNS: f64 = 1e4;
 /// No planner looks at more paths.
 const MAX_CANDIDATES: f64 = 1e9;

@@ -22,7 +22,8 @@ pub enum PlanFault {
     },
     /// The robot's description has changed since.
     #[error(
-        "the plan is for {robot} of hash {plan}, and this {robot} has hash {here}: the description has changed; plan again, or give the old one with --robot FILE"
+        "the plan is for {robot} of hash {plan}, and this {robot} has hash {here}: the description has changed; plan \
+         again, or give the old one with --robot FILE"
     )]
     OtherHash {
         /// The robot.
@@ -54,7 +55,8 @@ pub enum PlanFault {
     },
     /// A bend that the robot cannot make.
     #[error(
-        "segment {segment} has a radius of {} mm, below R_min = {limit} mm of this robot: plan again with a larger --radius", Short(.radius)
+        "segment {segment} has a radius of {} mm, below R_min = {limit} mm of this robot: plan again with a larger \
+         --radius", Short(.radius)
     )]
     TooTight {
         /// Which segment, from 0.
@@ -72,7 +74,8 @@ pub enum PlanFault {
     },
     /// A helicoidal arc whose tip would not only bend but twist.
     #[error(
-        "m0 of segment {segment} is not perpendicular to the tip there: {value} of it points ahead, {limit} may; plan again"
+        "m0 of segment {segment} is not perpendicular to the tip there: {value} of it points ahead, {limit} may; plan \
+         again"
     )]
     NotPerpendicular {
         /// Which segment, from 0.
@@ -83,7 +86,10 @@ pub enum PlanFault {
         limit: f64,
     },
     /// A total that is not the sum of the segments.
-    #[error("{what} is {}, and the segments give {}: the plan was changed by hand; plan again", Short(.value), Short(.expected))]
+    #[error(
+        "{what} is {}, and the segments give {}: the plan was changed by hand; plan again",
+        Short(.value), Short(.expected)
+    )]
     Total {
         /// Which total.
         what: &'static str,
@@ -112,7 +118,8 @@ pub enum PlanFault {
     },
     /// The segments lead elsewhere.
     #[error(
-        "the segments end {} mm and {} rad from {which}, more than {} mm and {} rad: the plan was changed by hand; plan again",
+        "the segments end {} mm and {} rad from {which}, more than {} mm and {} rad: the plan was changed by hand; \
+         plan again",
         .miss.distance, .miss.angle, .limit.distance, .limit.angle
     )]
     Missed {

@@ -43,7 +43,8 @@ pub struct PlanFile {
     pub duration_s: f64,
     /// Filament, mm.
     pub filament_mm: f64,
-    /// The pieces of the path in order: C for an arc, S for a straight line, H for a helicoidal arc. Older plans do not say.
+    /// The pieces of the path in order: C for an arc, S for a straight line, H for a helicoidal arc. Older plans do not
+    /// say.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub word: Option<String>,
     /// How many paths were found that reach the goal; of several legs, the sum. Older plans do not say.
@@ -154,8 +155,8 @@ pub enum WrittenSegment {
         /// Length, mm.
         length_mm: f64,
     },
-    /// A helicoidal arc of the plan's radius: `x'' = w x x'`, `w = m/|m|`, `m = m0 + p x x`, in world axes, with x from the segment's
-    /// start and lengths in units of the radius.
+    /// A helicoidal arc of the plan's radius: `x'' = w x x'`, `w = m/|m|`, `m = m0 + p x x`, in world axes, with x from
+    /// the segment's start and lengths in units of the radius.
     Helicoid {
         /// Length, mm.
         length_mm: f64,

@@ -1,10 +1,12 @@
 //! A serial device: raw bytes at 115200 baud.
 //!
-//! Growbot's commands share devices by an advisory lock (`flock`): who has it has the device. The emergency stop does not ask for it, and no
-//! command takes a device in a way that would keep it out (`TIOCEXCL`): it opens the device beside the command that holds it.
+//! Growbot's commands share devices by an advisory lock (`flock`): who has it has the device. The emergency stop does
+//! not ask for it, and no command takes a device in a way that would keep it out (`TIOCEXCL`): it opens the device
+//! beside the command that holds it.
 //!
-//! Two programs that read one device each get some of the bytes. So the emergency stop has a lock of its own, on the device's bytes (`fcntl`):
-//! while it is there, the holder of the device reads nothing, and the board's acknowledgement is heard by who waits for it.
+//! Two programs that read one device each get some of the bytes. So the emergency stop has a lock of its own, on the
+//! device's bytes (`fcntl`): while it is there, the holder of the device reads nothing, and the board's acknowledgement
+//! is heard by who waits for it.
 
 use std::fs::{self, File};
 use std::io::{self, ErrorKind, Read, Write};
@@ -25,7 +27,8 @@ const BAUD: u32 = 115_200;
 const STALLED: Duration = Duration::from_secs(2);
 /// For so long an emergency stop waits at a device that takes nothing; then it is sent again.
 const EMERGENCY_WAIT: Duration = Duration::from_millis(100);
-/// A holder looks so often whether the emergency stop of another program is over, and that one tries so often to have the holder's silence,
+/// A holder looks so often whether the emergency stop of another program is over, and that one tries so often to have
+/// the holder's silence,
 const SILENCE_LOOK: Duration = Duration::from_millis(2);
 /// so many times.
 const SILENCE_TRIES: u32 = 10;
@@ -143,8 +146,8 @@ impl Serial {
     /// # Errors
     /// The device is gone, or does not take them as a whole within 100 ms.
     pub fn send_ahead(&mut self, bytes: &[u8]) -> io::Result<()> {
-        // What was queued was asked for before the emergency, and the rest of a frame would only be in the way. Both may fail on a device
-        // that has no queue: the write tells.
+        // What was queued was asked for before the emergency, and the rest of a frame would only be in the way. Both
+        // may fail on a device that has no queue: the write tells.
         let _ = tcflush(&self.file, QueueSelector::OFlush);
         let _ = tcflow(&self.file, Action::OOn);
         let sent = match self.file.write(bytes) {
@@ -160,8 +163,8 @@ impl Serial {
         Ok(())
     }
 
-    /// Waits for bytes. None where the time is over, where another program has read them first, or where they are to be left to another
-    /// thread, as `leaves` says once there are some.
+    /// Waits for bytes. None where the time is over, where another program has read them first, or where they are to be
+    /// left to another thread, as `leaves` says once there are some.
     ///
     /// # Errors
     /// The device is gone.

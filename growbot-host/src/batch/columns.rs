@@ -24,7 +24,10 @@ pub const OPTIONAL: [&str; 2] = ["radius_mm", "planner"];
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum HeaderError {
     /// A column that no batch has.
-    #[error("the header has an unknown column {name:?}{}; there may be {}, {}", suggestion(.name), REQUIRED.join(","), OPTIONAL.join(","))]
+    #[error(
+        "the header has an unknown column {name:?}{}; there may be {}, {}",
+        suggestion(.name), REQUIRED.join(","), OPTIONAL.join(",")
+    )]
     Unknown {
         /// Its name.
         name: String,

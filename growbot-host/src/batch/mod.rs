@@ -203,7 +203,8 @@ mod tests {
     use super::*;
     use growbot_client::robot_file;
 
-    const HEADER: &str = "id,from_x_mm,from_y_mm,from_z_mm,from_heading_deg,from_pitch_deg,to_x_mm,to_y_mm,to_z_mm,to_heading_deg,to_pitch_deg";
+    const HEADER: &str = "id,from_x_mm,from_y_mm,from_z_mm,from_heading_deg,from_pitch_deg,\
+                          to_x_mm,to_y_mm,to_z_mm,to_heading_deg,to_pitch_deg";
 
     fn answers(text: &str) -> Vec<Answer> {
         let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();

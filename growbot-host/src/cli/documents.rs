@@ -1,5 +1,5 @@
-//! The commands that README.md and the book name are commands: each is read by the very definitions of the command line, those too
-//! that need a robot, an emulator or a long time. (`tests/documents.rs` runs the others.)
+//! The commands that README.md and the book name are commands: each is read by the very definitions of the command
+//! line, those too that need a robot, an emulator or a long time. (`tests/documents.rs` runs the others.)
 
 #[path = "../../tests/documents/blocks.rs"]
 #[expect(dead_code, reason = "tests/documents.rs uses the rest")]

@@ -15,11 +15,13 @@ use super::{ChosenPort, Failure, RobotArg, RobotPortArg};
 
 /// Emergency stop: heater and steppers off before the board does anything else
 ///
-/// Whoever holds the board or the port, and whatever is queued: eight bytes that the board recognises as they arrive, sent again and again for
-/// three seconds until it says that it has obeyed. It stays off until the stop is cleared (`clear` in `growbot console`).
+/// Whoever holds the board or the port, and whatever is queued: eight bytes that the board recognises as they arrive,
+/// sent again and again for three seconds until it says that it has obeyed. It stays off until the stop is cleared
+/// (`clear` in `growbot console`).
 #[derive(Args)]
 #[command(
-    after_help = "Example:\n  growbot estop --port /dev/ttyACM0\n\nExit codes: 0, the board has said that everything is off; 1, it has not,\nfor whatever reason: cut its power."
+    after_help = "Example:\n  growbot estop --port /dev/ttyACM0\n\nExit codes: 0, the board has said that everything \
+                  is off; 1, it has not,\nfor whatever reason: cut its power."
 )]
 pub struct EstopArgs {
     #[command(flatten)]
@@ -45,7 +47,8 @@ fn cut_the_power(why: impl Display) -> Failure {
     Failure::answered_no(format!("NOBODY HAS ACKNOWLEDGED THE EMERGENCY STOP: cut the power of the robot now ({why})"))
 }
 
-/// What a command line that cannot be understood ends with. An emergency stop that is mistyped stops nothing, and that is said.
+/// What a command line that cannot be understood ends with. An emergency stop that is mistyped stops nothing, and that
+/// is said.
 pub fn usage_error(error: &clap::Error) -> ExitCode {
     let is_estop = std::env::args_os().any(|argument| argument == "estop");
     if !is_estop || !error.use_stderr() {

@@ -17,17 +17,19 @@ use super::subject::Subject;
 
 /// Write a body in the format of another tool: STL, GLB, CSV or MCAP
 ///
-/// A plan is exported as planned, the log of a growth as built, up to the last layer that it tells of: on a robot as the steps that the
-/// board has made say; on a simulated tip as its plastic lies, which is called laid (simulated), beside the commanded body.
+/// A plan is exported as planned, the log of a growth as built, up to the last layer that it tells of: on a robot as
+/// the steps that the board has made say; on a simulated tip as its plastic lies, which is called laid (simulated),
+/// beside the commanded body.
 ///
-/// STL (binary, mm, z up) and GLB (glTF 2.0: metres, z up turned into y up by the node's matrix) have the printed wall as a closed
-/// surface: outer and inner side and both rims. Layers of less than a few micrometres vanish between their neighbours there.
+/// STL (binary, mm, z up) and GLB (glTF 2.0: metres, z up turned into y up by the node's matrix) have the printed wall
+/// as a closed surface: outer and inner side and both rims. Layers of less than a few micrometres vanish between their
+/// neighbours there.
 ///
-/// CSV has a row for the start and one for each layer: where the tip then is (mm) and points, and the layer (alpha_deg, height_mm,
-/// tilt_deg), in full precision.
+/// CSV has a row for the start and one for each layer: where the tip then is (mm) and points, and the layer (alpha_deg,
+/// height_mm, tilt_deg), in full precision.
 ///
-/// MCAP, from a log only, is a recording for Foxglove: tip, layers, temperatures, states and faults over time. Time is the board's, as
-/// far as the log has it, from 0.
+/// MCAP, from a log only, is a recording for Foxglove: tip, layers, temperatures, states and faults over time. Time is
+/// the board's, as far as the log has it, from 0.
 #[derive(Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct ExportArgs {
@@ -189,7 +191,8 @@ impl ExportArgs {
             Format::Mcap => match run {
                 Some((record, log)) => recording::write(robot, plan, record, log).map_err(Failure::bad_input),
                 None => Err(Failure::bad_input(format!(
-                    "{} is a plan, and MCAP is a recording of a growth: give a run log, as `growbot grow --log` writes it",
+                    "{} is a plan, and MCAP is a recording of a growth: give a run log, as `growbot grow --log` \
+                     writes it",
                     growbot_client::input::name_of(&self.body)
                 ))),
             },

@@ -21,19 +21,21 @@ const CHIP: &str = "STM32F405RGTx";
 /// The board runs on after a fault or a reset of its processor: halted by the probe, it could not make the tip safe.
 const NO_VECTOR_CATCH: [&str; 2] = ["--no-catch-reset", "--no-catch-hardfault"];
 /// What is left to do.
-const POWER_CYCLE: &str = "growbot: once it is flashed, unplug the probe and take the board's power away for a moment: a probe leaves the processor in debug mode, in which the firmware does not heat";
+const POWER_CYCLE: &str = "growbot: once it is flashed, unplug the probe and take the board's power away for a \
+                           moment: a probe leaves the processor in debug mode, in which the firmware does not heat";
 /// Where the firmware's image lies, from cargo's target directory.
 const IMAGE: &str = "thumbv7em-none-eabihf/firmware/stm32f405";
 
 /// Put the firmware on a robot's board, through a debug probe
 ///
-/// In growbot's source tree the firmware is built first, for the robot that is named; elsewhere, give a firmware image. The image gets a seal, by
-/// which the board checks it at each start: one that is damaged does not heat. Then probe-rs writes it to the board and shows its log, until
-/// Ctrl-C. Afterwards the board's power must go for a moment: a probe leaves the processor in debug
-/// mode, in which the firmware does not heat.
+/// In growbot's source tree the firmware is built first, for the robot that is named; elsewhere, give a firmware image.
+/// The image gets a seal, by which the board checks it at each start: one that is damaged does not heat. Then probe-rs
+/// writes it to the board and shows its log, until Ctrl-C. Afterwards the board's power must go for a moment: a probe
+/// leaves the processor in debug mode, in which the firmware does not heat.
 #[derive(Args)]
 #[command(
-    after_help = "Examples:\n  growbot flash --robot growbot-b\n  growbot flash --firmware stm32f405 --no-log\n\nWhat it needs: a debug probe, and probe-rs (cargo install probe-rs-tools --locked)."
+    after_help = "Examples:\n  growbot flash --robot growbot-b\n  growbot flash --firmware stm32f405 --no-log\n\nWhat \
+                  it needs: a debug probe, and probe-rs (cargo install probe-rs-tools --locked)."
 )]
 pub struct FlashArgs {
     #[command(flatten)]
@@ -127,7 +129,10 @@ impl Step {
         let (name, checked) = (robot.robot.display(), robot.load()?.check_for_board());
         checked.map_err(|error| Failure::bad_input(format!("{name}: {error}")))?;
         let directory = source_tree().ok_or_else(|| {
-            Failure::bad_input("this is not growbot's source tree, so there is nothing to build: give an image with --firmware, or go there")
+            Failure::bad_input(
+                "this is not growbot's source tree, so there is nothing to build: give an image with \
+                                --firmware, or go there",
+            )
         })?;
         Ok(Self {
             tool: "cargo",
@@ -146,7 +151,8 @@ impl Step {
             Self {
                 tool: "probe-rs",
                 remedy: "install it with `cargo install probe-rs-tools --locked`",
-                failed: "the board was not flashed, or its log broke off; is the probe connected, and the board powered?",
+                failed: "the board was not flashed, or its log broke off; is the probe connected, and the board \
+                         powered?",
                 arguments: arguments.chain(image.map(|image| image.as_os_str().to_owned())).collect(),
                 robot: None,
                 directory: None,

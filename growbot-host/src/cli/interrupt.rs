@@ -8,8 +8,9 @@ use growbot_client::port::Port;
 
 use super::ChosenPort;
 
-/// What is ordered by Ctrl-C, by SIGTERM and when the terminal goes away: to stop. A second time gives the emergency stop and ends the
-/// program, as people expect of one that seems to hang: by a line of its own, whatever the rest of the program waits for.
+/// What is ordered by Ctrl-C, by SIGTERM and when the terminal goes away: to stop. A second time gives the emergency
+/// stop and ends the program, as people expect of one that seems to hang: by a line of its own, whatever the rest of
+/// the program waits for.
 pub fn stop_on_interrupt(client: &mut Client, port: &ChosenPort) -> Arc<Orders> {
     let orders = Arc::new(Orders::default());
     let given = Arc::clone(&orders);
@@ -23,7 +24,8 @@ pub fn stop_on_interrupt(client: &mut Client, port: &ChosenPort) -> Arc<Orders> 
             std::process::exit(1);
         }
         growbot_host::tell!(
-            "growbot: stopping; press Ctrl-C again for the emergency stop, and to leave without waiting for the {kind}robot"
+            "growbot: stopping; press Ctrl-C again for the emergency stop, and to leave without waiting for the \
+             {kind}robot"
         );
     });
     if let Err(error) = installed {

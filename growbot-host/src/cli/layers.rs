@@ -12,11 +12,12 @@ use super::Failure;
 
 /// Print the layers of a plan as CSV
 ///
-/// The columns are layer,segment,alpha_deg,height_mm,tilt_deg: layers and segments count from 0, alpha is where most material goes, in
-/// the tip's frame, and tilt is by how much the tip bends away from there.
+/// The columns are layer,segment,alpha_deg,height_mm,tilt_deg: layers and segments count from 0, alpha is where most
+/// material goes, in the tip's frame, and tilt is by how much the tip bends away from there.
 #[derive(Args)]
 #[command(
-    after_help = "Examples:\n  growbot layers plan.json > layers.csv\n  growbot plan --to 0,0,500,0,90 --json | growbot layers -"
+    after_help = "Examples:\n  growbot layers plan.json > layers.csv\n  growbot plan --to 0,0,500,0,90 --json | \
+                  growbot layers -"
 )]
 pub struct LayersArgs {
     /// The plan, as `growbot plan -o` writes it (- for standard input)

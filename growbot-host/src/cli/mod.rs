@@ -253,8 +253,8 @@ pub struct PortArg {
     line: LineArg,
 }
 
-/// `--port` of commands that are about a robot that is there already, and would be meaningless for one that is simulated from now on: they
-/// are told a port, or have one configured.
+/// `--port` of commands that are about a robot that is there already, and would be meaningless for one that is
+/// simulated from now on: they are told a port, or have one configured.
 #[derive(Args)]
 pub struct RobotPortArg {
     /// Where the robot is: tcp:HOST:PORT or a serial device; sim and emulator
@@ -318,7 +318,8 @@ impl RobotPortArg {
             Some(text) => text.clone(),
             None => configured_port()?.ok_or_else(|| {
                 Failure::bad_input(format!(
-                    "no port is given, so it is not known which robot is meant: say --port PORT, or configure one (export {PORT_VARIABLE}=PORT)"
+                    "no port is given, so it is not known which robot is meant: say --port PORT, or configure one \
+                     (export {PORT_VARIABLE}=PORT)"
                 ))
             })?,
         };
@@ -389,7 +390,8 @@ fn kind(is_simulated: bool) -> &'static str {
     if is_simulated { "simulated " } else { "" }
 }
 
-/// The robot of a run: the one that is named here or, if none is, the built-in one that its log names. A log leads to no other file.
+/// The robot of a run: the one that is named here or, if none is, the built-in one that its log names. A log leads to
+/// no other file.
 fn robot_of(record: &RunRecord, robot: Option<&Path>) -> Result<Robot, Failure> {
     let named = &record.robot.name;
     match robot {

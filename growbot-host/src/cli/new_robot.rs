@@ -17,14 +17,13 @@ const LONGEST_ANSWER: u64 = 4096;
 
 /// Describe a robot of your own: answer questions, get its file
 ///
-/// Asks for what matters most; Enter takes the value in brackets, which is that of the robot that it starts from, or one near it
-/// that goes with the answers before. Answers may come from a pipe, a line each: then the first that cannot be ends
-/// it, and where they end the rest is as in brackets. What is not asked for stays as it is in the robot that it starts from, with
-/// its comments.
+/// Asks for what matters most; Enter takes the value in brackets, which is that of the robot that it starts from, or
+/// one near it that goes with the answers before. Answers may come from a pipe, a line each: then the first that cannot
+/// be ends it, and where they end the rest is as in brackets. What is not asked for stays as it is in the robot that it
+/// starts from, with its comments.
 #[derive(Args)]
-#[command(
-    after_help = "Examples:\n  growbot new-robot --from growbot-a -o my-robot.toml\n  printf 'my-robot\\n14\\n60\\n25\\n' | growbot new-robot"
-)]
+#[command(after_help = "Examples:\n  growbot new-robot --from growbot-a -o my-robot.toml\n  printf \
+                  'my-robot\\n14\\n60\\n25\\n' | growbot new-robot")]
 pub struct NewRobotArgs {
     /// Write this file [default: the robot's name and .toml]
     #[arg(short, long, value_name = "FILE")]
@@ -55,8 +54,8 @@ pub fn run(args: &NewRobotArgs) -> Result<(), Failure> {
     let output = output.display();
     let mut notes = String::new();
     if robot.description().test_bench {
-        notes += "\ntest_bench is true, as in the robot that this one starts from: it heats although a debug probe is attached. Take the line \
-                  out before it works with nobody watching.\n";
+        notes += "\ntest_bench is true, as in the robot that this one starts from: it heats although a debug probe is \
+                  attached. Take the line out before it works with nobody watching.\n";
     }
     if let Err(error) = robot.check_for_board() {
         notes += &format!("\nIt can be planned and simulated, but no board drives it: {error}.\n");
@@ -66,12 +65,11 @@ pub fn run(args: &NewRobotArgs) -> Result<(), Failure> {
          R_min     {r_min:.2} mm: {by_geometry:.2} by its mechanics, {by_layers:.2} by its layers\n\
          plans at  {radius} mm\n\
          \n\
-         Measure next, before the heater is switched on ({assumed} lines are still assumed):\n  \
-           layer.height_min_mm, height_max_mm, tilt_max_deg: print bends; they decide R_min\n  \
-           feed.steps_per_mm: how much filament a revolution pushes\n  \
-           head.index_angle_deg: where the mark is\n  \
-           thermistor, heater.max_c: what the data sheets of your parts say\n  \
-           heater.kp, ki, kd: growbot tune --robot {output} --port PORT, on the robot itself: a simulated one has other gains\n\
+         Measure next, before the heater is switched on ({assumed} lines are still assumed):\n  layer.height_min_mm, \
+           height_max_mm, tilt_max_deg: print bends; they decide R_min\n  feed.steps_per_mm: how much filament a \
+           revolution pushes\n  head.index_angle_deg: where the mark is\n  thermistor, heater.max_c: what the data \
+           sheets of your parts say\n  heater.kp, ki, kd: growbot tune --robot {output} --port PORT, on the robot \
+           itself: a simulated one has other gains\n\
          growbot robots {output} explains all of it.\n{notes}",
         name = robot.name(),
         r_min = robot.min_radius(),

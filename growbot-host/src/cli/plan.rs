@@ -20,17 +20,23 @@ use super::{Failure, RobotArg, plan_table};
 
 /// Plan a path from one pose to another, or through several
 ///
-/// A path is made of arcs (C), straight lines (S) and helicoidal arcs (H). Prints a table, or the plan as one line of JSON with
-/// --json; -o writes the plan to a file, for `growbot layers` and the like.
+/// A path is made of arcs (C), straight lines (S) and helicoidal arcs (H). Prints a table, or the plan as one line of
+/// JSON with --json; -o writes the plan to a file, for `growbot layers` and the like.
 ///
-/// What speaks against growing the path is said in the plan's warnings: thin-layer, self-collision (the body would run into
-/// itself), filament-short (the spool does not hold enough), layer-limit (a layer that the robot cannot lay). `growbot grow`
-/// refuses the last three.
+/// What speaks against growing the path is said in the plan's warnings: thin-layer, self-collision (the body would run
+/// into itself), filament-short (the spool does not hold enough), layer-limit (a layer that the robot cannot lay).
+/// `growbot grow` refuses the last three.
 #[derive(Args)]
 #[command(override_usage = USAGE, after_help = AFTER_HELP)]
 pub struct PlanArgs {
     /// Where it is to arrive, and pointing where: X,Y,Z,HEADING,PITCH
-    #[arg(long, value_name = "POSE", required_unless_present = "batch", allow_hyphen_values = true, value_parser = parse_pose)]
+    #[arg(
+        long,
+        value_name = "POSE",
+        required_unless_present = "batch",
+        allow_hyphen_values = true,
+        value_parser = parse_pose
+    )]
     to: Option<Pose>,
     #[command(flatten)]
     search: SearchArgs,

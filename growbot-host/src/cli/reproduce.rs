@@ -1,10 +1,12 @@
 //! `growbot reproduce`: the experiments of Del Dottore et al. 2019.
 
 use std::fs;
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::thread;
 
 use clap::Args;
+use clap::builder::RangedI64ValueParser;
 use growbot_client::files::{FileError, replace_file};
 use growbot_client::printable::json_line;
 use growbot_host::output::print;
@@ -15,21 +17,23 @@ use super::Failure;
 
 /// Do the experiments of the paper again
 ///
-/// Tables 1 to 3 and Figures 4 to 8 of Del Dottore et al. 2019 (Front. Robot. AI 6:45): growths between random poses, 50 in each group and 70 at each level
-/// of noise, by both values that the paper gives for its step, by exact slicing, by both planners, in open and in closed loop. Prints ours beside the
-/// paper's, with the significance tests that it quotes, or one line of JSON with --json.
+/// Tables 1 to 3 and Figures 4 to 8 of Del Dottore et al. 2019 (Front. Robot. AI 6:45): growths between random poses,
+/// 50 in each group and 70 at each level of noise, by both values that the paper gives for its step, by exact slicing,
+/// by both planners, in open and in closed loop. Prints ours beside the paper's, with the significance tests that it
+/// quotes, or one line of JSON with --json.
 ///
-/// -o writes report.html, one page with everything, each figure as SVG, and every number as CSV. What is there under the same names is replaced.
+/// -o writes report.html, one page with everything, each figure as SVG, and every number as CSV. What is there under
+/// the same names is replaced.
 ///
 /// With --table or --figure, which can be repeated, only those are done.
 #[derive(Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct ReproduceArgs {
     /// Only this table, 1 to 3
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(i64::from(*TABLES.start())..=i64::from(*TABLES.end())))]
+    #[arg(long, value_name = "N", value_parser = one_of(&TABLES))]
     table: Vec<u8>,
     /// Only this figure, 4 to 8
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(i64::from(*FIGURES.start())..=i64::from(*FIGURES.end())))]
+    #[arg(long, value_name = "N", value_parser = one_of(&FIGURES))]
     figure: Vec<u8>,
     /// Growths in each group and at each level of noise [default: the paper's 50 and 70]
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
@@ -50,6 +54,11 @@ Examples:
   growbot reproduce -o paper
   growbot reproduce --table 2
   growbot reproduce --figure 4 --figure 6 --repeat 200 -o more";
+
+/// A number within a range.
+fn one_of(range: &RangeInclusive<u8>) -> RangedI64ValueParser<u8> {
+    clap::value_parser!(u8).range(i64::from(*range.start())..=i64::from(*range.end()))
+}
 
 /// Runs the command.
 pub fn run(args: &ReproduceArgs) -> Result<(), Failure> {

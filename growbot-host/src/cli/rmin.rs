@@ -9,8 +9,9 @@ use super::{Failure, RobotArg};
 
 /// Print the tightest bend of a robot, R_min, in mm
 ///
-/// R_min is the least radius of the centreline: the larger of what the mechanics allow (the parts inside the tube must pass the bend: Eq 7 of Del Dottore et
-/// al. 2019) and what the layers allow (their least and greatest heights and their greatest tilt).
+/// R_min is the least radius of the centreline: the larger of what the mechanics allow (the parts inside the tube must
+/// pass the bend: Eq 7 of Del Dottore et al. 2019) and what the layers allow (their least and greatest heights and
+/// their greatest tilt).
 #[derive(Args)]
 #[command(after_help = "Example:\n  growbot rmin --robot growbot-b")]
 pub struct RminArgs {
@@ -43,6 +44,7 @@ pub fn run(args: &RminArgs) -> Result<(), Failure> {
     }
     let Rmin { robot, r_min_mm, r_min_geometry_mm, r_min_layers_mm } = rmin;
     Ok(print(&format!(
-        "{robot}: R_min is {r_min_mm:.2} mm\n  by its mechanics {r_min_geometry_mm:>8.2} mm\n  by its layers    {r_min_layers_mm:>8.2} mm\n"
+        "{robot}: R_min is {r_min_mm:.2} mm\n  by its mechanics {r_min_geometry_mm:>8.2} mm\n  by its \
+         layers    {r_min_layers_mm:>8.2} mm\n"
     ))?)
 }

@@ -21,12 +21,11 @@ const WIDTH: usize = 80;
 
 /// List the built-in robots, or explain one in words
 ///
-/// With a name or a file: all that its description says, what each field means, and which values are assumed: measure those
-/// on your robot before you rely on them.
+/// With a name or a file: all that its description says, what each field means, and which values are assumed: measure
+/// those on your robot before you rely on them.
 #[derive(Args)]
-#[command(
-    after_help = "Examples:\n  growbot robots\n  growbot robots growbot-b\n  growbot robots --schema > growbot-robot.schema.json"
-)]
+#[command(after_help = "Examples:\n  growbot robots\n  growbot robots growbot-b\n  growbot robots --schema > \
+                  growbot-robot.schema.json")]
 pub struct RobotsArgs {
     /// The robot to explain: a built-in name or a TOML file
     #[arg(value_name = ROBOT)]
@@ -117,7 +116,8 @@ fn in_words(explained: &Explained) -> String {
     let mut text = format!("{}\n{}\n", robot.name(), indented(&explained.about, 2));
     for line in [
         format!(
-            "R_min, the tightest bend, is {:.2} mm: the mechanics allow {:.2} mm, the layers {:.2} mm. At the radius of plans, {} mm, a layer leans by {:.3} degrees.",
+            "R_min, the tightest bend, is {:.2} mm: the mechanics allow {:.2} mm, the layers {:.2} mm. At the radius \
+             of plans, {} mm, a layer leans by {:.3} degrees.",
             robot.min_radius(),
             robot.min_radius_by_packaging(),
             robot.min_radius_by_layers(),
@@ -125,7 +125,8 @@ fn in_words(explained: &Explained) -> String {
             degrees(layer.height_mm / robot.description().planning_radius_mm),
         ),
         format!(
-            "It grows by {:.1} mm in an hour, a layer of {} mm in {} s, into a tube {} mm wide, and takes {:.1} mm of filament for a mm of body.",
+            "It grows by {:.1} mm in an hour, a layer of {} mm in {} s, into a tube {} mm wide, and takes {:.1} mm of \
+             filament for a mm of body.",
             growth_rate(robot),
             layer.height_mm,
             layer.period_s,

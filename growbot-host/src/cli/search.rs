@@ -9,11 +9,14 @@ use growbot_core::robot::Robot;
 
 use super::Failure;
 
-/// From where, by way of what, and how.
+/// The start pose where none is given: at the origin, straight up.
+pub const START: &str = "0,0,0,0,90";
+
+/// Start, poses on the way, planner and radius.
 #[derive(Args)]
 pub struct SearchArgs {
     /// Where the tip starts: X,Y,Z,HEADING,PITCH in mm and degrees
-    #[arg(long, value_name = "POSE", default_value = "0,0,0,0,90", allow_hyphen_values = true, value_parser = parse_pose)]
+    #[arg(long, value_name = "POSE", default_value = START, allow_hyphen_values = true, value_parser = parse_pose)]
     pub from: Pose,
     /// A pose to pass through on the way; repeat it for more, in order
     #[arg(long, value_name = "POSE", allow_hyphen_values = true, value_parser = parse_pose)]

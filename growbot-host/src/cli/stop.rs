@@ -9,7 +9,8 @@ use super::{Failure, RobotArg, RobotPortArg};
 
 /// Stop the robot: heater and steppers off at once
 ///
-/// A layer under way is cut. The board keeps what it knows of the body: `growbot resume` goes on with it, `growbot cancel` gives it up.
+/// A layer under way is cut. The board keeps what it knows of the body: `growbot resume` goes on with it, `growbot
+/// cancel` gives it up.
 #[derive(Args)]
 #[command(after_help = "Example:\n  growbot stop --port /dev/ttyACM0")]
 pub struct StopArgs {
@@ -27,7 +28,8 @@ pub fn run(args: &StopArgs) -> Result<(), Failure> {
     client.request("to stop", &Message::Stop(Empty {})).map_err(|error| match error {
         ClientError::Refused { .. } => error.into(),
         error => Failure::bad_input(format!(
-            "{error}; the robot may still be hot or moving: give the emergency stop (`growbot estop --port {}`), or cut its power",
+            "{error}; the robot may still be hot or moving: give the emergency stop (`growbot estop --port {}`), or cut \
+             its power",
             port.text()
         )),
     })?;

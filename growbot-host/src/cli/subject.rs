@@ -41,7 +41,8 @@ impl Subject {
 
 fn neither(file: &str, reason: &str) -> Failure {
     Failure::bad_input(format_args!(
-        "{file} is no run log and no plan ({reason}): give a file that `growbot grow --log` or `growbot plan -o` has written"
+        "{file} is no run log and no plan ({reason}): give a file that `growbot grow --log` or `growbot plan -o` has \
+         written"
     ))
 }
 

@@ -20,8 +20,8 @@ const QUIET: Duration = Duration::from_secs(2);
 
 /// Find the gains of the heater's regulation by driving the nozzle round a temperature
 ///
-/// Prints lines for the heater section of the robot file: the board itself changes nothing. Takes some minutes; Ctrl-C stops
-/// it. Nothing moves.
+/// Prints lines for the heater section of the robot file: the board itself changes nothing. Takes some minutes; Ctrl-C
+/// stops it. Nothing moves.
 #[derive(Args)]
 #[command(after_help = "Example:\n  growbot tune --port /dev/ttyACM0 --target 210")]
 pub struct TuneArgs {
@@ -66,7 +66,8 @@ pub fn run(args: &TuneArgs) -> Result<(), Failure> {
             ""
         };
         format!(
-            "{caution}# swung by {:.2} C with a period of {:.1} s round {target} C\n[heater]\nkp = {:.5}\nki = {:.6}\nkd = {:.4}\n",
+            "{caution}# swung by {:.2} C with a period of {:.1} s round {target} C\n[heater]\nkp = {:.5}\nki = \
+             {:.6}\nkd = {:.4}\n",
             tuned.amplitude_c, tuned.period_s, gains.kp, gains.ki, gains.kd
         )
     })?;

@@ -16,13 +16,15 @@ use super::subject::Subject as Opened;
 
 /// Look at a plan, or at the log of a growth: a page, a picture, or plots
 ///
-/// The page is one HTML file that any browser opens, without a network: the tube in three dimensions, its layers coloured by their height, and a slider that
-/// grows it, with start, goal, the tip's frame and the numbers beside it. Of a growth it shows what was planned against what was built.
+/// The page is one HTML file that any browser opens, without a network: the tube in three dimensions, its layers
+/// coloured by their height, and a slider that grows it, with start, goal, the tip's frame and the numbers beside it.
+/// Of a growth it shows what was planned against what was built.
 ///
-/// With --compare it shows two of them side by side, from the same side and at the same scale, with one slider that grows both.
+/// With --compare it shows two of them side by side, from the same side and at the same scale, with one slider that
+/// grows both.
 ///
-/// With --svg or --png it draws a picture for a paper instead, without a browser; with --plot, what layers, error and temperature are
-/// along the body or over time.
+/// With --svg or --png it draws a picture for a paper instead, without a browser; with --plot, what layers, error and
+/// temperature are along the body or over time.
 #[derive(Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct ViewArgs {

@@ -16,22 +16,23 @@ use growbot_host::progress::{Progress, Results};
 use growbot_host::workspace::{DIRECTIONS, POSITIONS, Question, Workspace, svg, workspace};
 use serde_json::{Value, json};
 
-use super::search::PlannerName;
+use super::search::{PlannerName, START};
 use super::{Failure, RobotArg};
 
 /// Show which goals are within reach of a body
 ///
-/// Which positions can a body of this length bring its tip to, and how many final directions can it have there? Prints a table,
-/// or one line of JSON with --json; -o draws a section through the start: an SVG, colour by length of the body.
+/// Which positions can a body of this length bring its tip to, and how many final directions can it have there? Prints
+/// a table, or one line of JSON with --json; -o draws a section through the start: an SVG, colour by length of the
+/// body.
 ///
-/// Without a final direction (the tip may point anywhere) all is the same round the start's direction. The shortest body to a
-/// position is then an arc and a line, or two arcs, computed exactly, on a grid of 1/120 of the length; the volume is summed
-/// over rings of 1/500. The share of final directions is counted over 48 directions, spread evenly, planned at each position of
-/// a coarser grid: 1/30 of the length, or more where much of it is near the start.
+/// Without a final direction (the tip may point anywhere) all is the same round the start's direction. The shortest
+/// body to a position is then an arc and a line, or two arcs, computed exactly, on a grid of 1/120 of the length; the
+/// volume is summed over rings of 1/500. The share of final directions is counted over 48 directions, spread evenly,
+/// planned at each position of a coarser grid: 1/30 of the length, or more where much of it is near the start.
 ///
-/// With --heading and --pitch everything is planned: the volume is estimated from 1000 positions, the furthest reach from 200
-/// along each axis, and for -o the plane of the start's direction and its x axis is planned on a grid of 1/60 of the length or
-/// coarser, which takes longest where much of it is near the start.
+/// With --heading and --pitch everything is planned: the volume is estimated from 1000 positions, the furthest reach
+/// from 200 along each axis, and for -o the plane of the start's direction and its x axis is planned on a grid of 1/60
+/// of the length or coarser, which takes longest where much of it is near the start.
 ///
 /// Only length and radius count here: whether a body would run into itself is not looked at.
 #[derive(Args)]
@@ -41,7 +42,7 @@ pub struct WorkspaceArgs {
     #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     length: Option<f64>,
     /// Where the tip starts: X,Y,Z,HEADING,PITCH in mm and degrees
-    #[arg(long, value_name = "POSE", default_value = "0,0,0,0,90", allow_hyphen_values = true, value_parser = parse_pose)]
+    #[arg(long, value_name = "POSE", default_value = START, allow_hyphen_values = true, value_parser = parse_pose)]
     from: Pose,
     /// Heading of the tip at the end, degrees [default: any direction]
     #[arg(long, value_name = "DEG", requires = "pitch", allow_negative_numbers = true)]

@@ -2,9 +2,12 @@
 
 use std::fmt::{Display, Write};
 
-/// The rules hold inside drawings only, so that they leave a page around them alone. Inter is the font that [`super::png`] has.
-const STYLE: &str = ".gc text{font-family:Inter,system-ui,'Segoe UI','DejaVu Sans',sans-serif;font-size:13px;fill:#1c2430}\
-.gc .title{font-size:18px;font-weight:600}.gc .head{font-size:14px;font-weight:600}.gc .note{font-size:12px;fill:#4a5565}\
+/// The rules hold inside drawings only, so that they leave a page around them alone. Inter is the font that
+/// [`super::png`] has.
+const STYLE: &str = ".gc text{font-family:Inter,system-ui,'Segoe UI','DejaVu \
+                     Sans',sans-serif;font-size:13px;fill:#1c2430}\
+.gc .title{font-size:18px;font-weight:600}.gc .head{font-size:14px;font-weight:600}.gc \
+.note{font-size:12px;fill:#4a5565}\
 .gc .mid{text-anchor:middle}.gc .end{text-anchor:end}\
 .gc .axis{stroke:#1c2430;stroke-width:1;fill:none}.gc .grid{stroke:#1c2430;stroke-opacity:.12;fill:none}";
 

@@ -69,8 +69,8 @@ impl Body {
         Self::new(robot, &plan.start, planned)
     }
 
-    /// The body that the board's steps have built, as a run log tells, up to the last layer laid. A layer that nothing is known of is as
-    /// it was handed over.
+    /// The body that the board's steps have built, as a run log tells, up to the last layer laid. A layer that nothing
+    /// is known of is as it was handed over.
     #[must_use]
     pub fn as_built(robot: &Robot, start: &Pose, record: &RunRecord) -> Self {
         let laid = record.commanded().zip(&record.as_built).map(|(layer, as_built)| {

@@ -1,7 +1,7 @@
 //! GLB: glTF 2.0 in one file, a chunk of JSON and one of numbers.
 //!
-//! glTF is in metres with y up. Vertices are in metres in the base's axes, from the body's start; the matrix of each node turns z up
-//! into y up and puts the start in its place.
+//! glTF is in metres with y up. Vertices are in metres in the base's axes, from the body's start; the matrix of each
+//! node turns z up into y up and puts the start in its place.
 
 use nalgebra::Point3;
 use serde_json::{Value, json};
@@ -51,7 +51,12 @@ pub fn write(bodies: &[(&str, &Body)], resolution: Resolution) -> Result<Vec<u8>
         let (first, second) = (2 * index, 2 * index + 1);
         meshes.push(json!({
             "name": if index == 0 { "wall".to_owned() } else { format!("wall, {name}") },
-            "primitives": [{ "attributes": { "POSITION": first }, "indices": second, "material": index, "mode": TRIANGLES }],
+            "primitives": [{
+                "attributes": { "POSITION": first },
+                "indices": second,
+                "material": index,
+                "mode": TRIANGLES,
+            }],
         }));
         let colour = COLOURS.get(index).or(COLOURS.last());
         materials.push(json!({

@@ -1,10 +1,11 @@
 //! The printed wall as a closed surface of triangles.
 //!
-//! A ring of vertices stands at each boundary between layers, on the outer and on the inner surface of the wall (mean radius `r_t`,
-//! thickness `wall.width_mm`), at the same angles in the tip's frame, which growth does not twist. Triangles join ring to ring, and
-//! both surfaces at the two rims. So every edge belongs to two triangles, which run along it in opposite directions, and all of them are
-//! counter-clockwise seen from outside the material. Vertices are as far out as gives a ring of chords the area of the round one: the
-//! mesh holds the volume of the filament, whatever the number of chords.
+//! A ring of vertices stands at each boundary between layers, on the outer and on the inner surface of the wall (mean
+//! radius `r_t`, thickness `wall.width_mm`), at the same angles in the tip's frame, which growth does not twist.
+//! Triangles join ring to ring, and both surfaces at the two rims. So every edge belongs to two triangles, which run
+//! along it in opposite directions, and all of them are counter-clockwise seen from outside the material. Vertices are
+//! as far out as gives a ring of chords the area of the round one: the mesh holds the volume of the filament, whatever
+//! the number of chords.
 
 use std::f64::consts::TAU;
 
@@ -14,8 +15,8 @@ use nalgebra::{Point3, Vector3};
 
 use super::body::Body;
 
-/// Greatest bend from one ring to the next, radians. Layers that bend more (robots B and C) get rings within them, so that the volume is
-/// right to 0.1 %.
+/// Greatest bend from one ring to the next, radians. Layers that bend more (robots B and C) get rings within them, so
+/// that the volume is right to 0.1 %.
 const MAX_BEND: f64 = 0.05;
 
 /// The finest mesh, triangles: 500 MB of STL.
@@ -44,7 +45,8 @@ pub enum MeshError {
     },
     /// The file would be huge.
     #[error(
-        "the mesh would have {triangles} triangles, over {MAX_TRIANGLES}: take fewer --segments, or a ring --every so many layers"
+        "the mesh would have {triangles} triangles, over {MAX_TRIANGLES}: take fewer --segments, or a ring --every so \
+         many layers"
     )]
     TooMany {
         /// The triangles.
@@ -52,7 +54,8 @@ pub enum MeshError {
     },
     /// Numbers of 32 bits do not tell the wall's sides apart so far out.
     #[error(
-        "the body lies up to {reach} mm out, where the 32-bit numbers of this format are {spacing} mm apart, too coarse for its wall: plan from nearer to the origin"
+        "the body lies up to {reach} mm out, where the 32-bit numbers of this format are {spacing} mm apart, too \
+         coarse for its wall: plan from nearer to the origin"
     )]
     TooFar {
         /// The furthest coordinate, mm.
@@ -74,8 +77,8 @@ pub struct Mesh {
 impl Mesh {
     /// The wall of a body, from an origin (mm, in base axes).
     ///
-    /// Boundaries that 32-bit numbers cannot tell from the ring before get none: layers of a few micrometres vanish between
-    /// their neighbours, so that the surface stays closed in the file too.
+    /// Boundaries that 32-bit numbers cannot tell from the ring before get none: layers of a few micrometres vanish
+    /// between their neighbours, so that the surface stays closed in the file too.
     ///
     /// # Errors
     /// [`MeshError`].

@@ -9,14 +9,16 @@ use growbot_core::pose::{Frame, tip_direction};
 
 use super::body::Body;
 
-/// The header: layers laid, where the tip then is (mm) and points (a unit vector), the layer laid last, and where that is known from.
+/// The header: layers laid, where the tip then is (mm) and points (a unit vector), the layer laid last, and where that
+/// is known from.
 pub const HEADER: &str = "laid,x_mm,y_mm,z_mm,direction_x,direction_y,direction_z,alpha_deg,height_mm,tilt_deg,source";
 
-/// And where the tip would be if the plastic lay as the steps say, where it is known to lie otherwise: on a simulated tip.
+/// And where the tip would be if the plastic lay as the steps say, where it is known to lie otherwise: on a simulated
+/// tip.
 pub const COMMANDED: &str = ",commanded_x_mm,commanded_y_mm,commanded_z_mm";
 
-/// A row for the start, with a layer of no height, and one for each layer: row `n` is the tip after `n` layers, the last of which is layer
-/// `n - 1` of `growbot layers`.
+/// A row for the start, with a layer of no height, and one for each layer: row `n` is the tip after `n` layers, the
+/// last of which is layer `n - 1` of `growbot layers`.
 #[must_use]
 pub fn write(body: &Body, commanded: Option<&Body>) -> String {
     let mut text = format!("{HEADER}{}\n", if commanded.is_some() { COMMANDED } else { "" });

@@ -91,21 +91,23 @@ fn of_directions(questions: &[Question]) -> Option<Difference> {
 
 /// Why heading errors differ.
 pub const WHY_HEADING: &str = "As for the pitch, and heading errors depend on how poses are drawn besides: near \
-    straight up or down a small angle is a large heading. With directions uniform on the sphere heading errors are pi/2 \
-    times the pitch errors on average; the paper's are hardly larger than its pitch errors. The angle between the \
+    straight up or down a small angle is a large heading. With directions uniform on the sphere heading errors are \
+    pi/2 times the pitch errors on average; the paper's are hardly larger than its pitch errors. The angle between the \
     directions, in the files, does not depend on it.";
 /// Why pitch errors differ.
-pub const WHY_PITCH: &str = "The paper's 1.77 degrees are the bend of one whole step of 3.096 mm at R = 100 mm: the most \
-    that rounding up turns too far in one arc. On average it turns too far by half of that, and only a part of it goes \
-    up or down. So the paper's simulation turned further than rounding up does, or measured otherwise; it does not say. \
-    Its position errors leave no room for it, except at the very end of the path.";
+pub const WHY_PITCH: &str = "The paper's 1.77 degrees are the bend of one whole step of 3.096 mm at R = 100 mm: the \
+                             most that rounding up turns too far in one arc. On average it turns too far by half of \
+    that, and only a part of it goes up or down. So the paper's simulation turned further than rounding up does, or \
+    measured otherwise; it does not say. Its position errors leave no room for it, except at the very end of the \
+    path.";
 /// Why robot B's errors differ.
 pub const WHY_B: &str = "By k = 0.0921, robot B's steps are three times as long, for its radius, as robot A's of \
     3.096 mm, so with whole steps its errors must be larger than robot A's; the paper's are three times smaller. They \
     go with a step a tenth as long (6.264 mm, k = 0.0092), as if a centimetre had been taken for a millimetre. That is \
     a guess.";
 /// Why robot C's errors differ.
-pub const WHY_C: &str = "At k = 0.5263 a step bends by 30 degrees and an arc is a handful of steps. The paper's mean goes \
+pub const WHY_C: &str = "At k = 0.5263 a step bends by 30 degrees and an arc is a handful of steps. The paper's mean \
+                         goes \
     with a step of about half of Table 3's: 10 mm, the distance of its latches. That is a guess, and a weaker one than \
     for robot B: ours grow with the distance for either step, the paper's do not. By the shortest path, of three \
     segments instead of five or six, ours come nearer with Table 3's step, and hardly depend on the distance.";

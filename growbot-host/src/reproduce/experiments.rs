@@ -231,7 +231,8 @@ struct Task {
 
 /// The noise with which open and closed loop are compared between random poses.
 pub const NOISE_OF_FEEDBACK: f64 = 0.1;
-/// What a closed loop measures, and its noise: growth to 1 % of a layer and the direction to 0.5 degrees an axis, standard deviations.
+/// What a closed loop measures, and its noise: growth to 1 % of a layer and the direction to 0.5 degrees an axis,
+/// standard deviations.
 pub const SENSORS: Sensors = Sensors {
     noise: SensorNoise { odometry: 0.01, direction: 0.5 / 180.0 * std::f64::consts::PI },
     odometry_scale: 0.0,

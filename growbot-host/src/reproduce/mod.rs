@@ -9,8 +9,8 @@
 //! | [`tables`], [`summary`] | CSV files and JSON; the summary that is printed |
 //! | [`figures`], [`page`] | the figures as SVG; one page of HTML with everything |
 //!
-//! Every random number comes from a stream that is named by the seed and by what it is drawn for, so that the same seed gives the same
-//! bytes on any number of threads.
+//! Every random number comes from a stream that is named by the seed and by what it is drawn for, so that the same seed
+//! gives the same bytes on any number of threads.
 
 pub mod comparison;
 mod differences;

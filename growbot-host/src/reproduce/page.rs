@@ -15,22 +15,7 @@ use super::tables::parameters;
 use super::{Reproduction, Request};
 use growbot_client::plan::planner_name;
 
-const STYLE: &str = "\
-:root{color-scheme:light dark;--ink:#1c2430;--soft:#4a5565;--paper:#fff;--line:#d8dde5;--shade:#f3f5f8;--good:#0b7a4b;--bad:#b3261e}
-@media (prefers-color-scheme:dark){:root{--ink:#e6e9ee;--soft:#a9b2bf;--paper:#14181e;--line:#343b46;--shade:#1d232b;--good:#5fd3a2;--bad:#ff9a90}}
-*{box-sizing:border-box}
-body{margin:0 auto;padding:24px 20px 64px;max-width:1080px;background:var(--paper);color:var(--ink);font:16px/1.55 system-ui,'Segoe UI','DejaVu Sans',sans-serif}
-h1{font-size:26px;line-height:1.25;margin:8px 0 4px}h2{font-size:20px;margin:44px 0 8px;padding-top:12px;border-top:1px solid var(--line)}h3{font-size:16px;margin:26px 0 6px}
-p,li{max-width:75ch}.soft{color:var(--soft)}
-.wide{overflow-x:auto;margin:12px 0}
-table{border-collapse:collapse;font-size:14px;font-variant-numeric:tabular-nums}
-th,td{padding:4px 12px 4px 0;text-align:right;white-space:nowrap;border-bottom:1px solid var(--line)}
-th{font-weight:600;color:var(--soft)}th.l,td.l{text-align:left}td.w{white-space:normal;min-width:24ch;max-width:60ch;text-align:left;vertical-align:top}
-tr.first td,tr.first th{border-top:2px solid var(--line)}tr.paper td{background:var(--shade)}
-.in{color:var(--good)}.out{color:var(--bad)}
-figure{margin:20px 0;overflow-x:auto}figure svg{display:block;max-width:100%;height:auto;border:1px solid var(--line);border-radius:8px}
-code{font-family:ui-monospace,'DejaVu Sans Mono',monospace;font-size:.92em;background:var(--shade);padding:1px 4px;border-radius:3px}
-";
+const STYLE: &str = include_str!("page.css");
 
 // Writing to a String cannot fail, so what `writeln!` says of it is let go.
 
@@ -40,7 +25,8 @@ pub fn html(of: &Reproduction, figures: &[Figure]) -> String {
     let mut page = format!(
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
-         <title>Growing from the tip: the paper&#8217;s experiments, done again</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n"
+         <title>Growing from the tip: the paper&#8217;s experiments, done \
+         again</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n"
     );
     introduction(&mut page, of);
     differences(&mut page, of);
@@ -72,37 +58,44 @@ fn introduction(page: &mut String, of: &Reproduction) {
     let _ = writeln!(
         page,
         "<h1>Growing from the tip: the paper&#8217;s experiments, done again</h1>\n\
-         <p class=\"soft\">Del Dottore, Mondini, Sadeghi, Mazzolai: Characterization of the Growing From the Tip as Robot Locomotion \
-         Strategy. Front. Robot. AI 6:45, 2019, doi 10.3389/frobt.2019.00045. By growbot {}, seed {}: <code>growbot reproduce{options} \
-         -o DIR</code> gives this page again, to the byte.</p>",
+         <p class=\"soft\">Del Dottore, Mondini, Sadeghi, Mazzolai: Characterization of the Growing From the Tip as \
+         Robot Locomotion Strategy. Front. Robot. AI 6:45, 2019, doi 10.3389/frobt.2019.00045. By growbot {}, seed {}: \
+         <code>growbot reproduce{options} -o DIR</code> gives this page again, to the byte.</p>",
         env!("CARGO_PKG_VERSION"),
         request.seed
     );
     let _ = writeln!(
         page,
-        "<p>Each growth is planned from a random start to a random goal, sliced into layers, laid layer by layer by the kinematics of growth \
-         (Eq 4, corrected), and compared with its goal: position error over the length of the path (Eq 26), heading and pitch error \
-         (Eqs 27 and 28, wrapped to half a turn). {} growths in each group, {} at each level of noise.</p>",
+        "<p>Each growth is planned from a random start to a random goal, sliced into layers, laid layer by layer by \
+         the kinematics of growth (Eq 4, corrected), and compared with its goal: position error over the length of the \
+         path (Eq 26), heading and pitch error (Eqs 27 and 28, wrapped to half a turn). {} growths in each group, {} \
+         at each level of noise.</p>",
         request.repeat, request.repeat_noise
     );
     page.push_str(
-        "<ul>\n<li><b>Poses.</b> The paper chooses &#8220;a completely random&#8221; start and target pose and does not say how. Here the goal lies \
-         anywhere on the sphere round the start whose radius is the distance of the group (4, 8, 16 or 32 R, R being the radius of the arcs), and both directions \
-         are uniform on the sphere. Where the start is makes no difference.</li>\n\
-         <li><b>Steps.</b> The paper lays whole steps and rounds their number up. It gives two heights for robots A to A8: 0.3096 cm in the \
-         text, 0.0774 cm in Table 1. Both are shown. For robots B and C there are only those of Table 3. A segment that has no length but for rounding gets no step.</li>\n\
-         <li><b>Exact slicing.</b> growbot&#8217;s own: each segment is sliced into equal layers that end where it does.</li>\n\
-         <li><b>Planners.</b> <i>two-plane</i> is the paper&#8217;s: two planar Dubins paths that meet on the line from start to goal. \
-         <i>shortest</i> is growbot&#8217;s own.</li>\n\
-         <li><b>Closed loop.</b> growbot&#8217;s own: after each layer its growth (odometry, standard deviation 1 % of the layer) and the tip&#8217;s direction \
-         (0.5 degrees about each of two axes) are measured, and the rest of the path is planned again.</li>\n\
-         <li><b>Numbers.</b> Mean &plusmn; standard deviation. All of them, each single growth too, are in the CSV files beside this page.</li>\n</ul>\n",
+        "<ul>\n<li><b>Poses.</b> The paper chooses &#8220;a completely random&#8221; start and target pose and does \
+         not say how. Here the goal lies anywhere on the sphere round the start whose radius is the distance of the \
+         group (4, 8, 16 or 32 R, R being the radius of the arcs), and both directions are uniform on the sphere. \
+         Where the start is makes no difference.</li>\n\
+         <li><b>Steps.</b> The paper lays whole steps and rounds their number up. It gives two heights for robots A to \
+         A8: 0.3096 cm in the text, 0.0774 cm in Table 1. Both are shown. For robots B and C there are only those of \
+         Table 3. A segment that has no length but for rounding gets no step.</li>\n\
+         <li><b>Exact slicing.</b> growbot&#8217;s own: each segment is sliced into equal layers that end where it \
+         does.</li>\n\
+         <li><b>Planners.</b> <i>two-plane</i> is the paper&#8217;s: two planar Dubins paths that meet on the line \
+         from start to goal. <i>shortest</i> is growbot&#8217;s own.</li>\n\
+         <li><b>Closed loop.</b> growbot&#8217;s own: after each layer its growth (odometry, standard deviation 1 % of \
+         the layer) and the tip&#8217;s direction (0.5 degrees about each of two axes) are measured, and the rest of \
+         the path is planned again.</li>\n\
+         <li><b>Numbers.</b> Mean &plusmn; standard deviation. All of them, each single growth too, are in the CSV \
+         files beside this page.</li>\n</ul>\n",
     );
     if let Some(ExactErrors { max_position, max_direction, growths }) = of.comparison.exact {
         let _ = writeln!(
             page,
-            "<p><b>With exact slicing and without noise nothing is missed:</b> of {growths} growths of all robots here, none ended further from its goal than \
-             {max_position:.1e} of its length and {max_direction:.1e} rad. What the paper reports as the model&#8217;s error is the rounding up of steps.</p>"
+            "<p><b>With exact slicing and without noise nothing is missed:</b> of {growths} growths of all robots \
+             here, none ended further from its goal than {max_position:.1e} of its length and {max_direction:.1e} rad. \
+             What the paper reports as the model&#8217;s error is the rounding up of steps.</p>"
         );
     }
 }
@@ -130,7 +123,8 @@ fn differences(page: &mut String, of: &Reproduction) {
     }
     page.push_str(
         "<h2 id=\"differences\">Where we differ, by how much, and why</h2>\n<div class=\"wide\"><table>\n\
-         <tr><th class=\"l\">what</th><th class=\"l\">by how much</th><th class=\"l\">why, as far as we can tell</th></tr>\n",
+         <tr><th class=\"l\">what</th><th class=\"l\">by how much</th><th class=\"l\">why, as far as we can \
+         tell</th></tr>\n",
     );
     for difference in &of.comparison.differences {
         let _ = writeln!(
@@ -149,8 +143,10 @@ fn robots(page: &mut String, of: &Reproduction, table: u8) {
     let _ = writeln!(
         page,
         "<h2 id=\"table{table}\">Table {table}: {title}</h2>\n\
-         <p>From the robots&#8217; descriptions, which are the paper&#8217;s numbers. &phi; = g / R and k = g &Delta;t / R follow from them; the paper&#8217;s in brackets where it prints something else.{}</p>\n\
-         <div class=\"wide\"><table>\n<tr><th class=\"l\">robot</th><th>&Delta;t, s</th><th>g, mm/s</th><th>R, mm</th><th>r<sub>t</sub>, mm</th>\
+         <p>From the robots&#8217; descriptions, which are the paper&#8217;s numbers. &phi; = g / R and k = g \
+         &Delta;t / R follow from them; the paper&#8217;s in brackets where it prints something else.{}</p>\n\
+         <div class=\"wide\"><table>\n<tr><th class=\"l\">robot</th><th>&Delta;t, s</th><th>g, mm/s</th><th>R, \
+         mm</th><th>r<sub>t</sub>, mm</th>\
          <th>step, mm</th><th>&phi;, rad/s</th><th>k, rad a step</th></tr>",
         if table == 3 {
             " The &phi; that the paper prints for B and C does not follow from its own g and R; its k does."
@@ -168,7 +164,8 @@ fn robots(page: &mut String, of: &Reproduction, table: u8) {
         };
         let _ = writeln!(
             page,
-            "<tr><td class=\"l\">{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
+            "<tr><td \
+             class=\"l\">{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
             paper.name,
             parameters.dt_s,
             libm::round(1e6 * parameters.g_mm_per_s()) / 1e6,
@@ -185,8 +182,9 @@ fn robots(page: &mut String, of: &Reproduction, table: u8) {
 fn table2(page: &mut String, of: &Reproduction) {
     page.push_str(
         "<h2 id=\"table2\">Table 2: position error over the length of the path</h2>\n\
-         <p>Open loop, without noise. <span class=\"in\">Green</span>: our mean lies within the paper&#8217;s mean &plusmn; its standard deviation; \
-         <span class=\"out\">red</span>: it does not.</p>\n<div class=\"wide\"><table>\n<tr><th class=\"l\">robot</th><th class=\"l\">path</th><th class=\"l\">layers</th>",
+         <p>Open loop, without noise. <span class=\"in\">Green</span>: our mean lies within the paper&#8217;s mean \
+         &plusmn; its standard deviation; <span class=\"out\">red</span>: it does not.</p>\n<div \
+         class=\"wide\"><table>\n<tr><th class=\"l\">robot</th><th class=\"l\">path</th><th class=\"l\">layers</th>",
     );
     for group in GROUPS {
         let _ = write!(page, "<th>{group} R</th>");
@@ -249,9 +247,11 @@ fn tests(page: &mut String, of: &Reproduction) {
     }
     page.push_str(
         "<h2 id=\"tests\">Do groups differ by more than chance?</h2>\n\
-         <p>p is the chance of a difference at least as large where there is none. The paper quotes p-values of the &#8220;mean rank of each group&#8221;, which is Kruskal and \
-         Wallis&#8217; test; beside it one-way analysis of variance (ANOVA), which it names for noise and for constant k, with results in its supplement only. \
-         A p of the paper&#8217;s is one draw of its random poses, and ours one of ours: they agree where both are large, or both small.</p>\n",
+         <p>p is the chance of a difference at least as large where there is none. The paper quotes p-values of the \
+         &#8220;mean rank of each group&#8221;, which is Kruskal and Wallis&#8217; test; beside it one-way analysis of \
+         variance (ANOVA), which it names for noise and for constant k, with results in its supplement only. A p of \
+         the paper&#8217;s is one draw of its random poses, and ours one of ours: they agree where both are large, or \
+         both small.</p>\n",
     );
     let quoted: Vec<&Question> = of.comparison.questions.iter().filter(|question| question.paper.is_some()).collect();
     let others: Vec<&Question> = of.comparison.questions.iter().filter(|question| question.paper.is_none()).collect();
@@ -262,7 +262,8 @@ fn tests(page: &mut String, of: &Reproduction) {
         let quoted = questions.iter().any(|question| question.paper.is_some());
         let _ = writeln!(
             page,
-            "<h3>{title}</h3>\n<div class=\"wide\"><table>\n<tr><th class=\"l\">what</th><th class=\"l\">path</th><th class=\"l\">layers</th>{}\
+            "<h3>{title}</h3>\n<div class=\"wide\"><table>\n<tr><th class=\"l\">what</th><th class=\"l\">path</th><th \
+             class=\"l\">layers</th>{}\
              <th>Kruskal-Wallis</th><th>ANOVA</th><th>groups</th><th>n</th></tr>",
             if quoted { "<th>the paper</th>" } else { "" }
         );
@@ -271,7 +272,8 @@ fn tests(page: &mut String, of: &Reproduction) {
             let is_first = question.what != before;
             let _ = writeln!(
                 page,
-                "<tr class=\"{}\"><td class=\"l\">{}</td><td class=\"l\">{}</td><td class=\"l\">{}</td>{}<td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
+                "<tr class=\"{}\"><td class=\"l\">{}</td><td class=\"l\">{}</td><td \
+                 class=\"l\">{}</td>{}<td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
                 if is_first { "first" } else { "" },
                 if is_first { capital(&question.what) } else { String::new() },
                 planner_name(question.planner),
@@ -300,10 +302,13 @@ fn feedback(page: &mut String, of: &Reproduction) {
     }
     let _ = writeln!(
         page,
-        "<h2 id=\"feedback\">With noise: open and closed loop</h2>\n<p>Robot A between the same random poses, exact slicing, with noise of \
-         &plusmn;{} % of the growth of each layer, the same layers off by the same share in both loops. Their tilt is kept, so that in open loop the direction stays right. The paper names feedback as future work. Without noise of \
-         the growth, and as noise of the sensors is all there is, exact slicing in open loop does better: see Figure 6.</p>\n<div class=\"wide\"><table>\n\
-         <tr><th class=\"l\">distance</th><th class=\"l\">path</th><th class=\"l\">loop</th><th>position error / length</th><th>95th percentile</th>\
+        "<h2 id=\"feedback\">With noise: open and closed loop</h2>\n<p>Robot A between the same random poses, exact \
+         slicing, with noise of &plusmn;{} % of the growth of each layer, the same layers off by the same share in \
+         both loops. Their tilt is kept, so that in open loop the direction stays right. The paper names feedback as \
+         future work. Without noise of the growth, and as noise of the sensors is all there is, exact slicing in open \
+         loop does better: see Figure 6.</p>\n<div class=\"wide\"><table>\n\
+         <tr><th class=\"l\">distance</th><th class=\"l\">path</th><th class=\"l\">loop</th><th>position error / \
+         length</th><th>95th percentile</th>\
          <th>direction error, deg</th><th>95th percentile</th></tr>",
         100.0 * NOISE_OF_FEEDBACK
     );
@@ -312,7 +317,8 @@ fn feedback(page: &mut String, of: &Reproduction) {
             let (position, direction) = (set.summary(Quantity::Position), set.summary(Quantity::Direction));
             let _ = writeln!(
                 page,
-                "<tr class=\"{}\"><td class=\"l\">{}</td><td class=\"l\">{}</td><td class=\"l\">{}</td><td>{} &plusmn; {}</td><td>{}</td><td>{} &plusmn; {}</td><td>{}</td></tr>",
+                "<tr class=\"{}\"><td class=\"l\">{}</td><td class=\"l\">{}</td><td class=\"l\">{}</td><td>{} \
+                 &plusmn; {}</td><td>{}</td><td>{} &plusmn; {}</td><td>{}</td></tr>",
                 if index == 0 { "first" } else { "" },
                 if index == 0 { format!("{distance} R") } else { String::new() },
                 planner_name(set.condition.planner),
@@ -337,23 +343,27 @@ fn degrees_text(degrees: f64) -> String {
 fn caption(figure: u8) -> &'static str {
     match figure {
         4 => {
-            "The paper&#8217;s dots are not published as numbers: beside ours are its means and standard deviations from Table 2 and from the text. The length of a \
-             path does not depend on how it is sliced."
+            "The paper&#8217;s dots are not published as numbers: beside ours are its means and standard deviations \
+             from Table 2 and from the text. The length of a path does not depend on how it is sliced."
         }
         5 => {
-            "Above the planned path, below the body that whole steps of 3.096 mm make of it, with the planned path drawn over it. The paper chose its own \
-             representatives, from its own random poses: these are ours, by the same rule. The time is by the growth velocity, g = 0.043 mm/s."
+            "Above the planned path, below the body that whole steps of 3.096 mm make of it, with the planned path \
+             drawn over it. The paper chose its own representatives, from its own random poses: these are ours, by the \
+             same rule. The time is by the growth velocity, g = 0.043 mm/s."
         }
         6 => {
-            "The paper finds the effect of noise to be stronger over short distances. With whole steps, rounding up outweighs the noise: it hides what noise does, and \
-             may even be made good by it. Exact slicing shows the noise alone. The paper&#8217;s numbers are in its supplement only."
+            "The paper finds the effect of noise to be stronger over short distances. With whole steps, rounding up \
+             outweighs the noise: it hides what noise does, and may even be made good by it. Exact slicing shows the \
+             noise alone. The paper&#8217;s numbers are in its supplement only."
         }
         7 => {
-            "Two examples, as in the paper. Robot B&#8217;s time is by its growth velocity of 0.12 mm/s, robot C&#8217;s by 10 m/s."
+            "Two examples, as in the paper. Robot B&#8217;s time is by its growth velocity of 0.12 mm/s, robot \
+             C&#8217;s by 10 m/s."
         }
         _ => {
-            "Panel D puts each robot at the bend of a step that was laid, the paper&#8217;s at the k that it prints: ours lie on one line, errors in proportion to k, for \
-             both steps. The paper&#8217;s A to A8 are a factor of four beside that line, since it divides Table 1&#8217;s step by R; its B lies far below."
+            "Panel D puts each robot at the bend of a step that was laid, the paper&#8217;s at the k that it prints: \
+             ours lie on one line, errors in proportion to k, for both steps. The paper&#8217;s A to A8 are a factor \
+             of four beside that line, since it divides Table 1&#8217;s step by R; its B lies far below."
         }
     }
 }

@@ -1,7 +1,8 @@
 //! Random starts and goals.
 //!
-//! The paper chooses "a completely random" start and target pose at the distance of the group. Here: the start at the origin (nothing
-//! depends on where it is), the goal anywhere on the sphere of that radius round it, and both directions uniform on the sphere.
+//! The paper chooses "a completely random" start and target pose at the distance of the group. Here: the start at the
+//! origin (nothing depends on where it is), the goal anywhere on the sphere of that radius round it, and both
+//! directions uniform on the sphere.
 
 use growbot_core::pose::{Pose, PoseError};
 use growbot_core::random::Random;

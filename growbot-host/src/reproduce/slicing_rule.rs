@@ -15,7 +15,8 @@ pub enum SlicingRule {
     Table,
     /// Whole steps of half the table's: of a single latch of robot C. A guess: it comes near the paper's results.
     Half,
-    /// Whole steps of a tenth of the table's: for robot B, as if a centimetre had been taken for a millimetre. A guess likewise.
+    /// Whole steps of a tenth of the table's: for robot B, as if a centimetre had been taken for a millimetre. A guess
+    /// likewise.
     Tenth,
     /// Exact slicing: equal layers that end where the segment does.
     Exact,
@@ -54,8 +55,9 @@ impl SlicingRule {
         }
     }
 
-    /// The segments that are given whole steps. The waypoint of a two-plane path is where two circles touch, and by rounding every other
-    /// path has a straight of 3e-8 radii between them: whether it is there must not decide whether a step is.
+    /// The segments that are given whole steps. The waypoint of a two-plane path is where two circles touch, and by
+    /// rounding every other path has a straight of 3e-8 radii between them: whether it is there must not decide whether
+    /// a step is.
     pub(super) fn stepped(self, robot: &Robot, path: &Path) -> Path {
         let rounding = 1e-6 * robot.description().planning_radius_mm;
         path.filtered(|segment| self == Self::Exact || segment.length() > rounding)

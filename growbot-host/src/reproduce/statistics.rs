@@ -53,8 +53,8 @@ pub struct Test {
     pub p: f64,
 }
 
-/// Kruskal and Wallis 1952: whether the mean ranks of groups differ; H is corrected for ties, and p by chi squared. None where there
-/// are fewer than two groups, an empty one, or nothing but ties.
+/// Kruskal and Wallis 1952: whether the mean ranks of groups differ; H is corrected for ties, and p by chi squared.
+/// None where there are fewer than two groups, an empty one, or nothing but ties.
 #[must_use]
 pub fn kruskal_wallis(groups: &[&[f64]]) -> Option<Test> {
     if groups.len() < 2 || groups.iter().any(|group| group.is_empty()) {
@@ -83,7 +83,8 @@ pub fn kruskal_wallis(groups: &[&[f64]]) -> Option<Test> {
     Some(Test { statistic: h, p: chi_squared.sf(h.max(0.0)) })
 }
 
-/// One-way analysis of variance: whether the means of groups differ. None where the groups have no variance to compare with.
+/// One-way analysis of variance: whether the means of groups differ. None where the groups have no variance to compare
+/// with.
 #[must_use]
 pub fn anova(groups: &[&[f64]]) -> Option<Test> {
     let samples = groups.iter().map(|group| group.to_vec()).collect();
@@ -104,7 +105,8 @@ mod tests {
         assert_eq!(Summary::of(&[]).n, 0);
     }
 
-    /// Hollander and Wolfe 1973, p. 116, as in the documentation of R's `kruskal.test`: H = 0.77143, 2 degrees of freedom, p = 0.68.
+    /// Hollander and Wolfe 1973, p. 116, as in the documentation of R's `kruskal.test`: H = 0.77143, 2 degrees of
+    /// freedom, p = 0.68.
     #[test]
     fn kruskal_and_wallis_as_in_r() {
         let test =

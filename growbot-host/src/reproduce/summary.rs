@@ -37,7 +37,8 @@ pub fn summary(of: &Reproduction) -> String {
     if let Some(ExactErrors { max_position, max_direction, growths }) = of.comparison.exact {
         let _ = writeln!(
             text,
-            "\nExact slicing, no noise, {growths} growths: at most {max_position:.0e} of the length, {max_direction:.0e} rad."
+            "\nExact slicing, no noise, {growths} growths: at most {max_position:.0e} of the length, \
+             {max_direction:.0e} rad."
         );
     }
     text

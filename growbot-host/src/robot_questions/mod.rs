@@ -1,7 +1,7 @@
 //! A new robot from one that there is: what is asked, which answers can be, and the file that comes of them.
 //!
-//! The file begun with is kept with its comments. Each answer goes into it and the whole is checked as any robot file is
-//! ([`robot_file::parse`]); what the check finds wrong with the answer, or with one given before, refuses it.
+//! The file begun with is kept with its comments. Each answer goes into it and the whole is checked as any robot file
+//! is ([`robot_file::parse`]); what the check finds wrong with the answer, or with one given before, refuses it.
 
 mod toml_values;
 
@@ -161,7 +161,8 @@ impl Draft {
         Ok(adapted)
     }
 
-    /// What is taken where nothing is answered: the value that the field has if it can stay, else one near it that can be.
+    /// What is taken where nothing is answered: the value that the field has if it can stay, else one near it that can
+    /// be.
     #[must_use]
     pub fn default(&self, path: &'static str) -> Option<String> {
         self.possible(path, |draft| draft.refused_at(path).is_ok()).map(|value| shown(&value))
@@ -214,7 +215,9 @@ impl Draft {
         let name = robot.name();
         let mut text = self.directives.clone();
         text += &comment(&format!(
-            "{name}: begun by `growbot new-robot` from {}. \"given\" marks what was answered, \"adapted\" what had to follow from it, \"assumed\" what nobody has measured: measure it before you rely on it. Other remarks are those of {}:",
+            "{name}: begun by `growbot new-robot` from {}. \"given\" marks what was answered, \"adapted\" what had to \
+             follow from it, \"assumed\" what nobody has measured: measure it before you rely on it. Other remarks \
+             are those of {}:",
             self.base, self.base
         ));
         text += "#\n";
@@ -290,7 +293,10 @@ impl Draft {
             if QUESTIONS.contains(&path) || adapted.iter().any(|done: &Adapted| done.path == path) {
                 break;
             }
-            let mended = |draft: &Self| !matches!(draft.robot(), Err(RobotFileError::Robot { error, .. }) if field_of(&error) == path);
+            let mended = |draft: &Self| match draft.robot() {
+                Err(RobotFileError::Robot { error, .. }) => field_of(&error) != path,
+                _ => true,
+            };
             let from = self.shown(path);
             let Some(value) = self.possible(path, mended) else { break };
             adapted.push(Adapted { path: path.to_owned(), from, to: shown(&value) });
@@ -299,7 +305,8 @@ impl Draft {
         adapted
     }
 
-    /// The value of this field if it is good, else the limit that it broke, or else the nearest good value by steps of a quarter.
+    /// The value of this field if it is good, else the limit that it broke, or else the nearest good value by steps of
+    /// a quarter.
     fn possible(&self, path: &str, good: impl Fn(&Self) -> bool) -> Option<Value> {
         let value = self.value(path)?.clone();
         let (number, whole) = match &value {

@@ -3,6 +3,7 @@
 use growbot_client::client::ClockDrift;
 use growbot_client::run_log::{RunRecord, hex_of};
 use growbot_core::pose::{Frame, Pose};
+use nalgebra::Vector3;
 use serde_json::{Value, json};
 
 use super::numbers::caption;
@@ -48,8 +49,8 @@ pub fn of(subject: &Subject, layers: &Layers) -> Value {
         },
         "via": plan.via().iter().map(|via| json!(via.position().as_slice())).collect::<Vec<_>>(),
         "reached": run.and_then(measured_end).map(|(reached, _)| json!(reached.position().as_slice())),
-        "estimated": subject.estimated().map(|path| path.iter().map(|place| json!(place.as_slice())).collect::<Vec<_>>()),
-        "commanded": subject.commanded(layers).map(|path| path.iter().map(|place| json!(place.as_slice())).collect::<Vec<_>>()),
+        "estimated": subject.estimated().map(points),
+        "commanded": subject.commanded(layers).map(points),
         "built_name": layers.built_name(),
         "planned": hex_of(&layers.planned),
         "built": layers.built.as_deref().map(hex_of),
@@ -61,6 +62,11 @@ pub fn of(subject: &Subject, layers: &Layers) -> Value {
 fn frame(base_from_tip: &Frame) -> Value {
     let axes = base_from_tip.rotation.matrix().iter().chain(base_from_tip.translation.vector.iter());
     axes.copied().collect::<Vec<f64>>().into()
+}
+
+/// Points, 3 numbers each.
+fn points(path: Vec<Vector3<f64>>) -> Vec<[f64; 3]> {
+    path.into_iter().map(Into::into).collect()
 }
 
 fn direction(pose: &Pose) -> [f64; 3] {

@@ -1,8 +1,8 @@
 //! A body to look at, or two side by side.
 //!
 //! - [`Subject`]: what is looked at, a plan or a run log;
-//! - [`page`]: one HTML page that opens without a network: the tube in three dimensions and the numbers beside it; `data`, what it is given, as
-//!   JSON, `numbers`, in words, and `side_by_side`, those of two;
+//! - [`page`]: one HTML page that opens without a network: the tube in three dimensions and the numbers beside it;
+//!   `data`, what it is given, as JSON, `numbers`, in words, and `side_by_side`, those of two;
 //! - [`picture`]: an SVG for papers; [`plot`]: layers, error and temperature along it;
 //! - `self_clearance`: how near the wall comes to itself;
 //! - growbot-host/viewer/: the page itself and its script, which is bundled there at development time.
@@ -99,8 +99,8 @@ impl Subject<'_> {
         })
     }
 
-    /// Where the tip would be on its way if all plastic lay as it was commanded, some hundreds of places, mm; none where that is all that
-    /// is known.
+    /// Where the tip would be on its way if all plastic lay as it was commanded, some hundreds of places, mm; none
+    /// where that is all that is known.
     fn commanded(&self, layers: &Layers) -> Option<Vec<Vector3<f64>>> {
         let commanded = layers.commanded.as_ref()?;
         let mut tip = self.plan.start.frame();

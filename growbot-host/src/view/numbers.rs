@@ -66,7 +66,8 @@ fn group<N: Into<String>>(heading: impl Into<String>, rows: impl IntoIterator<It
     (heading.into(), rows.into_iter().map(|(name, value)| (name.into(), value)).collect())
 }
 
-/// A body in a line: how its path was found, its pieces, length and layers. A planner that it is `called` by already is left out.
+/// A body in a line: how its path was found, its pieces, length and layers. A planner that it is `called` by already is
+/// left out.
 pub fn caption(subject: &Subject, layers: &Layers, called: &str) -> String {
     let plan = subject.plan;
     let grown = layers.kind.map(|kind| match kind {

@@ -1,8 +1,8 @@
 //! How near the wall of a body comes to itself.
 //!
-//! Every body is near itself along itself; what counts is where one stretch passes another. That is where the distance between two
-//! points of the centreline, more than `pi D / 2` apart along it (see [`growbot_client::clearance`]), is least among
-//! those around both.
+//! Every body is near itself along itself; what counts is where one stretch passes another. That is where the distance
+//! between two points of the centreline, more than `pi D / 2` apart along it (see [`growbot_client::clearance`]), is
+//! least among those around both.
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -14,8 +14,9 @@ use nalgebra::Vector3;
 /// So many points of the body are looked at: of one of 1 m, each millimetre or so.
 const MAX_POINTS: usize = 1500;
 
-/// The least distance between two walls of a tube of this diameter (mm, positive) that pass each other, mm: negative where they overlap,
-/// none where no stretch passes another. As fine as the points: of a body of `L` mm it may be too great by `(L / 1500)^2 / D` mm or so.
+/// The least distance between two walls of a tube of this diameter (mm, positive) that pass each other, mm: negative
+/// where they overlap, none where no stretch passes another. As fine as the points: of a body of `L` mm it may be too
+/// great by `(L / 1500)^2 / D` mm or so.
 pub fn self_clearance(start: &Frame, layers: &[LayerBytes], diameter: f64) -> Option<f64> {
     let stride = layers.len().div_ceil(MAX_POINTS).max(1);
     let (mut base_from_tip, mut length) = (*start, 0.0);
@@ -31,8 +32,8 @@ pub fn self_clearance(start: &Frame, layers: &[LayerBytes], diameter: f64) -> Op
     nearest_pass(&points, FRAC_PI_2 * diameter).map(|distance| distance - diameter)
 }
 
-/// The least of all distances between points, at these lengths along a line, that are less than those around and more than so far apart
-/// along it.
+/// The least of all distances between points, at these lengths along a line, that are less than those around and more
+/// than so far apart along it.
 fn nearest_pass(points: &[(Vector3<f64>, f64)], neighbourhood: f64) -> Option<f64> {
     let between = |a: usize, b: usize| Some((points.get(a)?.0 - points.get(b)?.0).norm());
     let mut nearest: Option<f64> = None;

@@ -14,7 +14,8 @@ pub fn together(one: &[Group], other: &[Group]) -> Value {
     groups.collect()
 }
 
-/// The entries of two lists by their names, in the order of the first; what only the second has comes after what it follows there.
+/// The entries of two lists by their names, in the order of the first; what only the second has comes after what it
+/// follows there.
 fn joined<'a, T>(one: &'a [(String, T)], other: &'a [(String, T)]) -> Vec<(&'a str, Option<&'a T>, Option<&'a T>)> {
     let mut all: Vec<_> = one.iter().map(|(name, value)| (name.as_str(), Some(value), None)).collect();
     let mut at = 0;

@@ -1,13 +1,13 @@
 //! The shortest body to a position whose tip may point anywhere: in closed form.
 //!
-//! Such a path lies in the plane of the start's direction and the position, and is an arc and a line, or, for positions within
-//! the tightest circle that starts there, two arcs (Bui, Boissonnat, Soueres and Laumond 1994, "Shortest path synthesis for Dubins
-//! non-holonomic robot", ICRA).
+//! Such a path lies in the plane of the start's direction and the position, and is an arc and a line, or, for positions
+//! within the tightest circle that starts there, two arcs (Bui, Boissonnat, Soueres and Laumond 1994, "Shortest path
+//! synthesis for Dubins non-holonomic robot", ICRA).
 
 use growbot_core::angle::wrap_positive;
 
-/// Length of the shortest body of this bend radius to a position: so far ahead of the start and so far aside of its line.
-/// Lengths in any one unit.
+/// Length of the shortest body of this bend radius to a position: so far ahead of the start and so far aside of its
+/// line. Lengths in any one unit.
 #[must_use]
 pub fn shortest_to(ahead: f64, aside: f64, radius: f64) -> f64 {
     let (ahead, aside) = (ahead / radius, aside.abs() / radius);
@@ -30,8 +30,8 @@ fn arc_and_line(ahead: f64, aside: f64) -> f64 {
     nearly_none(turn) + line
 }
 
-/// Turning away from positive `aside`, then towards it on a second circle that touches the first; infinite where there is
-/// no such circle through the position. Lengths in radii.
+/// Turning away from positive `aside`, then towards it on a second circle that touches the first; infinite where there
+/// is no such circle through the position. Lengths in radii.
 fn two_arcs(ahead: f64, aside: f64, side: f64) -> f64 {
     // The first circle is round (-1, 0), the second one's centre lies 2 from there and 1 from the position.
     let (x, y) = (aside + 1.0, ahead);

@@ -1,9 +1,9 @@
 //! Which goals are within reach of a body of a given length.
 //!
-//! Positions are told in the frame of the start: ahead, along the direction of growth, and aside of it. Where the tip may point
-//! anywhere, everything is the same round the start's direction, and the shortest body to a position has a closed form
-//! ([`shortest_to`]); how many final directions can be had there, the planner tells. Where the final direction is given, the planner
-//! tells all. Whether a body runs into itself is not looked at.
+//! Positions are told in the frame of the start: ahead, along the direction of growth, and aside of it. Where the tip
+//! may point anywhere, everything is the same round the start's direction, and the shortest body to a position has a
+//! closed form ([`shortest_to`]); how many final directions can be had there, the planner tells. Where the final
+//! direction is given, the planner tells all. Whether a body runs into itself is not looked at.
 
 mod anywhere;
 mod picture;
@@ -44,13 +44,13 @@ pub struct Question<'a> {
 pub struct Workspace {
     /// Volume of the positions within reach, mm^3, and its standard error, mm^3 (0 where it is integrated).
     pub volume: (f64, f64),
-    /// The furthest positions within reach straight ahead of the start, beside it towards its x axis and against it, and
-    /// behind it, mm; none: not even the nearest tried.
+    /// The furthest positions within reach straight ahead of the start, beside it towards its x axis and against it,
+    /// and behind it, mm; none: not even the nearest tried.
     pub reach: [Option<f64>; 4],
     /// Share of final directions within reach, by distance from the start. Empty where the direction is given.
     pub shares: Vec<Band>,
-    /// The section through the start, in the plane of its direction and its x axis, if it is wanted: the shortest body to each
-    /// position, mm. What is longer than the body asked for may be told too short.
+    /// The section through the start, in the plane of its direction and its x axis, if it is wanted: the shortest body
+    /// to each position, mm. What is longer than the body asked for may be told too short.
     pub section: Option<Section>,
     /// The share of final directions, over the same plane. None where the direction is given.
     pub share_section: Option<Section>,
@@ -80,7 +80,8 @@ pub struct Section {
     pub values: Vec<f64>,
 }
 
-/// Near the start planning takes long: so many plans, nearer than [`NEAR`] radii, may be asked for, of shares and of lengths...
+/// Near the start planning takes long: so many plans, nearer than [`NEAR`] radii, may be asked for, of shares and of
+/// lengths...
 const MAX_NEAR: f64 = 3000.0;
 const MAX_NEAR_IN_DIRECTION: f64 = 400.0;
 /// ...and this is what counts as near, radii.
@@ -134,8 +135,8 @@ impl Question<'_> {
             .map_or(f64::INFINITY, |chosen| path::length(&chosen.path))
     }
 
-    /// A length that no body to this position and direction is shorter than, mm: it can be no shorter than the shortest that
-    /// may point anywhere, nor, seen from its end, than the shortest that may start anyhow.
+    /// A length that no body to this position and direction is shorter than, mm: it can be no shorter than the shortest
+    /// that may point anywhere, nor, seen from its end, than the shortest that may start anyhow.
     fn at_least(&self, position: Vector3<f64>, heading: f64, pitch: f64) -> f64 {
         let forth = shortest_to(position.z, libm::hypot(position.x, position.y), self.radius);
         let Ok(goal) = Pose::new(self.position(position), heading, pitch) else { return f64::INFINITY };
@@ -145,8 +146,8 @@ impl Question<'_> {
         forth.max(shortest_to(ahead, aside, self.radius))
     }
 
-    /// Whether a body of the length reaches this position and direction. The planner is asked only where neither a bound nor the
-    /// two-plane path, which is quickly found, decides.
+    /// Whether a body of the length reaches this position and direction. The planner is asked only where neither a
+    /// bound nor the two-plane path, which is quickly found, decides.
     fn within(&self, position: Vector3<f64>, heading: f64, pitch: f64) -> bool {
         if self.at_least(position, heading, pitch) > self.length * (1.0 + 1e-9) {
             return false;

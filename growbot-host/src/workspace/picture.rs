@@ -40,14 +40,14 @@ const STYLE: &str = "text{font-family:system-ui,'Segoe UI','DejaVu Sans',sans-se
 .ball{stroke:#1c2430;stroke-opacity:.45;stroke-dasharray:5 5;fill:none}\
 .tube{fill:#e8590c;stroke:#fff;stroke-width:1}.way{stroke:#e8590c;stroke-width:2;fill:none}";
 
-/// The picture: on the right the shortest body to each position, on the left the share of final directions; where the final
-/// direction is given, lengths on both sides.
+/// The picture: on the right the shortest body to each position, on the left the share of final directions; where the
+/// final direction is given, lengths on both sides.
 #[must_use]
 pub fn svg(question: &Question, workspace: &Workspace) -> String {
     let (width, height) = SIZE;
     let mut svg = format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {height}\" width=\"{width}\" height=\"{height}\" \
-         role=\"img\">\n<title>{}</title>\n<style>{STYLE}</style>\n\
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {height}\" width=\"{width}\" \
+         height=\"{height}\" role=\"img\">\n<title>{}</title>\n<style>{STYLE}</style>\n\
          <rect width=\"{width}\" height=\"{height}\" rx=\"8\" fill=\"#fff\"/>\n",
         title(question)
     );
@@ -187,13 +187,18 @@ impl Plot {
         let [x, y, z, heading, pitch] = question.start.to_degrees().map(|number| (number * 1e3).round() / 1e3 + 0.0);
         let notes = match question.direction {
             None => [
-                format!("Start at {x}, {y}, {z} mm, heading {heading}, pitch {pitch} deg; the same all round its direction."),
-                "Right: the shortest body, whichever way its tip points. Left: the share of final directions within reach."
+                format!(
+                    "Start at {x}, {y}, {z} mm, heading {heading}, pitch {pitch} deg; the same all round its \
+                         direction."
+                ),
+                "Right: the shortest body, whichever way its tip points. Left: the share of final directions within \
+                 reach."
                     .to_owned(),
             ],
             Some((to_heading, to_pitch)) => [
                 format!(
-                    "Start at {x}, {y}, {z} mm, heading {heading}, pitch {pitch} deg; section in the plane of its x axis."
+                    "Start at {x}, {y}, {z} mm, heading {heading}, pitch {pitch} deg; section in the plane of its x \
+                     axis."
                 ),
                 format!(
                     "The shortest body whose tip points to heading {:.1}, pitch {:.1} deg.",

@@ -1,7 +1,8 @@
 //! A line that loses, spoils, doubles and swaps what it carries: any port behind a wire with faults, drawn from a seed.
 //!
-//! What travels is looked at piece by piece; a piece ends in a zero byte, as frames do, or is as long as the longest frame. Each
-//! direction draws by itself, one draw for each fault and piece, so that the same seed and the same traffic give the same faults.
+//! What travels is looked at piece by piece; a piece ends in a zero byte, as frames do, or is as long as the longest
+//! frame. Each direction draws by itself, one draw for each fault and piece, so that the same seed and the same traffic
+//! give the same faults.
 //!
 //! | fault | what happens to a piece |
 //! |---|---|

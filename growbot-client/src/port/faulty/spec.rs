@@ -18,7 +18,10 @@ const NAMES: [&str; 8] = ["drop", "flip", "dup", "reorder", "truncate", "stall",
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum FaultSpecError {
     /// There is no such fault.
-    #[error("there is no fault {name:?}{}: give some of {}, with commas between", did_you_mean(.name, NAMES), NAMES.join(", "))]
+    #[error(
+        "there is no fault {name:?}{}: give some of {}, with commas between",
+        did_you_mean(.name, NAMES), NAMES.join(", ")
+    )]
     Unknown {
         /// What was there.
         name: String,

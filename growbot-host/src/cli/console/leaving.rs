@@ -49,7 +49,8 @@ pub fn left(state: State, robot: &Robot, port: &ChosenPort) -> String {
     } else {
         let off_after = robot.description().hold.off_after_s;
         format!(
-            "left alone it finishes the layer under way, holds, and has its heater on for {off_after} s more, or grows on if it was started so"
+            "left alone it finishes the layer under way, holds, and has its heater on for {off_after} s more, or \
+             grows on if it was started so"
         )
     };
     format!("the robot is {name}: {goes_on}; to stop it: `growbot stop --port {}`", port.text())

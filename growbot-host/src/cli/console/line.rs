@@ -109,7 +109,8 @@ impl Session {
         }
     }
 
-    /// Carries lines out until the last one, or the first that fails: what follows a failure was written for a robot that had done as asked.
+    /// Carries lines out until the last one, or the first that fails: what follows a failure was written for a robot
+    /// that had done as asked.
     fn read_pipe(&mut self) -> Result<(), Failure> {
         let lines = lines_of_stdin();
         match self.carry_out(&lines) {
@@ -178,7 +179,8 @@ impl Session {
                 status.state.name()
             ),
             (Ok(()), Err(error)) => format!(
-                "what the {}robot is doing is not known ({error}): see `growbot status`, and cut its power if that does not answer",
+                "what the {}robot is doing is not known ({error}): see `growbot status`, and cut its power if that \
+                 does not answer",
                 self.port.kind()
             ),
         };
@@ -208,7 +210,8 @@ impl Session {
             }
             Ok(_) => Ok(()),
             Err(error) => Err(Failure::answered_no(format!(
-                "{error}; the robot may still be hot or moving: see `growbot status`, and cut its power if that does not answer"
+                "{error}; the robot may still be hot or moving: see `growbot status`, and cut its power if that does \
+                 not answer"
             ))),
         }
     }

@@ -20,9 +20,8 @@ use super::{Connection, Failure, PortArg, RobotArg};
 /// result nobody reads any more, ends it, with exit code 1. The lines after it are not carried out: what they were, and
 /// what the robot is doing, is told.
 #[derive(Args)]
-#[command(
-    after_help = "Examples:\n  growbot console --port /dev/ttyACM0\n  growbot console --tui\n  printf 'plan 0,0,60,0,90\\nstart\\nwait 60\\nstatus\\n' | growbot console"
-)]
+#[command(after_help = "Examples:\n  growbot console --port /dev/ttyACM0\n  growbot console --tui\n  printf 'plan \
+                  0,0,60,0,90\\nstart\\nwait 60\\nstatus\\n' | growbot console")]
 pub struct ConsoleArgs {
     #[command(flatten)]
     port: PortArg,

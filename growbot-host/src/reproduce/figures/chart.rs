@@ -6,7 +6,8 @@ use crate::drawing::chart::Panel;
 use super::super::paper::MeanSd;
 use super::super::statistics::Summary;
 
-/// Okabe and Ito's colours, told apart by the colour-blind too: steps of the text, of the table, exact slicing, closed loop.
+/// Okabe and Ito's colours, told apart by the colour-blind too: steps of the text, of the table, exact slicing, closed
+/// loop.
 pub const TEXT_STEP: &str = "#0072b2";
 /// Steps of the table.
 pub const TABLE_STEP: &str = "#e69f00";
@@ -68,21 +69,32 @@ impl Mark {
     /// Draws it.
     pub fn draw(self, canvas: &mut Canvas, (x, y): (f64, f64), colour: &str) {
         match self {
-            Self::Dot => canvas.add(format_args!("<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"2.4\" fill=\"{colour}\" fill-opacity=\".4\"/>")),
+            Self::Dot => canvas.add(format_args!(
+                "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"2.4\" fill=\"{colour}\" \
+                                                  fill-opacity=\".4\"/>"
+            )),
             Self::Square => canvas.add(format_args!(
-                "<rect x=\"{:.1}\" y=\"{:.1}\" width=\"9\" height=\"9\" fill=\"{colour}\" stroke=\"#fff\" stroke-width=\"1.4\"/>",
+                "<rect x=\"{:.1}\" y=\"{:.1}\" width=\"9\" height=\"9\" fill=\"{colour}\" stroke=\"#fff\" \
+                 stroke-width=\"1.4\"/>",
                 x - 4.5,
                 y - 4.5
             )),
             Self::Dash => canvas.line([(x - 9.0, y), (x + 9.0, y)], dashed(colour)),
             Self::Diamond => canvas.add(format_args!(
-                "<path d=\"M{x:.1} {:.1}l5.5 5.5l-5.5 5.5l-5.5 -5.5Z\" fill=\"{colour}\" stroke=\"#fff\" stroke-width=\"1\"/>",
+                "<path d=\"M{x:.1} {:.1}l5.5 5.5l-5.5 5.5l-5.5 -5.5Z\" fill=\"{colour}\" stroke=\"#fff\" \
+                 stroke-width=\"1\"/>",
                 y - 5.5
             )),
-            Self::Disc => canvas.add(format_args!("<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"4.5\" fill=\"{colour}\" stroke=\"#fff\"/>")),
-            Self::Line => canvas.line([(x - 9.0, y), (x + 9.0, y)], format_args!("stroke=\"{colour}\" stroke-width=\"2.2\"")),
+            Self::Disc => canvas.add(format_args!(
+                "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"4.5\" fill=\"{colour}\" \
+                                                   stroke=\"#fff\"/>"
+            )),
+            Self::Line => {
+                canvas.line([(x - 9.0, y), (x + 9.0, y)], format_args!("stroke=\"{colour}\" stroke-width=\"2.2\""))
+            }
             Self::Ring => canvas.add(format_args!(
-                "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"5\" fill=\"#fff\" fill-opacity=\".6\" stroke=\"{colour}\" stroke-width=\"1.8\"/>"
+                "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"5\" fill=\"#fff\" fill-opacity=\".6\" stroke=\"{colour}\" \
+                 stroke-width=\"1.8\"/>"
             )),
         }
     }

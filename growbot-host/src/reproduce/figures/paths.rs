@@ -26,14 +26,16 @@ const AZIMUTHS: u32 = 36;
 /// Draws Figure 5.
 pub fn of_robot_a(of: &Reproduction, title: &'static str) -> String {
     let examples: Vec<&Example> = of.experiments.examples.iter().filter(|e| e.growth.robot == paper::A).collect();
-    let first = "The growth of each group whose position error is nearest to the group's median; two-plane paths, steps of 3.096 mm.";
+    let first = "The growth of each group whose position error is nearest to the group's median; two-plane paths, \
+                 steps of 3.096 mm.";
     draw(of, title, first, &examples, 236.0)
 }
 
 /// Draws Figure 7.
 pub fn of_robots_b_and_c(of: &Reproduction, title: &'static str) -> String {
     let examples: Vec<&Example> = of.experiments.examples.iter().filter(|e| e.growth.robot != paper::A).collect();
-    let first = "The growth to goals at 8 R whose position error is nearest to the median; two-plane paths, steps of 62.64 and 20 mm.";
+    let first = "The growth to goals at 8 R whose position error is nearest to the median; two-plane paths, steps of \
+                 62.64 and 20 mm.";
     draw(of, title, first, &examples, 480.0)
 }
 
@@ -148,7 +150,8 @@ impl View {
     fn ground(&self, canvas: &mut Canvas, curve: &[Vector3<f64>]) {
         let [left, top, width, height] = self.area;
         canvas.add(format_args!(
-            "<rect x=\"{left:.1}\" y=\"{top:.1}\" width=\"{width:.1}\" height=\"{height:.1}\" rx=\"4\" fill=\"#f7f8fa\" stroke=\"#d8dde5\"/>"
+            "<rect x=\"{left:.1}\" y=\"{top:.1}\" width=\"{width:.1}\" height=\"{height:.1}\" rx=\"4\" \
+             fill=\"#f7f8fa\" stroke=\"#d8dde5\"/>"
         ));
         let shadow: Vec<(f64, f64)> =
             curve.iter().map(|point| self.place(&Vector3::new(point.x, point.y, self.ground))).collect();

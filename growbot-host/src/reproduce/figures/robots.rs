@@ -24,7 +24,9 @@ pub fn svg(of: &Reproduction, title: &'static str) -> String {
             "Means of {} growths between random poses, along two-plane paths, whole steps, open loop, without noise.",
             of.request.repeat
         ),
-        "Robot A by steps of 3.096 mm, B of 62.64 mm, C of 20 mm. The paper's numbers are those of its text and of Table 2.".to_owned(),
+        "Robot A by steps of 3.096 mm, B of 62.64 mm, C of 20 mm. The paper's numbers are those of its text and of \
+         Table 2."
+            .to_owned(),
     ];
     let mut canvas = figure(SIZE.0, SIZE.1, title, &notes);
     canvas.legend(

@@ -105,7 +105,8 @@ pub fn word(canvas: &mut Canvas, [x, y]: [f64; 2], text: &str, colour: &str) {
     let x = x.max(half).min(WIDE - half);
     for style in ["stroke=\"#fff\" stroke-width=\"3.5\" stroke-linejoin=\"round\"", ""] {
         canvas.add(format_args!(
-            "<text class=\"mid\" x=\"{x:.1}\" y=\"{y:.1}\" font-weight=\"600\" style=\"fill:{colour}\" {style}>{text}</text>"
+            "<text class=\"mid\" x=\"{x:.1}\" y=\"{y:.1}\" font-weight=\"600\" style=\"fill:{colour}\" \
+             {style}>{text}</text>"
         ));
     }
 }

@@ -71,7 +71,8 @@ impl Place {
     }
 }
 
-/// A closed outline through corners, as the `d` of a path: from corner to corner in tenths, in as few letters as there may be.
+/// A closed outline through corners, as the `d` of a path: from corner to corner in tenths, in as few letters as there
+/// may be.
 pub fn outline(corners: &[[f64; 2]]) -> String {
     let mut path = String::with_capacity(8 * corners.len());
     let mut before: Option<[i64; 2]> = None;

@@ -1,4 +1,5 @@
-//! The printed tube as shaded faces, coloured by the height of its layers as on the page (growbot-host/viewer/src/tube.js).
+//! The printed tube as shaded faces, coloured by the height of its layers as on the page
+//! (growbot-host/viewer/src/tube.js).
 
 use std::f64::consts::TAU;
 use std::fmt::Write;
@@ -22,10 +23,12 @@ const INSIDE: &str = "#4a5361";
 
 /// Corners of a ring that is seen whole.
 const CORNERS: u32 = 72;
-/// A stretch between rings is no longer than so many radii of the tube and not bent by more than that, radians: of less nothing is seen.
+/// A stretch between rings is no longer than so many radii of the tube and not bent by more than that, radians: of less
+/// nothing is seen.
 const LONG: f64 = 0.7;
 const BENT: f64 = 0.05;
-/// A layer that is lower than this share of the highest is a splinter between two pieces of a path: it does not stretch the scale.
+/// A layer that is lower than this share of the highest is a splinter between two pieces of a path: it does not stretch
+/// the scale.
 const SPLINTER: f64 = 0.2;
 /// Where the light comes from, rightwards, upwards and towards who looks, and how bright it and what is around are.
 const LIGHT: [f64; 3] = [-0.5, 0.8, 2.0];
@@ -153,7 +156,8 @@ impl Tube {
             };
             let (rim, inside) = (circle(self.outer), circle(self.inner));
             let faces = format!(
-                "<path fill=\"{RIM}\" stroke=\"{RIM}\" d=\"{rim}\"/>\n<path fill=\"{INSIDE}\" stroke=\"none\" d=\"{inside}\"/>\n"
+                "<path fill=\"{RIM}\" stroke=\"{RIM}\" d=\"{rim}\"/>\n<path fill=\"{INSIDE}\" stroke=\"none\" \
+                 d=\"{inside}\"/>\n"
             );
             // Before the ring that ends there.
             (camera.nearness(&(frame.translation.vector + 0.02 * self.outer * ahead)), faces)
@@ -206,8 +210,8 @@ fn one_way_round(mut corners: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
     corners
 }
 
-/// Layers by rings: each stretch as long and as bent as is not seen, or, if that were too many, as gives so many; and none with layers of
-/// two kinds, where there are few kinds.
+/// Layers by rings: each stretch as long and as bent as is not seen, or, if that were too many, as gives so many; and
+/// none with layers of two kinds, where there are few kinds.
 fn stretches(layers: &[Layer], max: usize, outer: f64) -> Vec<&[Layer]> {
     let max = max.max(1);
     let length: f64 = layers.iter().map(|layer| layer.height).sum();

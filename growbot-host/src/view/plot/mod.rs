@@ -35,7 +35,8 @@ pub enum Along {
     Time,
 }
 
-/// Width of a drawing, left and right edge of its panels, height of one and the gap above it, and room above and below all.
+/// Width of a drawing, left and right edge of its panels, height of one and the gap above it, and room above and below
+/// all.
 const WIDE: f64 = 960.0;
 const LEFT: f64 = 96.0;
 const RIGHT: f64 = 28.0;

@@ -109,7 +109,8 @@ impl Timeline {
                     }
                 }
                 RunEvent::Laid(laid) if (laid.layer as usize) < layers.len() => {
-                    // A layer may be told again after a resumption: the first report stands. One whose line is lost came before the next.
+                    // A layer may be told again after a resumption: the first report stands. One whose line is lost
+                    // came before the next.
                     while let Some(layer) = layers.get(told.laid.len())
                         && laid.layer as usize >= told.laid.len()
                     {

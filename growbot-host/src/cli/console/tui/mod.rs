@@ -1,7 +1,7 @@
 //! The console on the whole screen.
 //!
-//! `watch` follows the board and fills the `model`; `draw` turns that into text; `keys` and `prompt` say what a key means. Here
-//! is the loop around them, and the terminal.
+//! `watch` follows the board and fills the `model`; `draw` turns that into text; `keys` and `prompt` say what a key
+//! means. Here is the loop around them, and the terminal.
 
 mod body;
 mod draw;
