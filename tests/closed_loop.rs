@@ -65,7 +65,7 @@ fn pairs(robot: &Robot, distance: u32, bias: f64, loops: u64) -> Vec<[Arrival; 2
     parallel::map(&seeds, |&seed| pair(robot, distance, &disturbance, seed), |_| {})
 }
 
-/// Mean, 95th percentile and greatest.
+/// Mean, 95th percentile and max.
 fn figures(values: impl Iterator<Item = f64>) -> [f64; 3] {
     let mut values: Vec<f64> = values.collect();
     values.sort_by(f64::total_cmp);
@@ -77,7 +77,7 @@ fn figures(values: impl Iterator<Item = f64>) -> [f64; 3] {
 fn closed_loops_arrive_where_open_loops_miss() {
     let loops = std::env::var("GROWBOT_LOOPS").map_or(LOOPS, |loops| loops.parse().unwrap());
     let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
-    println!("{loops} bodies of each kind; position errors over the path's length: mean, 95th percentile, greatest");
+    println!("{loops} bodies of each kind; position errors over the path's length: mean, 95th percentile, max");
     println!("{:>6} {:>6}  {:^28}  {:^28}  {:>14}", "bias", "R", "open loop", "closed loop", "direction, deg");
     // Position and direction that the mean has to keep to.
     for (bias, position, direction) in [(0.0, 0.0007, 0.5), (0.05, 0.002, 0.5), (-0.05, 0.002, 0.5)] {
@@ -85,9 +85,9 @@ fn closed_loops_arrive_where_open_loops_miss() {
             let pairs = pairs(&robot, distance, bias, loops);
             let of = |which: usize| figures(pairs.iter().map(|pair| pair[which].normalized_position_error));
             let (open, closed) = (of(0), of(1));
-            let [angle, _, most] = figures(pairs.iter().map(|pair| pair[1].direction_error_deg));
-            let three = |[mean, p95, most]: [f64; 3]| format!("{mean:.6} {p95:.6} {most:.6}");
-            println!("{:>5} % {distance:>5}  {}  {}  {angle:.3} {most:.3}", 100.0 * bias, three(open), three(closed));
+            let [angle, _, max] = figures(pairs.iter().map(|pair| pair[1].direction_error_deg));
+            let three = |[mean, p95, max]: [f64; 3]| format!("{mean:.6} {p95:.6} {max:.6}");
+            println!("{:>5} % {distance:>5}  {}  {}  {angle:.3} {max:.3}", 100.0 * bias, three(open), three(closed));
             assert!(closed[0] <= position && angle <= direction, "{distance} R: {} and {angle} deg", closed[0]);
             assert!(closed[0] < open[0] && closed[1] < open[1], "{distance} R: {closed:?} and {open:?} in open loop");
         }

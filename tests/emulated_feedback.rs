@@ -68,7 +68,7 @@ fn an_emulated_board_is_amended_while_it_grows_and_arrives() {
     let estimated = fed_back.estimate.base_from_tip.translation.vector;
     let off = (estimated - closed.arrival.final_pose.position()).norm();
     println!("{:.4} without feedback, {:.4} with; {} amendments", miss(&open), miss(&closed), fed_back.amendments);
-    println!("{} layers, believed to be {off:.3} mm from where it is", closed.body.len());
+    println!("{} layers, estimated to be {off:.3} mm from where it is", closed.body.len());
     assert!(miss(&open) > 0.08 && miss(&closed) < 0.02, "{:?} {:?}", open.arrival, closed.arrival);
     assert!(fed_back.amendments >= 8 && closed.body.len() > open.body.len() + 3);
     assert!(off < 0.8 && (fed_back.estimate.systematic_errors.growth + 0.1).abs() < 0.03, "{off} {fed_back:?}");

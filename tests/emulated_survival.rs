@@ -179,7 +179,7 @@ impl Point {
     /// Grows up to here, is interrupted, comes back, and goes on to the end.
     fn interrupt(&self, job: &Job, undisturbed: &Undisturbed) -> Result<String, String> {
         let (Self { crash, told, later }, first) = (self, board(job.robot, &[])?);
-        let what = format!("{crash:?} {:.2} s after news {told}", later.as_secs_f64());
+        let what = format!("{crash:?} {:.2} s after event {told}", later.as_secs_f64());
         let mut known = Vec::new();
         let (broken, flash) = self.grow(job, &first, &mut known);
         match (crash, broken.map(|grown| grown.outcome)) {

@@ -106,13 +106,13 @@ fn compare<'a>(goals: impl Iterator<Item = &'a [f64; 5]>) -> Compared {
         let Message::Planned(planned) = client.request("to plan", &Message::Plan(request)).unwrap() else {
             panic!("no plan for {goal:?}");
         };
-        let wanted = Planned {
+        let expected_plan = Planned {
             plan_id: expected.plan_id,
             exact_hash: expected.exact_hash,
             layers: expected.layers,
             length: length(&path),
         };
-        assert_eq!(planned, wanted, "{goal:?}, {planner:?}");
+        assert_eq!(planned, expected_plan, "{goal:?}, {planner:?}");
 
         let mut held: Vec<LayerBytes> = Vec::new();
         while held.len() < expected.layers as usize {

@@ -19,13 +19,13 @@ const SAME: f64 = 1e-6;
 /// For goals nearer than this (radii) a few paths may be longer than the best: shortest curves are hard to find there.
 const NEAR: f64 = 3.0;
 /// What share of those must not be longer.
-const LEAST_SHARE: f64 = 0.99;
+const MIN_SHARE: f64 = 0.99;
 /// A path that is longer than the best by more than this factor is much longer...
-const GREATEST_RATIO: f64 = 1.005;
+const MAX_RATIO: f64 = 1.005;
 /// ...and of those within [`NEAR`] that are drawn evenly no more than this share may be: none would be better, and some are known.
-const MOST_MUCH_LONGER: f64 = 0.003;
+const MAX_MUCH_LONGER: f64 = 0.003;
 /// What share of the goals picked for being hard must be reached by a path as short as the best.
-const LEAST_SHARE_OF_PICKED: f64 = 0.85;
+const MIN_SHARE_OF_PICKED: f64 = 0.85;
 /// Turning radius, mm.
 const RADIUS: f64 = 100.0;
 
@@ -71,7 +71,7 @@ impl Comparison {
                 _ if excess < -SAME => comparison.shorter += 1,
                 _ => comparison.same += 1,
             }
-            comparison.much_longer += usize::from(planned > length * GREATEST_RATIO);
+            comparison.much_longer += usize::from(planned > length * MAX_RATIO);
             comparison.ratio = comparison.ratio.max(planned / length);
             comparison.shortest = comparison.shortest.min(excess);
             if comparison.worst.is_none_or(|(worst, _)| excess > worst) {
@@ -131,18 +131,14 @@ fn planned_paths_are_as_short_as_the_best_known() {
     let share = |of: usize, comparison: &Comparison| of as f64 / comparison.count() as f64;
     let as_short = 1.0 - share(near.longer, &near);
     assert!(
-        as_short >= LEAST_SHARE,
+        as_short >= MIN_SHARE,
         "within {NEAR} radii {as_short} of the paths are as short as the best: {:?}",
         near.worst
     );
     let much_longer = share(near.much_longer, &near);
-    assert!(much_longer <= MOST_MUCH_LONGER, "within {NEAR} radii {much_longer} are much longer: {:?}", near.worst);
+    assert!(much_longer <= MAX_MUCH_LONGER, "within {NEAR} radii {much_longer} are much longer: {:?}", near.worst);
     let as_short = 1.0 - share(picked.longer, &picked);
-    assert!(
-        as_short >= LEAST_SHARE_OF_PICKED,
-        "{as_short} of those picked are as short as the best: {:?}",
-        picked.worst
-    );
+    assert!(as_short >= MIN_SHARE_OF_PICKED, "{as_short} of those picked are as short as the best: {:?}", picked.worst);
 }
 
 #[test]
@@ -150,7 +146,7 @@ fn planned_paths_are_as_short_as_those_searched_now() {
     /// Names cases and searches that the table does not have.
     const SEED: u64 = 2026;
     let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
-    let helicoid = helicoid::Effort { shots: 40, lines: 15, chains: 6, rounds: 1, most_rounds: 6, hits: 4 };
+    let helicoid = helicoid::Effort { shots: 40, lines: 15, chains: 6, rounds: 1, max_rounds: 6, hits: 4 };
     let effort = Effort { csc_starts: 150, helicoid: Some(helicoid) };
     let counts = [16, 4, 4, 4, 4, 4];
     let strata = Stratum::ALL.into_iter().zip(counts).flat_map(|(stratum, count)| std::iter::repeat_n(stratum, count));
@@ -172,8 +168,8 @@ fn planned_paths_are_as_short_as_those_searched_now() {
             began.elapsed().as_secs_f64()
         );
         let is_near = problem.goal.norm() < NEAR;
-        let most = if is_near { best.curve.length() * GREATEST_RATIO } else { best.curve.length() + SAME };
-        if planned > most {
+        let max = if is_near { best.curve.length() * MAX_RATIO } else { best.curve.length() + SAME };
+        if planned > max {
             longer.push((planned, best.curve.length(), problem));
         }
     }

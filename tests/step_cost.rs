@@ -28,10 +28,10 @@ const AROUND: f64 = 24.0 + 30.0 * CYCLES;
 const SHARE: f64 = 0.5;
 /// The tick rate that must be possible, Hz: 10,000 steps a second on each axis, since a step takes two ticks.
 const TICK_HZ: f64 = 20_000.0;
-/// The most instructions of an idle tick.
+/// Max instructions of an idle tick.
 const IDLE: u32 = 80;
 
-/// The most instructions from the last byte of an emergency stop to heater and drivers off, a step tick that goes before it included.
+/// Max instructions from the last byte of an emergency stop to heater and drivers off, a step tick that goes before it included.
 const STOP: u32 = 2_000;
 
 /// How long the board may take to the next line.

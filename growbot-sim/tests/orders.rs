@@ -45,8 +45,8 @@ fn try_to_grow(
     (grown, told)
 }
 
-fn tells(told: &[JobEvent], wanted: &JobEvent) -> usize {
-    told.iter().filter(|event| *event == wanted).count()
+fn tells(told: &[JobEvent], expected: &JobEvent) -> usize {
+    told.iter().filter(|event| *event == expected).count()
 }
 
 #[test]
@@ -125,13 +125,13 @@ fn a_stop_that_does_not_get_through_becomes_an_emergency_stop() {
 }
 
 /// A line that carries nothing to the board while it is cut.
-struct Cut {
+struct Disconnecting {
     sim: Sim,
     /// So many times more something is to be sent and lost.
     losses: Rc<Cell<u32>>,
 }
 
-impl Port for Cut {
+impl Port for Disconnecting {
     fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
         match self.losses.get() {
             0 => self.sim.send(bytes),
@@ -168,10 +168,10 @@ fn an_order_outlives_a_line_that_is_cut_while_it_is_given() {
                 JobEvent::Status(status) if status.state == State::Paused => orders.give(Order::GoOn),
                 _ => {}
             },
-            |sim| Box::new(Cut { sim, losses: Rc::clone(&cut) }),
+            |sim| Box::new(Disconnecting { sim, losses: Rc::clone(&cut) }),
         );
-        let wanted = if order == Order::Hold { Outcome::Done } else { Outcome::Stopped };
-        assert_eq!((grown.outcome, cut.get()), (wanted, 0), "{order:?}");
+        let expected = if order == Order::Hold { Outcome::Done } else { Outcome::Stopped };
+        assert_eq!((grown.outcome, cut.get()), (expected, 0), "{order:?}");
         assert!(tells(&told, &JobEvent::Silent) > 0, "{order:?} was not cut off");
         assert!(tells(&told, &JobEvent::Ordered(order)) > 1, "{order:?} was not given again");
     }

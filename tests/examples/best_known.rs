@@ -1,4 +1,4 @@
-//! Makes `tests/best_known.csv`, the table of the least known lengths: the same numbers, the same table.
+//! Makes `tests/best_known.csv`, the table of the shortest known lengths: the same numbers, the same table.
 //!
 //! ```text
 //! cargo run --release -p growbot-tests --example best_known -- DATE SEED PASSES COUNT... \
@@ -20,7 +20,7 @@ const USAGE: &str = "DATE, then whole numbers: SEED PASSES COUNT...";
 const IMPROVED: f64 = 1e-6;
 
 fn effort(stratum: Stratum) -> Effort {
-    let helicoid = helicoid::Effort { shots: 60, lines: 15, chains: 8, rounds: 2, most_rounds: 12, hits: 8 };
+    let helicoid = helicoid::Effort { shots: 60, lines: 15, chains: 8, rounds: 2, max_rounds: 12, hits: 8 };
     match stratum {
         Stratum::Middle => Effort { csc_starts: 400, helicoid: Some(helicoid::Effort { rounds: 1, ..helicoid }) },
         Stratum::Far => Effort { csc_starts: 400, helicoid: None },
@@ -63,13 +63,13 @@ fn main() {
         for number in 0..*count {
             let problem = stratum.case(*seed, number);
             let mut best: Option<Best> = None;
-            let mut least_chain = f64::INFINITY;
+            let mut min_chain = f64::INFINITY;
             for pass in 0..*passes {
                 let mut random = Random::new(&[*seed, stratum as u64, number, pass + 1]);
                 let found = shortest(&problem, &effort(stratum), &mut random);
                 let helicoids = found.helicoids;
                 eprintln!(
-                    "{} {number} pass {pass} at {:.3}: {} {:.12}; csc hits {}, H hits {} + {} + {} in {} rounds, {} refused; least chain {:+.6}; {:.1} s",
+                    "{} {number} pass {pass} at {:.3}: {} {:.12}; csc hits {}, H hits {} + {} + {} in {} rounds, {} refused; min chain {:+.6}; {:.1} s",
                     stratum.name(),
                     problem.goal.norm(),
                     found.word,
@@ -80,10 +80,10 @@ fn main() {
                     helicoids.by_chains,
                     helicoids.rounds,
                     helicoids.refused,
-                    helicoids.least_chain - found.curve.length(),
+                    helicoids.min_chain - found.curve.length(),
                     began.elapsed().as_secs_f64()
                 );
-                least_chain = least_chain.min(helicoids.least_chain);
+                min_chain = min_chain.min(helicoids.min_chain);
                 refused += helicoids.refused;
                 match &best {
                     Some(best) if found.curve.length() >= best.curve.length() - 1e-9 => continue,
@@ -96,18 +96,18 @@ fn main() {
                 best = Some(found);
             }
             let Some(Best { curve, word, .. }) = best else { continue };
-            if least_chain < curve.length() - helicoid::BEATEN {
+            if min_chain < curve.length() - helicoid::BEATEN {
                 left_out += 1;
                 continue;
             }
-            slack = slack.min(least_chain - curve.length());
+            slack = slack.min(min_chain - curve.length());
             helicoidal += u64::from(word == "H");
             let (stratum, word) = (stratum.name().to_owned(), word.to_owned());
             rows.push(Row { stratum, problem, length: curve.length(), word });
         }
         let slack = if slack.is_finite() { format!("{slack:.1e}") } else { "unknown: no chains".to_owned() };
         println!(
-            "# {}: {count} cases, {helicoidal} H; improvements by later passes {:?}; least slack {slack}; {refused} refused; {left_out} left out.",
+            "# {}: {count} cases, {helicoidal} H; improvements by later passes {:?}; min slack {slack}; {refused} refused; {left_out} left out.",
             stratum.name(),
             &improved[1..]
         );

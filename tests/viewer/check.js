@@ -23,10 +23,10 @@ const growbot = resolve(program);
 const PICTURE = join(here, "picture.png");
 /** The first picture is to be there in 3 s; a machine that is busy with other things may take longer. */
 const [FIRST_PICTURE_MS, FAIL_AT_MS] = [3000, 12_000];
-const MOST_BYTES = 2_000_000;
+const MAX_BYTES = 2_000_000;
 /** A pixel differs by more than so much in one of its colours; so many may: edges fall otherwise with another release of the renderer, and
  * letters with other fonts (1 % with all of them in another one). The body is 6 %. */
-const [DIFFERENT, MOST_DIFFERENT] = [48, 0.02];
+const [DIFFERENT, MAX_DIFFERENT] = [48, 0.02];
 
 const directory = mkdtempSync(join(tmpdir(), "growbot-view-"));
 const run = (...args) => execFileSync(growbot, args, { cwd: directory, env: environment, stdio: ["ignore", "pipe", "pipe"] });
@@ -73,8 +73,8 @@ function difference(a, b) {
   assert.deepEqual([a.width, a.height], [b.width, b.height], "the pictures are of different sizes");
   let count = 0;
   for (let i = 0; i < a.data.length; i += 4) {
-    const most = Math.max(...[0, 1, 2].map((k) => Math.abs(a.data[i + k] - b.data[i + k])));
-    if (most > DIFFERENT) count += 1;
+    const max = Math.max(...[0, 1, 2].map((k) => Math.abs(a.data[i + k] - b.data[i + k])));
+    if (max > DIFFERENT) count += 1;
   }
   return count / (a.width * a.height);
 }
@@ -205,12 +205,12 @@ try {
   await middle.addStyleTag({ content: "header { height: 48px; overflow: hidden } #bar { height: 52px; overflow: hidden }" });
   await settled(middle);
   await middle.click("[data-look=corner]");
-  assert.ok(statSync(join(directory, "1300.html")).size < MOST_BYTES, "the file is too large");
+  assert.ok(statSync(join(directory, "1300.html")).size < MAX_BYTES, "the file is too large");
   const seen = await picture(middle);
   if (bless === "--bless") writeFileSync(PICTURE, PNG.sync.write(seen, { deflateLevel: 9 }));
   const different = difference(seen, PNG.sync.read(readFileSync(PICTURE)));
   console.log(`1300: ${(100 * different).toFixed(3)} % of the picture differ from tests/viewer/picture.png`);
-  assert.ok(different <= MOST_DIFFERENT, `more than ${100 * MOST_DIFFERENT} %: if that is meant, write it anew with --bless`);
+  assert.ok(different <= MAX_DIFFERENT, `more than ${100 * MAX_DIFFERENT} %: if that is meant, write it anew with --bless`);
   await checkControls(middle, Number(await middle.getAttribute("#slider", "max")));
 
   const large = await open(browser, "10000");

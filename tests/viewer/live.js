@@ -65,7 +65,7 @@ async function open(browser, address, update) {
 
 const laid = async (page) => Number((await page.textContent("#laid")).split(" ")[0]);
 const comesTo = (page, layers) =>
-  page.waitForFunction((least) => Number(document.querySelector("#laid").textContent.split(" ")[0]) >= least, layers);
+  page.waitForFunction((min) => Number(document.querySelector("#laid").textContent.split(" ")[0]) >= min, layers);
 const isIn = (page, state) => page.waitForFunction((name) => document.querySelector("#state").textContent === name, state);
 
 const browser = await chromium.launch({
@@ -96,7 +96,7 @@ try {
   // A page that comes later knows all of it.
   const second = await open(browser, controlled.address);
   await comesTo(second, held + 3);
-  await second.waitForFunction((least) => Number(document.querySelector("#slider").max) >= least, held + 3);
+  await second.waitForFunction((min) => Number(document.querySelector("#slider").max) >= min, held + 3);
   await second.close();
   // A board that was stopped for its clock: as it is told at the end.
   const drift = { message: "the board's clock is 5.0 % slow (limit 2 %)", remedy: "check the board's crystal" };

@@ -268,7 +268,7 @@ impl SimulatedCampaign {
             heading_error_deg: (&campaign.heading_error_deg).into(),
             pitch_error_deg: (&campaign.pitch_error_deg).into(),
             direction_error_deg: (&campaign.direction_error_deg).into(),
-            worst_seed: campaign.worst.map(|(seed, _)| seed),
+            worst_seed: campaign.farthest.map(|farthest| farthest.seed),
             greatest_sag: campaign.hung.as_ref().map(WrittenSag::from),
         }
     }
@@ -290,10 +290,10 @@ impl From<&Statistics> for WrittenStatistics {
         Self {
             mean: statistics.mean(),
             sd: statistics.deviation(),
-            min: statistics.least(),
+            min: statistics.min(),
             p50: statistics.percentile(50.0),
             p95: statistics.percentile(95.0),
-            max: statistics.greatest(),
+            max: statistics.max(),
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use growbot_core::angle::degrees;
 use growbot_core::pose::Pose;
-use growbot_sim::simulation::campaign::Campaign;
+use growbot_sim::simulation::campaign::{Campaign, Farthest};
 use growbot_sim::simulation::statistics::Statistics;
 use growbot_sim::simulation::{Hung, Outcome};
 
@@ -56,7 +56,7 @@ pub fn campaign(campaign: &Campaign, robot: &str, path_length: f64, seed: u64) -
     table += &line("heading, deg", &campaign.heading_error_deg, 1.0);
     table += &line("pitch, deg", &campaign.pitch_error_deg, 1.0);
     table += &format!("\nMedian and 95 % are to {} %", 100.0 * Statistics::RESOLUTION);
-    if let Some((seed, _)) = campaign.worst {
+    if let Some(Farthest { seed, .. }) = campaign.farthest {
         table += &format!("; the greatest position error is that of --seed {seed}");
     }
     table += ".\n";
@@ -68,10 +68,10 @@ fn line(name: &str, statistics: &Statistics, scale: f64) -> String {
     let values = [
         statistics.mean(),
         statistics.deviation(),
-        statistics.least(),
+        statistics.min(),
         statistics.percentile(50.0),
         statistics.percentile(95.0),
-        statistics.greatest(),
+        statistics.max(),
     ];
     let columns: String = values.iter().map(|value| format!("{:>10}", readable(scale * value))).collect();
     format!("{name:<17}{columns}\n")

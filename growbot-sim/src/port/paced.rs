@@ -8,9 +8,9 @@ use growbot_client::port::{Port, PortError};
 use super::sim::Sim;
 
 /// A pause of this program is not made up for beyond this.
-const MOST_BEHIND: Duration = Duration::from_secs(1);
+const MAX_BEHIND: Duration = Duration::from_secs(1);
 
-/// A simulated robot whose time passes so many times as fast as real time, or as fast as it is computed where that is slower.
+/// A simulated robot whose time passes faster than real time by a factor, or as fast as it is computed where that is slower.
 pub struct Paced {
     sim: Sim,
     times: f64,
@@ -31,7 +31,7 @@ impl Paced {
         let passed = self.began.elapsed();
         sleep(due.saturating_sub(passed));
         let behind = passed.saturating_sub(due);
-        if behind > MOST_BEHIND {
+        if behind > MAX_BEHIND {
             self.began += behind;
         }
     }

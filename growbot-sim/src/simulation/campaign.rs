@@ -4,17 +4,17 @@ use super::statistics::Statistics;
 use super::{Hung, Outcome, Simulation};
 use crate::parallel;
 
-/// So many growths are kept at a time.
-const KEPT: u64 = 16_384;
+/// Growths whose outcomes are stored at a time.
+const BATCH: u64 = 16_384;
 
-/// What is kept of a growth until it is taken in.
-struct Kept {
+/// What the statistics need of a growth.
+struct Sample {
     layers: u64,
     errors: [f64; 5],
     hung: Option<Hung>,
 }
 
-impl From<Outcome> for Kept {
+impl From<Outcome> for Sample {
     fn from(Outcome { grown, arrival, hung }: Outcome) -> Self {
         let errors = [
             arrival.position_error_mm,
@@ -25,6 +25,15 @@ impl From<Outcome> for Kept {
         ];
         Self { layers: grown.layers, errors, hung }
     }
+}
+
+/// The growth that ended farthest from the goal.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Farthest {
+    /// Its seed.
+    pub seed: u64,
+    /// How far from the goal it ended, mm.
+    pub position_error_mm: f64,
 }
 
 /// What many growths came to.
@@ -44,46 +53,46 @@ pub struct Campaign {
     pub pitch_error_deg: Statistics,
     /// Angle between the directions, degrees.
     pub direction_error_deg: Statistics,
-    /// The seed of the growth that came least near, and how far from the goal it ended, mm.
-    pub worst: Option<(u64, f64)>,
-    /// The worst of each, where bodies hang: the greatest sag, and the greatest stress of a root.
+    /// The growth that ended farthest from the goal.
+    pub farthest: Option<Farthest>,
+    /// Of bodies that hang: the max sag, and the max stress of a root, each of the body that has it.
     pub hung: Option<Hung>,
 }
 
 impl Campaign {
-    /// Grows with so many seeds, from `seed` on, on so many threads. `at` hears how many are done. What comes out does not depend on
-    /// the number of threads: outcomes are taken in by the order of the seeds.
+    /// Grows `runs` times, with the seeds from `seed` on. `at` is called with the number that is done. The result does
+    /// not depend on the number of threads: outcomes are added in the order of the seeds.
     pub fn run(simulation: &Simulation, seed: u64, runs: u64, threads: usize, mut at: impl FnMut(u64)) -> Self {
         let mut campaign = Self::default();
         while campaign.runs < runs {
             let done = campaign.runs;
-            let seeds: Vec<u64> = (done..runs.min(done + KEPT)).map(|run| seed.wrapping_add(run)).collect();
-            let grown: Vec<Kept> =
+            let seeds: Vec<u64> = (done..runs.min(done + BATCH)).map(|run| seed.wrapping_add(run)).collect();
+            let grown: Vec<Sample> =
                 parallel::map_on(threads, &seeds, |seed| simulation.run(*seed).into(), |more| at(done + more as u64));
-            for (seed, kept) in seeds.iter().zip(&grown) {
-                campaign.take_in(*seed, kept);
+            for (seed, sample) in seeds.iter().zip(&grown) {
+                campaign.add(*seed, sample);
             }
         }
         campaign
     }
 
-    fn take_in(&mut self, seed: u64, kept: &Kept) {
-        let [position, normalized, heading, pitch, direction] = kept.errors;
+    fn add(&mut self, seed: u64, sample: &Sample) {
+        let [position, normalized, heading, pitch, direction] = sample.errors;
         self.runs += 1;
-        self.layers.add(kept.layers as f64);
+        self.layers.add(sample.layers as f64);
         self.position_error_mm.add(position);
         self.normalized_position_error.add(normalized);
         self.heading_error_deg.add(heading);
         self.pitch_error_deg.add(pitch);
         self.direction_error_deg.add(direction);
-        if self.worst.is_none_or(|(_, worst)| position > worst) {
-            self.worst = Some((seed, position));
+        if self.farthest.is_none_or(|farthest| position > farthest.position_error_mm) {
+            self.farthest = Some(Farthest { seed, position_error_mm: position });
         }
-        if let Some(hung) = kept.hung {
-            let worst = self.hung.get_or_insert(hung);
-            worst.deflection = worst.deflection.max(hung.deflection);
-            if hung.root.stress > worst.root.stress {
-                worst.root = hung.root;
+        if let Some(hung) = sample.hung {
+            let max = self.hung.get_or_insert(hung);
+            max.deflection = max.deflection.max(hung.deflection);
+            if hung.root.stress > max.root.stress {
+                max.root = hung.root;
             }
         }
     }
@@ -106,14 +115,14 @@ mod tests {
         let mut simulation = Simulation::new(&plan, &robot, Slicing::Exact);
         simulation.disturbance.growth_noise = 0.1;
         simulation.sag = true;
-        // More than are kept at a time.
-        let runs = KEPT + 100;
+        // More than a batch.
+        let runs = BATCH + 100;
         let one = Campaign::run(&simulation, 7, runs, 1, |_| ());
         assert_eq!(one, Campaign::run(&simulation, 7, runs, 3, |_| ()));
         assert_eq!(one.runs, runs);
-        let (seed, worst) = one.worst.unwrap();
-        assert_eq!(simulation.run(seed).arrival.position_error_mm, worst);
-        assert_eq!(one.position_error_mm.greatest(), worst);
+        let Farthest { seed, position_error_mm } = one.farthest.unwrap();
+        assert_eq!(simulation.run(seed).arrival.position_error_mm, position_error_mm);
+        assert_eq!(one.position_error_mm.max(), position_error_mm);
         assert_ne!(one, Campaign::run(&simulation, 8, runs, 1, |_| ()));
         assert_eq!(Campaign::run(&simulation, 7, 0, 1, |_| ()).runs, 0);
     }

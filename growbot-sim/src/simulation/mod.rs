@@ -13,7 +13,7 @@ use growbot_core::robot::Robot;
 use growbot_core::simulation::{Disturbance, Grown, Hanging, RootStress, Sensors, Task, grow_closed, grow_open};
 use growbot_core::slicing::{Layers, Slicing, layers};
 
-/// Code of the warning of a root that would fail: greatest stress, strength (MPa).
+/// Code of the warning of a root that would fail: max stress, strength (MPa).
 pub const ROOT_FAILS: &str = "root-fails";
 /// Code of the warning of a body that sags further than the model of it is good for: deflection of the tip, a tenth of the length (mm).
 pub const SAGS_FAR: &str = "sags-far";
@@ -127,7 +127,7 @@ impl<'a> Simulation<'a> {
         if stress > strength {
             let message = format!(
                 "the root fails: with {:.0} mm of body it bears {stress:.1} MPa, over the {strength:.1} MPa of material.strength_mpa: \
-                 grow less far aside, support the body, or make the wall thicker (wall.width_mm)",
+                 grow less far sideways, support the body, or make the wall thicker (wall.width_mm)",
                 hung.root.length
             );
             found.push(Warning { code: ROOT_FAILS.to_owned(), message, value: stress, limit: strength });

@@ -15,8 +15,8 @@ pub struct Statistics {
     mean: f64,
     /// Sum of the squared differences from the mean.
     squares: f64,
-    least: f64,
-    greatest: f64,
+    min: f64,
+    max: f64,
     /// How many values lie in each bin; the first one is for what counts as 0.
     bins: Box<[u64]>,
 }
@@ -24,7 +24,7 @@ pub struct Statistics {
 impl Default for Statistics {
     fn default() -> Self {
         let bins = vec![0; bin_of(GREATEST) + 1].into();
-        Self { count: 0, mean: 0.0, squares: 0.0, least: f64::INFINITY, greatest: 0.0, bins }
+        Self { count: 0, mean: 0.0, squares: 0.0, min: f64::INFINITY, max: 0.0, bins }
     }
 }
 
@@ -54,8 +54,8 @@ impl Statistics {
         let off = value - self.mean;
         self.mean += off / self.count as f64;
         self.squares += off * (value - self.mean);
-        self.least = self.least.min(value);
-        self.greatest = self.greatest.max(value);
+        self.min = self.min.min(value);
+        self.max = self.max.max(value);
         if let Some(bin) = self.bins.get_mut(bin_of(value)) {
             *bin += 1;
         }
@@ -73,16 +73,16 @@ impl Statistics {
         if self.count < 2 { 0.0 } else { (self.squares / (self.count - 1) as f64).sqrt() }
     }
 
-    /// The least value.
+    /// The min value.
     #[must_use]
-    pub fn least(&self) -> f64 {
-        self.least.min(self.greatest)
+    pub fn min(&self) -> f64 {
+        self.min.min(self.max)
     }
 
-    /// The greatest value.
+    /// The max value.
     #[must_use]
-    pub fn greatest(&self) -> f64 {
-        self.greatest
+    pub fn max(&self) -> f64 {
+        self.max
     }
 
     /// The value that this many percent of all values do not pass, to [`Self::RESOLUTION`].
@@ -94,7 +94,7 @@ impl Statistics {
             below += count;
             below as f64 >= rank
         });
-        bin.map_or(0.0, middle_of).clamp(self.least(), self.greatest)
+        bin.map_or(0.0, middle_of).clamp(self.min(), self.max)
     }
 }
 
@@ -113,14 +113,14 @@ mod tests {
     #[test]
     fn a_few_values_by_hand() {
         let all = of(&[2.0, 4.0, 4.0, 4.0, 5.0, 5.0, 7.0, 9.0]);
-        assert_eq!((all.mean(), all.least(), all.greatest()), (5.0, 2.0, 9.0));
+        assert_eq!((all.mean(), all.min(), all.max()), (5.0, 2.0, 9.0));
         assert!((all.deviation() - (32.0_f64 / 7.0).sqrt()).abs() < 1e-15);
         assert!((all.percentile(50.0) / 4.0 - 1.0).abs() <= Statistics::RESOLUTION);
         assert_eq!(all.percentile(100.0), 9.0);
         let one = of(&[0.3]);
         assert_eq!((one.mean(), one.deviation(), one.percentile(50.0), one.percentile(95.0)), (0.3, 0.0, 0.3, 0.3));
         let none = Statistics::default();
-        assert_eq!((none.mean(), none.deviation(), none.least(), none.percentile(50.0)), (0.0, 0.0, 0.0, 0.0));
+        assert_eq!((none.mean(), none.deviation(), none.min(), none.percentile(50.0)), (0.0, 0.0, 0.0, 0.0));
     }
 
     #[test]
@@ -128,7 +128,7 @@ mod tests {
         for value in [0.0, f64::MIN_POSITIVE, 1e-30, LEAST.next_down(), LEAST, 1.0, GREATEST, GREATEST.next_up(), 1e300]
         {
             let all = of(&[value, value, value]);
-            assert_eq!((all.least(), all.greatest(), all.percentile(50.0)), (value, value, value));
+            assert_eq!((all.min(), all.max(), all.percentile(50.0)), (value, value, value));
         }
     }
 

@@ -324,8 +324,8 @@ mod tests {
             lost += 0.12 * mean * 0.1;
             carried += heated * nozzle.heat_of_step * mean;
         }
-        let kept = heater.heat_capacity_j_per_k * (nozzle.block() - 200.0);
-        assert!((45.0 * 60.0 - lost - carried - kept).abs() < 0.01, "{lost} {carried} {kept}");
+        let stored = heater.heat_capacity_j_per_k * (nozzle.block() - 200.0);
+        assert!((45.0 * 60.0 - lost - carried - stored).abs() < 0.01, "{lost} {carried} {stored}");
         assert!(carried > 100.0);
     }
 }

@@ -81,7 +81,7 @@ struct Grown {
 }
 
 impl Grown {
-    fn take(&mut self, ring: &Ring, robot: &Robot, imperfection: &Imperfection) {
+    fn add(&mut self, ring: &Ring, robot: &Robot, imperfection: &Imperfection) {
         if let Some(moments) = self.layers.next(ring) {
             self.start_from_tip *= imperfection.lay(self.index, &layer(&moments, robot)).step();
             self.index += 1;
@@ -128,7 +128,7 @@ struct Settled {
 }
 
 impl Settled {
-    fn take(&mut self, moments: &Moments, robot: &Robot, imperfection: &Imperfection) {
+    fn add(&mut self, moments: &Moments, robot: &Robot, imperfection: &Imperfection) {
         let laid = imperfection.lay(self.came_out.len() as u64, &layer(moments, robot));
         let alpha = wrap_positive(laid.layer.alpha + self.twist);
         self.twist += laid.twist;
@@ -266,7 +266,7 @@ impl Plastic {
             None => {}
         }
         let mut settled = Settled::default();
-        all.iter().for_each(|moments| settled.take(moments, robot, imperfection));
+        all.iter().for_each(|moments| settled.add(moments, robot, imperfection));
         settled.came_out
     }
 
@@ -277,7 +277,7 @@ impl Plastic {
         let end = self.laid.len().saturating_sub(3);
         for ring in self.laid.get(settled.rings..end).unwrap_or_default() {
             if let Some(moments) = settled.layers.next(ring) {
-                settled.take(&moments, robot, imperfection);
+                settled.add(&moments, robot, imperfection);
             }
         }
         settled.rings = settled.rings.max(end);
@@ -290,12 +290,12 @@ impl Plastic {
         let grown = &mut self.grown;
         let settled = self.laid.len().saturating_sub(2);
         for ring in self.laid.get(grown.rings..settled).unwrap_or_default() {
-            grown.take(ring, robot, imperfection);
+            grown.add(ring, robot, imperfection);
         }
         grown.rings = grown.rings.max(settled);
         let mut present = grown.clone();
         for ring in self.laid.get(grown.rings..).unwrap_or_default() {
-            present.take(ring, robot, imperfection);
+            present.add(ring, robot, imperfection);
         }
         present.start_from_tip
     }

@@ -107,8 +107,8 @@ impl Tip {
     /// Whether filament follows the feed.
     pub fn filament_follows(&mut self) -> bool {
         self.sync();
-        let least = self.robot.description().heater.extrusion_min_c;
-        let cold = self.nozzle.block() < least && self.filament.is_at_front();
+        let min_c = self.robot.description().heater.extrusion_min_c;
+        let cold = self.nozzle.block() < min_c && self.filament.is_at_front();
         !cold && self.has_filament() && !self.filament_is_held() && !self.faults.has(TipFault::DriverFault)
     }
 

@@ -22,7 +22,8 @@ pub enum Onset {
 
 impl Onset {
     /// All of them, in the order of a growth.
-    pub const ALL: [Self; 6] = [Self::Boot, Self::Heating, Self::FirstLayer, Self::MidLayer, Self::Pause, Self::Cooling];
+    pub const ALL: [Self; 6] =
+        [Self::Boot, Self::Heating, Self::FirstLayer, Self::MidLayer, Self::Pause, Self::Cooling];
 
     /// In a word or two.
     #[must_use]

@@ -16,7 +16,7 @@ const LAYERS: u32 = 6;
 const HELD_ON: f64 = 45.0;
 /// No fault of a growth like this takes longer to be noticed, s.
 const PATIENCE: f64 = 900.0;
-/// By so much, degrees, the nozzle may pass the robot's greatest temperature.
+/// By so much, degrees, the nozzle may pass the robot's max temperature.
 pub const ALLOWED_ABOVE_MAX: f64 = 5.0;
 
 /// What was seen.
@@ -90,7 +90,7 @@ pub fn robot(plant: Plant) -> Robot {
 /// 10 to 30 % of the heat capacity and conducts 1 to 4 W/K; 10 to 30 % of the loss are radiation.
 #[must_use]
 pub fn copy(plant: Plant, random: &mut Random, seed: u64) -> Variation {
-    let mut within = |least: f64, greatest: f64| random.between(least, greatest);
+    let mut within = |min: f64, max: f64| random.between(min, max);
     let lump = Variation {
         power: within(0.9, 1.1),
         heat_capacity: within(0.9, 1.1),
@@ -126,7 +126,7 @@ pub fn meet(plant: Plant, case: &Case, seed: u64) -> Seen {
     let onset = rig.seconds();
     rig.sim.borrow_mut().inject(case.fault);
     // What cannot be asked any more has ended.
-    let _ = go_on(&mut rig, case.onset);
+    let _ = grow_on(&mut rig, case.onset);
     let mut ended = rig.pass(PATIENCE, has_ended);
     if rig.state() == State::Done && matches!(case.right(), Right::AtNextStart(_)) {
         let again = begin_anew(&mut rig);
@@ -183,7 +183,7 @@ fn begin_anew(rig: &mut Rig) -> Result<(), ClientError> {
 }
 
 /// Has the growth go on after the fault: what a host would do that knows nothing of it.
-fn go_on(rig: &mut Rig, onset: Onset) -> Result<(), ClientError> {
+fn grow_on(rig: &mut Rig, onset: Onset) -> Result<(), ClientError> {
     match onset {
         Onset::Boot => {
             rig.pass(3.0, has_ended);

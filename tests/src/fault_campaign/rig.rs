@@ -62,7 +62,7 @@ impl Rig {
         self.hand_over_shares((0..count).map(|_| 1.0))
     }
 
-    /// Hands over so many more layers, of any height between half of the greatest and that.
+    /// Hands over so many more layers, of any height between half of the max and the max.
     ///
     /// # Errors
     /// If the board refuses.
@@ -70,11 +70,11 @@ impl Rig {
         self.hand_over_shares((0..count).map(|_| random.between(0.5, 1.0)))
     }
 
-    /// Hands over layers of a bend, each with its share of the greatest height.
+    /// Hands over layers of a bend, each with its share of the max height.
     fn hand_over_shares(&mut self, shares: impl Iterator<Item = f64>) -> Result<(), ClientError> {
         let radius = self.robot.description().planning_radius_mm;
-        let greatest = 0.97 * self.robot.max_mean_height(1.0 / radius);
-        let layer = |share: f64| Layer { alpha: 1.0, height: share * greatest, tilt: share * greatest / radius };
+        let max_height = 0.97 * self.robot.max_mean_height(1.0 / radius);
+        let layer = |share: f64| Layer { alpha: 1.0, height: share * max_height, tilt: share * max_height / radius };
         let layers: Vec<LayerBytes> = shares.map(|share| self.encoder.encode(&layer(share))).collect();
         for batch in layers.chunks(MAX_LAYERS) {
             let layers = Layers { plan_id: PLAN, first: self.handed_over, layers: batch.iter().copied().collect() };

@@ -68,9 +68,9 @@ fn arc(numbers: Vector2<f64>, length: f64) -> Frame {
     let curvature = curvature(numbers);
     let bend = curvature.norm().max(1e-9);
     let (sin, cos) = libm::sincos(bend * length);
-    let aside = curvature * ((1.0 - cos) / (bend * bend));
+    let lateral = curvature * ((1.0 - cos) / (bend * bend));
     Frame {
-        position: Vector3::new(aside.x, aside.y, sin / bend),
+        position: Vector3::new(lateral.x, lateral.y, sin / bend),
         axes: Rotation3::new(Vector3::new(-curvature.y, curvature.x, 0.0) * length),
     }
 }
@@ -119,7 +119,7 @@ impl Unknowns {
     }
 
     /// The least change that changes the miss by this, to first order; least in the square's mean along the chain.
-    fn least_change(&self, slopes: &Slopes, change: &Vector6<f64>) -> Option<Change> {
+    fn min_change(&self, slopes: &Slopes, change: &Vector6<f64>) -> Option<Change> {
         let lightness = |index: usize| 1.0 / (ARCS as f64 * self.shares[index]);
         // The tangents' difference has but two independent parts: the small number makes up for the third.
         let mut squares = Matrix6::identity() * 1e-6 + slopes.length * slopes.length.transpose();
@@ -158,7 +158,7 @@ impl Unknowns {
             if miss.norm() < PULLED {
                 return Some(self);
             }
-            self = self.changed(&self.least_change(&slopes, &-miss)?, 1.0);
+            self = self.changed(&self.min_change(&slopes, &-miss)?, 1.0);
             if self.length < 0.0 {
                 return None;
             }
@@ -171,7 +171,7 @@ impl Unknowns {
     fn shortened(mut self, problem: &Problem, mut stride: f64) -> Option<Self> {
         for _ in 0..SHORTENINGS {
             let (_, slopes) = self.miss_and_slopes(problem);
-            let mut down = self.least_change(&slopes, &slopes.length)?;
+            let mut down = self.min_change(&slopes, &slopes.length)?;
             down.length -= 1.0;
             let scale = stride / down.length.abs().max(1e-12);
             down.numbers.iter_mut().for_each(|number| *number *= scale);

@@ -31,7 +31,7 @@ const LONGEST_LINE: f64 = 1.0;
 /// A chain shorter than the best curve by more than this tells of a better one: chains end not exactly at the goal, radii.
 pub const BEATEN: f64 = 2e-4;
 /// A curve that needs more steps than this is given up.
-const MOST_STEPS: usize = 20_000;
+const MAX_STEPS: usize = 20_000;
 
 /// A helicoidal arc from the origin along z, given by what it is at one of its points, the anchor. Where m is very short,
 /// only curves that are walked from there, to both sides, end where they should: rounding at the start would be magnified.
@@ -76,7 +76,7 @@ fn walk(m0: &Vector3<f64>, p: &Vector3<f64>, from: State, length: f64, error: f6
     let mut left = length;
     let mut step: f64 = 0.01;
     let mut k1 = rate(&state);
-    for _ in 0..MOST_STEPS {
+    for _ in 0..MAX_STEPS {
         if left == 0.0 {
             return Some(state);
         }
@@ -405,7 +405,7 @@ pub struct Effort {
     /// Rounds at least.
     pub rounds: usize,
     /// Rounds at most: more than `rounds` only while the best has been found less than `hits` times, or a chain is shorter.
-    pub most_rounds: usize,
+    pub max_rounds: usize,
     /// How often the best has to be found.
     pub hits: usize,
 }
@@ -426,12 +426,12 @@ pub struct Found {
     /// How many curves were turned down as walking them forwards by the other method did not confirm that they arrive.
     pub refused: usize,
     /// The length of the shortest straightened chain, of whatever kind, radii; infinite if there is none.
-    pub least_chain: f64,
+    pub min_chain: f64,
 }
 
 impl Default for Found {
     fn default() -> Self {
-        Self { best: None, by_shots: 0, by_lines: 0, by_chains: 0, rounds: 0, refused: 0, least_chain: f64::INFINITY }
+        Self { best: None, by_shots: 0, by_lines: 0, by_chains: 0, rounds: 0, refused: 0, min_chain: f64::INFINITY }
     }
 }
 
@@ -461,8 +461,8 @@ pub fn search(problem: &Problem, longest: f64, backwards: &[[f64; 3]], effort: &
     let mut found = Found::default();
     loop {
         let is_rarely_found = found.best.is_some() && found.hits() < effort.hits;
-        let is_beaten = found.least_chain < found.best.map_or(longest, |best| best.length()) - BEATEN;
-        let rounds = if is_rarely_found || is_beaten { effort.most_rounds } else { effort.rounds };
+        let is_beaten = found.min_chain < found.best.map_or(longest, |best| best.length()) - BEATEN;
+        let rounds = if is_rarely_found || is_beaten { effort.max_rounds } else { effort.rounds };
         if found.rounds >= rounds {
             return found;
         }
@@ -473,7 +473,7 @@ pub fn search(problem: &Problem, longest: f64, backwards: &[[f64; 3]], effort: &
                 Way::Shot => random_start(problem, limit, [1, 4, 16][index % 3], random).arrive(problem, limit),
                 Way::Line(line) => Narrow::near(line, random).arrive(problem, limit),
                 Way::Chain => bent_chain::straightened(problem, random).and_then(|chain| {
-                    found.least_chain = found.least_chain.min(chain.length);
+                    found.min_chain = found.min_chain.min(chain.length);
                     if chain.length > 1.1 * limit { None } else { arrive(problem, &fitted(&chain), limit) }
                 }),
             };

@@ -164,7 +164,7 @@ pub struct Best {
     pub curve: Curve,
     /// Its word: CSC, H, or a word of Dubins.
     pub word: &'static str,
-    /// How often arc, line, arc of least length was found, whether or not it is the best of all.
+    /// How often arc, line, arc of min length was found, whether or not it is the best of all.
     pub csc_hits: usize,
     /// What the search for helicoidal arcs found, whether or not it is the best of all.
     pub helicoids: helicoid::Found,
@@ -179,11 +179,11 @@ pub fn shortest(problem: &Problem, effort: &Effort, random: &mut Random) -> Best
     let planar = planar::shortest(problem);
     let mut candidates: Vec<(Curve, &'static str)> = planar.into_iter().collect();
     candidates.extend(csc.map(|curve| (curve, "CSC")));
-    let least = |candidates: Vec<(Curve, &'static str)>| {
+    let shortest = |candidates: Vec<(Curve, &'static str)>| {
         // Of the same to rounding, the first.
         candidates.into_iter().reduce(|best, next| if next.0.length() < best.0.length() - 1e-9 { next } else { best })
     };
-    let Some(best) = least(candidates) else { panic!("nothing reaches {problem:?}: more starts are needed") };
+    let Some(best) = shortest(candidates) else { panic!("nothing reaches {problem:?}: more starts are needed") };
     let longest = best.0.length();
     let helicoids = effort.helicoid.map_or_else(helicoid::Found::default, |effort| {
         helicoid::search(problem, longest, &backwards, &effort, random)

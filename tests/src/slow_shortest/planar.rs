@@ -22,8 +22,8 @@ fn plane(problem: &Problem) -> Option<Vector3<f64>> {
     if (z.cross(&problem.tangent).dot(&problem.goal)).abs() > FLAT {
         return None;
     }
-    let aside = |vector: &Vector3<f64>| vector - z * vector.z;
-    let (goal, tangent) = (aside(&problem.goal), aside(&problem.tangent));
+    let lateral = |vector: &Vector3<f64>| vector - z * vector.z;
+    let (goal, tangent) = (lateral(&problem.goal), lateral(&problem.tangent));
     let widest = if goal.norm() > tangent.norm() { goal } else { tangent };
     Some(if widest.norm() > 1e-9 { widest.normalize() } else { across(&z).0 })
 }

@@ -116,7 +116,7 @@ pub struct Row {
     pub stratum: String,
     /// The case.
     pub problem: Problem,
-    /// The least length known, radii.
+    /// The min length known, radii.
     pub length: f64,
     /// The word of the curve of that length.
     pub word: String,

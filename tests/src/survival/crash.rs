@@ -148,14 +148,14 @@ pub fn check(job: &Job, undisturbed: &Undisturbed, crash: Crash, recovered: &Rec
         Some(_) if !(0.0..layer).contains(&more) => Err(format!("{more} feed steps too many")),
         Some(cut) => {
             let share = more / layer;
-            let (least, most) = (f64::from(cut.min) / 64.0, f64::from(cut.max) / 64.0);
+            let (min, max) = (f64::from(cut.min) / 64.0, f64::from(cut.max) / 64.0);
             let in_layer = matches!(crash, Crash::BoardInLayer | Crash::PowerInLayer);
-            if in_layer && crash == Crash::BoardInLayer && most - least > 0.3 {
-                return Err(format!("all that is known is {least} to {most}"));
+            if in_layer && crash == Crash::BoardInLayer && max - min > 0.3 {
+                return Err(format!("all that is known is {min} to {max}"));
             }
             // A layer is no thinner than half of what it is on average.
-            if share > 2.0 * most + 0.01 || share < least / 2.5 - 0.01 {
-                return Err(format!("{share} of a layer was made, and {least} to {most} were told"));
+            if share > 2.0 * max + 0.01 || share < min / 2.5 - 0.01 {
+                return Err(format!("{share} of a layer was made, and {min} to {max} were told"));
             }
             Ok(())
         }
