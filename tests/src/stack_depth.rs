@@ -38,6 +38,147 @@ pub struct Image {
     vectors: Vec<u32>,
 }
 
+fn word(bytes: &[u8]) -> u32 {
+    u32::from_le_bytes(bytes.try_into().unwrap())
+}
+
+/// What the symbols of an image say.
+struct Symbols {
+    functions: BTreeMap<u64, Function>,
+    named: BTreeMap<String, u64>,
+    /// Where code begins (true) and where data (false), by the symbols that the assembler leaves.
+    kinds: BTreeMap<u64, bool>,
+}
+
+impl Symbols {
+    fn of(file: &object::File) -> Self {
+        let mut all = Self { functions: BTreeMap::new(), named: BTreeMap::new(), kinds: BTreeMap::new() };
+        for symbol in file.symbols() {
+            let Ok(name) = symbol.name() else { continue };
+            let address = symbol.address();
+            match name.split('.').next() {
+                Some("$t") => _ = all.kinds.insert(address, true),
+                Some("$d") => _ = all.kinds.insert(address, false),
+                _ => _ = all.named.insert(name.to_owned(), address),
+            }
+            if symbol.kind() == SymbolKind::Text && !name.starts_with('$') {
+                let (start, end) = (address & !1, (address & !1) + symbol.size());
+                let function = all.functions.entry(start).or_insert_with(Function::default);
+                function.end = function.end.max(end);
+                function.name = name.to_owned();
+            }
+        }
+        // What has no size ends where the next function begins.
+        let starts: Vec<u64> = all.functions.keys().copied().collect();
+        let text = file.section_by_name(".text").unwrap();
+        let text_end = text.address() + text.size();
+        for (index, (start, function)) in all.functions.iter_mut().enumerate() {
+            if function.end == *start {
+                function.end = starts.get(index + 1).copied().unwrap_or(text_end);
+            }
+        }
+        all
+    }
+}
+
+/// Reads the instructions of a function: ARMv7-M Architecture Reference Manual, A5.
+struct Decoder<'a> {
+    start: u64,
+    function: &'a mut Function,
+    pointers: &'a mut BTreeSet<u32>,
+    /// Lower halves that `movw` has put into the registers.
+    halves: [u32; 16],
+    saved: u64,
+}
+
+impl Decoder<'_> {
+    fn read(mut self, base: u64, code: &[u8], kinds: &BTreeMap<u64, bool>) {
+        let mut at = self.start;
+        while at + 2 <= self.function.end {
+            let offset = (at - base) as usize;
+            let is_code = kinds.range(..=at).next_back().is_none_or(|(_, code)| *code);
+            if !is_code {
+                if at % 4 == 0 && offset + 4 <= code.len() {
+                    self.pointers.insert(word(&code[offset..offset + 4]));
+                }
+                at += 2;
+                continue;
+            }
+            let half = |offset: usize| u32::from(code[offset]) | u32::from(code[offset + 1]) << 8;
+            let high = half(offset);
+            if high >> 11 < 0b11101 {
+                self.narrow(at, high);
+                at += 2;
+            } else {
+                self.wide(at, high, half(offset + 2));
+                at += 4;
+            }
+        }
+        self.function.own += self.saved;
+    }
+
+    fn jump(&mut self, at: u64, offset: i64) {
+        let target = (at as i64 + 4 + offset) as u64;
+        if !(self.start..self.function.end).contains(&target) {
+            self.function.calls.insert(target);
+        }
+    }
+
+    /// An instruction of 16 bits.
+    fn narrow(&mut self, at: u64, high: u32) {
+        match high {
+            _ if high & 0xFE00 == 0xB400 => self.function.own += 4 * u64::from((high & 0x1FF).count_ones()),
+            _ if high & 0xFF80 == 0xB080 => self.function.own += 4 * u64::from(high & 0x7F),
+            _ if high & 0xF800 == 0xE000 => self.jump(at, i64::from((high << 21).cast_signed() >> 20)),
+            _ if high & 0xF000 == 0xD000 && high & 0x0F00 < 0x0E00 => {
+                self.jump(at, i64::from((high << 24).cast_signed() >> 23));
+            }
+            0x4770 => {}
+            _ if high & 0xFF07 == 0x4700 => self.function.indirect = true,
+            _ => {}
+        }
+    }
+
+    /// An instruction of 32 bits.
+    fn wide(&mut self, at: u64, high: u32, low: u32) {
+        let function = &mut *self.function;
+        let register = (low >> 8 & 0xF) as usize;
+        let immediate = (high & 0xF) << 12 | (high >> 10 & 1) << 11 | (low >> 12 & 7) << 8 | low & 0xFF;
+        match high {
+            0xE92D => function.own += 4 * u64::from(low.count_ones()),
+            _ if high & 0xFFBF == 0xED2D && low & 0x0E00 == 0x0A00 => function.own += 4 * u64::from(low & 0xFF),
+            // Outlined code is called with the return address saved for as long as the call lasts.
+            0xF84D if low & 0x0F00 == 0x0D00 => self.saved = self.saved.max(u64::from(low & 0xFF)),
+            _ if high & 0xFBEF == 0xF1AD && register == 13 => function.own += expanded(high >> 10 & 1, low),
+            _ if high & 0xFBFF == 0xF2AD && register == 13 => {
+                function.own += u64::from((high >> 10 & 1) << 11 | (low >> 12 & 7) << 8 | low & 0xFF);
+            }
+            _ if high & 0xFFEF == 0xEBAD && register == 13 => {
+                panic!("{} takes a stack of unknown size at {at:#x}", function.name)
+            }
+            _ if high & 0xFBF0 == 0xF240 && low & 0x8000 == 0 => self.halves[register] = immediate,
+            _ if high & 0xFBF0 == 0xF2C0 && low & 0x8000 == 0 => {
+                self.pointers.insert(immediate << 16 | self.halves[register]);
+            }
+            _ if high >> 11 == 0b11110 && low & 0x9000 == 0x9000 => self.jump(at, branch_offset(high, low)),
+            _ if high >> 11 == 0b11110 && low & 0xD000 == 0x8000 && high >> 6 & 0xE != 0xE => {
+                self.jump(at, conditional_offset(high, low));
+            }
+            _ => {}
+        }
+    }
+}
+
+/// How far a conditional branch of 32 bits leads.
+fn conditional_offset(high: u32, low: u32) -> i64 {
+    let bits = (high >> 10 & 1) << 20
+        | (low >> 11 & 1) << 19
+        | (low >> 13 & 1) << 18
+        | (high & 0x3F) << 12
+        | (low & 0x7FF) << 1;
+    i64::from((bits << 11).cast_signed() >> 11)
+}
+
 /// The number that the instruction set packs into twelve bits.
 fn expanded(i: u32, low: u32) -> u64 {
     let (code, byte) = ((i << 11 | (low >> 12 & 7) << 8 | low & 0xFF) >> 7, low & 0xFF);
@@ -67,127 +208,20 @@ impl Image {
     #[must_use]
     pub fn parse(image: &[u8]) -> Self {
         let file = object::File::parse(image).unwrap();
-        let word = |bytes: &[u8]| u32::from_le_bytes(bytes.try_into().unwrap());
-        let mut functions = BTreeMap::new();
-        let mut symbols = BTreeMap::new();
-        // Where code and data begin, by the symbols that the assembler leaves.
-        let mut kinds = BTreeMap::new();
-        for symbol in file.symbols() {
-            let Ok(name) = symbol.name() else { continue };
-            let address = symbol.address();
-            match name.split('.').next() {
-                Some("$t") => _ = kinds.insert(address, true),
-                Some("$d") => _ = kinds.insert(address, false),
-                _ => _ = symbols.insert(name.to_owned(), address),
-            }
-            if symbol.kind() == SymbolKind::Text && !name.starts_with('$') {
-                let (start, end) = (address & !1, (address & !1) + symbol.size());
-                let function = functions.entry(start).or_insert_with(Function::default);
-                function.end = function.end.max(end);
-                function.name = name.to_owned();
-            }
-        }
-        // What has no size ends where the next function begins.
-        let starts: Vec<u64> = functions.keys().copied().collect();
-        let text = file.section_by_name(".text").unwrap();
-        let text_end = text.address() + text.size();
-        for (index, start) in starts.iter().enumerate() {
-            let function = functions.get_mut(start).unwrap();
-            if function.end == *start {
-                function.end = starts.get(index + 1).copied().unwrap_or(text_end);
-            }
-        }
-
-        let mut pointers = BTreeSet::new();
-        for name in [".rodata", ".data"] {
-            let section = file.section_by_name(name).unwrap();
-            pointers.extend(section.data().unwrap().chunks_exact(4).map(word));
-        }
+        let Symbols { mut functions, named, kinds } = Symbols::of(&file);
+        let data = |name: &str| file.section_by_name(name).unwrap().data().unwrap();
+        let words = |bytes: &[u8]| bytes.chunks_exact(4).map(word).collect::<Vec<_>>();
+        let mut pointers: BTreeSet<u32> = [".rodata", ".data"].into_iter().flat_map(|name| words(data(name))).collect();
         // Some code runs from memory, so that it may erase the flash.
-        let sections = [".text", ".data"].map(|name| {
-            let section = file.section_by_name(name).unwrap();
-            (section.address(), section.data().unwrap())
-        });
+        let sections = [".text", ".data"].map(|name| (file.section_by_name(name).unwrap().address(), data(name)));
         for (start, function) in &mut functions {
             let within = |(base, code): &&(u64, &[u8])| (*base..*base + code.len() as u64).contains(start);
             let &(base, code) = sections.iter().find(within).unwrap_or_else(|| panic!("{} is nowhere", function.name));
-            let mut at = *start;
-            let mut halves = [0_u32; 16];
-            let mut saved = 0;
-            while at + 2 <= function.end {
-                let offset = (at - base) as usize;
-                let is_code = kinds.range(..=at).next_back().is_none_or(|(_, code)| *code);
-                if !is_code {
-                    if at % 4 == 0 && offset + 4 <= code.len() {
-                        pointers.insert(word(&code[offset..offset + 4]));
-                    }
-                    at += 2;
-                    continue;
-                }
-                let half = |offset: usize| u32::from(code[offset]) | u32::from(code[offset + 1]) << 8;
-                let high = half(offset);
-                let here = at;
-                let mut jump = |offset: i64| {
-                    let target = (here as i64 + 4 + offset) as u64;
-                    if !(*start..function.end).contains(&target) {
-                        function.calls.insert(target);
-                    }
-                };
-                if high >> 11 < 0b11101 {
-                    at += 2;
-                    match high {
-                        _ if high & 0xFE00 == 0xB400 => function.own += 4 * u64::from((high & 0x1FF).count_ones()),
-                        _ if high & 0xFF80 == 0xB080 => function.own += 4 * u64::from(high & 0x7F),
-                        _ if high & 0xF800 == 0xE000 => jump(i64::from((high << 21).cast_signed() >> 20)),
-                        _ if high & 0xF000 == 0xD000 && high & 0x0F00 < 0x0E00 => {
-                            jump(i64::from((high << 24).cast_signed() >> 23));
-                        }
-                        0x4770 => {}
-                        _ if high & 0xFF07 == 0x4700 => function.indirect = true,
-                        _ => {}
-                    }
-                    continue;
-                }
-                let low = half(offset + 2);
-                at += 4;
-                let register = (low >> 8 & 0xF) as usize;
-                let wide = (high & 0xF) << 12 | (high >> 10 & 1) << 11 | (low >> 12 & 7) << 8 | low & 0xFF;
-                match high {
-                    0xE92D => function.own += 4 * u64::from(low.count_ones()),
-                    _ if high & 0xFFBF == 0xED2D && low & 0x0E00 == 0x0A00 => function.own += 4 * u64::from(low & 0xFF),
-                    // Outlined code is called with the return address saved for as long as the call lasts.
-                    0xF84D if low & 0x0F00 == 0x0D00 => saved = saved.max(u64::from(low & 0xFF)),
-                    _ if high & 0xFBEF == 0xF1AD && register == 13 => {
-                        function.own += expanded(high >> 10 & 1, low);
-                    }
-                    _ if high & 0xFBFF == 0xF2AD && register == 13 => {
-                        function.own += u64::from((high >> 10 & 1) << 11 | (low >> 12 & 7) << 8 | low & 0xFF);
-                    }
-                    _ if high & 0xFFEF == 0xEBAD && register == 13 => {
-                        panic!("{} takes a stack of unknown size at {here:#x}", function.name)
-                    }
-                    _ if high & 0xFBF0 == 0xF240 && low & 0x8000 == 0 => halves[register] = wide,
-                    _ if high & 0xFBF0 == 0xF2C0 && low & 0x8000 == 0 => {
-                        pointers.insert(wide << 16 | halves[register]);
-                    }
-                    _ if high >> 11 == 0b11110 && low & 0x9000 == 0x9000 => jump(branch_offset(high, low)),
-                    _ if high >> 11 == 0b11110 && low & 0xD000 == 0x8000 && high >> 6 & 0xE != 0xE => {
-                        let bits = (high >> 10 & 1) << 20
-                            | (low >> 11 & 1) << 19
-                            | (low >> 13 & 1) << 18
-                            | (high & 0x3F) << 12
-                            | (low & 0x7FF) << 1;
-                        jump(i64::from((bits << 11).cast_signed() >> 11));
-                    }
-                    _ => {}
-                }
-            }
-            function.own += saved;
+            Decoder { start: *start, function, pointers: &mut pointers, halves: [0; 16], saved: 0 }
+                .read(base, code, &kinds);
         }
         let pointed_at = functions.keys().copied().filter(|start| pointers.contains(&(*start as u32 | 1))).collect();
-        let vectors = file.section_by_name(".vector_table").unwrap();
-        let vectors = vectors.data().unwrap().chunks_exact(4).map(word).collect();
-        Self { functions, pointed_at, symbols, vectors }
+        Self { functions, pointed_at, symbols: named, vectors: words(data(".vector_table")) }
     }
 
     /// Address of a symbol.
