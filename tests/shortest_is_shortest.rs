@@ -160,7 +160,7 @@ fn planned_paths_are_as_short_as_those_searched_now() {
             "{} {number} at {:.3} radii: planned {planned:.9}, best {} {:.9}, found by {} shots, {} lines and {} chains, in {:.1} s",
             stratum.name(),
             problem.goal.norm(),
-            best.word,
+            best.path_type,
             best.curve.length(),
             best.helicoids.by_shots,
             best.helicoids.by_lines,

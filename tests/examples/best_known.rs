@@ -34,85 +34,108 @@ fn main() {
     let numbers: Vec<u64> = numbers.iter().map(|text| text.parse().expect(USAGE)).collect();
     let [seed, passes, counts @ ..] = numbers.as_slice() else { panic!("{USAGE}") };
     assert_eq!(counts.len(), Stratum::ALL.len(), "{USAGE}");
-    println!("# The least lengths known of curves of curvature at most 1 from the origin along z; lengths in radii.");
-    println!(
-        "# Made on {date} by: cargo run --release -p growbot-tests --example best_known -- {}",
-        arguments.join(" ")
-    );
-    println!(
-        "# Every case was searched {passes} times; an improvement is one by more than {IMPROVED:e} over the passes before."
-    );
-    println!(
-        "# The slack is by how much the shortest of all chains, which come from a search that knows nothing of words, was"
-    );
-    println!(
-        "# longer than the best; chains end within 1e-4 of the goal. A case is left out where a chain is shorter by more than"
-    );
-    println!(
-        "# {:e}: its best is not known. Refused are curves that did not arrive when walked again.",
-        helicoid::BEATEN
-    );
+    print_head(date, *passes, &arguments.join(" "));
     let mut rows = Vec::new();
     for (stratum, count) in Stratum::ALL.into_iter().zip(counts) {
         let began = Instant::now();
-        let mut improved = vec![0; *passes as usize];
-        let mut helicoidal = 0;
-        let mut refused = 0;
-        let mut left_out = 0;
-        let mut slack = f64::INFINITY;
-        for number in 0..*count {
-            let problem = stratum.case(*seed, number);
-            let mut best: Option<Best> = None;
-            let mut min_chain = f64::INFINITY;
-            for pass in 0..*passes {
-                let mut random = Random::new(&[*seed, stratum as u64, number, pass + 1]);
-                let found = shortest(&problem, &effort(stratum), &mut random);
-                let helicoids = found.helicoids;
-                eprintln!(
-                    "{} {number} pass {pass} at {:.3}: {} {:.12}; csc hits {}, H hits {} + {} + {} in {} rounds, {} refused; min chain {:+.6}; {:.1} s",
-                    stratum.name(),
-                    problem.goal.norm(),
-                    found.word,
-                    found.curve.length(),
-                    found.csc_hits,
-                    helicoids.by_shots,
-                    helicoids.by_lines,
-                    helicoids.by_chains,
-                    helicoids.rounds,
-                    helicoids.refused,
-                    helicoids.min_chain - found.curve.length(),
-                    began.elapsed().as_secs_f64()
-                );
-                min_chain = min_chain.min(helicoids.min_chain);
-                refused += helicoids.refused;
-                match &best {
-                    Some(best) if found.curve.length() >= best.curve.length() - 1e-9 => continue,
-                    Some(best) if found.curve.length() < best.curve.length() - IMPROVED => {
-                        improved[pass as usize] += 1;
-                        eprintln!("improved by {:e}: {problem:?}", best.curve.length() - found.curve.length());
-                    }
-                    _ => {}
-                }
-                best = Some(found);
-            }
-            let Some(Best { curve, word, .. }) = best else { continue };
-            if min_chain < curve.length() - helicoid::BEATEN {
-                left_out += 1;
-                continue;
-            }
-            slack = slack.min(min_chain - curve.length());
-            helicoidal += u64::from(word == "H");
-            let (stratum, word) = (stratum.name().to_owned(), word.to_owned());
-            rows.push(Row { stratum, problem, length: curve.length(), word });
-        }
-        let slack = if slack.is_finite() { format!("{slack:.1e}") } else { "unknown: no chains".to_owned() };
-        println!(
-            "# {}: {count} cases, {helicoidal} H; improvements by later passes {:?}; min slack {slack}; {refused} refused; {left_out} left out.",
-            stratum.name(),
-            &improved[1..]
-        );
+        let mut tally = Tally::new(*passes);
+        rows.extend((0..*count).filter_map(|number| tally.case(stratum, *seed, number)));
+        tally.print(stratum, *count);
         eprintln!("{}: {:.1} s", stratum.name(), began.elapsed().as_secs_f64());
     }
     println!("{COLUMNS}");
     rows.iter().for_each(|row| println!("{row}"));
+}
+
+fn print_head(date: &str, passes: u64, arguments: &str) {
+    println!(
+        "# The shortest lengths known of curves of curvature at most 1 from the origin along z; lengths in radii."
+    );
+    println!("# Made on {date} by: cargo run --release -p growbot-tests --example best_known -- {arguments}");
+    println!(
+        "# Every case was searched {passes} times; an improvement is one by more than {IMPROVED:e} over the passes before.\n\
+         # The slack is by how much the shortest of all chains, which come from a search that knows nothing of path types,\n\
+         # was longer than the best; chains end within 1e-4 of the goal. A case is left out where a chain is shorter by more\n\
+         # than {:e}: its best is not known. Refused are curves that did not arrive when walked again.",
+        helicoid::BEATEN
+    );
+}
+
+/// What the cases of a stratum came to.
+struct Tally {
+    /// By each pass, cases that it has improved.
+    improved: Vec<u64>,
+    helicoidal: u64,
+    refused: u64,
+    left_out: u64,
+    slack: f64,
+}
+
+impl Tally {
+    fn new(passes: u64) -> Self {
+        Self { improved: vec![0; passes as usize], helicoidal: 0, refused: 0, left_out: 0, slack: f64::INFINITY }
+    }
+
+    /// Searches a case in all passes. None if its best is not known.
+    fn case(&mut self, stratum: Stratum, seed: u64, number: u64) -> Option<Row> {
+        let problem = stratum.case(seed, number);
+        let mut best: Option<Best> = None;
+        let mut min_chain = f64::INFINITY;
+        for (pass, improved) in (0..).zip(&mut self.improved) {
+            let mut random = Random::new(&[seed, stratum as u64, number, pass + 1]);
+            let found = shortest(&problem, &effort(stratum), &mut random);
+            print_pass(&format!("{} {number} pass {pass} at {:.3}", stratum.name(), problem.goal.norm()), &found);
+            min_chain = min_chain.min(found.helicoids.min_chain);
+            self.refused += found.helicoids.refused as u64;
+            match &best {
+                Some(best) if found.curve.length() >= best.curve.length() - 1e-9 => continue,
+                Some(best) if found.curve.length() < best.curve.length() - IMPROVED => {
+                    *improved += 1;
+                    eprintln!("improved by {:e}: {problem:?}", best.curve.length() - found.curve.length());
+                }
+                _ => {}
+            }
+            best = Some(found);
+        }
+        let Best { curve, path_type, .. } = best?;
+        if min_chain < curve.length() - helicoid::BEATEN {
+            self.left_out += 1;
+            return None;
+        }
+        self.slack = self.slack.min(min_chain - curve.length());
+        self.helicoidal += u64::from(path_type == "H");
+        Some(Row {
+            stratum: stratum.name().to_owned(),
+            problem,
+            length: curve.length(),
+            path_type: path_type.to_owned(),
+        })
+    }
+
+    fn print(&self, stratum: Stratum, count: u64) {
+        let Self { improved, helicoidal, refused, left_out, slack } = self;
+        let slack = if slack.is_finite() { format!("{slack:.1e}") } else { "unknown: no chains".to_owned() };
+        println!(
+            "# {}: {count} cases, {helicoidal} H; improvements by later passes {:?}; min slack {slack}; {refused} refused; \
+             {left_out} left out.",
+            stratum.name(),
+            &improved[1..]
+        );
+    }
+}
+
+fn print_pass(what: &str, found: &Best) {
+    let helicoids = &found.helicoids;
+    eprintln!(
+        "{what}: {} {:.12}; csc hits {}, H hits {} + {} + {} in {} rounds, {} refused; min chain {:+.6}",
+        found.path_type,
+        found.curve.length(),
+        found.csc_hits,
+        helicoids.by_shots,
+        helicoids.by_lines,
+        helicoids.by_chains,
+        helicoids.rounds,
+        helicoids.refused,
+        helicoids.min_chain - found.curve.length()
+    );
 }

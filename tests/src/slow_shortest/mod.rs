@@ -4,7 +4,7 @@
 //! Lengths are in turning radii, angles in radians. How the tip rolls about its tangent is left free.
 //!
 //! A shortest curve is an arc, a straight line and an arc (CSC), or a helicoidal arc (H), or, if all lies in one plane, one
-//! of Dubins' words; parts may vanish (H. J. Sussmann, "Shortest 3-dimensional paths with a prescribed curvature bound",
+//! of Dubins' path types; parts may vanish (H. J. Sussmann, "Shortest 3-dimensional paths with a prescribed curvature bound",
 //! Proc. 34th IEEE Conference on Decision and Control, 1995). Each kind is searched from many random starts ([`csc`],
 //! [`helicoid`], helped by [`bent_chain`], which knows nothing of kinds) or written down ([`planar`]). Nothing is proven
 //! shortest; whatever is returned arrives to [`ARRIVED`] when it is walked.
@@ -162,8 +162,8 @@ pub struct Effort {
 pub struct Best {
     /// The curve.
     pub curve: Curve,
-    /// Its word: CSC, H, or a word of Dubins.
-    pub word: &'static str,
+    /// CSC, H, or a path type of Dubins.
+    pub path_type: &'static str,
     /// How often arc, line, arc of min length was found, whether or not it is the best of all.
     pub csc_hits: usize,
     /// What the search for helicoidal arcs found, whether or not it is the best of all.
@@ -189,6 +189,6 @@ pub fn shortest(problem: &Problem, effort: &Effort, random: &mut Random) -> Best
         helicoid::search(problem, longest, &backwards, &effort, random)
     });
     let helicoid = helicoids.best.filter(|curve| curve.length() < longest - 1e-9);
-    let (curve, word) = helicoid.map_or(best, |curve| (Curve::Helicoid(curve), "H"));
-    Best { curve, word, csc_hits, helicoids }
+    let (curve, path_type) = helicoid.map_or(best, |curve| (Curve::Helicoid(curve), "H"));
+    Best { curve, path_type, csc_hits, helicoids }
 }

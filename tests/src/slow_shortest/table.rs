@@ -1,4 +1,5 @@
-//! The cases of `tests/best_known.csv` and its lines: stratum, goal (radii), direction there, best known length (radii), word.
+//! The cases of `tests/best_known.csv` and its lines: stratum, goal (radii), direction there, best known
+//! length (radii), path type.
 
 use core::f64::consts::TAU;
 use core::fmt;
@@ -118,18 +119,18 @@ pub struct Row {
     pub problem: Problem,
     /// The min length known, radii.
     pub length: f64,
-    /// The word of the curve of that length.
-    pub word: String,
+    /// The path type of the curve of that length.
+    pub path_type: String,
 }
 
 /// The names of the columns.
-pub const COLUMNS: &str = "stratum,goal_x,goal_y,goal_z,tangent_x,tangent_y,tangent_z,length,word";
+pub const COLUMNS: &str = "stratum,goal_x,goal_y,goal_z,tangent_x,tangent_y,tangent_z,length,path_type";
 
 impl fmt::Display for Row {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Problem { goal, tangent } = self.problem;
         write!(f, "{},{:?},{:?},{:?}", self.stratum, goal.x, goal.y, goal.z)?;
-        write!(f, ",{:?},{:?},{:?},{:?},{}", tangent.x, tangent.y, tangent.z, self.length, self.word)
+        write!(f, ",{:?},{:?},{:?},{:?},{}", tangent.x, tangent.y, tangent.z, self.length, self.path_type)
     }
 }
 
@@ -153,7 +154,7 @@ pub fn read(text: &str) -> Vec<Row> {
                     tangent: Vector3::new(number(4), number(5), number(6)),
                 },
                 length: number(7),
-                word: fields[8].to_owned(),
+                path_type: fields[8].to_owned(),
             }
         })
         .collect()
