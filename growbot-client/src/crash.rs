@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 /// A crash of the firmware. Numbers of the processor are hexadecimal.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct WrittenCrash {
     /// What has crashed.
     pub cause: String,
@@ -45,6 +46,7 @@ pub struct WrittenCrash {
 
 /// A function that an address lies in, or that was inlined there.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Place {
     /// Its name.
     pub function: String,
@@ -56,6 +58,7 @@ pub struct Place {
 
 /// A return address.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Caller {
     /// The address.
     pub address: String,

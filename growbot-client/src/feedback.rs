@@ -48,6 +48,7 @@ pub struct Feedback<'a> {
 
 /// From where the filament's encoder is counted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Count {
     /// The start of the board.
     pub boot_id: u32,

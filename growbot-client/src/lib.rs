@@ -10,9 +10,11 @@
 //! - [`port`]: the line to a board; [`client`]: requests to it and their answers;
 //! - [`growth`]: a whole job; [`feedback`]: its layers planned again as they are measured; [`arrival`]: how near it
 //!   came;
-//! - [`run_log`]: the log of a growth, and [`run_clock`], its time;
+//! - [`run_log`]: the log of a growth, its events and its result, and [`run_clock`], its time;
 //! - [`input`], [`files`], [`printable`], [`suggest`]: bounded reading, whole files or none, text that steers no
 //!   terminal, and names for mistyped ones.
+//!
+//! The feature `schema` derives JSON Schemas of plans, run logs and results.
 //!
 //! Lengths are in mm. Angles are in radians inside and in degrees in every text and file; names carry the unit.
 #![forbid(unsafe_code)]

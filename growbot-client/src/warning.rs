@@ -12,6 +12,7 @@ use crate::clearance::{Collision, first_collision};
 
 /// One thing that speaks against growing a plan.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Warning {
     /// What kind of thing, for scripts: `thin-layer`, `self-collision`, `filament-short`, `layer-limit`.

@@ -11,6 +11,7 @@ use crate::two_plane::two_plane;
 
 /// How a path is found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize, postcard_schema::Schema)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum Planner {
     /// The paper's: two planar Dubins paths ([`crate::two_plane`]).

@@ -1,9 +1,11 @@
-//! The JSON Schema of robot files: what editors complete, explain and check by.
+//! The JSON Schemas of what growbot reads and writes: what editors complete, explain and check by.
 //!
-//! Fields, kinds and descriptions are those of [`RobotDescription`], by its derive and its doc comments. Bounds are
-//! those of its checks: each number is set far too low and far too high, and the refusal tells the limit. A limit that
-//! moves with another field cannot be said in a schema as a number; it stands in the field's description, in the words
-//! of the refusal.
+//! [`written`] has those of plans, run logs and results. Of robot files, fields, kinds and descriptions are those of
+//! [`RobotDescription`], by its derive and its doc comments. Bounds are those of its checks: each number is set far too
+//! low and far too high, and the refusal tells the limit. A limit that moves with another field cannot be said in a
+//! schema as a number; it stands in the field's description, in the words of the refusal.
+
+pub mod written;
 
 use growbot_client::robot_file;
 use growbot_core::robot::{Robot, RobotDescription, RobotError};

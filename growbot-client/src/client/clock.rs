@@ -28,6 +28,7 @@ const VIRTUAL: f64 = 2.0;
 
 /// A board's clock that is wrong.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(into = "WrittenDrift", from = "WrittenDrift")]
 pub struct ClockDrift {
     /// Time that has passed on the board's clock, ms,
@@ -52,6 +53,7 @@ impl ClockDrift {
 
 /// A clock that is wrong, as scripts, run logs and pages read it.
 #[derive(Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 struct WrittenDrift {
     /// How much faster than the host's clock the board's runs, percent: the bound nearer to 0.
     #[serde(default)]

@@ -38,6 +38,7 @@ pub struct Grown {
 
 /// What an arrival is measured by.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum MeasuredBy {
     /// The simulated tip: it is the truth.

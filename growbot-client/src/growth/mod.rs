@@ -144,9 +144,11 @@ pub enum JobEvent {
 
 /// Other layers from an index on.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Amendment {
     /// The job's new name.
     #[serde(with = "crate::run_log::hash")]
+    #[cfg_attr(feature = "schema", schemars(with = "String", extend("pattern" = r"^[0-9a-f]{16}$")))]
     pub plan_id: u64,
     /// Index of the first other layer.
     pub from: u32,
@@ -154,6 +156,7 @@ pub struct Amendment {
     pub total: u32,
     /// The first of the other layers.
     #[serde(with = "crate::run_log::layers")]
+    #[cfg_attr(feature = "schema", schemars(with = "String", extend("pattern" = r"^([0-9a-f]{24})*$")))]
     pub layers: Vec<LayerBytes>,
 }
 

@@ -13,6 +13,7 @@ use crate::warning::Warning;
 
 /// A plan as written.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct PlanFile {
     /// Name of the query, in the output of a batch.
@@ -70,6 +71,7 @@ pub struct PlanFile {
 
 /// A pose as written.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct WrittenPose {
     /// x, mm.
@@ -99,6 +101,7 @@ impl From<&Pose> for WrittenPose {
 
 /// A leg as written: from the pose before to the next one.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct WrittenLeg {
     /// How many segments of the plan are this leg's.
@@ -139,6 +142,7 @@ fn is_zero(count: &usize) -> bool {
 
 /// A segment as written.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(tag = "kind", rename_all = "lowercase", deny_unknown_fields)]
 pub enum WrittenSegment {
     /// A circular arc.

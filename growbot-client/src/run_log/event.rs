@@ -24,6 +24,7 @@ use crate::plan_file::WrittenPose;
 
 /// A line of a run log: an event and the time of day at which it was written.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct RunLine {
     /// What happened.
     #[serde(flatten)]
@@ -35,6 +36,7 @@ pub struct RunLine {
 
 /// An event of a run log.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(tag = "event", rename_all = "kebab-case")]
 pub enum RunEvent {
     /// The first line: versions, command, robot, plan and the layers that were handed over.
@@ -69,6 +71,7 @@ pub enum RunEvent {
         from: u32,
         /// The layers, 24 hexadecimal digits each.
         #[serde(with = "super::hexadecimal::layers")]
+        #[cfg_attr(feature = "schema", schemars(with = "String", extend("pattern" = r"^([0-9a-f]{24})*$")))]
         layers: Vec<LayerBytes>,
     },
     /// An order was given and is carried out.
@@ -96,11 +99,13 @@ pub enum RunEvent {
 
 /// Who the board is and what it was doing when the session was opened.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Board {
     /// Version of its firmware: major, minor, patch.
     pub firmware: [u8; 3],
     /// Hash of the link's messages.
     #[serde(with = "super::hexadecimal::hash")]
+    #[cfg_attr(feature = "schema", schemars(with = "String", extend("pattern" = r"^[0-9a-f]{16}$")))]
     pub schema: u64,
     /// Number of this start of the board.
     pub boot_id: u32,
@@ -131,6 +136,7 @@ impl From<&BoardHello> for Board {
 
 /// The board's status.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct BoardStatus {
     /// The name of its state.
     #[serde(default, deserialize_with = "lenient")]
@@ -168,6 +174,7 @@ impl From<&Status> for BoardStatus {
 
 /// A layer in numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct WrittenLayer {
     /// Angle of greatest deposition, degrees.
     pub alpha_deg: f64,
@@ -179,11 +186,13 @@ pub struct WrittenLayer {
 
 /// A layer as the board has built it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct LaidLayer {
     /// Its index, from 0.
     pub layer: u32,
     /// The bytes of the link, 24 hexadecimal digits; null where nothing is known of the layer.
     #[serde(default, with = "super::hexadecimal::layer")]
+    #[cfg_attr(feature = "schema", schemars(with = "Option<String>"))]
     pub as_built: Option<LayerBytes>,
     /// The same in numbers.
     #[serde(flatten)]
@@ -213,6 +222,7 @@ impl LaidLayer {
 
 /// What the board's sensors showed after a layer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct WrittenMeasured {
     /// Pulses of the filament's encoder since the board started; null without one.
     #[serde(default, deserialize_with = "lenient")]
@@ -231,6 +241,7 @@ impl From<WrittenMeasured> for Measured {
 
 /// Where the plastic of a layer of a simulated tip is.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct SimulatedLayer {
     /// Its index, from 0.
     pub layer: u32,

@@ -11,6 +11,7 @@ use crate::plan_file::PlanFile;
 
 /// The first line of a run log.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Header {
     /// Name and version of the format.
     pub format: String,
@@ -35,12 +36,15 @@ pub struct Header {
     pub robot: String,
     /// Hash of the robot's description, 16 hexadecimal digits.
     #[serde(with = "super::hexadecimal::hash")]
+    #[cfg_attr(feature = "schema", schemars(with = "String", extend("pattern" = r"^[0-9a-f]{16}$")))]
     pub robot_hash: u64,
     /// Hash of the layers: the job's name.
     #[serde(with = "super::hexadecimal::hash")]
+    #[cfg_attr(feature = "schema", schemars(with = "String", extend("pattern" = r"^[0-9a-f]{16}$")))]
     pub plan_id: u64,
     /// The layers that were handed over, 24 hexadecimal digits each.
     #[serde(with = "super::hexadecimal::layers")]
+    #[cfg_attr(feature = "schema", schemars(with = "String", extend("pattern" = r"^([0-9a-f]{24})*$")))]
     pub layers: Vec<LayerBytes>,
     /// What the sensors are taken for; null without feedback.
     #[serde(default, deserialize_with = "lenient")]
@@ -51,6 +55,7 @@ pub struct Header {
 
 /// A growth goes on, by another program.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default)]
 pub struct Resumed {
     /// Version of the program.
@@ -63,6 +68,7 @@ pub struct Resumed {
 
 /// Whose tip has laid a body.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum RecordedTip {
     /// A robot's. Nobody has measured where its plastic is.
@@ -73,6 +79,7 @@ pub enum RecordedTip {
 
 /// Noise of the sensors, one standard deviation.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct WrittenNoise {
     /// Of the odometry, as a share of a layer's growth.
     pub odometry: f64,
@@ -96,6 +103,7 @@ impl WrittenNoise {
 
 /// How a simulated tip is off: each error with its distribution, and the seed of what is drawn.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Disturbances {
     /// Where all noise comes from.
     pub seed: u64,
@@ -123,6 +131,7 @@ pub struct Disturbances {
 
 /// How an error is distributed.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(tag = "distribution", rename_all = "kebab-case")]
 pub enum Distribution {
     /// Anywhere between the mean less `max` and the mean plus `max`.
@@ -154,6 +163,7 @@ pub enum Distribution {
 
 /// The unit of an error.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum Unit {
     /// Percent of the value.

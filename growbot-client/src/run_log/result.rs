@@ -17,6 +17,7 @@ use crate::plan_file::WrittenPose;
 
 /// What a growth came to.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct GrowthResult {
     /// How it ended.
     pub outcome: ResultOutcome,
@@ -51,9 +52,11 @@ pub struct GrowthResult {
     pub filament_mm: Option<f64>,
     /// Hash of the layers, 16 hexadecimal digits: the job's name. Null where nothing was grown.
     #[serde(default, with = "super::hexadecimal::hash_or_none")]
+    #[cfg_attr(feature = "schema", schemars(with = "Option<String>"))]
     pub plan_id: Option<u64>,
     /// Hash of the layers as built, 16 hexadecimal digits; null where nothing was grown.
     #[serde(default, with = "super::hexadecimal::hash_or_none")]
+    #[cfg_attr(feature = "schema", schemars(with = "Option<String>"))]
     pub as_built_hash: Option<u64>,
     /// Layers of which nothing is known: they count as planned.
     #[serde(default)]
@@ -72,6 +75,7 @@ pub struct GrowthResult {
 
 /// How a growth ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum ResultOutcome {
     /// Every layer is laid.
@@ -134,6 +138,7 @@ impl From<&Outcome> for ResultOutcome {
 
 /// Where a tip is, and how far that is from the goal.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct WrittenArrival {
     /// Where the tip is.
     #[serde(rename = "final")]
@@ -165,6 +170,7 @@ impl From<&Arrival> for WrittenArrival {
 
 /// What feedback came to.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct FeedbackResult {
     /// How often the job was amended.
     pub amendments: u32,
@@ -209,6 +215,7 @@ impl FeedbackResult {
 
 /// How much of a layer's turn was made when it was interrupted: between these two, as shares of the turn.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct InterruptedLayer {
     /// The layer's index, from 0.
     pub layer: usize,

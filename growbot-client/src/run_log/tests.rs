@@ -330,3 +330,34 @@ fn a_crash_of_the_firmware_is_written_with_its_registers_and_changes_nothing_els
     let after = RunRecord::open(&path).unwrap();
     assert_eq!((after.as_built, after.layers, after.result), (before.as_built, before.layers, before.result));
 }
+
+#[test]
+fn every_event_is_read_back_as_it_was_written() {
+    let header = RunRecord::read(&log(&[]), "run").unwrap();
+    let mut tip = header.start_frame();
+    let words = [0x1001; growbot_core::link::crash::CRASH_WORDS];
+    let measured = Measured { filament_pulses: Some(7), gravity_milli_g: None };
+    let amendment = crate::growth::Amendment { plan_id: 7, from: 1, total: 9, layers: vec![[5; 12]; 2] };
+    let happened = [
+        JobEvent::Crash(words),
+        JobEvent::State(growbot_core::link::message::State::Growing),
+        laid(0),
+        JobEvent::Laid { index: 1, as_built: None, measured: Some(measured) },
+        JobEvent::Simulated { from: 0, layers: vec![Layer { alpha: 1.0, height: 0.7, tilt: 0.004 }; 2] },
+        JobEvent::Counting(Count { boot_id: 1, laid: 2, filament_pulses: None }),
+        JobEvent::Amending(amendment),
+        JobEvent::NotAmended(None),
+        JobEvent::NotAmended(Some("no room".to_owned())),
+        JobEvent::HandingOver { from: 3, layers: vec![[6; 12]] },
+        JobEvent::Ordered(crate::growth::Order::EmergencyStop),
+        JobEvent::NotObeyed("not now".to_owned()),
+        JobEvent::Silent,
+        JobEvent::Back,
+    ];
+    let written: Vec<RunEvent> = happened.iter().flat_map(|event| events_of(event, &mut tip)).collect();
+    let end = RunEvent::End { result: Box::new(done()) };
+    let written: Vec<RunEvent> = written.into_iter().chain([end]).collect();
+    let line = |event: &RunEvent| json_line(&RunLine { event: event.clone(), utc: utc_now() });
+    let log: String = written.iter().map(line).collect();
+    assert_eq!(Events::of(log.as_bytes()).collect::<Vec<_>>(), written);
+}

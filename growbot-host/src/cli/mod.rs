@@ -27,6 +27,7 @@ mod reproduce;
 mod resume;
 mod rmin;
 mod robots;
+mod schema;
 mod search;
 mod simulate;
 mod simulate_table;
@@ -86,6 +87,7 @@ Exit codes: 0, done; 1, the answer is no; 2, something was wrong before the job.
 #[derive(Subcommand)]
 enum Command {
     Robots(robots::RobotsArgs),
+    Schema(schema::SchemaArgs),
     NewRobot(new_robot::NewRobotArgs),
     Rmin(rmin::RminArgs),
     Plan(plan::PlanArgs),
@@ -120,6 +122,7 @@ pub fn run() -> ExitCode {
     };
     let done = match cli.command {
         Some(Command::Robots(args)) => robots::run(&args),
+        Some(Command::Schema(args)) => schema::run(&args),
         Some(Command::NewRobot(args)) => new_robot::run(&args),
         Some(Command::Rmin(args)) => rmin::run(&args),
         Some(Command::Plan(args)) => plan::run(&args),

@@ -1,0 +1,161 @@
+//! The JSON Schemas of `growbot schema`: real plans, run logs and results are valid by them, and slips are not.
+
+mod running;
+
+use std::fs;
+
+use running::growbot;
+use serde_json::{Value, json};
+
+/// What of this value the schema does not allow, by the keywords that growbot's schemas use.
+fn faults(schema: &Value, value: &Value, at: &str) -> Vec<String> {
+    let mut found = Vec::new();
+    for (keyword, said) in schema.as_object().unwrap() {
+        if !fits(keyword, said, value, schema, at) {
+            found.push(format!("{at}: {keyword} {said} and not {value}"));
+        }
+    }
+    for (key, schema) in schema["properties"].as_object().into_iter().flatten() {
+        if let Some(value) = value.get(key) {
+            found.extend(faults(schema, value, &format!("{at}.{key}")));
+        }
+    }
+    found
+}
+
+fn fits(keyword: &str, said: &Value, value: &Value, schema: &Value, at: &str) -> bool {
+    let all =
+        |items: &Value, check: &dyn Fn(&Value) -> bool| items.as_array().is_none_or(|items| items.iter().all(check));
+    let matches = || said.as_array().unwrap().iter().filter(|one| faults(one, value, at).is_empty()).count();
+    match keyword {
+        "$schema" | "title" | "description" | "default" | "properties" => true,
+        "type" => match said {
+            Value::Array(kinds) => kinds.iter().any(|kind| is_of_type(kind.as_str().unwrap(), value)),
+            kind => is_of_type(kind.as_str().unwrap(), value),
+        },
+        "minimum" => value.as_f64().is_none_or(|value| value >= said.as_f64().unwrap()),
+        "maximum" => value.as_f64().is_none_or(|value| value <= said.as_f64().unwrap()),
+        "const" => value == said,
+        "enum" => said.as_array().unwrap().contains(value),
+        "oneOf" => matches() == 1,
+        "anyOf" => matches() > 0,
+        "pattern" => {
+            let is_hex = |text: &str| text.bytes().all(|byte| byte.is_ascii_digit() || (b'a'..=b'f').contains(&byte));
+            value.as_str().is_none_or(|text| match said.as_str().unwrap() {
+                "^[0-9a-f]{16}$" => text.len() == 16 && is_hex(text),
+                "^([0-9a-f]{24})*$" => text.len() % 24 == 0 && is_hex(text),
+                other => panic!("{other}"),
+            })
+        }
+        "items" => all(value, &|item| faults(said, item, at).is_empty()),
+        "minItems" => value.as_array().is_none_or(|items| items.len() as u64 >= said.as_u64().unwrap()),
+        "maxItems" => value.as_array().is_none_or(|items| items.len() as u64 <= said.as_u64().unwrap()),
+        "required" => {
+            value.as_object().is_none_or(|object| all(said, &|key| object.contains_key(key.as_str().unwrap())))
+        }
+        "additionalProperties" => {
+            assert_eq!(said, false, "{at}");
+            let known = schema["properties"].as_object().unwrap();
+            value.as_object().is_none_or(|object| object.keys().all(|key| known.contains_key(key)))
+        }
+        other => panic!("{other} at {at}"),
+    }
+}
+
+fn is_of_type(kind: &str, value: &Value) -> bool {
+    match kind {
+        "object" => value.is_object(),
+        "array" => value.is_array(),
+        "string" => value.is_string(),
+        "boolean" => value.is_boolean(),
+        "integer" => value.is_i64() || value.is_u64(),
+        "number" => value.is_number(),
+        "null" => value.is_null(),
+        kind => panic!("{kind}"),
+    }
+}
+
+fn schema(kind: &str) -> Value {
+    let ran = growbot(&["schema", kind]);
+    assert_eq!(ran.code, Some(0), "{}", ran.err);
+    serde_json::from_str(&ran.out).unwrap()
+}
+
+fn printed(args: &[&str]) -> Value {
+    let ran = growbot(args);
+    serde_json::from_str(&ran.out).unwrap_or_else(|_| panic!("{args:?}: {}{}", ran.out, ran.err))
+}
+
+/// Fails where this change of a value is allowed.
+fn assert_slip(schema: &Value, value: &Value, change: impl FnOnce(&mut Value)) {
+    let mut changed = value.clone();
+    change(&mut changed);
+    assert!(!faults(schema, &changed, "").is_empty(), "{changed}");
+}
+
+#[test]
+fn plans_are_valid_by_their_schema_and_slips_are_not() {
+    let schema = schema("plan");
+    let plans = [
+        &["plan", "--to", "200,100,600,0,45", "--json"][..],
+        &["plan", "--to", "200,100,600,0,45", "--planner", "two-plane", "--json"],
+        &["plan", "--to", "0,60,120,90,30", "--robot", "growbot-a2", "--json"],
+        &["plan", "--to", "300,0,300,0,0", "--via", "0,0,200,0,90", "--json"],
+        &["plan", "--to", "0,0,0.5,0,90", "--json"],
+    ];
+    for args in plans {
+        let plan = printed(args);
+        assert_eq!(faults(&schema, &plan, ""), [""; 0], "{args:?}");
+        assert_slip(&schema, &plan, |plan| plan["length_mm"] = json!("long"));
+        assert_slip(&schema, &plan, |plan| plan["planner"] = json!("teleport"));
+        assert_slip(&schema, &plan, |plan| plan["layer_count"] = json!(1));
+        assert_slip(&schema, &plan, |plan| plan["segments"][0]["kind"] = json!("spiral"));
+    }
+}
+
+#[test]
+fn run_logs_and_results_are_valid_by_their_schemas_and_slips_are_not() {
+    let (line_schema, result_schema) = (schema("run"), schema("result"));
+    let directory = tempfile::tempdir().unwrap();
+    let growths = [
+        &["--to", "0,0,12,0,90"][..],
+        &["--to", "60,20,200,0,60", "--noise", "10", "--feedback"],
+        &["--to", "0,0,20,0,90", "--fault", "drop=2%,flip=1e-4"],
+    ];
+    let mut kinds = Vec::new();
+    for (index, args) in growths.iter().enumerate() {
+        let log = directory.path().join(format!("{index}.jsonl")).to_str().unwrap().to_owned();
+        let result = printed(&[&["grow", "--json", "--log", &log], *args].concat());
+        let replayed = printed(&["replay", "--json", &log]);
+        for result in [&result, &replayed] {
+            assert_eq!(faults(&result_schema, result, ""), [""; 0], "{args:?}");
+            assert_slip(&result_schema, result, |result| result["outcome"] = json!("bored"));
+            assert_slip(&result_schema, result, |result| result["plan_id"] = json!(7));
+            assert_slip(&result_schema, result, |result| drop(result.as_object_mut().unwrap().remove("layers")));
+        }
+        for line in fs::read_to_string(&log).unwrap().lines() {
+            let line: Value = serde_json::from_str(line).unwrap();
+            assert_eq!(faults(&line_schema, &line, ""), [""; 0], "{args:?}");
+            assert_slip(&line_schema, &line, |line| line["event"] = json!("dance"));
+            assert_slip(&line_schema, &line, |line| line["utc"] = json!(12));
+            kinds.push(line["event"].as_str().unwrap().to_owned());
+        }
+    }
+    kinds.sort_unstable();
+    kinds.dedup();
+    let expected =
+        ["amending", "board", "counting", "end", "header", "laid", "simulated", "state", "status"];
+    for kind in expected {
+        assert!(kinds.iter().any(|found| found == kind), "{kind}: {kinds:?}");
+    }
+}
+
+#[test]
+fn a_growth_that_is_refused_has_a_valid_result() {
+    let refused = printed(&["grow", "--to", "0,0,1e6,0,90", "--json"]);
+    assert_eq!(
+        (&refused["outcome"], faults(&schema("result"), &refused, "").len()),
+        (&json!("refused"), 0),
+        "{refused}"
+    );
+}
