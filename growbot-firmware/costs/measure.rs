@@ -76,9 +76,9 @@ fn ticks_and_stack(work: &mut dyn FnMut()) -> (u64, u32) {
     (ticks + ((roughly.saturating_sub(ticks) + (1 << 31)) >> 32 << 32), 4 * used)
 }
 
-/// A word of the stack, so many below the stack pointer.
+/// The word of the stack at a number of words below the stack pointer.
 fn below(top: u32, words: u32) -> Register {
-    // SAFETY: the stack pointer is a multiple of 4. What lies below it belongs to nobody while nothing is called, and
+    // SAFETY: the stack pointer is a multiple of 4. What lies below it has no owner while nothing is called, and
     // interrupts are off. There are 64 KiB of stack, of
     // which this program has used next to nothing.
     unsafe { Register::at((top - 4 * words) as usize) }

@@ -21,7 +21,7 @@ const CLOCKS_TO_FREE: u8 = 9;
 /// Why a transaction failed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SoftI2cError {
-    /// Nobody acknowledged the address, or the chip did not acknowledge a byte.
+    /// No chip acknowledged the address, or the chip did not acknowledge a byte.
     NotAcknowledged(NoAcknowledgeSource),
     /// A chip holds the clock down.
     ClockHeld,

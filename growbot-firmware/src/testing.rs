@@ -156,7 +156,7 @@ impl Outputs for FakeOutputs {
 pub struct FakePower(Rc<RefCell<u16>>);
 
 impl FakePower {
-    /// Sets the duty, as somebody who does not own the heater does.
+    /// Sets the duty, as an interrupt does that does not own the heater.
     pub fn set(&self, duty: u16) {
         *self.0.borrow_mut() = duty;
     }

@@ -26,7 +26,7 @@ unsafe impl InterruptNumber for Interrupt {
 const PRIORITIES: [(Interrupt, u8); 3] =
     [(Interrupt::StepTick, 0x20), (Interrupt::UartReceive, 0x40), (Interrupt::UartTransmit, 0x60)];
 
-/// Enables the interrupts. Whatever their handlers use must be in place.
+/// Enables the interrupts. Everything that their handlers use must be in place.
 pub fn start(nvic: &mut NVIC) {
     for (interrupt, priority) in PRIORITIES {
         // SAFETY: no code here is protected by a priority mask that this could undercut.

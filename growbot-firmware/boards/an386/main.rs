@@ -31,9 +31,10 @@ use growbot_firmware::machine;
 use growbot_firmware::polarity::Polarized;
 use growbot_firmware::stepping::{Axis, Engine, EngineSettings, Handover, Inputs};
 
-use crate::flash::BoardFlash;
+use crate::flash::{JournalFlash, SharedWords};
 use crate::high_water::HighWater;
 use crate::image::retained::RetainedRam;
+use crate::image::word_flash::ByWords;
 use crate::image::{crash, seal};
 use crate::tip::Tip;
 use crate::uart::Uart;
@@ -61,7 +62,7 @@ impl Board for An386 {
     type Watchdog = watchdog::BoardWatchdog;
     type DebugPort = NoDebugPort;
     type Retained = RetainedRam;
-    type Flash = BoardFlash;
+    type Flash = JournalFlash;
     type Store = &'static mut LayerStore;
 }
 
@@ -126,13 +127,7 @@ fn set_up() -> (Uart, &'static mut Controller<An386>) {
     );
     step_timer::start(engine, robot.description().motion.tick_hz, CLOCK_HZ);
     interrupts::start(&mut core.NVIC);
-    let identity = Identity {
-        boot_id: tip::boot_id(),
-        reset_cause: reset::named(tip::reset_cause()),
-        image: seal::check(),
-        crash: crash::latest(),
-        without_crystal: false,
-    };
+    let identity = identity();
     defmt::info!(
         "an386 for {=str}, boot id {=u32:08x}, started by {=str}",
         robot.name(),
@@ -152,7 +147,7 @@ fn set_up() -> (Uart, &'static mut Controller<An386>) {
         watchdog,
         debug_port: NoDebugPort,
         retained,
-        journal: Journal::open(BoardFlash::new()),
+        journal: Journal::open(ByWords(SharedWords::new())),
         store,
     };
     // Not on the stack, which planning needs.
@@ -162,6 +157,17 @@ fn set_up() -> (Uart, &'static mut Controller<An386>) {
         cortex_m::peripheral::SCB::sys_reset()
     };
     (uart, controller)
+}
+
+/// Facts about this start.
+fn identity() -> Identity {
+    Identity {
+        boot_id: tip::boot_id(),
+        reset_cause: reset::named(tip::reset_cause()),
+        image: seal::check(),
+        crash: crash::latest(),
+        without_crystal: false,
+    }
 }
 
 fn decode_for_board(bytes: &[u8]) -> Result<Robot, RobotError> {

@@ -8,3 +8,4 @@ pub mod retained;
 mod rtt;
 pub mod seal;
 pub mod stack;
+pub mod word_flash;

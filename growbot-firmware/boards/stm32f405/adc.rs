@@ -15,7 +15,7 @@ const THERMISTOR: u8 = 10;
 /// ADC1's input at PC1.
 const SUPPLY: u8 = 11;
 
-/// The latest reading of the supply that nobody has read yet, else [`NONE`].
+/// The latest reading of the supply that has not been read yet, else [`NONE`].
 static SUPPLY_READING: AtomicU32 = AtomicU32::new(NONE);
 const NONE: u32 = u32::MAX;
 

@@ -22,8 +22,8 @@ static MILLISECONDS_HI: AtomicU32 = AtomicU32::new(0);
 
 /// The internal oscillator, by which the processor starts.
 const INTERNAL_HZ: u32 = 16_000_000;
-/// A crystal is waited for so long, ms. It takes some 2 ms (data sheet, table "HSE oscillator characteristics"), and
-/// the watchdog waits for 700 ms at least.
+/// Time for which a crystal is waited for, ms. A crystal takes some 2 ms (data sheet, table "HSE oscillator
+/// characteristics"), and the watchdog waits for 700 ms at least.
 const CRYSTAL_WAIT_MS: u32 = 100;
 /// Clocks of a look at it. They are 7 to 10: a count, a load, a shift, and two branches, of which the one that is taken
 /// has 2 to 4.
@@ -36,8 +36,8 @@ const MAX_LOOKS: u32 = INTERNAL_HZ / 1000 * CRYSTAL_WAIT_MS / LOOK_CLOCKS;
 pub enum Oscillator {
     /// The crystal, watched by the clock security system.
     Crystal,
-    /// The one in the processor, since the crystal did not start: exact to 1 % at 25 C, to 8 % at worst. The link works
-    /// as a rule, so that the board can tell; nothing heats.
+    /// The oscillator in the processor, since the crystal did not start: exact to 1 % at 25 C, and to 8 % over all
+    /// temperatures. The link works as a rule, so that the board can tell; nothing heats.
     Internal,
 }
 

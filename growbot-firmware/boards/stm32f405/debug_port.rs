@@ -38,7 +38,7 @@ impl Halts {
         halts
     }
 
-    /// Sets it up again: whole registers, so that whatever a probe has set is gone.
+    /// Sets it up again: whole registers, so that everything that a probe has set is gone.
     pub fn assert(&self) {
         self.0.apb1_fz().write(|w| w.dbg_tim2_stop().set_bit());
         self.0.apb2_fz().write(|w| w.dbg_tim1_stop().set_bit());

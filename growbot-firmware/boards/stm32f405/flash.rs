@@ -9,13 +9,12 @@
 
 use core::ops::RangeInclusive;
 
-use embedded_storage::nor_flash::{
-    ErrorType, MultiwriteNorFlash, NorFlash, NorFlashErrorKind, ReadNorFlash, check_erase, check_read, check_write,
-};
+use embedded_storage::nor_flash::NorFlashErrorKind;
 use growbot_firmware::supplied::Supplied;
 use stm32f4xx_hal::pac;
 
 use crate::brown_out::Detector;
+use crate::image::word_flash::{ByWords, Word, WordFlash};
 
 /// Sectors that may be erased. Those before hold the firmware.
 const JOURNAL_SECTORS: RangeInclusive<usize> = 10..=11;
@@ -46,9 +45,9 @@ unsafe extern "C" {
 }
 
 /// The journal's flash, which is changed only while the processor has its supply.
-pub type JournalFlash = Supplied<BoardFlash, Detector>;
+pub type JournalFlash = Supplied<ByWords<BoardFlash>, Detector>;
 
-/// The flash itself: written by words.
+/// The flash itself.
 pub struct BoardFlash(pac::FLASH);
 
 impl BoardFlash {
@@ -120,62 +119,39 @@ unsafe fn erase(status: *const u32, control: *mut u32, start: u32) {
     }
 }
 
-impl ErrorType for BoardFlash {
-    type Error = NorFlashErrorKind;
-}
-
-impl ReadNorFlash for BoardFlash {
-    const READ_SIZE: usize = 4;
-
-    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), NorFlashErrorKind> {
-        check_read(self, offset, bytes.len())?;
-        let from = offset as usize;
-        for (offset, into) in (from..).step_by(4).zip(bytes.as_chunks_mut::<4>().0) {
-            // SAFETY: an aligned word of the journal's flash, which Rust code owns nothing of.
-            *into = unsafe { Self::address(offset).read_volatile() }.to_le_bytes();
-        }
-        Ok(())
-    }
+impl WordFlash for BoardFlash {
+    const SECTOR_BYTES: usize = SECTOR_BYTES;
 
     fn capacity(&self) -> usize {
         (&raw const _journal_end as usize).wrapping_sub(Self::address(0) as usize)
     }
-}
 
-impl NorFlash for BoardFlash {
-    const WRITE_SIZE: usize = 4;
-    const ERASE_SIZE: usize = SECTOR_BYTES;
-
-    fn erase(&mut self, from: u32, to: u32) -> Result<(), NorFlashErrorKind> {
-        check_erase(self, from, to)?;
-        for sector in from as usize / SECTOR_BYTES..to as usize / SECTOR_BYTES {
-            let number = (Self::address(sector * SECTOR_BYTES) as usize).wrapping_sub(SECTOR_5) / SECTOR_BYTES + 5;
-            if !JOURNAL_SECTORS.contains(&number) {
-                return Err(NorFlashErrorKind::OutOfBounds);
-            }
-            self.unlocked(|registers| {
-                // SAFETY: a sector of the journal.
-                registers.cr().modify(|_, w| unsafe { w.ser().set_bit().psize().psize32().snb().bits(number as u8) });
-                let start = registers.cr().read().bits() | START;
-                cortex_m::interrupt::free(|_| {
-                    // SAFETY: the control register is as it has to be.
-                    unsafe { erase(registers.sr().as_ptr(), registers.cr().as_ptr(), start) }
-                });
-                went_well(registers)
-            })?;
-        }
-        Ok(())
+    fn read(&self, offset: usize) -> u32 {
+        // SAFETY: an aligned word of the journal's flash, which Rust code owns nothing of.
+        unsafe { Self::address(offset).read_volatile() }
     }
 
-    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
-        check_write(self, offset, bytes.len())?;
-        let from = offset as usize;
+    fn erase(&mut self, sector: usize) -> Result<(), NorFlashErrorKind> {
+        let number = (Self::address(sector * SECTOR_BYTES) as usize).wrapping_sub(SECTOR_5) / SECTOR_BYTES + 5;
+        if !JOURNAL_SECTORS.contains(&number) {
+            return Err(NorFlashErrorKind::OutOfBounds);
+        }
+        self.unlocked(|registers| {
+            // SAFETY: a sector of the journal.
+            registers.cr().modify(|_, w| unsafe { w.ser().set_bit().psize().psize32().snb().bits(number as u8) });
+            let start = registers.cr().read().bits() | START;
+            cortex_m::interrupt::free(|_| {
+                // SAFETY: the control register is as it has to be.
+                unsafe { erase(registers.sr().as_ptr(), registers.cr().as_ptr(), start) }
+            });
+            went_well(registers)
+        })
+    }
+
+    fn program(&mut self, mut words: impl Iterator<Item = Word>) -> Result<(), NorFlashErrorKind> {
         self.unlocked(|registers| {
             registers.cr().modify(|_, w| w.pg().set_bit().psize().psize32());
-            let mut words = (from..).step_by(4).zip(bytes.as_chunks::<4>().0);
-            words.all(|(offset, bytes)| program(registers, Self::address(offset), u32::from_le_bytes(*bytes)))
+            words.all(|Word { offset, value }| program(registers, Self::address(offset), value))
         })
     }
 }
-
-impl MultiwriteNorFlash for BoardFlash {}

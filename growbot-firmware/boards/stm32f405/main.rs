@@ -49,6 +49,7 @@ mod app {
     use crate::flash::{BoardFlash, JournalFlash};
     use crate::heater::Heater;
     use crate::image::retained::RetainedRam;
+    use crate::image::word_flash::ByWords;
     use crate::image::{crash, seal};
     use crate::pins::{self, Pins};
     use crate::step_timer::StepTimer;
@@ -116,14 +117,7 @@ mod app {
         };
 
         brown_out::check_reset_level(&device.FLASH);
-        let identity = Identity {
-            reset_cause: reset::read_and_clear_cause(&device.RCC),
-            boot_id: reset::next_boot_id(),
-            without_crystal: clock::speed_up(&device.RCC, &device.FLASH) == Oscillator::Internal,
-            // At full speed, and long before the watchdog wants to be fed.
-            image: seal::check(),
-            crash: crash::latest(),
-        };
+        let identity = identify(&device.RCC, &device.FLASH);
         let mut rcc = device.RCC.constrain();
         brown_out::start_detector(&device.PWR, &mut rcc);
         let pins = Pins::new(robot.description(), device.GPIOA, device.GPIOB, device.GPIOC, &mut rcc);
@@ -151,7 +145,7 @@ mod app {
             watchdog,
             debug_port: BoardDebugPort,
             retained,
-            journal: Journal::open(JournalFlash::new(BoardFlash::new(device.FLASH), brown_out::Detector)),
+            journal: Journal::open(JournalFlash::new(ByWords(BoardFlash::new(device.FLASH)), brown_out::Detector)),
             store: cx.local.store,
         };
         let step_timer = StepTimer::start(device.TIM2, robot.description().motion.tick_hz, &mut rcc);
@@ -165,6 +159,18 @@ mod app {
         let logged = controller.state();
         brown_out::arm(&device.PWR, &device.EXTI);
         (Shared {}, Local { engine, step_timer, uart, controller, logged })
+    }
+
+    /// Facts about this start. It makes the clocks fast before it checks the image, long before the watchdog must be
+    /// fed.
+    fn identify(rcc: &pac::RCC, flash: &pac::FLASH) -> Identity {
+        Identity {
+            reset_cause: reset::read_and_clear_cause(rcc),
+            boot_id: reset::next_boot_id(),
+            without_crystal: clock::speed_up(rcc, flash) == Oscillator::Internal,
+            image: seal::check(),
+            crash: crash::latest(),
+        }
     }
 
     #[idle(local = [controller, logged])]

@@ -95,7 +95,7 @@ pub fn end_by_brown_out() -> ! {
     end(SAGGED)
 }
 
-/// Interrupts that nobody has asked for come here: as bad as a fault of the processor.
+/// The handler of unexpected interrupts: they are as bad as a fault of the processor.
 #[unsafe(naked)]
 #[unsafe(export_name = "DefaultHandler")]
 extern "C" fn default_handler() -> ! {

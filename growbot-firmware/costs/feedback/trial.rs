@@ -8,7 +8,7 @@ use growbot_core::robot::Robot;
 use growbot_core::simulation::{DirectionSensor, Disturbance, Sensors, Task, grow_closed};
 use growbot_core::tracking::SensorNoise;
 
-/// So many growths, each by its own seed.
+/// Number of growths, each by its own seed.
 pub const GROWTHS: u64 = 2;
 
 /// What a growth came to.

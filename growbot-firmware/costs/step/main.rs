@@ -240,7 +240,7 @@ impl Bench {
         Some(())
     }
 
-    /// A turn of which so many ticks have passed.
+    /// A turn of which a number of ticks have passed.
     fn lay_one(&mut self, turn: &Turn, passed: u32) {
         let (mut sectors, mut now) = (turn.sectors.iter(), passed);
         let mut sector_ends = sectors.next().map_or(0, |sector| sector.ticks);

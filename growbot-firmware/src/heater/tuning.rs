@@ -207,7 +207,8 @@ mod tests {
         }
     }
 
-    /// The relay through one swing: so many looks at each level, with the reading at its extremes in the last of each.
+    /// Runs the relay through one swing, with a number of looks at each level, and the reading at its extremes in the
+    /// last of each.
     fn swing(relay: &mut Relay, nozzle: &Nozzle, looks: [u32; 2], extremes_c: [f32; 2]) -> Result<f32, Tuned> {
         let mut latest = Ok(0.0);
         for (looks, extreme_c) in looks.into_iter().zip(extremes_c) {
@@ -233,7 +234,7 @@ mod tests {
         }
         let tuned = swing(&mut relay, &nozzle, [26; 2], [204.0, 199.0]).unwrap_err();
         assert_eq!((tuned.period_s, tuned.amplitude_c), (11.0, 1.75));
-        // The need is 0.42 of the nominal power whatever the supply, and the levels are nine tenths of it more and
+        // The need is 0.42 of the nominal power at any supply, and the levels are nine tenths of it more and
         // less.
         let ultimate = 4.0 * 0.9 * 0.42 / (core::f64::consts::PI * libm::sqrt(1.75 * 1.75 - 0.4 * 0.4));
         let kp = 0.5 * ultimate / 2.2;

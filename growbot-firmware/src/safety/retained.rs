@@ -9,7 +9,7 @@
 //!   copies, one after the other, so that either copy alone says what matters.
 //! - A start takes the newer of the copies that are whole. If this firmware cannot decode that copy, another version
 //!   has written it. The memory has had power then, and the copy may say that work was under way or a fault latched:
-//!   the start is a fault, whatever its cause.
+//!   the start is a fault, after any cause.
 //! - Where no copy is whole, the cause of the reset decides: see [`survives`].
 
 use growbot_core::link::frame;
@@ -346,7 +346,7 @@ pub(crate) mod tests {
         ]
     }
 
-    /// The memory after so many bytes of a write: the byte that the reset met may hold anything.
+    /// The memory after some bytes of a write. The byte that the reset met may be anything.
     fn torn(before: &Memory, copy: usize, bytes: &[u8; COPY_BYTES], written: usize, noise: u8) -> Memory {
         let mut memory = before.clone();
         let into = &mut memory.0.as_chunks_mut::<COPY_BYTES>().0[copy];

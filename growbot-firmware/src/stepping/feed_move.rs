@@ -27,7 +27,7 @@ impl FeedRun {
         if self.ticks_to_step > 0 {
             return Ok(false);
         }
-        // The last step gets its time too, so that whatever follows does not follow too fast.
+        // The last step gets its time too, so that the next move does not follow too fast.
         if self.steps_left == 0 {
             return Ok(true);
         }

@@ -120,7 +120,7 @@ struct Bus {
     chip_data_low: bool,
     /// The chip holds the clock down until then, ns.
     clock_held_until: u64,
-    /// It holds the clock down for so long from when it falls next, ns.
+    /// Time for which it holds the clock down from its next fall on, ns.
     stretch: u64,
     /// What the board does: true lets go.
     board_clock: bool,
@@ -271,7 +271,7 @@ impl FakeWires {
         bus.clock_level() && bus.data_level()
     }
 
-    /// When the clock falls next, the chip holds it down for so long; 0 ends that.
+    /// When the clock falls next, the chip holds it down for this time; 0 ends that.
     pub fn stretch_next(&self, us: u64) {
         let mut bus = self.0.borrow_mut();
         bus.stretch = us * 1000;

@@ -85,7 +85,7 @@ fn a_broken_thermistor_matters_with_the_heater_off_only_once_it_is_to_go_on() {
 fn too_hot_is_a_fault_in_every_state() {
     for state in State::ALL.into_iter().filter(|state| !matches!(state, State::Fault | State::EmergencyStop)) {
         let mut bench = Bench::in_state(state);
-        // A short in the heater's switches: it heats whatever it is told.
+        // A short in the heater's switches: it heats at any duty.
         bench.world.nozzle_c.set(320.0);
         bench.run_to(State::Fault, 0.22);
         let fault = bench.controller.fault().unwrap();
@@ -149,7 +149,7 @@ fn inputs_that_mean_danger_are_faults_while_the_robot_works() {
             bench.run(0.3);
             assert_usable(&mut bench);
         }
-        // At rest it is told, and does nothing.
+        // At rest it is reported, and does nothing.
         let mut bench = Bench::in_state(State::Idle);
         set(&bench, true);
         bench.run(5.0);
@@ -191,7 +191,7 @@ fn steps_that_the_head_loses_are_a_fault_within_a_turn() {
         bench.motors.moved.head += lost;
         assert_fault(&mut bench, Fault::HeadStepsLost, 0.5);
     }
-    // So many that the mark comes in another turn: then it is missing in this one.
+    // With so large a loss the mark comes in another turn, and is missing in this one.
     let mut bench = Bench::in_state(State::Growing);
     bench.motors.moved.head -= 60;
     assert_fault(&mut bench, Fault::IndexMissing, 0.5);

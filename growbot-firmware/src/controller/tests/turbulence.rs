@@ -14,7 +14,7 @@ use super::requests::{PLAN, bends, hello, pause, tune};
 use super::tip::Wire;
 use crate::testing::{fast_robot, number_from_environment};
 
-/// Each of the long tests sends so many messages, unless GROWBOT_MESSAGES says otherwise: 200,000 take some seconds.
+/// Number of messages in each of the long tests, unless GROWBOT_MESSAGES says otherwise: 200,000 take some seconds.
 fn messages() -> u64 {
     number_from_environment("GROWBOT_MESSAGES", 200_000)
 }

@@ -69,7 +69,7 @@ pub enum Wrong {
     Welded,
     /// A draught: this many times the loss.
     Draught(f64),
-    /// No filament comes, and the fan stands, whatever is asked for.
+    /// No filament comes, and the fan stands, in spite of the demand.
     NoFlow,
 }
 

@@ -1,7 +1,7 @@
 //! The last record before a loss of power, whose cells read differently at each start.
 //!
 //! Bits that were to be programmed as power was lost may read as 0 or as 1, now and later, until they are programmed
-//! again. Whatever they read, and in whichever order: what a start has once found stays so, and is what was known
+//! again. For all readings, in any order, what a start has once found stays so, and is what was known
 //! before the record or after it.
 
 use super::*;

@@ -9,7 +9,7 @@ fn a_fall_that_no_nozzle_can_do_is_a_thermistor_out_of_its_place() {
         let _ = supervision.marks.push_back(Mark { fall_c: 0.5, ..mark(age_s, 190.0) });
         supervision.rises_or_falls(&at(190.0 + change))
     };
-    // It may fall by 2 C, and by 4 C that nobody knows of.
+    // It may fall by 2 C, and by the margin of 4 C.
     for age_s in [1.0, 5.0] {
         assert_eq!(found(age_s, -6.0), None);
         assert_eq!(found(age_s, -6.25), Some(Fault::ThermistorDetached));
