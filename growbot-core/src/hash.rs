@@ -1,10 +1,10 @@
-//! The one hash of growbot: CRC-64/XZ, for telling machines, plans and message schemas apart.
+//! The hash of growbot: CRC-64/XZ, which distinguishes machines, plans and images.
 //!
 //! It guards against mix-ups, not against malice.
 
 use crc::{CRC_64_XZ, Crc, Digest};
 
-/// How a CRC is computed: a table of 1 or 2 kB saves time on the desktop; boards would rather have the room.
+/// The implementation of the CRC. A table of 1 or 2 kB saves time on the desktop; boards save the room.
 #[cfg(not(target_os = "none"))]
 pub(crate) type CrcTable = crc::Table<1>;
 #[cfg(target_os = "none")]
@@ -28,17 +28,17 @@ impl Hasher {
         CRC.checksum(bytes)
     }
 
-    /// Takes more bytes.
+    /// Adds bytes.
     pub fn bytes(&mut self, bytes: &[u8]) {
         self.0.update(bytes);
     }
 
-    /// Takes a number, as its eight little-endian bytes: every bit counts.
+    /// Adds a number, as its eight little-endian bytes.
     pub fn f64(&mut self, value: f64) {
         self.bytes(&value.to_le_bytes());
     }
 
-    /// The hash of all that was taken.
+    /// The hash of all that was added.
     #[must_use]
     pub fn finish(self) -> u64 {
         self.0.finalize()

@@ -26,19 +26,21 @@ pub struct Helicoid {
     pub p: Vector3<f64>,
 }
 
-/// Longest step of the integration, radii.
+/// Max step of the integration, radii. The test `the_integration_agrees_with_one_in_small_steps`, to 1e-9, bounds
+/// this and the shares below.
 const MAX_STEP: f64 = 0.2;
-/// Near a point where `m` vanishes its direction turns fast: no step is longer than this share of the length in which
-/// `m`, as it changes there, would vanish...
+/// Max step near a point where `m` vanishes and its direction turns fast, as a share of the length in which `m`
+/// would vanish at its present rate of change.
 const SHARE_OF_WAY: f64 = 0.25;
-/// ...nor than this share of that in which it would at the rate at which its change changes.
+/// Max step there, as a share of the length in which `m` would vanish at the rate at which its change changes.
 const SHARE_OF_TURN: f64 = 0.25;
-/// Yet none is shorter than this, radii: `w` turns half a turn within such a step at most, which moves the end by its
-/// square.
+/// Min step, radii. `w` turns by half a turn at most within such a step, which moves the end by the square of its
+/// length.
 const MIN_STEP: f64 = 1e-9;
-/// Steps up to this, such as layers, may be short ones.
+/// Max length of a step by the classical Runge-Kutta method, such as a layer, radii. Its error is of the order of
+/// the fifth power of the length.
 const SHORT: f64 = 0.01;
-/// Substeps of the midpoint rule whose results are extrapolated: order 10.
+/// Substeps of the midpoint rule whose results are extrapolated, which gives order 10.
 const SUBSTEPS: [u32; 5] = [2, 4, 6, 8, 10];
 
 /// A point on a helicoidal arc: position, direction of growth and x axis of the tip, as the columns of a matrix.
@@ -127,19 +129,19 @@ pub struct Walk {
 }
 
 impl Walk {
-    /// At the start.
+    /// A tip at the start of the curve.
     #[must_use]
     pub fn new(curve: &Helicoid) -> Self {
         Self { curve: *curve, state: State::from_columns(&[Vector3::zeros(), Vector3::z(), Vector3::x()]) }
     }
 
-    /// Goes on by this length, radii.
+    /// Advances by this length, radii.
     pub fn advance(&mut self, length: f64) {
         self.advance_with_keep_alive(length, &mut || ());
     }
 
-    /// As [`Walk::advance`], for boards: past a narrow neck it takes a second of a microcontroller, and `keep_alive` is
-    /// called in each step.
+    /// As [`Walk::advance`], for boards. Past a narrow neck it takes a second on a microcontroller; `keep_alive` is
+    /// called in each step, so that the board can feed its watchdog.
     #[inline(never)]
     pub fn advance_with_keep_alive(&mut self, length: f64, keep_alive: &mut dyn FnMut()) {
         let force = self.curve.p.norm().max(f64::MIN_POSITIVE);
@@ -165,7 +167,7 @@ impl Walk {
         }
     }
 
-    /// `start_from_tip` here, lengths in radii.
+    /// `start_from_tip` at this point, lengths in radii.
     #[must_use]
     pub fn frame(&self) -> Frame {
         let z = column::<1>(&self.state).normalize();

@@ -20,7 +20,7 @@ pub fn job_layers<'a>(path: &'a [Segment], robot: &'a Robot) -> JobLayers<'a> {
     job_layers_with_keep_alive(path, robot, &mut || ())
 }
 
-/// As [`job_layers`], for boards (see [`layers_with_keep_alive`]).
+/// As [`job_layers`], for boards: `keep_alive` is called as in [`layers_with_keep_alive`].
 #[must_use]
 pub fn job_layers_with_keep_alive<'a>(
     path: &'a [Segment],
@@ -46,14 +46,15 @@ impl Iterator for JobLayers<'_> {
     }
 }
 
-/// What names a job and what proves that two sides computed the same one.
+/// The hashes of a job's layers: its name, and the proof that two sides have computed the same layers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct JobSummary {
-    /// Hash of the robot's hash and of all layers' bytes: the job's name on the link. Never 0, which stands for no job.
+    /// Hash of the robot's hash and of all layers' bytes, the job's name on the link. It is never 0, which stands for
+    /// no job.
     pub plan_id: u64,
     /// Hash of alpha, height and tilt of all layers in full precision.
     pub exact_hash: u64,
-    /// How many layers.
+    /// Number of layers.
     pub layers: u32,
 }
 
@@ -96,7 +97,7 @@ impl JobName {
         self.0.bytes(layer);
     }
 
-    /// Never 0, which stands for no job.
+    /// The name. It is never 0, which stands for no job.
     fn finish(self) -> u64 {
         self.0.finish().max(1)
     }

@@ -1,7 +1,7 @@
 //! How a growing tip moves: one step (Eq 4), a chain of steps (Eq 5), and the configuration-space rates (Eq 6).
 //!
-//! Del Dottore et al. 2019, Front. Robot. AI 6:45, in its corrected form. What the printed Eq 4 gets
-//! wrong: the group is SE(3), not SO(4); the first row has `C_phi`; the y translation is
+//! Del Dottore et al. 2019, Front. Robot. AI 6:45, in its corrected form. The printed Eq 4 has
+//! four errors: the group is SE(3), not SO(4); the first row has `C_phi`; the y translation is
 //! `s sin(b) (1 - cos phi) / phi`; and the matrix bends **towards** its angle, which is therefore
 //! the bend direction `b = alpha + pi`, opposite to the point of max deposition `alpha`.
 
@@ -119,7 +119,7 @@ impl Inputs {
         Rates { velocity: pose.direction() * self.growth, heading: self.heading_rate, pitch: self.pitch_rate }
     }
 
-    /// How fast the tip turns at a given pitch, rad/s: `sqrt(u1^2 cos^2 gamma + u2^2)`.
+    /// The angular speed of the tip at a given pitch (radians), rad/s: `sqrt(u1^2 cos^2 gamma + u2^2)`.
     #[must_use]
     pub fn turning_rate(&self, pitch: f64) -> f64 {
         trigonometry::hypot(self.heading_rate * trigonometry::cos(pitch), self.pitch_rate)

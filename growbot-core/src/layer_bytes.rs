@@ -1,4 +1,4 @@
-//! A layer in 12 bytes: what the link carries and the board holds.
+//! A layer in 12 bytes, as the link carries and the board stores it.
 //!
 //! Three little-endian `u32` in fixed point: alpha in 2^-32 turns, height in 2^-24 mm, tilt in 2^-32 rad. Height and
 //! tilt of a segment are rarely a whole number of these units; the [`Encoder`] carries what it rounded off forward to
@@ -9,7 +9,7 @@ use crate::layer::{Layer, LayerError};
 use crate::robot::Robot;
 use crate::slicing::LIMIT_SLACK;
 
-/// A layer as it travels.
+/// A layer on the link.
 pub type LayerBytes = [u8; 12];
 
 /// Units of height in a mm.
@@ -22,7 +22,9 @@ const ALPHA_UNITS: f64 = 4_294_967_296.0;
 /// Encodes layers one after the other, carrying the rounding forward.
 #[derive(Debug, Clone, Default)]
 pub struct Encoder {
+    /// Height that rounding has taken so far, units.
     height_owed: f64,
+    /// Tilt that rounding has taken so far, units.
     tilt_owed: f64,
 }
 
@@ -37,8 +39,8 @@ impl Encoder {
         self.encode_rounded(layer, units, units)
     }
 
-    /// The next layer in bytes, as a board lays it: a layer of a few units must not be rounded to one without height or
-    /// with no material on its inner side. What that takes away or adds is carried forward too.
+    /// The next layer in bytes, as a board can lay it. A layer of a few units is not rounded to one without height or
+    /// without material on its inner side; that change is carried forward too.
     pub fn encode_layable(&mut self, layer: &Layer, tip_radius: f64) -> LayerBytes {
         let height = |exact: f64| units(exact).max(1);
         let mut encoder = self.clone();
@@ -62,16 +64,16 @@ impl Encoder {
 /// The three numbers of a layer in their units.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Fields {
-    /// 2^-32 turns.
+    /// Alpha, 2^-32 turns.
     pub alpha: u32,
-    /// 2^-24 mm.
+    /// Mean height, 2^-24 mm.
     pub height: u32,
-    /// 2^-32 rad.
+    /// Tilt, 2^-32 rad.
     pub tilt: u32,
 }
 
 impl Fields {
-    /// Takes the 12 bytes apart.
+    /// Decodes the 12 bytes.
     #[must_use]
     pub fn of(bytes: &LayerBytes) -> Self {
         let [a0, a1, a2, a3, h0, h1, h2, h3, t0, t1, t2, t3] = *bytes;
@@ -82,7 +84,7 @@ impl Fields {
         }
     }
 
-    /// Puts the 12 bytes together.
+    /// Encodes the 12 bytes.
     #[must_use]
     pub fn to_bytes(self) -> LayerBytes {
         let ([a0, a1, a2, a3], [h0, h1, h2, h3], [t0, t1, t2, t3]) =
@@ -90,7 +92,7 @@ impl Fields {
         [a0, a1, a2, a3, h0, h1, h2, h3, t0, t1, t2, t3]
     }
 
-    /// The layer that these numbers mean.
+    /// The layer of these numbers, in mm and radians.
     #[must_use]
     pub fn layer(&self) -> Layer {
         Layer {
@@ -101,7 +103,7 @@ impl Fields {
     }
 }
 
-/// The layer that 12 bytes mean.
+/// The layer of 12 bytes, in mm and radians.
 #[must_use]
 pub fn decode(bytes: &LayerBytes) -> Layer {
     Fields::of(bytes).layer()

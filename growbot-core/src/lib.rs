@@ -1,10 +1,10 @@
 //! Geometry, planning, layers and link messages of robots that move by growing.
 //!
 //! Such a robot prints the tube behind its tip, layer by layer, as a root grows. A layer that is higher on one side
-//! bends the tube away from that side; many such layers are a curve, and where the curve ends is where the robot has
-//! got to. This crate turns "be there, pointing that way" into those layers. It has no I/O, no clock and no heap, and
+//! bends the tube away from that side; many such layers are a curve, and the robot is where the
+//! curve ends. This crate computes the layers that lead to a goal pose. It has no I/O, no clock and no heap, and
 //! gives the same bits on the desktop and on the robot's microcontroller. The model is that of Del Dottore et al. 2019,
-//! Front. Robot. AI 6:45, doi 10.3389/frobt.2019.00045; what its printed equations get wrong is said where they are
+//! Front. Robot. AI 6:45, doi 10.3389/frobt.2019.00045; the errors of its printed equations are named where they are
 //! used.
 //!
 //! # Conventions
@@ -13,7 +13,7 @@
 //!   name says so, as in `tilt_max_deg` or [`pose::Pose::from_degrees`].
 //! - Right-handed frames; counter-clockwise is positive.
 //! - A [`pose::Pose`] is a point and a direction: *heading*, the angle in the x-y plane, and *pitch*, the angle above
-//!   it. Pitch 90 degrees is straight up. It says nothing of roll.
+//!   it. Pitch 90 degrees is straight up. It has no roll.
 //! - A [`pose::Frame`] is named by what it converts, `base_from_tip`, so that products read right:
 //!   `base_from_tip * tip_from_next_tip`. The tip's z axis is the direction of growth; x and y span the plane in which
 //!   material is laid. Growth carries the frame along without twist.
@@ -27,13 +27,15 @@
 //! | [`angle`], [`trigonometry`], [`pose`] | angles wrapped; their sines and cosines; poses and frames |
 //! | [`kinematics`] | one step of growth (Eq 4), chained (Eq 5) without drift |
 //! | [`curvature`], [`robot`] | the tightest bend (Eq 7); a robot's description, checked once |
-//! | [`dubins2`], [`two_plane`], [`shortest`], [`plan`] | the shortest path in a plane; two of them in space; the shortest in space; the path, checked to arrive |
-//! | [`path`], [`helicoid`] | arcs, straight lines and helicoidal arcs, what a plan consists of |
-//! | [`slicing`], [`layer`] | a path cut into layers; what one layer is |
+//! | [`dubins2`], [`two_plane`] | the shortest path in a plane; two such paths in space |
+//! | [`shortest`], [`plan`] | the shortest path in space; a path that is checked to arrive |
+//! | [`path`], [`helicoid`] | arcs, straight lines and helicoidal arcs, of which a path consists |
+//! | [`slicing`], [`layer`] | the layers of a path; one layer |
 //! | [`layer_bytes`], [`job`], [`hash`] | a layer in 12 bytes; the job that a board gets, and its name |
 //! | [`link`] | frames and messages (PROTOCOL.md) |
-//! | [`tracking`] | where the tip is by what was measured, and the rest of the path planned again from there |
-//! | [`simulation`], [`random`] | layers that come out otherwise than asked for, bodies that hang; numbers drawn the same everywhere |
+//! | [`tracking`] | the closed loop: an estimate of the tip, and a reference trajectory to the goal |
+//! | [`simulation`] | layers with errors, bodies that sag |
+//! | [`random`] | random numbers that are the same on every machine |
 //!
 //! ```
 //! use growbot_core::layer::grow;

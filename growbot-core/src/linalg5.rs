@@ -1,7 +1,7 @@
-//! Linear algebra in five dimensions: five linear equations in five unknowns.
+//! Linear algebra in five dimensions: systems of five linear equations.
 //!
 //! nalgebra solves them too, but through views whose sizes are only known at run time. In the firmware that leaves
-//! panics that no input reaches and that the compiler cannot rule out. The operations here are nalgebra's, in the same
+//! panics that no input can cause and that the compiler cannot exclude. The operations here are nalgebra's, in the same
 //! order, so the results have the same bits.
 
 use core::mem;

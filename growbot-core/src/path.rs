@@ -1,8 +1,8 @@
 //! A path: circular arcs, straight lines and helicoidal arcs, each named by what the tip does (the paper's actions
 //! `alpha, beta, S`).
 //!
-//! A path is a slice of segments, `&[Segment]`, in the order in which they grow; [`Path`] is what a planner puts
-//! together.
+//! A path is a slice of segments, `&[Segment]`, in the order in which they grow; [`Path`] is the result of a
+//! planner.
 
 use core::ops::Deref;
 
@@ -13,7 +13,7 @@ use crate::helicoid::Helicoid;
 use crate::kinematics::step;
 use crate::pose::{Frame, Pose};
 
-/// Max segments of a planned path: two planar paths have up to six.
+/// Max number of segments of a planned path: two planar paths have up to six.
 pub const MAX_SEGMENTS: usize = 6;
 
 /// One piece of a path.
@@ -33,7 +33,7 @@ pub enum Segment {
         /// Length, mm.
         length: f64,
     },
-    /// A helicoidal arc: bent to one radius throughout, towards a side that changes.
+    /// A helicoidal arc: a bend of constant radius whose direction changes.
     Helicoid {
         /// The curve, in the frame of the tip that starts it and in units of the radius.
         curve: Helicoid,
@@ -53,7 +53,7 @@ impl Segment {
         }
     }
 
-    /// How far the direction of growth turns along the segment, radians: the angle of an arc, 0 for a straight line.
+    /// The turn of the direction of growth along the segment, radians: the angle of an arc, 0 for a straight line.
     #[must_use]
     pub fn bend(&self) -> f64 {
         match *self {
@@ -98,9 +98,9 @@ impl Segment {
 /// A part of a path that leads from one pose to the next.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Leg {
-    /// Where it leads.
+    /// The pose at the end of the leg.
     pub goal: Pose,
-    /// How many segments of the path are its own.
+    /// Number of the path's segments that belong to the leg.
     pub segments: usize,
 }
 
@@ -116,7 +116,7 @@ pub fn end(path: &[Segment], base_from_start: &Frame) -> Frame {
     path.iter().fold(*base_from_start, |base_from_tip, segment| base_from_tip * segment.step())
 }
 
-/// At most [`MAX_SEGMENTS`] segments.
+/// A path of at most [`MAX_SEGMENTS`] segments.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Path(Vec<Segment, MAX_SEGMENTS>);
 
@@ -140,7 +140,7 @@ impl Path {
         self.0.push(segment).map_err(|_| PathFull)
     }
 
-    /// The path without the segments that `keep` turns down.
+    /// The segments for which `keep` returns true.
     #[must_use]
     pub fn filtered(&self, keep: impl Fn(&Segment) -> bool) -> Self {
         let mut path = Self::new();

@@ -9,23 +9,23 @@ use crate::robot::Robot;
 use crate::shortest::{self, Candidate, Candidates, Problem};
 use crate::two_plane::two_plane;
 
-/// How a path is found.
+/// A way to find a path.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize, postcard_schema::Schema)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum Planner {
-    /// The paper's: two planar Dubins paths ([`crate::two_plane`]).
+    /// The paper's planner: two planar Dubins paths ([`crate::two_plane`]).
     TwoPlane,
-    /// The shortest there is ([`crate::shortest`]).
+    /// The search for the shortest path ([`crate::shortest`]).
     Shortest,
 }
 
-/// A path, and what it was chosen from.
+/// A path, and the candidates that it was chosen from.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Chosen {
     /// The path.
     pub path: Path,
-    /// How many paths were found that reach the goal.
+    /// Number of paths found that arrive at the goal.
     pub candidates: usize,
     /// Length of the two-plane path to the same goal, mm.
     pub two_plane_length: f64,
@@ -34,7 +34,7 @@ pub struct Chosen {
 /// Why there is no plan.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum PlanError {
-    /// The radius is below what the robot can bend to.
+    /// The radius is below R_min.
     #[error("radius is {} mm, below R_min = {limit} mm of this robot: ask for at least that", Short(.radius))]
     RadiusTooSmall {
         /// The radius asked for, mm.
@@ -42,7 +42,7 @@ pub enum PlanError {
         /// The robot's min radius, mm.
         limit: f64,
     },
-    /// The radius is not finite or absurdly large.
+    /// The radius is not finite or above [`MAX_RADIUS`].
     #[error("radius is {} mm: give a number up to {limit} mm", Short(.radius))]
     RadiusTooLarge {
         /// The radius asked for, mm.
@@ -73,15 +73,15 @@ pub enum PlanError {
 
 /// Max radius that is accepted, mm (1 km).
 pub const MAX_RADIUS: f64 = 1e6;
-/// A path arrives if it ends within this of the goal, in radii and radians, for goals within 100 radii; beyond, in
-/// proportion.
+/// Max error of a path at the goal, radii and radians, for goals within 100 radii; beyond, in proportion. That is a
+/// tenth of a nanometre for a radius of 100 mm.
 const ARRIVED: f64 = 1e-9;
-/// Segments shorter than this, in radii, are rounding, and are dropped...
+/// Min length of a segment, radii. Shorter ones are rounding and are dropped where that does not move the end.
 const MIN_SEGMENT: f64 = 1e-9;
-/// ...if the path without them still ends within this of the goal, in radii and radians.
+/// Max error at the goal of a path without its dropped segments, radii and radians: a tenth of [`ARRIVED`].
 const UNMOVED: f64 = 1e-10;
 
-/// How far a frame is from a goal.
+/// The error of a tip at a goal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Miss {
     /// Distance, mm.
@@ -90,7 +90,7 @@ pub struct Miss {
     pub angle: f64,
 }
 
-/// How far a tip is from a goal.
+/// The error of a tip at a goal.
 #[must_use]
 pub fn miss(base_from_tip: &Frame, goal: &Pose) -> Miss {
     Miss {
@@ -102,7 +102,7 @@ pub fn miss(base_from_tip: &Frame, goal: &Pose) -> Miss {
 /// Plans a path of this radius (mm) and checks, by chaining Eq 4, that it ends at the goal.
 ///
 /// # Errors
-/// A radius that the robot cannot bend to, or, never yet seen, a path that misses.
+/// A radius below R_min or above [`MAX_RADIUS`]; or a path that misses the goal, which has not been seen yet.
 pub fn plan(robot: &Robot, start: &Pose, goal: &Pose, radius: f64, planner: Planner) -> Result<Chosen, PlanError> {
     plan_with_keep_alive(robot, start, goal, radius, planner, &mut || ())
 }
@@ -120,12 +120,12 @@ pub fn plan_with_keep_alive(
     planner: Planner,
     keep_alive: &mut dyn FnMut(),
 ) -> Result<Chosen, PlanError> {
-    // Whatever is offered first is accepted, so there is always an answer.
+    // The first candidate is accepted, so there is always an answer.
     search(robot, start, goal, radius, planner, |_| true, keep_alive).and_then(|chosen| chosen.ok_or(PlanError::NoPath))
 }
 
-/// Plans the shortest of the planner's candidates that `accept` accepts; none if it accepts none. Candidates are
-/// offered by length, the two-plane path among them.
+/// Plans the shortest of the planner's candidates that `accept` accepts; `None` if it accepts none. Candidates are
+/// offered by length, with the two-plane path among them.
 ///
 /// # Errors
 /// As [`plan`].
@@ -196,7 +196,7 @@ fn shortest_of_all(
             Ordering::Less => arriving_candidate(found.get(index), start, goal, radius),
             Ordering::Greater => arriving_candidate(found.get(index - 1), start, goal, radius),
         };
-        // What does not arrive in the last resort is left out.
+        // A candidate that does not arrive is left out.
         if let Ok(path) = path
             && accept(&path)
         {
@@ -246,20 +246,20 @@ fn arriving(path: Path, start: &Pose, goal: &Pose, radius: f64) -> Result<Path, 
     }
 }
 
-/// What a plan asks of the robot.
+/// The length, layers, time and filament of a path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Needs {
     /// Arc length, mm.
     pub length: f64,
-    /// Layers, by exact slicing.
+    /// Number of layers, by exact slicing.
     pub layers: usize,
     /// Time to lay them, s.
     pub duration: f64,
-    /// Filament, mm.
+    /// Length of filament, mm.
     pub filament: f64,
 }
 
-/// What a path asks of the robot: length, layers, time and filament.
+/// The length, layers, time and filament that a path needs on this robot.
 #[must_use]
 pub fn needs(path: &[Segment], robot: &Robot) -> Needs {
     let layers = crate::slicing::layers(path, robot, crate::slicing::Slicing::Exact).size_hint().0;

@@ -1,9 +1,9 @@
 //! Poses and frames.
 //!
-//! A [`Pose`] is what a person asks for: a point and a direction. The direction of a tip with
+//! A [`Pose`] is a point and a direction, as users give it. The direction of a tip with
 //! heading `theta` and pitch `gamma` is `(cos gamma cos theta, cos gamma sin theta, sin gamma)`.
 //!
-//! A [`Frame`] is what the robot has: `base_from_tip`, whose z axis is the direction of growth and
+//! A [`Frame`] is the robot's: `base_from_tip`, whose z axis is the direction of growth and
 //! whose x and y axes span the deposition plane. With no roll given, a pose's frame is
 //! `Rz(heading) * Ry(90 deg - pitch)`. Growth never rolls the tip about its own z, so from there
 //! on the frame is carried along the body without twist.
@@ -17,7 +17,7 @@ use crate::trigonometry;
 /// A rigid transform, named by what it converts: `base_from_tip * point_in_tip`.
 pub type Frame = IsometryMatrix3<f64>;
 
-/// Where a tip is and which way it grows. Position in mm, angles in radians.
+/// The position of a tip and its direction of growth. Position in mm, angles in radians.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pose {
     position: Vector3<f64>,
@@ -31,17 +31,17 @@ pub enum PoseError {
     /// A field is NaN or infinite.
     #[error("{field} is {}: give a finite number", Short(.value))]
     NotFinite {
-        /// Which of the five numbers.
+        /// The name of the field.
         field: &'static str,
-        /// What it was.
+        /// The field's value.
         value: f64,
     },
     /// A coordinate lies further out than [`Pose::MAX_COORDINATE`].
     #[error("{field} is {} mm: keep coordinates within {limit} mm of the origin", Short(.value))]
     TooFar {
-        /// Which coordinate.
+        /// The name of the coordinate.
         field: &'static str,
-        /// What it was, mm.
+        /// The coordinate, mm.
         value: f64,
         /// The limit, mm.
         limit: f64,
@@ -49,13 +49,13 @@ pub enum PoseError {
     /// The pitch lies beyond straight up or straight down.
     #[error("pitch is {} deg: it must lie between -90 (straight down) and 90 (straight up)", Short(.value))]
     Pitch {
-        /// What it was, degrees.
+        /// The pitch, degrees.
         value: f64,
     },
 }
 
 impl Pose {
-    /// The furthest coordinate that is taken, mm (10 km): beyond it a micrometre is no longer told apart reliably.
+    /// Max coordinate, mm (10 km). Beyond it an `f64` no longer resolves a micrometre reliably.
     pub const MAX_COORDINATE: f64 = 1e7;
 
     /// A pose from mm and radians. The heading is wrapped to `(-pi, pi]`.
@@ -115,7 +115,7 @@ impl Pose {
         }
     }
 
-    /// Where the tip is, mm.
+    /// The position of the tip, mm.
     #[must_use]
     pub fn position(&self) -> Vector3<f64> {
         self.position

@@ -1,17 +1,17 @@
 //! Random numbers that are the same on every machine: SplitMix64 (Steele, Lea and Flood 2014).
 //!
-//! A stream is named by a list of numbers, such as a seed, what is drawn for, and the index of a layer. So what a layer
-//! draws does not depend on what was drawn before it: threads, boards and simulated tips agree on it without sharing
-//! anything.
+//! A stream is named by a list of numbers, such as a seed, a source of error and the index of a layer. So the numbers
+//! of a layer do not depend on those drawn before, and threads, boards and simulated tips agree on them without shared
+//! state.
 
 use core::f64::consts::TAU;
 
 use nalgebra::Vector3;
 
-/// From one state of a stream to the next.
+/// The difference between the states of a stream.
 const INCREMENT: u64 = 0x9e37_79b9_7f4a_7c15;
 
-/// 64 bits that look random, from 64 that need not: what a stream in this state gives.
+/// The output of a stream in this state: 64 random bits.
 #[must_use]
 pub const fn scramble(state: u64) -> u64 {
     let mut z = state.wrapping_add(INCREMENT);
@@ -34,7 +34,7 @@ impl Random {
         })
     }
 
-    /// 64 bits.
+    /// 64 random bits.
     pub fn bits(&mut self) -> u64 {
         let bits = scramble(self.0);
         self.0 = self.0.wrapping_add(INCREMENT);

@@ -1,4 +1,4 @@
-//! Sine, cosine and what follows from them, in little code.
+//! Sine, cosine and functions that follow from them, in little code.
 //!
 //! `libm`'s reduce arguments of any size, in two thirds of their 5 kB of a microcontroller's flash; angles here are a
 //! few turns. The polynomials are those of FreeBSD's msun (`k_sin.c`, `k_cos.c`), as in `libm`, and so is the

@@ -19,9 +19,11 @@ use crate::dubins2::{self, Direction, PlanarPose};
 use crate::path::{Path, PathFull, Segment};
 use crate::pose::{Frame, Pose, tip_direction};
 
-/// Start and goal this near each other (radii) are one point.
+/// Max distance of start and goal (radii) that count as one point: a direction between them would be rounding. The
+/// test `degenerate_poses_are_reached` of [`crate::plan`] bounds it.
 const ONE_POINT: f64 = 1e-12;
-/// Unit vectors whose cross product is below this are parallel: the plane they span is nothing but rounding.
+/// Unit vectors whose cross product is shorter than this are parallel: the plane that they span would be rounding.
+/// The tests `goals_nearly_ahead_are_reached` and `degenerate_poses_are_reached` of [`crate::plan`] bound it.
 const PARALLEL: f64 = 1e-12;
 
 /// The two-plane path of a given radius (mm).

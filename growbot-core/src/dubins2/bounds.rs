@@ -10,15 +10,17 @@ use core::f32::consts::{FRAC_PI_2, FRAC_PI_4, PI, TAU};
 use super::path_types::Goal;
 
 /// An angle this close below a full turn counts as 0, which it may be. An angle is wrong by the 0.004 of the arc
-/// tangent, a difference of two by twice that.
+/// tangent, a difference of two by twice that. The test `no_path_type_is_shorter_than_its_bound` bounds this and
+/// the margins below.
 const ANGLE_MARGIN: f32 = 0.01;
-/// What is taken off a length for the errors of its angles...
+/// Margin of a length for the errors of its angles, radii: twice what LRL needs, whose length has four times the
+/// 0.004 of the arc tangent.
 const LENGTH_MARGIN: f32 = 0.03;
-/// ...and what for each radius of a line.
+/// Margin of a length for each radius of a line: some times the rounding of single precision, 6e-8.
 const RELATIVE_MARGIN: f32 = 1e-6;
-/// Circles nearer to each other than this may be one, which is another case altogether.
+/// Circles nearer to each other than this (radii) may coincide. Then no bound is given.
 const COINCIDING: f32 = 1e-4;
-/// A square below 0 by more than this is so by more than rounding.
+/// A square below 0 by more than this is so by more than the rounding of single precision.
 const EDGE: f32 = 1e-4;
 
 /// For each of [`super::PathType::ALL`], what its length cannot be below: infinite if there is no such path type.

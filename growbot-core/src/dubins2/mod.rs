@@ -9,11 +9,11 @@
 //! (`path_types.rs`). Square roots of values that rounding put below 0 are taken as 0: there, the lengths that follow
 //! are stationary, and the path type is taken if it ends at the goal.
 //!
-//! What classic implementations get wrong is handled explicitly: where an angle is a rounding error short of a full
+//! Two errors of classic implementations are handled explicitly: where an angle is a rounding error short of a full
 //! turn, or two circles coincide and the line between their centres has no direction, the path type without that turn
 //! is tried and taken if it ends at the goal.
 //!
-//! Building six path types for the sake of one is mostly wasted. So this is a branch and bound: each path type first
+//! The search is a branch and bound, as most of six path types would be built in vain: each path type first
 //! gets a lower bound of its length, in single precision and with a short polynomial for the arc tangent (`bounds.rs`),
 //! and only path types whose bound is below the best length found are built. The bounds decide what is computed, never
 //! what is returned.
@@ -142,8 +142,9 @@ impl PlanarPath {
     }
 }
 
-/// A path type that is longer than the shortest by no more than this is as short: the first of them, in the order of
-/// [`PathType::ALL`], is returned, so that ties fall the same way everywhere.
+/// Max difference in length (radii) of paths that count as equally long: the error by rounding, as [`path_types`]
+/// accepts it. The first of them in the order of [`PathType::ALL`] is returned, so that ties fall the same way
+/// everywhere.
 const TIE: f64 = 1e-12;
 
 /// The shortest path to a goal.

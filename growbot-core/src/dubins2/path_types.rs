@@ -7,15 +7,18 @@ use super::{PathType, PlanarPath, PlanarPose, TIE};
 use crate::angle::wrap_positive;
 use crate::trigonometry;
 
-/// An angle this close below a full turn may be a rounding error of none; circles this near each other may be one.
+/// An angle this close below a full turn may be a rounding error of none, and circles this near each other may
+/// coincide. The tests `..._have_no_extra_turn` bound it from below; what is tried in vain only costs time.
 const NEAR_FULL_TURN: f64 = 1e-5;
-/// A path arrives if it ends this close to the goal, in radii and radians, for goals within some 60 radii...
+/// Max error of a path at the goal, radii and radians, for goals within some 60 radii: some thousand times the
+/// rounding of `f64`.
 pub(super) const ARRIVED: f64 = 1e-12;
-/// ...and beyond that, where the goal itself has fewer digits, in proportion.
+/// Max error beyond some 60 radii, as a share of the distance: the goal itself has fewer digits there.
 pub(super) const ARRIVED_AT_DISTANCE: f64 = 1e-12 / 64.0;
-/// A square that is below 0 by no more than this may be so by rounding: the path type is tried.
+/// A square below 0 by no more than this may be so by rounding. The path type is tried then, and taken if it ends
+/// at the goal; the test `goals_at_the_edges_of_the_path_types_are_reached` bounds this.
 const EDGE: f64 = 1e-9;
-/// The tangent of pi/8, to the little that matters.
+/// The tangent of pi/8, to three digits: it only chooses between two formulas that are both exact.
 const TAN_PI_8: f64 = 0.414;
 
 /// The goal as the path types see it.

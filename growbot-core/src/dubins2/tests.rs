@@ -68,7 +68,7 @@ fn far_goal() -> impl Strategy<Value = PlanarPose> {
     })
 }
 
-fn whole_word() -> impl Strategy<Value = Laid> {
+fn whole_path_type() -> impl Strategy<Value = Laid> {
     (any_path_type(), 0.0..TAU, 0.0..TAU, 0.0..TAU)
         .prop_map(|(path_type, first, middle, last)| laid(path_type, [first, middle, last]))
 }
@@ -131,7 +131,7 @@ fn tiny_step() -> impl Strategy<Value = Laid> {
 /// Every family, and each also by a rounding error or more off its edge.
 fn any_goal() -> impl Strategy<Value = PlanarPose> {
     let laid = prop_oneof![
-        whole_word(),
+        whole_path_type(),
         arc_below_pi(),
         arc_above_pi(),
         tangent_arcs(),
@@ -170,7 +170,7 @@ proptest! {
     }
 
     #[test]
-    fn no_path_is_longer_than_one_laid_out_by_hand(laid in whole_word()) {
+    fn no_path_is_longer_than_one_laid_out_by_hand(laid in whole_path_type()) {
         assert_as_short(&laid);
     }
 

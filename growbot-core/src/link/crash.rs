@@ -2,7 +2,7 @@
 //!
 //! | word | content |
 //! |---|---|
-//! | 0 | what it was: 1 watchdog, 2 stack overflow, 3 processor fault; from bit 16 on the number of the exception |
+//! | 0 | cause: 1 watchdog, 2 stack overflow, 3 processor fault; from bit 16 on the number of the exception |
 //! | 1 | the boot in which it came |
 //! | 2 | CRC-32C of the image that crashed; 0 where that was not sealed |
 //! | 3 | stack pointer at which the exception was taken |
@@ -71,7 +71,7 @@ pub const fn frame_bytes(exc_return: u32) -> u32 {
     if exc_return & BASIC_FRAME != 0 { basic } else { extended }
 }
 
-/// The number by which a crash names what it was.
+/// The number of a crash's cause, in its first word.
 #[must_use]
 pub const fn number_of(cause: ResetCause) -> u32 {
     match cause {
@@ -81,10 +81,10 @@ pub const fn number_of(cause: ResetCause) -> u32 {
     }
 }
 
-/// A crash, understood.
+/// A decoded crash.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct CrashRecord {
-    /// What it was: the cause of the reset that followed.
+    /// The cause of the crash, and of the reset that followed.
     pub cause: ResetCause,
     /// The boot in which it came ([`super::message::BoardHello::boot_id`]).
     pub boot_id: u32,
@@ -98,7 +98,7 @@ pub struct CrashRecord {
     pub cfsr: u32,
     /// Hard fault status register.
     pub hfsr: u32,
-    /// The address that was accessed in vain, where the processor knows it.
+    /// The address of the failed access, where the processor knows it.
     pub address: Option<u32>,
     /// Stack pointer before the exception; where there is no frame, that at which it was taken.
     pub sp: u32,
@@ -151,7 +151,7 @@ impl From<&CrashWords> for CrashRecord {
 }
 
 impl CrashRecord {
-    /// What the CFSR says: names of its bits, and what they mean.
+    /// The names and meanings of the CFSR's bits that are set.
     pub fn reasons(&self) -> impl Iterator<Item = (&'static str, &'static str)> {
         let cfsr = self.cfsr;
         CFSR_BITS.into_iter().filter(move |(bit, ..)| cfsr >> bit & 1 != 0).map(|(_, name, meaning)| (name, meaning))

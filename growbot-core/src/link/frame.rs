@@ -1,12 +1,12 @@
-//! Frames: how a message travels as bytes.
+//! Frames: the bytes of a message on the line.
 //!
 //! ```text
 //! COBS( version u8 | kind u8 | session u32 | seq u16 | ack u16 | body, up to 224 bytes | CRC-32C u32 ) 00
 //! ```
 //!
-//! Numbers are little-endian. A zero byte ends a frame and occurs nowhere inside it, so that a receiver finds its feet
-//! again at the next zero whatever came before. CRC-32C (Castagnoli) over everything before it keeps a Hamming distance
-//! of 6 at this length: any five flipped bits are seen.
+//! Numbers are little-endian. A zero byte ends a frame and occurs nowhere inside it, so that a receiver is in
+//! step again at the next zero after any error. CRC-32C (Castagnoli) over everything before it keeps a Hamming distance
+//! of 6 at this length: any five flipped bits are detected.
 
 use crc::{CRC_32_ISCSI, Crc};
 use heapless::Vec;
@@ -23,20 +23,20 @@ pub fn checksum(bytes: &[u8]) -> u32 {
 
 /// Version of the frame and of its header.
 pub const VERSION: u8 = 2;
-/// The longest body, bytes.
+/// Max length of a body, bytes.
 pub const LONGEST_BODY: usize = 224;
-/// Version, kind, session, sequence number, acknowledgement.
+/// Length of the header, bytes: version, kind, session, sequence number, acknowledgement.
 const HEADER: usize = 10;
 const CHECKSUM: usize = 4;
-/// The longest frame before COBS.
+/// Max length of a frame before COBS, bytes.
 const LONGEST_RAW: usize = HEADER + LONGEST_BODY + CHECKSUM;
-/// The longest frame on the wire: COBS adds one byte to up to 254, and the zero at the end.
+/// Max length of a frame on the wire, bytes: COBS adds one byte to up to 254, and a zero ends it.
 pub const LONGEST_FRAME: usize = LONGEST_RAW + 2;
 
-/// What a frame says about its message.
+/// The header of a frame, without the version.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Header {
-    /// Which message the body is ([`super::message`]).
+    /// The kind of message ([`super::message::Message::kind`]).
     pub kind: u8,
     /// The session that the host opened with its `Hello`. An answer is of the session of its request.
     pub session: u32,
@@ -65,16 +65,16 @@ pub const fn is_after(seq: u16, other: u16) -> bool {
 /// A frame that arrived whole.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Frame {
-    /// What it says about its message.
+    /// The header.
     pub header: Header,
     /// The message in postcard form.
     pub body: Vec<u8, LONGEST_BODY>,
 }
 
-/// A frame as it travels, with its ending zero.
+/// A frame on the wire, with its ending zero.
 pub type FrameBytes = Vec<u8, LONGEST_FRAME>;
 
-/// Why bytes are no frame.
+/// The error of bytes that are no frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum FrameError {
     /// Not COBS, or too short, or the checksum does not match.
@@ -93,7 +93,7 @@ pub enum FrameError {
     },
 }
 
-/// Puts a message into a frame.
+/// Encodes a message as a frame.
 ///
 /// # Errors
 /// [`FrameError::TooLong`] for a body beyond [`LONGEST_BODY`].
@@ -118,7 +118,7 @@ pub fn encode(header: &Header, body: &[u8]) -> Result<FrameBytes, FrameError> {
     FrameBytes::from_slice(whole).map_err(|_| FrameError::TooLong)
 }
 
-/// Takes a frame apart. `bytes` are those between two zeros.
+/// Decodes a frame. `bytes` are those between two zeros.
 fn decode(bytes: &[u8]) -> Result<Frame, FrameError> {
     let raw = unstuff(bytes).ok_or(FrameError::Garbled)?;
     let (content, checksum) = raw.split_last_chunk::<CHECKSUM>().ok_or(FrameError::Garbled)?;
@@ -141,7 +141,7 @@ fn decode(bytes: &[u8]) -> Result<Frame, FrameError> {
     })
 }
 
-/// Takes COBS off: each run of bytes begins with its length, itself included, and stands for a zero after it, unless it
+/// Decodes COBS: each run of bytes begins with its length, itself included, and stands for a zero after it, unless it
 /// is the longest or the last. None for what is no COBS. (The crate's own decoder leaves panics in the firmware.)
 fn unstuff(bytes: &[u8]) -> Option<Vec<u8, LONGEST_RAW>> {
     let mut raw = Vec::new();
@@ -161,12 +161,12 @@ fn unstuff(bytes: &[u8]) -> Option<Vec<u8, LONGEST_RAW>> {
 #[derive(Debug, Clone, Default)]
 pub struct Receiver {
     bytes: Vec<u8, LONGEST_FRAME>,
-    /// Too many bytes came without a zero: what is left of them is passed over.
+    /// Too many bytes came without a zero. Bytes up to the next zero are ignored.
     overrun: bool,
 }
 
 impl Receiver {
-    /// Takes a byte. Where it ends a frame, that frame, or why it is none.
+    /// Receives a byte. Returns the frame that it ends, if any, or the error of those bytes.
     pub fn push(&mut self, byte: u8) -> Option<Result<Frame, FrameError>> {
         if byte != 0 {
             if self.bytes.push(byte).is_err() {

@@ -1,4 +1,4 @@
-//! How layers come out otherwise than they were asked for.
+//! The errors of simulated layers.
 
 use nalgebra::Rotation3;
 
@@ -8,7 +8,7 @@ use crate::pose::Frame;
 use crate::random::Random;
 use crate::trigonometry;
 
-/// What goes wrong in each layer, at random and always. All zero by default.
+/// The noise and the biases of each layer. All zero by default.
 ///
 /// Noise is uniform to either side, of mean 0, and independent from layer to layer. The growth of a layer is disturbed
 /// with its tilt kept, as the paper does it.
@@ -20,7 +20,7 @@ pub struct Disturbance {
     pub growth_bias: f64,
     /// Noise of the tilt: a lean of at most this about each axis of the deposition plane, radians.
     pub tilt_noise: f64,
-    /// How much more the layer tilts, a share of its tilt.
+    /// Excess of the tilt, a share of the layer's tilt.
     pub tilt_bias: f64,
     /// Noise of the deposition angle: at most this, radians.
     pub alpha_noise: f64,
@@ -32,12 +32,12 @@ pub struct Disturbance {
     pub twist_bias: f64,
 }
 
-/// A layer as it came out.
+/// A layer as laid.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Laid {
     /// The layer.
     pub layer: Layer,
-    /// How far the tip has turned about its axis after it, radians.
+    /// Twist of the tip about its axis after the layer, radians, counter-clockwise.
     pub twist: f64,
 }
 
@@ -60,7 +60,7 @@ impl Laid {
     }
 }
 
-/// What the numbers of a layer are drawn for, so that each source has its own.
+/// The source of error that a random number is drawn for. Each source has its own stream.
 #[derive(Debug, Clone, Copy)]
 enum Draw {
     Growth = 1,
@@ -70,8 +70,8 @@ enum Draw {
 }
 
 impl Disturbance {
-    /// The layer of this index (from 0, along the body) as it comes out. The same seed gives the same errors to the
-    /// layer of the same index, each source by itself: noise of one kind does not change that of another.
+    /// The layer of this index (from 0, along the body) as laid. The same seed gives the same errors to the layer of
+    /// the same index. Each source draws by itself: noise of one kind does not change that of another.
     #[must_use]
     pub fn lay(&self, seed: u64, index: u64, layer: &Layer) -> Laid {
         let draw = |what: Draw| Random::new(&[seed, what as u64, index]);

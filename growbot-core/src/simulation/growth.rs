@@ -10,47 +10,47 @@ use crate::pose::{Frame, Pose};
 use crate::robot::Robot;
 use crate::tracking::{Estimate, Tracker};
 
-/// What is to be grown: a path from a start through the goals of its legs.
+/// A growth to simulate: a path from a start through the goals of its legs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Task<'a> {
     /// The robot.
     pub robot: &'a Robot,
-    /// Where the body begins.
+    /// The start pose of the body.
     pub start: Pose,
     /// The path.
     pub path: &'a [Segment],
-    /// Its legs, one at least: the poses that it leads to.
+    /// The path's legs, at least one.
     pub legs: &'a [Leg],
 }
 
 impl Task<'_> {
-    /// Where the tip is to arrive.
+    /// The goal of the last leg.
     #[must_use]
     pub fn goal(&self) -> Pose {
         self.legs.last().map_or(self.start, |leg| leg.goal)
     }
 }
 
-/// What a growth came to.
+/// The result of a simulated growth.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Grown {
-    /// Where the tip is.
+    /// The frame of the tip.
     pub base_from_tip: Frame,
-    /// Layers laid.
+    /// Number of layers laid.
     pub layers: u64,
     /// Length of the body, mm.
     pub length: f64,
-    /// Where the loop believes the tip to be; none in open loop.
+    /// The loop's estimate of the tip; `None` in open loop.
     pub estimate: Option<Estimate>,
 }
 
 /// A closed loop in which almost nothing grows does not end. It is given up after this many times the layers of its
-/// plan...
+/// plan plus [`MIN_PATIENCE`].
 const PATIENCE: u64 = 20;
-/// ...plus this many layers.
+/// Layers that a closed loop may lay in addition to [`PATIENCE`] times those of its plan.
 const MIN_PATIENCE: u64 = 100;
 
-/// Lays the layers as they are, whatever becomes of them. `each` hears of every layer laid.
+/// Grows in open loop: lays the layers as they are. `each` is called with every layer as laid.
 pub fn grow_open(
     start: &Pose,
     layers: impl IntoIterator<Item = Layer>,
@@ -69,8 +69,9 @@ pub fn grow_open(
     grown
 }
 
-/// Measures each layer and plans the rest again after it. `tip` has each layer as commanded and as laid, and the frame
-/// in which growth alone leaves the tip; it says where the tip is, should the body do more than grow.
+/// Grows in closed loop: measures each layer and plans the rest again after it. `tip` is called with each layer as
+/// commanded and as laid, and with the tip's frame by growth alone; it returns the tip's true frame, which differs
+/// where the body sags.
 pub fn grow_closed(
     task: &Task,
     disturbance: &Disturbance,

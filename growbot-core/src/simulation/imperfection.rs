@@ -1,4 +1,4 @@
-//! How a simulated tip lays and measures otherwise than it should, layer by layer.
+//! The errors of a simulated tip's layers and measurements.
 //!
 //! Growth is off because the filament slips in its drive, or is carried along: while a layer is laid, as much more or
 //! less of it moves for each step, and the encoder that it turns sees that, give or take its own noise. The layer is as
@@ -15,14 +15,14 @@ use crate::layer::Layer;
 use crate::pose::Frame;
 use crate::tracking::SensorNoise;
 
-/// What is off. Nothing by default.
+/// The errors of a simulated tip. None by default.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Imperfection {
-    /// How layers come out.
+    /// The errors of the layers.
     pub disturbance: Disturbance,
     /// Noise of the filament's encoder, as odometry, and of gravity.
     pub noise: SensorNoise,
-    /// Where all noise comes from.
+    /// The seed of all noise.
     pub seed: u64,
 }
 
@@ -33,24 +33,24 @@ impl Default for Imperfection {
     }
 }
 
-/// A layer of which only shares are asked.
+/// A layer of unit height: results for it are shares.
 const UNIT: Layer = Layer { alpha: 0.0, height: 1.0, tilt: 0.0 };
 
 impl Imperfection {
-    /// The layer of this index as it comes out.
+    /// The layer of this index as laid.
     #[must_use]
     pub fn lay(&self, index: u64, layer: &Layer) -> Laid {
         self.disturbance.lay(self.seed, index, layer)
     }
 
-    /// How much filament the encoder sees for each step's worth while the layer of this index is laid.
+    /// The filament that the encoder measures while the layer of this index is laid, as a share of the filament fed.
     #[must_use]
     pub fn seen_per_step(&self, index: u64) -> f64 {
         let laid = self.lay(index, &UNIT);
         self.sensors().measure(self.seed, index, &UNIT, &laid, &Frame::identity()).growth.unwrap_or(1.0)
     }
 
-    /// The direction upwards in the tip's frame, as it is measured after the layer of this index.
+    /// The direction upwards in the tip's frame, as measured after the layer of this index.
     #[must_use]
     pub fn up(&self, index: u64, base_from_tip: &Frame) -> Vector3<f64> {
         let up = base_from_tip.rotation.inverse() * Vector3::z();

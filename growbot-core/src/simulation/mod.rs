@@ -1,4 +1,4 @@
-//! Growth without a robot: layers that come out otherwise than they were asked for, with and without feedback.
+//! Growth without a robot: layers with errors, in open and in closed loop, and bodies that sag.
 
 mod disturbance;
 mod growth;

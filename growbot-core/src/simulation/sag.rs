@@ -6,8 +6,8 @@
 //! The part of a moment along the tube's axis twists: for a ring `G J = E I / (1 + nu)`.
 //!
 //! First order: moments are taken on the body as it was laid, before it hangs, and turns add up as vectors. That is
-//! good to some percent of a sag of a tenth of the length. Left out are shear, which matters to tubes no longer than a
-//! few diameters; buckling of a thin wall; creep; and whatever the body may lie on.
+//! good to some percent of a sag of a tenth of the length. The model neglects shear, which matters to tubes no longer
+//! than a few diameters, buckling of a thin wall, creep, and all supports of the body but its root.
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
@@ -25,7 +25,7 @@ const POISSON: f64 = 0.35;
 /// body is: the turns of all sections by a weight depend on where it is through sums over the sections alone.
 #[derive(Debug, Clone)]
 pub struct Hanging {
-    /// N/mm of body, and N.
+    /// Weight of the wall, N/mm of body; and that of the tip, N.
     ring_weight: f64,
     tip_weight: f64,
     /// E I, N mm^2.
@@ -107,14 +107,14 @@ impl Sag {
         Self { turn: self.turn + other.turn, crossed: self.crossed + other.crossed }
     }
 
-    /// How far it moves a point beyond all sections.
+    /// The displacement of a point beyond all sections, mm.
     fn moves(&self, at: &Vector3<f64>) -> Vector3<f64> {
         self.turn.cross(at) - self.crossed
     }
 }
 
 impl Hanging {
-    /// A body of no length that starts at this frame.
+    /// A body of no length at this frame.
     #[must_use]
     pub fn new(robot: &Robot, base_from_start: &Frame) -> Self {
         let description = robot.description();
@@ -151,7 +151,7 @@ impl Hanging {
         self.load_root();
     }
 
-    /// Where the tip is.
+    /// The frame of the tip under weight.
     #[must_use]
     pub fn base_from_tip(&self) -> Frame {
         let (at, sag) = (self.reach(), self.sag());
@@ -159,7 +159,7 @@ impl Hanging {
         Frame::from_parts(moved.into(), Rotation3::new(sag.turn) * self.straight.rotation)
     }
 
-    /// How far the tip is from where it would be without weight, mm.
+    /// The displacement of the tip by weight, mm.
     #[must_use]
     pub fn deflection(&self) -> f64 {
         self.sag().moves(&self.reach()).norm()
@@ -171,7 +171,7 @@ impl Hanging {
         self.max_stress
     }
 
-    /// From the root to the tip.
+    /// The vector from the root to the tip, without weight, mm.
     fn reach(&self) -> Vector3<f64> {
         self.straight.translation.vector - self.root
     }

@@ -1,4 +1,4 @@
-//! What the sensors of a simulated tip show.
+//! The sensors of a simulated tip.
 
 use nalgebra::Vector3;
 
@@ -8,33 +8,33 @@ use crate::pose::Frame;
 use crate::random::Random;
 use crate::tracking::{Measurement, SensorNoise};
 
-/// Which direction is measured.
+/// The direction that a sensor measures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum DirectionSensor {
-    /// That of the tip, in the base's frame.
+    /// The direction of growth, in the base's frame.
     #[default]
     Tip,
-    /// That of gravity, in the tip's frame: the heading is not observed.
+    /// The direction of gravity, in the tip's frame. It does not show the heading.
     Gravity,
 }
 
 /// The sensors of a simulated tip.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sensors {
-    /// Their noise, which the estimator knows.
+    /// The noise of the sensors, which the estimator knows.
     pub noise: SensorNoise,
-    /// How much too long the odometry's own scale is, a share. No estimator can see it: it looks like growth.
+    /// Scale error of the odometry, a share. No estimator can tell it from growth.
     pub odometry_scale: f64,
-    /// Which direction is measured.
+    /// The direction that a sensor measures.
     pub direction: DirectionSensor,
 }
 
-/// What the numbers of a layer are drawn for.
+/// The streams of random numbers of a layer.
 const ODOMETRY: u64 = 16;
 const DIRECTION: u64 = 17;
 
 impl Sensors {
-    /// What is measured after the layer of this index.
+    /// The measurements after the layer of this index.
     #[must_use]
     pub fn measure(&self, seed: u64, index: u64, commanded: &Layer, laid: &Laid, base_from_tip: &Frame) -> Measurement {
         let odometry = commanded.height * self.noise.odometry * Random::new(&[seed, ODOMETRY, index]).normal();

@@ -1,13 +1,13 @@
-//! Cutting a path into layers.
+//! Slicing: a path becomes layers.
 //!
-//! *Exact* slicing cuts a segment of length `S` and bend `beta` into `n` equal layers of height `S / n` and tilt
+//! *Exact* slicing divides a segment of length `S` and bend `beta` into `n` equal layers of height `S / n` and tilt
 //! `beta / n`, with the min `n` that keeps every layer within the robot's limits
 //! (`h <= min(nominal, R tilt_max, h_max / (1 + r_t / R))`, to 1e-9 of the limit): the sum of the layers is the path.
 //!
-//! A helicoidal arc is cut in the same way, and the angle of deposition changes from layer to layer (`helicoid.rs`).
+//! A helicoidal arc is sliced in the same way, and the angle of deposition changes from layer to layer (`helicoid.rs`).
 //!
-//! *Whole* slicing is the paper's: a segment is cut into steps of one height, and the last step is laid whole, so that
-//! the tip passes the end of the segment by up to a step. It is there to reproduce the paper's tables.
+//! *Whole* slicing is the paper's: a segment is divided into steps of one height, and the last step is laid whole, so
+//! that the tip passes the end of the segment by up to a step. It is there to reproduce the paper's tables.
 
 use core::iter::FusedIterator;
 
@@ -21,7 +21,7 @@ mod helicoid;
 
 use helicoid::HelicoidLayers;
 
-/// How a path is cut into layers.
+/// How a path is sliced into layers.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Slicing {
     /// Equal layers that end exactly where the segment does.
@@ -33,10 +33,11 @@ pub enum Slicing {
     },
 }
 
-/// Limits hold to this share of themselves, so that a segment of exactly `n` layers is not cut into `n + 1`.
+/// Share by which a layer may exceed a limit, so that rounding does not make `n + 1` layers of a segment of exactly
+/// `n`.
 pub const LIMIT_SLACK: f64 = 1e-9;
 
-/// How often a helicoidal arc is cut again, into more layers.
+/// Max number of times that a helicoidal arc is sliced again, into more layers, because one of them exceeds a limit.
 const MORE_LAYERS: u32 = 5;
 
 /// A layer and the segment it belongs to.
@@ -54,42 +55,42 @@ pub struct Layers<'a> {
     segments: &'a [Segment],
     robot: &'a Robot,
     slicing: Slicing,
-    /// Index of the segment that is being cut.
+    /// Index of the segment that is being sliced.
     segment: usize,
-    /// What is left of it: how many layers, and which.
+    /// The rest of that segment: the number of layers, and the layers.
     left: u64,
     cut: Cut,
-    /// How far the tip is rolled from where the path has it, radians: what the layers of helicoidal arcs leave.
+    /// The roll of the tip against the path, radians, which the layers of helicoidal arcs leave.
     roll: f64,
-    /// The first helicoidal arcs, cut beforehand: to fit their layers takes long, and every clone can use them.
+    /// The first helicoidal arcs, sliced beforehand. To fit their layers takes long, and every clone can use them.
     fitted: Vec<Fitted, MAX_FITTED>,
 }
 
-/// A helicoidal arc that has been cut.
+/// A helicoidal arc that has been sliced.
 #[derive(Debug, Clone)]
 struct Fitted {
     segment: usize,
     count: u64,
     cut: Cut,
-    /// How far the tip is rolled after it, radians.
+    /// The roll of the tip after the arc, radians.
     roll: f64,
 }
 
-/// How many helicoidal arcs are cut beforehand: a planned path has two at most.
+/// Max number of helicoidal arcs that are sliced beforehand: a planned path has two at most.
 const MAX_FITTED: usize = 2;
 
 /// How the layers of a segment follow on each other.
 #[derive(Debug, Clone)]
 #[expect(clippy::large_enum_variant, reason = "there is no heap to put the larger one on")]
 enum Cut {
-    /// All alike.
+    /// Equal layers.
     Alike(Layer),
     /// The layers of a helicoidal arc of this radius, mm.
     Helicoid(HelicoidLayers, f64),
 }
 
 impl Cut {
-    /// How far the tip is rolled, after all layers, from where the path has it, radians.
+    /// The roll of the tip against the path after all layers, radians.
     fn roll(&self, keep_alive: &mut dyn FnMut()) -> f64 {
         match self {
             Self::Alike(_) => 0.0,
@@ -98,7 +99,7 @@ impl Cut {
     }
 }
 
-/// The layers of a path on this robot.
+/// The layers of a path on this robot, in the order of the path. Heights are in mm, angles in radians.
 ///
 /// ```
 /// use growbot_core::{layer, path::Segment, slicing::{Slicing, layers}};
@@ -114,8 +115,8 @@ pub fn layers<'a>(path: &'a [Segment], robot: &'a Robot, slicing: Slicing) -> La
     layers_with_keep_alive(path, robot, slicing, &mut || ())
 }
 
-/// As [`layers()`], for boards: to fit the layers of a helicoidal arc takes seconds of a microcontroller, and
-/// `keep_alive` is called for each layer that is looked at in them.
+/// As [`layers()`], for boards. To fit the layers of a helicoidal arc takes seconds on a microcontroller; `keep_alive`
+/// is called for each layer meanwhile, so that the board can feed its watchdog.
 #[must_use]
 pub fn layers_with_keep_alive<'a>(
     path: &'a [Segment],
@@ -129,11 +130,11 @@ pub fn layers_with_keep_alive<'a>(
     if slicing == Slicing::Exact {
         layers.fit(keep_alive);
     }
-    layers.cut_from(0);
+    layers.slice_from(0);
     layers
 }
 
-/// The min whole number that is not below a number. (`floor` is in an image anyway.)
+/// The min whole number that is not below a number. (`floor` is in the firmware's image anyway.)
 fn ceil(value: f64) -> f64 {
     -libm::floor(-value)
 }
@@ -144,7 +145,7 @@ fn min_count(length: f64, limit: f64) -> f64 {
 }
 
 /// Number of layers and the layers themselves, for one segment.
-fn cut(segment: &Segment, robot: &Robot, slicing: Slicing, keep_alive: &mut dyn FnMut()) -> (u64, Cut) {
+fn slice(segment: &Segment, robot: &Robot, slicing: Slicing, keep_alive: &mut dyn FnMut()) -> (u64, Cut) {
     let length = segment.length();
     let limit = robot.max_mean_height(segment.curvature());
     let count = match slicing {
@@ -182,12 +183,12 @@ fn cut(segment: &Segment, robot: &Robot, slicing: Slicing, keep_alive: &mut dyn 
 }
 
 impl Layers<'_> {
-    /// Cuts the first helicoidal arcs.
+    /// Slices the first helicoidal arcs.
     fn fit(&mut self, keep_alive: &mut dyn FnMut()) {
         let mut roll = 0.0;
         for (index, segment) in self.segments.iter().enumerate() {
             if let Segment::Helicoid { .. } = segment {
-                let (count, cut) = cut(&segment.rolled(roll), self.robot, self.slicing, keep_alive);
+                let (count, cut) = slice(&segment.rolled(roll), self.robot, self.slicing, keep_alive);
                 roll += cut.roll(keep_alive);
                 if self.fitted.push(Fitted { segment: index, count, cut, roll }).is_err() {
                     return;
@@ -200,13 +201,13 @@ impl Layers<'_> {
         self.fitted.iter().find(|fitted| fitted.segment == segment)
     }
 
-    /// Cuts the segment of this index.
-    fn cut_from(&mut self, segment: usize) {
+    /// Slices the segment of this index.
+    fn slice_from(&mut self, segment: usize) {
         self.segment = segment;
         if let Some(Fitted { count, cut, .. }) = self.fitted(segment) {
             (self.left, self.cut) = (*count, cut.clone());
         } else if let Some(next) = self.segments.get(segment) {
-            (self.left, self.cut) = cut(&next.rolled(self.roll), self.robot, self.slicing, &mut || ());
+            (self.left, self.cut) = slice(&next.rolled(self.roll), self.robot, self.slicing, &mut || ());
         }
     }
 
@@ -218,7 +219,7 @@ impl Layers<'_> {
             }
             None => self.roll,
         };
-        self.cut_from(self.segment + 1);
+        self.slice_from(self.segment + 1);
     }
 }
 
@@ -244,7 +245,7 @@ impl Iterator for Layers<'_> {
     fn size_hint(&self) -> (usize, Option<usize>) {
         let count = |(index, segment)| match self.fitted(index) {
             Some(fitted) => fitted.count,
-            None => cut(segment, self.robot, self.slicing, &mut || ()).0,
+            None => slice(segment, self.robot, self.slicing, &mut || ()).0,
         };
         let later = self.segments.iter().enumerate().skip(self.segment + 1).map(count);
         let all = self.left + later.sum::<u64>();
@@ -308,7 +309,7 @@ mod tests {
         }
 
         #[test]
-        fn the_number_of_layers_is_the_least(length in 0.1..100.0) {
+        fn the_number_of_layers_is_the_min(length in 0.1..100.0) {
             let robot = robot_a();
             let path = [Segment::Straight { length }];
             let n = layers(&path, &robot, Slicing::Exact).count() as f64;
@@ -325,7 +326,7 @@ mod tests {
     }
 
     #[test]
-    fn a_segment_of_whole_layers_is_not_cut_once_more() {
+    fn a_segment_of_whole_layers_is_not_sliced_once_more() {
         let path = [Segment::Straight { length: 0.774 * 10.0 }];
         assert_eq!(layers(&path, &robot_a(), Slicing::Exact).count(), 10);
         assert_eq!(layers(&path, &robot_a(), Slicing::Whole { step: 0.774 }).count(), 10);

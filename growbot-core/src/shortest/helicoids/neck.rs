@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use crate::helicoid::{Helicoid, Walk};
 
-/// Max step of the coarse integration, radii.
+/// Max step of the coarse integration, radii. Trial: with 0.3 there are 24 misses, with 0.075 as many as with 0.15.
 const MAX_STEP: f64 = 0.15;
 
 /// A point of a curve: position and direction.

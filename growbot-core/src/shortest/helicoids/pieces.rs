@@ -9,17 +9,21 @@ use crate::linalg5;
 use crate::pose::{Frame, tip_direction};
 use crate::shortest::Problem;
 
-/// A neck divides its arc into two pieces if the logarithm of its narrowness is below this...
+/// Logarithm of the narrowness below which a neck divides its arc into two pieces. Trial: -1 and -6 give as many
+/// misses as now; without two pieces there are 25 misses.
 const NARROW: f64 = -3.0;
-/// ...and both pieces are longer than this, radii.
+/// Min length of both pieces for a neck to divide its arc, radii. Trial: 0.01 and 1e-6 give as many misses as now.
 const MIN_PIECE: f64 = 1e-3;
-/// An arc that is grown from its start must end within this of the goal, radii and radians.
+/// Max error of an arc that is grown from its start, radii and radians: a third of what [`crate::plan`] accepts.
+/// Trial: with 3e-11 and 3e-12 there are 12 and 17 misses.
 const GROWN_TO_GOAL: f64 = 3e-10;
-/// Relative change of the neck's width for the numerical derivative.
+/// Relative change of the neck's width for the numerical derivative. Trial: with 0.01 there are 16 misses, with
+/// 1e-7 as many as with 1e-4.
 const WIDER: f64 = 1e-4;
-/// Max steps of Newton's method.
+/// Max number of steps of Newton's method. Trial: with 1 and 2 there are 21 and 14 misses, with 8 as many as with
+/// 4.
 const MAX_ROUNDS: u32 = 4;
-/// Max change of an unknown in one step.
+/// Max change of an unknown in one step. Trial: 0.001 and 1 give as many misses as now.
 const MAX_CHANGE: f64 = 0.1;
 
 /// The arc of a seed that was refined finely. None if it does not reach the goal when it is grown from its start.

@@ -9,17 +9,19 @@ use super::neck::{Neck, Point};
 use crate::linalg5::Cholesky;
 use crate::shortest::Problem;
 
-/// Max rounds with the coarse integration...
+/// Max number of rounds with the coarse integration. Trial: with 7 there are 14 misses, with 30 as many as with 15.
 const COARSE_ROUNDS: usize = 15;
-/// ...and with the fine one.
+/// Max number of rounds with the fine integration. Trial: with 6 and 24 there are 31 and 9 misses; more cost time.
 const FINE_ROUNDS: usize = 12;
-/// Max misfit after the coarse rounds. The length of the coarse steps allows no less...
+/// Max misfit after the coarse rounds. Trial: with 1e-3 and 0.03 there are 13 and 12 misses, with 0.01 as many as
+/// with 3e-3.
 const COARSE_MISFIT: f64 = 3e-3;
-/// ...and after the fine rounds.
+/// Max misfit after the fine rounds. Trial: 1e-13 and 1e-10 give as many misses as now.
 const FINE_MISFIT: f64 = 1e-11;
-/// The coarse rounds stop if three of them did not reduce the square of the misfit to this share.
+/// Share to which three coarse rounds must reduce the square of the misfit; else they stop. Trial: 0.1 and 0.9 give
+/// as many misses as now.
 const FALL: f64 = 0.5;
-/// Max dampings tried in one round.
+/// Max number of dampings tried in one round. Trial: with 2 there are 12 misses, with 10 as many as with 5.
 const MAX_DAMPINGS: usize = 5;
 
 /// An arc that leads nearly to the goal, by four of the unknowns.
