@@ -4,7 +4,7 @@ use growbot_core::angle::{degrees, wrap_signed};
 use growbot_core::plan::miss;
 use growbot_core::pose::{Frame, Pose, angle_between};
 
-/// Where a tip is, and how far that is from where it was to be.
+/// Where a tip is, and its errors from the goal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Arrival {
     /// Where the tip is.

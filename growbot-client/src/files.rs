@@ -52,6 +52,7 @@ pub enum FileError {
         /// The file.
         file: String,
         /// What the system says.
+        #[source]
         error: io::Error,
     },
 }
@@ -59,10 +60,10 @@ pub enum FileError {
 /// The files that this program has read last: device and inode of each, and the file itself, so that no other one gets
 /// these numbers when it is deleted.
 static READ: Mutex<VecDeque<((u64, u64), File)>> = Mutex::new(VecDeque::new());
-/// No command reads so many files.
+/// More files than any command reads.
 const MAX_READ: usize = 64;
 
-/// The file, which messages call `name`, is an input from now on: nothing is written to it, whatever it is called.
+/// The file, which messages call `name`, is an input from now on: nothing is written to it, under any name.
 ///
 /// # Errors
 /// [`FileError::OntoInput`] where standard output is redirected onto it. Refused before anything is done: results that
@@ -111,7 +112,7 @@ pub fn refuse_inputs(path: &Path) -> Result<(), FileError> {
     Ok(())
 }
 
-/// What a file is, whatever it is called: its device and inode. Only for files that hold something.
+/// The identity of a file under any name: its device and inode. Only for regular files.
 #[cfg(unix)]
 fn place_of(file: &Metadata) -> Option<(u64, u64)> {
     use std::os::unix::fs::MetadataExt;

@@ -20,6 +20,7 @@ pub enum InputError {
         /// What was read.
         name: String,
         /// What the system says.
+        #[source]
         error: io::Error,
     },
     /// More bytes than any such file has.

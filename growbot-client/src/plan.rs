@@ -23,7 +23,7 @@ pub struct Plan {
     pub start: Pose,
     /// Where it is to arrive: the goal of the last leg.
     pub goal: Pose,
-    /// The legs, one at least: from pose to pose.
+    /// The legs from pose to pose, at least one.
     pub legs: Vec<Leg>,
     /// What each leg was chosen from; plans of older versions do not say.
     pub choices: Vec<Option<Choice>>,
@@ -97,7 +97,7 @@ impl Plan {
     /// let (start, goal) = (parse_pose("0,0,0,0,90").unwrap(), parse_pose("0,0,77.4,0,90").unwrap());
     /// let plan = Plan::make(&robot, &start, &goal, 100.0, Planner::Shortest).unwrap();
     /// assert_eq!(plan.needs.layers, 100);
-    /// assert_eq!(plan.word(), "S");
+    /// assert_eq!(plan.path_type(), "S");
     /// ```
     ///
     /// # Errors
@@ -136,7 +136,7 @@ impl Plan {
         Ok(Self::of_path(robot, start, search.radius, search.planner, ChosenLegs { legs, choices }, body))
     }
 
-    /// The plan of a path that is known to lead from the start along its legs, of which there is one at least.
+    /// The plan of a path that leads from the start along its legs, at least one.
     pub(crate) fn of_path(
         robot: &Robot,
         start: &Pose,
@@ -161,10 +161,11 @@ impl Plan {
         }
     }
 
-    /// The pieces in order: C for an arc, S for a straight line, H for a helicoidal arc. Empty for a path of no length.
+    /// The path type, a letter for each segment: C for an arc, S for a straight line, H for a helicoidal arc. Empty for
+    /// a path of no length.
     #[must_use]
-    pub fn word(&self) -> String {
-        word(&self.path)
+    pub fn path_type(&self) -> String {
+        path_type(&self.path)
     }
 
     /// The segments of each leg, and what they were chosen from.
@@ -200,9 +201,9 @@ pub const fn planner_name(planner: Planner) -> &'static str {
     }
 }
 
-/// The kinds of a path's segments in order, a letter each.
+/// The type of a path: the kinds of its segments in order, a letter each.
 #[must_use]
-pub fn word(path: &[Segment]) -> String {
+pub fn path_type(path: &[Segment]) -> String {
     let letter = |segment: &Segment| match segment {
         Segment::Arc { .. } => 'C',
         Segment::Straight { .. } => 'S',

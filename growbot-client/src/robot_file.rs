@@ -62,6 +62,7 @@ pub enum RobotFileError {
         /// The file.
         file: String,
         /// The field and its limit.
+        #[source]
         error: RobotError,
     },
 }

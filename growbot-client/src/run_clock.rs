@@ -1,4 +1,4 @@
-//! The time of a growth, from what is told of it: by a run log, or live.
+//! The time of a growth, from its reports: of a run log, or live.
 //!
 //! A run log has the time of day of each line, which says little where a simulated robot grows in a second, and the
 //! board's time in each status, which this goes by. Time begins at 0 with the first status; the board's time goes on

@@ -27,7 +27,7 @@ pub struct Warning {
 
 /// Code of the warning of layers that are thinner, on the inner side of the bend, than what prints well (mm).
 pub const THIN_LAYER: &str = "thin-layer";
-/// Code of the warning of a body that would run into itself: least distance of its centreline, outer diameter of the
+/// Code of the warning of a body that would run into itself: min distance of its centreline, outer diameter of the
 /// tube (mm).
 pub const SELF_COLLISION: &str = "self-collision";
 /// Code of the warning of a body that takes more filament than the spool holds (mm).
@@ -39,7 +39,7 @@ pub const LAYER_LIMIT: &str = "layer-limit";
 /// The warnings of what cannot succeed: a growth heeds them.
 pub const PREVENTING: [&str; 3] = [SELF_COLLISION, FILAMENT_SHORT, LAYER_LIMIT];
 
-/// The layers of a helicoidal arc differ. Of all in a path so many are looked at, the first.
+/// The layers of a helicoidal arc differ. Only the first of a path are checked, up to this number.
 const MAX_LAYERS: usize = 100_000;
 
 /// All that speaks against growing this path, which needs this much, on this robot.

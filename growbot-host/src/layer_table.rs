@@ -9,8 +9,15 @@ use growbot_core::path::Segment;
 use growbot_core::robot::Robot;
 use growbot_core::slicing::{SlicedLayer, Slicing, layers};
 
-/// The header.
-pub const HEADER: &str = "layer,segment,alpha_deg,height_mm,tilt_deg";
+/// The columns of a layer's own fields, as [`fields`] writes them.
+pub const FIELDS: &str = "alpha_deg,height_mm,tilt_deg";
+
+/// A layer's own fields in full precision: `alpha_deg` lies in `[0, 360)` and is 0 where the layer is straight.
+#[must_use]
+pub fn fields(layer: &Layer) -> String {
+    let alpha = if layer.tilt > 0.0 { degrees_below_turn(layer.alpha) } else { 0.0 };
+    format!("{alpha},{},{}", layer.height, degrees(layer.tilt))
+}
 
 /// Writes the layers of a path, by exact slicing, in full precision: layers and segments count from 0, `alpha_deg` lies
 /// in `[0, 360)` and is 0 where a layer is straight.
@@ -18,14 +25,13 @@ pub const HEADER: &str = "layer,segment,alpha_deg,height_mm,tilt_deg";
 /// # Errors
 /// What `out` fails with.
 pub fn write_layers(out: &mut impl Write, path: &[Segment], robot: &Robot) -> io::Result<()> {
-    writeln!(out, "{HEADER}")?;
+    writeln!(out, "layer,segment,{FIELDS}")?;
     // The layers of a segment are alike: their numbers are put into text once.
     let mut last = Layer::default();
     let mut row = String::new();
     for (index, SlicedLayer { segment, layer }) in layers(path, robot, Slicing::Exact).enumerate() {
         if row.is_empty() || layer != last {
-            let alpha = if layer.tilt > 0.0 { degrees_below_turn(layer.alpha) } else { 0.0 };
-            row = format!("{},{},{}", alpha, layer.height, degrees(layer.tilt));
+            row = fields(&layer);
             last = layer;
         }
         writeln!(out, "{index},{segment},{row}")?;
@@ -52,7 +58,7 @@ mod tests {
         let tilt = degrees(0.005);
         assert_eq!(
             String::from_utf8(out).unwrap(),
-            format!("{HEADER}\n0,0,0,0.5,0\n1,0,0,0.5,0\n2,1,0,0.5,{tilt}\n3,2,0,0.5,0\n")
+            format!("layer,segment,{FIELDS}\n0,0,0,0.5,0\n1,0,0,0.5,0\n2,1,0,0.5,{tilt}\n3,2,0,0.5,0\n")
         );
     }
 }

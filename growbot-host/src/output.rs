@@ -8,7 +8,7 @@ use std::io::{self, Write};
 use growbot_client::files::FileError;
 use growbot_client::printable::{lines, one_line};
 
-/// Says something on standard error, in one line. Whoever listened there may have gone; that is no reason to leave a
+/// Writes a message to standard error, in one line. A closed standard error is ignored: it is no reason to leave a
 /// robot alone.
 #[macro_export]
 macro_rules! tell {
@@ -16,15 +16,15 @@ macro_rules! tell {
 }
 
 /// What [`tell!`](crate::tell) does.
-pub fn say(words: fmt::Arguments) {
-    let line = format!("{}\n", one_line(&words.to_string()));
+pub fn say(message: fmt::Arguments) {
+    let line = format!("{}\n", one_line(&message.to_string()));
     let _ = io::stderr().write_all(line.as_bytes());
 }
 
 /// Why a result could not be written.
 #[derive(Debug, thiserror::Error)]
 pub enum OutputError {
-    /// Whoever read standard output has stopped, as `head` does. Not worth a message.
+    /// The reader of standard output has closed it, as `head` does. That needs no message.
     #[error("standard output was closed by its reader")]
     Closed,
     /// Standard output cannot be written, say because a disk is full.

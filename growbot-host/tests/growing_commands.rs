@@ -489,7 +489,7 @@ fn a_script_ends_at_the_first_line_that_fails() {
     for (line, part) in [
         ("dance", "\"dance\""),
         ("plan 1,2,3", "five numbers"),
-        ("start", "holds no plan"),
+        ("start", "stores no plan"),
         ("wait soon", "\"soon\""),
         ("layers -1", "\"-1\""),
         ("stop now", "`stop` takes nothing: leave \"now\" away"),

@@ -1,4 +1,5 @@
-//! view --svg, --png and --plot, run as a user runs them; and the picture at the head of README.md, made anew by the commands below it.
+//! view --svg, --png and --plot, run as a user runs them; and the picture at the head of README.md, made anew by the
+//! commands below it.
 
 mod running;
 
@@ -48,8 +49,8 @@ fn pixels(file: &Path) -> (u32, u32, Vec<u8>) {
 
 #[test]
 fn the_picture_of_the_readme_is_the_one_that_its_commands_make() {
-    /// A pixel is another one if one of its colours differs by more than so much; so many may, as edges and letters fall a little
-    /// otherwise with another release of what draws them.
+    /// A pixel is another one if one of its colours differs by more than so much; so many may, as edges and letters
+    /// fall a little otherwise with another release of what draws them.
     const OTHER: u8 = 48;
     const MOST_OTHERS: f64 = 0.005;
     let committed = Path::new(env!("CARGO_MANIFEST_DIR")).join("../book/src/pictures/compare.png");
@@ -183,7 +184,7 @@ fn plots_have_a_panel_for_each_thing_and_units_on_their_axes() {
     }
     done(&["view", text(&run), "--plot", "heights,tilt,error,temperature", "--along", "time"]);
     let svg = fs::read_to_string(path("run-plot.svg")).unwrap();
-    for part in ["Off the plan", "Temperature of the nozzle", "\u{b0}C</text>", "time, min"] {
+    for part in ["Deviation", "Temperature of the nozzle", "\u{b0}C</text>", "time, min"] {
         assert!(svg.contains(part), "{part}");
     }
     assert_eq!(svg.matches("class=\"head\"").count(), 4);
@@ -206,7 +207,7 @@ fn what_cannot_be_drawn_is_said_and_leaves_no_file() {
     view(&[text(&directory.path().join("cold.jsonl")), "--plot", "temperature"], &["cold.jsonl tells no temperature"]);
     view(&[text(&directory.path().join("none.json")), "--svg"], &["none.json", "cannot read"]);
     view(&[text(&plan), text(&run), "--svg"], &["--compare"]);
-    view(&[text(&plan), "--png"], &["out.svg would hold png", "end it in .png"]);
+    view(&[text(&plan), "--png"], &["out.svg would contain png", "end it in .png"]);
     // What the options themselves say takes more lines.
     for args in [
         &["--plot", "heigth"][..],

@@ -11,7 +11,8 @@ use crate::port::PortError;
 pub enum ClientError {
     /// No byte came back.
     #[error(
-        "the board at {port} does not answer (for {} s): check power, cable and baud rate, and that growbot's firmware is on it", SILENCE.as_secs()
+        "the board at {port} does not answer (for {} s): check power, cable and baud rate, and that growbot's \
+         firmware is on it", SILENCE.as_secs()
     )]
     Silent {
         /// The port.
@@ -19,7 +20,8 @@ pub enum ClientError {
     },
     /// Bytes came back, but no frame.
     #[error(
-        "what the board at {port} sends is no growbot frame: check the port, the baud rate (115200) and that growbot's firmware is on it"
+        "what the board at {port} sends is no growbot frame: check the port, the baud rate (115200) and that \
+         growbot's firmware is on it"
     )]
     Garbage {
         /// The port.
@@ -35,7 +37,8 @@ pub enum ClientError {
     },
     /// Messages of another schema.
     #[error(
-        "the board's messages (schema {board:016x}) differ from mine ({host:016x}): flash the firmware of this release (`cargo robot`), or use the growbot that belongs to the board's"
+        "the board's messages (schema {board:016x}) differ from mine ({host:016x}): flash the firmware of this \
+         release (`cargo robot`), or use the growbot that belongs to the board's"
     )]
     Schema {
         /// The board's.
@@ -45,7 +48,8 @@ pub enum ClientError {
     },
     /// The board belongs to another robot.
     #[error(
-        "the board is {board_name} ({board:016x}), the job is for {host_name} ({host:016x}): choose the board's robot with --robot, or flash the board for the job's (GROWBOT_ROBOT={host_name} cargo robot)"
+        "the board is {board_name} ({board:016x}), the job is for {host_name} ({host:016x}): choose the board's robot \
+         with --robot, or flash the board for the job's (GROWBOT_ROBOT={host_name} cargo robot)"
     )]
     OtherRobot {
         /// Name of the board's robot.
@@ -59,7 +63,8 @@ pub enum ClientError {
     },
     /// Another host has the board.
     #[error(
-        "the board at {port} is held by {host}, heard {silent_s:.1} s ago: end that program, wait until it has been silent for 10 s, or take the board over (--take-over)"
+        "the board at {port} is held by {host}, heard {silent_s:.1} s ago: end that program, wait until it has been \
+         silent for 10 s, or take the board over (--take-over)"
     )]
     Held {
         /// The port.
@@ -103,7 +108,7 @@ fn explain(refusal: &Refusal) -> String {
         Refusal::OtherSchema { board } => format!("its messages have schema {board:016x}"),
         Refusal::NoSession => "another host has taken over, or the board has restarted".to_string(),
         Refusal::OtherRobot { board } => format!("it is another robot ({board:016x})"),
-        Refusal::OtherPlan { board: 0 } => "it holds no plan: hand one over first".to_string(),
+        Refusal::OtherPlan { board: 0 } => "it stores no plan: hand one over first".to_string(),
         Refusal::OtherPlan { board } => format!("it holds another plan ({board:016x})"),
         Refusal::OutOfOrder { expected } => format!("it expects layer {expected} next"),
         Refusal::Full => "it has no room for more layers now".to_string(),

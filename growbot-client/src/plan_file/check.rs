@@ -1,4 +1,4 @@
-//! What is checked before a plan from a file is believed.
+//! The checks of a plan from a file.
 //!
 //! The plan must be for this very robot, its numbers must make sense, its bends must be ones that the robot can make,
 //! its totals must be those of its segments, and chaining Eq 4 over the segments from the start must end at the goal.
@@ -15,7 +15,7 @@ use nalgebra::Vector3;
 
 use super::fault::MAX_SEGMENTS;
 use super::{PlanFault, PlanFile, WrittenLeg, WrittenPose, WrittenSegment, written_hash};
-use crate::plan::{Choice, ChosenLegs, Plan, word};
+use crate::plan::{Choice, ChosenLegs, Plan, path_type};
 
 use crate::pose_text::pose_of_numbers;
 use crate::warning::{THIN_LAYER, Warning};
@@ -27,8 +27,8 @@ const LONGEST_SEGMENT: f64 = 8.0 * Pose::MAX_COORDINATE;
 const MAX_TURNS: f64 = 1e4;
 /// No planner looks at more paths.
 const MAX_CANDIDATES: f64 = 1e9;
-/// So many letters of a word are shown.
-const LONGEST_WORD: usize = 40;
+/// Number of letters of a path type that a message shows.
+const LONGEST_PATH_TYPE: usize = 40;
 /// No number of `m0` and `p` is greater than this...
 const MAX_MOMENT: f64 = 1e6;
 /// ...and not all of them are smaller than this.
@@ -61,7 +61,7 @@ impl PlanFile {
         let standing: Vec<_> = self.warnings.iter().filter(stands).cloned().collect();
         plan.warnings.extend(standing);
         self.check_totals(&plan, robot)?;
-        self.check_words(&plan)?;
+        self.check_description(&plan)?;
         Ok(plan)
     }
 
@@ -108,7 +108,7 @@ impl PlanFile {
                 (self.candidates, self.two_plane_length_mm, self.passed_over);
             whole = [WrittenLeg {
                 segments: path.len(),
-                word: self.word.clone().unwrap_or_else(|| word(path)),
+                word: self.word.clone().unwrap_or_else(|| path_type(path)),
                 length_mm: self.length_mm,
                 candidates,
                 passed_over,
@@ -138,7 +138,7 @@ impl PlanFile {
             base_from_tip = end(own, &base_from_tip);
             let which = if index + 1 < written.len() { format!("via {}", index + 1) } else { "the goal".to_owned() };
             check_arrival(which, &base_from_tip, &from, &to, self.radius_mm)?;
-            check_word(&leg.word, own)?;
+            check_path_type(&leg.word, own)?;
             check_total("length_mm of a leg", leg.length_mm, length(own), 0.0)?;
             legs.push(Leg { goal: to, segments: leg.segments });
             choices.push(leg.choice()?);
@@ -147,10 +147,10 @@ impl PlanFile {
         Ok(ChosenLegs { legs, choices })
     }
 
-    /// What is said of the path in words and by comparison.
-    fn check_words(&self, plan: &Plan) -> Result<(), PlanFault> {
-        if let Some(word) = &self.word {
-            check_word(word, &plan.path)?;
+    /// The path type, and how the path compares with others.
+    fn check_description(&self, plan: &Plan) -> Result<(), PlanFault> {
+        if let Some(written) = &self.word {
+            check_path_type(written, &plan.path)?;
         }
         let Some(choice) = plan.choice() else { return Ok(()) };
         let percent = choice.two_plane_longer_percent(plan.needs.length);
@@ -195,7 +195,7 @@ impl WrittenLeg {
     }
 }
 
-/// A total may be off by so much, and by rounding.
+/// Checks a total. It may be off by `off`, and by rounding.
 fn check_total(what: &'static str, value: f64, expected: f64, off: f64) -> Result<(), PlanFault> {
     // What is no number is off too.
     if (value - expected).abs() <= off + ROUNDING * expected.abs() {
@@ -204,12 +204,12 @@ fn check_total(what: &'static str, value: f64, expected: f64, off: f64) -> Resul
     Err(PlanFault::Total { what, value, expected })
 }
 
-fn check_word(found: &str, path: &[Segment]) -> Result<(), PlanFault> {
-    let expected = word(path);
+fn check_path_type(found: &str, path: &[Segment]) -> Result<(), PlanFault> {
+    let expected = path_type(path);
     if found == expected {
         return Ok(());
     }
-    Err(PlanFault::Word { found: found.chars().take(LONGEST_WORD).collect(), expected })
+    Err(PlanFault::PathType { found: found.chars().take(LONGEST_PATH_TYPE).collect(), expected })
 }
 
 fn range(what: impl Into<String>, value: f64, min: f64, max: f64) -> Result<(), PlanFault> {

@@ -1,4 +1,4 @@
-//! Why a plan is not believed.
+//! Why a plan file is refused.
 
 use growbot_core::number::Short;
 use growbot_core::plan::Miss;
@@ -7,7 +7,7 @@ use growbot_core::pose::PoseError;
 /// More segments than this are no plan: what they ask for could not be grown in a lifetime.
 pub(super) const MAX_SEGMENTS: usize = 10_000;
 
-/// Why a plan is not believed: what, the value, the limit, what to do.
+/// Why a plan file is refused: what, the value, the limit, what to do.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PlanFault {
     /// The plan is for a robot of another name.
@@ -39,6 +39,7 @@ pub enum PlanFault {
         /// Start or goal.
         which: &'static str,
         /// What is wrong.
+        #[source]
         error: PoseError,
     },
     /// A number out of its range.
@@ -48,9 +49,9 @@ pub enum PlanFault {
         what: String,
         /// What it is.
         value: f64,
-        /// The least that is taken.
+        /// The min value.
         min: f64,
-        /// The greatest that is taken.
+        /// The max value.
         max: f64,
     },
     /// A bend that the robot cannot make.
@@ -63,7 +64,7 @@ pub enum PlanFault {
         segment: usize,
         /// Its radius, mm.
         radius: f64,
-        /// The robot's least radius, mm.
+        /// The robot's min radius, mm.
         limit: f64,
     },
     /// Too many segments.
@@ -82,7 +83,7 @@ pub enum PlanFault {
         segment: usize,
         /// The part of m0 along the tip's direction, as a share.
         value: f64,
-        /// The greatest that is taken.
+        /// The max value.
         limit: f64,
     },
     /// A total that is not the sum of the segments.
@@ -100,7 +101,7 @@ pub enum PlanFault {
     },
     /// Letters that are not those of the segments.
     #[error("word is {found:?}, and the segments give {expected:?}: the plan was changed by hand; plan again")]
-    Word {
+    PathType {
         /// What the file says.
         found: String,
         /// What the segments give.

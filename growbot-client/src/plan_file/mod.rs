@@ -83,7 +83,7 @@ pub enum PlanFileError {
     },
 }
 
-/// Only the version, so that a plan of another one is told from nonsense.
+/// Only the version, to tell a plan of another version from nonsense.
 #[derive(Deserialize)]
 struct Version {
     format: String,

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::FORMAT;
 use crate::degrees::{degrees_below_turn, shortest_degrees, shortest_heading};
-use crate::plan::{Choice, Plan, word};
+use crate::plan::{Choice, Plan, path_type};
 use crate::printable;
 use crate::warning::Warning;
 
@@ -125,7 +125,7 @@ impl WrittenLeg {
     fn new(choice: Option<Choice>, path: &[Segment]) -> Self {
         Self {
             segments: path.len(),
-            word: word(path),
+            word: path_type(path),
             length_mm: length(path),
             candidates: choice.map(|choice| choice.candidates),
             passed_over: choice.map_or(0, |choice| choice.passed_over),
@@ -224,7 +224,7 @@ impl From<&Plan> for PlanFile {
             layers: plan.needs.layers,
             duration_s: plan.needs.duration,
             filament_mm: plan.needs.filament,
-            word: Some(plan.word()),
+            word: Some(plan.path_type()),
             candidates: choice.map(|choice| choice.candidates),
             passed_over: choice.map_or(0, |choice| choice.passed_over),
             two_plane_length_mm: choice.map(|choice| choice.two_plane_length),

@@ -123,7 +123,7 @@ pub enum PortError {
     Missing(String, String),
     /// Another program has it.
     #[error(
-        "port {0} is busy: {1} holds it; close that first (in an emergency: `growbot estop --port {0}`, which does \
+        "port {0} is busy: {1} uses it; close that first (in an emergency: `growbot estop --port {0}`, which does \
          not wait for it)"
     )]
     Busy(String, String),

@@ -33,7 +33,7 @@ const SILENCE_LOOK: Duration = Duration::from_millis(2);
 /// so many times.
 const SILENCE_TRIES: u32 = 10;
 
-/// An open serial device. It never blocks but for the time that it is told to wait.
+/// An open serial device. It never blocks for longer than the requested wait.
 pub struct Serial {
     file: File,
     /// It is the emergency stop's, which others are silent for.

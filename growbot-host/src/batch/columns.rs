@@ -1,4 +1,4 @@
-//! The header of a batch: which column holds what. Any order; two columns are optional.
+//! The header of a batch: the place of each column. Any order; two columns are optional.
 
 use csv::ByteRecord;
 use growbot_client::suggest::did_you_mean;
@@ -17,7 +17,7 @@ pub const REQUIRED: [&str; 11] = [
     "to_heading_deg",
     "to_pitch_deg",
 ];
-/// The columns that a batch may have; absent or empty, the command's own setting holds.
+/// The columns that a batch may have; where one is absent or empty, the command's own setting applies.
 pub const OPTIONAL: [&str; 2] = ["radius_mm", "planner"];
 
 /// Why a header is refused.

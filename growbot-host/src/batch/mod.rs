@@ -1,7 +1,7 @@
 //! Many plans from a stream of queries in CSV, in the order of the queries.
 //!
 //! One query is in memory at a time, so that a stream may be as long as it likes. A query that is at fault has an error
-//! of its own and the rest go on; a header that is at fault is refused before the first query.
+//! of its own and the rest continue; a header that is at fault is refused before the first query.
 
 mod columns;
 
@@ -22,7 +22,7 @@ use serde::de::{Deserialize, IntoDeserializer};
 pub use columns::HeaderError;
 use columns::{Column, Columns};
 
-/// Why a batch cannot go on.
+/// Why a batch ends early.
 #[derive(Debug, thiserror::Error)]
 pub enum BatchError {
     /// The header is at fault.
@@ -30,7 +30,7 @@ pub enum BatchError {
     Header(#[from] HeaderError),
     /// Reading broke off.
     #[error("reading broke off: {0}")]
-    Reading(csv::Error),
+    Reading(#[source] csv::Error),
 }
 
 /// Why a query has no plan.
@@ -57,7 +57,7 @@ pub enum QueryError {
     NotANumber {
         /// The column.
         column: &'static str,
-        /// What it holds.
+        /// Its text.
         text: String,
     },
     /// There is no such planner.
@@ -72,6 +72,7 @@ pub enum QueryError {
         /// From or to.
         which: &'static str,
         /// What is wrong.
+        #[source]
         error: PoseError,
     },
     /// There is no path.
@@ -112,7 +113,7 @@ pub struct Batch<R> {
     reader: Reader<R>,
     columns: Columns,
     record: ByteRecord,
-    /// What holds where a query does not say.
+    /// The defaults of queries.
     defaults: Search,
 }
 
@@ -187,7 +188,7 @@ impl<R: Read> Batch<R> {
     }
 }
 
-/// A field as text; nothing where it is none, which is told before anything is made of it.
+/// A field as text; empty where it is not UTF-8, which is refused earlier.
 fn text_of(field: Option<&[u8]>) -> &str {
     str::from_utf8(field.unwrap_or_default()).unwrap_or_default()
 }

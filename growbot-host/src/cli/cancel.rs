@@ -8,7 +8,7 @@ use super::{Failure, RobotArg, RobotPortArg};
 
 /// Give up the body under way: heater and steppers off, and the board forgets it
 ///
-/// After a stop, a fault or a reset the board keeps what it knows of an unfinished body, for `growbot resume`.
+/// After a stop, a fault or a reset the board stores what it knows of an unfinished body, for `growbot resume`.
 #[derive(Args)]
 #[command(after_help = "Example:\n  growbot cancel --port /dev/ttyACM0")]
 pub struct CancelArgs {
@@ -26,7 +26,7 @@ pub fn run(args: &CancelArgs) -> Result<(), Failure> {
     let hello = client.hello()?;
     let plan_id = hello.status.plan_id;
     if plan_id == 0 {
-        return Ok(print(&format!("the {}board holds no body\n", port.kind()))?);
+        return Ok(print(&format!("the {}board stores no body\n", port.kind()))?);
     }
     client.request("to give the body up", &Message::Cancel(Cancel { plan_id }))?;
     Ok(print(&format!(

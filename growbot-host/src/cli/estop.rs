@@ -15,13 +15,13 @@ use super::{ChosenPort, Failure, RobotArg, RobotPortArg};
 
 /// Emergency stop: heater and steppers off before the board does anything else
 ///
-/// Whoever holds the board or the port, and whatever is queued: eight bytes that the board recognises as they arrive,
-/// sent again and again for three seconds until it says that it has obeyed. It stays off until the stop is cleared
-/// (`clear` in `growbot console`).
+/// The command sends eight bytes that the board recognises as they arrive, again and again for three seconds, until the
+/// board acknowledges them. It works beside another host or program that owns the board or the port, and ahead of all
+/// queued bytes. The board stays off until the stop is cleared (`clear` in `growbot console`).
 #[derive(Args)]
 #[command(
     after_help = "Example:\n  growbot estop --port /dev/ttyACM0\n\nExit codes: 0, the board has said that everything \
-                  is off; 1, it has not,\nfor whatever reason: cut its power."
+                  is off; 1, it has not,\nfor any reason: cut its power."
 )]
 pub struct EstopArgs {
     #[command(flatten)]
@@ -30,7 +30,7 @@ pub struct EstopArgs {
     robot: RobotArg,
 }
 
-/// Runs the command. Whatever fails, its exit code is 1, and it says to cut the power.
+/// Runs the command. On any failure its exit code is 1, and it says to cut the power.
 pub fn run(args: &EstopArgs) -> Result<(), Failure> {
     let port = args.port.choose().map_err(|failure| cut_the_power(failure.message()))?;
     stop(&port, &args.robot).map_err(cut_the_power)?;

@@ -82,7 +82,7 @@ Examples:
 
 GROWBOT_PORT names the port of commands that are given no --port.
 
-Exit codes: 0, done; 1, the answer is no; 2, something was wrong before the job.";
+Exit codes: 0, done; 1, the request failed; 2, something was wrong before the job.";
 
 #[derive(Subcommand)]
 enum Command {
@@ -152,7 +152,7 @@ pub fn run() -> ExitCode {
     }
 }
 
-/// Says what is wrong with the command line, or shows its help. What an argument holds must not steer a terminal.
+/// Says what is wrong with the command line, or shows its help. Arguments must not steer a terminal.
 fn show(error: &clap::Error) {
     let plain = error.render().to_string();
     let shown = printable::lines(&plain);
@@ -177,12 +177,12 @@ impl Failure {
         Self { code: 1, message: Some(message.to_string()) }
     }
 
-    /// Whoever read the results has had enough: nothing failed.
+    /// The reader of the results has closed them: nothing failed.
     fn reader_gone() -> Self {
         Self { code: 0, message: None }
     }
 
-    /// Whether whoever read the results has gone.
+    /// Whether the reader of the results has gone.
     pub fn is_reader_gone(&self) -> bool {
         self.code == 0
     }
@@ -279,7 +279,7 @@ struct LineArg {
     /// is for each byte. The same seed=N gives the same faults.
     #[arg(long, value_name = "SPEC")]
     fault: Option<FaultSpec>,
-    /// Take the board over from another host that holds it
+    /// Take the board over from another host that owns it
     #[arg(long)]
     take_over: bool,
 }

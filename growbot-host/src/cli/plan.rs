@@ -24,7 +24,7 @@ use super::{Failure, RobotArg, plan_table};
 /// JSON with --json; -o writes the plan to a file, for `growbot layers` and the like.
 ///
 /// What speaks against growing the path is said in the plan's warnings: thin-layer, self-collision (the body would run
-/// into itself), filament-short (the spool does not hold enough), layer-limit (a layer that the robot cannot lay).
+/// into itself), filament-short (not enough filament on the spool), layer-limit (a layer that the robot cannot lay).
 /// `growbot grow` refuses the last three.
 #[derive(Args)]
 #[command(override_usage = USAGE, after_help = AFTER_HELP)]
@@ -72,7 +72,7 @@ A batch has the header
   id,from_x_mm,from_y_mm,from_z_mm,from_heading_deg,from_pitch_deg,
   to_x_mm,to_y_mm,to_z_mm,to_heading_deg,to_pitch_deg
 in one line and in any order, and perhaps columns radius_mm and planner; the
-options hold where a query does not say. There are no columns for poses on the
+options apply where a query does not say. There are no columns for poses on the
 way. Each query is answered by one line: its plan, or its id and an error. The
 exit code is 1 if any failed.";
 

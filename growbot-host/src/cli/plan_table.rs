@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use growbot_client::degrees::{shortest_degrees, shortest_heading};
-use growbot_client::plan::{Choice, Plan, planner_name, word};
+use growbot_client::plan::{Choice, Plan, path_type, planner_name};
 use growbot_core::angle::degrees;
 use growbot_core::path::{Segment, length};
 use growbot_core::plan::Planner;
@@ -51,12 +51,12 @@ pub fn table(plan: &Plan) -> String {
     text += "\n";
     let legs: Vec<_> = plan.by_leg().collect();
     for (index, (choice, path)) in legs.iter().enumerate() {
-        let name = if legs.len() == 1 { "word".to_owned() } else { format!("leg {}", index + 1) };
+        let name = if legs.len() == 1 { "path type".to_owned() } else { format!("leg {}", index + 1) };
         let length = length(path);
         let measured = if legs.len() == 1 { String::new() } else { format!(" ({length:.1} mm)") };
         let choice = choice.map(|choice| format!(", {}", chosen(plan.planner, &choice, length)));
-        let words = format!("{}{measured}{}", word(path), choice.unwrap_or_default());
-        text += &wrapped(&format!("  {name:<9} "), &words, 12);
+        let text_of_path = format!("{}{measured}{}", path_type(path), choice.unwrap_or_default());
+        text += &wrapped(&format!("  {name:<9} "), &text_of_path, 12);
     }
     text += &format!("  length    {:.1} mm\n  layers    {}\n", needs.length, needs.layers);
     text += &format!("  time      {}\n  filament  {:.2} m\n", duration_text(needs.duration), needs.filament / 1000.0);
@@ -99,12 +99,12 @@ fn pose(pose: &Pose) -> String {
     )
 }
 
-/// The words behind a head, in lines that fit a terminal; later lines are indented by so much.
-fn wrapped(head: &str, words: &str, indent: usize) -> String {
+/// A text behind a head, in lines that fit a terminal. Later lines have this indentation.
+fn wrapped(head: &str, rest: &str, indent: usize) -> String {
     let mut text = head.to_owned();
     let mut column = head.chars().count();
     let mut begun = true;
-    for word in words.split_whitespace() {
+    for word in rest.split_whitespace() {
         let width = word.chars().count();
         if !begun && column + 1 + width > WIDTH {
             text += &format!("\n{:indent$}", "");
@@ -126,7 +126,7 @@ mod tests {
 
     #[test]
     fn long_lines_are_broken_between_words() {
-        let text = wrapped("  word      ", &"eleven long ".repeat(20), 12);
+        let text = wrapped("  path type ", &"eleven long ".repeat(20), 12);
         assert!(text.lines().count() == 4 && text.lines().all(|line| line.len() <= 80), "{text}");
         assert!(
             text.lines()

@@ -9,7 +9,7 @@ use super::{Failure, RobotArg};
 
 /// Print the tightest bend of a robot, R_min, in mm
 ///
-/// R_min is the least radius of the centreline: the larger of what the mechanics allow (the parts inside the tube must
+/// R_min is the min radius of the centreline: the larger of what the mechanics allow (the parts inside the tube must
 /// pass the bend: Eq 7 of Del Dottore et al. 2019) and what the layers allow (their least and greatest heights and
 /// their greatest tilt).
 #[derive(Args)]

@@ -46,10 +46,8 @@ pub fn campaign(campaign: &Campaign, robot: &str, path_length: f64, seed: u64) -
         campaign.runs,
         campaign.layers.mean()
     );
-    table += &format!(
-        "{:<17}{:>10}{:>10}{:>10}{:>10}{:>10}{:>10}\n",
-        "error", "mean", "SD", "least", "median", "95 %", "greatest"
-    );
+    table +=
+        &format!("{:<17}{:>10}{:>10}{:>10}{:>10}{:>10}{:>10}\n", "error", "mean", "SD", "min", "median", "95 %", "max");
     table += &line("position, mm", &campaign.position_error_mm, 1.0);
     table += &line("  % of the path", &campaign.normalized_position_error, 100.0);
     table += &line("direction, deg", &campaign.direction_error_deg, 1.0);
@@ -57,10 +55,10 @@ pub fn campaign(campaign: &Campaign, robot: &str, path_length: f64, seed: u64) -
     table += &line("pitch, deg", &campaign.pitch_error_deg, 1.0);
     table += &format!("\nMedian and 95 % are to {} %", 100.0 * Statistics::RESOLUTION);
     if let Some(Farthest { seed, .. }) = campaign.farthest {
-        table += &format!("; the greatest position error is that of --seed {seed}");
+        table += &format!("; the max position error is that of --seed {seed}");
     }
     table += ".\n";
-    table + &campaign.hung.as_ref().map(|hung| format!("Greatest: {}", hangs(hung))).unwrap_or_default()
+    table + &campaign.hung.as_ref().map(|hung| format!("Max: {}", hangs(hung))).unwrap_or_default()
 }
 
 /// One error, in units of `1 / scale`.

@@ -9,7 +9,7 @@ use super::{Failure, RobotArg, RobotPortArg};
 
 /// Stop the robot: heater and steppers off at once
 ///
-/// A layer under way is cut. The board keeps what it knows of the body: `growbot resume` goes on with it, `growbot
+/// A layer under way is interrupted. The board stores what it knows of the body: `growbot resume` resumes it, `growbot
 /// cancel` gives it up.
 #[derive(Args)]
 #[command(after_help = "Example:\n  growbot stop --port /dev/ttyACM0")]
@@ -28,7 +28,8 @@ pub fn run(args: &StopArgs) -> Result<(), Failure> {
     client.request("to stop", &Message::Stop(Empty {})).map_err(|error| match error {
         ClientError::Refused { .. } => error.into(),
         error => Failure::bad_input(format!(
-            "{error}; the robot may still be hot or moving: give the emergency stop (`growbot estop --port {}`), or cut \
+            "{error}; the robot may still be hot or moving: give the emergency stop (`growbot estop --port {}`), or \
+             cut \
              its power",
             port.text()
         )),

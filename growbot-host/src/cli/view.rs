@@ -35,10 +35,10 @@ pub struct ViewArgs {
     /// Two plans or run logs side by side
     #[arg(long)]
     compare: bool,
-    /// A picture instead of a page: SVG
+    /// A picture instead of a page: SVG; -o gives its name
     #[arg(long)]
     svg: bool,
-    /// A picture instead of a page: PNG
+    /// A picture instead of a page: PNG; -o gives its name
     #[arg(long, conflicts_with = "svg")]
     png: bool,
     /// Width of a PNG in pixels [default: 1600]
@@ -96,7 +96,7 @@ enum QuantityName {
     Heights,
     /// Tilt of the layers, degrees
     Tilt,
-    /// How far the body lies off its plan, mm (run logs only)
+    /// Deviation of the body from its plan, mm (run logs only)
     Error,
     /// Temperature of the nozzle, C (run logs only)
     Temperature,
@@ -224,7 +224,7 @@ impl ViewArgs {
         match (self.files.len(), self.compare) {
             (1, true) => return Err(Failure::bad_input("--compare takes two plans or run logs: give another one")),
             (2, false) => {
-                return Err(Failure::bad_input("two files are shown side by side only: add --compare, or give one"));
+                return Err(self.two_files());
             }
             _ => {}
         }
@@ -244,10 +244,10 @@ impl ViewArgs {
         let other = |output: &&PathBuf| Format::ALL.into_iter().any(|other| other != format && ends_in(output, other));
         if let Some(output) = self.output.as_ref().filter(other) {
             let (ending, output) = (format.ending(), output.display());
-            return Err(Failure::bad_input(format!("{output} would hold {ending}: end it in .{ending}")));
+            return Err(Failure::bad_input(format!("{output} would contain {ending}: end it in .{ending}")));
         }
         if self.files.iter().filter(|file| is_standard_input(file)).count() > 1 {
-            return Err(Failure::bad_input("standard input holds one plan or run log only: give the other as a file"));
+            return Err(Failure::bad_input("standard input gives one plan or run log only: give the other as a file"));
         }
         let output = match &self.output {
             Some(output) if is_standard_input(output) => return Err(Failure::bad_input("-o takes a file")),
@@ -271,6 +271,18 @@ impl ViewArgs {
             refuse_ending(output, &[format.ending()])?;
         }
         Ok(output)
+    }
+
+    /// Why two files are not accepted without `--compare`. A picture's name after `--png` or `--svg` counts as a file.
+    fn two_files(&self) -> Failure {
+        let picture = self.files.iter().find(|file| [Format::Svg, Format::Png].iter().any(|it| ends_in(file, *it)));
+        match picture {
+            Some(file) => Failure::bad_input(format!(
+                "{} would be a second plan or run log: to write a picture there, give -o {0}",
+                file.display()
+            )),
+            None => Failure::bad_input("two files are shown side by side only: add --compare, or give one"),
+        }
     }
 
     /// Beside the first file, under the names of all.

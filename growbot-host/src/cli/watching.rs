@@ -1,4 +1,4 @@
-//! `--watch`: a growth to look at while it goes on, and the pace of one that is simulated.
+//! `--watch`: a growth to look at while it grows, and the pace of one that is simulated.
 
 use std::sync::Arc;
 
@@ -11,7 +11,7 @@ use growbot_sim::port::PortName;
 
 use super::Failure;
 
-/// How many times as fast as real time a simulated growth passes that is watched, unless told otherwise.
+/// The default pace of a simulated growth that is watched, in multiples of real time.
 const WATCHED_PACE: f64 = 60.0;
 
 /// How a growth is watched.
@@ -19,18 +19,18 @@ const WATCHED_PACE: f64 = 60.0;
 pub struct WatchArgs {
     /// Serve a page that follows the growth, on this machine alone
     ///
-    /// Its address, which is told, has a secret in it: whoever knows that may look. From another machine: ssh -L
-    /// 8080:localhost:8080, and --watch-port 8080.
+    /// The command prints its address, which contains a secret: everyone who knows it may look. From another machine:
+    /// ssh -L 8080:localhost:8080, and --watch-port 8080.
     #[arg(long)]
     watch: bool,
     /// Serve it on this port [default: any]
     #[arg(long, value_name = "PORT", requires = "watch")]
     watch_port: Option<u16>,
-    /// Let the page hold, go on and stop, too
+    /// Let the page pause, continue and stop the growth, too
     #[arg(long, requires = "watch")]
     control: bool,
-    /// On sim, time passes so many times as fast as real time [default: 60 with
-    /// --watch, otherwise as fast as it is computed]
+    /// On sim, the pace in multiples of real time [default: 60 with --watch,
+    /// otherwise as fast as it is computed]
     #[arg(long, value_name = "TIMES", value_parser = times)]
     pace: Option<f64>,
 }

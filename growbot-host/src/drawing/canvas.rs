@@ -50,7 +50,7 @@ impl Canvas {
     }
 }
 
-/// Text as SVG and HTML show it, without what neither can hold.
+/// Text as SVG and HTML show it, without characters that neither can contain.
 pub fn escape(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
     for letter in text.chars() {

@@ -83,7 +83,7 @@ impl Scale {
     }
 }
 
-/// 1, 2 or 5 times a power of ten: the least that divides this into no more than so many parts.
+/// 1, 2 or 5 times a power of ten: the min that divides this into no more than `max` parts.
 pub fn round_step(whole: f64, max: f64) -> f64 {
     let power = libm::pow(10.0, libm::floor(libm::log10(whole / max)));
     [1.0, 2.0, 5.0, 10.0].into_iter().map(|step| step * power).find(|step| whole / step <= max).unwrap_or(whole)

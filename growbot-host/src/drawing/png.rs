@@ -32,7 +32,7 @@ pub enum PngError {
     Encoding(String),
 }
 
-/// The picture of a drawing (SVG), so many pixels wide.
+/// The picture of a drawing (SVG); `width` in pixels.
 ///
 /// # Errors
 /// [`PngError`].
@@ -79,7 +79,7 @@ fn packed(pixels: &Pixmap) -> Result<Vec<u8>, png::EncodingError> {
 mod tests {
     use super::*;
 
-    /// Width, height and bytes of the picture of a text in so many pixels.
+    /// Width, height and bytes of the picture of a text at this width in pixels.
     fn of_text(text: &str, width: u32) -> (u32, u32, Vec<u8>) {
         let svg = format!(
             "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 200 50\" width=\"200\" height=\"50\">\

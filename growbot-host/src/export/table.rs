@@ -2,16 +2,15 @@
 
 use std::fmt::Write;
 
-use growbot_client::degrees::degrees_below_turn;
-use growbot_core::angle::degrees;
 use growbot_core::layer::Layer;
 use growbot_core::pose::{Frame, tip_direction};
 
 use super::body::Body;
+use crate::layer_table::{FIELDS, fields};
 
 /// The header: layers laid, where the tip then is (mm) and points (a unit vector), the layer laid last, and where that
 /// is known from.
-pub const HEADER: &str = "laid,x_mm,y_mm,z_mm,direction_x,direction_y,direction_z,alpha_deg,height_mm,tilt_deg,source";
+pub const TIP: &str = "laid,x_mm,y_mm,z_mm,direction_x,direction_y,direction_z";
 
 /// And where the tip would be if the plastic lay as the steps say, where it is known to lie otherwise: on a simulated
 /// tip.
@@ -21,7 +20,7 @@ pub const COMMANDED: &str = ",commanded_x_mm,commanded_y_mm,commanded_z_mm";
 /// last of which is layer `n - 1` of `growbot layers`.
 #[must_use]
 pub fn write(body: &Body, commanded: Option<&Body>) -> String {
-    let mut text = format!("{HEADER}{}\n", if commanded.is_some() { COMMANDED } else { "" });
+    let mut text = format!("{TIP},{FIELDS},source{}\n", if commanded.is_some() { COMMANDED } else { "" });
     let beside = |laid: usize| {
         commanded.map(|commanded| match laid.checked_sub(1) {
             None => Some(commanded.base_from_start),
@@ -47,11 +46,9 @@ fn row(
 ) {
     let at = base_from_tip.translation.vector;
     let to = tip_direction(base_from_tip);
-    let alpha = if layer.tilt > 0.0 { degrees_below_turn(layer.alpha) } else { 0.0 };
-    let (height, tilt) = (layer.height, degrees(layer.tilt));
+    let fields = fields(layer);
     // Writing to a String does not fail.
-    let _ =
-        write!(text, "{laid},{},{},{},{},{},{},{alpha},{height},{tilt},{source}", at.x, at.y, at.z, to.x, to.y, to.z);
+    let _ = write!(text, "{laid},{},{},{},{},{},{},{fields},{source}", at.x, at.y, at.z, to.x, to.y, to.z);
     let _ = match beside.map(|tip| tip.map(|tip| tip.translation.vector)) {
         None => writeln!(text),
         Some(None) => writeln!(text, ",,,"),
@@ -72,7 +69,7 @@ mod tests {
         let body = Body::of_layers(&robot, [(layer(0.0), Source::Planned), (layer(0.005), Source::AsBuilt)]);
         let text = write(&body, None);
         let rows: Vec<Vec<&str>> = text.lines().map(|line| line.split(',').collect()).collect();
-        assert_eq!(rows[0].join(","), HEADER);
+        assert_eq!(rows[0].join(","), format!("{TIP},{FIELDS},source"));
         let up = tip_direction(&body.base_from_start).x;
         assert_eq!(rows[1].join(","), format!("0,0,0,0,{up},0,1,0,0,0,start"));
         assert_eq!((rows[2][0], rows[2][3]), ("1", "0.30000000000000004"));

@@ -131,7 +131,7 @@ struct Layers {
     built: Option<Vec<LayerBytes>>,
     /// What is known of that; none of a plan.
     kind: Option<BodyKind>,
-    /// As the steps say, where it is known to lie otherwise: on a simulated tip.
+    /// As the steps say; of a simulated tip only, whose plastic lies otherwise.
     commanded: Option<Vec<LayerBytes>>,
 }
 

@@ -40,7 +40,7 @@ pub fn of(subject: &Subject, layers: &Layers) -> Vec<Group> {
         ("Planner", planner_name(plan.planner).to_owned()),
     ];
     if !plan.path.is_empty() {
-        rows.push(("Pieces", plan.word()));
+        rows.push(("Path type", plan.path_type()));
     }
     rows.push(("Radius of bends", format!("{:.1} mm", plan.radius)));
     if layers.built.is_none() {
@@ -75,7 +75,7 @@ pub fn caption(subject: &Subject, layers: &Layers, called: &str) -> String {
         BodyKind::Laid | BodyKind::Commanded => kind.name().to_owned(),
     });
     let planner = Some(planner_name(plan.planner)).filter(|planner| *planner != called);
-    let pieces = Some(plan.word()).filter(|pieces| !pieces.is_empty());
+    let pieces = Some(plan.path_type()).filter(|pieces| !pieces.is_empty());
     let path = match (planner, pieces) {
         (Some(planner), Some(pieces)) => Some(format!("{planner} ({pieces})")),
         (planner, pieces) => pieces.or(planner.map(str::to_owned)),

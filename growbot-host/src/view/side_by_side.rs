@@ -63,14 +63,14 @@ mod tests {
     fn what_only_one_has_stands_where_it_has_it() {
         let plan = [group("Plan", &["Length", "Clearance"]), group("Robot", &["Name"])];
         let run =
-            [group("Arrived", &["From the goal"]), group("Plan", &["Length", "Pieces"]), group("Robot", &["Name"])];
+            [group("Arrived", &["From the goal"]), group("Plan", &["Length", "Path type"]), group("Robot", &["Name"])];
         let expected = json!([
             ["Arrived", [["From the goal", null, "From the goal of Arrived"]]],
             [
                 "Plan",
                 [
                     ["Length", "Length of Plan", "Length of Plan"],
-                    ["Pieces", null, "Pieces of Plan"],
+                    ["Path type", null, "Path type of Plan"],
                     ["Clearance", "Clearance of Plan", null],
                 ]
             ],

@@ -6,21 +6,23 @@
 
 use growbot_core::angle::wrap_positive;
 
-/// Length of the shortest body of this bend radius to a position: so far ahead of the start and so far aside of its
+/// Length of the shortest body of this bend radius to a position: at this axial and lateral distance from its
 /// line. Lengths in any one unit.
 #[must_use]
-pub fn shortest_to(ahead: f64, aside: f64, radius: f64) -> f64 {
-    let (ahead, aside) = (ahead / radius, aside.abs() / radius);
-    [aside, -aside]
+pub fn shortest_to(axial: f64, lateral: f64, radius: f64) -> f64 {
+    let (axial, lateral) = (axial / radius, lateral.abs() / radius);
+    [lateral, -lateral]
         .into_iter()
-        .flat_map(|aside| [arc_and_line(ahead, aside), two_arcs(ahead, aside, 1.0), two_arcs(ahead, aside, -1.0)])
+        .flat_map(|lateral| {
+            [arc_and_line(axial, lateral), two_arcs(axial, lateral, 1.0), two_arcs(axial, lateral, -1.0)]
+        })
         .fold(f64::INFINITY, f64::min)
         * radius
 }
 
-/// Turning towards positive `aside`, then straight on; infinite for positions within the circle. Lengths in radii.
-fn arc_and_line(ahead: f64, aside: f64) -> f64 {
-    let (x, y) = (aside - 1.0, ahead);
+/// Turning towards positive `lateral`, then straight on; infinite for positions within the circle. Lengths in radii.
+fn arc_and_line(axial: f64, lateral: f64) -> f64 {
+    let (x, y) = (lateral - 1.0, axial);
     let beyond = x * x + y * y - 1.0;
     if beyond < -ROUNDING {
         return f64::INFINITY;
@@ -30,11 +32,11 @@ fn arc_and_line(ahead: f64, aside: f64) -> f64 {
     nearly_none(turn) + line
 }
 
-/// Turning away from positive `aside`, then towards it on a second circle that touches the first; infinite where there
-/// is no such circle through the position. Lengths in radii.
-fn two_arcs(ahead: f64, aside: f64, side: f64) -> f64 {
+/// Turning away from positive `lateral`, then towards it on a second circle that touches the first; infinite where
+/// there is no such circle through the position. Lengths in radii.
+fn two_arcs(axial: f64, lateral: f64, side: f64) -> f64 {
     // The first circle is round (-1, 0), the second one's centre lies 2 from there and 1 from the position.
-    let (x, y) = (aside + 1.0, ahead);
+    let (x, y) = (lateral + 1.0, axial);
     let distance = libm::hypot(x, y);
     let cosine = (3.0 + distance * distance) / (4.0 * distance);
     if cosine > 1.0 + ROUNDING {
@@ -61,7 +63,7 @@ mod tests {
     use std::f64::consts::PI;
 
     /// The shortest of many paths of two pieces, tried one by one.
-    fn by_trying(ahead: f64, aside: f64) -> f64 {
+    fn by_trying(axial: f64, lateral: f64) -> f64 {
         let n = 20_000;
         let mut best = f64::INFINITY;
         for i in 0..n {
@@ -69,7 +71,7 @@ mod tests {
             let (sin, cos) = libm::sincos(turn);
             for side in [1.0, -1.0] {
                 // The position seen from the tip after a turn towards `side`.
-                let (x, y) = (side * aside - (1.0 - cos), ahead - sin);
+                let (x, y) = (side * lateral - (1.0 - cos), axial - sin);
                 let (across, on) = (x * cos - y * sin, x * sin + y * cos);
                 if across.abs() < 2e-3 && on >= 0.0 {
                     best = best.min(turn + on);
@@ -87,7 +89,7 @@ mod tests {
 
     #[test]
     fn well_known_positions() {
-        for (ahead, aside, length) in [
+        for (axial, lateral, length) in [
             (0.0, 0.0, 0.0),
             (500.0, 0.0, 500.0),
             (0.0, 200.0, 100.0 * PI),
@@ -95,7 +97,7 @@ mod tests {
             (100.0, -100.0, 50.0 * PI),
             (-300.0, 200.0, 100.0 * PI + 300.0),
         ] {
-            assert!((shortest_to(ahead, aside, 100.0) - length).abs() < 1e-9, "{ahead}, {aside}");
+            assert!((shortest_to(axial, lateral, 100.0) - length).abs() < 1e-9, "{axial}, {lateral}");
         }
     }
 
@@ -103,9 +105,9 @@ mod tests {
     fn no_path_of_two_pieces_is_shorter() {
         for i in -15..=15 {
             for j in 0..=15 {
-                let (ahead, aside) = (f64::from(i) * 0.2 + 0.013, f64::from(j) * 0.2 + 0.007);
-                let (found, tried) = (shortest_to(ahead, aside, 1.0), by_trying(ahead, aside));
-                assert!((found - tried).abs() < 0.1, "{ahead}, {aside}: {found}, and by trying {tried}");
+                let (axial, lateral) = (f64::from(i) * 0.2 + 0.013, f64::from(j) * 0.2 + 0.007);
+                let (found, tried) = (shortest_to(axial, lateral, 1.0), by_trying(axial, lateral));
+                assert!((found - tried).abs() < 0.1, "{axial}, {lateral}: {found}, and by trying {tried}");
             }
         }
     }

@@ -1,6 +1,6 @@
 //! Which goals are within reach of a body of a given length.
 //!
-//! Positions are told in the frame of the start: ahead, along the direction of growth, and aside of it. Where the tip
+//! Positions are given in the frame of the start: axial, along the direction of growth, and lateral. Where the tip
 //! may point anywhere, everything is the same round the start's direction, and the shortest body to a position has a
 //! closed form ([`shortest_to`]); how many final directions can be had there, the planner tells. Where the final
 //! direction is given, the planner tells all. Whether a body runs into itself is not looked at.
@@ -44,8 +44,8 @@ pub struct Question<'a> {
 pub struct Workspace {
     /// Volume of the positions within reach, mm^3, and its standard error, mm^3 (0 where it is integrated).
     pub volume: (f64, f64),
-    /// The furthest positions within reach straight ahead of the start, beside it towards its x axis and against it,
-    /// and behind it, mm; none: not even the nearest tried.
+    /// The furthest positions within reach straight along the axis from the start, beside it towards its x axis and
+    /// against it, and behind it, mm; none: not even the nearest tried.
     pub reach: [Option<f64>; 4],
     /// Share of final directions within reach, by distance from the start. Empty where the direction is given.
     pub shares: Vec<Band>,
@@ -70,13 +70,13 @@ pub struct Band {
 pub struct Section {
     /// Distance between neighbours, mm.
     pub spacing: f64,
-    /// Positions in a row, along `aside` from `aside_from`.
+    /// Positions in a row, along `lateral` from `lateral_from`.
     pub columns: usize,
-    /// `aside` of the first column, mm.
-    pub aside_from: f64,
-    /// `ahead` of the first row, mm.
-    pub ahead_from: f64,
-    /// Row by row from behind to ahead: the shortest body, mm, or a share.
+    /// `lateral` of the first column, mm.
+    pub lateral_from: f64,
+    /// `axial` of the first row, mm.
+    pub axial_from: f64,
+    /// Row by row, from behind the start forwards: the shortest body, mm, or a share.
     pub values: Vec<f64>,
 }
 
@@ -141,9 +141,9 @@ impl Question<'_> {
         let forth = shortest_to(position.z, libm::hypot(position.x, position.y), self.radius);
         let Ok(goal) = Pose::new(self.position(position), heading, pitch) else { return f64::INFINITY };
         let back = goal.position() - self.start.position();
-        let ahead = back.dot(&goal.direction());
-        let aside = (back - goal.direction() * ahead).norm();
-        forth.max(shortest_to(ahead, aside, self.radius))
+        let axial = back.dot(&goal.direction());
+        let lateral = (back - goal.direction() * axial).norm();
+        forth.max(shortest_to(axial, lateral, self.radius))
     }
 
     /// Whether a body of the length reaches this position and direction. The planner is asked only where neither a
@@ -158,7 +158,7 @@ impl Question<'_> {
     }
 
     fn anywhere(&self, mut at: impl FnMut(u64, u64)) -> Workspace {
-        let shortest = |ahead: f64, aside: f64| shortest_to(ahead, aside, self.radius);
+        let shortest = |axial: f64, lateral: f64| shortest_to(axial, lateral, self.radius);
         let spacing = self.length / FINEST_CLOSED;
         let section = self.section.then(|| Section::on_a_half_plane(self.length, spacing, shortest));
 
@@ -172,13 +172,13 @@ impl Question<'_> {
             .map(|(row, column)| ((row as f64 + 0.5) * coarse - self.length, (column as f64 + 0.5) * coarse))
             .collect();
         let directions = half_sphere();
-        let share = |&(ahead, aside): &(f64, f64)| {
-            if shortest(ahead, aside) > self.length {
+        let share = |&(axial, lateral): &(f64, f64)| {
+            if shortest(axial, lateral) > self.length {
                 return 0.0;
             }
             let within = directions.iter().filter(|direction| {
                 let (heading, pitch) = heading_and_pitch(&(self.start_frame().rotation * **direction));
-                self.within(Vector3::new(aside, 0.0, ahead), heading, pitch)
+                self.within(Vector3::new(lateral, 0.0, axial), heading, pitch)
             });
             within.count() as f64 / DIRECTIONS as f64
         };
@@ -187,7 +187,8 @@ impl Question<'_> {
         let bands = (0..BANDS).map(|band| {
             let to = self.length * (band + 1) as f64 / BANDS as f64;
             let from = self.length * band as f64 / BANDS as f64;
-            let inside = |&(&(ahead, aside), _): &(&(f64, f64), &f64)| (from..to).contains(&libm::hypot(ahead, aside));
+            let inside =
+                |&(&(axial, lateral), _): &(&(f64, f64), &f64)| (from..to).contains(&libm::hypot(axial, lateral));
             let (weight, sum) = cells
                 .iter()
                 .zip(&values)
@@ -195,17 +196,17 @@ impl Question<'_> {
                 .fold((0.0, 0.0), |(weight, sum), (cell, value)| (weight + cell.1, sum + cell.1 * value));
             Band { to, share: if weight > 0.0 { sum / weight } else { 0.0 } }
         });
-        let aside = furthest(self.length, |distance| shortest(0.0, distance));
+        let lateral = furthest(self.length, |distance| shortest(0.0, distance));
         Workspace {
             volume: (self.volume_of_rings(shortest), 0.0),
-            reach: [Some(self.length), aside, aside, furthest(self.length, |distance| shortest(-distance, 0.0))],
+            reach: [Some(self.length), lateral, lateral, furthest(self.length, |distance| shortest(-distance, 0.0))],
             shares: bands.collect(),
             section,
             share_section: Some(Section {
                 spacing: coarse,
                 columns: rows as usize,
-                aside_from: 0.5 * coarse,
-                ahead_from: 0.5 * coarse - self.length,
+                lateral_from: 0.5 * coarse,
+                axial_from: 0.5 * coarse - self.length,
                 values,
             }),
         }
@@ -218,9 +219,9 @@ impl Question<'_> {
         let mut volume = 0.0;
         for row in -rows..rows {
             for column in 0..rows {
-                let (ahead, aside) = ((f64::from(row) + 0.5) * step, (f64::from(column) + 0.5) * step);
-                if shortest(ahead, aside) <= self.length {
-                    volume += TAU * aside * step * step;
+                let (axial, lateral) = ((f64::from(row) + 0.5) * step, (f64::from(column) + 0.5) * step);
+                if shortest(axial, lateral) <= self.length {
+                    volume += TAU * lateral * step * step;
                 }
             }
         }
@@ -268,7 +269,7 @@ impl Question<'_> {
         let ball = 4.0 / 3.0 * PI * self.length * self.length * self.length;
         let error = libm::sqrt(share * (1.0 - share) / POSITIONS as f64);
         let corner = -self.length;
-        let section = Section { spacing, columns, aside_from: corner, ahead_from: corner, values };
+        let section = Section { spacing, columns, lateral_from: corner, axial_from: corner, values };
         Workspace {
             volume: (share * ball, error * ball),
             reach: std::array::from_fn(|axis| reach.get(axis).copied().flatten()),
@@ -288,17 +289,17 @@ impl Section {
         let values = (0..=2 * side)
             .flat_map(|row| (0..columns).map(move |column| (row, column)))
             .map(|(row, column)| place(row, column))
-            .map(|(ahead, aside)| value(ahead, aside))
+            .map(|(axial, lateral)| value(axial, lateral))
             .collect();
-        Self { spacing, columns, aside_from: 0.0, ahead_from: -length, values }
+        Self { spacing, columns, lateral_from: 0.0, axial_from: -length, values }
     }
 
-    /// The value at a row and a column, and where that is: aside and ahead, mm.
+    /// The value at a row and a column, and where that is: lateral and axial, mm.
     #[must_use]
     pub fn at(&self, row: usize, column: usize) -> Option<(f64, f64, f64)> {
         let value = (column < self.columns).then(|| self.values.get(row * self.columns + column)).flatten()?;
-        let aside = self.aside_from + column as f64 * self.spacing;
-        Some((*value, aside, self.ahead_from + row as f64 * self.spacing))
+        let lateral = self.lateral_from + column as f64 * self.spacing;
+        Some((*value, lateral, self.axial_from + row as f64 * self.spacing))
     }
 
     /// How many rows there are.
@@ -371,9 +372,9 @@ mod tests {
         for index in 0..2000 {
             let position = in_ball(index) * 1000.0;
             let (heading, pitch) = heading_and_pitch(&in_ball(index + 2000));
-            let aside = libm::hypot(position.x, position.y);
+            let lateral = libm::hypot(position.x, position.y);
             let planned = question.planned(position, heading, pitch);
-            assert!(planned >= shortest_to(position.z, aside, 100.0) - 1e-6, "{position:?}");
+            assert!(planned >= shortest_to(position.z, lateral, 100.0) - 1e-6, "{position:?}");
             assert!(planned >= question.at_least(position, heading, pitch) - 1e-6, "{position:?}");
         }
     }
@@ -383,7 +384,7 @@ mod tests {
         let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
         let ball = |length: f64| 4.0 / 3.0 * PI * length * length * length;
         let short = workspace(&question(&robot, 100.0), |_, _| {}).unwrap();
-        // A body of a radius: a plume ahead, nothing behind or beside.
+        // A body of a radius: a plume in front, nothing behind or beside.
         assert!(short.volume.0 < 0.2 * ball(100.0) && short.reach[0] == Some(100.0));
         assert!(short.reach[3].is_none() || short.reach[3] < Some(1.0), "{:?}", short.reach);
         let long = workspace(&question(&robot, 5000.0), |_, _| {}).unwrap();

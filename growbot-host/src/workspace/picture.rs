@@ -83,8 +83,8 @@ struct Plot {
 
 impl Plot {
     /// Where a position is in the picture.
-    fn place(&self, aside: f64, ahead: f64) -> (f64, f64) {
-        (CORNER.0 + SQUARE / 2.0 + aside * self.scale, CORNER.1 + SQUARE / 2.0 - ahead * self.scale)
+    fn place(&self, lateral: f64, axial: f64) -> (f64, f64) {
+        (CORNER.0 + SQUARE / 2.0 + lateral * self.scale, CORNER.1 + SQUARE / 2.0 - axial * self.scale)
     }
 
     /// Body lengths at which the colour changes: the last one is the whole length.
@@ -116,8 +116,8 @@ impl Plot {
     fn contour(&self, section: &Section, level: f64) -> (String, String) {
         let (mut area, mut line) = (String::new(), String::new());
         let polygon = |text: &mut String, points: &[(f64, f64)], close: &str| {
-            for (index, (aside, ahead)) in points.iter().enumerate() {
-                let (x, y) = self.place(*aside, *ahead);
+            for (index, (lateral, axial)) in points.iter().enumerate() {
+                let (x, y) = self.place(*lateral, *axial);
                 let _ = write!(text, "{}{x:.1} {y:.1}", if index == 0 { "M" } else { "L" });
             }
             text.push_str(close);
@@ -160,19 +160,19 @@ impl Plot {
         let half = 0.5 * shares.spacing;
         for row in 0..shares.rows() {
             let mut cells = (0..shares.columns).filter_map(|column| shares.at(row, column)).peekable();
-            while let Some((share, from, ahead)) = cells.next() {
+            while let Some((share, from, axial)) = cells.next() {
                 if share <= 0.0 {
                     continue;
                 }
                 let mut to = from;
-                while let Some((_, aside, _)) =
+                while let Some((_, lateral, _)) =
                     cells.next_if(|(next, ..)| *next > 0.0 && share_step(*next) == share_step(share))
                 {
-                    to = aside;
+                    to = lateral;
                 }
                 // Whole pixels, so that no background shines through between neighbours.
-                let [(x, y), (right, bottom)] = [(-to - half, ahead + half), (half - from, ahead - half)]
-                    .map(|(aside, ahead)| self.place(aside, ahead))
+                let [(x, y), (right, bottom)] = [(-to - half, axial + half), (half - from, axial - half)]
+                    .map(|(lateral, axial)| self.place(lateral, axial))
                     .map(|(x, y)| (x.round(), y.round()));
                 let (width, height) = (right - x, bottom - y);
                 let fill = colour(&BLUES, share_step(share));
@@ -235,13 +235,13 @@ impl Plot {
         }
         let (x, y) = self.place(0.0, 0.0);
         let (middle_x, middle_y) = (left + SQUARE / 2.0, top + SQUARE / 2.0);
-        let aside = if question.direction.is_none() { "aside, mm" } else { "along the start&#8217;s x axis, mm" };
+        let lateral = if question.direction.is_none() { "lateral, mm" } else { "along the start&#8217;s x axis, mm" };
         let _ = writeln!(
             svg,
             "<circle class=\"ball\" cx=\"{x}\" cy=\"{y}\" r=\"{}\"/>\n\
              <rect class=\"axis\" x=\"{left}\" y=\"{top}\" width=\"{SQUARE}\" height=\"{SQUARE}\"/>\n\
-             <text class=\"mid\" x=\"{middle_x}\" y=\"{}\">{aside}</text>\n\
-             <text class=\"mid\" transform=\"translate({} {middle_y}) rotate(-90)\">ahead, mm</text>",
+             <text class=\"mid\" x=\"{middle_x}\" y=\"{}\">{lateral}</text>\n\
+             <text class=\"mid\" transform=\"translate({} {middle_y}) rotate(-90)\">axial, mm</text>",
             SQUARE / 2.0,
             bottom + 42.0,
             left - 56.0
@@ -317,21 +317,21 @@ fn share_step(share: f64) -> f64 {
     step / SHARE_STEPS as f64
 }
 
-/// Points: aside and ahead, mm.
+/// Points: lateral and axial, mm.
 type Polygon = Vec<(f64, f64)>;
 
 /// The part of a cell where the values are up to a level, and where its sides cross it. Values count up to `most`.
 fn clip(corners: &[(f64, f64, f64); 4], level: f64, max: f64) -> (Polygon, Polygon) {
     let (mut inside, mut crossings) = (Vec::new(), Vec::new());
-    for (index, &(value, aside, ahead)) in corners.iter().enumerate() {
+    for (index, &(value, lateral, axial)) in corners.iter().enumerate() {
         if value <= level {
-            inside.push((aside, ahead));
+            inside.push((lateral, axial));
         }
         let (next, next_aside, next_ahead) = corners[(index + 1) % 4];
         if (value <= level) != (next <= level) {
             let (from, to) = (value.min(max), next.min(max));
             let share = ((level - from) / (to - from)).clamp(0.0, 1.0);
-            let point = (aside + share * (next_aside - aside), ahead + share * (next_ahead - ahead));
+            let point = (lateral + share * (next_aside - lateral), axial + share * (next_ahead - axial));
             inside.push(point);
             crossings.push(point);
         }

@@ -31,7 +31,7 @@ use growbot_core::random::scramble;
 const CUT: Duration = Duration::from_secs(1);
 /// Time is counted in such steps.
 const STEP: Duration = Duration::from_millis(10);
-/// So many bytes may come, and come to nothing, before whoever waits is told that there are none.
+/// The max number of bytes that may come and be lost before a wait ends without bytes.
 const MAX_SWALLOWED: usize = 1 << 16;
 
 /// What a wire has done so far, both ways together.
@@ -45,7 +45,7 @@ pub struct Tally {
     pub flipped: u64,
     /// Pieces that came twice.
     pub doubled: u64,
-    /// Pieces that were kept back until after the next one.
+    /// Pieces that are held back until after the next one.
     pub reordered: u64,
     /// Pieces that lost their tails.
     pub truncated: u64,
@@ -59,7 +59,7 @@ pub struct Tally {
 
 /// A port behind a wire with faults.
 ///
-/// Whoever wants to see what became of the traffic keeps it in an `Rc<RefCell<_>>`, which is a port too.
+/// To see what became of the traffic, put it into an `Rc<RefCell<_>>`, which is a port too.
 pub struct Faulty<P> {
     port: P,
     spec: FaultSpec,
@@ -283,7 +283,7 @@ impl Draws {
 mod tests {
     use super::*;
 
-    /// Gives back what it is sent. Its clock goes on only while somebody waits in vain.
+    /// Gives back what it is sent. Its clock advances only during waits without bytes.
     #[derive(Default)]
     struct LoopBack {
         bytes: VecDeque<u8>,
@@ -329,7 +329,7 @@ mod tests {
         }
     }
 
-    /// Sends so many frames one by one, and what comes back.
+    /// Sends `count` frames one by one, and gives what comes back.
     fn run(spec: &str, frames: u32) -> (Vec<u8>, Tally) {
         let mut port = faulty(spec);
         let mut all = Vec::new();
@@ -340,7 +340,7 @@ mod tests {
         (all, port.tally())
     }
 
-    /// Whether a count is what so many tries with such a chance give, within 4.5 deviations.
+    /// Whether a count fits this number of tries at this chance, within 4.5 standard deviations.
     fn assert_rate(count: u64, tries: u64, chance: f64) {
         let mean = tries as f64 * chance;
         let deviation = (mean * (1.0 - chance)).sqrt();

@@ -1,7 +1,6 @@
 //! What a board answers at once, in a few lines of text.
 
 use growbot_client::client::{Client, ClientError};
-use growbot_client::degrees::degrees_below_turn;
 use growbot_core::layer_bytes::decode;
 use growbot_core::link::message::{
     Accepted, Empty, Message, PlanRequest, ReadLayers, Resume, Silence, Start, State, StoredLayers,
@@ -9,6 +8,7 @@ use growbot_core::link::message::{
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
+use growbot_host::layer_table::{FIELDS, fields};
 
 use super::commands::Ask;
 use crate::cli::status::Report;
@@ -25,10 +25,10 @@ pub fn ask(
     match what {
         Ask::Status => Ok(Report::of(client, is_simulated)?.text()),
         Ask::Plan(goal) => plan(client, robot, start, goal),
-        Ask::Start => start_held(client),
-        Ask::Hold => {
-            client.request("to hold", &Message::Pause(Empty {}))?;
-            Ok("holds after the layer under way; `start` goes on\n".to_owned())
+        Ask::Start => start_stored(client),
+        Ask::Pause => {
+            client.request("to pause", &Message::Pause(Empty {}))?;
+            Ok("pauses after the layer under way; `start` continues\n".to_owned())
         }
         Ask::Layers(first) => layers(client, *first),
         Ask::Stop => {
@@ -62,16 +62,16 @@ fn plan(client: &mut Client, robot: &Robot, start: &Pose, goal: &Pose) -> Result
     }
 }
 
-fn start_held(client: &mut Client) -> Result<String, Failure> {
+fn start_stored(client: &mut Client) -> Result<String, Failure> {
     let what = "to start";
     let status = client.status()?;
     let plan_id = status.plan_id;
     let mut text = String::new();
     if plan_id != 0 && (status.state == State::Stopped || status.interrupted.is_some()) {
-        // A layer that was cut is laid again; `growbot resume` has the choice.
+        // An interrupted layer is laid again; `growbot resume` has the choice.
         let resume = Resume { plan_id, from: status.laid, known: status.laid };
         client.request("to resume", &Message::Resume(resume))?;
-        text += &format!("goes on at layer {}\n", status.laid);
+        text += &format!("resumes at layer {}\n", status.laid);
     }
     match client.request(what, &Message::Start(Start { plan_id, silence: Silence::Pause }))? {
         Message::Accepted(Accepted { next, .. }) => Ok(text + &format!("started with {next} layers\n")),
@@ -87,10 +87,9 @@ fn layers(client: &mut Client, first: Option<u32>) -> Result<String, Failure> {
     };
     match client.request(what, &Message::ReadLayers(ReadLayers { first }))? {
         Message::StoredLayers(StoredLayers { first, layers }) => {
-            let mut text = String::from("layer,alpha_deg,height_mm,tilt_deg\n");
+            let mut text = format!("layer,{FIELDS}\n");
             for (index, layer) in (u64::from(first)..).zip(layers.iter().map(decode)) {
-                let tilt = growbot_core::angle::degrees(layer.tilt);
-                text += &format!("{index},{},{},{tilt}\n", degrees_below_turn(layer.alpha), layer.height);
+                text += &format!("{index},{}\n", fields(&layer));
             }
             Ok(text)
         }

@@ -1,4 +1,4 @@
-//! What the console can be told, as words and as values.
+//! The commands of the console, as text and as values.
 
 use growbot_client::pose_text::{parse_number, parse_pose};
 use growbot_client::suggest::did_you_mean;
@@ -16,7 +16,7 @@ pub enum Command {
     Ask(Ask),
     /// Plan, hand over and grow.
     Grow(Pose),
-    /// Show what happens for so long, s.
+    /// Show what happens for this time, s.
     Wait(f64),
     /// List the commands.
     Help,
@@ -29,13 +29,13 @@ pub enum Command {
 pub enum Ask {
     /// Who it is and what it does.
     Status,
-    /// It plans to here and holds the layers.
+    /// The board plans to this pose and stores the layers.
     Plan(Pose),
-    /// Grow what it holds, or go on.
+    /// Grow the stored layers, or continue after a pause.
     Start,
-    /// Finish the layer and wait.
-    Hold,
-    /// Some layers that it holds, from this one on, or from the next to be laid.
+    /// Pause after the layer under way.
+    Pause,
+    /// Some stored layers, from this one on, or from the next to be laid.
     Layers(Option<u32>),
     /// Heater and steppers off.
     Stop,
@@ -45,26 +45,26 @@ pub enum Ask {
     Clear,
 }
 
-/// A command's word.
-struct Word {
+/// A command as the list has it.
+struct Entry {
     name: &'static str,
     argument: &'static str,
     help: &'static str,
 }
 
-const WORDS: [Word; 12] = [
-    Word { name: "status", argument: "", help: "who the board is, what it is doing, what its sensors say" },
-    Word { name: "plan", argument: "POSE", help: "the board plans from 0,0,0,0,90 to POSE and holds the layers" },
-    Word { name: "start", argument: "", help: "heat, home and grow what the board holds; go on after a hold" },
-    Word { name: "hold", argument: "", help: "finish the layer under way and wait" },
-    Word { name: "grow", argument: "POSE", help: "plan here, hand over, grow, and wait until it is done" },
-    Word { name: "layers", argument: "[FROM]", help: "up to 16 of the layers that the board holds" },
-    Word { name: "wait", argument: "[SECONDS]", help: "show what happens for so long (1)" },
-    Word { name: "stop", argument: "", help: "heater and steppers off" },
-    Word { name: "estop", argument: "", help: "emergency stop: the same, ahead of all else, and off until `clear`" },
-    Word { name: "clear", argument: "", help: "leave a fault or an emergency stop, if its cause is gone" },
-    Word { name: "help", argument: "", help: "this list" },
-    Word { name: "quit", argument: "", help: "leave; a robot that grows finishes its layer and holds" },
+const COMMANDS: [Entry; 12] = [
+    Entry { name: "status", argument: "", help: "who the board is, what it is doing, what its sensors say" },
+    Entry { name: "plan", argument: "POSE", help: "the board plans from 0,0,0,0,90 to POSE and stores the layers" },
+    Entry { name: "start", argument: "", help: "heat, home and grow what the board stores; continue after a pause" },
+    Entry { name: "pause", argument: "", help: "finish the layer under way and wait; `start` continues" },
+    Entry { name: "grow", argument: "POSE", help: "plan here, hand over, grow, and wait until it is done" },
+    Entry { name: "layers", argument: "[FROM]", help: "up to 16 of the layers that the board stores" },
+    Entry { name: "wait", argument: "[SECONDS]", help: "show what happens for this time (1)" },
+    Entry { name: "stop", argument: "", help: "heater and steppers off" },
+    Entry { name: "estop", argument: "", help: "emergency stop: the same, ahead of all else, and off until `clear`" },
+    Entry { name: "clear", argument: "", help: "leave a fault or an emergency stop, if its cause is gone" },
+    Entry { name: "help", argument: "", help: "this list" },
+    Entry { name: "quit", argument: "", help: "leave; a robot that grows finishes its layer and pauses" },
 ];
 
 /// Poses to begin with: straight up, to the side, and bent in both planes.
@@ -72,13 +72,16 @@ const POSES: [&str; 3] = ["0,0,100,0,90", "200,100,600,0,45", "550,345,610,120,-
 
 /// The list of commands.
 pub fn help() -> String {
-    WORDS.iter().map(|word| format!("{:<16}{}\n", format!("{} {}", word.name, word.argument), word.help)).collect()
+    COMMANDS
+        .iter()
+        .map(|entry| format!("{:<16}{}\n", format!("{} {}", entry.name, entry.argument), entry.help))
+        .collect()
 }
 
 /// Understands a line.
 ///
 /// # Errors
-/// What is wrong with it, in words.
+/// What is wrong with it, as a message.
 pub fn parse(line: &str) -> Result<Command, String> {
     let line = line.trim();
     let (word, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
@@ -92,7 +95,7 @@ pub fn parse(line: &str) -> Result<Command, String> {
         "status" => alone(Command::Ask(Ask::Status)),
         "plan" => Ok(Command::Ask(Ask::Plan(pose(rest)?))),
         "start" => alone(Command::Ask(Ask::Start)),
-        "hold" => alone(Command::Ask(Ask::Hold)),
+        "pause" | "hold" => alone(Command::Ask(Ask::Pause)),
         "grow" => Ok(Command::Grow(pose(rest)?)),
         "layers" if rest.is_empty() => Ok(Command::Ask(Ask::Layers(None))),
         "layers" => rest
@@ -105,13 +108,13 @@ pub fn parse(line: &str) -> Result<Command, String> {
             .map(Command::Wait)
             .ok_or_else(|| format!("{rest:?} is no time: give seconds, 0 to {LONGEST_WAIT_S}")),
         "stop" => alone(Command::Ask(Ask::Stop)),
-        // Whatever stands behind it: an emergency is no time for grammar.
+        // What follows it is ignored: an emergency is no time for grammar.
         "estop" => Ok(Command::Ask(Ask::EmergencyStop)),
         "clear" => alone(Command::Ask(Ask::Clear)),
         "help" => alone(Command::Help),
         "quit" | "exit" => alone(Command::Quit),
         _ => {
-            let suggestion = did_you_mean(word, WORDS.iter().map(|word| word.name));
+            let suggestion = did_you_mean(word, COMMANDS.iter().map(|entry| entry.name));
             Err(format!("there is no command {word:?}{suggestion}: `help` lists them"))
         }
     }
@@ -121,15 +124,15 @@ fn pose(text: &str) -> Result<Pose, String> {
     parse_pose(text).map_err(|error| error.to_string())
 }
 
-/// How the beginning of a line may go on: from which byte on, and what may stand there.
+/// How the beginning of a line can be completed: from which byte on, and the texts that fit.
 pub fn complete(begun: &str) -> (usize, Vec<String>) {
     let indent = begun.len() - begun.trim_start().len();
     match begun.trim_start().split_once(char::is_whitespace) {
         None => {
             let begun = begun.trim_start();
-            let words = WORDS.iter().filter(|word| word.name.starts_with(begun));
-            let space = |word: &Word| if word.argument.is_empty() { "" } else { " " };
-            (indent, words.map(|word| format!("{}{}", word.name, space(word))).collect())
+            let entries = COMMANDS.iter().filter(|entry| entry.name.starts_with(begun));
+            let space = |entry: &Entry| if entry.argument.is_empty() { "" } else { " " };
+            (indent, entries.map(|entry| format!("{}{}", entry.name, space(entry))).collect())
         }
         Some((word, rest)) if takes_pose(word) => {
             let rest = rest.trim_start();
@@ -147,7 +150,7 @@ pub fn hint(line: &str) -> Option<&'static str> {
 }
 
 fn takes_pose(name: &str) -> bool {
-    WORDS.iter().any(|word| word.name == name && word.argument == "POSE")
+    COMMANDS.iter().any(|word| word.name == name && word.argument == "POSE")
 }
 
 #[cfg(test)]
@@ -156,7 +159,7 @@ mod tests {
 
     #[test]
     fn every_word_of_the_list_is_understood() {
-        for word in &WORDS {
+        for word in &COMMANDS {
             let argument = if word.argument == "POSE" { POSES[0] } else { "" };
             assert!(parse(&format!(" {} {argument} ", word.name)).is_ok(), "{}", word.name);
         }

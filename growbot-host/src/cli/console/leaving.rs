@@ -15,7 +15,7 @@ use crate::cli::ChosenPort;
 /// Lines of standard input as they come.
 pub type Lines = Receiver<io::Result<Vec<u8>>>;
 
-/// For so long the rest of a script is read to tell what is not carried out.
+/// The time for which the rest of a script is read, to tell what is not carried out.
 const READING: Duration = Duration::from_millis(500);
 
 /// Lines are read by a thread of their own, which may wait for long, while Ctrl-C must not. It ends with the input or
@@ -44,26 +44,33 @@ pub fn left(state: State, robot: &Robot, port: &ChosenPort) -> String {
     if port.is_simulated() {
         return format!("the simulated robot is {name}, and ends with this program");
     }
-    let goes_on = if state == State::Tuning {
+    let future = if state == State::Tuning {
         "it heats on until it is tuned".to_owned()
     } else {
         let off_after = robot.description().hold.off_after_s;
         format!(
-            "left alone it finishes the layer under way, holds, and has its heater on for {off_after} s more, or \
-             grows on if it was started so"
+            "left alone it pauses after the layer under way and has its heater on for {off_after} s more, or \
+             continues if it was started so"
         )
     };
-    format!("the robot is {name}: {goes_on}; to stop it: `growbot stop --port {}`", port.text())
+    format!("the robot is {name}: {future}; to stop it: `growbot stop --port {}`", port.text())
+}
+
+/// A command of a script that would have stopped the robot.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct StopCommand {
+    name: &'static str,
+    line: usize,
 }
 
 /// Commands of a script that are not carried out.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub struct LeftOut {
     commands: usize,
-    /// The first of them that stops the robot: its word and its line.
-    stop: Option<(&'static str, usize)>,
+    /// The first of them that stops the robot.
+    stop: Option<StopCommand>,
     /// The end of the script was not reached in time.
-    goes_on: bool,
+    continues: bool,
 }
 
 impl LeftOut {
@@ -77,19 +84,19 @@ impl LeftOut {
                 Ok(Err(_)) | Err(RecvTimeoutError::Disconnected) => return left_out,
                 Err(RecvTimeoutError::Timeout) => break,
             };
-            if !left_out.take(number, &String::from_utf8_lossy(&line)) {
+            if !left_out.count(number, &String::from_utf8_lossy(&line)) {
                 return left_out;
             }
             if began.elapsed() >= READING {
                 break;
             }
         }
-        left_out.goes_on = true;
+        left_out.continues = true;
         left_out
     }
 
-    /// Takes a line. False for the one that ends the script.
-    fn take(&mut self, number: usize, line: &str) -> bool {
+    /// Counts a line. False for the one that ends the script.
+    fn count(&mut self, number: usize, line: &str) -> bool {
         let stop = match parse(line) {
             Ok(Command::Nothing) => return true,
             Ok(Command::Quit) => return false,
@@ -98,25 +105,25 @@ impl LeftOut {
             _ => None,
         };
         self.commands += 1;
-        self.stop = self.stop.or(stop.map(|word| (word, number)));
+        self.stop = self.stop.or(stop.map(|name| StopCommand { name, line: number }));
         true
     }
 
     /// Whether nothing is left out.
     pub fn is_nothing(&self) -> bool {
-        self.commands == 0 && !self.goes_on
+        self.commands == 0 && !self.continues
     }
 
-    /// In words.
-    pub fn in_words(&self) -> String {
-        let (count, some) = (self.commands, if self.goes_on { "at least " } else { "" });
+    /// As part of a message.
+    pub fn text(&self) -> String {
+        let (count, some) = (self.commands, if self.continues { "at least " } else { "" });
         let commands = if count == 1 { "command is" } else { "commands are" };
         match self.stop {
             _ if self.is_nothing() => "no more commands came after it".to_owned(),
             None if count == 0 => "commands that come after it are not carried out".to_owned(),
             None => format!("{some}{count} more {commands} not carried out"),
-            Some((word, line)) => {
-                format!("{some}{count} more {commands} not carried out, among them `{word}` in line {line}")
+            Some(StopCommand { name, line }) => {
+                format!("{some}{count} more {commands} not carried out, among them `{name}` in line {line}")
             }
         }
     }
@@ -141,21 +148,21 @@ mod tests {
 
     #[test]
     fn commands_that_are_left_out_are_counted_and_the_first_stop_among_them_is_named() {
-        let words = |lines: &[&str]| left_out(lines, true).in_words();
-        assert_eq!(words(&[]), "no more commands came after it");
-        assert_eq!(words(&["", "status", " "]), "1 more command is not carried out");
+        let text = |lines: &[&str]| left_out(lines, true).text();
+        assert_eq!(text(&[]), "no more commands came after it");
+        assert_eq!(text(&["", "status", " "]), "1 more command is not carried out");
         assert_eq!(
-            words(&["wait 5", "", "stop", "estop", "quit", "start"]),
+            text(&["wait 5", "", "stop", "estop", "quit", "start"]),
             "3 more commands are not carried out, among them `stop` in line 5"
         );
-        assert_eq!(words(&["dance", "estop now"]), "2 more commands are not carried out, among them `estop` in line 4");
+        assert_eq!(text(&["dance", "estop now"]), "2 more commands are not carried out, among them `estop` in line 4");
         assert!(left_out(&["", "quit", "start"], true).is_nothing());
     }
 
     #[test]
     fn a_script_whose_end_does_not_come_is_not_waited_for() {
         let told = left_out(&["status"], false);
-        assert_eq!(told.in_words(), "at least 1 more command is not carried out");
+        assert_eq!(told.text(), "at least 1 more command is not carried out");
         assert!(!left_out(&[], false).is_nothing());
     }
 }

@@ -85,7 +85,7 @@ impl Session {
         let mut editor: Editor<Help, FileHistory> = Editor::with_config(config).map_err(Failure::bad_input)?;
         editor.set_helper(Some(Help));
         let history = history::file();
-        // A history that cannot be read or kept is no reason to stop.
+        // A history that cannot be read or written is no reason to stop.
         let _ = history.as_ref().map(|file| editor.load_history(file));
         loop {
             match editor.readline("growbot> ") {
@@ -184,7 +184,7 @@ impl Session {
                 self.port.kind()
             ),
         };
-        let left_out = left_out.in_words();
+        let left_out = left_out.text();
         let message = match (failure.is_reader_gone(), line) {
             (false, _) => format!("{left_out}; {state}"),
             (true, 0) => format!("standard output was closed by its reader: {left_out}; {state}"),

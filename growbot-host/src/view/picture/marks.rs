@@ -53,7 +53,7 @@ pub fn draw_axes(canvas: &mut Canvas, place: &Place, base_from_tip: &Frame, leng
         canvas.add(arrow(place, &axis, colour).trim_end());
         let [right, down] = place.direction(&along);
         let seen = libm::hypot(right, down);
-        // The goal's arrow goes on where z ends.
+        // The goal's arrow continues where z ends.
         let over_z = right * ahead_right + down * ahead_down > 0.8 * seen * libm::hypot(ahead_right, ahead_down);
         if seen > 0.35 && !over_z {
             word_beyond(canvas, place, &(from + length * along), &along, name, colour);
@@ -173,7 +173,7 @@ impl Floor {
         Self { corner, squares: squares.map(|count| count as u32), side }
     }
 
-    /// So many squares from its corner.
+    /// The point this many squares from its corner.
     fn at(&self, x: u32, y: u32) -> Vector3<f64> {
         self.corner + self.side * Vector3::new(f64::from(x), f64::from(y), 0.0)
     }

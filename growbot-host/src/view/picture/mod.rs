@@ -44,9 +44,9 @@ const TITLE_LETTER: f64 = 10.0;
 const LETTER: f64 = 6.8;
 /// Width of the scale of heights.
 const LEGEND: f64 = 220.0;
-/// What is written between scale bar and legend has its middle here; so many letters fit.
+/// The middle of the text between scale bar and legend, and the number of letters that fit.
 const MIDDLE: f64 = 0.47 * WIDE;
-const MAX_WORDS: usize = 70;
+const MAX_LETTERS: usize = 70;
 /// How finely a body alone is drawn and each of two: a picture has some hundreds of kB.
 const FINE: Detail = Detail { rings: 200, faces: 56 };
 const LESS_FINE: Detail = Detail { rings: 80, faces: 36 };
@@ -98,7 +98,7 @@ pub fn svg(subjects: &[&Subject], look: Look) -> Result<String, ViewError> {
     key(&mut canvas, [MIDDLE, bottom + FOOT - 48.0], &lines(&stages));
     if let ([(_, a), (_, b)], [one, other]) = (&all[..], &names[..]) {
         let words = difference([(one, a), (other, b)]);
-        if words.chars().count() <= MAX_WORDS {
+        if words.chars().count() <= MAX_LETTERS {
             canvas.text(MIDDLE, bottom + FOOT - 26.0, "mid", escape(&words));
         }
     }
@@ -150,7 +150,7 @@ fn head(canvas: &mut Canvas, [left, width]: [f64; 2], name: &str, subject: &Subj
     }
 }
 
-/// So many letters of a text at most.
+/// A text, shortened to at most `max` letters.
 fn fitting(text: &str, max: f64) -> String {
     let max = max as usize;
     if text.chars().count() <= max {

@@ -38,7 +38,7 @@ pub struct Stage {
     start: Pose,
     goal: Pose,
     via: Vec<Pose>,
-    /// Where the tip really is, where that is known to be elsewhere.
+    /// Where the tip really is, if it is not at the goal.
     reached: Option<Vector3<f64>>,
     outer: f64,
     /// Length of arrows.

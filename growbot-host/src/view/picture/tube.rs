@@ -216,8 +216,8 @@ fn stretches(layers: &[Layer], max: usize, outer: f64) -> Vec<&[Layer]> {
     let max = max.max(1);
     let length: f64 = layers.iter().map(|layer| layer.height).sum();
     let bend: f64 = layers.iter().map(|layer| layer.tilt).sum();
-    let wanted = length / (LONG * outer) + bend / BENT;
-    let coarser = (wanted / max as f64).max(1.0);
+    let rings = length / (LONG * outer) + bend / BENT;
+    let coarser = (rings / max as f64).max(1.0);
     let kinds = layers.windows(2).filter(|pair| is_other(&pair[0], &pair[1])).count();
     let by_kind = kinds <= max / 4;
     let mut filled = 0.0;
@@ -299,7 +299,7 @@ mod tests {
         assert_eq!(found.concat(), layers);
         assert!(found.len() < 60, "{}", found.len());
         assert!(found.iter().all(|stretch| stretch.windows(2).all(|pair| pair[0] == pair[1])));
-        // Few rings are few, whatever the layers.
+        // Few rings are few for any layers.
         let noisy: Vec<Layer> =
             (0..5000).map(|i| Layer { height: 0.7 + 0.1 * f64::from(i % 2), ..layers[0] }).collect();
         assert!(stretches(&noisy, 100, 22.0).len() <= 101);

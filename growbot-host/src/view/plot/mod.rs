@@ -22,7 +22,7 @@ pub enum Quantity {
     Tilt,
     /// How far the body lies off its plan; of a run.
     Error,
-    /// Temperature of the nozzle and what it is to be; of a run.
+    /// Temperature of the nozzle and its setpoint; of a run.
     Temperature,
 }
 
@@ -213,9 +213,9 @@ fn error(subject: &Subject, layers: &Layers, axis: &Axis) -> Result<Lines, ViewE
     let commanded = layers.commanded.as_deref().map(off).unwrap_or_default();
     let y = Scale::from_zero(line.iter().chain(&commanded).map(|(_, off)| *off).chain([FINEST]));
     let head = match &layers.commanded {
-        Some(_) => "Off the plan, laid (simulated); dashed, commanded, by the board's steps",
-        None if layers.kind == Some(BodyKind::Commanded) => "Off the plan, commanded (simulated), by the board's steps",
-        None => "Off the plan, by the board's steps",
+        Some(_) => "Deviation, laid (simulated); dashed, commanded, by the board's steps",
+        None if layers.kind == Some(BodyKind::Commanded) => "Deviation, commanded (simulated), by the board's steps",
+        None => "Deviation, by the board's steps",
     };
     let dashed = commanded.into_iter().map(|(at, off)| (at, Some(off))).collect();
     Ok(Lines { head: head.to_owned(), unit: "mm", y, band: Vec::new(), line, dashed })
@@ -243,7 +243,7 @@ fn temperature(subject: &Subject, readings: &[Reading], axis: &Axis) -> Result<L
         .collect();
     let targets = dashed.iter().filter_map(|(_, target)| *target);
     let y = Scale::around(line.iter().map(|(_, celsius)| *celsius).chain(targets));
-    let head = "Temperature of the nozzle; dashed, what it is to be".to_owned();
+    let head = "Temperature of the nozzle; dashed, the setpoint".to_owned();
     Ok(Lines { head, unit: "°C", y, band: Vec::new(), line, dashed })
 }
 

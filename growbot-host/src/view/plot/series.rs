@@ -80,7 +80,7 @@ pub struct Reading {
     pub laid: usize,
     /// Its temperature, C.
     pub celsius: f64,
-    /// What it is to be, C; none while it is off.
+    /// The setpoint, C; none while the heater is off.
     pub target: Option<f64>,
 }
 
@@ -144,7 +144,7 @@ mod tests {
     fn a_body_is_off_its_plan_by_what_lies_beside_and_beyond_it() {
         let start = Frame::identity();
         let planned = straight(&[1.0; 10]);
-        // Higher layers lie on the same line: not off until they go on beyond its end.
+        // Higher layers lie on the same line: not off until they continue beyond its end.
         let off = off_the_plan(&start, &straight(&[1.5; 8]), &planned);
         assert!(off[..6].iter().all(|mm| *mm < 1e-6), "{off:?}");
         assert!((off[7] - 2.0).abs() < 1e-6, "{off:?}");

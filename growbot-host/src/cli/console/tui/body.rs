@@ -5,7 +5,7 @@ use std::iter::once;
 use growbot_core::layer::{Layer, grow};
 use growbot_core::pose::{Frame, Pose};
 
-/// So many reports may be lost in a row, of a job whose plan is not known here.
+/// The max number of reports that may be lost in a row, of a job whose plan is not known here.
 const MAX_UNREPORTED: usize = 65_536;
 
 /// A point, x, y, z, mm.
@@ -56,7 +56,7 @@ impl Body {
         let known = self.planned.len().max(self.built.len().saturating_add(MAX_UNREPORTED));
         let is_far = !self.built.is_empty() && (index.saturating_sub(self.first) as usize) > known;
         if is_far || index == u32::MAX {
-            // No board has laid so many since: it is not believed.
+            // No board has laid that many since: the index is ignored.
             return;
         }
         if self.built.is_empty() {
@@ -146,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn indices_that_no_board_can_have_come_to_are_not_believed() {
+    fn indices_that_no_board_can_have_come_to_are_ignored() {
         let mut body = Body::new(1, &upright(), Vec::new());
         body.lay(u32::MAX, even(0.7), 0.774);
         assert_eq!((body.built().len(), body.next()), (0, 0));
@@ -174,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn whoever_comes_late_sees_the_rest() {
+    fn a_late_viewer_sees_the_rest() {
         let mut body = Body::new(1, &upright(), Vec::new());
         body.lay(100, even(0.7), 0.774);
         assert_eq!((body.first(), body.next(), body.built().len()), (100, 101, 1));

@@ -14,12 +14,12 @@ use ratatui::widgets::{Axis, Block, Chart, Dataset, GraphType, Paragraph, Wrap};
 
 use super::body::Point;
 use super::keys::KEYS;
-use super::model::{Model, in_words};
+use super::model::{Model, explanation};
 use crate::cli::console::commands::hint;
 
 /// Below this there is no room for pictures.
 const MIN_SIZE: (u16, u16) = (72, 20);
-/// The planned body is dotted: its dots are so many dots of braille apart.
+/// The planned body is dotted; the distance of its dots, in dots of braille.
 const PLANNED_APART: f64 = 4.0;
 /// Heights that are seen from the beginning, mm.
 const MIN_SEEN_MM: f64 = 50.0;
@@ -34,7 +34,7 @@ const WORKING: Style = Style::new().fg(Color::Yellow).add_modifier(Modifier::BOL
 const BAD: Style = Style::new().fg(Color::Red).add_modifier(Modifier::BOLD);
 const KEY: Style = Style::new().fg(Color::Cyan).add_modifier(Modifier::BOLD.union(Modifier::REVERSED));
 
-/// Draws the whole screen. What names and messages of a board hold must not steer the terminal.
+/// Draws the whole screen. Names and messages of a board must not steer the terminal.
 pub fn screen(frame: &mut Frame, model: &Model) {
     draw(frame, model);
     for cell in &mut frame.buffer_mut().content {
@@ -106,7 +106,7 @@ fn state_line(model: &Model) -> Line<'static> {
     let mut spans = vec![Span::raw(known), Span::styled(status.state.name().to_uppercase(), style)];
     spans.push(Span::raw(match status.state {
         State::Growing => format!("  {}", progress(model, status)),
-        state => format!("  {}", in_words(state)),
+        state => format!("  {}", explanation(state)),
     }));
     Line::from(spans)
 }
@@ -167,7 +167,7 @@ fn rows(text: &str, width: u16) -> u16 {
     (1..=3).find(|rows| fits(&paragraph, width, *rows)).unwrap_or(3)
 }
 
-/// Whether a paragraph has nothing left below so many rows.
+/// Whether a paragraph has nothing left below this many rows.
 fn fits(paragraph: &Paragraph, width: u16, rows: u16) -> bool {
     use ratatui::buffer::Buffer;
     use ratatui::widgets::Widget;
@@ -223,7 +223,7 @@ fn line(pairs: &[(f64, f64)], style: Style) -> Dataset<'_> {
     Dataset::default().marker(Marker::Braille).graph_type(GraphType::Line).style(style).data(pairs)
 }
 
-/// A chart that says its heights, with so many digits behind the point; what its width is, its frame may say.
+/// A chart that labels its heights, with `digits` decimals. Its frame may label the width.
 fn chart<'a>(sets: Vec<Dataset<'a>>, across: [f64; 2], up: [f64; 2], digits: usize) -> Chart<'a> {
     let labels = up.map(|end| format!("{end:.digits$}"));
     let up = Axis::default().style(DIM).bounds(up).labels(labels).labels_alignment(Alignment::Right);
@@ -250,7 +250,7 @@ fn draw_body(frame: &mut Frame, area: Rect, model: &Model) {
     // Two dots of braille across a cell, four down: about as far apart. The frame takes a cell on each side.
     let dots = |cells: u16, each: f64| f64::from(cells.saturating_sub(2).max(1)) * each;
     let (across, down) = (dots(left.width.min(right.width), 2.0), dots(left.height, 4.0));
-    // So many mm from dot to dot; a dot is left free at each edge.
+    // Millimetres from dot to dot; a dot is left free at each edge.
     let scale = (reach(x).max(reach(y)) / (across - 2.0).max(1.0)).max(reach(z) / (down - 2.0));
     let apart = (PLANNED_APART * scale / model.robot.description().layer.height_mm).ceil() as usize;
     for (part, axis, name, range) in [(left, 0, "x", x), (right, 1, "y", y)] {
@@ -361,15 +361,15 @@ mod tests {
     fn growing() -> Model {
         let mut model = model();
         for second in 0..60 {
-            model.take_status(Status {
+            model.apply_status(Status {
                 temperature_centi_c: Some(2_000 + 320 * second),
                 ..status(State::Heating, f64::from(second))
             });
         }
         for index in 0..40 {
-            model.take_event(&laid(index));
+            model.apply_event(&laid(index));
         }
-        model.take_status(Status { laid: 40, ..status(State::Growing, 780.0) });
+        model.apply_status(Status { laid: 40, ..status(State::Growing, 780.0) });
         model.sensors = Some(SensorReadings { supply_mv: Some(12_040), ..SensorReadings::default() });
         model
     }
@@ -390,7 +390,7 @@ mod tests {
         assert!(lines[18].contains(" 0 to 39 "), "{}", lines[18]);
         assert_eq!(lines[19], " 0:00:00  heating");
         assert_eq!(lines[20], " 0:13:00  growing");
-        assert_eq!(lines[23], "h hold  g go on  s stop  e ^E EMERGENCY STOP  c clear  p plan  : command  q quit");
+        assert_eq!(lines[23], "h pause  g start  s stop  e ^E EMERGENCY STOP  c clear  p plan  : type  q quit");
         // The tip, in both views.
         let views = lines[5..18].iter().flat_map(|line| line.chars().skip(43));
         assert_eq!(views.filter(|c| *c == 'o').count(), 2);
@@ -409,7 +409,7 @@ mod tests {
     #[test]
     fn a_fault_is_told_in_words() {
         let mut model = growing();
-        model.take_status(Status {
+        model.apply_status(Status {
             fault: Some(Fault::FilamentJam),
             target_centi_c: None,
             laid: 40,
@@ -426,22 +426,22 @@ mod tests {
     fn every_fault_and_every_state_has_room() {
         for fault in Fault::ALL {
             let mut model = growing();
-            model.take_status(Status { fault: Some(fault), ..status(State::Fault, 800.0) });
+            model.apply_status(Status { fault: Some(fault), ..status(State::Fault, 800.0) });
             let text = drawn(&model, 80, 24).concat().replace(' ', "");
             assert!(text.contains(&fault.explanation().replace(' ', "")), "{}", fault.code());
         }
         for state in State::ALL {
             let mut model = model();
-            model.take_status(status(state, 1.0));
+            model.apply_status(status(state, 1.0));
             assert!(drawn(&model, 80, 24)[1].starts_with(&state.name().to_uppercase()), "{}", state.name());
-            assert!(state.name().len() + 2 + in_words(state).len() <= 80);
+            assert!(state.name().len() + 2 + explanation(state).len() <= 80);
         }
     }
 
     #[test]
     fn a_board_that_does_not_answer_is_told() {
         let mut model = growing();
-        model.take_loss(
+        model.apply_loss(
             "the board at sim does not answer (4 requests, 1 s each): check power, cable and baud rate, and more",
         );
         let lines = drawn(&model, 80, 24);

@@ -15,19 +15,19 @@ pub enum Action {
     Faster,
     /// Or slower.
     Slower,
-    /// Leave; a robot that grows finishes its layer and holds.
+    /// Leave; a robot that grows finishes its layer and pauses.
     Quit,
 }
 
 /// The keys, as the last line of the screen shows them; with + and - where there is a speed to change.
 pub const KEYS: [(&str, &str); 8] = [
-    ("h", "hold"),
-    ("g", "go on"),
+    ("h", "pause"),
+    ("g", "start"),
     ("s", "stop"),
     ("e ^E", "EMERGENCY STOP"),
     ("c", "clear"),
     ("p", "plan"),
-    (":", "command"),
+    (":", "type"),
     ("q", "quit"),
 ];
 
@@ -40,7 +40,7 @@ pub fn action(key: KeyEvent) -> Option<Action> {
         return None;
     }
     match key.code {
-        KeyCode::Char('h') => Some(Action::Ask(Ask::Hold)),
+        KeyCode::Char('h') => Some(Action::Ask(Ask::Pause)),
         KeyCode::Char('g') => Some(Action::Ask(Ask::Start)),
         KeyCode::Char('s') => Some(Action::Ask(Ask::Stop)),
         KeyCode::Char('e') => Some(Action::Ask(Ask::EmergencyStop)),

@@ -45,7 +45,7 @@ const TICK: Duration = Duration::from_millis(80);
 /// Time that was spent elsewhere, say planning, does not pass on `sim` all at once.
 const LONGEST_TICK: Duration = Duration::from_millis(250);
 
-/// How long we may take to leave once we are told to.
+/// The time limit for leaving after a request to end.
 const PATIENCE: Duration = Duration::from_secs(1);
 
 /// Whether there is a terminal to draw on and to read keys from.
@@ -77,7 +77,7 @@ pub fn run(client: Client, robot: Robot, start: Pose, port: &ChosenPort) -> Resu
             model.robot.name()
         ));
     }
-    model.take_status(hello.status);
+    model.apply_status(hello.status);
     let leave = leave_when_told()?;
     let mut console = Console { watch, model, simulated, start, history: Vec::new(), quit: false };
     let mut screen = Screen::open()?;
@@ -93,7 +93,7 @@ pub fn run(client: Client, robot: Robot, start: Pose, port: &ChosenPort) -> Resu
     Ok(())
 }
 
-/// Set when we are told to end or the terminal goes away. The robot finishes its layer and holds, as after `q`.
+/// Set by a request to end, or when the terminal goes away. The robot finishes its layer and pauses, as after `q`.
 fn leave_when_told() -> Result<Arc<AtomicBool>, Failure> {
     let leave = Arc::new(AtomicBool::new(false));
     let told = Arc::clone(&leave);
@@ -144,7 +144,8 @@ struct Console {
 
 impl Console {
     fn run(&mut self, screen: &mut Screen, leave: &AtomicBool) -> Result<(), Failure> {
-        let gone = |error: io::Error| Failure::bad_input(format!("the terminal is gone ({error}); the robot goes on"));
+        let gone =
+            |error: io::Error| Failure::bad_input(format!("the terminal is gone ({error}); the robot continues"));
         let mut last = Instant::now();
         while !self.quit && !leave.load(Ordering::Relaxed) {
             screen.0.draw(|frame| draw::screen(frame, &self.model)).map_err(gone)?;
@@ -153,7 +154,7 @@ impl Console {
                 if let Event::Key(key) = event::read().map_err(gone)?
                     && key.kind != KeyEventKind::Release
                 {
-                    self.take_key(key);
+                    self.apply_key(key);
                 }
                 wait = Duration::ZERO;
             }
@@ -164,13 +165,13 @@ impl Console {
         Ok(())
     }
 
-    fn take_key(&mut self, key: KeyEvent) {
+    fn apply_key(&mut self, key: KeyEvent) {
         self.model.sheet = None;
         let always = keys::always(key);
         let action = match &mut self.model.prompt {
             Some(prompt) if always.is_none() => {
-                match prompt.take(key, &self.history) {
-                    Typed::GoOn => {}
+                match prompt.apply(key, &self.history) {
+                    Typed::Continue => {}
                     Typed::Cancelled => self.model.prompt = None,
                     Typed::Done(line) => {
                         self.model.prompt = None;
@@ -288,7 +289,7 @@ mod tests {
         fn press(&mut self, letters: &str) {
             for letter in letters.chars() {
                 let code = if letter == '\n' { KeyCode::Enter } else { KeyCode::Char(letter) };
-                self.take_key(KeyEvent::from(code));
+                self.apply_key(KeyEvent::from(code));
             }
         }
 
@@ -330,7 +331,7 @@ mod tests {
         console.press(":grow 0,0,7.74,0,90\n");
         console.follow_until(State::Heating);
         console.press(":pla");
-        console.take_key(KeyEvent::new(KeyCode::Char('e'), KeyModifiers::CONTROL));
+        console.apply_key(KeyEvent::new(KeyCode::Char('e'), KeyModifiers::CONTROL));
         console.follow_until(State::EmergencyStop);
         assert!(console.says("emergency stop"));
         assert_eq!(console.model.prompt.as_ref().map(Prompt::text).as_deref(), Some("pla"));
@@ -342,7 +343,7 @@ mod tests {
         console.press(":stop now\n");
         assert!(console.says("`stop` takes nothing"));
         console.press("g");
-        assert!(console.says("holds no plan"));
+        assert!(console.says("stores no plan"));
         console.press(":plan 20,0,0,0,90\n");
         assert!(console.says("self-collision") && console.says("not planned"), "{:?}", console.model.log);
         console.press(":status\n");

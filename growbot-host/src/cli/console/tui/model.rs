@@ -11,7 +11,7 @@ use super::body::Body;
 use super::prompt::Prompt;
 use super::readings::Readings;
 
-/// Lines of the log that are kept.
+/// Lines of the log that stay.
 const LOG: usize = 200;
 
 /// Everything that the screen shows.
@@ -74,12 +74,12 @@ impl Model {
     }
 
     /// The board says how it does.
-    pub fn take_status(&mut self, status: Status) {
+    pub fn apply_status(&mut self, status: Status) {
         if self.lost.take().is_some() {
             self.say("the board answers again");
         }
         self.clock_s = status.uptime_ms as f64 / 1000.0;
-        self.readings.take(self.clock_s, status.temperature_centi_c, status.target_centi_c);
+        self.readings.add(self.clock_s, status.temperature_centi_c, status.target_centi_c);
         if status.plan_id != self.body.plan_id() {
             self.body = Body::new(status.plan_id, &self.start, Vec::new());
         } else if status.laid < self.body.next() {
@@ -95,7 +95,7 @@ impl Model {
     }
 
     /// The board says something unasked.
-    pub fn take_event(&mut self, event: &Message) {
+    pub fn apply_event(&mut self, event: &Message) {
         match event {
             Message::StateChanged(change) => {
                 if let Some(status) = &mut self.status
@@ -117,7 +117,7 @@ impl Model {
     }
 
     /// The board does not answer.
-    pub fn take_loss(&mut self, why: &str) {
+    pub fn apply_loss(&mut self, why: &str) {
         if self.lost.replace(why.to_owned()).is_none() {
             self.complain(why);
         }
@@ -153,15 +153,15 @@ impl Model {
 }
 
 /// What a state means, in words, and what may be done.
-pub fn in_words(state: State) -> &'static str {
+pub fn explanation(state: State) -> &'static str {
     match state {
         State::SelfTest => "just started, looking at its sensors",
         State::Idle => "heater and steppers are off",
         State::Heating => "the nozzle warms up, nothing moves yet",
         State::Homing => "the head looks for its index mark",
         State::Growing => "laying layers",
-        State::Paused => "hot, waiting between layers; g goes on",
-        State::Parked => "held for long, the heater is off; g goes on",
+        State::Paused => "hot, waiting between layers; g continues",
+        State::Parked => "after a long pause, the heater is off; g continues",
         State::Done => "every layer is laid, heater and steppers are off",
         State::Stopped => "stopped on request, heater and steppers are off",
         State::Tuning => "the nozzle is driven round a temperature",
@@ -178,13 +178,13 @@ mod tests {
     #[test]
     fn changes_of_state_are_said_once() {
         let mut model = model();
-        model.take_status(status(State::Heating, 10.0));
-        model.take_status(status(State::Heating, 11.0));
-        model.take_event(&Message::StateChanged(growbot_core::link::message::StateChanged {
+        model.apply_status(status(State::Heating, 10.0));
+        model.apply_status(status(State::Heating, 11.0));
+        model.apply_event(&Message::StateChanged(growbot_core::link::message::StateChanged {
             state: State::Homing,
             fault: None,
         }));
-        model.take_status(status(State::Homing, 12.0));
+        model.apply_status(status(State::Homing, 12.0));
         let said: Vec<&str> = model.log.iter().map(|line| line.text.as_str()).collect();
         assert_eq!(said, ["heating", "homing"]);
     }
@@ -192,10 +192,10 @@ mod tests {
     #[test]
     fn a_loss_is_said_once_and_so_is_the_end_of_it() {
         let mut model = model();
-        model.take_status(status(State::Idle, 1.0));
-        model.take_loss("the board does not answer");
-        model.take_loss("the board does not answer");
-        model.take_status(status(State::Idle, 9.0));
+        model.apply_status(status(State::Idle, 1.0));
+        model.apply_loss("the board does not answer");
+        model.apply_loss("the board does not answer");
+        model.apply_status(status(State::Idle, 9.0));
         let said: Vec<&str> = model.log.iter().map(|line| line.text.as_str()).collect();
         assert_eq!(said, ["idle", "the board does not answer", "the board answers again"]);
         assert!(model.log.iter().map(|line| line.bad).eq([false, true, false]));
@@ -205,11 +205,11 @@ mod tests {
     fn the_same_job_grown_again_begins_a_new_body() {
         let mut model = model();
         for index in 0..3 {
-            model.take_event(&laid(index));
+            model.apply_event(&laid(index));
         }
-        model.take_status(Status { laid: 3, ..status(State::Done, 100.0) });
+        model.apply_status(Status { laid: 3, ..status(State::Done, 100.0) });
         assert_eq!(model.body.built().len(), 3);
-        model.take_status(Status { laid: 0, ..status(State::Heating, 101.0) });
+        model.apply_status(Status { laid: 0, ..status(State::Heating, 101.0) });
         assert!(model.body.built().is_empty());
     }
 

@@ -20,7 +20,7 @@ pub struct Prompt {
 #[derive(Debug, PartialEq)]
 pub enum Typed {
     /// It is being typed yet.
-    GoOn,
+    Continue,
     /// It is to be carried out.
     Done(String),
     /// It was given up.
@@ -50,8 +50,8 @@ impl Prompt {
         self.cursor
     }
 
-    /// Takes a key. `history` holds the earlier lines, the latest last.
-    pub fn take(&mut self, key: KeyEvent, history: &[String]) -> Typed {
+    /// Applies a key. `history` has the earlier lines, the latest last.
+    pub fn apply(&mut self, key: KeyEvent, history: &[String]) -> Typed {
         let plain = !key.modifiers.intersects(KeyModifiers::CONTROL | KeyModifiers::ALT);
         match key.code {
             KeyCode::Enter => return Typed::Done(self.text()),
@@ -77,7 +77,7 @@ impl Prompt {
             }
             _ => {}
         }
-        Typed::GoOn
+        Typed::Continue
     }
 
     fn recall(&mut self, back: usize, history: &[String]) {
@@ -90,13 +90,13 @@ impl Prompt {
         }
     }
 
-    /// Completes the word before the cursor as far as there is one way to go on.
+    /// Completes the text before the cursor as far as it is unambiguous.
     fn complete(&mut self) {
         let begun: String = self.text.iter().take(self.cursor).collect();
         let (from, candidates) = complete(&begun);
         let Some(common) = candidates.into_iter().reduce(|one, other| common_beginning(&one, &other)) else { return };
-        let kept = begun.get(..from).unwrap_or_default();
-        let completed = format!("{kept}{common}");
+        let before = begun.get(..from).unwrap_or_default();
+        let completed = format!("{before}{common}");
         if completed.len() > begun.len() {
             let rest: String = self.text.iter().skip(self.cursor).collect();
             self.set(&format!("{completed}{rest}"));
@@ -114,7 +114,7 @@ mod tests {
     use super::*;
 
     fn press(prompt: &mut Prompt, keys: &[KeyCode], history: &[String]) -> Typed {
-        keys.iter().fold(Typed::GoOn, |_, key| prompt.take(KeyEvent::from(*key), history))
+        keys.iter().fold(Typed::Continue, |_, key| prompt.apply(KeyEvent::from(*key), history))
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! Temperatures over time, as many as a chart can show: the whole time, however long it gets.
 
-/// The most readings that are kept.
+/// The max number of readings that stay.
 const MAX_READINGS: usize = 1024;
 
 /// What the nozzle was and what it was to be, over time: pairs of s on the board's clock and degrees Celsius.
@@ -8,14 +8,14 @@ const MAX_READINGS: usize = 1024;
 pub struct Readings {
     readings: Vec<(f64, f64)>,
     targets: Vec<(f64, f64)>,
-    /// The time between two that are kept, s.
+    /// The time between two readings that stay, s.
     apart_s: f64,
     latest_s: Option<f64>,
 }
 
 impl Readings {
     /// Takes a reading, hundredths of a degree.
-    pub fn take(&mut self, at_s: f64, reading: Option<i32>, target: Option<i32>) {
+    pub fn add(&mut self, at_s: f64, reading: Option<i32>, target: Option<i32>) {
         match self.latest_s {
             // The board has started anew: its clock too.
             Some(latest) if at_s < latest => *self = Self::default(),
@@ -71,7 +71,7 @@ mod tests {
     fn a_day_of_readings_is_thinned_out_and_none_of_its_time_is_lost() {
         let mut readings = Readings::default();
         for second in 0..86_400 {
-            readings.take(f64::from(second), Some(21_000 + second % 7), (second > 60).then_some(21_000));
+            readings.add(f64::from(second), Some(21_000 + second % 7), (second > 60).then_some(21_000));
         }
         assert!(
             (MAX_READINGS / 4..=MAX_READINGS).contains(&readings.readings().len()),
@@ -86,10 +86,10 @@ mod tests {
     #[test]
     fn a_board_that_starts_anew_begins_a_new_chart() {
         let mut readings = Readings::default();
-        readings.take(5.0, Some(2_000), None);
-        readings.take(5.0, Some(2_100), None);
+        readings.add(5.0, Some(2_000), None);
+        readings.add(5.0, Some(2_100), None);
         assert_eq!(readings.readings(), [(5.0, 20.0)]);
-        readings.take(0.5, Some(2_200), Some(21_000));
+        readings.add(0.5, Some(2_200), Some(21_000));
         assert_eq!(readings.readings(), [(0.5, 22.0)]);
         assert_eq!(readings.range(), Some((22.0, 210.0)));
     }

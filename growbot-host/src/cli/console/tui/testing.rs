@@ -14,7 +14,7 @@ pub fn model() -> Model {
     Model::new(robot, "sim", Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap(), Some(60.0))
 }
 
-/// A board that holds a job of 100 layers, of which all that were seen here are laid; at 200 C of 210 C.
+/// A board with a job of 100 layers, of which all that were seen here are laid; at 200 C of 210 C.
 pub fn status(state: State, uptime_s: f64) -> Status {
     Status {
         state,

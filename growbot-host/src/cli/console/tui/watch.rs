@@ -85,14 +85,14 @@ impl Watch {
         });
         if let Err(error) = done {
             self.asked = Some(Instant::now());
-            model.take_loss(&error.to_string());
+            model.apply_loss(&error.to_string());
         }
     }
 
     fn listen(&mut self, model: &mut Model, ask: bool) -> Result<(), ClientError> {
         let began = Instant::now();
         while let Some(event) = self.client.event(EVENT)? {
-            model.take_event(&event);
+            model.apply_event(&event);
             if began.elapsed() > COMPUTE {
                 break;
             }
@@ -107,7 +107,7 @@ impl Watch {
         let step = VIRTUAL_STEP.max(time / LOOKS);
         while now < until && began.elapsed() < COMPUTE {
             if let Some(event) = self.client.event(step.min(Duration::from_millis(until - now)))? {
-                model.take_event(&event);
+                model.apply_event(&event);
             }
             let before = now;
             now = self.ask(model)?;
@@ -129,7 +129,7 @@ impl Watch {
             model.say("the board has started anew");
         }
         self.latest_ms = status.uptime_ms;
-        model.take_status(status);
+        model.apply_status(status);
         if let Some(drift) = self.client.stop_if_clock_drifts()? {
             model.complain(stopped_for(&drift, self.speed.is_some()).message());
         }
