@@ -1,4 +1,4 @@
-//! grow, status, stop and console, run as a user runs them: on the simulated robot, over TCP and over a serial line.
+//! grow, status and stop, run as a user runs them: on the simulated robot, over TCP and over a serial line.
 
 mod fake_board;
 mod running;
@@ -6,7 +6,7 @@ mod running;
 use serde_json::Value;
 
 use fake_board::FakeBoard;
-use running::{PROGRAM, Ran, command, growbot, growbot_reading, growbot_reading_bytes, growbot_unread};
+use running::{PROGRAM, Ran, command, growbot, growbot_reading, growbot_unread};
 
 fn json(ran: &Ran) -> Value {
     serde_json::from_str(ran.out.lines().last().unwrap_or_default())
@@ -454,132 +454,6 @@ fn what_a_simulated_robot_does_is_said_to_be_simulated() {
     assert_eq!(json(&growbot(&["tune", "--port", "sim", "--json"]))["simulated"], true);
     let told = growbot_reading(&["console"], "stop\nestop\n");
     assert_eq!(told.out.matches("simulated").count(), 3, "{}", told.out);
-}
-
-#[test]
-fn the_console_works_in_a_pipe() {
-    let commands = "plan 0,0,2.3,0,90\nlayers\nstart\nwait 600\nstatus\nquit\nstart\n";
-    let ran = growbot_reading(&["console"], commands);
-    assert_eq!(ran.code, Some(0), "{}", ran.err);
-    for part in ["3 layers", "layer,alpha_deg", "heating", "homing", "growing", "layer 2", "done"] {
-        assert!(ran.out.contains(part), "no {part}: {}", ran.out);
-    }
-    // Nothing after `quit` is carried out.
-    assert!(ran.out.lines().last().is_some_and(|line| line.starts_with("sensors ")), "{}", ran.out);
-}
-
-#[test]
-fn one_board_grows_one_body_after_the_other() {
-    let ran = growbot_reading(&["console"], "grow 0,0,7.74,0,90\ngrow 0,0,7.74,0,90\ngrow 0,0,3,0,90\n");
-    assert_eq!(ran.code, Some(0), "{}", ran.err);
-    assert_eq!(ran.out.matches("10 layers of 10,").count(), 2, "{}", ran.out);
-    assert_eq!(ran.out.matches("4 layers of 4,").count(), 1, "{}", ran.out);
-    assert_eq!(ran.out.matches("\ndone\n").count(), 3, "{}", ran.out);
-}
-
-#[test]
-fn a_stop_does_not_end_the_growth_after_it() {
-    let ran = growbot_reading(&["console"], "grow 0,0,3,0,90\nstop\ngrow 0,0,7.74,0,90\n");
-    assert_eq!(ran.code, Some(0), "{}", ran.err);
-    assert_eq!(ran.out.matches("10 layers of 10,").count(), 1, "{}", ran.out);
-}
-
-#[test]
-fn a_script_ends_at_the_first_line_that_fails() {
-    for (line, part) in [
-        ("dance", "\"dance\""),
-        ("plan 1,2,3", "five numbers"),
-        ("start", "stores no plan"),
-        ("wait soon", "\"soon\""),
-        ("layers -1", "\"-1\""),
-        ("stop now", "`stop` takes nothing: leave \"now\" away"),
-        ("grow 0,0,9,0,95", "pitch is 95"),
-    ] {
-        // What follows would heat.
-        let ran = growbot_reading(&["console"], &format!("help\n{line}\ngrow 0,0,3,0,90\n"));
-        assert_eq!(ran.code, Some(1), "{line}: {}", ran.err);
-        for part in [part, "line 2 failed"] {
-            assert!(ran.err.contains(part), "no {part}: {}", ran.err);
-        }
-        assert!(ran.out.contains("plan POSE") && !ran.out.contains("heating"), "{line}: {}", ran.out);
-    }
-}
-
-#[test]
-fn a_script_stops_the_robot_at_once_and_ends_where_a_growth_does() {
-    let ran = growbot_reading(&["console"], "plan 0,0,60,0,90\nstart\nwait 5\nestop\nstatus\nstart\nstatus\n");
-    assert_eq!(ran.code, Some(1), "{}", ran.err);
-    assert!(ran.err.contains("line 6 failed"), "{}", ran.err);
-    assert!(ran.out.contains("emergency stop: heater and steppers of the simulated robot are off"), "{}", ran.out);
-    assert_eq!(ran.out.matches("state        emergency-stop").count(), 1, "{}", ran.out);
-    assert!(growbot_reading(&["console"], "help\n").out.contains("estop "));
-}
-
-#[test]
-fn a_script_that_fails_says_what_it_leaves_out_and_what_the_robot_is_doing() {
-    let told = |script: &str, parts: &[&str]| {
-        let ran = growbot_reading(&["console"], script);
-        assert_eq!(ran.code, Some(1), "{script}: {}", ran.err);
-        for part in parts {
-            assert!(ran.err.contains(part), "no {part:?} after {script:?}: {}", ran.err);
-        }
-    };
-    told(
-        "plan 0,0,60,0,90\nstart\nwait 5\ndance\nstatus\n\nstop\nquit\nstart\n",
-        &[
-            "line 4 failed",
-            "2 more commands are not carried out, among them `stop` in line 7",
-            "the simulated robot is heating, and ends with this program",
-        ],
-    );
-    told(
-        "stop\ndance\nestop\n",
-        &["1 more command is not carried out, among them `estop` in line 3", "(it is in state stopped)"],
-    );
-    told("dance", &["no more commands came after it", "heater and steppers of the simulated robot are off"]);
-}
-
-#[cfg(unix)]
-#[test]
-fn a_script_whose_results_nobody_reads_is_not_done() {
-    let script = "plan 0,0,60,0,90\nstart\nwait 5\nstop\n";
-    let ran = growbot_unread(&["console"], script);
-    assert_eq!(ran.code, Some(1), "{}", ran.err);
-    for part in [
-        "standard output was closed by its reader",
-        "4 more commands are not carried out, among them `stop` in line 4",
-        "heater and steppers of the simulated robot are off",
-    ] {
-        assert!(ran.err.contains(part), "no {part:?}: {}", ran.err);
-    }
-    // With nothing left to do, nothing is amiss: as with other commands.
-    let ran = growbot_unread(&["console"], "");
-    assert_eq!((ran.code, ran.err.as_str()), (Some(0), ""));
-}
-
-#[test]
-fn an_emergency_stop_is_cleared_as_soon_as_it_was_given() {
-    let ran = growbot_reading(&["console"], "estop\nclear\nstatus\nstop\nestop\nclear\n");
-    assert_eq!(ran.code, Some(0), "{}", ran.err);
-    assert_eq!(
-        (ran.out.matches("cleared\n").count(), ran.out.matches("state        idle").count()),
-        (2, 2),
-        "{}",
-        ran.out
-    );
-}
-
-#[test]
-fn a_line_that_is_no_text_ends_a_script() {
-    let ran = growbot_reading_bytes(&["console"], b"sta\xfftus\nstatus\n");
-    assert_eq!(ran.code, Some(1));
-    assert!(ran.err.contains("no UTF-8 text (at byte 3)") && ran.err.contains("line 1 failed"), "{}", ran.err);
-    assert_eq!(ran.out.matches("state        idle").count(), 1, "{}", ran.out);
-}
-
-#[test]
-fn the_whole_screen_needs_a_terminal() {
-    assert_refused(&growbot(&["console", "--tui"]), &["--tui needs a terminal", "standard input", "line by line"]);
 }
 
 #[cfg(unix)]
