@@ -3,7 +3,7 @@
 use growbot_tests::survival::crash::{Crash, check, crash_at};
 use growbot_tests::survival::{Body, Undisturbed, robot};
 
-/// Every so many moments of the growth are tried here; `cargo survival` tries them all.
+/// Some moments of the growth, evenly spread, are tried here; `cargo survival` tries them all.
 const EVERY: usize = 50;
 
 #[test]

@@ -109,12 +109,12 @@ fn over_a_bad_line_the_image_lays_each_layer_once() {
     let undisturbed = Undisturbed::grow(&job);
     each(number("GROWBOT_EMULATED_JOBS", 10), || {
         // Jobs follow each other on one board: its journal has room for them.
-        let mut kept = None;
+        let mut running = None;
         let (job, undisturbed) = (&job, &undisturbed);
         move |seed| {
-            let board = kept.take().map_or_else(|| board(job.robot, &[]), Ok)?;
+            let board = running.take().map_or_else(|| board(job.robot, &[]), Ok)?;
             let told = over_a_bad_line(&board, job, undisturbed, seed)?;
-            kept = Some(board);
+            running = Some(board);
             Ok(told)
         }
     });
@@ -164,7 +164,7 @@ struct Point {
 }
 
 impl Point {
-    /// One of so many points, spread over the growth's first three quarters.
+    /// One of `count` points, spread over the growth's first three quarters.
     fn of(point: u64, count: u64) -> Self {
         let mut random = Random::new(&[2, point]);
         let crash = [Crash::Power, Crash::Board, Crash::Host][(point % 3) as usize];
@@ -176,7 +176,7 @@ impl Point {
         }
     }
 
-    /// Grows up to here, is interrupted, comes back, and goes on to the end.
+    /// Grows up to here, is interrupted, comes back, and resumes to the end.
     fn interrupt(&self, job: &Job, undisturbed: &Undisturbed) -> Result<String, String> {
         let (Self { crash, told, later }, first) = (self, board(job.robot, &[])?);
         let what = format!("{crash:?} {:.2} s after event {told}", later.as_secs_f64());
@@ -252,7 +252,7 @@ fn feed_steps(board: &Board) -> u64 {
     board.borrow().simulation().laid().unwrap().feed_steps
 }
 
-/// Somebody comes back, clears what is to be cleared, and goes on: what was found, and what came of it.
+/// A host comes back, clears a fault, and resumes. Returns the status that it found, and the growth.
 fn come_back(
     board: &Board,
     job: &Job,

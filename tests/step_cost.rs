@@ -81,7 +81,7 @@ fn send_stops(mut line: &TcpStream, enough: &AtomicBool) {
         let noise = (0..length).map(|byte| byte as u8 | 1);
         let bytes: Vec<u8> = noise.chain(EMERGENCY_STOP).collect();
         let Some((last, before)) = bytes.split_last() else { return };
-        // A board that has ended is told of by whoever reads.
+        // The reader reports a board that has ended.
         let _ = line.write_all(before);
         thread::sleep(Duration::from_millis(2));
         let _ = line.write_all(&[*last]);

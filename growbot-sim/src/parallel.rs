@@ -12,7 +12,7 @@ pub fn map<T: Sync, U: Send>(items: &[T], work: impl Fn(&T) -> U + Sync, at: imp
     map_on(thread::available_parallelism().map_or(1, usize::from), items, work, at)
 }
 
-/// As [`map`], on so many threads, at least one.
+/// As [`map`], on `threads` threads, at least one.
 pub fn map_on<T: Sync, U: Send>(
     threads: usize,
     items: &[T],
@@ -36,7 +36,7 @@ pub fn map_on<T: Sync, U: Send>(
             at(done.load(Ordering::Relaxed));
             thread::sleep(LOOK);
         }
-        // A worker that panicked has said so; its panic goes on here.
+        // A worker that panicked has printed why; its panic is resumed here.
         workers
             .into_iter()
             .flat_map(|worker| worker.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))

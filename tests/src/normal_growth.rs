@@ -61,7 +61,7 @@ impl Seen {
     }
 }
 
-/// Lets copies of the robot with this plant grow, on all cores, until so many hours are simulated.
+/// Lets copies of the robot with this plant grow, on all cores, until this many hours are simulated.
 ///
 /// # Panics
 /// If a growth cannot be run at all.

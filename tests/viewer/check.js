@@ -24,7 +24,7 @@ const PICTURE = join(here, "picture.png");
 /** The first picture is to be there in 3 s; a machine that is busy with other things may take longer. */
 const [FIRST_PICTURE_MS, FAIL_AT_MS] = [3000, 12_000];
 const MAX_BYTES = 2_000_000;
-/** A pixel differs by more than so much in one of its colours; so many may: edges fall otherwise with another release of the renderer, and
+/** A pixel differs by more than the first in one of its colours; the second is the max share of such pixels: edges fall otherwise with another release of the renderer, and
  * letters with other fonts (1 % with all of them in another one). The body is 6 %. */
 const [DIFFERENT, MAX_DIFFERENT] = [48, 0.02];
 
@@ -167,7 +167,7 @@ async function checkPair(browser) {
   await fitsPhone(phone);
 }
 
-/** The browser, without a window. Whoever runs this as root has no sandbox. */
+/** The browser, without a window. There is no sandbox for root. */
 const launch = (...args) =>
   chromium.launch({
     executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium",

@@ -1,11 +1,11 @@
 // Follows growths on the simulated robot in Debian's Chromium, on the page that `growbot grow --watch` serves: it grows as the robot
-// does, holds and goes on and stops by its buttons, tells how it ended, and asks for nothing but its own updates. Without --control there are
+// does, pauses and continues and stops by its buttons, tells how it ended, and asks for nothing but its own updates. Without --control there are
 // no buttons.
 //
 //   node live.js GROWBOT
 //
 // Time passes for the robot while the browser works, so nothing here may need the browser to be quick: the robot waits for a day before it
-// parks, and a growth takes minutes. Both growths go on beside each other.
+// parks, and a growth takes minutes. Both growths run at the same time.
 //
 // The browser is `chromium`, or what CHROMIUM names.
 
@@ -98,7 +98,7 @@ try {
   await comesTo(second, held + 3);
   await second.waitForFunction((min) => Number(document.querySelector("#slider").max) >= min, held + 3);
   await second.close();
-  // A board that was stopped for its clock: as it is told at the end.
+  // A board that was stopped for its clock: as the end says.
   const drift = { message: "the board's clock is 5.0 % slow (limit 2 %)", remedy: "check the board's crystal" };
   const drifted = await open(browser, controlled.address, {
     state: "stopped",

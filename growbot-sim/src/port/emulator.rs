@@ -257,7 +257,8 @@ impl Words {
         self.write(table::GRAVITY_LIVE, gravity.is_some().into())
     }
 
-    /// How the encoder goes on from the tip's latest step, wherever that changes: the board computes its level from its own steps.
+    /// Tells the board how its encoder continues from the tip's latest step, whenever that changes: the board computes
+    /// the level from its own steps.
     fn show_encoder_mapping(&self, tip: &mut Tip) -> io::Result<()> {
         let (turned, seen_per_step) = tip.encoder_mapping();
         let slip = libm::rint((seen_per_step - 1.0) * 65_536.0) as i32;
@@ -281,7 +282,7 @@ impl Words {
         self.write(live, sample.is_some().into())
     }
 
-    /// The board computes the level of its index sensor from its own steps: it is told how far those are from the truth, and
+    /// The board computes the level of its index sensor from its own steps: this tells it how far those are from the truth, and
     /// the level itself where that no longer depends on them.
     fn show_index(&self, tip: &Tip) -> io::Result<()> {
         let mark = IndexMark::of(tip.robot());
@@ -331,7 +332,7 @@ impl Followed {
         self.words.show(&mut self.tip)
     }
 
-    /// Lets time pass up to the board's present, with the power that it gave meanwhile.
+    /// Lets time pass up to the board's present, with the power that it gave in that time.
     fn warm(&mut self) -> io::Result<()> {
         let ticks = self.words.read_pair(table::TICKS_LO, table::TICKS_HI)?;
         let energy = self.words.read_pair(table::HEATER_ENERGY_LO, table::HEATER_ENERGY_HI)?;

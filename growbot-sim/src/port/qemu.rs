@@ -23,7 +23,7 @@ const PROGRAM: &str = "qemu-system-arm";
 pub const OLDEST: u32 = 10;
 /// How long QEMU may take to make its connections.
 const START: Duration = Duration::from_secs(60);
-/// What is kept of QEMU's own messages, in bytes.
+/// Max bytes of QEMU's own messages that are stored.
 const MESSAGES: usize = 8192;
 
 /// Why an emulated board could not be started.
@@ -156,12 +156,12 @@ impl Qemu {
             .map_err(spawn_error)?;
         let messages = Arc::new(Mutex::new(String::new()));
         let listener = child.stderr.take().map(|mut stderr| {
-            let kept = Arc::clone(&messages);
+            let stored = Arc::clone(&messages);
             // Ends with QEMU, whose end of the pipe it reads.
             thread::spawn(move || {
                 let mut buffer = [0; 512];
                 while let Ok(count @ 1..) = stderr.read(&mut buffer) {
-                    let mut text = kept.lock().unwrap_or_else(PoisonError::into_inner);
+                    let mut text = stored.lock().unwrap_or_else(PoisonError::into_inner);
                     if text.len() < MESSAGES {
                         text.push_str(&String::from_utf8_lossy(&buffer[..count]));
                     }
@@ -209,7 +209,7 @@ impl Qemu {
             thread::sleep(Duration::from_millis(2));
         }
         if let Some(listener) = self.listener.take() {
-            // It cannot have panicked, and what it kept is there all the same.
+            // It cannot have panicked, and what it stored is there all the same.
             let _ = listener.join();
         }
         Some(self.messages())

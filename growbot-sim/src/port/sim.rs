@@ -164,7 +164,7 @@ impl Sim {
         self.controller.fault()
     }
 
-    /// Lets virtual time pass. What the board says meanwhile waits to be received.
+    /// Lets virtual time pass. What the board sends in that time waits to be received.
     pub fn pass(&mut self, time: Duration) {
         let deadline = self.tick + self.ticks(time);
         while self.tick < deadline {
@@ -189,7 +189,7 @@ impl Sim {
         self.flash.clone()
     }
 
-    /// Resets the board: its outputs go off and its controller starts anew. The tip goes on as it is. What the board retained is
+    /// Resets the board: its outputs go off and its controller starts anew. The tip stays as it is. What the board retained is
     /// lost when its power was away, but for its flash.
     pub fn reset(&mut self, cause: ResetCause) {
         if cause == ResetCause::PowerOn {

@@ -94,7 +94,7 @@ impl Cartridge {
         ]
     }
 
-    /// Time passes in which nothing changes: block and thermistor after it, and the block's highest temperature meanwhile.
+    /// Time passes in which nothing changes: block and thermistor after it, and the block's max temperature in that time.
     pub fn pass(&mut self, seconds: f64, block_c: f64, sensor_c: f64, load: &Load) -> (f64, f64, f64) {
         let steps = libm::ceil(seconds / STEP_S).max(1.0);
         let step = seconds / steps;

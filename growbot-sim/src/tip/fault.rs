@@ -26,7 +26,7 @@ pub enum TipFault {
     HeaterOpen,
     /// The heater's power stage conducts by itself: full power whatever the duty, while the second switch is closed.
     PowerStageOn,
-    /// The second switch in the heater's supply stays closed whatever it is told.
+    /// The second switch in the heater's supply stays closed whatever its signal is.
     SecondSwitchClosed,
     /// A draught multiplies the nozzle's loss.
     Draught {

@@ -50,7 +50,7 @@ impl<const SECTOR: usize> Flash<SECTOR> {
         })))
     }
 
-    /// Power is lost after so many more bytes written or erased; what that leaves follows from the seed.
+    /// Power is lost after `bytes` more bytes are written or erased; what that leaves follows from the seed.
     pub fn lose_power_after(&self, bytes: usize, seed: u64) {
         let mut cells = self.0.borrow_mut();
         (cells.bytes_left, cells.seed) = (Some(bytes), seed);
@@ -109,7 +109,7 @@ impl<const SECTOR: usize> Flash<SECTOR> {
 }
 
 impl Cells {
-    /// Takes so many bytes off those before the loss of power. How many of them are done; fewer where power is lost meanwhile.
+    /// Takes `bytes` off those before the loss of power. Returns how many of them are done: fewer where power is lost.
     fn spend(&mut self, bytes: usize) -> usize {
         let Some(left) = &mut self.bytes_left else { return bytes };
         let done = bytes.min(*left);

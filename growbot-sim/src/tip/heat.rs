@@ -4,7 +4,7 @@ use super::nozzle::Drive;
 use super::{HeaterInput, Tip, TipFault};
 
 impl Tip {
-    /// What the heater is told: a share of full power (0 to 1), and whether the second switch is to be closed.
+    /// The heater's signals: a share of full power (0 to 1), and whether the second switch is closed.
     pub fn heat(&mut self, duty: f64, closed: bool) {
         let input = HeaterInput { duty, closed };
         if self.heater != input {
@@ -18,7 +18,7 @@ impl Tip {
         }
     }
 
-    /// What the fan is told: a share of full speed (0 to 1).
+    /// The fan's signal: a share of full speed (0 to 1).
     pub fn blow(&mut self, duty: f64) {
         if self.fan != duty {
             self.sync();
@@ -122,13 +122,13 @@ impl Tip {
         self.warm_at_once = Some(celsius);
     }
 
-    /// Whether the second switch of the heater is told to be closed.
+    /// Whether the signal of the heater's second switch is closed.
     #[must_use]
     pub fn heater_is_on(&self) -> bool {
         self.heater.closed
     }
 
-    /// Share of full power that the heater is told to give, 0 to 1.
+    /// Share of full power by the heater's signal, 0 to 1.
     #[must_use]
     pub fn heater_duty(&self) -> f64 {
         self.heater.duty

@@ -90,7 +90,7 @@ pub enum Motor {
     Feed,
 }
 
-/// What a motor's driver is told.
+/// The signals of a motor's driver.
 #[derive(Debug, Clone, Copy, Default)]
 struct Axis {
     enabled: bool,
@@ -250,7 +250,7 @@ impl Tip {
         self.seen_per_step.1
     }
 
-    /// Whether the head stands whatever its motor is told.
+    /// Whether the head stands whatever its motor's signals are.
     fn head_is_held(&self) -> bool {
         self.faults.has(TipFault::HeadBlocked) || self.faults.has(TipFault::DriverFault)
     }
@@ -304,7 +304,7 @@ impl Tip {
         &self.robot
     }
 
-    /// Whether a motor is told to hold.
+    /// Whether a motor is energised.
     #[must_use]
     pub fn is_enabled(&self, motor: Motor) -> bool {
         match motor {

@@ -5,7 +5,7 @@
 //!
 //! A copy of a robot may have a [`Cartridge`] instead, which is solved otherwise; what follows is of the lump above.
 //!
-//! Both are solved in closed form while power, loss and flow stand still. The flow is told in slots of a tenth of a second:
+//! Both are solved in closed form while power, loss and flow stand still. The flow is counted in slots of a tenth of a second:
 //! in each, the nozzle heats, evenly, what was fed in the one before. So the heat is exact, the result does not
 //! depend on how often anybody looks, and hours without flow are one step.
 
@@ -201,7 +201,7 @@ struct Decay {
     /// Of the block's and of the thermistor's own difference.
     block: f64,
     sensor: f64,
-    /// What the block's decay does to the thermistor meanwhile.
+    /// What the block's decay does to the thermistor in that time.
     mixed: f64,
 }
 

@@ -1,6 +1,6 @@
 //! Plastic by angle, layer by layer.
 //!
-//! Between two feed steps one step's volume flows, evenly in time, and lies wherever the head stood meanwhile. Over a sweep
+//! Between two feed steps one step's volume flows, evenly in time, and lies wherever the head stood in between. Over a sweep
 //! of the head the sum gives the mean height and the first harmonic the tilt: `h = sum`, `r_t phi = 2 |sum e^(i psi)|`, in
 //! units of the height that one step spread over the whole ring would have.
 //!

@@ -99,7 +99,8 @@ impl Tip {
         self.filament.encoder()
     }
 
-    /// How the encoder goes on from here: how far it has been turned, steps, and how much each step's worth adds in this layer.
+    /// How the encoder continues from here: how far it has been turned, steps, and how much each step's worth adds in this
+    /// layer.
     pub fn encoder_mapping(&mut self) -> (f64, f64) {
         (self.filament.turned(), self.seen_per_step())
     }
@@ -135,7 +136,7 @@ impl Tip {
         Some([up.x, up.y, up.z].map(|share| libm::rint(1000.0 * share) as i16))
     }
 
-    /// Whether any motor is told to hold.
+    /// Whether any motor is energised.
     #[must_use]
     pub fn steppers_are_on(&self) -> bool {
         self.is_enabled(Motor::Head) || self.is_enabled(Motor::Feed)

@@ -51,10 +51,10 @@ pub enum Right {
     Codes(&'static [Fault]),
     /// The state emergency stop.
     EmergencyStop,
-    /// It does no harm on its own, and the growth goes on to its end. The next one is not begun: any of these codes.
+    /// It does no harm on its own, and the growth continues to its end. The next one is not begun: any of these codes.
     AtNextStart(&'static [Fault]),
-    /// It does no harm on its own, and the growth goes on to its end.
-    GoesOn,
+    /// It does no harm on its own, and the growth continues to its end.
+    Continues,
 }
 
 /// A fault and when it comes.
@@ -89,7 +89,7 @@ impl Case {
             // While it warms up, a reading that stands still is first of all one that does not rise.
             T::ThermistorFrozen if cold => &[F::ThermistorFrozen, F::HeatingTooSlow],
             T::ThermistorFrozen => &[F::ThermistorFrozen],
-            // It follows nothing: what shows first depends on what the nozzle does meanwhile. One that has cooled holds its filament.
+            // It follows nothing: what shows first depends on what the nozzle does. One that has cooled holds its filament.
             T::ThermistorStuck => &[
                 F::FilamentJam,
                 F::ThermistorFrozen,
@@ -111,7 +111,7 @@ impl Case {
             T::IndexDead => &[F::IndexMissing],
             T::IndexStuck => &[F::IndexStuck],
             // Homing finds the zero all the same.
-            T::HeadLosesSteps { .. } | T::HeadGainsSteps { .. } if cold => return Right::GoesOn,
+            T::HeadLosesSteps { .. } | T::HeadGainsSteps { .. } if cold => return Right::Continues,
             T::HeadLosesSteps { .. } => &[F::HeadStepsLost],
             // It may jump over the whole mark.
             T::HeadGainsSteps { .. } => &[F::HeadStepsLost, F::IndexMissing],
@@ -129,7 +129,7 @@ impl Case {
             T::SecondSwitchClosed if self.onset == Onset::Boot => &[F::HeaterSwitchWelded],
             T::SecondSwitchClosed => return Right::AtNextStart(&[F::HeaterSwitchWelded]),
             // The orientation is not used for safety.
-            T::OrientationSilent => return Right::GoesOn,
+            T::OrientationSilent => return Right::Continues,
         })
     }
 }

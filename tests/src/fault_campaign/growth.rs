@@ -12,7 +12,7 @@ use growbot_core::random::Random;
 
 /// Layers of the job; half of them are handed over before it holds.
 const LAYERS: u32 = 6;
-/// A hold goes on for so long after a fault before the rest of the layers come, s.
+/// A pause lasts this long after a fault before the rest of the layers come, s.
 const HELD_ON: f64 = 45.0;
 /// No fault of a growth like this takes longer to be noticed, s.
 const PATIENCE: f64 = 900.0;
@@ -44,7 +44,7 @@ impl Seen {
                 self.state == State::Fault && self.fault.is_some_and(|code| codes.contains(&code))
             }
             Right::EmergencyStop => self.state == State::EmergencyStop,
-            Right::GoesOn => self.state == State::Done,
+            Right::Continues => self.state == State::Done,
         };
         if !as_it_should {
             return Some(format!("ended {:?} with {:?}, right is {:?}", self.state, self.fault, case.right()));
@@ -182,7 +182,7 @@ fn begin_anew(rig: &mut Rig) -> Result<(), ClientError> {
     rig.start()
 }
 
-/// Has the growth go on after the fault: what a host would do that knows nothing of it.
+/// Continues the growth after the fault, as a host does that knows nothing of it.
 fn grow_on(rig: &mut Rig, onset: Onset) -> Result<(), ClientError> {
     match onset {
         Onset::Boot => {

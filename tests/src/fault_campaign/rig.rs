@@ -44,7 +44,7 @@ impl Rig {
         self.client.hello_robot(&self.robot).map(|_| ())
     }
 
-    /// Begins a job of so many layers.
+    /// Begins a job of this many layers.
     ///
     /// # Errors
     /// If the board refuses.
@@ -54,7 +54,7 @@ impl Rig {
         self.client.request("to begin", &Message::Begin(begin)).map(|_| ())
     }
 
-    /// Hands over so many more layers of a bend.
+    /// Hands over this many more layers of a bend.
     ///
     /// # Errors
     /// If the board refuses.
@@ -62,7 +62,7 @@ impl Rig {
         self.hand_over_shares((0..count).map(|_| 1.0))
     }
 
-    /// Hands over so many more layers, of any height between half of the max and the max.
+    /// Hands over this many more layers, of any height between half of the max and the max.
     ///
     /// # Errors
     /// If the board refuses.

@@ -23,11 +23,11 @@ pub fn markdown(lump: &[(Case, Vec<Seen>)], cartridge: &[(Case, Vec<Seen>)]) -> 
             Right::Codes(_) => codes.join(", "),
             Right::AtNextStart(_) => format!("{}, at the next start: no harm before", codes.join(", ")),
             Right::EmergencyStop => "state emergency-stop".to_string(),
-            Right::GoesOn => "no harm: the growth goes on".to_string(),
+            Right::Continues => "no harm: the growth continues".to_string(),
         };
         let growths = seen().count();
         let noticed = match case.right() {
-            Right::GoesOn => "-".to_string(),
+            Right::Continues => "-".to_string(),
             _ => {
                 format!("{:.0} %", 100.0 * seen().filter_map(|one| one.after_s).count() as f64 / growths.max(1) as f64)
             }

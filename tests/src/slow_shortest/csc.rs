@@ -37,7 +37,7 @@ fn gap(problem: &Problem, unknowns: &Unknowns) -> Vector6<f64> {
     Vector6::new(across.x, across.y, across.z, turn.x, turn.y, turn.z)
 }
 
-/// What so many random starts lead to.
+/// What random starts lead to.
 #[derive(Debug, Clone, Default)]
 pub struct Found {
     /// The shortest arc, line, arc.
@@ -49,7 +49,7 @@ pub struct Found {
     pub backwards: Vec<[f64; 3]>,
 }
 
-/// Searches from so many random starts.
+/// Searches from this many random starts.
 pub fn search(problem: &Problem, starts: usize, random: &mut Random) -> Found {
     let mut all = Found::default();
     for _ in 0..starts {

@@ -355,7 +355,7 @@ fn shape(vectors: &Matrix3<f64>) -> Vector5<f64> {
     Vector5::new(across.norm(), across.dot(&start), across.dot(&end), start.dot(&end), vectors.determinant())
 }
 
-/// The best of so many random arcs: the one whose ends are placed most nearly as start and goal are.
+/// The best of some random arcs: the one whose ends are placed most nearly as start and goal are.
 fn random_start(problem: &Problem, longest: f64, among: usize, random: &mut Random) -> Narrow {
     let goal = shape(&goal_vectors(problem));
     let mut best = (f64::INFINITY, Narrow::random(problem, longest, random));

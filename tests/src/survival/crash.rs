@@ -46,7 +46,7 @@ pub struct Recovered {
     pub more_feed_steps: i64,
 }
 
-/// Grows until the host has been told of so many things, lets something go, and resumes.
+/// Grows until the host has received this many events, interrupts the growth, and resumes.
 ///
 /// # Errors
 /// What went wrong, in words.
@@ -113,7 +113,7 @@ fn grow_until(
     grown
 }
 
-/// Somebody comes back, clears what is to be cleared, and goes on.
+/// A host comes back, clears a fault, and resumes.
 fn come_back(job: &Job, board: &Board, known: Vec<Option<LayerBytes>>) -> Result<(Status, Grown), GrowthError> {
     let mut client = Client::new(Box::new(Rc::clone(board)), "sim");
     let hello = client.hello().map_err(GrowthError::Before)?;

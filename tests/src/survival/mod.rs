@@ -33,7 +33,7 @@ pub fn robot() -> Robot {
     Robot::new(description).expect("the motors are quick enough")
 }
 
-/// Where a body begins and ends, and a bend between of so many layers.
+/// Where a body begins and ends, and a bend of some layers between.
 pub struct Body {
     start: Pose,
     goal: Pose,
@@ -41,7 +41,7 @@ pub struct Body {
 }
 
 impl Body {
-    /// A bend of so many layers.
+    /// A bend of this many layers.
     ///
     /// # Panics
     /// Never: its beginning is a pose.

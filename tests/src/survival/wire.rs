@@ -37,7 +37,7 @@ pub struct Row {
     pub seconds: f64,
 }
 
-/// Runs so many jobs, spread over all wires, on all cores.
+/// Runs this many jobs, spread over all wires, on all cores.
 ///
 /// # Panics
 /// If the undisturbed growth does not grow.

@@ -12,7 +12,7 @@ fn robot() -> Robot {
     growbot_client::robot_file::load("growbot-a".as_ref()).unwrap()
 }
 
-/// An upright body of so many layers.
+/// An upright body of this many layers.
 fn grow(sim: Sim, layers: u32) -> Grown {
     let robot = sim.robot.clone();
     let path = [Segment::Straight { length: 0.774 * f64::from(layers) }];

@@ -40,7 +40,7 @@ fn wait(tip: &mut Tip, time: f64) {
     tip.advance(seconds(tip, time));
 }
 
-/// Feeds so many steps, a tick each.
+/// Feeds this many steps, a tick each.
 fn feed(tip: &mut Tip, steps: u32) {
     for _ in 0..steps {
         tip.advance(tip.now() + 1);
@@ -299,7 +299,7 @@ fn the_emulated_board_computes_the_same_encoder() {
     }
 }
 
-/// A tip that has laid so many turns, and how far it has turned its encoder after each, mm of filament.
+/// A tip that has laid this many turns, and how far it has turned its encoder after each, mm of filament.
 fn laid(turns: u32, imperfection: &Imperfection) -> (Tip, Vec<f64>) {
     let mut tip = hot_tip();
     tip.disturb(imperfection);
