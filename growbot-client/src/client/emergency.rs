@@ -14,7 +14,7 @@ pub const EMERGENCY_LIMIT: Duration = Duration::from_secs(3);
 /// and so long after each other the bytes are sent, whatever comes back meanwhile.
 pub const EMERGENCY_PAUSE: Duration = Duration::from_millis(150);
 /// A line that breaks while it is used, and on which time does not pass by itself, is given up after so many tries.
-const MOST_BREAKS: u32 = 20;
+const MAX_BREAKS: u32 = 20;
 
 impl Client {
     /// Has the board switch everything off at once, whatever it is doing and whoever holds it, and waits until it says so: for
@@ -25,7 +25,7 @@ impl Client {
     pub fn emergency_stop(&mut self) -> Result<(), ClientError> {
         let mut sent = 0;
         let began = self.port.now();
-        for _ in 0..MOST_BREAKS {
+        for _ in 0..MAX_BREAKS {
             let left = EMERGENCY_LIMIT.saturating_sub(self.port.now().saturating_sub(began));
             match self.emergency_stop_within(left, &mut sent) {
                 Ok(true) => return Ok(()),
@@ -56,10 +56,10 @@ impl Client {
                 self.acknowledged = true;
                 match self.next_frame(EMERGENCY_PAUSE - waited) {
                     Ok(Some(Ok(frame))) if says_stopped(&frame) => {
-                        self.take_event(&frame);
+                        self.ingest_event(&frame);
                         return Ok(true);
                     }
-                    Ok(Some(Ok(frame))) => self.take_event(&frame),
+                    Ok(Some(Ok(frame))) => self.ingest_event(&frame),
                     Ok(Some(Err(_))) => {}
                     Ok(None) => break,
                     Err(ClientError::Port(error)) => return Err(error),

@@ -17,11 +17,11 @@ pub(super) const SILENCE_OF_KNOWN: Duration = Duration::from_secs(20);
 /// One that has never answered, and of which pieces of frames come now and then, is given so long,
 pub(super) const SILENCE_OF_PIECES: Duration = Duration::from_secs(60);
 /// unless more of them come a second: then it is no growbot.
-pub(super) const MOST_PIECES_A_SECOND: f64 = 8.0;
+pub(super) const MAX_PIECES_A_SECOND: f64 = 8.0;
 /// One that plans is silent when it says nothing for so long.
 pub(super) const SILENCE_OF_PLAN: Duration = Duration::from_secs(180);
 /// A line that carries some frames and never the answer is given up after so many repetitions.
-pub(super) const MOST_TRIES: u32 = 120;
+pub(super) const MAX_TRIES: u32 = 120;
 
 /// How a wait for an answer has gone.
 #[derive(Debug, Default)]
@@ -31,7 +31,7 @@ pub(super) struct Wait {
     /// So many pieces of frames have come meanwhile.
     pub pieces: u32,
     /// What came that was none.
-    pub heard: Option<FrameError>,
+    pub unreadable: Option<FrameError>,
 }
 
 impl Wait {
@@ -40,13 +40,13 @@ impl Wait {
         let pieces = f64::from(self.pieces);
         let patience = if known {
             SILENCE_OF_KNOWN
-        } else if pieces > 0.0 && pieces <= MOST_PIECES_A_SECOND * self.quiet.as_secs_f64() {
+        } else if pieces > 0.0 && pieces <= MAX_PIECES_A_SECOND * self.quiet.as_secs_f64() {
             SILENCE_OF_PIECES
         } else {
             SILENCE
         };
         // A whole frame of another version is no noise.
-        let speaks_otherwise = !known && matches!(self.heard, Some(FrameError::Version { .. }));
+        let speaks_otherwise = !known && matches!(self.unreadable, Some(FrameError::Version { .. }));
         speaks_otherwise || self.quiet >= patience.max(least)
     }
 }

@@ -1,0 +1,200 @@
+//! Frames out and in: a request until its answer, and the events in between.
+
+use std::time::Duration;
+
+use growbot_core::link::frame::{self, Frame, FrameError, Header, LONGEST_BODY, next};
+use growbot_core::link::message::{Empty, Message, MessageError, Refused};
+
+use super::patience::{FIRST_REPEAT, MAX_TRIES, REPEAT_OF_PLAN, SILENCE_OF_PLAN, SLOWEST_REPEAT, Wait};
+use super::{Client, ClientError};
+
+/// A board whose host says nothing for 10 s holds: in long waits it is told so often that its host lives.
+const SIGN_OF_LIFE: Duration = Duration::from_secs(3);
+
+impl Client {
+    /// Asks and waits for the answer, repeating the request where none comes. `what` is what errors call it.
+    ///
+    /// # Errors
+    /// No answer, or a refusal.
+    pub fn request(&mut self, what: &'static str, request: &Message) -> Result<Message, ClientError> {
+        let plans = matches!(request, Message::Plan(_));
+        let mut repeat = if plans { REPEAT_OF_PLAN } else { FIRST_REPEAT };
+        self.seq = next(self.seq);
+        let seq = self.seq;
+        let mut wait = Wait::default();
+        for attempt in 0..MAX_TRIES {
+            self.repeated += u64::from(attempt > 0);
+            self.post(seq, request)?;
+            if let Some(frame) = self.answer_to(|ack| ack == seq, repeat, &mut wait)? {
+                return answer(what, &frame);
+            }
+            if wait.is_hopeless(if plans { SILENCE_OF_PLAN } else { Duration::ZERO }, self.open) {
+                break;
+            }
+            repeat = (repeat * 5 / 4).min(SLOWEST_REPEAT.max(repeat));
+        }
+        Err(self.given_up(&wait))
+    }
+
+    /// Sends a frame, with the number of the latest event.
+    pub(super) fn post(&mut self, seq: u16, message: &Message) -> Result<(), ClientError> {
+        let mut buffer = [0; LONGEST_BODY];
+        let too_long = ClientError::Unexpected { request: "a message", kind: message.kind() };
+        let Ok(body) = message.encode(&mut buffer) else { return Err(too_long) };
+        let header = Header { kind: message.kind(), session: self.session, seq, ack: self.received };
+        let Ok(bytes) = frame::encode(&header, body) else { return Err(too_long) };
+        self.acknowledged = true;
+        Ok(self.port.send(&bytes)?)
+    }
+
+    /// Waits for so long for an answer to one of some requests; takes the events that come meanwhile.
+    pub(super) fn answer_to(
+        &mut self,
+        is_asked: impl Fn(u16) -> bool,
+        patience: Duration,
+        wait: &mut Wait,
+    ) -> Result<Option<Frame>, ClientError> {
+        let step = patience.min(Duration::from_millis(100));
+        let mut waited = Duration::ZERO;
+        // Frames that arrive take time too, if little: a babbling board must not hold us for ever.
+        let passing = Duration::from_millis(2);
+        while waited < patience {
+            match self.next_frame(step)? {
+                None => {
+                    waited += step;
+                    wait.quiet += step;
+                }
+                Some(Ok(frame)) => {
+                    (wait.quiet, wait.pieces) = (Duration::ZERO, 0);
+                    waited += passing;
+                    let header = frame.header;
+                    if header.session == self.session && header.ack != 0 {
+                        if is_asked(header.ack) {
+                            return Ok(Some(frame));
+                        }
+                    } else {
+                        self.ingest_event(&frame);
+                    }
+                }
+                Some(Err(error)) => {
+                    waited += passing;
+                    wait.quiet += passing;
+                    wait.pieces += 1;
+                    wait.unreadable = Some(error);
+                }
+            }
+        }
+        Ok(None)
+    }
+
+    /// Why nothing more is to be hoped for.
+    pub(super) fn given_up(&self, wait: &Wait) -> ClientError {
+        let port = self.name.clone();
+        match wait.unreadable {
+            None => ClientError::Silent { port },
+            Some(source @ FrameError::Version { .. }) => ClientError::Version { port, source },
+            Some(_) => ClientError::Garbage { port },
+        }
+    }
+
+    /// Waits for an event.
+    ///
+    /// # Errors
+    /// If the line is gone.
+    pub fn event(&mut self, timeout: Duration) -> Result<Option<Message>, ClientError> {
+        if self.events.is_empty()
+            && let Some(Ok(frame)) = self.next_frame(timeout)?
+        {
+            self.ingest_event(&frame);
+        }
+        Ok(self.events.pop_front())
+    }
+
+    /// Lets time pass on the robot's clock. Events that come meanwhile are kept.
+    ///
+    /// # Errors
+    /// If the line is gone.
+    pub fn pass(&mut self, time: Duration) -> Result<(), ClientError> {
+        let step = Duration::from_millis(50);
+        for _ in 0..time.as_millis().div_ceil(step.as_millis()) {
+            if let Some(Ok(frame)) = self.next_frame(step)? {
+                self.ingest_event(&frame);
+            }
+        }
+        Ok(())
+    }
+
+    /// Takes an event if it is the next one: the board sends those after it again.
+    pub(super) fn ingest_event(&mut self, frame: &Frame) {
+        let Header { session, seq, ack, .. } = frame.header;
+        // Somebody has stopped the board at once, this host or another.
+        if let (0, 0, 0, Ok(stopped @ Message::StoppedAtOnce(_))) =
+            (session, seq, ack, Message::decode(frame.header.kind, &frame.body))
+        {
+            if !self.events.contains(&stopped) {
+                self.events.push_back(stopped);
+            }
+            return;
+        }
+        // An answer that came too late, or a frame of another session, is not for us.
+        if session != self.session || ack != 0 || seq == 0 {
+            return;
+        }
+        self.acknowledged = false;
+        if seq == next(self.received)
+            && let Ok(message) = Message::decode(frame.header.kind, &frame.body)
+        {
+            self.received = seq;
+            self.events.push_back(message);
+        }
+    }
+
+    /// The next frame, or why bytes were none; nothing if the line is quiet for as long as the timeout.
+    pub(super) fn next_frame(&mut self, timeout: Duration) -> Result<Option<Result<Frame, FrameError>>, ClientError> {
+        let mut taken = 0;
+        // What trickles in without ever being a frame must not hold us for ever.
+        while taken < 2 * frame::LONGEST_FRAME {
+            if self.arrived.is_empty() {
+                if !self.acknowledged {
+                    self.post(0, &Message::Ack(Empty {}))?;
+                }
+                self.receive(timeout)?;
+            }
+            let Some(byte) = self.arrived.pop_front() else {
+                return Ok((taken > 0).then_some(Err(FrameError::Garbled)));
+            };
+            taken += 1;
+            if let Some(frame) = self.receiver.push(byte) {
+                return Ok(Some(frame));
+            }
+        }
+        Ok(Some(Err(FrameError::TooLong)))
+    }
+
+    /// Waits for bytes, and tells the board meanwhile that its host lives.
+    fn receive(&mut self, timeout: Duration) -> Result<(), ClientError> {
+        let mut left = timeout;
+        loop {
+            let slice = if self.open { left.min(SIGN_OF_LIFE) } else { left };
+            let mut buffer = [0; 256];
+            let count = self.port.receive(&mut buffer, slice)?;
+            self.arrived.extend(&buffer[..count]);
+            left = left.saturating_sub(slice);
+            if count > 0 || left.is_zero() {
+                return Ok(());
+            }
+            self.post(0, &Message::Ack(Empty {}))?;
+        }
+    }
+}
+
+/// The answer in a frame, refusals as errors.
+pub(super) fn answer(request: &'static str, frame: &Frame) -> Result<Message, ClientError> {
+    match Message::decode(frame.header.kind, &frame.body) {
+        Ok(Message::Refused(Refused { refusal, .. })) => Err(ClientError::Refused { request, refusal }),
+        Ok(message) => Ok(message),
+        Err(MessageError::UnknownKind { kind } | MessageError::Body { kind }) => {
+            Err(ClientError::Unexpected { request, kind })
+        }
+    }
+}

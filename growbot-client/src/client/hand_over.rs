@@ -1,0 +1,154 @@
+//! Layers on their way to the board: several messages at a time, as far as it has room.
+
+use std::collections::VecDeque;
+use std::time::Duration;
+
+use growbot_core::layer_bytes::LayerBytes;
+use growbot_core::link::frame::next;
+use growbot_core::link::message::{Accepted, LayerBatch, Layers, MAX_LAYERS, Message, Refusal};
+
+use super::exchange::answer;
+use super::patience::{MAX_TRIES, SLOWEST_REPEAT, Wait};
+use super::{Client, ClientError};
+
+/// Messages with layers that may be on their way at a time: less than what boards can keep before they look at it.
+const WINDOW: usize = 8;
+
+impl Client {
+    /// Hands layers over, several messages at a time, as far as the board has room: the layers of a plan, from
+    /// `accepted` on. Where the line garbles much, messages get shorter.
+    ///
+    /// # Errors
+    /// As [`Client::request`].
+    pub fn hand_over(
+        &mut self,
+        plan_id: u64,
+        layers: &[LayerBytes],
+        accepted: Accepted,
+    ) -> Result<Accepted, ClientError> {
+        let what = "to take layers";
+        let mut handover = Handover::new(plan_id, layers, accepted);
+        let mut wait = Wait::default();
+        loop {
+            while let Some(layers) = handover.next_message() {
+                self.seq = next(self.seq);
+                handover.flying.push_back(self.seq);
+                self.post(self.seq, &Message::Layers(layers))?;
+            }
+            if handover.flying.is_empty() {
+                return Ok(handover.accepted);
+            }
+            let answered = self.answer_to(|ack| handover.flying.contains(&ack), SLOWEST_REPEAT, &mut wait)?;
+            let Some(frame) = answered else {
+                if wait.is_hopeless(Duration::ZERO, self.open) || handover.fruitless >= MAX_TRIES {
+                    return Err(self.given_up(&wait));
+                }
+                self.repeated += handover.unanswered();
+                continue;
+            };
+            handover.settle(frame.header.ack);
+            match answer(what, &frame) {
+                Ok(Message::Accepted(accepted)) => {
+                    handover.accept(accepted);
+                    if handover.fruitless > MAX_TRIES {
+                        return Err(ClientError::Unexpected { request: what, kind: frame.header.kind });
+                    }
+                }
+                // One before it was lost.
+                Err(ClientError::Refused { refusal: Refusal::OutOfOrder { expected }, .. }) => {
+                    self.repeated += handover.out_of_order(expected);
+                }
+                // Layers that had room when they were sent.
+                Err(ClientError::Refused { refusal: Refusal::Full, .. }) => return Ok(handover.accepted),
+                Err(error) => return Err(error),
+                Ok(other) => return Err(ClientError::Unexpected { request: what, kind: other.kind() }),
+            }
+        }
+    }
+}
+
+/// How far layers have been handed over.
+struct Handover<'a> {
+    plan_id: u64,
+    layers: &'a [LayerBytes],
+    accepted: Accepted,
+    /// Numbers of the messages on their way.
+    flying: VecDeque<u16>,
+    /// Index of the next layer to be sent.
+    sent: u32,
+    /// Layers of a message.
+    batch: usize,
+    /// Tries after each other that came to nothing.
+    fruitless: u32,
+    /// The furthest that the board has come: one that accepts the same layers for ever gets nowhere.
+    furthest: u32,
+}
+
+impl<'a> Handover<'a> {
+    fn new(plan_id: u64, layers: &'a [LayerBytes], accepted: Accepted) -> Self {
+        let next = accepted.next;
+        Self {
+            plan_id,
+            layers,
+            accepted,
+            flying: VecDeque::new(),
+            sent: next,
+            batch: MAX_LAYERS,
+            fruitless: 0,
+            furthest: next,
+        }
+    }
+
+    /// The next layers to be sent; none while enough are on their way, or the board has no room.
+    fn next_message(&mut self) -> Option<Layers> {
+        let end = (self.layers.len() as u32).min(self.accepted.next.saturating_add(self.accepted.room));
+        if self.flying.len() >= WINDOW || self.sent >= end {
+            return None;
+        }
+        let rest = self.layers.get(self.sent as usize..end as usize).unwrap_or_default();
+        let layers: LayerBatch = rest.iter().take(self.batch).copied().collect();
+        let first = self.sent;
+        self.sent += layers.len() as u32;
+        Some(Layers { plan_id: self.plan_id, first, layers })
+    }
+
+    /// Nothing came back: all is sent again, in shorter messages. Gives how many.
+    fn unanswered(&mut self) -> u64 {
+        (self.fruitless, self.batch) = (self.fruitless + 1, (self.batch / 2).max(1));
+        self.sent = self.accepted.next;
+        self.forget_flying()
+    }
+
+    /// The board takes requests in the order of their numbers: what was sent before this one is settled or lost.
+    fn settle(&mut self, seq: u16) {
+        while self.flying.pop_front().is_some_and(|flying| flying != seq) {}
+    }
+
+    /// The board has accepted layers.
+    fn accept(&mut self, accepted: Accepted) {
+        if accepted.next > self.furthest {
+            (self.fruitless, self.furthest) = (0, accepted.next);
+        } else if self.flying.is_empty() {
+            self.fruitless += 1;
+        }
+        self.accepted = accepted;
+        self.sent = self.sent.max(self.accepted.next);
+        if self.flying.is_empty() {
+            self.sent = self.accepted.next;
+        }
+    }
+
+    /// The board expects another layer: all from there on is sent again. Gives how many messages.
+    fn out_of_order(&mut self, expected: u32) -> u64 {
+        (self.fruitless, self.batch) = (self.fruitless + 1, (self.batch * 3 / 4).max(1));
+        self.accepted.next = expected;
+        self.sent = expected;
+        self.forget_flying() + 1
+    }
+
+    fn forget_flying(&mut self) -> u64 {
+        let forgotten = self.flying.len() as u64;
+        self.flying.clear();
+        forgotten
+    }
+}
