@@ -34,8 +34,7 @@ impl HighWater {
             _ => {}
         }
         for _ in 0..AT_ONCE {
-            // SAFETY: a word of the stack: the paint ends below where the stack pointer is. It is only read, whatever
-            // it holds.
+            // SAFETY: a word of the stack: the paint ends below where the stack pointer is. It is only read.
             if unsafe { Register::at(stack::bottom() + 4 * self.painted) }.read() != STACK_PAINT_VALUE {
                 tip::publish_unused_stack(4 * self.painted as u32);
                 self.painted = 0;

@@ -31,7 +31,7 @@ pub fn start(nvic: &mut NVIC) {
     for (interrupt, priority) in PRIORITIES {
         // SAFETY: no code here is protected by a priority mask that this could undercut.
         unsafe { nvic.set_priority(interrupt, priority) };
-        // SAFETY: the caller has put in place what the handlers use, and holds no critical section.
+        // SAFETY: the caller has put in place what the handlers use, and is in no critical section.
         unsafe { NVIC::unmask(interrupt) };
     }
 }

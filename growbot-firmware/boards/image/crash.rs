@@ -26,11 +26,11 @@ const HFSR: *const u32 = 0xE000_ED2C as *const u32;
 const MMFAR: *const u32 = 0xE000_ED34 as *const u32;
 const BFAR: *const u32 = 0xE000_ED38 as *const u32;
 
-/// What the handler of an exception finds.
+/// The registers that the handler of an exception finds.
 pub struct Moment {
     /// The stack pointer.
     pub stack_pointer: usize,
-    /// What the link register held.
+    /// The link register.
     pub exc_return: u32,
 }
 
@@ -42,8 +42,7 @@ fn word(index: usize) -> *mut u32 {
 fn stack_word(address: u32) -> u32 {
     let at = address as usize;
     let within = at >= stack::bottom() && at < stack::top() && at.is_multiple_of(4);
-    // SAFETY: an aligned word of the stack, which is memory from its bottom to its top; it is only read, whatever it
-    // holds.
+    // SAFETY: an aligned word of the stack, which is memory from its bottom to its top; it is only read.
     if within { unsafe { (at as *const u32).read_volatile() } } else { 0 }
 }
 
@@ -65,6 +64,6 @@ pub fn retain(cause: ResetCause, boot_id: u32, moment: &Moment) {
 
 /// The latest crash; none if the memory has none.
 pub fn latest() -> Option<CrashWords> {
-    // SAFETY: aligned words; RAM may be read before it was written, whatever it holds.
+    // SAFETY: aligned words; RAM may be read before it was written.
     from_words(&core::array::from_fn(|index| unsafe { word(index).read_volatile() }))
 }

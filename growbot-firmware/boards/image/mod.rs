@@ -1,4 +1,4 @@
-//! What every image has around the controller, whichever its board is.
+//! The parts that the images of all boards share.
 //!
 //! A board has a `reset::on_crash`, which makes the tip safe and starts it anew.
 

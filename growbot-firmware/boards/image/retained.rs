@@ -35,7 +35,7 @@ impl RetainedMemory for RetainedRam {
     fn read(&mut self) -> [u8; RETAINED_BYTES] {
         let mut bytes = [0; RETAINED_BYTES];
         for (index, into) in bytes.as_chunks_mut::<4>().0.iter_mut().enumerate() {
-            // SAFETY: an aligned word of the array; RAM may be read before it was written, whatever it holds.
+            // SAFETY: an aligned word of the array; RAM may be read before it was written.
             *into = unsafe { self.word(index).read_volatile() }.to_le_bytes();
         }
         bytes

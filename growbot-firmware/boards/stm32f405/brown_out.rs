@@ -1,4 +1,4 @@
-//! The processor's own supply: the detector that warns before it is too low, and the reset that holds the processor
+//! The processor's own supply: the detector that warns before it is too low, and the reset that stops the processor
 //! while it is.
 //!
 //! The detector's interrupt switches the tip off and starts the board anew, which then says "brown-out". It comes with

@@ -1,10 +1,10 @@
 //! What a debug probe may do to a robot, and what the firmware undoes.
 //!
 //! A probe can halt the processor at any moment, and so can a vector catch that it has left behind: the registers of
-//! debugging live until the power goes, whatever is reset or unplugged. What then holds the tip:
+//! debugging live until the power goes, whatever is reset or unplugged. What then keeps the tip safe:
 //!
 //! - The watchdog runs on (`DBG_IWDG_STOP` clear): a halted processor is reset, within 2 s, and in a reset every pin
-//!   floats to where WIRING.md's resistors hold it. Probes set this bit (OpenOCD does); so it is cleared again with
+//!   floats to where WIRING.md's resistors keep it. Probes set this bit (OpenOCD does); so it is cleared again with
 //!   each feed.
 //! - The heater's PWM is made by TIM1, an advanced timer. Where those are stopped with the processor (`DBG_TIM1_STOP`),
 //!   their outputs are disabled as if MOE were cleared (reference manual RM0090, debug mode of TIM1 and TIM8), which

@@ -16,7 +16,7 @@ use stm32f4xx_hal::pac;
 use crate::brown_out::Detector;
 use crate::image::word_flash::{ByWords, Word, WordFlash};
 
-/// Sectors that may be erased. Those before hold the firmware.
+/// Sectors that may be erased. The firmware is in those before.
 const JOURNAL_SECTORS: RangeInclusive<usize> = 10..=11;
 /// Bytes of a sector, of 5 and those after it.
 const SECTOR_BYTES: usize = 128 * 1024;
@@ -34,7 +34,7 @@ const ERRORS: u32 = 0xF2;
 /// The watchdog's key register, and what feeds it.
 const WATCHDOG_KEY: *mut u32 = 0x4000_3000 as *mut u32;
 const FEED: u32 = 0xAAAA;
-/// Looks at an erasure after which the watchdog is left to reset the board: more than 3 s, at 12 clocks a look at
+/// Number of looks at an erasure after which the watchdog is left to reset the board: more than 3 s, at 12 clocks a look at
 /// least.
 const MAX_LOOKS: u32 = 45_000_000;
 
@@ -73,7 +73,7 @@ impl BoardFlash {
         let is_done = registers.cr().read().lock().bit_is_clear() && work(registers);
         // All other bits are cleared.
         registers.cr().write(|w| w.lock().set_bit());
-        // What the data cache holds may be what was there before. It can be reset while it is off.
+        // The data cache may have old content. It can be reset while it is off.
         registers.acr().modify(|_, w| w.dcen().clear_bit());
         registers.acr().modify(|_, w| w.dcrst().set_bit());
         registers.acr().modify(|_, w| w.dcrst().clear_bit().dcen().set_bit());

@@ -31,7 +31,7 @@ impl Heater {
         timer.psc().write(|w| w.psc().set(PRESCALER - 1));
         timer.arr().write(|w| w.arr().set(LAST_COUNT));
         timer.ccr1().write(|w| w.ccr().set(0));
-        // Loads the prescaler, which would hold from the end of the first period only.
+        // Loads the prescaler, which would act from the end of the first period only.
         timer.egr().write(|w| w.ug().update());
         // No preload of the compare value: `off` is to act at once, not at the end of the period.
         timer.ccmr1_output().write(|w| w.oc1m().pwm_mode1());

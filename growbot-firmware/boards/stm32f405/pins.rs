@@ -1,9 +1,9 @@
-//! What is wired where: a type for each signal of WIRING.md's table, which names it, and its role.
+//! The wiring: a type for each signal of WIRING.md's table, which names it, and its role.
 //!
 //! Which pins the published robots use is not known: this table is an assumption, for an STM32F405RG in its 64-pin
 //! package. PA15, PB3 and PB4 are left alone, since they are JTAG's until software says otherwise. The levels of DIR,
 //! EN and the inputs are the robot description's (`direction_high_is_positive`, `enable_low`, `active_low`, ...). What
-//! the board needs round the processor, first of all resistors that hold everything off while its pins float, is in
+//! the board needs round the processor, first of all resistors that keep everything off while its pins float, is in
 //! WIRING.md. A test compares its table with these types, and with what the image writes to the ports.
 
 use core::sync::atomic::{AtomicBool, Ordering};

@@ -37,7 +37,7 @@ impl Notes {
     }
 
     fn read(&self, index: usize) -> u32 {
-        // SAFETY: one of the three words; RAM may be read before it was written, whatever it holds.
+        // SAFETY: one of the three words; RAM may be read before it was written.
         unsafe { self.word(index).read_volatile() }
     }
 

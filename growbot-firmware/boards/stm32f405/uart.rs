@@ -33,7 +33,7 @@ impl Uart {
     pub fn start(usart: pac::USART2, pins: (LinkTx, LinkRx), rcc: &mut Rcc) -> Self {
         pac::USART2::enable(rcc);
         pac::USART2::reset(rcc);
-        // Sixteenfold oversampling: the register holds the divider in sixteenths, which is clock over rate, rounded.
+        // Sixteenfold oversampling: the register has the divider in sixteenths, which is clock over rate, rounded.
         let divider = (clock::PERIPHERALS_1_HZ + BAUD / 2) / BAUD;
         // SAFETY: any 16-bit divider is valid; at 42 MHz it is 365, 0.1 % off the rate.
         usart.brr().write(|w| unsafe { w.bits((divider & 0xFFFF) as u16) });

@@ -86,6 +86,7 @@ pub struct Journal<F> {
 }
 
 /// The last place that is not blank, as far as the journal has been read.
+#[derive(Clone, Copy)]
 struct Tail {
     place: u32,
     bytes: RecordBytes,

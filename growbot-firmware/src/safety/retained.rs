@@ -1,6 +1,6 @@
 //! What survives a reset of the board: the latest fault as it was when it came, and what was under way.
 //!
-//! It lies in RAM that nothing clears at start-up. After a loss of power that RAM holds noise, and nothing is known.
+//! It lies in RAM that nothing clears at start-up. After a loss of power that RAM is noise, and nothing is known.
 //! There are two copies, each with a generation number and a CRC:
 //!
 //! - A write goes to the older copy, from its first byte to its last, so a reset in the midst of it leaves the newer
