@@ -1,4 +1,9 @@
-//! Colours between others.
+//! The colours of heights, and colours between others.
+
+/// Colours of heights, from the min to the max: from blue over sand to orange, to be read on light and on dark ground
+/// and by the colour-blind. The page gets them in its data.
+pub const HEIGHTS: [[u8; 3]; 5] =
+    [[0x2f, 0x5f, 0xae], [0x3f, 0x93, 0xb8], [0x8f, 0xb8, 0x9a], [0xe0, 0xb6, 0x5c], [0xd9, 0x70, 0x2e]];
 
 /// The colour at a place, 0 to 1, of a scale of two colours or more.
 pub fn mixed(scale: &[[u8; 3]], at: f64) -> [u8; 3] {

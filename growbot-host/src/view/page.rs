@@ -5,6 +5,7 @@ use serde_json::{Value, json};
 use super::side_by_side::{difference, together};
 use super::{Subject, ViewError, data, numbers};
 use crate::drawing::canvas::escape;
+use crate::drawing::colours::HEIGHTS;
 
 const PAGE: &str = include_str!("../../viewer/src/page.html");
 const SCRIPT: &str = include_str!("../../viewer/dist/viewer.js");
@@ -21,7 +22,7 @@ pub fn of_one(subject: &Subject) -> Result<String, ViewError> {
     let layers = subject.layers()?;
     let mut data = data::of(subject, &layers);
     data["numbers"] = json!(numbers::of(subject, &layers));
-    Ok(filled(subject.name, &data, NOWHERE))
+    Ok(filled(subject.name, data, NOWHERE))
 }
 
 /// The page of a growth under way, which asks where it comes from for updates; `control`: whether it may give orders.
@@ -34,7 +35,7 @@ pub fn of_growth(subject: &Subject, control: bool) -> Result<String, ViewError> 
     data["about"] = json!(format!("growth of {}", subject.plan.robot));
     data["numbers"] = json!(numbers::of(subject, &layers));
     data["live"] = json!({ "control": control });
-    Ok(filled(subject.name, &data, HOME))
+    Ok(filled(subject.name, data, HOME))
 }
 
 /// The page of two bodies side by side.
@@ -49,10 +50,12 @@ pub fn of_two([one, other]: [&Subject; 2]) -> Result<String, ViewError> {
         "difference": difference([(one.name, a), (other.name, b)]),
         "numbers": together(&numbers::of(one, a), &numbers::of(other, b)),
     });
-    Ok(filled(&format!("{} and {}", one.name, other.name), &data, NOWHERE))
+    Ok(filled(&format!("{} and {}", one.name, other.name), data, NOWHERE))
 }
 
-fn filled(title: &str, data: &Value, connects: &str) -> String {
+fn filled(title: &str, data: Value, connects: &str) -> String {
+    let mut data = data;
+    data["height_colours"] = json!(HEIGHTS);
     // Nothing in the data can end the script element that it stands in.
     let data = data.to_string().replace('<', "\\u003c");
     fill(PAGE, &[("{{CONNECT}}", connects), ("{{TITLE}}", &escape(title)), ("{{DATA}}", &data), ("{{SCRIPT}}", SCRIPT)])

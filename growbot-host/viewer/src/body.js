@@ -48,8 +48,8 @@ export function growBody(start, layers) {
     const sine = Math.sin(tilt);
     const half = Math.sin(0.5 * tilt);
     const versine = 2 * half * half;
-    const sideways = height * versineRatio(tilt);
-    const ahead = height * sineRatio(tilt);
+    const lateral = height * versineRatio(tilt);
+    const axial = height * sineRatio(tilt);
     for (let k = 0; k < 3; k += 1) {
       const x = frames[from + k];
       const y = frames[from + 3 + k];
@@ -60,7 +60,7 @@ export function growBody(start, layers) {
       frames[to + k] = x + towards[0] * turned;
       frames[to + 3 + k] = y + towards[1] * turned;
       frames[to + 6 + k] = z * (1 - versine) + sine * bend;
-      frames[to + 9 + k] = frames[from + 9 + k] + sideways * bend + ahead * z;
+      frames[to + 9 + k] = frames[from + 9 + k] + lateral * bend + axial * z;
     }
     straighten(frames, to);
     lengths[i + 1] = lengths[i] + height;
@@ -85,7 +85,7 @@ function normalize(vector) {
   for (let k = 0; k < 3; k += 1) vector[k] /= norm;
 }
 
-/** Where the tip is after so many layers: position in mm, heading and pitch in degrees. */
+/** Where the tip is after this number of layers: position in mm, heading and pitch in degrees. */
 export function poseAt(body, layers) {
   const at = layers * 12;
   const [zx, zy, zz] = body.frames.subarray(at + 6, at + 9);

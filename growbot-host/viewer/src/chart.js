@@ -1,15 +1,15 @@
-// Charts beside the picture: how far a body as built lies off the plan, along it; and the nozzle's temperature over time.
+// Charts beside the picture: the deviation of a body as built from the plan, along it; and the nozzle's temperature over time.
 
 import { durationText } from "./text.js";
 
-const [WIDE, HIGH, MOST_POINTS] = [280, 90, 400];
-/** So much of the temperature is shown, over so many degrees at least: what regulation does is to be seen. */
-const [SHOWN_S, LEAST_SPAN_C] = [1800, 10];
+const [WIDE, HIGH, MAX_POINTS] = [280, 90, 400];
+/** The time that the temperature chart shows, and its min span of degrees, so that regulation can be seen. */
+const [SHOWN_S, MIN_SPAN_C] = [1800, 10];
 /** The chart is never finer than this, mm: what is off by less is rounding. */
 const FINEST = 0.001;
 
 /** Distance from the planned body at the same length, mm, for each number of layers. */
-export function offThePlan(built, planned) {
+export function deviations(built, planned) {
   const off = new Float64Array(built.lengths.length);
   const last = planned.lengths.length - 1;
   let near = 0;
@@ -35,9 +35,9 @@ function make(tag, attributes) {
   return element;
 }
 
-function makeText(x, y, anchor, words) {
+function makeText(x, y, anchor, text) {
   const element = make("text", { x, y, "text-anchor": anchor, "font-size": 11, fill: "var(--soft)" });
-  element.textContent = words;
+  element.textContent = text;
   return element;
 }
 
@@ -51,19 +51,19 @@ function put(place, svg) {
 /** Draws it; `mark(length)` shows a place along the body. */
 export function drawChart(place, built, off) {
   const length = Math.max(built.lengths.at(-1), 1e-9);
-  const most = Math.max(off.reduce((a, b) => Math.max(a, b), 0), FINEST);
-  const stride = Math.max(1, Math.ceil(off.length / MOST_POINTS));
+  const max = Math.max(off.reduce((a, b) => Math.max(a, b), 0), FINEST);
+  const stride = Math.max(1, Math.ceil(off.length / MAX_POINTS));
   const points = [];
   for (let i = 0; i < off.length; i += stride) {
-    points.push(`${((built.lengths[i] / length) * WIDE).toFixed(1)},${(HIGH - (off[i] / most) * HIGH).toFixed(1)}`);
+    points.push(`${((built.lengths[i] / length) * WIDE).toFixed(1)},${(HIGH - (off[i] / max) * HIGH).toFixed(1)}`);
   }
-  const svg = make("svg", { viewBox: `0 -12 ${WIDE} ${HIGH + 28}`, role: "img", "aria-label": `Off the plan by ${most.toFixed(3)} mm at most` });
+  const svg = make("svg", { viewBox: `0 -12 ${WIDE} ${HIGH + 28}`, role: "img", "aria-label": `Deviation of ${max.toFixed(3)} mm at most` });
   const line = make("line", { y1: 0, y2: HIGH, x1: WIDE, x2: WIDE, stroke: "var(--accent)", "stroke-dasharray": "2 2" });
   svg.append(
     make("line", { x1: 0, x2: WIDE, y1: HIGH, y2: HIGH, stroke: "var(--edge)" }),
     make("polyline", { points: points.join(" "), fill: "none", stroke: "var(--accent)", "stroke-width": 1.5 }),
     line,
-    makeText(0, -3, "start", `${Number(most.toPrecision(2))} mm`),
+    makeText(0, -3, "start", `${Number(max.toPrecision(2))} mm`),
     makeText(0, HIGH + 14, "start", "0"),
     makeText(WIDE, HIGH + 14, "end", `${length.toFixed(0)} mm`),
   );
@@ -83,12 +83,12 @@ export function drawReadings(place, readings) {
   const shown = readings.filter(([time]) => time >= now - SHOWN_S);
   const began = shown[0][0];
   const span = Math.max(now - began, 1);
-  const all = shown.flatMap(([, celsius, wanted]) => [celsius, wanted ?? celsius]);
+  const all = shown.flatMap(([, celsius, setpoint]) => [celsius, setpoint ?? celsius]);
   const [coldest, hottest] = [Math.min(...all), Math.max(...all)];
-  const spare = Math.max(1, 0.5 * (LEAST_SPAN_C - (hottest - coldest)));
-  const [least, most] = [coldest - spare, hottest + spare];
+  const spare = Math.max(1, 0.5 * (MIN_SPAN_C - (hottest - coldest)));
+  const [min, max] = [coldest - spare, hottest + spare];
   const x = (time) => (((time - began) / span) * WIDE).toFixed(1);
-  const y = (celsius) => (HIGH - ((celsius - least) / (most - least)) * HIGH).toFixed(1);
+  const y = (celsius) => (HIGH - ((celsius - min) / (max - min)) * HIGH).toFixed(1);
   const svg = make("svg", { viewBox: `0 -14 ${WIDE} ${HIGH + 30}`, role: "img", "aria-label": `Nozzle at ${latest.toFixed(1)} °C` });
   svg.append(make("line", { x1: 0, x2: WIDE, y1: HIGH, y2: HIGH, stroke: "var(--edge)" }));
   if (target !== null) {
@@ -98,8 +98,8 @@ export function drawReadings(place, readings) {
   svg.append(
     make("polyline", { points, fill: "none", stroke: "var(--goal)", "stroke-width": 1.5 }),
     makeText(0, -4, "start", `${latest.toFixed(1)} °C, ${target === null ? "heater off" : `regulated to ${target.toFixed(0)} °C`}`),
-    makeText(WIDE, -4, "end", `${most.toFixed(0)}`),
-    makeText(WIDE, HIGH - 3, "end", `${least.toFixed(0)}`),
+    makeText(WIDE, -4, "end", `${max.toFixed(0)}`),
+    makeText(WIDE, HIGH - 3, "end", `${min.toFixed(0)}`),
     makeText(0, HIGH + 14, "start", `${durationText(span)} ago`),
     makeText(WIDE, HIGH + 14, "end", "now"),
   );

@@ -4,12 +4,14 @@
 // of the planned body and of the one as built, and the numbers beside it; or two of these, `compared`, and the numbers of both. Of a growth
 // under way, `live`, the layers come later.
 
+import { setHeightColours } from "./colours.js";
 import { showLive } from "./live.js";
 import { showOne } from "./one.js";
 import { showPair } from "./pair.js";
 
 const find = (selector) => document.querySelector(selector);
 const data = JSON.parse(find("#data").textContent);
+setHeightColours(data.height_colours);
 /** None where the browser shows none. */
 const show = data.compared ? showPair : data.live ? showLive : showOne;
 const pictures = show(data).filter(Boolean);

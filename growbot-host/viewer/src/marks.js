@@ -89,8 +89,8 @@ export function makeShadow(body, floor) {
 
 /** A floor of squares of this size under a box. */
 export function makeFloor(box, square, floor) {
-  const [x0, y0] = [box.min.x, box.min.y].map((least) => Math.floor(least / square) - 1);
-  const [x1, y1] = [box.max.x, box.max.y].map((greatest) => Math.ceil(greatest / square) + 1);
+  const [x0, y0] = [box.min.x, box.min.y].map((min) => Math.floor(min / square) - 1);
+  const [x1, y1] = [box.max.x, box.max.y].map((max) => Math.ceil(max / square) + 1);
   const ends = [];
   for (let x = x0; x <= x1; x += 1) ends.push(x * square, y0 * square, floor, x * square, y1 * square, floor);
   for (let y = y0; y <= y1; y += 1) ends.push(x0 * square, y * square, floor, x1 * square, y * square, floor);

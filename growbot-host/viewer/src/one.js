@@ -1,7 +1,7 @@
 // One plan or growth: its picture, and the numbers beside it.
 
 import { poseAt } from "./body.js";
-import { drawChart, offThePlan } from "./chart.js";
+import { drawChart, deviations } from "./chart.js";
 import { makePicture } from "./picture.js";
 import { makePlayer } from "./player.js";
 import { readSubject } from "./subject.js";
@@ -39,7 +39,7 @@ export function joinOne(data) {
 
   let [off, chart] = [null, null];
   const measure = () => {
-    off = built && offThePlan(built, planned);
+    off = built && deviations(built, planned);
     chart = off && drawChart(find("#chart"), built, off);
   };
   measure();

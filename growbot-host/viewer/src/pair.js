@@ -26,10 +26,10 @@ export function showPair(data) {
   const pictures = drawSideBySide(subjects);
 
   const bodies = subjects.map(({ body }) => body);
-  const most = Math.ceil(Math.max(...bodies.map(({ lengths }) => lengths.at(-1))));
-  makePlayer(most, (length) => {
+  const max = Math.ceil(Math.max(...bodies.map(({ lengths }) => lengths.at(-1))));
+  makePlayer(max, (length) => {
     const layers = bodies.map((body) => layersAt(body, length));
-    find("#bar output").textContent = `${length} of ${most} mm`;
+    find("#bar output").textContent = `${length} of ${max} mm`;
     const poses = bodies.map((body, i) => poseAt(body, layers[i]));
     const row = (name, value) => [name, ...bodies.map((body, i) => value(body, i))];
     const part = (index) => (_, i) => `${fixed(poses[i].position[index], 1)} mm`;
@@ -62,7 +62,7 @@ function drawSideBySide(subjects) {
   find("#stages").replaceChildren(...figures);
 
   const ranges = subjects.map(({ body, sizes }) => heightRange(body, sizes.tipRadius));
-  const range = [Math.min(...ranges.map(([least]) => least)), Math.max(...ranges.map(([, greatest]) => greatest))];
+  const range = [Math.min(...ranges.map(([min]) => min)), Math.max(...ranges.map(([, max]) => max))];
   const square = Math.max(...subjects.map(({ body }) => squareUnder(boxOf([body]))));
   const pictures = subjects.map((subject, i) => makePicture(stages[i], subject, { range, square }));
   if (pictures.every(Boolean)) linkStages(pictures.map(({ stage }) => stage));

@@ -13,7 +13,7 @@ import { makeGhost, makeTube, heightRange } from "./tube.js";
 const along = (from, direction, length) => from.map((part, k) => part + direction[k] * length);
 
 /**
- * The picture of `subject` (see subject.js) in `place`; null, and a word to the reader, where the browser has no WebGL. Colours go over
+ * The picture of `subject` (see subject.js) in `place`; null, and a note to the reader, where the browser has no WebGL. Colours go over
  * `range` and the floor has squares of `square`, mm; where they are not given, as suits the body.
  *
  * - `show(layers)`: so much of the body;
@@ -128,11 +128,11 @@ function paintable(place, { start, goal, via, reached, commanded, estimated, pla
     const visible = tube?.mesh.visible ?? true;
     for (const old of [tube?.mesh, shadow?.line]) old?.traverse(dispose);
     scene.remove(...[tube?.mesh, shadow?.line].filter(Boolean));
-    const [least, greatest] = range ?? heightRange(body, sizes.tipRadius);
+    const [min, max] = range ?? heightRange(body, sizes.tipRadius);
     find(".legend span").childNodes.forEach((end, i) => {
-      end.textContent = (least + ((greatest - least) * i) / 2).toFixed(2);
+      end.textContent = (min + ((max - min) * i) / 2).toFixed(2);
     });
-    tube = makeTube(body, sizes, [least, greatest]);
+    tube = makeTube(body, sizes, [min, max]);
     tube.mesh.visible = visible;
     shadow = makeShadow(body, floorAt);
     paintShadow();
@@ -160,7 +160,7 @@ function paintable(place, { start, goal, via, reached, commanded, estimated, pla
     stage.background(colour("--ground"));
   };
 
-  find(".legend i").style.background = gradient;
+  find(".legend i").style.background = gradient();
   replaceBody(body);
   paint();
   stage.around = sizes.outerRadius;

@@ -1,6 +1,6 @@
 // The time: slider, play button and keys.
 
-/** All of it is grown in so many seconds, however much it is. */
+/** The time in which a whole body is grown, seconds. */
 const SECONDS = 12;
 
 /**

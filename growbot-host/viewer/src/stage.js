@@ -71,7 +71,7 @@ export function makeStage(canvas, drawn) {
     const inverse = camera.matrixWorld.clone().invert();
     const seen = new Box3().setFromPoints(stage.points.map((point) => point.clone().applyMatrix4(inverse))).expandByScalar(stage.around);
     stage.centre = seen.getCenter(new Vector3()).applyMatrix4(camera.matrixWorld);
-    const far = Math.max(1, stage.points.reduce((most, point) => Math.max(most, point.distanceTo(stage.centre)), 0) + stage.around);
+    const far = Math.max(1, stage.points.reduce((max, point) => Math.max(max, point.distanceTo(stage.centre)), 0) + stage.around);
     stage.distance = 4 * far;
     controls.target.copy(stage.centre);
     camera.position.copy(from).normalize().multiplyScalar(stage.distance).add(stage.centre);
@@ -140,8 +140,8 @@ export function makeStage(canvas, drawn) {
 
 /** Stages that turn together: from where all their directions are seen best, at the same scale, in elements of one size. */
 export function linkStages(stages) {
-  const most = Math.max(...stages.map((stage) => stage.facing.length));
-  const facing = Array.from({ length: most }, (_, k) => stages.flatMap((stage) => stage.facing.slice(k, k + 1))).flat();
+  const max = Math.max(...stages.map((stage) => stage.facing.length));
+  const facing = Array.from({ length: max }, (_, k) => stages.flatMap((stage) => stage.facing.slice(k, k + 1))).flat();
   for (const stage of stages) Object.assign(stage, { linked: stages, facing });
   stages[0].look("corner");
 }

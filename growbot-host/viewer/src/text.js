@@ -1,22 +1,24 @@
 // Numbers as the page shows them.
 
-/** A number with so many decimals, and no minus before zeros. */
+/** A number with this many decimals, and no minus before zeros. */
 export function fixed(value, decimals) {
   return (Math.abs(value) < 0.5 * 10 ** -decimals ? 0 : value).toFixed(decimals);
 }
 
-/** A time in the two units that matter. */
+/** A time in the two units that matter, as `duration_text` of growbot-host/src/duration.rs has it. */
 export function durationText(seconds) {
+  if (seconds < 0.995) return `${seconds.toFixed(2)} s`;
+  if (seconds < 59.95) return `${seconds.toFixed(1)} s`;
+  const whole = Math.round(seconds);
+  if (whole < 3600) return `${Math.floor(whole / 60)} min ${whole % 60} s`;
   const minutes = Math.round(seconds / 60);
-  if (seconds < 59.5) return `${Math.round(seconds)} s`;
-  if (minutes < 60) return `${minutes} min`;
   return `${Math.floor(minutes / 60)} h ${minutes % 60} min`;
 }
 
-/** The greatest of 1, 2 and 5 times a power of ten that is no more than this. */
-export function scaleLength(most) {
-  const power = 10 ** Math.floor(Math.log10(most));
-  const times = [5, 2, 1].find((factor) => factor * power <= most) ?? 1;
+/** The max of 1, 2 and 5 times a power of ten that is no more than `max`. */
+export function scaleLength(max) {
+  const power = 10 ** Math.floor(Math.log10(max));
+  const times = [5, 2, 1].find((factor) => factor * power <= max) ?? 1;
   return Number((times * power).toPrecision(1));
 }
 

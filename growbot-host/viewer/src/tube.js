@@ -4,25 +4,25 @@ import { BufferAttribute, BufferGeometry, DoubleSide, Mesh, MeshBasicMaterial, M
 import { colourAt } from "./colours.js";
 
 const SEGMENTS = 32;
-/** Beyond so many rings only every second, third... layer has one of its own. */
-const MOST_RINGS = 5000;
+/** Max number of rings; beyond it only every second, third... layer has one of its own. */
+const MAX_RINGS = 5000;
 
 /** Layers of less than this share of the highest are splinters between two pieces of a path: they do not stretch the scale. */
 const SPLINTER = 0.2;
 
-/** Least and greatest height of the layers of a body, on the middle of its wall, mm. */
+/** Min and max height of the layers of a body, on the middle of its wall, mm. */
 export function heightRange({ layers }, tipRadius) {
   const splinter = SPLINTER * layers.height.reduce((a, b) => Math.max(a, b), 0);
-  let [least, greatest] = [Infinity, 0];
+  let [min, max] = [Infinity, 0];
   for (let i = 0; i < layers.count; i += 1) {
     if (layers.height[i] < splinter) continue;
     const lean = tipRadius * layers.tilt[i];
-    least = Math.min(least, layers.height[i] - lean);
-    greatest = Math.max(greatest, layers.height[i] + lean);
+    min = Math.min(min, layers.height[i] - lean);
+    max = Math.max(max, layers.height[i] + lean);
   }
-  if (!(least <= greatest)) return [0, 1];
+  if (!(min <= max)) return [0, 1];
   // Layers that are all alike are in the middle of the scale.
-  return greatest - least > 1e-3 ? [least, greatest] : [least - 0.05, greatest + 0.05];
+  return max - min > 1e-3 ? [min, max] : [min - 0.05, max + 0.05];
 }
 
 /** Colours are interpolated by the graphics card, which works in linear light. */
@@ -33,9 +33,9 @@ function linearBytes(share) {
 }
 
 /** The tube of a body: `mesh`, and `show(layers)` for how much of it there is. Lengths in mm. */
-export function makeTube(body, { outerRadius, tipRadius, wall }, [least, greatest]) {
+export function makeTube(body, { outerRadius, tipRadius, wall }, [min, max]) {
   const { frames, layers } = body;
-  const stride = Math.max(1, Math.ceil(layers.count / MOST_RINGS));
+  const stride = Math.max(1, Math.ceil(layers.count / MAX_RINGS));
   const at = [];
   for (let i = 0; i < layers.count; i += stride) at.push(i);
   at.push(layers.count);
@@ -59,7 +59,7 @@ export function makeTube(body, { outerRadius, tipRadius, wall }, [least, greates
         normal[v * 3 + k] = out;
         position[v * 3 + k] = frames[f + 9 + k] + outerRadius * out;
       }
-      const share = (height + lean * Math.cos(round[j] - alpha) - least) / (greatest - least);
+      const share = (height + lean * Math.cos(round[j] - alpha) - min) / (max - min);
       colour.set(palette[Math.round(255 * Math.min(1, Math.max(0, share)))] ?? palette[127], v * 3);
       ring[v] = layer;
       v += 1;

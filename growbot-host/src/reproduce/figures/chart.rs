@@ -90,7 +90,7 @@ impl Mark {
                                                    stroke=\"#fff\"/>"
             )),
             Self::Line => {
-                canvas.line([(x - 9.0, y), (x + 9.0, y)], format_args!("stroke=\"{colour}\" stroke-width=\"2.2\""))
+                canvas.line([(x - 9.0, y), (x + 9.0, y)], format_args!("stroke=\"{colour}\" stroke-width=\"2.2\""));
             }
             Self::Ring => canvas.add(format_args!(
                 "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"5\" fill=\"#fff\" fill-opacity=\".6\" stroke=\"{colour}\" \

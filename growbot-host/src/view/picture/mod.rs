@@ -20,13 +20,13 @@ use self::camera::Camera;
 use self::marks::{FREE_SIDE, Line, key};
 use self::place::{Bounds, Place};
 use self::stage::Stage;
-use self::tube::{Detail, HEIGHTS, height_range};
+use self::tube::{Detail, height_range};
 use super::numbers::{caption, measured};
 use super::side_by_side::difference;
 use super::{Layers, Subject, ViewError};
 use crate::drawing::canvas::{Canvas, escape};
 use crate::drawing::chart::{number, round_below};
-use crate::drawing::colours::hex;
+use crate::drawing::colours::{HEIGHTS, hex};
 
 /// Width of a drawing, and how high a stage in it must be, and may be alone and beside another, units of the drawing.
 const WIDE: f64 = 960.0;
