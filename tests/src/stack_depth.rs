@@ -63,7 +63,7 @@ impl Symbols {
             }
             if symbol.kind() == SymbolKind::Text && !name.starts_with('$') {
                 let (start, end) = (address & !1, (address & !1) + symbol.size());
-                let function = all.functions.entry(start).or_insert_with(Function::default);
+                let function = all.functions.entry(start).or_default();
                 function.end = function.end.max(end);
                 function.name = name.to_owned();
             }
@@ -98,7 +98,7 @@ impl Decoder<'_> {
             let offset = (at - base) as usize;
             let is_code = kinds.range(..=at).next_back().is_none_or(|(_, code)| *code);
             if !is_code {
-                if at % 4 == 0 && offset + 4 <= code.len() {
+                if at.is_multiple_of(4) && offset + 4 <= code.len() {
                     self.pointers.insert(word(&code[offset..offset + 4]));
                 }
                 at += 2;
