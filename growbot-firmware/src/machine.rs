@@ -5,8 +5,8 @@
 
 #[allow(unused_imports, reason = "not every robot has every sensor")]
 use growbot_core::robot::{
-    Fan, Feed, FeedStrategy, Filament, FilamentMotion, Geometry, Head, Heater, Hold, Input, LayerDescription, Material,
-    Motion, Robot, RobotDescription, Sensors, Supply, Thermistor, Tip, Turning, Wall,
+    Fan, Feed, FeedStrategy, Filament, FilamentMotion, Geometry, Head, Heater, Input, LayerDescription, Material,
+    Motion, Pause, Robot, RobotDescription, Sensors, Supply, Thermistor, Tip, Turning, Wall,
 };
 use heapless::String;
 

@@ -44,8 +44,8 @@ pub fn robot_a_by(strategy: FeedStrategy) -> Robot {
 pub fn fast_robot() -> Robot {
     let text = include_str!("../../robots/growbot-a2.toml");
     let mut description: RobotDescription = toml::from_str(text).expect("robots/growbot-a2.toml is readable");
-    let RobotDescription { heater, fan, hold, supply, sensors, .. } = description_a();
-    description = RobotDescription { heater, fan, hold, supply, sensors, ..description };
+    let RobotDescription { heater, fan, pause, supply, sensors, .. } = description_a();
+    description = RobotDescription { heater, fan, pause, supply, sensors, ..description };
     Robot::new(description).expect("robots/growbot-a2.toml is valid with any nozzle")
 }
 

@@ -206,7 +206,7 @@ mod tests {
             !Explained::of("growbot-b".as_ref())
                 .unwrap()
                 .fields()
-                .find(|f| f.path == "hold.standby_c")
+                .find(|f| f.path == "pause.standby_c")
                 .unwrap()
                 .in_file
         );

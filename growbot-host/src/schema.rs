@@ -299,6 +299,6 @@ mod tests {
             choices(&schema, "motion.strategy").iter().map(|(word, _)| *word).collect::<Vec<_>>(),
             ["feed", "speed"]
         );
-        assert!(meaning(&schema, "hold.standby_c").contains("heater.target_c where that is lower"));
+        assert!(meaning(&schema, "pause.standby_c").contains("heater.target_c where that is lower"));
     }
 }

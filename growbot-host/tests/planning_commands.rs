@@ -95,7 +95,7 @@ fn a_plan_is_a_table_a_line_or_a_file() {
     assert_eq!(written["start"], json(r#"{"x_mm":0.0,"y_mm":0.0,"z_mm":0.0,"heading_deg":0.0,"pitch_deg":90.0}"#));
     assert_eq!(written["goal"], json(r#"{"x_mm":200.0,"y_mm":100.0,"z_mm":600.0,"heading_deg":0.0,"pitch_deg":45.0}"#));
     assert_eq!(written["duration_s"].as_f64(), Some(833.0 * 18.0));
-    assert_eq!(written["word"], "CCCSC");
+    assert_eq!(written["path_type"], "CCCSC");
     assert_eq!(written["candidates"], 1);
     assert_eq!(written["two_plane_length_mm"], written["length_mm"]);
     assert_eq!(written["two_plane_longer_percent"], 0.0);
@@ -119,14 +119,14 @@ fn the_shortest_path_is_the_default_and_never_longer_than_the_two_plane_path() {
         let percent = if percent.is_finite() { percent } else { 0.0 };
         assert!((number(&plan, "two_plane_longer_percent") - percent).abs() < 1e-6, "{plan}");
         assert!(number(&plan, "candidates") >= 1.0, "{plan}");
-        assert_eq!(plan["word"].as_str().unwrap().len(), plan["segments"].as_array().unwrap().len());
+        assert_eq!(plan["path_type"].as_str().unwrap().len(), plan["segments"].as_array().unwrap().len());
     }
 }
 
 #[test]
 fn plans_of_older_versions_are_read() {
     let mut plan = json(&growbot(&with(&TO, &["--json"])).out);
-    for field in ["word", "candidates", "two_plane_length_mm", "two_plane_longer_percent"] {
+    for field in ["path_type", "candidates", "two_plane_length_mm", "two_plane_longer_percent"] {
         assert!(plan.as_object_mut().unwrap().remove(field).is_some(), "{field}");
     }
     let layers = growbot_reading(&["layers", "-"], &plan.to_string());
@@ -203,8 +203,8 @@ fn poses_on_the_way_are_passed_in_order() {
     assert!((sum("two_plane_length_mm") - number(&plan, "two_plane_length_mm")).abs() < 1e-9);
     assert_eq!(sum("candidates"), number(&plan, "candidates"));
     assert_eq!(sum("segments") as usize, plan["segments"].as_array().unwrap().len());
-    let words: String = legs.iter().map(|leg| leg["word"].as_str().unwrap()).collect();
-    assert_eq!(plan["word"], words);
+    let words: String = legs.iter().map(|leg| leg["path_type"].as_str().unwrap()).collect();
+    assert_eq!(plan["path_type"], words);
 
     let table = growbot(&via).out;
     assert!(table.contains("  via       600, 0, 300 mm") && table.contains("  leg 3 "), "{table}");
@@ -230,9 +230,9 @@ fn a_plan_that_misses_its_poses_on_the_way_is_refused() {
     refused(&|plan| drop(plan["legs"].as_array_mut().unwrap().pop()), &["1 legs", "2"]);
     refused(&|plan| drop(plan.as_object_mut().unwrap().remove("via")), &["2 legs"]);
     refused(&|plan| plan["legs"][0]["segments"] = 0.into(), &["number of segments in the legs"]);
-    refused(&|plan| plan["legs"][0]["word"] = "X".into(), &["word is \"X\""]);
+    refused(&|plan| plan["legs"][0]["path_type"] = "X".into(), &["path_type is \"X\""]);
     refused(&|plan| plan["legs"][1]["length_mm"] = 1.into(), &["length_mm of a leg is 1"]);
-    refused(&|plan| plan["word"] = "HHH".into(), &["word is \"HHH\""]);
+    refused(&|plan| plan["path_type"] = "HHH".into(), &["path_type is \"HHH\""]);
     refused(&|plan| plan["candidates"] = 1_000_000.into(), &["candidates is 1000000"]);
     refused(&|plan| plan["two_plane_longer_percent"] = 99.5.into(), &["two_plane_longer_percent is 99.5"]);
 }

@@ -152,13 +152,13 @@ fn check_segments(plan: &Value, radius: f64) {
     });
     let mut vias = plan.get("via").map_or(&none, |via| via.as_array().unwrap()).iter();
     let mut next_end = ends.next();
-    let mut word = String::new();
+    let mut path_type = String::new();
     for (index, segment) in plan["segments"].as_array().unwrap().iter().enumerate() {
         while next_end == Some(index)
             && let Some(via) = vias.next()
         {
             let (distance, angle) = apart(&at, &frame(via));
-            let limit = if word.contains('H') { INTEGRATED } else { ARRIVED };
+            let limit = if path_type.contains('H') { INTEGRATED } else { ARRIVED };
             assert!(distance < limit && angle < 0.01 * limit, "passes {via} {distance} mm and {angle} rad off: {plan}");
             next_end = ends.next();
         }
@@ -168,8 +168,8 @@ fn check_segments(plan: &Value, radius: f64) {
             _ => "H",
         };
         // A helicoidal arc may come in two segments.
-        if !(letter == "H" && word.ends_with('H')) {
-            word += letter;
+        if !(letter == "H" && path_type.ends_with('H')) {
+            path_type += letter;
         }
         let s = number(segment, "length_mm");
         length += s;
@@ -186,11 +186,11 @@ fn check_segments(plan: &Value, radius: f64) {
         };
     }
     assert!(vias.len() == 0 || next_end == Some(plan["segments"].as_array().unwrap().len()), "{plan}");
-    assert_eq!(plan["word"], word);
+    assert_eq!(plan["path_type"], path_type);
     let percent = if length > 0.0 { 100.0 * (number(plan, "two_plane_length_mm") / length - 1.0) } else { 0.0 };
     assert!((number(plan, "two_plane_longer_percent") - percent).abs() < 1e-6, "{plan}");
     assert!((length - number(plan, "length_mm")).abs() <= 1e-12 * length, "{plan}");
-    assert_arrives(&at, plan, "the segments", if word.contains('H') { INTEGRATED } else { ARRIVED });
+    assert_arrives(&at, plan, "the segments", if path_type.contains('H') { INTEGRATED } else { ARRIVED });
 }
 
 fn check_layers(plan: &Value, csv: &str, robot: &Robot) {

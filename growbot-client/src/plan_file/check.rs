@@ -108,7 +108,7 @@ impl PlanFile {
                 (self.candidates, self.two_plane_length_mm, self.passed_over);
             whole = [WrittenLeg {
                 segments: path.len(),
-                word: self.word.clone().unwrap_or_else(|| path_type(path)),
+                path_type: self.path_type.clone().unwrap_or_else(|| path_type(path)),
                 length_mm: self.length_mm,
                 candidates,
                 passed_over,
@@ -138,7 +138,7 @@ impl PlanFile {
             base_from_tip = end(own, &base_from_tip);
             let which = if index + 1 < written.len() { format!("via {}", index + 1) } else { "the goal".to_owned() };
             check_arrival(which, &base_from_tip, &from, &to, self.radius_mm)?;
-            check_path_type(&leg.word, own)?;
+            check_path_type(&leg.path_type, own)?;
             check_total("length_mm of a leg", leg.length_mm, length(own), 0.0)?;
             legs.push(Leg { goal: to, segments: leg.segments });
             choices.push(leg.choice()?);
@@ -149,7 +149,7 @@ impl PlanFile {
 
     /// The path type, and how the path compares with others.
     fn check_description(&self, plan: &Plan) -> Result<(), PlanFault> {
-        if let Some(written) = &self.word {
+        if let Some(written) = &self.path_type {
             check_path_type(written, &plan.path)?;
         }
         let Some(choice) = plan.choice() else { return Ok(()) };

@@ -100,7 +100,7 @@ pub enum PlanFault {
         expected: f64,
     },
     /// Letters that are not those of the segments.
-    #[error("word is {found:?}, and the segments give {expected:?}: the plan was changed by hand; plan again")]
+    #[error("path_type is {found:?}, and the segments give {expected:?}: the plan was changed by hand; plan again")]
     PathType {
         /// What the file says.
         found: String,

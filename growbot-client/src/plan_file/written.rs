@@ -47,7 +47,7 @@ pub struct PlanFile {
     /// The pieces of the path in order: C for an arc, S for a straight line, H for a helicoidal arc. Older plans do not
     /// say.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub word: Option<String>,
+    pub path_type: Option<String>,
     /// How many paths were found that reach the goal; of several legs, the sum. Older plans do not say.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub candidates: Option<usize>,
@@ -107,7 +107,7 @@ pub struct WrittenLeg {
     /// How many segments of the plan are this leg's.
     pub segments: usize,
     /// Its pieces in order, as in the plan.
-    pub word: String,
+    pub path_type: String,
     /// Its length, mm.
     pub length_mm: f64,
     /// How many paths were found.
@@ -125,7 +125,7 @@ impl WrittenLeg {
     fn new(choice: Option<Choice>, path: &[Segment]) -> Self {
         Self {
             segments: path.len(),
-            word: path_type(path),
+            path_type: path_type(path),
             length_mm: length(path),
             candidates: choice.map(|choice| choice.candidates),
             passed_over: choice.map_or(0, |choice| choice.passed_over),
@@ -224,7 +224,7 @@ impl From<&Plan> for PlanFile {
             layers: plan.needs.layers,
             duration_s: plan.needs.duration,
             filament_mm: plan.needs.filament,
-            word: Some(plan.path_type()),
+            path_type: Some(plan.path_type()),
             candidates: choice.map(|choice| choice.candidates),
             passed_over: choice.map_or(0, |choice| choice.passed_over),
             two_plane_length_mm: choice.map(|choice| choice.two_plane_length),

@@ -46,7 +46,7 @@ pub struct RobotDescription {
     pub fan: Fan,
     /// The nozzle's temperature in a pause.
     #[serde(default)]
-    pub hold: Hold,
+    pub pause: Pause,
     /// The supply of heater and motors.
     #[serde(default)]
     pub supply: Supply,
@@ -286,7 +286,7 @@ pub struct Fan {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
-pub struct Hold {
+pub struct Pause {
     /// Standby temperature of the nozzle, degrees Celsius; [`Heater::target_c`] where that is lower.
     pub standby_c: f64,
     /// Time from the beginning of the pause to standby, s.
@@ -362,7 +362,7 @@ impl Default for Tip {
     }
 }
 
-impl Default for Hold {
+impl Default for Pause {
     fn default() -> Self {
         Self { standby_c: 150.0, standby_after_s: 60.0, off_after_s: 300.0 }
     }

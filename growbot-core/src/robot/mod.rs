@@ -9,8 +9,8 @@ mod step_rate;
 mod validate;
 
 pub use description::{
-    Fan, Feed, FeedStrategy, Filament, FilamentMotion, Geometry, Head, Heater, Hold, Input, LayerDescription, Material,
-    Motion, RobotDescription, Sensors, Supply, Thermistor, Tip, Turning, Wall,
+    Fan, Feed, FeedStrategy, Filament, FilamentMotion, Geometry, Head, Heater, Input, LayerDescription, Material,
+    Motion, Pause, RobotDescription, Sensors, Supply, Thermistor, Tip, Turning, Wall,
 };
 pub use error::RobotError;
 pub use step_rate::{AxisMotion, LayerMotion};

@@ -50,7 +50,7 @@ pub(super) fn check(robot: &RobotDescription) -> Result<(), RobotError> {
     check_motors(robot)?;
     check_heater(robot)?;
     check_thermistor(robot)?;
-    check_fan_and_hold(robot)?;
+    check_fan_and_pause(robot)?;
     check_sensors(robot)?;
     check_step_rates(robot)?;
     check_accelerations(robot)
@@ -276,17 +276,17 @@ fn check_thermistor(robot: &RobotDescription) -> Result<(), RobotError> {
     Field("thermistor.pull_up_ohm", thermistor.pull_up_ohm).between(10.0, 1e7, "ohms")
 }
 
-fn check_fan_and_hold(robot: &RobotDescription) -> Result<(), RobotError> {
-    let (fan, hold) = (&robot.fan, &robot.hold);
+fn check_fan_and_pause(robot: &RobotDescription) -> Result<(), RobotError> {
+    let (fan, pause) = (&robot.fan, &robot.pause);
     Field("fan.growing_duty", fan.growing_duty).between(0.0, 1.0, "a share of full duty")?;
     Field("fan.loss_w_per_k", fan.loss_w_per_k).between(0.0, 1e3, "watts per kelvin")?;
-    Field("hold.standby_c", hold.standby_c).between(
+    Field("pause.standby_c", pause.standby_c).between(
         0.0,
         500.0,
         "degrees Celsius; above heater.target_c it means heater.target_c",
     )?;
-    Field("hold.standby_after_s", hold.standby_after_s).between(0.0, 86_400.0, "seconds, a day at most")?;
-    Field("hold.off_after_s", hold.off_after_s).between(0.0, 86_400.0, "seconds, a day at most")
+    Field("pause.standby_after_s", pause.standby_after_s).between(0.0, 86_400.0, "seconds, a day at most")?;
+    Field("pause.off_after_s", pause.off_after_s).between(0.0, 86_400.0, "seconds, a day at most")
 }
 
 fn check_sensors(robot: &RobotDescription) -> Result<(), RobotError> {

@@ -221,15 +221,15 @@ impl<B: Board> Controller<B> {
     /// standby and parks, each after its time.
     fn pause_or_continue(&mut self, handover: &Handover) {
         let description = self.robot.description();
-        let (heater, hold) = (&description.heater, &description.hold);
+        let (heater, pause) = (&description.heater, &description.pause);
         let continues = self.motion.pause.is_none() && self.store().get(self.job.given).is_some();
         let paused_s = self.in_state_us() as f64 * 1e-6;
-        let target = if continues || paused_s < hold.standby_after_s {
+        let target = if continues || paused_s < pause.standby_after_s {
             heater.target_c
         } else {
-            hold.standby_c.min(heater.target_c)
+            pause.standby_c.min(heater.target_c)
         };
-        if !continues && paused_s >= hold.off_after_s {
+        if !continues && paused_s >= pause.off_after_s {
             self.switch_off(handover);
             self.happens(Event::PausedTooLong);
             return;

@@ -166,7 +166,7 @@ fn bring_to(rig: &mut Rig, robot: &Robot, onset: Onset, at: f64) -> Result<(), C
         }
         Onset::Pause | Onset::Cooling => {
             rig.pass(PATIENCE, |rig| rig.state() == State::Paused);
-            let standby = robot.description().hold.standby_after_s;
+            let standby = robot.description().pause.standby_after_s;
             rig.pass(if onset == Onset::Pause { 2.0 + 0.8 * standby * at } else { standby + 1.0 + 20.0 * at }, |_| {
                 false
             });

@@ -47,7 +47,7 @@ fn a_long_pause_lets_the_nozzle_down_to_standby_and_then_parks() {
     bench.hand_over(0, &layers[..10]);
     bench.start();
     bench.run_to(State::Paused, 100.0);
-    let settings = bench.robot.description().hold;
+    let settings = bench.robot.description().pause;
     bench.run(settings.standby_after_s - 2.0);
     assert!(bench.world.nozzle_c.get() > 195.0);
     bench.run(120.0);

@@ -37,7 +37,7 @@ const PHASES: [Phase; 9] = [
 
 /// Brings a nozzle somewhere into a phase.
 fn bring(rig: &mut Rig, phase: Phase) {
-    let (target, standby) = (rig.robot.heater.target_c, rig.robot.hold.standby_c);
+    let (target, standby) = (rig.robot.heater.target_c, rig.robot.pause.standby_c);
     if phase == Phase::Before {
         rig.run(1.0).unwrap();
         return;

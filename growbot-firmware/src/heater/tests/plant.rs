@@ -254,7 +254,7 @@ impl Rig {
     /// Heats, grows, waits, lets the nozzle down and heats again for some hours, as a robot may in its life.
     pub fn live(&mut self, hours: f64) -> Result<(), Fault> {
         let until = self.now + (hours * 3.6e9) as u64;
-        let (target, hold) = (self.robot.heater.target_c, self.robot.hold);
+        let (target, pause) = (self.robot.heater.target_c, self.robot.pause);
         while self.now < until {
             self.on(target);
             self.heat()?;
@@ -267,12 +267,12 @@ impl Rig {
                     self.layer(|_| {})?;
                 }
                 self.fan = self.random.of(&[0.0, self.fan]);
-                let held = self.random.between(0.0, hold.standby_after_s);
+                let held = self.random.between(0.0, pause.standby_after_s);
                 self.run(held)?;
                 if self.random.of(&[true, false]) {
-                    self.run(hold.standby_after_s - held)?;
-                    self.target(hold.standby_c);
-                    let held = self.random.between(0.0, hold.off_after_s - hold.standby_after_s);
+                    self.run(pause.standby_after_s - held)?;
+                    self.target(pause.standby_c);
+                    let held = self.random.between(0.0, pause.off_after_s - pause.standby_after_s);
                     self.run(held)?;
                     self.target(target);
                     self.heat()?;

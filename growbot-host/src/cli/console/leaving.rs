@@ -47,7 +47,7 @@ pub fn left(state: State, robot: &Robot, port: &ChosenPort) -> String {
     let future = if state == State::Tuning {
         "it heats on until it is tuned".to_owned()
     } else {
-        let off_after = robot.description().hold.off_after_s;
+        let off_after = robot.description().pause.off_after_s;
         format!(
             "left alone it pauses after the layer under way and has its heater on for {off_after} s more, or \
              continues if it was started so"
