@@ -13,9 +13,36 @@ const LOOK: Duration = Duration::from_millis(200);
 /// and, after so many looks in vain, before the board is asked for its status.
 const QUIET_LOOKS: u32 = 10;
 /// Layers whose events are still on the way when the growth has ended are waited for until the status was asked for so often.
-const QUESTIONS_AFTER_THE_END: u32 = 40;
+const MAX_QUESTIONS_AFTER_END: u32 = 40;
 /// A board that has fallen silent is called again so often before it counts as lost.
 const CALLS: u32 = 12;
+
+/// When the board is asked for its status.
+struct Questions {
+    /// Whether it is to be asked now.
+    ask: bool,
+    /// Looks after each other without an event.
+    quiet_looks: u32,
+    /// How often it was asked since the end, for layers that are not reported yet.
+    after_end: u32,
+}
+
+impl Default for Questions {
+    /// A body of no length is done at once, so the board is asked first of all.
+    fn default() -> Self {
+        Self { ask: true, quiet_looks: 0, after_end: 0 }
+    }
+}
+
+impl Questions {
+    /// It was looked for an event, in vain or not.
+    fn count_look(&mut self, found: bool) {
+        self.quiet_looks = if found { 0 } else { self.quiet_looks + 1 };
+        if self.quiet_looks >= QUIET_LOOKS {
+            (self.quiet_looks, self.ask) = (0, true);
+        }
+    }
+}
 
 impl Growth<'_> {
     /// Follows the growth to its end and measures the body.
@@ -70,7 +97,7 @@ impl Growth<'_> {
         if hello.boot_id != self.boot_id && is_crash(hello.reset_cause) {
             report_crash(self.client, on_event);
         }
-        if self.amending.as_ref().is_some_and(|(plan_id, ..)| *plan_id == hello.status.plan_id) {
+        if self.amending.as_ref().is_some_and(|amendment| amendment.plan_id == hello.status.plan_id) {
             self.amended();
         } else if self.amending.take().is_some() {
             on_event(&JobEvent::NotAmended(None));
@@ -89,84 +116,88 @@ impl Growth<'_> {
 
     fn follow(&mut self, orders: &Orders, on_event: &mut dyn FnMut(&JobEvent)) -> Result<Outcome, ClientError> {
         let mut stopped_by = None;
-        let mut quiet_looks = 0;
-        // A body of no length is done at once.
-        let mut ask = true;
-        // For layers that have not been told yet.
-        let mut questions_after_the_end = 0;
+        let mut questions = Questions::default();
         loop {
-            if let Some(order) = orders.take().filter(|order| stopped_by != Some(*order)) {
+            if let Some(order) = orders.next().filter(|order| stopped_by != Some(*order)) {
                 // One that did not reach the board is for the next session.
                 self.obey(order, on_event).inspect_err(|_| orders.give_back(order))?;
                 stopped_by = Some(order).filter(|order| *order >= Order::Stop);
-                ask = true;
+                questions.ask = true;
             }
             if let Some(drift) = self.client.stop_if_clock_drifts()? {
                 let status = self.client.status()?;
-                self.take_status(&status, on_event)?;
+                self.apply_status(&status, on_event)?;
                 on_event(&JobEvent::State(status.state));
                 on_event(&JobEvent::Status(status));
                 return Ok(Outcome::ClockDrift(drift));
             }
-            if std::mem::take(&mut ask) || self.client.wants_clock() {
-                let status = self.client.status()?;
-                let outcome = self.take_status(&status, on_event)?;
-                on_event(&JobEvent::Status(status));
-                if let Some(Outcome::Fault(Fault::WatchdogReset | Fault::ProcessorFault | Fault::StackOverflow)) =
-                    outcome
-                    && questions_after_the_end == 0
-                {
-                    report_crash(self.client, on_event);
-                }
-                if let Some(outcome) = outcome {
-                    if self.as_built.len() >= self.laid as usize || questions_after_the_end > QUESTIONS_AFTER_THE_END {
-                        return Ok(outcome);
-                    }
-                    questions_after_the_end += 1;
-                }
+            if (std::mem::take(&mut questions.ask) || self.client.wants_clock())
+                && let Some(outcome) = self.ask_status(&mut questions, on_event)?
+            {
+                return Ok(outcome);
             }
             let event = self.client.event(LOOK)?;
-            quiet_looks = if event.is_some() { 0 } else { quiet_looks + 1 };
+            questions.count_look(event.is_some());
             match event {
                 // One beyond the job is nonsense.
                 Some(Message::Laid(laid))
-                    if self.names.contains(&laid.plan_id) && (laid.index as usize) < self.most_layers() =>
+                    if self.names.contains(&laid.plan_id) && (laid.index as usize) < self.max_layers() =>
                 {
-                    if laid.index as usize == self.as_built.len() {
-                        self.take_layer(&laid);
-                        on_event(&JobEvent::Laid {
-                            index: laid.index,
-                            as_built: laid.as_built,
-                            measured: laid.measured,
-                        });
-                    }
-                    self.laid = self.laid.max(laid.index.saturating_add(1));
-                    self.accepted.room = self.capacity.saturating_sub(self.accepted.next.saturating_sub(self.laid));
-                    self.amend(self.laid.saturating_add(IN_ENGINE), on_event)?;
-                    self.refill(on_event)?;
+                    self.layer_laid(&laid, on_event)?;
                     // The last of those that were missing at the end.
-                    ask = questions_after_the_end > 0 && self.as_built.len() >= self.laid as usize;
+                    questions.ask = questions.after_end > 0 && self.as_built.len() >= self.laid as usize;
                 }
                 Some(Message::StateChanged(change)) => {
                     on_event(&JobEvent::State(change.state));
                     // The event may be of the job before: only the status says how this one stands.
-                    ask = true;
+                    questions.ask = true;
                 }
                 // By another host, say: what of the body that leaves, the status says.
-                Some(Message::StoppedAtOnce(_)) => ask = true,
-                Some(_) => {}
-                None if quiet_looks >= QUIET_LOOKS => {
-                    quiet_looks = 0;
-                    ask = true;
-                }
-                None => {}
+                Some(Message::StoppedAtOnce(_)) => questions.ask = true,
+                Some(_) | None => {}
             }
         }
     }
 
+    /// Asks for the status. Gives the outcome, once the job has ended and all its layers are reported, or waited for
+    /// long enough.
+    fn ask_status(
+        &mut self,
+        questions: &mut Questions,
+        on_event: &mut dyn FnMut(&JobEvent),
+    ) -> Result<Option<Outcome>, ClientError> {
+        let status = self.client.status()?;
+        let outcome = self.apply_status(&status, on_event)?;
+        on_event(&JobEvent::Status(status));
+        if let Some(Outcome::Fault(Fault::WatchdogReset | Fault::ProcessorFault | Fault::StackOverflow)) = outcome
+            && questions.after_end == 0
+        {
+            report_crash(self.client, on_event);
+        }
+        let Some(outcome) = outcome else { return Ok(None) };
+        if self.as_built.len() >= self.laid as usize || questions.after_end > MAX_QUESTIONS_AFTER_END {
+            return Ok(Some(outcome));
+        }
+        questions.after_end += 1;
+        Ok(None)
+    }
+
+    /// The board reports a layer: amends the job, and hands more layers over.
+    fn layer_laid(&mut self, laid: &Laid, on_event: &mut dyn FnMut(&JobEvent)) -> Result<(), ClientError> {
+        let Laid { index, as_built, measured, .. } = *laid;
+        if index as usize == self.as_built.len() {
+            self.ingest_layer(laid);
+            on_event(&JobEvent::Laid { index, as_built, measured });
+        }
+        self.laid = self.laid.max(index.saturating_add(1));
+        self.accepted.room = self.capacity.saturating_sub(self.accepted.next.saturating_sub(self.laid));
+        self.amend(self.laid.saturating_add(IN_ENGINE), on_event)?;
+        self.refill(on_event)
+    }
+
     /// Layers that the job may have: an amendment of which nothing is known yet may have more of them.
-    fn most_layers(&self) -> usize {
-        self.job.layers.len().max(self.amending.as_ref().map_or(0, |(_, layers, _)| layers.len()))
+    fn max_layers(&self) -> usize {
+        self.job.layers.len().max(self.amending.as_ref().map_or(0, |amendment| amendment.layers.len()))
     }
 
     /// Carries an order out. One that does not suit the board's state is refused, and the growth goes on as it was.
@@ -188,7 +219,7 @@ impl Growth<'_> {
     }
 
     /// A layer is laid, the next one after those that are known.
-    fn take_layer(&mut self, laid: &Laid) {
+    fn ingest_layer(&mut self, laid: &Laid) {
         let commanded = self.job.layers.get(self.as_built.len());
         if let (Some(feedback), Some(layer)) = (&mut self.feedback, laid.as_built.as_ref().or(commanded)) {
             feedback.laid(layer, laid.measured.as_ref());
@@ -197,7 +228,7 @@ impl Growth<'_> {
     }
 
     /// Takes what the board says of itself: how the job ended, if it did.
-    fn take_status(
+    fn apply_status(
         &mut self,
         status: &Status,
         on_event: &mut dyn FnMut(&JobEvent),

@@ -2,7 +2,7 @@
 
 use growbot_core::link::message::{Amend, MAX_LAYERS, Message, Refusal};
 
-use super::{Amendment, Growth, JobEvent};
+use super::{Amendment, Growth, JobEvent, PendingAmendment};
 use crate::client::ClientError;
 
 /// With feedback, layers are handed over so far ahead.
@@ -13,7 +13,7 @@ pub(super) const IN_ENGINE: u32 = 2;
 const AMEND_EVERY_S: f64 = 0.5;
 /// And so often in all, less an eighth of the job's layers: a board's journal has room for some 2,000 records besides the layers that a
 /// job begins with, and a job that is amended may come to have more of them.
-const MOST_AMENDMENTS: usize = 1792;
+const MAX_AMENDMENTS: usize = 1792;
 /// A layer may have been begun while a job was amended: then it is tried again, so often.
 const AMEND_TRIES: u32 = 4;
 
@@ -27,9 +27,10 @@ impl Growth<'_> {
     /// Sends as many layers as the board has room for; whole messages, but for the last, while it grows.
     pub(super) fn hand_over(&mut self, on_event: &mut dyn FnMut(&JobEvent)) -> Result<(), ClientError> {
         let wanted = self.wanted();
-        if let Some(layers) = self.job.layers.get(self.told as usize..wanted).filter(|layers| !layers.is_empty()) {
-            on_event(&JobEvent::HandingOver { from: self.told, layers: layers.to_vec() });
-            self.told = wanted as u32;
+        if let Some(layers) = self.job.layers.get(self.handed_over as usize..wanted).filter(|layers| !layers.is_empty())
+        {
+            on_event(&JobEvent::HandingOver { from: self.handed_over, layers: layers.to_vec() });
+            self.handed_over = wanted as u32;
         }
         let layers = self.job.layers.get(..wanted).unwrap_or_default();
         match self.client.hand_over(self.job.plan_id, layers, self.accepted.clone()) {
@@ -49,7 +50,7 @@ impl Growth<'_> {
         if is_early || self.laid as usize >= layers {
             return Ok(());
         }
-        let most = MOST_AMENDMENTS.saturating_sub(layers / 8).max(1);
+        let max = MAX_AMENDMENTS.saturating_sub(layers / 8).max(1);
         for _ in 0..AMEND_TRIES {
             let Some(feedback) = &mut self.feedback else { return Ok(()) };
             from = from.min(self.accepted.next);
@@ -58,16 +59,17 @@ impl Growth<'_> {
             let amended = [kept, &rest].concat();
             let (plan_id, total) = (feedback.plan_id(&amended), amended.len() as u32);
             let in_time = libm::ceil(AMEND_EVERY_S / self.job.robot.description().layer.period_s) as u32;
-            self.amend_at = self.laid.saturating_add(in_time.max(layers.div_ceil(most) as u32).max(1));
+            self.amend_at = self.laid.saturating_add(in_time.max(layers.div_ceil(max) as u32).max(1));
             // A board takes no job of which nothing is left.
-            if plan_id == self.job.plan_id || total <= self.laid || feedback.amendments() as usize >= most {
+            if plan_id == self.job.plan_id || total <= self.laid || feedback.amendments() as usize >= max {
                 return Ok(());
             }
             let horizon = rest.iter().take(HORIZON as usize).copied().collect();
             on_event(&JobEvent::Amending(Amendment { plan_id, from, total, layers: horizon }));
             let first_layers = rest.iter().take(MAX_LAYERS).copied().collect();
             let amend = Amend { plan_id: self.job.plan_id, amended: plan_id, from, layers: total, first_layers };
-            self.amending = Some((plan_id, amended, total.min(from.saturating_add(HORIZON))));
+            let handed_over = total.min(from.saturating_add(HORIZON));
+            self.amending = Some(PendingAmendment { plan_id, layers: amended, handed_over });
             match self.client.request("to amend the job", &Message::Amend(amend)) {
                 Ok(Message::Accepted(accepted)) => {
                     self.accepted = accepted;
@@ -97,8 +99,8 @@ impl Growth<'_> {
 
     /// The board has taken the amendment.
     pub(super) fn amended(&mut self) {
-        let Some((plan_id, layers, told)) = self.amending.take() else { return };
-        (self.job.plan_id, self.job.layers, self.told) = (plan_id, layers, told);
+        let Some(PendingAmendment { plan_id, layers, handed_over }) = self.amending.take() else { return };
+        (self.job.plan_id, self.job.layers, self.handed_over) = (plan_id, layers, handed_over);
         self.names.push(plan_id);
         if let Some(feedback) = &mut self.feedback {
             feedback.amended();

@@ -259,12 +259,12 @@ struct Growth<'a> {
     feedback: Option<Feedback<'a>>,
     /// Every name that the job has had.
     names: Vec<u64>,
-    /// An amendment of which it is not known whether the board has taken it: the job's name and layers then, and what is told of them.
-    amending: Option<(u64, Vec<LayerBytes>, u32)>,
+    /// An amendment of which it is not known whether the board has applied it.
+    amending: Option<PendingAmendment>,
     /// The job is amended once so many layers are laid.
     amend_at: u32,
-    /// Layers below this have been told.
-    told: u32,
+    /// Layers below this were reported as handed over.
+    handed_over: u32,
     /// What the board has accepted, and has room for.
     accepted: Accepted,
     /// Layers that the board has laid.
@@ -278,6 +278,16 @@ struct Growth<'a> {
     /// When growing began and ended, ms on the board's clock.
     began_ms: Option<u64>,
     ended_ms: u64,
+}
+
+/// An amendment of which it is not known whether the board has applied it.
+struct PendingAmendment {
+    /// The job's name then.
+    plan_id: u64,
+    /// The job's layers then.
+    layers: Vec<LayerBytes>,
+    /// Layers below this are reported as handed over then.
+    handed_over: u32,
 }
 
 /// Reports the latest crash of the board's firmware, if the board knows of one.
@@ -303,7 +313,7 @@ impl<'a> Growth<'a> {
             names: vec![job.plan_id],
             amending: None,
             amend_at: 0,
-            told: job.layers.len() as u32,
+            handed_over: job.layers.len() as u32,
             accepted: Accepted { plan_id: 0, next: 0, room: 0 },
             laid: 0,
             as_built: Vec::new(),

@@ -82,7 +82,7 @@ impl Orders {
     }
 
     /// The latest order. A stop stays; the others are given once.
-    pub(super) fn take(&self) -> Option<Order> {
+    pub(super) fn next(&self) -> Option<Order> {
         let order = Order::of(self.latest.load(Ordering::Relaxed))?;
         if order < Order::Stop {
             // One that comes just now stays for the next look.
@@ -91,7 +91,7 @@ impl Orders {
         Some(order)
     }
 
-    /// An order that was taken could not be carried out: it is given again, unless there is a newer one.
+    /// An order could not be carried out: it is given again, unless there is a newer one.
     pub(super) fn give_back(&self, order: Order) {
         let _ = self.latest.compare_exchange(0, order as u8, Ordering::Relaxed, Ordering::Relaxed);
     }
@@ -104,16 +104,16 @@ mod tests {
     #[test]
     fn a_stop_is_for_good_and_the_others_are_given_once() {
         let orders = Orders::default();
-        assert_eq!(orders.take(), None);
+        assert_eq!(orders.next(), None);
         orders.give(Order::Hold);
         orders.give(Order::GoOn);
-        assert_eq!((orders.take(), orders.take()), (Some(Order::GoOn), None));
+        assert_eq!((orders.next(), orders.next()), (Some(Order::GoOn), None));
         orders.give(Order::Stop);
         orders.give(Order::Hold);
-        assert_eq!((orders.take(), orders.take()), (Some(Order::Stop), Some(Order::Stop)));
+        assert_eq!((orders.next(), orders.next()), (Some(Order::Stop), Some(Order::Stop)));
         orders.give(Order::EmergencyStop);
         orders.give(Order::Stop);
-        assert_eq!(orders.take(), Some(Order::EmergencyStop));
+        assert_eq!(orders.next(), Some(Order::EmergencyStop));
         assert!(orders.stops() && orders.clear() && !orders.stops() && !orders.clear());
     }
 
@@ -121,10 +121,10 @@ mod tests {
     fn an_order_comes_back_unless_there_is_a_newer_one() {
         let orders = Orders::default();
         orders.give_back(Order::Hold);
-        assert_eq!(orders.take(), Some(Order::Hold));
+        assert_eq!(orders.next(), Some(Order::Hold));
         orders.give(Order::GoOn);
         orders.give_back(Order::Hold);
-        assert_eq!((orders.take(), orders.take()), (Some(Order::GoOn), None));
+        assert_eq!((orders.next(), orders.next()), (Some(Order::GoOn), None));
     }
 
     #[test]
