@@ -77,7 +77,7 @@ fn with_a_job() -> (Rc<RefCell<Emulator>>, Words, Client) {
     emulator.borrow_mut().simulated_tip(|tip| tip.set_nozzle_c(197.0));
     let mut encoder = Encoder::default();
     let layers = (0..8).map(|_| encoder.encode(&Layer { alpha: 1.0, height: 0.7, tilt: 0.006 })).collect();
-    client.request("to hold layers", &Message::Layers(Layers { plan_id: PLAN, first: 0, layers })).unwrap();
+    client.request("to store layers", &Message::Layers(Layers { plan_id: PLAN, first: 0, layers })).unwrap();
     (emulator, words, client)
 }
 

@@ -40,7 +40,7 @@ fn meet(broken: TipFault, during: State, expected: Option<Fault>, within: f64) {
     emulator.borrow_mut().simulated_tip(|tip| tip.set_nozzle_c(if during == State::Heating { 60.0 } else { 197.0 }));
     let mut encoder = Encoder::default();
     let layers = (0..8).map(|_| encoder.encode(&Layer { alpha: 1.0, height: 0.7, tilt: 0.006 })).collect();
-    client.request("to hold layers", &Message::Layers(Layers { plan_id, first: 0, layers })).unwrap();
+    client.request("to store layers", &Message::Layers(Layers { plan_id, first: 0, layers })).unwrap();
     client.request("to start", &Message::Start(Start { plan_id, silence: Silence::Continue })).unwrap();
 
     let wait_for = |client: &mut Client, states: &[State]| {

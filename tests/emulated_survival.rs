@@ -16,7 +16,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use growbot_client::client::Client;
-use growbot_client::growth::{CutLayer, Grown, GrowthError, Job, JobEvent, Orders, Outcome, grow_job, resume_job};
+use growbot_client::growth::{Grown, GrowthError, Job, JobEvent, OnInterrupted, Orders, Outcome, grow_job, resume_job};
 use growbot_client::port::faulty::{FaultSpec, Faulty};
 use growbot_client::robot_file;
 use growbot_core::layer_bytes::LayerBytes;
@@ -267,6 +267,7 @@ fn come_back(
         client.request("to clear the fault", &Message::ClearFault(Empty {})).map_err(GrowthError::Before)?;
     }
     let found = client.status().map_err(GrowthError::Before)?;
-    let grown = resume_job(&mut client, job, known, CutLayer::Again, Silence::Pause, &Orders::default(), &mut |_| ())?;
+    let grown =
+        resume_job(&mut client, job, known, OnInterrupted::Again, Silence::Pause, &Orders::default(), &mut |_| ())?;
     Ok((found, grown))
 }

@@ -78,7 +78,7 @@ fn robots_explains_one_in_words() {
     for part in [
         "R_min, the tightest bend, is 594.11 mm",
         "[heater] The nozzle's heater.",
-        "  tip_radius_mm = 57.5 # r_t, Table 3\n      r_t: from the centreline to where material is laid, mm.",
+        "  tip_radius_mm = 57.5 # r_t, Table 3\n      r_t: distance from the centreline to where material is laid, mm.",
         "  height_min_mm = 25.0 # assumed\n",
         "standby_c = 150.0 (not in the file)",
         "acceleration_mm_per_s2 = no limit (not in the file)",
@@ -239,7 +239,7 @@ fn each_command_has_a_page_of_the_manual_with_examples_and_exit_codes() {
     }
     assert_eq!(fs::read_dir(directory.path()).unwrap().count(), pages.len());
     assert_eq!(growbot(&["man", "plan"]).out, fs::read_to_string(directory.path().join("growbot-plan.1")).unwrap());
-    assert!(growbot(&["man", "estop"]).out.contains("for whatever reason: cut its power"));
+    assert!(growbot(&["man", "estop"]).out.contains("for any reason: cut its power"));
 
     let unknown = growbot(&["man", "plam"]);
     assert_eq!(unknown.code, Some(2));

@@ -202,7 +202,7 @@ fn a_script_that_ends_while_the_robot_heats_says_so() {
         let ran = Growing::run(&["console", "--port", &bench.name], &script).end();
         assert_eq!(ran.code, Some(code), "{}", ran.err);
         let remedy = format!("`growbot stop --port {}`", bench.name);
-        for part in [&["the robot is heating", "finishes the layer under way", "300 s", &remedy], parts].concat() {
+        for part in [&["the robot is heating", "pauses after the layer under way", "300 s", &remedy], parts].concat() {
             assert!(ran.err.contains(part), "no {part:?}: {}", ran.err);
         }
         assert!(bench.seen().heats);

@@ -10,7 +10,7 @@ use std::time::Duration;
 use growbot_client::client::Client;
 use growbot_client::feedback::Feedback;
 use growbot_client::growth::{
-    CutLayer, Grown, GrowthError, Job, JobEvent, Manner, MeasuredBy, Order, Orders, Outcome, grow_job, resume_job,
+    Grown, GrowthError, Job, JobEvent, Manner, MeasuredBy, OnInterrupted, Order, Orders, Outcome, grow_job, resume_job,
 };
 use growbot_client::plan::{Plan, Search};
 use growbot_client::port::{Port, PortError};
@@ -211,7 +211,7 @@ impl Try {
         assert!(feedback.is_some());
         let (orders, known) = (Orders::default(), record.as_built.clone());
         let manner = Manner { silence: Silence::Pause, feedback };
-        resume_job(&mut client, &job, known, CutLayer::Again, manner, &orders, &mut |_| {}).unwrap()
+        resume_job(&mut client, &job, known, OnInterrupted::Again, manner, &orders, &mut |_| {}).unwrap()
     }
 
     /// How far the tip really is from the goal, over the length.

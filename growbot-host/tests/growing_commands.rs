@@ -242,7 +242,7 @@ fn reports_that_are_lost_are_sent_again() {
 fn grow_and_kill(board: &FakeBoard, log: &std::path::Path, layers: usize) {
     board.pause_after(layers as u32);
     let mut child = command(PROGRAM)
-        .args(["grow", "--to", "0,0,46.44,0,90", "--port", &board.port(), "--on-silence", "go-on", "--log"])
+        .args(["grow", "--to", "0,0,46.44,0,90", "--port", &board.port(), "--on-silence", "continue", "--log"])
         .arg(log)
         .stdout(std::process::Stdio::null())
         .stderr(std::process::Stdio::null())
@@ -286,7 +286,7 @@ fn a_growth_whose_program_was_killed_goes_on_from_its_log() {
     assert!(other.err.contains("growbot resume"), "{}", other.err);
     // From here on this board's time runs so fast that any host is silent for long.
     board.pause_after(u32::MAX);
-    let ran = growbot(&["resume", log, "--port", &board.port(), "--yes", "--on-silence", "go-on", "--json"]);
+    let ran = growbot(&["resume", log, "--port", &board.port(), "--yes", "--on-silence", "continue", "--json"]);
     assert_eq!(ran.code, Some(0), "{}", ran.err);
     let (result, unbroken) = (json(&ran), json(&unbroken));
     assert_eq!((number(&result, "layers"), number(&result, "unknown_layers")), (60.0, 0.0));
@@ -474,7 +474,7 @@ mod serial {
         let (master, name, _open) = line();
         let _board = FakeBoard::on_serial(master, "growbot-a");
         // This board's time runs so fast that any host is silent for long.
-        let args = ["grow", "--to", "0,0,7.74,0,90", "--on-silence", "go-on", "--port", &name, "--json"];
+        let args = ["grow", "--to", "0,0,7.74,0,90", "--on-silence", "continue", "--port", &name, "--json"];
         let ran = growbot(&args);
         assert_eq!(ran.code, Some(0), "{}", ran.err);
         assert_eq!(number(&json(&ran), "layers"), 10.0);

@@ -89,7 +89,7 @@ fn kinds(directory: &Path) -> Vec<Kind> {
         "{header}\na,0,0,0,0,90,0,0,100,0,90,,\nb,0,0,0,0,90,200,100,600,0,45,120,two-plane\nc,1,2,3,4,5,6,7,8,9,10,,\n"
     );
     let script =
-        "help\nstatus\nplan 0,0,20,0,90\nlayers 3\nstart\nwait 60\nhold\nwait 5\nstart\nstop\nstatus\nclear\nquit\n";
+        "help\nstatus\nplan 0,0,20,0,90\nlayers 3\nstart\nwait 60\npause\nwait 5\nstart\nstop\nstatus\nclear\nquit\n";
     let kind = |name, text, commands| Kind { name, text, commands };
     vec![
         kind("plan", read("plan.json"), OF_PLANS),

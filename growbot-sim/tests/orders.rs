@@ -52,13 +52,16 @@ fn tells(told: &[JobEvent], expected: &JobEvent) -> usize {
 #[test]
 fn a_growth_holds_and_goes_on_as_ordered_and_each_layer_is_laid_once() {
     let (grown, told) = grow(|event, orders| match event {
-        JobEvent::Laid { index: 4, .. } => orders.give(Order::Hold),
-        JobEvent::State(State::Paused) => orders.give(Order::GoOn),
+        JobEvent::Laid { index: 4, .. } => orders.give(Order::Pause),
+        JobEvent::State(State::Paused) => orders.give(Order::Continue),
         _ => {}
     });
     assert_eq!(grown.outcome, Outcome::Done);
     assert_eq!((grown.body.len(), tells(&told, &JobEvent::State(State::Paused))), (20, 1));
-    assert_eq!((tells(&told, &JobEvent::Ordered(Order::Hold)), tells(&told, &JobEvent::Ordered(Order::GoOn))), (1, 1));
+    assert_eq!(
+        (tells(&told, &JobEvent::Ordered(Order::Pause)), tells(&told, &JobEvent::Ordered(Order::Continue))),
+        (1, 1)
+    );
     assert_eq!(told.iter().filter(|event| matches!(event, JobEvent::Laid { .. })).count(), 20);
 }
 
@@ -154,7 +157,7 @@ impl Port for Disconnecting {
 #[test]
 fn an_order_outlives_a_line_that_is_cut_while_it_is_given() {
     // More than the tries of an order have, fewer than those of all calls.
-    for (order, losses) in [(Order::Hold, 150), (Order::Stop, 150), (Order::EmergencyStop, 50)] {
+    for (order, losses) in [(Order::Pause, 150), (Order::Stop, 150), (Order::EmergencyStop, 50)] {
         let cut = Rc::new(Cell::new(0));
         let mut given = false;
         let (grown, told) = grow_over(
@@ -165,12 +168,12 @@ fn an_order_outlives_a_line_that_is_cut_while_it_is_given() {
                     orders.give(order);
                 }
                 // It holds by now, as asked to or as its host was silent.
-                JobEvent::Status(status) if status.state == State::Paused => orders.give(Order::GoOn),
+                JobEvent::Status(status) if status.state == State::Paused => orders.give(Order::Continue),
                 _ => {}
             },
             |sim| Box::new(Disconnecting { sim, losses: Rc::clone(&cut) }),
         );
-        let expected = if order == Order::Hold { Outcome::Done } else { Outcome::Stopped };
+        let expected = if order == Order::Pause { Outcome::Done } else { Outcome::Stopped };
         assert_eq!((grown.outcome, cut.get()), (expected, 0), "{order:?}");
         assert!(tells(&told, &JobEvent::Silent) > 0, "{order:?} was not cut off");
         assert!(tells(&told, &JobEvent::Ordered(order)) > 1, "{order:?} was not given again");
@@ -239,13 +242,15 @@ fn a_stop_before_the_start_heats_nothing() {
 
 #[test]
 fn an_order_in_any_state_leaves_the_body_whole() {
-    for (state, order) in [(State::Heating, Order::Hold), (State::Homing, Order::Hold), (State::Growing, Order::GoOn)] {
+    for (state, order) in
+        [(State::Heating, Order::Pause), (State::Homing, Order::Pause), (State::Growing, Order::Continue)]
+    {
         let (grown, told) = grow(|event, orders| match event {
             JobEvent::State(now) if *now == state => orders.give(order),
-            JobEvent::State(State::Paused) | JobEvent::NotObeyed(_) => orders.give(Order::GoOn),
+            JobEvent::State(State::Paused) | JobEvent::NotObeyed(_) => orders.give(Order::Continue),
             _ => {}
         });
         assert_eq!((grown.outcome, grown.body.len()), (Outcome::Done, 20), "{state:?}, {order:?}");
-        assert_eq!(tells(&told, &JobEvent::State(State::Paused)) > 0, order == Order::Hold, "{state:?}, {order:?}");
+        assert_eq!(tells(&told, &JobEvent::State(State::Paused)) > 0, order == Order::Pause, "{state:?}, {order:?}");
     }
 }

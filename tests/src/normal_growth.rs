@@ -102,7 +102,7 @@ fn grow(plant: Plant, seed: u64) -> Seen {
             if alarm(&rig) || rig.state() == State::Done {
                 break;
             }
-            // Mostly short; one hold in eight is long enough for standby, and one in sixteen for parking.
+            // Mostly short; one pause in eight is long enough for standby, and one in sixteen for parking.
             let pause = match random.between(0.0, 16.0) {
                 ..1.0 => 300.0..400.0,
                 1.0..2.0 => 60.0..200.0,

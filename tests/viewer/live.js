@@ -86,11 +86,11 @@ try {
   assert.match(await page.textContent("#temperature"), /\d+\.\d °C, regulated to 200 °C/);
   await page.waitForFunction(() => Number(document.querySelector("#slider").max) >= 5);
   assert.match(await page.textContent("#bar output"), /^layer \d+ of \d{3} /);
-  await page.click("#order-hold");
+  await page.click("#order-pause");
   await isIn(page, "paused");
   const held = await laid(page);
   assert.match(await page.textContent("#explanation"), /as it was asked to/);
-  await page.click("#order-go-on");
+  await page.click("#order-continue");
   await comesTo(page, held + 3);
   if (process.env.PICTURES) await page.screenshot({ path: `${process.env.PICTURES}/live.png` });
   // A page that comes later knows all of it.

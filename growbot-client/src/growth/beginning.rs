@@ -4,7 +4,7 @@ use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::message::{Begin, BoardHello, Message, Resume, State, Status};
 use growbot_core::robot::Robot;
 
-use super::{CutLayer, Growth, GrowthError, Job, JobEvent, Manner, is_crash, report_crash};
+use super::{Growth, GrowthError, Job, JobEvent, Manner, OnInterrupted, is_crash, report_crash};
 use crate::client::{Client, ClientError};
 use crate::feedback::Count;
 
@@ -39,7 +39,7 @@ impl<'a> Growth<'a> {
         client: &'a mut Client,
         job: &Job<'a>,
         known: Vec<Option<LayerBytes>>,
-        cut: CutLayer,
+        cut: OnInterrupted,
         manner: Manner<'a>,
         on_event: &mut dyn FnMut(&JobEvent),
     ) -> Result<Self, GrowthError> {
@@ -68,10 +68,10 @@ impl<'a> Growth<'a> {
     pub(super) fn attach(
         &mut self,
         status: &Status,
-        cut: CutLayer,
+        cut: OnInterrupted,
         on_event: &mut dyn FnMut(&JobEvent),
     ) -> Result<(), ClientError> {
-        let skip = status.interrupted.is_some() && cut == CutLayer::LetBe;
+        let skip = status.interrupted.is_some() && cut == OnInterrupted::LetBe;
         self.laid = status.laid;
         // What is not known is told from the first hole on.
         let known = self.as_built.len().min(status.laid as usize);

@@ -5,7 +5,7 @@ use std::time::Duration;
 use growbot_core::link::message::{Empty, Fault, Laid, Message, PauseCause, Refusal, State, Status};
 
 use super::handover::IN_ENGINE;
-use super::{CutLayer, Grown, Growth, GrowthError, JobEvent, Order, Orders, Outcome, is_crash, report_crash};
+use super::{Grown, Growth, GrowthError, JobEvent, OnInterrupted, Order, Orders, Outcome, is_crash, report_crash};
 use crate::client::ClientError;
 
 /// How long to wait for an event before orders are looked at,
@@ -109,7 +109,7 @@ impl Growth<'_> {
             return Ok(Outcome::Interrupted);
         }
         if outcome(hello.status.state, hello.status.fault).is_none() || hello.status.state == State::Done {
-            self.attach(&hello.status, CutLayer::Again, on_event)?;
+            self.attach(&hello.status, OnInterrupted::Again, on_event)?;
         }
         self.follow(orders, on_event)
     }
@@ -204,8 +204,8 @@ impl Growth<'_> {
     fn obey(&mut self, order: Order, on_event: &mut dyn FnMut(&JobEvent)) -> Result<(), ClientError> {
         on_event(&JobEvent::Ordered(order));
         let done = match order {
-            Order::GoOn => self.start(),
-            Order::Hold => self.client.request("to hold", &Message::Pause(Empty {})).map(drop),
+            Order::Continue => self.start(),
+            Order::Pause => self.client.request("to pause", &Message::Pause(Empty {})).map(drop),
             Order::Stop => self.client.request("to stop", &Message::Stop(Empty {})).map(drop),
             Order::EmergencyStop => self.client.emergency_stop(),
         };

@@ -68,7 +68,7 @@ pub enum Outcome {
     Fault(Fault),
     /// The board's clock is wrong, and with it heating, speeds and limits in time: it was stopped.
     ClockDrift(ClockDrift),
-    /// A long hold has switched the heater off; it can be resumed.
+    /// A long pause has switched the heater off; it can be resumed.
     Parked,
     /// The board has started anew, or another host has it; what was laid can be resumed.
     Interrupted,
@@ -193,7 +193,7 @@ pub enum GrowthError {
 
 /// What becomes of an interrupted layer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum CutLayer {
+pub enum OnInterrupted {
     /// It is laid anew, on top of what there is of it.
     #[default]
     Again,
@@ -240,7 +240,7 @@ pub fn resume_job<'a>(
     client: &'a mut Client,
     job: &Job<'a>,
     known: Vec<Option<LayerBytes>>,
-    cut: CutLayer,
+    cut: OnInterrupted,
     manner: impl Into<Manner<'a>>,
     orders: &Orders,
     on_event: &mut dyn FnMut(&JobEvent),
@@ -272,7 +272,7 @@ struct Growth<'a> {
     /// The layers as the board reports them.
     as_built: Vec<Option<LayerBytes>>,
     interrupted: Option<InterruptedLayer>,
-    /// Layers that the board can hold.
+    /// Layers that the board can store.
     capacity: u32,
     boot_id: u32,
     /// When growing began and ended, ms on the board's clock.

@@ -10,10 +10,10 @@ use serde::{Deserialize, Serialize};
 #[serde(rename_all = "kebab-case")]
 #[repr(u8)]
 pub enum Order {
-    /// Go on after a hold.
-    GoOn = 1,
-    /// Hold after the layer under way.
-    Hold,
+    /// Continue after a pause.
+    Continue = 1,
+    /// Pause after the layer under way.
+    Pause,
     /// Heater and steppers off; the body can be resumed.
     Stop,
     /// The same, ahead of all else; the board stays off until that is cleared.
@@ -22,14 +22,14 @@ pub enum Order {
 
 impl Order {
     /// All of them.
-    pub const ALL: [Self; 4] = [Self::GoOn, Self::Hold, Self::Stop, Self::EmergencyStop];
+    pub const ALL: [Self; 4] = [Self::Continue, Self::Pause, Self::Stop, Self::EmergencyStop];
 
     /// Its name in addresses and logs.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
-            Self::GoOn => "go-on",
-            Self::Hold => "hold",
+            Self::Continue => "continue",
+            Self::Pause => "pause",
             Self::Stop => "stop",
             Self::EmergencyStop => "emergency-stop",
         }
@@ -105,11 +105,11 @@ mod tests {
     fn a_stop_is_for_good_and_the_others_are_given_once() {
         let orders = Orders::default();
         assert_eq!(orders.next(), None);
-        orders.give(Order::Hold);
-        orders.give(Order::GoOn);
-        assert_eq!((orders.next(), orders.next()), (Some(Order::GoOn), None));
+        orders.give(Order::Pause);
+        orders.give(Order::Continue);
+        assert_eq!((orders.next(), orders.next()), (Some(Order::Continue), None));
         orders.give(Order::Stop);
-        orders.give(Order::Hold);
+        orders.give(Order::Pause);
         assert_eq!((orders.next(), orders.next()), (Some(Order::Stop), Some(Order::Stop)));
         orders.give(Order::EmergencyStop);
         orders.give(Order::Stop);
@@ -120,11 +120,11 @@ mod tests {
     #[test]
     fn an_order_comes_back_unless_there_is_a_newer_one() {
         let orders = Orders::default();
-        orders.give_back(Order::Hold);
-        assert_eq!(orders.next(), Some(Order::Hold));
-        orders.give(Order::GoOn);
-        orders.give_back(Order::Hold);
-        assert_eq!((orders.next(), orders.next()), (Some(Order::GoOn), None));
+        orders.give_back(Order::Pause);
+        assert_eq!(orders.next(), Some(Order::Pause));
+        orders.give(Order::Continue);
+        orders.give_back(Order::Pause);
+        assert_eq!((orders.next(), orders.next()), (Some(Order::Continue), None));
     }
 
     #[test]

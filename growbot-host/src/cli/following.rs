@@ -19,17 +19,17 @@ use super::{Failure, growth_table, kind};
 /// What the board does when it no longer hears from its host.
 #[derive(Debug, Clone, Copy, ValueEnum)]
 pub enum OnSilence {
-    /// Finish the layer and hold; heater off after some minutes
-    Hold,
-    /// Go on to the last layer that the board holds
-    GoOn,
+    /// Finish the layer and pause; heater off after some minutes
+    Pause,
+    /// Continue to the last layer that the board stores
+    Continue,
 }
 
 impl From<OnSilence> for Silence {
     fn from(what: OnSilence) -> Self {
         match what {
-            OnSilence::Hold => Self::Pause,
-            OnSilence::GoOn => Self::Continue,
+            OnSilence::Pause => Self::Pause,
+            OnSilence::Continue => Self::Continue,
         }
     }
 }
@@ -182,7 +182,7 @@ pub fn judged(outcome: Outcome, emergency: bool, simulated: bool) -> Result<(), 
         }
         Outcome::ClockDrift(drift) => Err(stopped_for(&drift, simulated)),
         Outcome::Parked => Err(Failure::answered_no(format!(
-            "a long hold has switched the heater of the {kind}robot off: `growbot resume` goes on with the body"
+            "a long pause has switched the heater of the {kind}robot off: `growbot resume` resumes the body"
         ))),
         Outcome::Interrupted => Err(Failure::answered_no(format!(
             "the {kind}board has started anew, or another host has taken it: `growbot status` shows what it knows, `growbot resume` goes on",

@@ -40,7 +40,7 @@ pub struct GrowArgs {
     #[arg(long, value_name = "FILE")]
     log: Option<PathBuf>,
     /// What the board does when it no longer hears from this program
-    #[arg(long, value_name = "WHAT", default_value = "hold")]
+    #[arg(long, value_name = "WHAT", default_value = "pause")]
     on_silence: OnSilence,
     /// Measure each layer and plan the rest again from where the tip is
     ///

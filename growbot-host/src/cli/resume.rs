@@ -6,7 +6,7 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use growbot_client::client::Client;
-use growbot_client::growth::{CutLayer, GrowthError, Job, Manner, resume_job};
+use growbot_client::growth::{GrowthError, Job, Manner, OnInterrupted, resume_job};
 use growbot_client::plan::Plan;
 use growbot_client::plan_file;
 use growbot_client::run_log::{RunLog, RunRecord, RunRecordError};
@@ -41,9 +41,9 @@ pub struct ResumeArgs {
     port: PortArg,
     /// What becomes of an interrupted layer
     #[arg(long, value_name = "WHAT", default_value = "again")]
-    cut_layer: WithCut,
+    interrupted_layer: WithCut,
     /// What the board does when it no longer hears from this program
-    #[arg(long, value_name = "WHAT", default_value = "hold")]
+    #[arg(long, value_name = "WHAT", default_value = "pause")]
     on_silence: OnSilence,
     #[command(flatten)]
     watching: WatchArgs,
@@ -58,7 +58,7 @@ pub struct ResumeArgs {
 const AFTER_HELP: &str = "\
 Examples:
   growbot resume run.jsonl --port /dev/ttyACM0
-  growbot resume plan.json --port /dev/ttyACM0 --cut-layer let-be --yes
+  growbot resume plan.json --port /dev/ttyACM0 --interrupted-layer let-be --yes
 
 Exit codes: 0, the body is grown; 1, nothing to resume, stopped, refused or a
 fault; 2, something was wrong before.";
@@ -98,9 +98,9 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
         Some(record) => RunLog::resume(&args.file, record, port.text()).map_err(Failure::bad_input)?,
         None => RunLog::none(),
     };
-    let cut = match args.cut_layer {
-        WithCut::Again => CutLayer::Again,
-        WithCut::LetBe => CutLayer::LetBe,
+    let cut = match args.interrupted_layer {
+        WithCut::Again => OnInterrupted::Again,
+        WithCut::LetBe => OnInterrupted::LetBe,
     };
     let orders = stop_on_interrupt(&mut client, &port);
     let name = args.file.file_name().unwrap_or_default().to_string_lossy();

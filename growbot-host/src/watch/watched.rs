@@ -373,7 +373,7 @@ mod tests {
     fn a_log_that_fails_is_told_until_it_does_not() {
         let mut watched = watched(&[]);
         watched.warn(Some("disk full".to_owned()));
-        watched.ingest(&JobEvent::Ordered(growbot_client::growth::Order::Hold));
+        watched.ingest(&JobEvent::Ordered(growbot_client::growth::Order::Pause));
         assert_eq!(update_of(&watched, &mut Seen::default())["warned"], "disk full");
         watched.warn(None);
         assert_eq!(update_of(&watched, &mut Seen::default())["warned"], Value::Null);

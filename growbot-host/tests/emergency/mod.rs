@@ -282,7 +282,7 @@ impl Growing {
     /// Begins a body of some hours, and waits until the board heats.
     pub fn begin(bench: &Bench) -> Self {
         let mut growing =
-            Self::run(&["grow", "--to", "0,0,300,0,90", "--on-silence", "go-on", "--port", &bench.name], "");
+            Self::run(&["grow", "--to", "0,0,300,0,90", "--on-silence", "continue", "--port", &bench.name], "");
         growing.until_hot(bench);
         growing
     }

@@ -77,8 +77,8 @@ function showState({ state, answers, explanation, refused, warned }) {
   badge.textContent = STATE_NAMES[state] ?? state;
   badge.dataset.state = state;
   find("#explanation").textContent = explanation ?? "";
-  find("#order-hold").hidden = state === "paused";
-  find("#order-go-on").hidden = state !== "paused";
+  find("#order-pause").hidden = state === "paused";
+  find("#order-continue").hidden = state !== "paused";
   showProblem(warned ?? "", "#log-problem");
   showProblem(answers ? (refused ?? "") : "The board does not answer: growbot calls it again.");
 }

@@ -78,7 +78,7 @@ impl Rig {
         let layers: Vec<LayerBytes> = shares.map(|share| self.encoder.encode(&layer(share))).collect();
         for batch in layers.chunks(MAX_LAYERS) {
             let layers = Layers { plan_id: PLAN, first: self.handed_over, layers: batch.iter().copied().collect() };
-            self.client.request("to hold layers", &Message::Layers(layers))?;
+            self.client.request("to store layers", &Message::Layers(layers))?;
             self.handed_over += batch.len() as u32;
         }
         Ok(())

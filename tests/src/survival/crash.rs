@@ -5,7 +5,7 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use growbot_client::client::Client;
-use growbot_client::growth::{CutLayer, Grown, GrowthError, Job, JobEvent, Orders, Outcome, grow_job, resume_job};
+use growbot_client::growth::{Grown, GrowthError, Job, JobEvent, OnInterrupted, Orders, Outcome, grow_job, resume_job};
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::message::{Empty, Message, ResetCause, Silence, State, Status};
 use growbot_sim::port::sim::Sim;
@@ -124,7 +124,7 @@ fn come_back(job: &Job, board: &Board, known: Vec<Option<LayerBytes>>) -> Result
     let found = client.status().map_err(GrowthError::Before)?;
     let (stop, on_event) = (Orders::default(), &mut |_: &JobEvent| {});
     let grown = if found.plan_id == job.plan_id {
-        resume_job(&mut client, job, known, CutLayer::Again, Silence::Pause, &stop, on_event)
+        resume_job(&mut client, job, known, OnInterrupted::Again, Silence::Pause, &stop, on_event)
     } else {
         // Nothing had been begun.
         grow_job(&mut client, job, Silence::Pause, &stop, on_event)

@@ -95,7 +95,7 @@ pub fn parse(line: &str) -> Result<Command, String> {
         "status" => alone(Command::Ask(Ask::Status)),
         "plan" => Ok(Command::Ask(Ask::Plan(pose(rest)?))),
         "start" => alone(Command::Ask(Ask::Start)),
-        "pause" | "hold" => alone(Command::Ask(Ask::Pause)),
+        "pause" => alone(Command::Ask(Ask::Pause)),
         "grow" => Ok(Command::Grow(pose(rest)?)),
         "layers" if rest.is_empty() => Ok(Command::Ask(Ask::Layers(None))),
         "layers" => rest

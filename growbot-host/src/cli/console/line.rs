@@ -57,7 +57,7 @@ struct Ended {
 
 /// What to do after a command.
 enum Next {
-    GoOn,
+    Continue,
     Quit,
 }
 
@@ -94,7 +94,7 @@ impl Session {
                         let _ = history.as_ref().map(|file| editor.append_history(file));
                     }
                     match self.stop_if_interrupted().and_then(|()| self.command(&line)) {
-                        Ok(Next::GoOn) => {}
+                        Ok(Next::Continue) => {}
                         Ok(Next::Quit) => return self.leave(),
                         Err(failure) => failure.say(),
                     }
@@ -140,7 +140,7 @@ impl Session {
                 ))),
             };
             match done.map_err(|failure| Ended { failure, line, failed: true })? {
-                Next::GoOn => {}
+                Next::Continue => {}
                 Next::Quit => break,
             }
         }
@@ -250,7 +250,7 @@ impl Session {
             Command::Help => print(&help())?,
             Command::Quit => return Ok(Next::Quit),
         }
-        Ok(Next::GoOn)
+        Ok(Next::Continue)
     }
 
     fn grow(&mut self, goal: &Pose) -> Result<(), Failure> {
