@@ -9,7 +9,7 @@ use crate::client::{Client, ClientError};
 use crate::feedback::Count;
 
 impl<'a> Growth<'a> {
-    /// Hands a new job to the board: as many layers as it holds.
+    /// Hands a new job to the board: as many layers as it can store.
     pub(super) fn begin(
         client: &'a mut Client,
         job: &Job<'a>,
@@ -39,27 +39,27 @@ impl<'a> Growth<'a> {
         client: &'a mut Client,
         job: &Job<'a>,
         known: Vec<Option<LayerBytes>>,
-        cut: OnInterrupted,
+        interrupted: OnInterrupted,
         manner: Manner<'a>,
         on_event: &mut dyn FnMut(&JobEvent),
     ) -> Result<Self, GrowthError> {
         let hello = meet(client, job.robot, on_event)?;
         let mut growth = Self::new(client, job, manner, &hello);
         if hello.status.plan_id != growth.job.plan_id {
-            return Err(GrowthError::NothingToResume { plan_id: growth.job.plan_id, held: held(&hello.status) });
+            return Err(GrowthError::nothing_to_resume(growth.job.plan_id, &hello.status));
         }
-        growth.as_built = known;
-        growth.attach(&hello.status, cut, on_event).map_err(GrowthError::Before)?;
+        growth.built.as_built = known;
+        growth.attach(&hello.status, interrupted, on_event).map_err(GrowthError::Before)?;
         Ok(growth)
     }
 
     /// Feedback counts the filament from now on, unless it already counts what this start of the board has fed.
     fn count_from_here(&mut self, on_event: &mut dyn FnMut(&JobEvent)) -> Result<(), ClientError> {
-        let Some(feedback) = self.feedback.as_mut().filter(|feedback| !feedback.counts_in(self.boot_id)) else {
+        let Some(feedback) = self.feedback.as_mut().filter(|feedback| !feedback.counts_in(self.board.boot_id)) else {
             return Ok(());
         };
         let filament_pulses = self.client.sensors()?.filament_pulses;
-        let count = Count { boot_id: self.boot_id, laid: self.laid, filament_pulses };
+        let count = Count { boot_id: self.board.boot_id, laid: self.built.laid, filament_pulses };
         feedback.count_from(&count);
         on_event(&JobEvent::Counting(count));
         Ok(())
@@ -68,22 +68,22 @@ impl<'a> Growth<'a> {
     pub(super) fn attach(
         &mut self,
         status: &Status,
-        cut: OnInterrupted,
+        interrupted: OnInterrupted,
         on_event: &mut dyn FnMut(&JobEvent),
     ) -> Result<(), ClientError> {
-        let skip = status.interrupted.is_some() && cut == OnInterrupted::LetBe;
-        self.laid = status.laid;
+        let skip = status.interrupted.is_some() && interrupted == OnInterrupted::LetBe;
+        self.built.laid = status.laid;
         // What is not known is told from the first hole on.
-        let known = self.as_built.len().min(status.laid as usize);
-        self.as_built.truncate(known);
+        let known = self.built.as_built.len().min(status.laid as usize);
+        self.built.as_built.truncate(known);
         let from = status.laid.saturating_add(u32::from(skip));
         let resume = Resume { plan_id: self.job.plan_id, from, known: known as u32 };
         self.ask("to resume", &Message::Resume(resume))?;
-        self.laid = from;
+        self.built.laid = from;
         self.count_from_here(on_event)?;
         // At rest any layer can be another one.
-        self.amend_at = 0;
-        self.amend(self.laid, on_event)?;
+        self.sent.amend_at = 0;
+        self.amend(self.built.laid, on_event)?;
         self.hand_over(on_event)
     }
 }
@@ -96,12 +96,4 @@ fn meet(client: &mut Client, robot: &Robot, on_event: &mut dyn FnMut(&JobEvent))
         report_crash(client, on_event);
     }
     Ok(hello)
-}
-
-/// What a board holds, in words.
-fn held(status: &Status) -> String {
-    match status.plan_id {
-        0 => "no job".to_string(),
-        id => format!("plan {id:016x}, {} of {} layers laid", status.laid, status.layers),
-    }
 }

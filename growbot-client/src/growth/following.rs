@@ -94,18 +94,18 @@ impl Growth<'_> {
         }
         let hello = self.client.hello_robot(self.job.robot)?;
         on_event(&JobEvent::Back);
-        if hello.boot_id != self.boot_id && is_crash(hello.reset_cause) {
+        if hello.boot_id != self.board.boot_id && is_crash(hello.reset_cause) {
             report_crash(self.client, on_event);
         }
-        if self.amending.as_ref().is_some_and(|amendment| amendment.plan_id == hello.status.plan_id) {
+        if self.sent.pending.as_ref().is_some_and(|amendment| amendment.plan_id == hello.status.plan_id) {
             self.amended();
-        } else if self.amending.take().is_some() {
+        } else if self.sent.pending.take().is_some() {
             on_event(&JobEvent::NotAmended(None));
         }
-        if hello.boot_id != self.boot_id || hello.status.plan_id != self.job.plan_id {
-            self.laid = hello.status.laid;
-            self.interrupted = hello.status.interrupted;
-            self.ended_ms = hello.status.uptime_ms;
+        if hello.boot_id != self.board.boot_id || hello.status.plan_id != self.job.plan_id {
+            self.built.laid = hello.status.laid;
+            self.built.interrupted = hello.status.interrupted;
+            self.board.ended_ms = hello.status.uptime_ms;
             return Ok(Outcome::Interrupted);
         }
         if outcome(hello.status.state, hello.status.fault).is_none() || hello.status.state == State::Done {
@@ -141,11 +141,11 @@ impl Growth<'_> {
             match event {
                 // One beyond the job is nonsense.
                 Some(Message::Laid(laid))
-                    if self.names.contains(&laid.plan_id) && (laid.index as usize) < self.max_layers() =>
+                    if self.sent.is_named(laid.plan_id) && (laid.index as usize) < self.max_layers() =>
                 {
                     self.layer_laid(&laid, on_event)?;
                     // The last of those that were missing at the end.
-                    questions.ask = questions.after_end > 0 && self.as_built.len() >= self.laid as usize;
+                    questions.ask = questions.after_end > 0 && self.built.is_reported();
                 }
                 Some(Message::StateChanged(change)) => {
                     on_event(&JobEvent::State(change.state));
@@ -175,7 +175,7 @@ impl Growth<'_> {
             report_crash(self.client, on_event);
         }
         let Some(outcome) = outcome else { return Ok(None) };
-        if self.as_built.len() >= self.laid as usize || questions.after_end > MAX_QUESTIONS_AFTER_END {
+        if self.built.is_reported() || questions.after_end > MAX_QUESTIONS_AFTER_END {
             return Ok(Some(outcome));
         }
         questions.after_end += 1;
@@ -185,19 +185,19 @@ impl Growth<'_> {
     /// The board reports a layer: amends the job, and hands more layers over.
     fn layer_laid(&mut self, laid: &Laid, on_event: &mut dyn FnMut(&JobEvent)) -> Result<(), ClientError> {
         let Laid { index, as_built, measured, .. } = *laid;
-        if index as usize == self.as_built.len() {
+        if index as usize == self.built.as_built.len() {
             self.ingest_layer(laid);
             on_event(&JobEvent::Laid { index, as_built, measured });
         }
-        self.laid = self.laid.max(index.saturating_add(1));
-        self.accepted.room = self.capacity.saturating_sub(self.accepted.next.saturating_sub(self.laid));
-        self.amend(self.laid.saturating_add(IN_ENGINE), on_event)?;
+        self.built.laid = self.built.laid.max(index.saturating_add(1));
+        self.sent.make_room(self.built.laid);
+        self.amend(self.built.laid.saturating_add(IN_ENGINE), on_event)?;
         self.refill(on_event)
     }
 
     /// Layers that the job may have: an amendment of which nothing is known yet may have more of them.
     fn max_layers(&self) -> usize {
-        self.job.layers.len().max(self.amending.as_ref().map_or(0, |amendment| amendment.layers.len()))
+        self.job.layers.len().max(self.sent.pending.as_ref().map_or(0, |amendment| amendment.layers.len()))
     }
 
     /// Carries an order out. One that does not suit the board's state is refused, and the growth goes on as it was.
@@ -220,11 +220,11 @@ impl Growth<'_> {
 
     /// A layer is laid, the next one after those that are known.
     fn ingest_layer(&mut self, laid: &Laid) {
-        let commanded = self.job.layers.get(self.as_built.len());
+        let commanded = self.job.layers.get(self.built.as_built.len());
         if let (Some(feedback), Some(layer)) = (&mut self.feedback, laid.as_built.as_ref().or(commanded)) {
             feedback.laid(layer, laid.measured.as_ref());
         }
-        self.as_built.push(laid.as_built);
+        self.built.as_built.push(laid.as_built);
     }
 
     /// Takes what the board says of itself: how the job ended, if it did.
@@ -233,21 +233,21 @@ impl Growth<'_> {
         status: &Status,
         on_event: &mut dyn FnMut(&JobEvent),
     ) -> Result<Option<Outcome>, ClientError> {
-        if status.state == State::Growing && self.began_ms.is_none() {
-            self.began_ms = Some(status.uptime_ms);
+        if status.state == State::Growing && self.board.began_ms.is_none() {
+            self.board.began_ms = Some(status.uptime_ms);
         }
         // A board that has restarted, or that another host has taken, knows nothing of this job.
         let lost = (status.plan_id != self.job.plan_id).then_some(Outcome::Interrupted);
         if let Some(outcome) = outcome(status.state, status.fault).or(lost) {
-            self.ended_ms = status.uptime_ms;
+            self.board.ended_ms = status.uptime_ms;
             if status.plan_id == self.job.plan_id {
-                (self.laid, self.interrupted) = (status.laid, status.interrupted);
+                (self.built.laid, self.built.interrupted) = (status.laid, status.interrupted);
             }
             return Ok(Some(outcome));
         }
-        self.accepted.next = status.next;
-        self.laid = status.laid;
-        self.accepted.room = self.capacity.saturating_sub(status.next.saturating_sub(status.laid));
+        self.sent.accepted.next = status.next;
+        self.built.laid = status.laid;
+        self.sent.make_room(status.laid);
         self.refill(on_event)?;
         // It held because it had not heard of us for long.
         if status.state == State::Paused && status.pause_cause == PauseCause::HostSilent {

@@ -96,7 +96,7 @@ pub fn as_built_hash(layers: &[Option<LayerBytes>]) -> u64 {
 impl Growth<'_> {
     /// The body as the board reports its steps, and its end as the sensors say where there is feedback.
     pub(super) fn measure(self, outcome: Outcome) -> Grown {
-        let layers = as_built_or_commanded(&self.as_built, &self.job.layers);
+        let layers = as_built_or_commanded(&self.built.as_built, &self.job.layers);
         let body: Vec<Layer> = layers.map(|layer| decode(&layer)).collect();
         let length = body.iter().fold(0.0, |sum, layer| sum + layer.height);
         let feed_steps = length * self.job.robot.feed_steps_per_length();
@@ -110,10 +110,10 @@ impl Growth<'_> {
             plan_id: self.job.plan_id,
             arrival: Arrival::of(&end, self.job.goal, self.job.length),
             body,
-            duration_s: self.began_ms.map_or(0.0, |began| self.ended_ms.saturating_sub(began) as f64 / 1000.0),
+            duration_s: self.board.duration_s(),
             filament_mm: feed_steps / self.job.robot.description().feed.steps_per_mm,
-            as_built: self.as_built,
-            interrupted: self.interrupted,
+            as_built: self.built.as_built,
+            interrupted: self.built.interrupted,
             measured_by,
             fed_back,
         }

@@ -1,40 +1,66 @@
-//! Layers on their way to the board: all of them without feedback; with it, those of the next minutes, amended as the tip is measured.
+//! Layers on their way to the board: all of them without feedback; with it, those of the next minutes, amended as the
+//! tip is measured.
 
-use growbot_core::link::message::{Amend, MAX_LAYERS, Message, Refusal};
+use growbot_core::link::message::{Accepted, Amend, MAX_LAYERS, Message, Refusal};
 
-use super::{Amendment, Growth, JobEvent, PendingAmendment};
+use super::{Amendment, Growth, Job, JobEvent, PendingAmendment, Sent};
 use crate::client::ClientError;
 
-/// With feedback, layers are handed over so far ahead.
+/// With feedback, layers are handed over this far ahead.
 const HORIZON: u32 = 64;
-/// The step engine has so many layers at a time, which cannot be amended any more.
+/// Layers that the step engine has at a time, which cannot be amended any more.
 pub(super) const IN_ENGINE: u32 = 2;
-/// A job is amended once in this time at most, s: with all layers up to the horizon that keeps a serial line busy for a fifth of it.
+/// Min time between two amendments, s: with all layers up to the horizon they keep a serial line busy for a fifth of it.
 const AMEND_EVERY_S: f64 = 0.5;
-/// And so often in all, less an eighth of the job's layers: a board's journal has room for some 2,000 records besides the layers that a
-/// job begins with, and a job that is amended may come to have more of them.
+/// Max amendments in all, less an eighth of the job's layers: a board's journal has room for some 2,000 records besides
+/// the layers that a job begins with, and a job that is amended may come to have more of them.
 const MAX_AMENDMENTS: usize = 1792;
-/// A layer may have been begun while a job was amended: then it is tried again, so often.
+/// Max tries of an amendment: a layer may have been begun while it was on its way.
 const AMEND_TRIES: u32 = 4;
+
+impl Sent {
+    /// Nothing, to a board that can store this many layers.
+    pub(super) fn new(job: &Job, capacity: u32) -> Self {
+        Self {
+            names: vec![job.plan_id],
+            pending: None,
+            amend_at: 0,
+            handed_over: job.layers.len() as u32,
+            accepted: Accepted { plan_id: 0, next: 0, room: 0 },
+            capacity,
+        }
+    }
+
+    /// The room that the board has when this many layers are laid.
+    pub(super) fn make_room(&mut self, laid: u32) {
+        self.accepted.room = self.capacity.saturating_sub(self.accepted.next.saturating_sub(laid));
+    }
+
+    /// Whether an event of a job of this name is of this one.
+    pub(super) fn is_named(&self, plan_id: u64) -> bool {
+        self.names.contains(&plan_id)
+    }
+}
 
 impl Growth<'_> {
     /// Layers of the job that the board is to have by now: with feedback, none that will be others before they are laid.
-    fn wanted(&self) -> usize {
+    fn due(&self) -> usize {
         let all = self.job.layers.len();
-        if self.feedback.is_some() { all.min(self.laid.saturating_add(HORIZON) as usize) } else { all }
+        if self.feedback.is_some() { all.min(self.built.laid.saturating_add(HORIZON) as usize) } else { all }
     }
 
     /// Sends as many layers as the board has room for; whole messages, but for the last, while it grows.
     pub(super) fn hand_over(&mut self, on_event: &mut dyn FnMut(&JobEvent)) -> Result<(), ClientError> {
-        let wanted = self.wanted();
-        if let Some(layers) = self.job.layers.get(self.handed_over as usize..wanted).filter(|layers| !layers.is_empty())
+        let due = self.due();
+        if let Some(layers) =
+            self.job.layers.get(self.sent.handed_over as usize..due).filter(|layers| !layers.is_empty())
         {
-            on_event(&JobEvent::HandingOver { from: self.handed_over, layers: layers.to_vec() });
-            self.handed_over = wanted as u32;
+            on_event(&JobEvent::HandingOver { from: self.sent.handed_over, layers: layers.to_vec() });
+            self.sent.handed_over = due as u32;
         }
-        let layers = self.job.layers.get(..wanted).unwrap_or_default();
-        match self.client.hand_over(self.job.plan_id, layers, self.accepted.clone()) {
-            Ok(accepted) => self.accepted = accepted,
+        let layers = self.job.layers.get(..due).unwrap_or_default();
+        match self.client.hand_over(self.job.plan_id, layers, self.sent.accepted.clone()) {
+            Ok(accepted) => self.sent.accepted = accepted,
             // It stopped in between; the status will say so.
             Err(ClientError::Refused { refusal: Refusal::WrongState { .. }, .. }) => {}
             Err(error) => return Err(error),
@@ -42,26 +68,26 @@ impl Growth<'_> {
         Ok(())
     }
 
-    /// With feedback, plans the layers from this index on again, or from the first one that can still be another, and has the board lay
-    /// these. Where it does not take them it goes on with those that it has.
+    /// With feedback, plans the layers from this index on again, or from the first one that can still be another, and has
+    /// the board lay these. Where it does not accept them it continues with those that it has.
     pub(super) fn amend(&mut self, mut from: u32, on_event: &mut dyn FnMut(&JobEvent)) -> Result<(), ClientError> {
         let layers = self.job.layers.len();
-        let is_early = self.laid < self.amend_at || self.as_built.len() < self.laid as usize;
-        if is_early || self.laid as usize >= layers {
+        let is_early = self.built.laid < self.sent.amend_at || !self.built.is_reported();
+        if is_early || self.built.laid as usize >= layers {
             return Ok(());
         }
         let max = MAX_AMENDMENTS.saturating_sub(layers / 8).max(1);
         for _ in 0..AMEND_TRIES {
             let Some(feedback) = &mut self.feedback else { return Ok(()) };
-            from = from.min(self.accepted.next);
-            let kept = self.job.layers.get(..from as usize).unwrap_or(&self.job.layers);
-            let rest = feedback.rest(kept.get(self.as_built.len()..).unwrap_or_default());
-            let amended = [kept, &rest].concat();
+            from = from.min(self.sent.accepted.next);
+            let before = self.job.layers.get(..from as usize).unwrap_or(&self.job.layers);
+            let rest = feedback.rest(before.get(self.built.as_built.len()..).unwrap_or_default());
+            let amended = [before, &rest].concat();
             let (plan_id, total) = (feedback.plan_id(&amended), amended.len() as u32);
             let in_time = libm::ceil(AMEND_EVERY_S / self.job.robot.description().layer.period_s) as u32;
-            self.amend_at = self.laid.saturating_add(in_time.max(layers.div_ceil(max) as u32).max(1));
-            // A board takes no job of which nothing is left.
-            if plan_id == self.job.plan_id || total <= self.laid || feedback.amendments() as usize >= max {
+            self.sent.amend_at = self.built.laid.saturating_add(in_time.max(layers.div_ceil(max) as u32).max(1));
+            // A board accepts no job of which nothing is left.
+            if plan_id == self.job.plan_id || total <= self.built.laid || feedback.amendments() as usize >= max {
                 return Ok(());
             }
             let horizon = rest.iter().take(HORIZON as usize).copied().collect();
@@ -69,25 +95,25 @@ impl Growth<'_> {
             let first_layers = rest.iter().take(MAX_LAYERS).copied().collect();
             let amend = Amend { plan_id: self.job.plan_id, amended: plan_id, from, layers: total, first_layers };
             let handed_over = total.min(from.saturating_add(HORIZON));
-            self.amending = Some(PendingAmendment { plan_id, layers: amended, handed_over });
+            self.sent.pending = Some(PendingAmendment { plan_id, layers: amended, handed_over });
             match self.client.request("to amend the job", &Message::Amend(amend)) {
                 Ok(Message::Accepted(accepted)) => {
-                    self.accepted = accepted;
+                    self.sent.accepted = accepted;
                     self.amended();
                     return Ok(());
                 }
                 Ok(other) => return Err(ClientError::Unexpected { request: "to amend the job", kind: other.kind() }),
                 Err(ClientError::Refused { refusal, request }) if refusal != Refusal::NoSession => {
-                    self.amending = None;
+                    self.sent.pending = None;
                     let why = match refusal {
                         Refusal::Begun { .. } | Refusal::OutOfOrder { .. } | Refusal::WrongState { .. } => None,
                         refusal => Some(ClientError::Refused { request, refusal }.to_string()),
                     };
                     on_event(&JobEvent::NotAmended(why));
                     match refusal {
-                        // A layer has been begun meanwhile.
+                        // A layer has been begun in between.
                         Refusal::Begun { first } => from = first,
-                        Refusal::OutOfOrder { expected } => self.accepted.next = expected,
+                        Refusal::OutOfOrder { expected } => self.sent.accepted.next = expected,
                         _ => return Ok(()),
                     }
                 }
@@ -97,11 +123,11 @@ impl Growth<'_> {
         Ok(())
     }
 
-    /// The board has taken the amendment.
+    /// The board has applied the amendment.
     pub(super) fn amended(&mut self) {
-        let Some(PendingAmendment { plan_id, layers, handed_over }) = self.amending.take() else { return };
-        (self.job.plan_id, self.job.layers, self.handed_over) = (plan_id, layers, handed_over);
-        self.names.push(plan_id);
+        let Some(PendingAmendment { plan_id, layers, handed_over }) = self.sent.pending.take() else { return };
+        (self.job.plan_id, self.job.layers, self.sent.handed_over) = (plan_id, layers, handed_over);
+        self.sent.names.push(plan_id);
         if let Some(feedback) = &mut self.feedback {
             feedback.amended();
         }
@@ -109,9 +135,9 @@ impl Growth<'_> {
 
     /// Sends more layers, once there is room for a few messages of them, or for the rest.
     pub(super) fn refill(&mut self, on_event: &mut dyn FnMut(&JobEvent)) -> Result<(), ClientError> {
-        let wanted = self.wanted() as u32;
-        let left = wanted.saturating_sub(self.accepted.next);
-        if left == 0 || self.accepted.room < left.min(HORIZON) {
+        let due = self.due() as u32;
+        let left = due.saturating_sub(self.sent.accepted.next);
+        if left == 0 || self.sent.accepted.room < left.min(HORIZON) {
             return Ok(());
         }
         self.hand_over(on_event)

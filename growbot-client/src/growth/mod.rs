@@ -169,17 +169,17 @@ pub enum GrowthError {
     /// The board was lost on the way; it may still be growing.
     #[error("{0}; the robot may still be growing: see `growbot status`, and cut its power if that does not answer")]
     During(ClientError),
-    /// There is nothing to go on with.
-    #[error("the board has no unfinished body of this plan ({plan_id:016x}); it holds {held}")]
+    /// There is nothing to resume.
+    #[error("the board has no unfinished body of this plan ({plan_id:016x}); it has {stored}")]
     NothingToResume {
         /// The plan.
         plan_id: u64,
-        /// What the board holds.
-        held: String,
+        /// What the board stores.
+        stored: String,
     },
     /// An unfinished body hangs on the robot.
     #[error(
-        "the board holds an unfinished body of plan {plan_id:016x}, {laid} of {layers} layers laid: go on with it (`growbot resume`), or give it up (`growbot cancel`)"
+        "the board has an unfinished body of plan {plan_id:016x}, {laid} of {layers} layers laid: resume it (`growbot resume`), or give it up (`growbot cancel`)"
     )]
     Unfinished {
         /// Its plan.
@@ -189,6 +189,27 @@ pub enum GrowthError {
         /// Layers of the plan.
         layers: u32,
     },
+}
+
+impl GrowthError {
+    /// The board of this status has nothing to resume of this plan.
+    #[must_use]
+    pub fn nothing_to_resume(plan_id: u64, status: &Status) -> Self {
+        let stored = match status.plan_id {
+            0 => "no job".to_string(),
+            id => format!("plan {id:016x}, {} of {} layers laid", status.laid, status.layers),
+        };
+        Self::NothingToResume { plan_id, stored }
+    }
+
+    /// Whether the board answered, and did not accept the job.
+    #[must_use]
+    pub fn is_refusal(&self) -> bool {
+        match self {
+            Self::Before(ClientError::Refused { .. }) | Self::NothingToResume { .. } | Self::Unfinished { .. } => true,
+            Self::Before(_) | Self::During(_) => false,
+        }
+    }
 }
 
 /// What becomes of an interrupted layer.
@@ -257,27 +278,58 @@ struct Growth<'a> {
     job: Job<'a>,
     silence: Silence,
     feedback: Option<Feedback<'a>>,
+    sent: Sent,
+    built: Built,
+    board: BoardClock,
+}
+
+/// What the board has been sent of the job: `handover.rs`.
+struct Sent {
     /// Every name that the job has had.
     names: Vec<u64>,
     /// An amendment of which it is not known whether the board has applied it.
-    amending: Option<PendingAmendment>,
-    /// The job is amended once so many layers are laid.
+    pending: Option<PendingAmendment>,
+    /// The job is amended once this many layers are laid.
     amend_at: u32,
     /// Layers below this were reported as handed over.
     handed_over: u32,
     /// What the board has accepted, and has room for.
     accepted: Accepted,
+    /// Layers that the board can store.
+    capacity: u32,
+}
+
+/// What the board has built of the job, as far as it has reported.
+#[derive(Default)]
+struct Built {
     /// Layers that the board has laid.
     laid: u32,
     /// The layers as the board reports them.
     as_built: Vec<Option<LayerBytes>>,
     interrupted: Option<InterruptedLayer>,
-    /// Layers that the board can store.
-    capacity: u32,
+}
+
+impl Built {
+    /// Whether every layer laid is reported.
+    fn is_reported(&self) -> bool {
+        self.as_built.len() >= self.laid as usize
+    }
+}
+
+/// The board's clock, since one of its starts.
+struct BoardClock {
+    /// The start.
     boot_id: u32,
-    /// When growing began and ended, ms on the board's clock.
+    /// When growing began, and when it ended, ms.
     began_ms: Option<u64>,
     ended_ms: u64,
+}
+
+impl BoardClock {
+    /// How long it has grown.
+    fn duration_s(&self) -> f64 {
+        self.began_ms.map_or(0.0, |began| self.ended_ms.saturating_sub(began) as f64 / 1000.0)
+    }
 }
 
 /// An amendment of which it is not known whether the board has applied it.
@@ -310,25 +362,16 @@ impl<'a> Growth<'a> {
             job: job.clone(),
             silence: manner.silence,
             feedback: manner.feedback,
-            names: vec![job.plan_id],
-            amending: None,
-            amend_at: 0,
-            handed_over: job.layers.len() as u32,
-            accepted: Accepted { plan_id: 0, next: 0, room: 0 },
-            laid: 0,
-            as_built: Vec::new(),
-            interrupted: None,
-            capacity: hello.capacity,
-            boot_id: hello.boot_id,
-            began_ms: None,
-            ended_ms: 0,
+            sent: Sent::new(job, hello.capacity),
+            built: Built::default(),
+            board: BoardClock { boot_id: hello.boot_id, began_ms: None, ended_ms: 0 },
         }
     }
 
     /// Asks for something that is answered by `Accepted`.
     fn ask(&mut self, what: &'static str, request: &Message) -> Result<(), ClientError> {
         match self.client.request(what, request)? {
-            Message::Accepted(accepted) => self.accepted = accepted,
+            Message::Accepted(accepted) => self.sent.accepted = accepted,
             other => return Err(ClientError::Unexpected { request: what, kind: other.kind() }),
         }
         Ok(())

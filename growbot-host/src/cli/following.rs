@@ -3,7 +3,7 @@
 use std::fmt::Display;
 
 use clap::ValueEnum;
-use growbot_client::client::{ClientError, ClockDrift};
+use growbot_client::client::ClockDrift;
 use growbot_client::growth::{Grown, GrowthError, JobEvent, Order, Outcome};
 use growbot_client::plan::Plan;
 use growbot_client::printable::json_line;
@@ -89,7 +89,7 @@ impl Following<'_> {
             }
             Err(error) => {
                 std::mem::take(&mut self.log).discard();
-                if !matches!(&error, GrowthError::Before(error) if !matches!(error, ClientError::Refused { .. })) {
+                if error.is_refusal() {
                     refuse(self.json, self.plan, self.simulated);
                 }
                 if let Some(watch) = self.watch.take() {
@@ -185,7 +185,7 @@ pub fn judged(outcome: Outcome, emergency: bool, simulated: bool) -> Result<(), 
             "a long pause has switched the heater of the {kind}robot off: `growbot resume` resumes the body"
         ))),
         Outcome::Interrupted => Err(Failure::answered_no(format!(
-            "the {kind}board has started anew, or another host has taken it: `growbot status` shows what it knows, `growbot resume` goes on",
+            "the {kind}board has started anew, or another host has taken it: `growbot status` shows what it knows, `growbot resume` resumes the body",
         ))),
         Outcome::Lost if simulated => Err(Failure::answered_no(
             "the simulated board does not answer any more: the robot is a simulated one, and ends with this program",
@@ -314,6 +314,7 @@ impl Show {
 mod tests {
     use super::*;
     use growbot_client::arrival::Arrival;
+    use growbot_client::client::ClientError;
     use growbot_client::growth::MeasuredBy;
     use growbot_core::link::message::Fault;
     use growbot_core::plan::Planner;

@@ -147,11 +147,7 @@ impl ResumeArgs {
 fn show(board: &BoardHello, plan_id: u64) -> Result<(), Failure> {
     let status = &board.status;
     if status.plan_id != plan_id || status.plan_id == 0 {
-        let held = match status.plan_id {
-            0 => "no job".to_string(),
-            other => format!("plan {other:016x}, {} of {} layers laid", status.laid, status.layers),
-        };
-        return Err(Failure::answered_no(GrowthError::NothingToResume { plan_id, held }));
+        return Err(Failure::answered_no(GrowthError::nothing_to_resume(plan_id, status)));
     }
     growbot_host::tell!(
         "growbot: plan {plan_id:016x}: {} of {} layers laid; the board is {}, started by {}",

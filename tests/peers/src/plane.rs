@@ -5,7 +5,7 @@ use std::hint::black_box;
 
 use dubins_paths::PathType;
 use dubins_paths::f64::{DubinsPath, PosRot};
-use growbot_core::dubins2::{PlanarPath, PlanarPose, PathType, shortest};
+use growbot_core::dubins2::{PathType as OurPathType, PlanarPath, PlanarPose, shortest};
 use serde::Serialize;
 
 /// Their names.
@@ -98,12 +98,12 @@ fn find_growbot([start, goal]: &[PlanarPose; 2]) -> PlanarPath {
 fn of_growbot(pair: &[PlanarPose; 2]) -> Path {
     let path = find_growbot(pair);
     let word = match path.path_type {
-        PathType::Lsl => "LSL",
-        PathType::Rsr => "RSR",
-        PathType::Lsr => "LSR",
-        PathType::Rsl => "RSL",
-        PathType::Lrl => "LRL",
-        PathType::Rlr => "RLR",
+        OurPathType::Lsl => "LSL",
+        OurPathType::Rsr => "RSR",
+        OurPathType::Lsr => "LSR",
+        OurPathType::Rsl => "RSL",
+        OurPathType::Lrl => "LRL",
+        OurPathType::Rlr => "RLR",
     };
     Path { word, lengths: path.lengths }
 }
