@@ -186,7 +186,7 @@ mod tests {
     const HEIGHT: f64 = 0.774;
     const PULSES: f64 = 56.935;
 
-    /// An upright path of so many layers.
+    /// An upright path of this many layers.
     struct Upright {
         robot: Robot,
         start: Pose,

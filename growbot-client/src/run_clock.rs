@@ -1,8 +1,8 @@
 //! The time of a growth, from its reports: of a run log, or live.
 //!
 //! A run log has the time of day of each line, which says little where a simulated robot grows in a second, and the
-//! board's time in each status, which this goes by. Time begins at 0 with the first status; the board's time goes on
-//! where it was after a reset; between them a layer is told no sooner after the one before than the robot needs for it.
+//! board's time in each status, which this goes by. Time begins at 0 with the first status; the board's time continues
+//! where it was after a reset; between them a layer is reported no sooner after the one before than the robot needs for it.
 
 use growbot_core::layer::Layer;
 

@@ -13,7 +13,7 @@ const BETWEEN_LINES: Duration = Duration::from_secs(10);
 /// When the results of the work are printed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Results {
-    /// While it goes on: on the same terminal a bar would tear them.
+    /// While it runs: on the same terminal a bar would tear them.
     Streamed,
     /// Once it is over.
     AtEnd,

@@ -242,7 +242,7 @@ mod tests {
         assert_eq!(bounds("motion.tick_hz"), (Some(100.0), Some(1e6)));
         assert_eq!(bounds("heater.max_c"), (Some(40.0), Some(500.0)));
         assert_eq!(bounds("fan.growing_duty"), (Some(0.0), Some(1.0)));
-        // These end where another field says: R_min, the greatest height, the nozzle's limit.
+        // These end where another field says: R_min, the max height, the nozzle's limit.
         assert_eq!(bounds("planning_radius_mm"), (None, Some(1e4)));
         assert_eq!(bounds("layer.height_max_mm"), (None, Some(255.0)));
         assert_eq!(bounds("heater.target_c"), (Some(30.0), None));

@@ -67,7 +67,7 @@ fn apart(a: &Matrix, b: &Matrix) -> (f64, f64) {
 
 /// Whatever is chained by Eq 4, lines, arcs and layers, ends this near the goal, mm.
 const ARRIVED: f64 = 1e-6;
-/// A helicoidal arc may pass a second narrow neck on its way, where it amplifies the last digits of whoever integrates it: the
+/// A helicoidal arc may pass a second narrow neck on its way, where it amplifies the last digits of an integration: the
 /// segments of such plans are compared to this, mm. Their layers end as near as any.
 const INTEGRATED: f64 = 2e-5;
 
@@ -81,14 +81,14 @@ struct Robot {
     name: &'static str,
     tip_radius: f64,
     height: f64,
-    least_height: f64,
-    greatest_height: f64,
+    min_height: f64,
+    max_height: f64,
 }
 
 const ROBOTS: [Robot; 3] = [
-    Robot { name: "growbot-a", tip_radius: 22.0, height: 0.774, least_height: 0.3, greatest_height: 0.95 },
-    Robot { name: "growbot-b", tip_radius: 57.5, height: 62.64, least_height: 25.0, greatest_height: 70.0 },
-    Robot { name: "growbot-c", tip_radius: 19.0, height: 20.0, least_height: 10.0, greatest_height: 30.0 },
+    Robot { name: "growbot-a", tip_radius: 22.0, height: 0.774, min_height: 0.3, max_height: 0.95 },
+    Robot { name: "growbot-b", tip_radius: 57.5, height: 62.64, min_height: 25.0, max_height: 70.0 },
+    Robot { name: "growbot-c", tip_radius: 19.0, height: 20.0, min_height: 10.0, max_height: 30.0 },
 ];
 
 fn three(value: &Value) -> [f64; 3] {
@@ -212,8 +212,8 @@ fn check_layers(plan: &Value, csv: &str, robot: &Robot) {
         assert!(tilt > 0.0 || alpha == 0.0, "{line}");
         let lean = robot.tip_radius * tilt.to_radians();
         assert!(height <= robot.height * (1.0 + 2e-9) && height - lean > 0.0, "{line}");
-        assert!(height + lean <= robot.greatest_height * (1.0 + 2e-9), "{line}");
-        thin[segment] |= height - lean < robot.least_height * (1.0 - 1e-8);
+        assert!(height + lean <= robot.max_height * (1.0 + 2e-9), "{line}");
+        thin[segment] |= height - lean < robot.min_height * (1.0 - 1e-8);
         laid[segment] += height;
         at = product(&at, &eq_4(alpha, tilt, height));
         count += 1;
@@ -234,8 +234,8 @@ fn check_layers(plan: &Value, csv: &str, robot: &Robot) {
     for (index, _) in thin.iter().enumerate().filter(|(_, thin)| **thin) {
         let named = |warning: &Value| warning["message"].as_str().unwrap().starts_with(&format!("segment {index} "));
         let warning = warnings.iter().find(|warning| named(warning)).unwrap();
-        assert_eq!(number(warning, "limit"), robot.least_height);
-        assert!(number(warning, "value") < robot.least_height);
+        assert_eq!(number(warning, "limit"), robot.min_height);
+        assert!(number(warning, "value") < robot.min_height);
     }
 }
 
@@ -250,8 +250,8 @@ impl Random {
         z ^ (z >> 31)
     }
 
-    fn between(&mut self, least: f64, greatest: f64) -> f64 {
-        least + (greatest - least) * (self.bits() >> 11) as f64 / (1_u64 << 53) as f64
+    fn between(&mut self, min: f64, max: f64) -> f64 {
+        min + (max - min) * (self.bits() >> 11) as f64 / (1_u64 << 53) as f64
     }
 
     fn one_of(&mut self, values: &[f64]) -> f64 {
@@ -299,7 +299,7 @@ fn queries(seed: u64, radius: f64, random: usize, special: usize) -> String {
     text
 }
 
-/// Of so many plans the layers of one are checked too.
+/// Plans of which the layers of one are checked too.
 const LAYERS_OF_ONE_IN: usize = 40;
 
 #[test]

@@ -49,10 +49,10 @@ fn pixels(file: &Path) -> (u32, u32, Vec<u8>) {
 
 #[test]
 fn the_picture_of_the_readme_is_the_one_that_its_commands_make() {
-    /// A pixel is another one if one of its colours differs by more than so much; so many may, as edges and letters
+    /// A pixel is another one if one of its colours differs by more than the first; the second is the max share of these, as edges and letters
     /// fall a little otherwise with another release of what draws them.
     const OTHER: u8 = 48;
-    const MOST_OTHERS: f64 = 0.005;
+    const MAX_OTHERS: f64 = 0.005;
     let committed = Path::new(env!("CARGO_MANIFEST_DIR")).join("../book/src/pictures/compare.png");
     assert!(fs::metadata(&committed).unwrap().len() < 150_000);
     let directory = Path::new(env!("CARGO_TARGET_TMPDIR"));
@@ -84,7 +84,7 @@ fn the_picture_of_the_readme_is_the_one_that_its_commands_make() {
     let others = pairs.filter(|(a, b)| a.iter().zip(*b).any(|(a, b)| a.abs_diff(*b) > OTHER)).count();
     let share = others as f64 / (f64::from(now.0) * f64::from(now.1));
     assert!(
-        share <= MOST_OTHERS,
+        share <= MAX_OTHERS,
         "{:.3} % of the pixels differ: look at {}, and if that is meant, copy it to {}",
         100.0 * share,
         made.display(),

@@ -14,7 +14,7 @@ use growbot_core::pose::Pose;
 use growbot_core::random::Random;
 use growbot_sim::port::sim::Sim;
 
-/// A simulated robot whose clock runs so many times as fast as its host's, on a line that delays answers.
+/// A simulated robot whose clock runs faster than its host's by a factor, on a line that delays answers.
 struct Skewed {
     sim: Rc<RefCell<Sim>>,
     rate: f64,

@@ -1,4 +1,4 @@
-//! Orders given while a body grows on the simulated robot: it holds, goes on and stops, and lays each layer once.
+//! Orders given while a body grows on the simulated robot: it pauses, continues and stops, and lays each layer once.
 
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;

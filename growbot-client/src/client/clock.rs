@@ -23,7 +23,8 @@ const SLOWEST_ANSWER: Duration = Duration::from_secs(2);
 const ASK: Duration = Duration::from_secs(10);
 /// So many windows after each other make a clock wrong.
 const WINDOWS: u32 = 2;
-/// No clock that has failed is so many times as fast: it is the virtual one of a simulated board that somebody serves, and is not compared.
+/// No clock that has failed is faster by this factor: it is the virtual one of a simulated board that somebody serves,
+/// and is not compared.
 const VIRTUAL: f64 = 2.0;
 
 /// A board's clock that is wrong.
@@ -33,7 +34,7 @@ const VIRTUAL: f64 = 2.0;
 pub struct ClockDrift {
     /// Time that has passed on the board's clock, ms,
     pub board_ms: u64,
-    /// and meanwhile on the host's: the shortest and the longest that it can have been, ms.
+    /// and in that time on the host's: the shortest and the longest that it can have been, ms.
     pub host_ms: [u64; 2],
 }
 

@@ -11,13 +11,13 @@ use crate::port::PortError;
 
 /// For so long an emergency stop is tried,
 pub const EMERGENCY_LIMIT: Duration = Duration::from_secs(3);
-/// and so long after each other the bytes are sent, whatever comes back meanwhile.
+/// and so long after each other the bytes are sent, whatever comes back.
 pub const EMERGENCY_PAUSE: Duration = Duration::from_millis(150);
-/// A line that breaks while it is used, and on which time does not pass by itself, is given up after so many tries.
+/// A line that breaks while it is used, and on which time does not pass by itself, is given up after this many tries.
 const MAX_BREAKS: u32 = 20;
 
 impl Client {
-    /// Has the board switch everything off at once, whatever it is doing and whoever holds it, and waits until it says so: for
+    /// Has the board switch everything off at once, whatever it is doing and whichever host owns it, and waits until it says so: for
     /// [`EMERGENCY_LIMIT`] on the port's clock, however much noise comes, and also over a line that breaks, which may come back.
     ///
     /// # Errors
@@ -52,7 +52,7 @@ impl Client {
                 if waited >= EMERGENCY_PAUSE {
                     break;
                 }
-                // Nothing else is sent meanwhile: a line that takes nothing must not hold the next stop up.
+                // Nothing else is sent in that time: a line that takes nothing must not hold the next stop up.
                 self.acknowledged = true;
                 match self.next_frame(EMERGENCY_PAUSE - waited) {
                     Ok(Some(Ok(frame))) if says_stopped(&frame) => {
@@ -73,7 +73,7 @@ impl Client {
     }
 }
 
-/// Whether a board says in this frame, to whomever, that it has stopped at once. Where another program reads the same line, the news that
+/// Whether a board says in this frame, to any host, that it has stopped at once. Where another program reads the same line, the event that
 /// was meant for that one may be all that arrives here.
 fn says_stopped(frame: &Frame) -> bool {
     let state = match Message::decode(frame.header.kind, &frame.body) {

@@ -63,7 +63,7 @@ pub enum ClientError {
     },
     /// Another host has the board.
     #[error(
-        "the board at {port} is held by {host}, heard {silent_s:.1} s ago: end that program, wait until it has been \
+        "the board at {port} is owned by {host}, last received {silent_s:.1} s ago: end that program, wait until it has been \
          silent for 10 s, or take the board over (--take-over)"
     )]
     Held {
@@ -109,7 +109,7 @@ fn explain(refusal: &Refusal) -> String {
         Refusal::NoSession => "another host has taken over, or the board has restarted".to_string(),
         Refusal::OtherRobot { board } => format!("it is another robot ({board:016x})"),
         Refusal::OtherPlan { board: 0 } => "it stores no plan: hand one over first".to_string(),
-        Refusal::OtherPlan { board } => format!("it holds another plan ({board:016x})"),
+        Refusal::OtherPlan { board } => format!("it stores another plan ({board:016x})"),
         Refusal::OutOfOrder { expected } => format!("it expects layer {expected} next"),
         Refusal::Full => "it has no room for more layers now".to_string(),
         Refusal::BadLayer { index } => format!("layer {index} is beyond the robot's limits or the plan's end"),
@@ -125,7 +125,7 @@ fn explain(refusal: &Refusal) -> String {
             f64::from(max) / 100.0
         ),
         Refusal::EmergencyStop => "the emergency stop is pressed: release it first".to_string(),
-        Refusal::Owned { silent_ms } => format!("another host holds it, heard {silent_ms} ms ago"),
+        Refusal::Owned { silent_ms } => format!("another host owns it, last received {silent_ms} ms ago"),
         Refusal::Begun { first } => format!("those layers have been begun; the first that can be replaced is {first}"),
         Refusal::Hot { below } => format!(
             "it must make room in its journal, which it does only with the nozzle below {} C: wait until it has cooled",

@@ -8,7 +8,7 @@ use growbot_core::link::message::{Empty, Message, MessageError, Refused};
 use super::patience::{FIRST_REPEAT, MAX_TRIES, REPEAT_OF_PLAN, SILENCE_OF_PLAN, SLOWEST_REPEAT, Wait};
 use super::{Client, ClientError};
 
-/// A board whose host says nothing for 10 s holds: in long waits it is told so often that its host lives.
+/// A board whose host sends nothing for 10 s pauses: in long waits it gets a sign of life in this interval.
 const SIGN_OF_LIFE: Duration = Duration::from_secs(3);
 
 impl Client {
@@ -47,7 +47,7 @@ impl Client {
         Ok(self.port.send(&bytes)?)
     }
 
-    /// Waits for so long for an answer to one of some requests; takes the events that come meanwhile.
+    /// Waits for so long for an answer to one of some requests; stores the events that come in that time.
     pub(super) fn answer_to(
         &mut self,
         is_asked: impl Fn(u16) -> bool,
@@ -110,7 +110,7 @@ impl Client {
         Ok(self.events.pop_front())
     }
 
-    /// Lets time pass on the robot's clock. Events that come meanwhile are kept.
+    /// Lets time pass on the robot's clock. Events that come in that time are stored.
     ///
     /// # Errors
     /// If the line is gone.
@@ -171,7 +171,7 @@ impl Client {
         Ok(Some(Err(FrameError::TooLong)))
     }
 
-    /// Waits for bytes, and tells the board meanwhile that its host lives.
+    /// Waits for bytes, and sends the board signs of life.
     fn receive(&mut self, timeout: Duration) -> Result<(), ClientError> {
         let mut left = timeout;
         loop {

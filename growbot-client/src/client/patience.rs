@@ -20,7 +20,7 @@ pub(super) const SILENCE_OF_PIECES: Duration = Duration::from_secs(60);
 pub(super) const MAX_PIECES_A_SECOND: f64 = 8.0;
 /// One that plans is silent when it says nothing for so long.
 pub(super) const SILENCE_OF_PLAN: Duration = Duration::from_secs(180);
-/// A line that carries some frames and never the answer is given up after so many repetitions.
+/// A line that carries some frames and never the answer is given up after this many repetitions.
 pub(super) const MAX_TRIES: u32 = 120;
 
 /// How a wait for an answer has gone.
@@ -28,7 +28,7 @@ pub(super) const MAX_TRIES: u32 = 120;
 pub(super) struct Wait {
     /// For so long no frame has come.
     pub quiet: Duration,
-    /// So many pieces of frames have come meanwhile.
+    /// Pieces of frames that have come in that time.
     pub pieces: u32,
     /// What came that was none.
     pub unreadable: Option<FrameError>,

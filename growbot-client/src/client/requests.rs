@@ -95,7 +95,7 @@ impl Client {
         if self.request("to stop", &Message::Stop(Empty {})).is_err() {
             self.emergency_stop()?;
         }
-        // Whoever starts it all the same has it compared again.
+        // A start in spite of that has it compared again.
         self.clocks = ClockWatch::default();
         Ok(Some(drift))
     }

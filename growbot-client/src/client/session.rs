@@ -7,7 +7,7 @@ use growbot_core::robot::Robot;
 
 use super::{Client, ClientError};
 
-/// A host that holds the board and is not heard for 10 s has lost it (PROTOCOL.md): it is waited for in so many looks,
+/// A host that owns the board and is silent for 10 s has lost it (PROTOCOL.md): it is waited for in this many looks,
 const OWNED_LOOKS: u32 = 24;
 /// with such pauses.
 const OWNED_LOOK: Duration = Duration::from_millis(500);
@@ -33,7 +33,7 @@ impl Client {
                     // It is this program, which the line had lost.
                     return self.open_session(true);
                 }
-                // As long as it is not heard it may be gone.
+                // As long as it is silent it may be gone.
                 Err(ClientError::Refused { refusal: Refusal::Owned { silent_ms }, .. })
                     if silent_ms >= silent_before =>
                 {
@@ -78,7 +78,7 @@ impl Client {
         })
     }
 
-    /// Who the board is and what it is doing, without a session: whoever holds the board keeps it.
+    /// Who the board is and what it is doing, without a session: the host that owns the board keeps it.
     ///
     /// # Errors
     /// A board that is silent, garbled or of another version.
@@ -145,7 +145,7 @@ fn same_schema(hello: BoardHello) -> Result<BoardHello, ClientError> {
     }
 }
 
-/// Who this host is: what another one is told.
+/// The name of this host, for others.
 fn host_name() -> HostName {
     let program =
         std::env::args().nth(1).filter(|word| !word.starts_with('-')).unwrap_or_else(|| "growbot".to_string());

@@ -73,7 +73,7 @@ impl<'a> Growth<'a> {
     ) -> Result<(), ClientError> {
         let skip = status.interrupted.is_some() && interrupted == OnInterrupted::LetBe;
         self.built.laid = status.laid;
-        // What is not known is told from the first hole on.
+        // What is not known is reported from the first hole on.
         let known = self.built.as_built.len().min(status.laid as usize);
         self.built.as_built.truncate(known);
         let from = status.laid.saturating_add(u32::from(skip));

@@ -1,4 +1,5 @@
-//! A growth under way: what the board tells is followed to the end, orders are carried out, and a board that falls silent is called again.
+//! A growth under way: the board's events are followed to the end, orders are carried out, and a board that falls silent
+//! is called again.
 
 use std::time::Duration;
 
@@ -8,13 +9,13 @@ use super::handover::IN_ENGINE;
 use super::{Grown, Growth, GrowthError, JobEvent, OnInterrupted, Order, Orders, Outcome, is_crash, report_crash};
 use crate::client::ClientError;
 
-/// How long to wait for an event before orders are looked at,
+/// How long to wait for an event before orders are looked at.
 const LOOK: Duration = Duration::from_millis(200);
-/// and, after so many looks in vain, before the board is asked for its status.
+/// and looks in vain before the board is asked for its status.
 const QUIET_LOOKS: u32 = 10;
-/// Layers whose events are still on the way when the growth has ended are waited for until the status was asked for so often.
+/// Max requests for the status after the end, while layers of which no event has come are waited for.
 const MAX_QUESTIONS_AFTER_END: u32 = 40;
-/// A board that has fallen silent is called again so often before it counts as lost.
+/// Calls of a board that has fallen silent before it counts as lost.
 const CALLS: u32 = 12;
 
 /// When the board is asked for its status.
@@ -86,7 +87,7 @@ impl Growth<'_> {
         Ok(self.measure(outcome))
     }
 
-    /// Opens another session and goes on following, if the board still has the job.
+    /// Opens another session and follows further, if the board still has the job.
     fn call_again(&mut self, orders: &Orders, on_event: &mut dyn FnMut(&JobEvent)) -> Result<Outcome, ClientError> {
         if orders.stop_at_once() {
             // It needs no session: a line on which nothing comes back may still carry it.
@@ -200,7 +201,7 @@ impl Growth<'_> {
         self.job.layers.len().max(self.sent.pending.as_ref().map_or(0, |amendment| amendment.layers.len()))
     }
 
-    /// Carries an order out. One that does not suit the board's state is refused, and the growth goes on as it was.
+    /// Carries an order out. One that does not suit the board's state is refused, and the growth continues.
     fn obey(&mut self, order: Order, on_event: &mut dyn FnMut(&JobEvent)) -> Result<(), ClientError> {
         on_event(&JobEvent::Ordered(order));
         let done = match order {
@@ -249,7 +250,7 @@ impl Growth<'_> {
         self.built.laid = status.laid;
         self.sent.make_room(status.laid);
         self.refill(on_event)?;
-        // It held because it had not heard of us for long.
+        // It paused because this host was silent for long.
         if status.state == State::Paused && status.pause_cause == PauseCause::HostSilent {
             self.start()?;
         }

@@ -226,7 +226,7 @@ pub enum OnInterrupted {
 pub struct Manner<'a> {
     /// What the board does when it no longer hears from this host.
     pub silence: Silence,
-    /// With it, layers to come are planned again after each that is laid. Of a job that goes on it has heard of the layers known.
+    /// With it, layers to come are planned again after each that is laid. Of a job that is resumed it knows the layers that are known.
     pub feedback: Option<Feedback<'a>>,
 }
 

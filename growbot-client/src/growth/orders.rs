@@ -40,12 +40,12 @@ impl Order {
     }
 }
 
-/// The order to be carried out next, given from any thread and looked at a few times a second by whoever follows the growth. A stop is
+/// The order to be carried out next, given from any thread and looked at a few times a second by the thread that follows the growth. A stop is
 /// for good: nothing but the emergency stop goes over it.
 #[derive(Debug, Default)]
 pub struct Orders {
     latest: AtomicU8,
-    /// Whether whoever started the program has interrupted it.
+    /// Whether the user has interrupted the program.
     interrupted: AtomicBool,
 }
 
@@ -58,7 +58,7 @@ impl Orders {
         });
     }
 
-    /// Orders to stop, as whoever started the program interrupts it. Gives whether that had happened before.
+    /// Orders to stop, as the user interrupts the program. Returns whether that had happened before.
     pub fn interrupt(&self) -> bool {
         self.give(Order::Stop);
         self.interrupted.swap(true, Ordering::Relaxed)
@@ -128,7 +128,7 @@ mod tests {
     }
 
     #[test]
-    fn only_a_second_interruption_is_one_again_whoever_else_orders_a_stop() {
+    fn only_a_second_interruption_is_one_again_whatever_else_orders_a_stop() {
         let orders = Orders::default();
         orders.give(Order::Stop);
         assert!(!orders.interrupt() && orders.interrupt());

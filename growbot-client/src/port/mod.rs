@@ -139,7 +139,7 @@ pub enum PortError {
     /// It worked and then it did not.
     #[error("the line to {0} broke ({1}): check the cable; what the robot has laid stays laid")]
     Lost(String, String),
-    /// A simulated board does not go on.
+    /// The time of a simulated board does not pass.
     #[error(transparent)]
     Simulated(Box<dyn Error + Send + Sync>),
 }

@@ -1,4 +1,4 @@
-//! The first line of a run log, and that of a growth that goes on in it.
+//! The first line of a run log, and that of a growth that is resumed in it.
 
 use growbot_core::angle::degrees;
 use growbot_core::layer_bytes::LayerBytes;
@@ -53,7 +53,7 @@ pub struct Header {
     pub plan: PlanFile,
 }
 
-/// A growth goes on, by another program.
+/// A growth is resumed, by another program.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default)]

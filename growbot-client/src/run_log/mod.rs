@@ -3,7 +3,7 @@
 //!
 //! The first line has the versions, the command, the robot, the plan and the layers that were handed over, and of a simulated tip how it is
 //! disturbed; the others what happened, the layers as built among them, in the bytes of the link. So the body can be rebuilt from it bit for
-//! bit ([`RunRecord`]), and a growth that was interrupted goes on from its log. Of a simulated tip the log also has where its plastic
+//! bit ([`RunRecord`]), and a growth that was interrupted is resumed from its log. Of a simulated tip the log also has where its plastic
 //! really is.
 //!
 //! - [`RunLog`]: writes it; [`RunRecord`]: reads it; [`Events`]: its lines, and what of them cannot be read;
@@ -63,7 +63,7 @@ pub enum RunLogError {
     },
     /// A line cannot be written; it waits.
     #[error(
-        "cannot write the run log {file}: {error}; its lines wait in memory and are written as soon as it can be: make room there, the growth goes on"
+        "cannot write the run log {file}: {error}; its lines wait in memory and are written as soon as it can be: make room there, the growth continues"
     )]
     Write {
         /// The file.

@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::io::{self, Write};
 
-/// Lines wait for a file that cannot be written, up to so many bytes; further ones are lost.
+/// Lines wait for a file that cannot be written, up to this many bytes; further ones are lost.
 const MAX_WAITING: usize = 64 << 20;
 
 /// Lines on their way to a file.

@@ -67,6 +67,16 @@ impl BodyKind {
             Self::AsBuilt => "as built",
         }
     }
+
+    /// The same at the head of a table or a picture.
+    #[must_use]
+    pub fn title(self) -> &'static str {
+        match self {
+            Self::Laid => "Laid (simulated)",
+            Self::Commanded => "Commanded (simulated)",
+            Self::AsBuilt => "As built",
+        }
+    }
 }
 
 /// What a run log tells of a growth, as far as it goes.
@@ -387,7 +397,7 @@ impl RunRecord {
         let (index, next) = (laid.layer as usize, self.as_built.len());
         let measured = laid.measured.map(Measured::from);
         if let Ok(at) = self.lost.binary_search(&index) {
-            // It is told again after a resumption.
+            // It is reported again after a resumption.
             self.lost.remove(at);
             if let (Some(layer), Some(known)) = (self.as_built.get_mut(index), self.measured.get_mut(index)) {
                 (*layer, *known) = (laid.as_built, measured);
@@ -399,7 +409,7 @@ impl RunRecord {
             self.as_built.push(laid.as_built);
             self.measured.push(measured);
         }
-        // Otherwise it is told again after a resumption: the first report stands.
+        // Otherwise it is reported again after a resumption: the first report stands.
     }
 
     /// Where a layer of a simulated tip lies.

@@ -116,7 +116,7 @@ pub fn layers<'a>(path: &'a [Segment], robot: &'a Robot, slicing: Slicing) -> La
 }
 
 /// As [`layers()`], for boards. To fit the layers of a helicoidal arc takes seconds on a microcontroller; `keep_alive`
-/// is called for each layer meanwhile, so that the board can feed its watchdog.
+/// is called for each layer, so that the board can feed its watchdog.
 #[must_use]
 pub fn layers_with_keep_alive<'a>(
     path: &'a [Segment],

@@ -45,7 +45,7 @@ const RISING_C_PER_S: f32 = 0.3;
 /// The fastest fall of a reference, degrees a second, beyond [`FALL_TIMES`]. Decision 0021: a faster fall, as in a
 /// draught, levels off too soon.
 const FALLING_C_PER_S: f32 = 0.3;
-/// A fall of so many times the nozzle's loss is a reference. It is supervision's limit of a fall (decision 0023).
+/// A fall of this many times the nozzle's loss is a reference. It is supervision's limit of a fall (decision 0023).
 const FALL_TIMES: f32 = 1.6;
 /// Means of a reading that does not change differ by less than this, degrees: far less than a count of the ADC, and
 /// more than the rounding of a mean.

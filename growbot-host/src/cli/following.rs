@@ -76,7 +76,7 @@ impl Following<'_> {
             Err(GrowthError::During(error)) => {
                 let mut result = self.nothing_grown(ResultOutcome::Lost, &error);
                 let logged = self.end(&mut result);
-                // That the robot is lost is told whether or not the result can be printed.
+                // That the robot is lost is printed whether or not the result can be.
                 if self.json
                     && let Err(error) = print(&json_line(&result))
                 {
@@ -225,7 +225,7 @@ impl Logging {
     }
 }
 
-/// The line of JSON of a growth that did not begin. Why it did not is told whether or not this can be printed.
+/// The line of JSON of a growth that did not begin. Why it did not is printed whether or not this can be.
 pub fn refuse(json: bool, plan: &Plan, simulated: bool) {
     if json
         && let Err(error) =
@@ -290,7 +290,7 @@ impl Show {
             JobEvent::NotAmended(why) => {
                 self.layers = self.layers_before;
                 if let Some(why) = why.as_ref().filter(|why| self.not_amended.as_ref() != Some(why)) {
-                    self.progress.say(&format!("{why}; it goes on with the layers that it has"));
+                    self.progress.say(&format!("{why}; it continues with the layers that it has"));
                     self.not_amended = Some(why.clone());
                 }
             }

@@ -1,4 +1,4 @@
-//! `growbot resume`: go on with a body that was left unfinished.
+//! `growbot resume`: continue a body that was left unfinished.
 
 use std::fs;
 use std::io::{self, BufRead, IsTerminal, Read, Write};
@@ -23,8 +23,8 @@ use super::{Failure, PortArg, robot_of, say_damage};
 
 /// Go on with a body that was left unfinished: after a stop, a fault, a reset, a loss of power or of the host
 ///
-/// Shows what the board knows, asks, heats, finds the head's index, primes the nozzle and goes on at the first layer that is not laid. It
-/// takes the plan, or better the log of the growth (`grow --log`), which it then continues. A growth with feedback goes on with it, and only
+/// Shows what the board knows, asks, heats, finds the head's index, primes the nozzle and continues at the first layer that is not laid. It
+/// takes the plan, or better the log of the growth (`grow --log`), which it then continues. A growth with feedback is resumed with it, and only
 /// from its log.
 ///
 /// Of an interrupted layer it says how much was made. That layer is laid again unless you say otherwise.
@@ -177,9 +177,9 @@ fn ask(board: &BoardHello) -> Result<(), Failure> {
         return Ok(());
     }
     if !io::stdin().is_terminal() {
-        return Err(Failure::bad_input("there is nobody to ask whether to heat and go on: say so with --yes"));
+        return Err(Failure::bad_input("there is nobody to ask whether to heat and resume: say so with --yes"));
     }
-    eprint!("growbot: heat the nozzle, find the head's index and go on? [y/N] ");
+    eprint!("growbot: heat the nozzle, find the head's index and resume? [y/N] ");
     let _ = io::stderr().flush();
     let mut answer = String::new();
     io::stdin().lock().take(LONGEST_ANSWER).read_line(&mut answer).map_err(Failure::bad_input)?;

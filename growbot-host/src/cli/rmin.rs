@@ -9,9 +9,9 @@ use super::{Failure, RobotArg};
 
 /// Print the tightest bend of a robot, R_min, in mm
 ///
-/// R_min is the min radius of the centreline: the larger of what the mechanics allow (the parts inside the tube must
-/// pass the bend: Eq 7 of Del Dottore et al. 2019) and what the layers allow (their least and greatest heights and
-/// their greatest tilt).
+/// R_min is the min radius of the centreline: the larger of the packaging limit (the parts inside the tube must pass
+/// the bend: Eq 7 of Del Dottore et al. 2019) and the limit by the layers (their min and max heights and their max
+/// tilt).
 #[derive(Args)]
 #[command(after_help = "Example:\n  growbot rmin --robot growbot-b")]
 pub struct RminArgs {

@@ -116,7 +116,7 @@ fn in_words(explained: &Explained) -> String {
     let mut text = format!("{}\n{}\n", robot.name(), indented(&explained.about, 2));
     for line in [
         format!(
-            "R_min, the tightest bend, is {:.2} mm: the mechanics allow {:.2} mm, the layers {:.2} mm. At the radius \
+            "R_min, the tightest bend, is {:.2} mm: the packaging limit is {:.2} mm, that by the layers {:.2} mm. At the radius \
              of plans, {} mm, a layer leans by {:.3} degrees.",
             robot.min_radius(),
             robot.min_radius_by_packaging(),

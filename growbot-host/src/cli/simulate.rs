@@ -60,7 +60,7 @@ pub struct SimulateArgs {
     /// loop can see
     #[arg(long, value_name = "PERCENT", requires = "feedback", allow_hyphen_values = true, value_parser = signed_percent)]
     odometry_scale: Option<f64>,
-    /// Grow so many times, with the seeds N, N + 1, ..., and print statistics
+    /// Grow this many times, with the seeds N, N + 1, ..., and print statistics
     #[arg(long, value_name = "TIMES", value_parser = clap::value_parser!(u64).range(1..))]
     repeat: Option<u64>,
     /// Threads of a repetition; the results are the same [default: all cores]

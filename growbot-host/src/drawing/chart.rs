@@ -15,7 +15,7 @@ pub enum Scale {
 }
 
 impl Scale {
-    /// From 0 to a little above the greatest of these.
+    /// From 0 to a little above the max of these.
     pub fn from_zero(values: impl IntoIterator<Item = f64>) -> Self {
         let max = values.into_iter().fold(0.0, f64::max);
         let step = round_step(if max > 0.0 { max } else { 1.0 }, MAX_STEPS);
@@ -89,7 +89,7 @@ pub fn round_step(whole: f64, max: f64) -> f64 {
     [1.0, 2.0, 5.0, 10.0].into_iter().map(|step| step * power).find(|step| whole / step <= max).unwrap_or(whole)
 }
 
-/// 1, 2 or 5 times a power of ten: the greatest that is no more than this, which is positive.
+/// 1, 2 or 5 times a power of ten: the largest that is no more than this, which is positive.
 pub fn round_below(max: f64) -> f64 {
     let power = libm::pow(10.0, libm::floor(libm::log10(max)));
     [5.0, 2.0, 1.0].into_iter().map(|step| step * power).find(|step| *step <= max).unwrap_or(power)

@@ -30,7 +30,7 @@ const MIN_DISTANCE: f64 = 1e-4;
 pub struct Resolution {
     /// Chords round the tube, 8 at least.
     pub segments: u32,
-    /// A ring at each so many layers; more where the body bends more than 0.05 rad between them.
+    /// Layers from ring to ring; fewer where the body bends more than 0.05 rad between them.
     pub every: u32,
 }
 
@@ -196,7 +196,7 @@ impl Outline {
     }
 }
 
-/// The triangles of so many rings, each of so many pairs of an outer and an inner vertex.
+/// The triangles between rings, each of pairs of an outer and an inner vertex.
 fn triangles_of(rings: u32, segments: u32) -> Vec<[u32; 3]> {
     let outer = |ring: u32, segment: u32| 2 * (ring * segments + segment % segments);
     let inner = |ring: u32, segment: u32| outer(ring, segment) + 1;

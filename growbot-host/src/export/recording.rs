@@ -79,7 +79,7 @@ pub fn write(robot: &Robot, plan: &Plan, record: &RunRecord, log: &[u8]) -> Resu
     recorder.finish()
 }
 
-/// An event in words, without layers in their bytes; none where it is told otherwise.
+/// An event in words, without layers in their bytes; none where another channel has it.
 fn in_words(event: &RunEvent) -> Option<(Level, String)> {
     let words = match event {
         RunEvent::Board(board) => {

@@ -117,7 +117,7 @@ pub struct ResultFile {
 }
 
 impl Reproduction {
-    /// Does it, on so many threads. `at` hears how many pieces of work are done, and of how many.
+    /// Does it, on `threads` threads. `at` is called with the pieces of work that are done, and with all of them.
     ///
     /// # Errors
     /// As [`experiments::run`].

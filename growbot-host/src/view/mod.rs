@@ -143,11 +143,7 @@ impl Layers {
 
     /// What is known of the body that is shown: how it is called.
     fn built_name(&self) -> &'static str {
-        match self.kind {
-            Some(BodyKind::Laid) => "Laid (simulated)",
-            Some(BodyKind::Commanded) => "Commanded (simulated)",
-            Some(BodyKind::AsBuilt) | None => "As built",
-        }
+        self.kind.unwrap_or(BodyKind::AsBuilt).title()
     }
 
     /// Length of that body, mm.

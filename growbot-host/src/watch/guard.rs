@@ -1,4 +1,4 @@
-//! Who gets an answer: whoever knows the token, on this machine, from the page itself.
+//! Who gets an answer: a client that knows the token, on this machine, from the page itself.
 //!
 //! Any page in a browser can have it ask this machine's own addresses. So an address is a secret, a name that only points here
 //! (DNS rebinding) is none of ours, and what other pages ask for is refused. Those who are refused are told nothing.

@@ -1,6 +1,6 @@
 //! A growth under way as a page on this machine: the view of its plan, live.
 //!
-//! - [`Watch`]: the page's address, and what it is told;
+//! - [`Watch`]: the page's address, and its events;
 //! - `watched`: how the growth stands, and what of it a page does not know yet;
 //! - `server`: HTTP, on the loopback interface alone;
 //! - `guard`: who gets an answer;

@@ -2,7 +2,7 @@
 
 use growbot_client::growth::{Job, JobEvent};
 use growbot_client::run_clock::Clock;
-use growbot_client::run_log::{GrowthResult, hex_of};
+use growbot_client::run_log::{BodyKind, GrowthResult, hex_of};
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::{Encoder, LayerBytes};
 use growbot_core::link::message::{Fault, PauseCause, State, Status};
@@ -68,8 +68,8 @@ pub struct Update<'a> {
     refused: Option<&'a str>,
     /// What is wrong with this program's own files.
     warned: Option<&'a str>,
-    /// Whether the layers are those that a simulated tip has laid.
-    simulated: bool,
+    /// What the body is called, once it is the one that a simulated tip has laid.
+    built_name: Option<&'static str>,
     /// Layers of the job.
     total: usize,
     /// Time that the layers to come take, s.
@@ -108,7 +108,7 @@ pub struct Seen {
 }
 
 impl Watched {
-    /// A growth that is about to begin, or to go on after `known` layers.
+    /// A growth that is about to begin, or to be resumed after `known` layers.
     pub fn new(job: &Job, known: &[Option<LayerBytes>]) -> Self {
         Self {
             period_s: job.robot.description().layer.period_s,
@@ -188,7 +188,7 @@ impl Watched {
             explanation: self.explanation(),
             refused: self.refused.as_deref(),
             warned: self.warned.as_deref(),
-            simulated: self.simulated > 0,
+            built_name: (self.simulated > 0).then(|| BodyKind::Laid.title()),
             total: self.total,
             left_s: self.total.saturating_sub(self.built.len()) as f64 * self.period_s,
             layers: NewLayers { from: seen.layers, built: hex_of(layers) },
@@ -360,12 +360,15 @@ mod tests {
         let mut seen = Seen::default();
         watched.ingest(&JobEvent::Laid { index: 0, as_built: Some([7; 12]), measured: None });
         watched.ingest(&JobEvent::Laid { index: 1, as_built: Some([8; 12]), measured: None });
-        assert_eq!(update_of(&watched, &mut seen)["simulated"], json!(false));
+        assert_eq!(update_of(&watched, &mut seen)["built_name"], json!(null));
         let layer = Layer { alpha: 1.0, height: 0.5, tilt: 0.003 };
         watched.ingest(&JobEvent::Simulated { from: 0, layers: vec![layer] });
         let update = update_of(&watched, &mut seen);
         let expected = hex_of(&[Encoder::default().encode(&layer), [8; 12]]);
-        assert_eq!((&update["simulated"], &update["layers"]), (&json!(true), &json!({ "from": 0, "built": expected })));
+        assert_eq!(
+            (&update["built_name"], &update["layers"]),
+            (&json!("Laid (simulated)"), &json!({ "from": 0, "built": expected }))
+        );
         assert_eq!(update_of(&watched, &mut seen)["layers"]["from"], 2);
     }
 

@@ -80,7 +80,7 @@ pub struct Section {
     pub values: Vec<f64>,
 }
 
-/// Near the start planning takes long: so many plans, nearer than [`NEAR`] radii, may be asked for, of shares and of
+/// Near the start planning takes long: max plans, nearer than [`NEAR`] radii, may be asked for, of shares and of
 /// lengths...
 const MAX_NEAR: f64 = 3000.0;
 const MAX_NEAR_IN_DIRECTION: f64 = 400.0;

@@ -20,7 +20,7 @@ use serialport::{SerialPort, TTYPort};
 
 use crate::running::{PROGRAM, Ran, command};
 
-/// The board's time passes so many times as fast as real time.
+/// The board's time passes faster than real time by this factor.
 const PACE: u32 = 50;
 /// What the board says arrives in such pieces, bytes, as from a UART: of two programs that read the line, each may have some of them.
 const PIECE: usize = 8;
@@ -34,7 +34,7 @@ const SEED: u64 = 11;
 pub struct Line {
     /// Nothing passes, either way.
     pub is_cut: bool,
-    /// A line that is cut passes again after so many emergency stops.
+    /// A line that is disconnected passes again after this many emergency stops.
     pub heals_after: Option<u32>,
     /// It takes no bytes of the host.
     pub is_stalled: bool,

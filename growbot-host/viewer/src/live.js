@@ -40,7 +40,7 @@ export function showLive(data) {
   const source = new EventSource("updates");
   source.onmessage = ({ data: text }) => {
     const update = JSON.parse(text);
-    const { layers, readings: taken, total, ended, simulated } = update;
+    const { layers, readings: taken, total, ended, built_name: builtName } = update;
     const laid = layers.from + layers.built.length / HEX_PER_LAYER;
     readings = [...readings.slice(0, taken.from), ...taken.taken];
     built = built.slice(0, layers.from * HEX_PER_LAYER) + layers.built;
@@ -48,7 +48,7 @@ export function showLive(data) {
     // Layers of a simulated tip are told again, as its plastic lies: the picture may be older than its length says.
     stale ||= layers.built.length > 0;
     if (timer === null && stale) grow();
-    if (simulated) find("#built-name").textContent = "Laid (simulated)";
+    if (builtName) find("#built-name").textContent = builtName;
     showState(update);
     find("#progress").value = total > 0 ? laid / total : 1;
     find("#laid").textContent = `${laid} of ${total} layers`;

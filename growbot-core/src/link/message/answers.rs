@@ -128,7 +128,7 @@ pub struct Status {
     pub temperature_centi_c: Option<i32>,
     /// Target temperature of the nozzle, hundredths of a degree Celsius; `None` with the heater off.
     pub target_centi_c: Option<i32>,
-    /// Duty of the power stage, 0 to 65,535. In the proof test the second switch is open meanwhile.
+    /// Duty of the power stage, 0 to 65,535. In the proof test the second switch is open in that time.
     pub duty: u16,
     /// The job's id, 0 for none.
     pub plan_id: u64,
@@ -304,7 +304,7 @@ pub struct FaultRecord {
     pub temperature_centi_c: Option<i32>,
     /// Target temperature of the nozzle, hundredths of a degree Celsius; `None` with the heater off.
     pub target_centi_c: Option<i32>,
-    /// Duty of the power stage, 0 to 65,535. In the proof test the second switch is open meanwhile.
+    /// Duty of the power stage, 0 to 65,535. In the proof test the second switch is open in that time.
     pub duty: u16,
     /// The readings of the other sensors.
     pub sensors: SensorReadings,

@@ -18,7 +18,7 @@ use super::{Connection, Failure, PortArg, RobotArg};
 ///
 /// `help` lists the commands. In a pipe each line of standard input is a command; the first one that fails, or whose
 /// result nobody reads any more, ends it, with exit code 1. The lines after it are not carried out: what they were, and
-/// what the robot is doing, is told.
+/// what the robot is doing, is printed.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  growbot console --port /dev/ttyACM0\n  growbot console --tui\n  printf 'plan \
                   0,0,60,0,90\\nstart\\nwait 60\\nstatus\\n' | growbot console")]

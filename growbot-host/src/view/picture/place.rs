@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 
 use super::camera::Camera;
 
-/// What a stretch of the picture takes: least and greatest, rightwards and upwards, mm.
+/// What a stretch of the picture takes: min and max, rightwards and upwards, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bounds {
     /// Least, rightwards and upwards.

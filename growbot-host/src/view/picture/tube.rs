@@ -20,7 +20,7 @@ const INSIDE: &str = "#4a5361";
 
 /// Corners of a ring that is seen whole.
 const CORNERS: u32 = 72;
-/// A stretch between rings is no longer than so many radii of the tube and not bent by more than that, radians: of less
+/// A stretch between rings is no longer than this many radii of the tube and not bent by more than that, radians: of less
 /// nothing is seen.
 const LONG: f64 = 0.7;
 const BENT: f64 = 0.05;

@@ -138,7 +138,7 @@ struct Lines {
     head: String,
     unit: &'static str,
     y: Scale,
-    /// Least and greatest at places of the axis, filled between.
+    /// Min and max at places of the axis, filled between.
     band: Vec<(f64, [f64; 2])>,
     line: Vec<(f64, f64)>,
     /// A dashed line; none where there is nothing to draw.

@@ -13,7 +13,7 @@ use nalgebra::Vector3;
 pub struct Layered {
     /// Length of the body then, mm.
     pub lengths: Vec<f64>,
-    /// Height on the middle of the wall, mm: least, mean, greatest round it.
+    /// Height on the middle of the wall, mm: min, mean, max round it.
     pub heights: Vec<[f64; 3]>,
     /// Tilt, degrees.
     pub tilts: Vec<f64>,
@@ -34,7 +34,7 @@ impl Layered {
     }
 }
 
-/// How far a body lies off the planned one at the same length after each of its layers, mm.
+/// Deviation of a body from the planned one at the same length after each of its layers, mm.
 pub fn off_the_plan(start: &Frame, built: &[LayerBytes], planned: &[LayerBytes]) -> Vec<f64> {
     let planned = centreline(start, planned);
     let mut near = 0;

@@ -290,7 +290,7 @@ fn draw_body(frame: &mut Frame, area: Rect, model: &Model) {
 }
 
 /// Where on a canvas, as a share of its extent, a letter is printed into the same cell as a dot: letters are placed by
-/// whole cells, dots by so many a cell.
+/// whole cells, dots by some a cell.
 fn beside(dot: f64, each: f64, dots: f64) -> f64 {
     let last = (dots / each - 1.0).max(1.0);
     (((dot.round() / each).floor() + 0.5) / last).clamp(0.0, 1.0)

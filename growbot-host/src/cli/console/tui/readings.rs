@@ -56,7 +56,7 @@ impl Readings {
         Some((first, self.latest_s.unwrap_or(first).max(first)))
     }
 
-    /// The least and the greatest temperature.
+    /// The min and the max temperature.
     pub fn range(&self) -> Option<(f64, f64)> {
         let all = || self.readings.iter().chain(&self.targets).map(|(_, celsius)| *celsius);
         Some((all().reduce(f64::min)?, all().reduce(f64::max)?))
