@@ -167,6 +167,6 @@ fn every_file_that_is_named_is_there() {
     let wrong: Vec<_> = for_users().iter().chain(&beside()).flat_map(names_without_a_file).collect();
     assert_nothing_wrong(&wrong);
     let made_up = |text: &str| Document { path: "made-up.md".into(), text: text.to_owned() };
-    assert_eq!(names_without_a_file(&made_up("`growbot-core/src/path.rs`, `tests/run`, `growbot-run/2`")).len(), 0);
+    assert_eq!(names_without_a_file(&made_up("`growbot-core/src/path.rs`, `tests/run`, `growbot-run/3`")).len(), 0);
     assert_eq!(names_without_a_file(&made_up("| a | `growbot-core/src/word.rs` (`Word`) |")).len(), 1);
 }

@@ -157,4 +157,5 @@ fn a_growth_that_is_refused_has_a_valid_result() {
         (&json!("refused"), 0),
         "{refused}"
     );
+    assert!(refused["error"].as_str().unwrap().contains("--force"), "{refused}");
 }

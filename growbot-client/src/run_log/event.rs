@@ -30,8 +30,9 @@ pub struct RunLine {
     #[serde(flatten)]
     pub event: RunEvent,
     /// Time of day, RFC 3339 with milliseconds.
-    #[serde(default)]
-    pub utc: String,
+    #[serde(default, deserialize_with = "lenient")]
+    #[cfg_attr(feature = "schema", schemars(with = "String"))]
+    pub utc: Option<String>,
 }
 
 /// An event of a run log.

@@ -48,7 +48,7 @@ use crate::plan_file::PlanFile;
 use crate::printable::json_line;
 
 /// Name and version of the format, in the first line.
-pub const FORMAT: &str = "growbot-run/2";
+pub const FORMAT: &str = "growbot-run/3";
 
 /// Why a log could not be written.
 #[derive(Debug, thiserror::Error)]
@@ -215,7 +215,12 @@ impl RunLog {
     /// If the file cannot be written, say because a disk is full: then the line waits and is tried again with the next one.
     pub fn record(&mut self, event: &JobEvent) -> Result<(), RunLogError> {
         let Some(open) = &mut self.0 else { return Ok(()) };
-        events_of(event, &mut open.laid_tip).into_iter().try_for_each(|event| self.write(event))
+        let mut written = Ok(());
+        for event in events_of(event, &mut open.laid_tip) {
+            // All of them wait, where the first cannot be written.
+            written = self.write(event).and(written);
+        }
+        written
     }
 
     /// Takes the log of a job that never began away: there is no body to remember. One that was there before stays.
@@ -241,7 +246,7 @@ impl RunLog {
 
     fn write(&mut self, event: RunEvent) -> Result<(), RunLogError> {
         let Some(open) = &mut self.0 else { return Ok(()) };
-        let line = json_line(&RunLine { event, utc: utc_now() });
+        let line = json_line(&RunLine { event, utc: Some(utc_now()) });
         open.lines.write(line).map_err(|error| RunLogError::Write { file: open.file.clone(), error })
     }
 }

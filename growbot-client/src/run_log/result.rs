@@ -6,8 +6,10 @@ use growbot_core::angle::degrees;
 use growbot_core::layer::SECTORS;
 use growbot_core::link::message;
 use growbot_core::path::length;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize};
+use serde_json::Value;
 
+use super::event::lenient;
 use crate::arrival::Arrival;
 use crate::client::ClockDrift;
 use crate::feedback::FedBack;
@@ -20,6 +22,7 @@ use crate::plan_file::WrittenPose;
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct GrowthResult {
     /// How it ended.
+    #[serde(deserialize_with = "outcome_or_unknown")]
     pub outcome: ResultOutcome,
     /// Whether the robot was a simulated one.
     #[serde(default)]
@@ -30,6 +33,7 @@ pub struct GrowthResult {
     /// Code of the fault that ended it; null if none did.
     pub fault: Option<String>,
     /// By how much the board's clock was wrong, where the growth was stopped for that.
+    #[serde(default, deserialize_with = "lenient")]
     pub clock_drift: Option<ClockDrift>,
     /// Where the tip is. What was not grown is where it started.
     #[serde(flatten)]
@@ -41,10 +45,13 @@ pub struct GrowthResult {
     #[serde(default)]
     pub length_mm: f64,
     /// Where all noise of a simulated robot comes from; null where there is none.
+    #[serde(default, deserialize_with = "lenient")]
     pub seed: Option<u64>,
     /// What `final` is measured by; null where nothing was grown.
+    #[serde(default, deserialize_with = "lenient")]
     pub measured_by: Option<MeasuredBy>,
     /// What feedback came to; null without.
+    #[serde(default, deserialize_with = "lenient")]
     pub feedback: Option<FeedbackResult>,
     /// From the first layer to the last, s, by the board's clock; null where that is not known.
     pub duration_s: Option<f64>,
@@ -62,8 +69,10 @@ pub struct GrowthResult {
     #[serde(default)]
     pub unknown_layers: usize,
     /// The layer that was interrupted; null if none was.
+    #[serde(default, deserialize_with = "lenient")]
     pub interrupted: Option<InterruptedLayer>,
     /// Of `replay`, on a simulated robot: where the tip would be if its plastic lay as commanded.
+    #[serde(default, deserialize_with = "lenient")]
     pub commanded: Option<WrittenArrival>,
     /// Of `replay`: lines of the log that could not be read.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -96,6 +105,14 @@ pub enum ResultOutcome {
     Refused,
     /// Of `replay`: the log has no end.
     Unfinished,
+    /// Of a log: an outcome of another version.
+    Unknown,
+}
+
+/// An outcome of another version is unknown.
+fn outcome_or_unknown<'de, D: Deserializer<'de>>(deserializer: D) -> Result<ResultOutcome, D::Error> {
+    let outcome = Value::deserialize(deserializer)?;
+    Ok(serde_json::from_value(outcome).unwrap_or(ResultOutcome::Unknown))
 }
 
 impl ResultOutcome {
@@ -112,6 +129,7 @@ impl ResultOutcome {
             Self::Lost => "lost",
             Self::Refused => "refused",
             Self::Unfinished => "unfinished",
+            Self::Unknown => "unknown",
         }
     }
 }

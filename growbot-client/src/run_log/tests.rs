@@ -153,6 +153,35 @@ fn a_disk_that_is_full_for_a_while_costs_no_line_wherever_it_tears_one() {
 }
 
 #[test]
+fn all_lines_of_an_event_wait_for_a_disk_that_is_full() {
+    let layer = Layer { alpha: 1.0, height: 0.7, tilt: 0.006 };
+    let simulated = JobEvent::Simulated { from: 0, layers: vec![layer; 3] };
+    let imperfection = Imperfection::default();
+    let header = log_from(Origin { port: "sim", imperfection: Some(&imperfection) }, &[]);
+    for room in [0, 10, 300] {
+        let disk = Disk::with_room(room);
+        let mut log = RunLog::to(Box::new(disk.clone()), "run", Frame::identity());
+        log.record(&simulated).unwrap_err();
+        disk.make_room(10_000);
+        log.end(&done()).unwrap();
+        let record = RunRecord::read(&[header.clone(), disk.written()].concat(), "run").unwrap();
+        assert!((0..3).all(|index| record.says_where(index)), "{room}");
+    }
+}
+
+#[test]
+fn what_another_version_says_of_the_end_costs_no_more_than_itself() {
+    let mut end = json!({ "event": "end", "utc": null, "result": serde_json::to_value(done()).unwrap() });
+    end["result"]["outcome"] = "melted".into();
+    end["result"]["feedback"] = json!({ "believed": 1 });
+    end["result"]["seed"] = "seven".into();
+    let record = RunRecord::read(&[header_of_three(), format!("{end}\n").into_bytes()].concat(), "run").unwrap();
+    let result = record.result.unwrap();
+    assert_eq!((result.outcome, result.layers), (ResultOutcome::Unknown, done().layers));
+    assert_eq!((result.feedback, result.seed, record.damage), (None, None, Damage::default()));
+}
+
+#[test]
 fn a_layer_whose_line_is_spoilt_is_lost_and_those_after_it_are_not() {
     let line = |index: u32| {
         format!("{}\n", json!({ "event": "laid", "layer": index, "as_built": hex(&[index as u8 + 1; 12]) }))
@@ -357,7 +386,7 @@ fn every_event_is_read_back_as_it_was_written() {
     let written: Vec<RunEvent> = happened.iter().flat_map(|event| events_of(event, &mut tip)).collect();
     let end = RunEvent::End { result: Box::new(done()) };
     let written: Vec<RunEvent> = written.into_iter().chain([end]).collect();
-    let line = |event: &RunEvent| json_line(&RunLine { event: event.clone(), utc: utc_now() });
+    let line = |event: &RunEvent| json_line(&RunLine { event: event.clone(), utc: Some(utc_now()) });
     let log: String = written.iter().map(line).collect();
     assert_eq!(Events::of(log.as_bytes()).collect::<Vec<_>>(), written);
 }

@@ -89,11 +89,12 @@ impl Following<'_> {
             }
             Err(error) => {
                 std::mem::take(&mut self.log).discard();
-                if error.is_refusal() {
-                    refuse(self.json, self.plan, self.simulated);
+                let result = self.nothing_grown(ResultOutcome::Refused, &error);
+                if self.json && error.is_refusal() {
+                    refuse(&result);
                 }
                 if let Some(watch) = self.watch.take() {
-                    watch.end(self.nothing_grown(ResultOutcome::Refused, &error));
+                    watch.end(result);
                 }
                 Err(match error {
                     GrowthError::Before(error) => error.into(),
@@ -226,11 +227,8 @@ impl Logging {
 }
 
 /// The line of JSON of a growth that did not begin. Why it did not is printed whether or not this can be.
-pub fn refuse(json: bool, plan: &Plan, simulated: bool) {
-    if json
-        && let Err(error) =
-            print(&json_line(&GrowthResult::nothing_grown(ResultOutcome::Refused, plan, None, simulated)))
-    {
+pub fn refuse(result: &GrowthResult) {
+    if let Err(error) = print(&json_line(result)) {
         Failure::from(error).say();
     }
 }

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Parser};
 use growbot_client::feedback::{ASSUMED, Feedback};
 use growbot_client::growth::{Job, Manner, grow_job};
-use growbot_client::run_log::{Origin, RunLog};
+use growbot_client::run_log::{GrowthResult, Origin, ResultOutcome, RunLog};
 use growbot_client::warning::PREVENTING;
 use growbot_core::robot::Robot;
 use growbot_core::simulation::Imperfection;
@@ -100,11 +100,13 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     }
     if !preventing.is_empty() && !args.force {
         let codes: Vec<_> = preventing.iter().map(|warning| warning.code.as_str()).collect();
-        refuse(args.json, &plan, port.is_simulated());
-        return Err(Failure::answered_no(format!(
-            "not grown because of {}: change the plan, or grow it all the same with --force",
-            codes.join(", ")
-        )));
+        let why =
+            format!("not grown because of {}: change the plan, or grow it all the same with --force", codes.join(", "));
+        if args.json {
+            let nothing = GrowthResult::nothing_grown(ResultOutcome::Refused, &plan, None, port.is_simulated());
+            refuse(&GrowthResult { error: Some(why.clone()), ..nothing });
+        }
+        return Err(Failure::answered_no(why));
     }
     args.suits(&port, &robot)?;
     let pace = args.watching.pace(port.name())?;

@@ -253,7 +253,7 @@ struct SimulatedCampaign {
     direction_error_deg: WrittenStatistics,
     worst_seed: Option<u64>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    greatest_sag: Option<WrittenSag>,
+    max_sag: Option<WrittenSag>,
 }
 
 impl SimulatedCampaign {
@@ -269,7 +269,7 @@ impl SimulatedCampaign {
             pitch_error_deg: (&campaign.pitch_error_deg).into(),
             direction_error_deg: (&campaign.direction_error_deg).into(),
             worst_seed: campaign.farthest.map(|farthest| farthest.seed),
-            greatest_sag: campaign.hung.as_ref().map(WrittenSag::from),
+            max_sag: campaign.hung.as_ref().map(WrittenSag::from),
         }
     }
 }

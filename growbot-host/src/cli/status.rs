@@ -256,17 +256,21 @@ fn json_of(hello: &BoardHello) -> Value {
         "plan_id": (status.plan_id != 0).then(|| format!("{:016x}", status.plan_id)),
         "layers": status.layers,
         "laid": status.laid,
-        "held": status.next.saturating_sub(status.laid),
+        "stored": status.next.saturating_sub(status.laid),
         "capacity": hello.capacity,
         "interrupted": status.interrupted.map(|layer| InterruptedLayer::new(status.laid as usize, layer)),
-        "waits": waits(status.pause_cause),
+        "pause_cause": is_paused(status.state).then(|| pause_cause(status.pause_cause)),
         "journal": status.journal,
-        "holder": hello.owner.as_ref().map(|owner| String::from_utf8_lossy(owner).into_owned()),
+        "owner": hello.owner.as_ref().map(|owner| String::from_utf8_lossy(owner).into_owned()),
         "uptime_s": status.uptime_ms as f64 / 1000.0,
     })
 }
 
-fn waits(cause: PauseCause) -> &'static str {
+fn is_paused(state: State) -> bool {
+    matches!(state, State::Paused | State::Parked)
+}
+
+fn pause_cause(cause: PauseCause) -> &'static str {
     match cause {
         PauseCause::LayersExhausted => "for layers",
         PauseCause::Requested => "as asked",
@@ -288,7 +292,7 @@ fn text_of(hello: &BoardHello, simulated: bool) -> String {
         0 => "none".to_string(),
         id => {
             format!(
-                "{id:016x}, {} of {} layers laid, {} held",
+                "{id:016x}, {} of {} layers laid, {} stored",
                 status.laid,
                 status.layers,
                 status.next.saturating_sub(status.laid)
@@ -307,14 +311,14 @@ fn text_of(hello: &BoardHello, simulated: bool) -> String {
     if let Some(interrupted) = status.interrupted {
         text += &format!("interrupted  layer {}: {}\n", status.laid, made(interrupted));
     }
-    if matches!(status.state, State::Paused | State::Parked) {
-        text += &format!("waits        {}\n", waits(status.pause_cause));
+    if is_paused(status.state) {
+        text += &format!("waits        {}\n", pause_cause(status.pause_cause));
     }
     if !status.journal {
         text += "journal      failed: this body cannot be resumed after a reset\n";
     }
     if let Some(owner) = &hello.owner {
-        text += &format!("held by      {}\n", String::from_utf8_lossy(owner));
+        text += &format!("owned by     {}\n", String::from_utf8_lossy(owner));
     }
     text += &format!(
         "board        up {:.1} s, started by {}, boot {:08x}\n",

@@ -204,9 +204,9 @@ impl Watched {
     fn explanation(&self) -> Option<&'static str> {
         match (self.fault, self.state, self.pause_cause) {
             (Some(fault), ..) => Some(fault.explanation()),
-            (None, "paused", PauseCause::Requested) => Some("holds as it was asked to"),
-            (None, "paused", PauseCause::HostSilent) => Some("holds until its host is back"),
-            (None, "paused", PauseCause::LayersExhausted) => Some("holds until it has more layers"),
+            (None, "paused", PauseCause::Requested) => Some("paused as it was asked to"),
+            (None, "paused", PauseCause::HostSilent) => Some("paused until its host is back"),
+            (None, "paused", PauseCause::LayersExhausted) => Some("paused until it has more layers"),
             (None, "emergency-stop", _) => {
                 Some("stays off until the emergency stop is cleared (`clear` in `growbot console`)")
             }
@@ -407,8 +407,8 @@ mod tests {
         let JobEvent::Status(growing) = status(1) else { unreachable!() };
         let pause = |pause_cause| Status { state: State::Paused, pause_cause, ..growing.clone() };
         for (waits, explanation) in [
-            (PauseCause::Requested, "holds as it was asked to"),
-            (PauseCause::HostSilent, "holds until its host is back"),
+            (PauseCause::Requested, "paused as it was asked to"),
+            (PauseCause::HostSilent, "paused until its host is back"),
         ] {
             watched.ingest(&JobEvent::State(State::Paused));
             assert_eq!(shown(&watched), (json!("growing"), Value::Null), "not yet known why");

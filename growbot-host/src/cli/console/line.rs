@@ -301,7 +301,7 @@ impl Session {
                 Some(Message::Laid(laid)) => {
                     print(&match &laid.as_built {
                         Some(bytes) => format!("layer {}: {:.4} mm\n", laid.index, decode(bytes).height),
-                        None => format!("layer {}: cut and let be\n", laid.index),
+                        None => format!("layer {}: interrupted and let be\n", laid.index),
                     })?;
                 }
                 _ => {}
