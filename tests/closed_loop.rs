@@ -1,6 +1,8 @@
-//! Closed loop against open loop, by the same seeds: robot A over 4, 8, 16 and 32 radii, with noisy growth and noisy sensors.
+//! Closed loop against open loop, by the same seeds: robot A over 4, 8, 16 and 32 radii, with noisy growth and noisy
+//! sensors.
 //!
-//! `GROWBOT_LOOPS=1000 cargo test --release -p growbot-tests --test closed_loop -- --nocapture` grows a thousand bodies of each kind.
+//! `GROWBOT_LOOPS=1000 cargo test --release -p growbot-tests --test closed_loop -- --nocapture` grows a thousand bodies
+//! of each kind.
 
 use growbot_client::arrival::Arrival;
 use growbot_client::robot_file;

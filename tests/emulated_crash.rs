@@ -1,4 +1,5 @@
-//! Crashes of the firmware and damage to its image, in QEMU: what the board retains, what it tells, and that it does not heat.
+//! Crashes of the firmware and damage to its image, in QEMU: what the board retains, what it tells, and that it does
+//! not heat.
 
 use std::path::{Path, PathBuf};
 use std::thread::sleep;

@@ -1,5 +1,6 @@
-//! The emergency stop, on the firmware's own image in QEMU. By the link: obeyed behind noise and in the midst of a frame. By the button:
-//! obeyed while the main loop hangs. What it takes the processor, with the board's queue full, `cargo step-cost` tells.
+//! The emergency stop, on the firmware's own image in QEMU. By the link: obeyed behind noise and in the midst of a
+//! frame. By the button: obeyed while the main loop hangs. What it takes the processor, with the board's queue full,
+//! `cargo step-cost` tells.
 
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -24,7 +25,8 @@ use growbot_tests::tip_words::{Words, all_off_at_the_tip};
 const PLAN: u64 = 1;
 /// Three times what the board's queue holds, bytes.
 const NOISE: usize = 3 * 4096;
-/// How long the board may take, all in all; it needs some milliseconds, but the desktop may leave the emulator standing.
+/// How long the board may take, all in all; it needs some milliseconds, but the desktop may leave the emulator
+/// standing.
 const PATIENCE: Duration = Duration::from_secs(120);
 
 /// Robot A, homing and growing faster.
@@ -88,7 +90,8 @@ fn the_button_switches_everything_off_while_the_main_loop_hangs() {
     wait("heater and motors", || OUTPUTS.iter().all(|output| words.read(*output) == 1));
     let boots = words.read(table::BOOTS);
     words.write(table::HANG, 1);
-    // It hangs once no other feed comes, though ticks go on; its watchdog is fed all the same, so that nothing else ends this.
+    // It hangs once no other feed comes, though ticks go on; its watchdog is fed all the same, so that nothing else
+    // ends this.
     let (mut feeds, mut since) = (words.read(table::WATCHDOG_FEEDS), words.read(table::TICKS_LO));
     wait("the main loop to hang", || {
         let now = words.read(table::TICKS_LO);

@@ -23,11 +23,12 @@ fn robot() -> Robot {
     Robot::new(description).unwrap()
 }
 
-/// How long a board may take to a state. Its own clock says how long it took to notice a fault: this is for a busy machine.
+/// How long a board may take to a state. Its own clock says how long it took to notice a fault: this is for a busy
+/// machine.
 const PATIENCE: Duration = Duration::from_secs(300);
 
-/// Grows until this state, breaks something, and waits for the fault (the emergency stop is none), which must come within this time of the
-/// board's clock, s.
+/// Grows until this state, breaks something, and waits for the fault (the emergency stop is none), which must come
+/// within this time of the board's clock, s.
 fn meet(broken: TipFault, during: State, expected: Option<Fault>, within: f64) {
     let what = format!("{} while {}", broken.name(), during.name());
     let robot = robot();

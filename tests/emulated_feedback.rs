@@ -1,5 +1,5 @@
-//! The firmware in the emulator grows with feedback: it measures, it is amended while it grows, and it arrives where a growth without
-//! feedback does not.
+//! The firmware in the emulator grows with feedback: it measures, it is amended while it grows, and it arrives where a
+//! growth without feedback does not.
 
 use growbot_client::client::Client;
 use growbot_client::feedback::Feedback;

@@ -51,8 +51,8 @@ fn the_emulated_board_lays_the_layers_that_the_simulation_lays() {
     assert_eq!(emulated.as_built, simulated.as_built);
     assert_eq!(emulated.filament_mm, simulated.filament_mm);
     assert_eq!(emulated.body.len(), simulated.body.len());
-    // Where the tip ends is measured from the steps and their times. A busy machine delays the emulated board's next layer now and
-    // then by some ticks, in which a step's plastic flows on: that is all the difference there may be.
+    // Where the tip ends is measured from the steps and their times. A busy machine delays the emulated board's next
+    // layer now and then by some ticks, in which a step's plastic flows on: that is all the difference there may be.
     let (here, there) = (emulated.arrival.final_pose, simulated.arrival.final_pose);
     let apart = (here.position() - there.position()).norm();
     assert!(apart < 0.0005 * length(&path), "{apart} mm apart");

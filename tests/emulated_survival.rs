@@ -1,8 +1,8 @@
-//! The firmware's own image grows over bad lines and through interruptions, in QEMU, in real time: whatever happens, the layers are
-//! those of the simulated growth that nothing disturbs.
+//! The firmware's own image grows over bad lines and through interruptions, in QEMU, in real time: whatever happens,
+//! the layers are those of the simulated growth that nothing disturbs.
 //!
-//! `GROWBOT_EMULATED_JOBS` and `GROWBOT_EMULATED_POINTS` are how many growths over bad lines and how many interruptions are tried, 10
-//! and 5 without them:
+//! `GROWBOT_EMULATED_JOBS` and `GROWBOT_EMULATED_POINTS` are how many growths over bad lines and how many interruptions
+//! are tried, 10 and 5 without them:
 //!
 //! ```sh
 //! GROWBOT_EMULATED_JOBS=100 GROWBOT_EMULATED_POINTS=50 cargo test -p growbot-tests --test emulated_survival -- --nocapture
@@ -58,8 +58,8 @@ fn number(variable: &str, otherwise: u64) -> u64 {
     text.parse().unwrap_or_else(|_| panic!("{variable} is {text:?}: give a whole number"))
 }
 
-/// A board with this in its journal's flash, or a new one. Its nozzle is warm as soon as it is heated: heating takes real time here. Not
-/// before: the journal is erased with a cold one only.
+/// A board with this in its journal's flash, or a new one. Its nozzle is warm as soon as it is heated: heating takes
+/// real time here. Not before: the journal is erased with a cold one only.
 fn board(robot: &Robot, flash: &[u8]) -> Result<Board, String> {
     let mut emulator =
         Emulator::start_with_flash(robot, Some(&firmware("an386")), flash).map_err(|error| error.to_string())?;
@@ -67,8 +67,8 @@ fn board(robot: &Robot, flash: &[u8]) -> Result<Board, String> {
     Ok(Rc::new(RefCell::new(emulator)))
 }
 
-/// Does something for each number below `count`, on as many boards as may run at a time; prints what each came to. `work` is
-/// called once for each of the boards, and gives what does it.
+/// Does something for each number below `count`, on as many boards as may run at a time; prints what each came to.
+/// `work` is called once for each of the boards, and gives what does it.
 fn each<W: FnMut(u64) -> Result<String, String>>(count: u64, work: impl Fn() -> W + Sync) {
     // The tests of this file wait for each other: four boards are too many.
     static BUSY: Mutex<()> = Mutex::new(());

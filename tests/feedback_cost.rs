@@ -1,5 +1,5 @@
-//! Growths in closed loop come to the same bits on the desktop and on the microcontroller; and what a layer of them costs there, as a
-//! table: `cargo feedback-cost`.
+//! Growths in closed loop come to the same bits on the desktop and on the microcontroller; and what a layer of them
+//! costs there, as a table: `cargo feedback-cost`.
 //!
 //! Builds the program that grows them (`growbot-firmware/costs/feedback/`) and runs it in the emulator, which counts
 //! each instruction, so that the figures are the same on every machine.

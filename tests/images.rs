@@ -61,8 +61,8 @@ fn a_crash_is_retained_within_what_is_left_of_the_stack() {
 /// A barrier, `dsb sy`, as its bytes.
 const BARRIER: [u8; 4] = [0xBF, 0xF3, 0x4F, 0x8F];
 
-/// While a sector is erased nothing can be read from flash, code included: so it is done by code in RAM, which calls nothing. The write
-/// that starts it must have arrived before the status is read, or that says that all is over.
+/// While a sector is erased nothing can be read from flash, code included: so it is done by code in RAM, which calls
+/// nothing. The write that starts it must have arrived before the status is read, or that says that all is over.
 #[test]
 fn a_sector_is_erased_from_ram_and_behind_a_barrier() {
     let image = std::fs::read(firmware("stm32f405")).unwrap();
@@ -94,8 +94,8 @@ fn a_sector_is_erased_from_ram_and_behind_a_barrier() {
     assert!(!halves.windows(2).any(calls), "it calls something: {halves:04x?}");
 }
 
-/// The deepest that the robot's stack can get, over all paths that its code has: the main program is interrupted at its deepest by one
-/// interrupt after the other, each at its deepest.
+/// The deepest that the robot's stack can get, over all paths that its code has: the main program is interrupted at its
+/// deepest by one interrupt after the other, each at its deepest.
 #[test]
 fn the_robots_stack_is_twice_as_deep_as_it_gets() {
     let image = std::fs::read(firmware("stm32f405")).unwrap();

@@ -1,4 +1,5 @@
-//! The stack of a running board: an overflow ends in a clean reset, and a growth that the board plans by itself leaves half of it unused.
+//! The stack of a running board: an overflow ends in a clean reset, and a growth that the board plans by itself leaves
+//! half of it unused.
 
 use std::time::Duration;
 

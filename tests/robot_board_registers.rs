@@ -1,5 +1,5 @@
-//! What the robot's own image writes to registers that the emulator does not have: the watchdog, the clocks, the heater's timer, and
-//! what is to happen when a debug probe halts the processor or the crystal stops.
+//! What the robot's own image writes to registers that the emulator does not have: the watchdog, the clocks, the
+//! heater's timer, and what is to happen when a debug probe halts the processor or the crystal stops.
 
 use std::path::Path;
 use std::thread::sleep;
@@ -80,8 +80,8 @@ fn a_halted_processor_is_reset_and_its_heater_off() {
     assert_eq!(to(&writes, DBGMCU_APB1_FZ).len(), to(&writes, DBGMCU_APB2_FZ).len());
     // No vector catch.
     assert!(to(&writes, DEMCR).iter().all(|value| value & 0x7F1 == 0) && !to(&writes, DEMCR).is_empty());
-    // Without MOE, TIM1 drives its output (OSSI, bit 10) to OIS1 of CR2, which is 0 and never written; a break (BKE, bit 12, active
-    // high: BKP, bit 13), of which the clock security system is one, clears MOE (bit 15).
+    // Without MOE, TIM1 drives its output (OSSI, bit 10) to OIS1 of CR2, which is 0 and never written; a break (BKE,
+    // bit 12, active high: BKP, bit 13), of which the clock security system is one, clears MOE (bit 15).
     assert_eq!(to(&writes, TIM1 + BDTR), [1 << 15 | 1 << 13 | 1 << 12 | 1 << 10]);
     assert!(to(&writes, TIM1 + CR2).is_empty());
     assert!(to(&writes, TIM1 + CCR1).iter().all(|duty| *duty == 0));

@@ -1,7 +1,8 @@
 //! Host and microcontroller plan the same goals to the same bits.
 //!
-//! The emulated board plans by itself; the hash of its layers in full precision and every one of their bytes must be the
-//! desktop's. The emulator computes in the M4's instructions, so what is compared is two compilations for two processors.
+//! The emulated board plans by itself; the hash of its layers in full precision and every one of their bytes must be
+//! the desktop's. The emulator computes in the M4's instructions, so what is compared is two compilations for two
+//! processors.
 //!
 //! `GROWBOT_GOALS=48 cargo test -p growbot-tests --test same_bits` takes more random goals than the few of every run.
 

@@ -22,7 +22,8 @@ const NEAR: f64 = 3.0;
 const MIN_SHARE: f64 = 0.99;
 /// A path that is longer than the best by more than this factor is much longer...
 const MAX_RATIO: f64 = 1.005;
-/// ...and of those within [`NEAR`] that are drawn evenly no more than this share may be: none would be better, and some are known.
+/// ...and of those within [`NEAR`] that are drawn evenly no more than this share may be: none would be better, and some
+/// are known.
 const MAX_MUCH_LONGER: f64 = 0.003;
 /// What share of the goals picked for being hard must be reached by a path as short as the best.
 const MIN_SHARE_OF_PICKED: f64 = 0.85;

@@ -1,5 +1,5 @@
-//! What a tick of the step interrupt costs on the microcontroller, as a table, and the step rate that this allows; and what
-//! an emergency stop by the link costs: `cargo step-cost`.
+//! What a tick of the step interrupt costs on the microcontroller, as a table, and the step rate that this allows; and
+//! what an emergency stop by the link costs: `cargo step-cost`.
 //!
 //! Builds the program that measures it (`growbot-firmware/costs/step/`) and runs it in the emulator, which
 //! counts each instruction, so that the figures are the same on every machine. They are instructions; what they take on
@@ -18,11 +18,12 @@ use growbot_tests::{build_image, firmware};
 
 /// The robot's board, Hz.
 const CLOCK_HZ: f64 = 168e6;
-/// Cycles of an instruction: 1.2 by itself (a Cortex-M4 takes one, two for a load or a taken branch's refill), and 1.3 for
-/// fetching it, as if no line were ever in the flash's cache: 5 wait states and an access for 16 bytes, some five instructions.
+/// Cycles of an instruction: 1.2 by itself (a Cortex-M4 takes one, two for a load or a taken branch's refill), and 1.3
+/// for fetching it, as if no line were ever in the flash's cache: 5 wait states and an access for 16 bytes, some five
+/// instructions.
 const CYCLES: f64 = 2.5;
-/// Cycles of each interrupt beside the tick: entry and exit, 12 each, and 30 instructions that acknowledge the timer and
-/// save registers. The tick computes no floats, so the processor's lazy stacking never saves their registers.
+/// Cycles of each interrupt beside the tick: entry and exit, 12 each, and 30 instructions that acknowledge the timer
+/// and save registers. The tick computes no floats, so the processor's lazy stacking never saves their registers.
 const AROUND: f64 = 24.0 + 30.0 * CYCLES;
 /// The share of the processor that the step interrupt may take at worst; the rest is the controller's and the link's.
 const SHARE: f64 = 0.5;
@@ -31,7 +32,8 @@ const TICK_HZ: f64 = 20_000.0;
 /// Max instructions of an idle tick.
 const IDLE: u32 = 80;
 
-/// Max instructions from the last byte of an emergency stop to heater and drivers off, a step tick that goes before it included.
+/// Max instructions from the last byte of an emergency stop to heater and drivers off, a step tick that goes before it
+/// included.
 const STOP: u32 = 2_000;
 
 /// How long the board may take to the next line.

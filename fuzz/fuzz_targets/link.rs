@@ -1,4 +1,5 @@
-//! Any bytes on the line, and time in between: the board stays whole, and nothing heats or moves without a host's `Start` or `Tune`.
+//! Any bytes on the line, and time in between: the board stays whole, and nothing heats or moves without a host's
+//! `Start` or `Tune`.
 //!
 //! The first byte of each piece says what it is: bytes as they are, the body of a whole frame, or time that passes.
 

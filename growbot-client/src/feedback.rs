@@ -1,8 +1,8 @@
 //! Feedback: what was measured of each layer goes to the tracker, and what it plans for the rest goes into the job.
 //!
-//! The loop itself is [`Tracker`]; here are its two ends. Pulses of the filament's encoder become growth and gravity becomes a direction
-//! ([`Feedback::laid`]); and the rest of the path becomes layers in bytes, under a name ([`Feedback::rest`]). Which of them a board is
-//! told, and when, is [`crate::growth`]'s.
+//! The loop itself is [`Tracker`]; here are its two ends. Pulses of the filament's encoder become growth and gravity
+//! becomes a direction ([`Feedback::laid`]); and the rest of the path becomes layers in bytes, under a name
+//! ([`Feedback::rest`]). Which of them a board is told, and when, is [`crate::growth`]'s.
 
 use growbot_core::job::plan_id;
 use growbot_core::layer::Layer;
@@ -36,7 +36,8 @@ pub struct Feedback<'a> {
     /// The encoder's count from which growth is measured, and what the layers since should have grown, mm.
     counted: Option<u32>,
     expected: f64,
-    /// Layers below this no count covers, and what they should have grown, mm: it goes with the next one that is counted.
+    /// Layers below this no count covers, and what they should have grown, mm: it goes with the next one that is
+    /// counted.
     counts_from: u32,
     uncounted: f64,
     /// Layers laid that it knows of.
@@ -109,14 +110,15 @@ impl<'a> Feedback<'a> {
         self.boot_id == Some(boot_id)
     }
 
-    /// The encoder counts anew in this start of the board: nothing is fed now, and `laid` layers are laid. What those of them that were not
-    /// measured have grown will never be known.
+    /// The encoder counts anew in this start of the board: nothing is fed now, and `laid` layers are laid. What those
+    /// of them that were not measured have grown will never be known.
     pub fn count_from(&mut self, count: &Count) {
         self.uncounted += std::mem::take(&mut self.expected);
         (self.boot_id, self.counts_from, self.counted) = (Some(count.boot_id), count.laid, count.filament_pulses);
     }
 
-    /// The next layer has been laid: as it was commanded, or better as the steps were made, and what the board's sensors said.
+    /// The next layer has been laid: as it was commanded, or better as the steps were made, and what the board's
+    /// sensors said.
     pub fn laid(&mut self, layer: &LayerBytes, measured: Option<&Measured>) {
         let layer = decode(layer);
         let measured = measured.copied().unwrap_or_default();
@@ -143,7 +145,8 @@ impl<'a> Feedback<'a> {
         Some(uncounted + counted.unwrap_or(expected))
     }
 
-    /// The layers to come, planned again from where the tip will be once those under way, which can no longer be changed, are laid.
+    /// The layers to come, planned again from where the tip will be once those under way, which can no longer be
+    /// changed, are laid.
     pub fn rest(&mut self, under_way: &[LayerBytes]) -> Vec<LayerBytes> {
         let under_way: Vec<Layer> = under_way.iter().map(decode).collect();
         self.tracker.replan(&under_way);

@@ -2,7 +2,8 @@
 //!
 //! A run log has the time of day of each line, which says little where a simulated robot grows in a second, and the
 //! board's time in each status, which this goes by. Time begins at 0 with the first status; the board's time continues
-//! where it was after a reset; between them a layer is reported no sooner after the one before than the robot needs for it.
+//! where it was after a reset; between them a layer is reported no sooner after the one before than the robot needs for
+//! it.
 
 use growbot_core::layer::Layer;
 

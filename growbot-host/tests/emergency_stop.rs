@@ -1,5 +1,6 @@
-//! The emergency stop from the host: over a serial line that `grow` holds, over noise, over a line that is cut in the midst of a frame, and
-//! by a second Ctrl-C. It stops the board within 1 s (six attempts) of the line being usable; otherwise it says to cut the power.
+//! The emergency stop from the host: over a serial line that `grow` holds, over noise, over a line that is cut in the
+//! midst of a frame, and by a second Ctrl-C. It stops the board within 1 s (six attempts) of the line being usable;
+//! otherwise it says to cut the power.
 
 mod emergency;
 mod running;
@@ -36,8 +37,8 @@ fn assert_power_to_be_cut(ran: &Ran, parts: &[&str]) {
     }
 }
 
-/// A simulated board on a line of a virtual clock that carries noise at its full rate to the host, half of it zeros, which end as many pieces
-/// of frames; and to the board nothing until it is usable.
+/// A simulated board on a line of a virtual clock that carries noise at its full rate to the host, half of it zeros,
+/// which end as many pieces of frames; and to the board nothing until it is usable.
 struct Noisy {
     sim: Rc<RefCell<Sim>>,
     random: Random,
@@ -81,8 +82,8 @@ impl Port for Noisy {
     }
 }
 
-/// Has a board behind noise stop; the line is usable after so long. What came of it, the board's state, the stops sent and carried, and for
-/// how long it was tried, s.
+/// Has a board behind noise stop; the line is usable after so long. What came of it, the board's state, the stops sent
+/// and carried, and for how long it was tried, s.
 fn stop_behind_noise(usable_after: Duration) -> (Result<(), ClientError>, State, (u32, u32), f64) {
     let sim = Rc::new(RefCell::new(Sim::new(robot_file::load("growbot-a".as_ref()).unwrap())));
     sim.borrow_mut().pass(Duration::from_secs(5));
@@ -153,7 +154,8 @@ fn the_stop_reaches_a_board_whose_port_grow_holds() {
     let status = growbot(&["status", "--port", &bench.name]);
     assert_eq!(status.code, Some(2), "{}", status.err);
     assert!(status.err.contains("busy") && status.err.contains("growbot estop --port"), "{}", status.err);
-    // A robot file that is not there is no reason to wait. Without a privilege, a port that is closed to others could not be opened.
+    // A robot file that is not there is no reason to wait. Without a privilege, a port that is closed to others could
+    // not be opened.
     let ran = without_privilege(&["estop", "--port", &bench.name, "--robot", "/no/such.toml"]);
     assert_eq!(ran.code, Some(0), "{}", ran.err);
     assert!(ran.out.contains("heater and steppers of the robot are off"), "{}", ran.out);

@@ -1,5 +1,5 @@
-//! `growbot export` as users and scripts meet it: formats, results, exit codes, messages. What other programs read in its files is
-//! tried by tests/exports/run.
+//! `growbot export` as users and scripts meet it: formats, results, exit codes, messages. What other programs read in
+//! its files is tried by tests/exports/run.
 
 mod running;
 

@@ -1,4 +1,5 @@
-//! Growths with feedback on simulated robots that lay imperfectly: they arrive all the same, over bad wires and after interruptions too.
+//! Growths with feedback on simulated robots that lay imperfectly: they arrive all the same, over bad wires and after
+//! interruptions too.
 
 mod running;
 

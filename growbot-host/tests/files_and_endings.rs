@@ -1,5 +1,6 @@
-//! What commands read and write, whatever it is: no input is overwritten under any name, no ending is a lie, nothing is waited for that
-//! never ends, nothing that files hold steers a terminal, and a log that cannot be written is said at once.
+//! What commands read and write, whatever it is: no input is overwritten under any name, no ending is a lie, nothing is
+//! waited for that never ends, nothing that files hold steers a terminal, and a log that cannot be written is said at
+//! once.
 #![cfg(unix)]
 
 mod running;
@@ -413,7 +414,8 @@ fn what_files_and_arguments_hold_does_not_steer_the_terminal() {
     assert_plain(&growbot_reading(&["console"], &format!("{hostile}\nplan {hostile}\n")));
 }
 
-/// Grows with a limit on the length of files, of so many blocks of 512 bytes: writing beyond it fails as on a disk that is full.
+/// Grows with a limit on the length of files, of so many blocks of 512 bytes: writing beyond it fails as on a disk that
+/// is full.
 fn grow_on_a_full_disk(files: &Files, blocks: u32, more: &str) -> (Ran, String) {
     let log = files.path(&format!("full{blocks}.jsonl"));
     let script = format!("trap '' XFSZ; ulimit -f {blocks}; exec \"$0\" grow --to 0,0,120,0,90 --log \"$LOG\" {more}");

@@ -1,9 +1,10 @@
-//! The command on inputs that wish it ill: plans, run logs, robot files, batches and scripts with something changed in them, and boards that
-//! answer nonsense. Whatever comes: no panic, no hang, no character that steers a terminal, no part of a file, an exit code that is
-//! documented.
+//! The command on inputs that wish it ill: plans, run logs, robot files, batches and scripts with something changed in
+//! them, and boards that answer nonsense. Whatever comes: no panic, no hang, no character that steers a terminal, no
+//! part of a file, an exit code that is documented.
 //!
-//! Some hundred of each here; `cargo hostile-campaign` tries 10,000 files and 200 boards. `GROWBOT_HOSTILE_FILES`, `GROWBOT_HOSTILE_BOARDS`,
-//! `GROWBOT_HOSTILE_SECONDS` (the longest that one may take) and `GROWBOT_HOSTILE_SEED` change that.
+//! Some hundred of each here; `cargo hostile-campaign` tries 10,000 files and 200 boards. `GROWBOT_HOSTILE_FILES`,
+//! `GROWBOT_HOSTILE_BOARDS`, `GROWBOT_HOSTILE_SECONDS` (the longest that one may take) and `GROWBOT_HOSTILE_SEED`
+//! change that.
 
 mod hostile;
 mod running;

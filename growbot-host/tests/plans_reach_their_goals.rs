@@ -99,8 +99,8 @@ fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
-/// The frame at the end of a helicoidal arc: `x'' = w x x'`, `w = m/|m|`, `m = m0 + p x x`, by the classical Runge-Kutta
-/// method; all three axes turn about w.
+/// The frame at the end of a helicoidal arc: `x'' = w x x'`, `w = m/|m|`, `m = m0 + p x x`, by the classical
+/// Runge-Kutta method; all three axes turn about w.
 fn helicoid(start: &Matrix, segment: &Value, length: f64, radius: f64) -> Matrix {
     let (m0, p) = (three(&segment["m0"]), three(&segment["p"]));
     type State = [[f64; 3]; 4];
@@ -221,12 +221,13 @@ fn check_layers(plan: &Value, csv: &str, robot: &Robot) {
     assert_eq!(plan["layers"], count);
     assert_arrives(&at, plan, "the layers", ARRIVED);
     for (laid, segment) in laid.iter().zip(segments) {
-        // The layers of a helicoidal arc are arcs that end where it does: where its bend turns over within one of them, they are
-        // longer or shorter by a part of a layer.
+        // The layers of a helicoidal arc are arcs that end where it does: where its bend turns over within one of them,
+        // they are longer or shorter by a part of a layer.
         let off = if segment["kind"] == "helicoid" { robot.height } else { 1e-9 * laid };
         assert!((laid - number(segment, "length_mm")).abs() < off, "{laid} mm laid: {segment}");
     }
-    // Every segment of thin layers is named in the warnings, and no other. The layers of a planned path keep all limits.
+    // Every segment of thin layers is named in the warnings, and no other. The layers of a planned path keep all
+    // limits.
     let all = plan["warnings"].as_array().unwrap();
     assert!(all.iter().all(|warning| warning["code"] != "layer-limit"), "{plan}");
     let warnings: Vec<&Value> = all.iter().filter(|warning| warning["code"] == "thin-layer").collect();

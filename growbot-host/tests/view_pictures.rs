@@ -49,8 +49,8 @@ fn pixels(file: &Path) -> (u32, u32, Vec<u8>) {
 
 #[test]
 fn the_picture_of_the_readme_is_the_one_that_its_commands_make() {
-    /// A pixel is another one if one of its colours differs by more than the first; the second is the max share of these, as edges and letters
-    /// fall a little otherwise with another release of what draws them.
+    /// A pixel is another one if one of its colours differs by more than the first; the second is the max share of
+    /// these, as edges and letters fall a little otherwise with another release of what draws them.
     const OTHER: u8 = 48;
     const MAX_OTHERS: f64 = 0.005;
     let committed = Path::new(env!("CARGO_MANIFEST_DIR")).join("../book/src/pictures/compare.png");

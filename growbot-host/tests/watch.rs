@@ -1,4 +1,5 @@
-//! The page of a growth under way, asked over HTTP by all kinds of clients: only who knows the secret, on this machine, gets anything.
+//! The page of a growth under way, asked over HTTP by all kinds of clients: only who knows the secret, on this machine,
+//! gets anything.
 
 mod running;
 

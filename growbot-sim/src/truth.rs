@@ -43,8 +43,8 @@ impl Simulation for SharedTip {
     }
 }
 
-/// Grows a job by `grow`. Where a simulation is given, whose tip stands where the body begins, `on_event` also gets where the
-/// plastic is, and the result is measured by the tip, unless the board was lost.
+/// Grows a job by `grow`. Where a simulation is given, whose tip stands where the body begins, `on_event` also gets
+/// where the plastic is, and the result is measured by the tip, unless the board was lost.
 ///
 /// # Errors
 /// Those of `grow`, and a tip that cannot be read.

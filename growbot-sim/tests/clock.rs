@@ -1,4 +1,5 @@
-//! The board's clock beside the host's while a body grows: a board whose clock is wrong is stopped, a healthy one on a bad line is not.
+//! The board's clock beside the host's while a body grows: a board whose clock is wrong is stopped, a healthy one on a
+//! bad line is not.
 
 use std::cell::RefCell;
 use std::rc::Rc;

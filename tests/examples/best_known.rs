@@ -5,9 +5,9 @@
 //!     > tests/best_known.csv
 //! ```
 //!
-//! DATE goes into the comments; each COUNT is how many cases of a stratum there shall be, in the order of `Stratum::ALL`. Every case is searched PASSES times, each time with
-//! random numbers of its own, and the shortest curve is taken; what each pass added to those before goes to the standard
-//! error, and into the table's comments.
+//! DATE goes into the comments; each COUNT is how many cases of a stratum there shall be, in the order of
+//! `Stratum::ALL`. Every case is searched PASSES times, each time with random numbers of its own, and the shortest
+//! curve is taken; what each pass added to those before goes to the standard error, and into the table's comments.
 
 use std::time::Instant;
 

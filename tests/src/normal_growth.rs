@@ -81,7 +81,8 @@ pub fn run(plant: Plant, hours: f64) -> Seen {
     sum.into_inner().expect("all growths have ended")
 }
 
-/// One growth: layers of many heights, handed over in portions, so that it holds in between: hot, at standby, or parked.
+/// One growth: layers of many heights, handed over in portions, so that it holds in between: hot, at standby, or
+/// parked.
 fn grow(plant: Plant, seed: u64) -> Seen {
     let mut random = Random::new(&[seed, 2]);
     let variation = copy(plant, &mut random, seed);

@@ -1,7 +1,8 @@
 //! How deep the stack of an image can get, from its code alone.
 //!
-//! Reads the Thumb-2 instructions of every function: what it takes of the stack, and whom it calls. A tail call counts as a call. A call
-//! through a pointer counts as one of the deepest function of all whose address is taken anywhere. Recursion has no depth, and is refused.
+//! Reads the Thumb-2 instructions of every function: what it takes of the stack, and whom it calls. A tail call counts
+//! as a call. A call through a pointer counts as one of the deepest function of all whose address is taken anywhere.
+//! Recursion has no depth, and is refused.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -233,7 +234,8 @@ impl Image {
         *self.symbols.get(name).unwrap_or_else(|| panic!("no symbol {name}"))
     }
 
-    /// Where the program begins, and the handlers of exceptions and interrupts, without that of faults, which begins a stack of its own.
+    /// Where the program begins, and the handlers of exceptions and interrupts, without that of faults, which begins a
+    /// stack of its own.
     pub fn entries(&self) -> (u64, impl Iterator<Item = (&str, u64)>) {
         let handler = |vector: &u32| u64::from(vector & !1);
         // These end the program: how much of the stack they need is another question.

@@ -1,17 +1,19 @@
 //! The board's clock beside the host's.
 //!
-//! A board whose crystal has failed, or whose clocks are set up wrongly, heats and steps at another speed than it believes, and all its
-//! limits in time are off by as much. Its `uptime_ms` shows it. An answer was made between the moment at which it was asked for and the
-//! one at which it arrived; so two answers bound the rate of the board's clock from both sides, and whatever a line adds in delays
-//! only widens the bounds. The clock is wrong where even the bound on the side of caution is beyond the limit, in two windows of half a
-//! minute after each other: one alone may be a program that was halted, or a machine that slept.
+//! A board whose crystal has failed, or whose clocks are set up wrongly, heats and steps at another speed than it
+//! believes, and all its limits in time are off by as much. Its `uptime_ms` shows it. An answer was made between the
+//! moment at which it was asked for and the one at which it arrived; so two answers bound the rate of the board's clock
+//! from both sides, and whatever a line adds in delays only widens the bounds. The clock is wrong where even the bound
+//! on the side of caution is beyond the limit, in two windows of half a minute after each other: one alone may be a
+//! program that was halted, or a machine that slept.
 
 use std::fmt;
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-/// A clock may be off by so much: crystals are within 0.01 %, a UART needs 3 %, and the heater is supervised with margins of 10 %.
+/// A clock may be off by so much: crystals are within 0.01 %, a UART needs 3 %, and the heater is supervised with
+/// margins of 10 %.
 const LIMIT: f64 = 0.02;
 /// The shortest window over which clocks are compared.
 const WINDOW: Duration = Duration::from_secs(30);
@@ -188,7 +190,8 @@ mod tests {
     use growbot_core::random::Random;
     use serde_json::json;
 
-    /// Whether a clock that runs at this rate is found wrong within so much time, s, over a line that delays by up to `jitter`, s.
+    /// Whether a clock that runs at this rate is found wrong within so much time, s, over a line that delays by up to
+    /// `jitter`, s.
     fn found(rate: f64, jitter: f64, seconds: f64, every: f64) -> Option<f64> {
         let mut random = Random::new(&[7]);
         let mut watch = ClockWatch::default();

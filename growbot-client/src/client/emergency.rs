@@ -17,8 +17,9 @@ pub const EMERGENCY_PAUSE: Duration = Duration::from_millis(150);
 const MAX_BREAKS: u32 = 20;
 
 impl Client {
-    /// Has the board switch everything off at once, whatever it is doing and whichever host owns it, and waits until it says so: for
-    /// [`EMERGENCY_LIMIT`] on the port's clock, however much noise comes, and also over a line that breaks, which may come back.
+    /// Has the board switch everything off at once, whatever it is doing and whichever host owns it, and waits until it
+    /// says so: for [`EMERGENCY_LIMIT`] on the port's clock, however much noise comes, and also over a line that
+    /// breaks, which may come back.
     ///
     /// # Errors
     /// [`ClientError::NotStopped`]: then the power must be cut.
@@ -73,8 +74,8 @@ impl Client {
     }
 }
 
-/// Whether a board says in this frame, to any host, that it has stopped at once. Where another program reads the same line, the event that
-/// was meant for that one may be all that arrives here.
+/// Whether a board says in this frame, to any host, that it has stopped at once. Where another program reads the same
+/// line, the event that was meant for that one may be all that arrives here.
 fn says_stopped(frame: &Frame) -> bool {
     let state = match Message::decode(frame.header.kind, &frame.body) {
         Ok(Message::StoppedAtOnce(_)) => return true,

@@ -95,8 +95,8 @@ impl Client {
         self.open = false;
     }
 
-    /// The same line for the emergency stop of another thread; none where the robot ends with this program. From its first use on, this
-    /// client waits for the end of the program.
+    /// The same line for the emergency stop of another thread; none where the robot ends with this program. From its
+    /// first use on, this client waits for the end of the program.
     pub fn emergency_line(&mut self) -> Option<Box<dyn Port + Send>> {
         self.port.emergency_line()
     }

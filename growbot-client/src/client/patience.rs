@@ -8,7 +8,8 @@ use growbot_core::link::frame::FrameError;
 pub(super) const FIRST_REPEAT: Duration = Duration::from_millis(250);
 /// up to this.
 pub(super) const SLOWEST_REPEAT: Duration = Duration::from_millis(500);
-/// A plan takes a board up to a minute for a near goal, and emulated by a busy machine some times that: it is not asked more often.
+/// A plan takes a board up to a minute for a near goal, and emulated by a busy machine some times that: it is not asked
+/// more often.
 pub(super) const REPEAT_OF_PLAN: Duration = Duration::from_secs(10);
 /// A board of which nothing at all comes for so long while it is asked is silent,
 pub(super) const SILENCE: Duration = Duration::from_secs(8);

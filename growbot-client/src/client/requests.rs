@@ -85,8 +85,9 @@ impl Client {
         self.request(what, &request).map(drop)
     }
 
-    /// Stops a board whose clock has gone from the port's, as the answers to [`Client::status`] tell: by a request, after which its body can
-    /// be resumed, or else at once. Gives how far it has; none while the clocks agree, or cannot be compared.
+    /// Stops a board whose clock has gone from the port's, as the answers to [`Client::status`] tell: by a request,
+    /// after which its body can be resumed, or else at once. Gives how far it has; none while the clocks agree, or
+    /// cannot be compared.
     ///
     /// # Errors
     /// [`ClientError::NotStopped`]: nobody knows whether it has stopped, and the power must be cut.

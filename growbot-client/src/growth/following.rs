@@ -1,5 +1,5 @@
-//! A growth under way: the board's events are followed to the end, orders are carried out, and a board that falls silent
-//! is called again.
+//! A growth under way: the board's events are followed to the end, orders are carried out, and a board that falls
+//! silent is called again.
 
 use std::time::Duration;
 

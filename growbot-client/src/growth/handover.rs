@@ -10,7 +10,8 @@ use crate::client::ClientError;
 const HORIZON: u32 = 64;
 /// Layers that the step engine has at a time, which cannot be amended any more.
 pub(super) const IN_ENGINE: u32 = 2;
-/// Min time between two amendments, s: with all layers up to the horizon they keep a serial line busy for a fifth of it.
+/// Min time between two amendments, s: with all layers up to the horizon they keep a serial line busy for a fifth of
+/// it.
 const AMEND_EVERY_S: f64 = 0.5;
 /// Max amendments in all, less an eighth of the job's layers: a board's journal has room for some 2,000 records besides
 /// the layers that a job begins with, and a job that is amended may come to have more of them.
@@ -43,7 +44,8 @@ impl Sent {
 }
 
 impl Growth<'_> {
-    /// Layers of the job that the board is to have by now: with feedback, none that will be others before they are laid.
+    /// Layers of the job that the board is to have by now: with feedback, none that will be others before they are
+    /// laid.
     fn due(&self) -> usize {
         let all = self.job.layers.len();
         if self.feedback.is_some() { all.min(self.built.laid.saturating_add(HORIZON) as usize) } else { all }
@@ -68,8 +70,8 @@ impl Growth<'_> {
         Ok(())
     }
 
-    /// With feedback, plans the layers from this index on again, or from the first one that can still be another, and has
-    /// the board lay these. Where it does not accept them it continues with those that it has.
+    /// With feedback, plans the layers from this index on again, or from the first one that can still be another, and
+    /// has the board lay these. Where it does not accept them it continues with those that it has.
     pub(super) fn amend(&mut self, mut from: u32, on_event: &mut dyn FnMut(&JobEvent)) -> Result<(), ClientError> {
         let layers = self.job.layers.len();
         let is_early = self.built.laid < self.sent.amend_at || !self.built.is_reported();

@@ -1,4 +1,5 @@
-//! One growth: a plan's layers handed to a board, followed until the last of them is laid; or taken up again where it was left.
+//! One growth: a plan's layers handed to a board, followed until the last of them is laid; or taken up again where it
+//! was left.
 
 mod beginning;
 mod following;
@@ -226,7 +227,8 @@ pub enum OnInterrupted {
 pub struct Manner<'a> {
     /// What the board does when it no longer hears from this host.
     pub silence: Silence,
-    /// With it, layers to come are planned again after each that is laid. Of a job that is resumed it knows the layers that are known.
+    /// With it, layers to come are planned again after each that is laid. Of a job that is resumed it knows the layers
+    /// that are known.
     pub feedback: Option<Feedback<'a>>,
 }
 
@@ -287,7 +289,7 @@ struct Growth<'a> {
 struct Sent {
     /// Every name that the job has had.
     names: Vec<u64>,
-    /// An amendment of which it is not known whether the board has applied it.
+    /// An amendment that the board may have applied, or not yet.
     pending: Option<PendingAmendment>,
     /// The job is amended once this many layers are laid.
     amend_at: u32,
@@ -332,7 +334,7 @@ impl BoardClock {
     }
 }
 
-/// An amendment of which it is not known whether the board has applied it.
+/// An amendment that the board may have applied, or not yet.
 struct PendingAmendment {
     /// The job's name then.
     plan_id: u64,

@@ -40,8 +40,8 @@ impl Order {
     }
 }
 
-/// The order to be carried out next, given from any thread and looked at a few times a second by the thread that follows the growth. A stop is
-/// for good: nothing but the emergency stop goes over it.
+/// The order to be carried out next, given from any thread and looked at a few times a second by the thread that
+/// follows the growth. A stop is for good: nothing but the emergency stop goes over it.
 #[derive(Debug, Default)]
 pub struct Orders {
     latest: AtomicU8,

@@ -1,5 +1,5 @@
-//! The lines of a log: one JSON object each. What is none, since a disk was full or a byte was spoilt, is skipped and counted, and reading
-//! continues at the next line.
+//! The lines of a log: one JSON object each. What is none, since a disk was full or a byte was spoilt, is skipped and
+//! counted, and reading continues at the next line.
 
 use serde_json::{Map, Value};
 

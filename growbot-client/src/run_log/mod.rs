@@ -1,10 +1,10 @@
-//! The log of a growth: one JSON object a line, each flushed, so that a log cut off anywhere is readable up to there, and one with torn
-//! lines around them.
+//! The log of a growth: one JSON object a line, each flushed, so that a log cut off anywhere is readable up to there,
+//! and one with torn lines around them.
 //!
-//! The first line has the versions, the command, the robot, the plan and the layers that were handed over, and of a simulated tip how it is
-//! disturbed; the others what happened, the layers as built among them, in the bytes of the link. So the body can be rebuilt from it bit for
-//! bit ([`RunRecord`]), and a growth that was interrupted is resumed from its log. Of a simulated tip the log also has where its plastic
-//! really is.
+//! The first line has the versions, the command, the robot, the plan and the layers that were handed over, and of a
+//! simulated tip how it is disturbed; the others what happened, the layers as built among them, in the bytes of the
+//! link. So the body can be rebuilt from it bit for bit ([`RunRecord`]), and a growth that was interrupted is resumed
+//! from its log. Of a simulated tip the log also has where its plastic really is.
 //!
 //! - [`RunLog`]: writes it; [`RunRecord`]: reads it; [`Events`]: its lines, and what of them cannot be read;
 //! - [`RunEvent`]: the events of both, [`Header`] the first and [`GrowthResult`] in the last.
@@ -124,10 +124,12 @@ impl RunLog {
         Self::default()
     }
 
-    /// Begins a log with versions, command, port, plan and layers; and with what the sensors are taken for, where there is feedback.
+    /// Begins a log with versions, command, port, plan and layers; and with what the sensors are taken for, where there
+    /// is feedback.
     ///
     /// # Errors
-    /// If the file cannot be created. A log that is there already is not overwritten: it may be the only record of a body.
+    /// If the file cannot be created. A log that is there already is not overwritten: it may be the only record of a
+    /// body.
     pub fn begin<'a>(
         path: &Path,
         plan: &Plan,
@@ -212,7 +214,8 @@ impl RunLog {
     /// Writes what happened, and what could not be written before.
     ///
     /// # Errors
-    /// If the file cannot be written, say because a disk is full: then the line waits and is tried again with the next one.
+    /// If the file cannot be written, say because a disk is full: then the line waits and is tried again with the next
+    /// one.
     pub fn record(&mut self, event: &JobEvent) -> Result<(), RunLogError> {
         let Some(open) = &mut self.0 else { return Ok(()) };
         let mut written = Ok(());

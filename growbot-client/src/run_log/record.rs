@@ -1,4 +1,5 @@
-//! What a run log tells of a growth: the job, the layers as the board has built them, and of a simulated tip where its plastic is.
+//! What a run log tells of a growth: the job, the layers as the board has built them, and of a simulated tip where its
+//! plastic is.
 
 use std::path::Path;
 

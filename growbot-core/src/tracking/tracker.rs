@@ -196,7 +196,7 @@ fn too_thin(reference: &Reference, robot: &Robot) -> bool {
     reference.length() < 0.5 * robot.description().layer.height_min_mm
 }
 
-/// The first layer of a reference trajectory, as it is to be commanded, and its expected growth, mm. `None` where the
+/// The first layer of a reference trajectory, as commanded, and its expected growth, mm. `None` where the
 /// rest is too thin to be laid.
 fn first_layer(
     reference: &Reference,

@@ -34,8 +34,8 @@ const ERRORS: u32 = 0xF2;
 /// The watchdog's key register, and what feeds it.
 const WATCHDOG_KEY: *mut u32 = 0x4000_3000 as *mut u32;
 const FEED: u32 = 0xAAAA;
-/// Number of looks at an erasure after which the watchdog is left to reset the board: more than 3 s, at 12 clocks a look at
-/// least.
+/// Number of looks at an erasure after which the watchdog is left to reset the board: more than 3 s, at 12 clocks a
+/// look at least.
 const MAX_LOOKS: u32 = 45_000_000;
 
 unsafe extern "C" {

@@ -69,8 +69,8 @@ const DROP_S: f32 = 3.0;
 const OUT_OF_BAND_S: f32 = 30.0;
 /// Time over which power and need are averaged, s. Decision 0023; sound bounds it from below, faults from above.
 const ENERGY_S: f32 = 60.0;
-/// Mean power beyond this many times the mean need is too much. Decision 0023; sound bounds it from below: 10 % more loss
-/// and 10 % less power than described alone make 1.22 times.
+/// Mean power beyond this many times the mean need is too much. Decision 0023; sound bounds it from below: 10 % more
+/// loss and 10 % less power than described alone make 1.22 times.
 const ENERGY_TIMES: f32 = 1.6;
 /// Time over which the regulation's trim is learned, s. Sound bounds it from above, since the nominal model is wrong
 /// until then, and faults from below, since a fault is learned too.
@@ -87,8 +87,8 @@ const DITHERS_MISSED: u32 = 2;
 const SATURATED_SHARE: f32 = 0.6;
 /// Saturated periods in a row that a hot nozzle cannot need. Decision 0023; bounded as [`SATURATED_SHARE`].
 const PERIODS_SATURATED: u32 = 3;
-/// The nozzle is ahead of its thermistor: its temperature is that of the reading if it continues for this long, s. It is
-/// the lag of the slowest sound reading, [`LAG_S`].
+/// The nozzle is ahead of its thermistor: its temperature is that of the reading if it continues for this long, s. It
+/// is the lag of the slowest sound reading, [`LAG_S`].
 const AHEAD_S: f32 = 4.0;
 /// Only the rate beyond this counts then, degrees a second. Decision 0023; faults (the nozzle stays below 5 C above
 /// `max_c`) bounds it from above.

@@ -23,12 +23,12 @@ use super::{ChosenPort, Connection, Failure, PortArg};
 
 /// Grow a body: a plan, or straight from a pose
 ///
-/// Hands the layers to the robot's board, which heats, homes its head and lays them one by one; shows how far it is, and at the end
-/// where the tip arrived: as the steps that were made say, or with --feedback the sensors. Ctrl-C stops the robot; a second one gives the
-/// emergency stop and leaves.
+/// Hands the layers to the robot's board, which heats, homes its head and lays them one by one; shows how far it is,
+/// and at the end where the tip arrived: as the steps that were made say, or with --feedback the sensors. Ctrl-C stops
+/// the robot; a second one gives the emergency stop and leaves.
 ///
-/// Without a robot (--port sim, the default unless GROWBOT_PORT names another port) the same controller runs in this program against a simulated tip, on a virtual clock, and
-/// where the tip arrived is what that has really laid.
+/// Without a robot (--port sim, the default unless GROWBOT_PORT names another port) the same controller runs in this
+/// program against a simulated tip, on a virtual clock, and where the tip arrived is what that has really laid.
 #[derive(Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct GrowArgs {
@@ -44,8 +44,9 @@ pub struct GrowArgs {
     on_silence: OnSilence,
     /// Measure each layer and plan the rest again from where the tip is
     ///
-    /// Growth is measured by the filament's encoder, the tip's direction by its orientation sensor, which sees gravity and so no
-    /// heading. --odometry-noise and --direction-noise say how well: on a robot, 1 percent and 0.5 degrees unless given.
+    /// Growth is measured by the filament's encoder, the tip's direction by its orientation sensor, which sees gravity
+    /// and so no heading. --odometry-noise and --direction-noise say how well: on a robot, 1 percent and 0.5 degrees
+    /// unless given.
     #[arg(long)]
     feedback: bool,
     /// Grow in spite of self-collision, filament-short or layer-limit

@@ -24,8 +24,8 @@ use super::{Failure, robot_of, say_damage};
 /// The log may be cut off anywhere: the body is rebuilt up to there. Lines that cannot be read are skipped, and that is
 /// said. Of a growth with feedback, the estimate is rebuilt, too.
 ///
-/// On a robot the body is what the board's steps have built. On a simulated tip it is where the plastic lies, laid (simulated), which
-/// disturbances take elsewhere; the commanded body, that of the steps, is printed beside it.
+/// On a robot the body is what the board's steps have built. On a simulated tip it is where the plastic lies, laid
+/// (simulated), which disturbances take elsewhere; the commanded body, that of the steps, is printed beside it.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  growbot replay run.jsonl\n  growbot replay run.jsonl --layers > as-built.csv")]
 pub struct ReplayArgs {
@@ -214,7 +214,8 @@ impl<'a> Replayed<'a> {
     }
 }
 
-/// What feedback came to, if there was some, and its plan. A robot that is not said need be neither found nor the same as then.
+/// What feedback came to, if there was some, and its plan. A robot that is not said need be neither found nor the same
+/// as then.
 fn fed_back(record: &RunRecord, robot: Option<&Path>) -> Result<Option<ReplayedFeedback>, Failure> {
     if record.feedback.is_none() {
         return Ok(None);

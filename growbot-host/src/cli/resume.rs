@@ -23,9 +23,9 @@ use super::{Failure, PortArg, robot_of, say_damage};
 
 /// Resume a body that was left unfinished: after a stop, a fault, a reset, a loss of power or of the host
 ///
-/// Shows what the board knows, asks, heats, finds the head's index, primes the nozzle and continues at the first layer that is not laid. It
-/// takes the plan, or better the log of the growth (`grow --log`), which it then continues. A growth with feedback is resumed with it, and only
-/// from its log.
+/// Shows what the board knows, asks, heats, finds the head's index, primes the nozzle and continues at the first layer
+/// that is not laid. It takes the plan, or better the log of the growth (`grow --log`), which it then continues. A
+/// growth with feedback is resumed with it, and only from its log.
 ///
 /// Of an interrupted layer it says how much was made. That layer is laid again unless you say otherwise.
 #[derive(Args)]

@@ -27,11 +27,12 @@ use super::{Failure, simulate_table};
 
 /// Simulate a growth with noise, with or without feedback, once or many times
 ///
-/// Lays the plan's layers one by one, each with the errors that are asked for, and tells how near the tip comes. There is no
-/// board in it and no clock: `growbot grow` has those. With --feedback the growth of each layer (odometry) and the tip's direction
-/// are measured, and the rest of the path is planned again after each layer.
+/// Lays the plan's layers one by one, each with the errors that are asked for, and tells how near the tip comes. There
+/// is no board in it and no clock: `growbot grow` has those. With --feedback the growth of each layer (odometry) and
+/// the tip's direction are measured, and the rest of the path is planned again after each layer.
 ///
-/// Errors are those of Del Dottore et al. 2019, Eqs 26 to 28; the normalized one is over the length of the planned path.
+/// Errors are those of Del Dottore et al. 2019, Eqs 26 to 28; the normalized one is over the length of the planned
+/// path.
 #[derive(Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct SimulateArgs {

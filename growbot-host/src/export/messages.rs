@@ -1,7 +1,7 @@
 //! Channels of a recording: topics, JSON Schemas, and messages.
 //!
-//! Poses and scenes are those that Foxglove draws (<https://docs.foxglove.dev/docs/sdk/schemas>): metres, in the frame `base`, z up. What is
-//! growbot's own is in mm and degrees, as the names say. What is not known is left out.
+//! Poses and scenes are those that Foxglove draws (<https://docs.foxglove.dev/docs/sdk/schemas>): metres, in the frame
+//! `base`, z up. What is growbot's own is in mm and degrees, as the names say. What is not known is left out.
 
 use growbot_client::run_log::BoardStatus;
 use growbot_core::pose::Frame;

@@ -52,7 +52,8 @@ pub fn write(robot: &Robot, plan: &Plan, record: &RunRecord, log: &[u8]) -> Resu
     for event in events(log) {
         match &event {
             RunEvent::Status(status) => recorder.status(status)?,
-            // A layer may be told again after a resumption: the first report stands. One whose line is lost came before the next.
+            // A layer may be told again after a resumption: the first report stands. One whose line is lost came before
+            // the next.
             RunEvent::Laid(laid) if (laid.layer as usize) < body.layers.len() => {
                 let told = laid.layer as usize;
                 while let Some((index, ((before, grown), planned))) = growing.next_if(|(index, _)| told >= *index) {

@@ -1,7 +1,8 @@
 //! Who gets an answer: a client that knows the token, on this machine, from the page itself.
 //!
-//! Any page in a browser can have it ask this machine's own addresses. So an address is a secret, a name that only points here
-//! (DNS rebinding) is none of ours, and what other pages ask for is refused. Those who are refused are told nothing.
+//! Any page in a browser can have it ask this machine's own addresses. So an address is a secret, a name that only
+//! points here (DNS rebinding) is none of ours, and what other pages ask for is refused. Those who are refused are told
+//! nothing.
 
 use axum::extract::Request;
 use axum::http::header::{HOST, HeaderMap, HeaderValue, ORIGIN};
@@ -38,8 +39,8 @@ pub async fn nothing() -> Response {
     StatusCode::NOT_FOUND.into_response()
 }
 
-/// Whether a request comes from where the page may be: asked by one of our own names, through whatever port that is forwarded, and by no
-/// other page.
+/// Whether a request comes from where the page may be: asked by one of our own names, through whatever port that is
+/// forwarded, and by no other page.
 fn may_ask(headers: &HeaderMap) -> bool {
     let text = |name: &HeaderName| headers.get(name).map(|value| value.to_str().unwrap_or_default());
     let Some(host) = text(&HOST) else { return false };

@@ -77,8 +77,8 @@ pub struct Watch {
 }
 
 impl Watch {
-    /// Serves the page of a plan and its job on this port, 0 for any; `known` are the layers that have been built already. With orders,
-    /// the page may give some.
+    /// Serves the page of a plan and its job on this port, 0 for any; `known` are the layers that have been built
+    /// already. With orders, the page may give some.
     ///
     /// # Errors
     /// [`WatchError`].
@@ -134,7 +134,8 @@ impl Watch {
         self.shared.changes.send_modify(|changes| *changes += 1);
     }
 
-    /// Tells pages how it ended, as `growbot grow --json` says it, and waits a moment for those that are open to hear it.
+    /// Tells pages how it ended, as `growbot grow --json` says it, and waits a moment for those that are open to hear
+    /// it.
     pub fn end(self, result: GrowthResult) {
         self.shared.watched().end(result);
         self.shared.changes.send_modify(|changes| *changes += 1);

@@ -171,7 +171,8 @@ impl Watched {
         self.ended = Some(result);
     }
 
-    /// What a page that has seen so much does not know yet. Layers and readings are to be put in from the given index on.
+    /// What a page that has seen so much does not know yet. Layers and readings are to be put in from the given index
+    /// on.
     pub fn update_for(&self, seen: &mut Seen) -> Update<'_> {
         if seen.thinned != self.thinned {
             (seen.readings, seen.thinned) = (0, self.thinned);
@@ -214,8 +215,8 @@ impl Watched {
         }
     }
 
-    /// The state has changed. Why it is a pause or a fault is in the status, which the growth asks for at once: such a state is shown
-    /// from then on, together with its explanation.
+    /// The state has changed. Why it is a pause or a fault is in the status, which the growth asks for at once: such a
+    /// state is shown from then on, together with its explanation.
     fn changed(&mut self, state: State) {
         if !matches!(state, State::Paused | State::Fault) {
             (self.state, self.fault) = (state.name(), None);

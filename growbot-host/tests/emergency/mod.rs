@@ -1,4 +1,5 @@
-//! A simulated board at the far end of a line, serial or TCP, whose faults a test sets, and `growbot grow` at the near end.
+//! A simulated board at the far end of a line, serial or TCP, whose faults a test sets, and `growbot grow` at the near
+//! end.
 
 use std::fs::{File, OpenOptions};
 use std::io::{ErrorKind, Read, Write};
@@ -22,7 +23,8 @@ use crate::running::{PROGRAM, Ran, command};
 
 /// The board's time passes faster than real time by this factor.
 const PACE: u32 = 50;
-/// What the board says arrives in such pieces, bytes, as from a UART: of two programs that read the line, each may have some of them.
+/// What the board says arrives in such pieces, bytes, as from a UART: of two programs that read the line, each may have
+/// some of them.
 const PIECE: usize = 8;
 /// A test that waits for longer has failed.
 const PATIENCE: Duration = Duration::from_secs(120);

@@ -1,4 +1,5 @@
-//! Boards that wish us ill: a simulated robot behind a TCP connection, whose answers are changed on their way, or no robot at all.
+//! Boards that wish us ill: a simulated robot behind a TCP connection, whose answers are changed on their way, or no
+//! robot at all.
 
 use std::io::{ErrorKind, Read, Write};
 use std::net::{TcpListener, TcpStream};

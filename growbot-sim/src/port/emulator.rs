@@ -1,8 +1,8 @@
 //! The robot's firmware in QEMU, with the simulated tip behind the memory that both share.
 //!
-//! A thread plays the tip: it takes the steps out of the ring, warms the nozzle by the energy that the board has counted,
-//! and writes what the sensors show. The steps themselves depend only on the firmware: the machine's load stretches time
-//! and changes none of them.
+//! A thread plays the tip: it takes the steps out of the ring, warms the nozzle by the energy that the board has
+//! counted, and writes what the sensors show. The steps themselves depend only on the firmware: the machine's load
+//! stretches time and changes none of them.
 
 use std::fs::File;
 use std::io;
@@ -52,7 +52,8 @@ impl Emulator {
         Self::start_with_flash(robot, firmware, &[])
     }
 
-    /// Starts a board whose power has been gone: with the flash of its journal, from [`Emulator::cut_power`]. All else is as at first.
+    /// Starts a board whose power has been gone: with the flash of its journal, from [`Emulator::cut_power`]. All else
+    /// is as at first.
     ///
     /// # Errors
     /// As [`Emulator::start`].
@@ -186,7 +187,8 @@ fn prepare(memory: &TipMemory, robot: &Robot) -> Result<(), QemuError> {
     words.show(&mut tip_of(robot)).map_err(doing("write the tip's memory"))
 }
 
-/// The tip at first. The board counts its head from where it stands when it is switched on, and places the index mark there too.
+/// The tip at first. The board counts its head from where it stands when it is switched on, and places the index mark
+/// there too.
 fn tip_of(robot: &Robot) -> Tip {
     Tip::new(robot.clone(), 0, Variation::default())
 }
@@ -282,8 +284,8 @@ impl Words {
         self.write(live, sample.is_some().into())
     }
 
-    /// The board computes the level of its index sensor from its own steps: this tells it how far those are from the truth, and
-    /// the level itself where that no longer depends on them.
+    /// The board computes the level of its index sensor from its own steps: this tells it how far those are from the
+    /// truth, and the level itself where that no longer depends on them.
     fn show_index(&self, tip: &Tip) -> io::Result<()> {
         let mark = IndexMark::of(tip.robot());
         let position = (i64::from(mark.position) - tip.head_slip()).rem_euclid(i64::from(mark.steps_per_turn));
@@ -341,7 +343,8 @@ impl Followed {
         // Both are zero in a board that is just starting anew.
         let (passed, gained) = (ticks.saturating_sub(self.ticks), energy.saturating_sub(self.energy));
         if passed > 0 {
-            // What it got is what the board has counted, however rarely this looks; the word is for a switch that is broken.
+            // What it got is what the board has counted, however rarely this looks; the word is for a switch that is
+            // broken.
             let mean = if gained > 0 { gained as f64 / passed as f64 } else { f64::from(duty) };
             self.tip.heat((mean / f64::from(u16::MAX)).min(1.0), enabled || gained > 0);
             self.tip.blow(f64::from(self.words.read(table::FAN_DUTY)?.min(u32::from(u16::MAX))) / f64::from(u16::MAX));

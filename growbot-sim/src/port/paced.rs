@@ -10,7 +10,8 @@ use super::sim::Sim;
 /// A pause of this program is not made up for beyond this.
 const MAX_BEHIND: Duration = Duration::from_secs(1);
 
-/// A simulated robot whose time passes faster than real time by a factor, or as fast as it is computed where that is slower.
+/// A simulated robot whose time passes faster than real time by a factor, or as fast as it is computed where that is
+/// slower.
 pub struct Paced {
     sim: Sim,
     times: f64,

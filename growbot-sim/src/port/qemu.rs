@@ -1,8 +1,8 @@
 //! Boards in QEMU: starts the emulator and gives the ends of its lines.
 //!
-//! Each line is a TCP connection that QEMU makes to a port this side has opened before: there is no port to guess, nothing to
-//! wait for but the connection, and no byte of the board's first message is lost. The emulator is killed when its
-//! [`Qemu`] is dropped.
+//! Each line is a TCP connection that QEMU makes to a port this side has opened before: there is no port to guess,
+//! nothing to wait for but the connection, and no byte of the board's first message is lost. The emulator is killed
+//! when its [`Qemu`] is dropped.
 
 use std::ffi::{OsStr, OsString};
 use std::fmt;
@@ -234,8 +234,8 @@ impl Drop for Qemu {
     }
 }
 
-/// QEMU as a child that does not outlive this program, however that ends: where util-linux's `setpriv` is there, it asks the
-/// system to see to it.
+/// QEMU as a child that does not outlive this program, however that ends: where util-linux's `setpriv` is there, it
+/// asks the system to see to it.
 fn command() -> Command {
     let bound = Command::new("setpriv").arg("--version").stdin(Stdio::null()).stdout(Stdio::null()).status();
     if !bound.is_ok_and(|status| status.success()) {
@@ -283,8 +283,8 @@ pub struct EmulatedRobot {
 }
 
 impl EmulatedRobot {
-    /// Starts the board with a firmware image on a memory, whose host words the caller has written. Further arguments of QEMU, such as
-    /// `-icount`, may be added.
+    /// Starts the board with a firmware image on a memory, whose host words the caller has written. Further arguments
+    /// of QEMU, such as `-icount`, may be added.
     pub fn start(firmware: &Path, tip: TipMemory, further: &[&str]) -> Result<Self, QemuError> {
         let line = Line::open("serial line")?;
         let mut backend = OsString::from(format!("memory-backend-file,id=tip,share=on,size={},mem-path=", tip.size));

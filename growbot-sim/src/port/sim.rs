@@ -189,8 +189,8 @@ impl Sim {
         self.flash.clone()
     }
 
-    /// Resets the board: its outputs go off and its controller starts anew. The tip stays as it is. What the board retained is
-    /// lost when its power was away, but for its flash.
+    /// Resets the board: its outputs go off and its controller starts anew. The tip stays as it is. What the board
+    /// retained is lost when its power was away, but for its flash.
     pub fn reset(&mut self, cause: ResetCause) {
         if cause == ResetCause::PowerOn {
             self.lose_retained();

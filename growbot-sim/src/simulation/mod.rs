@@ -1,4 +1,5 @@
-//! Plans grown without a robot: layer by layer, with what goes wrong, in open or in closed loop, once or a million times.
+//! Plans grown without a robot: layer by layer, with what goes wrong, in open or in closed loop, once or a million
+//! times.
 //!
 //! The physics and the loop are growbot-core's ([`growbot_core::simulation`]); here they are put together for a plan
 //! ([`Simulation`]), repeated with many seeds ([`campaign`]) and summed up ([`statistics`]).
@@ -15,7 +16,8 @@ use growbot_core::slicing::{Layers, Slicing, layers};
 
 /// Code of the warning of a root that would fail: max stress, strength (MPa).
 pub const ROOT_FAILS: &str = "root-fails";
-/// Code of the warning of a body that sags further than the model of it is good for: deflection of the tip, a tenth of the length (mm).
+/// Code of the warning of a body that sags further than the model of it is good for: deflection of the tip, a tenth of
+/// the length (mm).
 pub const SAGS_FAR: &str = "sags-far";
 
 /// Beyond this share of the length a sag is no longer small.

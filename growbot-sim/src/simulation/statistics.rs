@@ -8,7 +8,8 @@ const BELOW: u32 = f64::MANTISSA_DIGITS - 1 - MANTISSA_BITS;
 const LEAST: f64 = f64::from_bits((1023 - 64) << 52);
 const GREATEST: f64 = f64::from_bits((1023 + 32) << 52);
 
-/// The statistics of values that are not negative. The order in which they are added decides the last digits of mean and deviation.
+/// The statistics of values that are not negative. The order in which they are added decides the last digits of mean
+/// and deviation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Statistics {
     count: u64,

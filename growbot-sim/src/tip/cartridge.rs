@@ -1,12 +1,14 @@
-//! A nozzle as its parts: a heater cartridge in a block that stands in air, and a thermistor of which a table is published.
+//! A nozzle as its parts: a heater cartridge in a block that stands in air, and a thermistor of which a table is
+//! published.
 //!
-//! `C_h dH/dt = P - G (H - B)` for the cartridge, `C_b dB/dt = G (H - B) - loss - c Q (B - A)` for the block, and the thermistor follows
-//! the block as in [`super::nozzle`]. The loss is natural convection, which goes with the temperature difference to the power of 1.25
-//! (laminar: McAdams, Heat Transmission, 1954), and radiation (Stefan and Boltzmann). A fan or a draught adds to the convection.
+//! `C_h dH/dt = P - G (H - B)` for the cartridge, `C_b dB/dt = G (H - B) - loss - c Q (B - A)` for the block, and the
+//! thermistor follows the block as in [`super::nozzle`]. The loss is natural convection, which goes with the
+//! temperature difference to the power of 1.25 (laminar: McAdams, Heat Transmission, 1954), and radiation (Stefan and
+//! Boltzmann). A fan or a draught adds to the convection.
 //!
-//! The firmware reckons with one lump of heat, a loss in proportion to the difference, and an equation of the thermistor. None of that
-//! is used here: what is true of both nozzles is not true because they are the same. Integrated by Runge and Kutta's method of fourth
-//! order, 0.05 s a step at most.
+//! The firmware reckons with one lump of heat, a loss in proportion to the difference, and an equation of the
+//! thermistor. None of that is used here: what is true of both nozzles is not true because they are the same.
+//! Integrated by Runge and Kutta's method of fourth order, 0.05 s a step at most.
 
 use super::nozzle::Drive;
 
@@ -94,7 +96,8 @@ impl Cartridge {
         ]
     }
 
-    /// Time passes in which nothing changes: block and thermistor after it, and the block's max temperature in that time.
+    /// Time passes in which nothing changes: block and thermistor after it, and the block's max temperature in that
+    /// time.
     pub fn pass(&mut self, seconds: f64, block_c: f64, sensor_c: f64, load: &Load) -> (f64, f64, f64) {
         let steps = libm::ceil(seconds / STEP_S).max(1.0);
         let step = seconds / steps;
@@ -118,8 +121,8 @@ impl Cartridge {
     }
 }
 
-/// The thermistor 104GT-2 of Semitec (100 kilo-ohm): from -50 degrees Celsius on, every 10 degrees, kilo-ohm, as printed in the maker's
-/// leaflet "GT-2 glass thermistors".
+/// The thermistor 104GT-2 of Semitec (100 kilo-ohm): from -50 degrees Celsius on, every 10 degrees, kilo-ohm, as
+/// printed in the maker's leaflet "GT-2 glass thermistors".
 const KILO_OHM: [f64; 36] = [
     8743.0, 4218.0, 2132.0, 1127.0, 620.0, 353.7, 208.6, 126.8, 79.36, 50.96, 33.49, 22.51, 15.44, 10.80, 7.686, 5.556,
     4.082, 3.043, 2.298, 1.758, 1.360, 1.064, 0.8414, 0.6714, 0.5408, 0.4393, 0.3597, 0.2969, 0.2468, 0.2065, 0.1740,
@@ -128,8 +131,8 @@ const KILO_OHM: [f64; 36] = [
 const TABLE_FROM_C: f64 = -50.0;
 const TABLE_STEP_C: f64 = 10.0;
 
-/// Steinhart and Hart's coefficients of that thermistor, for a robot's description: solved for 30, 150 and 250 degrees of the table. They
-/// follow its lines within 0.1 degrees from 0 to 260.
+/// Steinhart and Hart's coefficients of that thermistor, for a robot's description: solved for 30, 150 and 250 degrees
+/// of the table. They follow its lines within 0.1 degrees from 0 to 260.
 pub const STEINHART_HART_104GT_2: [f64; 3] = [8.109974e-4, 2.114126e-4, 7.144945e-8];
 
 /// Resistance of that thermistor, ohm. Between the lines of the table its logarithm goes evenly; beyond the table too.

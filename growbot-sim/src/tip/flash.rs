@@ -1,8 +1,10 @@
-//! Flash of a simulated board: two erase sectors as on the robot's, which hold what they hold over resets and losses of power.
+//! Flash of a simulated board: two erase sectors as on the robot's, which hold what they hold over resets and losses of
+//! power.
 //!
-//! A loss of power in the midst of a write leaves the byte that it meets with some of its bits programmed; in the midst of an
-//! erasure it leaves any mixture of what was there, noise, and bytes that are erased. Bits that were being programmed as power was lost
-//! may be weak: they read as a test says, at each start anew, until they are programmed again ([`Flash::weaken`]).
+//! A loss of power in the midst of a write leaves the byte that it meets with some of its bits programmed; in the midst
+//! of an erasure it leaves any mixture of what was there, noise, and bytes that are erased. Bits that were being
+//! programmed as power was lost may be weak: they read as a test says, at each start anew, until they are programmed
+//! again ([`Flash::weaken`]).
 //!
 //! (The firmware's own tests take this file too.)
 

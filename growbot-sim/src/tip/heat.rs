@@ -116,8 +116,9 @@ impl Tip {
         self.nozzle.set(celsius);
     }
 
-    /// From now on the nozzle is this warm, degrees Celsius, at the moment in which its heater first gets power: for trials in real time, in
-    /// which heating would take most of it. Earlier or later than that, the firmware would rightly take it for a heater out of control.
+    /// From now on the nozzle is this warm, degrees Celsius, at the moment in which its heater first gets power: for
+    /// trials in real time, in which heating would take most of it. Earlier or later than that, the firmware would
+    /// rightly take it for a heater out of control.
     pub fn warm_at_once(&mut self, celsius: f64) {
         self.warm_at_once = Some(celsius);
     }

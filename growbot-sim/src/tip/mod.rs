@@ -1,9 +1,11 @@
-//! The simulated tip: what a robot's head, feed and nozzle would do with the signals they get, and what its sensors would show.
+//! The simulated tip: what a robot's head, feed and nozzle would do with the signals they get, and what its sensors
+//! would show.
 //!
 //! It knows nothing of plans or layers. Head and feed steps become plastic by angle, plastic becomes height
 //! and tilt, and these chain to a body (Eq 4). The nozzle warms and cools, and its thermistor follows. The index sensor
-//! passes once a turn, the filament turns its encoder, and gravity turns as the body bends. Faults of a controller therefore
-//! show as they would on a robot: in the body. What can break on a robot breaks here on request ([`TipFault`]).
+//! passes once a turn, the filament turns its encoder, and gravity turns as the body bends. Faults of a controller
+//! therefore show as they would on a robot: in the body. What can break on a robot breaks here on request
+//! ([`TipFault`]).
 //!
 //! Its clock is the board's: ticks of the step interrupt. Nothing depends on how often it is looked at.
 //!

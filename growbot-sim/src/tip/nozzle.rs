@@ -5,8 +5,8 @@
 //!
 //! A copy of a robot may have a [`Cartridge`] instead, which is solved otherwise; what follows is of the lump above.
 //!
-//! Both are solved in closed form while power, loss and flow stand still. The flow is counted in slots of a tenth of a second:
-//! in each, the nozzle heats, evenly, what was fed in the one before. So the heat is exact, the result does not
+//! Both are solved in closed form while power, loss and flow stand still. The flow is counted in slots of a tenth of a
+//! second: in each, the nozzle heats, evenly, what was fed in the one before. So the heat is exact, the result does not
 //! depend on how often anybody looks, and hours without flow are one step.
 
 use growbot_core::robot::{Heater, Robot};

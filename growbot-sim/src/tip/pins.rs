@@ -1,4 +1,5 @@
-//! The tip as a board sees it: pins, ADC channels and sensors, each a part that the controller or the step engine takes.
+//! The tip as a board sees it: pins, ADC channels and sensors, each a part that the controller or the step engine
+//! takes.
 //!
 //! Levels are logical, so that no part needs [`growbot_firmware::polarity::Polarized`].
 

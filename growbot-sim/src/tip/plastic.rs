@@ -1,12 +1,12 @@
 //! Plastic by angle, layer by layer.
 //!
-//! Between two feed steps one step's volume flows, evenly in time, and lies wherever the head stood in between. Over a sweep
-//! of the head the sum gives the mean height and the first harmonic the tilt: `h = sum`, `r_t phi = 2 |sum e^(i psi)|`, in
-//! units of the height that one step spread over the whole ring would have.
+//! Between two feed steps one step's volume flows, evenly in time, and lies wherever the head stood in between. Over a
+//! sweep of the head the sum gives the mean height and the first harmonic the tilt: `h = sum`, `r_t phi = 2 |sum e^(i
+//! psi)|`, in units of the height that one step spread over the whole ring would have.
 //!
-//! A layer is a sweep from one visit of the tip's x axis to the next, whichever way the head turns. A head that turns back
-//! elsewhere, since it has lost steps, ends a layer there. What is less than half a turn is no layer of its own and belongs
-//! to the next.
+//! A layer is a sweep from one visit of the tip's x axis to the next, whichever way the head turns. A head that turns
+//! back elsewhere, since it has lost steps, ends a layer there. What is less than half a turn is no layer of its own
+//! and belongs to the next.
 
 use growbot_core::angle::wrap_positive;
 use growbot_core::layer::Layer;
@@ -196,8 +196,8 @@ impl Plastic {
         self.swept >= self.steps_per_turn / 2
     }
 
-    /// Notes how long the head has stood. On the tip's x axis, where one layer ends and the next begins, half of the time
-    /// counts to either.
+    /// Notes how long the head has stood. On the tip's x axis, where one layer ends and the next begins, half of the
+    /// time counts to either.
     fn stand(&mut self, tick: u64) {
         let time = tick.saturating_sub(self.stepped) as f64;
         self.stepped = self.stepped.max(tick);
@@ -254,8 +254,8 @@ impl Plastic {
         self.swept_layers
     }
 
-    /// The layers as they came out, that under way included. What twist they have shows in the deposition angles of those after them, so
-    /// that the layers chain to the same body without it.
+    /// The layers as they came out, that under way included. What twist they have shows in the deposition angles of
+    /// those after them, so that the layers chain to the same body without it.
     pub fn layers(&self, robot: &Robot, imperfection: &Imperfection) -> Vec<Layer> {
         let mut layers = Layers::default();
         let mut all: Vec<Moments> = self.laid.iter().filter_map(|ring| layers.next(ring)).collect();

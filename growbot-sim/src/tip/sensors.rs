@@ -93,14 +93,15 @@ impl Tip {
         self.filament.is_there() && !self.faults.has(TipFault::FilamentOut)
     }
 
-    /// The level of the encoder that the filament turns. It rises once for each pulse's length of filament that really moves.
+    /// The level of the encoder that the filament turns. It rises once for each pulse's length of filament that really
+    /// moves.
     #[must_use]
     pub fn encoder(&self) -> bool {
         self.filament.encoder()
     }
 
-    /// How the encoder continues from here: how far it has been turned, steps, and how much each step's worth adds in this
-    /// layer.
+    /// How the encoder continues from here: how far it has been turned, steps, and how much each step's worth adds in
+    /// this layer.
     pub fn encoder_mapping(&mut self) -> (f64, f64) {
         (self.filament.turned(), self.seen_per_step())
     }
@@ -125,8 +126,8 @@ impl Tip {
         self.faults.has(TipFault::EmergencyStop)
     }
 
-    /// Gravity in the tip's frame, thousandths of the earth's, upwards as a resting accelerometer shows it; none where the
-    /// sensor does not answer.
+    /// Gravity in the tip's frame, thousandths of the earth's, upwards as a resting accelerometer shows it; none where
+    /// the sensor does not answer.
     pub fn gravity(&mut self) -> Option<[i16; 3]> {
         if self.faults.has(TipFault::OrientationSilent) {
             return None;

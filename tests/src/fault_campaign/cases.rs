@@ -89,7 +89,8 @@ impl Case {
             // While it warms up, a reading that stands still is first of all one that does not rise.
             T::ThermistorFrozen if cold => &[F::ThermistorFrozen, F::HeatingTooSlow],
             T::ThermistorFrozen => &[F::ThermistorFrozen],
-            // It follows nothing: what shows first depends on what the nozzle does. One that has cooled holds its filament.
+            // It follows nothing: what shows first depends on what the nozzle does. One that has cooled holds its
+            // filament.
             T::ThermistorStuck => &[
                 F::FilamentJam,
                 F::ThermistorFrozen,

@@ -59,9 +59,11 @@ impl Seen {
 /// The nozzle of the simulated tips.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Plant {
-    /// One lump of heat with a loss in proportion to its warmth, and a thermistor that follows its equation: as the firmware reckons.
+    /// One lump of heat with a loss in proportion to its warmth, and a thermistor that follows its equation: as the
+    /// firmware reckons.
     Lump,
-    /// A heater cartridge in a block that loses heat by convection and radiation, and a thermistor of which a table is published.
+    /// A heater cartridge in a block that loses heat by convection and radiation, and a thermistor of which a table is
+    /// published.
     Cartridge,
 }
 
@@ -86,8 +88,8 @@ pub fn robot(plant: Plant) -> Robot {
     Robot::new(description).expect("so is its thermistor")
 }
 
-/// A copy of the robot: power, heat capacity and loss within 10 %, supply within 10 %, another room and another sensor. A cartridge has
-/// 10 to 30 % of the heat capacity and conducts 1 to 4 W/K; 10 to 30 % of the loss are radiation.
+/// A copy of the robot: power, heat capacity and loss within 10 %, supply within 10 %, another room and another sensor.
+/// A cartridge has 10 to 30 % of the heat capacity and conducts 1 to 4 W/K; 10 to 30 % of the loss are radiation.
 #[must_use]
 pub fn copy(plant: Plant, random: &mut Random, seed: u64) -> Variation {
     let mut within = |min: f64, max: f64| random.between(min, max);

@@ -7,7 +7,8 @@ use growbot_core::link::message::Fault;
 use super::cases::{Case, Onset, Right};
 use super::growth::Seen;
 
-/// Seconds to detection and peak temperature of each fault and onset, as Markdown: first on the lump, then on the cartridge.
+/// Seconds to detection and peak temperature of each fault and onset, as Markdown: first on the lump, then on the
+/// cartridge.
 #[must_use]
 pub fn markdown(lump: &[(Case, Vec<Seen>)], cartridge: &[(Case, Vec<Seen>)]) -> String {
     let mut text = String::from(

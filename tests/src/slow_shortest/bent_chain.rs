@@ -1,6 +1,6 @@
 //! Shortening directly, with no theory of what a shortest curve looks like: a chain of arcs, each bent by at most 1, is
-//! pulled to the goal, and then its length descends while its end is held there. Arcs that bend about quite another axis
-//! than their neighbours are split, and the length descends again.
+//! pulled to the goal, and then its length descends while its end is held there. Arcs that bend about quite another
+//! axis than their neighbours are split, and the length descends again.
 
 use core::f64::consts::TAU;
 
@@ -166,8 +166,8 @@ impl Unknowns {
         None
     }
 
-    /// The chain after descending in length, as far as this leaves the end where it is; the stride grows while that goes
-    /// well.
+    /// The chain after descending in length, as far as this leaves the end where it is; the stride grows while that
+    /// goes well.
     fn shortened(mut self, problem: &Problem, mut stride: f64) -> Option<Self> {
         for _ in 0..SHORTENINGS {
             let (_, slopes) = self.miss_and_slopes(problem);

@@ -1,9 +1,9 @@
 //! Arc, straight line, arc: every such curve between two poses that many random starts lead to.
 //!
-//! The first arc grows forwards from the start, the last one backwards from the goal, each by a bend vector: perpendicular
-//! to the tangent, towards the side to which the arc bends, as long as the arc. The unknowns are the two bend vectors
-//! (2 + 2) and the length of the line; what must vanish is the gap between the line's end and the last arc (3), and the
-//! difference of the directions (3, of which 2 are independent).
+//! The first arc grows forwards from the start, the last one backwards from the goal, each by a bend vector:
+//! perpendicular to the tangent, towards the side to which the arc bends, as long as the arc. The unknowns are the two
+//! bend vectors (2 + 2) and the length of the line; what must vanish is the gap between the line's end and the last arc
+//! (3), and the difference of the directions (3, of which 2 are independent).
 
 use core::f64::consts::TAU;
 

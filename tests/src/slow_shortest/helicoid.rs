@@ -1,8 +1,8 @@
-//! Helicoidal arcs (Sussmann 1995): curves of curvature exactly 1 that bend about w = m / |m|, where m = m0 + p x position,
-//! with constant vectors m0, perpendicular to the first tangent, and p.
+//! Helicoidal arcs (Sussmann 1995): curves of curvature exactly 1 that bend about w = m / |m|, where m = m0 + p x
+//! position, with constant vectors m0, perpendicular to the first tangent, and p.
 //!
-//! Which of them reach a goal is searched by shooting: from random curves, from curves close to an arc, a line and an arc
-//! whose line is a little too short to be walked, and from those that [`super::bent_chain`] has shortened directly,
+//! Which of them reach a goal is searched by shooting: from random curves, from curves close to an arc, a line and an
+//! arc whose line is a little too short to be walked, and from those that [`super::bent_chain`] has shortened directly,
 //! Levenberg and Marquardt's method leads to a curve that arrives, or not.
 
 use core::f64::consts::PI;
@@ -28,13 +28,15 @@ const ROUGH: Precision = Precision { error: 1e-8, difference: 1e-4, arrived: 1e-
 const FINE: Precision = Precision { error: 1e-14, difference: 1e-6, arrived: 1e-11 };
 /// Lines walked backwards further than this have no helicoidal arc close by, radii.
 const LONGEST_LINE: f64 = 1.0;
-/// A chain shorter than the best curve by more than this tells of a better one: chains end not exactly at the goal, radii.
+/// A chain shorter than the best curve by more than this tells of a better one: chains end not exactly at the goal,
+/// radii.
 pub const BEATEN: f64 = 2e-4;
 /// A curve that needs more steps than this is given up.
 const MAX_STEPS: usize = 20_000;
 
-/// A helicoidal arc from the origin along z, given by what it is at one of its points, the anchor. Where m is very short,
-/// only curves that are walked from there, to both sides, end where they should: rounding at the start would be magnified.
+/// A helicoidal arc from the origin along z, given by what it is at one of its points, the anchor. Where m is very
+/// short, only curves that are walked from there, to both sides, end where they should: rounding at the start would be
+/// magnified.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Helicoid {
     /// The anchor, and the tangent there.
@@ -216,8 +218,8 @@ fn arrive(problem: &Problem, start: &Helicoid, longest: f64) -> Option<Helicoid>
 }
 
 /// A helicoidal arc seen from its narrow point, where m is shortest, wherever it lies: there, with unit vectors t along
-/// the tangent and a along m, m = size a, and p = cos psi t + sin psi a. Where m is short, the curve turns from one circle
-/// to the other within about the square root of `size`, for any `skew` = psi / sqrt(size / (1 + size)).
+/// the tangent and a along m, m = size a, and p = cos psi t + sin psi a. Where m is short, the curve turns from one
+/// circle to the other within about the square root of `size`, for any `skew` = psi / sqrt(size / (1 + size)).
 ///
 /// These four numbers are as many as there are of poses to reach, but for how they are placed in space.
 #[derive(Debug, Clone, Copy)]
@@ -371,8 +373,8 @@ fn random_start(problem: &Problem, longest: f64, among: usize, random: &mut Rand
     best.1
 }
 
-/// The m0 and p that fit best to a chain: those whose m0 + p x position has, in the sum of squares, least across the axes
-/// that its arcs bend about.
+/// The m0 and p that fit best to a chain: those whose m0 + p x position has, in the sum of squares, least across the
+/// axes that its arcs bend about.
 fn fitted(chain: &Chain) -> Helicoid {
     let mut squares = SMatrix::<f64, 5, 5>::zeros();
     let columns = |position: &Vector3<f64>, axis: &Vector3<f64>| {
@@ -404,7 +406,8 @@ pub struct Effort {
     pub chains: usize,
     /// Rounds at least.
     pub rounds: usize,
-    /// Rounds at most: more than `rounds` only while the best has been found less than `hits` times, or a chain is shorter.
+    /// Rounds at most: more than `rounds` only while the best has been found less than `hits` times, or a chain is
+    /// shorter.
     pub max_rounds: usize,
     /// How often the best has to be found.
     pub hits: usize,

@@ -1,13 +1,13 @@
-//! The shortest curve of curvature at most 1 in space, from the origin along z to a goal with a direction, found slowly:
-//! evidence to test a fast planner against, sharing neither code nor method with it.
+//! The shortest curve of curvature at most 1 in space, from the origin along z to a goal with a direction, found
+//! slowly: evidence to test a fast planner against, sharing neither code nor method with it.
 //!
 //! Lengths are in turning radii, angles in radians. How the tip rolls about its tangent is left free.
 //!
-//! A shortest curve is an arc, a straight line and an arc (CSC), or a helicoidal arc (H), or, if all lies in one plane, one
-//! of Dubins' path types; parts may vanish (H. J. Sussmann, "Shortest 3-dimensional paths with a prescribed curvature bound",
-//! Proc. 34th IEEE Conference on Decision and Control, 1995). Each kind is searched from many random starts ([`csc`],
-//! [`helicoid`], helped by [`bent_chain`], which knows nothing of kinds) or written down ([`planar`]). Nothing is proven
-//! shortest; whatever is returned arrives to [`ARRIVED`] when it is walked.
+//! A shortest curve is an arc, a straight line and an arc (CSC), or a helicoidal arc (H), or, if all lies in one plane,
+//! one of Dubins' path types; parts may vanish (H. J. Sussmann, "Shortest 3-dimensional paths with a prescribed
+//! curvature bound", Proc. 34th IEEE Conference on Decision and Control, 1995). Each kind is searched from many random
+//! starts ([`csc`], [`helicoid`], helped by [`bent_chain`], which knows nothing of kinds) or written down ([`planar`]).
+//! Nothing is proven shortest; whatever is returned arrives to [`ARRIVED`] when it is walked.
 
 pub mod bent_chain;
 pub mod csc;

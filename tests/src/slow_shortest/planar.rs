@@ -1,6 +1,7 @@
 //! The six words of Dubins (1957), for a start, a goal and directions that lie in one plane.
 //!
-//! In the plane the start is the origin and heads along y (the third axis of space); left and right circles have radius 1.
+//! In the plane the start is the origin and heads along y (the third axis of space); left and right circles have radius
+//! 1.
 
 use core::f64::consts::{FRAC_PI_2, TAU};
 

@@ -22,8 +22,8 @@ pub enum Stratum {
     Coplanar,
     /// The same, and then goal and direction moved out of the plane by 0.1 to 1e-7.
     NearlyCoplanar,
-    /// The ends of arc, line, arc with a line walked backwards by 0.3 to 3e-4 radii: shortest there is, in most cases, a
-    /// helicoidal arc that turns from one circle to another within about this length.
+    /// The ends of arc, line, arc with a line walked backwards by 0.3 to 3e-4 radii: shortest there is, in most cases,
+    /// a helicoidal arc that turns from one circle to another within about this length.
     Narrow,
 }
 

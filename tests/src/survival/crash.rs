@@ -132,7 +132,8 @@ fn come_back(job: &Job, board: &Board, known: Vec<Option<LayerBytes>>) -> Result
     Ok((found, grown?))
 }
 
-/// Whether everything is as it must be: every layer laid once and the same as without the crash, and a layer that was cut told.
+/// Whether everything is as it must be: every layer laid once and the same as without the crash, and a layer that was
+/// cut told.
 ///
 /// # Errors
 /// What is not.

@@ -20,8 +20,8 @@ const INSIDE: &str = "#4a5361";
 
 /// Corners of a ring that is seen whole.
 const CORNERS: u32 = 72;
-/// A stretch between rings is no longer than this many radii of the tube and not bent by more than that, radians: of less
-/// nothing is seen.
+/// A stretch between rings is no longer than this many radii of the tube and not bent by more than that, radians: of
+/// less nothing is seen.
 const LONG: f64 = 0.7;
 const BENT: f64 = 0.05;
 /// A layer that is lower than this share of the highest is a splinter between two pieces of a path: it does not stretch

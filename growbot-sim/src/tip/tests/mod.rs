@@ -48,8 +48,8 @@ fn feed(tip: &mut Tip, steps: u32) {
     }
 }
 
-/// Lays a turn with twice the plastic in the quarter round 90 degrees, this way round. In each step of the head, half of its
-/// plastic comes before and half after, so that both ways are alike.
+/// Lays a turn with twice the plastic in the quarter round 90 degrees, this way round. In each step of the head, half
+/// of its plastic comes before and half after, so that both ways are alike.
 fn lay_turn(tip: &mut Tip, positive: bool) {
     tip.direct(Motor::Head, positive);
     for step in 0..3200 {
