@@ -28,7 +28,8 @@
 //! | [`kinematics`] | one step of growth (Eq 4), chained (Eq 5) without drift |
 //! | [`curvature`], [`robot`] | the tightest bend (Eq 7); a robot's description, checked once |
 //! | [`dubins2`], [`two_plane`] | the shortest path in a plane; two such paths in space |
-//! | [`shortest`], [`plan`] | the shortest path in space; a path that is checked to arrive |
+//! | [`shortest`], [`to_point`] | the shortest path in space; that to a position, in any direction |
+//! | [`plan`] | a path that is checked to arrive |
 //! | [`path`], [`helicoid`] | arcs, straight lines and helicoidal arcs, of which a path consists |
 //! | [`slicing`], [`layer`] | the layers of a path; one layer |
 //! | [`layer_bytes`], [`job`], [`hash`] | a layer in 12 bytes; the job that a board gets, and its name |
@@ -87,6 +88,7 @@ pub mod simulation;
 pub mod slicing;
 #[cfg(test)]
 mod testing;
+pub mod to_point;
 pub mod tracking;
 pub mod trigonometry;
 pub mod two_plane;

@@ -77,7 +77,7 @@ pub const MAX_RADIUS: f64 = 1e6;
 /// tenth of a nanometre for a radius of 100 mm.
 const ARRIVED: f64 = 1e-9;
 /// Min length of a segment, radii. Shorter ones are rounding and are dropped where that does not move the end.
-const MIN_SEGMENT: f64 = 1e-9;
+pub(crate) const MIN_SEGMENT: f64 = 1e-9;
 /// Max error at the goal of a path without its dropped segments, radii and radians: a tenth of [`ARRIVED`].
 const UNMOVED: f64 = 1e-10;
 
@@ -149,6 +149,15 @@ fn search(
     accept: impl FnMut(&[Segment]) -> bool,
     keep_alive: &mut dyn FnMut(),
 ) -> Result<Option<Chosen>, PlanError> {
+    check_radius(robot, radius)?;
+    match planner {
+        Planner::TwoPlane => two_plane_only(start, goal, radius, accept),
+        Planner::Shortest => shortest_of_all(start, goal, radius, accept, keep_alive),
+    }
+}
+
+/// Refuses a radius (mm) below R_min or above [`MAX_RADIUS`].
+pub(crate) fn check_radius(robot: &Robot, radius: f64) -> Result<(), PlanError> {
     let limit = robot.min_radius();
     if radius < limit {
         return Err(PlanError::RadiusTooSmall { radius, limit });
@@ -156,10 +165,7 @@ fn search(
     if radius.is_nan() || radius > MAX_RADIUS {
         return Err(PlanError::RadiusTooLarge { radius, limit: MAX_RADIUS });
     }
-    match planner {
-        Planner::TwoPlane => two_plane_only(start, goal, radius, accept),
-        Planner::Shortest => shortest_of_all(start, goal, radius, accept, keep_alive),
-    }
+    Ok(())
 }
 
 #[inline(never)] // Its room on the stack is not the caller's.
@@ -208,7 +214,7 @@ fn shortest_of_all(
 
 /// Length of the two-plane path, mm.
 #[inline(never)] // Its room on the stack is not the caller's.
-fn two_plane_length(start: &Pose, goal: &Pose, radius: f64) -> Result<f64, PlanError> {
+pub(crate) fn two_plane_length(start: &Pose, goal: &Pose, radius: f64) -> Result<f64, PlanError> {
     arriving_two_plane(start, goal, radius).map(|path| path::length(&path))
 }
 
@@ -228,7 +234,7 @@ fn arriving_candidate(
 }
 
 /// The path, without segments that are nothing but rounding, if it ends at the goal.
-fn arriving(path: Path, start: &Pose, goal: &Pose, radius: f64) -> Result<Path, PlanError> {
+pub(crate) fn arriving(path: Path, start: &Pose, goal: &Pose, radius: f64) -> Result<Path, PlanError> {
     let scale = ((goal.position() - start.position()).norm() / (100.0 * radius)).max(1.0);
     let within = |path: &Path, share: f64| {
         let miss = miss(&path::end(path, &start.frame()), goal);

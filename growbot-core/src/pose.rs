@@ -25,6 +25,26 @@ pub struct Pose {
     pitch: f64,
 }
 
+/// A position that a tip may be asked to reach, mm: as of a [`Pose`], without a direction.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Position(Vector3<f64>);
+
+impl Position {
+    /// A position, mm.
+    ///
+    /// # Errors
+    /// Anything not finite, a coordinate beyond [`Pose::MAX_COORDINATE`].
+    pub fn new(position: Vector3<f64>) -> Result<Self, PoseError> {
+        Pose::new(position, 0.0, 0.0).map(|pose| Self(pose.position))
+    }
+
+    /// The coordinates, mm.
+    #[must_use]
+    pub fn vector(&self) -> Vector3<f64> {
+        self.0
+    }
+}
+
 /// Why a pose was refused.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum PoseError {
@@ -113,6 +133,12 @@ impl Pose {
             heading: wrap_signed(libm::atan2(direction.y, direction.x)),
             pitch: libm::atan2(direction.z, trigonometry::hypot(direction.x, direction.y)),
         }
+    }
+
+    /// A pose of the same direction at another position.
+    #[must_use]
+    pub fn at(&self, position: &Position) -> Self {
+        Self { position: position.0, ..*self }
     }
 
     /// The position of the tip, mm.

@@ -1,0 +1,117 @@
+//! The path to a position is the shortest of those to it in every direction, as an independent search finds them: the
+//! shortest-path planner, asked for many directions all over the sphere, and then for ever nearer ones round the best.
+
+use std::f64::consts::PI;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::thread;
+
+use growbot_core::path::length;
+use growbot_core::plan::{Planner, plan};
+use growbot_core::pose::{Pose, Position};
+use growbot_core::random::Random;
+use growbot_core::robot::Robot;
+use growbot_core::to_point::plan_to_point;
+use nalgebra::Vector3;
+
+/// mm.
+const RADIUS: f64 = 100.0;
+/// Positions tried, unless GROWBOT_POSITIONS says otherwise: 500 take two minutes.
+const POSITIONS: u32 = 80;
+/// How far they are, in radii.
+const NEAREST: f64 = 0.5;
+const FARTHEST: f64 = 20.0;
+/// Directions of the grid; for positions near the start, to which a plan takes milliseconds.
+const DIRECTIONS: u32 = 200;
+const DIRECTIONS_NEAR: u32 = 60;
+/// Radii.
+const NEAR: f64 = 3.9;
+/// How many directions of the grid are refined, and until how small a step, radians: where the direction is free its
+/// part of the length vanishes to first order, so the lengths of such steps differ by far less than [`AS_SHORT`].
+const REFINED: usize = 3;
+const MIN_STEP: f64 = 1e-4;
+/// Radii.
+const AS_SHORT: f64 = 1e-6;
+
+/// The length of the shortest path to a position in this direction, radii.
+fn to_direction(robot: &Robot, start: &Pose, position: Vector3<f64>, direction: &Vector3<f64>) -> f64 {
+    let heading = direction.y.atan2(direction.x);
+    let pitch = direction.z.atan2(direction.x.hypot(direction.y));
+    let goal = Pose::new(position, heading, pitch).unwrap();
+    length(&plan(robot, start, &goal, RADIUS, Planner::Shortest).unwrap().path) / RADIUS
+}
+
+/// Directions spread evenly over the sphere, as the seeds of a sunflower.
+fn grid(count: u32) -> impl Iterator<Item = Vector3<f64>> {
+    (0..count).map(move |index| {
+        let up = 1.0 - (2.0 * f64::from(index) + 1.0) / f64::from(count);
+        let round = f64::from(index) * PI * (3.0 - 5.0_f64.sqrt());
+        let across = (1.0 - up * up).sqrt();
+        Vector3::new(across * round.cos(), across * round.sin(), up)
+    })
+}
+
+/// Steps downhill over the sphere, in ever smaller steps.
+fn refined(mut best: (f64, Vector3<f64>), length: &impl Fn(&Vector3<f64>) -> f64) -> f64 {
+    let mut step = 0.3;
+    while step > MIN_STEP {
+        let (_, at) = best;
+        let across = at.cross(&if at.x.abs() < 0.7 { Vector3::x() } else { Vector3::y() }).normalize();
+        let sides = [across, at.cross(&across)];
+        let near = sides.iter().flat_map(|side| [1.0, -1.0].map(|sign| (at + side * (sign * step)).normalize()));
+        let shortest = near.map(|at| (length(&at), at)).min_by(|a, b| a.0.total_cmp(&b.0)).unwrap();
+        if shortest.0 < best.0 {
+            best = shortest;
+        } else {
+            step *= 0.5;
+        }
+    }
+    best.0
+}
+
+fn searched(robot: &Robot, start: &Pose, position: Vector3<f64>) -> f64 {
+    let length = |direction: &Vector3<f64>| to_direction(robot, start, position, direction);
+    let near = (position - start.position()).norm() < NEAR * RADIUS;
+    let mut found: Vec<(f64, Vector3<f64>)> = grid(if near { DIRECTIONS_NEAR } else { DIRECTIONS })
+        .map(|direction| (length(&direction), direction))
+        .collect();
+    found.sort_by(|a, b| a.0.total_cmp(&b.0));
+    found.iter().take(REFINED).map(|best| refined(*best, &length)).fold(f64::INFINITY, f64::min)
+}
+
+#[test]
+fn no_direction_gives_a_shorter_path() {
+    let file = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/growbot-a.toml"));
+    let robot = Robot::new(toml::from_str(file).unwrap()).unwrap();
+    let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
+    let positions = std::env::var("GROWBOT_POSITIONS").map_or(POSITIONS, |count| count.parse().unwrap());
+    let (next, missed) = (AtomicU32::new(0), AtomicU32::new(0));
+    let work = || {
+        loop {
+            let index = next.fetch_add(1, Ordering::Relaxed);
+            if index >= positions {
+                return;
+            }
+            let mut random = Random::new(&[2026, u64::from(index)]);
+            let distance = RADIUS * random.between(NEAREST, FARTHEST);
+            let position = random.direction() * distance;
+            let point = Position::new(position).unwrap();
+            let found = plan_to_point(&robot, &start, &point, RADIUS, Planner::Shortest, |_| true).unwrap().unwrap();
+            let found = length(&found.chosen.path) / RADIUS;
+            let searched = searched(&robot, &start, position);
+            assert!(found <= searched + AS_SHORT, "{position:?}: {found}, and the search finds {searched}");
+            if searched > found + AS_SHORT {
+                println!("{position:?}: the search misses {found} by {:e}", searched - found);
+                missed.fetch_add(1, Ordering::Relaxed);
+            }
+        }
+    };
+    thread::scope(|scope| {
+        for _ in 0..thread::available_parallelism().map_or(1, usize::from) {
+            scope.spawn(work);
+        }
+    });
+    let missed = missed.into_inner();
+    println!("{positions} positions: the search misses {missed} by more than {AS_SHORT:e} radii");
+    // The search of directions would be no reference if it did not come near.
+    assert!(missed * 20 <= positions, "{missed}");
+}
