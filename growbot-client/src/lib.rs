@@ -38,3 +38,4 @@ pub mod run_clock;
 pub mod run_log;
 pub mod suggest;
 pub mod warning;
+pub mod waypoints;

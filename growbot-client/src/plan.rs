@@ -2,11 +2,14 @@
 
 use growbot_core::path::{self, Leg, Segment};
 use growbot_core::plan::{self as planning, Chosen, MAX_RADIUS, Needs, PlanError, Planner};
-use growbot_core::pose::{Frame, Pose};
+use growbot_core::pose::{Frame, Pose, Position};
 use growbot_core::robot::Robot;
+use growbot_core::to_point::{self, ToPoint};
+use nalgebra::Vector3;
 
 use crate::clearance::first_collision;
 use crate::warning::{Warning, warnings};
+use crate::waypoints;
 
 /// A plan for one robot. Lengths in mm, angles in radians.
 #[derive(Debug, Clone, PartialEq)]
@@ -27,6 +30,8 @@ pub struct Plan {
     pub legs: Vec<Leg>,
     /// What each leg was chosen from; plans of older versions do not say.
     pub choices: Vec<Option<Choice>>,
+    /// Of each leg, whether only the position of its goal was asked for, so that the direction is the planner's choice.
+    pub free_directions: Vec<bool>,
     /// The path from start to goal.
     pub path: Vec<Segment>,
     /// Length, layers, time and filament.
@@ -62,13 +67,47 @@ impl Choice {
     }
 }
 
-/// The legs of a plan, and what each was chosen from. Both lists have one length.
+/// Where a leg is to end.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Goal {
+    /// At a position, pointing in a direction.
+    Pose(Pose),
+    /// At a position, pointing anywhere.
+    Position(Position),
+}
+
+impl From<Pose> for Goal {
+    fn from(pose: Pose) -> Self {
+        Self::Pose(pose)
+    }
+}
+
+impl Goal {
+    /// The position, mm.
+    #[must_use]
+    pub fn position(&self) -> Vector3<f64> {
+        match self {
+            Self::Pose(pose) => pose.position(),
+            Self::Position(position) => position.vector(),
+        }
+    }
+
+    /// Whether any direction will do.
+    #[must_use]
+    pub fn is_free(&self) -> bool {
+        matches!(self, Self::Position(_))
+    }
+}
+
+/// The legs of a plan, and what each was chosen from. All lists have one length.
 #[derive(Debug)]
 pub(crate) struct ChosenLegs {
     /// The legs, one at least.
     pub(crate) legs: Vec<Leg>,
     /// What each leg was chosen from; `None` where a plan file does not say.
     pub(crate) choices: Vec<Option<Choice>>,
+    /// Whether the direction at the end of each leg was the planner's choice.
+    pub(crate) free_directions: Vec<bool>,
 }
 
 /// How a path is looked for.
@@ -106,34 +145,52 @@ impl Plan {
         Self::through(robot, start, &[], goal, &Search { radius, planner, clear_of_self: false })
     }
 
-    /// Plans from the start through these poses, in order, to the goal: each leg from where the one before ended, with
-    /// the frame of the tip carried along.
+    /// Plans from the start through these poses or positions, in order, to the goal: each leg from where the one before
+    /// ended, with the frame of the tip carried along.
+    ///
+    /// Directions at positions are chosen for the shortest path, jointly where there are several
+    /// ([`crate::waypoints`]).
     ///
     /// With [`Search::clear_of_self`], each leg is the shortest candidate that meets neither itself nor the legs
     /// before; where there is none, the shortest of all, and the plan's warnings say so.
     ///
     /// # Errors
     /// As [`Plan::make`].
-    pub fn through(robot: &Robot, start: &Pose, via: &[Pose], goal: &Pose, search: &Search) -> Result<Self, PlanError> {
+    pub fn through<G: Copy + Into<Goal>>(
+        robot: &Robot,
+        start: &Pose,
+        via: &[G],
+        goal: &G,
+        search: &Search,
+    ) -> Result<Self, PlanError> {
+        let goals: Vec<Goal> = via.iter().chain([goal]).map(|goal| (*goal).into()).collect();
+        let plan = Self::leg_by_leg(robot, start, &goals, search)?;
+        Ok(waypoints::shorter(&plan, robot, &goals, search).unwrap_or(plan))
+    }
+
+    /// Plans each leg for itself, to a position in the direction that makes this leg the shortest.
+    pub(crate) fn leg_by_leg(robot: &Robot, start: &Pose, goals: &[Goal], search: &Search) -> Result<Self, PlanError> {
         let mut body: Vec<Segment> = Vec::new();
-        let (mut legs, mut choices) = (Vec::with_capacity(via.len() + 1), Vec::with_capacity(via.len() + 1));
+        let (mut legs, mut choices) = (Vec::with_capacity(goals.len()), Vec::with_capacity(goals.len()));
         // Where the tip is, and the pose and the roll from which the next leg is planned.
         let mut base_from_tip = start.frame();
         let (mut from, mut roll) = (*start, 0.0);
-        for goal in via.iter().chain([goal]) {
-            let (chosen, passed_over) = plan_leg(robot, &from, goal, search, &body, roll)?;
+        for goal in goals {
+            let PlannedLeg { goal, chosen, passed_over } = plan_leg(robot, &from, goal, search, &body, roll)?;
             let own: Vec<Segment> = chosen.path.iter().map(|segment| segment.rolled(roll)).collect();
             let Chosen { candidates, two_plane_length, .. } = chosen;
             choices.push(Some(Choice { candidates, passed_over, two_plane_length }));
-            legs.push(Leg { goal: *goal, segments: own.len() });
+            legs.push(Leg { goal, segments: own.len() });
             base_from_tip = path::end(&own, &base_from_tip);
             body.extend(own);
-            let miss = planning::miss(&base_from_tip, goal);
+            let miss = planning::miss(&base_from_tip, &goal);
             let there = miss.distance <= AT_THE_POSE * search.radius && miss.angle <= AT_THE_POSE;
-            from = if there { *goal } else { Pose::from_frame(&base_from_tip) };
+            from = if there { goal } else { Pose::from_frame(&base_from_tip) };
             roll = roll_from(&from, &base_from_tip);
         }
-        Ok(Self::of_path(robot, start, search.radius, search.planner, ChosenLegs { legs, choices }, body))
+        let free_directions = goals.iter().map(Goal::is_free).collect();
+        let legs = ChosenLegs { legs, choices, free_directions };
+        Ok(Self::of_path(robot, start, search.radius, search.planner, legs, body))
     }
 
     /// The plan of a path that leads from the start along its legs, at least one.
@@ -142,7 +199,7 @@ impl Plan {
         start: &Pose,
         radius: f64,
         planner: Planner,
-        ChosenLegs { legs, choices }: ChosenLegs,
+        ChosenLegs { legs, choices, free_directions }: ChosenLegs,
         path: Vec<Segment>,
     ) -> Self {
         let needs = planning::needs(&path, robot);
@@ -157,6 +214,7 @@ impl Plan {
             needs,
             legs,
             choices,
+            free_directions,
             path,
         }
     }
@@ -183,6 +241,12 @@ impl Plan {
     pub fn via(&self) -> Vec<Pose> {
         let on_the_way = self.legs.len().saturating_sub(1);
         self.legs.iter().take(on_the_way).map(|leg| leg.goal).collect()
+    }
+
+    /// Whether only the position of the goal was asked for.
+    #[must_use]
+    pub fn has_free_direction(&self) -> bool {
+        self.free_directions.last().is_some_and(|free| *free)
     }
 
     /// What the whole path was chosen from, if every leg says.
@@ -222,17 +286,25 @@ fn roll_from(pose: &Pose, base_from_tip: &Frame) -> f64 {
     libm::atan2(matrix[(1, 0)], matrix[(0, 0)])
 }
 
-/// The path of one leg, and how many shorter ones were passed over. The leg begins where this body ends.
+/// A leg as it was planned.
+struct PlannedLeg {
+    /// The pose at its end.
+    goal: Pose,
+    chosen: Chosen,
+    /// How many shorter candidates were passed over.
+    passed_over: usize,
+}
+
+/// Plans one leg, which begins where this body ends.
 fn plan_leg(
     robot: &Robot,
     from: &Pose,
-    goal: &Pose,
+    goal: &Goal,
     search: &Search,
     body: &[Segment],
     roll: f64,
-) -> Result<(Chosen, usize), PlanError> {
-    let &Search { radius, planner, clear_of_self } = search;
-    if clear_of_self && radius <= MAX_RADIUS {
+) -> Result<PlannedLeg, PlanError> {
+    if search.clear_of_self && search.radius <= MAX_RADIUS {
         let before = path::length(body);
         let mut whole = body.to_vec();
         let mut passed_over = 0;
@@ -243,9 +315,27 @@ fn plan_leg(
             passed_over += usize::from(!clear);
             clear
         };
-        if let Some(chosen) = planning::plan_where(robot, from, goal, radius, planner, is_clear)? {
-            return Ok((chosen, passed_over));
+        if let Some((goal, chosen)) = plan_where(robot, from, goal, search, is_clear)? {
+            return Ok(PlannedLeg { goal, chosen, passed_over });
         }
     }
-    Ok((planning::plan(robot, from, goal, radius, planner)?, 0))
+    let (goal, chosen) = plan_where(robot, from, goal, search, |_| true)?.ok_or(PlanError::NoPath)?;
+    Ok(PlannedLeg { goal, chosen, passed_over: 0 })
+}
+
+/// The shortest candidate that is accepted, and the pose in which it ends.
+fn plan_where(
+    robot: &Robot,
+    from: &Pose,
+    goal: &Goal,
+    &Search { radius, planner, .. }: &Search,
+    accept: impl FnMut(&[Segment]) -> bool,
+) -> Result<Option<(Pose, Chosen)>, PlanError> {
+    Ok(match goal {
+        Goal::Pose(goal) => {
+            planning::plan_where(robot, from, goal, radius, planner, accept)?.map(|chosen| (*goal, chosen))
+        }
+        Goal::Position(position) => to_point::plan_to_point(robot, from, position, radius, planner, accept)?
+            .map(|ToPoint { goal, chosen }| (goal, chosen)),
+    })
 }

@@ -1,6 +1,11 @@
-//! Poses as people type them: `X,Y,Z,HEADING,PITCH` in mm and degrees, spaces after the commas or not.
+//! Poses, positions, lengths and angles as people type them: `X,Y,Z,HEADING,PITCH` or `X,Y,Z`, spaces after the commas
+//! or not. Lengths are in mm unless they say `mm` or `m`, angles in degrees unless they say `deg` or `rad`.
 
-use growbot_core::pose::{Pose, PoseError};
+use growbot_core::angle::degrees;
+use growbot_core::pose::{Pose, PoseError, Position};
+use nalgebra::Vector3;
+
+use crate::plan::Goal;
 
 /// Why a text is no pose.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -14,20 +19,164 @@ pub enum PoseTextError {
         /// How many there were.
         found: usize,
     },
-    /// Something that is no number.
-    #[error("{field} is {text:?}, which is no number: write it like -120 or 0.5")]
+    /// Neither three numbers nor five.
+    #[error(
+        "a goal is X,Y,Z,HEADING,PITCH in mm and degrees, or X,Y,Z where any direction will do, and this is {found}: \
+         with spaces, put it in quotes"
+    )]
+    GoalCount {
+        /// How many numbers there were.
+        found: String,
+    },
+    /// Something that is no length or angle.
+    #[error("{field} is {text:?}, {error}")]
     NotANumber {
         /// Which of the five.
         field: &'static str,
         /// What was there.
         text: String,
+        /// What it should be.
+        #[source]
+        error: QuantityError,
     },
     /// Five numbers that are no pose.
     #[error(transparent)]
     Pose(#[from] PoseError),
 }
 
+/// Why a text is no length or no angle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum QuantityError {
+    /// No length.
+    #[error("which is no length: write it like -120, 600mm or 0.6m")]
+    Length,
+    /// No angle.
+    #[error("which is no angle: write it like -45, 90deg or 1.57rad")]
+    Angle,
+}
+
 const FIELDS: [&str; 5] = ["x", "y", "z", "heading", "pitch"];
+
+/// A number that was typed, in mm or degrees.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Quantity {
+    /// The number.
+    pub value: f64,
+    /// Whether its unit was typed, too.
+    pub has_unit: bool,
+}
+
+/// A length in mm from its text: in mm, or with its unit, `mm` or `m`.
+///
+/// ```
+/// use growbot_client::pose_text::parse_length;
+/// assert_eq!(parse_length("600").unwrap().value, 600.0);
+/// assert_eq!(parse_length("0.6m").unwrap().value, 600.0);
+/// assert!(parse_length("6deg").is_err());
+/// ```
+///
+/// # Errors
+/// What is no number, or has another unit.
+pub fn parse_length(text: &str) -> Result<Quantity, QuantityError> {
+    let text = text.trim();
+    let quantity = match (text.strip_suffix("mm"), text.strip_suffix('m')) {
+        (Some(number), _) => parse_number(number).map(with_unit),
+        (None, Some(number)) => parse_metres(number.trim()).map(with_unit),
+        (None, None) => parse_number(text).map(without_unit),
+    };
+    quantity.ok_or(QuantityError::Length)
+}
+
+/// An angle in degrees from its text: in degrees, or with its unit, `deg` or `rad`.
+///
+/// ```
+/// use growbot_client::pose_text::parse_angle;
+/// assert_eq!(parse_angle("-90deg").unwrap().value, -90.0);
+/// assert!((parse_angle("1.57rad").unwrap().value - 89.95437383553924).abs() < 1e-12);
+/// ```
+///
+/// # Errors
+/// What is no number, or has another unit.
+pub fn parse_angle(text: &str) -> Result<Quantity, QuantityError> {
+    let text = text.trim();
+    let quantity = match (text.strip_suffix("deg"), text.strip_suffix("rad")) {
+        (Some(number), _) => parse_number(number).map(with_unit),
+        (None, Some(number)) => parse_number(number).map(degrees).map(with_unit),
+        (None, None) => parse_number(text).map(without_unit),
+    };
+    quantity.ok_or(QuantityError::Angle)
+}
+
+fn with_unit(value: f64) -> Quantity {
+    Quantity { value, has_unit: true }
+}
+
+fn without_unit(value: f64) -> Quantity {
+    Quantity { value, has_unit: false }
+}
+
+/// Metres, in mm: by their decimals, so that 0.55 m is 550 mm to the last digit.
+fn parse_metres(number: &str) -> Option<f64> {
+    let metres = parse_number(number)?;
+    let by_decimals = if number.contains(['e', 'E']) { None } else { parse_number(&format!("{number}e3")) };
+    by_decimals.or(Some(metres * 1000.0))
+}
+
+/// A goal as it was typed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TypedGoal {
+    /// The goal.
+    pub goal: Goal,
+    /// Whether all coordinates came without a unit.
+    pub bare_lengths: bool,
+    /// The angles that came without a unit, degrees.
+    pub bare_angles: Vec<f64>,
+}
+
+/// A goal from its text: a pose, or a position alone.
+///
+/// ```
+/// use growbot_client::{plan::Goal, pose_text::parse_goal};
+/// assert!(matches!(parse_goal("200, 100, 600, 0, 45").unwrap().goal, Goal::Pose(_)));
+/// assert!(matches!(parse_goal("0.2m,0.1m,0.6m").unwrap().goal, Goal::Position(_)));
+/// ```
+///
+/// # Errors
+/// Neither three numbers nor five, a number of another unit, anything not finite, a pitch beyond +-90 degrees.
+pub fn parse_goal(text: &str) -> Result<TypedGoal, PoseTextError> {
+    let parts: Vec<&str> = text.split(',').map(str::trim).collect();
+    let count = |found: usize| match found {
+        1 => "1 number".to_owned(),
+        found => format!("{found} numbers"),
+    };
+    if ![3, 5].contains(&parts.len()) {
+        return Err(PoseTextError::GoalCount { found: count(parts.len()) });
+    }
+    let mut numbers = [without_unit(0.0); 5];
+    for ((number, part), field) in numbers.iter_mut().zip(&parts).zip(FIELDS) {
+        *number = quantity(field, part)?;
+    }
+    let [x, y, z, heading, pitch] = numbers.map(|number| number.value);
+    let goal = if parts.len() == 3 {
+        Goal::Position(Position::new(Vector3::new(x, y, z))?)
+    } else {
+        Goal::Pose(pose_of_numbers([x, y, z, heading, pitch])?)
+    };
+    let typed = numbers.get(..parts.len()).unwrap_or_default();
+    let (lengths, angles) = typed.split_at(3);
+    Ok(TypedGoal {
+        goal,
+        bare_lengths: lengths.iter().all(|length| !length.has_unit),
+        bare_angles: angles.iter().filter(|angle| !angle.has_unit).map(|angle| angle.value).collect(),
+    })
+}
+
+/// A field of a pose: the first three are lengths, the others angles.
+fn quantity(field: &'static str, text: &str) -> Result<Quantity, PoseTextError> {
+    let parsed =
+        if FIELDS.iter().take(3).any(|length| *length == field) { parse_length(text) } else { parse_angle(text) };
+    parsed.map_err(|error| PoseTextError::NotANumber { field, text: text.to_owned(), error })
+}
 
 /// A pose from its text.
 ///
@@ -40,16 +189,25 @@ const FIELDS: [&str; 5] = ["x", "y", "z", "heading", "pitch"];
 /// ```
 ///
 /// # Errors
-/// Not five numbers, anything not finite, a pitch beyond +-90 degrees.
+/// As [`parse_goal`], and a position alone.
 pub fn parse_pose(text: &str) -> Result<Pose, PoseTextError> {
-    let parts: Vec<&str> = text.split(',').map(str::trim).collect();
-    let found = parts.len();
-    let parts: [&str; 5] = parts.try_into().map_err(|_| PoseTextError::Count { found })?;
-    let mut numbers = [0.0; 5];
-    for ((number, part), field) in numbers.iter_mut().zip(parts).zip(FIELDS) {
-        *number = parse_number(part).ok_or_else(|| PoseTextError::NotANumber { field, text: part.to_owned() })?;
+    parse_typed_pose(text).map(|(pose, _)| pose)
+}
+
+/// As [`parse_pose`], with how it was typed.
+///
+/// # Errors
+/// As [`parse_pose`].
+pub fn parse_typed_pose(text: &str) -> Result<(Pose, TypedGoal), PoseTextError> {
+    let found = text.split(',').count();
+    if found != FIELDS.len() {
+        return Err(PoseTextError::Count { found });
     }
-    Ok(pose_of_numbers(numbers)?)
+    let typed = parse_goal(text)?;
+    match typed.goal {
+        Goal::Pose(pose) => Ok((pose, typed)),
+        Goal::Position(_) => Err(PoseTextError::Count { found }),
+    }
 }
 
 /// A pose from x, y, z in mm, heading and pitch in degrees. The heading is wrapped while it is still in degrees, where
@@ -98,6 +256,25 @@ mod tests {
     }
 
     #[test]
+    fn units_give_the_same_numbers_as_mm_and_degrees() {
+        for (typed, plain) in [
+            ("600mm, 0.55m, -1.1 m, 90deg, 0rad", "600,550,-1100,90,0"),
+            ("1e-3m,2 mm,.3m,-3.141592653589793rad,45 deg", "1,2,300,180,45"),
+        ] {
+            assert_eq!(parse_pose(typed), parse_pose(plain), "{typed}");
+        }
+        let typed = parse_goal("1m,2,3,0.5rad,4").unwrap();
+        assert_eq!((typed.bare_lengths, typed.bare_angles), (false, vec![4.0]));
+        assert!(parse_goal("1,2,3").unwrap().bare_lengths);
+        for (text, part) in [("1,2", "this is 2 numbers"), ("1,2,3,4", "this is 4 numbers"), ("9", "this is 1 number:")]
+        {
+            let message = parse_goal(text).unwrap_err().to_string();
+            assert!(message.contains(part), "{message}");
+        }
+        assert!(parse_length("1M").is_err() && parse_length("m").is_err() && parse_angle("1°").is_err());
+    }
+
+    #[test]
     fn what_is_no_pose_is_refused_with_what_it_was() {
         for (text, part) in [
             ("", "this is 1"),
@@ -113,6 +290,9 @@ mod tests {
             ("1,2,3,4,-1e300", "pitch is -1e300 deg"),
             ("1,2,3,4,90.01", "pitch is 90.01 deg"),
             ("1;2;3;4;5", "this is 1"),
+            ("1,2mm,3deg,4,5", "z is \"3deg\", which is no length: write it like -120, 600mm or 0.6m"),
+            ("1,2,3,4m,5", "heading is \"4m\", which is no angle"),
+            ("1,2,3,4,2rad", "pitch is 114.59"),
         ] {
             let message = parse_pose(text).unwrap_err().to_string();
             assert!(message.contains(part), "{text:?}: {message}");

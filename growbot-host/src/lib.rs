@@ -28,6 +28,7 @@ pub mod reproduce;
 pub mod robot_explained;
 pub mod robot_questions;
 pub mod schema;
+pub mod via_csv;
 pub mod view;
 pub mod watch;
 pub mod workspace;

@@ -51,7 +51,7 @@ impl PlanFile {
         self.check_robot(robot)?;
         range("radius_mm", self.radius_mm, robot.min_radius(), MAX_RADIUS)?;
         let start = pose("start", &self.start)?;
-        let goal = pose("goal", &self.goal)?;
+        let goal = pose("goal", &self.goal.pose())?;
         let path = self.path(robot, &start)?;
         let legs = self.legs(&start, &goal, &path)?;
         let mut plan = Plan::of_path(robot, &start, self.radius_mm, self.planner, legs, path);
@@ -130,7 +130,7 @@ impl PlanFile {
         let (mut base_from_tip, mut from, mut rest) = (start.frame(), *start, path);
         for (index, leg) in written.iter().enumerate() {
             let to = match self.via.get(index) {
-                Some(written) => pose("via", written)?,
+                Some(written) => pose("via", &written.pose())?,
                 None => *goal,
             };
             let (own, after) = rest.split_at_checked(leg.segments).unwrap_or((rest, &[]));
@@ -144,7 +144,8 @@ impl PlanFile {
             choices.push(leg.choice()?);
             from = to;
         }
-        Ok(ChosenLegs { legs, choices })
+        let goals = self.via.iter().chain([&self.goal]);
+        Ok(ChosenLegs { legs, choices, free_directions: goals.map(|goal| goal.direction_free).collect() })
     }
 
     /// The path type, and how the path compares with others.

@@ -32,10 +32,10 @@ pub struct PlanFile {
     /// Where the tip starts.
     pub start: WrittenPose,
     /// Where it is to arrive.
-    pub goal: WrittenPose,
+    pub goal: WrittenGoal,
     /// Poses on the way, in order. Not written where there are none.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub via: Vec<WrittenPose>,
+    pub via: Vec<WrittenGoal>,
     /// Arc length, mm.
     pub length_mm: f64,
     /// How many layers.
@@ -97,6 +97,47 @@ impl From<&Pose> for WrittenPose {
             pitch_deg: shortest_degrees(pose.pitch()),
         }
     }
+}
+
+/// A pose to arrive at, as written.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct WrittenGoal {
+    /// x, mm.
+    pub x_mm: f64,
+    /// y, mm.
+    pub y_mm: f64,
+    /// z, mm.
+    pub z_mm: f64,
+    /// Heading, degrees.
+    pub heading_deg: f64,
+    /// Pitch, degrees.
+    pub pitch_deg: f64,
+    /// Whether only the position was asked for: heading and pitch are those that were chosen for it. Not written where
+    /// a direction was asked for.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub direction_free: bool,
+}
+
+impl WrittenGoal {
+    fn new(pose: &Pose, direction_free: bool) -> Self {
+        let WrittenPose { x_mm, y_mm, z_mm, heading_deg, pitch_deg } = pose.into();
+        Self { x_mm, y_mm, z_mm, heading_deg, pitch_deg, direction_free }
+    }
+
+    /// The pose.
+    #[must_use]
+    pub fn pose(&self) -> WrittenPose {
+        let &Self { x_mm, y_mm, z_mm, heading_deg, pitch_deg, .. } = self;
+        WrittenPose { x_mm, y_mm, z_mm, heading_deg, pitch_deg }
+    }
+}
+
+/// serde hands over a reference.
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "the form that serde calls")]
+fn is_false(value: &bool) -> bool {
+    !*value
 }
 
 /// A leg as written: from the pose before to the next one.
@@ -207,7 +248,9 @@ pub fn written_hash(hash: u64) -> String {
 impl From<&Plan> for PlanFile {
     fn from(plan: &Plan) -> Self {
         let choice = plan.choice();
-        let via = plan.via();
+        let mut via: Vec<WrittenGoal> =
+            plan.legs.iter().zip(&plan.free_directions).map(|(leg, free)| WrittenGoal::new(&leg.goal, *free)).collect();
+        let goal = via.pop().unwrap_or_else(|| WrittenGoal::new(&plan.goal, false));
         let legs = plan.by_leg().map(|(choice, path)| WrittenLeg::new(choice, path));
         Self {
             id: None,
@@ -217,9 +260,9 @@ impl From<&Plan> for PlanFile {
             planner: plan.planner,
             radius_mm: plan.radius,
             start: WrittenPose::from(&plan.start),
-            goal: WrittenPose::from(&plan.goal),
+            goal,
             legs: if via.is_empty() { Vec::new() } else { legs.collect() },
-            via: via.iter().map(WrittenPose::from).collect(),
+            via,
             length_mm: plan.needs.length,
             layers: plan.needs.layers,
             duration_s: plan.needs.duration,

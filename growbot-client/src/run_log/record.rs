@@ -283,7 +283,7 @@ impl RunRecord {
     /// Poses that are none.
     pub fn start_and_goal(&self) -> Result<(Pose, Pose), PlanFileError> {
         let fault = |fault| PlanFileError::Fault { file: self.file.clone(), fault };
-        Ok((pose("start", &self.plan.start).map_err(fault)?, pose("goal", &self.plan.goal).map_err(fault)?))
+        Ok((pose("start", &self.plan.start).map_err(fault)?, pose("goal", &self.plan.goal.pose()).map_err(fault)?))
     }
 
     /// The board stores this job: where it has refused the latest amendment, the job is as before.

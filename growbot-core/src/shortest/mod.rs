@@ -153,7 +153,7 @@ pub type Candidates = Vec<Candidate, MAX_CANDIDATES>;
 /// Finds candidates that lead to the goal.
 ///
 /// Helicoidal arcs are searched for below the length `longest` (radii), such as that of a known path. That search takes
-/// hundreds of times as long as the others. `keep_alive` is called regularly, so that a board can feed its watchdog.
+/// hundreds of times as long as the others, and is left out where `longest` is 0. `keep_alive` is called regularly, so that a board can feed its watchdog.
 #[inline(never)] // Its room on the stack is not the caller's.
 pub fn candidates(problem: &Problem, longest: f64, found: &mut Candidates, keep_alive: &mut dyn FnMut()) {
     let mut overlapping = Vec::new();
@@ -164,7 +164,7 @@ pub fn candidates(problem: &Problem, longest: f64, found: &mut Candidates, keep_
             keep(found, planar);
         }
     }
-    if problem.goal.norm() < HELICOIDS_WITHIN {
+    if problem.goal.norm() < HELICOIDS_WITHIN && longest > 0.0 {
         helicoidal_arcs(problem, &overlapping, longest, found, keep_alive);
     }
 }

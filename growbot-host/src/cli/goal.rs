@@ -5,23 +5,26 @@ use std::path::PathBuf;
 use clap::Args;
 use growbot_client::plan::Plan;
 use growbot_client::plan_file;
-use growbot_client::pose_text::parse_pose;
+use growbot_client::pose_text::{TypedGoal, parse_goal};
 use growbot_client::robot_file;
-use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 
 use super::Failure;
 use super::search::SearchArgs;
 
+/// The options that make a plan, and so have no place beside one.
+const CONFLICTING: [&str; 7] = ["from", "via", "via_csv", "to", "planner", "radius", "clear_of_self"];
+
 /// A plan or a goal, and the robot.
 #[derive(Args)]
 pub struct GoalArgs {
     /// The plan, as `growbot plan -o` writes it
-    #[arg(value_name = "PLAN", conflicts_with_all = ["from", "via", "to", "planner", "radius", "clear_of_self"])]
+    #[arg(value_name = "PLAN", conflicts_with_all = CONFLICTING)]
     plan: Option<PathBuf>,
-    /// Where it is to arrive, and pointing where: X,Y,Z,HEADING,PITCH
-    #[arg(long, value_name = "POSE", allow_hyphen_values = true, value_parser = parse_pose)]
-    to: Option<Pose>,
+    /// Where it is to arrive, and pointing where: X,Y,Z,HEADING,PITCH; pointing
+    /// anywhere: X,Y,Z
+    #[arg(long, value_name = "POSE", allow_hyphen_values = true, value_parser = parse_goal)]
+    to: Option<TypedGoal>,
     #[command(flatten)]
     search: SearchArgs,
     /// Take the shortest path that does not run into the body; so it is without
@@ -51,8 +54,7 @@ impl GoalArgs {
             .to
             .as_ref()
             .ok_or_else(|| Failure::bad_input("there is nothing to grow: give a plan's file, or a goal with --to"))?;
-        let search = self.search.search(&robot, self.clear_of_self || self.search.planner.is_none());
-        let plan = Plan::through(&robot, &self.search.from, &self.search.via, goal, &search)?;
+        let plan = self.search.plan(&robot, goal, self.clear_of_self || self.search.planner.is_none())?;
         Ok((robot, plan))
     }
 }

@@ -35,6 +35,7 @@ mod status;
 mod stop;
 mod subject;
 mod tune;
+mod units;
 mod view;
 mod watching;
 mod workspace;

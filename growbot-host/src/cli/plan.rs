@@ -6,10 +6,9 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use growbot_client::files::{refuse_ending, replace_file};
 use growbot_client::input::{self, BoundedLines};
-use growbot_client::plan::{Plan, Search};
+use growbot_client::plan::Plan;
 use growbot_client::plan_file::PlanFile;
-use growbot_client::pose_text::parse_pose;
-use growbot_core::pose::Pose;
+use growbot_client::pose_text::{TypedGoal, parse_goal};
 use growbot_core::robot::Robot;
 use growbot_host::batch::Batch;
 use growbot_host::output::print;
@@ -29,15 +28,16 @@ use super::{Failure, RobotArg, plan_table};
 #[derive(Args)]
 #[command(override_usage = USAGE, after_help = AFTER_HELP)]
 pub struct PlanArgs {
-    /// Where it is to arrive, and pointing where: X,Y,Z,HEADING,PITCH
+    /// Where it is to arrive, and pointing where: X,Y,Z,HEADING,PITCH; pointing
+    /// anywhere: X,Y,Z
     #[arg(
         long,
         value_name = "POSE",
         required_unless_present = "batch",
         allow_hyphen_values = true,
-        value_parser = parse_pose
+        value_parser = parse_goal
     )]
-    to: Option<Pose>,
+    to: Option<TypedGoal>,
     #[command(flatten)]
     search: SearchArgs,
     /// Take the shortest path that does not run into the body instead of the
@@ -53,7 +53,7 @@ pub struct PlanArgs {
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
     /// Plan every query of a CSV file (- for standard input); needs --json
-    #[arg(long, value_name = "CSV", conflicts_with_all = ["from", "via", "to", "output"])]
+    #[arg(long, value_name = "CSV", conflicts_with_all = ["from", "via", "via_csv", "to", "output"])]
     batch: Option<PathBuf>,
 }
 
@@ -79,12 +79,9 @@ exit code is 1 if any failed.";
 /// Runs the command.
 pub fn run(args: &PlanArgs) -> Result<(), Failure> {
     let robot = args.robot.load()?;
-    let search = args.search.search(&robot, args.clear_of_self);
     match (&args.batch, &args.to) {
-        (Some(queries), _) => run_batch(args, queries, &robot, search),
-        (None, Some(goal)) => {
-            run_one(args, &Plan::through(&robot, &args.search.from, &args.search.via, goal, &search)?)
-        }
+        (Some(queries), _) => run_batch(args, queries, &robot),
+        (None, Some(goal)) => run_one(args, &args.search.plan(&robot, goal, args.clear_of_self)?),
         (None, None) => Err(Failure::bad_input("give a goal with --to, or queries with --batch")),
     }
 }
@@ -102,12 +99,13 @@ fn run_one(args: &PlanArgs, plan: &Plan) -> Result<(), Failure> {
     Ok(print(&if args.json { written.to_line() } else { plan_table::table(plan) })?)
 }
 
-fn run_batch(args: &PlanArgs, queries: &Path, robot: &Robot, search: Search) -> Result<(), Failure> {
+fn run_batch(args: &PlanArgs, queries: &Path, robot: &Robot) -> Result<(), Failure> {
+    let search = args.search.search(robot, args.clear_of_self);
     if !args.json {
         return Err(Failure::bad_input("--batch prints one JSON object a line: add --json"));
     }
     // A radius that no query can have is a fault of the command, not of each query.
-    let start = args.search.from;
+    let start = args.search.start()?;
     Plan::through(robot, &start, &[], &start, &search)?;
 
     let name = input::name_of(queries);

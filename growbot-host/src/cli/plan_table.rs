@@ -17,10 +17,11 @@ const WIDTH: usize = 80;
 pub fn table(plan: &Plan) -> String {
     let mut text = format!("Plan for {}, bends of radius {} mm\n", plan.robot, plan.radius);
     text += &format!("  from      {}\n", pose(&plan.start));
-    for via in plan.via() {
-        text += &format!("  via       {}\n", pose(&via));
+    for (index, (leg, free)) in plan.legs.iter().zip(&plan.free_directions).enumerate() {
+        let name = if index + 1 < plan.legs.len() { "via" } else { "to" };
+        let goal = if *free { position_with_direction(&leg.goal) } else { pose(&leg.goal) };
+        text += &wrapped(&format!("  {name:<9} "), &goal, 12);
     }
-    text += &format!("  to        {}\n", pose(&plan.goal));
     if plan.path.is_empty() {
         text += "\nThe tip is there already: nothing to grow.\n";
         return text;
@@ -97,6 +98,17 @@ fn pose(pose: &Pose) -> String {
         shortest_heading(pose.heading()),
         shortest_degrees(pose.pitch())
     )
+}
+
+/// A position with the direction that was chosen for it, which is no typed number and so is rounded.
+fn position_with_direction(pose: &Pose) -> String {
+    let [x, y, z, heading, pitch] = pose.to_degrees();
+    format!("{x}, {y}, {z} mm, heading {}, pitch {} deg (direction free)", rounded(heading), rounded(pitch))
+}
+
+/// To hundredths, without the sign of what is 0 then.
+fn rounded(number: f64) -> f64 {
+    (100.0 * number).round() / 100.0 + 0.0
 }
 
 /// A text behind a head, in lines that fit a terminal. Later lines have this indentation.

@@ -1,13 +1,18 @@
 //! How a path is looked for, as `plan` and `grow` ask.
 
+use std::path::PathBuf;
+
 use clap::{Args, ValueEnum};
-use growbot_client::plan::Search;
-use growbot_client::pose_text::parse_pose;
+use growbot_client::input::{self, BoundedLines};
+use growbot_client::plan::{Goal, Plan, Search};
+use growbot_client::pose_text::{TypedGoal, parse_goal, parse_pose, parse_typed_pose};
 use growbot_core::plan::{PlanError, Planner};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
+use growbot_host::via_csv;
 
 use super::Failure;
+use super::units::{self, mm};
 
 /// The start pose where none is given: at the origin, straight up.
 pub const START: &str = "0,0,0,0,90";
@@ -16,16 +21,22 @@ pub const START: &str = "0,0,0,0,90";
 #[derive(Args)]
 pub struct SearchArgs {
     /// Where the tip starts: X,Y,Z,HEADING,PITCH in mm and degrees
-    #[arg(long, value_name = "POSE", default_value = START, allow_hyphen_values = true, value_parser = parse_pose)]
-    pub from: Pose,
-    /// A pose to pass through on the way; repeat it for more, in order
-    #[arg(long, value_name = "POSE", allow_hyphen_values = true, value_parser = parse_pose)]
-    pub via: Vec<Pose>,
+    /// [default: 0,0,0,0,90]
+    #[arg(long, value_name = "POSE", allow_hyphen_values = true, value_parser = parse_typed_pose)]
+    pub from: Option<(Pose, TypedGoal)>,
+    /// A pose or a position to pass through on the way; repeat it for more, in
+    /// order
+    #[arg(long, value_name = "POSE", allow_hyphen_values = true, value_parser = parse_goal)]
+    pub via: Vec<TypedGoal>,
+    /// Pass through those of a CSV file (- for standard input), in order: columns
+    /// x,y,z, or x,y,z,heading,pitch
+    #[arg(long, value_name = "CSV", conflicts_with = "via")]
+    pub via_csv: Option<PathBuf>,
     /// How the path is found [default: shortest]
     #[arg(long, value_enum)]
     pub planner: Option<PlannerName>,
     /// Radius of the bends, mm [default: the robot's planning radius]
-    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
+    #[arg(long, value_name = "MM", allow_hyphen_values = true, value_parser = mm)]
     pub radius: Option<f64>,
 }
 
@@ -48,6 +59,33 @@ impl From<PlannerName> for Planner {
 }
 
 impl SearchArgs {
+    /// Where the tip starts.
+    pub fn start(&self) -> Result<Pose, Failure> {
+        match &self.from {
+            Some((pose, _)) => Ok(*pose),
+            None => parse_pose(START).map_err(Failure::bad_input),
+        }
+    }
+
+    /// The poses and positions on the way.
+    fn on_the_way(&self) -> Result<Vec<Goal>, Failure> {
+        let Some(file) = &self.via_csv else { return Ok(self.via.iter().map(|typed| typed.goal).collect()) };
+        let name = input::name_of(file);
+        let source = BoundedLines::of(input::open(file)?);
+        via_csv::read(source).map_err(|error| Failure::bad_input(format!("{name}: {error}")))
+    }
+
+    /// Plans from the start through what is on the way to a goal, and warns of units that may have been mistaken.
+    pub fn plan(&self, robot: &Robot, goal: &TypedGoal, clear_of_self: bool) -> Result<Plan, Failure> {
+        let (start, via) = (self.start()?, self.on_the_way()?);
+        let typed: Vec<&TypedGoal> = self.from.iter().map(|(_, typed)| typed).chain(&self.via).chain([goal]).collect();
+        units::warn_of_radians(&typed);
+        if self.via.iter().chain([goal]).all(|typed| typed.bare_lengths) {
+            units::warn_of_metres(&start, via.iter().chain([&goal.goal]), robot);
+        }
+        Ok(Plan::through(robot, &start, &via, &goal.goal, &self.search(robot, clear_of_self))?)
+    }
+
     /// The search for paths of this robot.
     pub fn search(&self, robot: &Robot, clear_of_self: bool) -> Search {
         Search {

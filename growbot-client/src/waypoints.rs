@@ -1,0 +1,338 @@
+//! Directions at positions on the way: chosen jointly, for the shortest path through all of them.
+//!
+//! Leg by leg, each leg arrives at a position in the direction that is best for it alone, and the next one has to start
+//! so. Here the sum of all legs is minimised over the directions at all positions but the last, whose own is in closed
+//! form ([`growbot_core::to_point`]). It depends on them piecewise smoothly: the pieces are the path types of the legs.
+//!
+//! The method is that of Hooke and Jeeves 1961 ("Direct search" solution of numerical and statistical problems, J. ACM
+//! 8), on spheres. A sweep tries, for one position after the other, a step to each of four sides, and takes what makes
+//! the two legs that meet there shorter; where nothing does, the step of this position is halved. After a sweep the
+//! whole of its change is tried once more, which shortcuts valleys in which several directions go together. It ends
+//! where all steps are below [`MIN_STEP`]. There are three starts: the directions of leg by leg, those of the reversed
+//! chain leg by leg, and the bisectors of the polygon.
+//!
+//! In the search, legs are arcs and lines, or the two-plane path: helicoidal arcs take hundreds of times as long to
+//! find and matter only within 4 radii, where the plan itself has them again. The best of the three is planned in full,
+//! and taken if it is shorter than leg by leg: so it is never longer.
+//!
+//! A leg from 4 radii on takes some 10 us. A chain of 8 positions takes some thousand legs a start
+//! (docs/measurements.md).
+
+use growbot_core::path;
+use growbot_core::plan::Planner;
+use growbot_core::pose::Pose;
+use growbot_core::robot::Robot;
+use growbot_core::shortest::{Candidates, Problem, candidates};
+use growbot_core::to_point::planar;
+use growbot_core::trigonometry::hypot;
+use growbot_core::two_plane::two_plane;
+use nalgebra::Vector3;
+
+use crate::plan::{Goal, Plan, Search};
+use crate::warning::SELF_COLLISION;
+
+/// The first step, radians.
+const FIRST_STEP: f64 = 0.3;
+/// The last one. Near the shortest path, the length changes with the square of a step: by 1e-8 radii for this one.
+const MIN_STEP: f64 = 1e-4;
+/// Less than this (radii) is no gain.
+const NO_GAIN: f64 = 1e-9;
+/// Max number of sweeps of a start. Chains of 8 positions take some 50.
+const MAX_SWEEPS: usize = 200;
+
+/// A plan through the same goals as this one, which was planned leg by leg, that is shorter; none where there is none.
+pub(crate) fn shorter(plan: &Plan, robot: &Robot, goals: &[Goal], search: &Search) -> Option<Plan> {
+    let on_the_way = goals.split_last()?.1;
+    if !on_the_way.iter().any(Goal::is_free) {
+        return None;
+    }
+    let chain = Chain { start: plan.start, goals, search };
+    let mut best: Option<(f64, Vec<Pose>)> = None;
+    for poses in [plan.via(), chain.reversed(robot), chain.bisectors()] {
+        let found = chain.refined(poses);
+        if best.as_ref().is_none_or(|(length, _)| found.0 < *length) {
+            best = Some(found);
+        }
+    }
+    let directed: Vec<Goal> = best?.1.into_iter().map(Goal::Pose).chain(goals.last().copied()).collect();
+    let mut shorter = Plan::leg_by_leg(robot, &plan.start, &directed, search).ok()?;
+    shorter.free_directions.clone_from(&plan.free_directions);
+    let runs_into_itself = |plan: &Plan| plan.warnings.iter().any(|warning| warning.code == SELF_COLLISION);
+    let worse = search.clear_of_self && runs_into_itself(&shorter) && !runs_into_itself(plan);
+    (!worse && shorter.needs.length < plan.needs.length - NO_GAIN * search.radius).then_some(shorter)
+}
+
+/// A chain of goals, of which some have no direction.
+struct Chain<'a> {
+    start: Pose,
+    goals: &'a [Goal],
+    search: &'a Search,
+}
+
+impl Chain<'_> {
+    /// The poses on the way, with the directions in which the reversed chain arrives leg by leg.
+    fn reversed(&self, robot: &Robot) -> Vec<Pose> {
+        let Some((last, on_the_way)) = self.goals.split_last() else { return Vec::new() };
+        let before = on_the_way.last().map_or(self.start.position(), Goal::position);
+        let end = match last {
+            Goal::Pose(pose) => *pose,
+            Goal::Position(_) => directed(last, &(last.position() - before)),
+        };
+        let goals: Vec<Goal> = on_the_way.iter().rev().map(|goal| turned_back_goal(goal)).collect();
+        let search = Search { clear_of_self: false, ..*self.search };
+        match Plan::leg_by_leg(robot, &turned_back(&end), &goals, &search) {
+            Ok(plan) => plan.legs.iter().rev().map(|leg| turned_back(&leg.goal)).collect(),
+            // Then this start is left out.
+            Err(_) => self.bisectors(),
+        }
+    }
+
+    /// The poses on the way, with directions half-way between that to the position and that from it.
+    fn bisectors(&self) -> Vec<Pose> {
+        let positions: Vec<Vector3<f64>> =
+            [self.start.position()].into_iter().chain(self.goals.iter().map(Goal::position)).collect();
+        let unit = |from: &Vector3<f64>, to: &Vector3<f64>| (to - from).try_normalize(0.0).unwrap_or_default();
+        let bisector = |(goal, three): (&Goal, &[Vector3<f64>])| match three {
+            [before, here, after] => directed(goal, &(unit(before, here) + unit(here, after))),
+            _ => directed(goal, &Vector3::zeros()),
+        };
+        self.goals.iter().zip(positions.windows(3)).map(bisector).collect()
+    }
+
+    /// Steps downhill from these poses on the way. Returns the length, and the poses.
+    fn refined(&self, mut poses: Vec<Pose>) -> (f64, Vec<Pose>) {
+        let mut steps: Vec<f64> =
+            self.goals.iter().zip(&poses).map(|(goal, _)| if goal.is_free() { FIRST_STEP } else { 0.0 }).collect();
+        let mut length = self.length(&poses);
+        for _ in 0..MAX_SWEEPS {
+            if steps.iter().all(|step| *step < MIN_STEP) {
+                break;
+            }
+            let before = poses.clone();
+            for (index, step) in steps.iter_mut().enumerate().filter(|(_, step)| **step >= MIN_STEP) {
+                if !self.step(&mut poses, index, *step) {
+                    *step *= 0.5;
+                }
+            }
+            let further: Vec<Pose> = before.iter().zip(&poses).map(|(before, after)| beyond(before, after)).collect();
+            let (swept, beyond) = (self.length(&poses), self.length(&further));
+            (length, poses) = if beyond < swept { (beyond, further) } else { (swept, poses) };
+        }
+        (length, poses)
+    }
+
+    /// Turns the direction at one position to the best of four sides, if that makes the path shorter.
+    fn step(&self, poses: &mut [Pose], index: usize, step: f64) -> bool {
+        let Some(pose) = poses.get(index).copied() else { return false };
+        let frame = pose.frame().rotation;
+        let here = self.legs_at(poses, index);
+        let mut best = (here - NO_GAIN * self.search.radius, pose);
+        for (x, y) in [(step, 0.0), (-step, 0.0), (0.0, step), (0.0, -step)] {
+            let turned = pointing(&pose, &(frame * Vector3::new(x, y, 1.0)));
+            set(poses, index, turned);
+            let length = self.legs_at(poses, index);
+            if length < best.0 {
+                best = (length, turned);
+            }
+        }
+        set(poses, index, best.1);
+        best.1 != pose
+    }
+
+    /// Length of the two legs that meet at a pose on the way, mm.
+    fn legs_at(&self, poses: &[Pose], index: usize) -> f64 {
+        self.leg(poses, index) + self.leg(poses, index + 1)
+    }
+
+    fn length(&self, poses: &[Pose]) -> f64 {
+        (0..self.goals.len()).map(|index| self.leg(poses, index)).sum()
+    }
+
+    /// Length of the leg to the goal of this index, mm.
+    fn leg(&self, poses: &[Pose], index: usize) -> f64 {
+        let from = index.checked_sub(1).map_or(&self.start, |before| poses.get(before).unwrap_or(&self.start));
+        match (poses.get(index), self.goals.get(index)) {
+            (Some(pose), _) | (None, Some(Goal::Pose(pose))) => leg_to_pose(from, pose, self.search),
+            (None, Some(Goal::Position(position))) => leg_to_position(from, &position.vector(), self.search.radius),
+            (None, None) => 0.0,
+        }
+    }
+}
+
+/// Length of the leg to a pose, without helicoidal arcs, mm; infinite where none is found.
+fn leg_to_pose(from: &Pose, to: &Pose, &Search { radius, planner, .. }: &Search) -> f64 {
+    let by_two_planes = two_plane(from, to, radius).map_or(f64::INFINITY, |path| path::length(&path));
+    if planner == Planner::TwoPlane {
+        return by_two_planes;
+    }
+    let mut found = Candidates::new();
+    candidates(&Problem::between(from, to, radius), 0.0, &mut found, &mut || ());
+    found.first().map_or(by_two_planes, |shortest| by_two_planes.min(shortest.length() * radius))
+}
+
+/// Length of the leg to a position, mm.
+fn leg_to_position(from: &Pose, to: &Vector3<f64>, radius: f64) -> f64 {
+    let goal = from.frame().rotation.inverse() * ((to - from.position()) / radius);
+    planar(goal.z, hypot(goal.x, goal.y)).first().map_or(f64::INFINITY, |path| path.length() * radius)
+}
+
+fn set(poses: &mut [Pose], index: usize, pose: Pose) {
+    if let Some(place) = poses.get_mut(index) {
+        *place = pose;
+    }
+}
+
+/// The pose of a goal: its own, or one in this direction.
+fn directed(goal: &Goal, direction: &Vector3<f64>) -> Pose {
+    match goal {
+        Goal::Pose(pose) => *pose,
+        Goal::Position(position) => pointing(&Pose::from_frame(&Default::default()).at(position), direction),
+    }
+}
+
+/// A pose at the same position, in this direction; in its own where this is none.
+fn pointing(pose: &Pose, direction: &Vector3<f64>) -> Pose {
+    let heading = libm::atan2(direction.y, direction.x);
+    let pitch = libm::atan2(direction.z, hypot(direction.x, direction.y));
+    if *direction == Vector3::zeros() {
+        return *pose;
+    }
+    Pose::new(pose.position(), heading, pitch).unwrap_or(*pose)
+}
+
+/// A pose as far beyond `after` as that is from `before`.
+fn beyond(before: &Pose, after: &Pose) -> Pose {
+    if before == after {
+        return *after;
+    }
+    let (from, to) = (before.direction(), after.direction());
+    pointing(after, &(to * (2.0 * from.dot(&to)) - from))
+}
+
+/// The pose of a tip that comes from the other side.
+fn turned_back(pose: &Pose) -> Pose {
+    pointing(pose, &-pose.direction())
+}
+
+fn turned_back_goal(goal: &Goal) -> Goal {
+    match goal {
+        Goal::Pose(pose) => Goal::Pose(turned_back(pose)),
+        Goal::Position(_) => *goal,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::robot_file;
+    use growbot_core::pose::Position;
+    use growbot_core::random::Random;
+    use std::time::Instant;
+
+    const RADIUS: f64 = 100.0;
+    const CHAINS: u64 = 200;
+
+    fn robot() -> Robot {
+        robot_file::load(robot_file::DEFAULT.as_ref()).unwrap()
+    }
+
+    fn search(planner: Planner) -> Search {
+        Search { radius: RADIUS, planner, clear_of_self: false }
+    }
+
+    fn up() -> Pose {
+        Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap()
+    }
+
+    /// Positions, each 2 to 10 radii from the one before, anywhere round it.
+    fn chain(seed: u64, count: usize) -> Vec<Goal> {
+        let mut random = Random::new(&[2026, seed]);
+        let mut at = Vector3::zeros();
+        let mut next = || {
+            at += random.direction() * (RADIUS * random.between(2.0, 10.0));
+            Goal::Position(Position::new(at).unwrap())
+        };
+        (0..count).map(|_| next()).collect()
+    }
+
+    /// Leg by leg and jointly.
+    fn plans(goals: &[Goal], planner: Planner) -> (Plan, Plan) {
+        let (robot, search) = (robot(), search(planner));
+        let (last, via) = goals.split_last().unwrap();
+        let plan = |via: &[Goal], last: &Goal| Plan::through(&robot, &up(), via, last, &search).unwrap();
+        (Plan::leg_by_leg(&robot, &up(), goals, &search).unwrap(), plan(via, last))
+    }
+
+    /// Lengths along the chain are compared, and printed as docs/measurements.md has them.
+    #[test]
+    fn jointly_chosen_directions_are_never_worse_than_leg_by_leg() {
+        let mut all: Vec<f64> = Vec::new();
+        let mut slowest = 0.0_f64;
+        for count in 3..=8 {
+            let (mut gains, begun) = (Vec::new(), Instant::now());
+            for seed in (0..CHAINS).filter(|seed| 3 + (seed % 6) as usize == count) {
+                let goals = chain(seed, count);
+                let since = Instant::now();
+                let (separate, joint) = plans(&goals, Planner::Shortest);
+                slowest = slowest.max(since.elapsed().as_secs_f64());
+                assert!(joint.needs.length <= separate.needs.length, "chain {seed}");
+                assert!(joint.legs.iter().zip(&goals).all(|(leg, goal)| leg.goal.position() == goal.position()));
+                assert!(joint.free_directions.iter().all(|free| *free));
+                gains.push(100.0 * (1.0 - joint.needs.length / separate.needs.length));
+            }
+            let time = begun.elapsed().as_secs_f64() / gains.len() as f64;
+            println!("| {count} | {} | {:.0} ms |", row(&mut gains), 1e3 * time);
+            all.append(&mut gains);
+        }
+        println!("| 3 to 8 | {} | max {:.0} ms |", row(&mut all), 1e3 * slowest);
+        assert_eq!(all.len() as u64, CHAINS);
+        // That directions are worth choosing: the mean was 7.6 %.
+        assert!(all.iter().sum::<f64>() / all.len() as f64 > 5.0);
+    }
+
+    fn row(gains: &mut [f64]) -> String {
+        gains.sort_by(f64::total_cmp);
+        let mean = gains.iter().sum::<f64>() / gains.len() as f64;
+        let (median, max) = (gains[gains.len() / 2], gains[gains.len() - 1]);
+        format!("{} | {mean:.2} % | {median:.2} % | {max:.2} %", gains.len())
+    }
+
+    #[test]
+    fn no_direction_of_a_fine_grid_is_better() {
+        let (robot, search) = (robot(), search(Planner::Shortest));
+        for seed in 1000..1008 {
+            let goals = chain(seed, 2);
+            let (_, joint) = plans(&goals, Planner::Shortest);
+            let mut random = Random::new(&[seed]);
+            for _ in 0..400 {
+                let via = Goal::Pose(directed(&goals[0], &random.direction()));
+                let other = Plan::through(&robot, &up(), &[via], &goals[1], &search).unwrap();
+                assert!(joint.needs.length <= other.needs.length + 1e-6, "chain {seed}: {via:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn given_directions_are_kept_and_the_rest_is_chosen() {
+        for planner in [Planner::Shortest, Planner::TwoPlane] {
+            let mut goals = chain(7, 4);
+            let kept = directed(&goals[1], &Vector3::new(1.0, 2.0, -3.0));
+            goals[1] = Goal::Pose(kept);
+            let end = directed(&goals[3], &Vector3::new(-1.0, 0.0, 1.0));
+            goals[3] = Goal::Pose(end);
+            let (separate, joint) = plans(&goals, planner);
+            assert!(joint.needs.length < separate.needs.length);
+            assert_eq!((joint.legs[1].goal, joint.goal), (kept, end));
+            assert_eq!(joint.free_directions, [true, false, true, false]);
+        }
+    }
+
+    #[test]
+    fn positions_in_a_line_or_in_one_point_are_no_exception() {
+        let at = |x: f64, z: f64| Goal::Position(Position::new(Vector3::new(x, 0.0, z)).unwrap());
+        let (separate, joint) = plans(&[at(0.0, 300.0), at(0.0, 600.0), at(0.0, 900.0)], Planner::Shortest);
+        assert_eq!((separate.needs.length, joint.needs.length), (900.0, 900.0));
+        let (separate, joint) = plans(&[at(0.0, 0.0), at(0.0, 0.0), at(300.0, 0.0)], Planner::Shortest);
+        assert!(joint.needs.length <= separate.needs.length);
+    }
+}

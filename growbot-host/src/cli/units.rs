@@ -1,0 +1,67 @@
+//! Lengths and angles of the command line, with units or without, and warnings of units that may have been mistaken.
+
+use std::f64::consts::TAU;
+
+use growbot_client::plan::Goal;
+use growbot_client::pose_text::{TypedGoal, parse_angle, parse_length};
+use growbot_core::pose::Pose;
+use growbot_core::robot::Robot;
+
+/// A length, in mm.
+pub fn mm(text: &str) -> Result<f64, String> {
+    parse_length(text).map(|length| length.value).map_err(|error| format!("it is {text:?}, {error}"))
+}
+
+/// An angle, in degrees.
+pub fn deg(text: &str) -> Result<f64, String> {
+    parse_angle(text).map(|angle| angle.value).map_err(|error| format!("it is {text:?}, {error}"))
+}
+
+/// Warns where all goals are so near the start that their coordinates may be metres. They came without a unit.
+pub fn warn_of_metres<'a>(start: &Pose, goals: impl Iterator<Item = &'a Goal>, robot: &Robot) {
+    let width = robot.outer_diameter();
+    let farthest = goals.map(|goal| (goal.position() - start.position()).norm()).fold(0.0, f64::max);
+    // What leads back to its start is meant so.
+    if farthest > 0.0 && farthest < width {
+        growbot_host::tell!(
+            "warning: the goal is {farthest:.2} mm from the start, and the tube is {width:.1} mm wide: did you mean \
+             metres? Write them as 0.6m"
+        );
+    }
+}
+
+/// Warns where all angles that came without a unit may be radians.
+pub fn warn_of_radians(typed: &[&TypedGoal]) {
+    let angles: Vec<f64> = typed.iter().flat_map(|typed| typed.bare_angles.iter().copied()).collect();
+    if look_like_radians(&angles) {
+        growbot_host::tell!(
+            "warning: all angles are small and fractional: did you mean radians? Write them as 1.57rad"
+        );
+    }
+}
+
+/// Whether none is beyond a turn in radians, and none is a whole number, but for zeros, which are no sign of either.
+fn look_like_radians(angles: &[f64]) -> bool {
+    let mut others = angles.iter().filter(|angle| **angle != 0.0).peekable();
+    others.peek().is_some() && others.all(|angle| angle.abs() <= TAU && angle.fract() != 0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn radians_are_small_and_fractional() {
+        for (angles, are) in [
+            (&[][..], false),
+            (&[0.0, 0.0], false),
+            (&[0.0, 1.57], true),
+            (&[-3.14159, 0.785], true),
+            (&[0.0, 1.0], false),
+            (&[0.5, 45.0], false),
+            (&[6.3, 0.5], false),
+        ] {
+            assert_eq!(look_like_radians(angles), are, "{angles:?}");
+        }
+    }
+}

@@ -1,0 +1,200 @@
+//! Poses and positions on the way, from a CSV file: `x,y,z` in mm and perhaps `heading,pitch` in degrees.
+
+use std::io::Read;
+
+use csv::{ByteRecord, Position as Place, ReaderBuilder};
+use growbot_client::plan::Goal;
+use growbot_client::pose_text::{parse_number, pose_of_numbers};
+use growbot_client::suggest::did_you_mean;
+use growbot_core::pose::{PoseError, Position};
+use nalgebra::Vector3;
+
+/// The columns, as the header calls them: by itself, or with the unit. The last two may be left out.
+pub const COLUMNS: [[&str; 2]; 5] =
+    [["x", "x_mm"], ["y", "y_mm"], ["z", "z_mm"], ["heading", "heading_deg"], ["pitch", "pitch_deg"]];
+/// Max number of lines behind the header.
+pub const MAX_GOALS: usize = 1000;
+
+/// Why there are no poses in a file.
+#[derive(Debug, thiserror::Error)]
+pub enum ViaError {
+    /// A column that is not known.
+    #[error("the header has an unknown column {name:?}{}; write x,y,z or x,y,z,heading,pitch", suggestion(.name))]
+    Unknown {
+        /// Its name.
+        name: String,
+    },
+    /// A column is not there.
+    #[error("the header has no column {name}; write x,y,z or x,y,z,heading,pitch")]
+    Missing {
+        /// Its name.
+        name: &'static str,
+    },
+    /// A column is there twice.
+    #[error("the header has column {name} twice: remove one")]
+    Twice {
+        /// Its name.
+        name: &'static str,
+    },
+    /// Nothing behind the header.
+    #[error("there is no line behind the header: write a line for each position on the way")]
+    Empty,
+    /// More lines than a plan has legs.
+    #[error("there are more than {MAX_GOALS} lines behind the header: leave some out, or plan in several parts")]
+    TooMany,
+    /// A line is at fault.
+    #[error("line {line}: {error}")]
+    Line {
+        /// Which, from 1, the header included.
+        line: u64,
+        /// What is wrong.
+        #[source]
+        error: LineError,
+    },
+    /// Reading broke off.
+    #[error("reading broke off: {0}")]
+    Reading(#[source] csv::Error),
+}
+
+/// Why a line gives no pose.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum LineError {
+    /// More or fewer fields than the header.
+    #[error("it has {found} fields, and the header has {expected}: write as many")]
+    Fields {
+        /// Fields of the line.
+        found: usize,
+        /// Fields of the header.
+        expected: usize,
+    },
+    /// A field is no number.
+    #[error("{column} is {text:?}, which is no number: write it like -120 or 0.5")]
+    NotANumber {
+        /// The column.
+        column: &'static str,
+        /// Its text.
+        text: String,
+    },
+    /// Half a direction.
+    #[error("{column} is empty, and the other angle is not: write both, or leave both empty for any direction")]
+    HalfADirection {
+        /// The column.
+        column: &'static str,
+    },
+    /// The numbers are no pose.
+    #[error(transparent)]
+    Pose(#[from] PoseError),
+}
+
+fn suggestion(name: &str) -> String {
+    did_you_mean(name, COLUMNS.into_iter().flatten())
+}
+
+/// Reads poses, and positions where the direction is left out.
+///
+/// ```
+/// use growbot_host::via_csv::read;
+/// assert_eq!(read("x,y,z\n0,0,300\n200,0,400\n".as_bytes()).unwrap().len(), 2);
+/// let error = read("x,y,z\n0,0,3oo\n".as_bytes()).unwrap_err();
+/// assert_eq!(error.to_string(), "line 2: z is \"3oo\", which is no number: write it like -120 or 0.5");
+/// ```
+///
+/// # Errors
+/// The first thing that is wrong.
+pub fn read(source: impl Read) -> Result<Vec<Goal>, ViaError> {
+    let mut reader = ReaderBuilder::new().flexible(true).from_reader(source);
+    let header = reader.byte_headers().map_err(ViaError::Reading)?.clone();
+    let columns = columns(&header)?;
+    let (mut goals, mut record) = (Vec::new(), ByteRecord::new());
+    while reader.read_byte_record(&mut record).map_err(ViaError::Reading)? {
+        if goals.len() == MAX_GOALS {
+            return Err(ViaError::TooMany);
+        }
+        let line = record.position().map_or(0, Place::line);
+        goals.push(goal(&record, &columns, header.len()).map_err(|error| ViaError::Line { line, error })?);
+    }
+    if goals.is_empty() { Err(ViaError::Empty) } else { Ok(goals) }
+}
+
+/// Where each of the [`COLUMNS`] stands.
+fn columns(header: &ByteRecord) -> Result<[Option<usize>; 5], ViaError> {
+    let mut found = [None; 5];
+    for (index, name) in header.iter().enumerate() {
+        let name = String::from_utf8_lossy(name).trim().to_owned();
+        let known = COLUMNS.iter().position(|names| names.contains(&name.as_str()));
+        let (place, [column, _]) = known
+            .and_then(|known| Some((found.get_mut(known)?, COLUMNS.get(known)?)))
+            .ok_or(ViaError::Unknown { name })?;
+        if place.replace(index).is_some() {
+            return Err(ViaError::Twice { name: column });
+        }
+    }
+    // Angles come together, or not at all.
+    let required = if found[3].is_some() || found[4].is_some() { 5 } else { 3 };
+    for (place, [name, _]) in found.iter().zip(COLUMNS).take(required) {
+        if place.is_none() {
+            return Err(ViaError::Missing { name });
+        }
+    }
+    Ok(found)
+}
+
+fn goal(record: &ByteRecord, columns: &[Option<usize>; 5], expected: usize) -> Result<Goal, LineError> {
+    let found = record.len();
+    if found != expected {
+        return Err(LineError::Fields { found, expected });
+    }
+    let mut numbers = [None; 5];
+    for ((number, place), [column, _]) in numbers.iter_mut().zip(columns).zip(COLUMNS) {
+        let text = String::from_utf8_lossy(place.and_then(|place| record.get(place)).unwrap_or_default());
+        let text = text.trim();
+        let is_angle = ["heading", "pitch"].contains(&column);
+        if !(is_angle && text.is_empty()) {
+            let no_number = || LineError::NotANumber { column, text: text.to_owned() };
+            *number = Some(parse_number(text).ok_or_else(no_number)?);
+        }
+    }
+    let [x, y, z] = [numbers[0], numbers[1], numbers[2]].map(Option::unwrap_or_default);
+    match (numbers[3], numbers[4]) {
+        (Some(heading), Some(pitch)) => Ok(Goal::Pose(pose_of_numbers([x, y, z, heading, pitch])?)),
+        (None, None) => Ok(Goal::Position(Position::new(Vector3::new(x, y, z))?)),
+        (None, Some(_)) => Err(LineError::HalfADirection { column: "heading" }),
+        (Some(_), None) => Err(LineError::HalfADirection { column: "pitch" }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn directions_are_read_where_there_are_any() {
+        let goals =
+            read("\u{feff}heading_deg, pitch_deg,z,y_mm,x\r\n90,-45,3,2,1\n\n,,-3,-2e0,-1\n".as_bytes()).unwrap();
+        assert_eq!(goals[0], Goal::Pose(pose_of_numbers([1.0, 2.0, 3.0, 90.0, -45.0]).unwrap()));
+        assert_eq!(goals[1], Goal::Position(Position::new(Vector3::new(-1.0, -2.0, -3.0)).unwrap()));
+    }
+
+    #[test]
+    fn what_is_wrong_is_told_with_its_line() {
+        for (text, part) in [
+            ("", "the header has no column x;"),
+            ("x,y\n1,2\n", "the header has no column z; write x,y,z or x,y,z,heading,pitch"),
+            ("x,y,z,pitch\n", "the header has no column heading"),
+            ("x,y,z,headin\n", "unknown column \"headin\" (did you mean heading?)"),
+            ("x,y,z,x_mm\n", "the header has column x twice"),
+            ("x,y,z\n", "there is no line behind the header"),
+            ("x,y,z\n1,2,3\n\n1,2\n", "line 4: it has 2 fields, and the header has 3"),
+            ("x,y,z\n1,2,\n", "line 2: z is \"\", which is no number"),
+            ("x,y,z\n1,2,inf\n", "line 2: z is inf: give a finite number"),
+            ("x,y,z\n1,2,1e8\n", "line 2: z is 100000000 mm: keep coordinates within"),
+            ("x,y,z,heading,pitch\n1,2,3,4,91\n", "line 2: pitch is 91 deg"),
+            ("x,y,z,heading,pitch\n1,2,3,4,\n", "line 2: pitch is empty, and the other angle is not"),
+        ] {
+            let message = read(text.as_bytes()).unwrap_err().to_string();
+            assert!(message.contains(part), "{text:?}: {message}");
+        }
+        let long = "x,y,z\n".to_owned() + &"1,2,3\n".repeat(MAX_GOALS + 1);
+        assert!(matches!(read(long.as_bytes()), Err(ViaError::TooMany)));
+    }
+}
