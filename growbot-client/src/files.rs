@@ -168,47 +168,94 @@ pub fn unknown_ending(path: &Path, formats: &[&str]) -> FileError {
 /// # Errors
 /// [`FileError::NoDirectory`] or [`FileError::File`]; [`FileError::Input`] for a file that this program has read.
 pub fn replace_file(path: &Path, contents: &[u8]) -> Result<(), FileError> {
-    refuse_inputs(path)?;
-    let failed = |error| FileError::File { file: path.display().to_string(), error };
-    let target = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
-    let existing = fs::metadata(&target).ok();
-    match &existing {
-        Some(existing) if existing.is_dir() => return Err(failed(io::ErrorKind::IsADirectory.into())),
-        Some(existing) if !existing.is_file() => {
-            return OpenOptions::new()
-                .write(true)
-                .open(&target)
-                .and_then(|mut device| device.write_all(contents))
-                .map_err(failed);
+    let mut replacement = Replacement::begin(path)?;
+    replacement.write(contents)?;
+    replacement.finish()
+}
+
+/// A file that is written piece by piece, as [`replace_file`] does at once: it is in its place when it is finished, and
+/// leaves nothing if it never is.
+#[derive(Debug)]
+pub struct Replacement {
+    /// As messages call it.
+    name: String,
+    target: PathBuf,
+    /// What is written until then; none for a device, which is written to.
+    partial: Option<PathBuf>,
+    file: File,
+    existing: Option<Metadata>,
+}
+
+impl Replacement {
+    /// Begins a file.
+    ///
+    /// # Errors
+    /// As [`replace_file`].
+    pub fn begin(path: &Path) -> Result<Self, FileError> {
+        refuse_inputs(path)?;
+        let name = path.display().to_string();
+        let failed = |error| FileError::File { file: path.display().to_string(), error };
+        let target = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
+        let existing = fs::metadata(&target).ok();
+        match &existing {
+            Some(existing) if existing.is_dir() => return Err(failed(io::ErrorKind::IsADirectory.into())),
+            Some(existing) if !existing.is_file() => {
+                let file = OpenOptions::new().write(true).open(&target).map_err(failed)?;
+                return Ok(Self { name, target, partial: None, file, existing: None });
+            }
+            _ => {}
         }
-        _ => {}
-    }
-    let directory = match target.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent,
-        _ => Path::new("."),
-    };
-    let names_a_directory = path.to_string_lossy().ends_with(std::path::is_separator);
-    if names_a_directory || !directory.is_dir() {
-        let missing = if names_a_directory { path } else { directory };
-        return Err(FileError::NoDirectory {
-            file: path.display().to_string(),
-            directory: missing.display().to_string(),
-        });
-    }
-    let (partial, mut file) = create_beside(&target).map_err(failed)?;
-    let written = file.write_all(contents).and_then(|()| {
-        if let Some(existing) = existing {
-            file.set_permissions(existing.permissions())?;
+        let directory = match target.parent() {
+            Some(parent) if !parent.as_os_str().is_empty() => parent,
+            _ => Path::new("."),
+        };
+        let names_a_directory = path.to_string_lossy().ends_with(std::path::is_separator);
+        if names_a_directory || !directory.is_dir() {
+            let missing = if names_a_directory { path } else { directory };
+            return Err(FileError::NoDirectory { file: name, directory: missing.display().to_string() });
         }
-        // Without this a power cut after the rename could leave an empty file where a good one was.
-        file.sync_all()?;
-        drop(file);
-        fs::rename(&partial, &target)
-    });
-    written.map_err(|error| {
-        let _ = fs::remove_file(&partial);
-        failed(error)
-    })
+        let (partial, file) = create_beside(&target).map_err(failed)?;
+        Ok(Self { name, target, partial: Some(partial), file, existing })
+    }
+
+    /// Writes the next piece.
+    ///
+    /// # Errors
+    /// [`FileError::File`].
+    pub fn write(&mut self, contents: &[u8]) -> Result<(), FileError> {
+        self.file.write_all(contents).map_err(|error| self.failed(error))
+    }
+
+    /// Puts the file in its place.
+    ///
+    /// # Errors
+    /// [`FileError::File`].
+    pub fn finish(mut self) -> Result<(), FileError> {
+        let Some(partial) = &self.partial else { return Ok(()) };
+        let put = || {
+            if let Some(existing) = &self.existing {
+                self.file.set_permissions(existing.permissions())?;
+            }
+            // Without this a power cut after the rename could leave an empty file where a good one was.
+            self.file.sync_all()?;
+            fs::rename(partial, &self.target)
+        };
+        put().map_err(|error| self.failed(error))?;
+        self.partial = None;
+        Ok(())
+    }
+
+    fn failed(&self, error: io::Error) -> FileError {
+        FileError::File { file: self.name.clone(), error }
+    }
+}
+
+impl Drop for Replacement {
+    fn drop(&mut self) {
+        if let Some(partial) = &self.partial {
+            let _ = fs::remove_file(partial);
+        }
+    }
 }
 
 /// A new file of a name of its own in the same directory: a rename works within a file system only.

@@ -1,8 +1,6 @@
 //! Poses and positions on the way, from a CSV file: `x,y,z` in mm and perhaps `heading,pitch` in degrees.
 
-use std::io::Read;
-
-use csv::{ByteRecord, Position as Place, ReaderBuilder};
+use csv::{ReaderBuilder, StringRecord};
 use growbot_client::plan::Goal;
 use growbot_client::pose_text::{parse_number, pose_of_numbers};
 use growbot_client::suggest::did_you_mean;
@@ -51,8 +49,8 @@ pub enum ViaError {
         #[source]
         error: LineError,
     },
-    /// Reading broke off.
-    #[error("reading broke off: {0}")]
+    /// The line is no CSV.
+    #[error("{0}")]
     Reading(#[source] csv::Error),
 }
 
@@ -94,37 +92,44 @@ fn suggestion(name: &str) -> String {
 ///
 /// ```
 /// use growbot_host::via_csv::read;
-/// assert_eq!(read("x,y,z\n0,0,300\n200,0,400\n".as_bytes()).unwrap().len(), 2);
-/// let error = read("x,y,z\n0,0,3oo\n".as_bytes()).unwrap_err();
+/// assert_eq!(read("x,y,z\n0,0,300\n200,0,400\n").unwrap().len(), 2);
+/// let error = read("x,y,z\n0,0,3oo\n").unwrap_err();
 /// assert_eq!(error.to_string(), "line 2: z is \"3oo\", which is no number: write it like -120 or 0.5");
 /// ```
 ///
 /// # Errors
 /// The first thing that is wrong.
-pub fn read(source: impl Read) -> Result<Vec<Goal>, ViaError> {
-    let mut reader = ReaderBuilder::new().flexible(true).from_reader(source);
-    let header = reader.byte_headers().map_err(ViaError::Reading)?.clone();
+pub fn read(text: &str) -> Result<Vec<Goal>, ViaError> {
+    let mut lines = (1..).zip(text.lines()).filter(|(_, line)| !line.trim().is_empty());
+    let header = record(lines.next().map_or("", |(_, line)| line))?;
     let columns = columns(&header)?;
-    let (mut goals, mut record) = (Vec::new(), ByteRecord::new());
-    while reader.read_byte_record(&mut record).map_err(ViaError::Reading)? {
+    let mut goals = Vec::new();
+    for (line, text) in lines {
         if goals.len() == MAX_GOALS {
             return Err(ViaError::TooMany);
         }
-        let line = record.position().map_or(0, Place::line);
-        goals.push(goal(&record, &columns, header.len()).map_err(|error| ViaError::Line { line, error })?);
+        let goal = goal(&record(text)?, &columns, header.len());
+        goals.push(goal.map_err(|error| ViaError::Line { line, error })?);
     }
     if goals.is_empty() { Err(ViaError::Empty) } else { Ok(goals) }
 }
 
+/// The fields of a line.
+fn record(line: &str) -> Result<StringRecord, ViaError> {
+    let mut record = StringRecord::new();
+    let mut reader = ReaderBuilder::new().has_headers(false).from_reader(line.as_bytes());
+    reader.read_record(&mut record).map_err(ViaError::Reading)?;
+    Ok(record)
+}
+
 /// Where each of the [`COLUMNS`] stands.
-fn columns(header: &ByteRecord) -> Result<[Option<usize>; 5], ViaError> {
+fn columns(header: &StringRecord) -> Result<[Option<usize>; 5], ViaError> {
     let mut found = [None; 5];
     for (index, name) in header.iter().enumerate() {
-        let name = String::from_utf8_lossy(name).trim().to_owned();
-        let known = COLUMNS.iter().position(|names| names.contains(&name.as_str()));
+        let known = COLUMNS.iter().position(|names| names.contains(&name.trim()));
         let (place, [column, _]) = known
             .and_then(|known| Some((found.get_mut(known)?, COLUMNS.get(known)?)))
-            .ok_or(ViaError::Unknown { name })?;
+            .ok_or_else(|| ViaError::Unknown { name: name.trim().to_owned() })?;
         if place.replace(index).is_some() {
             return Err(ViaError::Twice { name: column });
         }
@@ -139,15 +144,14 @@ fn columns(header: &ByteRecord) -> Result<[Option<usize>; 5], ViaError> {
     Ok(found)
 }
 
-fn goal(record: &ByteRecord, columns: &[Option<usize>; 5], expected: usize) -> Result<Goal, LineError> {
+fn goal(record: &StringRecord, columns: &[Option<usize>; 5], expected: usize) -> Result<Goal, LineError> {
     let found = record.len();
     if found != expected {
         return Err(LineError::Fields { found, expected });
     }
     let mut numbers = [None; 5];
     for ((number, place), [column, _]) in numbers.iter_mut().zip(columns).zip(COLUMNS) {
-        let text = String::from_utf8_lossy(place.and_then(|place| record.get(place)).unwrap_or_default());
-        let text = text.trim();
+        let text = place.and_then(|place| record.get(place)).unwrap_or_default().trim();
         let is_angle = ["heading", "pitch"].contains(&column);
         if !(is_angle && text.is_empty()) {
             let no_number = || LineError::NotANumber { column, text: text.to_owned() };
@@ -169,8 +173,7 @@ mod tests {
 
     #[test]
     fn directions_are_read_where_there_are_any() {
-        let goals =
-            read("\u{feff}heading_deg, pitch_deg,z,y_mm,x\r\n90,-45,3,2,1\n\n,,-3,-2e0,-1\n".as_bytes()).unwrap();
+        let goals = read("\u{feff}heading_deg, pitch_deg,z,y_mm,x\r\n90,-45,3,2,1\n\n,,-3,-2e0,-1\n").unwrap();
         assert_eq!(goals[0], Goal::Pose(pose_of_numbers([1.0, 2.0, 3.0, 90.0, -45.0]).unwrap()));
         assert_eq!(goals[1], Goal::Position(Position::new(Vector3::new(-1.0, -2.0, -3.0)).unwrap()));
     }
@@ -191,10 +194,10 @@ mod tests {
             ("x,y,z,heading,pitch\n1,2,3,4,91\n", "line 2: pitch is 91 deg"),
             ("x,y,z,heading,pitch\n1,2,3,4,\n", "line 2: pitch is empty, and the other angle is not"),
         ] {
-            let message = read(text.as_bytes()).unwrap_err().to_string();
+            let message = read(text).unwrap_err().to_string();
             assert!(message.contains(part), "{text:?}: {message}");
         }
         let long = "x,y,z\n".to_owned() + &"1,2,3\n".repeat(MAX_GOALS + 1);
-        assert!(matches!(read(long.as_bytes()), Err(ViaError::TooMany)));
+        assert!(matches!(read(&long), Err(ViaError::TooMany)));
     }
 }

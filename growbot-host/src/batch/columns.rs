@@ -1,23 +1,15 @@
-//! The header of a batch: the place of each column. Any order; two columns are optional.
+//! The header of a batch: the place of each column, in any order.
 
 use csv::ByteRecord;
 use growbot_client::suggest::did_you_mean;
 
-/// The columns that every batch has: `id`, then the start, then the goal.
-pub const REQUIRED: [&str; 11] = [
-    "id",
-    "from_x_mm",
-    "from_y_mm",
-    "from_z_mm",
-    "from_heading_deg",
-    "from_pitch_deg",
-    "to_x_mm",
-    "to_y_mm",
-    "to_z_mm",
-    "to_heading_deg",
-    "to_pitch_deg",
-];
-/// The columns that a batch may have; where one is absent or empty, the command's own setting applies.
+/// The columns that every batch has: the query's name, and the goal's position.
+pub const REQUIRED: [&str; 4] = ["id", "to_x_mm", "to_y_mm", "to_z_mm"];
+/// The goal's direction. Without these columns, or where both are empty, any direction will do.
+pub const DIRECTION: [&str; 2] = ["to_heading_deg", "to_pitch_deg"];
+/// The start. Without these columns, or where all are empty, the command's own start applies.
+pub const START: [&str; 5] = ["from_x_mm", "from_y_mm", "from_z_mm", "from_heading_deg", "from_pitch_deg"];
+/// More columns that a batch may have; where one is absent or empty, the command's own setting applies.
 pub const OPTIONAL: [&str; 2] = ["radius_mm", "planner"];
 
 /// Why a header is refused.
@@ -25,15 +17,15 @@ pub const OPTIONAL: [&str; 2] = ["radius_mm", "planner"];
 pub enum HeaderError {
     /// A column that no batch has.
     #[error(
-        "the header has an unknown column {name:?}{}; there may be {}, {}",
-        suggestion(.name), REQUIRED.join(","), OPTIONAL.join(",")
+        "the header has an unknown column {name:?}{}; it must have {}, and may have {}, {}, {}",
+        suggestion(.name), REQUIRED.join(","), DIRECTION.join(","), START.join(","), OPTIONAL.join(",")
     )]
     Unknown {
         /// Its name.
         name: String,
     },
     /// A column is not there.
-    #[error("the header has no column {name}; it must have {}", REQUIRED.join(","))]
+    #[error("the header has no column {name}; it must have {}{}", REQUIRED.join(","), together(.name))]
     Missing {
         /// Its name.
         name: &'static str,
@@ -46,8 +38,19 @@ pub enum HeaderError {
     },
 }
 
+/// All columns that there are.
+fn known() -> impl Iterator<Item = &'static str> {
+    REQUIRED.into_iter().chain(DIRECTION).chain(START).chain(OPTIONAL)
+}
+
 fn suggestion(name: &str) -> String {
-    did_you_mean(name, REQUIRED.into_iter().chain(OPTIONAL))
+    did_you_mean(name, known())
+}
+
+/// Of a column that others need, which these are.
+fn together(name: &&'static str) -> String {
+    let group = [&DIRECTION[..], &START].into_iter().find(|group| group.contains(name));
+    group.map_or_else(String::new, |group| format!(", and all of {} or none", group.join(",")))
 }
 
 /// Where each column stands.
@@ -58,9 +61,11 @@ pub struct Columns {
     /// `id`.
     pub id: usize,
     /// The start: x, y, z, heading, pitch.
-    pub from: [Column; 5],
-    /// The goal: x, y, z, heading, pitch.
-    pub to: [Column; 5],
+    pub from: Option<[Column; 5]>,
+    /// The goal's position: x, y, z.
+    pub to: [Column; 3],
+    /// The goal's heading and pitch.
+    pub direction: Option<[Column; 2]>,
     /// `radius_mm`.
     pub radius: Option<Column>,
     /// `planner`.
@@ -68,7 +73,7 @@ pub struct Columns {
 }
 
 /// A column: its name and where it stands.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Column {
     /// As in the header.
     pub name: &'static str,
@@ -85,7 +90,7 @@ impl Columns {
         let names: Vec<String> = header.iter().map(|name| String::from_utf8_lossy(name).trim().to_owned()).collect();
         let mut found = Vec::with_capacity(names.len());
         for (index, name) in names.iter().enumerate() {
-            let known = REQUIRED.into_iter().chain(OPTIONAL).find(|known| known == name);
+            let known = known().find(|known| known == name);
             let name = known.ok_or_else(|| HeaderError::Unknown { name: name.clone() })?;
             if found.iter().any(|column: &Column| column.name == name) {
                 return Err(HeaderError::Twice { name });
@@ -93,17 +98,32 @@ impl Columns {
             found.push(Column { name, index });
         }
         let optional = |name: &str| found.iter().copied().find(|column| column.name == name);
-        let required = |name: &'static str| optional(name).ok_or(HeaderError::Missing { name });
-        let [id, fx, fy, fz, fh, fp, tx, ty, tz, th, tp] = REQUIRED;
+        let [id, to @ ..] = all(&found, REQUIRED)?;
         Ok(Self {
             count: names.len(),
-            id: required(id)?.index,
-            from: [required(fx)?, required(fy)?, required(fz)?, required(fh)?, required(fp)?],
-            to: [required(tx)?, required(ty)?, required(tz)?, required(th)?, required(tp)?],
+            id: id.index,
+            from: all_or_none(&found, START)?,
+            to,
+            direction: all_or_none(&found, DIRECTION)?,
             radius: optional(OPTIONAL[0]),
             planner: optional(OPTIONAL[1]),
         })
     }
+}
+
+/// The columns of these names.
+fn all<const N: usize>(found: &[Column], names: [&'static str; N]) -> Result<[Column; N], HeaderError> {
+    let mut columns = [Column::default(); N];
+    for (column, name) in columns.iter_mut().zip(names) {
+        let known = found.iter().find(|column| column.name == name);
+        *column = *known.ok_or(HeaderError::Missing { name })?;
+    }
+    Ok(columns)
+}
+
+/// The columns of these names, if there is one of them.
+fn all_or_none<const N: usize>(found: &[Column], names: [&'static str; N]) -> Result<Option<[Column; N]>, HeaderError> {
+    if found.iter().any(|column| names.contains(&column.name)) { all(found, names).map(Some) } else { Ok(None) }
 }
 
 #[cfg(test)]
@@ -116,24 +136,31 @@ mod tests {
 
     #[test]
     fn columns_stand_in_any_order() {
-        let mut names: Vec<&str> = REQUIRED.into_iter().chain([" planner "]).collect();
+        let mut names: Vec<&str> = REQUIRED.into_iter().chain(START).chain(DIRECTION).chain([" planner "]).collect();
         names.reverse();
         let columns = find(&names).unwrap();
         assert_eq!((columns.count, columns.id, columns.radius), (12, 11, None));
         assert_eq!(columns.planner, Some(Column { name: "planner", index: 0 }));
-        assert_eq!(columns.to[4], Column { name: "to_pitch_deg", index: 1 });
+        assert_eq!(columns.direction.unwrap()[1], Column { name: "to_pitch_deg", index: 1 });
+        let least = find(&REQUIRED).unwrap();
+        assert!(least.from.is_none() && least.direction.is_none());
     }
 
     #[test]
     fn wrong_columns_are_named() {
-        let mut names = REQUIRED;
-        names[3] = "from_z";
+        let mut names: Vec<&str> = REQUIRED.into_iter().chain(START).collect();
+        names[6] = "from_z";
         let message = find(&names).unwrap_err().to_string();
         assert!(message.contains("unknown column \"from_z\" (did you mean from_z_mm?)"), "{message}");
-        names[3] = "radius_mm";
-        assert_eq!(find(&names), Err(HeaderError::Missing { name: "from_z_mm" }));
-        names[3] = "to_x_mm";
-        assert_eq!(find(&names), Err(HeaderError::Twice { name: "to_x_mm" }));
+        names[6] = "radius_mm";
+        let message = find(&names).unwrap_err().to_string();
+        assert!(message.contains("no column from_z_mm") && message.contains("and all of from_x_mm,"), "{message}");
+        names[6] = "to_z_mm";
+        assert_eq!(find(&names), Err(HeaderError::Twice { name: "to_z_mm" }));
         assert!(matches!(find(&[]), Err(HeaderError::Missing { name: "id" })));
+        assert!(matches!(
+            find(&["id", "to_x_mm", "to_y_mm", "to_z_mm", "to_pitch_deg"]),
+            Err(HeaderError::Missing { name: "to_heading_deg" })
+        ));
     }
 }

@@ -8,13 +8,14 @@ mod columns;
 use std::io::Read;
 
 use csv::{ByteRecord, Reader, ReaderBuilder};
-use growbot_client::plan::{Plan, Search};
+use growbot_client::plan::{Goal, Plan, Search, planner_name};
 use growbot_client::plan_file::PlanFile;
 use growbot_client::pose_text::{parse_number, pose_of_numbers};
 use growbot_client::printable;
 use growbot_core::plan::{PlanError, Planner};
-use growbot_core::pose::{Pose, PoseError};
+use growbot_core::pose::{Pose, PoseError, Position};
 use growbot_core::robot::Robot;
+use nalgebra::Vector3;
 use serde::Serialize;
 use serde::de::value::{Error as ValueError, StrDeserializer};
 use serde::de::{Deserialize, IntoDeserializer};
@@ -66,7 +67,13 @@ pub enum QueryError {
         /// What there is instead.
         reason: String,
     },
-    /// Five numbers are no pose.
+    /// Half a direction.
+    #[error("{column} is empty, and the other angle is not: write both, or leave both empty for any direction")]
+    HalfADirection {
+        /// The column.
+        column: &'static str,
+    },
+    /// The numbers are no pose.
     #[error("{which}: {error}")]
     Pose {
         /// From or to.
@@ -90,6 +97,39 @@ pub struct Answer {
 }
 
 impl Answer {
+    /// The answer as a row of CSV under [`ANSWERS`], with its newline: numbers in full precision, the codes of warnings
+    /// with spaces between; of a query that failed, `id` and `error` alone.
+    #[must_use]
+    pub fn to_row(&self) -> String {
+        let mut fields = vec![self.id.clone()];
+        match &self.outcome {
+            Ok(plan) => {
+                let written = PlanFile::from(plan);
+                let goal = &written.goal;
+                let numbers = [goal.x_mm, goal.y_mm, goal.z_mm, goal.heading_deg, goal.pitch_deg];
+                fields.extend(numbers.map(shortest));
+                fields.push(goal.direction_free.to_string());
+                fields.push(planner_name(plan.planner).to_owned());
+                fields.push(shortest(plan.radius));
+                fields.push(plan.path_type());
+                let needs = &plan.needs;
+                fields.extend([shortest(needs.length), needs.layers.to_string()]);
+                fields.extend([needs.duration, needs.filament].map(shortest));
+                let codes: Vec<&str> = plan.warnings.iter().map(|warning| warning.code.as_str()).collect();
+                fields.extend([codes.join(" "), String::new()]);
+            }
+            Err(error) => {
+                let empty = ANSWERS.split(',').count() - 2;
+                fields.extend(std::iter::repeat_n(String::new(), empty));
+                fields.push(error.to_string());
+            }
+        }
+        let mut writer = csv::Writer::from_writer(Vec::new());
+        // Writing to memory cannot fail, and one row has one length.
+        let _ = writer.write_record(&fields);
+        writer.into_inner().ok().and_then(|row| String::from_utf8(row).ok()).unwrap_or_default()
+    }
+
     /// The answer as one line of JSON, with its newline: the plan and `"id"`, or `"id"` and `"error"`.
     #[must_use]
     pub fn to_line(&self) -> String {
@@ -108,13 +148,25 @@ impl Answer {
     }
 }
 
+/// What applies where a query does not say.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Defaults {
+    /// Where the tip starts.
+    pub start: Pose,
+    /// How paths are looked for.
+    pub search: Search,
+}
+
+/// The header of answers as CSV.
+pub const ANSWERS: &str = "id,to_x_mm,to_y_mm,to_z_mm,to_heading_deg,to_pitch_deg,direction_free,planner,radius_mm,\
+                           path_type,length_mm,layers,duration_s,filament_mm,warnings,error\n";
+
 /// A batch under way.
 pub struct Batch<R> {
     reader: Reader<R>,
     columns: Columns,
     record: ByteRecord,
-    /// The defaults of queries.
-    defaults: Search,
+    defaults: Defaults,
 }
 
 impl<R: Read> Batch<R> {
@@ -122,7 +174,7 @@ impl<R: Read> Batch<R> {
     ///
     /// # Errors
     /// A header that is at fault, or nothing to read.
-    pub fn open(source: R, defaults: Search) -> Result<Self, BatchError> {
+    pub fn open(source: R, defaults: Defaults) -> Result<Self, BatchError> {
         let mut reader = ReaderBuilder::new().flexible(true).from_reader(source);
         let columns = Columns::find(reader.byte_headers().map_err(BatchError::Reading)?)?;
         Ok(Self { reader, columns, record: ByteRecord::new(), defaults })
@@ -155,26 +207,53 @@ impl<R: Read> Batch<R> {
                 return Err(QueryError::NotText { field, position: error.valid_up_to() });
             }
         }
-        let start = self.pose("from", &self.columns.from)?;
-        let goal = self.pose("to", &self.columns.to)?;
+        let (start, goal) = (self.start()?, self.goal()?);
+        let Search { radius, planner, .. } = self.defaults.search;
         let radius = match self.columns.radius {
             Some(column) if !self.text(column).is_empty() => self.number(column)?,
-            _ => self.defaults.radius,
+            _ => radius,
         };
         let planner = match self.columns.planner {
             Some(column) if !self.text(column).is_empty() => planner_of_name(self.text(column))?,
-            _ => self.defaults.planner,
+            _ => planner,
         };
-        let search = Search { radius, planner, ..self.defaults };
+        let search = Search { radius, planner, ..self.defaults.search };
         Ok(Plan::through(robot, &start, &[], &goal, &search)?)
     }
 
-    fn pose(&self, which: &'static str, columns: &[Column; 5]) -> Result<Pose, QueryError> {
-        let mut numbers = [0.0; 5];
-        for (number, column) in numbers.iter_mut().zip(columns) {
-            *number = self.number(*column)?;
+    fn start(&self) -> Result<Pose, QueryError> {
+        match self.columns.from {
+            Some(columns) if columns.iter().any(|column| !self.text(*column).is_empty()) => {
+                let wrong = |error| QueryError::Pose { which: "from", error };
+                pose_of_numbers(self.numbers(columns)?).map_err(wrong)
+            }
+            _ => Ok(self.defaults.start),
         }
-        pose_of_numbers(numbers).map_err(|error| QueryError::Pose { which, error })
+    }
+
+    fn goal(&self) -> Result<Goal, QueryError> {
+        let wrong = |error| QueryError::Pose { which: "to", error };
+        let [x, y, z] = self.numbers(self.columns.to)?;
+        let Some(columns) = self.columns.direction else {
+            return Ok(Goal::Position(Position::new(Vector3::new(x, y, z)).map_err(wrong)?));
+        };
+        match columns.map(|column| self.text(column).is_empty()) {
+            [true, true] => Ok(Goal::Position(Position::new(Vector3::new(x, y, z)).map_err(wrong)?)),
+            [true, false] => Err(QueryError::HalfADirection { column: columns[0].name }),
+            [false, true] => Err(QueryError::HalfADirection { column: columns[1].name }),
+            [false, false] => {
+                let [heading, pitch] = self.numbers(columns)?;
+                Ok(Goal::Pose(pose_of_numbers([x, y, z, heading, pitch]).map_err(wrong)?))
+            }
+        }
+    }
+
+    fn numbers<const N: usize>(&self, columns: [Column; N]) -> Result<[f64; N], QueryError> {
+        let mut numbers = [0.0; N];
+        for (number, column) in numbers.iter_mut().zip(columns) {
+            *number = self.number(column)?;
+        }
+        Ok(numbers)
     }
 
     fn number(&self, column: Column) -> Result<f64, QueryError> {
@@ -186,6 +265,12 @@ impl<R: Read> Batch<R> {
     fn text(&self, column: Column) -> &str {
         text_of(self.record.get(column.index)).trim()
     }
+}
+
+/// The shortest text that reads back as the very same number.
+fn shortest(number: f64) -> String {
+    let (plain, exponent) = (number.to_string(), format!("{number:e}"));
+    if plain.len() <= exponent.len() { plain } else { exponent }
 }
 
 /// A field as text; empty where it is not UTF-8, which is refused earlier.
@@ -202,15 +287,20 @@ fn planner_of_name(name: &str) -> Result<Planner, QueryError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use growbot_client::pose_text::parse_pose;
     use growbot_client::robot_file;
 
     const HEADER: &str = "id,from_x_mm,from_y_mm,from_z_mm,from_heading_deg,from_pitch_deg,\
                           to_x_mm,to_y_mm,to_z_mm,to_heading_deg,to_pitch_deg";
 
+    fn defaults() -> Defaults {
+        let search = Search { radius: 100.0, planner: Planner::TwoPlane, clear_of_self: false };
+        Defaults { start: parse_pose("0,0,0,0,90").unwrap(), search }
+    }
+
     fn answers(text: &str) -> Vec<Answer> {
         let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
-        let defaults = Search { radius: 100.0, planner: Planner::TwoPlane, clear_of_self: false };
-        let mut batch = Batch::open(text.as_bytes(), defaults).unwrap();
+        let mut batch = Batch::open(text.as_bytes(), defaults()).unwrap();
         let mut answers = Vec::new();
         while let Some(answer) = batch.next(&robot).unwrap() {
             answers.push(answer);
@@ -261,12 +351,50 @@ mod tests {
     }
 
     #[test]
+    fn starts_and_directions_may_be_left_out() {
+        let short = answers("to_x_mm,id,to_y_mm,to_z_mm\n200,a,0,400\n0,b,0,nan\n");
+        let plan = short[0].outcome.as_ref().unwrap();
+        assert_eq!(plan.start, parse_pose("0,0,0,0,90").unwrap());
+        assert!(plan.has_free_direction());
+        assert!(short[1].outcome.as_ref().unwrap_err().to_string().contains("to: z is NaN"));
+        let mixed = answers(&format!(
+            "{HEADER}\n1,,,,,,200,0,400,,\n2,1,2,3,4,5,200,0,400,90,0\n3,1,,,,,200,0,400,,\n4,,,,,,200,0,400,1,\n"
+        ));
+        let plan = |index: usize| mixed[index].outcome.as_ref().unwrap();
+        assert!(plan(0).has_free_direction() && !plan(1).has_free_direction());
+        assert_eq!(plan(1).start, parse_pose("1,2,3,4,5").unwrap());
+        let error = |index: usize| mixed[index].outcome.as_ref().unwrap_err().to_string();
+        assert!(error(2).contains("from_y_mm is \"\""), "{}", error(2));
+        assert!(error(3).contains("to_pitch_deg is empty, and the other angle is not"), "{}", error(3));
+    }
+
+    #[test]
+    fn a_row_has_the_numbers_to_the_last_digit_and_as_many_fields_as_the_header() {
+        let answers = answers("id,to_x_mm,to_y_mm,to_z_mm\n\"a, b\",200,1e-14,400.1\nc,0,0,x\n");
+        let rows: String = ANSWERS.to_owned() + &answers[0].to_row() + &answers[1].to_row();
+        let mut reader = ReaderBuilder::new().from_reader(rows.as_bytes());
+        let records: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();
+        let plan = answers[0].outcome.as_ref().unwrap();
+        let field = |row: usize, name: &str| {
+            let index = ANSWERS.trim().split(',').position(|column| column == name).unwrap();
+            records[row][index].to_owned()
+        };
+        assert_eq!(
+            (field(0, "id"), field(0, "to_y_mm"), field(0, "to_z_mm")),
+            ("a, b".into(), "1e-14".into(), "400.1".into())
+        );
+        assert_eq!(field(0, "length_mm").parse::<f64>().unwrap(), plan.needs.length);
+        assert_eq!((field(0, "direction_free"), field(0, "error")), ("true".into(), String::new()));
+        assert_eq!((field(1, "length_mm"), field(1, "id")), (String::new(), "c".into()));
+        assert!(field(1, "error").contains("to_z_mm is"));
+    }
+
+    #[test]
     fn bytes_that_are_no_text_spoil_their_line_only() {
         let mut bytes = format!("{HEADER}\n1,0,0,0,0,90,0,0,5").into_bytes();
         bytes.extend(b"\xff,0,90\n\xc3(,0,0,0,0,90,0,0,500,0,90\n3,0,0,0,0,90,0,0,500,0,90\n");
         let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
-        let defaults = Search { radius: 100.0, planner: Planner::TwoPlane, clear_of_self: false };
-        let mut batch = Batch::open(&bytes[..], defaults).unwrap();
+        let mut batch = Batch::open(&bytes[..], defaults()).unwrap();
         let mut next = || batch.next(&robot).unwrap();
         let (coordinate, id, sound) = (next().unwrap(), next().unwrap(), next().unwrap());
         assert_eq!(coordinate.outcome, Err(QueryError::NotText { field: 9, position: 1 }));

@@ -1,7 +1,7 @@
 //! What goes wrong where nothing is a real robot: the layers' errors, the sensors' noise, and the seed of both.
 
 use clap::Args;
-use growbot_client::pose_text::parse_number;
+use growbot_client::pose_text::{parse_angle, parse_number};
 use growbot_core::angle::radians;
 use growbot_core::simulation::Disturbance;
 use growbot_core::tracking::SensorNoise;
@@ -91,26 +91,35 @@ impl DisturbanceArgs {
 
 /// A share without a sign, percent.
 fn percent(text: &str) -> Result<f64, String> {
-    number(text, 0.0, MAX_PERCENT, "percent")
+    within(percentage(text)?, 0.0, MAX_PERCENT, "percent")
 }
 
 /// A share to either side, percent.
 pub fn signed_percent(text: &str) -> Result<f64, String> {
-    number(text, -MAX_PERCENT, MAX_PERCENT, "percent")
+    within(percentage(text)?, -MAX_PERCENT, MAX_PERCENT, "percent")
 }
 
 /// An angle without a sign, degrees.
 fn deg(text: &str) -> Result<f64, String> {
-    number(text, 0.0, MAX_DEG, "degrees")
+    within(angle(text)?, 0.0, MAX_DEG, "degrees")
 }
 
 /// An angle to either side, degrees.
 fn signed_deg(text: &str) -> Result<f64, String> {
-    number(text, -MAX_DEG, MAX_DEG, "degrees")
+    within(angle(text)?, -MAX_DEG, MAX_DEG, "degrees")
 }
 
-fn number(text: &str, min: f64, max: f64, unit: &str) -> Result<f64, String> {
-    let number = parse_number(text).ok_or_else(|| format!("it is no number: give {unit}, such as 0.5"))?;
+fn percentage(text: &str) -> Result<f64, String> {
+    parse_number(text).ok_or_else(|| "it is no number: give percent, such as 0.5".to_owned())
+}
+
+fn angle(text: &str) -> Result<f64, String> {
+    parse_angle(text)
+        .map(|angle| angle.value)
+        .map_err(|_| "it is no number: give degrees, such as 0.5, or 0.01rad".to_owned())
+}
+
+fn within(number: f64, min: f64, max: f64, unit: &str) -> Result<f64, String> {
     if (min..=max).contains(&number) {
         Ok(number)
     } else {

@@ -4,13 +4,13 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use growbot_client::files::{refuse_ending, replace_file};
+use growbot_client::files::{Replacement, ending, refuse_ending, replace_file};
 use growbot_client::input::{self, BoundedLines};
 use growbot_client::plan::Plan;
 use growbot_client::plan_file::PlanFile;
 use growbot_client::pose_text::{TypedGoal, parse_goal};
 use growbot_core::robot::Robot;
-use growbot_host::batch::Batch;
+use growbot_host::batch::{ANSWERS, Batch, Defaults};
 use growbot_host::output::print;
 use growbot_host::progress::{Progress, Results};
 
@@ -46,19 +46,21 @@ pub struct PlanArgs {
     clear_of_self: bool,
     #[command(flatten)]
     robot: RobotArg,
-    /// Print the plan as one line of JSON
+    /// Print the plan as one line of JSON; of a batch, each
     #[arg(long)]
     json: bool,
-    /// Write the plan to this file
+    /// Write the plan to this file; of a batch, the answers, as CSV or JSON lines
+    /// (.csv, .jsonl)
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
-    /// Plan every query of a CSV file (- for standard input); needs --json
-    #[arg(long, value_name = "CSV", conflicts_with_all = ["from", "via", "via_csv", "to", "output"])]
+    /// Plan every query of a CSV file (- for standard input); prints CSV, or JSON
+    /// lines with --json
+    #[arg(long, value_name = "CSV", conflicts_with_all = ["via", "via_csv", "to"])]
     batch: Option<PathBuf>,
 }
 
 const USAGE: &str = "growbot plan [--from <POSE>] --to <POSE> [OPTIONS]
-       growbot plan --batch <CSV> --json [OPTIONS]";
+       growbot plan --batch <CSV> [OPTIONS]";
 
 const AFTER_HELP: &str = "\
 Examples:
@@ -66,15 +68,18 @@ Examples:
   growbot plan --from 0,0,0,0,90 --to -120,0,400,180,0 --radius 120 --json
   growbot plan --via 200,0,400,0,0 --via 600,0,300,0,-45 --to 800,0,0,0,-90
   growbot plan --to 0,0,-300,0,90 --clear-of-self
+  growbot plan --to 200,100,600
+  growbot plan --via-csv stations.csv --to 0.8m,0,0,0deg,-90deg
+  growbot plan --batch queries.csv -o answers.csv
   growbot plan --batch queries.csv --json > plans.jsonl
 
-A batch has the header
-  id,from_x_mm,from_y_mm,from_z_mm,from_heading_deg,from_pitch_deg,
-  to_x_mm,to_y_mm,to_z_mm,to_heading_deg,to_pitch_deg
-in one line and in any order, and perhaps columns radius_mm and planner; the
-options apply where a query does not say. There are no columns for poses on the
-way. Each query is answered by one line: its plan, or its id and an error. The
-exit code is 1 if any failed.";
+A batch has the columns id,to_x_mm,to_y_mm,to_z_mm in any order, and perhaps
+  to_heading_deg,to_pitch_deg    without them, or empty: any direction
+  from_x_mm,from_y_mm,from_z_mm,from_heading_deg,from_pitch_deg
+  radius_mm, planner
+The options apply where a query does not say. There are no columns for poses on
+the way. Each query is answered by one line: its plan, or its id and an error.
+The exit code is 1 if any failed.";
 
 /// Runs the command.
 pub fn run(args: &PlanArgs) -> Result<(), Failure> {
@@ -99,31 +104,88 @@ fn run_one(args: &PlanArgs, plan: &Plan) -> Result<(), Failure> {
     Ok(print(&if args.json { written.to_line() } else { plan_table::table(plan) })?)
 }
 
-fn run_batch(args: &PlanArgs, queries: &Path, robot: &Robot) -> Result<(), Failure> {
-    let search = args.search.search(robot, args.clear_of_self);
-    if !args.json {
-        return Err(Failure::bad_input("--batch prints one JSON object a line: add --json"));
+/// The formats of the answers to a batch.
+#[derive(Clone, Copy, PartialEq)]
+enum Format {
+    Csv,
+    JsonLines,
+}
+
+/// Where the answers to a batch go.
+struct Answers {
+    format: Format,
+    file: Option<Replacement>,
+}
+
+impl Answers {
+    fn begin(args: &PlanArgs) -> Result<Self, Failure> {
+        let ending = args.output.as_deref().and_then(ending);
+        let as_json = args.json || matches!(ending.as_deref(), Some("json" | "jsonl"));
+        let format = if as_json { Format::JsonLines } else { Format::Csv };
+        let file = match &args.output {
+            Some(path) if input::is_standard_input(path) => {
+                return Err(Failure::bad_input("-o takes a file: without it the answers go to standard output"));
+            }
+            Some(path) => {
+                refuse_ending(path, if args.json { &["json", "jsonl"] } else { &["csv", "json", "jsonl"] })?;
+                Some(Replacement::begin(path)?)
+            }
+            None => None,
+        };
+        let mut answers = Self { format, file };
+        if format == Format::Csv {
+            answers.write(ANSWERS)?;
+        }
+        Ok(answers)
     }
+
+    /// Each line leaves at once: a program may wait for it before it asks the next.
+    fn write(&mut self, text: &str) -> Result<(), Failure> {
+        match &mut self.file {
+            Some(file) => Ok(file.write(text.as_bytes())?),
+            None => Ok(print(text)?),
+        }
+    }
+
+    /// What there is where a query failed.
+    fn name_of_errors(&self) -> &'static str {
+        if self.format == Format::Csv { "the column error" } else { "the lines with \"error\"" }
+    }
+
+    fn finish(self, args: &PlanArgs) -> Result<(), Failure> {
+        if let (Some(file), Some(path)) = (self.file, &args.output) {
+            file.finish()?;
+            growbot_host::tell!("growbot: answers written to {}", path.display());
+        }
+        Ok(())
+    }
+}
+
+fn run_batch(args: &PlanArgs, queries: &Path, robot: &Robot) -> Result<(), Failure> {
+    let defaults = Defaults { start: args.search.start()?, search: args.search.search(robot, args.clear_of_self) };
     // A radius that no query can have is a fault of the command, not of each query.
-    let start = args.search.start()?;
-    Plan::through(robot, &start, &[], &start, &search)?;
+    let start = defaults.start;
+    Plan::through(robot, &start, &[], &start, &defaults.search)?;
 
     let name = input::name_of(queries);
     let total = fs::metadata(queries).ok().filter(fs::Metadata::is_file).map(|file| file.len());
     let named = |error| Failure::bad_input(format!("{name}: {error}"));
-    let mut batch = Batch::open(BoundedLines::of(input::open(queries)?), search).map_err(named)?;
-    let mut progress = Progress::start(total, Results::Streamed);
+    let mut batch = Batch::open(BoundedLines::of(input::open(queries)?), defaults).map_err(named)?;
+    let mut answers = Answers::begin(args)?;
+    let results = if args.output.is_some() { Results::AtEnd } else { Results::Streamed };
+    let mut progress = Progress::start(total, results);
     let (mut done, mut failed) = (0_u64, 0_u64);
     while let Some(answer) = batch.next(robot).map_err(named)? {
         done += 1;
         failed += u64::from(answer.outcome.is_err());
-        // Each line leaves at once: a program may wait for it before it asks the next.
-        print(&answer.to_line())?;
+        answers.write(&if answers.format == Format::Csv { answer.to_row() } else { answer.to_line() })?;
         progress.at(batch.bytes_read(), || format!("{done} planned, {failed} failed"));
     }
     progress.finish();
+    let errors = answers.name_of_errors();
+    answers.finish(args)?;
     if failed > 0 {
-        return Err(Failure::answered_no(format!("{failed} of {done} queries failed: see the lines with \"error\"")));
+        return Err(Failure::answered_no(format!("{failed} of {done} queries failed: see {errors}")));
     }
     Ok(())
 }

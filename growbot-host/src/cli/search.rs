@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
-use growbot_client::input::{self, BoundedLines};
+use growbot_client::input;
 use growbot_client::plan::{Goal, Plan, Search};
 use growbot_client::pose_text::{TypedGoal, parse_goal, parse_pose, parse_typed_pose};
 use growbot_core::plan::{PlanError, Planner};
@@ -71,8 +71,7 @@ impl SearchArgs {
     fn on_the_way(&self) -> Result<Vec<Goal>, Failure> {
         let Some(file) = &self.via_csv else { return Ok(self.via.iter().map(|typed| typed.goal).collect()) };
         let name = input::name_of(file);
-        let source = BoundedLines::of(input::open(file)?);
-        via_csv::read(source).map_err(|error| Failure::bad_input(format!("{name}: {error}")))
+        via_csv::read(&input::read_text(file)?).map_err(|error| Failure::bad_input(format!("{name}: {error}")))
     }
 
     /// Plans from the start through what is on the way to a goal, and warns of units that may have been mistaken.

@@ -5,7 +5,6 @@ use std::thread;
 use clap::{Args, ValueEnum};
 use growbot_client::feedback::ASSUMED;
 use growbot_client::plan_file::WrittenPose;
-use growbot_client::pose_text::parse_number;
 use growbot_client::printable::json_line;
 use growbot_client::run_log::WrittenArrival;
 use growbot_client::warning::Warning;
@@ -23,6 +22,7 @@ use serde::Serialize;
 
 use super::disturbance::{DisturbanceArgs, signed_percent};
 use super::goal::GoalArgs;
+use super::units::mm;
 use super::{Failure, simulate_table};
 
 /// Simulate a growth with noise, with or without feedback, once or many times
@@ -95,7 +95,7 @@ const STEPS_MM: [f64; 2] = [0.01, 1e4];
 
 fn step_mm(text: &str) -> Result<f64, String> {
     let [min, max] = STEPS_MM;
-    let number = parse_number(text).ok_or("it is no number: give mm, such as 3.096")?;
+    let number = mm(text)?;
     if (min..=max).contains(&number) {
         Ok(number)
     } else {

@@ -17,6 +17,7 @@ use growbot_host::workspace::{DIRECTIONS, POSITIONS, Question, Workspace, svg, w
 use serde_json::{Value, json};
 
 use super::search::{PlannerName, START};
+use super::units::{deg, mm};
 use super::{Failure, RobotArg};
 
 /// Show which goals are within reach of a body
@@ -39,22 +40,22 @@ use super::{Failure, RobotArg};
 #[command(after_help = AFTER_HELP)]
 pub struct WorkspaceArgs {
     /// Length of the body, mm [default: what the robot's spool gives]
-    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
+    #[arg(long, value_name = "MM", allow_hyphen_values = true, value_parser = mm)]
     length: Option<f64>,
     /// Where the tip starts: X,Y,Z,HEADING,PITCH in mm and degrees
     #[arg(long, value_name = "POSE", default_value = START, allow_hyphen_values = true, value_parser = parse_pose)]
     from: Pose,
     /// Heading of the tip at the end, degrees [default: any direction]
-    #[arg(long, value_name = "DEG", requires = "pitch", allow_negative_numbers = true)]
+    #[arg(long, value_name = "DEG", requires = "pitch", allow_hyphen_values = true, value_parser = deg)]
     heading: Option<f64>,
     /// Pitch of the tip at the end, degrees [default: any direction]
-    #[arg(long, value_name = "DEG", requires = "heading", allow_negative_numbers = true)]
+    #[arg(long, value_name = "DEG", requires = "heading", allow_hyphen_values = true, value_parser = deg)]
     pitch: Option<f64>,
     /// How paths are found
     #[arg(long, value_enum, default_value_t = PlannerName::Shortest)]
     planner: PlannerName,
     /// Radius of the bends, mm [default: the robot's planning radius]
-    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
+    #[arg(long, value_name = "MM", allow_hyphen_values = true, value_parser = mm)]
     radius: Option<f64>,
     #[command(flatten)]
     robot: RobotArg,
