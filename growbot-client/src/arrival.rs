@@ -13,8 +13,9 @@ pub struct Arrival {
     pub position_error_mm: f64,
     /// That, over the length of the planned path (Eq 26); 0 for a path of no length.
     pub normalized_position_error: f64,
-    /// Difference of the headings, degrees, 0 to 180 (Eq 27). It says little at steep pitch.
-    pub heading_error_deg: f64,
+    /// Difference of the headings, degrees, 0 to 180 (Eq 27). It says little at steep pitch, and there is none where
+    /// one of the two is vertical.
+    pub heading_error_deg: Option<f64>,
     /// Difference of the pitches, degrees (Eq 28).
     pub pitch_error_deg: f64,
     /// Angle between the two directions, degrees: what counts at any pitch.
@@ -27,11 +28,13 @@ impl Arrival {
     pub fn of(base_from_tip: &Frame, goal: &Pose, path_length: f64) -> Self {
         let final_pose = Pose::from_frame(base_from_tip);
         let missed = miss(base_from_tip, goal);
+        let has_headings = !final_pose.is_vertical() && !goal.is_vertical();
+        let heading_error = || degrees(wrap_signed(final_pose.heading() - goal.heading()).abs());
         Self {
             final_pose,
             position_error_mm: missed.distance,
             normalized_position_error: if path_length > 0.0 { missed.distance / path_length } else { 0.0 },
-            heading_error_deg: degrees(wrap_signed(final_pose.heading() - goal.heading()).abs()),
+            heading_error_deg: has_headings.then(heading_error),
             pitch_error_deg: degrees((final_pose.pitch() - goal.pitch()).abs()),
             direction_error_deg: degrees(missed.angle),
         }
@@ -66,10 +69,20 @@ mod tests {
         let goal = Pose::from_degrees([0.0, 0.0, 0.0, 179.0, 0.0]).unwrap();
         let tip = Pose::from_degrees([3.0, 4.0, 0.0, -179.0, 0.0]).unwrap();
         let arrival = Arrival::of(&tip.frame(), &goal, 100.0);
-        assert!((arrival.heading_error_deg - 2.0).abs() < 1e-9);
+        assert!((arrival.heading_error_deg.unwrap() - 2.0).abs() < 1e-9);
         assert!((arrival.direction_error_deg - 2.0).abs() < 1e-9);
         assert!((arrival.position_error_mm - 5.0).abs() < 1e-9);
         assert!((arrival.normalized_position_error - 0.05).abs() < 1e-12);
         assert_eq!(Arrival::of(&tip.frame(), &goal, 0.0).normalized_position_error, 0.0);
+    }
+
+    #[test]
+    fn a_vertical_direction_has_no_heading_to_be_wrong() {
+        let up = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
+        let leaning = Pose::from_degrees([0.0, 0.0, 0.0, 56.0, 89.0]).unwrap();
+        for (tip, goal) in [(up, leaning), (leaning, up), (up, up)] {
+            assert_eq!(Arrival::of(&tip.frame(), &goal, 100.0).heading_error_deg, None);
+        }
+        assert!(Arrival::of(&leaning.frame(), &leaning, 100.0).heading_error_deg.is_some());
     }
 }

@@ -78,6 +78,10 @@ impl Pose {
     /// Max coordinate, mm (10 km). Beyond it an `f64` no longer resolves a micrometre reliably.
     pub const MAX_COORDINATE: f64 = 1e7;
 
+    /// How near to straight up or down a direction has no heading, radians: 0.0006 degrees. The steps of a vertical body
+    /// alone turn it by a fifth of that.
+    pub const VERTICAL: f64 = 1e-5;
+
     /// A pose from mm and radians. The heading is wrapped to `(-pi, pi]`.
     ///
     /// # Errors
@@ -159,6 +163,12 @@ impl Pose {
         self.pitch
     }
 
+    /// Whether it points straight up or down, to [`Self::VERTICAL`]: then its heading says nothing of its direction.
+    #[must_use]
+    pub fn is_vertical(&self) -> bool {
+        core::f64::consts::FRAC_PI_2 - self.pitch.abs() <= Self::VERTICAL
+    }
+
     /// The direction of growth, a unit vector.
     #[must_use]
     pub fn direction(&self) -> Vector3<f64> {
@@ -226,6 +236,13 @@ mod tests {
         let pose = Pose::from_degrees([0.0, 0.0, 0.0, 90.0, 90.0]).unwrap();
         let x_axis = pose.frame().rotation * Vector3::x();
         assert!((x_axis - Vector3::y()).norm() < 1e-15);
+    }
+
+    #[test]
+    fn a_vertical_direction_is_told() {
+        let is_vertical = |pitch| Pose::from_degrees([0.0, 0.0, 0.0, 30.0, pitch]).unwrap().is_vertical();
+        assert!(is_vertical(90.0) && is_vertical(-90.0) && is_vertical(89.9995));
+        assert!(!is_vertical(89.999) && !is_vertical(0.0));
     }
 
     #[test]

@@ -9,6 +9,8 @@ use growbot_core::path::Segment;
 use growbot_core::robot::Robot;
 use growbot_core::slicing::{SlicedLayer, Slicing, layers};
 
+use crate::figures::shortest;
+
 /// The columns of a layer's own fields, as [`fields`] writes them.
 pub const FIELDS: &str = "alpha_deg,height_mm,tilt_deg";
 
@@ -16,7 +18,7 @@ pub const FIELDS: &str = "alpha_deg,height_mm,tilt_deg";
 #[must_use]
 pub fn fields(layer: &Layer) -> String {
     let alpha = if layer.tilt > 0.0 { degrees_below_turn(layer.alpha) } else { 0.0 };
-    format!("{alpha},{},{}", layer.height, degrees(layer.tilt))
+    [alpha, layer.height, degrees(layer.tilt)].map(shortest).join(",")
 }
 
 /// Writes the layers of a path, by exact slicing, in full precision: layers and segments count from 0, `alpha_deg` lies

@@ -11,7 +11,7 @@
 //! - [`export`]: bodies as STL, GLB, CSV and MCAP;
 //! - [`reproduce`]: the experiments of the paper, done again, with page and figures;
 //! - [`crash`]: where in an image the firmware crashed; [`progress`]: how far something has come; [`output`]: results
-//!   and messages; [`duration`]: times as text.
+//!   and messages; [`duration`], [`figures`]: times and numbers as text.
 //!
 //! Lengths are in mm. Angles are in radians inside and in degrees in every text and file; names carry the unit.
 #![forbid(unsafe_code)]
@@ -21,6 +21,7 @@ pub mod crash;
 pub mod drawing;
 pub mod duration;
 pub mod export;
+pub mod figures;
 pub mod layer_table;
 pub mod output;
 pub mod progress;

@@ -139,3 +139,39 @@ fn what_looks_like_metres_or_radians_is_warned_of() {
         assert_eq!(said(&["--to", quiet]), "", "{quiet}");
     }
 }
+
+#[test]
+fn what_is_vertical_has_no_heading_and_no_heading_error() {
+    let grown = growbot(&["grow", "--to", "0,0,60,0,90", "--json"]);
+    let grown = json(grown.out.lines().last().unwrap());
+    assert_eq!((&grown["heading_error_deg"], &grown["final"]["heading_deg"]), (&Value::Null, &Value::Null));
+    assert!(grown["direction_error_deg"].as_f64().unwrap() < 1e-3);
+    let table = growbot(&["grow", "--to", "0,0,60,0,90"]).out;
+    for name in ["target", "final"] {
+        let row: Vec<&str> = table.lines().find(|line| line.starts_with(name)).unwrap().split_whitespace().collect();
+        assert_eq!((row[4], row[5]), ("-", "90.000"), "{table}");
+    }
+    let repeated =
+        |more: &[&str]| growbot(&[&["simulate", "--to", "0,0,60,0,90", "--tilt-noise", "1"], more].concat()).out;
+    let campaign = json(&repeated(&["--repeat", "5", "--json"]));
+    assert_eq!(campaign["heading_error_deg"], Value::Null);
+    assert!(campaign["pitch_error_deg"]["mean"].as_f64().unwrap() > 0.0);
+    let table = repeated(&["--repeat", "5"]);
+    let heading = table.lines().find(|line| line.starts_with("heading, deg")).unwrap();
+    assert_eq!(heading.matches(" -").count(), 6, "{table}");
+    assert!(repeated(&[]).contains("deg of pitch; what is vertical has no heading"));
+}
+
+#[test]
+fn no_zero_has_a_sign_and_no_rounding_is_shown() {
+    let table = growbot(&["simulate", "--to", "300,0,0,0,-90"]).out;
+    assert!(table.contains("final         300.000      0.000      0.000            -     -90.000"), "{table}");
+    assert!(!table.contains("-0.000"), "{table}");
+    let campaign = growbot(&["simulate", "--to", "300,0,0,0,-90", "--repeat", "2"]).out;
+    assert!(!campaign.contains("e-1"), "{campaign}");
+    let layers = growbot_reading(&["layers", "-"], &serde_json::to_string(&plan(&["--to", "300,0,0"])).unwrap()).out;
+    for field in layers.lines().skip(1).flat_map(|line| line.split(',')) {
+        let number: f64 = field.parse().unwrap();
+        assert!(field.len() <= 24 && number.to_string().parse::<f64>() == Ok(number), "{field}");
+    }
+}

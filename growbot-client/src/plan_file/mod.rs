@@ -14,7 +14,7 @@ use serde::Deserialize;
 
 pub use self::check::pose;
 pub use self::fault::PlanFault;
-pub use self::written::{PlanFile, WrittenGoal, WrittenLeg, WrittenPose, WrittenSegment, written_hash};
+pub use self::written::{PlanFile, WrittenGoal, WrittenLeg, WrittenPose, WrittenSegment, WrittenTip, written_hash};
 use crate::input::{self, InputError};
 use crate::plan::Plan;
 use crate::robot_file::{self, RobotFileError};

@@ -99,6 +99,38 @@ impl From<&Pose> for WrittenPose {
     }
 }
 
+/// Where a tip is, as written.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct WrittenTip {
+    /// x, mm.
+    pub x_mm: f64,
+    /// y, mm.
+    pub y_mm: f64,
+    /// z, mm.
+    pub z_mm: f64,
+    /// Heading, degrees; null where the tip is vertical.
+    pub heading_deg: Option<f64>,
+    /// Pitch, degrees.
+    pub pitch_deg: f64,
+}
+
+impl From<&Pose> for WrittenTip {
+    fn from(pose: &Pose) -> Self {
+        let WrittenPose { x_mm, y_mm, z_mm, heading_deg, pitch_deg } = pose.into();
+        Self { x_mm, y_mm, z_mm, heading_deg: (!pose.is_vertical()).then_some(heading_deg), pitch_deg }
+    }
+}
+
+impl WrittenTip {
+    /// The pose, of heading 0 where there is none.
+    #[must_use]
+    pub fn pose(&self) -> WrittenPose {
+        let &Self { x_mm, y_mm, z_mm, heading_deg, pitch_deg } = self;
+        WrittenPose { x_mm, y_mm, z_mm, heading_deg: heading_deg.unwrap_or(0.0), pitch_deg }
+    }
+}
+
 /// A pose to arrive at, as written.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]

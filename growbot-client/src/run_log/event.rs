@@ -20,7 +20,7 @@ use crate::crash::WrittenCrash;
 use crate::degrees::degrees_below_turn;
 use crate::feedback::Count;
 use crate::growth::{Amendment, JobEvent, Order};
-use crate::plan_file::WrittenPose;
+use crate::plan_file::WrittenTip;
 
 /// A line of a run log: an event and the time of day at which it was written.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -251,7 +251,7 @@ pub struct SimulatedLayer {
     pub numbers: WrittenLayer,
     /// The tip after it.
     #[serde(default, deserialize_with = "lenient")]
-    pub tip: Option<WrittenPose>,
+    pub tip: Option<WrittenTip>,
 }
 
 /// The events of a log that tell of what happened to a job. `laid_tip` is where the simulated tip was told to be, which
@@ -287,7 +287,7 @@ fn simulated(index: u32, layer: &Layer, laid_tip: &mut Frame) -> RunEvent {
             height_mm: layer.height,
             tilt_deg: degrees(layer.tilt),
         },
-        tip: Some(WrittenPose::from(&Pose::from_frame(laid_tip))),
+        tip: Some(WrittenTip::from(&Pose::from_frame(laid_tip))),
     })
 }
 

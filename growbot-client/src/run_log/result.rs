@@ -15,7 +15,7 @@ use crate::client::ClockDrift;
 use crate::feedback::FedBack;
 use crate::growth::{Grown, MeasuredBy, Outcome, as_built_hash};
 use crate::plan::Plan;
-use crate::plan_file::WrittenPose;
+use crate::plan_file::WrittenTip;
 
 /// What a growth came to.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -160,13 +160,13 @@ impl From<&Outcome> for ResultOutcome {
 pub struct WrittenArrival {
     /// Where the tip is.
     #[serde(rename = "final")]
-    pub final_pose: WrittenPose,
+    pub final_pose: WrittenTip,
     /// Distance from the goal, mm.
     pub position_error_mm: f64,
     /// That, over the length of the planned path; 0 for a path of no length.
     pub normalized_position_error: f64,
-    /// Difference of the headings, degrees.
-    pub heading_error_deg: f64,
+    /// Difference of the headings, degrees; null where the tip or its target is vertical.
+    pub heading_error_deg: Option<f64>,
     /// Difference of the pitches, degrees.
     pub pitch_error_deg: f64,
     /// Angle between the two directions, degrees.
@@ -176,7 +176,7 @@ pub struct WrittenArrival {
 impl From<&Arrival> for WrittenArrival {
     fn from(arrival: &Arrival) -> Self {
         Self {
-            final_pose: WrittenPose::from(&arrival.final_pose),
+            final_pose: WrittenTip::from(&arrival.final_pose),
             position_error_mm: arrival.position_error_mm,
             normalized_position_error: arrival.normalized_position_error,
             heading_error_deg: arrival.heading_error_deg,
@@ -193,7 +193,7 @@ pub struct FeedbackResult {
     /// How often the job was amended.
     pub amendments: u32,
     /// The estimate of the tip's pose.
-    pub estimate: WrittenPose,
+    pub estimate: WrittenTip,
     /// Distance of the estimate from the goal, mm.
     pub estimated_position_error_mm: f64,
     /// Angle between the directions of the estimate and the goal, degrees.
@@ -219,7 +219,7 @@ impl FeedbackResult {
         let error = truth.map(|truth| estimated.error_from(truth));
         Self {
             amendments: *amendments,
-            estimate: WrittenPose::from(&estimated.final_pose),
+            estimate: WrittenTip::from(&estimated.final_pose),
             estimated_position_error_mm: estimated.position_error_mm,
             estimated_direction_error_deg: estimated.direction_error_deg,
             position_sd_mm: estimate.position_deviation,

@@ -20,6 +20,7 @@ use serde::Serialize;
 use serde::de::value::{Error as ValueError, StrDeserializer};
 use serde::de::{Deserialize, IntoDeserializer};
 
+use crate::figures::shortest;
 pub use columns::HeaderError;
 use columns::{Column, Columns};
 
@@ -265,12 +266,6 @@ impl<R: Read> Batch<R> {
     fn text(&self, column: Column) -> &str {
         text_of(self.record.get(column.index)).trim()
     }
-}
-
-/// The shortest text that reads back as the very same number.
-fn shortest(number: f64) -> String {
-    let (plain, exponent) = (number.to_string(), format!("{number:e}"));
-    if plain.len() <= exponent.len() { plain } else { exponent }
 }
 
 /// A field as text; empty where it is not UTF-8, which is refused earlier.

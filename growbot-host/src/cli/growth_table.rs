@@ -10,6 +10,7 @@ use growbot_core::link::message::InterruptedLayer;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_host::duration::duration_text;
+use growbot_host::figures::fixed;
 
 use super::kind;
 
@@ -58,10 +59,11 @@ pub fn arrived(goal: &Pose, arrival: &Arrival) -> String {
     table
 }
 
-/// A pose, in the columns of [`arrived`].
+/// A pose, in the columns of [`arrived`]; a vertical one has no heading.
 pub fn row(name: &str, pose: &Pose) -> String {
-    let [x, y, z, heading, pitch] = pose.to_degrees();
-    format!("{name:<10}{x:>11.3}{y:>11.3}{z:>11.3}{heading:>13.3}{pitch:>12.3}\n")
+    let [x, y, z, heading, pitch] = pose.to_degrees().map(|number| fixed(number, 3));
+    let heading = if pose.is_vertical() { "-" } else { &heading };
+    format!("{name:<10}{x:>11}{y:>11}{z:>11}{heading:>13}{pitch:>12}\n")
 }
 
 /// How often the job was amended, and how good the estimate of the tip is.

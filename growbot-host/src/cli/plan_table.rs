@@ -9,6 +9,7 @@ use growbot_core::path::{Segment, length};
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
 use growbot_host::duration::duration_text;
+use growbot_host::figures::direction;
 
 /// Columns of a terminal.
 const WIDTH: usize = 80;
@@ -102,13 +103,8 @@ fn pose(pose: &Pose) -> String {
 
 /// A position with the direction that was chosen for it, which is no typed number and so is rounded.
 fn position_with_direction(pose: &Pose) -> String {
-    let [x, y, z, heading, pitch] = pose.to_degrees();
-    format!("{x}, {y}, {z} mm, heading {}, pitch {} deg (direction free)", rounded(heading), rounded(pitch))
-}
-
-/// To hundredths, without the sign of what is 0 then.
-fn rounded(number: f64) -> f64 {
-    (100.0 * number).round() / 100.0 + 0.0
+    let position = pose.position();
+    format!("{}, {}, {} mm, {} (direction free)", position.x, position.y, position.z, direction(pose, 2))
 }
 
 /// A text behind a head, in lines that fit a terminal. Later lines have this indentation.

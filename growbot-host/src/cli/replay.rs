@@ -15,6 +15,7 @@ use growbot_client::run_log::{FeedbackResult, GrowthResult, RunRecord, WrittenAr
 use growbot_core::angle::degrees;
 use growbot_core::layer::{Layer, grow};
 use growbot_core::layer_bytes::decode;
+use growbot_host::figures::{direction, fixed};
 use growbot_host::output::print;
 
 use super::{Failure, robot_of, say_damage};
@@ -240,9 +241,10 @@ fn fed_back(record: &RunRecord, robot: Option<&Path>) -> Result<Option<ReplayedF
 
 /// A pose in a line, and how far it is from the goal in another.
 fn arrived(name: &str, arrival: &Arrival, by: &str) -> String {
-    let [x, y, z, heading, pitch] = arrival.final_pose.to_degrees();
+    let [x, y, z, ..] = arrival.final_pose.to_degrees().map(|number| fixed(number, 3));
+    let direction = direction(&arrival.final_pose, 3);
     format!(
-        "{name:<10}{x:.3}, {y:.3}, {z:.3} mm, heading {heading:.3}, pitch {pitch:.3} deg{by}\n\
+        "{name:<10}{x}, {y}, {z} mm, {direction}{by}\n\
          error     {:.3} mm from the goal, {:.3} deg between the directions\n",
         arrival.position_error_mm, arrival.direction_error_deg
     )

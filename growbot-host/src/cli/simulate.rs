@@ -4,7 +4,7 @@ use std::thread;
 
 use clap::{Args, ValueEnum};
 use growbot_client::feedback::ASSUMED;
-use growbot_client::plan_file::WrittenPose;
+use growbot_client::plan_file::WrittenTip;
 use growbot_client::printable::json_line;
 use growbot_client::run_log::WrittenArrival;
 use growbot_client::warning::Warning;
@@ -216,7 +216,7 @@ impl SimulatedGrowth {
 /// What feedback has found.
 #[derive(Serialize)]
 struct WrittenEstimate {
-    estimate: WrittenPose,
+    estimate: WrittenTip,
     position_sd_mm: f64,
     direction_sd_deg: f64,
     growth_bias_percent: f64,
@@ -229,7 +229,7 @@ impl From<&Estimate> for WrittenEstimate {
     fn from(estimate: &Estimate) -> Self {
         let bias = &estimate.systematic_errors;
         Self {
-            estimate: WrittenPose::from(&Pose::from_frame(&estimate.base_from_tip)),
+            estimate: WrittenTip::from(&Pose::from_frame(&estimate.base_from_tip)),
             position_sd_mm: estimate.position_deviation,
             direction_sd_deg: degrees(estimate.direction_deviation),
             growth_bias_percent: 100.0 * bias.growth,
@@ -249,7 +249,8 @@ struct SimulatedCampaign {
     layers: WrittenStatistics,
     position_error_mm: WrittenStatistics,
     normalized_position_error: WrittenStatistics,
-    heading_error_deg: WrittenStatistics,
+    /// Null where no growth has a heading error.
+    heading_error_deg: Option<WrittenStatistics>,
     pitch_error_deg: WrittenStatistics,
     direction_error_deg: WrittenStatistics,
     worst_seed: Option<u64>,
@@ -266,7 +267,7 @@ impl SimulatedCampaign {
             layers: (&campaign.layers).into(),
             position_error_mm: (&campaign.position_error_mm).into(),
             normalized_position_error: (&campaign.normalized_position_error).into(),
-            heading_error_deg: (&campaign.heading_error_deg).into(),
+            heading_error_deg: Some(&campaign.heading_error_deg).filter(|errors| !errors.is_empty()).map(Into::into),
             pitch_error_deg: (&campaign.pitch_error_deg).into(),
             direction_error_deg: (&campaign.direction_error_deg).into(),
             worst_seed: campaign.farthest.map(|farthest| farthest.seed),

@@ -2,6 +2,7 @@
 
 use growbot_core::angle::degrees;
 use growbot_core::pose::Pose;
+use growbot_host::figures::fixed;
 use growbot_sim::simulation::campaign::{Campaign, Farthest};
 use growbot_sim::simulation::statistics::Statistics;
 use growbot_sim::simulation::{Hung, Outcome};
@@ -12,17 +13,18 @@ use super::growth_table::{arrived, row};
 pub fn growth(goal: &Pose, outcome: &Outcome, seed: u64) -> String {
     let Outcome { grown, arrival, hung } = outcome;
     let mut table = arrived(goal, arrival);
-    table += &format!(
-        "          {:.3} deg of heading, {:.3} deg of pitch\n",
-        arrival.heading_error_deg, arrival.pitch_error_deg
-    );
+    let pitch = arrival.pitch_error_deg;
+    table += &match arrival.heading_error_deg {
+        Some(heading) => format!("          {heading:.3} deg of heading, {pitch:.3} deg of pitch\n"),
+        None => format!("          {pitch:.3} deg of pitch; what is vertical has no heading\n"),
+    };
     if let Some(estimate) = &grown.estimate {
         table += &row("estimate", &Pose::from_frame(&estimate.base_from_tip));
         table += &format!(
-            "          1 sd {:.3} mm and {:.3} deg; estimated bias of growth {:+.2} %\n",
+            "          1 sd {:.3} mm and {:.3} deg; estimated bias of growth {} %\n",
             estimate.position_deviation,
             degrees(estimate.direction_deviation),
-            100.0 * estimate.systematic_errors.growth
+            with_sign(100.0 * estimate.systematic_errors.growth)
         );
     }
     table += &format!("body      {} layers, {:.1} mm\n", grown.layers, grown.length);
@@ -61,7 +63,13 @@ pub fn campaign(campaign: &Campaign, robot: &str, path_length: f64, seed: u64) -
     table + &campaign.hung.as_ref().map(|hung| format!("Max: {}", hangs(hung))).unwrap_or_default()
 }
 
-/// One error, in units of `1 / scale`.
+/// To hundredths, with its sign, which is + for 0.
+fn with_sign(number: f64) -> String {
+    let text = fixed(number, 2);
+    if text.starts_with('-') { text } else { format!("+{text}") }
+}
+
+/// One error, in units of `1 / scale`; of no growths, none.
 fn line(name: &str, statistics: &Statistics, scale: f64) -> String {
     let values = [
         statistics.mean(),
@@ -71,13 +79,17 @@ fn line(name: &str, statistics: &Statistics, scale: f64) -> String {
         statistics.percentile(95.0),
         statistics.max(),
     ];
-    let columns: String = values.iter().map(|value| format!("{:>10}", readable(scale * value))).collect();
+    let text = |value: &f64| if statistics.is_empty() { "-".to_owned() } else { readable(scale * value) };
+    let columns: String = values.iter().map(|value| format!("{:>10}", text(value))).collect();
     format!("{name:<17}{columns}\n")
 }
 
+/// Less than this is rounding, and 0.
+const ROUNDING: f64 = 1e-9;
+
 /// Four digits or so, in nine columns.
 fn readable(value: f64) -> String {
-    if value == 0.0 {
+    if value.abs() < ROUNDING {
         "0".to_owned()
     } else if !(1e-3..1e6).contains(&value) {
         format!("{value:.2e}")
@@ -96,7 +108,9 @@ mod tests {
     fn numbers_of_any_size_fit_their_column() {
         for (value, text) in [
             (0.0, "0"),
-            (1.234_56e-17, "1.23e-17"),
+            (1.234_56e-17, "0"),
+            (-6e-14, "0"),
+            (1.234_56e-7, "1.23e-7"),
             (0.000_999_9, "1.00e-3"),
             (0.012_345, "0.0123"),
             (9.876_54, "9.8765"),

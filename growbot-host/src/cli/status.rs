@@ -11,6 +11,7 @@ use growbot_core::link::message::{
     BoardHello, BootReport, Fault, FaultRecord, ImageCheck, PauseCause, Refusal, SensorReadings, State,
 };
 use growbot_host::crash::{Crash, Image};
+use growbot_host::figures::fixed;
 use growbot_host::output::print;
 use serde_json::{Value, json};
 
@@ -205,7 +206,7 @@ fn text_of_sensors(sensors: &SensorReadings) -> String {
     }
     if let Some(gravity) = sensors.gravity_milli_g {
         let [x, y, z] = gravity.map(|milli| f64::from(milli) / 1000.0);
-        parts.push(format!("gravity {x:.2} {y:.2} {z:.2}"));
+        parts.push(format!("gravity {} {} {}", fixed(x, 2), fixed(y, 2), fixed(z, 2)));
     }
     parts.join(", ")
 }

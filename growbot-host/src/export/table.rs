@@ -4,8 +4,10 @@ use std::fmt::Write;
 
 use growbot_core::layer::Layer;
 use growbot_core::pose::{Frame, tip_direction};
+use nalgebra::Vector3;
 
 use super::body::Body;
+use crate::figures::shortest;
 use crate::layer_table::{FIELDS, fields};
 
 /// The header: layers laid, where the tip then is (mm) and points (a unit vector), the layer laid last, and where that
@@ -48,12 +50,16 @@ fn row(
     let to = tip_direction(base_from_tip);
     let fields = fields(layer);
     // Writing to a String does not fail.
-    let _ = write!(text, "{laid},{},{},{},{},{},{},{fields},{source}", at.x, at.y, at.z, to.x, to.y, to.z);
+    let _ = write!(text, "{laid},{},{},{fields},{source}", three(&at), three(&to));
     let _ = match beside.map(|tip| tip.map(|tip| tip.translation.vector)) {
         None => writeln!(text),
         Some(None) => writeln!(text, ",,,"),
-        Some(Some(at)) => writeln!(text, ",{},{},{}", at.x, at.y, at.z),
+        Some(Some(at)) => writeln!(text, ",{}", three(&at)),
     };
+}
+
+fn three(vector: &Vector3<f64>) -> String {
+    [vector.x, vector.y, vector.z].map(shortest).join(",")
 }
 
 #[cfg(test)]
@@ -70,7 +76,7 @@ mod tests {
         let text = write(&body, None);
         let rows: Vec<Vec<&str>> = text.lines().map(|line| line.split(',').collect()).collect();
         assert_eq!(rows[0].join(","), format!("{TIP},{FIELDS},source"));
-        let up = tip_direction(&body.base_from_start).x;
+        let up = shortest(tip_direction(&body.base_from_start).x);
         assert_eq!(rows[1].join(","), format!("0,0,0,0,{up},0,1,0,0,0,start"));
         assert_eq!((rows[2][0], rows[2][3]), ("1", "0.30000000000000004"));
         assert_eq!(rows[2][7..].join(","), "0,0.30000000000000004,0,planned");

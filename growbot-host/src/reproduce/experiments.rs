@@ -95,7 +95,8 @@ impl Quantity {
     pub fn of(self, growth: &Growth) -> f64 {
         match self {
             Self::Position => growth.arrival.normalized_position_error,
-            Self::Heading => growth.arrival.heading_error_deg,
+            // Directions are drawn, and none is vertical.
+            Self::Heading => growth.arrival.heading_error_deg.unwrap_or(0.0),
             Self::Pitch => growth.arrival.pitch_error_deg,
             Self::Direction => growth.arrival.direction_error_deg,
             Self::Length => growth.path_radii,

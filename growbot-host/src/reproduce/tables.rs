@@ -203,7 +203,7 @@ fn growth_rows(of: &Reproduction) -> impl Iterator<Item = GrowthRow> {
             layers: growth.layers,
             position_error_mm: growth.arrival.position_error_mm,
             position_error_over_length: growth.arrival.normalized_position_error,
-            heading_error_deg: growth.arrival.heading_error_deg,
+            heading_error_deg: Quantity::Heading.of(growth),
             pitch_error_deg: growth.arrival.pitch_error_deg,
             direction_error_deg: growth.arrival.direction_error_deg,
         },

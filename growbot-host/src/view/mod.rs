@@ -156,5 +156,5 @@ impl Layers {
 fn measured_end(run: &RunRecord) -> Option<(Pose, &'static str)> {
     let result = run.result.as_ref()?;
     let (by, arrival) = (result.measured_by?, result.arrival.as_ref()?);
-    Some((pose("final", &arrival.final_pose).ok()?, by.name()))
+    Some((pose("final", &arrival.final_pose.pose()).ok()?, by.name()))
 }

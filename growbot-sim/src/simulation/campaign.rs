@@ -10,7 +10,8 @@ const BATCH: u64 = 16_384;
 /// What the statistics need of a growth.
 struct Sample {
     layers: u64,
-    errors: [f64; 5],
+    errors: [f64; 4],
+    heading_error_deg: Option<f64>,
     hung: Option<Hung>,
 }
 
@@ -19,11 +20,10 @@ impl From<Outcome> for Sample {
         let errors = [
             arrival.position_error_mm,
             arrival.normalized_position_error,
-            arrival.heading_error_deg,
             arrival.pitch_error_deg,
             arrival.direction_error_deg,
         ];
-        Self { layers: grown.layers, errors, hung }
+        Self { layers: grown.layers, errors, heading_error_deg: arrival.heading_error_deg, hung }
     }
 }
 
@@ -47,7 +47,7 @@ pub struct Campaign {
     pub position_error_mm: Statistics,
     /// That, over the length of the planned path.
     pub normalized_position_error: Statistics,
-    /// Difference of the headings, degrees.
+    /// Difference of the headings, degrees, of the growths that have one; of none where the goal is vertical.
     pub heading_error_deg: Statistics,
     /// Difference of the pitches, degrees.
     pub pitch_error_deg: Statistics,
@@ -77,12 +77,14 @@ impl Campaign {
     }
 
     fn add(&mut self, seed: u64, sample: &Sample) {
-        let [position, normalized, heading, pitch, direction] = sample.errors;
+        let [position, normalized, pitch, direction] = sample.errors;
         self.runs += 1;
         self.layers.add(sample.layers as f64);
         self.position_error_mm.add(position);
         self.normalized_position_error.add(normalized);
-        self.heading_error_deg.add(heading);
+        if let Some(heading) = sample.heading_error_deg {
+            self.heading_error_deg.add(heading);
+        }
         self.pitch_error_deg.add(pitch);
         self.direction_error_deg.add(direction);
         if self.farthest.is_none_or(|farthest| position > farthest.position_error_mm) {

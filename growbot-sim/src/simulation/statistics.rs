@@ -62,6 +62,12 @@ impl Statistics {
         }
     }
 
+    /// Whether there is no value.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.count == 0
+    }
+
     /// The mean; 0 of no values.
     #[must_use]
     pub fn mean(&self) -> f64 {
