@@ -78,7 +78,7 @@ impl Chain<'_> {
             Goal::Pose(pose) => *pose,
             Goal::Position(_) => directed(last, &(last.position() - before)),
         };
-        let goals: Vec<Goal> = on_the_way.iter().rev().map(|goal| turned_back_goal(goal)).collect();
+        let goals: Vec<Goal> = on_the_way.iter().rev().map(turned_back_goal).collect();
         let search = Search { clear_of_self: false, ..*self.search };
         match Plan::leg_by_leg(robot, &turned_back(&end), &goals, &search) {
             Ok(plan) => plan.legs.iter().rev().map(|leg| turned_back(&leg.goal)).collect(),

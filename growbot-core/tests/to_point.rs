@@ -34,8 +34,8 @@ const AS_SHORT: f64 = 1e-6;
 
 /// The length of the shortest path to a position in this direction, radii.
 fn to_direction(robot: &Robot, start: &Pose, position: Vector3<f64>, direction: &Vector3<f64>) -> f64 {
-    let heading = direction.y.atan2(direction.x);
-    let pitch = direction.z.atan2(direction.x.hypot(direction.y));
+    let heading = libm::atan2(direction.y, direction.x);
+    let pitch = libm::atan2(direction.z, libm::hypot(direction.x, direction.y));
     let goal = Pose::new(position, heading, pitch).unwrap();
     length(&plan(robot, start, &goal, RADIUS, Planner::Shortest).unwrap().path) / RADIUS
 }
@@ -46,7 +46,7 @@ fn grid(count: u32) -> impl Iterator<Item = Vector3<f64>> {
         let up = 1.0 - (2.0 * f64::from(index) + 1.0) / f64::from(count);
         let round = f64::from(index) * PI * (3.0 - 5.0_f64.sqrt());
         let across = (1.0 - up * up).sqrt();
-        Vector3::new(across * round.cos(), across * round.sin(), up)
+        Vector3::new(across * libm::cos(round), across * libm::sin(round), up)
     })
 }
 

@@ -72,9 +72,9 @@ struct Cli {
 }
 
 const AFTER_HELP: &str = "\
-Lengths are in mm, angles in degrees. A pose is X,Y,Z,HEADING,PITCH: pitch 90
-is straight up, heading 0 is along x. Results go to standard output, messages to
-standard error.
+Lengths are in mm, angles in degrees, unless they say m, mm, deg or rad (0.6m).
+A pose is X,Y,Z,HEADING,PITCH: pitch 90 is straight up, heading 0 is along x.
+Results go to standard output, messages to standard error.
 
 Examples:
   growbot                                   a simulated robot grows 1 m
