@@ -15,8 +15,7 @@
 //! find and matter only within 4 radii, where the plan itself has them again. The best of the three is planned in full,
 //! and taken if it is shorter than leg by leg: so it is never longer.
 //!
-//! A leg from 4 radii on takes some 10 us. A chain of 8 positions takes some thousand legs a start
-//! (docs/measurements.md).
+//! A leg takes some 10 us, and a start of a chain of 8 positions some 2,500 legs (docs/measurements.md).
 
 use growbot_core::path;
 use growbot_core::plan::Planner;
@@ -37,7 +36,7 @@ const FIRST_STEP: f64 = 0.3;
 const MIN_STEP: f64 = 1e-4;
 /// Less than this (radii) is no gain.
 const NO_GAIN: f64 = 1e-9;
-/// Max number of sweeps of a start. Chains of 8 positions take some 50.
+/// Max number of sweeps of a start. Of 200 chains of 3 to 8 positions half took 30 or fewer, and none more than 139.
 const MAX_SWEEPS: usize = 200;
 
 /// A plan through the same goals as this one, which was planned leg by leg, that is shorter; none where there is none.

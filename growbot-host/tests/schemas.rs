@@ -102,12 +102,14 @@ fn plans_are_valid_by_their_schema_and_slips_are_not() {
         &["plan", "--to", "0,60,120,90,30", "--robot", "growbot-a2", "--json"],
         &["plan", "--to", "300,0,300,0,0", "--via", "0,0,200,0,90", "--json"],
         &["plan", "--to", "0,0,0.5,0,90", "--json"],
+        &["plan", "--to", "300,0,300", "--via", "0,50,200", "--json"],
     ];
     for args in plans {
         let plan = printed(args);
         assert_eq!(faults(&schema, &plan, ""), [""; 0], "{args:?}");
         assert_slip(&schema, &plan, |plan| plan["length_mm"] = json!("long"));
         assert_slip(&schema, &plan, |plan| plan["planner"] = json!("teleport"));
+        assert_slip(&schema, &plan, |plan| plan["goal"]["direction_free"] = json!("yes"));
         assert_slip(&schema, &plan, |plan| plan["layer_count"] = json!(1));
         assert_slip(&schema, &plan, |plan| plan["segments"][0]["kind"] = json!("spiral"));
     }

@@ -89,13 +89,11 @@ pub struct WrittenPose {
 impl From<&Pose> for WrittenPose {
     fn from(pose: &Pose) -> Self {
         let position = pose.position();
-        Self {
-            x_mm: position.x,
-            y_mm: position.y,
-            z_mm: position.z,
-            heading_deg: shortest_heading(pose.heading()),
-            pitch_deg: shortest_degrees(pose.pitch()),
-        }
+        let numbers =
+            [position.x, position.y, position.z, shortest_heading(pose.heading()), shortest_degrees(pose.pitch())];
+        // Adding 0 makes 0 of -0.
+        let [x_mm, y_mm, z_mm, heading_deg, pitch_deg] = numbers.map(|number| number + 0.0);
+        Self { x_mm, y_mm, z_mm, heading_deg, pitch_deg }
     }
 }
 
