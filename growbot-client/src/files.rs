@@ -293,6 +293,26 @@ mod tests {
     }
 
     #[test]
+    fn a_file_in_pieces_is_there_when_it_is_finished_and_leaves_nothing_else() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("answers.csv");
+        replace_file(&path, b"before").unwrap();
+        let mut dropped = Replacement::begin(&path).unwrap();
+        dropped.write(b"half").unwrap();
+        assert_eq!(names(directory.path()).len(), 2);
+        drop(dropped);
+        let mut finished = Replacement::begin(&path).unwrap();
+        finished.write(b"one, ").unwrap();
+        finished.write(b"two").unwrap();
+        assert_eq!(fs::read(&path).unwrap(), b"before");
+        finished.finish().unwrap();
+        assert_eq!(
+            (fs::read(&path).unwrap(), names(directory.path())),
+            (b"one, two".to_vec(), vec!["answers.csv".into()])
+        );
+    }
+
+    #[test]
     fn a_missing_directory_is_named_and_a_directory_is_not_replaced() {
         let directory = tempfile::tempdir().unwrap();
         let missing = directory.path().join("missing");
