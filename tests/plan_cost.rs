@@ -13,7 +13,7 @@ use growbot_tests::{build_image, firmware};
 /// The planar planner's median of random goals may be this many instructions.
 const PLANAR_INSTRUCTIONS: u64 = 35_000;
 /// The shortest path's median of goals from 4 R out, where no helicoidal arcs are looked for.
-const SHORTEST_INSTRUCTIONS: u64 = 2_500_000;
+const SHORTEST_INSTRUCTIONS: u64 = 1_600_000;
 /// No planar or two-plane plan may take more stack than this, in bytes: a sixteenth of the robot's memory.
 const STACK: u64 = 8 * 1024;
 /// Nor the shortest path more than this, which includes its list of candidates, 1.4 kB, and 1 kB of what the caller gets.

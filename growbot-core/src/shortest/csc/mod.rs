@@ -9,18 +9,31 @@
 //! h(a) = tau^2 (1 + f) - (1 - f) = 0,   f = t0 . u
 //! ```
 //!
-//! says that the line's direction `u` differs from `t0` by the angle `a`. Its roots are bracketed by probes and refined
-//! (`roots.rs`); there are up to seven paths. `tau` is negative for arcs beyond half a turn. Some paths need a
-//! construction of their own (`special.rs`). Newton's method brings each path exactly to the goal (`newton.rs`).
+//! says that the line's direction `u` differs from `t0` by the angle `a`. `tau` is negative for arcs beyond half a turn.
+//! All roots of all four branches are roots of one polynomial in `tau` of degree 10:
+//!
+//! - `form.rs`: the polynomial, with bounds of its rounding;
+//! - `isolation.rs`: its real roots, each alone, and the places where rounding does not tell;
+//! - `tangents.rs`: the branches that fit at a root, and their paths;
+//! - `special.rs`: arcs of no length or of half a turn, where roots are double, and lines that cross, where the
+//!   polynomial says nothing of the line's plane;
+//! - `far.rs`: goals so far away that the polynomial is all rounding;
+//! - `polish.rs`: Newton's method, which brings each path exactly to the goal.
+
+use core::f64::consts::TAU;
 
 use heapless::Vec;
 use nalgebra::{Matrix3, Vector3};
 
-use super::{Problem, insert_behind};
+use super::{Problem, any_perpendicular, insert_behind};
+use crate::trigonometry;
 
-mod newton;
-mod roots;
+mod far;
+mod form;
+mod isolation;
+mod polish;
 mod special;
+mod tangents;
 
 /// An arc, a straight line, an arc.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -37,8 +50,8 @@ pub struct Csc {
     pub last: f64,
 }
 
-/// Goals nearer than this (radii) need more probes and may have overlapping paths. Trial: with 2 and 3 there are 22
-/// and 14 misses, with 8 as many as now.
+/// Goals nearer than this (radii) may have overlapping paths beside which a helicoidal arc lies. Trial: with 2 and 3
+/// there are 22 and 14 misses of `tests/best_known.csv`, with 8 as many as now.
 const NEAR: f64 = 3.9;
 /// Max number of paths that are retained: there are up to seven.
 pub const MAX_PATHS: usize = 8;
@@ -59,6 +72,13 @@ impl Csc {
     pub fn length(&self) -> f64 {
         self.first + self.straight + self.last
     }
+
+    /// Whether it counts as the same path as another one.
+    fn is(&self, other: &Self) -> bool {
+        (other.length() - self.length()).abs() < SAME
+            && (other.first - self.first).abs() < SAME
+            && (other.straight - self.straight).abs() < SAME
+    }
 }
 
 /// `cos(a)` of `tau = tan(a/2)`.
@@ -69,7 +89,15 @@ fn cosine(tau: f64) -> f64 {
 /// Paths whose line has a negative length, so that the arcs overlap. A helicoidal arc is usually near such a path.
 pub(super) type Overlapping = Vec<Csc, MAX_OVERLAPPING>;
 
-/// Finds all paths of this kind, shortest first, and the overlapping ones. `keep_alive` is called for each probe.
+/// All paths of this kind, shortest first.
+#[must_use]
+pub fn paths(problem: &Problem) -> Vec<Csc, MAX_PATHS> {
+    let (mut paths, mut overlapping) = (Vec::new(), Vec::new());
+    search(problem, &mut paths, &mut overlapping, &mut || ());
+    paths
+}
+
+/// Finds all paths of this kind, shortest first, and the overlapping ones. `keep_alive` is called a few times.
 #[inline(never)] // Its room on the stack is not the caller's.
 pub(super) fn search(
     problem: &Problem,
@@ -78,8 +106,8 @@ pub(super) fn search(
     keep_alive: &mut dyn FnMut(),
 ) {
     let mut search = Search { problem, paths, overlapping };
-    search.half(1.0, keep_alive);
-    search.half(-1.0, keep_alive);
+    search.roots(keep_alive);
+    search.far();
     search.special_lines();
     search.crossing_lines();
 }
@@ -95,15 +123,42 @@ impl Search<'_> {
     #[inline(never)]
     fn keep(&mut self, path: Csc) {
         let Some(path) = self.problem.polished(path) else { return };
-        let same = |other: &Csc| {
-            (other.length() - path.length()).abs() < SAME
-                && (other.first - path.first).abs() < SAME
-                && (other.straight - path.straight).abs() < SAME
-        };
-        if self.paths.iter().any(same) {
+        if self.paths.iter().any(|other| other.is(&path)) {
             return;
         }
         insert_behind(self.paths, path, |other| other.length() <= path.length());
+    }
+}
+
+/// The line of a path, and how the two arcs lead to it and from it.
+struct Line {
+    /// Direction.
+    u: Vector3<f64>,
+    /// Of the first arc; negative if it is more than half a turn.
+    tau: f64,
+    straight: f64,
+    /// Where the last arc bends, a unit vector across `u`.
+    towards: Vector3<f64>,
+    /// Angle of the last arc.
+    last: f64,
+}
+
+impl Line {
+    fn path(&self) -> Csc {
+        let &Self { u, tau, straight, towards, last } = self;
+        let half = libm::atan(tau);
+        let first = if tau < 0.0 { TAU + 2.0 * half } else { 2.0 * half };
+        // The first arc bends towards the line, or away from it if it is more than half a turn.
+        let (x, y) = if tau < 0.0 { (-u.x, -u.y) } else { (u.x, u.y) };
+        let first_towards = libm::atan2(y, x);
+        // The tip's axes after the arc, towards the bend and across it: those at the start, turned without twist.
+        let size = trigonometry::hypot(x, y);
+        let bend = if size > 0.0 { Vector3::new(x / size, y / size, 0.0) } else { Vector3::x() };
+        let across = Vector3::new(-bend.y, bend.x, 0.0);
+        let scale = 1.0 / (1.0 + tau * tau);
+        let inwards = bend * ((1.0 - tau * tau) * scale) - Vector3::z() * (2.0 * tau * scale);
+        let last_towards = first_towards + libm::atan2(towards.dot(&across), towards.dot(&inwards));
+        Csc { first_towards, first, straight, last_towards, last }
     }
 }
 

@@ -1,0 +1,54 @@
+//! Goals so far away that the polynomial is all rounding: there the line's direction is found by iteration.
+//!
+//! `p - tau (t0 + u) - sigma (u + t1)` is the line, `u` its direction, and `tau` and `sigma` follow from `u`: each round
+//! comes nearer by a factor of about the distance.
+
+use core::f64::consts::TAU;
+
+use nalgebra::Vector3;
+
+use super::{Line, Search, any_perpendicular};
+
+/// Goals beyond this, radii, have four paths, and the direction of each line hardly depends on its arcs.
+const FAR: f64 = 100.0;
+/// Paths that a far goal has.
+const PATHS: usize = 4;
+/// Max rounds. Each comes nearer by a factor of about the distance.
+const MAX_ROUNDS: u32 = 12;
+
+impl Search<'_> {
+    /// The paths of each of the four sign pairs, of goals beyond [`FAR`] of which fewer are known.
+    #[inline(never)]
+    pub(super) fn far(&mut self) {
+        if self.problem.goal.norm() < FAR || self.paths.len() >= PATHS {
+            return;
+        }
+        for (first_long, last_long) in [(false, false), (false, true), (true, false), (true, true)] {
+            let line = self.far_line(first_long, last_long);
+            self.keep(line.path());
+        }
+    }
+
+    fn far_line(&self, first_long: bool, last_long: bool) -> Line {
+        let (goal, direction, ahead) = (self.problem.goal, self.problem.direction, Vector3::z());
+        // The corners' distance: `tan` of half the angle, negative beyond half a turn.
+        let tangent = |from: &Vector3<f64>, to: &Vector3<f64>, long: bool| {
+            let half = (to - from).norm() / (to + from).norm().max(f64::MIN_POSITIVE);
+            if long { -half } else { half }
+        };
+        let mut u = goal.normalize();
+        let (mut tau, mut way) = (0.0, goal);
+        for _ in 0..MAX_ROUNDS {
+            tau = tangent(&ahead, &u, first_long);
+            let sigma = tangent(&u, &direction, last_long);
+            way = goal - (ahead + u) * tau - (u + direction) * sigma;
+            u = way.normalize();
+        }
+        let (cos, across) = (u.dot(&direction), direction - u * u.dot(&direction));
+        let sin = across.norm();
+        let towards = if sin > 1e-14 { across / sin } else { any_perpendicular(&u) };
+        let angle = libm::atan2(sin, cos);
+        let (towards, last) = if last_long { (-towards, TAU - angle) } else { (towards, angle) };
+        Line { u, tau, straight: way.norm(), towards, last }
+    }
+}

@@ -1,0 +1,356 @@
+//! The real roots of the polynomial, each alone: Bernstein form, halved until the signs decide.
+//!
+//! A polynomial has at most as many roots in an interval as its Bernstein coefficients there change their sign, and at
+//! most as many extremes as their differences do. That is looked at in single precision first, which a microcontroller
+//! computes in hardware, with a bound of the rounding; where that does not decide, in double precision; and where
+//! rounding leaves a sign open even then, a root is assumed, and the paths there decide.
+
+use core::cell::Cell;
+
+use heapless::Vec;
+
+use super::form::{DEGREE, Form};
+
+/// Coefficients of a polynomial, or its Bernstein coefficients.
+type Coefficients<T> = [T; DEGREE + 1];
+
+/// Rounding of a value, in shares of the magnitudes that were added up for it: nine roundings of half an ulp. Laid paths
+/// of all kinds are found with it (`tests/laid_paths.rs`).
+const ROUNDING: f64 = 2e-15;
+/// Rounding of a halving in single precision, in shares of the largest coefficient: an ulp and a half.
+const ROUNDING_F32: f32 = 1.0e-7;
+/// Halvings in single precision: with more, rounding is larger than what is left.
+const DEPTH_F32: u32 = 7;
+/// Halvings in all: roots that are closer are as one.
+const DEPTH: u32 = 24;
+/// A root is refined until a step is below this: Newton's method on the whole path does the rest.
+const REFINED: f64 = 3e-8;
+/// Max steps for a root or an extreme.
+const MAX_STEPS: u32 = 60;
+/// `1 / C(10, k)`.
+const INVERSE_BINOMIALS: Coefficients<f64> = [
+    1.0,
+    1.0 / 10.0,
+    1.0 / 45.0,
+    1.0 / 120.0,
+    1.0 / 210.0,
+    1.0 / 252.0,
+    1.0 / 210.0,
+    1.0 / 120.0,
+    1.0 / 45.0,
+    1.0 / 10.0,
+    1.0,
+];
+
+/// A root, or a place where rounding does not tell whether there are two, one or none.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Root {
+    /// `|tau|`, or its inverse.
+    pub x: f64,
+    /// The sign changes here for certain.
+    pub certain: bool,
+}
+
+/// A polynomial in `x` on `[0, 1]`, one of the four parts of the range of `tau`.
+pub(super) struct Part {
+    coefficients: Coefficients<f64>,
+    magnitudes: Coefficients<f32>,
+}
+
+/// An interval.
+#[derive(Clone, Copy)]
+struct Interval {
+    from: f64,
+    to: f64,
+    /// Halvings that have led to it.
+    depth: u32,
+}
+
+impl Interval {
+    fn middle(&self) -> f64 {
+        0.5 * (self.from + self.to)
+    }
+
+    fn halves(&self) -> [Self; 2] {
+        let (middle, depth) = (self.middle(), self.depth + 1);
+        [Self { to: middle, depth, ..*self }, Self { from: middle, depth, ..*self }]
+    }
+}
+
+/// An interval, and the Bernstein coefficients there in single precision.
+#[derive(Clone, Copy)]
+struct Rough {
+    interval: Interval,
+    bernstein: Coefficients<f32>,
+    /// By how much each may be wrong.
+    noise: f32,
+}
+
+impl Rough {
+    /// Both halves, by de Casteljau.
+    #[inline(never)]
+    fn halves(&self) -> [Self; 2] {
+        let max = self.bernstein.iter().fold(0.0f32, |max, b| max.max(b.abs()));
+        let noise = self.noise + ROUNDING_F32 * max;
+        let [left, right] = self.interval.halves();
+        let mut right = Self { interval: right, bernstein: self.bernstein, noise };
+        let mut left = Self { interval: left, bernstein: self.bernstein, noise };
+        let cells = Cell::from_mut(right.bernstein.as_mut_slice()).as_slice_of_cells();
+        for (k, to) in left.bernstein.iter_mut().enumerate() {
+            *to = cells.first().map_or(0.0, Cell::get);
+            for pair in cells.windows(2).take(DEGREE - k) {
+                if let [here, next] = pair {
+                    here.set(0.5 * (here.get() + next.get()));
+                }
+            }
+        }
+        [left, right]
+    }
+}
+
+/// What the signs tell of an interval.
+enum Found {
+    Nothing,
+    /// One root, with different signs at the ends.
+    One,
+    Open,
+}
+
+impl Part {
+    /// `x = |tau|`, or `x = 1 / |tau|`; `tau` positive or negative.
+    pub fn of(form: &Form, positive: bool, inverse: bool) -> Self {
+        let Form { mut coefficients, mut magnitudes } = *form;
+        if !positive {
+            for coefficient in coefficients.iter_mut().skip(1).step_by(2) {
+                *coefficient = -*coefficient;
+            }
+        }
+        if inverse {
+            coefficients.reverse();
+            magnitudes.reverse();
+        }
+        Self { coefficients, magnitudes }
+    }
+
+    /// Calls `found` with each root in `[0, 1]`, from the lowest on.
+    #[inline(never)]
+    pub fn roots(&self, found: &mut dyn FnMut(Root)) {
+        let mut waiting = Vec::<Rough, { DEPTH_F32 as usize + 2 }>::new();
+        let _ = waiting.push(self.rough());
+        while let Some(rough) = waiting.pop() {
+            let Rough { interval, bernstein, noise } = &rough;
+            match signs(bernstein, *noise) {
+                Found::Nothing => {}
+                Found::One => found(self.root(*interval)),
+                Found::Open if interval.depth < DEPTH_F32 => {
+                    // One more waits at each depth.
+                    let [left, right] = rough.halves();
+                    let _ = waiting.push(right);
+                    let _ = waiting.push(left);
+                }
+                Found::Open => self.roots_within(*interval, found),
+            }
+        }
+    }
+
+    /// The whole part in single precision.
+    #[inline(never)]
+    fn rough(&self) -> Rough {
+        let interval = Interval { from: 0.0, to: 1.0, depth: 0 };
+        let bernstein = self.bernstein(&interval).map(|b| b as f32);
+        let max = bernstein.iter().fold(0.0f32, |max, b| max.max(b.abs()));
+        Rough { interval, bernstein, noise: self.noise(1.0) as f32 + ROUNDING_F32 * max }
+    }
+
+    /// The same in double precision.
+    #[inline(never)]
+    fn roots_within(&self, interval: Interval, found: &mut dyn FnMut(Root)) {
+        let mut waiting = Vec::<Interval, { DEPTH as usize + 1 }>::new();
+        let _ = waiting.push(interval);
+        while let Some(interval) = waiting.pop() {
+            if self.look(&interval, found) {
+                let [left, right] = interval.halves();
+                let _ = waiting.push(right);
+                let _ = waiting.push(left);
+            }
+        }
+    }
+
+    /// Bernstein coefficients in an interval.
+    #[inline(never)]
+    fn bernstein(&self, interval: &Interval) -> Coefficients<f64> {
+        let mut b = self.coefficients;
+        let width = interval.to - interval.from;
+        let cells = Cell::from_mut(b.as_mut_slice()).as_slice_of_cells();
+        if interval.from > 0.0 {
+            for k in 0..DEGREE {
+                for pair in cells.windows(2).skip(k).rev() {
+                    if let [here, next] = pair {
+                        here.set(here.get() + interval.from * next.get());
+                    }
+                }
+            }
+        }
+        let mut power = 1.0;
+        for (coefficient, inverse) in cells.iter().zip(&INVERSE_BINOMIALS) {
+            coefficient.set(coefficient.get() * (inverse * power));
+            power *= width;
+        }
+        for k in 0..DEGREE {
+            for pair in cells.windows(2).skip(k).rev() {
+                if let [here, next] = pair {
+                    next.set(next.get() + here.get());
+                }
+            }
+        }
+        b
+    }
+
+    /// By how much rounding may be wrong at `x`.
+    fn noise(&self, x: f64) -> f64 {
+        let x = x as f32;
+        ROUNDING * f64::from(self.magnitudes.iter().rev().fold(0.0f32, |sum, magnitude| sum * x + magnitude))
+    }
+
+    /// Tells what is in an interval: whether it is to be halved.
+    #[inline(never)]
+    fn look(&self, interval: &Interval, found: &mut dyn FnMut(Root)) -> bool {
+        let bernstein = self.bernstein(interval);
+        let noise = self.noise(interval.to);
+        match signs(&bernstein, noise) {
+            Found::Nothing => return false,
+            Found::One => {
+                found(self.root(*interval));
+                return false;
+            }
+            Found::Open => {}
+        }
+        let turns = turns(&bernstein);
+        if turns > 1 {
+            if interval.depth < DEPTH {
+                return true;
+            }
+            found(Root { x: interval.middle(), certain: false });
+            return false;
+        }
+        let [first, .., last] = bernstein;
+        if (first < 0.0) != (last < 0.0) {
+            found(Root { certain: first.abs().min(last.abs()) > noise, ..self.root(*interval) });
+        } else if turns == 1 {
+            self.two_roots(interval, first < 0.0, found);
+        }
+        for (end, x) in [(first, interval.from), (last, interval.to)] {
+            if end.abs() <= noise {
+                found(Root { x, certain: false });
+            }
+        }
+        false
+    }
+
+    /// The roots on both sides of the only extreme, if it lies beyond 0, and the extreme itself where that is open.
+    fn two_roots(&self, interval: &Interval, negative: bool, found: &mut dyn FnMut(Root)) {
+        let x = self.extreme(*interval, negative);
+        let [value, ..] = self.jet(x);
+        let certain = value.abs() > self.noise(x);
+        if (value < 0.0) != negative {
+            for half in [Interval { to: x, ..*interval }, Interval { from: x, ..*interval }] {
+                found(Root { certain, ..self.root(half) });
+            }
+        }
+        if !certain {
+            found(Root { x, certain });
+        }
+    }
+
+    /// Value, slope and half the curvature.
+    #[inline(never)]
+    fn jet(&self, x: f64) -> [f64; 3] {
+        self.coefficients.iter().rev().fold([0.0; 3], |[value, slope, bend], coefficient| {
+            [value * x + coefficient, slope * x + value, bend * x + slope]
+        })
+    }
+
+    /// The extreme between two places with slopes of different signs; earlier where the sign has changed for certain.
+    fn extreme(&self, mut interval: Interval, negative: bool) -> f64 {
+        // Where the values at the ends are negative, the extreme that can lie beyond 0 is a maximum.
+        let rising = negative;
+        let mut x = interval.middle();
+        for _ in 0..MAX_STEPS {
+            let [value, slope, bend] = self.jet(x);
+            if (value < 0.0) != negative && value.abs() > self.noise(x) {
+                return x;
+            }
+            if (slope > 0.0) == rising {
+                interval.from = x;
+            } else {
+                interval.to = x;
+            }
+            let next = x - slope / (2.0 * bend);
+            let next = if interval.from < next && next < interval.to { next } else { interval.middle() };
+            if (next - x).abs() <= 1e-12 {
+                break;
+            }
+            x = next;
+        }
+        x
+    }
+
+    /// The root between two places of different signs.
+    #[inline(never)]
+    fn root(&self, mut interval: Interval) -> Root {
+        let [at_from, at_to] = [interval.from, interval.to].map(|x| self.value(x));
+        let negative = at_from < 0.0;
+        let mut next = interval.from + (interval.to - interval.from) * (at_from / (at_from - at_to));
+        let mut x = f64::INFINITY;
+        for _ in 0..MAX_STEPS {
+            let inside = interval.from <= next && next <= interval.to;
+            let to = if inside { next } else { interval.middle() };
+            let step = (to - x).abs();
+            x = to;
+            if step <= REFINED {
+                break;
+            }
+            let (value, slope) = self.tangent(x);
+            if (value < 0.0) == negative {
+                interval.from = x;
+            } else {
+                interval.to = x;
+            }
+            next = x - value / slope;
+        }
+        Root { x, certain: true }
+    }
+
+    fn value(&self, x: f64) -> f64 {
+        self.coefficients.iter().rev().fold(0.0, |sum, coefficient| sum * x + coefficient)
+    }
+
+    /// Value and slope.
+    #[inline(never)]
+    fn tangent(&self, x: f64) -> (f64, f64) {
+        let rising = self.coefficients.iter().rev();
+        rising.fold((0.0, 0.0), |(value, slope), coefficient| (value * x + coefficient, slope * x + value))
+    }
+}
+
+/// What the signs of Bernstein coefficients tell, each of which may be wrong by `noise`.
+fn signs<T: Copy + PartialOrd + core::ops::Neg<Output = T> + Default>(bernstein: &Coefficients<T>, noise: T) -> Found {
+    let zero = T::default();
+    if bernstein.iter().any(|b| -noise <= *b && *b <= noise) {
+        return Found::Open;
+    }
+    match changes(bernstein.iter().map(|b| *b < zero)) {
+        0 => Found::Nothing,
+        1 => Found::One,
+        _ => Found::Open,
+    }
+}
+
+/// Sign changes of the differences.
+fn turns(bernstein: &Coefficients<f64>) -> usize {
+    changes(bernstein.iter().zip(bernstein.iter().skip(1)).map(|(b, next)| next < b))
+}
+
+fn changes(signs: impl Iterator<Item = bool> + Clone) -> usize {
+    signs.clone().zip(signs.skip(1)).filter(|(sign, next)| sign != next).count()
+}

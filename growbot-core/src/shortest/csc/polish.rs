@@ -1,0 +1,201 @@
+//! Brings a path exactly to the goal: Newton's method on its five numbers, regular for arcs of 0 and of whole turns.
+//!
+//! An arc of angle `a` that bends towards `n` is a point in a plane with the polar coordinates `a` and `n`, so its
+//! direction means nothing where the angle is 0, or a whole turn. The unknowns are therefore `eta`, across `n` in that
+//! plane (scaled by `2 sin(a/2)` further out), and the change of `a`.
+
+use core::f64::consts::TAU;
+
+use nalgebra::{Matrix5, Vector3, Vector5};
+
+use super::{Csc, NEARLY};
+use crate::linalg5::{Cholesky, solve};
+use crate::shortest::{ARRIVED, Problem};
+use crate::trigonometry;
+
+/// Max steps.
+const MAX_ROUNDS: u32 = 24;
+/// A length may be below 0 by this much from rounding.
+const ROUNDING: f64 = 1e-9;
+/// A line shorter than 0 by at most this is tried from the other side, once: near a fold two paths are close, and one of
+/// them may have a line that is long enough.
+const REFLECTED: f64 = 1e-4;
+/// Longer steps are the smallest that make up for what is missing, damped.
+const LONG_STEP: f64 = 0.3;
+/// Within this of 0 or of a whole turn, radians, an arc is a point in a plane.
+const POLAR: f64 = 0.5;
+
+/// What may become of a line that came out a little too short.
+#[derive(Clone, Copy, PartialEq)]
+enum LineIs {
+    Any,
+    /// Tried from the other side of 0.
+    Reflected,
+    /// Of no length: what that leaves of the way to the goal is within [`ARRIVED`], or there is no path.
+    LeftOut,
+}
+
+/// The changes of the five numbers.
+struct Change {
+    first_across: f64,
+    first: f64,
+    straight: f64,
+    last_across: f64,
+    last: f64,
+}
+
+impl Problem {
+    /// A path that ends at the goal to within [`ARRIVED`], after Newton's method if necessary. None if it does not
+    /// converge.
+    pub(super) fn polished(&self, mut path: Csc) -> Option<Csc> {
+        let mut line = LineIs::Any;
+        for _ in 0..MAX_ROUNDS {
+            let chain = Chain::new(&path);
+            let lack = self.lack(&chain);
+            let miss = lack.amax();
+            if miss <= ARRIVED * self.scale {
+                let min = path.first.min(path.straight).min(path.last);
+                if min >= 0.0 {
+                    return Some(path);
+                }
+                if min < -ROUNDING {
+                    if path.straight < -REFLECTED || path.straight > -ROUNDING {
+                        return None;
+                    }
+                    (line, path.straight) = match line {
+                        LineIs::Any => (LineIs::Reflected, -path.straight),
+                        LineIs::Reflected => (LineIs::LeftOut, 0.0),
+                        LineIs::LeftOut => return None,
+                    };
+                    continue;
+                }
+                path.first = path.first.max(0.0);
+                path.straight = path.straight.max(0.0);
+                path.last = path.last.max(0.0);
+                continue;
+            }
+            if miss.is_nan() || miss > NEARLY * (1.0 + 4.0 * self.scale) {
+                return None;
+            }
+            let step = self.newton_step(&chain, &lack, line)?;
+            path = changed(path, &step);
+        }
+        None
+    }
+
+    /// A change of the five numbers that makes up for what is missing.
+    #[inline(never)]
+    fn newton_step(&self, chain: &Chain, lack: &Vector5<f64>, line: LineIs) -> Option<Change> {
+        let mut jacobian = self.jacobian(chain);
+        if line == LineIs::LeftOut {
+            jacobian.column_mut(2).fill(0.0);
+        }
+        let step = match solve(&jacobian, lack).filter(|step| step.amax() <= LONG_STEP * self.scale) {
+            Some(step) => step,
+            None => {
+                let mut square = jacobian * jacobian.transpose();
+                let damping = square.trace() * 1e-14;
+                for index in 0..5 {
+                    square[(index, index)] += damping;
+                }
+                jacobian.tr_mul(&Cholesky::new(&square)?.solve(lack))
+            }
+        };
+        let [first_across, first, straight, last_across, last] = step.into();
+        Some(Change { first_across, first, straight, last_across, last })
+    }
+
+    /// An offset, and a change of direction in the two axes across the goal's direction.
+    pub(in crate::shortest) fn column(&self, offset: &Vector3<f64>, turned: &Vector3<f64>) -> Vector5<f64> {
+        let [e1, e2] = &self.across;
+        Vector5::new(offset.x, offset.y, offset.z, turned.dot(e1), turned.dot(e2))
+    }
+
+    /// What is missing to the goal at the end of a path.
+    fn lack(&self, chain: &Chain) -> Vector5<f64> {
+        // For a direction opposite to the goal's the components across it would be small too.
+        let direction = if chain.direction.dot(&self.direction) > 0.0 { -chain.direction } else { self.across[0] };
+        self.column(&(self.goal - chain.end), &direction)
+    }
+
+    /// Derivatives of the end with respect to the five unknowns.
+    fn jacobian(&self, chain: &Chain) -> Matrix5<f64> {
+        let Chain { axis, edge, first_half, u, corner, side, last_half, end, direction } = chain;
+        let [last_half_sin, last_half_cos] = last_half;
+        Matrix5::from_columns(&[
+            self.column(&(edge.cross(end) - axis * *first_half), &edge.cross(direction)),
+            self.column(&(axis.cross(&(end - corner)) + u), &axis.cross(direction)),
+            self.column(u, &Vector3::zeros()),
+            self.column(&(side * *last_half_sin), &(side * *last_half_cos)),
+            self.column(direction, &side.cross(direction)),
+        ])
+    }
+}
+
+/// A path with its five numbers changed; its length changes by the sum of the three.
+fn changed(path: Csc, change: &Change) -> Csc {
+    let length = path.length() + change.first + change.straight + change.last;
+    let (first_towards, first) = arc_changed(path.first_towards, path.first, change.first_across, change.first);
+    let (last_towards, last) = arc_changed(path.last_towards, path.last, change.last_across, change.last);
+    Csc { first_towards, first, straight: length - first - last, last_towards, last }
+}
+
+fn arc_changed(towards: f64, angle: f64, across: f64, change: f64) -> (f64, f64) {
+    if angle < POLAR {
+        let along = angle + change;
+        (towards + libm::atan2(across, along), trigonometry::hypot(along, across))
+    } else if angle > TAU - POLAR {
+        let along = TAU - angle - change;
+        (towards + libm::atan2(across, along), TAU - trigonometry::hypot(along, across))
+    } else {
+        (towards + across / (2.0 * trigonometry::sin(0.5 * angle)), angle + change)
+    }
+}
+
+/// The joints of a path.
+struct Chain {
+    /// About which the first arc turns.
+    axis: Vector3<f64>,
+    /// About which the first arc turns for a change across: `z sin(a/2) - n cos(a/2)`.
+    edge: Vector3<f64>,
+    /// `sin(a/2)`.
+    first_half: f64,
+    /// Direction of the line.
+    u: Vector3<f64>,
+    /// Where the first arc ends.
+    corner: Vector3<f64>,
+    /// About which the last arc turns.
+    side: Vector3<f64>,
+    /// `sin(b/2)` and `cos(b/2)`.
+    last_half: [f64; 2],
+    /// Where the path ends...
+    end: Vector3<f64>,
+    /// ...and in which direction.
+    direction: Vector3<f64>,
+}
+
+impl Chain {
+    #[inline(never)]
+    fn new(path: &Csc) -> Self {
+        let (sin_towards, cos_towards) = trigonometry::sin_cos(path.first_towards);
+        let bend = Vector3::new(cos_towards, sin_towards, 0.0);
+        let axis = Vector3::new(-sin_towards, cos_towards, 0.0);
+        let (half_sin, half_cos) = trigonometry::sin_cos(0.5 * path.first);
+        let (sin, versine) = (2.0 * half_sin * half_cos, 2.0 * half_sin * half_sin);
+        let ahead = Vector3::z();
+        let u = ahead * (1.0 - versine) + bend * sin;
+        let corner = ahead * sin + bend * versine;
+        let edge = ahead * half_sin - bend * half_cos;
+
+        // The tip's x and y axes after the first arc: those at the start, turned about `axis`.
+        let (sin_last, cos_last) = trigonometry::sin_cos(path.last_towards - path.first_towards);
+        let across = bend * (1.0 - versine) - ahead * sin;
+        let towards = across * cos_last + axis * sin_last;
+        let side = axis * cos_last - across * sin_last;
+        let (last_sin, last_cos) = trigonometry::sin_cos(0.5 * path.last);
+        let (sin, versine) = (2.0 * last_sin * last_cos, 2.0 * last_sin * last_sin);
+        let end = corner + u * (path.straight + sin) + towards * versine;
+        let direction = u * (1.0 - versine) + towards * sin;
+        Self { axis, edge, first_half: half_sin, u, corner, side, last_half: [last_sin, last_cos], end, direction }
+    }
+}

@@ -1,0 +1,164 @@
+//! The paths at a root: tangents from the first corner to the circles that end in the goal.
+
+use core::f64::consts::TAU;
+
+use nalgebra::Vector3;
+
+use super::form::Form;
+use super::isolation::{Part, Root};
+use super::{Line, MAX_OVERLAP, NEAR, NEARLY, Search, cosine};
+
+/// A branch counts as a path if its misfit is below this...
+const FITS: f64 = 1e-6;
+/// ...below this where rounding does not tell whether there is a root...
+const MAY_FIT: f64 = 1e-2;
+/// ...or if it is within this factor of the best branch.
+const NEARLY_BEST: f64 = 4.0;
+/// A circle with the corner inside by rounding: its tangents' squared length may be this much below 0.
+const INSIDE: f64 = 1e-4;
+
+/// A tangent from the corner to the goal's circles.
+#[derive(Clone, Copy)]
+struct Branch {
+    /// The circle's centre lies towards `across` from the line along the goal's direction, else away from it.
+    towards: bool,
+    /// The path follows the tangent forwards, else backwards.
+    forwards: bool,
+}
+
+const BRANCHES: [Branch; 4] = [
+    Branch { towards: true, forwards: true },
+    Branch { towards: true, forwards: false },
+    Branch { towards: false, forwards: true },
+    Branch { towards: false, forwards: false },
+];
+
+/// A number or its negative. A multiplication by 1 or -1 would be slow on the microcontroller.
+fn signed(positive: bool, number: f64) -> f64 {
+    if positive { number } else { -number }
+}
+
+/// What the four branches at one corner have in common.
+struct Corner {
+    /// Component along the goal's direction of the way from the corner to the goal.
+    along: f64,
+    /// Distance of the corner from the line along the goal's direction.
+    distance: f64,
+    /// Unit vector from that line to the corner.
+    across: Vector3<f64>,
+}
+
+/// One of the goal's circles, and what both tangents from the corner to it have in common.
+#[derive(Clone, Copy)]
+struct Circle {
+    towards: bool,
+    /// The centre relative to the corner, in the axes (direction, across).
+    x: f64,
+    y: f64,
+    /// Length of the tangents from the corner to the circle.
+    length: f64,
+    /// Inverse square of the distance from the corner to the centre.
+    scale: f64,
+}
+
+impl Circle {
+    /// None if the corner lies within the circle: then there are no tangents.
+    fn new(corner: &Corner, towards: bool) -> Option<Self> {
+        let (x, y) = (corner.along, signed(towards, 1.0) - corner.distance);
+        let squared = x * x + y * y - 1.0;
+        if squared < -INSIDE {
+            return None;
+        }
+        let squared = squared.max(0.0);
+        Some(Self { towards, x, y, length: libm::sqrt(squared), scale: 1.0 / (squared + 1.0) })
+    }
+
+    /// The direction of a tangent, in (direction, across), and its signed length.
+    fn line(&self, forwards: bool) -> (f64, f64, f64) {
+        let &Self { towards, x, y, scale, .. } = self;
+        let length = signed(forwards, self.length);
+        // The centre lies a radius to the side of the line: centre = length u + side left(u).
+        ((x * length + signed(towards, y)) * scale, (y * length - signed(towards, x)) * scale, length)
+    }
+}
+
+impl Search<'_> {
+    fn corner(&self, tau: f64) -> Corner {
+        let to_goal = self.problem.goal - Vector3::z() * tau;
+        let along = to_goal.dot(&self.problem.direction);
+        let off = self.problem.direction * along - to_goal;
+        let distance = off.norm();
+        Corner { along, distance, across: off / distance.max(f64::MIN_POSITIVE) }
+    }
+
+    /// `h / (1 + tau^2)`, which keeps it finite and its roots where they are: `f - cos(a)`.
+    fn misfit_at(&self, corner: &Corner, circle: &Circle, forwards: bool, cosine: f64) -> f64 {
+        let (cos, sin, _) = circle.line(forwards);
+        cos * self.problem.direction.z + sin * corner.across.z - cosine
+    }
+
+    /// Keeps the paths of all roots.
+    #[inline(never)]
+    pub(super) fn roots(&mut self, keep_alive: &mut dyn FnMut()) {
+        let form = Form::of(&self.problem.goal, &self.problem.direction);
+        for (positive, inverse) in [(true, false), (true, true), (false, true), (false, false)] {
+            keep_alive();
+            let part = Part::of(&form, positive, inverse);
+            part.roots(&mut |root| {
+                let size = if inverse { 1.0 / root.x.max(1e-12) } else { root.x };
+                self.tangents(signed(positive, size), root);
+            });
+        }
+    }
+
+    /// Keeps the paths of one root.
+    fn tangents(&mut self, tau: f64, root: Root) {
+        let (corner, cosine) = (self.corner(tau), cosine(tau));
+        let circles = [true, false].map(|towards| Circle::new(&corner, towards));
+        let misfits = BRANCHES.map(|branch| {
+            let [towards, away] = &circles;
+            let circle = if branch.towards { towards } else { away };
+            circle.as_ref().map(|circle| self.misfit_at(&corner, circle, branch.forwards, cosine).abs())
+        });
+        let best = misfits.iter().flatten().fold(f64::INFINITY, |best, misfit| best.min(*misfit));
+        let fits = if root.certain { FITS } else { MAY_FIT };
+        let max = (fits * (1.0 + tau.abs()) / (1.0 + tau * tau)).max(NEARLY_BEST * best);
+        for (branch, misfit) in BRANCHES.into_iter().zip(misfits) {
+            if misfit.is_some_and(|misfit| misfit <= max) {
+                self.consider(branch, tau);
+            }
+        }
+    }
+
+    /// Keeps the path of a root, if its line is not too short.
+    fn consider(&mut self, branch: Branch, tau: f64) {
+        let corner = self.corner(tau);
+        let Some(circle) = Circle::new(&corner, branch.towards) else { return };
+        let (cos, sin, length) = circle.line(branch.forwards);
+        let straight = length - tau;
+        if straight < -MAX_OVERLAP {
+            return;
+        }
+        let across = corner.across;
+        let u = self.problem.direction * cos + across * sin;
+        // From the line's direction to the goal's, turning towards the circle's centre.
+        let turned = libm::atan2(signed(branch.towards, -sin), cos);
+        let towards = across * cos - self.problem.direction * sin;
+        let towards = if branch.towards { towards } else { -towards };
+        let last = if turned < 0.0 { turned + TAU } else { turned };
+        let line = Line { u, tau, straight, towards, last };
+        let path = line.path();
+        let is_overlapping = straight < 0.0 && self.problem.goal.norm() < NEAR;
+        if is_overlapping && !self.overlapping.iter().any(|other| other.is(&path)) {
+            // The list has room for all: there are at most seven.
+            let _ = self.overlapping.push(path);
+        }
+        if straight > -NEARLY {
+            self.keep(path);
+            // An arc of nearly a whole turn may be one of nearly nothing but for rounding.
+            if turned < 0.0 && turned > -NEARLY {
+                self.keep(Line { last: -turned, ..line }.path());
+            }
+        }
+    }
+}

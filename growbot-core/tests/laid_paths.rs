@@ -1,0 +1,304 @@
+//! No path of arc, line, arc is missed: paths are laid by hand, and what is found to their ends is no longer.
+//!
+//! The paths are drawn in regimes in which searches fail: tiny arcs, half turns, short lines, folds (where the path has a
+//! singular Jacobian, so that two paths meet), and far goals. `GROWBOT_LAID` is how many are laid in each, 20,000 without
+//! it; a tenth of that of folds, which take long to draw.
+//!
+//! ```sh
+//! GROWBOT_LAID=1000000 cargo test --release -p growbot-core --test laid_paths -- --nocapture
+//! ```
+
+use core::f64::consts::{PI, TAU};
+
+use growbot_core::path::{Segment, end};
+use growbot_core::pose::{Frame, tip_direction};
+use growbot_core::random::Random;
+use growbot_core::shortest::Problem;
+use growbot_core::shortest::csc::{Csc, paths};
+use nalgebra::{Matrix5, Vector3, Vector5};
+
+/// A path may be longer than the laid one by this share, and by this many radii: goals are reached to 1e-10.
+const LONGER: (f64, f64) = (1e-6, 1e-9);
+/// Max distance from the goal at which a path ends, in radii and radians, within 100 radii; beyond, in proportion.
+const ARRIVED: f64 = 1e-9;
+
+/// Angles in radians, lengths in radii.
+#[derive(Debug, Clone, Copy)]
+struct Laid {
+    first_towards: f64,
+    first: f64,
+    line: f64,
+    last_towards: f64,
+    last: f64,
+}
+
+impl Laid {
+    fn length(&self) -> f64 {
+        self.first + self.line + self.last
+    }
+
+    /// Where it ends, and in which direction.
+    fn end(&self) -> (Vector3<f64>, Vector3<f64>) {
+        end_of(&Csc {
+            first_towards: self.first_towards,
+            first: self.first,
+            straight: self.line,
+            last_towards: self.last_towards,
+            last: self.last,
+        })
+    }
+
+    fn numbers(&mut self) -> [&mut f64; 5] {
+        [&mut self.first_towards, &mut self.first, &mut self.line, &mut self.last_towards, &mut self.last]
+    }
+
+    /// The determinant of the end's derivatives by the five numbers: 0 where two paths meet.
+    fn determinant(&self) -> f64 {
+        const STEP: f64 = 1e-6;
+        let (_, direction) = self.end();
+        let other = if direction.x.abs() < 0.7 { Vector3::x() } else { Vector3::y() };
+        let across = direction.cross(&other).normalize();
+        let both = [across, direction.cross(&across)];
+        let columns: Vec<Vector5<f64>> = (0..5)
+            .map(|index| {
+                let moved = |step: f64| {
+                    let mut laid = *self;
+                    *laid.numbers()[index] += step;
+                    laid.end()
+                };
+                let ((from, before), (to, after)) = (moved(-STEP), moved(STEP));
+                let (position, turn) = ((to - from) / (2.0 * STEP), (after - before) / (2.0 * STEP));
+                Vector5::new(position.x, position.y, position.z, turn.dot(&both[0]), turn.dot(&both[1]))
+            })
+            .collect();
+        Matrix5::from_columns(&columns).determinant()
+    }
+}
+
+fn end_of(path: &Csc) -> (Vector3<f64>, Vector3<f64>) {
+    let arc = |towards: f64, bend: f64| Segment::Arc { alpha: towards + PI, bend, length: bend };
+    let straight = Segment::Straight { length: path.straight };
+    let tip =
+        end(&[arc(path.first_towards, path.first), straight, arc(path.last_towards, path.last)], &Frame::identity());
+    (tip.translation.vector, tip_direction(&tip))
+}
+
+/// Draws numbers for a regime.
+struct Draw(Random);
+
+impl Draw {
+    fn turn(&mut self) -> f64 {
+        self.0.between(0.0, TAU)
+    }
+
+    fn even(&mut self, from: f64, to: f64) -> f64 {
+        self.0.between(from, to)
+    }
+
+    /// Evenly in the logarithm.
+    fn log(&mut self, from: f64, to: f64) -> f64 {
+        libm::exp(self.0.between(libm::log(from), libm::log(to)))
+    }
+
+    fn tiny(&mut self) -> f64 {
+        self.log(1e-8, 0.3)
+    }
+
+    fn about(&mut self, angle: f64) -> f64 {
+        let off = self.tiny();
+        if self.0.unit() < 0.5 { angle - off } else { angle + off }
+    }
+
+    fn laid(&mut self, first: f64, line: f64, last: f64) -> Laid {
+        Laid { first_towards: self.turn(), first, line, last_towards: self.turn(), last }
+    }
+
+    /// A path with a singular Jacobian whose line has a length between these.
+    fn fold(&mut self, from: f64, to: f64) -> Laid {
+        const PLACES: u32 = 24;
+        loop {
+            let (first, last) = (self.turn(), self.turn());
+            let laid = self.laid(first, from, last);
+            let at = |place: u32| Laid { line: from + (to - from) * f64::from(place) / f64::from(PLACES), ..laid };
+            let signs: Vec<bool> = (0..=PLACES).map(|place| at(place).determinant() < 0.0).collect();
+            let changes: Vec<u32> = (0..PLACES).filter(|n| signs[*n as usize] != signs[*n as usize + 1]).collect();
+            if changes.is_empty() {
+                continue;
+            }
+            let place = changes[(self.0.unit() * changes.len() as f64) as usize % changes.len()];
+            let (mut low, mut high) = (at(place).line, at(place + 1).line);
+            for _ in 0..50 {
+                let line = 0.5 * (low + high);
+                if (Laid { line, ..laid }.determinant() < 0.0) == signs[place as usize] {
+                    low = line;
+                } else {
+                    high = line;
+                }
+            }
+            return Laid { line: 0.5 * (low + high), ..laid };
+        }
+    }
+}
+
+/// Paths of one kind.
+struct Regime {
+    name: &'static str,
+    draw: fn(&mut Draw) -> Laid,
+    /// Max share that may be missed.
+    missed: f64,
+    /// One in this many of the others.
+    rarer: u32,
+}
+
+const fn all(name: &'static str, draw: fn(&mut Draw) -> Laid) -> Regime {
+    Regime { name, draw, missed: 0.0, rarer: 1 }
+}
+
+const REGIMES: [Regime; 18] = [
+    all("uniform, line 0 to 40", |draw| {
+        let (first, line, last) = (draw.turn(), draw.even(0.0, 40.0), draw.turn());
+        draw.laid(first, line, last)
+    }),
+    all("line 0 to 4", |draw| {
+        let (first, line, last) = (draw.turn(), draw.even(0.0, 4.0), draw.turn());
+        draw.laid(first, line, last)
+    }),
+    all("line 40 to 100", |draw| {
+        let (first, line, last) = (draw.turn(), draw.even(40.0, 100.0), draw.turn());
+        draw.laid(first, line, last)
+    }),
+    all("first tiny", |draw| {
+        let (first, line, last) = (draw.tiny(), draw.even(0.0, 40.0), draw.turn());
+        draw.laid(first, line, last)
+    }),
+    all("last tiny", |draw| {
+        let (first, line, last) = (draw.turn(), draw.even(0.0, 40.0), draw.tiny());
+        draw.laid(first, line, last)
+    }),
+    all("first tiny, last half a turn", |draw| {
+        let (first, line, last) = (draw.tiny(), draw.even(0.0, 40.0), draw.about(PI));
+        draw.laid(first, line, last)
+    }),
+    all("first half a turn, last tiny", |draw| {
+        let (first, line, last) = (draw.about(PI), draw.even(0.0, 40.0), draw.tiny());
+        draw.laid(first, line, last)
+    }),
+    all("both tiny", |draw| {
+        let (first, line, last) = (draw.tiny(), draw.even(0.0, 40.0), draw.tiny());
+        draw.laid(first, line, last)
+    }),
+    all("first half a turn", |draw| {
+        let (first, line, last) = (draw.about(PI), draw.even(0.0, 40.0), draw.turn());
+        draw.laid(first, line, last)
+    }),
+    all("both half a turn", |draw| {
+        let (first, line, last) = (draw.about(PI), draw.even(0.0, 40.0), draw.about(PI));
+        draw.laid(first, line, last)
+    }),
+    all("first a whole turn", |draw| {
+        let (first, line, last) = (TAU - draw.tiny(), draw.even(0.0, 40.0), draw.turn());
+        draw.laid(first, line, last)
+    }),
+    all("short lines", |draw| {
+        let (first, line, last) = (draw.turn(), draw.tiny(), draw.turn());
+        draw.laid(first, line, last)
+    }),
+    all("nearly in one plane", |draw| {
+        let (first, line, last) = (draw.turn(), draw.even(0.0, 40.0), draw.turn());
+        let laid = draw.laid(first, line, last);
+        let off = draw.log(1e-12, 0.1);
+        Laid { last_towards: laid.first_towards + if draw.0.unit() < 0.5 { off } else { PI - off }, ..laid }
+    }),
+    Regime {
+        name: "any two or three of these",
+        draw: |draw| {
+            let angle = |draw: &mut Draw| match (4.0 * draw.0.unit()) as u32 {
+                0 => draw.tiny(),
+                1 => draw.about(PI),
+                2 => TAU - draw.tiny(),
+                _ => draw.turn(),
+            };
+            let line = match (3.0 * draw.0.unit()) as u32 {
+                0 => draw.tiny(),
+                1 => draw.even(0.0, 4.0),
+                _ => draw.even(0.0, 40.0),
+            };
+            let (first, last) = (angle(draw), angle(draw));
+            draw.laid(first, line, last)
+        },
+        // A tiny line beside a tiny arc, on a path that is nearly one arc: 1 of 10,000.
+        missed: 5e-4,
+        rarer: 1,
+    },
+    all("line 100 to 10,000", |draw| {
+        let (first, line, last) = (draw.turn(), draw.log(100.0, 1e4), draw.turn());
+        draw.laid(first, line, last)
+    }),
+    all("line 10,000 to 1,000,000", |draw| {
+        let (first, line, last) = (draw.turn(), draw.log(1e4, 1e6), draw.turn());
+        draw.laid(first, line, last)
+    }),
+    Regime { name: "folds", draw: |draw| draw.fold(4.0, 40.0), missed: 1e-5, rarer: 10 },
+    Regime { name: "folds, near", draw: |draw| draw.fold(0.0, 4.0), missed: 1e-5, rarer: 10 },
+];
+
+/// What a regime came to.
+#[derive(Default)]
+struct Tally {
+    laid: u32,
+    missed: u32,
+    without_a_path: u32,
+    max_excess: f64,
+    example: Option<(Laid, f64)>,
+}
+
+fn try_regime(regime: &Regime, number: u64, count: u32) -> Tally {
+    let mut draw = Draw(Random::new(&[16, number]));
+    let mut tally = Tally { laid: count / regime.rarer, ..Tally::default() };
+    for _ in 0..tally.laid {
+        let laid = (regime.draw)(&mut draw);
+        let (goal, direction) = laid.end();
+        let found = paths(&Problem::new(&goal, &direction));
+        for path in &found {
+            let (at, pointing) = end_of(path);
+            let miss = (at - goal).norm().max((pointing - direction).norm());
+            assert!(miss <= ARRIVED * (0.01 * goal.norm()).max(1.0), "{path:?} misses by {miss:e}: {laid:?}");
+        }
+        let best = found.first().map_or(f64::INFINITY, Csc::length);
+        if best > laid.length() * (1.0 + LONGER.0) + LONGER.1 {
+            tally.missed += 1;
+            tally.without_a_path += u32::from(found.is_empty());
+            tally.max_excess = tally.max_excess.max(best / laid.length() - 1.0);
+            tally.example.get_or_insert((laid, best));
+        }
+    }
+    tally
+}
+
+#[test]
+fn laid_paths_are_found() {
+    let count = std::env::var("GROWBOT_LAID").map_or(20_000, |count| count.parse().expect("GROWBOT_LAID is a number"));
+    let tallies: Vec<Tally> = std::thread::scope(|scope| {
+        let running: Vec<_> = REGIMES
+            .iter()
+            .enumerate()
+            .map(|(number, regime)| scope.spawn(move || try_regime(regime, number as u64, count)))
+            .collect();
+        running.into_iter().map(|thread| thread.join().unwrap()).collect()
+    });
+    println!("{:<30} {:>9} {:>7} {:>8} {:>10}", "regime", "laid", "missed", "no path", "max excess");
+    for (Regime { name, .. }, tally) in REGIMES.iter().zip(&tallies) {
+        let Tally { laid, missed, without_a_path, max_excess, .. } = tally;
+        println!("{name:<30} {laid:>9} {missed:>7} {without_a_path:>8} {max_excess:>10.1e}");
+    }
+    for (Regime { name, missed, .. }, tally) in REGIMES.iter().zip(&tallies) {
+        assert_eq!(tally.without_a_path, 0, "{name}: {:?}", tally.example);
+        let max = missed * f64::from(tally.laid);
+        assert!(
+            f64::from(tally.missed) <= max,
+            "{name}: {} missed, more than {max}: {:?}",
+            tally.missed,
+            tally.example
+        );
+    }
+}
