@@ -33,6 +33,26 @@ const COSINE: [f64; 6] = [
     2.087_572_321_298_175e-9,
     -1.135_964_755_778_819_5e-11,
 ];
+/// Of `(x - atan x) / x^3` in powers of `x^4`, for `x` within an eighth of a turn's half; and, of the powers of `x^2`
+/// between these.
+const ARC_TANGENT: [[f64; 6]; 2] = [
+    [
+        3.333_333_333_333_293e-1,
+        1.428_571_427_250_346_6e-1,
+        9.090_887_133_436_507e-2,
+        6.661_073_137_387_531e-2,
+        4.976_877_994_615_932_4e-2,
+        1.628_582_011_536_578_2e-2,
+    ],
+    [
+        -1.999_999_999_987_648_3e-1,
+        -1.111_111_040_546_235_6e-1,
+        -7.691_876_205_044_83e-2,
+        -5.833_570_133_790_573_5e-2,
+        -3.653_157_274_421_691_6e-2,
+        0.0,
+    ],
+];
 
 /// An angle as a number of quarter turns and a remainder of at most an eighth of a turn: `left + rest`.
 struct Reduced {
@@ -91,6 +111,22 @@ pub fn sin_cos(angle: f64) -> (f64, f64) {
     (reduced.sine(0), reduced.sine(1))
 }
 
+/// [`sin_cos`] of an angle of at most an eighth of a turn, which needs no reducing.
+#[must_use]
+pub(crate) fn sin_cos_of_eighth(angle: f64) -> (f64, f64) {
+    let reduced = Reduced { quarters: 0, left: angle, rest: 0.0 };
+    (reduced.sine(0), reduced.sine(1))
+}
+
+/// The angle, radians, whose tangent this is, of at most a sixteenth of a turn: the tangent is at most 0.4375.
+#[must_use]
+pub(crate) fn atan_of_sixteenth(tangent: f64) -> f64 {
+    let square = tangent * tangent;
+    let fourth = square * square;
+    let [even, odd] = &ARC_TANGENT;
+    tangent - tangent * (square * series(even, fourth) + fourth * series(odd, fourth))
+}
+
 /// The tangent of an angle, radians.
 #[must_use]
 pub fn tan(angle: f64) -> f64 {
@@ -131,6 +167,16 @@ mod tests {
             prop_assert!((tan(angle) / libm::tan(angle) - 1.0).abs() < 1e-15);
             prop_assert!((acos(cosine) - libm::acos(cosine)).abs() < 1e-15);
             prop_assert!((hypot(x, y) / libm::hypot(x, y) - 1.0).abs() < 1e-15);
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn what_needs_no_reducing_comes_to_the_same(angle in -0.25 * PI..0.25 * PI, tangent in -0.4375..0.4375_f64) {
+            for scale in [1.0, 1e-9, 1e-300] {
+                prop_assert_eq!(sin_cos_of_eighth(scale * angle), sin_cos(scale * angle));
+                prop_assert_eq!(atan_of_sixteenth(scale * tangent), libm::atan(scale * tangent));
+            }
         }
     }
 

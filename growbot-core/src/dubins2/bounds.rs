@@ -7,7 +7,7 @@
 use core::array;
 use core::f32::consts::{FRAC_PI_2, FRAC_PI_4, PI, TAU};
 
-use super::path_types::Goal;
+use super::path_types::Tangent;
 
 /// An angle this close below a full turn counts as 0, which it may be. An angle is wrong by the 0.004 of the arc
 /// tangent, a difference of two by twice that. The test `no_path_type_is_shorter_than_its_bound` bounds this and
@@ -26,14 +26,14 @@ const EDGE: f32 = 1e-4;
 /// For each of [`super::PathType::ALL`], what its length cannot be below: infinite if there is no such path type.
 /// Beyond the range of single precision the bounds are not numbers, and rule nothing out.
 #[inline(always)]
-pub(super) fn lower_bounds(goal: &Goal) -> [f32; 6] {
-    let tangents = goal.tangents.each_ref();
+pub(super) fn lower_bounds(tangents: &[Tangent; 4]) -> [f32; 6] {
+    let tangents = tangents.each_ref();
     let x = tangents.map(|tangent| tangent.x as f32);
     let y = tangents.map(|tangent| tangent.y as f32);
     let square = tangents.map(|tangent| tangent.square as f32);
     let straight = tangents.map(|tangent| tangent.straight as f32);
     let heading = tangents.map(|tangent| tangent.heading as f32);
-    let side = tangents.map(|tangent| tangent.side as f32);
+    let side = tangents.map(|tangent| if tangent.outer { 1.0 } else { -1.0 });
     let first = array::from_fn::<_, 4, _>(|path_type| direction(x[path_type], y[path_type]));
     let [lsl, rsr, lsr, rsl] = array::from_fn(|path_type| {
         let last = wrap(side[path_type] * (heading[path_type] - first[path_type]));

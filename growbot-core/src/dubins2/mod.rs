@@ -6,17 +6,16 @@
 //!
 //! Each path type is built from the centres of its circles (Shkel and Lumelsky 2001 classify the same path types by
 //! their angles); path types that begin to the right are those that begin to the left, in the mirrored plane
-//! (`path_types.rs`). Square roots of values that rounding put below 0 are taken as 0: there, the lengths that follow
-//! are stationary, and the path type is taken if it ends at the goal.
+//! (`path_types.rs`).
 //!
-//! Two errors of classic implementations are handled explicitly: where an angle is a rounding error short of a full
-//! turn, or two circles coincide and the line between their centres has no direction, the path type without that turn
-//! is tried and taken if it ends at the goal.
+//! Two errors of classic implementations are handled explicitly: where rounding puts an arc a full turn too far, or two
+//! circles coincide and the line between their centres has no direction, the line is turned back. How far from the goal
+//! the path then ends follows from how far the line's end moves, so no path has to be integrated.
 //!
-//! The search is a branch and bound, as most of six path types would be built in vain: each path type first
-//! gets a lower bound of its length, in single precision and with a short polynomial for the arc tangent (`bounds.rs`),
-//! and only path types whose bound is below the best length found are built. The bounds decide what is computed, never
-//! what is returned.
+//! Most of six path types would be built in vain. An arc, a line and an arc, neither arc longer than pi, are the
+//! shortest path. Where there is no such path the search is a branch and bound: each path type first gets a lower bound
+//! of its length, in single precision and with a short polynomial for the arc tangent (`bounds.rs`), and only path
+//! types whose bound is below the best length found are built. What is not built is never what would be returned.
 
 mod bounds;
 mod path_types;
@@ -27,7 +26,7 @@ use core::f64::consts::TAU;
 
 use crate::angle::wrap_positive;
 use crate::trigonometry;
-use path_types::Goal;
+use path_types::{Goal, Tangent, lengths};
 
 /// A pose in the plane: x, y in radii, heading in radians.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -109,7 +108,7 @@ impl PlanarPath {
         self.path_type.directions().into_iter().zip(self.lengths).filter(|(_, length)| *length > 0.0)
     }
 
-    /// Where the path ends: the forward integration by which every doubtful path is checked.
+    /// Where the path ends: by forward integration.
     #[must_use]
     pub fn end(&self) -> PlanarPose {
         let mut at = PlanarPose { x: 0.0, y: 0.0, heading: 0.0 };
@@ -159,13 +158,19 @@ const TIE: f64 = 1e-12;
 #[must_use]
 pub fn shortest(goal: &PlanarPose) -> PlanarPath {
     let goal = Goal::new(goal);
-    shortest_within(&goal, bounds::lower_bounds(&goal))
+    match goal.by_short_arcs() {
+        Some(path) => path,
+        None => {
+            let tangents = goal.tangents();
+            shortest_within(&tangents, bounds::lower_bounds(&tangents))
+        }
+    }
 }
 
 /// The shortest path, built only from path types whose lower bound leaves that possible. Whatever the bounds, the
 /// result is the same.
 #[inline(always)]
-fn shortest_within(goal: &Goal, bounds: [f32; 6]) -> PlanarPath {
+fn shortest_within(tangents: &[Tangent; 4], bounds: [f32; 6]) -> PlanarPath {
     let mut likeliest = PathType::Lsl;
     let mut min_bound = f32::INFINITY;
     for (path_type, bound) in PathType::ALL.into_iter().zip(bounds) {
@@ -174,13 +179,12 @@ fn shortest_within(goal: &Goal, bounds: [f32; 6]) -> PlanarPath {
         }
     }
     // After the likeliest path type there is mostly no other left.
-    let first = goal.build(likeliest);
-    let shortest = first.as_ref().map_or(f64::INFINITY, PlanarPath::length);
-    let longer = bounds.map(|bound| is_longer(bound, shortest));
-    match first {
-        Some(path) if longer.into_iter().filter(|longer| *longer).count() == longer.len() - 1 => path,
-        _ => shortest_of_several(goal, bounds, likeliest, first),
+    let first = PlanarPath { path_type: likeliest, lengths: lengths(tangents, likeliest) };
+    let length = first.length();
+    if bounds.into_iter().filter(|bound| is_longer(*bound, length)).count() == bounds.len() - 1 {
+        return first;
     }
+    shortest_of_several(tangents, bounds, first)
 }
 
 /// Whether a path type of that bound is certainly longer than the shortest. A bound that is not a number rules nothing
@@ -191,22 +195,18 @@ fn is_longer(bound: f32, shortest: f64) -> bool {
 
 /// [`shortest_within`], where more than one path type may be the shortest; one of them is built already.
 #[cold]
-fn shortest_of_several(goal: &Goal, bounds: [f32; 6], built: PathType, first: Option<PlanarPath>) -> PlanarPath {
-    let mut found = [None; 6];
-    let mut shortest = first.as_ref().map_or(f64::INFINITY, PlanarPath::length);
+fn shortest_of_several(tangents: &[Tangent; 4], bounds: [f32; 6], built: PlanarPath) -> PlanarPath {
+    let mut found = [PlanarPath { path_type: PathType::Lsl, lengths: [f64::NAN; 3] }; 6];
+    let mut shortest = built.length();
     for (path, (path_type, bound)) in found.iter_mut().zip(PathType::ALL.into_iter().zip(bounds)) {
-        if path_type == built {
-            *path = first;
+        if path_type == built.path_type {
+            *path = built;
         } else if !is_longer(bound, shortest) {
-            *path = goal.build(path_type);
-            shortest = path.as_ref().map_or(shortest, |path| path.length().min(shortest));
+            *path = PlanarPath { path_type, lengths: lengths(tangents, path_type) };
+            shortest = if path.length() < shortest { path.length() } else { shortest };
         }
     }
-    let as_short = |path: &PlanarPath| path.length() <= shortest + TIE;
     // LSL always exists, so there is always a path, unless the goal is not in numbers.
-    found
-        .into_iter()
-        .flatten()
-        .find(as_short)
-        .unwrap_or(PlanarPath { path_type: PathType::Lsl, lengths: [f64::NAN; 3] })
+    let [first, ..] = found;
+    found.into_iter().find(|path| path.length() <= shortest + TIE).unwrap_or(first)
 }

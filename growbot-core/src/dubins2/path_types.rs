@@ -2,43 +2,112 @@
 
 use core::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI, TAU};
 
-use super::{PathType, PlanarPath, PlanarPose, TIE};
+use super::{PathType, PlanarPath, PlanarPose};
 
 use crate::angle::wrap_positive;
 use crate::trigonometry;
 
-/// An angle this close below a full turn may be a rounding error of none, and circles this near each other may
-/// coincide. The tests `..._have_no_extra_turn` bound it from below; what is tried in vain only costs time.
-const NEAR_FULL_TURN: f64 = 1e-5;
-/// Max error of a path at the goal, radii and radians, for goals within some 60 radii: some thousand times the
-/// rounding of `f64`.
-pub(super) const ARRIVED: f64 = 1e-12;
-/// Max error beyond some 60 radii, as a share of the distance: the goal itself has fewer digits there.
-pub(super) const ARRIVED_AT_DISTANCE: f64 = 1e-12 / 64.0;
-/// A square below 0 by no more than this may be so by rounding. The path type is tried then, and taken if it ends
-/// at the goal; the test `goals_at_the_edges_of_the_path_types_are_reached` bounds this.
-const EDGE: f64 = 1e-9;
+/// A path may end this far from the goal, radii, where that spares it a turn or makes it exist: some thousand times the
+/// rounding of `f64` within some 60 radii.
+const NEAR: f64 = 9e-13;
+/// That beyond some 60 radii, as a share of the distance: the goal itself has fewer digits there.
+const NEAR_AT_DISTANCE: f64 = 9e-13 / 64.0;
 /// The tangent of pi/8, to three digits: it only chooses between two formulas that are both exact.
 const TAN_PI_8: f64 = 0.414;
 
 /// The goal as the path types see it.
-///
-/// Path types that begin to the right are seen in the mirrored plane, where they begin to the left.
-pub(super) struct Goal<'a> {
-    pose: &'a PlanarPose,
+pub(super) struct Goal {
+    x: f64,
+    y: f64,
+    /// Between -pi and pi.
+    heading: f64,
+    sine: f64,
+    /// 1 - cos(heading), to its last digit even for tiny headings.
+    versine: f64,
+}
+
+impl Goal {
+    #[cfg_attr(not(target_os = "none"), inline(always))]
+    pub(super) fn new(pose: &PlanarPose) -> Self {
+        let heading = if pose.heading.abs() > TAU { wrap_positive(pose.heading) } else { pose.heading };
+        let heading = if heading > PI { heading - TAU } else { heading };
+        let heading = if heading < -PI { heading + TAU } else { heading };
+        // From a quarter of the heading: at most pi/4, so that neither function has to reduce it.
+        let (sin_quarter, cos_quarter) = trigonometry::sin_cos_of_eighth(0.25 * heading);
+        let sin_half = 2.0 * sin_quarter * cos_quarter;
+        let cos_half = 1.0 - 2.0 * sin_quarter * sin_quarter;
+        let (sine, versine) = (2.0 * sin_half * cos_half, 2.0 * sin_half * sin_half);
+        Self { x: pose.x, y: pose.y, heading, sine, versine }
+    }
+
+    /// The path of an arc, a line and an arc of which neither arc is longer than pi, if there is one.
+    ///
+    /// No path is shorter than that: from the start and back from the goal, none turns faster into the direction of the
+    /// line, so none advances further in it.
+    #[cfg_attr(not(target_os = "none"), inline(always))]
+    pub(super) fn by_short_arcs(&self) -> Option<PlanarPath> {
+        let &Self { x, y, heading, sine, versine } = self;
+        // How far to the left of the goal's axis the goal is from the start, as `y` is to the left of the start's.
+        let y_at_goal = (y - x * sine) - y * versine;
+        // Where path types meet, those with an outer tangent go first, as they do among all.
+        let near = 2.0 * nearness(x.abs() + y.abs());
+        let left = (y >= versine - near) & (y_at_goal <= near - versine);
+        let right = (-y >= versine - near) & (y_at_goal >= versine - near);
+        let outer = left | right;
+        let leftwards = if outer { heading + TAU >= TAU } else { y + y_at_goal >= 0.0 };
+        let to_left = if left == right { leftwards } else { left };
+        let (path_type, lengths) = if outer {
+            let tangent = self.tangent(to_left, true);
+            let path_type = if to_left { PathType::Lsl } else { PathType::Rsr };
+            if tangent.straight < nearness(tangent.straight) {
+                return Some(PlanarPath { path_type, lengths: [0.0, 0.0, tangent.heading] });
+            }
+            (path_type, tangent.path())
+        } else {
+            let tangent = self.tangent(to_left, false);
+            if !tangent.has_short_arcs(if to_left { sine } else { -sine }, versine) {
+                return None;
+            }
+            (if to_left { PathType::Lsr } else { PathType::Rsl }, tangent.path())
+        };
+        let [first, middle, last] = lengths;
+        // A single arc is as good as two halves of it.
+        let short = (first <= PI) & (last <= PI) & (middle < f64::INFINITY) | outer & (middle == 0.0);
+        if short { Some(PlanarPath { path_type, lengths }) } else { None }
+    }
+
     /// For LSL, RSR, LSR, RSL. LRL and RLR are between the same circles as LSL and RSR.
-    pub(super) tangents: [Tangent; 4],
+    #[cfg_attr(not(target_os = "none"), inline(always))]
+    pub(super) fn tangents(&self) -> [Tangent; 4] {
+        [self.tangent(true, true), self.tangent(false, true), self.tangent(true, false), self.tangent(false, false)]
+    }
+
+    /// For path types that begin to the right the plane is mirrored, so that they begin to the left.
+    #[cfg_attr(not(target_os = "none"), inline(always))]
+    fn tangent(&self, to_left: bool, outer: bool) -> Tangent {
+        let mirror = 2.0 * f64::from(u8::from(to_left)) - 1.0;
+        let (side, twist) = if outer { (1.0, 0.0) } else { (-1.0, 2.0) };
+        let x = self.x - side * mirror * self.sine;
+        let y = mirror * self.y - side * self.versine;
+        // Of the distance between the centres, (x, y - twist), less the square of the twist: without 4 - 4.
+        let square = x * x - y * (2.0 * twist - y);
+        let straight = libm::sqrt(if square < 0.0 { 0.0 } else { square });
+        let y = y - twist;
+        // Turned by the angle of (straight, twist).
+        let (x, y) = if outer { (x, y) } else { (x * straight - twist * y, y * straight + twist * x) };
+        Tangent { outer, x, y, square, straight, heading: wrap(mirror * self.heading) }
+    }
 }
 
 /// The tangent from a circle of the start to one of the goal.
 pub(super) struct Tangent {
-    /// Which of the two tangents: 1 for the outer one, of LSL, -1 for the inner one, of LSR.
-    pub(super) side: f64,
-    /// A vector in its direction. For the outer one: from one centre to the other.
+    /// Which of the two: the outer one, of LSL, or the inner one, of LSR.
+    pub(super) outer: bool,
+    /// A vector in its direction.
     pub(super) x: f64,
     /// The other component of that.
     pub(super) y: f64,
-    /// The square of its length, before rounding below 0 is mended: if it is below 0 there is no such tangent.
+    /// The square of its length: below 0 if there is no such tangent, or by rounding.
     pub(super) square: f64,
     /// Its length. For the outer one that is also the distance between the centres.
     pub(super) straight: f64,
@@ -46,124 +115,70 @@ pub(super) struct Tangent {
     pub(super) heading: f64,
 }
 
-impl<'a> Goal<'a> {
-    pub(super) fn new(pose: &'a PlanarPose) -> Self {
-        let heading = if pose.heading.abs() > TAU { wrap_positive(pose.heading) } else { pose.heading };
-        let heading = if heading > PI { heading - TAU } else { heading };
-        let heading = if heading < -PI { heading + TAU } else { heading };
-        // From a quarter of the heading: at most pi/4, so that neither function has to reduce it.
-        let (sin_quarter, cos_quarter) = trigonometry::sin_cos(0.25 * heading);
-        let sin_half = 2.0 * sin_quarter * cos_quarter;
-        let cos_half = 1.0 - 2.0 * sin_quarter * sin_quarter;
-        let sine = 2.0 * sin_half * cos_half;
-        let versine = 2.0 * sin_half * sin_half; // 1 - cos(heading), to its last digit even for tiny headings
-        let (left, right) = (wrap(heading), wrap(-heading));
-        let tangents = [
-            Tangent::outer(pose.x - sine, pose.y - versine, left),
-            Tangent::outer(pose.x + sine, -pose.y - versine, right),
-            Tangent::inner(pose.x + sine, pose.y + versine - 2.0, left),
-            Tangent::inner(pose.x - sine, -pose.y + versine - 2.0, right),
-        ];
-        Self { pose, tangents }
-    }
-
-    /// The shortest of a path type and its parts, if there is one that leads to the goal.
-    #[cfg_attr(not(target_os = "none"), inline(always))]
-    pub(super) fn build(&self, path_type: PathType) -> Option<PlanarPath> {
-        // In the order of the path types: after the four with a tangent come the two between the first two pairs of
-        // circles.
-        let index = path_type as usize;
-        let between = &self.tangents[index & 3];
-        let built = if index < 4 { between.straight() } else { between.three_arcs() };
-        let path = PlanarPath { path_type, lengths: built.lengths };
-        if built.doubtful { self.build_doubtful(path, between, built.square) } else { Some(path) }
-    }
-
-    /// [`Self::build`], where rounding may have added a turn, or a path type may seem to exist that does not.
-    #[cold]
-    fn build_doubtful(&self, path: PlanarPath, between: &Tangent, square: f64) -> Option<PlanarPath> {
-        let [first, middle, last] = path.lengths;
-        let mut shortest = Shortest { goal: self.pose, path_type: path.path_type, path: None };
-        if matches!(path.path_type, PathType::Lsl | PathType::Rsr) && middle < NEAR_FULL_TURN {
-            // The line between the centres has no direction, and one arc may make the whole turn.
-            shortest.offer_if_it_arrives([0.0; 3]);
-            shortest.offer_if_it_arrives([between.heading, 0.0, 0.0]);
-        }
-        // What an arc falls short of a full turn goes to the arc at the other end, so that the heading stays.
-        let same_side = !matches!(path.path_type, PathType::Lsr | PathType::Rsl);
-        let other = |angle: f64, dropped: f64| {
-            let missing = TAU - dropped;
-            (if same_side { angle - missing } else { angle + missing }).max(0.0)
-        };
-        let (drop_first, drop_last) = (first > TAU - NEAR_FULL_TURN, last > TAU - NEAR_FULL_TURN);
-        if drop_first && drop_last {
-            shortest.offer_if_it_arrives([0.0, middle, 0.0]);
-        }
-        if drop_first {
-            shortest.offer_if_it_arrives([0.0, middle, other(last, first)]);
-        }
-        if drop_last {
-            shortest.offer_if_it_arrives([other(first, last), middle, 0.0]);
-        }
-        if square >= 0.0 {
-            shortest.offer(path.lengths);
-        } else if square >= -EDGE {
-            shortest.offer_if_it_arrives(path.lengths);
-        }
-        shortest.path
-    }
-}
-
-/// What the formula of a path type gives.
-struct Built {
-    lengths: [f64; 3],
-    /// Of the root: if it is below 0 there is no such path type, or rounding has put it there.
-    square: f64,
-    /// Whether rounding may be of consequence.
-    doubtful: bool,
+/// The lengths of the pieces of one of [`PathType::ALL`]: infinite if there is no such path.
+#[cfg_attr(not(target_os = "none"), inline(always))]
+pub(super) fn lengths(tangents: &[Tangent; 4], path_type: PathType) -> [f64; 3] {
+    let index = path_type as usize;
+    let along = tangents[index & 3].path();
+    if index < tangents.len() { along } else { three_arcs(along) }
 }
 
 impl Tangent {
-    /// The outer one of two circles, whose centres are (x, y) apart: parallel to the line between these.
-    #[cfg_attr(not(target_os = "none"), inline(always))]
-    fn outer(x: f64, y: f64, heading: f64) -> Self {
-        let square = x * x + y * y;
-        Self { side: 1.0, x, y, square, straight: libm::sqrt(square), heading }
-    }
-
-    /// The inner one: that line, turned by the angle of (straight, 2).
-    #[cfg_attr(not(target_os = "none"), inline(always))]
-    fn inner(x: f64, y: f64, heading: f64) -> Self {
-        let square = x * x + y * y - 4.0;
-        let straight = libm::sqrt(if square > 0.0 { square } else { 0.0 });
-        Self { side: -1.0, x: x * straight - 2.0 * y, y: y * straight + 2.0 * x, square, straight, heading }
+    /// Whether LSR may have two arcs of at most pi, from sine and versine of the goal's heading.
+    fn has_short_arcs(&self, sine: f64, versine: f64) -> bool {
+        let &Self { x, y, .. } = self;
+        (y >= 0.0) & ((y - x * sine) - y * versine >= 0.0)
     }
 
     /// LSL or LSR.
-    #[cfg_attr(not(target_os = "none"), inline(always))]
-    fn straight(&self) -> Built {
-        let first = direction(self.x, self.y);
-        let last = wrap(self.side * (self.heading - first));
-        let doubtful =
-            (self.straight < NEAR_FULL_TURN) | (first > TAU - NEAR_FULL_TURN) | (last > TAU - NEAR_FULL_TURN);
-        Built { lengths: [first, self.straight, last], square: self.square, doubtful }
-    }
-
-    /// LRL, if the circles are near enough. The middle arc is longer than pi: with a shorter one it is never the
-    /// shortest path.
     ///
-    /// The middle centre is 2 from both others. It lies in the direction of the line between them, turned by the angle
-    /// `base` of (distance, height); the first arc ends a quarter turn further.
-    fn three_arcs(&self) -> Built {
-        let &Self { x, y, heading, straight: distance, .. } = self;
-        let square = (4.0 - distance) * (4.0 + distance);
-        let height = libm::sqrt(if square > 0.0 { square } else { 0.0 });
-        let base = direction(distance, height);
-        let first = direction(-(x * height + y * distance), x * distance - y * height);
-        let last = wrap(wrap(heading - first) + (2.0 * base - PI));
-        let doubtful = (square < 0.0) | (first > TAU - NEAR_FULL_TURN) | (last > TAU - NEAR_FULL_TURN);
-        Built { lengths: [first, PI + 2.0 * base, last], square, doubtful }
+    /// The arcs of LSL come to the heading, or a turn more if the line's direction is not between those of start and
+    /// goal. Where rounding may have put it there, it is turned back; the path then ends off the goal by as much as the
+    /// line's end moves. The arcs of LSR need none of that: where one of them vanishes the path is a part of LSL or RSR.
+    #[cfg_attr(not(target_os = "none"), inline(always))]
+    fn path(&self) -> [f64; 3] {
+        let &Self { outer, x, y, square, straight, heading } = self;
+        if !outer {
+            // Circles that overlap less than that touch.
+            let straight = if square < -4.0 * NEAR { f64::INFINITY } else { straight };
+            let first = direction(x, y);
+            return [first, straight, wrap(first - heading)];
+        }
+        let near = nearness(straight);
+        let straight = if straight < near { 0.0 } else { straight };
+        let first = direction(x, y);
+        let first = if (TAU - first) * straight < near { 0.0 } else { first };
+        let last = heading - first;
+        let back = if last < 0.0 { last } else { 0.0 };
+        let back = if -back * straight < near { back } else { 0.0 };
+        [first + back, straight, wrap(last - back)]
     }
+}
+
+/// LRL, between the same circles as LSL, if they are near enough. The middle arc is longer than pi: with a shorter one
+/// it is never the shortest path.
+///
+/// The centres are a triangle with sides 4 cos(base), 2 and 2. Its angle `base` and a quarter turn are what the outer arcs
+/// turn further than those of LSL.
+fn three_arcs([first, distance, last]: [f64; 3]) -> [f64; 3] {
+    let square = (4.0 - distance) * (4.0 + distance);
+    // Circles that are apart less than that touch.
+    if square < -8.0 * NEAR {
+        return [f64::INFINITY; 3];
+    }
+    let height = libm::sqrt(if square < 0.0 { 0.0 } else { square });
+    let further = FRAC_PI_2 + 2.0 * octant(height, 4.0 + distance);
+    let turned = |angle: f64| {
+        let angle = angle + further;
+        if angle >= TAU { angle - TAU } else { angle }
+    };
+    [turned(first), 2.0 * further, turned(last)]
+}
+
+/// How far off, at a distance, still counts as there.
+fn nearness(distance: f64) -> f64 {
+    let far = NEAR_AT_DISTANCE * distance;
+    if far > NEAR { far } else { NEAR }
 }
 
 /// For a vector that is steep (1), points backwards (2), points downwards (4): from where its angle counts, and which
@@ -179,55 +194,29 @@ const OCTANTS: [(f64, f64); 8] = [
     (PI + FRAC_PI_2, -1.0),
 ];
 
-/// The direction of a vector in [0, 2 pi).
-///
-/// This is an arc tangent of two arguments without branches that depend on these: a vector in the upper half of an
-/// octant is turned by an eighth of a turn, so that `atan` always gets an argument that it need not reduce.
+/// The direction of a vector in [0, 2 pi): an arc tangent of two arguments without branches that depend on these.
 #[cfg_attr(not(target_os = "none"), inline(always))]
 fn direction(x: f64, y: f64) -> f64 {
     let (along, across) = (x.abs(), y.abs());
     let steep = across > along;
     let (less, more) = if steep { (along, across) } else { (across, along) };
-    let upper = if less > TAN_PI_8 * more { 1.0 } else { 0.0 };
+    let (from, sign) = OCTANTS[usize::from(steep) | usize::from(x < 0.0) << 1 | usize::from(y < 0.0) << 2];
+    let angle = from + sign * octant(less, more);
+    if angle >= TAU { 0.0 } else { angle }
+}
+
+/// The arc tangent of `less / more`. A vector in the upper half of the octant is turned by an eighth of a turn, so that
+/// the arc tangent's argument is small.
+#[cfg_attr(not(target_os = "none"), inline(always))]
+fn octant(less: f64, more: f64) -> f64 {
+    let upper = f64::from(u8::from(less > TAN_PI_8 * more));
     let (less, more) = (less - upper * more, more + upper * less);
     // The zero vector has no direction; any will do.
-    let octant = upper * FRAC_PI_4 + libm::atan(if more > 0.0 { less / more } else { 0.0 });
-    let (from, sign) = OCTANTS[usize::from(steep) | usize::from(x < 0.0) << 1 | usize::from(y < 0.0) << 2];
-    let angle = from + sign * octant;
-    if angle >= TAU { 0.0 } else { angle }
+    upper * FRAC_PI_4 + trigonometry::atan_of_sixteenth(less / (more + f64::MIN_POSITIVE))
 }
 
 /// Wraps an angle between -2 pi and 2 pi to [0, 2 pi).
 fn wrap(angle: f64) -> f64 {
     let wrapped = if angle < 0.0 { angle + TAU } else { angle };
     if wrapped >= TAU { 0.0 } else { wrapped }
-}
-
-/// The shortest so far of a path type and its parts.
-struct Shortest<'a> {
-    goal: &'a PlanarPose,
-    path_type: PathType,
-    path: Option<PlanarPath>,
-}
-
-impl Shortest<'_> {
-    /// Integrating it forwards is what costs, so that comes last.
-    fn offer_if_it_arrives(&mut self, lengths: [f64; 3]) {
-        let path = PlanarPath { path_type: self.path_type, lengths };
-        let tolerance = || ARRIVED.max(ARRIVED_AT_DISTANCE * trigonometry::hypot(self.goal.x, self.goal.y));
-        if self.is_shorter(&path) && path.miss(self.goal) <= tolerance() {
-            self.path = Some(path);
-        }
-    }
-
-    fn offer(&mut self, lengths: [f64; 3]) {
-        let path = PlanarPath { path_type: self.path_type, lengths };
-        if self.is_shorter(&path) {
-            self.path = Some(path);
-        }
-    }
-
-    fn is_shorter(&self, path: &PlanarPath) -> bool {
-        self.path.is_none_or(|shortest| path.length() < shortest.length() - TIE)
-    }
 }
