@@ -62,8 +62,8 @@ def anywhere(rng):
     return rng.uniform(-10, 10), rng.uniform(-10, 10), rng.uniform(-math.pi, math.pi)
 
 
-def random_goal(rng):
-    (x, y, heading), distance, direction = anywhere(rng), rng.uniform(0, 10), rng.uniform(-math.pi, math.pi)
+def random_goal(rng, farthest=10):
+    (x, y, heading), distance, direction = anywhere(rng), rng.uniform(0, farthest), rng.uniform(-math.pi, math.pi)
     goal = x + distance * math.cos(direction), y + distance * math.sin(direction), rng.uniform(-math.pi, math.pi)
     return (x, y, heading), goal, math.inf
 
@@ -92,6 +92,7 @@ def tiny(rng, start):
 
 PLANE = {
     "random, 0 to 10 R": random_goal,
+    "random, 0 to 4 R": lambda rng: random_goal(rng, farthest=4),
     "one arc, below pi": lambda rng: pieces(rng, "LR", most=math.pi),
     "one arc, above pi": lambda rng: pieces(rng, "LR", least=math.pi),
     "two tangent arcs, below pi": lambda rng: pieces(rng, ("LR", "RL"), most=math.pi),

@@ -46,18 +46,15 @@ pub(super) fn lower_bounds(tangents: &[Tangent; 4]) -> [f32; 6] {
 }
 
 /// Of LRL, from the distance and the direction between the outer circles.
+#[cfg_attr(not(target_os = "none"), inline(always))]
 fn three_arcs(distance: f32, along: f32, heading: f32) -> f32 {
     let square = (4.0 - distance) * (4.0 + distance);
-    if square < -EDGE {
-        return f32::INFINITY;
-    }
-    if distance < COINCIDING {
-        return 0.0;
-    }
     let base = direction(distance, libm::sqrtf(if square > 0.0 { square } else { 0.0 }));
     let first = wrap(along + (base + FRAC_PI_2) - TAU);
     let last = wrap(wrap(heading - first) + (2.0 * base - PI));
-    PI + 2.0 * base + turn(first) + turn(last) - margin(distance)
+    let bound = PI + 2.0 * base + turn(first) + turn(last) - margin(distance);
+    let bound = if distance < COINCIDING { 0.0 } else { bound };
+    if square < -EDGE { f32::INFINITY } else { bound }
 }
 
 #[inline(always)]
