@@ -90,6 +90,13 @@ pub struct Miss {
     pub angle: f64,
 }
 
+/// Whether a goal is so near (for arcs of this radius, mm) that a helicoidal arc may be the shortest path: those are
+/// searched from likely places only, so that a shorter one may exist. Of all other paths none is missed.
+#[must_use]
+pub fn may_be_helicoidal(start: &Pose, goal: &Pose, radius: f64) -> bool {
+    (goal.position() - start.position()).norm() < shortest::HELICOIDS_WITHIN * radius
+}
+
 /// The error of a tip at a goal.
 #[must_use]
 pub fn miss(base_from_tip: &Frame, goal: &Pose) -> Miss {

@@ -124,6 +124,17 @@ fn the_shortest_path_is_the_default_and_never_longer_than_the_two_plane_path() {
 }
 
 #[test]
+fn a_plan_says_what_was_searched_completely() {
+    let searched = |planner: &str, to: &str| {
+        let plan = json(&growbot(&["plan", "--to", to, "--json", "--planner", planner]).out);
+        [plan["complete"].to_string(), plan["statistical"].to_string()]
+    };
+    assert_eq!(searched("shortest", "600,0,0,0,0"), [r#"["CSC","planar"]"#, "null"]);
+    assert_eq!(searched("shortest", "60,40,80,200,-20"), [r#"["CSC","planar"]"#, r#"["H"]"#]);
+    assert_eq!(searched("two-plane", "60,40,80,200,-20"), ["null", "null"]);
+}
+
+#[test]
 fn plans_of_older_versions_are_read() {
     let mut plan = json(&growbot(&with(&TO, &["--json"])).out);
     for field in ["path_type", "candidates", "two_plane_length_mm", "two_plane_longer_percent"] {

@@ -1,7 +1,9 @@
 //! A plan as written: fields, units and full precision.
 
+use std::iter;
+
 use growbot_core::path::{Segment, length};
-use growbot_core::plan::Planner;
+use growbot_core::plan::{Planner, may_be_helicoidal};
 use growbot_core::pose::{Frame, Pose};
 use serde::{Deserialize, Serialize};
 
@@ -51,6 +53,14 @@ pub struct PlanFile {
     /// How many paths were found that reach the goal; of several legs, the sum. Older plans do not say.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub candidates: Option<usize>,
+    /// Path types of which none is missed, but for rounding. Not written for the two-plane planner, which searches for
+    /// none; older plans do not say.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub complete: Vec<Searched>,
+    /// Path types that were searched from likely places only, so that a shorter path may exist: `H`, where a leg leads to
+    /// a goal so near that it may be the shortest. Not written where there are none.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub statistical: Vec<Searched>,
     /// How many shorter ones were passed over because the body would have run into itself. Not written where that is 0.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub passed_over: usize,
@@ -67,6 +77,31 @@ pub struct PlanFile {
     pub segments: Vec<WrittenSegment>,
     /// What speaks against growing it.
     pub warnings: Vec<Warning>,
+}
+
+/// Path types that a planner searches for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub enum Searched {
+    /// An arc, a straight line, an arc, in any planes.
+    #[serde(rename = "CSC")]
+    Csc,
+    /// Dubins' six path types, where start and goal lie in one plane.
+    #[serde(rename = "planar")]
+    Planar,
+    /// A helicoidal arc.
+    H,
+}
+
+/// What was searched completely, and what statistically.
+fn searched(plan: &Plan) -> (Vec<Searched>, Vec<Searched>) {
+    if plan.planner != Planner::Shortest {
+        return (Vec::new(), Vec::new());
+    }
+    let goals = plan.legs.iter().map(|leg| leg.goal);
+    let starts = iter::once(plan.start).chain(goals.clone());
+    let is_near = starts.zip(goals).any(|(start, goal)| may_be_helicoidal(&start, &goal, plan.radius));
+    (vec![Searched::Csc, Searched::Planar], if is_near { vec![Searched::H] } else { Vec::new() })
 }
 
 /// A pose as written.
@@ -282,6 +317,7 @@ impl From<&Plan> for PlanFile {
             plan.legs.iter().zip(&plan.free_directions).map(|(leg, free)| WrittenGoal::new(&leg.goal, *free)).collect();
         let goal = via.pop().unwrap_or_else(|| WrittenGoal::new(&plan.goal, false));
         let legs = plan.by_leg().map(|(choice, path)| WrittenLeg::new(choice, path));
+        let (complete, statistical) = searched(plan);
         Self {
             id: None,
             format: FORMAT.to_owned(),
@@ -299,6 +335,8 @@ impl From<&Plan> for PlanFile {
             filament_mm: plan.needs.filament,
             path_type: Some(plan.path_type()),
             candidates: choice.map(|choice| choice.candidates),
+            complete,
+            statistical,
             passed_over: choice.map_or(0, |choice| choice.passed_over),
             two_plane_length_mm: choice.map(|choice| choice.two_plane_length),
             two_plane_longer_percent: choice.map(|choice| choice.two_plane_longer_percent(plan.needs.length)),

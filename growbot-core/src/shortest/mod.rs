@@ -40,7 +40,7 @@ const IN_PLANE: f64 = 1e-10;
 const NO_PLANE: f64 = 1e-9;
 /// Max distance of goals for which helicoidal arcs are searched, radii. The furthest of 753 such goals in
 /// `tests/best_known.csv` is at 3.51; trial: with 3.0 there are 31 misses.
-const HELICOIDS_WITHIN: f64 = 3.9;
+pub(crate) const HELICOIDS_WITHIN: f64 = 3.9;
 /// Max number of candidates.
 pub const MAX_CANDIDATES: usize = csc::MAX_PATHS + helicoids::MAX_ARCS + 1;
 
@@ -153,7 +153,8 @@ pub type Candidates = Vec<Candidate, MAX_CANDIDATES>;
 /// Finds candidates that lead to the goal.
 ///
 /// Helicoidal arcs are searched for below the length `longest` (radii), such as that of a known path. That search takes
-/// hundreds of times as long as the others, and is left out where `longest` is 0. `keep_alive` is called regularly, so that a board can feed its watchdog.
+/// hundreds of times as long as the others, and is left out where `longest` is 0. `keep_alive` is called regularly, so
+/// that a board can feed its watchdog.
 #[inline(never)] // Its room on the stack is not the caller's.
 pub fn candidates(problem: &Problem, longest: f64, found: &mut Candidates, keep_alive: &mut dyn FnMut()) {
     let mut overlapping = Vec::new();
