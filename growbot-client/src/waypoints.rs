@@ -8,7 +8,7 @@
 //! 8), on spheres. A sweep tries, for one position after the other, a step to each of four sides, and takes what makes
 //! the two legs that meet there shorter; where nothing does, the step of this position is halved. After a sweep the
 //! whole of its change is tried once more, which shortcuts valleys in which several directions go together. It ends
-//! where all steps are below [`MIN_STEP`]. There are three starts: the directions of leg by leg, those of the reversed
+//! where all steps are below 1e-4. There are three starts: the directions of leg by leg, those of the reversed
 //! chain leg by leg, and the bisectors of the polygon.
 //!
 //! In the search, legs are arcs and lines, or the two-plane path: helicoidal arcs take hundreds of times as long to

@@ -49,7 +49,8 @@ fn another_direction_does_not_make_a_shorter_path() {
     let free = plan(&["--to", "300,0,100"])["length_mm"].as_f64().unwrap();
     for direction in ["0,0", "0,-45", "90,0", "180,45", "20,-20"] {
         let directed = plan(&["--to", &format!("300,0,100,{direction}")])["length_mm"].as_f64().unwrap();
-        assert!(free <= directed, "{direction}: {directed} < {free}");
+        // One of the directions may be the best one, and then the last digits differ.
+        assert!(free <= directed * (1.0 + 1e-12), "{direction}: {directed} < {free}");
     }
 }
 
