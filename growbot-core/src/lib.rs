@@ -69,6 +69,7 @@ extern crate std;
 pub mod angle;
 pub mod curvature;
 pub mod dubins2;
+mod float;
 pub mod hash;
 pub mod helicoid;
 pub mod job;

@@ -4,15 +4,19 @@
 //! panics that no input can cause and that the compiler cannot exclude. The operations here are nalgebra's, in the same
 //! order, so the results have the same bits.
 
+use core::cmp::Ordering;
 use core::mem;
 
 use nalgebra::{Matrix5, Vector5};
 
+use crate::float::Float;
+
 /// Solves `matrix x = right` by Gaussian elimination with partial pivoting. None if the matrix is singular.
 #[inline(never)]
-pub fn solve(matrix: &Matrix5<f64>, right: &Vector5<f64>) -> Option<Vector5<f64>> {
+pub fn solve<T: Float>(matrix: &Matrix5<T>, right: &Vector5<T>) -> Option<Vector5<T>> {
+    let (zero, one) = (T::of(0.0), T::of(1.0));
     // Each equation with its right side as the last number.
-    let mut rows = [[0.0; 6]; 5];
+    let mut rows = [[zero; 6]; 5];
     for (column, numbers) in matrix.data.0.iter().chain(&right.data.0).enumerate() {
         for (row, number) in rows.iter_mut().zip(numbers) {
             if let Some(place) = row.get_mut(column) {
@@ -28,19 +32,19 @@ pub fn solve(matrix: &Matrix5<f64>, right: &Vector5<f64>) -> Option<Vector5<f64>
                 mem::swap(row, pivot);
             }
         }
-        if pivot[column] == 0.0 {
+        if pivot[column] == zero {
             return None;
         }
-        let inverse = 1.0 / pivot[column];
+        let inverse = one / pivot[column];
         for row in below.iter_mut() {
             let factor = row[column] * inverse;
             for (number, above) in row.iter_mut().zip(&*pivot).skip(column + 1) {
-                *number -= above * factor;
+                *number -= *above * factor;
             }
         }
         left = below;
     }
-    let mut solution = [0.0; 5];
+    let mut solution = [zero; 5];
     let mut left = rows.as_mut_slice();
     for column in (0..5).rev() {
         let (row, above) = left.split_last_mut()?;
@@ -56,21 +60,21 @@ pub fn solve(matrix: &Matrix5<f64>, right: &Vector5<f64>) -> Option<Vector5<f64>
 
 /// The Cholesky factor of a symmetric matrix, by columns. Entries above the diagonal have no meaning.
 #[derive(Debug, Clone)]
-pub struct Cholesky([[f64; 5]; 5]);
+pub struct Cholesky<T>([[T; 5]; 5]);
 
-impl Cholesky {
+impl<T: Float> Cholesky<T> {
     /// Factorizes a matrix. Only its lower triangle is read. None if it is not positive definite.
     #[inline(never)]
-    pub fn new(matrix: &Matrix5<f64>) -> Option<Self> {
+    pub fn new(matrix: &Matrix5<T>) -> Option<Self> {
         let mut columns = matrix.data.0;
         let mut left = columns.as_mut_slice();
         for index in 0..5 {
             let (column, others) = left.split_first_mut()?;
             let square = column[index];
-            if square.is_nan() || square <= 0.0 {
+            if square.partial_cmp(&T::of(0.0)) != Some(Ordering::Greater) {
                 return None;
             }
-            let root = libm::sqrt(square);
+            let root = square.root();
             column[index] = root;
             for number in column.iter_mut().skip(index + 1) {
                 *number /= root;
@@ -78,7 +82,7 @@ impl Cholesky {
             for (row, other) in (index + 1..5).zip(others.iter_mut()) {
                 let factor = column[row];
                 for (number, before) in other.iter_mut().zip(&*column).skip(row) {
-                    *number -= factor * before;
+                    *number -= factor * *before;
                 }
             }
             left = others;
@@ -88,19 +92,19 @@ impl Cholesky {
 
     /// Solves `matrix x = right`.
     #[inline(never)]
-    pub fn solve(&self, right: &Vector5<f64>) -> Vector5<f64> {
-        let mut solution: [f64; 5] = (*right).into();
+    pub fn solve(&self, right: &Vector5<T>) -> Vector5<T> {
+        let mut solution: [T; 5] = (*right).into();
         let mut left = solution.as_mut_slice();
         for (index, column) in (0..5).zip(&self.0) {
             let Some((value, below)) = left.split_first_mut() else { break };
             *value /= column[index];
             for (number, factor) in below.iter_mut().zip(column.iter().skip(index + 1)) {
-                *number -= *value * factor;
+                *number -= *value * *factor;
             }
             left = below;
         }
         for (index, column) in (0..5).zip(&self.0).rev() {
-            let below = solution.iter().zip(column).skip(index + 1).fold(0.0, |sum, (a, b)| sum + a * b);
+            let below = solution.iter().zip(column).skip(index + 1).fold(T::of(0.0), |sum, (a, b)| sum + *a * *b);
             solution[index] = (solution[index] - below) / column[index];
         }
         solution.into()

@@ -1,8 +1,8 @@
 //! No path of arc, line, arc is missed: paths are laid by hand, and what is found to their ends is no longer.
 //!
-//! The paths are drawn in regimes in which searches fail: tiny arcs, half turns, short lines, folds (where the path has a
-//! singular Jacobian, so that two paths meet), and far goals. `GROWBOT_LAID` is how many are laid in each, 20,000 without
-//! it; a tenth of that of folds, which take long to draw.
+//! The paths are drawn in regimes in which searches fail: tiny arcs, half turns, short lines, folds (where the path has
+//! a singular Jacobian, so that two paths meet), and far goals. `GROWBOT_LAID` is how many are laid in each, 20,000
+//! without it; a tenth of that of folds, which take long to draw.
 //!
 //! ```sh
 //! GROWBOT_LAID=1000000 cargo test --release -p growbot-core --test laid_paths -- --nocapture

@@ -69,7 +69,7 @@ fn apart(a: &Matrix, b: &Matrix) -> (f64, f64) {
 const ARRIVED: f64 = 1e-6;
 /// A helicoidal arc may pass a second narrow neck on its way, where it amplifies the last digits of an integration: the
 /// segments of such plans are compared to this, mm. Their layers end as near as any.
-const INTEGRATED: f64 = 2e-5;
+const INTEGRATED: f64 = 1e-5;
 
 fn assert_arrives(frame_at_end: &Matrix, plan: &Value, what: &str, limit: f64) {
     let (distance, angle) = apart(frame_at_end, &frame(&plan["goal"]));

@@ -4,13 +4,18 @@
 //! strays from the curve by the square of a layer's tilt, so the angles of deposition, the height of all layers and,
 //! where these do not help (a curve that stays in a plane), the tilts are corrected by the least (in squares) that
 //! brings the chain's end to the curve's: to the last digits, in a few rounds.
+//!
+//! A path cuts an arc at its necks into several segments, and some are shorter than a layer. So segments that follow on
+//! each other are corrected together.
 
+use heapless::Vec;
 use nalgebra::{Matrix5, Vector3, Vector5};
 
 use crate::angle::wrap_positive;
 use crate::helicoid::{Helicoid, Walk};
 use crate::layer::Layer;
 use crate::linalg5::Cholesky;
+use crate::path::{MAX_SEGMENTS, Segment};
 use crate::pose::{Frame, column, tip_direction};
 
 /// Max error of a correction at the curve's end, radii and radians (`docs/decisions/0005-helicoidal-layers.md`).
@@ -28,7 +33,7 @@ const DAMPING: f64 = 1e-13;
 /// The correction of a chain of layers.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Correction {
-    /// The force of `u = force x (end - x) + moment`, for a layer at `x` that bends towards `n` about `b`: alpha
+    /// The force of `u = tilt (force x (end - x) + moment)`, for a layer at `x` that bends towards `n` about `b`: alpha
     /// changes by `n . u`, and the tilt by its share `-TILT_WEIGHT^2 b . u`.
     force: Vector3<f64>,
     /// The moment of the same formula.
@@ -37,57 +42,98 @@ struct Correction {
     scale: f64,
 }
 
-/// The layers of a helicoidal arc, one after the other, in the frame of the tip that starts it. Lengths in radii.
+/// Layers of one segment.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Equal {
+    /// How far along the curve a layer leads, before correction, radii: also its tilt, radians.
+    pub(super) tilt: f64,
+    pub(super) count: u32,
+}
+
+/// How many segments are corrected together.
+pub(super) const MAX_TOGETHER: usize = MAX_SEGMENTS;
+
+/// The layers of helicoidal segments, one after the other, in the frame of the tip that starts the first. Lengths in
+/// radii.
 #[derive(Debug, Clone)]
-pub(super) struct HelicoidLayers {
-    curve: Helicoid,
-    /// How far along the curve a layer leads, before correction: also its tilt, radians.
-    tilt: f64,
-    count: u64,
-    /// The end of the curve.
+pub(super) struct HelicoidLayers<'a> {
+    segments: &'a [Segment],
+    layers: Vec<Equal, MAX_TOGETHER>,
+    /// The end of the last segment.
     end: Frame,
     correction: Correction,
-    /// The tip on the curve, at the next layer, and its frame there.
+    /// The place of the next layer.
+    at: Place,
+}
+
+/// A place on segments.
+#[derive(Debug, Clone)]
+struct Place {
+    /// Index of the segment, and the number of its layers that are left.
+    segment: usize,
+    left: u32,
+    /// The frame at the segment's start.
+    from: Frame,
     walk: Walk,
+    /// The frame at this place.
     here: Frame,
 }
 
-impl HelicoidLayers {
-    /// Layers that end where the curve does after `length` radii, `count` of them.
-    pub(super) fn exact(curve: &Helicoid, length: f64, count: u64, keep_alive: &mut dyn FnMut()) -> Self {
-        let mut layers = Self::steps(curve, length / count as f64, count);
-        layers.end = curve.frame_after(length);
+impl<'a> HelicoidLayers<'a> {
+    /// Layers that end where the curve does: for each segment so many.
+    pub(super) fn exact(
+        segments: &'a [Segment],
+        layers: Vec<Equal, MAX_TOGETHER>,
+        keep_alive: &mut dyn FnMut(),
+    ) -> Self {
+        let mut layers = Self::steps(segments, layers);
+        layers.end = segments.iter().fold(Frame::identity(), |tip, segment| match segment {
+            Segment::Helicoid { curve, radius, length } => {
+                keep_alive();
+                tip * curve.frame_after(length / radius)
+            }
+            _ => tip,
+        });
         layers.correct(keep_alive);
         layers
     }
 
-    /// Uncorrected layers of this tilt.
-    pub(super) fn steps(curve: &Helicoid, tilt: f64, count: u64) -> Self {
-        let none = Correction { force: Vector3::zeros(), moment: Vector3::zeros(), scale: 1.0 };
-        let (walk, start) = (Walk::new(curve), Frame::identity());
-        Self { curve: *curve, tilt, count, end: start, correction: none, walk, here: start }
+    /// Uncorrected layers.
+    pub(super) fn steps(segments: &'a [Segment], layers: Vec<Equal, MAX_TOGETHER>) -> Self {
+        let correction = Correction { force: Vector3::zeros(), moment: Vector3::zeros(), scale: 1.0 };
+        let at = Place::first(segments, &layers);
+        Self { segments, layers, end: Frame::identity(), correction, at }
     }
 
-    /// The next layer. Beyond the last layer the curve continues.
-    pub(super) fn next(&mut self, radius: f64) -> Layer {
-        let before = self.here;
+    /// Number of layers.
+    pub(super) fn count(&self) -> u64 {
+        self.layers.iter().map(|layers| u64::from(layers.count)).sum()
+    }
+
+    /// Number of segments.
+    pub(super) fn segments(&self) -> usize {
+        self.segments.len()
+    }
+
+    /// The next layer, and the index of its segment. Beyond the last layer the curve continues.
+    pub(super) fn next(&mut self, radius: f64) -> (usize, Layer) {
+        let (bend, tilt, before) = self.advance();
         let arm = self.end.translation.vector - before.translation.vector;
-        let bend = self.advance();
-        let on_layer = self.correction.force.cross(&arm) + self.correction.moment;
+        let on_layer = (self.correction.force.cross(&arm) + self.correction.moment) * tilt;
         let axis = tip_direction(&before).cross(&bend);
         let in_tip = before.rotation.inverse() * bend;
         let alpha = libm::atan2(in_tip.y, in_tip.x) + core::f64::consts::PI + bend.dot(&on_layer);
-        let height = self.tilt * self.correction.scale;
+        let height = tilt * self.correction.scale;
         let tilt = height * (1.0 - TILT_WEIGHT * TILT_WEIGHT * axis.dot(&on_layer));
-        Layer { alpha: wrap_positive(alpha), height: height * radius, tilt }
+        (self.at.segment, Layer { alpha: wrap_positive(alpha), height: height * radius, tilt })
     }
 
     /// The layer of max tilt.
     pub(super) fn steepest(&self, radius: f64, keep_alive: &mut dyn FnMut()) -> Layer {
         let mut layers = self.rewound();
-        let all = (0..self.count).map(|_| {
+        let all = (0..self.count()).map(|_| {
             keep_alive();
-            layers.next(radius)
+            layers.next(radius).1
         });
         all.fold(Layer::default(), |steepest, layer| if layer.tilt > steepest.tilt { layer } else { steepest })
     }
@@ -100,25 +146,37 @@ impl HelicoidLayers {
     }
 
     /// Advances along the curve by a layer. Returns the direction, perpendicular to the tip, in which the curve bends
-    /// along the layer.
-    fn advance(&mut self) -> Vector3<f64> {
-        let here = tip_direction(&self.here);
-        self.walk.advance(self.tilt);
-        self.here = self.walk.frame();
-        let next = tip_direction(&self.here);
-        (next - here * here.dot(&next)).try_normalize(f64::MIN_POSITIVE).unwrap_or_else(Vector3::zeros)
+    /// along the layer, the tilt, and the frame before.
+    fn advance(&mut self) -> (Vector3<f64>, f64, Frame) {
+        let at = &mut self.at;
+        if at.left == 0
+            && let Some(Segment::Helicoid { curve, .. }) = self.segments.get(at.segment + 1)
+        {
+            at.segment += 1;
+            at.left = self.layers.get(at.segment).map_or(0, |layers| layers.count);
+            at.walk = Walk::new(curve);
+            at.from = at.here;
+        }
+        at.left = at.left.saturating_sub(1);
+        let tilt = self.layers.get(at.segment).map_or(0.0, |layers| layers.tilt);
+        let before = at.here;
+        at.walk.advance(tilt);
+        at.here = at.from * at.walk.frame();
+        let (here, next) = (tip_direction(&before), tip_direction(&at.here));
+        let bend = (next - here * here.dot(&next)).try_normalize(f64::MIN_POSITIVE).unwrap_or_else(Vector3::zeros);
+        (bend, tilt, before)
     }
 
     fn rewound(&self) -> Self {
-        Self { walk: Walk::new(&self.curve), here: Frame::identity(), ..self.clone() }
+        Self { at: Place::first(self.segments, &self.layers), ..self.clone() }
     }
 
     /// The frame at the end of the chain of layers.
     fn chain_end(&self, keep_alive: &mut dyn FnMut()) -> Frame {
         let mut layers = self.rewound();
-        (0..self.count).fold(Frame::identity(), |start_from_tip, _| {
+        (0..self.count()).fold(Frame::identity(), |start_from_tip, _| {
             keep_alive();
-            start_from_tip * layers.next(1.0).step()
+            start_from_tip * layers.next(1.0).1.step()
         })
     }
 
@@ -144,16 +202,16 @@ impl HelicoidLayers {
 
         let mut layers = self.rewound();
         let (mut sum, mut by_scale) = (Matrix5::zeros(), Vector5::zeros());
-        for _ in 0..self.count {
+        for _ in 0..self.count() {
             keep_alive();
-            let direction = tip_direction(&layers.here);
-            let arm = self.end.translation.vector - layers.here.translation.vector;
-            let bend = layers.advance();
-            let by_alpha = moved(&(-bend * self.tilt), &arm);
-            let by_tilt = moved(&(direction.cross(&bend) * self.tilt), &arm);
+            let (bend, tilt, before) = layers.advance();
+            let direction = tip_direction(&before);
+            let arm = self.end.translation.vector - before.translation.vector;
+            let by_alpha = moved(&(-bend * tilt), &arm);
+            let by_tilt = moved(&(direction.cross(&bend) * tilt), &arm);
             let weighted = by_tilt * TILT_WEIGHT;
             sum += by_alpha * by_alpha.transpose() + weighted * weighted.transpose();
-            let axial = direction * self.tilt;
+            let axial = direction * tilt;
             by_scale += by_tilt + Vector5::new(axial.x, axial.y, axial.z, 0.0, 0.0);
         }
         sum += by_scale * by_scale.transpose();
@@ -182,11 +240,23 @@ impl HelicoidLayers {
             let on_position = Vector3::new(lambda[0], lambda[1], lambda[2]);
             let on_direction = end_x * lambda[3] + end_y * lambda[4];
             self.correction = Correction {
-                force: best.force + on_position * self.tilt,
-                moment: best.moment + on_direction.cross(&end_direction) * self.tilt,
+                force: best.force + on_position,
+                moment: best.moment + on_direction.cross(&end_direction),
                 scale: best.scale + by_scale.dot(&lambda),
             };
         }
         self.correction = best;
+    }
+}
+
+impl Place {
+    /// The start of the first segment.
+    fn first(segments: &[Segment], layers: &[Equal]) -> Self {
+        let curve = match segments.first() {
+            Some(Segment::Helicoid { curve, .. }) => *curve,
+            _ => Helicoid { m0: Vector3::x(), p: Vector3::zeros() },
+        };
+        let left = layers.first().map_or(0, |layers| layers.count);
+        Self { segment: 0, left, from: Frame::identity(), walk: Walk::new(&curve), here: Frame::identity() }
     }
 }

@@ -13,13 +13,14 @@ use core::iter::FusedIterator;
 
 use heapless::Vec;
 
+use crate::angle::wrap_positive;
 use crate::layer::Layer;
 use crate::path::Segment;
 use crate::robot::Robot;
 
 mod helicoid;
 
-use helicoid::HelicoidLayers;
+use helicoid::{Equal, HelicoidLayers, MAX_TOGETHER};
 
 /// How a path is sliced into layers.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -59,42 +60,51 @@ pub struct Layers<'a> {
     segment: usize,
     /// The rest of that segment: the number of layers, and the layers.
     left: u64,
-    cut: Cut,
+    cut: Cut<'a>,
     /// The roll of the tip against the path, radians, which the layers of helicoidal arcs leave.
     roll: f64,
     /// The first helicoidal arcs, sliced beforehand. To fit their layers takes long, and every clone can use them.
-    fitted: Vec<Fitted, MAX_FITTED>,
+    fitted: Vec<Fitted<'a>, MAX_FITTED>,
 }
 
 /// A helicoidal arc that has been sliced.
 #[derive(Debug, Clone)]
-struct Fitted {
+struct Fitted<'a> {
+    /// Index of its first segment.
     segment: usize,
     count: u64,
-    cut: Cut,
+    cut: Cut<'a>,
     /// The roll of the tip after the arc, radians.
     roll: f64,
 }
 
-/// Max number of helicoidal arcs that are sliced beforehand: a planned path has two at most.
-const MAX_FITTED: usize = 2;
+/// Max number of helicoidal arcs that are sliced beforehand: a path from pose to pose has one at most.
+const MAX_FITTED: usize = 1;
 
-/// How the layers of a segment follow on each other.
+/// How the layers of one segment follow on each other, or of several helicoidal ones.
 #[derive(Debug, Clone)]
 #[expect(clippy::large_enum_variant, reason = "there is no heap to put the larger one on")]
-enum Cut {
+enum Cut<'a> {
     /// Equal layers.
     Alike(Layer),
     /// The layers of a helicoidal arc of this radius, mm.
-    Helicoid(HelicoidLayers, f64),
+    Helicoid(HelicoidLayers<'a>, f64),
 }
 
-impl Cut {
+impl Cut<'_> {
     /// The roll of the tip against the path after all layers, radians.
     fn roll(&self, keep_alive: &mut dyn FnMut()) -> f64 {
         match self {
             Self::Alike(_) => 0.0,
             Self::Helicoid(layers, _) => layers.roll(keep_alive),
+        }
+    }
+
+    /// Number of segments.
+    fn segments(&self) -> usize {
+        match self {
+            Self::Alike(_) => 1,
+            Self::Helicoid(layers, _) => layers.segments(),
         }
     }
 }
@@ -144,8 +154,9 @@ fn min_count(length: f64, limit: f64) -> f64 {
     ceil(length / (limit * (1.0 + LIMIT_SLACK))).max(1.0)
 }
 
-/// Number of layers and the layers themselves, for one segment.
-fn slice(segment: &Segment, robot: &Robot, slicing: Slicing, keep_alive: &mut dyn FnMut()) -> (u64, Cut) {
+/// Number of layers and the layers themselves: of the first segment, or of all helicoidal ones with which it begins.
+fn slice<'a>(segments: &'a [Segment], robot: &Robot, slicing: Slicing, keep_alive: &mut dyn FnMut()) -> (u64, Cut<'a>) {
+    let Some(segment) = segments.first() else { return (0, Cut::Alike(Layer::default())) };
     let length = segment.length();
     let limit = robot.max_mean_height(segment.curvature());
     let count = match slicing {
@@ -163,63 +174,97 @@ fn slice(segment: &Segment, robot: &Robot, slicing: Slicing, keep_alive: &mut dy
             (count as u64, alike(alpha, segment.curvature() * height))
         }
         (Segment::Straight { .. }, _) => (count as u64, alike(0.0, 0.0)),
-        (Segment::Helicoid { curve, radius, .. }, Slicing::Exact) => {
-            let mut count = count as u64;
-            for _ in 0..MORE_LAYERS {
-                let layers = HelicoidLayers::exact(&curve, length / radius, count, keep_alive);
-                let steepest = layers.steepest(radius, keep_alive);
-                if steepest.height <= limit * (1.0 + LIMIT_SLACK) && robot.check_layer(&steepest, LIMIT_SLACK).is_ok() {
-                    return (count, Cut::Helicoid(layers, radius));
-                }
-                // Corrected, a layer passes a limit by a trace: with more of them all are lower.
-                count += 1 + count / 400;
-            }
-            (count, Cut::Helicoid(HelicoidLayers::exact(&curve, length / radius, count, keep_alive), radius))
+        (Segment::Helicoid { radius, .. }, Slicing::Exact) => {
+            slice_helicoids(helicoids(segments, radius), robot, radius, keep_alive)
         }
-        (Segment::Helicoid { curve, radius, .. }, Slicing::Whole { .. }) => {
-            (count as u64, Cut::Helicoid(HelicoidLayers::steps(&curve, height / radius, count as u64), radius))
+        (Segment::Helicoid { radius, .. }, Slicing::Whole { .. }) => {
+            let mut layers = Vec::new();
+            let _ = layers.push(Equal { tilt: height / radius, count: count as u32 });
+            (count as u64, Cut::Helicoid(HelicoidLayers::steps(segments.get(..1).unwrap_or_default(), layers), radius))
         }
     }
 }
 
-impl Layers<'_> {
+/// The helicoidal segments of this radius with which segments begin, as many as are corrected together.
+fn helicoids(segments: &[Segment], radius: f64) -> &[Segment] {
+    let is_like = |segment: &&Segment| matches!(segment, Segment::Helicoid { radius: other, .. } if *other == radius);
+    let count = segments.iter().take(MAX_TOGETHER).take_while(is_like).count();
+    segments.get(..count).unwrap_or_default()
+}
+
+fn slice_helicoids<'a>(
+    segments: &'a [Segment],
+    robot: &Robot,
+    radius: f64,
+    keep_alive: &mut dyn FnMut(),
+) -> (u64, Cut<'a>) {
+    let limit = robot.max_mean_height(1.0 / radius);
+    let mut more = 0;
+    loop {
+        let mut equal = Vec::new();
+        for segment in segments {
+            let min_count = min_count(segment.length(), limit);
+            let count = min_count + f64::from(more) * (1.0 + libm::floor(min_count / 400.0));
+            // There is room for as many as are sliced together.
+            let _ = equal.push(Equal { tilt: segment.length() / radius / count, count: count as u32 });
+        }
+        let layers = HelicoidLayers::exact(segments, equal, keep_alive);
+        let steepest = layers.steepest(radius, keep_alive);
+        let fits = steepest.height <= limit * (1.0 + LIMIT_SLACK) && robot.check_layer(&steepest, LIMIT_SLACK).is_ok();
+        if fits || more == MORE_LAYERS {
+            return (layers.count(), Cut::Helicoid(layers, radius));
+        }
+        // Corrected, a layer passes a limit by a trace: with more of them all are lower.
+        more += 1;
+    }
+}
+
+impl<'a> Layers<'a> {
     /// Slices the first helicoidal arcs.
     fn fit(&mut self, keep_alive: &mut dyn FnMut()) {
         let mut roll = 0.0;
-        for (index, segment) in self.segments.iter().enumerate() {
-            if let Segment::Helicoid { .. } = segment {
-                let (count, cut) = slice(&segment.rolled(roll), self.robot, self.slicing, keep_alive);
+        let mut segment = 0;
+        while segment < self.segments.len() {
+            let (count, cut) = self.cut_from(segment, keep_alive);
+            let segments = cut.segments();
+            if let Cut::Helicoid(..) = cut {
                 roll += cut.roll(keep_alive);
-                if self.fitted.push(Fitted { segment: index, count, cut, roll }).is_err() {
+                if self.fitted.push(Fitted { segment, count, cut, roll }).is_err() {
                     return;
                 }
             }
+            segment += segments;
         }
     }
 
-    fn fitted(&self, segment: usize) -> Option<&Fitted> {
+    fn fitted(&self, segment: usize) -> Option<&Fitted<'a>> {
         self.fitted.iter().find(|fitted| fitted.segment == segment)
     }
 
-    /// Slices the segment of this index.
+    /// Number of layers and the layers from a segment on.
+    fn cut_from(&self, segment: usize, keep_alive: &mut dyn FnMut()) -> (u64, Cut<'a>) {
+        slice(self.segments.get(segment..).unwrap_or_default(), self.robot, self.slicing, keep_alive)
+    }
+
+    /// Slices the segment of this index, and those that are sliced with it.
     fn slice_from(&mut self, segment: usize) {
         self.segment = segment;
-        if let Some(Fitted { count, cut, .. }) = self.fitted(segment) {
-            (self.left, self.cut) = (*count, cut.clone());
-        } else if let Some(next) = self.segments.get(segment) {
-            (self.left, self.cut) = slice(&next.rolled(self.roll), self.robot, self.slicing, &mut || ());
-        }
+        (self.left, self.cut) = match self.fitted(segment) {
+            Some(Fitted { count, cut, .. }) => (*count, cut.clone()),
+            None => self.cut_from(segment, &mut || ()),
+        };
     }
 
     fn next_segment(&mut self) {
+        let next = self.segment + self.cut.segments();
         self.roll = match self.fitted(self.segment) {
             Some(fitted) => fitted.roll,
-            None if self.slicing == Slicing::Exact && self.segment + 1 < self.segments.len() => {
+            None if self.slicing == Slicing::Exact && next < self.segments.len() => {
                 self.roll + self.cut.roll(&mut || ())
             }
             None => self.roll,
         };
-        self.slice_from(self.segment + 1);
+        self.slice_from(next);
     }
 }
 
@@ -230,11 +275,13 @@ impl Iterator for Layers<'_> {
         if self.left == 0 {
             return None;
         }
-        let layer = match &mut self.cut {
-            Cut::Alike(layer) => *layer,
+        let (index, layer) = match &mut self.cut {
+            Cut::Alike(layer) => (0, *layer),
             Cut::Helicoid(layers, radius) => layers.next(*radius),
         };
-        let sliced = SlicedLayer { segment: self.segment, layer };
+        // In a layer without tilt, alpha means nothing.
+        let alpha = if layer.tilt > 0.0 { wrap_positive(layer.alpha - self.roll) } else { layer.alpha };
+        let sliced = SlicedLayer { segment: self.segment + index, layer: Layer { alpha, ..layer } };
         self.left -= 1;
         if self.left == 0 {
             self.next_segment();
@@ -243,12 +290,19 @@ impl Iterator for Layers<'_> {
     }
 
     fn size_hint(&self) -> (usize, Option<usize>) {
-        let count = |(index, segment)| match self.fitted(index) {
-            Some(fitted) => fitted.count,
-            None => slice(segment, self.robot, self.slicing, &mut || ()).0,
-        };
-        let later = self.segments.iter().enumerate().skip(self.segment + 1).map(count);
-        let all = self.left + later.sum::<u64>();
+        let mut all = self.left;
+        let mut segment = self.segment + self.cut.segments();
+        while segment < self.segments.len() {
+            let (count, segments) = match self.fitted(segment) {
+                Some(fitted) => (fitted.count, fitted.cut.segments()),
+                None => {
+                    let (count, cut) = self.cut_from(segment, &mut || ());
+                    (count, cut.segments())
+                }
+            };
+            all += count;
+            segment += segments;
+        }
         usize::try_from(all).map_or((usize::MAX, None), |exact| (exact, Some(exact)))
     }
 }

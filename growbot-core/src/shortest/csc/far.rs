@@ -1,7 +1,7 @@
 //! Goals so far away that the polynomial is all rounding: there the line's direction is found by iteration.
 //!
-//! `p - tau (t0 + u) - sigma (u + t1)` is the line, `u` its direction, and `tau` and `sigma` follow from `u`: each round
-//! comes nearer by a factor of about the distance.
+//! `p - tau (t0 + u) - sigma (u + t1)` is the line, `u` its direction, and `tau` and `sigma` follow from `u`: each
+//! round comes nearer by a factor of about the distance.
 
 use core::f64::consts::TAU;
 

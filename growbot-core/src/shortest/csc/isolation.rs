@@ -14,8 +14,8 @@ use super::form::{DEGREE, Form};
 /// Coefficients of a polynomial, or its Bernstein coefficients.
 type Coefficients<T> = [T; DEGREE + 1];
 
-/// Rounding of a value, in shares of the magnitudes that were added up for it: nine roundings of half an ulp. Laid paths
-/// of all kinds are found with it (`tests/laid_paths.rs`).
+/// Rounding of a value, in shares of the magnitudes that were added up for it: nine roundings of half an ulp. Laid
+/// paths of all kinds are found with it (`tests/laid_paths.rs`).
 const ROUNDING: f64 = 2e-15;
 /// Rounding of a halving in single precision, in shares of the largest coefficient: an ulp and a half.
 const ROUNDING_F32: f32 = 1.0e-7;

@@ -9,8 +9,8 @@
 //! h(a) = tau^2 (1 + f) - (1 - f) = 0,   f = t0 . u
 //! ```
 //!
-//! says that the line's direction `u` differs from `t0` by the angle `a`. `tau` is negative for arcs beyond half a turn.
-//! All roots of all four branches are roots of one polynomial in `tau` of degree 10:
+//! says that the line's direction `u` differs from `t0` by the angle `a`. `tau` is negative for arcs beyond half a
+//! turn. All roots of all four branches are roots of one polynomial in `tau` of degree 10:
 //!
 //! - `form.rs`: the polynomial, with bounds of its rounding;
 //! - `isolation.rs`: its real roots, each alone, and the places where rounding does not tell;

@@ -17,8 +17,8 @@ use crate::trigonometry;
 const MAX_ROUNDS: u32 = 24;
 /// A length may be below 0 by this much from rounding.
 const ROUNDING: f64 = 1e-9;
-/// A line shorter than 0 by at most this is tried from the other side, once: near a fold two paths are close, and one of
-/// them may have a line that is long enough.
+/// A line shorter than 0 by at most this is tried from the other side, once: near a fold two paths are close, and one
+/// of them may have a line that is long enough.
 const REFLECTED: f64 = 1e-4;
 /// Longer steps are the smallest that make up for what is missing, damped.
 const LONG_STEP: f64 = 0.3;

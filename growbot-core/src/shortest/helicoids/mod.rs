@@ -1,67 +1,58 @@
 //! Helicoidal arcs from one pose to another.
 //!
 //! `|m| + p . x'` is constant along such a curve and is scaled to 1, and `|m|` swings between a min and a max. The
-//! point with the min is the *neck*. The curve is symmetric there: half a turn about the direction of the bend maps the
-//! part after the neck to the part before it. So two numbers at the neck, `|m|` and the component of `p` along `m`,
-//! give the whole curve, and one integration from there gives all arcs that begin and end anywhere on it (`neck.rs`).
+//! points with the min are the *necks*. The curve is symmetric there: half a turn about the direction of the bend maps
+//! the part after a neck to the part before it. Two numbers at the neck, `|m|` and the component of `p` along `m`, give
+//! the whole curve, and two phases give where an arc of it begins and ends.
 //!
-//! The search has three steps:
+//! - `joint.rs`: seeds from paths of arc, line and arc whose line has a negative length: a helicoidal arc with a narrow
+//!   neck takes the place of the joint;
+//! - `table.rs`: seeds from a table of arcs, those that lie to each other nearly as start and goal do;
+//! - `closed_form.rs`: where a curve is at a phase;
+//! - `course.rs`: the same with circles between very narrow necks;
+//! - `seed.rs`: what the search varies; `fit.rs`: how well that fits between start and goal;
+//! - `refine.rs`: Newton's method from a seed to the goal, first in single precision, then in double;
+//! - `neck.rs`: the pieces of which an arc is grown.
 //!
-//! 1. A grid over the two numbers is searched for arcs whose ends lie to each other nearly as start and goal do
-//!    (`grid.rs`). Paths of arc, line and arc whose line has a negative length give further seeds (`at_joint`).
-//! 2. Each seed is refined by the Levenberg-Marquardt method, first with a coarse integration, then with a fine one
-//!    (`refine.rs`).
-//! 3. The result becomes one piece, or two pieces that meet at the neck (`pieces.rs`).
-//!
-//! At a narrow neck the torsion, `-(m . p)/|m|^2`, turns the plane of the bend within a very short length: there the
-//! curve is nearly three circular arcs. The steps of the coarse integration therefore integrate the direction of `m` in
-//! closed form.
+//! All seeds are refined roughly, and the arcs found are refined precisely, the shortest first, until one arrives. This
+//! search is not complete: docs/measurements.md tells how often it misses the shortest path.
 
 use heapless::Vec;
+use nalgebra::Vector3;
 
 use super::csc::Csc;
 use super::{Problem, insert_behind};
-use crate::angle::wrap_signed;
 use crate::helicoid::Helicoid;
-use crate::pose::Frame;
-use crate::trigonometry;
 
-mod grid;
+mod closed_form;
+mod course;
+mod fit;
+mod joint;
 mod neck;
-mod pieces;
 mod refine;
+mod seed;
+mod table;
 
-use grid::{Grid, Seeds, pop_shortest};
-use pieces::arc_of;
-use refine::{Seed, refined};
+use fit::Goal;
+use refine::{Refined, refined, refined_precisely};
+use seed::Seed;
 
-/// Max number of arcs that are retained. Trial: with 1 there are as many misses; `plan_where` offers the others to
-/// its caller.
-pub const MAX_ARCS: usize = 3;
 /// Max length of a helicoidal arc that is a shortest path, radii. The longest of 753 in `tests/best_known.csv` has
 /// 7.27.
 const MAX_LENGTH: f64 = 8.4;
-/// Max change of an arc's length by refinement that is reckoned with, radii. Longer seeds than the best arc plus
-/// this are left out. Trial: with 0.1 there are 12 misses, with 0.25 and 1.0 as many as with 0.5.
-const MARGIN: f64 = 0.5;
-/// Max difference of the coarse lengths (radii) for two arcs to count as one. Trial: 1e-4 and 0.02 give as many
-/// misses as now.
+/// Max difference between the rough and the precise length of an arc, radii.
+const ROUGH_LENGTH: f64 = 0.02;
+/// Max difference of the rough lengths (radii) for two arcs to count as one.
 const SAME_LENGTH: f64 = 2e-3;
-/// Max number of coarse lengths that are remembered. Trial: 8 and 72 give as many misses; a shorter list only costs
-/// time.
-const MAX_TRIED: usize = 24;
-/// Max number of fine refinements that may fail at about one length before that length is left out. Trial: with 1
-/// and 20 there are 14 and 9 misses; more cost time.
-const MAX_FAILED: usize = 5;
-/// Overlap of two arcs (radii) below which their seeds are refined finely at once. Trial: with 0.002 there are as
-/// many misses, with 0.2 there are 9, for more fine refinements.
-const LITTLE_OVERLAP: f64 = 0.02;
-/// Narrowness of the necks that are tried where two arcs overlap, as shares of the expected one. Trial: with the
-/// expected one alone there are 12 misses, with 0.5, 1 and 2 there are 9.
-const AT_JOINT: [f64; 3] = [0.2, 1.0, 5.0];
-/// Max difference between the coarse and the fine length of an arc, radii. Bounded by the test
-/// `the_coarse_integration_agrees_with_the_fine_one`.
-const COARSE_LENGTH: f64 = 0.02;
+/// Max difference of the logarithms of their narrowness.
+const SAME_NARROWNESS: f64 = 1.0;
+/// Max number of arcs that are refined roughly and remembered, the shortest of them.
+const MAX_ROUGH: usize = 12;
+/// Logarithm of the narrowness of the neck below which arcs are not refined roughly: single precision does not tell
+/// them from arcs that meet in a corner.
+const TOO_NARROW: f64 = -13.0;
+/// Max misfit (radii and radians) of an arc that does not arrive in single precision but is refined in double.
+const NEARLY: f32 = 0.05;
 
 /// A piece of a helicoidal arc.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -72,159 +63,151 @@ pub struct Piece {
     pub length: f64,
 }
 
-impl Piece {
-    /// `start_from_end`, lengths in radii.
-    fn frame(&self) -> Frame {
-        self.curve.frame_after(self.length)
-    }
-}
-
-/// A helicoidal arc. An arc with a narrow neck has two pieces that meet at the neck: in one piece, a rounding error
-/// before the neck would turn everything after it.
+/// A helicoidal arc.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HelicoidalArc {
-    /// The only piece, or the one before the neck.
-    pub first: Piece,
-    /// The piece after the neck.
-    pub second: Option<Piece>,
+    seed: Seed<f64>,
+    /// The angle of `m` in the deposition plane at the start (of the mirror image, if it is mirrored), radians.
+    towards: f64,
+    length: f64,
 }
 
 impl HelicoidalArc {
-    /// The pieces in order.
-    pub fn pieces(&self) -> impl Iterator<Item = Piece> + use<> {
-        [Some(self.first), self.second].into_iter().flatten()
-    }
-
     /// Length, radii.
     #[must_use]
     pub fn length(&self) -> f64 {
-        self.pieces().map(|piece| piece.length).sum()
+        self.length
     }
 }
 
-/// Finds helicoidal arcs to the goal that are shorter than `longest`, shortest first. `overlapping` are paths of arc,
+/// The shortest helicoidal arc to the goal that is found and is shorter than `longest`. `overlapping` are paths of arc,
 /// line and arc whose line has a negative length. `keep_alive` is called every few milliseconds on a microcontroller.
 #[inline(never)] // Its room on the stack is not the caller's.
-pub(super) fn search(
+pub(super) fn shortest(
     problem: &Problem,
     overlapping: &[Csc],
     longest: f64,
-    found: &mut Vec<HelicoidalArc, MAX_ARCS>,
     keep_alive: &mut dyn FnMut(),
-) {
-    let longest = longest.min(MAX_LENGTH);
-    let mut search = Search { problem, longest, found, refined: Tried::default(), failed: Tried::default() };
+) -> Option<HelicoidalArc> {
+    let mut arcs = RoughArcs::new(problem, longest.min(MAX_LENGTH));
     for path in overlapping {
-        for seed in at_joint(path) {
-            keep_alive();
-            if path.straight > -LITTLE_OVERLAP {
-                // The coarse integration cannot resolve such a small overlap.
-                search.refine_finely(&seed, keep_alive);
-            } else {
-                search.refine(&seed, keep_alive);
-            }
-        }
+        arcs.add_joint(path, keep_alive);
     }
-    let mut seeds = Seeds::new();
-    Grid::new(problem).seeds(longest, &mut seeds, keep_alive);
-    // Short seeds first: the arcs found bound the length of the seeds that are still worth refining.
-    while let Some(seed) = pop_shortest(&mut seeds) {
-        keep_alive();
-        search.refine(&seed.seed(), keep_alive);
+    for seed in table::nearest(&Invariants::of(problem)) {
+        arcs.add(&seed, keep_alive);
     }
+    arcs.shortest(problem, keep_alive)
 }
 
-/// Seeds with a narrow neck where two arcs overlap, which means that the line between them has a negative length. At
-/// the neck the bend turns from the plane of the first arc to that of the last. Two arcs would need to turn it at once.
-///
-/// Near such a neck `m'' = m/|m|`. If the plane turns by a small angle `psi`, the square of `twist` is `narrowness
-/// psi^2 2/pi^2`, and the bend is longer than that of two arcs by `psi^2 sqrt(2 narrowness)/8`: this is the overlap.
-/// For greater angles `psi/2` is replaced by its tangent, which is roughly right.
-fn at_joint(path: &Csc) -> [Seed; 3] {
-    let turned = wrap_signed(path.last_towards - path.first_towards);
-    let tangent = trigonometry::tan(0.5 * turned.abs().clamp(0.1, 3.0));
-    let overlap = -path.straight;
-    AT_JOINT.map(|share| {
-        let narrowness = (share * 2.0 * overlap * overlap / (tangent * tangent * tangent * tangent)).clamp(1e-9, 1.0);
-        Seed {
-            narrowness: libm::log(narrowness),
-            twist: libm::log((0.9 * tangent * libm::sqrt(narrowness)).clamp(1e-5, 3.0)),
-            mirrored: turned > 0.0,
-            before: (path.first - 0.5 * overlap).max(0.05),
-            after: (path.last - 0.5 * overlap).max(0.05),
-        }
-    })
+/// An arc that was refined roughly.
+struct RoughArc {
+    seed: Seed<f64>,
+    length: f64,
+    arrived: bool,
 }
 
-/// The arcs found and tried so far.
-struct Search<'a> {
-    problem: &'a Problem,
+/// The arcs found so far.
+struct RoughArcs {
+    /// The goal, and its mirror image.
+    goals: [Goal<f32>; 2],
     longest: f64,
-    found: &'a mut Vec<HelicoidalArc, MAX_ARCS>,
-    /// Arcs that were refined finely.
-    refined: Tried,
-    /// Arcs for which the fine refinement failed.
-    failed: Tried,
+    /// The arcs, by length.
+    arcs: Vec<RoughArc, MAX_ROUGH>,
 }
 
-/// An arc that was tried.
-#[derive(Debug)]
-struct TriedArc {
-    /// Length by the coarse integration, radii.
-    length: f32,
-    mirrored: bool,
-}
-
-/// The arcs that were tried.
-#[derive(Debug, Default)]
-struct Tried(Vec<TriedArc, MAX_TRIED>);
-
-impl Tried {
-    /// Remembers an arc. If the list is full, the arc may be tried again, which only costs time.
-    fn push(&mut self, length: f64, mirrored: bool) {
-        let _ = self.0.push(TriedArc { length: length as f32, mirrored });
+impl RoughArcs {
+    fn new(problem: &Problem, longest: f64) -> Self {
+        Self { goals: Goal::both(problem), longest, arcs: Vec::new() }
     }
 
-    /// The number of arcs whose length differs from this by less than `off`.
-    fn about(&self, length: f64, mirrored: bool, off: f64) -> usize {
-        let about = |arc: &&TriedArc| (f64::from(arc.length) - length).abs() < off && arc.mirrored == mirrored;
-        self.0.iter().filter(about).count()
-    }
-}
-
-impl Search<'_> {
-    /// Refines a seed and keeps the arc, if it may be the shortest.
+    /// Refines the seed of a path whose arcs overlap, and keeps the arc.
     #[inline(never)]
-    fn refine(&mut self, seed: &Seed, keep_alive: &mut dyn FnMut()) {
-        let best = self.found.first().map_or(self.longest, HelicoidalArc::length);
-        if seed.length() > best + MARGIN {
-            return;
-        }
-        if let Some(coarse) = refined(self.problem, seed, best, false, keep_alive) {
-            self.refine_finely(&coarse, keep_alive);
-        }
-    }
-
-    /// Refines a seed that was refined coarsely, and keeps the arc.
-    #[inline(never)]
-    fn refine_finely(&mut self, coarse: &Seed, keep_alive: &mut dyn FnMut()) {
-        let best = self.found.first().map_or(self.longest, HelicoidalArc::length);
-        let length = coarse.length();
-        let known = self.refined.about(length, coarse.mirrored, SAME_LENGTH) > 0
-            || self.failed.about(length, coarse.mirrored, COARSE_LENGTH) > MAX_FAILED;
-        if length > best + COARSE_LENGTH || known {
-            return;
-        }
-        if let Some(fine) = refined(self.problem, coarse, best, true, keep_alive)
-            && let Some(arc) = arc_of(self.problem, &fine, keep_alive)
-        {
-            self.refined.push(length, coarse.mirrored);
-            if arc.length() >= self.longest {
-                return;
-            }
-            insert_behind(self.found, arc, |other| other.length() <= arc.length());
+    fn add_joint(&mut self, path: &Csc, keep_alive: &mut dyn FnMut()) {
+        let seed = joint::seed(path);
+        if seed.narrowness < TOO_NARROW {
+            self.keep(RoughArc { seed, length: path.length(), arrived: false });
         } else {
-            self.failed.push(length, coarse.mirrored);
+            self.add(&seed.rough(), keep_alive);
         }
+    }
+
+    /// Refines a seed roughly, and keeps the arc.
+    #[inline(never)]
+    fn add(&mut self, seed: &Seed<f32>, keep_alive: &mut dyn FnMut()) {
+        let [goal, mirror_image] = &self.goals;
+        let goal = if seed.mirrored { mirror_image } else { goal };
+        let (rough, fit, arrived) = match refined(goal, seed, keep_alive) {
+            Refined::Arrived(rough, fit) => (rough, fit, true),
+            Refined::Not(rough, fit) if fit.square() < NEARLY * NEARLY => (rough, fit, false),
+            Refined::Not(..) => return,
+        };
+        self.keep(RoughArc { seed: rough.precise(), length: fit.length().into(), arrived });
+    }
+
+    /// Keeps an arc that may be the shortest. A full list drops the longest.
+    fn keep(&mut self, arc: RoughArc) {
+        let RoughArc { length, ref seed, .. } = arc;
+        let is_same = |other: &RoughArc| {
+            other.arrived
+                && other.seed.mirrored == seed.mirrored
+                && (other.length - length).abs() < SAME_LENGTH
+                && (other.seed.narrowness - seed.narrowness).abs() < SAME_NARROWNESS
+        };
+        if length < self.longest + ROUGH_LENGTH && !self.arcs.iter().any(is_same) {
+            insert_behind(&mut self.arcs, arc, |other| other.length <= length);
+        }
+    }
+
+    /// Refines the arcs precisely, the shortest first, until those left are longer than the shortest that arrives.
+    #[inline(never)]
+    fn shortest(&self, problem: &Problem, keep_alive: &mut dyn FnMut()) -> Option<HelicoidalArc> {
+        let [goal, mirror_image] = &Goal::both(problem);
+        let mut shortest: Option<HelicoidalArc> = None;
+        for arc in &self.arcs {
+            let longest = shortest.map_or(self.longest, |arc| arc.length);
+            if arc.length > longest + ROUGH_LENGTH {
+                break;
+            }
+            let goal = if arc.seed.mirrored { mirror_image } else { goal };
+            if let Some((seed, fit)) = refined_precisely(goal, &arc.seed, keep_alive)
+                && fit.length() < longest
+            {
+                shortest = Some(HelicoidalArc { seed, towards: fit.towards(), length: fit.length() });
+            }
+        }
+        shortest
+    }
+}
+
+/// How start and goal lie to each other, in numbers that the roll does not change, with start and goal in a canonical
+/// order, and the goal on a canonical side.
+#[derive(Debug, Clone, Copy)]
+struct Invariants {
+    numbers: [f32; 5],
+    /// The goal lies to the other side.
+    mirrored: bool,
+    /// Start and goal are exchanged.
+    reversed: bool,
+}
+
+impl Invariants {
+    /// The weights of the numbers were found by trial.
+    fn of(problem: &Problem) -> Self {
+        let Problem { goal, direction, .. } = problem;
+        let (along_start, along_goal) = (goal.z, goal.dot(direction));
+        let side = Vector3::z().dot(&goal.cross(direction));
+        let numbers = [
+            along_start.max(along_goal),
+            along_start.min(along_goal),
+            1.3 * direction.z,
+            0.7 * goal.norm(),
+            0.7 * side.abs(),
+        ];
+        Self { numbers: numbers.map(|number| number as f32), mirrored: side < 0.0, reversed: along_start < along_goal }
+    }
+
+    /// Square of the distance.
+    fn distance(&self, other: &[f32; 5]) -> f32 {
+        self.numbers.iter().zip(other).map(|(a, b)| (a - b) * (a - b)).sum()
     }
 }

@@ -1,0 +1,209 @@
+//! Where an arc is: on its curve, or on circles between its necks.
+//!
+//! Away from a narrow neck the curve is nearly a circle, and it is sensitive there: a tip that comes from afar passes
+//! the neck in a direction that depends on the last digits of how it set out. So the curve is followed only near such a
+//! neck, and from there on along the circles that touch it. What that costs in length is less than 1e-6 radii: the
+//! plane of the bend would turn by 0.003 radians more, and the excess is of second order.
+//!
+//! Where `p` has a large component along `m`, the neck is long, but it is not sensitive, either: the bend turns over.
+
+use core::f64::consts::{PI, TAU};
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::closed_form::{Curve, CurvePoint, Nodes};
+use crate::float::Float;
+
+/// `|m|` at the end of a neck: this multiple of its min, and...
+const NARROW: f64 = 300.0;
+/// ...this multiple of the square of the component of `p` along `m`, at the neck.
+const TWISTED: f64 = 32.0;
+
+/// A point of an arc in the axes of its curve.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Point<T: Float> {
+    pub(super) position: Vector3<T>,
+    pub(super) direction: Vector3<T>,
+    /// The axis about which the tip turns, of any length.
+    pub(super) axis: Vector3<T>,
+    /// Length from the neck, radii.
+    pub(super) length: T,
+    /// `d length / d phase`.
+    pub(super) rate: T,
+}
+
+impl<T: Float> Point<T> {
+    pub(super) fn of(point: &CurvePoint<T>) -> Self {
+        let CurvePoint { length, rate, .. } = *point;
+        Self { position: point.position(), direction: point.direction(), axis: point.axis(), length, rate }
+    }
+
+    /// The axis as a unit vector.
+    pub(super) fn unit_axis(&self) -> Vector3<T> {
+        self.axis / self.axis.norm_squared().root().max(T::of(1e-30))
+    }
+
+    /// The point that follows after this length of a circle, which may be negative.
+    fn on_circle(&self, length: T, rate: T) -> Self {
+        let (sin, cos) = length.sine_cosine();
+        let half = (T::of(0.5) * length).sine_cosine().0;
+        let beside = self.unit_axis().cross(&self.direction);
+        Self {
+            position: self.position + self.direction * sin + beside * (T::of(2.0) * half * half),
+            direction: self.direction * cos + beside * sin,
+            axis: self.axis,
+            length: self.length + length,
+            rate,
+        }
+    }
+
+    /// Axis, direction, and the direction across both.
+    fn axes(&self) -> Matrix3<T> {
+        let axis = self.unit_axis();
+        Matrix3::from_columns(&[axis, self.direction, axis.cross(&self.direction)])
+    }
+
+    /// Another point of the curve, moved together with `from` to where `self` is.
+    fn moved(&self, from: &Self, other: &Self) -> Self {
+        let turn = self.axes() * from.axes().transpose();
+        Self {
+            position: self.position + turn * (other.position - from.position),
+            direction: turn * other.direction,
+            axis: turn * other.axis,
+            length: self.length + other.length - from.length,
+            rate: other.rate,
+        }
+    }
+}
+
+/// The course of a curve with circles between its necks, in phases: at a neck they are those of the curve, and on the
+/// circles they are proportional to the length.
+#[derive(Debug, Clone)]
+pub(super) struct Course<'a, T: Float> {
+    curve: &'a Curve<T>,
+    /// The phase at which the neck ends.
+    near: T,
+    /// The ends of the neck.
+    ends: [CurvePoint<T>; 2],
+    /// Length of the circle from this neck to the next, and to phase, radii.
+    between: T,
+    rate: T,
+}
+
+impl<'a, T: Nodes> Course<'a, T> {
+    pub(super) fn new(curve: &'a Curve<T>) -> Self {
+        let near = curve.end_of_neck(T::of(NARROW), T::of(TWISTED));
+        let ends = curve.points([-near, near]);
+        let [max, _] = curve.points([T::of(PI); 2]);
+        let between = T::of(2.0) * (max.length - ends[1].length);
+        Self { curve, near, ends, between, rate: between / (T::of(TAU) - T::of(2.0) * near) }
+    }
+
+    fn on_curve(&self, phase: T) -> Point<T> {
+        Point::of(&self.curve.points([phase; 2])[0])
+    }
+
+    /// The point at a phase.
+    pub(super) fn point(&self, phase: T) -> Point<T> {
+        let [before, after] = self.ends.each_ref().map(Point::of);
+        let forward = phase >= T::of(0.0);
+        let (side, enter, leave) = if forward { (T::of(1.0), before, after) } else { (T::of(-1.0), after, before) };
+        let (one, turn) = (T::of(1.0), T::of(TAU));
+        let beyond = side * phase - self.near;
+        if beyond <= T::of(0.0) {
+            return self.on_curve(phase);
+        }
+        if beyond <= turn - T::of(2.0) * self.near {
+            return leave.on_circle(side * beyond * self.rate, self.rate);
+        }
+        let entry = leave.on_circle(side * self.between, one);
+        let beyond = beyond - turn;
+        if beyond <= T::of(0.0) {
+            return entry.moved(&enter, &self.on_curve(phase - side * turn));
+        }
+        entry.moved(&enter, &leave).on_circle(side * beyond, one)
+    }
+
+    /// The phase after about this length from the neck, negative before it.
+    pub(super) fn phase_after(&self, length: T) -> T {
+        let side = if length < T::of(0.0) { T::of(-1.0) } else { T::of(1.0) };
+        let neck = self.ends[1].length;
+        let at_neck = |length: T| length * self.near / neck;
+        let beyond = side * length - neck;
+        if beyond <= T::of(0.0) {
+            return at_neck(length);
+        }
+        if beyond <= self.between {
+            return side * (self.near + beyond / self.rate);
+        }
+        let from_next = beyond - self.between - neck;
+        side * (T::of(TAU) + if from_next <= neck { at_neck(from_next) } else { self.near + from_next - neck })
+    }
+}
+
+/// A stretch of an arc.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Stretch {
+    /// From this point of the curve on.
+    Curve(CurvePoint<f64>),
+    /// A circle.
+    Circle,
+}
+
+impl Course<'_, f64> {
+    /// Calls back for all stretches from a phase to another: with the kind, with the angle by which the axis has turned
+    /// about the tip since the start, and with the length.
+    pub(super) fn stretches(&self, start: f64, end: f64, add: &mut dyn FnMut(Stretch, f64, f64)) {
+        let [before, after] = &self.ends;
+        let mut turned = 0.0;
+        let mut from = start;
+        for neck in [-TAU, 0.0, TAU] {
+            let [enter, leave] = [neck - self.near, neck + self.near];
+            if from < enter.min(end) {
+                let to = enter.min(end);
+                add(Stretch::Circle, turned, self.point(to).length - self.point(from).length);
+                from = to;
+            }
+            if from < leave.min(end) {
+                let to = leave.min(end);
+                // At its ends, the neck is exactly as the circles have it.
+                let at = |phase: f64| match phase {
+                    _ if phase <= enter => *before,
+                    _ if phase >= leave => *after,
+                    _ => self.curve.points([phase - neck; 2])[0],
+                };
+                let [first, last] = [at(from), at(to)];
+                add(Stretch::Curve(first), turned, last.length - first.length);
+                turned += last.bend - first.bend;
+                from = to;
+            }
+        }
+        if from < end {
+            add(Stretch::Circle, turned, self.point(end).length - self.point(from).length);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::shortest::helicoids::seed::Seed;
+    use proptest::prelude::*;
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(500))]
+
+        #[test]
+        fn circles_are_near_the_curve(
+            narrowness in -13.0..-11.0_f64, ratio in -1.0..5.0_f64, start in -8.0..0.1, length in 0.2..8.0,
+        ) {
+            let twist = (0.5 * narrowness + ratio).min(1.5_f64);
+            let seed = Seed { narrowness, twist, mirrored: false, start, end: start + length, with_circles: false };
+            let (near, curve) = (seed.with_circles(), seed.curve());
+            for (point, near) in seed.ends(&curve).iter().zip(near.ends(&curve)) {
+                prop_assume!(point.length.abs() < 8.0);
+                let off = (point.position - near.position).norm();
+                prop_assert!(off < 0.02, "{off} radii off");
+            }
+        }
+    }
+}

@@ -1,0 +1,127 @@
+//! How well an arc fits between start and goal, and how its end moves.
+
+use nalgebra::{Matrix3, Matrix6x5, Vector3, Vector6};
+
+use super::course::Point;
+use super::refine::Precision;
+use super::seed::Seed;
+use crate::float::Float;
+use crate::shortest::Problem;
+
+/// Where an arc shall end, seen from its start.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Goal<T> {
+    pub(super) position: Vector3<T>,
+    pub(super) direction: Vector3<T>,
+}
+
+impl<T: Float> Goal<T> {
+    /// The goal of a problem, and its mirror image.
+    pub(super) fn both(problem: &Problem) -> [Self; 2] {
+        [1.0, -1.0].map(|side| {
+            let turned = |v: &Vector3<f64>| Vector3::new(T::of(v.x), T::of(side * v.y), T::of(v.z));
+            Self { position: turned(&problem.goal), direction: turned(&problem.direction) }
+        })
+    }
+}
+
+/// `curve_from_start`: the axes of a start that grows along the curve, with the roll that brings the goal nearest to
+/// the end.
+pub(super) fn axes<T: Float>(goal: &Goal<T>, start: &Point<T>, end: &Point<T>) -> Matrix3<T> {
+    let (zero, one) = (T::of(0.0), T::of(1.0));
+    let z = start.direction;
+    let mut other = Vector3::new(zero, zero, zero);
+    if let Some(component) = other.get_mut(z.iamin()) {
+        *component = one;
+    }
+    let x = z.cross(&other);
+    let x = x / x.norm_squared().root();
+    let unrolled = Matrix3::from_columns(&[x, z.cross(&x), z]);
+    let (offset, direction) = (unrolled.tr_mul(&(end.position - start.position)), unrolled.tr_mul(&end.direction));
+    // The rotation of one pair of vectors in a plane that fits it best to another pair.
+    let (goal, target) = (goal.position, goal.direction);
+    let cos = goal.x * offset.x + goal.y * offset.y + target.x * direction.x + target.y * direction.y;
+    let sin = goal.x * offset.y - goal.y * offset.x + target.x * direction.y - target.y * direction.x;
+    let norm = (cos * cos + sin * sin).root();
+    let (cos, sin) = if norm > zero { (cos / norm, sin / norm) } else { (one, zero) };
+    unrolled * Matrix3::new(cos, -sin, zero, sin, cos, zero, zero, zero, one)
+}
+
+/// An arc laid into the problem.
+pub(super) struct Fit<T: Float> {
+    pub(super) start: Point<T>,
+    pub(super) end: Point<T>,
+    pub(super) axes: Matrix3<T>,
+    pub(super) misfit: Vector6<T>,
+}
+
+impl<T: Precision> Fit<T> {
+    #[inline(never)]
+    pub(super) fn new(goal: &Goal<T>, seed: &Seed<T>) -> Self {
+        let curve = seed.curve();
+        let [start, end] = seed.ends(&curve);
+        let axes = axes(goal, &start, &end);
+        Self { start, end, axes, misfit: misfit(goal, &start, &end, &axes) }
+    }
+
+    /// The square of the misfit.
+    pub(super) fn square(&self) -> T {
+        self.misfit.norm_squared()
+    }
+
+    pub(super) fn length(&self) -> T {
+        self.end.length - self.start.length
+    }
+
+    /// Derivatives of the misfit with respect to the five unknowns.
+    #[inline(never)]
+    pub(super) fn jacobian(&self, goal: &Goal<T>, seed: &Seed<T>) -> Matrix6x5<T> {
+        let share = T::SHARE;
+        let twist = seed.twist + seed.twist_by_narrowness() * share;
+        let narrower = Seed { narrowness: seed.narrowness + share, twist, ..*seed };
+        let twisted = Seed { twist: seed.twist + share, ..*seed };
+        let [by_narrowness, by_twist] = [narrower, twisted].map(|changed| {
+            let curve = changed.curve();
+            let [start, end] = seed.ends(&curve);
+            let axes = shortest_turn(&self.start.direction, &start.direction) * self.axes;
+            (misfit(goal, &start, &end, &axes) - self.misfit) / share
+        });
+        let (position, target) = (self.axes * goal.position, self.axes * goal.direction);
+        let start_direction = &self.start.direction;
+        let axis = self.start.unit_axis();
+        Matrix6x5::from_columns(&[
+            by_narrowness,
+            by_twist,
+            stacked(&(start_direction + axis.cross(&position)), &axis.cross(&target)),
+            stacked(&self.end.direction, &self.end.unit_axis().cross(&self.end.direction)),
+            stacked(&-start_direction.cross(&position), &-start_direction.cross(&target)),
+        ])
+    }
+}
+
+impl Fit<f64> {
+    /// The angle of `m` in the deposition plane at the start, radians.
+    pub(super) fn towards(&self) -> f64 {
+        let axis = self.axes.tr_mul(&self.start.axis);
+        libm::atan2(axis.y, axis.x)
+    }
+}
+
+fn stacked<T: Float>(offset: &Vector3<T>, turned: &Vector3<T>) -> Vector6<T> {
+    Vector6::new(offset.x, offset.y, offset.z, turned.x, turned.y, turned.z)
+}
+
+/// Offset of the arc's end from the goal, and difference of the directions.
+fn misfit<T: Float>(goal: &Goal<T>, start: &Point<T>, end: &Point<T>, axes: &Matrix3<T>) -> Vector6<T> {
+    stacked(&(end.position - start.position - axes * goal.position), &(end.direction - axes * goal.direction))
+}
+
+/// The smallest rotation that turns one unit vector into another.
+fn shortest_turn<T: Float>(from: &Vector3<T>, to: &Vector3<T>) -> Matrix3<T> {
+    let v = from.cross(to);
+    let (zero, one) = (T::of(0.0), T::of(1.0));
+    let cross = Matrix3::new(zero, -v.z, v.y, v.z, zero, -v.x, -v.y, v.x, zero);
+    Matrix3::new(one, zero, zero, zero, one, zero, zero, zero, one)
+        + cross
+        + cross * cross / (one + from.dot(to)).max(T::of(1e-9))
+}

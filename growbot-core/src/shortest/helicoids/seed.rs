@@ -1,0 +1,146 @@
+//! An arc of a curve: what the search varies.
+
+use core::f64::consts::PI;
+
+use nalgebra::Vector5;
+
+use super::closed_form::Curve;
+use super::course::{Course, Point};
+use super::fit::Fit;
+use super::refine::Precision;
+
+/// Logarithms of narrowness and twist below which a curve gets circles...
+const CIRCLES: (f64, f64) = (-11.0, -4.0);
+/// ...and how far a refinement may lead across them.
+const ACROSS: f64 = 2.0;
+/// Min of the logarithm of the narrowness.
+const NARROWEST: f64 = -30.0;
+
+/// An arc that leads nearly to the goal.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Seed<T> {
+    /// Logarithm of `|m|` at the neck.
+    pub(super) narrowness: T,
+    /// Logarithm of the absolute value of the component of `p` along `m` there.
+    pub(super) twist: T,
+    /// The twist is negative: the curve is mirrored.
+    pub(super) mirrored: bool,
+    /// Phase at which the arc begins.
+    pub(super) start: T,
+    /// Where it ends.
+    pub(super) end: T,
+    /// It is a chain of circles between very narrow necks (`course.rs`).
+    pub(super) with_circles: bool,
+}
+
+impl<T: Precision> Seed<T> {
+    pub(super) fn curve(&self) -> Curve<T> {
+        Curve::new(self.narrowness.exponential(), self.twist.exponential())
+    }
+
+    /// The arc after a step: changes of both logarithms, and of the lengths before and after the neck.
+    pub(super) fn changed(&self, step: &Vector5<T>, fit: &Fit<T>) -> Self {
+        Self {
+            narrowness: self.narrowness + step[0],
+            twist: self.twist + step[1] + self.twist_by_narrowness() * step[0],
+            start: self.start - step[2] / fit.start.rate,
+            end: self.end + step[3] / fit.end.rate,
+            ..*self
+        }
+    }
+
+    /// By how much the twist changes with the narrowness. Near a very narrow neck all depends on the twist as a
+    /// multiple of the square root of `|m|`, and hardly on `|m|` itself: the two would be nearly the same unknown.
+    pub(super) fn twist_by_narrowness(&self) -> T {
+        T::of(if self.with_circles { 0.5 } else { 0.0 })
+    }
+
+    /// The norm of a step, in which the narrowness of a very narrow neck counts as what it means for the lengths.
+    pub(super) fn size(&self, step: &Vector5<T>) -> T {
+        let mut step = *step;
+        if self.with_circles {
+            step[0] *= (T::of(0.5) * self.narrowness).exponential();
+        }
+        step.norm_squared().root()
+    }
+
+    /// The ends of the arc on its curve.
+    pub(super) fn ends(&self, curve: &Curve<T>) -> [Point<T>; 2] {
+        let phases = [self.start, self.end];
+        if self.with_circles && !T::IS_ROUGH {
+            let course = Course::new(curve);
+            phases.map(|phase| course.point(phase))
+        } else {
+            curve.points(phases).map(|point| Point::of(&point))
+        }
+    }
+
+    pub(super) fn in_range(&self) -> bool {
+        let within = |value: T, min: f64, max: f64| value > T::of(min) && value < T::of(max);
+        let (narrow, twisted) = CIRCLES;
+        let suits = if self.with_circles {
+            self.narrowness < T::of(narrow + ACROSS) && self.twist < T::of(twisted + 0.25 * ACROSS)
+        } else {
+            T::IS_ROUGH || self.narrowness > T::of(narrow - ACROSS) || self.twist > T::of(twisted - ACROSS)
+        };
+        suits
+            && within(self.narrowness, NARROWEST, 3.0)
+            && within(self.twist, -16.0, 4.0)
+            && within(self.start, -9.0, 9.0)
+            && within(self.end, -9.0, 9.0)
+            && self.start < self.end
+    }
+}
+
+impl Seed<f32> {
+    pub(super) fn precise(&self) -> Seed<f64> {
+        let Self { narrowness, twist, mirrored, start, end, with_circles } = *self;
+        let (narrowness, twist) = (narrowness.into(), twist.into());
+        Seed { narrowness, twist, mirrored, start: start.into(), end: end.into(), with_circles }
+    }
+}
+
+impl Seed<f64> {
+    /// Whether the arc is seen from a neck: the method may come to see it from where `|m|` has its max, and the closed
+    /// form is not precise there.
+    pub(super) fn is_seen_from_neck(&self) -> bool {
+        self.curve().swing >= 0.0
+    }
+
+    /// The same arc seen from a neck.
+    #[inline(never)]
+    pub(super) fn seen_from_neck(&self) -> Self {
+        let swing = self.curve().swing;
+        if swing >= 0.0 {
+            return *self;
+        }
+        // `m . p` is the same everywhere, and the phase is half a turn on.
+        let min = libm::log(libm::exp(self.narrowness) + swing);
+        let shift = if self.start + self.end < 0.0 { PI } else { -PI };
+        let twist = self.twist + self.narrowness - min;
+        Self { narrowness: min, twist, start: self.start + shift, end: self.end + shift, ..*self }
+    }
+
+    /// The same with circles between the necks, if they are very narrow.
+    #[inline(never)]
+    pub(super) fn with_circles(&self) -> Self {
+        if self.narrowness >= CIRCLES.0 || self.twist >= CIRCLES.1 {
+            return *self;
+        }
+        let curve = self.curve();
+        let [start, end] = curve.points([self.start, self.end]).map(|point| point.length);
+        self.between_lengths(&curve, start, end)
+    }
+
+    /// The arc of its curve with circles, from one length to another, seen from the neck.
+    fn between_lengths(&self, curve: &Curve<f64>, start: f64, end: f64) -> Self {
+        let course = Course::new(curve);
+        Self { start: course.phase_after(start), end: course.phase_after(end), with_circles: true, ..*self }
+    }
+
+    pub(super) fn rough(&self) -> Seed<f32> {
+        let Self { narrowness, twist, mirrored, start, end, with_circles } = *self;
+        let (narrowness, twist) = (narrowness as f32, twist as f32);
+        Seed { narrowness, twist, mirrored, start: start as f32, end: end as f32, with_circles }
+    }
+}
