@@ -169,7 +169,7 @@ pub fn unknown_ending(path: &Path, formats: &[&str]) -> FileError {
 /// [`FileError::NoDirectory`] or [`FileError::File`]; [`FileError::Input`] for a file that this program has read.
 pub fn replace_file(path: &Path, contents: &[u8]) -> Result<(), FileError> {
     let mut replacement = Replacement::begin(path)?;
-    replacement.write(contents)?;
+    replacement.add(contents)?;
     replacement.finish()
 }
 
@@ -218,11 +218,11 @@ impl Replacement {
         Ok(Self { name, target, partial: Some(partial), file, existing })
     }
 
-    /// Writes the next piece.
+    /// Adds the next piece.
     ///
     /// # Errors
     /// [`FileError::File`].
-    pub fn write(&mut self, contents: &[u8]) -> Result<(), FileError> {
+    pub fn add(&mut self, contents: &[u8]) -> Result<(), FileError> {
         self.file.write_all(contents).map_err(|error| self.failed(error))
     }
 
@@ -245,8 +245,20 @@ impl Replacement {
         Ok(())
     }
 
-    fn failed(&self, error: io::Error) -> FileError {
+    /// Writing to the file failed.
+    #[must_use]
+    pub fn failed(&self, error: io::Error) -> FileError {
         FileError::File { file: self.name.clone(), error }
+    }
+}
+
+impl Write for Replacement {
+    fn write(&mut self, contents: &[u8]) -> io::Result<usize> {
+        self.file.write(contents)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.file.flush()
     }
 }
 
@@ -298,12 +310,12 @@ mod tests {
         let path = directory.path().join("answers.csv");
         replace_file(&path, b"before").unwrap();
         let mut dropped = Replacement::begin(&path).unwrap();
-        dropped.write(b"half").unwrap();
+        dropped.add(b"half").unwrap();
         assert_eq!(names(directory.path()).len(), 2);
         drop(dropped);
         let mut finished = Replacement::begin(&path).unwrap();
-        finished.write(b"one, ").unwrap();
-        finished.write(b"two").unwrap();
+        finished.add(b"one, ").unwrap();
+        finished.add(b"two").unwrap();
         assert_eq!(fs::read(&path).unwrap(), b"before");
         finished.finish().unwrap();
         assert_eq!(

@@ -87,6 +87,68 @@ fn a_log_is_exported_as_built_and_as_far_as_it_goes() {
 }
 
 #[test]
+fn a_trajectory_has_the_poses_of_the_table_in_seconds_and_metres() {
+    let bodies = Bodies::new();
+    for (from, more) in [("plan.json", &[][..]), ("run.jsonl", &[]), ("run.jsonl", &["--body", "commanded"])] {
+        let text = String::from_utf8(bodies.export(from, "a.tum", more)).unwrap();
+        let table = String::from_utf8(bodies.export(from, "a.csv", more)).unwrap();
+        let rows: Vec<Vec<f64>> = text
+            .lines()
+            .filter(|line| !line.starts_with('#'))
+            .map(|line| line.split(' ').map(|number| number.parse().unwrap()).collect())
+            .collect();
+        let places: Vec<Vec<f64>> = table
+            .lines()
+            .skip(1)
+            .map(|row| row.split(',').skip(1).take(3).map(|mm| mm.parse::<f64>().unwrap() / 1000.0).collect())
+            .collect();
+        let places = &places[places.len() - rows.len()..];
+        assert!(rows.len() > 5 && rows.windows(2).all(|pair| pair[0][0] < pair[1][0]), "{text}");
+        assert!(rows.iter().zip(places).all(|(row, place)| row[1..4] == place[..]), "{text}");
+        assert!(text.contains("s and m"), "{text}");
+    }
+}
+
+#[test]
+fn a_recording_for_ros_2_has_its_types_with_their_whole_definitions() {
+    let bodies = Bodies::new();
+    let bytes = bodies.export("run.jsonl", "bag.mcap", &["--ros2"]);
+    let summary = mcap::Summary::read(&bytes).unwrap().unwrap();
+    let mut channels: Vec<(String, String)> = summary
+        .channels
+        .values()
+        .map(|channel| {
+            let schema = channel.schema.as_ref().unwrap();
+            assert_eq!((channel.message_encoding.as_str(), schema.encoding.as_str()), ("cdr", "ros2msg"));
+            let definition = String::from_utf8(schema.data.to_vec()).unwrap();
+            assert!(definition.contains("MSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\n"), "{definition}");
+            (channel.topic.clone(), schema.name.clone())
+        })
+        .collect();
+    channels.sort();
+    let of =
+        |kind: &'static str| channels.iter().filter(move |(_, name)| name == kind).map(|(topic, _)| topic.as_str());
+    let poses = ["/growbot/commanded", "/growbot/goal", "/growbot/start", "/growbot/tip"];
+    assert!(of("geometry_msgs/msg/PoseStamped").eq(poses), "{channels:?}");
+    assert!(of("nav_msgs/msg/Path").eq(["/growbot/body", "/growbot/plan"]));
+    assert!(of("tf2_msgs/msg/TFMessage").eq(["/tf"]) && of("visualization_msgs/msg/Marker").eq(["/growbot/layers"]));
+    assert!(of("diagnostic_msgs/msg/DiagnosticArray").eq(["/diagnostics"]) && channels.len() == 9);
+    // The last pose: header, stamp, "base" of five bytes with its zero, then seven numbers of eight bytes.
+    let tip =
+        mcap::MessageStream::new(&bytes).unwrap().map(Result::unwrap).filter(|it| it.channel.topic == "/growbot/tip");
+    let tip = tip.last().unwrap();
+    assert_eq!((tip.data[..4].to_vec(), tip.data.len()), (vec![0, 1, 0, 0], 4 + 24 + 56));
+    let number = |index: usize| f64::from_le_bytes(tip.data[28 + 8 * index..36 + 8 * index].try_into().unwrap());
+    let table = String::from_utf8(bodies.export("run.jsonl", "a.csv", &[])).unwrap();
+    let last: Vec<f64> = table.lines().last().unwrap().split(',').take(4).map(|at| at.parse().unwrap()).collect();
+    assert_eq!([number(0), number(1), number(2)], [last[1] / 1000.0, last[2] / 1000.0, last[3] / 1000.0]);
+    // Without --ros2 it is JSON, as before.
+    let bytes = bodies.export("run.jsonl", "a.mcap", &[]);
+    let summary = mcap::Summary::read(&bytes).unwrap().unwrap();
+    assert!(summary.channels.values().all(|channel| channel.message_encoding == "json"));
+}
+
+#[test]
 fn what_cannot_be_exported_is_refused_in_one_line_and_leaves_nothing() {
     let bodies = Bodies::new();
     let [plan, log, kept] = ["plan.json", "run.jsonl", "kept.stl"].map(|name| bodies.path(name));
@@ -100,6 +162,7 @@ fn what_cannot_be_exported_is_refused_in_one_line_and_leaves_nothing() {
         (vec![plan.as_str(), "-o", &bodies.path("a.mcap")], "run log"),
         (vec![&plan, "-o", &bodies.path("a.obj")], "--format"),
         (vec![&plan], "--format"),
+        (vec![&log, "-o", &bodies.path("a.stl"), "--ros2"], "--ros2 is for MCAP"),
         (vec![&bodies.path("empty.jsonl"), "-o", &kept], "0 mm long"),
         (vec![&bodies.path("old.jsonl"), "-o", &kept], "growbot-run/1"),
         (vec![&kept, "-o", &bodies.path("a.glb")], "no JSON"),

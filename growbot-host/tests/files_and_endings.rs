@@ -54,7 +54,7 @@ fn no_command_overwrites_what_it_reads_under_any_name() {
     let files = Files::new();
     let [plan, run, robot] = ["plan.json", "run.jsonl", "robot.toml"].map(|name| files.path(name));
     // Each command, the input that it is told to write to, and the ending that its output has.
-    let table: [(Vec<&str>, &str, &str, &str); 13] = [
+    let table: [(Vec<&str>, &str, &str, &str); 16] = [
         (vec!["plan", "--to", "0,0,50,0,90", "--robot", &robot], &robot, "-o", "json"),
         (vec!["view", &plan], &plan, "-o", "html"),
         (vec!["view", &run], &run, "-o", "html"),
@@ -66,6 +66,9 @@ fn no_command_overwrites_what_it_reads_under_any_name() {
         (vec!["export", &run, "--format", "mcap"], &run, "-o", "mcap"),
         (vec!["export", &run, "--format", "csv", "--robot", &robot], &robot, "-o", "csv"),
         (vec!["workspace", "--robot", &robot, "--length", "100"], &robot, "-o", "svg"),
+        (vec!["simulate", &plan], &plan, "--samples", "csv"),
+        (vec!["simulate", &plan, "--noise", "1"], &plan, "-o", "json"),
+        (vec!["simulate", &plan, "--repeat", "3", "--robot", &robot], &robot, "--samples", "csv"),
         (vec!["grow", &plan], &plan, "--log", "jsonl"),
         (vec!["grow", "--to", "0,0,5,0,90", "--robot", &robot], &robot, "--log", "jsonl"),
     ];
@@ -110,18 +113,21 @@ fn an_ending_that_promises_another_format_is_refused_and_the_formats_are_listed(
     let [plan, run] = ["plan.json", "run.jsonl"].map(|name| files.path(name));
     let before = fs::read_dir(files.0.path()).unwrap().count();
     for (args, option, name, listed) in [
-        (vec!["view", &plan], "-o", "a.pdf", ".html, .svg or .png"),
-        (vec!["view", &run], "-o", "a.xyz", ".html, .svg or .png"),
-        (vec!["view", &run, "--plot", "error"], "-o", "a.pdf", ".svg or .png"),
+        (vec!["view", &plan], "-o", "a.eps", ".html, .svg, .png or .pdf"),
+        (vec!["view", &run], "-o", "a.xyz", ".html, .svg, .png or .pdf"),
+        (vec!["view", &run, "--plot", "error"], "-o", "a.eps", ".svg, .png or .pdf"),
         (vec!["view", &plan, "--png"], "-o", "a.pdf", ".png"),
-        (vec!["export", &run], "-o", "a.pdf", ".stl, .glb, .csv or .mcap"),
-        (vec!["export", &plan], "-o", "a.json", ".stl, .glb, .csv or .mcap"),
+        (vec!["export", &run], "-o", "a.pdf", ".stl, .glb, .csv, .tum or .mcap"),
+        (vec!["export", &plan], "-o", "a.json", ".stl, .glb, .csv, .tum or .mcap"),
         (vec!["export", &run, "--format", "stl"], "-o", "a.glb", ".stl"),
         (vec!["export", &run, "--format", "mcap"], "-o", "a.CSV", ".mcap"),
         (vec!["export", &plan, "--format", "csv"], "-o", "a.json", ".csv"),
         (vec!["view", &run, "--svg"], "-o", "a.png", ".svg"),
         (vec!["view", &run, "--png"], "-o", "a.html", ".png"),
-        (vec!["workspace", "--length", "100"], "-o", "a.png", ".svg"),
+        (vec!["view", &run, "--pdf"], "-o", "a.png", ".pdf"),
+        (vec!["simulate", &plan], "-o", "a.obj", ".csv, .stl, .glb, .html, .svg, .png, .pdf or .json"),
+        (vec!["simulate", &plan], "--samples", "a.json", ".csv"),
+        (vec!["workspace", "--length", "100"], "-o", "a.html", ".svg, .png or .pdf"),
         (vec!["plan", "--to", "0,0,50,0,90"], "-o", "a.svg", ".json"),
         (vec!["new-robot"], "-o", "a.json", ".toml"),
         (vec!["grow", "--to", "0,0,5,0,90"], "--log", "a.mcap", ".jsonl or .json"),

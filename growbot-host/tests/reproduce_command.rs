@@ -41,7 +41,9 @@ fn files_are_whole_and_results_go_to_standard_output() {
     assert_eq!(names(output.as_ref()), all);
     let before = fs::read(Path::new(output).join("report.html")).unwrap();
     // Again, over what is there.
-    assert_eq!(growbot(&run).out, ran.out);
+    assert_eq!(growbot(&[&run[..], &["--pdf"]].concat()).out, ran.out);
+    assert!(fs::read(Path::new(output).join("figure7.pdf")).unwrap().starts_with(b"%PDF-"));
+    fs::remove_file(Path::new(output).join("figure7.pdf")).unwrap();
     assert_eq!(fs::read(Path::new(output).join("report.html")).unwrap(), before);
     assert_eq!(names(output.as_ref()), all);
 }
@@ -52,6 +54,8 @@ fn json_is_one_line() {
     assert_eq!((ran.code, ran.out.matches('\n').count()), (Some(0), 1), "{}", ran.err);
     let value: Value = serde_json::from_str(&ran.out).unwrap();
     assert_eq!((value["seed"].as_u64(), value["repeat"].as_u64()), (Some(2019), Some(2)));
+    assert_eq!(value["disturbances"]["growth_noise"]["distribution"], "uniform");
+    assert_eq!(value["disturbances"]["direction_noise"]["standard_deviation"], 0.5);
     assert!(value["summaries"].as_array().unwrap().len() > 10);
 }
 
@@ -69,6 +73,7 @@ fn bad_input_is_refused_before_anything_is_done() {
         (&["--repeat", "1000000"], "--repeat is 1000000"),
         (&["--seed", "-1"], "--seed"),
         (&["-o", file_text], "is a file"),
+        (&["--pdf"], "--output"),
         (&["-o", missing], "there is no directory"),
     ] {
         assert_refused(&growbot(&[&["reproduce"], args].concat()), part);

@@ -67,6 +67,7 @@ fn a_growth_is_a_table_or_a_line_with_the_seed() {
     let fields: Vec<&String> = found.as_object().unwrap().keys().collect();
     let expected = [
         "direction_error_deg",
+        "disturbances",
         "final",
         "heading_error_deg",
         "layers",
@@ -216,6 +217,119 @@ fn repetitions_are_summed_up() {
     // The worst of them can be had alone.
     let seed = all["worst_seed"].to_string();
     assert_eq!(json(&GOAL, &["--noise", "10", "--seed", &seed])["position_error_mm"], position["max"]);
+}
+
+#[test]
+fn every_disturbance_is_told_with_its_distribution() {
+    let off = ["--noise", "7", "--tilt-bias", "-2", "--twist-noise", "0.1", "--feedback", "--direction-noise", "0.3"];
+    let words = "noise     growth of each layer: uniform, half-width 7 %\n\
+                 bias      tilt: -2 %\n\
+                 noise     twist of each layer: uniform, half-width 0.1 deg\n\
+                 noise     odometry of each layer: normal, SD 1 %\n\
+                 noise     measured direction, about either axis: normal, SD 0.3 deg\n";
+    for repeat in [&[][..], &["--repeat", "3"]] {
+        let more = [&off[..], repeat].concat();
+        let ran = growbot(&with(&GOAL, &more));
+        assert!(ran.out.contains(words), "{}", ran.out);
+        let found = &json(&GOAL, &more)["disturbances"];
+        assert_eq!(found["growth_noise"]["distribution"], "uniform");
+        assert_eq!((number(&found["growth_noise"], "max"), number(&found["tilt_bias"], "value")), (7.0, -2.0));
+        assert_eq!(number(&found["twist_noise"], "max"), 0.1);
+        assert_eq!(found["direction_noise"]["distribution"], "normal");
+        assert_eq!(number(&found["direction_noise"], "standard_deviation"), 0.3);
+        assert_eq!(found["odometry_scale"]["value"], 0.0);
+    }
+    let help = growbot(&["simulate", "--help"]).out;
+    let help = help.split_whitespace().collect::<Vec<_>>().join(" ");
+    assert_eq!(help.matches("uniform, of this half-width").count(), 4, "{help}");
+    assert_eq!(help.matches("normal, of this standard deviation").count(), 2, "{help}");
+}
+
+#[test]
+fn every_growth_is_a_row_of_the_samples() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("growths.csv");
+    let path = file.to_str().unwrap();
+    for loops in [&[][..], &["--feedback", "--sag"]] {
+        let off = [&["--noise", "7", "--repeat", "20", "--seed", "5", "--samples", path][..], loops].concat();
+        let all = json(&GOAL, &off);
+        let mut reader = csv::Reader::from_path(&file).unwrap();
+        let names = reader.headers().unwrap().clone();
+        let rows: Vec<csv::StringRecord> = reader.records().collect::<Result<_, _>>().unwrap();
+        let at = |row: &csv::StringRecord, name: &str| -> f64 {
+            let column =
+                names.iter().position(|found| found == name).unwrap_or_else(|| panic!("no {name} in {names:?}"));
+            row[column].parse().unwrap()
+        };
+        assert_eq!(rows.len(), 20);
+        assert_eq!(
+            rows.iter().map(|row| at(row, "seed")).collect::<Vec<_>>(),
+            (5..25).map(f64::from).collect::<Vec<_>>()
+        );
+        // To the bit what one of them alone gives.
+        let alone = [&["--noise", "7", "--seed", "9"][..], loops].concat();
+        let alone = json(&GOAL, &alone);
+        for name in ["position_error_mm", "normalized_position_error", "heading_error_deg", "pitch_error_deg"]
+            .into_iter()
+            .chain(["direction_error_deg", "length_mm", "path_length_mm", "layers"])
+        {
+            assert_eq!(at(&rows[4], name), number(&alone, name), "{name}");
+        }
+        assert_eq!(at(&rows[4], "final_x_mm"), number(&alone["final"], "x_mm"));
+        assert_eq!((at(&rows[0], "start_pitch_deg"), at(&rows[0], "goal_z_mm")), (90.0, 600.0));
+        assert_eq!(at(&rows[0], "growth_noise_uniform_half_width_percent"), 7.0);
+        let max = rows.iter().map(|row| at(row, "position_error_mm")).fold(0.0, f64::max);
+        assert_eq!(max, number(&all["position_error_mm"], "max"));
+        assert_eq!(names.iter().any(|name| name == "sag_mm"), !loops.is_empty());
+    }
+    // A place where nothing can be written is told before anything is grown.
+    let ran = growbot(&with(&GOAL, &["--repeat", "1000000", "--noise", "1", "--samples", "no/where/growths.csv"]));
+    assert_eq!((ran.code, ran.out.as_str()), (Some(2), ""), "{}", ran.err);
+    assert!(ran.err.contains("there is no directory"), "{}", ran.err);
+    let ran = growbot(&with(&GOAL, &["--samples", "growths.parquet"]));
+    assert!(ran.code == Some(2) && ran.err.contains("end it in .csv"), "{}", ran.err);
+}
+
+#[test]
+fn a_simulated_body_is_a_file_in_the_format_of_its_ending() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = |name: &str| directory.path().join(name).to_str().unwrap().to_owned();
+    for (name, begin) in [
+        ("body.csv", &b"laid,x_mm"[..]),
+        ("body.stl", b"binary STL"),
+        ("body.glb", b"glTF"),
+        ("body.html", b"<!"),
+        ("body.svg", b"<svg"),
+        ("body.png", b"\x89PNG"),
+        ("body.pdf", b"%PDF"),
+        ("result.json", b"{\"final\""),
+    ] {
+        let ran = growbot(&with(&GOAL, &["--noise", "10", "--twist-noise", "0.5", "-o", &file(name)]));
+        assert_eq!(ran.code, Some(0), "{}", ran.err);
+        assert!(std::fs::read(file(name)).unwrap().starts_with(begin), "{name}");
+        assert!(
+            ran.err.contains(if name == "result.json" { "result written" } else { "laid (simulated)" }),
+            "{}",
+            ran.err
+        );
+    }
+    // The body ends where the result says.
+    let found = json(&GOAL, &["--noise", "10", "--twist-noise", "0.5"]);
+    let text = std::fs::read_to_string(file("body.csv")).unwrap();
+    let last: Vec<f64> =
+        text.lines().last().unwrap().split(',').skip(1).take(3).map(|at| at.parse().unwrap()).collect();
+    for (at, name) in last.iter().zip(["x_mm", "y_mm", "z_mm"]) {
+        assert!((at - number(&found["final"], name)).abs() < 1e-9, "{name}");
+    }
+    for (args, part) in [
+        (&["-o", "body.obj"][..], "its ending .obj is none of the formats here"),
+        (&["-o", "body"], "which format?"),
+        (&["--repeat", "2", "-o", "body.stl"], "--repeat grows many bodies"),
+        (&["--sag", "-o", "body.stl"], "--sag tells only where the tip"),
+    ] {
+        let ran = growbot(&with(&GOAL, args));
+        assert!(ran.code == Some(2) && ran.out.is_empty() && ran.err.contains(part), "{}", ran.err);
+    }
 }
 
 #[test]

@@ -193,6 +193,85 @@ fn plots_have_a_panel_for_each_thing_and_units_on_their_axes() {
 }
 
 #[test]
+fn a_picture_for_a_paper_has_axes_a_range_a_palette_and_no_title() {
+    let (directory, plan, run) = plan_and_run();
+    let path = |name: &str| directory.path().join(name);
+    let svg = |args: &[&str]| {
+        done(&[&["view", "-o", text(&path("out.svg"))], args].concat());
+        fs::read_to_string(path("out.svg")).unwrap()
+    };
+    let usual = svg(&[text(&run)]);
+    assert!(usual.contains(">from percentile 1 to 99<") && usual.contains(">&lt; 0."), "the range is told");
+    assert!(usual.contains("class=\"title\"") && !usual.contains(">x, mm<") && usual.contains("#2f5fae"));
+    let paper = svg(&[text(&run), "--no-title", "--axes", "--range", "0.5,1.25", "--palette", "viridis"]);
+    for part in [">x, mm<", ">z, mm<", ">0.50<", ">1.25<", "#440154", "Height of the layers, mm"] {
+        assert!(paper.contains(part), "{part}");
+    }
+    assert!(!paper.contains("percentile") && !paper.contains("class=\"title\""));
+    assert!(svg(&[text(&plan), "--palette", "cividis"]).contains("#00224e"));
+    // As many as are given, each with its name, in one drawing and at one scale.
+    let five = svg(&["--compare", text(&plan), text(&run), text(&plan), text(&plan), text(&run)]);
+    assert_eq!((five.matches("class=\"title\"").count(), five.matches("gc-heights").count()), (5, 2));
+    for (args, part) in [
+        (&["--range", "1,0.5"][..], "give the smaller one first"),
+        (&["--range", "1"], "give two heights in mm"),
+        (&["--palette", "jet"], "viridis"),
+        (&["--axes", "--plot", "tilt"], "cannot be used with"),
+    ] {
+        let ran = growbot(&[&["view", text(&plan), "-o", text(&path("none.svg"))], args].concat());
+        assert!(ran.code == Some(2) && ran.err.contains(part) && !path("none.svg").exists(), "{}", ran.err);
+    }
+    let ran = growbot(&["view", text(&plan), "--axes"]);
+    assert!(ran.code == Some(2) && ran.err.contains("--axes is for pictures"), "{}", ran.err);
+    let ran = growbot(&["view", "--compare", text(&plan), text(&run), text(&plan)]);
+    assert!(ran.code == Some(2) && ran.err.contains("a page has two bodies"), "{}", ran.err);
+}
+
+#[test]
+fn a_pdf_has_a_page_of_the_drawing() {
+    let (directory, plan, run) = plan_and_run();
+    let path = |name: &str| directory.path().join(name);
+    for (args, name) in [
+        (&["view", text(&plan), "--pdf"][..], "plan.pdf"),
+        (&["view", text(&run), "--plot", "heights,error", "--pdf"], "run-plot.pdf"),
+        (&["workspace", "--length", "500", "-o", text(&path("reach.pdf"))], "reach.pdf"),
+    ] {
+        done(args);
+        let bytes = fs::read(path(name)).unwrap();
+        let words = String::from_utf8_lossy(&bytes);
+        assert!(
+            bytes.starts_with(b"%PDF-") && words.contains("/Count 1") && words.contains("/MediaBox [0 0 "),
+            "{name}"
+        );
+        assert!((5_000..500_000).contains(&bytes.len()), "{name}: {}", bytes.len());
+    }
+    done(&["workspace", "--length", "500", "-o", text(&path("reach.png"))]);
+    assert_eq!(pixels(&path("reach.png")).0, 1760);
+    let ran = growbot(&["workspace", "--length", "500", "-o", text(&path("reach.jpg"))]);
+    assert!(ran.code == Some(2) && ran.err.contains(".svg, .png or .pdf"), "{}", ran.err);
+}
+
+#[test]
+fn several_runs_are_lines_of_several_colours_in_the_same_plots() {
+    let (directory, plan, run) = plan_and_run();
+    let path = |name: &str| directory.path().join(name);
+    let other = path("other.jsonl");
+    done(&["grow", text(&plan), "--noise", "10", "--seed", "2", "--log", text(&other)]);
+    done(&["view", "--compare", text(&run), text(&other), "--plot", "heights,error", "-o", text(&path("both.svg"))]);
+    let svg = fs::read_to_string(path("both.svg")).unwrap();
+    for (part, count) in
+        [("#0072b2", 3), ("#d55e00", 3), (">run</text>", 1), (">other</text>", 1), ("class=\"head\"", 2)]
+    {
+        assert_eq!(svg.matches(part).count(), count, "{part}");
+    }
+    assert!(
+        svg.contains("Deviation from the plan") && svg.contains("along the body, mm") && svg.contains(">mm</text>")
+    );
+    done(&["view", text(&run), "--plot", "tilt", "--no-title"]);
+    assert!(!fs::read_to_string(path("run-plot.svg")).unwrap().contains("class=\"title\""));
+}
+
+#[test]
 fn what_cannot_be_drawn_is_said_and_leaves_no_file() {
     let (directory, plan, run) = plan_and_run();
     let file = directory.path().join("out.svg");
@@ -214,7 +293,7 @@ fn what_cannot_be_drawn_is_said_and_leaves_no_file() {
         &["--svg", "--png"],
         &["--png", "--width", "7"],
         &["--along", "time"],
-        &["--plot", "tilt", "--compare", text(&plan)],
+        &["--plot", "tilt", "--look", "top"],
     ] {
         let ran = growbot(&[&["view", text(&plan)], args].concat());
         assert_eq!(ran.code, Some(2), "{args:?}: {}", ran.err);

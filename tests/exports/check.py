@@ -1,4 +1,5 @@
-"""Exports bodies with growbot and reads them back: STL and GLB by trimesh, MCAP by its own reader, CSV by Python's.
+"""Exports bodies with growbot and reads them back: STL and GLB by trimesh, MCAP by its own reader and, in the types of
+ROS 2, by rosbags and mcap-ros2-support, TUM by evo, CSV by Python's.
 
     check.py GROWBOT
 
@@ -19,7 +20,12 @@ from pathlib import Path
 
 import numpy
 import trimesh
+from evo.core import metrics
+from evo.tools import file_interface
 from mcap.reader import make_reader
+from mcap_ros2.reader import read_ros2_messages
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 GROWBOT = sys.argv[1]
 # Without the port of a robot that is configured here: no check is to move that.
@@ -83,6 +89,11 @@ def check_wall(name, directory, source, options, volume, parts=0):
     beside = set(scene.geometry) - {"wall"}
     demand(beside <= {"wall, commanded"} and "wall" in scene.geometry, f"{name}: GLB of {set(scene.geometry)}")
     demand(len(beside) == parts, f"{name}: GLB with {len(beside)} bodies beside the one")
+    # The heights of the layers are colours of the vertices.
+    colours = scene.geometry["wall"].visual.vertex_attributes["color"]
+    layers = {(row["height_mm"], row["tilt_deg"]) for row in table(source)[1:]}
+    demand(len(colours) == len(scene.geometry["wall"].vertices), f"{name}: vertices without a colour")
+    demand(len(layers) < 3 or len(numpy.unique(colours, axis=0)) > 1, f"{name}: vertices of one colour")
     scene.delete_geometry(beside)
     demand(len(scene.graph.nodes_geometry) == 1, f"{name}: GLB of more than one body")
     in_metres = scene.to_mesh()
@@ -171,6 +182,156 @@ def check_recording(name, directory, log):
     return messages
 
 
+# How far a pose may be from the one of the CSV file: m, and of a unit vector.
+POSE = 1e-12
+# Types of the topics of ROS 2.
+ROS2 = {
+    "/growbot/start": "geometry_msgs/msg/PoseStamped",
+    "/growbot/goal": "geometry_msgs/msg/PoseStamped",
+    "/growbot/tip": "geometry_msgs/msg/PoseStamped",
+    "/growbot/commanded": "geometry_msgs/msg/PoseStamped",
+    "/growbot/plan": "nav_msgs/msg/Path",
+    "/growbot/body": "nav_msgs/msg/Path",
+    "/growbot/layers": "visualization_msgs/msg/Marker",
+    "/tf": "tf2_msgs/msg/TFMessage",
+    "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
+}
+
+
+def poses_of(rows):
+    """Positions in m and directions, from the table of a body."""
+    positions = [[mm / 1000 for mm in numbers(row, "x_mm", "y_mm", "z_mm")] for row in rows]
+    return positions, [numbers(row, "direction_x", "direction_y", "direction_z") for row in rows]
+
+
+def demand_poses(name, poses, rows):
+    """Poses, each a position (m) and a quaternion (x, y, z, w), are those of the table."""
+    demand(len(poses) == len(rows), f"{name}: {len(poses)} poses of {len(rows)}")
+    for (position, (x, y, z, w)), at, to in zip(poses, *poses_of(rows)):
+        demand(math.dist(position, at) <= POSE, f"{name}: {position} is {math.dist(position, at)} m from {at}")
+        axis = (2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y))
+        demand(math.dist(axis, to) <= POSE, f"{name}: points {math.dist(axis, to)} off {to}")
+        demand(abs(x * x + y * y + z * z + w * w - 1) <= POSE, f"{name}: no unit quaternion")
+
+
+def pose_of(pose):
+    p, q = pose.position, pose.orientation
+    return (p.x, p.y, p.z), (q.x, q.y, q.z, q.w)
+
+
+def nanoseconds(header):
+    demand(header.frame_id == "base", f"frame {header.frame_id}")
+    return header.stamp.sec * 10**9 + header.stamp.nanosec
+
+
+def same(one, other):
+    """Whether two readers have found the same in a message."""
+    if hasattr(one, "__msgtype__"):
+        # Constants, in capitals, are in no message.
+        fields = [field for field in one.__dataclass_fields__ if field[0] != "_" and not field.isupper()]
+        return all(same(getattr(one, field), getattr(other, field)) for field in fields)
+    if isinstance(one, (list, numpy.ndarray)):
+        return len(one) == len(other) and all(same(a, b) for a, b in zip(one, other))
+    if isinstance(one, int) and isinstance(other, bytes):
+        return bytes([one]) == other
+    return one == other
+
+
+def check_ros2(name, directory, log):
+    """All messages in the types of ROS 2, as two readers decode them, and the poses in them."""
+    bag = directory / "bag.mcap"
+    growbot("export", log, "-o", bag, "--ros2")
+    known = get_typestore(Stores.ROS2_JAZZY)
+    messages, stamps = {}, []
+    with Reader(bag) as reader:
+        for connection in reader.connections:
+            demand(ROS2[connection.topic] == connection.msgtype, f"{name}: {connection.topic} is {connection.msgtype}")
+            demand(connection.msgdef.format.name == "MSG", f"{name}: {connection.topic} has no ros2msg schema")
+            # The definition in the file is that of ROS 2, by its hash; it is what decodes the messages.
+            own = get_typestore(Stores.EMPTY)
+            own.register(get_types_from_msg(connection.msgdef.data, connection.msgtype))
+            kind = connection.msgtype
+            demand(own.hash_rihs01(kind) == known.hash_rihs01(kind), f"{name}: another definition of {kind}")
+        for connection, time, data in reader.messages():
+            message = known.deserialize_cdr(data, connection.msgtype)
+            written = bytes(known.serialize_cdr(message, connection.msgtype))
+            demand(written == bytes(data), f"{name}: rosbags writes a {connection.msgtype} with other bytes")
+            messages.setdefault(connection.topic, []).append((time, message))
+            stamps.append(time)
+    demand(stamps == sorted(stamps), f"{name}: time runs backwards")
+    with open(bag, "rb") as file:
+        demand(make_reader(file).get_header().profile == "ros2", f"{name}: not the profile of ROS 2")
+    again = {}
+    for read in read_ros2_messages(str(bag)):
+        again.setdefault(read.channel.topic, []).append((read.log_time_ns, read.ros_msg))
+    demand(again.keys() == messages.keys(), f"{name}: mcap-ros2 finds {again.keys()}")
+    for topic, found in messages.items():
+        demand(len(found) == len(again[topic]), f"{name}: {topic} of another length")
+        for (time, one), (other_time, other) in zip(found, again[topic]):
+            demand(time == other_time and same(one, other), f"{name}: two readers differ on {topic}: {one} {other}")
+    check_ros2_messages(name, messages, log)
+    return sum(map(len, messages.values()))
+
+
+def check_ros2_messages(name, messages, log):
+    rows, events = table(log), [json.loads(line) for line in log.read_text().splitlines() if line.endswith("}")]
+    told = Counter(event["event"] for event in events)
+    for time, message in (entry for topic in messages if topic not in ("/tf",) for entry in messages[topic]):
+        demand(nanoseconds(message.header) == time, f"{name}: two times in one message")
+    tips = messages["/growbot/tip"]
+    demand_poses(f"{name}, tip", [pose_of(message.pose) for _, message in tips], rows)
+    way = messages["/growbot/body"][-1][1].poses
+    demand_poses(f"{name}, body", [pose_of(message.pose) for message in way], rows)
+    demand([nanoseconds(message.header) for message in way] == [time for time, _ in tips], f"{name}: times of the body")
+    transforms = [message.transforms[0] for _, message in messages["/tf"]]
+    demand({transform.child_frame_id for transform in transforms} == {"tip"}, f"{name}: another frame")
+    turns = [(t.transform.translation, t.transform.rotation) for t in transforms]
+    demand_poses(f"{name}, tf", [((p.x, p.y, p.z), (q.x, q.y, q.z, q.w)) for p, q in turns], rows)
+    if "commanded_x_mm" in rows[0]:
+        at = [[float(row[f"commanded_{axis}_mm"]) / 1000 for axis in "xyz"] for row in rows[1:]]
+        found = [pose_of(message.pose)[0] for _, message in messages["/growbot/commanded"]]
+        demand(len(at) == len(found), f"{name}: {len(found)} commanded poses")
+        demand(max(map(math.dist, at, found)) <= POSE, f"{name}: commanded elsewhere")
+    plan = json.loads(log.read_text().splitlines()[0])["plan"]
+    goal = [plan["goal"][f"{axis}_mm"] / 1000 for axis in "xyz"]
+    demand(math.dist(pose_of(messages["/growbot/goal"][0][1].pose)[0], goal) <= POSE, f"{name}: another goal")
+    demand(len(messages["/growbot/plan"][0][1].poses) == plan["layers"] + 1, f"{name}: another plan")
+    markers = [message for _, message in messages["/growbot/layers"]]
+    demand([marker.id for marker in markers] == list(range(len(rows) - 1)), f"{name}: markers")
+    heights = [float(row["height_mm"]) / 1000 for row in rows[1:]]
+    demand(all(abs(m.scale.z - h) <= POSE and m.type == m.CYLINDER for m, h in zip(markers, heights)), f"{name}: heights")
+    states = [m.status[0] for _, m in messages["/diagnostics"] if m.status[0].name == "growbot: board"]
+    demand(len(states) == told["status"], f"{name}: {len(states)} of {told['status']} states")
+    hot = [float(value.value) for state in states for value in state.values if value.key == "temperature_c"]
+    demand(hot == [event["temperature_c"] for event in events if "temperature_c" in event], f"{name}: temperatures")
+    demand(all("(simulated)" in state.hardware_id for state in states), f"{name}: does not say that it is simulated")
+
+
+def check_tum(name, directory, log):
+    """evo reads the trajectory, and its error against itself as evo writes it is 0."""
+    file, written = directory / "tip.tum", directory / "written.tum"
+    growbot("export", log, "-o", file)
+    trajectory = file_interface.read_tum_trajectory_file(str(file))
+    demand(trajectory.check()[0], f"{name}: evo finds {trajectory.check()[1]}")
+    rows = table(log)
+    start = len(rows) - trajectory.num_poses
+    demand(start in (0, 1), f"{name}: {trajectory.num_poses} lines for {len(rows)} rows")
+    quaternions = numpy.roll(trajectory.orientations_quat_wxyz, -1, axis=1)
+    demand_poses(f"{name}, TUM", list(zip(trajectory.positions_xyz.tolist(), quaternions.tolist())), rows[start:])
+    file_interface.write_tum_trajectory_file(str(written), trajectory)
+    error = metrics.APE(metrics.PoseRelation.full_transformation)
+    error.process_data((trajectory, file_interface.read_tum_trajectory_file(str(written))))
+    demand(error.get_statistic(metrics.StatisticsType.max) < 1e-9, f"{name}: evo's copy is elsewhere")
+    return trajectory
+
+
+def check_ros(name, directory, log):
+    count = check_ros2(name, directory, log)
+    trajectory = check_tum(name, directory, log)
+    took = trajectory.timestamps[-1] - trajectory.timestamps[0]
+    print(f"{name:30} {count} messages of ROS 2, {trajectory.num_poses} poses of TUM over {took:.0f} s")
+
+
 def check_run(name, directory, grow_args):
     log = directory / "run.jsonl"
     growbot("grow", *grow_args, "--log", log)
@@ -178,6 +339,7 @@ def check_run(name, directory, grow_args):
     volume = end["filament_mm"] * math.pi / 4 * 1.75**2
     check_wall(name, directory, log, [], volume, parts=int("--noise" in grow_args))
     messages = check_recording(name, directory, log)
+    check_ros(name, directory, log)
     demand("/faults" not in messages, f"{name}: a fault out of nowhere")
     demand(messages["/events"][-1][1]["message"] == "end: done", f"{name}: no end")
 
@@ -192,6 +354,7 @@ def check_fault(directory):
     status.update(fault="over-temperature", state="fault", temperature_c=251.5, laid=20)
     cut.write_text("".join(lines[: laid[19] + 1]) + json.dumps(status) + "\n" + lines[laid[20]][:30])
     messages = check_recording("cut off after a fault", directory, cut)
+    check_ros("cut off after a fault", directory, cut)
     demand([fault["code"] for _, fault in messages["/faults"]] == ["over-temperature"], "the fault is not told")
     demand(messages["/status"][-1][1]["temperature_c"] == 251.5, "the temperature at the fault is not told")
     demand(len(table(cut)) == 21, "a log that was cut off has other layers")
@@ -207,6 +370,7 @@ def check_refusals(directory):
     for args in (
         [plan, "-o", directory / "a.mcap"],
         [plan, "-o", directory / "a.obj"],
+        [plan, "-o", directory / "a.stl", "--ros2"],
         [plan],
         [broken, "-o", kept],
         [kept, "-o", directory / "a.glb"],

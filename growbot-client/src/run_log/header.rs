@@ -178,7 +178,8 @@ impl From<&Imperfection> for Disturbances {
         let uniform = |max, unit| Distribution::Uniform { mean: 0.0, max, unit };
         let normal = |standard_deviation, unit| Distribution::Normal { mean: 0.0, standard_deviation, unit };
         let constant = |value, unit| Distribution::Constant { value, unit };
-        let percent = |share: f64| 100.0 * share;
+        let percent = |share: f64| as_given(100.0 * share);
+        let degrees = |angle: f64| as_given(degrees(angle));
         Self {
             seed: *seed,
             growth_noise: uniform(percent(disturbance.growth_noise), Unit::Percent),
@@ -193,4 +194,9 @@ impl From<&Imperfection> for Disturbances {
             direction_noise: normal(degrees(noise.direction), Unit::Deg),
         }
     }
+}
+
+/// A number as it was given: conversion to shares and radians, and back, changes its last digits.
+fn as_given(number: f64) -> f64 {
+    format!("{number:.12e}").parse().unwrap_or(number)
 }

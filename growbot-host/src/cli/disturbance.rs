@@ -15,34 +15,38 @@ const MAX_DEG: f64 = 90.0;
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Disturbances of a simulated tip")]
 pub struct DisturbanceArgs {
-    /// Noise of each layer's growth, even to either side, tilt kept
+    /// Noise of each layer's growth, tilt kept: uniform, of this half-width
     #[arg(long, value_name = "PERCENT", default_value = "0", allow_hyphen_values = true, value_parser = percent)]
     noise: f64,
-    /// Over-deposition in every layer; under-deposition if negative
+    /// Over-deposition, the same in every layer; under-deposition if negative
     #[arg(long, value_name = "PERCENT", default_value = "0", allow_hyphen_values = true, value_parser = signed_percent)]
     bias: f64,
-    /// Noise of each layer's tilt: a lean about either axis
+    /// Noise of each layer's tilt, a lean about either axis: uniform, of this
+    /// half-width
     #[arg(long, value_name = "DEG", default_value = "0", allow_hyphen_values = true, value_parser = deg)]
     tilt_noise: f64,
     /// How much more every layer tilts
     #[arg(long, value_name = "PERCENT", default_value = "0", allow_hyphen_values = true, value_parser = signed_percent)]
     tilt_bias: f64,
-    /// Noise of each layer's deposition angle
+    /// Noise of each layer's deposition angle: uniform, of this half-width
     #[arg(long, value_name = "DEG", default_value = "0", allow_hyphen_values = true, value_parser = deg)]
     alpha_noise: f64,
-    /// Offset of the deposition angle
+    /// Offset of the deposition angle, the same in every layer
     #[arg(long, value_name = "DEG", default_value = "0", allow_hyphen_values = true, value_parser = signed_deg)]
     alpha_bias: f64,
-    /// Noise of the twist about the tip's axis in each layer
+    /// Noise of the twist about the tip's axis in each layer: uniform, of this
+    /// half-width
     #[arg(long, value_name = "DEG", default_value = "0", allow_hyphen_values = true, value_parser = deg)]
     twist_noise: f64,
-    /// Twist about the tip's axis in each layer, counter-clockwise
+    /// Twist about the tip's axis, the same in every layer, counter-clockwise
     #[arg(long, value_name = "DEG", default_value = "0", allow_hyphen_values = true, value_parser = signed_deg)]
     twist_bias: f64,
-    /// Noise of the odometry: standard deviation in each layer, of its growth
+    /// Noise of the odometry in each layer, of its growth: normal, of this standard
+    /// deviation
     #[arg(long, value_name = "PERCENT", allow_hyphen_values = true, value_parser = percent)]
     odometry_noise: Option<f64>,
-    /// Noise of the measured direction: standard deviation about either axis
+    /// Noise of the measured direction about either axis: normal, of this standard
+    /// deviation
     #[arg(long, value_name = "DEG", allow_hyphen_values = true, value_parser = deg)]
     direction_noise: Option<f64>,
     /// Where all noise comes from: the same seed gives the same run

@@ -9,13 +9,14 @@ use growbot_client::input::is_standard_input;
 use growbot_client::run_log::BodyKind;
 use growbot_host::export::body::Body;
 use growbot_host::export::mesh::{MeshError, Resolution};
-use growbot_host::export::{glb, recording, stl, table};
+use growbot_host::export::recording::Encoding;
+use growbot_host::export::{glb, recording, stl, table, tum};
 use growbot_host::output::print_bytes;
 
 use super::Failure;
 use super::subject::Subject;
 
-/// Write a body in the format of another tool: STL, GLB, CSV or MCAP
+/// Write a body in the format of another tool: STL, GLB, CSV, TUM or MCAP
 ///
 /// A plan is exported as planned, the log of a growth as built, up to the last layer that it tells of: on a robot as
 /// the steps that the board has made say; on a simulated tip as its plastic lies, which is called laid (simulated),
@@ -28,8 +29,11 @@ use super::subject::Subject;
 /// CSV has a row for the start and one for each layer: where the tip then is (mm) and points, and the layer (alpha_deg,
 /// height_mm, tilt_deg), in full precision.
 ///
+/// TUM is the tip's trajectory, for evo and others: a line after each layer, time (s), position (m), quaternion.
+///
 /// MCAP, from a log only, is a recording for Foxglove: tip, layers, temperatures, states and faults over time. Time is
-/// the board's, as far as the log has it, from 0.
+/// the board's, as far as the log has it, from 0. With --ros2 its messages are those of ROS 2, in CDR: PoseStamped,
+/// Path, TFMessage, Marker and DiagnosticArray.
 #[derive(Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct ExportArgs {
@@ -49,7 +53,10 @@ pub struct ExportArgs {
     /// STL and GLB: a ring of vertices at every Nth layer; more where it bends
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
     every: u32,
-    /// CSV, STL and GLB: which body of a growth
+    /// MCAP: messages of ROS 2 in CDR, not JSON
+    #[arg(long)]
+    ros2: bool,
+    /// CSV, STL, GLB and TUM: which body of a growth
     #[arg(long = "body", value_enum, value_name = "BODY", default_value_t = Which::Laid)]
     which: Which,
     /// The robot: a built-in name or a TOML file [default: the built-in one that
@@ -63,6 +70,8 @@ Examples:
   growbot export plan.json -o body.stl
   growbot export run.jsonl -o body.glb --segments 32 --every 4
   growbot export run.jsonl -o run.mcap
+  growbot export run.jsonl -o bag.mcap --ros2
+  growbot export run.jsonl -o tip.tum
   growbot plan --to 0,0,500,0,90 --json | growbot export - --format csv";
 
 /// The formats.
@@ -74,7 +83,9 @@ enum Format {
     Glb,
     /// Centreline and layers
     Csv,
-    /// A recording for Foxglove, from a run log
+    /// The tip's trajectory: time, position, quaternion
+    Tum,
+    /// A recording for Foxglove or ROS 2, from a run log
     Mcap,
 }
 
@@ -90,13 +101,14 @@ enum Which {
 }
 
 impl Format {
-    const ENDINGS: [&str; 4] = ["stl", "glb", "csv", "mcap"];
+    const ENDINGS: [&str; 5] = ["stl", "glb", "csv", "tum", "mcap"];
 
     fn ending(self) -> &'static str {
         match self {
             Self::Stl => "stl",
             Self::Glb => "glb",
             Self::Csv => "csv",
+            Self::Tum => "tum",
             Self::Mcap => "mcap",
         }
     }
@@ -126,15 +138,21 @@ pub fn run(args: &ExportArgs) -> Result<(), Failure> {
         })?,
         _ => {
             return Err(Failure::bad_input(
-                "which format? Name a file that ends in .stl, .glb, .csv or .mcap with -o, or say --format",
+                "which format? Name a file that ends in .stl, .glb, .csv, .tum or .mcap with -o, or say --format",
             ));
         }
     };
 
-    if to.is_none() && format != Format::Csv && io::stdout().is_terminal() {
+    if is_unreadable(format) && to.is_none() && io::stdout().is_terminal() {
         return Err(Failure::bad_input(
             "this format is not for terminals: name a file with -o, or redirect the output",
         ));
+    }
+    if args.ros2 && format != Format::Mcap {
+        return Err(Failure::bad_input(format_args!(
+            "--ros2 is for MCAP, not for {}: leave it out, or name a file that ends in .mcap",
+            format.ending()
+        )));
     }
     let subject = Subject::open(&args.body, args.robot.as_deref())?;
     let bytes = args.encode(format, &subject)?;
@@ -150,6 +168,11 @@ pub fn run(args: &ExportArgs) -> Result<(), Failure> {
     let kind = simulated.map_or_else(String::new, |kind| format!(", {kind},"));
     growbot_host::tell!("growbot: body{kind} written to {}, {} bytes", path.display(), bytes.len());
     Ok(())
+}
+
+/// Whether it is no text.
+fn is_unreadable(format: Format) -> bool {
+    !matches!(format, Format::Csv | Format::Tum)
 }
 
 impl ExportArgs {
@@ -188,8 +211,15 @@ impl ExportArgs {
                 Ok(glb::write(&bodies, resolution)?)
             }
             Format::Csv => Ok(table::write(&body, beside.as_ref()).into_bytes()),
+            Format::Tum => {
+                let log = run.as_ref().map(|(_, log)| &log[..]);
+                Ok(tum::write(name, &body, &tum::times(&body, plan, log)).into_bytes())
+            }
             Format::Mcap => match run {
-                Some((record, log)) => recording::write(robot, plan, record, log).map_err(Failure::bad_input),
+                Some((record, log)) => {
+                    let encoding = if self.ros2 { Encoding::Ros2 } else { Encoding::Json };
+                    recording::write(robot, plan, record, log, encoding).map_err(Failure::bad_input)
+                }
                 None => Err(Failure::bad_input(format!(
                     "{} is a plan, and MCAP is a recording of a growth: give a run log, as `growbot grow --log` \
                      writes it",

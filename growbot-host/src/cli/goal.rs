@@ -38,10 +38,10 @@ pub struct GoalArgs {
 }
 
 impl GoalArgs {
-    /// How what is grown is called: by its file, where it has one.
-    pub fn name(&self) -> String {
+    /// How what is grown is called: by its file, where it has one, or by the command.
+    pub fn name(&self, command: &str) -> String {
         let file = self.plan.as_ref().and_then(|plan| plan.file_name());
-        file.map_or_else(|| "growbot grow".to_owned(), |file| file.to_string_lossy().into_owned())
+        file.map_or_else(|| command.to_owned(), |file| file.to_string_lossy().into_owned())
     }
 
     /// Reads the plan, or makes it; the robot is its own.

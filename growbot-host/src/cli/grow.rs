@@ -128,8 +128,8 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     let settings = TipSettings { start: Some(plan.start), imperfection, pace };
     let Connection { mut client, mut simulation } = port.connect(&robot, &settings)?;
     let orders = stop_on_interrupt(&mut client, &port);
-    let name = format!("{}{}", args.goal.name(), port.remark());
-    let subject = Subject { name: &name, robot: &robot, plan: &plan, run: None };
+    let name = format!("{}{}", args.goal.name("growbot grow"), port.remark());
+    let subject = Subject { name: &name, robot: &robot, plan: &plan, run: None, laid: None };
     let watch = args.watching.begin(&subject, &job, &[], &orders)?;
     let log = match &args.log {
         Some(path) => {

@@ -30,7 +30,6 @@ mod robots;
 mod schema;
 mod search;
 mod simulate;
-mod simulate_table;
 mod status;
 mod stop;
 mod subject;

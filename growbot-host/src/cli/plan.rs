@@ -142,7 +142,7 @@ impl Answers {
     /// Each line leaves at once: a program may wait for it before it asks the next.
     fn write(&mut self, text: &str) -> Result<(), Failure> {
         match &mut self.file {
-            Some(file) => Ok(file.write(text.as_bytes())?),
+            Some(file) => Ok(file.add(text.as_bytes())?),
             None => Ok(print(text)?),
         }
     }

@@ -9,9 +9,12 @@ use clap::Args;
 use clap::builder::RangedI64ValueParser;
 use growbot_client::files::{FileError, replace_file};
 use growbot_client::printable::json_line;
+use growbot_host::drawing::pdf::pdf;
 use growbot_host::output::print;
 use growbot_host::progress::{Progress, Results};
-use growbot_host::reproduce::{FIGURES, REPEATS, Reproduction, Request, SEED, TABLES, paper, summary, tables};
+use growbot_host::reproduce::{
+    FIGURES, REPEATS, Reproduction, Request, ResultFile, SEED, TABLES, paper, summary, tables,
+};
 
 use super::Failure;
 
@@ -21,6 +24,9 @@ use super::Failure;
 /// 50 in each group and 70 at each level of noise, by both values that the paper gives for its step, by exact slicing,
 /// by both planners, in open and in closed loop. Prints ours beside the paper's, with the significance tests that it
 /// quotes, or one line of JSON with --json.
+///
+/// Noise of the growth is uniform, and its percentage the half-width; noise of the sensors is normal, with standard
+/// deviations of 1 % of a layer and 0.5 degrees about either axis.
 ///
 /// -o writes report.html, one page with everything, each figure as SVG, and every number as CSV. What is there under
 /// the same names is replaced.
@@ -41,6 +47,9 @@ pub struct ReproduceArgs {
     /// Names all random numbers: the same seed gives the same results
     #[arg(long, value_name = "S", default_value_t = SEED, allow_negative_numbers = true)]
     seed: u64,
+    /// Write the figures as PDF, too
+    #[arg(long, requires = "output")]
+    pdf: bool,
     /// Print one line of JSON
     #[arg(long)]
     json: bool,
@@ -51,9 +60,12 @@ pub struct ReproduceArgs {
 
 const AFTER_HELP: &str = "\
 Examples:
-  growbot reproduce -o paper
+  growbot reproduce -o paper --pdf
   growbot reproduce --table 2
   growbot reproduce --figure 4 --figure 6 --repeat 200 -o more";
+
+/// How files of figures end.
+const FIGURE_ENDING: &str = ".svg";
 
 /// A number within a range.
 fn one_of(range: &RangeInclusive<u8>) -> RangedI64ValueParser<u8> {
@@ -93,7 +105,14 @@ pub fn run(args: &ReproduceArgs) -> Result<(), Failure> {
         for file in &files {
             replace_file(&directory.join(&file.name), file.contents.as_bytes())?;
         }
-        growbot_host::tell!("growbot: {} files written to {}", files.len(), directory.display());
+        let figures: Vec<&ResultFile> =
+            files.iter().filter(|file| args.pdf && file.name.ends_with(FIGURE_ENDING)).collect();
+        for figure in &figures {
+            let page = pdf(&figure.contents).map_err(Failure::bad_input)?;
+            replace_file(&directory.join(&figure.name).with_extension("pdf"), &page)?;
+        }
+        let count = files.len() + figures.len();
+        growbot_host::tell!("growbot: {count} files written to {}", directory.display());
     }
     let text = if args.json { json_line(&tables::json(&done)) } else { summary::summary(&done) };
     Ok(print(&text)?)

@@ -105,7 +105,7 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
     let orders = stop_on_interrupt(&mut client, &port);
     let name = args.file.file_name().unwrap_or_default().to_string_lossy();
     let name = format!("{name}{}", port.remark());
-    let subject = Subject { name: &name, robot: &robot, plan: &plan, run: None };
+    let subject = Subject { name: &name, robot: &robot, plan: &plan, run: None, laid: None };
     let watch = args.watching.begin(&subject, &job, &known, &orders)?;
     let laid = board.status.laid as usize;
     let feedback = record.as_ref().and_then(|record| record.feedback(&job, &plan));

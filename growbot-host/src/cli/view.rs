@@ -6,9 +6,12 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 use growbot_client::files::{ending, refuse_ending, replace_file, unknown_ending};
 use growbot_client::input::{is_standard_input, name_of};
+use growbot_client::pose_text::parse_number;
+use growbot_host::drawing::colours::Palette;
+use growbot_host::drawing::pdf::pdf;
 use growbot_host::drawing::png::png;
 use growbot_host::view::picture::Look;
-use growbot_host::view::plot::{Along, Quantity};
+use growbot_host::view::plot::{Along, Plotted, Quantity};
 use growbot_host::view::{Subject, page, picture, plot};
 
 use super::Failure;
@@ -21,18 +24,18 @@ use super::subject::Subject as Opened;
 /// Of a growth it shows what was planned against what was built.
 ///
 /// With --compare it shows two of them side by side, from the same side and at the same scale, with one slider that
-/// grows both.
+/// grows both; pictures and plots take any number.
 ///
-/// With --svg or --png it draws a picture for a paper instead, without a browser; with --plot, what layers, error and
-/// temperature are along the body or over time.
+/// With --svg, --png or --pdf it draws a picture for a paper instead, without a browser; with --plot, what layers, error
+/// and temperature are along the body or over time.
 #[derive(Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct ViewArgs {
     /// The plan, as `growbot plan -o` writes it, or the run log, as `growbot grow
-    /// --log` does (- for standard input); two with --compare
-    #[arg(value_name = "PLAN|RUN", required = true, num_args = 1..=2)]
+    /// --log` does (- for standard input); several with --compare
+    #[arg(value_name = "PLAN|RUN", required = true, num_args = 1..)]
     files: Vec<PathBuf>,
-    /// Two plans or run logs side by side
+    /// Several plans or run logs side by side, or in the same plots; a page has two
     #[arg(long)]
     compare: bool,
     /// A picture instead of a page: SVG; -o gives its name
@@ -41,20 +44,39 @@ pub struct ViewArgs {
     /// A picture instead of a page: PNG; -o gives its name
     #[arg(long, conflicts_with = "svg")]
     png: bool,
+    /// A picture instead of a page: PDF, letters as outlines; -o gives its name
+    #[arg(long, conflicts_with_all = ["svg", "png"])]
+    pdf: bool,
     /// Width of a PNG in pixels [default: 1600]
     #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u32).range(100..=10_000))]
     width: Option<u32>,
     /// From where a picture shows the body [default: corner]
     #[arg(long, value_enum)]
     look: Option<LookName>,
-    /// Plots instead of the body, as SVG unless --png is given: a list with commas
-    #[arg(long, value_enum, value_name = "LIST", value_delimiter = ',', conflicts_with_all = ["compare", "look"])]
+    /// A picture with axes: x, y and z in mm
+    #[arg(long, conflicts_with = "plot")]
+    axes: bool,
+    /// Where a picture's colours of heights end, mm [default: percentiles 1 and 99]
+    #[arg(long, value_name = "MIN,MAX", value_parser = range, conflicts_with = "plot")]
+    range: Option<[f64; 2]>,
+    /// The colours of heights in a picture [default: blue-orange]
+    ///
+    /// All three can be told apart by the colour-blind; the last two also in grey.
+    #[arg(long, value_enum, conflicts_with = "plot")]
+    palette: Option<PaletteName>,
+    /// A picture or plots without names and captions over them
+    #[arg(long)]
+    no_title: bool,
+    /// Plots instead of the body, as SVG unless --png or --pdf is given: a list with
+    /// commas
+    #[arg(long, value_enum, value_name = "LIST", value_delimiter = ',', conflicts_with = "look")]
     plot: Vec<QuantityName>,
     /// What plots go along
     #[arg(long, value_enum, default_value_t = AlongName::Path, requires = "plot")]
     along: AlongName,
     /// Write to this file [default: beside the first file, named as it is, or A-B
-    /// of two, or with -plot; ending in .html, .svg or .png]
+    /// of several, or with -plot; ending in .html, .svg, .png or
+    /// .pdf]
     ///
     /// Where no option says the format, its ending does.
     #[arg(short, long, value_name = "FILE")]
@@ -86,6 +108,39 @@ impl From<LookName> for Look {
             LookName::Side => Self::Side,
             LookName::Top => Self::Top,
         }
+    }
+}
+
+/// A scale of colours, as the command line has it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum PaletteName {
+    /// From blue, low, over sand to orange
+    BlueOrange,
+    /// From violet over green to yellow
+    Viridis,
+    /// From dark blue over grey to yellow
+    Cividis,
+}
+
+impl From<PaletteName> for Palette {
+    fn from(name: PaletteName) -> Self {
+        match name {
+            PaletteName::BlueOrange => Self::BlueOrange,
+            PaletteName::Viridis => Self::Viridis,
+            PaletteName::Cividis => Self::Cividis,
+        }
+    }
+}
+
+/// Two heights, mm.
+fn range(text: &str) -> Result<[f64; 2], String> {
+    let numbers: Vec<Option<f64>> = text.split(',').map(parse_number).collect();
+    match numbers[..] {
+        [Some(min), Some(max)] if min < max && (max - min).is_finite() => Ok([min, max]),
+        [Some(min), Some(max)] => {
+            Err(format!("it goes from {min} to {max} mm: give the smaller one first, such as 0.5,1"))
+        }
+        _ => Err("it is no range: give two heights in mm, such as 0.5,1".to_owned()),
     }
 }
 
@@ -137,16 +192,18 @@ enum Format {
     Html,
     Svg,
     Png,
+    Pdf,
 }
 
 impl Format {
-    const ALL: [Self; 3] = [Self::Html, Self::Svg, Self::Png];
+    const ALL: [Self; 4] = [Self::Html, Self::Svg, Self::Png, Self::Pdf];
 
     fn ending(self) -> &'static str {
         match self {
             Self::Html => "html",
             Self::Svg => "svg",
             Self::Png => "png",
+            Self::Pdf => "pdf",
         }
     }
 }
@@ -162,6 +219,8 @@ Examples:
   growbot view plan.json --svg
   growbot view plan.json --png --width 2400 --look side -o side.png
   growbot view run.jsonl --plot heights,error,temperature --along time
+  growbot view --compare a.jsonl b.jsonl c.jsonl --plot error --pdf -o error.pdf
+  growbot view plan.json --pdf --no-title --axes --palette viridis --range 0.6,1
   growbot plan --to 0,0,500,0,90 --json | growbot view - -o plan.html";
 
 /// Runs the command.
@@ -179,6 +238,7 @@ pub fn run(args: &ViewArgs) -> Result<(), Failure> {
         Format::Png => {
             png(&args.picture(&subjects, &opened)?, args.width.unwrap_or(WIDTH)).map_err(Failure::bad_input)?
         }
+        Format::Pdf => pdf(&args.picture(&subjects, &opened)?).map_err(Failure::bad_input)?,
     };
     replace_file(&output, &contents)?;
     let hint = if format == Format::Html { ": open it in a browser" } else { "" };
@@ -190,10 +250,12 @@ impl ViewArgs {
     /// As it is asked for, or else as the file ends.
     fn format(&self) -> Format {
         let ends_in = |format| self.output.as_deref().is_some_and(|output| ends_in(output, format));
-        match (self.svg, self.png) {
-            (true, _) => Format::Svg,
-            (_, true) => Format::Png,
+        match (self.svg, self.png, self.pdf) {
+            (true, ..) => Format::Svg,
+            (_, true, _) => Format::Png,
+            (.., true) => Format::Pdf,
             _ if ends_in(Format::Png) => Format::Png,
+            _ if ends_in(Format::Pdf) => Format::Pdf,
             _ if ends_in(Format::Svg) || !self.plot.is_empty() => Format::Svg,
             _ => Format::Html,
         }
@@ -209,36 +271,71 @@ impl ViewArgs {
     }
 
     fn picture(&self, subjects: &[&Subject], opened: &[Opened]) -> Result<String, Failure> {
-        let picture = match (subjects, opened) {
-            ([one], [opened]) if !self.plot.is_empty() => {
-                let quantities: Vec<Quantity> = self.plot.iter().map(|name| Quantity::from(*name)).collect();
-                plot::svg(one, opened.run.as_ref().map(|(_, log)| &log[..]), &quantities, self.along.into())
-            }
-            _ => picture::svg(subjects, self.look.unwrap_or(LookName::Corner).into()),
-        };
+        if !self.plot.is_empty() {
+            let quantities: Vec<Quantity> = self.plot.iter().map(|name| Quantity::from(*name)).collect();
+            let options = plot::Options { quantities: &quantities, along: self.along.into(), title: !self.no_title };
+            let log = |opened: &'_ Opened| opened.run.as_ref().map(|(_, log)| log.clone());
+            let logs: Vec<Option<Vec<u8>>> = opened.iter().map(log).collect();
+            let plotted: Vec<Plotted> =
+                subjects.iter().zip(&logs).map(|(subject, log)| Plotted { subject, log: log.as_deref() }).collect();
+            return plot::svg(&plotted, &options).map_err(Failure::bad_input);
+        }
+        let picture = picture::svg(
+            subjects,
+            &picture::Options {
+                look: self.look.unwrap_or(LookName::Corner).into(),
+                palette: self.palette.map(Palette::from).unwrap_or_default(),
+                range: self.range,
+                title: !self.no_title,
+                axes: self.axes,
+            },
+        );
         picture.map_err(Failure::bad_input)
+    }
+
+    /// Whether the options go together.
+    fn check_options(&self) -> Result<(), Failure> {
+        match (self.files.len(), self.compare) {
+            (1, true) => return Err(Failure::bad_input("--compare takes two plans or run logs: give another one")),
+            (2.., false) => return Err(self.several_files()),
+            (3.., true) if self.format() == Format::Html => {
+                return Err(Failure::bad_input(
+                    "a page has two bodies, pictures any number: add --svg, --png or --pdf",
+                ));
+            }
+            _ => {}
+        }
+        let of_pictures = [
+            (self.range.is_some(), "--range"),
+            (self.palette.is_some(), "--palette"),
+            (self.axes, "--axes"),
+            (self.no_title, "--no-title"),
+        ];
+        match self.format() {
+            Format::Html if self.look.is_some() => {
+                Err(Failure::bad_input("--look is for pictures, a page can be turned: add --svg or --png"))
+            }
+            Format::Html => match of_pictures.into_iter().find(|(given, _)| *given) {
+                Some((_, option)) => {
+                    Err(Failure::bad_input(format!("{option} is for pictures: add --svg, --png or --pdf")))
+                }
+                None if self.width.is_some() => Err(Failure::bad_input("--width is for pixels: add --png")),
+                None => Ok(()),
+            },
+            Format::Svg | Format::Pdf if self.width.is_some() => {
+                Err(Failure::bad_input("--width is for pixels: add --png"))
+            }
+            _ => Ok(()),
+        }
     }
 
     /// Where the view goes: never over what it is made from.
     fn output(&self) -> Result<PathBuf, Failure> {
-        match (self.files.len(), self.compare) {
-            (1, true) => return Err(Failure::bad_input("--compare takes two plans or run logs: give another one")),
-            (2, false) => {
-                return Err(self.two_files());
-            }
-            _ => {}
-        }
-        match self.format() {
-            Format::Html if self.look.is_some() => {
-                return Err(Failure::bad_input("--look is for pictures, a page can be turned: add --svg or --png"));
-            }
-            Format::Html | Format::Svg if self.width.is_some() => {
-                return Err(Failure::bad_input("--width is for pixels: add --png"));
-            }
-            _ => {}
-        }
+        self.check_options()?;
         if !self.plot.is_empty() && self.output.as_deref().is_some_and(|output| ends_in(output, Format::Html)) {
-            return Err(Failure::bad_input("plots are SVG or PNG, not HTML: end the file in .svg or .png"));
+            return Err(Failure::bad_input(
+                "plots are SVG or PNG or PDF, not HTML: end the file in .svg, .png or .pdf",
+            ));
         }
         let format = self.format();
         let other = |output: &&PathBuf| Format::ALL.into_iter().any(|other| other != format && ends_in(output, other));
@@ -263,9 +360,10 @@ impl ViewArgs {
             }
         }
         if let Some(output) = &self.output {
-            let formats: &[&str] = if self.plot.is_empty() { &["html", "svg", "png"] } else { &["svg", "png"] };
+            let formats: &[&str] =
+                if self.plot.is_empty() { &["html", "svg", "png", "pdf"] } else { &["svg", "png", "pdf"] };
             let is_known = ending(output).is_none_or(|ending| formats.contains(&&*ending));
-            if !is_known && !self.svg && !self.png {
+            if !is_known && !self.svg && !self.png && !self.pdf {
                 return Err(unknown_ending(output, formats).into());
             }
             refuse_ending(output, &[format.ending()])?;
@@ -273,15 +371,17 @@ impl ViewArgs {
         Ok(output)
     }
 
-    /// Why two files are not accepted without `--compare`. A picture's name after `--png` or `--svg` counts as a file.
-    fn two_files(&self) -> Failure {
-        let picture = self.files.iter().find(|file| [Format::Svg, Format::Png].iter().any(|it| ends_in(file, *it)));
+    /// Why several files are not accepted without `--compare`. A picture's name after `--png` or `--svg` counts as a
+    /// file.
+    fn several_files(&self) -> Failure {
+        let picture =
+            self.files.iter().find(|file| [Format::Svg, Format::Png, Format::Pdf].iter().any(|it| ends_in(file, *it)));
         match picture {
             Some(file) => Failure::bad_input(format!(
                 "{} would be a second plan or run log: to write a picture there, give -o {0}",
                 file.display()
             )),
-            None => Failure::bad_input("two files are shown side by side only: add --compare, or give one"),
+            None => Failure::bad_input("several files are shown side by side only: add --compare, or give one"),
         }
     }
 
@@ -294,7 +394,7 @@ impl ViewArgs {
         }
         let stems: Vec<_> = self.files.iter().filter_map(|file| file.file_stem()).collect();
         // A plan and its log may be called alike.
-        let alike = matches!(stems[..], [one, other] if one == other);
+        let alike = (1..stems.len()).any(|index| stems[..index].contains(&stems[index]));
         let whole = self.files.iter().filter_map(|file| file.file_name());
         let mut name = if alike { whole.collect() } else { stems }.join("-".as_ref());
         name.push(if self.plot.is_empty() { "." } else { "-plot." });
@@ -310,10 +410,11 @@ fn ends_in(file: &Path, format: Format) -> bool {
 /// How files are called: by their names, or by their whole paths where those are the same.
 fn names(files: &[PathBuf]) -> Vec<String> {
     let short = |file: &PathBuf| file.file_name().map(|name| name.to_string_lossy().into_owned());
-    let alike = matches!(files, [one, other] if short(one) == short(other));
-    files.iter().map(|file| short(file).filter(|_| !alike).unwrap_or_else(|| name_of(file))).collect()
+    let alike = |one: &PathBuf| files.iter().filter(|other| short(other) == short(one)).count() > 1;
+    files.iter().map(|file| short(file).filter(|_| !alike(file)).unwrap_or_else(|| name_of(file))).collect()
 }
 
 fn subject<'a>(opened: &'a Opened, name: &'a str) -> Subject<'a> {
-    Subject { name, robot: &opened.robot, plan: &opened.plan, run: opened.run.as_ref().map(|(record, _)| record) }
+    let run = opened.run.as_ref().map(|(record, _)| record);
+    Subject { name, robot: &opened.robot, plan: &opened.plan, run, laid: None }
 }

@@ -11,6 +11,8 @@ use growbot_client::printable::json_line;
 use growbot_core::number::Short;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
+use growbot_host::drawing::pdf::pdf;
+use growbot_host::drawing::png::png;
 use growbot_host::output::print;
 use growbot_host::progress::{Progress, Results};
 use growbot_host::workspace::{DIRECTIONS, POSITIONS, Question, Workspace, svg, workspace};
@@ -23,8 +25,8 @@ use super::{Failure, RobotArg};
 /// Show which goals are within reach of a body
 ///
 /// Which positions can a body of this length bring its tip to, and how many final directions can it have there? Prints
-/// a table, or one line of JSON with --json; -o draws a section through the start: an SVG, colour by length of the
-/// body.
+/// a table, or one line of JSON with --json; -o draws a section through the start: SVG, PNG or PDF, colour by length of
+/// the body.
 ///
 /// Without a final direction (the tip may point anywhere) all is the same round the start's direction. The shortest
 /// body to a position is then an arc and a line, or two arcs, computed exactly, on a grid of 1/120 of the length; the
@@ -62,7 +64,7 @@ pub struct WorkspaceArgs {
     /// Print one line of JSON
     #[arg(long)]
     json: bool,
-    /// Draw a section to this file (SVG)
+    /// Draw a section to this file, by its ending: .svg, .png or .pdf
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
 }
@@ -70,8 +72,13 @@ pub struct WorkspaceArgs {
 const AFTER_HELP: &str = "\
 Examples:
   growbot workspace --length 1000 -o reach.svg
+  growbot workspace --length 1000 -o reach.png
   growbot workspace --length 800 --heading 0 --pitch -90
   growbot workspace --robot growbot-b --length 20000 --json";
+
+/// Endings of pictures, and the width of a PNG in pixels.
+const FORMATS: [&str; 3] = ["svg", "png", "pdf"];
+const WIDTH: u32 = 1760;
 
 /// The longest body that is looked at, mm.
 const LONGEST: f64 = 1e6;
@@ -94,9 +101,9 @@ pub fn run(args: &WorkspaceArgs) -> Result<(), Failure> {
         return Err(Failure::bad_input("-o takes a file: the picture goes nowhere else"));
     }
     if let Some(output) = args.output.as_deref() {
-        // The section has one format: an ending of another one would be a lie, whatever it is.
-        if ending(output).is_some_and(|ending| ending != "svg") {
-            return Err(unknown_ending(output, &["svg"]).into());
+        // An ending of another format would be a lie, whatever it is.
+        if ending(output).is_some_and(|ending| !FORMATS.contains(&&*ending)) {
+            return Err(unknown_ending(output, &FORMATS).into());
         }
         refuse_inputs(output)?;
     }
@@ -119,7 +126,13 @@ pub fn run(args: &WorkspaceArgs) -> Result<(), Failure> {
     }
     let answer = answer?;
     if let Some(path) = &args.output {
-        replace_file(path, svg(&question, &answer).as_bytes())?;
+        let svg = svg(&question, &answer);
+        let bytes = match ending(path).as_deref() {
+            Some("png") => png(&svg, WIDTH).map_err(Failure::bad_input)?,
+            Some("pdf") => pdf(&svg).map_err(Failure::bad_input)?,
+            _ => svg.into_bytes(),
+        };
+        replace_file(path, &bytes)?;
         growbot_host::tell!("growbot: section drawn to {}", path.display());
     }
     let text = if args.json { json_line(&json_of(args, &question, &answer)) } else { table(&question, &answer) };

@@ -1,9 +1,65 @@
-//! The colours of heights, and colours between others.
+//! The colours of heights and of series, and colours between others. The colour-blind can tell all of them apart.
 
 /// Colours of heights, from the min to the max: from blue over sand to orange, to be read on light and on dark ground
 /// and by the colour-blind. The page gets them in its data.
 pub const HEIGHTS: [[u8; 3]; 5] =
     [[0x2f, 0x5f, 0xae], [0x3f, 0x93, 0xb8], [0x8f, 0xb8, 0x9a], [0xe0, 0xb6, 0x5c], [0xd9, 0x70, 0x2e]];
+
+/// Viridis (Smith and van der Walt 2015): equal steps look equal, and brightness alone tells the order.
+pub const VIRIDIS: [[u8; 3]; 9] = [
+    [68, 1, 84],
+    [71, 45, 123],
+    [59, 82, 139],
+    [44, 114, 142],
+    [33, 145, 140],
+    [40, 174, 128],
+    [94, 201, 98],
+    [173, 220, 48],
+    [253, 231, 37],
+];
+/// Cividis (Nunez, Anderton and Renslow 2018): as viridis, and looks the same to the colour-blind.
+pub const CIVIDIS: [[u8; 3]; 9] = [
+    [0, 34, 78],
+    [18, 53, 112],
+    [59, 73, 108],
+    [87, 93, 109],
+    [112, 113, 115],
+    [138, 134, 120],
+    [165, 157, 117],
+    [202, 186, 106],
+    [254, 232, 56],
+];
+/// Colours of series in plots (Okabe and Ito 2008), without the yellow, which is too pale for a line.
+pub const SERIES: [&str; 7] = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000"];
+
+/// The colour of a series; beyond the last they begin again.
+pub fn series(index: usize) -> &'static str {
+    SERIES[index % SERIES.len()]
+}
+
+/// A scale of colours by name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Palette {
+    /// [`HEIGHTS`].
+    #[default]
+    BlueOrange,
+    /// [`VIRIDIS`].
+    Viridis,
+    /// [`CIVIDIS`].
+    Cividis,
+}
+
+impl Palette {
+    /// Its colours, from the min to the max.
+    #[must_use]
+    pub fn colours(self) -> &'static [[u8; 3]] {
+        match self {
+            Self::BlueOrange => &HEIGHTS,
+            Self::Viridis => &VIRIDIS,
+            Self::Cividis => &CIVIDIS,
+        }
+    }
+}
 
 /// The colour at a place, 0 to 1, of a scale of two colours or more.
 pub fn mixed(scale: &[[u8; 3]], at: f64) -> [u8; 3] {
@@ -27,6 +83,19 @@ pub fn colour(scale: &[[u8; 3]], at: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn brightness_alone_tells_the_order_on_the_scales_of_papers() {
+        let bright = |[red, green, blue]: &[u8; 3]| {
+            let linear = |part: u8| libm::pow(f64::from(part) / 255.0, 2.2);
+            0.2126 * linear(*red) + 0.7152 * linear(*green) + 0.0722 * linear(*blue)
+        };
+        for scale in [Palette::Viridis.colours(), Palette::Cividis.colours()] {
+            assert!(scale.windows(2).all(|pair| bright(&pair[1]) > bright(&pair[0]) + 0.005), "{scale:?}");
+        }
+        // No two neighbours among the series are alike, and they begin again after the last.
+        assert!(SERIES.windows(2).all(|pair| pair[0] != pair[1]) && series(7) == SERIES[0]);
+    }
 
     #[test]
     fn colours_run_from_end_to_end() {

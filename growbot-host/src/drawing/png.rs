@@ -37,13 +37,7 @@ pub enum PngError {
 /// # Errors
 /// [`PngError`].
 pub fn png(svg: &str, width: u32) -> Result<Vec<u8>, PngError> {
-    let mut fonts = fontdb::Database::new();
-    FONTS.iter().for_each(|font| fonts.load_font_data(font.to_vec()));
-    for family in [fontdb::Database::set_serif_family, fontdb::Database::set_sans_serif_family] {
-        family(&mut fonts, FAMILY);
-    }
-    let options = Options { font_family: FAMILY.to_owned(), fontdb: Arc::new(fonts), ..Options::default() };
-    let tree = Tree::from_str(svg, &options)?;
+    let tree = read(svg)?;
     let scale = width as f32 / tree.size().width();
     let height = (scale * tree.size().height()).round().max(1.0) as u32;
     let too_large = || PngError::TooLarge { width, height };
@@ -53,6 +47,17 @@ pub fn png(svg: &str, width: u32) -> Result<Vec<u8>, PngError> {
     let mut pixels = Pixmap::new(width, height).ok_or_else(too_large)?;
     resvg::render(&tree, Transform::from_scale(scale, scale), &mut pixels.as_mut());
     packed(&pixels).map_err(|error| PngError::Encoding(error.to_string()))
+}
+
+/// The shapes of a drawing, its letters too.
+pub(super) fn read(svg: &str) -> Result<Tree, usvg::Error> {
+    let mut fonts = fontdb::Database::new();
+    FONTS.iter().for_each(|font| fonts.load_font_data(font.to_vec()));
+    for family in [fontdb::Database::set_serif_family, fontdb::Database::set_sans_serif_family] {
+        family(&mut fonts, FAMILY);
+    }
+    let options = Options { font_family: FAMILY.to_owned(), fontdb: Arc::new(fonts), ..Options::default() };
+    Tree::from_str(svg, &options)
 }
 
 /// The pixels on white, in as few bytes as may be.

@@ -87,6 +87,12 @@ impl Body {
         Some(Self::new(robot, start, laid.map(|(index, layer)| (layer, source(index)))))
     }
 
+    /// A body of these layers, laid in a simulation.
+    #[must_use]
+    pub fn laid(robot: &Robot, start: &Pose, layers: &[Layer]) -> Self {
+        Self::new(robot, start, layers.iter().map(|layer| (*layer, Source::Simulated)))
+    }
+
     fn new(robot: &Robot, start: &Pose, layers: impl Iterator<Item = (Layer, Source)>) -> Self {
         let base_from_start = start.frame();
         let mut base_from_tip = base_from_start;

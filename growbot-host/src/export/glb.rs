@@ -3,11 +3,13 @@
 //! glTF is in metres with y up. Vertices are in metres in the base's axes, from the body's start; the matrix of each
 //! node turns z up into y up and puts the start in its place.
 
+use growbot_core::layer::Layer;
 use nalgebra::Point3;
 use serde_json::{Value, json};
 
 use super::body::Body;
 use super::mesh::{Mesh, MeshError, Resolution};
+use crate::view::heights::HeightScale;
 
 /// `glTF`, as the specification has it.
 const MAGIC: u32 = 0x4654_6c67;
@@ -19,66 +21,25 @@ const BINARY_CHUNK: u32 = 0x004e_4942;
 /// glTF's numbers for kinds of data.
 const FLOAT: u32 = 5126;
 const UNSIGNED_INT: u32 = 5125;
+const UNSIGNED_BYTE: u32 = 5121;
 const ARRAY_BUFFER: u32 = 34962;
 const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 const TRIANGLES: u32 = 4;
 
-/// Colours of bodies: the one that is shown, and one beside it.
-const COLOURS: [[f64; 4]; 2] = [[0.85, 0.55, 0.2, 1.0], [0.3, 0.5, 0.75, 1.0]];
+/// The colour that those of the vertices are multiplied with, and that of a body beside the one that is shown.
+const WHITE: [f64; 4] = [1.0; 4];
+const BESIDE: [f64; 4] = [0.3, 0.5, 0.75, 1.0];
 
-/// The walls of bodies, each a node of this name.
+/// The walls of bodies, each a node of this name; the first is coloured by the heights of its layers, vertex by vertex.
 ///
 /// # Errors
 /// Where there is no mesh of one.
 pub fn write(bodies: &[(&str, &Body)], resolution: Resolution) -> Result<Vec<u8>, MeshError> {
-    let (mut nodes, mut meshes, mut materials) = (Vec::new(), Vec::new(), Vec::new());
-    let (mut accessors, mut views, mut binary) = (Vec::new(), Vec::new(), Vec::new());
-    for (index, (name, body)) in bodies.iter().enumerate() {
-        let start = body.base_from_start.translation.vector;
-        let mesh = Mesh::of_wall(body, resolution, &start)?;
-        let positions: Vec<[f32; 3]> = mesh.vertices.iter().map(metres).collect();
-        let bound = |pick: fn(f32, f32) -> f32| {
-            let first = positions.first().copied().unwrap_or_default();
-            positions.iter().fold(first, |[x, y, z], [a, b, c]| [pick(x, *a), pick(y, *b), pick(z, *c)])
-        };
-        let [x, y, z] = <[f64; 3]>::from(start).map(|mm| mm / 1000.0);
-        // By columns: x stays, y becomes -z, z becomes y.
-        nodes.push(json!({
-            "name": name,
-            "mesh": index,
-            "matrix": [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 1.0, 0.0, 0.0, x, z, -y, 1.0],
-        }));
-        let (first, second) = (2 * index, 2 * index + 1);
-        meshes.push(json!({
-            "name": if index == 0 { "wall".to_owned() } else { format!("wall, {name}") },
-            "primitives": [{
-                "attributes": { "POSITION": first },
-                "indices": second,
-                "material": index,
-                "mode": TRIANGLES,
-            }],
-        }));
-        let colour = COLOURS.get(index).or(COLOURS.last());
-        materials.push(json!({
-            "name": if index == 0 { "filament".to_owned() } else { format!("filament, {name}") },
-            "pbrMetallicRoughness": { "baseColorFactor": colour, "metallicFactor": 0.0, "roughnessFactor": 0.7 },
-        }));
-        accessors.push(json!({
-            "bufferView": first, "componentType": FLOAT, "count": positions.len(), "type": "VEC3",
-            "min": bound(f32::min), "max": bound(f32::max),
-        }));
-        accessors.push(json!({
-            "bufferView": second, "componentType": UNSIGNED_INT, "count": 3 * mesh.triangles.len(), "type": "SCALAR",
-        }));
-        let mut view = |bytes: Vec<u8>, target: u32| {
-            views.push(json!({ "buffer": 0, "byteOffset": binary.len(), "byteLength": bytes.len(), "target": target }));
-            binary.extend(bytes);
-        };
-        let positions = positions.as_flattened().iter().flat_map(|number| number.to_le_bytes());
-        view(positions.collect(), ARRAY_BUFFER);
-        let indices = mesh.triangles.as_flattened().iter().flat_map(|index| index.to_le_bytes());
-        view(indices.collect(), ELEMENT_ARRAY_BUFFER);
+    let mut parts = Parts::default();
+    for (name, body) in bodies {
+        parts.add(name, body, resolution)?;
     }
+    let Parts { nodes, meshes, materials, accessors, views, binary } = parts;
     let document = json!({
         "asset": { "version": "2.0", "generator": concat!("growbot ", env!("CARGO_PKG_VERSION")) },
         "scene": 0,
@@ -93,9 +54,104 @@ pub fn write(bodies: &[(&str, &Body)], resolution: Resolution) -> Result<Vec<u8>
     Ok(container(&document, &binary))
 }
 
+/// The lists of a file under way, and its numbers.
+#[derive(Default)]
+struct Parts {
+    nodes: Vec<Value>,
+    meshes: Vec<Value>,
+    materials: Vec<Value>,
+    accessors: Vec<Value>,
+    views: Vec<Value>,
+    binary: Vec<u8>,
+}
+
+impl Parts {
+    /// Adds a body. The colours of heights are those of the first, which is shown; one beside it is of one colour.
+    fn add(&mut self, name: &str, body: &Body, resolution: Resolution) -> Result<(), MeshError> {
+        let (index, start) = (self.nodes.len(), body.base_from_start.translation.vector);
+        let mesh = Mesh::of_wall(body, resolution, &start)?;
+        let scale = (index == 0).then(|| {
+            let layers: Vec<Layer> = body.layers.iter().map(|laid| laid.layer).collect();
+            HeightScale::of_layers(&layers, body.radius)
+        });
+        let [x, y, z] = <[f64; 3]>::from(start).map(|mm| mm / 1000.0);
+        // By columns: x stays, y becomes -z, z becomes y.
+        self.nodes.push(json!({
+            "name": name,
+            "mesh": index,
+            "matrix": [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 1.0, 0.0, 0.0, x, z, -y, 1.0],
+        }));
+        let of = |what: &str| if index == 0 { what.to_owned() } else { format!("{what}, {name}") };
+        let colour = if scale.is_some() { WHITE } else { BESIDE };
+        self.materials.push(json!({
+            "name": of("filament"),
+            "pbrMetallicRoughness": { "baseColorFactor": colour, "metallicFactor": 0.0, "roughnessFactor": 0.7 },
+        }));
+        let mut attributes = json!({ "POSITION": self.positions(&mesh) });
+        let indices = self.indices(&mesh);
+        if let Some(scale) = &scale {
+            attributes["COLOR_0"] = json!(self.colours(&mesh, scale));
+        }
+        self.meshes.push(json!({
+            "name": of("wall"),
+            "extras": { "height_colours_mm": scale.map(|scale| scale.range()) },
+            "primitives": [{ "attributes": attributes, "indices": indices, "material": index, "mode": TRIANGLES }],
+        }));
+        Ok(())
+    }
+
+    fn positions(&mut self, mesh: &Mesh) -> usize {
+        let positions: Vec<[f32; 3]> = mesh.vertices.iter().map(metres).collect();
+        let bound = |pick: fn(f32, f32) -> f32| {
+            let first = positions.first().copied().unwrap_or_default();
+            positions.iter().fold(first, |[x, y, z], [a, b, c]| [pick(x, *a), pick(y, *b), pick(z, *c)])
+        };
+        let accessor = json!({
+            "componentType": FLOAT, "count": positions.len(), "type": "VEC3", "min": bound(f32::min),
+            "max": bound(f32::max),
+        });
+        let bytes = positions.as_flattened().iter().flat_map(|number| number.to_le_bytes()).collect();
+        self.numbers(bytes, ARRAY_BUFFER, accessor)
+    }
+
+    fn indices(&mut self, mesh: &Mesh) -> usize {
+        let count = 3 * mesh.triangles.len();
+        let accessor = json!({ "componentType": UNSIGNED_INT, "count": count, "type": "SCALAR" });
+        let bytes = mesh.triangles.as_flattened().iter().flat_map(|index| index.to_le_bytes()).collect();
+        self.numbers(bytes, ELEMENT_ARRAY_BUFFER, accessor)
+    }
+
+    fn colours(&mut self, mesh: &Mesh, scale: &HeightScale) -> usize {
+        let count = mesh.vertices.len();
+        let accessor = json!({ "componentType": UNSIGNED_BYTE, "normalized": true, "count": count, "type": "VEC4" });
+        let bytes = mesh.heights.iter().flat_map(|height| linear(scale.colour(*height))).collect();
+        self.numbers(bytes, ARRAY_BUFFER, accessor)
+    }
+
+    /// Adds numbers for this target, and gives the index of their accessor.
+    fn numbers(&mut self, bytes: Vec<u8>, target: u32, mut accessor: Value) -> usize {
+        let view = json!({ "buffer": 0, "byteOffset": self.binary.len(), "byteLength": bytes.len(), "target": target });
+        accessor["bufferView"] = json!(self.views.len());
+        self.views.push(view);
+        self.binary.extend(bytes);
+        self.accessors.push(accessor);
+        self.accessors.len() - 1
+    }
+}
+
 /// A point in mm, in metres.
 fn metres(point: &Point3<f64>) -> [f32; 3] {
     [point.x, point.y, point.z].map(|mm| (mm / 1000.0) as f32)
+}
+
+/// A colour as glTF has it: linear, with how opaque it is.
+fn linear(colour: [u8; 3]) -> [u8; 4] {
+    let [red, green, blue] = colour.map(|part| {
+        let share = f64::from(part) / 255.0;
+        let linear = if share <= 0.04045 { share / 12.92 } else { libm::pow((share + 0.055) / 1.055, 2.4) };
+        (255.0 * linear).round() as u8
+    });
+    [red, green, blue, 255]
 }
 
 /// Both chunks, each filled up to a multiple of four bytes.
@@ -121,7 +177,35 @@ fn container(document: &Value, binary: &[u8]) -> Vec<u8> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::body::Source;
     use super::*;
+    use crate::drawing::colours::HEIGHTS;
+
+    #[test]
+    fn each_vertex_of_the_body_that_is_shown_has_the_colour_of_its_layer() {
+        let robot = growbot_client::robot_file::load("growbot-a".as_ref()).unwrap();
+        let layer = |tilt| Layer { alpha: 0.0, height: 0.8, tilt };
+        let body = Body::of_layers(&robot, (0..20).map(|_| (layer(0.01), Source::Planned)));
+        let resolution = Resolution { segments: 8, every: 1 };
+        let bytes = write(&[("one", &body), ("other", &body)], resolution).unwrap();
+        let length = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
+        let document: Value = serde_json::from_slice(&bytes[20..20 + length]).unwrap();
+        let [one, other] = [0, 1].map(|mesh| &document["meshes"][mesh]["primitives"][0]["attributes"]);
+        assert!(other.get("COLOR_0").is_none());
+        let accessor = &document["accessors"][one["COLOR_0"].as_u64().unwrap() as usize];
+        let vertices = 2 * 8 * 21;
+        assert_eq!((&accessor["count"], &accessor["type"]), (&json!(vertices), &json!("VEC4")));
+        let view = &document["bufferViews"][accessor["bufferView"].as_u64().unwrap() as usize];
+        let from = 28 + length + view["byteOffset"].as_u64().unwrap() as usize;
+        let colours: Vec<&[u8]> = bytes[from..from + 4 * vertices].chunks(4).collect();
+        // The body bends away from x: highest there and lowest opposite, outside and inside, in every ring.
+        for ring in colours.chunks(16) {
+            let ends = [&HEIGHTS[4], &HEIGHTS[0]].map(|colour| linear(*colour));
+            assert_eq!((ring[0], ring[1], ring[8], ring[9]), (&ends[0][..], &ends[0][..], &ends[1][..], &ends[1][..]));
+        }
+        let range = &document["meshes"][0]["extras"]["height_colours_mm"];
+        assert!((range[0].as_f64().unwrap() - layer(0.01).min_height(body.radius)).abs() < 1e-9, "{range}");
+    }
 
     #[test]
     fn chunks_are_filled_up_and_counted() {

@@ -70,6 +70,8 @@ pub enum MeshError {
 pub struct Mesh {
     /// Vertices, mm, from the mesh's origin.
     pub vertices: Vec<Point3<f64>>,
+    /// Height of the layer at each vertex, on the middle of the wall at its angle, mm.
+    pub heights: Vec<f64>,
     /// Indices of vertices, counter-clockwise seen from outside.
     pub triangles: Vec<[u32; 3]>,
 }
@@ -90,7 +92,7 @@ impl Mesh {
         if triangles > MAX_TRIANGLES {
             return Err(MeshError::TooMany { triangles });
         }
-        let reach = frames.iter().map(|frame| frame.translation.vector.amax()).fold(0.0, f64::max) + outline.outer;
+        let reach = frames.iter().map(|(frame, _)| frame.translation.vector.amax()).fold(0.0, f64::max) + outline.outer;
         let spacing = 16.0 * f64::from(f32::EPSILON) * reach;
         if spacing > 0.25 * body.width.min(outline.inner * TAU / f64::from(resolution.segments)) {
             return Err(MeshError::TooFar { reach, spacing });
@@ -100,7 +102,9 @@ impl Mesh {
             return Err(MeshError::TooShort { length: body.length() });
         }
         let triangles = triangles_of(rings.len() as u32, resolution.segments);
-        Ok(Self { vertices: rings.concat(), triangles })
+        let heights = rings.iter().flat_map(|(_, layer)| outline.heights(layer, body.radius)).collect();
+        let vertices = rings.into_iter().flat_map(|(ring, _)| ring).collect();
+        Ok(Self { vertices, heights, triangles })
     }
 
     /// The corners of each triangle, mm.
@@ -116,33 +120,37 @@ impl Mesh {
     }
 }
 
-/// Where rings may stand: `origin_from_tip` at the start, then at the boundaries that are due.
-fn ring_frames(body: &Body, resolution: Resolution, origin: &Vector3<f64>) -> Vec<Frame> {
+/// Where rings may stand: `origin_from_tip` at the start, then at the boundaries that are due, each with the layer that
+/// ends there.
+fn ring_frames(body: &Body, resolution: Resolution, origin: &Vector3<f64>) -> Vec<(Frame, Layer)> {
     let from_origin = |mut frame: Frame| {
         frame.translation.vector -= origin;
         frame
     };
-    let mut frames = vec![from_origin(body.base_from_start)];
+    let first = body.layers.first().map(|laid| laid.layer).unwrap_or_default();
+    let mut frames = vec![(from_origin(body.base_from_start), first)];
+    let mut below = first;
     let mut bend = 0.0;
     let mut waiting = 0;
     let last = body.layers.len().saturating_sub(1);
     for (index, (before, laid)) in body.growing().enumerate() {
         let Layer { alpha, height, tilt } = laid.layer;
         if waiting > 0 && bend + tilt > MAX_BEND {
-            frames.push(from_origin(before));
+            frames.push((from_origin(before), below));
             (bend, waiting) = (0.0, 0);
         }
         let pieces = (tilt / MAX_BEND).ceil().max(1.0);
         for piece in 1..pieces as u32 {
             let share = f64::from(piece) / pieces;
             let part = Layer { alpha, height: share * height, tilt: share * tilt };
-            frames.push(from_origin(before * part.step()));
+            frames.push((from_origin(before * part.step()), laid.layer));
         }
         (bend, waiting) = (bend + tilt, waiting + 1);
         if waiting >= resolution.every || index == last {
-            frames.push(from_origin(laid.base_from_tip));
+            frames.push((from_origin(laid.base_from_tip), laid.layer));
             (bend, waiting) = (0.0, 0);
         }
+        below = laid.layer;
     }
     frames
 }
@@ -175,21 +183,28 @@ impl Outline {
         self.points.iter().flatten().map(|point| frame * point).collect()
     }
 
-    /// The rings at these frames, without those that are nowhere, or not everywhere, as far from the one before.
-    fn distinct_rings(&self, frames: &[Frame], distance: f64) -> Vec<Vec<Point3<f64>>> {
+    /// The height of a layer at each vertex of a ring, on a wall of this mean radius, mm.
+    fn heights(&self, layer: &Layer, radius: f64) -> Vec<f64> {
+        let chord = TAU / self.points.len() as f64;
+        (0..2 * self.points.len()).map(|vertex| layer.height_at((vertex / 2) as f64 * chord, radius)).collect()
+    }
+
+    /// The rings at these frames, without those that are nowhere, or not everywhere, as far from the one before; each
+    /// with its layer.
+    fn distinct_rings(&self, frames: &[(Frame, Layer)], distance: f64) -> Vec<(Vec<Point3<f64>>, Layer)> {
         let apart = |a: &[Point3<f64>], b: &[Point3<f64>]| {
             a.iter().zip(b).all(|(a, b)| nalgebra::distance_squared(a, b) >= distance * distance)
         };
-        let mut rings: Vec<Vec<_>> = Vec::with_capacity(frames.len());
+        let mut rings: Vec<(Vec<_>, Layer)> = Vec::with_capacity(frames.len());
         let end = frames.len().saturating_sub(1);
-        for (index, frame) in frames.iter().enumerate() {
+        for (index, (frame, layer)) in frames.iter().enumerate() {
             let ring = self.ring(frame);
             // The end of the body is where it is: rings before it give way.
-            while index == end && rings.len() > 1 && rings.last().is_some_and(|last| !apart(last, &ring)) {
+            while index == end && rings.len() > 1 && rings.last().is_some_and(|(last, _)| !apart(last, &ring)) {
                 rings.pop();
             }
-            if rings.last().is_none_or(|last| apart(last, &ring)) {
-                rings.push(ring);
+            if rings.last().is_none_or(|(last, _)| apart(last, &ring)) {
+                rings.push((ring, *layer));
             }
         }
         rings

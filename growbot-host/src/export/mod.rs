@@ -3,12 +3,17 @@
 //! - [`body`]: the layers of a plan or a run log, and where each of them is;
 //! - [`mesh`]: the printed wall as a closed surface, written by [`stl`] and [`glb`];
 //! - [`table`]: centreline and layers as CSV;
-//! - [`recording`]: what a run log tells, over time, as MCAP; its messages are those of [`messages`].
+//! - [`tum`]: the way of the tip as a trajectory;
+//! - [`recording`]: what a run log tells, over time, as MCAP: each `message` as JSON ([`messages`]), or in the types of
+//!   ROS 2 as CDR (`ros2`).
 
 pub mod body;
 pub mod glb;
 pub mod mesh;
+mod message;
 pub mod messages;
 pub mod recording;
+mod ros2;
 pub mod stl;
 pub mod table;
+pub mod tum;

@@ -17,32 +17,48 @@ use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::Robot;
 use mcap::records::MessageHeader;
 use mcap::{McapError, WriteOptions, Writer};
-use nalgebra::Point3;
-use serde_json::{Value, json};
+use serde_json::json;
 
 use super::body::{Body, BodyLayer};
+use super::message::Message;
 use super::messages::{self, Level, Topic};
+use super::ros2;
 
 /// Colours from the smallest to the largest height of a layer, and of the planned centreline.
 const LOW: [f64; 3] = [0.2, 0.4, 0.9];
 const HIGH: [f64; 3] = [0.95, 0.45, 0.1];
 const PLANNED: [f64; 3] = [0.3, 0.7, 0.3];
 
+/// How messages are written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Encoding {
+    /// JSON, in the types of Foxglove and growbot's own.
+    Json,
+    /// CDR, in the types of ROS 2.
+    Ros2,
+}
+
 /// The recording of a run log: `log` has its bytes, `record` what has been read from them.
 ///
 /// # Errors
 /// What the writer of MCAP fails with, which writing to memory does not.
-pub fn write(robot: &Robot, plan: &Plan, record: &RunRecord, log: &[u8]) -> Result<Vec<u8>, McapError> {
+pub fn write(
+    robot: &Robot,
+    plan: &Plan,
+    record: &RunRecord,
+    log: &[u8],
+    encoding: Encoding,
+) -> Result<Vec<u8>, McapError> {
     let commanded = Body::as_built(robot, &plan.start, record);
     let simulated = Body::simulated(robot, &plan.start, record);
     let body = simulated.as_ref().unwrap_or(&commanded);
-    let mut recorder = Recorder::new(robot)?;
+    let hardware = format!("{}{}", robot.name(), if record.is_simulated() { " (simulated)" } else { "" });
+    let mut recorder = Recorder::new(robot, encoding, hardware)?;
     recorder.frame(Topic::Start, &plan.start)?;
     recorder.frame(Topic::Goal, &plan.goal)?;
     let planned = Body::planned(robot, plan);
-    let points = planned.growing().map(|(frame, _)| frame).chain(planned.layers.last().map(|last| last.base_from_tip));
-    let points = points.map(|frame| Point3::from(frame.translation.vector));
-    recorder.tell(Topic::Plan, &messages::line(0, "planned", points, PLANNED))?;
+    let frames = planned.growing().map(|(frame, _)| frame).chain(planned.layers.last().map(|last| last.base_from_tip));
+    recorder.tell(Topic::Plan, &Message::Line { id: "planned", frames: frames.collect(), color: PLANNED })?;
     recorder.frame(Topic::Tip, &plan.start)?;
     if record.is_simulated() {
         recorder.event(Level::Info, "the robot is a simulated one")?;
@@ -141,7 +157,9 @@ struct Heights {
 /// A recording under way.
 struct Recorder {
     writer: Writer<Cursor<Vec<u8>>>,
-    channels: HashMap<Topic, u16>,
+    encoding: Encoding,
+    /// By their names.
+    channels: HashMap<&'static str, u16>,
     clock: Clock,
     /// Messages so far.
     told: u32,
@@ -149,51 +167,106 @@ struct Recorder {
     fault: Option<String>,
     /// Smallest and largest height of a layer, mm.
     heights: Heights,
+    /// What the robot is called.
+    hardware: String,
+    /// Where the tip was, and when, ms.
+    way: Vec<(u64, Frame)>,
+}
+
+/// The way of the tip, and the transform to it, in the types of ROS 2.
+const WAY: &str = "/growbot/body";
+const TRANSFORMS: &str = "/tf";
+
+/// The channel of a topic in the types of ROS 2; none of what has no type there.
+fn ros2_channel(topic: Topic) -> Option<(&'static str, &'static str)> {
+    match topic {
+        Topic::Start => Some(("/growbot/start", ros2::POSE)),
+        Topic::Goal => Some(("/growbot/goal", ros2::POSE)),
+        Topic::Tip => Some(("/growbot/tip", ros2::POSE)),
+        Topic::Commanded => Some(("/growbot/commanded", ros2::POSE)),
+        Topic::Plan => Some(("/growbot/plan", ros2::PATH)),
+        Topic::Body => Some(("/growbot/layers", ros2::MARKER)),
+        Topic::Status | Topic::Events => Some(("/diagnostics", ros2::DIAGNOSTICS)),
+        Topic::Layers | Topic::Faults => None,
+    }
 }
 
 impl Recorder {
-    fn new(robot: &Robot) -> Result<Self, McapError> {
+    fn new(robot: &Robot, encoding: Encoding, hardware: String) -> Result<Self, McapError> {
         let options = WriteOptions::new().library(concat!("growbot ", env!("CARGO_PKG_VERSION")));
-        let mut writer = options.create(Cursor::new(Vec::new()))?;
+        let profile = if encoding == Encoding::Ros2 { "ros2" } else { "" };
+        let mut writer = options.profile(profile).create(Cursor::new(Vec::new()))?;
         let mut channels = HashMap::new();
-        for topic in Topic::ALL {
-            let (name, schema) = topic.schema();
-            let schema = writer.add_schema(name, "jsonschema", schema.to_string().as_bytes())?;
-            let channel = writer.add_channel(schema, topic.name(), "json", &BTreeMap::new())?;
-            channels.insert(topic, channel);
+        match encoding {
+            Encoding::Json => {
+                for topic in Topic::ALL {
+                    let (name, schema) = topic.schema();
+                    let schema = writer.add_schema(name, "jsonschema", schema.to_string().as_bytes())?;
+                    let channel = writer.add_channel(schema, topic.name(), "json", &BTreeMap::new())?;
+                    channels.insert(topic.name(), channel);
+                }
+            }
+            Encoding::Ros2 => {
+                let others = [(WAY, ros2::PATH), (TRANSFORMS, ros2::TRANSFORMS)];
+                for (name, kind) in Topic::ALL.into_iter().filter_map(ros2_channel).chain(others) {
+                    let schema = writer.add_schema(kind, "ros2msg", ros2::definition(kind).as_bytes())?;
+                    let channel = writer.add_channel(schema, name, "cdr", &BTreeMap::new())?;
+                    channels.insert(name, channel);
+                }
+            }
         }
         let limits = &robot.description().layer;
         let heights = Heights { min: limits.height_min_mm, max: limits.height_max_mm };
-        Ok(Self { writer, channels, clock: Clock::default(), told: 0, fault: None, heights })
+        let (clock, way) = (Clock::default(), Vec::new());
+        Ok(Self { writer, encoding, channels, clock, told: 0, fault: None, heights, hardware, way })
     }
 
-    fn tell(&mut self, topic: Topic, message: &Value) -> Result<(), McapError> {
+    fn tell(&mut self, topic: Topic, message: &Message) -> Result<(), McapError> {
+        let now = self.clock.now();
+        match (self.encoding, ros2_channel(topic)) {
+            (Encoding::Json, _) => self.put(topic.name(), message.json(now).to_string().as_bytes()),
+            (Encoding::Ros2, Some((name, _))) => match ros2::encode(now, message, &self.hardware) {
+                Some(bytes) => self.put(name, &bytes),
+                None => Ok(()),
+            },
+            (Encoding::Ros2, None) => Ok(()),
+        }
+    }
+
+    fn put(&mut self, channel: &str, bytes: &[u8]) -> Result<(), McapError> {
         let time = self.clock.now().saturating_mul(1_000_000);
-        let channel_id = self.channels.get(&topic).copied().unwrap_or_default();
+        let channel_id = self.channels.get(channel).copied().unwrap_or_default();
         let header = MessageHeader { channel_id, sequence: self.told, log_time: time, publish_time: time };
         self.told = self.told.wrapping_add(1);
-        self.writer.write_to_known_channel(&header, message.to_string().as_bytes())
+        self.writer.write_to_known_channel(&header, bytes)
     }
 
     fn frame(&mut self, topic: Topic, pose: &Pose) -> Result<(), McapError> {
-        let message = messages::pose_in_frame(self.clock.now(), &pose.frame());
-        self.tell(topic, &message)
+        self.at(topic, pose.frame())
     }
 
     fn tip(&mut self, topic: Topic, laid: &BodyLayer) -> Result<(), McapError> {
-        let message = messages::pose_in_frame(self.clock.now(), &laid.base_from_tip);
-        self.tell(topic, &message)
+        self.at(topic, laid.base_from_tip)
+    }
+
+    /// Something is there.
+    fn at(&mut self, topic: Topic, frame: Frame) -> Result<(), McapError> {
+        self.tell(topic, &Message::Pose(frame))?;
+        if topic == Topic::Tip && self.encoding == Encoding::Ros2 {
+            let now = self.clock.now();
+            self.way.push((now, frame));
+            self.put(TRANSFORMS, &ros2::transform(now, &frame))?;
+        }
+        Ok(())
     }
 
     fn event(&mut self, level: Level, words: &str) -> Result<(), McapError> {
-        let message = messages::log(self.clock.now(), level, words);
-        self.tell(Topic::Events, &message)
+        self.tell(Topic::Events, &Message::Event(level, words))
     }
 
     fn status(&mut self, status: &BoardStatus) -> Result<(), McapError> {
         self.clock.status(status);
-        let message = messages::status(self.clock.now(), status);
-        self.tell(Topic::Status, &message)?;
+        self.tell(Topic::Status, &Message::Status(status))?;
         self.latched(status.fault.as_deref())
     }
 
@@ -225,10 +298,7 @@ impl Recorder {
     }
 
     fn fault(&mut self, code: &str, explanation: &str) -> Result<(), McapError> {
-        let message = json!({
-            "timestamp": messages::time(self.clock.now()), "code": code, "explanation": explanation,
-        });
-        self.tell(Topic::Faults, &message)?;
+        self.tell(Topic::Faults, &Message::Fault { code, explanation })?;
         self.event(Level::Error, &format!("fault {code}: {explanation}"))
     }
 
@@ -243,7 +313,6 @@ impl Recorder {
     ) -> Result<(), McapError> {
         let layer = &laid.layer;
         let mut message = json!({
-            "timestamp": messages::time(self.clock.now()),
             "layer": index,
             "alpha_deg": degrees_below_turn(layer.alpha),
             "height_mm": layer.height,
@@ -262,7 +331,7 @@ impl Recorder {
             messages::add_known(&mut message, "filament_pulses", filament_pulses);
             messages::add_known(&mut message, "gravity_milli_g", gravity_milli_g);
         }
-        self.tell(Topic::Layers, &message)
+        self.tell(Topic::Layers, &Message::Layer(message))
     }
 
     fn disc(&mut self, index: usize, base_from_middle: &Frame, layer: &Layer, body: &Body) -> Result<(), McapError> {
@@ -271,12 +340,15 @@ impl Recorder {
         let [low, high] = [LOW, HIGH].map(nalgebra::Vector3::from);
         let color = low.lerp(&high, share).into();
         let diameter = 2.0 * body.radius + body.width;
-        let id = format!("layer {index}");
-        let message = messages::disc(self.clock.now(), &id, base_from_middle, diameter, layer.height, color);
-        self.tell(Topic::Body, &message)
+        let (height, base_from_middle) = (layer.height, *base_from_middle);
+        self.tell(Topic::Body, &Message::Disc { index, base_from_middle, diameter, height, color })
     }
 
     fn finish(mut self) -> Result<Vec<u8>, McapError> {
+        if self.encoding == Encoding::Ros2 {
+            let way = ros2::path(self.clock.now(), self.way.iter().copied());
+            self.put(WAY, &way)?;
+        }
         self.writer.finish()?;
         Ok(self.writer.into_inner().into_inner())
     }
@@ -286,6 +358,7 @@ impl Recorder {
 mod tests {
     use growbot_core::plan::Planner;
     use mcap::MessageStream;
+    use serde_json::Value;
 
     use super::*;
     use growbot_client::growth::Job;
@@ -312,7 +385,7 @@ mod tests {
         log.extend(lines.iter().flat_map(|line| format!("{line}\n").into_bytes()));
         log.extend(b"{\"event\":\"sta");
         let record = RunRecord::read(&log, "run.jsonl").unwrap();
-        let bytes = write(&robot, &plan, &record, &log).unwrap();
+        let bytes = write(&robot, &plan, &record, &log, Encoding::Json).unwrap();
         let message = |message: mcap::Message| {
             let content = serde_json::from_slice(&message.data).unwrap();
             (message.channel.topic.clone(), message.log_time / 1_000_000, content)

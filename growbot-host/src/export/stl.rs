@@ -46,11 +46,15 @@ mod tests {
     #[test]
     fn the_bytes_are_those_of_the_format() {
         let vertices = vec![Point3::origin(), Point3::new(2.0, 0.0, 0.0), Point3::new(0.0, 3.0, 0.0)];
-        let bytes = encode(&Mesh { vertices, triangles: vec![[0, 1, 2]] }, &"a-very-long-name".repeat(9), "planned");
+        let bytes = encode(
+            &Mesh { vertices, heights: vec![1.0; 3], triangles: vec![[0, 1, 2]] },
+            &"a-very-long-name".repeat(9),
+            "planned",
+        );
         assert_eq!(bytes.len(), HEADER + 4 + TRIANGLE);
         assert!(bytes.starts_with(b"binary STL, units mm"));
         for kind in [BodyKind::Laid, BodyKind::Commanded, BodyKind::AsBuilt] {
-            let mesh = Mesh { vertices: Vec::new(), triangles: Vec::new() };
+            let mesh = Mesh { vertices: Vec::new(), heights: Vec::new(), triangles: Vec::new() };
             let header = encode(&mesh, &"a-very-long-name".repeat(9), kind.name());
             let header = String::from_utf8_lossy(&header[..HEADER]).into_owned();
             assert!(header.contains(kind.name()), "{header}");

@@ -7,6 +7,7 @@ use super::experiments::{Experiments, Quantity, Set};
 use super::paper::{self, GROUPS, MeanSd, ROBOTS};
 use super::slicing_rule::SlicingRule;
 use super::statistics::{Summary, Test, anova, kruskal_wallis};
+use super::table2::{self, Cell};
 
 /// The planner of the paper, by which we are compared with it.
 pub(super) const PAPERS_PLANNER: Planner = Planner::TwoPlane;
@@ -72,31 +73,6 @@ pub struct Question {
     pub anova: Option<Test>,
 }
 
-/// Position errors of a robot in a group, beside those of Table 2.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Cell {
-    /// Place in [`ROBOTS`].
-    pub robot: usize,
-    /// Place in [`GROUPS`].
-    pub group: usize,
-    /// The planner.
-    pub planner: Planner,
-    /// How the paths were sliced.
-    pub slicing: SlicingRule,
-    /// Ours.
-    pub ours: Summary,
-    /// The paper's mean and standard deviation.
-    pub paper: MeanSd,
-}
-
-impl Cell {
-    /// Whether our mean lies within the paper's mean and its standard deviation.
-    #[must_use]
-    pub fn is_within(&self) -> bool {
-        (self.ours.mean - self.paper.mean).abs() <= self.paper.sd
-    }
-}
-
 /// Something in which we differ from the paper, or from what it could have meant.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Difference {
@@ -159,32 +135,11 @@ impl Comparison {
     /// Compares what was grown.
     #[must_use]
     pub fn of(experiments: &Experiments) -> Self {
-        let (table2, quoted) = (table2(experiments), quoted(experiments));
+        let (table2, quoted) = (table2::cells(experiments), quoted(experiments));
         let questions = questions(experiments);
         let differences = differences(&table2, &quoted, &questions);
         Self { table2, quoted, questions, exact: exact(experiments), differences }
     }
-}
-
-fn table2(experiments: &Experiments) -> Vec<Cell> {
-    let mut cells = Vec::new();
-    for set in &experiments.sets {
-        let condition = &set.condition;
-        if let Some(paper) = ROBOTS[set.robot].position_error
-            && condition.noise == 0.0
-            && !condition.feedback
-        {
-            cells.push(Cell {
-                robot: set.robot,
-                group: set.group,
-                planner: condition.planner,
-                slicing: condition.slicing,
-                ours: set.summary(Quantity::Position),
-                paper: paper[set.group],
-            });
-        }
-    }
-    cells
 }
 
 fn exact(experiments: &Experiments) -> Option<ExactErrors> {

@@ -61,6 +61,8 @@ pub struct Growth {
     pub repetition: usize,
     /// How it was done.
     pub condition: Condition,
+    /// Start and goal.
+    pub poses: Endpoints,
     /// Length of the planned path, mm.
     pub path_length: f64,
     /// That over the radius.
@@ -359,14 +361,8 @@ fn between_poses(request: &Request, robots: &[Robot], task: &Task) -> Result<Vec
 }
 
 /// One growth.
-fn grow(
-    robot: &Robot,
-    task: &Task,
-    Endpoints { start, goal }: &Endpoints,
-    path: &Path,
-    condition: Condition,
-    seed: u64,
-) -> Growth {
+fn grow(robot: &Robot, task: &Task, poses: &Endpoints, path: &Path, condition: Condition, seed: u64) -> Growth {
+    let Endpoints { start, goal } = poses;
     let disturbance = Disturbance { growth_noise: condition.noise, ..Disturbance::default() };
     let Grown { base_from_tip, layers: laid, .. } = if condition.feedback {
         let legs = [Leg { goal: *goal, segments: path.len() }];
@@ -383,6 +379,7 @@ fn grow(
         group: task.group,
         repetition: task.repetition,
         condition,
+        poses: *poses,
         path_length,
         path_radii: path_length / robot.description().planning_radius_mm,
         layers: laid as usize,

@@ -5,7 +5,8 @@
 //! | [`paper`] | the numbers that the paper prints |
 //! | [`poses`] | random starts and goals |
 //! | [`experiments`], [`slicing_rule`] | the growths: planned, sliced, laid, compared with the goal |
-//! | [`statistics`], [`comparison`] | means and tests; ours beside the paper's; `differences`, why they differ |
+//! | [`statistics`] | means and tests |
+//! | [`comparison`], [`table2`] | ours beside the paper's; `differences`, why they differ |
 //! | [`tables`], [`summary`] | CSV files and JSON; the summary that is printed |
 //! | [`figures`], [`page`] | the figures as SVG; one page of HTML with everything |
 //!
@@ -22,6 +23,7 @@ pub mod poses;
 pub mod slicing_rule;
 pub mod statistics;
 pub mod summary;
+pub mod table2;
 pub mod tables;
 
 use std::ops::RangeInclusive;

@@ -4,13 +4,14 @@ use std::fmt::Write;
 
 use growbot_core::plan::Planner;
 
-use super::comparison::{Cell, ExactErrors, Question, capital, p_text};
+use super::comparison::{ExactErrors, Question, capital, p_text};
 use super::experiments::{NOISE_OF_FEEDBACK, Quantity, Set};
 use super::figures::Figure;
 use super::paper::{self, GROUPS, MeanSd, ROBOTS};
 use super::slicing_rule::SlicingRule;
 use super::statistics::{Summary, Test};
 use super::summary::error_text;
+use super::table2::Cell;
 use super::tables::parameters;
 use super::{Reproduction, Request};
 use growbot_client::plan::planner_name;
@@ -182,8 +183,14 @@ fn robots(page: &mut String, of: &Reproduction, table: u8) {
 fn table2(page: &mut String, of: &Reproduction) {
     page.push_str(
         "<h2 id=\"table2\">Table 2: position error over the length of the path</h2>\n\
-         <p>Open loop, without noise. <span class=\"in\">Green</span>: our mean lies within the paper&#8217;s mean \
-         &plusmn; its standard deviation; <span class=\"out\">red</span>: it does not.</p>\n<div \
+         <p>Open loop, without noise. Below each of our means two p-values. <i>Welch</i>: of means that do not \
+         differ, by Welch&#8217;s t-test of ours and the paper&#8217;s 50 growths. <i>TOST</i>: of means that are \
+         further apart than the paper&#8217;s standard deviation, by two one-sided tests; a small one shows that they \
+         are equivalent to within that margin. Both are corrected by Holm for all means of a row&#8217;s path and \
+         layers, over all robots. <span class=\"out\">Red, *</span>: the means differ at 5 %. \
+         <span class=\"in\">Green, =</span>: they are equivalent at 5 %. A mean may be both: surely not the same, \
+         and surely no further off than the margin. <i>&plusmn; SD</i>: our mean lies within the paper&#8217;s mean \
+         &plusmn; its standard deviation, which is no test.</p>\n<div \
          class=\"wide\"><table>\n<tr><th class=\"l\">robot</th><th class=\"l\">path</th><th class=\"l\">layers</th>",
     );
     for group in GROUPS {
@@ -216,20 +223,26 @@ fn table2(page: &mut String, of: &Reproduction) {
                     slicing.label(&of.experiments.robots[robot])
                 );
                 for cell in cells {
-                    let class = if *slicing == SlicingRule::Exact {
-                        ""
-                    } else if cell.is_within() {
-                        "in"
-                    } else {
-                        "out"
-                    };
-                    let _ = write!(page, "<td class=\"{class}\">{}</td>", mean_and_sd(&cell.ours));
+                    let _ = write!(page, "<td>{}<br>{}</td>", mean_and_sd(&cell.ours), verdict(cell));
                 }
                 page.push_str("</tr>\n");
             }
         }
     }
     page.push_str("</table></div>\n");
+}
+
+/// The p-values of a mean beside the paper's, and what they say.
+fn verdict(cell: &Cell) -> String {
+    let Some(tests) = &cell.tests else { return "-".to_owned() };
+    let p = |p: f64| p_text(p).replace('<', "&lt;");
+    let marked = |holds: bool, class: &str, mark: &str, text: String| {
+        if holds { format!("<span class=\"{class}\">{text} {mark}</span>") } else { text }
+    };
+    let welch = marked(tests.differs(), "out", "*", format!("Welch {}", p(tests.p_holm)));
+    let tost = marked(tests.is_equivalent(), "in", "=", format!("TOST {}", p(tests.tost_p_holm)));
+    let within = if cell.is_within() { "<br>&plusmn; SD" } else { "" };
+    format!("<small>{welch}<br>{tost}{within}</small>")
 }
 
 /// Position errors as they are read; those of exact slicing are rounding.
@@ -250,8 +263,9 @@ fn tests(page: &mut String, of: &Reproduction) {
          <p>p is the chance of a difference at least as large where there is none. The paper quotes p-values of the \
          &#8220;mean rank of each group&#8221;, which is Kruskal and Wallis&#8217; test; beside it one-way analysis of \
          variance (ANOVA), which it names for noise and for constant k, with results in its supplement only. A p of \
-         the paper&#8217;s is one draw of its random poses, and ours one of ours: they agree where both are large, or \
-         both small.</p>\n",
+         the paper&#8217;s is one draw of its random poses, and ours one of ours. A large p is no proof that groups \
+         are alike: it says that so many growths do not show a difference. These p-values are not corrected for their \
+         number.</p>\n",
     );
     let quoted: Vec<&Question> = of.comparison.questions.iter().filter(|question| question.paper.is_some()).collect();
     let others: Vec<&Question> = of.comparison.questions.iter().filter(|question| question.paper.is_none()).collect();
@@ -303,9 +317,9 @@ fn feedback(page: &mut String, of: &Reproduction) {
     let _ = writeln!(
         page,
         "<h2 id=\"feedback\">With noise: open and closed loop</h2>\n<p>Robot A between the same random poses, exact \
-         slicing, with noise of &plusmn;{} % of the growth of each layer, the same layers off by the same share in \
-         both loops. Their tilt is kept, so that in open loop the direction stays right. The paper names feedback as \
-         future work. Without noise of the growth, and as noise of the sensors is all there is, exact slicing in open \
+         slicing, with uniform noise of &plusmn;{} % of the growth of each layer, the same layers off by the same \
+         share in both loops. Their tilt is kept, so that in open loop the direction stays right. The paper names \
+         feedback as future work. Without noise of the growth, and as noise of the sensors is all there is, exact slicing in open \
          loop does better: see Figure 6.</p>\n<div class=\"wide\"><table>\n\
          <tr><th class=\"l\">distance</th><th class=\"l\">path</th><th class=\"l\">loop</th><th>position error / \
          length</th><th>95th percentile</th>\

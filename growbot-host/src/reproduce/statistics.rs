@@ -1,6 +1,6 @@
-//! Means, and whether groups differ by more than chance.
+//! Means, whether groups differ by more than chance, and whether two means are equivalent.
 
-use statrs::distribution::{ChiSquared, ContinuousCDF};
+use statrs::distribution::{ChiSquared, ContinuousCDF, StudentsT};
 use statrs::stats_tests::NaNPolicy;
 use statrs::stats_tests::f_oneway::f_oneway;
 
@@ -53,6 +53,70 @@ pub struct Test {
     pub p: f64,
 }
 
+/// Level of all tests: the chance of a finding where there is nothing to find.
+pub const LEVEL: f64 = 0.05;
+
+/// Two means beside each other, each with its standard deviation and the number of its values.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TwoMeans {
+    /// Welch 1947: t, and the two-sided p of means that do not differ.
+    pub welch: Test,
+    /// Degrees of freedom by Welch and Satterthwaite.
+    pub degrees_of_freedom: f64,
+    /// [`Self::welch`]'s p, corrected by Holm for all comparisons of its family.
+    pub p_holm: f64,
+    /// Two one-sided tests (Schuirmann 1987): p of means that are further apart than the margin of equivalence.
+    pub tost_p: f64,
+    /// That p, corrected by Holm in its own family.
+    pub tost_p_holm: f64,
+}
+
+impl TwoMeans {
+    /// Of two samples, given as n, mean and standard deviation, with a margin of equivalence; no p is corrected yet.
+    /// None where a sample has fewer than two values or neither has any spread.
+    #[must_use]
+    pub fn of(one: (usize, f64, f64), other: (usize, f64, f64), margin: f64) -> Option<Self> {
+        let [a, b] = [one, other].map(|(n, _, sd)| sd * sd / n as f64);
+        let error = libm::sqrt(a + b);
+        if one.0 < 2 || other.0 < 2 || error == 0.0 {
+            return None;
+        }
+        let degrees_of_freedom = (a + b) * (a + b) / (a * a / (one.0 - 1) as f64 + b * b / (other.0 - 1) as f64);
+        let students = StudentsT::new(0.0, 1.0, degrees_of_freedom).ok()?;
+        let difference = one.1 - other.1;
+        let t = difference / error;
+        let p = (2.0 * students.sf(t.abs())).min(1.0);
+        let tost_p = students.sf((margin - difference.abs()) / error);
+        Some(Self { welch: Test { statistic: t, p }, degrees_of_freedom, p_holm: p, tost_p, tost_p_holm: tost_p })
+    }
+
+    /// Whether the means differ at [`LEVEL`], after the correction.
+    #[must_use]
+    pub fn differs(&self) -> bool {
+        self.p_holm < LEVEL
+    }
+
+    /// Whether the means are equivalent at [`LEVEL`], after the correction: no further apart than the margin.
+    #[must_use]
+    pub fn is_equivalent(&self) -> bool {
+        self.tost_p_holm < LEVEL
+    }
+}
+
+/// Holm 1979: p-values of one family, corrected so that the chance of any false finding stays at the level.
+#[must_use]
+pub fn holm(p_values: &[f64]) -> Vec<f64> {
+    let mut order: Vec<usize> = (0..p_values.len()).collect();
+    order.sort_by(|a, b| p_values[*a].total_cmp(&p_values[*b]));
+    let mut corrected = vec![0.0; p_values.len()];
+    let mut at_least: f64 = 0.0;
+    for (place, index) in order.into_iter().enumerate() {
+        at_least = at_least.max(((p_values.len() - place) as f64 * p_values[index]).min(1.0));
+        corrected[index] = at_least;
+    }
+    corrected
+}
+
 /// Kruskal and Wallis 1952: whether the mean ranks of groups differ; H is corrected for ties, and p by chi squared.
 /// None where there are fewer than two groups, an empty one, or nothing but ties.
 #[must_use]
@@ -103,6 +167,51 @@ mod tests {
         assert!((summary.sd - libm::sqrt(5.0 / 3.0)).abs() < 1e-15 && (summary.p95 - 3.85).abs() < 1e-12);
         assert_eq!(Summary::of(&[7.0]), Summary { n: 1, mean: 7.0, sd: 0.0, median: 7.0, p95: 7.0 });
         assert_eq!(Summary::of(&[]).n, 0);
+    }
+
+    /// scipy 1.16.3: `stats.ttest_ind_from_stats(equal_var=False)`, and `stats.t.sf` of the margin less the difference
+    /// over the standard error.
+    #[test]
+    fn welch_and_tost_as_in_scipy() {
+        for (one, other, margin, [t, df, p, tost_p]) in [
+            (
+                (50, 0.0044, 0.0017),
+                (50, 0.0025, 0.001),
+                0.001,
+                [6.811_830_024_129_71, 79.284_107_312_796_05, 1.684_089_691_089_491_8e-9, 0.999_089_311_573_856_6],
+            ),
+            (
+                (7, 3.1, 1.2),
+                (12, 2.5, 0.4),
+                1.5,
+                [1.281_982_160_901_455_7, 6.787_430_597_676_48, 0.241_897_211_149_052_83, 0.048_606_689_077_614_47],
+            ),
+            (
+                (3, 1.0, 0.5),
+                (4, 1.01, 0.6),
+                1.0,
+                [-0.024_019_223_070_763_093, 4.867_686_768_676_869, 0.981_790_689_770_371_9, 0.032_356_783_850_148_81],
+            ),
+        ] {
+            let tests = TwoMeans::of(one, other, margin).unwrap();
+            let found = [tests.welch.statistic, tests.degrees_of_freedom, tests.welch.p, tests.tost_p];
+            for (found, scipy) in found.into_iter().zip([t, df, p, tost_p]) {
+                assert!((found / scipy - 1.0).abs() < 1e-9, "{found} is {scipy} in scipy");
+            }
+        }
+        assert_eq!(TwoMeans::of((1, 1.0, 0.0), (50, 1.0, 0.1), 0.1), None);
+        assert_eq!(TwoMeans::of((50, 1.0, 0.0), (50, 1.0, 0.0), 0.1), None);
+    }
+
+    /// R: `p.adjust(c(0.01, 0.04, 0.03, 0.005), "holm")`.
+    #[test]
+    fn holms_correction_as_in_r() {
+        let corrected = holm(&[0.01, 0.04, 0.03, 0.005]);
+        assert!(
+            corrected.iter().zip([0.03, 0.06, 0.06, 0.02]).all(|(found, r)| (found - r).abs() < 1e-15),
+            "{corrected:?}"
+        );
+        assert_eq!((holm(&[0.9, 0.8]), holm(&[])), (vec![1.0, 1.0], vec![]));
     }
 
     /// Hollander and Wolfe 1973, p. 116, as in the documentation of R's `kruskal.test`: H = 0.77143, 2 degrees of

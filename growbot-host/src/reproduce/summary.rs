@@ -9,7 +9,8 @@ use super::comparison::{ExactErrors, OurMean, Question, capital, p_text};
 use super::experiments::{NOISE_OF_FEEDBACK, Quantity};
 use super::paper::{GROUPS, MeanSd, ROBOTS};
 use super::slicing_rule::SlicingRule;
-use super::statistics::Test;
+use super::statistics::{LEVEL, Test, TwoMeans};
+use super::table2::{Cell, Verdicts};
 use super::tables::parameters;
 
 /// A short table for people, 80 columns wide.
@@ -74,34 +75,48 @@ fn table2_text(text: &mut String, of: &Reproduction) {
     let _ = writeln!(text, "              {}", groups_heading());
     for (robot, paper) in ROBOTS.iter().enumerate() {
         let Some(groups) = paper.position_error else { continue };
-        let cells = |numbers: &mut dyn Iterator<Item = MeanSd>| -> String {
-            numbers.map(|MeanSd { mean, sd }| format!("{:>16}", format!("{mean:.4}+-{sd:.4}"))).collect()
-        };
-        let ours =
-            of.comparison.table2.iter().filter(|cell| {
-                (cell.robot, cell.planner, cell.slicing) == (robot, Planner::TwoPlane, SlicingRule::Text)
-            });
-        let _ = writeln!(text, "{:<4} paper     {}", paper.name, cells(&mut groups.into_iter()));
-        let _ = writeln!(
-            text,
-            "     growbot   {}",
-            cells(&mut ours.map(|cell| MeanSd { mean: cell.ours.mean, sd: cell.ours.sd }))
-        );
-    }
-    let count = |slicing: SlicingRule| {
-        let cells: Vec<_> = of
+        let cells: Vec<&Cell> = of
             .comparison
             .table2
             .iter()
-            .filter(|cell| cell.slicing == slicing && cell.planner == Planner::TwoPlane)
+            .filter(|cell| (cell.robot, cell.planner, cell.slicing) == (robot, Planner::TwoPlane, SlicingRule::Text))
             .collect();
-        (cells.iter().filter(|cell| cell.is_within()).count(), cells.len())
-    };
-    let ((text_within, all), (table_within, _)) = (count(SlicingRule::Text), count(SlicingRule::Table));
+        let means = |means: &mut dyn Iterator<Item = MeanSd>| -> String {
+            means.map(|MeanSd { mean, sd }| format!("{:>16}", format!("{mean:.4}+-{sd:.4}"))).collect()
+        };
+        let p_values = |p: fn(&TwoMeans) -> f64| -> String {
+            let p = |cell: &&Cell| cell.tests.as_ref().map_or("-".to_owned(), |tests| p_text(p(tests)));
+            cells.iter().map(|cell| format!("{:>16}", p(cell))).collect()
+        };
+        let _ = writeln!(text, "{:<4} paper     {}", paper.name, means(&mut groups.into_iter()));
+        let ours = &mut cells.iter().map(|cell| MeanSd { mean: cell.ours.mean, sd: cell.ours.sd });
+        let _ = writeln!(text, "     growbot   {}", means(ours));
+        let _ = writeln!(text, "     p Welch   {}", p_values(|tests| tests.p_holm));
+        let _ = writeln!(text, "     p TOST    {}", p_values(|tests| tests.tost_p_holm));
+    }
+    verdicts_text(text, of);
+}
+
+/// What the tests of Table 2 come to.
+fn verdicts_text(text: &mut String, of: &Reproduction) {
+    let verdicts = |slicing| Verdicts::of(&of.comparison.table2, Planner::TwoPlane, slicing);
+    let (by_text, by_table) = (verdicts(SlicingRule::Text), verdicts(SlicingRule::Table));
     let _ = writeln!(
         text,
-        "{text_within} of {all} means lie within the paper's mean +- SD; with steps of 0.774 mm {table_within} do."
+        "p Welch: of means that do not differ. p TOST: of means further apart than the\n\
+         paper's SD, so a small one shows that they are equivalent to within that\n\
+         margin. Both with Holm's correction for {} comparisons, at the level {LEVEL}.\n",
+        by_text.cells
     );
+    let _ = writeln!(text, "means of {:<37}{:>16}{:>16}", by_text.cells, "3.096 mm steps", "0.774 mm steps");
+    for (what, count) in [
+        ("different, without correction", (|v| v.differ_uncorrected) as fn(&Verdicts) -> usize),
+        ("different", |v| v.differ),
+        ("equivalent to within the paper's SD", |v| v.equivalent),
+        ("within the paper's mean +- SD, untested", |v| v.within),
+    ] {
+        let _ = writeln!(text, "  {what:<44}{:>16}{:>16}", count(&by_text), count(&by_table));
+    }
 }
 
 fn quoted_text(text: &mut String, of: &Reproduction) {
@@ -122,7 +137,7 @@ fn noise_text(text: &mut String, of: &Reproduction) {
     if of.experiments.noise.is_empty() {
         return;
     }
-    let _ = writeln!(text, "\nFigure 6: mean position error over the path's length, by noise of the growth");
+    let _ = writeln!(text, "\nFigure 6: mean position error over length, by half-width of the uniform noise");
     let _ = writeln!(text, "{:<32}{:>9}{:>9}{:>9}{:>9}{:>9}", "", "0 %", "1 %", "2 %", "5 %", "10 %");
     for sets in of.experiments.noise.chunk_by(|a, b| {
         (a.group, a.condition.slicing, a.condition.feedback) == (b.group, b.condition.slicing, b.condition.feedback)
@@ -149,7 +164,7 @@ fn feedback_text(text: &mut String, of: &Reproduction) {
     }
     let _ = writeln!(
         text,
-        "\nRobot A, noise of +-{} %, exact slicing: position error over length, direction",
+        "\nRobot A, uniform noise of +-{} %, exact slicing: error over length, direction",
         100.0 * NOISE_OF_FEEDBACK
     );
     let heading: String = GROUPS.iter().map(|group| format!("{:>17}", format!("{group} R"))).collect();

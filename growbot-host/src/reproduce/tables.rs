@@ -4,11 +4,14 @@ use serde::Serialize;
 use serde_json::{Value, json};
 
 use super::comparison::{ExactErrors, Question};
-use super::experiments::{PlannedSegment, Quantity, Set};
+use super::experiments::{Growth, PlannedSegment, Quantity, SENSORS, Set};
 use super::paper::{self, GROUPS, PaperRobot, ROBOTS};
-use super::statistics::Summary;
+use super::statistics::{Summary, TwoMeans};
+use super::table2::Cell;
 use super::{Reproduction, ResultFile};
 use growbot_client::plan::planner_name;
+use growbot_core::pose::Pose;
+use growbot_core::robot::Robot;
 
 /// A robot of Tables 1 and 3: the paper's numbers, and ours from its description.
 #[derive(Debug, Serialize)]
@@ -42,6 +45,16 @@ struct GrowthRow {
     #[serde(rename = "loop")]
     loop_name: &'static str,
     noise_percent: f64,
+    start_x_mm: f64,
+    start_y_mm: f64,
+    start_z_mm: f64,
+    start_heading_deg: f64,
+    start_pitch_deg: f64,
+    goal_x_mm: f64,
+    goal_y_mm: f64,
+    goal_z_mm: f64,
+    goal_heading_deg: f64,
+    goal_pitch_deg: f64,
     path_length_mm: f64,
     path_length_over_radius: f64,
     layers: usize,
@@ -72,6 +85,33 @@ struct SummaryRow {
     p95: f64,
     mean_paper: Option<f64>,
     sd_paper: Option<f64>,
+}
+
+/// A mean of Table 2 beside the paper's: whether they differ, and whether they are equivalent. p-values are two-sided
+/// for the difference; `_holm` are corrected for all means of one planner and slicing.
+#[derive(Debug, Serialize)]
+struct Table2Row {
+    robot: &'static str,
+    group_radii: u32,
+    planner: &'static str,
+    slicing: &'static str,
+    n: usize,
+    mean: f64,
+    sd: f64,
+    n_paper: usize,
+    mean_paper: f64,
+    sd_paper: f64,
+    within_sd_of_paper: bool,
+    comparisons: usize,
+    welch_t: Option<f64>,
+    welch_df: Option<f64>,
+    welch_p: Option<f64>,
+    welch_p_holm: Option<f64>,
+    differs: Option<bool>,
+    equivalence_margin: f64,
+    tost_p: Option<f64>,
+    tost_p_holm: Option<f64>,
+    equivalent: Option<bool>,
 }
 
 /// A significance test.
@@ -187,27 +227,43 @@ fn sets(of: &Reproduction) -> impl Iterator<Item = (&'static str, &Set)> {
 }
 
 fn growth_rows(of: &Reproduction) -> impl Iterator<Item = GrowthRow> {
-    sets(of).flat_map(|(experiment, set)| set.growths.iter().map(move |growth| (experiment, growth))).map(
-        move |(experiment, growth)| GrowthRow {
-            experiment,
-            robot: ROBOTS[growth.robot].name,
-            group_radii: GROUPS[growth.group],
-            repetition: growth.repetition,
-            planner: planner_name(growth.condition.planner),
-            slicing: growth.condition.slicing.name(),
-            step_mm: growth.condition.slicing.step(&of.experiments.robots[growth.robot]),
-            loop_name: growth.condition.loop_name(),
-            noise_percent: 100.0 * growth.condition.noise,
-            path_length_mm: growth.path_length,
-            path_length_over_radius: growth.path_radii,
-            layers: growth.layers,
-            position_error_mm: growth.arrival.position_error_mm,
-            position_error_over_length: growth.arrival.normalized_position_error,
-            heading_error_deg: Quantity::Heading.of(growth),
-            pitch_error_deg: growth.arrival.pitch_error_deg,
-            direction_error_deg: growth.arrival.direction_error_deg,
-        },
-    )
+    let robots = &of.experiments.robots;
+    sets(of).flat_map(move |(experiment, set)| {
+        set.growths.iter().map(move |growth| growth_row(experiment, growth, &robots[growth.robot]))
+    })
+}
+
+fn growth_row(experiment: &'static str, growth: &Growth, robot: &Robot) -> GrowthRow {
+    let [start, goal] = [&growth.poses.start, &growth.poses.goal].map(Pose::to_degrees);
+    GrowthRow {
+        experiment,
+        robot: ROBOTS[growth.robot].name,
+        group_radii: GROUPS[growth.group],
+        repetition: growth.repetition,
+        planner: planner_name(growth.condition.planner),
+        slicing: growth.condition.slicing.name(),
+        step_mm: growth.condition.slicing.step(robot),
+        loop_name: growth.condition.loop_name(),
+        noise_percent: 100.0 * growth.condition.noise,
+        start_x_mm: start[0],
+        start_y_mm: start[1],
+        start_z_mm: start[2],
+        start_heading_deg: start[3],
+        start_pitch_deg: start[4],
+        goal_x_mm: goal[0],
+        goal_y_mm: goal[1],
+        goal_z_mm: goal[2],
+        goal_heading_deg: goal[3],
+        goal_pitch_deg: goal[4],
+        path_length_mm: growth.path_length,
+        path_length_over_radius: growth.path_radii,
+        layers: growth.layers,
+        position_error_mm: growth.arrival.position_error_mm,
+        position_error_over_length: growth.arrival.normalized_position_error,
+        heading_error_deg: Quantity::Heading.of(growth),
+        pitch_error_deg: growth.arrival.pitch_error_deg,
+        direction_error_deg: growth.arrival.direction_error_deg,
+    }
 }
 
 fn summary_rows(of: &Reproduction) -> impl Iterator<Item = SummaryRow> {
@@ -240,6 +296,33 @@ fn summary_rows(of: &Reproduction) -> impl Iterator<Item = SummaryRow> {
             }
         })
     })
+}
+
+fn table2_row(cell: &Cell) -> Table2Row {
+    let tests = cell.tests.as_ref();
+    Table2Row {
+        robot: ROBOTS[cell.robot].name,
+        group_radii: GROUPS[cell.group],
+        planner: planner_name(cell.planner),
+        slicing: cell.slicing.name(),
+        n: cell.ours.n,
+        mean: cell.ours.mean,
+        sd: cell.ours.sd,
+        n_paper: paper::REPEAT,
+        mean_paper: cell.paper.mean,
+        sd_paper: cell.paper.sd,
+        within_sd_of_paper: cell.is_within(),
+        comparisons: cell.comparisons,
+        welch_t: tests.map(|tests| tests.welch.statistic),
+        welch_df: tests.map(|tests| tests.degrees_of_freedom),
+        welch_p: tests.map(|tests| tests.welch.p),
+        welch_p_holm: tests.map(|tests| tests.p_holm),
+        differs: tests.map(TwoMeans::differs),
+        equivalence_margin: cell.margin(),
+        tost_p: tests.map(|tests| tests.tost_p),
+        tost_p_holm: tests.map(|tests| tests.tost_p_holm),
+        equivalent: tests.map(TwoMeans::is_equivalent),
+    }
 }
 
 fn test_row(question: &Question) -> TestRow<'_> {
@@ -306,6 +389,9 @@ pub fn files(of: &Reproduction) -> Result<Vec<ResultFile>, csv::Error> {
     for table in tables {
         files.extend(csv_of(&format!("table{table}.csv"), robot_rows(of, table))?);
     }
+    if of.request.has_table(2) {
+        files.extend(csv_of("table2.csv", of.comparison.table2.iter().map(table2_row))?);
+    }
     files.extend(csv_of("summary.csv", summary_rows(of))?);
     files.extend(csv_of("tests.csv", of.comparison.questions.iter().map(test_row))?);
     files.extend(csv_of("growths.csv", growth_rows(of))?);
@@ -334,7 +420,19 @@ pub fn json(of: &Reproduction) -> Value {
         "figures": of.request.figures,
         "repeat": of.request.repeat,
         "repeat_noise": of.request.repeat_noise,
+        "disturbances": {
+            "growth_noise": { "distribution": "uniform", "half_width": "noise_percent", "unit": "percent" },
+            "odometry_noise": {
+                "distribution": "normal", "standard_deviation": 100.0 * SENSORS.noise.odometry, "unit": "percent",
+                "loop": "closed",
+            },
+            "direction_noise": {
+                "distribution": "normal", "standard_deviation": SENSORS.noise.direction.to_degrees(), "unit": "deg",
+                "loop": "closed",
+            },
+        },
         "robots": robots,
+        "table2": of.comparison.table2.iter().map(table2_row).collect::<Vec<_>>(),
         "summaries": summary_rows(of).collect::<Vec<_>>(),
         "tests": of.comparison.questions.iter().map(test_row).collect::<Vec<_>>(),
         "exact_slicing_without_noise": exact,

@@ -11,7 +11,7 @@ use super::{Layers, Subject, measured_end};
 
 /// The JSON, without numbers in words.
 pub fn of(subject: &Subject, layers: &Layers) -> Value {
-    let Subject { name, robot, plan, run } = subject;
+    let Subject { name, robot, plan, run, laid } = subject;
     let description = robot.description();
     let mut warnings: Vec<String> = plan.warnings.iter().map(|warning| warning.message.clone()).collect();
     let unknown = run.map_or(0, RunRecord::unknown);
@@ -30,6 +30,7 @@ pub fn of(subject: &Subject, layers: &Layers) -> Value {
     }
     let about = match run {
         Some(run) => format!("growth of {}: {}", plan.robot, run.outcome()),
+        None if laid.is_some() => format!("simulated growth of {}", plan.robot),
         None => format!("plan for {}", plan.robot),
     };
     json!({

@@ -8,6 +8,7 @@
 //! - growbot-host/viewer/: the page itself and its script, which is bundled there at development time.
 
 mod data;
+pub(crate) mod heights;
 mod numbers;
 pub mod page;
 pub mod picture;
@@ -24,6 +25,7 @@ use growbot_client::plan_file::pose;
 use growbot_client::run_log::{BodyKind, RunRecord};
 use growbot_core::job::job_layers;
 use growbot_core::kinematics::advance;
+use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::{Encoder, LayerBytes, decode};
 use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::Robot;
@@ -73,6 +75,8 @@ pub struct Subject<'a> {
     pub plan: &'a Plan,
     /// The log of its growth, where there is one.
     pub run: Option<&'a RunRecord>,
+    /// The layers of a growth that was simulated without a board, and so has no log.
+    pub laid: Option<&'a [Layer]>,
 }
 
 impl Subject<'_> {
@@ -83,16 +87,17 @@ impl Subject<'_> {
 
     /// The planned layers, and those as built where it is a run; as many as can be shown.
     fn layers(&self) -> Result<Layers, ViewError> {
-        let found = self.plan.needs.layers.max(self.run.map_or(0, |run| run.as_built.len()));
+        let grown = self.run.map_or(0, |run| run.as_built.len()).max(self.laid.map_or(0, <[Layer]>::len));
+        let found = self.plan.needs.layers.max(grown);
         if found > MAX_LAYERS {
             return Err(ViewError::TooManyLayers { name: self.name.to_owned(), found });
         }
         let planned = job_layers(&self.plan.path, self.robot).collect();
         let commanded: Option<Vec<LayerBytes>> = self.run.map(|run| run.commanded().collect());
         let mut encoder = Encoder::default();
-        let simulated = self.run.and_then(RunRecord::simulated);
+        let simulated = self.run.and_then(RunRecord::simulated).or_else(|| self.laid.map(<[Layer]>::to_vec));
         let simulated = simulated.map(|layers| layers.iter().map(|layer| encoder.encode(layer)).collect());
-        let kind = self.run.map(RunRecord::body_kind);
+        let kind = self.run.map(RunRecord::body_kind).or(self.laid.map(|_| BodyKind::Laid));
         Ok(match simulated {
             Some(simulated) => Layers { planned, built: Some(simulated), kind, commanded },
             None => Layers { planned, built: commanded, kind, commanded: None },

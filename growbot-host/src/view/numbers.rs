@@ -29,6 +29,7 @@ pub fn of(subject: &Subject, layers: &Layers) -> Vec<Group> {
                 groups.push(group(layers.built_name(), body(subject, built)));
                 groups.push(group("Commanded, by the board's steps", body(subject, commanded)));
             }
+            None if subject.laid.is_some() => groups.push(group(layers.built_name(), body(subject, built))),
             None => groups.push(group(format!("{}, by the board's steps", layers.built_name()), body(subject, built))),
         }
     }
@@ -133,7 +134,7 @@ fn nearness(subject: &Subject, layers: &[LayerBytes]) -> Vec<(&'static str, Stri
 /// How near a tip came to the goal.
 fn arrival(subject: &Subject, arrival: &Arrival) -> Vec<(&'static str, String)> {
     let mut rows = vec![("From the goal", format!("{:.3} mm", arrival.position_error_mm))];
-    if subject.run.is_some() {
+    if subject.run.is_some() || subject.laid.is_some() {
         rows.push(("Of the length", format!("{:.4} %", 100.0 * arrival.normalized_position_error)));
     }
     rows.push(("Off its direction", format!("{:.3}°", arrival.direction_error_deg)));

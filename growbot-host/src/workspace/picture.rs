@@ -6,7 +6,7 @@ use growbot_core::angle::degrees;
 
 use super::{Question, Section, Workspace};
 use crate::drawing::chart::round_step;
-use crate::drawing::colours::colour;
+use crate::drawing::colours::{VIRIDIS, colour};
 
 /// Width and height of the picture, and of the square that the section fills, with its left upper corner.
 const SIZE: (f64, f64) = (880.0, 780.0);
@@ -15,24 +15,12 @@ const CORNER: (f64, f64) = (80.0, 100.0);
 /// Left edge of the legend.
 const LEGEND: f64 = 720.0;
 
-/// Colours of lengths, from short to long: viridis, in which equal steps look equal.
-const VIRIDIS: [[u8; 3]; 9] = [
-    [253, 231, 37],
-    [173, 220, 48],
-    [94, 201, 98],
-    [40, 174, 128],
-    [33, 145, 140],
-    [44, 114, 142],
-    [59, 82, 139],
-    [71, 45, 123],
-    [68, 1, 84],
-];
 /// Colours of shares, from none to all.
 const BLUES: [[u8; 3]; 5] = [[247, 251, 255], [198, 219, 239], [107, 174, 214], [33, 113, 181], [8, 48, 107]];
 /// Steps of the scale of shares.
 const SHARE_STEPS: usize = 10;
 
-const STYLE: &str = "text{font-family:system-ui,'Segoe UI','DejaVu Sans',sans-serif;font-size:13px;fill:#1c2430}\
+const STYLE: &str = "text{font-family:Inter,system-ui,'Segoe UI','DejaVu Sans',sans-serif;font-size:13px;fill:#1c2430}\
 .title{font-size:18px;font-weight:600}.note{font-size:12px;fill:#4a5565}.mid{text-anchor:middle}.end{text-anchor:end}\
 .axis{stroke:#1c2430;stroke-width:1;fill:none}.grid{stroke:#1c2430;stroke-opacity:.12;fill:none}\
 .line{stroke:#fff;stroke-opacity:.75;stroke-width:.8;fill:none}\
@@ -97,7 +85,8 @@ impl Plot {
     }
 
     fn level_colour(&self, index: usize, count: usize) -> String {
-        colour(&VIRIDIS, (index as f64 + 0.5) / count as f64)
+        // From bright, near, to dark, far.
+        colour(&VIRIDIS, 1.0 - (index as f64 + 0.5) / count as f64)
     }
 
     /// Filled contours, the widest first, and the lines between them.

@@ -25,7 +25,7 @@ export function joinOne(data) {
   fillNumbers(find("#numbers"), data.numbers);
   fillWarnings(find("#warnings"), data.warnings);
   // The colours of a body that grows stay as they are.
-  const picture = makePicture(find(".stage"), subject, data.live ? { range: heightRange(planned, sizes.tipRadius) } : {});
+  const picture = makePicture(find(".stage"), subject, data.live ? { range: heightRange([{ body: planned, sizes }]) } : {});
   const view = { picture, total: (data.live ? planned : body).layers.count, layers: () => body.layers.count };
 
   const shown = ["built", "planned", "commanded", "estimated"].map((name) => [name, find(`#show-${name}`)]);

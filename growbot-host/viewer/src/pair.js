@@ -61,8 +61,7 @@ function drawSideBySide(subjects) {
   });
   find("#stages").replaceChildren(...figures);
 
-  const ranges = subjects.map(({ body, sizes }) => heightRange(body, sizes.tipRadius));
-  const range = [Math.min(...ranges.map(([min]) => min)), Math.max(...ranges.map(([, max]) => max))];
+  const range = heightRange(subjects);
   const square = Math.max(...subjects.map(({ body }) => squareUnder(boxOf([body]))));
   const pictures = subjects.map((subject, i) => makePicture(stages[i], subject, { range, square }));
   if (pictures.every(Boolean)) linkStages(pictures.map(({ stage }) => stage));

@@ -8,7 +8,7 @@ import { gradient } from "./colours.js";
 import { makeArrow, makeBall, makeCentreline, makeFloor, makeShadow, makeTipFrame, makeTrace } from "./marks.js";
 import { makeStage } from "./stage.js";
 import { scaleLength } from "./text.js";
-import { makeGhost, makeTube, heightRange } from "./tube.js";
+import { makeGhost, makeTube, heightRange, heightsBeyond, PERCENTILES } from "./tube.js";
 
 const along = (from, direction, length) => from.map((part, k) => part + direction[k] * length);
 
@@ -128,10 +128,13 @@ function paintable(place, { start, goal, via, reached, commanded, estimated, pla
     const visible = tube?.mesh.visible ?? true;
     for (const old of [tube?.mesh, shadow?.line]) old?.traverse(dispose);
     scene.remove(...[tube?.mesh, shadow?.line].filter(Boolean));
-    const [min, max] = range ?? heightRange(body, sizes.tipRadius);
+    const [min, max] = range ?? heightRange([{ body, sizes }]);
+    const [below, above] = heightsBeyond(body, sizes, [min, max]);
+    const signs = [below ? "< " : "", "", above ? "> " : ""];
     find(".legend span").childNodes.forEach((end, i) => {
-      end.textContent = (min + ((max - min) * i) / 2).toFixed(2);
+      end.textContent = `${signs[i]}${(min + ((max - min) * i) / 2).toFixed(2)}`;
     });
+    find(".legend small").textContent = below || above ? `from percentile ${PERCENTILES.join(" to ")}` : "";
     tube = makeTube(body, sizes, [min, max]);
     tube.mesh.visible = visible;
     shadow = makeShadow(body, floorAt);

@@ -10,19 +10,36 @@ const MAX_RINGS = 5000;
 /** Layers of less than this share of the highest are splinters between two pieces of a path: they do not stretch the scale. */
 const SPLINTER = 0.2;
 
-/** Min and max height of the layers of a body, on the middle of its wall, mm. */
-export function heightRange({ layers }, tipRadius) {
+/** The colours go over these percentiles of the heights, so that outliers do not stretch them (growbot-host/src/view/heights.rs). */
+export const PERCENTILES = [1, 99];
+
+/** Min and max height of each layer of a body, on the middle of its wall, mm, in order of height. */
+function heights({ layers }, tipRadius) {
   const splinter = SPLINTER * layers.height.reduce((a, b) => Math.max(a, b), 0);
-  let [min, max] = [Infinity, 0];
+  const found = [];
   for (let i = 0; i < layers.count; i += 1) {
     if (layers.height[i] < splinter) continue;
     const lean = tipRadius * layers.tilt[i];
-    min = Math.min(min, layers.height[i] - lean);
-    max = Math.max(max, layers.height[i] + lean);
+    found.push(layers.height[i] - lean, layers.height[i] + lean);
   }
-  if (!(min <= max)) return [0, 1];
+  return Float64Array.from(found).sort();
+}
+
+/** Where the colours of the layers of bodies end, mm. */
+export function heightRange(subjects) {
+  const all = subjects.map(({ body, sizes }) => heights(body, sizes.tipRadius));
+  const found = Float64Array.from(all.flatMap((values) => [...values])).sort();
+  if (found.length === 0) return [0, 1];
+  const [low, high] = PERCENTILES.map((percent) => (percent / 100) * (found.length - 1));
+  const [min, max] = [found[Math.floor(low)], found[Math.ceil(high)]];
   // Layers that are all alike are in the middle of the scale.
   return max - min > 1e-3 ? [min, max] : [min - 0.05, max + 0.05];
+}
+
+/** Whether a body has layers below and above this range. */
+export function heightsBeyond(body, { tipRadius }, [min, max]) {
+  const found = heights(body, tipRadius);
+  return [found[0] < min - 1e-6, found.at(-1) > max + 1e-6];
 }
 
 /** Colours are interpolated by the graphics card, which works in linear light. */

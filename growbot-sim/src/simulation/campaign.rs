@@ -1,31 +1,13 @@
 //! The same growth with many seeds, on all cores, in a memory that does not grow with their number.
 
+use std::convert::Infallible;
+
 use super::statistics::Statistics;
 use super::{Hung, Outcome, Simulation};
 use crate::parallel;
 
 /// Growths whose outcomes are stored at a time.
 const BATCH: u64 = 16_384;
-
-/// What the statistics need of a growth.
-struct Sample {
-    layers: u64,
-    errors: [f64; 4],
-    heading_error_deg: Option<f64>,
-    hung: Option<Hung>,
-}
-
-impl From<Outcome> for Sample {
-    fn from(Outcome { grown, arrival, hung }: Outcome) -> Self {
-        let errors = [
-            arrival.position_error_mm,
-            arrival.normalized_position_error,
-            arrival.pitch_error_deg,
-            arrival.direction_error_deg,
-        ];
-        Self { layers: grown.layers, errors, heading_error_deg: arrival.heading_error_deg, hung }
-    }
-}
 
 /// The growth that ended farthest from the goal.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -62,35 +44,53 @@ pub struct Campaign {
 impl Campaign {
     /// Grows `runs` times, with the seeds from `seed` on. `at` is called with the number that is done. The result does
     /// not depend on the number of threads: outcomes are added in the order of the seeds.
-    pub fn run(simulation: &Simulation, seed: u64, runs: u64, threads: usize, mut at: impl FnMut(u64)) -> Self {
+    pub fn run(simulation: &Simulation, seed: u64, runs: u64, threads: usize, at: impl FnMut(u64)) -> Self {
+        Self::run_each(simulation, seed, runs, threads, at, |_, _| Ok::<(), Infallible>(()))
+            .unwrap_or_else(|never| match never {})
+    }
+
+    /// As [`Self::run`]; `each` is called with every seed and its outcome, in the order of the seeds.
+    ///
+    /// # Errors
+    /// The first of `each`: no more is grown then.
+    pub fn run_each<E>(
+        simulation: &Simulation,
+        seed: u64,
+        runs: u64,
+        threads: usize,
+        mut at: impl FnMut(u64),
+        mut each: impl FnMut(u64, &Outcome) -> Result<(), E>,
+    ) -> Result<Self, E> {
         let mut campaign = Self::default();
         while campaign.runs < runs {
             let done = campaign.runs;
             let seeds: Vec<u64> = (done..runs.min(done + BATCH)).map(|run| seed.wrapping_add(run)).collect();
-            let grown: Vec<Sample> =
-                parallel::map_on(threads, &seeds, |seed| simulation.run(*seed).into(), |more| at(done + more as u64));
-            for (seed, sample) in seeds.iter().zip(&grown) {
-                campaign.add(*seed, sample);
+            let grown: Vec<Outcome> =
+                parallel::map_on(threads, &seeds, |seed| simulation.run(*seed), |more| at(done + more as u64));
+            for (seed, outcome) in seeds.iter().zip(&grown) {
+                each(*seed, outcome)?;
+                campaign.add(*seed, outcome);
             }
         }
-        campaign
+        Ok(campaign)
     }
 
-    fn add(&mut self, seed: u64, sample: &Sample) {
-        let [position, normalized, pitch, direction] = sample.errors;
+    fn add(&mut self, seed: u64, outcome: &Outcome) {
+        let Outcome { grown, arrival, hung } = outcome;
         self.runs += 1;
-        self.layers.add(sample.layers as f64);
-        self.position_error_mm.add(position);
-        self.normalized_position_error.add(normalized);
-        if let Some(heading) = sample.heading_error_deg {
+        self.layers.add(grown.layers as f64);
+        self.position_error_mm.add(arrival.position_error_mm);
+        self.normalized_position_error.add(arrival.normalized_position_error);
+        if let Some(heading) = arrival.heading_error_deg {
             self.heading_error_deg.add(heading);
         }
-        self.pitch_error_deg.add(pitch);
-        self.direction_error_deg.add(direction);
-        if self.farthest.is_none_or(|farthest| position > farthest.position_error_mm) {
-            self.farthest = Some(Farthest { seed, position_error_mm: position });
+        self.pitch_error_deg.add(arrival.pitch_error_deg);
+        self.direction_error_deg.add(arrival.direction_error_deg);
+        let position_error_mm = arrival.position_error_mm;
+        if self.farthest.is_none_or(|farthest| position_error_mm > farthest.position_error_mm) {
+            self.farthest = Some(Farthest { seed, position_error_mm });
         }
-        if let Some(hung) = sample.hung {
+        if let Some(hung) = *hung {
             let max = self.hung.get_or_insert(hung);
             max.deflection = max.deflection.max(hung.deflection);
             if hung.root.stress > max.root.stress {

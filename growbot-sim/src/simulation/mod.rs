@@ -10,8 +10,9 @@ pub mod statistics;
 use growbot_client::arrival::Arrival;
 use growbot_client::plan::Plan;
 use growbot_client::warning::Warning;
+use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
-use growbot_core::simulation::{Disturbance, Grown, Hanging, RootStress, Sensors, Task, grow_closed, grow_open};
+use growbot_core::simulation::{Disturbance, Grown, Hanging, Laid, RootStress, Sensors, Task, grow_closed, grow_open};
 use growbot_core::slicing::{Layers, Slicing, layers};
 
 /// Code of the warning of a root that would fail: max stress, strength (MPa).
@@ -91,21 +92,30 @@ impl<'a> Simulation<'a> {
     /// ```
     #[must_use]
     pub fn run(&self, seed: u64) -> Outcome {
+        self.run_by_layer(seed, |_| ())
+    }
+
+    /// As [`Self::run`]; `each` is called with every layer as laid, without the sag of the body.
+    pub fn run_by_layer(&self, seed: u64, mut each: impl FnMut(&Laid)) -> Outcome {
         let Self { task, disturbance, .. } = self;
         let mut hanging = self.sag.then(|| Hanging::new(task.robot, &task.start.frame()));
         let mut grown = match &self.sensors {
             None => grow_open(&task.start, self.layers.clone().map(|sliced| sliced.layer), disturbance, seed, |laid| {
+                each(laid);
                 if let Some(hanging) = &mut hanging {
                     hanging.lay(laid);
                 }
             }),
             // The sensors feel the sag as it is after each layer.
-            Some(sensors) => grow_closed(task, disturbance, sensors, seed, |_, laid, by_growth| match &mut hanging {
-                Some(hanging) => {
-                    hanging.lay(laid);
-                    hanging.base_from_tip()
+            Some(sensors) => grow_closed(task, disturbance, sensors, seed, |_, laid, by_growth| {
+                each(laid);
+                match &mut hanging {
+                    Some(hanging) => {
+                        hanging.lay(laid);
+                        hanging.base_from_tip()
+                    }
+                    None => *by_growth,
                 }
-                None => *by_growth,
             }),
         };
         let hung = hanging.map(|hanging| {
@@ -113,6 +123,18 @@ impl<'a> Simulation<'a> {
             Hung { deflection: hanging.deflection(), root: hanging.root_stress() }
         });
         Outcome { grown, arrival: Arrival::of(&grown.base_from_tip, &task.goal(), self.path_length), hung }
+    }
+
+    /// Where it starts.
+    #[must_use]
+    pub fn start(&self) -> Pose {
+        self.task.start
+    }
+
+    /// Where it is to arrive.
+    #[must_use]
+    pub fn goal(&self) -> Pose {
+        self.task.goal()
     }
 
     /// Length of the planned path, mm.
@@ -152,7 +174,6 @@ mod tests {
     use growbot_client::pose_text::parse_pose;
     use growbot_client::robot_file;
     use growbot_core::plan::Planner;
-    use growbot_core::pose::Pose;
 
     fn plan(robot: &Robot, from: &str, to: &str) -> Plan {
         let (start, goal) = (parse_pose(from).unwrap(), parse_pose(to).unwrap());

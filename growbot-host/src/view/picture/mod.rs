@@ -1,10 +1,12 @@
-//! A body, or two side by side, as a picture for papers: one SVG, drawn here.
+//! A body, or several side by side, as a picture for papers: one SVG, drawn here.
 //!
 //! - `camera`: from where; `place`: where that is in the drawing;
 //! - `tube`: the printed wall as shaded faces, far ones first;
+//! - `axes`: x, y and z with numbers, round a body;
 //! - `marks`: arrows, the tip's frame, poses, the floor;
 //! - `stage`: one body with all of that.
 
+mod axes;
 mod camera;
 mod marks;
 mod place;
@@ -16,17 +18,19 @@ pub use camera::Look;
 use growbot_core::layer_bytes::LayerBytes;
 use nalgebra::Vector3;
 
+use self::axes::Axes;
 use self::camera::Camera;
 use self::marks::{FREE_SIDE, Line, key};
 use self::place::{Bounds, Place};
 use self::stage::Stage;
-use self::tube::{Detail, height_range};
+use self::tube::Detail;
+use super::heights::{HeightScale, LEGEND};
 use super::numbers::{caption, measured};
 use super::side_by_side::difference;
 use super::{Layers, Subject, ViewError};
 use crate::drawing::canvas::{Canvas, escape};
 use crate::drawing::chart::{number, round_below};
-use crate::drawing::colours::{HEIGHTS, hex};
+use crate::drawing::colours::Palette;
 
 /// Width of a drawing, and how high a stage in it must be, and may be alone and beside another, units of the drawing.
 const WIDE: f64 = 960.0;
@@ -42,8 +46,9 @@ const EDGE: f64 = 28.0;
 /// Width of a letter in a title and in what is written below it, about.
 const TITLE_LETTER: f64 = 10.0;
 const LETTER: f64 = 6.8;
-/// Width of the scale of heights.
-const LEGEND: f64 = 220.0;
+/// Room above a body without a title, and round one with axes.
+const UNTITLED: f64 = 10.0;
+const AXES_ROOM: f64 = 44.0;
 /// The middle of the text between scale bar and legend, and the number of letters that fit.
 const MIDDLE: f64 = 0.47 * WIDE;
 const MAX_LETTERS: usize = 70;
@@ -51,65 +56,130 @@ const MAX_LETTERS: usize = 70;
 const FINE: Detail = Detail { rings: 200, faces: 56 };
 const LESS_FINE: Detail = Detail { rings: 80, faces: 36 };
 
-/// The picture of a body or two, which are then seen from one side and at one scale.
+/// What a picture shows, and how.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Options {
+    /// From where.
+    pub look: Look,
+    /// The colours of heights.
+    pub palette: Palette,
+    /// Where they end, mm; none to find it.
+    pub range: Option<[f64; 2]>,
+    /// Whether names and captions stand over the bodies.
+    pub title: bool,
+    /// Whether axes with numbers stand round them.
+    pub axes: bool,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { look: Look::Corner, palette: Palette::default(), range: None, title: true, axes: false }
+    }
+}
+
+/// The picture of any number of bodies, which are then seen from one side and at one scale.
 ///
 /// # Errors
 /// [`ViewError::TooManyLayers`].
-pub fn svg(subjects: &[&Subject], look: Look) -> Result<String, ViewError> {
+pub fn svg(subjects: &[&Subject], options: &Options) -> Result<String, ViewError> {
     let layers = subjects.iter().map(|subject| subject.layers()).collect::<Result<Vec<_>, _>>()?;
     let all: Vec<(&Subject, &Layers)> = subjects.iter().copied().zip(&layers).collect();
-    let width = WIDE / all.len().max(1) as f64;
-    let (max_high, detail) = if all.len() > 1 { (HIGH_OF_TWO, LESS_FINE) } else { (HIGH, FINE) };
-    let stages: Vec<Stage> = all.iter().map(|(subject, layers)| Stage::new(subject, layers, detail)).collect();
-    let camera = Camera::new(look, &facing(&stages));
-    let range = whole_range(&all);
+    let grid = Grid::of(all.len());
+    let stages: Vec<Stage> = all.iter().map(|(subject, layers)| Stage::new(subject, layers, grid.detail)).collect();
+    let camera = Camera::new(options.look, &facing(&stages));
+    let heights = height_scale(&all, options);
     let square = stages.iter().map(Stage::square).fold(0.0, f64::max);
-    let mut bounds: Vec<Bounds> = stages.iter().map(|stage| stage.bounds(&camera, square)).collect();
+    let margin = MARGIN.map(|margin| margin + if options.axes { AXES_ROOM } else { 0.0 });
+    let boxes: Vec<Option<Axes>> = stages.iter().map(|stage| options.axes.then(|| stage.axes(square))).collect();
+    let mut bounds: Vec<Bounds> =
+        stages.iter().zip(&boxes).map(|(stage, axes)| stage.bounds(&camera, square, axes.as_ref())).collect();
     // Bodies to one goal are seen in one frame, so that what is at one place is at one place.
     if stages.iter().all(|stage| stages.first().is_some_and(|first| stage.has_ends_of(first))) {
         let together = bounds.iter().fold(Bounds::NONE, |all, one| all.and(*one));
         bounds.fill(together);
     }
-    let scale = bounds.iter().map(|bounds| scale(bounds, [width, max_high])).fold(f64::INFINITY, f64::min);
+    let fitting_scale = |bounds| scale(bounds, [grid.width, grid.max_high], margin);
+    let scale = bounds.iter().map(fitting_scale).fold(f64::INFINITY, f64::min);
     let room_above = if stages.iter().any(Stage::has_reached) { FREE_SIDE - MARGIN[1] } else { 0.0 };
-    let top = HEAD + room_above;
-    let high = bounds.iter().map(|bounds| scale * bounds.size()[1] + 2.0 * MARGIN[1]).fold(MIN_HIGH, f64::max);
+    let top = room_above + if options.title { HEAD } else { UNTITLED };
+    let high = bounds.iter().map(|bounds| scale * bounds.size()[1] + 2.0 * margin[1]).fold(MIN_HIGH, f64::max);
 
-    let title: Vec<String> = all
-        .iter()
-        .map(|(subject, layers)| escape(&format!("{}: {}", subject.name, caption(subject, layers, ""))))
-        .collect();
-    let bottom = top + high;
-    let mut canvas = Canvas::new(WIDE, bottom + FOOT, &title.join("; "));
+    let bottom = grid.rows as f64 * (top + high);
+    let mut canvas = Canvas::new(WIDE, bottom + FOOT, &spoken(&all));
     let names = names(subjects);
-    for (index, ((stage, bounds), ((subject, layers), name))) in
-        stages.iter().zip(&bounds).zip(all.iter().zip(&names)).enumerate()
-    {
-        let left = width * index as f64;
-        let at = [left + 0.5 * width, top + 0.5 * high];
+    for (index, (stage, bounds)) in stages.iter().zip(&bounds).enumerate() {
+        let [left, above] = grid.corner(index, top + high);
+        let at = [left + 0.5 * grid.width, above + top + 0.5 * high];
         let place = Place { camera, scale, centre: bounds.centre(), at };
-        stage.draw(&mut canvas, &place, range, square);
-        head(&mut canvas, [left + EDGE, width - 2.0 * EDGE], name, subject, layers);
+        stage.draw(&mut canvas, &place, &heights, square, boxes[index].as_ref());
+        if options.title {
+            let (subject, layers) = all[index];
+            head(&mut canvas, [left + EDGE, above], grid.width - 2.0 * EDGE, names[index], subject, layers);
+        }
     }
-    if stages.len() > 1 {
-        canvas.add(format_args!("<path class=\"grid\" d=\"M{width} 24V{bottom}\"/>"));
+    for column in 1..grid.columns {
+        let x = grid.width * column as f64;
+        canvas.add(format_args!("<path class=\"grid\" d=\"M{x} 24V{bottom}\"/>"));
     }
     scale_bar(&mut canvas, [EDGE, bottom + FOOT - 26.0], scale);
     key(&mut canvas, [MIDDLE, bottom + FOOT - 48.0], &lines(&stages));
     if let ([(_, a), (_, b)], [one, other]) = (&all[..], &names[..]) {
         let words = difference([(one, a), (other, b)]);
-        if words.chars().count() <= MAX_LETTERS {
+        if options.title && words.chars().count() <= MAX_LETTERS {
             canvas.text(MIDDLE, bottom + FOOT - 26.0, "mid", escape(&words));
         }
     }
-    legend(&mut canvas, [WIDE - EDGE - LEGEND, bottom + FOOT - 46.0], range);
+    heights.legend(&mut canvas, [WIDE - EDGE - LEGEND, bottom + FOOT - 46.0]);
     Ok(canvas.finish())
+}
+
+/// Where bodies stand in a picture.
+struct Grid {
+    columns: usize,
+    rows: usize,
+    /// Width of a column, and how high a stage may be, units of the drawing.
+    width: f64,
+    max_high: f64,
+    detail: Detail,
+}
+
+impl Grid {
+    /// For so many bodies.
+    fn of(count: usize) -> Self {
+        let columns = match count {
+            0 | 1 => 1,
+            2 | 4 => 2,
+            _ => 3,
+        };
+        let (max_high, detail) = if count > 1 { (HIGH_OF_TWO, LESS_FINE) } else { (HIGH, FINE) };
+        Self { columns, rows: count.div_ceil(columns).max(1), width: WIDE / columns as f64, max_high, detail }
+    }
+
+    /// The left upper corner of a body's place; `high`: of a row.
+    fn corner(&self, index: usize, high: f64) -> [f64; 2] {
+        [self.width * (index % self.columns) as f64, high * (index / self.columns) as f64]
+    }
+}
+
+/// The colours of the layers of all bodies.
+fn height_scale(all: &[(&Subject, &Layers)], options: &Options) -> HeightScale {
+    let bodies: Vec<(&[LayerBytes], f64)> =
+        all.iter().map(|(subject, layers)| (layers.body(), subject.robot.tip_radius())).collect();
+    HeightScale::of(&bodies, options.palette, options.range)
+}
+
+/// What the picture is called for who cannot see it.
+fn spoken(all: &[(&Subject, &Layers)]) -> String {
+    let title = |(subject, layers): &(&Subject, &Layers)| {
+        escape(&format!("{}: {}", subject.name, caption(subject, layers, "")))
+    };
+    all.iter().map(title).collect::<Vec<_>>().join("; ")
 }
 
 /// How bodies are called: without their files' endings, unless they would have one name then.
 fn names<'a>(subjects: &[&'a Subject]) -> Vec<&'a str> {
-    let alike = matches!(subjects, [one, other] if one.stem() == other.stem());
-    subjects.iter().map(|subject| if alike { subject.name } else { subject.stem() }).collect()
+    let alike = |one: &Subject| subjects.iter().filter(|other| other.stem() == one.stem()).count() > 1;
+    subjects.iter().map(|subject| if alike(subject) { subject.name } else { subject.stem() }).collect()
 }
 
 /// The lines beside bodies, each once.
@@ -128,25 +198,18 @@ fn facing(stages: &[Stage]) -> Vec<Vector3<f64>> {
     goals.chain(stages.iter().map(Stage::way_to_goal)).collect()
 }
 
-/// The heights that the colours of all go over, mm.
-fn whole_range(all: &[(&Subject, &Layers)]) -> [f64; 2] {
-    let range = |layers: &[LayerBytes], subject: &Subject| height_range(layers, subject.robot.tip_radius());
-    let ranges = all.iter().map(|(subject, layers)| range(layers.body(), subject));
-    ranges.reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])]).unwrap_or([0.0, 1.0])
-}
-
 /// Units for a mm at which these bounds fit on a stage of this width and height.
-fn scale(bounds: &Bounds, [width, max_high]: [f64; 2]) -> f64 {
+fn scale(bounds: &Bounds, [width, max_high]: [f64; 2], margin: [f64; 2]) -> f64 {
     let [wide, high] = bounds.size().map(|size| size.max(1.0));
-    ((width - 2.0 * MARGIN[0]) / wide).min((max_high - 2.0 * MARGIN[1]) / high)
+    ((width - 2.0 * margin[0]) / wide).min((max_high - 2.0 * margin[1]) / high)
 }
 
-/// What is written over a stage, from `left` on, `width` wide.
-fn head(canvas: &mut Canvas, [left, width]: [f64; 2], name: &str, subject: &Subject, layers: &Layers) {
-    canvas.text(left, 42.0, "title", escape(&fitting(name, width / TITLE_LETTER)));
-    canvas.text(left, 64.0, "", escape(&fitting(&caption(subject, layers, name), width / LETTER)));
+/// What is written over a stage, from this left upper corner on, `width` wide.
+fn head(canvas: &mut Canvas, [left, top]: [f64; 2], width: f64, name: &str, subject: &Subject, layers: &Layers) {
+    canvas.text(left, top + 42.0, "title", escape(&fitting(name, width / TITLE_LETTER)));
+    canvas.text(left, top + 64.0, "", escape(&fitting(&caption(subject, layers, name), width / LETTER)));
     if let Some(measured) = measured(subject) {
-        canvas.text(left, 83.0, "note", escape(&measured));
+        canvas.text(left, top + 83.0, "note", escape(&fitting(&measured, width / LETTER)));
     }
 }
 
@@ -166,23 +229,4 @@ fn scale_bar(canvas: &mut Canvas, [left, y]: [f64; 2], scale: f64) {
     canvas
         .add(format_args!("<path class=\"axis\" stroke-width=\"1.5\" d=\"M{left} {:.1}v6H{right:.1}v-6\"/>", y - 6.0));
     canvas.text(middle, y - 12.0, "mid", label);
-}
-
-fn legend(canvas: &mut Canvas, [left, y]: [f64; 2], [min, max]: [f64; 2]) {
-    let stops: String = HEIGHTS
-        .iter()
-        .enumerate()
-        .map(|(index, colour)| {
-            let at = index as f64 / (HEIGHTS.len() - 1) as f64;
-            format!("<stop offset=\"{at}\" stop-color=\"{}\"/>", hex(*colour))
-        })
-        .collect();
-    canvas.add(format_args!(
-        "<defs><linearGradient id=\"gc-heights\">{stops}</linearGradient></defs>\
-         <rect x=\"{left}\" y=\"{y}\" width=\"{LEGEND}\" height=\"10\" rx=\"2\" fill=\"url(#gc-heights)\"/>"
-    ));
-    canvas.text(left, y - 9.0, "", "Height of the layers, mm");
-    for (share, class) in [(0.0, "note"), (0.5, "note mid"), (1.0, "note end")] {
-        canvas.text(left + share * LEGEND, y + 26.0, class, format_args!("{:.2}", min + share * (max - min)));
-    }
 }

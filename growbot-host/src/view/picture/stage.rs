@@ -4,12 +4,14 @@ use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::pose::Pose;
 use nalgebra::Vector3;
 
+use super::axes::Axes;
 use super::camera::Camera;
 use super::marks::{Arrow, Floor, Line, arrow, disc, draw_axes, word, word_at_free_side, word_beyond};
 use super::place::{Bounds, Place};
 use super::tube::{Detail, Tube};
 use crate::drawing::canvas::Canvas;
 use crate::drawing::chart::round_below;
+use crate::view::heights::HeightScale;
 use crate::view::{Layers, Subject, measured_end};
 
 /// Colours of marks, and of what lies behind: as the page has them.
@@ -106,14 +108,31 @@ impl Stage {
         self.start == other.start && self.goal == other.goal
     }
 
-    /// What is to be seen of it, with a floor of squares of this side, mm.
-    pub fn bounds(&self, camera: &Camera, square: f64) -> Bounds {
+    /// Axes round it, with ticks this far apart or further, mm.
+    pub fn axes(&self, square: f64) -> Axes {
+        let points = self.tube.centreline().chain(self.planned.iter().flat_map(Tube::centreline));
+        // With room for the words beyond both arrows.
+        let below = Vector3::new(0.0, 0.0, 0.8 * self.reach);
+        let goal = self.goal_arrow();
+        let ends = [self.start_arrow().from - below, goal.from + 1.6 * goal.length * goal.along];
+        let around = Vector3::new(self.outer, self.outer, 0.0);
+        let [min, max] = points
+            .chain(ends)
+            .fold([ends[1]; 2], |[min, max], point| [min.inf(&(point - around)), max.sup(&(point + around))]);
+        Axes::round(min, max, square)
+    }
+
+    /// What is to be seen of it, with a floor of squares of this side, mm, or axes.
+    pub fn bounds(&self, camera: &Camera, square: f64, axes: Option<&Axes>) -> Bounds {
         let centrelines = self.tube.centreline().chain(self.planned.iter().flat_map(Tube::centreline));
         let lines = centrelines.chain(self.commanded.iter().chain(&self.estimated).flatten().copied());
         let seen = lines.fold(Bounds::NONE, |seen, point| seen.with(camera.see(&point), self.outer));
         let [start, goal] = [self.start_arrow(), self.goal_arrow()];
         let marks = [start.from, goal.from + goal.length * goal.along].into_iter().chain(self.reached);
         let seen = marks.fold(seen, |seen, point| seen.with(camera.see(&point), 0.2 * self.outer));
+        if let Some(axes) = axes {
+            return axes.corners().fold(seen, |seen, corner| seen.with(camera.see(&corner), 0.0));
+        }
         let floor = self.floor(square).filter(|_| self.has_floor(camera));
         floor.iter().flat_map(Floor::corners).fold(seen, |seen, corner| seen.with(camera.see(&corner), 0.0))
     }
@@ -165,14 +184,19 @@ impl Stage {
         2.0 * self.outer
     }
 
-    /// Draws it; colours go over this range, the floor has squares of this side, mm.
-    pub fn draw(&self, canvas: &mut Canvas, place: &Place, range: [f64; 2], square: f64) {
+    /// Draws it, coloured by these heights; the floor has squares of this side, mm, or is that of the axes.
+    pub fn draw(&self, canvas: &mut Canvas, place: &Place, heights: &HeightScale, square: f64, axes: Option<&Axes>) {
         let camera = &place.camera;
-        if let Some(floor) = self.floor(square).filter(|_| self.has_floor(camera)) {
-            floor.draw(canvas, place);
+        let floor = self.floor(square).filter(|_| self.has_floor(camera));
+        match (axes, &floor) {
+            (Some(axes), _) => axes.draw(canvas, place),
+            (None, Some(floor)) => floor.draw(canvas, place),
+            (None, None) => {}
+        }
+        if floor.is_some() {
             canvas.add(format_args!(
                 "<path fill=\"{SHADOW}\" stroke=\"{SHADOW}\" stroke-width=\".5\" d=\"{}\"/>",
-                self.tube.shadow(self.floor, place)
+                self.tube.shadow(axes.map_or(self.floor, Axes::floor), place)
             ));
         }
         if let Some(planned) = &self.planned {
@@ -180,7 +204,7 @@ impl Stage {
                 canvas.add(format_args!("<path fill=\"none\" stroke=\"{GHOST}\" stroke-width=\"1\" d=\"{edge}\"/>"));
             }
         }
-        let mut pieces = self.tube.pieces(camera, place, range);
+        let mut pieces = self.tube.pieces(camera, place, heights);
         for (mark, colour) in [(self.start_arrow(), START), (self.goal_arrow(), GOAL)] {
             pieces.push((camera.nearness(&(mark.from + 0.5 * mark.length * mark.along)), arrow(place, &mark, colour)));
         }

@@ -12,7 +12,8 @@ use nalgebra::{Vector2, Vector3};
 
 use super::camera::Camera;
 use super::place::{Place, outline};
-use crate::drawing::colours::{HEIGHTS, hex, mixed};
+use crate::drawing::colours::hex;
+use crate::view::heights::HeightScale;
 
 /// The rim of the wall, and the inside of the tube.
 const RIM: &str = "#9aa3b0";
@@ -24,31 +25,10 @@ const CORNERS: u32 = 72;
 /// less nothing is seen.
 const LONG: f64 = 0.7;
 const BENT: f64 = 0.05;
-/// A layer that is lower than this share of the highest is a splinter between two pieces of a path: it does not stretch
-/// the scale.
-const SPLINTER: f64 = 0.2;
 /// Where the light comes from, rightwards, upwards and towards who looks, and how bright it and what is around are.
 const LIGHT: [f64; 3] = [-0.5, 0.8, 2.0];
 const SUN: f64 = 2.4;
 const AROUND: f64 = 1.3;
-
-/// Min and max height of layers on the middle of their wall, mm: what the colours go over.
-pub fn height_range(layers: &[LayerBytes], tip_radius: f64) -> [f64; 2] {
-    let layers = || layers.iter().map(decode);
-    let splinter = SPLINTER * layers().map(|layer| layer.height).fold(0.0, f64::max);
-    let whole = layers().filter(|layer| layer.height >= splinter);
-    let [min, max] = whole.fold([f64::INFINITY, 0.0_f64], |[min, max], layer| {
-        [min.min(layer.min_height(tip_radius)), max.max(layer.max_height(tip_radius))]
-    });
-    if min > max {
-        [0.0, 1.0]
-    } else if max - min > 1e-3 {
-        [min, max]
-    } else {
-        // Layers that are all alike are in the middle of the scale.
-        [min - 0.05, max + 0.05]
-    }
-}
 
 /// A tube: rings, each at the end of some layers, and the layer in the middle of those.
 #[derive(Debug, Clone)]
@@ -108,8 +88,8 @@ impl Tube {
         self.frames().map(|frame| frame.translation.vector)
     }
 
-    /// The faces that are seen, ring by ring, each with how near it is; colours go over this range of heights, mm.
-    pub fn pieces(&self, camera: &Camera, place: &Place, [min, max]: [f64; 2]) -> Vec<(f64, String)> {
+    /// The faces that are seen, ring by ring, each with how near it is; coloured by the heights of layers.
+    pub fn pieces(&self, camera: &Camera, place: &Place, heights: &HeightScale) -> Vec<(f64, String)> {
         let mut pieces = Vec::with_capacity(self.rings.len() + 2);
         let mut below = self.base_from_start;
         for (frame, layer) in &self.rings {
@@ -124,7 +104,7 @@ impl Tube {
                     continue;
                 }
                 let height = layer.height_at(middle, self.tip_radius);
-                let colour = hex(shaded(mixed(&HEIGHTS, (height - min) / (max - min)), &normal, camera));
+                let colour = hex(shaded(heights.colour(height), &normal, camera));
                 let corners = [(&below, from), (&below, to), (frame, to), (frame, from)]
                     .map(|(ring, angle)| place.point(&on(ring, angle, self.outer)));
                 faces.push((

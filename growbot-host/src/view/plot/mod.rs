@@ -1,17 +1,20 @@
-//! Layers, error and temperature along a body or over time: one panel each under one axis, as one SVG.
+//! Layers, error and temperature along a body or over time, of one body or several: one panel each under one axis, as
+//! one SVG.
 
-mod series;
+pub(crate) mod series;
 
 use std::fmt::Write;
 
 use growbot_client::run_log::BodyKind;
-use growbot_core::layer_bytes::LayerBytes;
+use growbot_core::layer::Layer;
+use growbot_core::layer_bytes::{LayerBytes, decode};
 
 use self::series::{Layered, Reading, Timeline, off_the_plan};
 use super::numbers::{caption, measured};
 use super::{Layers, Subject, ViewError};
 use crate::drawing::canvas::{Canvas, escape};
 use crate::drawing::chart::{Panel, Scale, number};
+use crate::drawing::colours::{SERIES, series};
 
 /// What a panel shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -44,6 +47,8 @@ const HIGH: f64 = 140.0;
 const GAP: f64 = 52.0;
 const HEAD: f64 = 72.0;
 const FOOT: f64 = 62.0;
+/// Room over the panels of a body without a title.
+const UNTITLED: f64 = -14.0;
 /// Left edge of what is written over them.
 const EDGE: f64 = 28.0;
 /// A line has no more points: of more, those of a stretch become one.
@@ -52,47 +57,135 @@ const MAX_POINTS: usize = 800;
 /// The axis of the error is never finer than this, mm: what is off by less is rounding.
 const FINEST: f64 = 0.001;
 
-const LINE: &str = "#1f5fbf";
-const BAND: &str = "#c9d8ef";
-const TARGET: &str = "#b3367a";
+const BAND: &str = "#c9dbe8";
+/// The setpoint, and what was commanded, beside the line of one body.
+const DASHED: &str = "#d55e00";
+/// Names of bodies over the panels: rows of so many.
+const NAMES_IN_ROW: usize = 3;
+const NAMES_ROW: f64 = 20.0;
+/// Letters of a name that fit into its place.
+const NAME_LETTERS: usize = 34;
 
-/// The panels of a body. `log` has the bytes of the log where it is a run.
+/// A body, and the bytes of its log where it is a run.
+#[derive(Debug, Clone, Copy)]
+pub struct Plotted<'a> {
+    /// The body.
+    pub subject: &'a Subject<'a>,
+    /// Its log.
+    pub log: Option<&'a [u8]>,
+}
+
+/// What is plotted, and how.
+#[derive(Debug, Clone, Copy)]
+pub struct Options<'a> {
+    /// A panel for each.
+    pub quantities: &'a [Quantity],
+    /// What goes along.
+    pub along: Along,
+    /// Whether names and captions stand over the panels.
+    pub title: bool,
+}
+
+/// The panels of a body, or of several in the same panels.
 ///
 /// # Errors
-/// [`ViewError`]: too many layers, or something that it does not have.
-pub fn svg(subject: &Subject, log: Option<&[u8]>, quantities: &[Quantity], along: Along) -> Result<String, ViewError> {
-    let layers = subject.layers()?;
-    let timeline = match (subject.run, log) {
-        (Some(_), Some(log)) => Timeline::told(log, layers.body(), subject.plan),
-        _ => Timeline::planned(layers.body(), subject.plan),
-    };
-    let layered = Layered::of(layers.body(), subject.robot.tip_radius());
-    let axis = Axis::new(along, &layered, &timeline);
-    let panels: Vec<Lines> = quantities
+/// [`ViewError`]: too many layers, or something that a body does not have.
+pub fn svg(plotted: &[Plotted], options: &Options) -> Result<String, ViewError> {
+    let curves = plotted.iter().map(Curve::of).collect::<Result<Vec<_>, _>>()?;
+    let axis = Axis::new(options.along, &curves);
+    let panels: Vec<Vec<Lines>> = options
+        .quantities
         .iter()
-        .map(|quantity| match quantity {
-            Quantity::Heights => Ok(heights(&layered, &axis)),
-            Quantity::Tilt => Ok(tilt(&layered, &axis)),
-            Quantity::Error => error(subject, &layers, &axis),
-            Quantity::Temperature => temperature(subject, &timeline.temperatures, &axis),
-        })
+        .map(|quantity| curves.iter().map(|curve| quantity.lines(curve, &axis)).collect())
         .collect::<Result<_, _>>()?;
-
-    let measured = measured(subject);
-    let head = HEAD + if measured.is_some() { 19.0 } else { 0.0 };
-    let words = caption(subject, &layers, subject.stem());
-    let title = format!("{}: {}", subject.name, caption(subject, &layers, ""));
-    let mut canvas = Canvas::new(WIDE, head + (GAP + HIGH) * panels.len() as f64 + FOOT, &escape(&title));
-    canvas.text(EDGE, 42.0, "title", escape(subject.stem()));
-    canvas.text(EDGE, 64.0, "", escape(&words));
-    if let Some(measured) = measured {
-        canvas.text(EDGE, 83.0, "note", escape(&measured));
+    let names = names(plotted);
+    let head = head_height(&curves, options.title);
+    let height = head + (GAP + HIGH) * panels.len() as f64 + FOOT;
+    let spoken = |curve: &Curve| format!("{}: {}", curve.subject.name, caption(curve.subject, &curve.layers, ""));
+    let spoken: Vec<String> = curves.iter().map(spoken).collect();
+    let mut canvas = Canvas::new(WIDE, height, &escape(&spoken.join("; ")));
+    match &curves[..] {
+        [one] if options.title => title(&mut canvas, one),
+        [_] => {}
+        _ => key(&mut canvas, &names, if options.title { 42.0 } else { 24.0 }),
     }
-    for (index, lines) in panels.iter().enumerate() {
+    for (index, (lines, quantity)) in panels.iter().zip(options.quantities).enumerate() {
         let top = head + GAP + (GAP + HIGH) * index as f64;
-        lines.draw(&mut canvas, top, &axis, index + 1 == panels.len());
+        draw(&mut canvas, top, &axis, *quantity, lines, index + 1 == panels.len());
     }
     Ok(canvas.finish())
+}
+
+/// How bodies are called: without their files' endings, unless they would have one name then.
+fn names<'a>(plotted: &[Plotted<'a>]) -> Vec<&'a str> {
+    let alike = |one: &Subject| plotted.iter().filter(|other| other.subject.stem() == one.stem()).count() > 1;
+    plotted.iter().map(|Plotted { subject, .. }| if alike(subject) { subject.name } else { subject.stem() }).collect()
+}
+
+/// Room over the panels.
+fn head_height(curves: &[Curve], title: bool) -> f64 {
+    match curves {
+        [_] if !title => UNTITLED,
+        [one] => HEAD + if measured(one.subject).is_some() { 19.0 } else { 0.0 },
+        _ => (if title { 36.0 } else { 18.0 }) + NAMES_ROW * curves.len().div_ceil(NAMES_IN_ROW) as f64 - GAP / 2.0,
+    }
+}
+
+/// What is written over the panels of one body.
+fn title(canvas: &mut Canvas, curve: &Curve) {
+    let subject = curve.subject;
+    canvas.text(EDGE, 42.0, "title", escape(subject.stem()));
+    canvas.text(EDGE, 64.0, "", escape(&caption(subject, &curve.layers, subject.stem())));
+    if let Some(measured) = measured(subject) {
+        canvas.text(EDGE, 83.0, "note", escape(&measured));
+    }
+}
+
+/// Names of several bodies with samples of their lines, from this height on.
+fn key(canvas: &mut Canvas, names: &[&str], top: f64) {
+    let width = (WIDE - LEFT - RIGHT) / NAMES_IN_ROW as f64;
+    for (index, name) in names.iter().enumerate() {
+        let left = LEFT + width * (index % NAMES_IN_ROW) as f64;
+        let y = top + NAMES_ROW * (index / NAMES_IN_ROW) as f64;
+        canvas.line([(left, y - 4.5), (left + 26.0, y - 4.5)], line_style(index));
+        let short: String = name.chars().take(NAME_LETTERS).collect();
+        canvas.text(left + 33.0, y, "", escape(&short));
+    }
+}
+
+/// How the line of a body is drawn: beyond the last colour, with dashes too.
+fn line_style(index: usize) -> String {
+    let dashes = ["", " stroke-dasharray=\"9 3\"", " stroke-dasharray=\"3 2\""];
+    let dash = dashes[index / SERIES.len() % dashes.len()];
+    format!("stroke=\"{}\" stroke-width=\"1.6\" stroke-linejoin=\"round\"{dash}", series(index))
+}
+
+/// A body with all that is plotted of it.
+struct Curve<'a> {
+    subject: &'a Subject<'a>,
+    layers: Layers,
+    layered: Layered,
+    timeline: Timeline,
+}
+
+impl<'a> Curve<'a> {
+    fn of(plotted: &Plotted<'a>) -> Result<Self, ViewError> {
+        let Plotted { subject, log } = *plotted;
+        let layers = subject.layers()?;
+        let body: Vec<Layer> = layers.body().iter().map(decode).collect();
+        let timeline = match (subject.run, log) {
+            (Some(_), Some(log)) => Timeline::told(log, &body, subject.plan),
+            _ => Timeline::planned(&body, subject.plan),
+        };
+        let layered = Layered::of(layers.body(), subject.robot.tip_radius());
+        Ok(Self { subject, layers, layered, timeline })
+    }
+
+    /// The last time there is something of, s.
+    fn longest(&self) -> f64 {
+        let readings = self.timeline.temperatures.iter().map(|reading| reading.at);
+        self.timeline.laid.iter().copied().chain(readings).fold(0.0, f64::max)
+    }
 }
 
 /// The axis that all panels share.
@@ -100,44 +193,92 @@ struct Axis {
     scale: Scale,
     name: &'static str,
     along: Along,
-    /// Where each layer stands on it.
-    at: Vec<f64>,
     /// s for a unit of it, where it is time.
     unit: f64,
 }
 
 impl Axis {
-    fn new(along: Along, layered: &Layered, timeline: &Timeline) -> Self {
-        let readings = timeline.temperatures.iter().map(|reading| reading.at);
-        let longest = timeline.laid.iter().copied().chain(readings).fold(0.0, f64::max);
+    fn new(along: Along, curves: &[Curve]) -> Self {
+        let longest = curves.iter().map(Curve::longest).fold(0.0, f64::max);
         let (unit, name) = match along {
             Along::Path => (1.0, "along the body, mm"),
             Along::Time if longest > 7200.0 => (3600.0, "time, h"),
             Along::Time if longest > 120.0 => (60.0, "time, min"),
             Along::Time => (1.0, "time, s"),
         };
-        let (at, end) = match along {
-            Along::Path => (layered.lengths.clone(), layered.lengths.last().copied().unwrap_or_default()),
-            Along::Time => (timeline.laid.iter().map(|at| at / unit).collect(), longest / unit),
+        let end = match along {
+            Along::Path => curves.iter().filter_map(|curve| curve.layered.lengths.last().copied()).fold(0.0, f64::max),
+            Along::Time => longest / unit,
         };
-        let scale = Scale::Linear(0.0, if end > 0.0 { end } else { 1.0 });
-        Self { scale, name, along, at, unit }
+        Self { scale: Scale::Linear(0.0, if end > 0.0 { end } else { 1.0 }), name, along, unit }
+    }
+
+    /// Where each layer stands on it.
+    fn layers(&self, curve: &Curve) -> Vec<f64> {
+        match self.along {
+            Along::Path => curve.layered.lengths.clone(),
+            Along::Time => curve.timeline.laid.iter().map(|at| at / self.unit).collect(),
+        }
     }
 
     /// Where a reading stands on it.
-    fn of(&self, reading: &Reading) -> f64 {
+    fn of(&self, reading: &Reading, curve: &Curve) -> f64 {
         match self.along {
-            Along::Path => reading.laid.checked_sub(1).and_then(|last| self.at.get(last)).copied().unwrap_or_default(),
+            Along::Path => {
+                let lengths = &curve.layered.lengths;
+                reading.laid.checked_sub(1).and_then(|last| lengths.get(last)).copied().unwrap_or_default()
+            }
             Along::Time => reading.at / self.unit,
         }
     }
 }
 
-/// What is in a panel.
+impl Quantity {
+    fn unit(self) -> &'static str {
+        match self {
+            Self::Heights | Self::Error => "mm",
+            Self::Tilt => "deg",
+            Self::Temperature => "°C",
+        }
+    }
+
+    fn lines(self, curve: &Curve, axis: &Axis) -> Result<Lines, ViewError> {
+        match self {
+            Self::Heights => Ok(heights(curve, axis)),
+            Self::Tilt => Ok(Lines {
+                head: "Tilt of the layers",
+                line: means(&axis.layers(curve), &curve.layered.tilts),
+                ..Lines::default()
+            }),
+            Self::Error => error(curve, axis),
+            Self::Temperature => temperature(curve, axis),
+        }
+    }
+
+    /// What a panel of several bodies is called.
+    fn head_of_several(self) -> &'static str {
+        match self {
+            Self::Heights => "Mean height of the layers",
+            Self::Tilt => "Tilt of the layers",
+            Self::Error => "Deviation from the plan",
+            Self::Temperature => "Temperature of the nozzle",
+        }
+    }
+
+    /// The axis of these values.
+    fn scale(self, values: impl Iterator<Item = f64>) -> Scale {
+        match self {
+            Self::Heights | Self::Temperature => Scale::around(values),
+            Self::Tilt => Scale::from_zero(values),
+            Self::Error => Scale::from_zero(values.chain([FINEST])),
+        }
+    }
+}
+
+/// What a panel has of a body.
+#[derive(Default)]
 struct Lines {
-    head: String,
-    unit: &'static str,
-    y: Scale,
+    head: &'static str,
     /// Min and max at places of the axis, filled between.
     band: Vec<(f64, [f64; 2])>,
     line: Vec<(f64, f64)>,
@@ -146,29 +287,51 @@ struct Lines {
 }
 
 impl Lines {
-    fn draw(&self, canvas: &mut Canvas, top: f64, axis: &Axis, is_last: bool) {
-        let panel = Panel { area: [LEFT, top, WIDE - LEFT - RIGHT, HIGH], x: axis.scale, y: self.y };
-        let labels = |value: f64| if is_last { number(value) } else { String::new() };
-        let ticks: Vec<(f64, String)> = axis.scale.ticks().into_iter().map(|tick| (tick, labels(tick))).collect();
-        if !self.band.is_empty() {
-            let upper = self.band.iter().map(|(x, [_, max])| panel.place(*x, *max));
-            let lower = self.band.iter().rev().map(|(x, [min, _])| panel.place(*x, *min));
-            canvas.add(format_args!("<path fill=\"{BAND}\" d=\"{}z\"/>", path(upper.chain(lower))));
-        }
-        panel.axes(canvas, &self.head, if is_last { axis.name } else { "" }, self.unit, Some(&ticks));
-        let line = self.line.iter().map(|(x, y)| panel.place(*x, *y));
-        canvas.line(line, format_args!("stroke=\"{LINE}\" stroke-width=\"1.6\" stroke-linejoin=\"round\""));
+    fn values(&self) -> impl Iterator<Item = f64> + '_ {
+        let dashed = self.dashed.iter().filter_map(|(_, value)| *value);
+        self.line.iter().map(|(_, value)| *value).chain(dashed)
+    }
+
+    fn draw_dashed(&self, canvas: &mut Canvas, panel: &Panel) {
         let mut stretch: Vec<(f64, f64)> = Vec::new();
         for (x, y) in self.dashed.iter().copied().chain([(0.0, None)]) {
             match y {
                 Some(y) => stretch.push(panel.place(x, y)),
                 None if stretch.len() > 1 => canvas.line(
                     stretch.drain(..),
-                    format_args!("stroke=\"{TARGET}\" stroke-width=\"1.3\" stroke-dasharray=\"6 4\""),
+                    format_args!("stroke=\"{DASHED}\" stroke-width=\"1.3\" stroke-dasharray=\"6 4\""),
                 ),
                 None => stretch.clear(),
             }
         }
+    }
+}
+
+/// A panel with the lines of all bodies. Bands and dashed lines are of one body alone.
+fn draw(canvas: &mut Canvas, top: f64, axis: &Axis, quantity: Quantity, lines: &[Lines], is_last: bool) {
+    let (y, head) = match lines {
+        [one] => (quantity.scale(one.values().chain(one.band.iter().flat_map(|(_, ends)| *ends))), one.head),
+        _ => {
+            let values = lines.iter().flat_map(|lines| lines.line.iter().map(|(_, value)| *value));
+            (quantity.scale(values), quantity.head_of_several())
+        }
+    };
+    let panel = Panel { area: [LEFT, top, WIDE - LEFT - RIGHT, HIGH], x: axis.scale, y };
+    let labels = |value: f64| if is_last { number(value) } else { String::new() };
+    let ticks: Vec<(f64, String)> = axis.scale.ticks().into_iter().map(|tick| (tick, labels(tick))).collect();
+    if let [Lines { band, .. }] = lines
+        && !band.is_empty()
+    {
+        let upper = band.iter().map(|(x, [_, max])| panel.place(*x, *max));
+        let lower = band.iter().rev().map(|(x, [min, _])| panel.place(*x, *min));
+        canvas.add(format_args!("<path fill=\"{BAND}\" d=\"{}z\"/>", path(upper.chain(lower))));
+    }
+    panel.axes(canvas, head, if is_last { axis.name } else { "" }, quantity.unit(), Some(&ticks));
+    for (index, lines) in lines.iter().enumerate() {
+        canvas.line(lines.line.iter().map(|(x, y)| panel.place(*x, *y)), line_style(index));
+    }
+    if let [one] = lines {
+        one.draw_dashed(canvas, &panel);
     }
 }
 
@@ -181,26 +344,20 @@ fn path(points: impl Iterator<Item = (f64, f64)>) -> String {
     })
 }
 
-fn heights(layered: &Layered, axis: &Axis) -> Lines {
+fn heights(curve: &Curve, axis: &Axis) -> Lines {
     let (mut band, mut line) = (Vec::new(), Vec::new());
-    for (at, heights) in stretches(&axis.at, &layered.heights) {
+    for (at, heights) in stretches(&axis.layers(curve), &curve.layered.heights) {
         let min = heights.iter().map(|[min, ..]| *min).fold(f64::INFINITY, f64::min);
         let max = heights.iter().map(|[.., max]| *max).fold(f64::NEG_INFINITY, f64::max);
         band.push((at, [min, max]));
         line.push((at, heights.iter().map(|[_, mean, _]| mean).sum::<f64>() / heights.len() as f64));
     }
-    let y = Scale::around(band.iter().flat_map(|(_, ends)| *ends));
-    let head = "Height of the layers: mean, and from the lowest to the highest place round the wall".to_owned();
-    Lines { head, unit: "mm", y, band, line, dashed: Vec::new() }
+    let head = "Height of the layers: mean, and from the lowest to the highest place round the wall";
+    Lines { head, band, line, ..Lines::default() }
 }
 
-fn tilt(layered: &Layered, axis: &Axis) -> Lines {
-    let line = means(&axis.at, &layered.tilts);
-    let y = Scale::from_zero(line.iter().map(|(_, tilt)| *tilt));
-    Lines { head: "Tilt of the layers".to_owned(), unit: "deg", y, band: Vec::new(), line, dashed: Vec::new() }
-}
-
-fn error(subject: &Subject, layers: &Layers, axis: &Axis) -> Result<Lines, ViewError> {
+fn error(curve: &Curve, axis: &Axis) -> Result<Lines, ViewError> {
+    let Curve { subject, layers, .. } = curve;
     let Some(built) = &layers.built else {
         return Err(ViewError::NotMeasured {
             name: subject.name.to_owned(),
@@ -208,20 +365,20 @@ fn error(subject: &Subject, layers: &Layers, axis: &Axis) -> Result<Lines, ViewE
         });
     };
     let start = subject.plan.start.frame();
-    let off = |body: &[LayerBytes]| means(&axis.at, &off_the_plan(&start, body, &layers.planned));
-    let line = off(built);
-    let commanded = layers.commanded.as_deref().map(off).unwrap_or_default();
-    let y = Scale::from_zero(line.iter().chain(&commanded).map(|(_, off)| *off).chain([FINEST]));
+    let at = axis.layers(curve);
+    let off = |body: &[LayerBytes]| means(&at, &off_the_plan(&start, body, &layers.planned));
     let head = match &layers.commanded {
         Some(_) => "Deviation, laid (simulated); dashed, commanded, by the board's steps",
         None if layers.kind == Some(BodyKind::Commanded) => "Deviation, commanded (simulated), by the board's steps",
         None => "Deviation, by the board's steps",
     };
+    let commanded = layers.commanded.as_deref().map(off).unwrap_or_default();
     let dashed = commanded.into_iter().map(|(at, off)| (at, Some(off))).collect();
-    Ok(Lines { head: head.to_owned(), unit: "mm", y, band: Vec::new(), line, dashed })
+    Ok(Lines { head, line: off(built), dashed, ..Lines::default() })
 }
 
-fn temperature(subject: &Subject, readings: &[Reading], axis: &Axis) -> Result<Lines, ViewError> {
+fn temperature(curve: &Curve, axis: &Axis) -> Result<Lines, ViewError> {
+    let (subject, readings) = (curve.subject, &curve.timeline.temperatures);
     let name = || subject.name.to_owned();
     if subject.run.is_none() {
         return Err(ViewError::NotMeasured { name: name(), what: "temperature" });
@@ -229,7 +386,7 @@ fn temperature(subject: &Subject, readings: &[Reading], axis: &Axis) -> Result<L
     if readings.is_empty() {
         return Err(ViewError::NotTold { name: name() });
     }
-    let at: Vec<f64> = readings.iter().map(|reading| axis.of(reading)).collect();
+    let at: Vec<f64> = readings.iter().map(|reading| axis.of(reading, curve)).collect();
     let line = means(&at, &readings.iter().map(|reading| reading.celsius).collect::<Vec<_>>());
     // The target is steps: its corners are all of it.
     let target = |index: usize| readings.get(index).map(|reading| reading.target);
@@ -241,10 +398,7 @@ fn temperature(subject: &Subject, readings: &[Reading], axis: &Axis) -> Result<L
         .enumerate()
         .filter_map(|(index, (at, reading))| is_corner(index).then_some((*at, reading.target)))
         .collect();
-    let targets = dashed.iter().filter_map(|(_, target)| *target);
-    let y = Scale::around(line.iter().map(|(_, celsius)| *celsius).chain(targets));
-    let head = "Temperature of the nozzle; dashed, the setpoint".to_owned();
-    Ok(Lines { head, unit: "°C", y, band: Vec::new(), line, dashed })
+    Ok(Lines { head: "Temperature of the nozzle; dashed, the setpoint", line, dashed, ..Lines::default() })
 }
 
 /// The mean of each stretch of values, where it ends.

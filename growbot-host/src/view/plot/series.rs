@@ -5,6 +5,7 @@ use growbot_client::run_clock::{Clock, events, time_for};
 use growbot_client::run_log::RunEvent;
 use growbot_core::angle::degrees;
 use growbot_core::kinematics::advance;
+use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::{LayerBytes, decode};
 use growbot_core::pose::Frame;
 use nalgebra::Vector3;
@@ -86,17 +87,17 @@ pub struct Reading {
 
 impl Timeline {
     /// Of a plan: as long as the robot needs for each layer.
-    pub fn planned(layers: &[LayerBytes], plan: &Plan) -> Self {
+    pub fn planned(layers: &[Layer], plan: &Plan) -> Self {
         let mut now = 0;
         let laid = layers.iter().map(|layer| {
-            now += time_for(&decode(layer), plan);
+            now += time_for(layer, plan);
             now as f64 / 1000.0
         });
         Self { laid: laid.collect(), temperatures: Vec::new() }
     }
 
     /// Of a run log of these bytes, whose body has these layers.
-    pub fn told(log: &[u8], layers: &[LayerBytes], plan: &Plan) -> Self {
+    pub fn told(log: &[u8], layers: &[Layer], plan: &Plan) -> Self {
         let mut clock = Clock::default();
         let mut told = Self::default();
         for event in events(log) {
@@ -114,7 +115,7 @@ impl Timeline {
                     while let Some(layer) = layers.get(told.laid.len())
                         && laid.layer as usize >= told.laid.len()
                     {
-                        clock.layer_took(time_for(&decode(layer), plan));
+                        clock.layer_took(time_for(layer, plan));
                         told.laid.push(seconds(&clock));
                     }
                 }
@@ -132,7 +133,6 @@ fn seconds(clock: &Clock) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use growbot_core::layer::Layer;
     use growbot_core::layer_bytes::Encoder;
 
     fn straight(heights: &[f64]) -> Vec<LayerBytes> {

@@ -5,12 +5,13 @@ use growbot_core::pose::Pose;
 use growbot_host::figures::fixed;
 use growbot_sim::simulation::campaign::{Campaign, Farthest};
 use growbot_sim::simulation::statistics::Statistics;
-use growbot_sim::simulation::{Hung, Outcome};
+use growbot_sim::simulation::{Hung, Outcome, Simulation};
 
-use super::growth_table::{arrived, row};
+use super::super::growth_table::{arrived, row};
+use super::disturbances::WrittenDisturbances;
 
 /// Target and final pose, the error between them, and the body.
-pub fn growth(goal: &Pose, outcome: &Outcome, seed: u64) -> String {
+pub fn growth(goal: &Pose, outcome: &Outcome, disturbances: &WrittenDisturbances, seed: u64) -> String {
     let Outcome { grown, arrival, hung } = outcome;
     let mut table = arrived(goal, arrival);
     let pitch = arrival.pitch_error_deg;
@@ -29,6 +30,7 @@ pub fn growth(goal: &Pose, outcome: &Outcome, seed: u64) -> String {
     }
     table += &format!("body      {} layers, {:.1} mm\n", grown.layers, grown.length);
     table += &hung.as_ref().map(hangs).unwrap_or_default();
+    table += &disturbances.in_words();
     table + &format!("seed      {seed}\n")
 }
 
@@ -40,13 +42,15 @@ fn hangs(hung: &Hung) -> String {
     )
 }
 
-/// The errors of many growths. `path_length` in mm.
-pub fn campaign(campaign: &Campaign, robot: &str, path_length: f64, seed: u64) -> String {
+/// The errors of many growths.
+pub fn campaign(campaign: &Campaign, robot: &str, simulation: &Simulation, seed: u64) -> String {
+    let path_length = simulation.path_length();
     let last = seed.wrapping_add(campaign.runs - 1);
     let mut table = format!(
-        "{} growths of {robot}, {:.0} layers, {path_length:.1} mm, seeds {seed} to {last}\n\n",
+        "{} growths of {robot}, {:.0} layers, {path_length:.1} mm, seeds {seed} to {last}\n{}\n",
         campaign.runs,
-        campaign.layers.mean()
+        campaign.layers.mean(),
+        WrittenDisturbances::of(simulation, seed).in_words()
     );
     table +=
         &format!("{:<17}{:>10}{:>10}{:>10}{:>10}{:>10}{:>10}\n", "error", "mean", "SD", "min", "median", "95 %", "max");

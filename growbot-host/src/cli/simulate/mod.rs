@@ -1,29 +1,34 @@
 //! `growbot simulate`: a growth without a robot, with what goes wrong, in open or in closed loop, once or many times.
 
+mod body;
+mod disturbances;
+mod samples;
+mod table;
+mod written;
+
+use std::path::PathBuf;
 use std::thread;
 
 use clap::{Args, ValueEnum};
 use growbot_client::feedback::ASSUMED;
-use growbot_client::plan_file::WrittenTip;
+use growbot_client::files::{refuse_inputs, replace_file};
 use growbot_client::printable::json_line;
-use growbot_client::run_log::WrittenArrival;
 use growbot_client::warning::Warning;
-use growbot_core::angle::degrees;
-use growbot_core::pose::Pose;
-use growbot_core::simulation::{DirectionSensor, Disturbance, Sensors};
+use growbot_core::simulation::{DirectionSensor, Disturbance, Laid, Sensors};
 use growbot_core::slicing::Slicing;
-use growbot_core::tracking::Estimate;
 use growbot_host::output::print;
 use growbot_host::progress::{Progress, Results};
 use growbot_sim::simulation::campaign::Campaign;
-use growbot_sim::simulation::statistics::Statistics;
-use growbot_sim::simulation::{Hung, Outcome, Simulation};
-use serde::Serialize;
+use growbot_sim::simulation::{Outcome, Simulation};
 
+use self::body::BodyFormat;
+use self::disturbances::WrittenDisturbances;
+use self::samples::Samples;
+use self::written::{SimulatedCampaign, SimulatedGrowth};
+use super::Failure;
 use super::disturbance::{DisturbanceArgs, signed_percent};
 use super::goal::GoalArgs;
 use super::units::mm;
-use super::{Failure, simulate_table};
 
 /// Simulate a growth with noise, with or without feedback, once or many times
 ///
@@ -33,6 +38,11 @@ use super::{Failure, simulate_table};
 ///
 /// Errors are those of Del Dottore et al. 2019, Eqs 26 to 28; the normalized one is over the length of the planned
 /// path.
+///
+/// Noise of layers is uniform, given by its half-width: 10 means anywhere from -10 to +10. Noise of sensors is normal,
+/// given by its standard deviation (SD). All draws are independent, from layer to layer and of each other, of mean 0.
+///
+/// With --samples it writes one row of CSV for each growth; with -o, the body as it was laid, or the result as JSON.
 #[derive(Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct SimulateArgs {
@@ -67,6 +77,16 @@ pub struct SimulateArgs {
     /// Threads of a repetition; the results are the same [default: all cores]
     #[arg(long, value_name = "N", requires = "repeat", value_parser = clap::value_parser!(u16).range(1..))]
     threads: Option<u16>,
+    /// Write every growth to this file, a row each: CSV
+    ///
+    /// The seed, start, goal and final pose, layers, lengths, all errors, and the disturbances with their
+    /// distributions; the columns' names have the units.
+    #[arg(long, value_name = "FILE")]
+    samples: Option<PathBuf>,
+    /// Write the body as it was laid to this file, in the format of its ending:
+    /// .csv, .stl, .glb, .html, .svg, .png, .pdf; or the result: .json
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
     /// Print one line of JSON instead of a table
     #[arg(long)]
     json: bool,
@@ -78,6 +98,8 @@ const AFTER_HELP: &str = "\
 Examples:
   growbot simulate plan.json --noise 10
   growbot simulate plan.json --noise 10 --feedback --repeat 1000
+  growbot simulate plan.json --noise 10 --repeat 1000 --samples growths.csv
+  growbot simulate plan.json --noise 10 --seed 7 -o body.stl
   growbot simulate --to 800,0,0,0,0 --from 0,0,0,0,0 --sag
   growbot simulate plan.json --slice whole --step 3.096 --json";
 
@@ -112,28 +134,32 @@ pub fn run(args: &SimulateArgs) -> Result<(), Failure> {
     simulation.disturbance = args.disturbance.disturbance();
     simulation.sensors = args.sensors();
     simulation.sag = args.sag;
-    match args.repeat {
+    let body = args.body_format()?;
+    args.samples.as_deref().map_or(Ok(()), Samples::check)?;
+    let seed = args.disturbance.seed;
+    let (table, json) = match args.repeat {
         None => {
-            let outcome = simulation.run(args.disturbance.seed);
+            let (outcome, laid) = args.grow_once(&simulation)?;
             warn(&outcome.hung.map(|hung| simulation.warnings(&hung)).unwrap_or_default());
-            let seed = args.disturbance.seed;
-            Ok(print(&if args.json {
-                json_line(&SimulatedGrowth::new(&outcome, simulation.path_length(), seed))
-            } else {
-                simulate_table::growth(&plan.goal, &outcome, seed)
-            })?)
+            if let (Some(file), Some(format)) = (&args.output, body) {
+                body::write(file, format, &args.goal.name("growbot simulate"), &robot, &plan, &laid)?;
+            }
+            let disturbances = WrittenDisturbances::of(&simulation, seed);
+            let table = table::growth(&plan.goal, &outcome, &disturbances, seed);
+            (table, json_line(&SimulatedGrowth::new(&outcome, &simulation, seed)))
         }
         Some(runs) => {
-            let campaign = args.repeat(&simulation, runs);
+            let campaign = args.repeat(&simulation, runs)?;
             warn(&campaign.hung.map(|hung| simulation.warnings(&hung)).unwrap_or_default());
-            let seed = args.disturbance.seed;
-            Ok(print(&if args.json {
-                json_line(&SimulatedCampaign::new(&campaign, simulation.path_length(), seed))
-            } else {
-                simulate_table::campaign(&campaign, robot.name(), simulation.path_length(), seed)
-            })?)
+            let table = table::campaign(&campaign, robot.name(), &simulation, seed);
+            (table, json_line(&SimulatedCampaign::new(&campaign, &simulation, seed)))
         }
+    };
+    if let Some(file) = args.output.as_ref().filter(|_| body.is_none()) {
+        replace_file(file, json.as_bytes())?;
+        growbot_host::tell!("growbot: result written to {}", file.display());
     }
+    Ok(print(if args.json { &json } else { &table })?)
 }
 
 fn warn(warnings: &[Warning]) {
@@ -166,8 +192,41 @@ impl SimulateArgs {
         })
     }
 
-    /// Grows many times and shows how far it is.
-    fn repeat(&self, simulation: &Simulation, runs: u64) -> Campaign {
+    /// The format of the body that is written; none for a result, or where nothing is.
+    fn body_format(&self) -> Result<Option<BodyFormat>, Failure> {
+        let Some(file) = &self.output else { return Ok(None) };
+        let format = BodyFormat::of(file)?;
+        refuse_inputs(file)?;
+        match format {
+            Some(_) if self.repeat.is_some() => Err(Failure::bad_input(
+                "--repeat grows many bodies, and -o takes one: leave --repeat out and name the growth by --seed, or \
+                 end the file in .json",
+            )),
+            Some(_) if self.sag => Err(Failure::bad_input(
+                "-o has the body as it was laid, and --sag tells only where the tip of the hanging one is: leave one \
+                 of them out, or end the file in .json",
+            )),
+            format => Ok(format),
+        }
+    }
+
+    /// Grows once; the layers as laid are told where the body is written.
+    fn grow_once(&self, simulation: &Simulation) -> Result<(Outcome, Vec<Laid>), Failure> {
+        let mut laid = Vec::new();
+        let outcome = simulation.run_by_layer(self.disturbance.seed, |layer| {
+            if self.output.is_some() {
+                laid.push(*layer);
+            }
+        });
+        if let Some(file) = &self.samples {
+            let seed = self.disturbance.seed;
+            Samples::write(file, simulation, |samples| samples.add(seed, &outcome))?;
+        }
+        Ok((outcome, laid))
+    }
+
+    /// Grows many times, shows how far it is, and writes every growth where that is asked for.
+    fn repeat(&self, simulation: &Simulation, runs: u64) -> Result<Campaign, Failure> {
         let Disturbance { growth_noise, tilt_noise, alpha_noise, twist_noise, .. } = simulation.disturbance;
         let even = [growth_noise, tilt_noise, alpha_noise, twist_noise].iter().all(|noise| *noise == 0.0);
         if even && !self.feedback && runs > 1 {
@@ -175,141 +234,15 @@ impl SimulateArgs {
         }
         let threads = self.threads.map_or_else(|| thread::available_parallelism().map_or(1, usize::from), usize::from);
         let mut progress = Progress::start(Some(runs), Results::AtEnd);
-        let campaign = Campaign::run(simulation, self.disturbance.seed, runs, threads, |done| {
-            progress.at(done, || format!("{done} growths"));
-        });
+        let at = |done| progress.at(done, || format!("{done} growths"));
+        let seed = self.disturbance.seed;
+        let campaign = match &self.samples {
+            None => Campaign::run(simulation, seed, runs, threads, at),
+            Some(file) => Samples::write(file, simulation, |samples| {
+                Campaign::run_each(simulation, seed, runs, threads, at, |seed, outcome| samples.add(seed, outcome))
+            })?,
+        };
         progress.finish();
-        campaign
-    }
-}
-
-/// A growth as scripts read it.
-#[derive(Serialize)]
-struct SimulatedGrowth {
-    #[serde(flatten)]
-    arrival: WrittenArrival,
-    layers: u64,
-    length_mm: f64,
-    path_length_mm: f64,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    feedback: Option<WrittenEstimate>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    sag: Option<WrittenSag>,
-    seed: u64,
-}
-
-impl SimulatedGrowth {
-    fn new(outcome: &Outcome, path_length_mm: f64, seed: u64) -> Self {
-        let Outcome { grown, arrival, hung } = outcome;
-        Self {
-            arrival: arrival.into(),
-            layers: grown.layers,
-            length_mm: grown.length,
-            path_length_mm,
-            seed,
-            feedback: grown.estimate.as_ref().map(WrittenEstimate::from),
-            sag: hung.as_ref().map(WrittenSag::from),
-        }
-    }
-}
-
-/// What feedback has found.
-#[derive(Serialize)]
-struct WrittenEstimate {
-    estimate: WrittenTip,
-    position_sd_mm: f64,
-    direction_sd_deg: f64,
-    growth_bias_percent: f64,
-    tilt_bias_percent: f64,
-    alpha_bias_deg: f64,
-    twist_bias_deg: f64,
-}
-
-impl From<&Estimate> for WrittenEstimate {
-    fn from(estimate: &Estimate) -> Self {
-        let bias = &estimate.systematic_errors;
-        Self {
-            estimate: WrittenTip::from(&Pose::from_frame(&estimate.base_from_tip)),
-            position_sd_mm: estimate.position_deviation,
-            direction_sd_deg: degrees(estimate.direction_deviation),
-            growth_bias_percent: 100.0 * bias.growth,
-            tilt_bias_percent: 100.0 * bias.tilt,
-            alpha_bias_deg: degrees(bias.alpha),
-            twist_bias_deg: degrees(bias.twist),
-        }
-    }
-}
-
-/// Many growths as scripts read them.
-#[derive(Serialize)]
-struct SimulatedCampaign {
-    repeat: u64,
-    seed: u64,
-    path_length_mm: f64,
-    layers: WrittenStatistics,
-    position_error_mm: WrittenStatistics,
-    normalized_position_error: WrittenStatistics,
-    /// Null where no growth has a heading error.
-    heading_error_deg: Option<WrittenStatistics>,
-    pitch_error_deg: WrittenStatistics,
-    direction_error_deg: WrittenStatistics,
-    worst_seed: Option<u64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    max_sag: Option<WrittenSag>,
-}
-
-impl SimulatedCampaign {
-    fn new(campaign: &Campaign, path_length_mm: f64, seed: u64) -> Self {
-        Self {
-            repeat: campaign.runs,
-            seed,
-            path_length_mm,
-            layers: (&campaign.layers).into(),
-            position_error_mm: (&campaign.position_error_mm).into(),
-            normalized_position_error: (&campaign.normalized_position_error).into(),
-            heading_error_deg: Some(&campaign.heading_error_deg).filter(|errors| !errors.is_empty()).map(Into::into),
-            pitch_error_deg: (&campaign.pitch_error_deg).into(),
-            direction_error_deg: (&campaign.direction_error_deg).into(),
-            worst_seed: campaign.farthest.map(|farthest| farthest.seed),
-            max_sag: campaign.hung.as_ref().map(WrittenSag::from),
-        }
-    }
-}
-
-/// The distribution of an error.
-#[derive(Serialize)]
-struct WrittenStatistics {
-    mean: f64,
-    sd: f64,
-    min: f64,
-    p50: f64,
-    p95: f64,
-    max: f64,
-}
-
-impl From<&Statistics> for WrittenStatistics {
-    fn from(statistics: &Statistics) -> Self {
-        Self {
-            mean: statistics.mean(),
-            sd: statistics.deviation(),
-            min: statistics.min(),
-            p50: statistics.percentile(50.0),
-            p95: statistics.percentile(95.0),
-            max: statistics.max(),
-        }
-    }
-}
-
-/// How a body hangs under its weight.
-#[derive(Serialize)]
-struct WrittenSag {
-    deflection_mm: f64,
-    root_stress_mpa: f64,
-    root_moment_n_mm: f64,
-}
-
-impl From<&Hung> for WrittenSag {
-    fn from(hung: &Hung) -> Self {
-        Self { deflection_mm: hung.deflection, root_stress_mpa: hung.root.stress, root_moment_n_mm: hung.root.moment }
+        Ok(campaign)
     }
 }

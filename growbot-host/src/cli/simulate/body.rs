@@ -1,0 +1,113 @@
+//! The body of a simulated growth as a file, in the formats of `growbot export` and `growbot view`.
+
+use std::path::Path;
+
+use clap::ValueEnum;
+use growbot_client::files::{ending, replace_file, unknown_ending};
+use growbot_client::plan::Plan;
+use growbot_client::run_log::BodyKind;
+use growbot_core::angle::wrap_positive;
+use growbot_core::layer::Layer;
+use growbot_core::robot::Robot;
+use growbot_core::simulation::Laid;
+use growbot_host::drawing::pdf::pdf;
+use growbot_host::drawing::png::png;
+use growbot_host::export::body::Body;
+use growbot_host::export::mesh::Resolution;
+use growbot_host::export::{glb, stl, table};
+use growbot_host::view::picture::{self, Options};
+use growbot_host::view::{Subject, page};
+
+use super::super::Failure;
+
+/// The formats of a body.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum BodyFormat {
+    Csv,
+    Stl,
+    Glb,
+    Html,
+    Svg,
+    Png,
+    Pdf,
+}
+
+/// All endings of `-o`.
+const ENDINGS: [&str; 8] = ["csv", "stl", "glb", "html", "svg", "png", "pdf", "json"];
+/// Chords round a wall, and layers to a ring, of a mesh.
+const RESOLUTION: Resolution = Resolution { segments: 64, every: 1 };
+/// Width of a PNG, pixels.
+const WIDTH: u32 = 1600;
+
+impl BodyFormat {
+    /// By the ending of a file; none where it is a result's.
+    pub fn of(file: &Path) -> Result<Option<Self>, Failure> {
+        match ending(file) {
+            Some(ending) if ending == "json" => Ok(None),
+            Some(ending) => Self::from_str(&ending, true).map(Some).map_err(|_| unknown_ending(file, &ENDINGS).into()),
+            None => Err(Failure::bad_input(format!(
+                "which format? End {} in .csv, .stl, .glb, .html, .svg, .png or .pdf, or in .json for the result",
+                file.display()
+            ))),
+        }
+    }
+}
+
+/// Writes the body that was laid; `name` is that of what was grown.
+pub fn write(
+    file: &Path,
+    format: BodyFormat,
+    name: &str,
+    robot: &Robot,
+    plan: &Plan,
+    laid: &[Laid],
+) -> Result<(), Failure> {
+    let layers = untwisted(laid);
+    let kind = BodyKind::Laid.name();
+    let body = || Body::laid(robot, &plan.start, &layers);
+    let subject = Subject { name, robot, plan, run: None, laid: Some(&layers) };
+    let picture = || picture::svg(&[&subject], &Options::default()).map_err(Failure::bad_input);
+    let bytes = match format {
+        BodyFormat::Csv => table::write(&body(), None).into_bytes(),
+        BodyFormat::Stl => stl::write(kind, &body(), RESOLUTION)?,
+        BodyFormat::Glb => glb::write(&[(kind, &body())], RESOLUTION)?,
+        BodyFormat::Html => page::of_one(&subject).map_err(Failure::bad_input)?.into_bytes(),
+        BodyFormat::Svg => picture()?.into_bytes(),
+        BodyFormat::Pdf => pdf(&picture()?).map_err(Failure::bad_input)?,
+        BodyFormat::Png => png(&picture()?, WIDTH).map_err(Failure::bad_input)?,
+    };
+    replace_file(file, &bytes)?;
+    growbot_host::tell!("growbot: body, {kind}, written to {}, {} bytes", file.display(), bytes.len());
+    Ok(())
+}
+
+/// Layers whose chain without any twist is the same body: the twist of a tip turns the angles of all layers after it.
+fn untwisted(laid: &[Laid]) -> Vec<Layer> {
+    let mut twist = 0.0;
+    let layers = laid.iter().map(|Laid { layer, twist: more }| {
+        let layer = Layer { alpha: wrap_positive(layer.alpha + twist), ..*layer };
+        twist += more;
+        layer
+    });
+    layers.collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use growbot_core::kinematics::advance;
+    use growbot_core::pose::Frame;
+
+    #[test]
+    fn a_twisted_body_lies_where_its_layers_without_twist_do() {
+        let laid: Vec<Laid> = (0..300)
+            .map(|index| {
+                let layer = Layer { alpha: 0.1 * f64::from(index % 7), height: 0.774, tilt: 0.007 };
+                Laid { layer, twist: 0.01 * f64::from(index % 3) }
+            })
+            .collect();
+        let twisted = laid.iter().fold(Frame::identity(), |tip, laid| advance(&tip, &laid.step()));
+        let plain = untwisted(&laid).iter().fold(Frame::identity(), |tip, layer| advance(&tip, &layer.step()));
+        assert!((twisted.translation.vector - plain.translation.vector).norm() < 1e-9);
+    }
+}

@@ -1,0 +1,94 @@
+//! How layers and measurements of a simulation were off, with the distribution of every error: JSON, words, columns.
+
+use growbot_client::run_log::{Distribution, Disturbances, Unit};
+use growbot_core::simulation::{Imperfection, Sensors};
+use growbot_core::tracking::SensorNoise;
+use growbot_sim::simulation::Simulation;
+use serde::Serialize;
+
+/// How layers and measurements are off, each error with its distribution.
+#[derive(Serialize)]
+pub struct WrittenDisturbances {
+    #[serde(flatten)]
+    pub errors: Disturbances,
+    /// Of the odometry; in closed loop only.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub odometry_scale: Option<Distribution>,
+}
+
+impl WrittenDisturbances {
+    /// Those of a simulation with this seed.
+    pub fn of(simulation: &Simulation, seed: u64) -> Self {
+        let sensors = simulation.sensors.as_ref();
+        let noise = sensors.map_or(SensorNoise { odometry: 0.0, direction: 0.0 }, |sensors| sensors.noise);
+        let errors = Disturbances::from(&Imperfection { disturbance: simulation.disturbance, noise, seed });
+        let scale =
+            |sensors: &Sensors| Distribution::Constant { value: 100.0 * sensors.odometry_scale, unit: Unit::Percent };
+        Self { errors, odometry_scale: sensors.map(scale) }
+    }
+
+    /// All of them: the name of what is off, in files and in words.
+    fn all(&self) -> Vec<([&'static str; 2], &Distribution)> {
+        let errors = &self.errors;
+        let all = [
+            (["growth_noise", "growth of each layer"], &errors.growth_noise),
+            (["growth_bias", "growth of each layer"], &errors.growth_bias),
+            (["tilt_noise", "tilt, about either axis"], &errors.tilt_noise),
+            (["tilt_bias", "tilt"], &errors.tilt_bias),
+            (["alpha_noise", "deposition angle"], &errors.alpha_noise),
+            (["alpha_bias", "deposition angle"], &errors.alpha_bias),
+            (["twist_noise", "twist of each layer"], &errors.twist_noise),
+            (["twist_bias", "twist of each layer"], &errors.twist_bias),
+            (["odometry_noise", "odometry of each layer"], &errors.odometry_noise),
+            (["direction_noise", "measured direction, about either axis"], &errors.direction_noise),
+        ];
+        all.into_iter()
+            .chain(self.odometry_scale.as_ref().map(|scale| (["odometry_scale", "odometry"], scale)))
+            .collect()
+    }
+
+    /// A line for each error that is not 0.
+    pub fn in_words(&self) -> String {
+        let line = |[_, what]: [&str; 2], distribution: &Distribution| {
+            let (label, words) = match distribution {
+                Distribution::Uniform { max, unit, .. } => {
+                    ("noise", format!("uniform, half-width {max} {}", short(*unit)))
+                }
+                Distribution::Normal { standard_deviation, unit, .. } => {
+                    ("noise", format!("normal, SD {standard_deviation} {}", short(*unit)))
+                }
+                Distribution::Constant { value, unit } => ("bias", format!("{value} {}", short(*unit))),
+            };
+            format!("{label:<10}{what}: {words}\n")
+        };
+        let off = self.all().into_iter().filter(|(_, distribution)| value(distribution) != 0.0);
+        off.map(|(what, distribution)| line(what, distribution)).collect()
+    }
+
+    /// Name, with distribution and unit, and value of all of them: columns of a table.
+    pub fn columns(&self) -> Vec<(String, f64)> {
+        let column = |[name, _]: [&str; 2], distribution: &Distribution| {
+            let (kind, unit) = match distribution {
+                Distribution::Uniform { unit, .. } => ("_uniform_half_width", unit),
+                Distribution::Normal { unit, .. } => ("_normal_sd", unit),
+                Distribution::Constant { unit, .. } => ("", unit),
+            };
+            let unit = if *unit == Unit::Percent { "percent" } else { "deg" };
+            (format!("{name}{kind}_{unit}"), value(distribution))
+        };
+        self.all().into_iter().map(|(name, distribution)| column(name, distribution)).collect()
+    }
+}
+
+/// The one number of a distribution besides its mean, which is 0 of all noise.
+fn value(distribution: &Distribution) -> f64 {
+    match distribution {
+        Distribution::Uniform { max, .. } => *max,
+        Distribution::Normal { standard_deviation, .. } => *standard_deviation,
+        Distribution::Constant { value, .. } => *value,
+    }
+}
+
+fn short(unit: Unit) -> &'static str {
+    if unit == Unit::Percent { "%" } else { "deg" }
+}

@@ -1,0 +1,96 @@
+//! Every growth of a simulation as a row of CSV, written as they come.
+
+use std::io::{self, BufWriter, Write};
+use std::path::Path;
+
+use growbot_client::files::{Replacement, refuse_ending, refuse_inputs};
+use growbot_core::pose::Pose;
+use growbot_host::figures::shortest;
+use growbot_sim::simulation::{Outcome, Simulation};
+
+use super::super::Failure;
+use super::disturbances::WrittenDisturbances;
+
+/// Columns of a growth itself; `_mm` and `_deg` are units, the normalized error has none.
+const GROWTH: &str = "layers,length_mm,path_length_mm";
+const ERRORS: &str =
+    "position_error_mm,normalized_position_error,heading_error_deg,pitch_error_deg,direction_error_deg";
+/// Columns of a body that hangs.
+const SAG: &str = "sag_mm,root_stress_mpa,root_moment_n_mm";
+
+/// A table that is being written.
+pub struct Samples<'a> {
+    file: BufWriter<&'a mut Replacement>,
+    path_length: f64,
+    /// Start and goal, alike in every row.
+    ends: String,
+    /// The disturbances, alike in every row.
+    disturbances: String,
+}
+
+impl Samples<'_> {
+    /// Writes the table that `fill` fills, whole or not at all.
+    pub fn write<T>(
+        path: &Path,
+        simulation: &Simulation,
+        fill: impl FnOnce(&mut Samples) -> io::Result<T>,
+    ) -> Result<T, Failure> {
+        let mut file = Replacement::begin(path)?;
+        let written = Samples::new(&mut file, simulation).and_then(|mut samples| {
+            let filled = fill(&mut samples)?;
+            samples.file.flush()?;
+            Ok(filled)
+        });
+        let filled = written.map_err(|error| file.failed(error))?;
+        file.finish()?;
+        growbot_host::tell!("growbot: samples written to {}, a row for each simulated growth", path.display());
+        Ok(filled)
+    }
+
+    /// Refuses a place that nothing is written to, before anything is grown.
+    pub fn check(path: &Path) -> Result<(), Failure> {
+        refuse_ending(path, &["csv"])?;
+        Ok(refuse_inputs(path)?)
+    }
+
+    fn new<'a>(file: &'a mut Replacement, simulation: &Simulation) -> io::Result<Samples<'a>> {
+        let (names, values): (Vec<_>, Vec<_>) = WrittenDisturbances::of(simulation, 0).columns().into_iter().unzip();
+        let mut samples = Samples {
+            file: BufWriter::new(file),
+            path_length: simulation.path_length(),
+            ends: format!("{},{}", pose(&simulation.start()), pose(&simulation.goal())),
+            disturbances: values.into_iter().map(shortest).collect::<Vec<_>>().join(","),
+        };
+        let poses = ["start", "goal", "final"].map(|end| {
+            ["x_mm", "y_mm", "z_mm", "heading_deg", "pitch_deg"].map(|part| format!("{end}_{part}")).join(",")
+        });
+        let sag = if simulation.sag { format!(",{SAG}") } else { String::new() };
+        writeln!(samples.file, "seed,{},{GROWTH},{ERRORS}{sag},{}", poses.join(","), names.join(","))?;
+        Ok(samples)
+    }
+
+    /// Adds a growth.
+    pub fn add(&mut self, seed: u64, outcome: &Outcome) -> io::Result<()> {
+        let Outcome { grown, arrival, hung } = outcome;
+        let errors = [
+            Some(arrival.position_error_mm),
+            Some(arrival.normalized_position_error),
+            arrival.heading_error_deg,
+            Some(arrival.pitch_error_deg),
+            Some(arrival.direction_error_deg),
+        ];
+        let sag = hung.map(|hung| [hung.deflection, hung.root.stress, hung.root.moment].map(Some));
+        let (layers, length, path_length) = (grown.layers, shortest(grown.length), shortest(self.path_length));
+        write!(self.file, "{seed},{},{},{layers},{length},{path_length}", self.ends, pose(&arrival.final_pose))?;
+        for value in errors.into_iter().chain(sag.into_iter().flatten()) {
+            // What is vertical has no heading.
+            write!(self.file, ",{}", value.map(shortest).unwrap_or_default())?;
+        }
+        writeln!(self.file, ",{}", self.disturbances)
+    }
+}
+
+/// A pose as five fields, mm and degrees.
+fn pose(pose: &Pose) -> String {
+    pose.to_degrees().map(shortest).join(",")
+}

@@ -1,0 +1,150 @@
+//! Simulated growths as scripts read them: JSON.
+
+use growbot_client::plan_file::WrittenTip;
+use growbot_client::run_log::WrittenArrival;
+use growbot_core::angle::degrees;
+use growbot_core::pose::Pose;
+use growbot_core::tracking::Estimate;
+use growbot_sim::simulation::campaign::Campaign;
+use growbot_sim::simulation::statistics::Statistics;
+use growbot_sim::simulation::{Hung, Outcome, Simulation};
+use serde::Serialize;
+
+use super::disturbances::WrittenDisturbances;
+
+/// A growth as scripts read it.
+#[derive(Serialize)]
+pub struct SimulatedGrowth {
+    #[serde(flatten)]
+    arrival: WrittenArrival,
+    layers: u64,
+    length_mm: f64,
+    path_length_mm: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    feedback: Option<WrittenEstimate>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    sag: Option<WrittenSag>,
+    disturbances: WrittenDisturbances,
+    seed: u64,
+}
+
+impl SimulatedGrowth {
+    /// Of this growth, with this seed.
+    pub fn new(outcome: &Outcome, simulation: &Simulation, seed: u64) -> Self {
+        let Outcome { grown, arrival, hung } = outcome;
+        Self {
+            arrival: arrival.into(),
+            layers: grown.layers,
+            length_mm: grown.length,
+            path_length_mm: simulation.path_length(),
+            disturbances: WrittenDisturbances::of(simulation, seed),
+            seed,
+            feedback: grown.estimate.as_ref().map(WrittenEstimate::from),
+            sag: hung.as_ref().map(WrittenSag::from),
+        }
+    }
+}
+
+/// What feedback has found.
+#[derive(Serialize)]
+struct WrittenEstimate {
+    estimate: WrittenTip,
+    position_sd_mm: f64,
+    direction_sd_deg: f64,
+    growth_bias_percent: f64,
+    tilt_bias_percent: f64,
+    alpha_bias_deg: f64,
+    twist_bias_deg: f64,
+}
+
+impl From<&Estimate> for WrittenEstimate {
+    fn from(estimate: &Estimate) -> Self {
+        let bias = &estimate.systematic_errors;
+        Self {
+            estimate: WrittenTip::from(&Pose::from_frame(&estimate.base_from_tip)),
+            position_sd_mm: estimate.position_deviation,
+            direction_sd_deg: degrees(estimate.direction_deviation),
+            growth_bias_percent: 100.0 * bias.growth,
+            tilt_bias_percent: 100.0 * bias.tilt,
+            alpha_bias_deg: degrees(bias.alpha),
+            twist_bias_deg: degrees(bias.twist),
+        }
+    }
+}
+
+/// Many growths as scripts read them.
+#[derive(Serialize)]
+pub struct SimulatedCampaign {
+    repeat: u64,
+    seed: u64,
+    path_length_mm: f64,
+    layers: WrittenStatistics,
+    position_error_mm: WrittenStatistics,
+    normalized_position_error: WrittenStatistics,
+    /// Null where no growth has a heading error.
+    heading_error_deg: Option<WrittenStatistics>,
+    pitch_error_deg: WrittenStatistics,
+    direction_error_deg: WrittenStatistics,
+    worst_seed: Option<u64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    max_sag: Option<WrittenSag>,
+    disturbances: WrittenDisturbances,
+}
+
+impl SimulatedCampaign {
+    /// Of these growths, with the seeds from this one on.
+    pub fn new(campaign: &Campaign, simulation: &Simulation, seed: u64) -> Self {
+        Self {
+            repeat: campaign.runs,
+            seed,
+            path_length_mm: simulation.path_length(),
+            layers: (&campaign.layers).into(),
+            position_error_mm: (&campaign.position_error_mm).into(),
+            normalized_position_error: (&campaign.normalized_position_error).into(),
+            heading_error_deg: Some(&campaign.heading_error_deg).filter(|errors| !errors.is_empty()).map(Into::into),
+            pitch_error_deg: (&campaign.pitch_error_deg).into(),
+            direction_error_deg: (&campaign.direction_error_deg).into(),
+            worst_seed: campaign.farthest.map(|farthest| farthest.seed),
+            max_sag: campaign.hung.as_ref().map(WrittenSag::from),
+            disturbances: WrittenDisturbances::of(simulation, seed),
+        }
+    }
+}
+
+/// The distribution of an error.
+#[derive(Serialize)]
+struct WrittenStatistics {
+    mean: f64,
+    sd: f64,
+    min: f64,
+    p50: f64,
+    p95: f64,
+    max: f64,
+}
+
+impl From<&Statistics> for WrittenStatistics {
+    fn from(statistics: &Statistics) -> Self {
+        Self {
+            mean: statistics.mean(),
+            sd: statistics.deviation(),
+            min: statistics.min(),
+            p50: statistics.percentile(50.0),
+            p95: statistics.percentile(95.0),
+            max: statistics.max(),
+        }
+    }
+}
+
+/// How a body hangs under its weight.
+#[derive(Serialize)]
+struct WrittenSag {
+    deflection_mm: f64,
+    root_stress_mpa: f64,
+    root_moment_n_mm: f64,
+}
+
+impl From<&Hung> for WrittenSag {
+    fn from(hung: &Hung) -> Self {
+        Self { deflection_mm: hung.deflection, root_stress_mpa: hung.root.stress, root_moment_n_mm: hung.root.moment }
+    }
+}

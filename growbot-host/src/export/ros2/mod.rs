@@ -1,0 +1,160 @@
+//! What a run log tells as messages of ROS 2, in CDR: metres, seconds, the frames `base` and `tip`.
+
+mod cdr;
+mod types;
+
+pub use types::definition;
+
+use growbot_client::run_log::BoardStatus;
+use growbot_core::pose::Frame;
+use nalgebra::{Point3, UnitQuaternion};
+
+use self::cdr::Cdr;
+use super::message::Message;
+use super::messages::{FRAME, Level};
+
+/// The frame that moves with the tip.
+const TIP: &str = "tip";
+/// The name of a marker's kind and action, as its definition has them.
+const CYLINDER: i32 = 3;
+const ADD: i32 = 0;
+
+/// The name of a type.
+pub const POSE: &str = "geometry_msgs/msg/PoseStamped";
+/// The name of a type.
+pub const PATH: &str = "nav_msgs/msg/Path";
+/// The name of a type.
+pub const TRANSFORMS: &str = "tf2_msgs/msg/TFMessage";
+/// The name of a type.
+pub const MARKER: &str = "visualization_msgs/msg/Marker";
+/// The name of a type.
+pub const DIAGNOSTICS: &str = "diagnostic_msgs/msg/DiagnosticArray";
+
+/// A message at this time, in the type of its topic; none of what ROS 2 has no type for. `hardware` is what the robot
+/// is called.
+pub fn encode(ms: u64, message: &Message, hardware: &str) -> Option<Vec<u8>> {
+    let bytes = match message {
+        Message::Pose(frame) => {
+            let mut cdr = Cdr::new();
+            pose_stamped(&mut cdr, ms, frame);
+            cdr.finish()
+        }
+        Message::Line { frames, .. } => path(ms, frames.iter().map(|frame| (ms, *frame))),
+        Message::Disc { index, base_from_middle, diameter, height, color } => {
+            marker(ms, *index, base_from_middle, [*diameter, *diameter, *height], *color)
+        }
+        Message::Status(status) => {
+            let level = if status.fault.is_some() { Level::Error } else { Level::Info };
+            let state = status.state.as_deref().unwrap_or("unknown");
+            diagnostic(ms, level, ["growbot: board", state, hardware], &values(status))
+        }
+        Message::Event(level, words) => diagnostic(ms, *level, ["growbot: event", words, hardware], &[]),
+        Message::Layer(_) | Message::Fault { .. } => return None,
+    };
+    Some(bytes)
+}
+
+/// A path through poses, each at its time.
+pub fn path(ms: u64, poses: impl ExactSizeIterator<Item = (u64, Frame)>) -> Vec<u8> {
+    let mut cdr = Cdr::new();
+    header(&mut cdr, ms);
+    cdr.u32(poses.len() as u32);
+    for (ms, frame) in poses {
+        pose_stamped(&mut cdr, ms, &frame);
+    }
+    cdr.finish()
+}
+
+/// Where the tip is, as a transform.
+pub fn transform(ms: u64, base_from_tip: &Frame) -> Vec<u8> {
+    let mut cdr = Cdr::new();
+    cdr.u32(1);
+    header(&mut cdr, ms);
+    cdr.string(TIP);
+    pose(&mut cdr, base_from_tip);
+    cdr.finish()
+}
+
+fn header(cdr: &mut Cdr, ms: u64) {
+    cdr.i32(i32::try_from(ms / 1000).unwrap_or(i32::MAX));
+    cdr.u32((ms % 1000 * 1_000_000) as u32);
+    cdr.string(FRAME);
+}
+
+fn pose_stamped(cdr: &mut Cdr, ms: u64, frame: &Frame) {
+    header(cdr, ms);
+    pose(cdr, frame);
+}
+
+/// A pose, or a transform, which has the same numbers.
+fn pose(cdr: &mut Cdr, frame: &Frame) {
+    let Point3 { coords } = Point3::from(frame.translation.vector);
+    let turn = UnitQuaternion::from_rotation_matrix(&frame.rotation);
+    for number in [coords.x / 1000.0, coords.y / 1000.0, coords.z / 1000.0, turn.i, turn.j, turn.k, turn.w] {
+        cdr.f64(number);
+    }
+}
+
+fn marker(ms: u64, index: usize, middle: &Frame, size: [f64; 3], color: [f64; 3]) -> Vec<u8> {
+    let mut cdr = Cdr::new();
+    header(&mut cdr, ms);
+    cdr.string("layers");
+    for number in [index as i32, CYLINDER, ADD] {
+        cdr.i32(number);
+    }
+    pose(&mut cdr, middle);
+    size.iter().for_each(|mm| cdr.f64(mm / 1000.0));
+    color.iter().chain([&1.0]).for_each(|part| cdr.f32(*part as f32));
+    // It stays, and moves with its frame.
+    cdr.i32(0);
+    cdr.u32(0);
+    cdr.u8(1);
+    // Neither points nor colours of them, nor a texture: its name, image and coordinates.
+    cdr.u32(0);
+    cdr.u32(0);
+    cdr.string("");
+    cdr.i32(0);
+    cdr.u32(0);
+    cdr.string("");
+    cdr.string("");
+    cdr.u32(0);
+    cdr.u32(0);
+    // Neither a text nor a mesh: its place, name and bytes.
+    cdr.string("");
+    cdr.string("");
+    cdr.string("");
+    cdr.u32(0);
+    cdr.u8(0);
+    cdr.finish()
+}
+
+fn diagnostic(ms: u64, level: Level, [name, message, hardware]: [&str; 3], values: &[(&str, String)]) -> Vec<u8> {
+    let mut cdr = Cdr::new();
+    header(&mut cdr, ms);
+    cdr.u32(1);
+    cdr.u8(match level {
+        Level::Info => 0,
+        Level::Warning => 1,
+        Level::Error => 2,
+    });
+    [name, message, hardware].iter().for_each(|text| cdr.string(text));
+    cdr.u32(values.len() as u32);
+    for (key, value) in values {
+        cdr.string(key);
+        cdr.string(value);
+    }
+    cdr.finish()
+}
+
+/// What is known of the board's status.
+fn values(status: &BoardStatus) -> Vec<(&'static str, String)> {
+    let BoardStatus { fault, temperature_c, target_c, laid, uptime_ms, .. } = status;
+    let values = [
+        ("fault", fault.clone()),
+        ("temperature_c", temperature_c.map(|celsius| celsius.to_string())),
+        ("target_c", target_c.map(|celsius| celsius.to_string())),
+        ("laid", laid.map(|layers| layers.to_string())),
+        ("uptime_ms", uptime_ms.map(|ms| ms.to_string())),
+    ];
+    values.into_iter().filter_map(|(key, value)| Some((key, value?))).collect()
+}

@@ -1,0 +1,72 @@
+//! The way of the tip as TUM has trajectories: a line for each pose, `timestamp tx ty tz qx qy qz qw`, in seconds and
+//! metres, which `evo` and others read.
+
+use std::fmt::Write;
+
+use growbot_client::plan::Plan;
+use growbot_core::layer::Layer;
+use growbot_core::pose::Frame;
+use nalgebra::UnitQuaternion;
+
+use super::body::Body;
+use crate::view::plot::series::Timeline;
+
+/// When each layer of a body was laid, s: by the board's clock, as far as the log of these bytes tells; of a plan, as
+/// planned.
+#[must_use]
+pub fn times(body: &Body, plan: &Plan, log: Option<&[u8]>) -> Vec<f64> {
+    let layers: Vec<Layer> = body.layers.iter().map(|laid| laid.layer).collect();
+    let timeline = log.map_or_else(|| Timeline::planned(&layers, plan), |log| Timeline::told(log, &layers, plan));
+    timeline.laid
+}
+
+/// The trajectory of a body that is called so; `laid`: when each of its layers was laid, s. The start comes first,
+/// unless the first layer came at once.
+#[must_use]
+pub fn write(name: &str, body: &Body, laid: &[f64]) -> String {
+    let mut text = format!(
+        "# growbot {}, {}, {name}: tip after each layer, s and m\n# timestamp tx ty tz qx qy qz qw\n",
+        env!("CARGO_PKG_VERSION"),
+        body.robot
+    );
+    if laid.first().is_none_or(|first| *first > 0.0) {
+        row(&mut text, 0.0, &body.base_from_start);
+    }
+    for (layer, at) in body.layers.iter().zip(laid) {
+        row(&mut text, *at, &layer.base_from_tip);
+    }
+    text
+}
+
+/// Numbers are the shortest that are read back as the same.
+fn row(text: &mut String, at: f64, frame: &Frame) {
+    let [x, y, z] = <[f64; 3]>::from(frame.translation.vector).map(|mm| mm / 1000.0);
+    let turn = UnitQuaternion::from_rotation_matrix(&frame.rotation);
+    // Writing to a String does not fail.
+    let _ = writeln!(text, "{at} {x} {y} {z} {} {} {} {}", turn.i, turn.j, turn.k, turn.w);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::body::Source;
+    use super::*;
+    use growbot_client::robot_file;
+
+    #[test]
+    fn a_row_for_the_start_and_one_for_each_layer() {
+        let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
+        let layer = Layer { alpha: 0.0, height: 0.5, tilt: 0.0 };
+        let body = Body::of_layers(&robot, [(layer, Source::Planned), (layer, Source::Planned)]);
+        let text = write("planned", &body, &[18.0, 36.5]);
+        let rows: Vec<Vec<f64>> = text
+            .lines()
+            .filter(|line| !line.starts_with('#'))
+            .map(|line| line.split(' ').map(|number| number.parse().unwrap()).collect())
+            .collect();
+        assert_eq!(rows.iter().map(|row| row[0]).collect::<Vec<_>>(), [0.0, 18.0, 36.5]);
+        assert_eq!((rows[2][3], rows[2].len()), (0.001, 8));
+        assert!(text.starts_with("# growbot ") && text.contains("planned"));
+        // The board's time may begin with the first layer.
+        assert_eq!(write("planned", &body, &[0.0, 18.0]).lines().count(), 4);
+    }
+}

@@ -1,0 +1,144 @@
+//! The colours of the heights of layers: which scale, and from where to where.
+
+use growbot_core::layer::Layer;
+use growbot_core::layer_bytes::{LayerBytes, decode};
+
+use crate::drawing::canvas::Canvas;
+use crate::drawing::colours::{Palette, hex, mixed};
+
+/// The scale ends at these percentiles of the heights, unless it is told where: outliers do not stretch it.
+pub const PERCENTILES: [f64; 2] = [1.0, 99.0];
+/// A layer that is lower than this share of the highest is a splinter between two pieces of a path: it does not stretch
+/// the scale.
+const SPLINTER: f64 = 0.2;
+/// Width of the legend, units of the drawing.
+pub const LEGEND: f64 = 220.0;
+
+/// Colours by height.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HeightScale {
+    palette: Palette,
+    /// Where the colours end, mm.
+    range: [f64; 2],
+    /// The least and the greatest height there is, mm.
+    all: [f64; 2],
+    /// Whether the range was told, and not found.
+    told: bool,
+}
+
+impl HeightScale {
+    /// For these bodies, each with the radius of the middle of its wall, mm; `range`: from where to where, mm, if that
+    /// is told.
+    pub fn of(bodies: &[(&[LayerBytes], f64)], palette: Palette, range: Option<[f64; 2]>) -> Self {
+        let layers = |layers: &[LayerBytes]| layers.iter().map(decode).collect::<Vec<Layer>>();
+        Self::new(bodies.iter().flat_map(|(bytes, radius)| heights(&layers(bytes), *radius)).collect(), palette, range)
+    }
+
+    /// For one body of these layers; `tip_radius`: of the middle of its wall, mm.
+    pub fn of_layers(layers: &[Layer], tip_radius: f64) -> Self {
+        Self::new(heights(layers, tip_radius), Palette::default(), None)
+    }
+
+    fn new(mut heights: Vec<f64>, palette: Palette, range: Option<[f64; 2]>) -> Self {
+        heights.sort_by(f64::total_cmp);
+        let all = match (heights.first(), heights.last()) {
+            (Some(min), Some(max)) => [*min, *max],
+            _ => [0.0, 1.0],
+        };
+        let last = heights.len().saturating_sub(1) as f64;
+        let found = PERCENTILES.map(|percent| percent / 100.0 * last);
+        let found = [libm::floor(found[0]), libm::ceil(found[1])];
+        let found = [0, 1].map(|end| heights.get(found[end] as usize).copied().unwrap_or(all[end]));
+        // Layers that are all alike are in the middle of the scale.
+        let found = if found[1] - found[0] > 1e-3 { found } else { [found[0] - 0.05, found[1] + 0.05] };
+        Self { palette, range: range.unwrap_or(found), all, told: range.is_some() }
+    }
+
+    /// Where the colours end, mm.
+    pub fn range(&self) -> [f64; 2] {
+        self.range
+    }
+
+    /// The colour of a height, mm.
+    pub fn colour(&self, height: f64) -> [u8; 3] {
+        let [min, max] = self.range;
+        mixed(self.palette.colours(), (height - min) / (max - min))
+    }
+
+    /// Whether heights lie below and above the range.
+    fn beyond(&self) -> [bool; 2] {
+        [self.all[0] < self.range[0] - 1e-6, self.all[1] > self.range[1] + 1e-6]
+    }
+
+    /// The scale with its name, and numbers below it.
+    pub fn legend(&self, canvas: &mut Canvas, [left, y]: [f64; 2]) {
+        let colours = self.palette.colours();
+        let last = colours.len().saturating_sub(1).max(1) as f64;
+        let stop = |(index, colour): (usize, &[u8; 3])| {
+            format!("<stop offset=\"{}\" stop-color=\"{}\"/>", index as f64 / last, hex(*colour))
+        };
+        let stops: String = colours.iter().enumerate().map(stop).collect();
+        canvas.add(format_args!(
+            "<defs><linearGradient id=\"gc-heights\">{stops}</linearGradient></defs>\
+             <rect x=\"{left}\" y=\"{y}\" width=\"{LEGEND}\" height=\"10\" rx=\"2\" fill=\"url(#gc-heights)\"/>"
+        ));
+        let beyond = self.beyond();
+        let [low, high] = PERCENTILES;
+        let name = "Height of the layers, mm";
+        if !self.told && beyond != [false; 2] {
+            canvas.text(left, y - 25.0, "", name);
+            canvas.text(left, y - 9.0, "note", format_args!("from percentile {low} to {high}"));
+        } else {
+            canvas.text(left, y - 9.0, "", name);
+        }
+        let [min, max] = self.range;
+        let signs = [if beyond[0] { "&lt; " } else { "" }, "", if beyond[1] { "&gt; " } else { "" }];
+        for ((share, class), sign) in [(0.0, "note"), (0.5, "note mid"), (1.0, "note end")].into_iter().zip(signs) {
+            let height = min + share * (max - min);
+            canvas.text(left + share * LEGEND, y + 26.0, class, format_args!("{sign}{height:.2}"));
+        }
+    }
+}
+
+/// Min and max height of each layer on the middle of its wall, mm, but of splinters.
+fn heights(layers: &[Layer], tip_radius: f64) -> Vec<f64> {
+    let splinter = SPLINTER * layers.iter().map(|layer| layer.height).fold(0.0, f64::max);
+    let whole = layers.iter().filter(|layer| layer.height >= splinter);
+    whole.flat_map(|layer| [layer.min_height(tip_radius), layer.max_height(tip_radius)]).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use growbot_core::layer_bytes::Encoder;
+
+    fn scale(heights: &[f64], range: Option<[f64; 2]>) -> HeightScale {
+        let mut encoder = Encoder::default();
+        let layer = |height: &f64| encoder.encode(&Layer { alpha: 0.0, height: *height, tilt: 0.0 });
+        let layers: Vec<LayerBytes> = heights.iter().map(layer).collect();
+        HeightScale::of(&[(&layers, 20.0)], Palette::Viridis, range)
+    }
+
+    #[test]
+    fn an_outlier_does_not_stretch_the_scale_and_is_told() {
+        let mut heights: Vec<f64> = (0..1000).map(|index| 0.7 + 1e-4 * f64::from(index)).collect();
+        heights.push(3.0);
+        let found = scale(&heights, None);
+        assert!(found.range[0] > 0.7 && found.range[1] < 0.8, "{found:?}");
+        assert_eq!((found.beyond(), found.colour(3.0), found.colour(0.1)), ([true; 2], [253, 231, 37], [68, 1, 84]));
+        let mut canvas = Canvas::new(300.0, 100.0, "");
+        found.legend(&mut canvas, [0.0, 50.0]);
+        let drawn = canvas.finish();
+        assert!(drawn.contains("from percentile 1 to 99") && drawn.contains("&gt; 0.80"), "{drawn}");
+        let told = scale(&heights, Some([0.5, 4.0]));
+        assert_eq!((told.range, told.beyond()), ([0.5, 4.0], [false; 2]));
+    }
+
+    #[test]
+    fn layers_that_are_alike_are_in_the_middle() {
+        let alike = scale(&[0.774; 20], None);
+        assert_eq!(alike.beyond(), [false; 2]);
+        assert!((alike.range[1] + alike.range[0] - 2.0 * 0.774).abs() < 1e-4 && alike.range[1] > alike.range[0] + 0.05);
+        assert_eq!(scale(&[], None).range, [0.0, 1.0]);
+    }
+}
