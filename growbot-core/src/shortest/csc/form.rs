@@ -4,7 +4,8 @@
 //! `p - sigma t1`, and the line between them has the length `l = s + tau + sigma`. That the start's arc is tangent to
 //! the goal's line is quadratic in `sigma`; that `l` is the same from both ends is cubic. Eliminating `sigma` leaves a
 //! polynomial of degree 14 in `tau`, of which the points at which the line turns straight back, `u = -t0` and `u =
-//! -t1`, take the factor `((1 + c) - (1 - c) tau^2)^2`: degree 10 is left. The book derives it.
+//! -t1`, take the factor `((1 + c) - (1 - c) tau^2)^2`: degree 10 is left. The book derives it
+//! (`book/src/maths/polynomial.md`), and a test in exact rationals.
 //!
 //! All terms have one of the invariants `k`, `chi` and `r`, which vanish for goals straight ahead, so that nothing is
 //! lost for goals nearly so. Each coefficient comes with the sum of the magnitudes of what was added up for it: this
@@ -171,4 +172,149 @@ fn divided(terms: &mut [Term; SIZE], c: f64) -> Form {
         form.magnitudes.reverse();
     }
     form
+}
+
+#[cfg(test)]
+mod tests {
+    //! The polynomial, derived once more as the book does, in exact rationals.
+
+    use std::vec;
+    use std::vec::Vec;
+
+    use super::*;
+    use num_rational::BigRational;
+    use num_traits::ToPrimitive;
+    use proptest::prelude::*;
+
+    /// Coefficients ascending.
+    type Exact = Vec<BigRational>;
+
+    fn number(n: i64) -> BigRational {
+        BigRational::from_integer(n.into())
+    }
+
+    fn exact(numbers: &[i64]) -> Exact {
+        numbers.iter().map(|n| number(*n)).collect()
+    }
+
+    fn times(a: &Exact, b: &Exact) -> Exact {
+        let mut product = vec![number(0); (a.len() + b.len()).saturating_sub(1)];
+        for (i, a) in a.iter().enumerate() {
+            for (j, b) in b.iter().enumerate() {
+                product[i + j] += a * b;
+            }
+        }
+        product
+    }
+
+    fn minus(a: &Exact, b: &Exact) -> Exact {
+        let zero = number(0);
+        let at = |of: &Exact, i: usize| of.get(i).unwrap_or(&zero).clone();
+        (0..a.len().max(b.len())).map(|i| at(a, i) - at(b, i)).collect()
+    }
+
+    fn scaled(a: &Exact, factor: &BigRational) -> Exact {
+        a.iter().map(|a| a * factor).collect()
+    }
+
+    /// The determinant, by expansion along the first row.
+    fn determinant(rows: &[Vec<Exact>]) -> Exact {
+        let [first, rest @ ..] = rows else { return exact(&[1]) };
+        let mut sum = Vec::new();
+        for (column, entry) in first.iter().enumerate().filter(|(_, entry)| !entry.is_empty()) {
+            let without = |row: &Vec<Exact>| {
+                row.iter().enumerate().filter(|(i, _)| *i != column).map(|(_, e)| e.clone()).collect()
+            };
+            let minor: Vec<Vec<Exact>> = rest.iter().map(without).collect();
+            let part = times(entry, &determinant(&minor));
+            sum = minus(&sum, &scaled(&part, &number(if column % 2 == 0 { -1 } else { 1 })));
+        }
+        sum
+    }
+
+    /// The quotient; nothing is left.
+    fn divided_by(a: &Exact, divisor: &Exact) -> Exact {
+        let (mut rest, zero) = (a.clone(), number(0));
+        let (last, degree) = (divisor.last().unwrap(), divisor.len() - 1);
+        let mut quotient = vec![zero.clone(); a.len() - degree];
+        for i in (0..quotient.len()).rev() {
+            let share = &rest[i + degree] / last;
+            for (j, d) in divisor.iter().enumerate() {
+                rest[i + j] -= &share * d;
+            }
+            quotient[i] = share;
+        }
+        assert!(rest.iter().all(|left| *left == zero), "the division leaves {rest:?}");
+        quotient
+    }
+
+    /// The polynomial of degree 10 of a goal at `p` in the direction `d`: the two tangencies, without sigma.
+    fn derived(p: &[BigRational; 3], d: &[BigRational; 3]) -> Exact {
+        let [x, y, z] = p;
+        let [dx, dy, c] = d;
+        let (one, zero) = (number(1), number(0));
+        let (k, chi, r) = (dx * dx + dy * dy, x * dx + y * dy, x * x + y * y);
+        let along = &chi + z * c;
+        let (less, more) = (exact(&[1, 0, -1]), exact(&[1, 0, 1]));
+        let (four_squares, squares) = (exact(&[0, 0, 4]), times(&less, &less));
+        // The coefficients of powers of sigma. First: 4 tau^2 (t0 . w)^2 = (1 - tau^2)^2 |w across t0|^2.
+        let straight: Exact = vec![z.clone(), -one.clone()];
+        let first = [
+            minus(&times(&four_squares, &times(&straight, &straight)), &scaled(&squares, &r)),
+            minus(&scaled(&squares, &(number(2) * &chi)), &scaled(&times(&four_squares, &straight), &(number(2) * c))),
+            minus(&scaled(&four_squares, &(c * c)), &scaled(&squares, &k)),
+        ];
+        // Second: (1 + tau^2) (1 - sigma^2) t0 . w = (1 - tau^2) (1 + sigma^2) t1 . w.
+        let (from_start, from_goal) = (times(&more, &straight), times(&less, &vec![along, -c.clone()]));
+        let second = [
+            minus(&from_start, &from_goal),
+            minus(&less, &scaled(&more, c)),
+            minus(&scaled(&from_start, &-one.clone()), &from_goal),
+            minus(&scaled(&more, c), &scaled(&less, &-one.clone())),
+        ];
+        // Sylvester's matrix.
+        let row = |of: &[Exact], shift: usize| -> Vec<Exact> {
+            (0..5)
+                .map(|i| (i as usize).checked_sub(shift).and_then(|i| of.get(i)).cloned().unwrap_or_default())
+                .collect()
+        };
+        let rows = [row(&first, 0), row(&first, 1), row(&first, 2), row(&second, 0), row(&second, 1)];
+        let straight_back: Exact = vec![&one + c, zero, c - &one];
+        divided_by(&divided_by(&determinant(&rows), &squares), &times(&straight_back, &straight_back))
+    }
+
+    fn float(number: &BigRational) -> f64 {
+        number.to_f64().unwrap()
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(60))]
+
+        #[test]
+        fn it_is_the_resultant_of_both_tangencies(
+            position in prop::array::uniform3(-64_i64..64), [a, b] in prop::array::uniform2(-9_i64..9),
+            below in any::<bool>(),
+        ) {
+            // A unit vector with rational components, by stereographic projection.
+            let size = 1 + a * a + b * b;
+            let ratio = |n: i64, of: i64| BigRational::new(n.into(), of.into());
+            let c = ratio(if below { 1 - a * a - b * b } else { a * a + b * b - 1 }, size);
+            let d = [ratio(2 * a, size), ratio(2 * b, size), c];
+            let p = position.map(|n| ratio(n, 8));
+            prop_assume!(p[0] != number(0) || p[1] != number(0));
+            let derived = derived(&p, &d);
+            prop_assert!(derived.iter().skip(DEGREE + 1).all(|coefficient| *coefficient == number(0)));
+
+            let vector = |v: &[BigRational; 3]| Vector3::new(float(&v[0]), float(&v[1]), float(&v[2]));
+            let form = Form::of(&vector(&p), &vector(&d));
+            let derived: Vec<f64> = derived.iter().take(DEGREE + 1).map(float).collect();
+            let largest = (0..=DEGREE).max_by(|a, b| derived[*a].abs().total_cmp(&derived[*b].abs())).unwrap();
+            prop_assume!(derived[largest] != 0.0);
+            let scale = form.coefficients[largest] / derived[largest];
+            for ((coefficient, magnitude), derived) in form.coefficients.iter().zip(form.magnitudes).zip(derived) {
+                let off = (coefficient - scale * derived).abs();
+                prop_assert!(off <= 1e-13 * f64::from(magnitude).max(1e-3), "{coefficient} for {}", scale * derived);
+            }
+        }
+    }
 }
