@@ -1,7 +1,7 @@
 //! Writing files: they are whole or not there.
 //!
-//! Only here is a file refused that the program reads ([`refuse_inputs`], [`note_input`]), or whose ending promises
-//! another format ([`refuse_ending`]).
+//! Only here is a file refused that the program reads ([`refuse_inputs`], [`note_input`]), or whose ending says no
+//! format of these ([`format_of`]).
 
 use std::collections::VecDeque;
 use std::ffi::{OsStr, OsString};
@@ -36,7 +36,7 @@ pub enum FileError {
         /// The file.
         file: String,
     },
-    /// The file's ending promises another format.
+    /// The file's ending says none of the formats.
     #[error("cannot write {file}: its ending .{ending} is none of the formats here; end it in {formats}")]
     Ending {
         /// The file.
@@ -124,34 +124,25 @@ fn place_of(_: &Metadata) -> Option<(u64, u64)> {
     None
 }
 
-/// The endings of all files that growbot writes or reads, and some that people take it to write.
-const KNOWN_ENDINGS: [&str; 20] = [
-    "html", "htm", "svg", "png", "pdf", "jpg", "jpeg", "gif", "eps", "json", "jsonl", "csv", "parquet", "toml", "stl",
-    "glb", "gltf", "obj", "ply", "mcap",
-];
-
-/// The ending of a file's name, in small letters.
-#[must_use]
-pub fn ending(path: &Path) -> Option<String> {
-    path.extension().and_then(OsStr::to_str).map(str::to_ascii_lowercase)
-}
-
-/// Refuses a file whose ending is that of another format than these.
+/// The format that a file's ending says, of these; none for a name without an ending, and for standard output (`-`).
 ///
 /// # Errors
-/// [`FileError::Ending`].
-pub fn refuse_ending(path: &Path, formats: &[&str]) -> Result<(), FileError> {
-    match ending(path) {
-        Some(ending) if KNOWN_ENDINGS.contains(&&*ending) && !formats.contains(&&*ending) => {
-            Err(unknown_ending(path, formats))
-        }
-        _ => Ok(()),
+/// [`FileError::Ending`] for any other ending.
+pub fn format_of<'a>(path: &Path, formats: &[&'a str]) -> Result<Option<&'a str>, FileError> {
+    let Some(ending) = ending(path) else { return Ok(None) };
+    match formats.iter().find(|format| **format == ending) {
+        Some(format) => Ok(Some(format)),
+        None => Err(unknown_ending(path, formats)),
     }
 }
 
+/// The ending of a file's name, in small letters.
+fn ending(path: &Path) -> Option<String> {
+    path.extension().and_then(OsStr::to_str).map(str::to_ascii_lowercase)
+}
+
 /// The file's ending is none of these.
-#[must_use]
-pub fn unknown_ending(path: &Path, formats: &[&str]) -> FileError {
+fn unknown_ending(path: &Path, formats: &[&str]) -> FileError {
     let formats: Vec<String> = formats.iter().map(|format| format!(".{format}")).collect();
     let formats = match formats.split_last() {
         Some((last, [])) => last.clone(),
@@ -270,6 +261,53 @@ impl Drop for Replacement {
     }
 }
 
+/// A file that is to make room for another of its name: it lies beside its place until the other is good, and is then
+/// taken away. If the program is killed before, it stays there.
+#[derive(Debug)]
+pub struct SetAside {
+    place: PathBuf,
+    aside: PathBuf,
+}
+
+impl SetAside {
+    /// Sets aside the file of this name, or the one that a symbolic link leads to; nothing where there is none, or a
+    /// device.
+    ///
+    /// # Errors
+    /// [`FileError::File`] if it cannot be renamed.
+    pub fn existing(path: &Path) -> Result<Option<Self>, FileError> {
+        let Ok(place) = fs::canonicalize(path) else { return Ok(None) };
+        if !fs::metadata(&place).is_ok_and(|file| file.is_file()) {
+            return Ok(None);
+        }
+        let failed = |error| FileError::File { file: path.display().to_string(), error };
+        // The empty file keeps the name for the rename.
+        let (aside, _) = create_beside(&place).map_err(failed)?;
+        fs::rename(&place, &aside).map_err(failed)?;
+        Ok(Some(Self { place, aside }))
+    }
+
+    /// Where it was: what a symbolic link leads to.
+    #[must_use]
+    pub fn place(&self) -> &Path {
+        &self.place
+    }
+
+    /// Puts it back, over what is in its place now.
+    pub fn restore(self) {
+        if fs::rename(&self.aside, &self.place).is_err() {
+            // It stays beside its place.
+            std::mem::forget(self);
+        }
+    }
+}
+
+impl Drop for SetAside {
+    fn drop(&mut self) {
+        let _ = fs::remove_file(&self.aside);
+    }
+}
+
 /// A new file of a name of its own in the same directory: a rename works within a file system only.
 fn create_beside(target: &Path) -> io::Result<(PathBuf, File)> {
     let mut attempt = 0;
@@ -373,14 +411,35 @@ mod tests {
     }
 
     #[test]
-    fn an_ending_of_another_format_is_refused_and_the_formats_are_listed() {
-        for wrong in ["a.pdf", "a.PNG", "a.b.svg"] {
-            let error = refuse_ending(wrong.as_ref(), &["json", "csv", "stl"]).unwrap_err().to_string();
+    fn the_ending_says_the_format_or_is_refused_and_the_formats_are_listed() {
+        for wrong in ["a.pdf", "a.PNG", "a.b.svg", "a.plan", "a."] {
+            let error = format_of(wrong.as_ref(), &["json", "csv", "stl"]).unwrap_err().to_string();
             assert!(error.contains("end it in .json, .csv or .stl"), "{error}");
         }
-        for right in ["a", "a.json", "a.JSON", "a.plan", ".pdf"] {
-            refuse_ending(right.as_ref(), &["json"]).unwrap();
+        for (name, format) in
+            [("a", None), ("-", None), (".pdf", None), ("a.json", Some("json")), ("a.CSV", Some("csv"))]
+        {
+            assert_eq!(format_of(name.as_ref(), &["json", "csv"]).unwrap(), format, "{name}");
         }
+    }
+
+    #[test]
+    fn a_file_that_is_set_aside_comes_back_or_is_gone() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("run.jsonl");
+        assert!(SetAside::existing(&path).unwrap().is_none());
+        fs::write(&path, b"before").unwrap();
+        let aside = SetAside::existing(&path).unwrap().unwrap();
+        assert!(!path.exists());
+        fs::write(&path, b"new").unwrap();
+        aside.restore();
+        assert_eq!((fs::read(&path).unwrap(), names(directory.path()).len()), (b"before".to_vec(), 1));
+        let aside = SetAside::existing(&path).unwrap().unwrap();
+        fs::write(&path, b"new").unwrap();
+        drop(aside);
+        assert_eq!((fs::read(&path).unwrap(), names(directory.path()).len()), (b"new".to_vec(), 1));
+        // A device stays where it is.
+        assert!(SetAside::existing("/dev/null".as_ref()).unwrap().is_none());
     }
 
     #[cfg(unix)]

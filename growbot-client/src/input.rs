@@ -3,6 +3,7 @@
 use std::fs::{self, File, Metadata};
 use std::io::{self, Read};
 use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::files::{FileError, note_input};
 
@@ -10,6 +11,9 @@ use crate::files::{FileError, note_input};
 pub const LONGEST_TEXT: u64 = 1 << 20;
 /// And no run log, bytes (256 MiB): a growth of weeks, whose board is asked for its status all the time.
 pub const LONGEST_LOG: u64 = 256 << 20;
+
+/// Whether an argument has taken standard input: what it gives can be read once.
+static TAKEN: AtomicBool = AtomicBool::new(false);
 
 /// Why a text could not be read.
 #[derive(Debug, thiserror::Error)]
@@ -42,6 +46,9 @@ pub enum InputError {
         /// What it is instead of a file.
         what: &'static str,
     },
+    /// Standard input is read by another argument already.
+    #[error("standard input (-) gives one file only: give the other one as a file")]
+    ReadAlready,
     /// Standard output would destroy it.
     #[error(transparent)]
     Destroyed(#[from] FileError),
@@ -80,6 +87,9 @@ pub fn is_standard_input(path: &Path) -> bool {
 /// [`InputError::Unreadable`], [`InputError::NoFile`] or [`InputError::Destroyed`].
 pub fn open(path: &Path) -> Result<Box<dyn Read>, InputError> {
     if is_standard_input(path) {
+        if TAKEN.swap(true, Ordering::Relaxed) {
+            return Err(InputError::ReadAlready);
+        }
         note_standard_input()?;
         return Ok(Box::new(io::stdin().lock()));
     }

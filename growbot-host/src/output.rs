@@ -3,9 +3,10 @@
 //! What a terminal would obey instead of showing it is taken out here ([`growbot_client::printable`]).
 
 use std::fmt;
-use std::io::{self, Write};
+use std::io::{self, IsTerminal, Write};
+use std::path::Path;
 
-use growbot_client::files::FileError;
+use growbot_client::files::{FileError, replace_file};
 use growbot_client::printable::{lines, one_line};
 
 /// Writes a message to standard error, in one line. A closed standard error is ignored: it is no reason to leave a
@@ -30,6 +31,9 @@ pub enum OutputError {
     /// Standard output cannot be written, say because a disk is full.
     #[error("cannot write to standard output: {0}")]
     Stdout(io::Error),
+    /// Standard output is a terminal, and the result is no text.
+    #[error("this format is not for terminals: name a file with -o, or redirect the output")]
+    Terminal,
     /// A file cannot be written.
     #[error(transparent)]
     File(#[from] FileError),
@@ -49,6 +53,33 @@ impl From<io::Error> for OutputError {
 /// [`OutputError::Closed`] or [`OutputError::Stdout`].
 pub fn print(text: &str) -> Result<(), OutputError> {
     print_bytes(lines(text).as_bytes())
+}
+
+/// Writes a whole result to this file, or to standard output for `-`; says whether it was a file.
+///
+/// # Errors
+/// As [`print()`], or [`OutputError::File`].
+pub fn write_to(path: &Path, contents: &[u8]) -> Result<bool, OutputError> {
+    if is_standard_output(path) {
+        print_bytes(contents)?;
+        return Ok(false);
+    }
+    replace_file(path, contents)?;
+    Ok(true)
+}
+
+/// Whether the path is `-`, which stands for standard output.
+#[must_use]
+pub fn is_standard_output(path: &Path) -> bool {
+    path.as_os_str() == "-"
+}
+
+/// Refuses to show what is no text on a terminal.
+///
+/// # Errors
+/// [`OutputError::Terminal`].
+pub fn refuse_terminal() -> Result<(), OutputError> {
+    if io::stdout().is_terminal() { Err(OutputError::Terminal) } else { Ok(()) }
 }
 
 /// As [`print()`], for what is no text.

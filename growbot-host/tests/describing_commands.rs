@@ -244,7 +244,7 @@ fn each_command_has_a_page_of_the_manual_with_examples_and_exit_codes() {
     let unknown = growbot(&["man", "plam"]);
     assert_eq!(unknown.code, Some(2));
     assert!(unknown.err.contains("did you mean plan?"), "{}", unknown.err);
-    assert_eq!(growbot(&["man", "-o", &format!("{path}/none")]).code, Some(2));
+    assert_eq!(growbot(&["man", "-o", &format!("{path}/none/deeper")]).code, Some(2));
 }
 
 /// What bash offers for the last of these words.

@@ -317,7 +317,6 @@ fn a_plan_that_cannot_be_written_is_refused_and_leaves_nothing() {
     assert_refused_in_a_line(&ran, 2, &["cannot write", "plan.json", "no directory", "missing"]);
     let here = directory.path().display().to_string();
     assert_refused_in_a_line(&growbot(&with(&TO, &["-o", &here])), 2, &["cannot write", "directory"]);
-    assert_refused_in_a_line(&growbot(&with(&TO, &["-o", "-"])), 2, &["--json"]);
     assert_eq!(fs::read_dir(directory.path()).unwrap().count(), 0);
 }
 
@@ -504,7 +503,7 @@ fn a_workspace_is_a_table_a_line_or_a_picture() {
     refused(&["--length", "nan"], &["length is NaN mm"]);
     refused(&["--radius", "50"], &["50 mm", "R_min = 98.2 mm"]);
     refused(&["--heading", "0", "--pitch", "91"], &["pitch is 91 deg"]);
-    refused(&["--length", "100", "-o", "-"], &["-o takes a file"]);
+    refused(&["--length", "100", "-o", "-", "--json"], &["both go to standard output"]);
     refused(&["--length", "100", "-o", "/no/such/place.svg"], &["no directory /no/such"]);
     assert_refused(&growbot(&["workspace", "--heading", "0"]), 2, &["--pitch"]);
 }

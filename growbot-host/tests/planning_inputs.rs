@@ -98,7 +98,6 @@ fn a_batch_writes_csv_or_json_lines_as_its_file_ends() {
     }
     assert_refused(&batch(&["-o", &path("a.csv"), "--json"]), &["a.csv", ".json or .jsonl"]);
     assert_refused(&batch(&["-o", &path("a.stl")]), &["a.stl", ".csv, .json or .jsonl"]);
-    assert_refused(&batch(&["-o", "-"]), &["-o takes a file"]);
     let bad = growbot_reading(&["plan", "--batch", "-", "-o", &path("bad.csv")], "id,to_x\n");
     assert_refused(&bad, &["did you mean to_x_mm?"]);
     assert_eq!(fs::read_dir(directory.path()).unwrap().count(), 4, "nothing half-written is left");

@@ -20,7 +20,7 @@ mod result;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::num::NonZero;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use growbot_core::pose::Frame;
 use growbot_core::simulation::Imperfection;
@@ -41,7 +41,7 @@ pub use self::lines::{Damage, Events};
 use self::queue::LineQueue;
 pub use self::record::{BodyKind, RobotId, RunRecord, RunRecordError};
 pub use self::result::{FeedbackResult, GrowthResult, InterruptedLayer, ResultOutcome, WrittenArrival};
-use crate::files::{FileError, refuse_ending, refuse_inputs};
+use crate::files::{FileError, SetAside, format_of, refuse_inputs};
 use crate::growth::{Job, JobEvent};
 use crate::plan::Plan;
 use crate::plan_file::PlanFile;
@@ -49,6 +49,9 @@ use crate::printable::json_line;
 
 /// Name and version of the format, in the first line.
 pub const FORMAT: &str = "growbot-run/3";
+
+/// The endings of run logs.
+const ENDINGS: [&str; 2] = ["jsonl", "json"];
 
 /// Why a log could not be written.
 #[derive(Debug, thiserror::Error)]
@@ -71,6 +74,14 @@ pub enum RunLogError {
         /// The system's reason.
         error: io::Error,
     },
+    /// It is there already.
+    #[error(
+        "the run log {file} is there already, and may be the only record of a body: choose another name, or replace it with --force; --log alone takes a name of its own"
+    )]
+    Exists {
+        /// The file.
+        file: String,
+    },
     /// It is no place for a log.
     #[error(transparent)]
     Place(#[from] FileError),
@@ -82,6 +93,7 @@ impl RunLogError {
     pub fn reason(&self) -> String {
         match self {
             Self::Begin { error, .. } | Self::Write { error, .. } => error.to_string(),
+            Self::Exists { .. } => self.to_string(),
             Self::Place(error) => error.to_string(),
         }
     }
@@ -111,8 +123,10 @@ pub struct RunLog(Option<Open>);
 struct Open {
     lines: LineQueue,
     file: String,
-    /// Whether there was no such file before.
+    /// Whether the file is this growth's alone.
     is_new: bool,
+    /// The log that was there before and was to be replaced, until the first layer is laid.
+    replaced: Option<SetAside>,
     /// The simulated tip after the layers of which it was written where they are.
     laid_tip: Frame,
 }
@@ -137,14 +151,85 @@ impl RunLog {
         feedback: Option<SensorNoise>,
         origin: impl Into<Origin<'a>>,
     ) -> Result<Self, RunLogError> {
-        let Origin { port, imperfection } = origin.into();
-        let tip = if imperfection.is_some() { RecordedTip::Simulated } else { RecordedTip::Robot };
-        refuse_ending(path, &["jsonl", "json"])?;
+        format_of(path, &ENDINGS)?;
         refuse_inputs(path)?;
         let name = path.display().to_string();
-        let failed = |error| RunLogError::Begin { file: name.clone(), error };
-        let file = File::create_new(path).map_err(failed)?;
-        let mut log = Self::to(Box::new(file), &name, plan.start.frame());
+        let file = File::create_new(path).map_err(|error| match error.kind() {
+            io::ErrorKind::AlreadyExists => RunLogError::Exists { file: name.clone() },
+            _ => RunLogError::Begin { file: name.clone(), error },
+        })?;
+        let log = Self::to(Box::new(file), &name, plan.start.frame());
+        log.with_header(plan, job, feedback, origin.into())
+    }
+
+    /// As [`RunLog::begin`], in place of a log that is there already. That one is gone once a layer of the new body is
+    /// laid; of a growth that does not begin, it stays.
+    ///
+    /// # Errors
+    /// As [`RunLog::begin`].
+    pub fn replace<'a>(
+        path: &Path,
+        plan: &Plan,
+        job: &Job,
+        feedback: Option<SensorNoise>,
+        origin: impl Into<Origin<'a>>,
+    ) -> Result<Self, RunLogError> {
+        format_of(path, &ENDINGS)?;
+        refuse_inputs(path)?;
+        let Some(replaced) = SetAside::existing(path)? else {
+            return Self::begin(path, plan, job, feedback, origin);
+        };
+        match Self::begin(replaced.place(), plan, job, feedback, origin) {
+            Ok(mut log) => {
+                if let Some(open) = &mut log.0 {
+                    open.replaced = Some(replaced);
+                }
+                Ok(log)
+            }
+            Err(error) => {
+                replaced.restore();
+                Err(error)
+            }
+        }
+    }
+
+    /// As [`RunLog::begin`], to standard output.
+    ///
+    /// # Errors
+    /// If that cannot be written.
+    pub fn to_standard_output<'a>(
+        plan: &Plan,
+        job: &Job,
+        feedback: Option<SensorNoise>,
+        origin: impl Into<Origin<'a>>,
+    ) -> Result<Self, RunLogError> {
+        let mut log = Self::to(Box::new(io::stdout()), "standard output", plan.start.frame());
+        if let Some(open) = &mut log.0 {
+            open.is_new = false;
+        }
+        log.with_header(plan, job, feedback, origin.into())
+    }
+
+    /// A name that no file here has: `growth-2026-11-23T014500.jsonl` by the time of now, UTC.
+    #[must_use]
+    pub fn free_name() -> PathBuf {
+        let now: String = utc_now().chars().filter(|letter| *letter != ':').take("2026-11-23T014500".len()).collect();
+        let names = (1_u32..).map(|number| match number {
+            1 => format!("growth-{now}.jsonl"),
+            number => format!("growth-{now}-{number}.jsonl"),
+        });
+        names.map(PathBuf::from).find(|name| name.symlink_metadata().is_err()).unwrap_or_default()
+    }
+
+    fn with_header(
+        self,
+        plan: &Plan,
+        job: &Job,
+        feedback: Option<SensorNoise>,
+        Origin { port, imperfection }: Origin<'_>,
+    ) -> Result<Self, RunLogError> {
+        let mut log = self;
+        let tip = if imperfection.is_some() { RecordedTip::Simulated } else { RecordedTip::Robot };
         let header = RunEvent::Header(Box::new(Header {
             format: FORMAT.to_owned(),
             growbot: env!("CARGO_PKG_VERSION").to_owned(),
@@ -162,9 +247,9 @@ impl RunLog {
         }));
         if let Err(error) = log.write(header) {
             // Of a log that cannot even be begun nothing is left behind.
-            let _ = fs::remove_file(path);
+            log.discard();
             return Err(match error {
-                RunLogError::Write { error, .. } => failed(error),
+                RunLogError::Write { file, error } => RunLogError::Begin { file, error },
                 error => error,
             });
         }
@@ -173,7 +258,13 @@ impl RunLog {
 
     /// A log to anywhere, of a body that begins at this frame.
     fn to(out: Box<dyn Write>, file: &str, base_from_start: Frame) -> Self {
-        Self(Some(Open { lines: LineQueue::new(out), file: file.to_owned(), is_new: true, laid_tip: base_from_start }))
+        Self(Some(Open {
+            lines: LineQueue::new(out),
+            file: file.to_owned(),
+            is_new: true,
+            replaced: None,
+            laid_tip: base_from_start,
+        }))
     }
 
     /// Resumes a log on a new line: nothing of what is there is taken away.
@@ -218,6 +309,9 @@ impl RunLog {
     /// one.
     pub fn record(&mut self, event: &JobEvent) -> Result<(), RunLogError> {
         let Some(open) = &mut self.0 else { return Ok(()) };
+        if matches!(event, JobEvent::Laid { .. }) {
+            open.replaced = None;
+        }
         let mut written = Ok(());
         for event in events_of(event, &mut open.laid_tip) {
             // All of them wait, where the first cannot be written.
@@ -229,7 +323,10 @@ impl RunLog {
     /// Takes the log of a job that never began away: there is no body to remember. One that was there before stays.
     pub fn discard(self) {
         if let Some(open) = self.0.filter(|open| open.is_new) {
-            let _ = fs::remove_file(open.file);
+            match open.replaced {
+                Some(replaced) => replaced.restore(),
+                None => drop(fs::remove_file(open.file)),
+            }
         }
     }
 

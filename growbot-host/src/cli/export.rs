@@ -1,17 +1,15 @@
 //! `growbot export`: a body in the format of another tool.
 
-use std::io::{self, IsTerminal};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
-use growbot_client::files::{ending, refuse_ending, replace_file, unknown_ending};
-use growbot_client::input::is_standard_input;
+use growbot_client::files::{format_of, replace_file};
 use growbot_client::run_log::BodyKind;
 use growbot_host::export::body::Body;
 use growbot_host::export::mesh::{MeshError, Resolution};
 use growbot_host::export::recording::Encoding;
 use growbot_host::export::{glb, recording, stl, table, tum};
-use growbot_host::output::print_bytes;
+use growbot_host::output::{is_standard_output, print_bytes, refuse_terminal};
 
 use super::Failure;
 use super::subject::Subject;
@@ -112,11 +110,6 @@ impl Format {
             Self::Mcap => "mcap",
         }
     }
-
-    /// By a file's extension.
-    fn of(path: &Path) -> Option<Self> {
-        Self::from_str(path.extension()?.to_str()?, true).ok()
-    }
 }
 
 /// Bodies that part by less, mm, are one to see.
@@ -124,29 +117,10 @@ const APART: f64 = 0.05;
 
 /// Runs the command.
 pub fn run(args: &ExportArgs) -> Result<(), Failure> {
-    let to = args.output.as_deref().filter(|path| !is_standard_input(path));
-    let format = match (args.format, to) {
-        (Some(format), to) => {
-            if let Some(to) = to {
-                refuse_ending(to, &[format.ending()])?;
-            }
-            format
-        }
-        (None, Some(path)) if ending(path).is_some() => Format::of(path).ok_or_else(|| {
-            let unknown = unknown_ending(path, &Format::ENDINGS);
-            Failure::bad_input(format_args!("{unknown}, or say --format"))
-        })?,
-        _ => {
-            return Err(Failure::bad_input(
-                "which format? Name a file that ends in .stl, .glb, .csv, .tum or .mcap with -o, or say --format",
-            ));
-        }
-    };
-
-    if is_unreadable(format) && to.is_none() && io::stdout().is_terminal() {
-        return Err(Failure::bad_input(
-            "this format is not for terminals: name a file with -o, or redirect the output",
-        ));
+    let to = args.output.as_deref().filter(|path| !is_standard_output(path));
+    let format = args.format()?;
+    if to.is_none() && is_unreadable(format) {
+        refuse_terminal()?;
     }
     if args.ros2 && format != Format::Mcap {
         return Err(Failure::bad_input(format_args!(
@@ -176,6 +150,18 @@ fn is_unreadable(format: Format) -> bool {
 }
 
 impl ExportArgs {
+    /// As it is asked for, or else as the file ends.
+    fn format(&self) -> Result<Format, Failure> {
+        let asked = self.format.map(|format| [format.ending()]);
+        let formats: &[&str] = asked.as_ref().map_or(&Format::ENDINGS, |format| format);
+        let ending = self.output.as_deref().map(|output| format_of(output, formats)).transpose()?.flatten();
+        self.format.or_else(|| Format::from_str(ending?, true).ok()).ok_or_else(|| {
+            Failure::bad_input(
+                "which format? Name a file that ends in .stl, .glb, .csv, .tum or .mcap with -o, or say --format",
+            )
+        })
+    }
+
     /// What is known of the body that is exported; none of a plan.
     fn kind(&self, subject: &Subject) -> Option<BodyKind> {
         let (record, _) = subject.run.as_ref()?;

@@ -34,6 +34,24 @@ impl From<OnSilence> for Silence {
     }
 }
 
+/// How a result is printed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Print {
+    /// As a table.
+    Table,
+    /// As a line of JSON.
+    Json,
+    /// Not: the run log goes to standard output, and ends with it.
+    Nothing,
+}
+
+impl Print {
+    /// As `--json` says.
+    pub fn of(json: bool) -> Self {
+        if json { Self::Json } else { Self::Table }
+    }
+}
+
 /// A growth under way.
 pub struct Following<'a> {
     /// The robot.
@@ -44,8 +62,8 @@ pub struct Following<'a> {
     pub log: RunLog,
     /// The page that follows it.
     pub watch: Option<Watch>,
-    /// Ends with a line of JSON.
-    pub json: bool,
+    /// How the result is printed.
+    pub print: Print,
     /// Layers laid before.
     pub laid: usize,
     /// Where chance comes from; none where nothing is drawn by chance.
@@ -77,7 +95,7 @@ impl Following<'_> {
                 let mut result = self.nothing_grown(ResultOutcome::Lost, &error);
                 let logged = self.end(&mut result);
                 // That the robot is lost is printed whether or not the result can be.
-                if self.json
+                if self.print == Print::Json
                     && let Err(error) = print(&json_line(&result))
                 {
                     Failure::from(error).say();
@@ -90,7 +108,7 @@ impl Following<'_> {
             Err(error) => {
                 std::mem::take(&mut self.log).discard();
                 let result = self.nothing_grown(ResultOutcome::Refused, &error);
-                if self.json && error.is_refusal() {
+                if self.print == Print::Json && error.is_refusal() {
                     refuse(&result);
                 }
                 if let Some(watch) = self.watch.take() {
@@ -130,11 +148,11 @@ impl Following<'_> {
     fn result(mut self, grown: &Grown, emergency: bool) -> Result<(), Failure> {
         let mut result = GrowthResult::new(grown, self.plan, self.seed, self.simulated);
         let logged = self.end(&mut result);
-        let printed = print(&if self.json {
-            json_line(&result)
-        } else {
-            growth_table::table(self.plan, self.robot, grown, self.seed, self.simulated)
-        });
+        let printed = match self.print {
+            Print::Json => print(&json_line(&result)),
+            Print::Table => print(&growth_table::table(self.plan, self.robot, grown, self.seed, self.simulated)),
+            Print::Nothing => Ok(()),
+        };
         // A growth that is done has no other failure to tell.
         match (grown.outcome, logged) {
             (Outcome::Done, logged) => logged.and_then(|()| Ok(printed?)),

@@ -5,17 +5,20 @@ use std::path::PathBuf;
 use clap::{Args, Parser};
 use growbot_client::feedback::{ASSUMED, Feedback};
 use growbot_client::growth::{Job, Manner, grow_job};
-use growbot_client::run_log::{GrowthResult, Origin, ResultOutcome, RunLog};
+use growbot_client::plan::Plan;
+use growbot_client::run_log::{GrowthResult, Origin, ResultOutcome, RunLog, RunLogError};
 use growbot_client::warning::PREVENTING;
 use growbot_core::robot::Robot;
 use growbot_core::simulation::Imperfection;
+use growbot_core::tracking::SensorNoise;
 use growbot_host::duration::duration_text;
+use growbot_host::output::is_standard_output;
 use growbot_host::view::Subject;
 use growbot_sim::port::{PortName, TipSettings};
 use growbot_sim::truth::compare;
 
 use super::disturbance::DisturbanceArgs;
-use super::following::{Following, OnSilence, refuse};
+use super::following::{Following, OnSilence, Print, refuse};
 use super::goal::GoalArgs;
 use super::interrupt::stop_on_interrupt;
 use super::watching::WatchArgs;
@@ -36,9 +39,13 @@ pub struct GrowArgs {
     goal: GoalArgs,
     #[command(flatten)]
     port: PortArg,
-    /// Write what happens to this new file, one JSON object a line
-    #[arg(long, value_name = "FILE")]
-    log: Option<PathBuf>,
+    /// Write what happens to this file, which ends in .jsonl (- for standard
+    /// output), or without a name to a new one: growth-2026-11-23T014500.jsonl
+    ///
+    /// One JSON object a line. The date is that of the start, UTC. A log that is there already is only replaced with
+    /// --force, once a layer of the new body is laid.
+    #[arg(long, value_name = "FILE", num_args = 0..=1)]
+    log: Option<Option<PathBuf>>,
     /// What the board does when it no longer hears from this program
     #[arg(long, value_name = "WHAT", default_value = "pause")]
     on_silence: OnSilence,
@@ -49,7 +56,8 @@ pub struct GrowArgs {
     /// unless given.
     #[arg(long)]
     feedback: bool,
-    /// Grow in spite of self-collision, filament-short or layer-limit
+    /// Grow in spite of self-collision, filament-short or layer-limit, and replace
+    /// a run log that is there
     #[arg(long)]
     force: bool,
     /// End with one line of JSON instead of a table
@@ -65,6 +73,7 @@ const AFTER_HELP: &str = "\
 Examples:
   growbot grow --to 200,100,600,0,45
   growbot grow plan.json --port /dev/ttyACM0 --log run.jsonl
+  growbot grow plan.json --log
   growbot grow --robot growbot-a2 --to 0,60,120,90,30 --port emulator
   growbot grow --to 200,100,600,0,45 --noise 10 --feedback
   growbot grow --to 200,100,600,0,45 --watch --control
@@ -92,7 +101,7 @@ pub fn run_main_job() -> Result<(), Failure> {
 
 /// Runs the command.
 pub fn run(args: &GrowArgs) -> Result<(), Failure> {
-    let port = args.port.choose()?;
+    let (port, print) = (args.port.choose()?, args.print()?);
     let (robot, plan) = args.goal.robot_and_plan()?;
     let preventing: Vec<_> =
         plan.warnings.iter().filter(|warning| PREVENTING.contains(&warning.code.as_str())).collect();
@@ -131,17 +140,12 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     let name = format!("{}{}", args.goal.name("growbot grow"), port.remark());
     let subject = Subject { name: &name, robot: &robot, plan: &plan, run: None, laid: None };
     let watch = args.watching.begin(&subject, &job, &[], &orders)?;
-    let log = match &args.log {
-        Some(path) => {
-            let origin = Origin { port: port.text(), imperfection: port.is_simulated().then_some(&imperfection) };
-            RunLog::begin(path, &plan, &job, noise, origin).map_err(Failure::bad_input)?
-        }
-        None => RunLog::none(),
-    };
+    let origin = Origin { port: port.text(), imperfection: port.is_simulated().then_some(&imperfection) };
+    let log = args.begin_log(&plan, &job, noise, origin).map_err(Failure::bad_input)?;
     let seed = (disturbance.disturbs() || disturbance.knows_sensors()).then_some(disturbance.seed);
     let seed = seed.filter(|_| port.is_simulated());
     let simulated = port.is_simulated();
-    let following = Following { robot: &robot, plan: &plan, log, watch, json: args.json, laid: 0, seed, simulated };
+    let following = Following { robot: &robot, plan: &plan, log, watch, print, laid: 0, seed, simulated };
     let manner = Manner { silence: args.on_silence.into(), feedback };
     following.follow(|on_event| {
         compare(simulation.as_mut(), &job, on_event, |on_event| grow_job(&mut client, &job, manner, &orders, on_event))
@@ -149,6 +153,39 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
 }
 
 impl GrowArgs {
+    /// How the result is printed.
+    fn print(&self) -> Result<Print, Failure> {
+        match (&self.log, self.json) {
+            (Some(Some(log)), true) if is_standard_output(log) => Err(Failure::bad_input(
+                "--log - and --json both go to standard output: leave one of them out, the log ends with the result",
+            )),
+            (Some(Some(log)), false) if is_standard_output(log) => Ok(Print::Nothing),
+            (_, json) => Ok(Print::of(json)),
+        }
+    }
+
+    /// Begins the log that is asked for, or none.
+    fn begin_log(
+        &self,
+        plan: &Plan,
+        job: &Job,
+        noise: Option<SensorNoise>,
+        origin: Origin,
+    ) -> Result<RunLog, RunLogError> {
+        match &self.log {
+            None => Ok(RunLog::none()),
+            Some(Some(path)) if is_standard_output(path) => RunLog::to_standard_output(plan, job, noise, origin),
+            Some(Some(path)) if self.force => RunLog::replace(path, plan, job, noise, origin),
+            Some(Some(path)) => RunLog::begin(path, plan, job, noise, origin),
+            Some(None) => {
+                let path = RunLog::free_name();
+                let log = RunLog::begin(&path, plan, job, noise, origin)?;
+                growbot_host::tell!("growbot: run log in {}", path.display());
+                Ok(log)
+            }
+        }
+    }
+
     /// Whether what is asked for can be had there.
     fn suits(&self, port: &ChosenPort, robot: &Robot) -> Result<(), Failure> {
         if self.disturbance.disturbs() && !port.is_simulated() {

@@ -1,12 +1,12 @@
 //! `growbot layers`: what the head lays, turn by turn.
 
-use std::io::{self, BufWriter, Write};
 use std::path::PathBuf;
 
 use clap::Args;
+use growbot_client::files::format_of;
 use growbot_client::plan_file;
 use growbot_host::layer_table::write_layers;
-use growbot_host::output::OutputError;
+use growbot_host::output::{OutputError, write_to};
 
 use super::Failure;
 
@@ -16,13 +16,16 @@ use super::Failure;
 /// material goes, in the tip's frame, and tilt is by how much the tip bends away from there.
 #[derive(Args)]
 #[command(
-    after_help = "Examples:\n  growbot layers plan.json > layers.csv\n  growbot plan --to 0,0,500,0,90 --json | \
-                  growbot layers -"
+    after_help = "Examples:\n  growbot layers plan.json > layers.csv\n  growbot layers plan.json -o layers.csv\n  \
+                  growbot plan --to 0,0,500,0,90 --json | growbot layers -"
 )]
 pub struct LayersArgs {
     /// The plan, as `growbot plan -o` writes it (- for standard input)
     #[arg(value_name = "PLAN")]
     plan: PathBuf,
+    /// Write to this file, which ends in .csv [default: standard output]
+    #[arg(short, long, value_name = "FILE", default_value = "-", hide_default_value = true)]
+    output: PathBuf,
     /// The robot: a built-in name or a TOML file [default: the built-in one that
     /// the plan names]
     #[arg(long, value_name = "FILE|NAME")]
@@ -31,8 +34,12 @@ pub struct LayersArgs {
 
 /// Runs the command.
 pub fn run(args: &LayersArgs) -> Result<(), Failure> {
+    format_of(&args.output, &["csv"])?;
     let (robot, plan) = plan_file::open(&args.plan, args.robot.as_deref())?;
-    let mut out = BufWriter::new(io::stdout().lock());
-    write_layers(&mut out, &plan.path, &robot).and_then(|()| out.flush()).map_err(OutputError::from)?;
+    let mut table = Vec::new();
+    write_layers(&mut table, &plan.path, &robot).map_err(OutputError::from)?;
+    if write_to(&args.output, &table)? {
+        growbot_host::tell!("growbot: layers written to {}", args.output.display());
+    }
     Ok(())
 }

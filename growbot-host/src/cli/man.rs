@@ -5,23 +5,22 @@ use std::path::PathBuf;
 
 use clap::{Args, Command, CommandFactory};
 use clap_mangen::Man;
-use growbot_client::files::replace_file;
 use growbot_client::suggest::did_you_mean;
 use growbot_host::output::print;
 
-use super::{Cli, Failure};
+use super::{Cli, Failure, directory};
 
 /// Print a page of the manual, or write all of them
 #[derive(Args)]
 #[command(after_help = "\
 Examples:
   growbot man plan | man -l -
-  mkdir -p ~/.local/share/man/man1 && growbot man -o ~/.local/share/man/man1")]
+  mkdir -p ~/.local/share/man && growbot man -o ~/.local/share/man/man1")]
 pub struct ManArgs {
     /// The command that the page is about [default: growbot itself]
     #[arg(value_name = "COMMAND", conflicts_with = "output")]
     command: Option<String>,
-    /// Write all pages into this directory, growbot.1 and growbot-COMMAND.1
+    /// Write all pages to this directory, growbot.1 and growbot-COMMAND.1; it is made if it is not there
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
 }
@@ -38,11 +37,8 @@ pub fn run(args: &ManArgs) -> Result<(), Failure> {
         for command in root.get_subcommands() {
             pages.push((format!("growbot-{}.1", command.get_name()), text(command)?));
         }
-        for (name, page) in &pages {
-            replace_file(&directory.join(name), page)?;
-        }
-        growbot_host::tell!("growbot: {} pages written to {}", pages.len(), directory.display());
-        return Ok(());
+        directory::make(directory)?;
+        return directory::fill(directory, pages.iter().map(|(name, page)| (&**name, &**page)));
     }
     let command = match &args.command {
         None => &root,

@@ -6,6 +6,7 @@
 mod cancel;
 mod completions;
 mod console;
+mod directory;
 mod disturbance;
 #[cfg(test)]
 mod documents;

@@ -4,9 +4,10 @@ use std::io::{self, BufRead, IsTerminal, Read};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use growbot_client::files::{refuse_ending, replace_file};
+use growbot_client::files::format_of;
+use growbot_client::input::is_standard_input;
 use growbot_client::robot_file;
-use growbot_host::output::print;
+use growbot_host::output::{is_standard_output, print, write_to};
 use growbot_host::robot_questions::{Draft, NAME, NO_LIMIT, QUESTIONS, UNLIMITED};
 use growbot_host::schema;
 
@@ -25,7 +26,7 @@ const LONGEST_ANSWER: u64 = 4096;
 #[command(after_help = "Examples:\n  growbot new-robot --from growbot-a -o my-robot.toml\n  printf \
                   'my-robot\\n14\\n60\\n25\\n' | growbot new-robot")]
 pub struct NewRobotArgs {
-    /// Write this file [default: the robot's name and .toml]
+    /// Write this file (- for standard output) [default: the robot's name and .toml]
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
     /// The robot to start from: a built-in name or a TOML file
@@ -39,8 +40,11 @@ pub struct NewRobotArgs {
 /// Runs the command.
 pub fn run(args: &NewRobotArgs) -> Result<(), Failure> {
     if let Some(output) = &args.output {
-        refuse_ending(output, &["toml"])?;
+        format_of(output, &["toml"])?;
         refuse_to_overwrite(output, args.force)?;
+    }
+    if is_standard_input(&args.base) {
+        return Err(Failure::bad_input("the answers come from standard input: give the robot to start from as a file"));
     }
     let (text, file) = robot_file::text_of(&args.base)?;
     let name = name_in(args.output.as_deref());
@@ -49,7 +53,9 @@ pub fn run(args: &NewRobotArgs) -> Result<(), Failure> {
     let (robot, text) = draft.file(&given)?;
     let output = args.output.clone().unwrap_or_else(|| PathBuf::from(format!("{}.toml", robot.name())));
     refuse_to_overwrite(&output, args.force)?;
-    replace_file(&output, text.as_bytes())?;
+    if !write_to(&output, text.as_bytes())? {
+        return Ok(());
+    }
     let assumed = text.matches("# assumed").count();
     let output = output.display();
     let mut notes = String::new();
@@ -80,7 +86,7 @@ pub fn run(args: &NewRobotArgs) -> Result<(), Failure> {
 }
 
 fn refuse_to_overwrite(output: &Path, force: bool) -> Result<(), Failure> {
-    if !force && output.symlink_metadata().is_ok() {
+    if !force && !is_standard_output(output) && output.symlink_metadata().is_ok() {
         return Err(Failure::bad_input(format!(
             "{} is there already: choose another name with -o, or replace it with --force",
             output.display()

@@ -4,14 +4,14 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use growbot_client::files::{Replacement, ending, refuse_ending, replace_file};
+use growbot_client::files::{Replacement, format_of};
 use growbot_client::input::{self, BoundedLines};
 use growbot_client::plan::Plan;
 use growbot_client::plan_file::PlanFile;
 use growbot_client::pose_text::{TypedGoal, parse_goal};
 use growbot_core::robot::Robot;
 use growbot_host::batch::{ANSWERS, Batch, Defaults};
-use growbot_host::output::print;
+use growbot_host::output::{is_standard_output, print, write_to};
 use growbot_host::progress::{Progress, Results};
 
 use super::search::SearchArgs;
@@ -49,8 +49,8 @@ pub struct PlanArgs {
     /// Print the plan as one line of JSON; of a batch, each
     #[arg(long)]
     json: bool,
-    /// Write the plan to this file; of a batch, the answers, as CSV or JSON lines
-    /// (.csv, .jsonl)
+    /// Write the plan to this file (.json; - for standard output); of a batch, the
+    /// answers, as CSV or JSON lines (.csv, .jsonl)
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
     /// Plan every query of a CSV file (- for standard input); prints CSV, or JSON
@@ -83,6 +83,9 @@ The exit code is 1 if any failed.";
 
 /// Runs the command.
 pub fn run(args: &PlanArgs) -> Result<(), Failure> {
+    if let (Some(output), None) = (&args.output, &args.batch) {
+        format_of(output, &["json"])?;
+    }
     let robot = args.robot.load()?;
     match (&args.batch, &args.to) {
         (Some(queries), _) => run_batch(args, queries, &robot),
@@ -94,11 +97,10 @@ pub fn run(args: &PlanArgs) -> Result<(), Failure> {
 fn run_one(args: &PlanArgs, plan: &Plan) -> Result<(), Failure> {
     let written = PlanFile::from(plan);
     if let Some(path) = &args.output {
-        if input::is_standard_input(path) {
-            return Err(Failure::bad_input("-o takes a file: for standard output use --json"));
+        let text = if args.json && is_standard_output(path) { written.to_line() } else { written.to_text() };
+        if !write_to(path, text.as_bytes())? {
+            return Ok(());
         }
-        refuse_ending(path, &["json"])?;
-        replace_file(path, written.to_text().as_bytes())?;
         growbot_host::tell!("growbot: plan written to {}", path.display());
     }
     Ok(print(&if args.json { written.to_line() } else { plan_table::table(plan) })?)
@@ -119,19 +121,12 @@ struct Answers {
 
 impl Answers {
     fn begin(args: &PlanArgs) -> Result<Self, Failure> {
-        let ending = args.output.as_deref().and_then(ending);
-        let as_json = args.json || matches!(ending.as_deref(), Some("json" | "jsonl"));
+        let to = args.output.as_deref().filter(|path| !is_standard_output(path));
+        let formats: &[&str] = if args.json { &["json", "jsonl"] } else { &["csv", "json", "jsonl"] };
+        let ending = to.map(|path| format_of(path, formats)).transpose()?.flatten();
+        let as_json = args.json || matches!(ending, Some("json" | "jsonl"));
         let format = if as_json { Format::JsonLines } else { Format::Csv };
-        let file = match &args.output {
-            Some(path) if input::is_standard_input(path) => {
-                return Err(Failure::bad_input("-o takes a file: without it the answers go to standard output"));
-            }
-            Some(path) => {
-                refuse_ending(path, if args.json { &["json", "jsonl"] } else { &["csv", "json", "jsonl"] })?;
-                Some(Replacement::begin(path)?)
-            }
-            None => None,
-        };
+        let file = to.map(Replacement::begin).transpose()?;
         let mut answers = Self { format, file };
         if format == Format::Csv {
             answers.write(ANSWERS)?;
@@ -172,7 +167,7 @@ fn run_batch(args: &PlanArgs, queries: &Path, robot: &Robot) -> Result<(), Failu
     let named = |error| Failure::bad_input(format!("{name}: {error}"));
     let mut batch = Batch::open(BoundedLines::of(input::open(queries)?), defaults).map_err(named)?;
     let mut answers = Answers::begin(args)?;
-    let results = if args.output.is_some() { Results::AtEnd } else { Results::Streamed };
+    let results = if answers.file.is_some() { Results::AtEnd } else { Results::Streamed };
     let mut progress = Progress::start(total, results);
     let (mut done, mut failed) = (0_u64, 0_u64);
     while let Some(answer) = batch.next(robot).map_err(named)? {

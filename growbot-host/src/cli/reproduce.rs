@@ -1,22 +1,18 @@
 //! `growbot reproduce`: the experiments of Del Dottore et al. 2019.
 
-use std::fs;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::thread;
 
 use clap::Args;
 use clap::builder::RangedI64ValueParser;
-use growbot_client::files::{FileError, replace_file};
 use growbot_client::printable::json_line;
 use growbot_host::drawing::pdf::pdf;
 use growbot_host::output::print;
 use growbot_host::progress::{Progress, Results};
-use growbot_host::reproduce::{
-    FIGURES, REPEATS, Reproduction, Request, ResultFile, SEED, TABLES, paper, summary, tables,
-};
+use growbot_host::reproduce::{FIGURES, REPEATS, Reproduction, Request, SEED, TABLES, paper, summary, tables};
 
-use super::Failure;
+use super::{Failure, directory};
 
 /// Do the experiments of the paper again
 ///
@@ -88,7 +84,7 @@ pub fn run(args: &ReproduceArgs) -> Result<(), Failure> {
         repeat_noise: args.repeat.unwrap_or(paper::REPEAT_NOISE),
     };
     if let Some(directory) = &args.output {
-        make_directory(directory)?;
+        directory::make(directory)?;
     }
     let threads = thread::available_parallelism().map_or(1, usize::from);
     let mut progress: Option<Progress> = None;
@@ -102,37 +98,14 @@ pub fn run(args: &ReproduceArgs) -> Result<(), Failure> {
     let done = done.map_err(Failure::bad_input)?;
     if let Some(directory) = &args.output {
         let files = done.files().map_err(Failure::bad_input)?;
-        for file in &files {
-            replace_file(&directory.join(&file.name), file.contents.as_bytes())?;
+        let mut written: Vec<(String, Vec<u8>)> =
+            files.iter().map(|file| (file.name.clone(), file.contents.clone().into())).collect();
+        for figure in files.iter().filter(|file| args.pdf && file.name.ends_with(FIGURE_ENDING)) {
+            let name = Path::new(&figure.name).with_extension("pdf").to_string_lossy().into_owned();
+            written.push((name, pdf(&figure.contents).map_err(Failure::bad_input)?));
         }
-        let figures: Vec<&ResultFile> =
-            files.iter().filter(|file| args.pdf && file.name.ends_with(FIGURE_ENDING)).collect();
-        for figure in &figures {
-            let page = pdf(&figure.contents).map_err(Failure::bad_input)?;
-            replace_file(&directory.join(&figure.name).with_extension("pdf"), &page)?;
-        }
-        let count = files.len() + figures.len();
-        growbot_host::tell!("growbot: {count} files written to {}", directory.display());
+        directory::fill(directory, written.iter().map(|(name, contents)| (&**name, &**contents)))?;
     }
     let text = if args.json { json_line(&tables::json(&done)) } else { summary::summary(&done) };
     Ok(print(&text)?)
-}
-
-/// Before anything is done, so that a place where nothing can be written is not found out at the end.
-fn make_directory(directory: &Path) -> Result<(), Failure> {
-    if directory.is_dir() {
-        return Ok(());
-    }
-    if directory.exists() {
-        return Err(Failure::bad_input(format!("-o takes a directory; {} is a file", directory.display())));
-    }
-    let parent = directory.parent().filter(|parent| !parent.as_os_str().is_empty());
-    if let Some(parent) = parent.filter(|parent| !parent.is_dir()) {
-        return Err(Failure::from(FileError::NoDirectory {
-            file: directory.display().to_string(),
-            directory: parent.display().to_string(),
-        }));
-    }
-    fs::create_dir(directory)
-        .map_err(|error| Failure::from(FileError::File { file: directory.display().to_string(), error }))
 }

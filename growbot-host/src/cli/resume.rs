@@ -7,19 +7,20 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use growbot_client::client::Client;
 use growbot_client::growth::{GrowthError, Job, Manner, OnInterrupted, resume_job};
+use growbot_client::input::name_of;
 use growbot_client::plan::Plan;
-use growbot_client::plan_file;
-use growbot_client::run_log::{RunLog, RunRecord, RunRecordError};
+use growbot_client::run_log::{RunLog, RunRecord};
 use growbot_core::link::message::{BoardHello, State};
 use growbot_core::robot::Robot;
 use growbot_host::view::Subject;
 use growbot_sim::port::TipSettings;
 
-use super::following::{Following, OnSilence};
+use super::following::{Following, OnSilence, Print};
 use super::growth_table::made;
 use super::interrupt::stop_on_interrupt;
+use super::subject::Subject as Opened;
 use super::watching::WatchArgs;
-use super::{Failure, PortArg, robot_of, say_damage};
+use super::{Failure, PortArg};
 
 /// Resume a body that was left unfinished: after a stop, a fault, a reset, a loss of power or of the host
 ///
@@ -113,33 +114,22 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
         growbot_host::tell!("growbot: with feedback, as it was begun");
     }
     let simulated = port.is_simulated();
-    let following = Following { robot: &robot, plan: &plan, log, watch, json: args.json, laid, seed: None, simulated };
+    let following =
+        Following { robot: &robot, plan: &plan, log, watch, print: Print::of(args.json), laid, seed: None, simulated };
     let manner = Manner { silence: args.on_silence.into(), feedback };
     following.follow(|on_event| resume_job(&mut client, &job, known, cut, manner, &orders, on_event))
 }
 
 impl ResumeArgs {
     fn robot_plan_and_record(&self) -> Result<(Robot, Plan, Option<RunRecord>), Failure> {
-        match RunRecord::open(&self.file) {
-            Ok(record) => {
-                if !fs::metadata(&self.file).is_ok_and(|file| file.is_file()) {
-                    return Err(Failure::bad_input(format_args!(
-                        "{} is no file, and a run log is continued where it is: give the file itself",
-                        self.file.display()
-                    )));
-                }
-                say_damage(&record, &self.file);
-                let robot = robot_of(&record, self.robot.as_deref())?;
-                let plan = record.plan(&robot)?;
-                Ok((robot, plan, Some(record)))
-            }
-            Err(error @ RunRecordError::File(_)) => Err(Failure::bad_input(error)),
-            // Not a log: then a plan, or neither.
-            Err(_) => {
-                let (robot, plan) = plan_file::open(&self.file, self.robot.as_deref())?;
-                Ok((robot, plan, None))
-            }
+        let Opened { robot, plan, run } = Opened::open(&self.file, self.robot.as_deref())?;
+        if run.is_some() && !fs::metadata(&self.file).is_ok_and(|file| file.is_file()) {
+            return Err(Failure::bad_input(format_args!(
+                "{} is no file, and a run log is continued where it is: give the file itself",
+                name_of(&self.file)
+            )));
         }
+        Ok((robot, plan, run.map(|(record, _)| record)))
     }
 }
 

@@ -4,12 +4,13 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
-use growbot_client::files::{ending, refuse_ending, replace_file, unknown_ending};
+use growbot_client::files::format_of;
 use growbot_client::input::{is_standard_input, name_of};
 use growbot_client::pose_text::parse_number;
 use growbot_host::drawing::colours::Palette;
 use growbot_host::drawing::pdf::pdf;
 use growbot_host::drawing::png::png;
+use growbot_host::output::{is_standard_output, refuse_terminal, write_to};
 use growbot_host::view::picture::Look;
 use growbot_host::view::plot::{Along, Plotted, Quantity};
 use growbot_host::view::{Subject, page, picture, plot};
@@ -76,7 +77,7 @@ pub struct ViewArgs {
     along: AlongName,
     /// Write to this file [default: beside the first file, named as it is, or A-B
     /// of several, or with -plot; ending in .html, .svg, .png or
-    /// .pdf]
+    /// .pdf]; - for standard output
     ///
     /// Where no option says the format, its ending does.
     #[arg(short, long, value_name = "FILE")]
@@ -196,8 +197,6 @@ enum Format {
 }
 
 impl Format {
-    const ALL: [Self; 4] = [Self::Html, Self::Svg, Self::Png, Self::Pdf];
-
     fn ending(self) -> &'static str {
         match self {
             Self::Html => "html",
@@ -240,13 +239,26 @@ pub fn run(args: &ViewArgs) -> Result<(), Failure> {
         }
         Format::Pdf => pdf(&args.picture(&subjects, &opened)?).map_err(Failure::bad_input)?,
     };
-    replace_file(&output, &contents)?;
+    if !write_to(&output, &contents)? {
+        return Ok(());
+    }
     let hint = if format == Format::Html { ": open it in a browser" } else { "" };
     growbot_host::tell!("growbot: view written to {}{hint}", output.display());
     Ok(())
 }
 
 impl ViewArgs {
+    /// The endings that its file may have.
+    fn formats(&self) -> &'static [&'static str] {
+        match (self.svg, self.png, self.pdf) {
+            (true, ..) => &["svg"],
+            (_, true, _) => &["png"],
+            (.., true) => &["pdf"],
+            _ if self.plot.is_empty() => &["html", "svg", "png", "pdf"],
+            _ => &["svg", "png", "pdf"],
+        }
+    }
+
     /// As it is asked for, or else as the file ends.
     fn format(&self) -> Format {
         let ends_in = |format| self.output.as_deref().is_some_and(|output| ends_in(output, format));
@@ -332,22 +344,16 @@ impl ViewArgs {
     /// Where the view goes: never over what it is made from.
     fn output(&self) -> Result<PathBuf, Failure> {
         self.check_options()?;
-        if !self.plot.is_empty() && self.output.as_deref().is_some_and(|output| ends_in(output, Format::Html)) {
-            return Err(Failure::bad_input(
-                "plots are SVG or PNG or PDF, not HTML: end the file in .svg, .png or .pdf",
-            ));
-        }
-        let format = self.format();
-        let other = |output: &&PathBuf| Format::ALL.into_iter().any(|other| other != format && ends_in(output, other));
-        if let Some(output) = self.output.as_ref().filter(other) {
-            let (ending, output) = (format.ending(), output.display());
-            return Err(Failure::bad_input(format!("{output} would contain {ending}: end it in .{ending}")));
+        if let Some(output) = &self.output {
+            format_of(output, self.formats())?;
+            if matches!(self.format(), Format::Png | Format::Pdf) && is_standard_output(output) {
+                refuse_terminal()?;
+            }
         }
         if self.files.iter().filter(|file| is_standard_input(file)).count() > 1 {
             return Err(Failure::bad_input("standard input gives one plan or run log only: give the other as a file"));
         }
         let output = match &self.output {
-            Some(output) if is_standard_input(output) => return Err(Failure::bad_input("-o takes a file")),
             Some(output) => output.clone(),
             None => self.beside()?,
         };
@@ -358,15 +364,6 @@ impl ViewArgs {
                 let file = file.display();
                 return Err(Failure::bad_input(format!("the view would replace {file}: choose another place with -o")));
             }
-        }
-        if let Some(output) = &self.output {
-            let formats: &[&str] =
-                if self.plot.is_empty() { &["html", "svg", "png", "pdf"] } else { &["svg", "png", "pdf"] };
-            let is_known = ending(output).is_none_or(|ending| formats.contains(&&*ending));
-            if !is_known && !self.svg && !self.png && !self.pdf {
-                return Err(unknown_ending(output, formats).into());
-            }
-            refuse_ending(output, &[format.ending()])?;
         }
         Ok(output)
     }

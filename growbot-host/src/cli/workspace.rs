@@ -3,8 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use growbot_client::files::{ending, refuse_inputs, replace_file, unknown_ending};
-use growbot_client::input;
+use growbot_client::files::{format_of, refuse_inputs};
 use growbot_client::plan_file::WrittenPose;
 use growbot_client::pose_text::{parse_pose, pose_of_numbers};
 use growbot_client::printable::json_line;
@@ -13,7 +12,7 @@ use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_host::drawing::pdf::pdf;
 use growbot_host::drawing::png::png;
-use growbot_host::output::print;
+use growbot_host::output::{is_standard_output, print, write_to};
 use growbot_host::progress::{Progress, Results};
 use growbot_host::workspace::{DIRECTIONS, POSITIONS, Question, Workspace, svg, workspace};
 use serde_json::{Value, json};
@@ -97,14 +96,11 @@ pub fn run(args: &WorkspaceArgs) -> Result<(), Failure> {
         }
         _ => None,
     };
-    if args.output.as_deref().is_some_and(input::is_standard_input) {
-        return Err(Failure::bad_input("-o takes a file: the picture goes nowhere else"));
-    }
     if let Some(output) = args.output.as_deref() {
-        // An ending of another format would be a lie, whatever it is.
-        if ending(output).is_some_and(|ending| !FORMATS.contains(&&*ending)) {
-            return Err(unknown_ending(output, &FORMATS).into());
+        if args.json && is_standard_output(output) {
+            return Err(Failure::bad_input("-o - and --json both go to standard output: leave one of them out"));
         }
+        format_of(output, &FORMATS)?;
         refuse_inputs(output)?;
     }
     let question = Question {
@@ -127,12 +123,14 @@ pub fn run(args: &WorkspaceArgs) -> Result<(), Failure> {
     let answer = answer?;
     if let Some(path) = &args.output {
         let svg = svg(&question, &answer);
-        let bytes = match ending(path).as_deref() {
+        let bytes = match format_of(path, &FORMATS)? {
             Some("png") => png(&svg, WIDTH).map_err(Failure::bad_input)?,
             Some("pdf") => pdf(&svg).map_err(Failure::bad_input)?,
             _ => svg.into_bytes(),
         };
-        replace_file(path, &bytes)?;
+        if !write_to(path, &bytes)? {
+            return Ok(());
+        }
         growbot_host::tell!("growbot: section drawn to {}", path.display());
     }
     let text = if args.json { json_line(&json_of(args, &question, &answer)) } else { table(&question, &answer) };

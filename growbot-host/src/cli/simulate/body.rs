@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use clap::ValueEnum;
-use growbot_client::files::{ending, replace_file, unknown_ending};
+use growbot_client::files::{format_of, replace_file};
 use growbot_client::plan::Plan;
 use growbot_client::run_log::BodyKind;
 use growbot_core::angle::wrap_positive;
@@ -15,6 +15,7 @@ use growbot_host::drawing::png::png;
 use growbot_host::export::body::Body;
 use growbot_host::export::mesh::Resolution;
 use growbot_host::export::{glb, stl, table};
+use growbot_host::output::is_standard_output;
 use growbot_host::view::picture::{self, Options};
 use growbot_host::view::{Subject, page};
 
@@ -42,9 +43,10 @@ const WIDTH: u32 = 1600;
 impl BodyFormat {
     /// By the ending of a file; none where it is a result's.
     pub fn of(file: &Path) -> Result<Option<Self>, Failure> {
-        match ending(file) {
-            Some(ending) if ending == "json" => Ok(None),
-            Some(ending) => Self::from_str(&ending, true).map(Some).map_err(|_| unknown_ending(file, &ENDINGS).into()),
+        match format_of(file, &ENDINGS)? {
+            // Of the endings all but that of the result are formats of bodies.
+            Some(ending) => Ok(Self::from_str(ending, true).ok()),
+            None if is_standard_output(file) => Ok(None),
             None => Err(Failure::bad_input(format!(
                 "which format? End {} in .csv, .stl, .glb, .html, .svg, .png or .pdf, or in .json for the result",
                 file.display()

@@ -3,9 +3,10 @@
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
-use growbot_client::files::{Replacement, refuse_ending, refuse_inputs};
+use growbot_client::files::{Replacement, format_of, refuse_inputs};
 use growbot_core::pose::Pose;
 use growbot_host::figures::shortest;
+use growbot_host::output::is_standard_output;
 use growbot_sim::simulation::{Outcome, Simulation};
 
 use super::super::Failure;
@@ -49,7 +50,10 @@ impl Samples<'_> {
 
     /// Refuses a place that nothing is written to, before anything is grown.
     pub fn check(path: &Path) -> Result<(), Failure> {
-        refuse_ending(path, &["csv"])?;
+        if is_standard_output(path) {
+            return Err(Failure::bad_input("--samples takes a file: standard output has the result"));
+        }
+        format_of(path, &["csv"])?;
         Ok(refuse_inputs(path)?)
     }
 

@@ -1,0 +1,43 @@
+//! `-o DIR` of commands that write several files.
+
+use std::fs;
+use std::path::Path;
+
+use growbot_client::files::{FileError, replace_file};
+use growbot_host::output::is_standard_output;
+
+use super::Failure;
+
+/// Makes the directory, where it is not there. Before anything is done, so that a place where nothing can be written is
+/// not found out at the end.
+pub fn make(directory: &Path) -> Result<(), Failure> {
+    if directory.is_dir() {
+        return Ok(());
+    }
+    if is_standard_output(directory) {
+        return Err(Failure::bad_input("-o takes a directory: several files do not fit into standard output"));
+    }
+    if directory.exists() {
+        return Err(Failure::bad_input(format!("-o takes a directory; {} is a file", directory.display())));
+    }
+    let parent = directory.parent().filter(|parent| !parent.as_os_str().is_empty());
+    if let Some(parent) = parent.filter(|parent| !parent.is_dir()) {
+        return Err(Failure::from(FileError::NoDirectory {
+            file: directory.display().to_string(),
+            directory: parent.display().to_string(),
+        }));
+    }
+    fs::create_dir(directory)
+        .map_err(|error| Failure::from(FileError::File { file: directory.display().to_string(), error }))
+}
+
+/// Writes these files into the directory, over those of the same names, and says so.
+pub fn fill<'a>(directory: &Path, files: impl IntoIterator<Item = (&'a str, &'a [u8])>) -> Result<(), Failure> {
+    let mut count = 0;
+    for (name, contents) in files {
+        replace_file(&directory.join(name), contents)?;
+        count += 1;
+    }
+    growbot_host::tell!("growbot: {count} files written to {}", directory.display());
+    Ok(())
+}

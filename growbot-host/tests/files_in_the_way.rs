@@ -1,0 +1,204 @@
+//! Files are no dead end: a run log that is there can be replaced or has a name of its own, `-` is standard input and
+//! output everywhere, and directories are made.
+#![cfg(unix)]
+
+mod running;
+
+use std::fs;
+use std::path::Path;
+
+use running::{PROGRAM, command, growbot, growbot_reading};
+use tempfile::TempDir;
+
+/// A directory that commands are run in.
+struct Place(TempDir);
+
+impl Place {
+    fn new() -> Self {
+        Self(tempfile::tempdir().unwrap())
+    }
+
+    fn path(&self, name: &str) -> String {
+        self.0.path().join(name).to_str().unwrap().to_owned()
+    }
+
+    /// Runs growbot there.
+    fn run(&self, args: &[&str]) -> (Option<i32>, String, String) {
+        let ran = command(PROGRAM).args(args).current_dir(self.0.path()).output().unwrap();
+        let text = |bytes| String::from_utf8(bytes).unwrap();
+        (ran.status.code(), text(ran.stdout), text(ran.stderr))
+    }
+
+    fn names(&self) -> Vec<String> {
+        names(self.0.path())
+    }
+}
+
+fn names(directory: &Path) -> Vec<String> {
+    let mut names: Vec<_> =
+        fs::read_dir(directory).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    names
+}
+
+const SHORT: [&str; 3] = ["grow", "--to", "0,0,5,0,90"];
+
+#[test]
+fn a_run_log_is_replaced_with_force_and_only_by_a_growth_that_begins() {
+    let place = Place::new();
+    fs::write(place.path("run.jsonl"), "before\n").unwrap();
+    let log = ["--log", "run.jsonl"];
+    let (code, _, err) = place.run(&[&SHORT[..], &log].concat());
+    assert!(code == Some(2) && err.contains("run.jsonl is there already") && err.contains("--force"), "{err}");
+    assert_eq!(fs::read_to_string(place.path("run.jsonl")).unwrap(), "before\n");
+    // Nothing answers there, so nothing begins.
+    let (code, ..) = place.run(&[&SHORT[..], &log, &["--force", "--port", "tcp:127.0.0.1:1"]].concat());
+    assert_eq!(code, Some(2));
+    assert_eq!(fs::read_to_string(place.path("run.jsonl")).unwrap(), "before\n");
+    let (code, _, err) = place.run(&[&SHORT[..], &log, &["--force"]].concat());
+    assert_eq!(code, Some(0), "{err}");
+    let text = fs::read_to_string(place.path("run.jsonl")).unwrap();
+    assert!(text.starts_with("{\"event\":\"header\"") && text.contains("\"event\":\"end\""), "{text}");
+    assert_eq!(place.names(), ["run.jsonl"]);
+    // Through a link, what it leads to is replaced.
+    std::os::unix::fs::symlink(place.path("run.jsonl"), place.path("link.jsonl")).unwrap();
+    let (code, _, err) = place.run(&[&SHORT[..], &["--log", "link.jsonl", "--force"]].concat());
+    assert_eq!(code, Some(0), "{err}");
+    assert!(fs::symlink_metadata(place.path("link.jsonl")).unwrap().is_symlink());
+    assert_ne!(fs::read_to_string(place.path("run.jsonl")).unwrap(), text);
+}
+
+#[test]
+fn a_run_log_without_a_name_has_one_of_its_own_each_time() {
+    let place = Place::new();
+    for count in 1..=3 {
+        let (code, _, err) = place.run(&[&SHORT[..], &["--log"]].concat());
+        assert_eq!(code, Some(0), "{err}");
+        let names = place.names();
+        assert_eq!(names.len(), count, "{names:?}");
+        assert!(names.iter().any(|name| err.contains(name.as_str())), "{err}");
+        for name in names {
+            let stamp = name.strip_prefix("growth-").and_then(|rest| rest.strip_suffix(".jsonl")).unwrap();
+            assert_eq!((&stamp[4..5], &stamp[10..11]), ("-", "T"), "{name}");
+            assert!(stamp[11..17].chars().all(|digit| digit.is_ascii_digit()), "{name}");
+        }
+    }
+}
+
+#[test]
+fn a_dash_is_standard_output_wherever_a_file_is_written() {
+    let place = Place::new();
+    assert_eq!(place.run(&["plan", "--to", "0,0,50,0,90", "-o", "plan.json"]).0, Some(0));
+    let plan = fs::read_to_string(place.path("plan.json")).unwrap();
+    let layers = place.run(&["layers", "plan.json"]).1;
+    fs::write(place.path("queries.csv"), "id,to_x_mm,to_y_mm,to_z_mm\na,0,0,100\n").unwrap();
+    for (args, begins) in [
+        (&["plan", "--to", "0,0,50,0,90", "-o", "-"][..], &*plan),
+        (&["plan", "--to", "0,0,50,0,90", "--json", "-o", "-"], "{\"format\""),
+        (&["plan", "--batch", "queries.csv", "-o", "-"], "id,"),
+        (&["layers", "plan.json", "-o", "-"], &*layers),
+        (&["view", "plan.json", "-o", "-"], "<!doctype html>"),
+        (&["view", "plan.json", "--svg", "-o", "-"], "<svg"),
+        (&["export", "plan.json", "--format", "csv", "-o", "-"], "laid,"),
+        (&["workspace", "--length", "200", "-o", "-"], "<svg"),
+        (&["new-robot", "-o", "-"], "# my-robot"),
+        (&["grow", "plan.json", "--log", "-"], "{\"event\":\"header\""),
+    ] {
+        let (code, out, err) = place.run(args);
+        assert_eq!(code, Some(0), "{args:?}: {err}");
+        assert!(out.to_lowercase().starts_with(&begins.to_lowercase()), "{args:?}: {}", &out[..out.len().min(200)]);
+        assert!(!err.contains("written"), "{args:?}: {err}");
+    }
+    let (_, out, _) = place.run(&["grow", "plan.json", "--log", "-"]);
+    assert!(out.lines().all(|line| line.starts_with('{') && line.ends_with('}')), "{out}");
+    assert!(out.lines().last().unwrap().contains("\"event\":\"end\""), "{out}");
+    assert_eq!(place.names(), ["plan.json", "queries.csv"]);
+    // What would come twice, or has no place there, is refused.
+    for args in [
+        &["grow", "plan.json", "--log", "-", "--json"][..],
+        &["workspace", "--length", "200", "-o", "-", "--json"],
+        &["man", "-o", "-"],
+        &["reproduce", "-o", "-"],
+    ] {
+        let (code, out, err) = place.run(args);
+        assert!(code == Some(2) && out.is_empty() && err.contains("standard output"), "{args:?}: {err}");
+    }
+}
+
+#[test]
+fn a_dash_is_standard_input_wherever_a_file_is_read_and_once() {
+    let place = Place::new();
+    assert_eq!(place.run(&["plan", "--to", "0,0,50,0,90", "-o", "plan.json"]).0, Some(0));
+    assert_eq!(place.run(&["grow", "plan.json", "--log", "run.jsonl"]).0, Some(0));
+    let plan = fs::read_to_string(place.path("plan.json")).unwrap();
+    let log = fs::read_to_string(place.path("run.jsonl")).unwrap();
+    let robot = include_str!("../../robots/growbot-b.toml");
+    for (args, input) in [
+        (&["layers", "-"][..], &*plan),
+        (&["simulate", "-"], &plan),
+        (&["grow", "-"], &plan),
+        (&["view", "-", "-o", "-"], &plan),
+        (&["view", "-", "--svg", "-o", "-"], &log),
+        (&["export", "-", "--format", "csv"], &plan),
+        (&["replay", "-"], &log),
+        (&["rmin", "--robot", "-"], robot),
+        (&["robots", "-"], robot),
+        (&["plan", "--via-csv", "-", "--to", "0,0,500,0,90"], "x,y,z\n0,0,250\n"),
+        (&["plan", "--batch", "-"], "id,to_x_mm,to_y_mm,to_z_mm\na,0,0,100\n"),
+    ] {
+        let ran = growbot_reading(args, input);
+        assert_eq!(ran.code, Some(0), "{args:?}: {}", ran.err);
+        assert!(!ran.out.is_empty(), "{args:?}");
+    }
+    // A plan is understood there too; a simulated board has nothing to resume.
+    let ran = growbot_reading(&["resume", "-", "--yes"], &plan);
+    assert!(ran.code == Some(1) && ran.err.contains("no unfinished body"), "{}", ran.err);
+    let ran = growbot_reading(&["resume", "-", "--yes"], &log);
+    assert!(ran.code == Some(2) && ran.err.contains("continued where it is"), "{}", ran.err);
+    for args in [&["layers", "-", "--robot", "-"][..], &["view", "--compare", "-", "-", "-o", "-"]] {
+        let ran = growbot_reading(args, &plan);
+        assert!(ran.code == Some(2) && ran.err.contains("gives one"), "{args:?}: {}", ran.err);
+    }
+    let ran = growbot_reading(&["new-robot", "--from", "-"], robot);
+    assert!(ran.code == Some(2) && ran.err.contains("standard input"), "{}", ran.err);
+}
+
+#[test]
+fn directories_are_made_and_their_parents_are_not() {
+    let place = Place::new();
+    fs::write(place.path("file"), "").unwrap();
+    let commands: [&[&str]; 2] = [&["man", "-o"], &["reproduce", "--table", "1", "--repeat", "2", "-o"]];
+    for (index, args) in commands.into_iter().enumerate() {
+        let new = format!("new{index}");
+        for _ in 0..2 {
+            let (code, _, err) = place.run(&[args, &[&new]].concat());
+            assert_eq!(code, Some(0), "{args:?}: {err}");
+            let count = names(&place.0.path().join(&new)).len();
+            assert!(count > 0 && err.contains(&format!("{count} files written to {new}")), "{args:?}: {err}");
+        }
+        let (code, _, err) = place.run(&[args, &["missing/new"]].concat());
+        assert!(code == Some(2) && err.contains("there is no directory missing"), "{args:?}: {err}");
+        let (code, _, err) = place.run(&[args, &["file"]].concat());
+        assert!(code == Some(2) && err.contains("file is a file"), "{args:?}: {err}");
+    }
+}
+
+#[test]
+fn layers_go_to_a_file_of_their_format() {
+    let place = Place::new();
+    assert_eq!(place.run(&["plan", "--to", "0,0,50,0,90", "-o", "plan.json"]).0, Some(0));
+    let (code, out, err) = place.run(&["layers", "plan.json", "-o", "layers.csv"]);
+    assert!(code == Some(0) && out.is_empty() && err.contains("written to layers.csv"), "{out} {err}");
+    assert_eq!(fs::read_to_string(place.path("layers.csv")).unwrap(), place.run(&["layers", "plan.json"]).1);
+    for (args, listed) in [
+        (&["layers", "plan.json", "-o", "layers.json"][..], ".csv"),
+        (&["plan", "--to", "0,0,50,0,90", "-o", "plan.txt"], ".json"),
+        (&["view", "plan.json", "-o", "plan.doc"], ".html, .svg or .png"),
+        (&["grow", "plan.json", "--log", "run.log"], ".jsonl or .json"),
+        (&["export", "plan.json", "--format", "stl", "-o", "body.solid"], ".stl"),
+    ] {
+        let (code, out, err) = place.run(args);
+        assert!(code == Some(2) && out.is_empty() && err.contains(&format!("end it in {listed}")), "{args:?}: {err}");
+    }
+    assert_eq!(growbot(&["layers", &place.path("plan.json"), "-o", "/dev/null"]).code, Some(0));
+}
