@@ -6,7 +6,8 @@
 use std::borrow::Cow;
 use std::path::Path;
 
-use growbot_core::robot::{Robot, RobotDescription, RobotError};
+use growbot_core::robot::{Robot, RobotError};
+use serde::de::DeserializeOwned;
 
 use crate::input::{self, InputError};
 use crate::suggest::{did_you_mean, suggest};
@@ -117,12 +118,19 @@ pub fn text_of(name_or_file: &Path) -> Result<(Cow<'static, str>, String), Robot
 /// # Errors
 /// [`RobotFileError::Toml`] with the place, or [`RobotFileError::Robot`].
 pub fn parse(text: &str, file: &str) -> Result<Robot, RobotFileError> {
-    let description: RobotDescription = toml::from_str(text).map_err(|error| {
+    Robot::new(from_toml(text, file)?).map_err(|error| RobotFileError::Robot { file: file.to_owned(), error })
+}
+
+/// What a TOML text says, which messages call `file`.
+///
+/// # Errors
+/// [`RobotFileError::Toml`] with the place, and the key that was probably meant.
+pub fn from_toml<T: DeserializeOwned>(text: &str, file: &str) -> Result<T, RobotFileError> {
+    toml::from_str(text).map_err(|error| {
         let at = error.span().map_or(0, |span| span.start);
         let (line, column) = line_and_column(text, at);
         RobotFileError::Toml { file: file.to_owned(), line, column, reason: reason(&error) }
-    })?;
-    Robot::new(description).map_err(|error| RobotFileError::Robot { file: file.to_owned(), error })
+    })
 }
 
 /// No directory and no extension: more likely a name than a file.

@@ -3,6 +3,7 @@
 //! Boards, growths, plans and run logs are growbot-client's, simulated robots growbot-sim's; here is what the command
 //! does with them:
 //!
+//! - [`settings`]: robot and port of commands that are given none;
 //! - [`robot_explained`]: a robot in words; [`robot_questions`]: a new one; [`schema`]: what robot files may hold;
 //! - [`batch`]: many plans from a CSV stream; [`layer_table`]: the layers of a plan as CSV;
 //! - [`workspace`]: which goals are within reach, in numbers and as a picture;
@@ -29,6 +30,7 @@ pub mod reproduce;
 pub mod robot_explained;
 pub mod robot_questions;
 pub mod schema;
+pub mod settings;
 pub mod via_csv;
 pub mod view;
 pub mod watch;

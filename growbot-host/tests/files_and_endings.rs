@@ -434,7 +434,7 @@ fn grow_on_a_full_disk(files: &Files, blocks: u32, more: &str) -> (Ran, String) 
 fn a_log_that_cannot_be_written_is_said_at_once_and_the_result_is_told_all_the_same() {
     let files = Files::new();
     // A header and some layers.
-    let (ran, log) = grow_on_a_full_disk(&files, 32, "--json");
+    let (ran, log) = grow_on_a_full_disk(&files, 48, "--json");
     assert_eq!(ran.code, Some(1), "{}", ran.err);
     let result: Value = serde_json::from_str(&ran.out).unwrap();
     assert_eq!((&result["outcome"], result["layers"].as_u64()), (&Value::from("done"), Some(156)));

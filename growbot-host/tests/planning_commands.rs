@@ -344,8 +344,8 @@ fn files_that_are_no_plan_of_this_robot_are_refused() {
     assert_refused_in_a_line(&changed("\"arc\"", "\"spiral\""), 2, &["spiral", "helicoid"]);
     assert_refused_in_a_line(&changed("\"goal\"", "\"gaol\""), 2, &["gaol"]);
     assert_refused_in_a_line(&changed(&hash, "0123456789abcdef"), 2, &["0123456789abcdef", &hash, "growbot-a"]);
-    assert_refused_in_a_line(&changed("growbot-a\"", "growbot-b\""), 2, &["growbot-b", &hash]);
-    assert_refused_in_a_line(&changed("growbot-a\"", "my-own\""), 2, &["\"my-own\"", "--robot FILE"]);
+    assert_refused_in_a_line(&changed("growbot-a\"", "growbot-b\""), 2, &["\"growbot-b\"", "\"growbot-a\""]);
+    assert_refused_in_a_line(&changed("growbot-a\"", "my-own\""), 2, &["\"my-own\"", "\"growbot-a\"", "--robot"]);
     assert_refused_in_a_line(&changed("\"z_mm\":600.0", "\"z_mm\":600.001"), 2, &["from the goal", "mm"]);
     assert_refused_in_a_line(&changed("\"pitch_deg\":45.0", "\"pitch_deg\":95.0"), 2, &["goal", "95 deg", "90"]);
     assert_refused_in_a_line(&changed("\"radius_mm\":100.0", "\"radius_mm\":90.0"), 2, &["radius_mm is 90", "98.2"]);
@@ -360,17 +360,19 @@ fn files_that_are_no_plan_of_this_robot_are_refused() {
 }
 
 #[test]
-fn plans_of_ones_own_robot_need_its_file() {
+fn plans_of_ones_own_robot_have_it_with_them_and_older_ones_need_its_file() {
     let directory = tempfile::tempdir().unwrap();
     let robot = file(directory.path(), "mine.toml", &ROBOT_A.replace("\"growbot-a\"", "\"mine\""));
     let plan = growbot(&with(&TO, &["--json", "--robot", &robot])).out;
-    assert_refused_in_a_line(
-        &growbot_reading(&["layers", "-"], &plan),
-        2,
-        &["standard input", "\"mine\"", "--robot FILE"],
-    );
-    let layers = growbot_reading(&["layers", "-", "--robot", &robot], &plan);
-    assert_eq!((layers.code, layers.out.lines().count()), (Some(0), 834));
+    let mut older = json(&plan);
+    older.as_object_mut().unwrap().remove("robot_description").unwrap();
+    let older = older.to_string();
+    let refused = growbot_reading(&["layers", "-"], &older);
+    assert_refused_in_a_line(&refused, 2, &["standard input", "\"mine\"", "--robot"]);
+    for (args, plan) in [(&["layers", "-", "--robot", &robot][..], &older), (&["layers", "-"], &plan)] {
+        let layers = growbot_reading(args, plan);
+        assert_eq!((layers.code, layers.out.lines().count()), (Some(0), 834));
+    }
 }
 
 #[test]

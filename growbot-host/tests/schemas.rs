@@ -44,10 +44,15 @@ fn fits(keyword: &str, said: &Value, value: &Value, schema: &Value, at: &str) ->
             value.as_str().is_none_or(|text| match said.as_str().unwrap() {
                 "^[0-9a-f]{16}$" => text.len() == 16 && is_hex(text),
                 "^([0-9a-f]{24})*$" => text.len() % 24 == 0 && is_hex(text),
+                "^[a-z0-9-]+$" => {
+                    let known = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'-';
+                    !text.is_empty() && text.bytes().all(known)
+                }
                 other => panic!("{other}"),
             })
         }
         "items" => all(value, &|item| faults(said, item, at).is_empty()),
+        "maxLength" => value.as_str().is_none_or(|text| text.chars().count() as u64 <= said.as_u64().unwrap()),
         "minItems" => value.as_array().is_none_or(|items| items.len() as u64 >= said.as_u64().unwrap()),
         "maxItems" => value.as_array().is_none_or(|items| items.len() as u64 <= said.as_u64().unwrap()),
         "required" => {

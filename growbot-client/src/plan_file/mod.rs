@@ -63,7 +63,9 @@ pub enum PlanFileError {
         reason: String,
     },
     /// Nobody says where to find the plan's robot.
-    #[error("{file} is a plan for robot {robot:?}, which is not built in: give its description with --robot FILE")]
+    #[error(
+        "{file} is of robot {robot:?}, which it does not describe and which is not built in: give its file with --robot"
+    )]
     UnknownRobot {
         /// The file.
         file: String,
@@ -111,11 +113,28 @@ impl PlanFile {
         }
         serde_json::from_str(text).map_err(classify)
     }
+
+    /// The robot of this plan, which messages call `file`: as it is described there or, failing that, the built-in one
+    /// of its name.
+    ///
+    /// # Errors
+    /// A description that is none, or a name that is not built in.
+    pub fn own_robot(&self, file: &str) -> Result<Robot, PlanFileError> {
+        let file = || file.to_owned();
+        match &self.robot_description {
+            Some(described) => {
+                let file = format!("{}, robot_description", file());
+                Ok(Robot::new((**described).clone()).map_err(|error| RobotFileError::Robot { file, error })?)
+            }
+            None if robot_file::is_built_in(&self.robot) => Ok(robot_file::load(self.robot.as_ref())?),
+            None => Err(PlanFileError::UnknownRobot { file: file(), robot: self.robot.clone() }),
+        }
+    }
 }
 
 /// Reads a plan (`-`: from standard input), finds its robot, and checks the plan against it in full.
 ///
-/// The robot is the one named here or, if none is, the built-in one that the plan names.
+/// The robot is the one named here or, if none is, the plan's own ([`PlanFile::own_robot`]).
 ///
 /// # Errors
 /// Whatever is wrong with the file, the robot's description, or the plan.
@@ -129,15 +148,13 @@ pub fn open(path: &FilePath, robot: Option<&FilePath>) -> Result<(Robot, Plan), 
 /// Whatever is wrong with the text, the robot's description, or the plan.
 pub fn read(text: &str, file: &str, robot: Option<&FilePath>) -> Result<(Robot, Plan), PlanFileError> {
     let written = PlanFile::parse(text, file)?;
-    let file = file.to_owned();
     let robot = match robot {
         Some(robot) => robot_file::load(robot)?,
-        None if robot_file::is_built_in(&written.robot) => robot_file::load(written.robot.as_ref())?,
-        None => return Err(PlanFileError::UnknownRobot { file, robot: written.robot }),
+        None => written.own_robot(file)?,
     };
     match written.check(&robot) {
         Ok(plan) => Ok((robot, plan)),
-        Err(fault) => Err(PlanFileError::Fault { file, fault }),
+        Err(fault) => Err(PlanFileError::Fault { file: file.to_owned(), fault }),
     }
 }
 

@@ -5,6 +5,7 @@ use std::iter;
 use growbot_core::path::{Segment, length};
 use growbot_core::plan::{Planner, may_be_helicoidal};
 use growbot_core::pose::{Frame, Pose};
+use growbot_core::robot::{Robot, RobotDescription};
 use serde::{Deserialize, Serialize};
 
 use super::FORMAT;
@@ -77,6 +78,9 @@ pub struct PlanFile {
     pub segments: Vec<WrittenSegment>,
     /// What speaks against growing it.
     pub warnings: Vec<Warning>,
+    /// The robot, as its file describes it. Older plans do not say.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub robot_description: Option<Box<RobotDescription>>,
 }
 
 /// Path types that a planner searches for.
@@ -342,11 +346,18 @@ impl From<&Plan> for PlanFile {
             two_plane_longer_percent: choice.map(|choice| choice.two_plane_longer_percent(plan.needs.length)),
             segments: WrittenSegment::path(&plan.path, &plan.start.frame()),
             warnings: plan.warnings.clone(),
+            robot_description: None,
         }
     }
 }
 
 impl PlanFile {
+    /// A plan of this robot with the robot's description, so that its reader needs no other file.
+    #[must_use]
+    pub fn with_robot(plan: &Plan, robot: &Robot) -> Self {
+        Self { robot_description: Some(Box::new(robot.description().clone())), ..Self::from(plan) }
+    }
+
     /// The JSON in one line, with its newline: what goes to pipes.
     #[must_use]
     pub fn to_line(&self) -> String {

@@ -243,7 +243,7 @@ impl RunLog {
             plan_id: job.plan_id,
             layers: job.layers.clone(),
             feedback: feedback.map(WrittenNoise::from),
-            plan: PlanFile::from(plan),
+            plan: PlanFile::with_robot(plan, job.robot),
         }));
         if let Err(error) = log.write(header) {
             // Of a log that cannot even be begun nothing is left behind.

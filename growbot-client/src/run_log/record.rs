@@ -269,6 +269,14 @@ impl RunRecord {
         pose("start", &self.plan.start).map_or_else(|_| Frame::identity(), |start| start.frame())
     }
 
+    /// The robot of the run: as its log describes it or, failing that, the built-in one of its name.
+    ///
+    /// # Errors
+    /// As [`PlanFile::own_robot`].
+    pub fn own_robot(&self) -> Result<Robot, PlanFileError> {
+        self.plan.own_robot(&self.file)
+    }
+
     /// The plan, checked against its robot.
     ///
     /// # Errors

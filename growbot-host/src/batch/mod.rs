@@ -133,14 +133,14 @@ impl Answer {
 
     /// The answer as one line of JSON, with its newline: the plan and `"id"`, or `"id"` and `"error"`.
     #[must_use]
-    pub fn to_line(&self) -> String {
+    pub fn to_line(&self, robot: &Robot) -> String {
         #[derive(Serialize)]
         struct Failed<'a> {
             id: &'a str,
             error: String,
         }
         match &self.outcome {
-            Ok(plan) => PlanFile { id: Some(self.id.clone()), ..PlanFile::from(plan) }.to_line(),
+            Ok(plan) => PlanFile { id: Some(self.id.clone()), ..PlanFile::with_robot(plan, robot) }.to_line(),
             Err(error) => {
                 let failed = Failed { id: &self.id, error: error.to_string() };
                 printable::json_line(&failed)
@@ -339,7 +339,8 @@ mod tests {
     #[test]
     fn a_line_of_output_is_the_plan_and_its_id_or_the_error() {
         let answers = answers(&format!("{HEADER}\n7,0,0,0,0,90,0,0,500,0,90\n8,0\n"));
-        let (plan, error) = (answers[0].to_line(), answers[1].to_line());
+        let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
+        let (plan, error) = (answers[0].to_line(&robot), answers[1].to_line(&robot));
         assert!(plan.starts_with("{\"id\":\"7\",\"format\":\"growbot-plan/1\"") && plan.ends_with("}\n"));
         assert_eq!(error, "{\"id\":\"8\",\"error\":\"the line has 2 fields, and the header has 11\"}\n");
         assert_eq!(plan.matches('\n').count(), 1);

@@ -57,8 +57,8 @@ pub struct ExportArgs {
     /// CSV, STL, GLB and TUM: which body of a growth
     #[arg(long = "body", value_enum, value_name = "BODY", default_value_t = Which::Laid)]
     which: Which,
-    /// The robot: a built-in name or a TOML file [default: the built-in one that
-    /// the plan names]
+    /// The robot: a built-in name or a TOML file [default: the one
+    /// that the plan describes]
     #[arg(long, value_name = "FILE|NAME")]
     robot: Option<PathBuf>,
 }

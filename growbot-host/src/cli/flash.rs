@@ -126,8 +126,8 @@ impl Step {
     /// Builds the firmware for a robot.
     fn build(robot: &RobotArg) -> Result<Self, Failure> {
         // A robot that is none is better said before a minute of building.
-        let (name, checked) = (robot.robot.display(), robot.load()?.check_for_board());
-        checked.map_err(|error| Failure::bad_input(format!("{name}: {error}")))?;
+        let (name, checked) = (robot.name()?, robot.load()?.check_for_board());
+        checked.map_err(|error| Failure::bad_input(format!("{}: {error}", name.display())))?;
         let directory = source_tree().ok_or_else(|| {
             Failure::bad_input(
                 "this is not growbot's source tree, so there is nothing to build: give an image with \
@@ -139,7 +139,7 @@ impl Step {
             remedy: "install Rust, https://rustup.rs",
             failed: "the firmware was not built",
             arguments: vec!["build-robot".into()],
-            robot: Some(named(&robot.robot)?),
+            robot: Some(named(&name)?),
             directory: Some(directory),
         })
     }

@@ -6,11 +6,10 @@ use clap::Args;
 use growbot_client::plan::Plan;
 use growbot_client::plan_file;
 use growbot_client::pose_text::{TypedGoal, parse_goal};
-use growbot_client::robot_file;
 use growbot_core::robot::Robot;
 
-use super::Failure;
 use super::search::SearchArgs;
+use super::{Failure, RobotArg};
 
 /// The options that make a plan, and so have no place beside one.
 const CONFLICTING: [&str; 7] = ["from", "via", "via_csv", "to", "planner", "radius", "clear_of_self"];
@@ -31,8 +30,8 @@ pub struct GoalArgs {
     /// --planner, which alone gives the shortest path of all
     #[arg(long)]
     clear_of_self: bool,
-    /// The robot: a built-in name or a TOML file [default: the plan's, or
-    /// growbot-a]
+    /// The robot: a built-in name or a TOML file [default: the plan's; without a
+    /// plan what GROWBOT_ROBOT or growbot.toml says, or else growbot-a]
     #[arg(long, value_name = "FILE|NAME")]
     robot: Option<PathBuf>,
 }
@@ -49,7 +48,7 @@ impl GoalArgs {
         if let Some(path) = &self.plan {
             return Ok(plan_file::open(path, self.robot.as_deref())?);
         }
-        let robot = robot_file::load(self.robot.as_deref().unwrap_or(robot_file::DEFAULT.as_ref()))?;
+        let robot = RobotArg { robot: self.robot.clone() }.load()?;
         let goal = self
             .to
             .as_ref()

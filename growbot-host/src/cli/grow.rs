@@ -6,6 +6,7 @@ use clap::{Args, Parser};
 use growbot_client::feedback::{ASSUMED, Feedback};
 use growbot_client::growth::{Job, Manner, grow_job};
 use growbot_client::plan::Plan;
+use growbot_client::robot_file;
 use growbot_client::run_log::{GrowthResult, Origin, ResultOutcome, RunLog, RunLogError};
 use growbot_client::warning::PREVENTING;
 use growbot_core::robot::Robot;
@@ -30,7 +31,7 @@ use super::{ChosenPort, Connection, Failure, PortArg};
 /// and at the end where the tip arrived: as the steps that were made say, or with --feedback the sensors. Ctrl-C stops
 /// the robot; a second one gives the emergency stop and leaves.
 ///
-/// Without a robot (--port sim, the default unless GROWBOT_PORT names another port) the same controller runs in this
+/// Without a robot (--port sim, the default unless another port is set: growbot config) the same controller runs in this
 /// program against a simulated tip, on a virtual clock, and where the tip arrived is what that has really laid.
 #[derive(Args)]
 #[command(after_help = AFTER_HELP)]
@@ -82,7 +83,8 @@ Exit codes: 0, the body is grown; 1, stopped, refused or a fault; 2, something
 was wrong before the job.";
 
 /// What `growbot` alone grows: 1 m of robot A to a pose that needs both planes.
-const MAIN_JOB: [&str; 5] = ["growbot grow", "--to", "550,345,610,120,-25", "--port", "sim"];
+const MAIN_JOB: [&str; 7] =
+    ["growbot grow", "--to", "550,345,610,120,-25", "--port", "sim", "--robot", robot_file::DEFAULT];
 
 /// The arguments of a command on their own, for [`MAIN_JOB`].
 #[derive(Parser)]

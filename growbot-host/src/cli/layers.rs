@@ -26,8 +26,8 @@ pub struct LayersArgs {
     /// Write to this file, which ends in .csv [default: standard output]
     #[arg(short, long, value_name = "FILE", default_value = "-", hide_default_value = true)]
     output: PathBuf,
-    /// The robot: a built-in name or a TOML file [default: the built-in one that
-    /// the plan names]
+    /// The robot: a built-in name or a TOML file [default: the one
+    /// that the plan describes]
     #[arg(long, value_name = "FILE|NAME")]
     robot: Option<PathBuf>,
 }

@@ -5,6 +5,7 @@
 
 mod cancel;
 mod completions;
+mod config;
 mod console;
 mod directory;
 mod disturbance;
@@ -40,7 +41,6 @@ mod view;
 mod watching;
 mod workspace;
 
-use std::env::VarError;
 use std::fmt::Display;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -59,6 +59,7 @@ use growbot_client::run_log::RunRecord;
 use growbot_core::robot::Robot;
 use growbot_host::batch::BatchError;
 use growbot_host::output::OutputError;
+use growbot_host::settings::{FILE, Key, Origin, Setting, SettingsError};
 use growbot_sim::port::{self, OpenError, Opened, PortName, TipSettings};
 use growbot_sim::truth::Simulation;
 
@@ -81,7 +82,8 @@ Examples:
   growbot plan --to 200,100,600,0,45 -o plan.json
   growbot grow plan.json --port /dev/ttyACM0
 
-GROWBOT_PORT names the port of commands that are given no --port.
+Commands that are given no --robot or --port take what GROWBOT_ROBOT and
+GROWBOT_PORT say, or else growbot.toml: growbot config shows them.
 
 Exit codes: 0, done; 1, the request failed; 2, something was wrong before the job.";
 
@@ -108,6 +110,7 @@ enum Command {
     Tune(tune::TuneArgs),
     Console(console::ConsoleArgs),
     Flash(flash::FlashArgs),
+    Config(config::ConfigArgs),
     Completions(completions::CompletionsArgs),
     Man(man::ManArgs),
 }
@@ -143,6 +146,7 @@ pub fn run() -> ExitCode {
         Some(Command::Tune(args)) => tune::run(&args),
         Some(Command::Console(args)) => console::run(&args),
         Some(Command::Flash(args)) => flash::run(&args),
+        Some(Command::Config(args)) => config::run(&args),
         Some(Command::Completions(args)) => completions::run(&args),
         Some(Command::Man(args)) => man::run(&args),
         None => grow::run_main_job(),
@@ -232,7 +236,7 @@ macro_rules! bad_input {
     };
 }
 
-bad_input!(BatchError, FileError, InputError, OpenError, PlanFileError, PortError, RobotFileError);
+bad_input!(BatchError, FileError, InputError, OpenError, PlanFileError, PortError, RobotFileError, SettingsError);
 
 impl From<ClientError> for Failure {
     fn from(error: ClientError) -> Self {
@@ -243,14 +247,11 @@ impl From<ClientError> for Failure {
     }
 }
 
-/// Names the port of commands that are not told one.
-const PORT_VARIABLE: &str = "GROWBOT_PORT";
-
 /// `--port`, where a robot is talked to: without it the configured one, or else a simulated robot.
 #[derive(Args)]
 pub struct PortArg {
     /// Where the robot is: sim, emulator, emulator:ELF, tcp:HOST:PORT or a
-    /// serial device [default: what GROWBOT_PORT says, or else sim]
+    /// serial device [default: what GROWBOT_PORT or growbot.toml says, or else sim]
     #[arg(long, value_name = "PORT")]
     port: Option<String>,
     #[command(flatten)]
@@ -262,8 +263,8 @@ pub struct PortArg {
 #[derive(Args)]
 pub struct RobotPortArg {
     /// Where the robot is: tcp:HOST:PORT or a serial device; sim and emulator
-    /// start a simulated one [default: what GROWBOT_PORT says; one of the two
-    /// must be given]
+    /// start a simulated one [default: what GROWBOT_PORT or growbot.toml
+    /// says; one of them must be given]
     #[arg(long, value_name = "PORT")]
     port: Option<String>,
     #[command(flatten)]
@@ -293,23 +294,12 @@ pub struct ChosenPort {
     take_over: bool,
 }
 
-/// The port that is configured; none where the variable is not there, or empty.
-fn configured_port() -> Result<Option<String>, Failure> {
-    match std::env::var(PORT_VARIABLE) {
-        Ok(text) => Ok(Some(text).filter(|text| !text.is_empty())),
-        Err(VarError::NotPresent) => Ok(None),
-        Err(VarError::NotUnicode(text)) => Err(Failure::bad_input(format!(
-            "{PORT_VARIABLE} is {text:?}, which is no UTF-8 text: name a port by it, or unset it"
-        ))),
-    }
-}
-
 impl PortArg {
     /// The port.
     fn choose(&self) -> Result<ChosenPort, Failure> {
         let text = match &self.port {
             Some(text) => text.clone(),
-            None => configured_port()?.unwrap_or_else(|| "sim".to_string()),
+            None => Setting::of(Key::Port)?.value,
         };
         self.line.at(text)
     }
@@ -320,12 +310,16 @@ impl RobotPortArg {
     fn choose(&self) -> Result<ChosenPort, Failure> {
         let text = match &self.port {
             Some(text) => text.clone(),
-            None => configured_port()?.ok_or_else(|| {
-                Failure::bad_input(format!(
-                    "no port is given, so it is not known which robot is meant: say --port PORT, or configure one \
-                     (export {PORT_VARIABLE}=PORT)"
-                ))
-            })?,
+            None => match Setting::of(Key::Port)? {
+                Setting { origin: Origin::BuiltIn, .. } => {
+                    return Err(Failure::bad_input(format!(
+                        "no port is given, so it is not known which robot is meant: say --port PORT, or set one \
+                         (export {}=PORT, or port in {FILE})",
+                        Key::Port.variable()
+                    )));
+                }
+                setting => setting.value,
+            },
         };
         self.line.at(text)
     }
@@ -394,16 +388,12 @@ fn kind(is_simulated: bool) -> &'static str {
     if is_simulated { "simulated " } else { "" }
 }
 
-/// The robot of a run: the one that is named here or, if none is, the built-in one that its log names. A log leads to
-/// no other file.
+/// The robot of a run: the one that is named here or, if none is, the one that its log describes or names. A log leads
+/// to no other file.
 fn robot_of(record: &RunRecord, robot: Option<&Path>) -> Result<Robot, Failure> {
-    let named = &record.robot.name;
     match robot {
         Some(robot) => Ok(robot_file::load(robot)?),
-        None if robot_file::is_built_in(named) => Ok(robot_file::load(named.as_ref())?),
-        None => Err(Failure::bad_input(format_args!(
-            "the run is of robot {named:?}, which is not built in: give its file with --robot"
-        ))),
+        None => Ok(record.own_robot()?),
     }
 }
 
@@ -421,13 +411,22 @@ const ROBOT: &str = "FILE|NAME";
 #[derive(Args)]
 pub struct RobotArg {
     /// The robot: a built-in name (growbot-a, -a1 to -a8, -b, -c) or a TOML file
-    #[arg(long, value_name = ROBOT, default_value = robot_file::DEFAULT)]
-    robot: PathBuf,
+    /// [default: what GROWBOT_ROBOT or growbot.toml says, or else growbot-a]
+    #[arg(long, value_name = ROBOT)]
+    robot: Option<PathBuf>,
 }
 
 impl RobotArg {
     /// Reads and checks the description.
     fn load(&self) -> Result<Robot, Failure> {
-        Ok(robot_file::load(&self.robot)?)
+        Ok(robot_file::load(&self.name()?)?)
+    }
+
+    /// The name or the file.
+    fn name(&self) -> Result<PathBuf, Failure> {
+        match &self.robot {
+            Some(robot) => Ok(robot.clone()),
+            None => Ok(Setting::of(Key::Robot)?.value.into()),
+        }
     }
 }

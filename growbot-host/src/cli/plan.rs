@@ -89,13 +89,13 @@ pub fn run(args: &PlanArgs) -> Result<(), Failure> {
     let robot = args.robot.load()?;
     match (&args.batch, &args.to) {
         (Some(queries), _) => run_batch(args, queries, &robot),
-        (None, Some(goal)) => run_one(args, &args.search.plan(&robot, goal, args.clear_of_self)?),
+        (None, Some(goal)) => run_one(args, &robot, &args.search.plan(&robot, goal, args.clear_of_self)?),
         (None, None) => Err(Failure::bad_input("give a goal with --to, or queries with --batch")),
     }
 }
 
-fn run_one(args: &PlanArgs, plan: &Plan) -> Result<(), Failure> {
-    let written = PlanFile::from(plan);
+fn run_one(args: &PlanArgs, robot: &Robot, plan: &Plan) -> Result<(), Failure> {
+    let written = PlanFile::with_robot(plan, robot);
     if let Some(path) = &args.output {
         let text = if args.json && is_standard_output(path) { written.to_line() } else { written.to_text() };
         if !write_to(path, text.as_bytes())? {
@@ -173,7 +173,7 @@ fn run_batch(args: &PlanArgs, queries: &Path, robot: &Robot) -> Result<(), Failu
     while let Some(answer) = batch.next(robot).map_err(named)? {
         done += 1;
         failed += u64::from(answer.outcome.is_err());
-        answers.write(&if answers.format == Format::Csv { answer.to_row() } else { answer.to_line() })?;
+        answers.write(&if answers.format == Format::Csv { answer.to_row() } else { answer.to_line(robot) })?;
         progress.at(batch.bytes_read(), || format!("{done} planned, {failed} failed"));
     }
     progress.finish();

@@ -33,8 +33,8 @@ pub struct ReplayArgs {
     /// The run log, as `growbot grow --log` writes it
     #[arg(value_name = "RUN")]
     run: PathBuf,
-    /// The robot, where it had feedback: a built-in name or a TOML file [default: the built-in
-    /// one that the run names]
+    /// The robot, where it had feedback: a built-in name or a TOML file [default: the one
+    /// that the run describes]
     #[arg(long, value_name = "FILE|NAME")]
     robot: Option<PathBuf>,
     /// Print the layers as built, as CSV

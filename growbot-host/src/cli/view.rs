@@ -82,8 +82,8 @@ pub struct ViewArgs {
     /// Where no option says the format, its ending does.
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
-    /// The robot: a built-in name or a TOML file [default: the built-in one that
-    /// the file names]
+    /// The robot: a built-in name or a TOML file [default: the one
+    /// that the file describes]
     #[arg(long, value_name = "FILE|NAME")]
     robot: Option<PathBuf>,
 }

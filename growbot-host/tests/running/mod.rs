@@ -9,10 +9,10 @@ use std::process::{Command, Stdio};
 /// The `growbot` command.
 pub const PROGRAM: &str = env!("CARGO_BIN_EXE_growbot");
 
-/// A program, without the port of a robot that is configured on this machine: no test is to move that.
+/// A program, without what is configured on this machine: no test is to move a robot.
 pub fn command(program: impl AsRef<OsStr>) -> Command {
     let mut command = Command::new(program);
-    command.env_remove("GROWBOT_PORT");
+    command.env_remove("GROWBOT_PORT").env_remove("GROWBOT_ROBOT").env("XDG_CONFIG_HOME", "/no/such/place");
     command
 }
 
@@ -67,6 +67,7 @@ pub fn growbot_unread(args: &[&str], input: &str) -> Ran {
     let mut child = Command::new(env!("CARGO_BIN_EXE_growbot"))
         .args(args)
         .env_remove("GROWBOT_PORT")
+        .env_remove("GROWBOT_ROBOT")
         .stdin(Stdio::piped())
         .stdout(writer)
         .stderr(Stdio::piped())

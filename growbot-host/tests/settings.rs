@@ -1,0 +1,193 @@
+//! Robot and port of commands that are given none: options, environment, growbot.toml, and plans that have their robot
+//! with them.
+
+mod running;
+
+use std::fs;
+use std::path::PathBuf;
+
+use running::{PROGRAM, Ran, command};
+use serde_json::Value;
+use tempfile::TempDir;
+
+/// A directory for a project within one for a laboratory, and a user's configuration.
+struct Place {
+    root: TempDir,
+    environment: Vec<(&'static str, String)>,
+}
+
+impl Place {
+    fn new() -> Self {
+        let root = tempfile::tempdir().unwrap();
+        for directory in ["lab/project/deep", "conf/growbot"] {
+            fs::create_dir_all(root.path().join(directory)).unwrap();
+        }
+        Self { root, environment: Vec::new() }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.root.path().canonicalize().unwrap().join(name)
+    }
+
+    fn write(&self, name: &str, text: &str) {
+        fs::write(self.path(name), text).unwrap();
+    }
+
+    fn run(&self, args: &[&str]) -> Ran {
+        let output = command(PROGRAM)
+            .args(args)
+            .current_dir(self.path("lab/project/deep"))
+            .env("XDG_CONFIG_HOME", self.path("conf"))
+            .envs(self.environment.iter().map(|(name, value)| (*name, value)))
+            .output()
+            .unwrap();
+        let text = |bytes| String::from_utf8(bytes).unwrap();
+        Ran { code: output.status.code(), out: text(output.stdout), err: text(output.stderr) }
+    }
+
+    fn config(&self) -> Value {
+        let ran = self.run(&["config", "--json"]);
+        assert_eq!(ran.code, Some(0), "{}", ran.err);
+        serde_json::from_str(&ran.out).unwrap()
+    }
+
+    /// The robot that a command without `--robot` takes.
+    fn robot(&self) -> String {
+        let ran = self.run(&["rmin", "--json"]);
+        assert_eq!(ran.code, Some(0), "{}", ran.err);
+        serde_json::from_str::<Value>(&ran.out).unwrap()["robot"].as_str().unwrap().to_owned()
+    }
+}
+
+/// A robot of one's own, by another name than any that is built in.
+fn own_robot() -> String {
+    include_str!("../../robots/growbot-a.toml").replacen("\"growbot-a\"", "\"ours\"", 1)
+}
+
+#[test]
+fn an_option_beats_the_environment_which_beats_the_files_the_nearest_first() {
+    let mut place = Place::new();
+    let is = |place: &Place, robot: &str, origin: &str| {
+        assert_eq!((place.robot().as_str(), place.config()["robot"]["origin"].as_str()), (robot, Some(origin)));
+    };
+    is(&place, "growbot-a", "built-in");
+    place.write("conf/growbot/growbot.toml", "robot = \"growbot-a1\"\nport = \"tcp:localhost:1\"\n");
+    is(&place, "growbot-a1", "user");
+    place.write("lab/growbot.toml", "robot = \"growbot-a2\"\n");
+    is(&place, "growbot-a2", "nearest");
+    // What the nearest file does not say, the user's says.
+    assert_eq!(place.config()["port"]["value"], "tcp:localhost:1");
+    place.write("lab/project/growbot.toml", "robot = \"growbot-a3\"\nport = \"sim\"\n");
+    is(&place, "growbot-a3", "nearest");
+    assert_eq!(place.config()["port"]["value"], "sim");
+    assert_eq!(place.config()["robot"]["file"], place.path("lab/project/growbot.toml").to_str().unwrap());
+    place.environment = vec![("GROWBOT_ROBOT", "growbot-b".to_owned()), ("GROWBOT_PORT", "emulator".to_owned())];
+    is(&place, "growbot-b", "environment");
+    assert_eq!(place.config()["port"]["variable"], "GROWBOT_PORT");
+    assert!(place.run(&["rmin", "--robot", "growbot-c"]).out.starts_with("growbot-c"));
+    // An empty variable is none.
+    place.environment = vec![("GROWBOT_ROBOT", String::new()), ("GROWBOT_PORT", String::new())];
+    is(&place, "growbot-a3", "nearest");
+    let text = place.run(&["config"]).out;
+    assert!(text.contains("growbot-a3") && text.contains("project/growbot.toml"), "{text}");
+}
+
+#[test]
+fn a_port_from_a_file_is_used_and_a_safety_command_takes_it() {
+    let place = Place::new();
+    let refused = place.run(&["status"]);
+    assert!(refused.code == Some(2) && refused.err.contains("growbot.toml"), "{}", refused.err);
+    place.write("lab/growbot.toml", "port = \"sim\"\n");
+    let status = place.run(&["status"]);
+    assert!(status.code == Some(0) && status.out.contains("simulated"), "{}{}", status.out, status.err);
+    place.write("lab/growbot.toml", "port = \"tcp:127.0.0.1:1\"\n");
+    let grown = place.run(&["grow", "--to", "0,0,5,0,90"]);
+    assert!(grown.code == Some(2) && grown.err.contains("127.0.0.1:1"), "{}", grown.err);
+    // Alone, growbot shows a simulated robot, whatever is set.
+    place.write("lab/growbot.toml", "port = \"tcp:127.0.0.1:1\"\nrobot = \"growbot-c\"\n");
+    let alone = place.run(&[]);
+    assert!(alone.code == Some(0) && alone.out.contains("simulated growbot-a"), "{}{}", alone.out, alone.err);
+}
+
+#[test]
+fn paths_are_relative_to_the_file_that_has_them() {
+    let place = Place::new();
+    place.write("lab/ours.toml", &own_robot());
+    place.write("lab/growbot.toml", "robot = \"ours.toml\"\n");
+    assert_eq!(place.robot(), "ours");
+    assert_eq!(place.config()["robot"]["value"], place.path("lab/ours.toml").to_str().unwrap());
+}
+
+#[test]
+fn what_is_wrong_in_a_file_is_told_and_stops_no_command_that_needs_no_file() {
+    let place = Place::new();
+    for (text, parts) in [
+        ("robbot = \"growbot-a\"\n", &["line 1", "unknown field", "did you mean robot?"][..]),
+        ("port = 3\n", &["line 1", "string"]),
+        ("robot = \"\"\n", &["robot is empty"]),
+        ("robot = [\n", &["line"]),
+    ] {
+        place.write("lab/growbot.toml", text);
+        for args in [&["config"][..], &["rmin"], &["status"], &["console"]] {
+            let ran = place.run(args);
+            assert_eq!(ran.code, Some(2), "{args:?}: {}", ran.err);
+            let err = ran.err.replace("\n    ", " ");
+            assert!(err.contains("growbot.toml") && parts.iter().all(|part| err.contains(part)), "{args:?}: {err}");
+        }
+        // The emergency stop of a robot that is named does not wait for anybody to mend a file.
+        assert_eq!(place.run(&["estop", "--port", "sim", "--robot", "growbot-a"]).code, Some(0));
+        assert_eq!(place.run(&["rmin", "--robot", "growbot-a"]).code, Some(0));
+        assert_eq!(place.run(&["estop"]).code, Some(1));
+    }
+}
+
+#[test]
+fn a_plan_has_its_robot_with_it_and_another_one_is_refused() {
+    let place = Place::new();
+    place.write("lab/project/deep/ours.toml", &own_robot());
+    let planned = place.run(&["plan", "--to", "200,0,200,0,0", "--robot", "ours.toml", "-o", "plan.json"]);
+    assert_eq!(planned.code, Some(0), "{}", planned.err);
+    let described = fs::read_to_string(place.path("lab/project/deep/plan.json")).unwrap();
+    let written: Value = serde_json::from_str(&described).unwrap();
+    assert_eq!(written["robot_description"]["name"], "ours");
+    fs::remove_file(place.path("lab/project/deep/ours.toml")).unwrap();
+    // What is set for commands without a plan is not for those with one.
+    place.write("lab/growbot.toml", "robot = \"growbot-b\"\n");
+    assert_eq!(place.run(&["grow", "plan.json", "--log", "run.jsonl"]).code, Some(0));
+    for args in [
+        &["layers", "plan.json"][..],
+        &["simulate", "plan.json"],
+        &["view", "plan.json", "-o", "-"],
+        &["export", "plan.json", "--format", "csv"],
+        &["grow", "plan.json"],
+        &["replay", "run.jsonl"],
+        &["view", "run.jsonl", "-o", "-"],
+        &["export", "run.jsonl", "--format", "mcap"],
+    ] {
+        let ran = command(PROGRAM).args(args).current_dir(place.path("lab/project/deep")).output().unwrap();
+        assert!(ran.status.success(), "{args:?}: {}", String::from_utf8_lossy(&ran.stderr));
+    }
+    let resumed = place.run(&["resume", "run.jsonl", "--port", "sim", "--yes"]);
+    assert_eq!(resumed.code, Some(1), "{}", resumed.err);
+    // The hash is checked against a robot that is given, and against the description that is there.
+    for (name, args, part) in [
+        ("plan.json", &["--robot", "growbot-b"][..], "is for robot \"ours\""),
+        ("other.json", &[], "the description has changed"),
+        ("broken.json", &[], "robot_description"),
+    ] {
+        for (name, period_s) in [("other.json", 17.0), ("broken.json", -1.0)] {
+            let mut plan = written.clone();
+            plan["robot_description"]["layer"]["period_s"] = period_s.into();
+            place.write(&format!("lab/project/deep/{name}"), &plan.to_string());
+        }
+        let ran = place.run(&[&["layers", name], args].concat());
+        let err = ran.err.replace("\n    ", " ");
+        assert!(ran.code == Some(2) && err.contains(part), "{name}: {err}");
+    }
+    // An older plan, which describes no robot.
+    let mut older = written;
+    older.as_object_mut().unwrap().remove("robot_description");
+    place.write("lab/project/deep/older.json", &older.to_string());
+    let ran = place.run(&["layers", "older.json"]);
+    assert!(ran.code == Some(2) && ran.err.contains("--robot"), "{}", ran.err);
+}
