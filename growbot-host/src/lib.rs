@@ -11,8 +11,8 @@
 //!   growth under way, as a page on this machine;
 //! - [`export`]: bodies as STL, GLB, CSV and MCAP;
 //! - [`reproduce`]: the experiments of the paper, done again, with page and figures;
-//! - [`crash`]: where in an image the firmware crashed; [`progress`]: how far something has come; [`output`]: results
-//!   and messages; [`duration`], [`figures`]: times and numbers as text.
+//! - [`crash`]: where in an image the firmware crashed; [`progress`]: how far something has come; [`output`]: results;
+//!   [`messages`]: what else is said; [`duration`], [`figures`]: times and numbers as text.
 //!
 //! Lengths are in mm. Angles are in radians inside and in degrees in every text and file; names carry the unit.
 #![forbid(unsafe_code)]
@@ -24,6 +24,7 @@ pub mod duration;
 pub mod export;
 pub mod figures;
 pub mod layer_table;
+pub mod messages;
 pub mod output;
 pub mod progress;
 pub mod reproduce;

@@ -1,26 +1,12 @@
-//! What the program says: results on standard output, whose reader may go away, and everything else on standard error.
+//! Results on standard output, whose reader may go away. Everything else is a message ([`crate::messages`]).
 //!
 //! What a terminal would obey instead of showing it is taken out here ([`growbot_client::printable`]).
 
-use std::fmt;
 use std::io::{self, IsTerminal, Write};
 use std::path::Path;
 
 use growbot_client::files::{FileError, replace_file};
-use growbot_client::printable::{lines, one_line};
-
-/// Writes a message to standard error, in one line. A closed standard error is ignored: it is no reason to leave a
-/// robot alone.
-#[macro_export]
-macro_rules! tell {
-    ($($words:tt)*) => { $crate::output::say(format_args!($($words)*)) };
-}
-
-/// What [`tell!`](crate::tell) does.
-pub fn say(message: fmt::Arguments) {
-    let line = format!("{}\n", one_line(&message.to_string()));
-    let _ = io::stderr().write_all(line.as_bytes());
-}
+use growbot_client::printable::lines;
 
 /// Why a result could not be written.
 #[derive(Debug, thiserror::Error)]

@@ -7,6 +7,8 @@ use std::time::{Duration, Instant};
 use growbot_client::printable::one_line;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
+use crate::messages::is_quiet;
+
 /// Time between plain lines.
 const BETWEEN_LINES: Duration = Duration::from_secs(10);
 
@@ -31,7 +33,7 @@ impl Progress {
     #[must_use]
     pub fn start(total: Option<u64>, results: Results) -> Self {
         let torn = results == Results::Streamed && io::stdout().is_terminal();
-        let bar = (io::stderr().is_terminal() && !torn).then(|| {
+        let bar = (io::stderr().is_terminal() && !torn && !is_quiet()).then(|| {
             let bar = ProgressBar::with_draw_target(total, ProgressDrawTarget::stderr());
             let template =
                 if total.is_some() { "{bar:30} {percent:>3} %  {msg}  {eta} left" } else { "{spinner} {msg}" };
@@ -50,9 +52,9 @@ impl Progress {
             self.said = Instant::now();
             match self.total {
                 Some(total) if total > 0 => {
-                    crate::tell!("growbot: {}, {} %", message(), (100 * u128::from(position)) / u128::from(total));
+                    crate::note!("{}, {} %", message(), (100 * u128::from(position)) / u128::from(total));
                 }
-                _ => crate::tell!("growbot: {}", message()),
+                _ => crate::note!("{}", message()),
             }
         }
     }
@@ -60,15 +62,15 @@ impl Progress {
     /// Something has happened: a line where there is no bar to show it.
     pub fn say(&self, message: &str) {
         if self.bar.is_none() {
-            crate::tell!("growbot: {message}");
+            crate::note!("{message}");
         }
     }
 
     /// Something has happened that must be seen: a line, above the bar where there is one.
-    pub fn interrupt(&self, message: &str) {
+    pub fn warn(&self, message: &str) {
         match &self.bar {
-            Some(bar) => bar.suspend(|| crate::tell!("growbot: {message}")),
-            None => crate::tell!("growbot: {message}"),
+            Some(bar) => bar.suspend(|| crate::warning!("{message}")),
+            None => crate::warning!("{message}"),
         }
     }
 

@@ -214,7 +214,7 @@ fn an_answer_that_cannot_be_leaves_no_file() {
         let ran = growbot_reading(&["new-robot", "-o", path.to_str().unwrap()], answers);
         assert_eq!((ran.code, ran.out.as_str()), (Some(2), ""), "{}", ran.err);
         let last = ran.err.lines().last().unwrap();
-        assert!(last.starts_with("growbot: ") && last.contains(part), "{}", ran.err);
+        assert!(last.starts_with("error: ") && last.contains(part), "{}", ran.err);
         assert_eq!(fs::read_dir(directory.path()).unwrap().count(), 0);
     }
     let nowhere = directory.path().join("none").join("mine.toml");

@@ -10,7 +10,7 @@ use std::os::unix::fs::symlink;
 use std::process::Stdio;
 
 use growbot_client::printable::steers;
-use running::{PROGRAM, Ran, command, growbot, growbot_reading};
+use running::{PROGRAM, Ran, command, growbot, growbot_reading, in_lines};
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -189,7 +189,7 @@ fn nothing_is_waited_for_that_never_ends_and_nothing_is_read_without_limit() {
 fn in_shell(script: &str, files: &[(&str, &str)]) -> Ran {
     let ran = command("bash").args(["-c", script, PROGRAM]).envs(files.iter().copied()).output().unwrap();
     let text = |bytes: Vec<u8>| String::from_utf8_lossy(&bytes).into_owned();
-    Ran { code: ran.status.code(), out: text(ran.stdout), err: text(ran.stderr) }
+    Ran { code: ran.status.code(), out: text(ran.stdout), err: in_lines(&text(ran.stderr)) }
 }
 
 #[test]
@@ -427,7 +427,7 @@ fn grow_on_a_full_disk(files: &Files, blocks: u32, more: &str) -> (Ran, String) 
     let script = format!("trap '' XFSZ; ulimit -f {blocks}; exec \"$0\" grow --to 0,0,120,0,90 --log \"$LOG\" {more}");
     let ran = command("sh").args(["-c", &script, PROGRAM]).env("LOG", &log).output().unwrap();
     let text = |bytes: &[u8]| String::from_utf8(bytes.to_vec()).unwrap();
-    (Ran { code: ran.status.code(), out: text(&ran.stdout), err: text(&ran.stderr) }, log)
+    (Ran { code: ran.status.code(), out: text(&ran.stdout), err: in_lines(&text(&ran.stderr)) }, log)
 }
 
 #[test]

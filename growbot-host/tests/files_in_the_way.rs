@@ -7,7 +7,7 @@ mod running;
 use std::fs;
 use std::path::Path;
 
-use running::{PROGRAM, command, growbot, growbot_reading};
+use running::{PROGRAM, command, growbot, growbot_reading, in_lines};
 use tempfile::TempDir;
 
 /// A directory that commands are run in.
@@ -26,7 +26,7 @@ impl Place {
     fn run(&self, args: &[&str]) -> (Option<i32>, String, String) {
         let ran = command(PROGRAM).args(args).current_dir(self.0.path()).output().unwrap();
         let text = |bytes| String::from_utf8(bytes).unwrap();
-        (ran.status.code(), text(ran.stdout), text(ran.stderr))
+        (ran.status.code(), text(ran.stdout), in_lines(&text(ran.stderr)))
     }
 
     fn names(&self) -> Vec<String> {

@@ -71,7 +71,7 @@ impl Bench {
             .output()
             .unwrap();
         let [out, err] = [output.stdout, output.stderr].map(|said| String::from_utf8(said).unwrap());
-        Ran { code: output.status.code(), out, err }
+        Ran { code: output.status.code(), out, err: running::in_lines(&err) }
     }
 }
 
@@ -80,7 +80,7 @@ impl Bench {
 fn assert_refused(ran: &Ran, parts: &[&str]) {
     assert_eq!((ran.code, ran.out.as_str()), (Some(2), ""), "{}", ran.err);
     let last = ran.err.lines().last().unwrap_or_default();
-    assert!(last.starts_with("growbot: "), "{}", ran.err);
+    assert!(last.starts_with("error: "), "{}", ran.err);
     for part in parts {
         assert!(last.contains(part), "no {part:?} in {last:?}");
     }

@@ -420,7 +420,7 @@ fn growbot_configured(port: &str, args: &[&str]) -> Ran {
     let output =
         command(PROGRAM).args(args).env("GROWBOT_PORT", port).stdin(std::process::Stdio::null()).output().unwrap();
     let [out, err] = [output.stdout, output.stderr].map(|bytes| String::from_utf8(bytes).unwrap());
-    Ran { code: output.status.code(), out, err }
+    Ran { code: output.status.code(), out, err: running::in_lines(&err) }
 }
 
 #[test]

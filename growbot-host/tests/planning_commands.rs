@@ -35,7 +35,7 @@ fn assert_refused(ran: &Ran, code: i32, parts: &[&str]) {
 #[track_caller]
 fn assert_refused_in_a_line(ran: &Ran, code: i32, parts: &[&str]) {
     assert_refused(ran, code, parts);
-    assert!(ran.err.starts_with("growbot: ") && ran.err.matches('\n').count() == 1, "{:?}", ran.err);
+    assert!(ran.err.starts_with("error: ") && ran.err.matches('\n').count() == 1, "{:?}", ran.err);
 }
 
 /// A text file in a directory of the test's own.
@@ -180,7 +180,7 @@ fn what_speaks_against_growing_is_said_and_refused() {
     // Read from a file, what it says is not said twice.
     let layers = growbot_reading(&["grow", "-", "--json"], &plan.to_string());
     assert_eq!(layers.code, Some(1));
-    assert_eq!(layers.err.matches("warning, self-collision").count(), 1, "{}", layers.err);
+    assert_eq!(layers.err.matches("warning: self-collision").count(), 1, "{}", layers.err);
 }
 
 #[test]
@@ -468,7 +468,7 @@ fn a_full_disk_is_told() {
     let full = || fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
     let ran = command(PROGRAM).args(with(&TO, &["--json"])).stdout(full()).output().unwrap();
     assert_eq!(ran.status.code(), Some(2));
-    assert!(String::from_utf8(ran.stderr).unwrap().starts_with("growbot: cannot write to standard output"));
+    assert!(String::from_utf8(ran.stderr).unwrap().starts_with("error: cannot write to standard output"));
 }
 
 #[test]

@@ -6,7 +6,7 @@ mod running;
 use std::fs;
 use std::path::PathBuf;
 
-use running::{PROGRAM, Ran, command};
+use running::{PROGRAM, Ran, command, in_lines};
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -42,7 +42,7 @@ impl Place {
             .output()
             .unwrap();
         let text = |bytes| String::from_utf8(bytes).unwrap();
-        Ran { code: output.status.code(), out: text(output.stdout), err: text(output.stderr) }
+        Ran { code: output.status.code(), out: text(output.stdout), err: in_lines(&text(output.stderr)) }
     }
 
     fn config(&self) -> Value {
@@ -131,8 +131,11 @@ fn what_is_wrong_in_a_file_is_told_and_stops_no_command_that_needs_no_file() {
         for args in [&["config"][..], &["rmin"], &["status"], &["console"]] {
             let ran = place.run(args);
             assert_eq!(ran.code, Some(2), "{args:?}: {}", ran.err);
-            let err = ran.err.replace("\n    ", " ");
-            assert!(err.contains("growbot.toml") && parts.iter().all(|part| err.contains(part)), "{args:?}: {err}");
+            assert!(
+                ran.err.contains("growbot.toml") && parts.iter().all(|part| ran.err.contains(part)),
+                "{args:?}: {}",
+                ran.err
+            );
         }
         // The emergency stop of a robot that is named does not wait for anybody to mend a file.
         assert_eq!(place.run(&["estop", "--port", "sim", "--robot", "growbot-a"]).code, Some(0));
@@ -181,8 +184,7 @@ fn a_plan_has_its_robot_with_it_and_another_one_is_refused() {
             place.write(&format!("lab/project/deep/{name}"), &plan.to_string());
         }
         let ran = place.run(&[&["layers", name], args].concat());
-        let err = ran.err.replace("\n    ", " ");
-        assert!(ran.code == Some(2) && err.contains(part), "{name}: {err}");
+        assert!(ran.code == Some(2) && ran.err.contains(part), "{name}: {}", ran.err);
     }
     // An older plan, which describes no robot.
     let mut older = written;

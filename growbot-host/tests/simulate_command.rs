@@ -167,7 +167,7 @@ fn a_body_hangs_under_its_own_weight_and_may_break() {
         let robot = robot.to_str().unwrap();
         let ran = growbot(&[&LEVEL[..], &["--sag", "--robot", robot, "--noise", "5"], more].concat());
         assert_eq!(ran.code, Some(0));
-        for part in ["growbot: warning, root-fails: ", "over the 0.5 MPa of material.strength_mpa", "wall.width_mm"] {
+        for part in ["warning: root-fails: ", "over the 0.5 MPa of material.strength_mpa", "wall.width_mm"] {
             assert!(ran.err.contains(part), "{}", ran.err);
         }
         assert_eq!(ran.err.matches('\n').count(), 1, "{}", ran.err);
@@ -178,11 +178,7 @@ fn a_body_hangs_under_its_own_weight_and_may_break() {
 fn a_plans_warnings_are_told_and_it_is_simulated_all_the_same() {
     let ran = growbot(&["simulate", "--to", "0,0,4000,0,90"]);
     assert_eq!(ran.code, Some(0));
-    assert!(
-        ran.err.starts_with("growbot: warning, filament-short: ") && ran.err.matches('\n').count() == 1,
-        "{}",
-        ran.err
-    );
+    assert!(ran.err.starts_with("warning: filament-short: ") && ran.err.matches('\n').count() == 1, "{}", ran.err);
 }
 
 #[test]
@@ -335,7 +331,7 @@ fn a_simulated_body_is_a_file_in_the_format_of_its_ending() {
 #[test]
 fn repeating_what_is_not_random_is_pointed_out() {
     let ran = growbot(&with(&GOAL, &["--bias", "5", "--repeat", "4"]));
-    assert_eq!(ran.err, "growbot: nothing is drawn by chance, so all 4 growths are the same\n");
+    assert_eq!(ran.err, "note: nothing is drawn by chance, so all 4 growths are the same\n");
 }
 
 #[test]
@@ -352,7 +348,7 @@ fn bad_input_is_refused_in_one_message() {
     ] {
         let ran = growbot(args);
         assert_eq!((ran.code, ran.out.as_str()), (Some(2), ""), "{}", ran.err);
-        assert!(ran.err.starts_with("growbot: ") && ran.err.matches('\n').count() == 1, "{:?}", ran.err);
+        assert!(ran.err.starts_with("error: ") && ran.err.matches('\n').count() == 1, "{:?}", ran.err);
         parts.iter().for_each(|part| assert!(ran.err.contains(part), "no {part:?} in {}", ran.err));
     }
     let to = ["simulate", "--to", "0,0,100,0,90"];

@@ -49,8 +49,14 @@ pub fn run(args: &ConfigArgs) -> Result<(), Failure> {
     Ok(print(&text)?)
 }
 
+/// The value, after it is said where it comes from.
+pub fn told(key: Key, setting: Setting) -> String {
+    growbot_host::detail!("{} {}, from: {}", key.name(), setting.value, in_words(&setting.origin));
+    setting.value
+}
+
 /// Where a value comes from, as messages call it.
-pub fn in_words(origin: &Origin) -> String {
+fn in_words(origin: &Origin) -> String {
     match origin {
         Origin::Environment(variable) => (*variable).to_owned(),
         Origin::Nearest(file) | Origin::User(file) => file.display().to_string(),

@@ -38,6 +38,6 @@ pub fn fill<'a>(directory: &Path, files: impl IntoIterator<Item = (&'a str, &'a 
         replace_file(&directory.join(name), contents)?;
         count += 1;
     }
-    growbot_host::tell!("growbot: {count} files written to {}", directory.display());
+    growbot_host::note!("{count} files written to {}", directory.display());
     Ok(())
 }

@@ -11,7 +11,7 @@ use growbot_client::port::real_time;
 use growbot_host::output::print;
 use growbot_sim::port::{self, OpenError, PortName};
 
-use super::{ChosenPort, Failure, RobotArg, RobotPortArg};
+use super::{ChosenPort, Failure, RobotArg, RobotPortArg, usage};
 
 /// Emergency stop: heater and steppers off before the board does anything else
 ///
@@ -37,7 +37,7 @@ pub fn run(args: &EstopArgs) -> Result<(), Failure> {
     let done = format!("emergency stop: heater and steppers of the {}robot are off\n", port.kind());
     if print(&done).is_err() {
         // The board has obeyed, whether or not anybody can read it.
-        growbot_host::tell!("growbot: {}", done.trim_end());
+        growbot_host::warning!("{}", done.trim_end());
     }
     Ok(())
 }
@@ -51,10 +51,10 @@ fn cut_the_power(why: impl Display) -> Failure {
 /// is said.
 pub fn usage_error(error: &clap::Error) -> ExitCode {
     let is_estop = std::env::args_os().any(|argument| argument == "estop");
-    if !is_estop || !error.use_stderr() {
-        return ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(2));
+    if !is_estop {
+        return Failure::bad_input(usage::message(error)).report();
     }
-    cut_the_power("none was sent: the command line was not understood").report()
+    cut_the_power(format_args!("none was sent: {}", usage::message(error))).report()
 }
 
 /// Has the board stop, or tells why nobody knows whether it has.

@@ -134,13 +134,13 @@ pub fn run(args: &ExportArgs) -> Result<(), Failure> {
     let simulated = args.kind(&subject).filter(|kind| *kind != BodyKind::AsBuilt).map(BodyKind::name);
     let Some(path) = to else {
         if let Some(kind) = simulated {
-            growbot_host::tell!("growbot: the body is {kind}");
+            growbot_host::note!("the body is {kind}");
         }
         return Ok(print_bytes(&bytes)?);
     };
     replace_file(path, &bytes)?;
     let kind = simulated.map_or_else(String::new, |kind| format!(", {kind},"));
-    growbot_host::tell!("growbot: body{kind} written to {}, {} bytes", path.display(), bytes.len());
+    growbot_host::note!("body{kind} written to {}, {} bytes", path.display(), bytes.len());
     Ok(())
 }
 

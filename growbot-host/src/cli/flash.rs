@@ -11,7 +11,7 @@ use std::process::Command;
 use clap::Args;
 use growbot_client::robot_file;
 use growbot_host::output::print;
-use growbot_host::tell;
+use growbot_host::{note, warning};
 use growbot_sim::image_seal::{self, SealError};
 
 use super::{Failure, RobotArg};
@@ -21,7 +21,7 @@ const CHIP: &str = "STM32F405RGTx";
 /// The board runs on after a fault or a reset of its processor: halted by the probe, it could not make the tip safe.
 const NO_VECTOR_CATCH: [&str; 2] = ["--no-catch-reset", "--no-catch-hardfault"];
 /// What is left to do.
-const POWER_CYCLE: &str = "growbot: once it is flashed, unplug the probe and take the board's power away for a \
+const POWER_CYCLE: &str = "once it is flashed, unplug the probe and take the board's power away for a \
                            moment: a probe leaves the processor in debug mode, in which the firmware does not heat";
 /// Where the firmware's image lies, from cargo's target directory.
 const IMAGE: &str = "thumbv7em-none-eabihf/firmware/stm32f405";
@@ -80,9 +80,9 @@ pub fn run(args: &FlashArgs) -> Result<(), Failure> {
         return Err(Failure::bad_input(format!("there is no firmware image {}: {what}", image.display())));
     }
     match image_seal::seal_in_place(&image) {
-        Ok(crc) => tell!("growbot: sealed {}, CRC {crc:08x}", image.display()),
+        Ok(crc) => note!("sealed {}, CRC {crc:08x}", image.display()),
         Err(error @ SealError::NoImage { .. }) if !args.seal_only => {
-            tell!("growbot: {error}; it is flashed as it is, and the board does not check it");
+            warning!("{error}; it is flashed as it is, and the board does not check it");
         }
         Err(error) => return Err(Failure::bad_input(error)),
     }
@@ -91,11 +91,11 @@ pub fn run(args: &FlashArgs) -> Result<(), Failure> {
     }
     if args.no_log {
         flash.iter().try_for_each(Step::run)?;
-        tell!("{POWER_CYCLE}");
+        note!("{POWER_CYCLE}");
         return Ok(());
     }
     // First, since Ctrl-C ends the log and this program.
-    tell!("{POWER_CYCLE}");
+    note!("{POWER_CYCLE}");
     flash.iter().try_for_each(Step::run)
 }
 
@@ -173,7 +173,7 @@ impl Step {
 
     fn run(&self) -> Result<(), Failure> {
         let Self { tool, remedy, failed, .. } = self;
-        tell!("growbot: {self}");
+        note!("{self}");
         let mut command = Command::new(tool);
         command.args(&self.arguments);
         if let Some(robot) = &self.robot {

@@ -86,7 +86,7 @@ impl Following<'_> {
                 watch.ingest(event);
             }
             let written = self.log.record(event);
-            logging.update(written, self.log.missing(), self.watch.as_ref(), |words| show.interrupt(words));
+            logging.update(written, self.log.missing(), self.watch.as_ref(), |words| show.warn(words));
         });
         show.end();
         match grown {
@@ -294,19 +294,19 @@ impl Show {
             JobEvent::Amending(amendment) => {
                 self.layers_before = std::mem::replace(&mut self.layers, amendment.total as usize);
             }
-            JobEvent::Crash(_) => self.progress.say("the board's firmware crashed: `growbot status` says where"),
+            JobEvent::Crash(_) => self.progress.warn("the board's firmware crashed: `growbot status` says where"),
             JobEvent::Board(_) | JobEvent::Counting(_) | JobEvent::HandingOver { .. } | JobEvent::Simulated { .. } => {}
             JobEvent::Ordered(order) => {
                 self.emergency |= *order == Order::EmergencyStop;
                 self.progress.say(&format!("ordered: {}", order.name()));
             }
-            JobEvent::NotObeyed(why) => self.progress.say(why),
-            JobEvent::Silent => self.progress.say("the board does not answer: calling it again"),
+            JobEvent::NotObeyed(why) => self.progress.warn(why),
+            JobEvent::Silent => self.progress.warn("the board does not answer: calling it again"),
             JobEvent::Back => self.progress.say("the board answers again"),
             JobEvent::NotAmended(why) => {
                 self.layers = self.layers_before;
                 if let Some(why) = why.as_ref().filter(|why| self.not_amended.as_ref() != Some(why)) {
-                    self.progress.say(&format!("{why}; it continues with the layers that it has"));
+                    self.progress.warn(&format!("{why}; it continues with the layers that it has"));
                     self.not_amended = Some(why.clone());
                 }
             }
@@ -317,8 +317,8 @@ impl Show {
     }
 
     /// Something that must be seen, beside a bar too.
-    fn interrupt(&self, words: &str) {
-        self.progress.interrupt(words);
+    fn warn(&self, words: &str) {
+        self.progress.warn(words);
     }
 
     fn end(&self) {

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use growbot_client::input::name_of;
 use growbot_client::plan::Plan;
 use growbot_client::plan_file;
 use growbot_client::pose_text::{TypedGoal, parse_goal};
@@ -46,7 +47,11 @@ impl GoalArgs {
     /// Reads the plan, or makes it; the robot is its own.
     pub fn robot_and_plan(&self) -> Result<(Robot, Plan), Failure> {
         if let Some(path) = &self.plan {
-            return Ok(plan_file::open(path, self.robot.as_deref())?);
+            let (robot, plan) = plan_file::open(path, self.robot.as_deref())?;
+            if self.robot.is_none() {
+                growbot_host::detail!("robot {}, from: {}", robot.name(), name_of(path));
+            }
+            return Ok((robot, plan));
         }
         let robot = RobotArg { robot: self.robot.clone() }.load()?;
         let goal = self

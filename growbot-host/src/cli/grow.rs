@@ -96,8 +96,8 @@ struct Alone {
 /// Runs the main job.
 pub fn run_main_job() -> Result<(), Failure> {
     let Alone { grow } = Alone::try_parse_from(MAIN_JOB).map_err(Failure::bad_input)?;
-    growbot_host::tell!("growbot: no command given, so the simulated robot A grows {} {}", MAIN_JOB[1], MAIN_JOB[2]);
-    growbot_host::tell!("growbot: `growbot --help` shows what else there is");
+    growbot_host::note!("no command given, so the simulated robot A grows {} {}", MAIN_JOB[1], MAIN_JOB[2]);
+    growbot_host::note!("`growbot --help` shows what else there is");
     run(&grow)
 }
 
@@ -108,7 +108,7 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     let preventing: Vec<_> =
         plan.warnings.iter().filter(|warning| PREVENTING.contains(&warning.code.as_str())).collect();
     for warning in &plan.warnings {
-        growbot_host::tell!("growbot: warning, {}: {}", warning.code, warning.message);
+        growbot_host::warning!("{}: {}", warning.code, warning.message);
     }
     if !preventing.is_empty() && !args.force {
         let codes: Vec<_> = preventing.iter().map(|warning| warning.code.as_str()).collect();
@@ -124,7 +124,7 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     let pace = args.watching.pace(port.name())?;
     if matches!(port.name(), PortName::Emulator(_)) {
         let time = duration_text(plan.needs.duration);
-        growbot_host::tell!("growbot: the emulated board runs in real time: the layers alone take {time}");
+        growbot_host::note!("the emulated board runs in real time: the layers alone take {time}");
     }
     let job = Job::of_plan(&robot, &plan);
     let disturbance = &args.disturbance;
@@ -182,7 +182,7 @@ impl GrowArgs {
             Some(None) => {
                 let path = RunLog::free_name();
                 let log = RunLog::begin(&path, plan, job, noise, origin)?;
-                growbot_host::tell!("growbot: run log in {}", path.display());
+                growbot_host::note!("run log in {}", path.display());
                 Ok(log)
             }
         }
@@ -209,12 +209,12 @@ impl GrowArgs {
             )));
         }
         if self.feedback && sensors.filament_motion.is_none() {
-            growbot_host::tell!(
-                "growbot: without sensors.filament_motion feedback sees no growth, but where the tip points alone"
+            growbot_host::note!(
+                "without sensors.filament_motion feedback sees no growth, but where the tip points alone"
             );
         }
         if self.feedback && !sensors.orientation {
-            growbot_host::tell!("growbot: without sensors.orientation feedback sees no bends, but growth alone");
+            growbot_host::note!("without sensors.orientation feedback sees no bends, but growth alone");
         }
         Ok(())
     }

@@ -23,27 +23,27 @@ pub fn stop_on_interrupt(client: &mut Client, port: &ChosenPort) -> Arc<Orders> 
             }
             std::process::exit(1);
         }
-        growbot_host::tell!(
-            "growbot: stopping; press Ctrl-C again for the emergency stop, and to leave without waiting for the \
+        growbot_host::warning!(
+            "stopping; press Ctrl-C again for the emergency stop, and to leave without waiting for the \
              {kind}robot"
         );
     });
     if let Err(error) = installed {
-        growbot_host::tell!("growbot: Ctrl-C will end this program without stopping the robot ({error})");
+        growbot_host::warning!("Ctrl-C will end this program without stopping the robot ({error})");
     }
     orders
 }
 
 /// Gives the emergency stop, and says what came of it.
 fn stop_at_once(line: Option<Box<dyn Port + Send>>, name: &str) {
-    growbot_host::tell!("growbot: giving the emergency stop");
+    growbot_host::warning!("giving the emergency stop");
     let stopped = line.is_some_and(|line| Client::new(line, name).emergency_stop().is_ok());
     if stopped {
-        growbot_host::tell!(
-            "growbot: emergency stop: heater and steppers are off, until it is cleared (`clear` in `growbot console`)"
+        growbot_host::warning!(
+            "emergency stop: heater and steppers are off, until it is cleared (`clear` in `growbot console`)"
         );
     } else {
         let error = ClientError::NotStopped { port: name.to_string() };
-        growbot_host::tell!("growbot: {error}");
+        growbot_host::error!("{error}");
     }
 }

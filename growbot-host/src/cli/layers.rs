@@ -39,7 +39,7 @@ pub fn run(args: &LayersArgs) -> Result<(), Failure> {
     let mut table = Vec::new();
     write_layers(&mut table, &plan.path, &robot).map_err(OutputError::from)?;
     if write_to(&args.output, &table)? {
-        growbot_host::tell!("growbot: layers written to {}", args.output.display());
+        growbot_host::note!("layers written to {}", args.output.display());
     }
     Ok(())
 }

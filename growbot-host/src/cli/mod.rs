@@ -15,6 +15,7 @@ mod estop;
 mod export;
 mod flash;
 mod following;
+mod global;
 mod goal;
 mod grow;
 mod growth_table;
@@ -37,12 +38,12 @@ mod stop;
 mod subject;
 mod tune;
 mod units;
+mod usage;
 mod view;
 mod watching;
 mod workspace;
 
 use std::fmt::Display;
-use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -53,11 +54,11 @@ use growbot_client::input::{InputError, name_of};
 use growbot_client::plan_file::PlanFileError;
 use growbot_client::port::PortError;
 use growbot_client::port::faulty::FaultSpec;
-use growbot_client::printable;
 use growbot_client::robot_file::{self, RobotFileError};
 use growbot_client::run_log::RunRecord;
 use growbot_core::robot::Robot;
 use growbot_host::batch::BatchError;
+use growbot_host::messages::{self, Kind};
 use growbot_host::output::OutputError;
 use growbot_host::settings::{FILE, Key, Origin, Setting, SettingsError};
 use growbot_sim::port::{self, OpenError, Opened, PortName, TipSettings};
@@ -68,6 +69,8 @@ use growbot_sim::truth::Simulation;
 #[derive(Parser)]
 #[command(name = "growbot", version, max_term_width = 80, after_help = AFTER_HELP)]
 struct Cli {
+    #[command(flatten)]
+    global: global::GlobalArgs,
     #[command(subcommand)]
     command: Option<Command>,
 }
@@ -85,7 +88,7 @@ Examples:
 Commands that are given no --robot or --port take what GROWBOT_ROBOT and
 GROWBOT_PORT say, or else growbot.toml: growbot config shows them.
 
-Exit codes: 0, done; 1, the request failed; 2, something was wrong before the job.";
+Exit codes: 0, done; 1, the request failed; 2, something was wrong before.";
 
 #[derive(Subcommand)]
 enum Command {
@@ -117,12 +120,13 @@ enum Command {
 
 /// Reads the command line and runs the command.
 pub fn run() -> ExitCode {
-    let cli = match Cli::try_parse() {
+    let cli = match global::parse() {
         Ok(cli) => cli,
-        Err(error) => {
-            show(&error);
-            return estop::usage_error(&error);
+        Err(help) if !help.use_stderr() => {
+            show(&help);
+            return ExitCode::SUCCESS;
         }
+        Err(error) => return estop::usage_error(&error),
     };
     let done = match cli.command {
         Some(Command::Robots(args)) => robots::run(&args),
@@ -157,34 +161,38 @@ pub fn run() -> ExitCode {
     }
 }
 
-/// Says what is wrong with the command line, or shows its help. Arguments must not steer a terminal.
-fn show(error: &clap::Error) {
-    let plain = error.render().to_string();
-    let shown = printable::lines(&plain);
+/// Shows help or version.
+fn show(help: &clap::Error) {
     // Where it cannot be printed, nothing can.
-    let _ = if shown == plain { error.print() } else { io::stderr().write_all(shown.as_bytes()) };
+    let _ = help.print();
 }
 
 /// Why a command did not do what it was asked: the exit code, and what to say.
 pub struct Failure {
     code: u8,
+    kind: Kind,
     message: Option<String>,
 }
 
 impl Failure {
     /// Something was wrong before the job started.
     pub fn bad_input(message: impl Display) -> Self {
-        Self { code: 2, message: Some(message.to_string()) }
+        Self { code: 2, kind: Kind::Error, message: Some(message.to_string()) }
     }
 
     /// A valid request was answered no.
     pub fn answered_no(message: impl Display) -> Self {
-        Self { code: 1, message: Some(message.to_string()) }
+        Self { code: 1, kind: Kind::Error, message: Some(message.to_string()) }
     }
 
     /// The reader of the results has closed them: nothing failed.
     fn reader_gone() -> Self {
-        Self { code: 0, message: None }
+        Self { code: 0, kind: Kind::Error, message: None }
+    }
+
+    /// The same as a warning: the error is said already.
+    pub fn into_warning(self) -> Self {
+        Self { kind: Kind::Warning, ..self }
     }
 
     /// Whether the reader of the results has gone.
@@ -202,16 +210,16 @@ impl Failure {
         self.message.as_deref().unwrap_or_default()
     }
 
-    /// Says it, in one line, and gives the exit code.
+    /// Says it, and gives the exit code.
     fn report(self) -> ExitCode {
         self.say();
         ExitCode::from(self.code)
     }
 
-    /// Says it, in one line.
+    /// Says it.
     pub fn say(&self) {
         if let Some(message) = &self.message {
-            growbot_host::tell!("growbot: {message}");
+            messages::say(self.kind, format_args!("{message}"));
         }
     }
 }
@@ -299,7 +307,7 @@ impl PortArg {
     fn choose(&self) -> Result<ChosenPort, Failure> {
         let text = match &self.port {
             Some(text) => text.clone(),
-            None => Setting::of(Key::Port)?.value,
+            None => config::told(Key::Port, Setting::of(Key::Port)?),
         };
         self.line.at(text)
     }
@@ -318,7 +326,7 @@ impl RobotPortArg {
                         Key::Port.variable()
                     )));
                 }
-                setting => setting.value,
+                setting => config::told(Key::Port, setting),
             },
         };
         self.line.at(text)
@@ -400,7 +408,7 @@ fn robot_of(record: &RunRecord, robot: Option<&Path>) -> Result<Robot, Failure> 
 /// Says what of a run log could not be read.
 fn say_damage(record: &RunRecord, file: &Path) {
     if let Some(words) = record.damage.in_words(&name_of(file)) {
-        growbot_host::tell!("growbot: {words}");
+        growbot_host::warning!("{words}");
     }
 }
 
@@ -426,7 +434,7 @@ impl RobotArg {
     fn name(&self) -> Result<PathBuf, Failure> {
         match &self.robot {
             Some(robot) => Ok(robot.clone()),
-            None => Ok(Setting::of(Key::Robot)?.value.into()),
+            None => Ok(config::told(Key::Robot, Setting::of(Key::Robot)?).into()),
         }
     }
 }

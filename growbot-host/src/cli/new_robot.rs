@@ -7,6 +7,7 @@ use clap::Args;
 use growbot_client::files::format_of;
 use growbot_client::input::is_standard_input;
 use growbot_client::robot_file;
+use growbot_host::messages::ask as ask_line;
 use growbot_host::output::{is_standard_output, print, write_to};
 use growbot_host::robot_questions::{Draft, NAME, NO_LIMIT, QUESTIONS, UNLIMITED};
 use growbot_host::schema;
@@ -99,7 +100,8 @@ fn refuse_to_overwrite(output: &Path, force: bool) -> Result<(), Failure> {
 fn name_in(output: Option<&Path>) -> String {
     let stem = output.and_then(Path::file_stem).map(|stem| stem.to_string_lossy().to_lowercase());
     let plain = |name: &String| {
-        !name.is_empty()
+        !name.starts_with('-')
+            && !name.is_empty()
             && name.len() <= 32
             && name.chars().all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-')
             && !robot_file::is_built_in(name)
@@ -121,16 +123,16 @@ fn ask(draft: &mut Draft) -> Result<Vec<&'static str>, Failure> {
             } else {
                 let words: Vec<&str> = schema::choices(&schema, path).iter().map(|(word, _)| *word).collect();
                 let words = if words.is_empty() { String::new() } else { format!(" ({})", words.join(", ")) };
-                growbot_host::tell!("{}", schema::meaning(&schema, path));
-                growbot_host::tell!("  {path}{words} [{shown}]:");
+                ask_line(format_args!("{}", schema::meaning(&schema, path)));
+                ask_line(format_args!("  {path}{words} [{shown}]:"));
                 answers.next()?
             };
             let text = answer.as_deref().map(str::trim).filter(|answer| !answer.is_empty());
             match draft.answer(path, text.unwrap_or(shown)) {
                 Ok(adapted) => {
                     for change in adapted {
-                        growbot_host::tell!(
-                            "  {} was {}, which does not go with that: it is {} now",
+                        growbot_host::note!(
+                            "{} was {}, which does not go with that: it is {} now",
                             change.path,
                             change.from,
                             change.to
@@ -166,7 +168,7 @@ impl Answers {
         io::stdin().lock().take(LONGEST_ANSWER).read_until(b'\n', &mut line).map_err(unreadable)?;
         if line.is_empty() {
             self.ended = true;
-            growbot_host::tell!("growbot: the answers end here: the rest is as in brackets, or as it was");
+            growbot_host::note!("the answers end here: the rest is as in brackets, or as it was");
             return Ok(None);
         }
         if line.len() as u64 >= LONGEST_ANSWER {

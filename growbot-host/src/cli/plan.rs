@@ -101,7 +101,7 @@ fn run_one(args: &PlanArgs, robot: &Robot, plan: &Plan) -> Result<(), Failure> {
         if !write_to(path, text.as_bytes())? {
             return Ok(());
         }
-        growbot_host::tell!("growbot: plan written to {}", path.display());
+        growbot_host::note!("plan written to {}", path.display());
     }
     Ok(print(&if args.json { written.to_line() } else { plan_table::table(plan) })?)
 }
@@ -150,7 +150,7 @@ impl Answers {
     fn finish(self, args: &PlanArgs) -> Result<(), Failure> {
         if let (Some(file), Some(path)) = (self.file, &args.output) {
             file.finish()?;
-            growbot_host::tell!("growbot: answers written to {}", path.display());
+            growbot_host::note!("answers written to {}", path.display());
         }
         Ok(())
     }

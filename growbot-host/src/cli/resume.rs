@@ -20,7 +20,7 @@ use super::growth_table::made;
 use super::interrupt::stop_on_interrupt;
 use super::subject::Subject as Opened;
 use super::watching::WatchArgs;
-use super::{Failure, PortArg};
+use super::{ChosenPort, Failure, PortArg};
 
 /// Resume a body that was left unfinished: after a stop, a fault, a reset, a loss of power or of the host
 ///
@@ -90,7 +90,7 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
         // The very layers, whatever the plan's file has rounded.
         (job.plan_id, job.layers) = (record.plan_id, record.layers.clone());
     }
-    show(&board, job.plan_id)?;
+    show(&board, job.plan_id, &port)?;
     if !args.yes {
         ask(&board)?;
     }
@@ -111,7 +111,7 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
     let laid = board.status.laid as usize;
     let feedback = record.as_ref().and_then(|record| record.feedback(&job, &plan));
     if feedback.is_some() {
-        growbot_host::tell!("growbot: with feedback, as it was begun");
+        growbot_host::note!("with feedback, as it was begun");
     }
     let simulated = port.is_simulated();
     let following =
@@ -134,21 +134,25 @@ impl ResumeArgs {
 }
 
 /// What the board knows of the body.
-fn show(board: &BoardHello, plan_id: u64) -> Result<(), Failure> {
+fn show(board: &BoardHello, plan_id: u64, port: &ChosenPort) -> Result<(), Failure> {
     let status = &board.status;
     if status.plan_id != plan_id || status.plan_id == 0 {
-        return Err(Failure::answered_no(GrowthError::nothing_to_resume(plan_id, status)));
+        let nothing = GrowthError::nothing_to_resume(plan_id, status);
+        let anew =
+            if port.is_simulated() { "; it is a simulated one, which starts anew with each command" } else { "" };
+        return Err(Failure::answered_no(format_args!("{nothing}{anew}")));
     }
-    growbot_host::tell!(
-        "growbot: plan {plan_id:016x}: {} of {} layers laid; the board is {}, started by {}",
+    growbot_host::note!(
+        "plan {plan_id:016x}: {} of {} layers laid; the {}board is {}, started by {}",
         status.laid,
         status.layers,
+        port.kind(),
         status.state.name(),
         board.reset_cause.name()
     );
     match status.interrupted {
-        Some(cut) => growbot_host::tell!("growbot: layer {} was interrupted: {}", status.laid, made(cut)),
-        None => growbot_host::tell!("growbot: no layer was interrupted: the head stood at 0 degrees"),
+        Some(cut) => growbot_host::note!("layer {} was interrupted: {}", status.laid, made(cut)),
+        None => growbot_host::note!("no layer was interrupted: the head stood at 0 degrees"),
     }
     if let Some(fault) = status.fault {
         return Err(Failure::answered_no(format!(
@@ -169,7 +173,7 @@ fn ask(board: &BoardHello) -> Result<(), Failure> {
     if !io::stdin().is_terminal() {
         return Err(Failure::bad_input("there is nobody to ask whether to heat and resume: say so with --yes"));
     }
-    eprint!("growbot: heat the nozzle, find the head's index and resume? [y/N] ");
+    eprint!("heat the nozzle, find the head's index and resume? [y/N] ");
     let _ = io::stderr().flush();
     let mut answer = String::new();
     io::stdin().lock().take(LONGEST_ANSWER).read_line(&mut answer).map_err(Failure::bad_input)?;

@@ -80,7 +80,7 @@ fn tune(client: &mut Client, orders: &Orders, target: f64, is_simulated: bool) -
         return Err(Failure::answered_no("stopped before anything was heated"));
     }
     client.request("to tune", &Message::Tune(Tune { target_centi_c: (target * 100.0) as i32 })).map_err(lost)?;
-    growbot_host::tell!("growbot: tuning at {target} C; this takes some minutes");
+    growbot_host::note!("tuning at {target} C; this takes some minutes");
     follow(client, orders, is_simulated)
 }
 

@@ -23,8 +23,8 @@ pub fn warn_of_metres<'a>(start: &Pose, goals: impl Iterator<Item = &'a Goal>, r
     let farthest = goals.map(|goal| (goal.position() - start.position()).norm()).fold(0.0, f64::max);
     // What leads back to its start is meant so.
     if farthest > 0.0 && farthest < width {
-        growbot_host::tell!(
-            "warning: the goal is {farthest:.2} mm from the start, and the tube is {width:.1} mm wide: did you mean \
+        growbot_host::warning!(
+            "the goal is {farthest:.2} mm from the start, and the tube is {width:.1} mm wide: did you mean \
              metres? Write them as 0.6m"
         );
     }
@@ -34,9 +34,7 @@ pub fn warn_of_metres<'a>(start: &Pose, goals: impl Iterator<Item = &'a Goal>, r
 pub fn warn_of_radians(typed: &[&TypedGoal]) {
     let angles: Vec<f64> = typed.iter().flat_map(|typed| typed.bare_angles.iter().copied()).collect();
     if look_like_radians(&angles) {
-        growbot_host::tell!(
-            "warning: all angles are small and fractional: did you mean radians? Write them as 1.57rad"
-        );
+        growbot_host::warning!("all angles are small and fractional: did you mean radians? Write them as 1.57rad");
     }
 }
 

@@ -243,7 +243,7 @@ pub fn run(args: &ViewArgs) -> Result<(), Failure> {
         return Ok(());
     }
     let hint = if format == Format::Html { ": open it in a browser" } else { "" };
-    growbot_host::tell!("growbot: view written to {}{hint}", output.display());
+    growbot_host::note!("view written to {}{hint}", output.display());
     Ok(())
 }
 

@@ -60,7 +60,7 @@ impl WatchArgs {
         let orders = self.control.then(|| Arc::clone(orders));
         let watch =
             Watch::start(subject, job, known, orders, self.watch_port.unwrap_or(0)).map_err(Failure::bad_input)?;
-        growbot_host::tell!("growbot: watch it at {}", watch.address());
+        growbot_host::note!("watch it at {}", watch.address());
         Ok(Some(watch))
     }
 }

@@ -131,7 +131,7 @@ pub fn run(args: &WorkspaceArgs) -> Result<(), Failure> {
         if !write_to(path, &bytes)? {
             return Ok(());
         }
-        growbot_host::tell!("growbot: section drawn to {}", path.display());
+        growbot_host::note!("section drawn to {}", path.display());
     }
     let text = if args.json { json_line(&json_of(args, &question, &answer)) } else { table(&question, &answer) };
     Ok(print(&text)?)

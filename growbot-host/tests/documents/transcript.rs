@@ -32,9 +32,10 @@ pub fn differences(document: &Document) -> Vec<String> {
             if shell.last != 0 && !asked {
                 wrong.push(format!("{}: {}\n  ends with {}: {said}", place(step.line), step.command, shell.last));
             }
-            let said: Vec<_> = said.lines().filter(|line| !is_progress(line)).collect();
-            let wanted: Vec<_> = step.says.iter().map(String::as_str).collect();
-            if !agree(&wanted, &said) {
+            let said = with_messages_in_lines(said.lines().filter(|line| !is_progress(line)));
+            let wanted = with_messages_in_lines(step.says.iter().map(String::as_str));
+            let [says, wants] = [&said, &wanted].map(|lines| lines.iter().map(String::as_str).collect::<Vec<_>>());
+            if !agree(&wants, &says) {
                 let (wanted, said) = (wanted.join("\n    "), said.join("\n    "));
                 wrong.push(format!(
                     "{}: {}\n  should say\n    {wanted}\n  and says\n    {said}",
@@ -75,6 +76,20 @@ impl Shell<'_> {
     }
 }
 
+/// The lines, with each message in one: where it is broken depends on the names of files.
+fn with_messages_in_lines<'a>(lines: impl Iterator<Item = &'a str>) -> Vec<String> {
+    let mut joined: Vec<String> = Vec::new();
+    for line in lines {
+        let is_message = |last: &String| ["error: ", "warning: ", "note: "].iter().any(|label| last.starts_with(label));
+        let more = line.strip_prefix("    ").filter(|more| !more.starts_with(' '));
+        match (more, joined.last_mut()) {
+            (Some(more), Some(last)) if is_message(last) => *last += &format!(" {more}"),
+            _ => joined.push(line.to_owned()),
+        }
+    }
+    joined
+}
+
 /// Whether lines are as wanted: a line `...` stands for any number of them, `[..]` within one for anything.
 pub fn agree(wanted: &[&str], said: &[&str]) -> bool {
     match wanted.split_first() {
@@ -88,7 +103,7 @@ pub fn agree(wanted: &[&str], said: &[&str]) -> bool {
 
 /// Whether a line tells how far a long work has come: on a slow machine there are more of them.
 fn is_progress(line: &str) -> bool {
-    line.starts_with("growbot: ") && line.ends_with(" %")
+    line.starts_with("note: ") && line.ends_with(" %")
 }
 
 fn line_agrees(wanted: &str, said: &str) -> bool {

@@ -19,7 +19,7 @@ use growbot_sim::port::sim::Sim;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use serialport::{SerialPort, TTYPort};
 
-use crate::running::{PROGRAM, Ran, command};
+use crate::running::{PROGRAM, Ran, command, in_lines};
 
 /// The board's time passes faster than real time by this factor.
 const PACE: u32 = 50;
@@ -351,7 +351,7 @@ impl Growing {
             sleep(Duration::from_millis(10));
         };
         self.listener.take().into_iter().for_each(|listener| listener.join().unwrap());
-        let err = self.said.lock().unwrap().clone();
+        let err = in_lines(&self.said.lock().unwrap());
         Ran { code, out: String::new(), err }
     }
 }
@@ -382,6 +382,6 @@ pub fn without_privilege(args: &[&str]) -> Ran {
     Ran {
         code: output.status.code(),
         out: String::from_utf8(output.stdout).unwrap(),
-        err: String::from_utf8(output.stderr).unwrap(),
+        err: in_lines(&String::from_utf8(output.stderr).unwrap()),
     }
 }

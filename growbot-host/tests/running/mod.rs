@@ -22,7 +22,7 @@ pub struct Ran {
     pub code: Option<i32>,
     /// Standard output.
     pub out: String,
-    /// Standard error.
+    /// Standard error, with each message in one line.
     pub err: String,
 }
 
@@ -49,8 +49,13 @@ pub fn growbot_reading_bytes(args: &[&str], input: &[u8]) -> Ran {
     Ran {
         code: output.status.code(),
         out: String::from_utf8(output.stdout).unwrap(),
-        err: String::from_utf8(output.stderr).unwrap(),
+        err: in_lines(&String::from_utf8(output.stderr).unwrap()),
     }
+}
+
+/// Messages with each in one line, however many it took.
+pub fn in_lines(messages: &str) -> String {
+    messages.replace("\n    ", " ")
 }
 
 /// Runs `growbot` with these arguments.
@@ -76,5 +81,5 @@ pub fn growbot_unread(args: &[&str], input: &str) -> Ran {
     // Short enough for the pipe, and a command that has ended need not read it.
     let _ = child.stdin.take().unwrap().write_all(input.as_bytes());
     let output = child.wait_with_output().unwrap();
-    Ran { code: output.status.code(), out: String::new(), err: String::from_utf8(output.stderr).unwrap() }
+    Ran { code: output.status.code(), out: String::new(), err: in_lines(&String::from_utf8(output.stderr).unwrap()) }
 }

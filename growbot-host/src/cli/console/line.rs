@@ -159,9 +159,9 @@ impl Session {
         if !failure.is_reader_gone() {
             let message = failure.message();
             if failed {
-                growbot_host::tell!("growbot: {message}; line {line} failed, and those after it are not carried out");
+                growbot_host::error!("{message}; line {line} failed, and those after it are not carried out");
             } else {
-                growbot_host::tell!("growbot: {message}; no command after line {line} is carried out");
+                growbot_host::error!("{message}; no command after line {line} is carried out");
             }
         }
         let left_out = LeftOut::after(line, lines);
@@ -191,11 +191,12 @@ impl Session {
             (true, line) => format!("standard output was closed by its reader at line {line}: {left_out}; {state}"),
         };
         // Nothing was carried out where not even the first line could be read.
-        Err(if line == 0 && failure.is_bad_input() {
+        let rest = if line == 0 && failure.is_bad_input() {
             Failure::bad_input(message)
         } else {
             Failure::answered_no(message)
-        })
+        };
+        Err(if failure.is_reader_gone() { rest } else { rest.into_warning() })
     }
 
     /// Says what becomes of a robot that works, where it does not end with this program.
@@ -205,7 +206,7 @@ impl Session {
         }
         match self.client.status() {
             Ok(status) if works(status.state) => {
-                growbot_host::tell!("growbot: {}", left(status.state, &self.robot, &self.port));
+                growbot_host::warning!("{}", left(status.state, &self.robot, &self.port));
                 Ok(())
             }
             Ok(_) => Ok(()),

@@ -164,7 +164,7 @@ pub fn run(args: &SimulateArgs) -> Result<(), Failure> {
 
 fn warn(warnings: &[Warning]) {
     for warning in warnings {
-        growbot_host::tell!("growbot: warning, {}: {}", warning.code, warning.message);
+        growbot_host::warning!("{}: {}", warning.code, warning.message);
     }
 }
 
@@ -230,7 +230,7 @@ impl SimulateArgs {
         let Disturbance { growth_noise, tilt_noise, alpha_noise, twist_noise, .. } = simulation.disturbance;
         let even = [growth_noise, tilt_noise, alpha_noise, twist_noise].iter().all(|noise| *noise == 0.0);
         if even && !self.feedback && runs > 1 {
-            growbot_host::tell!("growbot: nothing is drawn by chance, so all {runs} growths are the same");
+            growbot_host::note!("nothing is drawn by chance, so all {runs} growths are the same");
         }
         let threads = self.threads.map_or_else(|| thread::available_parallelism().map_or(1, usize::from), usize::from);
         let mut progress = Progress::start(Some(runs), Results::AtEnd);

@@ -88,7 +88,7 @@ pub fn run(client: Client, robot: Robot, start: Pose, port: &ChosenPort) -> Resu
         && let Some(status) = &console.model.status
         && works(status.state)
     {
-        growbot_host::tell!("growbot: {}", left(status.state, &console.model.robot, port));
+        growbot_host::warning!("{}", left(status.state, &console.model.robot, port));
     }
     Ok(())
 }

@@ -1,0 +1,79 @@
+//! Options of all commands: which messages are shown, and how.
+
+use std::env;
+
+use clap::{Args, ColorChoice, CommandFactory, FromArgMatches, ValueEnum};
+use growbot_host::messages::{self, Colour, Level};
+
+use super::Cli;
+
+/// Which messages are shown, and how.
+#[derive(Args)]
+#[command(next_help_heading = "All commands")]
+pub struct GlobalArgs {
+    /// Colour messages and help: on terminals unless NO_COLOR is set, or as said
+    #[arg(long, global = true, value_name = "WHEN", value_enum, default_value_t = When::Auto)]
+    color: When,
+    /// Show errors and warnings, no notes and no progress
+    #[arg(short, long, global = true, conflicts_with = "verbose")]
+    quiet: bool,
+    /// Show where robot and port come from, too
+    #[arg(short, long, global = true)]
+    verbose: bool,
+}
+
+/// When messages are coloured.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum When {
+    Auto,
+    Always,
+    Never,
+}
+
+/// Reads the command line, and sets how messages are shown: as far as it can be, also where the rest cannot be
+/// understood.
+pub fn parse() -> Result<Cli, clap::Error> {
+    let when = asked_for();
+    messages::set(Level::Normal, when.into());
+    let matches = Cli::command().color(when.into()).try_get_matches()?;
+    let cli = Cli::from_arg_matches(&matches)?;
+    let GlobalArgs { color, quiet, verbose } = &cli.global;
+    let level = match (quiet, verbose) {
+        (true, _) => Level::Quiet,
+        (_, true) => Level::Verbose,
+        _ => Level::Normal,
+    };
+    messages::set(level, (*color).into());
+    Ok(cli)
+}
+
+/// What `--color` says, before the command line is understood.
+fn asked_for() -> When {
+    let words: Vec<String> = env::args_os().map(|word| word.to_string_lossy().into_owned()).collect();
+    let told = words.iter().enumerate().find_map(|(index, word)| match word.strip_prefix("--color") {
+        Some("") => words.get(index + 1).map(String::as_str),
+        Some(value) => value.strip_prefix('='),
+        None => None,
+    });
+    told.and_then(|told| When::from_str(told, false).ok()).unwrap_or(When::Auto)
+}
+
+impl From<When> for Colour {
+    fn from(when: When) -> Self {
+        match when {
+            When::Auto => Self::Auto,
+            When::Always => Self::Always,
+            When::Never => Self::Never,
+        }
+    }
+}
+
+impl From<When> for ColorChoice {
+    fn from(when: When) -> Self {
+        match when {
+            When::Auto => Self::Auto,
+            When::Always => Self::Always,
+            When::Never => Self::Never,
+        }
+    }
+}

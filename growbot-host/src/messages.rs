@@ -1,0 +1,211 @@
+//! Messages, all in one style on standard error: `error:`, `warning:` or `note:`, and what it is, in lines of 80
+//! columns.
+//!
+//! What a terminal would obey instead of showing it is taken out here ([`growbot_client::printable`]).
+
+use std::env;
+use std::fmt;
+use std::io::{self, IsTerminal, Write};
+use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
+
+use growbot_client::printable::one_line;
+
+/// Columns of a message.
+const WIDTH: usize = 80;
+/// What the second line of a message and those after it begin with.
+const INDENT: &str = "    ";
+
+/// What a message is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// Why a command ends without what it was asked for.
+    Error,
+    /// What may be wrong, or must be seen.
+    Warning,
+    /// What was done, and how far it is; not with `--quiet`.
+    Note,
+    /// What else is of use; with `--verbose` alone.
+    Detail,
+}
+
+/// Which messages are shown.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Level {
+    /// Errors and warnings.
+    Quiet,
+    /// Notes, too.
+    Normal,
+    /// Everything.
+    Verbose,
+}
+
+/// Whether messages are coloured.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Colour {
+    /// On terminals, unless `NO_COLOR` is set.
+    Auto,
+    /// Wherever they go.
+    Always,
+    /// Nowhere.
+    Never,
+}
+
+static LEVEL: AtomicU8 = AtomicU8::new(Level::Normal as u8);
+static COLOURED: AtomicBool = AtomicBool::new(false);
+
+/// Sets which messages are shown, and how.
+pub fn set(level: Level, colour: Colour) {
+    LEVEL.store(level as u8, Ordering::Relaxed);
+    COLOURED.store(is_coloured(colour), Ordering::Relaxed);
+}
+
+/// Whether notes and progress are shown.
+#[must_use]
+pub fn is_quiet() -> bool {
+    LEVEL.load(Ordering::Relaxed) == Level::Quiet as u8
+}
+
+fn is_coloured(colour: Colour) -> bool {
+    let is_set = |name| env::var_os(name).is_some_and(|value| !value.is_empty());
+    match colour {
+        Colour::Always => true,
+        Colour::Never => false,
+        Colour::Auto => {
+            io::stderr().is_terminal() && !is_set("NO_COLOR") && env::var_os("TERM").is_none_or(|name| name != "dumb")
+        }
+    }
+}
+
+/// Says why a command ends without what it was asked for.
+#[macro_export]
+macro_rules! error {
+    ($($words:tt)*) => { $crate::messages::say($crate::messages::Kind::Error, format_args!($($words)*)) };
+}
+
+/// Says what may be wrong, or must be seen.
+#[macro_export]
+macro_rules! warning {
+    ($($words:tt)*) => { $crate::messages::say($crate::messages::Kind::Warning, format_args!($($words)*)) };
+}
+
+/// Says what was done.
+#[macro_export]
+macro_rules! note {
+    ($($words:tt)*) => { $crate::messages::say($crate::messages::Kind::Note, format_args!($($words)*)) };
+}
+
+/// Says what else is of use, with `--verbose`.
+#[macro_export]
+macro_rules! detail {
+    ($($words:tt)*) => { $crate::messages::say($crate::messages::Kind::Detail, format_args!($($words)*)) };
+}
+
+impl Kind {
+    fn label(self) -> &'static str {
+        match self {
+            Self::Error => "error:",
+            Self::Warning => "warning:",
+            Self::Note | Self::Detail => "note:",
+        }
+    }
+
+    /// Bold red, yellow or green, as terminals are told.
+    fn colour(self) -> &'static str {
+        match self {
+            Self::Error => "\u{1b}[1;31m",
+            Self::Warning => "\u{1b}[1;33m",
+            Self::Note | Self::Detail => "\u{1b}[1;32m",
+        }
+    }
+
+    fn is_shown(self) -> bool {
+        match self {
+            Self::Error | Self::Warning => true,
+            Self::Note => !is_quiet(),
+            Self::Detail => LEVEL.load(Ordering::Relaxed) == Level::Verbose as u8,
+        }
+    }
+}
+
+/// Writes a message to standard error. A closed standard error is ignored: it is no reason to leave a robot alone.
+pub fn say(kind: Kind, message: fmt::Arguments) {
+    if kind.is_shown() {
+        let text = shown(kind, &one_line(&message.to_string()), COLOURED.load(Ordering::Relaxed));
+        let _ = io::stderr().write_all(text.as_bytes());
+    }
+}
+
+/// Asks something, or says what belongs to a question: a line as it is.
+pub fn ask(question: fmt::Arguments) {
+    let _ = writeln!(io::stderr(), "{}", one_line(&question.to_string()));
+}
+
+/// A message as it is shown.
+fn shown(kind: Kind, message: &str, is_coloured: bool) -> String {
+    let label = kind.label();
+    let mut text = if is_coloured { format!("{}{label}\u{1b}[0m", kind.colour()) } else { label.to_owned() };
+    let mut columns = label.chars().count();
+    for word in words(message) {
+        let width = word.chars().count();
+        if columns + 1 + width > WIDTH && columns > INDENT.len() {
+            text += &format!("\n{INDENT}{word}");
+            columns = INDENT.len() + width;
+        } else {
+            text += &format!(" {word}");
+            columns += 1 + width;
+        }
+    }
+    text + "\n"
+}
+
+/// The words of a text. What stands in backquotes is to be copied, and so is one word, unless it fills a line.
+fn words(text: &str) -> Vec<String> {
+    let mut words: Vec<String> = Vec::new();
+    let mut is_open = false;
+    for word in text.split(' ').filter(|word| !word.is_empty()) {
+        match words.last_mut() {
+            Some(last) if is_open && last.chars().count() + word.chars().count() < WIDTH / 2 => {
+                last.push(' ');
+                last.push_str(word);
+            }
+            _ => words.push(word.to_owned()),
+        }
+        is_open ^= word.matches('`').count() % 2 == 1;
+    }
+    words
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_message_has_a_label_and_lines_of_80_columns() {
+        assert_eq!(shown(Kind::Note, "plan written to plan.json", false), "note: plan written to plan.json\n");
+        let long = "word ".repeat(60);
+        for kind in [Kind::Error, Kind::Warning, Kind::Note] {
+            let text = shown(kind, &long, false);
+            assert!(text.lines().all(|line| line.chars().count() <= WIDTH), "{text}");
+            assert!(text.lines().skip(1).all(|line| line.starts_with("    word")), "{text}");
+            assert_eq!(text.matches("word").count(), 60);
+            // What fits into a line is in it.
+            assert!(text.lines().next().unwrap().chars().count() > WIDTH - 5, "{text}");
+        }
+        let path = format!("/{}", "x".repeat(100));
+        assert_eq!(shown(Kind::Error, &format!("cannot read {path}: no"), false).lines().count(), 3);
+    }
+
+    #[test]
+    fn a_command_to_copy_stays_in_one_line() {
+        let message = format!("{} `growbot stop --port /dev/ttyACM0` x", "word ".repeat(12));
+        let text = shown(Kind::Error, &message, false);
+        assert!(text.lines().any(|line| line.contains("`growbot stop --port /dev/ttyACM0` x")), "{text}");
+        assert_eq!(words("a ` b"), ["a", "` b"]);
+    }
+
+    #[test]
+    fn the_label_alone_is_coloured() {
+        assert_eq!(shown(Kind::Error, "no", true), "\u{1b}[1;31merror:\u{1b}[0m no\n");
+        assert!(!is_coloured(Colour::Never) && is_coloured(Colour::Always));
+    }
+}
