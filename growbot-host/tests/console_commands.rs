@@ -36,6 +36,22 @@ fn one_board_grows_one_body_after_the_other() {
 }
 
 #[test]
+fn a_position_is_grown_to_from_any_direction_and_planned_as_plan_does() {
+    let ran = growbot_reading(&["console"], "grow 60,20,100\n");
+    assert_eq!(ran.code, Some(0), "{}", ran.err);
+    let of = |text: &str, line: &str| -> Vec<f64> {
+        let line = text.lines().find(|row| row.starts_with(line)).unwrap_or_else(|| panic!("{text}"));
+        line.split_whitespace().filter_map(|word| word.parse().ok()).collect()
+    };
+    let (target, arrived) = (of(&ran.out, "target"), of(&ran.out, "final"));
+    assert_eq!(target[..3], [60.0, 20.0, 100.0], "{}", ran.out);
+    assert!(target.iter().zip(&arrived).all(|(target, arrived)| (target - arrived).abs() < 0.1), "{}", ran.out);
+    let plan: serde_json::Value = serde_json::from_str(&growbot(&["plan", "--to", "60,20,100", "--json"]).out).unwrap();
+    assert!((plan["goal"]["pitch_deg"].as_f64().unwrap() - target[4]).abs() < 1e-3, "{}", ran.out);
+    assert!(ran.out.contains(&format!("{} layers of {0},", plan["layers"])), "{}", ran.out);
+}
+
+#[test]
 fn a_stop_does_not_end_the_growth_after_it() {
     let ran = growbot_reading(&["console"], "grow 0,0,3,0,90\nstop\ngrow 0,0,7.74,0,90\n");
     assert_eq!(ran.code, Some(0), "{}", ran.err);

@@ -1,6 +1,7 @@
 //! The commands of the console, as text and as values.
 
-use growbot_client::pose_text::{parse_number, parse_pose};
+use growbot_client::plan::Goal;
+use growbot_client::pose_text::{parse_goal, parse_number, parse_pose};
 use growbot_client::suggest::did_you_mean;
 use growbot_core::pose::Pose;
 
@@ -15,7 +16,7 @@ pub enum Command {
     /// Something that the board answers at once.
     Ask(Ask),
     /// Plan, hand over and grow.
-    Grow(Pose),
+    Grow(Goal),
     /// Show what happens for this time, s.
     Wait(f64),
     /// List the commands.
@@ -57,7 +58,11 @@ const COMMANDS: [Entry; 12] = [
     Entry { name: "plan", argument: "POSE", help: "the board plans from 0,0,0,0,90 to POSE and stores the layers" },
     Entry { name: "start", argument: "", help: "heat, home and grow what the board stores; continue after a pause" },
     Entry { name: "pause", argument: "", help: "finish the layer under way and wait; `start` continues" },
-    Entry { name: "grow", argument: "POSE", help: "plan here, hand over, grow, and wait until it is done" },
+    Entry {
+        name: "grow",
+        argument: "GOAL",
+        help: "plan here to POSE or X,Y,Z, hand over, grow, wait until it is done",
+    },
     Entry { name: "layers", argument: "[FROM]", help: "up to 16 of the layers that the board stores" },
     Entry { name: "wait", argument: "[SECONDS]", help: "show what happens for this time (1)" },
     Entry { name: "stop", argument: "", help: "heater and steppers off" },
@@ -96,7 +101,7 @@ pub fn parse(line: &str) -> Result<Command, String> {
         "plan" => Ok(Command::Ask(Ask::Plan(pose(rest)?))),
         "start" => alone(Command::Ask(Ask::Start)),
         "pause" => alone(Command::Ask(Ask::Pause)),
-        "grow" => Ok(Command::Grow(pose(rest)?)),
+        "grow" => parse_goal(rest).map(|typed| Command::Grow(typed.goal)).map_err(|error| error.to_string()),
         "layers" if rest.is_empty() => Ok(Command::Ask(Ask::Layers(None))),
         "layers" => rest
             .parse()
@@ -134,7 +139,7 @@ pub fn complete(begun: &str) -> (usize, Vec<String>) {
             let space = |entry: &Entry| if entry.argument.is_empty() { "" } else { " " };
             (indent, entries.map(|entry| format!("{}{}", entry.name, space(entry))).collect())
         }
-        Some((word, rest)) if takes_pose(word) => {
+        Some((word, rest)) if matches!(argument(word), "POSE" | "GOAL") => {
             let rest = rest.trim_start();
             let poses = POSES.into_iter().filter(|pose| pose.starts_with(rest));
             (begun.len() - rest.len(), poses.map(str::to_owned).collect())
@@ -146,11 +151,16 @@ pub fn complete(begun: &str) -> (usize, Vec<String>) {
 /// What a command without its argument wants.
 pub fn hint(line: &str) -> Option<&'static str> {
     let word = line.strip_suffix(' ')?;
-    if takes_pose(word.trim()) { Some("X,Y,Z,HEADING,PITCH in mm and degrees") } else { None }
+    match argument(word.trim()) {
+        "POSE" => Some("X,Y,Z,HEADING,PITCH in mm and degrees"),
+        "GOAL" => Some("X,Y,Z,HEADING,PITCH in mm and degrees, or X,Y,Z where any direction will do"),
+        _ => None,
+    }
 }
 
-fn takes_pose(name: &str) -> bool {
-    COMMANDS.iter().any(|word| word.name == name && word.argument == "POSE")
+/// What the argument of a command is called.
+fn argument(name: &str) -> &'static str {
+    COMMANDS.iter().find(|entry| entry.name == name).map_or("", |entry| entry.argument)
 }
 
 #[cfg(test)]
@@ -160,7 +170,7 @@ mod tests {
     #[test]
     fn every_word_of_the_list_is_understood() {
         for word in &COMMANDS {
-            let argument = if word.argument == "POSE" { POSES[0] } else { "" };
+            let argument = if matches!(word.argument, "POSE" | "GOAL") { POSES[0] } else { "" };
             assert!(parse(&format!(" {} {argument} ", word.name)).is_ok(), "{}", word.name);
         }
         assert_eq!(parse("wait 2.5"), Ok(Command::Wait(2.5)));
@@ -169,6 +179,8 @@ mod tests {
         assert_eq!(parse("estop now"), Ok(Command::Ask(Ask::EmergencyStop)));
         assert_eq!(parse("\t"), Ok(Command::Nothing));
         assert!(parse("plan 0, 0, 100, 0, 90").is_ok());
+        assert!(matches!(parse("grow 0, 0.1m, 100"), Ok(Command::Grow(Goal::Position(_)))));
+        assert!(matches!(parse("grow 0,0,100,0,90"), Ok(Command::Grow(Goal::Pose(_)))));
     }
 
     #[test]
@@ -183,7 +195,9 @@ mod tests {
             ("wait 1 2", "\"1 2\" is no time"),
             ("wait 1e9", "\"1e9\" is no time: give seconds, 0 to 1000000"),
             ("wait nan", "no time"),
-            ("grow", "five numbers"),
+            ("plan", "five numbers"),
+            ("plan 0,0,100", "five numbers"),
+            ("grow", "X,Y,Z"),
         ] {
             let message = parse(line).unwrap_err();
             assert!(message.contains(part), "{line:?}: {message}");
@@ -201,6 +215,8 @@ mod tests {
         for pose in POSES {
             assert!(parse(&format!("plan {pose}")).is_ok(), "{pose}");
         }
-        assert!(hint("plan ").is_some() && hint("plan").is_none() && hint("stop ").is_none());
+        assert!(
+            hint("grow ").is_some() && hint("plan ").is_some() && hint("plan").is_none() && hint("stop ").is_none()
+        );
     }
 }

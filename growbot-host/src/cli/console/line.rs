@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use growbot_client::client::Client;
 use growbot_client::growth::{Job, JobEvent, Orders, Outcome, grow_job};
-use growbot_client::plan::{Plan, Search};
+use growbot_client::plan::{Goal, Plan, Search};
 use growbot_core::layer_bytes::decode;
 use growbot_core::link::message::{Message, Silence, State};
 use growbot_core::plan::Planner;
@@ -254,7 +254,7 @@ impl Session {
         Ok(Next::Continue)
     }
 
-    fn grow(&mut self, goal: &Pose) -> Result<(), Failure> {
+    fn grow(&mut self, goal: &Goal) -> Result<(), Failure> {
         let radius = self.robot.description().planning_radius_mm;
         let search = Search { radius, planner: Planner::Shortest, clear_of_self: true };
         let plan = Plan::through(&self.robot, &self.start, &[], goal, &search)?;

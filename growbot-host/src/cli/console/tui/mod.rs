@@ -21,7 +21,7 @@ use std::time::{Duration, Instant};
 
 use crossterm::event::{self, Event, KeyEvent, KeyEventKind};
 use growbot_client::client::Client;
-use growbot_client::plan::{Plan, Search};
+use growbot_client::plan::{Goal, Plan, Search};
 use growbot_client::warning::PREVENTING;
 use growbot_core::job::job_layers;
 use growbot_core::layer_bytes::decode;
@@ -210,7 +210,7 @@ impl Console {
         match parse(line) {
             Err(why) => self.model.complain(&why),
             Ok(Command::Nothing) => {}
-            Ok(Command::Ask(Ask::Plan(goal))) => drop(self.plan(&goal)),
+            Ok(Command::Ask(Ask::Plan(goal))) => drop(self.plan(&goal.into())),
             Ok(Command::Ask(what)) => self.ask(&what),
             Ok(Command::Grow(goal)) => {
                 if self.plan(&goal) {
@@ -229,11 +229,17 @@ impl Console {
     }
 
     /// Plans here to see whether the body may be grown, and has the board plan the same. Whether it does.
-    fn plan(&mut self, goal: &Pose) -> bool {
+    fn plan(&mut self, goal: &Goal) -> bool {
         let robot = &self.model.robot;
         let search =
             Search { radius: robot.description().planning_radius_mm, planner: Planner::Shortest, clear_of_self: false };
-        let plan = match Plan::through(robot, &self.start, &[], goal, &search) {
+        let planned = Plan::through(robot, &self.start, &[], goal, &search);
+        // The board plans to poses: the direction is chosen here.
+        let planned = planned.and_then(|plan| match goal {
+            Goal::Pose(_) => Ok(plan),
+            Goal::Position(_) => Plan::through(robot, &self.start, &[], &plan.goal, &search),
+        });
+        let plan = match planned {
             Ok(plan) => plan,
             Err(error) => {
                 self.model.complain(&error.to_string());
@@ -249,7 +255,7 @@ impl Console {
             self.model.complain("not planned: choose another pose, or grow it with `growbot grow --force`");
             return false;
         }
-        let answer = ask(self.watch.client(), &self.model.robot, self.simulated, &self.start, &Ask::Plan(*goal));
+        let answer = ask(self.watch.client(), &self.model.robot, self.simulated, &self.start, &Ask::Plan(plan.goal));
         let planned = answer.is_ok();
         if planned {
             self.model.body = body;
