@@ -8,6 +8,7 @@ mod running;
 #[path = "documents/transcript.rs"]
 mod transcript;
 
+use std::path::Path;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
@@ -15,7 +16,7 @@ use std::thread;
 use blocks::{Document, beside, for_users, root};
 use growbot_client::robot_file;
 use pulldown_cmark::Event;
-use transcript::{agree, differences};
+use transcript::{agree, differences, differences_in};
 
 /// What a block that is not run may need.
 const NEEDS: [&str; 6] = ["robot", "emulator", "build", "install", "terminal", "long"];
@@ -39,6 +40,26 @@ fn what_the_documents_print_is_what_growbot_says() {
         }
     });
     assert_nothing_wrong(&wrong.into_inner().unwrap());
+}
+
+/// README.md, and the chapters in the order of the book.
+fn in_order() -> Vec<Document> {
+    let mut documents = for_users();
+    let summary = documents.iter().find(|document| document.path.ends_with("SUMMARY.md")).unwrap();
+    let chapters: Vec<_> = summary.links().into_iter().map(|(_, link)| Path::new("book/src").join(link)).collect();
+    documents.retain(|document| document.path == Path::new("README.md") || chapters.contains(&document.path));
+    documents.sort_by_key(|document| chapters.iter().position(|chapter| *chapter == document.path));
+    documents
+}
+
+#[test]
+fn a_new_user_can_follow_all_documents_in_one_directory() {
+    let documents = in_order();
+    assert_eq!(documents[0].path, Path::new("README.md"));
+    assert!(documents.len() > 20, "{}", documents.len());
+    let directory = tempfile::tempdir().unwrap();
+    let wrong: Vec<_> = documents.iter().flat_map(|document| differences_in(document, directory.path())).collect();
+    assert_nothing_wrong(&wrong);
 }
 
 #[test]

@@ -10,7 +10,12 @@ use crate::running::{self, PROGRAM};
 /// All that a document's commands do otherwise than it says; nothing, if it is right.
 pub fn differences(document: &Document) -> Vec<String> {
     let directory = tempfile::tempdir().unwrap();
-    let mut shell = Shell { directory: directory.path(), last: 0 };
+    differences_in(document, directory.path())
+}
+
+/// As [`differences`], where the commands are run in this directory.
+pub fn differences_in(document: &Document, directory: &Path) -> Vec<String> {
+    let mut shell = Shell { directory, last: 0 };
     let mut wrong = Vec::new();
     let mut blocks: Vec<_> = document.blocks().into_iter().filter(|block| block.needs.is_empty()).collect();
     blocks.retain(|block| block.is("console") || block.is("sh"));

@@ -79,7 +79,7 @@ pub fn write(
         BodyFormat::Png => png(&picture()?, WIDTH).map_err(Failure::bad_input)?,
     };
     replace_file(file, &bytes)?;
-    growbot_host::tell!("growbot: body, {kind}, written to {}, {} bytes", file.display(), bytes.len());
+    growbot_host::note!("body, {kind}, written to {}, {} bytes", file.display(), bytes.len());
     Ok(())
 }
 

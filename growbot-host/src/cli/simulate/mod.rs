@@ -11,12 +11,12 @@ use std::thread;
 
 use clap::{Args, ValueEnum};
 use growbot_client::feedback::ASSUMED;
-use growbot_client::files::{refuse_inputs, replace_file};
+use growbot_client::files::refuse_inputs;
 use growbot_client::printable::json_line;
 use growbot_client::warning::Warning;
 use growbot_core::simulation::{DirectionSensor, Disturbance, Laid, Sensors};
 use growbot_core::slicing::Slicing;
-use growbot_host::output::print;
+use growbot_host::output::{print, write_to};
 use growbot_host::progress::{Progress, Results};
 use growbot_sim::simulation::campaign::Campaign;
 use growbot_sim::simulation::{Outcome, Simulation};
@@ -156,8 +156,10 @@ pub fn run(args: &SimulateArgs) -> Result<(), Failure> {
         }
     };
     if let Some(file) = args.output.as_ref().filter(|_| body.is_none()) {
-        replace_file(file, json.as_bytes())?;
-        growbot_host::tell!("growbot: result written to {}", file.display());
+        if !write_to(file, json.as_bytes())? {
+            return Ok(());
+        }
+        growbot_host::note!("result written to {}", file.display());
     }
     Ok(print(if args.json { &json } else { &table })?)
 }

@@ -44,7 +44,7 @@ impl Samples<'_> {
         });
         let filled = written.map_err(|error| file.failed(error))?;
         file.finish()?;
-        growbot_host::tell!("growbot: samples written to {}, a row for each simulated growth", path.display());
+        growbot_host::note!("samples written to {}, a row for each simulated growth", path.display());
         Ok(filled)
     }
 
