@@ -193,7 +193,7 @@ fn layers_go_to_a_file_of_their_format() {
     for (args, listed) in [
         (&["layers", "plan.json", "-o", "layers.json"][..], ".csv"),
         (&["plan", "--to", "0,0,50,0,90", "-o", "plan.txt"], ".json"),
-        (&["view", "plan.json", "-o", "plan.doc"], ".html, .svg or .png"),
+        (&["view", "plan.json", "-o", "plan.doc"], ".html, .svg, .png or .pdf"),
         (&["grow", "plan.json", "--log", "run.log"], ".jsonl or .json"),
         (&["export", "plan.json", "--format", "stl", "-o", "body.solid"], ".stl"),
     ] {

@@ -299,7 +299,7 @@ fn what_cannot_be_drawn_is_said_and_leaves_no_file() {
         assert_eq!(ran.code, Some(2), "{args:?}: {}", ran.err);
     }
     let refused = growbot(&["view", text(&plan), "--plot", "tilt", "-o", text(&directory.path().join("tilt.html"))]);
-    assert!(refused.code == Some(2) && refused.err.contains("end it in .svg or .png"), "{}", refused.err);
+    assert!(refused.code == Some(2) && refused.err.contains("end it in .svg, .png or .pdf"), "{}", refused.err);
     let refused = growbot(&["view", text(&plan), "--width", "800"]);
     assert!(refused.code == Some(2) && refused.err.contains("--png"), "{}", refused.err);
     let refused = growbot(&["view", text(&plan), "--look", "top"]);
