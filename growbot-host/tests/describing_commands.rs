@@ -293,3 +293,25 @@ fn every_shell_has_completions_with_all_commands() {
     }
     assert_eq!(growbot(&["completions", "tcsh"]).code, Some(2));
 }
+
+#[test]
+fn answers_are_taken_back_and_sections_skipped() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("robot.toml");
+    let file = path.to_str().unwrap();
+    // Another inner radius, after the length was asked for; then the rest of geometry as it is.
+    let ran = growbot_reading(&["new-robot", "-o", file], "ours\n14\n60\nback\nback\n13\nskip\n2.0\n");
+    assert_eq!(ran.code, Some(0), "{}", ran.err);
+    let robot = robot_file::load(&path).unwrap();
+    let description = robot.description();
+    assert_eq!((robot.name(), description.geometry.inner_radius_mm, description.wall.width_mm), ("ours", 13.0, 2.0));
+    let base = robot_file::load("growbot-a".as_ref()).unwrap();
+    assert_eq!(description.geometry.inner_length_mm, base.description().geometry.inner_length_mm);
+    let text = std::fs::read_to_string(&path).unwrap();
+    assert!(text.lines().filter(|line| line.contains("# given")).count() == 2, "{text}");
+    assert!(ran.err.matches("geometry.inner_radius_mm").count() == 2, "{}", ran.err);
+    assert_eq!(ran.err.matches("geometry.tip_radius_mm [").count(), 1, "{}", ran.err);
+    // There is nothing before the first question.
+    let ran = growbot_reading(&["new-robot", "-o", file, "--force"], "back\nours\n");
+    assert!(ran.code == Some(0) && ran.err.contains("the first question"), "{}", ran.err);
+}

@@ -11,6 +11,7 @@ use growbot_host::messages::ask as ask_line;
 use growbot_host::output::{is_standard_output, print, write_to};
 use growbot_host::robot_questions::{Draft, NAME, NO_LIMIT, QUESTIONS, UNLIMITED};
 use growbot_host::schema;
+use serde_json::Value;
 
 use super::{Failure, ROBOT};
 
@@ -20,7 +21,8 @@ const LONGEST_ANSWER: u64 = 4096;
 /// Describe a robot of your own: answer questions, get its file
 ///
 /// Asks for what matters most; Enter takes the value in brackets, which is that of the robot that it starts from, or
-/// one near it that goes with the answers before. Answers may come from a pipe, a line each: then the first that cannot
+/// one near it that goes with the answers before. `back` takes the answer before back, and `skip` takes the rest of a
+/// section as it is proposed. Answers may come from a pipe, a line each: then the first that cannot
 /// be ends it, and where they end the rest is as in brackets. What is not asked for stays as it is in the robot that it
 /// starts from, with its comments.
 #[derive(Args)]
@@ -109,49 +111,111 @@ fn name_in(output: Option<&Path>) -> String {
     stem.filter(plain).unwrap_or_else(|| "my-robot".to_owned())
 }
 
+/// What takes back the answer before.
+const BACK: &str = "back";
+/// What takes the rest of a section as it is proposed.
+const SKIP: &str = "skip";
+
+/// Questions on the way: what is known so far, and how it was before each answer.
+struct Asking<'a> {
+    draft: &'a mut Draft,
+    given: Vec<&'static str>,
+    before: Vec<(Draft, Vec<&'static str>)>,
+    answers: Answers,
+}
+
 /// Asks all questions; gives what was answered with more than Enter.
 fn ask(draft: &mut Draft) -> Result<Vec<&'static str>, Failure> {
     let schema = schema::of_fields();
-    let mut answers = Answers { ended: false, by_hand: io::stdin().is_terminal() };
-    let mut given = Vec::new();
-    for path in QUESTIONS {
-        loop {
-            let default = draft.default(path).unwrap_or_else(|| draft.shown(path));
-            let shown = if default == UNLIMITED { NO_LIMIT } else { default.trim_matches('"') };
-            let answer = if answers.ended {
-                None
-            } else {
-                let words: Vec<&str> = schema::choices(&schema, path).iter().map(|(word, _)| *word).collect();
-                let words = if words.is_empty() { String::new() } else { format!(" ({})", words.join(", ")) };
-                ask_line(format_args!("{}", schema::meaning(&schema, path)));
-                ask_line(format_args!("  {path}{words} [{shown}]:"));
-                answers.next()?
-            };
-            let text = answer.as_deref().map(str::trim).filter(|answer| !answer.is_empty());
-            match draft.answer(path, text.unwrap_or(shown)) {
-                Ok(adapted) => {
-                    for change in adapted {
-                        growbot_host::note!(
-                            "{} was {}, which does not go with that: it is {} now",
-                            change.path,
-                            change.from,
-                            change.to
-                        );
-                    }
-                    if text.is_some() && path != NAME {
-                        given.push(path);
-                    }
-                    break;
-                }
-                // In a pipe the next line is the answer to the next question.
-                Err(refused) if answers.by_hand && text.is_some() => {
-                    Failure::bad_input(refused).say();
-                }
-                Err(refused) => return Err(Failure::bad_input(refused)),
+    let answers = Answers { ended: false, by_hand: io::stdin().is_terminal() };
+    let mut asking = Asking { draft, given: Vec::new(), before: Vec::new(), answers };
+    // The section that is passed over.
+    let mut skipped = None;
+    while let Some(path) = QUESTIONS.get(asking.before.len()).copied() {
+        let proposed = asking.draft.default(path);
+        let is_skipped = skipped == Some(section(path));
+        if !is_skipped {
+            skipped = None;
+        }
+        let answer = if asking.answers.ended || (is_skipped && proposed.is_some()) {
+            None
+        } else {
+            ask_for(path, proposed.as_deref(), &schema);
+            asking.answers.next()?
+        };
+        match answer.as_deref().map(str::trim).filter(|answer| !answer.is_empty()) {
+            Some(BACK) => {
+                skipped = None;
+                asking.back();
             }
+            Some(SKIP) if proposed.is_some() => {
+                skipped = Some(section(path));
+                asking.take(path, None, proposed)?;
+            }
+            text => asking.take(path, text, proposed)?,
         }
     }
-    Ok(given)
+    Ok(asking.given)
+}
+
+/// The section of a field; a field outside of all is one of its own.
+fn section(path: &'static str) -> &'static str {
+    path.split('.').next().unwrap_or(path)
+}
+
+fn ask_for(path: &str, proposed: Option<&str>, schema: &Value) {
+    let words: Vec<&str> = schema::choices(schema, path).iter().map(|(word, _)| *word).collect();
+    let words = if words.is_empty() { String::new() } else { format!(" ({})", words.join(", ")) };
+    ask_line(format_args!("{}", schema::meaning(schema, path)));
+    match proposed {
+        Some(proposed) => ask_line(format_args!("  {path}{words} [{}]:", in_brackets(proposed))),
+        None => ask_line(format_args!("  {path}{words}, {BACK} where nothing goes with the answers before:")),
+    }
+}
+
+/// A value as it is proposed.
+fn in_brackets(value: &str) -> &str {
+    if value == UNLIMITED { NO_LIMIT } else { value.trim_matches('"') }
+}
+
+impl Asking<'_> {
+    /// Goes back to the question before.
+    fn back(&mut self) {
+        match self.before.pop() {
+            Some((draft, given)) => (*self.draft, self.given) = (draft, given),
+            None => growbot_host::note!("this is the first question"),
+        }
+    }
+
+    /// Takes an answer, or what is proposed. One that cannot be is asked for again, where somebody answers.
+    fn take(&mut self, path: &'static str, text: Option<&str>, proposed: Option<String>) -> Result<(), Failure> {
+        let shown = self.draft.shown(path);
+        let taken = text.unwrap_or_else(|| in_brackets(proposed.as_deref().unwrap_or(&shown)));
+        let before = (self.draft.clone(), self.given.clone());
+        match self.draft.answer(path, taken) {
+            Ok(adapted) => {
+                for change in adapted {
+                    growbot_host::note!(
+                        "{} was {}, which does not go with that: it is {} now",
+                        change.path,
+                        change.from,
+                        change.to
+                    );
+                }
+                self.before.push(before);
+                if text.is_some() && path != NAME {
+                    self.given.push(path);
+                }
+                Ok(())
+            }
+            // In a pipe the next line is the answer to the next question.
+            Err(refused) if self.answers.by_hand && !self.answers.ended => {
+                Failure::bad_input(refused).say();
+                Ok(())
+            }
+            Err(refused) => Err(Failure::bad_input(refused)),
+        }
+    }
 }
 
 /// Lines of standard input.

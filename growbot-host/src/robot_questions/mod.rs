@@ -155,17 +155,29 @@ impl Draft {
         }
         let mut changed = self.clone();
         changed.put(path, value);
-        changed.refused_at(path)?;
-        let adapted = changed.adapt();
+        let adapted = changed.settle(path)?;
         *self = changed;
         Ok(adapted)
     }
 
+    /// Changes what is not asked for so that it goes with the answers up to this field.
+    fn settle(&mut self, path: &str) -> Result<Vec<Adapted>, Refused> {
+        self.refused_at(path)?;
+        let adapted = self.adapt();
+        match self.robot() {
+            // Nobody asks for it any more: it would be refused when the file is written.
+            Err(RobotFileError::Robot { file, error }) if !QUESTIONS.contains(&field_of(&error)) => {
+                Err(RobotFileError::Robot { file, error }.into())
+            }
+            _ => Ok(adapted),
+        }
+    }
+
     /// What is taken where nothing is answered: the value that the field has if it can stay, else one near it that can
-    /// be.
+    /// be. None where no value goes with the answers before.
     #[must_use]
     pub fn default(&self, path: &'static str) -> Option<String> {
-        self.possible(path, |draft| draft.refused_at(path).is_ok()).map(|value| shown(&value))
+        self.possible(path, |draft| draft.clone().settle(path).is_ok()).map(|value| shown(&value))
     }
 
     /// The robot, if all is well.

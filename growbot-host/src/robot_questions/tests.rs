@@ -93,3 +93,29 @@ fn a_line_for_tools_stays_at_the_top() {
     assert!(written.starts_with("#:schema ./robot.json\n# mine: begun by"), "{written}");
     assert_eq!(written.matches("#:schema").count(), 1);
 }
+
+#[test]
+fn what_is_proposed_is_never_refused_whatever_was_answered_before() {
+    for name in ["growbot-a", "growbot-b"] {
+        let (text, file) = robot_file::text_of(name.as_ref()).unwrap();
+        for (at, asked) in QUESTIONS.iter().enumerate() {
+            for factor in [0.5, 1.3, 2.0] {
+                let mut draft = Draft::of(&text, &file, "ours").unwrap();
+                let mut given = Vec::new();
+                for (index, path) in QUESTIONS.into_iter().enumerate() {
+                    let Some(proposed) = draft.default(path) else { break };
+                    if index == at
+                        && let Ok(number) = proposed.parse::<f64>()
+                        && draft.answer(path, &(number * factor).to_string()).is_ok()
+                    {
+                        given.push(path);
+                        continue;
+                    }
+                    let taken = draft.answer(path, proposed.trim_matches('"'));
+                    assert!(taken.is_ok(), "{name}, {asked} times {factor}: {path} = {proposed}: {taken:?}");
+                }
+                draft.file(&given).unwrap_or_else(|error| panic!("{name}, {asked} times {factor}: {error}"));
+            }
+        }
+    }
+}
