@@ -307,7 +307,7 @@ fn answers_are_taken_back_and_sections_skipped() {
     assert_eq!((robot.name(), description.geometry.inner_radius_mm, description.wall.width_mm), ("ours", 13.0, 2.0));
     let base = robot_file::load("growbot-a".as_ref()).unwrap();
     assert_eq!(description.geometry.inner_length_mm, base.description().geometry.inner_length_mm);
-    let text = std::fs::read_to_string(&path).unwrap();
+    let text = fs::read_to_string(&path).unwrap();
     assert!(text.lines().filter(|line| line.contains("# given")).count() == 2, "{text}");
     assert!(ran.err.matches("geometry.inner_radius_mm").count() == 2, "{}", ran.err);
     assert_eq!(ran.err.matches("geometry.tip_radius_mm [").count(), 1, "{}", ran.err);

@@ -76,7 +76,8 @@ pub enum RunLogError {
     },
     /// It is there already.
     #[error(
-        "the run log {file} is there already, and may be the only record of a body: choose another name, or replace it with --force; --log alone takes a name of its own"
+        "the run log {file} is there already, and may be the only record of a body: choose another name, or replace \
+         it with --force; --log alone takes a name of its own"
     )]
     Exists {
         /// The file.
