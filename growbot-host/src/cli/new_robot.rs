@@ -150,9 +150,9 @@ fn ask(draft: &mut Draft) -> Result<Vec<&'static str>, Failure> {
             }
             Some(SKIP) if proposed.is_some() => {
                 skipped = Some(section(path));
-                asking.take(path, None, proposed)?;
+                asking.take(path, None, proposed.as_deref())?;
             }
-            text => asking.take(path, text, proposed)?,
+            text => asking.take(path, text, proposed.as_deref())?,
         }
     }
     Ok(asking.given)
@@ -188,9 +188,9 @@ impl Asking<'_> {
     }
 
     /// Takes an answer, or what is proposed. One that cannot be is asked for again, where somebody answers.
-    fn take(&mut self, path: &'static str, text: Option<&str>, proposed: Option<String>) -> Result<(), Failure> {
+    fn take(&mut self, path: &'static str, text: Option<&str>, proposed: Option<&str>) -> Result<(), Failure> {
         let shown = self.draft.shown(path);
-        let taken = text.unwrap_or_else(|| in_brackets(proposed.as_deref().unwrap_or(&shown)));
+        let taken = text.unwrap_or_else(|| in_brackets(proposed.unwrap_or(&shown)));
         let before = (self.draft.clone(), self.given.clone());
         match self.draft.answer(path, taken) {
             Ok(adapted) => {
