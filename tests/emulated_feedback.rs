@@ -3,7 +3,7 @@
 
 use growbot_client::client::Client;
 use growbot_client::feedback::Feedback;
-use growbot_client::growth::{Grown, Job, JobEvent, Manner, MeasuredBy, Orders, Outcome, grow_job};
+use growbot_client::growth::{Grown, Job, JobEvent, Manner, MeasuredBy, Orders, Outcome, WhenParked, grow_job};
 use growbot_core::link::message::Silence;
 use growbot_core::path::{Leg, Segment, end};
 use growbot_core::pose::Pose;
@@ -51,7 +51,7 @@ fn grow(robot: &Robot, with_feedback: bool) -> Grown {
     let feedback = with_feedback.then(|| Feedback::new(robot, &start, &path, &legs, noise));
     let mut simulation = emulator.simulation();
     let mut client = Client::new(Box::new(emulator), "a board under test");
-    let manner = Manner { silence: Silence::Pause, feedback };
+    let manner = Manner { silence: Silence::Pause, feedback, parked: WhenParked::Ends };
     let grow = |on_event: &mut dyn FnMut(&JobEvent)| grow_job(&mut client, &job, manner, &Orders::default(), on_event);
     compare(Some(&mut simulation), &job, &mut |_| (), grow).unwrap()
 }

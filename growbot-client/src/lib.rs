@@ -10,7 +10,8 @@
 //! - [`port`]: the line to a board; [`client`]: requests to it and their answers;
 //! - [`growth`]: a whole job; [`feedback`]: its layers planned again as they are measured; [`arrival`]: how near it
 //!   came;
-//! - [`run_log`]: the log of a growth, its events and its result, and [`run_clock`], its time;
+//! - [`maintenance`]: presets of materials, and words that become tasks of a board;
+//! - [`run_log`]: the log of a growth, its events and its result, and [`run_clock`], its time; [`forecast`], when it is done;
 //! - [`input`], [`files`], [`printable`], [`suggest`]: bounded reading, whole files or none, text that steers no
 //!   terminal, and names for mistyped ones.
 //!
@@ -26,8 +27,10 @@ pub mod crash;
 pub mod degrees;
 pub mod feedback;
 pub mod files;
+pub mod forecast;
 pub mod growth;
 pub mod input;
+pub mod maintenance;
 pub mod plan;
 pub mod plan_file;
 pub mod port;

@@ -4,12 +4,15 @@
 //! have any name; what it describes is checked in full ([`Robot::new`]) before anything else sees it.
 
 use std::borrow::Cow;
+use std::collections::BTreeMap;
 use std::path::Path;
 
-use growbot_core::robot::{Robot, RobotError};
+use growbot_core::robot::{Robot, RobotDescription, RobotError};
+use serde::Deserialize;
 use serde::de::DeserializeOwned;
 
 use crate::input::{self, InputError};
+use crate::maintenance::Preset;
 use crate::suggest::{did_you_mean, suggest};
 
 /// The default robot: the paper's robot A.
@@ -118,7 +121,10 @@ pub fn text_of(name_or_file: &Path) -> Result<(Cow<'static, str>, String), Robot
 /// # Errors
 /// [`RobotFileError::Toml`] with the place, or [`RobotFileError::Robot`].
 pub fn parse(text: &str, file: &str) -> Result<Robot, RobotFileError> {
-    Robot::new(from_toml(text, file)?).map_err(|error| RobotFileError::Robot { file: file.to_owned(), error })
+    materials(text, file)?;
+    let text = only(text, |header| !is_of_materials(header));
+    let description: RobotDescription = from_toml(&text, file)?;
+    Robot::new(description).map_err(|error| RobotFileError::Robot { file: file.to_owned(), error })
 }
 
 /// What a TOML text says, which messages call `file`.
@@ -131,6 +137,39 @@ pub fn from_toml<T: DeserializeOwned>(text: &str, file: &str) -> Result<T, Robot
         let (line, column) = line_and_column(text, at);
         RobotFileError::Toml { file: file.to_owned(), line, column, reason: reason(&error) }
     })
+}
+
+/// The presets of materials of a robot file, by name: they are the host's, and no part of what the robot is.
+///
+/// # Errors
+/// [`RobotFileError::Toml`] with the place.
+pub fn materials(text: &str, file: &str) -> Result<BTreeMap<String, Preset>, RobotFileError> {
+    #[derive(Deserialize, Default)]
+    #[serde(default)]
+    struct Materials {
+        materials: BTreeMap<String, Preset>,
+    }
+    let text = only(text, is_of_materials);
+    Ok(from_toml::<Materials>(&text, file)?.materials)
+}
+
+/// Whether the header of a table is that of a material.
+fn is_of_materials(header: &str) -> bool {
+    header.starts_with("[materials.")
+}
+
+/// The text with the tables alone whose header is so; the others are empty lines, so that places stay.
+fn only(text: &str, is_so: impl Fn(&str) -> bool) -> String {
+    let mut keeps = is_so("");
+    let mut kept = String::with_capacity(text.len());
+    for line in text.split_inclusive('\n') {
+        if line.trim_start().starts_with('[') {
+            keeps = is_so(line.trim_start());
+        }
+        let left_out = if line.ends_with('\n') { "\n" } else { "" };
+        kept += if keeps { line } else { left_out };
+    }
+    kept
 }
 
 /// No directory and no extension: more likely a name than a file.

@@ -23,9 +23,9 @@ use growbot_core::link::emergency_stop::EMERGENCY_STOP;
 use growbot_core::link::frame::{self, Frame, Header, LONGEST_BODY, LONGEST_FRAME, Receiver, VERSION};
 use growbot_core::link::message::{
     Accepted, Amend, Begin, BoardHello, BootReport, Cancel, Empty, HostHello, HostName, InterruptedLayer, Laid,
-    LatestFault, Layers, MAX_LAYERS, Measured, Message, PauseCause, PlanRequest, Planned, ReadLayers, Refusal, Refused,
-    ResetCause, Resume, SCHEMA_HASH, SensorReadings, Silence, Start, State, StateChanged, Status, StoredLayers, Tune,
-    Tuned,
+    LatestFault, Layers, MAX_LAYERS, Maintain, Measured, Message, PauseCause, PlanRequest, Planned, ReadLayers,
+    Refusal, Refused, ResetCause, Resume, SCHEMA_HASH, SensorReadings, Silence, Start, State, StateChanged, Status,
+    StoredLayers, Tune, Tuned,
 };
 use growbot_core::path::Segment;
 use growbot_core::plan::{Planner, plan};
@@ -487,6 +487,7 @@ fn the_types_written_out_are_the_codes() {
         Empty::SCHEMA,
         Empty::SCHEMA,
         Empty::SCHEMA,
+        Maintain::SCHEMA,
         BoardHello::SCHEMA,
         Status::SCHEMA,
         Accepted::SCHEMA,

@@ -7,12 +7,14 @@
 //! - `requests`: the requests of the host;
 //! - `job`: the plan under way, its layers, and their records in the journal;
 //! - `supervising`: temperature, sensors and watchdog, ten times a second, and the reaction to a fault;
+//! - `maintaining`: heat and moves without a job;
 //! - `growing`: the orders to the step engine: homing, layers, filament pulled back for a pause.
 //!
 //! The controller never waits: [`Controller::poll`] is called at least every 20 ms with a clock in us, and returns.
 
 mod growing;
 mod job;
+mod maintaining;
 mod requests;
 mod supervising;
 #[cfg(test)]

@@ -23,6 +23,7 @@ pub mod drawing;
 pub mod duration;
 pub mod export;
 pub mod figures;
+pub mod finish_time;
 pub mod layer_table;
 pub mod messages;
 pub mod output;

@@ -155,3 +155,53 @@ fn a_line_that_is_no_text_ends_a_script() {
 fn the_whole_screen_needs_a_terminal() {
     assert_refused(&growbot(&["console", "--tui"]), &["--tui needs a terminal", "standard input", "line by line"]);
 }
+
+#[test]
+fn a_nozzle_is_preheated_loaded_and_cooled_down_without_a_job() {
+    let commands =
+        "preheat 200\nwait 120\nload 20\nwait 20\nrotate 90\nwait 20\nhome\nwait 60\nstatus\ncooldown\nstatus\n";
+    let ran = growbot_reading(&["console"], commands);
+    assert_eq!(ran.code, Some(0), "{}", ran.err);
+    for part in [
+        "heats to 200 C",
+        "pushes 20 mm of filament",
+        "turns the head by 90 degrees",
+        "to its index mark",
+        "state        maintenance\n",
+        "heater and steppers are off",
+    ] {
+        assert!(ran.out.contains(part), "no {part}: {}", ran.out);
+    }
+    let (_, last) = ran.out.rsplit_once("state ").unwrap();
+    assert!(last.trim_start().starts_with("idle"), "{last}");
+}
+
+#[test]
+fn what_is_unsafe_is_refused_with_value_limit_and_remedy() {
+    for (commands, parts) in [
+        ("load\n", &["not while it is in state idle"][..]),
+        ("preheat 300\n", &["between 50 and 235 C"]),
+        ("preheat 200\nload\n", &["22", "must have 180 C", "preheat, and wait"]),
+        ("preheat 200\nwait 120\nrotate 400\n", &["by 360 degrees at a time at most"]),
+        ("preheat 200\nwait 120\njog 1e5\n", &["mm of filament at a time at most"]),
+        ("preheat 200\nwait 120\njog 50\njog 1\n", &["still move"]),
+        ("plan 0,0,60,0,90\nstart\npreheat\n", &["not while it is in state heating"]),
+        ("preheat pla\n", &["\"pla\" is neither a number nor a material", "[materials.pla]"]),
+    ] {
+        let ran = growbot_reading(&["console"], commands);
+        assert_eq!(ran.code, Some(1), "{commands}: {}", ran.err);
+        for part in parts {
+            assert!(ran.err.contains(part), "{commands}: no {part}: {}", ran.err);
+        }
+    }
+}
+
+#[test]
+fn maintenance_is_on_the_command_line_too() {
+    let ran = growbot(&["maintain", "preheat", "--port", "sim"]);
+    assert_eq!((ran.code, ran.out.starts_with("simulated robot: heats to 200 C")), (Some(0), true), "{}", ran.err);
+    let ran = growbot(&["maintain", "jog", "-5", "--port", "sim"]);
+    assert_eq!(ran.code, Some(1));
+    assert!(ran.err.contains("state idle"), "{}", ran.err);
+    assert_refused(&growbot(&["maintain", "dance", "--port", "sim"]), &["preheat"]);
+}

@@ -11,7 +11,8 @@ use std::time::Duration;
 use growbot_client::client::Client;
 use growbot_client::feedback::Feedback;
 use growbot_client::growth::{
-    Grown, GrowthError, Job, JobEvent, Manner, MeasuredBy, OnInterrupted, Order, Orders, Outcome, grow_job, resume_job,
+    Grown, GrowthError, Job, JobEvent, Manner, MeasuredBy, OnInterrupted, Order, Orders, Outcome, WhenParked, grow_job,
+    resume_job,
 };
 use growbot_client::plan::{Plan, Search};
 use growbot_client::port::{Port, PortError};
@@ -185,7 +186,7 @@ impl Try {
         let cut = Rc::new(Cell::new(false));
         let mut client = Client::new(Box::new(Line(Rc::clone(&self.sim), Rc::clone(&cut))), "sim");
         let orders = Orders::default();
-        let manner = Manner { silence: Silence::Continue, feedback: Some(feedback) };
+        let manner = Manner { silence: Silence::Continue, feedback: Some(feedback), parked: WhenParked::Ends };
         let grown = grow_job(&mut client, &job, manner, &orders, &mut |event| {
             log.record(event).unwrap();
             if matches!(event, JobEvent::Laid { index: 60, .. }) {
@@ -211,7 +212,7 @@ impl Try {
         let feedback = record.feedback(&job, &plan);
         assert!(feedback.is_some());
         let (orders, known) = (Orders::default(), record.as_built.clone());
-        let manner = Manner { silence: Silence::Pause, feedback };
+        let manner = Manner { silence: Silence::Pause, feedback, parked: WhenParked::Ends };
         resume_job(&mut client, &job, known, OnInterrupted::Again, manner, &orders, &mut |_| {}).unwrap()
     }
 

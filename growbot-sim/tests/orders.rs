@@ -5,11 +5,11 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use growbot_client::client::Client;
-use growbot_client::growth::{Grown, GrowthError, Job, JobEvent, Order, Orders, Outcome, grow_job};
+use growbot_client::growth::{Grown, GrowthError, Job, JobEvent, Manner, Order, Orders, Outcome, WhenParked, grow_job};
 use growbot_client::port::{Port, PortError};
 use growbot_core::link::emergency_stop::EMERGENCY_STOP;
 use growbot_core::link::frame::Receiver;
-use growbot_core::link::message::{Message, Silence, State};
+use growbot_core::link::message::{Message, PauseCause, Silence, State};
 use growbot_core::path::{Segment, end};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
@@ -28,6 +28,15 @@ fn grow_over(order: impl FnMut(&JobEvent, &Orders), line: impl FnOnce(Sim) -> Bo
 
 /// The same, which may come to nothing.
 fn try_to_grow(
+    order: impl FnMut(&JobEvent, &Orders),
+    line: impl FnOnce(Sim) -> Box<dyn Port>,
+) -> (Result<Grown, GrowthError>, Vec<JobEvent>) {
+    try_to_grow_in(Silence::Pause.into(), order, line)
+}
+
+/// The same, in this manner.
+fn try_to_grow_in(
+    manner: Manner,
     mut order: impl FnMut(&JobEvent, &Orders),
     line: impl FnOnce(Sim) -> Box<dyn Port>,
 ) -> (Result<Grown, GrowthError>, Vec<JobEvent>) {
@@ -38,7 +47,7 @@ fn try_to_grow(
     let job = Job::new(&robot, &start, &goal, &path);
     let mut client = Client::new(line(Sim::new(robot.clone())), "sim");
     let (orders, mut told) = (Orders::default(), Vec::new());
-    let grown = grow_job(&mut client, &job, Silence::Pause, &orders, &mut |event| {
+    let grown = grow_job(&mut client, &job, manner, &orders, &mut |event| {
         order(event, &orders);
         told.push(event.clone());
     });
@@ -63,6 +72,32 @@ fn a_growth_holds_and_goes_on_as_ordered_and_each_layer_is_laid_once() {
         (1, 1)
     );
     assert_eq!(told.iter().filter(|event| matches!(event, JobEvent::Laid { .. })).count(), 20);
+}
+
+#[test]
+fn a_parked_growth_waits_where_somebody_can_continue_it_and_ends_elsewhere() {
+    let park = |parked| {
+        let manner = Manner { silence: Silence::Pause, feedback: None, parked };
+        let (grown, told) = try_to_grow_in(
+            manner,
+            |event, orders| match event {
+                JobEvent::Laid { index: 4, .. } => orders.give(Order::Pause),
+                // Only after it was seen to wait, by a status in quiet times.
+                JobEvent::Status(status) if status.state == State::Parked => orders.give(Order::Continue),
+                _ => {}
+            },
+            |sim| Box::new(sim),
+        );
+        (grown.unwrap(), told)
+    };
+    let (grown, told) = park(WhenParked::Waits);
+    assert_eq!((grown.outcome, grown.body.len()), (Outcome::Done, 20));
+    assert_eq!(told.iter().filter(|event| matches!(event, JobEvent::Laid { .. })).count(), 20);
+    assert_eq!(tells(&told, &JobEvent::State(State::Homing)), 2, "it homes anew");
+
+    let (grown, told) = park(WhenParked::Ends);
+    assert_eq!(grown.outcome, Outcome::Parked);
+    assert_eq!(tells(&told, &JobEvent::Ordered(Order::Continue)), 0);
 }
 
 #[test]
@@ -253,4 +288,51 @@ fn an_order_in_any_state_leaves_the_body_whole() {
         assert_eq!((grown.outcome, grown.body.len()), (Outcome::Done, 20), "{state:?}, {order:?}");
         assert_eq!(tells(&told, &JobEvent::State(State::Paused)) > 0, order == Order::Pause, "{state:?}, {order:?}");
     }
+}
+
+/// A new spool is loaded by orders alone, as the page and the terminal give them.
+#[test]
+fn a_growth_out_of_filament_waits_for_a_new_spool_and_goes_on_with_its_layer() {
+    let board = Rc::new(RefCell::new(None::<Rc<RefCell<Sim>>>));
+    let (sim_of, mut steps) = (Rc::clone(&board), vec![Order::Continue, Order::Purge, Order::Load, Order::Preheat]);
+    let manner = Manner { silence: Silence::Pause, feedback: None, parked: WhenParked::Ends };
+    let mut refused = Vec::new();
+    let (grown, told) = try_to_grow_in(
+        manner,
+        |event, orders| match event {
+            JobEvent::NotObeyed(why) => {
+                // Still moving: asked again with the next status.
+                refused.push(why.clone());
+                steps.push(orders_of(why));
+            }
+            JobEvent::Status(status)
+                if status.state == State::Paused && status.pause_cause == PauseCause::FilamentOut =>
+            {
+                sim_of.borrow().as_ref().unwrap().borrow_mut().load_filament(100_000.0);
+                if let Some(order) = steps.pop() {
+                    orders.give(order);
+                }
+            }
+            _ => {}
+        },
+        |mut sim| {
+            sim.load_filament(600.0);
+            let sim = Rc::new(RefCell::new(sim));
+            *board.borrow_mut() = Some(Rc::clone(&sim));
+            Box::new(sim)
+        },
+    );
+    let grown = grown.unwrap();
+    assert_eq!((grown.outcome, grown.body.len()), (Outcome::Done, 20), "{refused:?}");
+    assert_eq!(tells(&told, &JobEvent::State(State::Paused)), 1);
+    assert!(told.iter().filter(|event| matches!(event, JobEvent::Laid { .. })).count() == 20);
+    assert!(
+        refused.iter().all(|why| why.contains("still move")) && !refused.is_empty(),
+        "one after the other: {refused:?}"
+    );
+}
+
+/// The order that was refused for this reason.
+fn orders_of(why: &str) -> Order {
+    if why.contains("to start") { Order::Continue } else { Order::Load }
 }

@@ -82,7 +82,7 @@ try {
   const page = await open(browser, controlled.address);
   await isIn(page, "growing");
   await comesTo(page, 5);
-  assert.match(await page.textContent("#left"), /left$/);
+  assert.match(await page.textContent("#left"), /left, done at (tomorrow )?\d\d:\d\d$/);
   assert.match(await page.textContent("#temperature"), /\d+\.\d °C, regulated to 200 °C/);
   await page.waitForFunction(() => Number(document.querySelector("#slider").max) >= 5);
   assert.match(await page.textContent("#bar output"), /^layer \d+ of \d{3} /);
@@ -90,6 +90,7 @@ try {
   await isIn(page, "paused");
   const held = await laid(page);
   assert.match(await page.textContent("#explanation"), /as it was asked to/);
+  assert.ok(await page.isVisible("[data-order=purge]"), "filament can be changed in a pause");
   await page.click("#order-continue");
   await comesTo(page, held + 3);
   if (process.env.PICTURES) await page.screenshot({ path: `${process.env.PICTURES}/live.png` });

@@ -81,7 +81,7 @@ pub enum ClientError {
         port: String,
     },
     /// The board refused.
-    #[error("the board refused {request}: {}", explain(.refusal))]
+    #[error("the board refused {request}: {}", explain(.request, .refusal))]
     Refused {
         /// What was asked.
         request: &'static str,
@@ -101,8 +101,11 @@ pub enum ClientError {
     Port(#[from] PortError),
 }
 
+/// The name of a request that moves filament.
+pub const FEEDING: &str = "to move filament";
+
 /// A refusal in words.
-fn explain(refusal: &Refusal) -> String {
+fn explain(request: &str, refusal: &Refusal) -> String {
     match *refusal {
         Refusal::NotUnderstood => "it does not understand the request".to_string(),
         Refusal::OtherSchema { board } => format!("its messages have schema {board:016x}"),
@@ -132,6 +135,24 @@ fn explain(refusal: &Refusal) -> String {
             f64::from(below) / 100.0
         ),
         Refusal::Journal => "its journal cannot be written, and it must not begin what it could not resume".to_string(),
+        Refusal::Cold { now, min } => format!(
+            "the nozzle is at {:.1} C and must have {} C before anything moves: preheat, and wait until it is hot",
+            f64::from(now) / 100.0,
+            f64::from(min) / 100.0
+        ),
+        Refusal::TooFar { max } if request == FEEDING => {
+            format!("it moves {} mm of filament at a time at most: ask for less, and again", f64::from(max) / 1000.0)
+        }
+        Refusal::TooFar { max } => {
+            format!(
+                "it turns the head by {} degrees at a time at most: ask for less, and again",
+                f64::from(max) / 100.0
+            )
+        }
+        Refusal::Moving => "head or feed still move: ask again once they stand".to_string(),
+        Refusal::NoFilament => {
+            "there is no filament at its switch: push the new one in up to the feed first".to_string()
+        }
         Refusal::DebugProbe => format!("it does not heat: {}", Fault::DebugProbe.explanation()),
     }
 }

@@ -21,7 +21,7 @@ use growbot_core::link::message::{Empty, Message};
 pub use self::clock::ClockDrift;
 use self::clock::ClockWatch;
 pub use self::emergency::{EMERGENCY_LIMIT, EMERGENCY_PAUSE};
-pub use self::error::ClientError;
+pub use self::error::{ClientError, FEEDING};
 pub use self::requests::Stopped;
 use self::session::new_session;
 use crate::port::Port;

@@ -3,11 +3,12 @@
 use std::time::Duration;
 
 use growbot_core::link::message::{
-    BootReport, Empty, FaultRecord, LatestFault, Message, Refusal, SensorReadings, Status,
+    BootReport, Empty, FaultRecord, LatestFault, Maintain, Message, Refusal, SensorReadings, Status, Task,
 };
 
 use super::clock::{ClockDrift, ClockWatch, Reading};
 use super::{Client, ClientError};
+use crate::maintenance::request_name;
 
 /// An emergency stop by the link counts as released within 20 ms; it is looked so often whether it is,
 const MAX_LOOKS_AT_RELEASE: u32 = 6;
@@ -105,6 +106,14 @@ impl Client {
     #[must_use]
     pub fn wants_clock(&self) -> bool {
         self.port.compares_clocks() && self.clocks.wants(self.port.now())
+    }
+
+    /// Has the board do a task of maintenance.
+    ///
+    /// # Errors
+    /// As [`Client::request`].
+    pub fn maintain(&mut self, task: Task) -> Result<(), ClientError> {
+        self.request(request_name(task), &Message::Maintain(Maintain { task })).map(drop)
     }
 
     /// What the board's sensors say.

@@ -6,7 +6,9 @@ use std::time::Duration;
 use growbot_core::link::message::{Empty, Fault, Laid, Message, PauseCause, Refusal, State, Status};
 
 use super::handover::IN_ENGINE;
-use super::{Grown, Growth, GrowthError, JobEvent, OnInterrupted, Order, Orders, Outcome, is_crash, report_crash};
+use super::{
+    Grown, Growth, GrowthError, JobEvent, OnInterrupted, Order, Orders, Outcome, WhenParked, is_crash, report_crash,
+};
 use crate::client::ClientError;
 
 /// How long to wait for an event before orders are looked at.
@@ -109,7 +111,7 @@ impl Growth<'_> {
             self.board.ended_ms = hello.status.uptime_ms;
             return Ok(Outcome::Interrupted);
         }
-        if outcome(hello.status.state, hello.status.fault).is_none() || hello.status.state == State::Done {
+        if self.outcome(&hello.status).is_none() || hello.status.state == State::Done {
             self.attach(&hello.status, OnInterrupted::Again, on_event)?;
         }
         self.follow(orders, on_event)
@@ -196,6 +198,12 @@ impl Growth<'_> {
         self.refill(on_event)
     }
 
+    /// How the growth of a board with this status has ended, if it has.
+    fn outcome(&self, status: &Status) -> Option<Outcome> {
+        let waits = status.state == State::Parked && self.parked == WhenParked::Waits;
+        outcome(status.state, status.fault).filter(|_| !waits)
+    }
+
     /// Layers that the job may have: an amendment of which nothing is known yet may have more of them.
     fn max_layers(&self) -> usize {
         self.job.layers.len().max(self.sent.pending.as_ref().map_or(0, |amendment| amendment.layers.len()))
@@ -205,13 +213,17 @@ impl Growth<'_> {
     fn obey(&mut self, order: Order, on_event: &mut dyn FnMut(&JobEvent)) -> Result<(), ClientError> {
         on_event(&JobEvent::Ordered(order));
         let done = match order {
+            Order::Preheat | Order::Unload | Order::Load | Order::Purge => match order.task(self.job.robot) {
+                Some(task) => self.client.maintain(task),
+                None => Ok(()),
+            },
             Order::Continue => self.start(),
             Order::Pause => self.client.request("to pause", &Message::Pause(Empty {})).map(drop),
             Order::Stop => self.client.request("to stop", &Message::Stop(Empty {})).map(drop),
             Order::EmergencyStop => self.client.emergency_stop(),
         };
         match done {
-            Err(error @ ClientError::Refused { refusal: Refusal::WrongState { .. }, .. }) => {
+            Err(error @ ClientError::Refused { refusal, .. }) if is_temporary(&refusal) => {
                 on_event(&JobEvent::NotObeyed(error.to_string()));
                 Ok(())
             }
@@ -239,7 +251,7 @@ impl Growth<'_> {
         }
         // A board that has restarted, or that another host has taken, knows nothing of this job.
         let lost = (status.plan_id != self.job.plan_id).then_some(Outcome::Interrupted);
-        if let Some(outcome) = outcome(status.state, status.fault).or(lost) {
+        if let Some(outcome) = self.outcome(status).or(lost) {
             self.board.ended_ms = status.uptime_ms;
             if status.plan_id == self.job.plan_id {
                 (self.built.laid, self.built.interrupted) = (status.laid, status.interrupted);
@@ -258,6 +270,19 @@ impl Growth<'_> {
     }
 }
 
+/// Whether what was refused so may be asked for again later, and the growth continues.
+fn is_temporary(refusal: &Refusal) -> bool {
+    matches!(
+        refusal,
+        Refusal::WrongState { .. }
+            | Refusal::Cold { .. }
+            | Refusal::Moving
+            | Refusal::NoFilament
+            | Refusal::Temperature { .. }
+            | Refusal::TooFar { .. }
+    )
+}
+
 /// How a growth in this state has ended, if it has.
 fn outcome(state: State, fault: Option<Fault>) -> Option<Outcome> {
     match state {
@@ -271,6 +296,7 @@ fn outcome(state: State, fault: Option<Fault>) -> Option<Outcome> {
         | State::Homing
         | State::Growing
         | State::Paused
-        | State::Tuning => None,
+        | State::Tuning
+        | State::Maintenance => None,
     }
 }

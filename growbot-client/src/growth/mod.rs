@@ -230,12 +230,24 @@ pub struct Manner<'a> {
     /// With it, layers to come are planned again after each that is laid. Of a job that is resumed it knows the layers
     /// that are known.
     pub feedback: Option<Feedback<'a>>,
+    /// What a board that parks means for the growth.
+    pub parked: WhenParked,
+}
+
+/// What becomes of a growth whose board has parked after a long pause.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum WhenParked {
+    /// It ends, and can be resumed.
+    #[default]
+    Ends,
+    /// It waits, since somebody is there to order it to continue.
+    Waits,
 }
 
 impl From<Silence> for Manner<'_> {
-    /// Without feedback.
+    /// Without feedback; a board that parks ends the growth.
     fn from(silence: Silence) -> Self {
-        Self { silence, feedback: None }
+        Self { silence, feedback: None, parked: WhenParked::Ends }
     }
 }
 
@@ -280,6 +292,7 @@ struct Growth<'a> {
     job: Job<'a>,
     silence: Silence,
     feedback: Option<Feedback<'a>>,
+    parked: WhenParked,
     sent: Sent,
     built: Built,
     board: BoardClock,
@@ -364,6 +377,7 @@ impl<'a> Growth<'a> {
             job: job.clone(),
             silence: manner.silence,
             feedback: manner.feedback,
+            parked: manner.parked,
             sent: Sent::new(job, hello.capacity),
             built: Built::default(),
             board: BoardClock { boot_id: hello.boot_id, began_ms: None, ended_ms: 0 },

@@ -2,7 +2,11 @@
 
 use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 
+use growbot_core::link::message::Task;
+use growbot_core::robot::Robot;
 use serde::{Deserialize, Serialize};
+
+use crate::maintenance::Preset;
 
 /// One order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -14,6 +18,14 @@ pub enum Order {
     Continue = 1,
     /// Pause after the layer under way.
     Pause,
+    /// In a pause: heat the nozzle, to change filament.
+    Preheat,
+    /// In a pause: pull filament out.
+    Unload,
+    /// In a pause: push filament in.
+    Load,
+    /// In a pause: push filament through the nozzle.
+    Purge,
     /// Heater and steppers off; the body can be resumed.
     Stop,
     /// The same, ahead of all else; the board stays off until that is cleared.
@@ -22,7 +34,16 @@ pub enum Order {
 
 impl Order {
     /// All of them.
-    pub const ALL: [Self; 4] = [Self::Continue, Self::Pause, Self::Stop, Self::EmergencyStop];
+    pub const ALL: [Self; 8] = [
+        Self::Continue,
+        Self::Pause,
+        Self::Preheat,
+        Self::Unload,
+        Self::Load,
+        Self::Purge,
+        Self::Stop,
+        Self::EmergencyStop,
+    ];
 
     /// Its name in addresses and logs.
     #[must_use]
@@ -30,8 +51,28 @@ impl Order {
         match self {
             Self::Continue => "continue",
             Self::Pause => "pause",
+            Self::Preheat => "preheat",
+            Self::Unload => "unload",
+            Self::Load => "load",
+            Self::Purge => "purge",
             Self::Stop => "stop",
             Self::EmergencyStop => "emergency-stop",
+        }
+    }
+
+    /// The task of maintenance that it asks for, if it does; with the lengths of the default preset.
+    pub(super) fn task(self, robot: &Robot) -> Option<Task> {
+        let Preset { load_mm, unload_mm, purge_mm, .. } = Preset::default();
+        let feed = |mm: f64| Task::Feed { um: (mm * 1000.0).round() as i32 };
+        match self {
+            Self::Preheat => {
+                let target_centi_c = (robot.description().heater.target_c * 100.0).round() as i32;
+                Some(Task::Preheat { target_centi_c })
+            }
+            Self::Unload => Some(feed(-unload_mm)),
+            Self::Load => Some(feed(load_mm)),
+            Self::Purge => Some(feed(purge_mm)),
+            Self::Continue | Self::Pause | Self::Stop | Self::EmergencyStop => None,
         }
     }
 

@@ -157,6 +157,9 @@ pub struct BoardStatus {
     /// Time since the board started, ms.
     #[serde(default, deserialize_with = "lenient")]
     pub uptime_ms: Option<u64>,
+    /// Time of day at which the last layer is expected, RFC 3339; null unless the robot grows, at a known pace.
+    #[serde(default, deserialize_with = "lenient")]
+    pub finish_utc: Option<String>,
 }
 
 impl From<&Status> for BoardStatus {
@@ -169,6 +172,7 @@ impl From<&Status> for BoardStatus {
             target_c: status.target_centi_c.map(celsius),
             laid: Some(status.laid),
             uptime_ms: Some(status.uptime_ms),
+            finish_utc: None,
         }
     }
 }

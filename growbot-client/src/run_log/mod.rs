@@ -42,6 +42,7 @@ use self::queue::LineQueue;
 pub use self::record::{BodyKind, RobotId, RunRecord, RunRecordError};
 pub use self::result::{FeedbackResult, GrowthResult, InterruptedLayer, ResultOutcome, WrittenArrival};
 use crate::files::{FileError, SetAside, format_of, refuse_inputs};
+use crate::forecast::Forecast;
 use crate::growth::{Job, JobEvent};
 use crate::plan::Plan;
 use crate::plan_file::PlanFile;
@@ -130,6 +131,8 @@ struct Open {
     replaced: Option<SetAside>,
     /// The simulated tip after the layers of which it was written where they are.
     laid_tip: Frame,
+    /// What finish times are computed by; none where the pace is not known.
+    forecast: Option<Forecast>,
 }
 
 impl RunLog {
@@ -265,6 +268,7 @@ impl RunLog {
             is_new: true,
             replaced: None,
             laid_tip: base_from_start,
+            forecast: None,
         }))
     }
 
@@ -303,6 +307,13 @@ impl RunLog {
         }
     }
 
+    /// Has each status tell when the growth is done. None where the pace is not known.
+    pub fn tell_finish(&mut self, forecast: Option<Forecast>) {
+        if let Some(open) = &mut self.0 {
+            open.forecast = forecast;
+        }
+    }
+
     /// Writes what happened, and what could not be written before.
     ///
     /// # Errors
@@ -314,7 +325,14 @@ impl RunLog {
             open.replaced = None;
         }
         let mut written = Ok(());
-        for event in events_of(event, &mut open.laid_tip) {
+        let finish = match (event, open.forecast) {
+            (JobEvent::Status(status), Some(forecast)) => forecast.finish_of(OffsetDateTime::now_utc(), status),
+            _ => None,
+        };
+        for mut event in events_of(event, &mut open.laid_tip) {
+            if let RunEvent::Status(status) = &mut event {
+                status.finish_utc = finish.map(utc_text);
+            }
             // All of them wait, where the first cannot be written.
             written = self.write(event).and(written);
         }
@@ -363,7 +381,12 @@ const MILLISECONDS: EncodedConfig =
 
 /// Now, as RFC 3339 has it, to the millisecond: always as long.
 fn utc_now() -> String {
-    OffsetDateTime::now_utc().format(&Iso8601::<MILLISECONDS>).unwrap_or_default()
+    utc_text(OffsetDateTime::now_utc())
+}
+
+/// A time of day, likewise.
+fn utc_text(time: OffsetDateTime) -> String {
+    time.format(&Iso8601::<MILLISECONDS>).unwrap_or_default()
 }
 
 #[cfg(test)]

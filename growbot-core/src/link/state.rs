@@ -30,11 +30,13 @@ pub enum State {
     Tuning,
     /// The emergency stop was pressed; heater and steppers are off until it is released and cleared.
     EmergencyStop,
+    /// The nozzle is hot and head and feed move as a host asks, without a job; off by itself after some minutes.
+    Maintenance,
 }
 
 impl State {
     /// Every state.
-    pub const ALL: [Self; 12] = [
+    pub const ALL: [Self; 13] = [
         Self::SelfTest,
         Self::Idle,
         Self::Heating,
@@ -45,6 +47,7 @@ impl State {
         Self::Done,
         Self::Stopped,
         Self::Tuning,
+        Self::Maintenance,
         Self::Fault,
         Self::EmergencyStop,
     ];
@@ -65,6 +68,7 @@ impl State {
             Self::Parked => "parked",
             Self::Tuning => "tuning",
             Self::EmergencyStop => "emergency-stop",
+            Self::Maintenance => "maintenance",
         }
     }
 }

@@ -37,7 +37,7 @@ use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::Encoder;
 use growbot_core::robot::{FeedStrategy, Robot, RobotDescription, Turning};
 use growbot_firmware::machine;
-use growbot_firmware::stepping::{EngineSettings, FeedMove, Handover, Homing, Material, Order, Report, Turn};
+use growbot_firmware::stepping::{AxisMove, EngineSettings, Handover, Homing, Material, Order, Report, Turn};
 
 use crate::pins::{StepEngine, World};
 use crate::polled_uart::PolledUart;
@@ -174,7 +174,10 @@ impl Bench {
         self.until_report(Order::Home(homing), Kind::Homing)?;
         self.idle(100);
         for backwards in [true, false] {
-            self.until_report(Order::Feed(FeedMove { steps: 50, backwards, ticks_per_step: 8 }), Kind::Feeding)?;
+            self.until_report(
+                Order::Feed(AxisMove { steps: 50, backwards, ticks_per_step: 8, changes_filament: false }),
+                Kind::Feeding,
+            )?;
         }
         self.lay(robot)?;
         self.idle(100);

@@ -9,7 +9,7 @@ use super::Controller;
 use crate::hal::Board;
 use crate::journal;
 use crate::safety::transitions::Event;
-use crate::stepping::{FeedMove, Handover, Homing, Order, Report, TurnReport, as_built};
+use crate::stepping::{AxisMove, Handover, Homing, Order, Report, TurnReport, as_built};
 
 /// The share of its time that an order may take longer.
 const ALLOWANCE: f64 = 0.2;
@@ -22,6 +22,9 @@ const LEAD_S: f64 = 1.5;
 /// The max lead as a share of a layer's period (decision 0022).
 const MAX_LEAD_SHARE: f64 = 1.0 / 12.0;
 
+/// The min time for which a robot waits for filament before it parks, s: an hour, as 3D printers do.
+const WAITS_FOR_FILAMENT_S: f64 = 3600.0;
+
 /// The orders given to the step engine, and where they left head and filament.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Motion {
@@ -33,6 +36,8 @@ pub(super) struct Motion {
     latest_us: u64,
     /// The direction in which filament is moved without a layer.
     feeding: Option<Feeding>,
+    /// What maintenance moves.
+    maintained: Option<Maintained>,
     /// Filament has been pulled back.
     retracted: bool,
     /// The next turn goes back to where the one before came from.
@@ -47,7 +52,46 @@ enum Feeding {
     Forward,
 }
 
+/// A move of maintenance under way.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Maintained {
+    /// The head.
+    Head,
+    /// Filament, with this flow through the nozzle, mm^3/s; 0 backwards.
+    Filament(f64),
+}
+
 impl Motion {
+    /// Whether an order is under way.
+    pub fn is_under_way(&self) -> bool {
+        self.outstanding > 0
+    }
+
+    /// Whether maintenance moves something.
+    pub fn maintains_something(&self) -> bool {
+        self.maintained.is_some()
+    }
+
+    /// Notes a move of maintenance that should take this time.
+    pub fn maintains(&mut self, what: Maintained, seconds: f64, now: u64) {
+        self.maintained = Some(what);
+        self.given(seconds, now);
+    }
+
+    /// Whether maintenance moves filament.
+    pub fn feeds_for_maintenance(&self) -> bool {
+        matches!(self.maintained, Some(Maintained::Filament(_)))
+    }
+
+    /// Notes the end of a move of maintenance. False where there was none.
+    fn maintained(&mut self, now: u64) -> bool {
+        let Some(what) = self.maintained.take() else { return false };
+        self.reported(now);
+        // Filament that was pushed to the nozzle is not pushed again.
+        self.retracted &= !matches!(what, Maintained::Filament(flow) if flow > 0.0);
+        true
+    }
+
     /// Forgets the orders under way. Where the filament is stays known.
     pub fn halt(&mut self) {
         *self = Self { retracted: self.retracted, ..Self::default() };
@@ -84,6 +128,7 @@ impl<B: Board> Controller<B> {
     pub(super) fn handle_report(&mut self, report: Report, handover: &Handover) {
         let growing = matches!(self.state, State::Growing | State::Paused);
         match report {
+            Report::Homed | Report::Fed | Report::Rotated if self.motion.maintained(self.now) => {}
             Report::Homed if self.state == State::Homing => {
                 self.motion.reported(self.now);
                 self.motion.backwards = false;
@@ -104,7 +149,7 @@ impl<B: Board> Controller<B> {
             Report::FilamentJam => self.fail(Fault::FilamentJam, handover),
             Report::Hardware => self.fail(Fault::Hardware, handover),
             // Reports of orders that were under way when everything was switched off.
-            Report::Homed | Report::Laid(_) | Report::Fed => {}
+            Report::Homed | Report::Laid(_) | Report::Fed | Report::Rotated => {}
         }
     }
 
@@ -126,22 +171,29 @@ impl<B: Board> Controller<B> {
         match self.state {
             State::Heating if self.heater.is_steady(self.now) => self.home(handover),
             State::Growing if handover.accepts_orders() && self.motion.feeding.is_none() => self.lay_or_pause(handover),
-            State::Paused if self.motion.feeding.is_none() => self.pause_or_continue(handover),
+            State::Paused if self.motion.feeding.is_none() && self.motion.maintained.is_none() => {
+                self.pause_or_continue(handover);
+            }
             _ => {}
         }
     }
 
     fn home(&mut self, handover: &Handover) {
         let homing = self.homing();
-        let steps = f64::from(homing.max_steps) + f64::from(homing.steps_to_zero);
-        let seconds = steps * f64::from(homing.ticks_per_step) / f64::from(self.robot.description().motion.tick_hz);
+        let seconds = self.homing_s(&homing);
         handover.give(Order::Home(homing));
         self.motion.given(seconds, self.now);
         self.happens(Event::Hot);
     }
 
+    /// The max time of a homing, s.
+    pub(super) fn homing_s(&self, homing: &Homing) -> f64 {
+        let steps = f64::from(homing.max_steps) + f64::from(homing.steps_to_zero);
+        steps * f64::from(homing.ticks_per_step) / f64::from(self.robot.description().motion.tick_hz)
+    }
+
     /// The homing of this robot.
-    fn homing(&self) -> Homing {
+    pub(super) fn homing(&self) -> Homing {
         let description = self.robot.description();
         let head = &description.head;
         let steps = f64::from(head.steps_per_turn);
@@ -212,7 +264,7 @@ impl<B: Board> Controller<B> {
         }
         let steps_a_second = feed.retract_mm_per_s * feed.steps_per_mm;
         let ticks_per_step = (f64::from(description.motion.tick_hz) / steps_a_second).max(2.0) as u32;
-        handover.give(Order::Feed(FeedMove { steps, backwards, ticks_per_step }));
+        handover.give(Order::Feed(AxisMove { steps, backwards, ticks_per_step, changes_filament: false }));
         self.motion.given(f64::from(steps) / steps_a_second, self.now);
         self.motion.feeding = Some(feeding);
     }
@@ -229,7 +281,11 @@ impl<B: Board> Controller<B> {
         } else {
             pause.standby_c.min(heater.target_c)
         };
-        if !continues && paused_s >= pause.off_after_s {
+        let off_after_s = match self.motion.pause {
+            Some(PauseCause::FilamentOut) => pause.off_after_s.max(WAITS_FOR_FILAMENT_S),
+            _ => pause.off_after_s,
+        };
+        if !continues && paused_s >= off_after_s {
             self.switch_off(handover);
             self.happens(Event::PausedTooLong);
             return;
@@ -261,6 +317,9 @@ impl<B: Board> Controller<B> {
     /// The flow that the heater must melt now, mm^3/s: what the step engine feeds, which varies in a bend and from
     /// layer to layer; or the mean of the first layer, before that begins.
     pub(super) fn flow(&self, handover: &Handover) -> f64 {
+        if let Some(Maintained::Filament(flow)) = self.motion.maintained {
+            return flow;
+        }
         if self.state != State::Growing {
             return 0.0;
         }

@@ -6,7 +6,8 @@
 use growbot_core::layer::SECTORS;
 use growbot_core::layer_bytes::{LayerBytes, decode_checked};
 use growbot_core::link::message::{
-    Amend, Begin, Cancel, InterruptedLayer, Laid, Layers, Measured, Message, Refusal, Resume, Silence, Start, State,
+    Amend, Begin, Cancel, InterruptedLayer, Laid, Layers, Measured, Message, PauseCause, Refusal, Resume, Silence,
+    Start, State,
 };
 use heapless::Deque;
 
@@ -283,6 +284,13 @@ impl<B: Board> Controller<B> {
         }
         if self.may_be_halted() {
             return Err(Refusal::DebugProbe);
+        }
+        let waits_for_filament = self.pause_cause() == PauseCause::FilamentOut;
+        if waits_for_filament && !self.has_filament() {
+            return Err(Refusal::NoFilament);
+        }
+        if self.motion.maintains_something() {
+            return Err(Refusal::Moving);
         }
         self.set_pause(None);
         self.job.silence = start.silence;

@@ -22,7 +22,7 @@ use crate::stepping::Handover;
 /// The kind of a stop, which is obeyed with any body.
 const STOP: u8 = 0x06;
 /// The min target of tuning, degrees Celsius: below it there is nothing to tune.
-const MIN_TUNING_C: f64 = 50.0;
+pub(super) const MIN_TUNING_C: f64 = 50.0;
 /// Distance of the target from the max temperature while tuning, degrees, since the nozzle swings. In
 /// `heater::tests::regulating` it swings by 15 C at most.
 const TUNING_MARGIN_C: f64 = 20.0;
@@ -78,6 +78,7 @@ impl<B: Board> Controller<B> {
             Message::Pause(_) => self.pause(),
             Message::Cancel(cancel) => self.cancel(&cancel, handover),
             Message::Tune(tune) => self.tune(&tune),
+            Message::Maintain(maintain) => self.maintain(maintain.task, handover),
             Message::ClearFault(_) => self.clear_fault(handover),
             Message::Plan(request) => self.plan_by_itself(&request),
             Message::ReadLayers(read) => Ok(self.read_layers(read.first)),
@@ -138,7 +139,9 @@ impl<B: Board> Controller<B> {
 
     fn pause(&mut self) -> Result<Message, Refusal> {
         self.check_event(Event::Pause)?;
-        self.set_pause(Some(PauseCause::Requested));
+        if self.pause_cause() != PauseCause::FilamentOut {
+            self.set_pause(Some(PauseCause::Requested));
+        }
         Ok(self.accepted())
     }
 

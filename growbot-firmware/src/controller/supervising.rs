@@ -31,9 +31,13 @@ impl<B: Board> Controller<B> {
     pub(super) fn supervise(&mut self, handover: &Handover) {
         self.look_at_board(handover);
         let look = self.look(handover);
-        let needs_filament = may_heat(self.state) && self.state != State::Tuning;
+        let needs_filament = matches!(self.state, State::Heating | State::Homing | State::Growing | State::Paused)
+            && self.pause_cause() != PauseCause::FilamentOut;
         let found = self.inputs.look(&look, self.robot.description(), needs_filament);
-        if let Some(fault) = found
+        if found == Some(Fault::FilamentOut) && matches!(self.state, State::Growing | State::Paused) {
+            // The layer under way is finished, unless the filament jams before.
+            self.set_pause(Some(PauseCause::FilamentOut));
+        } else if let Some(fault) = found
             && (may_heat(self.state) || self.state == State::SelfTest)
         {
             self.fail(fault, handover);
@@ -45,6 +49,7 @@ impl<B: Board> Controller<B> {
             self.test(&look, handover);
         }
         self.pause_on_silence();
+        self.end_maintenance_in_time(handover);
         if self.state == State::Growing {
             self.sectors = handover.progress() as u8;
             self.retain();
@@ -116,7 +121,8 @@ impl<B: Board> Controller<B> {
         }
         self.proof.regulator = true;
         let min_c = self.robot.description().heater.extrusion_min_c;
-        if may_feed(self.state) && self.heater.temperature(self.now).is_some_and(|temperature| temperature < min_c) {
+        let feeds = may_feed(self.state) || self.motion.feeds_for_maintenance();
+        if feeds && self.heater.temperature(self.now).is_some_and(|temperature| temperature < min_c) {
             self.fail(Fault::UnderTemperature, handover);
         }
         if let Some(tuned) = self.heater.pop_tuned() {
@@ -143,7 +149,7 @@ impl<B: Board> Controller<B> {
 
     /// Pauses when the host has fallen silent, unless it asked to continue then when it started the job.
     fn pause_on_silence(&mut self) {
-        let works = may_heat(self.state) && self.state != State::Tuning;
+        let works = matches!(self.state, State::Heating | State::Homing | State::Growing | State::Paused);
         if works
             && self.job.silence == Silence::Pause
             && self.pause_cause() == PauseCause::LayersExhausted

@@ -4,6 +4,7 @@ mod bench;
 mod board;
 mod faults;
 mod growing;
+mod maintaining;
 mod pausing;
 mod refusals;
 mod requests;

@@ -21,6 +21,14 @@ pub enum Event {
     Pause,
     /// A host wants the gains of the heater found.
     Tune,
+    /// A host wants the nozzle hot without a job.
+    Preheat,
+    /// A host wants it cold again.
+    CoolDown,
+    /// A host wants the head to turn.
+    MoveHead,
+    /// A host wants filament to move.
+    MoveFilament,
     /// A host stops everything.
     Stop,
     /// A host gives the job up.
@@ -43,6 +51,8 @@ pub enum Event {
     PausedTooLong,
     /// The gains are found.
     Tuned,
+    /// Nobody has asked for maintenance for long.
+    Unattended,
     /// The emergency stop is pressed.
     EmergencyStop,
     /// A fault was found.
@@ -51,7 +61,7 @@ pub enum Event {
 
 impl Event {
     /// Every event: requests first.
-    pub const ALL: [Self; 21] = [
+    pub const ALL: [Self; 26] = [
         Self::Begin,
         Self::Plan,
         Self::Resume,
@@ -60,6 +70,10 @@ impl Event {
         Self::Start,
         Self::Pause,
         Self::Tune,
+        Self::Preheat,
+        Self::CoolDown,
+        Self::MoveHead,
+        Self::MoveFilament,
         Self::Stop,
         Self::Cancel,
         Self::Clear,
@@ -71,6 +85,7 @@ impl Event {
         Self::Finished,
         Self::PausedTooLong,
         Self::Tuned,
+        Self::Unattended,
         Self::EmergencyStop,
         Self::Fault,
     ];
@@ -87,6 +102,10 @@ impl Event {
             Self::Start => "start",
             Self::Pause => "pause",
             Self::Tune => "tune",
+            Self::Preheat => "preheat",
+            Self::CoolDown => "cool down",
+            Self::MoveHead => "move head",
+            Self::MoveFilament => "move filament",
             Self::Stop => "stop",
             Self::Cancel => "cancel",
             Self::Clear => "clear",
@@ -98,6 +117,7 @@ impl Event {
             Self::Finished => "finished",
             Self::PausedTooLong => "paused too long",
             Self::Tuned => "tuned",
+            Self::Unattended => "unattended",
             Self::EmergencyStop => "emergency stop",
             Self::Fault => "fault",
         }
@@ -129,6 +149,11 @@ pub const fn after(state: State, event: Event) -> Option<State> {
 
         (S::Idle | S::Done | S::Stopped, Event::Begin | Event::Plan) => Some(S::Idle),
         (S::Idle | S::Done | S::Stopped, Event::Tune) => Some(S::Tuning),
+        (S::Idle | S::Done | S::Stopped, Event::Preheat) => Some(S::Maintenance),
+        (S::Maintenance | S::Paused, Event::Preheat | Event::MoveFilament) => Some(state),
+        (S::Maintenance, Event::MoveHead) => Some(state),
+        (S::Maintenance, Event::CoolDown | Event::Unattended) => Some(S::Idle),
+        (S::Idle | S::Done | S::Stopped | S::Parked, Event::CoolDown) => Some(state),
         // The same job again, where it is under way: a request that is repeated.
         (S::Heating | S::Homing | S::Growing | S::Paused | S::Parked, Event::Begin) => Some(state),
 
@@ -160,13 +185,16 @@ pub const fn after(state: State, event: Event) -> Option<State> {
 /// Whether the heater may be on.
 #[must_use]
 pub const fn may_heat(state: State) -> bool {
-    matches!(state, State::Heating | State::Homing | State::Growing | State::Paused | State::Tuning)
+    matches!(
+        state,
+        State::Heating | State::Homing | State::Growing | State::Paused | State::Tuning | State::Maintenance
+    )
 }
 
-/// Whether motors may be energised and turn.
+/// Whether motors may be energised and turn. In maintenance they do so only while the nozzle is hot.
 #[must_use]
 pub const fn may_move(state: State) -> bool {
-    matches!(state, State::Homing | State::Growing | State::Paused)
+    matches!(state, State::Homing | State::Growing | State::Paused | State::Maintenance)
 }
 
 /// Whether filament may be fed, which is a fault below the min extrusion temperature.
@@ -195,10 +223,17 @@ mod tests {
             for event in Event::ALL {
                 let Some(to) = after(state, event) else { continue };
                 if !may_heat(state) && may_heat(to) {
-                    assert!(matches!(event, Event::Start | Event::Tune), "{state:?} and {event:?} heat");
+                    assert!(
+                        matches!(event, Event::Start | Event::Tune | Event::Preheat),
+                        "{state:?} and {event:?} heat"
+                    );
                 }
                 if !may_move(state) && may_move(to) {
-                    assert_eq!((state, event), (State::Heating, Event::Hot));
+                    // In maintenance the controller refuses to move a cold nozzle.
+                    assert!(
+                        matches!((state, event), (State::Heating, Event::Hot) | (_, Event::Preheat)),
+                        "{state:?} and {event:?} move"
+                    );
                 }
             }
         }

@@ -65,6 +65,7 @@ enum Mode {
     Idle,
     Homing(HomingRun),
     Feeding(FeedRun),
+    Rotating(FeedRun),
     /// The turn is outlined in [`Engine::turn`], its progress in [`Engine::progress`].
     Laying,
     /// The end of a task whose report waits for room.
@@ -77,6 +78,7 @@ enum Finished {
     Homed,
     Laid,
     Fed,
+    Rotated,
 }
 
 /// A turn under way.
@@ -192,7 +194,7 @@ where
             Mode::Finished(_) if !handover.report_waits() => 1,
             Mode::Idle | Mode::Finished(_) => u32::MAX,
             Mode::Homing(run) => run.ticks_to_step.max(1),
-            Mode::Feeding(run) => run.ticks_to_step.max(1),
+            Mode::Feeding(run) | Mode::Rotating(run) => run.ticks_to_step.max(1),
             Mode::Laying => {
                 let progress = &self.progress;
                 let steady = self.clock.steady_ticks(&self.turn.pace, progress.turn_left, handover.passing());
@@ -209,7 +211,7 @@ where
             Mode::Idle if ticks > 0 => self.clock = Clock::AT_REST,
             Mode::Idle | Mode::Finished(_) => {}
             Mode::Homing(run) => run.ticks_to_step -= ticks,
-            Mode::Feeding(run) => run.ticks_to_step -= ticks,
+            Mode::Feeding(run) | Mode::Rotating(run) => run.ticks_to_step -= ticks,
             Mode::Laying => {
                 self.progress.sector_left -= ticks;
                 self.progress.turn_left -= ticks;
@@ -249,6 +251,10 @@ where
         let before = core::mem::replace(&mut self.filament_high, high);
         if high && !before {
             self.fed_blindly = 0;
+        }
+        // Filament that is changed has grown nothing.
+        if matches!(&self.mode, Mode::Feeding(run) if run.changes_filament) {
+            return Ok(());
         }
         // The place at which the line rises on the way forwards is the one at which it falls on the way back.
         self.filament_pulses = match (before, high, self.feed.backwards == Some(true)) {
@@ -304,8 +310,22 @@ where
                 Ok(())
             }
             Mode::Feeding(run) => {
+                if run.is_watched_step() {
+                    self.fed_blindly = self.fed_blindly.saturating_add(1);
+                    if self.fed_blindly > self.settings.jam_steps {
+                        return Err(Alarm::FilamentJam);
+                    }
+                }
                 if run.tick(&mut self.feed)? {
                     self.finish(Finished::Fed, handover);
+                }
+                Ok(())
+            }
+            Mode::Rotating(run) => {
+                // Where the mark is, is seen; that it is missing is found by the homing before the next layer.
+                see_index(&mut self.inputs.index, handover)?;
+                if run.tick(&mut self.head)? {
+                    self.finish(Finished::Rotated, handover);
                 }
                 Ok(())
             }
@@ -331,7 +351,16 @@ where
             }
             Task::Feed(order) => {
                 self.feed.enable(order.backwards)?;
+                if order.changes_filament {
+                    self.fed_blindly = 0;
+                }
                 self.mode = Mode::Feeding(FeedRun::new(order));
+                Ok(false)
+            }
+            Task::Rotate(order) => {
+                self.head.enable(order.backwards)?;
+                self.watch = IndexWatch::LOST;
+                self.mode = Mode::Rotating(FeedRun::new(order));
                 Ok(false)
             }
             Task::Lay(turn) => {
@@ -367,6 +396,7 @@ where
                 Done::Laid { slot, head: self.progress.head_made }
             }
             Finished::Fed => Done::Fed,
+            Finished::Rotated => Done::Rotated,
         });
     }
 

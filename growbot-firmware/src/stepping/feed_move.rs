@@ -3,19 +3,33 @@
 use embedded_hal::digital::OutputPin;
 
 use super::axis::Driver;
-use super::orders::{Alarm, FeedMove};
+use super::orders::{Alarm, AxisMove};
 
 /// A move of the filament under way.
 pub(super) struct FeedRun {
     ticks_per_step: u32,
     pub ticks_to_step: u32,
     steps_left: u32,
+    pub changes_filament: bool,
+    /// Whether a step is watched for a jam.
+    watched: bool,
 }
 
 impl FeedRun {
-    pub fn new(order: FeedMove) -> Self {
+    pub fn new(order: AxisMove) -> Self {
         let ticks_per_step = order.ticks_per_step.max(2);
-        Self { ticks_per_step, ticks_to_step: ticks_per_step, steps_left: order.steps }
+        Self {
+            ticks_per_step,
+            ticks_to_step: ticks_per_step,
+            steps_left: order.steps,
+            changes_filament: order.changes_filament,
+            watched: order.changes_filament && !order.backwards,
+        }
+    }
+
+    /// Whether the next tick makes a step that is watched for a jam.
+    pub fn is_watched_step(&self) -> bool {
+        self.watched && self.ticks_to_step <= 1 && self.steps_left > 0
     }
 
     /// One tick. Returns whether the move is over.

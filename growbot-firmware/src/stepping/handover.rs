@@ -7,7 +7,7 @@ use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use critical_section::{CriticalSection, Mutex};
 use growbot_core::layer::SECTORS;
 
-use super::orders::{Alarm, FeedMove, Homing, Order, Report, TurnReport};
+use super::orders::{Alarm, AxisMove, Homing, Order, Report, TurnReport};
 use super::pace::Pace;
 use super::turn::{Sector, Turn};
 
@@ -19,8 +19,9 @@ use super::turn::{Sector, Turn};
 #[repr(u8)]
 pub(super) enum Task {
     Home(Homing) = 1,
-    Feed(FeedMove) = 2,
+    Feed(AxisMove) = 2,
     Lay(Outline) = 3,
+    Rotate(AxisMove) = 4,
 }
 
 /// A turn without its sectors.
@@ -45,6 +46,7 @@ pub(super) enum Done {
     Fed = 2,
     Laid { slot: Slot, head: u32 } = 3,
     Alarm(Alarm) = 4,
+    Rotated = 5,
 }
 
 /// One of two places, so that one turn can be laid while the next one waits, and counted while the one before is
@@ -169,6 +171,7 @@ impl Handover {
         let (task, entry) = match order {
             Order::Home(homing) => (Task::Home(homing), 0),
             Order::Feed(feed) => (Task::Feed(feed), 0),
+            Order::Rotate(rotate) => (Task::Rotate(rotate), 0),
             Order::Lay(turn) => {
                 let slot = critical_section::with(|cs| self.laying.borrow(cs).get()).other();
                 for (index, sector) in turn.sectors.into_iter().enumerate() {
@@ -194,6 +197,7 @@ impl Handover {
         let report = done.map(|done| match done {
             Done::Homed => Report::Homed,
             Done::Fed => Report::Fed,
+            Done::Rotated => Report::Rotated,
             Done::Laid { slot, head } => {
                 let mut feed = [0; SECTORS];
                 for (index, steps) in feed.iter_mut().enumerate() {

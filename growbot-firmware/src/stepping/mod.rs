@@ -28,6 +28,6 @@ pub use axis::Axis;
 pub use engine::{Engine, EngineSettings, Inputs};
 pub use handover::Handover;
 pub use material::Material;
-pub use orders::{FeedMove, Homing, Order, Report, TurnReport};
+pub use orders::{AxisMove, Homing, Order, Report, TurnReport};
 pub use pace::Pace;
 pub use turn::{Sector, StepRate, Turn, as_built};

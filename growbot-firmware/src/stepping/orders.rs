@@ -13,7 +13,9 @@ pub enum Order {
     /// Lay a layer. Given while the one before is laid, it follows without a stop.
     Lay(Turn),
     /// Move filament while the head stands.
-    Feed(FeedMove),
+    Feed(AxisMove),
+    /// Turn the head while filament stands.
+    Rotate(AxisMove),
 }
 
 /// An order to find the index mark.
@@ -27,15 +29,18 @@ pub struct Homing {
     pub steps_to_zero: u32,
 }
 
-/// An order to move filament: back when feeding pauses, and forward again before it continues.
+/// An order to move one axis: filament back when feeding pauses, and forward again before it continues; or what
+/// maintenance asks for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct FeedMove {
-    /// Steps of the feed.
+pub struct AxisMove {
+    /// Its steps.
     pub steps: u32,
-    /// Whether filament is pulled back.
+    /// Whether filament is pulled back, or the head turned backwards.
     pub backwards: bool,
     /// Ticks between two steps, 2 at least.
     pub ticks_per_step: u32,
+    /// Filament is loaded, purged or unloaded: its pulses do not count as growth, and forwards it must not jam.
+    pub changes_filament: bool,
 }
 
 /// A report of the engine.
@@ -48,6 +53,8 @@ pub enum Report {
     Laid(TurnReport),
     /// Filament is moved.
     Fed,
+    /// The head is turned.
+    Rotated,
     /// Homing did not find the index mark; everything is off, as with all that follow.
     IndexNotFound,
     /// A turn has passed without the index mark.

@@ -4,16 +4,20 @@ use std::fmt::Display;
 
 use clap::ValueEnum;
 use growbot_client::client::ClockDrift;
-use growbot_client::growth::{Grown, GrowthError, JobEvent, Order, Outcome};
+use growbot_client::forecast::Forecast;
+use growbot_client::growth::{Grown, GrowthError, JobEvent, Order, Outcome, WhenParked};
 use growbot_client::plan::Plan;
 use growbot_client::printable::json_line;
 use growbot_client::run_log::{GrowthResult, ResultOutcome, RunLog, RunLogError};
-use growbot_core::link::message::{Silence, State};
+use growbot_core::link::message::{PauseCause, Silence, State};
 use growbot_core::robot::Robot;
+use growbot_host::finish_time::clock_text_here;
 use growbot_host::output::print;
 use growbot_host::progress::{Progress, Results};
 use growbot_host::watch::Watch;
+use time::OffsetDateTime;
 
+use super::keyboard::{Keyboard, what_to_do};
 use super::{Failure, growth_table, kind};
 
 /// What the board does when it no longer hears from its host.
@@ -70,18 +74,41 @@ pub struct Following<'a> {
     pub seed: Option<u64>,
     /// Whether the robot is a simulated one.
     pub simulated: bool,
+    /// How fast its clock runs, in multiples of real time; none where that is not known.
+    pub pace: Option<f64>,
+    /// Where orders can be typed.
+    pub keyboard: Keyboard,
+    /// Whether the page may give orders.
+    pub page_controls: bool,
 }
 
 impl Following<'_> {
+    /// What a board that parks means: it waits where somebody can order it to continue.
+    pub fn when_parked(&self) -> WhenParked {
+        if self.keyboard.is_there() || self.page_controls { WhenParked::Waits } else { WhenParked::Ends }
+    }
+
     /// Shows a growth while it is grown, and what came of it.
     pub fn follow(
         mut self,
         grow: impl FnOnce(&mut dyn FnMut(&JobEvent)) -> Result<Grown, GrowthError>,
     ) -> Result<(), Failure> {
-        let mut show = Show::new(self.plan.needs.layers, self.laid as u64);
+        let period_s = self.robot.description().layer.period_s;
+        let forecast = self.pace.map(|pace| Forecast { period_s, pace });
+        self.log.tell_finish(forecast);
+        if let Some(watch) = &self.watch {
+            watch.runs_at(self.pace);
+        }
+        let mut show = Show::new(self.plan.needs.layers, self.laid as u64, forecast);
         let mut logging = Logging::default();
         let grown = grow(&mut |event| {
             show.ingest(event);
+            if let JobEvent::State(state) = event {
+                self.keyboard.enters(*state);
+                if let Some(words) = what_to_do(*state, self.keyboard.is_there(), self.page_controls) {
+                    show.warn(&words);
+                }
+            }
             if let Some(watch) = &self.watch {
                 watch.ingest(event);
             }
@@ -258,23 +285,32 @@ struct Show {
     /// And before the latest amendment.
     layers_before: usize,
     laid: u64,
+    forecast: Option<Forecast>,
     state: &'static str,
     /// The emergency stop was given here, or pressed.
     emergency: bool,
     /// Why the board has not taken an amendment, as it was said last.
     not_amended: Option<String>,
+    /// The robot waits for filament, and that was said.
+    out_of_filament: bool,
 }
 
+/// What is to be done about a robot that waits for filament.
+const OUT_OF_FILAMENT: &str = "out of filament: push the new one in up to the feed, then `preheat`, `load`, `purge` (here \
+                               or on the page), and `continue`; the robot waits for an hour with its nozzle at standby";
+
 impl Show {
-    fn new(layers: usize, laid: u64) -> Self {
+    fn new(layers: usize, laid: u64, forecast: Option<Forecast>) -> Self {
         Self {
             progress: Progress::start(Some(layers as u64), Results::AtEnd),
             layers,
             layers_before: layers,
             laid,
+            forecast,
             state: "starting",
             emergency: false,
             not_amended: None,
+            out_of_filament: false,
         }
     }
 
@@ -288,6 +324,11 @@ impl Show {
                 }
             }
             JobEvent::Status(status) => {
+                let runs_out = status.state == State::Paused && status.pause_cause == PauseCause::FilamentOut;
+                if runs_out && !std::mem::replace(&mut self.out_of_filament, runs_out) {
+                    self.progress.warn(OUT_OF_FILAMENT);
+                }
+                self.out_of_filament = runs_out;
                 self.state = status.state.name();
                 self.emergency |= status.state == State::EmergencyStop;
             }
@@ -313,7 +354,14 @@ impl Show {
             JobEvent::Laid { index, .. } => self.laid = u64::from(*index) + 1,
         }
         let Self { state, laid, layers, .. } = *self;
-        self.progress.at(laid, || format!("{state}, layer {laid} of {layers}"));
+        let finish = || {
+            let forecast = self.forecast.filter(|_| state == State::Growing.name())?;
+            forecast.finish(OffsetDateTime::now_utc(), (layers as u64).saturating_sub(laid))
+        };
+        self.progress.at(laid, || {
+            let done = finish().map_or_else(String::new, |finish| format!(", done at {}", clock_text_here(finish)));
+            format!("{state}, layer {laid} of {layers}{done}")
+        });
     }
 
     /// Something that must be seen, beside a bar too.

@@ -22,6 +22,7 @@ use super::disturbance::DisturbanceArgs;
 use super::following::{Following, OnSilence, Print, refuse};
 use super::goal::GoalArgs;
 use super::interrupt::stop_on_interrupt;
+use super::keyboard::Keyboard;
 use super::watching::WatchArgs;
 use super::{ChosenPort, Connection, Failure, PortArg};
 
@@ -147,8 +148,20 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     let seed = (disturbance.disturbs() || disturbance.knows_sensors()).then_some(disturbance.seed);
     let seed = seed.filter(|_| port.is_simulated());
     let simulated = port.is_simulated();
-    let following = Following { robot: &robot, plan: &plan, log, watch, print, laid: 0, seed, simulated };
-    let manner = Manner { silence: args.on_silence.into(), feedback };
+    let following = Following {
+        robot: &robot,
+        plan: &plan,
+        log,
+        watch,
+        print,
+        laid: 0,
+        seed,
+        simulated,
+        pace: port.pace(pace),
+        keyboard: Keyboard::of_terminal(&orders),
+        page_controls: args.watching.controls(),
+    };
+    let manner = Manner { silence: args.on_silence.into(), feedback, parked: following.when_parked() };
     following.follow(|on_event| {
         compare(simulation.as_mut(), &job, on_event, |on_event| grow_job(&mut client, &job, manner, &orders, on_event))
     })

@@ -20,7 +20,9 @@ mod goal;
 mod grow;
 mod growth_table;
 mod interrupt;
+mod keyboard;
 mod layers;
+mod maintain;
 mod man;
 mod new_robot;
 mod plan;
@@ -51,6 +53,7 @@ use clap::{Args, Parser, Subcommand};
 use growbot_client::client::{Client, ClientError};
 use growbot_client::files::FileError;
 use growbot_client::input::{InputError, name_of};
+use growbot_client::maintenance::Presets;
 use growbot_client::plan_file::PlanFileError;
 use growbot_client::port::PortError;
 use growbot_client::port::faulty::FaultSpec;
@@ -111,6 +114,7 @@ enum Command {
     Cancel(cancel::CancelArgs),
     Estop(estop::EstopArgs),
     Tune(tune::TuneArgs),
+    Maintain(maintain::MaintainArgs),
     Console(console::ConsoleArgs),
     Flash(flash::FlashArgs),
     Config(config::ConfigArgs),
@@ -148,6 +152,7 @@ pub fn run() -> ExitCode {
         Some(Command::Cancel(args)) => cancel::run(&args),
         Some(Command::Estop(args)) => estop::run(&args),
         Some(Command::Tune(args)) => tune::run(&args),
+        Some(Command::Maintain(args)) => maintain::run(&args),
         Some(Command::Console(args)) => console::run(&args),
         Some(Command::Flash(args)) => flash::run(&args),
         Some(Command::Config(args)) => config::run(&args),
@@ -355,6 +360,11 @@ impl ChosenPort {
         self.name.is_simulated()
     }
 
+    /// How fast the robot's clock runs, in multiples of real time; `asked` is what a simulated one was asked for.
+    fn pace(&self, asked: Option<f64>) -> Option<f64> {
+        if self.name.is_virtual() { asked } else { Some(1.0) }
+    }
+
     /// What messages say before "robot" or "board": that it is a simulated one.
     fn kind(&self) -> &'static str {
         kind(self.is_simulated())
@@ -436,5 +446,10 @@ impl RobotArg {
             Some(robot) => Ok(robot.clone()),
             None => Ok(config::told(Key::Robot, Setting::of(Key::Robot)?).into()),
         }
+    }
+
+    /// Reads the presets of materials.
+    fn presets(&self) -> Result<Presets, Failure> {
+        Ok(Presets::load(&self.name()?)?)
     }
 }

@@ -1,6 +1,7 @@
 //! `growbot plan`: from two poses to a path, or from a file of queries to as many.
 
 use std::fs;
+use std::io::{self, IsTerminal};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -11,6 +12,7 @@ use growbot_client::plan_file::PlanFile;
 use growbot_client::pose_text::{TypedGoal, parse_goal};
 use growbot_core::robot::Robot;
 use growbot_host::batch::{ANSWERS, Batch, Defaults};
+use growbot_host::finish_time::now_here;
 use growbot_host::output::{is_standard_output, print, write_to};
 use growbot_host::progress::{Progress, Results};
 
@@ -103,7 +105,9 @@ fn run_one(args: &PlanArgs, robot: &Robot, plan: &Plan) -> Result<(), Failure> {
         }
         growbot_host::note!("plan written to {}", path.display());
     }
-    Ok(print(&if args.json { written.to_line() } else { plan_table::table(plan) })?)
+    // Not in a pipe, where the same plan is to be the same text.
+    let now = io::stdout().is_terminal().then(now_here);
+    Ok(print(&if args.json { written.to_line() } else { plan_table::table(plan, now) })?)
 }
 
 /// The formats of the answers to a batch.

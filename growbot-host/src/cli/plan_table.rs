@@ -10,12 +10,14 @@ use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
 use growbot_host::duration::duration_text;
 use growbot_host::figures::direction;
+use growbot_host::finish_time::clock_text;
+use time::{Duration, OffsetDateTime};
 
 /// Columns of a terminal.
 const WIDTH: usize = 80;
 
-/// The table, within 80 columns.
-pub fn table(plan: &Plan) -> String {
+/// The table, within 80 columns. With the time of day, it tells when a growth that begins now is done.
+pub fn table(plan: &Plan, now: Option<OffsetDateTime>) -> String {
     let mut text = format!("Plan for {}, bends of radius {} mm\n", plan.robot, plan.radius);
     text += &format!("  from      {}\n", pose(&plan.start));
     for (index, (leg, free)) in plan.legs.iter().zip(&plan.free_directions).enumerate() {
@@ -61,11 +63,18 @@ pub fn table(plan: &Plan) -> String {
         text += &wrapped(&format!("  {name:<9} "), &text_of_path, 12);
     }
     text += &format!("  length    {:.1} mm\n  layers    {}\n", needs.length, needs.layers);
-    text += &format!("  time      {}\n  filament  {:.2} m\n", duration_text(needs.duration), needs.filament / 1000.0);
+    let time = duration_text(needs.duration);
+    text += &format!("  time      {time}{}\n  filament  {:.2} m\n", done_at(plan, now), needs.filament / 1000.0);
     for warning in &plan.warnings {
         text += &format!("\n{}", wrapped("", &format!("warning ({}): {}", warning.code, warning.message), 2));
     }
     text
+}
+
+/// When it would be done, if its first layer began now.
+fn done_at(plan: &Plan, now: Option<OffsetDateTime>) -> String {
+    let finish = now.and_then(|now| Some((now, now.checked_add(Duration::checked_seconds_f64(plan.needs.duration)?)?)));
+    finish.map_or_else(String::new, |(now, finish)| format!(", from now until {}", clock_text(now, finish)))
 }
 
 /// What a path of this length (mm) was chosen from.

@@ -18,6 +18,7 @@ use growbot_sim::port::TipSettings;
 use super::following::{Following, OnSilence, Print};
 use super::growth_table::made;
 use super::interrupt::stop_on_interrupt;
+use super::keyboard::Keyboard;
 use super::subject::Subject as Opened;
 use super::watching::WatchArgs;
 use super::{ChosenPort, Failure, PortArg};
@@ -114,9 +115,20 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
         growbot_host::note!("with feedback, as it was begun");
     }
     let simulated = port.is_simulated();
-    let following =
-        Following { robot: &robot, plan: &plan, log, watch, print: Print::of(args.json), laid, seed: None, simulated };
-    let manner = Manner { silence: args.on_silence.into(), feedback };
+    let following = Following {
+        robot: &robot,
+        plan: &plan,
+        log,
+        watch,
+        print: Print::of(args.json),
+        laid,
+        seed: None,
+        simulated,
+        pace: port.pace(pace),
+        keyboard: Keyboard::of_terminal(&orders),
+        page_controls: args.watching.controls(),
+    };
+    let manner = Manner { silence: args.on_silence.into(), feedback, parked: following.when_parked() };
     following.follow(|on_event| resume_job(&mut client, &job, known, cut, manner, &orders, on_event))
 }
 

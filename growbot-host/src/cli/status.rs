@@ -4,16 +4,21 @@ use std::path::PathBuf;
 
 use clap::Args;
 use growbot_client::client::{Client, ClientError};
+use growbot_client::forecast::Forecast;
 use growbot_client::printable::json_line;
+use growbot_client::robot_file;
 use growbot_client::run_log::InterruptedLayer;
 use growbot_core::link::crash::{CrashRecord, CrashWords};
 use growbot_core::link::message::{
     BoardHello, BootReport, Fault, FaultRecord, ImageCheck, PauseCause, Refusal, SensorReadings, State,
 };
 use growbot_host::crash::{Crash, Image};
+use growbot_host::duration::duration_text;
 use growbot_host::figures::fixed;
+use growbot_host::finish_time::clock_text_here;
 use growbot_host::output::print;
 use serde_json::{Value, json};
+use time::OffsetDateTime;
 
 use super::flash::built_images;
 use super::growth_table::made;
@@ -275,6 +280,7 @@ fn pause_cause(cause: PauseCause) -> &'static str {
     match cause {
         PauseCause::LayersExhausted => "for layers",
         PauseCause::Requested => "as asked",
+        PauseCause::FilamentOut => "for filament: load a spool, and continue",
         PauseCause::HostSilent => "for its host, which has fallen silent",
     }
 }
@@ -284,8 +290,18 @@ fn version(hello: &BoardHello) -> String {
     format!("{major}.{minor}.{patch}")
 }
 
+/// How long a board yet grows, s, and when it is done. None where it does not grow, or where nothing is known of its
+/// robot.
+fn time_left(hello: &BoardHello, now: OffsetDateTime) -> Option<(f64, OffsetDateTime)> {
+    let robot =
+        robot_file::load(hello.robot_name.as_str().as_ref()).ok().filter(|robot| robot.hash() == hello.robot)?;
+    let forecast = Forecast { period_s: robot.description().layer.period_s, pace: 1.0 };
+    let finish = forecast.finish_of(now, &hello.status)?;
+    Some(((finish - now).as_seconds_f64(), finish))
+}
+
 /// The status in a few lines.
-fn text_of(hello: &BoardHello, simulated: bool) -> String {
+fn text_of(hello: &BoardHello, is_simulated: bool) -> String {
     let status = &hello.status;
     let temperature = status.temperature_centi_c.map_or("no reading".to_string(), |t| format!("{:.1} C", celsius(t)));
     let target = status.target_centi_c.map_or("heater off".to_string(), |t| format!("target {:.1} C", celsius(t)));
@@ -300,7 +316,7 @@ fn text_of(hello: &BoardHello, simulated: bool) -> String {
             )
         }
     };
-    let simulated = if simulated { ", simulated" } else { "" };
+    let simulated = if is_simulated { ", simulated" } else { "" };
     let mut text =
         format!("robot        {} ({:016x}), firmware {}{simulated}\n", hello.robot_name, hello.robot, version(hello));
     text += &format!("state        {}\n", status.state.name());
@@ -309,6 +325,9 @@ fn text_of(hello: &BoardHello, simulated: bool) -> String {
     }
     text += &format!("temperature  {temperature}, {target}\n");
     text += &format!("job          {job}\n");
+    if let Some((left_s, finish)) = time_left(hello, OffsetDateTime::now_utc()).filter(|_| !is_simulated) {
+        text += &format!("time left    {}, done at {}\n", duration_text(left_s), clock_text_here(finish));
+    }
     if let Some(interrupted) = status.interrupted {
         text += &format!("interrupted  layer {}: {}\n", status.laid, made(interrupted));
     }

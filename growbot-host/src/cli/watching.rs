@@ -46,6 +46,11 @@ impl WatchArgs {
         Ok(self.pace.or((self.watch && port.is_virtual()).then_some(WATCHED_PACE)))
     }
 
+    /// Whether the page may give orders.
+    pub fn controls(&self) -> bool {
+        self.watch && self.control
+    }
+
     /// Begins to serve the page, if one is asked for, and says where.
     pub fn begin(
         &self,

@@ -115,7 +115,7 @@ pub fn pose_in_frame(ms: u64, base_from_tip: &Frame) -> Value {
 /// The board's status.
 #[must_use]
 pub fn status(ms: u64, status: &BoardStatus) -> Value {
-    let BoardStatus { state, fault, temperature_c, target_c, laid, uptime_ms } = status;
+    let BoardStatus { state, fault, temperature_c, target_c, laid, uptime_ms, finish_utc } = status;
     let mut message = json!({ "timestamp": time(ms) });
     add_known(&mut message, "state", state.as_deref());
     add_known(&mut message, "fault", fault.as_deref());
@@ -123,6 +123,7 @@ pub fn status(ms: u64, status: &BoardStatus) -> Value {
     add_known(&mut message, "target_c", *target_c);
     add_known(&mut message, "laid", *laid);
     add_known(&mut message, "uptime_ms", *uptime_ms);
+    add_known(&mut message, "finish_utc", finish_utc.as_deref());
     message
 }
 
@@ -301,10 +302,11 @@ fn status_schema() -> Value {
     object(&[
         ("timestamp", time_schema()),
         ("state", text.clone()),
-        ("fault", text),
+        ("fault", text.clone()),
         ("temperature_c", number.clone()),
         ("target_c", number),
         ("laid", whole.clone()),
         ("uptime_ms", whole),
+        ("finish_utc", text),
     ])
 }

@@ -122,6 +122,11 @@ impl Watch {
         &self.address
     }
 
+    /// Has pages tell when the growth is done: the robot's clock runs so fast, in multiples of real time.
+    pub fn runs_at(&self, pace: Option<f64>) {
+        self.shared.watched().runs_at(pace);
+    }
+
     /// Tells pages what happened.
     pub fn ingest(&self, event: &JobEvent) {
         self.shared.watched().ingest(event);

@@ -14,6 +14,8 @@ const MAX_READINGS: usize = 4096;
 /// A growth as pages show it.
 pub struct Watched {
     period_s: f64,
+    /// How fast the robot's clock runs, in multiples of real time; none where that is not known.
+    pace: Option<f64>,
     /// The layers of the job, as far as they have been told.
     commanded: Vec<LayerBytes>,
     /// Layers of the job.
@@ -74,6 +76,8 @@ pub struct Update<'a> {
     total: usize,
     /// Time that the layers to come take, s.
     left_s: f64,
+    /// Time until then by the clocks of people, s; null unless the robot grows, at a known pace.
+    finish_in_s: Option<f64>,
     layers: NewLayers,
     readings: NewReadings<'a>,
     /// The result, once there is one.
@@ -112,6 +116,7 @@ impl Watched {
     pub fn new(job: &Job, known: &[Option<LayerBytes>]) -> Self {
         Self {
             period_s: job.robot.description().layer.period_s,
+            pace: None,
             commanded: job.layers.clone(),
             total: job.layers.len(),
             replaced: None,
@@ -161,6 +166,11 @@ impl Watched {
         }
     }
 
+    /// The robot's clock runs so fast, in multiples of real time; none where that is not known.
+    pub fn runs_at(&mut self, pace: Option<f64>) {
+        self.pace = pace;
+    }
+
     /// Something is wrong with this program's own files, or no longer.
     pub fn warn(&mut self, words: Option<String>) {
         self.warned = words;
@@ -183,6 +193,7 @@ impl Watched {
         }
         let layers = self.built.get(seen.layers..).unwrap_or_default();
         let readings = self.readings.get(seen.readings..).unwrap_or_default();
+        let left_s = self.total.saturating_sub(self.built.len()) as f64 * self.period_s;
         let update = Update {
             state: self.state,
             answers: self.answers,
@@ -191,7 +202,8 @@ impl Watched {
             warned: self.warned.as_deref(),
             built_name: (self.simulated > 0).then(|| BodyKind::Laid.title()),
             total: self.total,
-            left_s: self.total.saturating_sub(self.built.len()) as f64 * self.period_s,
+            left_s,
+            finish_in_s: self.pace.filter(|_| self.state == State::Growing.name()).map(|pace| left_s / pace),
             layers: NewLayers { from: seen.layers, built: hex_of(layers) },
             readings: NewReadings { from: seen.readings, taken: readings },
             ended: self.ended.as_ref(),
@@ -207,7 +219,11 @@ impl Watched {
             (Some(fault), ..) => Some(fault.explanation()),
             (None, "paused", PauseCause::Requested) => Some("paused as it was asked to"),
             (None, "paused", PauseCause::HostSilent) => Some("paused until its host is back"),
+            (None, "paused", PauseCause::FilamentOut) => {
+                Some("out of filament: push the new one in up to the feed; preheat, load and purge it, then continue")
+            }
             (None, "paused", PauseCause::LayersExhausted) => Some("paused until it has more layers"),
+            (None, "parked", _) => Some("a long pause has switched the heater off: Continue heats up and homes first"),
             (None, "emergency-stop", _) => {
                 Some("stays off until the emergency stop is cleared (`clear` in `growbot console`)")
             }
@@ -328,6 +344,19 @@ mod tests {
         assert_eq!((&third["layers"]["built"], &third["readings"]["taken"]), (&json!(""), &json!([])));
         let anew = update_of(&watched, &mut Seen::default());
         assert_eq!(anew["layers"]["built"].as_str().unwrap().len(), 5 * 24);
+    }
+
+    #[test]
+    fn a_page_is_told_when_it_is_done_while_the_robot_grows_at_a_known_pace() {
+        let mut watched = watched(&[]);
+        let left_s = watched.total as f64 * 18.0;
+        let finish = |watched: &Watched| update_of(watched, &mut Seen::default())["finish_in_s"].clone();
+        watched.ingest(&status(0));
+        assert_eq!(finish(&watched), Value::Null, "the pace is not known");
+        watched.runs_at(Some(60.0));
+        assert_eq!(finish(&watched), json!(left_s / 60.0));
+        watched.ingest(&JobEvent::State(State::Parked));
+        assert_eq!(finish(&watched), Value::Null, "it waits");
     }
 
     #[test]

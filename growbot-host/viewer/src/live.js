@@ -5,7 +5,7 @@
 import { decodeLayers, growBody } from "./body.js";
 import { drawReadings } from "./chart.js";
 import { joinOne } from "./one.js";
-import { durationText, fillNumbers } from "./text.js";
+import { durationText, fillNumbers, finishText } from "./text.js";
 
 const find = (selector) => document.querySelector(selector);
 const HEX_PER_LAYER = 24;
@@ -52,7 +52,7 @@ export function showLive(data) {
     showState(update);
     find("#progress").value = total > 0 ? laid / total : 1;
     find("#laid").textContent = `${laid} of ${total} layers`;
-    find("#left").textContent = ended ? "" : `${durationText(update.left_s)} ${update.state === "growing" ? "left" : "of growing left"}`;
+    find("#left").textContent = ended ? "" : leftText(update);
     drawReadings(find("#temperature"), readings);
     document.title = `${total > 0 ? Math.floor((100 * laid) / total) : 100} % · ${title}`;
     if (ended) {
@@ -72,13 +72,22 @@ export function showLive(data) {
   return [view.picture];
 }
 
+/** How long it takes yet, and until when, where that is known. */
+function leftText({ left_s: left, finish_in_s: finish, state }) {
+  const time = `${durationText(left)} ${state === "growing" ? "left" : "of growing left"}`;
+  return finish === null || finish === undefined ? time : `${time}, done at ${finishText(new Date(), finish)}`;
+}
+
 function showState({ state, answers, explanation, refused, warned }) {
   const badge = find("#state");
   badge.textContent = STATE_NAMES[state] ?? state;
   badge.dataset.state = state;
   find("#explanation").textContent = explanation ?? "";
-  find("#order-pause").hidden = state === "paused";
-  find("#order-continue").hidden = state !== "paused";
+  // Filament is changed in a pause.
+  find("#filament").hidden = find("#orders").hidden || state !== "paused";
+  const waits = ["paused", "parked"].includes(state);
+  find("#order-pause").hidden = waits;
+  find("#order-continue").hidden = !waits;
   showProblem(warned ?? "", "#log-problem");
   showProblem(answers ? (refused ?? "") : "The board does not answer: growbot calls it again.");
 }
@@ -96,6 +105,7 @@ function end(result) {
   badge.textContent = result.outcome;
   badge.dataset.state = result.outcome;
   find("#orders").hidden = true;
+  find("#filament").hidden = true;
   if (result.error) showProblem(result.error);
   const drift = result.clock_drift;
   if (drift) showProblem(`It was stopped: ${drift.message}; ${drift.remedy}.`);

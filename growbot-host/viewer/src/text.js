@@ -15,6 +15,22 @@ export function durationText(seconds) {
   return `${Math.floor(minutes / 60)} h ${minutes % 60} min`;
 }
 
+/**
+ * The time of day so many seconds after `now`, a Date, as `clock_text` of growbot-host/src/finish_time.rs has it: with the day where that is
+ * another one.
+ */
+export function finishText(now, seconds) {
+  // To the nearest minute, as durations are.
+  const finish = new Date(now.getTime() + 1000 * (seconds + 30));
+  const two = (number) => String(number).padStart(2, "0");
+  const clock = `${two(finish.getHours())}:${two(finish.getMinutes())}`;
+  const day = (date) => Date.UTC(date.getFullYear(), date.getMonth(), date.getDate()) / 86_400_000;
+  const days = day(finish) - day(now);
+  if (days === 0) return clock;
+  if (days === 1) return `tomorrow ${clock}`;
+  return `${finish.getFullYear()}-${two(finish.getMonth() + 1)}-${two(finish.getDate())} ${clock}`;
+}
+
 /** The max of 1, 2 and 5 times a power of ten that is no more than `max`. */
 export function scaleLength(max) {
   const power = 10 ** Math.floor(Math.log10(max));

@@ -113,6 +113,11 @@ impl Sim {
         self.simulated_tip().start_at(pose);
     }
 
+    /// Loads a spool with so much filament, mm.
+    pub fn load_filament(&mut self, mm: f64) {
+        self.tip.borrow_mut().load_filament(mm);
+    }
+
     /// Breaks something; a fault of the same kind is replaced.
     pub fn inject(&mut self, fault: TipFault) {
         self.simulated_tip().inject(fault);

@@ -23,6 +23,10 @@ pub(super) struct Held {
     pub counts: f64,
 }
 
+/// So much before the feed is the switch that sees filament, mm: more than robot A needs for two layers, so that it can
+/// finish those in its engine after the filament's end has passed the switch.
+const SWITCH_AHEAD_MM: f64 = 200.0;
+
 impl Tip {
     /// The thermistor's voltage, counts of the ADC; none while that is silent.
     pub fn sample_thermistor(&mut self) -> Option<u16> {
@@ -90,7 +94,7 @@ impl Tip {
     /// Whether the switch in the filament's path feels filament.
     #[must_use]
     pub fn has_filament(&self) -> bool {
-        self.filament.is_there() && !self.faults.has(TipFault::FilamentOut)
+        self.filament.left() > SWITCH_AHEAD_MM && !self.faults.has(TipFault::FilamentOut)
     }
 
     /// The level of the encoder that the filament turns. It rises once for each pulse's length of filament that really

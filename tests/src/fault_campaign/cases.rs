@@ -119,7 +119,10 @@ impl Case {
             // It may be held on its mark or off it.
             T::HeadBlocked if cold => &[F::IndexNotFound, F::IndexStuck],
             T::HeadBlocked => &[F::IndexMissing, F::IndexStuck, F::HeadStepsLost],
-            T::FilamentOut => &[F::FilamentOut],
+            // Before the first layer it is a fault. From then on the robot would finish its layer and wait for a spool,
+            // but this filament stands at once.
+            T::FilamentOut if cold => &[F::FilamentOut],
+            T::FilamentOut => &[F::FilamentOut, F::FilamentJam],
             T::FilamentJam => &[F::FilamentJam],
             T::DriverFault => &[F::DriverFault],
             T::SupplyLow { .. } | T::SupplyDip { .. } => &[F::SupplyLow],

@@ -92,6 +92,22 @@ pub enum Refusal {
     Journal,
     /// A debug probe has switched the processor's debugging on. The processor may halt, so the board does not heat.
     DebugProbe,
+    /// The nozzle is too cold to move anything.
+    Cold {
+        /// Its temperature, hundredths of a degree Celsius.
+        now: i32,
+        /// It must have this, hundredths of a degree Celsius.
+        min: i32,
+    },
+    /// The move is too long.
+    TooFar {
+        /// The max, um of filament or hundredths of a degree of the head.
+        max: u32,
+    },
+    /// Head or feed still move.
+    Moving,
+    /// There is no filament.
+    NoFilament,
 }
 
 /// The board's identity and status.
@@ -168,6 +184,8 @@ pub enum PauseCause {
     Requested,
     /// Its host has fallen silent.
     HostSilent,
+    /// There is no more filament: a spool must be loaded.
+    FilamentOut,
 }
 
 /// A request was carried out.

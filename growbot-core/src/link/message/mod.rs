@@ -183,6 +183,8 @@ messages! {
     0x13 Goodbye(Empty),
     /// Asks how the board started. Answered by `BootReport`, in any session.
     0x14 AskBoot(Empty),
+    /// Maintenance: heats, feeds or turns without a job. Answered by `Accepted` or `Refused`.
+    0x15 Maintain(Maintain),
 
     // Board to host.
     /// Answers `Hello` and `AskBoard`.

@@ -137,6 +137,37 @@ pub struct PlanRequest {
     pub planner: Planner,
 }
 
+/// Asks for maintenance.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
+pub struct Maintain {
+    /// What to do.
+    pub task: Task,
+}
+
+/// A task of maintenance. The board limits the time of each, and chooses the speed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+pub enum Task {
+    /// Heats the nozzle; in a pause back to the temperature of growth.
+    Preheat {
+        /// The temperature, hundredths of a degree Celsius.
+        target_centi_c: i32,
+    },
+    /// Switches heater and motors off.
+    CoolDown,
+    /// Finds the index mark.
+    Home,
+    /// Turns the head.
+    Rotate {
+        /// By this angle, hundredths of a degree; up to a turn to either side.
+        centi_deg: i32,
+    },
+    /// Moves filament: forwards to load or purge, backwards to unload.
+    Feed {
+        /// By this length, um.
+        um: i32,
+    },
+}
+
 /// Asks for layers that the board stores.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct ReadLayers {

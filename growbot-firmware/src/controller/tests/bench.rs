@@ -13,7 +13,7 @@ use growbot_core::link::message::{
 };
 use growbot_core::robot::Robot;
 
-use super::requests::{PLAN, batch_of, begin, bends, feed_steps_of, hello, start, stop, tune};
+use super::requests::{PLAN, batch_of, begin, bends, feed, feed_steps_of, hello, preheat, start, stop, tune};
 use super::tip::{
     DRIVER_FAULT, EMERGENCY_STOP, FEED, FILAMENT_MOTION, FILAMENT_PRESENCE, FakeDebugPort, FakeOrientation,
     FakeRetained, FakeSupply, FakeThermistor, FakeWatchdog, HEAD, HEATER_ENABLE, HeaterWires, INDEX, Motors,
@@ -413,6 +413,18 @@ impl Bench {
         self.events.iter().filter_map(state).collect()
     }
 
+    /// Waits until the nozzle is hot enough for maintenance to move something.
+    pub fn run_until_it_may_move(&mut self) {
+        for _ in 0..400 {
+            self.run(0.5);
+            if matches!(self.ask(&feed(0.0)), Message::Accepted(_)) {
+                self.run(0.1);
+                return;
+            }
+        }
+        panic!("it does not get hot: {:?}", self.status());
+    }
+
     /// Brings the board into a state by the events that lead there. A warm nozzle saves the time of heating.
     pub fn in_state(state: State) -> Self {
         let robot = crate::testing::fast_robot();
@@ -427,13 +439,17 @@ impl Bench {
         bench.begin(40);
         let layers = bends(if state == State::Done { 40 } else { 30 });
         bench.hand_over(0, &layers);
-        if !matches!(state, State::Idle | State::Tuning) {
+        if !matches!(state, State::Idle | State::Tuning | State::Maintenance) {
             bench.start();
         }
         match state {
             State::Idle => {}
             State::Tuning => {
                 bench.accepted(&tune(200.0));
+            }
+            State::Maintenance => {
+                bench.accepted(&preheat(200.0));
+                bench.run_until_it_may_move();
             }
             State::Stopped => {
                 bench.run_to(State::Growing, 60.0);

@@ -132,6 +132,9 @@ fn a_nozzle_that_does_not_get_hot_is_a_fault() {
 #[test]
 fn inputs_that_mean_danger_are_faults_while_the_robot_works() {
     type Break = fn(&Bench, bool);
+    let working = [State::Heating, State::Homing, State::Growing, State::Paused];
+    // While it grows it waits for filament: `pausing.rs`.
+    let before_growing = &working[..2];
     let inputs: [(Fault, Break); 5] = [
         (Fault::DriverFault, |bench, broken| bench.heater.pins.set(DRIVER_FAULT, broken)),
         (Fault::FilamentOut, |bench, broken| bench.heater.pins.set(FILAMENT_PRESENCE, !broken)),
@@ -140,7 +143,8 @@ fn inputs_that_mean_danger_are_faults_while_the_robot_works() {
         (Fault::SupplyLow, |bench, broken| bench.world.supply_v.set((!broken).then_some(12.0))),
     ];
     for (fault, set) in inputs {
-        for state in [State::Heating, State::Homing, State::Growing, State::Paused] {
+        let states = if fault == Fault::FilamentOut { before_growing } else { &working };
+        for &state in states {
             let mut bench = Bench::in_state(state);
             set(&bench, true);
             assert_fault(&mut bench, fault, 1.3);

@@ -5,7 +5,7 @@ use std::vec::Vec;
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::{Encoder, LayerBytes, decode};
 use growbot_core::link::message::{
-    Amend, Begin, Empty, HostHello, HostName, Laid, Layers, Message, Resume, Silence, Start, Tune,
+    Amend, Begin, Empty, HostHello, HostName, Laid, Layers, Maintain, Message, Resume, Silence, Start, Task, Tune,
 };
 use growbot_core::robot::Robot;
 
@@ -53,6 +53,19 @@ pub fn pause() -> Message {
 
 pub fn tune(celsius: f64) -> Message {
     Message::Tune(Tune { target_centi_c: (celsius * 100.0) as i32 })
+}
+
+pub fn maintain(task: Task) -> Message {
+    Message::Maintain(Maintain { task })
+}
+
+pub fn preheat(celsius: f64) -> Message {
+    maintain(Task::Preheat { target_centi_c: (celsius * 100.0) as i32 })
+}
+
+/// Moves filament, mm.
+pub fn feed(mm: f64) -> Message {
+    maintain(Task::Feed { um: (mm * 1000.0) as i32 })
 }
 
 pub fn clear() -> Message {

@@ -3,11 +3,13 @@
 use std::string::String;
 use std::{env, format, fs};
 
-use growbot_core::link::message::{Cancel, Message, PlanRequest, PoseFields, Refusal, Refused, State};
+use growbot_core::link::message::{Cancel, Message, PlanRequest, PoseFields, Refusal, Refused, State, Task};
 use growbot_core::plan::Planner;
 
 use super::bench::Bench;
-use super::requests::{PLAN, amend, batch_of, begin, bends, clear, pause, resume, start, stop, tune};
+use super::requests::{
+    PLAN, amend, batch_of, begin, bends, clear, feed, maintain, pause, preheat, resume, start, stop, tune,
+};
 use crate::safety::transitions::{Event, after};
 
 /// The request that an event is, if it is one.
@@ -27,6 +29,10 @@ fn request(event: Event, bench: &mut Bench) -> Option<Message> {
         Event::Start => start(),
         Event::Pause => pause(),
         Event::Tune => tune(200.0),
+        Event::Preheat => preheat(200.0),
+        Event::CoolDown => maintain(Task::CoolDown),
+        Event::MoveHead => maintain(Task::Rotate { centi_deg: 100 }),
+        Event::MoveFilament => feed(1.0),
         Event::Stop => stop(),
         Event::Clear => clear(),
         _ => return None,

@@ -5,12 +5,12 @@ use std::vec::Vec;
 use growbot_core::link::frame::{self, Header, LONGEST_BODY, next};
 use growbot_core::link::message::{
     Amend, Begin, Cancel, Empty, Layers, Message, PlanRequest, PoseFields, ReadLayers, Resume, SCHEMA_HASH, Silence,
-    Start, State,
+    Start, State, Task,
 };
 use growbot_core::plan::Planner;
 
 use super::bench::{Bench, WARM};
-use super::requests::{PLAN, bends, hello, pause, tune};
+use super::requests::{PLAN, bends, hello, maintain, pause, tune};
 use super::tip::Wire;
 use crate::testing::{fast_robot, number_from_environment};
 
@@ -54,7 +54,7 @@ impl Random {
         let next = bench.status().next;
         let stored = bench.status().plan_id;
         let plan_id = self.one_of(&[stored, stored, stored, PLAN, PLAN, 0, PLAN + 1, u64::MAX]);
-        match self.below(50) {
+        match self.below(53) {
             44 if self.below(4) == 0 => Message::Cancel(Cancel { plan_id }),
             44..47 => Message::Resume(Resume {
                 plan_id,
@@ -69,6 +69,18 @@ impl Random {
                 layers: self.one_of(&[30, 40, 0, u32::MAX]),
                 first_layers: bends(self.below(17) as usize).into_iter().collect(),
             }),
+            50..53 => maintain(self.one_of(&[
+                Task::Preheat { target_centi_c: 20_000 },
+                Task::Preheat { target_centi_c: i32::MAX },
+                Task::CoolDown,
+                Task::CoolDown,
+                Task::Home,
+                Task::Rotate { centi_deg: -9000 },
+                Task::Rotate { centi_deg: i32::MIN },
+                Task::Feed { um: 5000 },
+                Task::Feed { um: -5000 },
+                Task::Feed { um: i32::MIN },
+            ])),
             40 => pause(),
             41 => tune(self.one_of(&[200.0, 200.0, 60.0, 20.0, 400.0, -1e6])),
             42 => Message::AskFault(Empty {}),

@@ -52,9 +52,19 @@ fn skipping_quiet_ticks_changes_nothing() {
             rig.record();
             rig.skipping = skipping;
             let mut reports = std::vec![rig.order(Order::Home(rig.homing()))];
-            reports.push(rig.order(Order::Feed(FeedMove { steps: 40, backwards: true, ticks_per_step: 7 })));
+            reports.push(rig.order(Order::Feed(AxisMove {
+                steps: 40,
+                backwards: true,
+                ticks_per_step: 7,
+                changes_filament: false,
+            })));
             rig.run(1000);
-            reports.push(rig.order(Order::Feed(FeedMove { steps: 40, backwards: false, ticks_per_step: 9 })));
+            reports.push(rig.order(Order::Feed(AxisMove {
+                steps: 40,
+                backwards: false,
+                ticks_per_step: 9,
+                changes_filament: false,
+            })));
             let turns = turns(&robot, &layers(&robot, 6, 0.3));
             let (laid, end) = rig.lay(turns[..3].iter().copied());
             rig.run(12_345);
@@ -116,7 +126,10 @@ fn feed_moves_are_exact_both_ways() {
     for (steps, backwards) in [(180, true), (180, false), (1, true), (0, true), (7, false)] {
         let before = rig.moved(FEED);
         let began = rig.world.now.get();
-        assert_eq!(rig.order(Order::Feed(FeedMove { steps, backwards, ticks_per_step: 8 })), Report::Fed);
+        assert_eq!(
+            rig.order(Order::Feed(AxisMove { steps, backwards, ticks_per_step: 8, changes_filament: false })),
+            Report::Fed
+        );
         let moved = i64::from(steps) * if backwards { -1 } else { 1 };
         assert_eq!(rig.moved(FEED) - before, moved);
         assert_eq!(rig.world.now.get() - began, u64::from(steps + 1) * 8 + 1);
@@ -134,7 +147,7 @@ fn the_engine_counts_the_filament_and_sees_the_index() {
     let before = rig.handover.filament_pulses();
     for steps in [180, 333, 7] {
         for backwards in [true, false] {
-            rig.order(Order::Feed(FeedMove { steps, backwards, ticks_per_step: 8 }));
+            rig.order(Order::Feed(AxisMove { steps, backwards, ticks_per_step: 8, changes_filament: false }));
             let pulled = before.wrapping_sub(rig.handover.filament_pulses());
             assert!(if backwards { pulled.abs_diff(steps / 100) <= 1 } else { pulled == 0 }, "{steps}: {pulled}");
         }

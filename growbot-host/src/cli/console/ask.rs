@@ -1,6 +1,7 @@
 //! What a board answers at once, in a few lines of text.
 
 use growbot_client::client::{Client, ClientError};
+use growbot_client::maintenance::{Presets, in_words};
 use growbot_core::layer_bytes::decode;
 use growbot_core::link::message::{
     Accepted, Empty, Message, PlanRequest, ReadLayers, Resume, Silence, Start, State, StoredLayers,
@@ -19,6 +20,7 @@ pub fn ask(
     client: &mut Client,
     robot: &Robot,
     is_simulated: bool,
+    presets: &Presets,
     start: &Pose,
     what: &Ask,
 ) -> Result<String, Failure> {
@@ -39,6 +41,7 @@ pub fn ask(
             client.emergency_stop()?;
             Ok(format!("emergency stop: heater and steppers of the {}robot are off\n", kind(is_simulated)))
         }
+        Ask::Maintain(word, rest) => maintain(client, robot, presets, word, rest),
         Ask::Clear => {
             client.clear_fault()?;
             Ok("cleared\n".to_owned())
@@ -60,6 +63,22 @@ fn plan(client: &mut Client, robot: &Robot, start: &Pose, goal: &Pose) -> Result
         }
         other => Err(unexpected(what, &other)),
     }
+}
+
+/// Has the board do what this command of maintenance asks for.
+pub fn maintain(
+    client: &mut Client,
+    robot: &Robot,
+    presets: &Presets,
+    word: &str,
+    rest: &str,
+) -> Result<String, Failure> {
+    let Some(task) = presets.task(word, rest, robot) else {
+        return Err(Failure::answered_no(format!("there is no command {word:?} of maintenance")));
+    };
+    let task = task.map_err(Failure::answered_no)?;
+    client.maintain(task)?;
+    Ok(format!("{}\n", in_words(task)))
 }
 
 fn start_stored(client: &mut Client) -> Result<String, Failure> {

@@ -1,5 +1,6 @@
 //! The commands of the console, as text and as values.
 
+use growbot_client::maintenance;
 use growbot_client::plan::Goal;
 use growbot_client::pose_text::{parse_goal, parse_number, parse_pose};
 use growbot_client::suggest::did_you_mean;
@@ -44,6 +45,8 @@ pub enum Ask {
     EmergencyStop,
     /// Leave a fault.
     Clear,
+    /// Maintenance: its command and the argument, which presets may name.
+    Maintain(&'static str, String),
 }
 
 /// A command as the list has it.
@@ -77,10 +80,10 @@ const POSES: [&str; 3] = ["0,0,100,0,90", "200,100,600,0,45", "550,345,610,120,-
 
 /// The list of commands.
 pub fn help() -> String {
-    COMMANDS
-        .iter()
-        .map(|entry| format!("{:<16}{}\n", format!("{} {}", entry.name, entry.argument), entry.help))
-        .collect()
+    let line = |name: &str, argument: &str, help: &str| format!("{:<23}{help}\n", format!("{name} {argument}"));
+    let own = COMMANDS.iter().map(|entry| line(entry.name, entry.argument, entry.help));
+    let maintaining = maintenance::COMMANDS.iter().map(|(name, argument, help)| line(name, argument, help));
+    own.chain(maintaining).collect()
 }
 
 /// Understands a line.
@@ -119,10 +122,18 @@ pub fn parse(line: &str) -> Result<Command, String> {
         "help" => alone(Command::Help),
         "quit" | "exit" => alone(Command::Quit),
         _ => {
-            let suggestion = did_you_mean(word, COMMANDS.iter().map(|entry| entry.name));
+            if let Some((name, ..)) = maintenance::COMMANDS.iter().find(|(name, ..)| *name == word) {
+                return Ok(Command::Ask(Ask::Maintain(name, rest.to_owned())));
+            }
+            let suggestion = did_you_mean(word, names());
             Err(format!("there is no command {word:?}{suggestion}: `help` lists them"))
         }
     }
+}
+
+/// The names of all commands.
+fn names() -> impl Iterator<Item = &'static str> {
+    COMMANDS.iter().map(|entry| entry.name).chain(maintenance::COMMANDS.iter().map(|(name, ..)| *name))
 }
 
 fn pose(text: &str) -> Result<Pose, String> {
@@ -135,9 +146,11 @@ pub fn complete(begun: &str) -> (usize, Vec<String>) {
     match begun.trim_start().split_once(char::is_whitespace) {
         None => {
             let begun = begun.trim_start();
-            let entries = COMMANDS.iter().filter(|entry| entry.name.starts_with(begun));
-            let space = |entry: &Entry| if entry.argument.is_empty() { "" } else { " " };
-            (indent, entries.map(|entry| format!("{}{}", entry.name, space(entry))).collect())
+            let own = COMMANDS.iter().map(|entry| (entry.name, entry.argument));
+            let maintaining = maintenance::COMMANDS.iter().map(|(name, argument, _)| (*name, *argument));
+            let fit = own.chain(maintaining).filter(|(name, _)| name.starts_with(begun));
+            let space = |argument: &str| if argument.is_empty() { "" } else { " " };
+            (indent, fit.map(|(name, argument)| format!("{name}{}", space(argument))).collect())
         }
         Some((word, rest)) if matches!(argument(word), "POSE" | "GOAL") => {
             let rest = rest.trim_start();

@@ -35,17 +35,22 @@ pub fn lines_of_stdin() -> Lines {
 
 /// Whether a robot in this state is hot or moves.
 pub fn works(state: State) -> bool {
-    matches!(state, State::Heating | State::Homing | State::Growing | State::Paused | State::Tuning)
+    matches!(
+        state,
+        State::Heating | State::Homing | State::Growing | State::Paused | State::Tuning | State::Maintenance
+    )
 }
 
 /// What becomes of a robot that is left while it works, and the remedy.
 pub fn left(state: State, robot: &Robot, port: &ChosenPort) -> String {
-    let name = state.name();
+    let name = if state == State::Maintenance { "in maintenance" } else { state.name() };
     if port.is_simulated() {
         return format!("the simulated robot is {name}, and ends with this program");
     }
     let future = if state == State::Tuning {
         "it heats on until it is tuned".to_owned()
+    } else if state == State::Maintenance {
+        "its heater goes off 10 minutes after the latest command".to_owned()
     } else {
         let off_after = robot.description().pause.off_after_s;
         format!(

@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use growbot_client::client::Client;
 use growbot_client::growth::{Job, JobEvent, Orders, Outcome, grow_job};
+use growbot_client::maintenance::Presets;
 use growbot_client::plan::{Goal, Plan, Search};
 use growbot_core::layer_bytes::decode;
 use growbot_core::link::message::{Message, Silence, State};
@@ -40,6 +41,7 @@ pub struct Session {
     /// What the tip has really laid, where it is a simulated one.
     simulation: Option<Box<dyn Simulation>>,
     robot: Robot,
+    presets: Presets,
     port: ChosenPort,
     start: Pose,
     /// What Ctrl-C orders: to stop.
@@ -67,11 +69,12 @@ impl Session {
         mut client: Client,
         simulation: Option<Box<dyn Simulation>>,
         robot: Robot,
+        presets: Presets,
         start: Pose,
         port: ChosenPort,
     ) -> Self {
         let orders = stop_on_interrupt(&mut client, &port);
-        Self { client, simulation, robot, port, start, orders }
+        Self { client, simulation, robot, presets, port, start, orders }
     }
 
     /// Carries commands out until the last one.
@@ -239,7 +242,7 @@ impl Session {
     }
 
     fn ask(&mut self, what: &Ask) -> Result<String, Failure> {
-        ask(&mut self.client, &self.robot, self.port.is_simulated(), &self.start, what)
+        ask(&mut self.client, &self.robot, self.port.is_simulated(), &self.presets, &self.start, what)
     }
 
     fn command(&mut self, line: &str) -> Result<Next, Failure> {
@@ -367,7 +370,15 @@ mod tests {
         client.hello_robot(&robot).unwrap();
         let Ok(port) = (LineArg { fault: None, take_over: false }).at("sim".to_owned()) else { panic!("no port") };
         let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
-        let mut session = Session { client, simulation: None, robot, port, start, orders: Arc::default() };
+        let mut session = Session {
+            client,
+            simulation: None,
+            robot,
+            presets: Presets::default(),
+            port,
+            start,
+            orders: Arc::default(),
+        };
         assert!(session.stop_if_it_works().is_ok());
         assert_eq!(sim.borrow().state(), State::Idle);
 

@@ -1,6 +1,7 @@
 //! `growbot console`: commands line by line, on a terminal or in a pipe, or the whole screen.
 
 mod ask;
+pub use self::ask::maintain;
 mod commands;
 mod history;
 mod leaving;
@@ -44,11 +45,12 @@ pub fn run(args: &ConsoleArgs) -> Result<(), Failure> {
     note_standard_input()?;
     let port = args.port.choose()?;
     let robot = args.robot.load()?;
+    let presets = args.robot.presets()?;
     let Connection { mut client, simulation } = port.connect(&robot, &TipSettings::default())?;
     let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).map_err(Failure::bad_input)?;
     if args.tui {
-        return tui::run(client, robot, start, &port);
+        return tui::run(client, robot, presets, start, &port);
     }
     client.hello()?;
-    line::Session::new(client, simulation, robot, start, port).run()
+    line::Session::new(client, simulation, robot, presets, start, port).run()
 }

@@ -1,9 +1,11 @@
 //! The model as text and braille: nothing here knows a terminal or a board.
 
+use growbot_client::forecast::Forecast;
 use growbot_client::printable::steers;
 use growbot_core::layer::Layer;
 use growbot_core::link::message::{State, Status};
 use growbot_host::duration::duration_text;
+use growbot_host::finish_time::clock_text_here;
 use ratatui::Frame;
 use ratatui::layout::{Alignment, Constraint, Layout, Position, Rect};
 use ratatui::style::{Color, Modifier, Style};
@@ -11,6 +13,7 @@ use ratatui::symbols::Marker;
 use ratatui::text::{Line, Span};
 use ratatui::widgets::canvas::{Canvas, Line as Stroke, Points};
 use ratatui::widgets::{Axis, Block, Chart, Dataset, GraphType, Paragraph, Wrap};
+use time::OffsetDateTime;
 
 use super::body::Point;
 use super::keys::KEYS;
@@ -99,7 +102,7 @@ fn state_line(model: &Model) -> Line<'static> {
     let Some(status) = &model.status else { return Line::styled("waiting for the board", WORKING) };
     let style = match status.state {
         State::Fault | State::EmergencyStop => BAD,
-        State::Heating | State::Homing | State::Growing | State::Tuning | State::Paused => WORKING,
+        State::Heating | State::Homing | State::Growing | State::Tuning | State::Maintenance | State::Paused => WORKING,
         _ => GOOD,
     };
     let known = if model.lost.is_some() { "last known: " } else { "" };
@@ -115,7 +118,11 @@ fn state_line(model: &Model) -> Line<'static> {
 fn progress(model: &Model, status: &Status) -> String {
     let share = 100.0 * f64::from(status.laid) / f64::from(status.layers.max(1));
     let left = f64::from(status.layers.saturating_sub(status.laid)) * model.robot.description().layer.period_s;
-    format!("layer {} of {} ({share:.0} %), {} left", status.laid, status.layers, duration_text(left))
+    let text = format!("layer {} of {} ({share:.0} %), {} left", status.laid, status.layers, duration_text(left));
+    // A simulated robot's time is not ours.
+    let forecast = Forecast { period_s: model.robot.description().layer.period_s, pace: 1.0 };
+    let finish = model.speed.is_none().then(|| forecast.finish_of(OffsetDateTime::now_utc(), status)).flatten();
+    finish.map_or(text.clone(), |finish| format!("{text}, done at {}", clock_text_here(finish)))
 }
 
 fn heater_line(model: &Model) -> Line<'static> {

@@ -21,6 +21,7 @@ use std::time::{Duration, Instant};
 
 use crossterm::event::{self, Event, KeyEvent, KeyEventKind};
 use growbot_client::client::Client;
+use growbot_client::maintenance::Presets;
 use growbot_client::plan::{Goal, Plan, Search};
 use growbot_client::warning::PREVENTING;
 use growbot_core::job::job_layers;
@@ -63,7 +64,7 @@ pub fn check_terminal() -> Result<(), Failure> {
 }
 
 /// Shows the robot until the user leaves.
-pub fn run(client: Client, robot: Robot, start: Pose, port: &ChosenPort) -> Result<(), Failure> {
+pub fn run(client: Client, robot: Robot, presets: Presets, start: Pose, port: &ChosenPort) -> Result<(), Failure> {
     let (name, simulated) = (port.name(), port.is_simulated());
     let mut watch = Watch::new(client, name.is_virtual());
     // What cannot be talked to at all is better said before the screen is taken.
@@ -79,7 +80,7 @@ pub fn run(client: Client, robot: Robot, start: Pose, port: &ChosenPort) -> Resu
     }
     model.apply_status(hello.status);
     let leave = leave_when_told()?;
-    let mut console = Console { watch, model, simulated, start, history: Vec::new(), quit: false };
+    let mut console = Console { watch, model, simulated, presets, start, history: Vec::new(), quit: false };
     let mut screen = Screen::open()?;
     let done = console.run(&mut screen, &leave);
     drop(screen);
@@ -136,6 +137,7 @@ struct Console {
     model: Model,
     /// Whether the robot is a simulated one.
     simulated: bool,
+    presets: Presets,
     start: Pose,
     /// Lines that were typed, the latest last.
     history: Vec<String>,
@@ -224,7 +226,7 @@ impl Console {
     }
 
     fn ask(&mut self, what: &Ask) {
-        let answer = ask(self.watch.client(), &self.model.robot, self.simulated, &self.start, what);
+        let answer = ask(self.watch.client(), &self.model.robot, self.simulated, &self.presets, &self.start, what);
         self.tell(answer);
     }
 
@@ -255,7 +257,8 @@ impl Console {
             self.model.complain("not planned: choose another pose, or grow it with `growbot grow --force`");
             return false;
         }
-        let answer = ask(self.watch.client(), &self.model.robot, self.simulated, &self.start, &Ask::Plan(plan.goal));
+        let request = Ask::Plan(plan.goal);
+        let answer = ask(self.watch.client(), &self.model.robot, self.simulated, &self.presets, &self.start, &request);
         let planned = answer.is_ok();
         if planned {
             self.model.body = body;
@@ -288,7 +291,7 @@ mod tests {
         let mut watch = Watch::new(Client::new(Box::new(Sim::new(robot.clone())), "sim"), true);
         watch.client().hello().unwrap();
         let model = Model::new(robot, "sim", start, watch.speed());
-        Console { watch, model, simulated: true, start, history: Vec::new(), quit: false }
+        Console { watch, model, simulated: true, presets: Presets::default(), start, history: Vec::new(), quit: false }
     }
 
     impl Console {

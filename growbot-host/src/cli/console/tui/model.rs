@@ -164,6 +164,7 @@ pub fn explanation(state: State) -> &'static str {
         State::Parked => "after a long pause, the heater is off; g continues",
         State::Done => "every layer is laid, heater and steppers are off",
         State::Stopped => "stopped on request, heater and steppers are off",
+        State::Maintenance => "hot for maintenance; off 10 minutes after the latest command",
         State::Tuning => "the nozzle is driven round a temperature",
         State::Fault => "heater and steppers are off; mend it, then c clears it",
         State::EmergencyStop => "everything is off; release the button, then c clears it",

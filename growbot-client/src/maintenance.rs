@@ -1,0 +1,192 @@
+//! Maintenance as people ask for it: presets of materials, and words that become tasks of the board.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use growbot_core::link::message::Task;
+use growbot_core::robot::Robot;
+use serde::Deserialize;
+
+use crate::pose_text::parse_number;
+use crate::robot_file::{self, RobotFileError};
+use crate::suggest::did_you_mean;
+
+/// What a material needs: a table `[materials.NAME]` of a robot file.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Preset {
+    /// Temperature of the nozzle, C; `heater.target_c` where it is left out.
+    pub nozzle_c: Option<f64>,
+    /// Filament that is pushed in to load it, mm.
+    pub load_mm: f64,
+    /// Filament that is pulled out to unload it, mm.
+    pub unload_mm: f64,
+    /// Filament that is pushed through to purge the nozzle, mm.
+    pub purge_mm: f64,
+}
+
+impl Default for Preset {
+    fn default() -> Self {
+        Self { nozzle_c: None, load_mm: 60.0, unload_mm: 80.0, purge_mm: 30.0 }
+    }
+}
+
+/// The presets of a robot.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Presets {
+    by_name: BTreeMap<String, Preset>,
+}
+
+/// The commands, with their arguments and what they do.
+pub const COMMANDS: [(&str, &str, &str); 8] = [
+    ("preheat", "[C|MATERIAL]", "heat the nozzle for maintenance: to a temperature, a material's, or that of growth"),
+    ("cooldown", "", "end maintenance: heater and steppers off"),
+    ("load", "[MM|MATERIAL]", "push filament in (60)"),
+    ("unload", "[MM|MATERIAL]", "pull filament out (80)"),
+    ("purge", "[MM|MATERIAL]", "push filament through the hot nozzle (30)"),
+    ("home", "", "turn the head to its index mark"),
+    ("rotate", "DEGREES", "turn the head by an angle, -360 to 360"),
+    ("jog", "MM", "move filament, forwards or backwards"),
+];
+
+impl Presets {
+    /// Those of this robot file; none of a built-in robot.
+    ///
+    /// # Errors
+    /// What cannot be read, or is no preset.
+    pub fn load(name_or_file: &Path) -> Result<Self, RobotFileError> {
+        let (text, file) = robot_file::text_of(name_or_file)?;
+        Ok(Self { by_name: robot_file::materials(&text, &file)? })
+    }
+
+    fn find(&self, name: &str) -> Result<Preset, String> {
+        self.by_name.get(name).copied().ok_or_else(|| {
+            let meant = did_you_mean(name, self.by_name.keys().map(String::as_str));
+            format!(
+                "{name:?} is neither a number nor a material of the robot file{meant}: give a number, or add \
+                 [materials.{name}] to it"
+            )
+        })
+    }
+
+    /// Understands a command of [`COMMANDS`]; none where the word is no such command.
+    ///
+    /// # Errors
+    /// What is wrong with it, as a message.
+    pub fn task(&self, word: &str, rest: &str, robot: &Robot) -> Option<Result<Task, String>> {
+        let rest = rest.trim();
+        let alone =
+            |task| if rest.is_empty() { Ok(task) } else { Err(format!("`{word}` takes nothing: leave {rest:?} away")) };
+        let number = || parse_number(rest).ok_or_else(|| format!("{rest:?} is no number: give one, as `{word} 10`"));
+        let feed = |mm: f64| Task::Feed { um: (mm * 1000.0).round() as i32 };
+        let of_preset = |of: fn(&Preset) -> f64| match (rest, parse_number(rest)) {
+            ("", _) => Ok(of(&Preset::default())),
+            (_, Some(number)) if number >= 0.0 => Ok(number),
+            (_, Some(number)) => Err(format!("{number} mm: `{word}` takes 0 or more; `jog` moves either way")),
+            (name, None) => self.find(name).map(|preset| of(&preset)),
+        };
+        Some(match word {
+            "preheat" => self.temperature(rest, robot),
+            "cooldown" => alone(Task::CoolDown),
+            "home" => alone(Task::Home),
+            "load" => of_preset(|preset| preset.load_mm).map(feed),
+            "unload" => of_preset(|preset| preset.unload_mm).map(|mm| feed(-mm)),
+            "purge" => of_preset(|preset| preset.purge_mm).map(feed),
+            "rotate" => number().map(|degrees| Task::Rotate { centi_deg: (degrees * 100.0).round() as i32 }),
+            "jog" => number().map(feed),
+            _ => return None,
+        })
+    }
+
+    fn temperature(&self, text: &str, robot: &Robot) -> Result<Task, String> {
+        let growth = robot.description().heater.target_c;
+        let celsius = match (text, parse_number(text)) {
+            ("", _) => growth,
+            (_, Some(celsius)) => celsius,
+            (name, None) => self.find(name)?.nozzle_c.unwrap_or(growth),
+        };
+        Ok(Task::Preheat { target_centi_c: (celsius * 100.0).round() as i32 })
+    }
+}
+
+/// How a request for a task is called.
+#[must_use]
+pub fn request_name(task: Task) -> &'static str {
+    match task {
+        Task::Preheat { .. } => "to preheat",
+        Task::CoolDown => "to cool down",
+        Task::Home | Task::Rotate { .. } => "to turn the head",
+        Task::Feed { .. } => crate::client::FEEDING,
+    }
+}
+
+/// What the board does now, in words.
+#[must_use]
+pub fn in_words(task: Task) -> String {
+    match task {
+        Task::Preheat { target_centi_c } => format!(
+            "heats to {} C; off by itself 10 minutes after the latest command",
+            f64::from(target_centi_c) / 100.0
+        ),
+        Task::CoolDown => "heater and steppers are off".to_owned(),
+        Task::Home => "turns the head to its index mark".to_owned(),
+        Task::Rotate { centi_deg } => format!("turns the head by {} degrees", f64::from(centi_deg) / 100.0),
+        Task::Feed { um } => {
+            let way = if um < 0 { "pulls" } else { "pushes" };
+            format!("{way} {} mm of filament", f64::from(um.unsigned_abs()) / 1000.0)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn robot() -> Robot {
+        robot_file::load("growbot-a".as_ref()).unwrap()
+    }
+
+    fn presets() -> Presets {
+        let text = "[materials.pla]\nnozzle_c = 205.0\nload_mm = 90.0\n\n[materials.pcl]\nnozzle_c = 110.0\n";
+        Presets { by_name: robot_file::materials(text, "mine.toml").unwrap() }
+    }
+
+    #[test]
+    fn words_become_tasks() {
+        let task = |line: &str| {
+            let (word, rest) = line.split_once(' ').unwrap_or((line, ""));
+            presets().task(word, rest, &robot()).unwrap()
+        };
+        assert_eq!(task("preheat"), Ok(Task::Preheat { target_centi_c: 20_000 }));
+        assert_eq!(task("preheat 210.5"), Ok(Task::Preheat { target_centi_c: 21_050 }));
+        assert_eq!(task("preheat pla"), Ok(Task::Preheat { target_centi_c: 20_500 }));
+        assert_eq!(task("load pla"), Ok(Task::Feed { um: 90_000 }));
+        assert_eq!(task("unload"), Ok(Task::Feed { um: -80_000 }));
+        assert_eq!(task("purge 12.5"), Ok(Task::Feed { um: 12_500 }));
+        assert_eq!(task("jog -3"), Ok(Task::Feed { um: -3000 }));
+        assert_eq!(task("rotate -90"), Ok(Task::Rotate { centi_deg: -9000 }));
+        assert_eq!((task("home"), task("cooldown")), (Ok(Task::Home), Ok(Task::CoolDown)));
+        for (line, part) in [
+            ("preheat plaa", "did you mean pla?"),
+            ("load -3", "takes 0 or more"),
+            ("rotate", "is no number"),
+            ("jog far", "is no number"),
+            ("home 3", "takes nothing"),
+        ] {
+            assert!(task(line).unwrap_err().contains(part), "{line}: {:?}", task(line));
+        }
+        assert_eq!(presets().task("dance", "", &robot()), None);
+    }
+
+    #[test]
+    fn a_robot_file_with_materials_describes_the_same_robot() {
+        let (text, _) = robot_file::text_of("growbot-a".as_ref()).unwrap();
+        let with = format!("{text}\n[materials.pla]\nnozzle_c = 205.0 # mine\n");
+        assert_eq!(robot_file::parse(&with, "mine.toml").unwrap().hash(), robot().hash());
+        assert_eq!(robot_file::materials(&with, "mine.toml").unwrap().len(), 1);
+        let wrong = format!("{text}\n[materials.pla]\nnozle_c = 205.0\n");
+        let message = robot_file::materials(&wrong, "mine.toml").unwrap_err().to_string();
+        assert!(message.contains("nozle_c") && message.contains("did you mean nozzle_c?"), "{message}");
+        assert!(robot_file::parse(&wrong, "mine.toml").is_err(), "no robot of a file that is wrong");
+    }
+}

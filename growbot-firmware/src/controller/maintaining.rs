@@ -1,0 +1,149 @@
+//! Maintenance: heats, feeds and turns without a job, and changes filament in a pause. The board chooses the speeds, and
+//! nothing lasts for long: each move has its time, and the heater goes off when nobody has asked for anything for a
+//! while.
+
+use growbot_core::link::message::{Message, Refusal, State, Task};
+
+use super::growing::Maintained;
+use super::requests::MIN_TUNING_C;
+use super::{Controller, centi};
+use crate::hal::Board;
+use crate::safety::transitions::Event;
+use crate::stepping::{AxisMove, Handover, Order};
+
+/// Time after the latest request for maintenance at which heater and motors go off, us: ten minutes.
+pub const UNATTENDED_US: u64 = 600_000_000;
+/// The max time of one move, s: well below that.
+const MAX_MOVE_S: f64 = 300.0;
+/// Distance of a target from the max temperature, degrees: that of `heater.target_c`.
+const MARGIN_C: f64 = 5.0;
+/// Hundredths of a degree in a turn of the head, the max of one request.
+const TURN_CENTI_DEG: u32 = 36_000;
+
+impl<B: Board> Controller<B> {
+    /// Carries out a task.
+    pub(super) fn maintain(&mut self, task: Task, handover: &Handover) -> Result<Message, Refusal> {
+        match task {
+            Task::Preheat { target_centi_c } => self.preheat(f64::from(target_centi_c) / 100.0)?,
+            Task::CoolDown => {
+                self.check_event(Event::CoolDown)?;
+                if self.state == State::Maintenance {
+                    self.switch_off(handover);
+                }
+                self.happens(Event::CoolDown);
+            }
+            Task::Home => {
+                self.may_maintain(Event::MoveHead, handover)?;
+                let homing = self.homing();
+                let seconds = self.homing_s(&homing);
+                handover.give(Order::Home(homing));
+                self.motion.maintains(Maintained::Head, seconds, self.now);
+            }
+            Task::Rotate { centi_deg } => self.rotate(centi_deg, handover)?,
+            Task::Feed { um } => self.feed_by(um, handover)?,
+        }
+        // Somebody is there.
+        if matches!(self.state, State::Maintenance | State::Paused) {
+            self.since = self.now;
+        }
+        Ok(self.accepted())
+    }
+
+    fn preheat(&mut self, target_c: f64) -> Result<(), Refusal> {
+        self.check_event(Event::Preheat)?;
+        let max = self.robot.description().heater.max_c - MARGIN_C;
+        if !(MIN_TUNING_C..=max).contains(&target_c) {
+            return Err(Refusal::Temperature { min: centi(MIN_TUNING_C), max: centi(max) });
+        }
+        if self.may_be_halted() {
+            return Err(Refusal::DebugProbe);
+        }
+        match self.state {
+            // The pause begins anew, and with it the time at the temperature of growth.
+            State::Paused => {}
+            State::Maintenance => self.heater.set_target(target_c, self.now),
+            _ => self.heater.switch_on(target_c, self.now),
+        }
+        self.happens(Event::Preheat);
+        Ok(())
+    }
+
+    fn rotate(&mut self, centi_deg: i32, handover: &Handover) -> Result<(), Refusal> {
+        self.may_maintain(Event::MoveHead, handover)?;
+        if centi_deg.unsigned_abs() > TURN_CENTI_DEG {
+            return Err(Refusal::TooFar { max: TURN_CENTI_DEG });
+        }
+        let head = &self.robot.description().head;
+        let turns = f64::from(centi_deg.unsigned_abs()) / f64::from(TURN_CENTI_DEG);
+        let per_s = f64::from(head.steps_per_turn) * head.homing_turns_per_s;
+        let (order, seconds) = self.axis_move(turns * f64::from(head.steps_per_turn), per_s, centi_deg < 0, false);
+        handover.give(Order::Rotate(order));
+        self.motion.maintains(Maintained::Head, seconds, self.now);
+        Ok(())
+    }
+
+    /// Forwards as fast as the robot grows on average, which its heater can melt; backwards as fast as before a pause.
+    fn feed_by(&mut self, um: i32, handover: &Handover) -> Result<(), Refusal> {
+        self.may_maintain(Event::MoveFilament, handover)?;
+        let backwards = um < 0;
+        if !backwards && !self.has_filament() {
+            return Err(Refusal::NoFilament);
+        }
+        let (mm, mm_per_s) = (f64::from(um.unsigned_abs()) / 1000.0, self.feed_mm_per_s(backwards));
+        if mm > mm_per_s * MAX_MOVE_S {
+            return Err(Refusal::TooFar { max: (mm_per_s * MAX_MOVE_S * 1000.0) as u32 });
+        }
+        let steps_per_mm = self.robot.description().feed.steps_per_mm;
+        let (order, seconds) = self.axis_move(mm * steps_per_mm, mm_per_s * steps_per_mm, backwards, true);
+        handover.give(Order::Feed(order));
+        let flow = if backwards { 0.0 } else { mm_per_s * self.robot.filament_area() };
+        self.motion.maintains(Maintained::Filament(flow), seconds, self.now);
+        Ok(())
+    }
+
+    fn feed_mm_per_s(&self, backwards: bool) -> f64 {
+        let description = self.robot.description();
+        let grows = description.layer.height_mm * self.robot.wall_area() / self.robot.filament_area();
+        let grows = grows / description.layer.period_s;
+        if backwards { description.feed.retract_mm_per_s } else { grows.min(description.feed.retract_mm_per_s) }
+    }
+
+    /// A move of an axis, and its time in s.
+    fn axis_move(&self, steps: f64, steps_per_s: f64, backwards: bool, changes_filament: bool) -> (AxisMove, f64) {
+        let tick_hz = f64::from(self.robot.description().motion.tick_hz);
+        let steps = libm::rint(steps) as u32;
+        let ticks_per_step = (tick_hz / steps_per_s).max(2.0) as u32;
+        let seconds = f64::from(steps) * f64::from(ticks_per_step) / tick_hz;
+        (AxisMove { steps, backwards, ticks_per_step, changes_filament }, seconds)
+    }
+
+    /// Refuses a move in other states, with a nozzle that is not hot, and while something moves.
+    fn may_maintain(&self, event: Event, handover: &Handover) -> Result<(), Refusal> {
+        self.check_event(event)?;
+        let min_c = self.robot.description().heater.extrusion_min_c;
+        let now_c = self.heater.temperature(self.now).unwrap_or(0.0);
+        // Also while the switches are tried, and while a target is on its way.
+        let steady = self.heater.is_steady(self.now);
+        if now_c < min_c || !steady {
+            let target_c = self.heater.target().unwrap_or(min_c);
+            return Err(Refusal::Cold { now: centi(now_c), min: centi(if now_c < min_c { min_c } else { target_c }) });
+        }
+        if self.motion.is_under_way() || !handover.accepts_orders() {
+            return Err(Refusal::Moving);
+        }
+        Ok(())
+    }
+
+    /// Whether there is filament at its switch; true where the robot has none.
+    pub(super) fn has_filament(&self) -> bool {
+        self.readings.filament_present != Some(false)
+    }
+
+    /// Switches off what nobody has attended to for long.
+    pub(super) fn end_maintenance_in_time(&mut self, handover: &Handover) {
+        if self.state == State::Maintenance && self.in_state_us() >= UNATTENDED_US {
+            self.switch_off(handover);
+            self.happens(Event::Unattended);
+        }
+    }
+}

@@ -1,0 +1,188 @@
+//! Maintenance: heat and moves without a job, each within its limits.
+
+use growbot_core::link::message::{Fault, Refusal, State, Task};
+
+use super::bench::{Bench, WARM};
+use super::requests::{feed, maintain, pause, preheat, start, stop};
+use super::tip::{FILAMENT_PRESENCE, Wire};
+use crate::controller::maintaining::UNATTENDED_US;
+use crate::testing::fast_robot;
+
+fn hot() -> Bench {
+    Bench::in_state(State::Maintenance)
+}
+
+#[test]
+fn preheating_holds_a_temperature_and_cooling_down_ends_it() {
+    let mut bench = hot();
+    assert!((bench.world.nozzle_c.get() - 200.0).abs() < 3.0);
+    bench.accepted(&preheat(150.0));
+    bench.run(90.0);
+    assert!((bench.world.nozzle_c.get() - 150.0).abs() < 3.0, "{} C", bench.world.nozzle_c.get());
+    bench.accepted(&maintain(Task::CoolDown));
+    assert_eq!(bench.controller.state(), State::Idle);
+    assert!(bench.heater.off());
+    // Twice is once, and the job of before is known.
+    bench.accepted(&maintain(Task::CoolDown));
+    bench.start();
+    bench.run_to(State::Growing, 200.0);
+}
+
+#[test]
+fn temperatures_out_of_the_robots_limits_are_refused() {
+    let mut bench = Bench::in_state(State::Idle);
+    for celsius in [49.0, 235.1, 1e7, -1e7] {
+        assert_eq!(bench.refused(&preheat(celsius)), Refusal::Temperature { min: 5000, max: 23_500 }, "{celsius}");
+    }
+}
+
+#[test]
+fn a_cold_nozzle_moves_nothing() {
+    let mut bench = Bench::greeted(fast_robot(), 60.0);
+    assert_eq!(bench.refused(&feed(1.0)), Refusal::WrongState { state: State::Idle });
+    bench.accepted(&preheat(200.0));
+    for request in [feed(1.0), feed(-1.0), maintain(Task::Home), maintain(Task::Rotate { centi_deg: 9000 })] {
+        let Refusal::Cold { now, min } = bench.refused(&request) else { panic!("{request:?}") };
+        assert!((5900..6200).contains(&now) && min == 18_000, "{now} of {min}");
+    }
+    // A soak is not hot enough either, and says what is.
+    bench.accepted(&preheat(150.0));
+    bench.run(120.0);
+    assert!(matches!(bench.refused(&feed(1.0)), Refusal::Cold { now: 14_700..15_300, min: 18_000 }));
+    assert_eq!(bench.motors.moved.pulses, 0);
+}
+
+#[test]
+fn filament_is_loaded_and_unloaded_by_the_length_asked_for() {
+    let mut bench = hot();
+    let steps_per_mm = bench.robot.description().feed.steps_per_mm;
+    let at = bench.motors.moved.feed;
+    for (mm, after_mm) in [(10.0, 10.0), (-25.0, -15.0)] {
+        bench.accepted(&feed(mm));
+        assert_eq!(bench.refused(&feed(1.0)), Refusal::Moving);
+        bench.run(120.0);
+        let moved = (bench.motors.moved.feed - at) as f64;
+        assert!((moved - after_mm * steps_per_mm).abs() <= 1.0, "{moved} steps, {after_mm} mm");
+        assert_eq!(bench.controller.fault(), None);
+    }
+    assert!(matches!(bench.refused(&feed(1e6)), Refusal::TooFar { max } if max > 1000));
+}
+
+#[test]
+fn the_head_homes_and_turns_by_the_angle_asked_for() {
+    let mut bench = hot();
+    bench.accepted(&maintain(Task::Home));
+    bench.run(20.0);
+    let (at, turn) = (bench.motors.moved.head, i64::from(bench.robot.description().head.steps_per_turn));
+    bench.accepted(&maintain(Task::Rotate { centi_deg: 9000 }));
+    bench.run(20.0);
+    assert_eq!(bench.motors.moved.head - at, turn / 4);
+    bench.accepted(&maintain(Task::Rotate { centi_deg: -18_000 }));
+    bench.run(20.0);
+    assert_eq!(bench.motors.moved.head - at, -turn / 4);
+    for centi_deg in [36_001, i32::MIN, i32::MAX] {
+        assert_eq!(bench.refused(&maintain(Task::Rotate { centi_deg })), Refusal::TooFar { max: 36_000 });
+    }
+}
+
+#[test]
+fn what_nobody_attends_to_goes_off() {
+    let mut bench = hot();
+    let limit_s = UNATTENDED_US as f64 * 1e-6;
+    bench.run(limit_s - 10.0);
+    bench.accepted(&feed(1.0));
+    bench.run(limit_s - 10.0);
+    assert_eq!(bench.controller.state(), State::Maintenance, "a request begins the time anew");
+    bench.run_to(State::Idle, 11.0);
+    bench.run(0.1);
+    assert!(bench.heater.off() && !bench.motors.enabled());
+}
+
+#[test]
+fn it_is_refused_while_a_body_grows() {
+    for state in [State::Heating, State::Homing, State::Growing, State::Tuning, State::Fault, State::EmergencyStop] {
+        let mut bench = Bench::in_state(state);
+        for request in [preheat(200.0), feed(1.0), maintain(Task::Home), maintain(Task::CoolDown)] {
+            assert_eq!(bench.refused(&request), Refusal::WrongState { state }, "{request:?}");
+        }
+    }
+    let mut bench = Bench::in_state(State::Paused);
+    assert_eq!(bench.refused(&maintain(Task::Home)), Refusal::WrongState { state: State::Paused });
+}
+
+#[test]
+fn alarms_stay_active() {
+    // A jam, while filament is pushed forwards.
+    let mut bench = hot();
+    bench.motors.jammed = true;
+    bench.accepted(&feed(30.0));
+    bench.run_to(State::Fault, 60.0);
+    assert_eq!(bench.controller.fault(), Some(Fault::FilamentJam));
+    // A thermistor that comes off.
+    let mut bench = hot();
+    bench.world.wire.set(Wire::Open);
+    bench.run_to(State::Fault, 1.0);
+    assert!(bench.heater.off());
+    // And a stop.
+    let mut bench = hot();
+    bench.accepted(&feed(30.0));
+    bench.accepted(&stop());
+    let at = bench.motors.moved.feed;
+    bench.run(5.0);
+    assert_eq!((bench.controller.state(), bench.motors.moved.feed), (State::Stopped, at));
+}
+
+#[test]
+fn filament_that_is_not_there_is_not_loaded() {
+    let mut bench = hot();
+    bench.heater.pins.set(FILAMENT_PRESENCE, false);
+    bench.run(1.0);
+    assert_eq!(bench.controller.state(), State::Maintenance, "it is no fault to have none");
+    assert_eq!(bench.refused(&feed(5.0)), Refusal::NoFilament);
+    bench.accepted(&feed(-5.0));
+}
+
+#[test]
+fn a_robot_without_filament_waits_for_a_new_spool_and_goes_on_with_its_layer() {
+    let mut bench = Bench::greeted(fast_robot(), WARM);
+    let layers = super::requests::bends(30);
+    bench.grow(&layers);
+    bench.run_to(State::Growing, 60.0);
+    bench.run(2.0);
+    bench.heater.pins.set(FILAMENT_PRESENCE, false);
+    bench.run_to(State::Paused, 60.0);
+    let status = bench.status();
+    assert_eq!(status.pause_cause, growbot_core::link::message::PauseCause::FilamentOut);
+    assert!(status.laid > 0 && status.interrupted.is_none(), "the layer under way was finished");
+    // Standby, and for longer than another pause.
+    bench.run(2.0 * bench.robot.description().pause.off_after_s);
+    assert_eq!(bench.controller.state(), State::Paused);
+    assert!(bench.world.nozzle_c.get() < 160.0, "{} C", bench.world.nozzle_c.get());
+    assert_eq!(bench.refused(&start()), Refusal::NoFilament);
+    bench.accepted(&pause());
+    assert_eq!(bench.refused(&start()), Refusal::NoFilament, "another pause does not hide it");
+    // A new spool: heat, load, go on.
+    bench.heater.pins.set(FILAMENT_PRESENCE, true);
+    bench.run(0.5);
+    assert!(matches!(bench.refused(&feed(20.0)), Refusal::Cold { .. }));
+    bench.accepted(&preheat(200.0));
+    bench.run_until_it_may_move();
+    bench.accepted(&feed(20.0));
+    assert_eq!(bench.refused(&start()), Refusal::Moving);
+    bench.run(30.0);
+    bench.start();
+    bench.run_to(State::Done, 200.0);
+    let laid = bench.laid();
+    assert_eq!(laid.iter().map(|laid| laid.index).collect::<std::vec::Vec<_>>(), (0..30).collect::<std::vec::Vec<_>>());
+}
+
+#[test]
+fn a_robot_that_waits_for_filament_for_long_parks() {
+    let mut bench = Bench::in_state(State::Growing);
+    bench.heater.pins.set(FILAMENT_PRESENCE, false);
+    bench.run_to(State::Paused, 60.0);
+    bench.run(3590.0);
+    assert_eq!(bench.controller.state(), State::Paused);
+    bench.run_to(State::Parked, 20.0);
+    assert!(bench.heater.off());
+}

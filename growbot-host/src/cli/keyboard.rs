@@ -1,0 +1,132 @@
+//! Orders that are typed into the terminal in which a body grows, while its robot waits.
+
+use std::io::{self, IsTerminal};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::Duration;
+
+use growbot_client::growth::{Order, Orders};
+use growbot_core::link::message::State;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::process::getpgrp;
+use rustix::termios::tcgetpgrp;
+
+/// So often it is looked whether somebody types.
+const LOOK: Duration = Duration::from_millis(200);
+
+/// The keyboard of the terminal, if there is one. It is read only while the robot waits: what is typed at other times
+/// stays for the shell.
+#[derive(Debug, Default)]
+pub struct Keyboard {
+    waits: Option<Arc<AtomicBool>>,
+}
+
+impl Keyboard {
+    /// Takes orders from the terminal, if this program has one.
+    pub fn of_terminal(orders: &Arc<Orders>) -> Self {
+        if !(io::stdin().is_terminal() && io::stderr().is_terminal()) {
+            return Self::default();
+        }
+        let waits = Arc::new(AtomicBool::new(false));
+        let (orders, asked) = (Arc::clone(orders), Arc::clone(&waits));
+        // It ends with the program.
+        let reader = thread::Builder::new().name("keyboard".to_owned()).spawn(move || read(&orders, &asked));
+        Self { waits: reader.is_ok().then_some(waits) }
+    }
+
+    /// Whether orders can be typed.
+    pub fn is_there(&self) -> bool {
+        self.waits.is_some()
+    }
+
+    /// The robot is in this state.
+    pub fn enters(&self, state: State) {
+        if let Some(waits) = &self.waits {
+            waits.store(matches!(state, State::Paused | State::Parked), Ordering::Relaxed);
+        }
+    }
+}
+
+/// Reads lines while the robot waits.
+fn read(orders: &Orders, waits: &AtomicBool) {
+    loop {
+        if !waits.load(Ordering::Relaxed) || !is_typed() {
+            thread::sleep(LOOK);
+            continue;
+        }
+        let mut line = String::new();
+        match io::stdin().read_line(&mut line) {
+            Ok(0) | Err(_) => return,
+            Ok(_) => match order(&line) {
+                Ok(Some(order)) => orders.give(order),
+                Ok(None) => {}
+                Err(why) => growbot_host::error!("{why}"),
+            },
+        }
+    }
+}
+
+/// Whether a line waits, and is for this program: one in the background that read it would be halted.
+fn is_typed() -> bool {
+    let stdin = io::stdin();
+    if tcgetpgrp(&stdin).ok() != Some(getpgrp()) {
+        return false;
+    }
+    let mut polled = [PollFd::new(&stdin, PollFlags::IN)];
+    poll(&mut polled, Some(&Timespec::default())).is_ok_and(|ready| ready > 0)
+}
+
+/// Understands a line.
+fn order(line: &str) -> Result<Option<Order>, String> {
+    match line.trim() {
+        "" => Ok(None),
+        "c" | "continue" => Ok(Some(Order::Continue)),
+        "stop" => Ok(Some(Order::Stop)),
+        "preheat" => Ok(Some(Order::Preheat)),
+        "unload" => Ok(Some(Order::Unload)),
+        "load" => Ok(Some(Order::Load)),
+        "purge" => Ok(Some(Order::Purge)),
+        other => Err(format!(
+            "{other:?} is no order: type `continue` or `stop`; or, to change filament, `preheat`, `unload`, `load`, \
+             `purge`"
+        )),
+    }
+}
+
+/// What can be done about a robot that waits, by whoever has a keyboard or a page that controls it.
+pub fn what_to_do(state: State, keyboard: bool, page: bool) -> Option<String> {
+    let goes_on = match state {
+        State::Paused => "goes on",
+        State::Parked => "heats up, homes and goes on",
+        _ => return None,
+    };
+    match (keyboard, page) {
+        (true, true) => Some(format!("type `continue` or press Continue on the page, and the robot {goes_on}")),
+        (true, false) => Some(format!("type `continue`, and the robot {goes_on}; `stop` stops it")),
+        (false, true) => Some(format!("press Continue on the page, and the robot {goes_on}")),
+        (false, false) => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words_are_orders_and_nothing_else_is() {
+        assert_eq!(order("continue\n"), Ok(Some(Order::Continue)));
+        assert_eq!(order(" c \n"), Ok(Some(Order::Continue)));
+        assert_eq!(order("stop\n"), Ok(Some(Order::Stop)));
+        assert_eq!(order("\n"), Ok(None));
+        assert!(order("go\n").unwrap_err().contains("`continue`"));
+    }
+
+    #[test]
+    fn only_a_robot_that_waits_can_be_continued() {
+        assert!(what_to_do(State::Parked, true, false).unwrap().contains("heats up"));
+        assert!(what_to_do(State::Paused, false, true).unwrap().contains("page"));
+        assert_eq!(what_to_do(State::Growing, true, true), None);
+        assert_eq!(what_to_do(State::Parked, false, false), None);
+    }
+}

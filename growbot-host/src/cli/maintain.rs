@@ -1,0 +1,45 @@
+//! `growbot maintain`: preheat, load, purge and the like, without a job.
+
+use clap::Args;
+use growbot_client::maintenance::COMMANDS;
+use growbot_host::output::print;
+
+use super::console::maintain;
+use super::{Failure, RobotArg, RobotPortArg};
+
+/// Heat the nozzle, load, unload or purge filament, home or turn the head
+///
+/// The board refuses what is not safe: a move with a nozzle that is not hot, or while a body grows. Heater and motors
+/// go off 10 minutes after the latest of these commands. Materials are tables [materials.NAME] of the robot file, with
+/// nozzle_c, load_mm, unload_mm and purge_mm.
+#[derive(Args)]
+#[command(after_help = EXAMPLES)]
+pub struct MaintainArgs {
+    /// What to do: preheat, cooldown, load, unload, purge, home, rotate or jog
+    #[arg(value_parser = COMMANDS.map(|(name, ..)| name))]
+    task: String,
+    /// A temperature in C, a length in mm, an angle in degrees, or a material
+    #[arg(allow_negative_numbers = true, default_value = "")]
+    value: String,
+    #[command(flatten)]
+    port: RobotPortArg,
+    #[command(flatten)]
+    robot: RobotArg,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  growbot maintain preheat 200 --port /dev/ttyACM0
+  growbot maintain load pla --port /dev/ttyACM0 --robot mine.toml
+  growbot maintain jog -5 --port /dev/ttyACM0
+  growbot maintain cooldown --port /dev/ttyACM0";
+
+/// Runs the command.
+pub fn run(args: &MaintainArgs) -> Result<(), Failure> {
+    let port = args.port.choose()?;
+    let (robot, presets) = (args.robot.load()?, args.robot.presets()?);
+    let mut client = port.client(&robot)?;
+    client.hello_robot(&robot)?;
+    let done = maintain(&mut client, &robot, &presets, &args.task, &args.value)?;
+    Ok(print(&format!("{}{done}", if port.is_simulated() { "simulated robot: " } else { "" }))?)
+}
