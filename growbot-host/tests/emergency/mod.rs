@@ -201,6 +201,11 @@ fn carry(mut master: impl Read + Write, line: &Mutex<Line>, seen: &Mutex<Seen>, 
                 count
             }
             Err(error) if matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::WouldBlock) => 0,
+            // A socket that is closed with bytes unread is reset.
+            Err(error) if error.kind() == ErrorKind::ConnectionReset => {
+                has_gone = true;
+                0
+            }
             Err(error) => panic!("the line is gone: {error}"),
         };
         for byte in buffer.iter().take(count) {
