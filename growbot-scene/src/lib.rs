@@ -1,0 +1,10 @@
+//! Scenes of obstacles for growing robots.
+#![forbid(unsafe_code)]
+
+pub mod clear;
+pub mod motion;
+pub mod planner;
+pub mod read;
+pub mod scene;
+pub mod shapes;
+pub mod tree;

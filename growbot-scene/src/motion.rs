@@ -1,0 +1,195 @@
+//! Tips and stretches: a body's centreline as the search has it, in vectors, without roll.
+
+use std::f64::consts::PI;
+
+use growbot_core::angle::wrap_positive;
+use growbot_core::path::Segment;
+use growbot_core::pose::{Frame, Pose};
+use growbot_core::trigonometry::{sin, sin_cos};
+use nalgebra::Vector3;
+
+/// A tip: where it is, mm, and the unit vector in which it grows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Tip {
+    /// Where it is, mm.
+    pub position: Vector3<f64>,
+    /// The direction of growth, a unit vector.
+    pub direction: Vector3<f64>,
+}
+
+impl From<&Pose> for Tip {
+    fn from(pose: &Pose) -> Self {
+        Self { position: pose.position(), direction: pose.direction() }
+    }
+}
+
+/// A part of an arc or of a straight line.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Stretch {
+    /// Where it begins.
+    pub from: Tip,
+    /// The unit vector towards which it bends, perpendicular to the direction; of a line any.
+    pub towards: Vector3<f64>,
+    /// Curvature, 1/mm; 0 for a line.
+    pub curvature: f64,
+    /// Length, mm.
+    pub length: f64,
+}
+
+/// A piece of a centreline, by arc length.
+pub trait Curve {
+    /// Length, mm.
+    fn length(&self) -> f64;
+    /// The point after this length.
+    fn point(&self, along: f64) -> Vector3<f64>;
+    /// How far the points within this length of a point on it may be from that point, mm: the chord.
+    fn reach(&self, along: f64) -> f64;
+}
+
+impl Curve for Stretch {
+    fn length(&self) -> f64 {
+        self.length
+    }
+
+    #[inline]
+    fn point(&self, along: f64) -> Vector3<f64> {
+        let (ahead, aside) = self.offset(along);
+        self.from.position + self.from.direction * ahead + self.towards * aside
+    }
+
+    #[inline]
+    fn reach(&self, along: f64) -> f64 {
+        let turn = 0.5 * along * self.curvature;
+        if turn > 0.1 && turn < 0.5 * PI { 2.0 * sin(turn) / self.curvature } else { along }
+    }
+}
+
+impl Stretch {
+    /// A straight line.
+    #[must_use]
+    pub fn line(from: Tip, length: f64) -> Self {
+        Self { from, towards: Vector3::zeros(), curvature: 0.0, length }
+    }
+
+    fn offset(&self, along: f64) -> (f64, f64) {
+        if self.curvature == 0.0 {
+            return (along, 0.0);
+        }
+        let half = 0.5 * along * self.curvature;
+        let (sin, cos) = sin_cos(half);
+        let chord = 2.0 * sin / self.curvature;
+        (chord * cos, chord * sin)
+    }
+
+    /// The tip after this length.
+    #[must_use]
+    pub fn tip(&self, along: f64) -> Tip {
+        let (sin, cos) = sin_cos(along * self.curvature);
+        let direction = self.from.direction * cos + self.towards * sin;
+        Tip { position: self.point(along), direction: direction.normalize() }
+    }
+
+    /// The tip at its end.
+    #[must_use]
+    pub fn end(&self) -> Tip {
+        self.tip(self.length)
+    }
+}
+
+/// The length of some stretches, mm.
+#[must_use]
+pub fn length(stretches: &[Stretch]) -> f64 {
+    stretches.iter().fold(0.0, |length, stretch| length + stretch.length)
+}
+
+/// Some unit vector perpendicular to this unit vector.
+#[must_use]
+pub fn any_across(direction: &Vector3<f64>) -> Vector3<f64> {
+    let mut axis = Vector3::zeros();
+    axis[direction.iamin()] = 1.0;
+    direction.cross(&axis).normalize()
+}
+
+/// A position this little inside a turning circle, in squares of the radius, is on it: where an arc ended, say.
+const ON_CIRCLE: f64 = 1e-12;
+
+/// The arc of this radius and the line that lead from a tip to a position; none to a position inside a turning circle.
+#[must_use]
+pub fn to_position(from: &Tip, position: &Vector3<f64>, radius: f64) -> Option<[Stretch; 2]> {
+    let offset = position - from.position;
+    let ahead = offset.dot(&from.direction);
+    let aside = offset - from.direction * ahead;
+    let across = aside.norm();
+    let square = ahead * ahead + across * (across - 2.0 * radius);
+    if square < -ON_CIRCLE * radius * radius {
+        return None;
+    }
+    let line = square.max(0.0).sqrt();
+    if across <= 1e-12 * (ahead.abs() + radius) && ahead >= 0.0 {
+        return Some([Stretch { length: 0.0, ..Stretch::line(*from, 0.0) }, Stretch::line(*from, ahead)]);
+    }
+    let towards = if across > 0.0 { aside / across } else { any_across(&from.direction) };
+    let above = across - radius;
+    let turn = wrap_positive(libm::atan2(ahead * radius + above * line, ahead * line - above * radius));
+    let arc = Stretch { from: *from, towards, curvature: 1.0 / radius, length: turn * radius };
+    Some([arc, Stretch::line(arc.end(), line)])
+}
+
+/// The segments that grow along these stretches from a frame: the same curve as the robot has it.
+///
+/// Each stretch is taken in the frame in which the one before ended, so that small errors do not add up to a roll.
+#[must_use]
+pub fn segments(stretches: &[Stretch], base_from_start: &Frame) -> Vec<Segment> {
+    let mut base_from_tip = *base_from_start;
+    let mut segments = Vec::new();
+    for stretch in stretches {
+        let length = stretch.length;
+        if length <= 0.0 {
+            continue;
+        }
+        let segment = if stretch.curvature == 0.0 {
+            Segment::Straight { length }
+        } else {
+            let towards = base_from_tip.rotation.inverse() * stretch.towards;
+            let alpha = wrap_positive(libm::atan2(towards.y, towards.x) + PI);
+            Segment::Arc { alpha, bend: stretch.curvature * length, length }
+        };
+        base_from_tip *= segment.step();
+        match (segments.last_mut(), segment) {
+            (Some(Segment::Straight { length }), Segment::Straight { length: more }) => *length += more,
+            _ => segments.push(segment),
+        }
+    }
+    segments
+}
+
+/// The stretches of a path of arcs and lines that grows from a frame; none if it has helicoidal arcs.
+#[must_use]
+pub fn stretches(path: &[Segment], base_from_start: &Frame) -> Option<Vec<Stretch>> {
+    let mut base_from_tip = *base_from_start;
+    let mut stretches = Vec::with_capacity(path.len());
+    for segment in path {
+        let axes = base_from_tip.rotation.matrix();
+        let from = Tip {
+            position: base_from_tip.translation.vector,
+            direction: axes.column(2).into_owned(),
+        };
+        stretches.push(match *segment {
+            Segment::Straight { length } => Stretch::line(from, length),
+            Segment::Arc { alpha, bend, length } => {
+                let (sin, cos) = sin_cos(alpha + PI);
+                let towards = axes.column(0) * cos + axes.column(1) * sin;
+                Stretch { from, towards, curvature: bend / length, length }
+            }
+            Segment::Helicoid { .. } => return None,
+        });
+        base_from_tip *= segment.step();
+    }
+    Some(stretches)
+}
+
+/// The angle between two unit vectors, radians.
+#[must_use]
+pub fn angle(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
+    2.0 * libm::atan2((a - b).norm(), (a + b).norm())
+}

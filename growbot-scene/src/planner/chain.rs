@@ -1,0 +1,95 @@
+//! Chains: bodies that lead from the start over some positions to the goal, each piece the shortest one there is.
+
+use growbot_core::pose::Frame;
+use growbot_core::shortest::{self, Candidates};
+use nalgebra::{Matrix3, Rotation3, Translation3, Vector3};
+
+use super::{Goal, Problem};
+use crate::motion::{Stretch, Tip, any_across, length, stretches, to_position};
+
+/// A body that arrives at the goal, and the positions that it was led over.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Chain {
+    /// The positions on the way.
+    pub via: Vec<Vector3<f64>>,
+    /// The body.
+    pub stretches: Vec<Stretch>,
+    /// Its length, mm.
+    pub length: f64,
+}
+
+impl Problem<'_> {
+    /// The shortest chain over these positions, if there is one below this length; and the number of its stretches
+    /// that do not lead to the goal itself.
+    pub(super) fn chain(&self, via: &[Vector3<f64>], below: f64) -> Option<Chain> {
+        let mut tip = self.start;
+        let mut stretches = Vec::with_capacity(2 * via.len() + 3);
+        let mut so_far = 0.0;
+        for (index, position) in via.iter().enumerate() {
+            let [arc, line] = to_position(&tip, position, self.radius)?;
+            so_far += arc.length + line.length;
+            let next = via.get(index + 1).copied().unwrap_or_else(|| self.goal.position());
+            // What is left is no shorter than straight.
+            if so_far + (next - position).norm() - self.tolerance() > below {
+                return None;
+            }
+            tip = line.end();
+            stretches.extend([arc, line]);
+        }
+        stretches.extend(self.shortest_to_goal(&tip)?);
+        let length = length(&stretches);
+        (length < below).then(|| Chain { via: via.to_vec(), stretches, length })
+    }
+
+    /// How far from its position a goal may be missed, mm.
+    pub(super) fn tolerance(&self) -> f64 {
+        match self.goal {
+            Goal::Position { tolerance, .. } => tolerance,
+            Goal::Pose(_) => 0.0,
+        }
+    }
+
+    /// The shortest way from a tip to the goal.
+    pub(super) fn shortest_to_goal(&self, tip: &Tip) -> Option<Vec<Stretch>> {
+        match self.goal {
+            Goal::Position { at, tolerance } => {
+                let mut way = to_position(tip, &at, self.radius)?.to_vec();
+                cut(&mut way, tolerance);
+                Some(way)
+            }
+            Goal::Pose(_) => self.to_goal(tip).into_iter().next(),
+        }
+    }
+
+    /// All ways from a tip to the goal that have one piece each of the shortest path's, shortest first.
+    pub(super) fn to_goal(&self, tip: &Tip) -> Vec<Vec<Stretch>> {
+        let Goal::Pose(goal) = self.goal else { return self.shortest_to_goal(tip).into_iter().collect() };
+        let base_from_tip = frame(tip);
+        let tip_from_base = base_from_tip.rotation.inverse();
+        let offset = tip_from_base * ((goal.position - tip.position) / self.radius);
+        let problem = shortest::Problem::new(&offset, &(tip_from_base * goal.direction));
+        let mut found = Candidates::new();
+        shortest::candidates(&problem, 0.0, &mut found, &mut || ());
+        let ways = found.iter().filter_map(|candidate| stretches(&candidate.path(self.radius).ok()?, &base_from_tip));
+        ways.collect()
+    }
+}
+
+/// A frame of this tip, with any roll.
+pub(super) fn frame(tip: &Tip) -> Frame {
+    let x = any_across(&tip.direction);
+    let axes = Matrix3::from_columns(&[x, tip.direction.cross(&x), tip.direction]);
+    Frame::from_parts(Translation3::from(tip.position), Rotation3::from_matrix_unchecked(axes))
+}
+
+/// Takes this length off the end.
+fn cut(way: &mut Vec<Stretch>, mut length: f64) {
+    while let Some(last) = way.last_mut() {
+        if last.length > length {
+            last.length -= length;
+            return;
+        }
+        length -= last.length;
+        way.pop();
+    }
+}

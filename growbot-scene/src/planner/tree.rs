@@ -1,0 +1,177 @@
+//! A search that is complete at its resolution: every way of arcs and lines of one length, in directions that are
+//! spread evenly, of which no two end in one cell of positions and directions.
+//!
+//! It follows Fu, Salzman and Alterovitz 2021 ("Toward certifiable motion planning for medical steerable needles",
+//! RSS), with growbot's own shortest paths to the goal from every tip.
+
+use std::cmp::Ordering;
+use std::collections::{BinaryHeap, HashSet};
+use std::f64::consts::TAU;
+
+use growbot_core::trigonometry::sin_cos;
+use nalgebra::Vector3;
+
+use super::chain::Chain;
+use super::{Problem, Resolution};
+use crate::clear::{Work, is_clear};
+use crate::motion::{Stretch, Tip, any_across, length, to_position};
+
+/// How much more the way to go counts than the way gone: what leads to the goal is tried first.
+const EAGERNESS: f64 = 1.5;
+
+/// A tip that has been reached.
+struct Node {
+    tip: Tip,
+    /// Index of the node before, and the way from there.
+    before: u32,
+    way: Stretch,
+    gone: f64,
+}
+
+/// A way that may be tried: from this node.
+struct Next {
+    rank: f64,
+    number: u64,
+    node: u32,
+    way: Stretch,
+}
+
+impl PartialEq for Next {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other) == Ordering::Equal
+    }
+}
+
+impl Eq for Next {}
+
+impl PartialOrd for Next {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl Ord for Next {
+    fn cmp(&self, other: &Self) -> Ordering {
+        // A heap gives the greatest: that is to be the least rank, and of equal ones the first.
+        other.rank.total_cmp(&self.rank).then(other.number.cmp(&self.number))
+    }
+}
+
+/// The search at one resolution.
+pub(super) struct Tree {
+    /// What it can tell apart.
+    pub(super) resolution: Resolution,
+    nodes: Vec<Node>,
+    queue: BinaryHeap<Next>,
+    cells: HashSet<[i32; 6]>,
+    pushed: u64,
+}
+
+impl Tree {
+    pub(super) fn new(problem: &Problem, resolution: Resolution) -> Self {
+        let way = Stretch::line(problem.start, 0.0);
+        let root = Node { tip: problem.start, before: 0, way, gone: 0.0 };
+        let mut tree = Self {
+            resolution,
+            nodes: vec![root],
+            queue: BinaryHeap::new(),
+            cells: HashSet::new(),
+            pushed: 0,
+        };
+        tree.branch(problem, 0, f64::INFINITY);
+        tree
+    }
+
+    /// Whether nothing is left to try.
+    pub(super) fn is_exhausted(&self) -> bool {
+        self.queue.is_empty()
+    }
+
+    /// Continues for this much work, or until a path below this length is found.
+    pub(super) fn advance(&mut self, problem: &Problem, work: &mut Work, until: u64, below: f64) -> Option<Chain> {
+        while work.0 < until {
+            let next = self.queue.pop()?;
+            work.0 += 1;
+            let end = next.way.end();
+            if !self.cells.insert(self.cell(&end)) || !is_clear(problem.scene, &next.way, &problem.need, work) {
+                continue;
+            }
+            let gone = self.nodes.get(next.node as usize)?.gone + next.way.length;
+            let index = self.nodes.len();
+            self.nodes.push(Node { tip: end, before: next.node, way: next.way, gone });
+            if let Some(found) = self.connect(problem, index, below, work) {
+                return Some(found);
+            }
+            self.branch(problem, index, below);
+        }
+        None
+    }
+
+    /// The cell of a tip. Two tips in one cell are one to the search.
+    fn cell(&self, tip: &Tip) -> [i32; 6] {
+        let at = |value: f64, size: f64| (value / size).floor() as i32;
+        let (p, d) = (tip.position, tip.direction);
+        let Resolution { position, direction, .. } = self.resolution;
+        [
+            at(p.x, position),
+            at(p.y, position),
+            at(p.z, position),
+            at(d.x, direction),
+            at(d.y, direction),
+            at(d.z, direction),
+        ]
+    }
+
+    /// The body over this node to the goal, if it is clear.
+    fn connect(&self, problem: &Problem, index: usize, below: f64, work: &mut Work) -> Option<Chain> {
+        let node = self.nodes.get(index)?;
+        let ways = problem.to_goal(&node.tip);
+        let way = ways.into_iter().find(|way| {
+            node.gone + length(way) < below && way.iter().all(|part| is_clear(problem.scene, part, &problem.need, work))
+        })?;
+        let (mut stretches, mut via, mut at) = (Vec::new(), Vec::new(), index);
+        while at > 0 {
+            let node = self.nodes.get(at)?;
+            stretches.push(node.way);
+            via.push(node.tip.position);
+            at = node.before as usize;
+        }
+        stretches.reverse();
+        via.reverse();
+        stretches.extend(way);
+        let length = length(&stretches);
+        Some(Chain { via, stretches, length })
+    }
+
+    /// Notes the ways on from a node.
+    fn branch(&mut self, problem: &Problem, index: usize, below: f64) {
+        let Some(node) = self.nodes.get(index) else { return };
+        let (tip, gone) = (node.tip, node.gone);
+        let Resolution { step, rolls, .. } = self.resolution;
+        let x = any_across(&tip.direction);
+        let y = tip.direction.cross(&x);
+        let line = Stretch::line(tip, step);
+        let arcs = (0..rolls).map(|roll| {
+            let (sin, cos) = sin_cos(TAU * f64::from(roll) / f64::from(rolls));
+            Stretch { from: tip, towards: x * cos + y * sin, curvature: 1.0 / problem.radius, length: step }
+        });
+        for way in std::iter::once(line).chain(arcs) {
+            let left = remaining(problem, &way.end());
+            let total = gone + step + left;
+            if total < below && total < problem.length_max {
+                self.pushed += 1;
+                let rank = gone + step + EAGERNESS * left;
+                self.queue.push(Next { rank, number: self.pushed, node: index as u32, way });
+            }
+        }
+    }
+}
+
+/// About how long the way to the goal is, mm: for a pose, that to its position.
+fn remaining(problem: &Problem, tip: &Tip) -> f64 {
+    let goal: Vector3<f64> = problem.goal.position();
+    match to_position(tip, &goal, problem.radius) {
+        Some([arc, line]) => (arc.length + line.length - problem.tolerance()).max(0.0),
+        None => (goal - tip.position).norm() + 2.0 * problem.radius,
+    }
+}

@@ -1,0 +1,102 @@
+//! PLY: points and faces, as text or binary.
+
+use std::io::{BufReader, Read};
+
+use nalgebra::Vector3;
+use ply_rs_bw::parser::{Parser, Reader};
+use ply_rs_bw::ply::{Property, PropertyAccess, PropertyAccessResult};
+
+use super::Geometry;
+
+/// A point; what else a file says of it is left out.
+struct Vertex(Vector3<f64>);
+
+impl PropertyAccess for Vertex {
+    fn new() -> Self {
+        Self(Vector3::repeat(f64::NAN))
+    }
+
+    fn set_property(&mut self, name: &str, property: Property) -> PropertyAccessResult {
+        let value = match property {
+            Property::Float(value) => f64::from(value),
+            Property::Double(value) => value,
+            Property::Int(value) => f64::from(value),
+            Property::Short(value) => f64::from(value),
+            _ => return PropertyAccessResult::Ignored,
+        };
+        match name {
+            "x" => self.0.x = value,
+            "y" => self.0.y = value,
+            "z" => self.0.z = value,
+            _ => return PropertyAccessResult::Ignored,
+        }
+        PropertyAccessResult::Set
+    }
+}
+
+/// The corners of a face.
+struct Face(Vec<i64>);
+
+impl PropertyAccess for Face {
+    fn new() -> Self {
+        Self(Vec::new())
+    }
+
+    fn set_property(&mut self, name: &str, property: Property) -> PropertyAccessResult {
+        if !matches!(name, "vertex_index" | "vertex_indices") {
+            return PropertyAccessResult::Ignored;
+        }
+        self.0 = match property {
+            Property::ListChar(list) => list.into_iter().map(i64::from).collect(),
+            Property::ListUChar(list) => list.into_iter().map(i64::from).collect(),
+            Property::ListShort(list) => list.into_iter().map(i64::from).collect(),
+            Property::ListUShort(list) => list.into_iter().map(i64::from).collect(),
+            Property::ListInt(list) => list.into_iter().map(i64::from).collect(),
+            Property::ListUInt(list) => list.into_iter().map(i64::from).collect(),
+            _ => return PropertyAccessResult::Ignored,
+        };
+        PropertyAccessResult::Set
+    }
+}
+
+/// Anything else.
+struct Other;
+
+impl PropertyAccess for Other {
+    fn new() -> Self {
+        Self
+    }
+}
+
+/// Reads a PLY file of this many bytes.
+///
+/// # Errors
+/// What is wrong, in words.
+pub fn read(file: impl Read, bytes: u64) -> Result<Geometry, String> {
+    let mut reader = Reader::new(BufReader::with_capacity(1 << 16, file));
+    let header = Parser::<Other>::new().read_header(&mut reader).map_err(|error| error.to_string())?;
+    let mut geometry = Geometry::default();
+    for (name, element) in &header.elements {
+        if element.properties.is_empty() || element.count as u64 > bytes {
+            return Err(format!("it announces {} of {name:?}, more than it has bytes", element.count));
+        }
+        match name.as_str() {
+            "vertex" => {
+                let read = Parser::<Vertex>::new().read_payload_for_element(&mut reader, element, &header);
+                geometry.points = read.map_err(|error| error.to_string())?.into_iter().map(|vertex| vertex.0).collect();
+            }
+            "face" => {
+                let read = Parser::<Face>::new().read_payload_for_element(&mut reader, element, &header);
+                for Face(corners) in read.map_err(|error| error.to_string())? {
+                    super::fan(&corners, &mut geometry)?;
+                }
+            }
+            _ => {
+                Parser::<Other>::new()
+                    .read_payload_for_element(&mut reader, element, &header)
+                    .map_err(|error| error.to_string())?;
+            }
+        }
+    }
+    Ok(geometry)
+}

@@ -1,0 +1,188 @@
+//! Boxes, balls, capsules, half spaces, triangles and points, each with its distance from a point.
+//!
+//! Distances are negative inside. None is above the true one but by rounding: 1e-9 mm at most for coordinates within
+//! 1e6 mm.
+
+use nalgebra::{Rotation3, Vector3};
+
+use crate::tree::{Bounds, Item, signed_square};
+
+/// A shape of a few numbers. Lengths in mm.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Shape {
+    /// A box.
+    Box {
+        /// Its centre.
+        centre: Vector3<f64>,
+        /// Half its sides.
+        half: Vector3<f64>,
+        /// `base_from_box`.
+        rotation: Rotation3<f64>,
+    },
+    /// A ball.
+    Ball {
+        /// Its centre.
+        centre: Vector3<f64>,
+        /// Its radius.
+        radius: f64,
+    },
+    /// All points within a distance of a line from one point to another.
+    Capsule {
+        /// One end of the line.
+        from: Vector3<f64>,
+        /// The other end.
+        to: Vector3<f64>,
+        /// The distance.
+        radius: f64,
+    },
+}
+
+impl Shape {
+    /// The distance from a point to the surface, negative inside.
+    #[must_use]
+    pub fn distance(&self, point: &Vector3<f64>) -> f64 {
+        match self {
+            Self::Box { centre, half, rotation } => {
+                let beyond = rotation.inverse_transform_vector(&(point - centre)).abs() - half;
+                let inside = beyond.max();
+                if inside <= 0.0 { inside } else { beyond.sup(&Vector3::zeros()).norm() }
+            }
+            Self::Ball { centre, radius } => (point - centre).norm() - radius,
+            Self::Capsule { from, to, radius } => to_segment(point, from, to).sqrt() - radius,
+        }
+    }
+}
+
+impl Item for Shape {
+    fn bounds(&self) -> Bounds {
+        match self {
+            Self::Box { centre, half, rotation } => {
+                let reach = rotation.matrix().abs() * half;
+                // Rounding of the rotation.
+                let reach = reach * (1.0 + 1e-12);
+                Bounds { min: centre - reach, max: centre + reach }
+            }
+            Self::Ball { centre, radius } => Bounds::of(&[*centre]).grown(*radius),
+            Self::Capsule { from, to, radius } => Bounds::of(&[*from, *to]).grown(*radius),
+        }
+    }
+
+    fn nearest(items: &[Self], point: &Vector3<f64>, best: f64) -> f64 {
+        items.iter().fold(best, |best, item| best.min(signed_square(item.distance(point))))
+    }
+}
+
+/// The square of the distance from a point to a straight line between two points.
+fn to_segment(point: &Vector3<f64>, from: &Vector3<f64>, to: &Vector3<f64>) -> f64 {
+    let (along, offset) = (to - from, point - from);
+    let square = along.norm_squared();
+    let share = if square > 0.0 { (offset.dot(&along) / square).clamp(0.0, 1.0) } else { 0.0 };
+    // From the nearer end, so that rounding is that of the shorter part.
+    if share > 0.5 {
+        (point - to + along * (1.0 - share)).norm_squared()
+    } else {
+        (offset - along * share).norm_squared()
+    }
+}
+
+/// All points on one side of a plane: free is the side to which the normal points.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HalfSpace {
+    /// A point of the plane.
+    pub point: Vector3<f64>,
+    /// The plane's normal, a unit vector.
+    pub normal: Vector3<f64>,
+}
+
+impl HalfSpace {
+    /// The distance from a point to the plane, negative inside.
+    #[must_use]
+    pub fn distance(&self, point: &Vector3<f64>) -> f64 {
+        self.normal.dot(&(point - self.point))
+    }
+}
+
+/// A point of a cloud.
+impl Item for Vector3<f64> {
+    fn bounds(&self) -> Bounds {
+        Bounds { min: *self, max: *self }
+    }
+
+    #[inline]
+    fn nearest(items: &[Self], point: &Vector3<f64>, best: f64) -> f64 {
+        items.iter().fold(best, |best, item| best.min((item - point).norm_squared()))
+    }
+}
+
+/// A triangle of a mesh.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Triangle(pub [Vector3<f64>; 3]);
+
+impl Triangle {
+    /// The square of the distance from a point.
+    fn square(&self, point: &Vector3<f64>) -> f64 {
+        let [a, b, c] = &self.0;
+        let edges = to_segment(point, a, b).min(to_segment(point, b, c)).min(to_segment(point, c, a));
+        let normal = (b - a).cross(&(c - a));
+        let area = normal.norm();
+        let longest = (b - a).norm_squared().max((c - b).norm_squared()).max((a - c).norm_squared());
+        // Of a triangle that is nearly a line the normal is rounding, and the edges are all there is.
+        if area <= 1e-14 * longest {
+            return edges;
+        }
+        let above = |from: &Vector3<f64>, to: &Vector3<f64>| (to - from).cross(&(point - from)).dot(&normal) >= 0.0;
+        if !(above(a, b) && above(b, c) && above(c, a)) {
+            return edges;
+        }
+        // The nearest corner has the least rounding. That of the normal is worse the thinner the triangle is.
+        let offset = [a, b, c].map(|corner| point - corner);
+        let offset = offset.into_iter().min_by(|a, b| a.norm_squared().total_cmp(&b.norm_squared())).unwrap_or_default();
+        let rounding = 4.0 * f64::EPSILON * offset.norm() * (longest / area);
+        let distance = (offset.dot(&normal).abs() / area - rounding).max(0.0);
+        edges.min(distance * distance)
+    }
+
+    /// How the line from a point along the x axis passes through the triangle: 1 if out of the side from which its
+    /// corners are counter-clockwise, -1 if into it, 0 if beside or behind.
+    ///
+    /// Of triangles with a common edge a line passes through one only: the edge's own arithmetic is the same for both.
+    #[must_use]
+    pub fn passing(&self, point: &Vector3<f64>) -> i32 {
+        let [a, b, c] = &self.0;
+        let winding = turned(a, b, point) + turned(b, c, point) + turned(c, a, point);
+        if winding == 0 {
+            return 0;
+        }
+        let normal = (b - a).cross(&(c - a));
+        let ahead = normal.dot(&(a - point)) * normal.x.signum();
+        if normal.x != 0.0 && ahead > 0.0 { winding } else { 0 }
+    }
+}
+
+/// How the edge passes the half line from the point towards greater y, seen along the x axis: 1 upwards in z, -1
+/// downwards, 0 beside.
+fn turned(from: &Vector3<f64>, to: &Vector3<f64>, point: &Vector3<f64>) -> i32 {
+    let upwards = from.z <= point.z && point.z < to.z;
+    let downwards = to.z <= point.z && point.z < from.z;
+    if !upwards && !downwards {
+        return 0;
+    }
+    // From the lower end always, whichever triangle asks.
+    let (low, high) = if upwards { (from, to) } else { (to, from) };
+    let side = (high.y - low.y) * (point.z - low.z) - (point.y - low.y) * (high.z - low.z);
+    match (side > 0.0, upwards) {
+        (false, _) => 0,
+        (true, true) => 1,
+        (true, false) => -1,
+    }
+}
+
+impl Item for Triangle {
+    fn bounds(&self) -> Bounds {
+        Bounds::of(&self.0)
+    }
+
+    fn nearest(items: &[Self], point: &Vector3<f64>, best: f64) -> f64 {
+        items.iter().fold(best, |best, item| best.min(item.square(point)))
+    }
+}

@@ -1,0 +1,223 @@
+//! A tree of boxes over many items, for the distance from a point to the nearest one.
+//!
+//! Items are sorted so that those of a leaf lie side by side. Boxes are `f32`, rounded outwards, so that a node takes
+//! half a cache line; everything else is `f64`. Nothing depends on the machine or on the number of threads.
+
+use nalgebra::Vector3;
+
+/// The corners of a box with sides along the axes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Bounds {
+    /// The least coordinates.
+    pub min: Vector3<f64>,
+    /// The greatest coordinates.
+    pub max: Vector3<f64>,
+}
+
+impl Bounds {
+    /// A box that holds nothing.
+    pub const EMPTY: Self = Self {
+        min: Vector3::new(f64::INFINITY, f64::INFINITY, f64::INFINITY),
+        max: Vector3::new(f64::NEG_INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY),
+    };
+
+    /// The least box that holds these points.
+    #[must_use]
+    pub fn of(points: &[Vector3<f64>]) -> Self {
+        points.iter().fold(Self::EMPTY, |bounds, point| bounds.with(&Self { min: *point, max: *point }))
+    }
+
+    /// The least box that holds both.
+    #[must_use]
+    pub fn with(&self, other: &Self) -> Self {
+        Self { min: self.min.inf(&other.min), max: self.max.sup(&other.max) }
+    }
+
+    /// The box, larger by this on every side.
+    #[must_use]
+    pub fn grown(&self, by: f64) -> Self {
+        let by = Vector3::repeat(by);
+        Self { min: self.min - by, max: self.max + by }
+    }
+
+    /// Whether it holds nothing.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.min.x > self.max.x
+    }
+}
+
+/// Something that has a distance from a point.
+pub trait Item: Copy {
+    /// A box that holds it.
+    fn bounds(&self) -> Bounds;
+    /// The least of `best` and the signed squares of the distances from a point to these items.
+    ///
+    /// The signed square of a distance below 0, which is inside something, is below 0.
+    fn nearest(items: &[Self], point: &Vector3<f64>, best: f64) -> f64;
+}
+
+/// The signed square of a signed distance.
+#[must_use]
+pub fn signed_square(distance: f64) -> f64 {
+    distance * distance.abs()
+}
+
+/// The signed distance of a signed square.
+#[must_use]
+pub fn signed_root(square: f64) -> f64 {
+    if square < 0.0 { -(-square).sqrt() } else { square.sqrt() }
+}
+
+/// A tree over items.
+#[derive(Debug, Clone)]
+pub struct Tree<T> {
+    nodes: Vec<Node>,
+    items: Vec<T>,
+}
+
+/// A box, and what is in it: two nodes side by side, or items.
+#[derive(Debug, Clone, Copy)]
+struct Node {
+    min: [f32; 3],
+    max: [f32; 3],
+    /// Index of the first item or, without items, of the first of two nodes.
+    first: u32,
+    items: u32,
+}
+
+/// Max number of items in a leaf.
+const LEAF: usize = 8;
+/// More levels than any tree has: items are halved, and there are fewer than 2^32.
+const MAX_DEPTH: usize = 40;
+
+impl Node {
+    fn new(bounds: &Bounds, first: usize, items: usize) -> Self {
+        let down = |value: f64| if f64::from(value as f32) > value { (value as f32).next_down() } else { value as f32 };
+        let up = |value: f64| if f64::from(value as f32) < value { (value as f32).next_up() } else { value as f32 };
+        let (min, max) = (bounds.min, bounds.max);
+        Self {
+            min: [down(min.x), down(min.y), down(min.z)],
+            max: [up(max.x), up(max.y), up(max.z)],
+            first: first as u32,
+            items: items as u32,
+        }
+    }
+
+    /// The square of the distance from a point to the box.
+    #[inline]
+    fn square(&self, point: &Vector3<f64>) -> f64 {
+        let beside = |min: f32, max: f32, at: f64| (f64::from(min) - at).max(at - f64::from(max)).max(0.0);
+        let x = beside(self.min[0], self.max[0], point.x);
+        let y = beside(self.min[1], self.max[1], point.y);
+        let z = beside(self.min[2], self.max[2], point.z);
+        x * x + y * y + z * z
+    }
+}
+
+impl<T: Item> Tree<T> {
+    /// The tree over these items, fewer than 2^31.
+    #[must_use]
+    pub fn new(mut items: Vec<T>) -> Self {
+        let mut nodes = Vec::with_capacity(items.len() / 2 + 1);
+        if !items.is_empty() {
+            let bounds = bounds_of(&items);
+            nodes.push(Node::new(&bounds, 0, 0));
+            divide(&mut items, 0, 0, &mut nodes);
+        }
+        Self { nodes, items }
+    }
+
+    /// The items, in the order of the tree.
+    #[must_use]
+    pub fn items(&self) -> &[T] {
+        &self.items
+    }
+
+    /// The least of `best` and the signed squares of the distances from a point to all items.
+    #[must_use]
+    #[inline]
+    pub fn nearest(&self, point: &Vector3<f64>, mut best: f64) -> f64 {
+        let Some(root) = self.nodes.first() else { return best };
+        let mut waiting = [(0.0_f64, 0_u32); MAX_DEPTH];
+        let mut count = 0_usize;
+        let (mut square, mut node) = (root.square(point), root);
+        loop {
+            // What is inside something has a distance below 0: look into every box that holds the point.
+            if square < best || square == 0.0 {
+                if node.items > 0 {
+                    let items = self.items.get(node.first as usize..(node.first + node.items) as usize);
+                    best = T::nearest(items.unwrap_or(&[]), point, best);
+                } else if let Some([left, right]) =
+                    self.nodes.get(node.first as usize..).and_then(|nodes| nodes.first_chunk())
+                {
+                    let (a, b) = (left.square(point), right.square(point));
+                    let (near, far) =
+                        if a <= b { ((a, left), (b, node.first + 1)) } else { ((b, right), (a, node.first)) };
+                    if let Some(place) = waiting.get_mut(count) {
+                        *place = far;
+                        count += 1;
+                    }
+                    (square, node) = near;
+                    continue;
+                }
+            }
+            let Some((next, index)) = count.checked_sub(1).and_then(|last| waiting.get(last)) else { return best };
+            count -= 1;
+            let Some(found) = self.nodes.get(*index as usize) else { return best };
+            (square, node) = (*next, found);
+        }
+    }
+
+    /// Calls `visit` with the items of every leaf whose box, seen along the x axis, covers this y and z.
+    pub fn along_x(&self, y: f64, z: f64, mut visit: impl FnMut(&[T])) {
+        let mut waiting = vec![0_u32];
+        while let Some(node) = waiting.pop().and_then(|index| self.nodes.get(index as usize)) {
+            let covers = |axis: usize, at: f64| f64::from(node.min[axis]) <= at && at <= f64::from(node.max[axis]);
+            if self.items.is_empty() || !covers(1, y) || !covers(2, z) {
+                continue;
+            }
+            if node.items > 0 {
+                let items = self.items.get(node.first as usize..(node.first + node.items) as usize);
+                visit(items.unwrap_or(&[]));
+            } else {
+                waiting.extend([node.first, node.first + 1]);
+            }
+        }
+    }
+}
+
+/// The box of some items.
+pub fn bounds_of<T: Item>(items: &[T]) -> Bounds {
+    items.iter().fold(Bounds::EMPTY, |bounds, item| bounds.with(&item.bounds()))
+}
+
+/// Makes the nodes below this one, which holds these items, the first of which is item `first` of all.
+fn divide<T: Item>(items: &mut [T], first: usize, node: usize, nodes: &mut Vec<Node>) {
+    if items.len() <= LEAF {
+        nodes[node].first = first as u32;
+        nodes[node].items = items.len() as u32;
+        return;
+    }
+    let mut centres = Bounds::EMPTY;
+    for item in &*items {
+        let centre = centre(item);
+        centres = centres.with(&Bounds { min: centre, max: centre });
+    }
+    let axis = (centres.max - centres.min).imax();
+    // Whole leaves on the left.
+    let middle = (items.len() / 2).next_multiple_of(LEAF).min(items.len() - 1);
+    items.select_nth_unstable_by(middle, |a, b| centre(a)[axis].total_cmp(&centre(b)[axis]));
+    let (left, right) = items.split_at_mut(middle);
+    let children = nodes.len();
+    nodes.push(Node::new(&bounds_of(left), 0, 0));
+    nodes.push(Node::new(&bounds_of(right), 0, 0));
+    nodes[node].first = children as u32;
+    divide(left, first, children, nodes);
+    divide(right, first + middle, children + 1, nodes);
+}
+
+fn centre<T: Item>(item: &T) -> Vector3<f64> {
+    let bounds = item.bounds();
+    (bounds.min + bounds.max) * 0.5
+}
