@@ -2,6 +2,7 @@
 #![forbid(unsafe_code)]
 
 pub mod clear;
+pub mod families;
 pub mod motion;
 pub mod planner;
 pub mod read;

@@ -7,40 +7,89 @@ use std::f64::consts::TAU;
 
 use super::Problem;
 use super::chain::Chain;
+use super::meter::Meter;
 use crate::clear::{Work, is_clear};
-use crate::motion::{Stretch, Tip, any_across};
+use crate::motion::{Curve, Stretch, any_across};
 
 /// Max number of positions on the way of a body that is being shortened.
 const MAX_VIA: usize = 12;
 /// The least move of a position, as a power of two of the largest.
 const FINEST: f64 = -16.0;
 
+/// By how much a body may become longer for a while, as a share of the distance of the goal.
+const LONGER: f64 = 1e-3;
+
 /// Whether a body is clear.
 pub(super) fn clear(problem: &Problem, chain: &Chain, work: &mut Work) -> bool {
-    chain.stretches.iter().all(|stretch| is_clear(problem.scene, stretch, &problem.need, work))
+    chain.stretches.iter().all(|stretch| is_clear(problem.scene, stretch, &problem.need, work)) && (problem.accept)(chain)
 }
 
-/// A body with one position on the way moved, left out or added; clear and shorter, or none.
-pub(super) fn shorten(problem: &Problem, chain: &Chain, random: &mut Random, work: &mut Work) -> Option<Chain> {
-    work.0 += 1;
-    let mut via = chain.via.clone();
-    let span = (problem.goal.position() - problem.start.position).norm().max(problem.radius);
-    let step = 0.2 * span * libm::exp2(FINEST * random.unit());
-    let choice = random.below(16);
-    if via.is_empty() || (choice == 0 && via.len() < MAX_VIA) {
-        let place = random.below(via.len() as u64 + 1) as usize;
-        let at = along(chain, random.unit());
-        via.insert(place.min(via.len()), at + random.normal_vector() * step);
-    } else {
-        let index = random.below(via.len() as u64) as usize;
-        if choice == 1 {
-            via.remove(index);
-        } else if let Some(position) = via.get_mut(index) {
-            *position += random.normal_vector() * step;
+/// A body that is being shortened: clear at every time.
+pub(super) struct Shortening {
+    pub(super) chain: Chain,
+    /// The body that is changed: a little longer than the shortest at times.
+    current: Chain,
+    /// The power of two of the last move that made it shorter.
+    exponent: f64,
+}
+
+impl Shortening {
+    pub(super) fn new(chain: Chain) -> Self {
+        Self { current: chain.clone(), chain, exponent: 0.5 * FINEST }
+    }
+
+    /// Tries changes until this much work is done.
+    pub(super) fn advance(&mut self, problem: &Problem, random: &mut Random, meter: &mut Meter, until: u64) {
+        while !meter.is_over_or_at(until) {
+            self.step(problem, random, &mut meter.work);
         }
     }
-    let shorter = problem.chain(&via, chain.length)?;
-    clear(problem, &shorter, work).then_some(shorter)
+
+    /// Moves positions on the way, leaves one out or adds one: kept if the body is clear and shorter.
+    fn step(&mut self, problem: &Problem, random: &mut Random, work: &mut Work) {
+        work.0 += 1;
+        let mut via = self.current.via.clone();
+        let near = (self.exponent + 2.0 * random.even()).clamp(FINEST, 0.0);
+        let exponent = if random.below(2) == 0 { near } else { FINEST * random.unit() };
+        let span = (problem.goal.position() - problem.start.position).norm().max(problem.radius);
+        let size = 0.2 * span * libm::exp2(exponent);
+        let choice = random.below(16);
+        if via.is_empty() || (choice < 2 && via.len() < MAX_VIA) {
+            let (at, place) = along(&self.current, random.unit());
+            via.insert(place.min(via.len()), at);
+            if random.below(2) == 0 {
+                for position in &mut via {
+                    *position += random.normal_vector() * size;
+                }
+            } else if let Some(position) = via.get_mut(place) {
+                *position += random.normal_vector() * size;
+            }
+        } else if choice == 2 {
+            via.remove(random.below(via.len() as u64) as usize);
+        } else if choice < 7 {
+            for position in &mut via {
+                *position += random.normal_vector() * size;
+            }
+        } else {
+            let index = random.below(via.len() as u64) as usize;
+            if let Some(position) = via.get_mut(index) {
+                *position += random.normal_vector() * size;
+            }
+        }
+        let passing = self.chain.length + span * LONGER * libm::exp2(-10.0 * random.unit());
+        let below = if random.below(4) == 0 { passing } else { self.current.length };
+        if let Some(next) = problem.chain(&via, below)
+            && clear(problem, &next, work)
+        {
+            if next.length < self.current.length {
+                self.exponent = exponent;
+            }
+            if next.length < self.chain.length {
+                self.chain = next.clone();
+            }
+            self.current = next;
+        }
+    }
 }
 
 /// A body without positions that are not needed.
@@ -62,16 +111,17 @@ pub(super) fn straighten(problem: &Problem, mut chain: Chain, work: &mut Work) -
     chain
 }
 
-/// A point of a body, at this share of its length.
-fn along(chain: &Chain, share: f64) -> Vector3<f64> {
+/// A point of a body, at this share of its length, and the number of positions on the way before it.
+fn along(chain: &Chain, share: f64) -> (Vector3<f64>, usize) {
     let mut left = share * chain.length;
-    for stretch in &chain.stretches {
+    for (index, stretch) in chain.stretches.iter().enumerate() {
         if left <= stretch.length {
-            return stretch.tip(left).position;
+            return (stretch.point(left), index / 2);
         }
         left -= stretch.length;
     }
-    chain.stretches.last().map_or_else(Vector3::zeros, |last| last.end().position)
+    let end = chain.stretches.last().map_or_else(Vector3::zeros, |last| last.end().position);
+    (end, chain.via.len())
 }
 
 /// A body of up to three random arcs and lines, and on to the goal, below this length; it may not be clear.
@@ -90,9 +140,4 @@ pub(super) fn draw(problem: &Problem, random: &mut Random, below: f64) -> Option
         via.push(tip.position);
     }
     problem.chain(&via, below)
-}
-
-/// The tip at the start of a body.
-pub(super) fn _start(problem: &Problem) -> Tip {
-    problem.start
 }

@@ -1,7 +1,18 @@
-//! Paths through a scene: the shortest unobstructed ones, then a search, then shortening.
+//! Paths through a scene.
+//!
+//! First the shortest unobstructed ways are tried, in order of length. Then bodies are drawn at random, and trees of
+//! arcs and lines are grown at finer and finer resolutions ([`tree`]), each tip of them connected to the goal by
+//! growbot's own shortest paths. What is found is shortened while it stays clear ([`improve`]), and shorter ones are
+//! searched for beside it. Where nothing is found for long, start and goal may be separated ([`flood`]), which is then
+//! proven.
+//!
+//! Everything is counted in distances looked up, so that a search that is bounded by them gives the same result on
+//! every machine.
 
 mod chain;
+mod flood;
 mod improve;
+mod meter;
 mod tree;
 
 use std::time::Instant;
@@ -10,10 +21,12 @@ use growbot_core::random::Random;
 use nalgebra::Vector3;
 
 pub use self::chain::Chain;
-use self::improve::{clear, draw, shorten, straighten};
+use self::flood::Flood;
+use self::improve::{Shortening, clear, draw, straighten};
+use self::meter::Meter;
 use self::tree::Tree;
-use crate::clear::{Need, Work};
-use crate::motion::Tip;
+use crate::clear::Need;
+use crate::motion::{Tip, length};
 use crate::scene::Scene;
 
 /// Where a body is to end.
@@ -42,7 +55,7 @@ impl Goal {
 }
 
 /// From where to where, through what.
-#[derive(Debug, Clone, Copy)]
+#[derive(Clone, Copy)]
 pub struct Problem<'a> {
     /// The obstacles.
     pub scene: &'a Scene,
@@ -56,6 +69,8 @@ pub struct Problem<'a> {
     pub need: Need,
     /// Max length, mm.
     pub length_max: f64,
+    /// What else a clear body must be, such as clear of itself.
+    pub accept: &'a dyn Fn(&Chain) -> bool,
 }
 
 /// What a search can tell apart.
@@ -67,8 +82,20 @@ pub struct Resolution {
     pub rolls: u32,
     /// Side of a cell of positions, mm.
     pub position: f64,
-    /// Side of a cell of directions.
+    /// Side of a cell of directions, radians.
     pub direction: f64,
+}
+
+impl Resolution {
+    /// Resolution of a level, each twice as fine as the one before: two bodies that bend to different sides for one
+    /// step end in different cells.
+    fn of_level(problem: &Problem, level: usize) -> Self {
+        let span = (problem.goal.position() - problem.start.position).norm();
+        let coarsest = (0.4 * problem.radius).min(0.25 * span).max(0.01 * problem.radius);
+        let step = coarsest / f64::from(1_u32 << level);
+        let turn = step / problem.radius;
+        Self { step, rolls: 8 + 4 * level as u32, position: 0.5 * step * turn, direction: 0.5 * turn }
+    }
 }
 
 /// How long to search.
@@ -78,88 +105,184 @@ pub struct Budget {
     pub work: u64,
     /// When to stop whatever is done.
     pub deadline: Option<Instant>,
+    /// Whether the first path found will do.
+    pub first_only: bool,
 }
 
 /// What a search came to.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Outcome {
-    /// A path that is clear.
+    /// A path that is clear, the shortest that was found.
     Found(Chain),
+    /// There is no path: start or goal is too near to an obstacle, or what is between lets no body through.
+    Impossible(Why),
     /// There is none at this resolution.
-    None(Option<Resolution>),
+    NoneAt(Resolution),
     /// None was found with the budget.
     NotFound,
 }
 
-const LEVELS: i32 = 5;
+/// Why there is no path at all.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Why {
+    /// The start is this near to an obstacle, mm.
+    Start(f64),
+    /// The goal is this near to an obstacle, mm.
+    Goal(f64),
+    /// The goal is farther from the start than the body may be long: this far, mm.
+    TooFar(f64),
+    /// Obstacles lie all round the start or the goal, with no gap that is wide enough.
+    Separated,
+}
+
+/// Number of resolutions.
+const LEVELS: usize = 5;
+/// Work for each part of a round: a tree, random bodies.
 const QUOTA: u64 = 2_000;
+/// Work for shortening in a round.
+const SHORTENING: u64 = 5 * QUOTA;
+/// After this many rounds without a path, start and goal may be separated.
+const ROUNDS_TO_FLOOD: [u32; 3] = [6, 16, 32];
+/// A body that is longer than the best by this share may become shorter.
+const LONGER: f64 = 0.05;
 
 /// Searches for a path. `report` is called with each better one.
 pub fn search(problem: &Problem, budget: &Budget, report: &mut dyn FnMut(&Chain)) -> Outcome {
-    let mut work = Work(0);
-    let mut best: Option<Chain> = None;
-    for way in problem.to_goal(&problem.start) {
-        let length = crate::motion::length(&way);
-        let direct = Chain { via: Vec::new(), stretches: way, length };
-        if length <= problem.length_max && clear(problem, &direct, &mut work) {
+    if let Some(why) = impossible(problem) {
+        return Outcome::Impossible(why);
+    }
+    let mut meter = Meter::new(budget.work, budget.deadline);
+    for stretches in problem.to_goal(&problem.start) {
+        let direct = Chain { via: Vec::new(), length: length(&stretches), stretches };
+        if direct.length <= problem.length_max && clear(problem, &direct, &mut meter.work) {
             report(&direct);
             return Outcome::Found(direct);
         }
     }
-    let mut random = Random::new(&[2026]);
-    let span = (problem.goal.position() - problem.start.position).norm();
-    let mut trees: Vec<Tree> = Vec::new();
-    let mut exhausted = None;
-    let mut round = 0_u32;
-    while work.0 < budget.work && budget.deadline.is_none_or(|deadline| Instant::now() < deadline) {
-        round += 1;
-        let below = best.as_ref().map_or(problem.length_max, |best| best.length);
-        let mut keep = |found: Chain, work: &mut Work, best: &mut Option<Chain>| {
-            let found = straighten(problem, found, work);
-            report(&found);
-            *best = Some(found);
-        };
-        if best.is_none() {
-            for level in 0..LEVELS.min(round as i32) as usize {
-                if trees.len() == level {
-                    let step = (0.4 * problem.radius).min(0.25 * span) / libm::exp2(level as f64);
-                    let resolution = Resolution { step, rolls: 8 + 4 * level as u32, position: step * step / (2.0 * problem.radius), direction: 0.5 * step / problem.radius };
-                    trees.push(Tree::new(problem, resolution));
-                }
-                let until = work.0 + (QUOTA << (round as usize / 4).saturating_sub(level).min(10));
-                if let Some(found) = trees[level].advance(problem, &mut work, until, below) {
-                    keep(found, &mut work, &mut best);
-                    break;
-                }
-                if trees[level].is_exhausted() && exhausted.is_none_or(|e: usize| e < level) { exhausted = Some(level); }
-            }
-            if best.is_none() && exhausted == Some(LEVELS as usize - 1) {
-                return Outcome::None(trees.last().map(|tree| tree.resolution));
-            }
-        }
-        let below = best.as_ref().map_or(problem.length_max, |best| best.length);
-        let until = work.0 + QUOTA;
-        while work.0 < until {
-            work.0 += 1;
-            if let Some(found) = draw(problem, &mut random, below)
-                && clear(problem, &found, &mut work)
-            {
-                keep(found, &mut work, &mut best);
+    let mut search = Search { problem, meter, random: Random::new(&[SEED]), trees: Vec::new(), best: None, report };
+    search.run(budget.first_only)
+}
+
+/// Names the stream of random numbers.
+const SEED: u64 = 2026;
+
+/// What rules out any path, if that is plain to see.
+fn impossible(problem: &Problem) -> Option<Why> {
+    let (start, goal) = (problem.start.position, problem.goal.position());
+    let near = problem.scene.distance(&start);
+    if near < problem.need.distance {
+        return Some(Why::Start(near));
+    }
+    let near = problem.scene.distance(&goal);
+    if near + problem.tolerance() < problem.need.distance {
+        return Some(Why::Goal(near));
+    }
+    let far = (goal - start).norm() - problem.tolerance();
+    (far > problem.length_max).then_some(Why::TooFar(far))
+}
+
+/// A search under way.
+struct Search<'a, 'b> {
+    problem: &'a Problem<'b>,
+    meter: Meter,
+    random: Random,
+    /// A tree for each resolution, begun when its turn comes.
+    trees: Vec<Tree>,
+    best: Option<Shortening>,
+    report: &'a mut dyn FnMut(&Chain),
+}
+
+impl Search<'_, '_> {
+    fn run(&mut self, first_only: bool) -> Outcome {
+        let mut round = 0;
+        while !self.meter.is_over() {
+            self.grow_trees(round);
+            if self.best.is_none() && self.trees.len() == LEVELS && self.trees.iter().all(Tree::is_exhausted) {
                 break;
             }
-        }
-        if let Some(mut chain) = best.take() {
-            let until = work.0 + 3 * QUOTA;
-            while work.0 < until {
-                if let Some(shorter) = shorten(problem, &chain, &mut random, &mut work) { chain = shorter; }
+            self.draw();
+            if first_only && self.best.is_some() {
+                break;
             }
-            report(&chain);
-            best = Some(chain);
+            self.shorten();
+            round += 1;
+            if self.best.is_none() && self.is_separated(round) {
+                return Outcome::Impossible(Why::Separated);
+            }
+        }
+        if let Some(best) = self.best.take() {
+            return Outcome::Found(best.chain);
+        }
+        let exhausted = self.trees.iter().rev().find(|tree| tree.is_exhausted());
+        exhausted.map_or(Outcome::NotFound, |tree| Outcome::NoneAt(tree.resolution))
+    }
+
+    /// Whether start and goal are separated: looked at more finely the longer nothing is found.
+    fn is_separated(&mut self, round: u32) -> bool {
+        let fineness = ROUNDS_TO_FLOOD.iter().position(|rounds| *rounds == round);
+        let Some(fineness) = fineness.and_then(|index| flood::FINENESS.get(index)) else { return false };
+        flood::separated(self.problem, *fineness, &mut self.meter) == Flood::Separated
+    }
+
+    /// Only what is shorter than this is of use, mm.
+    fn below(&self) -> f64 {
+        self.best.as_ref().map_or(self.problem.length_max, |best| best.chain.length)
+    }
+
+    /// Keeps a body that was found, if it is the best.
+    fn keep(&mut self, shortening: Shortening) {
+        if shortening.chain.length < self.below() {
+            (self.report)(&shortening.chain);
+            self.best = Some(shortening);
         }
     }
-    match (best, exhausted) {
-        (Some(best), _) => Outcome::Found(best),
-        (None, Some(level)) => Outcome::None(Some(trees[level].resolution)),
-        (None, None) => Outcome::NotFound,
+
+    /// Grows a tree more in each round, and each twice as much as the next finer one.
+    fn grow_trees(&mut self, round: u32) {
+        for level in 0..LEVELS.min(round as usize + 1) {
+            let below = self.below();
+            if self.trees.len() == level {
+                self.trees.push(Tree::new(self.problem, Resolution::of_level(self.problem, level)));
+            }
+            let Some(tree) = self.trees.get_mut(level) else { return };
+            let doublings = (round / 4).saturating_sub(level as u32).min(10);
+            let until = self.meter.work.0 + (QUOTA << doublings);
+            if let Some(found) = tree.advance(self.problem, &mut self.meter, until, below) {
+                let found = straighten(self.problem, found, &mut self.meter.work);
+                self.keep(Shortening::new(found));
+                return;
+            }
+        }
+    }
+
+    /// Draws random bodies until one is clear; one that is a little longer than the best is shortened first.
+    fn draw(&mut self) {
+        let below = if self.best.is_some() { self.below() * (1.0 + LONGER) } else { self.problem.length_max };
+        let until = self.meter.work.0 + QUOTA;
+        while !self.meter.is_over_or_at(until) {
+            self.meter.work.0 += 1;
+            let Some(found) = draw(self.problem, &mut self.random, below) else { continue };
+            if !clear(self.problem, &found, &mut self.meter.work) {
+                continue;
+            }
+            let mut found = Shortening::new(straighten(self.problem, found, &mut self.meter.work));
+            if self.best.is_some() {
+                let until = self.meter.work.0 + SHORTENING;
+                found.advance(self.problem, &mut self.random, &mut self.meter, until);
+            }
+            self.keep(found);
+            return;
+        }
+    }
+
+    /// Shortens the best body.
+    fn shorten(&mut self) {
+        let Some(best) = &mut self.best else { return };
+        let before = best.chain.length;
+        let until = self.meter.work.0 + SHORTENING;
+        best.advance(self.problem, &mut self.random, &mut self.meter, until);
+        if best.chain.length < before {
+            (self.report)(&best.chain);
+        }
     }
 }

@@ -12,12 +12,16 @@ use growbot_core::trigonometry::sin_cos;
 use nalgebra::Vector3;
 
 use super::chain::Chain;
+use super::meter::Meter;
 use super::{Problem, Resolution};
-use crate::clear::{Work, is_clear};
+use crate::clear::is_clear;
 use crate::motion::{Stretch, Tip, any_across, length, to_position};
 
 /// How much more the way to go counts than the way gone: what leads to the goal is tried first.
 const EAGERNESS: f64 = 1.5;
+
+/// Max number of tips that are remembered, some 500 MB with the ways that may be tried.
+const MAX_NODES: usize = 500_000;
 
 /// A tip that has been reached.
 struct Node {
@@ -31,6 +35,8 @@ struct Node {
 /// A way that may be tried: from this node.
 struct Next {
     rank: f64,
+    /// The length of the body with the shortest way on to the goal, mm.
+    total: f64,
     number: u64,
     node: u32,
     way: Stretch,
@@ -87,19 +93,22 @@ impl Tree {
         self.queue.is_empty()
     }
 
-    /// Continues for this much work, or until a path below this length is found.
-    pub(super) fn advance(&mut self, problem: &Problem, work: &mut Work, until: u64, below: f64) -> Option<Chain> {
-        while work.0 < until {
+    /// Continues until this much work is done, or a path below this length is found.
+    pub(super) fn advance(&mut self, problem: &Problem, meter: &mut Meter, until: u64, below: f64) -> Option<Chain> {
+        while !meter.is_over_or_at(until) && self.nodes.len() < MAX_NODES {
             let next = self.queue.pop()?;
-            work.0 += 1;
+            meter.work.0 += 1;
+            if next.total >= below {
+                continue;
+            }
             let end = next.way.end();
-            if !self.cells.insert(self.cell(&end)) || !is_clear(problem.scene, &next.way, &problem.need, work) {
+            if !self.cells.insert(self.cell(&end)) || !is_clear(problem.scene, &next.way, &problem.need, &mut meter.work) {
                 continue;
             }
             let gone = self.nodes.get(next.node as usize)?.gone + next.way.length;
             let index = self.nodes.len();
             self.nodes.push(Node { tip: end, before: next.node, way: next.way, gone });
-            if let Some(found) = self.connect(problem, index, below, work) {
+            if let Some(found) = self.connect(problem, index, below, meter) {
                 return Some(found);
             }
             self.branch(problem, index, below);
@@ -123,15 +132,26 @@ impl Tree {
     }
 
     /// The body over this node to the goal, if it is clear.
-    fn connect(&self, problem: &Problem, index: usize, below: f64, work: &mut Work) -> Option<Chain> {
+    fn connect(&self, problem: &Problem, index: usize, below: f64, meter: &mut Meter) -> Option<Chain> {
         let node = self.nodes.get(index)?;
-        let ways = problem.to_goal(&node.tip);
-        let way = ways.into_iter().find(|way| {
-            node.gone + length(way) < below && way.iter().all(|part| is_clear(problem.scene, part, &problem.need, work))
-        })?;
+        for way in problem.to_goal(&node.tip) {
+            let is_clear = |part: &Stretch| is_clear(problem.scene, part, &problem.need, &mut meter.work);
+            if node.gone + length(&way) < below && way.iter().all(is_clear) {
+                let found = self.chain(index, way);
+                if (problem.accept)(&found) {
+                    return Some(found);
+                }
+            }
+        }
+        None
+    }
+
+    /// The body to this node, and on.
+    fn chain(&self, index: usize, way: Vec<Stretch>) -> Chain {
         let (mut stretches, mut via, mut at) = (Vec::new(), Vec::new(), index);
-        while at > 0 {
-            let node = self.nodes.get(at)?;
+        while at > 0
+            && let Some(node) = self.nodes.get(at)
+        {
             stretches.push(node.way);
             via.push(node.tip.position);
             at = node.before as usize;
@@ -139,8 +159,7 @@ impl Tree {
         stretches.reverse();
         via.reverse();
         stretches.extend(way);
-        let length = length(&stretches);
-        Some(Chain { via, stretches, length })
+        Chain { via, length: length(&stretches), stretches }
     }
 
     /// Notes the ways on from a node.
@@ -161,7 +180,7 @@ impl Tree {
             if total < below && total < problem.length_max {
                 self.pushed += 1;
                 let rank = gone + step + EAGERNESS * left;
-                self.queue.push(Next { rank, number: self.pushed, node: index as u32, way });
+                self.queue.push(Next { rank, total, number: self.pushed, node: index as u32, way });
             }
         }
     }

@@ -1,0 +1,318 @@
+//! Scenes drawn at random, for tests and measurements: pillars, walls with windows, pipes, rubble, and clouds of points.
+//!
+//! A scene may have a *planted* path, which is laid first and kept free, so that there is a path. It may be *sealed*:
+//! something closed surrounds the goal, so that there is none.
+
+use std::f64::consts::{PI, TAU};
+
+use growbot_core::random::Random;
+use growbot_core::trigonometry::sin_cos;
+use nalgebra::{Rotation3, Unit, Vector3};
+
+use crate::motion::{Curve, Stretch, Tip, any_across};
+use crate::scene::{Cloud, Mesh, Scene};
+use crate::shapes::{Shape, Triangle};
+
+/// The kinds of scenes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Family {
+    /// Upright round pillars and boxes.
+    Pillars,
+    /// Walls across the way, each with a window.
+    Walls,
+    /// Pipes in all directions.
+    Pipes,
+    /// Stones, as one closed mesh.
+    Rubble,
+    /// Surfaces of boulders, as points.
+    Points,
+}
+
+/// All families.
+pub const FAMILIES: [Family; 5] = [Family::Pillars, Family::Walls, Family::Pipes, Family::Rubble, Family::Points];
+
+/// What is known of a scene's paths.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Known {
+    /// There is this one.
+    Planted(Vec<Stretch>),
+    /// There is none.
+    Sealed,
+    /// Nothing.
+    Nothing,
+}
+
+/// What a body needs in these scenes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Body {
+    /// The min radius of bends, mm.
+    pub radius: f64,
+    /// How far the centreline must keep from obstacles, mm.
+    pub need: f64,
+}
+
+/// A scene, and what is asked in it.
+#[derive(Debug, Clone)]
+pub struct Drawn {
+    /// The family.
+    pub family: Family,
+    /// Boxes, balls and capsules.
+    pub shapes: Vec<Shape>,
+    /// The triangles of a closed mesh.
+    pub triangles: Vec<Triangle>,
+    /// The points of a cloud.
+    pub points: Vec<Vector3<f64>>,
+    /// Where to start.
+    pub start: Tip,
+    /// Where to arrive.
+    pub goal: Tip,
+    /// What is known of its paths.
+    pub known: Known,
+}
+
+/// The radius of the balls of a cloud, mm.
+pub const POINT_RADIUS: f64 = 4.0;
+
+impl Drawn {
+    /// The scene.
+    #[must_use]
+    pub fn scene(&self) -> Scene {
+        let clouds = if self.points.is_empty() { vec![] } else { vec![Cloud::new(self.points.clone(), POINT_RADIUS)] };
+        let meshes = if self.triangles.is_empty() { vec![] } else { vec![Mesh::new(self.triangles.clone(), true)] };
+        Scene::new(self.shapes.clone(), Vec::new(), clouds, meshes)
+    }
+}
+
+/// The scene of this number: the same on every machine. Of ten, five have a planted path and one is sealed.
+#[must_use]
+pub fn draw(family: Family, number: u64, body: &Body) -> Drawn {
+    let mut random = Random::new(&[family as u64, number, 17]);
+    let start = Tip { position: Vector3::zeros(), direction: Vector3::z() };
+    let way = way(&mut random, start, body);
+    let goal = way.last().map_or(start, Stretch::end);
+    let mut drawn = Drawn {
+        family,
+        shapes: Vec::new(),
+        triangles: Vec::new(),
+        points: Vec::new(),
+        start,
+        goal,
+        known: match number % 10 {
+            0..5 => Known::Planted(way.clone()),
+            5 => Known::Sealed,
+            _ => Known::Nothing,
+        },
+    };
+    // What is planted is kept free with some room; else only where the body starts and ends.
+    let room = body.need + random.between(3.0, 15.0);
+    let ends = [Stretch::line(start, 2.0 * body.need), Stretch::line(goal, -body.need)];
+    let kept: &[Stretch] = if matches!(drawn.known, Known::Planted(_)) { &way } else { &ends };
+    let free: Vec<Vector3<f64>> = kept.iter().flat_map(|stretch| sampled(stretch, 4.0)).collect();
+    match family {
+        Family::Pillars => pillars(&mut random, &mut drawn, &free, room),
+        Family::Walls => walls(&mut random, &mut drawn, &way, &free, room),
+        Family::Pipes => pipes(&mut random, &mut drawn, &free, room),
+        Family::Rubble => rubble(&mut random, &mut drawn, &free, room),
+        Family::Points => boulders(&mut random, &mut drawn, &free, room),
+    }
+    if drawn.known == Known::Sealed {
+        seal(&mut drawn, body);
+    }
+    drawn
+}
+
+/// A way of arcs and lines, some 0.5 to 1 m long, that does not come back.
+fn way(random: &mut Random, start: Tip, body: &Body) -> Vec<Stretch> {
+    let mut tip = start;
+    let mut way = Vec::new();
+    for _ in 0..2 + random.below(3) {
+        let x = any_across(&tip.direction);
+        let (sin, cos) = sin_cos(TAU * random.unit());
+        let towards = x * cos + tip.direction.cross(&x) * sin;
+        let radius = body.radius * random.between(1.0, 2.0);
+        let arc = Stretch { from: tip, towards, curvature: 1.0 / radius, length: radius * random.between(0.2, 1.1) };
+        // What turns back towards the floor or the start is laid straight instead.
+        let arc = if arc.end().direction.z < -0.3 { Stretch::line(tip, 50.0) } else { arc };
+        let line = Stretch::line(arc.end(), random.between(50.0, 250.0));
+        tip = line.end();
+        way.extend([arc, line]);
+    }
+    way
+}
+
+/// Points of a stretch, this far apart.
+fn sampled(stretch: &Stretch, apart: f64) -> Vec<Vector3<f64>> {
+    let count = (stretch.length.abs() / apart).ceil().max(1.0) as u32;
+    (0..=count).map(|i| stretch.point(stretch.length * f64::from(i) / f64::from(count))).collect()
+}
+
+/// The least distance from any of these points.
+fn least(points: &[Vector3<f64>], distance: impl Fn(&Vector3<f64>) -> f64) -> f64 {
+    points.iter().map(distance).fold(f64::INFINITY, f64::min)
+}
+
+/// A point in the box round the way, larger by a margin.
+fn anywhere(random: &mut Random, drawn: &Drawn, margin: f64) -> Vector3<f64> {
+    let (a, b) = (drawn.start.position, drawn.goal.position);
+    let (min, max) = (a.inf(&b), a.sup(&b));
+    Vector3::from_fn(|i, _| random.between(min[i] - margin, max[i] + margin))
+}
+
+/// Adds shapes where they leave the points free. Points within two sampling distances are as good as a curve.
+fn add(drawn: &mut Drawn, shape: Shape, free: &[Vector3<f64>], room: f64) {
+    if least(free, |point| shape.distance(point)) > room + 0.1 {
+        drawn.shapes.push(shape);
+    }
+}
+
+fn pillars(random: &mut Random, drawn: &mut Drawn, free: &[Vector3<f64>], room: f64) {
+    for _ in 0..60 {
+        let centre = anywhere(random, drawn, 200.0);
+        let size = random.between(15.0, 50.0);
+        let shape = if random.below(2) == 0 {
+            let up = Vector3::z() * 1500.0;
+            Shape::Capsule { from: centre - up, to: centre + up, radius: size }
+        } else {
+            let rotation = Rotation3::from_axis_angle(&Vector3::z_axis(), random.between(0.0, PI));
+            Shape::Box { centre, half: Vector3::new(size, random.between(15.0, 60.0), 1500.0), rotation }
+        };
+        add(drawn, shape, free, room);
+    }
+}
+
+fn walls(random: &mut Random, drawn: &mut Drawn, way: &[Stretch], free: &[Vector3<f64>], room: f64) {
+    let count = 2 + random.below(2);
+    for wall in 0..count {
+        // Across the way, somewhere in each part of it, with a window there.
+        let index = (way.len() as u64 * (2 * wall + 1) / (2 * count)) as usize;
+        let Some(stretch) = way.get(index) else { continue };
+        let tip = stretch.tip(stretch.length * random.unit());
+        let x = any_across(&tip.direction);
+        let y = tip.direction.cross(&x);
+        let axes = nalgebra::Matrix3::from_columns(&[x, y, tip.direction]);
+        let rotation = Rotation3::from_matrix_unchecked(axes);
+        let (thick, wide) = (random.between(5.0, 20.0), 1500.0);
+        let hole = room + random.between(3.0, 20.0);
+        for (side, along) in [(x, 0), (-x, 0), (y, 1), (-y, 1)] {
+            let half_depth = 0.5 * (wide - hole);
+            let half = if along == 0 { [half_depth, wide] } else { [hole, half_depth] };
+            let shape = Shape::Box {
+                centre: tip.position + side * (hole + half_depth),
+                half: Vector3::new(half[0], half[1], thick),
+                rotation,
+            };
+            add(drawn, shape, free, room);
+        }
+    }
+}
+
+fn pipes(random: &mut Random, drawn: &mut Drawn, free: &[Vector3<f64>], room: f64) {
+    for _ in 0..90 {
+        let centre = anywhere(random, drawn, 150.0);
+        // Mostly along the axes, as in a rack.
+        let axis = if random.below(3) == 0 {
+            random.direction()
+        } else {
+            [Vector3::x(), Vector3::y(), Vector3::z()][random.below(3) as usize]
+        };
+        let half = axis * random.between(100.0, 600.0);
+        let shape = Shape::Capsule { from: centre - half, to: centre + half, radius: random.between(8.0, 35.0) };
+        add(drawn, shape, free, room);
+    }
+}
+
+/// The corners and faces of an octahedron, each face divided into four: 18 corners, 32 faces.
+fn stone() -> (Vec<Vector3<f64>>, Vec<[usize; 3]>) {
+    let mut corners: Vec<Vector3<f64>> = Vec::new();
+    let mut index = |point: Vector3<f64>| {
+        let point = point.normalize();
+        corners.iter().position(|corner| (corner - point).norm() < 1e-9).unwrap_or_else(|| {
+            corners.push(point);
+            corners.len() - 1
+        })
+    };
+    let mut faces = Vec::new();
+    for octant in 0..8 {
+        let sign = |bit: u32| if octant >> bit & 1 == 0 { 1.0 } else { -1.0 };
+        let [a, mut b, mut c] = [Vector3::x() * sign(0), Vector3::y() * sign(1), Vector3::z() * sign(2)];
+        if sign(0) * sign(1) * sign(2) < 0.0 {
+            (b, c) = (c, b);
+        }
+        let [ab, bc, ca] = [(a + b) * 0.5, (b + c) * 0.5, (c + a) * 0.5];
+        for face in [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]] {
+            faces.push(face.map(&mut index));
+        }
+    }
+    (corners, faces)
+}
+
+fn rubble(random: &mut Random, drawn: &mut Drawn, free: &[Vector3<f64>], room: f64) {
+    let (corners, faces) = stone();
+    for _ in 0..120 {
+        let centre = anywhere(random, drawn, 150.0);
+        let size = random.between(25.0, 90.0);
+        if least(free, |point| (point - centre).norm()) < room + size + 0.1 {
+            continue;
+        }
+        let points: Vec<Vector3<f64>> =
+            corners.iter().map(|corner| centre + corner * (size * random.between(0.6, 1.0))).collect();
+        drawn.triangles.extend(faces.iter().map(|face| Triangle(face.map(|corner| points[corner]))));
+    }
+}
+
+fn boulders(random: &mut Random, drawn: &mut Drawn, free: &[Vector3<f64>], room: f64) {
+    for _ in 0..80 {
+        let centre = anywhere(random, drawn, 150.0);
+        let size = random.between(20.0, 90.0);
+        if least(free, |point| (point - centre).norm()) < room + size + POINT_RADIUS + 0.1 {
+            continue;
+        }
+        shell(&mut drawn.points, &centre, size, 8.0);
+    }
+}
+
+/// Adds points of a sphere, about this far apart: a spiral.
+fn shell(points: &mut Vec<Vector3<f64>>, centre: &Vector3<f64>, radius: f64, apart: f64) {
+    let count = (4.0 * PI * radius * radius / (apart * apart)).ceil() as u32;
+    for i in 0..count {
+        let z = 1.0 - (2.0 * f64::from(i) + 1.0) / f64::from(count);
+        let (sin, cos) = sin_cos(2.399_963_229_728_653 * f64::from(i) % TAU);
+        let across = (1.0 - z * z).sqrt();
+        points.push(centre + Vector3::new(across * cos, across * sin, z) * radius);
+    }
+}
+
+/// Encloses the goal.
+fn seal(drawn: &mut Drawn, body: &Body) {
+    let centre = drawn.goal.position;
+    // Big enough for the body, and too small for the start to be inside.
+    let size = (2.5 * body.need).min(0.4 * (centre - drawn.start.position).norm());
+    match drawn.family {
+        Family::Points => shell(&mut drawn.points, &centre, 1.5 * size, 8.0),
+        Family::Rubble => {
+            let (corners, faces) = stone();
+            for (scale, inwards) in [(1.7, false), (1.5, true)] {
+                let points: Vec<Vector3<f64>> = corners.iter().map(|corner| centre + corner * (size * scale)).collect();
+                drawn.triangles.extend(faces.iter().map(|&[a, b, c]| {
+                    let face = if inwards { [a, c, b] } else { [a, b, c] };
+                    Triangle(face.map(|corner| points[corner]))
+                }));
+            }
+        }
+        _ => {
+            for axis in [Vector3::x(), Vector3::y(), Vector3::z()] {
+                for side in [-1.0, 1.0] {
+                    let half = Vector3::repeat(size) - axis * (size - 5.0);
+                    let centre = centre + axis * (side * size);
+                    drawn.shapes.push(Shape::Box { centre, half: half + axis.map(|_| 0.0), rotation: Rotation3::identity() });
+                }
+            }
+        }
+    }
+}
+
+/// A rotation about a random axis.
+#[must_use]
+pub fn rotation(random: &mut Random) -> Rotation3<f64> {
+    Rotation3::from_axis_angle(&Unit::new_normalize(random.direction()), random.between(0.0, TAU))
+}

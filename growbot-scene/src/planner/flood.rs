@@ -1,0 +1,110 @@
+//! Whether start and goal are separated for every body of this width, however it bends.
+//!
+//! Space is divided into cubes. One whose centre is so near to an obstacle that no point of it is far enough from that
+//! is blocked. If start and goal are in parts of the rest that share no face, then there is no path: that is proven,
+//! not a matter of resolution. The other way round nothing is proven.
+
+use std::cmp::Reverse;
+use std::collections::{BinaryHeap, HashSet};
+
+use nalgebra::Vector3;
+
+use super::Problem;
+use super::meter::Meter;
+use crate::tree::Bounds;
+
+/// How finely space is divided, tried one after another: the side of the cubes as a share of the distance that the body
+/// needs, and the max number of cubes that are looked at. Half the diagonal of the largest cube is less than that
+/// distance by so much that no layer of blocked cubes along a wall has holes.
+pub(super) const FINENESS: [(f64, usize); 3] = [(0.7, 1 << 18), (0.35, 1 << 20), (0.175, 1 << 21)];
+
+/// What a flood came to.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Flood {
+    /// There is no path.
+    Separated,
+    /// There may be one.
+    Joined,
+    /// The meter has run out, or there are too many cubes.
+    Unknown,
+}
+
+/// Whether start and goal are separated, as far as cubes of this fineness tell.
+pub(super) fn separated(problem: &Problem, (share, max_cubes): (f64, usize), meter: &mut Meter) -> Flood {
+    Grid::new(problem, share * problem.need.distance).flood(problem, max_cubes, meter)
+}
+
+/// Cubes: those between two corners, or those that a body of max length may reach.
+struct Grid {
+    side: f64,
+    origin: Vector3<f64>,
+    /// Number of the last cube along each axis; the first has 0.
+    last: [i32; 3],
+}
+
+type Cube = [i32; 3];
+
+impl Grid {
+    fn new(problem: &Problem, side: f64) -> Self {
+        let ends = Bounds::of(&[problem.start.position, problem.goal.position()]);
+        // Beyond all obstacles there is a way round.
+        let bounds = problem.scene.bounds().with(&ends).grown(problem.need.distance + 3.0 * side);
+        let size = (bounds.max - bounds.min) / side;
+        let last = [size.x, size.y, size.z].map(|count| count.ceil().min(f64::from(i32::MAX / 2)) as i32);
+        Self { side, origin: bounds.min, last }
+    }
+
+    fn cube(&self, point: &Vector3<f64>) -> Cube {
+        let at = (point - self.origin) / self.side;
+        [at.x, at.y, at.z].map(|at| at.floor() as i32)
+    }
+
+    fn is_open(&self, problem: &Problem, cube: &Cube, meter: &mut Meter) -> bool {
+        if cube.iter().zip(&self.last).any(|(at, last)| *at < 0 || at > last) {
+            return false;
+        }
+        let centre = self.origin + Vector3::from(cube.map(|at| f64::from(at) + 0.5)) * self.side;
+        let half_diagonal = 0.5 * 3.0_f64.sqrt() * self.side;
+        let (start, goal) = (problem.start.position, problem.goal.position());
+        if (centre - start).norm() + (centre - goal).norm() - 2.0 * half_diagonal > problem.length_max {
+            return false;
+        }
+        meter.work.0 += 1;
+        let enough = problem.need.distance - half_diagonal;
+        problem.scene.distance_within(&centre, enough) >= enough
+    }
+
+    /// Floods from both ends by turns, each towards the other: if either fills up before they meet, they are separated.
+    fn flood(&self, problem: &Problem, max_cubes: usize, meter: &mut Meter) -> Flood {
+        let ends = [self.cube(&problem.start.position), self.cube(&problem.goal.position())];
+        let mut reached = ends.map(|end| HashSet::from([end]));
+        let mut fronts = ends.map(|end| BinaryHeap::from([(Reverse(0), end)]));
+        if ends[0] == ends[1] {
+            return Flood::Joined;
+        }
+        loop {
+            for side in 0..2 {
+                let Some((_, cube)) = fronts[side].pop() else { return Flood::Separated };
+                for (axis, step) in [(0, 1), (0, -1), (1, 1), (1, -1), (2, 1), (2, -1)] {
+                    let mut next = cube;
+                    next[axis] += step;
+                    if reached[1 - side].contains(&next) {
+                        return Flood::Joined;
+                    }
+                    if !reached[side].contains(&next) && self.is_open(problem, &next, meter) {
+                        reached[side].insert(next);
+                        fronts[side].push((Reverse(apart(&next, &ends[1 - side])), next));
+                    }
+                }
+            }
+            if meter.is_over() || reached[0].len() + reached[1].len() > max_cubes {
+                return Flood::Unknown;
+            }
+        }
+    }
+}
+
+/// The square of the distance between two cubes, in sides.
+fn apart(a: &Cube, b: &Cube) -> i64 {
+    a.iter().zip(b).map(|(a, b)| (i64::from(*a) - i64::from(*b)).pow(2)).sum()
+}
