@@ -7,9 +7,7 @@ fn main() {
     for dir in std::env::args().skip(2) {
         let limit: f64 = std::env::args().nth(1).unwrap().parse().unwrap();
         let dir = Path::new(&dir);
-        let file = File::open(dir.join("scene.ply")).unwrap();
-        let bytes = file.metadata().unwrap().len();
-        let g = read::ply::read(file, bytes).unwrap();
+        let g = read::geometry(&dir.join("scene.ply")).unwrap().geometry;
         let p: serde_json::Value = serde_json::from_reader(File::open(dir.join("problems.json")).unwrap()).unwrap();
         let r = p["point_radius_mm"].as_f64().unwrap();
         let tube = p["tube_diameter_mm"].as_f64().unwrap() / 2.0 - std::env::var("LESS").map_or(0.0, |t| t.parse().unwrap());

@@ -3,6 +3,7 @@
 
 pub mod clear;
 pub mod families;
+pub mod file;
 pub mod motion;
 pub mod planner;
 pub mod read;

@@ -213,6 +213,9 @@ impl Search<'_, '_> {
         if let Some(best) = self.best.take() {
             return Outcome::Found(best.chain);
         }
+        if self.trees.iter().all(Tree::is_exhausted) && self.is_separated_at_all() {
+            return Outcome::Impossible(Why::Separated);
+        }
         let exhausted = self.trees.iter().rev().find(|tree| tree.is_exhausted());
         exhausted.map_or(Outcome::NotFound, |tree| Outcome::NoneAt(tree.resolution))
     }
@@ -222,6 +225,12 @@ impl Search<'_, '_> {
         let fineness = ROUNDS_TO_FLOOD.iter().position(|rounds| *rounds == round);
         let Some(fineness) = fineness.and_then(|index| flood::FINENESS.get(index)) else { return false };
         flood::separated(self.problem, *fineness, &mut self.meter) == Flood::Separated
+    }
+
+    /// Whether start and goal are separated, as finely as it is looked at.
+    fn is_separated_at_all(&mut self) -> bool {
+        let separated = |fineness| flood::separated(self.problem, fineness, &mut self.meter) == Flood::Separated;
+        flood::FINENESS.into_iter().any(separated)
     }
 
     /// Only what is shorter than this is of use, mm.

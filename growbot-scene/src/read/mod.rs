@@ -1,8 +1,24 @@
-//! Readers of meshes and point clouds.
+//! Readers of meshes and point clouds. Nothing that a file says is believed before it is checked against the bytes that
+//! are there, so that memory is bounded by the file's length.
 
-pub mod ply;
+mod glb;
+mod obj;
+mod pcd;
+mod ply;
+mod stl;
 
+use std::fs::File;
+use std::io::Read as _;
+use std::path::Path;
+
+use growbot_core::hash::Hasher;
 use nalgebra::Vector3;
+
+/// No mesh and no cloud is longer than this, bytes (512 MiB): some 10 million triangles.
+pub const LONGEST_GEOMETRY: u64 = 512 << 20;
+
+/// The formats, by the ending of a file.
+const ENDINGS: [&str; 5] = ["stl", "obj", "ply", "glb", "pcd"];
 
 /// What a file of a mesh or of a cloud holds: points, and triangles between them.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -11,6 +27,97 @@ pub struct Geometry {
     pub points: Vec<Vector3<f64>>,
     /// The corners of each triangle, as indices of points.
     pub triangles: Vec<[u32; 3]>,
+}
+
+/// A file that has been read.
+#[derive(Debug)]
+pub struct ReadGeometry {
+    /// What it holds.
+    pub geometry: Geometry,
+    /// The hash of its bytes, CRC-64/XZ.
+    pub hash: u64,
+}
+
+/// Why a file could not be read.
+#[derive(Debug, thiserror::Error)]
+pub enum ReadError {
+    /// The file is missing, or may not be read.
+    #[error("cannot read {file}: {error}; give the path of a scene file, a mesh or a cloud")]
+    Unreadable {
+        /// The file.
+        file: String,
+        /// What the system says.
+        #[source]
+        error: std::io::Error,
+    },
+    /// The file is longer than growbot reads.
+    #[error("{file} is longer than {limit} bytes, the most that is read: make it smaller")]
+    TooLong {
+        /// The file.
+        file: String,
+        /// The limit.
+        limit: u64,
+    },
+    /// The ending says nothing that is known.
+    #[error("{file} has an ending that is not known: give a file that ends in .stl, .obj, .ply, .glb or .pcd")]
+    UnknownEnding {
+        /// The file.
+        file: String,
+    },
+    /// The file is not what its ending says, or is damaged.
+    #[error("{file} cannot be understood: {reason}; write it again")]
+    Malformed {
+        /// The file.
+        file: String,
+        /// What is wrong.
+        reason: String,
+    },
+}
+
+/// The ending of a path, in lower case.
+fn ending(path: &Path) -> Option<String> {
+    path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase())
+}
+
+/// Whether a path ends as a mesh or a cloud does.
+#[must_use]
+pub fn is_geometry(path: &Path) -> bool {
+    ending(path).is_some_and(|ending| ENDINGS.contains(&ending.as_str()))
+}
+
+/// All bytes of a file that is no longer than a limit.
+///
+/// # Errors
+/// [`ReadError::Unreadable`], [`ReadError::TooLong`].
+pub fn bytes(path: &Path, limit: u64) -> Result<Vec<u8>, ReadError> {
+    let file = || path.display().to_string();
+    let unreadable = |error| ReadError::Unreadable { file: file(), error };
+    // A pipe or a device might never end.
+    if !std::fs::metadata(path).map_err(unreadable)?.is_file() {
+        return Err(unreadable(std::io::Error::other("it is no file")));
+    }
+    let mut bytes = Vec::new();
+    File::open(path).map_err(unreadable)?.take(limit + 1).read_to_end(&mut bytes).map_err(unreadable)?;
+    if bytes.len() as u64 > limit { Err(ReadError::TooLong { file: file(), limit }) } else { Ok(bytes) }
+}
+
+/// Reads a mesh or a cloud, as its ending says.
+///
+/// # Errors
+/// What is wrong with the file.
+pub fn geometry(path: &Path) -> Result<ReadGeometry, ReadError> {
+    let file = || path.display().to_string();
+    let read = match ending(path).as_deref() {
+        Some("stl") => stl::read,
+        Some("obj") => obj::read,
+        Some("ply") => ply::read,
+        Some("glb") => glb::read,
+        Some("pcd") => pcd::read,
+        _ => return Err(ReadError::UnknownEnding { file: file() }),
+    };
+    let bytes = bytes(path, LONGEST_GEOMETRY)?;
+    let geometry = read(&bytes).map_err(|reason| ReadError::Malformed { file: file(), reason })?;
+    Ok(ReadGeometry { geometry, hash: Hasher::of(&bytes) })
 }
 
 /// Adds a face as triangles from its first corner.
@@ -26,4 +133,50 @@ fn fan(corners: &[i64], geometry: &mut Geometry) -> Result<(), String> {
         geometry.triangles.push([first, corner(pair[0])?, corner(pair[1])?]);
     }
     Ok(())
+}
+
+/// The number of edges that do not lie between two faces, one on each side. Points at one place are one corner.
+#[must_use]
+pub fn open_edges(points: &[Vector3<f64>], triangles: &[[u32; 3]]) -> usize {
+    let bits = |index: u32| {
+        let point = points.get(index as usize).copied().unwrap_or_default();
+        // Adding 0 makes 0 of -0.
+        point.data.0[0].map(|value| (value + 0.0).to_bits())
+    };
+    let mut order: Vec<u32> = (0..points.len() as u32).collect();
+    order.sort_unstable_by_key(|index| bits(*index));
+    let mut corner = vec![0_u32; points.len()];
+    let mut before: Option<u32> = None;
+    for index in order {
+        let same = before.filter(|before| bits(*before) == bits(index));
+        let name = same.and_then(|same| corner.get(same as usize).copied()).unwrap_or(index);
+        if let Some(place) = corner.get_mut(index as usize) {
+            *place = name;
+        }
+        before = Some(index);
+    }
+    // Each edge from its lower to its higher corner, and whether a face has it the other way round.
+    let mut edges: Vec<(u32, u32, bool)> = Vec::with_capacity(3 * triangles.len());
+    for face in triangles {
+        let face = face.map(|index| corner.get(index as usize).copied().unwrap_or_default());
+        for (from, to) in [(face[0], face[1]), (face[1], face[2]), (face[2], face[0])] {
+            if from != to {
+                edges.push((from.min(to), from.max(to), from > to));
+            }
+        }
+    }
+    edges.sort_unstable();
+    let groups = edges.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1));
+    groups.map(|group| group.iter().map(|edge| if edge.2 { -1 } else { 1 }).sum::<isize>().unsigned_abs()).sum()
+}
+
+/// The lines of a text that may hold bytes that are no UTF-8, each split into words.
+fn lines(bytes: &[u8]) -> impl Iterator<Item = Vec<&str>> {
+    bytes.split(|byte| *byte == b'\n').map(|line| std::str::from_utf8(line).unwrap_or("").split_ascii_whitespace().collect())
+}
+
+/// Three numbers.
+fn three(words: &[&str]) -> Option<Vector3<f64>> {
+    let [x, y, z, ..] = words else { return None };
+    Some(Vector3::new(x.parse().ok()?, y.parse().ok()?, z.parse().ok()?))
 }

@@ -1,7 +1,5 @@
 //! PLY: points and faces, as text or binary.
 
-use std::io::{BufReader, Read};
-
 use nalgebra::Vector3;
 use ply_rs_bw::parser::{Parser, Reader};
 use ply_rs_bw::ply::{Property, PropertyAccess, PropertyAccessResult};
@@ -68,16 +66,13 @@ impl PropertyAccess for Other {
     }
 }
 
-/// Reads a PLY file of this many bytes.
-///
-/// # Errors
-/// What is wrong, in words.
-pub fn read(file: impl Read, bytes: u64) -> Result<Geometry, String> {
-    let mut reader = Reader::new(BufReader::with_capacity(1 << 16, file));
+/// Reads a PLY file.
+pub(super) fn read(bytes: &[u8]) -> Result<Geometry, String> {
+    let mut reader = Reader::new(bytes);
     let header = Parser::<Other>::new().read_header(&mut reader).map_err(|error| error.to_string())?;
     let mut geometry = Geometry::default();
     for (name, element) in &header.elements {
-        if element.properties.is_empty() || element.count as u64 > bytes {
+        if element.properties.is_empty() || element.count > bytes.len() {
             return Err(format!("it announces {} of {name:?}, more than it has bytes", element.count));
         }
         match name.as_str() {

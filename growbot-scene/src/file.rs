@@ -1,0 +1,429 @@
+//! Scene files: `growbot-scene/1`, TOML. Lengths are in mm.
+
+use std::path::Path;
+
+use growbot_core::angle::radians;
+use nalgebra::{Rotation3, Vector3};
+use serde::{Deserialize, Serialize};
+
+use crate::read::{self, Geometry, ReadError};
+use crate::scene::{Cloud, Mesh, Scene};
+use crate::shapes::{HalfSpace, Shape, Triangle};
+
+/// The format that this version reads.
+pub const FORMAT: &str = "growbot-scene/1";
+/// Max coordinate and size, mm (10 km): that of poses.
+pub const MAX_LENGTH: f64 = 1e7;
+/// Max number of entries of one kind in a file.
+pub const MAX_ENTRIES: usize = 100_000;
+/// No scene file is longer than this, bytes (16 MiB); meshes and clouds have their own files.
+pub const LONGEST_FILE: u64 = 16 << 20;
+
+/// A scene as written.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct SceneFile {
+    /// `growbot-scene/1`.
+    pub format: String,
+    /// How far the outside of the tube must keep from everything, mm.
+    #[serde(default)]
+    pub margin_mm: f64,
+    /// Boxes.
+    #[serde(default, rename = "box", skip_serializing_if = "Vec::is_empty")]
+    pub boxes: Vec<WrittenBox>,
+    /// Balls.
+    #[serde(default, rename = "ball", skip_serializing_if = "Vec::is_empty")]
+    pub balls: Vec<WrittenBall>,
+    /// Capsules: cylinders with round ends.
+    #[serde(default, rename = "capsule", skip_serializing_if = "Vec::is_empty")]
+    pub capsules: Vec<WrittenCapsule>,
+    /// Half spaces: all that lies behind a plane.
+    #[serde(default, rename = "halfspace", skip_serializing_if = "Vec::is_empty")]
+    pub half_spaces: Vec<WrittenHalfSpace>,
+    /// Meshes in files of their own.
+    #[serde(default, rename = "mesh", skip_serializing_if = "Vec::is_empty")]
+    pub meshes: Vec<WrittenMesh>,
+    /// Clouds of points in files of their own.
+    #[serde(default, rename = "points", skip_serializing_if = "Vec::is_empty")]
+    pub clouds: Vec<WrittenPoints>,
+}
+
+/// A box as written.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct WrittenBox {
+    /// Its centre, mm.
+    pub center_mm: [f64; 3],
+    /// Its sides, mm.
+    pub size_mm: [f64; 3],
+    /// Roll about x, then pitch about y, then yaw about z, all of the fixed axes, degrees.
+    #[serde(default)]
+    pub rpy_deg: [f64; 3],
+}
+
+/// A ball as written.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct WrittenBall {
+    /// Its centre, mm.
+    pub center_mm: [f64; 3],
+    /// Its radius, mm.
+    pub radius_mm: f64,
+}
+
+/// A capsule as written.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct WrittenCapsule {
+    /// The centre of one round end, mm.
+    pub from_mm: [f64; 3],
+    /// The centre of the other, mm.
+    pub to_mm: [f64; 3],
+    /// Its radius, mm.
+    pub radius_mm: f64,
+}
+
+/// A half space as written.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct WrittenHalfSpace {
+    /// A point of the plane, mm.
+    pub point_mm: [f64; 3],
+    /// What is free lies on this side of the plane.
+    pub normal: [f64; 3],
+}
+
+/// A mesh as written.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct WrittenMesh {
+    /// Its file, STL, OBJ, PLY or GLB, beside the scene's file.
+    pub file: String,
+    /// How many mm a unit of the file is.
+    #[serde(default = "one")]
+    pub scale: f64,
+    /// Whether what it encloses is an obstacle too: then it must be closed.
+    #[serde(default = "yes")]
+    pub solid: bool,
+}
+
+/// A cloud of points as written.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct WrittenPoints {
+    /// Its file, PLY or PCD, beside the scene's file.
+    pub file: String,
+    /// How many mm a unit of the file is.
+    #[serde(default = "one")]
+    pub scale: f64,
+    /// Each point is a ball of this radius, mm.
+    pub radius_mm: f64,
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+fn yes() -> bool {
+    true
+}
+
+/// Why there is no scene.
+#[derive(Debug, thiserror::Error)]
+pub enum SceneError {
+    /// A file cannot be read, or is not what its ending says.
+    #[error(transparent)]
+    Read(#[from] ReadError),
+    /// The file is no TOML, or has other fields than a scene.
+    #[error("{file}, line {line}: {reason}")]
+    Toml {
+        /// The file.
+        file: String,
+        /// Line, from 1.
+        line: usize,
+        /// What is wrong there.
+        reason: String,
+    },
+    /// The scene is of another version.
+    #[error("{file} has format {found:?}, and this version of growbot reads {FORMAT:?}: change the file's first line")]
+    OtherFormat {
+        /// The file.
+        file: String,
+        /// The format that it names.
+        found: String,
+    },
+    /// A number is none, or out of range.
+    #[error("{file}: {field} is {value}, and must be {limit}")]
+    Value {
+        /// The file.
+        file: String,
+        /// Where it stands.
+        field: String,
+        /// The value.
+        value: f64,
+        /// What it may be.
+        limit: &'static str,
+    },
+    /// More entries than a scene may have.
+    #[error("{file} has {count} entries of [[{kind}]], and may have {MAX_ENTRIES}: make a mesh of them")]
+    TooMany {
+        /// The file.
+        file: String,
+        /// The kind.
+        kind: &'static str,
+        /// How many there are.
+        count: usize,
+    },
+    /// A mesh with a hole encloses nothing.
+    #[error(
+        "{file} is an open mesh, with {open} edges that only one face has, and cannot be solid: close it, or say \
+         `solid = false` in its [[mesh]] to have its faces alone as obstacles"
+    )]
+    OpenMesh {
+        /// The mesh's file.
+        file: String,
+        /// How many edges are open.
+        open: usize,
+    },
+    /// A file without what it is read for.
+    #[error("{file} has no {what}: give a file that has some")]
+    Empty {
+        /// The file.
+        file: String,
+        /// What is missing.
+        what: &'static str,
+    },
+}
+
+/// A scene that has been read.
+#[derive(Debug, Clone)]
+pub struct LoadedScene {
+    /// The obstacles.
+    pub scene: Scene,
+    /// How far the outside of the tube must keep from them, mm.
+    pub margin: f64,
+    /// Hash of the scene's file and of all files that it names, CRC-64/XZ.
+    pub hash: u64,
+}
+
+/// Reads a scene: a scene file, or a single mesh or cloud by its ending.
+///
+/// # Errors
+/// What is wrong with a file, with the value, the limit and what to do.
+pub fn load(path: &Path) -> Result<LoadedScene, SceneError> {
+    let name = path.display().to_string();
+    if read::is_geometry(path) {
+        return load_geometry(path, &name);
+    }
+    let bytes = read::bytes(path, LONGEST_FILE)?;
+    let text = String::from_utf8_lossy(&bytes);
+    let written = parse(&text, &name)?;
+    let mut hasher = growbot_core::hash::Hasher::default();
+    hasher.bytes(&bytes);
+    let beside = path.parent().unwrap_or(Path::new(""));
+    let (mut meshes, mut clouds) = (Vec::new(), Vec::new());
+    for mesh in &written.meshes {
+        let file = beside.join(&mesh.file);
+        let read = read::geometry(&file)?;
+        hasher.bytes(&read.hash.to_le_bytes());
+        meshes.push(mesh_of(read.geometry, mesh.scale, mesh.solid, &file.display().to_string())?);
+    }
+    for points in &written.clouds {
+        let file = beside.join(&points.file);
+        let read = read::geometry(&file)?;
+        hasher.bytes(&read.hash.to_le_bytes());
+        clouds.push(cloud_of(read.geometry, points.scale, points.radius_mm, &file.display().to_string())?);
+    }
+    let scene = Scene::new(written.shapes(), written.half_spaces(), clouds, meshes);
+    Ok(LoadedScene { scene, margin: written.margin_mm, hash: hasher.finish() })
+}
+
+/// A mesh or a cloud alone. Points are balls without a radius: the margin is 0.
+fn load_geometry(path: &Path, name: &str) -> Result<LoadedScene, SceneError> {
+    let read = read::geometry(path)?;
+    let scene = if read.geometry.triangles.is_empty() {
+        Scene::new(vec![], vec![], vec![cloud_of(read.geometry, 1.0, 0.0, name)?], vec![])
+    } else {
+        Scene::new(vec![], vec![], vec![], vec![mesh_of(read.geometry, 1.0, true, name)?])
+    };
+    Ok(LoadedScene { scene, margin: 0.0, hash: read.hash })
+}
+
+/// The scene that a text describes. `file` is how messages call it.
+///
+/// # Errors
+/// No TOML, other fields, another version, a number out of range.
+pub fn parse(text: &str, file: &str) -> Result<SceneFile, SceneError> {
+    let written: SceneFile = toml::from_str(text).map_err(|error| {
+        let at = error.span().map_or(0, |span| span.start).min(text.len());
+        let before = text.as_bytes().get(..at).unwrap_or_default();
+        let line = before.iter().filter(|byte| **byte == b'\n').count() + 1;
+        SceneError::Toml { file: file.to_owned(), line, reason: error.message().replace('\n', " ") }
+    })?;
+    if written.format != FORMAT {
+        return Err(SceneError::OtherFormat { file: file.to_owned(), found: written.format });
+    }
+    written.check(file)?;
+    Ok(written)
+}
+
+impl SceneFile {
+    /// Checks every number.
+    fn check(&self, file: &str) -> Result<(), SceneError> {
+        let counts = [
+            ("box", self.boxes.len()),
+            ("ball", self.balls.len()),
+            ("capsule", self.capsules.len()),
+            ("halfspace", self.half_spaces.len()),
+            ("mesh", self.meshes.len()),
+            ("points", self.clouds.len()),
+        ];
+        if let Some((kind, count)) = counts.into_iter().find(|(_, count)| *count > MAX_ENTRIES) {
+            return Err(SceneError::TooMany { file: file.to_owned(), kind, count });
+        }
+        let check = Check { file };
+        check.size("margin_mm", self.margin_mm, true)?;
+        for (index, written) in self.boxes.iter().enumerate() {
+            check.point(&format!("center_mm of [[box]] {}", index + 1), &written.center_mm)?;
+            for side in written.size_mm {
+                check.size(&format!("size_mm of [[box]] {}", index + 1), side, false)?;
+            }
+            check.point(&format!("rpy_deg of [[box]] {}", index + 1), &written.rpy_deg)?;
+        }
+        for (index, written) in self.balls.iter().enumerate() {
+            check.point(&format!("center_mm of [[ball]] {}", index + 1), &written.center_mm)?;
+            check.size(&format!("radius_mm of [[ball]] {}", index + 1), written.radius_mm, false)?;
+        }
+        for (index, written) in self.capsules.iter().enumerate() {
+            check.point(&format!("from_mm of [[capsule]] {}", index + 1), &written.from_mm)?;
+            check.point(&format!("to_mm of [[capsule]] {}", index + 1), &written.to_mm)?;
+            check.size(&format!("radius_mm of [[capsule]] {}", index + 1), written.radius_mm, false)?;
+        }
+        for (index, written) in self.half_spaces.iter().enumerate() {
+            check.point(&format!("point_mm of [[halfspace]] {}", index + 1), &written.point_mm)?;
+            check.normal(&format!("normal of [[halfspace]] {}", index + 1), &written.normal)?;
+        }
+        for written in &self.meshes {
+            check.size(&format!("scale of {}", written.file), written.scale, false)?;
+        }
+        for written in &self.clouds {
+            check.size(&format!("scale of {}", written.file), written.scale, false)?;
+            check.size(&format!("radius_mm of {}", written.file), written.radius_mm, true)?;
+        }
+        Ok(())
+    }
+
+    fn shapes(&self) -> Vec<Shape> {
+        let boxes = self.boxes.iter().map(|written| {
+            let [roll, pitch, yaw] = written.rpy_deg.map(radians);
+            let turn = |axis, angle| Rotation3::from_axis_angle(&axis, angle);
+            let rotation = turn(Vector3::z_axis(), yaw) * turn(Vector3::y_axis(), pitch) * turn(Vector3::x_axis(), roll);
+            Shape::Box { centre: written.center_mm.into(), half: Vector3::from(written.size_mm) * 0.5, rotation }
+        });
+        let balls = self.balls.iter().map(|ball| Shape::Ball { centre: ball.center_mm.into(), radius: ball.radius_mm });
+        let capsules = self.capsules.iter().map(|written| Shape::Capsule {
+            from: written.from_mm.into(),
+            to: written.to_mm.into(),
+            radius: written.radius_mm,
+        });
+        boxes.chain(balls).chain(capsules).collect()
+    }
+
+    fn half_spaces(&self) -> Vec<HalfSpace> {
+        let half_spaces = self.half_spaces.iter();
+        half_spaces
+            .map(|written| HalfSpace {
+                point: written.point_mm.into(),
+                normal: Vector3::from(written.normal).normalize(),
+            })
+            .collect()
+    }
+}
+
+/// Checks numbers of a file.
+struct Check<'a> {
+    file: &'a str,
+}
+
+impl Check<'_> {
+    fn refuse(&self, field: &str, value: f64, limit: &'static str) -> SceneError {
+        SceneError::Value { file: self.file.to_owned(), field: field.to_owned(), value, limit }
+    }
+
+    fn point(&self, field: &str, point: &[f64; 3]) -> Result<(), SceneError> {
+        match point.iter().find(|value| !value.is_finite() || value.abs() > MAX_LENGTH) {
+            Some(value) => Err(self.refuse(field, *value, "a number within 1e7 of 0")),
+            None => Ok(()),
+        }
+    }
+
+    fn size(&self, field: &str, value: f64, may_be_zero: bool) -> Result<(), SceneError> {
+        let least = if may_be_zero { value >= 0.0 } else { value > 0.0 };
+        if least && value <= MAX_LENGTH {
+            return Ok(());
+        }
+        Err(self.refuse(field, value, if may_be_zero { "between 0 and 1e7" } else { "above 0 and at most 1e7" }))
+    }
+
+    fn normal(&self, field: &str, normal: &[f64; 3]) -> Result<(), SceneError> {
+        self.point(field, normal)?;
+        let length = Vector3::from(*normal).norm();
+        if length > 1e-6 { Ok(()) } else { Err(self.refuse(field, length, "longer than 1e-6")) }
+    }
+}
+
+/// Points in mm, each a finite number within range.
+fn scaled(geometry: &Geometry, scale: f64, file: &str) -> Result<Vec<Vector3<f64>>, SceneError> {
+    let mut points = Vec::with_capacity(geometry.points.len());
+    for (index, point) in geometry.points.iter().enumerate() {
+        let point = point * scale;
+        if let Some(value) = point.iter().find(|value| !value.is_finite() || value.abs() > MAX_LENGTH) {
+            let field = format!("a coordinate of point {} in mm", index + 1);
+            let file = file.to_owned();
+            return Err(SceneError::Value { file, field, value: *value, limit: "a number within 1e7 of 0" });
+        }
+        points.push(point);
+    }
+    Ok(points)
+}
+
+fn cloud_of(geometry: Geometry, scale: f64, radius: f64, file: &str) -> Result<Cloud, SceneError> {
+    let points = scaled(&geometry, scale, file)?;
+    drop(geometry);
+    if points.is_empty() {
+        return Err(SceneError::Empty { file: file.to_owned(), what: "points" });
+    }
+    Ok(Cloud::new(points, radius))
+}
+
+fn mesh_of(geometry: Geometry, scale: f64, solid: bool, file: &str) -> Result<Mesh, SceneError> {
+    let points = scaled(&geometry, scale, file)?;
+    let corner = |index: u32| points.get(index as usize).copied().unwrap_or_default();
+    let triangles: Vec<Triangle> = geometry.triangles.iter().map(|face| Triangle(face.map(corner))).collect();
+    if triangles.is_empty() {
+        return Err(SceneError::Empty { file: file.to_owned(), what: "faces" });
+    }
+    if solid {
+        let open = read::open_edges(&points, &geometry.triangles);
+        if open > 0 {
+            return Err(SceneError::OpenMesh { file: file.to_owned(), open });
+        }
+    }
+    Ok(Mesh::new(triangles, solid))
+}
+
+/// The JSON Schema of scene files.
+#[cfg(feature = "schema")]
+#[must_use]
+pub fn schema() -> schemars::Schema {
+    let mut settings = schemars::generate::SchemaSettings::draft07();
+    settings.inline_subschemas = true;
+    settings.into_generator().into_root_schema_for::<SceneFile>()
+}

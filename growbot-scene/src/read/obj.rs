@@ -1,0 +1,30 @@
+//! OBJ: points and faces. Normals, textures, materials and groups are left out.
+
+use super::{Geometry, fan, lines, three};
+
+/// Reads an OBJ file.
+pub(super) fn read(bytes: &[u8]) -> Result<Geometry, String> {
+    let mut geometry = Geometry::default();
+    for (number, words) in lines(bytes).enumerate() {
+        let number = number + 1;
+        match words.as_slice() {
+            ["v", coordinates @ ..] => {
+                let point = three(coordinates).ok_or_else(|| format!("line {number} has no three numbers after `v`"))?;
+                geometry.points.push(point);
+            }
+            ["f", corners @ ..] => {
+                let points = geometry.points.len() as i64;
+                let index = |word: &&str| {
+                    let index: i64 = word.split('/').next()?.parse().ok()?;
+                    // From 1 on or, below 0, from the last point back.
+                    Some(if index < 0 { points.checked_add(index)? } else { index - 1 })
+                };
+                let corners: Option<Vec<i64>> = corners.iter().map(index).collect();
+                let corners = corners.ok_or_else(|| format!("line {number} has a corner that is no number"))?;
+                fan(&corners, &mut geometry).map_err(|reason| format!("line {number}: {reason}"))?;
+            }
+            _ => {}
+        }
+    }
+    Ok(geometry)
+}

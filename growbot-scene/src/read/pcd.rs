@@ -1,0 +1,137 @@
+//! PCD: points, as text or binary. Compressed files are refused.
+
+use nalgebra::Vector3;
+
+use super::Geometry;
+
+/// Where a coordinate stands among the fields of a point.
+#[derive(Debug, Clone, Copy)]
+struct Field {
+    /// Number of the value in a line of text.
+    word: usize,
+    /// Offset in a binary point, and size there: 4 or 8 bytes.
+    offset: usize,
+    size: usize,
+}
+
+/// What the header says.
+#[derive(Debug, Default)]
+struct Header {
+    names: Vec<String>,
+    sizes: Vec<usize>,
+    kinds: Vec<String>,
+    counts: Vec<usize>,
+    points: Option<usize>,
+    data: String,
+}
+
+/// Reads a PCD file.
+pub(super) fn read(bytes: &[u8]) -> Result<Geometry, String> {
+    let (header, data) = header(bytes)?;
+    let (fields, words, size) = fields(&header)?;
+    let points = header.points.ok_or("its header has no POINTS")?;
+    let points = match header.data.as_str() {
+        "ascii" => text(data, &fields, words)?,
+        "binary" => binary(data, &fields, size)?,
+        other => return Err(format!("its points are written as {other:?}: write them as ascii or binary")),
+    }
+    .take_exactly(points)?;
+    Ok(Geometry { points, triangles: Vec::new() })
+}
+
+/// Points, of which the header says how many there are.
+struct Points(Vec<Vector3<f64>>);
+
+impl Points {
+    fn take_exactly(mut self, announced: usize) -> Result<Vec<Vector3<f64>>, String> {
+        let found = self.0.len();
+        if announced > found {
+            return Err(format!("it announces {announced} points, and has {found}"));
+        }
+        self.0.truncate(announced);
+        // A point that a scanner did not see is NaN.
+        self.0.retain(|point| point.iter().all(|value| !value.is_nan()));
+        Ok(self.0)
+    }
+}
+
+fn header(bytes: &[u8]) -> Result<(Header, &[u8]), String> {
+    let mut header = Header::default();
+    let mut rest = bytes;
+    while let Some(end) = rest.iter().position(|byte| *byte == b'\n') {
+        let (line, after) = rest.split_at(end);
+        rest = after.get(1..).unwrap_or_default();
+        let line = std::str::from_utf8(line).map_err(|_| "its header is no text")?;
+        let mut words = line.split_ascii_whitespace();
+        let key = words.next().unwrap_or("#");
+        let words: Vec<&str> = words.collect();
+        let numbers = || -> Result<Vec<usize>, String> {
+            words.iter().map(|word| word.parse().map_err(|_| format!("{key} has {word:?}, which is no number"))).collect()
+        };
+        match key {
+            "FIELDS" => header.names = words.iter().map(|word| (*word).to_owned()).collect(),
+            "SIZE" => header.sizes = numbers()?,
+            "TYPE" => header.kinds = words.iter().map(|word| (*word).to_owned()).collect(),
+            "COUNT" => header.counts = numbers()?,
+            "POINTS" => header.points = numbers()?.first().copied(),
+            "DATA" => {
+                header.data = words.first().copied().unwrap_or_default().to_owned();
+                return Ok((header, rest));
+            }
+            _ => {}
+        }
+    }
+    Err("its header has no DATA".to_owned())
+}
+
+/// The fields x, y and z; the number of words and of bytes of a point.
+fn fields(header: &Header) -> Result<([Field; 3], usize, usize), String> {
+    let (mut word, mut offset) = (0_usize, 0_usize);
+    let mut found = [None; 3];
+    for (index, name) in header.names.iter().enumerate() {
+        let size = *header.sizes.get(index).ok_or("SIZE has fewer values than FIELDS")?;
+        let count = header.counts.get(index).copied().unwrap_or(1);
+        let kind = header.kinds.get(index).ok_or("TYPE has fewer values than FIELDS")?;
+        if let Some(axis) = ["x", "y", "z"].iter().position(|axis| axis == name) {
+            if kind != "F" || !matches!(size, 4 | 8) || count != 1 {
+                return Err(format!("field {name} is no single number of type F and size 4 or 8"));
+            }
+            found[axis] = Some(Field { word, offset, size });
+        }
+        word = word.checked_add(count).ok_or("COUNT is too large")?;
+        offset = count.checked_mul(size).and_then(|bytes| offset.checked_add(bytes)).ok_or("SIZE is too large")?;
+    }
+    match found {
+        [Some(x), Some(y), Some(z)] => Ok(([x, y, z], word, offset)),
+        _ => Err("its fields are without x, y or z".to_owned()),
+    }
+}
+
+fn text(data: &[u8], fields: &[Field; 3], words: usize) -> Result<Points, String> {
+    let mut points = Vec::new();
+    for line in data.split(|byte| *byte == b'\n').filter(|line| !line.trim_ascii().is_empty()) {
+        let line = std::str::from_utf8(line).map_err(|_| "its points are no text")?;
+        let values: Vec<&str> = line.split_ascii_whitespace().collect();
+        let number = |field: &Field| values.get(field.word).and_then(|value| value.parse::<f64>().ok());
+        let [Some(x), Some(y), Some(z)] = fields.each_ref().map(number) else {
+            return Err(format!("point {} has no numbers for x, y, z among {words} values", points.len() + 1));
+        };
+        points.push(Vector3::new(x, y, z));
+    }
+    Ok(Points(points))
+}
+
+fn binary(data: &[u8], fields: &[Field; 3], size: usize) -> Result<Points, String> {
+    if size == 0 {
+        return Err("a point has no bytes".to_owned());
+    }
+    let number = |point: &[u8], field: &Field| {
+        let bytes = point.get(field.offset..).unwrap_or_default();
+        match field.size {
+            4 => bytes.first_chunk().map_or(f64::NAN, |bytes| f64::from(f32::from_le_bytes(*bytes))),
+            _ => bytes.first_chunk().map_or(f64::NAN, |bytes| f64::from_le_bytes(*bytes)),
+        }
+    };
+    let point = |bytes: &[u8]| Vector3::from(fields.each_ref().map(|field| number(bytes, field)));
+    Ok(Points(data.chunks_exact(size).map(point).collect()))
+}

@@ -1,0 +1,66 @@
+//! STL: triangles, as text or binary.
+
+use nalgebra::Vector3;
+
+use super::{Geometry, lines, three};
+
+/// Bytes before the triangles, and of each.
+const HEADER: usize = 84;
+const TRIANGLE: usize = 50;
+
+/// Reads an STL file. Many binary files begin like texts: the length tells.
+pub(super) fn read(bytes: &[u8]) -> Result<Geometry, String> {
+    let count = bytes.get(80..HEADER).and_then(|count| count.try_into().ok()).map(u32::from_le_bytes);
+    let announced = count.map(|count| count as usize * TRIANGLE + HEADER);
+    if announced.is_some_and(|announced| announced == bytes.len()) {
+        return Ok(binary(bytes));
+    }
+    let is_text = bytes.trim_ascii_start().starts_with(b"solid");
+    match (is_text, announced) {
+        (true, _) => text(bytes),
+        (false, Some(announced)) => {
+            Err(format!("by its header it is {announced} bytes long, and it is {}", bytes.len()))
+        }
+        (false, None) => Err(format!("it has {} bytes, less than an STL file's header", bytes.len())),
+    }
+}
+
+fn binary(bytes: &[u8]) -> Geometry {
+    let mut geometry = Geometry::default();
+    for triangle in bytes.get(HEADER..).unwrap_or_default().chunks_exact(TRIANGLE) {
+        let number = |index: usize| {
+            let bytes = triangle.get(4 * index..).and_then(|rest| rest.first_chunk());
+            f64::from(bytes.map_or(f32::NAN, |bytes| f32::from_le_bytes(*bytes)))
+        };
+        // The first three are the normal.
+        let corner = |index: usize| Vector3::from_fn(|axis, _| number(3 + 3 * index + axis));
+        push(&mut geometry, [corner(0), corner(1), corner(2)]);
+    }
+    geometry
+}
+
+fn text(bytes: &[u8]) -> Result<Geometry, String> {
+    let mut geometry = Geometry::default();
+    let mut corners = Vec::new();
+    for (number, words) in lines(bytes).enumerate() {
+        match words.as_slice() {
+            ["vertex", coordinates @ ..] => corners.push(
+                three(coordinates).ok_or_else(|| format!("line {} has no three numbers after `vertex`", number + 1))?,
+            ),
+            ["endfacet", ..] => {
+                let found = corners.len();
+                let triangle = <[Vector3<f64>; 3]>::try_from(std::mem::take(&mut corners));
+                let triangle = triangle.map_err(|_| format!("the facet at line {} has {found} corners", number + 1))?;
+                push(&mut geometry, triangle);
+            }
+            _ => {}
+        }
+    }
+    if corners.is_empty() { Ok(geometry) } else { Err("it stops in the middle of a facet".to_owned()) }
+}
+
+fn push(geometry: &mut Geometry, triangle: [Vector3<f64>; 3]) {
+    let first = geometry.points.len() as u32;
+    geometry.points.extend(triangle);
+    geometry.triangles.push([first, first + 1, first + 2]);
+}
