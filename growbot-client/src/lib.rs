@@ -6,7 +6,7 @@
 //! - [`pose_text`]: poses as people type them, [`degrees`];
 //! - [`plan`]: a path with all that is said about it; [`warning`], what speaks against growing it; [`clearance`],
 //!   whether a body would run into itself;
-//! - [`plan_file`]: plans as JSON, and their checks;
+//! - [`plan_file`]: plans as JSON, and their checks; [`through_scene`]: plans past obstacles;
 //! - [`port`]: the line to a board; [`client`]: requests to it and their answers;
 //! - [`growth`]: a whole job; [`feedback`]: its layers planned again as they are measured; [`arrival`]: how near it
 //!   came;
@@ -40,5 +40,6 @@ pub mod robot_file;
 pub mod run_clock;
 pub mod run_log;
 pub mod suggest;
+pub mod through_scene;
 pub mod warning;
 pub mod waypoints;

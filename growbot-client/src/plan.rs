@@ -38,6 +38,19 @@ pub struct Plan {
     pub needs: Needs,
     /// What speaks against growing it.
     pub warnings: Vec<Warning>,
+    /// The scene that it leads through, if it was planned through one.
+    pub scene: Option<SceneClearance>,
+}
+
+/// The scene that a plan leads through, and how clear of it the body is.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SceneClearance {
+    /// The scene's file.
+    pub file: String,
+    /// Hash of the scene's files.
+    pub hash: u64,
+    /// Proven min clearance between the outside of the tube and everything in the scene, mm.
+    pub clearance: f64,
 }
 
 /// What the path of a leg, or of a plan, was chosen from.
@@ -170,16 +183,29 @@ impl Plan {
 
     /// Plans each leg for itself, to a position in the direction that makes this leg the shortest.
     pub(crate) fn leg_by_leg(robot: &Robot, start: &Pose, goals: &[Goal], search: &Search) -> Result<Self, PlanError> {
+        Self::by_legs(robot, start, goals, search, |from, goal, body, roll| {
+            plan_leg(robot, from, goal, search, body, roll)
+        })
+    }
+
+    /// Plans leg by leg: `plan_leg` is given the pose at which a leg starts, its goal, the body before it, and the roll
+    /// of the tip there.
+    pub(crate) fn by_legs<E>(
+        robot: &Robot,
+        start: &Pose,
+        goals: &[Goal],
+        search: &Search,
+        mut plan_leg: impl FnMut(&Pose, &Goal, &[Segment], f64) -> Result<PlannedLeg, E>,
+    ) -> Result<Self, E> {
         let mut body: Vec<Segment> = Vec::new();
         let (mut legs, mut choices) = (Vec::with_capacity(goals.len()), Vec::with_capacity(goals.len()));
         // Where the tip is, and the pose and the roll from which the next leg is planned.
         let mut base_from_tip = start.frame();
         let (mut from, mut roll) = (*start, 0.0);
         for goal in goals {
-            let PlannedLeg { goal, chosen, passed_over } = plan_leg(robot, &from, goal, search, &body, roll)?;
-            let own: Vec<Segment> = chosen.path.iter().map(|segment| segment.rolled(roll)).collect();
-            let Chosen { candidates, two_plane_length, .. } = chosen;
-            choices.push(Some(Choice { candidates, passed_over, two_plane_length }));
+            let PlannedLeg { goal, path, choice } = plan_leg(&from, goal, &body, roll)?;
+            let own: Vec<Segment> = path.iter().map(|segment| segment.rolled(roll)).collect();
+            choices.push(choice);
             legs.push(Leg { goal, segments: own.len() });
             base_from_tip = path::end(&own, &base_from_tip);
             body.extend(own);
@@ -216,6 +242,7 @@ impl Plan {
             choices,
             free_directions,
             path,
+            scene: None,
         }
     }
 
@@ -287,12 +314,21 @@ fn roll_from(pose: &Pose, base_from_tip: &Frame) -> f64 {
 }
 
 /// A leg as it was planned.
-struct PlannedLeg {
+pub(crate) struct PlannedLeg {
     /// The pose at its end.
-    goal: Pose,
-    chosen: Chosen,
-    /// How many shorter candidates were passed over.
-    passed_over: usize,
+    pub(crate) goal: Pose,
+    /// The path, from the pose's own frame.
+    pub(crate) path: Vec<Segment>,
+    /// What it was chosen from, where it is one of several paths that were found.
+    pub(crate) choice: Option<Choice>,
+}
+
+impl PlannedLeg {
+    /// A leg that was chosen, where so many shorter candidates were passed over.
+    pub(crate) fn chosen(goal: Pose, chosen: &Chosen, passed_over: usize) -> Self {
+        let &Chosen { ref path, candidates, two_plane_length } = chosen;
+        Self { goal, path: path.to_vec(), choice: Some(Choice { candidates, passed_over, two_plane_length }) }
+    }
 }
 
 /// Plans one leg, which begins where this body ends.
@@ -316,15 +352,15 @@ fn plan_leg(
             clear
         };
         if let Some((goal, chosen)) = plan_where(robot, from, goal, search, is_clear)? {
-            return Ok(PlannedLeg { goal, chosen, passed_over });
+            return Ok(PlannedLeg::chosen(goal, &chosen, passed_over));
         }
     }
     let (goal, chosen) = plan_where(robot, from, goal, search, |_| true)?.ok_or(PlanError::NoPath)?;
-    Ok(PlannedLeg { goal, chosen, passed_over: 0 })
+    Ok(PlannedLeg::chosen(goal, &chosen, 0))
 }
 
 /// The shortest candidate that is accepted, and the pose in which it ends.
-fn plan_where(
+pub(crate) fn plan_where(
     robot: &Robot,
     from: &Pose,
     goal: &Goal,

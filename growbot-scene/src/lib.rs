@@ -1,6 +1,41 @@
-//! Scenes of obstacles for growing robots.
+//! Scenes of obstacles, the certified clearance of a growing body in them, and paths through them.
+//!
+//! - [`file`]: scene files, with meshes and clouds in files of their own ([`read`]);
+//! - [`scene`]: how far a point is from the obstacles, which are [`shapes`] in [`tree`]s;
+//! - [`motion`]: centrelines of arcs and lines; [`clear`]: proof that one keeps off the obstacles; [`body`]: the same
+//!   for a plan's path;
+//! - [`planner`]: a path through a scene, or that there is none;
+//! - [`families`]: random scenes, for tests and measurements.
+//!
+//! Lengths are in mm, angles in radians. All results are the same on every machine.
+//!
+//! ```
+//! use growbot_scene::clear::Need;
+//! use growbot_scene::motion::Tip;
+//! use growbot_scene::planner::{Budget, Goal, Outcome, Problem, search};
+//! use growbot_scene::scene::Scene;
+//! use growbot_scene::shapes::Shape;
+//! use nalgebra::Vector3;
+//!
+//! // A ball of 100 mm in the middle of the way.
+//! let ball = Shape::Ball { centre: Vector3::new(0.0, 0.0, 400.0), radius: 100.0 };
+//! let scene = Scene::new(vec![ball], vec![], vec![], vec![]);
+//! let problem = Problem {
+//!     scene: &scene,
+//!     start: Tip { position: Vector3::zeros(), direction: Vector3::z() },
+//!     goal: Goal::Position { at: Vector3::new(0.0, 0.0, 800.0), tolerance: 0.0 },
+//!     radius: 100.0,
+//!     need: Need { distance: 28.0, slack: 0.03 },
+//!     length_max: 2000.0,
+//!     accept: &|_| true,
+//! };
+//! let budget = Budget { work: 200_000, deadline: None, first_only: false };
+//! let Outcome::Found(path) = search(&problem, &budget, &mut |_| ()) else { panic!() };
+//! assert!(path.length < 860.0);
+//! ```
 #![forbid(unsafe_code)]
 
+pub mod body;
 pub mod clear;
 pub mod families;
 pub mod file;

@@ -14,10 +14,11 @@ use serde::Deserialize;
 
 pub use self::check::pose;
 pub use self::fault::PlanFault;
-pub use self::written::{PlanFile, WrittenGoal, WrittenLeg, WrittenPose, WrittenSegment, WrittenTip, written_hash};
+pub use self::written::{PlanFile, WrittenGoal, WrittenLeg, WrittenPose, WrittenScene, WrittenSegment, WrittenTip, written_hash};
 use crate::input::{self, InputError};
 use crate::plan::Plan;
 use crate::robot_file::{self, RobotFileError};
+use crate::through_scene::{self, UnclearError};
 
 /// The format that this version writes and reads.
 pub const FORMAT: &str = "growbot-plan/1";
@@ -75,6 +76,9 @@ pub enum PlanFileError {
     /// The robot's description is at fault.
     #[error(transparent)]
     Robot(#[from] RobotFileError),
+    /// The plan is not clear of the scene that it names.
+    #[error(transparent)]
+    Scene(#[from] UnclearError),
     /// The plan does not hold together, or not for this robot.
     #[error("{file}: {fault}")]
     Fault {
@@ -152,10 +156,11 @@ pub fn read(text: &str, file: &str, robot: Option<&FilePath>) -> Result<(Robot, 
         Some(robot) => robot_file::load(robot)?,
         None => written.own_robot(file)?,
     };
-    match written.check(&robot) {
-        Ok(plan) => Ok((robot, plan)),
-        Err(fault) => Err(PlanFileError::Fault { file: file.to_owned(), fault }),
+    let mut plan = written.check(&robot).map_err(|fault| PlanFileError::Fault { file: file.to_owned(), fault })?;
+    if let Some(scene) = &written.scene {
+        plan.scene = Some(through_scene::verified(scene, &plan, &robot)?);
     }
+    Ok((robot, plan))
 }
 
 #[cfg(test)]

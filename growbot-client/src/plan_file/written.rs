@@ -81,6 +81,22 @@ pub struct PlanFile {
     /// The robot, as its file describes it. Older plans do not say.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub robot_description: Option<Box<RobotDescription>>,
+    /// The scene that it leads through. Not written where it was planned in empty space.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scene: Option<WrittenScene>,
+}
+
+/// The scene that a plan leads through, as written.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct WrittenScene {
+    /// The scene's file: a scene file, a mesh or a cloud.
+    pub file: String,
+    /// Hash of the scene's file and of those that it names, 16 hexadecimal digits.
+    pub hash: String,
+    /// Proven min clearance between the outside of the tube and everything in the scene, mm.
+    pub clearance_mm: f64,
 }
 
 /// Path types that a planner searches for.
@@ -99,7 +115,8 @@ pub enum Searched {
 
 /// What was searched completely, and what statistically.
 fn searched(plan: &Plan) -> (Vec<Searched>, Vec<Searched>) {
-    if plan.planner != Planner::Shortest {
+    // Through a scene the shortest path may be any; of what is searched there nothing is complete.
+    if plan.planner != Planner::Shortest || plan.scene.is_some() {
         return (Vec::new(), Vec::new());
     }
     let goals = plan.legs.iter().map(|leg| leg.goal);
@@ -347,6 +364,11 @@ impl From<&Plan> for PlanFile {
             segments: WrittenSegment::path(&plan.path, &plan.start.frame()),
             warnings: plan.warnings.clone(),
             robot_description: None,
+            scene: plan.scene.as_ref().map(|scene| WrittenScene {
+                file: scene.file.clone(),
+                hash: written_hash(scene.hash),
+                clearance_mm: scene.clearance,
+            }),
         }
     }
 }

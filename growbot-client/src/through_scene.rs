@@ -1,0 +1,273 @@
+//! Plans through a scene: each leg is clear of all obstacles, of itself and of the legs before, which is proven.
+
+use std::path::Path;
+use std::time::Instant;
+
+use growbot_core::path::{self, Segment};
+use growbot_core::plan::{PlanError, Planner};
+use growbot_core::pose::{Frame, Pose};
+use growbot_core::robot::Robot;
+use growbot_scene::body::{TOLERANCE, clearance, is_body_clear};
+use growbot_scene::clear::Need;
+use growbot_scene::file::{LoadedScene, SceneError, load};
+use growbot_scene::motion::{Tip, segments};
+use growbot_scene::planner::{self, Budget, Chain, Outcome, Problem, Resolution, Why};
+
+
+
+use crate::clearance::first_collision;
+use crate::plan::{Goal, Plan, PlannedLeg, SceneClearance, Search, plan_where};
+use crate::plan_file::{WrittenScene, written_hash};
+
+/// Stretches that come nearer to touching than this share of what the body needs are refused.
+const SLACK: f64 = 1e-3;
+/// Distances that a search looks up for each unit of `--effort`: some 0.1 s.
+const WORK_PER_EFFORT: u64 = 100_000;
+/// A body is no longer than this, mm.
+const LENGTH_MAX: f64 = 1e7;
+
+/// A scene to plan through, and how hard to try.
+#[derive(Debug)]
+pub struct Through<'a> {
+    /// How the scene is called in plans: its file.
+    pub file: &'a str,
+    /// The scene.
+    pub loaded: &'a LoadedScene,
+    /// How much to search, in units of 100,000 distances. The result depends on nothing else, unless time runs out.
+    pub effort: u64,
+    /// When to take the best that has been found.
+    pub deadline: Option<Instant>,
+}
+
+/// Why there is no plan through a scene.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum NoPath {
+    /// The start is too near to an obstacle.
+    #[error(
+        "the start is {distance} mm from an obstacle, and the centreline needs {need} mm, which is half the tube and \
+         the margin: start elsewhere, or lower margin_mm"
+    )]
+    Start {
+        /// Distance of the start, mm.
+        distance: f64,
+        /// What is needed, mm.
+        need: f64,
+    },
+    /// The goal is too near to an obstacle.
+    #[error(
+        "the goal is {distance} mm from an obstacle, and the centreline needs {need} mm, which is half the tube and \
+         the margin: choose another goal, or lower margin_mm"
+    )]
+    Goal {
+        /// Distance of the goal, mm.
+        distance: f64,
+        /// What is needed, mm.
+        need: f64,
+    },
+    /// There is no way between start and goal that is wide enough.
+    #[error(
+        "no body gets there, however it bends: every way between start and goal is narrower than the {need} mm that \
+         the centreline needs on each side; open the scene, or lower margin_mm"
+    )]
+    Separated {
+        /// What is needed, mm.
+        need: f64,
+    },
+    /// None was found at a resolution.
+    #[error(
+        "there is no path at this resolution: arcs and lines of {step} mm in {rolls} directions, cells of {cell} mm; \
+         give a smaller --radius, or another goal"
+    )]
+    AtResolution {
+        /// Length of an arc or line, mm.
+        step: f64,
+        /// Number of directions.
+        rolls: u32,
+        /// Side of a cell, mm.
+        cell: f64,
+    },
+    /// None was found with the effort, or within the time.
+    #[error("no path was found with this effort and in this time, and there may be one: raise --effort or --time-limit")]
+    NotFound,
+}
+
+impl NoPath {
+    /// The code, as `--json` has it.
+    #[must_use]
+    pub fn code(&self) -> &'static str {
+        if *self == Self::NotFound { "not-found-in-time" } else { "none-at-resolution" }
+    }
+
+    fn because(why: Why, need: f64) -> Self {
+        match why {
+            Why::Start(distance) => Self::Start { distance, need },
+            Why::Goal(distance) => Self::Goal { distance, need },
+            Why::TooFar(_) | Why::Separated => Self::Separated { need },
+        }
+    }
+
+    fn at(Resolution { step, rolls, position, .. }: Resolution) -> Self {
+        Self::AtResolution { step, rolls, cell: position }
+    }
+}
+
+/// Why there is no plan: nothing leads there, or it was asked wrongly.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum ThroughError {
+    /// The radius, say, is one that the robot cannot bend to.
+    #[error(transparent)]
+    Plan(#[from] PlanError),
+    /// No path through the scene.
+    #[error(transparent)]
+    NoPath(#[from] NoPath),
+}
+
+/// Why a plan's word for its clearance is not taken.
+#[derive(Debug, thiserror::Error)]
+pub enum UnclearError {
+    /// The scene cannot be read.
+    #[error("the plan leads through a scene: {0}")]
+    Scene(#[from] SceneError),
+    /// The scene has changed.
+    #[error(
+        "the plan leads through {file} of hash {plan}, and that has hash {here}: the scene has changed; plan again"
+    )]
+    OtherScene {
+        /// The scene's file.
+        file: String,
+        /// The hash in the plan.
+        plan: String,
+        /// The hash of the file.
+        here: String,
+    },
+    /// The body comes nearer than the plan says.
+    #[error("the plan says that it keeps {said} mm from everything in {file}, and {found} mm is proven: plan again")]
+    Nearer {
+        /// The scene's file.
+        file: String,
+        /// The clearance in the plan, mm.
+        said: f64,
+        /// The clearance that is proven, mm.
+        found: f64,
+    },
+}
+
+/// Plans from the start through these goals, in order: each leg by the shortest path that is clear, if one of those in
+/// empty space is, else by a search. The directions at positions on the way are those of the legs for themselves.
+///
+/// # Errors
+/// As [`Plan::make`], and where no path leads through the scene.
+pub fn plan(
+    robot: &Robot,
+    start: &Pose,
+    goals: &[Goal],
+    search: &Search,
+    through: &Through,
+) -> Result<Plan, ThroughError> {
+    let leg = LegSearch { robot, search, through };
+    let mut plan = Plan::by_legs(robot, start, goals, search, |from, goal, body, roll| {
+        leg.plan(from, goal, body, roll)
+    })?;
+    plan.scene = Some(SceneClearance {
+        file: through.file.to_owned(),
+        hash: through.loaded.hash,
+        clearance: outside(&plan, robot, through.loaded),
+    });
+    Ok(plan)
+}
+
+/// The proven clearance between the outside of a plan's tube and a scene, mm.
+fn outside(plan: &Plan, robot: &Robot, loaded: &LoadedScene) -> f64 {
+    clearance(&loaded.scene, &plan.path, &plan.start.frame()).distance - 0.5 * robot.outer_diameter()
+}
+
+/// Reads the scene that a plan names, and proves the clearance again.
+///
+/// # Errors
+/// The scene is missing or has changed, or the body is nearer to it than the plan says.
+pub fn verified(written: &WrittenScene, plan: &Plan, robot: &Robot) -> Result<SceneClearance, UnclearError> {
+    let loaded = load(Path::new(&written.file))?;
+    let file = written.file.clone();
+    let here = written_hash(loaded.hash);
+    if here != written.hash {
+        return Err(UnclearError::OtherScene { file, plan: written.hash.clone(), here });
+    }
+    let found = outside(plan, robot, &loaded);
+    let said = written.clearance_mm;
+    // What is said was found by the same proof, to its tolerance; what is no number is refused too.
+    if said <= found + 2.0 * TOLERANCE && found >= loaded.margin {
+        Ok(SceneClearance { file, hash: loaded.hash, clearance: said.min(found) })
+    } else {
+        Err(UnclearError::Nearer { file, said, found })
+    }
+}
+
+/// A search for one leg.
+struct LegSearch<'a> {
+    robot: &'a Robot,
+    search: &'a Search,
+    through: &'a Through<'a>,
+}
+
+impl LegSearch<'_> {
+    /// What the centreline needs. The proof in the plan tells a little less than is there.
+    fn need(&self) -> Need {
+        let distance = 0.5 * self.robot.outer_diameter() + self.through.loaded.margin + 2.0 * TOLERANCE;
+        Need { distance, slack: SLACK * distance }
+    }
+
+    fn plan(&self, from: &Pose, goal: &Goal, body: &[Segment], roll: f64) -> Result<PlannedLeg, ThroughError> {
+        let (scene, need) = (&self.through.loaded.scene, self.need());
+        let is_clear_of_self = |path: &[Segment]| {
+            let mut whole = body.to_vec();
+            whole.extend(path.iter().map(|segment| segment.rolled(roll)));
+            first_collision(&whole, self.robot.outer_diameter(), path::length(body)).is_none()
+        };
+        let base_from_start = from.frame();
+        let mut passed_over = 0;
+        let is_clear = |path: &[Segment]| {
+            let clear = is_body_clear(scene, path, &base_from_start, &need) && is_clear_of_self(path);
+            passed_over += usize::from(!clear);
+            clear
+        };
+        if let Some((goal, chosen)) = plan_where(self.robot, from, goal, self.search, is_clear)? {
+            return Ok(PlannedLeg::chosen(goal, &chosen, passed_over));
+        }
+        if self.search.planner == Planner::TwoPlane {
+            return Err(NoPath::NotFound.into());
+        }
+        let accept = |chain: &Chain| is_clear_of_self(&segments(&chain.stretches, &base_from_start));
+        let problem = Problem {
+            scene,
+            start: Tip::from(from),
+            goal: match goal {
+                Goal::Pose(pose) => planner::Goal::Pose(Tip::from(pose)),
+                Goal::Position(position) => planner::Goal::Position { at: position.vector(), tolerance: 0.0 },
+            },
+            radius: self.search.radius,
+            need,
+            length_max: LENGTH_MAX,
+            accept: &accept,
+        };
+        let work = self.through.effort.saturating_mul(WORK_PER_EFFORT);
+        let budget = Budget { work, deadline: self.through.deadline, first_only: false };
+        match planner::search(&problem, &budget, &mut |_| ()) {
+            Outcome::Found(chain) => {
+                let path = segments(&chain.stretches, &base_from_start);
+                let goal = arrival(goal, &path, &base_from_start);
+                Ok(PlannedLeg { goal, path, choice: None })
+            }
+            Outcome::Impossible(why) => Err(NoPath::because(why, need.distance).into()),
+            Outcome::NoneAt(resolution) => Err(NoPath::at(resolution).into()),
+            Outcome::NotFound => Err(NoPath::NotFound.into()),
+        }
+    }
+}
+
+/// The goal, with the direction in which a path arrives at it.
+fn arrival(goal: &Goal, path: &[Segment], base_from_start: &Frame) -> Pose {
+    match goal {
+        Goal::Pose(pose) => *pose,
+        Goal::Position(position) => Pose::from_frame(&path::end(path, base_from_start)).at(position),
+    }
+}

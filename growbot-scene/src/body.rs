@@ -1,0 +1,92 @@
+//! A body on a path of arcs, lines and helicoidal arcs: whether it is clear of a scene, and by how much.
+
+use growbot_core::helicoid::{Helicoid, Walk};
+use growbot_core::path::Segment;
+use growbot_core::pose::Frame;
+use nalgebra::Vector3;
+
+use crate::clear::{Clearance, Need, Work, is_clear, least};
+use crate::motion::{Curve, Stretch, stretches};
+use crate::scene::Scene;
+
+/// The clearance that is told is this near to the true one, and not above it, mm.
+pub const TOLERANCE: f64 = 1e-3;
+/// A helicoidal arc is divided into pieces of this length, radii: each is one step of the integration or two.
+const HELICOID_PIECE: f64 = 0.25;
+
+/// A piece of a body.
+#[derive(Debug, Clone, Copy)]
+enum Piece {
+    Stretch(Stretch),
+    Helicoid { base_from_start: Frame, curve: Helicoid, radius: f64, length: f64 },
+}
+
+impl Curve for Piece {
+    fn length(&self) -> f64 {
+        match self {
+            Self::Stretch(stretch) => stretch.length,
+            Self::Helicoid { length, .. } => *length,
+        }
+    }
+
+    fn point(&self, along: f64) -> Vector3<f64> {
+        match self {
+            Self::Stretch(stretch) => stretch.point(along),
+            Self::Helicoid { base_from_start, curve, radius, .. } => {
+                let segment = Segment::Helicoid { curve: *curve, radius: *radius, length: along };
+                (base_from_start * segment.step()).translation.vector
+            }
+        }
+    }
+
+    fn reach(&self, along: f64) -> f64 {
+        match self {
+            Self::Stretch(stretch) => stretch.reach(along),
+            Self::Helicoid { .. } => along,
+        }
+    }
+}
+
+/// The pieces of a path that grows from a frame.
+fn pieces(path: &[Segment], base_from_start: &Frame) -> Vec<Piece> {
+    let mut base_from_tip = *base_from_start;
+    let mut pieces = Vec::with_capacity(path.len());
+    for segment in path {
+        match *segment {
+            Segment::Helicoid { curve, radius, length } => divide(&base_from_tip, &curve, radius, length, &mut pieces),
+            plain => pieces.extend(stretches(&[plain], &base_from_tip).into_iter().flatten().map(Piece::Stretch)),
+        }
+        base_from_tip *= segment.step();
+    }
+    pieces
+}
+
+/// Divides a helicoidal arc into short ones: the same curve with m at each point, and p, as its tip sees them.
+fn divide(base_from_tip: &Frame, curve: &Helicoid, radius: f64, length: f64, pieces: &mut Vec<Piece>) {
+    let count = (length / radius / HELICOID_PIECE).ceil().max(1.0);
+    let short = length / count;
+    let mut walk = Walk::new(curve);
+    for _ in 0..count as usize {
+        let mut start_from_tip = walk.frame();
+        let tip_from_start = start_from_tip.rotation.inverse();
+        let m0 = tip_from_start * curve.m(&start_from_tip.translation.vector);
+        let curve = Helicoid { m0, p: tip_from_start * curve.p };
+        start_from_tip.translation.vector *= radius;
+        pieces.push(Piece::Helicoid { base_from_start: base_from_tip * start_from_tip, curve, radius, length: short });
+        walk.advance(short / radius);
+    }
+}
+
+/// Whether a body on this path, which grows from this frame, keeps off all obstacles by what it needs.
+#[must_use]
+pub fn is_body_clear(scene: &Scene, path: &[Segment], base_from_start: &Frame, need: &Need) -> bool {
+    let mut work = Work::default();
+    pieces(path, base_from_start).iter().all(|piece| is_clear(scene, piece, need, &mut work))
+}
+
+/// The least distance of the centreline from the obstacles: at most the true one, and at least that less
+/// [`TOLERANCE`].
+#[must_use]
+pub fn clearance(scene: &Scene, path: &[Segment], base_from_start: &Frame) -> Clearance {
+    least(scene, &pieces(path, base_from_start), TOLERANCE)
+}
