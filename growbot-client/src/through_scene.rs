@@ -26,6 +26,9 @@ const WORK_PER_EFFORT: u64 = 100_000;
 /// A body is no longer than this, mm.
 const LENGTH_MAX: f64 = 1e7;
 
+/// More clearance than this is not told, mm.
+pub const MAX_CLEARANCE: f64 = 1e7;
+
 /// A scene to plan through, and how hard to try.
 #[derive(Debug)]
 pub struct Through<'a> {
@@ -176,9 +179,10 @@ pub fn plan(
     Ok(plan)
 }
 
-/// The proven clearance between the outside of a plan's tube and a scene, mm.
+/// The proven clearance between the outside of a plan's tube and a scene, mm; [`MAX_CLEARANCE`] where there is nothing.
 fn outside(plan: &Plan, robot: &Robot, loaded: &LoadedScene) -> f64 {
-    clearance(&loaded.scene, &plan.path, &plan.start.frame()).distance - 0.5 * robot.outer_diameter()
+    let centreline = clearance(&loaded.scene, &plan.path, &plan.start.frame()).distance;
+    (centreline - 0.5 * robot.outer_diameter()).min(MAX_CLEARANCE)
 }
 
 /// Reads the scene that a plan names, and proves the clearance again.

@@ -418,12 +418,3 @@ fn mesh_of(geometry: Geometry, scale: f64, solid: bool, file: &str) -> Result<Me
     }
     Ok(Mesh::new(triangles, solid))
 }
-
-/// The JSON Schema of scene files.
-#[cfg(feature = "schema")]
-#[must_use]
-pub fn schema() -> schemars::Schema {
-    let mut settings = schemars::generate::SchemaSettings::draft07();
-    settings.inline_subschemas = true;
-    settings.into_generator().into_root_schema_for::<SceneFile>()
-}

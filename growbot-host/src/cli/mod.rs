@@ -32,6 +32,7 @@ mod reproduce;
 mod resume;
 mod rmin;
 mod robots;
+mod scene;
 mod schema;
 mod search;
 mod simulate;

@@ -16,6 +16,7 @@ use growbot_host::finish_time::now_here;
 use growbot_host::output::{is_standard_output, print, write_to};
 use growbot_host::progress::{Progress, Results};
 
+use super::scene::SceneArgs;
 use super::search::SearchArgs;
 use super::{Failure, RobotArg, plan_table};
 
@@ -47,6 +48,8 @@ pub struct PlanArgs {
     #[arg(long)]
     clear_of_self: bool,
     #[command(flatten)]
+    scene: SceneArgs,
+    #[command(flatten)]
     robot: RobotArg,
     /// Print the plan as one line of JSON; of a batch, each
     #[arg(long)]
@@ -71,6 +74,7 @@ Examples:
   growbot plan --via 200,0,400,0,0 --via 600,0,300,0,-45 --to 800,0,0,0,-90
   growbot plan --to 0,0,-300,0,90 --clear-of-self
   growbot plan --to 200,100,600
+  growbot plan --to 200,100,600 --scene room.toml --time-limit 5
   growbot plan --via-csv stations.csv --to 0.8m,0,0,0deg,-90deg
   growbot plan --batch queries.csv -o answers.csv
   growbot plan --batch queries.csv --json > plans.jsonl
@@ -91,9 +95,15 @@ pub fn run(args: &PlanArgs) -> Result<(), Failure> {
     let robot = args.robot.load()?;
     match (&args.batch, &args.to) {
         (Some(queries), _) => run_batch(args, queries, &robot),
-        (None, Some(goal)) => run_one(args, &robot, &args.search.plan(&robot, goal, args.clear_of_self)?),
+        (None, Some(goal)) => run_one(args, &robot, &plan(args, &robot, goal)?),
         (None, None) => Err(Failure::bad_input("give a goal with --to, or queries with --batch")),
     }
+}
+
+fn plan(args: &PlanArgs, robot: &Robot, goal: &TypedGoal) -> Result<Plan, Failure> {
+    let Some(scene) = &args.scene.scene else { return args.search.plan(robot, goal, args.clear_of_self) };
+    let goals = args.search.start_and_goals(robot, goal)?;
+    args.scene.plan(scene, robot, &goals, &args.search.search(robot, true), args.json)
 }
 
 fn run_one(args: &PlanArgs, robot: &Robot, plan: &Plan) -> Result<(), Failure> {

@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use growbot_client::degrees::{shortest_degrees, shortest_heading};
-use growbot_client::plan::{Choice, Plan, path_type, planner_name};
+use growbot_client::plan::{Choice, Plan, SceneClearance, path_type, planner_name};
 use growbot_core::angle::degrees;
 use growbot_core::path::{Segment, length};
 use growbot_core::plan::Planner;
@@ -58,13 +58,16 @@ pub fn table(plan: &Plan, now: Option<OffsetDateTime>) -> String {
         let name = if legs.len() == 1 { "path type".to_owned() } else { format!("leg {}", index + 1) };
         let length = length(path);
         let measured = if legs.len() == 1 { String::new() } else { format!(" ({length:.1} mm)") };
-        let choice = choice.map(|choice| format!(", {}", chosen(plan.planner, &choice, length)));
+        let choice = choice.map(|choice| format!(", {}", chosen(plan, &choice, length)));
         let text_of_path = format!("{}{measured}{}", path_type(path), choice.unwrap_or_default());
         text += &wrapped(&format!("  {name:<9} "), &text_of_path, 12);
     }
     text += &format!("  length    {:.1} mm\n  layers    {}\n", needs.length, needs.layers);
     let time = duration_text(needs.duration);
     text += &format!("  time      {time}{}\n  filament  {:.2} m\n", done_at(plan, now), needs.filament / 1000.0);
+    if let Some(SceneClearance { file, clearance, .. }) = &plan.scene {
+        text += &wrapped("  scene     ", &format!("{clearance:.2} mm clear of everything in {file}"), 12);
+    }
     for warning in &plan.warnings {
         text += &format!("\n{}", wrapped("", &format!("warning ({}): {}", warning.code, warning.message), 2));
     }
@@ -78,14 +81,18 @@ fn done_at(plan: &Plan, now: Option<OffsetDateTime>) -> String {
 }
 
 /// What a path of this length (mm) was chosen from.
-fn chosen(planner: Planner, choice: &Choice, length: f64) -> String {
-    if planner == Planner::TwoPlane {
-        return planner_name(planner).to_owned();
+fn chosen(plan: &Plan, choice: &Choice, length: f64) -> String {
+    if plan.planner == Planner::TwoPlane {
+        return planner_name(plan.planner).to_owned();
     }
     let &Choice { candidates, passed_over, .. } = choice;
     let rank = match (candidates, passed_over) {
         (1, _) => "the only path found".to_owned(),
         (_, 0) => format!("the shortest of {candidates} paths"),
+        (_, 1) if plan.scene.is_some() => format!("of {candidates} paths the shortest but 1, which is not clear"),
+        _ if plan.scene.is_some() => {
+            format!("of {candidates} paths the shortest but {passed_over}, which are not clear")
+        }
         (_, 1) => format!("of {candidates} paths the shortest but 1, which runs into the body"),
         _ => format!("of {candidates} paths the shortest but {passed_over}, which run into the body"),
     };

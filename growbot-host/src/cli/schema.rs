@@ -24,6 +24,8 @@ enum Kind {
     Robot,
     /// Plans, as `growbot plan` writes them
     Plan,
+    /// Scene files, as `growbot plan --scene` reads them
+    Scene,
     /// A line of a run log, as `growbot grow --log` writes it
     Run,
     /// A result, as `grow`, `resume` and `replay` print it with --json
@@ -35,6 +37,7 @@ pub fn run(args: &SchemaArgs) -> Result<(), Failure> {
     let schema = match args.kind {
         Kind::Robot => of_robot_files(),
         Kind::Plan => written::of_plans(),
+        Kind::Scene => written::of_scenes(),
         Kind::Run => written::of_run_lines(),
         Kind::Result => written::of_results(),
     };

@@ -76,13 +76,20 @@ impl SearchArgs {
 
     /// Plans from the start through what is on the way to a goal, and warns of units that may have been mistaken.
     pub fn plan(&self, robot: &Robot, goal: &TypedGoal, clear_of_self: bool) -> Result<Plan, Failure> {
+        let (start, mut via) = self.start_and_goals(robot, goal)?;
+        let goal = via.pop().unwrap_or(goal.goal);
+        Ok(Plan::through(robot, &start, &via, &goal, &self.search(robot, clear_of_self))?)
+    }
+
+    /// The start, and all goals with the last; warns of units that may have been mistaken.
+    pub fn start_and_goals(&self, robot: &Robot, goal: &TypedGoal) -> Result<(Pose, Vec<Goal>), Failure> {
         let (start, via) = (self.start()?, self.on_the_way()?);
         let typed: Vec<&TypedGoal> = self.from.iter().map(|(_, typed)| typed).chain(&self.via).chain([goal]).collect();
         units::warn_of_radians(&typed);
         if self.via.iter().chain([goal]).all(|typed| typed.bare_lengths) {
             units::warn_of_metres(&start, via.iter().chain([&goal.goal]), robot);
         }
-        Ok(Plan::through(robot, &start, &via, &goal.goal, &self.search(robot, clear_of_self))?)
+        Ok((start, via.into_iter().chain([goal.goal]).collect()))
     }
 
     /// The search for paths of this robot.

@@ -5,6 +5,7 @@
 
 use growbot_client::plan_file::PlanFile;
 use growbot_client::run_log::{GrowthResult, RunLine};
+use growbot_scene::file::SceneFile;
 use schemars::JsonSchema;
 use schemars::generate::SchemaSettings;
 use serde_json::{Value, json};
@@ -15,6 +16,12 @@ use super::plain;
 #[must_use]
 pub fn of_plans() -> Value {
     of::<PlanFile>("growbot plan", "A path with what it takes to grow it. Lengths are in mm: names carry the unit.")
+}
+
+/// Of scene files.
+#[must_use]
+pub fn of_scenes() -> Value {
+    of_read::<SceneFile>("growbot scene", "Obstacles for a growing body. Lengths are in mm: names carry the unit.")
 }
 
 /// Of each line of a run log.
@@ -33,7 +40,15 @@ pub fn of_results() -> Value {
 }
 
 fn of<T: JsonSchema>(title: &str, description: &str) -> Value {
-    let mut settings = SchemaSettings::draft07().for_serialize();
+    with::<T>(SchemaSettings::draft07().for_serialize(), title, description)
+}
+
+/// Of what growbot reads and people write: what has a default may be left out.
+fn of_read<T: JsonSchema>(title: &str, description: &str) -> Value {
+    with::<T>(SchemaSettings::draft07(), title, description)
+}
+
+fn with<T: JsonSchema>(mut settings: SchemaSettings, title: &str, description: &str) -> Value {
     settings.inline_subschemas = true;
     let mut schema = settings.into_generator().into_root_schema_for::<T>().to_value();
     tidy(&mut schema);

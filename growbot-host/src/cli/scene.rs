@@ -1,0 +1,91 @@
+//! Planning through a scene, as the command line asks for it.
+
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use clap::Args;
+use growbot_client::plan::{Goal, Plan, Search};
+use growbot_client::printable;
+use growbot_client::through_scene::{self, NoPath, Through, ThroughError};
+use growbot_core::pose::Pose;
+use growbot_core::robot::Robot;
+use growbot_host::output::print;
+use growbot_scene::file::{self, SceneError};
+use serde::Serialize;
+
+use super::Failure;
+
+/// Effort where neither it nor a time is given.
+const EFFORT: u64 = 5;
+/// Max time, s: a day.
+const MAX_SECONDS: u64 = 86_400;
+
+/// The scene, and how hard to try.
+#[derive(Args)]
+pub struct SceneArgs {
+    /// Plan clear of everything in this scene: a scene file (TOML), a mesh
+    /// (.stl, .obj, .ply, .glb) or a cloud of points (.ply, .pcd)
+    #[arg(long, value_name = "FILE", conflicts_with = "batch")]
+    pub scene: Option<PathBuf>,
+    /// How long to search for a short path through the scene: some 0.1 s for
+    /// each, with the same result on every machine [default: 5]
+    #[arg(long, value_name = "N", requires = "scene", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    effort: Option<u64>,
+    /// Take the best path found within this many seconds
+    #[arg(long, value_name = "S", requires = "scene", value_parser = clap::value_parser!(u64).range(1..=MAX_SECONDS))]
+    time_limit: Option<u64>,
+}
+
+/// What `--json` prints where there is no path.
+#[derive(Serialize)]
+struct Answer {
+    error: WrittenError,
+}
+
+/// Why there is no path, as written.
+#[derive(Serialize)]
+struct WrittenError {
+    code: &'static str,
+    message: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    resolution_mm: Option<f64>,
+}
+
+impl SceneArgs {
+    /// Plans through the scene of this file.
+    pub fn plan(
+        &self,
+        scene: &Path,
+        robot: &Robot,
+        (start, goals): &(Pose, Vec<Goal>),
+        search: &Search,
+        json: bool,
+    ) -> Result<Plan, Failure> {
+        let begin = Instant::now();
+        let loaded = file::load(scene)?;
+        let effort = self.effort.unwrap_or(if self.time_limit.is_some() { u64::MAX } else { EFFORT });
+        let deadline = self.time_limit.and_then(|seconds| begin.checked_add(Duration::from_secs(seconds)));
+        let through = Through { file: &scene.display().to_string(), loaded: &loaded, effort, deadline };
+        through_scene::plan(robot, start, goals, search, &through).map_err(|error| match error {
+            ThroughError::Plan(error) => error.into(),
+            ThroughError::NoPath(no_path) => refused(no_path, json),
+        })
+    }
+}
+
+fn refused(no_path: NoPath, json: bool) -> Failure {
+    if json {
+        let resolution_mm = if let NoPath::AtResolution { step, .. } = no_path { Some(step) } else { None };
+        let error = WrittenError { code: no_path.code(), message: no_path.to_string(), resolution_mm };
+        if let Err(error) = print(&printable::json_line(&Answer { error })) {
+            return error.into();
+        }
+    }
+    Failure::answered_no(no_path)
+}
+
+impl From<SceneError> for Failure {
+    fn from(error: SceneError) -> Self {
+        Self::bad_input(error)
+    }
+}
