@@ -19,9 +19,22 @@ const FINEST: f64 = -16.0;
 /// By how much a body may become longer for a while, as a share of the distance of the goal.
 const LONGER: f64 = 1e-3;
 
+/// What a position on the way costs, as a share of the distance of the goal.
+const PRICE: f64 = 1e-4;
+
 /// Whether a body is clear.
 pub(super) fn clear(problem: &Problem, chain: &Chain, work: &mut Work) -> bool {
     chain.stretches.iter().all(|stretch| is_clear(problem.scene, stretch, &problem.need, work)) && (problem.accept)(chain)
+}
+
+/// What a position on the way costs, mm of length: a body of few pieces is worth a little more length.
+fn price(problem: &Problem) -> f64 {
+    PRICE * (problem.goal.position() - problem.start.position).norm()
+}
+
+/// The length of a body and the price of its positions on the way, mm.
+pub(super) fn cost(problem: &Problem, chain: &Chain) -> f64 {
+    chain.length + price(problem) * chain.via.len() as f64
 }
 
 /// A body that is being shortened: clear at every time.
@@ -76,15 +89,16 @@ impl Shortening {
                 *position += random.normal_vector() * size;
             }
         }
-        let passing = self.chain.length + span * LONGER * libm::exp2(-10.0 * random.unit());
-        let below = if random.below(4) == 0 { passing } else { self.current.length };
+        let passing = cost(problem, &self.chain) + span * LONGER * libm::exp2(-10.0 * random.unit());
+        let limit = if random.below(4) == 0 { passing } else { cost(problem, &self.current) };
+        let below = limit - price(problem) * via.len() as f64;
         if let Some(next) = problem.chain(&via, below)
             && clear(problem, &next, work)
         {
-            if next.length < self.current.length {
+            if cost(problem, &next) < cost(problem, &self.current) {
                 self.exponent = exponent;
             }
-            if next.length < self.chain.length {
+            if cost(problem, &next) < cost(problem, &self.chain) {
                 self.chain = next.clone();
             }
             self.current = next;
@@ -103,12 +117,27 @@ pub(super) fn straighten(problem: &Problem, mut chain: Chain, work: &mut Work) -
     while index < chain.via.len() {
         let mut via = chain.via.clone();
         via.remove(index);
-        match problem.chain(&via, chain.length).filter(|shorter| clear(problem, shorter, work)) {
+        match problem.chain(&via, chain.length + price(problem)).filter(|shorter| clear(problem, shorter, work)) {
             Some(shorter) => chain = shorter,
             None => index += 1,
         }
     }
     chain
+}
+
+/// A body without one of its positions on the way, or without several; clear, and perhaps longer.
+pub(super) fn simpler(problem: &Problem, chain: &Chain, random: &mut Random, below: f64) -> Option<Chain> {
+    let mut via = chain.via.clone();
+    for _ in 0..=random.below(via.len() as u64 / 2 + 1) {
+        if !via.is_empty() {
+            via.remove(random.below(via.len() as u64) as usize);
+        }
+    }
+    if let (Some(position), true) = (via.first_mut(), random.below(2) == 0) {
+        let span = (problem.goal.position() - problem.start.position).norm();
+        *position += random.normal_vector() * (0.1 * span * random.unit() * random.unit());
+    }
+    problem.chain(&via, below)
 }
 
 /// A point of a body, at this share of its length, and the number of positions on the way before it.

@@ -22,7 +22,7 @@ use nalgebra::Vector3;
 
 pub use self::chain::Chain;
 use self::flood::Flood;
-use self::improve::{Shortening, clear, draw, straighten};
+use self::improve::{Shortening, clear, cost, draw, simpler, straighten};
 use self::meter::Meter;
 use self::tree::Tree;
 use crate::clear::Need;
@@ -240,7 +240,8 @@ impl Search<'_, '_> {
 
     /// Keeps a body that was found, if it is the best.
     fn keep(&mut self, shortening: Shortening) {
-        if shortening.chain.length < self.below() {
+        let cost = |chain: &Chain| cost(self.problem, chain);
+        if self.best.as_ref().is_none_or(|best| cost(&shortening.chain) < cost(&best.chain)) {
             (self.report)(&shortening.chain);
             self.best = Some(shortening);
         }
@@ -270,10 +271,13 @@ impl Search<'_, '_> {
         let until = self.meter.work.0 + QUOTA;
         while !self.meter.is_over_or_at(until) {
             self.meter.work.0 += 1;
-            let Some(found) = draw(self.problem, &mut self.random, below) else { continue };
-            if !clear(self.problem, &found, &mut self.meter.work) {
-                continue;
-            }
+            let drawn = match &self.best {
+                Some(best) if self.random.below(2) == 0 => {
+                    simpler(self.problem, &best.chain, &mut self.random, below)
+                }
+                _ => draw(self.problem, &mut self.random, below),
+            };
+            let Some(found) = drawn.filter(|found| clear(self.problem, found, &mut self.meter.work)) else { continue };
             let mut found = Shortening::new(straighten(self.problem, found, &mut self.meter.work));
             if self.best.is_some() {
                 let until = self.meter.work.0 + SHORTENING;
