@@ -13,8 +13,6 @@ use growbot_scene::file::{LoadedScene, SceneError, load};
 use growbot_scene::motion::{Tip, segments};
 use growbot_scene::planner::{self, Budget, Chain, Outcome, Problem, Resolution, Why};
 
-
-
 use crate::clearance::first_collision;
 use crate::plan::{Goal, Plan, PlannedLeg, SceneClearance, Search, plan_where};
 use crate::plan_file::{WrittenScene, written_hash};
@@ -90,7 +88,9 @@ pub enum NoPath {
         cell: f64,
     },
     /// None was found with the effort, or within the time.
-    #[error("no path was found with this effort and in this time, and there may be one: raise --effort or --time-limit")]
+    #[error(
+        "no path was found with this effort and in this time, and there may be one: raise --effort or --time-limit"
+    )]
     NotFound,
 }
 
@@ -168,9 +168,8 @@ pub fn plan(
     through: &Through,
 ) -> Result<Plan, ThroughError> {
     let leg = LegSearch { robot, search, through };
-    let mut plan = Plan::by_legs(robot, start, goals, search, |from, goal, body, roll| {
-        leg.plan(from, goal, body, roll)
-    })?;
+    let mut plan =
+        Plan::by_legs(robot, start, goals, search, |from, goal, body, roll| leg.plan(from, goal, body, roll))?;
     plan.scene = Some(SceneClearance {
         file: through.file.to_owned(),
         hash: through.loaded.hash,

@@ -1,33 +1,96 @@
-//! proto
-use growbot_scene::{planner::*, families::*, clear::Need};
-use std::time::{Instant, Duration};
+//! Plans through the random scenes of `growbot_scene::families`, and checks what is found at points 0.5 mm apart, with
+//! every distance from every obstacle computed one by one.
+//!
+//! ```sh
+//! cargo run --release -p growbot-scene --example families -- [SCENES OF EACH FAMILY [SECONDS]]
+//! ```
+
+use std::time::{Duration, Instant};
+
+use growbot_scene::clear::Need;
+use growbot_scene::families::{Body, Drawn, FAMILIES, Family, Known, brute_force_least, draw};
+use growbot_scene::planner::{Budget, Goal, Outcome, Problem, search};
+
+/// That of growbot-a with a margin of 5 mm.
+const BODY: Body = Body { radius: 100.0, need: 28.55 };
+
+#[derive(Default)]
+struct Counts {
+    planted: usize,
+    found: usize,
+    within_1_s: usize,
+    sealed: usize,
+    refused: usize,
+    others: usize,
+    others_found: usize,
+    contacts: usize,
+    times: Vec<Duration>,
+}
+
 fn main() {
-    let per: u64 = std::env::args().nth(1).unwrap().parse().unwrap();
-    let limit: f64 = std::env::args().nth(2).unwrap().parse().unwrap();
-    let pose = std::env::args().nth(3).is_some();
-    let verbose = std::env::args().nth(4).is_some();
-    let body = Body { radius: 100.0, need: 28.55 };
+    let number =
+        |index: usize, default: u64| std::env::args().nth(index).and_then(|text| text.parse().ok()).unwrap_or(default);
+    let (count, seconds) = (number(1, 100), number(2, 10));
+    println!("family   planted found  1 s  median     worst  sealed refused  others found  contacts");
     for family in FAMILIES {
-        let (mut planted, mut found, mut quick, mut sealed, mut none, mut other, mut of) = (0,0,0,0,0,0,0);
-        let mut times = vec![];
-        for n in 0..per {
-            let d = draw(family, n, &body);
-            let scene = d.scene();
-            let goal = if pose { Goal::Pose(d.goal) } else { Goal::Position { at: d.goal.position, tolerance: 0.0 } };
-            let problem = Problem { scene: &scene, start: d.start, goal, radius: body.radius, need: Need { distance: body.need, slack: 0.001 * body.need }, length_max: 1e5, accept: &|_| true };
-            let begin = Instant::now();
-            let mut first = None;
-            if let Known::Planted(way) = &d.known { let c = growbot_scene::clear::least(&scene, way, 1e-3); assert!(c.distance > body.need, "{c:?}"); }
-            let out = search(&problem, &Budget { work: u64::MAX, deadline: Some(begin + Duration::from_secs_f64(limit)), first_only: true }, &mut |_| { if first.is_none() { first = Some(begin.elapsed()); } });
-            let t = begin.elapsed();
-            let f = matches!(out, Outcome::Found(_));
-            match d.known {
-                Known::Planted(_) => { planted += 1; found += u32::from(f); quick += u32::from(f && t.as_secs_f64() < 1.0); times.push(t); if !f && verbose { println!("missed {family:?} {n} {out:?}"); } }
-                Known::Sealed => { sealed += 1; none += u32::from(matches!(out, Outcome::Impossible(_))); if verbose { println!("sealed {family:?} {n} {out:?} {t:?}"); } assert!(!f, "sealed {n}"); }
-                Known::Nothing => { of += 1; other += u32::from(f); }
-            }
+        let mut counts = Counts::default();
+        for number in 0..count {
+            one(family, number, seconds, &mut counts);
         }
+        let Counts { planted, found, within_1_s, sealed, refused, others, others_found, contacts, mut times } = counts;
         times.sort();
-        println!("{family:?}: planted {found}/{planted} within 1 s {quick} median {:?} worst {:?}; sealed none {none}/{sealed}; others {other}/{of}", times[times.len()/2], times.last().unwrap());
+        let milliseconds = |time: Option<&Duration>| time.map_or(0.0, |time| 1e3 * time.as_secs_f64());
+        let (median, worst) = (milliseconds(times.get(times.len() / 2)), milliseconds(times.last()));
+        println!(
+            "{:<8} {planted:>7} {found:>5} {within_1_s:>4} {median:>7.1} ms {worst:>6.0} ms {sealed:>7} {refused:>7} \
+             {others:>7} {others_found:>5} {contacts:>9}",
+            format!("{family:?}")
+        );
     }
+}
+
+fn one(family: Family, number: u64, seconds: u64, counts: &mut Counts) {
+    let drawn = draw(family, number, &BODY);
+    // Where nothing is known there may be no path: a second is enough.
+    let seconds = if drawn.known == Known::Nothing { 1 } else { seconds };
+    let (outcome, time) = plan(&drawn, number, seconds);
+    let is_found = matches!(outcome, Outcome::Found(_));
+    match drawn.known {
+        Known::Planted(_) => {
+            counts.planted += 1;
+            counts.found += usize::from(is_found);
+            counts.within_1_s += usize::from(is_found && time.as_secs_f64() <= 1.0);
+            counts.times.push(time);
+        }
+        Known::Sealed => {
+            counts.sealed += 1;
+            counts.refused += usize::from(matches!(outcome, Outcome::Impossible(_)));
+        }
+        Known::Nothing => {
+            counts.others += 1;
+            counts.others_found += usize::from(is_found);
+        }
+    }
+    if let Outcome::Found(chain) = outcome {
+        counts.contacts += usize::from(brute_force_least(&drawn, &chain.stretches, 0.5) < BODY.need);
+    }
+}
+
+/// The first path, and how long it took. Every other goal has a direction.
+fn plan(drawn: &Drawn, number: u64, seconds: u64) -> (Outcome, Duration) {
+    let scene = drawn.scene();
+    let free = Goal::Position { at: drawn.goal.position, tolerance: 0.0 };
+    let problem = Problem {
+        scene: &scene,
+        start: drawn.start,
+        goal: if number.is_multiple_of(2) { free } else { Goal::Pose(drawn.goal) },
+        radius: BODY.radius,
+        need: Need { distance: BODY.need, slack: 1e-3 * BODY.need },
+        length_max: 1e5,
+        accept: &|_| true,
+    };
+    let begin = Instant::now();
+    let deadline = Some(begin + Duration::from_secs(seconds));
+    let outcome = search(&problem, &Budget { work: u64::MAX, deadline, first_only: true }, &mut |_| ());
+    (outcome, begin.elapsed())
 }

@@ -1,30 +1,143 @@
-//! proto
-use growbot_scene::{planner::*, read, scene::*, clear::Need, motion::Tip};
+//! Plans every problem of directories like those converted from Med-RAD (UNC Robotics): `scene.ply`, the centres of
+//! balls, and `problems.json`, with the tube's diameter and radius, starts, and goals without a direction.
+//!
+//! ```sh
+//! cargo run --release -p growbot-scene --example problems -- [--seconds S] [--start-free MM] DIRECTORY...
+//! ```
+//!
+//! `--start-free` leaves out the points whose centres lie this near to the start: the published planners of that data
+//! do so within 3 mm, because bodies start in the wall of an airway there. Without it such a start is refused. Where
+//! `published-planners.csv` lies beside the directories, the length of RCS* is told too. One thread; loading is not
+//! counted.
+
+use std::collections::BTreeMap;
+use std::error::Error;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use growbot_scene::clear::{Need, least};
+use growbot_scene::motion::{Tip, angle};
+use growbot_scene::planner::{Budget, Chain, Goal, Outcome, Problem, search};
+use growbot_scene::read;
+use growbot_scene::scene::{Cloud, Scene};
 use nalgebra::Vector3;
-use std::{fs::File, path::Path, time::{Instant, Duration}};
-fn v(j: &serde_json::Value) -> Vector3<f64> { Vector3::from_fn(|i, _| j[i].as_f64().unwrap()) }
-fn main() {
-    for dir in std::env::args().skip(2) {
-        let limit: f64 = std::env::args().nth(1).unwrap().parse().unwrap();
-        let dir = Path::new(&dir);
-        let g = read::geometry(&dir.join("scene.ply")).unwrap().geometry;
-        let p: serde_json::Value = serde_json::from_reader(File::open(dir.join("problems.json")).unwrap()).unwrap();
-        let r = p["point_radius_mm"].as_f64().unwrap();
-        let tube = p["tube_diameter_mm"].as_f64().unwrap() / 2.0 - std::env::var("LESS").map_or(0.0, |t| t.parse().unwrap());
-        for (name, q) in p["problems"].as_object().unwrap() {
-            let sp = v(&q["start_mm"]); let scene = Scene::new(vec![], vec![], vec![Cloud::new(g.points.iter().copied().filter(|p| (p-sp).norm() >= 3.0).collect(), r)], vec![]);
-            let problem = Problem { scene: &scene, start: Tip { position: v(&q["start_mm"]), direction: v(&q["start_direction"]).normalize() }, goal: Goal::Position { at: v(&q["goal_mm"]), tolerance: p["goal_tolerance_mm"].as_f64().unwrap() }, radius: p["radius_mm"].as_f64().unwrap(), need: Need { distance: tube, slack: 0.001 * tube }, length_max: p["length_max_mm"].as_f64().unwrap(), accept: &|_| true };
-            let begin = Instant::now();
-            let mut log = vec![];
-            let out = search(&problem, &Budget { work: u64::MAX, deadline: Some(begin + Duration::from_secs_f64(limit)), first_only: false }, &mut |c| log.push((begin.elapsed(), c.length)));
-            let total = begin.elapsed();
-            print!("{} {name}: ", dir.file_name().unwrap().display());
-            match out {
-                Outcome::Found(c) => println!("found first {:?} {:.4}, last {:.4} in {total:?} via {}", log[0].0, log[0].1, c.length, c.via.len()),
-                Outcome::NoneAt(r) => println!("none {r:?} {total:?}"),
-                Outcome::Impossible(r) => println!("impossible {r:?} {total:?}"),
-                Outcome::NotFound => println!("not found {total:?}"),
-            }
+use serde::Deserialize;
+
+#[derive(Deserialize)]
+struct Problems {
+    point_radius_mm: f64,
+    tube_diameter_mm: f64,
+    radius_mm: f64,
+    length_max_mm: f64,
+    #[serde(default)]
+    goal_tolerance_mm: f64,
+    #[serde(default = "half_turn")]
+    turn_max_deg: f64,
+    problems: BTreeMap<String, Asked>,
+}
+
+#[derive(Deserialize)]
+struct Asked {
+    start_mm: [f64; 3],
+    start_direction: [f64; 3],
+    goal_mm: [f64; 3],
+}
+
+fn half_turn() -> f64 {
+    180.0
+}
+
+struct Options {
+    seconds: f64,
+    start_free: f64,
+    directories: Vec<PathBuf>,
+}
+
+fn options() -> Result<Options, Box<dyn Error>> {
+    let mut options = Options { seconds: 1.0, start_free: 0.0, directories: Vec::new() };
+    let mut arguments = std::env::args().skip(1);
+    while let Some(argument) = arguments.next() {
+        match argument.as_str() {
+            "--seconds" => options.seconds = arguments.next().ok_or("--seconds needs a number")?.parse()?,
+            "--start-free" => options.start_free = arguments.next().ok_or("--start-free needs a number")?.parse()?,
+            directory => options.directories.push(directory.into()),
         }
     }
+    Ok(options)
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let options = options()?;
+    let (mut solved, mut decided, mut of) = (0, 0, 0);
+    let mut firsts = Vec::new();
+    for directory in &options.directories {
+        let written: Problems = serde_json::from_slice(&fs::read(directory.join("problems.json"))?)?;
+        let points = read::geometry(&directory.join("scene.ply"))?.geometry.points;
+        for (name, asked) in &written.problems {
+            let answer = answer(&written, asked, &points, &options);
+            let place = directory.file_name().unwrap_or_default().to_string_lossy();
+            let rival = rival(directory, &place, name).map_or(String::new(), |length| format!("; RCS* {length}"));
+            println!("{place} {name}: {}{rival}", answer.text);
+            of += 1;
+            solved += u32::from(answer.first.is_some());
+            decided += u32::from(answer.decided);
+            firsts.extend(answer.first);
+        }
+    }
+    firsts.sort();
+    let median = firsts.get(firsts.len() / 2).copied().unwrap_or_default();
+    println!("{solved} of {of} solved, {decided} decided within {} s; first path: median {median:?}", options.seconds);
+    Ok(())
+}
+
+/// What was found.
+struct Answer {
+    text: String,
+    first: Option<Duration>,
+    decided: bool,
+}
+
+fn answer(written: &Problems, asked: &Asked, points: &[Vector3<f64>], options: &Options) -> Answer {
+    let start = Vector3::from(asked.start_mm);
+    let kept = points.iter().copied().filter(|point| (point - start).norm() >= options.start_free).collect();
+    let scene = Scene::new(vec![], vec![], vec![Cloud::new(kept, written.point_radius_mm)], vec![]);
+    let tube = 0.5 * written.tube_diameter_mm;
+    let problem = Problem {
+        scene: &scene,
+        start: Tip { position: start, direction: Vector3::from(asked.start_direction).normalize() },
+        goal: Goal::Position { at: asked.goal_mm.into(), tolerance: written.goal_tolerance_mm },
+        radius: written.radius_mm,
+        need: Need { distance: tube, slack: 1e-3 * tube },
+        length_max: written.length_max_mm,
+        accept: &|_| true,
+    };
+    let begin = Instant::now();
+    let deadline = Some(begin + Duration::from_secs_f64(options.seconds));
+    let mut first = None;
+    let mut note = |chain: &Chain| first = first.or(Some((begin.elapsed(), chain.length)));
+    let outcome = search(&problem, &Budget { work: u64::MAX, deadline, first_only: false }, &mut note);
+    let decided = outcome != Outcome::NotFound;
+    let text = match (&outcome, first) {
+        (Outcome::Found(chain), Some((time, length))) => {
+            let clearance = least(&scene, &chain.stretches, 1e-4).distance - tube;
+            let turns = chain.stretches.iter().flat_map(|stretch| [stretch.from, stretch.end()]);
+            let turn =
+                turns.map(|tip| angle(&tip.direction, &problem.start.direction).to_degrees()).fold(0.0, f64::max);
+            let beyond = if turn > written.turn_max_deg { ", beyond the max turn" } else { "" };
+            format!(
+                "first {length:.4} mm after {time:?}, then {:.4} mm, {clearance:.4} mm clear, turns {turn:.0} deg{beyond}",
+                chain.length
+            )
+        }
+        (other, _) => format!("{other:?} after {:?}", begin.elapsed()),
+    };
+    Answer { text, first: first.map(|(time, _)| time), decided }
+}
+
+/// The last length of RCS* for this problem.
+fn rival(directory: &Path, place: &str, name: &str) -> Option<String> {
+    let table = fs::read_to_string(directory.parent()?.join("published-planners.csv")).ok()?;
+    let row = table.lines().find(|row| row.starts_with(&format!("{place},{name},rcs_star,")))?;
+    row.rsplit(',').next().filter(|length| !length.is_empty()).map(ToOwned::to_owned)
 }

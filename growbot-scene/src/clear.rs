@@ -28,13 +28,7 @@ pub fn is_clear(scene: &Scene, stretch: &impl Curve, need: &Need, work: &mut Wor
 
 /// As [`is_clear`], between two lengths.
 #[must_use]
-pub fn is_clear_between(
-    scene: &Scene,
-    stretch: &impl Curve,
-    between: [f64; 2],
-    need: &Need,
-    work: &mut Work,
-) -> bool {
+pub fn is_clear_between(scene: &Scene, stretch: &impl Curve, between: [f64; 2], need: &Need, work: &mut Work) -> bool {
     // What is left to prove; halving leaves one waiting for each level.
     let mut waiting = [[0.0; 2]; 64];
     waiting[0] = between;
@@ -45,7 +39,8 @@ pub fn is_clear_between(
         let middle = from + half;
         work.0 += 1;
         let reach = stretch.reach(half);
-        let spare = scene.distance_within(&stretch.point(middle), need.distance + reach.max(need.slack)) - need.distance;
+        let spare =
+            scene.distance_within(&stretch.point(middle), need.distance + reach.max(need.slack)) - need.distance;
         if spare < need.slack && spare < reach {
             return false;
         }

@@ -7,7 +7,7 @@ use std::f64::consts::{PI, TAU};
 
 use growbot_core::random::Random;
 use growbot_core::trigonometry::sin_cos;
-use nalgebra::{Rotation3, Unit, Vector3};
+use nalgebra::{Rotation3, Vector3};
 
 use crate::motion::{Curve, Stretch, Tip, any_across};
 use crate::scene::{Cloud, Mesh, Scene};
@@ -304,15 +304,75 @@ fn seal(drawn: &mut Drawn, body: &Body) {
                 for side in [-1.0, 1.0] {
                     let half = Vector3::repeat(size) - axis * (size - 5.0);
                     let centre = centre + axis * (side * size);
-                    drawn.shapes.push(Shape::Box { centre, half: half + axis.map(|_| 0.0), rotation: Rotation3::identity() });
+                    drawn.shapes.push(Shape::Box { centre, half, rotation: Rotation3::identity() });
                 }
             }
         }
     }
 }
 
-/// A rotation about a random axis.
+/// The least distance of these stretches from the obstacles at points this far apart: every obstacle, one by one, with
+/// formulas of its own, so that it checks what finds its obstacles by trees.
 #[must_use]
-pub fn rotation(random: &mut Random) -> Rotation3<f64> {
-    Rotation3::from_axis_angle(&Unit::new_normalize(random.direction()), random.between(0.0, TAU))
+pub fn brute_force_least(drawn: &Drawn, stretches: &[Stretch], apart: f64) -> f64 {
+    let points: Vec<Vector3<f64>> = stretches.iter().flat_map(|stretch| sampled(stretch, apart)).collect();
+    least(&points, |point| {
+        let shapes = drawn.shapes.iter().map(|shape| brute_force_shape(shape, point));
+        let cloud = drawn.points.iter().map(|centre| (point - centre).norm() - POINT_RADIUS);
+        let faces = drawn.triangles.iter().map(|triangle| brute_force_triangle(triangle, point));
+        shapes.chain(cloud).chain(faces).fold(f64::INFINITY, f64::min)
+    })
+}
+
+/// The distance from a shape; 0 inside.
+fn brute_force_shape(shape: &Shape, point: &Vector3<f64>) -> f64 {
+    match shape {
+        Shape::Box { centre, half, rotation } => {
+            let inside = rotation.inverse() * (point - centre);
+            let nearest = inside.zip_map(half, |at, half| at.clamp(-half, half));
+            (inside - nearest).norm()
+        }
+        Shape::Ball { centre, radius } => ((point - centre).norm() - radius).max(0.0),
+        Shape::Capsule { from, to, radius } => {
+            // The line's parameter by Cramer's rule, and its ends.
+            let along = to - from;
+            let share = along.dot(&(point - from)) / along.dot(&along).max(f64::MIN_POSITIVE);
+            let foot = from + along * share.clamp(0.0, 1.0);
+            ((point - foot).norm() - radius).max(0.0)
+        }
+    }
+}
+
+/// The distance from a triangle: the closest point by regions (Ericson 2005, "Real-Time Collision Detection", 5.1.5).
+#[must_use]
+pub fn brute_force_triangle(Triangle([a, b, c]): &Triangle, point: &Vector3<f64>) -> f64 {
+    let (ab, ac, ap) = (b - a, c - a, point - a);
+    let (d1, d2) = (ab.dot(&ap), ac.dot(&ap));
+    if d1 <= 0.0 && d2 <= 0.0 {
+        return ap.norm();
+    }
+    let bp = point - b;
+    let (d3, d4) = (ab.dot(&bp), ac.dot(&bp));
+    if d3 >= 0.0 && d4 <= d3 {
+        return bp.norm();
+    }
+    let vc = d1 * d4 - d3 * d2;
+    if vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0 {
+        return (ap - ab * (d1 / (d1 - d3))).norm();
+    }
+    let cp = point - c;
+    let (d5, d6) = (ab.dot(&cp), ac.dot(&cp));
+    if d6 >= 0.0 && d5 <= d6 {
+        return cp.norm();
+    }
+    let vb = d5 * d2 - d1 * d6;
+    if vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0 {
+        return (ap - ac * (d2 / (d2 - d6))).norm();
+    }
+    let va = d3 * d6 - d5 * d4;
+    if va <= 0.0 && d4 - d3 >= 0.0 && d5 - d6 >= 0.0 {
+        return (bp - (c - b) * ((d4 - d3) / ((d4 - d3) + (d5 - d6)))).norm();
+    }
+    let sum = va + vb + vc;
+    (ap - ab * (vb / sum) - ac * (vc / sum)).norm()
 }

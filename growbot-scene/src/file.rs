@@ -265,10 +265,10 @@ pub fn parse(text: &str, file: &str) -> Result<SceneFile, SceneError> {
         let at = error.span().map_or(0, |span| span.start).min(text.len());
         let before = text.as_bytes().get(..at).unwrap_or_default();
         let line = before.iter().filter(|byte| **byte == b'\n').count() + 1;
-        SceneError::Toml { file: file.to_owned(), line, reason: error.message().replace('\n', " ") }
+        SceneError::Toml { file: file.to_owned(), line, reason: read::one_line(error.message()) }
     })?;
     if written.format != FORMAT {
-        return Err(SceneError::OtherFormat { file: file.to_owned(), found: written.format });
+        return Err(SceneError::OtherFormat { file: file.to_owned(), found: read::one_line(&written.format) });
     }
     written.check(file)?;
     Ok(written)
@@ -324,7 +324,8 @@ impl SceneFile {
         let boxes = self.boxes.iter().map(|written| {
             let [roll, pitch, yaw] = written.rpy_deg.map(radians);
             let turn = |axis, angle| Rotation3::from_axis_angle(&axis, angle);
-            let rotation = turn(Vector3::z_axis(), yaw) * turn(Vector3::y_axis(), pitch) * turn(Vector3::x_axis(), roll);
+            let rotation =
+                turn(Vector3::z_axis(), yaw) * turn(Vector3::y_axis(), pitch) * turn(Vector3::x_axis(), roll);
             Shape::Box { centre: written.center_mm.into(), half: Vector3::from(written.size_mm) * 0.5, rotation }
         });
         let balls = self.balls.iter().map(|ball| Shape::Ball { centre: ball.center_mm.into(), radius: ball.radius_mm });

@@ -170,10 +170,7 @@ pub fn stretches(path: &[Segment], base_from_start: &Frame) -> Option<Vec<Stretc
     let mut stretches = Vec::with_capacity(path.len());
     for segment in path {
         let axes = base_from_tip.rotation.matrix();
-        let from = Tip {
-            position: base_from_tip.translation.vector,
-            direction: axes.column(2).into_owned(),
-        };
+        let from = Tip { position: base_from_tip.translation.vector, direction: axes.column(2).into_owned() };
         stretches.push(match *segment {
             Segment::Straight { length } => Stretch::line(from, length),
             Segment::Arc { alpha, bend, length } => {

@@ -67,7 +67,8 @@ impl Scene {
     #[must_use]
     pub fn distance(&self, point: &Vector3<f64>) -> f64 {
         let distance = self.distance_within(point, f64::INFINITY);
-        if self.meshes.iter().any(|mesh| mesh.solid && mesh.holds(point)) { distance.min(0.0).min(-distance) } else { distance }
+        let is_inside = self.meshes.iter().any(|mesh| mesh.solid && mesh.holds(point));
+        if is_inside { -distance.abs() } else { distance }
     }
 
     /// The least of `within` and the distance from a point to the nearest surface of an obstacle, mm. Inside of a mesh
@@ -79,15 +80,21 @@ impl Scene {
         for half_space in &self.half_spaces {
             best = best.min(half_space.distance(point));
         }
+        // Where nothing is nearer, `best` stays to its last digit.
         if let Some(shapes) = &self.shapes {
-            best = signed_root(shapes.nearest(point, best * best.abs()));
+            let within = best * best.abs();
+            let nearest = shapes.nearest(point, within);
+            best = if nearest < within { signed_root(nearest) } else { best };
         }
         for mesh in &self.meshes {
-            best = best.min(mesh.triangles.nearest(point, best.max(0.0) * best.max(0.0)).sqrt());
+            let within = best.max(0.0) * best.max(0.0);
+            let nearest = mesh.triangles.nearest(point, within);
+            best = if nearest < within { nearest.sqrt() } else { best };
         }
         for cloud in &self.clouds {
             let reach = (best + cloud.radius).max(0.0);
-            best = best.min(cloud.points.nearest(point, reach * reach).sqrt() - cloud.radius);
+            let nearest = cloud.points.nearest(point, reach * reach);
+            best = if nearest < reach * reach { nearest.sqrt() - cloud.radius } else { best };
         }
         best
     }

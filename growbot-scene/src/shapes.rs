@@ -136,7 +136,8 @@ impl Triangle {
         }
         // The nearest corner has the least rounding. That of the normal is worse the thinner the triangle is.
         let offset = [a, b, c].map(|corner| point - corner);
-        let offset = offset.into_iter().min_by(|a, b| a.norm_squared().total_cmp(&b.norm_squared())).unwrap_or_default();
+        let offset =
+            offset.into_iter().min_by(|a, b| a.norm_squared().total_cmp(&b.norm_squared())).unwrap_or_default();
         let rounding = 4.0 * f64::EPSILON * offset.norm() * (longest / area);
         let distance = (offset.dot(&normal).abs() / area - rounding).max(0.0);
         edges.min(distance * distance)

@@ -14,7 +14,9 @@ use serde::Deserialize;
 
 pub use self::check::pose;
 pub use self::fault::PlanFault;
-pub use self::written::{PlanFile, WrittenGoal, WrittenLeg, WrittenPose, WrittenScene, WrittenSegment, WrittenTip, written_hash};
+pub use self::written::{
+    PlanFile, WrittenGoal, WrittenLeg, WrittenPose, WrittenScene, WrittenSegment, WrittenTip, written_hash,
+};
 use crate::input::{self, InputError};
 use crate::plan::Plan;
 use crate::robot_file::{self, RobotFileError};

@@ -24,7 +24,8 @@ const PRICE: f64 = 1e-4;
 
 /// Whether a body is clear.
 pub(super) fn clear(problem: &Problem, chain: &Chain, work: &mut Work) -> bool {
-    chain.stretches.iter().all(|stretch| is_clear(problem.scene, stretch, &problem.need, work)) && (problem.accept)(chain)
+    chain.stretches.iter().all(|stretch| is_clear(problem.scene, stretch, &problem.need, work))
+        && (problem.accept)(chain)
 }
 
 /// What a position on the way costs, mm of length: a body of few pieces is worth a little more length.

@@ -272,9 +272,7 @@ impl Search<'_, '_> {
         while !self.meter.is_over_or_at(until) {
             self.meter.work.0 += 1;
             let drawn = match &self.best {
-                Some(best) if self.random.below(2) == 0 => {
-                    simpler(self.problem, &best.chain, &mut self.random, below)
-                }
+                Some(best) if self.random.below(2) == 0 => simpler(self.problem, &best.chain, &mut self.random, below),
                 _ => draw(self.problem, &mut self.random, below),
             };
             let Some(found) = drawn.filter(|found| clear(self.problem, found, &mut self.meter.work)) else { continue };

@@ -77,13 +77,8 @@ impl Tree {
     pub(super) fn new(problem: &Problem, resolution: Resolution) -> Self {
         let way = Stretch::line(problem.start, 0.0);
         let root = Node { tip: problem.start, before: 0, way, gone: 0.0 };
-        let mut tree = Self {
-            resolution,
-            nodes: vec![root],
-            queue: BinaryHeap::new(),
-            cells: HashSet::new(),
-            pushed: 0,
-        };
+        let mut tree =
+            Self { resolution, nodes: vec![root], queue: BinaryHeap::new(), cells: HashSet::new(), pushed: 0 };
         tree.branch(problem, 0, f64::INFINITY);
         tree
     }
@@ -102,7 +97,9 @@ impl Tree {
                 continue;
             }
             let end = next.way.end();
-            if !self.cells.insert(self.cell(&end)) || !is_clear(problem.scene, &next.way, &problem.need, &mut meter.work) {
+            if !self.cells.insert(self.cell(&end))
+                || !is_clear(problem.scene, &next.way, &problem.need, &mut meter.work)
+            {
                 continue;
             }
             let gone = self.nodes.get(next.node as usize)?.gone + next.way.length;

@@ -192,7 +192,8 @@ impl<'a> Reader<'a> {
         let bytes = bytes.and_then(|bytes| bytes.get(accessor.byte_offset..));
         let bytes = bytes.ok_or_else(|| format!("the bytes of accessor {index} are not all there"))?;
         let stride = view.byte_stride.unwrap_or(size).max(size);
-        let items: Vec<&'a [u8]> = bytes.chunks(stride).take(accessor.count).filter_map(|item| item.get(..size)).collect();
+        let items: Vec<&'a [u8]> =
+            bytes.chunks(stride).take(accessor.count).filter_map(|item| item.get(..size)).collect();
         if items.len() < accessor.count {
             return Err(format!("accessor {index} has {} items, and says {}", items.len(), accessor.count));
         }

@@ -17,6 +17,9 @@ use nalgebra::Vector3;
 /// No mesh and no cloud is longer than this, bytes (512 MiB): some 10 million triangles.
 pub const LONGEST_GEOMETRY: u64 = 512 << 20;
 
+/// Number of characters of a reason that a message shows.
+const LONGEST_REASON: usize = 200;
+
 /// The formats, by the ending of a file.
 const ENDINGS: [&str; 5] = ["stl", "obj", "ply", "glb", "pcd"];
 
@@ -116,8 +119,19 @@ pub fn geometry(path: &Path) -> Result<ReadGeometry, ReadError> {
         _ => return Err(ReadError::UnknownEnding { file: file() }),
     };
     let bytes = bytes(path, LONGEST_GEOMETRY)?;
-    let geometry = read(&bytes).map_err(|reason| ReadError::Malformed { file: file(), reason })?;
+    let geometry = read(&bytes).map_err(|reason| ReadError::Malformed { file: file(), reason: one_line(&reason) })?;
     Ok(ReadGeometry { geometry, hash: Hasher::of(&bytes) })
+}
+
+/// A text in one line of ordinary length, whatever a damaged file has put into it.
+pub(crate) fn one_line(text: &str) -> String {
+    let words = text.split(|c: char| c.is_whitespace() || c.is_control()).filter(|word| !word.is_empty());
+    let line = words.collect::<Vec<_>>().join(" ");
+    let mut short: String = line.chars().take(LONGEST_REASON).collect();
+    if short.len() < line.len() {
+        short.push_str("...");
+    }
+    short
 }
 
 /// Adds a face as triangles from its first corner.
@@ -172,7 +186,9 @@ pub fn open_edges(points: &[Vector3<f64>], triangles: &[[u32; 3]]) -> usize {
 
 /// The lines of a text that may hold bytes that are no UTF-8, each split into words.
 fn lines(bytes: &[u8]) -> impl Iterator<Item = Vec<&str>> {
-    bytes.split(|byte| *byte == b'\n').map(|line| std::str::from_utf8(line).unwrap_or("").split_ascii_whitespace().collect())
+    bytes
+        .split(|byte| *byte == b'\n')
+        .map(|line| std::str::from_utf8(line).unwrap_or("").split_ascii_whitespace().collect())
 }
 
 /// Three numbers.

@@ -9,7 +9,8 @@ pub(super) fn read(bytes: &[u8]) -> Result<Geometry, String> {
         let number = number + 1;
         match words.as_slice() {
             ["v", coordinates @ ..] => {
-                let point = three(coordinates).ok_or_else(|| format!("line {number} has no three numbers after `v`"))?;
+                let point =
+                    three(coordinates).ok_or_else(|| format!("line {number} has no three numbers after `v`"))?;
                 geometry.points.push(point);
             }
             ["f", corners @ ..] => {

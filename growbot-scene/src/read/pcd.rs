@@ -66,7 +66,10 @@ fn header(bytes: &[u8]) -> Result<(Header, &[u8]), String> {
         let key = words.next().unwrap_or("#");
         let words: Vec<&str> = words.collect();
         let numbers = || -> Result<Vec<usize>, String> {
-            words.iter().map(|word| word.parse().map_err(|_| format!("{key} has {word:?}, which is no number"))).collect()
+            words
+                .iter()
+                .map(|word| word.parse().map_err(|_| format!("{key} has {word:?}, which is no number")))
+                .collect()
         };
         match key {
             "FIELDS" => header.names = words.iter().map(|word| (*word).to_owned()).collect(),

@@ -1,0 +1,297 @@
+//! Scene files, meshes and clouds: read right, or refused with one message.
+
+use std::fmt::Write as _;
+use std::fs;
+use std::path::Path;
+
+use growbot_core::random::Random;
+use growbot_scene::file::{SceneError, load, parse};
+use growbot_scene::read::{ReadError, geometry};
+use nalgebra::Vector3;
+use tempfile::TempDir;
+
+const SCENE: &str = r#"
+format = "growbot-scene/1"
+margin_mm = 5.0
+[[box]]
+center_mm = [100.0, 0.0, 200.0]
+size_mm = [50, 60.0, 70.0]
+rpy_deg = [0, 0, 90]
+[[ball]]
+center_mm = [0, 300, 0]
+radius_mm = 40
+[[capsule]]
+from_mm = [0, 0, 500]
+to_mm = [100, 0, 500]
+radius_mm = 10
+[[halfspace]]
+point_mm = [0, 0, -50]
+normal = [0, 0, 2]
+[[mesh]]
+file = "cube.stl"
+scale = 1000
+[[points]]
+file = "scan.ply"
+radius_mm = 0.6
+"#;
+
+/// The corners of a cube of side 2 round a point, and its faces, counter-clockwise from outside.
+fn cube(centre: [f64; 3]) -> (Vec<[f64; 3]>, Vec<[usize; 4]>) {
+    let corner = |i: usize| [0, 1, 2].map(|axis| centre[axis] + if i >> axis & 1 == 1 { 1.0 } else { -1.0 });
+    let faces = vec![[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    ((0..8).map(corner).collect(), faces)
+}
+
+fn stl_text() -> String {
+    let (corners, faces) = cube([3.0, 0.0, 0.0]);
+    let mut text = "solid cube\n".to_owned();
+    for [a, b, c, d] in faces {
+        for triangle in [[a, b, c], [a, c, d]] {
+            text += "facet normal 0 0 0\nouter loop\n";
+            for [x, y, z] in triangle.map(|corner| corners[corner]) {
+                let _ = writeln!(text, "vertex {x} {y} {z}");
+            }
+            text += "endloop\nendfacet\n";
+        }
+    }
+    text + "endsolid cube\n"
+}
+
+fn stl_binary() -> Vec<u8> {
+    let (corners, faces) = cube([3.0, 0.0, 0.0]);
+    let mut bytes = vec![b's'; 80];
+    bytes.extend(12_u32.to_le_bytes());
+    for [a, b, c, d] in faces {
+        for triangle in [[a, b, c], [a, c, d]] {
+            bytes.extend([0; 12]);
+            bytes.extend(triangle.iter().flat_map(|i| corners[*i]).flat_map(|value| (value as f32).to_le_bytes()));
+            bytes.extend([0; 2]);
+        }
+    }
+    bytes
+}
+
+fn obj() -> String {
+    let (corners, faces) = cube([3.0, 0.0, 0.0]);
+    let mut text = "# a cube\no cube\n".to_owned();
+    for [x, y, z] in corners {
+        let _ = writeln!(text, "v {x} {y} {z}");
+    }
+    for [a, b, c, d] in faces {
+        // Counted from 1, or back from the end.
+        let _ = writeln!(text, "f {}/1/1 {}//2 {} {}", a + 1, b + 1, c + 1, d as i32 - 8);
+    }
+    text
+}
+
+fn ply() -> String {
+    let (corners, faces) = cube([3.0, 0.0, 0.0]);
+    let mut text = "ply\nformat ascii 1.0\nelement vertex 8\nproperty double x\nproperty double y\nproperty double z\n\
+                    element face 6\nproperty list uchar int vertex_indices\nend_header\n"
+        .to_owned();
+    for [x, y, z] in corners {
+        let _ = writeln!(text, "{x} {y} {z}");
+    }
+    for [a, b, c, d] in faces {
+        let _ = writeln!(text, "4 {a} {b} {c} {d}");
+    }
+    text
+}
+
+/// A cube round the origin, in a node that moves it, below one that makes it larger.
+fn glb() -> Vec<u8> {
+    let (corners, faces) = cube([0.0, 0.0, 0.0]);
+    let mut data: Vec<u8> = corners.iter().flatten().flat_map(|value| (*value as f32).to_le_bytes()).collect();
+    for [a, b, c, d] in faces {
+        data.extend([a, b, c, a, c, d].iter().flat_map(|index| (*index as u16).to_le_bytes()));
+    }
+    let json = r#"{"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],
+        "nodes":[{"scale":[1,1,1],"children":[1]},{"translation":[3,0,0],"mesh":0}],
+        "meshes":[{"primitives":[{"attributes":{"POSITION":0},"indices":1}]}],
+        "accessors":[{"bufferView":0,"componentType":5126,"count":8,"type":"VEC3"},
+                     {"bufferView":1,"componentType":5123,"count":36,"type":"SCALAR"}],
+        "bufferViews":[{"buffer":0,"byteLength":96},{"buffer":0,"byteOffset":96,"byteLength":72}],
+        "buffers":[{"byteLength":168}]}"#;
+    let json = format!("{json:<width$}", width = json.len().next_multiple_of(4));
+    let mut bytes = b"glTF".to_vec();
+    let words = [2, (28 + json.len() + data.len()) as u32, json.len() as u32, 0x4e4f_534a];
+    bytes.extend(words.iter().flat_map(|word| word.to_le_bytes()));
+    bytes.extend(json.bytes());
+    bytes.extend([data.len() as u32, 0x004e_4942].iter().flat_map(|word| word.to_le_bytes()));
+    bytes.extend(data);
+    bytes
+}
+
+fn pcd(binary: bool) -> Vec<u8> {
+    let mut bytes = b"# .PCD v0.7\nVERSION 0.7\nFIELDS x y z intensity\nSIZE 4 4 4 4\nTYPE F F F F\nCOUNT 1 1 1 1\n\
+                      WIDTH 2\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS 2\n"
+        .to_vec();
+    if binary {
+        bytes.extend(b"DATA binary\n");
+        bytes.extend([1.0_f32, 2.0, 3.0, 9.0, 4.0, 5.0, 6.0, 9.0].iter().flat_map(|value| value.to_le_bytes()));
+    } else {
+        bytes.extend(b"DATA ascii\n1 2 3 9\n4 5 6 9\n");
+    }
+    bytes
+}
+
+fn scan() -> &'static str {
+    "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\nend_header\n\
+     900 0 0\n0 900 0\n"
+}
+
+fn directory() -> TempDir {
+    let directory = tempfile::tempdir().unwrap();
+    fs::write(directory.path().join("scene.toml"), SCENE).unwrap();
+    fs::write(directory.path().join("cube.stl"), stl_binary()).unwrap();
+    fs::write(directory.path().join("scan.ply"), scan()).unwrap();
+    directory
+}
+
+fn written(name: &str, bytes: impl AsRef<[u8]>) -> (TempDir, std::path::PathBuf) {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join(name);
+    fs::write(&path, bytes).unwrap();
+    (directory, path)
+}
+
+#[test]
+fn a_scene_has_all_that_its_file_names() {
+    let directory = directory();
+    let loaded = load(&directory.path().join("scene.toml")).unwrap();
+    assert_eq!((loaded.margin, loaded.scene.len()), (5.0, 4 + 12 + 2));
+    let distance = |x: f64, y: f64, z: f64| loaded.scene.distance(&Vector3::new(x, y, z));
+    // The box is turned: 60 mm along x. The mesh is a cube of 2 m round x = 3 m.
+    assert!((distance(135.0, 0.0, 200.0) - 5.0).abs() < 1e-9);
+    assert!((distance(0.0, 300.0, 50.0) - 10.0).abs() < 1e-9);
+    assert!((distance(50.0, 0.0, 530.0) - 20.0).abs() < 1e-9);
+    assert!((distance(0.0, 0.0, -45.0) - 5.0).abs() < 1e-9);
+    assert!((distance(1990.0, 0.0, 500.0) - 10.0).abs() < 1e-9);
+    assert!(distance(3000.0, 0.0, 500.0) < -400.0);
+    assert!((distance(900.0, 0.0, 3.0) - 2.4).abs() < 1e-9);
+    // Another mesh is another scene.
+    fs::write(directory.path().join("cube.stl"), stl_text()).unwrap();
+    assert_ne!(load(&directory.path().join("scene.toml")).unwrap().hash, loaded.hash);
+}
+
+#[test]
+fn every_format_gives_the_same_cube() {
+    let files: [(&str, Vec<u8>); 5] = [
+        ("cube.stl", stl_text().into()),
+        ("cube.STL", stl_binary()),
+        ("cube.obj", obj().into()),
+        ("cube.ply", ply().into()),
+        ("cube.glb", glb()),
+    ];
+    for (name, bytes) in files {
+        let (_directory, path) = written(name, bytes);
+        let loaded = load(&path).unwrap_or_else(|error| panic!("{name}: {error}"));
+        assert_eq!(loaded.scene.len(), 12, "{name}");
+        for (x, distance) in [(3.0, -1.0), (6.0, 2.0)] {
+            let found = loaded.scene.distance(&Vector3::new(x, 0.0, 0.0));
+            assert!((found - distance).abs() < 1e-9, "{name}: {found}");
+        }
+    }
+    for binary in [false, true] {
+        let (_directory, path) = written("scan.pcd", pcd(binary));
+        let points = geometry(&path).unwrap().geometry.points;
+        assert_eq!(points, [Vector3::new(1.0, 2.0, 3.0), Vector3::new(4.0, 5.0, 6.0)]);
+    }
+}
+
+#[test]
+fn an_open_mesh_is_no_solid() {
+    let open = obj().replacen("f 1/1/1", "# ", 1);
+    let (directory, path) = written("open.obj", &open);
+    let refusal = load(&path).unwrap_err();
+    assert!(matches!(refusal, SceneError::OpenMesh { open: 4, .. }), "{refusal}");
+    let scene = "format = \"growbot-scene/1\"\n[[mesh]]\nfile = \"open.obj\"\nsolid = false\n";
+    let path = directory.path().join("scene.toml");
+    fs::write(&path, scene).unwrap();
+    assert!(load(&path).unwrap().scene.distance(&Vector3::new(3.0, 0.0, 0.0)) > 0.999);
+}
+
+#[test]
+fn what_is_wrong_is_said_with_value_and_limit() {
+    let refused = |from: &str, to: &str| {
+        assert!(SCENE.contains(from), "{from}");
+        parse(&SCENE.replacen(from, to, 1), "scene.toml").unwrap_err().to_string()
+    };
+    for (from, to, words) in [
+        ("scene/1", "scene/2", "format \"growbot-scene/2\""),
+        ("radius_mm = 40", "radius_mm = -1", "radius_mm of [[ball]] 1 is -1, and must be above 0"),
+        ("margin_mm = 5.0", "margin_mm = nan", "margin_mm is NaN"),
+        ("[0, 300, 0]", "[0, 1e9, 0]", "center_mm of [[ball]] 1 is 1000000000"),
+        ("normal = [0, 0, 2]", "normal = [0, 0, 0]", "normal of [[halfspace]] 1"),
+        ("scale = 1000", "scale = inf", "scale of cube.stl is inf"),
+        ("[[ball]]", "[[bowl]]", "unknown field `bowl`"),
+        ("size_mm = [50, 60.0, 70.0]", "size_mm = [50, 60.0]", "line 6"),
+        ("radius_mm = 10", "radius_mm = \"10\"", "invalid type"),
+    ] {
+        let message = refused(from, to);
+        assert!(message.contains(words) && !message.contains('\n'), "{message}");
+    }
+    assert!(matches!(load(Path::new("no-such-scene.toml")), Err(SceneError::Read(ReadError::Unreadable { .. }))));
+    let (_directory, path) = written("nan.ply", scan().replace("900 0 0", "nan 0 0"));
+    assert!(load(&path).unwrap_err().to_string().contains("nan.ply cannot be understood"));
+    let (_directory, path) = written("empty.obj", "");
+    assert!(matches!(load(&path), Err(SceneError::Empty { what: "points", .. })));
+}
+
+/// Changes some bytes, cuts, doubles or drops a stretch.
+fn mutate(bytes: &mut Vec<u8>, random: &mut Random) {
+    for _ in 0..=random.below(4) {
+        let at = random.below(bytes.len() as u64 + 1) as usize;
+        let length = (random.below(40) as usize).min(bytes.len() - at);
+        match random.below(6) {
+            0 => bytes.truncate(at),
+            1 => drop(bytes.drain(at..at + length)),
+            2 => {
+                let stretch = bytes[at..at + length].to_vec();
+                bytes.splice(at..at, stretch);
+            }
+            3 => bytes[at..at + length].fill(random.bits() as u8),
+            4 => drop(bytes.splice(at..at, *b" 99999999999 ")),
+            _ if at < bytes.len() => bytes[at] ^= 1 << random.below(8),
+            _ => {}
+        }
+    }
+}
+
+#[test]
+fn a_thousand_changed_files_are_read_or_refused_with_one_message() {
+    let originals: [(&str, Vec<u8>); 9] = [
+        ("scene.toml", SCENE.into()),
+        ("scene.toml", SCENE.into()),
+        ("cube.stl", stl_text().into()),
+        ("cube.stl", stl_binary()),
+        ("cube.obj", obj().into()),
+        ("cube.ply", ply().into()),
+        ("cube.glb", glb()),
+        ("scan.pcd", pcd(false)),
+        ("scan.pcd", pcd(true)),
+    ];
+    let directory = directory();
+    let mut random = Random::new(&[5]);
+    let (mut read, mut refused) = (0, 0);
+    for number in 0..1_000 {
+        let (name, original) = &originals[number % originals.len()];
+        let mut bytes = original.clone();
+        mutate(&mut bytes, &mut random);
+        let path = directory.path().join(format!("changed-{name}"));
+        fs::write(&path, &bytes).unwrap();
+        match load(&path) {
+            Ok(loaded) => {
+                assert!(!loaded.scene.distance(&Vector3::new(0.1, 0.2, 0.3)).is_nan());
+                read += 1;
+            }
+            Err(error) => {
+                let message = error.to_string();
+                assert!(!message.contains('\n') && message.len() < 1000, "{message}");
+                refused += 1;
+            }
+        }
+    }
+    println!("{read} read, {refused} refused");
+    assert!(read > 50 && refused > 300, "{read} read, {refused} refused");
+}

@@ -1,0 +1,124 @@
+//! Paths through random scenes: found where one was planted, refused where the goal is sealed, clear at every point.
+
+use growbot_scene::clear::Need;
+use growbot_scene::families::{Body, Drawn, FAMILIES, Known, brute_force_least, draw};
+use growbot_scene::motion::{Tip, angle};
+use growbot_scene::planner::{Budget, Goal, Outcome, Problem, search};
+use growbot_scene::scene::Scene;
+use nalgebra::Vector3;
+
+/// That of growbot-a with a margin of 5 mm.
+const BODY: Body = Body { radius: 100.0, need: 28.55 };
+
+/// The scenes of each family; GROWBOT_SCENES says how many in a long trial.
+fn scenes() -> u64 {
+    std::env::var("GROWBOT_SCENES").ok().and_then(|count| count.parse().ok()).unwrap_or(10)
+}
+
+fn plan(drawn: &Drawn, goal: Goal, budget: &Budget) -> Outcome {
+    let scene = drawn.scene();
+    let problem = Problem {
+        scene: &scene,
+        start: drawn.start,
+        goal,
+        radius: BODY.radius,
+        need: Need { distance: BODY.need, slack: 1e-3 * BODY.need },
+        length_max: 1e5,
+        accept: &|_| true,
+    };
+    search(&problem, budget, &mut |_| ())
+}
+
+#[test]
+fn planted_paths_are_found_and_sealed_goals_are_not() {
+    for family in FAMILIES {
+        for number in 0..scenes() {
+            let drawn = draw(family, number, &BODY);
+            let free = Goal::Position { at: drawn.goal.position, tolerance: 0.0 };
+            // Where nothing is known there may be no path: a short search is enough.
+            let work = if drawn.known == Known::Nothing { 100_000 } else { 3_000_000 };
+            let budget = Budget { work, deadline: None, first_only: true };
+            for goal in [free, Goal::Pose(drawn.goal)] {
+                let outcome = plan(&drawn, goal, &budget);
+                match (&drawn.known, &outcome) {
+                    (Known::Planted(_), Outcome::Found(_)) | (Known::Sealed, Outcome::Impossible(_)) => {}
+                    (Known::Nothing, _) => {}
+                    (known, outcome) => panic!("{family:?} {number}: {known:?}, {outcome:?}"),
+                }
+                if let Outcome::Found(chain) = outcome {
+                    let nearest = brute_force_least(&drawn, &chain.stretches, 1.0);
+                    assert!(nearest >= BODY.need, "{family:?} {number}: {nearest} mm");
+                    assert_joined(&drawn, &chain.stretches, goal);
+                }
+            }
+        }
+    }
+}
+
+/// Each stretch begins where and as the one before ends; the last ends at the goal.
+fn assert_joined(drawn: &Drawn, stretches: &[growbot_scene::motion::Stretch], goal: Goal) {
+    let mut tip = drawn.start;
+    for stretch in stretches {
+        assert!(stretch.curvature <= (1.0 + 1e-9) / BODY.radius);
+        assert_near(&stretch.from, &tip, 1e-6);
+        tip = stretch.end();
+    }
+    let direction = if let Goal::Pose(goal) = goal { goal.direction } else { tip.direction };
+    assert_near(&tip, &Tip { position: goal.position(), direction }, 1e-6);
+}
+
+fn assert_near(a: &Tip, b: &Tip, within: f64) {
+    assert!((a.position - b.position).norm() < within, "{a:?}, {b:?}");
+    assert!(angle(&a.direction, &b.direction) < within, "{a:?}, {b:?}");
+}
+
+#[test]
+fn results_are_the_same_in_every_run_and_thread() {
+    let all = || {
+        let budget = Budget { work: 100_000, deadline: None, first_only: false };
+        let drawn = FAMILIES.map(|family| draw(family, 1, &BODY));
+        drawn.map(|drawn| plan(&drawn, Goal::Pose(drawn.goal), &budget))
+    };
+    let here = all();
+    let threads: Vec<_> = (0..3).map(|_| std::thread::spawn(all)).collect();
+    for thread in threads {
+        assert_eq!(thread.join().unwrap(), here);
+    }
+}
+
+#[test]
+fn more_effort_never_gives_a_longer_path() {
+    for family in FAMILIES {
+        let drawn = draw(family, 2, &BODY);
+        let mut before = f64::INFINITY;
+        for work in [30_000, 100_000, 300_000] {
+            let budget = Budget { work, deadline: None, first_only: false };
+            let Outcome::Found(chain) = plan(&drawn, Goal::Pose(drawn.goal), &budget) else { continue };
+            // A position on the way less is worth a ten-thousandth of the distance.
+            let price = 1e-4 * (drawn.goal.position - drawn.start.position).norm();
+            let cost = chain.length + price * chain.via.len() as f64;
+            assert!(cost <= before, "{family:?}: {cost} after {before}");
+            before = cost;
+        }
+        assert!(before.is_finite(), "{family:?}");
+    }
+}
+
+#[test]
+fn an_empty_scene_has_the_shortest_path() {
+    let drawn = draw(FAMILIES[0], 0, &BODY);
+    let at = Vector3::new(0.0, 0.0, 500.0);
+    let scene = Scene::default();
+    let problem = Problem {
+        scene: &scene,
+        start: drawn.start,
+        goal: Goal::Position { at, tolerance: 2.0 },
+        radius: 100.0,
+        need: Need { distance: 20.0, slack: 0.02 },
+        length_max: 1e4,
+        accept: &|_| true,
+    };
+    let budget = Budget { work: 1000, deadline: None, first_only: false };
+    let Outcome::Found(chain) = search(&problem, &budget, &mut |_| ()) else { panic!() };
+    assert!((chain.length - 498.0).abs() < 1e-9);
+}
