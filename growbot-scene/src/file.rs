@@ -233,13 +233,13 @@ pub fn load(path: &Path) -> Result<LoadedScene, SceneError> {
         let file = beside.join(&mesh.file);
         let read = read::geometry(&file)?;
         hasher.bytes(&read.hash.to_le_bytes());
-        meshes.push(mesh_of(read.geometry, mesh.scale, mesh.solid, &file.display().to_string())?);
+        meshes.push(mesh_of(&read.geometry, mesh.scale, mesh.solid, &file.display().to_string())?);
     }
     for points in &written.clouds {
         let file = beside.join(&points.file);
         let read = read::geometry(&file)?;
         hasher.bytes(&read.hash.to_le_bytes());
-        clouds.push(cloud_of(read.geometry, points.scale, points.radius_mm, &file.display().to_string())?);
+        clouds.push(cloud_of(&read.geometry, points.scale, points.radius_mm, &file.display().to_string())?);
     }
     let scene = Scene::new(written.shapes(), written.half_spaces(), clouds, meshes);
     Ok(LoadedScene { scene, margin: written.margin_mm, hash: hasher.finish() })
@@ -249,9 +249,9 @@ pub fn load(path: &Path) -> Result<LoadedScene, SceneError> {
 fn load_geometry(path: &Path, name: &str) -> Result<LoadedScene, SceneError> {
     let read = read::geometry(path)?;
     let scene = if read.geometry.triangles.is_empty() {
-        Scene::new(vec![], vec![], vec![cloud_of(read.geometry, 1.0, 0.0, name)?], vec![])
+        Scene::new(vec![], vec![], vec![cloud_of(&read.geometry, 1.0, 0.0, name)?], vec![])
     } else {
-        Scene::new(vec![], vec![], vec![], vec![mesh_of(read.geometry, 1.0, true, name)?])
+        Scene::new(vec![], vec![], vec![], vec![mesh_of(&read.geometry, 1.0, true, name)?])
     };
     Ok(LoadedScene { scene, margin: 0.0, hash: read.hash })
 }
@@ -395,17 +395,16 @@ fn scaled(geometry: &Geometry, scale: f64, file: &str) -> Result<Vec<Vector3<f64
     Ok(points)
 }
 
-fn cloud_of(geometry: Geometry, scale: f64, radius: f64, file: &str) -> Result<Cloud, SceneError> {
-    let points = scaled(&geometry, scale, file)?;
-    drop(geometry);
+fn cloud_of(geometry: &Geometry, scale: f64, radius: f64, file: &str) -> Result<Cloud, SceneError> {
+    let points = scaled(geometry, scale, file)?;
     if points.is_empty() {
         return Err(SceneError::Empty { file: file.to_owned(), what: "points" });
     }
     Ok(Cloud::new(points, radius))
 }
 
-fn mesh_of(geometry: Geometry, scale: f64, solid: bool, file: &str) -> Result<Mesh, SceneError> {
-    let points = scaled(&geometry, scale, file)?;
+fn mesh_of(geometry: &Geometry, scale: f64, solid: bool, file: &str) -> Result<Mesh, SceneError> {
+    let points = scaled(geometry, scale, file)?;
     let corner = |index: u32| points.get(index as usize).copied().unwrap_or_default();
     let triangles: Vec<Triangle> = geometry.triangles.iter().map(|face| Triangle(face.map(corner))).collect();
     if triangles.is_empty() {

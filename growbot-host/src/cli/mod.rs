@@ -100,7 +100,7 @@ enum Command {
     Schema(schema::SchemaArgs),
     NewRobot(new_robot::NewRobotArgs),
     Rmin(rmin::RminArgs),
-    Plan(plan::PlanArgs),
+    Plan(Box<plan::PlanArgs>),
     Layers(layers::LayersArgs),
     View(view::ViewArgs),
     Workspace(workspace::WorkspaceArgs),

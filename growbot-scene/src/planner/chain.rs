@@ -57,12 +57,12 @@ impl Problem<'_> {
                 cut(&mut way, tolerance);
                 Some(way)
             }
-            Goal::Pose(_) => self.to_goal(tip).into_iter().next(),
+            Goal::Pose(_) => self.ways_to_goal(tip).into_iter().next(),
         }
     }
 
     /// All ways from a tip to the goal that have one piece each of the shortest path's, shortest first.
-    pub(super) fn to_goal(&self, tip: &Tip) -> Vec<Vec<Stretch>> {
+    pub(super) fn ways_to_goal(&self, tip: &Tip) -> Vec<Vec<Stretch>> {
         let Goal::Pose(goal) = self.goal else { return self.shortest_to_goal(tip).into_iter().collect() };
         let base_from_tip = frame(tip);
         let tip_from_base = base_from_tip.rotation.inverse();

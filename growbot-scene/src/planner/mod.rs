@@ -152,7 +152,7 @@ pub fn search(problem: &Problem, budget: &Budget, report: &mut dyn FnMut(&Chain)
         return Outcome::Impossible(why);
     }
     let mut meter = Meter::new(budget.work, budget.deadline);
-    for stretches in problem.to_goal(&problem.start) {
+    for stretches in problem.ways_to_goal(&problem.start) {
         let direct = Chain { via: Vec::new(), length: length(&stretches), stretches };
         if direct.length <= problem.length_max && clear(problem, &direct, &mut meter.work) {
             report(&direct);

@@ -131,7 +131,7 @@ impl Tree {
     /// The body over this node to the goal, if it is clear.
     fn connect(&self, problem: &Problem, index: usize, below: f64, meter: &mut Meter) -> Option<Chain> {
         let node = self.nodes.get(index)?;
-        for way in problem.to_goal(&node.tip) {
+        for way in problem.ways_to_goal(&node.tip) {
             let is_clear = |part: &Stretch| is_clear(problem.scene, part, &problem.need, &mut meter.work);
             if node.gone + length(&way) < below && way.iter().all(is_clear) {
                 let found = self.chain(index, way);
