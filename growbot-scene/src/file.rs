@@ -1,6 +1,7 @@
 //! Scene files: `growbot-scene/1`, TOML. Lengths are in mm.
 
 use std::path::Path;
+use std::thread;
 
 use growbot_core::angle::radians;
 use nalgebra::{Rotation3, Vector3};
@@ -410,11 +411,15 @@ fn mesh_of(geometry: &Geometry, scale: f64, solid: bool, file: &str) -> Result<M
     if triangles.is_empty() {
         return Err(SceneError::Empty { file: file.to_owned(), what: "faces" });
     }
-    if solid {
-        let open = read::open_edges(&points, &geometry.triangles);
-        if open > 0 {
-            return Err(SceneError::OpenMesh { file: file.to_owned(), open });
-        }
+    // The check takes as long as the tree: both at a time.
+    let (open, mesh) = thread::scope(|scope| {
+        let open = scope.spawn(|| if solid { read::open_edges(&points, &geometry.triangles) } else { 0 });
+        let mesh = Mesh::new(triangles, solid);
+        // A thread that panicked has checked nothing.
+        (open.join().unwrap_or(usize::MAX), mesh)
+    });
+    if open > 0 {
+        return Err(SceneError::OpenMesh { file: file.to_owned(), open });
     }
-    Ok(Mesh::new(triangles, solid))
+    Ok(mesh)
 }
