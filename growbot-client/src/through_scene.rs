@@ -274,3 +274,120 @@ fn arrival(goal: &Goal, path: &[Segment], base_from_start: &Frame) -> Pose {
         Goal::Position(position) => Pose::from_frame(&path::end(path, base_from_start)).at(position),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plan_file::{self, PlanFile, PlanFileError};
+    use crate::pose_text::parse_pose;
+    use crate::robot_file;
+    use growbot_core::pose::Position;
+    use std::fs;
+
+    const SCENE: &str = "format = \"growbot-scene/1\"\nmargin_mm = 5\n[[ball]]\ncenter_mm = [0, 0, 300]\n\
+                         radius_mm = 60\n[[capsule]]\nfrom_mm = [-500, 100, 500]\nto_mm = [500, 100, 500]\n\
+                         radius_mm = 20\n";
+
+    struct Asked {
+        directory: tempfile::TempDir,
+        robot: Robot,
+        start: Pose,
+        search: Search,
+    }
+
+    impl Asked {
+        fn new() -> Self {
+            let directory = tempfile::tempdir().unwrap();
+            fs::write(directory.path().join("scene.toml"), SCENE).unwrap();
+            Self {
+                directory,
+                robot: robot_file::load(robot_file::DEFAULT.as_ref()).unwrap(),
+                start: parse_pose("0,0,0,0,90").unwrap(),
+                search: Search { radius: 100.0, planner: Planner::Shortest, clear_of_self: true },
+            }
+        }
+
+        fn scene(&self) -> String {
+            self.directory.path().join("scene.toml").display().to_string()
+        }
+
+        fn plan(&self, goals: &[Goal]) -> Result<Plan, ThroughError> {
+            let (file, loaded) = (self.scene(), load(self.scene().as_ref()).unwrap());
+            let through = Through { file: &file, loaded: &loaded, effort: 1, deadline: None };
+            plan(&self.robot, &self.start, goals, &self.search, &through)
+        }
+    }
+
+    fn pose(text: &str) -> Goal {
+        Goal::Pose(parse_pose(text).unwrap())
+    }
+
+    fn position(x: f64, y: f64, z: f64) -> Goal {
+        Goal::Position(Position::new(nalgebra::Vector3::new(x, y, z)).unwrap())
+    }
+
+    #[test]
+    fn plans_keep_off_what_is_in_the_scene_and_read_back() {
+        let asked = Asked::new();
+        let chains = [
+            vec![position(0.0, 0.0, 800.0)],
+            vec![pose("0,100,700,0,90")],
+            vec![pose("200,0,300,0,90"), position(0.0, 0.0, 800.0)],
+            vec![position(0.0, 200.0, 300.0), pose("0,0,900,0,45")],
+        ];
+        for goals in chains {
+            let plan = asked.plan(&goals).unwrap();
+            let scene = plan.scene.clone().unwrap();
+            assert!(scene.clearance >= 5.0, "{scene:?}");
+            assert!(plan.warnings.iter().all(|warning| warning.code != crate::warning::SELF_COLLISION));
+            let text = PlanFile::from(&plan).to_text();
+            let (_, read) = plan_file::read(&text, "plan.json", None).unwrap();
+            assert_eq!(read.scene.as_ref().map(|scene| scene.hash), Some(scene.hash));
+            assert!((read.needs.length - plan.needs.length).abs() < 1e-6);
+            // Proven again: a plan that promises more is refused.
+            let promises = PlanFile {
+                scene: Some(WrittenScene {
+                    file: scene.file.clone(),
+                    hash: written_hash(scene.hash),
+                    clearance_mm: scene.clearance + 0.01,
+                }),
+                ..PlanFile::from(&plan)
+            };
+            let refused = plan_file::read(&promises.to_text(), "plan.json", None);
+            assert!(matches!(refused, Err(PlanFileError::Scene(UnclearError::Nearer { .. }))));
+        }
+    }
+
+    #[test]
+    fn a_plan_whose_scene_has_changed_or_is_gone_is_refused() {
+        let asked = Asked::new();
+        let text = PlanFile::from(&asked.plan(&[position(0.0, 0.0, 800.0)]).unwrap()).to_text();
+        fs::write(asked.scene(), SCENE.replace("= 60", "= 61")).unwrap();
+        let refused = plan_file::read(&text, "plan.json", None);
+        assert!(matches!(refused, Err(PlanFileError::Scene(UnclearError::OtherScene { .. }))));
+        fs::remove_file(asked.scene()).unwrap();
+        let refused = plan_file::read(&text, "plan.json", None);
+        assert!(matches!(refused, Err(PlanFileError::Scene(UnclearError::Scene(_)))));
+    }
+
+    #[test]
+    fn what_cannot_be_reached_is_told_why() {
+        let asked = Asked::new();
+        let refused = |goal| match asked.plan(&[goal]) {
+            Err(ThroughError::NoPath(no_path)) => no_path,
+            other => panic!("{other:?}"),
+        };
+        assert!(matches!(refused(position(0.0, 0.0, 310.0)), NoPath::Goal { .. }));
+        assert_eq!(refused(position(0.0, 0.0, 310.0)).code(), "none-at-resolution");
+        assert_eq!(NoPath::NotFound.code(), "not-found-in-time");
+        let box_round_the_goal = (0..6).map(|side| {
+            let mut centre = [0.0, 0.0, 2000.0];
+            centre[side / 2] += if side % 2 == 0 { 100.0 } else { -100.0 };
+            let mut size = [210.0; 3];
+            size[side / 2] = 10.0;
+            format!("[[box]]\ncenter_mm = {centre:?}\nsize_mm = {size:?}\n")
+        });
+        fs::write(asked.scene(), SCENE.to_owned() + &box_round_the_goal.collect::<String>()).unwrap();
+        assert!(matches!(refused(position(0.0, 0.0, 2000.0)), NoPath::Separated { .. }));
+    }
+}
