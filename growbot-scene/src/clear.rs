@@ -39,8 +39,12 @@ pub fn is_clear_between(scene: &Scene, stretch: &impl Curve, between: [f64; 2], 
         let middle = from + half;
         work.0 += 1;
         let reach = stretch.reach(half);
-        let spare =
-            scene.distance_within(&stretch.point(middle), need.distance + reach.max(need.slack)) - need.distance;
+        let enough = need.distance + reach.max(need.slack);
+        let distance = scene.distance_within(&stretch.point(middle), enough);
+        if distance >= enough {
+            continue;
+        }
+        let spare = distance - need.distance;
         if spare < need.slack && spare < reach {
             return false;
         }
