@@ -3,6 +3,7 @@
 use std::path::Path;
 use std::time::Instant;
 
+use growbot_core::number::Short;
 use growbot_core::path::{self, Segment};
 use growbot_core::plan::{PlanError, Planner};
 use growbot_core::pose::{Frame, Pose};
@@ -45,8 +46,8 @@ pub struct Through<'a> {
 pub enum NoPath {
     /// The start is too near to an obstacle.
     #[error(
-        "the start is {distance} mm from an obstacle, and the centreline needs {need} mm, which is half the tube and \
-         the margin: start elsewhere, or lower margin_mm"
+        "the start is {}, and the centreline needs {} mm, which is half the tube and the margin: start elsewhere, or \
+         lower margin_mm", place(.distance), Short(.need)
     )]
     Start {
         /// Distance of the start, mm.
@@ -56,8 +57,8 @@ pub enum NoPath {
     },
     /// The goal is too near to an obstacle.
     #[error(
-        "the goal is {distance} mm from an obstacle, and the centreline needs {need} mm, which is half the tube and \
-         the margin: choose another goal, or lower margin_mm"
+        "the goal is {}, and the centreline needs {} mm, which is half the tube and the margin: choose another goal, \
+         or lower margin_mm", place(.distance), Short(.need)
     )]
     Goal {
         /// Distance of the goal, mm.
@@ -67,8 +68,8 @@ pub enum NoPath {
     },
     /// There is no way between start and goal that is wide enough.
     #[error(
-        "no body gets there, however it bends: every way between start and goal is narrower than the {need} mm that \
-         the centreline needs on each side; open the scene, or lower margin_mm"
+        "no body gets there, however it bends: every way between start and goal is narrower than the {} mm that \
+         the centreline needs on each side; open the scene, or lower margin_mm", Short(.need)
     )]
     Separated {
         /// What is needed, mm.
@@ -76,8 +77,8 @@ pub enum NoPath {
     },
     /// None was found at a resolution.
     #[error(
-        "there is no path at this resolution: arcs and lines of {step} mm in {rolls} directions, cells of {cell} mm; \
-         give a smaller --radius, or another goal"
+        "there is no path at this resolution: arcs and lines of {} mm in {rolls} directions, cells of {} mm; give a \
+         smaller --radius, or another goal", Short(.step), Short(.cell)
     )]
     AtResolution {
         /// Length of an arc or line, mm.
@@ -92,6 +93,14 @@ pub enum NoPath {
         "no path was found with this effort and in this time, and there may be one: raise --effort or --time-limit"
     )]
     NotFound,
+}
+
+/// Where a point is that is this far from the nearest obstacle, in words.
+fn place(distance: &f64) -> String {
+    if *distance < 0.0 {
+        return format!("inside an obstacle, {} mm deep", Short(&-distance));
+    }
+    format!("{} mm from an obstacle", Short(distance))
 }
 
 impl NoPath {
