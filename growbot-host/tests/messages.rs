@@ -114,7 +114,7 @@ fn what_is_said_of_a_simulated_robot_says_so_in_every_command_that_has_a_port() 
             "grow" => &[&[&plan], &[&plan, "--json"]],
             "resume" => &[&[&plan, "--yes"]],
             "tune" | "status" => &[&[], &["--json"]],
-            "maintain" => &[&["home"]],
+            "maintain" => &[&["preheat", "200"], &["cooldown"]],
             _ => &[&[]],
         };
         for args in uses {
@@ -126,7 +126,7 @@ fn what_is_said_of_a_simulated_robot_says_so_in_every_command_that_has_a_port() 
         }
     }
     assert!(with_port.len() >= 8, "{with_port:?}");
-    for args in [&[][..], &["grow", &plan], &["console"]] {
+    for args in [&[][..], &["grow", &plan], &["console"], &["simulate", &plan], &["simulate", &plan, "--repeat", "3"]] {
         let ran = growbot_reading(args, "status\n");
         assert!(ran.out.contains("simulated"), "{args:?}: {}", ran.out);
     }

@@ -60,7 +60,7 @@ fn without_noise_every_robot_arrives_to_the_last_digits() {
 fn a_growth_is_a_table_or_a_line_with_the_seed() {
     let ran = growbot(&with(&GOAL, &["--noise", "10", "--seed", "42"]));
     assert_eq!((ran.code, ran.err.as_str()), (Some(0), ""));
-    assert!(ran.out.contains("final") && ran.out.contains("\nseed      42\n"), "{}", ran.out);
+    assert!(ran.out.contains("final") && ran.out.contains("\nseed      42, of a simulated growth\n"), "{}", ran.out);
     assert!(ran.out.lines().all(|line| line.chars().count() <= 80), "{}", ran.out);
 
     let found = json(&GOAL, &["--noise", "10", "--seed", "42"]);
@@ -197,7 +197,11 @@ fn repetitions_do_not_depend_on_the_threads() {
 fn repetitions_are_summed_up() {
     let ran = growbot(&with(&GOAL, &["--noise", "10", "--repeat", "100"]));
     assert_eq!((ran.code, ran.err.as_str()), (Some(0), ""));
-    assert!(ran.out.starts_with("100 growths of growbot-a, 833 layers, 643.6 mm, seeds 1 to 100\n"), "{}", ran.out);
+    assert!(
+        ran.out.starts_with("100 simulated growths of growbot-a, 833 layers, 643.6 mm, seeds 1 to 100\n"),
+        "{}",
+        ran.out
+    );
     assert!(ran.out.lines().all(|line| line.chars().count() <= 80), "{}", ran.out);
 
     let all = json(&GOAL, &["--noise", "10", "--repeat", "100", "--seed", "3"]);

@@ -6,7 +6,6 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 use growbot_client::files::format_of;
 use growbot_client::input::{is_standard_input, name_of};
-use growbot_client::pose_text::parse_number;
 use growbot_host::drawing::colours::Palette;
 use growbot_host::drawing::pdf::pdf;
 use growbot_host::drawing::png::png;
@@ -17,6 +16,7 @@ use growbot_host::view::{Subject, page, picture, plot};
 
 use super::Failure;
 use super::subject::Subject as Opened;
+use super::units::mm;
 
 /// Look at a plan, or at the log of a growth: a page, a picture, or plots
 ///
@@ -135,7 +135,7 @@ impl From<PaletteName> for Palette {
 
 /// Two heights, mm.
 fn range(text: &str) -> Result<[f64; 2], String> {
-    let numbers: Vec<Option<f64>> = text.split(',').map(parse_number).collect();
+    let numbers: Vec<Option<f64>> = text.split(',').map(|length| mm(length).ok()).collect();
     match numbers[..] {
         [Some(min), Some(max)] if min < max && (max - min).is_finite() => Ok([min, max]),
         [Some(min), Some(max)] => {

@@ -5,6 +5,7 @@ use growbot_core::layer_bytes::{LayerBytes, decode};
 
 use crate::drawing::canvas::Canvas;
 use crate::drawing::colours::{Palette, hex, mixed};
+use crate::figures::fixed;
 
 /// The scale ends at these percentiles of the heights, unless it is told where: outliers do not stretch it.
 pub const PERCENTILES: [f64; 2] = [1.0, 99.0];
@@ -95,7 +96,7 @@ impl HeightScale {
         let signs = [if beyond[0] { "&lt; " } else { "" }, "", if beyond[1] { "&gt; " } else { "" }];
         for ((share, class), sign) in [(0.0, "note"), (0.5, "note mid"), (1.0, "note end")].into_iter().zip(signs) {
             let height = min + share * (max - min);
-            canvas.text(left + share * LEGEND, y + 26.0, class, format_args!("{sign}{height:.2}"));
+            canvas.text(left + share * LEGEND, y + 26.0, class, format_args!("{sign}{}", fixed(height, 2)));
         }
     }
 }

@@ -4,7 +4,7 @@ use growbot_client::client::{Client, ClientError};
 use growbot_client::maintenance::{Presets, in_words};
 use growbot_core::layer_bytes::decode;
 use growbot_core::link::message::{
-    Accepted, Empty, Message, PlanRequest, ReadLayers, Resume, Silence, Start, State, StoredLayers,
+    Accepted, Empty, Message, PlanRequest, ReadLayers, Refusal, Resume, Silence, Start, State, StoredLayers,
 };
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
@@ -77,7 +77,12 @@ pub fn maintain(
         return Err(Failure::answered_no(format!("there is no command {word:?} of maintenance")));
     };
     let task = task.map_err(Failure::answered_no)?;
-    client.maintain(task)?;
+    client.maintain(task).map_err(|error| match error {
+        ClientError::Refused { refusal: Refusal::WrongState { state: State::Idle }, .. } => {
+            Failure::answered_no(format!("{error}: motors turn when the nozzle is hot; `preheat` first"))
+        }
+        error => error.into(),
+    })?;
     Ok(format!("{}\n", in_words(task)))
 }
 

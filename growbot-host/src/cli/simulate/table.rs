@@ -31,7 +31,7 @@ pub fn growth(goal: &Pose, outcome: &Outcome, disturbances: &WrittenDisturbances
     table += &format!("body      {} layers, {:.1} mm\n", grown.layers, grown.length);
     table += &hung.as_ref().map(hangs).unwrap_or_default();
     table += &disturbances.in_words();
-    table + &format!("seed      {seed}\n")
+    table + &format!("seed      {seed}, of a simulated growth\n")
 }
 
 fn hangs(hung: &Hung) -> String {
@@ -47,7 +47,7 @@ pub fn campaign(campaign: &Campaign, robot: &str, simulation: &Simulation, seed:
     let path_length = simulation.path_length();
     let last = seed.wrapping_add(campaign.runs - 1);
     let mut table = format!(
-        "{} growths of {robot}, {:.0} layers, {path_length:.1} mm, seeds {seed} to {last}\n{}\n",
+        "{} simulated growths of {robot}, {:.0} layers, {path_length:.1} mm, seeds {seed} to {last}\n{}\n",
         campaign.runs,
         campaign.layers.mean(),
         WrittenDisturbances::of(simulation, seed).in_words()
