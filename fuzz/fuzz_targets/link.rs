@@ -45,8 +45,10 @@ fuzz_target!(|bytes: &[u8]| {
             0x40..0x80 => sim.send(piece).expect("a simulated line does not break"),
             _ => sim.pass(Duration::from_millis(u64::from(*length))),
         }
-        let rests =
-            !matches!(sim.state(), State::Heating | State::Homing | State::Growing | State::Paused | State::Tuning | State::Maintenance);
+        let rests = !matches!(
+            sim.state(),
+            State::Heating | State::Homing | State::Growing | State::Paused | State::Tuning | State::Maintenance
+        );
         let heats = sim.simulated_tip().heater_is_on();
         assert!(!(rests && heats), "the heater is on in {:?}", sim.state());
     }
