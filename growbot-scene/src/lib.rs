@@ -1,6 +1,6 @@
 //! Scenes of obstacles, the certified clearance of a growing body in them, and paths through them.
 //!
-//! - [`file`]: scene files, with meshes and clouds in files of their own ([`read`]);
+//! - [`mod@file`]: scene files, with meshes and clouds in files of their own ([`read`]);
 //! - [`scene`]: how far a point is from the obstacles, which are [`shapes`] in [`tree`]s;
 //! - [`motion`]: centrelines of arcs and lines; [`clear`]: proof that one keeps off the obstacles; [`body`]: the same
 //!   for a plan's path;

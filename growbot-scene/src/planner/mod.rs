@@ -1,9 +1,9 @@
 //! Paths through a scene.
 //!
 //! First the shortest unobstructed ways are tried, in order of length. Then bodies are drawn at random, and trees of
-//! arcs and lines are grown at finer and finer resolutions ([`tree`]), each tip of them connected to the goal by
-//! growbot's own shortest paths. What is found is shortened while it stays clear ([`improve`]), and shorter ones are
-//! searched for beside it. Where nothing is found for long, start and goal may be separated ([`flood`]), which is then
+//! arcs and lines are grown at finer and finer resolutions (`tree.rs`), each tip of them connected to the goal by
+//! growbot's own shortest paths. What is found is shortened while it stays clear (`improve.rs`), and shorter ones are
+//! searched for beside it. Where nothing is found for long, start and goal may be separated (`flood.rs`), which is then
 //! proven.
 //!
 //! Everything is counted in distances looked up, so that a search that is bounded by them gives the same result on
