@@ -55,6 +55,8 @@ pub enum Right {
     AtNextStart(&'static [Fault]),
     /// It does no harm on its own, and the growth continues to its end.
     Continues,
+    /// The growth stays in its pause, in which the nozzle is held at standby.
+    StaysPaused,
 }
 
 /// A fault and when it comes.
@@ -122,6 +124,8 @@ impl Case {
             // Before the first layer it is a fault. From then on the robot would finish its layer and wait for a spool,
             // but this filament stands at once.
             T::FilamentOut if cold => &[F::FilamentOut],
+            // A pause is where filament is changed.
+            T::FilamentOut if matches!(self.onset, Onset::Pause | Onset::Cooling) => return Right::StaysPaused,
             T::FilamentOut => &[F::FilamentOut, F::FilamentJam],
             T::FilamentJam => &[F::FilamentJam],
             T::DriverFault => &[F::DriverFault],

@@ -45,11 +45,12 @@ impl Seen {
             }
             Right::EmergencyStop => self.state == State::EmergencyStop,
             Right::Continues => self.state == State::Done,
+            Right::StaysPaused => self.state == State::Paused,
         };
         if !as_it_should {
             return Some(format!("ended {:?} with {:?}, right is {:?}", self.state, self.fault, case.right()));
         }
-        if !self.off {
+        if !self.off && case.right() != Right::StaysPaused {
             return Some("something was still on".to_string());
         }
         (self.peak_c > limit).then(|| format!("the nozzle reached {:.1} C, the limit is {limit} C", self.peak_c))
