@@ -29,8 +29,8 @@ const AROUND: f64 = 24.0 + 30.0 * CYCLES;
 const SHARE: f64 = 0.5;
 /// The tick rate that must be possible, Hz: 10,000 steps a second on each axis, since a step takes two ticks.
 const TICK_HZ: f64 = 20_000.0;
-/// Max instructions of an idle tick.
-const IDLE: u32 = 80;
+/// Max instructions of an idle tick: 80 until the head could be turned between jobs, which takes one more.
+const IDLE: u32 = 84;
 
 /// Max instructions from the last byte of an emergency stop to heater and drivers off, a step tick that goes before it
 /// included.
