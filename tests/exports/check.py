@@ -380,8 +380,10 @@ def check_refusals(directory):
         [plan, "-o", kept, "--segments", "1"],
     ):
         said = growbot("export", *args, code=2).stderr
-        usage = "--segments" in args
-        demand(usage or said.count("\n") == 1, f"more than one line for {args}: {said}")
+        first, *rest = said.splitlines()
+        demand(first.startswith("error: "), f"no error for {args}: {said}")
+        one = all(not line.strip() or line.startswith("    ") for line in rest)
+        demand(one or "--segments" in args, f"more than one message for {args}: {said}")
     demand(sorted(directory.iterdir()) == before and kept.read_text() == "kept", "something was left of what was refused")
 
 
