@@ -10,7 +10,7 @@ use nalgebra::Vector3;
 use super::{Line, Search, any_perpendicular};
 
 /// Goals beyond this, radii, have four paths, and the direction of each line hardly depends on its arcs.
-const FAR: f64 = 100.0;
+pub(super) const FAR: f64 = 100.0;
 /// Paths that a far goal has.
 const PATHS: usize = 4;
 /// Max rounds. Each comes nearer by a factor of about the distance.

@@ -79,6 +79,9 @@ impl Problem {
             }
             let step = self.newton_step(&chain, &lack, line)?;
             path = changed(path, &step);
+            if line == LineIs::LeftOut {
+                path.straight = 0.0;
+            }
         }
         None
     }

@@ -4,9 +4,17 @@ use core::f64::consts::{PI, TAU};
 
 use nalgebra::{Matrix3, Vector3};
 
+use super::far::FAR;
 use super::{Csc, NEARLY, Search, cosine, in_tip};
-use crate::shortest::{Problem, any_perpendicular, axes_after};
+use crate::shortest::{ARRIVED, Problem, any_perpendicular, axes_after};
 use crate::trigonometry;
+
+/// Max error at the goal, radii and radians, of a single arc that nearly leads there.
+const SHORT: f64 = 4e-3;
+/// Max cosine of half the angle between the planes of two half turns.
+const APART: f64 = 0.999_98;
+/// Max angle between half a turn and the arc beside a line that is longer than [`FAR`], radians.
+const LITTLE: f64 = 0.02;
 
 impl Search<'_> {
     /// If the lines through start and goal cross, or nearly cross, the plane of the last arc is undetermined: the
@@ -49,6 +57,7 @@ impl Search<'_> {
     #[inline(never)]
     pub(super) fn special_lines(&mut self) {
         self.one_arc();
+        self.almost_one_arc();
         self.half_turns();
         self.two_half_turns();
     }
@@ -77,6 +86,35 @@ impl Search<'_> {
         }
     }
 
+    /// One arc nearly leads to the goal: the line is short, and the other arc is short too, or nearly a whole turn.
+    ///
+    /// What the other arc turns in the plane of the long one the long one makes up for, to first order: so that much is
+    /// tried in steps, and Newton's method finds the rest.
+    #[inline(never)]
+    fn almost_one_arc(&mut self) {
+        let Problem { goal, direction, .. } = *self.problem;
+        let (squared, across) = (goal.norm_squared(), trigonometry::hypot(goal.x, goal.y));
+        let off = (squared - 2.0 * across).abs();
+        if across < SHORT || off > SHORT {
+            return;
+        }
+        // The arc through the goal turns by twice the angle of the chord.
+        let off = off + (goal * (2.0 * goal.z / squared) - Vector3::z() - direction).norm();
+        if !(ARRIVED..SHORT).contains(&off) {
+            return;
+        }
+        let (towards, angle) = (libm::atan2(goal.y, goal.x), 2.0 * libm::atan2(across, goal.z));
+        for short in [0.0, 0.25, -0.25, 1.0, -1.0, 4.0, -4.0].map(|share| share * off) {
+            for (other, same_way) in [(short.abs(), short >= 0.0), (TAU - short.abs(), short < 0.0)] {
+                let other_towards = if same_way { towards } else { towards + PI };
+                let [long, other] = [(towards, angle - short), (other_towards, other)];
+                for [(first_towards, first), (last_towards, last)] in [[other, long], [long, other]] {
+                    self.keep(Csc { first_towards, first, straight: 0.0, last_towards, last });
+                }
+            }
+        }
+    }
+
     /// One of the two arcs is half a turn.
     fn half_turns(&mut self) {
         let Problem { goal, direction, .. } = *self.problem;
@@ -84,21 +122,20 @@ impl Search<'_> {
         for arc in arcs_between(&-start, &direction) {
             // Half a turn first. The rest of the path determines its plane.
             let rest = goal - arc.offset;
-            if (trigonometry::hypot(rest.x, rest.y) - 2.0).abs() < NEARLY {
-                let first_towards = libm::atan2(rest.y, rest.x);
-                let last_towards = in_tip(&axes_after(first_towards, PI), &arc.towards);
-                self.keep(Csc { first_towards, first: PI, straight: -rest.z, last_towards, last: arc.angle });
+            for half in about_half_turns(Vector3::new(rest.x, rest.y, 0.0), -rest.z) {
+                let first_towards = libm::atan2(half.towards.y, half.towards.x);
+                let last_towards = in_tip(&axes_after(first_towards, half.angle), &arc.towards);
+                self.keep(Csc { first_towards, first: half.angle, straight: -rest.z, last_towards, last: arc.angle });
             }
         }
         for arc in arcs_between(&start, &-direction) {
             // Half a turn last.
             let rest = goal - arc.offset;
             let straight = -rest.dot(&direction);
-            let towards = rest + direction * straight;
-            if (towards.norm() - 2.0).abs() < NEARLY {
+            for half in about_half_turns(rest + direction * straight, straight) {
                 let first_towards = in_tip(&Matrix3::identity(), &arc.towards);
-                let last_towards = in_tip(&axes_after(first_towards, arc.angle), &towards);
-                self.keep(Csc { first_towards, first: arc.angle, straight, last_towards, last: PI });
+                let last_towards = in_tip(&axes_after(first_towards, arc.angle), &half.towards);
+                self.keep(Csc { first_towards, first: arc.angle, straight, last_towards, last: half.angle });
             }
         }
     }
@@ -107,8 +144,10 @@ impl Search<'_> {
     fn two_half_turns(&mut self) {
         let Problem { goal, direction, .. } = *self.problem;
         let across = 0.25 * trigonometry::hypot(goal.x, goal.y);
-        if across <= 1.0 && direction.z > 1.0 - NEARLY {
-            let (middle, half_angle) = (libm::atan2(goal.y, goal.x), trigonometry::acos(across));
+        if across <= 1.0 + NEARLY && direction.z > 1.0 - NEARLY {
+            // From one plane Newton's method would not leave it.
+            let half_angle = trigonometry::acos(across.min(APART));
+            let middle = libm::atan2(goal.y, goal.x);
             for half_angle in [half_angle, -half_angle] {
                 let axes = axes_after(middle + half_angle, PI);
                 let (sin, cos) = trigonometry::sin_cos(middle - half_angle);
@@ -123,6 +162,24 @@ impl Search<'_> {
             }
         }
     }
+}
+
+/// An arc of about half a turn: its angle, and where it bends.
+struct HalfTurn {
+    angle: f64,
+    towards: Vector3<f64>,
+}
+
+/// Arcs of about half a turn that lead across by as much as this before or behind a line of this length. A long line
+/// goes across too, in the same direction as the arc or in the other.
+fn about_half_turns(across: Vector3<f64>, straight: f64) -> impl Iterator<Item = HalfTurn> {
+    let size = across.norm();
+    [across, -across].into_iter().zip([size, -size]).filter_map(move |(towards, size)| {
+        let off = size - 2.0;
+        let is_far = straight > FAR && off.abs() < LITTLE * straight;
+        let angle = if is_far { PI - off / straight } else { PI };
+        (is_far || off.abs() < NEARLY).then_some(HalfTurn { angle, towards })
+    })
 }
 
 /// An arc from one direction to another.
