@@ -67,21 +67,21 @@ impl Search<'_> {
         let Problem { goal, direction, .. } = *self.problem;
         for arc in arcs_between(&Vector3::z(), &direction) {
             let rest = goal - arc.offset;
-            let towards = in_tip(&Matrix3::identity(), &arc.towards);
+            let towards = || in_tip(&Matrix3::identity(), &arc.towards);
             // Straight on from the start.
             if trigonometry::hypot(rest.x, rest.y) < NEARLY {
                 self.keep(Csc {
                     first_towards: 0.0,
                     first: 0.0,
                     straight: rest.z,
-                    last_towards: towards,
-                    last: arc.angle,
+                    last_towards: towards(),
+                    last: arc.angle(),
                 });
             }
             // Straight into the goal.
             let straight = rest.dot(&direction);
             if (rest - direction * straight).norm() < NEARLY {
-                self.keep(Csc { first_towards: towards, first: arc.angle, straight, last_towards: 0.0, last: 0.0 });
+                self.keep(Csc { first_towards: towards(), first: arc.angle(), straight, last_towards: 0.0, last: 0.0 });
             }
         }
     }
@@ -125,7 +125,7 @@ impl Search<'_> {
             for half in about_half_turns(Vector3::new(rest.x, rest.y, 0.0), -rest.z) {
                 let first_towards = libm::atan2(half.towards.y, half.towards.x);
                 let last_towards = in_tip(&axes_after(first_towards, half.angle), &arc.towards);
-                self.keep(Csc { first_towards, first: half.angle, straight: -rest.z, last_towards, last: arc.angle });
+                self.keep(Csc { first_towards, first: half.angle, straight: -rest.z, last_towards, last: arc.angle() });
             }
         }
         for arc in arcs_between(&start, &-direction) {
@@ -134,8 +134,8 @@ impl Search<'_> {
             let straight = -rest.dot(&direction);
             for half in about_half_turns(rest + direction * straight, straight) {
                 let first_towards = in_tip(&Matrix3::identity(), &arc.towards);
-                let last_towards = in_tip(&axes_after(first_towards, arc.angle), &half.towards);
-                self.keep(Csc { first_towards, first: arc.angle, straight, last_towards, last: half.angle });
+                let last_towards = in_tip(&axes_after(first_towards, arc.angle()), &half.towards);
+                self.keep(Csc { first_towards, first: arc.angle(), straight, last_towards, last: half.angle });
             }
         }
     }
@@ -184,9 +184,19 @@ fn about_half_turns(across: Vector3<f64>, straight: f64) -> impl Iterator<Item =
 
 /// An arc from one direction to another.
 struct ArcBetween {
-    angle: f64,
+    /// Of the angle of the short way.
+    sin: f64,
+    cos: f64,
+    is_long: bool,
     offset: Vector3<f64>,
     towards: Vector3<f64>,
+}
+
+impl ArcBetween {
+    fn angle(&self) -> f64 {
+        let short = libm::atan2(self.sin, self.cos);
+        if self.is_long { TAU - short } else { short }
+    }
 }
 
 /// The two arcs from one direction to another: the short and the long way. Any plane is used if none is determined.
@@ -195,8 +205,7 @@ fn arcs_between(from: &Vector3<f64>, to: &Vector3<f64>) -> [ArcBetween; 2] {
     let across = to - from * cos;
     let sin = across.norm();
     let towards = if sin > 1e-14 { across / sin } else { any_perpendicular(from) };
-    let angle = libm::atan2(sin, cos);
-    let short = ArcBetween { angle, offset: from * sin + towards * (1.0 - cos), towards };
-    let long = ArcBetween { angle: TAU - angle, offset: -short.offset, towards: -towards };
+    let short = ArcBetween { sin, cos, is_long: false, offset: from * sin + towards * (1.0 - cos), towards };
+    let long = ArcBetween { is_long: true, offset: -short.offset, towards: -towards, ..short };
     [short, long]
 }
