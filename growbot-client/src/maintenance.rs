@@ -5,7 +5,8 @@ use std::path::Path;
 
 use growbot_core::link::message::Task;
 use growbot_core::robot::Robot;
-use serde::Deserialize;
+use serde::de::Error;
+use serde::{Deserialize, Deserializer};
 
 use crate::pose_text::parse_number;
 use crate::robot_file::{self, RobotFileError};
@@ -13,16 +14,33 @@ use crate::suggest::did_you_mean;
 
 /// What a material needs: a table `[materials.NAME]` of a robot file.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields, default)]
 pub struct Preset {
     /// Temperature of the nozzle, C; `heater.target_c` where it is left out.
     pub nozzle_c: Option<f64>,
     /// Filament that is pushed in to load it, mm.
+    #[serde(deserialize_with = "length")]
+    #[cfg_attr(feature = "schema", schemars(range(min = 0)))]
     pub load_mm: f64,
     /// Filament that is pulled out to unload it, mm.
+    #[serde(deserialize_with = "length")]
+    #[cfg_attr(feature = "schema", schemars(range(min = 0)))]
     pub unload_mm: f64,
     /// Filament that is pushed through to purge the nozzle, mm.
+    #[serde(deserialize_with = "length")]
+    #[cfg_attr(feature = "schema", schemars(range(min = 0)))]
     pub purge_mm: f64,
+}
+
+/// A length of filament: which way it goes, the task says.
+fn length<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
+    let mm = f64::deserialize(from)?;
+    if mm.is_finite() && mm >= 0.0 {
+        Ok(mm)
+    } else {
+        Err(D::Error::custom(format!("{mm} mm is no length: give 0 or more")))
+    }
 }
 
 impl Default for Preset {
@@ -77,6 +95,7 @@ impl Presets {
         let rest = rest.trim();
         let alone =
             |task| if rest.is_empty() { Ok(task) } else { Err(format!("`{word}` takes nothing: leave {rest:?} away")) };
+        let parse_number = |text: &str| parse_number(text).filter(|number| number.is_finite());
         let number = || parse_number(rest).ok_or_else(|| format!("{rest:?} is no number: give one, as `{word} 10`"));
         let feed = |mm: f64| Task::Feed { um: (mm * 1000.0).round() as i32 };
         let of_preset = |of: fn(&Preset) -> f64| match (rest, parse_number(rest)) {
@@ -100,7 +119,7 @@ impl Presets {
 
     fn temperature(&self, text: &str, robot: &Robot) -> Result<Task, String> {
         let growth = robot.description().heater.target_c;
-        let celsius = match (text, parse_number(text)) {
+        let celsius = match (text, parse_number(text).filter(|celsius| celsius.is_finite())) {
             ("", _) => growth,
             (_, Some(celsius)) => celsius,
             (name, None) => self.find(name)?.nozzle_c.unwrap_or(growth),
@@ -125,7 +144,7 @@ pub fn request_name(task: Task) -> &'static str {
 pub fn in_words(task: Task) -> String {
     match task {
         Task::Preheat { target_centi_c } => format!(
-            "heats to {} C; off by itself 10 minutes after the latest command",
+            "heats to {} C; it goes off by itself when nobody gives commands for long",
             f64::from(target_centi_c) / 100.0
         ),
         Task::CoolDown => "heater and steppers are off".to_owned(),
@@ -175,6 +194,9 @@ mod tests {
         ] {
             assert!(task(line).unwrap_err().contains(part), "{line}: {:?}", task(line));
         }
+        for line in ["rotate nan", "jog inf", "preheat nan", "load nan"] {
+            assert!(task(line).is_err(), "{line}: {:?}", task(line));
+        }
         assert_eq!(presets().task("dance", "", &robot()), None);
     }
 
@@ -188,5 +210,10 @@ mod tests {
         let message = robot_file::materials(&wrong, "mine.toml").unwrap_err().to_string();
         assert!(message.contains("nozle_c") && message.contains("did you mean nozzle_c?"), "{message}");
         assert!(robot_file::parse(&wrong, "mine.toml").is_err(), "no robot of a file that is wrong");
+        for length in ["-60.0", "nan", "inf"] {
+            let wrong = format!("{text}\n[materials.pla]\nload_mm = {length}\n");
+            let message = robot_file::materials(&wrong, "mine.toml").unwrap_err().to_string();
+            assert!(message.contains("is no length: give 0 or more"), "{message}");
+        }
     }
 }

@@ -151,7 +151,9 @@ fn explain(request: &str, refusal: &Refusal) -> String {
         }
         Refusal::Moving => "head or feed still move: ask again once they stand".to_string(),
         Refusal::NoFilament => {
-            "there is no filament at its switch: push the new one in up to the feed first".to_string()
+            "there is no filament at its switch, or too much of it was pulled back: push it in up to the feed, `load` \
+             and `purge`"
+                .to_string()
         }
         Refusal::DebugProbe => format!("it does not heat: {}", Fault::DebugProbe.explanation()),
     }

@@ -123,7 +123,10 @@ impl Growth<'_> {
         loop {
             if let Some(order) = orders.next().filter(|order| stopped_by != Some(*order)) {
                 // One that did not reach the board is for the next session.
-                self.obey(order, on_event).inspect_err(|_| orders.give_back(order))?;
+                self.obey(order, on_event).inspect_err(|_| match order.may_be_repeated() {
+                    true => orders.give_back(order),
+                    false => on_event(&JobEvent::NotObeyed(order.is_uncertain())),
+                })?;
                 stopped_by = Some(order).filter(|order| *order >= Order::Stop);
                 questions.ask = true;
             }
@@ -264,7 +267,10 @@ impl Growth<'_> {
         self.refill(on_event)?;
         // It paused because this host was silent for long.
         if status.state == State::Paused && status.pause_cause == PauseCause::HostSilent {
-            self.start()?;
+            match self.start() {
+                Err(ClientError::Refused { refusal, .. }) if is_temporary(&refusal) => {}
+                done => done?,
+            }
         }
         Ok(None)
     }

@@ -1,6 +1,7 @@
 //! What people order while a body grows.
 
 use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use growbot_core::link::message::Task;
 use growbot_core::robot::Robot;
@@ -76,27 +77,56 @@ impl Order {
         }
     }
 
+    /// Whether it takes the place of one that waits: one is enough, and of pausing and continuing the latest counts.
+    fn replaces(self, before: Self) -> bool {
+        let of_pause = |order| matches!(order, Self::Pause | Self::Continue);
+        self == before || (of_pause(self) && of_pause(before))
+    }
+
+    /// Whether it does no harm to carry it out twice, where nobody knows whether it was.
+    pub(super) fn may_be_repeated(self) -> bool {
+        !matches!(self, Self::Unload | Self::Load | Self::Purge)
+    }
+
+    /// What is said of one that perhaps was carried out, and is not repeated.
+    pub(super) fn is_uncertain(self) -> String {
+        format!(
+            "the line was lost, so it is not known whether `{}` was carried out: look before you order it again",
+            self.name()
+        )
+    }
+
     fn of(code: u8) -> Option<Self> {
         Self::ALL.into_iter().find(|order| *order as u8 == code)
     }
 }
 
-/// The order to be carried out next, given from any thread and looked at a few times a second by the thread that
-/// follows the growth. A stop is for good: nothing but the emergency stop goes over it.
+/// The orders to be carried out, given from any thread and looked at a few times a second by the thread that follows the
+/// growth: one after the other, but a stop before all others. It is for good: nothing but the emergency stop goes over
+/// it.
 #[derive(Debug, Default)]
 pub struct Orders {
-    latest: AtomicU8,
+    /// [`Order::Stop`], [`Order::EmergencyStop`] or none.
+    stop: AtomicU8,
+    waiting: Mutex<Vec<Order>>,
     /// Whether the user has interrupted the program.
     interrupted: AtomicBool,
 }
 
 impl Orders {
-    /// Gives an order, in place of one that has not been looked at yet.
+    /// Gives an order. One to pause or to continue takes the place of both where they wait.
     pub fn give(&self, order: Order) {
-        let _ = self.latest.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |before| {
-            let stops = before >= Order::Stop as u8;
-            (!stops || order as u8 > before).then_some(order as u8)
-        });
+        if order >= Order::Stop {
+            self.stop.fetch_max(order as u8, Ordering::Relaxed);
+            return;
+        }
+        let mut waiting = self.waiting();
+        waiting.retain(|before| !order.replaces(*before));
+        waiting.push(order);
+    }
+
+    fn waiting(&self) -> MutexGuard<'_, Vec<Order>> {
+        self.waiting.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Orders to stop, as the user interrupts the program. Returns whether that had happened before.
@@ -108,33 +138,36 @@ impl Orders {
     /// Whether the growth is to stop.
     #[must_use]
     pub fn stops(&self) -> bool {
-        self.latest.load(Ordering::Relaxed) >= Order::Stop as u8
+        self.stop.load(Ordering::Relaxed) > 0
     }
 
     /// Whether that is the emergency stop.
     pub(super) fn stop_at_once(&self) -> bool {
-        self.latest.load(Ordering::Relaxed) == Order::EmergencyStop as u8
+        self.stop.load(Ordering::Relaxed) == Order::EmergencyStop as u8
     }
 
     /// Forgets all orders, say for another growth; gives whether it was to stop.
     pub fn clear(&self) -> bool {
         self.interrupted.store(false, Ordering::Relaxed);
-        self.latest.swap(0, Ordering::Relaxed) >= Order::Stop as u8
+        self.waiting().clear();
+        self.stop.swap(0, Ordering::Relaxed) > 0
     }
 
-    /// The latest order. A stop stays; the others are given once.
+    /// The next order. A stop stays; the others are given once.
     pub(super) fn next(&self) -> Option<Order> {
-        let order = Order::of(self.latest.load(Ordering::Relaxed))?;
-        if order < Order::Stop {
-            // One that comes just now stays for the next look.
-            let _ = self.latest.compare_exchange(order as u8, 0, Ordering::Relaxed, Ordering::Relaxed);
+        if let Some(stop) = Order::of(self.stop.load(Ordering::Relaxed)) {
+            return Some(stop);
         }
-        Some(order)
+        let mut waiting = self.waiting();
+        (!waiting.is_empty()).then(|| waiting.remove(0))
     }
 
-    /// An order could not be carried out: it is given again, unless there is a newer one.
+    /// An order could not be carried out: it is given again before all that wait, unless one of them takes its place.
     pub(super) fn give_back(&self, order: Order) {
-        let _ = self.latest.compare_exchange(0, order as u8, Ordering::Relaxed, Ordering::Relaxed);
+        let mut waiting = self.waiting();
+        if order < Order::Stop && !waiting.iter().any(|newer| newer.replaces(order)) {
+            waiting.insert(0, order);
+        }
     }
 }
 
@@ -156,6 +189,20 @@ mod tests {
         orders.give(Order::Stop);
         assert_eq!(orders.next(), Some(Order::EmergencyStop));
         assert!(orders.stops() && orders.clear() && !orders.stops() && !orders.clear());
+    }
+
+    #[test]
+    fn an_order_is_not_lost_behind_another() {
+        let orders = Orders::default();
+        for order in [Order::Pause, Order::Preheat, Order::Load, Order::Load, Order::Purge] {
+            orders.give(order);
+        }
+        let all = || std::iter::from_fn(|| orders.next()).collect::<Vec<_>>();
+        assert_eq!(all(), [Order::Pause, Order::Preheat, Order::Load, Order::Purge]);
+        orders.give(Order::Load);
+        orders.give(Order::Pause);
+        orders.give(Order::Continue);
+        assert_eq!(all(), [Order::Load, Order::Continue]);
     }
 
     #[test]

@@ -216,6 +216,8 @@ fn check_feed(motion: &Motion, feed: &Feed) -> Result<(), RobotError> {
     )?;
     Field("feed.retract_mm", feed.retract_mm).between(0.0, 100.0, "mm of filament; 0 for none")?;
     let mut min_jump = 1e-3;
+    // Maintenance uses it too, within what the step interrupt can do.
+    Field("feed.retract_mm_per_s", feed.retract_mm_per_s).between(min_jump, 1e6, "mm of filament a second")?;
     if feed.retract_mm > 0.0 {
         Field("feed.retract_mm_per_s", feed.retract_mm_per_s).between(
             min_jump,

@@ -38,8 +38,8 @@ pub(super) struct Motion {
     feeding: Option<Feeding>,
     /// What maintenance moves.
     maintained: Option<Maintained>,
-    /// Filament has been pulled back.
-    retracted: bool,
+    /// Steps that the filament is behind the nozzle: it was pulled back for a pause, or by maintenance.
+    behind: u32,
     /// The next turn goes back to where the one before came from.
     backwards: bool,
     /// The reason for a pause after the layer under way, if one was asked for.
@@ -57,8 +57,15 @@ enum Feeding {
 pub(super) enum Maintained {
     /// The head.
     Head,
-    /// Filament, with this flow through the nozzle, mm^3/s; 0 backwards.
-    Filament(f64),
+    /// Filament.
+    Filament {
+        /// Flow through the nozzle, mm^3/s; 0 backwards.
+        flow: f64,
+        /// Steps forwards.
+        forward: u32,
+        /// Steps backwards.
+        back: u32,
+    },
 }
 
 impl Motion {
@@ -74,32 +81,47 @@ impl Motion {
 
     /// Notes a move of maintenance that should take this time.
     pub fn maintains(&mut self, what: Maintained, seconds: f64, now: u64) {
+        if let Maintained::Filament { back, .. } = what {
+            // One that is cut off has perhaps pulled as much: too much is asked back rather than too little.
+            self.behind = self.behind.saturating_add(back);
+        }
         self.maintained = Some(what);
         self.given(seconds, now);
     }
 
     /// Whether maintenance moves filament.
     pub fn feeds_for_maintenance(&self) -> bool {
-        matches!(self.maintained, Some(Maintained::Filament(_)))
+        matches!(self.maintained, Some(Maintained::Filament { .. }))
     }
 
     /// Notes the end of a move of maintenance. False where there was none.
     fn maintained(&mut self, now: u64) -> bool {
         let Some(what) = self.maintained.take() else { return false };
         self.reported(now);
-        // Filament that was pushed to the nozzle is not pushed again.
-        self.retracted &= !matches!(what, Maintained::Filament(flow) if flow > 0.0);
+        if let Maintained::Filament { forward, .. } = what {
+            self.behind = self.behind.saturating_sub(forward);
+        }
         true
     }
 
     /// Forgets the orders under way. Where the filament is stays known.
     pub fn halt(&mut self) {
-        *self = Self { retracted: self.retracted, ..Self::default() };
+        *self = Self { behind: self.behind, ..Self::default() };
     }
 
-    /// Sets where the filament is, after a start of the board.
-    pub fn assume_retracted(&mut self, retracted: bool) {
-        self.retracted = retracted;
+    /// Sets how many steps the filament is behind the nozzle, after a start of the board.
+    pub fn assume_behind(&mut self, steps: u32) {
+        self.behind = steps;
+    }
+
+    /// Steps that the filament is behind the nozzle.
+    pub fn behind(&self) -> u32 {
+        self.behind
+    }
+
+    /// Whether filament is pushed for maintenance.
+    pub fn loads(&self) -> bool {
+        matches!(self.maintained, Some(Maintained::Filament { forward: 1.., .. }))
     }
 
     /// Whether the engine has failed to report in time.
@@ -140,7 +162,8 @@ impl<B: Board> Controller<B> {
             }
             Report::Fed if growing => {
                 self.motion.reported(self.now);
-                self.motion.retracted = self.motion.feeding.take() == Some(Feeding::Back);
+                let back = self.motion.feeding.take() == Some(Feeding::Back);
+                self.motion.behind = if back { self.retract_steps() } else { 0 };
             }
             Report::IndexNotFound => self.fail(Fault::IndexNotFound, handover),
             Report::IndexMissing => self.fail(Fault::IndexMissing, handover),
@@ -222,7 +245,7 @@ impl<B: Board> Controller<B> {
             }
             return;
         };
-        if self.motion.retracted {
+        if self.motion.behind > 0 {
             self.feed(Feeding::Forward, handover);
             return;
         }
@@ -250,16 +273,21 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// Pulls filament back or pushes it forward again, if this robot does so.
+    /// Steps that filament is pulled back for a pause.
+    pub(super) fn retract_steps(&self) -> u32 {
+        let feed = &self.robot.description().feed;
+        libm::rint(feed.retract_mm * feed.steps_per_mm) as u32
+    }
+
+    /// Pulls filament back for a pause, or pushes it forward to the nozzle again.
     fn feed(&mut self, feeding: Feeding, handover: &Handover) {
         let description = self.robot.description();
         let feed = &description.feed;
-        let steps = libm::rint(feed.retract_mm * feed.steps_per_mm) as u32;
         let backwards = feeding == Feeding::Back;
+        // What maintenance has pulled back counts.
+        let steps =
+            if backwards { self.retract_steps().saturating_sub(self.motion.behind) } else { self.motion.behind };
         if steps == 0 {
-            self.motion.retracted = false;
-        }
-        if steps == 0 || backwards == self.motion.retracted {
             return;
         }
         let steps_a_second = feed.retract_mm_per_s * feed.steps_per_mm;
@@ -286,7 +314,9 @@ impl<B: Board> Controller<B> {
             _ => pause.off_after_s,
         };
         if !continues && paused_s >= off_after_s {
+            let cause = self.motion.pause;
             self.switch_off(handover);
+            self.motion.pause = cause;
             self.happens(Event::PausedTooLong);
             return;
         }
@@ -295,6 +325,11 @@ impl<B: Board> Controller<B> {
         } else if continues && self.heater.is_steady(self.now) {
             self.happens(Event::LayersAvailable);
         }
+    }
+
+    /// A pause lasts until somebody orders the growth to continue.
+    pub(super) fn wait_for_start(&mut self) {
+        self.motion.pause.get_or_insert(PauseCause::Requested);
     }
 
     /// Sets or clears the reason for a pause after the layer under way.
@@ -317,7 +352,7 @@ impl<B: Board> Controller<B> {
     /// The flow that the heater must melt now, mm^3/s: what the step engine feeds, which varies in a bend and from
     /// layer to layer; or the mean of the first layer, before that begins.
     pub(super) fn flow(&self, handover: &Handover) -> f64 {
-        if let Some(Maintained::Filament(flow)) = self.motion.maintained {
+        if let Some(Maintained::Filament { flow, .. }) = self.motion.maintained {
             return flow;
         }
         if self.state != State::Growing {

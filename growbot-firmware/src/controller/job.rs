@@ -6,8 +6,7 @@
 use growbot_core::layer::SECTORS;
 use growbot_core::layer_bytes::{LayerBytes, decode_checked};
 use growbot_core::link::message::{
-    Amend, Begin, Cancel, InterruptedLayer, Laid, Layers, Measured, Message, PauseCause, Refusal, Resume, Silence,
-    Start, State,
+    Amend, Begin, Cancel, InterruptedLayer, Laid, Layers, Measured, Message, Refusal, Resume, Silence, Start, State,
 };
 use heapless::Deque;
 
@@ -285,8 +284,9 @@ impl<B: Board> Controller<B> {
         if self.may_be_halted() {
             return Err(Refusal::DebugProbe);
         }
-        let waits_for_filament = self.pause_cause() == PauseCause::FilamentOut;
-        if waits_for_filament && !self.has_filament() {
+        let is_at_rest = matches!(self.state, State::Idle | State::Parked | State::Paused);
+        let is_unloaded = self.motion.behind() > self.retract_steps();
+        if is_at_rest && (!self.has_filament() || is_unloaded) {
             return Err(Refusal::NoFilament);
         }
         if self.motion.maintains_something() {
@@ -354,7 +354,10 @@ impl<B: Board> Controller<B> {
         let is_known = |job: &&JobState| job.robot == robot && (!job.ended || job.laid == job.layers);
         let Some(known) = self.parts.journal.job().filter(is_known).copied() else { return };
         let interrupted = (known.begun > known.laid).then(|| match self.retained.under_way {
-            Some(UnderWay { plan_id, laid, sectors, .. }) if (plan_id, laid) == (known.plan_id, known.laid) => {
+            // Only of the layer that was under way then; later, say in maintenance, there was none.
+            Some(UnderWay { plan_id, laid, begun, sectors, .. })
+                if (plan_id, laid) == (known.plan_id, known.laid) && begun > laid =>
+            {
                 let since = RETAINED_AGE_S / self.robot.description().layer.period_s * SECTORS as f64;
                 let max = (f64::from(sectors) + 1.0 + since).min(SECTORS as f64) as u8;
                 InterruptedLayer { min: sectors, max }
@@ -367,7 +370,8 @@ impl<B: Board> Controller<B> {
         self.job.carry = self.parts.journal.carry();
         self.job.forget_given();
         // Between layers it was paused, and filament pulled back.
-        self.motion.assume_retracted(self.job.laid > 0 && self.job.interrupted.is_none());
+        let between_layers = (1..self.job.layers).contains(&self.job.laid) && self.job.interrupted.is_none();
+        self.motion.assume_behind(if between_layers { self.retract_steps() } else { 0 });
     }
 
     /// Records in the journal that the layer that is about to be handed to the engine is begun. A layer that follows

@@ -58,6 +58,13 @@ impl<B: Board> Controller<B> {
         if self.may_be_halted() {
             return Err(Refusal::DebugProbe);
         }
+        if self.motion.is_under_way() {
+            return Err(Refusal::Moving);
+        }
+        let growth_c = self.robot.description().heater.target_c;
+        if self.state == State::Paused && target_c != growth_c {
+            return Err(Refusal::Temperature { min: centi(growth_c), max: centi(growth_c) });
+        }
         match self.state {
             // The pause begins anew, and with it the time at the temperature of growth.
             State::Paused => {}
@@ -96,8 +103,13 @@ impl<B: Board> Controller<B> {
         let steps_per_mm = self.robot.description().feed.steps_per_mm;
         let (order, seconds) = self.axis_move(mm * steps_per_mm, mm_per_s * steps_per_mm, backwards, true);
         handover.give(Order::Feed(order));
-        let flow = if backwards { 0.0 } else { mm_per_s * self.robot.filament_area() };
-        self.motion.maintains(Maintained::Filament(flow), seconds, self.now);
+        let (flow, forward, back) =
+            if backwards { (0.0, 0, order.steps) } else { (mm_per_s * self.robot.filament_area(), order.steps, 0) };
+        self.motion.maintains(Maintained::Filament { flow, forward, back }, seconds, self.now);
+        if self.state == State::Paused {
+            // Whoever works at the nozzle says when the body goes on.
+            self.wait_for_start();
+        }
         Ok(())
     }
 
@@ -105,7 +117,11 @@ impl<B: Board> Controller<B> {
         let description = self.robot.description();
         let grows = description.layer.height_mm * self.robot.wall_area() / self.robot.filament_area();
         let grows = grows / description.layer.period_s;
-        if backwards { description.feed.retract_mm_per_s } else { grows.min(description.feed.retract_mm_per_s) }
+        let feed = &description.feed;
+        // No ramp: what the motor starts with at once. A step every two ticks is the fastest.
+        let fastest = f64::from(description.motion.tick_hz) / (2.0 * feed.steps_per_mm);
+        let back = feed.retract_mm_per_s.min(feed.speed_jump_mm_per_s).min(fastest);
+        if backwards { back } else { grows.min(back) }
     }
 
     /// A move of an axis, and its time in s.

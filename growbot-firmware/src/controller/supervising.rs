@@ -31,8 +31,9 @@ impl<B: Board> Controller<B> {
     pub(super) fn supervise(&mut self, handover: &Handover) {
         self.look_at_board(handover);
         let look = self.look(handover);
-        let needs_filament = matches!(self.state, State::Heating | State::Homing | State::Growing | State::Paused)
-            && self.pause_cause() != PauseCause::FilamentOut;
+        let grows = matches!(self.state, State::Heating | State::Homing | State::Growing | State::Paused);
+        let needs_filament = (grows && self.pause_cause() != PauseCause::FilamentOut)
+            || (self.state == State::Maintenance && self.motion.loads());
         let found = self.inputs.look(&look, self.robot.description(), needs_filament);
         if found == Some(Fault::FilamentOut) && matches!(self.state, State::Growing | State::Paused) {
             // The layer under way is finished, unless the filament jams before.

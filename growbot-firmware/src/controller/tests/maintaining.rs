@@ -186,3 +186,103 @@ fn a_robot_that_waits_for_filament_for_long_parks() {
     bench.run_to(State::Parked, 20.0);
     assert!(bench.heater.off());
 }
+
+#[test]
+fn a_body_goes_on_after_maintenance_in_a_pause_only_when_somebody_says_so() {
+    let mut bench = Bench::in_state(State::Growing);
+    // It pauses for want of layers, and would go on by itself with the next ones.
+    let layers = super::requests::bends(60);
+    bench.run_until(60.0, |bench| bench.controller.state() == State::Paused);
+    bench.run_until_it_may_move();
+    bench.accepted(&feed(10.0));
+    bench.run(20.0);
+    let at = bench.status().next as usize;
+    let left = layers.get(at..at + 10).unwrap();
+    bench.hand_over(at, left);
+    bench.run(60.0);
+    assert_eq!(bench.controller.state(), State::Paused);
+    bench.start();
+    bench.run_to(State::Growing, 60.0);
+}
+
+/// Pulls and pushes filament by these lengths in a pause, mm.
+fn moved_in_a_pause(bench: &mut Bench, moves: &[f64]) {
+    bench.grow(&super::requests::bends(30));
+    bench.run_to(State::Growing, 60.0);
+    bench.run(2.0);
+    bench.accepted(&pause());
+    bench.run_to(State::Paused, 60.0);
+    bench.run_until_it_may_move();
+    for mm in moves {
+        bench.accepted(&feed(*mm));
+        bench.run(60.0);
+        bench.accepted(&preheat(200.0));
+        bench.run_until_it_may_move();
+    }
+}
+
+#[test]
+fn filament_that_was_pulled_back_is_pushed_to_the_nozzle_again() {
+    let per_mm = fast_robot().description().feed.steps_per_mm;
+    let steps = |moves: &[f64]| {
+        let mut bench = Bench::greeted(fast_robot(), WARM);
+        moved_in_a_pause(&mut bench, moves);
+        bench.start();
+        bench.run_to(State::Done, 200.0);
+        bench.motors.moved.feed
+    };
+    let undisturbed = steps(&[]);
+    assert_eq!(steps(&[-5.0, 5.0]), undisturbed);
+    // Somebody pushes more than was missing: that goes through the nozzle.
+    let more = steps(&[-5.0, 8.0]) - undisturbed;
+    assert!((more as f64 - 3.0 * per_mm).abs() <= 1.0, "{more} steps");
+}
+
+#[test]
+fn nothing_is_laid_with_filament_that_is_far_from_the_nozzle() {
+    let mut bench = Bench::greeted(fast_robot(), WARM);
+    moved_in_a_pause(&mut bench, &[-20.0]);
+    assert_eq!(bench.refused(&start()), Refusal::NoFilament);
+    bench.accepted(&feed(12.0));
+    bench.run(60.0);
+    assert_eq!(bench.refused(&start()), Refusal::NoFilament, "8 mm are missing");
+    bench.accepted(&preheat(200.0));
+    bench.run_until_it_may_move();
+    bench.accepted(&feed(8.0));
+    bench.run(60.0);
+    bench.start();
+    bench.run_to(State::Done, 200.0);
+}
+
+#[test]
+fn in_a_pause_the_nozzle_is_heated_to_the_temperature_of_growth_alone() {
+    let mut bench = Bench::greeted(fast_robot(), WARM);
+    moved_in_a_pause(&mut bench, &[]);
+    assert_eq!(bench.refused(&preheat(110.0)), Refusal::Temperature { min: 20_000, max: 20_000 });
+}
+
+#[test]
+fn a_temperature_is_not_changed_under_a_move() {
+    let mut bench = hot();
+    bench.accepted(&maintain(Task::Rotate { centi_deg: 36_000 }));
+    assert_eq!(bench.refused(&preheat(60.0)), Refusal::Moving);
+}
+
+#[test]
+fn filament_that_runs_out_while_it_is_loaded_ends_that() {
+    let mut bench = hot();
+    bench.accepted(&feed(60.0));
+    bench.run(1.0);
+    bench.heater.pins.set(FILAMENT_PRESENCE, false);
+    bench.run_to(State::Fault, 2.0);
+    assert_eq!(bench.controller.fault(), Some(Fault::FilamentOut));
+}
+
+#[test]
+fn a_parked_robot_without_filament_says_so() {
+    let mut bench = Bench::in_state(State::Growing);
+    bench.heater.pins.set(FILAMENT_PRESENCE, false);
+    bench.run_to(State::Parked, 4000.0);
+    assert_eq!(bench.status().pause_cause, growbot_core::link::message::PauseCause::FilamentOut);
+    assert_eq!(bench.refused(&start()), Refusal::NoFilament);
+}

@@ -8,7 +8,7 @@ use growbot_core::link::message::{
 use std::vec::Vec;
 
 use super::bench::{Bench, WARM, at_rest};
-use super::requests::{PLAN, bends, clear, pause, start, tune};
+use super::requests::{PLAN, bends, clear, pause, preheat, start, tune};
 use super::tip::Wire;
 use crate::safety::retained::tests::of_another_firmware;
 use crate::safety::retained::{COPY_BYTES, Copies, RETAINED_BYTES, Retained};
@@ -50,6 +50,21 @@ fn a_reset_in_the_midst_of_work_is_a_fault_by_its_cause() {
             assert_eq!((status.plan_id, status.layers, status.laid, status.next), (PLAN, 40, laid, laid));
         }
     }
+}
+
+#[test]
+fn of_a_layer_that_was_not_under_way_at_the_reset_nothing_is_made_up() {
+    let mut bench = Bench::in_state(State::Growing);
+    bench.run(5.0);
+    let mut bench = bench.reset(ResetCause::Watchdog);
+    bench.accepted(&clear());
+    assert!(bench.status().interrupted.is_some_and(|layer| layer.min > 1), "the layer was under way");
+    // Maintenance is under way at the next reset, and not the layer.
+    bench.accepted(&preheat(200.0));
+    bench.run_to(State::Maintenance, 60.0);
+    let mut bench = bench.reset(ResetCause::Watchdog);
+    bench.accepted(&clear());
+    assert_eq!(bench.status().interrupted, Some(InterruptedLayer { min: 0, max: 64 }));
 }
 
 #[test]
