@@ -14,6 +14,7 @@
 pub mod image_seal;
 pub mod parallel;
 pub mod port;
+pub mod resident;
 pub mod simulation;
 pub mod tip;
 pub mod truth;

@@ -5,7 +5,9 @@ pub mod paced;
 pub mod qemu;
 pub mod sim;
 
+use std::cell::RefCell;
 use std::path::PathBuf;
+use std::rc::Rc;
 use std::str::FromStr;
 use std::time::Duration;
 
@@ -18,6 +20,7 @@ use growbot_core::robot::{Robot, RobotError};
 use paced::Paced;
 use qemu::QemuError;
 
+use crate::resident::{Line, Place, ResidentError, Truth};
 use crate::tip::Tip;
 use crate::truth::Simulation;
 use growbot_core::simulation::Imperfection;
@@ -27,15 +30,18 @@ use growbot_core::simulation::Imperfection;
 pub enum OpenError {
     /// The port's name means nothing.
     #[error(
-        "port `{0}` is unknown: use sim, emulator, emulator:ELF, tcp:HOST:PORT or a serial device such as /dev/ttyACM0"
+        "port `{0}` is unknown: use sim, sim:NAME, emulator, emulator:ELF, tcp:HOST:PORT or a serial device such as /dev/ttyACM0"
     )]
     Unknown(String),
     /// A simulated robot is reached through its program alone.
-    #[error("a simulated robot has no line: it ends with its program")]
+    #[error("this simulated robot has no line of its own: it ends with its program; sim:NAME stays on")]
     NoLine,
     /// No board drives this robot.
     #[error("{0} cannot be grown by a board, nor by an emulated one: {1}")]
     NoBoard(String, RobotError),
+    /// A simulated robot that stays on.
+    #[error(transparent)]
+    Resident(#[from] ResidentError),
     /// The emulator.
     #[error(transparent)]
     Emulator(#[from] QemuError),
@@ -55,6 +61,8 @@ impl From<QemuError> for PortError {
 pub enum PortName {
     /// The controller in this process, on a virtual clock.
     Sim,
+    /// A simulated robot of this name that stays on, in a process of its own.
+    Resident(String),
     /// The firmware in QEMU: the image given, or the one that was built last.
     Emulator(Option<PathBuf>),
     /// `tcp:HOST:PORT`.
@@ -72,7 +80,17 @@ impl PortName {
         match self {
             Self::Sim => true,
             Self::Faulty(name, _) => name.is_virtual(),
-            Self::Emulator(_) | Self::Tcp(_) | Self::Serial(_) => false,
+            Self::Resident(_) | Self::Emulator(_) | Self::Tcp(_) | Self::Serial(_) => false,
+        }
+    }
+
+    /// The name of the simulated robot that stays on there.
+    #[must_use]
+    pub fn resident(&self) -> Option<&str> {
+        match self {
+            Self::Resident(name) => Some(name),
+            Self::Faulty(name, _) => name.resident(),
+            Self::Sim | Self::Emulator(_) | Self::Tcp(_) | Self::Serial(_) => None,
         }
     }
 
@@ -80,7 +98,7 @@ impl PortName {
     #[must_use]
     pub fn is_simulated(&self) -> bool {
         match self {
-            Self::Sim | Self::Emulator(_) => true,
+            Self::Sim | Self::Resident(_) | Self::Emulator(_) => true,
             Self::Faulty(name, _) => name.is_simulated(),
             Self::Tcp(_) | Self::Serial(_) => false,
         }
@@ -93,6 +111,7 @@ impl FromStr for PortName {
     fn from_str(text: &str) -> Result<Self, OpenError> {
         match text.split_once(':') {
             None if text == "sim" => Ok(Self::Sim),
+            Some(("sim", name)) if !name.is_empty() => Ok(Self::Resident(name.to_string())),
             None if text == "emulator" => Ok(Self::Emulator(None)),
             Some(("emulator", path)) if !path.is_empty() => Ok(Self::Emulator(Some(path.into()))),
             Some(("tcp", address)) if address.contains(':') => Ok(Self::Tcp(address.to_string())),
@@ -115,7 +134,7 @@ pub struct TipSettings {
 }
 
 impl TipSettings {
-    fn apply(&self, tip: &mut Tip) {
+    pub(crate) fn apply(&self, tip: &mut Tip) {
         if let Some(start) = &self.start {
             tip.start_at(start);
         }
@@ -155,6 +174,13 @@ pub fn open(name: &PortName, robot: &Robot, settings: &TipSettings) -> Result<Op
             };
             Opened { port, simulation }
         }
+        PortName::Resident(name) => {
+            let mut line = Line::open(&Place::of(name)?)?;
+            line.set_tip(settings)?;
+            let line = Rc::new(RefCell::new(line));
+            let simulation: Box<dyn Simulation> = Box::new(Truth::behind(&line));
+            Opened { port: Box::new(line), simulation: Some(simulation) }
+        }
         PortName::Emulator(firmware) => {
             let mut emulator = emulator::Emulator::start(robot, firmware.as_deref())?;
             emulator.simulated_tip(|tip| settings.apply(tip));
@@ -177,6 +203,7 @@ pub fn open(name: &PortName, robot: &Robot, settings: &TipSettings) -> Result<Op
 pub fn open_for_emergency_stop(name: &PortName, limit: Duration) -> Result<Box<dyn Port>, OpenError> {
     Ok(match name {
         PortName::Sim | PortName::Emulator(_) => return Err(OpenError::NoLine),
+        PortName::Resident(name) => Box::new(Line::open_beside(&Place::of(name)?)?),
         PortName::Tcp(address) => Box::new(Stream::tcp_within(address, limit)?),
         PortName::Serial(device) => Box::new(Stream::serial_for_emergency_stop(device)?),
         PortName::Faulty(name, spec) => Box::new(Faulty::new(open_for_emergency_stop(name, limit)?, *spec)),
@@ -204,7 +231,8 @@ mod tests {
         assert_eq!("emulator:a.elf".parse::<PortName>().unwrap(), PortName::Emulator(Some("a.elf".into())));
         assert_eq!("tcp:robot:4000".parse::<PortName>().unwrap(), PortName::Tcp("robot:4000".into()));
         assert_eq!("/dev/ttyACM0".parse::<PortName>().unwrap(), PortName::Serial("/dev/ttyACM0".into()));
-        for wrong in ["", "tcp", "tcp:", "tcp:robot", "emulator:", "simulator"] {
+        assert_eq!("sim:lab".parse::<PortName>().unwrap(), PortName::Resident("lab".into()));
+        for wrong in ["", "sim:", "tcp", "tcp:", "tcp:robot", "emulator:", "simulator"] {
             assert!(matches!(wrong.parse::<PortName>(), Err(OpenError::Unknown(_))), "{wrong}");
         }
     }

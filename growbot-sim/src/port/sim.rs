@@ -202,7 +202,7 @@ impl Sim {
             self.flash.power_up();
         }
         self.outputs_off();
-        self.boots += 1;
+        self.boots = self.boots.wrapping_add(1);
         self.boot_tick = self.tick;
         self.fed.feed();
         self.handover = Handover::new();
@@ -212,6 +212,12 @@ impl Sim {
         self.controller =
             controller(&self.robot, &self.tip, &self.fed, &self.retained, &self.flash, identity, &self.handover);
         self.poll();
+    }
+
+    /// Starts the board anew as one that has started so often before.
+    pub fn restart(&mut self, boots: u32, cause: ResetCause) {
+        self.boots = boots;
+        self.reset(cause);
     }
 
     fn outputs_off(&self) {
@@ -378,6 +384,17 @@ impl Retained {
     fn of_noise(tip: &Tip, tick: u64) -> Self {
         let seed = tip.variation().seed;
         Self(Rc::new(Cell::new(std::array::from_fn(|at| scramble(seed ^ tick << 8 ^ at as u64) as u8))))
+    }
+}
+
+impl Retained {
+    /// Has it hold something else; bytes beyond its length are left out.
+    pub fn set(&self, bytes: &[u8]) {
+        let mut retained = self.0.get();
+        for (slot, byte) in retained.iter_mut().zip(bytes) {
+            *slot = *byte;
+        }
+        self.0.set(retained);
     }
 }
 

@@ -27,6 +27,8 @@ pub struct Flash<const SECTOR: usize = SECTOR_BYTES>(Rc<RefCell<Cells>>);
 struct Cells {
     bytes: Vec<u8>,
     erasures: Vec<u32>,
+    /// Writes and erasures.
+    writes: u64,
     /// How many more bytes are written or erased before power is lost; none for as many as there are.
     bytes_left: Option<usize>,
     /// Of the noise that losses of power leave.
@@ -45,6 +47,7 @@ impl<const SECTOR: usize> Flash<SECTOR> {
         Self(Rc::new(RefCell::new(Cells {
             bytes,
             erasures: std::vec![0; sectors],
+            writes: 0,
             bytes_left: None,
             seed: 0,
             weak: (0, Vec::new()),
@@ -73,6 +76,12 @@ impl<const SECTOR: usize> Flash<SECTOR> {
     #[must_use]
     pub fn erasures(&self) -> Vec<u32> {
         self.0.borrow().erasures.clone()
+    }
+
+    /// How often it has been written to or erased.
+    #[must_use]
+    pub fn writes(&self) -> u64 {
+        self.0.borrow().writes
     }
 
     /// What it holds.
@@ -164,6 +173,7 @@ impl<const SECTOR: usize> NorFlash for Flash<SECTOR> {
         self.check_power()?;
         check_erase(self, from, to)?;
         let cells = &mut *self.0.borrow_mut();
+        cells.writes += 1;
         for sector in from as usize / SECTOR..to as usize / SECTOR {
             cells.erasures[sector] += 1;
             let done = cells.spend(SECTOR);
@@ -192,6 +202,7 @@ impl<const SECTOR: usize> NorFlash for Flash<SECTOR> {
         if !cells_and_bytes.all(|(cell, byte)| *cell == 0xff || *byte == 0 || byte == cell) {
             return Err(NorFlashErrorKind::Other);
         }
+        cells.writes += 1;
         let done = cells.spend(bytes.len());
         let (offset, mask) = &mut cells.weak;
         for (at, byte) in (from..).zip(&bytes[..done]) {
@@ -228,7 +239,7 @@ mod tests {
         assert_eq!(&bytes, b"\0\0\0\0h!!!\xff");
         flash.erase(64, 128).unwrap();
         assert_eq!(flash.bytes(), [0xff; 128]);
-        assert_eq!(flash.erasures(), [0, 1]);
+        assert_eq!((flash.erasures(), flash.writes()), (std::vec![0, 1], 3));
     }
 
     #[test]

@@ -1,0 +1,173 @@
+//! The port to a simulated robot that stays on.
+
+use std::cell::RefCell;
+use std::collections::VecDeque;
+use std::io::{BufRead, BufReader, Write};
+use std::os::unix::net::UnixStream;
+use std::rc::Rc;
+use std::time::Duration;
+
+use growbot_client::port::{Port, PortError};
+use growbot_core::layer::Layer;
+use growbot_core::link::emergency_stop::EMERGENCY_STOP;
+
+use super::wire::{Answer, Ask, RELEASE, laid, micros};
+use super::{Place, ResidentError};
+use crate::port::TipSettings;
+use crate::truth::{Laid, Simulation};
+
+/// How long the process may take for what it does at once. It has nothing else to do.
+const AT_ONCE: Duration = Duration::from_secs(10);
+/// Slower than this no robot's time passes.
+const SLOWEST_PACE: f64 = 0.1;
+
+/// The line to a simulated robot that stays on. Its clock is the robot's, which passes by itself.
+pub struct Line {
+    name: String,
+    place: Place,
+    reader: BufReader<UnixStream>,
+    now: Duration,
+    /// What has arrived beyond what was asked for.
+    arrived: VecDeque<u8>,
+}
+
+impl Line {
+    /// Opens the line, alone.
+    ///
+    /// # Errors
+    /// [`ResidentError`]: the robot is off, or another program has its line.
+    pub fn open(place: &Place) -> Result<Self, ResidentError> {
+        Self::open_as(place, true)
+    }
+
+    /// Opens the line beside other programs, for an emergency stop and the power switch.
+    ///
+    /// # Errors
+    /// [`ResidentError::Off`].
+    pub fn open_beside(place: &Place) -> Result<Self, ResidentError> {
+        Self::open_as(place, false)
+    }
+
+    fn open_as(place: &Place, alone: bool) -> Result<Self, ResidentError> {
+        let off = || ResidentError::Off(place.name().to_owned());
+        let stream = UnixStream::connect(place.line()?).map_err(|_| off())?;
+        let name = format!("sim:{}", place.name());
+        let reader = BufReader::new(stream);
+        let mut line = Self { name, place: place.clone(), reader, now: Duration::ZERO, arrived: VecDeque::new() };
+        match line.ask(&Ask::Open { release: RELEASE, alone }, AT_ONCE) {
+            Ok(Answer::Busy) => Err(ResidentError::Busy(place.name().to_owned())),
+            Ok(Answer::Done { .. }) => Ok(line),
+            Ok(_) => Err(ResidentError::OtherRelease(place.name().to_owned())),
+            Err(_) => Err(off()),
+        }
+    }
+
+    /// Growth begins where these settings say, on a tip that is off as they say.
+    ///
+    /// # Errors
+    /// The robot was switched off.
+    pub fn set_tip(&mut self, settings: &TipSettings) -> Result<(), PortError> {
+        self.ask(&Ask::Tip(settings.into()), AT_ONCE).map(|_| ())
+    }
+
+    /// Resets the board.
+    ///
+    /// # Errors
+    /// The robot was switched off.
+    pub fn reset(&mut self) -> Result<(), PortError> {
+        self.ask(&Ask::Reset, AT_ONCE).map(|_| ())
+    }
+
+    /// Switches the robot off at this moment, and waits until it is.
+    ///
+    /// # Errors
+    /// It does not answer.
+    pub fn power_off(&mut self) -> Result<(), PortError> {
+        self.ask(&Ask::PowerOff, AT_ONCE)?;
+        // Its process ends once it has said so, and lets go of the line with that.
+        let mut rest = String::new();
+        let _ = self.reader.read_line(&mut rest);
+        Ok(())
+    }
+
+    fn ask(&mut self, ask: &Ask, limit: Duration) -> Result<Answer, PortError> {
+        let answer = self.asked(ask, limit).map_err(|why| PortError::Lost(self.name.clone(), why))?;
+        if let Answer::Done { now_us } | Answer::Bytes { now_us, .. } = &answer {
+            self.now = Duration::from_micros(*now_us);
+        }
+        Ok(answer)
+    }
+
+    fn asked(&mut self, ask: &Ask, limit: Duration) -> Result<Answer, String> {
+        let mut line = serde_json::to_vec(ask).map_err(|error| error.to_string())?;
+        line.push(b'\n');
+        let stream = self.reader.get_mut();
+        let sent = stream.set_read_timeout(Some(limit)).and_then(|()| stream.write_all(&line));
+        sent.map_err(|_| "it was switched off".to_owned())?;
+        let mut answer = String::new();
+        match self.reader.read_line(&mut answer) {
+            Ok(0) | Err(_) => Err("it was switched off".to_owned()),
+            Ok(_) => serde_json::from_str(&answer).map_err(|error| error.to_string()),
+        }
+    }
+}
+
+impl Port for Line {
+    fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+        self.ask(&Ask::Send(bytes.to_vec()), AT_ONCE).map(|_| ())
+    }
+
+    fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, PortError> {
+        if self.arrived.is_empty() {
+            let ask = Ask::Receive { timeout_us: micros(timeout), max: buffer.len() };
+            let limit = AT_ONCE.saturating_add(timeout.div_f64(SLOWEST_PACE));
+            if let Answer::Bytes { bytes, .. } = self.ask(&ask, limit)? {
+                self.arrived.extend(bytes);
+            }
+        }
+        let count = buffer.len().min(self.arrived.len());
+        for (slot, byte) in buffer.iter_mut().zip(self.arrived.drain(..count)) {
+            *slot = byte;
+        }
+        Ok(count)
+    }
+
+    fn now(&self) -> Duration {
+        self.now
+    }
+
+    fn emergency_line(&mut self) -> Option<Box<dyn Port + Send>> {
+        Self::open_beside(&self.place).ok().map(|line| Box::new(line) as Box<dyn Port + Send>)
+    }
+
+    fn send_emergency_stop(&mut self) -> Result<(), PortError> {
+        self.send(&EMERGENCY_STOP)
+    }
+}
+
+/// What the tip behind a line has laid.
+pub struct Truth(Rc<RefCell<Line>>);
+
+impl Truth {
+    /// The truth behind a line that a client has too.
+    #[must_use]
+    pub fn behind(line: &Rc<RefCell<Line>>) -> Self {
+        Self(Rc::clone(line))
+    }
+}
+
+impl Simulation for Truth {
+    fn laid(&mut self) -> Result<Laid, PortError> {
+        match self.0.borrow_mut().ask(&Ask::Laid, AT_ONCE)? {
+            Answer::Laid { layers, feed_steps } => Ok(laid(&layers, feed_steps)),
+            _ => Ok(Laid::default()),
+        }
+    }
+
+    fn settled(&mut self, from: usize) -> Vec<Layer> {
+        match self.0.borrow_mut().ask(&Ask::Settled { from }, AT_ONCE) {
+            Ok(Answer::Laid { layers, .. }) => laid(&layers, 0).body,
+            _ => Vec::new(),
+        }
+    }
+}

@@ -1,0 +1,285 @@
+//! The process that plays a simulated robot.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::io::{BufRead, BufReader, Write};
+use std::os::unix::net::{UnixListener, UnixStream};
+use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use std::{fs, io, thread};
+
+use growbot_client::port::Port;
+use growbot_core::link::message::ResetCause;
+use growbot_core::robot::Robot;
+
+use super::store::Store;
+use super::wire::{Answer, Ask, RELEASE, micros};
+use super::{Place, ResidentError};
+use crate::port::TipSettings;
+use crate::port::sim::Sim;
+
+/// Time passes in such steps at most while programs may ask for something.
+const STEP: Duration = Duration::from_millis(10);
+/// and real time that is behind by more is not made up for.
+const MAX_BEHIND: Duration = Duration::from_secs(1);
+/// A program that asks for nothing for so long is not waited for: the robot's time passes.
+const PATIENCE: Duration = Duration::from_secs(1);
+/// How long requests are waited for while nothing is due.
+const LOOK: Duration = Duration::from_millis(1);
+/// Bytes that nobody has received are lost beyond so many.
+const MAX_QUEUE: usize = 1 << 16;
+
+/// Plays the robot of a place until it is switched off. Its time passes `pace` times as fast as real time. `ready` is
+/// called once programs can reach it.
+///
+/// # Errors
+/// [`ResidentError`]: another process plays it, it is another robot, or its files cannot be used.
+pub fn play(place: &Place, robot: &Robot, pace: f64, ready: impl FnOnce()) -> Result<(), ResidentError> {
+    place.create()?;
+    let Some(_held) = place.hold()? else { return Err(ResidentError::On(place.name().to_owned())) };
+    place.settle(robot)?;
+    place.set_pace(pace)?;
+    let mut sim = Sim::new(robot.clone());
+    let (mut store, retains) = Store::open(place, &mut sim)?;
+    sim.restart(boots(), if retains { ResetCause::External } else { ResetCause::PowerOn });
+    store.keep(&sim)?;
+    let path = place.line()?;
+    let asks = fs::remove_file(&path)
+        .or_else(|error| if error.kind() == io::ErrorKind::NotFound { Ok(()) } else { Err(error) })
+        .and_then(|()| UnixListener::bind(&path))
+        .map(listen)
+        .map_err(|error| place.failed("listen at", path, error))?;
+    let began = Instant::now();
+    let mut player = Player { sim, store, pace, began, hosts: BTreeMap::new(), owner: None, asked: began };
+    ready();
+    player.run(&asks)
+}
+
+/// How often the board has started: a number that differs from process to process.
+fn boots() -> u32 {
+    let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    now.subsec_nanos().rotate_left(13) ^ now.as_secs() as u32
+}
+
+/// What a host asks, or that it has come or gone.
+enum Said {
+    Came(UnixStream),
+    Asked(Ask),
+    Gone,
+}
+
+type Asks = Receiver<(u64, Said)>;
+
+/// A thread for those who come, and one for each of them.
+fn listen(listener: UnixListener) -> Asks {
+    let (say, said) = mpsc::channel();
+    thread::spawn(move || {
+        for (host, stream) in (0..).zip(listener.incoming()) {
+            // Where no descriptors are left for now.
+            let Ok(stream) = stream else {
+                thread::sleep(Duration::from_millis(100));
+                continue;
+            };
+            let say = say.clone();
+            thread::spawn(move || hear(host, stream, &say));
+        }
+    });
+    said
+}
+
+fn hear(host: u64, stream: UnixStream, say: &Sender<(u64, Said)>) {
+    let Ok(answers) = stream.try_clone() else { return };
+    let mut heard = say.send((host, Said::Came(answers))).is_ok();
+    let mut lines = BufReader::new(stream).lines();
+    while heard {
+        let Some(Ok(line)) = lines.next() else { break };
+        let Ok(ask) = serde_json::from_str(&line) else { break };
+        heard = say.send((host, Said::Asked(ask))).is_ok();
+    }
+    // Nobody is left to tell where the process ends.
+    let _ = say.send((host, Said::Gone));
+}
+
+/// A program at the line.
+struct Host {
+    stream: UnixStream,
+    /// What the board has sent since it opened the line, and it has not received.
+    queue: VecDeque<u8>,
+    is_open: bool,
+    /// Until when it waits for bytes, in the robot's time, and for how many at most.
+    waits: Option<(Duration, usize)>,
+}
+
+struct Player {
+    sim: Sim,
+    store: Store,
+    pace: f64,
+    /// When the robot's time was 0.
+    began: Instant,
+    hosts: BTreeMap<u64, Host>,
+    /// Who has the line.
+    owner: Option<u64>,
+    /// When anybody has asked for something.
+    asked: Instant,
+}
+
+impl Player {
+    fn run(&mut self, asks: &Asks) -> Result<(), ResidentError> {
+        loop {
+            let due = self.due();
+            if !due.is_zero() {
+                self.pass(due.min(STEP.mul_f64(self.pace.max(1.0))));
+            }
+            self.store.keep(&self.sim)?;
+            self.answer_waiting();
+            let wait = if due > STEP { Duration::ZERO } else { LOOK };
+            match asks.recv_timeout(wait) {
+                Ok((host, said)) => {
+                    if self.take(host, said)? == Power::Off {
+                        return Ok(());
+                    }
+                    self.store.keep(&self.sim)?;
+                }
+                Err(RecvTimeoutError::Timeout) => {}
+                // The thread that listens has no end.
+                Err(RecvTimeoutError::Disconnected) => return Ok(()),
+            }
+        }
+    }
+
+    /// The robot's time.
+    fn now(&self) -> Duration {
+        self.sim.now()
+    }
+
+    /// How much of the robot's time is to pass now. It stands still while its owner computes what to say next.
+    fn due(&mut self) -> Duration {
+        let waited_for = self.owner.is_some()
+            && self.hosts.values().all(|host| host.waits.is_none())
+            && self.asked.elapsed() < PATIENCE;
+        let real = self.now().div_f64(self.pace);
+        let behind = self.began.elapsed().saturating_sub(real);
+        if waited_for || behind > MAX_BEHIND {
+            self.began = Instant::now().checked_sub(real).unwrap_or(self.began);
+            return Duration::ZERO;
+        }
+        behind.mul_f64(self.pace)
+    }
+
+    /// Lets time pass, until the board says something.
+    fn pass(&mut self, time: Duration) {
+        let until = self.hosts.values().filter_map(|host| host.waits).map(|(until, _)| until).min();
+        let time =
+            until.map_or(time, |until| time.min(until.saturating_sub(self.now()))).max(Duration::from_micros(100));
+        let mut buffer = [0; 4096];
+        let count = self.sim.receive(&mut buffer, time).unwrap_or(0);
+        let bytes = buffer.get(..count).unwrap_or_default();
+        for host in self.hosts.values_mut().filter(|host| host.is_open) {
+            host.queue.extend(bytes);
+            let excess = host.queue.len().saturating_sub(MAX_QUEUE);
+            host.queue.drain(..excess);
+        }
+    }
+
+    fn answer_waiting(&mut self) {
+        let now = self.now();
+        let mut gone = Vec::new();
+        for (name, host) in &mut self.hosts {
+            let Some((until, max)) = host.waits else { continue };
+            if host.queue.is_empty() && now < until {
+                continue;
+            }
+            host.waits = None;
+            let count = max.min(host.queue.len());
+            let bytes = host.queue.drain(..count).collect();
+            if say(&mut host.stream, &Answer::Bytes { bytes, now_us: micros(now) }).is_err() {
+                gone.push(*name);
+            }
+            self.asked = Instant::now();
+        }
+        for host in gone {
+            self.forget(host);
+        }
+    }
+
+    fn forget(&mut self, host: u64) {
+        self.hosts.remove(&host);
+        if self.owner == Some(host) {
+            self.owner = None;
+        }
+    }
+
+    fn take(&mut self, name: u64, said: Said) -> Result<Power, ResidentError> {
+        let ask = match said {
+            Said::Came(stream) => {
+                self.hosts.insert(name, Host { stream, queue: VecDeque::new(), is_open: false, waits: None });
+                return Ok(Power::On);
+            }
+            Said::Gone => {
+                self.forget(name);
+                return Ok(Power::On);
+            }
+            Said::Asked(ask) => ask,
+        };
+        if ask == Ask::PowerOff {
+            self.store.lose_retained()?;
+        }
+        let is_off = ask == Ask::PowerOff;
+        if self.owner == Some(name) {
+            self.asked = Instant::now();
+        }
+        let answer = self.carry_out(name, ask);
+        if let (Some(answer), Some(host)) = (answer, self.hosts.get_mut(&name))
+            && say(&mut host.stream, &answer).is_err()
+        {
+            self.forget(name);
+        }
+        Ok(if is_off { Power::Off } else { Power::On })
+    }
+
+    /// Does what a host asks. None where it is answered later.
+    fn carry_out(&mut self, name: u64, ask: Ask) -> Option<Answer> {
+        let now = self.now();
+        match ask {
+            Ask::Open { release, .. } if release != RELEASE => return Some(Answer::OtherRelease),
+            Ask::Open { alone: true, .. } if self.owner.is_some() => return Some(Answer::Busy),
+            Ask::Open { alone, .. } => {
+                if alone {
+                    (self.owner, self.asked) = (Some(name), Instant::now());
+                }
+                self.hosts.get_mut(&name)?.is_open = true;
+            }
+            Ask::Tip(words) => TipSettings::from(words).apply(&mut self.sim.simulated_tip()),
+            Ask::Send(bytes) => self.sim.send(&bytes).unwrap_or_default(),
+            Ask::Receive { timeout_us, max } => {
+                let until = now.saturating_add(Duration::from_micros(timeout_us));
+                self.hosts.get_mut(&name)?.waits = Some((until, max));
+                return None;
+            }
+            Ask::Laid => {
+                let laid = self.sim.simulation().laid().unwrap_or_default();
+                return Some(Answer::of_layers(&laid.body, laid.feed_steps));
+            }
+            Ask::Settled { from } => return Some(Answer::of_layers(&self.sim.simulation().settled(from), 0)),
+            Ask::Reset => self.sim.reset(ResetCause::External),
+            Ask::PowerOff => {}
+        }
+        Some(Answer::Done { now_us: micros(self.now()) })
+    }
+}
+
+/// Whether the robot stays on.
+#[derive(PartialEq, Eq)]
+enum Power {
+    On,
+    Off,
+}
+
+/// A host that takes nothing for so long has gone.
+const STALLED: Duration = Duration::from_secs(2);
+
+fn say(stream: &mut UnixStream, answer: &Answer) -> io::Result<()> {
+    let mut line = serde_json::to_vec(answer)?;
+    line.push(b'\n');
+    stream.set_write_timeout(Some(STALLED))?;
+    stream.write_all(&line)
+}

@@ -1,0 +1,102 @@
+use std::path::Path;
+use std::thread;
+use std::time::{Duration, Instant};
+
+use growbot_client::client::Client;
+use growbot_client::growth::{
+    Job, JobEvent, Manner, OnInterrupted, Orders, Outcome, as_built_hash, grow_job, resume_job,
+};
+use growbot_client::plan::Plan;
+use growbot_client::robot_file;
+use growbot_core::link::message::Silence;
+use growbot_core::plan::Planner;
+use growbot_core::pose::Pose;
+use growbot_core::robot::Robot;
+
+use super::{Line, Place, ResidentError, play};
+use crate::port::{PortName, TipSettings, open, open_for_emergency_stop};
+
+fn robot() -> Robot {
+    robot_file::load("growbot-a2".as_ref()).unwrap()
+}
+
+/// A robot that is on: in a thread of this process instead of a process of its own.
+fn on(directory: &Path, pace: f64) -> (Place, thread::JoinHandle<Result<(), ResidentError>>) {
+    let place = Place::of(&format!("{}/", directory.display())).unwrap();
+    let (ready, is_ready) = std::sync::mpsc::channel();
+    let played = place.clone();
+    let thread = thread::spawn(move || play(&played, &robot(), pace, || ready.send(()).unwrap()));
+    is_ready.recv().unwrap();
+    (place, thread)
+}
+
+fn client(place: &Place) -> Client {
+    let name = PortName::Resident(place.name().to_owned());
+    Client::new(open(&name, &robot(), &TipSettings::default()).unwrap().port, "sim")
+}
+
+fn off(place: &Place) {
+    Line::open_beside(place).unwrap().power_off().unwrap();
+}
+
+fn plan() -> Plan {
+    let goal = Pose::from_degrees([2.0, 1.0, 24.0, 0.0, 80.0]).unwrap();
+    let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
+    let radius = robot().description().planning_radius_mm;
+    Plan::make(&robot(), &start, &goal, radius, Planner::Shortest).unwrap()
+}
+
+#[test]
+fn a_body_is_grown_through_a_loss_of_power_as_without() {
+    let (robot, plan) = (robot(), plan());
+    let job = Job::of_plan(&robot, &plan);
+    let whole = tempfile::tempdir().unwrap();
+    let (place, thread) = on(whole.path(), 1e4);
+    let manner = || Manner::from(Silence::Pause);
+    let grown = grow_job(&mut client(&place), &job, manner(), &Orders::default(), &mut |_| {}).unwrap();
+    assert_eq!(grown.outcome, Outcome::Done);
+    off(&place);
+    thread.join().unwrap().unwrap();
+
+    let cut = tempfile::tempdir().unwrap();
+    let (place, thread) = on(cut.path(), 1e4);
+    let mut switch = Some(place.clone());
+    let lost = grow_job(&mut client(&place), &job, manner(), &Orders::default(), &mut |event| {
+        if let JobEvent::Laid { index: 5, .. } = event {
+            switch.take().iter().for_each(off);
+        }
+    });
+    assert!(lost.is_err() || lost.unwrap().outcome != Outcome::Done);
+    thread.join().unwrap().unwrap();
+    assert!(!place.is_on());
+    let (place, thread) = on(cut.path(), 1e4);
+    let mut client = client(&place);
+    let resumed =
+        resume_job(&mut client, &job, vec![], OnInterrupted::Again, manner(), &Orders::default(), &mut |_| {}).unwrap();
+    assert_eq!(resumed.outcome, Outcome::Done);
+    assert_eq!(as_built_hash(&resumed.as_built), as_built_hash(&grown.as_built));
+    drop(client);
+    off(&place);
+    thread.join().unwrap().unwrap();
+}
+
+#[test]
+fn one_program_has_the_line_and_any_gives_the_emergency_stop() {
+    let directory = tempfile::tempdir().unwrap();
+    let (place, thread) = on(directory.path(), 1.0);
+    let mut owner = client(&place);
+    owner.hello_robot(&robot()).unwrap();
+    assert!(matches!(Line::open(&place), Err(ResidentError::Busy(_))));
+    let name = PortName::Resident(place.name().to_owned());
+    let began = Instant::now();
+    let beside = open_for_emergency_stop(&name, Duration::from_secs(1)).unwrap();
+    Client::new(beside, "sim").emergency_stop().unwrap();
+    assert!(began.elapsed() < Duration::from_secs(3), "{:?}", began.elapsed());
+    assert!(matches!(play(&place, &robot(), 1.0, || {}), Err(ResidentError::On(_))));
+    off(&place);
+    thread.join().unwrap().unwrap();
+    assert!(matches!(Line::open(&place), Err(ResidentError::Off(_))));
+    let other = robot_file::load("growbot-b".as_ref()).unwrap();
+    let said = play(&place, &other, 1.0, || {}).unwrap_err().to_string();
+    assert!(said.contains("growbot-a2") && said.contains("growbot-b"), "{said}");
+}
