@@ -11,6 +11,7 @@
 //!   growth under way, as a page on this machine;
 //! - [`export`]: bodies as STL, GLB, CSV and MCAP;
 //! - [`reproduce`]: the experiments of the paper, done again, with page and figures;
+//! - [`serve`]: the service that owns robots; [`switch`]: the switch of simulated ones that stay on;
 //! - [`crash`]: where in an image the firmware crashed; [`progress`]: how far something has come; [`output`]: results;
 //!   [`messages`]: what else is said; [`duration`], [`figures`]: times and numbers as text.
 //!
@@ -32,7 +33,9 @@ pub mod reproduce;
 pub mod robot_explained;
 pub mod robot_questions;
 pub mod schema;
+pub mod serve;
 pub mod settings;
+pub mod switch;
 pub mod via_csv;
 pub mod view;
 pub mod watch;

@@ -7,6 +7,7 @@
 
 pub mod written;
 
+use growbot_client::maintenance::Preset;
 use growbot_client::robot_file;
 use growbot_core::robot::{Robot, RobotDescription, RobotError};
 use schemars::generate::SchemaSettings;
@@ -40,6 +41,13 @@ pub fn of_fields() -> Value {
     let mut settings = SchemaSettings::draft07();
     settings.inline_subschemas = true;
     let mut schema = settings.into_generator().into_root_schema_for::<RobotDescription>().to_value();
+    let materials = SchemaSettings::draft07().with(|settings| settings.inline_subschemas = true);
+    let preset = materials.into_generator().into_root_schema_for::<Preset>().to_value();
+    schema["properties"]["materials"] = json!({
+        "description": "Presets of materials for maintenance, by name: the host's alone, and no part of what the robot is.",
+        "type": "object",
+        "additionalProperties": without_head(preset),
+    });
     tidy(&mut schema);
     if let Some(root) = schema.as_object_mut() {
         root.insert("title".into(), json!("growbot robot file"));
@@ -47,6 +55,15 @@ pub fn of_fields() -> Value {
             "description".into(),
             json!("A robot that moves by growing. Lengths are in mm: names carry the unit."),
         );
+    }
+    schema
+}
+
+/// A schema as a part of another.
+fn without_head(mut schema: Value) -> Value {
+    if let Some(root) = schema.as_object_mut() {
+        root.remove("$schema");
+        root.remove("title");
     }
     schema
 }

@@ -4,6 +4,7 @@
 //! working directory upwards, and that more than the one of the user's configuration. Nothing is read that nobody asks
 //! for: a file that is wrong stops no command that does not need it.
 
+use std::collections::BTreeMap;
 use std::env::{self, VarError};
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -11,6 +12,8 @@ use std::path::{Path, PathBuf};
 use growbot_client::input::{self, InputError};
 use growbot_client::robot_file::{self, RobotFileError};
 use serde::Deserialize;
+
+use crate::serve::config::{RobotEntry, ServeEntry};
 
 /// What the files are called.
 pub const FILE: &str = "growbot.toml";
@@ -79,6 +82,10 @@ pub enum SettingsError {
 struct Written {
     robot: Option<String>,
     port: Option<String>,
+    #[serde(default)]
+    robots: BTreeMap<String, RobotEntry>,
+    #[serde(default)]
+    serve: ServeEntry,
 }
 
 impl Key {
@@ -115,15 +122,25 @@ impl Key {
     /// The value that a file in this directory gives it: paths are relative to the file.
     fn from(self, written: &Written, directory: &Path) -> Option<String> {
         match self {
-            Self::Robot => written.robot.as_ref().map(|robot| match robot_file::is_built_in(robot) {
-                true => robot.clone(),
-                false => beside(directory, robot),
-            }),
-            Self::Port => written.port.as_ref().map(|port| match port.strip_prefix("emulator:") {
-                Some(image) => format!("emulator:{}", beside(directory, image)),
-                None => port.clone(),
-            }),
+            Self::Robot => written.robot.as_ref().map(|robot| robot_from(robot, directory)),
+            Self::Port => written.port.as_ref().map(|port| port_from(port, directory)),
         }
+    }
+}
+
+/// A robot as a file in this directory names it.
+#[must_use]
+pub fn robot_from(robot: &str, directory: &Path) -> String {
+    if robot_file::is_built_in(robot) { robot.to_owned() } else { beside(directory, robot) }
+}
+
+/// A port as a file in this directory names it.
+#[must_use]
+pub fn port_from(port: &str, directory: &Path) -> String {
+    match port.split_once(':') {
+        Some(("emulator", image)) => format!("emulator:{}", beside(directory, image)),
+        Some(("sim", name)) if name.contains('/') => format!("sim:{}", beside(directory, name)),
+        _ => port.to_owned(),
     }
 }
 
@@ -156,6 +173,35 @@ impl Setting {
         }
         Ok(Self { value: key.built_in().to_owned(), origin: Origin::BuiltIn })
     }
+}
+
+/// The robots of a service, by name, and how it is set.
+pub type Robots = (BTreeMap<String, RobotEntry>, ServeEntry);
+
+/// What a text of settings, which messages call `file`, says of the service.
+///
+/// # Errors
+/// [`SettingsError::Toml`].
+pub fn service_of(text: &str, file: &str) -> Result<Robots, SettingsError> {
+    let Written { robots, serve, .. } = robot_file::from_toml(text, file)?;
+    Ok((robots, serve))
+}
+
+/// The robots that the service owns, and how it is set: by the nearest file that has robots, or that of the user's
+/// configuration.
+///
+/// # Errors
+/// [`SettingsError`] of the files that had to be looked at.
+pub fn service() -> Result<Robots, SettingsError> {
+    for file in [nearest(), user_file()].into_iter().flatten().filter(|file| file.is_file()) {
+        let (robots, serve) = service_of(&input::read_text(&file)?, &input::name_of(&file))?;
+        if !robots.is_empty() {
+            let directory = file.parent().unwrap_or(Path::new(""));
+            let robots = robots.into_iter().map(|(name, entry)| (name, entry.in_directory(directory)));
+            return Ok((robots.collect(), serve));
+        }
+    }
+    Ok((BTreeMap::new(), ServeEntry::default()))
 }
 
 /// The value that this file gives a key.

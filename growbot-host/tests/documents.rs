@@ -15,6 +15,7 @@ use std::thread;
 
 use blocks::{Document, beside, for_users, root};
 use growbot_client::robot_file;
+use growbot_host::settings;
 use pulldown_cmark::Event;
 use transcript::{agree, differences, differences_in};
 
@@ -125,12 +126,17 @@ fn merge(into: &mut toml::Table, from: toml::Table) {
 }
 
 #[test]
-fn every_toml_block_is_a_part_of_a_robot_file() {
+fn every_toml_block_is_a_part_of_a_robot_file_or_settings() {
     let (robot_a, _) = robot_file::text_of("growbot-a".as_ref()).unwrap();
     let mut read = 0;
     for document in for_users() {
         for block in document.blocks().iter().filter(|block| block.is("toml")) {
             let place = format!("{}:{}", document.path.display(), block.line);
+            if block.text.contains("[robots.") {
+                let (robots, _) = settings::service_of(&block.text, &place).unwrap();
+                assert!(robots.len() > 1, "{place}");
+                continue;
+            }
             let mut whole: toml::Table = robot_a.parse().unwrap();
             merge(&mut whole, block.text.parse().unwrap_or_else(|error| panic!("{place}: {error}")));
             robot_file::parse(&toml::to_string(&whole).unwrap(), &place).unwrap();

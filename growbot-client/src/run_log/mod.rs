@@ -380,12 +380,14 @@ const MILLISECONDS: EncodedConfig =
     Config::DEFAULT.set_time_precision(TimePrecision::Second { decimal_digits: NonZero::new(3) }).encode();
 
 /// Now, as RFC 3339 has it, to the millisecond: always as long.
-fn utc_now() -> String {
+#[must_use]
+pub fn utc_now() -> String {
     utc_text(OffsetDateTime::now_utc())
 }
 
 /// A time of day, likewise.
-fn utc_text(time: OffsetDateTime) -> String {
+#[must_use]
+pub fn utc_text(time: OffsetDateTime) -> String {
     time.format(&Iso8601::<MILLISECONDS>).unwrap_or_default()
 }
 

@@ -4,6 +4,7 @@ use clap::Args;
 use growbot_core::link::message::{Cancel, Message};
 use growbot_host::output::print;
 
+use super::service::owner;
 use super::{Failure, RobotArg, RobotPortArg};
 
 /// Give up the body under way: heater and steppers off, and the board forgets it
@@ -21,6 +22,9 @@ pub struct CancelArgs {
 /// Runs the command.
 pub fn run(args: &CancelArgs) -> Result<(), Failure> {
     let port = args.port.choose()?;
+    if let Some(owned) = owner(&port)? {
+        return owned.cancel();
+    }
     let robot = args.robot.load()?;
     let mut client = port.client(&robot)?;
     let hello = client.hello()?;

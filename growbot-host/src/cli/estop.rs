@@ -11,6 +11,7 @@ use growbot_client::port::real_time;
 use growbot_host::output::print;
 use growbot_sim::port::{self, OpenError, PortName};
 
+use super::service::owner_in_emergency;
 use super::{ChosenPort, Failure, RobotArg, RobotPortArg, usage};
 
 /// Emergency stop: heater and steppers off before the board does anything else
@@ -33,7 +34,11 @@ pub struct EstopArgs {
 /// Runs the command. On any failure its exit code is 1, and it says to cut the power.
 pub fn run(args: &EstopArgs) -> Result<(), Failure> {
     let port = args.port.choose().map_err(|failure| cut_the_power(failure.message()))?;
-    stop(&port, &args.robot).map_err(cut_the_power)?;
+    // A service that cannot be asked is no reason to wait.
+    let by_service = owner_in_emergency(&port).is_some_and(|owned| owned.emergency_stop());
+    if !by_service {
+        stop(&port, &args.robot).map_err(cut_the_power)?;
+    }
     let done = format!("emergency stop: heater and steppers of the {}robot are off\n", port.kind());
     if print(&done).is_err() {
         // The board has obeyed, whether or not anybody can read it.
@@ -60,7 +65,7 @@ pub fn usage_error(error: &clap::Error) -> ExitCode {
 /// Has the board stop, or tells why nobody knows whether it has.
 fn stop(port: &ChosenPort, robot: &RobotArg) -> Result<(), String> {
     let mut attempts = 0;
-    if port.is_simulated() {
+    if port.ends_with_program() {
         let robot = robot.load().map_err(|failure| failure.message().to_string())?;
         let mut client = port.client(&robot).map_err(|failure| failure.message().to_string())?;
         let began = client.port().now();

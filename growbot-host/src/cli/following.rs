@@ -207,7 +207,7 @@ fn all_off(simulated: bool) -> &'static str {
 pub fn failed(error: GrowthError, simulated: bool) -> Failure {
     match error {
         GrowthError::During(error) if simulated => {
-            Failure::answered_no(format_args!("{error}; the robot is a simulated one, and ends with this program"))
+            Failure::answered_no(format_args!("{error}; the robot is a simulated one"))
         }
         error => Failure::answered_no(error),
     }
@@ -233,9 +233,9 @@ pub fn judged(outcome: Outcome, emergency: bool, simulated: bool) -> Result<(), 
         Outcome::Interrupted => Err(Failure::answered_no(format!(
             "the {kind}board has started anew, or another host has taken it: `growbot status` shows what it knows, `growbot resume` resumes the body",
         ))),
-        Outcome::Lost if simulated => Err(Failure::answered_no(
-            "the simulated board does not answer any more: the robot is a simulated one, and ends with this program",
-        )),
+        Outcome::Lost if simulated => {
+            Err(Failure::answered_no("the simulated board does not answer any more: the robot is a simulated one"))
+        }
         Outcome::Lost => Err(Failure::answered_no(
             "the board does not answer any more; the robot may still be growing: see `growbot status`, and cut its power if that does not answer",
         )),
@@ -431,7 +431,7 @@ mod tests {
             assert!(!said(false).contains("simulated"), "{}", said(false));
         }
         let silent = || GrowthError::During(ClientError::NotStopped { port: "sim (simulated)".to_owned() });
-        assert!(failed(silent(), true).message().ends_with("ends with this program"));
+        assert!(failed(silent(), true).message().ends_with("the robot is a simulated one"));
         assert!(failed(silent(), false).message().contains("cut its power"));
     }
 }

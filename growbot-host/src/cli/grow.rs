@@ -23,6 +23,7 @@ use super::following::{Following, OnSilence, Print, refuse};
 use super::goal::GoalArgs;
 use super::interrupt::stop_on_interrupt;
 use super::keyboard::Keyboard;
+use super::service::{Options, owner};
 use super::watching::WatchArgs;
 use super::{ChosenPort, Connection, Failure, PortArg};
 
@@ -122,6 +123,9 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
         return Err(Failure::answered_no(why));
     }
     args.suits(&port, &robot)?;
+    if let Some(owned) = owner(&port)? {
+        return owned.grow(&robot, &plan, args.goal.name("growbot grow"), &args.by_service(print)?);
+    }
     let pace = args.watching.pace(port.name())?;
     if matches!(port.name(), PortName::Emulator(_)) {
         let time = duration_text(plan.needs.duration);
@@ -177,6 +181,32 @@ impl GrowArgs {
             (Some(Some(log)), false) if is_standard_output(log) => Ok(Print::Nothing),
             (_, json) => Ok(Print::of(json)),
         }
+    }
+
+    /// How the service is to grow it.
+    fn by_service(&self, print: Print) -> Result<Options, Failure> {
+        if self.disturbance.disturbs() || self.disturbance.knows_sensors() {
+            return Err(Failure::bad_input(
+                "a service grows without disturbances: leave noises and biases out, or use --port sim",
+            ));
+        }
+        let log = match &self.log {
+            Some(Some(path)) if is_standard_output(path) => {
+                return Err(Failure::bad_input(
+                    "the service keeps the run log: name a file for its copy, or leave --log out",
+                ));
+            }
+            Some(Some(path)) if path.exists() && !self.force => {
+                return Err(Failure::bad_input(format!(
+                    "run log {} exists already: name another file, or replace it with --force",
+                    path.display()
+                )));
+            }
+            Some(Some(path)) => Some(path.clone()),
+            Some(None) => Some(RunLog::free_name()),
+            None => None,
+        };
+        Ok(Options { feedback: self.feedback, force: self.force, print, log })
     }
 
     /// Begins the log that is asked for, or none.

@@ -14,11 +14,11 @@ use super::ChosenPort;
 pub fn stop_on_interrupt(client: &mut Client, port: &ChosenPort) -> Arc<Orders> {
     let orders = Arc::new(Orders::default());
     let given = Arc::clone(&orders);
-    let (mut line, name, simulated) = (client.emergency_line(), port.text().to_string(), port.is_simulated());
+    let (mut line, name, ends_with_us) = (client.emergency_line(), port.text().to_string(), port.ends_with_program());
     let kind = port.kind();
     let installed = ctrlc::set_handler(move || {
         if given.interrupt() {
-            if !simulated {
+            if !ends_with_us {
                 stop_at_once(line.take(), &name);
             }
             std::process::exit(1);

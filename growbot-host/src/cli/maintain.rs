@@ -5,6 +5,7 @@ use growbot_client::maintenance::COMMANDS;
 use growbot_host::output::print;
 
 use super::console::maintain;
+use super::service::owner;
 use super::{Failure, RobotArg, RobotPortArg};
 
 /// Heat the nozzle, load, unload or purge filament, home or turn the head
@@ -37,6 +38,9 @@ Examples:
 /// Runs the command.
 pub fn run(args: &MaintainArgs) -> Result<(), Failure> {
     let port = args.port.choose()?;
+    if let Some(owned) = owner(&port)? {
+        return owned.maintain(&args.task, &args.value);
+    }
     let (robot, presets) = (args.robot.load()?, args.robot.presets()?);
     let mut client = port.client(&robot)?;
     client.hello_robot(&robot)?;

@@ -27,6 +27,7 @@ mod man;
 mod new_robot;
 mod plan;
 mod plan_table;
+mod power;
 mod replay;
 mod reproduce;
 mod resume;
@@ -35,6 +36,8 @@ mod robots;
 mod scene;
 mod schema;
 mod search;
+mod serve;
+mod service;
 mod simulate;
 mod status;
 mod stop;
@@ -65,7 +68,9 @@ use growbot_host::batch::BatchError;
 use growbot_host::messages::{self, Kind};
 use growbot_host::output::OutputError;
 use growbot_host::settings::{FILE, Key, Origin, Setting, SettingsError};
+use growbot_host::switch::SwitchError;
 use growbot_sim::port::{self, OpenError, Opened, PortName, TipSettings};
+use growbot_sim::resident::{Place, ResidentError};
 use growbot_sim::truth::Simulation;
 
 /// Plan, slice and grow: the control stack of robots that grow by printing their
@@ -117,6 +122,11 @@ enum Command {
     Tune(tune::TuneArgs),
     Maintain(maintain::MaintainArgs),
     Console(console::ConsoleArgs),
+    Power(power::PowerArgs),
+    Serve(serve::ServeArgs),
+    Attach(service::AttachArgs),
+    Pause(service::PauseArgs),
+    Continue(service::ContinueArgs),
     Flash(flash::FlashArgs),
     Config(config::ConfigArgs),
     Completions(completions::CompletionsArgs),
@@ -155,6 +165,11 @@ pub fn run() -> ExitCode {
         Some(Command::Tune(args)) => tune::run(&args),
         Some(Command::Maintain(args)) => maintain::run(&args),
         Some(Command::Console(args)) => console::run(&args),
+        Some(Command::Power(args)) => power::run(&args),
+        Some(Command::Serve(args)) => serve::run(&args),
+        Some(Command::Attach(args)) => service::run_attach(&args),
+        Some(Command::Pause(args)) => service::run_pause(&args),
+        Some(Command::Continue(args)) => service::run_continue(&args),
         Some(Command::Flash(args)) => flash::run(&args),
         Some(Command::Config(args)) => config::run(&args),
         Some(Command::Completions(args)) => completions::run(&args),
@@ -250,7 +265,18 @@ macro_rules! bad_input {
     };
 }
 
-bad_input!(BatchError, FileError, InputError, OpenError, PlanFileError, PortError, RobotFileError, SettingsError);
+bad_input!(
+    BatchError,
+    FileError,
+    InputError,
+    OpenError,
+    PlanFileError,
+    PortError,
+    ResidentError,
+    RobotFileError,
+    SettingsError,
+    SwitchError
+);
 
 impl From<ClientError> for Failure {
     fn from(error: ClientError) -> Self {
@@ -264,8 +290,8 @@ impl From<ClientError> for Failure {
 /// `--port`, where a robot is talked to: without it the configured one, or else a simulated robot.
 #[derive(Args)]
 pub struct PortArg {
-    /// Where the robot is: sim, emulator, emulator:ELF, tcp:HOST:PORT or a
-    /// serial device [default: what GROWBOT_PORT or growbot.toml says, or else sim]
+    /// Where the robot is: sim, sim:NAME (growbot power), emulator,
+    /// emulator:ELF, tcp:HOST:PORT or a serial device [default: what GROWBOT_PORT or growbot.toml says, or else sim]
     #[arg(long, value_name = "PORT")]
     port: Option<String>,
     #[command(flatten)]
@@ -276,8 +302,8 @@ pub struct PortArg {
 /// simulated from now on: they are told a port, or have one configured.
 #[derive(Args)]
 pub struct RobotPortArg {
-    /// Where the robot is: tcp:HOST:PORT or a serial device; sim and emulator
-    /// start a simulated one [default: what GROWBOT_PORT or growbot.toml
+    /// Where the robot is: sim:NAME, tcp:HOST:PORT or a serial device; sim and
+    /// emulator start a simulated one [default: what GROWBOT_PORT or growbot.toml
     /// says; one of them must be given]
     #[arg(long, value_name = "PORT")]
     port: Option<String>,
@@ -363,7 +389,16 @@ impl ChosenPort {
 
     /// How fast the robot's clock runs, in multiples of real time; `asked` is what a simulated one was asked for.
     fn pace(&self, asked: Option<f64>) -> Option<f64> {
-        if self.name.is_virtual() { asked } else { Some(1.0) }
+        match self.name.resident() {
+            Some(name) => Place::of(name).ok()?.pace(),
+            None if self.name.is_virtual() => asked,
+            None => Some(1.0),
+        }
+    }
+
+    /// Whether the robot there ends with this program.
+    fn ends_with_program(&self) -> bool {
+        self.is_simulated() && self.name.resident().is_none()
     }
 
     /// What messages say before "robot" or "board": that it is a simulated one.

@@ -62,6 +62,12 @@ pub fn run(args: &ReplayArgs) -> Result<(), Failure> {
     })?)
 }
 
+/// What a log tells of the body, in a few lines.
+pub fn text_of(record: &RunRecord) -> Result<String, Failure> {
+    let replayed = Replayed::of(record);
+    Ok(replayed.text(&replayed.arrivals()?, None))
+}
+
 /// The body that a log tells of.
 struct Replayed<'a> {
     record: &'a RunRecord,

@@ -19,6 +19,7 @@ use super::following::{Following, OnSilence, Print};
 use super::growth_table::made;
 use super::interrupt::stop_on_interrupt;
 use super::keyboard::Keyboard;
+use super::service::{Options, owner};
 use super::subject::Subject as Opened;
 use super::watching::WatchArgs;
 use super::{ChosenPort, Failure, PortArg};
@@ -81,6 +82,10 @@ enum WithCut {
 pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
     let port = args.port.choose()?;
     let (robot, plan, mut record) = args.robot_plan_and_record()?;
+    if let Some(owned) = owner(&port)? {
+        let options = Options { feedback: false, force: false, print: Print::of(args.json), log: None };
+        return owned.resume(Job::of_plan(&robot, &plan).plan_id, &options);
+    }
     let pace = args.watching.pace(port.name())?;
     let mut client = port.connect(&robot, &TipSettings { pace, ..TipSettings::default() })?.client;
     let board = client.board()?;
@@ -151,7 +156,7 @@ fn show(board: &BoardHello, plan_id: u64, port: &ChosenPort) -> Result<(), Failu
     if status.plan_id != plan_id || status.plan_id == 0 {
         let nothing = GrowthError::nothing_to_resume(plan_id, status);
         let anew =
-            if port.is_simulated() { "; it is a simulated one, which starts anew with each command" } else { "" };
+            if port.ends_with_program() { "; it is a simulated one, which starts anew with each command" } else { "" };
         return Err(Failure::answered_no(format_args!("{nothing}{anew}")));
     }
     growbot_host::note!(

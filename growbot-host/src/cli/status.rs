@@ -22,6 +22,7 @@ use time::OffsetDateTime;
 
 use super::flash::built_images;
 use super::growth_table::made;
+use super::service::owner;
 use super::{Failure, RobotArg, RobotPortArg};
 
 /// Ask the robot's board who it is, what it is doing and what its sensors say
@@ -47,6 +48,9 @@ pub struct StatusArgs {
 /// Runs the command.
 pub fn run(args: &StatusArgs) -> Result<(), Failure> {
     let port = args.port.choose()?;
+    if let Some(owned) = owner(&port)? {
+        return owned.status(args.json);
+    }
     let robot = args.robot.load()?;
     let given = args.elf.as_deref().map(Image::open).transpose().map_err(Failure::bad_input)?;
     let mut client = port.client(&robot)?;

@@ -5,6 +5,7 @@ use growbot_client::client::ClientError;
 use growbot_core::link::message::{Empty, Message};
 use growbot_host::output::print;
 
+use super::service::owner;
 use super::{Failure, RobotArg, RobotPortArg};
 
 /// Stop the robot: heater and steppers off at once
@@ -23,6 +24,9 @@ pub struct StopArgs {
 /// Runs the command. A board of another release or robot is stopped all the same: no hello is asked for.
 pub fn run(args: &StopArgs) -> Result<(), Failure> {
     let port = args.port.choose()?;
+    if let Some(owned) = owner(&port)? {
+        return owned.stop();
+    }
     let robot = args.robot.load()?;
     let mut client = port.client(&robot)?;
     client.request("to stop", &Message::Stop(Empty {})).map_err(|error| match error {

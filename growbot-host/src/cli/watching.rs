@@ -71,7 +71,7 @@ impl WatchArgs {
 }
 
 /// A factor of time.
-fn times(text: &str) -> Result<f64, String> {
+pub fn times(text: &str) -> Result<f64, String> {
     let times: f64 = text.parse().map_err(|_| format!("`{text}` is no number"))?;
     // Slower, orders would wait for long.
     if (0.1..=1e6).contains(&times) { Ok(times) } else { Err(format!("{times} is not between 0.1 and 1000000")) }

@@ -6,8 +6,8 @@
 //! - `guard`: who gets an answer;
 //! - growbot-host/viewer/src/live.js: the other end.
 
-mod guard;
-mod server;
+pub(crate) mod guard;
+pub(crate) mod server;
 mod watched;
 
 use std::io;
@@ -51,11 +51,16 @@ pub enum WatchError {
     View(#[from] ViewError),
 }
 
-/// What pages and the growth share.
-struct Shared {
+/// The server's side: the page, and the growth.
+pub(crate) struct Shared {
     page: String,
     /// Every address begins with it.
     token: String,
+    live: Arc<Live>,
+}
+
+/// A growth under way, as pages and the thread that follows it share it.
+pub struct Live {
     /// None where pages may only look.
     orders: Option<Arc<Orders>>,
     watched: Mutex<Watched>,
@@ -63,9 +68,43 @@ struct Shared {
     changes: watch::Sender<u64>,
 }
 
-impl Shared {
+impl Live {
+    /// A growth that is about to begin, or to be resumed after `known` layers. With orders, pages may give some.
+    #[must_use]
+    pub fn new(job: &Job, known: &[Option<LayerBytes>], orders: Option<Arc<Orders>>) -> Arc<Self> {
+        let watched = Mutex::new(Watched::new(job, known));
+        Arc::new(Self { orders, watched, changes: watch::Sender::new(0) })
+    }
+
     fn watched(&self) -> MutexGuard<'_, Watched> {
         self.watched.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Has pages tell when the growth is done: the robot's clock runs so fast, in multiples of real time.
+    pub fn runs_at(&self, pace: Option<f64>) {
+        self.watched().runs_at(pace);
+    }
+
+    /// Tells pages what happened.
+    pub fn ingest(&self, event: &JobEvent) {
+        self.watched().ingest(event);
+        self.changed();
+    }
+
+    /// Tells pages what is wrong with this program's own files, until nothing is.
+    pub fn warn(&self, words: Option<String>) {
+        self.watched().warn(words);
+        self.changed();
+    }
+
+    /// Tells pages how it ended, as `growbot grow --json` says it.
+    pub fn end(&self, result: GrowthResult) {
+        self.watched().end(result);
+        self.changed();
+    }
+
+    fn changed(&self) {
+        self.changes.send_modify(|changes| *changes += 1);
     }
 }
 
@@ -97,9 +136,7 @@ impl Watch {
         let shared = Arc::new(Shared {
             page: page::of_growth(subject, orders.is_some())?,
             token,
-            orders,
-            watched: Mutex::new(Watched::new(job, known)),
-            changes: watch::Sender::new(0),
+            live: Live::new(job, known, orders),
         });
         let address = format!("http://{bound}/{}/", shared.token);
         let (stop, stopped) = oneshot::channel();
@@ -124,28 +161,25 @@ impl Watch {
 
     /// Has pages tell when the growth is done: the robot's clock runs so fast, in multiples of real time.
     pub fn runs_at(&self, pace: Option<f64>) {
-        self.shared.watched().runs_at(pace);
+        self.shared.live.runs_at(pace);
     }
 
     /// Tells pages what happened.
     pub fn ingest(&self, event: &JobEvent) {
-        self.shared.watched().ingest(event);
-        self.shared.changes.send_modify(|changes| *changes += 1);
+        self.shared.live.ingest(event);
     }
 
     /// Tells pages what is wrong with this program's own files, until nothing is.
     pub fn warn(&self, words: Option<String>) {
-        self.shared.watched().warn(words);
-        self.shared.changes.send_modify(|changes| *changes += 1);
+        self.shared.live.warn(words);
     }
 
     /// Tells pages how it ended, as `growbot grow --json` says it, and waits a moment for those that are open to hear
     /// it.
     pub fn end(self, result: GrowthResult) {
-        self.shared.watched().end(result);
-        self.shared.changes.send_modify(|changes| *changes += 1);
+        self.shared.live.end(result);
         let asked = Instant::now();
-        while self.shared.changes.receiver_count() > 0 && asked.elapsed() < LAST_WORDS {
+        while self.shared.live.changes.receiver_count() > 0 && asked.elapsed() < LAST_WORDS {
             thread::sleep(Duration::from_millis(20));
         }
     }
@@ -161,7 +195,7 @@ impl Drop for Watch {
 }
 
 /// 128 random bits, as 32 hexadecimal digits.
-fn token() -> Result<String, getrandom::Error> {
+pub(crate) fn token() -> Result<String, getrandom::Error> {
     let mut bytes = [0; 16];
     getrandom::fill(&mut bytes)?;
     Ok(bytes.iter().map(|byte| format!("{byte:02x}")).collect())

@@ -18,9 +18,9 @@ use tokio::net::TcpListener;
 use tokio::sync::{oneshot, watch};
 use tokio::time::sleep;
 
-use super::Shared;
 use super::guard::{guard, nothing};
 use super::watched::Seen;
+use super::{Live, Shared};
 
 /// Pages are told so often at most.
 const BETWEEN_UPDATES: Duration = Duration::from_millis(200);
@@ -59,13 +59,18 @@ async fn page(State(shared): State<Arc<Shared>>) -> Html<String> {
 }
 
 async fn updates(State(shared): State<Arc<Shared>>) -> Sse<impl Stream<Item = Result<Event, Infallible>>> {
-    let listener = Listener { changes: shared.changes.subscribe(), shared, seen: Seen::default(), told: false };
+    updates_of(Arc::clone(&shared.live))
+}
+
+/// What a page does not know yet, as it comes.
+pub fn updates_of(live: Arc<Live>) -> Sse<impl Stream<Item = Result<Event, Infallible>>> {
+    let listener = Listener { changes: live.changes.subscribe(), live, seen: Seen::default(), told: false };
     Sse::new(unfold(listener, Listener::next)).keep_alive(KeepAlive::default())
 }
 
 /// One open page.
 struct Listener {
-    shared: Arc<Shared>,
+    live: Arc<Live>,
     changes: watch::Receiver<u64>,
     seen: Seen,
     /// Whether it has been sent any message.
@@ -83,14 +88,19 @@ impl Listener {
             self.changes.changed().await.ok()?;
         }
         self.changes.mark_unchanged();
-        let update = json_line(&self.shared.watched().update_for(&mut self.seen));
+        let update = json_line(&self.live.watched().update_for(&mut self.seen));
         self.told = true;
         Some((Ok(Event::default().data(update.trim_end())), self))
     }
 }
 
 async fn order(State(shared): State<Arc<Shared>>, Path(name): Path<String>) -> Response {
-    let Some(orders) = &shared.orders else {
+    give(&shared.live, &name).await
+}
+
+/// Gives an order by its name, from a page.
+pub async fn give(live: &Live, name: &str) -> Response {
+    let Some(orders) = &live.orders else {
         return (StatusCode::FORBIDDEN, "this page may only look: start growbot with --control").into_response();
     };
     let Some(order) = Order::ALL.into_iter().find(|order| order.name() == name) else { return nothing().await };

@@ -13,6 +13,8 @@ pub const PROGRAM: &str = env!("CARGO_BIN_EXE_growbot");
 pub fn command(program: impl AsRef<OsStr>) -> Command {
     let mut command = Command::new(program);
     command.env_remove("GROWBOT_PORT").env_remove("GROWBOT_ROBOT").env("XDG_CONFIG_HOME", "/no/such/place");
+    // Nor is one to ask a service that runs here.
+    command.env("XDG_RUNTIME_DIR", "/no/such/place").env("XDG_STATE_HOME", "/no/such/place");
     command
 }
 

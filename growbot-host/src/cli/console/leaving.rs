@@ -44,7 +44,7 @@ pub fn works(state: State) -> bool {
 /// What becomes of a robot that is left while it works, and the remedy.
 pub fn left(state: State, robot: &Robot, port: &ChosenPort) -> String {
     let name = if state == State::Maintenance { "in maintenance" } else { state.name() };
-    if port.is_simulated() {
+    if port.ends_with_program() {
         return format!("the simulated robot is {name}, and ends with this program");
     }
     let future = if state == State::Tuning {

@@ -1,0 +1,67 @@
+//! `growbot serve`: the service that owns robots.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use clap::Args;
+use growbot_host::output::print;
+use growbot_host::serve::config::{PRACTICE, RobotEntry, practice};
+use growbot_host::serve::server::Server;
+use growbot_host::serve::{Places, Service};
+use growbot_host::settings::{self, Key, Setting};
+
+use super::{Failure, config};
+
+/// Own robots: one process for all programs and pages
+///
+/// Robots are the tables [robots.NAME] of growbot.toml, with a port and, for a robot that is not built in, its
+/// description. Where there are none, it is a simulated robot to practise with. Growths go on when the command that has
+/// started them ends, and when this process ends: started again, it finds its robots and goes on.
+///
+/// The pages are on this machine alone. Their address contains a secret: everyone who knows it may give orders. From
+/// another machine: ssh -L 8017:localhost:8017.
+#[derive(Args)]
+#[command(after_help = AFTER_HELP)]
+pub struct ServeArgs {
+    /// Serve the pages on this port of this machine, 0 for any
+    /// [default: that of growbot.toml, or else 8017]
+    #[arg(long, value_name = "PORT")]
+    page_port: Option<u16>,
+}
+
+const AFTER_HELP: &str = "\
+Examples:
+  growbot serve
+  growbot serve --page-port 9000";
+
+/// The port of the pages where none is said.
+const PAGE_PORT: u16 = 8017;
+
+/// Runs the command.
+pub fn run(args: &ServeArgs) -> Result<(), Failure> {
+    let (robots, serve) = settings::service()?;
+    let robots = if robots.is_empty() { practising()? } else { robots };
+    let places = Places::of_user().ok_or_else(|| {
+        Failure::bad_input("neither XDG_STATE_HOME nor HOME is set: the service has no place for its files")
+    })?;
+    places.create().map_err(Failure::bad_input)?;
+    let port = args.page_port.or(serve.port).unwrap_or(PAGE_PORT);
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(Failure::bad_input)?;
+    runtime.block_on(async {
+        let bound = Server::bind(&places, port).await.map_err(Failure::bad_input)?;
+        let service = Service::start(places, &robots).map_err(Failure::bad_input)?;
+        let [operate, read] = bound.addresses().map_err(Failure::bad_input)?;
+        for (name, entry) in &robots {
+            growbot_host::note!("robot {name} at {}", entry.port);
+        }
+        print(&format!("operate  {operate}\nlook     {read}\n"))?;
+        bound.serve(Arc::new(service)).await.map_err(Failure::answered_no)
+    })
+}
+
+/// A simulated robot, as nobody has configured one.
+fn practising() -> Result<BTreeMap<String, RobotEntry>, Failure> {
+    let robot = config::told(Key::Robot, Setting::of(Key::Robot)?);
+    growbot_host::note!("no robots are configured: {PRACTICE} is a simulated one, 60 times as fast as real time");
+    Ok(practice(&robot))
+}

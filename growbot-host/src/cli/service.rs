@@ -1,0 +1,397 @@
+//! What commands do where a service owns the robot: they ask it.
+
+use std::io::{self, IsTerminal};
+use std::sync::Arc;
+use std::time::Duration;
+
+use clap::Args;
+use growbot_client::plan::Plan;
+use growbot_client::plan_file::PlanFile;
+use growbot_client::printable::json_line;
+use growbot_client::run_log::{GrowthResult, ResultOutcome, RunEvent, RunRecord};
+use growbot_core::robot::Robot;
+use growbot_host::finish_time::clock_text_here;
+use growbot_host::output::print;
+use growbot_host::progress::{Progress, Results};
+use growbot_host::serve::api::{Given, Maintenance, OrderName, Wanted};
+use growbot_host::serve::caller::{CallError, Caller, LIMIT};
+use growbot_host::serve::jobs::Job;
+use growbot_host::serve::{RobotState, RobotView};
+use serde_json::{Value, json};
+use time::OffsetDateTime;
+use time::format_description::well_known::Rfc3339;
+
+use super::following::Print;
+use super::{ChosenPort, Failure, RobotPortArg, replay};
+
+/// An emergency stop that the service has not confirmed within this is given to the port itself.
+const EMERGENCY: Duration = Duration::from_millis(500);
+
+impl From<CallError> for Failure {
+    fn from(error: CallError) -> Self {
+        match &error {
+            CallError::Refused { status: 422 | 404, .. } => Self::bad_input(error),
+            _ => Self::answered_no(error),
+        }
+    }
+}
+
+/// A robot that a service owns.
+pub struct Owned {
+    caller: Caller,
+    robot: RobotView,
+}
+
+/// The robot at this port, where a service of this user owns it.
+pub fn owner(port: &ChosenPort) -> Result<Option<Owned>, Failure> {
+    owner_within(port, LIMIT)
+}
+
+/// As [`owner`], in an emergency: nobody waits for a service that hangs.
+pub fn owner_in_emergency(port: &ChosenPort) -> Option<Owned> {
+    owner_within(port, EMERGENCY).ok().flatten()
+}
+
+fn owner_within(port: &ChosenPort, limit: Duration) -> Result<Option<Owned>, Failure> {
+    let Some(caller) = Caller::find() else { return Ok(None) };
+    let robot = caller.robot_at(port.text(), limit)?;
+    Ok(robot.map(|robot| Owned { caller, robot }))
+}
+
+impl Owned {
+    fn at(&self, what: &str) -> String {
+        format!("/robots/{}/{what}", self.robot.name)
+    }
+
+    /// What is said before "robot" of a simulated one.
+    fn kind(&self) -> &'static str {
+        super::kind(self.robot.simulated)
+    }
+
+    fn order(&self, order: OrderName) -> Result<RobotView, CallError> {
+        self.caller.post(&self.at("orders"), &Given { order })
+    }
+
+    /// Says how the robot is.
+    pub fn status(&self, as_json: bool) -> Result<(), Failure> {
+        let robot = &self.robot;
+        let text = if as_json { json_line(&json_of(robot)) } else { text_of(robot) };
+        Ok(print(&text)?)
+    }
+
+    /// Stops it.
+    pub fn stop(&self) -> Result<(), Failure> {
+        self.order(OrderName::Stop)?;
+        Ok(print(&format!("stopped: heater and steppers of the {}robot are off\n", self.kind()))?)
+    }
+
+    /// Gives the body up that hangs on it.
+    pub fn cancel(&self) -> Result<(), Failure> {
+        self.order(OrderName::Cancel)?;
+        Ok(print(&format!("given up by the {}board\n", self.kind()))?)
+    }
+
+    /// Gives the emergency stop. False where the service has not confirmed it at once.
+    pub fn emergency_stop(&self) -> bool {
+        let given = Given { order: OrderName::EmergencyStop };
+        self.caller.post_within::<Value>(&self.at("orders"), &given, EMERGENCY).is_ok()
+    }
+
+    /// Does a task of maintenance.
+    pub fn maintain(&self, task: &str, value: &str) -> Result<(), Failure> {
+        let maintenance = Maintenance { task: task.to_owned(), value: value.to_owned() };
+        let _: RobotView = self.caller.post(&self.at("maintenance"), &maintenance)?;
+        Ok(print(&format!("{}robot {}: {task} {value}\n", self.kind(), self.robot.name))?)
+    }
+
+    /// Grows a plan, and follows it.
+    pub fn grow(&self, robot: &Robot, plan: &Plan, name: String, options: &Options) -> Result<(), Failure> {
+        let written = PlanFile::with_robot(plan, robot);
+        let wanted = Wanted {
+            plan: Some(serde_json::to_value(written).map_err(Failure::bad_input)?),
+            to: None,
+            from: None,
+            via: Vec::new(),
+            radius_mm: None,
+            feedback: options.feedback,
+            force: options.force,
+            name: Some(name),
+        };
+        let job: Job = self.caller.post(&self.at("jobs"), &wanted)?;
+        growbot_host::note!("the service grows it as job {}; it goes on when this command ends", job.id);
+        self.follow(&job, options)
+    }
+
+    /// Resumes the latest unfinished job of this robot, or goes on following the one under way.
+    pub fn resume(&self, plan_id: u64, options: &Options) -> Result<(), Failure> {
+        let jobs: Vec<Job> = self.caller.get("/jobs?max=1000")?;
+        let plan_id = format!("{plan_id:016x}");
+        let job = jobs.into_iter().find(|job| job.robot == self.robot.name && job.plan_id == plan_id);
+        let job = job.ok_or_else(|| {
+            Failure::answered_no(format!("the service knows no job of plan {plan_id} on robot {}", self.robot.name))
+        })?;
+        if self.robot.job.as_ref() != Some(&job.id) {
+            let _: Job = self.caller.post(&format!("/jobs/{}/resume", job.id), &json!({}))?;
+        }
+        self.follow(&job, options)
+    }
+
+    /// Follows a job to its end. Ctrl-C stops it; the end of the terminal does not.
+    fn follow(&self, job: &Job, options: &Options) -> Result<(), Failure> {
+        self.stop_on_interrupt();
+        let mut show = Show::new(job, self.robot.simulated);
+        let mut after = 0;
+        let mut result = None;
+        loop {
+            let followed = self.caller.follow(&job.id, &mut after, |line| {
+                if let Ok(event) = serde_json::from_str(line) {
+                    result = show.ingest(event).or(result.take());
+                }
+                true
+            });
+            match followed {
+                Ok(()) => break,
+                Err(CallError::Silent(_)) => show.wait_for_service(),
+                Err(error) => return Err(error.into()),
+            }
+        }
+        show.progress.finish();
+        self.end(job, result, options)
+    }
+
+    fn end(&self, job: &Job, result: Option<GrowthResult>, options: &Options) -> Result<(), Failure> {
+        let log = self.log(&job.id)?;
+        if let Some(path) = &options.log {
+            growbot_client::files::replace_file(path, &log)?;
+        }
+        let now: Job = self.caller.get(&format!("/jobs/{}", job.id))?;
+        let Some(result) = result else {
+            let why = now.why.unwrap_or_else(|| "the service does not say why".to_owned());
+            return Err(Failure::answered_no(format!("job {} was left: {why}", job.id)));
+        };
+        match options.print {
+            Print::Json => print(&json_line(&result))?,
+            Print::Table => {
+                let record = RunRecord::read(&log, &job.id).map_err(Failure::bad_input)?;
+                print(&replay::text_of(&record)?)?;
+            }
+            Print::Nothing => {}
+        }
+        match result.outcome {
+            ResultOutcome::Done => Ok(()),
+            outcome => Err(Failure::answered_no(format!(
+                "{}: job {} of the {}robot {}{}",
+                outcome,
+                job.id,
+                self.kind(),
+                self.robot.name,
+                result.fault.map_or_else(String::new, |fault| format!(", fault {fault}"))
+            ))),
+        }
+    }
+
+    fn log(&self, job: &str) -> Result<Vec<u8>, Failure> {
+        Ok(self.caller.bytes(&format!("/jobs/{job}/log"))?)
+    }
+
+    /// Ctrl-C orders the service to stop the robot. That the terminal has gone is no order.
+    fn stop_on_interrupt(&self) {
+        let name = Arc::new(self.robot.name.clone());
+        let installed = ctrlc::set_handler(move || {
+            if !io::stderr().is_terminal() {
+                std::process::exit(1);
+            }
+            growbot_host::warning!("stopping; press Ctrl-C again for the emergency stop");
+            let orders = [OrderName::Stop, OrderName::EmergencyStop];
+            let order = orders[usize::from(INTERRUPTED.swap(true, std::sync::atomic::Ordering::Relaxed))];
+            let path = format!("/robots/{name}/orders");
+            let given = Caller::find().map(|caller| caller.post::<Value>(&path, &Given { order }));
+            if !matches!(given, Some(Ok(_))) {
+                growbot_host::error!(
+                    "the service has not confirmed the stop: `growbot estop`, or cut the robot's power"
+                );
+            }
+        });
+        if let Err(error) = installed {
+            growbot_host::warning!("Ctrl-C will end this program without stopping the robot ({error})");
+        }
+    }
+}
+
+/// Whether Ctrl-C was pressed before.
+static INTERRUPTED: std::sync::atomic::AtomicBool = std::sync::atomic::AtomicBool::new(false);
+
+/// How a growth is begun and shown.
+pub struct Options {
+    pub feedback: bool,
+    pub force: bool,
+    pub print: Print,
+    /// Where a copy of the run log goes.
+    pub log: Option<std::path::PathBuf>,
+}
+
+/// Shows a growth on standard error.
+struct Show {
+    progress: Progress,
+    state: String,
+    laid: u64,
+    layers: u32,
+    finish: Option<OffsetDateTime>,
+    is_silent: bool,
+}
+
+impl Show {
+    fn new(job: &Job, _simulated: bool) -> Self {
+        let progress = Progress::start(Some(u64::from(job.layers)), Results::AtEnd);
+        Self { progress, state: "starting".to_owned(), laid: 0, layers: job.layers, finish: None, is_silent: false }
+    }
+
+    /// Takes a line of the run log. Gives the result, where it is the last one.
+    fn ingest(&mut self, event: RunEvent) -> Option<GrowthResult> {
+        if std::mem::take(&mut self.is_silent) {
+            self.progress.say("the service answers again");
+        }
+        match event {
+            RunEvent::State { state } => {
+                if state != self.state {
+                    self.progress.say(&state);
+                }
+                self.state = state;
+            }
+            RunEvent::Status(status) => {
+                self.finish = status.finish_utc.and_then(|time| OffsetDateTime::parse(&time, &Rfc3339).ok());
+            }
+            RunEvent::Laid(laid) => self.laid = u64::from(laid.layer) + 1,
+            RunEvent::Amending(amendment) => self.layers = amendment.total,
+            RunEvent::Ordered { order } => self.progress.say(&format!("ordered: {}", order.name())),
+            RunEvent::NotObeyed { why } => self.progress.warn(&why),
+            RunEvent::Silent => self.progress.warn("the board does not answer: the service calls it again"),
+            RunEvent::Back => self.progress.say("the board answers again"),
+            RunEvent::End { result } => return Some(*result),
+            _ => {}
+        }
+        let Self { state, laid, layers, finish, .. } = self;
+        self.progress.at(*laid, || {
+            let done = finish.map_or_else(String::new, |finish| format!(", done at {}", clock_text_here(finish)));
+            format!("{state}, layer {laid} of {layers}{done}")
+        });
+        None
+    }
+
+    fn wait_for_service(&mut self) {
+        if !std::mem::replace(&mut self.is_silent, true) {
+            self.progress.warn("the service does not answer: the robot goes on with the layers that it has; waiting");
+        }
+        std::thread::sleep(Duration::from_millis(500));
+    }
+}
+
+fn json_of(robot: &RobotView) -> Value {
+    json!({
+        "robot": robot.robot,
+        "service": robot.name,
+        "simulated": robot.simulated,
+        "connected": robot.state != RobotState::Disconnected,
+        "trouble": robot.trouble,
+        "state": robot.board,
+        "fault": robot.fault,
+        "temperature_c": robot.temperature_c,
+        "target_c": robot.target_c,
+        "layers": robot.layers,
+        "laid": robot.laid,
+        "pause_cause": robot.pause,
+        "job": robot.job,
+        "finish_utc": robot.finish_utc,
+    })
+}
+
+fn text_of(robot: &RobotView) -> String {
+    let simulated = if robot.simulated { ", simulated" } else { "" };
+    let mut text = format!("robot        {}, owned by the service{simulated}\n", robot.name);
+    if let Some(trouble) = &robot.trouble {
+        return text + &format!("trouble      {trouble}\n");
+    }
+    text += &format!("state        {}\n", robot.board.as_deref().unwrap_or("unknown"));
+    if let (Some(fault), Some(meaning)) = (&robot.fault, &robot.fault_explanation) {
+        text += &format!("fault        {fault}: {meaning}\n");
+    }
+    let celsius = |celsius: Option<f64>| celsius.map(|celsius| format!("{celsius:.1} C"));
+    let target = celsius(robot.target_c).map_or("heater off".to_owned(), |target| format!("target {target}"));
+    text += &format!("temperature  {}, {target}\n", celsius(robot.temperature_c).unwrap_or("no reading".to_owned()));
+    text += &match &robot.job {
+        Some(job) => format!("job          {job}, {} of {} layers laid\n", robot.laid, robot.layers),
+        None => "job          none\n".to_owned(),
+    };
+    if let Some(pause) = &robot.pause {
+        text += &format!("waits        {pause}\n");
+    }
+    if let Some(refused) = &robot.refused {
+        text += &format!("refused      {refused}\n");
+    }
+    text
+}
+
+/// Pause a growth that the service has under way, after the layer under way
+#[derive(Args)]
+#[command(
+    after_help = "Example:\n  growbot pause --port /dev/ttyACM0\n\nA growth without a service is paused from its \
+                        own terminal or page."
+)]
+pub struct PauseArgs {
+    #[command(flatten)]
+    port: RobotPortArg,
+}
+
+/// Continue a growth that pauses
+#[derive(Args)]
+#[command(after_help = "Example:\n  growbot continue --port /dev/ttyACM0")]
+pub struct ContinueArgs {
+    #[command(flatten)]
+    port: RobotPortArg,
+}
+
+/// Follow the growth that the service has under way, to its end
+#[derive(Args)]
+#[command(after_help = "Example:\n  growbot attach --port /dev/ttyACM0")]
+pub struct AttachArgs {
+    #[command(flatten)]
+    port: RobotPortArg,
+    /// End with one line of JSON instead of a table
+    #[arg(long)]
+    json: bool,
+}
+
+fn owned(port: &RobotPortArg, what: &str) -> Result<Owned, Failure> {
+    let port = port.choose()?;
+    owner(&port)?.ok_or_else(|| {
+        Failure::bad_input(format!(
+            "no service owns the robot at {}: {what} it where it is grown, or begin it with `growbot serve` running",
+            port.text()
+        ))
+    })
+}
+
+/// Runs `growbot pause`.
+pub fn run_pause(args: &PauseArgs) -> Result<(), Failure> {
+    let owned = owned(&args.port, "pause")?;
+    owned.order(OrderName::Pause)?;
+    Ok(print(&format!("the {}robot {} pauses after its layer\n", owned.kind(), owned.robot.name))?)
+}
+
+/// Runs `growbot continue`.
+pub fn run_continue(args: &ContinueArgs) -> Result<(), Failure> {
+    let owned = owned(&args.port, "continue")?;
+    owned.order(OrderName::Continue)?;
+    Ok(print(&format!("the {}robot {} continues\n", owned.kind(), owned.robot.name))?)
+}
+
+/// Runs `growbot attach`.
+pub fn run_attach(args: &AttachArgs) -> Result<(), Failure> {
+    let owned = owned(&args.port, "follow")?;
+    let Some(id) = &owned.robot.job else {
+        return Err(Failure::answered_no(format!("robot {} has no job under way", owned.robot.name)));
+    };
+    let job: Job = owned.caller.get(&format!("/jobs/{id}"))?;
+    let options = Options { feedback: false, force: false, print: Print::of(args.json), log: None };
+    owned.follow(&job, &options)
+}

@@ -1,0 +1,197 @@
+//! The other end of the service's socket: commands ask it here.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use axum::body::{Body, Bytes};
+use axum::http::{Method, Request, StatusCode};
+use http_body_util::BodyExt;
+use hyper::body::Incoming;
+use hyper::client::conn::http1;
+use hyper_util::rt::TokioIo;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use serde_json::Value;
+use tokio::net::UnixStream;
+use tokio::runtime::Runtime;
+use tokio::time::{Duration, timeout};
+
+use super::Places;
+use super::api::PREFIX;
+use super::robot::RobotView;
+
+/// Why the service has not done what it was asked.
+#[derive(Debug, thiserror::Error)]
+pub enum CallError {
+    /// It does not answer.
+    #[error("the service does not answer ({0}): is `growbot serve` running?")]
+    Silent(String),
+    /// It has refused.
+    #[error("{detail}")]
+    Refused {
+        /// The status of its answer.
+        status: u16,
+        /// Why.
+        detail: String,
+    },
+}
+
+impl CallError {
+    #[expect(clippy::needless_pass_by_value, reason = "errors are mapped by it")]
+    fn silent(error: impl ToString) -> Self {
+        Self::Silent(error.to_string())
+    }
+}
+
+/// The service answers within this: an order to a robot may wait for its board.
+pub const LIMIT: Duration = Duration::from_secs(30);
+
+/// A running service of this user.
+pub struct Caller {
+    runtime: Runtime,
+    socket: PathBuf,
+}
+
+impl Caller {
+    /// The service of this user; none where none runs.
+    #[must_use]
+    pub fn find() -> Option<Self> {
+        Self::at(&Places::of_user()?.socket()).ok()
+    }
+
+    /// The service at this socket.
+    ///
+    /// # Errors
+    /// Nobody listens there.
+    pub fn at(socket: &Path) -> io::Result<Self> {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+        runtime.block_on(UnixStream::connect(socket))?;
+        Ok(Self { runtime, socket: socket.to_path_buf() })
+    }
+
+    /// The robot at this port, if the service owns it.
+    ///
+    /// # Errors
+    /// [`CallError`].
+    pub fn robot_at(&self, port: &str, limit: Duration) -> Result<Option<RobotView>, CallError> {
+        let real = |name: &str| std::fs::canonicalize(name).ok();
+        let robots: Vec<RobotView> = self.runtime.block_on(self.ask(Method::GET, "/robots", Body::empty(), limit))?;
+        let is_there =
+            |robot: &RobotView| robot.port == port || real(port).is_some_and(|at| real(&robot.port) == Some(at));
+        Ok(robots.into_iter().find(is_there))
+    }
+
+    /// What is at this path.
+    ///
+    /// # Errors
+    /// [`CallError`].
+    pub fn get<T: DeserializeOwned>(&self, path: &str) -> Result<T, CallError> {
+        self.runtime.block_on(self.ask(Method::GET, path, Body::empty(), LIMIT))
+    }
+
+    /// The bytes that are at this path.
+    ///
+    /// # Errors
+    /// [`CallError`].
+    pub fn bytes(&self, path: &str) -> Result<Vec<u8>, CallError> {
+        self.runtime.block_on(async {
+            let (status, incoming) = self.send(Method::GET, path, Body::empty()).await?;
+            let bytes = incoming.collect().await.map_err(CallError::silent)?.to_bytes();
+            if status.is_success() { Ok(bytes.to_vec()) } else { Err(refused(status, &bytes)) }
+        })
+    }
+
+    /// Has the service do something.
+    ///
+    /// # Errors
+    /// [`CallError`].
+    pub fn post<T: DeserializeOwned>(&self, path: &str, what: &impl Serialize) -> Result<T, CallError> {
+        self.post_within(path, what, LIMIT)
+    }
+
+    /// As [`Caller::post`], within a time limit.
+    ///
+    /// # Errors
+    /// [`CallError`].
+    pub fn post_within<T: DeserializeOwned>(
+        &self,
+        path: &str,
+        what: &impl Serialize,
+        limit: Duration,
+    ) -> Result<T, CallError> {
+        let body = serde_json::to_vec(what).map_err(CallError::silent)?;
+        self.runtime.block_on(self.ask(Method::POST, path, body.into(), limit))
+    }
+
+    async fn ask<T: DeserializeOwned>(
+        &self,
+        method: Method,
+        path: &str,
+        body: Body,
+        limit: Duration,
+    ) -> Result<T, CallError> {
+        let asked = async {
+            let (status, incoming) = self.send(method, path, body).await?;
+            let bytes = incoming.collect().await.map_err(CallError::silent)?.to_bytes();
+            if !status.is_success() {
+                return Err(refused(status, &bytes));
+            }
+            serde_json::from_slice(&bytes).map_err(CallError::silent)
+        };
+        let late = |_| CallError::Silent(format!("no answer within {:.1} s", limit.as_secs_f64()));
+        timeout(limit, asked).await.map_err(late)?
+    }
+
+    async fn send(&self, method: Method, path: &str, body: Body) -> Result<(StatusCode, Incoming), CallError> {
+        let stream = UnixStream::connect(&self.socket).await.map_err(CallError::silent)?;
+        let (mut sender, connection) = http1::handshake(TokioIo::new(stream)).await.map_err(CallError::silent)?;
+        tokio::spawn(connection);
+        let request = Request::builder()
+            .method(method)
+            .uri(format!("{PREFIX}{path}"))
+            .header("host", "localhost")
+            .header("content-type", "application/json")
+            .body(body)
+            .map_err(CallError::silent)?;
+        let response = sender.send_request(request).await.map_err(CallError::silent)?;
+        Ok((response.status(), response.into_body()))
+    }
+
+    /// Takes the lines of a job's run log after so many, as they come, until it has ended or `take` gives false.
+    ///
+    /// # Errors
+    /// [`CallError`]: the service has ended, above all; the number of the latest line is what to ask on from.
+    pub fn follow(&self, job: &str, after: &mut u64, mut take: impl FnMut(&str) -> bool) -> Result<(), CallError> {
+        self.runtime.block_on(async {
+            let path = format!("/jobs/{job}/events?after={after}");
+            let (status, mut incoming) = self.send(Method::GET, &path, Body::empty()).await?;
+            if !status.is_success() {
+                let bytes = incoming.collect().await.map_err(CallError::silent)?.to_bytes();
+                return Err(refused(status, &bytes));
+            }
+            let mut text = Vec::new();
+            while let Some(frame) = incoming.frame().await {
+                text.extend_from_slice(frame.map_err(CallError::silent)?.data_ref().unwrap_or(&Bytes::new()));
+                while let Some(end) = text.windows(2).position(|pair| pair == b"\n\n") {
+                    let event: Vec<u8> = text.drain(..end + 2).collect();
+                    let event = String::from_utf8_lossy(&event);
+                    let field =
+                        |name: &str| event.lines().find_map(|line| line.strip_prefix(name)).map(str::trim_start);
+                    let Some(data) = field("data:") else { continue };
+                    *after = field("id:").and_then(|id| id.parse().ok()).unwrap_or(*after);
+                    if !take(data) {
+                        return Ok(());
+                    }
+                }
+            }
+            Ok(())
+        })
+    }
+}
+
+fn refused(status: StatusCode, bytes: &[u8]) -> CallError {
+    let problem: Value = serde_json::from_slice(bytes).unwrap_or_default();
+    let detail = problem.get("detail").and_then(Value::as_str);
+    let detail = detail.map_or_else(|| String::from_utf8_lossy(bytes).into_owned(), str::to_owned);
+    CallError::Refused { status: status.as_u16(), detail }
+}

@@ -1,0 +1,54 @@
+//! Which robots the service owns: `[robots.NAME]` of `growbot.toml`.
+
+use std::collections::BTreeMap;
+
+use std::path::Path;
+
+use serde::Deserialize;
+
+use crate::settings::{port_from, robot_from};
+
+/// How fast the time of a simulated robot passes that nobody has configured.
+const PRACTICE_PACE: f64 = 60.0;
+/// and what it is called.
+pub const PRACTICE: &str = "practice";
+
+/// A robot as `growbot.toml` has it.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RobotEntry {
+    /// Its port.
+    pub port: String,
+    /// Its description: a built-in name or a file. Without it, the board says which built-in one it is.
+    pub robot: Option<String>,
+    /// How many times as fast as real time the time of `sim:NAME` passes.
+    pub pace: Option<f64>,
+}
+
+impl RobotEntry {
+    /// The robot, of a file in this directory: its paths are relative to that.
+    #[must_use]
+    pub fn in_directory(self, directory: &Path) -> Self {
+        Self {
+            port: port_from(&self.port, directory),
+            robot: self.robot.map(|robot| robot_from(&robot, directory)),
+            pace: self.pace,
+        }
+    }
+}
+
+/// The service as `growbot.toml` has it.
+#[derive(Debug, Clone, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ServeEntry {
+    /// The port of the pages' address on this machine.
+    pub port: Option<u16>,
+}
+
+/// The robots of someone who has configured none: a simulated one to practise with.
+#[must_use]
+pub fn practice(robot: &str) -> BTreeMap<String, RobotEntry> {
+    let entry =
+        RobotEntry { port: format!("sim:{PRACTICE}"), robot: Some(robot.to_owned()), pace: Some(PRACTICE_PACE) };
+    BTreeMap::from([(PRACTICE.to_owned(), entry)])
+}

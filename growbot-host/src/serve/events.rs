@@ -1,0 +1,136 @@
+//! What has changed, as it comes: the lines of a job's run log, each once, and the robots.
+
+use std::convert::Infallible;
+use std::fs::File;
+use std::io::{self, Read, Seek, SeekFrom};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::response::sse::Event;
+use futures_util::stream::{Stream, unfold};
+use growbot_client::printable::json_line;
+use tokio::sync::watch;
+use tokio::time::{sleep, timeout};
+
+use super::Service;
+use super::jobs::JobState;
+
+/// Pages are told of robots so often at most.
+const BETWEEN: Duration = Duration::from_millis(100);
+/// A log is looked at so often, even if nobody says that it has changed.
+const LOOK: Duration = Duration::from_secs(1);
+/// Bytes of a log that are read at a time.
+const CHUNK: u64 = 1 << 20;
+
+/// The lines of a job's run log after so many, and those that come, to its end. The number of a line is its name, so
+/// that who was cut off asks for what comes after the latest.
+pub fn of_job(service: Arc<Service>, id: String, after: u64) -> impl Stream<Item = Result<Event, Infallible>> {
+    let path = service.shared.jobs().log(&id);
+    let changes = service.shared.changes.subscribe();
+    let lines = Lines { path, offset: 0, number: 0, after, rest: Vec::new(), found: Vec::new().into_iter() };
+    unfold((service, id, changes, lines), |(service, id, mut changes, mut lines)| async move {
+        loop {
+            if let Some((number, line)) = lines.next() {
+                let event = Event::default().id(number.to_string()).event("log").data(line);
+                return Some((Ok(event), (service, id, changes, lines)));
+            }
+            let is_active = service.job(&id).is_some_and(|job| job.state == JobState::Active);
+            changes.mark_unchanged();
+            // What was written before it ended is there by now.
+            let more = lines.read().unwrap_or(false);
+            if !more && !is_active {
+                return None;
+            }
+            if !more {
+                wait(&mut changes).await;
+            }
+        }
+    })
+}
+
+async fn wait(changes: &mut watch::Receiver<u64>) {
+    // Either of them is a reason to look.
+    let _ = timeout(LOOK, changes.changed()).await;
+}
+
+/// The lines of a log that grows.
+struct Lines {
+    path: PathBuf,
+    offset: u64,
+    /// Lines that were read.
+    number: u64,
+    /// Lines that are not asked for.
+    after: u64,
+    /// The beginning of a line that is not whole yet.
+    rest: Vec<u8>,
+    found: std::vec::IntoIter<(u64, String)>,
+}
+
+impl Lines {
+    fn next(&mut self) -> Option<(u64, String)> {
+        self.found.next()
+    }
+
+    /// Reads more of them. Returns whether there were any.
+    fn read(&mut self) -> io::Result<bool> {
+        let mut file = File::open(&self.path)?;
+        file.seek(SeekFrom::Start(self.offset))?;
+        let before = self.rest.len();
+        file.take(CHUNK).read_to_end(&mut self.rest)?;
+        let read = self.rest.len() - before;
+        self.offset += read as u64;
+        let end = self.rest.iter().rposition(|byte| *byte == b'\n').map_or(0, |at| at + 1);
+        let whole: Vec<u8> = self.rest.drain(..end).collect();
+        let mut found = Vec::new();
+        for line in whole.split(|byte| *byte == b'\n').filter(|line| !line.is_empty()) {
+            self.number += 1;
+            if self.number > self.after {
+                found.push((self.number, String::from_utf8_lossy(line).into_owned()));
+            }
+        }
+        self.found = found.into_iter();
+        Ok(read > 0)
+    }
+}
+
+/// All robots, at once and whenever something has changed.
+pub fn of_robots(service: Arc<Service>) -> impl Stream<Item = Result<Event, Infallible>> {
+    let changes = service.shared.changes.subscribe();
+    unfold((service, changes, String::new()), |(service, mut changes, mut told)| async move {
+        loop {
+            changes.mark_unchanged();
+            let now = json_line(&service.robots());
+            if now != told {
+                told.clone_from(&now);
+                let event = Event::default().event("robots").data(now.trim_end());
+                return Some((Ok(event), (service, changes, told)));
+            }
+            wait(&mut changes).await;
+            sleep(BETWEEN).await;
+        }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::Write;
+
+    #[test]
+    fn each_line_is_told_once_when_it_is_whole() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("log.jsonl");
+        let mut file = File::create(&path).unwrap();
+        let mut lines = Lines { path, offset: 0, number: 0, after: 1, rest: Vec::new(), found: Vec::new().into_iter() };
+        let all = |lines: &mut Lines| {
+            let _ = lines.read().unwrap();
+            std::iter::from_fn(|| lines.next()).collect::<Vec<_>>()
+        };
+        file.write_all(b"one\ntwo\nthr").unwrap();
+        assert_eq!(all(&mut lines), [(2, "two".to_owned())]);
+        assert_eq!(all(&mut lines), []);
+        file.write_all(b"ee\n\nfour\n").unwrap();
+        assert_eq!(all(&mut lines), [(3, "three".to_owned()), (4, "four".to_owned())]);
+    }
+}

@@ -1,0 +1,276 @@
+//! A job on its robot's board, from its beginning or from where it was left.
+
+use std::sync::Arc;
+use std::sync::mpsc::Sender;
+
+use growbot_client::client::ClientError;
+use growbot_client::feedback::{ASSUMED, Feedback};
+use growbot_client::forecast::Forecast;
+use growbot_client::growth::{
+    Grown, GrowthError, Job as BoardJob, JobEvent, Manner, OnInterrupted, Orders, WhenParked, grow_job, resume_job,
+};
+use growbot_client::plan::Plan;
+use growbot_client::run_log::{GrowthResult, Origin, ResultOutcome, RunLog, RunRecord, utc_text};
+use growbot_core::layer_bytes::LayerBytes;
+use growbot_core::link::message::{Silence, State};
+use growbot_core::robot::Robot;
+use growbot_core::simulation::Imperfection;
+use growbot_sim::truth::compare;
+use time::OffsetDateTime;
+
+use super::jobs::{Job, JobState};
+use super::robot::{Connection, Keeper, Left, NewJob};
+use crate::watch::Live;
+
+type Reply = Sender<Result<(), String>>;
+
+impl Keeper {
+    /// Grows a new job.
+    pub(super) fn begin(&self, connection: &mut Connection, new: NewJob, reply: Reply) -> Left {
+        let NewJob { job, plan, robot, feedback } = new;
+        let board_job = BoardJob::of_plan(&robot, &plan);
+        let noise = feedback.then_some(ASSUMED);
+        let imperfection = Imperfection::default();
+        let origin = Origin { port: &self.entry.port, imperfection: self.is_simulated().then_some(&imperfection) };
+        let path = self.shared.jobs().log(&job.id);
+        let log = match RunLog::begin(&path, &plan, &board_job, noise, origin) {
+            Ok(log) => log,
+            Err(error) => return refuse(&reply, &error.to_string()),
+        };
+        let feedback = noise.map(|noise| Feedback::new(&robot, &plan.start, &plan.path, &plan.legs, noise));
+        let mut growing = Growing::new(self, &job, &board_job, &[], log, Some(reply));
+        let manner = Manner { silence: Silence::Pause, feedback, parked: WhenParked::Waits };
+        let orders = Arc::clone(&growing.orders);
+        let Connection { client, simulation, .. } = connection;
+        let grown = compare(simulation.as_mut(), &board_job, &mut |event| growing.ingest(event), |on_event| {
+            grow_job(client, &board_job, manner, &orders, on_event)
+        });
+        growing.end(grown, &plan)
+    }
+
+    /// Resumes a job that was left unfinished, as somebody has asked.
+    pub(super) fn resume(&self, connection: &mut Connection, job: &Job, reply: Reply) -> Left {
+        self.go_on(connection, job, Some(reply), |_| Ok(()))
+    }
+
+    /// Goes on with the job that was under way when the service or the line was lost, if the board has gone on with it
+    /// or waits for its host. One that has lost its power or was stopped stays as it is: heating anew is for people to
+    /// order.
+    pub(super) fn take_up(&self, connection: &mut Connection, job: &Job) -> Left {
+        self.go_on(connection, job, None, |state| match state {
+            State::Heating | State::Homing | State::Growing | State::Paused | State::Parked | State::Done => Ok(()),
+            state => Err(format!("the board is {}: resume the job, or cancel it", state.name())),
+        })
+    }
+
+    fn go_on(
+        &self,
+        connection: &mut Connection,
+        job: &Job,
+        reply: Option<Reply>,
+        may: impl FnOnce(State) -> Result<(), String>,
+    ) -> Left {
+        let hello = match connection.client.board() {
+            Ok(hello) => hello,
+            Err(error) => return Left::Lost(error.to_string()),
+        };
+        let path = self.shared.jobs().log(&job.id);
+        let opened = || -> Result<(RunRecord, Robot, Plan), String> {
+            let mut record = RunRecord::open(&path).map_err(|error| error.to_string())?;
+            let robot = record.own_robot().map_err(|error| error.to_string())?;
+            let plan = record.plan(&robot).map_err(|error| error.to_string())?;
+            record.is_stored_as(hello.status.plan_id);
+            if hello.status.plan_id != record.plan_id {
+                let stored = GrowthError::nothing_to_resume(record.plan_id, &hello.status);
+                return Err(stored.to_string());
+            }
+            may(hello.status.state)?;
+            Ok((record, robot, plan))
+        };
+        let (record, robot, plan) = match opened() {
+            Ok(opened) => opened,
+            Err(why) => {
+                self.put(job, JobState::Interrupted, Some(&why));
+                if let Some(reply) = reply {
+                    return refuse(&reply, &why);
+                }
+                return Left::Ready;
+            }
+        };
+        let log = match RunLog::resume(&path, &record, &self.entry.port) {
+            Ok(log) => log,
+            Err(error) => {
+                let why = error.to_string();
+                self.put(job, JobState::Interrupted, Some(&why));
+                return reply.map_or(Left::Ready, |reply| refuse(&reply, &why));
+            }
+        };
+        let mut board_job = BoardJob::of_plan(&robot, &plan);
+        (board_job.plan_id, board_job.layers) = (record.plan_id, record.layers.clone());
+        let feedback = record.feedback(&board_job, &plan);
+        let manner = Manner { silence: Silence::Pause, feedback, parked: WhenParked::Waits };
+        self.put(job, JobState::Active, None);
+        let mut growing = Growing::new(self, job, &board_job, &record.known(), log, reply);
+        let orders = Arc::clone(&growing.orders);
+        let grown = resume_job(
+            &mut connection.client,
+            &board_job,
+            record.known(),
+            OnInterrupted::Again,
+            manner,
+            &orders,
+            &mut |event| growing.ingest(event),
+        );
+        growing.end(grown, &plan)
+    }
+
+    /// Enters how a job stands.
+    fn put(&self, job: &Job, state: JobState, why: Option<&str>) {
+        if let Err(error) = self.shared.jobs().set(&job.id, state, why) {
+            crate::warning!("{error}");
+        }
+        let is_active = state == JobState::Active;
+        self.know(|known| known.job = is_active.then(|| job.id.clone()));
+    }
+}
+
+fn refuse(reply: &Reply, why: &str) -> Left {
+    // Who asked may have gone.
+    let _ = reply.send(Err(why.to_owned()));
+    Left::Ready
+}
+
+/// A growth under way: its log, and what others are told.
+struct Growing<'a> {
+    keeper: &'a Keeper,
+    job: &'a Job,
+    log: RunLog,
+    orders: Arc<Orders>,
+    live: Arc<Live>,
+    forecast: Option<Forecast>,
+    layers: u32,
+    laid: u32,
+    /// Who waits to hear that it has begun.
+    reply: Option<Reply>,
+}
+
+impl<'a> Growing<'a> {
+    fn new(
+        keeper: &'a Keeper,
+        job: &'a Job,
+        board_job: &BoardJob,
+        known: &[Option<LayerBytes>],
+        mut log: RunLog,
+        reply: Option<Reply>,
+    ) -> Self {
+        let orders = Arc::new(Orders::default());
+        let live = Live::new(board_job, known, Some(Arc::clone(&orders)));
+        live.runs_at(keeper.pace());
+        let period_s = board_job.robot.description().layer.period_s;
+        let forecast = keeper.pace().map(|pace| Forecast { period_s, pace });
+        log.tell_finish(forecast);
+        keeper.know(|known| {
+            (known.orders, known.live) = (Some(Arc::clone(&orders)), Some(Arc::clone(&live)));
+            known.refused = None;
+            known.job = Some(job.id.clone());
+        });
+        Self { keeper, job, log, orders, live, forecast, layers: job.layers, laid: job.laid, reply }
+    }
+
+    fn ingest(&mut self, event: &JobEvent) {
+        self.live.ingest(event);
+        if let Err(error) = self.log.record(event) {
+            self.keeper.know(|known| known.refused = Some(error.to_string()));
+        }
+        match event {
+            JobEvent::Status(status) => {
+                let finish = self.forecast.and_then(|of| of.finish_of(OffsetDateTime::now_utc(), status));
+                self.keeper.know(|known| {
+                    known.status = Some(status.clone());
+                    known.finish_utc = finish.map(utc_text);
+                });
+                self.begun();
+            }
+            JobEvent::State(state) => self.keeper.know(|known| {
+                if let Some(status) = &mut known.status {
+                    status.state = *state;
+                }
+            }),
+            JobEvent::Laid { index, .. } => {
+                self.laid = index.saturating_add(1);
+                self.keeper.know(|known| {
+                    if let Some(status) = &mut known.status {
+                        status.laid = index.saturating_add(1);
+                    }
+                });
+                self.count();
+            }
+            JobEvent::Amending(amendment) => self.layers = amendment.total,
+            JobEvent::NotObeyed(why) => self.keeper.know(|known| known.refused = Some(why.clone())),
+            JobEvent::Ordered(_) => self.keeper.know(|known| known.refused = None),
+            _ => self.keeper.shared.changed(),
+        }
+    }
+
+    /// It has begun: who has asked for it is told.
+    fn begun(&mut self) {
+        if let Some(reply) = self.reply.take() {
+            let _ = reply.send(Ok(()));
+        }
+    }
+
+    fn count(&self) {
+        if let Err(error) = self.keeper.shared.jobs().laid(&self.job.id, self.laid, self.layers) {
+            crate::warning!("{error}");
+        }
+    }
+
+    /// Writes what came of it.
+    fn end(mut self, grown: Result<Grown, GrowthError>, plan: &Plan) -> Left {
+        self.keeper.know(|known| (known.orders, known.live, known.finish_utc) = (None, None, None));
+        let simulated = self.keeper.is_simulated();
+        match grown {
+            Ok(grown) => {
+                let mut result = GrowthResult::new(&grown, plan, None, simulated);
+                let missing = self.log.missing();
+                result.log_lines_missing = (missing > 0).then_some(missing);
+                self.laid = u32::try_from(grown.as_built.len()).unwrap_or(u32::MAX);
+                self.count();
+                self.close(&result, result.fault.clone());
+                Left::Ready
+            }
+            // The job goes on, or waits: it is taken up when the line is there again.
+            Err(GrowthError::During(error)) => {
+                let why = error.to_string();
+                self.begun();
+                Left::Lost(why)
+            }
+            Err(error) => {
+                let why = error.to_string();
+                let lost = matches!(&error, GrowthError::Before(ClientError::Port(_) | ClientError::Silent { .. }));
+                let nothing = GrowthResult::nothing_grown(ResultOutcome::Refused, plan, None, simulated);
+                if self.laid == 0 {
+                    std::mem::take(&mut self.log).discard();
+                    self.keeper.put(self.job, JobState::Ended, Some(&why));
+                } else {
+                    let interrupted = GrowthResult { outcome: ResultOutcome::Interrupted, ..nothing };
+                    self.close(&interrupted, Some(why.clone()));
+                }
+                if let Some(reply) = self.reply.take() {
+                    let _ = reply.send(Err(why.clone()));
+                }
+                if lost { Left::Lost(why) } else { Left::Ready }
+            }
+        }
+    }
+
+    fn close(&mut self, result: &GrowthResult, why: Option<String>) {
+        self.live.end(result.clone());
+        if let Err(error) = self.log.end(result) {
+            crate::warning!("{error}");
+        }
+        let why = why.unwrap_or_else(|| result.outcome.name().to_owned());
+        self.keeper.put(self.job, JobState::after(result.outcome), Some(&why));
+        self.begun();
+    }
+}

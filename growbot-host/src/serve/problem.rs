@@ -1,0 +1,73 @@
+//! Why a request was not carried out: problem details, RFC 9457.
+
+use aide::OperationOutput;
+use aide::generate::GenContext;
+use aide::openapi::{Operation, Response as Described};
+use axum::http::StatusCode;
+use axum::http::header::CONTENT_TYPE;
+use axum::response::{IntoResponse, Response};
+use schemars::JsonSchema;
+use serde::Serialize;
+
+/// A problem.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, JsonSchema)]
+pub struct Problem {
+    /// What kind it is.
+    pub title: &'static str,
+    /// The status of the answer.
+    pub status: u16,
+    /// What failed, the value, the limit and the remedy.
+    pub detail: String,
+}
+
+impl Problem {
+    #[expect(clippy::needless_pass_by_value, reason = "errors are mapped by its callers")]
+    fn new(status: StatusCode, title: &'static str, detail: impl ToString) -> Self {
+        Self { title, status: status.as_u16(), detail: detail.to_string() }
+    }
+
+    /// There is no such thing.
+    pub fn not_found(what: &str, name: &str) -> Self {
+        Self::new(StatusCode::NOT_FOUND, "not found", format!("there is no {what} {name:?}"))
+    }
+
+    /// The request itself is wrong.
+    pub fn bad(detail: impl ToString) -> Self {
+        Self::new(StatusCode::UNPROCESSABLE_ENTITY, "wrong request", detail)
+    }
+
+    /// As things stand it cannot be done.
+    pub fn conflict(detail: impl ToString) -> Self {
+        Self::new(StatusCode::CONFLICT, "not now", detail)
+    }
+
+    /// Who asks may only look.
+    pub fn read_only() -> Self {
+        Self::new(
+            StatusCode::FORBIDDEN,
+            "read-only",
+            "this address may only look: use the one with the operating token",
+        )
+    }
+
+    /// The service itself failed.
+    pub fn internal(detail: impl ToString) -> Self {
+        Self::new(StatusCode::INTERNAL_SERVER_ERROR, "the service failed", detail)
+    }
+}
+
+impl IntoResponse for Problem {
+    fn into_response(self) -> Response {
+        let status = StatusCode::from_u16(self.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
+        let body = serde_json::to_vec(&self).unwrap_or_default();
+        (status, [(CONTENT_TYPE, "application/problem+json")], body).into_response()
+    }
+}
+
+impl OperationOutput for Problem {
+    type Inner = Self;
+
+    fn operation_response(context: &mut GenContext, operation: &mut Operation) -> Option<Described> {
+        axum::Json::<Self>::operation_response(context, operation)
+    }
+}
