@@ -1,0 +1,147 @@
+//! Maintenance and the end of a spool, on the firmware's own image in QEMU, in real time: what is refused cold is done
+//! hot and seen by the tip, and a body that ran out of filament is the one that nothing disturbed. That all goes off
+//! when nobody attends for ten minutes, and that a robot parks after an hour without filament, the controller's own
+//! tests say.
+
+use std::cell::RefCell;
+use std::rc::Rc;
+use std::time::{Duration, Instant};
+
+use growbot_client::client::{Client, ClientError};
+use growbot_client::growth::{
+    Grown, Job, JobEvent, Manner, Order, Orders, Outcome, WhenParked, as_built_hash, grow_job,
+};
+use growbot_client::robot_file;
+use growbot_core::link::message::{PauseCause, Refusal, Silence, State, Task};
+use growbot_core::path::Segment;
+use growbot_core::pose::Pose;
+use growbot_core::robot::{Input, Robot};
+use growbot_sim::port::emulator::Emulator;
+use growbot_sim::tip::TipFault;
+use growbot_tests::firmware;
+
+/// How long anything may take on a busy machine.
+const PATIENCE: Duration = Duration::from_secs(180);
+
+/// Robot A2, whose motors are quick, homing faster and with a switch that sees its filament.
+fn robot() -> Robot {
+    let mut description = robot_file::load("growbot-a2".as_ref()).unwrap().description().clone();
+    description.layer.period_s = 0.3;
+    description.head.homing_turns_per_s = 1.0;
+    description.heater.band_c = 5.0;
+    description.sensors.filament_presence = Some(Input { active_low: true });
+    Robot::new(description).unwrap()
+}
+
+type Board = Rc<RefCell<Emulator>>;
+
+fn board(robot: &Robot) -> (Board, Client) {
+    let mut emulator = Emulator::start(robot, Some(&firmware("an386"))).unwrap();
+    emulator.simulated_tip(|tip| tip.warm_at_once(198.0));
+    let board = Rc::new(RefCell::new(emulator));
+    let mut client = Client::new(Box::new(Rc::clone(&board)), "the emulated board");
+    client.hello_robot(robot).unwrap();
+    (board, client)
+}
+
+fn refusal(done: Result<(), ClientError>) -> Refusal {
+    match done {
+        Err(ClientError::Refused { refusal, .. }) => refusal,
+        other => panic!("{other:?}"),
+    }
+}
+
+/// Asks until the board no longer refuses because it is not hot yet, or still moves.
+fn once_possible(client: &mut Client, task: Task) {
+    let began = Instant::now();
+    loop {
+        match client.maintain(task) {
+            Err(ClientError::Refused { refusal: Refusal::Cold { .. } | Refusal::Moving, .. }) => {}
+            done => return done.unwrap(),
+        }
+        assert!(began.elapsed() < PATIENCE, "{task:?}: {:?}", client.status());
+        client.pass(Duration::from_millis(200)).unwrap();
+    }
+}
+
+fn feed(mm: i32) -> Task {
+    Task::Feed { um: mm * 1000 }
+}
+
+#[test]
+fn what_is_refused_cold_is_done_hot_and_seen_by_the_tip() {
+    let robot = robot();
+    let (board, mut client) = board(&robot);
+    for task in [feed(10), feed(-10), Task::Home, Task::Rotate { centi_deg: 9000 }] {
+        let refused = refusal(client.maintain(task));
+        assert!(matches!(refused, Refusal::WrongState { .. } | Refusal::Cold { .. }), "{task:?}: {refused:?}");
+    }
+    assert!(matches!(refusal(client.maintain(Task::Preheat { target_centi_c: 90_000 })), Refusal::Temperature { .. }));
+    client.maintain(Task::Preheat { target_centi_c: 20_000 }).unwrap();
+    let steps_per_mm = robot.description().feed.steps_per_mm;
+    let at = |what: fn(&mut growbot_sim::tip::Tip) -> i64| {
+        let mut position = 0;
+        board.borrow_mut().simulated_tip(|tip| position = what(tip));
+        position
+    };
+    let before = at(|tip| tip.feed_position());
+    once_possible(&mut client, feed(20));
+    once_possible(&mut client, feed(-5));
+    once_possible(&mut client, Task::Home);
+    let fed = at(|tip| tip.feed_position()) - before;
+    assert_eq!(fed, (15.0 * steps_per_mm).round() as i64);
+    once_possible(&mut client, Task::Rotate { centi_deg: 9000 });
+    assert!(matches!(
+        refusal(client.maintain(Task::Rotate { centi_deg: 36_001 })),
+        Refusal::TooFar { .. } | Refusal::Moving
+    ));
+    once_possible(&mut client, feed(1));
+    let turn = i64::from(robot.description().head.steps_per_turn);
+    assert_eq!(at(|tip| tip.head_position()).rem_euclid(turn), turn / 4, "a quarter of a turn from where it homed");
+    assert!(matches!(refusal(client.maintain(feed(2_000_000))), Refusal::TooFar { .. } | Refusal::Moving));
+    client.maintain(Task::CoolDown).unwrap();
+    assert_eq!(client.status().unwrap().state, State::Idle);
+    assert!(!at(|tip| i64::from(tip.is_enabled(growbot_sim::tip::Motor::Feed))).is_positive(), "motors are let go");
+}
+
+/// Grows a straight body of 20 layers; `on_event` may break the tip.
+fn grow(robot: &Robot, mut on_event: impl FnMut(&Board, &JobEvent, &Orders)) -> Grown {
+    let (board, mut client) = board(robot);
+    let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
+    let length = 22.0 * 0.7;
+    let path = [Segment::Straight { length }];
+    let goal = Pose::from_degrees([0.0, 0.0, length, 0.0, 90.0]).unwrap();
+    let job = Job::new(robot, &start, &goal, &path);
+    let orders = Orders::default();
+    let manner = Manner { silence: Silence::Pause, feedback: None, parked: WhenParked::Waits };
+    grow_job(&mut client, &job, manner, &orders, &mut |event| on_event(&board, event, &orders)).unwrap()
+}
+
+#[test]
+fn a_body_that_ran_out_of_filament_is_the_one_that_nothing_disturbed() {
+    let robot = robot();
+    let undisturbed = grow(&robot, |_, _, _| {});
+    assert_eq!(undisturbed.outcome, Outcome::Done);
+    let (mut ran_out, mut waited, mut steps) = (false, 0, vec![Order::Continue, Order::Load, Order::Preheat]);
+    let grown = grow(&robot, |board, event, orders| match event {
+        JobEvent::Laid { index: 3, .. } if !std::mem::replace(&mut ran_out, true) => {
+            board.borrow_mut().inject(TipFault::FilamentOut);
+        }
+        JobEvent::Status(status) if status.state == State::Paused => {
+            assert_eq!(status.pause_cause, PauseCause::FilamentOut);
+            waited += 1;
+            board.borrow_mut().mend(TipFault::FilamentOut);
+            // One refused is given again with the next status.
+            if let Some(order) = steps.last() {
+                orders.give(*order);
+            }
+        }
+        JobEvent::Ordered(order) if steps.last() == Some(order) => drop(steps.pop()),
+        // It was too early.
+        JobEvent::NotObeyed(_) => steps.push(if steps.is_empty() { Order::Continue } else { Order::Load }),
+        _ => {}
+    });
+    assert_eq!((grown.outcome, ran_out), (Outcome::Done, true));
+    assert!(waited > 0);
+    assert_eq!(as_built_hash(&grown.as_built), as_built_hash(&undisturbed.as_built));
+}
