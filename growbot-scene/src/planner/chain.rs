@@ -36,7 +36,9 @@ impl Problem<'_> {
             tip = line.end();
             stretches.extend([arc, line]);
         }
-        stretches.extend(self.shortest_to_goal(&tip)?);
+        if !via.last().is_some_and(|last| self.is_at_goal(last)) {
+            stretches.extend(self.shortest_to_goal(&tip)?);
+        }
         let length = length(&stretches);
         (length < below).then(|| Chain { via: via.to_vec(), stretches, length })
     }
@@ -47,6 +49,12 @@ impl Problem<'_> {
             Goal::Position { tolerance, .. } => tolerance,
             Goal::Pose(_) => 0.0,
         }
+    }
+
+    /// Whether a body that ends at this position has arrived, beside the goal but as near as it needs to be.
+    pub(super) fn is_at_goal(&self, position: &Vector3<f64>) -> bool {
+        let tolerance = self.tolerance();
+        tolerance > 0.0 && (position - self.goal.position()).norm() <= tolerance
     }
 
     /// The shortest way from a tip to the goal.

@@ -35,7 +35,33 @@ fn price(problem: &Problem) -> f64 {
 
 /// The length of a body and the price of its positions on the way, mm.
 pub(super) fn cost(problem: &Problem, chain: &Chain) -> f64 {
-    chain.length + price(problem) * chain.via.len() as f64
+    chain.length + price_of(problem, &chain.via)
+}
+
+/// The price of these positions, mm. One at the goal is no bend on the way to it.
+fn price_of(problem: &Problem, via: &[Vector3<f64>]) -> f64 {
+    let on_the_way = via.len() - usize::from(via.last().is_some_and(|last| problem.is_at_goal(last)));
+    price(problem) * on_the_way as f64
+}
+
+/// Lets a body end at a position of its own beside the goal, where it may: its end as it is.
+fn free_end(problem: &Problem, chain: &Chain, via: &mut Vec<Vector3<f64>>) {
+    let has_own = via.last().is_some_and(|last| problem.is_at_goal(last));
+    if let Some(last) = chain.stretches.last().filter(|_| problem.tolerance() > 0.0 && !has_own) {
+        let goal = problem.goal.position();
+        // A little within, lest rounding puts it outside.
+        via.push(goal + (last.end().position - goal) * (1.0 - 1e-9));
+    }
+}
+
+/// Moves a position by a random step of this size; one at the goal stays as near to that as it needs to be.
+fn displace(problem: &Problem, position: &mut Vector3<f64>, random: &mut Random, size: f64) {
+    let at_goal = problem.is_at_goal(position);
+    *position += random.normal_vector() * size;
+    if at_goal && !problem.is_at_goal(position) {
+        let goal = problem.goal.position();
+        *position = goal + (*position - goal).normalize() * (problem.tolerance() * (1.0 - 1e-9));
+    }
 }
 
 /// A body that is being shortened: clear at every time.
@@ -68,31 +94,30 @@ impl Shortening {
         let span = (problem.goal.position() - problem.start.position).norm().max(problem.radius);
         let size = 0.2 * span * libm::exp2(exponent);
         let choice = random.below(16);
+        if choice == 15 {
+            free_end(problem, &self.current, &mut via);
+        }
         if via.is_empty() || (choice < 2 && via.len() < MAX_VIA) {
             let (at, place) = along(&self.current, random.unit());
             via.insert(place.min(via.len()), at);
             if random.below(2) == 0 {
-                for position in &mut via {
-                    *position += random.normal_vector() * size;
-                }
+                via.iter_mut().for_each(|position| displace(problem, position, random, size));
             } else if let Some(position) = via.get_mut(place) {
-                *position += random.normal_vector() * size;
+                displace(problem, position, random, size);
             }
         } else if choice == 2 {
             via.remove(random.below(via.len() as u64) as usize);
         } else if choice < 7 {
-            for position in &mut via {
-                *position += random.normal_vector() * size;
-            }
+            via.iter_mut().for_each(|position| displace(problem, position, random, size));
         } else {
             let index = random.below(via.len() as u64) as usize;
             if let Some(position) = via.get_mut(index) {
-                *position += random.normal_vector() * size;
+                displace(problem, position, random, size);
             }
         }
         let passing = cost(problem, &self.chain) + span * LONGER * libm::exp2(-10.0 * random.unit());
         let limit = if random.below(4) == 0 { passing } else { cost(problem, &self.current) };
-        let below = limit - price(problem) * via.len() as f64;
+        let below = limit - price_of(problem, &via);
         if let Some(next) = problem.chain(&via, below)
             && clear(problem, &next, work)
         {
