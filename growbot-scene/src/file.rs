@@ -7,7 +7,7 @@ use growbot_core::angle::radians;
 use nalgebra::{Rotation3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::read::{self, Geometry, ReadError};
+use crate::read::{self, Geometry, LONGEST_GEOMETRY, ReadError, ReadGeometry};
 use crate::scene::{Cloud, Mesh, Scene};
 use crate::shapes::{HalfSpace, Shape, Triangle};
 
@@ -193,6 +193,15 @@ pub enum SceneError {
         /// How many edges are open.
         open: usize,
     },
+    /// The meshes and clouds of a scene are larger than growbot reads.
+    #[error(
+        "the meshes and clouds of {file} are longer than {LONGEST_GEOMETRY} bytes together, the most that is read: \
+         make them smaller, or leave some out"
+    )]
+    TooLarge {
+        /// The scene's file.
+        file: String,
+    },
     /// A file without what it is read for.
     #[error("{file} has no {what}: give a file that has some")]
     Empty {
@@ -230,15 +239,22 @@ pub fn load(path: &Path) -> Result<LoadedScene, SceneError> {
     hasher.bytes(&bytes);
     let beside = path.parent().unwrap_or(Path::new(""));
     let (mut meshes, mut clouds) = (Vec::new(), Vec::new());
+    // A small file may name a large one many times.
+    let mut left = LONGEST_GEOMETRY;
+    let mut geometry = |file: &Path| -> Result<ReadGeometry, SceneError> {
+        let read = read::geometry(file)?;
+        left = left.checked_sub(read.length).ok_or_else(|| SceneError::TooLarge { file: name.clone() })?;
+        Ok(read)
+    };
     for mesh in &written.meshes {
         let file = beside.join(&mesh.file);
-        let read = read::geometry(&file)?;
+        let read = geometry(&file)?;
         hasher.bytes(&read.hash.to_le_bytes());
         meshes.push(mesh_of(&read.geometry, mesh.scale, mesh.solid, &file.display().to_string())?);
     }
     for points in &written.clouds {
         let file = beside.join(&points.file);
-        let read = read::geometry(&file)?;
+        let read = geometry(&file)?;
         hasher.bytes(&read.hash.to_le_bytes());
         clouds.push(cloud_of(&read.geometry, points.scale, points.radius_mm, &file.display().to_string())?);
     }

@@ -39,6 +39,8 @@ pub struct ReadGeometry {
     pub geometry: Geometry,
     /// The hash of its bytes, CRC-64/XZ.
     pub hash: u64,
+    /// How many bytes it has.
+    pub length: u64,
 }
 
 /// Why a file could not be read.
@@ -120,7 +122,7 @@ pub fn geometry(path: &Path) -> Result<ReadGeometry, ReadError> {
     };
     let bytes = bytes(path, LONGEST_GEOMETRY)?;
     let geometry = read(&bytes).map_err(|reason| ReadError::Malformed { file: file(), reason: one_line(&reason) })?;
-    Ok(ReadGeometry { geometry, hash: Hasher::of(&bytes) })
+    Ok(ReadGeometry { geometry, hash: Hasher::of(&bytes), length: bytes.len() as u64 })
 }
 
 /// A text in one line of ordinary length, whatever a damaged file has put into it.
