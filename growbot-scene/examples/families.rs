@@ -2,14 +2,22 @@
 //! every distance from every obstacle computed one by one.
 //!
 //! ```sh
-//! cargo run --release -p growbot-scene --example families -- [SCENES OF EACH FAMILY [SECONDS]]
+//! cargo run --release -p growbot-scene --example families -- [SCENES OF EACH FAMILY [SECONDS [DIRECTORY]]]
 //! ```
+//!
+//! With a directory, each scene and what was found in it is written there as JSON, for `tests/scenes/check.py`, which
+//! knows nothing of growbot's geometry.
 
+use std::fs;
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use growbot_scene::clear::Need;
-use growbot_scene::families::{Body, Drawn, FAMILIES, Family, Known, brute_force_least, draw};
+use growbot_scene::families::{Body, Drawn, FAMILIES, Family, Known, POINT_RADIUS, brute_force_least, draw};
 use growbot_scene::planner::{Budget, Goal, Outcome, Problem, search};
+use growbot_scene::shapes::Shape;
+use nalgebra::Vector3;
+use serde_json::{Value, json};
 
 /// That of growbot-a with a margin of 5 mm.
 const BODY: Body = Body { radius: 100.0, need: 28.55 };
@@ -31,11 +39,16 @@ fn main() {
     let number =
         |index: usize, default: u64| std::env::args().nth(index).and_then(|text| text.parse().ok()).unwrap_or(default);
     let (count, seconds) = (number(1, 100), number(2, 10));
+    let directory = std::env::args().nth(3).map(PathBuf::from);
     println!("family   planted found  1 s  median     worst  sealed refused  others found  contacts");
     for family in FAMILIES {
         let mut counts = Counts::default();
         for number in 0..count {
-            one(family, number, seconds, &mut counts);
+            let written = one(family, number, seconds, &mut counts);
+            if let Some(directory) = &directory {
+                let file = directory.join(format!("{family:?}-{number}.json").to_lowercase());
+                fs::write(&file, written.to_string()).unwrap_or_else(|error| panic!("{}: {error}", file.display()));
+            }
         }
         let Counts { planted, found, within_1_s, sealed, refused, others, others_found, contacts, mut times } = counts;
         times.sort();
@@ -49,7 +62,7 @@ fn main() {
     }
 }
 
-fn one(family: Family, number: u64, seconds: u64, counts: &mut Counts) {
+fn one(family: Family, number: u64, seconds: u64, counts: &mut Counts) -> Value {
     let drawn = draw(family, number, &BODY);
     // Where nothing is known there may be no path: a second is enough.
     let seconds = if drawn.known == Known::Nothing { 1 } else { seconds };
@@ -71,9 +84,60 @@ fn one(family: Family, number: u64, seconds: u64, counts: &mut Counts) {
             counts.others_found += usize::from(is_found);
         }
     }
-    if let Outcome::Found(chain) = outcome {
+    if let Outcome::Found(chain) = &outcome {
         counts.contacts += usize::from(brute_force_least(&drawn, &chain.stretches, 0.5) < BODY.need);
     }
+    written(&drawn, number, &outcome, time)
+}
+
+/// A scene and what came of it: arcs and lines, lengths in mm.
+fn written(drawn: &Drawn, number: u64, outcome: &Outcome, time: Duration) -> Value {
+    let path = match outcome {
+        Outcome::Found(chain) => chain.stretches.iter().map(|stretch| {
+            json!({
+                "position": stretch.from.position.as_slice(), "direction": stretch.from.direction.as_slice(),
+                "towards": stretch.towards.as_slice(), "curvature": stretch.curvature, "length": stretch.length,
+            })
+        }),
+        _ => return header(drawn, number, time),
+    };
+    let mut written = header(drawn, number, time);
+    written["path"] = path.collect();
+    written
+}
+
+/// All of a scene but the path in it.
+fn header(drawn: &Drawn, number: u64, time: Duration) -> Value {
+    let shapes = drawn.shapes.iter().map(|shape| match shape {
+        Shape::Box { centre, half, rotation } => json!({
+            "kind": "box", "centre": centre.as_slice(), "half": half.as_slice(),
+            "rotation_by_columns": rotation.matrix().as_slice(),
+        }),
+        Shape::Ball { centre, radius } => json!({ "kind": "ball", "centre": centre.as_slice(), "radius": radius }),
+        Shape::Capsule { from, to, radius } => {
+            json!({ "kind": "capsule", "from": from.as_slice(), "to": to.as_slice(), "radius": radius })
+        }
+    });
+    let faces = drawn.triangles.iter().map(|triangle| triangle.0.map(<[f64; 3]>::from));
+    json!({
+        "family": format!("{:?}", drawn.family),
+        "known": match drawn.known {
+            Known::Planted(_) => "planted",
+            Known::Sealed => "sealed",
+            Known::Nothing => "nothing",
+        },
+        "seconds": time.as_secs_f64(),
+        "need": BODY.need,
+        "radius": BODY.radius,
+        "start": [drawn.start.position.as_slice(), drawn.start.direction.as_slice()],
+        "goal": [drawn.goal.position.as_slice(), drawn.goal.direction.as_slice()],
+        "goal_has_direction": !number.is_multiple_of(2),
+        "shapes": shapes.collect::<Vec<_>>(),
+        "faces": faces.collect::<Vec<_>>(),
+        "points": drawn.points.iter().map(Vector3::as_slice).collect::<Vec<_>>(),
+        "point_radius": POINT_RADIUS,
+        "path": Value::Null,
+    })
 }
 
 /// The first path, and how long it took. Every other goal has a direction.
