@@ -23,7 +23,7 @@ const SLACK: f64 = 1e-3;
 /// Distances that a search looks up for each unit of `--effort`: some 0.1 s.
 const WORK_PER_EFFORT: u64 = 100_000;
 /// A body is no longer than this, mm.
-const LENGTH_MAX: f64 = 1e7;
+pub const LENGTH_MAX: f64 = 1e7;
 
 /// More clearance than this is not told, mm.
 pub const MAX_CLEARANCE: f64 = 1e7;
@@ -39,6 +39,8 @@ pub struct Through<'a> {
     pub effort: u64,
     /// When to take the best that has been found.
     pub deadline: Option<Instant>,
+    /// The body may be this long, mm; [`LENGTH_MAX`] where it does not matter.
+    pub length_max: f64,
 }
 
 /// Why there is no plan through a scene.
@@ -65,6 +67,17 @@ pub enum NoPath {
         distance: f64,
         /// What is needed, mm.
         need: f64,
+    },
+    /// The goal is farther away than the body may be long.
+    #[error(
+        "the goal is {} mm from where the leg to it starts, and of --length-max {} mm are left there: allow a longer \
+         body, or choose a nearer goal", Short(.distance), Short(.left)
+    )]
+    TooFar {
+        /// How far it is, mm.
+        distance: f64,
+        /// How long the body may be there, mm.
+        left: f64,
     },
     /// There is no way between start and goal that is wide enough.
     #[error(
@@ -110,11 +123,12 @@ impl NoPath {
         if *self == Self::NotFound { "not-found-in-time" } else { "none-at-resolution" }
     }
 
-    fn because(why: Why, need: f64) -> Self {
+    fn because(why: Why, need: f64, left: f64) -> Self {
         match why {
+            Why::TooFar(distance) => Self::TooFar { distance, left },
             Why::Start(distance) => Self::Start { distance, need },
             Why::Goal(distance) => Self::Goal { distance, need },
-            Why::TooFar(_) | Why::Separated => Self::Separated { need },
+            Why::Separated => Self::Separated { need },
         }
     }
 
@@ -230,6 +244,7 @@ impl LegSearch<'_> {
 
     fn plan(&self, from: &Pose, goal: &Goal, body: &[Segment], roll: f64) -> Result<PlannedLeg, ThroughError> {
         let (scene, need) = (&self.through.loaded.scene, self.need());
+        let left = self.through.length_max - path::length(body);
         let is_clear_of_self = |path: &[Segment]| {
             let mut whole = body.to_vec();
             whole.extend(path.iter().map(|segment| segment.rolled(roll)));
@@ -238,7 +253,9 @@ impl LegSearch<'_> {
         let base_from_start = from.frame();
         let mut passed_over = 0;
         let is_clear = |path: &[Segment]| {
-            let clear = is_body_clear(scene, path, &base_from_start, &need) && is_clear_of_self(path);
+            let clear = path::length(path) <= left
+                && is_body_clear(scene, path, &base_from_start, &need)
+                && is_clear_of_self(path);
             passed_over += usize::from(!clear);
             clear
         };
@@ -258,7 +275,7 @@ impl LegSearch<'_> {
             },
             radius: self.search.radius,
             need,
-            length_max: LENGTH_MAX,
+            length_max: left,
             accept: &accept,
         };
         let work = self.through.effort.saturating_mul(WORK_PER_EFFORT);
@@ -269,7 +286,7 @@ impl LegSearch<'_> {
                 let goal = arrival(goal, &path, &base_from_start);
                 Ok(PlannedLeg { goal, path, choice: None })
             }
-            Outcome::Impossible(why) => Err(NoPath::because(why, need.distance).into()),
+            Outcome::Impossible(why) => Err(NoPath::because(why, need.distance, left).into()),
             Outcome::NoneAt(resolution) => Err(NoPath::at(resolution).into()),
             Outcome::NotFound => Err(NoPath::NotFound.into()),
         }
@@ -322,7 +339,7 @@ mod tests {
 
         fn plan(&self, goals: &[Goal]) -> Result<Plan, ThroughError> {
             let (file, loaded) = (self.scene(), load(self.scene().as_ref()).unwrap());
-            let through = Through { file: &file, loaded: &loaded, effort: 1, deadline: None };
+            let through = Through { file: &file, loaded: &loaded, effort: 1, deadline: None, length_max: LENGTH_MAX };
             plan(&self.robot, &self.start, goals, &self.search, &through)
         }
     }
@@ -377,6 +394,25 @@ mod tests {
         fs::remove_file(asked.scene()).unwrap();
         let refused = plan_file::read(&text, "plan.json", None);
         assert!(matches!(refused, Err(PlanFileError::Scene(UnclearError::Scene(_)))));
+    }
+
+    #[test]
+    fn no_plan_is_longer_than_it_may_be() {
+        let asked = Asked::new();
+        let goals = [position(200.0, 0.0, 300.0), position(0.0, 0.0, 800.0)];
+        let free = asked.plan(&goals).unwrap().needs.length;
+        let (file, loaded) = (asked.scene(), load(asked.scene().as_ref()).unwrap());
+        for length_max in [free + 1.0, 700.0, 300.0] {
+            let through = Through { file: &file, loaded: &loaded, effort: 1, deadline: None, length_max };
+            match plan(&asked.robot, &asked.start, &goals, &asked.search, &through) {
+                Ok(plan) => assert!(plan.needs.length <= length_max && length_max > free),
+                // The second leg is 539 mm at least.
+                Err(ThroughError::NoPath(NoPath::TooFar { distance, left })) => {
+                    assert!(distance > left && length_max < free);
+                }
+                Err(other) => panic!("{length_max}: {other:?}"),
+            }
+        }
     }
 
     #[test]

@@ -509,3 +509,23 @@ fn a_workspace_is_a_table_a_line_or_a_picture() {
     refused(&["--length", "100", "-o", "/no/such/place.svg"], &["no directory /no/such"]);
     assert_refused(&growbot(&["workspace", "--heading", "0"]), 2, &["--pitch"]);
 }
+
+#[test]
+fn no_plan_is_longer_than_it_may_be() {
+    let goal = ["plan", "--to", "200,100,600,0,45"];
+    assert_eq!(growbot(&with(&goal, &["--length-max", "700"])).code, Some(0));
+    let refused = growbot(&with(&goal, &["--length-max", "640"]));
+    assert_refused_in_a_line(
+        &refused,
+        1,
+        &["the shortest path found is 64", "--length-max is 640 mm", "allow a longer"],
+    );
+    assert_refused(&growbot(&with(&goal, &["--length-max", "0"])), 2, &["above 0"]);
+    let directory = tempfile::tempdir().unwrap();
+    let ball = "format = \"growbot-scene/1\"\n[[ball]]\ncenter_mm = [0, 0, 300]\nradius_mm = 60\n";
+    let scene = file(directory.path(), "scene.toml", ball);
+    let goal = ["plan", "--to", "0,0,700", "--effort", "1", "--scene", &scene];
+    assert_eq!(growbot(&with(&goal, &["--length-max", "800"])).code, Some(0));
+    let refused = growbot(&with(&goal, &["--length-max", "600"]));
+    assert_refused_in_a_line(&refused, 1, &["the goal is 700 mm from", "--length-max 600 mm"]);
+}

@@ -10,6 +10,8 @@ use growbot_client::input::{self, BoundedLines};
 use growbot_client::plan::Plan;
 use growbot_client::plan_file::PlanFile;
 use growbot_client::pose_text::{TypedGoal, parse_goal};
+use growbot_client::through_scene::LENGTH_MAX;
+use growbot_core::number::Short;
 use growbot_core::robot::Robot;
 use growbot_host::batch::{ANSWERS, Batch, Defaults};
 use growbot_host::finish_time::now_here;
@@ -18,6 +20,7 @@ use growbot_host::progress::{Progress, Results};
 
 use super::scene::SceneArgs;
 use super::search::SearchArgs;
+use super::units::mm;
 use super::{Failure, RobotArg, plan_table};
 
 /// Plan a path from one pose to another, or through several
@@ -47,6 +50,9 @@ pub struct PlanArgs {
     /// shortest of all; if every one does, the shortest of all
     #[arg(long)]
     clear_of_self: bool,
+    /// The body may be this long, mm; no plan is made that is longer
+    #[arg(long, value_name = "MM", conflicts_with = "batch", value_parser = length)]
+    length_max: Option<f64>,
     #[command(flatten)]
     scene: SceneArgs,
     #[command(flatten)]
@@ -75,6 +81,7 @@ Examples:
   growbot plan --to 0,0,-300,0,90 --clear-of-self
   growbot plan --to 200,100,600
   growbot plan --to 200,100,600 --scene room.toml --time-limit 5
+  growbot plan --to 200,100,600 --scene room.toml --length-max 900
   growbot plan --via-csv stations.csv --to 0.8m,0,0,0deg,-90deg
   growbot plan --batch queries.csv -o answers.csv
   growbot plan --batch queries.csv --json > plans.jsonl
@@ -101,9 +108,35 @@ pub fn run(args: &PlanArgs) -> Result<(), Failure> {
 }
 
 fn plan(args: &PlanArgs, robot: &Robot, goal: &TypedGoal) -> Result<Plan, Failure> {
-    let Some(scene) = &args.scene.scene else { return args.search.plan(robot, goal, args.clear_of_self) };
+    let Some(scene) = &args.scene.scene else {
+        let plan = args.search.plan(robot, goal, args.clear_of_self)?;
+        return short_enough(plan, args.length_max);
+    };
     let goals = args.search.start_and_goals(robot, goal)?;
-    args.scene.plan(scene, robot, &goals, &args.search.search(robot, true), args.json)
+    let search = args.search.search(robot, true);
+    args.scene.plan(scene, robot, &goals, &search, args.length_max, args.json)
+}
+
+/// The plan, unless it is longer than it may be (mm).
+fn short_enough(plan: Plan, length_max: Option<f64>) -> Result<Plan, Failure> {
+    let found = plan.needs.length;
+    match length_max.filter(|length_max| found > *length_max) {
+        Some(length_max) => Err(Failure::answered_no(format!(
+            "the shortest path found is {found:.1} mm long, and --length-max is {} mm: allow a longer body, a smaller \
+             --radius, or another goal",
+            Short(&length_max)
+        ))),
+        None => Ok(plan),
+    }
+}
+
+/// A length above 0, mm.
+fn length(text: &str) -> Result<f64, String> {
+    let length = mm(text)?;
+    if length > 0.0 && length <= LENGTH_MAX {
+        return Ok(length);
+    }
+    Err(format!("it is {length} mm: give a length above 0 and of at most {LENGTH_MAX} mm"))
 }
 
 fn run_one(args: &PlanArgs, robot: &Robot, plan: &Plan) -> Result<(), Failure> {

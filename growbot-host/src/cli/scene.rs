@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use growbot_client::plan::{Goal, Plan, Search};
 use growbot_client::printable;
-use growbot_client::through_scene::{self, NoPath, Through, ThroughError};
+use growbot_client::through_scene::{self, LENGTH_MAX, NoPath, Through, ThroughError};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_host::output::print;
@@ -59,13 +59,15 @@ impl SceneArgs {
         robot: &Robot,
         (start, goals): &(Pose, Vec<Goal>),
         search: &Search,
+        length_max: Option<f64>,
         json: bool,
     ) -> Result<Plan, Failure> {
         let begin = Instant::now();
         let loaded = file::load(scene)?;
         let effort = self.effort.unwrap_or(if self.time_limit.is_some() { u64::MAX } else { EFFORT });
         let deadline = self.time_limit.and_then(|seconds| begin.checked_add(Duration::from_secs(seconds)));
-        let through = Through { file: &scene.display().to_string(), loaded: &loaded, effort, deadline };
+        let length_max = length_max.unwrap_or(LENGTH_MAX);
+        let through = Through { file: &scene.display().to_string(), loaded: &loaded, effort, deadline, length_max };
         through_scene::plan(robot, start, goals, search, &through).map_err(|error| match error {
             ThroughError::Plan(error) => error.into(),
             ThroughError::NoPath(no_path) => refused(no_path, json),
