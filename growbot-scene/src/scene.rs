@@ -1,9 +1,39 @@
 //! A scene: obstacles, and how far a point is from them.
 
+use std::fmt;
+
+use growbot_core::number::Short;
 use nalgebra::Vector3;
 
 use crate::shapes::{HalfSpace, Shape, Triangle};
 use crate::tree::{Bounds, Tree, bounds_of, signed_root};
+
+/// An obstacle, as messages call it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Obstacle {
+    /// A box, ball or capsule.
+    Shape(Shape),
+    /// A half space.
+    HalfSpace(HalfSpace),
+    /// The mesh of this number, from 1.
+    Mesh(usize),
+    /// The cloud of points of this number, from 1.
+    Cloud(usize),
+}
+
+impl fmt::Display for Obstacle {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let at = |point: &Vector3<f64>| format!("{}, {}, {}", Short(&point.x), Short(&point.y), Short(&point.z));
+        match self {
+            Self::Shape(Shape::Box { centre, .. }) => write!(f, "the box at {}", at(centre)),
+            Self::Shape(Shape::Ball { centre, .. }) => write!(f, "the ball at {}", at(centre)),
+            Self::Shape(Shape::Capsule { from, to, .. }) => write!(f, "the capsule from {} to {}", at(from), at(to)),
+            Self::HalfSpace(HalfSpace { point, .. }) => write!(f, "the half space at {}", at(point)),
+            Self::Mesh(number) => write!(f, "mesh {number}"),
+            Self::Cloud(number) => write!(f, "point cloud {number}"),
+        }
+    }
+}
 
 /// A cloud: each point is a ball of one radius.
 #[derive(Debug, Clone)]
@@ -97,6 +127,23 @@ impl Scene {
             best = if nearest < reach * reach { nearest.sqrt() - cloud.radius } else { best };
         }
         best
+    }
+
+    /// The obstacle whose surface is nearest to a point; none without obstacles.
+    #[must_use]
+    pub fn nearest(&self, point: &Vector3<f64>) -> Option<Obstacle> {
+        let shapes = self.shapes.iter().flat_map(|tree| tree.items());
+        let shapes = shapes.map(|shape| (shape.distance(point), Obstacle::Shape(*shape)));
+        let half_spaces = self.half_spaces.iter();
+        let half_spaces = half_spaces.map(|plane| (plane.distance(point), Obstacle::HalfSpace(*plane)));
+        let meshes = (1..)
+            .zip(&self.meshes)
+            .map(|(number, mesh)| (mesh.triangles.nearest(point, f64::INFINITY).sqrt(), Obstacle::Mesh(number)));
+        let clouds = (1..).zip(&self.clouds).map(|(number, cloud)| {
+            (cloud.points.nearest(point, f64::INFINITY).sqrt() - cloud.radius, Obstacle::Cloud(number))
+        });
+        let all = shapes.chain(half_spaces).chain(meshes).chain(clouds);
+        all.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, obstacle)| obstacle)
     }
 
     /// The box that holds all obstacles but half spaces.

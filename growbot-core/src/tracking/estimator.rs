@@ -7,7 +7,7 @@
 
 use nalgebra::{Rotation3, SMatrix, SVector, Vector3};
 
-use super::measurement::{Measurement, SensorNoise};
+use super::measurement::{Measurement, Seen, SensorNoise};
 use crate::kinematics::step;
 use crate::layer::Layer;
 use crate::pose::Frame;
@@ -188,6 +188,21 @@ impl Estimator {
             self.update_by_up(&up);
         }
         growth + correction
+    }
+
+    /// What will be known after a layer that is measured so: the covariance as it will be, and the tip as expected.
+    /// Nothing is learned.
+    pub fn expect(&mut self, commanded: &Layer, seen: Seen) {
+        let height = commanded.height;
+        let (variance, noise) = (square(height) * self.growth_variance, square(height * self.noise.odometry));
+        let left = if seen.growth { variance * noise / (variance + noise).max(f64::MIN_POSITIVE) } else { variance };
+        self.predict(commanded, height * (1.0 + self.systematic.growth), left);
+        if seen.direction {
+            self.update_by_direction(&self.direction());
+        }
+        if seen.up {
+            self.update_by_up(&(self.base_from_tip.rotation.inverse() * Vector3::z()));
+        }
     }
 
     /// The growth of the layer by the odometry's measurement, or as expected without one.

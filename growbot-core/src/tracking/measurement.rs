@@ -14,6 +14,24 @@ pub struct Measurement {
     pub up: Option<Vector3<f64>>,
 }
 
+/// Which measurements there are after a layer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Seen {
+    /// The growth.
+    pub growth: bool,
+    /// The direction of growth.
+    pub direction: bool,
+    /// The direction upwards.
+    pub up: bool,
+}
+
+impl From<&Measurement> for Seen {
+    fn from(measured: &Measurement) -> Self {
+        let Measurement { growth, direction, up } = measured;
+        Self { growth: growth.is_some(), direction: direction.is_some(), up: up.is_some() }
+    }
+}
+
 /// The noise of measurements: zero-mean, normal, independent from layer to layer.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SensorNoise {

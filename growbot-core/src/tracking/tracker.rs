@@ -5,7 +5,7 @@ use core::f64::consts::PI;
 use nalgebra::Vector2;
 
 use super::estimator::{Estimator, SystematicErrors};
-use super::measurement::{Measurement, SensorNoise};
+use super::measurement::{Measurement, Seen, SensorNoise};
 use super::reference::{Miss, Reference};
 use crate::angle::wrap_positive;
 use crate::layer::Layer;
@@ -93,6 +93,37 @@ impl<'a> Tracker<'a> {
         self.miss = self.reference.correct(&self.begins, &self.stages.goal, self.max_curvature(), resolution);
     }
 
+    /// Steers along another path, which begins at this pose, where the reference trajectory begins.
+    pub fn follow(&mut self, start: &Pose, path: &'a [Segment], legs: &'a [Leg]) {
+        self.stages = Stages::new(self.robot, start, path, legs);
+        let Some(reference) = self.stages.next(&self.begins) else { return };
+        self.reference = reference;
+        let resolution = self.robot.description().layer.height_mm;
+        self.miss = self.reference.correct(&self.begins, &self.stages.goal, self.max_curvature(), resolution);
+    }
+
+    /// The estimated frame of the tip where the reference trajectory begins: after the layers under way.
+    #[must_use]
+    pub fn begins(&self) -> &Frame {
+        &self.begins
+    }
+
+    /// The goals of the legs that are not grown to their end.
+    pub fn goals_left(&self) -> impl Iterator<Item = Pose> {
+        let Stages { legs, goal, ends_leg, .. } = &self.stages;
+        ends_leg.then_some(*goal).into_iter().chain(legs.iter().map(|leg| leg.goal))
+    }
+
+    /// Standard deviations of the position (mm, as in [`Estimate`]) after each of these layers, which are to be laid
+    /// next, as far as they can be told now: measured as this says.
+    pub fn forecast(&self, layers: impl Iterator<Item = Layer>, seen: Seen) -> impl Iterator<Item = f64> {
+        let mut estimator = self.estimator.clone();
+        layers.map(move |layer| {
+            estimator.expect(&layer, seen);
+            estimator.position_deviation()
+        })
+    }
+
     /// The layers to command from here to the last goal, as planned now.
     pub fn rest(&self) -> impl Iterator<Item = Layer> + use<'a> {
         let (robot, systematic, max_curvature) = (self.robot, *self.estimator.systematic(), self.max_curvature());
@@ -156,6 +187,8 @@ struct Stages<'a> {
     planned: Frame,
     /// The pose to steer for.
     goal: Pose,
+    /// Whether a leg ends there.
+    ends_leg: bool,
     /// Radius of the path's tightest bend, mm.
     radius: f64,
 }
@@ -165,7 +198,7 @@ impl<'a> Stages<'a> {
         let curvature = path.iter().map(Segment::curvature).fold(0.0, f64::max);
         let radius = if curvature > 0.0 { 1.0 / curvature } else { robot.min_radius() };
         let left = legs.first().map_or(0, |leg| leg.segments);
-        Self { path, legs, left, planned: start.frame(), goal: *start, radius }
+        Self { path, legs, left, planned: start.frame(), goal: *start, ends_leg: false, radius }
     }
 
     /// The reference trajectory of the next stage, for a tip that is about at its beginning; `None` after the last
@@ -176,7 +209,8 @@ impl<'a> Stages<'a> {
         let (segments, rest) = self.path.split_at_checked(count).unwrap_or((self.path, &[]));
         let planned_end = end(segments, &self.planned);
         self.left -= count;
-        self.goal = if self.left == 0 { leg.goal } else { Pose::from_frame(&planned_end) };
+        self.ends_leg = self.left == 0;
+        self.goal = if self.ends_leg { leg.goal } else { Pose::from_frame(&planned_end) };
         // Bends are in the frame that the path carries along, from which the tip may be rolled.
         let planned_from_tip = self.planned.rotation.inverse() * base_from_tip.rotation;
         let matrix = planned_from_tip.matrix();
@@ -288,6 +322,69 @@ mod tests {
             let mean = (0..10).map(|seed| grow_behind(under_way, &disturbance, seed)).sum::<f64>() / 10.0;
             assert!(mean < 0.7, "{under_way} under way: {mean} mm");
         }
+    }
+
+    #[test]
+    fn what_will_be_known_is_told_before_it_is() {
+        let (robot, (start, goal)) = (robot_a(), poses());
+        let path = plan(&robot, &start, &goal, 100.0, Planner::Shortest).unwrap().path;
+        let legs = [Leg { goal, segments: path.len() }];
+        let disturbance = Disturbance { growth_noise: 0.1, ..Disturbance::default() };
+        for direction in [DirectionSensor::Tip, DirectionSensor::Gravity] {
+            let sensors = Sensors { noise: NOISE, odometry_scale: 0.0, direction };
+            let mut tracker = Tracker::new(&robot, &start, &path, &legs, NOISE);
+            let (mut truth, mut index, mut told) = (start.frame(), 0, Vec::new());
+            while let Some(layer) = tracker.next_layer() {
+                if index == 100 {
+                    let tip = direction == DirectionSensor::Tip;
+                    let seen = Seen { growth: true, direction: tip, up: !tip };
+                    told = tracker.forecast(tracker.rest(), seen).collect();
+                }
+                let laid = disturbance.lay(5, index, &layer);
+                truth *= laid.step();
+                tracker.laid(&layer, &sensors.measure(5, index, &layer, &laid, &truth));
+                tracker.replan(&[]);
+                index += 1;
+            }
+            let (told, known) = (*told.last().unwrap(), tracker.estimate().position_deviation);
+            assert!((told / known - 1.0).abs() < 0.1, "{told} {known}");
+        }
+    }
+
+    #[test]
+    fn another_path_is_followed_from_where_the_tip_is() {
+        let (robot, (start, goal)) = (robot_a(), poses());
+        let path = plan(&robot, &start, &goal, 100.0, Planner::Shortest).unwrap().path;
+        let legs = [Leg { goal, segments: path.len() }];
+        let sensors = Sensors { noise: NOISE, odometry_scale: 0.0, direction: DirectionSensor::Tip };
+        let disturbance = Disturbance { growth_noise: 0.1, twist_bias: 1e-4, ..Disturbance::default() };
+        let mut tracker = Tracker::new(&robot, &start, &path, &legs, NOISE);
+        assert_eq!(tracker.goals_left().collect::<Vec<_>>(), [goal]);
+        let (mut truth, mut index) = (start.frame(), 0);
+        let other = Pose::from_degrees([100.0, 350.0, 500.0, 60.0, 0.0]).unwrap();
+        let (mut from, mut longer, mut new_legs) = (start, Vec::new(), Vec::new());
+        for _ in 0..2 {
+            while let Some(layer) = tracker.next_layer() {
+                let laid = disturbance.lay(5, index, &layer);
+                truth *= laid.step();
+                tracker.laid(&layer, &sensors.measure(5, index, &layer, &laid, &truth));
+                tracker.replan(&[]);
+                index += 1;
+                if index == 200 {
+                    from = Pose::from_frame(tracker.begins());
+                    longer = plan(&robot, &from, &other, 100.0, Planner::Shortest).unwrap().path.to_vec();
+                    new_legs = std::vec![Leg { goal: other, segments: longer.len() }];
+                    break;
+                }
+            }
+            if index == 200 {
+                tracker.follow(&from, longer.leak(), new_legs.leak());
+                (longer, new_legs) = (Vec::new(), Vec::new());
+                assert_eq!(tracker.goals_left().collect::<Vec<_>>(), [other]);
+            }
+        }
+        let missed = miss(&truth, &other);
+        assert!(missed.distance < 2.0 && missed.angle < 0.02, "{missed:?}");
     }
 
     #[test]
