@@ -11,11 +11,12 @@ use growbot_core::link::message::Measured;
 use growbot_core::path::{Leg, Segment, length};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
-use growbot_core::tracking::{Estimate, Measurement, SensorNoise, Tracker};
+use growbot_core::tracking::{Estimate, Measurement, Seen, SensorNoise, Tracker};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use crate::arrival::Arrival;
+use crate::keep_clear::{Detour, Keeper, Surroundings, TooNear};
 use crate::plan::Plan;
 
 /// What a robot's sensors are taken for where nobody says: odometry to 1 % of a layer, a direction to half a degree.
@@ -31,6 +32,8 @@ const MILLI_G: f64 = 1e-3;
 pub struct Feedback<'a> {
     robot: &'a Robot,
     tracker: Tracker<'a>,
+    /// Where there is a scene, it keeps the rest off the obstacles.
+    keeper: Option<Keeper<'a>>,
     /// Growth that a pulse of the filament's encoder stands for, mm; none without an encoder.
     mm_per_pulse: Option<f64>,
     /// The encoder's count from which growth is measured, and what the layers since should have grown, mm.
@@ -45,6 +48,15 @@ pub struct Feedback<'a> {
     /// The start of the board in which it counts.
     boot_id: Option<u32>,
     amendments: u32,
+}
+
+/// The rest of a job, planned again.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Correction {
+    /// The layers.
+    pub layers: Vec<LayerBytes>,
+    /// The other path that they take, if the one so far was too near to an obstacle.
+    pub detour: Option<Detour>,
 }
 
 /// From where the filament's encoder is counted.
@@ -93,6 +105,7 @@ impl<'a> Feedback<'a> {
         Self {
             robot,
             tracker: Tracker::new(robot, start, path, legs, noise),
+            keeper: None,
             mm_per_pulse,
             counted: None,
             expected: 0.0,
@@ -102,6 +115,26 @@ impl<'a> Feedback<'a> {
             boot_id: None,
             amendments: 0,
         }
+    }
+
+    /// The same, in a scene: each correction is checked to keep off its obstacles, before any board hears of it.
+    #[must_use]
+    pub fn among(mut self, around: &'a Surroundings<'a>) -> Self {
+        let growth = self.mm_per_pulse.is_some();
+        let up = self.robot.description().sensors.orientation;
+        self.keeper = Some(Keeper::new(around, Seen { growth, direction: false, up }));
+        self
+    }
+
+    /// Whether the growth can begin: the plan, or the detour that the first correction will take, keeps off all
+    /// obstacles by what will be known of the tip.
+    ///
+    /// # Errors
+    /// Where it does not.
+    pub fn can_begin(&self) -> Result<(), TooNear> {
+        let mut trial = self.clone();
+        let Self { keeper: Some(keeper), tracker, .. } = &mut trial else { return Ok(()) };
+        keeper.keep_clear(tracker, &[]).map(drop)
     }
 
     /// Whether the encoder's count is that of this start of the board.
@@ -126,6 +159,9 @@ impl<'a> Feedback<'a> {
         self.laid += 1;
         let up = measured.gravity_milli_g.map(|[x, y, z]| Vector3::new(x, y, z).map(|part| f64::from(part) * MILLI_G));
         self.tracker.laid(&layer, &Measurement { growth, direction: None, up });
+        if let Some(keeper) = &mut self.keeper {
+            keeper.laid(&layer, &self.tracker.estimate().systematic_errors);
+        }
     }
 
     /// How far the tip has grown since the last layer that was measured, mm.
@@ -147,11 +183,19 @@ impl<'a> Feedback<'a> {
 
     /// The layers to come, planned again from where the tip will be once those under way, which can no longer be
     /// changed, are laid.
-    pub fn rest(&mut self, under_way: &[LayerBytes]) -> Vec<LayerBytes> {
+    ///
+    /// # Errors
+    /// In a scene: where they would be too near to an obstacle, and no other way was found.
+    pub fn rest(&mut self, under_way: &[LayerBytes]) -> Result<Correction, TooNear> {
         let under_way: Vec<Layer> = under_way.iter().map(decode).collect();
         self.tracker.replan(&under_way);
+        let detour = match &mut self.keeper {
+            Some(keeper) => keeper.keep_clear(&mut self.tracker, &under_way)?,
+            None => None,
+        };
         let mut encoder = Encoder::default();
-        self.tracker.rest().map(|layer| encoder.encode_layable(&layer, self.robot.tip_radius())).collect()
+        let layers = self.tracker.rest().map(|layer| encoder.encode_layable(&layer, self.robot.tip_radius())).collect();
+        Ok(Correction { layers, detour })
     }
 
     /// The name of a job of these layers, the laid ones as they were commanded.
@@ -239,7 +283,7 @@ mod tests {
         assert!((height(&feedback) / grown - 1.0).abs() < 0.002, "{} {grown}", height(&feedback));
         assert!((feedback.result().estimate.systematic_errors.growth - 0.1).abs() < 0.01);
         // The rest is commanded less high, and ends where it should.
-        let rest = feedback.rest(&[]);
+        let rest = feedback.rest(&[]).unwrap().layers;
         let end = grow(&feedback.result().estimate.base_from_tip, rest.iter().map(decode));
         let commanded = end.translation.z - height(&feedback);
         assert!((1.1 * commanded + height(&feedback) - 200.0 * HEIGHT).abs() < 0.5, "{commanded}");

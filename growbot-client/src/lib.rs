@@ -30,6 +30,7 @@ pub mod files;
 pub mod forecast;
 pub mod growth;
 pub mod input;
+pub mod keep_clear;
 pub mod maintenance;
 pub mod plan;
 pub mod plan_file;

@@ -307,7 +307,7 @@ pub fn path_type(path: &[Segment]) -> String {
 }
 
 /// By how much a tip at this pose is turned about its direction of growth from the pose's own frame, radians.
-fn roll_from(pose: &Pose, base_from_tip: &Frame) -> f64 {
+pub(crate) fn roll_from(pose: &Pose, base_from_tip: &Frame) -> f64 {
     let pose_from_tip = pose.frame().rotation.inverse() * base_from_tip.rotation;
     let matrix = pose_from_tip.matrix();
     libm::atan2(matrix[(1, 0)], matrix[(0, 0)])

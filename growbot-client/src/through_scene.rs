@@ -1,5 +1,6 @@
 //! Plans through a scene: each leg is clear of all obstacles, of itself and of the legs before, which is proven.
 
+use std::fmt;
 use std::path::Path;
 use std::time::Instant;
 
@@ -9,13 +10,14 @@ use growbot_core::plan::{PlanError, Planner};
 use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::Robot;
 use growbot_scene::body::{TOLERANCE, clearance, is_body_clear};
-use growbot_scene::clear::Need;
+use growbot_scene::clear::{Clearance, Need};
 use growbot_scene::file::{LoadedScene, SceneError, load};
 use growbot_scene::motion::{Tip, segments};
 use growbot_scene::planner::{self, Budget, Chain, Outcome, Problem, Resolution, Why};
+use nalgebra::Vector3;
 
 use crate::clearance::first_collision;
-use crate::plan::{Goal, Plan, PlannedLeg, SceneClearance, Search, plan_where};
+use crate::plan::{Goal, Plan, PlannedLeg, SceneClearance, Search, plan_where, roll_from};
 use crate::plan_file::{WrittenScene, written_hash};
 
 /// Stretches that come nearer to touching than this share of what the body needs are refused.
@@ -35,6 +37,11 @@ pub struct Through<'a> {
     pub file: &'a str,
     /// The scene.
     pub loaded: &'a LoadedScene,
+    /// How far the outside of the tube must keep from everything in it, mm: the scene's own margin, unless more is
+    /// known.
+    pub margin: f64,
+    /// The body that is there already, and the frame of its tip: an obstacle too.
+    pub grown: Option<(&'a [Segment], &'a Frame)>,
     /// How much to search, in units of 100,000 distances. The result depends on nothing else, unless time runs out.
     pub effort: u64,
     /// When to take the best that has been found.
@@ -152,7 +159,10 @@ pub enum ThroughError {
 #[derive(Debug, thiserror::Error)]
 pub enum UnclearError {
     /// The scene cannot be read.
-    #[error("the plan leads through a scene: {0}")]
+    #[error(
+        "the plan leads through a scene: {0}; put the scene beside the plan (`grow` and `simulate` take it with \
+         --scene, too)"
+    )]
     Scene(#[from] SceneError),
     /// The scene has changed.
     #[error(
@@ -165,6 +175,24 @@ pub enum UnclearError {
         plan: String,
         /// The hash of the file.
         here: String,
+    },
+    /// The body comes nearer than the scene allows.
+    #[error(
+        "the plan comes within {found} mm of {obstacle} in {file}, {at:.0} mm along the body, and margin_mm asks for \
+         {margin} mm: plan through the scene (`growbot plan --scene`), or lower margin_mm",
+        found = Rounded(*found), margin = Short(margin)
+    )]
+    NotClear {
+        /// The scene's file.
+        file: String,
+        /// The clearance that is proven, mm; negative inside.
+        found: f64,
+        /// The scene's margin, mm.
+        margin: f64,
+        /// How far along the body, mm.
+        at: f64,
+        /// What is nearest there.
+        obstacle: String,
     },
     /// The body comes nearer than the plan says.
     #[error("the plan says that it keeps {said} mm from everything in {file}, and {found} mm is proven: plan again")]
@@ -190,7 +218,8 @@ pub fn plan(
     search: &Search,
     through: &Through,
 ) -> Result<Plan, ThroughError> {
-    let leg = LegSearch { robot, search, through };
+    let (grown, from_grown) = through.grown.map_or((&[][..], 0.0), |(grown, tip)| (grown, roll_from(start, tip)));
+    let leg = LegSearch { robot, search, through, grown, from_grown };
     let mut plan =
         Plan::by_legs(robot, start, goals, search, |from, goal, body, roll| leg.plan(from, goal, body, roll))?;
     plan.scene = Some(SceneClearance {
@@ -203,17 +232,69 @@ pub fn plan(
 
 /// The proven clearance between the outside of a plan's tube and a scene, mm; [`MAX_CLEARANCE`] where there is nothing.
 fn outside(plan: &Plan, robot: &Robot, loaded: &LoadedScene) -> f64 {
-    let centreline = clearance(&loaded.scene, &plan.path, &plan.start.frame()).distance;
-    (centreline - 0.5 * robot.outer_diameter()).min(MAX_CLEARANCE)
+    nearest(plan, robot, loaded).distance
 }
 
-/// Reads the scene that a plan names, and proves the clearance again.
+/// The same, and where it is.
+fn nearest(plan: &Plan, robot: &Robot, loaded: &LoadedScene) -> Clearance {
+    let Clearance { distance, at } = clearance(&loaded.scene, &plan.path, &plan.start.frame());
+    Clearance { distance: (distance - 0.5 * robot.outer_diameter()).min(MAX_CLEARANCE), at }
+}
+
+/// A clearance, to hundredths of a mm.
+struct Rounded(f64);
+
+impl fmt::Display for Rounded {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        write!(f, "{:.2}", self.0)
+    }
+}
+
+/// Whether a plan, made anywhere, keeps its distance from everything in a scene.
+///
+/// # Errors
+/// Where it does not.
+pub fn clear_in(plan: &Plan, robot: &Robot, file: &str, loaded: &LoadedScene) -> Result<SceneClearance, UnclearError> {
+    let Clearance { distance: found, at } = nearest(plan, robot, loaded);
+    // The proof tells a little less than is there.
+    if found + TOLERANCE >= loaded.margin {
+        return Ok(SceneClearance { file: file.to_owned(), hash: loaded.hash, clearance: found });
+    }
+    let obstacle = loaded.scene.nearest(&point_at(plan, at)).map_or_else(String::new, |obstacle| obstacle.to_string());
+    Err(UnclearError::NotClear { file: file.to_owned(), found, margin: loaded.margin, at, obstacle })
+}
+
+/// The point so far along a plan's body (mm).
+fn point_at(plan: &Plan, at: f64) -> Vector3<f64> {
+    let (mut base_from_tip, mut left) = (plan.start.frame(), at);
+    for segment in &plan.path {
+        let length = segment.length();
+        let part = if left < length { segment.shortened(left) } else { *segment };
+        base_from_tip *= part.step();
+        left -= length;
+        if left <= 0.0 {
+            break;
+        }
+    }
+    base_from_tip.translation.vector
+}
+
+/// Reads the scene that a plan names, or the one that is given for it, and proves the clearance again. The scene lies
+/// where the plan says, seen from the directory that the plan is in or from the one that the program runs in.
 ///
 /// # Errors
 /// The scene is missing or has changed, or the body is nearer to it than the plan says.
-pub fn verified(written: &WrittenScene, plan: &Plan, robot: &Robot) -> Result<SceneClearance, UnclearError> {
-    let loaded = load(Path::new(&written.file))?;
-    let file = written.file.clone();
+pub fn verified(
+    written: &WrittenScene,
+    plan: &Plan,
+    robot: &Robot,
+    beside: &Path,
+    given: Option<&Path>,
+) -> Result<(SceneClearance, LoadedScene), UnclearError> {
+    let beside = beside.join(&written.file);
+    let named = if beside.exists() { &beside } else { Path::new(&written.file) };
+    let loaded = load(given.unwrap_or(named))?;
+    let file = given.map_or_else(|| written.file.clone(), |given| given.display().to_string());
     let here = written_hash(loaded.hash);
     if here != written.hash {
         return Err(UnclearError::OtherScene { file, plan: written.hash.clone(), here });
@@ -222,7 +303,7 @@ pub fn verified(written: &WrittenScene, plan: &Plan, robot: &Robot) -> Result<Sc
     let said = written.clearance_mm;
     // What is said was found by the same proof, to its tolerance; what is no number is refused too.
     if said <= found + 2.0 * TOLERANCE && found >= loaded.margin {
-        Ok(SceneClearance { file, hash: loaded.hash, clearance: said.min(found) })
+        Ok((SceneClearance { file, hash: loaded.hash, clearance: said.min(found) }, loaded))
     } else {
         Err(UnclearError::Nearer { file, said, found })
     }
@@ -233,12 +314,15 @@ struct LegSearch<'a> {
     robot: &'a Robot,
     search: &'a Search,
     through: &'a Through<'a>,
+    /// The body that is there already, and by how much its tip is turned from the frame of the start, radians.
+    grown: &'a [Segment],
+    from_grown: f64,
 }
 
 impl LegSearch<'_> {
     /// What the centreline needs. The proof in the plan tells a little less than is there.
     fn need(&self) -> Need {
-        let distance = 0.5 * self.robot.outer_diameter() + self.through.loaded.margin + 2.0 * TOLERANCE;
+        let distance = 0.5 * self.robot.outer_diameter() + self.through.margin + 2.0 * TOLERANCE;
         Need { distance, slack: SLACK * distance }
     }
 
@@ -246,9 +330,11 @@ impl LegSearch<'_> {
         let (scene, need) = (&self.through.loaded.scene, self.need());
         let left = self.through.length_max - path::length(body);
         let is_clear_of_self = |path: &[Segment]| {
-            let mut whole = body.to_vec();
-            whole.extend(path.iter().map(|segment| segment.rolled(roll)));
-            first_collision(&whole, self.robot.outer_diameter(), path::length(body)).is_none()
+            let mut whole = self.grown.to_vec();
+            whole.extend(body.iter().map(|segment| segment.rolled(self.from_grown)));
+            let before = path::length(&whole);
+            whole.extend(path.iter().map(|segment| segment.rolled(roll + self.from_grown)));
+            first_collision(&whole, self.robot.outer_diameter(), before).is_none()
         };
         let base_from_start = from.frame();
         let mut passed_over = 0;
@@ -339,7 +425,8 @@ mod tests {
 
         fn plan(&self, goals: &[Goal]) -> Result<Plan, ThroughError> {
             let (file, loaded) = (self.scene(), load(self.scene().as_ref()).unwrap());
-            let through = Through { file: &file, loaded: &loaded, effort: 1, deadline: None, length_max: LENGTH_MAX };
+            let (margin, grown) = (loaded.margin, None);
+            let through = Through { file: &file, loaded: &loaded, margin, grown, effort: 1, deadline: None, length_max: LENGTH_MAX };
             plan(&self.robot, &self.start, goals, &self.search, &through)
         }
     }

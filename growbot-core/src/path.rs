@@ -83,6 +83,16 @@ impl Segment {
         }
     }
 
+    /// The first part of the segment, of this length, mm.
+    #[must_use]
+    pub fn shortened(&self, to: f64) -> Self {
+        match *self {
+            Self::Arc { alpha, bend, length } => Self::Arc { alpha, bend: bend * (to / length), length: to },
+            Self::Straight { .. } => Self::Straight { length: to },
+            Self::Helicoid { curve, radius, .. } => Self::Helicoid { curve, radius, length: to },
+        }
+    }
+
     /// The same segment grown from a tip that is turned by `roll` about its direction of growth (radians,
     /// counter-clockwise).
     #[must_use]

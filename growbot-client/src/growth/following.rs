@@ -220,7 +220,10 @@ impl Growth<'_> {
                 Some(task) => self.client.maintain(task),
                 None => Ok(()),
             },
-            Order::Continue => self.start(),
+            Order::Continue => {
+                self.sent.pausing = false;
+                self.start()
+            }
             Order::Pause => self.client.request("to pause", &Message::Pause(Empty {})).map(drop),
             Order::Stop => self.client.request("to stop", &Message::Stop(Empty {})).map(drop),
             Order::EmergencyStop => self.client.emergency_stop(),

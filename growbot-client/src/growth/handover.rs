@@ -1,10 +1,12 @@
 //! Layers on their way to the board: all of them without feedback; with it, those of the next minutes, amended as the
 //! tip is measured.
 
-use growbot_core::link::message::{Accepted, Amend, MAX_LAYERS, Message, Refusal};
+use growbot_core::link::message::{Accepted, Amend, Empty, MAX_LAYERS, Message, Refusal};
 
 use super::{Amendment, Growth, Job, JobEvent, PendingAmendment, Sent};
 use crate::client::ClientError;
+use crate::feedback::Correction;
+use crate::keep_clear::TooNear;
 
 /// With feedback, layers are handed over this far ahead.
 const HORIZON: u32 = 64;
@@ -26,6 +28,7 @@ impl Sent {
             names: vec![job.plan_id],
             pending: None,
             amend_at: 0,
+            pausing: false,
             handed_over: job.layers.len() as u32,
             accepted: Accepted { plan_id: 0, next: 0, room: 0 },
             capacity,
@@ -83,7 +86,14 @@ impl Growth<'_> {
             let Some(feedback) = &mut self.feedback else { return Ok(()) };
             from = from.min(self.sent.accepted.next);
             let before = self.job.layers.get(..from as usize).unwrap_or(&self.job.layers);
-            let rest = feedback.rest(before.get(self.built.as_built.len()..).unwrap_or_default());
+            let rest = match feedback.rest(before.get(self.built.as_built.len()..).unwrap_or_default()) {
+                Ok(Correction { layers, detour }) => {
+                    detour.into_iter().for_each(|detour| on_event(&JobEvent::Detour(detour)));
+                    self.sent.pausing = false;
+                    layers
+                }
+                Err(too_near) => return self.pause_before(too_near, on_event),
+            };
             let amended = [before, &rest].concat();
             let (plan_id, total) = (feedback.plan_id(&amended), amended.len() as u32);
             let in_time = libm::ceil(AMEND_EVERY_S / self.job.robot.description().layer.period_s) as u32;
@@ -121,6 +131,23 @@ impl Growth<'_> {
                 }
                 Err(error) => return Err(error),
             }
+        }
+        Ok(())
+    }
+
+    /// The rest would be too near to an obstacle: the board pauses after the layer under way, which is one of a
+    /// correction that was clear, and so are those that it has.
+    fn pause_before(&mut self, too_near: TooNear, on_event: &mut dyn FnMut(&JobEvent)) -> Result<(), ClientError> {
+        self.sent.amend_at = self.built.laid.saturating_add(1);
+        if self.sent.pausing {
+            return Ok(());
+        }
+        on_event(&JobEvent::TooNear(too_near));
+        match self.client.request("to pause", &Message::Pause(Empty {})) {
+            Ok(_) => self.sent.pausing = true,
+            // It stands already, and will be asked again after its next layer.
+            Err(ClientError::Refused { refusal: Refusal::WrongState { .. }, .. }) => {}
+            Err(error) => return Err(error),
         }
         Ok(())
     }

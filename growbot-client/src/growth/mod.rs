@@ -24,6 +24,7 @@ pub use self::grown::{Grown, MeasuredBy, as_built_hash, as_built_or_commanded};
 pub use self::orders::{Order, Orders};
 use crate::client::{Client, ClientError, ClockDrift};
 use crate::feedback::{Count, Feedback};
+use crate::keep_clear::{Detour, TooNear};
 use crate::plan::Plan;
 
 /// A job: the layers of a path, for a robot.
@@ -126,6 +127,11 @@ pub enum JobEvent {
     Amending(Amendment),
     /// The board has not taken the latest amendment: why, unless it just came too late.
     NotAmended(Option<String>),
+    /// With feedback in a scene: the rest takes another path, since the one so far would be too near to an obstacle.
+    Detour(Detour),
+    /// With feedback in a scene: the rest would be too near to an obstacle and no other way was found, so the board is
+    /// asked to pause.
+    TooNear(TooNear),
     /// With feedback: layers of the job beyond those of its latest amendment are handed over.
     HandingOver {
         /// Index of the first layer.
@@ -306,6 +312,8 @@ struct Sent {
     pending: Option<PendingAmendment>,
     /// The job is amended once this many layers are laid.
     amend_at: u32,
+    /// The board was asked to pause because the rest would be too near to an obstacle.
+    pausing: bool,
     /// Layers below this were reported as handed over.
     handed_over: u32,
     /// What the board has accepted, and has room for.

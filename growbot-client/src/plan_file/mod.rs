@@ -10,6 +10,7 @@ mod written;
 use std::path::Path as FilePath;
 
 use growbot_core::robot::Robot;
+use growbot_scene::file::LoadedScene;
 use serde::Deserialize;
 
 pub use self::check::pose;
@@ -138,6 +139,17 @@ impl PlanFile {
     }
 }
 
+/// A plan that was read.
+#[derive(Debug)]
+pub struct Opened {
+    /// Its robot.
+    pub robot: Robot,
+    /// The plan.
+    pub plan: Plan,
+    /// The scene that it leads through, if it says that it does.
+    pub scene: Option<LoadedScene>,
+}
+
 /// Reads a plan (`-`: from standard input), finds its robot, and checks the plan against it in full.
 ///
 /// The robot is the one named here or, if none is, the plan's own ([`PlanFile::own_robot`]).
@@ -148,21 +160,43 @@ pub fn open(path: &FilePath, robot: Option<&FilePath>) -> Result<(Robot, Plan), 
     read(&input::read_text(path)?, &input::name_of(path), robot)
 }
 
+/// As [`open`], with the scene that the plan names; or with the one that is given for it, which must be the same.
+///
+/// # Errors
+/// As [`open`].
+pub fn open_in_scene(
+    path: &FilePath,
+    robot: Option<&FilePath>,
+    scene: Option<&FilePath>,
+) -> Result<Opened, PlanFileError> {
+    read_in_scene(&input::read_text(path)?, &input::name_of(path), robot, scene)
+}
+
 /// As [`open`], from a text that messages call `file`.
 ///
 /// # Errors
 /// Whatever is wrong with the text, the robot's description, or the plan.
 pub fn read(text: &str, file: &str, robot: Option<&FilePath>) -> Result<(Robot, Plan), PlanFileError> {
+    read_in_scene(text, file, robot, None).map(|Opened { robot, plan, .. }| (robot, plan))
+}
+
+fn read_in_scene(
+    text: &str,
+    file: &str,
+    robot: Option<&FilePath>,
+    scene: Option<&FilePath>,
+) -> Result<Opened, PlanFileError> {
     let written = PlanFile::parse(text, file)?;
     let robot = match robot {
         Some(robot) => robot_file::load(robot)?,
         None => written.own_robot(file)?,
     };
     let mut plan = written.check(&robot).map_err(|fault| PlanFileError::Fault { file: file.to_owned(), fault })?;
-    if let Some(scene) = &written.scene {
-        plan.scene = Some(through_scene::verified(scene, &plan, &robot)?);
-    }
-    Ok((robot, plan))
+    let Some(named) = &written.scene else { return Ok(Opened { robot, plan, scene: None }) };
+    let beside = FilePath::new(file).parent().unwrap_or(FilePath::new(""));
+    let (clearance, loaded) = through_scene::verified(named, &plan, &robot, beside, scene)?;
+    plan.scene = Some(clearance);
+    Ok(Opened { robot, plan, scene: Some(loaded) })
 }
 
 #[cfg(test)]

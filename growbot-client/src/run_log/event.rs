@@ -20,6 +20,7 @@ use crate::crash::WrittenCrash;
 use crate::degrees::degrees_below_turn;
 use crate::feedback::Count;
 use crate::growth::{Amendment, JobEvent, Order};
+use crate::keep_clear::{Detour, TooNear};
 use crate::plan_file::WrittenTip;
 
 /// A line of a run log: an event and the time of day at which it was written.
@@ -66,6 +67,11 @@ pub enum RunEvent {
         /// Why; null where the amendment only came too late.
         why: Option<String>,
     },
+    /// With feedback in a scene: the rest takes another path, since the one so far would be too near to an obstacle.
+    Detour(Detour),
+    /// With feedback in a scene: the rest would be too near to an obstacle and no other way was found, so the robot
+    /// pauses.
+    TooNear(TooNear),
     /// With feedback: more layers of the job are handed over.
     HandingOver {
         /// Index of the first layer.
@@ -273,6 +279,8 @@ pub(super) fn events_of(event: &JobEvent, laid_tip: &mut Frame) -> Vec<RunEvent>
         JobEvent::Counting(count) => RunEvent::Counting(*count),
         JobEvent::Amending(amendment) => RunEvent::Amending(amendment.clone()),
         JobEvent::NotAmended(why) => RunEvent::NotAmended { why: why.clone() },
+        JobEvent::Detour(detour) => RunEvent::Detour(detour.clone()),
+        JobEvent::TooNear(too_near) => RunEvent::TooNear(too_near.clone()),
         JobEvent::HandingOver { from, layers } => RunEvent::HandingOver { from: *from, layers: layers.clone() },
         JobEvent::Ordered(order) => RunEvent::Ordered { order: *order },
         JobEvent::NotObeyed(why) => RunEvent::NotObeyed { why: why.clone() },

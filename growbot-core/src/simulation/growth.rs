@@ -77,14 +77,28 @@ pub fn grow_closed(
     disturbance: &Disturbance,
     sensors: &Sensors,
     seed: u64,
+    tip: impl FnMut(&Layer, &Laid, &Frame) -> Frame,
+) -> Grown {
+    grow_closed_while(task, disturbance, sensors, seed, tip, |_, _| true)
+}
+
+/// As [`grow_closed`], as long as `goes_on` says so. It is asked with each correction, the first of them before the
+/// first layer, and with the layer as commanded that was laid before it. It may steer otherwise.
+pub fn grow_closed_while<'a>(
+    task: &Task<'a>,
+    disturbance: &Disturbance,
+    sensors: &Sensors,
+    seed: u64,
     mut tip: impl FnMut(&Layer, &Laid, &Frame) -> Frame,
+    mut goes_on: impl FnMut(&mut Tracker<'a>, Option<&Layer>) -> bool,
 ) -> Grown {
     let Task { robot, start, path, legs } = *task;
     let mut tracker = Tracker::new(robot, &start, path, legs, sensors.noise);
     let mut grown = Grown { base_from_tip: start.frame(), layers: 0, length: 0.0, estimate: None };
     let max_layers = PATIENCE * needs(path, robot).layers as u64 + MIN_PATIENCE;
     let mut by_growth = start.frame();
-    while let Some(layer) = tracker.next_layer().filter(|_| grown.layers < max_layers) {
+    let mut goes = goes_on(&mut tracker, None);
+    while let Some(layer) = tracker.next_layer().filter(|_| goes && grown.layers < max_layers) {
         let laid = disturbance.lay(seed, grown.layers, &layer);
         by_growth = advance(&by_growth, &laid.step());
         grown.base_from_tip = tip(&layer, &laid, &by_growth);
@@ -93,6 +107,7 @@ pub fn grow_closed(
         grown.length += laid.layer.height;
         tracker.laid(&layer, &measured);
         tracker.replan(&[]);
+        goes = goes_on(&mut tracker, Some(&layer));
     }
     grown.estimate = Some(tracker.estimate());
     grown

@@ -7,7 +7,7 @@ mod sag;
 mod sensors;
 
 pub use disturbance::{Disturbance, Laid};
-pub use growth::{Grown, Task, grow_closed, grow_open};
+pub use growth::{Grown, Task, grow_closed, grow_closed_while, grow_open};
 pub use imperfection::Imperfection;
 pub use sag::{Hanging, RootStress};
 pub use sensors::{DirectionSensor, Sensors};

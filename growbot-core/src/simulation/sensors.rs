@@ -6,7 +6,7 @@ use super::disturbance::Laid;
 use crate::layer::Layer;
 use crate::pose::Frame;
 use crate::random::Random;
-use crate::tracking::{Measurement, SensorNoise};
+use crate::tracking::{Measurement, Seen, SensorNoise};
 
 /// The direction that a sensor measures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -34,6 +34,13 @@ const ODOMETRY: u64 = 16;
 const DIRECTION: u64 = 17;
 
 impl Sensors {
+    /// What they measure.
+    #[must_use]
+    pub fn seen(&self) -> Seen {
+        let direction = self.direction == DirectionSensor::Tip;
+        Seen { growth: true, direction, up: !direction }
+    }
+
     /// The measurements after the layer of this index.
     #[must_use]
     pub fn measure(&self, seed: u64, index: u64, commanded: &Layer, laid: &Laid, base_from_tip: &Frame) -> Measurement {

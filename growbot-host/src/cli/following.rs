@@ -6,6 +6,7 @@ use clap::ValueEnum;
 use growbot_client::client::ClockDrift;
 use growbot_client::forecast::Forecast;
 use growbot_client::growth::{Grown, GrowthError, JobEvent, Order, Outcome, WhenParked};
+use growbot_client::keep_clear::Detour;
 use growbot_client::plan::Plan;
 use growbot_client::printable::json_line;
 use growbot_client::run_log::{GrowthResult, ResultOutcome, RunLog, RunLogError};
@@ -341,6 +342,12 @@ impl Show {
                 self.emergency |= *order == Order::EmergencyStop;
                 self.progress.say(&format!("ordered: {}", order.name()));
             }
+            JobEvent::Detour(Detour { from, clearance_mm, instead_of, .. }) => self.progress.warn(&format!(
+                "{instead_of}: from layer {from} on the body takes another path, {clearance_mm:.2} mm clear"
+            )),
+            JobEvent::TooNear(too_near) => self.progress.warn(&format!(
+                "{too_near}; the robot pauses: take the obstacle away, or stop and plan another body from where it is"
+            )),
             JobEvent::NotObeyed(why) => self.progress.warn(why),
             JobEvent::Silent => self.progress.warn("the board does not answer: calling it again"),
             JobEvent::Back => self.progress.say("the board answers again"),

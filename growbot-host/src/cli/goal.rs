@@ -5,15 +5,19 @@ use std::path::PathBuf;
 use clap::Args;
 use growbot_client::input::name_of;
 use growbot_client::plan::Plan;
-use growbot_client::plan_file;
+use growbot_client::plan_file::{self, Opened};
 use growbot_client::pose_text::{TypedGoal, parse_goal};
+use growbot_client::through_scene::{self, UnclearError};
 use growbot_core::robot::Robot;
+use growbot_scene::file::{self, LoadedScene};
 
+use super::scene::SceneArgs;
 use super::search::SearchArgs;
 use super::{Failure, RobotArg};
 
 /// The options that make a plan, and so have no place beside one.
-const CONFLICTING: [&str; 7] = ["from", "via", "via_csv", "to", "planner", "radius", "clear_of_self"];
+const CONFLICTING: [&str; 9] =
+    ["from", "via", "via_csv", "to", "planner", "radius", "clear_of_self", "effort", "time_limit"];
 
 /// A plan or a goal, and the robot.
 #[derive(Args)]
@@ -31,6 +35,8 @@ pub struct GoalArgs {
     /// --planner, which alone gives the shortest path of all
     #[arg(long)]
     clear_of_self: bool,
+    #[command(flatten)]
+    scene: SceneArgs,
     /// The robot: a built-in name or a TOML file [default: the plan's; without a
     /// plan what GROWBOT_ROBOT or growbot.toml says, or else growbot-a]
     #[arg(long, value_name = "FILE|NAME")]
@@ -44,21 +50,50 @@ impl GoalArgs {
         file.map_or_else(|| command.to_owned(), |file| file.to_string_lossy().into_owned())
     }
 
-    /// Reads the plan, or makes it; the robot is its own.
-    pub fn robot_and_plan(&self) -> Result<(Robot, Plan), Failure> {
+    /// Reads the plan, or makes it; the robot is its own, and the scene the one that it leads through, or that is given.
+    pub fn open(&self, json: bool) -> Result<ToGrow, Failure> {
+        let given = self.scene.scene.as_deref();
         if let Some(path) = &self.plan {
-            let (robot, plan) = plan_file::open(path, self.robot.as_deref())?;
+            let Opened { robot, mut plan, scene } = plan_file::open_in_scene(path, self.robot.as_deref(), given)?;
             if self.robot.is_none() {
                 growbot_host::detail!("robot {}, from: {}", robot.name(), name_of(path));
             }
-            return Ok((robot, plan));
+            let (Some(file), None) = (given, &scene) else {
+                return Ok(ToGrow { robot, plan, scene, unclear: None });
+            };
+            // The plan knows nothing of the scene.
+            let loaded = file::load(file)?;
+            let unclear = match through_scene::clear_in(&plan, &robot, &file.display().to_string(), &loaded) {
+                Ok(clearance) => {
+                    plan.scene = Some(clearance);
+                    None
+                }
+                Err(unclear) => Some(unclear),
+            };
+            return Ok(ToGrow { robot, plan, scene: Some(loaded), unclear });
         }
         let robot = RobotArg { robot: self.robot.clone() }.load()?;
         let goal = self
             .to
             .as_ref()
             .ok_or_else(|| Failure::bad_input("there is nothing to grow: give a plan's file, or a goal with --to"))?;
+        if let Some(file) = given {
+            let ends = self.search.start_and_goals(&robot, goal)?;
+            let loaded = file::load(file)?;
+            let plan = self.scene.plan_in(file, &loaded, &robot, &ends, &self.search.search(&robot, true), json)?;
+            return Ok(ToGrow { robot, plan, scene: Some(loaded), unclear: None });
+        }
         let plan = self.search.plan(&robot, goal, self.clear_of_self || self.search.planner.is_none())?;
-        Ok((robot, plan))
+        Ok(ToGrow { robot, plan, scene: None, unclear: None })
     }
+}
+
+/// What is to be grown.
+pub struct ToGrow {
+    pub robot: Robot,
+    pub plan: Plan,
+    /// What it grows among.
+    pub scene: Option<LoadedScene>,
+    /// Why the plan is not clear of that.
+    pub unclear: Option<UnclearError>,
 }

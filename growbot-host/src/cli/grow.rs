@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Parser};
 use growbot_client::feedback::{ASSUMED, Feedback};
 use growbot_client::growth::{Job, Manner, grow_job};
+use growbot_client::keep_clear::Surroundings;
 use growbot_client::plan::Plan;
 use growbot_client::robot_file;
 use growbot_client::run_log::{GrowthResult, Origin, ResultOutcome, RunLog, RunLogError};
@@ -20,7 +21,7 @@ use growbot_sim::truth::compare;
 
 use super::disturbance::DisturbanceArgs;
 use super::following::{Following, OnSilence, Print, refuse};
-use super::goal::GoalArgs;
+use super::goal::{GoalArgs, ToGrow};
 use super::interrupt::stop_on_interrupt;
 use super::keyboard::Keyboard;
 use super::service::{Options, owner};
@@ -32,6 +33,10 @@ use super::{ChosenPort, Connection, Failure, PortArg};
 /// Hands the layers to the robot's board, which heats, homes its head and lays them one by one; shows how far it is,
 /// and at the end where the tip arrived: as the steps that were made say, or with --feedback the sensors. Ctrl-C stops
 /// the robot; a second one gives the emergency stop and leaves.
+///
+/// Through a scene, of the plan or of --scene, only a plan is grown that is clear of it. With --feedback each correction
+/// is checked before the board gets it: it keeps off all obstacles by 3 standard deviations of where the tip will be.
+/// If it does not, another path through the scene is taken; if there is none, the robot pauses.
 ///
 /// Without a robot (--port sim, the default unless another port is set: growbot config) the same controller runs in this
 /// program against a simulated tip, on a virtual clock, and where the tip arrived is what that has really laid.
@@ -59,8 +64,8 @@ pub struct GrowArgs {
     /// unless given.
     #[arg(long)]
     feedback: bool,
-    /// Grow in spite of self-collision, filament-short or layer-limit, and replace
-    /// a run log that is there
+    /// Grow in spite of self-collision, filament-short or layer-limit, however near
+    /// it comes to the scene, and replace a run log that is there
     #[arg(long)]
     force: bool,
     /// End with one line of JSON instead of a table
@@ -80,6 +85,7 @@ Examples:
   growbot grow --robot growbot-a2 --to 0,60,120,90,30 --port emulator
   growbot grow --to 200,100,600,0,45 --noise 10 --feedback
   growbot grow --to 200,100,600,0,45 --watch --control
+  growbot grow --to 0,0,800 --scene room.toml --noise 10 --feedback
 
 Exit codes: 0, the body is grown; 1, stopped, refused or a fault; 2, something
 was wrong before the job.";
@@ -106,21 +112,28 @@ pub fn run_main_job() -> Result<(), Failure> {
 /// Runs the command.
 pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     let (port, print) = (args.port.choose()?, args.print()?);
-    let (robot, plan) = args.goal.robot_and_plan()?;
+    let ToGrow { robot, plan, scene, unclear } = args.goal.open(args.json)?;
     let preventing: Vec<_> =
         plan.warnings.iter().filter(|warning| PREVENTING.contains(&warning.code.as_str())).collect();
     for warning in &plan.warnings {
         growbot_host::warning!("{}: {}", warning.code, warning.message);
     }
-    if !preventing.is_empty() && !args.force {
-        let codes: Vec<_> = preventing.iter().map(|warning| warning.code.as_str()).collect();
-        let why =
-            format!("not grown because of {}: change the plan, or grow it all the same with --force", codes.join(", "));
+    let refused = |why: String| {
         if args.json {
             let nothing = GrowthResult::nothing_grown(ResultOutcome::Refused, &plan, None, port.is_simulated());
             refuse(&GrowthResult { error: Some(why.clone()), ..nothing });
         }
-        return Err(Failure::answered_no(why));
+        Failure::answered_no(why)
+    };
+    if !preventing.is_empty() && !args.force {
+        let codes: Vec<_> = preventing.iter().map(|warning| warning.code.as_str()).collect();
+        return Err(refused(format!(
+            "not grown because of {}: change the plan, or grow it all the same with --force",
+            codes.join(", ")
+        )));
+    }
+    if let Some(unclear) = unclear.filter(|_| !args.force) {
+        return Err(refused(unclear.to_string()));
     }
     args.suits(&port, &robot)?;
     if let Some(owned) = owner(&port)? {
@@ -135,7 +148,19 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     let disturbance = &args.disturbance;
     let assumed = if port.is_simulated() { disturbance.sensor_noise() } else { disturbance.sensor_noise_or(ASSUMED) };
     let noise = args.feedback.then_some(assumed);
-    let feedback = noise.map(|noise| Feedback::new(&robot, &plan.start, &plan.path, &plan.legs, noise));
+    // Grown by force, it is not kept off anything.
+    let around = scene.as_ref().filter(|_| !args.force);
+    let around = around.map(|scene| Surroundings::new(&robot, scene, plan.radius));
+    let feedback = noise.map(|noise| {
+        let feedback = Feedback::new(&robot, &plan.start, &plan.path, &plan.legs, noise);
+        around.iter().fold(feedback, Feedback::among)
+    });
+    if let Some(Err(too_near)) = feedback.as_ref().map(Feedback::can_begin) {
+        return Err(refused(format!(
+            "{too_near}: give a larger margin_mm or another --radius to `growbot plan --scene`, a better sensor, or grow \
+             it all the same with --force"
+        )));
+    }
     let imperfection = Imperfection {
         disturbance: disturbance.disturbance(),
         noise: disturbance.sensor_noise(),

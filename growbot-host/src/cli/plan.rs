@@ -66,7 +66,7 @@ pub struct PlanArgs {
     output: Option<PathBuf>,
     /// Plan every query of a CSV file (- for standard input); prints CSV, or JSON
     /// lines with --json
-    #[arg(long, value_name = "CSV", conflicts_with_all = ["via", "via_csv", "to"])]
+    #[arg(long, value_name = "CSV", conflicts_with_all = ["via", "via_csv", "to", "scene"])]
     batch: Option<PathBuf>,
 }
 

@@ -10,7 +10,7 @@ use growbot_client::through_scene::{self, LENGTH_MAX, NoPath, Through, ThroughEr
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_host::output::print;
-use growbot_scene::file::{self, SceneError};
+use growbot_scene::file::{self, LoadedScene, SceneError};
 use serde::Serialize;
 
 use super::Failure;
@@ -23,9 +23,9 @@ const MAX_SECONDS: u64 = 86_400;
 /// The scene, and how hard to try.
 #[derive(Args)]
 pub struct SceneArgs {
-    /// Plan clear of everything in this scene: a scene file (TOML), a mesh
+    /// Keep clear of everything in this scene: a scene file (TOML), a mesh
     /// (.stl, .obj, .ply, .glb) or a cloud of points (.ply, .pcd)
-    #[arg(long, value_name = "FILE", conflicts_with = "batch")]
+    #[arg(long, value_name = "FILE")]
     pub scene: Option<PathBuf>,
     /// How long to search for a short path through the scene: some 0.1 s for
     /// each, with the same result on every machine [default: 5]
@@ -57,17 +57,32 @@ impl SceneArgs {
         &self,
         scene: &Path,
         robot: &Robot,
+        ends: &(Pose, Vec<Goal>),
+        search: &Search,
+        length_max: Option<f64>,
+        json: bool,
+    ) -> Result<Plan, Failure> {
+        let loaded = file::load(scene)?;
+        self.plan_in(scene, &loaded, robot, ends, search, length_max, json)
+    }
+
+    /// The same, through a scene that has been read.
+    pub fn plan_in(
+        &self,
+        scene: &Path,
+        loaded: &LoadedScene,
+        robot: &Robot,
         (start, goals): &(Pose, Vec<Goal>),
         search: &Search,
         length_max: Option<f64>,
         json: bool,
     ) -> Result<Plan, Failure> {
         let begin = Instant::now();
-        let loaded = file::load(scene)?;
         let effort = self.effort.unwrap_or(if self.time_limit.is_some() { u64::MAX } else { EFFORT });
         let deadline = self.time_limit.and_then(|seconds| begin.checked_add(Duration::from_secs(seconds)));
         let length_max = length_max.unwrap_or(LENGTH_MAX);
-        let through = Through { file: &scene.display().to_string(), loaded: &loaded, effort, deadline, length_max };
+        let (file, margin) = (scene.display().to_string(), loaded.margin);
+        let through = Through { file: &file, loaded, margin, grown: None, effort, deadline, length_max };
         through_scene::plan(robot, start, goals, search, &through).map_err(|error| match error {
             ThroughError::Plan(error) => error.into(),
             ThroughError::NoPath(no_path) => refused(no_path, json),

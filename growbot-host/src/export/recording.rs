@@ -6,6 +6,7 @@ use std::collections::{BTreeMap, HashMap};
 use std::io::Cursor;
 
 use growbot_client::degrees::degrees_below_turn;
+use growbot_client::keep_clear::Detour;
 use growbot_client::plan::Plan;
 use growbot_client::run_clock::{Clock, events, time_for};
 use growbot_client::run_log::{Board, BoardStatus, GrowthResult, ResultOutcome, RunEvent, RunRecord, WrittenMeasured};
@@ -123,6 +124,8 @@ fn in_words(event: &RunEvent) -> Option<(Level, String)> {
         }
         RunEvent::NotAmended { why: Some(why) } => format!("not-amended: {why}"),
         RunEvent::NotAmended { why: None } => "not-amended".to_owned(),
+        RunEvent::Detour(Detour { from, instead_of, .. }) => format!("detour: from {from}, since {instead_of}"),
+        RunEvent::TooNear(too_near) => format!("too-near: {too_near}"),
         RunEvent::HandingOver { from, .. } => format!("handing-over: from {from}"),
         RunEvent::Ordered { order } => format!("ordered: {}", order.name()),
         RunEvent::NotObeyed { why } => format!("not-obeyed: {why}"),
@@ -137,7 +140,7 @@ fn in_words(event: &RunEvent) -> Option<(Level, String)> {
         | RunEvent::End { .. } => return None,
     };
     let level = match event {
-        RunEvent::Silent | RunEvent::NotAmended { .. } => Level::Warning,
+        RunEvent::Silent | RunEvent::NotAmended { .. } | RunEvent::Detour(_) | RunEvent::TooNear(_) => Level::Warning,
         _ => Level::Info,
     };
     Some((level, words))

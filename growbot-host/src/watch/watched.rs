@@ -162,7 +162,8 @@ impl Watched {
             JobEvent::Silent => self.answers = false,
             JobEvent::Back => self.answers = true,
             JobEvent::Simulated { from, layers } => self.lies(*from as usize, layers),
-            JobEvent::Counting(_) | JobEvent::Crash(_) => {}
+            JobEvent::TooNear(too_near) => self.refused = Some(too_near.to_string()),
+            JobEvent::Counting(_) | JobEvent::Crash(_) | JobEvent::Detour(_) => {}
         }
     }
 

@@ -2,6 +2,7 @@
 
 use std::convert::Infallible;
 
+use super::among::{Among, Contact};
 use super::statistics::Statistics;
 use super::{Hung, Outcome, Simulation};
 use crate::parallel;
@@ -16,6 +17,31 @@ pub struct Farthest {
     pub seed: u64,
     /// How far from the goal it ended, mm.
     pub position_error_mm: f64,
+}
+
+/// What became of many growths among the obstacles of a scene.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ManyAmong {
+    /// Growths whose true body touches an obstacle.
+    pub contacts: u64,
+    /// The first of them: its seed, and where it does.
+    pub first_contact: Option<(u64, Contact)>,
+    /// The least clearance of all, mm.
+    pub clearance: f64,
+    /// Growths that took another path.
+    pub with_detours: u64,
+    /// Growths that paused.
+    pub pauses: u64,
+}
+
+impl ManyAmong {
+    fn add(&mut self, seed: u64, among: &Among) {
+        self.contacts += u64::from(among.contact.is_some());
+        self.first_contact = self.first_contact.or(among.contact.map(|contact| (seed, contact)));
+        self.clearance = self.clearance.min(among.clearance);
+        self.with_detours += u64::from(among.detours > 0);
+        self.pauses += u64::from(among.paused.is_some());
+    }
 }
 
 /// What many growths came to.
@@ -39,6 +65,8 @@ pub struct Campaign {
     pub farthest: Option<Farthest>,
     /// Of bodies that hang: the max sag, and the max stress of a root, each of the body that has it.
     pub hung: Option<Hung>,
+    /// Of growths in a scene: what became of them there.
+    pub among: Option<ManyAmong>,
 }
 
 impl Campaign {
@@ -76,7 +104,7 @@ impl Campaign {
     }
 
     fn add(&mut self, seed: u64, outcome: &Outcome) {
-        let Outcome { grown, arrival, hung } = outcome;
+        let Outcome { grown, arrival, hung, among } = outcome;
         self.runs += 1;
         self.layers.add(grown.layers as f64);
         self.position_error_mm.add(arrival.position_error_mm);
@@ -89,6 +117,11 @@ impl Campaign {
         let position_error_mm = arrival.position_error_mm;
         if self.farthest.is_none_or(|farthest| position_error_mm > farthest.position_error_mm) {
             self.farthest = Some(Farthest { seed, position_error_mm });
+        }
+        if let Some(among) = among {
+            let none =
+                ManyAmong { contacts: 0, first_contact: None, clearance: f64::INFINITY, with_detours: 0, pauses: 0 };
+            self.among.get_or_insert(none).add(seed, among);
         }
         if let Some(hung) = *hung {
             let max = self.hung.get_or_insert(hung);

@@ -4,16 +4,24 @@
 //! The physics and the loop are growbot-core's ([`growbot_core::simulation`]); here they are put together for a plan
 //! ([`Simulation`]), repeated with many seeds ([`campaign`]) and summed up ([`statistics`]).
 
+pub mod among;
 pub mod campaign;
 pub mod statistics;
 
 use growbot_client::arrival::Arrival;
+use growbot_client::keep_clear::Surroundings;
 use growbot_client::plan::Plan;
 use growbot_client::warning::Warning;
-use growbot_core::pose::Pose;
+use growbot_core::layer::Layer;
+use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::Robot;
-use growbot_core::simulation::{Disturbance, Grown, Hanging, Laid, RootStress, Sensors, Task, grow_closed, grow_open};
+use growbot_core::simulation::{
+    Disturbance, Grown, Hanging, Laid, RootStress, Sensors, Task, grow_closed_while, grow_open,
+};
 use growbot_core::slicing::{Layers, Slicing, layers};
+use growbot_scene::file::LoadedScene;
+
+use self::among::{Among, Keeping, Touching};
 
 /// Code of the warning of a root that would fail: max stress, strength (MPa).
 pub const ROOT_FAILS: &str = "root-fails";
@@ -38,6 +46,10 @@ pub struct Simulation<'a> {
     pub sensors: Option<Sensors>,
     /// Whether the body hangs under its own weight.
     pub sag: bool,
+    /// What it grows among. Closed loop keeps off it; contacts are those of the body as it was laid, without its sag.
+    pub scene: Option<&'a LoadedScene>,
+    /// Radius of the bends of detours, mm.
+    radius: f64,
 }
 
 /// What a simulated growth came to.
@@ -49,6 +61,8 @@ pub struct Outcome {
     pub arrival: Arrival,
     /// How it hangs, if it does.
     pub hung: Option<Hung>,
+    /// What became of it in a scene, if there is one.
+    pub among: Option<Among>,
 }
 
 /// How a body hangs.
@@ -71,6 +85,8 @@ impl<'a> Simulation<'a> {
             disturbance: Disturbance::default(),
             sensors: None,
             sag: false,
+            scene: None,
+            radius: plan.radius,
         }
     }
 
@@ -98,31 +114,50 @@ impl<'a> Simulation<'a> {
     /// As [`Self::run`]; `each` is called with every layer as laid, without the sag of the body.
     pub fn run_by_layer(&self, seed: u64, mut each: impl FnMut(&Laid)) -> Outcome {
         let Self { task, disturbance, .. } = self;
-        let mut hanging = self.sag.then(|| Hanging::new(task.robot, &task.start.frame()));
-        let mut grown = match &self.sensors {
-            None => grow_open(&task.start, self.layers.clone().map(|sliced| sliced.layer), disturbance, seed, |laid| {
-                each(laid);
-                if let Some(hanging) = &mut hanging {
-                    hanging.lay(laid);
-                }
-            }),
+        let base_from_start = task.start.frame();
+        let mut hanging = self.sag.then(|| Hanging::new(task.robot, &base_from_start));
+        let mut touching = self.scene.map(|loaded| Touching::new(&loaded.scene, task.robot, base_from_start));
+        let mut each = |laid: &Laid| {
+            each(laid);
+            if let Some(touching) = &mut touching {
+                touching.lay(laid);
+            }
+            if let Some(hanging) = &mut hanging {
+                hanging.lay(laid);
+            }
+            hanging.as_ref().map(Hanging::base_from_tip)
+        };
+        let around = self.scene.map(|loaded| Surroundings::new(task.robot, loaded, self.radius));
+        let (mut grown, kept) = match &self.sensors {
+            None => {
+                let layers = self.layers.clone().map(|sliced| sliced.layer);
+                (
+                    grow_open(&task.start, layers, disturbance, seed, |laid| {
+                        each(laid);
+                    }),
+                    None,
+                )
+            }
             // The sensors feel the sag as it is after each layer.
-            Some(sensors) => grow_closed(task, disturbance, sensors, seed, |_, laid, by_growth| {
-                each(laid);
-                match &mut hanging {
-                    Some(hanging) => {
-                        hanging.lay(laid);
-                        hanging.base_from_tip()
-                    }
-                    None => *by_growth,
-                }
-            }),
+            Some(sensors) => {
+                let mut keeping = around.as_ref().map(|around| Keeping::new(around, sensors.seen()));
+                let tip = |_: &Layer, laid: &Laid, by_growth: &Frame| each(laid).unwrap_or(*by_growth);
+                let grown = grow_closed_while(task, disturbance, sensors, seed, tip, |tracker, laid| {
+                    keeping.as_mut().is_none_or(|keeping| keeping.goes_on(tracker, laid))
+                });
+                (grown, keeping)
+            }
         };
         let hung = hanging.map(|hanging| {
             grown.base_from_tip = hanging.base_from_tip();
             Hung { deflection: hanging.deflection(), root: hanging.root_stress() }
         });
-        Outcome { grown, arrival: Arrival::of(&grown.base_from_tip, &task.goal(), self.path_length), hung }
+        let among = touching.map(|touching| match kept {
+            Some(Keeping { detours, paused, .. }) => Among { detours, paused, ..touching.among },
+            None => touching.among,
+        });
+        let arrival = Arrival::of(&grown.base_from_tip, &task.goal(), self.path_length);
+        Outcome { grown, arrival, hung, among }
     }
 
     /// Where it starts.

@@ -27,7 +27,7 @@ use self::samples::Samples;
 use self::written::{SimulatedCampaign, SimulatedGrowth};
 use super::Failure;
 use super::disturbance::{DisturbanceArgs, signed_percent};
-use super::goal::GoalArgs;
+use super::goal::{GoalArgs, ToGrow};
 use super::units::mm;
 
 /// Simulate a growth with noise, with or without feedback, once or many times
@@ -41,6 +41,9 @@ use super::units::mm;
 ///
 /// Noise of layers is uniform, given by its half-width: 10 means anywhere from -10 to +10. Noise of sensors is normal,
 /// given by its standard deviation (SD). All draws are independent, from layer to layer and of each other, of mean 0.
+///
+/// In a scene, of the plan or of --scene, it tells whether the true body touches an obstacle, and where first; with
+/// --repeat, how many do. With --feedback each correction keeps off the obstacles, as in `growbot grow`.
 ///
 /// With --samples it writes one row of CSV for each growth; with -o, the body as it was laid, or the result as JSON.
 #[derive(Args)]
@@ -79,8 +82,8 @@ pub struct SimulateArgs {
     threads: Option<u16>,
     /// Write every growth to this file, a row each: CSV
     ///
-    /// The seed, start, goal and final pose, layers, lengths, all errors, and the disturbances with their
-    /// distributions; the columns' names have the units.
+    /// The seed, start, goal and final pose, layers, lengths, all errors, in a scene what became of it there, and the
+    /// disturbances with their distributions; the columns' names have the units.
     #[arg(long, value_name = "FILE")]
     samples: Option<PathBuf>,
     /// Write the body as it was laid to this file, in the format of its ending:
@@ -101,6 +104,7 @@ Examples:
   growbot simulate plan.json --noise 10 --repeat 1000 --samples growths.csv
   growbot simulate plan.json --noise 10 --seed 7 -o body.stl
   growbot simulate --to 800,0,0,0,0 --from 0,0,0,0,0 --sag
+  growbot simulate plan.json --noise 10 --repeat 1000 --scene room.toml
   growbot simulate plan.json --slice whole --step 3.096 --json";
 
 /// How a path is cut, as the command line says it.
@@ -127,13 +131,17 @@ fn step_mm(text: &str) -> Result<f64, String> {
 
 /// Runs the command.
 pub fn run(args: &SimulateArgs) -> Result<(), Failure> {
-    let (robot, plan) = args.goal.robot_and_plan()?;
+    let ToGrow { robot, plan, scene, unclear } = args.goal.open(args.json)?;
     warn(&plan.warnings);
     let slicing = args.slicing(robot.description().layer.height_mm)?;
     let mut simulation = Simulation::new(&plan, &robot, slicing);
     simulation.disturbance = args.disturbance.disturbance();
     simulation.sensors = args.sensors();
     simulation.sag = args.sag;
+    simulation.scene = scene.as_ref();
+    if let Some(unclear) = unclear {
+        growbot_host::warning!("{unclear}");
+    }
     let body = args.body_format()?;
     args.samples.as_deref().map_or(Ok(()), Samples::check)?;
     let seed = args.disturbance.seed;

@@ -7,6 +7,7 @@ use growbot_client::files::{Replacement, format_of, refuse_inputs};
 use growbot_core::pose::Pose;
 use growbot_host::figures::shortest;
 use growbot_host::output::is_standard_output;
+use growbot_sim::simulation::among::Among;
 use growbot_sim::simulation::{Outcome, Simulation};
 
 use super::super::Failure;
@@ -18,6 +19,9 @@ const ERRORS: &str =
     "position_error_mm,normalized_position_error,heading_error_deg,pitch_error_deg,direction_error_deg";
 /// Columns of a body that hangs.
 const SAG: &str = "sag_mm,root_stress_mpa,root_moment_n_mm";
+
+/// Columns of a growth in a scene: empty where it touches nothing, and where it does not pause.
+const AMONG: &str = "contact_at_mm,clearance_mm,detours,paused_at_mm";
 
 /// A table that is being written.
 pub struct Samples<'a> {
@@ -69,13 +73,14 @@ impl Samples<'_> {
             ["x_mm", "y_mm", "z_mm", "heading_deg", "pitch_deg"].map(|part| format!("{end}_{part}")).join(",")
         });
         let sag = if simulation.sag { format!(",{SAG}") } else { String::new() };
-        writeln!(samples.file, "seed,{},{GROWTH},{ERRORS}{sag},{}", poses.join(","), names.join(","))?;
+        let among = if simulation.scene.is_some() { format!(",{AMONG}") } else { String::new() };
+        writeln!(samples.file, "seed,{},{GROWTH},{ERRORS}{sag}{among},{}", poses.join(","), names.join(","))?;
         Ok(samples)
     }
 
     /// Adds a growth.
     pub fn add(&mut self, seed: u64, outcome: &Outcome) -> io::Result<()> {
-        let Outcome { grown, arrival, hung } = outcome;
+        let Outcome { grown, arrival, hung, among } = outcome;
         let errors = [
             Some(arrival.position_error_mm),
             Some(arrival.normalized_position_error),
@@ -86,7 +91,12 @@ impl Samples<'_> {
         let sag = hung.map(|hung| [hung.deflection, hung.root.stress, hung.root.moment].map(Some));
         let (layers, length, path_length) = (grown.layers, shortest(grown.length), shortest(self.path_length));
         write!(self.file, "{seed},{},{},{layers},{length},{path_length}", self.ends, pose(&arrival.final_pose))?;
-        for value in errors.into_iter().chain(sag.into_iter().flatten()) {
+        let among = among.map(|among| {
+            let Among { contact, clearance, detours, paused } = among;
+            let contact = contact.map(|contact| contact.at);
+            [contact, Some(clearance), Some(f64::from(detours)), paused.map(|paused| paused.at)]
+        });
+        for value in errors.into_iter().chain(sag.into_iter().flatten()).chain(among.into_iter().flatten()) {
             // What is vertical has no heading.
             write!(self.file, ",{}", value.map(shortest).unwrap_or_default())?;
         }

@@ -3,7 +3,8 @@
 use growbot_core::angle::degrees;
 use growbot_core::pose::Pose;
 use growbot_host::figures::fixed;
-use growbot_sim::simulation::campaign::{Campaign, Farthest};
+use growbot_sim::simulation::among::{Among, Contact, Pause};
+use growbot_sim::simulation::campaign::{Campaign, Farthest, ManyAmong};
 use growbot_sim::simulation::statistics::Statistics;
 use growbot_sim::simulation::{Hung, Outcome, Simulation};
 
@@ -12,7 +13,7 @@ use super::disturbances::WrittenDisturbances;
 
 /// Target and final pose, the error between them, and the body.
 pub fn growth(goal: &Pose, outcome: &Outcome, disturbances: &WrittenDisturbances, seed: u64) -> String {
-    let Outcome { grown, arrival, hung } = outcome;
+    let Outcome { grown, arrival, hung, among } = outcome;
     let mut table = arrived(goal, arrival);
     let pitch = arrival.pitch_error_deg;
     table += &match arrival.heading_error_deg {
@@ -30,6 +31,7 @@ pub fn growth(goal: &Pose, outcome: &Outcome, disturbances: &WrittenDisturbances
     }
     table += &format!("body      {} layers, {:.1} mm\n", grown.layers, grown.length);
     table += &hung.as_ref().map(hangs).unwrap_or_default();
+    table += &among.as_ref().map(went).unwrap_or_default();
     table += &disturbances.in_words();
     table + &format!("seed      {seed}, of a simulated growth\n")
 }
@@ -40,6 +42,44 @@ fn hangs(hung: &Hung) -> String {
         "sag       {deflection:.3} mm; the root bears {:.3} MPa, {:.0} N mm, at {:.0} mm of body\n",
         root.stress, root.moment, root.length
     )
+}
+
+/// What became of a growth in a scene.
+fn went(among: &Among) -> String {
+    let Among { contact, clearance, detours, paused } = among;
+    let mut text = match contact {
+        Some(contact) => format!("scene     touches {}\n", place(contact)),
+        None => format!("scene     no contact; the true body is {clearance:.2} mm clear\n"),
+    };
+    if *detours > 0 {
+        text += &format!("          {detours} times another path was taken, to keep off\n");
+    }
+    if let Some(Pause { layers, at, clearance, deviation }) = paused {
+        text += &format!(
+            "          pauses after {layers} layers, {at:.1} mm: ahead it would be {clearance:.2} mm clear, known to \
+             {deviation:.2} mm (3 sd)\n"
+        );
+    }
+    text
+}
+
+/// Where a body touches what.
+fn place(Contact { layer, at, point, obstacle }: &Contact) -> String {
+    let obstacle = obstacle.map_or_else(|| "an obstacle".to_owned(), |obstacle| obstacle.to_string());
+    format!("{obstacle} in layer {layer}, {at:.1} mm along, at {:.1}, {:.1}, {:.1}", point.x, point.y, point.z)
+}
+
+/// What became of many growths in a scene.
+fn many(among: &ManyAmong) -> String {
+    let ManyAmong { contacts, first_contact, clearance, with_detours, pauses } = among;
+    let mut text = format!(
+        "Scene: {contacts} growths touch an obstacle, {pauses} pause, {with_detours} take another path; min clearance \
+         {clearance:.2} mm.\n"
+    );
+    if let Some((seed, contact)) = first_contact {
+        text += &format!("First contact: --seed {seed}, {}.\n", place(contact));
+    }
+    text
 }
 
 /// The errors of many growths.
@@ -64,6 +104,7 @@ pub fn campaign(campaign: &Campaign, robot: &str, simulation: &Simulation, seed:
         table += &format!("; the max position error is that of --seed {seed}");
     }
     table += ".\n";
+    table += &campaign.among.as_ref().map(many).unwrap_or_default();
     table + &campaign.hung.as_ref().map(|hung| format!("Max: {}", hangs(hung))).unwrap_or_default()
 }
 

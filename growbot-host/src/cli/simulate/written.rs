@@ -5,7 +5,8 @@ use growbot_client::run_log::WrittenArrival;
 use growbot_core::angle::degrees;
 use growbot_core::pose::Pose;
 use growbot_core::tracking::Estimate;
-use growbot_sim::simulation::campaign::Campaign;
+use growbot_sim::simulation::among::{Among, Contact, Pause};
+use growbot_sim::simulation::campaign::{Campaign, ManyAmong};
 use growbot_sim::simulation::statistics::Statistics;
 use growbot_sim::simulation::{Hung, Outcome, Simulation};
 use serde::Serialize;
@@ -24,6 +25,8 @@ pub struct SimulatedGrowth {
     feedback: Option<WrittenEstimate>,
     #[serde(skip_serializing_if = "Option::is_none")]
     sag: Option<WrittenSag>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    scene: Option<WrittenAmong>,
     disturbances: WrittenDisturbances,
     seed: u64,
 }
@@ -31,7 +34,7 @@ pub struct SimulatedGrowth {
 impl SimulatedGrowth {
     /// Of this growth, with this seed.
     pub fn new(outcome: &Outcome, simulation: &Simulation, seed: u64) -> Self {
-        let Outcome { grown, arrival, hung } = outcome;
+        let Outcome { grown, arrival, hung, among } = outcome;
         Self {
             arrival: arrival.into(),
             layers: grown.layers,
@@ -41,6 +44,7 @@ impl SimulatedGrowth {
             seed,
             feedback: grown.estimate.as_ref().map(WrittenEstimate::from),
             sag: hung.as_ref().map(WrittenSag::from),
+            scene: among.as_ref().map(WrittenAmong::from),
         }
     }
 }
@@ -88,6 +92,8 @@ pub struct SimulatedCampaign {
     worst_seed: Option<u64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     max_sag: Option<WrittenSag>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    scene: Option<WrittenManyAmong>,
     disturbances: WrittenDisturbances,
 }
 
@@ -106,6 +112,7 @@ impl SimulatedCampaign {
             direction_error_deg: (&campaign.direction_error_deg).into(),
             worst_seed: campaign.farthest.map(|farthest| farthest.seed),
             max_sag: campaign.hung.as_ref().map(WrittenSag::from),
+            scene: campaign.among.as_ref().map(WrittenManyAmong::from),
             disturbances: WrittenDisturbances::of(simulation, seed),
         }
     }
@@ -146,5 +153,84 @@ struct WrittenSag {
 impl From<&Hung> for WrittenSag {
     fn from(hung: &Hung) -> Self {
         Self { deflection_mm: hung.deflection, root_stress_mpa: hung.root.stress, root_moment_n_mm: hung.root.moment }
+    }
+}
+
+/// Where a body touches an obstacle first.
+#[derive(Serialize)]
+struct WrittenContact {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    seed: Option<u64>,
+    layer: u64,
+    at_mm: f64,
+    point_mm: [f64; 3],
+    obstacle: Option<String>,
+}
+
+impl WrittenContact {
+    fn new(contact: &Contact, seed: Option<u64>) -> Self {
+        let Contact { layer, at, point, obstacle } = contact;
+        let obstacle = obstacle.map(|obstacle| obstacle.to_string());
+        Self { seed, layer: *layer, at_mm: *at, point_mm: (*point).into(), obstacle }
+    }
+}
+
+/// Where a growth paused.
+#[derive(Serialize)]
+struct WrittenPause {
+    layers: u64,
+    at_mm: f64,
+    clearance_mm: f64,
+    deviation_mm: f64,
+}
+
+/// What became of a growth in a scene.
+#[derive(Serialize)]
+struct WrittenAmong {
+    /// Null where it touches nothing.
+    contact: Option<WrittenContact>,
+    clearance_mm: f64,
+    detours: u32,
+    /// Null where it does not pause.
+    paused: Option<WrittenPause>,
+}
+
+impl From<&Among> for WrittenAmong {
+    fn from(Among { contact, clearance, detours, paused }: &Among) -> Self {
+        let pause = |&Pause { layers, at, clearance, deviation }: &Pause| WrittenPause {
+            layers,
+            at_mm: at,
+            clearance_mm: clearance,
+            deviation_mm: deviation,
+        };
+        Self {
+            contact: contact.as_ref().map(|contact| WrittenContact::new(contact, None)),
+            clearance_mm: *clearance,
+            detours: *detours,
+            paused: paused.as_ref().map(pause),
+        }
+    }
+}
+
+/// What became of many growths in a scene.
+#[derive(Serialize)]
+struct WrittenManyAmong {
+    contacts: u64,
+    /// Of the first growth that touches an obstacle; null where none does.
+    first_contact: Option<WrittenContact>,
+    min_clearance_mm: f64,
+    with_detours: u64,
+    pauses: u64,
+}
+
+impl From<&ManyAmong> for WrittenManyAmong {
+    fn from(ManyAmong { contacts, first_contact, clearance, with_detours, pauses }: &ManyAmong) -> Self {
+        Self {
+            contacts: *contacts,
+            first_contact: first_contact.as_ref().map(|(seed, contact)| WrittenContact::new(contact, Some(*seed))),
+            min_clearance_mm: *clearance,
+            with_detours: *with_detours,
+            pauses: *pauses,
+        }
     }
 }

@@ -1,0 +1,335 @@
+//! A growth in closed loop that keeps off the obstacles of a scene.
+//!
+//! Layers come out otherwise than planned, and each correction is another body. Whoever corrects a growth, here a host,
+//! has to have each correction checked before it is sent to a board: [`Keeper::check`] proves that the body to come keeps
+//! off all obstacles by half the tube and by 3 standard deviations of the tip's position, as it will be along it. The
+//! margin of the scene is there for the growth to use up.
+//!
+//! Where a correction is too near, another path is planned through the scene, from where the tip will be once the
+//! layers under way are laid ([`Keeper::keep_clear`]). Where there is none the growth has to pause, and [`TooNear`]
+//! says where and why.
+
+use std::cell::OnceCell;
+
+use growbot_core::angle::wrap_positive;
+use growbot_core::layer::Layer;
+use growbot_core::path::{self, Leg, Segment};
+use growbot_core::plan::Planner;
+use growbot_core::pose::{Frame, Pose};
+use growbot_core::robot::Robot;
+use growbot_core::tracking::{Seen, SystematicErrors, Tracker};
+use growbot_scene::clear::{Need, Work, is_clear};
+use growbot_scene::file::LoadedScene;
+use growbot_scene::motion::{Curve, stretches};
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+
+use crate::plan::{Goal, Plan, Search};
+use crate::through_scene::{self, Through};
+
+/// Standard deviations of the position by which a body keeps off obstacles.
+pub const DEVIATIONS: f64 = 3.0;
+/// Max number of detours of one growth: each bends the body more.
+pub const MAX_DETOURS: usize = 12;
+/// What will be known along the body is told anew after this many layers.
+const TOLD_FOR: usize = 16;
+/// And a detour that was not found is searched for again.
+const SEARCH_AGAIN: usize = 64;
+/// Effort of one search, in units of `--effort`: some 0.2 s.
+const EFFORT: u64 = 2;
+/// Clearance that a detour is planned with: in shares of what it needs at its worst place. What it needs elsewhere may
+/// be less, so less is tried too.
+const CLEARANCES: [f64; 4] = [1.5, 1.1, 0.8, 0.5];
+/// A layer that comes nearer to touching than this is refused, mm.
+const SLACK: f64 = 1e-3;
+/// Of obstacles farther than this it does not matter how far they are, mm.
+const FAR: f64 = 100.0;
+
+/// Where the body to come would be too near to an obstacle.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct TooNear {
+    /// Index of the layer.
+    pub layer: u32,
+    /// The point of the centreline, mm.
+    pub point_mm: [f64; 3],
+    /// The obstacle that is nearest to it.
+    pub obstacle: String,
+    /// How far the outside of the tube would be from it, mm.
+    pub clearance_mm: f64,
+    /// 3 standard deviations of the position there, mm.
+    pub deviation_mm: f64,
+    /// Why there is no other way, where one was looked for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub no_detour: Option<String>,
+}
+
+impl std::fmt::Display for TooNear {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        let Self { layer, point_mm: [x, y, z], obstacle, clearance_mm, deviation_mm, no_detour } = self;
+        write!(
+            f,
+            "layer {layer}, at {x:.1}, {y:.1}, {z:.1} mm, would come within {clearance_mm:.2} mm of {obstacle}, and \
+             the position there is only known to {deviation_mm:.2} mm (3 sd)"
+        )?;
+        if let Some(why) = no_detour {
+            write!(f, "; no other way was found: {why}")?;
+        }
+        Ok(())
+    }
+}
+
+impl std::error::Error for TooNear {}
+
+/// Another path that was taken, from where the tip was.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct Detour {
+    /// Index of its first layer.
+    pub from: u32,
+    /// Length of the path, mm.
+    pub length_mm: f64,
+    /// Proven min clearance between the outside of its tube and the obstacles, mm.
+    pub clearance_mm: f64,
+    /// Where the correction would have been too near.
+    pub instead_of: TooNear,
+}
+
+/// A scene that a growth keeps off, and the paths that were planned on the way.
+#[derive(Debug)]
+pub struct Surroundings<'a> {
+    robot: &'a Robot,
+    loaded: &'a LoadedScene,
+    /// Radius of the bends of detours, mm.
+    radius: f64,
+    detours: [OnceCell<Planned>; MAX_DETOURS],
+}
+
+/// A detour as it was planned.
+#[derive(Debug, Clone)]
+struct Planned {
+    start: Pose,
+    path: Vec<Segment>,
+    legs: Vec<Leg>,
+}
+
+impl<'a> Surroundings<'a> {
+    /// A scene for one growth, whose detours have this radius (mm).
+    #[must_use]
+    pub fn new(robot: &'a Robot, loaded: &'a LoadedScene, radius: f64) -> Self {
+        Self { robot, loaded, radius, detours: Default::default() }
+    }
+}
+
+/// Keeps one growth off the obstacles.
+#[derive(Debug, Clone)]
+pub struct Keeper<'a> {
+    around: &'a Surroundings<'a>,
+    /// The body so far, as it came out by the estimate.
+    body: Vec<Segment>,
+    /// What was measured after the latest layer.
+    seen: Seen,
+    /// 3 standard deviations along the body to come, from the layer of an index on, mm.
+    deviations: Vec<f64>,
+    told_at: usize,
+    /// When a detour was searched for in vain, by layers laid, and why there is none.
+    no_detour: Option<(usize, String)>,
+}
+
+impl<'a> Keeper<'a> {
+    /// Before the first layer. `seen`: what is going to be measured after each.
+    #[must_use]
+    pub fn new(around: &'a Surroundings<'a>, seen: Seen) -> Self {
+        Self { around, body: Vec::new(), seen, deviations: Vec::new(), told_at: 0, no_detour: None }
+    }
+
+    /// A layer was laid: as it was commanded, on a robot with these errors.
+    pub fn laid(&mut self, layer: &Layer, systematic: &SystematicErrors) {
+        self.body.push(segment(layer, systematic));
+    }
+
+    /// Layers laid.
+    #[must_use]
+    pub fn layers(&self) -> usize {
+        self.body.len()
+    }
+
+    /// Length of the body so far, mm.
+    #[must_use]
+    pub fn length(&self) -> f64 {
+        path::length(&self.body)
+    }
+
+    /// Has the rest keep off all obstacles: call it after [`Tracker::replan`] with the same layers under way. Where the
+    /// rest is too near, it becomes a detour, if there is one.
+    ///
+    /// # Errors
+    /// Where it is too near, and why there is no detour: then the growth must pause.
+    pub fn keep_clear(&mut self, tracker: &mut Tracker<'a>, under_way: &[Layer]) -> Result<Option<Detour>, TooNear> {
+        let Err(too_near) = self.check(tracker, under_way) else {
+            self.no_detour = None;
+            return Ok(None);
+        };
+        let refused = |why: String| TooNear { no_detour: Some(why), ..too_near.clone() };
+        if let Some((at, why)) = &self.no_detour
+            && self.body.len() < at + SEARCH_AGAIN
+        {
+            return Err(refused(why.clone()));
+        }
+        match self.detour(tracker, under_way) {
+            Ok((followed, length_mm, clearance_mm)) => {
+                *tracker = followed;
+                self.no_detour = None;
+                let from = (self.body.len() + under_way.len()) as u32;
+                Ok(Some(Detour { from, length_mm, clearance_mm, instead_of: too_near }))
+            }
+            Err(why) => {
+                self.no_detour = Some((self.body.len(), why.clone()));
+                Err(refused(why))
+            }
+        }
+    }
+
+    /// Whether the layers under way and the rest keep off all obstacles by 3 standard deviations, by proof.
+    ///
+    /// # Errors
+    /// The first layer that does not.
+    pub fn check(&mut self, tracker: &Tracker, under_way: &[Layer]) -> Result<(), TooNear> {
+        let layers: Vec<Layer> = under_way.iter().copied().chain(tracker.rest()).collect();
+        if self.deviations.is_empty() || self.body.len() >= self.told_at + TOLD_FOR {
+            self.tell(tracker, &layers);
+        }
+        let estimate = tracker.estimate();
+        let half_tube = 0.5 * self.around.robot.outer_diameter();
+        let scene = &self.around.loaded.scene;
+        let most = half_tube + self.deviations.iter().copied().fold(0.0, f64::max);
+        let mut base_from_tip: Frame = estimate.base_from_tip;
+        // Lengths along the body to come, and up to where it is proven to be clear.
+        let (mut along, mut proven) = (0.0, 0.0);
+        let mut work = Work::default();
+        for (index, layer) in layers.iter().enumerate() {
+            let grown = segment(layer, &estimate.systematic_errors);
+            let (from, length) = (base_from_tip, grown.length());
+            base_from_tip = estimate.systematic_errors.lay(&base_from_tip, layer);
+            along += length;
+            if along <= proven {
+                continue;
+            }
+            let stretch = stretches(&[grown], &from).and_then(|stretches| stretches.first().copied());
+            let Some(stretch) = stretch else { continue };
+            let middle = stretch.point(0.5 * length);
+            let spare = scene.distance_within(&middle, most + FAR) - most;
+            if spare >= 0.5 * length {
+                proven = along - 0.5 * length + spare;
+                continue;
+            }
+            let deviation = self.deviation(index);
+            if !is_clear(scene, &stretch, &Need { distance: half_tube + deviation, slack: SLACK }, &mut work) {
+                return Err(self.too_near(index, &middle, deviation));
+            }
+        }
+        Ok(())
+    }
+
+    /// Tells anew what will be known along the body to come.
+    fn tell(&mut self, tracker: &Tracker, layers: &[Layer]) {
+        let now = tracker.estimate().position_deviation;
+        let then = tracker.forecast(layers.iter().copied(), self.seen);
+        // A layer lies between what is known at its ends.
+        let mut before = now;
+        self.deviations.clear();
+        self.deviations.extend(then.map(|after| DEVIATIONS * std::mem::replace(&mut before, after).max(after)));
+        self.told_at = self.body.len();
+    }
+
+    /// 3 standard deviations of the position in the layer of this index in the body to come, mm.
+    fn deviation(&self, index: usize) -> f64 {
+        let told = self.deviations.get(self.body.len() - self.told_at + index).or(self.deviations.last());
+        told.copied().unwrap_or_default()
+    }
+
+    fn too_near(&self, index: usize, point: &Vector3<f64>, deviation_mm: f64) -> TooNear {
+        let scene = &self.around.loaded.scene;
+        TooNear {
+            layer: (self.body.len() + index) as u32,
+            point_mm: [point.x, point.y, point.z],
+            obstacle: scene.nearest(point).map_or_else(String::new, |obstacle| obstacle.to_string()),
+            clearance_mm: scene.distance(point) - 0.5 * self.around.robot.outer_diameter(),
+            deviation_mm,
+            no_detour: None,
+        }
+    }
+
+    /// A tracker that follows another path, which is clear, with its length and its proven clearance; or why there is
+    /// none.
+    fn detour(&mut self, tracker: &Tracker<'a>, under_way: &[Layer]) -> Result<(Tracker<'a>, f64, f64), String> {
+        let around = self.around;
+        let Some(slot) = around.detours.iter().find(|slot| slot.get().is_none()) else {
+            return Err(format!("the body has taken {MAX_DETOURS} detours already, which is the most; plan it anew"));
+        };
+        let estimate = tracker.estimate();
+        let start = Pose::from_frame(tracker.begins());
+        let goals: Vec<Goal> = tracker.goals_left().map(Goal::from).collect();
+        let laid_next = under_way.iter().map(|layer| segment(layer, &estimate.systematic_errors));
+        let search = Search { radius: around.radius, planner: Planner::Shortest, clear_of_self: true };
+        let most = self.deviations.iter().copied().fold(0.0, f64::max);
+        let grown: Vec<Segment> = self.body.iter().copied().chain(laid_next).collect();
+        let mut why = String::new();
+        for share in CLEARANCES {
+            let through = Through {
+                file: "",
+                loaded: around.loaded,
+                margin: share * most,
+                grown: Some((&grown, tracker.begins())),
+                effort: EFFORT,
+                deadline: None,
+            };
+            let plan = match through_scene::plan(around.robot, &start, &goals, &search, &through) {
+                Ok(plan) => plan,
+                Err(error) => {
+                    why = error.to_string();
+                    continue;
+                }
+            };
+            match self.take(tracker, under_way, &plan, slot) {
+                Ok(followed) => {
+                    let clearance = plan.scene.as_ref().map_or(0.0, |scene| scene.clearance);
+                    return Ok((followed, plan.needs.length, clearance));
+                }
+                Err(too_near) => why = format!("there too {too_near}"),
+            }
+        }
+        Err(why)
+    }
+
+    /// The tracker on this plan, if it is clear there.
+    fn take(
+        &mut self,
+        tracker: &Tracker<'a>,
+        under_way: &[Layer],
+        plan: &Plan,
+        slot: &'a OnceCell<Planned>,
+    ) -> Result<Tracker<'a>, TooNear> {
+        // Tried first, so that the place is only taken by a path that is followed.
+        let mut trial = tracker.clone();
+        trial.follow(&plan.start, &plan.path, &plan.legs);
+        self.deviations.clear();
+        self.check(&trial, under_way).inspect_err(|_| self.deviations.clear())?;
+        let planned = || Planned { start: plan.start, path: plan.path.clone(), legs: plan.legs.clone() };
+        let Planned { start, path, legs } = slot.get_or_init(planned);
+        let mut followed = tracker.clone();
+        followed.follow(start, path, legs);
+        Ok(followed)
+    }
+}
+
+/// A layer as it comes out of a robot with these errors.
+fn segment(layer: &Layer, systematic: &SystematicErrors) -> Segment {
+    let length = layer.height * (1.0 + systematic.growth);
+    let bend = layer.tilt * (1.0 + systematic.tilt);
+    if bend > 0.0 {
+        Segment::Arc { alpha: wrap_positive(layer.alpha + systematic.alpha), bend, length }
+    } else {
+        Segment::Straight { length }
+    }
+}

@@ -1,0 +1,130 @@
+//! A simulated growth among the obstacles of a scene: whether its true body touches one, and where it took another
+//! path, or paused, to keep off them.
+
+use growbot_client::keep_clear::{Keeper, Surroundings};
+use growbot_core::layer::Layer;
+use growbot_core::path::Segment;
+use growbot_core::pose::Frame;
+use growbot_core::robot::Robot;
+use growbot_core::simulation::Laid;
+use growbot_core::tracking::Tracker;
+use growbot_scene::clear::{Need, Work, is_clear};
+use growbot_scene::motion::{Curve, stretches};
+use growbot_scene::scene::{Obstacle, Scene};
+use nalgebra::Vector3;
+
+/// Of obstacles farther than this from the tube it does not matter how far they are, mm.
+const FAR: f64 = 1e3;
+
+/// Where a body touches an obstacle first.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Contact {
+    /// Index of the layer.
+    pub layer: u64,
+    /// How far along the body, mm.
+    pub at: f64,
+    /// The point of the centreline.
+    pub point: Vector3<f64>,
+    /// The obstacle.
+    pub obstacle: Option<Obstacle>,
+}
+
+/// Where a growth paused, because the rest would have been too near to an obstacle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pause {
+    /// Layers laid before.
+    pub layers: u64,
+    /// Length of the body, mm.
+    pub at: f64,
+    /// How far the outside of the tube would have been from an obstacle, mm.
+    pub clearance: f64,
+    /// 3 standard deviations of the position there, mm.
+    pub deviation: f64,
+}
+
+/// What became of a growth among obstacles.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Among {
+    /// Where the true body touches an obstacle first, if it does.
+    pub contact: Option<Contact>,
+    /// The least clearance between the outside of the true tube and the obstacles, in the middles of its layers, mm.
+    pub clearance: f64,
+    /// How often another path was taken.
+    pub detours: u32,
+    /// Where it paused, if it did.
+    pub paused: Option<Pause>,
+}
+
+/// Follows the true body of a growth.
+pub(super) struct Touching<'a> {
+    scene: &'a Scene,
+    half_tube: f64,
+    base_from_tip: Frame,
+    layers: u64,
+    length: f64,
+    pub(super) among: Among,
+}
+
+impl<'a> Touching<'a> {
+    pub(super) fn new(scene: &'a Scene, robot: &Robot, base_from_start: Frame) -> Self {
+        let among = Among { contact: None, clearance: FAR, detours: 0, paused: None };
+        let half_tube = 0.5 * robot.outer_diameter();
+        Self { scene, half_tube, base_from_tip: base_from_start, layers: 0, length: 0.0, among }
+    }
+
+    /// A layer is laid.
+    pub(super) fn lay(&mut self, laid: &Laid) {
+        let Layer { alpha, height: length, tilt: bend } = laid.layer;
+        let segment = if bend > 0.0 { Segment::Arc { alpha, bend, length } } else { Segment::Straight { length } };
+        let stretch = stretches(&[segment], &self.base_from_tip).and_then(|found| found.first().copied());
+        if let Some(stretch) = stretch {
+            let point = stretch.point(0.5 * length);
+            let distance = self.scene.distance_within(&point, self.half_tube + FAR);
+            self.among.clearance = self.among.clearance.min(distance - self.half_tube);
+            let near = distance - 0.5 * length < self.half_tube;
+            let need = Need { distance: self.half_tube, slack: 0.0 };
+            if near && self.among.contact.is_none() && !is_clear(self.scene, &stretch, &need, &mut Work::default()) {
+                let obstacle = self.scene.nearest(&point);
+                self.among.contact = Some(Contact { layer: self.layers, at: self.length, point, obstacle });
+            }
+        }
+        self.base_from_tip *= laid.step();
+        self.layers += 1;
+        self.length += length;
+    }
+}
+
+/// Keeps a closed loop off the obstacles.
+pub(super) struct Keeping<'a> {
+    keeper: Keeper<'a>,
+    pub(super) detours: u32,
+    pub(super) paused: Option<Pause>,
+}
+
+impl<'a> Keeping<'a> {
+    pub(super) fn new(around: &'a Surroundings<'a>, seen: growbot_core::tracking::Seen) -> Self {
+        Self { keeper: Keeper::new(around, seen), detours: 0, paused: None }
+    }
+
+    /// Whether the growth goes on after a correction.
+    pub(super) fn goes_on(&mut self, tracker: &mut Tracker<'a>, laid: Option<&Layer>) -> bool {
+        if let Some(layer) = laid {
+            self.keeper.laid(layer, &tracker.estimate().systematic_errors);
+        }
+        match self.keeper.keep_clear(tracker, &[]) {
+            Ok(detour) => {
+                self.detours += u32::from(detour.is_some());
+                true
+            }
+            Err(too_near) => {
+                self.paused = Some(Pause {
+                    layers: self.keeper.layers() as u64,
+                    at: self.keeper.length(),
+                    clearance: too_near.clearance_mm,
+                    deviation: too_near.deviation_mm,
+                });
+                false
+            }
+        }
+    }
+}
