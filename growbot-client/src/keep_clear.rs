@@ -2,7 +2,8 @@
 //!
 //! Layers come out otherwise than planned, and each correction is another body. Whoever corrects a growth, here a host,
 //! has to have each correction checked before it is sent to a board: [`Keeper::check`] proves that the body to come keeps
-//! off all obstacles by half the tube and by 3 standard deviations of the tip's position, as it will be along it. The
+//! off all obstacles by half the tube and by 3 standard deviations of the tip's position, as it will be along it. Where
+//! measured directions differ more than expected from what was reckoned, the deviations are taken for as much larger. The
 //! margin of the scene is there for the growth to use up.
 //!
 //! Where a correction is too near, another path is planned through the scene, from where the tip will be once the
@@ -25,7 +26,7 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use crate::plan::{Goal, Plan, Search};
-use crate::through_scene::{self, Through};
+use crate::through_scene::{self, Through, coming};
 
 /// Standard deviations of the position by which a body keeps off obstacles.
 pub const DEVIATIONS: f64 = 3.0;
@@ -69,8 +70,9 @@ impl std::fmt::Display for TooNear {
         let Self { layer, point_mm: [x, y, z], obstacle, clearance_mm, deviation_mm, no_detour } = self;
         write!(
             f,
-            "layer {layer}, at {x:.1}, {y:.1}, {z:.1} mm, would come within {clearance_mm:.2} mm of {obstacle}, and \
-             the position there is only known to {deviation_mm:.2} mm (3 sd)"
+            "layer {layer}, at {x:.1}, {y:.1}, {z:.1} mm, would {} {obstacle}, and must keep off by {deviation_mm:.2} mm, \
+             3 standard deviations of the position there",
+            coming(*clearance_mm)
         )?;
         if let Some(why) = no_detour {
             write!(f, "; no other way was found: {why}")?;
@@ -132,6 +134,8 @@ pub struct Keeper<'a> {
     /// 3 standard deviations along the body to come, from the layer of an index on, mm.
     deviations: Vec<f64>,
     told_at: usize,
+    /// By how much they are larger because the robot is not as assumed.
+    larger: f64,
     /// When a detour was searched for in vain, by layers laid, and why there is none.
     no_detour: Option<(usize, String)>,
 }
@@ -140,7 +144,7 @@ impl<'a> Keeper<'a> {
     /// Before the first layer. `seen`: what is going to be measured after each.
     #[must_use]
     pub fn new(around: &'a Surroundings<'a>, seen: Seen) -> Self {
-        Self { around, body: Vec::new(), seen, deviations: Vec::new(), told_at: 0, no_detour: None }
+        Self { around, body: Vec::new(), seen, deviations: Vec::new(), told_at: 0, larger: 1.0, no_detour: None }
     }
 
     /// A layer was laid: as it was commanded, on a robot with these errors.
@@ -199,10 +203,11 @@ impl<'a> Keeper<'a> {
         if self.deviations.is_empty() || self.body.len() >= self.told_at + TOLD_FOR {
             self.tell(tracker, &layers);
         }
+        self.larger = tracker.doubt();
         let estimate = tracker.estimate();
         let half_tube = 0.5 * self.around.robot.outer_diameter();
         let scene = &self.around.loaded.scene;
-        let most = half_tube + self.deviations.iter().copied().fold(0.0, f64::max);
+        let most = half_tube + self.most();
         let mut base_from_tip: Frame = estimate.base_from_tip;
         // Lengths along the body to come, and up to where it is proven to be clear.
         let (mut along, mut proven) = (0.0, 0.0);
@@ -225,7 +230,10 @@ impl<'a> Keeper<'a> {
             }
             let deviation = self.deviation(index);
             if !is_clear(scene, &stretch, &Need { distance: half_tube + deviation, slack: SLACK }, &mut work) {
-                return Err(self.too_near(index, &middle, deviation));
+                let points = [0.0, 0.5, 1.0].map(|share| stretch.point(share * length));
+                let nearer = |a: &Vector3<f64>, b: &Vector3<f64>| scene.distance(a).total_cmp(&scene.distance(b));
+                let nearest = points.into_iter().min_by(nearer).unwrap_or(middle);
+                return Err(self.too_near(index, &nearest, deviation));
             }
         }
         Ok(())
@@ -245,7 +253,12 @@ impl<'a> Keeper<'a> {
     /// 3 standard deviations of the position in the layer of this index in the body to come, mm.
     fn deviation(&self, index: usize) -> f64 {
         let told = self.deviations.get(self.body.len() - self.told_at + index).or(self.deviations.last());
-        told.copied().unwrap_or_default()
+        self.larger * told.copied().unwrap_or_default()
+    }
+
+    /// The max of them along the body to come, mm.
+    fn most(&self) -> f64 {
+        self.larger * self.deviations.iter().copied().fold(0.0, f64::max)
     }
 
     fn too_near(&self, index: usize, point: &Vector3<f64>, deviation_mm: f64) -> TooNear {
@@ -272,7 +285,7 @@ impl<'a> Keeper<'a> {
         let goals: Vec<Goal> = tracker.goals_left().map(Goal::from).collect();
         let laid_next = under_way.iter().map(|layer| segment(layer, &estimate.systematic_errors));
         let search = Search { radius: around.radius, planner: Planner::Shortest, clear_of_self: true };
-        let most = self.deviations.iter().copied().fold(0.0, f64::max);
+        let most = self.most();
         let grown: Vec<Segment> = self.body.iter().copied().chain(laid_next).collect();
         let mut why = String::new();
         for share in CLEARANCES {
@@ -331,5 +344,157 @@ fn segment(layer: &Layer, systematic: &SystematicErrors) -> Segment {
         Segment::Arc { alpha: wrap_positive(layer.alpha + systematic.alpha), bend, length }
     } else {
         Segment::Straight { length }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::pose_text::parse_pose;
+    use crate::robot_file;
+    use growbot_core::plan::miss;
+    use growbot_core::simulation::{DirectionSensor, Disturbance, Sensors, Task, grow_closed_while};
+    use growbot_core::tracking::SensorNoise;
+    use growbot_scene::scene::Scene;
+    use growbot_scene::shapes::Shape;
+
+    const SEEN: Seen = Seen { growth: true, direction: false, up: true };
+    const SENSORS: Sensors = Sensors {
+        noise: SensorNoise { odometry: 0.01, direction: 0.0087 },
+        odometry_scale: 0.0,
+        direction: DirectionSensor::Gravity,
+    };
+
+    fn robot() -> Robot {
+        robot_file::load("growbot-a".as_ref()).unwrap()
+    }
+
+    /// 600 mm straight up.
+    fn plan(robot: &Robot) -> Plan {
+        let (start, goal) = (parse_pose("0,0,0,0,90").unwrap(), parse_pose("0,0,600,0,90").unwrap());
+        Plan::make(robot, &start, &goal, 100.0, Planner::Shortest).unwrap()
+    }
+
+    /// A scene of balls of 50 mm at these places.
+    fn balls(centres: &[[f64; 3]]) -> LoadedScene {
+        let ball = |centre: &[f64; 3]| Shape::Ball { centre: (*centre).into(), radius: 50.0 };
+        let scene = Scene::new(centres.iter().map(ball).collect(), vec![], vec![], vec![]);
+        LoadedScene { scene, margin: 0.0, hash: 0 }
+    }
+
+    fn tracker<'a>(robot: &'a Robot, plan: &'a Plan) -> Tracker<'a> {
+        Tracker::new(robot, &plan.start, &plan.path, &plan.legs, SENSORS.noise)
+    }
+
+    #[test]
+    fn a_body_keeps_off_by_three_standard_deviations_as_they_will_be() {
+        let robot = robot();
+        let plan = plan(&robot);
+        let tracker = tracker(&robot, &plan);
+        let known: Vec<f64> = tracker.forecast(tracker.rest(), SEEN).collect();
+        for height in [50.0, 300.0, 550.0] {
+            let deviation = 3.0 * known[(height / 0.774) as usize];
+            let touching = 50.0 + 0.5 * robot.outer_diameter();
+            for (off, is_clear) in [(deviation + 0.05, true), (deviation - 0.05, false), (-1.0, false)] {
+                let loaded = balls(&[[touching + off, 0.0, height]]);
+                let around = Surroundings::new(&robot, &loaded, 100.0);
+                let found = Keeper::new(&around, SEEN).check(&tracker, &[]);
+                assert_eq!(found.is_ok(), is_clear, "{height} {off} {found:?}");
+                if let Err(too_near) = found {
+                    // The first layer that is too near lies before the narrowest place, and not far.
+                    let z = too_near.point_mm[2];
+                    assert!(z <= height + 1.0 && z > height - 30.0, "{too_near}");
+                    assert!(too_near.obstacle.starts_with("the ball at"), "{too_near}");
+                    assert!(too_near.clearance_mm <= too_near.deviation_mm, "{too_near:?}");
+                    assert!((too_near.point_mm[2] / 0.774 - f64::from(too_near.layer)).abs() <= 1.0);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_layers_under_way_are_checked_too() {
+        let robot = robot();
+        let plan = plan(&robot);
+        let mut tracker = tracker(&robot, &plan);
+        let under_way: Vec<Layer> = tracker.rest().take(40).collect();
+        tracker.replan(&under_way);
+        let loaded = balls(&[[60.0, 0.0, 15.0]]);
+        let around = Surroundings::new(&robot, &loaded, 100.0);
+        let too_near = Keeper::new(&around, SEEN).check(&tracker, &under_way).unwrap_err();
+        assert!(too_near.layer < 40, "{too_near}");
+    }
+
+    /// Grows in a scene: the growth's end, its detours, where it paused, and the least clearance of the true body.
+    fn grow(loaded: &LoadedScene, disturbance: &Disturbance, seed: u64) -> (Frame, Vec<Detour>, Option<TooNear>, f64) {
+        let robot = robot();
+        let plan = plan(&robot);
+        let around = Surroundings::new(&robot, loaded, 100.0);
+        let mut keeper = Keeper::new(&around, SEEN);
+        let task = Task { robot: &robot, start: plan.start, path: &plan.path, legs: &plan.legs };
+        let (mut detours, mut paused, mut least) = (Vec::new(), None, f64::INFINITY);
+        let tip = |_: &Layer, _: &growbot_core::simulation::Laid, base_from_tip: &Frame| {
+            let distance = loaded.scene.distance(&base_from_tip.translation.vector);
+            least = least.min(distance - 0.5 * robot.outer_diameter());
+            *base_from_tip
+        };
+        let grown = grow_closed_while(&task, disturbance, &SENSORS, seed, tip, |tracker, laid| {
+            if let Some(layer) = laid {
+                keeper.laid(layer, &tracker.estimate().systematic_errors);
+            }
+            match keeper.keep_clear(tracker, &[]) {
+                Ok(detour) => detours.extend(detour),
+                Err(too_near) => paused = Some(too_near),
+            }
+            paused.is_none()
+        });
+        (grown.base_from_tip, detours, paused, least)
+    }
+
+    #[test]
+    fn what_is_too_near_is_led_past_and_arrives_all_the_same() {
+        let loaded = balls(&[[40.0, 0.0, 300.0]]);
+        let disturbance = Disturbance { growth_noise: 0.1, growth_bias: 0.05, ..Disturbance::default() };
+        let (end, detours, paused, least) = grow(&loaded, &disturbance, 3);
+        assert!(paused.is_none() && !detours.is_empty() && least > 0.0, "{detours:?} {paused:?} {least}");
+        assert_eq!(detours[0].from, 0);
+        assert!(detours[0].clearance_mm > detours[0].instead_of.deviation_mm, "{detours:?}");
+        let missed = miss(&end, &parse_pose("0,0,600,0,90").unwrap());
+        assert!(missed.distance < 3.0 && missed.angle < 0.03, "{missed:?}");
+    }
+
+    #[test]
+    fn where_there_is_no_other_way_it_pauses_and_says_why() {
+        // The goal itself is too near.
+        let loaded = balls(&[[0.0, 70.0, 600.0]]);
+        let (_, detours, paused, least) = grow(&loaded, &Disturbance::default(), 3);
+        let paused = paused.unwrap();
+        assert!(detours.is_empty() && least > 0.0, "{detours:?} {least}");
+        let words = paused.to_string();
+        assert!(words.contains("the ball at 0, 70, 600") && words.contains("no other way was found: "), "{words}");
+    }
+
+    #[test]
+    fn a_robot_that_strays_is_stopped_before_it_touches() {
+        // A shaft with 3 mm round the tube: a robot whose layers lean at random is soon off its line.
+        let wall = |x: f64, y: f64| Shape::Box {
+            centre: Vector3::new(x, y, 300.0),
+            half: Vector3::new(50.0, 50.0, 300.0),
+            rotation: nalgebra::Rotation3::identity(),
+        };
+        let walls = [(76.5, 0.0), (-76.5, 0.0), (0.0, 76.5), (0.0, -76.5)].map(|(x, y)| wall(x, y));
+        let scene = Scene::new(walls.to_vec(), vec![], vec![], vec![]);
+        let loaded = LoadedScene { scene, margin: 5.0, hash: 0 };
+        for tilt_noise in [0.004, 0.008] {
+            let disturbance = Disturbance { tilt_noise, ..Disturbance::default() };
+            for seed in 0..12 {
+                let (end, _, paused, least) = grow(&loaded, &disturbance, seed);
+                println!(
+                    "{tilt_noise} {seed}: {least:.2} mm, at {:.0} mm, paused {}",
+                    end.translation.z,
+                    paused.is_some()
+                );
+            }
+        }
     }
 }

@@ -1,6 +1,5 @@
 //! Plans through a scene: each leg is clear of all obstacles, of itself and of the legs before, which is proven.
 
-use std::fmt;
 use std::path::Path;
 use std::time::Instant;
 
@@ -178,9 +177,8 @@ pub enum UnclearError {
     },
     /// The body comes nearer than the scene allows.
     #[error(
-        "the plan comes within {found} mm of {obstacle} in {file}, {at:.0} mm along the body, and margin_mm asks for \
-         {margin} mm: plan through the scene (`growbot plan --scene`), or lower margin_mm",
-        found = Rounded(*found), margin = Short(margin)
+        "the plan would {} {obstacle} in {file}, {at:.0} mm along the body, and margin_mm asks for {margin} mm: plan through the scene (`growbot plan --scene`), or lower margin_mm",
+        coming(*found), margin = Short(margin)
     )]
     NotClear {
         /// The scene's file.
@@ -241,13 +239,9 @@ fn nearest(plan: &Plan, robot: &Robot, loaded: &LoadedScene) -> Clearance {
     Clearance { distance: (distance - 0.5 * robot.outer_diameter()).min(MAX_CLEARANCE), at }
 }
 
-/// A clearance, to hundredths of a mm.
-struct Rounded(f64);
-
-impl fmt::Display for Rounded {
-    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        write!(f, "{:.2}", self.0)
-    }
+/// What a body of such a clearance (mm) does, in words that an obstacle follows.
+pub(crate) fn coming(clearance: f64) -> String {
+    if clearance < 0.0 { format!("run {:.2} mm into", -clearance) } else { format!("come within {clearance:.2} mm of") }
 }
 
 /// Whether a plan, made anywhere, keeps its distance from everything in a scene.
@@ -490,7 +484,8 @@ mod tests {
         let free = asked.plan(&goals).unwrap().needs.length;
         let (file, loaded) = (asked.scene(), load(asked.scene().as_ref()).unwrap());
         for length_max in [free + 1.0, 700.0, 300.0] {
-            let through = Through { file: &file, loaded: &loaded, effort: 1, deadline: None, length_max };
+            let (margin, grown) = (loaded.margin, None);
+        let through = Through { file: &file, loaded: &loaded, margin, grown, effort: 1, deadline: None, length_max };
             match plan(&asked.robot, &asked.start, &goals, &asked.search, &through) {
                 Ok(plan) => assert!(plan.needs.length <= length_max && length_max > free),
                 // The second leg is 539 mm at least.

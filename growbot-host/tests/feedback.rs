@@ -209,7 +209,7 @@ impl Try {
         let mut job = self.job();
         (job.plan_id, job.layers) = (record.plan_id, record.layers.clone());
         let plan = record.plan(&self.robot).unwrap();
-        let feedback = record.feedback(&job, &plan);
+        let feedback = record.feedback(&job, &plan, None);
         assert!(feedback.is_some());
         let (orders, known) = (Orders::default(), record.as_built.clone());
         let manner = Manner { silence: Silence::Pause, feedback, parked: WhenParked::Ends };

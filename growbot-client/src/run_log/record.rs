@@ -10,6 +10,7 @@ use growbot_core::link::message::Measured;
 use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::Robot;
 use growbot_core::tracking::SensorNoise;
+use growbot_scene::file::LoadedScene;
 use serde_json::Value;
 
 use super::FORMAT;
@@ -21,8 +22,10 @@ use crate::client::ClockDrift;
 use crate::feedback::{Count, Feedback};
 use crate::growth::{Amendment, Job, as_built_or_commanded};
 use crate::input::{InputError, LONGEST_LOG, name_of, read_bytes};
+use crate::keep_clear::Surroundings;
 use crate::plan::Plan;
 use crate::plan_file::{self, PlanFile, PlanFileError, pose};
+use crate::through_scene::{self, UnclearError};
 
 /// No layer is higher, mm, nor tilted more, radians: as the bytes of the link have it.
 const MAX_HEIGHT: f64 = 256.0;
@@ -310,17 +313,33 @@ impl RunRecord {
         }
     }
 
-    /// The feedback as it stood when the log ended; none for a growth without.
+    /// The scene that the plan leads through, which lies beside the log or is given; none for a plan without.
+    ///
+    /// # Errors
+    /// It is missing or has changed, or the plan is not clear of it.
+    pub fn scene(&self, plan: &Plan, robot: &Robot, given: Option<&Path>) -> Result<Option<LoadedScene>, UnclearError> {
+        let Some(written) = &self.plan.scene else { return Ok(None) };
+        let beside = Path::new(&self.file).parent().unwrap_or(Path::new(""));
+        let (_, loaded) = through_scene::verified(written, plan, robot, beside, given)?;
+        Ok(Some(loaded))
+    }
+
+    /// The feedback as it stood when the log ended, which keeps off a scene from there on; none for a growth without.
     #[must_use]
-    pub fn feedback<'a>(&self, job: &Job<'a>, plan: &'a Plan) -> Option<Feedback<'a>> {
-        self.fed_back(job, plan, |_| ())
+    pub fn feedback<'a>(
+        &self,
+        job: &Job<'a>,
+        plan: &'a Plan,
+        around: Option<&'a Surroundings<'a>>,
+    ) -> Option<Feedback<'a>> {
+        self.fed_back(job, plan, around, |_| ())
     }
 
     /// Where feedback took the tip to be after each layer; none for a growth without.
     #[must_use]
     pub fn estimated(&self, job: &Job, plan: &Plan) -> Option<Vec<Frame>> {
         let mut path = Vec::with_capacity(self.as_built.len());
-        self.fed_back(job, plan, |feedback| path.push(feedback.result().estimate.base_from_tip))?;
+        self.fed_back(job, plan, None, |feedback| path.push(feedback.result().estimate.base_from_tip))?;
         Some(path)
     }
 
@@ -329,9 +348,11 @@ impl RunRecord {
         &self,
         job: &Job<'a>,
         plan: &'a Plan,
+        around: Option<&'a Surroundings<'a>>,
         mut after_layer: impl FnMut(&Feedback),
     ) -> Option<Feedback<'a>> {
         let mut feedback = Feedback::new(job.robot, job.start, &plan.path, &plan.legs, self.feedback?);
+        feedback = around.into_iter().fold(feedback, Feedback::among);
         let mut counts = self.counts.iter().peekable();
         for (index, (as_built, measured)) in self.as_built.iter().zip(&self.measured).enumerate() {
             while let Some(before) = counts.next_if(|before| before.layer <= index) {

@@ -49,6 +49,10 @@ mod assumed {
     pub const LEAN_NOISE: f64 = 0.003 * DEGREE;
     /// Of the twist of a single layer, radians.
     pub const TWIST_NOISE: f64 = 0.001 * DEGREE;
+    /// Number of measured angles, two a layer, over which the surprise is a mean.
+    pub const SURPRISE_WINDOW: f64 = 60.0;
+    /// And by how much it is above 1 by chance, at most: two standard deviations.
+    pub const SURPRISE_BY_CHANCE: f64 = 0.37;
 }
 
 /// The systematic errors of the robot, the same in every layer, as far as they have been learned.
@@ -109,6 +113,8 @@ pub struct Estimator {
     growth_variance: f64,
     /// The layers since the latest measurement of the odometry.
     unmeasured: Unmeasured,
+    /// Mean square of the latest innovations of directions, over what was expected.
+    surprise: f64,
 }
 
 /// The expected growth of layers that the odometry has not measured yet.
@@ -145,6 +151,7 @@ impl Estimator {
             bias_variance: square(assumed::GROWTH_BIAS),
             growth_variance: square(assumed::GROWTH),
             unmeasured: Unmeasured::default(),
+            surprise: 1.0,
         }
     }
 
@@ -168,6 +175,17 @@ impl Estimator {
         let attitude = self.covariance.fixed_view::<3, 3>(3, 3);
         let direction = self.direction();
         libm::sqrt((attitude.trace() - direction.dot(&(attitude * direction))).max(0.0))
+    }
+
+    /// By how much standard deviations are larger than the covariance says: 1 for a robot whose layers and sensors are
+    /// as assumed.
+    ///
+    /// The variance of an innovation is that of the direction's error and that of the sensor. So what innovations have
+    /// more than expected, by more than chance, is the error's, and the covariance knows nothing of it.
+    pub fn doubt(&self) -> f64 {
+        let unexpected = (self.surprise - 1.0 - assumed::SURPRISE_BY_CHANCE).max(0.0);
+        let variance = (0.5 * square(self.direction_deviation())).max(f64::MIN_POSITIVE);
+        libm::sqrt(1.0 + unexpected * (1.0 + square(self.noise.direction) / variance))
     }
 
     fn direction(&self) -> Vector3<f64> {
@@ -297,6 +315,7 @@ impl Estimator {
             let variance = axis.dot(&toward.fixed_rows::<3>(3)) + square(self.noise.direction);
             if variance > 0.0 {
                 let innovation = value - axis.dot(&found.fixed_rows::<3>(3));
+                self.surprise += (square(innovation) / variance - self.surprise) / assumed::SURPRISE_WINDOW;
                 found += toward * (innovation / variance);
                 self.covariance -= toward * toward.transpose() / variance;
             }
@@ -407,6 +426,28 @@ mod tests {
             assert!((tilt + 0.04).abs() < 0.005, "{tilt}");
             assert!((degrees(alpha) - 3.0).abs() < 0.5, "{alpha}");
             assert!((degrees(twist) - 0.005).abs() < 0.002, "{twist}");
+        }
+    }
+
+    #[test]
+    fn a_robot_that_leans_more_than_assumed_is_doubted_as_much_as_it_is_off() {
+        let doubt = |tilt_noise| {
+            let disturbance = Disturbance { growth_noise: 0.1, tilt_noise, ..Disturbance::default() };
+            let doubted = (0..20).map(|seed| follow(&disturbance, DirectionSensor::Tip, seed));
+            let (mut error, mut told, mut max) = (0.0, 0.0, 0.0_f64);
+            for (estimator, truth) in doubted {
+                let doubt = estimator.doubt();
+                error += square(off(&estimator, &truth).1);
+                told += square(doubt * estimator.direction_deviation());
+                max = max.max(doubt);
+            }
+            (libm::sqrt(error / told), max)
+        };
+        let (share, max) = doubt(0.0);
+        assert!((0.4..1.2).contains(&share) && max < 3.0, "{share} {max}");
+        for tilt_noise in [0.1, 0.25, 0.5] {
+            let (share, _) = doubt(radians(tilt_noise));
+            assert!((0.4..1.5).contains(&share), "{tilt_noise} {share}");
         }
     }
 

@@ -160,6 +160,13 @@ impl<'a> Tracker<'a> {
         }
     }
 
+    /// By how much standard deviations are larger than the estimate and the forecast say, since the measured directions
+    /// are not as expected: 1 for a robot as it is assumed.
+    #[must_use]
+    pub fn doubt(&self) -> f64 {
+        self.estimator.doubt()
+    }
+
     /// The error at the next goal that the reference trajectory leaves.
     #[must_use]
     pub fn miss(&self) -> Miss {

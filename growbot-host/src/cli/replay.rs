@@ -239,7 +239,7 @@ fn fed_back(record: &RunRecord, robot: Option<&Path>) -> Result<Option<ReplayedF
         }
         found => found?,
     };
-    let feedback = record.feedback(&Job::of_plan(&found, &plan), &plan);
+    let feedback = record.feedback(&Job::of_plan(&found, &plan), &plan, None);
     let fed_back = feedback.map(|feedback| feedback.result());
     Ok(fed_back.map(|fed_back| ReplayedFeedback { fed_back, plan }))
 }

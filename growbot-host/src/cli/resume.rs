@@ -8,6 +8,7 @@ use clap::{Args, ValueEnum};
 use growbot_client::client::Client;
 use growbot_client::growth::{GrowthError, Job, Manner, OnInterrupted, resume_job};
 use growbot_client::input::name_of;
+use growbot_client::keep_clear::Surroundings;
 use growbot_client::plan::Plan;
 use growbot_client::run_log::{RunLog, RunRecord};
 use growbot_core::link::message::{BoardHello, State};
@@ -28,7 +29,7 @@ use super::{ChosenPort, Failure, PortArg};
 ///
 /// Shows what the board knows, asks, heats, finds the head's index, primes the nozzle and continues at the first layer
 /// that is not laid. It takes the plan, or better the log of the growth (`grow --log`), which it then continues. A
-/// growth with feedback is resumed with it, and only from its log.
+/// growth with feedback is resumed with it, and only from its log; in a scene it keeps off that, too.
 ///
 /// Of an interrupted layer it says how much was made. That layer is laid again unless you say otherwise.
 #[derive(Args)]
@@ -40,6 +41,9 @@ pub struct ResumeArgs {
     /// The robot: a built-in name or a TOML file [default: the plan's]
     #[arg(long, value_name = "FILE|NAME")]
     robot: Option<PathBuf>,
+    /// The scene of the growth, where it is not where it was [default: the plan's]
+    #[arg(long, value_name = "FILE")]
+    scene: Option<PathBuf>,
     #[command(flatten)]
     port: PortArg,
     /// What becomes of an interrupted layer
@@ -86,6 +90,9 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
         let options = Options { feedback: false, force: false, print: Print::of(args.json), log: None };
         return owned.resume(Job::of_plan(&robot, &plan).plan_id, &options);
     }
+    let with_feedback = record.as_ref().filter(|record| record.feedback.is_some());
+    let scene = with_feedback.map(|record| record.scene(&plan, &robot, args.scene.as_deref())).transpose()?.flatten();
+    let around = scene.as_ref().map(|scene| Surroundings::new(&robot, scene, plan.radius));
     let pace = args.watching.pace(port.name())?;
     let mut client = port.connect(&robot, &TipSettings { pace, ..TipSettings::default() })?.client;
     let board = client.board()?;
@@ -115,7 +122,7 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
     let subject = Subject { name: &name, robot: &robot, plan: &plan, run: None, laid: None };
     let watch = args.watching.begin(&subject, &job, &known, &orders)?;
     let laid = board.status.laid as usize;
-    let feedback = record.as_ref().and_then(|record| record.feedback(&job, &plan));
+    let feedback = record.as_ref().and_then(|record| record.feedback(&job, &plan, around.as_ref()));
     if feedback.is_some() {
         growbot_host::note!("with feedback, as it was begun");
     }

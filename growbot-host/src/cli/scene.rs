@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use growbot_client::plan::{Goal, Plan, Search};
 use growbot_client::printable;
-use growbot_client::through_scene::{self, LENGTH_MAX, NoPath, Through, ThroughError};
+use growbot_client::through_scene::{self, LENGTH_MAX, NoPath, Through, ThroughError, UnclearError};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_host::output::print;
@@ -99,6 +99,12 @@ fn refused(no_path: NoPath, json: bool) -> Failure {
         }
     }
     Failure::answered_no(no_path)
+}
+
+impl From<UnclearError> for Failure {
+    fn from(error: UnclearError) -> Self {
+        Self::bad_input(error)
+    }
 }
 
 impl From<SceneError> for Failure {

@@ -1,0 +1,175 @@
+//! `grow`, `simulate` and `resume` in a scene.
+
+mod running;
+
+use std::fs;
+use std::path::Path;
+
+use running::{Ran, growbot};
+use serde_json::Value;
+use tempfile::TempDir;
+
+const ROOM: &str = "format = \"growbot-scene/1\"\nmargin_mm = 5.0\n[[ball]]\ncenter_mm = [0, 0, 300]\nradius_mm = 60\n";
+/// Sensors as feedback assumes them.
+const SENSORS: [&str; 6] = ["--noise", "10", "--odometry-noise", "1", "--direction-noise", "0.5"];
+
+/// A directory with `room.toml`, `straight.json`, which runs into its ball, and `past.json`, which leads past it.
+struct Fixture {
+    directory: TempDir,
+}
+
+impl Fixture {
+    fn new() -> Self {
+        let fixture = Self { directory: tempfile::tempdir().unwrap() };
+        fs::write(fixture.path("room.toml"), ROOM).unwrap();
+        let (straight, past, room) =
+            (fixture.path("straight.json"), fixture.path("past.json"), fixture.path("room.toml"));
+        assert_eq!(growbot(&["plan", "--to", "0,0,500", "-o", &straight]).code, Some(0));
+        assert_eq!(growbot(&["plan", "--to", "0,0,500", "--scene", &room, "-o", &past]).code, Some(0));
+        // As it is written by a program that runs in the directory.
+        let text = fs::read_to_string(&past).unwrap().replace(&room, "room.toml");
+        fs::write(&past, text).unwrap();
+        fixture
+    }
+
+    fn path(&self, name: &str) -> String {
+        self.directory.path().join(name).to_str().unwrap().to_owned()
+    }
+}
+
+/// The one line of JSON that a command ends with.
+fn json(ran: &Ran) -> Value {
+    serde_json::from_str(ran.out.lines().last().unwrap()).unwrap()
+}
+
+/// The events of a log of this name.
+fn events(log: &str, name: &str) -> Vec<Value> {
+    let text = fs::read_to_string(Path::new(log)).unwrap();
+    let lines = text.lines().map(|line| serde_json::from_str::<Value>(line).unwrap());
+    lines.filter(|line| line["event"] == name).collect()
+}
+
+#[test]
+fn a_plan_that_is_not_clear_is_refused_with_value_limit_and_remedy() {
+    let fixture = Fixture::new();
+    let (straight, room) = (fixture.path("straight.json"), fixture.path("room.toml"));
+    let refused = growbot(&["grow", &straight, "--scene", &room, "--json"]);
+    assert_eq!(refused.code, Some(1), "{}", refused.err);
+    let words = refused.err.replace("\n    ", " ");
+    for part in ["run 82.80 mm into the ball at 0, 0, 300", "margin_mm asks for 5 mm", "`growbot plan --scene`"] {
+        assert!(words.contains(part), "{part}: {words}");
+    }
+    assert_eq!(words.matches("error: ").count(), 1);
+    assert_eq!(json(&refused)["outcome"], "refused");
+    // Simulated, it is told where it touches.
+    let simulated = growbot(&["simulate", &straight, "--scene", &room, "--json"]);
+    assert_eq!(simulated.code, Some(0));
+    let scene = &json(&simulated)["scene"];
+    let at = scene["contact"]["at_mm"].as_f64().unwrap();
+    assert!((at - (300.0 - 60.0 - 22.8)).abs() < 1.0, "{scene}");
+    assert_eq!(scene["contact"]["obstacle"], "the ball at 0, 0, 300");
+    assert!(scene["clearance_mm"].as_f64().unwrap() < -80.0 && scene["paused"].is_null());
+}
+
+#[test]
+fn the_scene_of_a_plan_lies_beside_it_or_is_given_and_must_be_the_same() {
+    let fixture = Fixture::new();
+    let (past, room, other) = (fixture.path("past.json"), fixture.path("room.toml"), fixture.path("other.toml"));
+    let simulate = |args: &[&str]| growbot(&[&["simulate", past.as_str(), "--json"], args].concat());
+    let beside = simulate(&[]);
+    assert_eq!(beside.code, Some(0), "{}", beside.err);
+    assert!(json(&beside)["scene"]["clearance_mm"].as_f64().unwrap() > 4.9);
+    fs::rename(&room, &other).unwrap();
+    for command in ["grow", "simulate"] {
+        let missing = growbot(&[command, &past]);
+        assert_eq!(missing.code, Some(2));
+        let words = missing.err.replace("\n    ", " ");
+        assert!(words.contains("room.toml") && words.contains("--scene"), "{words}");
+    }
+    assert_eq!(simulate(&["--scene", &other]).code, Some(0));
+    fs::write(&room, ROOM.replace("= 60", "= 61")).unwrap();
+    for changed in [simulate(&[]), simulate(&["--scene", &room])] {
+        assert_eq!(changed.code, Some(2));
+        assert!(changed.err.contains("has changed"), "{}", changed.err);
+    }
+}
+
+#[test]
+fn samples_tell_contacts_of_open_loop_and_none_of_closed_loop() {
+    let fixture = Fixture::new();
+    let (past, samples) = (fixture.path("past.json"), fixture.path("samples.csv"));
+    let run = |feedback: &[&str]| {
+        let args =
+            ["simulate", &past, "--noise", "10", "--bias", "-10", "--repeat", "4", "--json", "--samples", &samples];
+        let ran = growbot(&[&args, feedback].concat());
+        assert_eq!(ran.code, Some(0), "{}", ran.err);
+        let table = fs::read_to_string(&samples).unwrap();
+        let column = |name: &str| {
+            let index = table.lines().next().unwrap().split(',').position(|column| column == name).unwrap();
+            let rows = table.lines().skip(1);
+            rows.filter(|row| !row.split(',').nth(index).unwrap().is_empty()).count()
+        };
+        (json(&ran)["scene"].clone(), column("contact_at_mm"), column("clearance_mm"), column("paused_at_mm"))
+    };
+    let (scene, contacts, clearances, _) = run(&[]);
+    assert_eq!((scene["contacts"].as_u64().unwrap(), clearances), (contacts as u64, 4));
+    assert_eq!(contacts, 4, "{scene}");
+    assert!(scene["first_contact"]["seed"] == 1 && scene["min_clearance_mm"].as_f64().unwrap() < 0.0, "{scene}");
+    let (scene, contacts, _, pauses) = run(&["--feedback", "--gravity-only"]);
+    assert_eq!((scene["contacts"].as_u64(), contacts), (Some(0), 0), "{scene}");
+    assert_eq!(scene["pauses"].as_u64().unwrap(), pauses as u64);
+    assert!(scene["min_clearance_mm"].as_f64().unwrap() > 0.0);
+}
+
+#[test]
+fn a_correction_that_would_be_too_near_takes_another_path_and_the_log_says_so() {
+    let fixture = Fixture::new();
+    let (tight, log) = (fixture.path("tight.toml"), fixture.path("run.jsonl"));
+    // So little room is used up before the ball is passed.
+    fs::write(&tight, ROOM.replace("5.0", "0.2")).unwrap();
+    let args = ["grow", "--to", "0,0,500", "--scene", &tight, "--feedback", "--log", &log, "--json"];
+    let grown = growbot(&[&args, &SENSORS[..]].concat());
+    assert_eq!(grown.code, Some(0), "{}", grown.err);
+    assert_eq!(json(&grown)["outcome"], "done");
+    let detours = events(&log, "detour");
+    assert!(!detours.is_empty() && events(&log, "too-near").is_empty());
+    let instead = &detours[0]["instead_of"];
+    assert_eq!(instead["obstacle"], "the ball at 0, 0, 300");
+    let number = |value: &Value| value.as_f64().unwrap();
+    assert!(number(&instead["clearance_mm"]) < number(&instead["deviation_mm"]), "{instead}");
+    assert!(number(&detours[0]["clearance_mm"]) > number(&instead["deviation_mm"]));
+    assert!(grown.err.contains("takes another path"), "{}", grown.err);
+}
+
+#[test]
+fn where_there_is_no_other_way_nothing_is_begun_and_a_growth_under_way_pauses() {
+    let fixture = Fixture::new();
+    let (shaft, log) = (fixture.path("shaft.toml"), fixture.path("run.jsonl"));
+    let shaft_of = |free: f64| {
+        let boxes = [[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]].map(|[x, y]| {
+            let off = 60.0 + free;
+            format!("[[box]]\ncenter_mm = [{}, {}, 300]\nsize_mm = [120, 120, 500]\n", x * off, y * off)
+        });
+        fs::write(&shaft, format!("format = \"growbot-scene/1\"\n{}", boxes.concat())).unwrap();
+    };
+    let args = ["grow", "--to", "0,0,600,0,90", "--scene", &shaft, "--feedback", "--log", &log, "--json"];
+    // The tube has a radius of 22.8 mm; the position is not known so well.
+    shaft_of(23.3);
+    let refused = growbot(&[&args, &SENSORS[..]].concat());
+    assert_eq!(refused.code, Some(1), "{}", refused.err);
+    assert_eq!(json(&refused)["outcome"], "refused");
+    assert!(refused.err.contains("3 standard deviations"), "{}", refused.err);
+    // Layers that lean at random bring it off its line.
+    shaft_of(27.0);
+    let paused = growbot(&[&args, &SENSORS[..], &["--tilt-noise", "0.4"]].concat());
+    assert_eq!(paused.code, Some(1), "{}", paused.err);
+    assert_ne!(json(&paused)["outcome"], "done");
+    let too_near = events(&log, "too-near");
+    assert_eq!(too_near.len(), 1);
+    assert!(too_near[0]["obstacle"].as_str().unwrap().starts_with("the box at"), "{too_near:?}");
+    assert!(too_near[0]["no_detour"].is_string());
+    assert!(paused.err.replace("\n    ", " ").contains("the robot pauses"), "{}", paused.err);
+    // Its layers after that are those that were under way.
+    let laid = events(&log, "laid").len() as u64;
+    assert!(laid < 776 && laid <= too_near[0]["layer"].as_u64().unwrap(), "{laid} {too_near:?}");
+}
