@@ -51,8 +51,8 @@ mod assumed {
     pub const TWIST_NOISE: f64 = 0.001 * DEGREE;
     /// Number of measured angles, two a layer, over which the surprise is a mean.
     pub const SURPRISE_WINDOW: f64 = 60.0;
-    /// And by how much it is above 1 by chance, at most: two standard deviations.
-    pub const SURPRISE_BY_CHANCE: f64 = 0.37;
+    /// And by how much it is above 1 by chance: in one of some 10,000 growths of a thousand layers more.
+    pub const SURPRISE_BY_CHANCE: f64 = 0.7;
 }
 
 /// The systematic errors of the robot, the same in every layer, as far as they have been learned.
@@ -183,7 +183,10 @@ impl Estimator {
     /// The variance of an innovation is that of the direction's error and that of the sensor. So what innovations have
     /// more than expected, by more than chance, is the error's, and the covariance knows nothing of it.
     pub fn doubt(&self) -> f64 {
-        let unexpected = (self.surprise - 1.0 - assumed::SURPRISE_BY_CHANCE).max(0.0);
+        let unexpected = self.surprise - 1.0;
+        if unexpected < assumed::SURPRISE_BY_CHANCE {
+            return 1.0;
+        }
         let variance = (0.5 * square(self.direction_deviation())).max(f64::MIN_POSITIVE);
         libm::sqrt(1.0 + unexpected * (1.0 + square(self.noise.direction) / variance))
     }
