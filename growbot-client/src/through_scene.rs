@@ -430,7 +430,7 @@ mod tests {
     }
 
     fn position(x: f64, y: f64, z: f64) -> Goal {
-        Goal::Position(Position::new(nalgebra::Vector3::new(x, y, z)).unwrap())
+        Goal::Position(Position::new(Vector3::new(x, y, z)).unwrap())
     }
 
     #[test]

@@ -132,7 +132,7 @@ impl Scene {
     /// The obstacle whose surface is nearest to a point; none without obstacles.
     #[must_use]
     pub fn nearest(&self, point: &Vector3<f64>) -> Option<Obstacle> {
-        let shapes = self.shapes.iter().flat_map(|tree| tree.items());
+        let shapes = self.shapes.iter().flat_map(Tree::items);
         let shapes = shapes.map(|shape| (shape.distance(point), Obstacle::Shape(*shape)));
         let half_spaces = self.half_spaces.iter();
         let half_spaces = half_spaces.map(|plane| (plane.distance(point), Obstacle::HalfSpace(*plane)));
