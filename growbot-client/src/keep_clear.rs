@@ -1,10 +1,10 @@
 //! A growth in closed loop that keeps off the obstacles of a scene.
 //!
-//! Layers come out otherwise than planned, and each correction is another body. Whoever corrects a growth, here a host,
-//! has to have each correction checked before it is sent to a board: [`Keeper::check`] proves that the body to come keeps
-//! off all obstacles by half the tube and by 3 standard deviations of the tip's position, as it will be along it. Where
-//! measured directions differ more than expected from what was reckoned, the deviations are taken for as much larger. The
-//! margin of the scene is there for the growth to use up.
+//! Layers come out otherwise than planned, and each correction is another body. Whoever corrects a growth, here a
+//! host, has to have each correction checked before it is sent to a board: [`Keeper::check`] proves that the body to
+//! come keeps off all obstacles by half the tube and by 3 standard deviations of the tip's position, as it will be
+//! along it. Where measured directions differ more than expected from what was reckoned, the deviations are taken for
+//! as much larger. The margin of the scene is there for the growth to use up.
 //!
 //! Where a correction is too near, another path is planned through the scene, from where the tip will be once the
 //! layers under way are laid ([`Keeper::keep_clear`]). Where there is none the growth has to pause, and [`TooNear`]
@@ -70,8 +70,8 @@ impl std::fmt::Display for TooNear {
         let Self { layer, point_mm: [x, y, z], obstacle, clearance_mm, deviation_mm, no_detour } = self;
         write!(
             f,
-            "layer {layer}, at {x:.1}, {y:.1}, {z:.1} mm, would {} {obstacle}, and must keep off by {deviation_mm:.2} mm, \
-             3 standard deviations of the position there",
+            "layer {layer}, at {x:.1}, {y:.1}, {z:.1} mm, would {} {obstacle}, and must keep off by \
+             {deviation_mm:.2} mm, 3 standard deviations of the position there",
             coming(*clearance_mm)
         )?;
         if let Some(why) = no_detour {

@@ -1,4 +1,5 @@
-//! Noisy growths through scenes drawn at random, in closed and in open loop: how many touch an obstacle, how many pause.
+//! Noisy growths through scenes drawn at random, in closed and in open loop: how many touch an obstacle, and how many
+//! pause.
 //!
 //! In CI there are 5 growths in each of 4 scenes. All thousand:
 //!
