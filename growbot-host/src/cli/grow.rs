@@ -137,6 +137,11 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     }
     args.suits(&port, &robot)?;
     if let Some(owned) = owner(&port)? {
+        if scene.is_some() && args.feedback && !args.force {
+            return Err(Failure::bad_input(
+                "a service does not keep corrections off a scene: grow without --feedback, or at a port of its own",
+            ));
+        }
         return owned.grow(&robot, &plan, args.goal.name("growbot grow"), &args.by_service(print)?);
     }
     let pace = args.watching.pace(port.name())?;

@@ -107,7 +107,7 @@ impl Keeper {
         };
         let mut board_job = BoardJob::of_plan(&robot, &plan);
         (board_job.plan_id, board_job.layers) = (record.plan_id, record.layers.clone());
-        let feedback = record.feedback(&board_job, &plan);
+        let feedback = record.feedback(&board_job, &plan, None);
         let manner = Manner { silence: Silence::Pause, feedback, parked: WhenParked::Waits };
         self.put(job, JobState::Active, None);
         let mut growing = Growing::new(self, job, &board_job, &record.known(), log, reply);
