@@ -26,7 +26,7 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use crate::plan::{Goal, Plan, Search};
-use crate::through_scene::{self, Through, coming};
+use crate::through_scene::{self, LENGTH_MAX, Through, coming};
 
 /// Standard deviations of the position by which a body keeps off obstacles.
 pub const DEVIATIONS: f64 = 3.0;
@@ -296,6 +296,7 @@ impl<'a> Keeper<'a> {
                 grown: Some((&grown, tracker.begins())),
                 effort: EFFORT,
                 deadline: None,
+                length_max: LENGTH_MAX,
             };
             let plan = match through_scene::plan(around.robot, &start, &goals, &search, &through) {
                 Ok(plan) => plan,

@@ -420,7 +420,15 @@ mod tests {
         fn plan(&self, goals: &[Goal]) -> Result<Plan, ThroughError> {
             let (file, loaded) = (self.scene(), load(self.scene().as_ref()).unwrap());
             let (margin, grown) = (loaded.margin, None);
-            let through = Through { file: &file, loaded: &loaded, margin, grown, effort: 1, deadline: None, length_max: LENGTH_MAX };
+            let through = Through {
+                file: &file,
+                loaded: &loaded,
+                margin,
+                grown,
+                effort: 1,
+                deadline: None,
+                length_max: LENGTH_MAX,
+            };
             plan(&self.robot, &self.start, goals, &self.search, &through)
         }
     }
@@ -485,7 +493,8 @@ mod tests {
         let (file, loaded) = (asked.scene(), load(asked.scene().as_ref()).unwrap());
         for length_max in [free + 1.0, 700.0, 300.0] {
             let (margin, grown) = (loaded.margin, None);
-        let through = Through { file: &file, loaded: &loaded, margin, grown, effort: 1, deadline: None, length_max };
+            let through =
+                Through { file: &file, loaded: &loaded, margin, grown, effort: 1, deadline: None, length_max };
             match plan(&asked.robot, &asked.start, &goals, &asked.search, &through) {
                 Ok(plan) => assert!(plan.needs.length <= length_max && length_max > free),
                 // The second leg is 539 mm at least.
