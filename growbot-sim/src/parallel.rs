@@ -1,6 +1,7 @@
 //! The same work on many items, on all cores.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::mpsc::{self, RecvTimeoutError, Sender};
 use std::thread;
 use std::time::Duration;
 
@@ -20,7 +21,9 @@ pub fn map_on<T: Sync, U: Send>(
     mut at: impl FnMut(usize),
 ) -> Vec<U> {
     let (next, done) = (AtomicUsize::new(0), AtomicUsize::new(0));
-    let take = || {
+    // Nothing is sent: the channel closes when the last worker is done.
+    let (working, finished) = mpsc::channel::<()>();
+    let take = |_working: Sender<()>| {
         let mut mine = Vec::new();
         while let Some((index, item)) =
             Some(next.fetch_add(1, Ordering::Relaxed)).and_then(|i| Some((i, items.get(i)?)))
@@ -31,10 +34,15 @@ pub fn map_on<T: Sync, U: Send>(
         mine
     };
     let mut results: Vec<(usize, U)> = thread::scope(|scope| {
-        let workers: Vec<_> = (0..threads.max(1)).map(|_| scope.spawn(take)).collect();
-        while workers.iter().any(|worker| !worker.is_finished()) {
+        let workers: Vec<_> = (0..threads.max(1))
+            .map(|_| {
+                let working = working.clone();
+                scope.spawn(move || take(working))
+            })
+            .collect();
+        drop(working);
+        while finished.recv_timeout(LOOK) == Err(RecvTimeoutError::Timeout) {
             at(done.load(Ordering::Relaxed));
-            thread::sleep(LOOK);
         }
         // A worker that panicked has printed why; its panic is resumed here.
         workers

@@ -14,7 +14,7 @@
 use growbot_client::feedback::ASSUMED;
 use growbot_client::plan::{Goal, Plan, Search};
 use growbot_client::robot_file;
-use growbot_client::through_scene::{self, Through};
+use growbot_client::through_scene::{self, LENGTH_MAX, Through};
 use growbot_core::plan::Planner;
 use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::Robot;
@@ -114,8 +114,15 @@ fn scene(robot: &Robot, index: u64) -> (String, LoadedScene, Plan) {
     let loaded = LoadedScene { scene: drawn.scene(), margin: MARGIN, hash: 0 };
     let (start, goal) = (pose(&drawn.start), pose(&drawn.goal));
     let search = Search { radius: RADIUS, planner: Planner::Shortest, clear_of_self: true };
-    let through =
-        Through { file: "scene", loaded: &loaded, margin: MARGIN, grown: None, effort: EFFORT, deadline: None };
+    let through = Through {
+        file: "scene",
+        loaded: &loaded,
+        margin: MARGIN,
+        grown: None,
+        effort: EFFORT,
+        deadline: None,
+        length_max: LENGTH_MAX,
+    };
     let name = format!("{family:?} {number}");
     let plan = through_scene::plan(robot, &start, &[Goal::Pose(goal)], &search, &through)
         .unwrap_or_else(|error| panic!("{name}: {error}"));

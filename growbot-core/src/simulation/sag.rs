@@ -46,7 +46,7 @@ pub struct Hanging {
 }
 
 /// The max stress that the root has borne.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 pub struct RootStress {
     /// The principal stress of bending and twist in the outer fibre of the wall, MPa.
     pub stress: f64,

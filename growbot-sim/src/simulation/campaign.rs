@@ -1,6 +1,9 @@
 //! The same growth with many seeds, on all cores, in a memory that does not grow with their number.
 
+use std::cmp::Reverse;
 use std::convert::Infallible;
+
+use serde::{Deserialize, Serialize};
 
 use super::among::{Among, Contact};
 use super::statistics::Statistics;
@@ -10,8 +13,8 @@ use crate::parallel;
 /// Growths whose outcomes are stored at a time.
 const BATCH: u64 = 16_384;
 
-/// The growth that ended farthest from the goal.
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// The growth that ended farthest from the goal; of several, the one of the smallest seed.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Farthest {
     /// Its seed.
     pub seed: u64,
@@ -20,7 +23,7 @@ pub struct Farthest {
 }
 
 /// What became of many growths among the obstacles of a scene.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct ManyAmong {
     /// Growths whose true body touches an obstacle.
     pub contacts: u64,
@@ -35,17 +38,29 @@ pub struct ManyAmong {
 }
 
 impl ManyAmong {
-    fn add(&mut self, seed: u64, among: &Among) {
-        self.contacts += u64::from(among.contact.is_some());
-        self.first_contact = self.first_contact.or(among.contact.map(|contact| (seed, contact)));
-        self.clearance = self.clearance.min(among.clearance);
-        self.with_detours += u64::from(among.detours > 0);
-        self.pauses += u64::from(among.paused.is_some());
+    /// What one growth among obstacles came to.
+    fn of(seed: u64, among: &Among) -> Self {
+        Self {
+            contacts: u64::from(among.contact.is_some()),
+            first_contact: among.contact.map(|contact| (seed, contact)),
+            clearance: among.clearance,
+            with_detours: u64::from(among.detours > 0),
+            pauses: u64::from(among.paused.is_some()),
+        }
+    }
+
+    fn merge(&mut self, other: &Self) {
+        self.contacts += other.contacts;
+        let contacts = [self.first_contact, other.first_contact];
+        self.first_contact = contacts.into_iter().flatten().min_by_key(|(seed, _)| *seed);
+        self.clearance = self.clearance.min(other.clearance);
+        self.with_detours += other.with_detours;
+        self.pauses += other.pauses;
     }
 }
 
-/// What many growths came to.
-#[derive(Debug, Clone, PartialEq, Default)]
+/// What many growths came to. The order in which they are added, or put together, does not show.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Campaign {
     /// How many.
     pub runs: u64,
@@ -71,7 +86,7 @@ pub struct Campaign {
 
 impl Campaign {
     /// Grows `runs` times, with the seeds from `seed` on. `at` is called with the number that is done. The result does
-    /// not depend on the number of threads: outcomes are added in the order of the seeds.
+    /// not depend on the number of threads.
     pub fn run(simulation: &Simulation, seed: u64, runs: u64, threads: usize, at: impl FnMut(u64)) -> Self {
         Self::run_each(simulation, seed, runs, threads, at, |_, _| Ok::<(), Infallible>(()))
             .unwrap_or_else(|never| match never {})
@@ -103,7 +118,8 @@ impl Campaign {
         Ok(campaign)
     }
 
-    fn add(&mut self, seed: u64, outcome: &Outcome) {
+    /// Takes in the outcome of a growth with this seed.
+    pub fn add(&mut self, seed: u64, outcome: &Outcome) {
         let Outcome { grown, arrival, hung, among } = outcome;
         self.runs += 1;
         self.layers.add(grown.layers as f64);
@@ -114,21 +130,49 @@ impl Campaign {
         }
         self.pitch_error_deg.add(arrival.pitch_error_deg);
         self.direction_error_deg.add(arrival.direction_error_deg);
-        let position_error_mm = arrival.position_error_mm;
-        if self.farthest.is_none_or(|farthest| position_error_mm > farthest.position_error_mm) {
-            self.farthest = Some(Farthest { seed, position_error_mm });
+        self.add_farthest(Farthest { seed, position_error_mm: arrival.position_error_mm });
+        if let Some(hung) = hung {
+            self.add_hung(hung);
         }
         if let Some(among) = among {
-            let none =
-                ManyAmong { contacts: 0, first_contact: None, clearance: f64::INFINITY, with_detours: 0, pauses: 0 };
-            self.among.get_or_insert(none).add(seed, among);
+            self.add_among(&ManyAmong::of(seed, among));
         }
-        if let Some(hung) = *hung {
-            let max = self.hung.get_or_insert(hung);
-            max.deflection = max.deflection.max(hung.deflection);
-            if hung.root.stress > max.root.stress {
-                max.root = hung.root;
-            }
+    }
+
+    /// Takes in what other growths came to. The result is the same, to the bit, in any order and grouping.
+    pub fn merge(&mut self, other: &Self) {
+        self.runs += other.runs;
+        self.layers.merge(&other.layers);
+        self.position_error_mm.merge(&other.position_error_mm);
+        self.normalized_position_error.merge(&other.normalized_position_error);
+        self.heading_error_deg.merge(&other.heading_error_deg);
+        self.pitch_error_deg.merge(&other.pitch_error_deg);
+        self.direction_error_deg.merge(&other.direction_error_deg);
+        other.farthest.into_iter().for_each(|farthest| self.add_farthest(farthest));
+        other.hung.iter().for_each(|hung| self.add_hung(hung));
+        other.among.iter().for_each(|among| self.add_among(among));
+    }
+
+    fn add_farthest(&mut self, one: Farthest) {
+        let key = |farthest: &Farthest| (farthest.position_error_mm, Reverse(farthest.seed));
+        if self.farthest.is_none_or(|farthest| key(&one) > key(&farthest)) {
+            self.farthest = Some(one);
+        }
+    }
+
+    fn add_among(&mut self, other: &ManyAmong) {
+        match &mut self.among {
+            Some(among) => among.merge(other),
+            none => *none = Some(*other),
+        }
+    }
+
+    fn add_hung(&mut self, hung: &Hung) {
+        let max = self.hung.get_or_insert(*hung);
+        max.deflection = max.deflection.max(hung.deflection);
+        let key = |hung: &Hung| [hung.root.stress, hung.root.moment, hung.root.length];
+        if key(hung) > key(max) {
+            max.root = hung.root;
         }
     }
 }
@@ -160,5 +204,11 @@ mod tests {
         assert_eq!(one.position_error_mm.max(), position_error_mm);
         assert_ne!(one, Campaign::run(&simulation, 8, runs, 1, |_| ()));
         assert_eq!(Campaign::run(&simulation, 7, 0, 1, |_| ()).runs, 0);
+        let [mut head, tail] =
+            [(7, 5000), (5007, runs - 5000)].map(|(seed, runs)| Campaign::run(&simulation, seed, runs, 2, |_| ()));
+        let mut backwards = tail.clone();
+        head.merge(&tail);
+        backwards.merge(&Campaign::run(&simulation, 7, 5000, 1, |_| ()));
+        assert_eq!((&head, &backwards), (&one, &one));
     }
 }

@@ -20,6 +20,7 @@ use growbot_core::simulation::{
 };
 use growbot_core::slicing::{Layers, Slicing, layers};
 use growbot_scene::file::LoadedScene;
+use serde::{Deserialize, Serialize};
 
 use self::among::{Among, Keeping, Touching};
 
@@ -66,7 +67,7 @@ pub struct Outcome {
 }
 
 /// How a body hangs.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Hung {
     /// How far the tip is from where it would be without weight, mm.
     pub deflection: f64,

@@ -1,5 +1,8 @@
 //! Mean, deviation, extremes and percentiles of any number of values, in a memory that does not grow with them.
 
+use num_bigint::BigUint;
+use serde::{Deserialize, Serialize};
+
 /// Bits of a number's mantissa that tell its bin: 128 bins from each power of two to the next, each 0.4 to 0.8 % wide.
 const MANTISSA_BITS: u32 = 7;
 /// Bits of an `f64` below those.
@@ -8,24 +11,32 @@ const BELOW: u32 = f64::MANTISSA_DIGITS - 1 - MANTISSA_BITS;
 const LEAST: f64 = f64::from_bits((1023 - 64) << 52);
 const GREATEST: f64 = f64::from_bits((1023 + 32) << 52);
 
-/// The statistics of values that are not negative. The order in which they are added decides the last digits of mean
-/// and deviation.
-#[derive(Debug, Clone, PartialEq)]
+/// The statistics of values that are not negative. Sums are exact, so that neither the order of the values shows nor how
+/// they were put together ([`Statistics::merge`]).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Statistics {
     count: u64,
-    mean: f64,
-    /// Sum of the squared differences from the mean.
-    squares: f64,
+    /// How many values were infinite or no number: then mean and deviation are none either.
+    not_finite: u64,
+    /// Sum of the values, in units of 2^-1074.
+    sum: BigUint,
+    /// Sum of their squares, in units of 2^-2148.
+    squares: BigUint,
     min: f64,
     max: f64,
     /// How many values lie in each bin; the first one is for what counts as 0.
+    #[serde(with = "sparse")]
     bins: Box<[u64]>,
 }
+
+/// The exponent of the unit of sums: that of the smallest `f64`.
+const UNIT: i32 = -1074;
 
 impl Default for Statistics {
     fn default() -> Self {
         let bins = vec![0; bin_of(GREATEST) + 1].into();
-        Self { count: 0, mean: 0.0, squares: 0.0, min: f64::INFINITY, max: 0.0, bins }
+        let (sum, squares) = (BigUint::ZERO, BigUint::ZERO);
+        Self { count: 0, not_finite: 0, sum, squares, min: f64::MAX, max: 0.0, bins }
     }
 }
 
@@ -45,21 +56,86 @@ fn middle_of(bin: usize) -> f64 {
     0.5 * (edge(bin) + edge(bin + 1))
 }
 
+/// Mantissa and exponent of a finite number that is not negative: `mantissa * 2^(shift + UNIT)`.
+fn parts(value: f64) -> (u64, u64) {
+    let bits = value.to_bits();
+    let (exponent, fraction) = (bits >> 52, bits & ((1 << 52) - 1));
+    if exponent == 0 { (fraction, 0) } else { (fraction | (1 << 52), exponent - 1) }
+}
+
+/// `numerator / denominator * 2^exponent`, rounded to the nearest number; 0 where the denominator is.
+fn quotient(numerator: &BigUint, denominator: &BigUint, exponent: i32) -> f64 {
+    if *denominator == BigUint::ZERO {
+        return 0.0;
+    }
+    // As many bits as a number holds, and more.
+    let more = (denominator.bits() + 64).saturating_sub(numerator.bits());
+    let (scaled, more) = (numerator << more, i32::try_from(more).unwrap_or(i32::MAX));
+    let whole = &scaled / denominator;
+    let rest = &whole * denominator != scaled;
+    let below = whole.bits().saturating_sub(64);
+    let head = (&whole >> below).iter_u64_digits().next().unwrap_or(0);
+    let sticky = rest || whole.trailing_zeros().is_some_and(|zeros| zeros < below);
+    libm::scalbn((head | u64::from(sticky)) as f64, exponent - more + i32::try_from(below).unwrap_or(i32::MAX))
+}
+
+/// Bins as pairs of index and count, without those that are empty.
+mod sparse {
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    pub fn serialize<S: Serializer>(bins: &[u64], serializer: S) -> Result<S::Ok, S::Error> {
+        let filled = bins.iter().enumerate().filter(|(_, count)| **count > 0);
+        filled.collect::<Vec<_>>().serialize(serializer)
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Box<[u64]>, D::Error> {
+        let mut bins = super::Statistics::default().bins;
+        for (index, count) in Vec::<(usize, u64)>::deserialize(deserializer)? {
+            let bin = bins.get_mut(index).ok_or_else(|| serde::de::Error::custom("a bin that there is not"))?;
+            *bin = count;
+        }
+        Ok(bins)
+    }
+}
+
 impl Statistics {
     /// How far off a percentile may be, a share of it.
     pub const RESOLUTION: f64 = 0.004;
 
-    /// Takes in a further value (Welford 1962).
+    /// Takes in a further value.
     pub fn add(&mut self, value: f64) {
         self.count += 1;
-        let off = value - self.mean;
-        self.mean += off / self.count as f64;
-        self.squares += off * (value - self.mean);
+        if value.is_finite() {
+            let (mantissa, shift) = parts(value.max(0.0));
+            self.sum += BigUint::from(mantissa) << shift;
+            self.squares += BigUint::from(u128::from(mantissa) * u128::from(mantissa)) << (2 * shift);
+        } else {
+            self.not_finite += 1;
+        }
         self.min = self.min.min(value);
         self.max = self.max.max(value);
         if let Some(bin) = self.bins.get_mut(bin_of(value)) {
             *bin += 1;
         }
+    }
+
+    /// Takes in the values of another one. The result is the same, to the bit, in any order and grouping.
+    pub fn merge(&mut self, other: &Self) {
+        self.count += other.count;
+        self.not_finite += other.not_finite;
+        self.sum += &other.sum;
+        self.squares += &other.squares;
+        self.min = self.min.min(other.min);
+        self.max = self.max.max(other.max);
+        for (bin, more) in self.bins.iter_mut().zip(&other.bins) {
+            *bin += more;
+        }
+    }
+
+    /// How many values there are.
+    #[must_use]
+    pub fn count(&self) -> u64 {
+        self.count
     }
 
     /// Whether there is no value.
@@ -68,16 +144,24 @@ impl Statistics {
         self.count == 0
     }
 
-    /// The mean; 0 of no values.
+    /// The mean, rounded once; 0 of no values.
     #[must_use]
     pub fn mean(&self) -> f64 {
-        self.mean
+        if self.not_finite > 0 { f64::NAN } else { quotient(&self.sum, &self.count.into(), UNIT) }
     }
 
     /// The standard deviation of the population that the values are a sample of; 0 of fewer than two.
     #[must_use]
     pub fn deviation(&self) -> f64 {
-        if self.count < 2 { 0.0 } else { (self.squares / (self.count - 1) as f64).sqrt() }
+        if self.not_finite > 0 {
+            return f64::NAN;
+        }
+        if self.count < 2 {
+            return 0.0;
+        }
+        // By Cauchy and Schwarz it is not negative.
+        let spread = &self.squares * self.count - &self.sum * &self.sum;
+        quotient(&spread, &(BigUint::from(self.count) * (self.count - 1)), 2 * UNIT).sqrt()
     }
 
     /// The min value.
@@ -153,5 +237,39 @@ mod tests {
             let mean = values.iter().sum::<f64>() / count as f64;
             prop_assert!((all.mean() / mean - 1.0).abs() < 1e-12);
         }
+    }
+
+    proptest! {
+        #[test]
+        fn order_and_grouping_do_not_show(values in proptest::collection::vec(0.0..1e6, 0..60), cut in 0_usize..60) {
+            let whole = of(&values);
+            let (head, tail) = values.split_at(cut.min(values.len()));
+            let (mut backwards, mut parts) = (values.clone(), of(tail));
+            backwards.reverse();
+            parts.merge(&of(head));
+            prop_assert_eq!(&of(&backwards), &whole);
+            prop_assert_eq!(&parts, &whole);
+        }
+
+        #[test]
+        fn mean_and_deviation_are_rounded_once(values in proptest::collection::vec(0_u32..1 << 20, 2..60), exponent in -300..300) {
+            let scale = libm::scalbn(1.0, exponent);
+            let all = of(&values.iter().map(|value| f64::from(*value) * scale).collect::<Vec<_>>());
+            let (sum, squares) = values.iter().fold((0_u128, 0_u128), |(sum, squares), value| {
+                (sum + u128::from(*value), squares + u128::from(*value) * u128::from(*value))
+            });
+            let count = values.len() as u128;
+            // Sums of so few are whole numbers that an f64 holds.
+            prop_assert_eq!(all.mean(), sum as f64 / count as f64 * scale);
+            let variance = (count * squares - sum * sum) as f64 / (count * (count - 1)) as f64;
+            prop_assert_eq!(all.deviation(), (variance * scale * scale).sqrt());
+        }
+    }
+
+    #[test]
+    fn a_value_that_is_none_leaves_no_mean() {
+        let all = of(&[1.0, f64::NAN]);
+        assert!(all.mean().is_nan() && all.deviation().is_nan());
+        assert_eq!((all.count(), all.max()), (2, 1.0));
     }
 }
