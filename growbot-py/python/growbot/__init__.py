@@ -1,0 +1,53 @@
+"""Robots that move by growing: plans, layers, simulated growths, campaigns, and boards.
+
+>>> import growbot
+>>> plan = growbot.plan((0, 0, 0, 0, 90), (200, 100, 600, 0, 45))
+>>> plan.path_type, round(plan.length_mm, 1), plan.layer_count
+('CSC', 643.0, 832)
+
+Lengths are in mm and angles in degrees: the names say so. A pose is growbot.Pose, or five numbers: x, y, z, heading,
+pitch; pitch 90 is straight up. What is wrong is a growbot.Error, with value, limit and remedy.
+"""
+
+from __future__ import annotations
+
+from growbot._conditions import Conditions
+from growbot._errors import BoardError, Error, FileError, InputError, InputTypeError, NoPathError
+from growbot._growbot import (
+    Plan,
+    PlanWarning,
+    Pose,
+    Robot,
+    Scene,
+    Segment,
+    Simulated,
+    Summary,
+    plan,
+    plan_many,
+    repeat,
+    simulate_many,
+)
+from growbot._view import view
+
+__all__ = [
+    "BoardError",
+    "Conditions",
+    "Error",
+    "FileError",
+    "InputError",
+    "InputTypeError",
+    "NoPathError",
+    "Plan",
+    "PlanWarning",
+    "Pose",
+    "Robot",
+    "Scene",
+    "Segment",
+    "Simulated",
+    "Summary",
+    "plan",
+    "plan_many",
+    "repeat",
+    "simulate_many",
+    "view",
+]

@@ -1,0 +1,221 @@
+//! Values from Python, checked: each refusal names the argument.
+
+use std::fs;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use numpy::{PyArrayDyn, PyArrayMethods, PyUntypedArray, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+use pyo3::types::{PyAnyMethods, PyDict};
+
+use crate::refused::{Kind, Refused, outside};
+
+/// No array has more rows, neither in nor out.
+pub const MAX_ROWS: usize = 1_000_000;
+
+/// The name of an object's type.
+pub fn type_name(value: &Bound<PyAny>) -> String {
+    value.get_type().name().map_or_else(|_| "?".to_owned(), |name| name.to_string())
+}
+
+/// A value of a wrong type.
+pub fn wrong_type(name: &str, value: &Bound<PyAny>, wanted: &str) -> Refused {
+    let kind = type_name(value);
+    Refused::with(Kind::Type, format!("{name} is of type {kind}: give {wanted}"), kind, wanted)
+}
+
+/// A number, which may be anything but NaN.
+pub fn number(name: &str, value: &Bound<PyAny>) -> Result<f64, Refused> {
+    let number: f64 = value.extract().map_err(|_| wrong_type(name, value, "a number"))?;
+    if number.is_nan() {
+        return Err(Refused::with(Kind::Input, format!("{name} is NaN: give a number"), number, "a number"));
+    }
+    Ok(number)
+}
+
+/// A number within limits.
+pub fn within(name: &str, value: &Bound<PyAny>, [min, max]: [f64; 2], unit: &str) -> Result<f64, Refused> {
+    let number = number(name, value)?;
+    if (min..=max).contains(&number) { Ok(number) } else { Err(outside(name, number, [min, max], unit)) }
+}
+
+/// A whole number within limits.
+pub fn whole(name: &str, value: &Bound<PyAny>, min: u64, max: u64) -> Result<u64, Refused> {
+    let wanted = "a whole number";
+    let given: i128 = value.extract().map_err(|error: PyErr| {
+        if error.is_instance_of::<pyo3::exceptions::PyOverflowError>(value.py()) {
+            Refused::with(
+                Kind::Input,
+                format!("{name} is beyond {max}: give {min} to {max}"),
+                "too large",
+                max as f64,
+            )
+        } else {
+            wrong_type(name, value, wanted)
+        }
+    })?;
+    match u64::try_from(given) {
+        Ok(number) if (min..=max).contains(&number) => Ok(number),
+        _ => {
+            let limit = if given < i128::from(min) { min } else { max };
+            let message = format!("{name} is {given}, and may be {min} to {max}: give one within");
+            Err(Refused::with(Kind::Input, message, given as f64, limit as f64))
+        }
+    }
+}
+
+/// A number of threads; all cores where none is given.
+pub fn threads(value: Option<&Bound<PyAny>>) -> Result<usize, Refused> {
+    match value {
+        None => Ok(std::thread::available_parallelism().map_or(1, usize::from)),
+        Some(value) => Ok(whole("threads", value, 1, 1024)? as usize),
+    }
+}
+
+/// Whether something is so.
+pub fn flag(name: &str, value: &Bound<PyAny>) -> Result<bool, Refused> {
+    value.extract().map_err(|_| wrong_type(name, value, "True or False"))
+}
+
+/// A text.
+pub fn text(name: &str, value: &Bound<PyAny>) -> Result<String, Refused> {
+    value.extract().map_err(|_| wrong_type(name, value, "a str"))
+}
+
+/// A file's name.
+pub fn path(name: &str, value: &Bound<PyAny>) -> Result<PathBuf, Refused> {
+    value.extract().map_err(|_| wrong_type(name, value, "a str or a pathlib.Path"))
+}
+
+/// No plan and no description of a robot is longer, bytes (64 MiB).
+const LONGEST_TEXT: u64 = 64 << 20;
+
+/// The text of a file, and how messages call it. (The client's own reading remembers what was read, so that a command does
+/// not write over it; a program that goes on may.)
+pub fn text_of_file(path: &Path) -> Result<(String, String), Refused> {
+    let (bytes, name) = bytes_of_file(path, LONGEST_TEXT)?;
+    let text = String::from_utf8(bytes)
+        .map_err(|_| Refused::new(Kind::File, format!("{name} is no text in UTF-8: give another file")))?;
+    Ok((text, name))
+}
+
+/// The bytes of a file of at most this length.
+pub fn bytes_of_file(path: &Path, longest: u64) -> Result<(Vec<u8>, String), Refused> {
+    let name = path.display().to_string();
+    let failed = |error: std::io::Error| Refused::new(Kind::File, format!("cannot read {name}: {error}; give a file that is there"));
+    let about = fs::metadata(path).map_err(failed)?;
+    if !about.is_file() {
+        return Err(Refused::new(Kind::File, format!("{name} is no file: give one")));
+    }
+    let mut bytes = Vec::new();
+    fs::File::open(path).map_err(failed)?.take(longest + 1).read_to_end(&mut bytes).map_err(failed)?;
+    if bytes.len() as u64 > longest {
+        let message = format!("{name} has more than {longest} bytes: give another file");
+        return Err(Refused::with(Kind::File, message, about.len() as f64, longest as f64));
+    }
+    Ok((bytes, name))
+}
+
+/// Rows of numbers from whatever NumPy makes an array of: of this many columns, or one flat row.
+pub struct Rows {
+    /// Number of rows.
+    pub count: usize,
+    /// Row by row.
+    pub numbers: Vec<f64>,
+    /// Columns.
+    pub width: usize,
+}
+
+impl Rows {
+    /// An array of shape `(n, width)`, or of one of several widths.
+    pub fn read(name: &str, value: &Bound<PyAny>, widths: &[usize]) -> Result<Self, Refused> {
+        let wanted = widths.iter().map(|width| format!("(n, {width})")).collect::<Vec<_>>().join(" or ");
+        let wanted = format!("an array of shape {wanted}");
+        let array = array_of(name, value, &wanted)?;
+        let shape = array.shape().to_vec();
+        match shape[..] {
+            [count, width] if widths.contains(&width) => {
+                check_rows(name, count)?;
+                Ok(Self { count, width, numbers: numbers(name, &array, &wanted)? })
+            }
+            _ => Err(wrong_shape(name, &shape, &wanted)),
+        }
+    }
+
+    /// A flat array, or a single number.
+    pub fn flat(name: &str, value: &Bound<PyAny>) -> Result<Self, Refused> {
+        let wanted = "a number or an array of shape (n,)";
+        let array = array_of(name, value, wanted)?;
+        let shape = array.shape().to_vec();
+        let count = match shape[..] {
+            [] => 1,
+            [count] => count,
+            _ => return Err(wrong_shape(name, &shape, wanted)),
+        };
+        check_rows(name, count)?;
+        Ok(Self { count, width: 1, numbers: numbers(name, &array, wanted)? })
+    }
+}
+
+/// An array of exactly this shape.
+pub fn fixed<const N: usize>(name: &str, value: &Bound<PyAny>, shape: &[usize]) -> Result<[f64; N], Refused> {
+    let wanted = format!("numbers of shape {}", in_words(shape));
+    let array = array_of(name, value, &wanted)?;
+    if array.shape() != shape {
+        return Err(wrong_shape(name, array.shape(), &wanted));
+    }
+    let numbers = numbers(name, &array, &wanted)?;
+    if let Some(number) = numbers.iter().find(|number| !number.is_finite()) {
+        let message = format!("{name} holds {number}: give finite numbers");
+        return Err(Refused::with(Kind::Input, message, *number, "finite"));
+    }
+    numbers.try_into().map_err(|_| wrong_shape(name, shape, &wanted))
+}
+
+/// Whether so many rows are too many.
+pub fn check_rows(name: &str, count: usize) -> Result<(), Refused> {
+    if count <= MAX_ROWS {
+        return Ok(());
+    }
+    let message = format!("{name} asks for {count} rows, above {MAX_ROWS}: split the work into several calls");
+    Err(Refused::with(Kind::Input, message, count as f64, MAX_ROWS as f64))
+}
+
+/// Any array, of any numbers, without copying what is one.
+fn array_of<'py>(name: &str, value: &Bound<'py, PyAny>, wanted: &str) -> Result<Bound<'py, PyUntypedArray>, Refused> {
+    if let Ok(array) = value.cast::<PyUntypedArray>() {
+        return Ok(array.clone());
+    }
+    let numpy = value.py().import("numpy")?;
+    let array = numpy.call_method1("asarray", (value,)).map_err(|_| wrong_type(name, value, wanted))?;
+    array.cast_into().map_err(|_| wrong_type(name, value, wanted))
+}
+
+/// The numbers of an array whose size was checked, in order.
+fn numbers(name: &str, array: &Bound<PyUntypedArray>, wanted: &str) -> Result<Vec<f64>, Refused> {
+    let py = array.py();
+    let kind: String = array.dtype().getattr("kind")?.extract()?;
+    if !["f", "i", "u"].contains(&kind.as_str()) {
+        let dtype = array.dtype().str()?.to_string();
+        let message = format!("{name} is an array of {dtype}: give {wanted} of real numbers");
+        return Err(Refused::with(Kind::Type, message, dtype, "float64"));
+    }
+    let arguments = PyDict::new(py);
+    arguments.set_item("dtype", "float64")?;
+    let array = py.import("numpy")?.call_method("ascontiguousarray", (array,), Some(&arguments))?;
+    let array = array.cast_into::<PyArrayDyn<f64>>().map_err(PyErr::from)?;
+    Ok(array.readonly().as_slice().map_err(|_| Refused::new(Kind::Type, format!("{name} is no plain array")))?.to_vec())
+}
+
+/// An array of the wrong shape.
+pub fn wrong_shape(name: &str, shape: &[usize], wanted: &str) -> Refused {
+    let shape = in_words(shape);
+    Refused::with(Kind::Type, format!("{name} has shape {shape}: give {wanted}"), shape, wanted)
+}
+
+fn in_words(shape: &[usize]) -> String {
+    match shape {
+        [one] => format!("({one},)"),
+        shape => format!("({})", shape.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ")),
+    }
+}

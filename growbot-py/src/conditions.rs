@@ -1,0 +1,151 @@
+//! How simulated layers and measurements are off, and whether a loop is closed: `growbot.Conditions`, as the command's
+//! options have them.
+
+use growbot_client::feedback::ASSUMED;
+use growbot_core::angle::radians;
+use growbot_core::robot::Robot;
+use growbot_core::simulation::{DirectionSensor, Disturbance, Sensors};
+use growbot_core::slicing::Slicing;
+use growbot_core::tracking::SensorNoise;
+use growbot_sim::simulation::Simulation;
+use pyo3::prelude::*;
+use pyo3::sync::PyOnceLock;
+use pyo3::types::PyType;
+
+use crate::arguments::{flag, text, within, wrong_type};
+use crate::plan::Plan;
+use crate::refused::{Kind, Refused};
+
+/// Limits of shares, percent, and of angles, degrees, as the command has them.
+const SIGNED: [f64; 2] = [-90.0, 90.0];
+const UNSIGNED: [f64; 2] = [0.0, 90.0];
+/// Heights of whole steps that are taken, mm.
+const STEPS_MM: [f64; 2] = [0.01, 1e4];
+/// No body that is simulated has more layers: it would take minutes.
+const MAX_LAYERS: usize = 50_000_000;
+
+/// The conditions of a growth without a board.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Conditions {
+    disturbance: Disturbance,
+    noise: Option<f64>,
+    direction: Option<f64>,
+    sensors: Option<Sensors>,
+    sag: bool,
+    whole_steps: Option<Option<f64>>,
+}
+
+impl Conditions {
+    /// Reads a `growbot.Conditions`; none is given for nothing that is off.
+    pub fn read(value: Option<&Bound<PyAny>>) -> Result<Self, Refused> {
+        static CLASS: PyOnceLock<Py<PyType>> = PyOnceLock::new();
+        let Some(value) = value else { return Ok(Self::default()) };
+        let class = CLASS.import(value.py(), "growbot._conditions", "Conditions")?;
+        if !value.is_instance(class)? {
+            return Err(wrong_type("conditions", value, "a growbot.Conditions"));
+        }
+        let number = |name: &str, limits, unit| within(name, &value.getattr(name)?, limits, unit);
+        let optional = |name: &str, limits, unit| {
+            let value = value.getattr(name)?;
+            if value.is_none() { Ok(None) } else { within(name, &value, limits, unit).map(Some) }
+        };
+        let is = |name: &str| flag(name, &value.getattr(name)?);
+        let disturbance = Disturbance {
+            growth_noise: number("noise_percent", UNSIGNED, "percent")? / 100.0,
+            growth_bias: number("bias_percent", SIGNED, "percent")? / 100.0,
+            tilt_noise: radians(number("tilt_noise_deg", UNSIGNED, "degrees")?),
+            tilt_bias: number("tilt_bias_percent", SIGNED, "percent")? / 100.0,
+            alpha_noise: radians(number("alpha_noise_deg", UNSIGNED, "degrees")?),
+            alpha_bias: radians(number("alpha_bias_deg", SIGNED, "degrees")?),
+            twist_noise: radians(number("twist_noise_deg", UNSIGNED, "degrees")?),
+            twist_bias: radians(number("twist_bias_deg", SIGNED, "degrees")?),
+        };
+        let odometry = optional("odometry_noise_percent", UNSIGNED, "percent")?.map(|percent| percent / 100.0);
+        let direction = optional("direction_noise_deg", UNSIGNED, "degrees")?.map(radians);
+        let (feedback, gravity_only) = (is("feedback")?, is("gravity_only")?);
+        let scale = number("odometry_scale_percent", SIGNED, "percent")?;
+        if !feedback && (gravity_only || scale != 0.0) {
+            return Err(Refused::new(
+                Kind::Input,
+                "gravity_only and odometry_scale_percent are for closed loop: set feedback=True, or leave them out",
+            ));
+        }
+        let sensors = feedback.then(|| Sensors {
+            noise: SensorNoise {
+                odometry: odometry.unwrap_or(ASSUMED.odometry),
+                direction: direction.unwrap_or(ASSUMED.direction),
+            },
+            odometry_scale: scale / 100.0,
+            direction: if gravity_only { DirectionSensor::Gravity } else { DirectionSensor::Tip },
+        });
+        let step = optional("step_mm", STEPS_MM, "mm")?;
+        let whole_steps = match (text("slicing", &value.getattr("slicing")?)?.as_str(), step) {
+            ("exact", None) => None,
+            ("exact", Some(_)) => {
+                return Err(Refused::new(Kind::Input, "step_mm is the height of whole steps: set slicing=\"whole\", or leave it out"));
+            }
+            ("whole", _) if feedback => {
+                return Err(Refused::new(
+                    Kind::Input,
+                    "feedback plans each layer by itself, and slicing=\"whole\" would not be heeded: leave one of them out",
+                ));
+            }
+            ("whole", step) => Some(step),
+            (other, _) => {
+                let message = format!("slicing is {other:?}: give \"exact\" or \"whole\"");
+                return Err(Refused::with(Kind::Input, message, other, "exact, whole"));
+            }
+        };
+        Ok(Self { disturbance, noise: odometry, direction, sensors, sag: is("sag")?, whole_steps })
+    }
+
+    /// The errors of layers.
+    pub fn disturbance(&self) -> Disturbance {
+        self.disturbance
+    }
+
+    /// What the sensors of a simulated tip measure: exactly, unless said otherwise.
+    pub fn sensor_noise(&self) -> SensorNoise {
+        SensorNoise { odometry: self.noise.unwrap_or(0.0), direction: self.direction.unwrap_or(0.0) }
+    }
+
+    /// What a robot's sensors are taken for.
+    pub fn assumed_noise(&self) -> SensorNoise {
+        SensorNoise {
+            odometry: self.noise.unwrap_or(ASSUMED.odometry),
+            direction: self.direction.unwrap_or(ASSUMED.direction),
+        }
+    }
+
+    /// Whether a loop is closed.
+    pub fn feedback(&self) -> bool {
+        self.sensors.is_some()
+    }
+
+    /// Whether something is asked for that only growths without a board have.
+    pub fn is_for_simulations_alone(&self) -> bool {
+        let scaled = self.sensors.is_some_and(|sensors| {
+            sensors.odometry_scale != 0.0 || sensors.direction == DirectionSensor::Gravity
+        });
+        self.sag || self.whole_steps.is_some() || scaled
+    }
+
+    /// The growth of a plan under these conditions.
+    pub fn simulation<'a>(&self, plan: &'a Plan) -> Result<Simulation<'a>, Refused> {
+        let robot: &Robot = &plan.robot;
+        let layers = plan.inner.needs.layers;
+        if layers > MAX_LAYERS {
+            let message = format!("the plan has {layers} layers, above {MAX_LAYERS}: split it");
+            return Err(Refused::with(Kind::Input, message, layers as f64, MAX_LAYERS as f64));
+        }
+        let slicing = match self.whole_steps {
+            None => Slicing::Exact,
+            Some(step) => Slicing::Whole { step: step.unwrap_or(robot.description().layer.height_mm) },
+        };
+        let mut simulation = Simulation::new(&plan.inner, robot, slicing);
+        simulation.disturbance = self.disturbance;
+        simulation.sensors = self.sensors;
+        simulation.sag = self.sag;
+        Ok(simulation)
+    }
+}

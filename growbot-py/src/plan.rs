@@ -1,0 +1,543 @@
+//! Plans.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use growbot_client::degrees::degrees_below_turn;
+use growbot_client::files::replace_file;
+use growbot_client::plan::{self as client, Goal, Search, planner_name};
+use growbot_client::plan_file::{self, PlanFile, WrittenSegment};
+use growbot_client::through_scene::{self, Through};
+use growbot_core::angle::degrees;
+use growbot_core::layer::Layer;
+use growbot_core::plan::Planner;
+use growbot_core::pose::{Pose as CorePose, tip_direction};
+use growbot_core::robot::Robot as Described;
+use growbot_core::slicing::{Slicing, layers};
+use growbot_host::view::{Subject, page};
+use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods};
+use pyo3::prelude::*;
+use pyo3::types::{PyDict, PyList, PyType};
+
+use crate::arguments::{self, Rows, check_rows, flag, number, text, threads, whole, within, wrong_type};
+use crate::course::frames;
+use crate::pose::{Pose, as_goal, as_pose, goal_of, pose_of, rows_of};
+use crate::refused::{Kind, Refused};
+use crate::robot::{Robot, robot_of};
+use crate::scene::Scene;
+use crate::simulate::{interruptible, Simulated};
+use crate::state::{self, PlanState};
+
+/// No table of layers is longer.
+const MAX_LAYERS: usize = 20_000_000;
+
+/// A path that has been checked to end at its goal, with all that is said about it.
+///
+/// growbot.plan makes them; so do Plan.load, of files that `growbot plan -o` or save wrote, and pickle.
+#[pyclass(frozen, module = "growbot")]
+#[derive(Clone)]
+pub struct Plan {
+    pub inner: Arc<client::Plan>,
+    pub robot: Arc<Described>,
+}
+
+/// A piece of a path.
+#[pyclass(frozen, module = "growbot", get_all, eq)]
+#[derive(Clone, PartialEq)]
+pub struct Segment {
+    /// "arc", "straight" or "helicoid".
+    kind: &'static str,
+    /// Length along it, mm.
+    length_mm: f64,
+    /// Of an arc: angle of greatest deposition in the tip's frame, degrees; the tube bends away from it.
+    alpha_deg: Option<f64>,
+    /// Of an arc: its angle, degrees.
+    beta_deg: Option<f64>,
+    /// Of a helicoidal arc, `x'' = w x x'`, `w = m/|m|`, `m = m0 + p x x`: m0, in world axes, lengths in radii.
+    m0: Option<[f64; 3]>,
+    /// Of a helicoidal arc: p.
+    p: Option<[f64; 3]>,
+}
+
+impl From<&WrittenSegment> for Segment {
+    fn from(written: &WrittenSegment) -> Self {
+        let none = Self { kind: "straight", length_mm: 0.0, alpha_deg: None, beta_deg: None, m0: None, p: None };
+        match *written {
+            WrittenSegment::Arc { alpha_deg, beta_deg, length_mm } => {
+                Self { kind: "arc", length_mm, alpha_deg: Some(alpha_deg), beta_deg: Some(beta_deg), ..none }
+            }
+            WrittenSegment::Straight { length_mm } => Self { length_mm, ..none },
+            WrittenSegment::Helicoid { length_mm, m0, p } => {
+                Self { kind: "helicoid", length_mm, m0: Some(m0), p: Some(p), ..none }
+            }
+        }
+    }
+}
+
+#[pymethods]
+impl Segment {
+    fn __repr__(&self) -> String {
+        let bend = match (self.alpha_deg, self.beta_deg) {
+            (Some(alpha), Some(beta)) => format!(", alpha_deg={alpha}, beta_deg={beta}"),
+            _ => String::new(),
+        };
+        format!("Segment({:?}, length_mm={}{bend})", self.kind, self.length_mm)
+    }
+}
+
+/// What speaks against growing a plan.
+#[pyclass(frozen, module = "growbot", get_all, eq)]
+#[derive(Clone, PartialEq)]
+pub struct PlanWarning {
+    /// "thin-layer", "self-collision", "filament-short" or "layer-limit".
+    code: String,
+    /// In words.
+    message: String,
+    /// The value found.
+    value: f64,
+    /// The limit that it passes.
+    limit: f64,
+}
+
+#[pymethods]
+impl PlanWarning {
+    fn __repr__(&self) -> String {
+        format!("PlanWarning({:?}, value={}, limit={})", self.code, self.value, self.limit)
+    }
+}
+
+/// A planner by its name.
+fn planner_of(value: Option<&Bound<PyAny>>) -> Result<Planner, Refused> {
+    let Some(value) = value else { return Ok(Planner::Shortest) };
+    let name = text("planner", value)?;
+    let known = [Planner::Shortest, Planner::TwoPlane];
+    known.into_iter().find(|planner| planner_name(*planner) == name).ok_or_else(|| {
+        let message = format!("planner is {name:?}: give \"shortest\" or \"two-plane\"");
+        Refused::with(Kind::Input, message, name, "shortest, two-plane")
+    })
+}
+
+/// The search that is asked for.
+fn search_of(
+    robot: &Described,
+    radius_mm: Option<&Bound<PyAny>>,
+    planner: Option<&Bound<PyAny>>,
+    clear_of_self: Option<&Bound<PyAny>>,
+) -> Result<Search, Refused> {
+    Ok(Search {
+        radius: match radius_mm {
+            Some(radius) => number("radius_mm", radius)?,
+            None => robot.description().planning_radius_mm,
+        },
+        planner: planner_of(planner)?,
+        clear_of_self: clear_of_self.map_or(Ok(false), |value| flag("clear_of_self", value))?,
+    })
+}
+
+/// A scene, and how hard to try.
+struct Room {
+    scene: Scene,
+    effort: u64,
+    deadline: Option<Instant>,
+}
+
+fn room_of(
+    scene: Option<&Bound<PyAny>>,
+    effort: Option<&Bound<PyAny>>,
+    time_limit_s: Option<&Bound<PyAny>>,
+) -> Result<Option<Room>, Refused> {
+    let limit = time_limit_s.map(|limit| within("time_limit_s", limit, [1e-3, 86_400.0], "s")).transpose()?;
+    let given = effort.map(|effort| whole("effort", effort, 1, 1_000_000)).transpose()?;
+    let Some(scene) = scene else {
+        return if limit.is_some() || given.is_some() {
+            Err(Refused::new(Kind::Input, "effort and time_limit_s are for plans through a scene: give scene, or leave them out"))
+        } else {
+            Ok(None)
+        };
+    };
+    let scene = scene.cast::<Scene>().map_err(|_| wrong_type("scene", scene, "a growbot.Scene"))?.get().clone();
+    let effort = given.unwrap_or(if limit.is_some() { u64::MAX } else { 5 });
+    let deadline = limit.and_then(|limit| Instant::now().checked_add(Duration::from_secs_f64(limit)));
+    Ok(Some(Room { scene, effort, deadline }))
+}
+
+/// Plans the shortest path from a start to a goal that the planner finds.
+///
+/// start and goal are poses: growbot.Pose, or (x_mm, y_mm, z_mm, heading_deg, pitch_deg). A goal (x_mm, y_mm, z_mm) may
+/// be reached in any direction. via are poses or positions on the way, in order. radius_mm is that of the bends [default:
+/// the robot's planning_radius_mm]. planner is "shortest" or "two-plane". With clear_of_self, the path is the shortest
+/// that does not run into the body. Through a scene, effort bounds the search by its work (some 0.1 s each), with the
+/// same result on every machine, and time_limit_s by time.
+///
+/// Raises InputError (a radius below R_min, say), and NoPathError where nothing leads there.
+#[pyfunction]
+#[pyo3(signature = (start, goal, *, robot = None, radius_mm = None, planner = None, via = None, clear_of_self = None, scene = None, effort = None, time_limit_s = None))]
+#[expect(clippy::too_many_arguments, reason = "Python's keywords")]
+pub fn plan(
+    py: Python<'_>,
+    start: &Bound<PyAny>,
+    goal: &Bound<PyAny>,
+    robot: Option<&Bound<PyAny>>,
+    radius_mm: Option<&Bound<PyAny>>,
+    planner: Option<&Bound<PyAny>>,
+    via: Option<&Bound<PyAny>>,
+    clear_of_self: Option<&Bound<PyAny>>,
+    scene: Option<&Bound<PyAny>>,
+    effort: Option<&Bound<PyAny>>,
+    time_limit_s: Option<&Bound<PyAny>>,
+) -> Result<Plan, Refused> {
+    let robot = robot_of(robot)?;
+    let (start, goal) = (as_pose("start", start)?, as_goal("goal", goal)?);
+    let mut search = search_of(&robot, radius_mm, planner, clear_of_self)?;
+    let on_the_way = via.map_or(Ok(Vec::new()), goals_on_the_way)?;
+    let room = room_of(scene, effort, time_limit_s)?;
+    search.clear_of_self |= room.is_some();
+    let plan = py.detach(|| match &room {
+        None => client::Plan::through(&robot, &start, &on_the_way, &goal, &search).map_err(Refused::from),
+        Some(Room { scene, effort, deadline }) => {
+            let file = scene.file.display().to_string();
+            let through = Through { file: &file, loaded: &scene.loaded, effort: *effort, deadline: *deadline };
+            let goals: Vec<Goal> = on_the_way.iter().chain([&goal]).copied().collect();
+            Ok(through_scene::plan(&robot, &start, &goals, &search, &through)?)
+        }
+    })?;
+    Ok(Plan { inner: Arc::new(plan), robot })
+}
+
+fn goals_on_the_way(via: &Bound<PyAny>) -> Result<Vec<Goal>, Refused> {
+    let items = via.try_iter().map_err(|_| wrong_type("via", via, "a list of poses and positions"))?;
+    let mut goals = Vec::new();
+    for (index, item) in items.enumerate() {
+        check_rows("via", index + 1)?;
+        goals.push(as_goal(&format!("via[{index}]"), &item?)?);
+    }
+    Ok(goals)
+}
+
+/// Plans from starts to goals, on all cores; the list of plans is in the order of the rows.
+///
+/// starts has shape (n, 5): x_mm, y_mm, z_mm, heading_deg, pitch_deg; or it is one pose for all. goals has shape (n, 5),
+/// or (n, 3) for any directions. The other arguments are those of plan. The first row that has no plan is raised, with
+/// its number.
+#[pyfunction]
+#[pyo3(signature = (starts, goals, *, robot = None, radius_mm = None, planner = None, clear_of_self = None, threads = None))]
+#[expect(clippy::too_many_arguments, reason = "Python's keywords")]
+pub fn plan_many<'py>(
+    py: Python<'py>,
+    starts: &Bound<'py, PyAny>,
+    goals: &Bound<'py, PyAny>,
+    robot: Option<&Bound<'py, PyAny>>,
+    radius_mm: Option<&Bound<'py, PyAny>>,
+    planner: Option<&Bound<'py, PyAny>>,
+    clear_of_self: Option<&Bound<'py, PyAny>>,
+    threads: Option<&Bound<'py, PyAny>>,
+) -> Result<Bound<'py, PyList>, Refused> {
+    let robot = robot_of(robot)?;
+    let search = search_of(&robot, radius_mm, planner, clear_of_self)?;
+    let threads = self::threads(threads)?;
+    let rows = Rows::read("goals", goals, &[3, 5])?;
+    let goals = (0..rows.count)
+        .map(|row| goal_of(&rows.numbers[row * rows.width..(row + 1) * rows.width]).map_err(|error| error.of_row(row)))
+        .collect::<Result<Vec<Goal>, _>>()?;
+    let starts = starts_of(starts, goals.len())?;
+    let tasks: Vec<(CorePose, Goal)> =
+        goals.iter().enumerate().map(|(row, goal)| (starts[row.min(starts.len() - 1)], *goal)).collect();
+    let planned = interruptible(py, threads, &tasks, |(start, goal)| {
+        client::Plan::through(&robot, start, &[], goal, &search)
+    })?;
+    let plans = planned
+        .into_iter()
+        .enumerate()
+        .map(|(row, plan)| match plan {
+            Ok(plan) => Ok(Plan { inner: Arc::new(plan), robot: Arc::clone(&robot) }),
+            Err(error) => Err(Refused::from(error).of_row(row)),
+        })
+        .collect::<Result<Vec<_>, _>>()?;
+    Ok(PyList::new(py, plans)?)
+}
+
+/// One start for all, or one for each goal.
+fn starts_of(starts: &Bound<PyAny>, goals: usize) -> Result<Vec<CorePose>, Refused> {
+    if starts.is_instance_of::<Pose>() {
+        return Ok(vec![as_pose("starts", starts)?]);
+    }
+    if let Ok(rows) = Rows::flat("starts", starts)
+        && let Ok(numbers) = <[f64; 5]>::try_from(rows.numbers)
+    {
+        return Ok(vec![pose_of(numbers)?]);
+    }
+    let rows = Rows::read("starts", starts, &[5])?;
+    if rows.count != goals || goals == 0 {
+        let message = format!("starts has {} rows and goals {goals}: give as many, or one start for all", rows.count);
+        return Err(Refused::with(Kind::Type, message, rows.count as f64, goals as f64));
+    }
+    let pose = |row: &[f64]| pose_of([row[0], row[1], row[2], row[3], row[4]]);
+    rows.numbers.chunks_exact(5).enumerate().map(|(row, numbers)| pose(numbers).map_err(|error| error.of_row(row))).collect()
+}
+
+/// Layers as columns of one structured array.
+pub fn table<'py>(
+    py: Python<'py>,
+    count: usize,
+    layers: impl Iterator<Item = (usize, Layer)>,
+) -> Result<Bound<'py, PyAny>, Refused> {
+    if count > MAX_LAYERS {
+        let message = format!("there are {count} layers, and a table has {MAX_LAYERS} at most: split the path");
+        return Err(Refused::with(Kind::Input, message, count as f64, MAX_LAYERS as f64));
+    }
+    let (mut segments, mut alphas, mut heights, mut tilts) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    for (segment, layer) in layers {
+        segments.push(segment as i64);
+        alphas.push(if layer.tilt > 0.0 { degrees_below_turn(layer.alpha) } else { 0.0 });
+        heights.push(layer.height);
+        tilts.push(degrees(layer.tilt));
+    }
+    let indices: Vec<i64> = (0..segments.len() as i64).collect();
+    let fields =
+        [("layer", "<i8"), ("segment", "<i8"), ("alpha_deg", "<f8"), ("height_mm", "<f8"), ("tilt_deg", "<f8")];
+    let array = structured(py, indices.len(), &fields)?;
+    array.set_item("layer", PyArray1::from_vec(py, indices))?;
+    array.set_item("segment", PyArray1::from_vec(py, segments))?;
+    array.set_item("alpha_deg", PyArray1::from_vec(py, alphas))?;
+    array.set_item("height_mm", PyArray1::from_vec(py, heights))?;
+    array.set_item("tilt_deg", PyArray1::from_vec(py, tilts))?;
+    Ok(array)
+}
+
+/// A structured array that is to be filled.
+pub fn structured<'py>(py: Python<'py>, rows: usize, fields: &[(&str, &str)]) -> PyResult<Bound<'py, PyAny>> {
+    let arguments = PyDict::new(py);
+    arguments.set_item("dtype", fields.to_vec())?;
+    py.import("numpy")?.call_method("empty", (rows,), Some(&arguments))
+}
+
+/// A page in a frame of its own, for a notebook.
+pub fn framed(page: &str) -> String {
+    let page = page.replace('&', "&amp;").replace('"', "&quot;");
+    format!(
+        "<iframe sandbox=\"allow-scripts\" srcdoc=\"{page}\" width=\"100%\" height=\"520\" style=\"border:0\"></iframe>"
+    )
+}
+
+/// Writes a whole file or none.
+pub fn write_whole(file: &Path, contents: &[u8]) -> Result<(), Refused> {
+    replace_file(file, contents).map_err(|error| Refused::new(Kind::File, error))
+}
+
+#[pymethods]
+impl Plan {
+    /// Reads a plan's file, and checks it in full.
+    #[classmethod]
+    #[pyo3(signature = (file))]
+    fn load(cls: &Bound<PyType>, file: &Bound<PyAny>) -> Result<Self, Refused> {
+        let file = arguments::path("file", file)?;
+        let (text, name) = arguments::text_of_file(&file)?;
+        let read = cls.py().detach(|| plan_file::read(&text, &name, None));
+        let (robot, plan) = read.map_err(|error| Refused::new(Kind::File, error))?;
+        Ok(Self { inner: Arc::new(plan), robot: Arc::new(robot) })
+    }
+
+    /// Reads a plan's JSON, and checks it in full.
+    #[classmethod]
+    #[pyo3(signature = (json))]
+    fn from_json(cls: &Bound<PyType>, json: &Bound<PyAny>) -> Result<Self, Refused> {
+        let json = text("json", json)?;
+        let read = cls.py().detach(|| plan_file::read(&json, "json", None));
+        let (robot, plan) = read.map_err(|error| Refused::new(Kind::Input, error))?;
+        Ok(Self { inner: Arc::new(plan), robot: Arc::new(robot) })
+    }
+
+    #[classmethod]
+    fn _from_state(_cls: &Bound<PyType>, robot: &Bound<Robot>, state: PlanState) -> Result<Self, Refused> {
+        let robot = Arc::clone(&robot.get().inner);
+        Ok(Self { inner: Arc::new(state::plan(&robot, state)?), robot })
+    }
+
+    fn __reduce__(slf: &Bound<Self>) -> PyResult<(Py<PyAny>, (Robot, PlanState))> {
+        let Self { inner, robot } = slf.get();
+        let robot = Robot { inner: Arc::clone(robot) };
+        Ok((slf.get_type().getattr("_from_state")?.unbind(), (robot, state::of(inner))))
+    }
+
+    fn __eq__(&self, other: &Bound<PyAny>) -> bool {
+        other.cast::<Self>().is_ok_and(|other| self.inner == other.get().inner)
+    }
+
+    fn __hash__(&self) -> u64 {
+        self.inner.robot_hash ^ self.inner.needs.length.to_bits() ^ (self.inner.needs.layers as u64).rotate_left(32)
+    }
+
+    fn __repr__(&self) -> String {
+        let plan = &self.inner;
+        let (kind, length, layers) = (plan.path_type(), plan.needs.length, plan.needs.layers);
+        format!("Plan({kind:?}, length_mm={length}, layer_count={layers}, robot={:?})", plan.robot)
+    }
+
+    fn _repr_html_(&self, py: Python<'_>) -> Result<String, Refused> {
+        Ok(framed(&self.html(py)?))
+    }
+
+    /// The robot.
+    #[getter]
+    fn robot(&self) -> Robot {
+        Robot { inner: Arc::clone(&self.robot) }
+    }
+
+    /// Where the tip starts.
+    #[getter]
+    fn start(&self) -> Pose {
+        self.inner.start.into()
+    }
+
+    /// Where it is to arrive; a direction that was free is the one that was chosen.
+    #[getter]
+    fn goal(&self) -> Pose {
+        self.inner.goal.into()
+    }
+
+    /// The poses on the way.
+    #[getter]
+    fn via(&self) -> Vec<Pose> {
+        self.inner.via().into_iter().map(Pose::from).collect()
+    }
+
+    /// How the path was found: "shortest" or "two-plane".
+    #[getter]
+    fn planner(&self) -> &'static str {
+        planner_name(self.inner.planner)
+    }
+
+    /// Radius of the bends, mm.
+    #[getter]
+    fn radius_mm(&self) -> f64 {
+        self.inner.radius
+    }
+
+    /// Length of the path, mm.
+    #[getter]
+    fn length_mm(&self) -> f64 {
+        self.inner.needs.length
+    }
+
+    /// Number of layers.
+    #[getter]
+    fn layer_count(&self) -> usize {
+        self.inner.needs.layers
+    }
+
+    /// Time to lay them, s.
+    #[getter]
+    fn duration_s(&self) -> f64 {
+        self.inner.needs.duration
+    }
+
+    /// Filament, mm.
+    #[getter]
+    fn filament_mm(&self) -> f64 {
+        self.inner.needs.filament
+    }
+
+    /// The kinds of the pieces: C for an arc, S for a straight line, H for a helicoidal arc.
+    #[getter]
+    fn path_type(&self) -> String {
+        self.inner.path_type()
+    }
+
+    /// The pieces of the path, in order.
+    #[getter]
+    fn segments(&self) -> Vec<Segment> {
+        PlanFile::from(&*self.inner).segments.iter().map(Segment::from).collect()
+    }
+
+    /// What speaks against growing it.
+    #[getter]
+    fn warnings(&self) -> Vec<PlanWarning> {
+        let warning = |warning: &growbot_client::warning::Warning| PlanWarning {
+            code: warning.code.clone(),
+            message: warning.message.clone(),
+            value: warning.value,
+            limit: warning.limit,
+        };
+        self.inner.warnings.iter().map(warning).collect()
+    }
+
+    /// Proven min clearance between the outside of the tube and everything in the scene, mm; None without a scene.
+    #[getter]
+    fn clearance_mm(&self) -> Option<f64> {
+        self.inner.scene.as_ref().map(|scene| scene.clearance)
+    }
+
+    /// n places at equal distances along the path, both ends included: positions (n, 3), mm, and directions of growth
+    /// (n, 3), unit vectors.
+    #[pyo3(signature = (n))]
+    fn sample<'py>(
+        &self,
+        py: Python<'py>,
+        n: &Bound<'py, PyAny>,
+    ) -> Result<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>), Refused> {
+        let count = whole("n", n, 2, arguments::MAX_ROWS as u64)? as usize;
+        let length = self.inner.needs.length;
+        let last = (count - 1) as f64;
+        let lengths: Vec<f64> = (0..count).map(|index| length * (index as f64 / last)).collect();
+        let frames = py.detach(|| frames(&self.inner.path, &self.inner.start.frame(), &lengths));
+        let flat = |of: fn(&growbot_core::pose::Frame) -> nalgebra::Vector3<f64>| {
+            let numbers: Vec<f64> = frames.iter().flat_map(|frame| <[f64; 3]>::from(of(frame))).collect();
+            PyArray1::from_vec(py, numbers).reshape([count, 3])
+        };
+        Ok((flat(|frame| frame.translation.vector)?, flat(tip_direction)?))
+    }
+
+    /// The frames of the tip (base from tip, mm) at lengths s_mm along the path: shape (n, 4, 4). s_mm is a number or has
+    /// shape (n,), within 0 and length_mm.
+    #[pyo3(signature = (s_mm))]
+    fn frames<'py>(
+        &self,
+        py: Python<'py>,
+        s_mm: &Bound<'py, PyAny>,
+    ) -> Result<Bound<'py, PyArray3<f64>>, Refused> {
+        let lengths = Rows::flat("s_mm", s_mm)?.numbers;
+        let max = self.inner.needs.length;
+        if let Some(wrong) = lengths.iter().find(|length| !(0.0..=max).contains(*length)) {
+            return Err(crate::refused::outside("s_mm", *wrong, [0.0, max], "mm"));
+        }
+        let frames = py.detach(|| frames(&self.inner.path, &self.inner.start.frame(), &lengths));
+        let numbers: Vec<f64> = frames.iter().flat_map(rows_of).collect();
+        Ok(PyArray1::from_vec(py, numbers).reshape([lengths.len(), 4, 4])?)
+    }
+
+    /// The layers: a structured array of shape (n,) with the fields layer, segment, alpha_deg, height_mm and tilt_deg.
+    fn layers<'py>(&self, py: Python<'py>) -> Result<Bound<'py, PyAny>, Refused> {
+        let all = layers(&self.inner.path, &self.robot, Slicing::Exact).map(|sliced| (sliced.segment, sliced.layer));
+        table(py, self.inner.needs.layers, all)
+    }
+
+    /// The plan as JSON, as `growbot plan -o` writes it.
+    fn to_json(&self) -> String {
+        PlanFile::with_robot(&self.inner, &self.robot).to_text()
+    }
+
+    /// Writes the plan to a file (.json), which growbot and Plan.load read.
+    #[pyo3(signature = (file))]
+    fn save(&self, file: &Bound<PyAny>) -> Result<(), Refused> {
+        write_whole(&arguments::path("file", file)?, self.to_json().as_bytes())
+    }
+
+    /// The page that shows the body: HTML that needs no network.
+    fn html(&self, py: Python<'_>) -> Result<String, Refused> {
+        let subject = Subject { name: "plan", robot: &self.robot, plan: &self.inner, run: None, laid: None };
+        py.detach(|| page::of_one(&subject)).map_err(|error| Refused::new(Kind::Input, error))
+    }
+
+    /// Grows the plan without a board, layer by layer, under conditions (growbot.Conditions) [default: nothing is off].
+    /// The same seed gives the same growth.
+    #[pyo3(signature = (*, seed = None, conditions = None))]
+    fn simulate(
+        &self,
+        py: Python<'_>,
+        seed: Option<&Bound<PyAny>>,
+        conditions: Option<&Bound<PyAny>>,
+    ) -> Result<Simulated, Refused> {
+        Simulated::grow(py, self, seed, conditions)
+    }
+}

@@ -1,0 +1,250 @@
+//! Poses.
+
+use growbot_client::degrees::{shortest_degrees, shortest_heading};
+use growbot_client::plan::Goal;
+use growbot_client::pose_text::pose_of_numbers;
+use growbot_core::pose::{Frame, Pose as Inner, Position};
+use nalgebra::Vector3;
+use numpy::{PyArray1, PyArray2};
+use pyo3::prelude::*;
+use pyo3::types::{PySequence, PyType};
+
+use crate::arguments::{fixed, number, wrong_shape, wrong_type};
+use crate::refused::{Kind, Refused};
+
+/// How far a rotation may be from one, and a direction from length 0.
+const ROTATION: f64 = 1e-6;
+
+/// The position of a tip and its direction of growth.
+///
+/// Pose(x_mm, y_mm, z_mm, heading_deg, pitch_deg). Heading is the direction's angle in the x-y plane, pitch that above it:
+/// 90 is straight up. Wherever a pose is asked for, five such numbers will do.
+#[pyclass(frozen, module = "growbot", eq)]
+#[derive(Clone, PartialEq)]
+pub struct Pose {
+    pub inner: Inner,
+}
+
+impl From<Inner> for Pose {
+    fn from(inner: Inner) -> Self {
+        Self { inner }
+    }
+}
+
+/// A pose of five numbers, as the command reads them.
+pub fn pose_of(numbers: [f64; 5]) -> Result<Inner, Refused> {
+    // -0 is 0, as it is typed.
+    Ok(pose_of_numbers(numbers.map(|number| number + 0.0))?)
+}
+
+/// A goal of three or five numbers.
+pub fn goal_of(numbers: &[f64]) -> Result<Goal, Refused> {
+    match *numbers {
+        [x, y, z] => Ok(Goal::Position(Position::new(Vector3::new(x + 0.0, y + 0.0, z + 0.0))?)),
+        [x, y, z, heading, pitch] => Ok(Goal::Pose(pose_of([x, y, z, heading, pitch])?)),
+        _ => Err(Refused::new(Kind::Type, "a goal has 3 or 5 numbers: give x, y, z, or with heading and pitch")),
+    }
+}
+
+/// The numbers of a sequence of that many, without NumPy for plain ones.
+fn few(name: &str, value: &Bound<PyAny>, counts: &[usize]) -> Result<Vec<f64>, Refused> {
+    let wanted = if counts.contains(&3) {
+        "a growbot.Pose, (x_mm, y_mm, z_mm, heading_deg, pitch_deg), or (x_mm, y_mm, z_mm) for any direction"
+    } else {
+        "a growbot.Pose or (x_mm, y_mm, z_mm, heading_deg, pitch_deg)"
+    };
+    let sequence = match value.cast::<PySequence>() {
+        Ok(sequence) => sequence.as_any().clone(),
+        // An array is no sequence to Python.
+        Err(_) if value.hasattr("__array__")? && value.hasattr("__len__")? => value.clone(),
+        Err(_) => return Err(wrong_type(name, value, wanted)),
+    };
+    let count = sequence.len().map_err(|_| wrong_type(name, value, wanted))?;
+    if !counts.contains(&count) {
+        return Err(wrong_shape(name, &[count], wanted));
+    }
+    (0..count)
+        .map(|index| {
+            let item = sequence.get_item(index)?;
+            item.extract().map_err(|_| wrong_type(&format!("{name}[{index}]"), &item, wanted))
+        })
+        .collect()
+}
+
+/// A pose, or five numbers.
+pub fn as_pose(name: &str, value: &Bound<PyAny>) -> Result<Inner, Refused> {
+    if let Ok(pose) = value.cast::<Pose>() {
+        return Ok(pose.get().inner);
+    }
+    match few(name, value, &[5])?[..] {
+        [x, y, z, heading, pitch] => pose_of([x, y, z, heading, pitch]),
+        _ => Err(wrong_type(name, value, "five numbers")),
+    }
+}
+
+/// A pose, five numbers, or three for a position.
+pub fn as_goal(name: &str, value: &Bound<PyAny>) -> Result<Goal, Refused> {
+    match value.cast::<Pose>() {
+        Ok(pose) => Ok(Goal::Pose(pose.get().inner)),
+        Err(_) => goal_of(&few(name, value, &[3, 5])?),
+    }
+}
+
+/// A frame as rows of a 4x4 matrix.
+pub fn rows_of(frame: &Frame) -> [f64; 16] {
+    let matrix = frame.to_homogeneous();
+    std::array::from_fn(|index| matrix[(index / 4, index % 4)])
+}
+
+#[pymethods]
+impl Pose {
+    #[new]
+    #[pyo3(signature = (x_mm, y_mm, z_mm, heading_deg, pitch_deg))]
+    fn new(
+        x_mm: &Bound<PyAny>,
+        y_mm: &Bound<PyAny>,
+        z_mm: &Bound<PyAny>,
+        heading_deg: &Bound<PyAny>,
+        pitch_deg: &Bound<PyAny>,
+    ) -> Result<Self, Refused> {
+        let numbers = [
+            number("x_mm", x_mm)?,
+            number("y_mm", y_mm)?,
+            number("z_mm", z_mm)?,
+            number("heading_deg", heading_deg)?,
+            number("pitch_deg", pitch_deg)?,
+        ];
+        Ok(pose_of(numbers)?.into())
+    }
+
+    /// The pose of a tip whose frame is this 4x4 matrix (base from tip, mm). Its z axis is the direction of growth; its
+    /// roll about that axis is not kept.
+    #[classmethod]
+    #[pyo3(signature = (matrix))]
+    fn from_matrix(_cls: &Bound<PyType>, matrix: &Bound<PyAny>) -> Result<Self, Refused> {
+        let rows: [f64; 16] = fixed("matrix", matrix, &[4, 4])?;
+        let m = nalgebra::Matrix4::from_row_slice(&rows);
+        let rotation = m.fixed_view::<3, 3>(0, 0).into_owned();
+        let off = (rotation.transpose() * rotation - nalgebra::Matrix3::identity()).amax();
+        let last = (m.row(3) - nalgebra::RowVector4::new(0.0, 0.0, 0.0, 1.0)).amax();
+        let off = off.max(last).max((rotation.determinant() - 1.0).abs());
+        if off > ROTATION {
+            let message = format!(
+                "matrix is off a rigid transform by {off:.3e}, above {ROTATION}: give a rotation, a translation in mm, and the last row 0, 0, 0, 1"
+            );
+            return Err(Refused::with(Kind::Input, message, off, ROTATION));
+        }
+        directed([m[(0, 3)], m[(1, 3)], m[(2, 3)]], [m[(0, 2)], m[(1, 2)], m[(2, 2)]])
+    }
+
+    /// The pose at a position (3,), mm, that points in a direction (3,), of any length.
+    #[classmethod]
+    #[pyo3(signature = (position_mm, direction))]
+    fn from_direction(
+        _cls: &Bound<PyType>,
+        position_mm: &Bound<PyAny>,
+        direction: &Bound<PyAny>,
+    ) -> Result<Self, Refused> {
+        directed(fixed("position_mm", position_mm, &[3])?, fixed("direction", direction, &[3])?)
+    }
+
+    #[classmethod]
+    fn _from_radians(_cls: &Bound<PyType>, state: (f64, f64, f64, f64, f64)) -> Result<Self, Refused> {
+        Ok(pose_from(state)?.into())
+    }
+
+    fn __reduce__(slf: &Bound<Self>) -> PyResult<(Py<PyAny>, ((f64, f64, f64, f64, f64),))> {
+        Ok((slf.get_type().getattr("_from_radians")?.unbind(), (state_of(&slf.get().inner),)))
+    }
+
+    /// x, mm.
+    #[getter]
+    fn x_mm(&self) -> f64 {
+        self.inner.position().x
+    }
+
+    /// y, mm.
+    #[getter]
+    fn y_mm(&self) -> f64 {
+        self.inner.position().y
+    }
+
+    /// z, mm.
+    #[getter]
+    fn z_mm(&self) -> f64 {
+        self.inner.position().z
+    }
+
+    /// The direction's angle in the x-y plane, degrees, in (-180, 180].
+    #[getter]
+    pub fn heading_deg(&self) -> f64 {
+        shortest_heading(self.inner.heading()) + 0.0
+    }
+
+    /// The direction's angle above the x-y plane, degrees, in [-90, 90].
+    #[getter]
+    pub fn pitch_deg(&self) -> f64 {
+        shortest_degrees(self.inner.pitch()) + 0.0
+    }
+
+    /// The position, shape (3,), mm.
+    #[getter]
+    fn position_mm<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_slice(py, self.inner.position().as_slice())
+    }
+
+    /// The direction of growth, a unit vector, shape (3,).
+    #[getter]
+    fn direction<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_slice(py, self.inner.direction().as_slice())
+    }
+
+    /// Base from tip, shape (4, 4), mm: the frame with no roll.
+    #[getter]
+    fn matrix<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        use numpy::PyArrayMethods;
+        PyArray1::from_slice(py, &rows_of(&self.inner.frame())).reshape([4, 4])
+    }
+
+    fn __hash__(&self) -> u64 {
+        let (x, y, z, heading, pitch) = state_of(&self.inner);
+        // Equal numbers have equal hashes: -0 counts as 0.
+        [x, y, z, heading, pitch].iter().fold(7, |hash: u64, number| {
+            (hash ^ (number + 0.0).to_bits()).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(31)
+        })
+    }
+
+    fn __repr__(&self) -> String {
+        let at = self.inner.position();
+        let (heading, pitch) = (self.heading_deg(), self.pitch_deg());
+        format!("Pose(x_mm={}, y_mm={}, z_mm={}, heading_deg={heading}, pitch_deg={pitch})", at.x, at.y, at.z)
+    }
+}
+
+/// A pose at a position, in a direction.
+fn directed(position: [f64; 3], direction: [f64; 3]) -> Result<Pose, Refused> {
+    let direction = Vector3::from(direction);
+    let norm = direction.norm();
+    if !(ROTATION * ROTATION..=1e150).contains(&norm) {
+        let message = format!("direction has length {norm}: give one that is not 0, such as (0, 0, 1)");
+        return Err(Refused::with(Kind::Input, message, norm, 0.0));
+    }
+    let z = direction / norm;
+    let x = if z.x.abs() < 0.5 { Vector3::x() } else { Vector3::y() };
+    let x = (x - z * z.dot(&x)).normalize();
+    let rotation = nalgebra::Matrix3::from_columns(&[x, z.cross(&x), z]);
+    let rotation = nalgebra::Rotation3::from_matrix_unchecked(rotation);
+    let free = Inner::from_frame(&Frame::from_parts(Vector3::zeros().into(), rotation));
+    Ok(Inner::new(Vector3::from(position), free.heading(), free.pitch())?.into())
+}
+
+/// x, y, z in mm, heading and pitch in radians.
+pub fn state_of(pose: &Inner) -> (f64, f64, f64, f64, f64) {
+    let at = pose.position();
+    (at.x, at.y, at.z, pose.heading(), pose.pitch())
+}
+
+/// The pose of such a state.
+pub fn pose_from((x, y, z, heading, pitch): (f64, f64, f64, f64, f64)) -> Result<Inner, Refused> {
+    Ok(Inner::new(Vector3::new(x, y, z), heading, pitch)?)
+}

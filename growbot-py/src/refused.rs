@@ -1,0 +1,181 @@
+//! Exceptions: what was refused, the value, the limit, and what to do. The classes are in `python/growbot/_errors.py`.
+
+use pyo3::IntoPyObjectExt;
+use pyo3::prelude::*;
+use pyo3::sync::PyOnceLock;
+use pyo3::types::PyType;
+
+use growbot_client::through_scene::ThroughError;
+use growbot_core::number::Short;
+use growbot_core::plan::PlanError;
+use growbot_core::pose::PoseError;
+
+/// Which exception it becomes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// A value that cannot be.
+    Input,
+    /// A value of a wrong type or shape.
+    Type,
+    /// A file that is missing, or is not what it should be.
+    File,
+    /// There is no path.
+    NoPath,
+    /// A board that is silent, refuses, or has a fault.
+    Board,
+}
+
+/// A value or a limit.
+#[derive(Debug, Clone)]
+pub enum Told {
+    /// In the unit of the message.
+    Number(f64),
+    /// In words.
+    Words(String),
+}
+
+impl From<f64> for Told {
+    fn from(number: f64) -> Self {
+        Self::Number(number)
+    }
+}
+
+impl From<&str> for Told {
+    fn from(words: &str) -> Self {
+        Self::Words(words.to_owned())
+    }
+}
+
+impl From<String> for Told {
+    fn from(words: String) -> Self {
+        Self::Words(words)
+    }
+}
+
+/// What was asked for cannot be had.
+#[derive(Debug)]
+pub enum Refused {
+    /// For a reason of growbot's.
+    Because {
+        /// Which exception.
+        kind: Kind,
+        /// What failed, the value, the limit and the remedy.
+        message: String,
+        /// The value.
+        value: Option<Told>,
+        /// The limit.
+        limit: Option<Told>,
+    },
+    /// Python's own, such as Ctrl-C.
+    Python(PyErr),
+}
+
+impl Refused {
+    /// Without a value that could be told.
+    pub fn new(kind: Kind, message: impl ToString) -> Self {
+        Self::Because { kind, message: message.to_string(), value: None, limit: None }
+    }
+
+    /// With value and limit.
+    pub fn with(kind: Kind, message: impl ToString, value: impl Into<Told>, limit: impl Into<Told>) -> Self {
+        Self::Because { kind, message: message.to_string(), value: Some(value.into()), limit: Some(limit.into()) }
+    }
+
+    /// The same, about one of many.
+    pub fn of_row(self, row: usize) -> Self {
+        match self {
+            Self::Because { kind, message, value, limit } => {
+                Self::Because { kind, message: format!("row {row}: {message}"), value, limit }
+            }
+            python @ Self::Python(_) => python,
+        }
+    }
+}
+
+/// A refusal as the exception of its kind.
+fn exception(py: Python<'_>, kind: Kind, message: String, value: Option<Told>, limit: Option<Told>) -> PyResult<PyErr> {
+    static CLASSES: [PyOnceLock<Py<PyType>>; 5] = [const { PyOnceLock::new() }; 5];
+    let name = ["InputError", "InputTypeError", "FileError", "NoPathError", "BoardError"];
+    let class = CLASSES[kind as usize].import(py, "growbot._errors", name[kind as usize])?;
+    let told = |told: Option<Told>| match told {
+        None => Ok(py.None()),
+        Some(Told::Number(number)) => number.into_py_any(py),
+        Some(Told::Words(words)) => words.into_py_any(py),
+    };
+    Ok(PyErr::from_value(class.call1((message, told(value)?, told(limit)?))?))
+}
+
+impl From<Refused> for PyErr {
+    fn from(refused: Refused) -> Self {
+        match refused {
+            Refused::Python(error) => error,
+            Refused::Because { kind, message, value, limit } => {
+                Python::attach(|py| exception(py, kind, message, value, limit).unwrap_or_else(|error| error))
+            }
+        }
+    }
+}
+
+impl From<PyErr> for Refused {
+    fn from(error: PyErr) -> Self {
+        Self::Python(error)
+    }
+}
+
+impl From<PlanError> for Refused {
+    fn from(error: PlanError) -> Self {
+        let message = error.to_string();
+        match error {
+            PlanError::RadiusTooSmall { radius, limit } | PlanError::RadiusTooLarge { radius, limit } => {
+                Self::with(Kind::Input, message, radius, limit)
+            }
+            PlanError::Missed { distance, limit, .. } => Self::with(Kind::NoPath, message, distance, limit),
+            PlanError::NoPath | PlanError::TooManySegments(_) => Self::new(Kind::NoPath, message),
+        }
+    }
+}
+
+impl From<PoseError> for Refused {
+    fn from(error: PoseError) -> Self {
+        let message = error.to_string();
+        match error {
+            PoseError::NotFinite { value, .. } => Self::with(Kind::Input, message, value, "finite"),
+            PoseError::TooFar { value, limit, .. } => Self::with(Kind::Input, message, value, limit),
+            PoseError::Pitch { value } => {
+                Self::with(Kind::Input, format!("{message}: give one within"), value, 90.0_f64.copysign(value))
+            }
+        }
+    }
+}
+
+impl From<ThroughError> for Refused {
+    fn from(error: ThroughError) -> Self {
+        match error {
+            ThroughError::Plan(error) => error.into(),
+            ThroughError::NoPath(error) => {
+                use growbot_client::through_scene::NoPath;
+                let message = error.to_string();
+                match error {
+                    NoPath::Start { distance, need } | NoPath::Goal { distance, need } => {
+                        Self::with(Kind::NoPath, message, distance, need)
+                    }
+                    NoPath::Separated { need } => Self::with(Kind::NoPath, message, "none", need),
+                    NoPath::AtResolution { step, .. } => Self::with(Kind::NoPath, message, error.code(), step),
+                    NoPath::NotFound => Self::with(Kind::NoPath, message, error.code(), "effort and time_limit_s"),
+                }
+            }
+        }
+    }
+}
+
+/// A number that lies outside of these limits.
+pub fn outside(name: &str, value: f64, [min, max]: [f64; 2], unit: &str) -> Refused {
+    let limit = if value < min { min } else { max };
+    let message = format!(
+        "{name} is {} {unit}, and may be {} to {}: give one within",
+        Short(&value),
+        Short(&min),
+        Short(&max)
+    );
+    Refused::with(Kind::Input, message, value, limit)
+}

@@ -1,0 +1,143 @@
+//! Robots.
+
+use std::path::Path;
+use std::sync::{Arc, OnceLock};
+
+use growbot_client::plan_file::written_hash;
+use growbot_client::robot_file;
+use pyo3::prelude::*;
+use pyo3::types::PyType;
+
+use crate::arguments::{path, text, text_of_file, wrong_type};
+use crate::refused::{Kind, Refused};
+use growbot_core::robot::Robot as Described;
+
+/// A robot: its description, checked.
+///
+/// Robot() is the paper's robot A; Robot("growbot-b") another one that is built in (Robot.names()); Robot("my.toml") one
+/// from a file.
+#[pyclass(frozen, module = "growbot", eq)]
+#[derive(Clone, PartialEq)]
+pub struct Robot {
+    pub inner: Arc<Described>,
+}
+
+/// The robot where none is named; read once.
+pub fn default_robot() -> Result<Arc<Described>, Refused> {
+    static DEFAULT: OnceLock<Arc<Described>> = OnceLock::new();
+    if let Some(robot) = DEFAULT.get() {
+        return Ok(Arc::clone(robot));
+    }
+    let robot = Arc::new(load(robot_file::DEFAULT.as_ref())?);
+    Ok(Arc::clone(DEFAULT.get_or_init(|| robot)))
+}
+
+fn load(name_or_file: &Path) -> Result<Described, Refused> {
+    let failed = |error| Refused::new(Kind::File, error);
+    match text_of_file(name_or_file) {
+        Ok((text, file)) if name_or_file.to_str().is_none_or(|name| !robot_file::is_built_in(name)) => {
+            robot_file::parse(&text, &file).map_err(failed)
+        }
+        // A built-in one; or the names that there are.
+        _ => robot_file::load(name_or_file).map_err(failed),
+    }
+}
+
+/// A robot, the name of one, or none for the default.
+pub fn robot_of(value: Option<&Bound<PyAny>>) -> Result<Arc<Described>, Refused> {
+    let Some(value) = value else { return default_robot() };
+    if let Ok(robot) = value.cast::<Robot>() {
+        return Ok(Arc::clone(&robot.get().inner));
+    }
+    let name = path("robot", value).map_err(|_| wrong_type("robot", value, "a growbot.Robot, a name or a file"))?;
+    Ok(Arc::new(load(&name)?))
+}
+
+#[pymethods]
+impl Robot {
+    #[new]
+    #[pyo3(signature = (name_or_file = None))]
+    fn new(name_or_file: Option<&Bound<PyAny>>) -> Result<Self, Refused> {
+        Ok(Self { inner: robot_of(name_or_file)? })
+    }
+
+    /// The names of the robots that are built in.
+    #[staticmethod]
+    fn names() -> Vec<&'static str> {
+        robot_file::names().collect()
+    }
+
+    /// The robot that the text of a robot file (TOML) describes.
+    #[classmethod]
+    #[pyo3(signature = (toml))]
+    fn from_toml(_cls: &Bound<PyType>, toml: &Bound<PyAny>) -> Result<Self, Refused> {
+        let toml = text("toml", toml)?;
+        let robot = robot_file::parse(&toml, "toml").map_err(|error| Refused::new(Kind::Input, error))?;
+        Ok(Self { inner: Arc::new(robot) })
+    }
+
+    #[classmethod]
+    fn _from_description(_cls: &Bound<PyType>, json: &Bound<PyAny>) -> Result<Self, Refused> {
+        let json = text("json", json)?;
+        let description = serde_json::from_str(&json)
+            .map_err(|error| Refused::new(Kind::Input, format!("json is no description ({error}): pickle the robot again")))?;
+        let robot = Described::new(description).map_err(|error| Refused::new(Kind::Input, error))?;
+        Ok(Self { inner: Arc::new(robot) })
+    }
+
+    fn __reduce__(slf: &Bound<Self>) -> PyResult<(Py<PyAny>, (String,))> {
+        let json = serde_json::to_string(slf.get().inner.description()).unwrap_or_default();
+        Ok((slf.get_type().getattr("_from_description")?.unbind(), (json,)))
+    }
+
+    /// The description as a dict, with the keys of a robot file.
+    #[getter]
+    fn description(&self, py: Python<'_>) -> PyResult<Py<PyAny>> {
+        let json = serde_json::to_string(self.inner.description()).unwrap_or_default();
+        Ok(py.import("json")?.call_method1("loads", (json,))?.unbind())
+    }
+
+    /// The robot's name.
+    #[getter]
+    fn name(&self) -> &str {
+        self.inner.name()
+    }
+
+    /// Hash of the whole description, 16 hexadecimal digits: equal hashes mean the same machine.
+    #[getter]
+    fn hash(&self) -> String {
+        written_hash(self.inner.hash())
+    }
+
+    /// R_min, the min radius of the centreline, mm.
+    #[getter]
+    fn min_radius_mm(&self) -> f64 {
+        self.inner.min_radius()
+    }
+
+    /// The radius of bends where none is given, mm.
+    #[getter]
+    fn planning_radius_mm(&self) -> f64 {
+        self.inner.description().planning_radius_mm
+    }
+
+    /// From the centreline to where material is laid, mm.
+    #[getter]
+    fn tip_radius_mm(&self) -> f64 {
+        self.inner.tip_radius()
+    }
+
+    /// Diameter of the printed tube over its wall, mm.
+    #[getter]
+    fn outer_diameter_mm(&self) -> f64 {
+        self.inner.outer_diameter()
+    }
+
+    fn __hash__(&self) -> u64 {
+        self.inner.hash()
+    }
+
+    fn __repr__(&self) -> String {
+        format!("Robot({:?}, min_radius_mm={})", self.inner.name(), self.inner.min_radius())
+    }
+}

@@ -1,0 +1,315 @@
+//! Growths without a board: one, or many at once.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use growbot_client::plan as client;
+use growbot_core::layer::Layer;
+use growbot_core::robot::Robot as Described;
+use growbot_host::view::{Subject, page};
+use growbot_sim::parallel;
+use growbot_sim::simulation::{Outcome, Simulation};
+use numpy::PyArray1;
+use pyo3::prelude::*;
+use pyo3::types::PyAnyMethods;
+
+use crate::arguments::{Rows, check_rows, threads, whole, wrong_type};
+use crate::conditions::Conditions;
+use crate::plan::{Plan, framed, structured, table};
+use crate::pose::Pose;
+use crate::refused::{Kind, Refused};
+
+/// Does the same work on many items, on that many threads, without the interpreter; Ctrl-C ends it soon.
+pub fn interruptible<T: Sync, U: Send>(
+    py: Python<'_>,
+    threads: usize,
+    items: &[T],
+    work: impl Fn(&T) -> U + Sync,
+) -> Result<Vec<U>, Refused> {
+    let ended = AtomicBool::new(false);
+    let (results, signal) = py.detach(|| {
+        let mut signal = None;
+        let results = parallel::map_on(
+            threads,
+            items,
+            |item| (!ended.load(Ordering::Relaxed)).then(|| work(item)),
+            |_| {
+                if let Err(error) = Python::attach(|py| py.check_signals()) {
+                    ended.store(true, Ordering::Relaxed);
+                    signal = Some(error);
+                }
+            },
+        );
+        (results, signal)
+    });
+    match signal {
+        Some(error) => Err(error.into()),
+        None => Ok(results.into_iter().flatten().collect()),
+    }
+}
+
+/// A growth that was simulated without a board.
+#[pyclass(frozen, module = "growbot")]
+pub struct Simulated {
+    plan: Arc<client::Plan>,
+    robot: Arc<Described>,
+    seed: u64,
+    outcome: Outcome,
+    laid: Vec<Layer>,
+}
+
+impl Simulated {
+    /// Grows a plan once.
+    pub fn grow(
+        py: Python<'_>,
+        plan: &Plan,
+        seed: Option<&Bound<PyAny>>,
+        conditions: Option<&Bound<PyAny>>,
+    ) -> Result<Self, Refused> {
+        let seed = seed_of(seed)?;
+        let simulation = Conditions::read(conditions)?.simulation(plan)?;
+        let (outcome, laid) = py.detach(|| {
+            let mut laid = Vec::new();
+            let outcome = simulation.run_by_layer(seed, |layer| laid.push(layer.layer));
+            (outcome, laid)
+        });
+        Ok(Self { plan: Arc::clone(&plan.inner), robot: Arc::clone(&plan.robot), seed, outcome, laid })
+    }
+}
+
+/// Where chance comes from; 1 unless it is given.
+pub fn seed_of(value: Option<&Bound<PyAny>>) -> Result<u64, Refused> {
+    value.map_or(Ok(1), |value| whole("seed", value, 0, u64::MAX))
+}
+
+#[pymethods]
+impl Simulated {
+    /// Where chance came from.
+    #[getter]
+    fn seed(&self) -> u64 {
+        self.seed
+    }
+
+    /// Layers laid.
+    #[getter]
+    fn layer_count(&self) -> u64 {
+        self.outcome.grown.layers
+    }
+
+    /// Length of the body, mm.
+    #[getter]
+    fn length_mm(&self) -> f64 {
+        self.outcome.grown.length
+    }
+
+    /// Where the tip is.
+    #[getter]
+    fn final_pose(&self) -> Pose {
+        self.outcome.arrival.final_pose.into()
+    }
+
+    /// Distance of the tip from the goal, mm.
+    #[getter]
+    fn position_error_mm(&self) -> f64 {
+        self.outcome.arrival.position_error_mm
+    }
+
+    /// That, over the length of the planned path; 0 for a path of no length.
+    #[getter]
+    fn normalized_position_error(&self) -> f64 {
+        self.outcome.arrival.normalized_position_error
+    }
+
+    /// Difference of the headings, degrees; None where tip or goal is vertical.
+    #[getter]
+    fn heading_error_deg(&self) -> Option<f64> {
+        self.outcome.arrival.heading_error_deg
+    }
+
+    /// Difference of the pitches, degrees.
+    #[getter]
+    fn pitch_error_deg(&self) -> f64 {
+        self.outcome.arrival.pitch_error_deg
+    }
+
+    /// Angle between the directions, degrees.
+    #[getter]
+    fn direction_error_deg(&self) -> f64 {
+        self.outcome.arrival.direction_error_deg
+    }
+
+    /// With feedback, where the loop takes the tip to be; else None.
+    #[getter]
+    fn estimated_pose(&self) -> Option<Pose> {
+        let estimate = self.outcome.grown.estimate.as_ref()?;
+        Some(growbot_core::pose::Pose::from_frame(&estimate.base_from_tip).into())
+    }
+
+    /// With feedback, one standard deviation of the estimated position, mm; else None.
+    #[getter]
+    fn position_sd_mm(&self) -> Option<f64> {
+        self.outcome.grown.estimate.as_ref().map(|estimate| estimate.position_deviation)
+    }
+
+    /// With feedback, the estimated systematic error of the growth, percent; else None.
+    #[getter]
+    fn growth_bias_percent(&self) -> Option<f64> {
+        self.outcome.grown.estimate.as_ref().map(|estimate| 100.0 * estimate.systematic_errors.growth)
+    }
+
+    /// With sag, how far the tip hangs below where it would be without weight, mm; else None.
+    #[getter]
+    fn sag_mm(&self) -> Option<f64> {
+        self.outcome.hung.map(|hung| hung.deflection)
+    }
+
+    /// The layers as they were laid: a structured array of shape (n,) with the fields layer, segment (always 0),
+    /// alpha_deg, height_mm and tilt_deg.
+    fn layers<'py>(&self, py: Python<'py>) -> Result<Bound<'py, PyAny>, Refused> {
+        table(py, self.laid.len(), self.laid.iter().map(|layer| (0, *layer)))
+    }
+
+    /// The page that shows the body as it was laid: HTML that needs no network.
+    fn html(&self, py: Python<'_>) -> Result<String, Refused> {
+        let subject = Subject {
+            name: "simulated growth",
+            robot: &self.robot,
+            plan: &self.plan,
+            run: None,
+            laid: Some(&self.laid),
+        };
+        py.detach(|| page::of_one(&subject)).map_err(|error| Refused::new(Kind::Input, error))
+    }
+
+    fn _repr_html_(&self, py: Python<'_>) -> Result<String, Refused> {
+        Ok(framed(&self.html(py)?))
+    }
+
+    fn __eq__(&self, other: &Bound<PyAny>) -> bool {
+        other.cast::<Self>().is_ok_and(|other| {
+            let other = other.get();
+            self.plan == other.plan && self.outcome == other.outcome && self.laid == other.laid && self.seed == other.seed
+        })
+    }
+
+    fn __hash__(&self) -> u64 {
+        self.outcome.arrival.position_error_mm.to_bits() ^ self.seed
+    }
+
+    fn __repr__(&self) -> String {
+        let Self { outcome, seed, .. } = self;
+        let (error, layers) = (outcome.arrival.position_error_mm, outcome.grown.layers);
+        format!("Simulated(position_error_mm={error}, layer_count={layers}, seed={seed})")
+    }
+}
+
+/// The fields of a row of [`simulate_many`].
+const FIELDS: [(&str, &str); 14] = [
+    ("plan", "<i8"),
+    ("seed", "<u8"),
+    ("layers", "<i8"),
+    ("length_mm", "<f8"),
+    ("x_mm", "<f8"),
+    ("y_mm", "<f8"),
+    ("z_mm", "<f8"),
+    ("heading_deg", "<f8"),
+    ("pitch_deg", "<f8"),
+    ("position_error_mm", "<f8"),
+    ("normalized_position_error", "<f8"),
+    ("heading_error_deg", "<f8"),
+    ("pitch_error_deg", "<f8"),
+    ("direction_error_deg", "<f8"),
+];
+
+/// Grows plans without a board, once for each seed, on all cores.
+///
+/// plans is one plan for all seeds, or a list of as many as there are seeds; seeds are whole numbers, shape (n,). Returns
+/// a structured array of shape (n,): plan (its index), seed, layers, length_mm, x_mm, y_mm, z_mm, heading_deg, pitch_deg
+/// (where the tip is), position_error_mm, normalized_position_error, heading_error_deg (NaN where tip or goal is
+/// vertical), pitch_error_deg and direction_error_deg. Each row is that of `growbot simulate` with its seed.
+#[pyfunction]
+#[pyo3(signature = (plans, seeds, *, conditions = None, threads = None))]
+pub fn simulate_many<'py>(
+    py: Python<'py>,
+    plans: &Bound<'py, PyAny>,
+    seeds: &Bound<'py, PyAny>,
+    conditions: Option<&Bound<'py, PyAny>>,
+    threads: Option<&Bound<'py, PyAny>>,
+) -> Result<Bound<'py, PyAny>, Refused> {
+    let conditions = Conditions::read(conditions)?;
+    let threads = self::threads(threads)?;
+    let seeds = seeds_of(seeds)?;
+    let plans = plans_of(plans, seeds.len())?;
+    let simulations = plans.iter().map(|plan| conditions.simulation(plan)).collect::<Result<Vec<Simulation>, _>>()?;
+    let tasks: Vec<(usize, u64)> =
+        seeds.iter().enumerate().map(|(row, seed)| (row.min(simulations.len().saturating_sub(1)), *seed)).collect();
+    let grown = interruptible(py, threads, &tasks, |(plan, seed)| simulations[*plan].run(*seed))?;
+    rows(py, &tasks, &grown)
+}
+
+/// The outcomes as a structured array.
+fn rows<'py>(py: Python<'py>, tasks: &[(usize, u64)], grown: &[Outcome]) -> Result<Bound<'py, PyAny>, Refused> {
+    let array = structured(py, grown.len(), &FIELDS)?;
+    let set = |name: &str, of: &dyn Fn(&Outcome) -> f64| {
+        array.set_item(name, PyArray1::from_vec(py, grown.iter().map(of).collect()))
+    };
+    array.set_item("plan", PyArray1::from_vec(py, tasks.iter().map(|(plan, _)| *plan as i64).collect()))?;
+    array.set_item("seed", PyArray1::from_vec(py, tasks.iter().map(|(_, seed)| *seed).collect()))?;
+    let layers = grown.iter().map(|outcome| outcome.grown.layers as i64).collect();
+    array.set_item("layers", PyArray1::from_vec(py, layers))?;
+    set("length_mm", &|outcome| outcome.grown.length)?;
+    set("x_mm", &|outcome| outcome.arrival.final_pose.position().x)?;
+    set("y_mm", &|outcome| outcome.arrival.final_pose.position().y)?;
+    set("z_mm", &|outcome| outcome.arrival.final_pose.position().z)?;
+    set("heading_deg", &|outcome| Pose::from(outcome.arrival.final_pose).heading_deg())?;
+    set("pitch_deg", &|outcome| Pose::from(outcome.arrival.final_pose).pitch_deg())?;
+    set("position_error_mm", &|outcome| outcome.arrival.position_error_mm)?;
+    set("normalized_position_error", &|outcome| outcome.arrival.normalized_position_error)?;
+    set("heading_error_deg", &|outcome| outcome.arrival.heading_error_deg.unwrap_or(f64::NAN))?;
+    set("pitch_error_deg", &|outcome| outcome.arrival.pitch_error_deg)?;
+    set("direction_error_deg", &|outcome| outcome.arrival.direction_error_deg)?;
+    Ok(array)
+}
+
+/// Seeds: a list, a range, or an array of whole numbers.
+fn seeds_of(seeds: &Bound<PyAny>) -> Result<Vec<u64>, Refused> {
+    let wanted = "whole numbers that are not negative, shape (n,)";
+    let numpy = seeds.py().import("numpy")?;
+    let array = numpy.call_method1("asarray", (seeds,)).map_err(|_| wrong_type("seeds", seeds, wanted))?;
+    let kind: String = array.getattr("dtype")?.getattr("kind")?.extract()?;
+    let shape: Vec<usize> = array.getattr("shape")?.extract()?;
+    let [count] = shape[..] else { return Err(crate::arguments::wrong_shape("seeds", &shape, wanted)) };
+    check_rows("seeds", count)?;
+    if count == 0 {
+        return Ok(Vec::new());
+    }
+    if kind != "u" && kind != "i" {
+        let dtype = array.getattr("dtype")?.str()?.to_string();
+        let message = format!("seeds is an array of {dtype}: give {wanted}");
+        return Err(Refused::with(Kind::Type, message, dtype, "uint64"));
+    }
+    if kind == "i" && array.call_method0("min")?.extract::<i64>()? < 0 {
+        let least: i64 = array.call_method0("min")?.extract()?;
+        return Err(Refused::with(Kind::Input, format!("seeds holds {least}: give {wanted}"), least as f64, 0.0));
+    }
+    Ok(array.call_method1("astype", ("uint64",))?.extract::<Vec<u64>>()?)
+}
+
+/// One plan for all, or one for each seed.
+fn plans_of(plans: &Bound<PyAny>, seeds: usize) -> Result<Vec<Plan>, Refused> {
+    let wanted = "a growbot.Plan or a list of them";
+    if let Ok(plan) = plans.cast::<Plan>() {
+        return Ok(vec![plan.get().clone()]);
+    }
+    let mut all = Vec::new();
+    for item in plans.try_iter().map_err(|_| wrong_type("plans", plans, wanted))? {
+        let item = item?;
+        check_rows("plans", all.len() + 1)?;
+        all.push(item.cast::<Plan>().map_err(|_| wrong_type("plans", &item, wanted))?.get().clone());
+    }
+    if all.len() == seeds {
+        return Ok(all);
+    }
+    let message = format!("plans has {} entries and seeds {seeds}: give as many, or one plan for all", all.len());
+    Err(Refused::with(Kind::Type, message, all.len() as f64, seeds as f64))
+}

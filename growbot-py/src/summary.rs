@@ -1,0 +1,190 @@
+//! What many growths came to, in a memory that does not grow with them; sums are exact, so that parts merge in any order.
+
+use growbot_client::plan_file::written_hash;
+use growbot_core::hash::Hasher;
+use growbot_sim::parallel;
+use growbot_sim::simulation::Outcome;
+use growbot_sim::simulation::campaign::Campaign;
+use growbot_sim::simulation::statistics::Statistics;
+use pyo3::prelude::*;
+use pyo3::types::{PyDict, PyType};
+
+use crate::arguments::{text, threads, whole, wrong_type};
+use crate::conditions::Conditions;
+use crate::plan::Plan;
+use crate::refused::{Kind, Refused};
+use crate::simulate::{interruptible, seed_of};
+
+/// Growths whose outcomes are stored at a time, and after which Ctrl-C is looked for.
+const BATCH: u64 = 16_384;
+
+/// What many simulated growths came to: the numbers of `growbot simulate --repeat`.
+///
+/// Summaries of parts merge to the same bits in any order.
+#[pyclass(frozen, module = "growbot", eq)]
+#[derive(Clone, PartialEq)]
+pub struct Summary {
+    inner: Campaign,
+}
+
+/// Grows a plan repeat times without a board, with the seeds seed, seed + 1, ..., as `growbot simulate --repeat` does.
+#[pyfunction]
+#[pyo3(signature = (plan, repeat, *, seed = None, conditions = None, threads = None))]
+pub fn repeat(
+    py: Python<'_>,
+    plan: &Bound<'_, PyAny>,
+    repeat: &Bound<'_, PyAny>,
+    seed: Option<&Bound<'_, PyAny>>,
+    conditions: Option<&Bound<'_, PyAny>>,
+    threads: Option<&Bound<'_, PyAny>>,
+) -> Result<Summary, Refused> {
+    let plan = plan.cast::<Plan>().map_err(|_| wrong_type("plan", plan, "a growbot.Plan"))?.get();
+    let repeat = whole("repeat", repeat, 0, 1 << 53)?;
+    let seed = seed_of(seed)?;
+    let threads = self::threads(threads)?;
+    let simulation = Conditions::read(conditions)?.simulation(plan)?;
+    let mut whole = Campaign::default();
+    while whole.runs < repeat {
+        let first = seed.wrapping_add(whole.runs);
+        let seeds: Vec<u64> = (0..BATCH.min(repeat - whole.runs)).map(|run| first.wrapping_add(run)).collect();
+        let outcomes = interruptible(py, threads, &seeds, |seed| simulation.run(*seed))?;
+        py.detach(|| add_all(&mut whole, &seeds, &outcomes, threads));
+    }
+    Ok(Summary { inner: whole })
+}
+
+/// Adds outcomes on several threads: the sums do not depend on how.
+fn add_all(whole: &mut Campaign, seeds: &[u64], outcomes: &[Outcome], threads: usize) {
+    let pairs: Vec<(&u64, &Outcome)> = seeds.iter().zip(outcomes).collect();
+    let parts: Vec<_> = pairs.chunks(pairs.len().div_ceil(threads).max(1)).collect();
+    let part = |pairs: &&[(&u64, &Outcome)]| {
+        let mut part = Campaign::default();
+        pairs.iter().for_each(|(seed, outcome)| part.add(**seed, outcome));
+        part
+    };
+    parallel::map_on(threads.min(parts.len()), &parts, part, |_| ()).iter().for_each(|part| whole.merge(part));
+}
+
+/// The numbers of an error, as the command has them.
+fn statistics<'py>(py: Python<'py>, of: &Statistics) -> PyResult<Bound<'py, PyDict>> {
+    let dict = PyDict::new(py);
+    let numbers = [
+        ("mean", of.mean()),
+        ("sd", of.deviation()),
+        ("min", of.min()),
+        ("p50", of.percentile(50.0)),
+        ("p95", of.percentile(95.0)),
+        ("max", of.max()),
+    ];
+    for (name, number) in numbers {
+        dict.set_item(name, number)?;
+    }
+    Ok(dict)
+}
+
+#[pymethods]
+impl Summary {
+    /// A summary of nothing, to merge others into.
+    #[new]
+    fn new() -> Self {
+        Self { inner: Campaign::default() }
+    }
+
+    #[classmethod]
+    #[pyo3(signature = (json))]
+    fn from_json(_cls: &Bound<PyType>, json: &Bound<PyAny>) -> Result<Self, Refused> {
+        let json = text("json", json)?;
+        let inner = serde_json::from_str(&json).map_err(|error| {
+            Refused::new(Kind::Input, format!("json is no summary ({error}): give what Summary.to_json has written"))
+        })?;
+        Ok(Self { inner })
+    }
+
+    /// All sums as JSON: equal summaries give the same bytes.
+    fn to_json(&self) -> String {
+        serde_json::to_string(&self.inner).unwrap_or_default()
+    }
+
+    /// Hash of to_json(), 16 hexadecimal digits.
+    #[getter]
+    fn hash(&self) -> String {
+        written_hash(Hasher::of(self.to_json().as_bytes()))
+    }
+
+    fn __reduce__(slf: &Bound<Self>) -> PyResult<(Py<PyAny>, (String,))> {
+        Ok((slf.get_type().getattr("from_json")?.unbind(), (slf.get().to_json(),)))
+    }
+
+    /// This and another summary put together.
+    #[pyo3(signature = (other))]
+    fn merged(&self, py: Python<'_>, other: &Bound<PyAny>) -> Result<Self, Refused> {
+        let other = other.cast::<Self>().map_err(|_| wrong_type("other", other, "a growbot.Summary"))?.get();
+        let mut inner = self.inner.clone();
+        py.detach(|| inner.merge(&other.inner));
+        Ok(Self { inner })
+    }
+
+    /// How many growths.
+    #[getter]
+    fn growths(&self) -> u64 {
+        self.inner.runs
+    }
+
+    /// Statistics of the distance from the goal, mm: mean, sd, min, p50, p95, max.
+    #[getter]
+    fn position_error_mm<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        statistics(py, &self.inner.position_error_mm)
+    }
+
+    /// Statistics of that, over the length of the planned path.
+    #[getter]
+    fn normalized_position_error<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        statistics(py, &self.inner.normalized_position_error)
+    }
+
+    /// Statistics of the difference of the headings, degrees; None where no growth has one.
+    #[getter]
+    fn heading_error_deg<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyDict>>> {
+        let of = &self.inner.heading_error_deg;
+        (!of.is_empty()).then(|| statistics(py, of)).transpose()
+    }
+
+    /// Statistics of the difference of the pitches, degrees.
+    #[getter]
+    fn pitch_error_deg<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        statistics(py, &self.inner.pitch_error_deg)
+    }
+
+    /// Statistics of the angle between the directions, degrees.
+    #[getter]
+    fn direction_error_deg<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        statistics(py, &self.inner.direction_error_deg)
+    }
+
+    /// Statistics of the number of layers.
+    #[getter]
+    fn layers<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        statistics(py, &self.inner.layers)
+    }
+
+    /// Seed of the growth that ended farthest from the goal; None of no growths.
+    #[getter]
+    fn worst_seed(&self) -> Option<u64> {
+        self.inner.farthest.map(|farthest| farthest.seed)
+    }
+
+    /// With sag, the max of how far a tip hangs, mm; else None.
+    #[getter]
+    fn max_sag_mm(&self) -> Option<f64> {
+        self.inner.hung.map(|hung| hung.deflection)
+    }
+
+    fn __hash__(&self) -> u64 {
+        Hasher::of(self.to_json().as_bytes())
+    }
+
+    fn __repr__(&self) -> String {
+        let mean = self.inner.position_error_mm.mean();
+        format!("Summary(growths={}, mean position_error_mm={mean})", self.inner.runs)
+    }
+}
