@@ -44,12 +44,7 @@ pub fn whole(name: &str, value: &Bound<PyAny>, min: u64, max: u64) -> Result<u64
     let wanted = "a whole number";
     let given: i128 = value.extract().map_err(|error: PyErr| {
         if error.is_instance_of::<pyo3::exceptions::PyOverflowError>(value.py()) {
-            Refused::with(
-                Kind::Input,
-                format!("{name} is beyond {max}: give {min} to {max}"),
-                "too large",
-                max as f64,
-            )
+            Refused::with(Kind::Input, format!("{name} is beyond {max}: give {min} to {max}"), "too large", max as f64)
         } else {
             wrong_type(name, value, wanted)
         }
@@ -102,7 +97,9 @@ pub fn text_of_file(path: &Path) -> Result<(String, String), Refused> {
 /// The bytes of a file of at most this length.
 pub fn bytes_of_file(path: &Path, longest: u64) -> Result<(Vec<u8>, String), Refused> {
     let name = path.display().to_string();
-    let failed = |error: std::io::Error| Refused::new(Kind::File, format!("cannot read {name}: {error}; give a file that is there"));
+    let failed = |error: std::io::Error| {
+        Refused::new(Kind::File, format!("cannot read {name}: {error}; give a file that is there"))
+    };
     let about = fs::metadata(path).map_err(failed)?;
     if !about.is_file() {
         return Err(Refused::new(Kind::File, format!("{name} is no file: give one")));

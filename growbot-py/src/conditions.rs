@@ -82,7 +82,10 @@ impl Conditions {
         let whole_steps = match (text("slicing", &value.getattr("slicing")?)?.as_str(), step) {
             ("exact", None) => None,
             ("exact", Some(_)) => {
-                return Err(Refused::new(Kind::Input, "step_mm is the height of whole steps: set slicing=\"whole\", or leave it out"));
+                return Err(Refused::new(
+                    Kind::Input,
+                    "step_mm is the height of whole steps: set slicing=\"whole\", or leave it out",
+                ));
             }
             ("whole", _) if feedback => {
                 return Err(Refused::new(
@@ -124,9 +127,9 @@ impl Conditions {
 
     /// Whether something is asked for that only growths without a board have.
     pub fn is_for_simulations_alone(&self) -> bool {
-        let scaled = self.sensors.is_some_and(|sensors| {
-            sensors.odometry_scale != 0.0 || sensors.direction == DirectionSensor::Gravity
-        });
+        let scaled = self
+            .sensors
+            .is_some_and(|sensors| sensors.odometry_scale != 0.0 || sensors.direction == DirectionSensor::Gravity);
         self.sag || self.whole_steps.is_some() || scaled
     }
 

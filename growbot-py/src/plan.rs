@@ -26,7 +26,7 @@ use crate::pose::{Pose, as_goal, as_pose, goal_of, pose_of, rows_of};
 use crate::refused::{Kind, Refused};
 use crate::robot::{Robot, robot_of};
 use crate::scene::Scene;
-use crate::simulate::{interruptible, Simulated};
+use crate::simulate::{Simulated, interruptible};
 use crate::state::{self, PlanState};
 
 /// No table of layers is longer.
@@ -47,7 +47,7 @@ pub struct Plan {
 #[derive(Clone, PartialEq)]
 pub struct Segment {
     /// "arc", "straight" or "helicoid".
-    kind: &'static str,
+    kind: String,
     /// Length along it, mm.
     length_mm: f64,
     /// Of an arc: angle of greatest deposition in the tip's frame, degrees; the tube bends away from it.
@@ -62,27 +62,46 @@ pub struct Segment {
 
 impl From<&WrittenSegment> for Segment {
     fn from(written: &WrittenSegment) -> Self {
-        let none = Self { kind: "straight", length_mm: 0.0, alpha_deg: None, beta_deg: None, m0: None, p: None };
+        let none =
+            Self { kind: "straight".to_owned(), length_mm: 0.0, alpha_deg: None, beta_deg: None, m0: None, p: None };
         match *written {
             WrittenSegment::Arc { alpha_deg, beta_deg, length_mm } => {
-                Self { kind: "arc", length_mm, alpha_deg: Some(alpha_deg), beta_deg: Some(beta_deg), ..none }
+                Self { kind: "arc".to_owned(), length_mm, alpha_deg: Some(alpha_deg), beta_deg: Some(beta_deg), ..none }
             }
             WrittenSegment::Straight { length_mm } => Self { length_mm, ..none },
             WrittenSegment::Helicoid { length_mm, m0, p } => {
-                Self { kind: "helicoid", length_mm, m0: Some(m0), p: Some(p), ..none }
+                Self { kind: "helicoid".to_owned(), length_mm, m0: Some(m0), p: Some(p), ..none }
             }
         }
     }
 }
 
+/// The fields of a segment.
+type SegmentState = (String, f64, Option<f64>, Option<f64>, Option<[f64; 3]>, Option<[f64; 3]>);
+
 #[pymethods]
 impl Segment {
+    #[staticmethod]
+    fn _from_state(state: SegmentState) -> Self {
+        let (kind, length_mm, alpha_deg, beta_deg, m0, p) = state;
+        Self { kind, length_mm, alpha_deg, beta_deg, m0, p }
+    }
+
+    fn __reduce__(slf: &Bound<Self>) -> PyResult<(Py<PyAny>, (SegmentState,))> {
+        let Self { kind, length_mm, alpha_deg, beta_deg, m0, p } = slf.get().clone();
+        Ok((slf.get_type().getattr("_from_state")?.unbind(), ((kind, length_mm, alpha_deg, beta_deg, m0, p),)))
+    }
+
+    fn __hash__(&self) -> u64 {
+        self.length_mm.to_bits()
+    }
+
     fn __repr__(&self) -> String {
         let bend = match (self.alpha_deg, self.beta_deg) {
-            (Some(alpha), Some(beta)) => format!(", alpha_deg={alpha}, beta_deg={beta}"),
+            (Some(alpha), Some(beta)) => format!(", alpha_deg={alpha:?}, beta_deg={beta:?}"),
             _ => String::new(),
         };
-        format!("Segment({:?}, length_mm={}{bend})", self.kind, self.length_mm)
+        format!("Segment({:?}, length_mm={:?}{bend})", self.kind, self.length_mm)
     }
 }
 
@@ -102,8 +121,23 @@ pub struct PlanWarning {
 
 #[pymethods]
 impl PlanWarning {
+    #[staticmethod]
+    fn _from_state(state: (String, String, f64, f64)) -> Self {
+        let (code, message, value, limit) = state;
+        Self { code, message, value, limit }
+    }
+
+    fn __reduce__(slf: &Bound<Self>) -> PyResult<(Py<PyAny>, ((String, String, f64, f64),))> {
+        let Self { code, message, value, limit } = slf.get().clone();
+        Ok((slf.get_type().getattr("_from_state")?.unbind(), ((code, message, value, limit),)))
+    }
+
+    fn __hash__(&self) -> u64 {
+        self.value.to_bits() ^ self.limit.to_bits().rotate_left(1)
+    }
+
     fn __repr__(&self) -> String {
-        format!("PlanWarning({:?}, value={}, limit={})", self.code, self.value, self.limit)
+        format!("PlanWarning({:?}, value={:?}, limit={:?})", self.code, self.value, self.limit)
     }
 }
 
@@ -151,7 +185,10 @@ fn room_of(
     let given = effort.map(|effort| whole("effort", effort, 1, 1_000_000)).transpose()?;
     let Some(scene) = scene else {
         return if limit.is_some() || given.is_some() {
-            Err(Refused::new(Kind::Input, "effort and time_limit_s are for plans through a scene: give scene, or leave them out"))
+            Err(Refused::new(
+                Kind::Input,
+                "effort and time_limit_s are for plans through a scene: give scene, or leave them out",
+            ))
         } else {
             Ok(None)
         };
@@ -243,9 +280,8 @@ pub fn plan_many<'py>(
     let starts = starts_of(starts, goals.len())?;
     let tasks: Vec<(CorePose, Goal)> =
         goals.iter().enumerate().map(|(row, goal)| (starts[row.min(starts.len() - 1)], *goal)).collect();
-    let planned = interruptible(py, threads, &tasks, |(start, goal)| {
-        client::Plan::through(&robot, start, &[], goal, &search)
-    })?;
+    let planned =
+        interruptible(py, threads, &tasks, |(start, goal)| client::Plan::through(&robot, start, &[], goal, &search))?;
     let plans = planned
         .into_iter()
         .enumerate()
@@ -273,7 +309,11 @@ fn starts_of(starts: &Bound<PyAny>, goals: usize) -> Result<Vec<CorePose>, Refus
         return Err(Refused::with(Kind::Type, message, rows.count as f64, goals as f64));
     }
     let pose = |row: &[f64]| pose_of([row[0], row[1], row[2], row[3], row[4]]);
-    rows.numbers.chunks_exact(5).enumerate().map(|(row, numbers)| pose(numbers).map_err(|error| error.of_row(row))).collect()
+    rows.numbers
+        .chunks_exact(5)
+        .enumerate()
+        .map(|(row, numbers)| pose(numbers).map_err(|error| error.of_row(row)))
+        .collect()
 }
 
 /// Layers as columns of one structured array.
@@ -371,7 +411,7 @@ impl Plan {
     fn __repr__(&self) -> String {
         let plan = &self.inner;
         let (kind, length, layers) = (plan.path_type(), plan.needs.length, plan.needs.layers);
-        format!("Plan({kind:?}, length_mm={length}, layer_count={layers}, robot={:?})", plan.robot)
+        format!("Plan({kind:?}, length_mm={length:?}, layer_count={layers}, robot={:?})", plan.robot)
     }
 
     fn _repr_html_(&self, py: Python<'_>) -> Result<String, Refused> {
@@ -491,11 +531,7 @@ impl Plan {
     /// The frames of the tip (base from tip, mm) at lengths s_mm along the path: shape (n, 4, 4). s_mm is a number or has
     /// shape (n,), within 0 and length_mm.
     #[pyo3(signature = (s_mm))]
-    fn frames<'py>(
-        &self,
-        py: Python<'py>,
-        s_mm: &Bound<'py, PyAny>,
-    ) -> Result<Bound<'py, PyArray3<f64>>, Refused> {
+    fn frames<'py>(&self, py: Python<'py>, s_mm: &Bound<'py, PyAny>) -> Result<Bound<'py, PyArray3<f64>>, Refused> {
         let lengths = Rows::flat("s_mm", s_mm)?.numbers;
         let max = self.inner.needs.length;
         if let Some(wrong) = lengths.iter().find(|length| !(0.0..=max).contains(*length)) {
@@ -527,6 +563,21 @@ impl Plan {
     fn html(&self, py: Python<'_>) -> Result<String, Refused> {
         let subject = Subject { name: "plan", robot: &self.robot, plan: &self.inner, run: None, laid: None };
         py.detach(|| page::of_one(&subject)).map_err(|error| Refused::new(Kind::Input, error))
+    }
+
+    /// Writes the page to a file [default: a temporary one], and opens it in the browser. Returns where it is.
+    #[pyo3(signature = (file = None, *, browser = None))]
+    fn view(
+        slf: &Bound<Self>,
+        file: Option<&Bound<PyAny>>,
+        browser: Option<&Bound<PyAny>>,
+    ) -> Result<Py<PyAny>, Refused> {
+        let browser = browser.map_or(Ok(true), |value| flag("browser", value))?;
+        let file = file.map(|file| arguments::path("file", file)).transpose()?;
+        let keywords = PyDict::new(slf.py());
+        keywords.set_item("browser", browser)?;
+        let view = slf.py().import("growbot._view")?.getattr("view")?;
+        Ok(view.call((slf, file), Some(&keywords))?.unbind())
     }
 
     /// Grows the plan without a board, layer by layer, under conditions (growbot.Conditions) [default: nothing is off].

@@ -217,7 +217,7 @@ impl Pose {
     fn __repr__(&self) -> String {
         let at = self.inner.position();
         let (heading, pitch) = (self.heading_deg(), self.pitch_deg());
-        format!("Pose(x_mm={}, y_mm={}, z_mm={}, heading_deg={heading}, pitch_deg={pitch})", at.x, at.y, at.z)
+        format!("Pose(x_mm={:?}, y_mm={:?}, z_mm={:?}, heading_deg={heading:?}, pitch_deg={pitch:?})", at.x, at.y, at.z)
     }
 }
 

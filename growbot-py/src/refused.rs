@@ -171,11 +171,7 @@ impl From<ThroughError> for Refused {
 /// A number that lies outside of these limits.
 pub fn outside(name: &str, value: f64, [min, max]: [f64; 2], unit: &str) -> Refused {
     let limit = if value < min { min } else { max };
-    let message = format!(
-        "{name} is {} {unit}, and may be {} to {}: give one within",
-        Short(&value),
-        Short(&min),
-        Short(&max)
-    );
+    let message =
+        format!("{name} is {} {unit}, and may be {} to {}: give one within", Short(&value), Short(&min), Short(&max));
     Refused::with(Kind::Input, message, value, limit)
 }

@@ -79,8 +79,9 @@ impl Robot {
     #[classmethod]
     fn _from_description(_cls: &Bound<PyType>, json: &Bound<PyAny>) -> Result<Self, Refused> {
         let json = text("json", json)?;
-        let description = serde_json::from_str(&json)
-            .map_err(|error| Refused::new(Kind::Input, format!("json is no description ({error}): pickle the robot again")))?;
+        let description = serde_json::from_str(&json).map_err(|error| {
+            Refused::new(Kind::Input, format!("json is no description ({error}): pickle the robot again"))
+        })?;
         let robot = Described::new(description).map_err(|error| Refused::new(Kind::Input, error))?;
         Ok(Self { inner: Arc::new(robot) })
     }
@@ -138,6 +139,6 @@ impl Robot {
     }
 
     fn __repr__(&self) -> String {
-        format!("Robot({:?}, min_radius_mm={})", self.inner.name(), self.inner.min_radius())
+        format!("Robot({:?}, min_radius_mm={:?})", self.inner.name(), self.inner.min_radius())
     }
 }

@@ -84,6 +84,6 @@ impl Scene {
     }
 
     fn __repr__(&self) -> String {
-        format!("Scene({:?}, margin_mm={})", self.file.display().to_string(), self.loaded.margin)
+        format!("Scene({:?}, margin_mm={:?})", self.file.display().to_string(), self.loaded.margin)
     }
 }

@@ -13,7 +13,7 @@ use numpy::PyArray1;
 use pyo3::prelude::*;
 use pyo3::types::PyAnyMethods;
 
-use crate::arguments::{Rows, check_rows, threads, whole, wrong_type};
+use crate::arguments::{check_rows, threads, whole, wrong_type};
 use crate::conditions::Conditions;
 use crate::plan::{Plan, framed, structured, table};
 use crate::pose::Pose;
@@ -54,6 +54,7 @@ pub struct Simulated {
     plan: Arc<client::Plan>,
     robot: Arc<Described>,
     seed: u64,
+    conditions: Option<Py<PyAny>>,
     outcome: Outcome,
     laid: Vec<Layer>,
 }
@@ -68,12 +69,13 @@ impl Simulated {
     ) -> Result<Self, Refused> {
         let seed = seed_of(seed)?;
         let simulation = Conditions::read(conditions)?.simulation(plan)?;
+        let conditions = conditions.map(|conditions| conditions.clone().unbind());
         let (outcome, laid) = py.detach(|| {
             let mut laid = Vec::new();
             let outcome = simulation.run_by_layer(seed, |layer| laid.push(layer.layer));
             (outcome, laid)
         });
-        Ok(Self { plan: Arc::clone(&plan.inner), robot: Arc::clone(&plan.robot), seed, outcome, laid })
+        Ok(Self { plan: Arc::clone(&plan.inner), robot: Arc::clone(&plan.robot), seed, conditions, outcome, laid })
     }
 }
 
@@ -84,6 +86,24 @@ pub fn seed_of(value: Option<&Bound<PyAny>>) -> Result<u64, Refused> {
 
 #[pymethods]
 impl Simulated {
+    /// The same growth again: what pickle keeps is plan, seed and conditions.
+    #[staticmethod]
+    fn _again(
+        py: Python<'_>,
+        plan: &Bound<'_, Plan>,
+        seed: &Bound<'_, PyAny>,
+        conditions: Option<&Bound<'_, PyAny>>,
+    ) -> Result<Self, Refused> {
+        Self::grow(py, plan.get(), Some(seed), conditions)
+    }
+
+    fn __reduce__(slf: &Bound<Self>) -> PyResult<(Py<PyAny>, (Plan, u64, Option<Py<PyAny>>))> {
+        let Self { plan, robot, seed, conditions, .. } = slf.get();
+        let plan = Plan { inner: Arc::clone(plan), robot: Arc::clone(robot) };
+        let conditions = conditions.as_ref().map(|conditions| conditions.clone_ref(slf.py()));
+        Ok((slf.get_type().getattr("_again")?.unbind(), (plan, *seed, conditions)))
+    }
+
     /// Where chance came from.
     #[getter]
     fn seed(&self) -> u64 {
@@ -188,7 +208,10 @@ impl Simulated {
     fn __eq__(&self, other: &Bound<PyAny>) -> bool {
         other.cast::<Self>().is_ok_and(|other| {
             let other = other.get();
-            self.plan == other.plan && self.outcome == other.outcome && self.laid == other.laid && self.seed == other.seed
+            self.plan == other.plan
+                && self.outcome == other.outcome
+                && self.laid == other.laid
+                && self.seed == other.seed
         })
     }
 
@@ -199,7 +222,7 @@ impl Simulated {
     fn __repr__(&self) -> String {
         let Self { outcome, seed, .. } = self;
         let (error, layers) = (outcome.arrival.position_error_mm, outcome.grown.layers);
-        format!("Simulated(position_error_mm={error}, layer_count={layers}, seed={seed})")
+        format!("Simulated(position_error_mm={error:?}, layer_count={layers}, seed={seed})")
     }
 }
 
@@ -248,7 +271,7 @@ pub fn simulate_many<'py>(
 }
 
 /// The outcomes as a structured array.
-fn rows<'py>(py: Python<'py>, tasks: &[(usize, u64)], grown: &[Outcome]) -> Result<Bound<'py, PyAny>, Refused> {
+pub fn rows<'py>(py: Python<'py>, tasks: &[(usize, u64)], grown: &[Outcome]) -> Result<Bound<'py, PyAny>, Refused> {
     let array = structured(py, grown.len(), &FIELDS)?;
     let set = |name: &str, of: &dyn Fn(&Outcome) -> f64| {
         array.set_item(name, PyArray1::from_vec(py, grown.iter().map(of).collect()))

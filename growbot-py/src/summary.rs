@@ -9,11 +9,11 @@ use growbot_sim::simulation::statistics::Statistics;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyType};
 
-use crate::arguments::{text, threads, whole, wrong_type};
+use crate::arguments::{check_rows, text, threads, whole, wrong_type};
 use crate::conditions::Conditions;
 use crate::plan::Plan;
 use crate::refused::{Kind, Refused};
-use crate::simulate::{interruptible, seed_of};
+use crate::simulate::{interruptible, rows, seed_of};
 
 /// Growths whose outcomes are stored at a time, and after which Ctrl-C is looked for.
 const BATCH: u64 = 16_384;
@@ -38,19 +38,73 @@ pub fn repeat(
     conditions: Option<&Bound<'_, PyAny>>,
     threads: Option<&Bound<'_, PyAny>>,
 ) -> Result<Summary, Refused> {
-    let plan = plan.cast::<Plan>().map_err(|_| wrong_type("plan", plan, "a growbot.Plan"))?.get();
-    let repeat = whole("repeat", repeat, 0, 1 << 53)?;
-    let seed = seed_of(seed)?;
-    let threads = self::threads(threads)?;
-    let simulation = Conditions::read(conditions)?.simulation(plan)?;
     let mut whole = Campaign::default();
-    while whole.runs < repeat {
-        let first = seed.wrapping_add(whole.runs);
-        let seeds: Vec<u64> = (0..BATCH.min(repeat - whole.runs)).map(|run| first.wrapping_add(run)).collect();
-        let outcomes = interruptible(py, threads, &seeds, |seed| simulation.run(*seed))?;
-        py.detach(|| add_all(&mut whole, &seeds, &outcomes, threads));
-    }
+    let task = Task::read(plan, repeat, seed, conditions, threads)?;
+    task.run(py, |seeds, outcomes| py.detach(|| add_all(&mut whole, seeds, &outcomes, task.threads)))?;
     Ok(Summary { inner: whole })
+}
+
+/// As repeat, with every growth as a row of simulate_many.
+#[pyfunction]
+#[pyo3(signature = (plan, repeat, *, seed = None, conditions = None, threads = None))]
+pub fn _repeat_rows<'py>(
+    py: Python<'py>,
+    plan: &Bound<'py, PyAny>,
+    repeat: &Bound<'py, PyAny>,
+    seed: Option<&Bound<'py, PyAny>>,
+    conditions: Option<&Bound<'py, PyAny>>,
+    threads: Option<&Bound<'py, PyAny>>,
+) -> Result<(Summary, Bound<'py, PyAny>), Refused> {
+    let (mut whole, mut tasks, mut grown) = (Campaign::default(), Vec::new(), Vec::new());
+    let task = Task::read(plan, repeat, seed, conditions, threads)?;
+    check_rows("repeat", task.repeat as usize)?;
+    task.run(py, |seeds, outcomes| {
+        py.detach(|| add_all(&mut whole, seeds, &outcomes, task.threads));
+        tasks.extend(seeds.iter().map(|seed| (0, *seed)));
+        grown.extend(outcomes);
+    })?;
+    Ok((Summary { inner: whole }, rows(py, &tasks, &grown)?))
+}
+
+/// Growths of one plan that are asked for.
+struct Task {
+    plan: Plan,
+    repeat: u64,
+    seed: u64,
+    conditions: Conditions,
+    threads: usize,
+}
+
+impl Task {
+    fn read(
+        plan: &Bound<PyAny>,
+        repeat: &Bound<PyAny>,
+        seed: Option<&Bound<PyAny>>,
+        conditions: Option<&Bound<PyAny>>,
+        threads: Option<&Bound<PyAny>>,
+    ) -> Result<Self, Refused> {
+        Ok(Self {
+            plan: plan.cast::<Plan>().map_err(|_| wrong_type("plan", plan, "a growbot.Plan"))?.get().clone(),
+            repeat: whole("repeat", repeat, 0, 1 << 53)?,
+            seed: seed_of(seed)?,
+            conditions: Conditions::read(conditions)?,
+            threads: self::threads(threads)?,
+        })
+    }
+
+    /// Grows; `each` is given the seeds and the outcomes of a batch.
+    fn run(&self, py: Python<'_>, mut each: impl FnMut(&[u64], Vec<Outcome>)) -> Result<(), Refused> {
+        let simulation = self.conditions.simulation(&self.plan)?;
+        let mut done = 0;
+        while done < self.repeat {
+            let runs = done..self.repeat.min(done + BATCH);
+            done = runs.end;
+            let seeds: Vec<u64> = runs.map(|run| self.seed.wrapping_add(run)).collect();
+            let outcomes = interruptible(py, self.threads, &seeds, |seed| simulation.run(*seed))?;
+            each(&seeds, outcomes);
+        }
+        Ok(())
+    }
 }
 
 /// Adds outcomes on several threads: the sums do not depend on how.
@@ -90,6 +144,7 @@ impl Summary {
         Self { inner: Campaign::default() }
     }
 
+    /// The summary that to_json has written.
     #[classmethod]
     #[pyo3(signature = (json))]
     fn from_json(_cls: &Bound<PyType>, json: &Bound<PyAny>) -> Result<Self, Refused> {
@@ -185,6 +240,6 @@ impl Summary {
 
     fn __repr__(&self) -> String {
         let mean = self.inner.position_error_mm.mean();
-        format!("Summary(growths={}, mean position_error_mm={mean})", self.inner.runs)
+        format!("Summary(growths={}, mean position_error_mm={mean:?})", self.inner.runs)
     }
 }

@@ -266,7 +266,8 @@ pub struct SimulatedLayer {
 
 /// The events of a log that tell of what happened to a job. `laid_tip` is where the simulated tip was told to be, which
 /// moves on with each of its layers.
-pub(super) fn events_of(event: &JobEvent, laid_tip: &mut Frame) -> Vec<RunEvent> {
+#[must_use]
+pub fn events_of(event: &JobEvent, laid_tip: &mut Frame) -> Vec<RunEvent> {
     let written = match event {
         JobEvent::Board(hello) => RunEvent::Board(hello.into()),
         JobEvent::Crash(words) => RunEvent::Crash(Box::new((&CrashRecord::from(words)).into())),

@@ -29,10 +29,9 @@ use time::OffsetDateTime;
 use time::format_description::well_known::Iso8601;
 use time::format_description::well_known::iso8601::{Config, EncodedConfig, TimePrecision};
 
-use self::event::events_of;
 pub(crate) use self::event::lenient;
 pub use self::event::{
-    Board, BoardStatus, LaidLayer, RunEvent, RunLine, SimulatedLayer, WrittenLayer, WrittenMeasured,
+    Board, BoardStatus, LaidLayer, RunEvent, RunLine, SimulatedLayer, WrittenLayer, WrittenMeasured, events_of,
 };
 pub use self::header::{Distribution, Disturbances, Header, RecordedTip, Resumed, Unit, WrittenNoise};
 pub use self::hexadecimal::hex_of;

@@ -11,6 +11,9 @@ pitch; pitch 90 is straight up. What is wrong is a growbot.Error, with value, li
 
 from __future__ import annotations
 
+from growbot import events
+from growbot._board import Board, Growth, connect
+from growbot._campaign import CampaignResult, CampaignSpec, Partial, campaign, merge, run_chunk
 from growbot._conditions import Conditions
 from growbot._errors import BoardError, Error, FileError, InputError, InputTypeError, NoPathError
 from growbot._growbot import (
@@ -27,27 +30,39 @@ from growbot._growbot import (
     repeat,
     simulate_many,
 )
+from growbot._run import RunLog
 from growbot._view import view
 
 __all__ = [
+    "Board",
     "BoardError",
+    "CampaignResult",
+    "CampaignSpec",
     "Conditions",
     "Error",
     "FileError",
+    "Growth",
     "InputError",
     "InputTypeError",
     "NoPathError",
+    "Partial",
     "Plan",
     "PlanWarning",
     "Pose",
     "Robot",
+    "RunLog",
     "Scene",
     "Segment",
     "Simulated",
     "Summary",
+    "campaign",
+    "connect",
+    "events",
+    "merge",
     "plan",
     "plan_many",
     "repeat",
+    "run_chunk",
     "simulate_many",
     "view",
 ]

@@ -7,19 +7,25 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use growbot_client::plan::Plan;
+use growbot_client::plan::{Goal, Search};
 use growbot_client::pose_text::{parse_goal, parse_pose};
 use growbot_client::robot_file;
-use growbot_client::plan::{Goal, Search};
 use growbot_core::plan::Planner;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<String> = std::env::args().collect();
-    let [_, file, rounds] = arguments.as_slice() else { return Err("give a file of goals, and how many rounds".into()) };
+    let [_, file, rounds] = arguments.as_slice() else {
+        return Err("give a file of goals, and how many rounds".into());
+    };
     let robot = robot_file::load(robot_file::DEFAULT.as_ref())?;
     let start = parse_pose("0,0,0,0,90")?;
     let text = std::fs::read_to_string(file)?;
-    let goals = text.lines().map(|line| Ok(parse_goal(line)?.goal)).collect::<Result<Vec<Goal>, Box<dyn std::error::Error>>>()?;
-    let search = Search { radius: robot.description().planning_radius_mm, planner: Planner::Shortest, clear_of_self: false };
+    let goals = text
+        .lines()
+        .map(|line| Ok(parse_goal(line)?.goal))
+        .collect::<Result<Vec<Goal>, Box<dyn std::error::Error>>>()?;
+    let search =
+        Search { radius: robot.description().planning_radius_mm, planner: Planner::Shortest, clear_of_self: false };
     let mut fastest = f64::INFINITY;
     for _ in 0..rounds.parse::<u32>()? {
         let begun = Instant::now();

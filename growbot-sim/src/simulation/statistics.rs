@@ -1,5 +1,7 @@
 //! Mean, deviation, extremes and percentiles of any number of values, in a memory that does not grow with them.
 
+use std::collections::BTreeMap;
+
 use num_bigint::BigUint;
 use serde::{Deserialize, Serialize};
 
@@ -24,9 +26,8 @@ pub struct Statistics {
     squares: BigUint,
     min: f64,
     max: f64,
-    /// How many values lie in each bin; the first one is for what counts as 0.
-    #[serde(with = "sparse")]
-    bins: Box<[u64]>,
+    /// How many values lie in each bin that has some; the first one is for what counts as 0.
+    bins: BTreeMap<u16, u64>,
 }
 
 /// The exponent of the unit of sums: that of the smallest `f64`.
@@ -34,26 +35,25 @@ const UNIT: i32 = -1074;
 
 impl Default for Statistics {
     fn default() -> Self {
-        let bins = vec![0; bin_of(GREATEST) + 1].into();
         let (sum, squares) = (BigUint::ZERO, BigUint::ZERO);
-        Self { count: 0, not_finite: 0, sum, squares, min: f64::MAX, max: 0.0, bins }
+        Self { count: 0, not_finite: 0, sum, squares, min: f64::MAX, max: 0.0, bins: BTreeMap::new() }
     }
 }
 
-fn bin_of(value: f64) -> usize {
+fn bin_of(value: f64) -> u16 {
     if value < LEAST {
         return 0;
     }
-    1 + ((value.min(GREATEST).to_bits() >> BELOW) - (LEAST.to_bits() >> BELOW)) as usize
+    1 + ((value.min(GREATEST).to_bits() >> BELOW) - (LEAST.to_bits() >> BELOW)) as u16
 }
 
 /// The middle of a bin.
-fn middle_of(bin: usize) -> f64 {
+fn middle_of(bin: u16) -> f64 {
     if bin == 0 {
         return 0.0;
     }
-    let edge = |bin: usize| f64::from_bits((bin as u64 - 1 + (LEAST.to_bits() >> BELOW)) << BELOW);
-    0.5 * (edge(bin) + edge(bin + 1))
+    let edge = |bin: u16| f64::from_bits((u64::from(bin) - 1 + (LEAST.to_bits() >> BELOW)) << BELOW);
+    0.5 * (edge(bin) + edge(bin.saturating_add(1)))
 }
 
 /// Mantissa and exponent of a finite number that is not negative: `mantissa * 2^(shift + UNIT)`.
@@ -79,25 +79,6 @@ fn quotient(numerator: &BigUint, denominator: &BigUint, exponent: i32) -> f64 {
     libm::scalbn((head | u64::from(sticky)) as f64, exponent - more + i32::try_from(below).unwrap_or(i32::MAX))
 }
 
-/// Bins as pairs of index and count, without those that are empty.
-mod sparse {
-    use serde::{Deserialize, Deserializer, Serialize, Serializer};
-
-    pub fn serialize<S: Serializer>(bins: &[u64], serializer: S) -> Result<S::Ok, S::Error> {
-        let filled = bins.iter().enumerate().filter(|(_, count)| **count > 0);
-        filled.collect::<Vec<_>>().serialize(serializer)
-    }
-
-    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Box<[u64]>, D::Error> {
-        let mut bins = super::Statistics::default().bins;
-        for (index, count) in Vec::<(usize, u64)>::deserialize(deserializer)? {
-            let bin = bins.get_mut(index).ok_or_else(|| serde::de::Error::custom("a bin that there is not"))?;
-            *bin = count;
-        }
-        Ok(bins)
-    }
-}
-
 impl Statistics {
     /// How far off a percentile may be, a share of it.
     pub const RESOLUTION: f64 = 0.004;
@@ -114,9 +95,7 @@ impl Statistics {
         }
         self.min = self.min.min(value);
         self.max = self.max.max(value);
-        if let Some(bin) = self.bins.get_mut(bin_of(value)) {
-            *bin += 1;
-        }
+        *self.bins.entry(bin_of(value)).or_default() += 1;
     }
 
     /// Takes in the values of another one. The result is the same, to the bit, in any order and grouping.
@@ -127,8 +106,8 @@ impl Statistics {
         self.squares += &other.squares;
         self.min = self.min.min(other.min);
         self.max = self.max.max(other.max);
-        for (bin, more) in self.bins.iter_mut().zip(&other.bins) {
-            *bin += more;
+        for (bin, more) in &other.bins {
+            *self.bins.entry(*bin).or_default() += more;
         }
     }
 
@@ -181,11 +160,11 @@ impl Statistics {
     pub fn percentile(&self, percent: f64) -> f64 {
         let rank = (percent / 100.0 * self.count as f64).ceil().max(1.0);
         let mut below = 0;
-        let bin = self.bins.iter().position(|count| {
-            below += count;
+        let bin = self.bins.iter().find(|(_, count)| {
+            below += *count;
             below as f64 >= rank
         });
-        bin.map_or(0.0, middle_of).clamp(self.min(), self.max)
+        bin.map_or(0.0, |(bin, _)| middle_of(*bin)).clamp(self.min(), self.max)
     }
 }
 

@@ -1,0 +1,340 @@
+"""Campaigns: robots x goals x conditions x seeds, in chunks that any number of processes compute.
+
+A chunk is a pure function of (spec, number): whoever computes it, and however often, it comes to the same bytes. Sums are
+exact, so chunks merge in any order. So a worker that is lost costs the time of its chunk, and changes nothing.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass, field
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Callable, Iterable, Iterator, Literal, Optional, Union
+
+from growbot import _growbot
+from growbot._conditions import Conditions
+from growbot._errors import BoardError, InputError, InputTypeError, NoPathError
+from growbot._growbot import Pose, Robot, Summary
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+#: Chunks under way for each thread or worker: no more partial results wait.
+_AHEAD = 4
+#: How often a chunk is given to another worker after those that had it were lost.
+_LOSSES = 20
+
+
+@dataclass(frozen=True)
+class CampaignSpec:
+    """What a campaign grows: every robot to every goal under all conditions, growths times each.
+
+    A goal is (x_mm, y_mm, z_mm, heading_deg, pitch_deg), or (x_mm, y_mm, z_mm) for any direction. The growths of a cell,
+    which is a robot, a goal and conditions, have the seeds first_seed, first_seed + 1, ..., as those of
+    ``growbot simulate --repeat``.
+    """
+
+    robots: tuple[Robot, ...]
+    goals: tuple[tuple[float, ...], ...]
+    conditions: tuple[Conditions, ...]
+    #: Growths of each cell.
+    growths: int
+    #: Where the tip starts.
+    start: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 90.0)
+    #: Seed of the first growth of each cell.
+    first_seed: int = 1
+    #: Radius of the bends, mm; each robot's planning_radius_mm unless given.
+    radius_mm: Optional[float] = None
+    planner: Literal["shortest", "two-plane"] = "shortest"
+    #: Growths of a chunk.
+    chunk_growths: int = 4096
+
+    def __post_init__(self) -> None:
+        for name, kind in (("robots", Robot), ("conditions", Conditions)):
+            items = _listed(name, getattr(self, name))
+            for item in items:
+                if not isinstance(item, kind):
+                    given = type(item).__name__
+                    raise InputTypeError(f"{name} holds a {given}: give growbot.{kind.__name__}", given, kind.__name__)
+            object.__setattr__(self, name, items)
+        goals = tuple(_numbers(f"goals[{index}]", goal, (3, 5)) for index, goal in enumerate(_listed("goals", self.goals)))
+        object.__setattr__(self, "goals", goals)
+        object.__setattr__(self, "start", _numbers("start", self.start, (5,)))
+        _whole("growths", self.growths, 1, 1 << 53)
+        _whole("first_seed", self.first_seed, 0, 2**64 - 1)
+        _whole("chunk_growths", self.chunk_growths, 1, 1_000_000)
+
+    @property
+    def cells(self) -> int:
+        """Number of cells: robots x goals x conditions."""
+        return len(self.robots) * len(self.goals) * len(self.conditions)
+
+    @property
+    def total(self) -> int:
+        """Number of growths."""
+        return self.cells * self.growths
+
+    @property
+    def chunks(self) -> int:
+        """Number of chunks."""
+        return -(-self.total // self.chunk_growths)
+
+    def cell(self, index: int) -> tuple[Robot, tuple[float, ...], Conditions]:
+        """Robot, goal and conditions of a cell: conditions change fastest, robots slowest."""
+        _whole("index", index, 0, self.cells - 1)
+        rest, condition = divmod(index, len(self.conditions))
+        robot, goal = divmod(rest, len(self.goals))
+        return self.robots[robot], self.goals[goal], self.conditions[condition]
+
+
+@dataclass(frozen=True)
+class Partial:
+    """What a chunk came to: the summaries of its cells, and of cells that have no plan, why."""
+
+    summaries: dict[int, Summary]
+    errors: dict[int, str]
+
+
+@dataclass
+class CampaignResult:
+    """What a campaign came to: a summary for each cell, in the order of CampaignSpec.cell."""
+
+    spec: CampaignSpec
+    summaries: list[Summary] = field(default_factory=list)
+    #: Why there is no plan, by the index of the cell.
+    errors: dict[int, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.summaries = [Summary() for _ in range(self.spec.cells)]
+
+    def add(self, partial: Partial) -> None:
+        """Takes in a chunk; in any order, and each once."""
+        for cell, summary in partial.summaries.items():
+            self.summaries[cell] = self.summaries[cell].merged(summary)
+        self.errors.update(partial.errors)
+
+    @property
+    def growths(self) -> int:
+        """How many growths there were; those of cells without a plan are none."""
+        return sum(summary.growths for summary in self.summaries)
+
+    def to_json(self) -> str:
+        """All sums as JSON: equal campaigns give the same bytes."""
+        errors = {str(cell): self.errors[cell] for cell in sorted(self.errors)}
+        return json.dumps({"cells": [json.loads(summary.to_json()) for summary in self.summaries], "errors": errors})
+
+    @property
+    def hash(self) -> str:
+        """SHA-256 of to_json()."""
+        return hashlib.sha256(self.to_json().encode()).hexdigest()
+
+    def table(self) -> npt.NDArray[np.void]:
+        """A structured array with a row for each cell: cell, robot, goal, conditions (indices), growths, and of the
+        distance from the goal mean_mm, sd_mm, p50_mm, p95_mm and max_mm, and mean_direction_error_deg."""
+        import numpy as np
+
+        names = ("mean", "sd", "p50", "p95", "max")
+        indices = [(name, "<i8") for name in ("cell", "robot", "goal", "conditions", "growths")]
+        numbers = [(f"{name}_mm", "<f8") for name in names] + [("mean_direction_error_deg", "<f8")]
+        table = np.zeros(len(self.summaries), dtype=indices + numbers)
+        for cell, summary in enumerate(self.summaries):
+            rest, condition = divmod(cell, len(self.spec.conditions))
+            robot, goal = divmod(rest, len(self.spec.goals))
+            error = summary.position_error_mm
+            known = summary.growths > 0
+            values = [error[name] if known else np.nan for name in names]
+            direction = summary.direction_error_deg["mean"] if known else np.nan
+            table[cell] = (cell, robot, goal, condition, summary.growths, *values, direction)
+        return table
+
+
+def run_chunk(spec: CampaignSpec, chunk: int, samples: Optional[Union[str, os.PathLike[str]]] = None) -> Partial:
+    """Grows a chunk of a campaign, in one thread: a pure function of (spec, chunk).
+
+    With samples, every growth of it also becomes a row of chunk-000000.parquet in that directory: the columns of
+    simulate_many, and cell. The file is there whole or not at all.
+    """
+    _whole("chunk", chunk, 0, spec.chunks - 1)
+    first = chunk * spec.chunk_growths
+    end = min(first + spec.chunk_growths, spec.total)
+    summaries: dict[int, Summary] = {}
+    errors: dict[int, str] = {}
+    tables = []
+    while first < end:
+        cell, run = divmod(first, spec.growths)
+        count = min(end - first, spec.growths - run)
+        first += count
+        robot, goal, conditions = spec.cell(cell)
+        try:
+            plan = _growbot.plan(spec.start, goal, robot=robot, radius_mm=spec.radius_mm, planner=spec.planner)
+        except (NoPathError, InputError) as error:
+            errors[cell] = str(error)
+            continue
+        seed = (spec.first_seed + run) % 2**64
+        if samples is None:
+            summaries[cell] = _growbot.repeat(plan, count, seed=seed, conditions=conditions, threads=1)
+        else:
+            summaries[cell], rows = _growbot._repeat_rows(plan, count, seed=seed, conditions=conditions, threads=1)
+            tables.append((cell, rows))
+    if samples is not None:
+        _write_samples(Path(samples), chunk, tables)
+    return Partial(summaries, errors)
+
+
+def merge(spec: CampaignSpec, partials: Iterable[Partial]) -> CampaignResult:
+    """Puts chunks together, in any order: each of range(spec.chunks) once."""
+    result = CampaignResult(spec)
+    for partial in partials:
+        result.add(partial)
+    return result
+
+
+def campaign(
+    spec: CampaignSpec,
+    scheduler: Optional[Any] = None,
+    *,
+    samples: Optional[Union[str, os.PathLike[str]]] = None,
+    threads: Optional[int] = None,
+    progress: Optional[Callable[[int, int], None]] = None,
+) -> CampaignResult:
+    """Grows a campaign: on threads of this process, or on the workers of a dask.distributed.Client.
+
+    samples names a directory for Parquet files, which all workers must see (needs pyarrow). progress is called with the
+    chunks that are done and their number. The result depends on the spec alone.
+    """
+    if not isinstance(spec, CampaignSpec):
+        given = type(spec).__name__
+        raise InputTypeError(f"spec is of type {given}: give a growbot.CampaignSpec", given, "CampaignSpec")
+    if samples is not None:
+        _needs_pyarrow()
+        Path(samples).mkdir(parents=True, exist_ok=True)
+    if scheduler is None:
+        partials = _by_threads(spec, samples, threads)
+    elif hasattr(scheduler, "submit") and hasattr(scheduler, "nthreads"):
+        partials = _by_dask(scheduler, spec, samples)
+    else:
+        given = type(scheduler).__name__
+        message = f"scheduler is of type {given}: give a dask.distributed.Client, or none for threads"
+        raise InputTypeError(message, given, "dask.distributed.Client")
+    result = CampaignResult(spec)
+    for done, partial in enumerate(partials, start=1):
+        result.add(partial)
+        if progress is not None:
+            progress(done, spec.chunks)
+    return result
+
+
+def _by_threads(spec: CampaignSpec, samples: Optional[Any], threads: Optional[int]) -> Iterator[Partial]:
+    count = os.cpu_count() or 1 if threads is None else _whole("threads", threads, 1, 1024)
+    pool = ThreadPoolExecutor(count)
+    chunks = iter(range(spec.chunks))
+    try:
+        running: set[Future[Partial]] = set()
+        while True:
+            for chunk in islice(chunks, _AHEAD * count - len(running)):
+                running.add(pool.submit(run_chunk, spec, chunk, samples))
+            if not running:
+                return
+            done, running = wait(running, return_when=FIRST_COMPLETED)
+            for future in done:
+                yield future.result()
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _by_dask(client: Any, spec: CampaignSpec, samples: Optional[Any]) -> Iterator[Partial]:
+    from distributed import KilledWorker, as_completed
+
+    losses: dict[int, int] = {}
+    chunk_of: dict[str, int] = {}
+
+    def submit(chunk: int) -> Any:
+        future = client.submit(run_chunk, spec, chunk, samples, pure=False)
+        chunk_of[future.key] = chunk
+        return future
+
+    chunks = iter(range(spec.chunks))
+    ahead = _AHEAD * max(1, sum(client.nthreads().values()))
+    running = as_completed([submit(chunk) for chunk in islice(chunks, ahead)])
+    for future in running:
+        chunk = chunk_of.pop(future.key)
+        try:
+            partial = future.result()
+        except KilledWorker as error:
+            # By its rules a task that was on three lost workers is to blame for that. This one is not.
+            losses[chunk] = losses.get(chunk, 0) + 1
+            if losses[chunk] > _LOSSES:
+                message = f"chunk {chunk} was on {_LOSSES} workers that were lost: look at their memory and logs"
+                raise BoardError(message, losses[chunk], _LOSSES) from error
+            running.add(submit(chunk))
+            continue
+        yield partial
+        for chunk in islice(chunks, 1):
+            running.add(submit(chunk))
+
+
+def _needs_pyarrow() -> None:
+    try:
+        import pyarrow.parquet  # noqa: F401
+    except ImportError as error:
+        raise InputError("samples are written by pyarrow, which is not installed: pip install pyarrow") from error
+
+
+def _write_samples(directory: Path, chunk: int, tables: list[tuple[int, Any]]) -> None:
+    import numpy as np
+    import pyarrow
+    import pyarrow.parquet
+
+    columns: dict[str, Any] = {}
+    if tables:
+        columns["cell"] = np.concatenate([np.full(len(rows), cell, dtype="<i8") for cell, rows in tables])
+        rows = np.concatenate([rows for _, rows in tables])
+        names = [name for name in rows.dtype.names or () if name != "plan"]
+        columns.update({name: np.ascontiguousarray(rows[name]) for name in names})
+    place = directory / f"chunk-{chunk:06}.parquet"
+    partial = place.with_suffix(f".{os.getpid()}-{os.urandom(4).hex()}.partial")
+    try:
+        pyarrow.parquet.write_table(pyarrow.table(columns), partial)
+        os.replace(partial, place)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def _listed(name: str, value: Any) -> tuple[Any, ...]:
+    try:
+        items = tuple(islice(iter(value), 1_000_001))
+    except TypeError:
+        given = type(value).__name__
+        raise InputTypeError(f"{name} is of type {given}: give a list or a tuple", given, "list, tuple") from None
+    if len(items) > 1_000_000:
+        raise InputError(f"{name} has more than 1000000 entries: split the campaign", len(items), 1_000_000)
+    if not items:
+        raise InputError(f"{name} is empty: give one at least", 0, 1)
+    return items
+
+
+def _numbers(name: str, value: Any, counts: tuple[int, ...]) -> tuple[Any, ...]:
+    items = _listed(name, value)
+    if len(items) not in counts:
+        wanted = " or ".join(str(count) for count in counts)
+        raise InputTypeError(f"{name} has {len(items)} numbers: give {wanted}", len(items), wanted)
+    # Checks them.
+    pose = Pose(*items) if len(items) == 5 else Pose(*items, 0, 0)
+    del pose
+    return tuple(float(number) for number in items)
+
+
+def _whole(name: str, value: Any, least: int, most: int) -> int:
+    if isinstance(value, bool) or not hasattr(type(value), "__index__"):
+        given = type(value).__name__
+        raise InputTypeError(f"{name} is of type {given}: give a whole number", given, "int")
+    number: int = value.__index__()
+    if not least <= number <= most:
+        message = f"{name} is {number}, and may be {least} to {most}: give one within"
+        raise InputError(message, number, least if number < least else most)
+    return number

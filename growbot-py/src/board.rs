@@ -1,0 +1,485 @@
+//! Growths on a board: `python/growbot/_board.py` makes context managers and typed events of these.
+//!
+//! A thread has the line. It is asked by messages, so that Python stays free, and heeds Ctrl-C, while a body grows.
+
+use std::path::PathBuf;
+use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+
+use growbot_client::client::Client;
+use growbot_client::feedback::Feedback;
+use growbot_client::growth::{GrowthError, Job, Manner, Order, Orders, WhenParked, grow_job};
+use growbot_client::run_log::{
+    Board as WrittenBoard, BoardStatus, GrowthResult, Origin, ResultOutcome, RunEvent, RunLog, RunLogError, events_of,
+};
+use growbot_client::warning::PREVENTING;
+use growbot_core::link::message::Silence;
+use growbot_core::robot::Robot as Described;
+use growbot_core::simulation::{Disturbance, Imperfection};
+use growbot_sim::port::{Opened, PortName, TipSettings, open};
+use growbot_sim::truth::{Simulation, compare};
+use pyo3::prelude::*;
+
+use crate::arguments::{flag, path, text, wrong_type};
+use crate::conditions::Conditions;
+use crate::plan::Plan;
+use crate::refused::{Kind, Refused};
+use crate::robot::robot_of;
+use crate::run::json_of;
+use crate::simulate::seed_of;
+
+/// How often Ctrl-C is looked for.
+const LOOK: Duration = Duration::from_millis(50);
+/// Events that a simulated robot is ahead of its reader; a robot waits for nobody.
+const AHEAD: usize = 10_000;
+
+/// What is asked of the thread that has the line.
+enum Asked {
+    Hello(Sender<Result<String, Refused>>),
+    Status(Sender<Result<String, Refused>>),
+    Stop(Sender<Result<String, Refused>>),
+    EmergencyStop(Sender<Result<String, Refused>>),
+    Grow(Box<Task>),
+}
+
+/// A growth that is asked for.
+struct Task {
+    plan: Plan,
+    conditions: Conditions,
+    seed: u64,
+    log: Option<PathBuf>,
+    replace: bool,
+    events: Events,
+    orders: Arc<Orders>,
+}
+
+/// What comes of it.
+enum Told {
+    Event(String),
+    /// The result as JSON, and why it is none that was wished for.
+    End(Option<String>, Option<Refused>),
+}
+
+/// Where events go.
+enum Events {
+    Ahead(mpsc::SyncSender<Told>),
+    Now(Sender<Told>),
+}
+
+impl Events {
+    /// Whether somebody listens.
+    fn send(&self, told: Told) -> bool {
+        match self {
+            Self::Ahead(sender) => sender.send(told).is_ok(),
+            Self::Now(sender) => sender.send(told).is_ok(),
+        }
+    }
+}
+
+/// A port with a client.
+struct Line {
+    client: Client,
+    simulation: Option<Box<dyn Simulation>>,
+}
+
+/// The thread that has the line.
+struct Worker {
+    robot: Arc<Described>,
+    port: PortName,
+    name: String,
+    take_over: bool,
+    line: Option<Line>,
+}
+
+fn board_error(error: impl ToString) -> Refused {
+    Refused::new(Kind::Board, error)
+}
+
+impl Worker {
+    fn serve(&mut self, asked: &Receiver<Asked>) {
+        while let Ok(asked) = asked.recv() {
+            match asked {
+                Asked::Hello(answer) => drop(answer.send(self.hello())),
+                Asked::Status(answer) => drop(answer.send(self.status())),
+                Asked::Stop(answer) => drop(answer.send(self.stop())),
+                Asked::EmergencyStop(answer) => drop(answer.send(self.emergency_stop())),
+                Asked::Grow(task) => self.grow(*task),
+            }
+        }
+    }
+
+    fn open(&mut self, settings: &TipSettings) -> Result<&mut Line, Refused> {
+        let Opened { port, simulation } = open(&self.port, &self.robot, settings).map_err(board_error)?;
+        let name = if self.port.is_simulated() { format!("{} (simulated)", self.name) } else { self.name.clone() };
+        let client = Client::new(port, &name).taking_over(self.take_over);
+        Ok(self.line.insert(Line { client, simulation }))
+    }
+
+    fn line(&mut self) -> Result<&mut Line, Refused> {
+        if self.line.is_none() {
+            self.open(&TipSettings::default())?;
+        }
+        self.line.as_mut().ok_or_else(|| board_error("the line is closed: connect again"))
+    }
+
+    fn hello(&mut self) -> Result<String, Refused> {
+        let hello = self.line()?.client.hello().map_err(board_error)?;
+        Ok(json_of(RunEvent::Board(WrittenBoard::from(&hello))))
+    }
+
+    fn status(&mut self) -> Result<String, Refused> {
+        let client = &mut self.line()?.client;
+        let status = client.status().or_else(|_| client.hello().and_then(|_| client.status())).map_err(board_error)?;
+        Ok(json_of(RunEvent::Status(BoardStatus::from(&status))))
+    }
+
+    fn stop(&mut self) -> Result<String, Refused> {
+        let simulated = self.port.is_simulated();
+        self.hello()?;
+        Ok(self.line()?.client.stop().map_err(board_error)?.in_words(simulated))
+    }
+
+    fn emergency_stop(&mut self) -> Result<String, Refused> {
+        self.line()?.client.emergency_stop().map_err(board_error)?;
+        Ok("emergency stop".to_owned())
+    }
+
+    fn grow(&mut self, task: Task) {
+        let events = &task.events;
+        let (result, refused) = match self.grown(&task) {
+            Ok((result, refused)) => (serde_json::to_string(&result).ok(), refused),
+            Err(refused) => (None, Some(refused)),
+        };
+        events.send(Told::End(result, refused));
+    }
+
+    /// Grows a body: its result, and why it is not done.
+    fn grown(&mut self, task: &Task) -> Result<(GrowthResult, Option<Refused>), Refused> {
+        let Task { plan: Plan { inner: plan, robot }, conditions, seed, orders, .. } = task;
+        let simulated = self.port.is_simulated();
+        let noise = if simulated { conditions.sensor_noise() } else { conditions.assumed_noise() };
+        let imperfection =
+            Imperfection { disturbance: conditions.disturbance(), noise: conditions.sensor_noise(), seed: *seed };
+        if simulated {
+            self.robot = Arc::clone(robot);
+            self.open(&TipSettings { start: Some(plan.start), imperfection, pace: None })?;
+        }
+        let (port, line) = (self.name.clone(), self.line()?);
+        let job = Job::of_plan(robot, plan);
+        let fed_back = conditions.feedback().then_some(noise);
+        let feedback = fed_back.map(|noise| Feedback::new(robot, &plan.start, &plan.path, &plan.legs, noise));
+        let origin = Origin { port: &port, imperfection: simulated.then_some(&imperfection) };
+        let begun = match &task.log {
+            None => Ok(RunLog::none()),
+            Some(file) if task.replace => RunLog::replace(file, plan, &job, fed_back, origin),
+            Some(file) => RunLog::begin(file, plan, &job, fed_back, origin),
+        };
+        let mut log = begun.map_err(|error| match error {
+            error @ RunLogError::Exists { .. } => Refused::new(
+                Kind::File,
+                format!(
+                    "{}; or set replace_log=True",
+                    error.to_string().split("; --log alone").next().unwrap_or_default()
+                ),
+            ),
+            error => Refused::new(Kind::File, error),
+        })?;
+        let mut tip = plan.start.frame();
+        let manner = Manner { silence: Silence::Pause, feedback, parked: WhenParked::Waits };
+        let grown = compare(
+            line.simulation.as_mut(),
+            &job,
+            &mut |event| {
+                // A line that cannot be written waits, and is counted at the end.
+                let _ = log.record(event);
+                for event in events_of(event, &mut tip) {
+                    if !task.events.send(Told::Event(json_of(event))) {
+                        orders.give(Order::Stop);
+                    }
+                }
+            },
+            |on_event| grow_job(&mut line.client, &job, manner, orders, on_event),
+        );
+        let seed = (simulated && conditions.disturbance() != Disturbance::default()).then_some(*seed);
+        let nothing = |outcome, error: &dyn ToString| GrowthResult {
+            error: Some(error.to_string()),
+            ..GrowthResult::nothing_grown(outcome, plan, seed, simulated)
+        };
+        match grown {
+            Ok(grown) => {
+                let mut result = GrowthResult::new(&grown, plan, seed, simulated);
+                let _ = log.end(&result);
+                result.log_lines_missing = Some(log.missing()).filter(|missing| *missing > 0);
+                let refused = unwished(&result);
+                Ok((result, refused))
+            }
+            Err(GrowthError::During(error)) => {
+                let result = nothing(ResultOutcome::Lost, &error);
+                let _ = log.end(&result);
+                Ok((result, Some(board_error(GrowthError::During(error)))))
+            }
+            Err(error) => {
+                log.discard();
+                Ok((nothing(ResultOutcome::Refused, &error), Some(board_error(error))))
+            }
+        }
+    }
+}
+
+/// Why an end is none that was wished for.
+fn unwished(result: &GrowthResult) -> Option<Refused> {
+    let outcome = result.outcome.name();
+    let why = match (result.outcome, result.log_lines_missing) {
+        (ResultOutcome::Done | ResultOutcome::Stopped, None) => return None,
+        (ResultOutcome::Done | ResultOutcome::Stopped, Some(missing)) => {
+            format!("the growth is {outcome}, and {missing} lines of its log are missing: make room on the disk")
+        }
+        (_, _) => {
+            let of_fault = result.fault.as_ref().map_or_else(String::new, |fault| format!(" ({fault})"));
+            let robot = if result.simulated { "simulated robot" } else { "robot" };
+            format!("the growth ended with {outcome}{of_fault}: look at the {robot}; `growbot resume` resumes a body")
+        }
+    };
+    Some(Refused::with(Kind::Board, why, outcome, "done"))
+}
+
+/// A robot at the end of a port.
+#[pyclass(frozen, module = "growbot._growbot")]
+pub struct Board {
+    asks: Mutex<Option<Sender<Asked>>>,
+    thread: Mutex<Option<JoinHandle<()>>>,
+    /// Those of the growth under way, or of the latest.
+    orders: Mutex<Arc<Orders>>,
+    simulated: bool,
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Board {
+    fn ask(&self, asked: Asked) -> Result<(), Refused> {
+        let closed = || board_error("the board is disconnected: connect again");
+        lock(&self.asks).as_ref().ok_or_else(closed)?.send(asked).map_err(|_| closed())
+    }
+
+    /// Asks, and waits for the answer; Ctrl-C ends that.
+    fn answer(
+        &self,
+        py: Python<'_>,
+        asked: impl FnOnce(Sender<Result<String, Refused>>) -> Asked,
+    ) -> Result<String, Refused> {
+        let (sender, receiver) = mpsc::channel();
+        self.ask(asked(sender))?;
+        let receiver = Mutex::new(receiver);
+        loop {
+            match py.detach(|| lock(&receiver).recv_timeout(LOOK)) {
+                Ok(answer) => return answer,
+                Err(RecvTimeoutError::Timeout) => py.check_signals()?,
+                Err(RecvTimeoutError::Disconnected) => return Err(board_error("the line is closed: connect again")),
+            }
+        }
+    }
+}
+
+#[pymethods]
+impl Board {
+    #[new]
+    #[pyo3(signature = (port, robot = None, take_over = None))]
+    fn new(
+        py: Python<'_>,
+        port: &Bound<PyAny>,
+        robot: Option<&Bound<PyAny>>,
+        take_over: Option<&Bound<PyAny>>,
+    ) -> Result<Self, Refused> {
+        let robot = robot_of(robot)?;
+        let name = text("port", port)?;
+        let port: PortName = name.parse().map_err(|error: growbot_sim::port::OpenError| {
+            Refused::with(Kind::Input, error, name.as_str(), "sim, emulator, tcp:HOST:PORT, a device")
+        })?;
+        let take_over = take_over.map_or(Ok(false), |value| flag("take_over", value))?;
+        let (asks, asked) = mpsc::channel();
+        let simulated = port.is_simulated();
+        let thread = thread::Builder::new().name("growbot".to_owned()).spawn(move || {
+            Worker { robot, port, name, take_over, line: None }.serve(&asked);
+        });
+        let thread =
+            thread.map_err(|error| board_error(format!("no thread for the line ({error}): end other programs")))?;
+        let board = Self {
+            asks: Mutex::new(Some(asks)),
+            thread: Mutex::new(Some(thread)),
+            orders: Mutex::new(Arc::default()),
+            simulated,
+        };
+        // A simulated robot begins with its growth.
+        if !simulated && let Err(refused) = board.answer(py, Asked::Hello) {
+            board.close(py);
+            return Err(refused);
+        }
+        Ok(board)
+    }
+
+    #[getter]
+    fn simulated(&self) -> bool {
+        self.simulated
+    }
+
+    fn status_json(&self, py: Python<'_>) -> Result<String, Refused> {
+        self.answer(py, Asked::Status)
+    }
+
+    fn stop(&self, py: Python<'_>) -> Result<String, Refused> {
+        self.answer(py, Asked::Stop)
+    }
+
+    fn emergency_stop(&self, py: Python<'_>) -> Result<String, Refused> {
+        self.answer(py, Asked::EmergencyStop)
+    }
+
+    #[pyo3(signature = (plan, conditions = None, seed = None, log = None, replace_log = None, force = None))]
+    #[expect(clippy::too_many_arguments, reason = "Python's keywords")]
+    fn grow(
+        &self,
+        plan: &Bound<PyAny>,
+        conditions: Option<&Bound<PyAny>>,
+        seed: Option<&Bound<PyAny>>,
+        log: Option<&Bound<PyAny>>,
+        replace_log: Option<&Bound<PyAny>>,
+        force: Option<&Bound<PyAny>>,
+    ) -> Result<Growth, Refused> {
+        let plan = plan.cast::<Plan>().map_err(|_| wrong_type("plan", plan, "a growbot.Plan"))?.get().clone();
+        let conditions = Conditions::read(conditions)?;
+        let seed = seed_of(seed)?;
+        let log = log.map(|file| path("log", file)).transpose()?;
+        let replace = replace_log.map_or(Ok(false), |value| flag("replace_log", value))?;
+        check(&plan, &conditions, self.simulated, force.map_or(Ok(false), |value| flag("force", value))?)?;
+        let (events, told) = if self.simulated {
+            let (sender, receiver) = mpsc::sync_channel(AHEAD);
+            (Events::Ahead(sender), receiver)
+        } else {
+            let (sender, receiver) = mpsc::channel();
+            (Events::Now(sender), receiver)
+        };
+        let orders: Arc<Orders> = Arc::default();
+        *lock(&self.orders) = Arc::clone(&orders);
+        self.ask(Asked::Grow(Box::new(Task {
+            plan,
+            conditions,
+            seed,
+            log,
+            replace,
+            events,
+            orders: Arc::clone(&orders),
+        })))?;
+        Ok(Growth { told: Mutex::new(Some(told)), orders, result: Mutex::new(None) })
+    }
+
+    /// Stops what grows, and disconnects.
+    fn close(&self, py: Python<'_>) {
+        lock(&self.orders).give(Order::Stop);
+        drop(lock(&self.asks).take());
+        let thread = lock(&self.thread).take();
+        if let Some(thread) = thread {
+            // A panic there has been printed.
+            py.detach(|| drop(thread.join()));
+        }
+    }
+}
+
+/// Whether a growth may be asked for.
+fn check(plan: &Plan, conditions: &Conditions, simulated: bool, force: bool) -> Result<(), Refused> {
+    let warnings = plan.inner.warnings.iter();
+    let preventing: Vec<&str> =
+        warnings.map(|warning| warning.code.as_str()).filter(|code| PREVENTING.contains(code)).collect();
+    if !preventing.is_empty() && !force {
+        let codes = preventing.join(", ");
+        let message = format!("not grown because of {codes}: change the plan, or grow it all the same with force=True");
+        return Err(Refused::with(Kind::Input, message, codes, "no such warning"));
+    }
+    if conditions.is_for_simulations_alone() {
+        return Err(Refused::new(
+            Kind::Input,
+            "sag, whole steps, gravity_only and odometry_scale_percent are for growths without a board: use Plan.simulate, or leave them out",
+        ));
+    }
+    if !simulated && conditions.disturbance() != Disturbance::default() {
+        return Err(Refused::new(
+            Kind::Input,
+            "layers of a robot cannot be disturbed: leave out noises and biases, or connect to \"sim\"",
+        ));
+    }
+    let sensors = &plan.robot.description().sensors;
+    if conditions.feedback() && sensors.filament_motion.is_none() && !sensors.orientation {
+        let message = format!(
+            "robot {} has nothing to measure layers by: give it sensors.filament_motion or sensors.orientation, or leave out feedback",
+            plan.robot.name()
+        );
+        return Err(Refused::new(Kind::Input, message));
+    }
+    Ok(())
+}
+
+/// A growth under way.
+#[pyclass(frozen, module = "growbot._growbot")]
+pub struct Growth {
+    told: Mutex<Option<Receiver<Told>>>,
+    orders: Arc<Orders>,
+    result: Mutex<Option<String>>,
+}
+
+impl Growth {
+    /// Takes in the end.
+    fn end(&self, result: Option<String>, refused: Option<Refused>) -> Result<(), Refused> {
+        drop(lock(&self.told).take());
+        *lock(&self.result) = result;
+        refused.map_or(Ok(()), Err)
+    }
+}
+
+#[pymethods]
+impl Growth {
+    /// The next event as JSON; None at the end.
+    fn next_json(&self, py: Python<'_>) -> Result<Option<String>, Refused> {
+        let mut interrupted = None;
+        loop {
+            let next = py.detach(|| lock(&self.told).as_ref().map(|told| told.recv_timeout(LOOK)));
+            match next {
+                None => return Ok(None),
+                Some(Ok(Told::Event(_))) if interrupted.is_some() => {}
+                Some(Ok(Told::Event(event))) => return Ok(Some(event)),
+                Some(Ok(Told::End(result, refused))) => {
+                    let ended = self.end(result, refused);
+                    return interrupted.map_or_else(|| ended.map(|()| None), |error: PyErr| Err(error.into()));
+                }
+                Some(Err(RecvTimeoutError::Timeout)) => {}
+                Some(Err(RecvTimeoutError::Disconnected)) => {
+                    self.end(None, Some(board_error("the line is closed: connect again")))?;
+                }
+            }
+            if let Err(error) = py.check_signals() {
+                // The first stops the robot; a second one gives the emergency stop.
+                self.orders.give(if interrupted.is_some() { Order::EmergencyStop } else { Order::Stop });
+                interrupted = Some(error);
+            }
+        }
+    }
+
+    #[getter]
+    fn result_json(&self) -> Option<String> {
+        lock(&self.result).clone()
+    }
+
+    /// Gives an order by its name.
+    #[pyo3(signature = (name))]
+    fn order(&self, name: &Bound<PyAny>) -> Result<(), Refused> {
+        let name = text("name", name)?;
+        let order = Order::ALL.into_iter().find(|order| order.name() == name).ok_or_else(|| {
+            let known = Order::ALL.map(Order::name).join(", ");
+            Refused::with(Kind::Input, format!("there is no order {name:?}: give one of {known}"), name.as_str(), known)
+        })?;
+        self.orders.give(order);
+        Ok(())
+    }
+}

@@ -1,0 +1,117 @@
+//! Logs of growths.
+
+use std::sync::Arc;
+
+use growbot_client::input::LONGEST_LOG;
+use growbot_client::plan as client;
+use growbot_client::run_log::{Events, RunEvent, RunLine, RunRecord};
+use growbot_core::layer_bytes::decode;
+use growbot_core::robot::Robot as Described;
+use growbot_host::view::{Subject, page};
+use pyo3::prelude::*;
+use pyo3::types::PyType;
+
+use crate::arguments::{bytes_of_file, path};
+use crate::plan::{Plan, framed, table};
+use crate::refused::{Kind, Refused};
+
+/// The log of a growth, as `growbot grow --log` and Board.grow write it: what can be read of it.
+#[pyclass(frozen, module = "growbot._growbot", subclass)]
+pub struct RunLog {
+    name: String,
+    bytes: Vec<u8>,
+    record: RunRecord,
+    plan: Arc<client::Plan>,
+    robot: Arc<Described>,
+}
+
+/// An event as JSON.
+pub fn json_of(event: RunEvent) -> String {
+    serde_json::to_string(&RunLine { event, utc: None }).unwrap_or_default()
+}
+
+#[pymethods]
+impl RunLog {
+    #[new]
+    #[pyo3(signature = (file))]
+    fn new(py: Python<'_>, file: &Bound<PyAny>) -> Result<Self, Refused> {
+        let (bytes, name) = bytes_of_file(&path("file", file)?, LONGEST_LOG)?;
+        py.detach(|| {
+            let record = RunRecord::read(&bytes, &name).map_err(|error| Refused::new(Kind::File, error))?;
+            let robot = record.own_robot().map_err(|error| Refused::new(Kind::File, error))?;
+            let plan = record.plan(&robot).map_err(|error| Refused::new(Kind::File, error))?;
+            Ok(Self { name, bytes, record, plan: Arc::new(plan), robot: Arc::new(robot) })
+        })
+    }
+
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> (Bound<'py, PyType>, (String,)) {
+        (slf.get_type(), (slf.get().name.clone(),))
+    }
+
+    fn __eq__(&self, other: &Bound<PyAny>) -> bool {
+        other.cast::<Self>().is_ok_and(|other| self.bytes == other.get().bytes)
+    }
+
+    fn __hash__(&self) -> u64 {
+        self.record.plan_id
+    }
+
+    /// The plan.
+    #[getter]
+    fn plan(&self) -> Plan {
+        Plan { inner: Arc::clone(&self.plan), robot: Arc::clone(&self.robot) }
+    }
+
+    /// How the growth ended: "done", "stopped", "fault", ...; "unfinished" where the log has no end.
+    #[getter]
+    fn outcome(&self) -> &'static str {
+        self.record.outcome().name()
+    }
+
+    /// Whether the body was grown by a simulated robot.
+    #[getter]
+    fn simulated(&self) -> bool {
+        self.record.is_simulated()
+    }
+
+    /// What could not be read, in words; None where all could.
+    #[getter]
+    fn damage(&self) -> Option<String> {
+        self.record.damage.in_words(&self.name)
+    }
+
+    /// The layers as the board's steps have built them: a structured array of shape (n,), as Plan.layers().
+    fn layers<'py>(&self, py: Python<'py>) -> Result<Bound<'py, PyAny>, Refused> {
+        table(py, self.record.as_built.len(), self.record.commanded().map(|layer| (0, decode(&layer))))
+    }
+
+    /// Of a simulated robot, the layers as its plastic lies, as layers(); None of a robot.
+    fn simulated_layers<'py>(&self, py: Python<'py>) -> Result<Option<Bound<'py, PyAny>>, Refused> {
+        let Some(layers) = self.record.simulated() else { return Ok(None) };
+        table(py, layers.len(), layers.iter().map(|layer| (0, *layer))).map(Some)
+    }
+
+    fn _events_json(&self) -> Vec<String> {
+        Events::of(&self.bytes).map(json_of).collect()
+    }
+
+    fn _result_json(&self) -> Option<String> {
+        self.record.result.as_ref().and_then(|result| serde_json::to_string(result).ok())
+    }
+
+    /// The page that shows the body: HTML that needs no network.
+    fn html(&self, py: Python<'_>) -> Result<String, Refused> {
+        let subject =
+            Subject { name: &self.name, robot: &self.robot, plan: &self.plan, run: Some(&self.record), laid: None };
+        py.detach(|| page::of_one(&subject)).map_err(|error| Refused::new(Kind::Input, error))
+    }
+
+    fn _repr_html_(&self, py: Python<'_>) -> Result<String, Refused> {
+        Ok(framed(&self.html(py)?))
+    }
+
+    fn __repr__(&self) -> String {
+        let (outcome, layers) = (self.record.outcome().name(), self.record.as_built.len());
+        format!("RunLog({:?}, outcome={outcome:?}, layers={layers})", self.name)
+    }
+}
