@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use numpy::{PyArrayDyn, PyArrayMethods, PyUntypedArray, PyUntypedArrayMethods};
 use pyo3::prelude::*;
-use pyo3::types::{PyAnyMethods, PyDict};
+use pyo3::types::{PyAnyMethods, PyDict, PyFloat, PyInt};
 
 use crate::refused::{Kind, Refused, outside};
 
@@ -24,9 +24,15 @@ pub fn wrong_type(name: &str, value: &Bound<PyAny>, wanted: &str) -> Refused {
     Refused::with(Kind::Type, format!("{name} is of type {kind}: give {wanted}"), kind, wanted)
 }
 
+/// A real number. (NumPy makes real numbers of complex ones, with no more than a warning.)
+pub fn plain(value: &Bound<PyAny>) -> Option<f64> {
+    let known = value.is_exact_instance_of::<PyFloat>() || value.is_exact_instance_of::<PyInt>();
+    (known || !type_name(value).contains("complex")).then(|| value.extract().ok()).flatten()
+}
+
 /// A number, which may be anything but NaN.
 pub fn number(name: &str, value: &Bound<PyAny>) -> Result<f64, Refused> {
-    let number: f64 = value.extract().map_err(|_| wrong_type(name, value, "a number"))?;
+    let number = plain(value).ok_or_else(|| wrong_type(name, value, "a number"))?;
     if number.is_nan() {
         return Err(Refused::with(Kind::Input, format!("{name} is NaN: give a number"), number, "a number"));
     }
@@ -77,9 +83,31 @@ pub fn text(name: &str, value: &Bound<PyAny>) -> Result<String, Refused> {
     value.extract().map_err(|_| wrong_type(name, value, "a str"))
 }
 
+/// No name is longer, bytes: as systems have it for files.
+const LONGEST_NAME: usize = 4096;
+/// No word is, such as that of a planner.
+const LONGEST_WORD: usize = 400;
+
+/// A short text.
+pub fn word(name: &str, value: &Bound<PyAny>) -> Result<String, Refused> {
+    let word = text(name, value)?;
+    check_length(name, word.len(), LONGEST_WORD)?;
+    Ok(word)
+}
+
 /// A file's name.
 pub fn path(name: &str, value: &Bound<PyAny>) -> Result<PathBuf, Refused> {
-    value.extract().map_err(|_| wrong_type(name, value, "a str or a pathlib.Path"))
+    let path: PathBuf = value.extract().map_err(|_| wrong_type(name, value, "a str or a pathlib.Path"))?;
+    check_length(name, path.as_os_str().len(), LONGEST_NAME)?;
+    Ok(path)
+}
+
+fn check_length(name: &str, length: usize, longest: usize) -> Result<(), Refused> {
+    if length <= longest {
+        return Ok(());
+    }
+    let message = format!("{name} has {length} bytes, above {longest}: give a shorter one");
+    Err(Refused::with(Kind::Input, message, length as f64, longest as f64))
 }
 
 /// No plan and no description of a robot is longer, bytes (64 MiB).

@@ -22,7 +22,7 @@ use growbot_sim::port::{Opened, PortName, TipSettings, open};
 use growbot_sim::truth::{Simulation, compare};
 use pyo3::prelude::*;
 
-use crate::arguments::{flag, path, text, wrong_type};
+use crate::arguments::{flag, path, word, wrong_type};
 use crate::conditions::Conditions;
 use crate::plan::Plan;
 use crate::refused::{Kind, Refused};
@@ -295,7 +295,7 @@ impl Board {
         take_over: Option<&Bound<PyAny>>,
     ) -> Result<Self, Refused> {
         let robot = robot_of(robot)?;
-        let name = text("port", port)?;
+        let name = word("port", port)?;
         let port: PortName = name.parse().map_err(|error: growbot_sim::port::OpenError| {
             Refused::with(Kind::Input, error, name.as_str(), "sim, emulator, tcp:HOST:PORT, a device")
         })?;
@@ -467,6 +467,11 @@ impl Growth {
     }
 
     #[getter]
+    fn ended(&self) -> bool {
+        lock(&self.told).is_none()
+    }
+
+    #[getter]
     fn result_json(&self) -> Option<String> {
         lock(&self.result).clone()
     }
@@ -474,7 +479,7 @@ impl Growth {
     /// Gives an order by its name.
     #[pyo3(signature = (name))]
     fn order(&self, name: &Bound<PyAny>) -> Result<(), Refused> {
-        let name = text("name", name)?;
+        let name = word("name", name)?;
         let order = Order::ALL.into_iter().find(|order| order.name() == name).ok_or_else(|| {
             let known = Order::ALL.map(Order::name).join(", ");
             Refused::with(Kind::Input, format!("there is no order {name:?}: give one of {known}"), name.as_str(), known)

@@ -12,7 +12,7 @@ use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::PyType;
 
-use crate::arguments::{flag, text, within, wrong_type};
+use crate::arguments::{flag, within, word, wrong_type};
 use crate::plan::Plan;
 use crate::refused::{Kind, Refused};
 
@@ -79,7 +79,7 @@ impl Conditions {
             direction: if gravity_only { DirectionSensor::Gravity } else { DirectionSensor::Tip },
         });
         let step = optional("step_mm", STEPS_MM, "mm")?;
-        let whole_steps = match (text("slicing", &value.getattr("slicing")?)?.as_str(), step) {
+        let whole_steps = match (word("slicing", &value.getattr("slicing")?)?.as_str(), step) {
             ("exact", None) => None,
             ("exact", Some(_)) => {
                 return Err(Refused::new(

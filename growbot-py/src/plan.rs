@@ -20,7 +20,7 @@ use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList, PyType};
 
-use crate::arguments::{self, Rows, check_rows, flag, number, text, threads, whole, within, wrong_type};
+use crate::arguments::{self, Rows, check_rows, flag, number, text, threads, whole, within, word, wrong_type};
 use crate::course::frames;
 use crate::pose::{Pose, as_goal, as_pose, goal_of, pose_of, rows_of};
 use crate::refused::{Kind, Refused};
@@ -144,7 +144,7 @@ impl PlanWarning {
 /// A planner by its name.
 fn planner_of(value: Option<&Bound<PyAny>>) -> Result<Planner, Refused> {
     let Some(value) = value else { return Ok(Planner::Shortest) };
-    let name = text("planner", value)?;
+    let name = word("planner", value)?;
     let known = [Planner::Shortest, Planner::TwoPlane];
     known.into_iter().find(|planner| planner_name(*planner) == name).ok_or_else(|| {
         let message = format!("planner is {name:?}: give \"shortest\" or \"two-plane\"");

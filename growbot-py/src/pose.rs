@@ -9,7 +9,7 @@ use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 use pyo3::types::{PySequence, PyType};
 
-use crate::arguments::{fixed, number, wrong_shape, wrong_type};
+use crate::arguments::{fixed, number, plain, wrong_shape, wrong_type};
 use crate::refused::{Kind, Refused};
 
 /// How far a rotation may be from one, and a direction from length 0.
@@ -66,7 +66,7 @@ fn few(name: &str, value: &Bound<PyAny>, counts: &[usize]) -> Result<Vec<f64>, R
     (0..count)
         .map(|index| {
             let item = sequence.get_item(index)?;
-            item.extract().map_err(|_| wrong_type(&format!("{name}[{index}]"), &item, wanted))
+            plain(&item).ok_or_else(|| wrong_type(&format!("{name}[{index}]"), &item, wanted))
         })
         .collect()
 }

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import os
+import weakref
 from types import TracebackType
 from typing import Any, Iterator, Optional, Union
 
 from growbot import _growbot
 from growbot._conditions import Conditions
+from growbot._errors import BoardError
 from growbot._growbot import Plan, Robot
 from growbot.events import Event, Status, from_fields
 
@@ -57,6 +59,20 @@ class Growth(Iterator[Event]):
         told = self._inner.result_json
         return None if told is None else json.loads(told)
 
+    @property
+    def ended(self) -> bool:
+        """Whether it has come to an end, and all its events are read."""
+        return self._inner.ended
+
+    def stop(self) -> None:
+        """Stops the robot, and waits until it has stopped."""
+        self._inner.order("stop")
+        try:
+            self.wait()
+        except BoardError:
+            # It came to another end.
+            pass
+
     def order(self, name: str) -> None:
         """Gives an order: "pause", "continue", "preheat", "load", "unload", "purge", "stop" or "emergency-stop"."""
         self._inner.order(name)
@@ -67,6 +83,7 @@ class Board:
 
     def __init__(self, inner: _growbot.Board) -> None:
         self._inner = inner
+        self._growth: Optional[weakref.ref[Growth]] = None
 
     def __enter__(self) -> Board:
         return self
@@ -98,22 +115,43 @@ class Board:
 
         conditions with feedback=True close the loop; its noises and biases are for simulated robots alone.
         """
-        return Growth(self._inner.grow(plan, conditions, seed, log, replace_log, force))
+        self._must_be_idle()
+        growth = Growth(self._inner.grow(plan, conditions, seed, log, replace_log, force))
+        self._growth = weakref.ref(growth)
+        return growth
+
+    def _under_way(self) -> Optional[Growth]:
+        growth = None if self._growth is None else self._growth()
+        return None if growth is None or growth.ended else growth
+
+    def _must_be_idle(self) -> None:
+        if self._under_way() is not None:
+            raise BoardError("a growth is under way: read its events to the end, or stop it", "growing", "idle")
 
     def status(self) -> Status:
         """What the board is doing."""
+        self._must_be_idle()
         status = from_fields(json.loads(self._inner.status_json()))
         assert isinstance(status, Status)
         return status
 
     def stop(self) -> str:
         """Stops a body that another program has begun; in words, how."""
+        self._must_be_idle()
         return self._inner.stop()
 
     def emergency_stop(self) -> None:
         """Everything off, at once; raises BoardError unless the board says that it has obeyed."""
+        growth = self._under_way()
+        if growth is not None:
+            growth.order("emergency-stop")
+            growth.stop()
+            return
         self._inner.emergency_stop()
 
     def close(self) -> None:
         """Stops what grows, and disconnects."""
+        growth = self._under_way()
+        if growth is not None:
+            growth.stop()
         self._inner.close()

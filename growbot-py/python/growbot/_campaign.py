@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import operator
 import os
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
@@ -330,11 +331,13 @@ def _numbers(name: str, value: Any, counts: tuple[int, ...]) -> tuple[Any, ...]:
 
 
 def _whole(name: str, value: Any, least: int, most: int) -> int:
-    if isinstance(value, bool) or not hasattr(type(value), "__index__"):
+    try:
+        number = operator.index(value)
+    except TypeError:
         given = type(value).__name__
-        raise InputTypeError(f"{name} is of type {given}: give a whole number", given, "int")
-    number: int = value.__index__()
+        raise InputTypeError(f"{name} is of type {given}: give a whole number", given, "int") from None
     if not least <= number <= most:
-        message = f"{name} is {number}, and may be {least} to {most}: give one within"
-        raise InputError(message, number, least if number < least else most)
+        told = number if abs(number) < 2**64 else float("inf") if number > 0 else -float("inf")
+        message = f"{name} is {told}, and may be {least} to {most}: give one within"
+        raise InputError(message, told, least if number < least else most)
     return number

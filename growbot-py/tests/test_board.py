@@ -1,0 +1,141 @@
+"""Growths on the simulated board."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import growbot
+from conftest import START
+
+PLAN = growbot.plan(START, (5, 0, 60, 0, 85))
+
+
+def test_a_growth_is_its_events(tmp_path: Path) -> None:
+    log = tmp_path / "run.jsonl"
+    conditions = growbot.Conditions(noise_percent=5)
+    with growbot.connect("sim") as board:
+        assert board.simulated
+        growth = board.grow(PLAN, conditions=conditions, seed=3, log=log)
+        assert growth.result is None
+        seen = list(growth)
+        result = growth.result
+        assert result is not None and result["outcome"] == "done" and result["simulated"] and result["seed"] == 3
+        assert board.status().state == "done"
+    laid = [event.layer for event in seen if isinstance(event, growbot.events.Laid)]
+    assert laid == list(range(PLAN.layer_count))
+    states = [event.state for event in seen if isinstance(event, growbot.events.StateChanged)]
+    assert states[-4:] == ["heating", "homing", "growing", "done"]
+    run = growbot.RunLog(log)
+    assert (run.outcome, run.simulated, run.damage, run.plan) == ("done", True, None, growbot.Plan.from_json(PLAN.to_json()))
+    assert run.result == result and len(run.layers()) == PLAN.layer_count
+    simulated = run.simulated_layers()
+    assert simulated is not None and len(simulated) == PLAN.layer_count
+    of_log = list(run.events())
+    assert [event for event in of_log if not isinstance(event, (growbot.events.Other, growbot.events.Ended))] == [
+        event for event in seen if not isinstance(event, growbot.events.Other)
+    ]
+    assert isinstance(of_log[-1], growbot.events.Ended) and "simulated" in run.html()
+    assert pickle.loads(pickle.dumps(run)) == run
+    # The board lays what the command's does; without a board it is the same noise, and the layers are not in steps.
+    assert abs(PLAN.simulate(seed=3, conditions=conditions).position_error_mm - result["position_error_mm"]) < 0.5
+    with growbot.connect() as board, pytest.raises(growbot.FileError, match="there already.*replace_log=True"):
+        board.grow(PLAN, log=log).wait()
+    with growbot.connect() as board:
+        assert board.grow(PLAN, log=log, replace_log=True).wait()["outcome"] == "done"
+
+
+def test_feedback_amends_the_body() -> None:
+    conditions = growbot.Conditions(bias_percent=5, feedback=True)
+    with growbot.connect("sim") as board:
+        growth = board.grow(PLAN, conditions=conditions)
+        assert growbot.events.Amending in {type(event) for event in growth}
+        assert growth.result is not None and growth.result["feedback"]["amendments"] > 0
+
+
+def test_orders_and_leaving_stop_it() -> None:
+    with growbot.connect("sim") as board:
+        growth = board.grow(PLAN)
+        for event in growth:
+            if isinstance(event, growbot.events.Laid) and event.layer == 3:
+                growth.order("stop")
+        assert growth.result is not None and growth.result["outcome"] == "stopped"
+        with pytest.raises(growbot.InputError, match="there is no order"):
+            growth.order("jump")
+        for event in board.grow(PLAN):
+            break
+        assert board.status().state is not None
+        growth = board.grow(PLAN)
+        next(growth)
+        with pytest.raises(growbot.BoardError, match="under way"):
+            board.status()
+    assert growth.ended and growth.result is not None and growth.result["outcome"] == "stopped"
+    with pytest.raises(growbot.BoardError, match="disconnected"):
+        board.status()
+
+
+def test_what_cannot_be_grown_is_refused() -> None:
+    with growbot.connect("sim") as board:
+        for call, words in [
+            (lambda: board.grow(growbot.plan(START, (20, 10, 60, 0, 80))), "self-collision.*force=True"),
+            (lambda: board.grow(PLAN, conditions=growbot.Conditions(sag=True)), "without a board"),
+            (lambda: board.grow(PLAN, log="/nowhere/run.jsonl").wait(), "/nowhere/run.jsonl"),
+        ]:
+            with pytest.raises(growbot.Error, match=words):
+                call()
+    with pytest.raises(growbot.InputError, match="unknown"):
+        growbot.connect("nowhere")
+    with pytest.raises(growbot.BoardError, match="127.0.0.1:9"):
+        growbot.connect("tcp:127.0.0.1:9")
+
+
+INTERRUPTED = """
+import sys
+import growbot
+plan = growbot.plan((0, 0, 0, 0, 90), (0, 0, 2000, 0, 90))
+with growbot.connect("sim") as board:
+    growth = board.grow(plan, log=sys.argv[1])
+    try:
+        for event in growth:
+            if isinstance(event, growbot.events.Laid) and event.layer == 1:
+                print("growing", flush=True)
+    finally:
+        board.close()
+        print("closed", growth.result["outcome"], flush=True)
+"""
+
+
+def test_ctrl_c_stops_the_robot_first(tmp_path: Path) -> None:
+    log = tmp_path / "run.jsonl"
+    process = subprocess.Popen([sys.executable, "-c", INTERRUPTED, str(log)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None and process.stdout.readline() == "growing\n"
+    process.send_signal(signal.SIGINT)
+    out, error = process.communicate(timeout=60)
+    assert out == "closed stopped\n" and "KeyboardInterrupt" in error
+    assert growbot.RunLog(log).outcome == "stopped"
+
+
+def test_ctrl_c_ends_long_work() -> None:
+    script = "import growbot; p = growbot.plan((0,0,0,0,90),(0,0,500,0,90)); print('on', flush=True); growbot.repeat(p, 10**9)"
+    process = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None and process.stdout.readline() == "on\n"
+    time.sleep(0.5)
+    process.send_signal(signal.SIGINT)
+    assert "KeyboardInterrupt" in process.communicate(timeout=30)[1]
+
+
+def test_the_emulator(command: Path) -> None:
+    """The firmware in QEMU, where it is built: a growth in real time, with a robot of quick layers."""
+    image = Path(__file__).resolve().parents[2] / "target/thumbv7em-none-eabihf/firmware/an386"
+    if not image.exists():
+        raise AssertionError("build the image: cargo build-an386")
+    quick = growbot.plan(START, (0, 0, 8, 0, 90), robot="growbot-a2")
+    with growbot.connect(f"emulator:{image}", robot="growbot-a2") as board:
+        assert board.grow(quick).wait()["outcome"] == "done"
