@@ -94,7 +94,7 @@ fn every_block_says_what_it_is_and_what_it_needs() {
         for block in document.blocks() {
             let known = match block.language.as_deref() {
                 Some("console" | "sh") => block.needs.iter().all(|need| NEEDS.contains(&need.as_str())),
-                Some("toml" | "rust" | "text") => block.needs.is_empty(),
+                Some("toml" | "rust" | "text" | "python") => block.needs.is_empty(),
                 _ => false,
             };
             if !known || (block.is("console") && block.steps().is_empty()) {

@@ -6,7 +6,7 @@ use std::sync::{Arc, OnceLock};
 use growbot_client::plan_file::written_hash;
 use growbot_client::robot_file;
 use pyo3::prelude::*;
-use pyo3::types::PyType;
+use pyo3::types::{PyDict, PyType};
 
 use crate::arguments::{path, text, text_of_file, wrong_type};
 use crate::refused::{Kind, Refused};
@@ -76,11 +76,23 @@ impl Robot {
         Ok(Self { inner: Arc::new(robot) })
     }
 
+    /// The robot of a description, a dict as description gives it: say a built-in one with other numbers.
+    #[classmethod]
+    #[pyo3(signature = (description))]
+    fn from_description(cls: &Bound<PyType>, description: &Bound<PyAny>) -> Result<Self, Refused> {
+        let wanted = "a dict as Robot.description gives it";
+        let arguments = PyDict::new(cls.py());
+        arguments.set_item("allow_nan", false)?;
+        let json = cls.py().import("json")?.call_method("dumps", (description,), Some(&arguments));
+        let json = json.map_err(|_| wrong_type("description", description, wanted))?;
+        Self::_from_description(cls, &json)
+    }
+
     #[classmethod]
     fn _from_description(_cls: &Bound<PyType>, json: &Bound<PyAny>) -> Result<Self, Refused> {
         let json = text("json", json)?;
         let description = serde_json::from_str(&json).map_err(|error| {
-            Refused::new(Kind::Input, format!("json is no description ({error}): pickle the robot again"))
+            Refused::new(Kind::Input, format!("it is no description ({error}): give one as Robot.description has it"))
         })?;
         let robot = Described::new(description).map_err(|error| Refused::new(Kind::Input, error))?;
         Ok(Self { inner: Arc::new(robot) })

@@ -50,6 +50,7 @@ FUNCTIONS: dict[str, Callable[[Any], Any]] = {
     "Pose.from_direction.position": lambda it: growbot.Pose.from_direction(it, (0, 0, 1)),
     "Robot": growbot.Robot,
     "Robot.from_toml": growbot.Robot.from_toml,
+    "Robot.from_description": growbot.Robot.from_description,
     "Scene": growbot.Scene,
     "Plan.load": growbot.Plan.load,
     "Plan.from_json": growbot.Plan.from_json,

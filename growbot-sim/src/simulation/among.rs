@@ -12,13 +12,12 @@ use growbot_scene::clear::{Need, Work, is_clear};
 use growbot_scene::motion::{Curve, stretches};
 use growbot_scene::scene::{Obstacle, Scene};
 use nalgebra::Vector3;
-use serde::{Deserialize, Serialize};
 
 /// Of obstacles farther than this from the tube it does not matter how far they are, mm.
 const FAR: f64 = 1e3;
 
 /// Where a body touches an obstacle first.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Contact {
     /// Index of the layer.
     pub layer: u64,

@@ -23,7 +23,7 @@ pub struct Farthest {
 }
 
 /// What became of many growths among the obstacles of a scene.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ManyAmong {
     /// Growths whose true body touches an obstacle.
     pub contacts: u64,
@@ -81,6 +81,7 @@ pub struct Campaign {
     /// Of bodies that hang: the max sag, and the max stress of a root, each of the body that has it.
     pub hung: Option<Hung>,
     /// Of growths in a scene: what became of them there.
+    #[serde(skip)]
     pub among: Option<ManyAmong>,
 }
 
