@@ -16,8 +16,10 @@ import platform
 import random
 import statistics
 import subprocess
+import tempfile
 import time
 
+import growbot
 from ompl import base, util
 
 # A path is too long if it is longer than the best known by more than this, radii...
@@ -219,6 +221,26 @@ class Ompl:
         return timed(self.space.distance, self.starts, self.goals, passes)
 
 
+def python_call(loop, rounds=10, count=4000):
+    """What growbot.plan takes beyond the planner in Rust, nanoseconds a call: goals 3 to 30 radii away."""
+    generator = random.Random(2026)
+    goals = [
+        [*(generator.uniform(300, 1700) * generator.choice((-1, 1)) for _ in range(3)), generator.uniform(-180, 180),
+         generator.uniform(-90, 90)]
+        for _ in range(count)
+    ]
+    start, poses = growbot.Pose(0, 0, 0, 0, 90), [growbot.Pose(*goal) for goal in goals]
+    in_rust = in_python = math.inf
+    with tempfile.NamedTemporaryFile("w", suffix=".csv") as file:
+        file.writelines(",".join(map(repr, goal)) + "\n" for goal in goals)
+        file.flush()
+        for _ in range(rounds):
+            done = subprocess.run([loop, file.name, "1"], capture_output=True, check=True)
+            in_rust = min(in_rust, 1e9 * float(done.stdout) / count)
+            in_python = min(in_python, timed(growbot.plan, [start] * count, poses, 1))
+    return in_python - in_rust
+
+
 def timed(function, starts, goals, passes):
     """Nanoseconds for a call: as little Python around it as there can be."""
     gc.disable()
@@ -357,6 +379,7 @@ def cpu():
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--helper", required=True, help="the program of tests/peers/src")
+    parser.add_argument("--rust-loop", required=True, help="the program of growbot-py/rust-loop")
     parser.add_argument("--versions", required=True, help="versions to print above the table")
     parser.add_argument("--dubins-paths", required=True, help="version of the crate dubins_paths")
     parser.add_argument("--dubins", required=True, help="version of the C library")
@@ -417,7 +440,8 @@ def main():
 - {plane_queries} queries a family in the plane, {space_queries} in space. Times: medians of {rounds} rounds' ratios.
 - growbot's planner in the plane takes goals as the start sees them: converting them is in its time. Its planners in
   space check that the path arrives: that is in their time. OMPL is called from Python; "less the call": without what an
-  empty call from Python takes ({calls:.0f} ns here).
+  empty call from Python takes ({calls:.0f} ns here). growbot's own package for Python adds {python_call(args.rust_loop):.0f} ns
+  to a call of its planner: poses, checks, and a plan with its layers counted.
 - Vana and Vana-Owen: pitch from -90 to 90 deg.
 - Too long: by more than {TOO_LONG:.0e} R, beside the shortest path that is known to arrive: the one by which the goal
   was laid out, or any planner's that does. In space that is the best of those compared, not the shortest there is.

@@ -325,8 +325,8 @@ def _numbers(name: str, value: Any, counts: tuple[int, ...]) -> tuple[Any, ...]:
         wanted = " or ".join(str(count) for count in counts)
         raise InputTypeError(f"{name} has {len(items)} numbers: give {wanted}", len(items), wanted)
     # Checks them.
-    pose = Pose(*items) if len(items) == 5 else Pose(*items, 0, 0)
-    del pose
+    x, y, z, heading, pitch = items if len(items) == 5 else (*items, 0, 0)
+    Pose(x, y, z, heading, pitch)
     return tuple(float(number) for number in items)
 
 
