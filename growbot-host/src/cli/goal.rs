@@ -80,7 +80,8 @@ impl GoalArgs {
         if let Some(file) = given {
             let ends = self.search.start_and_goals(&robot, goal)?;
             let loaded = file::load(file)?;
-            let plan = self.scene.plan_in(file, &loaded, &robot, &ends, &self.search.search(&robot, true), json)?;
+            let plan =
+                self.scene.plan_in(file, &loaded, &robot, &ends, &self.search.search(&robot, true), None, json)?;
             return Ok(ToGrow { robot, plan, scene: Some(loaded), unclear: None });
         }
         let plan = self.search.plan(&robot, goal, self.clear_of_self || self.search.planner.is_none())?;
