@@ -1,5 +1,6 @@
 //! Plans through a scene: each leg is clear of all obstacles, of itself and of the legs before, which is proven.
 
+use std::cell::Cell;
 use std::path::Path;
 use std::time::Instant;
 
@@ -217,7 +218,8 @@ pub fn plan(
     through: &Through,
 ) -> Result<Plan, ThroughError> {
     let (grown, from_grown) = through.grown.map_or((&[][..], 0.0), |(grown, tip)| (grown, roll_from(start, tip)));
-    let leg = LegSearch { robot, search, through, grown, from_grown };
+    let legs_left = Cell::new(goals.len() as u32);
+    let leg = LegSearch { robot, search, through, grown, from_grown, legs_left };
     let mut plan =
         Plan::by_legs(robot, start, goals, search, |from, goal, body, roll| leg.plan(from, goal, body, roll))?;
     plan.scene = Some(SceneClearance {
@@ -311,6 +313,8 @@ struct LegSearch<'a> {
     /// The body that is there already, and by how much its tip is turned from the frame of the start, radians.
     grown: &'a [Segment],
     from_grown: f64,
+    /// Legs that are not planned yet: they share the time that is left.
+    legs_left: Cell<u32>,
 }
 
 impl LegSearch<'_> {
@@ -318,6 +322,13 @@ impl LegSearch<'_> {
     fn need(&self) -> Need {
         let distance = 0.5 * self.robot.outer_diameter() + self.through.margin + 2.0 * TOLERANCE;
         Need { distance, slack: SLACK * distance }
+    }
+
+    /// When this leg is to be found: each has an equal share of the time that is left.
+    fn deadline(&self) -> Option<Instant> {
+        let now = Instant::now();
+        let legs = self.legs_left.replace(self.legs_left.get().saturating_sub(1)).max(1);
+        self.through.deadline.map(|deadline| now + deadline.saturating_duration_since(now) / legs)
     }
 
     fn plan(&self, from: &Pose, goal: &Goal, body: &[Segment], roll: f64) -> Result<PlannedLeg, ThroughError> {
@@ -340,6 +351,7 @@ impl LegSearch<'_> {
             clear
         };
         if let Some((goal, chosen)) = plan_where(self.robot, from, goal, self.search, is_clear)? {
+            self.legs_left.set(self.legs_left.get().saturating_sub(1));
             return Ok(PlannedLeg::chosen(goal, &chosen, passed_over));
         }
         if self.search.planner == Planner::TwoPlane {
@@ -359,7 +371,7 @@ impl LegSearch<'_> {
             accept: &accept,
         };
         let work = self.through.effort.saturating_mul(WORK_PER_EFFORT);
-        let budget = Budget { work, deadline: self.through.deadline, first_only: false };
+        let budget = Budget { work, deadline: self.deadline(), first_only: false };
         match planner::search(&problem, &budget, &mut |_| ()) {
             Outcome::Found(chain) => {
                 let path = segments(&chain.stretches, &base_from_start);

@@ -81,12 +81,20 @@ fn divide(base_from_tip: &Frame, curve: &Helicoid, radius: f64, length: f64, pie
 #[must_use]
 pub fn is_body_clear(scene: &Scene, path: &[Segment], base_from_start: &Frame, need: &Need) -> bool {
     let mut work = Work::default();
+    // Who begins outside of a solid and keeps off its surface stays outside; who begins inside is not clear of it.
+    if scene.holds(&base_from_start.translation.vector) {
+        return false;
+    }
     pieces(path, base_from_start).iter().all(|piece| is_clear(scene, piece, need, &mut work))
 }
 
 /// The least distance of the centreline from the obstacles: at most the true one, and at least that less
-/// [`TOLERANCE`].
+/// [`TOLERANCE`]. Of a body that begins inside of a solid mesh, the negative distance of its start.
 #[must_use]
 pub fn clearance(scene: &Scene, path: &[Segment], base_from_start: &Frame) -> Clearance {
+    let start = base_from_start.translation.vector;
+    if scene.holds(&start) {
+        return Clearance { distance: scene.distance(&start) - TOLERANCE, at: 0.0 };
+    }
     least(scene, &pieces(path, base_from_start), TOLERANCE)
 }

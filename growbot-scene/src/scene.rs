@@ -97,8 +97,13 @@ impl Scene {
     #[must_use]
     pub fn distance(&self, point: &Vector3<f64>) -> f64 {
         let distance = self.distance_within(point, f64::INFINITY);
-        let is_inside = self.meshes.iter().any(|mesh| mesh.solid && mesh.holds(point));
-        if is_inside { -distance.abs() } else { distance }
+        if self.holds(point) { -distance.abs() } else { distance }
+    }
+
+    /// Whether a point is inside of a solid mesh.
+    #[must_use]
+    pub fn holds(&self, point: &Vector3<f64>) -> bool {
+        self.meshes.iter().any(|mesh| mesh.solid && mesh.holds(point))
     }
 
     /// The least of `within` and the distance from a point to the nearest surface of an obstacle, mm. Inside of a mesh

@@ -1,5 +1,9 @@
 //! Scene files, meshes and clouds: read right, or refused with one message.
 
+use growbot_core::path::Segment;
+use growbot_core::pose::Pose;
+use growbot_scene::body::{clearance, is_body_clear};
+use growbot_scene::clear::Need;
 use std::fmt::Write as _;
 use std::fs;
 use std::path::Path;
@@ -100,6 +104,11 @@ fn ply() -> String {
 
 /// A cube round the origin, in a node that moves it, below one that makes it larger.
 fn glb() -> Vec<u8> {
+    glb_with("", "")
+}
+
+/// The same with another piece of JSON.
+fn glb_with(from: &str, to: &str) -> Vec<u8> {
     let (corners, faces) = cube([0.0, 0.0, 0.0]);
     let mut data: Vec<u8> = corners.iter().flatten().flat_map(|value| (*value as f32).to_le_bytes()).collect();
     for [a, b, c, d] in faces {
@@ -112,6 +121,8 @@ fn glb() -> Vec<u8> {
                      {"bufferView":1,"componentType":5123,"count":36,"type":"SCALAR"}],
         "bufferViews":[{"buffer":0,"byteLength":96},{"buffer":0,"byteOffset":96,"byteLength":72}],
         "buffers":[{"byteLength":168}]}"#;
+    assert!(json.contains(from), "{from}");
+    let json = json.replacen(from, to, 1);
     let json = format!("{json:<width$}", width = json.len().next_multiple_of(4));
     let mut bytes = b"glTF".to_vec();
     let words = [2, (28 + json.len() + data.len()) as u32, json.len() as u32, 0x4e4f_534a];
@@ -236,6 +247,50 @@ fn what_is_wrong_is_said_with_value_and_limit() {
     assert!(load(&path).unwrap_err().to_string().contains("nan.ply cannot be understood"));
     let (_directory, path) = written("empty.obj", "");
     assert!(matches!(load(&path), Err(SceneError::Empty { what: "points", .. })));
+}
+
+#[test]
+fn what_would_be_read_in_part_is_refused() {
+    for (from, to, words) in [
+        (r#""indices":1}"#, r#""indices":1,"mode":5}"#, "mode 5"),
+        (r#""type":"SCALAR"}"#, r#""type":"SCALAR","sparse":{}}"#, "accessor 1 is sparse"),
+        (r#"{"buffer":0,"byteLength":96}"#, r#"{"buffer":1,"byteLength":96}"#, "in buffer 1"),
+        (r#""asset""#, r#""extensionsRequired":["KHR_draco"],"asset""#, "KHR_draco"),
+    ] {
+        let message = load(&written("part.glb", glb_with(from, to)).1).unwrap_err().to_string();
+        assert!(message.contains(words), "{message}");
+    }
+    let strips = scan()
+        .replace("end_header\n", "element tristrips 1\nproperty list int int vertex_indices\nend_header\n")
+        + "3 0 1 0\n";
+    let (_directory, path) = written("strips.ply", strips);
+    assert!(load(&path).unwrap_err().to_string().contains("strips of triangles"));
+    // A remark may hold anything; a face is not lost with it.
+    let mut bytes = obj().into_bytes();
+    bytes.extend(b"# W\xe4nde\n");
+    let (_directory, path) = written("remark.obj", &bytes);
+    assert!(load(&path).is_ok());
+    let at = bytes.windows(2).position(|pair| pair == b"f ").unwrap() + 2;
+    bytes[at] = 0xe4;
+    let (_directory, path) = written("spoilt.obj", &bytes);
+    assert!(load(&path).is_err());
+}
+
+#[test]
+fn no_body_that_begins_inside_of_a_solid_is_clear() {
+    let (_directory, path) = written(
+        "scene.toml",
+        "format = \"growbot-scene/1\"\nmargin_mm = 5\n[[mesh]]\nfile = \"cube.stl\"\nscale = 5000\n",
+    );
+    fs::write(path.with_file_name("cube.stl"), stl_binary()).unwrap();
+    let scene = load(&path).unwrap().scene;
+    let path = [Segment::Straight { length: 500.0 }];
+    let need = Need { distance: 28.0, slack: 0.1 };
+    let from = |x: f64| Pose::from_degrees([x, 0.0, 0.0, 0.0, 90.0]).unwrap().frame();
+    // The cube lies from 10 m to 20 m.
+    assert!(is_body_clear(&scene, &path, &from(0.0), &need) && clearance(&scene, &path, &from(0.0)).distance > 9999.0);
+    assert!(!is_body_clear(&scene, &path, &from(15_000.0), &need));
+    assert!(clearance(&scene, &path, &from(15_000.0)).distance < -4999.0);
 }
 
 /// Changes some bytes, cuts, doubles or drops a stretch.

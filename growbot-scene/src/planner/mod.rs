@@ -216,8 +216,10 @@ impl Search<'_, '_> {
         if self.trees.iter().all(Tree::is_exhausted) && self.is_separated_at_all() {
             return Outcome::Impossible(Why::Separated);
         }
-        let exhausted = self.trees.iter().rev().find(|tree| tree.is_exhausted());
-        exhausted.map_or(Outcome::NotFound, |tree| Outcome::NoneAt(tree.resolution))
+        // Of a search that was cut off, nothing is said: coarser trees tell little.
+        let is_complete = self.trees.len() == LEVELS && self.trees.iter().all(Tree::is_exhausted);
+        let finest = self.trees.last().filter(|_| is_complete);
+        finest.map_or(Outcome::NotFound, |tree| Outcome::NoneAt(tree.resolution))
     }
 
     /// Whether start and goal are separated: looked at more finely the longer nothing is found.

@@ -5,7 +5,7 @@
 //! RSS), with growbot's own shortest paths to the goal from every tip.
 
 use std::cmp::Ordering;
-use std::collections::{BinaryHeap, HashSet};
+use std::collections::{BinaryHeap, HashMap};
 use std::f64::consts::TAU;
 
 use growbot_core::trigonometry::sin_cos;
@@ -69,7 +69,8 @@ pub(super) struct Tree {
     pub(super) resolution: Resolution,
     nodes: Vec<Node>,
     queue: BinaryHeap<Next>,
-    cells: HashSet<[i32; 6]>,
+    /// The shortest way, mm, by which each cell was reached.
+    cells: HashMap<[i32; 6], f64>,
     pushed: u64,
 }
 
@@ -78,7 +79,7 @@ impl Tree {
         let way = Stretch::line(problem.start, 0.0);
         let root = Node { tip: problem.start, before: 0, way, gone: 0.0 };
         let mut tree =
-            Self { resolution, nodes: vec![root], queue: BinaryHeap::new(), cells: HashSet::new(), pushed: 0 };
+            Self { resolution, nodes: vec![root], queue: BinaryHeap::new(), cells: HashMap::new(), pushed: 0 };
         tree.branch(problem, 0, f64::INFINITY);
         tree
     }
@@ -97,12 +98,14 @@ impl Tree {
                 continue;
             }
             let end = next.way.end();
-            if !self.cells.insert(self.cell(&end))
+            let (cell, gone) = (self.cell(&end), self.nodes.get(next.node as usize)?.gone + next.way.length);
+            // A way that is blocked keeps no other from its cell.
+            if self.cells.get(&cell).is_some_and(|before| *before <= gone)
                 || !is_clear(problem.scene, &next.way, &problem.need, &mut meter.work)
             {
                 continue;
             }
-            let gone = self.nodes.get(next.node as usize)?.gone + next.way.length;
+            self.cells.insert(cell, gone);
             let index = self.nodes.len();
             self.nodes.push(Node { tip: end, before: next.node, way: next.way, gone });
             if let Some(found) = self.connect(problem, index, below, meter) {

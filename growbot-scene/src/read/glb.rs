@@ -3,6 +3,7 @@
 
 use nalgebra::{Matrix4, Quaternion, UnitQuaternion, Vector3, Vector4};
 use serde::Deserialize;
+use serde::de::IgnoredAny;
 
 use super::{Geometry, fan};
 
@@ -22,6 +23,7 @@ const TRIANGLES: u32 = 4;
 #[derive(Deserialize, Default)]
 #[serde(default, rename_all = "camelCase")]
 struct Document {
+    extensions_required: Vec<String>,
     scene: usize,
     scenes: Vec<Root>,
     nodes: Vec<Node>,
@@ -73,11 +75,14 @@ struct Accessor {
     byte_offset: usize,
     component_type: u32,
     count: usize,
+    sparse: Option<IgnoredAny>,
 }
 
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]
 struct View {
+    #[serde(default)]
+    buffer: usize,
     #[serde(default)]
     byte_offset: usize,
     byte_length: usize,
@@ -94,6 +99,9 @@ pub(super) fn read(bytes: &[u8]) -> Result<Geometry, String> {
     let json = bytes.get(20..).and_then(|rest| rest.get(..length)).ok_or("it stops in its JSON")?;
     let data = bytes.get(20 + length..).and_then(|rest| rest.get(8..)).unwrap_or_default();
     let document: Document = serde_json::from_slice(json).map_err(|error| format!("its JSON: {error}"))?;
+    if let Some(extension) = document.extensions_required.first() {
+        return Err(format!("it needs the extension {extension}, which is not read: export it without"));
+    }
     let mut reader = Reader { document: &document, data, geometry: Geometry::default(), visits: 0 };
     match document.scenes.get(document.scene) {
         Some(scene) => {
@@ -134,8 +142,11 @@ impl<'a> Reader<'a> {
     }
 
     fn primitive(&mut self, primitive: &Primitive, world_from_node: &Matrix4<f64>) -> Result<(), String> {
-        if primitive.mode.unwrap_or(TRIANGLES) != TRIANGLES {
-            return Ok(());
+        match primitive.mode.unwrap_or(TRIANGLES) {
+            TRIANGLES => {}
+            // Points and lines have no surface.
+            0..TRIANGLES => return Ok(()),
+            mode => return Err(format!("a mesh has faces of mode {mode}, strips or fans: export it as triangles")),
         }
         let position = primitive.attributes.position.ok_or("a mesh has no positions")?;
         let first = self.geometry.points.len();
@@ -156,6 +167,9 @@ impl<'a> Reader<'a> {
             Some(indices) => self.indices(indices)?,
             None => (0..count as i64).collect(),
         };
+        if self.geometry.triangles.len() + indices.len() / 3 > MAX_POINTS {
+            return Err(format!("its nodes show more than {MAX_POINTS} triangles"));
+        }
         // What a mirroring node turns inside out is turned back.
         let mirrored = world_from_node.fixed_view::<3, 3>(0, 0).determinant() < 0.0;
         for face in indices.as_chunks::<3>().0 {
@@ -186,8 +200,17 @@ impl<'a> Reader<'a> {
         if !kinds.contains(&accessor.component_type) {
             return Err(format!("accessor {index} has numbers of kind {}", accessor.component_type));
         }
+        if accessor.sparse.is_some() {
+            return Err(format!("accessor {index} is sparse, which is not read: export it in full"));
+        }
         let view = accessor.buffer_view.and_then(|view| self.document.buffer_views.get(view));
         let view = view.ok_or_else(|| format!("accessor {index} has no bytes"))?;
+        if view.buffer != 0 {
+            return Err(format!(
+                "accessor {index} is in buffer {}, which is not in the file: export all in one",
+                view.buffer
+            ));
+        }
         let bytes = self.data.get(view.byte_offset..).and_then(|rest| rest.get(..view.byte_length));
         let bytes = bytes.and_then(|bytes| bytes.get(accessor.byte_offset..));
         let bytes = bytes.ok_or_else(|| format!("the bytes of accessor {index} are not all there"))?;

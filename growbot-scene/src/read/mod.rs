@@ -186,11 +186,15 @@ pub fn open_edges(points: &[Vector3<f64>], triangles: &[[u32; 3]]) -> usize {
     groups.map(|group| group.iter().map(|edge| if edge.2 { -1 } else { 1 }).sum::<isize>().unsigned_abs()).sum()
 }
 
-/// The lines of a text that may hold bytes that are no UTF-8, each split into words.
+/// The lines of a text, each split into words. Bytes that are no UTF-8 may stand in names and remarks.
 fn lines(bytes: &[u8]) -> impl Iterator<Item = Vec<&str>> {
-    bytes
-        .split(|byte| *byte == b'\n')
-        .map(|line| std::str::from_utf8(line).unwrap_or("").split_ascii_whitespace().collect())
+    bytes.split(|byte| *byte == b'\n').map(words)
+}
+
+/// The words of a line; one that is no UTF-8, and so no number, is called so.
+fn words(line: &[u8]) -> Vec<&str> {
+    let words = line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty());
+    words.map(|word| std::str::from_utf8(word).unwrap_or("(no UTF-8)")).collect()
 }
 
 /// Three numbers.

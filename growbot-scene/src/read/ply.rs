@@ -86,6 +86,10 @@ pub(super) fn read(bytes: &[u8]) -> Result<Geometry, String> {
                     super::fan(&corners, &mut geometry)?;
                 }
             }
+            // A mesh by strips would be taken for a cloud.
+            "tristrips" if element.count > 0 => {
+                return Err("it has strips of triangles: export it with faces".to_owned());
+            }
             _ => {
                 Parser::<Other>::new()
                     .read_payload_for_element(&mut reader, element, &header)
