@@ -6,27 +6,37 @@ use std::{env, fs, process};
 
 use growbot_core::robot::Robot;
 
+/// A board that firmware can be built for. Its feature and its memory map have its name.
+struct Board {
+    name: &'static str,
+    target: &'static str,
+    command: &'static str,
+}
+
+const BOARDS: [Board; 3] = [
+    Board { name: "an386", target: "thumbv7em-none-eabihf", command: "build-an386" },
+    Board { name: "pico", target: "thumbv6m-none-eabi", command: "build-pico" },
+    Board { name: "stm32f405", target: "thumbv7em-none-eabihf", command: "build-robot" },
+];
+
 fn main() {
     println!("cargo:rerun-if-changed=build.rs");
     println!("cargo:rerun-if-changed=memory");
     println!("cargo:rerun-if-env-changed=GROWBOT_ROBOT");
 
-    let board = match (feature("AN386"), feature("STM32F405")) {
-        (false, false) => return,
-        (true, false) => "an386",
-        (false, true) => "stm32f405",
-        (true, true) => stop(
-            "the features `an386` and `stm32f405` exclude each other: build one board a call, with `cargo build-an386` \
-             or `cargo build-robot`",
-        ),
-    };
+    let mut chosen = BOARDS.iter().filter(|board| feature(&board.name.to_uppercase()));
+    let Some(&Board { name: board, target: wanted, command }) = chosen.next() else { return };
+    if let Some(other) = chosen.next() {
+        stop(&format!(
+            "the features `{board}` and `{}` exclude each other: build one board a call, with `cargo {command}` or \
+             `cargo {}`",
+            other.name, other.command
+        ));
+    }
 
     let target = env::var("TARGET").unwrap_or_default();
-    if target != "thumbv7em-none-eabihf" {
-        stop(&format!(
-            "the feature `{board}` is for --target thumbv7em-none-eabihf, not {target}: use `cargo build-an386` or \
-             `cargo build-robot`"
-        ));
+    if target != wanted {
+        stop(&format!("the feature `{board}` is for --target {wanted}, not {target}: use `cargo {command}`"));
     }
 
     let (Some(out), Some(here)) = (directory("OUT_DIR"), directory("CARGO_MANIFEST_DIR")) else {

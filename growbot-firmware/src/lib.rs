@@ -12,7 +12,8 @@
 //!
 //! Beside it [`heater`] and [`thermistor`] keep the nozzle hot, and [`safety`] has the table of states and the
 //! reactions to faults. After a loss of power the [`journal`] knows the progress of a growth. [`hal`] has the traits of
-//! a board. The boards themselves are the binaries in `boards/`: `an386` (emulated) and `stm32f405` (the robot's).
+//! a board. The boards themselves are the binaries in `boards/`: `an386` (emulated), `stm32f405` (the
+//! robot's) and `pico`.
 #![no_std]
 #![forbid(unsafe_code)]
 
@@ -28,7 +29,7 @@ pub mod image_seal;
 pub mod journal;
 pub mod layer_store;
 pub mod link;
-#[cfg(any(feature = "an386", feature = "stm32f405"))]
+#[cfg(any(feature = "an386", feature = "pico", feature = "stm32f405"))]
 pub mod machine;
 pub mod orientation;
 pub mod polarity;

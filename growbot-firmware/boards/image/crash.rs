@@ -21,9 +21,13 @@ unsafe impl Sync for Words {}
 
 /// Registers of the system control block: interrupt control and state, fault status, fault addresses (ARMv7-M, B3.2).
 const ICSR: *const u32 = 0xE000_ED04 as *const u32;
+#[cfg(not(feature = "pico"))]
 const CFSR: *const u32 = 0xE000_ED28 as *const u32;
+#[cfg(not(feature = "pico"))]
 const HFSR: *const u32 = 0xE000_ED2C as *const u32;
+#[cfg(not(feature = "pico"))]
 const MMFAR: *const u32 = 0xE000_ED34 as *const u32;
+#[cfg(not(feature = "pico"))]
 const BFAR: *const u32 = 0xE000_ED38 as *const u32;
 
 /// The registers that the handler of an exception finds.
@@ -46,12 +50,25 @@ fn stack_word(address: u32) -> u32 {
     if within { unsafe { (at as *const u32).read_volatile() } } else { 0 }
 }
 
+/// What the processor says of a fault: status and addresses.
+#[cfg(not(feature = "pico"))]
+fn fault_registers() -> [u32; 4] {
+    // SAFETY: registers that every Cortex-M4 has, and that may be read at any time.
+    [CFSR, HFSR, MMFAR, BFAR].map(|register| unsafe { register.read_volatile() })
+}
+
+/// A processor of ARMv6-M says nothing of a fault.
+#[cfg(feature = "pico")]
+fn fault_registers() -> [u32; 4] {
+    [0; 4]
+}
+
 /// Retains the state of the processor. Called by the handler of an exception that nothing returns from.
 #[inline(never)]
 pub fn retain(cause: ResetCause, boot_id: u32, moment: &Moment) {
-    // SAFETY: registers that every Cortex-M4 has, and that may be read at any time.
-    let [icsr, cfsr, hfsr, mmfar, bfar] =
-        [ICSR, CFSR, HFSR, MMFAR, BFAR].map(|register| unsafe { register.read_volatile() });
+    // SAFETY: a register that every Cortex-M has, and that may be read at any time.
+    let icsr = unsafe { ICSR.read_volatile() };
+    let [cfsr, hfsr, mmfar, bfar] = fault_registers();
     let what = number_of(cause) | (icsr & 0x1FF) << 16;
     let sp = moment.stack_pointer as u32;
     let head = [what, boot_id, seal::stated(), sp, moment.exc_return, cfsr, hfsr, mmfar, bfar];

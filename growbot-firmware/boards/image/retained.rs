@@ -2,10 +2,11 @@
 
 use core::cell::UnsafeCell;
 use core::mem::MaybeUninit;
-use core::sync::atomic::{AtomicBool, Ordering};
+use core::sync::atomic::Ordering;
 
 use growbot_firmware::hal::RetainedMemory;
 use growbot_firmware::safety::retained::{COPY_BYTES, RETAINED_BYTES};
+use portable_atomic::AtomicBool;
 
 #[unsafe(link_section = ".uninit.retained")]
 static WORDS: Words = Words(UnsafeCell::new(MaybeUninit::uninit()));

@@ -32,6 +32,7 @@ pub fn top() -> usize {
 /// The handler of the processor's faults. The stack pointer may point anywhere. If it leaves too little of the stack,
 /// it is set to the top before anything uses the stack. Else it stays, so that the crash record can have what was on
 /// the stack. The floating-point registers that the processor has not saved yet (FPCCR.LSPACT) are dropped.
+#[cfg(not(feature = "pico"))]
 #[unsafe(naked)]
 #[unsafe(export_name = "HardFault")]
 extern "C" fn hard_fault() -> ! {
@@ -55,6 +56,33 @@ extern "C" fn hard_fault() -> ! {
         "bic r3, r3, #1",
         "str r3, [r2]",
         "b {on_fault}",
+        little = const LITTLE,
+        on_fault = sym on_fault,
+    )
+}
+
+/// The same for a processor of ARMv6-M, which has no floating-point registers and loads addresses from beside the code.
+#[cfg(feature = "pico")]
+#[unsafe(naked)]
+#[unsafe(export_name = "HardFault")]
+extern "C" fn hard_fault() -> ! {
+    naked_asm!(
+        "mrs r0, msp",
+        "mov r1, lr",
+        "ldr r2, 3f",
+        "ldr r3, 4f",
+        // Within the stack, and with enough of it left.
+        "cmp r0, r2",
+        "blo 1f",
+        "cmp r0, r3",
+        "bls 2f",
+        "1: msr msp, r3",
+        "2: ldr r2, 5f",
+        "bx r2",
+        ".balign 4",
+        "3: .word _stack_end + {little}",
+        "4: .word _stack_start",
+        "5: .word {on_fault}",
         little = const LITTLE,
         on_fault = sym on_fault,
     )

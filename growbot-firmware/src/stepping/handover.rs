@@ -2,10 +2,11 @@
 //! interrupt sees.
 
 use core::cell::Cell;
-use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use core::sync::atomic::{AtomicU32, Ordering};
 
 use critical_section::{CriticalSection, Mutex};
 use growbot_core::layer::SECTORS;
+use portable_atomic::AtomicBool;
 
 use super::orders::{Alarm, AxisMove, Homing, Order, Report, TurnReport};
 use super::pace::Pace;

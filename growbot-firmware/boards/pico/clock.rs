@@ -1,0 +1,77 @@
+//! The board's clocks, 125 MHz of the crystal's 12 MHz, and the time, which the timer counts in microseconds.
+
+use rp2040_pac as pac;
+
+/// The processor's clock.
+pub const PROCESSOR_HZ: u32 = 125_000_000;
+/// Peripherals that are used: ADC, both banks of pins and pads, both PLLs, PWM, timer, UART0 (data sheet, 2.14.3).
+const USED: u32 = 1 | 1 << 5 | 1 << 8 | 1 << 12 | 1 << 13 | 1 << 14 | 1 << 21 | 1 << 22;
+/// Clocks of the crystal in a microsecond.
+const CRYSTAL_MHZ: u32 = 12;
+/// Magic numbers of the crystal's oscillator: on, at 1 to 15 MHz.
+const CRYSTAL_ON: u32 = 0xFA_BAA0;
+/// The crystal starts in 1 ms: 47 times 256 clocks.
+const CRYSTAL_DELAY: u32 = 47;
+const STABLE: u32 = 1 << 31;
+const LOCKED: u32 = 1 << 31;
+/// Power down of a PLL: all of it, and only its dividers.
+const PLL_OFF: u32 = 0b101101;
+const PLL_DIVIDERS_OFF: u32 = 1 << 3;
+
+/// Runs a PLL of 12 MHz times `factor`, divided by two dividers.
+fn run_pll(pll: &pac::pll_sys::RegisterBlock, factor: u32, dividers: [u32; 2]) {
+    let [first, second] = dividers;
+    // SAFETY: oscillators of 750 to 1600 MHz and dividers of 1 to 7, as the data sheet has them (2.18.2).
+    unsafe {
+        pll.pwr().write(|w| w.bits(PLL_OFF));
+        pll.cs().write(|w| w.bits(1));
+        pll.fbdiv_int().write(|w| w.bits(factor));
+        pll.pwr().write(|w| w.bits(PLL_DIVIDERS_OFF));
+        while pll.cs().read().bits() & LOCKED == 0 {}
+        pll.prim().write(|w| w.bits(first << 16 | second << 12));
+        pll.pwr().write(|w| w.bits(0));
+    }
+}
+
+/// Starts the crystal, the clocks of processor and peripherals, and the timer. The watchdog runs from here on: what
+/// never gets ready ends in a reset.
+pub fn start(device: &pac::Peripherals) {
+    let (clocks, crystal) = (&device.CLOCKS, &device.XOSC);
+    // SAFETY: values of the data sheet (2.15 to 2.18), in its order: nothing runs from a clock while it changes.
+    unsafe {
+        crystal.startup().write(|w| w.bits(CRYSTAL_DELAY));
+        crystal.ctrl().write(|w| w.bits(CRYSTAL_ON));
+        while crystal.status().read().bits() & STABLE == 0 {}
+        // Reference from the crystal, and the processor from it too while the PLLs start.
+        clocks.clk_sys_ctrl().write(|w| w.bits(0));
+        while clocks.clk_sys_selected().read().bits() != 1 {}
+        clocks.clk_ref_ctrl().write(|w| w.bits(2));
+        while clocks.clk_ref_selected().read().bits() != 1 << 2 {}
+        device.RESETS.reset().modify(|r, w| w.bits(r.bits() & !USED));
+        while device.RESETS.reset_done().read().bits() & USED != USED {}
+        run_pll(&device.PLL_SYS, 125, [6, 2]);
+        run_pll(&device.PLL_USB, 100, [5, 5]);
+        // The processor from its PLL, peripherals from the processor's clock, the ADC from 48 MHz.
+        clocks.clk_sys_div().write(|w| w.bits(1 << 8));
+        clocks.clk_sys_ctrl().write(|w| w.bits(0));
+        clocks.clk_sys_ctrl().write(|w| w.bits(1));
+        while clocks.clk_sys_selected().read().bits() != 1 << 1 {}
+        clocks.clk_peri_ctrl().write(|w| w.bits(1 << 11));
+        clocks.clk_adc_div().write(|w| w.bits(1 << 8));
+        clocks.clk_adc_ctrl().write(|w| w.bits(1 << 11));
+        device.WATCHDOG.tick().write(|w| w.bits(1 << 9 | CRYSTAL_MHZ));
+    }
+}
+
+/// Microseconds since the board started.
+pub fn now_us() -> u64 {
+    // SAFETY: reading these registers has no effect.
+    let timer = unsafe { &*pac::TIMER::ptr() };
+    loop {
+        let high = timer.timerawh().read().bits();
+        let low = timer.timerawl().read().bits();
+        if high == timer.timerawh().read().bits() {
+            return u64::from(high) << 32 | u64::from(low);
+        }
+    }
+}

@@ -1,0 +1,180 @@
+//! The journal's flash: the last 256 KiB of the chip that the firmware runs from, which the boot ROM's functions erase
+//! and program (data sheet of the RP2040, 2.8.3).
+//!
+//! Meanwhile nothing can be read from it, code included: this runs in RAM without interrupts. That is 0.4 ms a page,
+//! 3 ms at most, and up to 2 s for 64 KiB (data sheet of the W25Q16JV, 9.6). Heater and steppers must be off while a
+//! sector is erased.
+
+use embedded_storage::nor_flash::NorFlashErrorKind;
+
+use crate::image::word_flash::{ByWords, Word, WordFlash};
+
+/// Bytes of a sector of the journal, and of a block that is erased at once, and its command.
+const SECTOR_BYTES: usize = 128 * 1024;
+const BLOCK_BYTES: usize = 64 * 1024;
+const ERASE_BLOCK: u32 = 0xD8;
+/// Bytes that are programmed at once. Cells that get a one stay as they are.
+const PAGE_BYTES: usize = 256;
+const PAGE_WORDS: usize = PAGE_BYTES / 4;
+/// Where the flash is mapped.
+const MAPPED: usize = 0x1000_0000;
+/// The boot ROM's table of functions and the function that searches it: addresses of 16 bits.
+const ROM_TABLE: *const u16 = 0x14 as *const u16;
+const ROM_SEARCH: *const u16 = 0x18 as *const u16;
+
+unsafe extern "C" {
+    /// Where the memory map has the journal begin, and end. Addresses only.
+    static _journal_start: u32;
+    static _journal_end: u32;
+}
+
+/// The journal's flash.
+pub type JournalFlash = ByWords<BoardFlash>;
+
+type Plain = unsafe extern "C" fn();
+type Erase = unsafe extern "C" fn(offset: u32, bytes: usize, block: u32, command: u32);
+type Program = unsafe extern "C" fn(offset: u32, data: *const u32, bytes: usize);
+
+/// What the work needs of the boot ROM.
+#[derive(Clone, Copy)]
+struct Rom {
+    connect: Plain,
+    exit_execution: Plain,
+    erase: Erase,
+    program: Program,
+    flush: Plain,
+}
+
+/// The second-stage loader in RAM, and a page to be programmed.
+pub struct BoardFlash {
+    rom: Option<Rom>,
+    loader: [u32; PAGE_WORDS],
+    page: [u32; PAGE_WORDS],
+}
+
+/// The address of a function of the boot ROM; none where it has none of that name.
+fn search(name: [u8; 2]) -> Option<usize> {
+    // SAFETY: the boot ROM has the addresses of its table and of a function of this type there.
+    unsafe {
+        let table = ROM_TABLE.read_volatile() as usize as *const u16;
+        let function = ROM_SEARCH.read_volatile() as usize;
+        if function == 0 {
+            return None;
+        }
+        let function: extern "C" fn(*const u16, u32) -> usize = core::mem::transmute(function);
+        let found = function(table, u32::from(u16::from_le_bytes(name)));
+        (found != 0).then_some(found)
+    }
+}
+
+impl Rom {
+    fn find() -> Option<Self> {
+        let [connect, exit_execution, erase, program, flush] =
+            [search(*b"IF")?, search(*b"EX")?, search(*b"RE")?, search(*b"RP")?, search(*b"FC")?];
+        // SAFETY: functions of these types, as the data sheet's table has them.
+        unsafe {
+            Some(Rom {
+                connect: core::mem::transmute::<usize, Plain>(connect),
+                exit_execution: core::mem::transmute::<usize, Plain>(exit_execution),
+                erase: core::mem::transmute::<usize, Erase>(erase),
+                program: core::mem::transmute::<usize, Program>(program),
+                flush: core::mem::transmute::<usize, Plain>(flush),
+            })
+        }
+    }
+}
+
+/// Erases a block, where `page` is null, or programs a page. In RAM, and all that it calls is in the ROM or in RAM.
+///
+/// # Safety
+///
+/// The offset is in the journal, and interrupts are off.
+#[inline(never)]
+#[unsafe(link_section = ".data.change")]
+unsafe fn change(rom: &Rom, loader: *const u32, offset: u32, page: *const u32) {
+    // SAFETY: the order of the data sheet. The loader, thumb code of 252 bytes, returns to its caller.
+    unsafe {
+        (rom.connect)();
+        (rom.exit_execution)();
+        if page.is_null() {
+            (rom.erase)(offset, BLOCK_BYTES, BLOCK_BYTES as u32, ERASE_BLOCK);
+        } else {
+            (rom.program)(offset, page, PAGE_BYTES);
+        }
+        (rom.flush)();
+        let restore: Plain = core::mem::transmute(loader.wrapping_byte_add(1));
+        restore();
+    }
+}
+
+impl BoardFlash {
+    /// The flash.
+    pub fn new() -> Self {
+        // SAFETY: the flash begins with the loader, and is read only.
+        let loader =
+            core::array::from_fn(|index| unsafe { (MAPPED as *const u32).wrapping_add(index).read_volatile() });
+        Self { rom: Rom::find(), loader, page: [u32::MAX; PAGE_WORDS] }
+    }
+
+    /// Address of a byte of the journal.
+    fn address(offset: usize) -> *const u32 {
+        (&raw const _journal_start).wrapping_byte_add(offset)
+    }
+
+    /// Erases the block or programs the page at an offset in the journal.
+    fn change(&mut self, offset: usize, page: Option<()>) -> Result<(), NorFlashErrorKind> {
+        let rom = self.rom.ok_or(NorFlashErrorKind::Other)?;
+        if offset >= self.capacity() {
+            return Err(NorFlashErrorKind::OutOfBounds);
+        }
+        let place = (Self::address(offset) as usize).wrapping_sub(MAPPED) as u32;
+        let page = page.map_or(core::ptr::null(), |()| self.page.as_ptr());
+        crate::watchdog::feed();
+        cortex_m::interrupt::free(|_| {
+            // SAFETY: within the journal, and interrupts are off.
+            unsafe { change(&rom, self.loader.as_ptr(), place, page) }
+        });
+        Ok(())
+    }
+
+    /// Programs what has been put into the page, and empties it.
+    fn program_page(&mut self, offset: usize) -> Result<(), NorFlashErrorKind> {
+        let done = self.change(offset, Some(()));
+        self.page = [u32::MAX; PAGE_WORDS];
+        done
+    }
+}
+
+impl WordFlash for BoardFlash {
+    const SECTOR_BYTES: usize = SECTOR_BYTES;
+
+    fn capacity(&self) -> usize {
+        (&raw const _journal_end as usize).wrapping_sub(Self::address(0) as usize)
+    }
+
+    fn read(&self, offset: usize) -> u32 {
+        // SAFETY: an aligned word of the journal's flash, which Rust code owns nothing of.
+        unsafe { Self::address(offset).read_volatile() }
+    }
+
+    fn erase(&mut self, sector: usize) -> Result<(), NorFlashErrorKind> {
+        let from = sector.wrapping_mul(SECTOR_BYTES);
+        self.change(from, None)?;
+        self.change(from.wrapping_add(BLOCK_BYTES), None)
+    }
+
+    fn program(&mut self, words: impl Iterator<Item = Word>) -> Result<(), NorFlashErrorKind> {
+        let mut under_way = None;
+        for Word { offset, value } in words {
+            let page = offset - offset % PAGE_BYTES;
+            if let Some(before) = under_way.filter(|before| *before != page) {
+                self.program_page(before)?;
+            }
+            under_way = Some(page);
+            if let Some(word) = self.page.get_mut(offset % PAGE_BYTES / 4) {
+                *word = value;
+            }
+        }
+        under_way.map_or(Ok(()), |page| self.program_page(page))
+    }
+}

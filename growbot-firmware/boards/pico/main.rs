@@ -1,0 +1,194 @@
+//! growbot on a Raspberry Pi Pico: an RP2040 at 125 MHz, whose second core stays asleep.
+//!
+//! | priority | interrupt | does |
+//! |---|---|---|
+//! | 0, the highest | PWM_IRQ_WRAP | steps the motors |
+//! | 1 | UART0_IRQ | moves the bytes of the link |
+//! | main loop | | polls the controller, at each step tick |
+//!
+//! The processor has neither a floating-point unit nor atomic swaps. Its arithmetic is the compiler's, to the same bits
+//! as everywhere: that of the boot ROM flushes denormal numbers.
+
+#![no_std]
+#![no_main]
+
+mod adc;
+mod clock;
+mod flash;
+#[path = "../image/mod.rs"]
+mod image;
+#[path = "../an386/interrupt_owned.rs"]
+mod interrupt_owned;
+mod pins;
+mod power;
+mod reset;
+mod step_timer;
+mod uart;
+mod watchdog;
+
+use cortex_m::peripheral::NVIC;
+use cortex_m_rt::entry;
+use embedded_hal::delay::DelayNs;
+use growbot_firmware::controller::{Controller, Identity};
+use growbot_firmware::hal::{Board, NoDebugPort, Parts};
+use growbot_firmware::journal::Journal;
+use growbot_firmware::layer_store::LayerStore;
+use growbot_firmware::machine;
+use growbot_firmware::orientation::TipOrientation;
+use growbot_firmware::soft_i2c::SoftI2c;
+use growbot_firmware::stepping::{Axis, Engine, EngineSettings, Handover, Inputs};
+use rp2040_pac as pac;
+
+use crate::flash::{BoardFlash, JournalFlash};
+use crate::image::retained::RetainedRam;
+use crate::image::word_flash::ByWords;
+use crate::image::{crash, seal};
+use crate::pins::Pins;
+use crate::power::{Fan, Heater, Power};
+
+/// The second stage of the boot ROM's loader, for the flash chip of the board.
+#[unsafe(link_section = ".boot2")]
+#[used]
+static LOADER: [u8; 256] = rp2040_boot2::BOOT_LOADER_W25Q080;
+
+defmt::timestamp!("{=u64:us}", clock::now_us());
+
+/// Where the controller and the step interrupt meet.
+static HANDOVER: Handover = Handover::new();
+
+/// Interrupts and their priorities, of which the upper two bits count.
+const INTERRUPTS: [(pac::Interrupt, u8); 2] = [(pac::Interrupt::PWM_IRQ_WRAP, 0), (pac::Interrupt::UART0_IRQ, 1 << 6)];
+
+/// The parts of this board.
+struct Pico;
+
+impl Board for Pico {
+    type HeaterPower = Heater;
+    type HeaterEnable = pins::HeaterEnable;
+    type Fan = Fan;
+    type Thermistor = adc::Thermistor;
+    type Supply = adc::Supply;
+    type FilamentPresence = pins::FilamentPresence;
+    type DriverFault = pins::DriverFault;
+    type Orientation = TipOrientation<SoftI2c<pins::OrientationClock, pins::OrientationData, Cycles>>;
+    type Watchdog = watchdog::BoardWatchdog;
+    type DebugPort = NoDebugPort;
+    type Retained = RetainedRam;
+    type Flash = JournalFlash;
+    type Store = &'static mut LayerStore;
+}
+
+/// Waits by counting the processor's cycles.
+pub struct Cycles;
+
+impl DelayNs for Cycles {
+    fn delay_ns(&mut self, ns: u32) {
+        cortex_m::asm::delay(ns.div_ceil(8));
+    }
+}
+
+#[entry]
+fn main() -> ! {
+    run(set_up())
+}
+
+/// What the board does for ever.
+#[inline(never)] // So that its room on the stack is not taken while everything is started.
+fn run(controller: &mut Controller<Pico>) -> ! {
+    let (received, to_send) = (&uart::RECEIVED, &uart::TO_SEND);
+    let mut logged = controller.state();
+    loop {
+        while let Some(byte) = received.dequeue() {
+            controller.receive(byte, &HANDOVER);
+        }
+        controller.poll(clock::now_us(), &HANDOVER);
+        while to_send.ready() {
+            let Some(byte) = controller.transmit() else { break };
+            let _ = to_send.enqueue(byte);
+        }
+        uart::send_queued();
+        if controller.state() != logged {
+            logged = controller.state();
+            let fault = controller.fault().map_or("none", |fault| fault.code());
+            defmt::info!("{=str}, fault {=str}", logged.name(), fault);
+        }
+        // The next step tick ends it at the latest.
+        cortex_m::asm::wfi();
+    }
+}
+
+/// Starts everything.
+#[inline(never)] // Its room on the stack is not needed for longer.
+fn set_up() -> &'static mut Controller<Pico> {
+    let store = cortex_m::singleton!(: LayerStore = LayerStore::new());
+    let (Some(mut core), Some(store), Some(retained)) = (cortex_m::Peripherals::take(), store, RetainedRam::take())
+    else {
+        // `main` runs once, so all of them are there.
+        reset::restart()
+    };
+    // SAFETY: once, as the processor's own peripherals above.
+    let device = unsafe { pac::Peripherals::steal() };
+    let watchdog = watchdog::start(&device);
+    // Fast clocks first: the check of the image takes ten times as long without.
+    clock::start(&device);
+    let robot = machine::built_for();
+    let identity = identify(&device);
+    let pins = Pins::new(robot.description(), device.IO_BANK0, device.PADS_BANK0);
+    uart::start(&device.UART0);
+    let engine = Engine::new(
+        Axis { step: pins.head_step, direction: pins.head_direction, enable: pins.head_enable },
+        Axis { step: pins.feed_step, direction: pins.feed_direction, enable: pins.feed_enable },
+        Inputs { index: pins.index, filament_motion: pins.filament_motion, emergency_stop: pins.emergency_stop },
+        pins::TipOutputs,
+        EngineSettings::of(&robot),
+    );
+    let (thermistor, supply) = adc::new(device.ADC);
+    let parts = Parts {
+        heater_power: Power::start(),
+        heater_enable: pins.heater_enable,
+        fan: Power::start(),
+        thermistor,
+        supply,
+        filament_presence: pins.filament_presence,
+        driver_fault: pins.driver_fault,
+        orientation: TipOrientation::new(SoftI2c::new(pins.orientation_clock, pins.orientation_data, Cycles)),
+        watchdog,
+        debug_port: NoDebugPort,
+        retained,
+        journal: Journal::open(ByWords(BoardFlash::new())),
+        store,
+    };
+    defmt::info!(
+        "pico for {=str}, boot id {=u32:08x}, started by {=str}",
+        robot.name(),
+        identity.boot_id,
+        identity.reset_cause.name()
+    );
+    step_timer::start(engine, &device.PWM, robot.description().motion.tick_hz);
+    start_interrupts(&mut core.NVIC);
+    // Not on the stack, which planning needs.
+    let controller = cortex_m::singleton!(: Controller<Pico> = Controller::new(robot, identity, parts, &HANDOVER));
+    let Some(controller) = controller else { reset::restart() };
+    controller
+}
+
+/// Enables the interrupts. Everything that their handlers use is in place.
+fn start_interrupts(nvic: &mut NVIC) {
+    for (interrupt, priority) in INTERRUPTS {
+        // SAFETY: no code here is protected by a priority mask that this could undercut.
+        unsafe { nvic.set_priority(interrupt, priority) };
+        // SAFETY: what the handlers use is in place, and this is in no critical section.
+        unsafe { NVIC::unmask(interrupt) };
+    }
+}
+
+/// Facts about this start.
+fn identify(device: &pac::Peripherals) -> Identity {
+    Identity {
+        reset_cause: reset::read_and_clear_cause(device),
+        boot_id: reset::next_boot_id(),
+        image: seal::check(),
+        crash: crash::latest(),
+        without_crystal: false,
+    }
+}

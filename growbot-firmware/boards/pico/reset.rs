@@ -1,0 +1,109 @@
+//! Why the board started, which boot this is, and the way to an orderly end.
+
+use core::arch::naked_asm;
+use core::cell::UnsafeCell;
+use core::mem::MaybeUninit;
+
+use growbot_core::link::message::ResetCause;
+use rp2040_pac as pac;
+
+use crate::image::crash::{self, Moment};
+
+/// Three words that survive a reset: nothing loads or clears this section.
+#[unsafe(link_section = ".uninit.reset_notes")]
+static NOTES: Notes = Notes(UnsafeCell::new(MaybeUninit::uninit()));
+
+struct Notes(UnsafeCell<MaybeUninit<[u32; 3]>>);
+
+// SAFETY: only reached through `read` and `write`, each a single access of a whole word.
+unsafe impl Sync for Notes {}
+
+/// Word 0: how the last boot ended.
+const END: usize = 0;
+/// Word 1: the boot id.
+const BOOT: usize = 1;
+/// Word 2: the complement of word 1, which shows whether both are a former boot's or chance.
+const CHECK: usize = 2;
+
+const FAULTED: u32 = 0x6E0F_E502;
+const OVERFLOWED: u32 = 0x6E0F_E504;
+
+impl Notes {
+    fn word(&self, index: usize) -> *mut u32 {
+        self.0.get().cast::<u32>().wrapping_add(index % 3)
+    }
+
+    fn read(&self, index: usize) -> u32 {
+        // SAFETY: one of the three words; RAM may be read before it was written.
+        unsafe { self.word(index).read_volatile() }
+    }
+
+    fn write(&self, index: usize, value: u32) {
+        // SAFETY: one of the three words, which only this file uses.
+        unsafe { self.word(index).write_volatile(value) }
+    }
+}
+
+/// The power came on, or the detector of the core's supply has been at work: one flag for both.
+const HAD_POWER_ON: u32 = 1 << 8;
+/// The watchdog's reasons: it was not fed in time; a reset was asked for.
+const TIMED_OUT: u32 = 1;
+
+/// Reads the flags of the last reset, and reads and clears the note of the last boot. Call it once.
+pub fn read_and_clear_cause(device: &pac::Peripherals) -> ResetCause {
+    let reason = device.WATCHDOG.reason().read().bits();
+    let power_on = device.VREG_AND_CHIP_RESET.chip_reset().read().bits() & HAD_POWER_ON != 0;
+    let end = NOTES.read(END);
+    NOTES.write(END, 0);
+    // The flag of the power stays set over resets by the watchdog.
+    if reason & TIMED_OUT != 0 {
+        ResetCause::Watchdog
+    } else if reason != 0 && end == OVERFLOWED {
+        ResetCause::StackOverflow
+    } else if reason != 0 && end == FAULTED {
+        ResetCause::ProcessorFault
+    } else if reason == 0 && power_on {
+        ResetCause::PowerOn
+    } else {
+        ResetCause::External
+    }
+}
+
+/// A number that tells this boot from the ones before. Call it once.
+///
+/// It counts up while RAM has power. After a loss of power it starts anew at what the cells came up with, which
+/// differs from board to board and, in part, from time to time.
+pub fn next_boot_id() -> u32 {
+    let (boot, check) = (NOTES.read(BOOT), NOTES.read(CHECK));
+    let next = if boot == !check { boot.wrapping_add(1) } else { boot.rotate_left(16) ^ check };
+    NOTES.write(BOOT, next);
+    NOTES.write(CHECK, !next);
+    next
+}
+
+/// Resets the board, all but its oscillators: a reset of the processor alone would leave its outputs as they are.
+pub fn restart() -> ! {
+    // SAFETY: the bit that triggers the watchdog's reset.
+    unsafe { (*pac::WATCHDOG::ptr()).ctrl().write(|w| w.bits(1 << 31)) };
+    loop {
+        cortex_m::asm::nop();
+    }
+}
+
+/// The handler of unexpected interrupts: they are as bad as a fault of the processor.
+#[unsafe(naked)]
+#[unsafe(export_name = "DefaultHandler")]
+extern "C" fn default_handler() -> ! {
+    naked_asm!("ldr r0, 1f", "bx r0", ".balign 4", "1: .word HardFault")
+}
+
+/// The stack is full, or the processor faulted for another reason.
+pub fn on_crash(cause: ResetCause, moment: &Moment) -> ! {
+    cortex_m::interrupt::disable();
+    crate::pins::make_safe();
+    // First what is surest to succeed.
+    let note = if cause == ResetCause::StackOverflow { OVERFLOWED } else { FAULTED };
+    NOTES.write(END, note);
+    crash::retain(cause, NOTES.read(BOOT), moment);
+    restart()
+}

@@ -1,0 +1,58 @@
+//! The step interrupt: the end of each period of a PWM slice that has no pin, so that every rate is met to a clock.
+
+use growbot_firmware::stepping::Engine;
+use rp2040_pac as pac;
+use rp2040_pac::interrupt;
+
+use crate::HANDOVER;
+use crate::clock::PROCESSOR_HZ;
+use crate::interrupt_owned::InterruptOwned;
+use crate::pins;
+
+/// The slice.
+const SLICE: usize = 7;
+/// Max counts of a period.
+const MAX_COUNTS: u32 = 1 << 16;
+const ENABLE: u32 = 1;
+
+/// What runs in the step interrupt.
+pub type StepEngine = Engine<
+    pins::HeadStep,
+    pins::HeadDirection,
+    pins::HeadEnable,
+    pins::FeedStep,
+    pins::FeedDirection,
+    pins::FeedEnable,
+    pins::Index,
+    pins::FilamentMotion,
+    pins::EmergencyStop,
+    pins::TipOutputs,
+>;
+
+static ENGINE: InterruptOwned<StepEngine> = InterruptOwned::empty();
+
+/// Starts the ticks, which come once the interrupts are enabled. [`growbot_core::robot::Robot::check_for_board`] has
+/// checked the rate.
+pub fn start(engine: StepEngine, pwm: &pac::PWM, tick_hz: u32) {
+    ENGINE.give(engine);
+    let clocks = PROCESSOR_HZ / tick_hz.max(1);
+    // The smallest whole divider, up to 255, by which a period fits.
+    let divider = clocks.div_ceil(MAX_COUNTS).clamp(1, 255);
+    let counts = (clocks / divider).clamp(1, MAX_COUNTS);
+    let slice = pwm.ch(SLICE);
+    // SAFETY: values within the registers' ranges.
+    unsafe {
+        slice.div().write(|w| w.bits(divider << 4));
+        slice.top().write(|w| w.bits(counts - 1));
+        pwm.inte().write(|w| w.bits(1 << SLICE));
+        slice.csr().write(|w| w.bits(ENABLE));
+    }
+}
+
+#[interrupt]
+fn PWM_IRQ_WRAP() {
+    // SAFETY: clears the flag of one slice, which only this interrupt does.
+    unsafe { (*pac::PWM::ptr()).intr().write(|w| w.bits(1 << SLICE)) };
+    // SAFETY: only the step interrupt calls this.
+    unsafe { ENGINE.with(|engine| engine.tick(&HANDOVER)) };
+}

@@ -1,0 +1,92 @@
+//! The UART of the link, UART0 at 115200 baud: a byte queue in each direction.
+
+use growbot_core::link::emergency_stop::Recogniser;
+use growbot_firmware::byte_queue::ByteQueue;
+use rp2040_pac as pac;
+use rp2040_pac::interrupt;
+
+use crate::HANDOVER;
+use crate::clock::PROCESSOR_HZ;
+use crate::interrupt_owned::InterruptOwned;
+use crate::pins;
+
+/// The queue of each direction.
+pub type Queue = ByteQueue<4096>;
+
+/// Received bytes, oldest first.
+pub static RECEIVED: Queue = Queue::new();
+/// Bytes to send; call [`send_queued`] after adding some.
+pub static TO_SEND: Queue = Queue::new();
+
+const BAUD: u32 = 115_200;
+/// 8 bits, no parity, one stop bit, without the FIFOs: an interrupt for each byte.
+const FRAME: u32 = 0b11 << 5;
+/// On, in both directions.
+const ON: u32 = 1 | 1 << 8 | 1 << 9;
+const RECEIVE_EMPTY: u32 = 1 << 4;
+const TRANSMIT_FULL: u32 = 1 << 5;
+const RECEIVE_INTERRUPT: u32 = 1 << 4;
+const TRANSMIT_INTERRUPT: u32 = 1 << 5;
+
+/// Looks for an emergency stop in what is received.
+static WATCH: InterruptOwned<Recogniser> = InterruptOwned::empty();
+
+/// Sets the UART up. Bytes flow once the interrupts are enabled.
+pub fn start(uart: &pac::UART0) {
+    WATCH.give(Recogniser::new());
+    // Sixteenfold oversampling: the divider in 64ths is 4 times clock over rate, rounded.
+    let divider = (4 * PROCESSOR_HZ + BAUD / 2) / BAUD;
+    // SAFETY: values within the registers' ranges.
+    unsafe {
+        uart.uartibrd().write(|w| w.bits(divider / 64));
+        uart.uartfbrd().write(|w| w.bits(divider % 64));
+        uart.uartlcr_h().write(|w| w.bits(FRAME));
+        uart.uartimsc().write(|w| w.bits(RECEIVE_INTERRUPT));
+        uart.uartcr().write(|w| w.bits(ON));
+    }
+}
+
+/// Pends the interrupt, which looks at the queue.
+pub fn send_queued() {
+    cortex_m::peripheral::NVIC::pend(pac::Interrupt::UART0_IRQ);
+}
+
+/// Switches everything off before anything else runs, if an emergency stop has come.
+fn obey(emergency_stop: bool) {
+    if emergency_stop {
+        // First, so that no step in between energises a motor again.
+        HANDOVER.call_emergency_stop();
+        pins::make_safe();
+    }
+}
+
+/// Sends as much as the UART takes; it interrupts again when it can take more.
+fn send(uart: &pac::uart0::RegisterBlock) {
+    let mut waits = RECEIVE_INTERRUPT | TRANSMIT_INTERRUPT;
+    while uart.uartfr().read().bits() & TRANSMIT_FULL == 0 {
+        let Some(byte) = TO_SEND.dequeue() else {
+            waits = RECEIVE_INTERRUPT;
+            break;
+        };
+        // SAFETY: a byte to be sent.
+        uart.uartdr().write(|w| unsafe { w.bits(u32::from(byte)) });
+    }
+    // SAFETY: the interrupts that this handler serves.
+    uart.uartimsc().write(|w| unsafe { w.bits(waits) });
+}
+
+#[interrupt]
+fn UART0_IRQ() {
+    // SAFETY: once the interrupts are on, only this handler touches the UART.
+    let uart = unsafe { &*pac::UART0::ptr() };
+    // SAFETY: clears flags; bytes that are still there are read below.
+    uart.uarticr().write(|w| unsafe { w.bits(RECEIVE_INTERRUPT | TRANSMIT_INTERRUPT) });
+    while uart.uartfr().read().bits() & RECEIVE_EMPTY == 0 {
+        let byte = (uart.uartdr().read().bits() & 0xFF) as u8;
+        // SAFETY: only this interrupt calls this.
+        unsafe { WATCH.with(|watch| obey(watch.push(byte))) };
+        // A byte without room is lost, which its frame's CRC shows.
+        let _ = RECEIVED.enqueue(byte);
+    }
+    send(uart);
+}
