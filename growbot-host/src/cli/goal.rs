@@ -81,7 +81,7 @@ impl GoalArgs {
             let ends = self.search.start_and_goals(&robot, goal)?;
             let loaded = file::load(file)?;
             let plan =
-                self.scene.plan_in(file, &loaded, &robot, &ends, &self.search.search(&robot, true), None, json)?;
+                self.scene.plan_in((file, &loaded), &robot, &ends, &self.search.search(&robot, true), None, json)?;
             return Ok(ToGrow { robot, plan, scene: Some(loaded), unclear: None });
         }
         let plan = self.search.plan(&robot, goal, self.clear_of_self || self.search.planner.is_none())?;

@@ -63,14 +63,13 @@ impl SceneArgs {
         json: bool,
     ) -> Result<Plan, Failure> {
         let loaded = file::load(scene)?;
-        self.plan_in(scene, &loaded, robot, ends, search, length_max, json)
+        self.plan_in((scene, &loaded), robot, ends, search, length_max, json)
     }
 
     /// The same, through a scene that has been read.
     pub fn plan_in(
         &self,
-        scene: &Path,
-        loaded: &LoadedScene,
+        (scene, loaded): (&Path, &LoadedScene),
         robot: &Robot,
         (start, goals): &(Pose, Vec<Goal>),
         search: &Search,
