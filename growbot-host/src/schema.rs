@@ -263,8 +263,8 @@ mod tests {
         assert_eq!(bounds("planning_radius_mm"), (None, Some(1e4)));
         assert_eq!(bounds("layer.height_max_mm"), (None, Some(255.0)));
         assert_eq!(bounds("heater.target_c"), (Some(30.0), None));
-        // Nobody asks how fast nothing is pulled back.
-        assert_eq!(bounds("feed.retract_mm_per_s"), (None, None));
+        // Maintenance moves filament at this speed too, whether or not it is pulled back in a pause.
+        assert_eq!(bounds("feed.retract_mm_per_s"), (Some(0.001), Some(1e6)));
     }
 
     #[test]

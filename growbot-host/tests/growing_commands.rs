@@ -383,7 +383,13 @@ fn no_test_starts_a_program_that_knows_of_a_robot_configured_here() {
     let set: Vec<_> = command(PROGRAM).get_envs().map(|(name, value)| (name.to_owned(), value.is_some())).collect();
     assert_eq!(
         set,
-        [("GROWBOT_PORT".into(), false), ("GROWBOT_ROBOT".into(), false), ("XDG_CONFIG_HOME".into(), true)]
+        [
+            ("GROWBOT_PORT".into(), false),
+            ("GROWBOT_ROBOT".into(), false),
+            ("XDG_CONFIG_HOME".into(), true),
+            ("XDG_RUNTIME_DIR".into(), true),
+            ("XDG_STATE_HOME".into(), true)
+        ]
     );
     let mut folders = vec![concat!(env!("CARGO_MANIFEST_DIR"), "/tests").into()];
     let mut files = 0;

@@ -365,7 +365,8 @@ fn owned(port: &RobotPortArg, what: &str) -> Result<Owned, Failure> {
     let port = port.choose()?;
     owner(&port)?.ok_or_else(|| {
         Failure::bad_input(format!(
-            "no service owns the robot at {}: {what} it where it is grown, or begin it with `growbot serve` running",
+            "no service owns the {}robot at {}: {what} it where it is grown, or begin it with `growbot serve` running",
+            port.kind(),
             port.text()
         ))
     })
