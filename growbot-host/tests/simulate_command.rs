@@ -374,3 +374,13 @@ fn bad_input_is_refused_in_one_message() {
         assert!(ran.err.contains(part), "no {part:?} in {}", ran.err);
     }
 }
+
+#[test]
+fn samples_can_go_to_standard_output() {
+    let ran = growbot(&["simulate", "--to", "0,0,50,0,90", "--noise", "10", "--repeat", "3", "--samples", "-"]);
+    assert_eq!(ran.code, Some(0), "{}", ran.err);
+    let lines: Vec<&str> = ran.out.lines().collect();
+    assert!(lines.len() == 4 && lines[0].starts_with("seed,") && lines[3].starts_with("3,"), "{}", ran.out);
+    let ran = growbot(&["simulate", "--to", "0,0,50,0,90", "--samples", "-", "--json"]);
+    assert!(ran.code == Some(2) && ran.err.contains("leave one of them out"), "{}", ran.err);
+}

@@ -7,7 +7,7 @@ use growbot_client::client::{Client, ClientError};
 use growbot_client::forecast::Forecast;
 use growbot_client::printable::json_line;
 use growbot_client::robot_file;
-use growbot_client::run_log::InterruptedLayer;
+use growbot_client::run_log::{InterruptedLayer, utc_text};
 use growbot_core::link::crash::{CrashRecord, CrashWords};
 use growbot_core::link::message::{
     BoardHello, BootReport, Fault, FaultRecord, ImageCheck, PauseCause, Refusal, SensorReadings, State,
@@ -117,7 +117,7 @@ impl Report {
     }
 
     fn json(&self) -> Value {
-        let mut value = json_of(&self.hello);
+        let mut value = json_of(&self.hello, self.simulated);
         if let Value::Object(fields) = &mut value {
             fields.insert("simulated".to_string(), self.simulated.into());
             fields.insert("sensors".to_string(), json_of_sensors(&self.sensors));
@@ -249,8 +249,9 @@ fn celsius(centi: i32) -> f64 {
     f64::from(centi) / 100.0
 }
 
-fn json_of(hello: &BoardHello) -> Value {
+fn json_of(hello: &BoardHello, is_simulated: bool) -> Value {
     let status = &hello.status;
+    let time_left = time_left(hello, OffsetDateTime::now_utc()).filter(|_| !is_simulated);
     json!({
         "robot": hello.robot_name,
         "robot_hash": format!("{:016x}", hello.robot),
@@ -273,6 +274,8 @@ fn json_of(hello: &BoardHello) -> Value {
         "journal": status.journal,
         "owner": hello.owner.as_ref().map(|owner| String::from_utf8_lossy(owner).into_owned()),
         "uptime_s": status.uptime_ms as f64 / 1000.0,
+        "left_s": time_left.map(|(left_s, _)| left_s),
+        "finish_utc": time_left.map(|(_, finish)| utc_text(finish)),
     })
 }
 

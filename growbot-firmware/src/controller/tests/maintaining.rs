@@ -285,4 +285,15 @@ fn a_parked_robot_without_filament_says_so() {
     bench.run_to(State::Parked, 4000.0);
     assert_eq!(bench.status().pause_cause, growbot_core::link::message::PauseCause::FilamentOut);
     assert_eq!(bench.refused(&start()), Refusal::NoFilament);
+    // A new spool: it heats and homes, pauses before its layer, and is loaded hot.
+    bench.heater.pins.set(FILAMENT_PRESENCE, true);
+    bench.run(0.5);
+    bench.start();
+    bench.accepted(&pause());
+    bench.run_to(State::Paused, 200.0);
+    bench.run_until_it_may_move();
+    bench.accepted(&feed(20.0));
+    bench.run(30.0);
+    bench.start();
+    bench.run_to(State::Growing, 60.0);
 }

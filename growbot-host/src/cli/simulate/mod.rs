@@ -16,7 +16,7 @@ use growbot_client::printable::json_line;
 use growbot_client::warning::Warning;
 use growbot_core::simulation::{DirectionSensor, Disturbance, Laid, Sensors};
 use growbot_core::slicing::Slicing;
-use growbot_host::output::{print, write_to};
+use growbot_host::output::{is_standard_output, print, write_to};
 use growbot_host::progress::{Progress, Results};
 use growbot_sim::simulation::campaign::Campaign;
 use growbot_sim::simulation::{Outcome, Simulation};
@@ -143,7 +143,7 @@ pub fn run(args: &SimulateArgs) -> Result<(), Failure> {
         growbot_host::warning!("{unclear}");
     }
     let body = args.body_format()?;
-    args.samples.as_deref().map_or(Ok(()), Samples::check)?;
+    args.samples.as_deref().map_or(Ok(()), |samples| Samples::check(samples, args.json))?;
     let seed = args.disturbance.seed;
     let (table, json) = match args.repeat {
         None => {
@@ -168,6 +168,10 @@ pub fn run(args: &SimulateArgs) -> Result<(), Failure> {
             return Ok(());
         }
         growbot_host::note!("result written to {}", file.display());
+    }
+    if args.samples.as_deref().is_some_and(is_standard_output) {
+        // The samples are what was asked for.
+        return Ok(());
     }
     Ok(print(if args.json { &json } else { &table })?)
 }

@@ -6,7 +6,7 @@ use std::path::Path;
 use growbot_client::files::{Replacement, format_of, refuse_inputs};
 use growbot_core::pose::Pose;
 use growbot_host::figures::shortest;
-use growbot_host::output::is_standard_output;
+use growbot_host::output::{OutputError, is_standard_output};
 use growbot_sim::simulation::among::Among;
 use growbot_sim::simulation::{Outcome, Simulation};
 
@@ -25,7 +25,7 @@ const AMONG: &str = "contact_at_mm,clearance_mm,detours,paused_at_mm";
 
 /// A table that is being written.
 pub struct Samples<'a> {
-    file: BufWriter<&'a mut Replacement>,
+    file: BufWriter<Box<dyn Write + 'a>>,
     path_length: f64,
     /// Start and goal, alike in every row.
     ends: String,
@@ -40,12 +40,17 @@ impl Samples<'_> {
         simulation: &Simulation,
         fill: impl FnOnce(&mut Samples) -> io::Result<T>,
     ) -> Result<T, Failure> {
-        let mut file = Replacement::begin(path)?;
-        let written = Samples::new(&mut file, simulation).and_then(|mut samples| {
+        let written = |file, simulation| {
+            let mut samples = Samples::new(file, simulation)?;
             let filled = fill(&mut samples)?;
             samples.file.flush()?;
             Ok(filled)
-        });
+        };
+        if is_standard_output(path) {
+            return Ok(written(Box::new(io::stdout().lock()), simulation).map_err(OutputError::from)?);
+        }
+        let mut file = Replacement::begin(path)?;
+        let written = written(Box::new(&mut file), simulation);
         let filled = written.map_err(|error| file.failed(error))?;
         file.finish()?;
         growbot_host::note!("samples written to {}, a row for each simulated growth", path.display());
@@ -53,15 +58,20 @@ impl Samples<'_> {
     }
 
     /// Refuses a place that nothing is written to, before anything is grown.
-    pub fn check(path: &Path) -> Result<(), Failure> {
+    pub fn check(path: &Path, json: bool) -> Result<(), Failure> {
         if is_standard_output(path) {
-            return Err(Failure::bad_input("--samples takes a file: standard output has the result"));
+            return match json {
+                true => Err(Failure::bad_input(
+                    "--samples - and --json both go to standard output: leave one of them out, or name a file",
+                )),
+                false => Ok(()),
+            };
         }
         format_of(path, &["csv"])?;
         Ok(refuse_inputs(path)?)
     }
 
-    fn new<'a>(file: &'a mut Replacement, simulation: &Simulation) -> io::Result<Samples<'a>> {
+    fn new<'a>(file: Box<dyn Write + 'a>, simulation: &Simulation) -> io::Result<Samples<'a>> {
         let (names, values): (Vec<_>, Vec<_>) = WrittenDisturbances::of(simulation, 0).columns().into_iter().unzip();
         let mut samples = Samples {
             file: BufWriter::new(file),
