@@ -273,9 +273,9 @@ fn a_frozen_service_does_not_keep_the_emergency_stop_from_the_robot() {
     let lab = Lab::new(5.0);
     lab.wait_until_ready();
     let pid = lab.service.as_ref().unwrap().id().to_string();
-    assert!(Command::new("kill").args(["-STOP", &pid]).status().unwrap().success());
+    assert!(command("kill").args(["-STOP", &pid]).status().unwrap().success());
     let (code, said) = lab.run(&["estop"]);
-    assert!(Command::new("kill").args(["-CONT", &pid]).status().unwrap().success());
+    assert!(command("kill").args(["-CONT", &pid]).status().unwrap().success());
     assert!(code == Some(0) && said.starts_with("emergency stop"), "{said}");
     wait_for("the service hears of it", || {
         let (_, robot) = lab.ask("GET", "/robots/lab", "");

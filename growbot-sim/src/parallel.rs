@@ -8,7 +8,7 @@ use std::time::Duration;
 /// Time between two looks at how far the work is.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// The results in the order of the items. `at` hears how many are done.
+/// The results in the order of the items. `at` hears how many are done: now and then, and at the end.
 pub fn map<T: Sync, U: Send>(items: &[T], work: impl Fn(&T) -> U + Sync, at: impl FnMut(usize)) -> Vec<U> {
     map_on(thread::available_parallelism().map_or(1, usize::from), items, work, at)
 }
@@ -44,6 +44,7 @@ pub fn map_on<T: Sync, U: Send>(
         while finished.recv_timeout(LOOK) == Err(RecvTimeoutError::Timeout) {
             at(done.load(Ordering::Relaxed));
         }
+        at(done.load(Ordering::Relaxed));
         // A worker that panicked has printed why; its panic is resumed here.
         workers
             .into_iter()
@@ -61,6 +62,8 @@ mod tests {
         let items: Vec<u64> = (0..1000).collect();
         assert_eq!(super::map(&items, |item| item * item, |_| {}), items.iter().map(|i| i * i).collect::<Vec<_>>());
         assert!(super::map(&[0_u8; 0], |item| *item, |_| {}).is_empty());
-        assert_eq!(super::map_on(0, &items, |item| *item, |_| {}), items);
+        let mut done = 0;
+        assert_eq!(super::map_on(0, &items, |item| *item, |now| done = now), items);
+        assert_eq!(done, 1000);
     }
 }
