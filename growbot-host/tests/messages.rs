@@ -114,6 +114,7 @@ fn what_is_said_of_a_simulated_robot_says_so_in_every_command_that_has_a_port() 
             "grow" => &[&[&plan], &[&plan, "--json"]],
             "resume" => &[&[&plan, "--yes"]],
             "tune" | "status" => &[&[], &["--json"]],
+            "power" => &[&["status"]],
             "maintain" => &[&["preheat", "200"], &["cooldown"]],
             _ => &[&[]],
         };

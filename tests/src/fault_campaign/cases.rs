@@ -55,6 +55,8 @@ pub enum Right {
     AtNextStart(&'static [Fault]),
     /// It does no harm on its own, and the growth continues to its end.
     Continues,
+    /// The growth is refused: nothing is heated.
+    Refused,
     /// The growth stays in its pause, in which the nozzle is held at standby.
     StaysPaused,
 }
@@ -121,8 +123,9 @@ impl Case {
             // It may be held on its mark or off it.
             T::HeadBlocked if cold => &[F::IndexNotFound, F::IndexStuck],
             T::HeadBlocked => &[F::IndexMissing, F::IndexStuck, F::HeadStepsLost],
-            // Before the first layer it is a fault. From then on the robot would finish its layer and wait for a spool,
+            // A robot that has none is not begun with. Before the first layer it is a fault; from then on the robot would finish its layer and wait for a spool,
             // but this filament stands at once.
+            T::FilamentOut if self.onset == Onset::Boot => return Right::Refused,
             T::FilamentOut if cold => &[F::FilamentOut],
             // A pause is where filament is changed.
             T::FilamentOut if matches!(self.onset, Onset::Pause | Onset::Cooling) => return Right::StaysPaused,

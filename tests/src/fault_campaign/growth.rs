@@ -45,6 +45,7 @@ impl Seen {
             }
             Right::EmergencyStop => self.state == State::EmergencyStop,
             Right::Continues => self.state == State::Done,
+            Right::Refused => self.state == State::Idle && self.fault.is_none(),
             Right::StaysPaused => self.state == State::Paused,
         };
         if !as_it_should {

@@ -25,11 +25,12 @@ pub fn markdown(lump: &[(Case, Vec<Seen>)], cartridge: &[(Case, Vec<Seen>)]) -> 
             Right::AtNextStart(_) => format!("{}, at the next start: no harm before", codes.join(", ")),
             Right::EmergencyStop => "state emergency-stop".to_string(),
             Right::Continues => "no harm: the growth continues".to_string(),
+            Right::Refused => "the growth is refused".to_string(),
             Right::StaysPaused => "stays paused".to_string(),
         };
         let growths = seen().count();
         let noticed = match case.right() {
-            Right::Continues | Right::StaysPaused => "-".to_string(),
+            Right::Continues | Right::Refused | Right::StaysPaused => "-".to_string(),
             _ => {
                 format!("{:.0} %", 100.0 * seen().filter_map(|one| one.after_s).count() as f64 / growths.max(1) as f64)
             }
