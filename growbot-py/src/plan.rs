@@ -8,7 +8,7 @@ use growbot_client::degrees::degrees_below_turn;
 use growbot_client::files::replace_file;
 use growbot_client::plan::{self as client, Goal, Search, planner_name};
 use growbot_client::plan_file::{self, PlanFile, WrittenSegment};
-use growbot_client::through_scene::{self, Through};
+use growbot_client::through_scene::{self, LENGTH_MAX, Through};
 use growbot_core::angle::degrees;
 use growbot_core::layer::Layer;
 use growbot_core::plan::Planner;
@@ -234,7 +234,15 @@ pub fn plan(
         None => client::Plan::through(&robot, &start, &on_the_way, &goal, &search).map_err(Refused::from),
         Some(Room { scene, effort, deadline }) => {
             let file = scene.file.display().to_string();
-            let through = Through { file: &file, loaded: &scene.loaded, effort: *effort, deadline: *deadline };
+            let through = Through {
+                file: &file,
+                loaded: &scene.loaded,
+                margin: scene.loaded.margin,
+                grown: None,
+                effort: *effort,
+                deadline: *deadline,
+                length_max: LENGTH_MAX,
+            };
             let goals: Vec<Goal> = on_the_way.iter().chain([&goal]).copied().collect();
             Ok(through_scene::plan(&robot, &start, &goals, &search, &through)?)
         }

@@ -159,6 +159,7 @@ impl From<ThroughError> for Refused {
                     NoPath::Start { distance, need } | NoPath::Goal { distance, need } => {
                         Self::with(Kind::NoPath, message, distance, need)
                     }
+                    NoPath::TooFar { distance, left } => Self::with(Kind::NoPath, message, distance, left),
                     NoPath::Separated { need } => Self::with(Kind::NoPath, message, "none", need),
                     NoPath::AtResolution { step, .. } => Self::with(Kind::NoPath, message, error.code(), step),
                     NoPath::NotFound => Self::with(Kind::NoPath, message, error.code(), "effort and time_limit_s"),
