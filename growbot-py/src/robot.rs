@@ -12,6 +12,9 @@ use crate::arguments::{path, text, text_of_file, wrong_type};
 use crate::refused::{Kind, Refused};
 use growbot_core::robot::Robot as Described;
 
+/// Max letters of a reason that is quoted.
+const MAX_REASON: usize = 300;
+
 /// A robot: its description, checked.
 ///
 /// Robot() is the paper's robot A; Robot("growbot-b") another one that is built in (Robot.names()); Robot("my.toml") one
@@ -92,7 +95,9 @@ impl Robot {
     fn _from_description(_cls: &Bound<PyType>, json: &Bound<PyAny>) -> Result<Self, Refused> {
         let json = text("json", json)?;
         let description = serde_json::from_str(&json).map_err(|error| {
-            Refused::new(Kind::Input, format!("it is no description ({error}): give one as Robot.description has it"))
+            // What it quotes may be as long as what was given.
+            let reason: String = error.to_string().chars().take(MAX_REASON).collect();
+            Refused::new(Kind::Input, format!("it is no description ({reason}): give one as Robot.description has it"))
         })?;
         let robot = Described::new(description).map_err(|error| Refused::new(Kind::Input, error))?;
         Ok(Self { inner: Arc::new(robot) })
