@@ -55,6 +55,8 @@ pub enum Right {
     AtNextStart(&'static [Fault]),
     /// It does no harm on its own, and the growth continues to its end.
     Continues,
+    /// Any of these codes, or a pause if the layer was finished before.
+    CodesOrPause(&'static [Fault]),
     /// The growth is refused: nothing is heated.
     Refused,
     /// The growth stays in its pause, in which the nozzle is held at standby.
@@ -129,7 +131,7 @@ impl Case {
             T::FilamentOut if cold => &[F::FilamentOut],
             // A pause is where filament is changed.
             T::FilamentOut if matches!(self.onset, Onset::Pause | Onset::Cooling) => return Right::StaysPaused,
-            T::FilamentOut => &[F::FilamentOut, F::FilamentJam],
+            T::FilamentOut => return Right::CodesOrPause(&[F::FilamentOut, F::FilamentJam]),
             T::FilamentJam => &[F::FilamentJam],
             T::DriverFault => &[F::DriverFault],
             T::SupplyLow { .. } | T::SupplyDip { .. } => &[F::SupplyLow],

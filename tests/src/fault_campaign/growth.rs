@@ -43,6 +43,10 @@ impl Seen {
             Right::Codes(codes) | Right::AtNextStart(codes) => {
                 self.state == State::Fault && self.fault.is_some_and(|code| codes.contains(&code))
             }
+            Right::CodesOrPause(codes) => {
+                self.state == State::Paused
+                    || self.state == State::Fault && self.fault.is_some_and(|fault| codes.contains(&fault))
+            }
             Right::EmergencyStop => self.state == State::EmergencyStop,
             Right::Continues => self.state == State::Done,
             Right::Refused => self.state == State::Idle && self.fault.is_none(),
@@ -51,7 +55,7 @@ impl Seen {
         if !as_it_should {
             return Some(format!("ended {:?} with {:?}, right is {:?}", self.state, self.fault, case.right()));
         }
-        if !self.off && case.right() != Right::StaysPaused {
+        if !self.off && self.state != State::Paused {
             return Some("something was still on".to_string());
         }
         (self.peak_c > limit).then(|| format!("the nozzle reached {:.1} C, the limit is {limit} C", self.peak_c))

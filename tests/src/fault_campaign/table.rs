@@ -22,6 +22,7 @@ pub fn markdown(lump: &[(Case, Vec<Seen>)], cartridge: &[(Case, Vec<Seen>)]) -> 
         codes.dedup();
         let told = match case.right() {
             Right::Codes(_) => codes.join(", "),
+            Right::CodesOrPause(_) => format!("{}, or a pause", codes.join(", ")),
             Right::AtNextStart(_) => format!("{}, at the next start: no harm before", codes.join(", ")),
             Right::EmergencyStop => "state emergency-stop".to_string(),
             Right::Continues => "no harm: the growth continues".to_string(),
