@@ -12,7 +12,7 @@
 //! | 7 | MMFAR, address of a memory management fault |
 //! | 8 | BFAR, address of a bus fault |
 //! | 9 to 16 | what the processor saved: R0, R1, R2, R3, R12, LR, PC, xPSR |
-//! | 17 to 31 | the stack beyond that; from its lowest word on where the stack pointer is below it |
+//! | 17 to 31 | the stack beyond that; where the stack pointer is below it, what may be return addresses, from its lowest word on |
 //!
 //! Words of a stack that is not there are 0. The names are those of the ARMv7-M Architecture Reference Manual.
 
@@ -102,8 +102,8 @@ pub struct CrashRecord {
     pub address: Option<u32>,
     /// Stack pointer before the exception; where there is no frame, that at which it was taken.
     pub sp: u32,
-    /// The stack from there on, or from its lowest word on where the stack pointer is below that; as far as it is
-    /// known.
+    /// The stack from there on, as far as it is known; where the stack pointer is below it, its words that may be return
+    /// addresses.
     pub stack: [u32; STACK_WORDS],
 }
 

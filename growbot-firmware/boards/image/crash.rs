@@ -6,7 +6,7 @@ use core::mem::MaybeUninit;
 
 use growbot_core::link::crash::{CrashWords, number_of};
 use growbot_core::link::message::ResetCause;
-use growbot_firmware::safety::crash::{RETAINED_WORDS, from_words, words};
+use growbot_firmware::safety::crash::{Places, RETAINED_WORDS, from_words, words};
 
 use super::{seal, stack};
 
@@ -15,6 +15,12 @@ use super::{seal, stack};
 static WORDS: Words = Words(UnsafeCell::new(MaybeUninit::uninit()));
 
 struct Words(UnsafeCell<MaybeUninit<[u32; RETAINED_WORDS]>>);
+
+unsafe extern "C" {
+    /// The linker's: where the program's code begins and ends in flash. Addresses only.
+    static __stext: u32;
+    static __etext: u32;
+}
 
 // SAFETY: only reached word by word, at the start of the board and by the handler that ends it.
 unsafe impl Sync for Words {}
@@ -72,7 +78,11 @@ pub fn retain(cause: ResetCause, boot_id: u32, moment: &Moment) {
     let what = number_of(cause) | (icsr & 0x1FF) << 16;
     let sp = moment.stack_pointer as u32;
     let head = [what, boot_id, seal::stated(), sp, moment.exc_return, cfsr, hfsr, mmfar, bfar];
-    for (index, value) in words(&head, stack::bottom() as u32, stack_word).into_iter().enumerate() {
+    let places = Places {
+        stack: stack::bottom() as u32..stack::top() as u32,
+        code: &raw const __stext as u32..&raw const __etext as u32,
+    };
+    for (index, value) in words(&head, &places, stack_word).into_iter().enumerate() {
         // SAFETY: one of the words. Nothing else runs: this is the handler of an exception that ends the program.
         unsafe { word(index).write_volatile(value) }
     }

@@ -5,6 +5,8 @@
 //! function that knows where the stack is. It copies only; what the words mean is the host's to find out
 //! ([`growbot_core::link::crash`]).
 
+use core::ops::Range;
+
 use growbot_core::link::crash::{CRASH_WORDS, CrashWords, FRAME_WORDS, HEAD_WORDS, frame_bytes};
 
 /// Words that are retained: a mark, the crash, a checksum.
@@ -12,10 +14,29 @@ pub const RETAINED_WORDS: usize = CRASH_WORDS + 2;
 /// The first of them.
 const MARK: u32 = 0x6372_6173;
 
-/// The words to be retained. `stack` gives the stack's word at an address, 0 where there is no stack; `bottom` is its
-/// lowest address.
-pub fn words(head: &[u32; HEAD_WORDS], bottom: u32, stack: impl Fn(u32) -> u32) -> [u32; RETAINED_WORDS] {
+/// Where stack and program lie in the memory map.
+#[derive(Debug, Clone)]
+pub struct Places {
+    /// The stack, from its lowest address.
+    pub stack: Range<u32>,
+    /// The program.
+    pub code: Range<u32>,
+}
+
+impl Places {
+    /// Whether a word of the stack may be the address that a function returns to: code, in Thumb state.
+    fn may_return_to(&self, word: u32) -> bool {
+        word & 1 == 1 && self.code.contains(&word)
+    }
+}
+
+/// The words to be retained. `stack` gives the stack's word at an address, 0 where there is no stack.
+///
+/// After an overflow the stack pointer is below the stack. Then the words that may be return addresses are retained,
+/// from the stack's lowest on: they tell what has filled it, however long the frames between them are.
+pub fn words(head: &[u32; HEAD_WORDS], places: &Places, stack: impl Fn(u32) -> u32) -> [u32; RETAINED_WORDS] {
     let [_, _, _, sp, exc_return, ..] = *head;
+    let overflowed = sp < places.stack.start;
     let mut words = [MARK; RETAINED_WORDS];
     let mut sum = MARK;
     let mut address = sp;
@@ -25,8 +46,12 @@ pub fn words(head: &[u32; HEAD_WORDS], bottom: u32, stack: impl Fn(u32) -> u32) 
             *word
         } else if index < CRASH_WORDS {
             if index == HEAD_WORDS + FRAME_WORDS {
-                // After an overflow that is below the stack: its lowest words tell what has filled it.
-                address = sp.wrapping_add(frame_bytes(exc_return)).max(bottom);
+                address = if overflowed { places.stack.start } else { sp.wrapping_add(frame_bytes(exc_return)) };
+            }
+            if overflowed && index >= HEAD_WORDS + FRAME_WORDS {
+                while places.stack.contains(&address) && !places.may_return_to(stack(address)) {
+                    address = address.wrapping_add(4);
+                }
             }
             let word = stack(address);
             address = address.wrapping_add(4);
@@ -53,10 +78,13 @@ const fn added(sum: u32, word: u32) -> u32 {
 
 #[cfg(test)]
 mod tests {
+    use std::vec::Vec;
+
     use super::*;
 
     /// The stack lies here, and each of its words says where it is.
-    const STACK: core::ops::Range<u32> = 0x1000_0000..0x1000_1000;
+    const STACK: Range<u32> = 0x1000_0000..0x1000_1000;
+    const PLACES: Places = Places { stack: STACK, code: 0x0000_0400..0x0000_8000 };
 
     fn word(address: u32) -> u32 {
         if STACK.contains(&address) && address.is_multiple_of(4) { address ^ 0xA000_0000 } else { 0 }
@@ -67,7 +95,7 @@ mod tests {
     }
 
     fn crash(sp: u32, exc_return: u32) -> CrashWords {
-        from_words(&words(&head(sp, exc_return), STACK.start, word)).unwrap()
+        from_words(&words(&head(sp, exc_return), &PLACES, word)).unwrap()
     }
 
     #[test]
@@ -87,16 +115,34 @@ mod tests {
             let crash = crash(sp, 0xFFFF_FFF9);
             assert_eq!(crash[HEAD_WORDS], word(sp), "{sp:x}");
         }
-        // Below the stack: no registers, and the lowest words of the stack.
-        let crash_below = crash(0x0FFF_FE00, 0xFFFF_FFF9);
-        assert!(crash_below[HEAD_WORDS..HEAD_WORDS + FRAME_WORDS].iter().all(|word| *word == 0));
-        assert_eq!(crash_below[HEAD_WORDS + FRAME_WORDS], word(STACK.start));
         assert!(crash(0x2000_0000, 0xFFFF_FFF9)[HEAD_WORDS..].iter().all(|word| *word == 0));
     }
 
     #[test]
+    fn an_overflow_retains_the_return_addresses_on_the_stack() {
+        // Frames of 200 bytes, each with its return address and with what looks like one and is none.
+        let filled = |address: u32| match (STACK.contains(&address), address % 200) {
+            (false, _) => 0,
+            (true, 0) => 0x0000_0401 + (address - STACK.start) / 200 * 2,
+            (true, 8) => 0x0000_0400,
+            (true, 16) => 0x0000_8001,
+            (true, _) => address,
+        };
+        let head = head(0x0FFF_FE00, 0xFFFF_FFF9);
+        let crash = from_words(&words(&head, &PLACES, filled)).unwrap();
+        assert!(crash[HEAD_WORDS..HEAD_WORDS + FRAME_WORDS].iter().all(|word| *word == 0));
+        let kept = &crash[HEAD_WORDS + FRAME_WORDS..];
+        let there: Vec<u32> = STACK.step_by(4).map(filled).filter(|word| PLACES.may_return_to(*word)).collect();
+        assert!(there.len() > kept.len(), "{}", there.len());
+        assert_eq!(kept, &there[..kept.len()]);
+        // A stack without any.
+        let crash = from_words(&words(&head, &PLACES, word)).unwrap();
+        assert!(crash[HEAD_WORDS..].iter().all(|word| *word == 0));
+    }
+
+    #[test]
     fn any_other_words_are_no_crash() {
-        let words = words(&head(0x1000_0800, 0xFFFF_FFF9), STACK.start, word);
+        let words = words(&head(0x1000_0800, 0xFFFF_FFF9), &PLACES, word);
         for bit in 0..32 * RETAINED_WORDS {
             let mut flipped = words;
             flipped[bit / 32] ^= 1 << (bit % 32);
