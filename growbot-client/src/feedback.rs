@@ -19,6 +19,13 @@ use crate::arrival::Arrival;
 use crate::keep_clear::{Detour, Keeper, Surroundings, TooNear};
 use crate::plan::Plan;
 
+/// Whether a robot has anything to measure layers by.
+#[must_use]
+pub fn can_measure(robot: &Robot) -> bool {
+    let sensors = &robot.description().sensors;
+    sensors.filament_motion.is_some() || sensors.orientation
+}
+
 /// What a robot's sensors are taken for where nobody says: odometry to 1 % of a layer, a direction to half a degree.
 pub const ASSUMED: SensorNoise = SensorNoise { odometry: 0.01, direction: 0.5 * std::f64::consts::PI / 180.0 };
 

@@ -296,6 +296,7 @@ impl<'a> Keeper<'a> {
                 grown: Some((&grown, tracker.begins())),
                 effort: EFFORT,
                 deadline: None,
+                first_only: false,
                 length_max: LENGTH_MAX,
             };
             let plan = match through_scene::plan(around.robot, &start, &goals, &search, &through) {

@@ -2,19 +2,20 @@
 
 use std::cell::Cell;
 use std::path::Path;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
+use growbot_core::job::job_layers;
+use growbot_core::layer_bytes::decode;
 use growbot_core::number::Short;
 use growbot_core::path::{self, Segment};
 use growbot_core::plan::{PlanError, Planner};
 use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::Robot;
-use growbot_scene::body::{TOLERANCE, clearance, is_body_clear};
+use growbot_scene::body::{TOLERANCE, clearance, clearance_until, is_body_clear, point_at};
 use growbot_scene::clear::{Clearance, Need};
 use growbot_scene::file::{LoadedScene, SceneError, load};
 use growbot_scene::motion::{Tip, segments};
 use growbot_scene::planner::{self, Budget, Chain, Outcome, Problem, Resolution, Why};
-use nalgebra::Vector3;
 
 use crate::clearance::first_collision;
 use crate::plan::{Goal, Plan, PlannedLeg, SceneClearance, Search, plan_where, roll_from};
@@ -24,8 +25,16 @@ use crate::plan_file::{WrittenScene, written_hash};
 const SLACK: f64 = 1e-3;
 /// Distances that a search looks up for each unit of `--effort`: some 0.1 s.
 const WORK_PER_EFFORT: u64 = 100_000;
+/// How long is searched where nothing else is said: some 0.1 s for each.
+pub const EFFORT: u64 = 5;
+/// How long the clearance of a plan may be looked for after the deadline of the search, which uses all of its time.
+const GRACE: Duration = Duration::from_millis(200);
 /// A body is no longer than this, mm.
 pub const LENGTH_MAX: f64 = 1e7;
+
+/// The layers that a board gets, in fixed point, lie no farther from [`laid`] than this, mm: what is proven is told
+/// less this. `tests/laid_centrelines.rs` measures it.
+pub const LAID_APART: f64 = 1e-4;
 
 /// More clearance than this is not told, mm.
 pub const MAX_CLEARANCE: f64 = 1e7;
@@ -46,6 +55,8 @@ pub struct Through<'a> {
     pub effort: u64,
     /// When to take the best that has been found.
     pub deadline: Option<Instant>,
+    /// Whether the first path will do, however long.
+    pub first_only: bool,
     /// The body may be this long, mm; [`LENGTH_MAX`] where it does not matter.
     pub length_max: f64,
 }
@@ -108,6 +119,12 @@ pub enum NoPath {
         /// Side of a cell, mm.
         cell: f64,
     },
+    /// The planner of two planes has no path that is clear.
+    #[error(
+        "no path that the planner two-plane makes is clear of everything, and it searches for no other: use the \
+         planner shortest, which does"
+    )]
+    NotClear,
     /// None was found with the effort, or within the time.
     #[error(
         "no path was found with this effort and in this time, and there may be one: raise --effort or --time-limit"
@@ -222,12 +239,23 @@ pub fn plan(
     let leg = LegSearch { robot, search, through, grown, from_grown, legs_left };
     let mut plan =
         Plan::by_legs(robot, start, goals, search, |from, goal, body, roll| leg.plan(from, goal, body, roll))?;
-    plan.scene = Some(SceneClearance {
-        file: through.file.to_owned(),
-        hash: through.loaded.hash,
-        clearance: outside(&plan, robot, through.loaded),
-    });
+    let (file, hash) = (through.file.to_owned(), through.loaded.hash);
+    // Where time runs out, what every leg of the plan was proven to keep.
+    let proven = nearest_until(&plan, robot, through.loaded, through.deadline.map(|deadline| deadline + GRACE));
+    let clearance = proven.map_or(through.margin + TOLERANCE, |nearest| nearest.distance);
+    plan.scene = Some(SceneClearance { file, hash, clearance });
     Ok(plan)
+}
+
+/// The path as it is laid. Layers of arcs and lines are parts of these; those of helicoidal arcs are arcs beside them,
+/// and stand here themselves.
+#[must_use]
+pub fn laid(path: &[Segment], robot: &Robot) -> Vec<Segment> {
+    if !path.iter().any(|segment| matches!(segment, Segment::Helicoid { .. })) {
+        return path.to_vec();
+    }
+    let layers = job_layers(path, robot).map(|bytes| decode(&bytes));
+    layers.map(|layer| Segment::Arc { alpha: layer.alpha, bend: layer.tilt, length: layer.height }).collect()
 }
 
 /// The proven clearance between the outside of a plan's tube and a scene, mm; [`MAX_CLEARANCE`] where there is nothing.
@@ -237,8 +265,18 @@ fn outside(plan: &Plan, robot: &Robot, loaded: &LoadedScene) -> f64 {
 
 /// The same, and where it is.
 fn nearest(plan: &Plan, robot: &Robot, loaded: &LoadedScene) -> Clearance {
-    let Clearance { distance, at } = clearance(&loaded.scene, &plan.path, &plan.start.frame());
-    Clearance { distance: (distance - 0.5 * robot.outer_diameter()).min(MAX_CLEARANCE), at }
+    of_outside(clearance(&loaded.scene, &laid(&plan.path, robot), &plan.start.frame()), robot)
+}
+
+/// The same, if it is found before the deadline.
+fn nearest_until(plan: &Plan, robot: &Robot, loaded: &LoadedScene, deadline: Option<Instant>) -> Option<Clearance> {
+    let body = laid(&plan.path, robot);
+    clearance_until(&loaded.scene, &body, &plan.start.frame(), deadline).map(|found| of_outside(found, robot))
+}
+
+/// The clearance of the outside of the tube that is laid, of that of the path.
+fn of_outside(Clearance { distance, at }: Clearance, robot: &Robot) -> Clearance {
+    Clearance { distance: (distance - 0.5 * robot.outer_diameter() - LAID_APART).min(MAX_CLEARANCE), at }
 }
 
 /// What a body of such a clearance (mm) does, in words that an obstacle follows.
@@ -256,23 +294,11 @@ pub fn clear_in(plan: &Plan, robot: &Robot, file: &str, loaded: &LoadedScene) ->
     if found + TOLERANCE >= loaded.margin {
         return Ok(SceneClearance { file: file.to_owned(), hash: loaded.hash, clearance: found });
     }
-    let obstacle = loaded.scene.nearest(&point_at(plan, at)).map_or_else(String::new, |obstacle| obstacle.to_string());
+    let obstacle = loaded
+        .scene
+        .nearest(&point_at(&plan.path, &plan.start.frame(), at))
+        .map_or_else(String::new, |obstacle| obstacle.to_string());
     Err(UnclearError::NotClear { file: file.to_owned(), found, margin: loaded.margin, at, obstacle })
-}
-
-/// The point so far along a plan's body (mm).
-fn point_at(plan: &Plan, at: f64) -> Vector3<f64> {
-    let (mut base_from_tip, mut left) = (plan.start.frame(), at);
-    for segment in &plan.path {
-        let length = segment.length();
-        let part = if left < length { segment.shortened(left) } else { *segment };
-        base_from_tip *= part.step();
-        left -= length;
-        if left <= 0.0 {
-            break;
-        }
-    }
-    base_from_tip.translation.vector
 }
 
 /// Reads the scene that a plan names, or the one that is given for it, and proves the clearance again. The scene lies
@@ -345,7 +371,7 @@ impl LegSearch<'_> {
         let mut passed_over = 0;
         let is_clear = |path: &[Segment]| {
             let clear = path::length(path) <= left
-                && is_body_clear(scene, path, &base_from_start, &need)
+                && is_body_clear(scene, &laid(path, self.robot), &base_from_start, &need)
                 && is_clear_of_self(path);
             passed_over += usize::from(!clear);
             clear
@@ -353,9 +379,6 @@ impl LegSearch<'_> {
         if let Some((goal, chosen)) = plan_where(self.robot, from, goal, self.search, is_clear)? {
             self.legs_left.set(self.legs_left.get().saturating_sub(1));
             return Ok(PlannedLeg::chosen(goal, &chosen, passed_over));
-        }
-        if self.search.planner == Planner::TwoPlane {
-            return Err(NoPath::NotFound.into());
         }
         let accept = |chain: &Chain| is_clear_of_self(&segments(&chain.stretches, &base_from_start));
         let problem = Problem {
@@ -370,8 +393,12 @@ impl LegSearch<'_> {
             length_max: left,
             accept: &accept,
         };
+        if self.search.planner == Planner::TwoPlane {
+            let why = planner::impossible(&problem).map(|why| NoPath::because(why, need.distance, left));
+            return Err(why.unwrap_or(NoPath::NotClear).into());
+        }
         let work = self.through.effort.saturating_mul(WORK_PER_EFFORT);
-        let budget = Budget { work, deadline: self.deadline(), first_only: false };
+        let budget = Budget { work, deadline: self.deadline(), first_only: self.through.first_only };
         match planner::search(&problem, &budget, &mut |_| ()) {
             Outcome::Found(chain) => {
                 let path = segments(&chain.stretches, &base_from_start);
@@ -400,6 +427,7 @@ mod tests {
     use crate::pose_text::parse_pose;
     use crate::robot_file;
     use growbot_core::pose::Position;
+    use nalgebra::Vector3;
     use std::fs;
 
     const SCENE: &str = "format = \"growbot-scene/1\"\nmargin_mm = 5\n[[ball]]\ncenter_mm = [0, 0, 300]\n\
@@ -439,6 +467,7 @@ mod tests {
                 grown,
                 effort: 1,
                 deadline: None,
+                first_only: false,
                 length_max: LENGTH_MAX,
             };
             plan(&self.robot, &self.start, goals, &self.search, &through)
@@ -505,8 +534,16 @@ mod tests {
         let (file, loaded) = (asked.scene(), load(asked.scene().as_ref()).unwrap());
         for length_max in [free + 1.0, 700.0, 300.0] {
             let (margin, grown) = (loaded.margin, None);
-            let through =
-                Through { file: &file, loaded: &loaded, margin, grown, effort: 1, deadline: None, length_max };
+            let through = Through {
+                file: &file,
+                loaded: &loaded,
+                margin,
+                grown,
+                effort: 1,
+                deadline: None,
+                first_only: false,
+                length_max,
+            };
             match plan(&asked.robot, &asked.start, &goals, &asked.search, &through) {
                 Ok(plan) => assert!(plan.needs.length <= length_max && length_max > free),
                 // The second leg is 539 mm at least.
@@ -516,6 +553,49 @@ mod tests {
                 Err(other) => panic!("{length_max}: {other:?}"),
             }
         }
+    }
+
+    #[test]
+    fn the_proof_of_a_long_body_ends_with_its_time() {
+        let asked = Asked::new();
+        // 100 m beside a wall have fifty million distances that matter, all of the same size.
+        let wall = "[[halfspace]]\npoint_mm = [0, 0, -900]\nnormal = [0, 0, 1]\n";
+        fs::write(asked.scene(), SCENE.to_owned() + wall).unwrap();
+        let (file, loaded) = (asked.scene(), load(asked.scene().as_ref()).unwrap());
+        let start = parse_pose("0,0,-500,0,0").unwrap();
+        let within = |seconds: f64| {
+            let deadline = Some(Instant::now() + Duration::from_secs_f64(seconds));
+            let (margin, grown, length_max) = (loaded.margin, None, LENGTH_MAX);
+            let through = Through {
+                file: &file,
+                loaded: &loaded,
+                margin,
+                grown,
+                effort: 1,
+                deadline,
+                first_only: false,
+                length_max,
+            };
+            let far = [pose("100000,0,-500,0,0")];
+            plan(&asked.robot, &start, &far, &asked.search, &through).unwrap().scene.unwrap().clearance
+        };
+        // Nothing but what the plan was made for is told of one that had no time.
+        assert_eq!(within(0.0), loaded.margin + TOLERANCE);
+        assert!(within(0.0) < within(600.0));
+    }
+
+    #[test]
+    fn two_planes_are_all_that_their_planner_tries() {
+        let asked = Asked::new();
+        let asked = Asked { search: Search { planner: Planner::TwoPlane, ..asked.search }, ..asked };
+        let refused = |goal| match asked.plan(&[goal]) {
+            Err(ThroughError::NoPath(no_path)) => no_path,
+            other => panic!("{other:?}"),
+        };
+        assert_eq!(refused(pose("0,0,800,0,90")), NoPath::NotClear);
+        assert!(matches!(refused(pose("0,0,310,0,90")), NoPath::Goal { .. }));
+        assert_eq!(NoPath::NotClear.code(), "none-at-resolution");
+        assert!(asked.plan(&[pose("300,0,300,0,0")]).is_ok());
     }
 
     #[test]

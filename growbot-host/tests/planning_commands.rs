@@ -521,6 +521,14 @@ fn no_plan_is_longer_than_it_may_be() {
         &["the shortest path found is 64", "--length-max is 640 mm", "allow a longer"],
     );
     assert_refused(&growbot(&with(&goal, &["--length-max", "0"])), 2, &["above 0"]);
+    // Of a batch, each query.
+    let queries = "id,to_x_mm,to_y_mm,to_z_mm\nnear,0,0,300\nfar,0,0,800\n";
+    let ran = growbot_reading(&["plan", "--batch", "-", "--json", "--length-max", "700"], queries);
+    assert_eq!(ran.code, Some(1), "{}", ran.err);
+    let answers: Vec<Value> = ran.out.lines().map(json).collect();
+    assert_eq!((number(&answers[0], "length_mm"), answers[0].get("error")), (300.0, None));
+    let error = answers[1]["error"].as_str().unwrap();
+    assert!(error.contains("800.0 mm long") && error.contains("--length-max is 700 mm"), "{error}");
     let directory = tempfile::tempdir().unwrap();
     let ball = "format = \"growbot-scene/1\"\n[[ball]]\ncenter_mm = [0, 0, 300]\nradius_mm = 60\n";
     let scene = file(directory.path(), "scene.toml", ball);

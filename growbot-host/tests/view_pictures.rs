@@ -47,32 +47,15 @@ fn pixels(file: &Path) -> (u32, u32, Vec<u8>) {
     (info.width, info.height, colours)
 }
 
-#[test]
-fn the_picture_of_the_readme_is_the_one_that_its_commands_make() {
+/// A picture that is made now is the one that is committed as this file of the book.
+fn assert_same_picture(name: &str, made: &Path) {
     /// A pixel is another one if one of its colours differs by more than the first; the second is the max share of
     /// these, as edges and letters fall a little otherwise with another release of what draws them.
     const OTHER: u8 = 48;
     const MAX_OTHERS: f64 = 0.005;
-    let committed = Path::new(env!("CARGO_MANIFEST_DIR")).join("../book/src/pictures/compare.png");
-    assert!(fs::metadata(&committed).unwrap().len() < 150_000);
-    let directory = Path::new(env!("CARGO_TARGET_TMPDIR"));
-    let [two_plane, shortest, made] =
-        ["two-plane.json", "shortest.json", "compare.png"].map(|name| directory.join(name));
-
-    // As README.md says, in another directory.
-    let readme = fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("../README.md")).unwrap();
-    for command in [
-        "growbot plan --to 300,200,250,-45,-30 --planner two-plane -o two-plane.json ",
-        "growbot plan --to 300,200,250,-45,-30 -o shortest.json ",
-        "growbot view --compare two-plane.json shortest.json --png --width 1400 -o compare.png\n",
-    ] {
-        assert!(readme.contains(command), "README.md has another command than {command:?}");
-    }
-    done(&["plan", "--to", "300,200,250,-45,-30", "--planner", "two-plane", "-o", text(&two_plane)]);
-    done(&["plan", "--to", "300,200,250,-45,-30", "-o", text(&shortest)]);
-    done(&["view", "--compare", text(&two_plane), text(&shortest), "--png", "--width", "1400", "-o", text(&made)]);
-
-    let (before, now) = (pixels(&committed), pixels(&made));
+    let committed = Path::new(env!("CARGO_MANIFEST_DIR")).join("../book/src/pictures").join(name);
+    assert!(fs::metadata(&committed).unwrap().len() < 150_000, "{name} is too large");
+    let (before, now) = (pixels(&committed), pixels(made));
     assert_eq!(
         (before.0, before.1),
         (now.0, now.1),
@@ -90,6 +73,51 @@ fn the_picture_of_the_readme_is_the_one_that_its_commands_make() {
         made.display(),
         committed.display()
     );
+}
+
+#[test]
+fn the_pictures_of_the_chapters_are_those_that_their_commands_make() {
+    let directory = Path::new(env!("CARGO_TARGET_TMPDIR"));
+    for (chapter, scene, plan, to) in [
+        ("pipe-rack", "rack.toml", "rack.json", &["--to", "0,0,960"][..]),
+        ("rubble-heap", "heap.toml", "heap.json", &["--from", "0,0,60,0,0", "--to", "900,0,60"]),
+    ] {
+        let book = Path::new(env!("CARGO_MANIFEST_DIR")).join("../book/src").join(format!("{chapter}.md"));
+        let book = fs::read_to_string(book).unwrap();
+        let planned = format!("growbot plan {} --scene {scene} -o {plan}\n", to.join(" "));
+        let drawn = format!("growbot view {plan} --png --width 800\n");
+        for command in [format!("growbot scene {chapter} --seed 1 -o {scene}\n"), planned, drawn] {
+            assert!(book.contains(&command), "{chapter}.md has another command than {command:?}");
+        }
+        let name = format!("{chapter}.png");
+        let [scene, plan, made] = [scene, plan, &name].map(|name| directory.join(name));
+        done(&["scene", chapter, "--seed", "1", "-o", text(&scene)]);
+        done(&[&["plan", "--scene", text(&scene), "-o", text(&plan)], to].concat());
+        done(&["view", text(&plan), "--png", "--width", "800", "-o", text(&made)]);
+        assert_same_picture(&name, &made);
+    }
+}
+
+#[test]
+fn the_picture_of_the_readme_is_the_one_that_its_commands_make() {
+    let directory = Path::new(env!("CARGO_TARGET_TMPDIR"));
+    let [two_plane, shortest, made] =
+        ["two-plane.json", "shortest.json", "compare.png"].map(|name| directory.join(name));
+
+    // As README.md says, in another directory.
+    let readme = fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("../README.md")).unwrap();
+    for command in [
+        "growbot plan --to 300,200,250,-45,-30 --planner two-plane -o two-plane.json ",
+        "growbot plan --to 300,200,250,-45,-30 -o shortest.json ",
+        "growbot view --compare two-plane.json shortest.json --png --width 1400 -o compare.png\n",
+    ] {
+        assert!(readme.contains(command), "README.md has another command than {command:?}");
+    }
+    done(&["plan", "--to", "300,200,250,-45,-30", "--planner", "two-plane", "-o", text(&two_plane)]);
+    done(&["plan", "--to", "300,200,250,-45,-30", "-o", text(&shortest)]);
+    done(&["view", "--compare", text(&two_plane), text(&shortest), "--png", "--width", "1400", "-o", text(&made)]);
+
+    assert_same_picture("compare.png", &made);
 }
 
 #[test]

@@ -25,7 +25,7 @@ fn watch(orders: Option<Arc<Orders>>) -> Watch {
     let search = Search { radius: 100.0, planner: Planner::Shortest, clear_of_self: false };
     let plan = Plan::through(&robot, &up(0.0), &[], &up(40.0), &search).unwrap();
     let job = Job::of_plan(&robot, &plan);
-    let subject = Subject { name: "plan.json", robot: &robot, plan: &plan, run: None, laid: None };
+    let subject = Subject { name: "plan.json", robot: &robot, plan: &plan, run: None, laid: None, scene: None };
     Watch::start(&subject, &job, &[], orders, 0).unwrap()
 }
 

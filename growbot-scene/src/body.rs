@@ -1,11 +1,13 @@
 //! A body on a path of arcs, lines and helicoidal arcs: whether it is clear of a scene, and by how much.
 
+use std::time::Instant;
+
 use growbot_core::helicoid::{Helicoid, Walk};
 use growbot_core::path::Segment;
 use growbot_core::pose::Frame;
 use nalgebra::Vector3;
 
-use crate::clear::{Clearance, Need, Work, is_clear, least};
+use crate::clear::{Clearance, Need, Work, is_clear, least_until};
 use crate::motion::{Curve, Stretch, stretches};
 use crate::scene::Scene;
 
@@ -45,6 +47,22 @@ impl Curve for Piece {
             Self::Helicoid { .. } => along,
         }
     }
+}
+
+/// The point so far along a path (mm) that grows from a frame; beyond its ends the nearer of them.
+#[must_use]
+pub fn point_at(path: &[Segment], base_from_start: &Frame, along: f64) -> Vector3<f64> {
+    let (mut base_from_tip, mut left) = (*base_from_start, along.max(0.0));
+    for segment in path {
+        let length = segment.length();
+        let part = if left < length { segment.shortened(left) } else { *segment };
+        base_from_tip *= part.step();
+        left -= length;
+        if left <= 0.0 {
+            break;
+        }
+    }
+    base_from_tip.translation.vector
 }
 
 /// The pieces of a path that grows from a frame.
@@ -92,9 +110,22 @@ pub fn is_body_clear(scene: &Scene, path: &[Segment], base_from_start: &Frame, n
 /// [`TOLERANCE`]. Of a body that begins inside of a solid mesh, the negative distance of its start.
 #[must_use]
 pub fn clearance(scene: &Scene, path: &[Segment], base_from_start: &Frame) -> Clearance {
+    // Without a deadline it is found; nothing would be proven else.
+    let unproven = Clearance { distance: f64::NEG_INFINITY, at: 0.0 };
+    clearance_until(scene, path, base_from_start, None).unwrap_or(unproven)
+}
+
+/// As [`clearance`]. None if it is not found before the deadline.
+#[must_use]
+pub fn clearance_until(
+    scene: &Scene,
+    path: &[Segment],
+    base_from_start: &Frame,
+    deadline: Option<Instant>,
+) -> Option<Clearance> {
     let start = base_from_start.translation.vector;
     if scene.holds(&start) {
-        return Clearance { distance: scene.distance(&start) - TOLERANCE, at: 0.0 };
+        return Some(Clearance { distance: scene.distance(&start) - TOLERANCE, at: 0.0 });
     }
-    least(scene, &pieces(path, base_from_start), TOLERANCE)
+    least_until(scene, &pieces(path, base_from_start), TOLERANCE, deadline)
 }

@@ -4,6 +4,8 @@
 //! length `d - need` of a point at distance `d` keeps off by `need`. What that leaves of a stretch is halved again,
 //! until all is proven, or a point is too near.
 
+use std::time::Instant;
+
 use crate::motion::Curve;
 use crate::scene::Scene;
 
@@ -69,15 +71,35 @@ pub struct Clearance {
 }
 
 /// The least distance of the centreline from the obstacles: at most the true one, and at least that less `tolerance`.
-/// The first stretch begins `from` mm along the body.
 #[must_use]
 pub fn least(scene: &Scene, stretches: &[impl Curve], tolerance: f64) -> Clearance {
+    // Without a deadline it is found; nothing would be proven else.
+    let unproven = Clearance { distance: f64::NEG_INFINITY, at: 0.0 };
+    least_until(scene, stretches, tolerance, None).unwrap_or(unproven)
+}
+
+/// Distances that [`least_until`] looks up between two looks at the clock.
+const BETWEEN_LOOKS: u32 = 512;
+
+/// As [`least`]. None if it is not found before `deadline`: a long body beside a wall needs a distance for every two
+/// tolerances.
+#[must_use]
+pub fn least_until(
+    scene: &Scene,
+    stretches: &[impl Curve],
+    tolerance: f64,
+    deadline: Option<Instant>,
+) -> Option<Clearance> {
     let mut nearest = Clearance { distance: f64::INFINITY, at: 0.0 };
     let mut waiting = Vec::new();
-    let mut before = 0.0;
+    let (mut before, mut looked_up) = (0.0, 0_u32);
     for stretch in stretches {
         waiting.push([0.0, stretch.length()]);
         while let Some([from, to]) = waiting.pop() {
+            looked_up = looked_up.wrapping_add(1);
+            if looked_up.is_multiple_of(BETWEEN_LOOKS) && deadline.is_some_and(|deadline| Instant::now() >= deadline) {
+                return None;
+            }
             let half = 0.5 * (to - from);
             let middle = from + half;
             let reach = stretch.reach(half);
@@ -98,5 +120,5 @@ pub fn least(scene: &Scene, stretches: &[impl Curve], tolerance: f64) -> Clearan
         }
         before += stretch.length();
     }
-    nearest
+    Some(nearest)
 }

@@ -7,7 +7,7 @@ use growbot_core::angle::radians;
 use nalgebra::{Rotation3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::read::{self, Geometry, LONGEST_GEOMETRY, ReadError, ReadGeometry};
+use crate::read::{self, Faults, Geometry, LONGEST_GEOMETRY, ReadError, ReadGeometry};
 use crate::scene::{Cloud, Mesh, Scene};
 use crate::shapes::{HalfSpace, Shape, Triangle};
 
@@ -193,6 +193,18 @@ pub enum SceneError {
         /// How many edges are open.
         open: usize,
     },
+    /// Faces of a mesh that are inside out: what is inside is not known.
+    #[error(
+        "{file} is a mesh with {flipped} edges whose two faces name their corners in the same direction, so that one \
+         of the two is inside out, and cannot be solid: turn its faces to one side (in Blender: Mesh > Normals > \
+         Recalculate Outside), or say `solid = false` in its [[mesh]] to have its faces alone as obstacles"
+    )]
+    FlippedFaces {
+        /// The mesh's file.
+        file: String,
+        /// How many edges lie between such faces.
+        flipped: usize,
+    },
     /// The meshes and clouds of a scene are larger than growbot reads.
     #[error(
         "the meshes and clouds of {file} are longer than {LONGEST_GEOMETRY} bytes together, the most that is read: \
@@ -337,7 +349,8 @@ impl SceneFile {
         Ok(())
     }
 
-    fn shapes(&self) -> Vec<Shape> {
+    /// The boxes, balls and capsules.
+    pub(crate) fn shapes(&self) -> Vec<Shape> {
         let boxes = self.boxes.iter().map(|written| {
             let [roll, pitch, yaw] = written.rpy_deg.map(radians);
             let turn = |axis, angle| Rotation3::from_axis_angle(&axis, angle);
@@ -428,14 +441,17 @@ fn mesh_of(geometry: &Geometry, scale: f64, solid: bool, file: &str) -> Result<M
         return Err(SceneError::Empty { file: file.to_owned(), what: "faces" });
     }
     // The check takes as long as the tree: both at a time.
-    let (open, mesh) = thread::scope(|scope| {
-        let open = scope.spawn(|| if solid { read::open_edges(&points, &geometry.triangles) } else { 0 });
+    let (faults, mesh) = thread::scope(|scope| {
+        let check = || if solid { read::faults(&points, &geometry.triangles) } else { Faults::default() };
+        let faults = scope.spawn(check);
         let mesh = Mesh::new(triangles, solid);
         // A thread that panicked has checked nothing.
-        (open.join().unwrap_or(usize::MAX), mesh)
+        (faults.join().unwrap_or(Faults { open: usize::MAX, flipped: 0 }), mesh)
     });
-    if open > 0 {
-        return Err(SceneError::OpenMesh { file: file.to_owned(), open });
+    let file = file.to_owned();
+    match faults {
+        Faults { open: 0, flipped: 0 } => Ok(mesh),
+        Faults { open: 0, flipped } => Err(SceneError::FlippedFaces { file, flipped }),
+        Faults { open, .. } => Err(SceneError::OpenMesh { file, open }),
     }
-    Ok(mesh)
 }

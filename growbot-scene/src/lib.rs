@@ -4,7 +4,9 @@
 //! - [`scene`]: how far a point is from the obstacles, which are [`shapes`] in [`tree`]s;
 //! - [`motion`]: centrelines of arcs and lines; [`clear`]: proof that one keeps off the obstacles; [`body`]: the same
 //!   for a plan's path;
+//! - [`narrowest`]: where a body is nearest to the obstacles; [`shown`]: what of a scene views show;
 //! - [`planner`]: a path through a scene, or that there is none;
+//! - [`examples`]: scenes to try things in;
 //! - [`families`]: random scenes, for tests and measurements.
 //!
 //! Lengths are in mm, angles in radians. All results are the same on every machine.
@@ -37,11 +39,14 @@
 
 pub mod body;
 pub mod clear;
+pub mod examples;
 pub mod families;
 pub mod file;
 pub mod motion;
+pub mod narrowest;
 pub mod planner;
 pub mod read;
 pub mod scene;
 pub mod shapes;
+pub mod shown;
 pub mod tree;

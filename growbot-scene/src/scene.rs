@@ -43,6 +43,18 @@ pub struct Cloud {
 }
 
 impl Cloud {
+    /// The centres of the balls.
+    #[must_use]
+    pub fn points(&self) -> &[Vector3<f64>] {
+        self.points.items()
+    }
+
+    /// Their radius, mm.
+    #[must_use]
+    pub fn radius(&self) -> f64 {
+        self.radius
+    }
+
     /// The cloud of balls of this radius (mm) at these points.
     #[must_use]
     pub fn new(points: Vec<Vector3<f64>>, radius: f64) -> Self {
@@ -59,6 +71,12 @@ pub struct Mesh {
 }
 
 impl Mesh {
+    /// The triangles.
+    #[must_use]
+    pub fn triangles(&self) -> &[Triangle] {
+        self.triangles.items()
+    }
+
     /// The mesh of these triangles. If it is `solid`, it must be closed.
     #[must_use]
     pub fn new(triangles: Vec<Triangle>, solid: bool) -> Self {
@@ -149,6 +167,30 @@ impl Scene {
         });
         let all = shapes.chain(half_spaces).chain(meshes).chain(clouds);
         all.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, obstacle)| obstacle)
+    }
+
+    /// The boxes, balls and capsules.
+    #[must_use]
+    pub fn shapes(&self) -> &[Shape] {
+        self.shapes.as_ref().map_or(&[], Tree::items)
+    }
+
+    /// The half spaces.
+    #[must_use]
+    pub fn half_spaces(&self) -> &[HalfSpace] {
+        &self.half_spaces
+    }
+
+    /// The clouds of points.
+    #[must_use]
+    pub fn clouds(&self) -> &[Cloud] {
+        &self.clouds
+    }
+
+    /// The meshes.
+    #[must_use]
+    pub fn meshes(&self) -> &[Mesh] {
+        &self.meshes
     }
 
     /// The box that holds all obstacles but half spaces.

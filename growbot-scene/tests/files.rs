@@ -223,6 +223,22 @@ fn an_open_mesh_is_no_solid() {
 }
 
 #[test]
+fn a_mesh_with_a_face_inside_out_is_no_solid() {
+    let wedge = "v 0 0 0\nv 100 0 0\nv 0 100 0\nv 0 0 100\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n";
+    let (_directory, path) = written("wedge.obj", wedge);
+    assert!(load(&path).is_ok());
+    let (_directory, path) = written("flipped.obj", wedge.replace("f 2 3 4", "f 4 3 2"));
+    let refusal = load(&path).unwrap_err();
+    assert!(matches!(refusal, SceneError::FlippedFaces { flipped: 3, .. }), "{refusal}");
+    let said = refusal.to_string();
+    assert!(said.contains("3 edges") && said.contains("inside out") && said.contains("solid = false"), "{said}");
+    // All of them inside out enclose the same.
+    let (_directory, path) =
+        written("outside.obj", "v 0 0 0\nv 100 0 0\nv 0 100 0\nv 0 0 100\nf 2 3 1\nf 4 2 1\nf 4 3 2\nf 3 4 1\n");
+    assert!(load(&path).unwrap().scene.holds(&Vector3::new(10.0, 10.0, 10.0)));
+}
+
+#[test]
 fn what_is_wrong_is_said_with_value_and_limit() {
     let refused = |from: &str, to: &str| {
         assert!(SCENE.contains(from), "{from}");

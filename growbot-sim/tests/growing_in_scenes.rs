@@ -121,6 +121,7 @@ fn scene(robot: &Robot, index: u64) -> (String, LoadedScene, Plan) {
         grown: None,
         effort: EFFORT,
         deadline: None,
+        first_only: false,
         length_max: LENGTH_MAX,
     };
     let name = format!("{family:?} {number}");

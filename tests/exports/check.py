@@ -387,6 +387,42 @@ def check_refusals(directory):
     demand(sorted(directory.iterdir()) == before and kept.read_text() == "kept", "something was left of what was refused")
 
 
+# What obstacles hold, mm^3, as exact as their facets are.
+FACETS = 0.03
+
+
+def check_scene(directory):
+    """The scene around a body: obstacles of their size at their place, translucent, and a mark that ends at one."""
+    room, plan, glb = directory / "room.toml", directory / "plan.json", directory / "body.glb"
+    ball, box = ([0, 0, 300], 60), ([150, 0, 300], [30, 200, 300])
+    room.write_text(
+        'format = "growbot-scene/1"\nmargin_mm = 5\n'
+        f"[[ball]]\ncenter_mm = {ball[0]}\nradius_mm = {ball[1]}\n[[box]]\ncenter_mm = {box[0]}\nsize_mm = {box[1]}\n"
+    )
+    growbot("plan", "--to", "0,0,500", "--scene", room, "-o", plan)
+    growbot("export", plan, "-o", glb, "--segments", "16", "--every", "4")
+    scene = trimesh.load_scene(glb)
+    names = {"wall", "obstacles", "narrowest place"}
+    demand(set(scene.geometry) == names, f"scene: GLB of {set(scene.geometry)}")
+    demand(scene.geometry["wall"].is_watertight, "scene: an open wall")
+    obstacles = scene.geometry["obstacles"]
+    material = obstacles.visual.material
+    demand(material.alphaMode == "BLEND" and material.baseColorFactor[3] < 128, f"scene: not translucent: {material}")
+    demand(obstacles.is_watertight and obstacles.is_winding_consistent, "scene: open obstacles")
+    volume = 4 / 3 * math.pi * ball[1] ** 3 + math.prod(box[1])
+    off = obstacles.volume * 1e9 / volume - 1
+    demand(-FACETS < off < 1e-6, f"scene: volume of the obstacles off by {100 * off:.2f} %")
+    # From where the plan starts, which is the origin; x, y and z are the base's before the node turns them.
+    ends = numpy.array([[-60, -100, 150], [165, 100, 450]])
+    far = numpy.abs(obstacles.bounds * 1000 - ends).max()
+    demand(far < 0.6, f"scene: the obstacles are {far} mm from where they should be")
+    said = json.loads(plan.read_text())["scene"]["clearance_mm"]
+    tip = scene.geometry["narrowest place"].vertices * 1000
+    near = numpy.abs(numpy.linalg.norm(tip - ball[0], axis=1) - ball[1]).min()
+    demand(near < 1.5, f"scene: the mark ends {near} mm from the ball")
+    print(f"scene: {len(obstacles.faces)} triangles of obstacles, {said:.2f} mm clear, volume {100 * off:+.2f} %")
+
+
 def main():
     print(f"{'body':30} {'triangles':>9} {'STL, MB':>9} {'GLB, MB':>9} {'STL, s':>7} {'volume, %':>10}")
     for name, *rest in PLANS:
@@ -395,7 +431,7 @@ def main():
     for name, *rest in RUNS:
         with tempfile.TemporaryDirectory() as directory:
             check_run(name, Path(directory), *rest)
-    for check in (check_fault, check_refusals):
+    for check in (check_scene, check_fault, check_refusals):
         with tempfile.TemporaryDirectory() as directory:
             check(Path(directory))
 

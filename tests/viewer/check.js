@@ -167,6 +167,23 @@ async function checkPair(browser) {
   await fitsPhone(phone);
 }
 
+/** A body among obstacles: they are seen and can be hidden, and the narrowest place is told beside the picture, too. */
+async function checkScene(browser) {
+  run("scene", "pipe-rack", "-o", "rack.toml");
+  plan("rack", "--to", "0,0,960", "--scene", "rack.toml");
+  const page = await open(browser, "rack");
+  assert.ok(statSync(join(directory, "rack.html")).size < MAX_BYTES, "the page of a scene is too large");
+  assert.match(await page.textContent("#numbers"), /Scene.*rack\.toml.*all shown.*Clearance5\.\d\d mm.*Narrowest/s);
+  assert.match(await page.textContent(".labels"), /narrowest: 5\.\d\d mm/);
+  const seen = await picture(page);
+  await page.uncheck("#show-scene");
+  assert.ok(difference(seen, await picture(page)) > 0.01, "the obstacles cannot be hidden");
+  await page.check("#show-scene");
+  assert.ok(difference(seen, await picture(page)) < 0.001, "the obstacles do not come back");
+  const dark = await open(browser, "rack", { colorScheme: "dark", viewport: { width: 390, height: 844 }, hasTouch: true, isMobile: true });
+  await fitsPhone(dark);
+}
+
 /** The browser, without a window. There is no sandbox for root. */
 const launch = (...args) =>
   chromium.launch({
@@ -243,6 +260,8 @@ try {
   await fitsPhone(phone);
   await phone.close();
 
+  assert.ok(!(await middle.isVisible("#scene")), "obstacles without a scene");
+  await checkScene(browser);
   await checkPair(browser);
   await checkWithoutPicture();
   assert.deepEqual(errors, []);

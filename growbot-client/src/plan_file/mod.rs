@@ -180,7 +180,11 @@ pub fn read(text: &str, file: &str, robot: Option<&FilePath>) -> Result<(Robot, 
     read_in_scene(text, file, robot, None).map(|Opened { robot, plan, .. }| (robot, plan))
 }
 
-fn read_in_scene(
+/// As [`open_in_scene`], from a text that messages call `file`.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_in_scene(
     text: &str,
     file: &str,
     robot: Option<&FilePath>,

@@ -469,7 +469,12 @@ fn wrong_header(fields: &Value, file: &str) -> RunRecordError {
     match fields.get("format").and_then(Value::as_str) {
         None => return wrong("its header has no \"format\"".to_string()),
         Some(FORMAT) => {}
-        Some(format) => return wrong(format!("its format is {format:?}, I read {FORMAT:?}")),
+        Some(format) => {
+            let by = fields.get("growbot").and_then(Value::as_str).unwrap_or("of its time");
+            return wrong(format!(
+                "its format is {format:?}, I read {FORMAT:?}: use growbot {by}, which has written it"
+            ));
+        }
     }
     let plan = fields.get("plan").unwrap_or(&Value::Null).to_string();
     match (serde_json::from_value::<Header>(fields.clone()), PlanFile::parse(&plan, file)) {

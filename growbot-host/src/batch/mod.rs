@@ -12,6 +12,7 @@ use growbot_client::plan::{Goal, Plan, Search, planner_name};
 use growbot_client::plan_file::PlanFile;
 use growbot_client::pose_text::{parse_number, pose_of_numbers};
 use growbot_client::printable;
+use growbot_core::number::Short;
 use growbot_core::plan::{PlanError, Planner};
 use growbot_core::pose::{Pose, PoseError, Position};
 use growbot_core::robot::Robot;
@@ -86,6 +87,34 @@ pub enum QueryError {
     /// There is no path.
     #[error(transparent)]
     Plan(#[from] PlanError),
+    /// The path is longer than it may be.
+    #[error(transparent)]
+    TooLong(#[from] TooLong),
+}
+
+/// A path is longer than it may be.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[error(
+    "the shortest path found is {found:.1} mm long, and --length-max is {} mm: allow a longer body, a smaller radius, \
+     or another goal", Short(.max)
+)]
+pub struct TooLong {
+    /// How long it is, mm.
+    found: f64,
+    /// How long it may be, mm.
+    max: f64,
+}
+
+/// The plan, unless it is longer than it may be (mm).
+///
+/// # Errors
+/// If it is.
+pub fn short_enough(plan: Plan, length_max: Option<f64>) -> Result<Plan, TooLong> {
+    let found = plan.needs.length;
+    match length_max.filter(|max| found > *max) {
+        Some(max) => Err(TooLong { found, max }),
+        None => Ok(plan),
+    }
 }
 
 /// What became of one query.
@@ -156,6 +185,8 @@ pub struct Defaults {
     pub start: Pose,
     /// How paths are looked for.
     pub search: Search,
+    /// The body may be this long, mm.
+    pub length_max: Option<f64>,
 }
 
 /// The header of answers as CSV.
@@ -219,7 +250,7 @@ impl<R: Read> Batch<R> {
             _ => planner,
         };
         let search = Search { radius, planner, ..self.defaults.search };
-        Ok(Plan::through(robot, &start, &[], &goal, &search)?)
+        Ok(short_enough(Plan::through(robot, &start, &[], &goal, &search)?, self.defaults.length_max)?)
     }
 
     fn start(&self) -> Result<Pose, QueryError> {
@@ -290,7 +321,7 @@ mod tests {
 
     fn defaults() -> Defaults {
         let search = Search { radius: 100.0, planner: Planner::TwoPlane, clear_of_self: false };
-        Defaults { start: parse_pose("0,0,0,0,90").unwrap(), search }
+        Defaults { start: parse_pose("0,0,0,0,90").unwrap(), search, length_max: None }
     }
 
     fn answers(text: &str) -> Vec<Answer> {

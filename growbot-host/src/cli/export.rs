@@ -7,9 +7,11 @@ use growbot_client::files::{format_of, replace_file};
 use growbot_client::run_log::BodyKind;
 use growbot_host::export::body::Body;
 use growbot_host::export::mesh::{MeshError, Resolution};
+use growbot_host::export::obstacles::around;
 use growbot_host::export::recording::Encoding;
 use growbot_host::export::{glb, recording, stl, table, tum};
 use growbot_host::output::{is_standard_output, print_bytes, refuse_terminal};
+use growbot_host::view::{self, SceneFile};
 
 use super::Failure;
 use super::subject::Subject;
@@ -23,6 +25,9 @@ use super::subject::Subject;
 /// STL (binary, mm, z up) and GLB (glTF 2.0: metres, z up turned into y up by the node's matrix) have the printed wall
 /// as a closed surface: outer and inner side and both rims. Layers of less than a few micrometres vanish between their
 /// neighbours there.
+///
+/// Of a body among obstacles GLB has those, too, translucent, and its narrowest place: of the scene that the plan leads
+/// through, or --scene.
 ///
 /// CSV has a row for the start and one for each layer: where the tip then is (mm) and points, and the layer (alpha_deg,
 /// height_mm, tilt_deg), in full precision.
@@ -61,6 +66,10 @@ pub struct ExportArgs {
     /// that the plan describes]
     #[arg(long, value_name = "FILE|NAME")]
     robot: Option<PathBuf>,
+    /// GLB: with the obstacles of this scene [default: the one that the plan
+    /// leads through]
+    #[arg(long, value_name = "FILE")]
+    scene: Option<PathBuf>,
 }
 
 const AFTER_HELP: &str = "\
@@ -128,7 +137,13 @@ pub fn run(args: &ExportArgs) -> Result<(), Failure> {
             format.ending()
         )));
     }
-    let subject = Subject::open(&args.body, args.robot.as_deref())?;
+    if args.scene.is_some() && format != Format::Glb {
+        return Err(Failure::bad_input(format_args!(
+            "--scene is for GLB, and {} has the body alone: leave it out, or name a file that ends in .glb",
+            format.ending()
+        )));
+    }
+    let subject = Subject::open_in_scene(&args.body, args.robot.as_deref(), args.scene.as_deref())?;
     let bytes = args.encode(format, &subject)?;
     // Not every format, and no body without layers, has room to say that nobody has grown it.
     let simulated = args.kind(&subject).filter(|kind| *kind != BodyKind::AsBuilt).map(BodyKind::name);
@@ -172,7 +187,7 @@ impl ExportArgs {
     }
 
     fn encode(&self, format: Format, subject: &Subject) -> Result<Vec<u8>, Failure> {
-        let Subject { robot, plan, run } = subject;
+        let Subject { robot, plan, run, scene } = subject;
         let record = run.as_ref().map(|(record, _)| record);
         let kind = self.kind(subject);
         let laid = record.filter(|_| kind == Some(BodyKind::Laid));
@@ -194,7 +209,16 @@ impl ExportArgs {
                 let beside = beside.map(|beside| ("commanded", beside));
                 let name = if record.is_some() { name } else { robot.name() };
                 let bodies: Vec<(&str, &Body)> = [(name, &body)].into_iter().chain(beside).collect();
-                Ok(glb::write(&bodies, resolution)?)
+                let view = view::Subject {
+                    name,
+                    robot,
+                    plan,
+                    run: record,
+                    laid: None,
+                    scene: scene.as_ref().map(|(file, loaded)| SceneFile { file, scene: &loaded.scene }),
+                };
+                let around = around(&view).map_err(Failure::bad_input)?;
+                Ok(glb::write(&bodies, around.as_ref(), resolution)?)
             }
             Format::Csv => Ok(table::write(&body, beside.as_ref()).into_bytes()),
             Format::Tum => {

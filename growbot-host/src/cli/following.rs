@@ -22,7 +22,7 @@ use super::keyboard::{Keyboard, what_to_do};
 use super::{Failure, growth_table, kind};
 
 /// What the board does when it no longer hears from its host.
-#[derive(Debug, Clone, Copy, ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum OnSilence {
     /// Finish the layer and pause; heater off after some minutes
     Pause,

@@ -50,6 +50,22 @@ impl GoalArgs {
         file.map_or_else(|| command.to_owned(), |file| file.to_string_lossy().into_owned())
     }
 
+    /// The whole path of the scene that a plan leads through, for a program that runs in another directory.
+    pub fn place_of_scene(&self, plan: &Plan) -> Result<Option<String>, Failure> {
+        let Some(scene) = &plan.scene else { return Ok(None) };
+        let beside = self.plan.as_ref().and_then(|plan| plan.parent()).map(|parent| parent.join(&scene.file));
+        let found = self.scene.scene.clone().or(beside.filter(|path| path.exists()));
+        let path =
+            std::path::absolute(found.unwrap_or_else(|| PathBuf::from(&scene.file))).map_err(Failure::bad_input)?;
+        Ok(Some(path.display().to_string()))
+    }
+
+    /// How the scene is called: by the file that is given, or as the plan calls it.
+    pub fn scene_file(&self, plan: &Plan) -> String {
+        let given = self.scene.scene.as_ref().map(|file| file.display().to_string());
+        given.or_else(|| plan.scene.as_ref().map(|scene| scene.file.clone())).unwrap_or_default()
+    }
+
     /// Reads the plan, or makes it; the robot is its own, and the scene the one that it leads through, or that is given.
     pub fn open(&self, json: bool) -> Result<ToGrow, Failure> {
         let given = self.scene.scene.as_deref();

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, Parser};
-use growbot_client::feedback::{ASSUMED, Feedback};
+use growbot_client::feedback::{ASSUMED, Feedback, can_measure};
 use growbot_client::growth::{Job, Manner, grow_job};
 use growbot_client::keep_clear::Surroundings;
 use growbot_client::plan::Plan;
@@ -15,7 +15,7 @@ use growbot_core::simulation::Imperfection;
 use growbot_core::tracking::SensorNoise;
 use growbot_host::duration::duration_text;
 use growbot_host::output::is_standard_output;
-use growbot_host::view::Subject;
+use growbot_host::view::{SceneFile, Subject};
 use growbot_sim::port::{PortName, TipSettings};
 use growbot_sim::truth::compare;
 
@@ -137,12 +137,8 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     }
     args.suits(&port, &robot)?;
     if let Some(owned) = owner(&port)? {
-        if scene.is_some() && args.feedback && !args.force {
-            return Err(Failure::bad_input(
-                "a service does not keep corrections off a scene: grow without --feedback, or at a port of its own",
-            ));
-        }
-        return owned.grow(&robot, &plan, args.goal.name("growbot grow"), &args.by_service(print)?);
+        let at = args.goal.place_of_scene(&plan)?;
+        return owned.grow(&robot, &plan, at, args.goal.name("growbot grow"), &args.by_service(print)?);
     }
     let pace = args.watching.pace(port.name())?;
     if matches!(port.name(), PortName::Emulator(_)) {
@@ -175,7 +171,9 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     let Connection { mut client, mut simulation } = port.connect(&robot, &settings)?;
     let orders = stop_on_interrupt(&mut client, &port);
     let name = format!("{}{}", args.goal.name("growbot grow"), port.remark());
-    let subject = Subject { name: &name, robot: &robot, plan: &plan, run: None, laid: None };
+    let file = args.goal.scene_file(&plan);
+    let shown = scene.as_ref().map(|loaded| SceneFile { file: &file, scene: &loaded.scene });
+    let subject = Subject { name: &name, robot: &robot, plan: &plan, run: None, laid: None, scene: shown };
     let watch = args.watching.begin(&subject, &job, &[], &orders)?;
     let origin = Origin { port: port.text(), imperfection: port.is_simulated().then_some(&imperfection) };
     let log = args.begin_log(&plan, &job, noise, origin).map_err(Failure::bad_input)?;
@@ -236,7 +234,7 @@ impl GrowArgs {
             Some(None) => Some(RunLog::free_name()),
             None => None,
         };
-        Ok(Options { feedback: self.feedback, force: self.force, print, log })
+        Ok(Options { feedback: self.feedback, force: self.force, print, log, page: self.watching.of_service()? })
     }
 
     /// Begins the log that is asked for, or none.
@@ -265,7 +263,7 @@ impl GrowArgs {
     fn suits(&self, port: &ChosenPort, robot: &Robot) -> Result<(), Failure> {
         if self.disturbance.disturbs() && !port.is_simulated() {
             return Err(Failure::bad_input(format!(
-                "layers cannot be disturbed at {}, which is no simulated tip: leave out noises and biases, or use --port sim or emulator",
+                "layers cannot be disturbed at {}, which is no simulated tip: leave out noises and biases, or use --port sim, emulator or rp2040",
                 port.text()
             )));
         }
@@ -275,7 +273,7 @@ impl GrowArgs {
             ));
         }
         let sensors = &robot.description().sensors;
-        if self.feedback && sensors.filament_motion.is_none() && !sensors.orientation {
+        if self.feedback && !can_measure(robot) {
             return Err(Failure::bad_input(format!(
                 "robot {} has nothing to measure layers by: give it sensors.filament_motion or sensors.orientation, or leave out --feedback",
                 robot.name()

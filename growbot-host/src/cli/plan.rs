@@ -11,9 +11,8 @@ use growbot_client::plan::Plan;
 use growbot_client::plan_file::PlanFile;
 use growbot_client::pose_text::{TypedGoal, parse_goal};
 use growbot_client::through_scene::LENGTH_MAX;
-use growbot_core::number::Short;
 use growbot_core::robot::Robot;
-use growbot_host::batch::{ANSWERS, Batch, Defaults};
+use growbot_host::batch::{ANSWERS, Batch, Defaults, short_enough};
 use growbot_host::finish_time::now_here;
 use growbot_host::output::{is_standard_output, print, write_to};
 use growbot_host::progress::{Progress, Results};
@@ -51,7 +50,7 @@ pub struct PlanArgs {
     #[arg(long)]
     clear_of_self: bool,
     /// The body may be this long, mm; no plan is made that is longer
-    #[arg(long, value_name = "MM", conflicts_with = "batch", value_parser = length)]
+    #[arg(long, value_name = "MM", value_parser = length)]
     length_max: Option<f64>,
     #[command(flatten)]
     scene: SceneArgs,
@@ -110,24 +109,11 @@ pub fn run(args: &PlanArgs) -> Result<(), Failure> {
 fn plan(args: &PlanArgs, robot: &Robot, goal: &TypedGoal) -> Result<Plan, Failure> {
     let Some(scene) = &args.scene.scene else {
         let plan = args.search.plan(robot, goal, args.clear_of_self)?;
-        return short_enough(plan, args.length_max);
+        return short_enough(plan, args.length_max).map_err(Failure::answered_no);
     };
     let goals = args.search.start_and_goals(robot, goal)?;
     let search = args.search.search(robot, true);
     args.scene.plan(scene, robot, &goals, &search, args.length_max, args.json)
-}
-
-/// The plan, unless it is longer than it may be (mm).
-fn short_enough(plan: Plan, length_max: Option<f64>) -> Result<Plan, Failure> {
-    let found = plan.needs.length;
-    match length_max.filter(|length_max| found > *length_max) {
-        Some(length_max) => Err(Failure::answered_no(format!(
-            "the shortest path found is {found:.1} mm long, and --length-max is {} mm: allow a longer body, a smaller \
-             --radius, or another goal",
-            Short(&length_max)
-        ))),
-        None => Ok(plan),
-    }
 }
 
 /// A length above 0, mm.
@@ -204,7 +190,8 @@ impl Answers {
 }
 
 fn run_batch(args: &PlanArgs, queries: &Path, robot: &Robot) -> Result<(), Failure> {
-    let defaults = Defaults { start: args.search.start()?, search: args.search.search(robot, args.clear_of_self) };
+    let search = args.search.search(robot, args.clear_of_self);
+    let defaults = Defaults { start: args.search.start()?, search, length_max: args.length_max };
     // A radius that no query can have is a fault of the command, not of each query.
     let start = defaults.start;
     Plan::through(robot, &start, &[], &start, &defaults.search)?;

@@ -2,7 +2,7 @@
 
 use std::fs;
 use std::io::{self, BufRead, IsTerminal, Read, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 use growbot_client::client::Client;
@@ -35,9 +35,9 @@ use super::{ChosenPort, Failure, PortArg};
 #[derive(Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct ResumeArgs {
-    /// The run log of the growth, or its plan
+    /// The run log of the growth, or its plan [default: the robot's latest job, where a service owns it]
     #[arg(value_name = "RUN|PLAN")]
-    file: PathBuf,
+    file: Option<PathBuf>,
     /// The robot: a built-in name or a TOML file [default: the plan's]
     #[arg(long, value_name = "FILE|NAME")]
     robot: Option<PathBuf>,
@@ -54,7 +54,7 @@ pub struct ResumeArgs {
     on_silence: OnSilence,
     #[command(flatten)]
     watching: WatchArgs,
-    /// Do not ask
+    /// Do not ask; where a service owns the robot, nobody is asked
     #[arg(long)]
     yes: bool,
     /// End with one line of JSON instead of a table
@@ -65,6 +65,7 @@ pub struct ResumeArgs {
 const AFTER_HELP: &str = "\
 Examples:
   growbot resume run.jsonl --port /dev/ttyACM0
+  growbot resume --port /dev/ttyACM0      # its latest job, where a service owns it
   growbot resume plan.json --port /dev/ttyACM0 --interrupted-layer let-be --yes
 
 Exit codes: 0, the body is grown; 1, nothing to resume, stopped, refused or a
@@ -74,7 +75,7 @@ fault; 2, something was wrong before.";
 const LONGEST_ANSWER: u64 = 4096;
 
 /// What becomes of an interrupted layer.
-#[derive(Debug, Clone, Copy, ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum WithCut {
     /// Lay it again, on top of what there is of it
     Again,
@@ -85,11 +86,24 @@ enum WithCut {
 /// Runs the command.
 pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
     let port = args.port.choose()?;
-    let (robot, plan, mut record) = args.robot_plan_and_record()?;
-    if let Some(owned) = owner(&port)? {
-        let options = Options { feedback: false, force: false, print: Print::of(args.json), log: None };
-        return owned.resume(Job::of_plan(&robot, &plan).plan_id, &options);
+    let owned = owner(&port)?;
+    let opened = match &args.file {
+        Some(file) => Some((file, args.robot_plan_and_record(file)?)),
+        None => None,
+    };
+    if let Some(owned) = owned {
+        args.refuse_what_a_service_does_not_do()?;
+        let page = args.watching.of_service()?;
+        let options = Options { feedback: false, force: false, print: Print::of(args.json), log: None, page };
+        let plan_id = opened.map(|(_, (robot, plan, _))| Job::of_plan(&robot, &plan).plan_id);
+        return owned.resume(plan_id, &options);
     }
+    let Some((file, (robot, plan, mut record))) = opened else {
+        return Err(Failure::bad_input(
+            "no service owns this robot, so that its latest job is not known: give the run log of the growth, or its \
+             plan",
+        ));
+    };
     let with_feedback = record.as_ref().filter(|record| record.feedback.is_some());
     let scene = with_feedback.map(|record| record.scene(&plan, &robot, args.scene.as_deref())).transpose()?.flatten();
     let around = scene.as_ref().map(|scene| Surroundings::new(&robot, scene, plan.radius));
@@ -109,7 +123,7 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
     }
     let known = record.as_ref().map_or_else(Vec::new, RunRecord::known);
     let log = match &record {
-        Some(record) => RunLog::resume(&args.file, record, port.text()).map_err(Failure::bad_input)?,
+        Some(record) => RunLog::resume(file, record, port.text()).map_err(Failure::bad_input)?,
         None => RunLog::none(),
     };
     let cut = match args.interrupted_layer {
@@ -117,9 +131,9 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
         WithCut::LetBe => OnInterrupted::LetBe,
     };
     let orders = stop_on_interrupt(&mut client, &port);
-    let name = args.file.file_name().unwrap_or_default().to_string_lossy();
+    let name = file.file_name().unwrap_or_default().to_string_lossy();
     let name = format!("{name}{}", port.remark());
-    let subject = Subject { name: &name, robot: &robot, plan: &plan, run: None, laid: None };
+    let subject = Subject { name: &name, robot: &robot, plan: &plan, run: None, laid: None, scene: None };
     let watch = args.watching.begin(&subject, &job, &known, &orders)?;
     let laid = board.status.laid as usize;
     let feedback = record.as_ref().and_then(|record| record.feedback(&job, &plan, around.as_ref()));
@@ -145,12 +159,28 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
 }
 
 impl ResumeArgs {
-    fn robot_plan_and_record(&self) -> Result<(Robot, Plan, Option<RunRecord>), Failure> {
-        let Opened { robot, plan, run } = Opened::open(&self.file, self.robot.as_deref())?;
-        if run.is_some() && !fs::metadata(&self.file).is_ok_and(|file| file.is_file()) {
+    /// Refuses what only this command does itself: a service lays an interrupted layer again, has the board pause when
+    /// it is silent, and takes the scene from where it was.
+    fn refuse_what_a_service_does_not_do(&self) -> Result<(), Failure> {
+        let given = [
+            ("--interrupted-layer let-be", self.interrupted_layer == WithCut::LetBe),
+            ("--on-silence continue", self.on_silence == OnSilence::Continue),
+            ("--scene", self.scene.is_some()),
+        ];
+        match given.into_iter().find(|(_, is_given)| *is_given) {
+            None => Ok(()),
+            Some((option, _)) => Err(Failure::bad_input(format!(
+                "a service owns this robot, and does not know {option}: leave it out, or end `growbot serve` first"
+            ))),
+        }
+    }
+
+    fn robot_plan_and_record(&self, file: &Path) -> Result<(Robot, Plan, Option<RunRecord>), Failure> {
+        let Opened { robot, plan, run, .. } = Opened::open(file, self.robot.as_deref())?;
+        if run.is_some() && !fs::metadata(file).is_ok_and(|file| file.is_file()) {
             return Err(Failure::bad_input(format_args!(
                 "{} is no file, and a run log is continued where it is: give the file itself",
-                name_of(&self.file)
+                name_of(file)
             )));
         }
         Ok((robot, plan, run.map(|(record, _)| record)))

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use growbot_client::plan::{Goal, Plan, Search};
 use growbot_client::printable;
-use growbot_client::through_scene::{self, LENGTH_MAX, NoPath, Through, ThroughError, UnclearError};
+use growbot_client::through_scene::{self, EFFORT, LENGTH_MAX, NoPath, Through, ThroughError, UnclearError};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_host::output::print;
@@ -15,8 +15,6 @@ use serde::Serialize;
 
 use super::Failure;
 
-/// Effort where neither it nor a time is given.
-const EFFORT: u64 = 5;
 /// Max time, s: a day.
 const MAX_SECONDS: u64 = 86_400;
 
@@ -81,7 +79,8 @@ impl SceneArgs {
         let deadline = self.time_limit.and_then(|seconds| begin.checked_add(Duration::from_secs(seconds)));
         let length_max = length_max.unwrap_or(LENGTH_MAX);
         let (file, margin) = (scene.display().to_string(), loaded.margin);
-        let through = Through { file: &file, loaded, margin, grown: None, effort, deadline, length_max };
+        let through =
+            Through { file: &file, loaded, margin, grown: None, effort, deadline, first_only: false, length_max };
         through_scene::plan(robot, start, goals, search, &through).map_err(|error| match error {
             ThroughError::Plan(error) => error.into(),
             ThroughError::NoPath(no_path) => refused(no_path, json),

@@ -4,9 +4,10 @@ use std::path::Path;
 
 use growbot_client::input::{LONGEST_LOG, name_of, read_bytes, text_of};
 use growbot_client::plan::Plan;
-use growbot_client::plan_file::{self, PlanFileError};
+use growbot_client::plan_file::{self, Opened as OpenedPlan, PlanFileError};
 use growbot_client::run_log::RunRecord;
 use growbot_core::robot::Robot;
+use growbot_scene::file::{LoadedScene, load};
 use serde_json::Value;
 
 use super::{Failure, robot_of, say_damage};
@@ -17,26 +18,61 @@ pub struct Subject {
     pub plan: Plan,
     /// The run log: what it tells, and its bytes.
     pub run: Option<(RunRecord, Vec<u8>)>,
+    /// The scene that it is shown in: how it is called, and what it is.
+    pub scene: Option<(String, LoadedScene)>,
 }
 
 impl Subject {
     /// Reads it from a file, from standard input (`-`), or from a pipe that the shell has opened: once, as none of
     /// these but the file can be read again.
     pub fn open(file: &Path, robot: Option<&Path>) -> Result<Self, Failure> {
+        Self::open_in_scene(file, robot, None)
+    }
+
+    /// The same, with the scene that its plan names; where that is elsewhere, or the plan names none, with the one that
+    /// is given.
+    pub fn open_in_scene(file: &Path, robot: Option<&Path>, given: Option<&Path>) -> Result<Self, Failure> {
+        let mut opened = Self::read(file, robot, given)?;
+        if let (None, Some(given)) = (&opened.scene, given) {
+            opened.scene = Some((given.display().to_string(), load(given)?));
+        }
+        Ok(opened)
+    }
+
+    fn read(file: &Path, robot: Option<&Path>, given: Option<&Path>) -> Result<Self, Failure> {
         let bytes = read_bytes(file, LONGEST_LOG)?;
         if is_log(&bytes) {
             let record = RunRecord::read(&bytes, &name_of(file)).map_err(Failure::bad_input)?;
             say_damage(&record, file);
             let robot = robot_of(&record, robot)?;
             let plan = record.plan(&robot)?;
-            return Ok(Self { robot, plan, run: Some((record, bytes)) });
+            let scene = match record.scene(&plan, &robot, given) {
+                Ok(scene) => scene,
+                Err(error) if given.is_some() => return Err(error.into()),
+                // What was grown can be looked at without what was around it.
+                Err(error) => {
+                    growbot_host::warning!("{error}; {} is shown without it", name_of(file));
+                    None
+                }
+            };
+            let scene = scene.map(|scene| (called(given, record.plan.scene.as_ref().map(|scene| &scene.file)), scene));
+            return Ok(Self { robot, plan, run: Some((record, bytes)), scene });
         }
-        match plan_file::read(&text_of(bytes, file)?, &name_of(file), robot) {
+        match plan_file::read_in_scene(&text_of(bytes, file)?, &name_of(file), robot, given) {
             Err(PlanFileError::NotJson { file, reason }) => Err(neither(&file, &format!("no JSON: {reason}"))),
             Err(PlanFileError::NoPlan { file, reason }) => Err(neither(&file, &reason)),
-            opened => opened.map(|(robot, plan)| Self { robot, plan, run: None }).map_err(Failure::from),
+            Err(error) => Err(error.into()),
+            Ok(OpenedPlan { robot, plan, scene }) => {
+                let file = called(given, plan.scene.as_ref().map(|scene| &scene.file));
+                Ok(Self { robot, plan, run: None, scene: scene.map(|scene| (file, scene)) })
+            }
         }
     }
+}
+
+/// How a scene is called: as it is given, or as the plan calls it.
+fn called(given: Option<&Path>, named: Option<&String>) -> String {
+    given.map(|given| given.display().to_string()).or_else(|| named.cloned()).unwrap_or_default()
 }
 
 fn neither(file: &str, reason: &str) -> Failure {

@@ -12,7 +12,7 @@ use growbot_host::drawing::png::png;
 use growbot_host::output::{is_standard_output, refuse_terminal, write_to};
 use growbot_host::view::picture::Look;
 use growbot_host::view::plot::{Along, Plotted, Quantity};
-use growbot_host::view::{Subject, page, picture, plot};
+use growbot_host::view::{SceneFile, Subject, page, picture, plot};
 
 use super::Failure;
 use super::subject::Subject as Opened;
@@ -23,6 +23,9 @@ use super::units::mm;
 /// The page is one HTML file that any browser opens, without a network: the tube in three dimensions, its layers
 /// coloured by their height, and a slider that grows it, with start, goal, the tip's frame and the numbers beside it.
 /// Of a growth it shows what was planned against what was built.
+///
+/// Of a body among obstacles it shows those, translucent, with the narrowest place and the clearance there: the scene
+/// that the plan leads through, or --scene. The log of a growth whose scene is gone is shown without it.
 ///
 /// With --compare it shows two of them side by side, from the same side and at the same scale, with one slider that
 /// grows both; pictures and plots take any number.
@@ -86,6 +89,11 @@ pub struct ViewArgs {
     /// that the file describes]
     #[arg(long, value_name = "FILE|NAME")]
     robot: Option<PathBuf>,
+    /// Show it in this scene [default: the one that the plan leads through]
+    ///
+    /// A plan that leads through a scene is shown in that one only, which may be elsewhere.
+    #[arg(long, value_name = "FILE", conflicts_with = "plot")]
+    scene: Option<PathBuf>,
 }
 
 /// From where, as the command line has it.
@@ -215,6 +223,7 @@ Examples:
   growbot view plan.json
   growbot view run.jsonl -o growth.html
   growbot view --compare two-plane.json shortest.json
+  growbot view plan.json --scene room.toml
   growbot view plan.json --svg
   growbot view plan.json --png --width 2400 --look side -o side.png
   growbot view run.jsonl --plot heights,error,temperature --along time
@@ -225,8 +234,7 @@ Examples:
 /// Runs the command.
 pub fn run(args: &ViewArgs) -> Result<(), Failure> {
     let output = args.output()?;
-    let opened =
-        args.files.iter().map(|file| Opened::open(file, args.robot.as_deref())).collect::<Result<Vec<_>, _>>()?;
+    let opened = args.files.iter().map(|file| args.open(file)).collect::<Result<Vec<_>, _>>()?;
     let names = names(&args.files);
     let subjects: Vec<Subject> = opened.iter().zip(&names).map(|(opened, name)| subject(opened, name)).collect();
     let subjects: Vec<&Subject> = subjects.iter().collect();
@@ -271,6 +279,11 @@ impl ViewArgs {
             _ if ends_in(Format::Svg) || !self.plot.is_empty() => Format::Svg,
             _ => Format::Html,
         }
+    }
+
+    /// Reads a file, with its scene; plots show none.
+    fn open(&self, file: &Path) -> Result<Opened, Failure> {
+        Opened::open_in_scene(file, self.robot.as_deref(), self.scene.as_deref())
     }
 
     fn page(&self, subjects: &[&Subject]) -> Result<String, Failure> {
@@ -413,5 +426,6 @@ fn names(files: &[PathBuf]) -> Vec<String> {
 
 fn subject<'a>(opened: &'a Opened, name: &'a str) -> Subject<'a> {
     let run = opened.run.as_ref().map(|(record, _)| record);
-    Subject { name, robot: &opened.robot, plan: &opened.plan, run, laid: None }
+    let scene = opened.scene.as_ref().map(|(file, loaded)| SceneFile { file, scene: &loaded.scene });
+    Subject { name, robot: &opened.robot, plan: &opened.plan, run, laid: None, scene }
 }

@@ -10,6 +10,7 @@ use growbot_host::watch::Watch;
 use growbot_sim::port::PortName;
 
 use super::Failure;
+use super::service::Page;
 
 /// The default pace of a simulated growth that is watched, in multiples of real time.
 const WATCHED_PACE: f64 = 60.0;
@@ -49,6 +50,18 @@ impl WatchArgs {
     /// Whether the page may give orders.
     pub fn controls(&self) -> bool {
         self.watch && self.control
+    }
+
+    /// Which page of the service is asked for, where that grows the body: it has its own, at its own port and pace.
+    pub fn of_service(&self) -> Result<Option<Page>, Failure> {
+        let only = [(self.watch_port.is_some(), "--watch-port"), (self.pace.is_some(), "--pace")];
+        if let Some((_, option)) = only.iter().find(|(given, _)| *given) {
+            return Err(Failure::bad_input(format!(
+                "{option} is for growths without a service: leave it out, and see `growbot serve --help` and [robots] \
+                 in growbot.toml"
+            )));
+        }
+        Ok(self.watch.then_some(if self.control { Page::Control } else { Page::Look }))
     }
 
     /// Begins to serve the page, if one is asked for, and says where.

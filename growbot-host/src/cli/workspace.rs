@@ -14,11 +14,12 @@ use growbot_host::drawing::pdf::pdf;
 use growbot_host::drawing::png::png;
 use growbot_host::output::{is_standard_output, print, write_to};
 use growbot_host::progress::{Progress, Results};
-use growbot_host::workspace::{DIRECTIONS, POSITIONS, Question, Workspace, svg, workspace};
+use growbot_host::workspace::{DIRECTIONS, POSITIONS, Question, Workspace, ball, svg, workspace};
 use serde_json::{Value, json};
 
 use super::search::{PlannerName, START};
 use super::units::{deg, mm};
+use super::workspace_in_scene::{self, Room};
 use super::{Failure, RobotArg};
 
 /// Show which goals are within reach of a body
@@ -36,7 +37,11 @@ use super::{Failure, RobotArg};
 /// from 200 along each axis, and for -o the plane of the start's direction and its x axis is planned on a grid of 1/60
 /// of the length or coarser, which takes longest where much of it is near the start.
 ///
-/// Only length and radius count here: whether a body would run into itself is not looked at.
+/// Only length and radius count then: whether a body would run into itself is not looked at.
+///
+/// With --scene a path is searched for to each of 1000 goals, spread evenly in the ball of that radius, which is clear
+/// of everything and of itself. Each has one of three answers: a path; none, and why; none found with this effort,
+/// which says nothing. -o then writes the goals with their answers, as CSV.
 #[derive(Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct WorkspaceArgs {
@@ -63,7 +68,16 @@ pub struct WorkspaceArgs {
     /// Print one line of JSON
     #[arg(long)]
     json: bool,
-    /// Draw a section to this file, by its ending: .svg, .png or .pdf
+    /// Plan to each goal through this scene: a scene file (TOML), a mesh
+    /// (.stl, .obj, .ply, .glb) or a cloud of points (.ply, .pcd)
+    #[arg(long, value_name = "FILE")]
+    scene: Option<PathBuf>,
+    /// How much to search for each goal: some 0.1 s for each, with the same result
+    /// on every machine [default: 1]
+    #[arg(long, value_name = "N", requires = "scene", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    effort: Option<u64>,
+    /// Draw a section to this file, by its ending: .svg, .png or .pdf; with
+    /// --scene, write the goals: .csv
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
 }
@@ -73,7 +87,8 @@ Examples:
   growbot workspace --length 1000 -o reach.svg
   growbot workspace --length 1000 -o reach.png
   growbot workspace --length 800 --heading 0 --pitch -90
-  growbot workspace --robot growbot-b --length 20000 --json";
+  growbot workspace --robot growbot-b --length 20000 --json
+  growbot workspace --length 800 --scene room.toml -o goals.csv";
 
 /// Endings of pictures, and the width of a PNG in pixels.
 const FORMATS: [&str; 3] = ["svg", "png", "pdf"];
@@ -100,7 +115,7 @@ pub fn run(args: &WorkspaceArgs) -> Result<(), Failure> {
         if args.json && is_standard_output(output) {
             return Err(Failure::bad_input("-o - and --json both go to standard output: leave one of them out"));
         }
-        format_of(output, &FORMATS)?;
+        format_of(output, if args.scene.is_some() { &["csv"] } else { &FORMATS })?;
         refuse_inputs(output)?;
     }
     let question = Question {
@@ -112,8 +127,17 @@ pub fn run(args: &WorkspaceArgs) -> Result<(), Failure> {
         direction,
         section: args.output.is_some(),
     };
+    if let Some(scene) = &args.scene {
+        let room = Room { scene, effort: args.effort.unwrap_or(1) };
+        return workspace_in_scene::run(&question, &room, args.output.as_deref(), args.json);
+    }
+    draw(args, &question)
+}
+
+/// Without obstacles: tells the answer, and draws it.
+fn draw(args: &WorkspaceArgs, question: &Question) -> Result<(), Failure> {
     let mut progress: Option<Progress> = None;
-    let answer = workspace(&question, |done, of| {
+    let answer = workspace(question, |done, of| {
         let progress = progress.get_or_insert_with(|| Progress::start(Some(of), Results::AtEnd));
         progress.at(done, || format!("{done} of {of} positions"));
     });
@@ -122,7 +146,7 @@ pub fn run(args: &WorkspaceArgs) -> Result<(), Failure> {
     }
     let answer = answer?;
     if let Some(path) = &args.output {
-        let svg = svg(&question, &answer);
+        let svg = svg(question, &answer);
         let bytes = match format_of(path, &FORMATS)? {
             Some("png") => png(&svg, WIDTH).map_err(Failure::bad_input)?,
             Some("pdf") => pdf(&svg).map_err(Failure::bad_input)?,
@@ -133,7 +157,7 @@ pub fn run(args: &WorkspaceArgs) -> Result<(), Failure> {
         }
         growbot_host::note!("section drawn to {}", path.display());
     }
-    let text = if args.json { json_line(&json_of(args, &question, &answer)) } else { table(&question, &answer) };
+    let text = if args.json { json_line(&json_of(args, question, &answer)) } else { table(question, &answer) };
     Ok(print(&text)?)
 }
 
@@ -143,7 +167,7 @@ fn table(question: &Question, answer: &Workspace) -> String {
     let mut text =
         format!("{}: within reach of a body of {length} mm, bends of radius {} mm\n\n", robot.name(), question.radius);
     let (volume, error) = answer.volume;
-    let ball = 4.0 / 3.0 * std::f64::consts::PI * question.length * question.length * question.length;
+    let ball = ball(question.length);
     // As many digits as tell something.
     let digits = if volume >= 1e8 {
         0

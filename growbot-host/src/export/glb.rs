@@ -4,11 +4,13 @@
 //! node turns z up into y up and puts the start in its place.
 
 use growbot_core::layer::Layer;
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 use serde_json::{Value, json};
 
 use super::body::Body;
 use super::mesh::{Mesh, MeshError, Resolution};
+use super::obstacles::{mark, surfaces};
+use crate::view::Around;
 use crate::view::heights::HeightScale;
 
 /// `glTF`, as the specification has it.
@@ -30,14 +32,22 @@ const TRIANGLES: u32 = 4;
 const WHITE: [f64; 4] = [1.0; 4];
 const BESIDE: [f64; 4] = [0.3, 0.5, 0.75, 1.0];
 
+/// The colours of obstacles, which are translucent, and of the narrowest place.
+const OBSTACLES: [f64; 4] = [0.2, 0.14, 0.09, 0.3];
+const NARROWEST: [f64; 4] = [0.45, 0.02, 0.01, 1.0];
+
 /// The walls of bodies, each a node of this name; the first is coloured by the heights of its layers, vertex by vertex.
+/// With the scene around the first, where there is one.
 ///
 /// # Errors
 /// Where there is no mesh of one.
-pub fn write(bodies: &[(&str, &Body)], resolution: Resolution) -> Result<Vec<u8>, MeshError> {
+pub fn write(bodies: &[(&str, &Body)], around: Option<&Around>, resolution: Resolution) -> Result<Vec<u8>, MeshError> {
     let mut parts = Parts::default();
     for (name, body) in bodies {
         parts.add(name, body, resolution)?;
+    }
+    if let (Some(around), Some((_, body))) = (around, bodies.first()) {
+        parts.add_scene(around, &body.base_from_start.translation.vector);
     }
     let Parts { nodes, meshes, materials, accessors, views, binary } = parts;
     let document = json!({
@@ -74,13 +84,7 @@ impl Parts {
             let layers: Vec<Layer> = body.layers.iter().map(|laid| laid.layer).collect();
             HeightScale::of_layers(&layers, body.radius)
         });
-        let [x, y, z] = <[f64; 3]>::from(start).map(|mm| mm / 1000.0);
-        // By columns: x stays, y becomes -z, z becomes y.
-        self.nodes.push(json!({
-            "name": name,
-            "mesh": index,
-            "matrix": [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 1.0, 0.0, 0.0, x, z, -y, 1.0],
-        }));
+        self.nodes.push(json!({ "name": name, "mesh": index, "matrix": upright(&start) }));
         let of = |what: &str| if index == 0 { what.to_owned() } else { format!("{what}, {name}") };
         let colour = if scale.is_some() { WHITE } else { BESIDE };
         self.materials.push(json!({
@@ -98,6 +102,36 @@ impl Parts {
             "primitives": [{ "attributes": attributes, "indices": indices, "material": index, "mode": TRIANGLES }],
         }));
         Ok(())
+    }
+
+    /// Adds a scene, as seen from a start: its obstacles, translucent, and the narrowest place.
+    fn add_scene(&mut self, around: &Around, start: &Vector3<f64>) {
+        let narrowest = around.narrowest.as_ref().map(|(found, clearance)| {
+            json!({ "clearance_mm": clearance, "along_mm": found.at, "obstacle": found.obstacle.to_string() })
+        });
+        let shown = json!({ "shown": around.shown.len(), "of": around.shown.of, "file": around.file });
+        let parts = [
+            ("obstacles", surfaces(around, start), OBSTACLES, "BLEND", shown),
+            ("narrowest place", mark(around, start), NARROWEST, "OPAQUE", json!(narrowest)),
+        ];
+        for (name, mesh, colour, alpha_mode, extras) in parts {
+            let Some(mesh) = mesh else { continue };
+            let (index, positions, indices) = (self.nodes.len(), self.positions(&mesh), self.indices(&mesh));
+            self.nodes.push(json!({ "name": name, "mesh": index, "matrix": upright(start) }));
+            self.materials.push(json!({
+                "name": name,
+                "pbrMetallicRoughness": { "baseColorFactor": colour, "metallicFactor": 0.0, "roughnessFactor": 0.9 },
+                "alphaMode": alpha_mode,
+                "doubleSided": true,
+            }));
+            self.meshes.push(json!({
+                "name": name,
+                "extras": extras,
+                "primitives": [{
+                    "attributes": { "POSITION": positions }, "indices": indices, "material": index, "mode": TRIANGLES,
+                }],
+            }));
+        }
     }
 
     fn positions(&mut self, mesh: &Mesh) -> usize {
@@ -137,6 +171,12 @@ impl Parts {
         self.accessors.push(accessor);
         self.accessors.len() - 1
     }
+}
+
+/// The matrix of what is told from a start (mm), by columns: x stays, y becomes -z, z becomes y.
+fn upright(start: &Vector3<f64>) -> [f64; 16] {
+    let [x, y, z] = <[f64; 3]>::from(*start).map(|mm| mm / 1000.0);
+    [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 1.0, 0.0, 0.0, x, z, -y, 1.0]
 }
 
 /// A point in mm, in metres.
@@ -187,7 +227,7 @@ mod tests {
         let layer = |tilt| Layer { alpha: 0.0, height: 0.8, tilt };
         let body = Body::of_layers(&robot, (0..20).map(|_| (layer(0.01), Source::Planned)));
         let resolution = Resolution { segments: 8, every: 1 };
-        let bytes = write(&[("one", &body), ("other", &body)], resolution).unwrap();
+        let bytes = write(&[("one", &body), ("other", &body)], None, resolution).unwrap();
         let length = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
         let document: Value = serde_json::from_slice(&bytes[20..20 + length]).unwrap();
         let [one, other] = [0, 1].map(|mesh| &document["meshes"][mesh]["primitives"][0]["attributes"]);

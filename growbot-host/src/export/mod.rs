@@ -2,6 +2,7 @@
 //!
 //! - [`body`]: the layers of a plan or a run log, and where each of them is;
 //! - [`mesh`]: the printed wall as a closed surface, written by [`stl`] and [`glb`];
+//! - [`obstacles`]: the scene around it as surfaces;
 //! - [`table`]: centreline and layers as CSV;
 //! - [`tum`]: the way of the tip as a trajectory;
 //! - [`recording`]: what a run log tells, over time, as MCAP: each `message` as JSON ([`messages`]), or in the types of
@@ -12,6 +13,7 @@ pub mod glb;
 pub mod mesh;
 mod message;
 pub mod messages;
+pub mod obstacles;
 pub mod recording;
 mod ros2;
 pub mod stl;

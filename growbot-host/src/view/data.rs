@@ -3,15 +3,18 @@
 use growbot_client::client::ClockDrift;
 use growbot_client::run_log::{RunRecord, hex_of};
 use growbot_core::pose::{Frame, Pose};
+use growbot_scene::shapes::Shape;
+use growbot_scene::shown::Shown;
 use nalgebra::Vector3;
 use serde_json::{Value, json};
 
+use super::around::{Around, hundredths};
 use super::numbers::caption;
 use super::{Layers, Subject, measured_end};
 
 /// The JSON, without numbers in words.
-pub fn of(subject: &Subject, layers: &Layers) -> Value {
-    let Subject { name, robot, plan, run, laid } = subject;
+pub fn of(subject: &Subject, layers: &Layers, around: Option<&Around>) -> Value {
+    let Subject { name, robot, plan, run, laid, .. } = subject;
     let description = robot.description();
     let mut warnings: Vec<String> = plan.warnings.iter().map(|warning| warning.message.clone()).collect();
     let unknown = run.map_or(0, RunRecord::unknown);
@@ -56,6 +59,38 @@ pub fn of(subject: &Subject, layers: &Layers) -> Value {
         "planned": hex_of(&layers.planned),
         "built": layers.built.as_deref().map(hex_of),
         "warnings": warnings,
+        "scene": around.map(scene),
+    })
+}
+
+/// The obstacles that are shown: see growbot-host/viewer/src/obstacles.js.
+fn scene(around: &Around) -> Value {
+    let Shown { shapes, squares, triangles, points, .. } = &around.shown;
+    let corners = |corners: &[Vector3<f64>]| corners.iter().flat_map(hundredths).collect::<Vec<f64>>();
+    let [mut boxes, mut balls, mut capsules] = [vec![], vec![], vec![]];
+    for shape in shapes {
+        match shape {
+            Shape::Box { centre, half, rotation } => {
+                let axes = rotation.matrix().iter().map(|part| (1e5 * part).round() / 1e5);
+                boxes.push(corners(&[*centre, *half]).into_iter().chain(axes).collect::<Vec<f64>>());
+            }
+            Shape::Ball { centre, radius } => balls.push([corners(&[*centre]), vec![*radius]].concat()),
+            Shape::Capsule { from, to, radius } => capsules.push([corners(&[*from, *to]), vec![*radius]].concat()),
+        }
+    }
+    let points = points.iter().flat_map(|(at, radius)| hundredths(at).into_iter().chain([*radius]));
+    json!({
+        "boxes": boxes,
+        "balls": balls,
+        "capsules": capsules,
+        "squares": squares.iter().map(|square| corners(square)).collect::<Vec<_>>(),
+        "triangles": triangles.iter().flat_map(|triangle| corners(&triangle.0)).collect::<Vec<f64>>(),
+        "points": points.collect::<Vec<f64>>(),
+        "narrowest": around.narrowest.as_ref().map(|(found, _)| json!({
+            "on_body": hundredths(&found.on_body),
+            "on_obstacle": hundredths(&found.on_obstacle),
+            "label": around.clearance(),
+        })),
     })
 }
 

@@ -4,9 +4,10 @@
 //! - [`page`]: one HTML page that opens without a network: the tube in three dimensions and the numbers beside it;
 //!   `data`, what it is given, as JSON, `numbers`, in words, and `side_by_side`, those of two;
 //! - [`picture`]: an SVG for papers; [`plot`]: layers, error and temperature along it;
-//! - `self_clearance`: how near the wall comes to itself;
+//! - `self_clearance`: how near the wall comes to itself; `around`: the scene around it;
 //! - growbot-host/viewer/: the page itself and its script, which is bundled there at development time.
 
+mod around;
 mod data;
 pub(crate) mod heights;
 mod numbers;
@@ -30,6 +31,8 @@ use growbot_core::layer_bytes::{Encoder, LayerBytes, decode};
 use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::Robot;
 use nalgebra::Vector3;
+
+pub use around::{Around, SceneFile};
 
 /// A page shows no more layers, of a body of some 150 m: beyond, browsers give up.
 pub const MAX_LAYERS: usize = 200_000;
@@ -77,6 +80,8 @@ pub struct Subject<'a> {
     pub run: Option<&'a RunRecord>,
     /// The layers of a growth that was simulated without a board, and so has no log.
     pub laid: Option<&'a [Layer]>,
+    /// The scene that it is shown in, where there is one.
+    pub scene: Option<SceneFile<'a>>,
 }
 
 impl Subject<'_> {

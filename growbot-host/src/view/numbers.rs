@@ -7,6 +7,7 @@ use growbot_core::layer::{Layer, grow};
 use growbot_core::layer_bytes::{LayerBytes, decode};
 use growbot_core::pose::Pose;
 
+use super::around::Around;
 use super::self_clearance::self_clearance;
 use super::{Layers, Subject, measured_end};
 use crate::duration::duration_text;
@@ -15,7 +16,7 @@ use crate::duration::duration_text;
 pub type Group = (String, Vec<(String, String)>);
 
 /// The groups.
-pub fn of(subject: &Subject, layers: &Layers) -> Vec<Group> {
+pub fn of(subject: &Subject, layers: &Layers, around: Option<&Around>) -> Vec<Group> {
     let Subject { robot, plan, .. } = subject;
     let needs = &plan.needs;
     let mut groups = Vec::new();
@@ -48,6 +49,7 @@ pub fn of(subject: &Subject, layers: &Layers) -> Vec<Group> {
         rows.extend(nearness(subject, &layers.planned));
     }
     groups.push(group("Plan", rows));
+    groups.extend(around.map(scene));
     let mut poses = vec![("Start".to_owned(), pose(&plan.start))];
     poses.extend(plan.via().iter().enumerate().map(|(index, via)| (format!("Via {}", index + 1), pose(via))));
     poses.push(("Goal".to_owned(), pose(&plan.goal)));
@@ -61,6 +63,14 @@ pub fn of(subject: &Subject, layers: &Layers) -> Vec<Group> {
         ],
     ));
     groups
+}
+
+/// The scene around a body, and how near it comes to that.
+fn scene(around: &Around) -> Group {
+    let narrowest = around.clearance().zip(around.place());
+    let mut rows = vec![("File", around.file.clone()), ("Obstacles", around.shown.in_words())];
+    rows.extend(narrowest.into_iter().flat_map(|(clearance, place)| [("Clearance", clearance), ("Narrowest", place)]));
+    group("Scene", rows)
 }
 
 fn group<N: Into<String>>(heading: impl Into<String>, rows: impl IntoIterator<Item = (N, String)>) -> Group {

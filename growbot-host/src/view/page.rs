@@ -2,6 +2,9 @@
 
 use serde_json::{Value, json};
 
+use growbot_scene::shown::Limits;
+
+use super::around::Around;
 use super::side_by_side::{difference, together};
 use super::{Subject, ViewError, data, numbers};
 use crate::drawing::canvas::escape;
@@ -14,14 +17,18 @@ const SCRIPT: &str = include_str!("../../viewer/dist/viewer.js");
 const NOWHERE: &str = "'none'";
 const HOME: &str = "'self'";
 
+/// A page shows no more of a scene, which makes 2 MB of it.
+const LIMITS: Limits = Limits { shapes: 1000, triangles: 12_000, points: 20_000 };
+
 /// The page of a body.
 ///
 /// # Errors
 /// [`ViewError::TooManyLayers`].
 pub fn of_one(subject: &Subject) -> Result<String, ViewError> {
     let layers = subject.layers()?;
-    let mut data = data::of(subject, &layers);
-    data["numbers"] = json!(numbers::of(subject, &layers));
+    let around = Around::of(subject, &layers, &LIMITS);
+    let mut data = data::of(subject, &layers, around.as_ref());
+    data["numbers"] = json!(numbers::of(subject, &layers, around.as_ref()));
     Ok(filled(subject.name, data, NOWHERE))
 }
 
@@ -31,9 +38,10 @@ pub fn of_one(subject: &Subject) -> Result<String, ViewError> {
 /// [`ViewError::TooManyLayers`].
 pub fn of_growth(subject: &Subject, control: bool) -> Result<String, ViewError> {
     let layers = subject.layers()?;
-    let mut data = data::of(subject, &layers);
+    let around = Around::of(subject, &layers, &LIMITS);
+    let mut data = data::of(subject, &layers, around.as_ref());
     data["about"] = json!(format!("growth of {}", subject.plan.robot));
-    data["numbers"] = json!(numbers::of(subject, &layers));
+    data["numbers"] = json!(numbers::of(subject, &layers, around.as_ref()));
     data["live"] = json!({ "control": control });
     Ok(filled(subject.name, data, HOME))
 }
@@ -45,10 +53,12 @@ pub fn of_growth(subject: &Subject, control: bool) -> Result<String, ViewError> 
 pub fn of_two([one, other]: [&Subject; 2]) -> Result<String, ViewError> {
     let layers = [one.layers()?, other.layers()?];
     let [a, b] = &layers;
+    let around = [(one, a), (other, b)].map(|(subject, layers)| Around::of(subject, layers, &LIMITS));
+    let [around_one, around_other] = around.each_ref().map(Option::as_ref);
     let data = json!({
-        "compared": [data::of(one, a), data::of(other, b)],
+        "compared": [data::of(one, a, around_one), data::of(other, b, around_other)],
         "difference": difference([(one.name, a), (other.name, b)]),
-        "numbers": together(&numbers::of(one, a), &numbers::of(other, b)),
+        "numbers": together(&numbers::of(one, a, around_one), &numbers::of(other, b, around_other)),
     });
     Ok(filled(&format!("{} and {}", one.name, other.name), data, NOWHERE))
 }

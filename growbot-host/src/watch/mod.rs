@@ -12,6 +12,7 @@ mod watched;
 
 use std::io;
 use std::net::{Ipv4Addr, TcpListener};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
@@ -66,6 +67,7 @@ pub struct Live {
     watched: Mutex<Watched>,
     /// Counts what has changed; each open page listens.
     changes: watch::Sender<u64>,
+    is_left: AtomicBool,
 }
 
 impl Live {
@@ -73,7 +75,7 @@ impl Live {
     #[must_use]
     pub fn new(job: &Job, known: &[Option<LayerBytes>], orders: Option<Arc<Orders>>) -> Arc<Self> {
         let watched = Mutex::new(Watched::new(job, known));
-        Arc::new(Self { orders, watched, changes: watch::Sender::new(0) })
+        Arc::new(Self { orders, watched, changes: watch::Sender::new(0), is_left: AtomicBool::new(false) })
     }
 
     fn watched(&self) -> MutexGuard<'_, Watched> {
@@ -100,6 +102,12 @@ impl Live {
     /// Tells pages how it ended, as `growbot grow --json` says it.
     pub fn end(&self, result: GrowthResult) {
         self.watched().end(result);
+        self.changed();
+    }
+
+    /// It is followed by another: pages that look at this one are to ask anew.
+    pub fn leave(&self) {
+        self.is_left.store(true, Ordering::Release);
         self.changed();
     }
 

@@ -2,6 +2,7 @@
 
 use std::convert::Infallible;
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use axum::Router;
@@ -80,12 +81,15 @@ struct Listener {
 impl Listener {
     /// The next message: at once at first, then when something has changed; none after the end.
     async fn next(mut self) -> Option<(Result<Event, Infallible>, Self)> {
-        if self.seen.ended {
+        if self.seen.ended || self.live.is_left.load(Ordering::Acquire) {
             return None;
         }
         if self.told {
             sleep(BETWEEN_UPDATES).await;
             self.changes.changed().await.ok()?;
+            if self.live.is_left.load(Ordering::Acquire) {
+                return None;
+            }
         }
         self.changes.mark_unchanged();
         let update = json_line(&self.live.watched().update_for(&mut self.seen));

@@ -6,6 +6,7 @@
 //! direction is given, the planner tells all. Whether a body runs into itself is not looked at.
 
 mod anywhere;
+mod in_scene;
 mod picture;
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
@@ -18,6 +19,7 @@ use growbot_sim::parallel;
 use nalgebra::{Point3, Vector3};
 
 pub use anywhere::shortest_to;
+pub use in_scene::{Asked, Counts, InScene, Known, in_scene};
 pub use picture::svg;
 
 /// What is asked.
@@ -104,15 +106,25 @@ pub const ALONG_AXIS: usize = 200;
 /// # Errors
 /// As [`plan`]: a radius that the robot cannot bend to, above all.
 pub fn workspace(question: &Question, at: impl FnMut(u64, u64)) -> Result<Workspace, PlanError> {
-    // What is wrong with the radius is wrong everywhere.
-    plan(question.robot, &question.start, &question.start, question.radius, question.planner)?;
+    question.check()?;
     match question.direction {
         None => Ok(question.anywhere(at)),
         Some((heading, pitch)) => Ok(question.in_direction(heading, pitch, at)),
     }
 }
 
+/// The volume of a ball of this radius, mm^3.
+#[must_use]
+pub fn ball(radius: f64) -> f64 {
+    4.0 / 3.0 * PI * radius * radius * radius
+}
+
 impl Question<'_> {
+    /// Refuses what is wrong everywhere: the radius.
+    fn check(&self) -> Result<(), PlanError> {
+        plan(self.robot, &self.start, &self.start, self.radius, self.planner).map(|_| ())
+    }
+
     /// Radius, on the section, within which planning takes long, mm.
     fn near(&self) -> f64 {
         (NEAR * self.radius).min(self.length)
@@ -266,7 +278,7 @@ impl Question<'_> {
         );
 
         let share = within.iter().filter(|within| **within).count() as f64 / POSITIONS as f64;
-        let ball = 4.0 / 3.0 * PI * self.length * self.length * self.length;
+        let ball = ball(self.length);
         let error = libm::sqrt(share * (1.0 - share) / POSITIONS as f64);
         let corner = -self.length;
         let section = Section { spacing, columns, lateral_from: corner, axial_from: corner, values };

@@ -33,6 +33,8 @@ export function joinOne(data) {
     box.addEventListener("change", () => picture?.reveal(Object.fromEntries(shown.map(([name, { checked }]) => [name, checked]))));
   });
   find("#compared").hidden = !built;
+  find("#scene").hidden = !data.scene;
+  find("#show-scene").addEventListener("change", ({ target }) => picture?.revealScene(target.checked));
   find("#built-name").textContent = data.built_name;
   find("#commanded").hidden = !subject.commanded;
   find("#estimated").hidden = !subject.estimated;

@@ -6,6 +6,7 @@
 import { Box3, Vector3 } from "three";
 import { gradient } from "./colours.js";
 import { makeArrow, makeBall, makeCentreline, makeFloor, makeShadow, makeTipFrame, makeTrace } from "./marks.js";
+import { makeObstacles } from "./obstacles.js";
 import { makeStage } from "./stage.js";
 import { scaleLength } from "./text.js";
 import { makeGhost, makeTube, heightRange, heightsBeyond, PERCENTILES } from "./tube.js";
@@ -19,7 +20,7 @@ const along = (from, direction, length) => from.map((part, k) => part + directio
  * - `show(layers)`: so much of the body;
  * - `replaceBody(body)`: another body instead, say a longer one; the view stays as it is, and `show` says how much of it is there;
  * - `reveal({ built, planned, commanded, estimated })`: whether the body as built, the planned one, where it was commanded to be and where
- *   feedback took it to be are shown;
+ *   feedback took it to be are shown; `revealScene(shown)`: whether obstacles are;
  * - `look(side)`: everything from `corner`, `front`, `side` or `top`;
  * - `paint()`: takes the colours of the page;
  * - `stage`: see stage.js.
@@ -37,7 +38,8 @@ export function makePicture(place, subject, { range, square } = {}) {
   }
 }
 
-function paintable(place, { start, goal, via, reached, commanded, estimated, planned, built, sizes }, range, square) {
+function paintable(place, subject, range, square) {
+  const { start, goal, via, reached, commanded, estimated, planned, built, sizes } = subject;
   const find = (selector) => place.querySelector(selector);
   let body = built ?? planned;
   let shown = body.layers.count;
@@ -103,6 +105,13 @@ function paintable(place, { start, goal, via, reached, commanded, estimated, pla
   const floor = makeFloor(box, square ?? squareUnder(box), floorAt);
   scene.add(floor);
 
+  const obstacles = subject.scene && makeObstacles(subject.scene, 0.12 * sizes.outerRadius);
+  if (obstacles) {
+    scene.add(obstacles.group, obstacles.mark);
+    stage.beyond = obstacles.reach(box.getCenter(new Vector3()));
+    if (obstacles.label) label(obstacles.label, () => obstacles.at, "--alarm");
+  }
+
   const frame = makeTipFrame(2 * sizes.outerRadius);
   scene.add(frame.group);
   ["x", "y", "z"].forEach((name, axis) => {
@@ -151,7 +160,12 @@ function paintable(place, { start, goal, via, reached, commanded, estimated, pla
     if (trace) trace.visible = asEstimated;
     stage.redraw();
   };
+  const revealScene = (visible) => {
+    if (obstacles) obstacles.group.visible = visible;
+    stage.redraw();
+  };
   const paint = () => {
+    obstacles?.paint(colour("--obstacle"), colour("--alarm"));
     floor.material.color.set(colour("--grid"));
     paintShadow();
     line.material.color.set(colour("--planned"));
@@ -171,7 +185,7 @@ function paintable(place, { start, goal, via, reached, commanded, estimated, pla
   stage.fit();
   stage.look("corner");
   new ResizeObserver(stage.fit).observe(place);
-  return { show, replaceBody, reveal, paint, look: stage.look, stage };
+  return { show, replaceBody, reveal, revealScene, paint, look: stage.look, stage };
 }
 
 /** The box around the centrelines of bodies. */

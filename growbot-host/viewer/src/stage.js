@@ -75,7 +75,7 @@ export function makeStage(canvas, drawn) {
     stage.distance = 4 * far;
     controls.target.copy(stage.centre);
     camera.position.copy(from).normalize().multiplyScalar(stage.distance).add(stage.centre);
-    Object.assign(camera, { zoom: 1, near: 0.1 * far, far: 9 * far });
+    Object.assign(camera, { zoom: 1, near: 0.1 * far - stage.beyond, far: 9 * far + stage.beyond });
     camera.lookAt(stage.centre);
     const size = seen.getSize(new Vector3());
     const shape = (canvas.clientWidth - 2 * MARGIN.sides) / Math.max(1, canvas.clientHeight - MARGIN.top - MARGIN.bottom);
@@ -109,6 +109,8 @@ export function makeStage(canvas, drawn) {
     /** What is to be seen: these points, and as much around them, mm. */
     points: [],
     around: 0,
+    /** How far from its middle there is something that need not be seen, mm. */
+    beyond: 0,
     /** Its middle and how far from there the camera is, mm, since it looked at everything. */
     centre: new Vector3(),
     distance: 1,

@@ -46,7 +46,8 @@ type Cube = [i32; 3];
 
 impl Grid {
     fn new(problem: &Problem, side: f64) -> Self {
-        let ends = Bounds::of(&[problem.start.position, problem.goal.position()]);
+        let goal = Bounds::of(&[problem.goal.position()]).grown(problem.tolerance());
+        let ends = Bounds::of(&[problem.start.position]).with(&goal);
         // Beyond all obstacles there is a way round.
         let bounds = problem.scene.bounds().with(&ends).grown(problem.need.distance + 3.0 * side);
         let size = (bounds.max - bounds.min) / side;
@@ -66,7 +67,8 @@ impl Grid {
         let centre = self.origin + Vector3::from(cube.map(|at| f64::from(at) + 0.5)) * self.side;
         let half_diagonal = 0.5 * 3.0_f64.sqrt() * self.side;
         let (start, goal) = (problem.start.position, problem.goal.position());
-        if (centre - start).norm() + (centre - goal).norm() - 2.0 * half_diagonal > problem.length_max {
+        let at_least = (centre - start).norm() + (centre - goal).norm() - 2.0 * half_diagonal - problem.tolerance();
+        if at_least > problem.length_max {
             return false;
         }
         meter.work.0 += 1;
@@ -74,14 +76,43 @@ impl Grid {
         problem.scene.distance_within(&centre, enough) >= enough
     }
 
+    /// The cubes in which a body may end: that of the goal, and open ones beside it where it need not be met. None if
+    /// there are too many.
+    fn at_goal(&self, problem: &Problem, max_cubes: usize, meter: &mut Meter) -> Option<Vec<Cube>> {
+        let (goal, tolerance) = (problem.goal.position(), problem.tolerance());
+        let centre = self.cube(&goal);
+        if tolerance <= 0.0 {
+            return Some(vec![centre]);
+        }
+        let beside = Vector3::repeat(tolerance);
+        let (from, to) = (self.cube(&(goal - beside)), self.cube(&(goal + beside)));
+        let count = from.iter().zip(&to).map(|(from, to)| f64::from(to - from) + 1.0).product::<f64>();
+        if count > max_cubes as f64 {
+            return None;
+        }
+        let mut cubes = Vec::new();
+        for x in from[0]..=to[0] {
+            for y in from[1]..=to[1] {
+                for z in from[2]..=to[2] {
+                    if self.is_open(problem, &[x, y, z], meter) {
+                        cubes.push([x, y, z]);
+                    }
+                }
+            }
+        }
+        Some(cubes)
+    }
+
     /// Floods from both ends by turns, each towards the other: if either fills up before they meet, they are separated.
     fn flood(&self, problem: &Problem, max_cubes: usize, meter: &mut Meter) -> Flood {
         let ends = [self.cube(&problem.start.position), self.cube(&problem.goal.position())];
-        let mut reached = ends.map(|end| HashSet::from([end]));
-        let mut fronts = ends.map(|end| BinaryHeap::from([(Reverse(0), end)]));
-        if ends[0] == ends[1] {
+        let Some(at_goal) = self.at_goal(problem, max_cubes, meter) else { return Flood::Unknown };
+        if at_goal.contains(&ends[0]) {
             return Flood::Joined;
         }
+        let begun = [vec![ends[0]], at_goal];
+        let mut reached = begun.clone().map(|cubes| cubes.into_iter().collect::<HashSet<_>>());
+        let mut fronts = begun.map(|cubes| cubes.into_iter().map(|cube| (Reverse(0), cube)).collect::<BinaryHeap<_>>());
         loop {
             for side in 0..2 {
                 let Some((_, cube)) = fronts[side].pop() else { return Flood::Separated };
@@ -107,4 +138,38 @@ impl Grid {
 /// The square of the distance between two cubes, in sides.
 fn apart(a: &Cube, b: &Cube) -> i64 {
     a.iter().zip(b).map(|(a, b)| (i64::from(*a) - i64::from(*b)).pow(2)).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Goal;
+    use super::*;
+    use crate::clear::Need;
+    use crate::motion::Tip;
+    use crate::scene::Scene;
+    use crate::shapes::Shape;
+
+    #[test]
+    fn a_goal_within_walls_that_need_not_be_met_may_be_passed_outside_of_them() {
+        let walls = (0..6).map(|side| {
+            let (mut centre, mut half) = (Vector3::new(0.0, 0.0, 500.0), Vector3::repeat(100.0));
+            centre[side / 2] += if side % 2 == 0 { 95.0 } else { -95.0 };
+            half[side / 2] = 5.0;
+            Shape::Box { centre, half, rotation: nalgebra::Rotation3::identity() }
+        });
+        let scene = Scene::new(walls.collect(), vec![], vec![], vec![]);
+        for (tolerance, expected) in [(0.0, Flood::Separated), (50.0, Flood::Separated), (200.0, Flood::Joined)] {
+            let problem = Problem {
+                scene: &scene,
+                start: Tip { position: Vector3::zeros(), direction: Vector3::z() },
+                goal: Goal::Position { at: Vector3::new(0.0, 0.0, 500.0), tolerance },
+                radius: 100.0,
+                need: Need { distance: 20.0, slack: 0.02 },
+                length_max: 1000.0,
+                accept: &|_| true,
+            };
+            let mut meter = Meter::new(u64::MAX, None);
+            assert_eq!(separated(&problem, FINENESS[0], &mut meter), expected, "{tolerance} mm");
+        }
+    }
 }

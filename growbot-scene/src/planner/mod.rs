@@ -167,7 +167,8 @@ pub fn search(problem: &Problem, budget: &Budget, report: &mut dyn FnMut(&Chain)
 const SEED: u64 = 2026;
 
 /// What rules out any path, if that is plain to see.
-fn impossible(problem: &Problem) -> Option<Why> {
+#[must_use]
+pub fn impossible(problem: &Problem) -> Option<Why> {
     let (start, goal) = (problem.start.position, problem.goal.position());
     let near = problem.scene.distance(&start);
     if near < problem.need.distance {

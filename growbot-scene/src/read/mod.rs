@@ -151,9 +151,18 @@ fn fan(corners: &[i64], geometry: &mut Geometry) -> Result<(), String> {
     Ok(())
 }
 
-/// The number of edges that do not lie between two faces, one on each side. Points at one place are one corner.
+/// Edges at which a mesh encloses nothing.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Faults {
+    /// Edges that a face is missing at.
+    pub open: usize,
+    /// Edges whose faces have it in the same order of corners, so that one of them is inside out.
+    pub flipped: usize,
+}
+
+/// The edges that do not lie between two faces, one on each side. Points at one place are one corner.
 #[must_use]
-pub fn open_edges(points: &[Vector3<f64>], triangles: &[[u32; 3]]) -> usize {
+pub fn faults(points: &[Vector3<f64>], triangles: &[[u32; 3]]) -> Faults {
     let bits = |index: u32| {
         let point = points.get(index as usize).copied().unwrap_or_default();
         // Adding 0 makes 0 of -0.
@@ -182,8 +191,17 @@ pub fn open_edges(points: &[Vector3<f64>], triangles: &[[u32; 3]]) -> usize {
         }
     }
     edges.sort_unstable();
-    let groups = edges.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1));
-    groups.map(|group| group.iter().map(|edge| if edge.2 { -1 } else { 1 }).sum::<isize>().unsigned_abs()).sum()
+    let mut faults = Faults::default();
+    for group in edges.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)) {
+        let more = group.iter().map(|edge| if edge.2 { -1 } else { 1 }).sum::<isize>().unsigned_abs();
+        // Of an even number of faces none is missing.
+        if group.len().is_multiple_of(2) {
+            faults.flipped += more / 2;
+        } else {
+            faults.open += more;
+        }
+    }
+    faults
 }
 
 /// The lines of a text, each split into words. Bytes that are no UTF-8 may stand in names and remarks.

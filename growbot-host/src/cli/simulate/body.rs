@@ -14,10 +14,11 @@ use growbot_host::drawing::pdf::pdf;
 use growbot_host::drawing::png::png;
 use growbot_host::export::body::Body;
 use growbot_host::export::mesh::Resolution;
+use growbot_host::export::obstacles::around;
 use growbot_host::export::{glb, stl, table};
 use growbot_host::output::is_standard_output;
 use growbot_host::view::picture::{self, Options};
-use growbot_host::view::{Subject, page};
+use growbot_host::view::{SceneFile, Subject, page};
 
 use super::super::Failure;
 
@@ -55,24 +56,31 @@ impl BodyFormat {
     }
 }
 
-/// Writes the body that was laid; `name` is that of what was grown.
-pub fn write(
-    file: &Path,
-    format: BodyFormat,
-    name: &str,
-    robot: &Robot,
-    plan: &Plan,
-    laid: &[Laid],
-) -> Result<(), Failure> {
+/// A body that was grown.
+pub struct Grown<'a> {
+    /// How what was grown is called.
+    pub name: &'a str,
+    pub robot: &'a Robot,
+    pub plan: &'a Plan,
+    pub laid: &'a [Laid],
+    /// The scene that it was grown in.
+    pub scene: Option<SceneFile<'a>>,
+}
+
+/// Writes the body that was laid.
+pub fn write(file: &Path, format: BodyFormat, grown: &Grown) -> Result<(), Failure> {
+    let Grown { name, robot, plan, laid, scene } = *grown;
     let layers = untwisted(laid);
     let kind = BodyKind::Laid.name();
     let body = || Body::laid(robot, &plan.start, &layers);
-    let subject = Subject { name, robot, plan, run: None, laid: Some(&layers) };
+    let subject = Subject { name, robot, plan, run: None, laid: Some(&layers), scene };
     let picture = || picture::svg(&[&subject], &Options::default()).map_err(Failure::bad_input);
     let bytes = match format {
         BodyFormat::Csv => table::write(&body(), None).into_bytes(),
         BodyFormat::Stl => stl::write(kind, &body(), RESOLUTION)?,
-        BodyFormat::Glb => glb::write(&[(kind, &body())], RESOLUTION)?,
+        BodyFormat::Glb => {
+            glb::write(&[(kind, &body())], around(&subject).map_err(Failure::bad_input)?.as_ref(), RESOLUTION)?
+        }
         BodyFormat::Html => page::of_one(&subject).map_err(Failure::bad_input)?.into_bytes(),
         BodyFormat::Svg => picture()?.into_bytes(),
         BodyFormat::Pdf => pdf(&picture()?).map_err(Failure::bad_input)?,

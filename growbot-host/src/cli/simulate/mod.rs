@@ -18,10 +18,11 @@ use growbot_core::simulation::{DirectionSensor, Disturbance, Laid, Sensors};
 use growbot_core::slicing::Slicing;
 use growbot_host::output::{is_standard_output, print, write_to};
 use growbot_host::progress::{Progress, Results};
+use growbot_host::view::SceneFile;
 use growbot_sim::simulation::campaign::Campaign;
 use growbot_sim::simulation::{Outcome, Simulation};
 
-use self::body::BodyFormat;
+use self::body::{BodyFormat, Grown};
 use self::disturbances::WrittenDisturbances;
 use self::samples::Samples;
 use self::written::{SimulatedCampaign, SimulatedGrowth};
@@ -150,7 +151,10 @@ pub fn run(args: &SimulateArgs) -> Result<(), Failure> {
             let (outcome, laid) = args.grow_once(&simulation)?;
             warn(&outcome.hung.map(|hung| simulation.warnings(&hung)).unwrap_or_default());
             if let (Some(file), Some(format)) = (&args.output, body) {
-                body::write(file, format, &args.goal.name("growbot simulate"), &robot, &plan, &laid)?;
+                let (name, scene_file) = (args.goal.name("growbot simulate"), args.goal.scene_file(&plan));
+                let scene = scene.as_ref().map(|loaded| SceneFile { file: &scene_file, scene: &loaded.scene });
+                let grown = Grown { name: &name, robot: &robot, plan: &plan, laid: &laid, scene };
+                body::write(file, format, &grown)?;
             }
             let disturbances = WrittenDisturbances::of(&simulation, seed);
             let table = table::growth(&plan.goal, &outcome, &disturbances, seed);

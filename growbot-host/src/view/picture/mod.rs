@@ -4,11 +4,13 @@
 //! - `tube`: the printed wall as shaded faces, far ones first;
 //! - `axes`: x, y and z with numbers, round a body;
 //! - `marks`: arrows, the tip's frame, poses, the floor;
+//! - `obstacles`: the scene around it;
 //! - `stage`: one body with all of that.
 
 mod axes;
 mod camera;
 mod marks;
+mod obstacles;
 mod place;
 mod stage;
 mod tube;
@@ -24,6 +26,7 @@ use self::marks::{FREE_SIDE, Line, key};
 use self::place::{Bounds, Place};
 use self::stage::Stage;
 use self::tube::Detail;
+use super::around::Around;
 use super::heights::{HeightScale, LEGEND};
 use super::numbers::{caption, measured};
 use super::side_by_side::difference;
@@ -105,13 +108,14 @@ pub fn svg(subjects: &[&Subject], options: &Options) -> Result<String, ViewError
     let high = bounds.iter().map(|bounds| scale * bounds.size()[1] + 2.0 * margin[1]).fold(MIN_HIGH, f64::max);
 
     let bottom = grid.rows as f64 * (top + high);
-    let mut canvas = Canvas::new(WIDE, bottom + FOOT, &spoken(&all));
+    let mut canvas = Canvas::new(WIDE, bottom + FOOT, &spoken(&all, &stages));
     let names = names(subjects);
     for (index, (stage, bounds)) in stages.iter().zip(&bounds).enumerate() {
         let [left, above] = grid.corner(index, top + high);
         let at = [left + 0.5 * grid.width, above + top + 0.5 * high];
         let place = Place { camera, scale, centre: bounds.centre(), at };
-        stage.draw(&mut canvas, &place, &heights, square, boxes[index].as_ref());
+        let room = [left + 2.0, above + top, left + grid.width - 2.0, above + top + high - 16.0];
+        stage.draw(&mut canvas, (&place, &room), &heights, square, boxes[index].as_ref());
         if options.title {
             let (subject, layers) = all[index];
             head(&mut canvas, [left + EDGE, above], grid.width - 2.0 * EDGE, names[index], subject, layers);
@@ -169,11 +173,18 @@ fn height_scale(all: &[(&Subject, &Layers)], options: &Options) -> HeightScale {
 }
 
 /// What the picture is called for who cannot see it.
-fn spoken(all: &[(&Subject, &Layers)]) -> String {
-    let title = |(subject, layers): &(&Subject, &Layers)| {
-        escape(&format!("{}: {}", subject.name, caption(subject, layers, "")))
+fn spoken(all: &[(&Subject, &Layers)], stages: &[Stage]) -> String {
+    let title = |((subject, layers), stage): (&(&Subject, &Layers), &Stage)| {
+        let scene = stage.around().and_then(clear_of).map_or_else(String::new, |words| format!(", {words}"));
+        escape(&format!("{}: {}{scene}", subject.name, caption(subject, layers, "")))
     };
-    all.iter().map(title).collect::<Vec<_>>().join("; ")
+    all.iter().zip(stages).map(title).collect::<Vec<_>>().join("; ")
+}
+
+/// How near a body comes to its scene, in a line.
+fn clear_of(around: &Around) -> Option<String> {
+    let (clearance, place) = around.clearance().zip(around.place())?;
+    Some(format!("{}: narrowest {clearance}, {place}; obstacles: {}", around.file, around.shown.in_words()))
 }
 
 /// How bodies are called: without their files' endings, unless they would have one name then.

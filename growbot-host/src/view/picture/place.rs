@@ -108,6 +108,11 @@ fn push(path: &mut String, letter: &str, [x, y]: [i64; 2]) {
 
 /// The outline of a solid that has its corners on rounds: each a middle, an axis and a radius, mm.
 pub fn solid(place: &Place, rounds: &[(Vector3<f64>, Vector3<f64>, f64)]) -> String {
+    outline(&round_points(place, rounds))
+}
+
+/// The same, as its corners.
+pub fn round_points(place: &Place, rounds: &[(Vector3<f64>, Vector3<f64>, f64)]) -> Vec<[f64; 2]> {
     const CORNERS: u32 = 20;
     let mut points: Vec<[f64; 2]> = Vec::new();
     for (middle, axis, radius) in rounds {
@@ -118,7 +123,29 @@ pub fn solid(place: &Place, rounds: &[(Vector3<f64>, Vector3<f64>, f64)]) -> Str
             place.point(&(middle + *radius * (libm::cos(angle) * aside + libm::sin(angle) * other)))
         }));
     }
-    outline(&hull(points))
+    hull(points)
+}
+
+/// The part of a convex outline that lies within a rectangle: left, top, right, bottom (Sutherland and Hodgman 1974).
+pub fn within(mut corners: Vec<[f64; 2]>, [left, top, right, bottom]: &[f64; 4]) -> Vec<[f64; 2]> {
+    // Axis, limit, and 1 where the limit is the least value.
+    for (axis, limit, sign) in [(0, *left, 1.0), (0, *right, -1.0), (1, *top, 1.0), (1, *bottom, -1.0)] {
+        let inside = |corner: &[f64; 2]| sign * (corner[axis] - limit);
+        let mut kept = Vec::with_capacity(corners.len() + 1);
+        let next = corners.iter().skip(1).chain(corners.first());
+        for (from, to) in corners.iter().zip(next) {
+            let [a, b] = [inside(from), inside(to)];
+            if a >= 0.0 {
+                kept.push(*from);
+            }
+            if (a >= 0.0) != (b >= 0.0) {
+                let share = a / (a - b);
+                kept.push([0, 1].map(|part| from[part] + share * (to[part] - from[part])));
+            }
+        }
+        corners = kept;
+    }
+    corners
 }
 
 /// The corners of the convex outline of points.
@@ -154,6 +181,18 @@ mod tests {
         assert_eq!(corners, [[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]]);
         assert_eq!(outline(&[[1.0, 2.0], [3.04, -4.0], [2.9, -4.1]]), "M1 2l2-6-.1-.1z");
         assert_eq!(outline(&hull(Vec::new())), "z");
+    }
+
+    #[test]
+    fn what_is_beyond_a_rectangle_is_cut_off() {
+        let room = [0.0, 0.0, 10.0, 10.0];
+        let square = |from: f64, to: f64| vec![[from, from], [to, from], [to, to], [from, to]];
+        assert_eq!(within(square(2.0, 3.0), &room), square(2.0, 3.0));
+        assert_eq!(within(square(20.0, 30.0), &room), Vec::<[f64; 2]>::new());
+        let cut = within(square(-5.0, 5.0), &room);
+        assert_eq!(cut.len(), 4, "{cut:?}");
+        assert!(square(0.0, 5.0).iter().all(|corner| cut.contains(corner)), "{cut:?}");
+        assert_eq!(within(Vec::new(), &room), Vec::<[f64; 2]>::new());
     }
 
     #[test]

@@ -1,16 +1,18 @@
 //! One body in the picture, with what stands around it.
 
 use growbot_core::layer_bytes::LayerBytes;
-use growbot_core::pose::Pose;
+use growbot_core::pose::{Frame, Pose};
 use nalgebra::Vector3;
 
 use super::axes::Axes;
 use super::camera::Camera;
 use super::marks::{Arrow, Floor, Line, arrow, disc, draw_axes, word, word_at_free_side, word_beyond};
+use super::obstacles::{self, LIMITS, Room};
 use super::place::{Bounds, Place};
 use super::tube::{Detail, Tube};
 use crate::drawing::canvas::Canvas;
 use crate::drawing::chart::round_below;
+use crate::view::around::Around;
 use crate::view::heights::HeightScale;
 use crate::view::{Layers, Subject, measured_end};
 
@@ -37,6 +39,8 @@ pub struct Stage {
     commanded: Option<Vec<Vector3<f64>>>,
     /// Where feedback took the tip to be.
     estimated: Option<Vec<Vector3<f64>>>,
+    /// The scene around it.
+    around: Option<Around>,
     start: Pose,
     goal: Pose,
     via: Vec<Pose>,
@@ -71,6 +75,7 @@ impl Stage {
             planned,
             commanded: subject.commanded(layers),
             estimated: subject.estimated(),
+            around: Around::of(subject, layers, &LIMITS),
             start: plan.start,
             goal: plan.goal,
             via: plan.via(),
@@ -86,6 +91,11 @@ impl Stage {
         let planned = self.planned.as_ref().map(|_| PLANNED_LINE);
         let commanded = self.commanded.as_ref().map(|_| COMMANDED_LINE);
         planned.into_iter().chain(commanded).chain(self.estimated.as_ref().map(|_| ESTIMATED_LINE))
+    }
+
+    /// The scene around it.
+    pub fn around(&self) -> Option<&Around> {
+        self.around.as_ref()
     }
 
     /// Whether it has a word for where the tip really is.
@@ -126,7 +136,9 @@ impl Stage {
     pub fn bounds(&self, camera: &Camera, square: f64, axes: Option<&Axes>) -> Bounds {
         let centrelines = self.tube.centreline().chain(self.planned.iter().flat_map(Tube::centreline));
         let lines = centrelines.chain(self.commanded.iter().chain(&self.estimated).flatten().copied());
-        let seen = lines.fold(Bounds::NONE, |seen, point| seen.with(camera.see(&point), self.outer));
+        // Of a scene something is seen beside the body.
+        let room = if self.around.is_some() { 2.0 * self.reach } else { self.outer };
+        let seen = lines.fold(Bounds::NONE, |seen, point| seen.with(camera.see(&point), room));
         let [start, goal] = [self.start_arrow(), self.goal_arrow()];
         let marks = [start.from, goal.from + goal.length * goal.along].into_iter().chain(self.reached);
         let seen = marks.fold(seen, |seen, point| seen.with(camera.see(&point), 0.2 * self.outer));
@@ -184,8 +196,16 @@ impl Stage {
         2.0 * self.outer
     }
 
-    /// Draws it, coloured by these heights; the floor has squares of this side, mm, or is that of the axes.
-    pub fn draw(&self, canvas: &mut Canvas, place: &Place, heights: &HeightScale, square: f64, axes: Option<&Axes>) {
+    /// Draws it, coloured by these heights, obstacles within this room; the floor has squares of this side, mm, or is
+    /// that of the axes.
+    pub fn draw(
+        &self,
+        canvas: &mut Canvas,
+        (place, room): (&Place, &Room),
+        heights: &HeightScale,
+        square: f64,
+        axes: Option<&Axes>,
+    ) {
         let camera = &place.camera;
         let floor = self.floor(square).filter(|_| self.has_floor(camera));
         match (axes, &floor) {
@@ -208,6 +228,10 @@ impl Stage {
         for (mark, colour) in [(self.start_arrow(), START), (self.goal_arrow(), GOAL)] {
             pieces.push((camera.nearness(&(mark.from + 0.5 * mark.length * mark.along)), arrow(place, &mark, colour)));
         }
+        if let Some(around) = &self.around {
+            let tube: Vec<Vector3<f64>> = self.tube.centreline().collect();
+            pieces.extend(obstacles::pieces(around, &tube, place, room));
+        }
         pieces.sort_by(|a, b| a.0.total_cmp(&b.0));
         // Edges in the colour of the face leave no seams.
         canvas.add("<g stroke-width=\".7\" stroke-linejoin=\"round\">");
@@ -225,7 +249,19 @@ impl Stage {
         if let Some(planned) = &self.planned {
             PLANNED_LINE.draw(canvas, place, planned.centreline());
         }
+        if let Some(around) = &self.around {
+            obstacles::mark(canvas, place, around, &self.way_past(around));
+        }
         self.words(canvas, place);
+    }
+
+    /// Which way the body goes at its narrowest place.
+    fn way_past(&self, around: &Around) -> Vector3<f64> {
+        let Some((found, _)) = &around.narrowest else { return Vector3::z() };
+        let frames = self.tube.frames();
+        let apart = |frame: &Frame| (frame.translation.vector - found.on_body).norm_squared();
+        let nearest = frames.min_by(|a, b| apart(a).total_cmp(&apart(b)));
+        nearest.map_or_else(Vector3::z, |frame| frame.rotation * Vector3::z())
     }
 
     /// What lies over everything: the tip's axes, poses on the way, and names.

@@ -1,0 +1,99 @@
+//! How far the centreline of the layers that a board gets lies from that of the body of which clearance is proven.
+//!
+//! Layers of arcs and lines have the path's own curvature, so that only their rounding to fixed point moves them; those
+//! of helicoidal arcs lie beside these, which is told too. Both are compared at equal lengths, which no other measure
+//! of their distance falls below, at the end and in the middle of every layer.
+//!
+//! `GROWBOT_CENTRELINES` is how many plans are made, 200 without it.
+//!
+//! ```sh
+//! GROWBOT_CENTRELINES=10000 cargo test -p growbot-client --test laid_centrelines -- --nocapture
+//! ```
+
+use growbot_client::robot_file;
+use growbot_client::through_scene::{LAID_APART, laid};
+use growbot_core::job::job_layers;
+use growbot_core::layer_bytes::decode;
+use growbot_core::path::{Segment, length};
+use growbot_core::plan::{Planner, plan};
+use growbot_core::pose::{Frame, Pose};
+use growbot_core::random::Random;
+use growbot_core::robot::Robot;
+use nalgebra::Vector3;
+
+const RADIUS: f64 = 100.0;
+
+/// Points along a path, asked for in order.
+struct Along<'a> {
+    left: &'a [Segment],
+    base_from_segment: Frame,
+    before: f64,
+}
+
+impl Along<'_> {
+    fn point(&mut self, along: f64) -> Vector3<f64> {
+        while let [first, rest @ ..] = self.left
+            && !rest.is_empty()
+            && along > self.before + first.length()
+        {
+            self.base_from_segment *= first.step();
+            self.before += first.length();
+            self.left = rest;
+        }
+        let part = self.left.first().map(|segment| segment.shortened((along - self.before).min(segment.length())));
+        let step = part.map_or_else(Frame::identity, |part| part.step());
+        (self.base_from_segment * step).translation.vector
+    }
+}
+
+/// The largest distance between the layers of a path and a body, mm.
+fn apart(robot: &Robot, path: &[Segment], body: &[Segment]) -> f64 {
+    let mut along = Along { left: body, base_from_segment: Frame::identity(), before: 0.0 };
+    let (mut base_from_tip, mut so_far, mut most) = (Frame::identity(), 0.0, 0.0_f64);
+    for layer in job_layers(path, robot).map(|bytes| decode(&bytes)) {
+        let part =
+            |share: f64| Segment::Arc { alpha: layer.alpha, bend: share * layer.tilt, length: share * layer.height };
+        for share in [0.5, 1.0] {
+            let here = (base_from_tip * part(share).step()).translation.vector;
+            most = most.max((here - along.point(so_far + share * layer.height)).norm());
+        }
+        base_from_tip *= layer.step();
+        so_far += layer.height;
+    }
+    // The layers of a helicoidal arc are a little longer than it.
+    assert!((so_far - length(path)).abs() < 1e-2, "{so_far} mm of {}", length(path));
+    most
+}
+
+fn goal(random: &mut Random) -> Pose {
+    let far = RADIUS * libm::exp(random.between(libm::log(0.3), libm::log(300.0)));
+    let (heading, up) = (random.between(-3.1, 3.1), random.between(-1.0, 1.0));
+    Pose::new(random.direction() * far, heading, libm::asin(up)).expect("a pose")
+}
+
+#[test]
+fn layers_lie_on_the_path_that_was_proven_clear() {
+    let count = std::env::var("GROWBOT_CENTRELINES").map_or(200, |text| text.parse().expect("a number"));
+    let robot = robot_file::load(robot_file::DEFAULT.as_ref()).expect("the default robot");
+    let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).expect("a pose");
+    let (mut random, mut made) = (Random::new(&[2026]), [0; 2]);
+    let (mut most, mut helicoidal) = (0.0_f64, 0.0_f64);
+    for _ in 0..count {
+        let goal = goal(&mut random);
+        let path = plan(&robot, &start, &goal, RADIUS, Planner::Shortest).expect("a path").path;
+        let is_helicoidal = path.iter().any(|segment| matches!(segment, Segment::Helicoid { .. }));
+        let found = apart(&robot, &path, &laid(&path, &robot));
+        assert!(found <= LAID_APART, "{found} mm: {goal:?}");
+        most = most.max(found);
+        if is_helicoidal {
+            helicoidal = helicoidal.max(apart(&robot, &path, &path));
+        }
+        made[usize::from(is_helicoidal)] += 1;
+    }
+    println!(
+        "{} plans of arcs and lines, {} with a helicoidal arc: layers are {most:.1e} mm from what is proven, and \
+         {helicoidal:.1e} mm from helicoidal arcs, at most",
+        made[0], made[1]
+    );
+    assert!(made[0] > 0 && made[1] > 0, "{made:?}");
+}

@@ -1,0 +1,57 @@
+//! `growbot scene`: a scene to try things in.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+use growbot_client::files::format_of;
+use growbot_host::output::write_to;
+use growbot_scene::examples::{Example, text};
+
+use super::Failure;
+
+/// Write a scene to try things in: obstacles drawn from a seed
+///
+/// The scene is a file of `growbot-scene/1`, the same for one seed on every machine, with a way left free that a tube
+/// of 44 mm can take. Its first lines tell which plan leads there.
+#[derive(Args)]
+#[command(after_help = "Examples:\n  growbot scene pipe-rack -o rack.toml\n  growbot scene rubble-heap --seed 7 -o \
+                        heap.toml\n  growbot plan --to 0,0,960 --scene rack.toml -o plan.json")]
+pub struct SceneArgs {
+    /// The kind of scene
+    #[arg(value_name = "KIND")]
+    kind: Kind,
+    /// Another scene of the kind
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    seed: u64,
+    /// Write to this file, which ends in .toml [default: standard output]
+    #[arg(short, long, value_name = "FILE", default_value = "-", hide_default_value = true)]
+    output: PathBuf,
+}
+
+/// A kind of scene.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum Kind {
+    /// Levels of pipes between four posts, 0.9 m high
+    PipeRack,
+    /// Slabs and bricks on a floor, 0.7 m across
+    RubbleHeap,
+}
+
+/// Runs the command.
+pub fn run(args: &SceneArgs) -> Result<(), Failure> {
+    let (example, name) = match args.kind {
+        Kind::PipeRack => (Example::PipeRack, "pipe-rack"),
+        Kind::RubbleHeap => (Example::RubbleHeap, "rubble-heap"),
+    };
+    format_of(&args.output, &["toml"])?;
+    let (from, to) = example.ends();
+    let comments = [
+        format!("Written by `growbot scene {name} --seed {}`.", args.seed),
+        format!("Through it: growbot plan --from {from} --to {to} --scene FILE"),
+    ];
+    let scene = text(&example.scene(args.seed), &comments);
+    if write_to(&args.output, scene.as_bytes())? {
+        growbot_host::note!("scene written to {}", args.output.display());
+    }
+    Ok(())
+}

@@ -1,0 +1,165 @@
+//! `growbot workspace --scene`: which goals a body reaches through a scene, in text, JSON and CSV.
+
+use std::path::Path;
+
+use growbot_client::plan_file::{WrittenPose, written_hash};
+use growbot_client::printable::json_line;
+use growbot_client::through_scene::{Through, ThroughError};
+use growbot_core::number::Short;
+use growbot_host::output::{print, write_to};
+use growbot_host::progress::{Progress, Results};
+use growbot_host::workspace::{Counts, InScene, Known, Question, ball, in_scene};
+use growbot_scene::file;
+use serde_json::{Value, json};
+
+use super::Failure;
+
+/// The scene, and how hard to try.
+pub struct Room<'a> {
+    /// Its file.
+    pub scene: &'a Path,
+    /// How much to search for each goal.
+    pub effort: u64,
+}
+
+/// Plans to all goals and tells what came of it; `output` gets each goal, as CSV.
+pub fn run(question: &Question, room: &Room, output: Option<&Path>, json: bool) -> Result<(), Failure> {
+    let loaded = file::load(room.scene)?;
+    let through = Through {
+        file: &room.scene.display().to_string(),
+        loaded: &loaded,
+        margin: loaded.margin,
+        grown: None,
+        effort: room.effort,
+        deadline: None,
+        first_only: true,
+        length_max: question.length,
+    };
+    let mut progress: Option<Progress> = None;
+    let answer = in_scene(question, &through, |done, of| {
+        let progress = progress.get_or_insert_with(|| Progress::start(Some(of), Results::AtEnd));
+        progress.at(done, || format!("{done} of {of} goals"));
+    });
+    if let Some(progress) = progress {
+        progress.finish();
+    }
+    let answer = answer.map_err(|error| match error {
+        ThroughError::Plan(error) => error.into(),
+        ThroughError::NoPath(no_path) => Failure::answered_no(no_path),
+    })?;
+    if let Some(path) = output {
+        if !write_to(path, csv(&answer).as_bytes())? {
+            return Ok(());
+        }
+        growbot_host::note!("goals written to {}", path.display());
+    }
+    let text = if json { json_line(&json_of(question, &through, &answer)) } else { table(question, &through, &answer) };
+    Ok(print(&text)?)
+}
+
+/// A reason why there is no path: its name in JSON, and what has it.
+type Reason = (&'static str, fn(&Known) -> bool);
+
+/// All of them.
+const REASONS: [Reason; 5] = [
+    ("too_far", |known| *known == Known::TooFar),
+    ("too_near", |known| *known == Known::TooNear),
+    ("separated", |known| *known == Known::Separated),
+    ("at_resolution", |known| matches!(known, Known::NoneAt(_))),
+    ("not_clear", |known| *known == Known::NotClear),
+];
+
+/// A reason in words.
+fn in_words(name: &str, answer: &InScene) -> String {
+    match name {
+        "too_far" => "farther than the body is long, even without obstacles".to_owned(),
+        "too_near" => "in an obstacle, or too near to one".to_owned(),
+        "separated" => "every way there is too narrow".to_owned(),
+        "at_resolution" => {
+            let step = answer.resolution().map_or(0.0, |step| (step * 100.0).round() / 100.0);
+            format!("none of arcs and lines of {} mm", Short(&step))
+        }
+        _ => "the path of the planner two-plane is not clear".to_owned(),
+    }
+}
+
+fn table(question: &Question, through: &Through, answer: &InScene) -> String {
+    let Counts { path, none, not_found } = answer.counts();
+    let (length, radius) = ((question.length * 10.0).round() / 10.0, question.radius);
+    let name = question.robot.name();
+    let mut text = format!("{name}: within reach of a body of {length} mm, bends of radius {radius} mm,\n");
+    text += &format!("through {}, with a margin of {} mm\n\n", through.file, Short(&through.margin));
+    let (volume, error) = answer.volume(path);
+    let digits = if volume >= 1e8 { 0 } else { 2 };
+    let litres = |volume: f64| format!("{:.digits$}", volume / 1e6);
+    let percent = 100.0 * volume / ball(question.length);
+    text += &format!(
+        "  volume      {} +- {} l, {percent:.1} % of the ball of that radius\n",
+        litres(volume),
+        litres(error)
+    );
+    text += &format!("\n{} goals, spread evenly in that ball\n", answer.goals.len());
+    text += &format!("{path:>7}  a path, proven to be clear\n{none:>7}  none:\n");
+    for (name, is_this) in REASONS {
+        let count = answer.because(is_this);
+        if count > 0 {
+            text += &format!("{count:>15}  {}\n", in_words(name, answer));
+        }
+    }
+    text += &format!("{not_found:>7}  none found with --effort {}, and there may be one\n", through.effort);
+    text += "\ndistance, mm      path    none  not found\n";
+    let mut from = 0.0;
+    for (to, Counts { path, none, not_found }) in answer.bands() {
+        text += &format!("{:>5} - {:>5} {path:>8} {none:>7} {not_found:>10}\n", f64::round(from), to.round());
+        from = to;
+    }
+    text
+}
+
+fn json_of(question: &Question, through: &Through, answer: &InScene) -> Value {
+    let Counts { path, none, not_found } = answer.counts();
+    let (volume, error) = answer.volume(path);
+    let reasons: serde_json::Map<_, _> =
+        REASONS.into_iter().map(|(name, is_this)| (name.to_owned(), json!(answer.because(is_this)))).collect();
+    let bands = answer.bands().into_iter().map(
+        |(to, counts)| json!({ "to_mm": to, "path": counts.path, "none": counts.none, "not_found": counts.not_found }),
+    );
+    let degrees = |angle: f64| growbot_core::angle::degrees(angle);
+    json!({
+        "robot": question.robot.name(),
+        "planner": question.planner,
+        "length_mm": question.length,
+        "radius_mm": question.radius,
+        "start": WrittenPose::from(&question.start),
+        "heading_deg": question.direction.map(|(heading, _)| degrees(heading)),
+        "pitch_deg": question.direction.map(|(_, pitch)| degrees(pitch)),
+        "scene": { "file": through.file, "hash": written_hash(through.loaded.hash), "margin_mm": through.margin },
+        "effort": through.effort,
+        "goals": answer.goals.len(),
+        "path": path,
+        "none": none,
+        "not_found": not_found,
+        "none_because": reasons,
+        "resolution_mm": answer.resolution(),
+        "volume_mm3": volume,
+        "volume_error_mm3": error,
+        "volume_not_found_mm3": answer.volume(not_found).0,
+        "bands": bands.collect::<Vec<_>>(),
+    })
+}
+
+/// Each goal, as a row.
+fn csv(answer: &InScene) -> String {
+    let mut text = "x_mm,y_mm,z_mm,answer,because,length_mm\n".to_owned();
+    for asked in &answer.goals {
+        let because = REASONS.iter().find(|(_, is_this)| is_this(&asked.known)).map_or("", |(name, _)| *name);
+        let (said, length) = match asked.known {
+            Known::Path(length) => ("path", length.to_string()),
+            Known::NotFound => ("not_found", String::new()),
+            _ => ("none", String::new()),
+        };
+        let at = asked.position;
+        text += &format!("{},{},{},{said},{because},{length}\n", at.x, at.y, at.z);
+    }
+    text
+}

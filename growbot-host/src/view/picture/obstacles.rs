@@ -1,0 +1,139 @@
+//! The scene around a body: obstacles as translucent outlines, between which the tube passes, and its narrowest place.
+
+use growbot_scene::shapes::{Shape, Triangle};
+use growbot_scene::shown::Limits;
+use nalgebra::{Rotation3, Vector3};
+
+use super::camera::Camera;
+use super::marks::{disc, word_at_free_side};
+use super::place::{Place, outline, round_points, within};
+use crate::drawing::canvas::Canvas;
+use crate::view::around::Around;
+
+/// A picture shows no more of a scene.
+pub const LIMITS: Limits = Limits { shapes: 300, triangles: 4000, points: 3000 };
+
+/// The colours of obstacles, of half spaces and of the narrowest place.
+const OBSTACLE: &str = "#7a6a55";
+const PLANE: &str = "#8a94a3";
+const NARROWEST: &str = "#b3261e";
+/// How opaque faces and their edges are.
+const FACE: &str = "fill-opacity=\".17\" stroke-opacity=\".4\"";
+const FINE_FACE: &str = "fill-opacity=\".14\" stroke-opacity=\".12\"";
+/// Points along an obstacle of which one is to be nearest to the tube in the picture.
+const SAMPLES: u32 = 24;
+
+/// A rectangle of the drawing: left, top, right, bottom.
+pub type Room = [f64; 4];
+
+/// The obstacles as pieces of the drawing within this room, each with how near it is; `tube` are places of the
+/// centreline.
+pub fn pieces(around: &Around, tube: &[Vector3<f64>], place: &Place, room: &Room) -> Vec<(f64, String)> {
+    let shown = &around.shown;
+    let camera = &place.camera;
+    let mut pieces = Vec::new();
+    let mut add = |near: f64, corners: Vec<[f64; 2]>, colour: &str, style: &str| {
+        let corners = within(corners, room);
+        if corners.len() > 2 {
+            let d = outline(&corners);
+            pieces.push((near, format!("<path fill=\"{colour}\" stroke=\"{colour}\" {style} d=\"{d}\"/>\n")));
+        }
+    };
+    for square in &shown.squares {
+        // Behind everything on its free side.
+        let near = square.iter().map(|corner| camera.nearness(corner)).fold(f64::INFINITY, f64::min);
+        add(near, square.iter().map(|corner| place.point(corner)).collect(), PLANE, FINE_FACE);
+    }
+    for shape in &shown.shapes {
+        let near = nearness(shape, tube, place);
+        match shape {
+            Shape::Box { centre, half, rotation } => {
+                for face in faces(centre, half, rotation, camera) {
+                    add(near, face.iter().map(|corner| place.point(corner)).collect(), OBSTACLE, FACE);
+                }
+            }
+            Shape::Ball { centre, radius } => {
+                add(near, round_points(place, &[(*centre, camera.towards, *radius)]), OBSTACLE, FACE);
+            }
+            Shape::Capsule { from, to, radius } => {
+                let ends = [from, to].map(|end| (*end, camera.towards, *radius));
+                add(near, round_points(place, &ends), OBSTACLE, FACE);
+            }
+        }
+    }
+    for Triangle(corners) in &shown.triangles {
+        let [a, b, c] = corners;
+        if (b - a).cross(&(c - a)).dot(&camera.towards) >= 0.0 {
+            let near = camera.nearness(&((a + b + c) / 3.0));
+            add(near, corners.iter().map(|corner| place.point(corner)).collect(), OBSTACLE, FINE_FACE);
+        }
+    }
+    for (at, radius) in &shown.points {
+        add(camera.nearness(at), dot(place, at, *radius), OBSTACLE, FACE);
+    }
+    pieces
+}
+
+/// How near a shape is where it passes the tube in the picture.
+fn nearness(shape: &Shape, tube: &[Vector3<f64>], place: &Place) -> f64 {
+    let (from, to) = match shape {
+        Shape::Ball { centre, .. } => (*centre, *centre),
+        Shape::Capsule { from, to, .. } => (*from, *to),
+        Shape::Box { centre, half, rotation } => {
+            let mut along = Vector3::zeros();
+            along[half.imax()] = half.max() - half.min();
+            (centre - rotation * along, centre + rotation * along)
+        }
+    };
+    let camera = &place.camera;
+    let apart = |a: &Vector3<f64>, b: &Vector3<f64>| {
+        let ([x, y], [u, v]) = (camera.see(a), camera.see(b));
+        libm::hypot(x - u, y - v)
+    };
+    let samples = (0..=SAMPLES).map(|step| from + (to - from) * (f64::from(step) / f64::from(SAMPLES)));
+    let least = |at: &Vector3<f64>| tube.iter().map(|point| apart(at, point)).fold(f64::INFINITY, f64::min);
+    let nearest = samples.map(|at| (least(&at), at)).min_by(|a, b| a.0.total_cmp(&b.0));
+    camera.nearness(&nearest.map_or(from, |(_, at)| at))
+}
+
+/// The faces of a box that look at the camera.
+fn faces(
+    centre: &Vector3<f64>,
+    half: &Vector3<f64>,
+    rotation: &Rotation3<f64>,
+    camera: &Camera,
+) -> impl Iterator<Item = [Vector3<f64>; 4]> {
+    let axes: [Vector3<f64>; 3] =
+        std::array::from_fn(|axis| rotation * Vector3::from_fn(|part, _| if part == axis { half[part] } else { 0.0 }));
+    let (centre, towards) = (*centre, camera.towards);
+    (0..3).filter_map(move |axis| {
+        let out = axes[axis] * axes[axis].dot(&towards).signum();
+        let [a, b] = [axes[(axis + 1) % 3], axes[(axis + 2) % 3]];
+        let seen = out.dot(&towards) > 1e-6 * out.norm();
+        seen.then(|| [a + b, b - a, -a - b, a - b].map(|corner| centre + out + corner))
+    })
+}
+
+/// The ball of a point, as large as can be seen.
+fn dot(place: &Place, at: &Vector3<f64>, radius: f64) -> Vec<[f64; 2]> {
+    let [x, y] = place.point(at);
+    let radius = (radius * place.scale).max(0.8);
+    let corner = |corner: u32| {
+        let angle = std::f64::consts::TAU * f64::from(corner) / 6.0;
+        [x + radius * libm::cos(angle), y + radius * libm::sin(angle)]
+    };
+    (0..6).map(corner).collect()
+}
+
+/// The narrowest place, marked over everything; `along`: the body's direction there, which the words avoid.
+pub fn mark(canvas: &mut Canvas, place: &Place, around: &Around, along: &Vector3<f64>) {
+    let (Some((found, _)), Some(clearance)) = (&around.narrowest, around.clearance()) else { return };
+    let [from, to] = [&found.on_body, &found.on_obstacle].map(|point| place.point(point));
+    for (colour, width) in [("#fff", 4.0), (NARROWEST, 2.0)] {
+        canvas.line([from.into(), to.into()], format_args!("stroke=\"{colour}\" stroke-width=\"{width}\""));
+    }
+    let taken = [*along, -along];
+    word_at_free_side(canvas, place, to, &taken, &format!("narrowest: {clearance}"), NARROWEST);
+    disc(canvas, from, 3.0, NARROWEST);
+    disc(canvas, to, 3.0, NARROWEST);
+}

@@ -1,0 +1,233 @@
+//! `view` and `export` of bodies among obstacles: pages, pictures and GLB with the scene and the narrowest place.
+
+mod running;
+
+use std::fs;
+
+use running::{Ran, growbot};
+use serde_json::Value;
+use tempfile::TempDir;
+
+const ROOM: &str = "format = \"growbot-scene/1\"\nmargin_mm = 5.0\n[[ball]]\ncenter_mm = [0, 0, 150]\nradius_mm = 40\n\
+                    [[box]]\ncenter_mm = [150, 0, 100]\nsize_mm = [20, 200, 200]\n[[capsule]]\nfrom_mm = [-200, 90, 200]\n\
+                    to_mm = [200, 90, 200]\nradius_mm = 15\n[[halfspace]]\npoint_mm = [0, 0, -40]\nnormal = [0, 0, 1]\n";
+
+/// A directory with `room.toml`, `straight.json`, which runs into its ball and knows nothing of it, `past.json`, which
+/// leads past it, and `run.jsonl`, in which that was grown.
+struct Fixture(TempDir);
+
+impl Fixture {
+    fn new() -> Self {
+        let fixture = Self(tempfile::tempdir().unwrap());
+        fs::write(fixture.path("room.toml"), ROOM).unwrap();
+        fixture.done(&["plan", "--to", "0,0,300", "-o", &fixture.path("straight.json")]);
+        fixture.done(&[
+            "plan",
+            "--to",
+            "0,0,300",
+            "--scene",
+            &fixture.path("room.toml"),
+            "-o",
+            &fixture.path("past.json"),
+        ]);
+        let text = fs::read_to_string(fixture.path("past.json")).unwrap();
+        fs::write(fixture.path("past.json"), text.replace(&fixture.path("room.toml"), "room.toml")).unwrap();
+        fixture
+    }
+
+    fn path(&self, name: &str) -> String {
+        self.0.path().join(name).to_str().unwrap().to_owned()
+    }
+
+    #[track_caller]
+    fn done(&self, args: &[&str]) -> Ran {
+        let ran = growbot(args);
+        assert_eq!(ran.code, Some(0), "{args:?}: {}", ran.err);
+        ran
+    }
+
+    /// What is made of a file of the directory.
+    #[track_caller]
+    fn made(&self, command: &str, from: &str, to: &str, more: &[&str]) -> Vec<u8> {
+        self.done(&[&[command, &self.path(from), "-o", &self.path(to)], more].concat());
+        fs::read(self.path(to)).unwrap()
+    }
+
+    /// The clearance that the plan past the ball says.
+    fn clearance(&self) -> f64 {
+        let plan: Value = serde_json::from_slice(&fs::read(self.path("past.json")).unwrap()).unwrap();
+        plan["scene"]["clearance_mm"].as_f64().unwrap()
+    }
+}
+
+/// The data of a page.
+fn data(page: &[u8]) -> Value {
+    let page = std::str::from_utf8(page).unwrap();
+    let data = page.split_once("id=\"data\">").unwrap().1.split_once("</script>").unwrap().0;
+    serde_json::from_str(data).unwrap()
+}
+
+/// The rows of the numbers under `Scene`.
+fn scene_numbers(data: &Value) -> Vec<(String, String)> {
+    let groups = data["numbers"].as_array().unwrap().iter();
+    let scene = groups.clone().find(|group| group[0] == "Scene").map(|group| group[1].clone());
+    serde_json::from_value(scene.unwrap_or_else(|| Value::Array(vec![]))).unwrap()
+}
+
+fn value<'a>(rows: &'a [(String, String)], name: &str) -> &'a str {
+    &rows.iter().find(|row| row.0 == name).unwrap_or_else(|| panic!("no {name} in {rows:?}")).1
+}
+
+/// The JSON of a GLB.
+fn document(glb: &[u8]) -> Value {
+    let length = u32::from_le_bytes(glb[12..16].try_into().unwrap()) as usize;
+    serde_json::from_slice(&glb[20..20 + length]).unwrap()
+}
+
+#[test]
+fn a_page_has_the_obstacles_and_the_narrowest_place_in_figures_and_words() {
+    let fixture = Fixture::new();
+    let page = data(&fixture.made("view", "past.json", "past.html", &[]));
+    let scene = &page["scene"];
+    for kind in ["boxes", "balls", "capsules", "squares"] {
+        assert_eq!(scene[kind].as_array().unwrap().len(), 1, "{kind}: {scene}");
+    }
+    let rows = scene_numbers(&page);
+    assert_eq!((value(&rows, "File"), value(&rows, "Obstacles")), ("room.toml", "4, all shown"));
+    let told: f64 = value(&rows, "Clearance").trim_end_matches(" mm").parse().unwrap();
+    // Told to hundredths; the proof is repeated when the plan is read, to 0.001 mm.
+    assert!((told - fixture.clearance()).abs() <= 0.0071, "{told}");
+    let narrowest = &scene["narrowest"];
+    let point = |name: &str| -> Vec<f64> { serde_json::from_value(narrowest[name].clone()).unwrap() };
+    let (body, obstacle) = (point("on_body"), point("on_obstacle"));
+    let apart: f64 = body.iter().zip(&obstacle).map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt();
+    let outer = page["robot"]["outer_radius_mm"].as_f64().unwrap();
+    assert!((apart - outer - told).abs() < 0.05, "{apart} mm, {told} mm and {outer} mm");
+    // Nothing of a scene where there is none.
+    let page = data(&fixture.made("view", "straight.json", "straight.html", &[]));
+    assert!(page["scene"].is_null() && scene_numbers(&page).is_empty());
+}
+
+#[test]
+fn a_picture_has_them_for_those_who_see_and_those_who_do_not() {
+    let fixture = Fixture::new();
+    let svg = String::from_utf8(fixture.made("view", "past.json", "past.svg", &[])).unwrap();
+    let title = svg.split_once("<title>").unwrap().1.split_once("</title>").unwrap().0;
+    assert!(title.contains("room.toml: narrowest 5.") && title.contains("obstacles: 4, all shown"), "{title}");
+    assert!(svg.contains(">narrowest: 5."), "no label");
+    assert!(svg.matches("fill-opacity=\".17\"").count() >= 4, "few faces");
+    assert!(fixture.made("view", "past.json", "past.pdf", &[]).starts_with(b"%PDF"));
+    let without = String::from_utf8(fixture.made("view", "straight.json", "straight.svg", &[])).unwrap();
+    assert!(!without.contains("narrowest") && !without.contains("fill-opacity"));
+    // Side by side each has its own.
+    let pair = [&fixture.path("past.json"), "--scene", &fixture.path("room.toml"), "--compare"];
+    let svg = String::from_utf8(fixture.made("view", "straight.json", "pair.svg", &pair.map(|it| it as &str))).unwrap();
+    assert_eq!(svg.matches(">narrowest: ").count(), 4, "two labels, each with its edge");
+}
+
+#[test]
+fn a_glb_has_them_translucent() {
+    let fixture = Fixture::new();
+    let glb = document(&fixture.made("export", "past.json", "past.glb", &[]));
+    let names = |list: &str| -> Vec<String> {
+        glb[list].as_array().unwrap().iter().map(|it| it["name"].as_str().unwrap().to_owned()).collect()
+    };
+    assert_eq!(names("nodes"), ["growbot-a", "obstacles", "narrowest place"]);
+    assert_eq!(names("meshes"), ["wall", "obstacles", "narrowest place"]);
+    let material = &glb["materials"][1];
+    assert_eq!((&material["alphaMode"], &material["doubleSided"]), (&"BLEND".into(), &true.into()));
+    assert!(material["pbrMetallicRoughness"]["baseColorFactor"][3].as_f64().unwrap() < 0.5, "{material}");
+    assert_eq!(glb["meshes"][1]["extras"]["of"], 4);
+    let told = glb["meshes"][2]["extras"]["clearance_mm"].as_f64().unwrap();
+    assert!((told - fixture.clearance()).abs() < 0.01, "{told}");
+    let stl = growbot(&["export", &fixture.path("past.json"), "-o", &fixture.path("a.stl"), "--scene", "room.toml"]);
+    assert_eq!(stl.code, Some(2), "{}", stl.err);
+    assert!(stl.err.contains("--scene is for GLB") && !fixture.0.path().join("a.stl").exists(), "{}", stl.err);
+}
+
+#[test]
+fn a_plan_without_a_scene_is_shown_in_one_that_it_runs_into() {
+    let fixture = Fixture::new();
+    let room = fixture.path("room.toml");
+    let page = data(&fixture.made("view", "straight.json", "straight.html", &["--scene", &room]));
+    let rows = scene_numbers(&page);
+    assert!(value(&rows, "Clearance").ends_with(" mm inside"), "{rows:?}");
+    assert!(value(&rows, "Narrowest").contains("the ball at 0, 0, 150"), "{rows:?}");
+}
+
+#[test]
+fn a_scene_that_is_gone_refuses_a_plan_and_only_warns_of_a_growth() {
+    let fixture = Fixture::new();
+    let run = fixture.path("run.jsonl");
+    fixture.done(&["grow", &fixture.path("past.json"), "--log", &run]);
+    let page = data(&fixture.made("view", "run.jsonl", "run.html", &[]));
+    let rows = scene_numbers(&page);
+    assert!(value(&rows, "Narrowest").contains("the ball at") && !page["scene"].is_null(), "{rows:?}");
+    let glb = document(&fixture.made("export", "run.jsonl", "run.glb", &[]));
+    assert!(glb["nodes"].as_array().unwrap().iter().any(|node| node["name"] == "obstacles"), "{}", glb["nodes"]);
+
+    fs::rename(fixture.path("room.toml"), fixture.path("moved.toml")).unwrap();
+    let refused = growbot(&["view", &fixture.path("past.json"), "-o", &fixture.path("no.html")]);
+    assert_eq!(refused.code, Some(2), "{}", refused.err);
+    assert!(!fixture.0.path().join("no.html").exists());
+    let warned = growbot(&["view", &run, "-o", &fixture.path("bare.html")]);
+    assert_eq!(warned.code, Some(0), "{}", warned.err);
+    let words = warned.err.replace("\n    ", " ");
+    assert!(words.contains("warning: ") && words.contains("shown without it"), "{words}");
+    assert!(data(&fs::read(fixture.path("bare.html")).unwrap())["scene"].is_null());
+    // Where it is now; another one is refused, also of a growth.
+    let moved = fixture.path("moved.toml");
+    for file in ["past.json", "run.jsonl"] {
+        let page = data(&fixture.made("view", file, "found.html", &["--scene", &moved]));
+        assert_eq!(value(&scene_numbers(&page), "File"), moved);
+    }
+    fs::write(&moved, ROOM.replace("= 40", "= 41")).unwrap();
+    for file in ["past.json", "run.jsonl"] {
+        let refused = growbot(&["view", &fixture.path(file), "-o", &fixture.path("no.html"), "--scene", &moved]);
+        assert_eq!(refused.code, Some(2), "{}", refused.err);
+        assert!(refused.err.contains("has changed"), "{}", refused.err);
+    }
+}
+
+#[test]
+fn of_a_huge_cloud_a_view_shows_the_nearest_and_says_how_many() {
+    const POINTS: usize = 300_000;
+    let fixture = Fixture::new();
+    let mut cloud = format!(
+        "ply\nformat ascii 1.0\nelement vertex {POINTS}\nproperty float x\nproperty float y\nproperty float z\n\
+         end_header\n"
+    );
+    for i in 0..POINTS {
+        cloud += &format!("{} {} {}\n", 60 + i / 3000, i % 60, (i / 60) % 50 * 6);
+    }
+    fs::write(fixture.path("scan.ply"), cloud).unwrap();
+    let scan = fixture.path("scan.ply");
+    let page = fixture.made("view", "straight.json", "huge.html", &["--scene", &scan]);
+    assert!(page.len() < 2_000_000, "{} bytes", page.len());
+    let rows = scene_numbers(&data(&page));
+    assert_eq!(value(&rows, "Obstacles"), "300000, the nearest 20000 shown");
+    let svg = fixture.made("view", "straight.json", "huge.svg", &["--scene", &scan]);
+    assert!(svg.len() < 1_500_000, "{} bytes", svg.len());
+}
+
+#[test]
+fn an_example_is_the_same_for_a_seed_and_a_tube_gets_through() {
+    let fixture = Fixture::new();
+    for (kind, from, to) in [("pipe-rack", "0,0,0,0,90", "0,0,960"), ("rubble-heap", "0,0,60,0,0", "900,0,60")] {
+        for seed in ["1", "2", "3"] {
+            let scene = fixture.path("example.toml");
+            let text = fixture.done(&["scene", kind, "--seed", seed]).out;
+            fixture.done(&["scene", kind, "--seed", seed, "-o", &scene]);
+            assert_eq!(fs::read_to_string(&scene).unwrap(), text);
+            assert!(text.contains(&format!("--from {from} --to {to} ")), "{text}");
+            // Nothing can be planned straight through, or there would be nothing to learn.
+            let plan = fixture.path("through.json");
+            fixture.done(&["plan", "--from", from, "--to", to, "-o", &plan]);
+            let straight = growbot(&["grow", &plan, "--scene", &scene]);
+            assert_eq!(straight.code, Some(1), "{kind}, seed {seed}: {}", straight.err);
+            fixture.done(&["plan", "--from", from, "--to", to, "--scene", &scene, "-o", &plan]);
+        }
+    }
+    assert_eq!(growbot(&["scene", "pipe-rack", "-o", &fixture.path("a.json")]).code, Some(2));
+    assert_eq!(growbot(&["scene", "attic"]).code, Some(2));
+}

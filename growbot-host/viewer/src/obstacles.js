@@ -1,0 +1,106 @@
+// The scene around a body: obstacles, translucent, and the narrowest place.
+//
+// Given (growbot-host/src/view/data.rs), in mm: `boxes`, 15 numbers each, centre, half sides and the axes by columns; `balls`, 4, centre and
+// radius; `capsules`, 7, both ends of the axis and radius; `squares`, 12, corners; `triangles`, 9 numbers after another for each; `points`, 4
+// after another for each, centre and radius; and `narrowest`, `on_body`, `on_obstacle` and `label`.
+
+import {
+  BoxGeometry, BufferAttribute, BufferGeometry, CapsuleGeometry, DoubleSide, Group, IcosahedronGeometry, InstancedMesh, Line, LineBasicMaterial,
+  Matrix4, Mesh, MeshLambertMaterial, Quaternion, SphereGeometry, Vector3,
+} from "three";
+import { makeBall } from "./marks.js";
+
+const UP = new Vector3(0, 1, 0);
+const OPACITY = 0.26;
+/** Of half spaces, which are behind everything. */
+const FAINT = 0.12;
+/** Balls of points have at least this radius, mm. */
+const LEAST_POINT = 0.5;
+
+function makeBox(given) {
+  const mesh = new BoxGeometry(...given.slice(3, 6).map((half) => 2 * half));
+  const [x, y, z] = [6, 9, 12].map((at) => new Vector3(...given.slice(at, at + 3)));
+  return mesh.applyMatrix4(new Matrix4().makeBasis(x, y, z).setPosition(...given.slice(0, 3)));
+}
+
+function makeCapsule(given) {
+  const [from, to] = [new Vector3(...given.slice(0, 3)), new Vector3(...given.slice(3, 6))];
+  const along = to.clone().sub(from);
+  const turn = new Quaternion().setFromUnitVectors(UP, along.clone().normalize());
+  const middle = from.add(to).multiplyScalar(0.5);
+  return new CapsuleGeometry(given[6], along.length(), 8, 24).applyMatrix4(new Matrix4().makeRotationFromQuaternion(turn).setPosition(middle));
+}
+
+/** Triangles, 9 numbers each. */
+function makeSurface(corners) {
+  const geometry = new BufferGeometry();
+  geometry.setAttribute("position", new BufferAttribute(new Float32Array(corners), 3));
+  geometry.computeVertexNormals();
+  return geometry;
+}
+
+/** Balls of one shape, 4 numbers each. */
+function makeBalls(shape, numbers, material) {
+  const balls = new InstancedMesh(shape, material, numbers.length / 4);
+  for (let i = 0; i < balls.count; i += 1) {
+    const [x, y, z, radius] = numbers.slice(4 * i, 4 * i + 4);
+    balls.setMatrixAt(i, new Matrix4().makeScale(...Array(3).fill(Math.max(LEAST_POINT, radius))).setPosition(x, y, z));
+  }
+  balls.frustumCulled = false;
+  return balls;
+}
+
+/**
+ * The obstacles `group`, and the `mark` at the narrowest place, a ball of this radius at each end, with its `label` and where that is, `at`;
+ * `paint(obstacles, narrowest)` takes their colours; `reach(from)`: how far from there they go, mm.
+ */
+export function makeObstacles(given, radius) {
+  const material = new MeshLambertMaterial({ transparent: true, opacity: OPACITY, depthWrite: false, side: DoubleSide });
+  const squares = given.squares.flatMap((square) => [[0, 1, 2], [0, 2, 3]].flatMap((face) => face.flatMap((i) => square.slice(3 * i, 3 * i + 3))));
+  const geometries = [...given.boxes.map(makeBox), ...given.capsules.map(makeCapsule)];
+  if (given.triangles.length > 0) geometries.push(makeSurface(given.triangles));
+  const group = new Group();
+  geometries.forEach((geometry) => group.add(new Mesh(geometry, material)));
+  const faint = Object.assign(material.clone(), { opacity: FAINT });
+  if (squares.length > 0) group.add(new Mesh(makeSurface(squares), faint));
+  if (given.balls.length > 0) group.add(makeBalls(new SphereGeometry(1, 24, 16), given.balls.flat(), material));
+  if (given.points.length > 0) group.add(makeBalls(new IcosahedronGeometry(1, 0), given.points, material));
+  // After all that is opaque.
+  group.children.forEach((part) => {
+    part.renderOrder = 2;
+  });
+
+  const mark = new Group();
+  const line = new LineBasicMaterial({ depthTest: false, transparent: true });
+  const { narrowest } = given;
+  if (narrowest) {
+    const ends = [narrowest.on_body, narrowest.on_obstacle];
+    const geometry = new BufferGeometry().setFromPoints(ends.map((end) => new Vector3(...end)));
+    mark.add(new Line(geometry, line), ...ends.map((end) => makeBall(end, radius, 0)));
+    // Over what is translucent, too.
+    mark.children.forEach((part) => {
+      part.material.transparent = true;
+      part.renderOrder = 4;
+    });
+  }
+  const paint = (obstacles, colour) => {
+    material.color.set(obstacles);
+    faint.color.set(obstacles);
+    mark.children.forEach((part) => part.material.color.set(colour));
+  };
+  const reach = (from) => {
+    const corners = [...geometries, makeSurface(squares), ...[given.balls.flat(), given.points].map(centres)].flatMap((geometry) => {
+      geometry.computeBoundingSphere();
+      const sphere = geometry.boundingSphere;
+      return sphere && sphere.radius >= 0 ? [sphere.center.distanceTo(from) + sphere.radius] : [];
+    });
+    return corners.reduce((max, corner) => Math.max(max, corner), 0);
+  };
+  return { group, mark, paint, reach, label: narrowest && `narrowest: ${narrowest.label}`, at: narrowest?.on_obstacle };
+}
+
+/** The centres of balls, 4 numbers each. */
+function centres(numbers) {
+  const points = Array.from({ length: numbers.length / 4 }, (_, i) => new Vector3(...numbers.slice(4 * i, 4 * i + 3)));
+  return new BufferGeometry().setFromPoints(points);
+}

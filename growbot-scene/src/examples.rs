@@ -1,0 +1,183 @@
+//! Scenes to try things in, drawn at random from a seed: a rack of pipes, and a heap of rubble.
+//!
+//! Each is drawn round a way that is left free, so that a tube can get through.
+
+use std::f64::consts::TAU;
+
+use growbot_core::random::Random;
+use growbot_core::trigonometry::sin_cos;
+use nalgebra::Vector3;
+
+use crate::file::{FORMAT, SceneFile, WrittenBox, WrittenCapsule, WrittenHalfSpace};
+use crate::shapes::Shape;
+
+/// How far the outside of the tube must keep from everything, mm.
+const MARGIN: f64 = 5.0;
+/// How far from the way that is left free there is nothing, mm: a tube of 44 mm with its margin, and room to bend.
+const ROOM: f64 = 34.0;
+/// How far beyond both ends the way is left free, straight on, mm.
+const BEYOND: f64 = 120.0;
+
+/// A kind of scene.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Example {
+    /// Levels of pipes, along x and along y by turns, between posts: from 0, 0, 0 upwards.
+    PipeRack,
+    /// Slabs and bricks on a floor: from 0, 0, 60 along x.
+    RubbleHeap,
+}
+
+impl Example {
+    /// From where to where there is a way: start as a pose, goal as a position, as the command line has them.
+    #[must_use]
+    pub fn ends(self) -> (&'static str, &'static str) {
+        match self {
+            Self::PipeRack => ("0,0,0,0,90", "0,0,960"),
+            Self::RubbleHeap => ("0,0,60,0,0", "900,0,60"),
+        }
+    }
+
+    /// The way that is left free, at a share of it.
+    fn way(self, share: f64) -> Vector3<f64> {
+        let (_, cosine) = sin_cos(TAU * share);
+        let aside = 0.5 * (1.0 - cosine);
+        match self {
+            Self::PipeRack => Vector3::new(130.0 * aside, -90.0 * aside, 960.0 * share),
+            Self::RubbleHeap => Vector3::new(900.0 * share, 90.0 * aside, 60.0 + 20.0 * aside),
+        }
+    }
+
+    /// Points of that way, and of what is straight on beyond its ends.
+    fn free(self) -> Vec<Vector3<f64>> {
+        let along = match self {
+            Self::PipeRack => Vector3::z(),
+            Self::RubbleHeap => Vector3::x(),
+        };
+        let ends = (0..=30).map(f64::from).flat_map(|step| {
+            let beyond = along * (BEYOND * step / 30.0);
+            [self.way(0.0) - beyond, self.way(1.0) + beyond]
+        });
+        (0..=240).map(|step| self.way(f64::from(step) / 240.0)).chain(ends).collect()
+    }
+
+    /// The scene of a seed: the same on every machine.
+    #[must_use]
+    pub fn scene(self, seed: u64) -> SceneFile {
+        let mut random = Random::new(&[self as u64, seed, 47]);
+        let free = self.free();
+        let is_free = |shape: &Shape| free.iter().all(|point| shape.distance(point) > ROOM);
+        let mut scene = SceneFile { format: FORMAT.to_owned(), margin_mm: MARGIN, ..SceneFile::default() };
+        match self {
+            Self::PipeRack => pipe_rack(&mut random, &mut scene, is_free),
+            Self::RubbleHeap => rubble_heap(&mut random, &mut scene, is_free),
+        }
+        scene
+    }
+}
+
+/// Lengths in whole mm.
+fn whole(point: [f64; 3]) -> [f64; 3] {
+    point.map(f64::round)
+}
+
+fn pipe_rack(random: &mut Random, scene: &mut SceneFile, is_free: impl Fn(&Shape) -> bool) {
+    for (x, y) in [(-350.0, -350.0), (-350.0, 350.0), (350.0, -350.0), (350.0, 350.0)] {
+        scene.boxes.push(WrittenBox { center_mm: [x, y, 450.0], size_mm: [50.0, 50.0, 900.0], rpy_deg: [0.0; 3] });
+    }
+    for level in 0..6 {
+        let height = 150.0 + 130.0 * f64::from(level);
+        let mut aside = -300.0 + random.between(0.0, 60.0);
+        while aside < 310.0 {
+            let (lower, higher) = (height + random.between(-12.0, 12.0), random.between(-12.0, 12.0));
+            let ends = [[-380.0, aside, lower], [380.0, aside + higher, lower]];
+            // Every other level the other way.
+            let ends = if level % 2 == 0 { ends } else { ends.map(|[x, y, z]| [y, x, z]) };
+            let [from_mm, to_mm] = ends.map(whole);
+            let pipe = WrittenCapsule { from_mm, to_mm, radius_mm: random.between(10.0, 26.0).round() };
+            if is_free(&Shape::Capsule { from: from_mm.into(), to: to_mm.into(), radius: pipe.radius_mm }) {
+                scene.capsules.push(pipe);
+            }
+            aside += random.between(70.0, 115.0);
+        }
+    }
+}
+
+fn rubble_heap(random: &mut Random, scene: &mut SceneFile, is_free: impl Fn(&Shape) -> bool) {
+    scene.half_spaces.push(WrittenHalfSpace { point_mm: [0.0; 3], normal: [0.0, 0.0, 1.0] });
+    for _ in 0..130 {
+        // Lower towards its edge.
+        let (x, y) = (random.between(120.0, 780.0), random.between(-300.0, 300.0));
+        let [along, across] = [(x - 450.0) / 400.0, y / 380.0];
+        let slope = 1.0 - (along * along + across * across).min(1.0);
+        let height = random.between(10.0, 20.0 + 260.0 * slope);
+        let size_mm = if random.below(3) == 0 {
+            [random.between(90.0, 200.0), random.between(60.0, 140.0), random.between(15.0, 30.0)]
+        } else {
+            [random.between(40.0, 110.0), random.between(30.0, 60.0), random.between(25.0, 50.0)]
+        };
+        let (center_mm, size_mm) = (whole([x, y, height]), whole(size_mm));
+        let rpy_deg = whole([random.between(-40.0, 40.0), random.between(-40.0, 40.0), random.between(-180.0, 180.0)]);
+        let stone = SceneFile { boxes: vec![WrittenBox { center_mm, size_mm, rpy_deg }], ..SceneFile::default() };
+        if stone.shapes().iter().all(&is_free) {
+            scene.boxes.extend(stone.boxes);
+        }
+    }
+}
+
+/// The text of a scene file of shapes, which begins with these comments.
+#[must_use]
+pub fn text(scene: &SceneFile, comments: &[String]) -> String {
+    let mut text: String = comments.iter().map(|comment| format!("# {comment}\n")).collect();
+    text += &format!("format = {:?}\nmargin_mm = {:?}\n", scene.format, scene.margin_mm);
+    for it in &scene.half_spaces {
+        text += &format!("\n[[halfspace]]\npoint_mm = {:?}\nnormal = {:?}\n", it.point_mm, it.normal);
+    }
+    for it in &scene.boxes {
+        text += &format!(
+            "\n[[box]]\ncenter_mm = {:?}\nsize_mm = {:?}\nrpy_deg = {:?}\n",
+            it.center_mm, it.size_mm, it.rpy_deg
+        );
+    }
+    for it in &scene.capsules {
+        text += &format!(
+            "\n[[capsule]]\nfrom_mm = {:?}\nto_mm = {:?}\nradius_mm = {:?}\n",
+            it.from_mm, it.to_mm, it.radius_mm
+        );
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::file::parse;
+
+    const EXAMPLES: [Example; 2] = [Example::PipeRack, Example::RubbleHeap];
+
+    #[test]
+    fn a_scene_is_that_of_its_seed_and_reads_back() {
+        for example in EXAMPLES {
+            let scene = example.scene(1);
+            assert_eq!(scene, example.scene(1));
+            assert_ne!(scene, example.scene(2));
+            let text = text(&scene, &["What it is".to_owned()]);
+            assert!(text.starts_with("# What it is\nformat"), "{text}");
+            assert_eq!(parse(&text, "scene.toml").unwrap(), scene);
+            assert!(scene.boxes.len() + scene.capsules.len() > 30, "{}", text.len());
+        }
+    }
+
+    #[test]
+    fn the_way_is_left_free() {
+        for example in EXAMPLES {
+            for seed in 0..20 {
+                let shapes = example.scene(seed).shapes();
+                let free = example.free();
+                let nearest = |shape: &Shape| free.iter().map(|at| shape.distance(at)).fold(f64::INFINITY, f64::min);
+                let least = shapes.iter().map(nearest).fold(f64::INFINITY, f64::min);
+                // Not far more than is needed, or nothing would be in the way.
+                assert!((ROOM..ROOM + 40.0).contains(&least), "{example:?}, seed {seed}: {least}");
+            }
+        }
+    }
+}

@@ -1,0 +1,188 @@
+//! What of a scene a view shows: the obstacles near a body, as many as a page or a picture can hold.
+
+use nalgebra::Vector3;
+
+use crate::scene::{Mesh, Scene};
+use crate::shapes::{Shape, Triangle};
+use crate::tree::{Bounds, Item, Tree};
+
+/// Obstacles farther from the body than this share of its size are left out, and than this distance at least, mm.
+const FAR: f64 = 0.5;
+const LEAST_FAR: f64 = 200.0;
+
+/// How many obstacles of each kind are shown at most.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Limits {
+    /// Boxes, balls and capsules.
+    pub shapes: usize,
+    /// Triangles of meshes.
+    pub triangles: usize,
+    /// Points of clouds.
+    pub points: usize,
+}
+
+/// The obstacles that are shown. Lengths in mm.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Shown {
+    /// Boxes, balls and capsules.
+    pub shapes: Vec<Shape>,
+    /// Of the planes of half spaces, the corners of a square beside the body, in order, counter-clockwise seen from the
+    /// free side.
+    pub squares: Vec<[Vector3<f64>; 4]>,
+    /// Triangles of meshes.
+    pub triangles: Vec<Triangle>,
+    /// Points of clouds, each with the radius of its ball.
+    pub points: Vec<(Vector3<f64>, f64)>,
+    /// How many obstacles the scene has: shapes, half spaces, triangles and points.
+    pub of: usize,
+}
+
+impl Shown {
+    /// Those of a scene near a body: `places` are points of its centreline.
+    #[must_use]
+    pub fn near(scene: &Scene, places: &[Vector3<f64>], limits: &Limits) -> Self {
+        let around = Around::new(places);
+        let points = scene.clouds().iter().flat_map(|cloud| cloud.points().iter().map(|at| (*at, cloud.radius())));
+        let triangles = scene.meshes().iter().flat_map(Mesh::triangles).copied();
+        Self {
+            shapes: around.nearest(scene.shapes().iter().copied(), limits.shapes, Item::bounds),
+            squares: scene
+                .half_spaces()
+                .iter()
+                .filter_map(|plane| around.square(&plane.point, &plane.normal))
+                .collect(),
+            triangles: around.nearest(triangles, limits.triangles, Item::bounds),
+            points: around.nearest(points, limits.points, |(at, _)| at.bounds()),
+            of: scene.len(),
+        }
+    }
+
+    /// How many there are.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.shapes.len() + self.squares.len() + self.triangles.len() + self.points.len()
+    }
+
+    /// Whether there are none.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// How many obstacles are shown, in words.
+    #[must_use]
+    pub fn in_words(&self) -> String {
+        if self.len() == self.of {
+            format!("{}, all shown", self.of)
+        } else {
+            format!("{}, the nearest {} shown", self.of, self.len())
+        }
+    }
+}
+
+/// What is around a body.
+struct Around {
+    places: Tree<Vector3<f64>>,
+    centre: Vector3<f64>,
+    /// How far from the centreline obstacles are shown, and how far the body reaches from its middle, mm.
+    far: f64,
+    size: f64,
+}
+
+impl Around {
+    fn new(places: &[Vector3<f64>]) -> Self {
+        let start = [Vector3::zeros()];
+        let bounds = Bounds::of(if places.is_empty() { &start } else { places });
+        let size = (bounds.max - bounds.min).norm();
+        Self {
+            places: Tree::new(places.to_vec()),
+            centre: 0.5 * (bounds.min + bounds.max),
+            far: (FAR * size).max(LEAST_FAR),
+            size: 0.5 * size,
+        }
+    }
+
+    /// The square of how far a box is from the body, by the point of it that is nearest to the body's places: of a long
+    /// box at most what it is.
+    fn square_of(&self, bounds: &Bounds) -> f64 {
+        let beside = |place: &Vector3<f64>| (place.sup(&bounds.min).inf(&bounds.max) - place).norm_squared();
+        // Small boxes are as far as their middles, about; the tree finds those at once.
+        let (middle, half) = (0.5 * (bounds.min + bounds.max), 0.5 * (bounds.max - bounds.min).norm());
+        if half < 0.05 * self.far {
+            let distance = (self.places.nearest(&middle, f64::INFINITY).sqrt() - half).max(0.0);
+            return distance * distance;
+        }
+        self.places.items().iter().map(beside).fold(f64::INFINITY, f64::min)
+    }
+
+    /// Those that are near, the nearest first where there are more than `max`.
+    fn nearest<T: Copy>(&self, all: impl Iterator<Item = T>, max: usize, bounds: impl Fn(&T) -> Bounds) -> Vec<T> {
+        let far = self.far * self.far;
+        let mut near: Vec<(f64, T)> =
+            all.map(|item| (self.square_of(&bounds(&item)), item)).filter(|(square, _)| *square <= far).collect();
+        if near.len() > max {
+            near.select_nth_unstable_by(max, |a, b| a.0.total_cmp(&b.0));
+            near.truncate(max);
+        }
+        near.into_iter().map(|(_, item)| item).collect()
+    }
+
+    /// A square of a plane beside the body; none where that is far.
+    fn square(&self, point: &Vector3<f64>, normal: &Vector3<f64>) -> Option<[Vector3<f64>; 4]> {
+        let away = normal.dot(&(self.centre - point));
+        if away.abs() > self.size + self.far {
+            return None;
+        }
+        let aside = if normal.x.abs() < 0.9 { Vector3::x() } else { Vector3::y() };
+        let right = (aside - normal * normal.dot(&aside)).normalize();
+        let up = normal.cross(&right);
+        let (foot, half) = (self.centre - normal * away, self.size + 0.5 * self.far);
+        let corners = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)];
+        Some(corners.map(|(x, y)| foot + (right * x + up * y) * half))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::Cloud;
+    use crate::shapes::HalfSpace;
+
+    const LIMITS: Limits = Limits { shapes: 10, triangles: 100, points: 100 };
+
+    fn line() -> Vec<Vector3<f64>> {
+        (0..=50).map(|step| Vector3::z() * (10.0 * f64::from(step))).collect()
+    }
+
+    #[test]
+    fn what_is_near_is_shown_and_what_is_far_is_not() {
+        let ball = |x| Shape::Ball { centre: Vector3::new(x, 0.0, 250.0), radius: 20.0 };
+        let pillar =
+            Shape::Capsule { from: Vector3::new(50.0, 0.0, -9000.0), to: Vector3::new(50.0, 0.0, 9000.0), radius: 5.0 };
+        let floor = HalfSpace { point: Vector3::new(700.0, 0.0, -40.0), normal: Vector3::z() };
+        let sky = HalfSpace { point: Vector3::new(0.0, 0.0, 9000.0), normal: -Vector3::z() };
+        let scene = Scene::new(vec![ball(100.0), ball(5000.0), pillar], vec![floor, sky], vec![], vec![]);
+        let shown = Shown::near(&scene, &line(), &LIMITS);
+        assert!(shown.shapes.contains(&ball(100.0)) && shown.shapes.contains(&pillar) && shown.shapes.len() == 2);
+        let [corners] = &shown.squares[..] else { panic!("{shown:?}") };
+        assert!(corners.iter().all(|corner| (corner.z + 40.0).abs() < 1e-9), "{corners:?}");
+        // Around the body, and turned towards it.
+        assert!((corners.iter().sum::<Vector3<f64>>() / 4.0).xy().norm() < 1e-9);
+        assert!((corners[1] - corners[0]).cross(&(corners[2] - corners[1])).z > 0.0);
+        assert_eq!((shown.len(), shown.in_words().as_str()), (3, "5, the nearest 3 shown"));
+    }
+
+    #[test]
+    fn of_many_the_nearest_are_shown() {
+        let points: Vec<Vector3<f64>> = (0..100_000).map(|i| Vector3::new(0.002 * f64::from(i), 0.0, 250.0)).collect();
+        let triangles = points.iter().map(|at| Triangle([*at, at + Vector3::x(), at + Vector3::y()])).collect();
+        let scene = Scene::new(vec![], vec![], vec![Cloud::new(points, 1.0)], vec![Mesh::new(triangles, false)]);
+        let shown = Shown::near(&scene, &line(), &LIMITS);
+        assert_eq!((shown.triangles.len(), shown.points.len(), shown.of), (100, 100, 200_000));
+        assert!(shown.points.iter().all(|(at, radius)| at.x < 0.21 && *radius == 1.0), "{:?}", shown.points);
+        assert!(shown.triangles.iter().all(|Triangle([at, ..])| at.x < 1.5), "{:?}", shown.triangles);
+        // Nothing grown is no reason to fail.
+        assert!(Shown::near(&scene, &[], &LIMITS).points.len() <= 100);
+        assert!(Shown::near(&Scene::default(), &line(), &LIMITS).is_empty());
+    }
+}
