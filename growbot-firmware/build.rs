@@ -4,20 +4,35 @@
 use std::path::{Path, PathBuf};
 use std::{env, fs, process};
 
-use growbot_core::robot::Robot;
+use growbot_core::robot::{BoardKind, Robot};
 
 /// A board that firmware can be built for. Its feature and its memory map have its name.
 struct Board {
     name: &'static str,
     target: &'static str,
     command: &'static str,
+    /// The kinds of board that it is, as robot files name them; none for any.
+    kinds: &'static [BoardKind],
 }
 
 const BOARDS: [Board; 3] = [
-    Board { name: "an386", target: "thumbv7em-none-eabihf", command: "build-an386" },
-    Board { name: "pico", target: "thumbv6m-none-eabi", command: "build-pico" },
-    Board { name: "stm32f405", target: "thumbv7em-none-eabihf", command: "build-robot" },
+    Board { name: "an386", target: "thumbv7em-none-eabihf", command: "build-an386", kinds: &[] },
+    Board {
+        name: "pico",
+        target: "thumbv6m-none-eabi",
+        command: "build-pico",
+        kinds: &[BoardKind::Pico, BoardKind::SkrPico],
+    },
+    Board {
+        name: "stm32f405",
+        target: "thumbv7em-none-eabihf",
+        command: "build-robot",
+        kinds: &[BoardKind::Stm32f405],
+    },
 ];
+
+/// The robot that firmware is for unless something else is asked for.
+const DEFAULT_ROBOT: &str = "growbot-a";
 
 fn main() {
     println!("cargo:rerun-if-changed=build.rs");
@@ -25,7 +40,7 @@ fn main() {
     println!("cargo:rerun-if-env-changed=GROWBOT_ROBOT");
 
     let mut chosen = BOARDS.iter().filter(|board| feature(&board.name.to_uppercase()));
-    let Some(&Board { name: board, target: wanted, command }) = chosen.next() else { return };
+    let Some(&Board { name: board, target: wanted, command, kinds }) = chosen.next() else { return };
     if let Some(other) = chosen.next() {
         stop(&format!(
             "the features `{board}` and `{}` exclude each other: build one board a call, with `cargo {command}` or \
@@ -47,7 +62,7 @@ fn main() {
         stop(&format!("cannot copy {}: {error}", map.display()));
     }
 
-    let machine = describe(&here);
+    let machine = describe(&here, kinds);
     if let Err(error) = fs::write(out.join("machine.rs"), machine) {
         stop(&format!("cannot write machine.rs: {error}"));
     }
@@ -68,8 +83,10 @@ fn main() {
 }
 
 /// The robot that the firmware is for.
-fn describe(here: &Path) -> String {
-    let name = env::var("GROWBOT_ROBOT").unwrap_or_else(|_| "growbot-a".to_string());
+fn describe(here: &Path, kinds: &[BoardKind]) -> String {
+    let name = env::var("GROWBOT_ROBOT").unwrap_or_else(|_| DEFAULT_ROBOT.to_string());
+    let is_built_in = name != "none";
+    let name = if is_built_in { name } else { DEFAULT_ROBOT.to_string() };
     // Cargo runs this in the package's folder; a path is meant from where cargo was called, which is the workspace.
     let workspace = here.join("..");
     let file = if name.ends_with(".toml") {
@@ -85,19 +102,28 @@ fn describe(here: &Path) -> String {
         toml::from_str(&text).unwrap_or_else(|error| stop(&format!("{} is no robot file: {error}", file.display())));
     let robot = Robot::new(description).unwrap_or_else(|error| stop(&format!("{}: {error}", file.display())));
     robot.check_for_board().unwrap_or_else(|error| stop(&format!("{}: {error}", file.display())));
-    as_source(&robot)
+    if let Some(kind) = robot.description().board.map(|board| board.kind)
+        && !kinds.is_empty()
+        && !kinds.contains(&kind)
+    {
+        stop(&format!("{}: its board.kind is {kind}: build the firmware of that board", file.display()));
+    }
+    as_source(&robot, is_built_in)
 }
 
 /// A robot as Rust source: so that a board need neither decode nor check it again.
-fn as_source(robot: &Robot) -> String {
+fn as_source(robot: &Robot, is_built_in: bool) -> String {
     let description = format!("{:?}", robot.description());
     // What derived `Debug` prints is an expression, but for the name and for variants without their enum.
     let name = format!("name: {:?}", robot.name());
     let description = description
         .replace(&name, &format!("name: String::try_from({:?}).unwrap_or_default()", robot.name()))
         .replace("strategy: ", "strategy: FeedStrategy::")
-        .replace("turning: ", "turning: Turning::");
-    format!("Robot::checked_before({description}, {})\n", robot.hash())
+        .replace("turning: ", "turning: Turning::")
+        .replace("kind: ", "kind: BoardKind::")
+        .replace("mode: ", "mode: DriverMode::");
+    let robot = format!("Robot::checked_before({description}, {})", robot.hash());
+    format!("Machine {{ robot: {robot}, configured: {is_built_in} }}\n")
 }
 
 fn feature(name: &str) -> bool {

@@ -126,7 +126,10 @@ fn behind_noise_and_half_a_frame_the_stop_switches_everything_off() {
             client.port().send(&EMERGENCY_STOP).unwrap();
             assert!(says_that_it_has_stopped(client.port()), "the board does not say that it has stopped");
         } else {
-            client.emergency_stop().unwrap();
+            assert!(
+                client.emergency_stop_within(PATIENCE, &mut 0).unwrap(),
+                "the board does not say that it has stopped"
+            );
         }
         let after = began.elapsed();
         for output in outputs {

@@ -6,9 +6,10 @@ use std::path::Path;
 use growbot_client::client::Client;
 use growbot_client::port::stream::Stream;
 use growbot_client::robot_file;
+use growbot_core::robot::{BoardKind, Signal};
 use growbot_tests::firmware;
 use growbot_tests::netduinoplus2::{self, RegisterWrite, Setup};
-use growbot_tests::wiring::{Row, WIRING, rows};
+use growbot_tests::wiring::{Row, WIRING, pin_of, rows, rp2040_rows};
 
 const PINS: &str = include_str!("../growbot-firmware/boards/stm32f405/pins.rs");
 
@@ -171,12 +172,47 @@ fn no_pin_has_two_roles_and_none_is_jtags() {
 
 #[test]
 fn every_field_of_a_robot_file_that_is_named_exists() {
-    let robot = include_str!("../robots/growbot-a.toml");
+    let fields =
+        [include_str!("../growbot-core/src/robot/description.rs"), include_str!("../growbot-core/src/robot/board.rs")]
+            .concat();
     let names =
         WIRING.split('`').skip(1).step_by(2).filter(|name| name.contains('.') && !name.contains(['/', ' ', '-']));
     for name in names {
-        for part in name.split('.') {
-            assert!(robot.contains(part), "{name} is in no robot file");
+        for part in name.trim_matches(['[', ']']).split('.') {
+            assert!(fields.contains(&format!("pub {part}: ")), "{name} is in no robot file");
         }
+    }
+}
+
+#[test]
+fn the_tables_of_pins_are_those_of_the_boards() {
+    let rows = rp2040_rows();
+    assert_eq!(rows.len(), Signal::ALL.len() + 2, "every signal, and the link");
+    for signal in Signal::ALL {
+        let [name, _, pico, skr_pico] =
+            rows.iter().find(|row| row[1] == signal.name()).unwrap_or_else(|| panic!("WIRING.md has no {signal}"));
+        assert_eq!(BoardKind::Pico.pin(signal).map(|pin| pin.to_string()).as_ref(), Some(pico), "{signal}");
+        let place = BoardKind::SkrPico.pin(signal).zip(BoardKind::SkrPico.terminal(signal));
+        let place = place.map_or("none".to_owned(), |(pin, terminal)| format!("{pin}, {terminal}"));
+        assert_eq!(&place, skr_pico, "{signal}");
+        assert_eq!(BoardKind::Stm32f405.terminal(signal), Some(pin_of(name).as_str()), "{signal}");
+    }
+}
+
+#[test]
+fn the_diagram_of_the_skr_pico_has_its_pins() {
+    let diagram = include_str!("../book/src/pictures/wiring-skr-pico.svg");
+    for signal in Signal::ALL {
+        let Some((pin, terminal)) = BoardKind::SkrPico.pin(signal).zip(BoardKind::SkrPico.terminal(signal)) else {
+            continue;
+        };
+        // As ">GPIO 4<", or in a list of numbers.
+        let is_there = |text: &str| {
+            let text = text.trim_start_matches("GPIO ");
+            text.split(", ").any(|number| number == pin.to_string())
+        };
+        let mut texts = diagram.split(['<', '>']);
+        assert!(texts.any(is_there), "{signal} is at pin {pin}");
+        assert!(diagram.contains(terminal), "{signal} is at {terminal}");
     }
 }

@@ -1,15 +1,15 @@
-//! Any bytes as a robot's description: what is taken is a robot that can be asked anything.
+//! Any bytes as a robot's description for a board: what is taken is a robot that can be asked anything.
 
 #![no_main]
 
-use growbot_core::robot::{LONGEST_ENCODED, Robot};
+use growbot_core::robot::{LONGEST_VERSIONED, Robot};
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|bytes: &[u8]| {
-    let Ok(robot) = Robot::decode(bytes) else { return };
+    let Ok(robot) = Robot::decode_for_board(bytes) else { return };
     assert!(robot.min_radius() > 0.0);
     assert!(robot.feed_steps_per_length() > 0.0);
-    let mut buffer = [0; LONGEST_ENCODED];
-    let encoded = robot.encode(&mut buffer).expect("what was read can be written");
-    assert_eq!(Robot::decode(encoded).expect("and read again").hash(), robot.hash());
+    let mut buffer = [0; LONGEST_VERSIONED];
+    let encoded = robot.encode_for_board(&mut buffer).expect("what was read can be written");
+    assert_eq!(Robot::decode_for_board(encoded).expect("and read again").hash(), robot.hash());
 });

@@ -136,6 +136,7 @@ pub fn request_name(task: Task) -> &'static str {
         Task::CoolDown => "to cool down",
         Task::Home | Task::Rotate { .. } => "to turn the head",
         Task::Feed { .. } => crate::client::FEEDING,
+        Task::DryRun => "to move without heat",
     }
 }
 
@@ -148,6 +149,7 @@ pub fn in_words(task: Task) -> String {
             f64::from(target_centi_c) / 100.0
         ),
         Task::CoolDown => "heater and steppers are off".to_owned(),
+        Task::DryRun => "moves head and feed with the heater off".to_owned(),
         Task::Home => "turns the head to its index mark".to_owned(),
         Task::Rotate { centi_deg } => format!("turns the head by {} degrees", f64::from(centi_deg) / 100.0),
         Task::Feed { um } => {

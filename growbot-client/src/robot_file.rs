@@ -223,7 +223,8 @@ mod tests {
         let directory = concat!(env!("CARGO_MANIFEST_DIR"), "/../robots");
         let mut files: Vec<String> = std::fs::read_dir(directory)
             .unwrap()
-            .map(|entry| entry.unwrap().file_name().into_string().unwrap().replace(".toml", ""))
+            .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+            .filter_map(|name| name.strip_suffix(".toml").map(str::to_owned))
             .collect();
         files.sort();
         assert_eq!(names().collect::<Vec<_>>(), files);

@@ -22,10 +22,10 @@ use growbot_core::layer_bytes::{self, Encoder, LayerBytes};
 use growbot_core::link::emergency_stop::EMERGENCY_STOP;
 use growbot_core::link::frame::{self, Frame, Header, LONGEST_BODY, LONGEST_FRAME, Receiver, VERSION};
 use growbot_core::link::message::{
-    Accepted, Amend, Begin, BoardHello, BootReport, Cancel, Empty, HostHello, HostName, InterruptedLayer, Laid,
-    LatestFault, Layers, MAX_LAYERS, Maintain, Measured, Message, PauseCause, PlanRequest, Planned, ReadLayers,
-    Refusal, Refused, ResetCause, Resume, SCHEMA_HASH, SensorReadings, Silence, Start, State, StateChanged, Status,
-    StoredLayers, Tune, Tuned,
+    Accepted, Amend, Begin, BoardHello, BootReport, Cancel, Configure, Configured, Empty, HostHello, HostName,
+    InterruptedLayer, Laid, LatestFault, Layers, MAX_LAYERS, Maintain, Measured, Message, PauseCause, PlanRequest,
+    Planned, ReadLayers, Refusal, Refused, ResetCause, Resume, SCHEMA_HASH, SensorReadings, Silence, Start, State,
+    StateChanged, Status, StoredLayers, Tune, Tuned,
 };
 use growbot_core::path::Segment;
 use growbot_core::plan::{Planner, plan};
@@ -488,6 +488,7 @@ fn the_types_written_out_are_the_codes() {
         Empty::SCHEMA,
         Empty::SCHEMA,
         Maintain::SCHEMA,
+        Configure::SCHEMA,
         BoardHello::SCHEMA,
         Status::SCHEMA,
         Accepted::SCHEMA,
@@ -497,6 +498,7 @@ fn the_types_written_out_are_the_codes() {
         LatestFault::SCHEMA,
         SensorReadings::SCHEMA,
         BootReport::SCHEMA,
+        Configured::SCHEMA,
         Laid::SCHEMA,
         StateChanged::SCHEMA,
         Tuned::SCHEMA,

@@ -29,6 +29,11 @@ impl<const N: usize> ByteQueue<N> {
         self.added.load(Ordering::Relaxed).wrapping_sub(self.removed.load(Ordering::Acquire)) < N
     }
 
+    /// Whether there is no byte to remove.
+    pub fn is_empty(&self) -> bool {
+        self.added.load(Ordering::Acquire) == self.removed.load(Ordering::Relaxed)
+    }
+
     /// Adds a byte.
     ///
     /// # Errors

@@ -5,6 +5,7 @@
 //! head, since the nozzle may stick in cold plastic. A reset never heats or moves by itself.
 //!
 //! - `requests`: the requests of the host;
+//! - `configuring`: another robot description;
 //! - `job`: the plan under way, its layers, and their records in the journal;
 //! - `supervising`: temperature, sensors and watchdog, ten times a second, and the reaction to a fault;
 //! - `maintaining`: heat and moves without a job;
@@ -12,6 +13,7 @@
 //!
 //! The controller never waits: [`Controller::poll`] is called at least every 20 ms with a clock in us, and returns.
 
+mod configuring;
 mod growing;
 mod job;
 mod maintaining;
@@ -28,7 +30,7 @@ use growbot_core::link::message::{
 };
 use growbot_core::robot::Robot;
 
-use crate::hal::{Adc, Board, Parts};
+use crate::hal::{Adc, Board, Drivers, Parts};
 use crate::heater::{self, Heater, Sampler};
 use crate::layer_store::LayerStore;
 use crate::link::{self, Link};
@@ -51,6 +53,8 @@ pub struct Identity {
     pub crash: Option<CrashWords>,
     /// The crystal did not start: the board runs on an oscillator that is too inexact to heat by.
     pub without_crystal: bool,
+    /// There is a description of the board's robot. Without one the board only communicates.
+    pub configured: bool,
 }
 
 impl Identity {
@@ -79,6 +83,7 @@ pub struct Controller<B: Board> {
     fault: Option<Fault>,
     retained: Retained,
     copies: Copies,
+    configuring: configuring::Configuring,
     job: job::Job,
     motion: growing::Motion,
     heater: Heater,
@@ -103,7 +108,8 @@ pub struct Controller<B: Board> {
 }
 
 impl<B: Board> Controller<B> {
-    /// A controller with everything off, in its self-test or with the fault of the boot before.
+    /// A controller with everything off, in its self-test or with the fault of the boot before. A board that is not
+    /// configured stays so, whatever robot it is given.
     pub fn new(robot: Robot, identity: Identity, mut parts: Parts<B>, handover: &Handover) -> Self {
         let (copies, retained) = Copies::find(&mut parts.retained);
         let unknown = retained.err();
@@ -116,6 +122,7 @@ impl<B: Board> Controller<B> {
             fault: None,
             retained: retained.unwrap_or_default(),
             copies,
+            configuring: configuring::Configuring::default(),
             job: job::Job::default(),
             motion: growing::Motion::default(),
             heater: Heater::default(),
@@ -134,7 +141,9 @@ impl<B: Board> Controller<B> {
             now: 0,
         };
         controller.switch_off(handover);
-        controller.restore_job();
+        if identity.configured {
+            controller.restore_job();
+        }
         controller.restore_fault(unknown);
         controller
     }
@@ -185,6 +194,7 @@ impl<B: Board> Controller<B> {
             self.supply.add(raw);
         }
         self.proof.sampler = true;
+        self.parts.drivers.poll(now, may_heat(self.state));
         self.obey_emergency_stop(handover);
         if self.heater.is_blind(now) {
             self.fail(Fault::ThermistorSilent, handover);

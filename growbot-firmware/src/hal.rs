@@ -8,7 +8,10 @@ use core::ops::DerefMut;
 use embedded_hal::digital::{InputPin, OutputPin};
 use embedded_hal::pwm::SetDutyCycle;
 use embedded_storage::nor_flash::MultiwriteNorFlash;
+use growbot_core::link::message::DriverTrouble;
+use growbot_core::robot::BoardKind;
 
+use crate::descriptions::Descriptions;
 use crate::journal::Journal;
 use crate::layer_store::LayerStore;
 use crate::safety::retained::{COPY_BYTES, RETAINED_BYTES};
@@ -48,6 +51,49 @@ impl DebugPort for NoDebugPort {
     }
 }
 
+/// The stepper drivers, as far as a serial line reaches them.
+pub trait Drivers {
+    /// Does what is due at a time, us since the board started. Never waits. The motors are `in_use` while they are
+    /// energised or may soon be.
+    fn poll(&mut self, now: u64, in_use: bool);
+    /// Whether each of them is configured. Until then no motor may be energised.
+    fn are_configured(&self) -> bool;
+    /// What is wrong with one of them.
+    fn trouble(&self) -> Option<DriverTrouble>;
+}
+
+/// Drivers without a serial line: current and microsteps are set on them.
+pub struct NoDrivers;
+
+impl Drivers for NoDrivers {
+    fn poll(&mut self, _now: u64, _in_use: bool) {}
+
+    fn are_configured(&self) -> bool {
+        true
+    }
+
+    fn trouble(&self) -> Option<DriverTrouble> {
+        None
+    }
+}
+
+/// A board that has the line, for a robot that need not use it.
+impl<D: Drivers> Drivers for Option<D> {
+    fn poll(&mut self, now: u64, in_use: bool) {
+        if let Some(drivers) = self {
+            drivers.poll(now, in_use);
+        }
+    }
+
+    fn are_configured(&self) -> bool {
+        self.as_ref().is_none_or(Drivers::are_configured)
+    }
+
+    fn trouble(&self) -> Option<DriverTrouble> {
+        self.as_ref()?.trouble()
+    }
+}
+
 /// All outputs of the tip at once, for an interrupt that must not wait for their owners in the main loop.
 pub trait Outputs {
     /// Heater, fan and both drivers off, now, from any context. It cannot fail and never waits.
@@ -66,6 +112,8 @@ pub trait RetainedMemory {
 /// The parts of a board that the controller drives. Steppers, index sensor, filament encoder and emergency stop belong
 /// to the [`crate::stepping::Engine`].
 pub trait Board {
+    /// The kinds of board that it can be, as robot files name them; none for one that takes any robot.
+    const KINDS: &'static [BoardKind] = &[];
     /// Power of the heater.
     type HeaterPower: SetDutyCycle;
     /// The second switch in series with it: high lets it heat.
@@ -80,6 +128,8 @@ pub trait Board {
     type FilamentPresence: InputPin;
     /// High while a stepper driver reports a fault.
     type DriverFault: InputPin;
+    /// The stepper drivers' serial line.
+    type Drivers: Drivers;
     /// The tip's orientation.
     type Orientation: Orientation;
     /// The watchdog.
@@ -88,8 +138,8 @@ pub trait Board {
     type DebugPort: DebugPort;
     /// The memory that survives a reset.
     type Retained: RetainedMemory;
-    /// The flash of the journal: two sectors or more, whose programmed words can be programmed again: to the same,
-    /// and to zero.
+    /// The flash of the journal, and that of the robot's description: each has two sectors or more, whose programmed
+    /// words can be programmed again: to the same, and to zero.
     type Flash: MultiwriteNorFlash;
     /// The store of layers: some 48 KiB, so a reference or a box.
     type Store: DerefMut<Target = LayerStore>;
@@ -111,6 +161,8 @@ pub struct Parts<B: Board> {
     pub filament_presence: B::FilamentPresence,
     /// Whether a driver is well.
     pub driver_fault: B::DriverFault,
+    /// The drivers themselves, over their serial line.
+    pub drivers: B::Drivers,
     /// The tip's orientation.
     pub orientation: B::Orientation,
     /// The watchdog.
@@ -121,6 +173,8 @@ pub struct Parts<B: Board> {
     pub retained: B::Retained,
     /// The journal, opened.
     pub journal: Journal<B::Flash>,
+    /// The robot's description, opened.
+    pub descriptions: Descriptions<B::Flash>,
     /// The store of layers.
     pub store: B::Store,
 }

@@ -22,12 +22,14 @@ extern crate std;
 
 pub mod byte_queue;
 pub mod controller;
+pub mod descriptions;
 pub mod emulated_tip;
 pub mod hal;
 pub mod heater;
 pub mod image_seal;
 pub mod journal;
 pub mod layer_store;
+pub mod lines;
 pub mod link;
 #[cfg(any(feature = "an386", feature = "pico", feature = "stm32f405"))]
 pub mod machine;
@@ -40,3 +42,5 @@ pub mod supplied;
 #[cfg(test)]
 mod testing;
 pub mod thermistor;
+pub mod tmc2209;
+pub mod usb_serial;

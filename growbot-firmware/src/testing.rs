@@ -49,6 +49,12 @@ pub fn fast_robot() -> Robot {
     Robot::new(description).expect("robots/growbot-a2.toml is valid with any nozzle")
 }
 
+/// A robot whose description names its board, and has settings for its stepper drivers.
+pub fn on_skr_pico() -> Robot {
+    let text = include_str!("../../robots/examples/skr-pico.toml");
+    Robot::new(toml::from_str(text).expect("the example is readable")).expect("the example is valid")
+}
+
 /// Pins whose levels a test can see, set and break.
 #[derive(Clone, Default)]
 pub struct FakePins(Rc<RefCell<Levels>>);

@@ -72,6 +72,24 @@ fn robots_lists_all_with_their_figures_and_sources() {
 }
 
 #[test]
+fn robots_says_where_the_signals_are_on_the_board_that_is_named() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("mine.toml");
+    let text = include_str!("../../robots/examples/skr-pico.toml");
+    fs::write(&file, text.replace("[geometry]", "[board.pins]\nfan = 18\n\n[geometry]")).unwrap();
+    let ran = growbot(&["robots", file.to_str().unwrap()]);
+    assert_eq!(ran.code, Some(0), "{}", ran.err);
+    for part in [
+        "\nskr-pico, signal by signal:\n  head_step         pin 11, XM\n",
+        "\n  heater            pin 23, HE\n  heater_enable     pin 21, HB\n  fan               pin 18\n",
+    ] {
+        assert!(ran.out.contains(part), "no {part:?} in {}", ran.out);
+    }
+    assert!(!ran.out.contains("  driver_fault  "), "the robot has none: {}", ran.out);
+    assert!(!growbot(&["robots", "growbot-a"]).out.contains("signal by signal"), "it names no board");
+}
+
+#[test]
 fn robots_explains_one_in_words() {
     let words = growbot(&["robots", "growbot-b"]).out;
     assert!(words.lines().all(|line| line.chars().count() <= 80), "{words}");

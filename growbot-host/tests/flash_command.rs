@@ -3,9 +3,11 @@
 
 mod running;
 
-use std::fs::{self, Permissions};
-use std::os::unix::fs::PermissionsExt;
+use std::fs::{self, File, Permissions};
+use std::io::Read;
+use std::os::unix::fs::{PermissionsExt, symlink};
 use std::path::PathBuf;
+use std::thread;
 
 use running::{PROGRAM, command};
 use tempfile::TempDir;
@@ -232,4 +234,83 @@ fn a_robot_is_not_chosen_for_an_image() {
     assert!(ran.err.contains("cannot be used with"), "{}", ran.err);
     fs::write(bench.path("tree/robot"), include_str!("../../robots/growbot-b.toml")).unwrap();
     assert_refused(&bench.flash("tree", &["--robot", "robot"]), &["must end in .toml"]);
+}
+
+/// An ELF file that has these bytes at the beginning of an RP2040's flash.
+fn image_of_a_pico(bytes: &[u8]) -> Vec<u8> {
+    let mut file = b"\x7fELF\x01\x01\x01\0\0\0\0\0\0\0\0\0\x02\0\x28\0".to_vec();
+    let length = bytes.len() as u32;
+    for word in [1, 0, 52, 0, 0, 52 | 32 << 16, 1, 0, 1, 84, 0x1000_0000, 0x1000_0000, length, length, 5, 4] {
+        file.extend(u32::to_le_bytes(word));
+    }
+    file.extend(bytes);
+    file
+}
+
+#[test]
+fn a_pico_gets_a_file_or_a_drive() {
+    let bench = Bench::new();
+    let (image, file, drive) = (bench.text("pico.elf"), bench.text("pico.uf2"), bench.text("elsewhere"));
+    fs::write(&image, image_of_a_pico(&[0x5a; 300])).unwrap();
+    let with = |more: &[&str]| bench.flash("elsewhere", &[&["--board", "pico", "--firmware", &image], more].concat());
+
+    let ran = with(&["--uf2", &file]);
+    assert_eq!((ran.code, ran.out.as_str()), (Some(0), ""), "{}", ran.err);
+    assert!(ran.err.contains("hold BOOTSEL") && ran.err.contains("RPI-RP2"), "{}", ran.err);
+    let written = fs::read(&file).unwrap();
+    assert_eq!((written.len(), &written[..4]), (1024, &b"UF2\n"[..]));
+
+    assert_refused(&with(&["--drive", &drive]), &["there is no drive RPI-RP2", "INFO_UF2.TXT", "--uf2 FILE"]);
+    fs::write(bench.path("elsewhere/INFO_UF2.TXT"), "UF2 Bootloader v3.0\n").unwrap();
+    let ran = with(&["--drive", &drive]);
+    assert_eq!(ran.code, Some(0), "{}", ran.err);
+    assert_eq!(fs::read(bench.path("elsewhere/growbot.uf2")).unwrap(), written);
+    assert_eq!(bench.calls(), "", "no tool is needed");
+
+    fs::write(&image, "no image").unwrap();
+    assert_refused(&with(&["--uf2", &file]), &["pico.elf", "no 32-bit ELF", "cargo build-pico"]);
+    assert_eq!(fs::read(&file).unwrap(), written, "what was written before stays");
+    assert_refused(&bench.flash("elsewhere", &["--firmware", &image, "--uf2", &file]), &["say --board pico"]);
+}
+
+#[test]
+fn a_drive_that_fails_is_told_from_one_that_goes() {
+    let bench = Bench::new();
+    let (image, drive) = (bench.text("pico.elf"), bench.text("elsewhere"));
+    fs::write(&image, image_of_a_pico(&[0x5a; 300])).unwrap();
+    let flash = || bench.flash("elsewhere", &["--board", "pico", "--firmware", &image, "--drive", &drive]);
+    let (mark, file) = (bench.path("elsewhere/INFO_UF2.TXT"), bench.path("elsewhere/growbot.uf2"));
+    fs::write(&mark, "").unwrap();
+
+    // It takes everything, and cannot say that it has it.
+    symlink("/dev/null", &file).unwrap();
+    assert_refused(&flash(), &["cannot write", "growbot.uf2", "make it a drive again"]);
+
+    // Nor can this one, which goes when it has everything.
+    fs::remove_file(&file).unwrap();
+    assert!(command("mkfifo").arg(&file).status().unwrap().success());
+    let board = thread::spawn(move || {
+        let mut blocks = [0; 1024];
+        File::open(&file).unwrap().read_exact(&mut blocks).unwrap();
+        fs::remove_file(&mark).unwrap();
+    });
+    let ran = flash();
+    board.join().unwrap();
+    assert_eq!(ran.code, Some(0), "{}", ran.err);
+}
+
+#[test]
+fn a_picos_image_is_built_in_the_source_tree() {
+    let bench = Bench::new();
+    let ran = bench.flash("tree", &["--board", "pico", "--robot", "growbot-b", "--dry-run"]);
+    assert!(ran.out.contains("GROWBOT_ROBOT=growbot-b cargo build-pico\n"), "{}", ran.out);
+    assert!(ran.out.contains("target/thumbv6m-none-eabi/firmware/pico\n"), "{}", ran.out);
+    // What does not say where an SKR Pico has a robot's signals is not built in.
+    let ran = bench.flash("tree", &["--board", "skr-pico", "--robot", "growbot-b", "--dry-run"]);
+    assert!(ran.out.contains("GROWBOT_ROBOT=none cargo build-pico\n"), "{}", ran.out);
+    let robot = fs::read_to_string("../robots/growbot-a.toml").unwrap() + "[board]\nkind = \"pico\"\n";
+    fs::write(bench.text("tree/own.toml"), robot).unwrap();
+    let ran = bench.flash("tree", &["--board", "skr-pico", "--robot", "own.toml", "--dry-run"]);
+    assert_refused(&ran, &["board.kind is pico", "--board is skr-pico"]);
+    assert!(!ran.out.contains("probe-rs"), "{}", ran.out);
 }

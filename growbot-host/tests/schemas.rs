@@ -59,9 +59,9 @@ fn fits(keyword: &str, said: &Value, value: &Value, schema: &Value, at: &str) ->
             value.as_object().is_none_or(|object| all(said, &|key| object.contains_key(key.as_str().unwrap())))
         }
         "additionalProperties" => {
-            assert_eq!(said, false, "{at}");
-            let known = schema["properties"].as_object().unwrap();
-            value.as_object().is_none_or(|object| object.keys().all(|key| known.contains_key(key)))
+            let is_known = |key: &str| schema["properties"].get(key).is_some();
+            let others = value.as_object().into_iter().flatten().filter(|(key, _)| !is_known(key));
+            others.into_iter().all(|(_, other)| said.is_object() && faults(said, other, at).is_empty())
         }
         other => panic!("{other} at {at}"),
     }
@@ -118,6 +118,30 @@ fn plans_are_valid_by_their_schema_and_slips_are_not() {
         assert_slip(&schema, &plan, |plan| plan["layer_count"] = json!(1));
         assert_slip(&schema, &plan, |plan| plan["segments"][0]["kind"] = json!("spiral"));
     }
+}
+
+#[test]
+fn settings_and_notices_are_valid_by_their_schemas_and_slips_are_not() {
+    let settings = schema("settings");
+    let text = "port = \"sim\"\n[robots.lab]\nport = \"sim:lab\"\npace = 60.0\n[serve]\nport = 9000\n\
+                [serve.notify]\nwebhook = \"https://hooks.example/\"\ncommand = [\"./tell.sh\"]\nevents = [\"finish\"]\n";
+    let written: Value = serde_json::to_value(toml::from_str::<toml::Table>(text).unwrap()).unwrap();
+    assert_eq!(faults(&settings, &written, ""), [""; 0]);
+    assert_slip(&settings, &written, |written| written["serve"]["notify"]["events"][0] = json!("dance"));
+    assert_slip(&settings, &written, |written| written["serve"]["notify"]["webhok"] = json!("https://hooks.example/"));
+    assert_slip(&settings, &written, |written| written["serve"]["port"] = json!(70_000));
+    assert_slip(&settings, &written, |written| written["robots"]["lab"]["baud"] = json!(9600));
+    assert_slip(&settings, &written, |written| written["robots"]["other"] = json!({ "pace": 1.0 }));
+    let notices = schema("notice");
+    // As book/src/serve.md has it.
+    let notice = json!({
+        "version": 1, "event": "filament-runout", "time_utc": "2026-11-23T01:45:00.123Z", "robot": "lab",
+        "simulated": false, "job": "20261122T214500123_lab", "laid": 212, "layers": 780, "fault": null, "message": "it"
+    });
+    assert_eq!(faults(&notices, &notice, ""), [""; 0]);
+    assert_slip(&notices, &notice, |notice| notice["event"] = json!("dance"));
+    assert_slip(&notices, &notice, |notice| drop(notice.as_object_mut().unwrap().remove("fault")));
+    assert_slip(&notices, &notice, |notice| notice["laid"] = json!(-1));
 }
 
 #[test]

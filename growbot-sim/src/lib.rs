@@ -18,3 +18,4 @@ pub mod resident;
 pub mod simulation;
 pub mod tip;
 pub mod truth;
+pub mod uf2;

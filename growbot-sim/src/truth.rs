@@ -9,6 +9,7 @@ use growbot_client::growth::{Grown, GrowthError, Job, JobEvent, MeasuredBy, Outc
 use growbot_client::port::PortError;
 use growbot_core::layer::{Layer, grow};
 
+use crate::tip::hand::Hand;
 use crate::tip::pins::SharedTip;
 
 /// What can be asked of a simulated tip while a port talks to its board.
@@ -18,6 +19,11 @@ pub trait Simulation {
     /// # Errors
     /// If the tip can no longer be read.
     fn laid(&mut self) -> Result<Laid, PortError>;
+
+    /// Does what a person would do to it by hand. False where nobody can.
+    fn by_hand(&mut self, _hand: Hand) -> bool {
+        false
+    }
 
     /// The layers of its body which no longer change, from this index on.
     fn settled(&mut self, from: usize) -> Vec<Layer>;
@@ -40,6 +46,11 @@ impl Simulation for SharedTip {
 
     fn settled(&mut self, from: usize) -> Vec<Layer> {
         self.borrow_mut().settled(from).to_vec()
+    }
+
+    fn by_hand(&mut self, hand: Hand) -> bool {
+        self.borrow_mut().by_hand(hand);
+        true
     }
 }
 

@@ -1,14 +1,48 @@
-// A Pico in rp2040js: the ELF image as the linker made it, in virtual time. There is no boot ROM: the image starts at
-// its vector table, behind the second-stage loader, and the ROM has no table of functions.
+// A Pico in rp2040js: the ELF image as the linker made it, or a UF2 file, in virtual time. The image starts at its vector table,
+// behind the second-stage loader. Of the boot ROM there is what changes flash (rom.js).
+//
+// The watchdog's reset is the chip's: all of it starts anew but for what its memory holds.
 import { readFileSync } from 'node:fs';
-import { GPIOPinState, LogLevel, RP2040, ConsoleLogger } from 'rp2040js';
+import { GPIOPinState, RP2040 } from 'rp2040js';
+import { BYTES, Flash } from './flash.js';
+import { Orientation } from './orientation.js';
+import { ORIENTATION_CLOCK, ORIENTATION_DATA } from './pins.js';
+import { Rom } from './rom.js';
+import { DriverLine } from './tmc2209.js';
+import { UsbHost } from './usb.js';
 
 const FLASH = 0x10000000;
 const VECTORS = FLASH + 0x100;
 /** ns of a clock at 125 MHz. */
 const CLOCK_NS = 8;
+/** ns of a byte on the link, at 115200 baud. */
+const BYTE_NS = 1e10 / 115200;
+const PINS = 30;
+/** Key of the watchdog among the emulator's peripherals. */
+const WATCHDOG = 0x40058;
+/** Instructions that wait for an interrupt, again and again, and where they are put: in the ROM. */
+const [HANG, HANG_AT] = [0xe7fdbf30, 0x400];
+/** The exception's number. */
+const HARD_FAULT = 3;
 
-/** The loaded segments of a 32-bit ELF image: address and bytes. */
+/** What a block of a UF2 file begins with, and its bytes. */
+const [UF2, BLOCK] = [0x0a324655, 512];
+
+/** What an image, a UF2 file or a 32-bit ELF image, puts into the flash: address and bytes. */
+function parts(image) {
+    const isUf2 = image.length >= BLOCK && image.readUInt32LE(0) === UF2;
+    return isUf2 ? blocks(image) : segments(image);
+}
+
+/** The blocks of a UF2 file. */
+function blocks(uf2) {
+    return Array.from({ length: uf2.length / BLOCK }, (_, index) => {
+        const at = index * BLOCK;
+        return [uf2.readUInt32LE(at + 12), uf2.subarray(at + 32, at + 32 + uf2.readUInt32LE(at + 16))];
+    });
+}
+
+/** The loaded segments of an ELF image. */
 function segments(elf) {
     const view = new DataView(elf.buffer, elf.byteOffset, elf.byteLength);
     const [table, size, count] = [view.getUint32(28, true), view.getUint16(42, true), view.getUint16(44, true)];
@@ -21,48 +55,227 @@ function segments(elf) {
         });
 }
 
+/** What the emulator does not know ends the emulation, but for the reset's cause, which it answers with ones. */
+const LOGGER = {
+    debug() {},
+    info() {},
+    warn(part, message) {
+        if (!message.startsWith('Unimplemented peripheral')) this.error(part, message);
+    },
+    error(part, message) {
+        throw new Error(`${part}: ${message}`);
+    },
+};
+
 export class Board {
-    constructor(image) {
-        this.chip = new RP2040();
-        this.chip.logger = new ConsoleLogger(LogLevel.Error, true);
-        for (const [address, bytes] of segments(readFileSync(image))) {
-            this.chip.flash.set(bytes, address - FLASH);
-        }
+    /** A board with an image, whose power comes on. The line to it is `uart` or `usb`; USB is plugged in for `usb`. */
+    constructor(image, line = 'uart') {
+        [this.line, this.plugged] = [line, line === 'usb'];
+        /** Bytes that the board has sent on the other line. */
+        this.unheard = 0;
+        const cells = new Uint8Array(BYTES).fill(0xff);
+        for (const [address, bytes] of parts(readFileSync(image))) cells.set(bytes, address - FLASH);
+        this.flash = new Flash(cells);
         /** Bytes that the board has sent. */
         this.sent = [];
-        this.chip.uart[0].onByte = (byte) => this.sent.push(byte);
+        /** Bytes on their way to it, and when the next one arrives, ns of the chip. */
+        [this.coming, this.nextByte] = [[], 0];
         /** Resets by the watchdog. */
         this.resets = 0;
-        this.chip.peripherals[0x40058].onWatchdogTrigger = () => (this.resets += 1);
-        const { core } = this.chip;
+        /** Instructions executed. */
+        this.instructions = 0;
+        /** Levels at the pins, from outside. */
+        this.levels = new Array(PINS).fill(false);
+        /** Counts at the converter's channels. */
+        this.counts = [0, 0, 0, 0, 0];
+        this.orientation = new Orientation();
+        /** The stepper drivers at UART1. */
+        this.driverLine = new DriverLine();
+        /** Called with a pin and its new state: driven low (0), driven high (1), not driven (2). */
+        this.onPin = () => {};
+        /** Ends [run] before its time. */
+        this.interrupted = false;
+        /** ns that passed before the chip's latest start. */
+        this.before = 0;
+        this.#start();
+    }
+
+    /** The lines of the orientation sensor, at which both it and the board may pull. */
+    #orientationBus() {
+        const { orientation } = this;
+        const [clock, data] = [ORIENTATION_CLOCK, ORIENTATION_DATA].map((pin) => !this.isLow(pin));
+        orientation.see(clock, data);
+        this.put(ORIENTATION_CLOCK, clock);
+        this.put(ORIENTATION_DATA, orientation.data);
+    }
+
+    /** Starts the chip: with the memory of the chip before, if it has been reset. */
+    #start(reset) {
+        if (reset) this.before += reset.clock.nanos;
+        const chip = new RP2040();
+        chip.logger = LOGGER;
+        chip.flash.set(this.flash.cells);
+        this.flash.cells = chip.flash;
+        if (reset) {
+            chip.sram.set(reset.sram);
+            chip.peripherals[WATCHDOG].reason = reset.peripherals[WATCHDOG].reason;
+        }
+        this.driverLine.join(chip);
+        chip.uart[0].onByte = (byte) => this.#hear('uart', [byte]);
+        this.host = this.plugged ? new UsbHost(chip, (bytes) => this.#hear('usb', bytes)) : null;
+        const watchdog = chip.peripherals[WATCHDOG];
+        watchdog.onWatchdogTrigger = () => {
+            this.triggered = true;
+            // Else it would trigger again at the same time, for ever.
+            watchdog.alarm.enable = false;
+        };
+        chip.adc.channelValues = this.counts;
+        const convert = chip.adc.onADCRead;
+        chip.adc.onADCRead = (channel) => this.counts[channel] !== null && convert(channel);
+        chip.gpio.forEach((gpio, pin) => {
+            gpio.setInputValue(this.levels[pin]);
+            gpio.addListener((value) => this.onPin(pin, Math.min(value, GPIOPinState.Input)));
+        });
+        for (const pin of [ORIENTATION_CLOCK, ORIENTATION_DATA]) {
+            chip.gpio[pin].addListener(() => this.#orientationBus());
+        }
+        const { core } = chip;
+        // The emulator enters a handler with the thumb bit in its program counter, which jump tables then take for an
+        // odd place.
+        const enter = core.exceptionEntry.bind(core);
+        core.exceptionEntry = (exception) => {
+            enter(exception);
+            core.PC &= ~1;
+        };
         core.VTOR = VECTORS;
-        core.SP = this.chip.readUint32(VECTORS);
-        core.PC = this.chip.readUint32(VECTORS + 4) & ~1;
+        core.SP = chip.readUint32(VECTORS);
+        core.PC = chip.readUint32(VECTORS + 4) & ~1;
+        [this.chip, this.triggered] = [chip, false];
+        this.#orientationBus();
+        this.rom = new Rom(chip, this.flash);
+        [this.coming, this.nextByte] = [[], 0];
     }
 
+    /** Time since the power first came on, ns. */
     get ns() {
-        return this.chip.clock.nanos;
+        return this.before + this.chip.clock.nanos;
     }
 
-    /** Runs for a time; sleep is skipped. */
+    /** Runs until a time, ns, or until something interrupts it; sleep and the flash's work are skipped. */
+    runUntil(ns) {
+        this.interrupted = false;
+        while (this.ns < ns && !this.interrupted && !this.flash.lostPower) {
+            const end = Math.min(ns - this.before, this.coming.length ? this.nextByte : Infinity);
+            this.#runChip(end);
+            if (this.triggered) this.#reset();
+            else if (this.coming.length && this.chip.clock.nanos >= this.nextByte) this.#receive();
+        }
+    }
+
+    /** Runs for a time. */
     run(ms) {
-        const { chip } = this;
-        const end = this.ns + ms * 1e6;
-        while (this.ns < end) {
-            if (chip.core.waiting) {
-                chip.clock.tick(Math.max(CLOCK_NS, chip.clock.nanosToNextAlarm));
+        this.runUntil(this.ns + ms * 1e6);
+    }
+
+    #runChip(end) {
+        const { chip, rom } = this;
+        const { core, clock } = chip;
+        while (clock.nanos < end && !this.interrupted && !this.triggered) {
+            if (core.waiting) {
+                clock.tick(Math.min(Math.max(CLOCK_NS, clock.nanosToNextAlarm), end - clock.nanos));
             } else {
-                chip.clock.tick(chip.core.executeInstruction() * CLOCK_NS);
+                const cycles = core.executeInstruction();
+                this.instructions += 1;
+                if (rom.waits) {
+                    rom.waits = false;
+                    const left = Math.min(rom.busyUntil, end) - clock.nanos;
+                    clock.tick(Math.max(CLOCK_NS, Math.min(clock.nanosToNextAlarm || left, left)));
+                    if (this.flash.lostPower) return;
+                } else {
+                    clock.tick(cycles * CLOCK_NS);
+                }
             }
         }
     }
 
-    /** Sends bytes to the board, at 115200 baud. */
+    #reset() {
+        this.resets += 1;
+        // A chip that starts drives no pin.
+        this.levels.forEach((_, pin) => this.onPin(pin, GPIOPinState.Input));
+        this.#start(this.chip);
+    }
+
+    #receive() {
+        this.chip.uart[0].feedByte(this.coming.shift());
+        this.nextByte += BYTE_NS;
+    }
+
+    #hear(line, bytes) {
+        if (line === this.line) this.sent.push(...bytes);
+        else this.unheard += bytes.length;
+    }
+
+    /** Puts bytes onto the line to the board, behind those that are there. */
     send(bytes) {
-        for (const byte of bytes) {
-            this.chip.uart[0].feedByte(byte);
-            this.run(10 / 115.2);
+        if (this.line === 'usb') {
+            this.host.send(bytes);
+            return;
         }
+        if (!this.coming.length) this.nextByte = Math.max(this.nextByte, this.chip.clock.nanos + BYTE_NS);
+        this.coming.push(...bytes);
+    }
+
+    /** Whether bytes for it are still on their way. */
+    get isSentTo() {
+        return (this.line === 'usb' ? this.host.waiting : this.coming).length > 0;
+    }
+
+    /** Drops what is on its way to it. */
+    dropUnsent() {
+        this.coming = [];
+        if (this.host) this.host.waiting = [];
+    }
+
+    /** Puts a level to a pin. */
+    put(pin, high) {
+        if (this.levels[pin] === high) return;
+        this.levels[pin] = high;
+        this.chip.gpio[pin].setInputValue(high);
+    }
+
+    /** Puts counts to a channel of the converter; with null it never gets ready. */
+    convert(channel, counts) {
+        this.counts[channel] = counts;
+    }
+
+    /** The power has been off and comes on again: all is lost but the flash, and memory holds anything. */
+    powerUp() {
+        this.flash.bytesLeft = Infinity;
+        this.driverLine.drivers.forEach((driver) => driver.startAnew());
+        this.levels.forEach((_, pin) => this.onPin(pin, GPIOPinState.Input));
+        this.before = this.ns;
+        this.#start();
+        const { sram } = this.chip;
+        for (let at = 0; at < sram.length; at++) sram[at] = Math.imul(at + this.before, 0x9e3779b1) >>> 24;
+    }
+
+    /** Has the main loop run into something at once, behind the interrupt that may be at work. */
+    #derail(work) {
+        const { core } = this.chip;
+        while (core.IPSR !== 0) this.runUntil(this.ns + CLOCK_NS);
+        core.waiting = false;
+        work(core);
+    }
+
+    /** The main loop hangs from now on. It does not feed the watchdog any more. */
+    hang() {
+        new DataView(this.chip.bootrom.buffer).setUint32(HANG_AT, HANG, true);
+        this.#derail((core) => (core.PC = HANG_AT));
+    }
+
+    /** The processor faults. */
+    fault() {
+        this.#derail((core) => core.exceptionEntry(HARD_FAULT));
     }
 
     isHigh(pin) {

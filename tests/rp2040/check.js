@@ -1,57 +1,25 @@
-// Runs the firmware of the Pico in rp2040js, in step with the clock on the wall, and lets `growbot` talk to it over TCP:
-// at its start and after an emergency stop the heater, the fan and both drivers are off; what lies at the pins and at the
-// converter's channels is what the board tells its host; a driver's fault is one.
+// Runs the firmware of the Pico in rp2040js, in step with the clock on the wall, and lets `growbot` talk to it over
+// TCP: at its start and after an emergency stop the heater, the fan and both drivers are off; what lies at the pins and at
+// the converter's channels is what the board tells its host; a driver's fault is one.
 //
 //   node check.js GROWBOT IMAGE
 
 import assert from "node:assert/strict";
 import { execFile } from "node:child_process";
-import { createServer } from "node:net";
 import { promisify } from "node:util";
 import { Board } from "./board.js";
+import { rest, serve } from "./serve.js";
 
 const [growbot, image] = process.argv.slice(2);
 assert(growbot && image, "give the program and the ELF image: node check.js GROWBOT IMAGE");
 const run = promisify(execFile);
 
-/** The pins of growbot-firmware/boards/pico/pins.rs that must be at a level while all is off, and with an EN that is low when on. */
+/** Pins of growbot-firmware/boards/pico/pins.rs and their levels while all is off. EN is low when on. */
 const OFF = { low: [8, 9, 10], high: [4, 7] };
 
 function assertOff(board, when) {
     for (const pin of OFF.low) assert(board.isLow(pin), `${when}: pin ${pin} is not low`);
     for (const pin of OFF.high) assert(board.isHigh(pin), `${when}: pin ${pin} is not high`);
-}
-
-/** Puts the signals of a robot at rest to the board, at 25 C and 12 V. */
-function rest(board) {
-    const { adc, gpio } = board.chip;
-    // 100 kOhm below 4.7 kOhm; 12 V of 36.3 V.
-    [adc.channelValues[0], adc.channelValues[1]] = [3911, 1354];
-    // Drivers well; filament; no mark; stop not pressed.
-    for (const [pin, level] of [[11, true], [12, false], [14, true], [15, false]]) gpio[pin].setInputValue(level);
-}
-
-/** Puts a board behind a TCP port, and lets it live as time passes. */
-async function serve(board) {
-    let line;
-    const arrived = [];
-    const server = createServer((socket) => {
-        line = socket.setNoDelay(true);
-        socket.on("data", (bytes) => arrived.push(...bytes));
-        socket.on("error", () => {});
-    });
-    await new Promise((ready) => server.listen(0, "127.0.0.1", ready));
-    const timer = setInterval(() => {
-        board.run(10);
-        while (arrived.length) board.send([arrived.shift()]);
-        if (board.sent.length && line?.writable) line.write(Buffer.from(board.sent.splice(0)));
-    }, 10);
-    const stop = () => {
-        clearInterval(timer);
-        line?.destroy();
-        server.close();
-    };
-    return { port: `tcp:127.0.0.1:${server.address().port}`, stop };
 }
 
 const board = new Board(image);
@@ -63,7 +31,8 @@ const { port, stop } = await serve(board);
 const status = async () => JSON.parse((await run(growbot, ["status", "--json", "--port", port])).stdout);
 try {
     const resting = await status();
-    assert.deepEqual([resting.robot, resting.state, resting.fault], ["growbot-a", "idle", null], JSON.stringify(resting));
+    const { robot, state, fault } = resting;
+    assert.deepEqual({ robot, state, fault }, { robot: "growbot-a", state: "idle", fault: null });
     assert(Math.abs(resting.temperature_c - 25) < 0.5, `${resting.temperature_c} C, and 25 C at the converter`);
     assert(Math.abs(resting.sensors.supply_v - 12) < 0.05, `${resting.sensors.supply_v} V, and 12 V at the converter`);
     await run(growbot, ["estop", "--port", port]);
@@ -77,7 +46,7 @@ try {
 
 const faulty = new Board(image);
 rest(faulty);
-faulty.chip.gpio[11].setInputValue(false);
+faulty.put(11, false);
 faulty.run(3000);
 assertOff(faulty, "with a driver's fault");
 const second = await serve(faulty);
@@ -87,4 +56,24 @@ try {
 } finally {
     second.stop();
 }
-console.log(`the firmware of the Pico in rp2040js: at rest, emergency stop, driver's fault: all as it should be`);
+
+// Both lines are there: the board answers on the one on which it is asked, and only there.
+const plugged = new Board(image, "usb");
+rest(plugged);
+plugged.run(3000);
+assert(plugged.host.open, "the host has found no serial port");
+const third = await serve(plugged);
+try {
+    for (const line of ["usb", "uart", "usb"]) {
+        plugged.line = line;
+        const others = plugged.unheard;
+        const { stdout } = await run(growbot, ["status", "--json", "--port", third.port]);
+        assert.equal(JSON.parse(stdout).state, "idle", line);
+        assert.equal(plugged.unheard, others, `asked over ${line}, the board answered on the other line, too`);
+    }
+    await run(growbot, ["estop", "--port", third.port]);
+    assertOff(plugged, "after the emergency stop over USB");
+} finally {
+    third.stop();
+}
+console.log(`the firmware of the Pico in rp2040js: at rest, emergency stop, driver's fault, both lines: all as it should be`);

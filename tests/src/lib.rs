@@ -31,13 +31,31 @@ pub fn build_image(alias: &str) {
 /// If it has not been built: a test without its image has nothing to say.
 #[must_use]
 pub fn firmware(board: &str) -> PathBuf {
-    let target = env::var_os("CARGO_TARGET_DIR")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../target"), PathBuf::from);
-    let image = target.join("thumbv7em-none-eabihf/firmware").join(board);
+    let image = target().join("thumbv7em-none-eabihf/firmware").join(board);
     assert!(
         image.is_file(),
         "there is no image {}: run tests/run, or `cargo build-an386` and `cargo build-robot`",
         image.display()
     );
     image
+}
+
+/// The image of the Pico's firmware for a robot.
+///
+/// # Panics
+/// If it has not been built.
+#[must_use]
+pub fn pico_firmware(robot: &str) -> PathBuf {
+    let image = target().join("thumbv6m-none-eabi/firmware").join(format!("pico-{robot}"));
+    assert!(
+        image.is_file(),
+        "there is no image {}: run tests/run, or `tests/rp2040/build`, and `npm ci --prefix tests/rp2040`",
+        image.display()
+    );
+    image
+}
+
+fn target() -> PathBuf {
+    env::var_os("CARGO_TARGET_DIR")
+        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../target"), PathBuf::from)
 }

@@ -47,3 +47,18 @@ pub fn pin_of(signal: &str) -> String {
     let row = rows().into_iter().find(|row| row.signal == signal);
     row.and_then(|row| row.pins.into_iter().next()).unwrap_or_else(|| panic!("WIRING.md has no signal {signal:?}"))
 }
+
+/// The rows of the table of boards with an RP2040: signal, key, pin of the Pico, pin and terminal of the SKR Pico.
+///
+/// # Panics
+/// If a row has another shape.
+#[must_use]
+pub fn rp2040_rows() -> Vec<[String; 4]> {
+    let lines = WIRING.lines().skip_while(|line| !line.starts_with("<!-- rp2040")).skip(3);
+    let rows = lines.take_while(|line| line.starts_with('|')).map(|line| {
+        let cells: Vec<&str> = line.split('|').map(str::trim).collect();
+        let [_, signal, key, pico, skr_pico, _] = cells[..] else { panic!("a row of another shape: {line}") };
+        [signal, key.trim_matches('`'), pico, skr_pico].map(str::to_owned)
+    });
+    rows.collect()
+}

@@ -1,7 +1,8 @@
 //! Why a request to a board came to nothing, in words.
 
 use growbot_core::link::frame::FrameError;
-use growbot_core::link::message::{Fault, Refusal};
+use growbot_core::link::message::{BadDescription, Fault, Refusal};
+use growbot_core::robot::{ENCODING_VERSION, RobotError};
 
 use super::patience::SILENCE;
 use crate::port::PortError;
@@ -48,8 +49,8 @@ pub enum ClientError {
     },
     /// The board belongs to another robot.
     #[error(
-        "the board is {board_name} ({board:016x}), the job is for {host_name} ({host:016x}): choose the board's robot \
-         with --robot, or flash the board for the job's (GROWBOT_ROBOT={host_name} cargo robot)"
+        "the board is {board_name} ({board:016x}), and not {host_name} ({host:016x}): choose the board's robot with \
+         --robot, or send the board the description of this one (`growbot configure`)"
     )]
     OtherRobot {
         /// Name of the board's robot.
@@ -60,6 +61,27 @@ pub enum ClientError {
         host_name: String,
         /// Hash of its description.
         host: u64,
+    },
+    /// The board has no robot description.
+    #[error(
+        "the board at {port} is not configured: it has no robot description, and only communicates: send it one with \
+         `growbot configure`"
+    )]
+    NotConfigured {
+        /// The port.
+        port: String,
+    },
+    /// A robot description that no board can have.
+    #[error("this robot can be simulated, but no board can drive it: {0}")]
+    Description(RobotError),
+    /// The board has taken a description and is not there with it.
+    #[error(
+        "the board at {port} has taken the description, but has not restarted with it within 10 s: reset it, and see \
+         what `growbot status` says"
+    )]
+    NotRestarted {
+        /// The port.
+        port: String,
     },
     /// Another host has the board.
     #[error(
@@ -104,6 +126,31 @@ pub enum ClientError {
 /// The name of a request that moves filament.
 pub const FEEDING: &str = "to move filament";
 
+/// The name of a request that hands over a robot description.
+pub const CONFIGURING: &str = "the robot description";
+
+/// What is wrong with a description, in words.
+fn explain_description(why: BadDescription) -> String {
+    match why {
+        BadDescription::OtherVersion { board } => format!(
+            "it reads descriptions of version {board}, and this one has version {ENCODING_VERSION}: flash the firmware \
+             of this release"
+        ),
+        BadDescription::Unreadable => "what arrived is no description: flash the firmware of this release".to_string(),
+        BadDescription::OtherHash { found } => format!("what arrived is another description ({found:016x}): try again"),
+        BadDescription::TooLong => "the description is too long: shorten the name".to_string(),
+        BadDescription::Number => "a number is out of its range: flash the firmware of this release".to_string(),
+        BadDescription::Name => "the name is not one that a robot may have: rename the robot".to_string(),
+        BadDescription::Pins => "its pins do not suit: flash the firmware of this release".to_string(),
+        BadDescription::Drivers => "its drivers' settings do not suit: flash the firmware of this release".to_string(),
+        BadDescription::OtherBoard { asked, board } => format!(
+            "the description is for {asked}, and the firmware is for {board}: set board.kind, or flash the firmware \
+             for {asked}"
+        ),
+        BadDescription::Thermistor => "the thermistor has no equation, or two: give one".to_string(),
+    }
+}
+
 /// A refusal in words.
 fn explain(request: &str, refusal: &Refusal) -> String {
     match *refusal {
@@ -113,6 +160,9 @@ fn explain(request: &str, refusal: &Refusal) -> String {
         Refusal::OtherRobot { board } => format!("it is another robot ({board:016x})"),
         Refusal::OtherPlan { board: 0 } => "it stores no plan: hand one over first".to_string(),
         Refusal::OtherPlan { board } => format!("it stores another plan ({board:016x})"),
+        Refusal::OutOfOrder { expected } if request == CONFIGURING => {
+            format!("it expects byte {expected} of the description next: try again")
+        }
         Refusal::OutOfOrder { expected } => format!("it expects layer {expected} next"),
         Refusal::Full => "it has no room for more layers now".to_string(),
         Refusal::BadLayer { index } => format!("layer {index} is beyond the robot's limits or the plan's end"),
@@ -130,6 +180,11 @@ fn explain(request: &str, refusal: &Refusal) -> String {
         Refusal::EmergencyStop => "the emergency stop is pressed: release it first".to_string(),
         Refusal::Owned { silent_ms } => format!("another host owns it, last received {silent_ms} ms ago"),
         Refusal::Begun { first } => format!("those layers have been begun; the first that can be replaced is {first}"),
+        Refusal::Hot { below } if request == CONFIGURING => format!(
+            "it writes to its flash only with the nozzle below {} C, or after 20 minutes at rest: wait until it has \
+             cooled",
+            f64::from(below) / 100.0
+        ),
         Refusal::Hot { below } => format!(
             "it must make room in its journal, which it does only with the nozzle below {} C: wait until it has cooled",
             f64::from(below) / 100.0
@@ -153,6 +208,19 @@ fn explain(request: &str, refusal: &Refusal) -> String {
         Refusal::NoFilament => {
             "there is no filament at its switch, or too much of it was pulled back: push it in up to the feed, `load` \
              and `purge`"
+                .to_string()
+        }
+        Refusal::NotConfigured => "it is not configured: it has no robot description, and only communicates: send it \
+                                   one with `growbot configure`"
+            .to_string(),
+        Refusal::JobNotDone { plan_id } => format!(
+            "it has a body that is not done (plan {plan_id:016x}), which would be lost: grow it to its end, or give \
+             it up with `growbot cancel`"
+        ),
+        Refusal::BadDescription { why } => format!("{}; it keeps the one that it has", explain_description(why)),
+        Refusal::DescriptionNotStored => {
+            "its flash does not take the description; it keeps the one that it has: try again, and if it fails again \
+             replace the board"
                 .to_string()
         }
         Refusal::DebugProbe => format!("it does not heat: {}", Fault::DebugProbe.explanation()),

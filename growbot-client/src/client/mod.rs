@@ -1,10 +1,12 @@
 //! The host's end of the link: requests with answers, and the events in between.
 //!
 //! - `session`: who the board is and who owns it; `requests`: what is asked of it; `hand_over`: layers on their way;
+//! - `configure`: robot descriptions;
 //! - `exchange`: frames out and in; `patience`: how long they are waited for;
 //! - `clock`: the board's clock beside the host's; `emergency`: the emergency stop.
 
 mod clock;
+mod configure;
 mod emergency;
 mod error;
 mod exchange;

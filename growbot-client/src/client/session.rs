@@ -101,7 +101,8 @@ impl Client {
     /// Waits until a board that has just started has tested itself: until then it takes no job.
     fn after_self_test(&mut self, mut hello: BoardHello) -> Result<BoardHello, ClientError> {
         for _ in 0..MAX_LOOKS_AT_SELF_TEST {
-            if hello.status.state != State::SelfTest {
+            // One that is not configured has nothing to test.
+            if hello.status.state != State::SelfTest || hello.robot == 0 {
                 break;
             }
             self.pass(SELF_TEST_LOOK)?;
@@ -113,7 +114,7 @@ impl Client {
     /// Fails unless the board belongs to this robot.
     ///
     /// # Errors
-    /// [`ClientError::OtherRobot`].
+    /// [`ClientError::OtherRobot`]; also for a board that is not configured.
     pub fn belongs_to(hello: &BoardHello, robot: &Robot) -> Result<(), ClientError> {
         if hello.robot == robot.hash() {
             return Ok(());
@@ -132,6 +133,9 @@ impl Client {
     /// As [`Client::hello`], or a board of another robot.
     pub fn hello_robot(&mut self, robot: &Robot) -> Result<BoardHello, ClientError> {
         let hello = self.hello()?;
+        if hello.robot == 0 {
+            return Err(ClientError::NotConfigured { port: self.name.clone() });
+        }
         Self::belongs_to(&hello, robot)?;
         Ok(hello)
     }

@@ -12,9 +12,9 @@ use super::{
 use crate::client::ClientError;
 
 /// How long to wait for an event before orders are looked at.
-const LOOK: Duration = Duration::from_millis(200);
+const LOOK: Duration = Duration::from_millis(20);
 /// and looks in vain before the board is asked for its status.
-const QUIET_LOOKS: u32 = 10;
+const QUIET_LOOKS: u32 = 100;
 /// Max requests for the status after the end, while layers of which no event has come are waited for.
 const MAX_QUESTIONS_AFTER_END: u32 = 40;
 /// Calls of a board that has fallen silent before it counts as lost.

@@ -281,7 +281,8 @@ impl Fault {
                 "filament is fed and does not move: look for a knot, a clogged nozzle, or a feed that grinds"
             }
             Self::DriverFault => {
-                "a stepper driver reports a fault: check its temperature, its supply and the motor's wires"
+                "a stepper driver reports a fault: check its temperature, its supply and the motor's wires; \
+                 `growbot status` says more of drivers with a serial line"
             }
             Self::SupplyLow => "the supply's voltage fell below supply.min_v: check the supply and its wires",
             Self::SupplyHigh => "the supply's voltage rose above supply.max_v: check the supply",

@@ -3,6 +3,8 @@
 use heapless::String;
 use serde::{Deserialize, Serialize};
 
+use super::Board;
+
 /// A robot as written in its file, not yet checked (see [`super::Robot::new`]).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
@@ -17,6 +19,9 @@ pub struct RobotDescription {
     /// robot that grows must not.
     #[serde(default)]
     pub test_bench: bool,
+    /// The controller board and its pins; by default any board, with its own pins.
+    #[serde(default)]
+    pub board: Option<Board>,
     /// The sizes that bound the curvature.
     pub geometry: Geometry,
     /// One layer of material and its limits.
@@ -183,6 +188,9 @@ pub struct Head {
     /// Max change of speed at an instant, turns/s. Up to this speed the motor needs no ramp.
     #[serde(default = "defaults::unlimited")]
     pub speed_jump_turns_per_s: f64,
+    /// What its TMC2209 is configured with, on a board that has them.
+    #[serde(default)]
+    pub driver: Option<Driver>,
 }
 
 /// The feed, which pushes filament.
@@ -208,6 +216,64 @@ pub struct Feed {
     /// Speed at which filament is pulled back and pushed forward again, mm/s.
     #[serde(default = "defaults::retract_mm_per_s")]
     pub retract_mm_per_s: f64,
+    /// What its TMC2209 is configured with, on a board that has them.
+    #[serde(default)]
+    pub driver: Option<Driver>,
+}
+
+/// What a TMC2209 stepper driver is configured with.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct Driver {
+    /// Current of a motor's phase, A rms.
+    pub current_a: f64,
+    /// How the current is chopped.
+    #[serde(default)]
+    pub mode: DriverMode,
+    /// Steps in a full step of the motor: a power of two up to 256. They are part of `steps_per_turn` and
+    /// `steps_per_mm`.
+    #[serde(default = "defaults::microsteps")]
+    pub microsteps: u16,
+    /// The load at which the motor counts as stalled, from the driver's SGTHRS: 0 for never, 255 for very early. Only in
+    /// StealthChop; without it, stalls are not looked for.
+    #[serde(default)]
+    pub stall_threshold: Option<u8>,
+    /// The sense resistors on the board, ohm.
+    #[serde(default = "defaults::sense_ohm")]
+    pub sense_ohm: f64,
+}
+
+impl Driver {
+    /// A driver with a current, A rms, and everything else by default.
+    #[must_use]
+    pub fn of_current(current_a: f64) -> Self {
+        Self {
+            current_a,
+            mode: DriverMode::default(),
+            microsteps: defaults::microsteps(),
+            stall_threshold: None,
+            sense_ohm: defaults::sense_ohm(),
+        }
+    }
+
+    /// The max current that the sense resistors allow, A rms (data sheet of the TMC2209, rev. 1.09, 9).
+    #[must_use]
+    pub fn max_current_a(&self) -> f64 {
+        0.325 / (self.sense_ohm + 0.02) * core::f64::consts::FRAC_1_SQRT_2
+    }
+}
+
+/// How a driver chops its motor's current.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(rename_all = "lowercase")]
+pub enum DriverMode {
+    /// Quietly, by voltage; stalls can be told.
+    #[default]
+    StealthChop,
+    /// By current, with more torque at speed.
+    SpreadCycle,
 }
 
 /// The filament that the robot has: a full spool.
@@ -387,5 +453,13 @@ mod defaults {
 
     pub fn retract_mm_per_s() -> f64 {
         5.0
+    }
+
+    pub fn microsteps() -> u16 {
+        16
+    }
+
+    pub fn sense_ohm() -> f64 {
+        0.11
     }
 }

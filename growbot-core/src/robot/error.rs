@@ -1,5 +1,8 @@
 //! The error of a robot description that is refused.
 
+use super::ENCODING_VERSION;
+use super::drivers::DriverError;
+use super::pins::PinError;
 use crate::number::Short;
 
 /// Why a robot description was refused: the field, its value, the limit, and what to do.
@@ -45,9 +48,24 @@ pub enum RobotError {
         "thermistor needs r25_ohm and beta_k, or steinhart_hart, and not both: its data sheet gives one or the other"
     )]
     ThermistorEquation,
+    /// The board's pins.
+    #[error(transparent)]
+    Pins(PinError),
+    /// The stepper drivers' settings.
+    #[error(transparent)]
+    Drivers(DriverError),
     /// The description is too long to encode.
     #[error("the description does not fit its 768 bytes: shorten the name")]
     TooLong,
+    /// The description is encoded in another version than this one.
+    #[error(
+        "the description has version {version} of its encoding, this release reads {ENCODING_VERSION}: use firmware \
+         and desktop of the same release"
+    )]
+    OtherVersion {
+        /// Its version.
+        version: u8,
+    },
     /// The bytes are no description of this version.
     #[error(
         "the bytes are no robot description of this version: build the firmware and the desktop from the same source"

@@ -3,16 +3,24 @@
 //! A [`RobotDescription`] has the fields of a robot file, in mm, degrees, seconds and degrees Celsius. [`Robot::new`]
 //! checks it once; no other code needs to check again whether a radius is positive or a limit makes sense.
 
+mod board;
 mod description;
+mod drivers;
+mod encoding;
 mod error;
+mod pins;
 mod step_rate;
 mod validate;
 
+pub use board::{Board, BoardKind, PinNumbers, Signal};
 pub use description::{
-    Fan, Feed, FeedStrategy, Filament, FilamentMotion, Geometry, Head, Heater, Input, LayerDescription, Material,
-    Motion, Pause, RobotDescription, Sensors, Supply, Thermistor, Tip, Turning, Wall,
+    Driver, DriverMode, Fan, Feed, FeedStrategy, Filament, FilamentMotion, Geometry, Head, Heater, Input,
+    LayerDescription, Material, Motion, Pause, RobotDescription, Sensors, Supply, Thermistor, Tip, Turning, Wall,
 };
+pub use drivers::DriverError;
+pub use encoding::{ENCODING_VERSION, LONGEST_VERSIONED};
 pub use error::RobotError;
+pub use pins::{FIRST_ANALOG_PIN, PinError, STEP_SLICE, pwm_slice};
 pub use step_rate::{AxisMotion, LayerMotion};
 
 use crate::angle::radians;
@@ -66,9 +74,12 @@ impl Robot {
     /// Decodes the postcard form of [`Robot::encode`].
     ///
     /// # Errors
-    /// [`RobotError::Unreadable`] where the bytes are no description; else as [`Robot::new`].
+    /// [`RobotError::Unreadable`] where the bytes are no description, up to their last one; else as [`Robot::new`].
     pub fn decode(bytes: &[u8]) -> Result<Self, RobotError> {
-        Self::new(postcard::from_bytes(bytes).map_err(|_| RobotError::Unreadable)?)
+        match postcard::take_from_bytes(bytes) {
+            Ok((description, [])) => Self::new(description),
+            _ => Err(RobotError::Unreadable),
+        }
     }
 
     /// Encodes the description in postcard form. A board carries these bytes, and [`Robot::hash`] is taken over them.

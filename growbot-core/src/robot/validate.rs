@@ -1,5 +1,6 @@
 //! The checks of a robot description, in the order in which a person would fix what they find.
 
+use super::drivers;
 use super::step_rate::{AxisMotion, BusiestSector, LayerMotion, MAX_RAMP_S};
 use super::{Feed, Head, MAX_BOARD_TICK_HZ, Material, Motion, RobotDescription, RobotError};
 use crate::angle::radians;
@@ -15,10 +16,10 @@ const MIN_SIZE: f64 = 1e-3;
 const UNLIMITED: f64 = 1e9;
 
 /// A field with its name and value, and the checks on it.
-struct Field(&'static str, f64);
+pub(super) struct Field(pub &'static str, pub f64);
 
 impl Field {
-    fn between(&self, min: f64, max: f64, advice: &'static str) -> Result<(), RobotError> {
+    pub(super) fn between(&self, min: f64, max: f64, advice: &'static str) -> Result<(), RobotError> {
         let &Self(field, value) = self;
         if !value.is_finite() {
             return Err(RobotError::NotFinite { field, value });
@@ -52,6 +53,7 @@ pub(super) fn check(robot: &RobotDescription) -> Result<(), RobotError> {
     check_thermistor(robot)?;
     check_fan_and_pause(robot)?;
     check_sensors(robot)?;
+    check_board(robot)?;
     check_step_rates(robot)?;
     check_accelerations(robot)
 }
@@ -314,6 +316,13 @@ fn check_sensors(robot: &RobotDescription) -> Result<(), RobotError> {
         )?;
     }
     Ok(())
+}
+
+fn check_board(robot: &RobotDescription) -> Result<(), RobotError> {
+    if let Some(board) = &robot.board {
+        board.check(robot).map_err(RobotError::Pins)?;
+    }
+    drivers::check(robot)
 }
 
 /// The step interrupt must carry the busiest sector of the steepest layer.

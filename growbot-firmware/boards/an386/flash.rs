@@ -6,16 +6,18 @@ use growbot_firmware::emulated_tip as table;
 use crate::image::word_flash::{ByWords, Word, WordFlash};
 use crate::tip::word;
 
-/// The journal's flash.
-pub type JournalFlash = ByWords<SharedWords>;
+/// A part of the flash.
+pub type PartOfFlash = ByWords<SharedWords>;
 
 /// Words of the shared memory.
-pub struct SharedWords(());
+pub struct SharedWords {
+    start: usize,
+}
 
 impl SharedWords {
-    /// The flash. Call it once.
-    pub fn new() -> Self {
-        Self(())
+    /// The flash of the robot's description, and the journal's. Call it once.
+    pub fn parts() -> [PartOfFlash; 2] {
+        [table::DESCRIPTION, table::JOURNAL].map(|start| ByWords(Self { start }))
     }
 }
 
@@ -27,19 +29,19 @@ impl WordFlash for SharedWords {
     }
 
     fn read(&self, offset: usize) -> u32 {
-        word(table::JOURNAL + offset).read()
+        word(self.start + offset).read()
     }
 
     fn erase(&mut self, sector: usize) -> Result<(), NorFlashErrorKind> {
         for offset in (0..Self::SECTOR_BYTES).step_by(4) {
-            word(table::JOURNAL + sector * Self::SECTOR_BYTES + offset).write(u32::MAX);
+            word(self.start + sector * Self::SECTOR_BYTES + offset).write(u32::MAX);
         }
         Ok(())
     }
 
     fn program(&mut self, words: impl Iterator<Item = Word>) -> Result<(), NorFlashErrorKind> {
         for Word { offset, value } in words {
-            let cells = word(table::JOURNAL + offset);
+            let cells = word(self.start + offset);
             cells.write(cells.read() & value);
         }
         Ok(())

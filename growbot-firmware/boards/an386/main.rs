@@ -24,17 +24,17 @@ mod watchdog;
 use cortex_m_rt::entry;
 use growbot_core::robot::{Robot, RobotError};
 use growbot_firmware::controller::{Controller, Identity};
-use growbot_firmware::hal::{Board, NoDebugPort, Parts};
+use growbot_firmware::descriptions::{Descriptions, Stored};
+use growbot_firmware::hal::{Board, NoDebugPort, NoDrivers, Parts};
 use growbot_firmware::journal::Journal;
 use growbot_firmware::layer_store::LayerStore;
-use growbot_firmware::machine;
+use growbot_firmware::machine::Machine;
 use growbot_firmware::polarity::Polarized;
 use growbot_firmware::stepping::{Axis, Engine, EngineSettings, Handover, Inputs};
 
-use crate::flash::{JournalFlash, SharedWords};
+use crate::flash::{PartOfFlash, SharedWords};
 use crate::high_water::HighWater;
 use crate::image::retained::RetainedRam;
-use crate::image::word_flash::ByWords;
 use crate::image::{crash, seal};
 use crate::tip::Tip;
 use crate::uart::Uart;
@@ -58,11 +58,12 @@ impl Board for An386 {
     type Supply = tip::TipAdc;
     type FilamentPresence = tip::Flag;
     type DriverFault = tip::Flag;
+    type Drivers = NoDrivers;
     type Orientation = tip::OrientationSensor;
     type Watchdog = watchdog::BoardWatchdog;
     type DebugPort = NoDebugPort;
     type Retained = RetainedRam;
-    type Flash = JournalFlash;
+    type Flash = PartOfFlash;
     type Store = &'static mut LayerStore;
 }
 
@@ -89,6 +90,9 @@ fn run(uart: &Uart, controller: &mut Controller<An386>) -> ! {
             let _ = uart.to_send.enqueue(byte);
         }
         uart.send_queued();
+        if controller.is_to_restart() {
+            cortex_m::peripheral::SCB::sys_reset();
+        }
         if controller.state() != logged {
             logged = controller.state();
             let fault = controller.fault().map_or("none", |fault| fault.code());
@@ -105,8 +109,10 @@ fn set_up() -> (Uart, &'static mut Controller<An386>) {
     let tip = Tip::start(reset::read_and_clear_cause);
     let watchdog = watchdog::start(CLOCK_HZ);
     let store = cortex_m::singleton!(: LayerStore = LayerStore::new());
-    let (Some(mut core), Some(store), Some(retained), Ok(robot)) =
-        (cortex_m::Peripherals::take(), store, RetainedRam::take(), robot())
+    let [descriptions, journal] = SharedWords::parts();
+    let mut descriptions = Descriptions::open(descriptions);
+    let (Some(mut core), Some(store), Some(retained), Ok(Machine { robot, configured })) =
+        (cortex_m::Peripherals::take(), store, RetainedRam::take(), find_machine(&mut descriptions))
     else {
         // `main` runs once and the built-in robot was checked when it was built, so all of them are there.
         cortex_m::peripheral::SCB::sys_reset()
@@ -127,7 +133,7 @@ fn set_up() -> (Uart, &'static mut Controller<An386>) {
     );
     step_timer::start(engine, robot.description().motion.tick_hz, CLOCK_HZ);
     interrupts::start(&mut core.NVIC);
-    let identity = identity();
+    let identity = Identity { configured, ..identity() };
     defmt::info!(
         "an386 for {=str}, boot id {=u32:08x}, started by {=str}",
         robot.name(),
@@ -143,11 +149,13 @@ fn set_up() -> (Uart, &'static mut Controller<An386>) {
         supply: tip.supply,
         filament_presence: tip.filament_presence,
         driver_fault: tip.driver_fault,
+        drivers: NoDrivers,
         orientation: tip.orientation,
         watchdog,
         debug_port: NoDebugPort,
         retained,
-        journal: Journal::open(ByWords(SharedWords::new())),
+        journal: Journal::open(journal),
+        descriptions,
         store,
     };
     // Not on the stack, which planning needs.
@@ -166,6 +174,7 @@ fn identity() -> Identity {
         reset_cause: reset::named(tip::reset_cause()),
         image: seal::check(),
         crash: crash::latest(),
+        configured: false,
         without_crystal: false,
     }
 }
@@ -176,10 +185,16 @@ fn decode_for_board(bytes: &[u8]) -> Result<Robot, RobotError> {
     Ok(robot)
 }
 
-/// The robot whose description the desktop has put into the tip's memory; without one, that the firmware was built for.
+/// The robot of the board's flash; without one, that whose description the desktop has put into the tip's memory; else
+/// that which the firmware was built for.
 #[inline(never)] // As above.
-fn robot() -> Result<Robot, RobotError> {
+fn find_machine(descriptions: &mut Descriptions<PartOfFlash>) -> Result<Machine, RobotError> {
     let mut bytes = [0; growbot_core::robot::LONGEST_ENCODED];
     let length = tip::copy_machine_description(&mut bytes);
-    bytes.get(..length).filter(|bytes| !bytes.is_empty()).map_or_else(|| Ok(machine::built_for()), decode_for_board)
+    match (bytes.get(..length), descriptions.newest()) {
+        (Some(given), Stored::Nothing) if !given.is_empty() => {
+            Ok(Machine { robot: decode_for_board(given)?, configured: true })
+        }
+        (_, found) => Ok(Machine::or_built_in(found)),
+    }
 }

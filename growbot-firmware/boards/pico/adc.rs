@@ -5,16 +5,17 @@
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
+use growbot_core::robot::FIRST_ANALOG_PIN;
 use growbot_firmware::hal::Adc;
 use rp2040_pac as pac;
 
-const THERMISTOR: u32 = 0;
-const SUPPLY: u32 = 1;
 /// Control and status: on, start one conversion, ready, error, and where the channel is.
 const ON: u32 = 1;
 const START: u32 = 1 << 2;
 const READY: u32 = 1 << 8;
 const CHANNEL: u32 = 12;
+/// The last channel with a pin.
+const LAST_CHANNEL: u32 = 3;
 
 /// The latest reading of the supply that has not been read yet, else [`NONE`].
 static SUPPLY_READING: AtomicU32 = AtomicU32::new(NONE);
@@ -24,6 +25,8 @@ const NONE: u32 = u32::MAX;
 pub struct Thermistor {
     adc: pac::ADC,
     state: State,
+    /// Channels of the thermistor and of the supply; where the supply is not measured, the thermistor's twice.
+    channels: [u32; 2],
 }
 
 /// The supply's input. It is converted while the thermistor is asked for.
@@ -40,9 +43,12 @@ enum State {
     ConvertingSupply,
 }
 
-/// Both inputs; the ADC is left alone.
-pub fn new(adc: pac::ADC) -> (Thermistor, Supply) {
-    (Thermistor { adc, state: State::Off }, Supply(()))
+/// Both inputs, at these pins; the ADC is left alone.
+pub fn new(adc: pac::ADC, thermistor: Option<u8>, supply: Option<u8>) -> (Thermistor, Supply) {
+    let channel = |pin: u8| u32::from(pin.saturating_sub(FIRST_ANALOG_PIN)).min(LAST_CHANNEL);
+    let thermistor = thermistor.map_or(0, channel);
+    let channels = [thermistor, supply.map_or(thermistor, channel)];
+    (Thermistor { adc, state: State::Off, channels }, Supply(()))
 }
 
 impl Thermistor {
@@ -73,19 +79,19 @@ impl Adc for Thermistor {
                 None
             }
             State::Settling => {
-                self.begin(THERMISTOR);
+                self.begin(self.channels[0]);
                 self.state = State::ConvertingThermistor;
                 None
             }
             State::ConvertingThermistor => {
                 let reading = self.read_converted()?;
-                self.begin(SUPPLY);
+                self.begin(self.channels[1]);
                 self.state = State::ConvertingSupply;
                 Some(reading)
             }
             State::ConvertingSupply => {
                 let reading = self.read_converted()?;
-                self.begin(THERMISTOR);
+                self.begin(self.channels[0]);
                 self.state = State::ConvertingThermistor;
                 SUPPLY_READING.store(u32::from(reading), Ordering::Relaxed);
                 None

@@ -4,8 +4,8 @@ use rp2040_pac as pac;
 
 /// The processor's clock.
 pub const PROCESSOR_HZ: u32 = 125_000_000;
-/// Peripherals that are used: ADC, both banks of pins and pads, both PLLs, PWM, timer, UART0 (data sheet, 2.14.3).
-const USED: u32 = 1 | 1 << 5 | 1 << 8 | 1 << 12 | 1 << 13 | 1 << 14 | 1 << 21 | 1 << 22;
+/// Peripherals that are used: ADC, both banks of pins and pads, both PLLs, PWM, timer, both UARTs (data sheet, 2.14.3).
+const USED: u32 = 1 | 1 << 5 | 1 << 8 | 1 << 12 | 1 << 13 | 1 << 14 | 1 << 21 | 1 << 22 | 1 << 23;
 /// Clocks of the crystal in a microsecond.
 const CRYSTAL_MHZ: u32 = 12;
 /// Magic numbers of the crystal's oscillator: on, at 1 to 15 MHz.
@@ -33,8 +33,8 @@ fn run_pll(pll: &pac::pll_sys::RegisterBlock, factor: u32, dividers: [u32; 2]) {
     }
 }
 
-/// Starts the crystal, the clocks of processor and peripherals, and the timer. The watchdog runs from here on: what
-/// never gets ready ends in a reset.
+/// Starts the crystal, the clocks of processor and peripherals, and the timer. What never gets ready is waited for, with
+/// everything off: the watchdog counts from the end of this on.
 pub fn start(device: &pac::Peripherals) {
     let (clocks, crystal) = (&device.CLOCKS, &device.XOSC);
     // SAFETY: values of the data sheet (2.15 to 2.18), in its order: nothing runs from a clock while it changes.
@@ -51,12 +51,14 @@ pub fn start(device: &pac::Peripherals) {
         while device.RESETS.reset_done().read().bits() & USED != USED {}
         run_pll(&device.PLL_SYS, 125, [6, 2]);
         run_pll(&device.PLL_USB, 100, [5, 5]);
-        // The processor from its PLL, peripherals from the processor's clock, the ADC from 48 MHz.
+        // The processor from its PLL, peripherals from the processor's clock, USB and the ADC from 48 MHz.
         clocks.clk_sys_div().write(|w| w.bits(1 << 8));
         clocks.clk_sys_ctrl().write(|w| w.bits(0));
         clocks.clk_sys_ctrl().write(|w| w.bits(1));
         while clocks.clk_sys_selected().read().bits() != 1 << 1 {}
         clocks.clk_peri_ctrl().write(|w| w.bits(1 << 11));
+        clocks.clk_usb_div().write(|w| w.bits(1 << 8));
+        clocks.clk_usb_ctrl().write(|w| w.bits(1 << 11));
         clocks.clk_adc_div().write(|w| w.bits(1 << 8));
         clocks.clk_adc_ctrl().write(|w| w.bits(1 << 11));
         device.WATCHDOG.tick().write(|w| w.bits(1 << 9 | CRYSTAL_MHZ));

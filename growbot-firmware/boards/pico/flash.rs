@@ -1,18 +1,19 @@
-//! The journal's flash: the last 256 KiB of the chip that the firmware runs from, which the boot ROM's functions erase
-//! and program (data sheet of the RP2040, 2.8.3).
+//! The flash of the robot's description and that of the journal, 256 KiB each at the end of the chip that the firmware
+//! runs from, which the boot ROM's functions erase and program (data sheet of the RP2040, 2.8.3).
 //!
-//! Meanwhile nothing can be read from it, code included: this runs in RAM without interrupts. That is 0.4 ms a page,
-//! 3 ms at most, and up to 2 s for 64 KiB (data sheet of the W25Q16JV, 9.6). Heater and steppers must be off while a
-//! sector is erased.
+//! Meanwhile nothing can be read from it, code included: this runs in memory, and so do the interrupts and all that
+//! they call, which go on. The main loop waits: 0.4 ms for a page, 3 ms at most; 0.5 s for a sector, which is erased
+//! between jobs only. Of that, 32 KiB take 120 ms, 1.6 s at most (data sheet of the W25Q16JV, 9.6): less than the
+//! watchdog waits. A fault of the processor finds no handler meanwhile; then it is the watchdog that resets the board.
 
 use embedded_storage::nor_flash::NorFlashErrorKind;
 
 use crate::image::word_flash::{ByWords, Word, WordFlash};
 
-/// Bytes of a sector of the journal, and of a block that is erased at once, and its command.
+/// Bytes of a sector, and of a block that is erased at once, and its command.
 const SECTOR_BYTES: usize = 128 * 1024;
-const BLOCK_BYTES: usize = 64 * 1024;
-const ERASE_BLOCK: u32 = 0xD8;
+const BLOCK_BYTES: usize = 32 * 1024;
+const ERASE_BLOCK: u32 = 0x52;
 /// Bytes that are programmed at once. Cells that get a one stay as they are.
 const PAGE_BYTES: usize = 256;
 const PAGE_WORDS: usize = PAGE_BYTES / 4;
@@ -23,13 +24,15 @@ const ROM_TABLE: *const u16 = 0x14 as *const u16;
 const ROM_SEARCH: *const u16 = 0x18 as *const u16;
 
 unsafe extern "C" {
-    /// Where the memory map has the journal begin, and end. Addresses only.
+    /// Where the memory map has the description and the journal begin, and end. Addresses only.
+    static _description_start: u32;
+    static _description_end: u32;
     static _journal_start: u32;
     static _journal_end: u32;
 }
 
-/// The journal's flash.
-pub type JournalFlash = ByWords<BoardFlash>;
+/// A part of the flash.
+pub type PartOfFlash = ByWords<BoardFlash>;
 
 type Plain = unsafe extern "C" fn();
 type Erase = unsafe extern "C" fn(offset: u32, bytes: usize, block: u32, command: u32);
@@ -45,11 +48,13 @@ struct Rom {
     flush: Plain,
 }
 
-/// The second-stage loader in RAM, and a page to be programmed.
+/// The second-stage loader in memory, and a page to be programmed.
 pub struct BoardFlash {
     rom: Option<Rom>,
     loader: [u32; PAGE_WORDS],
     page: [u32; PAGE_WORDS],
+    start: *const u32,
+    bytes: usize,
 }
 
 /// The address of a function of the boot ROM; none where it has none of that name.
@@ -84,11 +89,11 @@ impl Rom {
     }
 }
 
-/// Erases a block, where `page` is null, or programs a page. In RAM, and all that it calls is in the ROM or in RAM.
+/// Erases a block, where `page` is null, or programs a page. In memory, and all that it calls is there or in the ROM.
 ///
 /// # Safety
 ///
-/// The offset is in the journal, and interrupts are off.
+/// The offset is in a part that may be changed, and interrupts need nothing of the flash.
 #[inline(never)]
 #[unsafe(link_section = ".data.change")]
 unsafe fn change(rom: &Rom, loader: *const u32, offset: u32, page: *const u32) {
@@ -108,32 +113,40 @@ unsafe fn change(rom: &Rom, loader: *const u32, offset: u32, page: *const u32) {
 }
 
 impl BoardFlash {
-    /// The flash.
-    pub fn new() -> Self {
+    /// The flash of the robot's description.
+    pub fn of_description() -> PartOfFlash {
+        ByWords(Self::between(&raw const _description_start, &raw const _description_end))
+    }
+
+    /// The journal's flash.
+    pub fn of_journal() -> PartOfFlash {
+        ByWords(Self::between(&raw const _journal_start, &raw const _journal_end))
+    }
+
+    fn between(start: *const u32, end: *const u32) -> Self {
         // SAFETY: the flash begins with the loader, and is read only.
         let loader =
             core::array::from_fn(|index| unsafe { (MAPPED as *const u32).wrapping_add(index).read_volatile() });
-        Self { rom: Rom::find(), loader, page: [u32::MAX; PAGE_WORDS] }
+        let bytes = (end as usize).wrapping_sub(start as usize);
+        Self { rom: Rom::find(), loader, page: [u32::MAX; PAGE_WORDS], start, bytes }
     }
 
-    /// Address of a byte of the journal.
-    fn address(offset: usize) -> *const u32 {
-        (&raw const _journal_start).wrapping_byte_add(offset)
+    /// Address of one of its bytes.
+    fn address(&self, offset: usize) -> *const u32 {
+        self.start.wrapping_byte_add(offset)
     }
 
-    /// Erases the block or programs the page at an offset in the journal.
+    /// Erases the block or programs the page at an offset.
     fn change(&mut self, offset: usize, page: Option<()>) -> Result<(), NorFlashErrorKind> {
         let rom = self.rom.ok_or(NorFlashErrorKind::Other)?;
         if offset >= self.capacity() {
             return Err(NorFlashErrorKind::OutOfBounds);
         }
-        let place = (Self::address(offset) as usize).wrapping_sub(MAPPED) as u32;
+        let place = (self.address(offset) as usize).wrapping_sub(MAPPED) as u32;
         let page = page.map_or(core::ptr::null(), |()| self.page.as_ptr());
         crate::watchdog::feed();
-        cortex_m::interrupt::free(|_| {
-            // SAFETY: within the journal, and interrupts are off.
-            unsafe { change(&rom, self.loader.as_ptr(), place, page) }
-        });
+        // SAFETY: within this part; what the interrupts need is in memory (`memory/pico.x`).
+        unsafe { change(&rom, self.loader.as_ptr(), place, page) };
         Ok(())
     }
 
@@ -149,18 +162,17 @@ impl WordFlash for BoardFlash {
     const SECTOR_BYTES: usize = SECTOR_BYTES;
 
     fn capacity(&self) -> usize {
-        (&raw const _journal_end as usize).wrapping_sub(Self::address(0) as usize)
+        self.bytes
     }
 
     fn read(&self, offset: usize) -> u32 {
-        // SAFETY: an aligned word of the journal's flash, which Rust code owns nothing of.
-        unsafe { Self::address(offset).read_volatile() }
+        // SAFETY: an aligned word of this flash, which Rust code owns nothing of.
+        unsafe { self.address(offset).read_volatile() }
     }
 
     fn erase(&mut self, sector: usize) -> Result<(), NorFlashErrorKind> {
         let from = sector.wrapping_mul(SECTOR_BYTES);
-        self.change(from, None)?;
-        self.change(from.wrapping_add(BLOCK_BYTES), None)
+        (0..SECTOR_BYTES / BLOCK_BYTES).try_for_each(|block| self.change(from + block * BLOCK_BYTES, None))
     }
 
     fn program(&mut self, words: impl Iterator<Item = Word>) -> Result<(), NorFlashErrorKind> {

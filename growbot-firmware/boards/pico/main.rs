@@ -1,10 +1,14 @@
-//! growbot on a Raspberry Pi Pico: an RP2040 at 125 MHz, whose second core stays asleep.
+//! growbot on boards with an RP2040 at 125 MHz, whose second core stays asleep: a Raspberry Pi Pico, or a BTT SKR Pico.
+//! The robot's description says which, and at which pins the signals are.
 //!
 //! | priority | interrupt | does |
 //! |---|---|---|
 //! | 0, the highest | PWM_IRQ_WRAP | steps the motors |
-//! | 1 | UART0_IRQ | moves the bytes of the link |
+//! | 1 | UART0_IRQ, USBCTRL_IRQ | move the bytes of the link |
 //! | main loop | | polls the controller, at each step tick |
+//!
+//! They run from memory (`memory/pico.x`), so that none waits while the flash is written to: steps go on, and an
+//! emergency stop is obeyed.
 //!
 //! The processor has neither a floating-point unit nor atomic swaps. Its arithmetic is the compiler's, to the same bits
 //! as everywhere: that of the boot ROM flushes denormal numbers.
@@ -23,28 +27,35 @@ mod pins;
 mod power;
 mod reset;
 mod step_timer;
+mod tmc_uart;
 mod uart;
+mod usb;
+mod vectors;
 mod watchdog;
 
 use cortex_m::peripheral::NVIC;
 use cortex_m_rt::entry;
 use embedded_hal::delay::DelayNs;
+use growbot_core::robot::BoardKind;
 use growbot_firmware::controller::{Controller, Identity};
+use growbot_firmware::descriptions::Descriptions;
 use growbot_firmware::hal::{Board, NoDebugPort, Parts};
 use growbot_firmware::journal::Journal;
 use growbot_firmware::layer_store::LayerStore;
-use growbot_firmware::machine;
+use growbot_firmware::lines::Lines;
+use growbot_firmware::machine::Machine;
 use growbot_firmware::orientation::TipOrientation;
 use growbot_firmware::soft_i2c::SoftI2c;
 use growbot_firmware::stepping::{Axis, Engine, EngineSettings, Handover, Inputs};
+use growbot_firmware::tmc2209::{Settings, Tmc2209};
 use rp2040_pac as pac;
 
-use crate::flash::{BoardFlash, JournalFlash};
+use crate::flash::{BoardFlash, PartOfFlash};
 use crate::image::retained::RetainedRam;
-use crate::image::word_flash::ByWords;
 use crate::image::{crash, seal};
 use crate::pins::Pins;
-use crate::power::{Fan, Heater, Power};
+use crate::power::Power;
+use crate::tmc_uart::DriverLine;
 
 /// The second stage of the boot ROM's loader, for the flash chip of the board.
 #[unsafe(link_section = ".boot2")]
@@ -57,24 +68,27 @@ defmt::timestamp!("{=u64:us}", clock::now_us());
 static HANDOVER: Handover = Handover::new();
 
 /// Interrupts and their priorities, of which the upper two bits count.
-const INTERRUPTS: [(pac::Interrupt, u8); 2] = [(pac::Interrupt::PWM_IRQ_WRAP, 0), (pac::Interrupt::UART0_IRQ, 1 << 6)];
+const INTERRUPTS: [(pac::Interrupt, u8); 3] =
+    [(pac::Interrupt::PWM_IRQ_WRAP, 0), (pac::Interrupt::UART0_IRQ, 1 << 6), (pac::Interrupt::USBCTRL_IRQ, 1 << 6)];
 
 /// The parts of this board.
 struct Pico;
 
 impl Board for Pico {
-    type HeaterPower = Heater;
-    type HeaterEnable = pins::HeaterEnable;
-    type Fan = Fan;
+    const KINDS: &'static [BoardKind] = &[BoardKind::Pico, BoardKind::SkrPico];
+    type HeaterPower = Power;
+    type HeaterEnable = pins::Output;
+    type Fan = Power;
     type Thermistor = adc::Thermistor;
     type Supply = adc::Supply;
-    type FilamentPresence = pins::FilamentPresence;
-    type DriverFault = pins::DriverFault;
-    type Orientation = TipOrientation<SoftI2c<pins::OrientationClock, pins::OrientationData, Cycles>>;
+    type FilamentPresence = pins::Sensor;
+    type DriverFault = pins::Sensor;
+    type Drivers = Option<Tmc2209<DriverLine>>;
+    type Orientation = TipOrientation<SoftI2c<pins::OpenDrain, pins::OpenDrain, Cycles>>;
     type Watchdog = watchdog::BoardWatchdog;
     type DebugPort = NoDebugPort;
     type Retained = RetainedRam;
-    type Flash = JournalFlash;
+    type Flash = PartOfFlash;
     type Store = &'static mut LayerStore;
 }
 
@@ -95,18 +109,23 @@ fn main() -> ! {
 /// What the board does for ever.
 #[inline(never)] // So that its room on the stack is not taken while everything is started.
 fn run(controller: &mut Controller<Pico>) -> ! {
-    let (received, to_send) = (&uart::RECEIVED, &uart::TO_SEND);
+    let mut lines = Lines::new(&uart::RECEIVED, &usb::RECEIVED);
     let mut logged = controller.state();
     loop {
-        while let Some(byte) = received.dequeue() {
+        while let Some(byte) = lines.take() {
             controller.receive(byte, &HANDOVER);
         }
         controller.poll(clock::now_us(), &HANDOVER);
+        let to_send = if lines.are_on_second() { &usb::TO_SEND } else { &uart::TO_SEND };
         while to_send.ready() {
             let Some(byte) = controller.transmit() else { break };
             let _ = to_send.enqueue(byte);
         }
         uart::send_queued();
+        usb::send_queued();
+        if controller.is_to_restart() {
+            reset::restart();
+        }
         if controller.state() != logged {
             logged = controller.state();
             let fault = controller.fault().map_or("none", |fault| fault.code());
@@ -131,10 +150,12 @@ fn set_up() -> &'static mut Controller<Pico> {
     let watchdog = watchdog::start(&device);
     // Fast clocks first: the check of the image takes ten times as long without.
     clock::start(&device);
-    let robot = machine::built_for();
-    let identity = identify(&device);
-    let pins = Pins::new(robot.description(), device.IO_BANK0, device.PADS_BANK0);
+    let mut descriptions = Descriptions::open(BoardFlash::of_description());
+    let Machine { robot, configured } = Machine::find(&mut descriptions);
+    let identity = Identity { configured, ..identify(&device) };
+    let pins = Pins::new(robot.description(), configured, device.IO_BANK0, device.PADS_BANK0);
     uart::start(&device.UART0);
+    usb::start(&device.RESETS);
     let engine = Engine::new(
         Axis { step: pins.head_step, direction: pins.head_direction, enable: pins.head_enable },
         Axis { step: pins.feed_step, direction: pins.feed_direction, enable: pins.feed_enable },
@@ -142,20 +163,23 @@ fn set_up() -> &'static mut Controller<Pico> {
         pins::TipOutputs,
         EngineSettings::of(&robot),
     );
-    let (thermistor, supply) = adc::new(device.ADC);
+    let (thermistor, supply) = adc::new(device.ADC, pins.thermistor, pins.supply);
     let parts = Parts {
-        heater_power: Power::start(),
+        heater_power: Power::start(pins.heater),
         heater_enable: pins.heater_enable,
-        fan: Power::start(),
+        fan: Power::start(pins.fan),
         thermistor,
         supply,
         filament_presence: pins.filament_presence,
         driver_fault: pins.driver_fault,
+        drivers: Settings::of(robot.description())
+            .map(|settings| Tmc2209::new(DriverLine::start(device.UART1), settings)),
         orientation: TipOrientation::new(SoftI2c::new(pins.orientation_clock, pins.orientation_data, Cycles)),
         watchdog,
         debug_port: NoDebugPort,
         retained,
-        journal: Journal::open(ByWords(BoardFlash::new())),
+        journal: Journal::open(BoardFlash::of_journal()),
+        descriptions,
         store,
     };
     defmt::info!(
@@ -164,6 +188,7 @@ fn set_up() -> &'static mut Controller<Pico> {
         identity.boot_id,
         identity.reset_cause.name()
     );
+    vectors::move_to_memory();
     step_timer::start(engine, &device.PWM, robot.description().motion.tick_hz);
     start_interrupts(&mut core.NVIC);
     // Not on the stack, which planning needs.
@@ -189,6 +214,7 @@ fn identify(device: &pac::Peripherals) -> Identity {
         boot_id: reset::next_boot_id(),
         image: seal::check(),
         crash: crash::latest(),
+        configured: false,
         without_crystal: false,
     }
 }

@@ -1,13 +1,13 @@
-//! The wiring: a type for each signal, which names its pin.
+//! The wiring: the pin of each signal, as the robot's description says.
 //!
-//! The levels of DIR, EN and the inputs are the robot description's. A pin floats until [`Pins::new`] gives it its
-//! role, so that heater, fan and drivers need resistors that keep them off.
+//! The levels of DIR, EN and the inputs are the robot description's. A pin has a weak pull-down until
+//! [`Pins::new`] gives it its role, so that heater, fan and drivers need resistors that keep them off.
 
 use core::convert::Infallible;
-use core::sync::atomic::{AtomicBool, Ordering};
+use core::sync::atomic::{AtomicU32, Ordering};
 
 use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
-use growbot_core::robot::{Input, RobotDescription};
+use growbot_core::robot::{Board, BoardKind, Input, PinNumbers, RobotDescription, Signal};
 use growbot_firmware::hal::Outputs;
 use growbot_firmware::polarity::Polarized;
 use rp2040_pac as pac;
@@ -24,48 +24,26 @@ const PULL_DOWN: u32 = 1 << 2;
 /// Pad of an analog input: output disabled, all else off.
 const PAD_ANALOG: u32 = 1 << 7;
 
-/// Signal `head STEP`.
-pub type HeadStep = Output<2>;
-/// Signal `head DIR`.
-pub type HeadDirection = Polarized<Output<3>>;
-/// Signal `head EN`; high is energised.
-pub type HeadEnable = Polarized<Output<4>>;
-/// Signal `feed STEP`.
-pub type FeedStep = Output<5>;
-/// Signal `feed DIR`.
-pub type FeedDirection = Polarized<Output<6>>;
-/// Signal `feed EN`; high is energised.
-pub type FeedEnable = Polarized<Output<7>>;
-/// Pin of the heater's power: channel A of PWM slice 4.
-const HEATER: usize = 8;
-/// Signal `heater second switch`.
-pub type HeaterEnable = Output<9>;
-/// Pin of the fan: channel A of PWM slice 5.
-const FAN: usize = 10;
-/// Signal `drivers' fault outputs, joined`; high is a fault.
-pub type DriverFault = Polarized<Level<11>>;
-/// Signal `filament presence`; high is filament.
-pub type FilamentPresence = Polarized<Level<12>>;
-/// Signal `filament encoder`.
-pub type FilamentMotion = Level<13>;
-/// Signal `index sensor`; high is on the mark.
-pub type Index = Polarized<Level<14>>;
-/// Signal `emergency stop`; high is pressed.
-pub type EmergencyStop = Polarized<Level<15>>;
-/// Signal `orientation sensor SDA`.
-pub type OrientationData = OpenDrain<16>;
-/// Signal `orientation sensor SCL`.
-pub type OrientationClock = OpenDrain<17>;
-/// Pin of the thermistor: channel 0 of the ADC.
-const THERMISTOR: usize = 26;
-/// Pin of the supply's divider: channel 1 of the ADC.
-const SUPPLY: usize = 27;
-/// Pins of the link: UART0, to the host and from it.
-const LINK_TX: usize = 0;
-const LINK_RX: usize = 1;
+/// Level of a driver's DIR.
+pub type Direction = Polarized<Output>;
+/// Level of a driver's EN; high is energised.
+pub type Enable = Polarized<Output>;
+/// A sensor's level.
+pub type Sensor = Polarized<Level>;
 
-/// Whether a low level enables the drivers: [`make_safe`] needs it without the pins.
-static ENABLE_LOW: AtomicBool = AtomicBool::new(true);
+/// Pins of the link: UART0, to the host and from it.
+const LINK_TX: u8 = 0;
+const LINK_RX: u8 = 1;
+/// Pins of the stepper drivers' line: UART1, to the drivers and from them.
+const DRIVERS_TX: u8 = 8;
+const DRIVERS_RX: u8 = 9;
+
+/// EN of the SKR Pico's drivers that no robot uses, at ZM and YM; off is high.
+const UNUSED_ENABLES: [u8; 2] = [2, 7];
+
+/// What [`make_safe`] sets low, and what it sets high: a bit for each pin. None until the pins have their roles.
+static SAFE_LOW: AtomicU32 = AtomicU32::new(0);
+static SAFE_HIGH: AtomicU32 = AtomicU32::new(0);
 
 /// The single-cycle block of the pins. Its registers set and clear single pins in one write.
 fn sio() -> &'static pac::sio::RegisterBlock {
@@ -73,94 +51,97 @@ fn sio() -> &'static pac::sio::RegisterBlock {
     unsafe { &*pac::SIO::ptr() }
 }
 
-fn set(pin: usize, high: bool) {
-    let bit = 1_u32 << pin;
+fn set(pins: u32, high: bool) {
     if high {
-        // SAFETY: sets the level of one pin.
-        sio().gpio_out_set().write(|w| unsafe { w.bits(bit) });
+        // SAFETY: sets the levels of pins.
+        sio().gpio_out_set().write(|w| unsafe { w.bits(pins) });
     } else {
         // SAFETY: as above.
-        sio().gpio_out_clr().write(|w| unsafe { w.bits(bit) });
+        sio().gpio_out_clr().write(|w| unsafe { w.bits(pins) });
     }
 }
 
-fn drive(pin: usize, on: bool) {
-    let bit = 1_u32 << pin;
+fn drive(pins: u32, on: bool) {
     if on {
-        // SAFETY: makes one pin an output.
-        sio().gpio_oe_set().write(|w| unsafe { w.bits(bit) });
+        // SAFETY: makes pins outputs.
+        sio().gpio_oe_set().write(|w| unsafe { w.bits(pins) });
     } else {
-        // SAFETY: makes one pin an input.
-        sio().gpio_oe_clr().write(|w| unsafe { w.bits(bit) });
+        // SAFETY: makes pins inputs.
+        sio().gpio_oe_clr().write(|w| unsafe { w.bits(pins) });
     }
 }
 
-fn level(pin: usize) -> bool {
-    sio().gpio_in().read().bits() & 1 << pin != 0
+fn level(pins: u32) -> bool {
+    sio().gpio_in().read().bits() & pins != 0
 }
 
-/// A pin that drives both levels.
-pub struct Output<const PIN: usize>(());
+/// The bit of a pin; no bit where there is none.
+fn bit(pin: Option<u8>) -> u32 {
+    pin.map_or(0, |pin| 1_u32.checked_shl(u32::from(pin)).unwrap_or(0))
+}
 
-/// A pin that is read.
-pub struct Level<const PIN: usize>(());
+/// A pin that drives both levels: its bit. Without a bit it does nothing.
+pub struct Output(u32);
+
+/// A pin that is read. Without a bit it is low.
+pub struct Level(u32);
 
 /// A pin that drives low and is released for high.
-pub struct OpenDrain<const PIN: usize>(());
+pub struct OpenDrain(u32);
 
-impl<const PIN: usize> ErrorType for Output<PIN> {
+impl ErrorType for Output {
     type Error = Infallible;
 }
 
-impl<const PIN: usize> OutputPin for Output<PIN> {
+impl ErrorType for Level {
+    type Error = Infallible;
+}
+
+impl ErrorType for OpenDrain {
+    type Error = Infallible;
+}
+
+impl OutputPin for Output {
     fn set_low(&mut self) -> Result<(), Infallible> {
-        set(PIN, false);
+        set(self.0, false);
         Ok(())
     }
 
     fn set_high(&mut self) -> Result<(), Infallible> {
-        set(PIN, true);
+        set(self.0, true);
         Ok(())
     }
 }
 
-impl<const PIN: usize> ErrorType for Level<PIN> {
-    type Error = Infallible;
-}
-
-impl<const PIN: usize> InputPin for Level<PIN> {
+impl InputPin for Level {
     fn is_high(&mut self) -> Result<bool, Infallible> {
-        Ok(level(PIN))
+        Ok(level(self.0))
     }
 
     fn is_low(&mut self) -> Result<bool, Infallible> {
-        Ok(!level(PIN))
+        Ok(!level(self.0))
     }
 }
 
-impl<const PIN: usize> ErrorType for OpenDrain<PIN> {
-    type Error = Infallible;
-}
-
-impl<const PIN: usize> OutputPin for OpenDrain<PIN> {
+impl OutputPin for OpenDrain {
     fn set_low(&mut self) -> Result<(), Infallible> {
-        drive(PIN, true);
+        drive(self.0, true);
         Ok(())
     }
 
     fn set_high(&mut self) -> Result<(), Infallible> {
-        drive(PIN, false);
+        drive(self.0, false);
         Ok(())
     }
 }
 
-impl<const PIN: usize> InputPin for OpenDrain<PIN> {
+impl InputPin for OpenDrain {
     fn is_high(&mut self) -> Result<bool, Infallible> {
-        Ok(level(PIN))
+        Ok(level(self.0))
     }
 
     fn is_low(&mut self) -> Result<bool, Infallible> {
-        Ok(!level(PIN))
+        Ok(!level(self.0))
     }
 }
 
@@ -172,8 +153,8 @@ struct Roles {
 
 impl Roles {
     /// A pin's pad and function. A pin that the processor does not have is left alone.
-    fn give(&self, pin: usize, pad: u32, function: u32) {
-        if pin < 30 {
+    fn give(&self, pin: Option<u8>, pad: u32, function: u32) {
+        if let Some(pin) = pin.map(usize::from).filter(|pin| *pin < 30) {
             // SAFETY: a pad's pulls and drive, and a function of the data sheet's table.
             unsafe {
                 self.pads.gpio(pin).write(|w| w.bits(pad));
@@ -183,90 +164,122 @@ impl Roles {
     }
 
     /// An output, which gets its level before it becomes one.
-    fn output<const PIN: usize>(&self, high: bool) -> Output<PIN> {
-        set(PIN, high);
-        drive(PIN, true);
-        self.give(PIN, PAD | if high { PULL_UP } else { PULL_DOWN }, FUNCTION_SIO);
-        Output(())
+    fn output(&self, pin: Option<u8>, high: bool) -> Output {
+        set(bit(pin), high);
+        drive(bit(pin), true);
+        self.give(pin, PAD | if high { PULL_UP } else { PULL_DOWN }, FUNCTION_SIO);
+        Output(bit(pin))
     }
 
-    fn input<const PIN: usize>(&self) -> Level<PIN> {
-        drive(PIN, false);
-        self.give(PIN, PAD | PULL_UP, FUNCTION_SIO);
-        Level(())
+    fn input(&self, pin: Option<u8>) -> Level {
+        drive(bit(pin), false);
+        self.give(pin, PAD | PULL_UP, FUNCTION_SIO);
+        Level(bit(pin))
     }
 
-    fn open_drain<const PIN: usize>(&self) -> OpenDrain<PIN> {
-        drive(PIN, false);
-        set(PIN, false);
-        self.give(PIN, PAD | PULL_UP, FUNCTION_SIO);
-        OpenDrain(())
+    fn open_drain(&self, pin: Option<u8>) -> OpenDrain {
+        drive(bit(pin), false);
+        set(bit(pin), false);
+        self.give(pin, PAD | PULL_UP, FUNCTION_SIO);
+        OpenDrain(bit(pin))
     }
 }
 
-/// All pins that have an owner, each in its role and at its safe level.
+/// All pins that have an owner, each in its role and at its safe level; and the numbers of those whose owners are the
+/// converter and the PWM.
 pub struct Pins {
     /// STEP of the head.
-    pub head_step: HeadStep,
+    pub head_step: Output,
     /// DIR of the head.
-    pub head_direction: HeadDirection,
+    pub head_direction: Direction,
     /// EN of the head.
-    pub head_enable: HeadEnable,
+    pub head_enable: Enable,
     /// STEP of the feed.
-    pub feed_step: FeedStep,
+    pub feed_step: Output,
     /// DIR of the feed.
-    pub feed_direction: FeedDirection,
+    pub feed_direction: Direction,
     /// EN of the feed.
-    pub feed_enable: FeedEnable,
+    pub feed_enable: Enable,
+    /// The heater's power.
+    pub heater: Option<u8>,
     /// The second switch in the heater's supply.
-    pub heater_enable: HeaterEnable,
-    /// The filament's switch.
-    pub filament_presence: FilamentPresence,
-    /// The drivers' fault outputs.
-    pub driver_fault: DriverFault,
+    pub heater_enable: Output,
+    /// The fan.
+    pub fan: Option<u8>,
+    /// The filament's switch; high is filament.
+    pub filament_presence: Sensor,
+    /// The drivers' fault outputs; high is a fault.
+    pub driver_fault: Sensor,
     /// SCL of the orientation sensor.
-    pub orientation_clock: OrientationClock,
+    pub orientation_clock: OpenDrain,
     /// SDA of the orientation sensor.
-    pub orientation_data: OrientationData,
-    /// Index sensor of the head.
-    pub index: Index,
+    pub orientation_data: OpenDrain,
+    /// Index sensor of the head; high is on the mark.
+    pub index: Sensor,
     /// The encoder that the filament turns.
-    pub filament_motion: FilamentMotion,
-    /// The emergency stop.
-    pub emergency_stop: EmergencyStop,
+    pub filament_motion: Level,
+    /// The emergency stop; high is pressed.
+    pub emergency_stop: Sensor,
+    /// The thermistor.
+    pub thermistor: Option<u8>,
+    /// The supply.
+    pub supply: Option<u8>,
 }
 
 impl Pins {
-    /// Gives each pin its role.
-    pub fn new(robot: &RobotDescription, io: pac::IO_BANK0, pads: pac::PADS_BANK0) -> Self {
+    /// Gives each pin its role: those of the robot's board. Without a robot all but the link's stay as the reset has
+    /// left them.
+    pub fn new(robot: &RobotDescription, configured: bool, io: pac::IO_BANK0, pads: pac::PADS_BANK0) -> Self {
         let roles = Roles { io, pads };
-        let enable_low = robot.motion.enable_low;
-        ENABLE_LOW.store(enable_low, Ordering::Relaxed);
-        roles.give(HEATER, PAD | PULL_DOWN, FUNCTION_PWM);
-        roles.give(FAN, PAD | PULL_DOWN, FUNCTION_PWM);
-        roles.give(THERMISTOR, PAD_ANALOG, FUNCTION_NONE);
-        roles.give(SUPPLY, PAD_ANALOG, FUNCTION_NONE);
-        roles.give(LINK_TX, PAD, FUNCTION_UART);
+        roles.give(Some(LINK_TX), PAD, FUNCTION_UART);
         // Without an adapter the line idles, instead of picking up bytes.
-        roles.give(LINK_RX, PAD | PULL_UP, FUNCTION_UART);
+        roles.give(Some(LINK_RX), PAD | PULL_UP, FUNCTION_UART);
+        let board = robot.board.unwrap_or(Board { kind: BoardKind::Pico, pins: PinNumbers::default() });
+        if configured && board.kind.has_drivers() {
+            roles.give(Some(DRIVERS_TX), PAD, FUNCTION_UART);
+            roles.give(Some(DRIVERS_RX), PAD | PULL_UP, FUNCTION_UART);
+            for enable in UNUSED_ENABLES {
+                roles.output(Some(enable), true);
+            }
+        }
+        let pin = |signal: Signal| board.pin(signal).filter(|_| configured && signal.is_used(robot));
+        let enable_low = robot.motion.enable_low;
+        let enables = bit(pin(Signal::HeadEnable)) | bit(pin(Signal::FeedEnable));
+        SAFE_LOW.store(bit(pin(Signal::HeaterEnable)) | if enable_low { 0 } else { enables }, Ordering::Relaxed);
+        SAFE_HIGH.store(if enable_low { enables } else { 0 }, Ordering::Relaxed);
+        for signal in [Signal::Heater, Signal::Fan] {
+            roles.give(pin(signal), PAD | PULL_DOWN, FUNCTION_PWM);
+        }
+        for signal in [Signal::Thermistor, Signal::Supply] {
+            roles.give(pin(signal), PAD_ANALOG, FUNCTION_NONE);
+        }
         let sensors = &robot.sensors;
         // Those of sensors that the robot does not have are not asked, so any level will do.
         let active_low = |input: Option<Input>| input.is_some_and(|input| input.active_low);
+        let output = |signal, high| roles.output(pin(signal), high);
+        let input = |signal| roles.input(pin(signal));
         Pins {
-            head_step: roles.output(false),
-            head_direction: Polarized::new(roles.output(false), !robot.head.direction_high_is_positive),
-            head_enable: Polarized::new(roles.output(enable_low), enable_low),
-            feed_step: roles.output(false),
-            feed_direction: Polarized::new(roles.output(false), !robot.feed.direction_high_is_forward),
-            feed_enable: Polarized::new(roles.output(enable_low), enable_low),
-            heater_enable: roles.output(false),
-            filament_presence: Polarized::new(roles.input(), active_low(sensors.filament_presence)),
-            driver_fault: Polarized::new(roles.input(), active_low(sensors.driver_fault)),
-            orientation_clock: roles.open_drain(),
-            orientation_data: roles.open_drain(),
-            index: Polarized::new(roles.input(), robot.head.index_low_on_mark),
-            filament_motion: roles.input(),
-            emergency_stop: Polarized::new(roles.input(), active_low(sensors.emergency_stop)),
+            head_step: output(Signal::HeadStep, false),
+            head_direction: Polarized::new(
+                output(Signal::HeadDirection, false),
+                !robot.head.direction_high_is_positive,
+            ),
+            head_enable: Polarized::new(output(Signal::HeadEnable, enable_low), enable_low),
+            feed_step: output(Signal::FeedStep, false),
+            feed_direction: Polarized::new(output(Signal::FeedDirection, false), !robot.feed.direction_high_is_forward),
+            feed_enable: Polarized::new(output(Signal::FeedEnable, enable_low), enable_low),
+            heater: pin(Signal::Heater),
+            heater_enable: output(Signal::HeaterEnable, false),
+            fan: pin(Signal::Fan),
+            filament_presence: Polarized::new(input(Signal::FilamentPresence), active_low(sensors.filament_presence)),
+            driver_fault: Polarized::new(input(Signal::DriverFault), active_low(sensors.driver_fault)),
+            orientation_clock: roles.open_drain(pin(Signal::OrientationClock)),
+            orientation_data: roles.open_drain(pin(Signal::OrientationData)),
+            index: Polarized::new(input(Signal::Index), robot.head.index_low_on_mark),
+            filament_motion: input(Signal::FilamentMotion),
+            emergency_stop: Polarized::new(input(Signal::EmergencyStop), active_low(sensors.emergency_stop)),
+            thermistor: pin(Signal::Thermistor),
+            supply: pin(Signal::Supply),
         }
     }
 }
@@ -282,9 +295,7 @@ impl Outputs for TipOutputs {
 
 /// Heater, fan and both drivers off at once, from any context. Their owners keep the pins.
 pub fn make_safe() {
-    let off = ENABLE_LOW.load(Ordering::Relaxed);
-    set(9, false);
-    set(4, off);
-    set(7, off);
+    set(SAFE_LOW.load(Ordering::Relaxed), false);
+    set(SAFE_HIGH.load(Ordering::Relaxed), true);
     crate::power::off();
 }

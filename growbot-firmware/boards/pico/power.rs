@@ -1,36 +1,46 @@
 //! Power of heater and fan: PWM at 1.9 kHz, each of a slice of its own.
 
 use core::convert::Infallible;
+use core::sync::atomic::{AtomicU32, Ordering};
 
 use embedded_hal::pwm::{ErrorType, SetDutyCycle};
+use growbot_core::robot::pwm_slice;
 use rp2040_pac as pac;
 
-/// Slices of the heater's and the fan's pins.
-const HEATER: usize = 4;
-const FAN: usize = 5;
+/// The slice of each power stage, for [`off`]; [`NONE`] while there is none.
+static STAGES: [AtomicU32; 2] = [AtomicU32::new(NONE), AtomicU32::new(NONE)];
+const NONE: u32 = u32::MAX;
 /// One period is this many clocks less one, so that a duty of `u16::MAX` never goes low.
 const LAST_COUNT: u32 = u16::MAX as u32 - 1;
 /// Clocked by the processor's clock itself: 1 in 4 bits after the point.
 const UNDIVIDED: u32 = 1 << 4;
 const ENABLE: u32 = 1;
 
-/// A power stage at channel A of a slice.
-pub struct Power<const SLICE: usize>(());
+/// A power stage: heater or fan. The other channel of its slice has no pin.
+pub struct Power(Option<Channel>);
 
-/// The heater's.
-pub type Heater = Power<HEATER>;
-/// The fan's.
-pub type Fan = Power<FAN>;
+/// A channel of a PWM slice.
+#[derive(Clone, Copy)]
+struct Channel {
+    slice: usize,
+    /// Bits by which its level is shifted: 16 for B, at odd pins.
+    shift: u32,
+}
 
 fn slice(slice: usize) -> &'static pac::pwm::CH {
     // SAFETY: the slices of heater and fan are touched by this file only, and there are eight.
     unsafe { &*pac::PWM::ptr() }.ch(slice % 8)
 }
 
-impl<const SLICE: usize> Power<SLICE> {
-    /// Starts the PWM at no power. The slice is as the reset has left it.
-    pub fn start() -> Self {
-        let slice = slice(SLICE);
+impl Power {
+    /// Starts the PWM of a pin at no power. The slice is as the reset has left it. Without a pin there is no power.
+    pub fn start(pin: Option<u8>) -> Self {
+        let Some(pin) = pin else { return Self(None) };
+        let number = pwm_slice(pin);
+        if let Some(free) = STAGES.iter().find(|stage| stage.load(Ordering::Relaxed) == NONE) {
+            free.store(u32::from(number), Ordering::Relaxed);
+        }
+        let slice = slice(usize::from(number));
         // SAFETY: values of whole registers that have no other owner.
         unsafe {
             slice.cc().write(|w| w.bits(0));
@@ -38,23 +48,25 @@ impl<const SLICE: usize> Power<SLICE> {
             slice.top().write(|w| w.bits(LAST_COUNT));
             slice.csr().write(|w| w.bits(ENABLE));
         }
-        Power(())
+        Self(Some(Channel { slice: usize::from(number), shift: u32::from(pin % 2) * 16 }))
     }
 }
 
-impl<const SLICE: usize> ErrorType for Power<SLICE> {
+impl ErrorType for Power {
     type Error = Infallible;
 }
 
-impl<const SLICE: usize> SetDutyCycle for Power<SLICE> {
+impl SetDutyCycle for Power {
     fn max_duty_cycle(&self) -> u16 {
         u16::MAX
     }
 
     /// Acts from the end of the period, within 0.53 ms.
     fn set_duty_cycle(&mut self, duty: u16) -> Result<(), Infallible> {
-        // SAFETY: the level of channel A; B has no pin.
-        slice(SLICE).cc().write(|w| unsafe { w.bits(u32::from(duty)) });
+        if let Some(Channel { slice: number, shift }) = self.0 {
+            // SAFETY: the level of one channel; the other one has no pin.
+            slice(number).cc().write(|w| unsafe { w.bits(u32::from(duty) << shift) });
+        }
         Ok(())
     }
 }
@@ -62,8 +74,12 @@ impl<const SLICE: usize> SetDutyCycle for Power<SLICE> {
 /// Switches heater and fan off within a period: the comparison is buffered, so the count is set to its end. Their
 /// owners keep them.
 pub fn off() {
-    for number in [HEATER, FAN] {
-        let slice = slice(number);
+    for stage in &STAGES {
+        let number = stage.load(Ordering::Relaxed);
+        if number == NONE {
+            continue;
+        }
+        let slice = slice(number as usize);
         // SAFETY: whole registers; no power is a value that their owner writes too.
         unsafe {
             slice.cc().write(|w| w.bits(0));

@@ -1,5 +1,6 @@
 //! The step interrupt: the end of each period of a PWM slice that has no pin, so that every rate is met to a clock.
 
+use growbot_core::robot::STEP_SLICE;
 use growbot_firmware::stepping::Engine;
 use rp2040_pac as pac;
 use rp2040_pac::interrupt;
@@ -10,22 +11,22 @@ use crate::interrupt_owned::InterruptOwned;
 use crate::pins;
 
 /// The slice.
-const SLICE: usize = 7;
+const SLICE: usize = STEP_SLICE as usize;
 /// Max counts of a period.
 const MAX_COUNTS: u32 = 1 << 16;
 const ENABLE: u32 = 1;
 
 /// What runs in the step interrupt.
 pub type StepEngine = Engine<
-    pins::HeadStep,
-    pins::HeadDirection,
-    pins::HeadEnable,
-    pins::FeedStep,
-    pins::FeedDirection,
-    pins::FeedEnable,
-    pins::Index,
-    pins::FilamentMotion,
-    pins::EmergencyStop,
+    pins::Output,
+    pins::Direction,
+    pins::Enable,
+    pins::Output,
+    pins::Direction,
+    pins::Enable,
+    pins::Sensor,
+    pins::Level,
+    pins::Sensor,
     pins::TipOutputs,
 >;
 

@@ -52,7 +52,7 @@ pub fn send_queued() {
 }
 
 /// Switches everything off before anything else runs, if an emergency stop has come.
-fn obey(emergency_stop: bool) {
+pub fn obey(emergency_stop: bool) {
     if emergency_stop {
         // First, so that no step in between energises a motor again.
         HANDOVER.call_emergency_stop();

@@ -1,4 +1,5 @@
-//! The journal's flash: sectors 10 and 11 of the processor's own, 128 KiB each (reference manual RM0090, chapter 3).
+//! The flash of the robot's description, sectors 8 and 9 of the processor's own, and that of the journal, sectors 10 and
+//! 11: 128 KiB each (reference manual RM0090, chapter 3).
 //!
 //! While flash is programmed or erased, nothing can be read from it, code included: the processor stands. That is 16 us
 //! a word, 100 us at most, and up to 2 s a sector (data sheet DS8626, table "flash memory programming"). Interrupts are
@@ -17,7 +18,7 @@ use crate::brown_out::Detector;
 use crate::image::word_flash::{ByWords, Word, WordFlash};
 
 /// Sectors that may be erased. The firmware is in those before.
-const JOURNAL_SECTORS: RangeInclusive<usize> = 10..=11;
+const ERASABLE_SECTORS: RangeInclusive<usize> = 8..=11;
 /// Bytes of a sector, of 5 and those after it.
 const SECTOR_BYTES: usize = 128 * 1024;
 /// Address of sector 5.
@@ -39,31 +40,50 @@ const FEED: u32 = 0xAAAA;
 const MAX_LOOKS: u32 = 45_000_000;
 
 unsafe extern "C" {
-    /// Where the memory map has the journal begin, and end. Addresses only.
+    /// Where the memory map has the description and the journal begin, and end. Addresses only.
+    static _description_start: u32;
+    static _description_end: u32;
     static _journal_start: u32;
     static _journal_end: u32;
 }
 
-/// The journal's flash, which is changed only while the processor has its supply.
-pub type JournalFlash = Supplied<ByWords<BoardFlash>, Detector>;
+/// Flash that is changed only while the processor has its supply.
+pub type SuppliedFlash = Supplied<ByWords<BoardFlash>, Detector>;
 
-/// The flash itself.
-pub struct BoardFlash(pac::FLASH);
+/// A part of the flash.
+pub struct BoardFlash {
+    registers: pac::FLASH,
+    start: *mut u32,
+    bytes: usize,
+}
+
+// SAFETY: the address is of flash, which is the same from every context.
+unsafe impl Send for BoardFlash {}
 
 impl BoardFlash {
-    /// The flash, whose clocks are set up.
-    pub fn new(registers: pac::FLASH) -> Self {
-        Self(registers)
+    /// The flash of the robot's description and that of the journal, whose clocks are set up.
+    pub fn parts(registers: pac::FLASH) -> [SuppliedFlash; 2] {
+        // SAFETY: both are used by the controller alone, one after the other.
+        let other = unsafe { pac::FLASH::steal() };
+        [
+            Self::between(registers, &raw const _description_start, &raw const _description_end),
+            Self::between(other, &raw const _journal_start, &raw const _journal_end),
+        ]
     }
 
-    /// Address of a byte of the journal.
-    fn address(offset: usize) -> *mut u32 {
-        (&raw const _journal_start).cast_mut().wrapping_byte_add(offset)
+    fn between(registers: pac::FLASH, start: *const u32, end: *const u32) -> SuppliedFlash {
+        let bytes = (end as usize).wrapping_sub(start as usize);
+        SuppliedFlash::new(ByWords(Self { registers, start: start.cast_mut(), bytes }), Detector)
+    }
+
+    /// Address of one of its bytes.
+    fn address(&self, offset: usize) -> *mut u32 {
+        self.start.wrapping_byte_add(offset)
     }
 
     /// Does something with the control register unlocked, and says whether that went well.
     fn unlocked(&mut self, work: impl FnOnce(&pac::FLASH) -> bool) -> Result<(), NorFlashErrorKind> {
-        let registers = &self.0;
+        let registers = &self.registers;
         for key in KEYS {
             // SAFETY: the keys of the reference manual.
             registers.keyr().write(|w| unsafe { w.key().bits(key) });
@@ -88,7 +108,7 @@ fn went_well(registers: &pac::FLASH) -> bool {
 
 /// Programs a word.
 fn program(registers: &pac::FLASH, address: *mut u32, word: u32) -> bool {
-    // SAFETY: an aligned word of the journal's flash, which Rust code owns nothing of.
+    // SAFETY: an aligned word of this flash, which Rust code owns nothing of.
     unsafe { address.write_volatile(word) };
     cortex_m::asm::dsb();
     while registers.sr().read().bits() & BUSY != 0 {}
@@ -123,21 +143,21 @@ impl WordFlash for BoardFlash {
     const SECTOR_BYTES: usize = SECTOR_BYTES;
 
     fn capacity(&self) -> usize {
-        (&raw const _journal_end as usize).wrapping_sub(Self::address(0) as usize)
+        self.bytes
     }
 
     fn read(&self, offset: usize) -> u32 {
-        // SAFETY: an aligned word of the journal's flash, which Rust code owns nothing of.
-        unsafe { Self::address(offset).read_volatile() }
+        // SAFETY: an aligned word of this flash, which Rust code owns nothing of.
+        unsafe { self.address(offset).read_volatile() }
     }
 
     fn erase(&mut self, sector: usize) -> Result<(), NorFlashErrorKind> {
-        let number = (Self::address(sector * SECTOR_BYTES) as usize).wrapping_sub(SECTOR_5) / SECTOR_BYTES + 5;
-        if !JOURNAL_SECTORS.contains(&number) {
+        let number = (self.address(sector * SECTOR_BYTES) as usize).wrapping_sub(SECTOR_5) / SECTOR_BYTES + 5;
+        if !ERASABLE_SECTORS.contains(&number) {
             return Err(NorFlashErrorKind::OutOfBounds);
         }
         self.unlocked(|registers| {
-            // SAFETY: a sector of the journal.
+            // SAFETY: a sector that may be erased.
             registers.cr().modify(|_, w| unsafe { w.ser().set_bit().psize().psize32().snb().bits(number as u8) });
             let start = registers.cr().read().bits() | START;
             cortex_m::interrupt::free(|_| {
@@ -149,9 +169,10 @@ impl WordFlash for BoardFlash {
     }
 
     fn program(&mut self, mut words: impl Iterator<Item = Word>) -> Result<(), NorFlashErrorKind> {
+        let start = self.start;
         self.unlocked(|registers| {
             registers.cr().modify(|_, w| w.pg().set_bit().psize().psize32());
-            words.all(|Word { offset, value }| program(registers, Self::address(offset), value))
+            words.all(|Word { offset, value }| program(registers, start.wrapping_byte_add(offset), value))
         })
     }
 }

@@ -33,11 +33,13 @@ defmt::timestamp!("{=u64:ms}", clock::milliseconds());
 #[rtic::app(device = stm32f4xx_hal::pac, peripherals = true)]
 mod app {
     use growbot_core::link::message::State;
+    use growbot_core::robot::BoardKind;
     use growbot_firmware::controller::{Controller, Identity};
-    use growbot_firmware::hal::{Board, Parts};
+    use growbot_firmware::descriptions::Descriptions;
+    use growbot_firmware::hal::{Board, NoDrivers, Parts};
     use growbot_firmware::journal::Journal;
     use growbot_firmware::layer_store::LayerStore;
-    use growbot_firmware::machine;
+    use growbot_firmware::machine::Machine;
     use growbot_firmware::stepping::{Axis, Engine, EngineSettings, Handover, Inputs};
     use stm32f4xx_hal::pac;
     use stm32f4xx_hal::prelude::*;
@@ -46,10 +48,9 @@ mod app {
     use crate::clock::Oscillator;
     use crate::debug_port::{BoardDebugPort, Halts};
     use crate::fan::Fan;
-    use crate::flash::{BoardFlash, JournalFlash};
+    use crate::flash::{BoardFlash, SuppliedFlash};
     use crate::heater::Heater;
     use crate::image::retained::RetainedRam;
-    use crate::image::word_flash::ByWords;
     use crate::image::{crash, seal};
     use crate::pins::{self, Pins};
     use crate::step_timer::StepTimer;
@@ -78,6 +79,7 @@ mod app {
     pub struct Stm32f405;
 
     impl Board for Stm32f405 {
+        const KINDS: &'static [BoardKind] = &[BoardKind::Stm32f405];
         type HeaterPower = Heater;
         type HeaterEnable = pins::HeaterEnable;
         type Fan = Fan;
@@ -85,11 +87,12 @@ mod app {
         type Supply = Supply;
         type FilamentPresence = pins::FilamentPresence;
         type DriverFault = pins::DriverFault;
+        type Drivers = NoDrivers;
         type Orientation = BoardOrientation;
         type Watchdog = BoardWatchdog;
         type DebugPort = BoardDebugPort;
         type Retained = RetainedRam;
-        type Flash = JournalFlash;
+        type Flash = SuppliedFlash;
         type Store = &'static mut LayerStore;
     }
 
@@ -110,16 +113,19 @@ mod app {
         let device = cx.device;
         let mut core = cx.core;
         let watchdog = watchdog::start(device.IWDG, Halts::set_up(device.DBGMCU, &mut core.DCB));
-        let robot = machine::built_for();
         let Some(retained) = RetainedRam::take() else {
             // Nothing has taken it before.
             cortex_m::peripheral::SCB::sys_reset()
         };
 
         brown_out::check_reset_level(&device.FLASH);
-        let identity = identify(&device.RCC, &device.FLASH);
+        let mut identity = identify(&device.RCC, &device.FLASH);
         let mut rcc = device.RCC.constrain();
         brown_out::start_detector(&device.PWR, &mut rcc);
+        let [descriptions, journal] = BoardFlash::parts(device.FLASH);
+        let mut descriptions = Descriptions::open(descriptions);
+        let Machine { robot, configured } = Machine::find(&mut descriptions);
+        identity.configured = configured;
         let pins = Pins::new(robot.description(), device.GPIOA, device.GPIOB, device.GPIOC, &mut rcc);
         clock::start(&mut core.SYST);
 
@@ -141,11 +147,13 @@ mod app {
             supply,
             filament_presence: pins.filament_presence,
             driver_fault: pins.driver_fault,
+            drivers: NoDrivers,
             orientation: tip_bus::orientation(pins.orientation_clock, pins.orientation_data, clock::PROCESSOR_HZ),
             watchdog,
             debug_port: BoardDebugPort,
             retained,
-            journal: Journal::open(JournalFlash::new(ByWords(BoardFlash::new(device.FLASH)), brown_out::Detector)),
+            journal: Journal::open(journal),
+            descriptions,
             store: cx.local.store,
         };
         let step_timer = StepTimer::start(device.TIM2, robot.description().motion.tick_hz, &mut rcc);
@@ -170,6 +178,7 @@ mod app {
             without_crystal: clock::speed_up(rcc, flash) == Oscillator::Internal,
             image: seal::check(),
             crash: crash::latest(),
+            configured: false,
         }
     }
 
@@ -185,6 +194,9 @@ mod app {
             while to_send.ready() {
                 let Some(byte) = controller.transmit() else { break };
                 let _ = to_send.enqueue(byte);
+            }
+            if controller.is_to_restart() {
+                cortex_m::peripheral::SCB::sys_reset();
             }
             if controller.state() != *logged {
                 *logged = controller.state();

@@ -7,6 +7,7 @@
 #![no_std]
 #![no_main]
 
+mod goals;
 #[path = "../measure.rs"]
 mod measure;
 #[path = "../polled_uart.rs"]
@@ -14,7 +15,7 @@ mod polled_uart;
 #[path = "../../boards/an386/registers.rs"]
 mod registers;
 
-use core::f64::consts::{PI, TAU};
+use core::f64::consts::TAU;
 use core::fmt::Write;
 use core::hint::black_box;
 use core::panic::PanicInfo;
@@ -26,11 +27,9 @@ use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_firmware::machine;
 
+use crate::goals::{RADIUS, goal, spread};
 use crate::measure::measure;
 use crate::polled_uart::PolledUart;
-
-/// mm; near what the built-in robot can bend to.
-const RADIUS: f64 = 100.0;
 
 #[entry]
 fn main() -> ! {
@@ -77,12 +76,6 @@ fn plan_to(robot: &Robot, goal: &Option<Pose>, planner: Planner) -> Option<usize
     plan(robot, &start, goal.as_ref()?, RADIUS, planner).ok().map(|chosen| black_box(chosen).candidates)
 }
 
-/// A number in [0, 1) for each n: Weyl's sequence, evenly spread.
-fn spread(n: u32, factor: f64) -> f64 {
-    let value = f64::from(n + 1) * factor;
-    value - libm::floor(value)
-}
-
 /// Evenly spread over distance, direction and heading.
 fn planar_goal(n: u32, farthest: f64) -> PlanarPose {
     let distance = farthest * spread(n, 0.754_877_666_246_692_7);
@@ -103,18 +96,6 @@ fn degenerate_goal(n: u32) -> PlanarPose {
         _ => (PathType::Lsl, [0.0; 3]),
     };
     PlanarPath { path_type, lengths }.end()
-}
-
-/// Evenly spread over distance (radii), direction, heading and pitch.
-fn goal(n: u32, nearest: f64, farthest: f64) -> Option<Pose> {
-    let distance = RADIUS * (nearest + (farthest - nearest) * spread(n, 0.754_877_666_246_692_7));
-    let (y, x) = libm::sincos(TAU * spread(n, 0.569_840_290_998_053_2));
-    let z = 2.0 * spread(n, 0.430_159_709_001_946_7) - 1.0;
-    let across = libm::sqrt(1.0 - z * z);
-    let position = [across * x, across * y, z].map(|part| distance * part);
-    let heading = TAU * spread(n, 0.618_033_988_749_894_9) - PI;
-    let pitch = PI * (spread(n, 0.819_172_513_396_164_4) - 0.5);
-    Pose::new(position.into(), heading, pitch).ok()
 }
 
 #[panic_handler]

@@ -6,7 +6,7 @@ use growbot_core::link::message::{Fault, PauseCause, State};
 use growbot_core::robot::Turning;
 
 use super::Controller;
-use crate::hal::Board;
+use crate::hal::{Board, Drivers};
 use crate::journal;
 use crate::safety::transitions::Event;
 use crate::stepping::{AxisMove, Handover, Homing, Order, Report, TurnReport, as_built};
@@ -192,7 +192,9 @@ impl<B: Board> Controller<B> {
     /// Takes the next step of the growth if everything is there for it.
     pub(super) fn proceed(&mut self, handover: &Handover) {
         match self.state {
-            State::Heating if self.heater.is_steady(self.now) => self.home(handover),
+            State::Heating if self.heater.is_steady(self.now) && self.parts.drivers.are_configured() => {
+                self.home(handover);
+            }
             State::Growing if handover.accepts_orders() && self.motion.feeding.is_none() => self.lay_or_pause(handover),
             State::Paused if self.motion.feeding.is_none() && self.motion.maintained.is_none() => {
                 self.pause_or_continue(handover);

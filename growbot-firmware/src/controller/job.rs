@@ -20,7 +20,7 @@ use crate::stepping::{Handover, Material, Report};
 
 /// The nozzle must be below this to erase a sector of the journal, degrees Celsius, which stops the processor for up to
 /// two seconds.
-const COLD_C: f64 = 50.0;
+pub(super) const COLD_C: f64 = 50.0;
 /// The max number of layers handed to the engine and not yet laid.
 const MAX_GIVEN: usize = 3;
 /// Number of the latest layers whose measurements are stored.

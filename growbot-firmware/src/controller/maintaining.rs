@@ -2,12 +2,12 @@
 //! nothing lasts for long: each move has its time, and the heater goes off when nobody has asked for anything for a
 //! while.
 
-use growbot_core::link::message::{Message, Refusal, State, Task};
+use growbot_core::link::message::{Fault, Message, Refusal, State, Task};
 
 use super::growing::Maintained;
 use super::requests::MIN_TUNING_C;
 use super::{Controller, centi};
-use crate::hal::Board;
+use crate::hal::{Board, Drivers};
 use crate::safety::transitions::Event;
 use crate::stepping::{AxisMove, Handover, Order};
 
@@ -41,6 +41,7 @@ impl<B: Board> Controller<B> {
             }
             Task::Rotate { centi_deg } => self.rotate(centi_deg, handover)?,
             Task::Feed { um } => self.feed_by(um, handover)?,
+            Task::DryRun => self.dry_run()?,
         }
         // Somebody is there.
         if matches!(self.state, State::Maintenance | State::Paused) {
@@ -68,11 +69,29 @@ impl<B: Board> Controller<B> {
         match self.state {
             // The pause begins anew, and with it the time at the temperature of growth.
             State::Paused => {}
-            State::Maintenance => self.heater.set_target(target_c, self.now),
+            State::Maintenance if !self.is_dry_run() => self.heater.set_target(target_c, self.now),
             _ => self.heater.switch_on(target_c, self.now),
         }
         self.happens(Event::Preheat);
         Ok(())
+    }
+
+    /// Maintenance with the heater off.
+    fn dry_run(&mut self) -> Result<(), Refusal> {
+        self.check_event(Event::Preheat)?;
+        if self.state == State::Paused || self.heater.target().is_some() {
+            return Err(Refusal::WrongState { state: self.state });
+        }
+        if self.may_be_halted() {
+            return Err(Refusal::DebugProbe);
+        }
+        self.happens(Event::Preheat);
+        Ok(())
+    }
+
+    /// Whether head and feed move without heat: only a dry run is maintenance with the heater off.
+    pub(super) fn is_dry_run(&self) -> bool {
+        self.state == State::Maintenance && self.heater.target().is_none()
     }
 
     fn rotate(&mut self, centi_deg: i32, handover: &Handover) -> Result<(), Refusal> {
@@ -133,19 +152,22 @@ impl<B: Board> Controller<B> {
         (AxisMove { steps, backwards, ticks_per_step, changes_filament }, seconds)
     }
 
-    /// Refuses a move in other states, with a nozzle that is not hot, and while something moves.
+    /// Refuses a move in other states, with a nozzle that is not hot unless in a dry run, and while something moves.
     fn may_maintain(&self, event: Event, handover: &Handover) -> Result<(), Refusal> {
         self.check_event(event)?;
         let min_c = self.robot.description().heater.extrusion_min_c;
         let now_c = self.heater.temperature(self.now).unwrap_or(0.0);
         // Also while the switches are tried, and while a target is on its way.
         let steady = self.heater.is_steady(self.now);
-        if now_c < min_c || !steady {
+        if (now_c < min_c || !steady) && !self.is_dry_run() {
             let target_c = self.heater.target().unwrap_or(min_c);
             return Err(Refusal::Cold { now: centi(now_c), min: centi(if now_c < min_c { min_c } else { target_c }) });
         }
         if self.motion.is_under_way() || !handover.accepts_orders() {
             return Err(Refusal::Moving);
+        }
+        if !self.parts.drivers.are_configured() {
+            return Err(Refusal::FaultRemains { fault: Fault::DriverFault });
         }
         Ok(())
     }

@@ -11,6 +11,7 @@ use growbot_core::link::message::{
 };
 use growbot_core::plan::plan_with_keep_alive;
 use growbot_core::pose::Pose;
+use heapless::String;
 
 use super::{Controller, Identity, centi};
 use crate::hal::{Board, Watchdog};
@@ -70,6 +71,13 @@ impl<B: Board> Controller<B> {
             return Err(Refusal::NoSession);
         }
         match request {
+            Message::Configure(part) => return self.configure(&part),
+            // The session ends with the restart.
+            _ if self.configuring.restarts() => return Err(Refusal::NoSession),
+            _ if !self.identity.configured => return Err(Refusal::NotConfigured),
+            _ => {}
+        }
+        match request {
             Message::Begin(begin) => self.begin(&begin),
             Message::Resume(resume) => self.resume(&resume),
             Message::Layers(layers) => self.store_layers(&layers),
@@ -105,13 +113,14 @@ impl<B: Board> Controller<B> {
     }
 
     fn board_hello(&self) -> Message {
+        let configured = self.identity.configured;
         Message::BoardHello(BoardHello {
             schema: SCHEMA_HASH,
             boot_id: self.identity.boot_id,
             reset_cause: self.identity.reset_cause,
             firmware: FIRMWARE,
-            robot_name: self.robot.description().name.clone(),
-            robot: self.robot.hash(),
+            robot_name: if configured { self.robot.description().name.clone() } else { String::new() },
+            robot: if configured { self.robot.hash() } else { 0 },
             capacity: CAPACITY as u32,
             status: self.status(),
             owner: self.link.owner(self.now).map(|(host, _)| host.clone()),

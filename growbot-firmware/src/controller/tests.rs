@@ -2,6 +2,8 @@
 
 mod bench;
 mod board;
+mod configuring;
+mod drivers;
 mod faults;
 mod growing;
 mod maintaining;

@@ -55,6 +55,7 @@
 //! | `0x16C` | [`HANG`] | host | 1: the main loop is to hang while the watchdog is fed, as a test |
 //! | `0x1000` | [`MACHINE`] | host | the machine description, bytes |
 //! | `0x2_0000` | [`JOURNAL`] | board | its flash, [`JOURNAL_CAPACITY`] bytes: survives a reset of the board |
+//! | `0x8_0000` | [`DESCRIPTION`] | board | the flash of the robot's description, as that of the journal |
 //! | `0x10_0000` | [`STEP_RING`] | board | [`STEP_RING_RECORDS`] step records, see [`StepRecord`] |
 //!
 //! # Order of accesses
@@ -69,7 +70,7 @@
 //!   [`STEP_OVERRUN`]. The positions [`HEAD_STEPS`] and [`FEED_STEPS`] count such steps all the same.
 //! - The host writes [`THERMISTOR_RAW`], then 1 to [`THERMISTOR_LIVE`]. From then on the board reads the latest value
 //!   as often as it likes, as it would an ADC of its own: a host that is slow is not a sensor that is broken.
-//! - The board writes to [`JOURNAL`] as one writes to flash: it programs words by clearing bits, and erases sectors of
+//! - The board writes to [`JOURNAL`] and [`DESCRIPTION`] as one writes to flash: it programs words by clearing bits, and erases sectors of
 //!   [`JOURNAL_SECTOR`] bytes by setting all. The zeros that it finds at first are not erased.
 //! - Pairs (`_LO`, `_HI`) are read high, low, high, until both highs agree; each pair lies in eight aligned bytes.
 //!
@@ -104,7 +105,7 @@ pub const VERSION: usize = 0x004;
 /// Value of [`MAGIC`]: `GBTP`.
 pub const MAGIC_VALUE: u32 = u32::from_le_bytes(*b"GBTP");
 /// Value of [`VERSION`].
-pub const VERSION_VALUE: u32 = 4;
+pub const VERSION_VALUE: u32 = 5;
 
 /// Offset, board to host: boots since the memory was zero.
 pub const BOOTS: usize = 0x010;
@@ -215,6 +216,8 @@ pub const JOURNAL: usize = 0x2_0000;
 pub const JOURNAL_SECTOR: usize = 0x2_0000;
 /// Bytes of that flash.
 pub const JOURNAL_CAPACITY: usize = 2 * JOURNAL_SECTOR;
+/// Offset, board to host: the flash of the robot's description, of as many sectors and bytes.
+pub const DESCRIPTION: usize = 0x8_0000;
 
 /// Offset, board to host: the step records. Record `i` is at `STEP_RING + 4 * (i % STEP_RING_RECORDS)`.
 pub const STEP_RING: usize = 0x10_0000;
@@ -313,9 +316,11 @@ mod tests {
             HANG,
             MACHINE,
             JOURNAL,
+            DESCRIPTION,
         ];
         assert!(words.windows(2).all(|pair| pair[0] + 4 <= pair[1]));
         assert!(words.iter().all(|offset| offset % 4 == 0));
-        const { assert!(MACHINE + MACHINE_CAPACITY <= JOURNAL && JOURNAL + JOURNAL_CAPACITY <= STEP_RING) };
+        const { assert!(MACHINE + MACHINE_CAPACITY <= JOURNAL && JOURNAL + JOURNAL_CAPACITY <= DESCRIPTION) };
+        const { assert!(DESCRIPTION + JOURNAL_CAPACITY <= STEP_RING) };
     }
 }

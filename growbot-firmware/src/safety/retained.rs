@@ -191,7 +191,7 @@ pub const fn survives(cause: ResetCause) -> bool {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use growbot_core::link::message::SensorReadings;
+    use growbot_core::link::message::{DriverProblem, DriverTrouble, Motor, SensorReadings};
 
     fn longest() -> Retained {
         let sensors = SensorReadings {
@@ -200,6 +200,7 @@ pub(crate) mod tests {
             filament_present: Some(true),
             filament_pulses: Some(u32::MAX),
             driver_fault: Some(true),
+            driver_trouble: Some(DriverTrouble { motor: Motor::Feed, problem: DriverProblem::Stall }),
             emergency_stop: Some(true),
             gravity_milli_g: Some([i16::MIN; 3]),
         };

@@ -21,7 +21,7 @@ pub enum Event {
     Pause,
     /// A host wants the gains of the heater found.
     Tune,
-    /// A host wants the nozzle hot without a job.
+    /// A host wants the nozzle hot without a job, or head and feed to move in a dry run with the heater off.
     Preheat,
     /// A host wants it cold again.
     CoolDown,
@@ -191,7 +191,8 @@ pub const fn may_heat(state: State) -> bool {
     )
 }
 
-/// Whether motors may be energised and turn. In maintenance they do so only while the nozzle is hot.
+/// Whether motors may be energised and turn. In maintenance they do so only while the nozzle is hot, or in a dry run
+/// with the heater off.
 #[must_use]
 pub const fn may_move(state: State) -> bool {
     matches!(state, State::Homing | State::Growing | State::Paused | State::Maintenance)

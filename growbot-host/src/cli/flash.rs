@@ -1,4 +1,4 @@
-//! `growbot flash`: puts the firmware on a robot's board, through a debug probe.
+//! `growbot flash`: puts the firmware on a robot's board, through a debug probe or as a UF2 file.
 //!
 //! Two tools do the work, cargo and probe-rs; what they say goes straight to the terminal, and Ctrl-C reaches them too.
 
@@ -8,13 +8,14 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 use growbot_client::robot_file;
+use growbot_core::robot::{Board, BoardKind, Robot};
 use growbot_host::output::print;
 use growbot_host::{note, warning};
 use growbot_sim::image_seal::{self, SealError};
 
-use super::{Failure, RobotArg};
+use super::{Failure, RobotArg, drive};
 
 /// The robot's processor, as probe-rs calls it.
 const CHIP: &str = "STM32F405RGTx";
@@ -26,16 +27,80 @@ const POWER_CYCLE: &str = "once it is flashed, unplug the probe and take the boa
 /// Where the firmware's image lies, from cargo's target directory.
 const IMAGE: &str = "thumbv7em-none-eabihf/firmware/stm32f405";
 
-/// Put the firmware on a robot's board, through a debug probe
+/// The boards that can be flashed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+enum FlashedBoard {
+    /// The robot's, through a debug probe
+    #[default]
+    Stm32f405,
+    /// The Raspberry Pi Pico, by a UF2 file (experimental)
+    Pico,
+    /// The BTT SKR Pico, by a UF2 file (experimental)
+    SkrPico,
+}
+
+impl FlashedBoard {
+    /// The alias by which cargo builds its image.
+    fn build(self) -> &'static str {
+        match self {
+            Self::Stm32f405 => "build-robot",
+            Self::Pico | Self::SkrPico => "build-pico",
+        }
+    }
+
+    /// Where its image lies, from cargo's target directory.
+    fn image(self) -> &'static str {
+        match self {
+            Self::Stm32f405 => IMAGE,
+            Self::Pico | Self::SkrPico => "thumbv6m-none-eabi/firmware/pico",
+        }
+    }
+
+    /// How it becomes a drive.
+    fn way_to_drive(self) -> &'static str {
+        match self {
+            Self::SkrPico => "set the jumper BOOT and press RESET",
+            _ => "hold BOOTSEL while you plug the board in",
+        }
+    }
+
+    fn kind(self) -> BoardKind {
+        match self {
+            Self::Stm32f405 => BoardKind::Stm32f405,
+            Self::Pico => BoardKind::Pico,
+            Self::SkrPico => BoardKind::SkrPico,
+        }
+    }
+
+    /// The robot that its image is built for. Without a word of the board in its description, the signals of a robot
+    /// are not where an SKR Pico has them: then the image is for none, and the board is configured once it runs.
+    fn built_for(self, robot: &Robot, name: &Path) -> Result<OsString, Failure> {
+        match robot.description().board {
+            Some(Board { kind, .. }) if kind != self.kind() => Err(Failure::bad_input(format!(
+                "{}: its board.kind is {kind}, and --board is {}: name the same one",
+                robot.name(),
+                self.kind()
+            ))),
+            None if self == Self::SkrPico => Ok("none".into()),
+            _ => named(name),
+        }
+    }
+}
+
+/// Put the firmware on a robot's board, through a debug probe or as a UF2 file
 ///
 /// In growbot's source tree the firmware is built first, for the robot that is named; elsewhere, give a firmware image.
 /// The image gets a seal, by which the board checks it at each start: one that is damaged does not heat. Then probe-rs
 /// writes it to the board and shows its log, until Ctrl-C. Afterwards the board's power must go for a moment: a probe
 /// leaves the processor in debug mode, in which the firmware does not heat.
+///
+/// A Pico needs no probe: plugged in with BOOTSEL held (an SKR Pico: with the BOOT jumper set) it is a drive, to which a
+/// UF2 file is copied. Without a robot file that names its board, an SKR Pico gets an image for no robot, and its robot
+/// by `growbot configure`.
 #[derive(Args)]
 #[command(
-    after_help = "Examples:\n  growbot flash --robot growbot-b\n  growbot flash --firmware stm32f405 --no-log\n\nWhat \
-                  it needs: a debug probe, and probe-rs (cargo install probe-rs-tools --locked)."
+    after_help = "Examples:\n  growbot flash --robot growbot-b\n  growbot flash --firmware stm32f405 --no-log\n  \
+                  growbot flash --board skr-pico\n  growbot flash --board pico --uf2 pico.uf2\n\nWhat it needs: a debug probe, and probe-rs (cargo install probe-rs-tools --locked)."
 )]
 pub struct FlashArgs {
     #[command(flatten)]
@@ -43,6 +108,15 @@ pub struct FlashArgs {
     /// Write this image; build nothing (the robot is the one it was built for)
     #[arg(long, value_name = "FILE", conflicts_with = "robot")]
     firmware: Option<PathBuf>,
+    /// The board
+    #[arg(long, value_enum, default_value_t)]
+    board: FlashedBoard,
+    /// Of a pico or skr-pico: write the UF2 file, and leave it to you to copy it
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["no_log", "seal_only", "drive"])]
+    uf2: Option<PathBuf>,
+    /// Of a pico or skr-pico: its drive [default: the one that is mounted as RPI-RP2]
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["no_log", "seal_only"])]
+    drive: Option<PathBuf>,
     /// Start the firmware and leave, without its log
     #[arg(long)]
     no_log: bool,
@@ -56,15 +130,21 @@ pub struct FlashArgs {
 
 /// Runs the command.
 pub fn run(args: &FlashArgs) -> Result<(), Failure> {
+    let is_drive = args.board != FlashedBoard::Stm32f405;
+    if !is_drive && (args.uf2.is_some() || args.drive.is_some()) {
+        return Err(Failure::bad_input(
+            "--uf2 and --drive are for boards that take UF2 files: say --board pico or skr-pico",
+        ));
+    }
     let (build, image) = match &args.firmware {
         Some(image) => (None, image.clone()),
         None => {
-            let build = Step::build(&args.robot)?;
-            let image = build.target().join(IMAGE);
+            let build = Step::build(&args.robot, args.board)?;
+            let image = build.target().join(args.board.image());
             (Some(build), image)
         }
     };
-    let flash = if args.seal_only { Vec::new() } else { Step::flash(&image, args.no_log) };
+    let flash = if args.seal_only || is_drive { Vec::new() } else { Step::flash(&image, args.no_log) };
     if args.dry_run {
         let seal = format!("growbot flash --seal-only --firmware {}\n", quoted(image.as_os_str()));
         let [build, flash] = [&build.into_iter().collect(), &flash]
@@ -75,8 +155,7 @@ pub fn run(args: &FlashArgs) -> Result<(), Failure> {
         build.run()?;
     }
     if !image.is_file() {
-        let what =
-            if args.firmware.is_some() { "give the image that cargo build-robot makes" } else { "cargo made none" };
+        let what = if args.firmware.is_some() { "give the image that cargo makes" } else { "cargo made none" };
         return Err(Failure::bad_input(format!("there is no firmware image {}: {what}", image.display())));
     }
     match image_seal::seal_in_place(&image) {
@@ -88,6 +167,9 @@ pub fn run(args: &FlashArgs) -> Result<(), Failure> {
     }
     if args.seal_only {
         return Ok(());
+    }
+    if is_drive {
+        return drive::write(&image, args.uf2.as_deref(), args.drive.as_deref(), args.board.way_to_drive());
     }
     if args.no_log {
         flash.iter().try_for_each(Step::run)?;
@@ -124,10 +206,12 @@ struct Step {
 
 impl Step {
     /// Builds the firmware for a robot.
-    fn build(robot: &RobotArg) -> Result<Self, Failure> {
+    fn build(robot: &RobotArg, board: FlashedBoard) -> Result<Self, Failure> {
         // A robot that is none is better said before a minute of building.
-        let (name, checked) = (robot.name()?, robot.load()?.check_for_board());
+        let (name, robot) = (robot.name()?, robot.load()?);
+        let checked = robot.check_for_board();
         checked.map_err(|error| Failure::bad_input(format!("{}: {error}", name.display())))?;
+        let built_for = board.built_for(&robot, &name)?;
         let directory = source_tree().ok_or_else(|| {
             Failure::bad_input(
                 "this is not growbot's source tree, so there is nothing to build: give an image with \
@@ -138,8 +222,8 @@ impl Step {
             tool: "cargo",
             remedy: "install Rust, https://rustup.rs",
             failed: "the firmware was not built",
-            arguments: vec!["build-robot".into()],
-            robot: Some(named(&name)?),
+            arguments: vec![board.build().into()],
+            robot: Some(built_for),
             directory: Some(directory),
         })
     }

@@ -7,7 +7,7 @@ use clap::Args;
 use growbot_client::printable::json_line;
 use growbot_client::robot_file;
 use growbot_core::angle::degrees;
-use growbot_core::robot::Robot;
+use growbot_core::robot::{Robot, Signal};
 use growbot_host::output::print;
 use growbot_host::robot_explained::{Explained, Field};
 use growbot_host::robot_questions::{NO_LIMIT, UNLIMITED};
@@ -154,6 +154,7 @@ fn in_words(explained: &Explained) -> String {
             text += &indented(&field.means, 6);
         }
     }
+    text += &wires(robot);
     let assumed = explained.fields().filter(|field| field.is_assumed()).count();
     text.push('\n');
     text += &indented(
@@ -163,6 +164,22 @@ fn in_words(explained: &Explained) -> String {
         ),
         0,
     );
+    text
+}
+
+/// Where the board that the file names has the robot's signals.
+fn wires(robot: &Robot) -> String {
+    let Some(board) = robot.description().board else { return String::new() };
+    let mut text = format!("\n{}, signal by signal:\n", board.kind);
+    for signal in Signal::ALL.into_iter().filter(|signal| signal.is_used(robot.description())) {
+        let place = match (board.pins.of(signal), board.kind.pin(signal), board.kind.terminal(signal)) {
+            (Some(pin), ..) => format!("pin {pin}"),
+            (None, Some(pin), Some(terminal)) => format!("pin {pin}, {terminal}"),
+            (.., terminal) => terminal.unwrap_or_default().to_owned(),
+        };
+        // Writing to a String cannot fail.
+        let _ = writeln!(text, "  {:<18}{place}", signal.name());
+    }
     text
 }
 

@@ -30,6 +30,10 @@ enum Kind {
     Run,
     /// A result, as `grow`, `resume` and `replay` print it with --json
     Result,
+    /// A notice, as webhooks and commands of `growbot serve` are told
+    Notice,
+    /// Settings, growbot.toml
+    Settings,
 }
 
 /// Runs the command.
@@ -40,6 +44,8 @@ pub fn run(args: &SchemaArgs) -> Result<(), Failure> {
         Kind::Scene => written::of_scenes(),
         Kind::Run => written::of_run_lines(),
         Kind::Result => written::of_results(),
+        Kind::Notice => written::of_notices(),
+        Kind::Settings => written::of_settings(),
     };
     Ok(print(&format!("{schema:#}\n"))?)
 }

@@ -10,7 +10,7 @@ use growbot_client::robot_file;
 use growbot_client::run_log::{InterruptedLayer, utc_text};
 use growbot_core::link::crash::{CrashRecord, CrashWords};
 use growbot_core::link::message::{
-    BoardHello, BootReport, Fault, FaultRecord, ImageCheck, PauseCause, Refusal, SensorReadings, State,
+    BoardHello, BootReport, DriverTrouble, Fault, FaultRecord, ImageCheck, PauseCause, Refusal, SensorReadings, State,
 };
 use growbot_host::crash::{Crash, Image};
 use growbot_host::duration::duration_text;
@@ -172,6 +172,10 @@ fn json_of_sensors(sensors: &SensorReadings) -> Value {
         "filament_present": sensors.filament_present,
         "filament_pulses": sensors.filament_pulses,
         "driver_fault": sensors.driver_fault,
+        "driver_trouble": sensors.driver_trouble.map(|trouble| json!({
+            "motor": trouble.motor.name(),
+            "problem": trouble.problem.code(),
+        })),
         "emergency_stop": sensors.emergency_stop,
         "gravity_g": sensors.gravity_milli_g.map(|gravity| gravity.map(|milli| f64::from(milli) / 1000.0)),
     })
@@ -207,8 +211,10 @@ fn text_of_sensors(sensors: &SensorReadings) -> String {
     if let Some(present) = sensors.filament_present {
         parts.push(if present { "filament" } else { "no filament" }.to_string());
     }
-    if sensors.driver_fault == Some(true) {
-        parts.push("driver fault".to_string());
+    match sensors.driver_trouble {
+        Some(DriverTrouble { motor, problem }) => parts.push(format!("{} driver {}", motor.name(), problem.code())),
+        None if sensors.driver_fault == Some(true) => parts.push("driver fault".to_string()),
+        None => {}
     }
     if sensors.emergency_stop == Some(true) {
         parts.push("emergency stop pressed".to_string());
@@ -242,6 +248,9 @@ pub fn text_of_record(record: &FaultRecord) -> String {
         f64::from(record.duty) / f64::from(u16::MAX) * 100.0,
         record.laid
     );
+    if let Some(DriverTrouble { motor, problem }) = record.sensors.driver_trouble {
+        text += &format!("             the {}'s driver {}\n", motor.name(), problem.explanation());
+    }
     text
 }
 
@@ -253,8 +262,8 @@ fn json_of(hello: &BoardHello, is_simulated: bool) -> Value {
     let status = &hello.status;
     let time_left = time_left(hello, OffsetDateTime::now_utc()).filter(|_| !is_simulated);
     json!({
-        "robot": hello.robot_name,
-        "robot_hash": format!("{:016x}", hello.robot),
+        "robot": is_configured(hello).then_some(&hello.robot_name),
+        "robot_hash": is_configured(hello).then(|| format!("{:016x}", hello.robot)),
         "firmware": version(hello),
         "schema": format!("{:016x}", hello.schema),
         "boot_id": hello.boot_id,
@@ -277,6 +286,20 @@ fn json_of(hello: &BoardHello, is_simulated: bool) -> Value {
         "left_s": time_left.map(|(left_s, _)| left_s),
         "finish_utc": time_left.map(|(_, finish)| utc_text(finish)),
     })
+}
+
+/// Whether a board has a robot description.
+pub fn is_configured(hello: &BoardHello) -> bool {
+    hello.robot != 0
+}
+
+/// The description that a board has.
+pub fn described(hello: &BoardHello) -> String {
+    if is_configured(hello) {
+        format!("{} ({:016x})", hello.robot_name, hello.robot)
+    } else {
+        "none: the board is not configured, send it a description with `growbot configure`".to_string()
+    }
 }
 
 fn is_paused(state: State) -> bool {
@@ -324,8 +347,7 @@ fn text_of(hello: &BoardHello, is_simulated: bool) -> String {
         }
     };
     let simulated = if is_simulated { ", simulated" } else { "" };
-    let mut text =
-        format!("robot        {} ({:016x}), firmware {}{simulated}\n", hello.robot_name, hello.robot, version(hello));
+    let mut text = format!("robot        {}, firmware {}{simulated}\n", described(hello), version(hello));
     text += &format!("state        {}\n", status.state.name());
     if let Some(fault) = status.fault {
         text += &format!("fault        {}: {}\n", fault.code(), fault.explanation());
@@ -354,4 +376,34 @@ fn text_of(hello: &BoardHello, is_simulated: bool) -> String {
         hello.boot_id
     );
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use growbot_core::link::message::{DriverProblem, Motor};
+
+    #[test]
+    fn a_driver_in_trouble_is_named_with_what_is_wrong_and_what_to_do() {
+        let trouble = Some(DriverTrouble { motor: Motor::Feed, problem: DriverProblem::Silent });
+        let sensors = SensorReadings { driver_fault: Some(true), driver_trouble: trouble, ..SensorReadings::default() };
+        assert_eq!(text_of_sensors(&sensors), "head off its mark, feed driver silent");
+        assert_eq!(json_of_sensors(&sensors)["driver_trouble"], json!({ "motor": "feed", "problem": "silent" }));
+        let record = FaultRecord {
+            fault: Some(Fault::DriverFault),
+            cleared: false,
+            state: State::Heating,
+            uptime_ms: 5000,
+            temperature_centi_c: Some(2500),
+            target_centi_c: None,
+            duty: 0,
+            sensors,
+            plan_id: 0,
+            laid: 0,
+            begun: 0,
+        };
+        let text = text_of_record(&record);
+        let said = "the feed's driver does not answer: check the motors' supply, without which it is off";
+        assert!(text.contains(said), "{text}");
+    }
 }

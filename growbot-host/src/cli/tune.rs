@@ -13,6 +13,7 @@ use serde_json::json;
 
 use super::following::stopped_for;
 use super::interrupt::stop_on_interrupt;
+use super::service::borrow_line;
 use super::{Failure, RobotArg, RobotPortArg};
 
 /// How long the board may be quiet before it is asked how it does.
@@ -47,6 +48,7 @@ pub fn run(args: &TuneArgs) -> Result<(), Failure> {
             .filter(|celsius| (-1000.0..=1000.0).contains(celsius))
             .ok_or_else(|| Failure::bad_input(format!("--target {text:?} is no temperature: give degrees Celsius")))?,
     };
+    let _lent = borrow_line(&port, "growbot tune")?;
     let mut client = port.client(&robot)?;
     client.hello_robot(&robot)?;
     // Before anything heats: from here on Ctrl-C stops the board.

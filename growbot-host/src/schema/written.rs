@@ -11,6 +11,8 @@ use schemars::generate::SchemaSettings;
 use serde_json::{Value, json};
 
 use super::plain;
+use crate::serve::notices::Notice;
+use crate::settings::Written;
 
 /// Of plan files.
 #[must_use]
@@ -37,6 +39,21 @@ pub fn of_run_lines() -> Value {
 #[must_use]
 pub fn of_results() -> Value {
     of::<GrowthResult>("growbot result", "What a growth came to. Lengths are in mm: names carry the unit.")
+}
+
+/// Of what webhooks and commands of the service are told.
+#[must_use]
+pub fn of_notices() -> Value {
+    of::<Notice>(
+        "growbot notice",
+        "What `growbot serve` tells who does not look. Receivers skip fields that they do not know.",
+    )
+}
+
+/// Of `growbot.toml`.
+#[must_use]
+pub fn of_settings() -> Value {
+    of_read::<Written>("growbot.toml", "What is set for all commands of growbot.")
 }
 
 fn of<T: JsonSchema>(title: &str, description: &str) -> Value {

@@ -23,6 +23,7 @@ use growbot_firmware::emulated_tip as table;
 use super::OpenError;
 use super::qemu::{EmulatedRobot, QemuError, TipMemory, doing};
 use crate::image_seal;
+use crate::tip::hand::Hand;
 use crate::tip::{IndexMark, Motor, Tip, TipFault, Variation, encoder_pitch};
 use crate::truth::{Laid, Simulation};
 
@@ -441,6 +442,11 @@ impl Simulation for SharedFollowed {
 
     fn settled(&mut self, from: usize) -> Vec<Layer> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).tip.settled(from).to_vec()
+    }
+
+    fn by_hand(&mut self, hand: Hand) -> bool {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).tip.by_hand(hand);
+        true
     }
 }
 

@@ -1,8 +1,9 @@
-//! Where a robot is: in this process (`sim`), in an emulator, behind a TCP connection or on a serial line.
+//! Where a robot is: in this process (`sim`), in an emulator (`emulator`, `rp2040`), behind a TCP connection or on a serial line.
 
 pub mod emulator;
 pub mod paced;
 pub mod qemu;
+pub mod rp2040;
 pub mod sim;
 
 use std::cell::RefCell;
@@ -19,9 +20,10 @@ use growbot_core::robot::{Robot, RobotError};
 
 use paced::Paced;
 use qemu::QemuError;
+use rp2040::BenchError;
 
 use crate::resident::{Line, Place, ResidentError, Truth};
-use crate::tip::Tip;
+use crate::tip::{Tip, Variation};
 use crate::truth::Simulation;
 use growbot_core::simulation::Imperfection;
 
@@ -30,7 +32,7 @@ use growbot_core::simulation::Imperfection;
 pub enum OpenError {
     /// The port's name means nothing.
     #[error(
-        "port `{0}` is unknown: use sim, sim:NAME, emulator, emulator:ELF, tcp:HOST:PORT or a serial device such as /dev/ttyACM0"
+        "port `{0}` is unknown: use sim, sim:NAME, emulator, emulator:ELF, rp2040, rp2040:ELF, rp2040:ELF,usb, tcp:HOST:PORT or a serial device such as /dev/ttyACM0"
     )]
     Unknown(String),
     /// A simulated robot is reached through its program alone.
@@ -45,6 +47,9 @@ pub enum OpenError {
     /// The emulator.
     #[error(transparent)]
     Emulator(#[from] QemuError),
+    /// The emulator of the Pico.
+    #[error(transparent)]
+    Rp2040(#[from] BenchError),
     /// The line.
     #[error(transparent)]
     Port(#[from] PortError),
@@ -65,6 +70,8 @@ pub enum PortName {
     Resident(String),
     /// The firmware in QEMU: the image given, or the one that was built last.
     Emulator(Option<PathBuf>),
+    /// The firmware of a Pico in `rp2040js`: the image given, or the one that was built last, over one of its lines.
+    Rp2040(Option<PathBuf>, rp2040::Line),
     /// `tcp:HOST:PORT`.
     Tcp(String),
     /// A serial device.
@@ -78,7 +85,7 @@ impl PortName {
     #[must_use]
     pub fn is_virtual(&self) -> bool {
         match self {
-            Self::Sim => true,
+            Self::Sim | Self::Rp2040(..) => true,
             Self::Faulty(name, _) => name.is_virtual(),
             Self::Resident(_) | Self::Emulator(_) | Self::Tcp(_) | Self::Serial(_) => false,
         }
@@ -90,7 +97,7 @@ impl PortName {
         match self {
             Self::Resident(name) => Some(name),
             Self::Faulty(name, _) => name.resident(),
-            Self::Sim | Self::Emulator(_) | Self::Tcp(_) | Self::Serial(_) => None,
+            Self::Sim | Self::Emulator(_) | Self::Rp2040(..) | Self::Tcp(_) | Self::Serial(_) => None,
         }
     }
 
@@ -98,7 +105,7 @@ impl PortName {
     #[must_use]
     pub fn is_simulated(&self) -> bool {
         match self {
-            Self::Sim | Self::Resident(_) | Self::Emulator(_) => true,
+            Self::Sim | Self::Resident(_) | Self::Emulator(_) | Self::Rp2040(..) => true,
             Self::Faulty(name, _) => name.is_simulated(),
             Self::Tcp(_) | Self::Serial(_) => false,
         }
@@ -114,6 +121,13 @@ impl FromStr for PortName {
             Some(("sim", name)) if !name.is_empty() => Ok(Self::Resident(name.to_string())),
             None if text == "emulator" => Ok(Self::Emulator(None)),
             Some(("emulator", path)) if !path.is_empty() => Ok(Self::Emulator(Some(path.into()))),
+            None if text == "rp2040" => Ok(Self::Rp2040(None, rp2040::Line::Uart)),
+            None if text == "rp2040,usb" => Ok(Self::Rp2040(None, rp2040::Line::Usb)),
+            Some(("rp2040", path)) if !path.is_empty() => {
+                let over_usb = path.strip_suffix(",usb").filter(|path| !path.is_empty());
+                let line = if over_usb.is_some() { rp2040::Line::Usb } else { rp2040::Line::Uart };
+                Ok(Self::Rp2040(Some(over_usb.unwrap_or(path).into()), line))
+            }
             Some(("tcp", address)) if address.contains(':') => Ok(Self::Tcp(address.to_string())),
             None if text.starts_with('/') || text.starts_with("COM") => Ok(Self::Serial(text.to_string())),
             _ => Err(OpenError::Unknown(text.to_string())),
@@ -187,6 +201,12 @@ pub fn open(name: &PortName, robot: &Robot, settings: &TipSettings) -> Result<Op
             let simulation = Some(emulator.simulation());
             Opened { port: Box::new(emulator), simulation }
         }
+        PortName::Rp2040(firmware, line) => {
+            let mut board = rp2040::Rp2040::start_over(*line, robot, firmware.as_deref(), Variation::default())?;
+            settings.apply(&mut board.simulated_tip());
+            let simulation = Some(board.simulation());
+            Opened { port: Box::new(board), simulation }
+        }
         PortName::Tcp(address) => Opened::robot(Stream::tcp(address)?),
         PortName::Serial(device) => Opened::robot(Stream::serial(device)?),
         PortName::Faulty(name, spec) => {
@@ -202,7 +222,7 @@ pub fn open(name: &PortName, robot: &Robot, settings: &TipSettings) -> Result<Op
 /// As [`open`]; a robot that is simulated has no line of its own.
 pub fn open_for_emergency_stop(name: &PortName, limit: Duration) -> Result<Box<dyn Port>, OpenError> {
     Ok(match name {
-        PortName::Sim | PortName::Emulator(_) => return Err(OpenError::NoLine),
+        PortName::Sim | PortName::Emulator(_) | PortName::Rp2040(..) => return Err(OpenError::NoLine),
         PortName::Resident(name) => Box::new(Line::open_beside(&Place::of(name)?)?),
         PortName::Tcp(address) => Box::new(Stream::tcp_within(address, limit)?),
         PortName::Serial(device) => Box::new(Stream::serial_for_emergency_stop(device)?),
@@ -229,10 +249,15 @@ mod tests {
         assert_eq!("sim".parse::<PortName>().unwrap(), PortName::Sim);
         assert_eq!("emulator".parse::<PortName>().unwrap(), PortName::Emulator(None));
         assert_eq!("emulator:a.elf".parse::<PortName>().unwrap(), PortName::Emulator(Some("a.elf".into())));
+        assert_eq!("rp2040".parse::<PortName>().unwrap(), PortName::Rp2040(None, rp2040::Line::Uart));
+        assert_eq!("rp2040,usb".parse::<PortName>().unwrap(), PortName::Rp2040(None, rp2040::Line::Usb));
+        for (name, line) in [("rp2040:a.elf", rp2040::Line::Uart), ("rp2040:a.elf,usb", rp2040::Line::Usb)] {
+            assert_eq!(name.parse::<PortName>().unwrap(), PortName::Rp2040(Some("a.elf".into()), line));
+        }
         assert_eq!("tcp:robot:4000".parse::<PortName>().unwrap(), PortName::Tcp("robot:4000".into()));
         assert_eq!("/dev/ttyACM0".parse::<PortName>().unwrap(), PortName::Serial("/dev/ttyACM0".into()));
         assert_eq!("sim:lab".parse::<PortName>().unwrap(), PortName::Resident("lab".into()));
-        for wrong in ["", "sim:", "tcp", "tcp:", "tcp:robot", "emulator:", "simulator"] {
+        for wrong in ["", "sim:", "tcp", "tcp:", "tcp:robot", "emulator:", "rp2040:", "simulator"] {
             assert!(matches!(wrong.parse::<PortName>(), Err(OpenError::Unknown(_))), "{wrong}");
         }
     }

@@ -14,7 +14,8 @@ use growbot_core::link::message::{Fault, ImageCheck, ResetCause, State};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_firmware::controller::{Controller, Identity};
-use growbot_firmware::hal::{Board, NoDebugPort, Outputs, Parts, RetainedMemory, Watchdog};
+use growbot_firmware::descriptions::{Descriptions, Stored};
+use growbot_firmware::hal::{Board, NoDebugPort, NoDrivers, Outputs, Parts, RetainedMemory, Watchdog};
 use growbot_firmware::journal::Journal;
 use growbot_firmware::layer_store::LayerStore;
 use growbot_firmware::safety::retained::{COPY_BYTES, RETAINED_BYTES};
@@ -58,6 +59,12 @@ pub struct Sim {
     fed: Rc<WatchdogClock>,
     retained: Retained,
     flash: Flash,
+    /// That of the robot's description.
+    descriptions: Flash,
+    /// Whether the board has a description when its flash has none.
+    built_in: bool,
+    /// The time at which `tick` was 0, s.
+    epoch_s: f64,
     from_board: VecDeque<u8>,
     /// Looks for an emergency stop in what is received.
     watch: Recogniser,
@@ -76,20 +83,13 @@ impl Sim {
         let tip = Rc::new(RefCell::new(Tip::new(robot.clone(), HEAD_AT_FIRST, variation)));
         let fed = Rc::new(WatchdogClock::default());
         let retained = Retained::of_noise(&tip.borrow(), 0);
-        let flash = Flash::new(FLASH_SECTORS);
+        let [flash, descriptions] = [Flash::new(FLASH_SECTORS), Flash::new(FLASH_SECTORS)];
         let handover = Handover::new();
         let tick_hz = u64::from(robot.description().motion.tick_hz);
+        let kept = Kept { retained: &retained, flash: &flash, descriptions: &descriptions };
         let mut sim = Self {
             engine: engine(&robot, &tip),
-            controller: controller(
-                &robot,
-                &tip,
-                &fed,
-                &retained,
-                &flash,
-                identity_of(1, ResetCause::PowerOn),
-                &handover,
-            ),
+            controller: controller(&robot, &tip, &fed, &kept, identity_of(1, ResetCause::PowerOn), &handover),
             robot,
             tip,
             handover,
@@ -101,6 +101,9 @@ impl Sim {
             fed,
             retained,
             flash,
+            descriptions,
+            built_in: true,
+            epoch_s: 0.0,
             from_board: VecDeque::new(),
             watch: Recogniser::new(),
         };
@@ -142,7 +145,7 @@ impl Sim {
     /// Virtual time since the robot was switched on, s.
     #[must_use]
     pub fn now_s(&self) -> f64 {
-        self.tick as f64 / self.tick_hz as f64
+        self.epoch_s + self.tick as f64 / self.tick_hz as f64
     }
 
     /// How often the board has started.
@@ -188,7 +191,25 @@ impl Sim {
         self.retained = Retained::of_noise(&self.tip.borrow(), self.tick);
     }
 
-    /// The board's flash. A loss of power while it is written to resets the board.
+    /// The robot: as it was made, until its board is configured as another one.
+    #[must_use]
+    pub fn robot(&self) -> &Robot {
+        &self.robot
+    }
+
+    /// The flash of the robot's description.
+    #[must_use]
+    pub fn descriptions(&self) -> Flash {
+        self.descriptions.clone()
+    }
+
+    /// Starts the board anew without a description built in: it only communicates until it is configured.
+    pub fn restart_without_description(&mut self) {
+        self.built_in = false;
+        self.reset(ResetCause::PowerOn);
+    }
+
+    /// The journal's flash. A loss of power while it is written to resets the board.
     #[must_use]
     pub fn flash(&self) -> Flash {
         self.flash.clone()
@@ -200,18 +221,41 @@ impl Sim {
         if cause == ResetCause::PowerOn {
             self.lose_retained();
             self.flash.power_up();
+            self.descriptions.power_up();
         }
         self.outputs_off();
         self.boots = self.boots.wrapping_add(1);
         self.boot_tick = self.tick;
         self.fed.feed();
         self.handover = Handover::new();
+        let stored = Descriptions::open(self.descriptions.clone()).newest();
+        let configured = match stored {
+            Stored::Robot(_) => true,
+            Stored::Nothing => self.built_in,
+            Stored::Unreadable => false,
+        };
+        if let Some(robot) = stored.robot().filter(|robot| robot.hash() != self.robot.hash()) {
+            self.become_another(robot);
+        }
         // An engine lets go of both motors when it starts.
         self.engine = engine(&self.robot, &self.tip);
-        let identity = identity_of(self.boots, cause);
-        self.controller =
-            controller(&self.robot, &self.tip, &self.fed, &self.retained, &self.flash, identity, &self.handover);
+        let identity = Identity { configured, ..identity_of(self.boots, cause) };
+        let kept = Kept { retained: &self.retained, flash: &self.flash, descriptions: &self.descriptions };
+        self.controller = controller(&self.robot, &self.tip, &self.fed, &kept, identity, &self.handover);
         self.poll();
+    }
+
+    /// The board has been configured for another robot, and a simulated robot is as its board says: its tip is that of
+    /// the other one, cold and with its head anywhere. Its own ticks begin at 0.
+    fn become_another(&mut self, robot: Robot) {
+        let variation = *self.tip.borrow().variation();
+        self.epoch_s = self.now_s();
+        (self.tick, self.boot_tick, self.next_poll) = (0, 0, 0);
+        self.fed.now.set(0);
+        self.fed.feed();
+        self.tick_hz = u64::from(robot.description().motion.tick_hz);
+        *self.tip.borrow_mut() = Tip::new(robot.clone(), HEAD_AT_FIRST, variation);
+        self.robot = robot;
     }
 
     /// Starts the board anew as one that has started so often before.
@@ -245,8 +289,10 @@ impl Sim {
         if self.tick >= self.watchdog_bites() {
             self.reset(ResetCause::Watchdog);
         }
-        if self.flash.has_lost_power() {
+        if self.flash.has_lost_power() || self.descriptions.has_lost_power() {
             self.reset(ResetCause::PowerOn);
+        } else if self.controller.is_to_restart() {
+            self.reset(ResetCause::External);
         }
     }
 
@@ -294,12 +340,18 @@ fn engine(robot: &Robot, tip: &SharedTip) -> SimEngine {
     Engine::new(axis(Motor::Head), axis(Motor::Feed), inputs, outputs, EngineSettings::of(robot))
 }
 
+/// What a board keeps when it is reset.
+struct Kept<'a> {
+    retained: &'a Retained,
+    flash: &'a Flash,
+    descriptions: &'a Flash,
+}
+
 fn controller(
     robot: &Robot,
     tip: &SharedTip,
     fed: &Rc<WatchdogClock>,
-    retained: &Retained,
-    flash: &Flash,
+    kept: &Kept,
     identity: Identity,
     handover: &Handover,
 ) -> Controller<SimBoard> {
@@ -311,11 +363,13 @@ fn controller(
         supply: Adc::supply(tip),
         filament_presence: Input::filament_presence(tip),
         driver_fault: Input::driver_fault(tip),
+        drivers: NoDrivers,
         orientation: Orientation(Rc::clone(tip)),
         watchdog: SimWatchdog(Rc::clone(fed)),
         debug_port: NoDebugPort,
-        retained: retained.clone(),
-        journal: Journal::open(flash.clone()),
+        retained: kept.retained.clone(),
+        journal: Journal::open(kept.flash.clone()),
+        descriptions: Descriptions::open(kept.descriptions.clone()),
         store: Box::new(LayerStore::new()),
     };
     Controller::new(robot.clone(), identity, parts, handover)
@@ -362,6 +416,7 @@ impl Board for SimBoard {
     type Supply = Adc;
     type FilamentPresence = Input;
     type DriverFault = Input;
+    type Drivers = NoDrivers;
     type Orientation = Orientation;
     type Watchdog = SimWatchdog;
     type DebugPort = NoDebugPort;
@@ -372,7 +427,8 @@ impl Board for SimBoard {
 
 /// A boot of a simulated board, which has no image that could be checked, and does not crash.
 fn identity_of(boot_id: u32, reset_cause: ResetCause) -> Identity {
-    Identity { boot_id, reset_cause, image: ImageCheck::NotSealed, crash: None, without_crystal: false }
+    let image = ImageCheck::NotSealed;
+    Identity { boot_id, reset_cause, image, crash: None, without_crystal: false, configured: true }
 }
 
 /// Memory of the board that survives a reset.

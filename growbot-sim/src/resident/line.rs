@@ -14,6 +14,7 @@ use growbot_core::link::emergency_stop::EMERGENCY_STOP;
 use super::wire::{Answer, Ask, RELEASE, laid, micros};
 use super::{Place, ResidentError};
 use crate::port::TipSettings;
+use crate::tip::hand::Hand;
 use crate::truth::{Laid, Simulation};
 
 /// How long the process may take for what it does at once. It has nothing else to do.
@@ -169,5 +170,9 @@ impl Simulation for Truth {
             Ok(Answer::Laid { layers, .. }) => laid(&layers, 0).body,
             _ => Vec::new(),
         }
+    }
+
+    fn by_hand(&mut self, hand: Hand) -> bool {
+        self.0.borrow_mut().ask(&Ask::Hand(hand), AT_ONCE).is_ok()
     }
 }

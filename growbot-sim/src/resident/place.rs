@@ -147,12 +147,14 @@ impl Place {
     pub(super) fn settle(&self, robot: &Robot) -> Result<(), ResidentError> {
         match self.robot()? {
             Some(known) => self.is_the_same(&known, robot),
-            None => {
-                let mut buffer = [0; LONGEST_ENCODED];
-                let bytes = robot.encode(&mut buffer).unwrap_or_default();
-                self.write("robot", bytes)
-            }
+            None => self.become_another(robot),
         }
+    }
+
+    /// Has this robot live here, whoever did before.
+    pub(super) fn become_another(&self, robot: &Robot) -> Result<(), ResidentError> {
+        let mut buffer = [0; LONGEST_ENCODED];
+        self.write("robot", robot.encode(&mut buffer).unwrap_or_default())
     }
 
     pub(super) fn failed(&self, what: &'static str, path: PathBuf, error: io::Error) -> ResidentError {

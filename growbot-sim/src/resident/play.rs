@@ -260,6 +260,7 @@ impl Player {
                 return Some(Answer::of_layers(&laid.body, laid.feed_steps));
             }
             Ask::Settled { from } => return Some(Answer::of_layers(&self.sim.simulation().settled(from), 0)),
+            Ask::Hand(hand) => self.sim.simulated_tip().by_hand(hand),
             Ask::Reset => self.sim.reset(ResetCause::External),
             Ask::PowerOff => {}
         }

@@ -9,37 +9,41 @@ use growbot_firmware::safety::retained::RETAINED_BYTES;
 
 use super::{Place, ResidentError};
 use crate::port::sim::Sim;
+use crate::tip::flash::Flash;
 
 /// The files, and what they hold.
 pub struct Store {
     place: Place,
-    flash: Kept,
+    flash: KeptFlash,
+    /// The flash of the robot's description.
+    descriptions: KeptFlash,
     retained: Kept,
-    /// Writes of the flash that are in the file.
-    flash_writes: u64,
+    /// The robot that is in its file.
+    robot: u64,
 }
 
 impl Store {
     /// Opens the files, and has the board know what they hold. Returns whether it retains something.
     pub fn open(place: &Place, sim: &mut Sim) -> Result<(Self, bool), ResidentError> {
-        let flash = Kept::open(place, "flash", &sim.flash().bytes())?;
         let erased = [0; RETAINED_BYTES];
+        let flash = KeptFlash::open(place, "flash", sim.flash())?;
+        let descriptions = KeptFlash::open(place, "description-flash", sim.descriptions())?;
         let retained = Kept::open(place, "retained", &erased)?;
-        sim.flash().set_bytes(&flash.bytes);
         let retains = retained.bytes != erased;
         if retains {
             sim.retained().set(&retained.bytes);
         }
-        let flash_writes = sim.flash().writes();
-        Ok((Self { place: place.clone(), flash, retained, flash_writes }, retains))
+        let robot = sim.robot().hash();
+        Ok((Self { place: place.clone(), flash, descriptions, retained, robot }, retains))
     }
 
     /// Writes what has changed.
     pub fn keep(&mut self, sim: &Sim) -> Result<(), ResidentError> {
-        let writes = sim.flash().writes();
-        if writes != self.flash_writes {
-            self.flash.keep(&self.place, "flash", &sim.flash().bytes())?;
-            self.flash_writes = writes;
+        self.flash.keep(&self.place)?;
+        self.descriptions.keep(&self.place)?;
+        if sim.robot().hash() != self.robot {
+            self.place.become_another(sim.robot())?;
+            self.robot = sim.robot().hash();
         }
         self.retained.keep(&self.place, "retained", &sim.retained().read())
     }
@@ -47,6 +51,34 @@ impl Store {
     /// The power goes: nothing is retained.
     pub fn lose_retained(&mut self) -> Result<(), ResidentError> {
         self.retained.keep(&self.place, "retained", &[0; RETAINED_BYTES])
+    }
+}
+
+/// A file that is a copy of a flash.
+struct KeptFlash {
+    name: &'static str,
+    kept: Kept,
+    flash: Flash,
+    /// Writes of the flash that are in the file.
+    writes: u64,
+}
+
+impl KeptFlash {
+    /// The file, and the flash with what it holds.
+    fn open(place: &Place, name: &'static str, flash: Flash) -> Result<Self, ResidentError> {
+        let kept = Kept::open(place, name, &flash.bytes())?;
+        flash.set_bytes(&kept.bytes);
+        let writes = flash.writes();
+        Ok(Self { name, kept, flash, writes })
+    }
+
+    fn keep(&mut self, place: &Place) -> Result<(), ResidentError> {
+        let writes = self.flash.writes();
+        if writes != self.writes {
+            self.kept.keep(place, self.name, &self.flash.bytes())?;
+            self.writes = writes;
+        }
+        Ok(())
     }
 }
 

@@ -9,10 +9,11 @@ use growbot_core::tracking::SensorNoise;
 use serde::{Deserialize, Serialize};
 
 use crate::port::TipSettings;
+use crate::tip::hand::Hand;
 use crate::truth::Laid;
 
 /// Changes with what is said here.
-pub const RELEASE: u32 = 1;
+pub const RELEASE: u32 = 2;
 
 /// What is asked of the process.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -30,6 +31,8 @@ pub enum Ask {
     Laid,
     /// The layers that no longer change.
     Settled { from: usize },
+    /// Something that is done to the tip by hand.
+    Hand(Hand),
     /// A reset of the board.
     Reset,
     /// The end of the process, at once.

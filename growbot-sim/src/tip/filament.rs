@@ -75,6 +75,11 @@ impl Filament {
         self.position == self.front
     }
 
+    /// Is taken out of the nozzle, so that nothing stops it; or its end rests where it is.
+    pub fn free(&mut self, free: bool) {
+        self.front = if free { i64::MAX } else { self.position };
+    }
+
     /// A step of the feed that takes it along. Where that pushes it out the encoder sees so much of it.
     pub fn step(&mut self, forwards: bool, seen: f64) -> Moved {
         if !forwards {
@@ -112,6 +117,12 @@ impl Filament {
     /// How far it has turned the encoder, steps.
     pub fn turned(&self) -> f64 {
         self.turned
+    }
+
+    /// So many whole steps there are at least until the encoder's level may change, that step included.
+    pub fn steps_to_edge(&self) -> u32 {
+        let [from, to] = self.level_span;
+        if self.half_pulse.is_none() { u32::MAX } else { (self.turned - from).min(to - self.turned).max(1.0) as u32 }
     }
 
     /// The level of the encoder.

@@ -33,4 +33,32 @@ impl IndexMark {
     pub fn covers(&self, head: i64) -> bool {
         (head - i64::from(self.position)).rem_euclid(i64::from(self.steps_per_turn)) < i64::from(self.width)
     }
+    /// Steps of the head from a position to the nearest at which it begins or ends to be there.
+    pub(super) fn steps_to_edge(&self, head: i64) -> u32 {
+        let turn = i64::from(self.steps_per_turn);
+        let width = i64::from(self.width);
+        let from_begin = (head - i64::from(self.position)).rem_euclid(turn);
+        let nearest = if from_begin < width {
+            (width - from_begin).min(from_begin + 1)
+        } else {
+            (turn - from_begin).min(from_begin - width + 1)
+        };
+        nearest.max(1) as u32
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn its_edges_are_as_far_as_is_said() {
+        let mark = IndexMark { steps_per_turn: 20, position: 18, width: 4 };
+        for head in -40..40 {
+            let steps = i64::from(mark.steps_to_edge(head));
+            let level = |at: i64| mark.covers(at);
+            assert!((1..steps).all(|step| level(head + step) == level(head) && level(head - step) == level(head)));
+            assert!(level(head + steps) != level(head) || level(head - steps) != level(head), "{head}");
+        }
+    }
 }

@@ -17,6 +17,7 @@ mod cartridge;
 mod fault;
 mod filament;
 pub mod flash;
+pub mod hand;
 mod heat;
 mod index_mark;
 mod noise;

@@ -1,6 +1,7 @@
 //! What the tip's sensors show.
 
 use growbot_core::robot::Robot;
+use growbot_core::simulation::Imperfection;
 use growbot_firmware::thermistor::{self, FULL_SCALE};
 
 use super::cartridge::resistance_104gt_2;
@@ -102,6 +103,31 @@ impl Tip {
     #[must_use]
     pub fn encoder(&self) -> bool {
         self.filament.encoder()
+    }
+
+    /// So many steps of the head and of the feed there are at least until a sensor shows something else, that step
+    /// included, whichever way they go.
+    #[must_use]
+    pub fn steps_to_next_edge(&self) -> [u32; 2] {
+        let feed = self.steps_to_switch().min(self.steps_to_pulse());
+        [self.steps_to_mark(), feed]
+    }
+
+    fn steps_to_mark(&self) -> u32 {
+        if self.to_slip != 0 {
+            return 1;
+        }
+        if self.index_follows() { self.mark.steps_to_edge(self.position) } else { u32::MAX }
+    }
+
+    fn steps_to_pulse(&self) -> u32 {
+        // Where each layer moves the encoder otherwise, any step may.
+        if self.imperfection == Imperfection::default() { self.filament.steps_to_edge() } else { 1 }
+    }
+
+    fn steps_to_switch(&self) -> u32 {
+        let steps_per_mm = self.robot.description().feed.steps_per_mm;
+        ((self.filament.left() - SWITCH_AHEAD_MM).abs() * steps_per_mm).max(1.0) as u32
     }
 
     /// How the encoder continues from here: how far it has been turned, steps, and how much each step's worth adds in

@@ -8,7 +8,9 @@ use super::LayerBatch;
 use super::requests::HostName;
 use crate::layer_bytes::LayerBytes;
 use crate::link::crash::CrashWords;
+use crate::link::drivers::DriverTrouble;
 use crate::link::state::{Fault, ResetCause, State};
+use crate::robot::{BoardKind, ENCODING_VERSION, RobotError};
 
 /// Why a request was refused. The board did nothing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
@@ -108,6 +110,71 @@ pub enum Refusal {
     Moving,
     /// There is no filament.
     NoFilament,
+    /// The board has no robot description, so it only communicates.
+    NotConfigured,
+    /// The board knows a job that is not done, which would be lost with its robot.
+    JobNotDone {
+        /// The job's id.
+        plan_id: u64,
+    },
+    /// The robot description is not valid, and the board keeps the one that it has.
+    BadDescription {
+        /// What is wrong with it.
+        why: BadDescription,
+    },
+    /// The robot description could not be written to flash, and the board keeps the one that it has.
+    DescriptionNotStored,
+}
+
+/// What is wrong with a robot description. A host that checks it with the same code can say which field.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+pub enum BadDescription {
+    /// It has another version of the encoding than the board reads.
+    OtherVersion {
+        /// The version that the board reads.
+        board: u8,
+    },
+    /// The bytes are no description.
+    Unreadable,
+    /// Its hash is not that of the request.
+    OtherHash {
+        /// Its hash.
+        found: u64,
+    },
+    /// It is too long.
+    TooLong,
+    /// A number is not finite, or out of its range or that of the board.
+    Number,
+    /// The name is not one that a robot may have.
+    Name,
+    /// The thermistor has no equation, or two.
+    Thermistor,
+    /// Pins that cannot be what they are to be.
+    Pins,
+    /// Settings that a stepper driver cannot have.
+    Drivers,
+    /// It is for another kind of board.
+    OtherBoard {
+        /// The kind that it is for.
+        asked: BoardKind,
+        /// The kind that the board is.
+        board: BoardKind,
+    },
+}
+
+impl From<RobotError> for BadDescription {
+    fn from(error: RobotError) -> Self {
+        match error {
+            RobotError::OtherVersion { .. } => Self::OtherVersion { board: ENCODING_VERSION },
+            RobotError::Unreadable => Self::Unreadable,
+            RobotError::TooLong => Self::TooLong,
+            RobotError::NotFinite { .. } | RobotError::TooSmall { .. } | RobotError::TooLarge { .. } => Self::Number,
+            RobotError::Name => Self::Name,
+            RobotError::ThermistorEquation => Self::Thermistor,
+            RobotError::Pins(_) => Self::Pins,
+            RobotError::Drivers(_) => Self::Drivers,
+        }
+    }
 }
 
 /// The board's identity and status.
@@ -121,9 +188,9 @@ pub struct BoardHello {
     pub reset_cause: ResetCause,
     /// Version of the firmware: major, minor, patch.
     pub firmware: [u8; 3],
-    /// Name of the robot whose description the board carries.
+    /// Name of the robot whose description the board has; empty without one.
     pub robot_name: String<32>,
-    /// Hash of the robot description.
+    /// Hash of the robot description; 0 without one.
     pub robot: u64,
     /// Number of layers that the board can store.
     pub capacity: u32,
@@ -197,6 +264,17 @@ pub struct Accepted {
     pub next: u32,
     /// Number of further layers that the board has room for.
     pub room: u32,
+}
+
+/// A part of a robot description has arrived.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
+pub struct Configured {
+    /// Hash of the description.
+    pub robot: u64,
+    /// Number of bytes of it that the board has.
+    pub received: u16,
+    /// Whether it is valid and in flash. The board then restarts with it within a second.
+    pub stored: bool,
 }
 
 /// A request was refused.
@@ -301,6 +379,8 @@ pub struct SensorReadings {
     pub filament_pulses: Option<u32>,
     /// Whether a stepper driver reports a fault.
     pub driver_fault: Option<bool>,
+    /// What a stepper driver says of itself over its serial line; `None` while all are well, and without such a line.
+    pub driver_trouble: Option<DriverTrouble>,
     /// Whether the emergency stop is pressed.
     pub emergency_stop: Option<bool>,
     /// Gravity in the tip's frame, thousandths of the earth's. It points upwards, as a resting accelerometer shows it.

@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 
 pub use self::answers::*;
 pub use self::requests::*;
+pub use super::drivers::{DriverProblem, DriverTrouble, Motor};
 use super::frame::LONGEST_BODY;
 pub use super::state::{Fault, ResetCause, State};
 use crate::layer_bytes::LayerBytes;
@@ -22,6 +23,9 @@ use crate::layer_bytes::LayerBytes;
 pub const MAX_LAYERS: usize = 16;
 /// The layers of one message.
 pub type LayerBatch = Vec<LayerBytes, MAX_LAYERS>;
+
+/// Max number of bytes of a robot description in one `Configure`.
+pub const MAX_DESCRIPTION_PART: usize = 192;
 
 /// A message without a body.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
@@ -185,6 +189,8 @@ messages! {
     0x14 AskBoot(Empty),
     /// Maintenance: heats, feeds or turns without a job. Answered by `Accepted` or `Refused`.
     0x15 Maintain(Maintain),
+    /// Hands over a robot description. Answered by `Configured` or `Refused`.
+    0x16 Configure(Configure),
 
     // Board to host.
     /// Answers `Hello` and `AskBoard`.
@@ -205,6 +211,8 @@ messages! {
     0x48 SensorReadings(SensorReadings),
     /// Answers `AskBoot`.
     0x49 BootReport(BootReport),
+    /// Answers `Configure`.
+    0x4A Configured(Configured),
     /// Event: a layer is laid.
     0x50 Laid(Laid),
     /// Event: the state changed.
@@ -258,6 +266,12 @@ mod tests {
                 from: u32::MAX,
                 layers: u32::MAX,
                 first_layers: layers.clone(),
+            }),
+            Message::Configure(Configure {
+                robot: u64::MAX,
+                length: u16::MAX,
+                offset: u16::MAX,
+                bytes: [0xff; MAX_DESCRIPTION_PART].into(),
             }),
         ];
         let crash = [u32::MAX; crate::link::crash::CRASH_WORDS];

@@ -4,7 +4,7 @@ use heapless::Vec;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
-use super::LayerBatch;
+use super::{LayerBatch, MAX_DESCRIPTION_PART};
 use crate::plan::Planner;
 use crate::pose::{Pose, PoseError};
 
@@ -166,6 +166,24 @@ pub enum Task {
         /// By this length, um.
         um: i32,
     },
+    /// Lets head and feed move with the heater off, the nozzle hot or not, until `CoolDown` or `Preheat`: for a robot
+    /// that is commissioned, with nothing in its nozzle that could hold the head.
+    DryRun,
+}
+
+/// Hands over a part of a robot's description, which replaces the board's. The parts come in their order. After the last
+/// one the board checks the description as a robot file is checked, keeps it in flash, answers, and restarts with it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
+pub struct Configure {
+    /// Hash of the description ([`crate::robot::Robot::hash`]).
+    pub robot: u64,
+    /// Number of bytes of the whole description, with the version of its encoding
+    /// ([`crate::robot::Robot::encode_for_board`]).
+    pub length: u16,
+    /// The first of these bytes, counted from 0.
+    pub offset: u16,
+    /// The bytes.
+    pub bytes: Vec<u8, MAX_DESCRIPTION_PART>,
 }
 
 /// Asks for layers that the board stores.

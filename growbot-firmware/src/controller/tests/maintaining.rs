@@ -53,6 +53,37 @@ fn a_cold_nozzle_moves_nothing() {
 }
 
 #[test]
+fn a_dry_run_moves_a_cold_robot_and_never_heats() {
+    let mut bench = Bench::greeted(fast_robot(), 25.0);
+    bench.accepted(&maintain(Task::DryRun));
+    assert_eq!(bench.controller.state(), State::Maintenance);
+    bench.accepted(&maintain(Task::Home));
+    bench.run(20.0);
+    let at = bench.motors.moved.feed;
+    bench.accepted(&feed(5.0));
+    bench.run(60.0);
+    assert!(bench.motors.moved.feed > at && bench.heater.off());
+    assert_eq!((bench.controller.fault(), bench.controller.state()), (None, State::Maintenance));
+    // Twice is once.
+    bench.accepted(&maintain(Task::DryRun));
+    // With heat it ends: the nozzle is too cold then.
+    bench.accepted(&preheat(200.0));
+    assert!(matches!(bench.refused(&feed(1.0)), Refusal::Cold { .. }));
+    assert_eq!(bench.refused(&maintain(Task::DryRun)), Refusal::WrongState { state: State::Maintenance });
+    bench.accepted(&maintain(Task::CoolDown));
+    bench.accepted(&maintain(Task::DryRun));
+    bench.run(UNATTENDED_US as f64 * 1e-6 + 1.0);
+    assert_eq!(bench.controller.state(), State::Idle);
+    assert!(!bench.motors.enabled());
+}
+
+#[test]
+fn no_dry_run_begins_in_a_pause() {
+    let mut bench = Bench::in_state(State::Paused);
+    assert_eq!(bench.refused(&maintain(Task::DryRun)), Refusal::WrongState { state: State::Paused });
+}
+
+#[test]
 fn filament_is_loaded_and_unloaded_by_the_length_asked_for() {
     let mut bench = hot();
     let steps_per_mm = bench.robot.description().feed.steps_per_mm;

@@ -4,7 +4,7 @@ use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 use std::vec::Vec;
 
-use growbot_core::link::message::ImageCheck;
+use growbot_core::link::message::{DriverTrouble, ImageCheck};
 use growbot_core::robot::Robot;
 
 use crate::hal;
@@ -50,6 +50,10 @@ pub struct World {
     pub supply_v: Cell<Option<f64>>,
     /// The journal's flash, as it leaves the works: erased and ready.
     pub flash: Flash,
+    /// That of the robot's description.
+    pub descriptions: Flash,
+    /// Whether the board starts with a description.
+    pub configured: Cell<bool>,
     /// What the board finds of its image at its next start.
     pub image: Cell<ImageCheck>,
     /// What survives a reset.
@@ -58,6 +62,12 @@ pub struct World {
     pub retained_writes: RefCell<Vec<(usize, [u8; COPY_BYTES])>>,
     /// A debug probe has switched debugging on.
     pub debugging: Cell<bool>,
+    /// The drivers are not configured.
+    pub drivers_unconfigured: Cell<bool>,
+    /// What a driver says over its line.
+    pub driver_trouble: Cell<Option<DriverTrouble>>,
+    /// Whether the drivers were last told that their motors are in use.
+    pub motors_in_use: Cell<bool>,
     /// The crystal does not start.
     pub without_crystal: Cell<bool>,
     robot: Robot,
@@ -81,10 +91,15 @@ impl World {
             now: Cell::new(0),
             supply_v: Cell::new(Some(12.0)),
             flash: prepared_flash(),
+            descriptions: Flash::new(2),
+            configured: Cell::new(true),
             image: Cell::new(ImageCheck::NotSealed),
             retained: Cell::new([0; RETAINED_BYTES]),
             retained_writes: RefCell::default(),
             debugging: Cell::new(false),
+            drivers_unconfigured: Cell::new(false),
+            driver_trouble: Cell::new(None),
+            motors_in_use: Cell::new(false),
             without_crystal: Cell::new(false),
             robot: robot.clone(),
         })
@@ -157,6 +172,23 @@ pub struct FakeDebugPort(pub Rc<World>);
 impl hal::DebugPort for FakeDebugPort {
     fn is_on(&self) -> bool {
         self.0.debugging.get()
+    }
+}
+
+/// The drivers' serial line.
+pub struct FakeDrivers(pub Rc<World>);
+
+impl hal::Drivers for FakeDrivers {
+    fn poll(&mut self, _now: u64, in_use: bool) {
+        self.0.motors_in_use.set(in_use);
+    }
+
+    fn are_configured(&self) -> bool {
+        !self.0.drivers_unconfigured.get()
+    }
+
+    fn trouble(&self) -> Option<DriverTrouble> {
+        self.0.driver_trouble.get()
     }
 }
 

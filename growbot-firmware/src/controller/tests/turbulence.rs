@@ -75,6 +75,7 @@ impl Random {
                 Task::CoolDown,
                 Task::CoolDown,
                 Task::Home,
+                Task::DryRun,
                 Task::Rotate { centi_deg: -9000 },
                 Task::Rotate { centi_deg: i32::MIN },
                 Task::Feed { um: 5000 },

@@ -13,6 +13,7 @@ use growbot_client::input::note_standard_input;
 use growbot_core::pose::Pose;
 use growbot_sim::port::TipSettings;
 
+use super::service::borrow_line;
 use super::{Connection, Failure, PortArg, RobotArg};
 
 /// Type commands, see the robot; works in a pipe
@@ -46,6 +47,7 @@ pub fn run(args: &ConsoleArgs) -> Result<(), Failure> {
     let port = args.port.choose()?;
     let robot = args.robot.load()?;
     let presets = args.robot.presets()?;
+    let _lent = borrow_line(&port, "growbot console")?;
     let Connection { mut client, simulation } = port.connect(&robot, &TipSettings::default())?;
     let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).map_err(Failure::bad_input)?;
     if args.tui {

@@ -136,7 +136,10 @@ fn heater_line(model: &Model) -> Line<'static> {
     if let Some(sensors) = &model.sensors {
         parts.extend(sensors.supply_mv.map(|millivolts| format!("supply {:.1} V", f64::from(millivolts) / 1000.0)));
         parts.extend((sensors.filament_present == Some(false)).then(|| "NO FILAMENT".to_owned()));
-        parts.extend((sensors.driver_fault == Some(true)).then(|| "DRIVER FAULT".to_owned()));
+        let named = sensors
+            .driver_trouble
+            .map(|trouble| format!("{} DRIVER {}", trouble.motor.name(), trouble.problem.code()).to_ascii_uppercase());
+        parts.extend(named.or_else(|| (sensors.driver_fault == Some(true)).then(|| "DRIVER FAULT".to_owned())));
         parts.extend((sensors.emergency_stop == Some(true)).then(|| "EMERGENCY STOP PRESSED".to_owned()));
     }
     Line::raw(parts.join("; "))
@@ -350,7 +353,7 @@ mod tests {
     use super::super::prompt::Prompt;
     use super::super::testing::{laid, model, status};
     use super::*;
-    use growbot_core::link::message::{Fault, SensorReadings};
+    use growbot_core::link::message::{DriverProblem, DriverTrouble, Fault, Motor, SensorReadings};
     use ratatui::Terminal;
     use ratatui::backend::TestBackend;
 
@@ -379,6 +382,15 @@ mod tests {
         model.apply_status(Status { laid: 40, ..status(State::Growing, 780.0) });
         model.sensors = Some(SensorReadings { supply_mv: Some(12_040), ..SensorReadings::default() });
         model
+    }
+
+    #[test]
+    fn a_driver_in_trouble_is_named() {
+        let mut model = growing();
+        let driver_trouble = Some(DriverTrouble { motor: Motor::Feed, problem: DriverProblem::Silent });
+        model.sensors = Some(SensorReadings { driver_fault: Some(true), driver_trouble, ..SensorReadings::default() });
+        let lines = drawn(&model, 80, 24);
+        assert!(lines[2].ends_with("; FEED DRIVER SILENT"), "{}", lines[2]);
     }
 
     #[test]

@@ -1,0 +1,68 @@
+//! Robot A's description with any bytes changed, handed over to a board: it is stored and the board starts as what it
+//! says, or it is refused and the board stays what it was. Nothing heats.
+//!
+//! Three bytes are a change: where, in two bytes, and to what.
+
+#![no_main]
+
+use std::cell::RefCell;
+use std::rc::Rc;
+use std::sync::LazyLock;
+use std::time::Duration;
+
+use growbot_client::client::{Client, ClientError};
+use growbot_client::port::Port;
+use growbot_client::robot_file;
+use growbot_core::link::message::{Configure, MAX_DESCRIPTION_PART, Message, Refusal};
+use growbot_core::robot::{LONGEST_VERSIONED, Robot};
+use growbot_sim::port::sim::Sim;
+use libfuzzer_sys::fuzz_target;
+
+static ROBOT: LazyLock<Robot> = LazyLock::new(|| robot_file::load("growbot-a".as_ref()).expect("robot A is built in"));
+
+/// Longer than a board takes to start anew.
+const RESTART: Duration = Duration::from_secs(3);
+
+/// Robot A's description with these changes.
+fn changed(changes: &[u8]) -> Vec<u8> {
+    let mut buffer = [0; LONGEST_VERSIONED];
+    let mut description = ROBOT.encode_for_board(&mut buffer).expect("robot A has a board").to_vec();
+    let length = description.len();
+    for [low, high, value] in changes.as_chunks::<3>().0 {
+        description[usize::from(u16::from_le_bytes([*low, *high])) % length] = *value;
+    }
+    description
+}
+
+/// Hands over a description under a name; whether it is stored.
+fn hand_over(client: &mut Client, robot: u64, description: &[u8]) -> Result<(), ClientError> {
+    for (index, part) in description.chunks(MAX_DESCRIPTION_PART).enumerate() {
+        let part = Configure {
+            robot,
+            length: description.len() as u16,
+            offset: (index * MAX_DESCRIPTION_PART) as u16,
+            bytes: part.iter().copied().collect(),
+        };
+        client.request("a description", &Message::Configure(part))?;
+    }
+    Ok(())
+}
+
+fuzz_target!(|changes: &[u8]| {
+    let description = changed(changes);
+    let named = Robot::decode_for_board(&description).map_or(ROBOT.hash(), |robot| robot.hash());
+    let sim = Rc::new(RefCell::new(Sim::new(ROBOT.clone())));
+    let mut client = Client::new(Box::new(Rc::clone(&sim)), "sim");
+    client.hello().expect("a simulated board answers");
+    let stored = match hand_over(&mut client, named, &description) {
+        Ok(()) => true,
+        Err(ClientError::Refused { refusal: Refusal::BadDescription { .. }, .. }) => false,
+        Err(other) => panic!("{other}"),
+    };
+    let _ = client.pass(RESTART);
+    let hello = client.hello().expect("it answers as before");
+    assert_eq!(hello.robot, if stored { named } else { ROBOT.hash() });
+    assert!(stored || hello.status.uptime_ms > RESTART.as_millis() as u64, "it has started anew");
+    let mut sim = sim.borrow_mut();
+    assert!(sim.now() > RESTART && !sim.simulated_tip().heater_is_on());
+});

@@ -1,0 +1,160 @@
+//! Robot descriptions on their way to a board.
+
+use std::time::Duration;
+
+use growbot_core::link::message::{BoardHello, Configure, Configured, MAX_DESCRIPTION_PART, Message, Refusal};
+use growbot_core::robot::{LONGEST_VERSIONED, Robot};
+
+use super::error::CONFIGURING;
+use super::{Client, ClientError};
+
+/// A board restarts half a second after it has stored a description; it is looked at so often whether it has,
+const LOOKS_AT_RESTART: u32 = 40;
+/// with such pauses.
+const LOOK_AT_RESTART: Duration = Duration::from_millis(250);
+
+impl Client {
+    /// Has the board take another robot description, and waits until it has restarted with it. The session must be
+    /// open; afterwards there is another one.
+    ///
+    /// # Errors
+    /// [`ClientError::Description`], a refusal, or [`ClientError::NotRestarted`].
+    pub fn configure(&mut self, robot: &Robot) -> Result<BoardHello, ClientError> {
+        let before = self.board()?.boot_id;
+        let mut buffer = [0; LONGEST_VERSIONED];
+        robot.check_for_board().map_err(ClientError::Description)?;
+        let description = robot.encode_for_board(&mut buffer).map_err(ClientError::Description)?;
+        let mut stored = false;
+        let last = description.len().div_ceil(MAX_DESCRIPTION_PART).saturating_sub(1);
+        for (index, bytes) in description.chunks(MAX_DESCRIPTION_PART).enumerate() {
+            let part = Configure {
+                robot: robot.hash(),
+                length: description.len() as u16,
+                offset: (index * MAX_DESCRIPTION_PART) as u16,
+                bytes: bytes.iter().copied().collect(),
+            };
+            stored = match self.request(CONFIGURING, &Message::Configure(part)) {
+                Ok(Message::Configured(Configured { stored, .. })) => stored,
+                Ok(other) => return Err(ClientError::Unexpected { request: CONFIGURING, kind: other.kind() }),
+                // It may have restarted already, and its answer be lost. Before the last part, another host has the board.
+                Err(ClientError::Refused { refusal: Refusal::NoSession, .. }) if index == last => true,
+                Err(error) => return Err(error),
+            };
+        }
+        if stored { self.await_restart(robot, before) } else { Err(self.not_restarted()) }
+    }
+
+    /// Waits until the board has started anew, as this robot.
+    fn await_restart(&mut self, robot: &Robot, before: u32) -> Result<BoardHello, ClientError> {
+        for _ in 0..LOOKS_AT_RESTART {
+            self.pass(LOOK_AT_RESTART)?;
+            let now = self.board()?;
+            if now.boot_id != before && now.robot == robot.hash() {
+                return self.hello();
+            }
+        }
+        Err(self.not_restarted())
+    }
+
+    fn not_restarted(&self) -> ClientError {
+        ClientError::NotRestarted { port: self.name.clone() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::VecDeque;
+
+    use growbot_core::link::frame::{self, Frame, Header, Receiver};
+    use growbot_core::link::message::{PauseCause, Refused, ResetCause, SCHEMA_HASH, State, Status};
+
+    use super::*;
+    use crate::port::{Port, PortError};
+    use crate::robot_file;
+
+    /// A board that another host takes when it has so many parts of a description.
+    struct TakenAt {
+        part: u16,
+        receiver: Receiver,
+        answers: VecDeque<u8>,
+    }
+
+    impl TakenAt {
+        fn answer(&self, frame: &Frame) -> Message {
+            match Message::decode(frame.header.kind, &frame.body).unwrap() {
+                Message::AskBoard(_) => Message::BoardHello(board()),
+                Message::Configure(part)
+                    if usize::from(part.offset) < usize::from(self.part) * MAX_DESCRIPTION_PART =>
+                {
+                    let received = part.offset + part.bytes.len() as u16;
+                    Message::Configured(Configured { robot: part.robot, received, stored: false })
+                }
+                other => Message::Refused(Refused { kind: other.kind(), refusal: Refusal::NoSession }),
+            }
+        }
+    }
+
+    impl Port for TakenAt {
+        fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+            for byte in bytes {
+                let Some(frame) = self.receiver.push(*byte) else { continue };
+                let frame = frame.unwrap();
+                let answer = self.answer(&frame);
+                let mut buffer = [0; frame::LONGEST_BODY];
+                let header = Header { kind: answer.kind(), seq: 0, ack: frame.header.seq, ..frame.header };
+                self.answers.extend(frame::encode(&header, answer.encode(&mut buffer).unwrap()).unwrap());
+            }
+            Ok(())
+        }
+
+        fn receive(&mut self, buffer: &mut [u8], _timeout: Duration) -> Result<usize, PortError> {
+            let count = buffer.len().min(self.answers.len());
+            buffer.iter_mut().zip(self.answers.drain(..count)).for_each(|(slot, byte)| *slot = byte);
+            Ok(count)
+        }
+    }
+
+    fn board() -> BoardHello {
+        let status = Status {
+            state: State::Idle,
+            fault: None,
+            temperature_centi_c: None,
+            target_centi_c: None,
+            duty: 0,
+            plan_id: 0,
+            layers: 0,
+            next: 0,
+            laid: 0,
+            interrupted: None,
+            pause_cause: PauseCause::default(),
+            journal: false,
+            uptime_ms: 0,
+        };
+        BoardHello {
+            schema: SCHEMA_HASH,
+            boot_id: 1,
+            reset_cause: ResetCause::PowerOn,
+            firmware: [0; 3],
+            robot_name: Default::default(),
+            robot: 0,
+            capacity: 0,
+            status,
+            owner: None,
+        }
+    }
+
+    #[test]
+    fn only_the_answer_to_the_last_part_may_be_lost_in_the_restart() {
+        let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
+        let mut buffer = [0; LONGEST_VERSIONED];
+        let parts = robot.encode_for_board(&mut buffer).unwrap().len().div_ceil(MAX_DESCRIPTION_PART) as u16;
+        assert!(parts > 2, "{parts}");
+        for part in 0..parts {
+            let port = TakenAt { part, receiver: Receiver::default(), answers: VecDeque::new() };
+            let error = Client::new(Box::new(port), "taken").configure(&robot).unwrap_err();
+            let is_refused = matches!(error, ClientError::Refused { refusal: Refusal::NoSession, .. });
+            let may_have_restarted = matches!(error, ClientError::NotRestarted { .. });
+            assert_eq!((is_refused, may_have_restarted), (part + 1 < parts, part + 1 == parts), "{part}: {error}");
+        }
+    }
+}

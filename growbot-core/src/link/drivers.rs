@@ -1,0 +1,135 @@
+//! What stepper drivers say of themselves over a serial line.
+
+use postcard_schema::Schema;
+use serde::{Deserialize, Serialize};
+
+/// A stepper motor of the tip.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+pub enum Motor {
+    /// The motor that turns the head.
+    Head,
+    /// The motor that pushes filament.
+    Feed,
+}
+
+impl Motor {
+    /// Both motors.
+    pub const ALL: [Self; 2] = [Self::Head, Self::Feed];
+
+    /// The motor's name, as programs print it.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Head => "head",
+            Self::Feed => "feed",
+        }
+    }
+}
+
+/// What is wrong with a stepper driver.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+pub enum DriverProblem {
+    /// It does not answer.
+    Silent,
+    /// It answers, but does not take what is written to it.
+    NotConfigured,
+    /// It started anew while its motor was in use, and has lost its current and its microsteps.
+    Reset,
+    /// Its charge pump has too little voltage.
+    Undervoltage,
+    /// It is hot, and near to switching itself off.
+    Hot,
+    /// It is too hot and has switched itself off.
+    OverTemperature,
+    /// A wire of the motor touches ground.
+    ShortToGround,
+    /// A wire of the motor touches the supply or another wire.
+    ShortToSupply,
+    /// It has switched itself off, and its flags no longer say why.
+    ShutDown,
+    /// A wire of the motor is not connected.
+    OpenLoad,
+    /// The motor stands still though it is stepped.
+    Stall,
+}
+
+impl DriverProblem {
+    /// Every problem.
+    pub const ALL: [Self; 11] = [
+        Self::Silent,
+        Self::NotConfigured,
+        Self::Reset,
+        Self::Undervoltage,
+        Self::Hot,
+        Self::OverTemperature,
+        Self::ShortToGround,
+        Self::ShortToSupply,
+        Self::ShutDown,
+        Self::OpenLoad,
+        Self::Stall,
+    ];
+
+    /// The problem as a code.
+    #[must_use]
+    pub const fn code(self) -> &'static str {
+        match self {
+            Self::Silent => "silent",
+            Self::NotConfigured => "not-configured",
+            Self::Reset => "reset",
+            Self::Undervoltage => "undervoltage",
+            Self::Hot => "hot",
+            Self::OverTemperature => "over-temperature",
+            Self::ShortToGround => "short-to-ground",
+            Self::ShortToSupply => "short-to-supply",
+            Self::ShutDown => "shut-down",
+            Self::OpenLoad => "open-load",
+            Self::Stall => "stall",
+        }
+    }
+
+    /// What happened and what to look at.
+    #[must_use]
+    pub const fn explanation(self) -> &'static str {
+        match self {
+            Self::Silent => {
+                "does not answer: check the motors' supply, without which it is off, and that the motor is at its terminal"
+            }
+            Self::NotConfigured => "does not take its configuration: look for noise on the drivers' line",
+            Self::Reset => "started anew while its motor was in use: check the motors' supply and its wires",
+            Self::Undervoltage => "has too little voltage at its charge pump: check the motors' supply",
+            Self::Hot => "is nearly too hot: cool it, or lower the motor's current",
+            Self::OverTemperature => "is too hot and has switched itself off: cool it, or lower the motor's current",
+            Self::ShortToGround => "finds a wire of the motor at ground: check the motor's wires",
+            Self::ShortToSupply => "finds a wire of the motor at the supply or another wire: check the motor's wires",
+            Self::ShutDown => "has switched itself off: check its temperature and the motor's wires",
+            Self::OpenLoad => "finds a wire of the motor open: check the motor's connector",
+            Self::Stall => "finds the motor stalled: look for what blocks it, or lower stall_threshold",
+        }
+    }
+}
+
+/// A driver with a problem.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+pub struct DriverTrouble {
+    /// The driver's motor.
+    pub motor: Motor,
+    /// What is wrong.
+    pub problem: DriverProblem,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeSet;
+
+    #[test]
+    fn every_problem_has_a_code_and_an_explanation_of_its_own_with_a_remedy() {
+        let codes = BTreeSet::from(DriverProblem::ALL.map(DriverProblem::code));
+        let explanations = BTreeSet::from(DriverProblem::ALL.map(DriverProblem::explanation));
+        assert_eq!((codes.len(), explanations.len()), (DriverProblem::ALL.len(), DriverProblem::ALL.len()));
+        for explanation in explanations {
+            let (what, remedy) = explanation.split_once(": ").unwrap_or_default();
+            assert!(what.len() > 5 && remedy.len() > 10, "{explanation}");
+        }
+    }
+}

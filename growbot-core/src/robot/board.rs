@@ -1,0 +1,382 @@
+//! Controller boards: which there are, their signals, and the pins at which these are.
+//!
+//! | board | facts |
+//! |---|---|
+//! | `stm32f405` | pins fixed by its firmware |
+//! | `pico` | RP2040 data sheet, 1.4.3 (functions of the pins); Pico data sheet, 2.1 (which pins are led out) |
+//! | `skr-pico` | the terminals as printed on the BTT SKR Pico V1.0 |
+
+use core::fmt;
+
+use postcard_schema::Schema;
+use serde::{Deserialize, Serialize};
+
+use super::{RobotDescription, Sensors};
+
+/// A kind of controller board.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(rename_all = "kebab-case")]
+pub enum BoardKind {
+    /// A board with an STM32F405, whose pins are fixed.
+    Stm32f405,
+    /// A Raspberry Pi Pico with drivers and switches of one's own.
+    Pico,
+    /// A BTT SKR Pico, with four TMC2209.
+    SkrPico,
+}
+
+/// The controller board and its pins. Without it, the pins are those of the board that the firmware runs on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct Board {
+    /// The kind. A board of another kind refuses the description.
+    pub kind: BoardKind,
+    /// Pins that differ from the kind's.
+    #[serde(default)]
+    pub pins: PinNumbers,
+}
+
+/// Numbers of GPIO pins, 0 to 29, for signals that are elsewhere than the board's kind has them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields, default)]
+pub struct PinNumbers {
+    /// STEP of the head's driver.
+    pub head_step: Option<u8>,
+    /// DIR of the head's driver.
+    pub head_direction: Option<u8>,
+    /// EN of the head's driver.
+    pub head_enable: Option<u8>,
+    /// STEP of the feed's driver.
+    pub feed_step: Option<u8>,
+    /// DIR of the feed's driver.
+    pub feed_direction: Option<u8>,
+    /// EN of the feed's driver.
+    pub feed_enable: Option<u8>,
+    /// Power of the heater, by PWM.
+    pub heater: Option<u8>,
+    /// The second switch in the heater's supply.
+    pub heater_enable: Option<u8>,
+    /// The fan, by PWM.
+    pub fan: Option<u8>,
+    /// The drivers' fault outputs, joined.
+    pub driver_fault: Option<u8>,
+    /// The filament's switch.
+    pub filament_presence: Option<u8>,
+    /// The encoder that the filament turns.
+    pub filament_motion: Option<u8>,
+    /// The head's index sensor.
+    pub index: Option<u8>,
+    /// The emergency-stop button.
+    pub emergency_stop: Option<u8>,
+    /// SDA of the orientation sensor.
+    pub orientation_data: Option<u8>,
+    /// SCL of the orientation sensor.
+    pub orientation_clock: Option<u8>,
+    /// The thermistor's divider, 26 to 29.
+    pub thermistor: Option<u8>,
+    /// The supply's divider, 26 to 29.
+    pub supply: Option<u8>,
+}
+
+/// What a wire between the board and the tip carries.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Signal {
+    /// STEP of the head's driver.
+    HeadStep,
+    /// DIR of the head's driver.
+    HeadDirection,
+    /// EN of the head's driver.
+    HeadEnable,
+    /// STEP of the feed's driver.
+    FeedStep,
+    /// DIR of the feed's driver.
+    FeedDirection,
+    /// EN of the feed's driver.
+    FeedEnable,
+    /// Power of the heater.
+    Heater,
+    /// The second switch in the heater's supply.
+    HeaterEnable,
+    /// The fan.
+    Fan,
+    /// The drivers' fault outputs, joined.
+    DriverFault,
+    /// The filament's switch.
+    FilamentPresence,
+    /// The encoder that the filament turns.
+    FilamentMotion,
+    /// The head's index sensor.
+    Index,
+    /// The emergency-stop button.
+    EmergencyStop,
+    /// SDA of the orientation sensor.
+    OrientationData,
+    /// SCL of the orientation sensor.
+    OrientationClock,
+    /// The thermistor's divider.
+    Thermistor,
+    /// The supply's divider.
+    Supply,
+}
+
+impl Signal {
+    /// All of them.
+    pub const ALL: [Self; 18] = [
+        Self::HeadStep,
+        Self::HeadDirection,
+        Self::HeadEnable,
+        Self::FeedStep,
+        Self::FeedDirection,
+        Self::FeedEnable,
+        Self::Heater,
+        Self::HeaterEnable,
+        Self::Fan,
+        Self::DriverFault,
+        Self::FilamentPresence,
+        Self::FilamentMotion,
+        Self::Index,
+        Self::EmergencyStop,
+        Self::OrientationData,
+        Self::OrientationClock,
+        Self::Thermistor,
+        Self::Supply,
+    ];
+
+    /// Its name, as in `[board.pins]`.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::HeadStep => "head_step",
+            Self::HeadDirection => "head_direction",
+            Self::HeadEnable => "head_enable",
+            Self::FeedStep => "feed_step",
+            Self::FeedDirection => "feed_direction",
+            Self::FeedEnable => "feed_enable",
+            Self::Heater => "heater",
+            Self::HeaterEnable => "heater_enable",
+            Self::Fan => "fan",
+            Self::DriverFault => "driver_fault",
+            Self::FilamentPresence => "filament_presence",
+            Self::FilamentMotion => "filament_motion",
+            Self::Index => "index",
+            Self::EmergencyStop => "emergency_stop",
+            Self::OrientationData => "orientation_data",
+            Self::OrientationClock => "orientation_clock",
+            Self::Thermistor => "thermistor",
+            Self::Supply => "supply",
+        }
+    }
+
+    /// Whether the robot has it. Signals that are not said to be a sensor's are needed by every robot.
+    #[must_use]
+    pub fn is_used(self, robot: &RobotDescription) -> bool {
+        let Sensors { filament_presence, filament_motion, driver_fault, emergency_stop, supply, orientation } =
+            &robot.sensors;
+        match self {
+            Self::DriverFault => driver_fault.is_some(),
+            Self::FilamentPresence => filament_presence.is_some(),
+            Self::FilamentMotion => filament_motion.is_some(),
+            Self::EmergencyStop => emergency_stop.is_some(),
+            Self::OrientationData | Self::OrientationClock => *orientation,
+            Self::Supply => *supply,
+            _ => true,
+        }
+    }
+
+    /// Whether it is one of a stepper driver's.
+    fn is_of_motors(self) -> bool {
+        matches!(
+            self,
+            Self::HeadStep
+                | Self::HeadDirection
+                | Self::HeadEnable
+                | Self::FeedStep
+                | Self::FeedDirection
+                | Self::FeedEnable
+        )
+    }
+
+    pub(super) fn is_analog(self) -> bool {
+        matches!(self, Self::Thermistor | Self::Supply)
+    }
+}
+
+impl fmt::Display for Signal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl PinNumbers {
+    /// The pin that is given for a signal.
+    #[must_use]
+    pub fn of(&self, signal: Signal) -> Option<u8> {
+        match signal {
+            Signal::HeadStep => self.head_step,
+            Signal::HeadDirection => self.head_direction,
+            Signal::HeadEnable => self.head_enable,
+            Signal::FeedStep => self.feed_step,
+            Signal::FeedDirection => self.feed_direction,
+            Signal::FeedEnable => self.feed_enable,
+            Signal::Heater => self.heater,
+            Signal::HeaterEnable => self.heater_enable,
+            Signal::Fan => self.fan,
+            Signal::DriverFault => self.driver_fault,
+            Signal::FilamentPresence => self.filament_presence,
+            Signal::FilamentMotion => self.filament_motion,
+            Signal::Index => self.index,
+            Signal::EmergencyStop => self.emergency_stop,
+            Signal::OrientationData => self.orientation_data,
+            Signal::OrientationClock => self.orientation_clock,
+            Signal::Thermistor => self.thermistor,
+            Signal::Supply => self.supply,
+        }
+    }
+}
+
+impl BoardKind {
+    /// Its name, as in a robot file.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Stm32f405 => "stm32f405",
+            Self::Pico => "pico",
+            Self::SkrPico => "skr-pico",
+        }
+    }
+
+    /// Where this kind has a signal: the GPIO pin, where it is one of the RP2040's. None where it has no place for it.
+    #[must_use]
+    pub fn pin(self, signal: Signal) -> Option<u8> {
+        match self {
+            Self::Stm32f405 => None,
+            Self::Pico => Some(pico_pin(signal)),
+            Self::SkrPico => skr_pico_place(signal).map(|(pin, _)| pin),
+        }
+    }
+
+    /// The terminal of a signal, as the board names it.
+    #[must_use]
+    pub fn terminal(self, signal: Signal) -> Option<&'static str> {
+        match self {
+            Self::Stm32f405 => Some(stm32f405_pin(signal)),
+            Self::Pico => GP.get(usize::from(pico_pin(signal))).copied(),
+            Self::SkrPico => skr_pico_place(signal).map(|(_, terminal)| terminal),
+        }
+    }
+
+    /// What the board itself has at a pin that is not led out, or not free.
+    pub(super) fn reserved(self, pin: u8) -> Option<&'static str> {
+        match (self, pin) {
+            (_, 0 | 1) => Some("the link's UART"),
+            (Self::Pico, 23) => Some("the board's converter of the supply"),
+            (Self::Pico, 24) => Some("the board's sense of USB power"),
+            (Self::Pico, 25) => Some("the board's lamp"),
+            (Self::Pico, 29) => Some("the board's sense of its own supply"),
+            (Self::SkrPico, 2 | 7) => Some("the enable of a stepper driver that is held off"),
+            (Self::SkrPico, 8 | 9) => Some("the line to the stepper drivers"),
+            _ => None,
+        }
+    }
+
+    /// Whether a signal is at one pin of the board for good: all of them, or those of stepper drivers that are soldered
+    /// to it, each of which answers to an address of its own.
+    pub(super) fn fixes(self, signal: Signal) -> bool {
+        match self {
+            Self::Stm32f405 => true,
+            Self::Pico => false,
+            Self::SkrPico => signal.is_of_motors(),
+        }
+    }
+
+    /// Whether its stepper drivers are TMC2209 that the firmware configures.
+    #[must_use]
+    pub fn has_drivers(self) -> bool {
+        matches!(self, Self::SkrPico)
+    }
+}
+
+impl fmt::Display for BoardKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// The GPIO pins as printed on a Pico.
+const GP: [&str; 30] = [
+    "GP0", "GP1", "GP2", "GP3", "GP4", "GP5", "GP6", "GP7", "GP8", "GP9", "GP10", "GP11", "GP12", "GP13", "GP14",
+    "GP15", "GP16", "GP17", "GP18", "GP19", "GP20", "GP21", "GP22", "GP23", "GP24", "GP25", "GP26", "GP27", "GP28",
+    "GP29",
+];
+
+fn pico_pin(signal: Signal) -> u8 {
+    match signal {
+        Signal::HeadStep => 2,
+        Signal::HeadDirection => 3,
+        Signal::HeadEnable => 4,
+        Signal::FeedStep => 5,
+        Signal::FeedDirection => 6,
+        Signal::FeedEnable => 7,
+        Signal::Heater => 8,
+        Signal::HeaterEnable => 9,
+        Signal::Fan => 10,
+        Signal::DriverFault => 11,
+        Signal::FilamentPresence => 12,
+        Signal::FilamentMotion => 13,
+        Signal::Index => 14,
+        Signal::EmergencyStop => 15,
+        Signal::OrientationData => 16,
+        Signal::OrientationClock => 17,
+        Signal::Thermistor => 26,
+        Signal::Supply => 27,
+    }
+}
+
+/// Pin and terminal. The drivers say by their line what is wrong with them, and the supply is not measured.
+fn skr_pico_place(signal: Signal) -> Option<(u8, &'static str)> {
+    Some(match signal {
+        Signal::HeadStep => (11, "XM"),
+        Signal::HeadDirection => (10, "XM"),
+        Signal::HeadEnable => (12, "XM"),
+        Signal::FeedStep => (14, "EM"),
+        Signal::FeedDirection => (13, "EM"),
+        Signal::FeedEnable => (15, "EM"),
+        Signal::Heater => (23, "HE"),
+        Signal::HeaterEnable => (21, "HB"),
+        Signal::Fan => (17, "FAN1"),
+        Signal::FilamentPresence => (16, "E0-STOP"),
+        Signal::FilamentMotion => (25, "Z-STOP"),
+        Signal::Index => (4, "X-STOP"),
+        Signal::EmergencyStop => (3, "Y-STOP"),
+        Signal::OrientationData => (29, "SERVOS"),
+        Signal::OrientationClock => (22, "PROBE"),
+        Signal::Thermistor => (27, "TH0"),
+        Signal::DriverFault | Signal::Supply => return None,
+    })
+}
+
+fn stm32f405_pin(signal: Signal) -> &'static str {
+    match signal {
+        Signal::HeadStep => "PC6",
+        Signal::HeadDirection => "PC7",
+        Signal::HeadEnable => "PC8",
+        Signal::FeedStep => "PB12",
+        Signal::FeedDirection => "PB13",
+        Signal::FeedEnable => "PB14",
+        Signal::Heater => "PA8",
+        Signal::HeaterEnable => "PA7",
+        Signal::Fan => "PB15",
+        Signal::DriverFault => "PC9",
+        Signal::FilamentPresence => "PB5",
+        Signal::FilamentMotion => "PB7",
+        Signal::Index => "PB6",
+        Signal::EmergencyStop => "PB8",
+        Signal::OrientationData => "PB11",
+        Signal::OrientationClock => "PB10",
+        Signal::Thermistor => "PC0",
+        Signal::Supply => "PC1",
+    }
+}

@@ -1,0 +1,128 @@
+//! What stepper drivers that the firmware configures can be told.
+
+use super::validate::Field;
+use super::{Driver, DriverMode, RobotDescription, RobotError};
+
+/// Why a driver's settings were refused: the field, its value, and what to do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum DriverError {
+    /// A driver's settings for a board whose drivers have none.
+    #[error("{field} is given, and only skr-pico has drivers that are configured: set board.kind, or leave it out")]
+    Unwanted {
+        /// The table, as written in a robot file.
+        field: &'static str,
+    },
+    /// A board with drivers that have to be configured, and no settings.
+    #[error(
+        "{field} is missing, and the drivers of skr-pico do nothing without: give their current, as `current_a = 0.6`"
+    )]
+    Missing {
+        /// The table, as written in a robot file.
+        field: &'static str,
+    },
+    /// A driver makes no such steps.
+    #[error("{field} is {value}, and a TMC2209 makes 1, 2, 4, 8, 16, 32, 64, 128 or 256 of a full step")]
+    Microsteps {
+        /// The field, as written in a robot file.
+        field: &'static str,
+        /// The field's value.
+        value: u16,
+    },
+    /// Stalls are looked for in a mode in which the driver does not see them.
+    #[error(
+        "{field} is given, and a TMC2209 tells stalls in StealthChop only: leave it out, or set mode = \"stealthchop\""
+    )]
+    StallMode {
+        /// The field, as written in a robot file.
+        field: &'static str,
+    },
+}
+
+/// The names of a driver's fields in a robot file.
+struct DriverFields {
+    table: &'static str,
+    current_a: &'static str,
+    microsteps: &'static str,
+    stall_threshold: &'static str,
+    sense_ohm: &'static str,
+}
+
+const HEAD_DRIVER: DriverFields = DriverFields {
+    table: "head.driver",
+    current_a: "head.driver.current_a",
+    microsteps: "head.driver.microsteps",
+    stall_threshold: "head.driver.stall_threshold",
+    sense_ohm: "head.driver.sense_ohm",
+};
+const FEED_DRIVER: DriverFields = DriverFields {
+    table: "feed.driver",
+    current_a: "feed.driver.current_a",
+    microsteps: "feed.driver.microsteps",
+    stall_threshold: "feed.driver.stall_threshold",
+    sense_ohm: "feed.driver.sense_ohm",
+};
+
+/// Checks the drivers' settings, which robots have whose board has such drivers.
+pub(super) fn check(robot: &RobotDescription) -> Result<(), RobotError> {
+    let has_drivers = robot.board.is_some_and(|board| board.kind.has_drivers());
+    for (driver, fields) in [(&robot.head.driver, HEAD_DRIVER), (&robot.feed.driver, FEED_DRIVER)] {
+        match driver {
+            Some(driver) if has_drivers => check_driver(driver, &fields)?,
+            Some(_) => return Err(RobotError::Drivers(DriverError::Unwanted { field: fields.table })),
+            None if has_drivers => return Err(RobotError::Drivers(DriverError::Missing { field: fields.table })),
+            None => {}
+        }
+    }
+    Ok(())
+}
+
+fn check_driver(driver: &Driver, fields: &DriverFields) -> Result<(), RobotError> {
+    Field(fields.sense_ohm, driver.sense_ohm).between(0.05, 1.0, "ohm: it is printed on the board, R110 for 0.11")?;
+    Field(fields.current_a, driver.current_a).between(
+        0.05,
+        driver.max_current_a(),
+        "A rms: what the driver's sense resistors allow, and less is enough for most motors",
+    )?;
+    if !driver.microsteps.is_power_of_two() || driver.microsteps > 256 {
+        let (field, value) = (fields.microsteps, driver.microsteps);
+        return Err(RobotError::Drivers(DriverError::Microsteps { field, value }));
+    }
+    if driver.stall_threshold.is_some() && driver.mode != DriverMode::StealthChop {
+        return Err(RobotError::Drivers(DriverError::StallMode { field: fields.stall_threshold }));
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::robot::{Board, BoardKind, PinNumbers, Robot};
+    use crate::testing::description_a;
+
+    fn with(kind: BoardKind, driver: Option<Driver>) -> Result<Robot, RobotError> {
+        let mut robot = description_a();
+        (robot.sensors.supply, robot.sensors.driver_fault) = (false, None);
+        robot.board = Some(Board { kind, pins: PinNumbers::default() });
+        (robot.head.driver, robot.feed.driver) = (driver, driver);
+        Robot::new(robot)
+    }
+
+    #[test]
+    fn what_a_driver_cannot_do_is_refused_with_the_reason() {
+        let driver = Driver::of_current(0.8);
+        with(BoardKind::SkrPico, Some(driver)).unwrap();
+        let stalls = Driver { mode: DriverMode::SpreadCycle, stall_threshold: Some(80), ..driver };
+        for (kind, driver, why) in [
+            (BoardKind::Pico, Some(driver), "only skr-pico"),
+            (BoardKind::SkrPico, None, "head.driver is missing"),
+            (BoardKind::SkrPico, Some(Driver::of_current(2.5)), "head.driver.current_a is 2.5, above 1.7"),
+            (BoardKind::SkrPico, Some(Driver::of_current(f64::NAN)), "finite"),
+            (BoardKind::SkrPico, Some(Driver { microsteps: 12, ..driver }), "12"),
+            (BoardKind::SkrPico, Some(Driver { microsteps: 512, ..driver }), "512"),
+            (BoardKind::SkrPico, Some(stalls), "StealthChop only"),
+        ] {
+            let said = std::format!("{}", with(kind, driver).unwrap_err());
+            assert!(said.contains(why), "{said}");
+        }
+    }
+}

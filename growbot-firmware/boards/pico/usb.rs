@@ -1,0 +1,363 @@
+//! The link over USB: a serial port, in whose interrupt everything happens (data sheet of the RP2040, 4.1).
+//!
+//! It runs in memory, as the UART's: an emergency stop is obeyed while the flash is written to. Its priority is the
+//! UART's, as both call for a stop.
+
+use growbot_core::link::emergency_stop::Recogniser;
+use growbot_firmware::usb_serial::{BYTES, Content, NOTIFICATIONS, PACKET, Reply, Setup, UsbSerial};
+use rp2040_pac as pac;
+use rp2040_pac::interrupt;
+
+use crate::interrupt_owned::InterruptOwned;
+use crate::uart::{self, Queue};
+
+/// Received bytes, oldest first.
+pub static RECEIVED: Queue = Queue::new();
+/// Bytes to send; call [`send_queued`] after adding some. They wait while the host takes none, and are dropped when it
+/// opens or closes the port.
+pub static TO_SEND: Queue = Queue::new();
+
+/// The bit of the controller's reset.
+const RESET: u32 = 1 << 24;
+/// The controller's memory: the request, controls of endpoints, controls of their buffers, and the buffers.
+const MEMORY: usize = 0x5010_0000;
+const ENDPOINTS: usize = 0x08;
+const BUFFERS: usize = 0x80;
+const CONTROL_BUFFER: usize = 0x100;
+const NOTIFICATION_BUFFER: usize = 0x180;
+const RECEIVE_BUFFER: usize = 0x1C0;
+const SEND_BUFFER: usize = 0x200;
+/// Control of an endpoint: in use, with an interrupt for each buffer; and its kinds.
+const ENDPOINT_ON: u32 = 1 << 31 | 1 << 29;
+const BULK: u32 = 2 << 26;
+const INTERRUPT: u32 = 3 << 26;
+/// Control of a buffer.
+const FULL: u32 = 1 << 15;
+const ODD: u32 = 1 << 13;
+const STALL: u32 = 1 << 11;
+const AVAILABLE: u32 = 1 << 10;
+const LENGTH: u32 = 0x3FF;
+/// The interrupts.
+const ON_BUFFER: u32 = 1 << 4;
+const ON_BUS_RESET: u32 = 1 << 12;
+const ON_SETUP: u32 = 1 << 16;
+/// The flags that end two of them.
+const BUS_RESET: u32 = 1 << 19;
+const SETUP_RECEIVED: u32 = 1 << 17;
+/// Pull-up of the bus: a device is there. An interrupt for each buffer of endpoint 0.
+const PULL_UP: u32 = 1 << 16;
+const CONTROL_INTERRUPT: u32 = 1 << 29;
+
+static DEVICE: InterruptOwned<Device> = InterruptOwned::empty();
+
+/// What endpoint 0 does.
+#[derive(Clone, Copy)]
+enum Control {
+    Idle,
+    /// Sends what is left of this, from there to there.
+    Sends(Content, usize, usize),
+    TakesCoding,
+    /// Gets this address when the host has got the reply.
+    GetsAddress(u8),
+}
+
+/// The buffer of an endpoint in a direction.
+#[derive(Clone, Copy)]
+struct Buffer {
+    /// Where its control is.
+    control: usize,
+    at: usize,
+    /// Whether the next packet is an odd one.
+    odd: bool,
+}
+
+struct Device {
+    serial: UsbSerial,
+    watch: Recogniser,
+    control: Control,
+    reply: Buffer,
+    request: Buffer,
+    receive: Buffer,
+    send: Buffer,
+    /// A packet is on its way to the host.
+    sends: bool,
+}
+
+fn registers() -> &'static pac::usbctrl_regs::RegisterBlock {
+    // SAFETY: `start` uses it before the interrupt is enabled. After that only the interrupt does, which is forced
+    // by a register of its own.
+    unsafe { &*pac::USBCTRL_REGS::ptr() }
+}
+
+fn memory(offset: usize) -> *mut u32 {
+    (MEMORY + offset) as *mut u32
+}
+
+fn write(offset: usize, word: u32) {
+    // SAFETY: the controller's memory, of which Rust code owns nothing.
+    unsafe { memory(offset).write_volatile(word) };
+}
+
+fn read(offset: usize) -> u32 {
+    // SAFETY: as above.
+    unsafe { memory(offset).read_volatile() }
+}
+
+impl Buffer {
+    const fn new(endpoint: u8, from_host: bool, at: usize) -> Self {
+        let control = BUFFERS + 8 * endpoint as usize + 4 * from_host as usize;
+        Self { control, at, odd: false }
+    }
+
+    /// Hands the buffer to the controller.
+    fn hand_over(&mut self, flags: u32) {
+        let odd = if self.odd { ODD } else { 0 };
+        self.odd = !self.odd;
+        write(self.control, flags | odd);
+        // The controller, with its clock of 48 MHz, sees the rest before it sees that.
+        // SAFETY: nothing but time.
+        unsafe { core::arch::asm!("nop", "nop", "nop", "nop", "nop", "nop", "nop", "nop", "nop", "nop", "nop", "nop") };
+        write(self.control, flags | odd | AVAILABLE);
+    }
+
+    /// Sends a packet.
+    fn send(&mut self, bytes: impl Iterator<Item = u8>) {
+        let (mut count, mut word) = (0, 0);
+        for byte in bytes.take(PACKET) {
+            word |= u32::from(byte) << (8 * (count % 4));
+            count += 1;
+            if count % 4 == 0 {
+                write(self.at + count - 4, word);
+                word = 0;
+            }
+        }
+        if count % 4 != 0 {
+            write(self.at + count / 4 * 4, word);
+        }
+        self.hand_over(FULL | count as u32);
+    }
+
+    /// The packet that has come.
+    fn received(self) -> impl Iterator<Item = u8> {
+        let count = (read(self.control) & LENGTH) as usize;
+        (0..count.min(PACKET)).map(move |at| (read(self.at + at / 4 * 4) >> (8 * (at % 4))) as u8)
+    }
+}
+
+impl Device {
+    const fn new() -> Self {
+        Self {
+            serial: UsbSerial::new(),
+            watch: Recogniser::new(),
+            control: Control::Idle,
+            reply: Buffer::new(0, false, CONTROL_BUFFER),
+            request: Buffer::new(0, true, CONTROL_BUFFER),
+            receive: Buffer::new(BYTES, true, RECEIVE_BUFFER),
+            send: Buffer::new(BYTES, false, SEND_BUFFER),
+            sends: false,
+        }
+    }
+
+    fn on_bus_reset(&mut self) {
+        self.serial.reset();
+        self.control = Control::Idle;
+        self.configure(false);
+        // SAFETY: the address of a device that has none; a flag that is cleared.
+        unsafe {
+            registers().addr_endp().write(|w| w.bits(0));
+            registers().sie_status().write(|w| w.bits(BUS_RESET));
+        }
+    }
+
+    /// Puts the endpoints of bytes into use, or out of it.
+    fn configure(&mut self, on: bool) {
+        for buffer in [&mut self.receive, &mut self.send] {
+            write(buffer.control, 0);
+            buffer.odd = false;
+        }
+        self.sends = false;
+        drop_queued();
+        let on_if = |kind: u32, at: usize| if on { ENDPOINT_ON | kind | at as u32 } else { 0 };
+        write(ENDPOINTS + 8 * (usize::from(NOTIFICATIONS) - 1), on_if(INTERRUPT, NOTIFICATION_BUFFER));
+        write(ENDPOINTS + 8 * (usize::from(BYTES) - 1), on_if(BULK, SEND_BUFFER));
+        write(ENDPOINTS + 8 * (usize::from(BYTES) - 1) + 4, on_if(BULK, RECEIVE_BUFFER));
+        if on {
+            self.receive.hand_over(PACKET as u32);
+        }
+    }
+
+    fn on_setup(&mut self) {
+        // SAFETY: a flag that is cleared.
+        unsafe { registers().sie_status().write(|w| w.bits(SETUP_RECEIVED)) };
+        write(self.reply.control, 0);
+        write(self.request.control, 0);
+        // What follows a request begins with an odd packet.
+        (self.reply.odd, self.request.odd, self.control) = (true, true, Control::Idle);
+        match self.serial.answer(Setup::new(read(0), read(4))) {
+            Reply::Send(content, most) => {
+                let length = self.serial.content(content).len();
+                self.control = Control::Sends(content, 0, length.min(most));
+                self.send_reply();
+                return;
+            }
+            Reply::TakeCoding => {
+                self.control = Control::TakesCoding;
+                self.request.hand_over(PACKET as u32);
+                return;
+            }
+            Reply::Refuse => {
+                // SAFETY: both directions of endpoint 0.
+                unsafe { registers().ep_stall_arm().write(|w| w.bits(0b11)) };
+                write(self.reply.control, STALL);
+                write(self.request.control, STALL);
+                return;
+            }
+            Reply::Address(address) => self.control = Control::GetsAddress(address),
+            Reply::Configure(on) => self.configure(on),
+            Reply::ClearEndpoint(endpoint) => self.clear(endpoint),
+            Reply::Opened => drop_queued(),
+            Reply::Done => {}
+        }
+        self.reply.send(core::iter::empty());
+    }
+
+    /// The packets of an endpoint begin anew.
+    fn clear(&mut self, endpoint: u8) {
+        if !self.serial.is_configured() {
+        } else if endpoint == BYTES {
+            self.receive.odd = false;
+            self.receive.hand_over(PACKET as u32);
+        } else if endpoint == 0x80 | BYTES {
+            write(self.send.control, 0);
+            (self.send.odd, self.sends) = (false, false);
+        }
+    }
+
+    /// Sends the next packet of a reply. None is left: what the host sends then, nothing, ends it.
+    fn send_reply(&mut self) {
+        let Control::Sends(content, from, until) = self.control else { return };
+        let to = until.min(from + PACKET);
+        self.control = Control::Sends(content, to, until);
+        let bytes = self.serial.content(content).iter().copied();
+        self.reply.send(bytes.skip(from).take(to - from));
+    }
+
+    fn on_reply_sent(&mut self) {
+        match self.control {
+            Control::Sends(_, from, until) if from < until => self.send_reply(),
+            Control::Sends(..) => {
+                self.control = Control::Idle;
+                self.request.odd = true;
+                self.request.hand_over(0);
+            }
+            Control::GetsAddress(address) => {
+                self.control = Control::Idle;
+                // SAFETY: an address of 7 bits.
+                unsafe { registers().addr_endp().write(|w| w.bits(u32::from(address))) };
+            }
+            Control::Idle | Control::TakesCoding => {}
+        }
+    }
+
+    fn on_request(&mut self) {
+        if let Control::TakesCoding = self.control {
+            self.control = Control::Idle;
+            self.serial.take_coding(self.request.received());
+            self.reply.send(core::iter::empty());
+        }
+    }
+
+    fn on_received(&mut self) {
+        for byte in self.receive.received() {
+            uart::obey(self.watch.push(byte));
+            // A byte without room is lost, which its frame's CRC shows.
+            let _ = RECEIVED.enqueue(byte);
+        }
+        if self.serial.is_configured() {
+            self.receive.hand_over(PACKET as u32);
+        }
+    }
+
+    /// Sends what is queued. Hosts wait after a full packet: there is none.
+    fn send_bytes(&mut self) {
+        if self.sends || !self.serial.is_configured() || TO_SEND.is_empty() {
+            return;
+        }
+        self.sends = true;
+        self.send.send(core::iter::from_fn(|| TO_SEND.dequeue()).take(PACKET - 1));
+    }
+
+    fn on_buffers(&mut self) {
+        let done = registers().buff_status().read().bits();
+        // SAFETY: flags that are cleared.
+        unsafe { registers().buff_status().write(|w| w.bits(done)) };
+        let is_done = |endpoint: u8, from_host: bool| done & 1 << (2 * endpoint + u8::from(from_host)) != 0;
+        if is_done(0, false) {
+            self.on_reply_sent();
+        }
+        if is_done(0, true) {
+            self.on_request();
+        }
+        if is_done(BYTES, true) {
+            self.on_received();
+        }
+        if is_done(BYTES, false) {
+            self.sends = false;
+        }
+    }
+}
+
+/// Drops what the host has not taken: it is for a program that has closed the port.
+fn drop_queued() {
+    while TO_SEND.dequeue().is_some() {}
+}
+
+/// Forces the interrupt, which looks at the queue.
+pub fn send_queued() {
+    // SAFETY: an interrupt that its handler ends.
+    unsafe { registers().intf().write(|w| w.bits(ON_BUFFER)) };
+}
+
+/// Sets the controller up. The host sees a device; it gets answers once the interrupts are enabled.
+pub fn start(resets: &pac::RESETS) {
+    let usb = registers();
+    // SAFETY: values of the data sheet. The reset tells the host that the board has restarted.
+    unsafe {
+        resets.reset().modify(|r, w| w.bits(r.bits() | RESET));
+        resets.reset().modify(|r, w| w.bits(r.bits() & !RESET));
+        while resets.reset_done().read().bits() & RESET == 0 {}
+    }
+    (0..CONTROL_BUFFER).step_by(4).for_each(|offset| write(offset, 0));
+    DEVICE.give(Device::new());
+    // SAFETY: values of the data sheet. The bus counts as supplied: not every board has a pin that sees it.
+    unsafe {
+        usb.usb_muxing().write(|w| w.bits(1 | 1 << 3));
+        usb.usb_pwr().write(|w| w.bits(1 << 3 | 1 << 2));
+        usb.main_ctrl().write(|w| w.bits(1));
+        usb.sie_ctrl().write(|w| w.bits(CONTROL_INTERRUPT));
+        usb.inte().write(|w| w.bits(ON_BUFFER | ON_BUS_RESET | ON_SETUP));
+        usb.sie_ctrl().write(|w| w.bits(CONTROL_INTERRUPT | PULL_UP));
+    }
+}
+
+#[interrupt]
+fn USBCTRL_IRQ() {
+    let pending = registers().ints().read().bits();
+    // SAFETY: what has been forced is done below.
+    unsafe { registers().intf().write(|w| w.bits(0)) };
+    // SAFETY: only this interrupt calls this.
+    unsafe {
+        DEVICE.with(|device| {
+            if pending & ON_BUS_RESET != 0 {
+                device.on_bus_reset();
+            }
+            if pending & ON_BUFFER != 0 {
+                device.on_buffers();
+            }
+            if pending & ON_SETUP != 0 {
+                device.on_setup();
+            }
+            device.send_bytes();
+        });
+    }
+}

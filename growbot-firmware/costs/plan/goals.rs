@@ -1,0 +1,26 @@
+//! The goals by which planners are measured, on every board.
+
+use core::f64::consts::{PI, TAU};
+
+use growbot_core::pose::Pose;
+
+/// mm; near what the built-in robot can bend to.
+pub const RADIUS: f64 = 100.0;
+
+/// A number in [0, 1) for each n: Weyl's sequence, evenly spread.
+pub fn spread(n: u32, factor: f64) -> f64 {
+    let value = f64::from(n + 1) * factor;
+    value - libm::floor(value)
+}
+
+/// Evenly spread over distance (radii), direction, heading and pitch.
+pub fn goal(n: u32, nearest: f64, farthest: f64) -> Option<Pose> {
+    let distance = RADIUS * (nearest + (farthest - nearest) * spread(n, 0.754_877_666_246_692_7));
+    let (y, x) = libm::sincos(TAU * spread(n, 0.569_840_290_998_053_2));
+    let z = 2.0 * spread(n, 0.430_159_709_001_946_7) - 1.0;
+    let across = libm::sqrt(1.0 - z * z);
+    let position = [across * x, across * y, z].map(|part| distance * part);
+    let heading = TAU * spread(n, 0.618_033_988_749_894_9) - PI;
+    let pitch = PI * (spread(n, 0.819_172_513_396_164_4) - 0.5);
+    Pose::new(position.into(), heading, pitch).ok()
+}

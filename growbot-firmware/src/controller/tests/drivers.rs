@@ -1,0 +1,90 @@
+//! Drivers that say over their line that something is wrong, or are not configured.
+
+use growbot_core::link::message::{
+    DriverProblem, DriverTrouble, Empty, Fault, LatestFault, Message, Motor, Refusal, ResetCause, State, Task,
+};
+
+use super::bench::{Bench, WARM};
+use super::requests::{bends, clear, maintain, start};
+use crate::safety::transitions::may_heat;
+use crate::testing::fast_robot;
+
+fn trouble(problem: DriverProblem) -> DriverTrouble {
+    DriverTrouble { motor: Motor::Feed, problem }
+}
+
+#[test]
+fn trouble_is_a_fault_while_the_robot_works_and_its_record_says_what_it_is() {
+    for state in State::ALL.into_iter().filter(|state| may_heat(*state)) {
+        for problem in DriverProblem::ALL {
+            let mut bench = Bench::in_state(state);
+            bench.world.driver_trouble.set(Some(trouble(problem)));
+            bench.run_to(State::Fault, 0.25);
+            assert_eq!(bench.controller.fault(), Some(Fault::DriverFault));
+            let answer = bench.ask(&Message::AskFault(Empty {}));
+            let Message::LatestFault(LatestFault { record: Some(record) }) = answer else { panic!("{answer:?}") };
+            assert_eq!(record.sensors.driver_trouble, Some(trouble(problem)));
+            assert_eq!(bench.refused(&clear()), Refusal::FaultRemains { fault: Fault::DriverFault });
+            bench.world.driver_trouble.set(None);
+            bench.run(0.2);
+            bench.accepted(&clear());
+        }
+    }
+}
+
+#[test]
+fn trouble_at_rest_is_told_and_is_a_fault_once_the_motors_are_wanted() {
+    let mut bench = Bench::in_state(State::Idle);
+    bench.world.driver_trouble.set(Some(trouble(DriverProblem::Silent)));
+    bench.run(1.0);
+    assert_eq!(bench.controller.state(), State::Idle);
+    let Message::SensorReadings(readings) = bench.ask(&Message::AskSensors(Empty {})) else { panic!() };
+    assert_eq!(readings.driver_fault, Some(true));
+    assert_eq!(readings.driver_trouble, Some(trouble(DriverProblem::Silent)));
+    bench.accepted(&start());
+    bench.run_to(State::Fault, 0.25);
+    assert_eq!(bench.controller.fault(), Some(Fault::DriverFault));
+}
+
+#[test]
+fn a_start_without_the_motors_supply_is_none_of_a_driver_that_is_broken() {
+    for problem in DriverProblem::ALL {
+        let bench = Bench::in_state(State::Idle);
+        bench.world.driver_trouble.set(Some(trouble(problem)));
+        let bench = bench.reset(ResetCause::PowerOn);
+        let passes = matches!(problem, DriverProblem::Silent | DriverProblem::NotConfigured);
+        let expected = if passes { None } else { Some(Fault::DriverFault) };
+        assert_eq!(bench.controller.fault(), expected, "{problem:?}");
+    }
+}
+
+#[test]
+fn no_motor_is_energised_before_the_drivers_are_configured() {
+    let mut bench = Bench::greeted(fast_robot(), WARM);
+    bench.world.drivers_unconfigured.set(true);
+    bench.grow(&bends(2));
+    bench.run(60.0);
+    assert_eq!(bench.controller.state(), State::Heating);
+    assert!(!bench.motors.enabled());
+    bench.world.drivers_unconfigured.set(false);
+    bench.run_to(State::Done, 120.0);
+
+    let mut bench = Bench::in_state(State::Maintenance);
+    bench.world.drivers_unconfigured.set(true);
+    for task in [Task::Home, Task::Rotate { centi_deg: 100 }, Task::Feed { um: 100 }] {
+        assert_eq!(bench.refused(&maintain(task)), Refusal::FaultRemains { fault: Fault::DriverFault });
+    }
+    bench.world.drivers_unconfigured.set(false);
+    bench.accepted(&maintain(Task::Home));
+}
+
+#[test]
+fn drivers_are_told_whether_their_motors_are_in_use() {
+    for state in State::ALL {
+        let bench = Bench::in_state(state);
+        // In the state since the latest poll at the latest.
+        let mut bench = bench;
+        bench.run(0.02);
+        assert_eq!(bench.world.motors_in_use.get(), may_heat(bench.controller.state()), "{state:?}");
+    }
+}

@@ -1,0 +1,146 @@
+//! Descriptions in flash, with the power cut anywhere.
+
+use growbot_core::robot::Robot;
+
+use super::{Descriptions, HEADER_BYTES, LONGEST, NotStored, Stored};
+use crate::testing::flash::Flash;
+use crate::testing::{fast_robot, robot_a};
+
+/// Slots of a sector that just holds a description.
+const SECTOR: usize = 1024;
+type Small = Flash<SECTOR>;
+
+fn stored(flash: &Small) -> Option<Robot> {
+    Descriptions::open(flash.clone()).newest().robot()
+}
+
+fn named(name: &str) -> Robot {
+    let mut description = robot_a().description().clone();
+    description.name = name.try_into().unwrap();
+    Robot::new(description).unwrap()
+}
+
+#[test]
+fn the_newest_description_is_found_again() {
+    let flash = Small::new(2);
+    assert_eq!(stored(&flash), None);
+    let mut descriptions = Descriptions::open(flash.clone());
+    for name in ["a", "b", "c", "d", "e"] {
+        descriptions.store(&named(name)).unwrap();
+        assert_eq!(descriptions.newest().robot(), Some(named(name)));
+        assert_eq!(stored(&flash), Some(named(name)), "after a reset");
+    }
+    assert_eq!(flash.erasures(), [3, 2], "each slot by turns");
+}
+
+/// As after new firmware, which has another encoding: nothing else takes its place unasked.
+#[test]
+fn a_whole_description_that_cannot_be_read_is_told_from_none() {
+    let flash = Small::new(2);
+    assert_eq!(Descriptions::open(flash.clone()).newest(), Stored::Nothing);
+    let mut descriptions = Descriptions::open(flash.clone());
+    descriptions.store(&robot_a()).unwrap();
+    let newest = descriptions.newest.unwrap();
+    // The same bytes, said to be of another version, with a header that suits them.
+    let (header, mut bytes) = descriptions.read(newest.slot).unwrap();
+    bytes[0] ^= 0x40;
+    descriptions.write(newest, &bytes).unwrap();
+    assert_eq!(descriptions.read(newest.slot), Some((header, bytes)));
+    assert_eq!(Descriptions::open(flash).newest(), Stored::Unreadable);
+}
+
+#[test]
+fn what_flash_holds_at_first_is_no_description() {
+    for byte in [0x00, 0xff, 0x47] {
+        let flash = Small::new(2);
+        flash.set_bytes(&[byte; 2 * SECTOR]);
+        assert_eq!(stored(&flash), None, "{byte:#x}");
+        Descriptions::open(flash.clone()).store(&robot_a()).unwrap();
+        assert_eq!(stored(&flash), Some(robot_a()), "{byte:#x}");
+    }
+}
+
+#[test]
+fn a_flipped_bit_is_seen() {
+    let flash = Small::new(2);
+    let (old, new) = (robot_a(), fast_robot());
+    Descriptions::open(flash.clone()).store(&old).unwrap();
+    Descriptions::open(flash.clone()).store(&new).unwrap();
+    let whole = flash.bytes();
+    let length = new.encode_for_board(&mut [0; LONGEST]).unwrap().len();
+    for bit in 0..8 * (HEADER_BYTES + length) {
+        let mut bytes = whole.clone();
+        bytes[SECTOR + bit / 8] ^= 1 << (bit % 8);
+        flash.set_bytes(&bytes);
+        assert_eq!(stored(&flash), Some(old.clone()), "bit {bit}");
+    }
+}
+
+#[test]
+fn a_power_cut_at_every_byte_leaves_the_old_description_or_the_new_one() {
+    let (old, new) = (robot_a(), fast_robot());
+    let (mut olds, mut news) = (0, 0);
+    for before in [None, Some(old)] {
+        let mut cut = 0;
+        loop {
+            cut += 1;
+            let flash = Small::new(2);
+            if let Some(old) = &before {
+                // Both slots are written to: one is to be erased.
+                Descriptions::open(flash.clone()).store(&named("older")).unwrap();
+                Descriptions::open(flash.clone()).store(old).unwrap();
+            }
+            let mut descriptions = Descriptions::open(flash.clone());
+            flash.lose_power_after(cut, cut as u64);
+            let written = descriptions.store(&new);
+            if !flash.has_lost_power() {
+                assert_eq!(written, Ok(()));
+                break;
+            }
+            flash.power_up();
+            match stored(&flash) {
+                Some(robot) if robot == new => news += 1,
+                found => {
+                    assert_eq!(found, before, "cut at byte {cut}");
+                    assert_eq!(written, Err(NotStored));
+                    olds += 1;
+                }
+            }
+            // It can be configured again, and is not undone by what the cut has left.
+            Descriptions::open(flash.clone()).store(&new).unwrap();
+            assert_eq!(stored(&flash), Some(new.clone()), "cut at byte {cut}, and written again");
+        }
+        assert!(cut > SECTOR + LONGEST, "{cut} cuts");
+    }
+    assert!(olds > 2 * SECTOR && news > 0, "{olds} old, {news} new");
+}
+
+/// Bits that were being programmed may read differently at each start: never as another description.
+#[test]
+fn weak_cells_read_as_the_old_description_or_the_new_one() {
+    let (old, new) = (robot_a(), fast_robot());
+    for at in 0..HEADER_BYTES + LONGEST {
+        let flash = Small::new(2);
+        Descriptions::open(flash.clone()).store(&old).unwrap();
+        Descriptions::open(flash.clone()).store(&new).unwrap();
+        flash.weaken(SECTOR + at, &[0xff; 4]);
+        for reading in [[0x00; 4], [0xff; 4], [0x5a; 4], [0x01, 0x80, 0xfe, 0x7f]] {
+            flash.read_weak_as(&reading);
+            let found = stored(&flash).unwrap();
+            assert!(found == old || found == new, "weak from byte {at} on");
+        }
+    }
+}
+
+#[test]
+fn flash_that_refuses_keeps_the_old_description() {
+    let flash = Small::new(2);
+    Descriptions::open(flash.clone()).store(&robot_a()).unwrap();
+    let mut descriptions = Descriptions::open(flash.clone());
+    flash.lose_power_after(1, 1);
+    assert_eq!(descriptions.store(&fast_robot()), Err(NotStored));
+    flash.power_up();
+    assert_eq!(descriptions.newest().robot(), Some(robot_a()));
+    assert_eq!(descriptions.store(&fast_robot()), Ok(()));
+    assert_eq!(descriptions.newest().robot(), Some(fast_robot()));
+}

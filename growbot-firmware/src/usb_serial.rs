@@ -1,0 +1,338 @@
+//! The control requests of a USB serial port (class CDC, abstract control model), whatever the chip.
+//!
+//! What is sent lies in [`UsbSerial`], and so in memory: requests are answered while the flash cannot be read.
+
+/// Bytes of a packet at most, on every endpoint.
+pub const PACKET: usize = 64;
+/// Endpoint of the notifications, of which none is ever sent.
+pub const NOTIFICATIONS: u8 = 1;
+/// Endpoint of the bytes, in each direction.
+pub const BYTES: u8 = 2;
+
+const DEVICE: [u8; 18] = [
+    18,
+    1,
+    0x00,
+    0x02, // USB 2.0
+    0x02,
+    0,
+    0,
+    PACKET as u8, // a communication device
+    0x8A,
+    0x2E,
+    0x0A,
+    0x00, // 2e8a:000a, a serial port of an RP2040
+    0x00,
+    0x01,
+    NAME,
+    NAME,
+    0,
+    1,
+];
+const CONFIGURATION: [u8; 67] = [
+    9,
+    2,
+    67,
+    0,
+    2,
+    1,
+    0,
+    0xC0,
+    50, // two interfaces; with a supply of its own
+    9,
+    4,
+    0,
+    0,
+    1,
+    0x02,
+    0x02,
+    0x00,
+    NAME, // communication
+    5,
+    0x24,
+    0x00,
+    0x10,
+    0x01, // CDC 1.1
+    5,
+    0x24,
+    0x01,
+    0x00,
+    1, // calls are not handled
+    4,
+    0x24,
+    0x02,
+    0x02, // line coding and line state
+    5,
+    0x24,
+    0x06,
+    0,
+    1, // both interfaces are one port
+    7,
+    5,
+    0x80 | NOTIFICATIONS,
+    3,
+    8,
+    0,
+    255, // an interrupt endpoint
+    9,
+    4,
+    1,
+    0,
+    2,
+    0x0A,
+    0,
+    0,
+    0, // data
+    7,
+    5,
+    BYTES,
+    2,
+    PACKET as u8,
+    0,
+    0, // bulk, from the host
+    7,
+    5,
+    0x80 | BYTES,
+    2,
+    PACKET as u8,
+    0,
+    0, // bulk, to the host
+];
+/// Index of the one string.
+const NAME: u8 = 1;
+const LANGUAGES: [u8; 4] = [4, 3, 0x09, 0x04];
+const GROWBOT: [u8; 16] = [16, 3, b'g', 0, b'r', 0, b'o', 0, b'w', 0, b'b', 0, b'o', 0, b't', 0];
+/// 115200 baud, one stop bit, no parity, 8 bits: of no effect, but hosts ask.
+const CODING: [u8; 7] = [0x00, 0xC2, 0x01, 0x00, 0, 0, 8];
+
+/// A request of the host.
+#[derive(Debug, Clone, Copy)]
+pub struct Setup {
+    kind: u8,
+    request: u8,
+    value: u16,
+    index: u16,
+    length: u16,
+}
+
+impl Setup {
+    /// From the eight bytes of its packet, as two little-endian words.
+    #[must_use]
+    pub const fn new(low: u32, high: u32) -> Self {
+        Self {
+            kind: low as u8,
+            request: (low >> 8) as u8,
+            value: (low >> 16) as u16,
+            index: high as u16,
+            length: (high >> 16) as u16,
+        }
+    }
+}
+
+/// What a request is answered with.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Reply {
+    /// So many bytes at most of this.
+    Send(Content, usize),
+    /// Done.
+    Done,
+    /// Done once the host has sent a line coding.
+    TakeCoding,
+    /// Done; from then on the device has this address.
+    Address(u8),
+    /// Done: the endpoints are in use, or not.
+    Configure(bool),
+    /// Done: the endpoint, of this address, begins anew.
+    ClearEndpoint(u8),
+    /// Done: a program on the host has opened or closed the port.
+    Opened,
+    /// Refused.
+    Refuse,
+}
+
+/// What can be sent.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Content {
+    /// The device's descriptor.
+    Device,
+    /// The configuration's descriptor, and all that belong to it.
+    Configuration,
+    /// The languages of strings.
+    Languages,
+    /// The string.
+    Name,
+    /// The latest line coding.
+    Coding,
+    /// A status that says nothing.
+    Status,
+    /// Which configuration is in use.
+    Configured,
+}
+
+/// A serial port.
+#[derive(Debug)]
+pub struct UsbSerial {
+    device: [u8; 18],
+    configuration: [u8; 67],
+    languages: [u8; 4],
+    name: [u8; 16],
+    coding: [u8; 7],
+    status: [u8; 2],
+    configured: [u8; 1],
+}
+
+impl UsbSerial {
+    /// One that is not configured.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            device: DEVICE,
+            configuration: CONFIGURATION,
+            languages: LANGUAGES,
+            name: GROWBOT,
+            coding: CODING,
+            status: [0; 2],
+            configured: [0],
+        }
+    }
+
+    /// Begins anew, as after a reset of the bus.
+    pub fn reset(&mut self) {
+        self.configured = [0];
+    }
+
+    /// Whether the host has configured it.
+    #[must_use]
+    pub const fn is_configured(&self) -> bool {
+        self.configured[0] != 0
+    }
+
+    /// The bytes of what is sent.
+    #[must_use]
+    pub fn content(&self, content: Content) -> &[u8] {
+        match content {
+            Content::Device => &self.device,
+            Content::Configuration => &self.configuration,
+            Content::Languages => &self.languages,
+            Content::Name => &self.name,
+            Content::Coding => &self.coding,
+            Content::Status => &self.status,
+            Content::Configured => &self.configured,
+        }
+    }
+
+    /// Keeps the line coding that the host has sent.
+    pub fn take_coding(&mut self, bytes: impl Iterator<Item = u8>) {
+        for (kept, byte) in self.coding.iter_mut().zip(bytes) {
+            *kept = byte;
+        }
+    }
+
+    /// Answers a request.
+    pub fn answer(&mut self, setup: Setup) -> Reply {
+        let Setup { kind, request, value, index, length } = setup;
+        let send = |content| Reply::Send(content, usize::from(length));
+        if kind & 0x60 == 0x20 {
+            return answer_class(request, kind & 0x80 != 0, usize::from(length));
+        }
+        if kind & 0x60 != 0 {
+            return Reply::Refuse;
+        }
+        match (kind & 0x80 != 0, request) {
+            (true, 6) => self.describe(value).map_or(Reply::Refuse, send),
+            (true, 0) => send(Content::Status),
+            (true, 8) => send(Content::Configured),
+            // Of each interface there is one form.
+            (true, 10) => Reply::Send(Content::Status, usize::from(length.min(1))),
+            (false, 11) if value == 0 => Reply::Done,
+            (false, 5) => Reply::Address(value as u8 & 0x7F),
+            (false, 9) if value <= 1 => {
+                self.configured = [value as u8];
+                Reply::Configure(value == 1)
+            }
+            (false, 1) if kind == 2 && value == 0 => Reply::ClearEndpoint(index as u8),
+            _ => Reply::Refuse,
+        }
+    }
+
+    fn describe(&self, value: u16) -> Option<Content> {
+        let number = value as u8;
+        match value >> 8 {
+            1 => Some(Content::Device),
+            2 => Some(Content::Configuration),
+            3 if number == 0 => Some(Content::Languages),
+            3 if number == NAME => Some(Content::Name),
+            _ => None,
+        }
+    }
+}
+
+impl Default for UsbSerial {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// Answers a request of the class: SET_LINE_CODING, GET_LINE_CODING, SET_CONTROL_LINE_STATE.
+fn answer_class(request: u8, to_host: bool, length: usize) -> Reply {
+    match (to_host, request) {
+        (false, 0x20) if length == CODING.len() => Reply::TakeCoding,
+        (true, 0x21) => Reply::Send(Content::Coding, length),
+        (false, 0x22) => Reply::Opened,
+        _ => Reply::Refuse,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::vec;
+
+    use super::*;
+
+    fn setup(kind: u8, request: u8, value: u16, index: u16, length: u16) -> Setup {
+        Setup { kind, request, value, index, length }
+    }
+
+    #[test]
+    fn descriptors_are_as_long_as_they_say_and_name_the_endpoints() {
+        let serial = UsbSerial::new();
+        for content in [Content::Device, Content::Languages, Content::Name] {
+            let bytes = serial.content(content);
+            assert_eq!(usize::from(bytes[0]), bytes.len(), "{content:?}");
+        }
+        let configuration = serial.content(Content::Configuration);
+        assert_eq!(usize::from(configuration[2]), configuration.len());
+        let (mut rest, mut endpoints) = (configuration, vec![]);
+        while let [length, kind, ..] = rest {
+            if *kind == 5 {
+                endpoints.push(rest[2]);
+            }
+            rest = &rest[usize::from(*length)..];
+        }
+        assert_eq!(endpoints, [0x81, 0x02, 0x82]);
+    }
+
+    #[test]
+    fn a_host_gets_what_it_needs_to_use_the_port() {
+        let mut serial = UsbSerial::new();
+        let mut answer = |kind, request, value, length| serial.answer(setup(kind, request, value, 0, length));
+        assert_eq!(answer(0x80, 6, 0x100, 64), Reply::Send(Content::Device, 64));
+        assert_eq!(answer(0x00, 5, 7, 0), Reply::Address(7));
+        assert_eq!(answer(0x80, 6, 0x200, 9), Reply::Send(Content::Configuration, 9));
+        assert_eq!(answer(0x80, 6, 0x301, 255), Reply::Send(Content::Name, 255));
+        // It has no qualifier, as it knows one speed only, and no second string.
+        assert_eq!(answer(0x80, 6, 0x600, 10), Reply::Refuse);
+        assert_eq!(answer(0x80, 6, 0x302, 255), Reply::Refuse);
+        assert_eq!(answer(0x00, 9, 2, 0), Reply::Refuse);
+        assert_eq!(answer(0x00, 9, 1, 0), Reply::Configure(true));
+        assert_eq!(answer(0x21, 0x20, 0, 7), Reply::TakeCoding);
+        assert_eq!(answer(0x21, 0x22, 3, 0), Reply::Opened);
+        assert_eq!(answer(0x02, 1, 0, 0), Reply::ClearEndpoint(0));
+        assert_eq!(answer(0x40, 5, 0, 0), Reply::Refuse);
+        assert!(serial.is_configured());
+        serial.take_coding([0x80, 0x25, 0, 0, 0, 0, 8].into_iter());
+        assert_eq!(serial.content(Content::Coding), [0x80, 0x25, 0, 0, 0, 0, 8]);
+        serial.reset();
+        assert!(!serial.is_configured());
+    }
+}

@@ -1,0 +1,102 @@
+//! `growbot configure`: another robot description for a board.
+
+use std::path::PathBuf;
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use clap::Args;
+use growbot_client::client::ClientError;
+use growbot_client::port::PortError;
+use growbot_client::printable::json_line;
+use growbot_client::robot_file;
+use growbot_core::link::message::BoardHello;
+use growbot_core::robot::Robot;
+use growbot_host::output::print;
+use growbot_host::{note, warning};
+use serde_json::json;
+
+use super::service::borrow_line;
+use super::status::is_configured;
+use super::{ChosenPort, Failure, ROBOT, RobotPortArg};
+
+/// A board is there again within this after it has stored a description.
+const RESTART: Duration = Duration::from_secs(10);
+/// It is looked for so often.
+const LOOK: Duration = Duration::from_millis(250);
+
+/// Send a robot's description to its board, which checks it, keeps it and restarts with it
+///
+/// The board keeps the description over resets and losses of power, and over new firmware that still reads it. It takes another one only
+/// while nothing heats or moves, with the nozzle cold and without a body that is not done; one that is not valid it
+/// refuses, and keeps the one that it has. Every limit of the robot is then the board's.
+#[derive(Args)]
+#[command(after_help = "Example:\n  growbot configure my-robot.toml --port /dev/ttyACM0")]
+pub struct ConfigureArgs {
+    /// The robot: a TOML file or a built-in name
+    #[arg(value_name = ROBOT)]
+    robot: PathBuf,
+    #[command(flatten)]
+    port: RobotPortArg,
+    /// Print one line of JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the command.
+pub fn run(args: &ConfigureArgs) -> Result<(), Failure> {
+    let robot = robot_file::load(&args.robot)?;
+    robot.check_for_board().map_err(ClientError::Description)?;
+    let port = args.port.choose()?;
+    let _lent = borrow_line(&port, "growbot configure")?;
+    // A simulated robot that begins with this command has a board with a description, as one that was flashed.
+    let mut client = port.client(&robot_file::load(robot_file::DEFAULT.as_ref())?)?;
+    let before = client.hello()?;
+    let now = match client.configure(&robot) {
+        Err(ClientError::Port(PortError::Lost(..))) => {
+            drop(client);
+            after_restart(&port, &robot)?
+        }
+        done => done?,
+    };
+    if port.ends_with_program() {
+        warning!(
+            "the robot at {} ends with this command, and its board with it: for one that stays, use sim:NAME \
+             (`growbot power on --port sim:NAME`)",
+            port.text()
+        );
+    } else if before.robot != now.robot {
+        note!("name this robot in commands, too: --robot {}, or growbot.toml", args.robot.display());
+    }
+    let had = is_configured(&before).then(|| format!("{} ({:016x})", before.robot_name, before.robot));
+    print(&if args.json {
+        json_line(&json!({
+            "robot": now.robot_name,
+            "robot_hash": format!("{:016x}", now.robot),
+            "robot_before": is_configured(&before).then_some(&before.robot_name),
+            "robot_hash_before": is_configured(&before).then(|| format!("{:016x}", before.robot)),
+            "simulated": port.is_simulated(),
+        }))
+    } else {
+        format!(
+            "the {}board is configured as {} ({:016x}), before: {}\n",
+            port.kind(),
+            now.robot_name,
+            now.robot,
+            had.unwrap_or_else(|| "not configured".to_string())
+        )
+    })?;
+    Ok(())
+}
+
+/// Looks for the board at its port anew: a serial port over USB goes while its board restarts, and comes back.
+fn after_restart(port: &ChosenPort, robot: &Robot) -> Result<BoardHello, Failure> {
+    let began = Instant::now();
+    while began.elapsed() < RESTART {
+        sleep(LOOK);
+        let hello = port.client(robot).ok().and_then(|mut client| client.hello().ok());
+        if let Some(hello) = hello.filter(|hello| hello.robot == robot.hash()) {
+            return Ok(hello);
+        }
+    }
+    Err(ClientError::NotRestarted { port: port.text().to_owned() }.into())
+}

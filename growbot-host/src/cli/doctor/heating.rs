@@ -1,0 +1,192 @@
+//! The heater, in three steps: nothing connected, a lamp, the nozzle.
+
+use std::time::Duration;
+
+use growbot_core::link::message::{Fault, State, Status, Task};
+use growbot_host::note;
+use growbot_sim::tip::hand::Hand;
+
+use super::answers::{Answer, Wanted};
+use super::report::Finding;
+use super::session::{Session, in_words};
+use crate::cli::Failure;
+
+/// The nozzle is heated to this, C: the least that the board heats to, and some more.
+const LOW_C: f64 = 60.0;
+/// A nozzle without its heater does not get warmer by this, degrees.
+const WARMER_C: f64 = 5.0;
+/// The proof of the two switches, with all its pauses.
+const PROOF: Duration = Duration::from_secs(60);
+
+fn preheat() -> Task {
+    Task::Preheat { target_centi_c: (LOW_C * 100.0) as i32 }
+}
+
+/// What a board says that heats a nozzle which does not get warmer.
+fn is_no_heat(fault: Fault) -> bool {
+    matches!(fault, Fault::HeatingTooSlow | Fault::TemperatureDrop | Fault::ThermistorFrozen | Fault::HeaterEnergy)
+}
+
+/// How long a nozzle that does not get warmer may be heated before the board says so.
+fn patience(session: &Session) -> Duration {
+    Duration::from_secs_f64(session.robot.description().heater.heating_timeout_s.clamp(1.0, 3600.0)) + PROOF
+}
+
+/// With no heater connected the board must find that the nozzle does not get warmer, and switch off.
+pub fn without_heater(session: &mut Session) -> Result<Finding, Failure> {
+    let question = "Disconnect both wires of the heater from the board; the thermistor stays. The board is going to \
+                    heat, with nothing that could get warm, until it finds that out.";
+    if !session.is_ready(question)? {
+        return Ok(Finding::skipped());
+    }
+    session.by_hand(Hand::DisconnectHeater(true));
+    let found = heat_nothing(session);
+    session.by_hand(Hand::DisconnectHeater(false));
+    let found = found?;
+    session.switch_off()?;
+    session.clear()?;
+    Ok(found)
+}
+
+fn heat_nothing(session: &mut Session) -> Result<Finding, Failure> {
+    let before = session.look()?.status.temperature_centi_c.unwrap_or_default();
+    if let Some(why) = session.maintain(preheat())? {
+        return Ok(Finding::failed(why, "see `growbot status`"));
+    }
+    let time = patience(session);
+    note!("this takes up to {} s", time.as_secs());
+    let warmer = |centi_c: Option<i32>| f64::from(centi_c.unwrap_or(before).saturating_sub(before)) / 100.0;
+    let seen = session
+        .watch(time, None, |seen| seen.status.fault.is_some() || warmer(seen.status.temperature_centi_c) > WARMER_C)?;
+    Ok(match seen.map(|seen| (seen.status.fault, warmer(seen.status.temperature_centi_c))) {
+        Some((Some(fault), _)) if is_no_heat(fault) => {
+            Finding::passed(format!("switched off by {}, as it must be", fault.code()))
+        }
+        Some((Some(fault), _)) => Finding::failed(
+            format!("switched off by {}", in_words(fault)),
+            "expected was that the nozzle does not get warmer; nothing may be connected to the heater's terminals",
+        ),
+        Some((None, degrees)) => Finding::failed(
+            format!("the nozzle got warmer by {degrees:.1} degrees, and {WARMER_C} is the limit"),
+            "cut the power: the heater is still connected, or the thermistor sits on something else that heats",
+        ),
+        None => Finding::failed(
+            format!("no fault in {} s", time.as_secs()),
+            "do not connect a heater: the board does not find that its nozzle stays cold",
+        ),
+    })
+}
+
+/// A lamp shows that the power reaches the terminals, and that the emergency stop cuts it.
+pub fn lamp(session: &mut Session) -> Result<Finding, Failure> {
+    let question = "Connect a lamp for the supply's voltage, 5 to 20 W, in place of the heater; the thermistor stays. \
+                    It is dark while the switches are proved, some 20 s, and then lights.";
+    if !session.is_ready(question)? {
+        return Ok(Finding::skipped());
+    }
+    // Nor does a lamp warm the nozzle.
+    session.by_hand(Hand::DisconnectHeater(true));
+    let found = light(session);
+    session.by_hand(Hand::DisconnectHeater(false));
+    let found = found?;
+    session.switch_off()?;
+    session.clear()?;
+    Ok(found)
+}
+
+fn light(session: &mut Session) -> Result<Finding, Failure> {
+    if let Some(why) = session.maintain(preheat())? {
+        return Ok(Finding::failed(why, "see `growbot status`"));
+    }
+    let heater = &session.robot.description().heater;
+    // The proof drives the power stage, too: docs/decisions/0021-heater-proof-test.md.
+    let proof_s = 8.0 * heater.heat_capacity_j_per_k / heater.power_w.max(1e-3) + 5.0;
+    let looks = ((proof_s + 2.0) / super::session::LOOK.as_secs_f64()) as u32;
+    let mut driven = 0;
+    let seen = session.watch(PROOF, None, |seen| {
+        driven += u32::from(seen.status.duty > 0);
+        seen.status.fault.is_some() || driven > looks
+    })?;
+    if let Some(fault) = seen.and_then(|seen| seen.status.fault) {
+        return Ok(Finding::failed(
+            format!("switched off before the lamp could light, by {}", in_words(fault)),
+            "the thermistor must be connected and cold; try again",
+        ));
+    }
+    is_lit(session)
+}
+
+/// Asks whether the lamp is lit, and whether the emergency stop switches it off.
+pub fn is_lit(session: &mut Session) -> Result<Finding, Failure> {
+    let lit = session.ask("Is the lamp lit? Answer soon: the board finds that the nozzle stays cold.", Wanted::YesOrNo);
+    // The emergency stop changes it. Without an answer it is given at once.
+    let status = matches!(lit, Ok(Some(_))).then(|| session.status());
+    session.emergency_stop()?;
+    let (Some(lit), Some(status)) = (lit?, status) else { return Ok(Finding::skipped()) };
+    // What was seen of the lamp counts only while the board drove it.
+    if let Some(by) = switched_off_by(&status?) {
+        return Ok(Finding::failed(
+            format!("the board switched off before you answered, by {by}"),
+            "do the step again, and answer sooner",
+        ));
+    }
+    if lit != Answer::Yes {
+        return Ok(Finding::failed(
+            "the lamp stayed dark",
+            "check the supply at the terminals, both switches and their wires; a lamp of another voltage stays dark, too",
+        ));
+    }
+    Ok(match session.ask("The emergency stop was given. Is the lamp dark now?", Wanted::YesOrNo)? {
+        None => Finding::skipped(),
+        Some(Answer::Yes) => Finding::passed("it lights, and the emergency stop switches it off"),
+        Some(_) => Finding::failed(
+            "the lamp is lit after the emergency stop",
+            "cut the power: the power stage or the second switch conducts by itself; replace it, connect no heater",
+        ),
+    })
+}
+
+/// What has switched the heater off, where something has.
+fn switched_off_by(status: &Status) -> Option<String> {
+    match (status.fault, status.state) {
+        (Some(fault), _) => Some(in_words(fault)),
+        (None, State::Maintenance) => None,
+        (None, state) => Some(format!("its state {}", state.name())),
+    }
+}
+
+/// The nozzle itself, to a low temperature.
+pub fn nozzle(session: &mut Session) -> Result<Finding, Failure> {
+    let question = format!(
+        "Connect the nozzle's heater in place of the lamp, with its thermal cut-off, the thermistor in its seat, your \
+         hand at the supply's switch. It is going to be heated to {LOW_C} C."
+    );
+    if !session.is_ready(&question)? {
+        return Ok(Finding::skipped());
+    }
+    if let Some(why) = session.maintain(preheat())? {
+        return Ok(Finding::failed(why, "see `growbot status`"));
+    }
+    let time = patience(session);
+    note!("this takes up to {} s", time.as_secs());
+    let band = session.robot.description().heater.band_c;
+    let mut in_band = 0;
+    let seen = session.watch(time, None, |seen| {
+        let celsius = seen.status.temperature_centi_c.map_or(0.0, |centi| f64::from(centi) / 100.0);
+        in_band = if (celsius - LOW_C).abs() <= band { in_band + 1 } else { 0 };
+        seen.status.fault.is_some() || in_band > 50
+    })?;
+    session.switch_off()?;
+    Ok(match seen.map(|seen| (seen.status.fault, seen.status.temperature_centi_c.unwrap_or_default())) {
+        Some((None, centi)) => {
+            Finding::passed(format!("{:.1} C, within {band} C of {LOW_C} C for 5 s", f64::from(centi) / 100.0))
+        }
+        Some((Some(fault), _)) => {
+            Finding::failed(in_words(fault), "the nozzle is off; compare [heater] of the robot file with the parts")
+        }
+        None => Finding::failed(
+            format!("not within {band} C of {LOW_C} C in {} s", time.as_secs()),
+            "check heater, supply and the thermistor's seat; then find gains with growbot tune",
+        ),
+    })
+}

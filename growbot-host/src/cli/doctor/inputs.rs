@@ -1,0 +1,203 @@
+//! What the board measures while nothing heats or moves.
+
+use growbot_core::link::message::{SensorReadings, State};
+use growbot_sim::tip::hand::Hand;
+
+use super::report::Finding;
+use super::session::{Session, WATCH};
+use crate::cli::Failure;
+
+/// Temperatures of a room, C.
+const ROOM_C: [f64; 2] = [5.0, 45.0];
+/// What an accelerometer at rest shows, of the earth's gravity.
+const GRAVITY: [f64; 2] = [0.85, 1.15];
+/// A tip that was tilted shows gravity turned by more than this, degrees.
+const TILT_DEG: f64 = 20.0;
+
+/// A nozzle that was not heated has the temperature of the room.
+pub fn temperature(session: &mut Session) -> Result<Finding, Failure> {
+    let Some(centi_c) = session.look()?.status.temperature_centi_c else {
+        return Ok(Finding::failed("there is no reading", "check the thermistor's wires"));
+    };
+    let [min, max] = ROOM_C;
+    let celsius = f64::from(centi_c) / 100.0;
+    let found = format!("{celsius:.1} C; a room has {min} to {max} C");
+    if (min..=max).contains(&celsius) {
+        return Ok(Finding::passed(found));
+    }
+    Ok(Finding::failed(
+        found,
+        "let the nozzle cool; if it is cold, compare [thermistor] in the robot file with the part, and its pull-up",
+    ))
+}
+
+/// The supply is within the robot's limits.
+pub fn supply(session: &mut Session) -> Result<Finding, Failure> {
+    let description = session.robot.description();
+    let (min, max) = (description.supply.min_v, description.supply.max_v);
+    if !description.sensors.supply {
+        return Ok(Finding::absent("sensors.supply"));
+    }
+    let Some(mv) = session.look()?.sensors.supply_mv else {
+        return Ok(Finding::failed("there is no reading", "check the divider of the supply"));
+    };
+    let volts = f64::from(mv) / 1000.0;
+    let found = format!("{volts:.1} V, supply.min_v to max_v is {min} to {max} V");
+    Ok(if (min..=max).contains(&volts) {
+        Finding::passed(found)
+    } else {
+        Finding::failed(found, "compare with a voltmeter: check the supply, its divider and supply.full_scale_v")
+    })
+}
+
+/// Whether an input shows both levels while it is watched.
+struct BothLevels([bool; 2]);
+
+impl BothLevels {
+    fn add(&mut self, level: bool) -> bool {
+        if let Some(seen) = self.0.get_mut(usize::from(level)) {
+            *seen = true;
+        }
+        self.0 == [true; 2]
+    }
+}
+
+/// The index sensor sees its mark at one place of a turn and not at another.
+pub fn index(session: &mut Session) -> Result<Finding, Failure> {
+    if !session.is_ready("Turn the head by hand, slowly, by more than a turn, from now until it is seen.")? {
+        return Ok(Finding::skipped());
+    }
+    let mut levels = BothLevels([false; 2]);
+    let seen = session.watch(WATCH, Some(Hand::TurnHead(1)), |seen| levels.add(seen.sensors.on_index))?;
+    if seen.is_some() {
+        return Ok(Finding::passed("on and off the mark"));
+    }
+    let only = if levels.0[1] { "on" } else { "off" };
+    Ok(Finding::failed(
+        format!("only {only} its mark in {} s", WATCH.as_secs()),
+        "check the sensor's supply, its wire and its distance, and head.index_low_on_mark",
+    ))
+}
+
+/// An input with a switch: both positions are asked for and seen.
+struct Switch {
+    close: (&'static str, Hand),
+    open: (&'static str, Hand),
+    level: fn(&SensorReadings) -> Option<bool>,
+    /// What the levels are called: that of `close` first.
+    names: [&'static str; 2],
+    remedy: &'static str,
+}
+
+impl Switch {
+    fn run(&self, session: &mut Session) -> Result<Finding, Failure> {
+        for (wanted, (question, hand)) in [(true, self.close), (false, self.open)] {
+            if !session.is_ready(question)? {
+                return Ok(Finding::skipped());
+            }
+            session.by_hand(hand);
+            let level = self.level;
+            if session.watch(WATCH / 6, None, |seen| level(&seen.sensors) == Some(wanted))?.is_none() {
+                let [closed, open] = self.names;
+                let (found, missing) = if wanted { (open, closed) } else { (closed, open) };
+                return Ok(Finding::failed(format!("{found}, and not {missing}"), self.remedy));
+            }
+        }
+        Ok(Finding::passed(self.names.join(" and ")))
+    }
+}
+
+/// The filament's switch.
+pub fn filament(session: &mut Session) -> Result<Finding, Failure> {
+    if session.robot.description().sensors.filament_presence.is_none() {
+        return Ok(Finding::absent("sensors.filament_presence"));
+    }
+    let switch = Switch {
+        close: ("Put filament into its switch.", Hand::TakeFilament(false)),
+        open: ("Take the filament out of its switch.", Hand::TakeFilament(true)),
+        level: |sensors| sensors.filament_present,
+        names: ["filament", "none"],
+        remedy: "check the switch and its wire, and sensors.filament_presence.active_low",
+    };
+    let found = switch.run(session)?;
+    session.by_hand(Hand::TakeFilament(false));
+    Ok(found)
+}
+
+/// The emergency stop: pressed it is a state of its own, and released it can be cleared.
+pub fn emergency_stop(session: &mut Session) -> Result<Finding, Failure> {
+    if session.robot.description().sensors.emergency_stop.is_none() {
+        return Ok(Finding::absent("sensors.emergency_stop"));
+    }
+    let switch = Switch {
+        close: ("Press the emergency stop, and leave it pressed.", Hand::PressEmergencyStop(true)),
+        open: ("Release the emergency stop.", Hand::PressEmergencyStop(false)),
+        level: |sensors| sensors.emergency_stop,
+        names: ["pressed", "released"],
+        remedy: "check the button and its wires, and sensors.emergency_stop.active_low",
+    };
+    let found = switch.run(session)?;
+    session.by_hand(Hand::PressEmergencyStop(false));
+    if found.outcome != super::report::Outcome::Passed {
+        return Ok(found);
+    }
+    let state = session.look()?.status.state;
+    if state != State::EmergencyStop {
+        return Ok(Finding::failed(
+            format!("the button was pressed, and the board is {}, not emergency-stop", state.name()),
+            "the firmware must be replaced: flash a released image",
+        ));
+    }
+    Ok(match session.clear()? {
+        None => Finding::passed("pressed: state emergency-stop; released: cleared"),
+        Some(why) => Finding::failed(format!("it cannot be cleared: {why}"), "release the button"),
+    })
+}
+
+/// The orientation sensor shows one gravity, and follows the tip.
+pub fn orientation(session: &mut Session) -> Result<Finding, Failure> {
+    if !session.robot.description().sensors.orientation {
+        return Ok(Finding::absent("sensors.orientation"));
+    }
+    let remedy = "check SDA, SCL, the sensor's 3.3 V and how it is fixed to the tip";
+    let Some(first) = session.look()?.sensors.gravity_milli_g.map(earths) else {
+        return Ok(Finding::failed("there is no reading", remedy));
+    };
+    let [min, max] = GRAVITY;
+    let length = length(first);
+    if !(min..=max).contains(&length) {
+        return Ok(Finding::failed(format!("gravity of {length:.2} at rest; {min} to {max} is right"), remedy));
+    }
+    if !session.is_ready("Tilt the tip by more than 20 degrees and hold it there.")? {
+        return Ok(Finding::skipped());
+    }
+    session.by_hand(Hand::LayDown(true));
+    let mut most = 0.0_f64;
+    let tilted = session.watch(WATCH / 6, None, |seen| {
+        most = most.max(seen.sensors.gravity_milli_g.map_or(0.0, |gravity| angle_deg(first, earths(gravity))));
+        most > TILT_DEG
+    })?;
+    session.by_hand(Hand::LayDown(false));
+    Ok(match tilted {
+        Some(_) => Finding::passed(format!("gravity of {length:.2}, tilted by {most:.0} degrees")),
+        None => Finding::failed(format!("tilted by {most:.0} degrees, more than {TILT_DEG} was to be seen"), remedy),
+    })
+}
+
+fn earths(milli: [i16; 3]) -> [f64; 3] {
+    milli.map(|milli| f64::from(milli) / 1000.0)
+}
+
+fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+fn length(a: [f64; 3]) -> f64 {
+    libm::sqrt(dot(a, a))
+}
+
+/// The angle between two directions.
+fn angle_deg(a: [f64; 3], b: [f64; 3]) -> f64 {
+    let cosine = dot(a, b) / (length(a) * length(b)).max(1e-9);
+    libm::acos(cosine.clamp(-1.0, 1.0)).to_degrees()
+}

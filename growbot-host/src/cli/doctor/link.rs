@@ -1,0 +1,62 @@
+//! The board itself: that it answers, with what, and that it is configured.
+
+use growbot_client::client::{Client, ClientError};
+use growbot_core::link::message::{BootReport, ImageCheck, Refusal};
+
+use super::report::Finding;
+use super::session::{Session, in_words};
+use crate::cli::Failure;
+use crate::cli::status::{described, is_configured};
+
+/// The board answers: its firmware, why it has started, whether it has crashed.
+pub fn talks(session: &mut Session) -> Result<Finding, Failure> {
+    let hello = session.client.board()?;
+    let [major, minor, patch] = hello.firmware;
+    let mut found = format!("firmware {major}.{minor}.{patch}, started by {}", hello.reset_cause.name());
+    let boot = boot(&mut session.client)?;
+    if let Some(BootReport { image: ImageCheck::Corrupt { sealed, found: crc }, .. }) = &boot {
+        return Ok(Finding::failed(
+            format!("the image in flash is corrupt: its CRC is {crc:08x}, that of its seal {sealed:08x}"),
+            "flash the board again",
+        ));
+    }
+    if boot.is_some_and(|boot| boot.crash.is_some()) {
+        found += "; it has crashed before, see `growbot status`";
+    }
+    match hello.status.fault {
+        None => Ok(Finding::passed(found)),
+        Some(fault) => match session.clear()? {
+            None => Ok(Finding::passed(format!("{found}; the fault {} was cleared", fault.code()))),
+            Some(_) => Ok(Finding::failed(
+                format!("{found}; {}", in_words(fault)),
+                "the board does nothing until the cause is gone",
+            )),
+        },
+    }
+}
+
+/// What the board says of its start; none from one that does not know the question.
+fn boot(client: &mut Client) -> Result<Option<BootReport>, Failure> {
+    match client.boot() {
+        Ok(report) => Ok(Some(report)),
+        Err(ClientError::Refused { refusal: Refusal::NotUnderstood, .. }) => Ok(None),
+        Err(error) => Err(error.into()),
+    }
+}
+
+/// The board has the description of this robot.
+pub fn is_described(session: &mut Session) -> Result<Finding, Failure> {
+    let hello = session.client.board()?;
+    let (name, hash) = (session.robot.name(), session.robot.hash());
+    let configure = format!("send it: growbot configure FILE --port {}", session.port);
+    if !is_configured(&hello) {
+        return Ok(Finding::failed("the board has no robot description", configure));
+    }
+    if hello.robot != hash {
+        return Ok(Finding::failed(
+            format!("the board has {}, and the robot file is {name} ({hash:016x})", described(&hello)),
+            format!("{configure}; or name the board's robot with --robot"),
+        ));
+    }
+    Ok(Finding::passed(described(&hello)))
+}

@@ -1,0 +1,210 @@
+//! `growbot doctor`: leads through the commissioning of a new robot, and records what was found and answered.
+//!
+//! - `session`: the board, the person and the report; `answers`: what the person types; `report`: the file.
+//! - `link`, `inputs`, `motors`, `heating`: the steps, in their order.
+
+mod answers;
+mod heating;
+mod inputs;
+mod link;
+mod motors;
+mod report;
+mod session;
+#[cfg(test)]
+mod tests;
+
+use std::io::{self, IsTerminal};
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use growbot_client::printable::json_line;
+use growbot_host::note;
+use growbot_host::output::print;
+use growbot_sim::port::TipSettings;
+
+use self::answers::Answers;
+use self::report::{Finding, Outcome, Report};
+use self::session::Session;
+use super::interrupt::stop_on_interrupt;
+use super::service::borrow_line;
+use super::{ChosenPort, Connection, Failure, RobotArg, RobotPortArg};
+
+/// Commission a new robot step by step: link, sensors, motors, heater
+///
+/// Asks for one thing after the other and checks what the board says of it: the sensors at rest, the motors in a dry
+/// run, and the heater last: first with nothing connected, then with a lamp, then with the nozzle. Enter says that it
+/// is done, `skip` leaves a step out, `quit` leaves; Ctrl-C switches everything off. Answers may come from a pipe, a
+/// line each. The report keeps each answer with its time; with a report that is there already, steps that have passed
+/// are not done again; where the robot file has changed since, those are that the steps after them rely on.
+#[derive(Args)]
+#[command(after_help = EXAMPLES)]
+pub struct DoctorArgs {
+    #[command(flatten)]
+    port: RobotPortArg,
+    #[command(flatten)]
+    robot: RobotArg,
+    /// The report: written after each step, and continued where it is there
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+    /// Do the steps again that have passed according to the report
+    #[arg(long)]
+    again: bool,
+    /// Print the report as one line of JSON
+    #[arg(long)]
+    json: bool,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  growbot doctor --port /dev/ttyACM0 --robot mine.toml -o doctor.json
+  yes skip | growbot doctor --port /dev/ttyACM0     # what needs nobody's hand
+
+Exit codes: 0, every step passed, was left out by choice, or is for a part that
+the robot does not have; 1, one failed or was not reached; 2, something was
+wrong before.";
+
+/// A step: its name in the report, and what does it.
+struct Step {
+    name: &'static str,
+    /// Whether a person takes part. Others are done each time.
+    asks: bool,
+    /// Where it fails, none of those after it is safe or of use.
+    gates: bool,
+    run: fn(&mut Session) -> Result<Finding, Failure>,
+}
+
+/// The steps, in their order.
+const STEPS: [Step; 13] = [
+    Step { name: "link", asks: false, gates: true, run: link::talks },
+    Step { name: "description", asks: false, gates: true, run: link::is_described },
+    Step { name: "temperature", asks: false, gates: true, run: inputs::temperature },
+    Step { name: "supply", asks: false, gates: false, run: inputs::supply },
+    Step { name: "index", asks: true, gates: false, run: inputs::index },
+    Step { name: "filament", asks: true, gates: false, run: inputs::filament },
+    Step { name: "emergency-stop", asks: true, gates: true, run: inputs::emergency_stop },
+    Step { name: "orientation", asks: true, gates: false, run: inputs::orientation },
+    Step { name: "head", asks: true, gates: false, run: motors::head },
+    Step { name: "feed", asks: true, gates: false, run: motors::feed },
+    Step { name: "no-heater", asks: true, gates: true, run: heating::without_heater },
+    Step { name: "lamp", asks: true, gates: true, run: heating::lamp },
+    Step { name: "nozzle", asks: true, gates: true, run: heating::nozzle },
+];
+
+/// How the steps are done.
+#[derive(Clone, Copy)]
+struct Manner<'a> {
+    /// The report's file.
+    file: Option<&'a Path>,
+    /// Also those that have passed.
+    again: bool,
+    /// Each is printed as it ends.
+    prints: bool,
+}
+
+/// Runs the command.
+pub fn run(args: &DoctorArgs) -> Result<(), Failure> {
+    let port = args.port.choose()?;
+    let robot = args.robot.load()?;
+    let mut report = match &args.output {
+        Some(file) => Report::open(file)?,
+        None => Report::default(),
+    };
+    report.begin(&robot, port.text(), port.is_simulated())?;
+    let _lent = borrow_line(&port, "growbot doctor")?;
+    let Connection { mut client, simulation } = port.connect(&robot, &TipSettings::default())?;
+    client.hello()?;
+    // Before anything heats or moves: from here on Ctrl-C stops the board.
+    let orders = stop_on_interrupt(&mut client, &port);
+    let mut session = Session {
+        client,
+        robot,
+        hands: simulation,
+        orders,
+        answers: Answers::of_standard_input(),
+        answered: Vec::new(),
+        simulated: port.is_simulated(),
+        port: port.text().to_owned(),
+    };
+    if session.simulated {
+        note!("a simulated robot: what is asked for is done to it by the simulation, answer as you see fit");
+    } else if !io::stdin().is_terminal() {
+        note!("the answers come from standard input, a line each: yes, no, skip, quit or a number");
+    }
+    let manner = Manner { file: args.output.as_deref(), again: args.again, prints: !args.json };
+    let remark = if session.simulated { ", simulated: it says nothing of a real one" } else { "" };
+    manner.print(&format!("{} at {}{remark}\n\n", session.robot.name(), session.port))?;
+    let done = commission(&mut session, &mut report, manner);
+    // Whatever has happened, nothing stays on.
+    let off = session.switch_off();
+    manner.save(&report)?;
+    if args.json {
+        print(&json_line(&report.json()))?;
+    }
+    done?;
+    off?;
+    conclude(&report, manner, &port)
+}
+
+/// Does the steps. A step that is broken off is in the report, too.
+fn commission(session: &mut Session, report: &mut Report, manner: Manner) -> Result<(), Failure> {
+    let gates: Vec<&str> = STEPS.iter().filter(|step| step.gates).map(|step| step.name).collect();
+    for outdated in report.outdate(&gates) {
+        note!("{outdated}: it is done again");
+    }
+    for step in &STEPS {
+        if step.asks
+            && !manner.again
+            && let Some(time) = report.passed_at(step.name)
+        {
+            manner.print(&Finding::passed(format!("before, {time}")).line(step.name))?;
+            continue;
+        }
+        session.answered.clear();
+        let done = (step.run)(session);
+        let (finding, broken_off) = match done {
+            Ok(finding) => (finding, None),
+            Err(failure) => (Finding::not_done(failure.message()), Some(failure)),
+        };
+        manner.print(&finding.line(step.name))?;
+        let ends = step.gates && finding.outcome == Outcome::Failed;
+        report.add(step.name, finding, std::mem::take(&mut session.answered));
+        manner.save(report)?;
+        if let Some(failure) = broken_off {
+            return Err(failure);
+        }
+        if ends {
+            return Ok(());
+        }
+    }
+    Ok(())
+}
+
+impl Manner<'_> {
+    fn print(self, text: &str) -> Result<(), Failure> {
+        if self.prints {
+            print(text)?;
+        }
+        Ok(())
+    }
+
+    fn save(self, report: &Report) -> Result<(), Failure> {
+        self.file.map_or(Ok(()), |file| report.write(file))
+    }
+}
+
+/// Says what came of it and what to do next.
+fn conclude(report: &Report, manner: Manner, port: &ChosenPort) -> Result<(), Failure> {
+    let summary = report.summary(&STEPS.map(|step| step.name));
+    manner.print(&format!("\n{summary}"))?;
+    if let Some(file) = manner.file {
+        note!("report written to {}", file.display());
+    }
+    if !summary.is_good() {
+        return Err(Failure::answered_no(summary.in_words()));
+    }
+    manner.print(&if report.passed_at("nozzle").is_some() {
+        format!("next     growbot tune --port {}, then the first layer\n", port.text())
+    } else {
+        format!("next     growbot doctor --port {}, for what was left out\n", port.text())
+    })
+}

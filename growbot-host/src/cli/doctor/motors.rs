@@ -1,0 +1,132 @@
+//! Head and feed in a dry run, with the heater off.
+
+use std::time::Duration;
+
+use growbot_core::link::message::Task;
+use growbot_sim::tip::hand::Hand;
+
+use super::answers::{Answer, Wanted};
+use super::report::Finding;
+use super::session::{Session, in_words};
+use crate::cli::Failure;
+
+/// The head turns by this, degrees.
+const TURN_DEG: f64 = 90.0;
+/// Homing turns the head by this at most, and some more: 1.5 turns to the mark, and nearly one from there to zero.
+const HOMING_TURNS: f64 = 2.6;
+/// The feed moves by this, mm.
+const FEED_MM: f64 = 50.0;
+/// The feed may be off by this, percent.
+const FEED_PERCENT: f64 = 2.0;
+/// What a move may take beyond its time.
+const SPARE: Duration = Duration::from_secs(2);
+
+/// Does a task and waits for so long. `Some` is why it has failed.
+fn moves(session: &mut Session, task: Task, time: Duration) -> Result<Option<Finding>, Failure> {
+    if let Some(why) = session.maintain(task)? {
+        return Ok(Some(Finding::failed(why, "see `growbot status`")));
+    }
+    let faulted = session.watch(time + SPARE, None, |seen| seen.status.fault.is_some())?;
+    Ok(faulted.and_then(|seen| seen.status.fault).map(|fault| {
+        Finding::failed(
+            in_words(fault),
+            "check the motor's wires in pairs, its driver's current, and that nothing holds it",
+        )
+    }))
+}
+
+/// A dry run with what it does in it. Afterwards the motors are let go, and a fault is cleared.
+fn in_dry_run(
+    session: &mut Session,
+    run: impl FnOnce(&mut Session) -> Result<Finding, Failure>,
+) -> Result<Finding, Failure> {
+    if let Some(why) = session.dry_run()? {
+        return Ok(Finding::failed(why, "see `growbot status`"));
+    }
+    // The step interrupt takes no order before it has let go of the motors.
+    session.look()?;
+    let found = run(session)?;
+    session.switch_off()?;
+    // What remains is found by the next step.
+    session.clear()?;
+    Ok(found)
+}
+
+/// The head finds its mark and turns the right way.
+pub fn head(session: &mut Session) -> Result<Finding, Failure> {
+    if !session.is_ready("The head is going to turn, up to three turns: hands off, nothing in its way.")? {
+        return Ok(Finding::skipped());
+    }
+    in_dry_run(session, |session| {
+        let per_s = session.robot.description().head.homing_turns_per_s;
+        let homing = Duration::from_secs_f64((HOMING_TURNS / per_s).clamp(1.0, 600.0));
+        if let Some(failed) = moves(session, Task::Home, homing)? {
+            return Ok(failed);
+        }
+        let turn = Duration::from_secs_f64((TURN_DEG / 360.0 / per_s).clamp(0.5, 600.0));
+        if let Some(failed) = moves(session, Task::Rotate { centi_deg: (TURN_DEG * 100.0) as i32 }, turn)? {
+            return Ok(failed);
+        }
+        let question = "It has found its mark and turned by 90 degrees. Seen from ahead, looking at the nozzle: was \
+                        that counter-clockwise, by a quarter of a turn?";
+        Ok(match session.ask(question, Wanted::YesOrNo)? {
+            None => Finding::skipped(),
+            Some(Answer::Yes) => Finding::passed("homed, and turned counter-clockwise by 90 degrees"),
+            Some(_) => Finding::failed(
+                "homed, and turned the wrong way or by another angle",
+                "invert head.direction_high_is_positive, or compare head.steps_per_turn with the driver's microsteps",
+            ),
+        })
+    })
+}
+
+/// The feed moves filament by what it is told to.
+pub fn feed(session: &mut Session) -> Result<Finding, Failure> {
+    let question = format!(
+        "Take the filament out of the nozzle, so that it moves freely, and mark it where it enters the feed. The feed \
+         is going to push {FEED_MM} mm."
+    );
+    if !session.is_ready(&question)? {
+        return Ok(Finding::skipped());
+    }
+    session.by_hand(Hand::FreeFilament(true));
+    let found = in_dry_run(session, |session| {
+        // Slower than any feed goes.
+        let time = Duration::from_secs_f64(feed_s(session).clamp(1.0, 290.0));
+        if let Some(failed) = moves(session, Task::Feed { um: (FEED_MM * 1000.0) as i32 }, time)? {
+            return Ok(failed);
+        }
+        match session.ask("By how many mm has the filament moved forwards?", Wanted::Number)? {
+            Some(Answer::Number(mm)) => Ok(judge(session, mm)),
+            _ => Ok(Finding::skipped()),
+        }
+    });
+    session.by_hand(Hand::FreeFilament(false));
+    found
+}
+
+/// How long the feed takes, s: the speed is that of growth, or less.
+fn feed_s(session: &Session) -> f64 {
+    let description = session.robot.description();
+    let grows = description.layer.height_mm * session.robot.wall_area() / session.robot.filament_area();
+    let feed = &description.feed;
+    // A step takes two ticks at least.
+    let fastest = f64::from(description.motion.tick_hz) / (2.0 * feed.steps_per_mm);
+    let slowest =
+        (grows / description.layer.period_s).min(feed.retract_mm_per_s).min(feed.speed_jump_mm_per_s).min(fastest);
+    FEED_MM / slowest.max(1e-3)
+}
+
+fn judge(session: &Session, mm: f64) -> Finding {
+    let now = session.robot.description().feed.steps_per_mm;
+    let percent = (mm / FEED_MM - 1.0) * 100.0;
+    let found = format!("{mm} mm for {FEED_MM} mm, off by {percent:+.1} %; {FEED_PERCENT} % is allowed");
+    if percent.abs() <= FEED_PERCENT {
+        return Finding::passed(found);
+    }
+    let right = now * FEED_MM / mm;
+    Finding::failed(
+        found,
+        format!("set feed.steps_per_mm = {right:.2} (it is {now}) in the robot file, and configure the board again"),
+    )
+}

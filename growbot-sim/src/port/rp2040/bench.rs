@@ -1,0 +1,284 @@
+//! Node with the emulator, and the messages to it (`tests/rp2040/bench.js`).
+
+use std::io::{self, Read, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+
+use growbot_client::port::PortError;
+use growbot_core::robot::{Board, Signal};
+
+use super::Line;
+use crate::tip::Motor;
+
+/// The script, from the source's directory.
+const SCRIPT: &str = "tests/rp2040/bench.js";
+/// The emulator, beside the script.
+const EMULATOR: &str = "node_modules/rp2040js";
+/// The variable of the environment by which the script is told where to write figures.
+const FIGURES: &str = "RP2040_FIGURES";
+/// Bytes of an answer before its edges.
+const HEAD: usize = 48;
+/// Bytes of an edge.
+const EDGE: usize = 8;
+/// A channel of the converter that never gets ready, and an orientation sensor that does not answer.
+const SILENT: u16 = u16::MAX;
+const NO_GRAVITY: [i16; 3] = [i16::MIN; 3];
+
+/// Why the emulated Pico does not run.
+#[derive(Debug, thiserror::Error)]
+pub enum BenchError {
+    /// The image is not there; holds its path.
+    #[error("there is no firmware at {}: build it with `cargo build-pico`", .0.display())]
+    NoFirmware(PathBuf),
+    /// The script is not there; holds where it was looked for.
+    #[error("there is no {}: the port rp2040 works in growbot's source directory", .0.display())]
+    NoScript(PathBuf),
+    /// The emulator is not there; holds where it was looked for.
+    #[error("there is no emulator at {}: install it with `npm ci --prefix tests/rp2040`", .0.display())]
+    NoEmulator(PathBuf),
+    /// Node cannot be run.
+    #[error("cannot run `node` ({0}): install Node 18 or newer (package nodejs)")]
+    NoNode(io::Error),
+    /// It ended; holds what it said.
+    #[error("the emulation of the board ended: {0}")]
+    Ended(String),
+}
+
+impl From<BenchError> for PortError {
+    fn from(error: BenchError) -> Self {
+        Self::Simulated(Box::new(error))
+    }
+}
+
+/// What the board is to do next, and what its sensors show meanwhile.
+#[derive(Debug)]
+pub(super) struct Run {
+    pub until_ns: u64,
+    /// Steps of head and feed at most.
+    pub steps: [u32; 2],
+    pub thermistor: Option<u16>,
+    pub supply: Option<u16>,
+    /// Levels of the pins: index sensor, filament encoder, filament presence, drivers' fault, emergency stop.
+    pub levels: [bool; 5],
+    pub gravity: Option<[i16; 3]>,
+}
+
+/// What the board has done.
+#[derive(Debug)]
+pub(super) struct Answer {
+    pub now_ns: u64,
+    /// Shares of the time in which heater and fan were on.
+    pub heater: f64,
+    pub fan: f64,
+    pub instructions: u64,
+    pub resets: u32,
+    pub flash_changed: u32,
+    pub lost_power: bool,
+    pub edges: Vec<Edge>,
+    /// Bytes on the link.
+    pub sent: Vec<u8>,
+}
+
+/// A change of an output.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Edge {
+    /// Time since the run began.
+    pub after_ns: u32,
+    pub output: Output,
+    pub state: State,
+}
+
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Output {
+    Step(Motor),
+    Direction(Motor),
+    Enable(Motor),
+    HeaterEnable,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum State {
+    Low,
+    High,
+    Floating,
+}
+
+/// How the firmware of a board ends.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Crash {
+    /// Its main loop hangs.
+    Hangs,
+    /// The processor faults.
+    Faults,
+}
+
+/// Outputs in the order of the messages.
+const OUTPUTS: [Output; 7] = [
+    Output::Step(Motor::Head),
+    Output::Direction(Motor::Head),
+    Output::Enable(Motor::Head),
+    Output::Step(Motor::Feed),
+    Output::Direction(Motor::Feed),
+    Output::Enable(Motor::Feed),
+    Output::HeaterEnable,
+];
+
+/// The pins of a board as the script takes them.
+fn pins(board: &Board) -> serde_json::Value {
+    let number = |signal: Signal| Some((signal.name().to_owned(), board.pin(signal)?.into()));
+    serde_json::Value::Object(Signal::ALL.into_iter().filter_map(number).collect())
+}
+
+/// Node with the emulator; it ends when this is dropped.
+pub(super) struct Bench {
+    node: Child,
+    to: ChildStdin,
+    from: ChildStdout,
+}
+
+impl Drop for Bench {
+    fn drop(&mut self) {
+        let _ = self.node.kill();
+        let _ = self.node.wait();
+    }
+}
+
+impl Bench {
+    /// With the firmware's image on a board with these pins; what the step interrupt and the stack cost is written to a file
+    /// of figures.
+    pub fn start(firmware: &Path, board: &Board, line: Line, figures: Option<&Path>) -> Result<Self, BenchError> {
+        if !firmware.is_file() {
+            return Err(BenchError::NoFirmware(firmware.to_path_buf()));
+        }
+        let script = script();
+        if !script.is_file() {
+            return Err(BenchError::NoScript(script));
+        }
+        let emulator = script.with_file_name(EMULATOR);
+        if !emulator.is_dir() {
+            return Err(BenchError::NoEmulator(emulator));
+        }
+        let mut command = Command::new("node");
+        command.env("RP2040_PINS", pins(board).to_string());
+        command
+            .arg(&script)
+            .arg(firmware)
+            .arg(line.name())
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped());
+        command.envs(figures.map(|file| (FIGURES, file)));
+        let mut node = command.spawn().map_err(BenchError::NoNode)?;
+        let (Some(to), Some(from)) = (node.stdin.take(), node.stdout.take()) else {
+            return Err(BenchError::Ended("it has no standard input and output".to_owned()));
+        };
+        Ok(Self { node, to, from })
+    }
+
+    pub fn run(&mut self, run: &Run, bytes: &[u8]) -> Result<Answer, BenchError> {
+        let mut request = vec![0];
+        request.extend((run.until_ns as f64).to_le_bytes());
+        request.extend(run.steps.iter().flat_map(|steps| steps.to_le_bytes()));
+        for counts in [run.thermistor, run.supply] {
+            request.extend(counts.unwrap_or(SILENT).to_le_bytes());
+        }
+        let levels = run.levels.iter().rev().fold(0, |levels: u8, level| levels << 1 | u8::from(*level));
+        request.push(levels);
+        request.extend(run.gravity.unwrap_or(NO_GRAVITY).iter().flat_map(|part| part.to_le_bytes()));
+        request.extend(bytes);
+        self.ask(&request)
+    }
+
+    pub fn lose_power_after(&mut self, bytes: u32) -> Result<Answer, BenchError> {
+        let [a, b, c, d] = bytes.to_le_bytes();
+        self.ask(&[1, a, b, c, d])
+    }
+
+    pub fn power_up(&mut self) -> Result<Answer, BenchError> {
+        self.ask(&[2])
+    }
+
+    pub fn slow_flash(&mut self, times: f64) -> Result<Answer, BenchError> {
+        let mut request = vec![3];
+        request.extend(times.to_le_bytes());
+        self.ask(&request)
+    }
+
+    pub fn keep_flash(&mut self) -> Result<Answer, BenchError> {
+        self.ask(&[5])
+    }
+
+    pub fn restore_flash(&mut self) -> Result<Answer, BenchError> {
+        self.ask(&[6])
+    }
+
+    pub fn crash(&mut self, how: Crash) -> Result<Answer, BenchError> {
+        self.ask(&[4, how as u8])
+    }
+
+    fn ask(&mut self, request: &[u8]) -> Result<Answer, BenchError> {
+        let answer = self.exchange(request).map_err(|error| self.last_words(&error))?;
+        Answer::parse(&answer).ok_or_else(|| BenchError::Ended("its answer cannot be read".to_owned()))
+    }
+
+    fn exchange(&mut self, request: &[u8]) -> io::Result<Vec<u8>> {
+        let mut message = (request.len() as u32).to_le_bytes().to_vec();
+        message.extend(request);
+        self.to.write_all(&message)?;
+        let mut length = [0; 4];
+        self.from.read_exact(&mut length)?;
+        let mut answer = vec![0; u32::from_le_bytes(length) as usize];
+        self.from.read_exact(&mut answer)?;
+        Ok(answer)
+    }
+
+    /// What Node said as it ended.
+    fn last_words(&mut self, error: &io::Error) -> BenchError {
+        let mut said = String::new();
+        if let Some(mut errors) = self.node.stderr.take() {
+            let _ = errors.read_to_string(&mut said);
+        }
+        // The line with the error's message is above its stack.
+        let message = said.lines().find(|line| line.contains("Error")).map(str::trim);
+        BenchError::Ended(message.map_or_else(|| error.to_string(), str::to_owned))
+    }
+}
+
+impl Answer {
+    fn parse(bytes: &[u8]) -> Option<Self> {
+        let (head, rest) = bytes.split_at_checked(HEAD)?;
+        let double = |at: usize| Some(f64::from_le_bytes(head.get(at..at + 8)?.try_into().ok()?));
+        let word = |at: usize| Some(u32::from_le_bytes(head.get(at..at + 4)?.try_into().ok()?));
+        let (edges, sent) = rest.split_at_checked((word(44)? as usize).checked_mul(EDGE)?)?;
+        let edges = edges.as_chunks::<EDGE>().0.iter().map(Edge::parse).collect::<Option<Vec<_>>>()?;
+        Some(Self {
+            now_ns: double(0)? as u64,
+            heater: double(8)?,
+            fan: double(16)?,
+            instructions: double(24)? as u64,
+            resets: word(32)?,
+            flash_changed: word(36)?,
+            lost_power: word(40)? != 0,
+            edges,
+            sent: sent.to_vec(),
+        })
+    }
+}
+
+impl Edge {
+    fn parse(bytes: &[u8; EDGE]) -> Option<Self> {
+        let word = u64::from_le_bytes(*bytes);
+        let code = (word >> 32) as usize;
+        let state = [State::Low, State::High, State::Floating].get(code % 4)?;
+        Some(Self { after_ns: word as u32, output: *OUTPUTS.get(code / 4)?, state: *state })
+    }
+}
+
+/// The script: above this program, or in the working directory.
+fn script() -> PathBuf {
+    let above = std::env::current_exe().ok().and_then(|program| {
+        // target/release/growbot, or target/debug/deps/some-test
+        program.ancestors().map(|folder| folder.join(SCRIPT)).find(|script| script.is_file())
+    });
+    above.unwrap_or_else(|| PathBuf::from(SCRIPT))
+}

@@ -1,0 +1,100 @@
+//! What a person does to a tip: what commissioning asks of somebody who stands beside the robot.
+
+use growbot_core::pose::Pose;
+use serde::{Deserialize, Serialize};
+
+use super::{Tip, TipFault};
+
+/// Something that is done by hand.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Hand {
+    /// Turns the head by so many 64ths of a turn.
+    TurnHead(i32),
+    /// Takes the filament out of its switch, or puts it back.
+    TakeFilament(bool),
+    /// Presses the emergency stop, or releases it.
+    PressEmergencyStop(bool),
+    /// Disconnects the heater, or connects it.
+    DisconnectHeater(bool),
+    /// Takes the filament out of the nozzle, so that it moves freely, or lets it rest there again.
+    FreeFilament(bool),
+    /// Lays the tip on its side, or lets it stand upright.
+    LayDown(bool),
+}
+
+impl Tip {
+    /// Does this. The motors are let go.
+    pub fn by_hand(&mut self, hand: Hand) {
+        match hand {
+            Hand::TurnHead(sixty_fourths) => {
+                let steps = i64::from(sixty_fourths) * i64::from(self.mark.steps_per_turn) / 64;
+                self.sync();
+                for _ in 0..steps.unsigned_abs() {
+                    self.plastic.turn(steps > 0, self.now);
+                }
+                self.position += steps;
+                self.slipped += steps;
+            }
+            Hand::TakeFilament(taken) => self.break_or_mend(TipFault::FilamentOut, taken),
+            Hand::PressEmergencyStop(pressed) => self.break_or_mend(TipFault::EmergencyStop, pressed),
+            Hand::DisconnectHeater(off) => self.break_or_mend(TipFault::HeaterOpen, off),
+            Hand::FreeFilament(free) => self.filament.free(free),
+            Hand::LayDown(down) => {
+                let pitch = if down { 0.0 } else { 90.0 };
+                if let Ok(pose) = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, pitch]) {
+                    self.start_at(&pose);
+                }
+            }
+        }
+    }
+
+    fn break_or_mend(&mut self, fault: TipFault, breaks: bool) {
+        if breaks {
+            self.inject(fault);
+        } else {
+            self.mend(fault);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use growbot_client::robot_file;
+
+    use super::*;
+    use crate::tip::{Motor, Variation};
+
+    fn tip() -> Tip {
+        Tip::new(robot_file::load("growbot-a".as_ref()).unwrap(), 0, Variation::default())
+    }
+
+    #[test]
+    fn a_turn_by_hand_passes_the_index_mark_and_comes_back() {
+        let mut tip = tip();
+        let steps = i64::from(tip.mark.steps_per_turn);
+        let mut seen = Vec::new();
+        for _ in 0..64 {
+            tip.by_hand(Hand::TurnHead(1));
+            seen.push(tip.mark.covers(tip.head_position()));
+        }
+        assert!(seen.contains(&true) && seen.contains(&false));
+        assert_eq!((tip.head_position(), tip.head_slip()), (steps, steps));
+    }
+
+    #[test]
+    fn freed_filament_passes_a_cold_nozzle() {
+        let mut tip = tip();
+        tip.enable(Motor::Feed, true);
+        tip.direct(Motor::Feed, true);
+        let feed = |tip: &mut Tip| (0..100).for_each(|_| tip.step(Motor::Feed));
+        feed(&mut tip);
+        assert_eq!(tip.cold_feed_steps(), 100);
+        tip.by_hand(Hand::FreeFilament(true));
+        feed(&mut tip);
+        assert_eq!(tip.cold_feed_steps(), 100);
+        tip.by_hand(Hand::FreeFilament(false));
+        feed(&mut tip);
+        assert_eq!(tip.cold_feed_steps(), 200);
+    }
+}

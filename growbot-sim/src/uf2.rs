@@ -1,0 +1,162 @@
+//! Firmware images as UF2 files, which a Raspberry Pi Pico takes by drag and drop: it shows itself as a drive, and writes
+//! to its flash what is copied there (<https://github.com/microsoft/uf2>).
+//!
+//! A UF2 file is blocks of 512 bytes, each with 256 bytes of the image and the address that they belong to.
+
+use object::Endianness;
+use object::elf::{FileHeader32, PT_LOAD};
+use object::read::elf::{ElfFile32, ProgramHeader};
+
+/// Bytes of a block.
+const BLOCK: usize = 512;
+/// Bytes of the image in a block: a page of flash.
+const PAYLOAD: usize = 256;
+/// Bytes that are erased at once: a sector of flash.
+const SECTOR: u32 = 4096;
+/// What a block begins with, twice, and ends with.
+const MAGIC: [u32; 3] = [0x0A32_4655, 0x9E5D_5157, 0x0AB1_6F30];
+/// The block has the family of its processor.
+const HAS_FAMILY: u32 = 0x2000;
+/// The family: RP2040.
+const RP2040: u32 = 0xE48B_FF56;
+/// Where the flash of an RP2040 is mapped: 16 MiB.
+const FLASH: std::ops::Range<u32> = 0x1000_0000..0x1100_0000;
+
+/// The UF2 file of an ELF image for the RP2040.
+///
+/// # Errors
+/// In words, what makes it no such image.
+pub fn of_image(image: &[u8]) -> Result<Vec<u8>, String> {
+    let pages = pages_of(image)?;
+    let mut file = Vec::with_capacity(pages.len() * BLOCK);
+    for (number, (address, page)) in pages.iter().enumerate() {
+        let [first, second, last] = MAGIC;
+        let head = [first, second, HAS_FAMILY, *address, PAYLOAD as u32, number as u32, pages.len() as u32, RP2040];
+        file.extend(head.iter().flat_map(|word| word.to_le_bytes()));
+        file.extend(page);
+        file.resize((number + 1) * BLOCK - 4, 0);
+        file.extend(last.to_le_bytes());
+    }
+    Ok(file)
+}
+
+/// The pages of flash from the sector where an image begins to its end, with their addresses; what it leaves free is
+/// zero. The boot ROM tells by a block's number whether its sector is erased already: there must be no gaps.
+fn pages_of(image: &[u8]) -> Result<Vec<(u32, [u8; PAYLOAD])>, String> {
+    let file: ElfFile32 = ElfFile32::parse(image).map_err(|error| format!("it is no 32-bit ELF file ({error})"))?;
+    let mut pages: std::collections::BTreeMap<u32, [u8; PAYLOAD]> = std::collections::BTreeMap::new();
+    for header in file.elf_program_headers() {
+        let endian: Endianness = file.endian();
+        let header: &<FileHeader32<Endianness> as object::read::elf::FileHeader>::ProgramHeader = header;
+        if header.p_type(endian) != PT_LOAD || header.p_filesz(endian) == 0 {
+            continue;
+        }
+        let bytes = header.data(endian, image).map_err(|()| "a segment lies outside of the file")?;
+        let from = header.p_paddr(endian);
+        let end = u64::from(from) + bytes.len() as u64;
+        if !FLASH.contains(&from) || end > u64::from(FLASH.end) {
+            return Err(format!("a part of it belongs to {from:#010x}, which is no flash of an RP2040"));
+        }
+        for (address, byte) in (from..).zip(bytes) {
+            let at = address % PAYLOAD as u32;
+            let page = pages.entry(address - at).or_insert([0; PAYLOAD]);
+            if let Some(into) = page.get_mut(at as usize) {
+                *into = *byte;
+            }
+        }
+    }
+    let (Some(first), Some(last)) = (pages.keys().next(), pages.keys().next_back()) else {
+        return Err("it has nothing to be written to flash".to_string());
+    };
+    let all = (first - first % SECTOR..=*last).step_by(PAYLOAD);
+    Ok(all.map(|address| (address, pages.get(&address).copied().unwrap_or([0; PAYLOAD]))).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// An ELF file with one segment.
+    fn elf(address: u32, bytes: &[u8]) -> Vec<u8> {
+        elf_of(&[(address, bytes)])
+    }
+
+    /// An ELF file with these segments.
+    fn elf_of(segments: &[(u32, &[u8])]) -> Vec<u8> {
+        let header = 52_u32;
+        let mut data = header + 32 * segments.len() as u32;
+        let mut file = b"\x7fELF\x01\x01\x01\0\0\0\0\0\0\0\0\0".to_vec();
+        file.extend([2, 0, 40, 0]);
+        for word in [1, 0, header, 0, 0] {
+            file.extend(u32::to_le_bytes(word));
+        }
+        for half in [52_u16, 32, segments.len() as u16, 0, 0, 0] {
+            file.extend(half.to_le_bytes());
+        }
+        for (address, bytes) in segments {
+            let length = bytes.len() as u32;
+            for word in [1, data, *address, *address, length, length, 5, 4] {
+                file.extend(u32::to_le_bytes(word));
+            }
+            data += length;
+        }
+        segments.iter().for_each(|(_, bytes)| file.extend(*bytes));
+        file
+    }
+
+    fn word(block: &[u8], at: usize) -> u32 {
+        u32::from_le_bytes(block[at..at + 4].try_into().unwrap())
+    }
+
+    #[test]
+    fn every_byte_comes_to_its_place() {
+        let image: Vec<u8> = (0..1000_u32).map(|at| (at * 7 + 1) as u8).collect();
+        let from = 0x1000_0080;
+        let file = of_image(&elf(from, &image)).unwrap();
+        // 0x80 bytes of the first page are not its own.
+        assert_eq!(file.len(), 5 * BLOCK);
+        let mut flash = vec![0_u8; 2048];
+        for (number, block) in file.chunks(BLOCK).enumerate() {
+            let fixed =
+                [(0, 0x0A32_4655), (4, 0x9E5D_5157), (8, 0x2000), (16, 256), (28, 0xE48B_FF56), (508, 0x0AB1_6F30)];
+            assert!(fixed.iter().all(|(at, value)| word(block, *at) == *value), "block {number}");
+            assert_eq!((word(block, 20), word(block, 24)), (number as u32, 5));
+            let address = word(block, 12);
+            assert_eq!(address % 256, 0);
+            let at = (address - 0x1000_0000) as usize;
+            flash[at..at + 256].copy_from_slice(&block[32..288]);
+        }
+        assert_eq!(flash[0x80..0x80 + 1000], image);
+        assert!(flash[..0x80].iter().chain(&flash[0x80 + 1000..]).all(|byte| *byte == 0));
+    }
+
+    #[test]
+    fn gaps_are_filled_with_zeros() {
+        // The first sector is empty up to its third page; between the segments are ten pages.
+        let file = of_image(&elf_of(&[(0x1000_2200, &[1; 256]), (0x1000_2d10, &[2; 8])])).unwrap();
+        let blocks: Vec<&[u8]> = file.chunks(BLOCK).collect();
+        assert_eq!(blocks.len(), 14);
+        for (number, block) in blocks.iter().enumerate() {
+            let address = 0x1000_2000 + number as u32 * 256;
+            assert_eq!((word(block, 12), word(block, 20), word(block, 24)), (address, number as u32, 14));
+            let sum: u32 = block[32..288].iter().map(|byte| u32::from(*byte)).sum();
+            assert_eq!(sum, [(2, 256), (13, 16)].into_iter().find(|(at, _)| *at == number).map_or(0, |(_, sum)| sum));
+        }
+    }
+
+    #[test]
+    fn what_is_no_image_of_an_rp2040_is_refused() {
+        for (image, part) in [
+            (b"no image".to_vec(), "no 32-bit ELF"),
+            (elf(0x0800_0000, &[1; 8]), "0x08000000, which is no flash"),
+            (elf(0x10FF_FFFC, &[1; 8]), "no flash"),
+            (elf(0x1000_0000, &[]), "nothing to be written"),
+        ] {
+            let error = of_image(&image).unwrap_err();
+            assert!(error.contains(part), "{part}: {error}");
+        }
+        let mut cut = elf(0x1000_0000, &[1; 64]);
+        cut.truncate(100);
+        assert!(of_image(&cut).unwrap_err().contains("outside of the file"));
+    }
+}

@@ -1,0 +1,105 @@
+//! A simulated board that gets another robot description, also while its power is cut.
+
+use std::time::Duration;
+
+use growbot_client::client::{Client, ClientError};
+use growbot_client::robot_file;
+use growbot_core::link::message::{Begin, Cancel, Message, Refusal, ResetCause, State};
+use growbot_core::robot::{LONGEST_VERSIONED, Robot};
+use growbot_firmware::descriptions::Descriptions;
+use growbot_sim::port::sim::Sim;
+use growbot_sim::tip::flash::SECTOR_BYTES;
+
+fn robot(name: &str) -> Robot {
+    robot_file::load(name.as_ref()).unwrap()
+}
+
+#[test]
+fn the_board_restarts_as_every_robot_that_a_board_can_drive() {
+    let sim = Sim::new(robot("growbot-a"));
+    let flash = sim.descriptions();
+    let mut client = Client::new(Box::new(sim), "sim");
+    client.hello().unwrap();
+    let mut configured = 0;
+    for name in robot_file::names() {
+        let next = robot(name);
+        if next.check_for_board().is_err() {
+            let refused = client.configure(&next).unwrap_err();
+            assert!(matches!(refused, ClientError::Description(_)), "{name}: {refused}");
+            continue;
+        }
+        let hello = client.configure(&next).unwrap();
+        configured += 1;
+        assert_eq!((hello.robot, hello.robot_name.as_str(), hello.status.state), (next.hash(), name, State::Idle));
+        assert_eq!(Descriptions::open(flash.clone()).newest().robot(), Some(next.clone()));
+        let begin = Begin { plan_id: 1, layers: 1, robot: next.hash() };
+        client.request("to begin", &Message::Begin(begin)).unwrap();
+        let refused = client.configure(&next).unwrap_err();
+        assert!(
+            matches!(refused, ClientError::Refused { refusal: Refusal::JobNotDone { plan_id: 1 }, .. }),
+            "{refused}"
+        );
+        client.request("to give it up", &Message::Cancel(Cancel { plan_id: 1 })).unwrap();
+    }
+    assert!(configured >= 3, "{configured}");
+}
+
+#[test]
+fn a_board_without_a_description_is_found_out_and_configured() {
+    let mut sim = Sim::new(robot("growbot-a"));
+    sim.restart_without_description();
+    let mut client = Client::new(Box::new(sim), "sim");
+    let error = client.hello_robot(&robot("growbot-a")).unwrap_err();
+    assert!(matches!(error, ClientError::NotConfigured { .. }), "{error}");
+    let refused = client.clear_fault().unwrap_err().to_string();
+    assert!(refused.contains("not configured") && refused.contains("growbot configure"), "{refused}");
+    client.configure(&robot("growbot-b")).unwrap();
+    client.hello_robot(&robot("growbot-b")).unwrap();
+}
+
+/// Bytes of an erasure between two cuts that are tried.
+const EVERY: usize = 256;
+
+#[test]
+fn a_power_cut_anywhere_leaves_the_old_robot_or_the_new_one() {
+    let [first, old, new] = ["growbot-c", "growbot-a", "growbot-b"].map(robot);
+    let written = 16 + LONGEST_VERSIONED.next_multiple_of(4);
+    let cuts = (1..SECTOR_BYTES).step_by(EVERY).chain(SECTOR_BYTES..=SECTOR_BYTES + written);
+    let mut olds = 0;
+    for cut in cuts.clone() {
+        let mut sim = Sim::new(first.clone());
+        let flash = sim.descriptions();
+        // Both slots are in use.
+        for robot in [&first, &old] {
+            Descriptions::open(flash.clone()).store(robot).unwrap();
+        }
+        sim.reset(ResetCause::PowerOn);
+        assert_eq!(sim.robot(), &old);
+        let mut descriptions = Descriptions::open(flash.clone());
+        flash.lose_power_after(cut, cut as u64);
+        let stored = descriptions.store(&new);
+        sim.reset(ResetCause::PowerOn);
+        assert!(*sim.robot() == old || *sim.robot() == new, "cut at byte {cut}: {}", sim.robot().name());
+        assert!(stored.is_err() || *sim.robot() == new, "cut at byte {cut}");
+        olds += u32::from(*sim.robot() == old);
+    }
+    assert!(olds as usize > cuts.count() - 8, "{olds}");
+}
+
+#[test]
+fn a_power_cut_while_it_is_configured_over_the_link_is_survived() {
+    let [old, new] = ["growbot-a", "growbot-b"].map(robot);
+    for cut in [1, SECTOR_BYTES / 2, SECTOR_BYTES + 1, SECTOR_BYTES + 400, SECTOR_BYTES + 780] {
+        let sim = Sim::new(old.clone());
+        let flash = sim.descriptions();
+        let mut client = Client::new(Box::new(sim), "sim");
+        client.hello().unwrap();
+        flash.lose_power_after(cut, cut as u64);
+        let refused = client.configure(&new).unwrap_err();
+        assert!(matches!(refused, ClientError::Refused { .. }), "cut at byte {cut}: {refused}");
+        // The power goes with the next tick.
+        client.pass(Duration::from_millis(100)).unwrap();
+        assert_eq!(client.hello().unwrap().robot, old.hash(), "cut at byte {cut}");
+        assert_eq!(client.configure(&new).unwrap().robot, new.hash(), "cut at byte {cut}");
+    }
+}

@@ -1,0 +1,216 @@
+//! The firmware of the Pico, run pin by pin in an emulator, grows a body step for step as the same controller does in a
+//! simulation on the desktop, and as another processor does in QEMU.
+
+use std::cell::RefCell;
+use std::path::{Path, PathBuf};
+use std::rc::Rc;
+use std::thread;
+use std::time::{Duration, Instant};
+
+use growbot_client::client::Client;
+use growbot_client::growth::{Grown, Job, JobEvent, Orders, Outcome, grow_job};
+use growbot_client::port::Port;
+use growbot_client::robot_file;
+use growbot_core::job::summarize;
+use growbot_core::link::message::{Message, PlanRequest, Planned, Silence};
+use growbot_core::path::{Segment, end, length};
+use growbot_core::plan::{Planner, plan};
+use growbot_core::pose::Pose;
+use growbot_core::robot::{Board, BoardKind, Driver, PinNumbers, Robot};
+use growbot_sim::port::emulator::Emulator;
+use growbot_sim::port::rp2040::{Line, Rp2040};
+use growbot_sim::port::sim::Sim;
+use growbot_sim::tip::Variation;
+use growbot_sim::truth::{Simulation, compare};
+use growbot_tests::{firmware, pico_firmware};
+
+/// Robot A2 lays a layer in 0.18 s.
+fn robot() -> Robot {
+    robot_file::load("growbot-a2".as_ref()).unwrap()
+}
+
+/// A nozzle that is warm at once saves the time of heating, degrees Celsius.
+const WARM_C: f64 = 190.0;
+
+/// The same robot with an SKR Pico, whose signals are at other pins than a Pico's.
+fn on_skr_pico() -> Robot {
+    let mut description = robot().description().clone();
+    description.board = Some(Board { kind: BoardKind::SkrPico, pins: PinNumbers::default() });
+    // It does not measure its supply.
+    description.sensors.supply = false;
+    (description.head.driver, description.feed.driver) = (Some(Driver::of_current(0.8)), Some(Driver::of_current(0.6)));
+    Robot::new(description).unwrap()
+}
+
+/// What grew.
+fn grow_on(port: Box<dyn Port>, simulation: Box<dyn Simulation>, path: &[Segment]) -> Grown {
+    grow_as(&robot(), port, simulation, path)
+}
+
+/// What grew as this robot.
+fn grow_as(robot: &Robot, port: Box<dyn Port>, mut simulation: Box<dyn Simulation>, path: &[Segment]) -> Grown {
+    let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
+    let goal = Pose::from_frame(&end(path, &start.frame()));
+    let job = Job::new(robot, &start, &goal, path);
+    let mut client = Client::new(port, "a board under test");
+    let grow =
+        |on_event: &mut dyn FnMut(&JobEvent)| grow_job(&mut client, &job, Silence::Pause, &Orders::default(), on_event);
+    compare(Some(&mut simulation), &job, &mut |_| (), grow).unwrap()
+}
+
+/// On the simulated board; with the time that it took there.
+fn simulated(path: &[Segment]) -> (Grown, Duration) {
+    let sim = Rc::new(RefCell::new(Sim::new(robot())));
+    sim.borrow_mut().simulated_tip().warm_at_once(WARM_C);
+    let tip = sim.borrow().simulation();
+    let grown = grow_on(Box::new(Rc::clone(&sim)), tip, path);
+    let time = sim.now();
+    (grown, time)
+}
+
+/// On the emulated M4.
+fn on_an386(path: &[Segment]) -> Grown {
+    let mut emulator = Emulator::start(&robot(), Some(&firmware("an386"))).unwrap();
+    emulator.simulated_tip(|tip| tip.warm_at_once(WARM_C));
+    let tip = emulator.simulation();
+    grow_on(Box::new(emulator), tip, path)
+}
+
+/// The processor's clock, Hz, and the steps a second that there must be time for on both axes at once, in half of its
+/// time: with a tick for each, so that no two coincide.
+const CLOCK_HZ: u64 = 125_000_000;
+const STEPS_PER_S: u64 = 10_000;
+/// The region of the stack, bytes: half of it must stay unused.
+const STACK: u64 = 64 * 1024;
+
+/// A board for robot A2 that measures its step interrupt and its stack, and its file of figures.
+fn measured(name: &str) -> (Rp2040, PathBuf) {
+    let figures = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+    let _ = std::fs::remove_file(&figures);
+    (Rp2040::start_measured(&robot(), &pico_firmware("growbot-a2"), &figures).unwrap(), figures)
+}
+
+/// Checks what was measured.
+fn check_figures(file: &Path) {
+    let text = std::fs::read_to_string(file).unwrap();
+    println!("{text}");
+    let figures: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let [longest, stack] = ["longest", "stack"].map(|name| figures[name].as_u64().unwrap());
+    assert!(longest > 0 && 2 * (2 * STEPS_PER_S) * longest <= CLOCK_HZ, "a step interrupt of {longest} cycles");
+    assert!(stack > 0 && 2 * stack <= STACK, "{stack} B of the stack were used");
+}
+
+#[test]
+fn the_pico_lays_the_layers_that_the_simulation_and_another_processor_lay() {
+    // Out of one plane into another, with a straight line between, one thin layer included.
+    let path = [
+        Segment::Arc { alpha: 1.0, bend: 1.0, length: 100.0 },
+        Segment::Straight { length: 20.1 },
+        Segment::Straight { length: 0.05 },
+        Segment::Arc { alpha: 4.0, bend: 1.1, length: 114.0 },
+    ];
+    let other = thread::spawn(move || on_an386(&path));
+    let began = Instant::now();
+    let (board, figures) = measured("growing.json");
+    let board = Rc::new(RefCell::new(board));
+    board.borrow_mut().simulated_tip().warm_at_once(WARM_C);
+    let tip = board.borrow().simulation();
+    let pico = grow_on(Box::new(Rc::clone(&board)), tip, &path);
+    let took = began.elapsed();
+    let (simulated, time) = simulated(&path);
+    let an386 = other.join().unwrap();
+
+    for grown in [&pico, &an386] {
+        assert_eq!(grown.outcome, Outcome::Done);
+        assert!(grown.body.len() >= 300, "{} layers", grown.body.len());
+        // The steps of every sector of every layer are the same.
+        assert_eq!(grown.as_built, simulated.as_built);
+        assert_eq!(grown.filament_mm, simulated.filament_mm);
+    }
+    // So are their times, but for the tick in which an interrupt falls.
+    let (here, there) = (pico.arrival.final_pose, simulated.arrival.final_pose);
+    let apart = (here.position() - there.position()).norm();
+    assert!(apart < 0.001, "{apart} mm");
+    let board = board.borrow();
+    // Each layer is in the journal: 32 bytes, for which a page of 256 is programmed.
+    assert!(board.flash_changed() as usize >= 256 * pico.body.len(), "{} bytes", board.flash_changed());
+    assert_eq!(board.resets(), 0);
+    // It is as fast: what it computes between two layers fits between them.
+    assert!(board.now().as_secs_f64() < 1.02 * time.as_secs_f64(), "{:?}, simulated {time:?}", board.now());
+    println!("{} layers, {apart:.6} mm apart, {:.1?} of the chip in {took:.1?}", pico.body.len(), board.now());
+    check_figures(&figures);
+}
+
+/// An image for no robot is told over its line which one it is, and drives that robot at the pins that it names.
+#[test]
+fn a_board_that_is_configured_as_an_skr_pico_grows_at_its_pins() {
+    let path = [Segment::Arc { alpha: 1.0, bend: 0.2, length: 20.0 }];
+    let robot = on_skr_pico();
+    let board = Rc::new(RefCell::new(Rp2040::start(&robot, Some(&pico_firmware("none"))).unwrap()));
+    let mut client = Client::new(Box::new(Rc::clone(&board)), "a board under test");
+    client.hello().unwrap();
+    let hello = client.configure(&robot).unwrap();
+    drop(client);
+    assert_eq!((hello.robot_name.as_str(), hello.robot), (robot.name(), robot.hash()));
+    board.borrow_mut().simulated_tip().warm_at_once(WARM_C);
+    let tip = board.borrow().simulation();
+    let grown = grow_as(&robot, Box::new(Rc::clone(&board)), tip, &path);
+    assert_eq!(grown.outcome, Outcome::Done);
+    assert_eq!(grown.as_built, simulated(&path).0.as_built);
+    // Once: to start as that robot.
+    assert_eq!(board.borrow().resets(), 1);
+}
+
+#[test]
+fn over_usb_the_pico_lays_the_same_layers() {
+    let path = [Segment::Straight { length: 4.0 }, Segment::Arc { alpha: 1.0, bend: 0.1, length: 10.0 }];
+    let image = pico_firmware("growbot-a2");
+    let board = Rp2040::start_over(Line::Usb, &robot(), Some(&image), Variation::default()).unwrap();
+    let board = Rc::new(RefCell::new(board));
+    board.borrow_mut().simulated_tip().warm_at_once(WARM_C);
+    let tip = board.borrow().simulation();
+    let grown = grow_on(Box::new(Rc::clone(&board)), tip, &path);
+    let (simulated, _) = simulated(&path);
+    assert_eq!(grown.outcome, Outcome::Done);
+    assert!(grown.body.len() >= 10, "{} layers", grown.body.len());
+    assert_eq!(grown.as_built, simulated.as_built);
+    assert_eq!(board.borrow().resets(), 0);
+}
+
+/// Goals with a path of arcs and lines, far and near. The shortest path to the near one takes the Pico minutes.
+const GOALS: [([f64; 5], Planner); 5] = [
+    ([300.0, 200.0, 250.0, -45.0, -30.0], Planner::TwoPlane),
+    ([300.0, 200.0, 250.0, -45.0, -30.0], Planner::Shortest),
+    ([0.0, 0.0, -300.0, 0.0, 90.0], Planner::TwoPlane),
+    ([0.0, 0.0, -300.0, 0.0, 90.0], Planner::Shortest),
+    ([60.0, 0.0, 100.0, 90.0, 45.0], Planner::TwoPlane),
+];
+
+#[test]
+fn the_pico_plans_the_desktops_layers_bit_for_bit() {
+    let robot = robot();
+    let (board, figures) = measured("planning.json");
+    let board = Rc::new(RefCell::new(board));
+    let mut client = Client::new(Box::new(Rc::clone(&board)), "the board under test");
+    client.hello_robot(&robot).unwrap();
+    let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
+    for (goal, planner) in GOALS {
+        let goal = Pose::from_degrees(goal).unwrap();
+        let path = plan(&robot, &start, &goal, 100.0, planner).unwrap().path;
+        let expected = summarize(&path, &robot);
+        let request = PlanRequest { start: (&start).into(), goal: (&goal).into(), radius: 100.0, planner };
+        let began = board.now();
+        let Message::Planned(planned) = client.request("to plan", &Message::Plan(request)).unwrap() else {
+            panic!("no plan for {goal:?}");
+        };
+        let expected = Planned {
+            plan_id: expected.plan_id,
+            exact_hash: expected.exact_hash,
+            layers: expected.layers,
+            length: length(&path),
+        };
+        assert_eq!(planned, expected, "{goal:?}, {planner:?}");
+        println!("{planner:?}, {} layers: {:.2?} of the chip", planned.layers, board.now() - began);
+    }
+    check_figures(&figures);
+}

@@ -1,0 +1,253 @@
+//! Faults of the tip as the Pico's firmware meets them, at its converter and its pins, beside the simulated board: right
+//! codes, about as soon, and everything off.
+//!
+//! Some of them here; every fault of the campaign by `GROWBOT_FAULTS=all cargo test -p growbot-tests --test
+//! emulated_rp2040_faults -- --nocapture`, which prints their table and takes a quarter of an hour; some by their
+//! names, with commas between, instead of `all`. One fault of the campaign cannot come through pins:
+//! `step-interrupt-stopped` is the processor's own.
+
+use std::cell::{RefCell, RefMut};
+use std::rc::Rc;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::thread;
+use std::time::Duration;
+
+use growbot_client::client::{Client, ClientError};
+use growbot_client::port::Port;
+use growbot_client::robot_file;
+use growbot_core::layer::Layer;
+use growbot_core::layer_bytes::Encoder;
+use growbot_core::link::message::{Begin, Fault, Layers, Message, Silence, Start, State, Status};
+use growbot_core::robot::Robot;
+use growbot_sim::port::rp2040::Rp2040;
+use growbot_sim::port::sim::Sim;
+use growbot_sim::tip::{Tip, TipFault};
+use growbot_tests::fault_campaign::cases::{Case, Onset, Right};
+use growbot_tests::pico_firmware;
+
+/// What is met without `GROWBOT_FAULTS`.
+const FEW: [Case; 8] = [
+    Case { fault: TipFault::ThermistorOpen, onset: Onset::Heating },
+    Case { fault: TipFault::ThermistorSilent, onset: Onset::FirstLayer },
+    Case { fault: TipFault::SecondSwitchClosed, onset: Onset::Boot },
+    Case { fault: TipFault::DriverFault, onset: Onset::FirstLayer },
+    Case { fault: TipFault::FilamentJam, onset: Onset::FirstLayer },
+    Case { fault: TipFault::SupplyLow { volts: 9.0 }, onset: Onset::FirstLayer },
+    Case { fault: TipFault::EmergencyStop, onset: Onset::FirstLayer },
+    Case { fault: TipFault::FilamentOut, onset: Onset::Boot },
+];
+/// How much later than the simulated board it may notice a fault: s, as readings of 0.1 s begin at other times, and a
+/// share of the time that the simulated board takes, as the heater's work begins with other readings.
+const LATER_S: f64 = 0.3;
+const LATER: f64 = 0.02;
+/// How long a board may take to a state, of its own time.
+const PATIENCE_MS: u64 = 900_000;
+/// Layers of a growth, and its name.
+const LAYERS: u32 = 4;
+const PLAN: u64 = 1;
+/// How warm the nozzle is as a growth begins, degrees Celsius: where a fault comes while it heats, and otherwise.
+const HEATING_C: f64 = 60.0;
+const WARM_C: f64 = 197.0;
+
+/// Every fault that can come through pins: while the nozzle heats and in the first layer; at the start where it is
+/// noticed there.
+fn all() -> Vec<Case> {
+    let at_boot = |fault: &TipFault| matches!(fault, TipFault::SecondSwitchClosed | TipFault::FilamentOut);
+    TipFault::ALL
+        .into_iter()
+        .filter(|fault| *fault != TipFault::StepInterruptStopped)
+        .flat_map(|fault| {
+            let onsets = [Onset::Boot, Onset::Heating, Onset::FirstLayer];
+            onsets.into_iter().skip(usize::from(!at_boot(&fault))).map(move |onset| Case { fault, onset })
+        })
+        .collect()
+}
+
+fn robot() -> Robot {
+    robot_file::load("growbot-a".as_ref()).unwrap()
+}
+
+/// A board under test.
+trait Tested: Port + 'static {
+    fn tip(&mut self) -> RefMut<'_, Tip>;
+}
+
+impl Tested for Sim {
+    fn tip(&mut self) -> RefMut<'_, Tip> {
+        self.simulated_tip()
+    }
+}
+
+impl Tested for Rp2040 {
+    fn tip(&mut self) -> RefMut<'_, Tip> {
+        self.simulated_tip()
+    }
+}
+
+/// What became of a fault.
+#[derive(Debug, PartialEq)]
+struct Met {
+    state: State,
+    fault: Option<Fault>,
+    /// How long it took, s.
+    after: f64,
+}
+
+impl Met {
+    fn is_right(&self, case: &Case) -> bool {
+        let is_one_of =
+            |codes: &[Fault]| self.state == State::Fault && self.fault.is_some_and(|fault| codes.contains(&fault));
+        match case.right() {
+            Right::Codes(codes) | Right::AtNextStart(codes) => is_one_of(codes),
+            Right::CodesOrPause(codes) => self.state == State::Paused || is_one_of(codes),
+            Right::EmergencyStop => self.state == State::EmergencyStop,
+            Right::Continues => self.state == State::Done,
+            Right::Refused => self.state == State::Idle,
+            Right::StaysPaused => self.state == State::Paused,
+        }
+    }
+
+    fn name(&self) -> &'static str {
+        self.fault.map_or(self.state.name(), |fault| fault.code())
+    }
+}
+
+/// A board under test with its client.
+struct Bench<B> {
+    board: Rc<RefCell<B>>,
+    client: Client,
+    what: String,
+}
+
+impl<B: Tested> Bench<B> {
+    /// Begins a growth and starts it.
+    fn begin(&mut self, nozzle_c: f64) -> Result<(), ClientError> {
+        let begin = Begin { plan_id: PLAN, layers: LAYERS, robot: robot().hash() };
+        self.client.request("to begin", &Message::Begin(begin))?;
+        // Warm only now: the board makes room in its journal with a cold nozzle only.
+        self.board.borrow_mut().tip().set_nozzle_c(nozzle_c);
+        let mut encoder = Encoder::default();
+        let layers = (0..LAYERS).map(|_| encoder.encode(&Layer { alpha: 1.0, height: 0.7, tilt: 0.006 })).collect();
+        self.client.request("to store layers", &Message::Layers(Layers { plan_id: PLAN, first: 0, layers }))?;
+        self.client.request("to start", &Message::Start(Start { plan_id: PLAN, silence: Silence::Continue }))?;
+        Ok(())
+    }
+
+    fn wait_for(&mut self, states: &[State]) -> Status {
+        loop {
+            let status = self.client.status().unwrap();
+            if states.contains(&status.state) {
+                return status;
+            }
+            assert!(status.uptime_ms < PATIENCE_MS, "{}: still {}", self.what, status.state.name());
+            let _ = self.client.event(Duration::from_millis(50));
+        }
+    }
+
+    /// Breaks something; the board's time, ms.
+    fn inject(&mut self, fault: TipFault) -> u64 {
+        self.board.borrow_mut().tip().inject(fault);
+        self.client.status().unwrap().uptime_ms
+    }
+
+    /// What has become of a growth in which something broke at a time.
+    fn end(&mut self, broken_ms: u64) -> Met {
+        let status = self.wait_for(&[State::Fault, State::EmergencyStop, State::Done, State::Paused]);
+        let noticed_ms = match status.state {
+            State::Fault | State::EmergencyStop => {
+                self.client.latest_fault().unwrap().expect("a record of it").uptime_ms
+            }
+            _ => status.uptime_ms,
+        };
+        let _ = self.client.event(Duration::from_millis(50));
+        if matches!(status.state, State::Fault | State::EmergencyStop) {
+            let mut board = self.board.borrow_mut();
+            let tip = board.tip();
+            let off = !tip.heater_is_on() && !tip.steppers_are_on();
+            assert!(off && tip.heater_duty() == 0.0, "{}: not all is off", self.what);
+        }
+        // It may be noticed before the board is asked for its time.
+        let after = noticed_ms.saturating_sub(broken_ms) as f64 / 1000.0;
+        Met { state: status.state, fault: status.fault, after }
+    }
+}
+
+/// Grows until a moment, breaks something, and waits for what the board does.
+fn meet(board: impl Tested, case: Case) -> Met {
+    let what = format!("{}, {}", case.fault.name(), case.onset.name());
+    let board = Rc::new(RefCell::new(board));
+    let client = Client::new(Box::new(Rc::clone(&board)), "the board under test");
+    let mut bench = Bench { board, client, what };
+    if case.onset == Onset::Boot {
+        bench.board.borrow_mut().tip().inject(case.fault);
+    }
+    bench.client.hello_robot(&robot()).unwrap();
+    // Its first tests take a while.
+    bench.client.pass(Duration::from_secs(3)).unwrap();
+    let begun = bench.begin(if case.onset == Onset::Heating { HEATING_C } else { WARM_C });
+    if case.right() == Right::Refused {
+        assert!(matches!(begun, Err(ClientError::Refused { .. })), "{}: {begun:?}", bench.what);
+        let Status { state, fault, .. } = bench.client.status().unwrap();
+        return Met { state, fault, after: 0.0 };
+    }
+    begun.unwrap();
+    if case.onset == Onset::Boot {
+        let began_ms = bench.client.status().unwrap().uptime_ms;
+        return bench.end(began_ms);
+    }
+    let during = if case.onset == Onset::Heating { State::Heating } else { State::Growing };
+    let status = bench.wait_for(&[during, State::Fault]);
+    assert_eq!((status.state, status.fault), (during, None), "{}: too early", bench.what);
+    let broken_ms = bench.inject(case.fault);
+    let met = bench.end(broken_ms);
+    if !(matches!(case.right(), Right::AtNextStart(_)) && met.state == State::Done) {
+        return met;
+    }
+    bench.begin(WARM_C).unwrap();
+    let began_ms = bench.client.status().unwrap().uptime_ms;
+    bench.end(began_ms)
+}
+
+/// Meets a fault on both boards: a line of the table, or what is wrong.
+fn check(case: Case) -> Result<String, String> {
+    let simulated = meet(Sim::new(robot()), case);
+    let pico = meet(Rp2040::start(&robot(), Some(&pico_firmware("growbot-a"))).unwrap(), case);
+    let (fault, onset, met) = (case.fault.name(), case.onset.name(), [&pico, &simulated]);
+    let [name, other] = met.map(Met::name);
+    let [after, others] = met.map(|met| met.after);
+    let line = format!("| {fault} | {onset} | {name} | {after:.1} | {other} | {others:.1} |");
+    if !met.iter().all(|met| met.is_right(&case)) {
+        return Err(format!("{line}: right is {:?}", case.right()));
+    }
+    if name == other && after > (1.0 + LATER) * others + LATER_S {
+        return Err(format!("{line}: too late"));
+    }
+    Ok(line)
+}
+
+#[test]
+fn the_pico_notices_faults_as_the_simulation_does() {
+    let mut cases = FEW.to_vec();
+    if let Ok(wanted) = std::env::var("GROWBOT_FAULTS") {
+        let is_wanted = |case: &Case| wanted.split(',').any(|name| [case.fault.name(), "all"].contains(&name));
+        cases = all().into_iter().filter(is_wanted).collect();
+    }
+    assert!(!cases.is_empty(), "GROWBOT_FAULTS names no fault: give `all`, or a name as in SAFETY.md");
+    let (next, wrong) = (AtomicUsize::new(0), Mutex::new(Vec::new()));
+    // Three emulators at a time.
+    thread::scope(|scope| {
+        for _ in 0..3 {
+            scope.spawn(|| {
+                while let Some(case) = cases.get(next.fetch_add(1, Ordering::Relaxed)) {
+                    match check(*case) {
+                        Ok(line) => println!("{line}"),
+                        Err(why) => wrong.lock().unwrap().push(why),
+                    }
+                }
+            });
+        }
+    });
+    let wrong = wrong.into_inner().unwrap();
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}

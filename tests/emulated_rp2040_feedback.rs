@@ -1,0 +1,107 @@
+//! The Pico's firmware, run pin by pin in an emulator, grows with feedback at a layer in 0.18 s: filament and gravity are
+//! measured at its pins, the layers that come of it are there in time, and it arrives.
+
+use std::cell::RefCell;
+use std::rc::Rc;
+use std::time::Duration;
+
+use growbot_client::client::Client;
+use growbot_client::feedback::Feedback;
+use growbot_client::growth::{Job, JobEvent, Manner, MeasuredBy, Orders, Outcome, WhenParked, grow_job};
+use growbot_client::port::Port;
+use growbot_client::robot_file;
+use growbot_core::link::message::{Silence, State};
+use growbot_core::path::{Leg, Segment, end};
+use growbot_core::pose::Pose;
+use growbot_core::robot::{FilamentMotion, Robot};
+use growbot_core::simulation::{Disturbance, Imperfection};
+use growbot_core::tracking::SensorNoise;
+use growbot_sim::port::rp2040::Rp2040;
+use growbot_sim::truth::compare;
+use growbot_tests::pico_firmware;
+
+/// By so much the mean layer may take longer than the robot's description says.
+const LATER: f64 = 0.01;
+
+/// Robot A2, which lays a layer in 0.18 s, with robot A's sensors.
+fn robot() -> Robot {
+    let mut description = robot_file::load("growbot-a2".as_ref()).unwrap().description().clone();
+    description.sensors.filament_motion = Some(FilamentMotion { mm_per_pulse: 1.25, jam_mm: 8.0 });
+    description.sensors.orientation = true;
+    Robot::new(description).unwrap()
+}
+
+/// What was seen of the layers as they were laid.
+#[derive(Default)]
+struct Seen {
+    /// When each was told, of the chip's time.
+    laid: Vec<Duration>,
+    /// How many layers there were at least between the one being laid and the first that was changed.
+    lead: Option<u32>,
+    /// How often the board waited for layers.
+    waits: u32,
+}
+
+impl Seen {
+    fn see(&mut self, event: &JobEvent, now: Duration) {
+        match event {
+            JobEvent::Laid { .. } => self.laid.push(now),
+            JobEvent::Amending(amendment) => {
+                let lead = amendment.from.saturating_sub(self.laid.len() as u32 + 1);
+                self.lead = Some(self.lead.map_or(lead, |least| least.min(lead)));
+            }
+            JobEvent::State(State::Paused) => self.waits += 1,
+            _ => {}
+        }
+    }
+}
+
+#[test]
+fn corrected_layers_come_to_the_pico_in_time_and_it_arrives() {
+    let robot = robot();
+    let period_s = robot.description().layer.period_s;
+    assert!(period_s <= 0.18);
+    let path = [
+        Segment::Arc { alpha: 1.0, bend: 0.15, length: 20.0 },
+        Segment::Straight { length: 10.0 },
+        Segment::Arc { alpha: 4.0, bend: 0.12, length: 18.0 },
+    ];
+    let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
+    let goal = Pose::from_frame(&end(&path, &start.frame()));
+    let legs = [Leg { goal, segments: path.len() }];
+    let job = Job::new(&robot, &start, &goal, &path);
+    let board = Rc::new(RefCell::new(Rp2040::start(&robot, Some(&pico_firmware("growbot-a2"))).unwrap()));
+    let mut client = Client::new(Box::new(Rc::clone(&board)), "the board under test");
+    client.hello().unwrap();
+    client.configure(&robot).unwrap();
+    // It lays a tenth too little, give or take a tenth.
+    let noise = SensorNoise { odometry: 0.01, direction: 0.005 };
+    let disturbance = Disturbance { growth_bias: -0.1, growth_noise: 0.1, ..Disturbance::default() };
+    let imperfection = Imperfection { disturbance, noise, seed: 11 };
+    board.borrow_mut().simulated_tip().disturb(&imperfection);
+    board.borrow_mut().simulated_tip().warm_at_once(190.0);
+    let feedback = Some(Feedback::new(&robot, &start, &path, &legs, noise));
+    let manner = Manner { silence: Silence::Pause, feedback, parked: WhenParked::Ends };
+    let mut simulation = board.borrow().simulation();
+    let mut seen = Seen::default();
+    let grow = |on_event: &mut dyn FnMut(&JobEvent)| {
+        grow_job(&mut client, &job, manner, &Orders::default(), &mut |event| {
+            seen.see(event, board.now());
+            on_event(event);
+        })
+    };
+    let grown = compare(Some(&mut simulation), &job, &mut |_| (), grow).unwrap();
+
+    assert_eq!((grown.outcome, grown.measured_by), (Outcome::Done, MeasuredBy::Tip));
+    let fed_back = grown.fed_back.as_ref().unwrap();
+    let miss = grown.arrival.normalized_position_error;
+    let steps: Vec<f64> = seen.laid.windows(2).map(|two| (two[1] - two[0]).as_secs_f64()).collect();
+    let mean = steps.iter().sum::<f64>() / steps.len() as f64;
+    let longest = steps.iter().copied().fold(0.0, f64::max);
+    println!("{} layers, {} amendments, {miss:.4} off the goal", grown.body.len(), fed_back.amendments);
+    println!("a layer in {mean:.4} s, {longest:.3} s at most; {:?} layers of lead, {} waits", seen.lead, seen.waits);
+    assert!(miss < 0.02 && fed_back.amendments >= 8 && grown.body.len() > job.layers.len() + 3);
+    assert_eq!(seen.waits, 0, "it waited for layers");
+    assert!(mean < (1.0 + LATER) * period_s, "{mean} s a layer");
+    assert!(seen.lead.is_some_and(|lead| lead >= 1), "{:?} layers of lead", seen.lead);
+}

@@ -1,0 +1,125 @@
+//! The Pico's image as it is shipped, in the emulator: sealed and as a UF2 file. A damaged one is told and does not heat,
+//! and a crash is told after the reset.
+
+use std::cell::RefCell;
+use std::path::{Path, PathBuf};
+use std::rc::Rc;
+use std::time::Duration;
+
+use growbot_client::client::{Client, ClientError};
+use growbot_client::port::Port;
+use growbot_client::robot_file;
+use growbot_core::link::message::{
+    Begin, Empty, Fault, ImageCheck, Message, Refusal, ResetCause, Silence, Start, State, Tune,
+};
+use growbot_host::crash::{Crash, Image};
+use growbot_sim::image_seal::seal;
+use growbot_sim::port::rp2040::{self, Rp2040};
+use growbot_sim::uf2;
+use growbot_tests::pico_firmware;
+use object::{Object, ObjectSection, ObjectSymbol};
+
+/// The watchdog's time, and some more.
+const WATCHDOG: Duration = Duration::from_millis(2500);
+
+type Board = Rc<RefCell<Rp2040>>;
+
+/// A board that runs these bytes as its image, and a client of it.
+fn board(name: &str, image: &[u8]) -> (Board, Client, PathBuf) {
+    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+    std::fs::write(&path, image).unwrap();
+    let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
+    let board = Rc::new(RefCell::new(Rp2040::start(&robot, Some(&path)).unwrap()));
+    let mut client = Client::new(Box::new(Rc::clone(&board)), "the board under test");
+    client.hello_robot(&robot).unwrap();
+    (board, client, path)
+}
+
+fn sealed() -> Vec<u8> {
+    seal(&std::fs::read(pico_firmware("growbot-a")).unwrap()).unwrap().bytes
+}
+
+fn assert_off(board: &Board) {
+    let mut board = board.borrow_mut();
+    let tip = board.simulated_tip();
+    assert!(!tip.heater_is_on() && tip.heater_duty() == 0.0 && !tip.steppers_are_on());
+}
+
+#[test]
+fn the_uf2_file_of_a_sealed_image_starts_and_a_crash_is_told_after_the_reset() {
+    let sealed = sealed();
+    let (board, mut client, _) = board("pico.uf2", &uf2::of_image(&sealed).unwrap());
+    let elf = Path::new(env!("CARGO_TARGET_TMPDIR")).join("pico-sealed.elf");
+    std::fs::write(&elf, &sealed).unwrap();
+    let image = Image::open(&elf).unwrap();
+    let report = client.boot().unwrap();
+    assert_eq!((report.image, report.crash), (ImageCheck::Sound { crc: image.crc().unwrap() }, None));
+
+    let boot_id = client.board().unwrap().boot_id;
+    board.borrow_mut().crash(rp2040::Crash::Faults).unwrap();
+    let hello = client.hello().unwrap();
+    assert_eq!((hello.reset_cause, hello.status.state), (ResetCause::ProcessorFault, State::Idle));
+    let told = client.boot().unwrap().crash.expect("the board knows of the crash");
+    let crash = Crash::new(&told, Some(&image));
+    println!("{}", crash.text());
+    assert_eq!((crash.record.cause, crash.record.boot_id), (ResetCause::ProcessorFault, boot_id));
+    assert_eq!((crash.record.exception, crash.record.image), (3, image.crc()));
+    let json = serde_json::to_value(crash.written()).unwrap();
+    assert!(json["at"].to_string().contains("pico::") || json["called_from"].to_string().contains("pico::"), "{json}");
+    assert_off(&board);
+
+    // The processor has no interrupt of the watchdog's: of a main loop that hangs only the reset is known.
+    board.borrow_mut().crash(rp2040::Crash::Hangs).unwrap();
+    board.borrow_mut().pass(WATCHDOG).unwrap();
+    let hello = client.hello().unwrap();
+    assert_eq!((hello.reset_cause, hello.status.state), (ResetCause::Watchdog, State::Idle));
+    assert_eq!(board.borrow().resets(), 2);
+    assert_off(&board);
+}
+
+/// A sealed image in which a bit of a function is another one that is not needed to start, answer, or switch off.
+fn damaged() -> Vec<u8> {
+    let mut bytes = sealed();
+    let image = bytes.clone();
+    let file = object::File::parse(&*image).unwrap();
+    let function = file
+        .symbols()
+        .filter(|symbol| symbol.name().is_ok_and(|name| name.contains("helicoids")) && symbol.size() > 64)
+        .max_by_key(ObjectSymbol::size)
+        .expect("the planner is in the image");
+    let at = (function.address() & !1) + function.size() / 2;
+    let text = file.section_by_name(".text").unwrap();
+    let offset = text.file_range().unwrap().0 + at - text.address();
+    bytes[offset as usize] ^= 0x04;
+    bytes
+}
+
+#[test]
+fn a_damaged_image_is_told_and_never_heats() {
+    let (board, mut client, _) = board("pico-damaged", &damaged());
+    let hello = client.board().unwrap();
+    assert_eq!((hello.status.state, hello.status.fault), (State::Fault, Some(Fault::ImageCorrupt)));
+    let report = client.boot().unwrap();
+    assert!(matches!(report.image, ImageCheck::Corrupt { sealed, found } if sealed != found), "{report:?}");
+
+    let plan_id = 1;
+    for request in [
+        Message::Begin(Begin { plan_id, layers: 8, robot: hello.robot }),
+        Message::Start(Start { plan_id, silence: Silence::Continue }),
+        Message::Tune(Tune { target_centi_c: 20_000 }),
+        Message::ClearFault(Empty {}),
+        Message::Start(Start { plan_id, silence: Silence::Continue }),
+    ] {
+        let refused = client.request("in vain", &request).unwrap_err();
+        let ClientError::Refused { refusal, .. } = refused else { panic!("{request:?}: {refused:?}") };
+        if request == Message::ClearFault(Empty {}) {
+            assert_eq!(refusal, Refusal::FaultRemains { fault: Fault::ImageCorrupt });
+        }
+        assert_off(&board);
+    }
+    board.borrow_mut().pass(Duration::from_secs(2)).unwrap();
+    assert_eq!(client.status().unwrap().fault, Some(Fault::ImageCorrupt));
+    let ambient_c = growbot_sim::tip::Variation::default().ambient_c;
+    let mut board = board.borrow_mut();
+    assert!(board.now() > Duration::from_secs(2) && board.simulated_tip().nozzle_peak_c() < ambient_c + 0.5);
+}

@@ -1,0 +1,198 @@
+//! Power is lost while the Pico's firmware writes to its flash, in the emulator: while it stores a description, and
+//! while it notes a layer in the journal.
+//!
+//! A few places here; every byte of what is programmed and every 256 bytes of the erase by `GROWBOT_CUTS=all cargo test
+//! -p growbot-tests --test emulated_rp2040_power -- --nocapture`, which takes 20 minutes on three cores.
+
+use std::cell::RefCell;
+use std::rc::Rc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::thread;
+
+use growbot_client::client::Client;
+use growbot_client::growth::{Grown, GrowthError, Job, JobEvent, OnInterrupted, Orders, Outcome, grow_job, resume_job};
+use growbot_client::robot_file;
+use growbot_core::layer_bytes::LayerBytes;
+use growbot_core::link::message::{Silence, State, Status};
+use growbot_core::robot::Robot;
+use growbot_sim::port::rp2040::Rp2040;
+use growbot_tests::pico_firmware;
+use growbot_tests::survival::crash::{self, Crash, Recovered};
+use growbot_tests::survival::{Body, Undisturbed};
+
+/// Emulators at a time.
+const BOARDS: usize = 3;
+/// Bytes of a slot of the description, all of which are erased before it is written to again.
+const SLOT: u32 = 128 * 1024;
+/// Every so many bytes of an erase.
+const ERASED: usize = 256;
+/// A page of flash, and a record of the journal, bytes.
+const PAGE: u32 = 256;
+const RECORD: u32 = 32;
+
+type Board = Rc<RefCell<Rp2040>>;
+
+fn robot(name: &str) -> Robot {
+    robot_file::load(name.as_ref()).unwrap()
+}
+
+/// All of these places, or so many, evenly.
+fn places(all: impl Iterator<Item = u32>, few: usize) -> Vec<u32> {
+    let all: Vec<u32> = all.collect();
+    if std::env::var("GROWBOT_CUTS").is_ok_and(|cuts| cuts == "all") {
+        return all;
+    }
+    (0..few).map(|index| all[(2 * index + 1) * all.len() / (2 * few)]).collect()
+}
+
+/// Does something at each place, on as many boards as may run at a time; each has what `begin` gives it.
+fn each<B>(places: &[u32], begin: impl Fn() -> B + Sync, work: impl Fn(&mut B, u32) + Sync) {
+    let next = AtomicUsize::new(0);
+    thread::scope(|scope| {
+        for _ in 0..BOARDS.min(places.len()) {
+            scope.spawn(|| {
+                let mut with = begin();
+                while let Some(place) = places.get(next.fetch_add(1, Ordering::Relaxed)) {
+                    work(&mut with, *place);
+                }
+            });
+        }
+    });
+}
+
+fn start(robot: &Robot, image: &str) -> Board {
+    Rc::new(RefCell::new(Rp2040::start(robot, Some(&pico_firmware(image))).unwrap()))
+}
+
+fn client(board: &Board) -> Client {
+    Client::new(Box::new(Rc::clone(board)), "the board under test")
+}
+
+/// Power is lost this many bytes into the work on flash that comes with a description. Then the board has the old one
+/// or the new one; which of them is returned, true for the new one.
+fn cut_description(board: &Board, old: &Robot, new: &Robot, bytes: u32) -> bool {
+    board.borrow_mut().restore_flash().unwrap();
+    let mut before = client(board);
+    assert_eq!(before.hello().unwrap().robot, old.hash());
+    board.borrow_mut().lose_power_after(bytes).unwrap();
+    before.configure(new).unwrap_err();
+    assert!(board.borrow().has_lost_power(), "no power was lost after {bytes} bytes");
+    before.vanish();
+    board.borrow_mut().power_up().unwrap();
+    let hello = client(board).hello().unwrap();
+    let (state, fault) = (hello.status.state, hello.status.fault);
+    assert_eq!((state, fault), (State::Idle, None), "after {bytes} bytes");
+    assert!([old.hash(), new.hash()].contains(&hello.robot), "after {bytes} bytes it is {}", hello.robot_name);
+    hello.robot == new.hash()
+}
+
+#[test]
+fn power_lost_while_a_description_is_stored_leaves_the_old_one_or_the_new_one() {
+    let [first, old, new] = ["growbot-b", "growbot-a2", "growbot-a"].map(robot);
+    // Both slots have a description, so that one has to be erased.
+    let begin = || {
+        let board = start(&robot("growbot-a"), "growbot-a");
+        for robot in [&first, &old] {
+            let mut client = client(&board);
+            client.hello().unwrap();
+            client.configure(robot).unwrap();
+            client.vanish();
+        }
+        board.borrow_mut().keep_flash().unwrap();
+        board
+    };
+    let whole = {
+        let board = begin();
+        let changed = board.borrow().flash_changed();
+        let mut client = client(&board);
+        client.hello().unwrap();
+        client.configure(&new).unwrap();
+        board.borrow().flash_changed() - changed
+    };
+    let pages = whole - SLOT;
+    assert!(whole > SLOT && pages.is_multiple_of(PAGE), "{whole} bytes of flash were changed");
+    let erase = places((1..=SLOT).step_by(ERASED), 1);
+    let program = places(SLOT + 1..=whole, 3);
+    let became_new = AtomicUsize::new(0);
+    each(&[&erase[..], &program].concat(), begin, |board, bytes| {
+        let is_new = cut_description(board, &old, &new, bytes);
+        // What was to come last is the header.
+        assert!(!is_new || bytes > whole - PAGE, "{bytes} of {whole} bytes, and it is the new one");
+        became_new.fetch_add(usize::from(is_new), Ordering::Relaxed);
+    });
+    let (losses, became_new) = (erase.len() + program.len(), became_new.into_inner());
+    println!("{losses} losses of power over a description, {pages} bytes of pages: {became_new} times the new one");
+}
+
+/// The length of a growth, in layers of 0.7 mm, and the layers after which the power is lost. The record of the next one
+/// is the last of its page: those of the sector, the job and its beginning come before.
+const LENGTH: u32 = 6;
+const LAID: usize = 4;
+
+/// Grows until the power is lost, so many bytes of flash after a layer is told.
+fn grow(job: &Job, board: &Board, bytes: u32, known: &mut Vec<Option<LayerBytes>>) -> Result<Grown, GrowthError> {
+    let mut client = client(board);
+    let grown = grow_job(&mut client, job, Silence::Pause, &Orders::default(), &mut |event| {
+        if let JobEvent::Laid { as_built, .. } = event {
+            known.push(*as_built);
+            if known.len() == LAID {
+                board.borrow_mut().lose_power_after(bytes).unwrap();
+            }
+        }
+    });
+    client.vanish();
+    grown
+}
+
+/// Power comes again, and the growth is resumed: what the board knew of it, and what it came to.
+fn resume(job: &Job, board: &Board, known: Vec<Option<LayerBytes>>) -> (Status, Grown) {
+    board.borrow_mut().power_up().unwrap();
+    let mut client = client(board);
+    let found = client.hello().unwrap().status;
+    let (again, orders) = (OnInterrupted::Again, Orders::default());
+    let grown = resume_job(&mut client, job, known, again, Silence::Pause, &orders, &mut |_| ()).unwrap();
+    (found, grown)
+}
+
+#[test]
+fn power_lost_while_a_layer_is_noted_costs_the_open_layer_at_most() {
+    // Robot A2, whose motors are quick, homing faster.
+    let mut description = robot("growbot-a2").description().clone();
+    description.head.homing_turns_per_s = 1.0;
+    let robot = Robot::new(description).unwrap();
+    let body = Body::of(LENGTH);
+    let job = body.job(&robot);
+    let undisturbed = Undisturbed::grow(&job);
+    // Before the record, within it, and behind it.
+    let cuts = places(PAGE - RECORD..=PAGE, 1);
+    each(
+        &cuts,
+        || (),
+        |(), bytes| {
+            let board = start(&robot, "growbot-a2");
+            let mut first = client(&board);
+            first.hello().unwrap();
+            first.configure(&robot).unwrap();
+            first.vanish();
+            board.borrow_mut().simulated_tip().warm_at_once(198.0);
+            let mut known = Vec::new();
+            let lost = grow(&job, &board, bytes, &mut known);
+            assert!(lost.is_err() && board.borrow().has_lost_power(), "{bytes} bytes: {lost:?}");
+            let told = known.len();
+            let (found, grown) = resume(&job, &board, known);
+            assert_eq!(grown.outcome, Outcome::Done, "{bytes} bytes");
+            let laid = found.laid as usize;
+            assert_eq!(laid, told + usize::from(bytes == PAGE), "{bytes} bytes: {told} layers told");
+            let feed_steps = board.borrow_mut().simulated_tip().feed_steps();
+            let more_feed_steps = feed_steps as i64 - undisturbed.feed_steps as i64;
+            println!(
+                "{bytes} bytes: {told} layers told, {laid} found, cut {:?}, {more_feed_steps} feed steps more",
+                found.interrupted
+            );
+            let recovered = Recovered { found, as_built: grown.as_built, more_feed_steps };
+            crash::check(&job, &undisturbed, Crash::Power, &recovered)
+                .unwrap_or_else(|wrong| panic!("{bytes}: {wrong}"));
+        },
+    );
+    println!("{} losses of power over the record of a layer: each layer was laid once", cuts.len());
+}
