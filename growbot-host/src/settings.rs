@@ -11,6 +11,7 @@ use std::path::{Path, PathBuf};
 
 use growbot_client::input::{self, InputError};
 use growbot_client::robot_file::{self, RobotFileError};
+use schemars::JsonSchema;
 use serde::Deserialize;
 
 use crate::serve::config::{RobotEntry, ServeEntry};
@@ -49,6 +50,9 @@ pub struct Setting {
     pub origin: Origin,
 }
 
+/// A robot's name has so many letters at most.
+const MAX_NAME: usize = 64;
+
 /// Why a value is not known.
 #[derive(Debug, thiserror::Error)]
 pub enum SettingsError {
@@ -74,16 +78,31 @@ pub enum SettingsError {
         /// The key.
         key: &'static str,
     },
+    /// A robot's name cannot stand in addresses and file names.
+    #[error(
+        "{file}: [robots.{name:?}]: the name of a robot is 1 to {MAX_NAME} letters, digits, - and _, without accents: \
+         rename it"
+    )]
+    RobotName {
+        /// The file.
+        file: String,
+        /// The name.
+        name: String,
+    },
 }
 
 /// A file as written.
-#[derive(Debug, Default, Deserialize)]
+#[derive(Debug, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-struct Written {
+pub struct Written {
+    /// The robot of commands that are given none: a built-in name or a file.
     robot: Option<String>,
+    /// The port of commands that are given none.
     port: Option<String>,
+    /// The robots that `growbot serve` owns, by the names that it gives them.
     #[serde(default)]
     robots: BTreeMap<String, RobotEntry>,
+    /// How `growbot serve` works.
     #[serde(default)]
     serve: ServeEntry,
 }
@@ -138,7 +157,7 @@ pub fn robot_from(robot: &str, directory: &Path) -> String {
 #[must_use]
 pub fn port_from(port: &str, directory: &Path) -> String {
     match port.split_once(':') {
-        Some(("emulator", image)) => format!("emulator:{}", beside(directory, image)),
+        Some((board @ ("emulator" | "rp2040"), image)) => format!("{board}:{}", beside(directory, image)),
         Some(("sim", name)) if name.contains('/') => format!("sim:{}", beside(directory, name)),
         _ => port.to_owned(),
     }
@@ -175,30 +194,39 @@ impl Setting {
     }
 }
 
+/// Whether a robot can be called so: its name stands in addresses and in names of files.
+fn is_name(name: &str) -> bool {
+    let is_letter = |letter: u8| letter.is_ascii_alphanumeric() || matches!(letter, b'-' | b'_');
+    (1..=MAX_NAME).contains(&name.len()) && name.bytes().all(is_letter)
+}
+
 /// The robots of a service, by name, and how it is set.
 pub type Robots = (BTreeMap<String, RobotEntry>, ServeEntry);
 
 /// What a text of settings, which messages call `file`, says of the service.
 ///
 /// # Errors
-/// [`SettingsError::Toml`].
+/// [`SettingsError::Toml`] or [`SettingsError::RobotName`].
 pub fn service_of(text: &str, file: &str) -> Result<Robots, SettingsError> {
     let Written { robots, serve, .. } = robot_file::from_toml(text, file)?;
-    Ok((robots, serve))
+    match robots.keys().find(|name| !is_name(name)) {
+        None => Ok((robots, serve)),
+        Some(name) => Err(SettingsError::RobotName { file: file.to_owned(), name: name.clone() }),
+    }
 }
 
-/// The robots that the service owns, and how it is set: by the nearest file that has robots, or that of the user's
-/// configuration.
+/// The robots that the service owns, and how it is set: by the nearest file that says anything of either, or that of
+/// the user's configuration.
 ///
 /// # Errors
 /// [`SettingsError`] of the files that had to be looked at.
 pub fn service() -> Result<Robots, SettingsError> {
     for file in [nearest(), user_file()].into_iter().flatten().filter(|file| file.is_file()) {
         let (robots, serve) = service_of(&input::read_text(&file)?, &input::name_of(&file))?;
-        if !robots.is_empty() {
+        if !robots.is_empty() || serve != ServeEntry::default() {
             let directory = file.parent().unwrap_or(Path::new(""));
             let robots = robots.into_iter().map(|(name, entry)| (name, entry.in_directory(directory)));
-            return Ok((robots.collect(), serve));
+            return Ok((robots.collect(), serve.in_directory(directory)));
         }
     }
     Ok((BTreeMap::new(), ServeEntry::default()))
@@ -251,6 +279,18 @@ mod tests {
     }
 
     #[test]
+    fn a_robots_name_can_stand_in_an_address() {
+        let named = |name: &str| service_of(&format!("[robots.{name:?}]\nport = \"sim:lab\"\n"), "growbot.toml");
+        for name in ["lab", "Lab-2_b", &"a".repeat(MAX_NAME)] {
+            assert!(named(name).is_ok(), "{name}");
+        }
+        for name in ["our lab", "a/b", "a?b", "", "l\u{e4}b", &"a".repeat(MAX_NAME + 1)] {
+            let said = named(name).unwrap_err().to_string();
+            assert!(said.contains("rename it") && said.contains(name), "{said}");
+        }
+    }
+
+    #[test]
     fn paths_are_relative_to_the_file_and_names_are_names() {
         let value = |text: &str, key: Key| key.from(&toml::from_str(text).unwrap(), Path::new("/lab"));
         for (text, key, expected) in [
@@ -259,6 +299,7 @@ mod tests {
             ("robot = \"/else/our.toml\"", Key::Robot, "/else/our.toml"),
             ("port = \"emulator\"", Key::Port, "emulator"),
             ("port = \"emulator:image.elf\"", Key::Port, "emulator:/lab/image.elf"),
+            ("port = \"rp2040:image.elf\"", Key::Port, "rp2040:/lab/image.elf"),
             ("port = \"/dev/ttyACM0\"", Key::Port, "/dev/ttyACM0"),
         ] {
             assert_eq!(value(text, key).as_deref(), Some(expected), "{text}");

@@ -132,9 +132,9 @@ fn every_toml_block_is_a_part_of_a_robot_file_or_settings() {
     for document in for_users() {
         for block in document.blocks().iter().filter(|block| block.is("toml")) {
             let place = format!("{}:{}", document.path.display(), block.line);
-            if block.text.contains("[robots.") {
-                let (robots, _) = settings::service_of(&block.text, &place).unwrap();
-                assert!(robots.len() > 1, "{place}");
+            if ["[robots.", "[serve."].iter().any(|table| block.text.contains(table)) {
+                let (robots, serve) = settings::service_of(&block.text, &place).unwrap();
+                assert!(robots.len() > 1 || serve.notify.webhook.is_some(), "{place}");
                 continue;
             }
             let mut whole: toml::Table = robot_a.parse().unwrap();

@@ -115,6 +115,7 @@ fn what_is_said_of_a_simulated_robot_says_so_in_every_command_that_has_a_port() 
             "resume" => &[&[&plan, "--yes"]],
             "tune" | "status" => &[&[], &["--json"]],
             "power" => &[&["status"]],
+            "configure" => &[&["growbot-b"], &["growbot-b", "--json"]],
             "maintain" => &[&["preheat", "200"], &["cooldown"]],
             _ => &[&[]],
         };

@@ -6,11 +6,14 @@
 mod cancel;
 mod completions;
 mod config;
+mod configure;
 mod console;
 mod directory;
 mod disturbance;
+mod doctor;
 #[cfg(test)]
 mod documents;
+mod drive;
 mod estop;
 mod export;
 mod flash;
@@ -34,6 +37,7 @@ mod resume;
 mod rmin;
 mod robots;
 mod scene;
+mod scene_example;
 mod schema;
 mod search;
 mod serve;
@@ -48,6 +52,7 @@ mod usage;
 mod view;
 mod watching;
 mod workspace;
+mod workspace_in_scene;
 
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
@@ -106,6 +111,7 @@ enum Command {
     NewRobot(new_robot::NewRobotArgs),
     Rmin(rmin::RminArgs),
     Plan(Box<plan::PlanArgs>),
+    Scene(scene_example::SceneArgs),
     Layers(layers::LayersArgs),
     View(view::ViewArgs),
     Workspace(workspace::WorkspaceArgs),
@@ -119,6 +125,7 @@ enum Command {
     Stop(stop::StopArgs),
     Cancel(cancel::CancelArgs),
     Estop(estop::EstopArgs),
+    Doctor(doctor::DoctorArgs),
     Tune(tune::TuneArgs),
     Maintain(maintain::MaintainArgs),
     Console(console::ConsoleArgs),
@@ -128,6 +135,7 @@ enum Command {
     Pause(service::PauseArgs),
     Continue(service::ContinueArgs),
     Flash(flash::FlashArgs),
+    Configure(configure::ConfigureArgs),
     Config(config::ConfigArgs),
     Completions(completions::CompletionsArgs),
     Man(man::ManArgs),
@@ -149,6 +157,7 @@ pub fn run() -> ExitCode {
         Some(Command::NewRobot(args)) => new_robot::run(&args),
         Some(Command::Rmin(args)) => rmin::run(&args),
         Some(Command::Plan(args)) => plan::run(&args),
+        Some(Command::Scene(args)) => scene_example::run(&args),
         Some(Command::Layers(args)) => layers::run(&args),
         Some(Command::View(args)) => view::run(&args),
         Some(Command::Workspace(args)) => workspace::run(&args),
@@ -162,6 +171,7 @@ pub fn run() -> ExitCode {
         Some(Command::Stop(args)) => stop::run(&args),
         Some(Command::Cancel(args)) => cancel::run(&args),
         Some(Command::Estop(args)) => estop::run(&args),
+        Some(Command::Doctor(args)) => doctor::run(&args),
         Some(Command::Tune(args)) => tune::run(&args),
         Some(Command::Maintain(args)) => maintain::run(&args),
         Some(Command::Console(args)) => console::run(&args),
@@ -171,6 +181,7 @@ pub fn run() -> ExitCode {
         Some(Command::Pause(args)) => service::run_pause(&args),
         Some(Command::Continue(args)) => service::run_continue(&args),
         Some(Command::Flash(args)) => flash::run(&args),
+        Some(Command::Configure(args)) => configure::run(&args),
         Some(Command::Config(args)) => config::run(&args),
         Some(Command::Completions(args)) => completions::run(&args),
         Some(Command::Man(args)) => man::run(&args),
@@ -291,7 +302,7 @@ impl From<ClientError> for Failure {
 #[derive(Args)]
 pub struct PortArg {
     /// Where the robot is: sim, sim:NAME (growbot power), emulator,
-    /// emulator:ELF, tcp:HOST:PORT or a serial device [default: what GROWBOT_PORT or growbot.toml says, or else sim]
+    /// emulator:ELF, rp2040, rp2040:ELF (rp2040,usb and rp2040:ELF,usb for its other line), tcp:HOST:PORT or a serial device [default: what GROWBOT_PORT or growbot.toml says, or else sim]
     #[arg(long, value_name = "PORT")]
     port: Option<String>,
     #[command(flatten)]

@@ -49,7 +49,7 @@ pub fn run(args: &ServeArgs) -> Result<(), Failure> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(Failure::bad_input)?;
     runtime.block_on(async {
         let bound = Server::bind(&places, port).await.map_err(Failure::bad_input)?;
-        let service = Service::start(places, &robots).map_err(Failure::bad_input)?;
+        let service = Service::start(places, &robots, &serve.notify).map_err(Failure::bad_input)?;
         let [operate, read] = bound.addresses().map_err(Failure::bad_input)?;
         for (name, entry) in &robots {
             growbot_host::note!("robot {name} at {}", entry.port);

@@ -13,9 +13,11 @@ use growbot_core::robot::Robot;
 use growbot_host::finish_time::clock_text_here;
 use growbot_host::output::print;
 use growbot_host::progress::{Progress, Results};
-use growbot_host::serve::api::{Given, Maintenance, OrderName, Wanted};
-use growbot_host::serve::caller::{CallError, Caller, LIMIT};
-use growbot_host::serve::jobs::Job;
+use growbot_host::serve::api::{Addresses, Maintenance, PREFIX};
+use growbot_host::serve::caller::{Borrowed, CallError, Caller, LIMIT};
+use growbot_host::serve::jobs::{Job, JobState};
+use growbot_host::serve::orders::{Given, OrderName};
+use growbot_host::serve::wanted::Wanted;
 use growbot_host::serve::{RobotState, RobotView};
 use serde_json::{Value, json};
 use time::OffsetDateTime;
@@ -24,8 +26,8 @@ use time::format_description::well_known::Rfc3339;
 use super::following::Print;
 use super::{ChosenPort, Failure, RobotPortArg, replay};
 
-/// An emergency stop that the service has not confirmed within this is given to the port itself.
-const EMERGENCY: Duration = Duration::from_millis(500);
+/// An emergency stop that the service has not confirmed within twice this is given to the port itself.
+const EMERGENCY: Duration = Duration::from_millis(50);
 
 impl From<CallError> for Failure {
     fn from(error: CallError) -> Self {
@@ -56,6 +58,20 @@ fn owner_within(port: &ChosenPort, limit: Duration) -> Result<Option<Owned>, Fai
     let Some(caller) = Caller::find() else { return Ok(None) };
     let robot = caller.robot_at(port.text(), limit)?;
     Ok(robot.map(|robot| Owned { caller, robot }))
+}
+
+/// A line that the service has lent to this program. The caller goes last.
+pub struct Lent {
+    _line: Borrowed,
+    _caller: Caller,
+}
+
+/// Has the service that owns a robot lend its line to a command that talks to the board itself, if there is one.
+pub fn borrow_line(port: &ChosenPort, command: &str) -> Result<Option<Lent>, Failure> {
+    let Some(Owned { caller, robot }) = owner(port)? else { return Ok(None) };
+    let line = caller.borrow_line(&robot.name, command)?;
+    growbot_host::note!("the service lends the line of {}robot {}", super::kind(robot.simulated), robot.name);
+    Ok(Some(Lent { _line: line, _caller: caller }))
 }
 
 impl Owned {
@@ -104,36 +120,55 @@ impl Owned {
         Ok(print(&format!("{}robot {}: {task} {value}\n", self.kind(), self.robot.name))?)
     }
 
-    /// Grows a plan, and follows it.
-    pub fn grow(&self, robot: &Robot, plan: &Plan, name: String, options: &Options) -> Result<(), Failure> {
+    /// Grows a plan, and follows it; the scene that it leads through is at this path.
+    pub fn grow(
+        &self,
+        robot: &Robot,
+        plan: &Plan,
+        scene: Option<String>,
+        name: String,
+        options: &Options,
+    ) -> Result<(), Failure> {
         let written = PlanFile::with_robot(plan, robot);
         let wanted = Wanted {
             plan: Some(serde_json::to_value(written).map_err(Failure::bad_input)?),
-            to: None,
-            from: None,
-            via: Vec::new(),
-            radius_mm: None,
+            scene,
             feedback: options.feedback,
             force: options.force,
             name: Some(name),
+            ..Wanted::default()
         };
         let job: Job = self.caller.post(&self.at("jobs"), &wanted)?;
         growbot_host::note!("the service grows it as job {}; it goes on when this command ends", job.id);
+        self.say_page(&job, options.page)?;
         self.follow(&job, options)
     }
 
     /// Resumes the latest unfinished job of this robot, or goes on following the one under way.
-    pub fn resume(&self, plan_id: u64, options: &Options) -> Result<(), Failure> {
+    pub fn resume(&self, plan_id: Option<u64>, options: &Options) -> Result<(), Failure> {
         let jobs: Vec<Job> = self.caller.get("/jobs?max=1000")?;
-        let plan_id = format!("{plan_id:016x}");
-        let job = jobs.into_iter().find(|job| job.robot == self.robot.name && job.plan_id == plan_id);
+        let plan_id = plan_id.map(|id| format!("{id:016x}"));
+        let is_wanted = |job: &Job| plan_id.as_ref().is_none_or(|id| job.plan_id == *id);
+        let is_open = |job: &Job| job.state == JobState::Interrupted || self.robot.job.as_ref() == Some(&job.id);
+        let job = jobs.into_iter().find(|job| job.robot == self.robot.name && is_open(job) && is_wanted(job));
         let job = job.ok_or_else(|| {
-            Failure::answered_no(format!("the service knows no job of plan {plan_id} on robot {}", self.robot.name))
+            let of_plan = plan_id.map_or_else(String::new, |id| format!(" of plan {id}"));
+            Failure::answered_no(format!("the service knows no unfinished job{of_plan} on robot {}", self.robot.name))
         })?;
         if self.robot.job.as_ref() != Some(&job.id) {
             let _: Job = self.caller.post(&format!("/jobs/{}/resume", job.id), &json!({}))?;
         }
+        self.say_page(&job, options.page)?;
         self.follow(&job, options)
+    }
+
+    /// Says where the page of a growth is, if it is asked for.
+    fn say_page(&self, job: &Job, page: Option<Page>) -> Result<(), Failure> {
+        let Some(page) = page else { return Ok(()) };
+        let Addresses { operate, look } = self.caller.get("/addresses")?;
+        let at = if page == Page::Control { operate } else { look };
+        growbot_host::note!("watch it at {at}{}/jobs/{}/live/", PREFIX.trim_start_matches('/'), job.id);
+        Ok(())
     }
 
     /// Follows a job to its end. Ctrl-C stops it; the end of the terminal does not.
@@ -205,12 +240,15 @@ impl Owned {
             let orders = [OrderName::Stop, OrderName::EmergencyStop];
             let order = orders[usize::from(INTERRUPTED.swap(true, std::sync::atomic::Ordering::Relaxed))];
             let path = format!("/robots/{name}/orders");
-            let given = Caller::find().map(|caller| caller.post::<Value>(&path, &Given { order }));
-            if !matches!(given, Some(Ok(_))) {
-                growbot_host::error!(
-                    "the service has not confirmed the stop: `growbot estop`, or cut the robot's power"
-                );
-            }
+            // Apart, so that the second one need not wait for the answer to the first.
+            std::thread::spawn(move || {
+                let given = Caller::find().map(|caller| caller.post::<Value>(&path, &Given { order }));
+                if !matches!(given, Some(Ok(_))) {
+                    growbot_host::error!(
+                        "the service has not confirmed the stop: `growbot estop`, or cut the robot's power"
+                    );
+                }
+            });
         });
         if let Err(error) = installed {
             growbot_host::warning!("Ctrl-C will end this program without stopping the robot ({error})");
@@ -228,6 +266,17 @@ pub struct Options {
     pub print: Print,
     /// Where a copy of the run log goes.
     pub log: Option<std::path::PathBuf>,
+    /// Which page is asked for.
+    pub page: Option<Page>,
+}
+
+/// The page of a growth.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Page {
+    /// It may look.
+    Look,
+    /// It may give orders, too.
+    Control,
 }
 
 /// Shows a growth on standard error.
@@ -393,6 +442,6 @@ pub fn run_attach(args: &AttachArgs) -> Result<(), Failure> {
         return Err(Failure::answered_no(format!("robot {} has no job under way", owned.robot.name)));
     };
     let job: Job = owned.caller.get(&format!("/jobs/{id}"))?;
-    let options = Options { feedback: false, force: false, print: Print::of(args.json), log: None };
+    let options = Options { feedback: false, force: false, print: Print::of(args.json), log: None, page: None };
     owned.follow(&job, &options)
 }

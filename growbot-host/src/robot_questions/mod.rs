@@ -374,8 +374,9 @@ fn field_of(error: &RobotError) -> &'static str {
         RobotError::NotFinite { field, .. }
         | RobotError::TooSmall { field, .. }
         | RobotError::TooLarge { field, .. } => field,
-        RobotError::Name | RobotError::TooLong | RobotError::Unreadable => NAME,
+        RobotError::Name | RobotError::TooLong | RobotError::Unreadable | RobotError::OtherVersion { .. } => NAME,
         RobotError::ThermistorEquation => "thermistor",
+        RobotError::Pins(_) | RobotError::Drivers(_) => "board",
     };
     match field {
         "layer.period_s * motion.tick_hz" => "motion.tick_hz",

@@ -18,6 +18,7 @@ use tokio::time::{Duration, timeout};
 
 use super::Places;
 use super::api::PREFIX;
+use super::lending::Borrower;
 use super::robot::RobotView;
 
 /// Why the service has not done what it was asked.
@@ -42,6 +43,9 @@ impl CallError {
         Self::Silent(error.to_string())
     }
 }
+
+/// A line that the service has lent: it has it back when this is dropped, with its caller, or the program ends.
+pub struct Borrowed(#[expect(dead_code, reason = "it is held")] Incoming);
 
 /// The service answers within this: an order to a robot may wait for its board.
 pub const LIMIT: Duration = Duration::from_secs(30);
@@ -155,6 +159,24 @@ impl Caller {
             .map_err(CallError::silent)?;
         let response = sender.send_request(request).await.map_err(CallError::silent)?;
         Ok((response.status(), response.into_body()))
+    }
+
+    /// Has the service give the line of a robot up, for as long as what is returned is kept.
+    ///
+    /// # Errors
+    /// [`CallError`]: the robot has a job, say.
+    pub fn borrow_line(&self, robot: &str, to: &str) -> Result<Borrowed, CallError> {
+        let body = serde_json::to_vec(&Borrower { to: to.to_owned() }).map_err(CallError::silent)?;
+        let begun = async {
+            let (status, incoming) = self.send(Method::POST, &format!("/robots/{robot}/lend"), body.into()).await?;
+            if status.is_success() {
+                return Ok(Borrowed(incoming));
+            }
+            let bytes = incoming.collect().await.map_err(CallError::silent)?.to_bytes();
+            Err(refused(status, &bytes))
+        };
+        let late = |_| CallError::Silent(format!("no answer within {:.1} s", LIMIT.as_secs_f64()));
+        self.runtime.block_on(async { timeout(LIMIT, begun).await.map_err(late)? })
     }
 
     /// Takes the lines of a job's run log after so many, as they come, until it has ended or `take` gives false.

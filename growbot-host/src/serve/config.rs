@@ -1,11 +1,12 @@
 //! Which robots the service owns: `[robots.NAME]` of `growbot.toml`.
 
 use std::collections::BTreeMap;
-
 use std::path::Path;
 
+use schemars::JsonSchema;
 use serde::Deserialize;
 
+use super::notices::Happening;
 use crate::settings::{port_from, robot_from};
 
 /// How fast the time of a simulated robot passes that nobody has configured.
@@ -14,7 +15,7 @@ const PRACTICE_PACE: f64 = 60.0;
 pub const PRACTICE: &str = "practice";
 
 /// A robot as `growbot.toml` has it.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RobotEntry {
     /// Its port.
@@ -38,11 +39,38 @@ impl RobotEntry {
 }
 
 /// The service as `growbot.toml` has it.
-#[derive(Debug, Clone, Default, PartialEq, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ServeEntry {
     /// The port of the pages' address on this machine.
     pub port: Option<u16>,
+    /// Who is told what happens; nobody, unless somebody is named.
+    #[serde(default)]
+    pub notify: NotifyEntry,
+}
+
+impl ServeEntry {
+    /// The service, of a file in this directory: its paths are relative to that.
+    #[must_use]
+    pub fn in_directory(mut self, directory: &Path) -> Self {
+        let program = self.notify.command.as_mut().and_then(|command| command.first_mut());
+        if let Some(program) = program.filter(|program| program.contains('/')) {
+            *program = directory.join(&*program).to_string_lossy().into_owned();
+        }
+        self
+    }
+}
+
+/// Who is told what happens.
+#[derive(Debug, Clone, Default, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct NotifyEntry {
+    /// An address that is sent each notice, `https:` or `http:`.
+    pub webhook: Option<String>,
+    /// A program and its arguments, which is run for each notice.
+    pub command: Option<Vec<String>>,
+    /// What is told; everything without it.
+    pub events: Option<Vec<Happening>>,
 }
 
 /// The robots of someone who has configured none: a simulated one to practise with.

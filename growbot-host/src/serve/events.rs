@@ -1,14 +1,19 @@
-//! What has changed, as it comes: the lines of a job's run log, each once, and the robots.
+//! What has changed, as it comes: the lines of a job's run log, each once, and the robots; as server-sent events, or on
+//! a WebSocket.
 
 use std::convert::Infallible;
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
 use std::path::PathBuf;
+use std::pin::pin;
 use std::sync::Arc;
 use std::time::Duration;
 
-use axum::response::sse::Event;
-use futures_util::stream::{Stream, unfold};
+use axum::body::Bytes;
+use axum::extract::ws::{Message, WebSocket};
+use axum::response::sse::{Event, KeepAlive, Sse};
+use axum::response::{IntoResponse, Response};
+use futures_util::stream::{Stream, StreamExt, unfold};
 use growbot_client::printable::json_line;
 use tokio::sync::watch;
 use tokio::time::{sleep, timeout};
@@ -23,17 +28,84 @@ const LOOK: Duration = Duration::from_secs(1);
 /// Bytes of a log that are read at a time.
 const CHUNK: u64 = 1 << 20;
 
+/// Version of the messages on a WebSocket.
+const VERSION: u32 = 1;
+/// Who is silent on a WebSocket is asked whether he is there, so often.
+const PING: Duration = Duration::from_secs(15);
+/// and is gone after so many questions.
+const UNANSWERED: u32 = 2;
+
+/// Something that is told.
+pub struct Told {
+    event: &'static str,
+    /// The number of a line, from which on to ask again.
+    id: Option<u64>,
+    /// A line of JSON.
+    data: String,
+}
+
+impl Told {
+    /// As a server-sent event.
+    fn event(self) -> Event {
+        let event = Event::default().event(self.event).data(self.data);
+        match self.id {
+            Some(id) => event.id(id.to_string()),
+            None => event,
+        }
+    }
+
+    /// As a message on a WebSocket: the same, with its version.
+    fn message(&self) -> Message {
+        let Self { event, id, data } = self;
+        let id = id.map_or_else(String::new, |id| format!(r#""id":{id},"#));
+        Message::text(format!(r#"{{"version":{VERSION},"event":"{event}",{id}"data":{data}}}"#))
+    }
+}
+
+/// Sends what is told as server-sent events.
+pub fn as_events(told: impl Stream<Item = Told> + Send + 'static) -> Response {
+    let events = told.map(|told| Ok::<_, Infallible>(told.event()));
+    Sse::new(events).keep_alive(KeepAlive::default()).into_response()
+}
+
+/// Sends what is told on a WebSocket, to the end or until the other side closes it. What that says is not listened to.
+pub async fn on_socket(mut socket: WebSocket, told: impl Stream<Item = Told> + Send + 'static) {
+    let mut told = pin!(told);
+    let mut unanswered = 0;
+    loop {
+        let sent = tokio::select! {
+            next = told.next() => match next {
+                Some(told) => timeout(PING, socket.send(told.message())).await.is_ok_and(|sent| sent.is_ok()),
+                None => break,
+            },
+            heard = socket.recv() => {
+                unanswered = 0;
+                matches!(heard, Some(Ok(_)))
+            }
+            () = sleep(PING) => {
+                unanswered += 1;
+                unanswered <= UNANSWERED && socket.send(Message::Ping(Bytes::new())).await.is_ok()
+            }
+        };
+        if !sent {
+            return;
+        }
+    }
+    // Who has gone does not hear it.
+    let _ = socket.send(Message::Close(None)).await;
+}
+
 /// The lines of a job's run log after so many, and those that come, to its end. The number of a line is its name, so
 /// that who was cut off asks for what comes after the latest.
-pub fn of_job(service: Arc<Service>, id: String, after: u64) -> impl Stream<Item = Result<Event, Infallible>> {
-    let path = service.shared.jobs().log(&id);
+pub fn of_job(service: Arc<Service>, id: String, after: u64) -> impl Stream<Item = Told> {
+    let path = service.shared.jobs_to_read().log(&id);
     let changes = service.shared.changes.subscribe();
     let lines = Lines { path, offset: 0, number: 0, after, rest: Vec::new(), found: Vec::new().into_iter() };
     unfold((service, id, changes, lines), |(service, id, mut changes, mut lines)| async move {
         loop {
             if let Some((number, line)) = lines.next() {
-                let event = Event::default().id(number.to_string()).event("log").data(line);
-                return Some((Ok(event), (service, id, changes, lines)));
+                let told = Told { event: "log", id: Some(number), data: line };
+                return Some((told, (service, id, changes, lines)));
             }
             let is_active = service.job(&id).is_some_and(|job| job.state == JobState::Active);
             changes.mark_unchanged();
@@ -95,7 +167,7 @@ impl Lines {
 }
 
 /// All robots, at once and whenever something has changed.
-pub fn of_robots(service: Arc<Service>) -> impl Stream<Item = Result<Event, Infallible>> {
+pub fn of_robots(service: Arc<Service>) -> impl Stream<Item = Told> {
     let changes = service.shared.changes.subscribe();
     unfold((service, changes, String::new()), |(service, mut changes, mut told)| async move {
         loop {
@@ -103,8 +175,8 @@ pub fn of_robots(service: Arc<Service>) -> impl Stream<Item = Result<Event, Infa
             let now = json_line(&service.robots());
             if now != told {
                 told.clone_from(&now);
-                let event = Event::default().event("robots").data(now.trim_end());
-                return Some((Ok(event), (service, changes, told)));
+                let next = Told { event: "robots", id: None, data: now.trim_end().to_owned() };
+                return Some((next, (service, changes, told)));
             }
             wait(&mut changes).await;
             sleep(BETWEEN).await;

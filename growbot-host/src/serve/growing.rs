@@ -7,18 +7,22 @@ use growbot_client::client::ClientError;
 use growbot_client::feedback::{ASSUMED, Feedback};
 use growbot_client::forecast::Forecast;
 use growbot_client::growth::{
-    Grown, GrowthError, Job as BoardJob, JobEvent, Manner, OnInterrupted, Orders, WhenParked, grow_job, resume_job,
+    Grown, GrowthError, Job as BoardJob, JobEvent, Manner, OnInterrupted, Orders, Outcome, WhenParked, grow_job,
+    resume_job,
 };
+use growbot_client::keep_clear::Surroundings;
 use growbot_client::plan::Plan;
 use growbot_client::run_log::{GrowthResult, Origin, ResultOutcome, RunLog, RunRecord, utc_text};
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::message::{Silence, State};
 use growbot_core::robot::Robot;
 use growbot_core::simulation::Imperfection;
+use growbot_scene::file::LoadedScene;
 use growbot_sim::truth::compare;
 use time::OffsetDateTime;
 
 use super::jobs::{Job, JobState};
+use super::notices::{About, Happening};
 use super::robot::{Connection, Keeper, Left, NewJob};
 use crate::watch::Live;
 
@@ -27,9 +31,18 @@ type Reply = Sender<Result<(), String>>;
 impl Keeper {
     /// Grows a new job.
     pub(super) fn begin(&self, connection: &mut Connection, new: NewJob, reply: Reply) -> Left {
-        let NewJob { job, plan, robot, feedback } = new;
+        let NewJob { job, plan, robot, scene, feedback } = new;
         let board_job = BoardJob::of_plan(&robot, &plan);
         let noise = feedback.then_some(ASSUMED);
+        let around = scene.as_ref().map(|scene| Surroundings::new(&robot, scene, plan.radius));
+        let feedback = noise.map(|noise| {
+            let feedback = Feedback::new(&robot, &plan.start, &plan.path, &plan.legs, noise);
+            around.iter().fold(feedback, Feedback::among)
+        });
+        if let Some(Err(too_near)) = feedback.as_ref().map(Feedback::can_begin) {
+            let remedy = "give the scene a larger margin_mm or the plan another radius, or say force";
+            return refuse(&reply, &format!("{too_near}: {remedy}"));
+        }
         let imperfection = Imperfection::default();
         let origin = Origin { port: &self.entry.port, imperfection: self.is_simulated().then_some(&imperfection) };
         let path = self.shared.jobs().log(&job.id);
@@ -37,7 +50,8 @@ impl Keeper {
             Ok(log) => log,
             Err(error) => return refuse(&reply, &error.to_string()),
         };
-        let feedback = noise.map(|noise| Feedback::new(&robot, &plan.start, &plan.path, &plan.legs, noise));
+        // Who asked may have given it up by now.
+        self.put(&job, JobState::Active, None);
         let mut growing = Growing::new(self, &job, &board_job, &[], log, Some(reply));
         let manner = Manner { silence: Silence::Pause, feedback, parked: WhenParked::Waits };
         let orders = Arc::clone(&growing.orders);
@@ -75,7 +89,7 @@ impl Keeper {
             Err(error) => return Left::Lost(error.to_string()),
         };
         let path = self.shared.jobs().log(&job.id);
-        let opened = || -> Result<(RunRecord, Robot, Plan), String> {
+        let opened = || -> Result<(RunRecord, Robot, Plan, Option<LoadedScene>), String> {
             let mut record = RunRecord::open(&path).map_err(|error| error.to_string())?;
             let robot = record.own_robot().map_err(|error| error.to_string())?;
             let plan = record.plan(&robot).map_err(|error| error.to_string())?;
@@ -85,15 +99,21 @@ impl Keeper {
                 return Err(stored.to_string());
             }
             may(hello.status.state)?;
-            Ok((record, robot, plan))
+            let scene = record.feedback.is_some().then(|| record.scene(&plan, &robot, None)).transpose();
+            let scene = scene.map_err(|error| error.to_string())?.flatten();
+            Ok((record, robot, plan, scene))
         };
-        let (record, robot, plan) = match opened() {
+        let (record, robot, plan, scene) = match opened() {
             Ok(opened) => opened,
             Err(why) => {
-                self.put(job, JobState::Interrupted, Some(&why));
+                // One that is to be resumed stays as it was.
+                if reply.is_none() {
+                    self.put(job, JobState::Interrupted, Some(&why));
+                }
                 if let Some(reply) = reply {
                     return refuse(&reply, &why);
                 }
+                self.tell(job, Happening::Interrupted, Some(&why));
                 return Left::Ready;
             }
         };
@@ -101,13 +121,17 @@ impl Keeper {
             Ok(log) => log,
             Err(error) => {
                 let why = error.to_string();
+                if let Some(reply) = reply {
+                    return refuse(&reply, &why);
+                }
                 self.put(job, JobState::Interrupted, Some(&why));
-                return reply.map_or(Left::Ready, |reply| refuse(&reply, &why));
+                return Left::Ready;
             }
         };
         let mut board_job = BoardJob::of_plan(&robot, &plan);
         (board_job.plan_id, board_job.layers) = (record.plan_id, record.layers.clone());
-        let feedback = record.feedback(&board_job, &plan, None);
+        let around = scene.as_ref().map(|scene| Surroundings::new(&robot, scene, plan.radius));
+        let feedback = record.feedback(&board_job, &plan, around.as_ref());
         let manner = Manner { silence: Silence::Pause, feedback, parked: WhenParked::Waits };
         self.put(job, JobState::Active, None);
         let mut growing = Growing::new(self, job, &board_job, &record.known(), log, reply);
@@ -124,8 +148,29 @@ impl Keeper {
         growing.end(grown, &plan)
     }
 
+    /// Stops the job that was under way when the line was lost, as was ordered then.
+    pub(super) fn stop_as_ordered(&self, connection: &mut Connection, job: &Job) -> Left {
+        match connection.client.stop() {
+            Ok(_) => {
+                self.know(|known| known.stop_when_back = false);
+                self.put(job, JobState::Interrupted, Some("stopped, as ordered when its line was lost"));
+                Left::Ready
+            }
+            Err(error) => Left::Lost(error.to_string()),
+        }
+    }
+
+    /// Tells something of a job.
+    fn tell(&self, job: &Job, event: Happening, why: Option<&str>) {
+        self.about(|about| self.shared.tell(&About { job: Some(&job.id), ..*about }, event, why));
+    }
+
     /// Enters how a job stands.
     fn put(&self, job: &Job, state: JobState, why: Option<&str>) {
+        if state == JobState::Done {
+            // Before it is entered: told twice is better than never, if the service is killed between.
+            self.tell(job, Happening::Finish, None);
+        }
         if let Err(error) = self.shared.jobs().set(&job.id, state, why) {
             crate::warning!("{error}");
         }
@@ -185,10 +230,8 @@ impl<'a> Growing<'a> {
         match event {
             JobEvent::Status(status) => {
                 let finish = self.forecast.and_then(|of| of.finish_of(OffsetDateTime::now_utc(), status));
-                self.keeper.know(|known| {
-                    known.status = Some(status.clone());
-                    known.finish_utc = finish.map(utc_text);
-                });
+                self.keeper.know(|known| known.finish_utc = finish.map(utc_text));
+                self.keeper.met(status.clone());
                 self.begun();
             }
             JobEvent::State(state) => self.keeper.know(|known| {
@@ -230,6 +273,7 @@ impl<'a> Growing<'a> {
         self.keeper.know(|known| (known.orders, known.live, known.finish_utc) = (None, None, None));
         let simulated = self.keeper.is_simulated();
         match grown {
+            Ok(grown) if grown.outcome == Outcome::Lost => self.leave("the board has not answered for too long"),
             Ok(grown) => {
                 let mut result = GrowthResult::new(&grown, plan, None, simulated);
                 let missing = self.log.missing();
@@ -239,13 +283,9 @@ impl<'a> Growing<'a> {
                 self.close(&result, result.fault.clone());
                 Left::Ready
             }
-            // The job goes on, or waits: it is taken up when the line is there again.
-            Err(GrowthError::During(error)) => {
-                let why = error.to_string();
-                self.begun();
-                Left::Lost(why)
-            }
+            Err(GrowthError::During(error)) => self.leave(&error.to_string()),
             Err(error) => {
+                let reply = self.reply.take();
                 let why = error.to_string();
                 let lost = matches!(&error, GrowthError::Before(ClientError::Port(_) | ClientError::Silent { .. }));
                 let nothing = GrowthResult::nothing_grown(ResultOutcome::Refused, plan, None, simulated);
@@ -256,12 +296,22 @@ impl<'a> Growing<'a> {
                     let interrupted = GrowthResult { outcome: ResultOutcome::Interrupted, ..nothing };
                     self.close(&interrupted, Some(why.clone()));
                 }
-                if let Some(reply) = self.reply.take() {
+                if let Some(reply) = reply {
                     let _ = reply.send(Err(why.clone()));
                 }
                 if lost { Left::Lost(why) } else { Left::Ready }
             }
         }
+    }
+
+    /// The job goes on, or waits: it is taken up when the line is there again. A stop that the board may not have heard
+    /// of is given then.
+    fn leave(&mut self, why: &str) -> Left {
+        self.live.leave();
+        let stops = self.orders.stops();
+        self.keeper.know(|known| known.stop_when_back |= stops);
+        self.begun();
+        Left::Lost(why.to_owned())
     }
 
     fn close(&mut self, result: &GrowthResult, why: Option<String>) {

@@ -4,16 +4,19 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use growbot_client::run_log::{ResultOutcome, RunRecord, utc_now};
-use rusqlite::{Connection, OptionalExtension, Row, named_params};
+use rusqlite::{Connection, OpenFlags, OptionalExtension, Row, named_params};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::Places;
 
-/// Version of the tables: `PRAGMA user_version`.
-const VERSION: i64 = 1;
+/// What makes the tables of each version out of those of the one before, the first out of nothing: `PRAGMA
+/// user_version` says how many of them were done. None is ever changed.
+const MIGRATIONS: [&str; 2] = [JOBS, NOTICES];
+/// Version of the tables.
+const VERSION: usize = MIGRATIONS.len();
 
-const TABLES: &str = "
+const JOBS: &str = "
     CREATE TABLE job (
         id TEXT PRIMARY KEY,
         robot TEXT NOT NULL,
@@ -30,7 +33,24 @@ const TABLES: &str = "
         idempotency_key TEXT UNIQUE
     ) STRICT;
     CREATE INDEX job_by_time ON job (created_utc);
-    PRAGMA user_version = 1;
+";
+
+/// Notices that wait, and what was told of each robot last.
+const NOTICES: &str = "
+    CREATE TABLE notice (
+        id INTEGER PRIMARY KEY AUTOINCREMENT,
+        channel TEXT NOT NULL,
+        notice TEXT NOT NULL,
+        created_ms INTEGER NOT NULL,
+        due_ms INTEGER NOT NULL,
+        attempts INTEGER NOT NULL DEFAULT 0
+    ) STRICT;
+    CREATE INDEX notice_by_time ON notice (channel, due_ms);
+    CREATE TABLE told (
+        robot TEXT PRIMARY KEY,
+        fault TEXT NOT NULL,
+        pause TEXT NOT NULL
+    ) STRICT;
 ";
 
 /// Why the list of jobs cannot be used.
@@ -140,7 +160,7 @@ pub struct Job {
 
 /// The list of jobs.
 pub struct Jobs {
-    database: Connection,
+    pub(super) database: Connection,
     logs: PathBuf,
 }
 
@@ -165,15 +185,42 @@ impl Jobs {
         }
         jobs.database
             .execute_batch("PRAGMA journal_mode = WAL; PRAGMA synchronous = FULL; PRAGMA busy_timeout = 2000;")?;
-        match jobs.database.query_row("PRAGMA user_version", [], |row| row.get(0))? {
-            0 => {
-                jobs.database.execute_batch(TABLES)?;
-                jobs.rebuild()?;
-            }
-            VERSION => {}
-            found => return Err(JobsError::Later { path, found }),
+        let found: i64 = jobs.database.query_row("PRAGMA user_version", [], |row| row.get(0))?;
+        match usize::try_from(found) {
+            Ok(found @ 0..=VERSION) => jobs.migrate(found)?,
+            _ => return Err(JobsError::Later { path, found }),
         }
+        jobs.end_what_never_began()?;
         Ok(jobs)
+    }
+
+    /// Ends jobs that were entered, but that no robot had begun when the service ended: they have no run log.
+    fn end_what_never_began(&self) -> Result<(), JobsError> {
+        let mut statement = self.database.prepare("SELECT id FROM job WHERE state = 'active'")?;
+        let active: Vec<String> = statement.query_map([], |row| row.get(0))?.collect::<Result<_, _>>()?;
+        let mut never_begun = active.iter().filter(|id| !self.log(id).exists());
+        never_begun.try_for_each(|id| self.set(id, JobState::Ended, Some("the service ended before it had begun")))
+    }
+
+    /// Brings tables of an earlier version up to this one: all of it, or nothing.
+    fn migrate(&self, found: usize) -> Result<(), JobsError> {
+        if found == VERSION {
+            return Ok(());
+        }
+        let transaction = self.database.unchecked_transaction()?;
+        MIGRATIONS[found..].iter().try_for_each(|migration| self.database.execute_batch(migration))?;
+        if found == 0 {
+            self.rebuild()?;
+        }
+        self.database.pragma_update(None, "user_version", VERSION as i64)?;
+        Ok(transaction.commit()?)
+    }
+
+    /// Opens the list, which must have been opened before, to look at it beside the connection that writes.
+    pub fn open_to_read(places: &Places) -> Result<Self, JobsError> {
+        let database = Connection::open_with_flags(places.database(), OpenFlags::SQLITE_OPEN_READ_ONLY)?;
+        database.execute_batch("PRAGMA busy_timeout = 2000;")?;
+        Ok(Self { database, logs: places.logs() })
     }
 
     fn is_sound(&self) -> bool {
@@ -185,11 +232,15 @@ impl Jobs {
     fn rebuild(&self) -> Result<(), JobsError> {
         let entries = fs::read_dir(&self.logs).map_err(|error| JobsError::of(&self.logs, &error))?;
         for path in entries.flatten().map(|entry| entry.path()) {
-            let Some((id, record)) = path.file_stem().and_then(|id| id.to_str()).zip(RunRecord::open(&path).ok())
-            else {
-                continue;
-            };
+            let Some(id) = path.file_stem().and_then(|id| id.to_str()) else { continue };
             let Some((_, robot)) = id.split_once('_') else { continue };
+            let record = match RunRecord::open(&path) {
+                Ok(record) => record,
+                Err(error) => {
+                    crate::warning!("a job is missing in the list, whose run log cannot be read: {error}");
+                    continue;
+                }
+            };
             let created = id.split('_').next().unwrap_or_default();
             let outcome = record.result.as_ref().map(|result| result.outcome);
             let job = Job {
@@ -232,7 +283,7 @@ impl Jobs {
     /// Enters a job.
     pub fn enter(&self, job: &Job, key: Option<&str>) -> Result<(), JobsError> {
         let insert = format!(
-            "INSERT OR REPLACE INTO job ({COLUMNS}, idempotency_key) VALUES (:id, :robot, :name, :state, :plan_id, \
+            "INSERT INTO job ({COLUMNS}, idempotency_key) VALUES (:id, :robot, :name, :state, :plan_id, \
              :layers, :laid, :length_mm, :simulated, :created_utc, :ended_utc, :why, :key)"
         );
         self.database.execute(
@@ -257,9 +308,10 @@ impl Jobs {
         self.one("id = ?1", id)
     }
 
-    /// The job that a robot has under way.
+    /// The job that a robot has under way; not one that it is just asked to begin, which has no run log yet.
     pub fn active(&self, robot: &str) -> Result<Option<Job>, JobsError> {
-        self.one("state = 'active' AND robot = ?1", robot)
+        let job = self.one("state = 'active' AND robot = ?1", robot)?;
+        Ok(job.filter(|job| self.log(&job.id).exists()))
     }
 
     fn one(&self, which: &str, value: &str) -> Result<Option<Job>, JobsError> {
@@ -275,9 +327,12 @@ impl Jobs {
         Ok(rows.collect::<Result<_, _>>()?)
     }
 
-    /// So many layers of a job are laid.
+    /// So many layers of a job are laid. What a loss of power takes of that, the run log has: nobody waits for the disk.
     pub fn laid(&self, id: &str, laid: u32, layers: u32) -> Result<(), JobsError> {
-        self.database.execute("UPDATE job SET laid = ?2, layers = ?3 WHERE id = ?1", (id, laid, layers))?;
+        self.database.pragma_update(None, "synchronous", "NORMAL")?;
+        let updated = self.database.execute("UPDATE job SET laid = ?2, layers = ?3 WHERE id = ?1", (id, laid, layers));
+        self.database.pragma_update(None, "synchronous", "FULL")?;
+        updated?;
         Ok(())
     }
 
@@ -286,6 +341,13 @@ impl Jobs {
         let ended = (state != JobState::Active).then(utc_now);
         let update = "UPDATE job SET state = ?2, why = ?3, ended_utc = ?4 WHERE id = ?1";
         self.database.execute(update, (id, state.name(), why, ended))?;
+        Ok(())
+    }
+
+    /// The robot has refused a job: it may be asked for again with the same key.
+    pub fn refused(&self, id: &str, why: &str) -> Result<(), JobsError> {
+        self.set(id, JobState::Ended, Some(why))?;
+        self.database.execute("UPDATE job SET idempotency_key = NULL WHERE id = ?1", [id])?;
         Ok(())
     }
 }
@@ -320,4 +382,70 @@ fn written_time(compact: &str) -> String {
         part(13, 15),
         part(15, 18)
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A database as the first release with this version of the tables has written it.
+    fn of_version(version: usize) -> (tempfile::TempDir, Places) {
+        let directory = tempfile::tempdir().unwrap();
+        let places = Places::within(directory.path().to_path_buf());
+        places.create().unwrap();
+        let database = Connection::open(places.database()).unwrap();
+        MIGRATIONS[..version.min(VERSION)].iter().for_each(|tables| database.execute_batch(tables).unwrap());
+        database.pragma_update(None, "user_version", version as i64).unwrap();
+        let job = "INSERT INTO job VALUES ('20261123T014500123_lab', 'lab', 'a body', 'done', '00000000000000ff', 78, 78, \
+                   60.0, 1, '2026-11-23T01:45:00.123Z', '2026-11-23T02:45:00Z', 'done', 'a key')";
+        database.execute(job, []).unwrap();
+        (directory, places)
+    }
+
+    #[test]
+    fn tables_of_every_earlier_version_are_brought_up_to_this_one() {
+        for version in 1..=VERSION {
+            let (_directory, places) = of_version(version);
+            for _ in 0..2 {
+                let jobs = Jobs::open(&places).unwrap();
+                let job = jobs.with_key("a key").unwrap().unwrap();
+                assert_eq!((job.id.as_str(), job.laid, job.state), ("20261123T014500123_lab", 78, JobState::Done));
+                let found: i64 = jobs.database.query_row("PRAGMA user_version", [], |row| row.get(0)).unwrap();
+                assert_eq!(found, VERSION as i64, "from {version}");
+                assert_eq!(jobs.database.query_row("SELECT count(*) FROM notice", [], |row| row.get(0)), Ok(0_i64));
+            }
+        }
+    }
+
+    #[test]
+    fn a_job_is_under_way_from_its_run_log_on() {
+        let (_directory, places) = of_version(VERSION);
+        let jobs = Jobs::open(&places).unwrap();
+        jobs.set("20261123T014500123_lab", JobState::Active, None).unwrap();
+        assert_eq!(jobs.active("lab").unwrap(), None);
+        fs::write(jobs.log("20261123T014500123_lab"), "{}").unwrap();
+        assert_eq!(Jobs::open(&places).unwrap().active("lab").unwrap().unwrap().laid, 78);
+        fs::remove_file(jobs.log("20261123T014500123_lab")).unwrap();
+        let ended = Jobs::open(&places).unwrap().get("20261123T014500123_lab").unwrap().unwrap();
+        assert_eq!(
+            (ended.state, ended.why.as_deref()),
+            (JobState::Ended, Some("the service ended before it had begun"))
+        );
+    }
+
+    #[test]
+    fn tables_of_a_later_release_are_left_as_they_are_and_what_to_do_is_said() {
+        let (_directory, places) = of_version(VERSION + 1);
+        let before = fs::read(places.database()).unwrap();
+        let said = Jobs::open(&places).err().unwrap().to_string();
+        for part in
+            ["jobs.sqlite", "later release", "tables 3, known 2", "use that release", "made anew from the run logs"]
+        {
+            assert!(said.contains(part), "{said}");
+        }
+        drop(Jobs::open(&places));
+        let found = Connection::open(places.database()).unwrap();
+        let version: i64 = found.query_row("PRAGMA user_version", [], |row| row.get(0)).unwrap();
+        assert_eq!((version, before.is_empty()), (VERSION as i64 + 1, false));
+    }
 }

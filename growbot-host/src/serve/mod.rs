@@ -4,32 +4,46 @@
 //! - [`config`]: which robots there are; `robot`: one of them, with the thread that owns its board; `growing`: a job on
 //!   its board;
 //! - [`jobs`]: all jobs, in a database that can be rebuilt from their run logs; `audit`: who has ordered what;
-//! - [`api`]: HTTP; [`server`]: on the loopback interface, behind a token, and on a socket of the user's;
+//! - [`api`]: HTTP, with `streams` of events; `document`: what its OpenAPI document adds; [`server`]: on the loopback
+//!   interface, behind a token, and on a socket of the user's; `limits`: what clients may take of it;
+//! - [`notices`]: what those are told who do not look; `notify`: by whom;
 //! - [`caller`]: the other end of that socket.
 
 pub mod api;
 mod audit;
 pub mod caller;
 pub mod config;
+mod document;
 mod events;
 mod growing;
 pub mod jobs;
+pub mod lending;
+mod limits;
+pub mod notices;
+mod notify;
+pub mod orders;
 mod places;
 mod problem;
 mod robot;
+mod scenes;
 pub mod server;
+mod streams;
 #[cfg(test)]
 mod tests;
+pub mod wanted;
 
 use std::collections::{BTreeMap, VecDeque};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use tokio::sync::watch;
 
+use self::api::Addresses;
 use self::audit::Audit;
-use self::config::RobotEntry;
+use self::config::{NotifyEntry, RobotEntry};
 pub use self::jobs::JobsError;
 use self::jobs::{Job, Jobs};
+use self::notify::Notify;
+pub use self::notify::NotifyError;
 pub use self::places::Places;
 use self::robot::Keeper;
 pub use self::robot::{RobotState, RobotView};
@@ -39,6 +53,19 @@ pub struct Service {
     places: Places,
     robots: BTreeMap<String, Arc<Keeper>>,
     shared: Arc<Shared>,
+    /// Where its page is, once it is served.
+    addresses: OnceLock<Addresses>,
+}
+
+/// Why the service cannot be started.
+#[derive(Debug, thiserror::Error)]
+pub enum StartError {
+    /// Its files.
+    #[error(transparent)]
+    Jobs(#[from] JobsError),
+    /// Whom it is to tell.
+    #[error(transparent)]
+    Notify(#[from] NotifyError),
 }
 
 /// Pages of plans that are kept to be looked at.
@@ -54,7 +81,10 @@ struct Previews {
 /// What the threads of all robots and the server share.
 struct Shared {
     jobs: Mutex<Jobs>,
+    /// The same to look at: the server does not wait until a robot's thread has written to the disk.
+    jobs_to_read: Mutex<Jobs>,
     audit: Audit,
+    notify: Notify,
     previews: Mutex<Previews>,
     /// Counts what has changed; each open connection listens.
     changes: watch::Sender<u64>,
@@ -82,6 +112,10 @@ impl Shared {
         self.jobs.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    fn jobs_to_read(&self) -> MutexGuard<'_, Jobs> {
+        self.jobs_to_read.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     /// Has all who listen look anew.
     fn changed(&self) {
         self.changes.send_modify(|changes| *changes = changes.wrapping_add(1));
@@ -92,21 +126,29 @@ impl Service {
     /// Opens the jobs, and has a thread own each robot.
     ///
     /// # Errors
-    /// [`JobsError`]: the directory or the database cannot be used.
-    pub fn start(places: Places, robots: &BTreeMap<String, RobotEntry>) -> Result<Self, JobsError> {
+    /// [`StartError`]: the directory or the database cannot be used, or what is configured cannot be done.
+    pub fn start(
+        places: Places,
+        robots: &BTreeMap<String, RobotEntry>,
+        notify: &NotifyEntry,
+    ) -> Result<Self, StartError> {
         let jobs = Jobs::open(&places)?;
         let audit = Audit::open(&places.audit())?;
+        let (notify, tellers) = Notify::new(notify, &places)?;
         let shared = Arc::new(Shared {
             jobs: Mutex::new(jobs),
+            jobs_to_read: Mutex::new(Jobs::open_to_read(&places)?),
             audit,
+            notify,
             previews: Mutex::default(),
             changes: watch::Sender::new(0),
         });
+        tellers.start(&shared);
         let robots = robots
             .iter()
             .map(|(name, entry)| (name.clone(), Keeper::start(name, entry, Arc::clone(&shared))))
             .collect();
-        Ok(Self { places, robots, shared })
+        Ok(Self { places, robots, shared, addresses: OnceLock::new() })
     }
 
     /// Where the service keeps what it knows.
@@ -127,6 +169,6 @@ impl Service {
 
     /// A job.
     fn job(&self, id: &str) -> Option<Job> {
-        self.shared.jobs().get(id).ok().flatten()
+        self.shared.jobs_to_read().get(id).ok().flatten()
     }
 }

@@ -36,7 +36,7 @@ impl Places {
     /// # Errors
     /// The system's.
     pub fn create(&self) -> io::Result<()> {
-        for directory in [&self.state, &self.runtime, &self.logs()] {
+        for directory in [&self.state, &self.runtime, &self.logs(), &self.scenes()] {
             fs::DirBuilder::new().recursive(true).mode(0o700).create(directory)?;
         }
         Ok(())
@@ -52,6 +52,12 @@ impl Places {
     #[must_use]
     pub fn logs(&self) -> PathBuf {
         self.state.join("jobs")
+    }
+
+    /// The scenes that were sent.
+    #[must_use]
+    pub fn scenes(&self) -> PathBuf {
+        self.state.join("scenes")
     }
 
     /// The list of jobs.
@@ -70,6 +76,12 @@ impl Places {
     #[must_use]
     pub fn tokens(&self) -> PathBuf {
         self.state.join("tokens")
+    }
+
+    /// The secret by which receivers know that a notice is ours.
+    #[must_use]
+    pub fn webhook_secret(&self) -> PathBuf {
+        self.state.join("webhook-secret")
     }
 
     /// The socket that commands use.

@@ -1,5 +1,7 @@
 //! Why a request was not carried out: problem details, RFC 9457.
 
+use std::time::Duration;
+
 use aide::OperationOutput;
 use aide::generate::GenContext;
 use aide::openapi::{Operation, Response as Described};
@@ -48,6 +50,34 @@ impl Problem {
             "read-only",
             "this address may only look: use the one with the operating token",
         )
+    }
+
+    /// It is not for those who ask here.
+    pub fn forbidden(detail: impl ToString) -> Self {
+        Self::new(StatusCode::FORBIDDEN, "not from here", detail)
+    }
+
+    /// The request is too long.
+    pub fn too_long(max: usize) -> Self {
+        let detail = format!("the request is longer than {max} bytes: send less");
+        Self::new(StatusCode::PAYLOAD_TOO_LARGE, "too long", detail)
+    }
+
+    /// The request takes too long to come.
+    pub fn too_slow(max: Duration) -> Self {
+        let detail = format!("the request was not whole within {} s: send it faster", max.as_secs());
+        Self::new(StatusCode::REQUEST_TIMEOUT, "too slow", detail)
+    }
+
+    /// Others have taken all there is.
+    pub fn busy(why: &str) -> Self {
+        Self::new(StatusCode::SERVICE_UNAVAILABLE, "busy", format!("{why}: try again when one of them has ended"))
+    }
+
+    /// What was refused before it reached whoever would say why in so many words.
+    pub fn of(status: StatusCode, said: &str) -> Self {
+        let reason = status.canonical_reason().unwrap_or("refused");
+        Self::new(status, reason, if said.is_empty() { reason } else { said })
     }
 
     /// The service itself failed.

@@ -1,6 +1,7 @@
 //! One robot of the service: a thread owns its board, and finds it again when its port comes back.
 
 use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{self, Receiver, Sender};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
@@ -13,6 +14,7 @@ use growbot_client::plan::Plan;
 use growbot_client::robot_file;
 use growbot_core::link::message::{BoardHello, Cancel, Fault, Message, PauseCause, State, Status, Task};
 use growbot_core::robot::Robot;
+use growbot_scene::file::LoadedScene;
 use growbot_sim::port::{self, Opened, PortName, TipSettings};
 use growbot_sim::resident::Place;
 use growbot_sim::truth::Simulation;
@@ -21,7 +23,9 @@ use serde::{Deserialize, Serialize};
 
 use super::Shared;
 use super::config::RobotEntry;
-use super::jobs::Job;
+use super::jobs::{Job, JobState};
+use super::lending::Loan;
+use super::notices::{About, Condition};
 use crate::switch::switch_on;
 use crate::watch::Live;
 
@@ -88,6 +92,8 @@ pub struct NewJob {
     pub job: Job,
     pub plan: Plan,
     pub robot: Robot,
+    /// What corrections are kept clear of.
+    pub scene: Option<LoadedScene>,
     pub feedback: bool,
 }
 
@@ -100,16 +106,26 @@ pub enum Ask {
     EmergencyStop,
     ClearFault,
     Task(Task),
+    /// Give the line up, until it is back.
+    Lend(Loan),
 }
 
 /// A question, and who waits for the answer.
 pub struct Asked {
     pub ask: Ask,
     pub reply: Sender<Result<(), String>>,
+    /// Whether the robot has taken it on, or who asked has given it up: whichever was first.
+    settled: Arc<AtomicBool>,
 }
 
 impl Asked {
-    fn answer(self, answer: Result<(), String>) {
+    /// Takes it on, unless it was given up. An emergency stop is never too late.
+    fn take(&self) -> bool {
+        let is_given_up = self.settled.swap(true, Ordering::AcqRel);
+        !is_given_up || matches!(self.ask, Ask::EmergencyStop)
+    }
+
+    pub(super) fn answer(self, answer: Result<(), String>) {
         // Who asked may have gone.
         let _ = self.reply.send(answer);
     }
@@ -122,6 +138,10 @@ pub struct Keeper {
     pub(super) shared: Arc<Shared>,
     known: Mutex<Known>,
     asks: Sender<Asked>,
+    /// What was told of it last, as far as this process knows.
+    told: Mutex<Option<Condition>>,
+    /// Held from the look whether it has a job to the beginning of another.
+    beginning: Mutex<()>,
 }
 
 /// What is known of a robot.
@@ -138,6 +158,8 @@ pub struct Known {
     pub live: Option<Arc<Live>>,
     pub finish_utc: Option<String>,
     pub refused: Option<String>,
+    /// A stop was ordered that the board may not have heard of when its line was lost.
+    pub stop_when_back: bool,
 }
 
 /// A board that was met.
@@ -154,6 +176,8 @@ pub enum Left {
     Ready,
     /// The line has broken, or the board is silent: why.
     Lost(String),
+    /// The line is to be lent; who waits for it.
+    Lent(Loan, Sender<Result<(), String>>),
 }
 
 impl Keeper {
@@ -161,7 +185,15 @@ impl Keeper {
     pub(super) fn start(name: &str, entry: &RobotEntry, shared: Arc<Shared>) -> Arc<Self> {
         let (asks, asked) = mpsc::channel();
         let known = Mutex::new(Known { trouble: Some("it is looked for".to_owned()), ..Known::default() });
-        let keeper = Arc::new(Self { name: name.to_owned(), entry: entry.clone(), shared, known, asks });
+        let keeper = Arc::new(Self {
+            name: name.to_owned(),
+            entry: entry.clone(),
+            shared,
+            known,
+            asks,
+            told: Mutex::default(),
+            beginning: Mutex::default(),
+        });
         let own = Arc::clone(&keeper);
         let spawned = thread::Builder::new().name(format!("robot {name}")).spawn(move || own.keep(&asked));
         if let Err(error) = spawned {
@@ -180,7 +212,30 @@ impl Keeper {
         self.shared.changed();
     }
 
-    fn port(&self) -> Result<PortName, String> {
+    /// Its board has said how it is.
+    pub(super) fn met(&self, status: Status) {
+        let condition = Condition::of(&status);
+        self.know(|known| known.status = Some(status));
+        let mut told = self.told.lock().unwrap_or_else(PoisonError::into_inner);
+        if told.as_ref() != Some(&condition) {
+            self.about(|about| self.shared.tell_condition(about, &condition));
+            *told = Some(condition);
+        }
+    }
+
+    /// What is to be said of it in a notice.
+    pub(super) fn about(&self, tell: impl FnOnce(&About)) {
+        let view = self.view();
+        tell(&About {
+            robot: &self.name,
+            simulated: view.simulated,
+            job: view.job.as_deref(),
+            laid: view.laid,
+            layers: view.layers,
+        });
+    }
+
+    pub(super) fn port(&self) -> Result<PortName, String> {
         self.entry.port.parse().map_err(|error: port::OpenError| error.to_string())
     }
 
@@ -261,24 +316,60 @@ impl Keeper {
         known.orders.as_ref().map(|orders| orders.give(order)).is_some()
     }
 
+    /// Its holder begins a job, and nobody else does.
+    pub(super) fn begins(&self) -> MutexGuard<'_, ()> {
+        self.beginning.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Refuses what cannot be begun beside the job that is under way. One that has just ended may still be known here.
+    pub(super) fn has_no_job(&self) -> Result<(), String> {
+        let job = self.known().job.clone();
+        let is_active = |id: &String| {
+            let job = self.shared.jobs_to_read().get(id);
+            job.is_ok_and(|job| job.is_some_and(|job| job.state == JobState::Active))
+        };
+        job.filter(is_active)
+            .map_or(Ok(()), |job| Err(format!("robot {} has a job, {job}: wait for its end, or stop it", self.name)))
+    }
+
     /// Asks something of the robot, and waits for the answer.
     ///
     /// # Errors
     /// Why it was refused.
     pub fn ask(&self, ask: Ask, limit: Duration) -> Result<(), String> {
         let (reply, answer) = mpsc::channel();
-        self.asks.send(Asked { ask, reply }).map_err(|_| "its thread has ended: restart the service".to_owned())?;
-        let late = |_| format!("robot {} has not answered for {} s: look at its state", self.name, limit.as_secs());
-        answer.recv_timeout(limit).map_err(late)?
+        let settled = Arc::new(AtomicBool::new(false));
+        let asked = Asked { ask, reply, settled: Arc::clone(&settled) };
+        self.asks.send(asked).map_err(|_| "its thread has ended: restart the service".to_owned())?;
+        answer.recv_timeout(limit).unwrap_or_else(|_| {
+            let (robot, limit) = (&self.name, limit.as_secs_f64());
+            // It would come unexpectedly later, when the robot has ended what it does.
+            Err(match settled.swap(true, Ordering::AcqRel) {
+                false => format!("robot {robot} has not taken it on for {limit:.0} s, and it was given up: try again"),
+                true => {
+                    format!("robot {robot} has taken it on, and not ended it within {limit:.0} s: look at its state")
+                }
+            })
+        })
     }
 
     /// Owns the robot, for ever.
     fn keep(self: Arc<Self>, asked: &Receiver<Asked>) {
         let mut switches_on = true;
         loop {
-            let why = match self.connect(switches_on) {
+            let left = match self.connect(switches_on) {
                 Ok(connection) => self.own(connection, asked),
-                Err(why) => why,
+                Err(why) => Left::Lost(why),
+            };
+            let why = match left {
+                Left::Ready => continue,
+                Left::Lost(why) => why,
+                Left::Lent(loan, reply) => {
+                    // The line is closed now. Who waits for it may have gone.
+                    let _ = reply.send(Ok(()));
+                    self.wait_for_line(&loan, asked);
+                    continue;
+                }
             };
             // Who switches it off later wants it off.
             switches_on = false;
@@ -331,27 +422,33 @@ impl Keeper {
         Ok(Connection { client, simulation, robot, hello })
     }
 
-    /// Looks after a board until its line is lost; gives why.
-    fn own(&self, mut connection: Connection, asked: &Receiver<Asked>) -> String {
+    /// Looks after a board until its line is lost or to be lent.
+    fn own(&self, mut connection: Connection, asked: &Receiver<Asked>) -> Left {
         let active = self.shared.jobs().active(&self.name).ok().flatten();
         self.know(|known| {
             known.trouble = None;
             known.robot = Some(connection.robot.clone());
-            known.status = Some(connection.hello.status.clone());
             known.job = active.as_ref().map(|job| job.id.clone());
         });
-        if let Some(job) = active
-            && let Left::Lost(why) = self.take_up(&mut connection, &job)
-        {
-            return why;
+        self.met(connection.hello.status.clone());
+        if let Some(job) = active {
+            let stops = self.known().stop_when_back;
+            let left = match stops {
+                true => self.stop_as_ordered(&mut connection, &job),
+                false => self.take_up(&mut connection, &job),
+            };
+            if matches!(left, Left::Lost(_)) {
+                return left;
+            }
         }
         loop {
             let done = match asked.try_recv() {
-                Ok(asked) => self.answer(&mut connection, asked),
+                Ok(asked) if asked.take() => self.answer(&mut connection, asked),
+                Ok(_) => Left::Ready,
                 Err(_) => self.look(&mut connection.client),
             };
-            if let Left::Lost(why) = done {
-                return why;
+            if !matches!(done, Left::Ready) {
+                return done;
             }
         }
     }
@@ -364,7 +461,7 @@ impl Keeper {
             Ok(status) => {
                 let is_new = self.known().status.as_ref() != Some(&status);
                 if is_new {
-                    self.know(|known| known.status = Some(status));
+                    self.met(status);
                 }
                 Left::Ready
             }
@@ -377,6 +474,7 @@ impl Keeper {
         let done = match asked.ask {
             Ask::Grow(new) => return self.begin(connection, *new, asked.reply),
             Ask::Resume(job) => return self.resume(connection, &job, asked.reply),
+            Ask::Lend(loan) => return Left::Lent(loan, asked.reply),
             Ask::Cancel => client.status().and_then(|status| {
                 let cancel = Message::Cancel(Cancel { plan_id: status.plan_id });
                 client.request("to give the body up", &cancel).map(drop)
@@ -396,7 +494,7 @@ impl Keeper {
 }
 
 /// Why it pauses, in words.
-fn pause(cause: PauseCause) -> &'static str {
+pub(super) fn pause(cause: PauseCause) -> &'static str {
     match cause {
         PauseCause::LayersExhausted => "it waits for layers",
         PauseCause::Requested => "as asked",

@@ -7,17 +7,21 @@ use std::os::unix::fs::{OpenOptionsExt, PermissionsExt};
 use std::path::Path;
 use std::sync::Arc;
 
-use aide::openapi::OpenApi;
+use axum::body::to_bytes;
 use axum::extract::Request;
-use axum::http::header::CONTENT_TYPE;
-use axum::middleware::{from_fn, map_request};
-use axum::response::Html;
+use axum::http::HeaderValue;
+use axum::http::header::{ALLOW, CONTENT_TYPE};
+use axum::middleware::{from_fn, from_fn_with_state, map_request, map_response};
+use axum::response::{Html, IntoResponse, Response};
 use axum::routing::get;
-use axum::{Extension, Json, Router};
+use axum::{Json, Router};
+use serde_json::Value;
 use tokio::net::{TcpListener, UnixListener, UnixStream};
 
-use super::api::{self, Access};
+use super::api::{self, Access, Addresses};
 use super::audit::By;
+use super::limits::{Door, Visitor, in_turn, whole_body};
+use super::problem::Problem;
 use super::{Places, Service};
 use crate::watch::guard::{guard, nothing};
 use crate::watch::token;
@@ -29,6 +33,9 @@ const STYLE: &str = include_str!("../../viewer/robots/robots.css");
 /// What the page may load: what comes from the service alone.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src data:; connect-src 'self'; frame-src 'self'; \
                       form-action 'self'; base-uri 'none'; frame-ancestors 'none'";
+
+/// A reason is no longer, bytes.
+const MAX_REASON: usize = 4096;
 
 /// Why the service cannot be reached.
 #[derive(Debug, thiserror::Error)]
@@ -70,13 +77,18 @@ impl Tokens {
             return Ok(Self { operate: operate.to_owned(), read: read.to_owned() });
         }
         let tokens = Self { operate: new_token()?, read: new_token()? };
-        let aside = path.with_extension("new");
-        let mut file = fs::File::options().write(true).create(true).truncate(true).mode(0o600).open(&aside)?;
-        writeln!(file, "{}\n{}", tokens.operate, tokens.read)?;
-        file.sync_all()?;
-        fs::rename(&aside, path)?;
+        write_secret(path, &format!("{}\n{}\n", tokens.operate, tokens.read))?;
         Ok(tokens)
     }
+}
+
+/// Writes a file that its user alone may read: whole, or not at all.
+pub(super) fn write_secret(path: &Path, text: &str) -> io::Result<()> {
+    let aside = path.with_extension("new");
+    let mut file = fs::File::options().write(true).create(true).truncate(true).mode(0o600).open(&aside)?;
+    file.write_all(text.as_bytes())?;
+    file.sync_all()?;
+    fs::rename(&aside, path)
 }
 
 fn new_token() -> io::Result<String> {
@@ -128,28 +140,37 @@ impl Server {
     /// # Errors
     /// The system's.
     pub async fn serve(self, service: Arc<Service>) -> io::Result<()> {
+        let [operate, look] = self.addresses()?;
+        // It is served once.
+        let _ = service.addresses.set(Addresses { operate, look });
         let (router, document) = api::routes();
         let document = Arc::new(document);
-        let site = |access| site(router.clone(), Arc::clone(&document), access).with_state(Arc::clone(&service));
+        let site = |access, door: &Arc<Door>| {
+            site(router.clone(), Arc::clone(&document), access, door).with_state(Arc::clone(&service))
+        };
+        let [page_door, command_door] = Door::two();
         let pages = Router::new()
-            .nest(&format!("/{}/", self.tokens.operate), site(Access::Operate(By::Page)))
-            .nest(&format!("/{}/", self.tokens.read), site(Access::Read))
+            .nest(&format!("/{}/", self.tokens.operate), site(Access::Operate(By::Page), &page_door))
+            .nest(&format!("/{}/", self.tokens.read), site(Access::Read, &page_door))
             .fallback(nothing)
             .layer(from_fn(guard));
-        let commands = site(Access::Operate(By::Command));
-        let tcp = axum::serve(self.tcp, pages).into_future();
-        let unix = axum::serve(self.unix, commands).into_future();
+        let commands = site(Access::Operate(By::Command), &command_door);
+        let tcp = page_door.serve(self.tcp, pages);
+        let unix = command_door.serve(self.unix, commands);
         tokio::select! { ended = tcp => ended, ended = unix => ended }
     }
 }
 
 /// The page and the interface for who has such access.
-fn site(router: Router<Arc<Service>>, document: Arc<OpenApi>, access: Access) -> Router<Arc<Service>> {
+fn site(router: Router<Arc<Service>>, document: Arc<Value>, access: Access, door: &Arc<Door>) -> Router<Arc<Service>> {
     let openapi = move || {
         let document = Arc::clone(&document);
-        async move { Json(OpenApi::clone(&document)) }
+        async move { Json(Value::clone(&document)) }
     };
     let insert = move |mut request: Request| async move {
+        if let Some(visitor) = request.extensions().get::<Visitor>() {
+            visitor.is_let_in();
+        }
         request.extensions_mut().insert(access);
         request
     };
@@ -159,6 +180,25 @@ fn site(router: Router<Arc<Service>>, document: Arc<OpenApi>, access: Access) ->
         .route("/robots.css", get(|| async { ([(CONTENT_TYPE, "text/css")], STYLE) }))
         .route(&format!("{}/openapi.json", api::PREFIX), get(openapi))
         .nest(api::PREFIX, router)
+        .layer(from_fn_with_state(Arc::clone(door), in_turn))
+        .layer(from_fn_with_state(Arc::clone(door), whole_body))
         .layer(map_request(insert))
-        .layer(Extension(access))
+        .layer(map_response(as_problem))
+}
+
+/// Says why in the form that all refusals have.
+async fn as_problem(response: Response) -> Response {
+    let status = response.status();
+    let is_text = |kind: &HeaderValue| kind.as_bytes().starts_with(b"text/plain");
+    let is_told = response.headers().get(CONTENT_TYPE).is_some_and(|kind| !is_text(kind));
+    if is_told || !(status.is_client_error() || status.is_server_error()) {
+        return response;
+    }
+    let allowed = response.headers().get(ALLOW).cloned();
+    let said = to_bytes(response.into_body(), MAX_REASON).await.unwrap_or_default();
+    let mut problem = Problem::of(status, &String::from_utf8_lossy(&said)).into_response();
+    if let Some(allowed) = allowed {
+        problem.headers_mut().insert(ALLOW, allowed);
+    }
+    problem
 }

@@ -2,6 +2,8 @@
 
 const api = "api/v1";
 const cards = new Map();
+/** Whether this address may give orders. */
+let may = false;
 const byId = (id) => document.getElementById(id);
 const units = {
   preheat: "Temperature in C, or a material; empty for that of growth", cooldown: "", home: "",
@@ -9,9 +11,12 @@ const units = {
   rotate: "Angle in degrees", jog: "Length in mm, negative to pull",
 };
 
-/** Asks the service; throws what it says against it. */
+/** Asks the service, or sends it something or a file; throws what it says against it. */
 async function ask(path, what) {
-  const options = what === undefined ? {} : { method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify(what) };
+  const options = {};
+  if (what !== undefined) options.method = "POST";
+  if (what instanceof File) options.body = what;
+  else if (what !== undefined) Object.assign(options, { headers: { "content-type": "application/json" }, body: JSON.stringify(what) });
   const answer = await fetch(`${api}/${path}`, options);
   const text = await answer.text();
   let said;
@@ -39,7 +44,7 @@ function cardOf(name) {
   for (const button of card.querySelectorAll("[data-order]")) {
     button.addEventListener("click", () => order(of, button.dataset.order));
   }
-  find("[data-look]").addEventListener("click", () => look(of.robot.job, `${name}: the body as it grows`));
+  find("[data-look]").addEventListener("click", () => open(`${api}/jobs/${of.robot.job}/live/`, `${name}: the body as it grows`, of));
   find("form.grow").addEventListener("submit", (event) => grow(of, event));
   find("form.maintain").addEventListener("submit", (event) => maintain(of, event));
   find("select").addEventListener("change", () => task(of));
@@ -72,11 +77,20 @@ async function attempt(of, words, what) {
 
 const order = (of, name) => attempt(of, name.replace("-", " "), async () => show([await ask(`robots/${of.robot.name}/orders`, { order: name })]));
 
+function parsed(text, name) {
+  try {
+    return JSON.parse(text);
+  } catch (error) {
+    throw new Error(`${name} is no plan (${error.message}): choose a file that \`growbot plan -o\` has written`);
+  }
+}
+
 async function wanted(form) {
-  const [file] = form.plan.files;
+  const [[file], [scene]] = [form.plan.files, form.scene.files];
   const goal = form.to.value.trim();
   const options = { feedback: form.feedback.checked, force: form.force.checked };
-  if (file) return { ...options, plan: JSON.parse(await file.text()), name: file.name };
+  if (scene) options.scene = (await ask(`scenes?name=${encodeURIComponent(scene.name)}`, scene)).scene;
+  if (file) return { ...options, plan: parsed(await file.text(), file.name), name: file.name };
   return { ...options, to: goal };
 }
 
@@ -97,7 +111,7 @@ function grow(of, event) {
     of.find(".preview").textContent = [
       `${fixed(plan.length_mm, 1)} mm, ${plan.layers} layers, ${duration(plan.duration_s)}${done}, ${fixed(plan.filament_mm / 1000, 2)} m of filament`,
       ...warnings].join("\n");
-    open(`${api}/${view}`, `${of.robot.name}: preview`);
+    open(`${api}/${view}`, `${of.robot.name}: preview`, of);
     return "";
   });
 }
@@ -110,8 +124,10 @@ function maintain(of, event) {
   });
 }
 
-/** Shows a page of the service beside the robots. */
-function open(address, title) {
+/** Shows a page of the service beside the robots, of which one can be stopped from there. */
+function open(address, title, of) {
+  shown = { of, from: document.activeElement };
+  byId("body-stop").hidden = !of || !may;
   byId("body-title").textContent = title;
   byId("body-frame").src = address;
   byId("body-page").href = address;
@@ -119,13 +135,15 @@ function open(address, title) {
   byId("body-close").focus();
 }
 
-const look = (job, title) => open(`${api}/jobs/${job}/live/`, title);
-
+let shown = {};
 byId("body-close").addEventListener("click", close);
+byId("body-stop").addEventListener("click", () => { order(shown.of, "emergency-stop"); close(); });
 document.addEventListener("keydown", ({ key }) => { if (key === "Escape") close(); });
 function close() {
+  if (byId("body").hidden) return;
   byId("body").hidden = true;
   byId("body-frame").removeAttribute("src");
+  shown.from?.focus();
 }
 
 function facts(robot) {
@@ -144,6 +162,7 @@ function facts(robot) {
 
 /** Why maintenance is not possible now; empty if it is. */
 function unsafe(robot) {
+  if (!may) return "This address may only look.";
   if (robot.state === "disconnected") return "The robot is not connected.";
   if (robot.job) return "A body grows: pause it, and use its page.";
   if (robot.fault) return "A fault is latched: clear it first.";
@@ -171,14 +190,14 @@ function show(robots) {
     }));
     const connected = robot.state !== "disconnected";
     const paused = ["paused", "parked"].includes(robot.board);
-    const may = {
+    const allowed = {
       pause: robot.job && !paused, continue: robot.job && paused, stop: connected, "emergency-stop": true,
       "clear-fault": connected && (robot.fault || robot.board === "emergency-stop") && !robot.job,
       cancel: connected && !robot.job && robot.laid < robot.layers,
     };
-    for (const [name, allowed] of Object.entries(may)) find(`[data-order=${name}]`).disabled = !allowed;
+    for (const [name, now] of Object.entries(allowed)) find(`[data-order=${name}]`).disabled = !now || !may;
     find("[data-look]").disabled = !robot.job;
-    find("form.grow [value=grow]").disabled = !connected || Boolean(robot.job);
+    find("form.grow [value=grow]").disabled = !connected || Boolean(robot.job) || !may;
     find("form.maintain button").disabled = Boolean(unsafe(robot));
     find(".why").textContent = unsafe(robot);
   }
@@ -202,10 +221,10 @@ async function jobs() {
     const last = row.insertCell();
     if (job.laid > 0 || job.state === "active") {
       const view = link("3D", `${api}/jobs/${job.id}/view`);
-      view.addEventListener("click", (event) => { event.preventDefault(); open(view.href, `${job.robot}: ${job.name}`); });
+      view.addEventListener("click", (event) => { event.preventDefault(); open(view.href, `${job.robot}: ${job.name}`, cards.get(job.robot)); });
       last.append(view, link("Run log", `${api}/jobs/${job.id}/log`));
     }
-    if (job.state === "interrupted") {
+    if (job.state === "interrupted" && may) {
       const button = document.createElement("button");
       button.type = "button";
       button.textContent = "Resume";
@@ -231,6 +250,7 @@ function follow() {
   });
 }
 
+({ operate: may } = await ask("access"));
 follow();
 jobs();
 setInterval(jobs, 10_000);

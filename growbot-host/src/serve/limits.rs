@@ -1,0 +1,255 @@
+//! What clients may take of the service at a time, so that one of them keeps no other from it, and no order from a robot.
+
+use std::collections::BTreeMap;
+use std::io;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use axum::Router;
+use axum::body::{Body, HttpBody, to_bytes};
+use axum::extract::{Request, State};
+use axum::http::Method;
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+use axum::serve::Listener;
+use http_body_util::{BodyExt, LengthLimitError};
+use hyper::body::Incoming;
+use hyper::server::conn::http1;
+use hyper::service::{Service as _, service_fn};
+use hyper_util::rt::{TokioIo, TokioTimer};
+use hyper_util::service::TowerToHyperService;
+use tokio::io::AsyncWriteExt;
+use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+use tokio::task::AbortHandle;
+use tokio::time::timeout;
+use tokio_io_timeout::TimeoutStream;
+
+use super::problem::Problem;
+
+/// Connections at a time, of pages and of commands each.
+pub const CONNECTIONS: usize = 256;
+/// Streams of events at a time, of pages and of commands each.
+pub const STREAMS: usize = 64;
+/// No request is longer, bytes.
+pub const MAX_BODY: usize = 16 << 20;
+/// Longer ones are read a few at a time, bytes.
+const SHORT_BODY: u64 = 64 << 10;
+const LONG_BODIES: usize = 2;
+/// Plans that are computed, and pages that are drawn, at a time: they take the processor.
+const COMPUTED: usize = 4;
+/// The head of a request takes no longer to come, and a connection waits no longer for the next one.
+const HEAD: Duration = Duration::from_secs(10);
+/// Nor does its body.
+const BODY: Duration = Duration::from_secs(20);
+/// Who takes nothing of an answer for so long is gone.
+const TAKEN: Duration = Duration::from_secs(30);
+
+/// What all are told that are too many.
+fn too_many() -> Vec<u8> {
+    let problem = Problem::busy(&format!("{CONNECTIONS} connections are open"));
+    let body = serde_json::to_string(&problem).unwrap_or_default();
+    format!(
+        "HTTP/1.1 503 Service Unavailable\r\nconnection: close\r\nretry-after: 1\r\ncontent-type: \
+         application/problem+json\r\ncontent-length: {}\r\n\r\n{body}",
+        body.len()
+    )
+    .into_bytes()
+}
+
+/// The connections of one listener.
+pub struct Door {
+    open: Mutex<BTreeMap<u64, Open>>,
+    streams: Arc<Semaphore>,
+    long_bodies: Arc<Semaphore>,
+    computed: Arc<Semaphore>,
+}
+
+/// An open connection.
+struct Open {
+    /// Whether it has sent a request that was let in.
+    known: bool,
+    task: Option<AbortHandle>,
+}
+
+/// A connection, as its requests carry it.
+#[derive(Clone)]
+pub struct Visitor {
+    door: Arc<Door>,
+    number: u64,
+}
+
+impl Visitor {
+    /// It has shown that it may ask: no stranger takes its place.
+    pub fn is_let_in(&self) {
+        if let Some(open) = self.door.open().get_mut(&self.number) {
+            open.known = true;
+        }
+    }
+}
+
+/// Leaves when it is dropped.
+struct Inside(Visitor);
+
+impl Drop for Inside {
+    fn drop(&mut self) {
+        self.0.door.open().remove(&self.0.number);
+    }
+}
+
+/// The right to a stream of events, for as long as somebody has it.
+#[derive(Clone)]
+pub struct StreamPermit(#[expect(dead_code, reason = "it is held")] Arc<OwnedSemaphorePermit>);
+
+impl Door {
+    /// Two doors, of pages and of commands: who crowds one of them does not close the other. They share the processor.
+    pub fn two() -> [Arc<Self>; 2] {
+        let computed = Arc::new(Semaphore::new(COMPUTED));
+        [(); 2].map(|()| {
+            Arc::new(Self {
+                open: Mutex::default(),
+                streams: Arc::new(Semaphore::new(STREAMS)),
+                long_bodies: Arc::new(Semaphore::new(LONG_BODIES)),
+                computed: Arc::clone(&computed),
+            })
+        })
+    }
+
+    fn open(&self) -> MutexGuard<'_, BTreeMap<u64, Open>> {
+        self.open.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Lets a connection in. Where all places are taken, it has that of the eldest that was never let in; none where
+    /// there is no such.
+    fn enter(self: &Arc<Self>, number: u64) -> Option<Inside> {
+        let mut open = self.open();
+        if open.len() >= CONNECTIONS {
+            let (&eldest, _) = open.iter().find(|(_, open)| !open.known)?;
+            if let Some(task) = open.remove(&eldest).and_then(|open| open.task) {
+                task.abort();
+            }
+        }
+        open.insert(number, Open { known: false, task: None });
+        Some(Inside(Visitor { door: Arc::clone(self), number }))
+    }
+
+    /// Serves all who come, for ever.
+    pub async fn serve<L>(self: Arc<Self>, mut listener: L, router: Router) -> io::Result<()>
+    where
+        L: Listener<Io: Unpin>,
+    {
+        let too_many = too_many();
+        let mut number = 0;
+        loop {
+            let (mut stream, _) = listener.accept().await;
+            number += 1;
+            let Some(inside) = self.enter(number) else {
+                // There is room for so little: it does not wait.
+                let _ = timeout(Duration::from_millis(10), stream.write_all(&too_many)).await;
+                continue;
+            };
+            let task = tokio::spawn(attend(stream, inside, router.clone()));
+            if let Some(open) = self.open().get_mut(&number) {
+                open.task = Some(task.abort_handle());
+            }
+        }
+    }
+}
+
+/// Serves one connection to its end.
+async fn attend<S>(stream: S, inside: Inside, router: Router)
+where
+    S: tokio::io::AsyncRead + tokio::io::AsyncWrite + Unpin + Send + 'static,
+{
+    let service = TowerToHyperService::new(router);
+    let service = service_fn(|mut request: hyper::Request<Incoming>| {
+        request.extensions_mut().insert(inside.0.clone());
+        service.call(request)
+    });
+    let mut stream = TimeoutStream::new(stream);
+    stream.set_write_timeout(Some(TAKEN));
+    let mut server = http1::Builder::new();
+    server.timer(TokioTimer::new()).header_read_timeout(HEAD);
+    // Who breaks off, or says what is no HTTP, has been told so where that is possible.
+    let _ = server.serve_connection(TokioIo::new(Box::pin(stream)), service).with_upgrades().await;
+}
+
+/// Reads the body of a request, which must be neither too long nor too slow, before anything is done.
+pub async fn whole_body(State(door): State<Arc<Door>>, request: Request, next: Next) -> Response {
+    let (parts, body) = request.into_parts();
+    let length = HttpBody::size_hint(&body);
+    if length.exact() == Some(0) {
+        return next.run(Request::from_parts(parts, Body::empty())).await;
+    }
+    if length.lower() > MAX_BODY as u64 {
+        return Problem::too_long(MAX_BODY).into_response();
+    }
+    let mut _place = None;
+    if length.upper().is_none_or(|length| length > SHORT_BODY) {
+        match Arc::clone(&door.long_bodies).try_acquire_owned() {
+            Ok(place) => _place = Some(place),
+            Err(_) => return Problem::busy(&format!("{LONG_BODIES} long requests are being read")).into_response(),
+        }
+    }
+    match timeout(BODY, to_bytes(body, MAX_BODY)).await {
+        Ok(Ok(bytes)) => next.run(Request::from_parts(parts, bytes.into())).await,
+        Ok(Err(error)) if is_too_long(&error) => Problem::too_long(MAX_BODY).into_response(),
+        Ok(Err(error)) => Problem::bad(format!("the request broke off: {error}")).into_response(),
+        Err(_) => Problem::too_slow(BODY).into_response(),
+    }
+}
+
+fn is_too_long(error: &axum::Error) -> bool {
+    std::error::Error::source(error).is_some_and(<dyn std::error::Error>::is::<LengthLimitError>)
+}
+
+/// Has what takes the processor wait for its turn, and gives each stream of events its place or refuses it.
+pub async fn in_turn(State(door): State<Arc<Door>>, mut request: Request, next: Next) -> Response {
+    let path = request.uri().path();
+    let is = |ends: &[&str]| ends.iter().any(|end| path.ends_with(end));
+    if is(&["/events", "/events/socket", "/updates"]) {
+        let Ok(place) = Arc::clone(&door.streams).try_acquire_owned() else {
+            return Problem::busy(&format!("{STREAMS} streams of events are open")).into_response();
+        };
+        let permit = StreamPermit(Arc::new(place));
+        request.extensions_mut().insert(permit.clone());
+        return next.run(request).await.map(|body| {
+            Body::new(body.map_frame(move |frame| {
+                let _held = &permit;
+                frame
+            }))
+        });
+    }
+    let computes = match *request.method() {
+        Method::POST => is(&["/plans", "/jobs"]),
+        _ => is(&["/view", "/live/"]),
+    };
+    if !computes {
+        return next.run(request).await;
+    }
+    let turn = Arc::clone(&door.computed).acquire_owned().await;
+    // Who asked may go; its turn lasts until the computation has ended all the same.
+    let computed = tokio::spawn(async move {
+        let _turn = turn;
+        next.run(request).await
+    });
+    computed.await.unwrap_or_else(|error| Problem::internal(error).into_response())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn strangers_make_way_and_those_who_were_let_in_stay() {
+        let [door, other] = Door::two();
+        let all: Vec<_> = (0..CONNECTIONS as u64).map(|number| door.enter(number).unwrap()).collect();
+        all[0].0.is_let_in();
+        let one_more = door.enter(1000).unwrap();
+        let is_open = |number: u64| door.open().contains_key(&number);
+        assert_eq!((is_open(0), is_open(1), is_open(1000), door.open().len()), (true, false, true, CONNECTIONS));
+        all.iter().chain([&one_more]).for_each(|inside| inside.0.is_let_in());
+        assert!(door.enter(1001).is_none() && other.enter(1001).is_some());
+        drop(all);
+        assert!(door.enter(1002).is_some());
+    }
+}

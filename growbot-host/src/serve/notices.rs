@@ -1,0 +1,327 @@
+//! What somebody is told who does not look: that a body is finished, or that a robot needs people. A queue in the
+//! database, so that what could not be told before the service ended is told after it.
+
+use growbot_client::printable::json_line;
+use growbot_client::run_log::utc_now;
+use growbot_core::link::message::{Fault, PauseCause, State, Status};
+use rusqlite::{OptionalExtension, named_params};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::JobsError;
+use super::jobs::Jobs;
+
+/// Notices that wait for one channel: of more, the eldest are dropped.
+const MAX_WAITING: u32 = 1000;
+/// Version of [`Notice`].
+const VERSION: u32 = 1;
+
+/// What a notice is about.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Happening {
+    /// Every layer is laid.
+    Finish,
+    /// A fault is latched.
+    Fault,
+    /// A growth pauses until somebody continues it.
+    Pause,
+    /// The filament has run out, and the growth pauses.
+    FilamentRunout,
+    /// A robot does not go on by itself with the job that it had: after a loss of power, above all.
+    Interrupted,
+}
+
+impl Happening {
+    /// All of them.
+    pub const ALL: [Self; 5] = [Self::Finish, Self::Fault, Self::Pause, Self::FilamentRunout, Self::Interrupted];
+
+    /// As notices and settings call it.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Finish => "finish",
+            Self::Fault => "fault",
+            Self::Pause => "pause",
+            Self::FilamentRunout => "filament-runout",
+            Self::Interrupted => "interrupted",
+        }
+    }
+}
+
+/// Where notices go.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Channel {
+    Webhook,
+    Command,
+}
+
+impl Channel {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Webhook => "webhook",
+            Self::Command => "command",
+        }
+    }
+}
+
+/// A notice as it is told.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct Notice {
+    /// Version of this form.
+    pub version: u32,
+    /// What it is about.
+    pub event: Happening,
+    /// When it was noticed, RFC 3339.
+    pub time_utc: String,
+    /// The robot, as the service calls it.
+    pub robot: String,
+    /// Whether the robot is a simulated one.
+    pub simulated: bool,
+    /// The job; null without one.
+    pub job: Option<String>,
+    /// Layers laid.
+    pub laid: u32,
+    /// Layers of the body.
+    pub layers: u32,
+    /// Code of the fault; null without one.
+    pub fault: Option<String>,
+    /// All of it, for people.
+    pub message: String,
+}
+
+/// A robot and its job, of which there is a notice.
+pub(super) struct About<'a> {
+    pub robot: &'a str,
+    pub simulated: bool,
+    pub job: Option<&'a str>,
+    pub laid: u32,
+    pub layers: u32,
+}
+
+impl About<'_> {
+    pub fn notice(&self, event: Happening, fault: Option<Fault>, why: Option<&str>) -> Notice {
+        let robot = format!("{} {}", if self.simulated { "simulated robot" } else { "robot" }, self.robot);
+        let at = format!("after layer {} of {}", self.laid, self.layers);
+        let why = why.unwrap_or("look at it");
+        let message = match event {
+            Happening::Finish => format!("{robot} has laid all {} layers", self.layers),
+            Happening::Fault => format!("{robot} has stopped with a fault {at}: {why}"),
+            Happening::Pause => format!("{robot} pauses {at}: {why}"),
+            Happening::FilamentRunout => format!("{robot} pauses {at}: {why}"),
+            Happening::Interrupted => format!("{robot} has left its job {at}: {why}"),
+        };
+        Notice {
+            version: VERSION,
+            event,
+            time_utc: utc_now(),
+            robot: self.robot.to_owned(),
+            simulated: self.simulated,
+            job: self.job.map(str::to_owned),
+            laid: self.laid,
+            layers: self.layers,
+            fault: fault.map(|fault| Fault::code(fault).to_owned()),
+            message,
+        }
+    }
+}
+
+/// What of a robot's status there may be a notice of.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Condition {
+    fault: Option<Fault>,
+    /// Why it pauses until somebody does something, and after which layer.
+    pause: Option<(PauseCause, u32)>,
+}
+
+impl Condition {
+    pub fn of(status: &Status) -> Self {
+        let pauses = matches!(status.state, State::Paused | State::Parked);
+        // For layers, and for a host that was away, it waits by itself.
+        let waits_for_people = matches!(status.pause_cause, PauseCause::Requested | PauseCause::FilamentOut);
+        let pause = (pauses && waits_for_people).then_some((status.pause_cause, status.laid));
+        Self { fault: status.fault, pause }
+    }
+
+    /// As the database has it.
+    fn words(&self) -> [String; 2] {
+        let pause = self.pause.map(|(cause, laid)| format!("{cause:?} {laid}"));
+        [self.fault.map(|fault| Fault::code(fault).to_owned()).unwrap_or_default(), pause.unwrap_or_default()]
+    }
+
+    /// What there is to tell of it, where it was told last with these words.
+    fn since(&self, told: &[String; 2], about: &About) -> Vec<Notice> {
+        let now = self.words();
+        let fault = self.fault.filter(|_| now[0] != told[0]);
+        let pause = self.pause.filter(|_| now[1] != told[1]);
+        let fault = fault.map(|fault| about.notice(Happening::Fault, Some(fault), Some(fault.explanation())));
+        let pause = pause.map(|(cause, _)| {
+            let event = match cause {
+                PauseCause::FilamentOut => Happening::FilamentRunout,
+                _ => Happening::Pause,
+            };
+            about.notice(event, None, Some(super::robot::pause(cause)))
+        });
+        fault.into_iter().chain(pause).collect()
+    }
+}
+
+/// A notice that waits.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Waiting {
+    pub id: i64,
+    pub notice: String,
+    pub created_ms: i64,
+    pub due_ms: i64,
+    pub attempts: u32,
+}
+
+impl Jobs {
+    /// Enters a notice for each of these channels.
+    pub(super) fn tell(&mut self, notice: &Notice, channels: &[Channel], now_ms: i64) -> Result<(), JobsError> {
+        let text = json_line(notice);
+        let transaction = self.database.transaction()?;
+        for channel in channels {
+            transaction.execute(
+                "INSERT INTO notice (channel, notice, created_ms, due_ms) VALUES (:channel, :notice, :now, :now)",
+                named_params! { ":channel": channel.name(), ":notice": text.trim_end(), ":now": now_ms },
+            )?;
+            transaction.execute(
+                "DELETE FROM notice WHERE channel = ?1 AND id NOT IN \
+                 (SELECT id FROM notice WHERE channel = ?1 ORDER BY id DESC LIMIT ?2)",
+                (channel.name(), MAX_WAITING),
+            )?;
+        }
+        Ok(transaction.commit()?)
+    }
+
+    /// What there is to tell of a robot since the last time. It is not told again.
+    pub(super) fn news_of(&self, about: &About, condition: &Condition) -> Result<Vec<Notice>, JobsError> {
+        let query = "SELECT fault, pause FROM told WHERE robot = ?1";
+        let told = self.database.query_row(query, [about.robot], |row| Ok([row.get(0)?, row.get(1)?])).optional()?;
+        Ok(condition.since(&told.unwrap_or_default(), about))
+    }
+
+    /// This of a robot is told.
+    pub(super) fn is_told(&self, robot: &str, condition: &Condition) -> Result<(), JobsError> {
+        let [fault, pause] = condition.words();
+        let replace = "INSERT OR REPLACE INTO told (robot, fault, pause) VALUES (?1, ?2, ?3)";
+        self.database.execute(replace, (robot, fault, pause))?;
+        Ok(())
+    }
+
+    /// The notice of a channel that is to be told next.
+    pub(super) fn waiting(&self, channel: Channel) -> Result<Option<Waiting>, JobsError> {
+        let query = "SELECT id, notice, created_ms, due_ms, attempts FROM notice WHERE channel = ?1 \
+                     ORDER BY due_ms, id LIMIT 1";
+        let row = self.database.query_row(query, [channel.name()], |row| {
+            Ok(Waiting {
+                id: row.get(0)?,
+                notice: row.get(1)?,
+                created_ms: row.get(2)?,
+                due_ms: row.get(3)?,
+                attempts: row.get(4)?,
+            })
+        });
+        Ok(row.optional()?)
+    }
+
+    /// A notice is told, or given up.
+    pub(super) fn drop_notice(&self, id: i64) -> Result<(), JobsError> {
+        self.database.execute("DELETE FROM notice WHERE id = ?1", [id])?;
+        Ok(())
+    }
+
+    /// A notice is to be tried again.
+    pub(super) fn try_notice_again(&self, id: i64, due_ms: i64) -> Result<(), JobsError> {
+        self.database.execute("UPDATE notice SET attempts = attempts + 1, due_ms = ?2 WHERE id = ?1", (id, due_ms))?;
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::serve::Places;
+
+    fn jobs() -> (tempfile::TempDir, Jobs) {
+        let directory = tempfile::tempdir().unwrap();
+        let jobs = Jobs::open(&Places::within(directory.path().to_path_buf())).unwrap();
+        (directory, jobs)
+    }
+
+    #[test]
+    fn each_fault_pause_and_empty_spool_is_told_once() {
+        let (_directory, jobs) = jobs();
+        let about = About { robot: "lab", simulated: true, job: Some("a"), laid: 12, layers: 78 };
+        let tell = |fault, pause| {
+            let condition = Condition { fault, pause };
+            let news = jobs.news_of(&about, &condition).unwrap();
+            jobs.is_told("lab", &condition).unwrap();
+            news.into_iter().map(|notice| (notice.event, notice.message)).collect::<Vec<_>>()
+        };
+        let asked = Some((PauseCause::Requested, 12));
+        assert_eq!(tell(None, None), []);
+        assert_eq!(
+            tell(None, asked),
+            [(Happening::Pause, "simulated robot lab pauses after layer 12 of 78: as asked".to_owned())]
+        );
+        assert_eq!(tell(None, asked), [], "as after a restart");
+        assert_eq!(tell(None, None), []);
+        assert_eq!(tell(None, Some((PauseCause::Requested, 13))).len(), 1);
+        let runout = tell(None, Some((PauseCause::FilamentOut, 14)));
+        assert!(runout[0].0 == Happening::FilamentRunout && runout[0].1.contains("load a spool"), "{runout:?}");
+        let fault = tell(Some(Fault::WatchdogReset), None);
+        assert!(fault[0].0 == Happening::Fault && fault[0].1.contains(Fault::WatchdogReset.explanation()), "{fault:?}");
+        assert_eq!(tell(Some(Fault::WatchdogReset), None), []);
+    }
+
+    #[test]
+    fn what_waits_by_itself_is_no_notice() {
+        for (state, pause_cause, is_told) in [
+            (State::Paused, PauseCause::Requested, true),
+            (State::Parked, PauseCause::FilamentOut, true),
+            (State::Growing, PauseCause::FilamentOut, false),
+            (State::Paused, PauseCause::LayersExhausted, false),
+            (State::Paused, PauseCause::HostSilent, false),
+        ] {
+            let status = Status {
+                state,
+                fault: None,
+                temperature_centi_c: None,
+                target_centi_c: None,
+                duty: 0,
+                plan_id: 0,
+                layers: 0,
+                next: 0,
+                laid: 0,
+                interrupted: None,
+                pause_cause,
+                journal: true,
+                uptime_ms: 0,
+            };
+            assert_eq!(Condition::of(&status).pause.is_some(), is_told, "{state:?} {pause_cause:?}");
+        }
+    }
+
+    #[test]
+    fn the_queue_is_bounded_and_the_eldest_that_is_due_comes_first() {
+        let (_directory, mut jobs) = jobs();
+        let about = About { robot: "lab", simulated: false, job: None, laid: 0, layers: 0 };
+        let notice = about.notice(Happening::Finish, None, None);
+        for number in 0..i64::from(MAX_WAITING) + 5 {
+            jobs.tell(&notice, &[Channel::Webhook], number).unwrap();
+        }
+        let first = jobs.waiting(Channel::Webhook).unwrap().unwrap();
+        assert_eq!((first.created_ms, jobs.waiting(Channel::Command).unwrap()), (5, None));
+        jobs.try_notice_again(first.id, 5000).unwrap();
+        let second = jobs.waiting(Channel::Webhook).unwrap().unwrap();
+        assert_eq!(second.created_ms, 6);
+        for _ in 1..MAX_WAITING {
+            let next = jobs.waiting(Channel::Webhook).unwrap().unwrap();
+            jobs.drop_notice(next.id).unwrap();
+        }
+        let last = jobs.waiting(Channel::Webhook).unwrap().unwrap();
+        assert_eq!((last.id, last.attempts, last.due_ms), (first.id, 1, 5000));
+    }
+}

@@ -1,0 +1,360 @@
+//! Telling notices: by a webhook, which is signed, and by a command. Each has a thread and a queue of its own, so that
+//! neither waits for the other, and no robot for either of them.
+
+use std::io::Write;
+use std::os::unix::process::CommandExt;
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::sync::mpsc::{self, Receiver, Sender};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::{self, sleep};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use std::{fs, io};
+
+use axum::http::Uri;
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use ring::hmac;
+use rustix::process::{Pid, Signal, kill_process_group};
+use ureq::Agent;
+
+use super::config::NotifyEntry;
+use super::notices::{About, Channel, Condition, Happening, Notice, Waiting};
+use super::server::write_secret;
+use super::{JobsError, Places, Shared};
+
+/// A receiver answers within this.
+const ANSWER: Duration = Duration::from_secs(10);
+/// A command has ended within this, or is ended.
+const COMMAND: Duration = Duration::from_secs(60);
+/// What was not taken is told again after this, then after twice that, and so on
+const FIRST_PAUSE: Duration = Duration::from_secs(1);
+/// up to this,
+const LONGEST_PAUSE: Duration = Duration::from_secs(3600);
+/// until it is so old.
+const GIVEN_UP: Duration = Duration::from_secs(24 * 3600);
+/// How the secret begins, by the Standard Webhooks specification.
+const SECRET: &str = "whsec_";
+
+/// Why nobody can be told.
+#[derive(Debug, thiserror::Error)]
+pub enum NotifyError {
+    /// The address is none. It is not said: it may contain a secret.
+    #[error("the webhook of [serve.notify] is no address: give one that begins with https:// or http://, and a host")]
+    Address,
+    /// There is no command.
+    #[error("the command of [serve.notify] is empty: give a list of a program and its arguments, or take the line out")]
+    Command,
+    /// The secret cannot be used.
+    #[error("cannot use the webhook's secret in {path}: {reason}; delete the file, and another secret is drawn")]
+    Secret {
+        /// The file.
+        path: String,
+        /// Why.
+        reason: String,
+    },
+}
+
+/// Who is told.
+#[derive(Default)]
+pub struct Notify {
+    channels: Vec<(Channel, Mutex<Sender<()>>)>,
+    of: Vec<Happening>,
+}
+
+/// A receiver on the network.
+struct Webhook {
+    address: String,
+    /// What messages call it: the address without what may be secret.
+    host: String,
+    key: hmac::Key,
+    agent: Agent,
+}
+
+/// The threads that tell, before they run.
+pub struct Tellers(Vec<(Channel, Receiver<()>, Teller)>);
+
+enum Teller {
+    Webhook(Box<Webhook>),
+    Command(Vec<String>),
+}
+
+impl Notify {
+    /// Understands the settings.
+    pub fn new(entry: &NotifyEntry, places: &Places) -> Result<(Self, Tellers), NotifyError> {
+        let mut tellers = Vec::new();
+        if let Some(address) = &entry.webhook {
+            tellers
+                .push((Channel::Webhook, Teller::Webhook(Box::new(Webhook::new(address, &places.webhook_secret())?))));
+        }
+        if let Some(command) = &entry.command {
+            if command.first().is_none_or(String::is_empty) {
+                return Err(NotifyError::Command);
+            }
+            tellers.push((Channel::Command, Teller::Command(command.clone())));
+        }
+        let mut notify =
+            Self { channels: Vec::new(), of: entry.events.clone().unwrap_or_else(|| Happening::ALL.to_vec()) };
+        let start = |(channel, teller)| {
+            let (wake, woken) = mpsc::channel();
+            notify.channels.push((channel, Mutex::new(wake)));
+            (channel, woken, teller)
+        };
+        let tellers = tellers.into_iter().map(start).collect();
+        Ok((notify, Tellers(tellers)))
+    }
+
+    fn tell(&self, shared: &Shared, notice: &Notice) -> Result<(), JobsError> {
+        if !self.of.contains(&notice.event) {
+            return Ok(());
+        }
+        let channels: Vec<Channel> = self.channels.iter().map(|(channel, _)| *channel).collect();
+        shared.jobs().tell(notice, &channels, now_ms())?;
+        for (_, wake) in &self.channels {
+            // Its thread runs as long as the service.
+            let _ = wake.lock().unwrap_or_else(PoisonError::into_inner).send(());
+        }
+        Ok(())
+    }
+}
+
+impl Shared {
+    /// Tells something of a robot, if somebody is to be told.
+    pub fn tell(&self, about: &About, event: Happening, why: Option<&str>) {
+        if self.notify.channels.is_empty() {
+            return;
+        }
+        if let Err(error) = self.notify.tell(self, &about.notice(event, None, why)) {
+            crate::warning!("nobody can be told that {event:?}: {error}");
+        }
+    }
+
+    /// Tells what is new of a robot's status.
+    pub fn tell_condition(&self, about: &About, condition: &Condition) {
+        if self.notify.channels.is_empty() {
+            return;
+        }
+        let told = || -> Result<(), JobsError> {
+            let news = self.jobs().news_of(about, condition)?;
+            // Twice is better than never, if the service is killed between.
+            news.iter().try_for_each(|notice| self.notify.tell(self, notice))?;
+            self.jobs().is_told(about.robot, condition)
+        };
+        if let Err(error) = told() {
+            crate::warning!("nobody can be told of robot {}: {error}", about.robot);
+        }
+    }
+}
+
+impl Tellers {
+    /// Has each tell what waits, for ever.
+    pub fn start(self, shared: &Arc<Shared>) {
+        for (channel, woken, teller) in self.0 {
+            let shared = Arc::clone(shared);
+            let spawned = thread::Builder::new()
+                .name(format!("{channel:?}"))
+                .spawn(move || run(&shared, channel, &woken, &teller));
+            if let Err(error) = spawned {
+                crate::warning!("nobody is told anything by {channel:?}: the system gives it no thread: {error}");
+            }
+        }
+    }
+}
+
+fn run(shared: &Shared, channel: Channel, woken: &Receiver<()>, teller: &Teller) {
+    loop {
+        let next = shared.jobs().waiting(channel);
+        let wait = match next {
+            Ok(Some(next)) if next.due_ms <= now_ms() => {
+                if let Err(error) = once(shared, &next, teller) {
+                    crate::warning!("{error}");
+                    sleep(FIRST_PAUSE);
+                }
+                continue;
+            }
+            Ok(Some(next)) => Duration::from_millis(u64::try_from(next.due_ms - now_ms()).unwrap_or(0)),
+            Ok(None) => LONGEST_PAUSE,
+            Err(error) => {
+                crate::warning!("{error}");
+                LONGEST_PAUSE
+            }
+        };
+        // The clock of the day may have been set meanwhile.
+        let _ = woken.recv_timeout(wait.min(LONGEST_PAUSE));
+    }
+}
+
+/// Tells one notice once.
+fn once(shared: &Shared, next: &Waiting, teller: &Teller) -> Result<(), JobsError> {
+    let told = match teller {
+        Teller::Webhook(webhook) => webhook.post(next),
+        Teller::Command(command) => call(command, &next.notice),
+    };
+    let Err(why) = told else { return shared.jobs().drop_notice(next.id) };
+    let by = match teller {
+        Teller::Webhook(webhook) => &webhook.host,
+        Teller::Command(command) => &command[0],
+    };
+    let pause = FIRST_PAUSE.saturating_mul(1 << next.attempts.min(12)).min(LONGEST_PAUSE);
+    let due_ms = now_ms() + as_ms(pause);
+    if due_ms > next.created_ms + as_ms(GIVEN_UP) {
+        crate::warning!("{by} has not taken a notice ({why}): after {} h it is given up", GIVEN_UP.as_secs() / 3600);
+        return shared.jobs().drop_notice(next.id);
+    }
+    if next.attempts == 0 {
+        crate::warning!("{by} has not taken a notice ({why}): it is told again later");
+    }
+    shared.jobs().try_notice_again(next.id, due_ms)
+}
+
+impl Webhook {
+    fn new(address: &str, secret: &Path) -> Result<Self, NotifyError> {
+        let uri: Uri = address.parse().map_err(|_| NotifyError::Address)?;
+        let (Some(scheme @ ("http" | "https")), Some(host)) = (uri.scheme_str(), uri.host()) else {
+            return Err(NotifyError::Address);
+        };
+        let agent = Agent::config_builder()
+            .timeout_global(Some(ANSWER))
+            .max_redirects(0)
+            .http_status_as_error(false)
+            .user_agent(concat!("growbot/", env!("CARGO_PKG_VERSION")))
+            .build();
+        let key = hmac::Key::new(hmac::HMAC_SHA256, &secret_of(secret)?);
+        Ok(Self { address: address.to_owned(), host: format!("{scheme}://{host}"), key, agent: agent.into() })
+    }
+
+    fn post(&self, next: &Waiting) -> Result<(), String> {
+        let id = format!("{}-{}", next.created_ms, next.id);
+        let time = (now_ms() / 1000).to_string();
+        let answer = self
+            .agent
+            .post(&self.address)
+            .header("content-type", "application/json")
+            .header("webhook-id", &id)
+            .header("webhook-timestamp", &time)
+            .header("webhook-signature", signature(&self.key, &id, &time, &next.notice))
+            .send(&next.notice);
+        match answer {
+            Ok(answer) if answer.status().is_success() => Ok(()),
+            Ok(answer) => Err(format!("it has answered {}", answer.status().as_u16())),
+            Err(ureq::Error::BadUri(_)) => Err("its address is none".to_owned()),
+            Err(error) => Err(error.to_string()),
+        }
+    }
+}
+
+/// By which the receiver knows that a notice is ours, and of this time.
+fn signature(key: &hmac::Key, id: &str, time: &str, notice: &str) -> String {
+    format!("v1,{}", STANDARD.encode(hmac::sign(key, format!("{id}.{time}.{notice}").as_bytes())))
+}
+
+/// The webhook's secret: that of the file, which is made where it is not there.
+fn secret_of(path: &Path) -> Result<Vec<u8>, NotifyError> {
+    let error = |reason: String| NotifyError::Secret { path: path.display().to_string(), reason };
+    let text = match fs::read_to_string(path) {
+        Ok(text) => text,
+        Err(missing) if missing.kind() == io::ErrorKind::NotFound => {
+            let mut bytes = [0; 32];
+            getrandom::fill(&mut bytes).map_err(|why| error(why.to_string()))?;
+            let text = format!("{SECRET}{}\n", STANDARD.encode(bytes));
+            write_secret(path, &text).map_err(|why| error(why.to_string()))?;
+            text
+        }
+        Err(why) => return Err(error(why.to_string())),
+    };
+    let encoded = text.trim().strip_prefix(SECRET).ok_or_else(|| error(format!("it does not begin with {SECRET}")))?;
+    let bytes = STANDARD.decode(encoded).map_err(|_| error("it is no base64".to_owned()))?;
+    match bytes.len() {
+        24..=64 => Ok(bytes),
+        length => Err(error(format!("it has {length} bytes, and needs 24 to 64"))),
+    }
+}
+
+/// Runs the command, with the notice on its standard input and in its environment.
+fn call(command: &[String], notice: &str) -> Result<(), String> {
+    let read: Notice = serde_json::from_str(notice).map_err(|error| error.to_string())?;
+    let mut child = Command::new(&command[0])
+        .args(&command[1..])
+        .env("GROWBOT_NOTICE_EVENT", read.event.name())
+        .env("GROWBOT_NOTICE_ROBOT", &read.robot)
+        .env("GROWBOT_NOTICE_MESSAGE", &read.message)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::null())
+        .process_group(0)
+        .spawn()
+        .map_err(|error| error.to_string())?;
+    if let Some(mut stdin) = child.stdin.take() {
+        // It need not read it. A pipe holds more than a notice: nothing waits here.
+        let _ = stdin.write_all(notice.as_bytes());
+    }
+    let began = Instant::now();
+    loop {
+        match child.try_wait() {
+            Ok(Some(status)) if status.success() => return Ok(()),
+            Ok(Some(status)) => return Err(format!("it has ended with {status}")),
+            Ok(None) if began.elapsed() < COMMAND => sleep(Duration::from_millis(20)),
+            Ok(None) => {
+                if let Some(group) = i32::try_from(child.id()).ok().and_then(Pid::from_raw) {
+                    let _ = kill_process_group(group, Signal::KILL);
+                }
+                let _ = child.wait();
+                return Err(format!("it had not ended after {} s", COMMAND.as_secs()));
+            }
+            Err(error) => return Err(error.to_string()),
+        }
+    }
+}
+
+fn as_ms(duration: Duration) -> i64 {
+    i64::try_from(duration.as_millis()).unwrap_or(i64::MAX)
+}
+
+fn now_ms() -> i64 {
+    as_ms(SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_secret_is_made_once_and_for_its_user_alone() {
+        use std::os::unix::fs::PermissionsExt;
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("webhook-secret");
+        let secret = secret_of(&path).unwrap();
+        assert_eq!((secret.len(), secret_of(&path).unwrap() == secret), (32, true));
+        assert_eq!(fs::metadata(&path).unwrap().permissions().mode() & 0o777, 0o600);
+        for wrong in ["", "whsec_", "whsec_????", "c2VjcmV0", "whsec_c2hvcnQ="] {
+            fs::write(&path, wrong).unwrap();
+            let said = secret_of(&path).unwrap_err().to_string();
+            assert!(said.contains("another secret is drawn") && (wrong.is_empty() || !said.contains(wrong)), "{said}");
+        }
+    }
+
+    /// The signature was made with hmac, hashlib and base64 of Python.
+    #[test]
+    fn the_signature_is_that_of_others() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("webhook-secret");
+        fs::write(&path, "whsec_MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSw").unwrap();
+        let key = hmac::Key::new(hmac::HMAC_SHA256, &secret_of(&path).unwrap());
+        let made = signature(&key, "1795398240123-7", "1795398241", r#"{"version":1}"#);
+        assert_eq!(made, "v1,5zLlH7Gc03CBvyW2/4gfkxibdIrLf73U6qnOsMGtmT8=");
+    }
+
+    #[test]
+    fn an_address_that_is_none_is_refused_and_not_repeated() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("webhook-secret");
+        for wrong in ["", "hooks.example/s3cret", "ftp://hooks.example/s3cret", "https:///s3cret", "http://a b/s3cret"]
+        {
+            let error = Webhook::new(wrong, &path).err().unwrap();
+            assert!(!error.to_string().contains("s3cret"), "{error}");
+        }
+        assert_eq!(
+            Webhook::new("https://me:pass@hooks.example/s3cret?key=1", &path).unwrap().host,
+            "https://hooks.example"
+        );
+    }
+}

@@ -1,0 +1,136 @@
+//! Orders to a robot: how they are given, and when they are answered.
+
+use std::time::{Duration, Instant};
+
+use growbot_client::growth::Order;
+use growbot_core::link::message::State as BoardState;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::robot::{Ask, Keeper};
+
+/// A robot answers an order within this.
+pub(super) const ANSWER: Duration = Duration::from_secs(10);
+/// and an emergency stop.
+const EMERGENCY: Duration = Duration::from_secs(2);
+/// A growth that looks for orders carries the emergency stop out within this.
+const AT_ONCE: Duration = Duration::from_millis(60);
+/// A robot without a growth carries it out within this, unless it is in the midst of something.
+const SOON: Duration = Duration::from_millis(250);
+/// What is said of an emergency stop that came to nothing.
+const NOT_OFF: &str = "nobody has acknowledged the emergency stop: cut the power of the robot now";
+
+/// An order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum OrderName {
+    /// Pause after the layer under way.
+    Pause,
+    /// Continue after a pause.
+    Continue,
+    /// Heater and steppers off; the body can be resumed.
+    Stop,
+    /// Everything off, ahead of all else.
+    EmergencyStop,
+    /// Leave a fault or an emergency stop.
+    ClearFault,
+    /// Give up the body that hangs on the robot.
+    Cancel,
+}
+
+impl OrderName {
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::Pause => "pause",
+            Self::Continue => "continue",
+            Self::Stop => "stop",
+            Self::EmergencyStop => "emergency-stop",
+            Self::ClearFault => "clear-fault",
+            Self::Cancel => "cancel",
+        }
+    }
+}
+
+/// The order to give.
+#[derive(Debug, Clone, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Given {
+    /// The order.
+    pub order: OrderName,
+}
+
+/// Gives an order, and waits until the robot has obeyed it, or has it queued where a growth does that in its turn.
+pub(super) fn give(keeper: &Keeper, order: OrderName) -> Result<(), String> {
+    let of_growth = match order {
+        OrderName::Pause => Some(Order::Pause),
+        OrderName::Continue => Some(Order::Continue),
+        OrderName::Stop => Some(Order::Stop),
+        OrderName::EmergencyStop => Some(Order::EmergencyStop),
+        OrderName::ClearFault | OrderName::Cancel => None,
+    };
+    match (order, of_growth) {
+        (OrderName::EmergencyStop, Some(stop)) if keeper.order(stop) => wait_until_off(keeper),
+        (OrderName::EmergencyStop, _) => keeper
+            .ask(Ask::EmergencyStop, SOON)
+            .or_else(|_| keeper.stop_beside())
+            .map_err(|why| format!("{NOT_OFF} ({why})")),
+        (OrderName::Stop, Some(stop)) if keeper.order(stop) => wait_until_stopped(keeper),
+        (_, Some(order)) if keeper.order(order) => Ok(()),
+        (OrderName::Stop, _) => keeper.ask(Ask::Stop, ANSWER),
+        (OrderName::ClearFault, _) => keeper.ask(Ask::ClearFault, ANSWER),
+        (OrderName::Cancel, _) if keeper.view().job.is_some() => {
+            Err(format!("robot {} has a job under way: stop it first", keeper.name))
+        }
+        (OrderName::Cancel, _) => keeper.ask(Ask::Cancel, ANSWER),
+        (OrderName::Pause | OrderName::Continue, _) => {
+            Err(format!("robot {} has no job under way, so there is nothing to {}", keeper.name, order.name()))
+        }
+    }
+}
+
+/// Waits until the board has said that everything is off. Where the growth is in the midst of a request to the board,
+/// the stop is sent beside it.
+fn wait_until_off(keeper: &Keeper) -> Result<(), String> {
+    let began = Instant::now();
+    let mut is_sent_beside = false;
+    loop {
+        if keeper.view().board.as_deref() == Some(BoardState::EmergencyStop.name()) {
+            return Ok(());
+        }
+        if began.elapsed() > EMERGENCY {
+            return Err(NOT_OFF.to_owned());
+        }
+        if began.elapsed() > AT_ONCE && !is_sent_beside {
+            is_sent_beside = true;
+            if keeper.stop_beside().is_ok() {
+                return Ok(());
+            }
+        }
+        std::thread::sleep(Duration::from_millis(2));
+    }
+}
+
+/// Waits until the growth has ended, for which the board has said that it is off.
+fn wait_until_stopped(keeper: &Keeper) -> Result<(), String> {
+    let began = Instant::now();
+    loop {
+        let view = keeper.view();
+        if let Some(trouble) = view.trouble {
+            return Err(format!(
+                "the stop is given when the robot {} is there again ({trouble}): give the emergency stop, or cut its \
+                 power, if it must be off now",
+                keeper.name
+            ));
+        }
+        if view.job.is_none() {
+            return Ok(());
+        }
+        if began.elapsed() > ANSWER {
+            let (robot, limit) = (&keeper.name, ANSWER.as_secs());
+            return Err(format!(
+                "robot {robot} has not confirmed the stop within {limit} s: give the emergency stop, or cut its power"
+            ));
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}

@@ -1,0 +1,71 @@
+//! Scenes that were sent to the service, so that plans can lead through them.
+//!
+//! They stay, as jobs name them: a body that is resumed is kept clear of the scene that it was begun in.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use growbot_client::files::replace_file;
+use growbot_client::plan_file::written_hash;
+use growbot_core::hash::Hasher;
+use growbot_scene::file;
+use growbot_scene::read::is_geometry;
+
+use super::places::Places;
+use super::problem::Problem;
+
+/// All of them together are no longer, bytes.
+const MAX_KEPT: u64 = 1 << 30;
+
+/// Keeps a scene; gives the name by which it is found.
+pub fn keep(places: &Places, name: &str, bytes: &[u8]) -> Result<String, Problem> {
+    let ending = Path::new(name).extension().and_then(|ending| ending.to_str()).unwrap_or_default();
+    let ending = ending.to_ascii_lowercase();
+    let is_scene_file = ending == "toml";
+    if !is_scene_file && !is_geometry(Path::new(&format!("scene.{ending}"))) {
+        return Err(Problem::bad(format!(
+            "{name:?} is no scene by its ending: send a .toml, .stl, .obj, .ply, .glb or .pcd"
+        )));
+    }
+    if is_scene_file {
+        let written = file::parse(&String::from_utf8_lossy(bytes), name).map_err(Problem::bad)?;
+        let files =
+            || written.meshes.iter().map(|mesh| &mesh.file).chain(written.clouds.iter().map(|cloud| &cloud.file));
+        if let Some(other) = files().next() {
+            return Err(Problem::bad(format!(
+                "{name} names {other}, which was not sent: send a scene of one file, or give it to `growbot grow \
+                 --scene` on the machine of the service"
+            )));
+        }
+    }
+    let directory = places.scenes();
+    let kept: u64 = fs::read_dir(&directory)
+        .map_err(Problem::internal)?
+        .filter_map(|entry| entry.ok()?.metadata().ok())
+        .map(|metadata| metadata.len())
+        .sum();
+    if kept + bytes.len() as u64 > MAX_KEPT {
+        return Err(Problem::conflict(format!(
+            "scenes of {MAX_KEPT} bytes are kept: remove those that no job needs from {}",
+            directory.display()
+        )));
+    }
+    let kept = format!("{}.{ending}", written_hash(Hasher::of(bytes)));
+    let path = directory.join(&kept);
+    replace_file(&path, bytes).map_err(Problem::internal)?;
+    if let Err(error) = file::load(&path) {
+        fs::remove_file(&path).map_err(Problem::internal)?;
+        return Err(Problem::bad(error.to_string().replace(&path.display().to_string(), name)));
+    }
+    Ok(kept)
+}
+
+/// The file of a scene that was kept.
+pub fn find(places: &Places, name: &str) -> Result<PathBuf, Problem> {
+    let is_name = name.chars().all(|letter| letter.is_ascii_alphanumeric() || letter == '.') && !name.starts_with('.');
+    let path = places.scenes().join(name);
+    if is_name && path.is_file() {
+        return Ok(path);
+    }
+    Err(Problem::bad(format!("scene {name:?} is not here: send it to /scenes first, and name it as that answers")))
+}

@@ -1,0 +1,75 @@
+//! Requests for events: as server-sent events, and on WebSockets.
+
+use axum::Extension;
+use axum::extract::ws::WebSocketUpgrade;
+use axum::extract::{Path, Query, State};
+use axum::http::HeaderMap;
+use axum::response::Response;
+use futures_util::stream::Stream;
+use serde::Deserialize;
+
+use super::api::{Shared, found_job};
+use super::events::{self, Told};
+use super::limits::StreamPermit;
+use super::problem::Problem;
+
+/// Nobody says more on a WebSocket at a time, bytes: it is not listened to.
+const MAX_HEARD: usize = 1024;
+
+/// From where on events are wanted.
+#[derive(Debug, Deserialize)]
+pub struct After {
+    after: Option<u64>,
+}
+
+/// The number of the line after which events are wanted.
+fn after(headers: &HeaderMap, After { after }: After) -> u64 {
+    let last = headers.get("last-event-id").and_then(|id| id.to_str().ok()?.parse().ok());
+    last.or(after).unwrap_or(0)
+}
+
+pub async fn of_job(
+    State(service): Shared,
+    Path(id): Path<String>,
+    Query(wanted): Query<After>,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let job = found_job(&service, &id)?;
+    Ok(events::as_events(events::of_job(service, job.id, after(&headers, wanted))))
+}
+
+pub async fn socket_of_job(
+    State(service): Shared,
+    Extension(permit): Extension<StreamPermit>,
+    Path(id): Path<String>,
+    Query(wanted): Query<After>,
+    headers: HeaderMap,
+    upgrade: WebSocketUpgrade,
+) -> Result<Response, Problem> {
+    let job = found_job(&service, &id)?;
+    let told = events::of_job(service, job.id, after(&headers, wanted));
+    Ok(socket(upgrade, permit, told))
+}
+
+pub async fn of_robots(State(service): Shared) -> Response {
+    events::as_events(events::of_robots(service))
+}
+
+pub async fn socket_of_robots(
+    State(service): Shared,
+    Extension(permit): Extension<StreamPermit>,
+    upgrade: WebSocketUpgrade,
+) -> Response {
+    socket(upgrade, permit, events::of_robots(service))
+}
+
+fn socket(
+    upgrade: WebSocketUpgrade,
+    permit: StreamPermit,
+    told: impl Stream<Item = Told> + Send + 'static,
+) -> Response {
+    upgrade.max_message_size(MAX_HEARD).on_upgrade(|socket| async move {
+        events::on_socket(socket, told).await;
+        drop(permit);
+    })
+}

@@ -1,0 +1,132 @@
+//! What is to be grown or planned, and its course.
+
+use std::path::{Path, PathBuf};
+
+use growbot_client::plan::{Goal, Plan, Search};
+use growbot_client::plan_file::{self, Opened};
+use growbot_client::pose_text::{parse_goal, parse_pose};
+use growbot_client::through_scene::{self, EFFORT, LENGTH_MAX, Through};
+use growbot_core::plan::Planner;
+use growbot_core::robot::Robot;
+use growbot_scene::file::{LoadedScene, load};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use super::api::Access;
+use super::audit::By;
+use super::places::Places;
+use super::problem::Problem;
+use super::scenes;
+
+/// What is to be grown, or planned.
+#[derive(Debug, Clone, Default, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Wanted {
+    /// A plan, as `growbot plan -o` writes it; without it, a goal.
+    pub plan: Option<Value>,
+    /// The goal: X,Y,Z,HEADING,PITCH, or X,Y,Z in any direction.
+    pub to: Option<String>,
+    /// The start; `0,0,0,0,90` without it.
+    pub from: Option<String>,
+    /// Poses or positions to lead through, in order.
+    #[serde(default)]
+    pub via: Vec<String>,
+    /// Radius of the bends, mm; the robot's planning radius without it.
+    pub radius_mm: Option<f64>,
+    /// The scene to keep clear of: one that was kept by `/scenes`, or, on the user's socket, the whole path of a file.
+    #[serde(default)]
+    pub scene: Option<String>,
+    /// Measure each layer, and plan the rest again from where the tip is.
+    #[serde(default)]
+    pub feedback: bool,
+    /// Grow in spite of self-collision, filament-short or layer-limit, and of a scene.
+    #[serde(default)]
+    pub force: bool,
+    /// What people call the job.
+    pub name: Option<String>,
+}
+
+/// A plan, and the scene that it keeps clear of.
+pub struct Course {
+    /// The plan.
+    pub plan: Plan,
+    /// The scene, if there is one.
+    pub scene: Option<LoadedScene>,
+}
+
+impl Wanted {
+    /// The plan; `robot` is the one that is to grow it.
+    pub fn course(&self, robot: &Robot, places: &Places, access: Access) -> Result<Course, Problem> {
+        let scene = self.scene_file(places, access)?;
+        match (&self.plan, &self.to) {
+            (Some(_), Some(_)) => Err(Problem::bad("both plan and to are given: leave one of them out")),
+            (None, None) => Err(Problem::bad("there is nothing to grow: give plan, or to")),
+            (Some(plan), None) => self.given(plan, robot, scene.as_deref()),
+            (None, Some(goal)) => self.to_goal(goal, robot, scene.as_deref()),
+        }
+    }
+
+    /// Where the scene is. Who asks from elsewhere names no files of this machine.
+    fn scene_file(&self, places: &Places, access: Access) -> Result<Option<PathBuf>, Problem> {
+        let named_by_plan = || self.plan.as_ref()?.pointer("/scene/file")?.as_str();
+        let Some(name) = self.scene.as_deref().or_else(named_by_plan) else { return Ok(None) };
+        if access == Access::Operate(By::Command) && Path::new(name).is_absolute() {
+            return Ok(Some(PathBuf::from(name)));
+        }
+        scenes::find(places, name).map(Some)
+    }
+
+    fn given(&self, plan: &Value, robot: &Robot, scene: Option<&Path>) -> Result<Course, Problem> {
+        let opened = plan_file::read_in_scene(&plan.to_string(), "the plan", None, scene);
+        let Opened { robot: of, mut plan, scene: within } = opened.map_err(Problem::bad)?;
+        if of.hash() != robot.hash() {
+            return Err(Problem::conflict(format!(
+                "the plan is for {} ({:016x}), and the robot is {} ({:016x}): plan for that one",
+                of.name(),
+                of.hash(),
+                robot.name(),
+                robot.hash()
+            )));
+        }
+        let (Some(file), None) = (scene, &within) else { return Ok(Course { plan, scene: within }) };
+        // The plan knows nothing of the scene.
+        let loaded = load(file).map_err(Problem::bad)?;
+        match through_scene::clear_in(&plan, robot, &file.display().to_string(), &loaded) {
+            Ok(clearance) => plan.scene = Some(clearance),
+            Err(_) if self.force => {}
+            Err(unclear) => return Err(Problem::bad(unclear)),
+        }
+        Ok(Course { plan, scene: Some(loaded) })
+    }
+
+    fn to_goal(&self, goal: &str, robot: &Robot, scene: Option<&Path>) -> Result<Course, Problem> {
+        let goal = parse_goal(goal).map_err(Problem::bad)?.goal;
+        let start = parse_pose(self.from.as_deref().unwrap_or("0,0,0,0,90")).map_err(Problem::bad)?;
+        let via: Result<Vec<_>, _> = self.via.iter().map(|via| parse_goal(via).map(|typed| typed.goal)).collect();
+        let via = via.map_err(Problem::bad)?;
+        let search = Search {
+            radius: self.radius_mm.unwrap_or(robot.description().planning_radius_mm),
+            planner: Planner::Shortest,
+            clear_of_self: true,
+        };
+        let Some(file) = scene else {
+            let plan = Plan::through(robot, &start, &via, &goal, &search).map_err(Problem::bad)?;
+            return Ok(Course { plan, scene: None });
+        };
+        let loaded = load(file).map_err(Problem::bad)?;
+        let through = Through {
+            file: &file.display().to_string(),
+            loaded: &loaded,
+            margin: loaded.margin,
+            grown: None,
+            effort: EFFORT,
+            deadline: None,
+            length_max: LENGTH_MAX,
+            first_only: false,
+        };
+        let goals: Vec<Goal> = via.into_iter().chain([goal]).collect();
+        let plan = through_scene::plan(robot, &start, &goals, &search, &through).map_err(Problem::bad)?;
+        Ok(Course { plan, scene: Some(loaded) })
+    }
+}

@@ -1,0 +1,226 @@
+//! A user with a service and a simulated robot, and requests by hand.
+#![allow(dead_code, reason = "no test needs all of it")]
+
+use std::fs;
+use std::io::{Read, Write};
+use std::net::TcpStream;
+use std::os::unix::net::UnixStream;
+use std::path::PathBuf;
+use std::process::{Child, Command, Stdio};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+
+use crate::running::{PROGRAM, command};
+
+/// Nothing takes so long, on however busy a machine.
+const PATIENCE: Duration = Duration::from_secs(120);
+/// A body of robot A2 of so many layers.
+pub const GOAL: &str = "0,0,60,0,90";
+pub const LAYERS: usize = 78;
+
+/// A user with a service and a simulated robot.
+pub struct Lab {
+    pub directory: tempfile::TempDir,
+    pub service: Option<Child>,
+    pub pages: Option<(u16, [String; 2])>,
+}
+
+impl Lab {
+    pub fn new(pace: f64) -> Self {
+        Self::with(pace, "")
+    }
+
+    /// One whose `growbot.toml` says this, too.
+    pub fn with(pace: f64, more: &str) -> Self {
+        Self::configured(&format!(
+            "robot = \"growbot-a2\"\nport = \"sim:lab\"\n[robots.lab]\nport = \"sim:lab\"\nrobot = \"growbot-a2\"\npace = {pace}\n{more}"
+        ))
+    }
+
+    /// One whose `growbot.toml` is this.
+    pub fn configured(settings: &str) -> Self {
+        let directory = tempfile::tempdir().unwrap();
+        fs::write(directory.path().join("growbot.toml"), settings).unwrap();
+        fs::create_dir(directory.path().join("run")).unwrap();
+        let mut lab = Self { directory, service: None, pages: None };
+        lab.start();
+        lab
+    }
+
+    pub fn command(&self, args: &[&str]) -> Command {
+        let mut command = command(PROGRAM);
+        command.current_dir(self.directory.path());
+        command.env("XDG_STATE_HOME", self.directory.path().join("state"));
+        command.env("XDG_RUNTIME_DIR", self.directory.path().join("run"));
+        command.args(args).stdin(Stdio::null());
+        command
+    }
+
+    /// What a command prints, and its exit code.
+    pub fn run(&self, args: &[&str]) -> (Option<i32>, String) {
+        let output = self.command(args).output().unwrap();
+        let text = [output.stdout, output.stderr].concat();
+        (output.status.code(), String::from_utf8(text).unwrap())
+    }
+
+    pub fn start(&mut self) {
+        let port = self.pages.as_ref().map_or(0, |(port, _)| *port).to_string();
+        let said = self.directory.path().join("said");
+        let out = fs::File::create(&said).unwrap();
+        let heard = self.directory.path().join("heard");
+        let heard = fs::File::options().create(true).append(true).open(heard).unwrap();
+        let service = self.command(&["serve", "--page-port", &port]).stdout(out).stderr(heard).spawn().unwrap();
+        self.service = Some(service);
+        let text = wait_for("the service says its addresses", || {
+            let text = fs::read_to_string(&said).unwrap();
+            (text.lines().count() == 2).then_some(text)
+        });
+        let addresses: Vec<&str> = text.lines().filter_map(|line| line.split_whitespace().last()).collect();
+        let of = |address: &str| {
+            let rest = address.strip_prefix("http://127.0.0.1:").unwrap();
+            let (port, token) = rest.trim_end_matches('/').split_once('/').unwrap();
+            (port.parse::<u16>().unwrap(), token.to_owned())
+        };
+        let (port, operate) = of(addresses[0]);
+        let pages = (port, [operate, of(addresses[1]).1]);
+        assert!(self.pages.as_ref().is_none_or(|before| *before == pages), "the pages are where they were");
+        self.pages = Some(pages);
+    }
+
+    pub fn kill(&mut self) {
+        let mut service = self.service.take().unwrap();
+        service.kill().unwrap();
+        service.wait().unwrap();
+    }
+
+    /// Memory that the service has, kB.
+    pub fn memory_kb(&self) -> u64 {
+        let status = fs::read_to_string(format!("/proc/{}/status", self.service.as_ref().unwrap().id())).unwrap();
+        let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).unwrap();
+        line.trim().trim_end_matches(" kB").parse().unwrap()
+    }
+
+    /// Files and connections that the service has open.
+    pub fn files(&self) -> usize {
+        fs::read_dir(format!("/proc/{}/fd", self.service.as_ref().unwrap().id())).unwrap().count()
+    }
+
+    /// What the service has said of trouble.
+    pub fn heard(&self) -> String {
+        fs::read_to_string(self.directory.path().join("heard")).unwrap()
+    }
+
+    /// The orders that were noted.
+    pub fn orders(&self) -> Vec<Value> {
+        let text = fs::read_to_string(self.directory.path().join("state/growbot/serve/orders.jsonl")).unwrap();
+        text.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
+    }
+
+    /// A connection to the pages.
+    pub fn page(&self) -> TcpStream {
+        TcpStream::connect(("127.0.0.1", self.pages.as_ref().unwrap().0)).unwrap()
+    }
+
+    /// A path of the interface with the operating token.
+    pub fn at(&self, path: &str) -> String {
+        format!("/{}/api/v1{path}", self.pages.as_ref().unwrap().1[0])
+    }
+
+    pub fn socket(&self) -> PathBuf {
+        self.directory.path().join("run/growbot/serve.sock")
+    }
+
+    /// Asks on the user's socket.
+    pub fn ask(&self, method: &str, path: &str, body: &str) -> (u16, Value) {
+        let stream = UnixStream::connect(self.socket()).unwrap();
+        let (status, text) = http(stream, method, &format!("/api/v1{path}"), &[], body);
+        (status, serde_json::from_str(&text).unwrap_or(Value::String(text)))
+    }
+
+    /// Asks at the pages' address with these headers.
+    pub fn ask_page(&self, path: &str, headers: &[&str], method: &str, body: &str) -> u16 {
+        let stream = TcpStream::connect(("127.0.0.1", self.pages.as_ref().unwrap().0)).unwrap();
+        http(stream, method, path, headers, body).0
+    }
+
+    pub fn wait_until_ready(&self) {
+        self.wait_until_robot_is_ready("lab");
+    }
+
+    pub fn wait_until_robot_is_ready(&self, name: &str) {
+        wait_for("the robot is ready", || {
+            let (_, robot) = self.ask("GET", &format!("/robots/{name}"), "");
+            (robot["state"] == "ready").then_some(())
+        });
+    }
+
+    pub fn wait_for_end(&self, job: &str) -> Value {
+        wait_for("the job ends", || {
+            let (_, job) = self.ask("GET", &format!("/jobs/{job}"), "");
+            (job["state"] != "active").then_some(job)
+        })
+    }
+
+    pub fn log(&self, job: &str) -> PathBuf {
+        self.directory.path().join(format!("state/growbot/serve/jobs/{job}.jsonl"))
+    }
+}
+
+impl Drop for Lab {
+    fn drop(&mut self) {
+        if let Some(mut service) = self.service.take() {
+            let _ = service.kill();
+            let _ = service.wait();
+        }
+        // All simulated robots that it has switched on.
+        for robot in fs::read_dir(self.directory.path().join("state/growbot/robots")).into_iter().flatten().flatten() {
+            let port = format!("sim:{}", robot.file_name().to_string_lossy());
+            let _ = self.command(&["power", "off", "--port", &port]).output();
+        }
+    }
+}
+
+pub fn wait_for<T>(what: &str, mut look: impl FnMut() -> Option<T>) -> T {
+    let began = Instant::now();
+    loop {
+        if let Some(found) = look() {
+            return found;
+        }
+        assert!(began.elapsed() < PATIENCE, "{what}: not within {PATIENCE:?}");
+        sleep(Duration::from_millis(10));
+    }
+}
+
+/// One request by hand, so that wrong ones can be made too: the status and the body of the answer.
+pub fn http(mut stream: impl Read + Write, method: &str, path: &str, headers: &[&str], body: &str) -> (u16, String) {
+    let mut request = format!("{method} {path} HTTP/1.1\r\nconnection: close\r\ncontent-length: {}\r\n", body.len());
+    let said = |name: &str| headers.iter().any(|header| header.to_lowercase().starts_with(name));
+    for (name, value) in [("host:", "localhost"), ("content-type:", "application/json")] {
+        if !said(name) {
+            request += &format!("{name} {value}\r\n");
+        }
+    }
+    headers.iter().for_each(|header| request += &format!("{header}\r\n"));
+    request += &format!("\r\n{body}");
+    // It may answer, and close, before it has everything.
+    let _ = stream.write_all(request.as_bytes());
+    let mut answer = Vec::new();
+    let _ = stream.read_to_end(&mut answer);
+    let answer = String::from_utf8_lossy(&answer).into_owned();
+    let status = answer.split(' ').nth(1).and_then(|status| status.parse().ok()).unwrap_or(0);
+    let (head, body) = answer.split_once("\r\n\r\n").unwrap_or_default();
+    let is_chunked = head.to_lowercase().contains("transfer-encoding: chunked");
+    (status, if is_chunked { unchunked(body) } else { body.to_owned() })
+}
+
+fn unchunked(mut text: &str) -> String {
+    let mut whole = String::new();
+    while let Some((length, rest)) = text.split_once("\r\n") {
+        let Ok(length @ 1..) = usize::from_str_radix(length, 16) else { break };
+        whole += &rest[..length];
+        text = &rest[length + 2..];
+    }
+    whole
+}

@@ -1,0 +1,130 @@
+//! How soon a robot on a serial line (a pty) obeys while it grows: orders by commands of another terminal and from the
+//! page, and the emergency stop while the service is frozen. Prints a table; GROWBOT_ORDERS=50 makes each median one of
+//! 50.
+
+#[allow(dead_code, reason = "no test needs all of it")]
+mod emergency;
+mod lab;
+mod running;
+
+use std::time::{Duration, Instant};
+
+use emergency::Bench;
+use growbot_core::link::message::State;
+use lab::{Lab, wait_for};
+use running::command;
+use serde_json::json;
+
+/// A growth on a serial line that a service owns.
+struct Growth {
+    lab: Lab,
+    bench: Bench,
+}
+
+impl Growth {
+    /// A body of hours, which grows.
+    fn begin() -> Self {
+        let bench = Bench::new();
+        let port = &bench.name;
+        let lab = Lab::configured(&format!(
+            "port = \"{port}\"\nrobot = \"growbot-a\"\n[robots.lab]\nport = \"{port}\"\nrobot = \"growbot-a\"\n"
+        ));
+        lab.wait_until_ready();
+        let growth = Self { lab, bench };
+        let (status, job) = growth.lab.ask("POST", "/robots/lab/jobs", &json!({ "to": "0,0,300,0,90" }).to_string());
+        assert_eq!(status, 201, "{job}");
+        growth.wait_for(State::Growing);
+        growth
+    }
+
+    fn wait_for(&self, state: State) {
+        wait_for(state.name(), || (self.bench.seen().state == state).then_some(()));
+    }
+
+    /// Until a command has ended well.
+    fn command(&self, args: &[&str]) -> Duration {
+        let began = Instant::now();
+        let (code, said) = self.lab.run(args);
+        let took = began.elapsed();
+        assert_eq!(code, Some(0), "{said}");
+        took
+    }
+
+    /// Until the page has its answer.
+    fn page(&self, method: &str, path: &str, body: &str) -> Duration {
+        let began = Instant::now();
+        let status = self.lab.ask_page(&self.lab.at(path), &[], method, body);
+        let took = began.elapsed();
+        assert_eq!(status, 200);
+        took
+    }
+
+    fn order(&self, order: &str) -> Duration {
+        self.page("POST", "/robots/lab/orders", &json!({ "order": order }).to_string())
+    }
+
+    /// Until the emergency stop has switched everything off, and until who has sent it knows that.
+    fn emergency_stop(&self, send: impl FnOnce() -> Duration + Send) -> (Duration, Duration) {
+        let (off, told) = std::thread::scope(|scope| {
+            let began = Instant::now();
+            let sender = scope.spawn(send);
+            while self.bench.seen().passed.is_none() {
+                std::thread::sleep(Duration::from_micros(200));
+            }
+            (began.elapsed(), sender.join().unwrap())
+        });
+        assert_eq!(self.bench.seen().off_at_once, Some(true));
+        (off, told)
+    }
+}
+
+/// Median and max.
+fn print(what: &str, mut times: Vec<Duration>) {
+    times.sort();
+    let ms = |time: &Duration| time.as_secs_f64() * 1e3;
+    println!("| {what} | {:.1} | {:.1} |", ms(&times[times.len() / 2]), ms(times.last().unwrap()));
+}
+
+#[test]
+fn orders_from_another_terminal_and_from_the_page_are_obeyed_during_a_growth() {
+    let count: usize = std::env::var("GROWBOT_ORDERS").map_or(2, |count| count.parse().unwrap());
+    println!("| during a growth on a pty, each {count} times | median, ms | max, ms |\n|---|---|---|");
+    let growth = Growth::begin();
+    let (mut status, mut pause, mut page_status, mut page_pause) = (vec![], vec![], vec![], vec![]);
+    for _ in 0..count {
+        status.push(growth.command(&["status"]));
+        page_status.push(growth.page("GET", "/robots/lab", ""));
+        pause.push(growth.command(&["pause"]));
+        growth.wait_for(State::Paused);
+        growth.command(&["continue"]);
+        growth.wait_for(State::Growing);
+        page_pause.push(growth.order("pause"));
+        growth.wait_for(State::Paused);
+        growth.order("continue");
+        growth.wait_for(State::Growing);
+    }
+    print("`growbot status`", status);
+    print("status on the page", page_status);
+    print("`growbot pause`", pause);
+    print("pause on the page", page_pause);
+    drop(growth);
+    let (mut by_command, mut by_page, mut frozen) = (vec![], vec![], vec![]);
+    for _ in 0..count {
+        let growth = Growth::begin();
+        by_command.push(growth.emergency_stop(|| growth.command(&["estop"])));
+        let growth = Growth::begin();
+        by_page.push(growth.emergency_stop(|| growth.order("emergency-stop")));
+        let growth = Growth::begin();
+        let pid = growth.lab.service.as_ref().unwrap().id().to_string();
+        assert!(command("kill").args(["-STOP", &pid]).status().unwrap().success());
+        frozen.push(growth.emergency_stop(|| growth.command(&["estop"])));
+        assert!(command("kill").args(["-CONT", &pid]).status().unwrap().success());
+    }
+    for (what, times) in
+        [("`growbot estop`", by_command), ("on the page", by_page), ("`growbot estop`, the service frozen", frozen)]
+    {
+        let (off, told) = times.into_iter().unzip();
+        print(&format!("{what}: everything off"), off);
+        print(&format!("{what}: confirmed"), told);
+    }
+}

@@ -1,0 +1,209 @@
+//! What one client may take of the service: too many connections, and those that are too slow or too long, keep no
+//! order from a robot.
+
+mod lab;
+mod running;
+
+use std::io::{ErrorKind, Read, Write};
+use std::net::TcpStream;
+use std::os::unix::net::UnixStream;
+use std::sync::Barrier;
+use std::thread::{self, sleep};
+use std::time::{Duration, Instant};
+
+use lab::{GOAL, Lab, http, wait_for};
+use serde_json::{Value, json};
+
+/// Half-open connections.
+const MANY: usize = 1500;
+/// As growbot-host/src/serve/limits.rs has them.
+const CONNECTIONS: usize = 256;
+const STREAMS: usize = 64;
+const STOP: &str = r#"{"order":"emergency-stop"}"#;
+
+/// Has this process hold so many files.
+fn raise_limit() {
+    use rustix::process::{Resource, getrlimit, setrlimit};
+    let mut limit = getrlimit(Resource::Nofile);
+    limit.current = limit.maximum.map_or(Some(8192), |most| Some(most.min(8192)));
+    setrlimit(Resource::Nofile, limit).unwrap();
+}
+
+#[test]
+fn half_open_connections_keep_nobody_out() {
+    raise_limit();
+    let lab = Lab::new(100.0);
+    lab.wait_until_ready();
+    let (port, _) = lab.pages.clone().unwrap();
+    let half = |mut stream: TcpStream| {
+        // The service may have given its place to another already.
+        let _ = stream.write_all(b"GET / HT");
+        stream
+    };
+    let open: Vec<_> = (0..MANY).map(|_| half(TcpStream::connect(("127.0.0.1", port)).unwrap())).collect();
+    let began = Instant::now();
+    assert_eq!(lab.ask_page(&lab.at("/robots"), &[], "GET", ""), 200);
+    assert_eq!(lab.ask_page(&lab.at("/robots/lab/orders"), &[], "POST", STOP), 200);
+    assert!(began.elapsed() < Duration::from_secs(2), "{:?}", began.elapsed());
+    let files = lab.files();
+    assert!(files < CONNECTIONS + 100, "{files} files are open");
+    // Commands have places of their own, and there as many strangers keep nobody out, either.
+    let open_there: Vec<_> = (0..MANY).map(|_| UnixStream::connect(lab.socket()).unwrap()).collect();
+    let (code, said) = lab.run(&["estop"]);
+    assert!(code == Some(0) && said.starts_with("emergency stop"), "{said}");
+    assert_eq!(lab.ask("GET", "/robots/lab", "").1["board"], "emergency-stop");
+    let files = lab.files();
+    assert!(files < 2 * CONNECTIONS + 100, "{files} files are open");
+    drop((open, open_there));
+    wait_for("the connections are closed", || (lab.files() < 60).then_some(()));
+}
+
+#[test]
+fn connections_of_those_who_may_ask_are_limited_too_and_commands_still_get_through() {
+    raise_limit();
+    let lab = Lab::new(100.0);
+    lab.wait_until_ready();
+    let request = format!("GET {} HTTP/1.1\r\nhost: localhost\r\n\r\n", lab.at("/robots"));
+    let keep = || {
+        let mut stream = lab.page();
+        stream.write_all(request.as_bytes()).unwrap();
+        let mut answer = [0; 12];
+        stream.read_exact(&mut answer).unwrap();
+        (stream, String::from_utf8_lossy(&answer).into_owned())
+    };
+    let open: Vec<_> = (0..CONNECTIONS).map(|_| keep()).collect();
+    assert!(open.iter().all(|(_, answer)| answer == "HTTP/1.1 200"));
+    assert_eq!(keep().1, "HTTP/1.1 503");
+    let (status, problem) = http(lab.page(), "GET", &lab.at("/robots"), &[], "");
+    assert!(status == 503 && problem.contains("256 connections are open: try again"), "{problem}");
+    assert_eq!(lab.ask("POST", "/robots/lab/orders", STOP).0, 200);
+    drop(open);
+    wait_for("there is room again", || (lab.ask_page(&lab.at("/robots"), &[], "GET", "") == 200).then_some(()));
+}
+
+/// The status that comes to this beginning of a request, and after how long; 0 where the connection is closed without.
+fn status_of(mut stream: TcpStream, request: &str) -> (u16, Duration) {
+    let began = Instant::now();
+    stream.write_all(request.as_bytes()).unwrap();
+    stream.set_read_timeout(Some(Duration::from_millis(500))).unwrap();
+    let mut answer = Vec::new();
+    let mut part = [0; 4096];
+    while began.elapsed() < Duration::from_secs(60) {
+        match stream.read(&mut part) {
+            Ok(0) => break,
+            Ok(read) => answer.extend_from_slice(&part[..read]),
+            // Slow, but never silent.
+            Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {
+                if stream.write_all(b"x").is_err() {
+                    break;
+                }
+            }
+            Err(_) => break,
+        }
+        if answer.windows(4).any(|end| end == b"\r\n\r\n") {
+            break;
+        }
+    }
+    let answer = String::from_utf8_lossy(&answer);
+    (answer.split(' ').nth(1).and_then(|status| status.parse().ok()).unwrap_or(0), began.elapsed())
+}
+
+#[test]
+fn slow_and_long_requests_are_refused() {
+    let lab = Lab::new(100.0);
+    lab.wait_until_ready();
+    let post = |length: &str| {
+        let path = lab.at("/robots/lab/orders");
+        format!("POST {path} HTTP/1.1\r\nhost: localhost\r\ncontent-type: application/json\r\n{length}\r\n\r\n")
+    };
+    thread::scope(|scope| {
+        let head = scope.spawn(|| status_of(lab.page(), "GET / HTTP/1.1\r\nx: "));
+        let body = scope.spawn(|| status_of(lab.page(), &post("content-length: 1000")));
+        // Long ones are read two at a time; the next is refused, and no order, which is short, waits for them.
+        let long: Vec<_> =
+            (0..2).map(|_| scope.spawn(|| status_of(lab.page(), &post("content-length: 100000")))).collect();
+        sleep(Duration::from_secs(1));
+        assert_eq!(status_of(lab.page(), &post("transfer-encoding: chunked")).0, 503);
+        assert_eq!(status_of(lab.page(), &post("content-length: 17000000")).0, 413);
+        assert_eq!(lab.ask_page(&lab.at("/robots/lab/orders"), &[], "POST", STOP), 200);
+        let (status, after) = head.join().unwrap();
+        // Some have it that 408 is said first.
+        assert!(matches!(status, 0 | 408) && after < Duration::from_secs(25), "{status} after {after:?}");
+        for slow in long.into_iter().chain([body]) {
+            let (status, after) = slow.join().unwrap();
+            assert!(status == 408 && after < Duration::from_secs(40), "{status} after {after:?}");
+        }
+    });
+    let chunk = format!("100000\r\n{}\r\n", "0".repeat(1 << 20)).repeat(17);
+    let mut stream = lab.page();
+    let _ = stream.write_all((post("transfer-encoding: chunked") + &chunk).as_bytes());
+    assert_eq!(status_of(stream, "").0, 413);
+    let orders = lab.orders();
+    assert_eq!(orders.len(), 1, "{orders:?}");
+}
+
+#[test]
+fn streams_of_events_are_limited_and_a_place_is_free_again() {
+    let lab = Lab::new(100.0);
+    lab.wait_until_ready();
+    let request = format!("GET {} HTTP/1.1\r\nhost: localhost\r\n\r\n", lab.at("/events"));
+    let streams: Vec<_> = (0..STREAMS).map(|_| status_of_kept(&lab, &request)).collect();
+    assert!(streams.iter().all(|(_, status)| *status == 200));
+    assert_eq!(status_of_kept(&lab, &request).1, 503);
+    assert_eq!(lab.ask_page(&lab.at("/robots"), &[], "GET", ""), 200);
+    drop(streams);
+    wait_for("there is a place again", || (status_of_kept(&lab, &request).1 == 200).then_some(()));
+}
+
+fn status_of_kept(lab: &Lab, request: &str) -> (TcpStream, u16) {
+    let mut stream = lab.page();
+    stream.write_all(request.as_bytes()).unwrap();
+    let mut answer = [0; 12];
+    stream.read_exact(&mut answer).unwrap();
+    (stream, String::from_utf8_lossy(&answer[9..]).parse().unwrap())
+}
+
+/// Two people press at once.
+#[test]
+fn of_jobs_that_are_begun_at_once_one_is() {
+    let lab = Lab::new(100.0);
+    lab.wait_until_ready();
+    let begin = |key: Option<&str>| {
+        let stream = UnixStream::connect(lab.socket()).unwrap();
+        let key = key.map(|key| format!("idempotency-key: {key}"));
+        let headers: Vec<&str> = key.as_deref().into_iter().collect();
+        http(stream, "POST", "/api/v1/robots/lab/jobs", &headers, &json!({ "to": GOAL }).to_string())
+    };
+    for round in 0..4 {
+        let key = (round == 3).then_some("the same");
+        let barrier = Barrier::new(6);
+        let answers: Vec<(u16, String)> = thread::scope(|scope| {
+            let asked = (0..6).map(|_| {
+                scope.spawn(|| {
+                    barrier.wait();
+                    begin(key)
+                })
+            });
+            asked.collect::<Vec<_>>().into_iter().map(|asked| asked.join().unwrap()).collect()
+        });
+        let count = |status: u16| answers.iter().filter(|(of, _)| *of == status).count();
+        // The same request, made again, is answered with its job.
+        let others = if key.is_some() { 200 } else { 409 };
+        assert_eq!((count(201), count(others)), (1, 5), "{answers:?}");
+        let began = answers.iter().find(|(status, _)| *status == 201).unwrap();
+        let job = serde_json::from_str::<Value>(&began.1).unwrap()["id"].as_str().unwrap().to_owned();
+        assert_eq!(lab.ask("GET", "/robots/lab", "").1["job"], job);
+        let (_, jobs) = lab.ask("GET", "/jobs", "");
+        assert_eq!(jobs.as_array().unwrap().len(), round + 1, "{jobs}");
+        assert_eq!(lab.ask("POST", "/robots/lab/orders", r#"{"order":"stop"}"#).0, 200);
+        assert_eq!(lab.wait_for_end(&job)["state"], "interrupted");
+        wait_for("it can be given up", || {
+            (lab.ask("POST", "/robots/lab/orders", r#"{"order":"cancel"}"#).0 == 200).then_some(())
+        });
+    }
+    // None of those that were refused begins later.
+    sleep(Duration::from_secs(1));
+    assert_eq!(lab.ask("GET", "/robots/lab", "").1["job"], Value::Null);
+    let of = |order: &str| lab.orders().iter().filter(|of| of["order"] == order && of["refused"].is_null()).count();
+    assert_eq!((of("grow"), of("cancel")), (9, 4), "four that began, and five answered with the job of the fourth");
+}

@@ -1,0 +1,284 @@
+//! The service under load: eight simulated robots that grow one body after another, twenty pages that follow them, half
+//! of them on WebSockets, and two hundred requests a second. GROWBOT_LOAD_S=60 has it last a minute, 600 ten.
+
+mod lab;
+mod running;
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpStream;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::thread::{self, sleep};
+use std::time::{Duration, Instant};
+
+use lab::{GOAL, Lab, wait_for};
+use serde_json::{Value, json};
+
+const ROBOTS: usize = 8;
+const PAGES: usize = 20;
+/// Requests a second, by so many clients.
+const RATE: usize = 200;
+const CLIENTS: usize = 10;
+/// Half of all requests take no longer.
+const MEDIAN: Duration = Duration::from_millis(20);
+
+/// What all know.
+struct Load<'a> {
+    lab: &'a Lab,
+    until: Instant,
+    /// The job that each robot has begun last.
+    jobs: Vec<Mutex<Option<String>>>,
+    /// Growers that have not ended.
+    growing: AtomicUsize,
+}
+
+/// What a page was told of a job: the number of each line, and the line.
+type Told = (String, Vec<(u64, String)>);
+
+/// One that grows has ended, whatever the reason.
+struct Ended<'a>(&'a AtomicUsize);
+
+impl Drop for Ended<'_> {
+    fn drop(&mut self) {
+        self.0.fetch_sub(1, Ordering::AcqRel);
+    }
+}
+
+impl Load<'_> {
+    /// Has a robot grow one body after another. Gives how many.
+    fn grow(&self, robot: usize) -> usize {
+        let _ended = Ended(&self.growing);
+        let mut grown = 0;
+        while Instant::now() < self.until {
+            let path = format!("/robots/{}/jobs", name(robot));
+            let (status, job) = self.lab.ask("POST", &path, &json!({ "to": GOAL }).to_string());
+            // After some growths its journal is full.
+            if status == 409 && job["detail"].as_str().is_some_and(|why| why.ends_with("wait until it has cooled")) {
+                sleep(Duration::from_millis(100));
+                continue;
+            }
+            assert_eq!(status, 201, "{job}");
+            let id = job["id"].as_str().unwrap().to_owned();
+            *self.jobs[robot].lock().unwrap() = Some(id.clone());
+            assert_eq!(self.lab.wait_for_end(&id)["state"], "done");
+            grown += 1;
+        }
+        grown
+    }
+
+    /// Follows the jobs of a robot, each from its beginning to its end.
+    fn follow(&self, page: usize) -> Vec<Told> {
+        let mut told: Vec<Told> = Vec::new();
+        loop {
+            let last = self.growing.load(Ordering::Acquire) == 0;
+            let job = self.jobs[page % ROBOTS].lock().unwrap().clone();
+            match job.filter(|job| told.last().is_none_or(|(before, _)| before != job)) {
+                Some(job) => {
+                    let lines = if page.is_multiple_of(2) { self.events(&job) } else { self.socket(&job) };
+                    told.push((job, lines));
+                }
+                None if last => return told,
+                None => sleep(Duration::from_millis(10)),
+            }
+        }
+    }
+
+    fn open(&self, path: &str, headers: &str) -> BufReader<TcpStream> {
+        let mut stream = self.lab.page();
+        let path = self.lab.at(path);
+        stream.write_all(format!("GET {path} HTTP/1.1\r\nhost: localhost\r\n{headers}\r\n").as_bytes()).unwrap();
+        let mut reader = BufReader::new(stream);
+        let mut line = String::new();
+        while line != "\r\n" {
+            line.clear();
+            assert!(reader.read_line(&mut line).unwrap() > 0, "no answer");
+        }
+        reader
+    }
+
+    /// Server-sent events, of which chunks hold whole lines.
+    fn events(&self, job: &str) -> Vec<(u64, String)> {
+        let reader = self.open(&format!("/jobs/{job}/events"), "connection: close\r\n");
+        let (mut lines, mut data) = (Vec::new(), None);
+        for line in reader.lines() {
+            let line = line.unwrap();
+            let line = line.trim_end_matches('\r');
+            if let Some(text) = line.strip_prefix("data: ") {
+                data = Some(text.to_owned());
+            } else if let Some(id) = line.strip_prefix("id: ") {
+                lines.push((id.parse().unwrap(), data.take().unwrap()));
+            }
+        }
+        lines
+    }
+
+    /// Messages on a WebSocket, to the frame that closes it.
+    fn socket(&self, job: &str) -> Vec<(u64, String)> {
+        let headers = "connection: upgrade\r\nupgrade: websocket\r\nsec-websocket-version: 13\r\n\
+                       sec-websocket-key: dGhlIHNhbXBsZSBub25jZQ==\r\n";
+        let mut reader = self.open(&format!("/jobs/{job}/events/socket"), headers);
+        let mut lines = Vec::new();
+        loop {
+            let (kind, bytes) = frame(&mut reader);
+            match kind {
+                1 => {
+                    let message: Value = serde_json::from_slice(&bytes).unwrap();
+                    assert_eq!((&message["version"], &message["event"]), (&json!(1), &json!("log")));
+                    lines.push((message["id"].as_u64().unwrap(), message["data"].to_string()));
+                }
+                8 => return lines,
+                // A question whether somebody is there.
+                9 => {}
+                kind => panic!("a frame of kind {kind}"),
+            }
+        }
+    }
+
+    /// Asks at a steady rate, on one connection. Gives how long each answer took.
+    fn ask(&self, client: usize) -> Vec<Duration> {
+        let paths = ["/robots", "/jobs?max=20", "/robots/lab", "/openapi.json"].map(|path| self.lab.at(path));
+        let mut took = Vec::new();
+        let mut stream = BufReader::new(self.lab.page());
+        let pause = Duration::from_secs(1) * CLIENTS as u32 / RATE as u32;
+        let mut next = Instant::now();
+        while Instant::now() < self.until {
+            let path = &paths[(took.len() + client) % paths.len()];
+            let began = Instant::now();
+            stream.get_mut().write_all(format!("GET {path} HTTP/1.1\r\nhost: localhost\r\n\r\n").as_bytes()).unwrap();
+            assert_eq!(answer(&mut stream), 200);
+            took.push(began.elapsed());
+            next += pause;
+            sleep(next.saturating_duration_since(Instant::now()));
+        }
+        took
+    }
+}
+
+/// Reads a frame of a server: what it is, and what it holds.
+fn frame(reader: &mut impl Read) -> (u8, Vec<u8>) {
+    let mut head = [0; 2];
+    reader.read_exact(&mut head).unwrap();
+    assert!(head[0] & 0x80 != 0 && head[1] & 0x80 == 0, "a whole frame, unmasked");
+    let length = match head[1] {
+        126 => {
+            let mut length = [0; 2];
+            reader.read_exact(&mut length).unwrap();
+            u64::from(u16::from_be_bytes(length))
+        }
+        127 => {
+            let mut length = [0; 8];
+            reader.read_exact(&mut length).unwrap();
+            u64::from_be_bytes(length)
+        }
+        length => u64::from(length),
+    };
+    let mut bytes = vec![0; usize::try_from(length).unwrap()];
+    reader.read_exact(&mut bytes).unwrap();
+    (head[0] & 0xf, bytes)
+}
+
+/// Reads an answer whole; gives its status.
+fn answer(reader: &mut impl BufRead) -> u16 {
+    let (mut status, mut length) = (0, 0);
+    loop {
+        let mut line = String::new();
+        assert!(reader.read_line(&mut line).unwrap() > 0, "no answer");
+        if status == 0 {
+            status = line.split(' ').nth(1).unwrap().parse().unwrap();
+        }
+        if let Some(text) = line.strip_prefix("content-length: ") {
+            length = text.trim().parse().unwrap();
+        }
+        if line == "\r\n" {
+            break;
+        }
+    }
+    std::io::copy(&mut reader.take(length), &mut std::io::sink()).unwrap();
+    status
+}
+
+fn name(robot: usize) -> String {
+    if robot == 0 { "lab".to_owned() } else { format!("lab{robot}") }
+}
+
+#[test]
+fn every_page_is_told_every_event_once_and_requests_are_answered_at_once() {
+    let seconds: u64 = std::env::var("GROWBOT_LOAD_S").map_or(8, |seconds| seconds.parse().unwrap());
+    let more = (1..ROBOTS).map(name);
+    let more: String = more
+        .map(|name| format!("[robots.{name}]\nport = \"sim:{name}\"\nrobot = \"growbot-a2\"\npace = 100.0\n"))
+        .collect();
+    let lab = Lab::with(100.0, &more);
+    wait_for("all robots are ready", || {
+        let (_, robots) = lab.ask("GET", "/robots", "");
+        robots.as_array().unwrap().iter().all(|robot| robot["state"] == "ready").then_some(())
+    });
+    let load = Load {
+        lab: &lab,
+        until: Instant::now() + Duration::from_secs(seconds),
+        jobs: (0..ROBOTS).map(|_| Mutex::default()).collect(),
+        growing: AtomicUsize::new(ROBOTS),
+    };
+    let (grown, told, mut took, memory) = thread::scope(|scope| {
+        let growers: Vec<_> = (0..ROBOTS)
+            .map(|robot| {
+                scope.spawn({
+                    let load = &load;
+                    move || load.grow(robot)
+                })
+            })
+            .collect();
+        let pages: Vec<_> = (0..PAGES)
+            .map(|page| {
+                scope.spawn({
+                    let load = &load;
+                    move || load.follow(page)
+                })
+            })
+            .collect();
+        let clients: Vec<_> = (0..CLIENTS)
+            .map(|client| {
+                scope.spawn({
+                    let load = &load;
+                    move || load.ask(client)
+                })
+            })
+            .collect();
+        sleep(Duration::from_secs(seconds / 4));
+        let at_start = lab.memory_kb();
+        let took: Vec<Duration> = clients.into_iter().flat_map(|client| client.join().unwrap()).collect();
+        let memory = (at_start, lab.memory_kb());
+        let grown: usize = growers.into_iter().map(|grower| grower.join().unwrap()).sum();
+        let told: Vec<Told> = pages.into_iter().flat_map(|page| page.join().unwrap()).collect();
+        (grown, told, took, memory)
+    });
+    let mut logs: BTreeMap<&str, Vec<Value>> = BTreeMap::new();
+    let mut events = 0;
+    for (job, lines) in &told {
+        let log = logs.entry(job).or_insert_with(|| {
+            let text = fs::read_to_string(lab.log(job)).unwrap();
+            text.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
+        });
+        let numbers: Vec<u64> = lines.iter().map(|(number, _)| *number).collect();
+        assert_eq!(numbers, (1..=log.len() as u64).collect::<Vec<_>>(), "{job}");
+        let said: Vec<Value> = lines.iter().map(|(_, line)| serde_json::from_str(line).unwrap()).collect();
+        assert!(said == *log, "{job}: other lines than those of its log");
+        events += lines.len();
+    }
+    took.sort_unstable();
+    let (median, late) = (took[took.len() / 2], took[took.len() * 99 / 100]);
+    println!(
+        "{seconds} s, {ROBOTS} robots, {grown} bodies, {PAGES} pages, {} streams, {events} events, each once; {} requests, \
+         median {median:?}, 99 % within {late:?}; {} kB after a quarter, {} kB at the end",
+        told.len(),
+        took.len(),
+        memory.0,
+        memory.1
+    );
+    assert!(grown >= ROBOTS && told.len() >= PAGES, "{grown} {}", told.len());
+    assert!(median < MEDIAN, "{median:?}");
+    assert!(memory.1 < memory.0 + 20_000, "{memory:?} kB");
+    assert!(!lab.heard().contains("panicked"), "{}", lab.heard());
+}

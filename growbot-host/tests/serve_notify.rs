@@ -1,0 +1,288 @@
+//! Who does not look is told: by a webhook and by a command. Whoever they are, and whatever they do, no robot waits for
+//! them.
+
+mod lab;
+mod running;
+
+use std::fs;
+use std::io::{Read, Write};
+use std::net::{TcpListener, TcpStream};
+use std::os::unix::fs::PermissionsExt;
+use std::sync::mpsc::{self, Receiver, Sender};
+use std::thread::{self, sleep};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use lab::{GOAL, LAYERS, Lab, wait_for};
+use ring::hmac;
+use serde_json::{Value, json};
+
+/// A body that takes long enough for orders.
+const LONG_GOAL: &str = "100,100,600,0,45";
+const PATIENCE: Duration = Duration::from_secs(120);
+
+/// A request that a receiver got.
+struct Got {
+    head: String,
+    body: String,
+}
+
+impl Got {
+    fn header(&self, name: &str) -> &str {
+        let line = self.head.lines().find(|line| line.to_lowercase().starts_with(&format!("{name}:")));
+        line.unwrap().split_once(':').unwrap().1.trim()
+    }
+
+    fn notice(&self) -> Value {
+        serde_json::from_str(&self.body).unwrap()
+    }
+
+    /// Whether it is signed with this secret, and just now.
+    fn is_signed(&self, secret: &str) -> bool {
+        let key = STANDARD.decode(secret.trim().strip_prefix("whsec_").unwrap()).unwrap();
+        let time = self.header("webhook-timestamp");
+        let signed = format!("{}.{time}.{}", self.header("webhook-id"), self.body);
+        let signature = self.header("webhook-signature").strip_prefix("v1,").unwrap();
+        let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_secs();
+        now.abs_diff(time.parse().unwrap()) < 60
+            && hmac::verify(
+                &hmac::Key::new(hmac::HMAC_SHA256, &key),
+                signed.as_bytes(),
+                &STANDARD.decode(signature).unwrap(),
+            )
+            .is_ok()
+    }
+}
+
+/// Reads one request.
+fn read_request(stream: &mut TcpStream) -> Got {
+    let mut bytes = Vec::new();
+    let mut part = [0; 4096];
+    loop {
+        let text = String::from_utf8_lossy(&bytes).into_owned();
+        if let Some((head, body)) = text.split_once("\r\n\r\n") {
+            let got = Got { head: head.to_owned(), body: body.to_owned() };
+            if body.len() >= got.header("content-length").parse().unwrap() {
+                return got;
+            }
+        }
+        let read = stream.read(&mut part).unwrap();
+        assert!(read > 0, "the request broke off: {text}");
+        bytes.extend_from_slice(&part[..read]);
+    }
+}
+
+/// Receives on a listener, and answers with these statuses in turn, the last again and again.
+fn receive(listener: TcpListener, statuses: &'static [u16]) -> Receiver<Got> {
+    let (sender, receiver): (Sender<Got>, _) = mpsc::channel();
+    thread::spawn(move || {
+        for number in 0.. {
+            let (mut stream, _) = listener.accept().unwrap();
+            let got = read_request(&mut stream);
+            let status = statuses[number.min(statuses.len() - 1)];
+            let answer = format!("HTTP/1.1 {status} Said\r\ncontent-length: 0\r\nconnection: close\r\n\r\n");
+            stream.write_all(answer.as_bytes()).unwrap();
+            if sender.send(got).is_err() {
+                return;
+            }
+        }
+    });
+    receiver
+}
+
+fn local() -> (TcpListener, u16) {
+    let listener = TcpListener::bind(("127.0.0.1", 0)).unwrap();
+    let port = listener.local_addr().unwrap().port();
+    (listener, port)
+}
+
+fn webhook(port: u16) -> String {
+    format!("[serve.notify]\nwebhook = \"http://127.0.0.1:{port}/s3cret?key=s3cret\"\n")
+}
+
+fn begin(lab: &Lab, goal: &str) -> String {
+    let (status, job) = lab.ask("POST", "/robots/lab/jobs", &json!({ "to": goal }).to_string());
+    assert_eq!(status, 201, "{job}");
+    job["id"].as_str().unwrap().to_owned()
+}
+
+fn order(lab: &Lab, order: &str) {
+    let (status, said) = lab.ask("POST", "/robots/lab/orders", &json!({ "order": order }).to_string());
+    assert_eq!(status, 200, "{said}");
+}
+
+fn wait_for_board(lab: &Lab, state: &str) {
+    wait_for(state, || (lab.ask("GET", "/robots/lab", "").1["board"] == state).then_some(()));
+}
+
+/// A service that is killed before it has noted that something is told tells it again.
+fn wait_until_all_is_told(lab: &Lab) {
+    let database = lab.directory.path().join("state/growbot/serve/jobs.sqlite");
+    let database = rusqlite::Connection::open(database).unwrap();
+    wait_for("nothing waits to be told", || {
+        let waiting: i64 = database.query_row("SELECT count(*) FROM notice", [], |row| row.get(0)).unwrap();
+        (waiting == 0).then_some(())
+    });
+}
+
+/// Neither the address's secrets nor the key are said anywhere.
+fn nothing_is_given_away(lab: &Lab) {
+    let secret = fs::read_to_string(lab.directory.path().join("state/growbot/serve/webhook-secret")).unwrap();
+    let said = [lab.heard(), lab.ask("GET", "/robots", "").1.to_string(), lab.ask("GET", "/jobs", "").1.to_string()];
+    assert!(said.iter().all(|said| !said.contains("s3cret") && !said.contains(secret.trim())), "{said:?}");
+}
+
+#[test]
+fn a_webhook_is_signed_and_tried_again_until_it_is_taken() {
+    let (listener, port) = local();
+    let got = receive(listener, &[500, 200]);
+    let lab = Lab::with(20.0, &webhook(port));
+    lab.wait_until_ready();
+    let job = begin(&lab, LONG_GOAL);
+    wait_for_board(&lab, "growing");
+    order(&lab, "pause");
+    let first = got.recv_timeout(PATIENCE).unwrap();
+    let again = got.recv_timeout(PATIENCE).unwrap();
+    let secret = fs::read_to_string(lab.directory.path().join("state/growbot/serve/webhook-secret")).unwrap();
+    assert!(first.is_signed(&secret) && again.is_signed(&secret));
+    assert!(!first.is_signed("whsec_AAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAA="), "a check that can fail");
+    assert_eq!((first.header("webhook-id"), &first.body), (again.header("webhook-id"), &again.body));
+    let notice = again.notice();
+    assert_eq!((&notice["event"], &notice["robot"], &notice["job"]), (&json!("pause"), &json!("lab"), &json!(job)));
+    assert_eq!((&notice["version"], &notice["simulated"]), (&json!(1), &json!(true)));
+    let message = notice["message"].as_str().unwrap();
+    assert!(
+        message.starts_with("simulated robot lab pauses after layer ") && message.ends_with("as asked"),
+        "{message}"
+    );
+    assert!(lab.heard().contains("http://127.0.0.1 has not taken a notice (it has answered 500)"), "{}", lab.heard());
+    nothing_is_given_away(&lab);
+}
+
+#[test]
+fn what_could_not_be_told_is_told_after_a_restart() {
+    let (listener, port) = local();
+    drop(listener);
+    let mut lab = Lab::with(100.0, &webhook(port));
+    lab.wait_until_ready();
+    let job = begin(&lab, GOAL);
+    assert_eq!(lab.wait_for_end(&job)["state"], "done");
+    wait_for("it is tried", || lab.heard().contains("has not taken a notice").then_some(()));
+    nothing_is_given_away(&lab);
+    lab.kill();
+    let got = receive(TcpListener::bind(("127.0.0.1", port)).unwrap(), &[204]);
+    lab.start();
+    let finish = got.recv_timeout(PATIENCE).unwrap().notice();
+    assert_eq!((&finish["event"], &finish["job"], &finish["laid"]), (&json!("finish"), &json!(job), &json!(LAYERS)));
+    // And it is told no more.
+    wait_until_all_is_told(&lab);
+    lab.kill();
+    lab.start();
+    lab.wait_until_ready();
+    assert!(got.recv_timeout(Duration::from_secs(2)).is_err());
+}
+
+/// A receiver that speaks no TLS gets nothing of a notice.
+#[test]
+fn by_https_nothing_is_said_before_the_receiver_has_shown_who_it_is() {
+    let (listener, port) = local();
+    let lab = Lab::with(100.0, &webhook(port).replace("http://127.0.0.1", "https://localhost"));
+    lab.wait_until_ready();
+    let job = begin(&lab, GOAL);
+    let (mut stream, _) = listener.accept().unwrap();
+    let mut hello = vec![0; 5];
+    stream.read_exact(&mut hello).unwrap();
+    assert_eq!((hello[0], hello[1]), (22, 3), "the record of a TLS handshake");
+    hello.resize(5 + usize::from(u16::from_be_bytes([hello[3], hello[4]])), 0);
+    stream.read_exact(&mut hello[5..]).unwrap();
+    stream.write_all(b"HTTP/1.1 200 OK\r\ncontent-length: 0\r\n\r\n").unwrap();
+    let text = String::from_utf8_lossy(&hello);
+    assert!(!text.contains("s3cret") && !text.contains("finish") && text.contains("localhost"), "{text}");
+    wait_for("it is tried", || lab.heard().contains("https://localhost has not taken a notice").then_some(()));
+    assert_eq!(lab.wait_for_end(&job)["state"], "done");
+    nothing_is_given_away(&lab);
+    assert!(!lab.heard().contains("panicked"), "{}", lab.heard());
+}
+
+#[test]
+fn a_receiver_that_does_not_answer_delays_no_robot() {
+    let (listener, port) = local();
+    let lab = Lab::with(100.0, &webhook(port));
+    lab.wait_until_ready();
+    let job = begin(&lab, LONG_GOAL);
+    wait_for_board(&lab, "growing");
+    order(&lab, "pause");
+    let (mut silent, _) = listener.accept().unwrap();
+    assert_eq!(read_request(&mut silent).notice()["event"], "pause");
+    order(&lab, "continue");
+    wait_for_board(&lab, "growing");
+    let laid = || lab.ask("GET", "/robots/lab", "").1["laid"].as_u64().unwrap();
+    let before = laid();
+    wait_for("it grows on", || (laid() > before + 3).then_some(()));
+    order(&lab, "stop");
+    assert_eq!(lab.wait_for_end(&job)["state"], "interrupted");
+    // Meanwhile it has waited for the answer: it has not broken off.
+    silent.set_nonblocking(true).unwrap();
+    let error = silent.read(&mut [0; 16]).unwrap_err();
+    assert_eq!(error.kind(), std::io::ErrorKind::WouldBlock, "{error}");
+}
+
+#[test]
+fn a_command_is_run_again_until_it_succeeds_and_a_loss_of_power_is_told() {
+    let lab_settings = "[serve.notify]\ncommand = [\"./tell.sh\", \"told\"]\nevents = [\"finish\", \"interrupted\"]\n";
+    let mut lab = Lab::with(100.0, lab_settings);
+    let path = |name: &str| lab.directory.path().join(name);
+    let script = "#!/bin/sh\ncd \"$(dirname \"$0\")\"\n[ -e tried ] || { touch tried; exit 3; }\n\
+                  echo \"$GROWBOT_NOTICE_EVENT $GROWBOT_NOTICE_ROBOT $GROWBOT_NOTICE_MESSAGE\" >>$1.env\ncat >>$1\necho >>$1\n";
+    fs::write(path("tell.sh"), script).unwrap();
+    fs::set_permissions(path("tell.sh"), fs::Permissions::from_mode(0o755)).unwrap();
+    let (told, env) = (path("told"), path("told.env"));
+    lab.wait_until_ready();
+    let notices = |count: usize| {
+        wait_for("the command is run", || {
+            let text = fs::read_to_string(&told).unwrap_or_default();
+            (text.lines().count() >= count).then(|| text.lines().map(str::to_owned).collect::<Vec<_>>())
+        })
+    };
+    let job = begin(&lab, GOAL);
+    assert_eq!(lab.wait_for_end(&job)["state"], "done");
+    let notice: Value = serde_json::from_str(&notices(1)[0]).unwrap();
+    assert_eq!((&notice["event"], &notice["job"]), (&json!("finish"), &json!(job)));
+    let said = fs::read_to_string(&env).unwrap();
+    assert_eq!(said, format!("finish lab simulated robot lab has laid all {LAYERS} layers\n"));
+    assert!(lab.heard().contains("exit status: 3"), "{}", lab.heard());
+    let job = begin(&lab, LONG_GOAL);
+    wait_for_board(&lab, "growing");
+    order(&lab, "pause");
+    wait_for_board(&lab, "paused");
+    assert_eq!(lab.run(&["power", "off", "--port", "sim:lab"]).0, Some(0));
+    assert_eq!(lab.run(&["power", "on", "--port", "sim:lab", "--robot", "growbot-a2", "--pace", "100"]).0, Some(0));
+    let notice: Value = serde_json::from_str(&notices(2)[1]).unwrap();
+    assert_eq!((&notice["event"], &notice["job"]), (&json!("interrupted"), &json!(job)), "{notice}");
+    wait_until_all_is_told(&lab);
+    lab.kill();
+    lab.start();
+    sleep(Duration::from_secs(1));
+    assert_eq!(notices(2).len(), 2, "neither the pause, which is not asked for, nor anything twice");
+}
+
+#[test]
+fn what_cannot_be_told_is_refused_when_the_service_starts() {
+    for (settings, wanted) in [
+        ("webhook = \"hooks.example/s3cret\"", "no address"),
+        ("command = []", "the command of [serve.notify] is empty"),
+        ("events = [\"dance\"]", "dance"),
+        ("webhok = \"http://localhost/\"", "webhok"),
+    ] {
+        let directory = tempfile::tempdir().unwrap();
+        fs::write(directory.path().join("growbot.toml"), format!("[serve.notify]\n{settings}\n")).unwrap();
+        let mut serve = running::command(running::PROGRAM);
+        serve.current_dir(directory.path()).env("XDG_STATE_HOME", directory.path());
+        serve.env("XDG_RUNTIME_DIR", directory.path()).args(["serve", "--page-port", "0"]);
+        let output = serve.output().unwrap();
+        let said = running::in_lines(&String::from_utf8(output.stderr).unwrap());
+        assert!(output.status.code() == Some(2) && said.contains(wanted), "{settings}: {said}");
+        assert!(!said.contains("s3cret"), "{said}");
+    }
+}

@@ -1,0 +1,127 @@
+//! Jobs of the service among obstacles.
+
+mod lab;
+mod running;
+
+use std::fs;
+
+use growbot_client::run_log::RunRecord;
+use lab::{Lab, http};
+use serde_json::{Value, json};
+
+/// A ball beside the straight way up.
+const BALL: &str = "format = \"growbot-scene/1\"\nmargin_mm = 5.0\n[[ball]]\ncenter_mm = [70, 0, 40]\nradius_mm = 40\n";
+/// A ball in it.
+const IN_THE_WAY: &str = "format = \"growbot-scene/1\"\n[[ball]]\ncenter_mm = [0, 0, 90]\nradius_mm = 40\n";
+
+/// Besides, a robot that has sensors.
+const SENSED: &str = "[robots.sensed]\nport = \"sim:sensed\"\nrobot = \"growbot-a\"\npace = 3000.0\n";
+
+fn lab() -> Lab {
+    let lab = Lab::with(300.0, SENSED);
+    lab.wait_until_ready();
+    lab.wait_until_robot_is_ready("sensed");
+    lab
+}
+
+#[test]
+fn bodies_that_the_service_grows_are_kept_clear_of_their_scene() {
+    let lab = lab();
+    let scene = lab.directory.path().join("ball.toml");
+    fs::write(&scene, BALL).unwrap();
+    // By the command: the service runs elsewhere, and finds the scene all the same.
+    let (code, said) =
+        lab.run(&["plan", "--to", "0,0,60,0,90", "--scene", "ball.toml", "--robot", "growbot-a", "-o", "plan.json"]);
+    assert_eq!(code, Some(0), "{said}");
+    let (code, said) = lab.run(&["grow", "plan.json", "--port", "sim:sensed", "--feedback", "--log", "run.jsonl"]);
+    assert_eq!(code, Some(0), "{said}");
+    let record = RunRecord::open(&lab.directory.path().join("run.jsonl")).unwrap();
+    let (robot, of) = (record.own_robot().unwrap(), record.feedback.is_some());
+    let plan = record.plan(&robot).unwrap();
+    assert!(of && record.scene(&plan, &robot, None).unwrap().is_some(), "the log knows scene and feedback");
+    // In a scene that the plan knows nothing of.
+    fs::write(&scene, IN_THE_WAY).unwrap();
+    let (_, said) = lab.run(&["plan", "--to", "0,0,60,0,90", "-o", "straight.json"]);
+    let straight: Value =
+        serde_json::from_slice(&fs::read(lab.directory.path().join("straight.json")).unwrap()).expect(&said);
+    let wanted = json!({ "plan": straight, "scene": scene });
+    let (status, problem) = lab.ask("POST", "/robots/lab/jobs", &wanted.to_string());
+    let detail = problem["detail"].as_str().unwrap_or_default();
+    assert!(status == 422 && detail.contains("into the ball"), "{status} {problem}");
+    // A margin that the sensors cannot keep.
+    let around = [[62.83, 0.0], [-62.83, 0.0], [0.0, 62.83], [0.0, -62.83]];
+    let balls = around.map(|[x, y]| format!("[[ball]]\ncenter_mm = [{x}, {y}, 40]\nradius_mm = 40\n"));
+    fs::write(&scene, format!("format = \"growbot-scene/1\"\n{}", balls.concat())).unwrap();
+    let wanted = json!({ "to": "0,0,60,0,90", "scene": scene, "feedback": true });
+    let (status, problem) = lab.ask("POST", "/robots/lab/jobs", &wanted.to_string());
+    assert!(status == 409 && problem["detail"].as_str().unwrap().contains("nothing to measure"), "{status} {problem}");
+    let (status, problem) = lab.ask("POST", "/robots/sensed/jobs", &wanted.to_string());
+    let detail = problem["detail"].as_str().unwrap_or_default();
+    assert!(status == 409 && detail.contains("larger margin_mm"), "{status} {problem}");
+}
+
+#[test]
+fn a_body_is_resumed_in_the_scene_that_it_was_begun_in() {
+    let lab = lab();
+    let scene = lab.directory.path().join("ball.toml");
+    fs::write(&scene, BALL).unwrap();
+    let wanted = json!({ "to": "0,0,200,0,90", "scene": scene, "feedback": true });
+    let (status, job) = lab.ask("POST", "/robots/sensed/jobs", &wanted.to_string());
+    assert_eq!(status, 201, "{job}");
+    let id = job["id"].as_str().unwrap();
+    lab::wait_for("some layers are laid", || {
+        let (_, robot) = lab.ask("GET", "/robots/sensed", "");
+        (robot["laid"].as_u64() > Some(5)).then_some(())
+    });
+    assert_eq!(lab.run(&["stop", "--port", "sim:sensed"]).0, Some(0));
+    lab.wait_for_end(id);
+    let resume = format!("/jobs/{id}/resume");
+    fs::write(&scene, IN_THE_WAY).unwrap();
+    let (status, problem) = lab.ask("POST", &resume, "{}");
+    assert!(status == 409 && problem["detail"].as_str().unwrap().contains("ball.toml"), "{status} {problem}");
+    fs::write(&scene, BALL).unwrap();
+    let (status, said) = lab.ask("POST", &resume, "{}");
+    assert_eq!(status, 200, "{said}");
+    assert_eq!(lab.wait_for_end(id)["state"], "done");
+}
+
+#[test]
+fn a_page_sends_its_scenes_and_names_no_files_of_the_machine() {
+    let lab = lab();
+    let ask = |path: &str, body: &str| {
+        let (status, text) = http(lab.page(), "POST", &lab.at(path), &["host: 127.0.0.1"], body);
+        (status, serde_json::from_str::<Value>(&text).unwrap_or(Value::String(text)))
+    };
+    let (status, kept) = ask("/scenes?name=Ball.TOML", BALL);
+    assert_eq!(status, 200, "{kept}");
+    let name = kept["scene"].as_str().unwrap();
+    let (status, planned) = ask("/plans?robot=lab", &json!({ "to": "0,0,60,0,90", "scene": name }).to_string());
+    assert_eq!(status, 200, "{planned}");
+    assert!(planned["plan"]["scene"]["clearance_mm"].as_f64().unwrap() >= 5.0, "{planned}");
+    // The plan names the scene that was sent: it can be grown as it is.
+    let (status, job) = ask("/robots/lab/jobs", &json!({ "plan": planned["plan"], "scene": name }).to_string());
+    assert_eq!(status, 201, "{job}");
+    assert_eq!(lab.wait_for_end(job["id"].as_str().unwrap())["state"], "done");
+    let elsewhere = lab.directory.path().join("ball.toml");
+    fs::write(&elsewhere, BALL).unwrap();
+    for scene in [elsewhere.to_str().unwrap(), "../tokens", "/etc/passwd", ".", "", "0123456789abcdef.toml"] {
+        let (status, problem) = ask("/plans?robot=lab", &json!({ "to": "0,0,60,0,90", "scene": scene }).to_string());
+        assert!(
+            status == 422 && problem["detail"].as_str().unwrap().contains("/scenes"),
+            "{scene}: {status} {problem}"
+        );
+    }
+    let points = "format = \"growbot-scene/1\"\n[[points]]\nfile = \"/etc/passwd\"\nradius_mm = 1\n";
+    for (name, body, why) in [
+        ("room.exe", BALL, "by its ending"),
+        ("no-ending", BALL, "by its ending"),
+        ("points.toml", points, "which was not sent"),
+        ("wrong.toml", "ball", "wrong.toml"),
+        ("wrong.stl", "ball", "wrong.stl"),
+    ] {
+        let (status, problem) = ask(&format!("/scenes?name={name}"), body);
+        assert!(status == 422 && problem["detail"].as_str().unwrap().contains(why), "{name}: {status} {problem}");
+    }
+    let kept = fs::read_dir(lab.directory.path().join("state/growbot/serve/scenes")).unwrap().count();
+    assert_eq!(kept, 1, "what is no scene is not kept");
+}
